@@ -1,0 +1,28 @@
+// A small generator with a fixed algorithm: the same seed gives the same numbers with every standard library.
+#pragma once
+
+#include <array>
+#include <cstdint>
+
+namespace evpose {
+
+// xoshiro256** (Blackman and Vigna, 2018), seeded by SplitMix64.
+class Random {
+ public:
+  explicit Random(uint64_t seed);
+
+  uint64_t NextU64();
+  double Uniform();                           // [0, 1), 53 bits
+  double Uniform(double low, double high);    // [low, high)
+  uint64_t UniformInt(uint64_t bound);        // [0, bound), without bias; bound > 0
+  double Normal();                            // mean 0, standard deviation 1
+  double Exponential(double rate);            // mean 1 / rate
+  uint32_t Poisson(double mean);
+
+ private:
+  std::array<uint64_t, 4> state_;
+  double spare_normal_ = 0.0;
+  bool has_spare_normal_ = false;
+};
+
+}  // namespace evpose

@@ -1,0 +1,67 @@
+// Event streams to events. A decoder never fails: what it cannot read it skips, and what it skips it counts by kind.
+// The rules, and where they depart from OpenEB on purpose, are in core/events/README.md.
+#pragma once
+
+#include <cstdint>
+#include <memory>
+#include <string_view>
+
+#include "absl/status/statusor.h"
+#include "absl/types/span.h"
+#include "core/events/event.h"
+
+namespace evpose {
+
+enum class Encoding {
+  kEvt3,    // Prophesee EVT 3.0: 16-bit little-endian words
+  kEvt21,   // Prophesee EVT 2.1: 64-bit words
+  kEvt2,    // Prophesee EVT 2.0: 32-bit words
+  kDat,     // Prophesee DAT, 2D events of 8 bytes (after the file's two binary header bytes)
+  kFlat64,  // any other source: little-endian u64, t_us:32 | x:14 | y:14 | 0:3 | p:1 (t in the highest bits)
+};
+
+// "EVT3", "EVT2.1", "EVT2", "DAT", "FLAT64".
+std::string_view EncodingName(Encoding encoding);
+// 2, 8, 4, 8, 8.
+int WordBytes(Encoding encoding);
+
+// Counts since construction or Reset(false).
+struct DecodeCounts {
+  uint64_t cd_events = 0;
+  uint64_t triggers = 0;
+  uint64_t dropped_before_time = 0;     // CD events before the first full time stamp (or, EVT3, before the first row)
+  uint64_t dropped_outside_sensor = 0;  // events whose row or column the sensor does not have
+  uint64_t unknown_words = 0;           // reserved or unknown word types
+  uint64_t broken_vectors = 0;          // vector words without a base, or triples that are not whole
+  uint64_t time_backsteps = 0;          // times that stepped back without being a wrap of the clock
+  uint64_t clock_wraps = 0;
+
+  uint64_t dropped_events() const { return dropped_before_time + dropped_outside_sensor; }
+  uint64_t invalid_words() const { return unknown_words + broken_vectors; }
+};
+
+class EventDecoder {
+ public:
+  virtual ~EventDecoder() = default;
+
+  // Appends what `bytes` hold to `out`. State lives across calls, an unfinished word included: a stream cut at any
+  // byte decodes to the same events.
+  virtual void Decode(absl::Span<const uint8_t> bytes, DecodedEvents& out) = 0;
+
+  // Bytes were lost: forgets the unfinished word and everything that a lost word may have changed, and waits for a
+  // full time stamp. Counts and the count of clock wraps go on.
+  virtual void ResetAfterLoss() = 0;
+
+  // Bytes of an unfinished word or, EVT3, words of an unfinished vector triple that wait for the next call.
+  virtual int pending_bytes() const = 0;
+
+  const DecodeCounts& counts() const { return counts_; }
+
+ protected:
+  DecodeCounts counts_;
+};
+
+// Errors: INVALID_ARGUMENT for a geometry that is not positive or larger than the encoding can address.
+absl::StatusOr<std::unique_ptr<EventDecoder>> MakeEventDecoder(Encoding encoding, SensorGeometry geometry);
+
+}  // namespace evpose

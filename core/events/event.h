@@ -1,0 +1,42 @@
+// What an event camera says: a change of brightness at a pixel, or an edge on a trigger input.
+#pragma once
+
+#include <cstdint>
+#include <vector>
+
+namespace evpose {
+
+// A contrast-detection event. Time is the sensor's clock, unwrapped, in microseconds; x to the right, y down,
+// (0, 0) the centre of the top-left pixel.
+struct Event {
+  int64_t t_us = 0;
+  uint16_t x = 0;
+  uint16_t y = 0;
+  uint8_t polarity = 0;  // 1: brighter (ON), 0: darker (OFF)
+
+  friend bool operator==(const Event&, const Event&) = default;
+};
+
+// An edge on an external trigger input.
+struct Trigger {
+  int64_t t_us = 0;
+  uint8_t id = 0;
+  uint8_t polarity = 0;  // 1: rising, 0: falling
+
+  friend bool operator==(const Trigger&, const Trigger&) = default;
+};
+
+struct SensorGeometry {
+  int width_px = 0;
+  int height_px = 0;
+
+  friend bool operator==(const SensorGeometry&, const SensorGeometry&) = default;
+};
+
+// Decoded output of one call; decoders append and never clear.
+struct DecodedEvents {
+  std::vector<Event> events;
+  std::vector<Trigger> triggers;
+};
+
+}  // namespace evpose

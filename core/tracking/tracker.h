@@ -1,0 +1,67 @@
+// Events of one object in, poses out: windows, prediction, association, estimation, health (method.md 2).
+#pragma once
+
+#include <cstdint>
+#include <memory>
+#include <optional>
+#include <vector>
+
+#include "absl/status/status.h"
+#include "absl/status/statusor.h"
+#include "absl/types/span.h"
+#include "core/events/event.h"
+#include "core/geometry/camera.h"
+#include "core/geometry/rigid_transform.h"
+#include "core/models/object_model.h"
+
+namespace evpose {
+
+enum class TrackState { kInitializing, kTracking, kDegraded, kLost };
+std::string_view TrackStateName(TrackState state);  // "INITIALIZING", "TRACKING", "DEGRADED", "LOST"
+
+enum class Estimator {
+  kMixture,    // pose and twist in the window, normal + uniform mixture, soft association, motion prior
+  kStaticMm,   // the paper's: one pose per window, hard association with its gates, Tukey MM; the baseline
+};
+
+// Every field of it is in tracker_options.h with unit, default and reason.
+struct TrackerOptions;
+
+// One estimate, in the notation of the API's Pose message.
+struct PoseEstimate {
+  int64_t t_us = 0;  // the time the pose is for: the events' mid-window, where it is best known (method.md 2.8)
+  RigidTransform camera_from_object;
+  Matrix6d covariance = Matrix6d::Zero();  // of [tx ty tz rx ry rz], m and rad, left perturbation
+  Vector6d twist = Vector6d::Zero();       // [vx vy vz wx wy wz]: dT/dt = v, dR/dt = w^ R, m/s and rad/s
+  TrackState state = TrackState::kInitializing;
+  uint32_t num_events = 0;         // in the gate
+  float explained_ratio = 0.0f;    // share of the gated events that the lines explain
+  float residual_rms_px = 0.0f;
+};
+
+// Not thread-safe; deterministic: the estimates depend on the events and options alone, not on how the events are cut
+// into calls. Memory is bounded whatever the event rate.
+class Tracker {
+ public:
+  // Errors: INVALID_ARGUMENT naming the field of options, camera or model that is wrong. The model is shared: many
+  // sessions track the same one. The pose is that at the first event.
+  static absl::StatusOr<std::unique_ptr<Tracker>> Create(std::shared_ptr<const ObjectModel> model,
+                                                         const CameraModel& camera, const TrackerOptions& options,
+                                                         const std::optional<RigidTransform>& initial_camera_from_object);
+  virtual ~Tracker() = default;
+
+  // Events in order of time (a step back is tolerated: such an event joins the open window). Appends the estimates of
+  // all windows that these events close. A LOST or INITIALIZING tracker appends none: no pose is claimed.
+  virtual void AddEvents(absl::Span<const Event> events, std::vector<PoseEstimate>& estimates) = 0;
+  // The sensor's clock has reached t_us without further events: windows close on time.
+  virtual void AdvanceTime(int64_t t_us, std::vector<PoseEstimate>& estimates) = 0;
+  // End of the stream: closes what is open.
+  virtual void Finish(std::vector<PoseEstimate>& estimates) = 0;
+  // The caller knows better: starts again from this pose at the present time.
+  virtual void ResetPose(const RigidTransform& camera_from_object) = 0;
+
+  virtual TrackState state() const = 0;
+  virtual uint32_t losses() const = 0;  // changes to LOST so far
+};
+
+}  // namespace evpose
