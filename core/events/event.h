@@ -1,6 +1,7 @@
 // What an event camera says: a change of brightness at a pixel, or an edge on a trigger input.
 #pragma once
 
+#include <cstddef>
 #include <cstdint>
 #include <vector>
 
@@ -33,10 +34,21 @@ struct SensorGeometry {
   friend bool operator==(const SensorGeometry&, const SensorGeometry&) = default;
 };
 
-// Decoded output of one call; decoders append and never clear.
+// The sensor's clock read t_us before events[event_index] (or at the end, when event_index equals their number).
+struct TimeMark {
+  size_t event_index = 0;
+  int64_t t_us = 0;
+
+  friend bool operator==(const TimeMark&, const TimeMark&) = default;
+};
+
+// Decoded output; decoders append and never clear.
 struct DecodedEvents {
   std::vector<Event> events;
   std::vector<Trigger> triggers;
+  // Time passing without events: a mark where the clock has advanced by 1 ms or more since the last event or mark.
+  // A function of the stream alone, never of how it was cut into calls: consumers close windows on it.
+  std::vector<TimeMark> time_marks;
 };
 
 }  // namespace evpose

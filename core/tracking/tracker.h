@@ -53,7 +53,7 @@ class Tracker {
   // Events in order of time (a step back is tolerated: such an event joins the open window). Appends the estimates of
   // all windows that these events close. A LOST or INITIALIZING tracker appends none: no pose is claimed.
   virtual void AddEvents(absl::Span<const Event> events, std::vector<PoseEstimate>& estimates) = 0;
-  // The sensor's clock has reached t_us without further events: windows close on time.
+  // The sensor's clock has reached t_us without further events (a TimeMark): windows close on time.
   virtual void AdvanceTime(int64_t t_us, std::vector<PoseEstimate>& estimates) = 0;
   // End of the stream: closes what is open.
   virtual void Finish(std::vector<PoseEstimate>& estimates) = 0;
