@@ -12,11 +12,11 @@ class Random {
   explicit Random(uint64_t seed);
 
   uint64_t NextU64();
-  double Uniform();                           // [0, 1), 53 bits
-  double Uniform(double low, double high);    // [low, high)
-  uint64_t UniformInt(uint64_t bound);        // [0, bound), without bias; bound > 0
-  double Normal();                            // mean 0, standard deviation 1
-  double Exponential(double rate);            // mean 1 / rate
+  double Uniform();                         // [0, 1), 53 bits
+  double Uniform(double low, double high);  // [low, high)
+  uint64_t UniformInt(uint64_t bound);      // [0, bound), without bias; bound > 0
+  double Normal();                          // mean 0, standard deviation 1
+  double Exponential(double rate);          // mean 1 / rate
   uint32_t Poisson(double mean);
 
  private:
