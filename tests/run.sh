@@ -1,0 +1,31 @@
+#!/usr/bin/env bash
+# Everything that has to pass: installs what is missing, checks the sources, builds and runs the tests as they are
+# and under the sanitizers.
+#   tests/run.sh                    all of it
+#   tests/run.sh --preset NAME      one preset only: release, debug, asan or tsan
+set -euo pipefail
+cd "$(dirname "${BASH_SOURCE[0]}")/.."
+
+presets=(release asan tsan)
+case "${1:-}" in
+  "") ;;
+  --preset) presets=("${2:?usage: $0 [--preset NAME]}") ;;
+  *) echo "usage: $0 [--preset release|debug|asan|tsan]" >&2; exit 2 ;;
+esac
+
+jobs=$(nproc)
+deploy/install-dependencies.sh --test
+
+echo "== format"
+git ls-files -z '*.h' '*.cc' | xargs -0 clang-format --dry-run --Werror
+
+export ASAN_OPTIONS=detect_stack_use_after_return=1:strict_string_checks=1
+export UBSAN_OPTIONS=print_stacktrace=1
+export TSAN_OPTIONS=suppressions=$PWD/tests/tsan.supp:second_deadlock_stack=1
+for preset in "${presets[@]}"; do
+  echo "== $preset: build"
+  cmake --preset "$preset" >/dev/null
+  cmake --build --preset "$preset" -j "$jobs"
+  echo "== $preset: tests"
+  ctest --preset "$preset" -j "$jobs"
+done
