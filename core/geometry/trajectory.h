@@ -3,10 +3,10 @@
 
 #include <cstdint>
 #include <string>
-#include <string_view>
 #include <vector>
 
 #include "absl/status/statusor.h"
+#include "absl/strings/string_view.h"
 #include "core/geometry/rigid_transform.h"
 
 namespace evpose {
@@ -21,7 +21,7 @@ using Trajectory = std::vector<StampedPose>;
 // file without a pose is an empty trajectory. Errors name path and line: NOT_FOUND, PERMISSION_DENIED,
 // INVALID_ARGUMENT (not 8 numbers, a quaternion that is not unit to 1e-3, time that does not increase).
 absl::StatusOr<Trajectory> ReadTumTrajectory(const std::string& path);
-absl::StatusOr<Trajectory> ParseTumTrajectory(std::string_view text, const std::string& name_for_errors);
+absl::StatusOr<Trajectory> ParseTumTrajectory(absl::string_view text, const std::string& name_for_errors);
 // One line, without line feed: 6 decimals of time, 17 significant digits for the rest, so that the numbers read back
 // have the same bits.
 std::string TumLine(const StampedPose& pose);

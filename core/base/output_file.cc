@@ -1,0 +1,131 @@
+#include "core/base/output_file.h"
+
+#include <fcntl.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include <atomic>
+#include <cerrno>
+#include <filesystem>
+#include <memory>
+#include <utility>
+
+#include "absl/strings/str_cat.h"
+#include "absl/strings/string_view.h"
+#include "core/base/status_macros.h"
+
+namespace evpose {
+namespace {
+
+absl::Status FileError(const std::string& path, absl::string_view what, int error_number) {
+  return absl::ErrnoToStatus(error_number, absl::StrCat(path, ": ", what));
+}
+
+// Two writers of one process never share a temporary name.
+std::string TemporaryName(const std::string& path) {
+  static std::atomic<uint64_t> counter = 0;
+  return absl::StrCat(path, ".partial-", getpid(), "-", counter.fetch_add(1));
+}
+
+}  // namespace
+
+absl::StatusOr<OutputFile> OutputFile::Create(const std::string& path) {
+  OutputFile result;
+  std::error_code error;
+  // A link is written through, not replaced.
+  const std::filesystem::path resolved = std::filesystem::weakly_canonical(path, error);
+  result.path_ = error ? path : resolved.string();
+  if (std::filesystem::is_directory(result.path_, error)) {
+    return absl::InvalidArgumentError(absl::StrCat(path, ": is a directory, not a file to write"));
+  }
+  const bool direct =
+      std::filesystem::exists(result.path_, error) && !std::filesystem::is_regular_file(result.path_, error);
+  if (!direct) result.temporary_path_ = TemporaryName(result.path_);
+  const std::string& name = direct ? result.path_ : result.temporary_path_;
+  const int flags = O_WRONLY | O_CLOEXEC | (direct ? 0 : O_CREAT | O_EXCL);
+  const int descriptor = open(name.c_str(), flags, 0666);
+  if (descriptor < 0) {
+    result.temporary_path_.clear();  // not ours to remove
+    return FileError(path, "cannot be written", errno);
+  }
+  result.file_ = fdopen(descriptor, "wb");
+  if (result.file_ == nullptr) {
+    const int error_number = errno;
+    close(descriptor);
+    return FileError(path, "cannot be written", error_number);
+  }
+  return result;
+}
+
+OutputFile::OutputFile(OutputFile&& other) noexcept { *this = std::move(other); }
+
+OutputFile& OutputFile::operator=(OutputFile&& other) noexcept {
+  if (this == &other) return *this;
+  Discard();
+  path_ = std::exchange(other.path_, {});
+  temporary_path_ = std::exchange(other.temporary_path_, {});
+  file_ = std::exchange(other.file_, nullptr);
+  status_ = std::exchange(other.status_, absl::OkStatus());
+  return *this;
+}
+
+OutputFile::~OutputFile() { Discard(); }
+
+void OutputFile::Discard() {
+  if (file_ != nullptr) std::fclose(std::exchange(file_, nullptr));
+  if (!temporary_path_.empty()) unlink(temporary_path_.c_str());
+  temporary_path_.clear();
+}
+
+absl::Status OutputFile::Append(std::string_view bytes) {
+  if (!status_.ok()) return status_;
+  if (std::fwrite(bytes.data(), 1, bytes.size(), file_) != bytes.size()) {
+    status_ = FileError(path_, "writing failed", errno);
+  }
+  return status_;
+}
+
+absl::Status OutputFile::Commit() {
+  EVPOSE_RETURN_IF_ERROR(status_);
+  // fclose reports what the system could not write, a full disk above all.
+  if (std::fclose(std::exchange(file_, nullptr)) != 0) return status_ = FileError(path_, "writing failed", errno);
+  if (temporary_path_.empty()) return absl::OkStatus();
+  if (rename(temporary_path_.c_str(), path_.c_str()) != 0) {
+    return status_ = FileError(path_, "cannot take its name", errno);
+  }
+  temporary_path_.clear();
+  return absl::OkStatus();
+}
+
+absl::Status WriteFile(const std::string& path, std::string_view contents) {
+  EVPOSE_ASSIGN_OR_RETURN(OutputFile file, OutputFile::Create(path));
+  EVPOSE_RETURN_IF_ERROR(file.Append(contents));
+  return file.Commit();
+}
+
+absl::StatusOr<std::string> ReadFile(const std::string& path, size_t max_bytes) {
+  const int descriptor = open(path.c_str(), O_RDONLY | O_CLOEXEC);
+  if (descriptor < 0) return FileError(path, "cannot be read", errno);
+  std::unique_ptr<std::FILE, int (*)(std::FILE*)> file(fdopen(descriptor, "rb"), std::fclose);
+  if (file == nullptr) {
+    const int error_number = errno;
+    close(descriptor);
+    return FileError(path, "cannot be read", error_number);
+  }
+  struct stat info;
+  if (fstat(descriptor, &info) == 0 && S_ISDIR(info.st_mode)) {
+    return absl::InvalidArgumentError(absl::StrCat(path, ": is a directory, not a file"));
+  }
+  std::string contents;
+  char buffer[1 << 16];
+  for (size_t size; (size = std::fread(buffer, 1, sizeof(buffer), file.get())) > 0;) {
+    if (contents.size() + size > max_bytes) {
+      return absl::InvalidArgumentError(absl::StrCat(path, ": is larger than ", max_bytes, " bytes"));
+    }
+    contents.append(buffer, size);
+  }
+  if (std::ferror(file.get())) return FileError(path, "reading failed", errno);
+  return contents;
+}
+
+}  // namespace evpose
