@@ -2,9 +2,8 @@
 // method.md 2.7, with fx != fy: d = a . b in pixels, b = (x, y, 1) the undistorted normalised bearing.
 #pragma once
 
-#include <optional>
-
 #include <Eigen/Core>
+#include <optional>
 
 #include "core/geometry/camera.h"
 #include "core/geometry/rigid_transform.h"
@@ -12,7 +11,8 @@
 namespace evpose {
 
 struct ProjectedLine {
-  Eigen::Vector3d a;                     // d = a . b, pixels; sign: positive on the side of the image normal
+  // d = a . b, pixels; positive to the right of the way from p1_px to p2_px, as seen on the image.
+  Eigen::Vector3d a;
   Eigen::Matrix<double, 3, 6> jacobian;  // A = da / dxi, xi = [dt, dtheta] of rigid_transform.h, left perturbation
   Eigen::Vector2d p1_px;                 // projections of the end points, undistorted pixels
   Eigen::Vector2d p2_px;
@@ -24,8 +24,10 @@ std::optional<ProjectedLine> ProjectLine(const CameraModel& camera, const RigidT
                                          const Eigen::Vector3d& p1_object, const Eigen::Vector3d& p2_object,
                                          double near_m = 1e-3);
 
-// Image velocity, pixels per second, of the point at `point_px` on the line under the twist [v (m/s), w (rad/s)]
-// (dT/dt = v, dR/dt = w^ R), along the line's image normal: -a_dot . b where d = a . b stays 0 on the line.
+// Speed, pixels per second, at which the line passes the bearing b = (x, y, 1) under the twist [v (m/s), w (rad/s)]
+// (dT/dt = v, dR/dt = w^ R), along its image normal: positive when it moves to the side where d = a . b is positive.
+// For a b on the line this is the normal component of the image velocity of the line's point there: a . b stays 0 on
+// the moving line, so the point's speed is a . b_dot = -a_dot . b.
 double NormalVelocity(const ProjectedLine& line, const Vector6d& twist, const Eigen::Vector3d& bearing);
 
 }  // namespace evpose
