@@ -1,0 +1,225 @@
+#include "core/evaluation/evaluate.h"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+#include "absl/strings/str_cat.h"
+#include "absl/strings/str_format.h"
+#include "core/base/status_macros.h"
+
+namespace evpose {
+namespace {
+
+// One estimate against the truth at its time.
+struct PoseError {
+  int64_t t_us = 0;
+  double position_m = 0.0;
+  double position_of_depth = 0.0;
+  double rotation_rad = 0.0;
+  double reprojection_px = 0.0;  // mean over the points
+  bool is_good = false;
+};
+
+absl::Status CheckTimesIncrease(const Trajectory& trajectory, absl::string_view name) {
+  for (size_t i = 1; i < trajectory.size(); ++i) {
+    if (trajectory[i].t_us <= trajectory[i - 1].t_us) {
+      return absl::InvalidArgumentError(absl::StrCat("the ", name, "'s times do not increase at pose ", i + 1));
+    }
+  }
+  return absl::OkStatus();
+}
+
+absl::Status CheckTruth(const Trajectory& truth) {
+  if (truth.size() < 2) {
+    return absl::InvalidArgumentError(absl::StrCat("the truth has ", truth.size(), " poses; 2 are needed at least"));
+  }
+  for (const StampedPose& pose : truth) {
+    if (!(pose.camera_from_object.translation_m.z() > 0.0)) {
+      return absl::InvalidArgumentError(
+          absl::StrFormat("the truth at %.6f s has the object's origin behind the camera: is it camera_from_object?",
+                          pose.t_us * 1e-6));
+    }
+  }
+  return CheckTimesIncrease(truth, "truth");
+}
+
+std::string TimeSpan(const Trajectory& trajectory) {
+  return absl::StrFormat("%.6f to %.6f s", trajectory.front().t_us * 1e-6, trajectory.back().t_us * 1e-6);
+}
+
+// The pose among truth * symmetry that is nearest to the estimate.
+RigidTransform NearestEquivalent(const RigidTransform& truth, const RigidTransform& estimate,
+                                 const std::vector<RigidTransform>& symmetries) {
+  RigidTransform best = truth;
+  double best_rotation_rad = RotationAngle(truth.rotation, estimate.rotation);
+  double best_distance_m = (truth.translation_m - estimate.translation_m).norm();
+  for (const RigidTransform& symmetry : symmetries) {
+    const RigidTransform candidate = truth * symmetry;
+    const double rotation_rad = RotationAngle(candidate.rotation, estimate.rotation);
+    const double distance_m = (candidate.translation_m - estimate.translation_m).norm();
+    if (rotation_rad > best_rotation_rad) continue;
+    if (rotation_rad == best_rotation_rad && distance_m >= best_distance_m) continue;
+    best = candidate;
+    best_rotation_rad = rotation_rad;
+    best_distance_m = distance_m;
+  }
+  return best;
+}
+
+double MeanReprojectionError(const ObjectModel& model, const CameraModel& camera, const RigidTransform& truth,
+                             const RigidTransform& estimate) {
+  const double diagonal_px = std::hypot(camera.width_px, camera.height_px);
+  double sum_px = 0.0;
+  int count = 0;
+  for (const ModelLine& line : model.lines) {
+    for (const Eigen::Vector3d& point : {line.p1, line.p2}) {
+      const Eigen::Vector3d true_point = truth * point;
+      const Eigen::Vector3d estimated_point = estimate * point;
+      if (true_point.z() <= 0.0) continue;
+      ++count;
+      const double distance_px = estimated_point.z() <= 0.0
+                                     ? diagonal_px
+                                     : (camera.Project(true_point) - camera.Project(estimated_point)).norm();
+      sum_px += std::min(distance_px, diagonal_px);
+    }
+  }
+  return count == 0 ? 0.0 : sum_px / count;
+}
+
+// `sorted` is not empty; linear between order statistics.
+double Quantile(const std::vector<double>& sorted, double q) {
+  const double position = q * static_cast<double>(sorted.size() - 1);
+  const size_t below = static_cast<size_t>(position);
+  const size_t above = std::min(below + 1, sorted.size() - 1);
+  return sorted[below] + (position - static_cast<double>(below)) * (sorted[above] - sorted[below]);
+}
+
+template <typename Member>
+std::vector<double> Values(const std::vector<PoseError>& errors, Member member) {
+  std::vector<double> values;
+  values.reserve(errors.size());
+  for (const PoseError& error : errors) values.push_back(error.*member);
+  return values;
+}
+
+double Mean(const std::vector<double>& values) {
+  double sum = 0.0;
+  for (const double value : values) sum += value;
+  return sum / static_cast<double>(values.size());
+}
+
+double RootMeanSquare(const std::vector<double>& values) {
+  double sum = 0.0;
+  for (const double value : values) sum += value * value;
+  return std::sqrt(sum / static_cast<double>(values.size()));
+}
+
+void SummarisePosition(const std::vector<PoseError>& errors, Evaluation& result) {
+  std::vector<double> distances = Values(errors, &PoseError::position_m);
+  result.position_rmse_m = RootMeanSquare(distances);
+  result.position_mean_m = Mean(distances);
+  std::vector<double> deviations = distances;
+  for (double& deviation : deviations) deviation -= result.position_mean_m;
+  result.position_std_m = RootMeanSquare(deviations);
+  std::sort(distances.begin(), distances.end());
+  result.position_median_m = Quantile(distances, 0.5);
+  result.position_rmse_of_depth = RootMeanSquare(Values(errors, &PoseError::position_of_depth));
+}
+
+void SummariseRotation(const std::vector<PoseError>& errors, Evaluation& result) {
+  std::vector<double> angles = Values(errors, &PoseError::rotation_rad);
+  result.rotation_mean_rad = Mean(angles);
+  std::sort(angles.begin(), angles.end());
+  result.rotation_median_rad = Quantile(angles, 0.5);
+  result.rotation_p95_rad = Quantile(angles, 0.95);
+  result.rotation_max_rad = angles.back();
+}
+
+void SummariseTime(const std::vector<PoseError>& errors, int64_t begin_us, int64_t end_us, int64_t max_gap_us,
+                   Evaluation& result) {
+  int64_t covered_us = 0;
+  for (size_t i = 0; i < errors.size(); ++i) {
+    if (!errors[i].is_good) continue;
+    const bool is_last = i + 1 == errors.size();
+    const int64_t until_us = is_last ? end_us : errors[i + 1].t_us;
+    const bool is_followed_by_gap = until_us - errors[i].t_us > max_gap_us;
+    covered_us += std::min(until_us - errors[i].t_us, max_gap_us);
+    if (is_followed_by_gap || (!is_last && !errors[i + 1].is_good)) ++result.losses;
+  }
+  result.coverage_ratio = static_cast<double>(covered_us) / static_cast<double>(end_us - begin_us);
+  if (errors.size() < 2) return;
+  const double duration_s = static_cast<double>(errors.back().t_us - errors.front().t_us) * 1e-6;
+  result.pose_rate_hz = static_cast<double>(errors.size() - 1) / duration_s;
+}
+
+// Errors inside the truth's time span.
+absl::StatusOr<std::vector<PoseError>> ComputeErrors(const Trajectory& truth, const Trajectory& estimate,
+                                                     const EvaluationOptions& options, const ObjectModel* model,
+                                                     const CameraModel* camera) {
+  std::vector<PoseError> errors;
+  for (const StampedPose& pose : estimate) {
+    if (pose.t_us < truth.front().t_us || pose.t_us > truth.back().t_us) continue;
+    EVPOSE_ASSIGN_OR_RETURN(const RigidTransform true_pose, Interpolate(truth, pose.t_us));
+    const RigidTransform nearest = NearestEquivalent(true_pose, pose.camera_from_object, options.symmetries);
+    PoseError error;
+    error.t_us = pose.t_us;
+    error.position_m = (pose.camera_from_object.translation_m - nearest.translation_m).norm();
+    error.position_of_depth = error.position_m / true_pose.translation_m.z();
+    error.rotation_rad = RotationAngle(nearest.rotation, pose.camera_from_object.rotation);
+    error.is_good =
+        error.position_of_depth <= options.good_position_ratio && error.rotation_rad <= options.good_rotation_rad;
+    if (model != nullptr && camera != nullptr) {
+      error.reprojection_px = MeanReprojectionError(*model, *camera, nearest, pose.camera_from_object);
+    }
+    errors.push_back(error);
+  }
+  return errors;
+}
+
+void SetErrorsNan(Evaluation& result) {
+  constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
+  for (double* value : {&result.position_rmse_m, &result.position_mean_m, &result.position_median_m,
+                        &result.position_std_m, &result.position_rmse_of_depth, &result.rotation_mean_rad,
+                        &result.rotation_median_rad, &result.rotation_p95_rad, &result.rotation_max_rad}) {
+    *value = kNan;
+  }
+}
+
+}  // namespace
+
+absl::Status EvaluationOptions::Validate() const {
+  if (!(good_position_ratio > 0.0)) return absl::InvalidArgumentError("good_position_ratio must be positive");
+  if (!(good_rotation_rad > 0.0)) return absl::InvalidArgumentError("good_rotation_rad must be positive");
+  if (max_gap_us <= 0) return absl::InvalidArgumentError("max_gap_us must be positive");
+  return absl::OkStatus();
+}
+
+absl::StatusOr<Evaluation> Evaluate(const Trajectory& truth, const Trajectory& estimate,
+                                    const EvaluationOptions& options, const ObjectModel* model,
+                                    const CameraModel* camera) {
+  EVPOSE_RETURN_IF_ERROR(options.Validate());
+  EVPOSE_RETURN_IF_ERROR(CheckTruth(truth));
+  EVPOSE_RETURN_IF_ERROR(CheckTimesIncrease(estimate, "estimate"));
+  Evaluation result;
+  EVPOSE_ASSIGN_OR_RETURN(const std::vector<PoseError> errors, ComputeErrors(truth, estimate, options, model, camera));
+  result.num_poses = errors.size();
+  if (errors.empty()) {
+    if (!estimate.empty()) {
+      return absl::InvalidArgumentError(absl::StrCat("the estimate (", TimeSpan(estimate),
+                                                     ") lies outside the truth's time span (", TimeSpan(truth),
+                                                     "): are both on the sensor's clock?"));
+    }
+    SetErrorsNan(result);
+    return result;
+  }
+  SummarisePosition(errors, result);
+  SummariseRotation(errors, result);
+  SummariseTime(errors, truth.front().t_us, truth.back().t_us, options.max_gap_us, result);
+  if (model != nullptr && camera != nullptr) {
+    result.reprojection_mean_px = Mean(Values(errors, &PoseError::reprojection_px));
+  }
+  return result;
+}
+
+}  // namespace evpose
