@@ -20,8 +20,8 @@ enum class TrackState { kInitializing, kTracking, kDegraded, kLost };
 std::string_view TrackStateName(TrackState state);  // "INITIALIZING", "TRACKING", "DEGRADED", "LOST"
 
 enum class Estimator {
-  kMixture,    // pose and twist in the window, normal + uniform mixture, soft association, motion prior
-  kStaticMm,   // the paper's: one pose per window, hard association with its gates, Tukey MM; the baseline
+  kMixture,   // pose and twist in the window, normal + uniform mixture, soft association, motion prior
+  kStaticMm,  // the paper's: one pose per window, hard association with its gates, Tukey MM; the baseline
 };
 
 // Every field of it is in tracker_options.h with unit, default and reason.
@@ -34,8 +34,8 @@ struct PoseEstimate {
   Matrix6d covariance = Matrix6d::Zero();  // of [tx ty tz rx ry rz], m and rad, left perturbation
   Vector6d twist = Vector6d::Zero();       // [vx vy vz wx wy wz]: dT/dt = v, dR/dt = w^ R, m/s and rad/s
   TrackState state = TrackState::kInitializing;
-  uint32_t num_events = 0;         // in the gate
-  float explained_ratio = 0.0f;    // share of the gated events that the lines explain
+  uint32_t num_events = 0;       // in the gate
+  float explained_ratio = 0.0f;  // share of the gated events that the lines explain
   float residual_rms_px = 0.0f;
 };
 
@@ -45,9 +45,9 @@ class Tracker {
  public:
   // Errors: INVALID_ARGUMENT naming the field of options, camera or model that is wrong. The model is shared: many
   // sessions track the same one. The pose is that at the first event.
-  static absl::StatusOr<std::unique_ptr<Tracker>> Create(std::shared_ptr<const ObjectModel> model,
-                                                         const CameraModel& camera, const TrackerOptions& options,
-                                                         const std::optional<RigidTransform>& initial_camera_from_object);
+  static absl::StatusOr<std::unique_ptr<Tracker>> Create(
+      std::shared_ptr<const ObjectModel> model, const CameraModel& camera, const TrackerOptions& options,
+      const std::optional<RigidTransform>& initial_camera_from_object);
   virtual ~Tracker() = default;
 
   // Events in order of time (a step back is tolerated: such an event joins the open window). Appends the estimates of

@@ -1,0 +1,130 @@
+#include "core/tracking/association.h"
+
+#include <algorithm>
+#include <cmath>
+#include <utility>
+
+namespace evpose {
+namespace {
+
+// Narrows [low, high] to where lower <= offset + slope x <= upper.
+void Restrict(double offset, double slope, double lower, double upper, double& low, double& high) {
+  constexpr double kFlat = 1e-9;
+  if (std::abs(slope) < kFlat) {
+    if (offset < lower || offset > upper) high = low - 1.0;
+    return;
+  }
+  double first = (lower - offset) / slope;
+  double last = (upper - offset) / slope;
+  if (first > last) std::swap(first, last);
+  low = std::max(low, first);
+  high = std::min(high, last);
+}
+
+}  // namespace
+
+void ProjectLines(const CameraModel& camera, const MotionState& state, absl::Span<const TrackedLine> lines,
+                  std::vector<ImageLine>& image_lines) {
+  image_lines.assign(lines.size(), ImageLine());
+  for (size_t k = 0; k < lines.size(); ++k) {
+    const std::optional<ProjectedLine> projected =
+        ProjectLine(camera, state.camera_from_object, lines[k].p1, lines[k].p2);
+    if (!projected) continue;
+    ImageLine& line = image_lines[k];
+    const Eigen::Vector2d extent = projected->p2_px - projected->p1_px;
+    const double length_px = extent.norm();
+    if (!(length_px > 1e-6) || !std::isfinite(length_px)) continue;
+    line.a = projected->a;
+    line.jacobian = projected->jacobian;
+    line.a_dot = projected->jacobian * state.twist;
+    line.p1_px = projected->p1_px;
+    line.direction = extent / length_px;
+    line.length_px = length_px;
+  }
+}
+
+Eigen::Vector3d BearingOf(const CameraModel& camera, const Eigen::Vector2d& pixel) {
+  return {(pixel.x() - camera.cx_px) / camera.fx_px, (pixel.y() - camera.cy_px) / camera.fy_px, 1.0};
+}
+
+double PredictedSpreadPx(const CameraModel& camera, const MotionState& state, absl::Span<const ImageLine> lines) {
+  const Matrix6d covariance = state.covariance.topLeftCorner<6, 6>();
+  double largest = 0.0;
+  for (const ImageLine& line : lines) {
+    if (!line.in_view()) continue;
+    const Vector6d row = line.jacobian.transpose() * BearingOf(camera, line.PointAt(0.5));
+    largest = std::max(largest, row.dot(covariance * row));
+  }
+  return std::sqrt(largest);
+}
+
+void ThinEvenly(size_t max_count, std::vector<Observation>& observations) {
+  const size_t count = observations.size();
+  if (count <= max_count) return;
+  // A multiplicative hash of the index is a low-discrepancy sequence (golden ratio): the share kept is max_count /
+  // count to within one in any stretch.
+  const uint64_t threshold = (max_count << 32) / count;
+  size_t write = 0;
+  for (size_t read = 0; read < count; ++read) {
+    const uint32_t hash = static_cast<uint32_t>(read) * 2654435769u;
+    if (hash < threshold) observations[write++] = observations[read];
+  }
+  observations.resize(std::min(write, max_count));
+}
+
+TileGrid::TileGrid(const CameraModel& camera)
+    : columns_(static_cast<int>((camera.width_px + 2 * kMarginPx) / kTilePx) + 1),
+      rows_(static_cast<int>((camera.height_px + 2 * kMarginPx) / kTilePx) + 1),
+      tiles_(static_cast<size_t>(columns_) * rows_) {}
+
+void TileGrid::Build(absl::Span<const ImageLine> lines, double reach_px) {
+  for (const uint32_t tile : touched_) tiles_[tile].count = 0;
+  touched_.clear();
+  // From a tile's centre, whatever lies in the tile is within half its diagonal.
+  const double reach = reach_px + 0.7072 * kTilePx;
+  for (size_t k = 0; k < lines.size(); ++k) {
+    const ImageLine& line = lines[k];
+    if (!line.in_view()) continue;
+    const double y1 = line.p1_px.y();
+    const double y2 = line.PointAt(1.0).y();
+    const double first = (std::min(y1, y2) - reach + kMarginPx) / kTilePx;
+    const double last = (std::max(y1, y2) + reach + kMarginPx) / kTilePx;
+    const int first_row = static_cast<int>(std::clamp(first, 0.0, rows_ - 1.0));
+    const int last_row = static_cast<int>(std::clamp(last, -1.0, rows_ - 1.0));
+    for (int row = first_row; row <= last_row; ++row) EnterRow(row, static_cast<int>(k), line, reach);
+  }
+}
+
+void TileGrid::EnterRow(int row, int index, const ImageLine& line, double reach) {
+  const double y = (row + 0.5) * kTilePx - kMarginPx;
+  const Eigen::Vector2d normal(-line.direction.y(), line.direction.x());
+  const double across = normal.y() * (y - line.p1_px.y()) - normal.x() * line.p1_px.x();
+  const double along = line.direction.y() * (y - line.p1_px.y()) - line.direction.x() * line.p1_px.x();
+  double low = -kMarginPx;
+  double high = columns_ * kTilePx - kMarginPx;
+  Restrict(across, normal.x(), -reach, reach, low, high);
+  Restrict(along, line.direction.x(), -reach, line.length_px + reach, low, high);
+  // Tiles whose centre (column + 0.5) kTilePx - kMarginPx lies in [low, high].
+  const int first = std::max(0, static_cast<int>(std::ceil((low + kMarginPx) / kTilePx - 0.5)));
+  const int last = std::min(columns_ - 1, static_cast<int>(std::floor((high + kMarginPx) / kTilePx - 0.5)));
+  for (int column = first; column <= last; ++column) {
+    const double x = (column + 0.5) * kTilePx - kMarginPx;
+    Enter(static_cast<uint32_t>(row) * columns_ + column, index, std::abs(across + normal.x() * x));
+  }
+}
+
+void TileGrid::Enter(uint32_t tile_index, int index, double distance_px) {
+  Tile& tile = tiles_[tile_index];
+  if (tile.count == 0) touched_.push_back(tile_index);
+  int slot = tile.count;
+  if (slot == kSlots) {
+    slot = static_cast<int>(std::max_element(tile.distances_px, tile.distances_px + kSlots) - tile.distances_px);
+    if (tile.distances_px[slot] <= distance_px) return;
+  } else {
+    ++tile.count;
+  }
+  tile.lines[slot] = static_cast<uint16_t>(index);
+  tile.distances_px[slot] = static_cast<float>(distance_px);
+}
+
+}  // namespace evpose

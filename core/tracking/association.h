@@ -1,0 +1,139 @@
+// Which events may belong to which lines (method.md 2.5): lines as the image shows them, and a grid of tiles that knows
+// the lines near each.
+#pragma once
+
+#include <Eigen/Core>
+#include <cstdint>
+#include <vector>
+
+#include "absl/types/span.h"
+#include "core/geometry/camera.h"
+#include "core/geometry/projected_line.h"
+#include "core/models/visibility.h"
+#include "core/tracking/motion_prior.h"
+
+namespace evpose {
+
+// A visible part of a model line, object frame, metres.
+struct TrackedLine {
+  int model_line = 0;  // index into ObjectModel::lines
+  Eigen::Vector3d p1;
+  Eigen::Vector3d p2;
+};
+
+// Its image, moving: d = (a + tau a_dot) . b, tau in seconds from the state's time.
+struct ImageLine {
+  Eigen::Vector3d a = Eigen::Vector3d::Zero();
+  Eigen::Vector3d a_dot = Eigen::Vector3d::Zero();
+  Eigen::Matrix<double, 3, 6> jacobian = Eigen::Matrix<double, 3, 6>::Zero();
+  Eigen::Vector2d p1_px = Eigen::Vector2d::Zero();
+  Eigen::Vector2d direction = Eigen::Vector2d::Zero();  // unit, from p1 to p2
+  double length_px = 0.0;                               // 0: not in view; no event is near it
+
+  bool in_view() const { return length_px > 0.0; }
+  // Undistorted pixel at a fraction of the length.
+  Eigen::Vector2d PointAt(double fraction) const { return p1_px + fraction * length_px * direction; }
+};
+
+// One image line per tracked line, in order.
+void ProjectLines(const CameraModel& camera, const MotionState& state, absl::Span<const TrackedLine> lines,
+                  std::vector<ImageLine>& image_lines);
+
+// Bearing of an undistorted pixel.
+Eigen::Vector3d BearingOf(const CameraModel& camera, const Eigen::Vector2d& pixel);
+
+// Standard deviation, in pixels, of the least certain line's middle under the state's pose covariance.
+double PredictedSpreadPx(const CameraModel& camera, const MotionState& state, absl::Span<const ImageLine> lines);
+
+// An event as the estimators see it.
+struct Observation {
+  double bx = 0.0;  // undistorted bearing (bx, by, 1)
+  double by = 0.0;
+  double u_px = 0.0;  // undistorted pixel
+  double v_px = 0.0;
+  double tau_s = 0.0;  // from mid-window
+  uint32_t tile = 0;
+  uint8_t polarity = 0;
+};
+
+// Keeps at most `max_count` of the observations, drawn evenly by a hash of their number: a fixed stride would favour
+// one side of an edge, because rows are read out from left to right.
+void ThinEvenly(size_t max_count, std::vector<Observation>& observations);
+
+// Tiles of 8 x 8 undistorted pixels, each with the lines that pass within reach.
+class TileGrid {
+ public:
+  static constexpr int kTilePx = 8;
+  static constexpr int kSlots = 6;  // lines kept per tile: those nearest to its centre
+
+  explicit TileGrid(const CameraModel& camera);
+
+  // Enters the lines that come within reach_px of a tile.
+  void Build(absl::Span<const ImageLine> lines, double reach_px);
+
+  static constexpr uint32_t kNoTile = 0xffffffff;
+  // The tile of an undistorted pixel; kNoTile outside the grid.
+  uint32_t TileOf(double u_px, double v_px) const {
+    const double x = (u_px + kMarginPx) / kTilePx;
+    const double y = (v_px + kMarginPx) / kTilePx;
+    if (!(x >= 0.0 && y >= 0.0 && x < columns_ && y < rows_)) return kNoTile;
+    return static_cast<uint32_t>(y) * columns_ + static_cast<uint32_t>(x);
+  }
+  absl::Span<const uint16_t> Lines(uint32_t tile) const {
+    return absl::MakeConstSpan(tiles_[tile].lines, tiles_[tile].count);
+  }
+
+ private:
+  // The undistorted image reaches beyond the sensor's rectangle.
+  static constexpr double kMarginPx = 64.0;
+
+  struct Tile {
+    uint16_t count = 0;
+    uint16_t lines[kSlots] = {};
+    float distances_px[kSlots] = {};
+  };
+  void EnterRow(int row, int index, const ImageLine& line, double reach_px);
+  void Enter(uint32_t tile, int index, double distance_px);
+
+  int columns_ = 0;
+  int rows_ = 0;
+  std::vector<Tile> tiles_;
+  std::vector<uint32_t> touched_;
+};
+
+// The nearest two lines of an event, with signed distances.
+struct NearLines {
+  int count = 0;
+  int line[2] = {0, 0};
+  double distance_px[2] = {0.0, 0.0};
+};
+
+// Lines whose gate holds the event: |d| <= gate_px, and no farther than end_margin_px beyond an end point.
+inline NearLines FindNearLines(const Observation& event, absl::Span<const uint16_t> candidates, const ImageLine* lines,
+                               double gate_px, double end_margin_px) {
+  NearLines near;
+  double best[2] = {gate_px, gate_px};
+  for (const uint16_t index : candidates) {
+    const ImageLine& line = lines[index];
+    const double d = line.a.x() * event.bx + line.a.y() * event.by + line.a.z() +
+                     event.tau_s * (line.a_dot.x() * event.bx + line.a_dot.y() * event.by + line.a_dot.z());
+    const double distance = d < 0.0 ? -d : d;
+    if (!(distance <= best[1])) continue;
+    const double along =
+        (event.u_px - line.p1_px.x()) * line.direction.x() + (event.v_px - line.p1_px.y()) * line.direction.y();
+    if (along < -end_margin_px || along > line.length_px + end_margin_px || !line.in_view()) continue;
+    const int slot = distance <= best[0] ? 0 : 1;
+    if (slot == 0) {
+      near.line[1] = near.line[0];
+      near.distance_px[1] = near.distance_px[0];
+      best[1] = near.count > 0 ? best[0] : gate_px;
+    }
+    near.line[slot] = index;
+    near.distance_px[slot] = d;
+    best[slot] = distance;
+    near.count = near.count < 2 ? near.count + 1 : 2;
+  }
+  return near;
+}
+
+}  // namespace evpose

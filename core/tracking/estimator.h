@@ -1,0 +1,53 @@
+// What the tracker asks of an estimator: the state at mid-window from the predicted one and the window's events.
+#pragma once
+
+#include <memory>
+
+#include "absl/types/span.h"
+#include "core/tracking/association.h"
+#include "core/tracking/motion_prior.h"
+#include "core/tracking/tracker_options.h"
+
+namespace evpose {
+
+// A window's events near the predicted lines. Everything is valid during the call only.
+struct WindowInput {
+  absl::Span<const Observation> events;
+  double events_per_observation = 1.0;  // > 1 when events were sampled
+  double duration_s = 0.0;
+  absl::Span<const TrackedLine> lines;
+  const TileGrid* grid = nullptr;  // indices into `lines`
+};
+
+struct WindowFit {
+  MotionState state;           // at mid-window
+  double num_gated = 0.0;      // events in the gate of a line, of those observed
+  double num_explained = 0.0;  // of them, expected to be a line's
+  double residual_rms_px = 0.0;
+  double innovation_chi2 = 0.0;  // of pose and twist against the prediction, 12 degrees of freedom
+
+  double explained_ratio() const { return num_gated > 0.0 ? num_explained / num_gated : 0.0; }
+};
+
+class WindowEstimator {
+ public:
+  virtual ~WindowEstimator() = default;
+
+  // Pixels around the predicted lines from which the estimator wants events.
+  virtual double ReachPx(double predicted_spread_px, double gate_factor) const = 0;
+  // Observations that it wants per window, at most.
+  virtual int MaxEvents() const = 0;
+  // `predicted` is for mid-window. `gate_factor` widens the gate for a second try (method.md 2.10 (4)). Learns nothing:
+  // Fit may be called twice for a window.
+  virtual WindowFit Fit(const MotionState& predicted, const WindowInput& input, double gate_factor) = 0;
+  // The fit stands: what it says of spread and clutter is the next window's start.
+  virtual void Accept(const WindowFit& fit) = 0;
+  // Another object's pose: forgets what Accept learned.
+  virtual void Reset() = 0;
+};
+
+// `options` and `camera` must be valid.
+std::unique_ptr<WindowEstimator> MakeMixtureEstimator(const TrackerOptions& options, const CameraModel& camera);
+std::unique_ptr<WindowEstimator> MakeStaticMmEstimator(const TrackerOptions& options, const CameraModel& camera);
+
+}  // namespace evpose

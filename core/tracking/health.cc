@@ -1,0 +1,84 @@
+#include "core/tracking/health.h"
+
+#include <algorithm>
+#include <cmath>
+
+namespace evpose {
+
+TrackHealth::TrackHealth(const HealthOptions& options, double min_events_per_px2, int num_model_lines)
+    : options_(options), min_events_per_px2_(min_events_per_px2), evidence_(num_model_lines) {}
+
+void TrackHealth::Reset() {
+  std::fill(evidence_.begin(), evidence_.end(), LineEvidence());
+  span_s_ = 0.0;
+  gated_ = 0.0;
+}
+
+void TrackHealth::AddWindow(const CameraModel& camera, const WindowInput& input, absl::Span<const ImageLine> lines,
+                            const Vector6d& twist) {
+  const double near_share = options_.near_px / options_.gate_px;
+  for (const Observation& event : input.events) {
+    const NearLines near = FindNearLines(event, input.grid->Lines(event.tile), lines.data(), options_.gate_px, 0.0);
+    if (near.count == 0) continue;
+    LineEvidence& evidence = evidence_[input.lines[near.line[0]].model_line];
+    evidence.gated += 1.0;
+    evidence.chance += near_share;
+    if (std::abs(near.distance_px[0]) <= options_.near_px) evidence.near += 1.0;
+    gated_ += 1.0;
+  }
+  for (size_t k = 0; k < lines.size(); ++k) {
+    if (!lines[k].in_view()) continue;
+    LineEvidence& evidence = evidence_[input.lines[k].model_line];
+    evidence.length_px += lines[k].length_px * input.duration_s;
+    for (const double fraction : {0.25, 0.75}) {
+      const double speed = std::abs(BearingOf(camera, lines[k].PointAt(fraction)).dot(lines[k].jacobian * twist));
+      evidence.expected += min_events_per_px2_ * 0.5 * lines[k].length_px * speed * input.duration_s;
+    }
+  }
+  span_s_ += input.duration_s;
+}
+
+HealthVerdict TrackHealth::Judge(double min_support_ratio, int min_supported_lines) {
+  constexpr double kLongestSpanS = 0.02;
+  HealthVerdict verdict;
+  if (gated_ >= options_.min_events && span_s_ * 1e6 >= static_cast<double>(options_.min_span_us) - 0.5) {
+    verdict = Weigh(min_support_ratio, min_supported_lines);
+  } else if (span_s_ >= kLongestSpanS) {
+    verdict.kind = HealthVerdict::Kind::kFewEvents;
+  }
+  if (verdict.kind != HealthVerdict::Kind::kOpen) Reset();
+  return verdict;
+}
+
+double TrackHealth::ExcessSigma(double gated, double near, double chance) const {
+  if (gated <= 0.0) return 0.0;
+  const double share = chance / gated;
+  return (near - chance) / std::sqrt(gated * share * (1.0 - share) * options_.dispersion);
+}
+
+HealthVerdict TrackHealth::Weigh(double min_support_ratio, int min_supported_lines) const {
+  // Fewer cannot reach the significance even if all are near.
+  constexpr double kTestableEvents = 20.0;
+  HealthVerdict verdict;
+  LineEvidence total;
+  double supported_length = 0.0;
+  for (const LineEvidence& line : evidence_) {
+    total.gated += line.gated;
+    total.near += line.near;
+    total.chance += line.chance;
+    if (line.gated < kTestableEvents && line.expected < kTestableEvents) continue;
+    ++verdict.testable_lines;
+    total.length_px += line.length_px;
+    if (ExcessSigma(line.gated, line.near, line.chance) < options_.significance_sigma) continue;
+    ++verdict.supported_lines;
+    supported_length += line.length_px;
+  }
+  verdict.sigma = ExcessSigma(total.gated, total.near, total.chance);
+  verdict.support_ratio = total.length_px > 0.0 ? supported_length / total.length_px : 0.0;
+  const bool supported = verdict.sigma > options_.significance_sigma && verdict.support_ratio >= min_support_ratio &&
+                         verdict.supported_lines >= min_supported_lines;
+  verdict.kind = supported ? HealthVerdict::Kind::kSupported : HealthVerdict::Kind::kUnsupported;
+  return verdict;
+}
+
+}  // namespace evpose

@@ -1,0 +1,64 @@
+// Whether the events speak for the pose (method.md 2.9). Counts of events near the lines, against what clutter would
+// give.
+#pragma once
+
+#include <cstdint>
+#include <vector>
+
+#include "absl/types/span.h"
+#include "core/tracking/association.h"
+#include "core/tracking/estimator.h"
+#include "core/tracking/tracker_options.h"
+
+namespace evpose {
+
+// What the windows since the last verdict say of one model line.
+struct LineEvidence {
+  double gated = 0.0;      // events within gate_px of it, nearest to it
+  double near = 0.0;       // of them, within near_px
+  double chance = 0.0;     // of them, near by chance: their number times the near share of the gate's area
+  double expected = 0.0;   // events that its motion should have made at the least
+  double length_px = 0.0;  // mean projected length, weighted by time
+};
+
+struct HealthVerdict {
+  enum class Kind {
+    kOpen,         // too little was seen yet
+    kFewEvents,    // the longest a verdict waits has passed, with too few events for one
+    kSupported,    // the events speak for the pose
+    kUnsupported,  // there are events, and they do not
+  };
+  Kind kind = Kind::kOpen;
+  double sigma = 0.0;          // standard deviations by which near events exceed chance
+  double support_ratio = 0.0;  // share of the testable lines' length that is supported
+  int supported_lines = 0;
+  int testable_lines = 0;
+};
+
+class TrackHealth {
+ public:
+  // Pixels about the lines from which it wants events.
+  static double ReachPx(const HealthOptions& options) { return options.gate_px + 2.0; }
+
+  TrackHealth(const HealthOptions& options, double min_events_per_px2, int num_model_lines);
+
+  // `lines` are those of `input`, as the fit left them; `twist` is the fit's.
+  void AddWindow(const CameraModel& camera, const WindowInput& input, absl::Span<const ImageLine> lines,
+                 const Vector6d& twist);
+  // `min_support_ratio` and the least number of supported lines make the difference between taking up a pose and
+  // keeping it. Anything but kOpen starts the counts anew.
+  HealthVerdict Judge(double min_support_ratio, int min_supported_lines);
+  void Reset();
+
+ private:
+  HealthVerdict Weigh(double min_support_ratio, int min_supported_lines) const;
+  double ExcessSigma(double gated, double near, double chance) const;
+
+  const HealthOptions options_;
+  const double min_events_per_px2_;
+  std::vector<LineEvidence> evidence_;
+  double span_s_ = 0.0;
+  double gated_ = 0.0;
+};
+
+}  // namespace evpose

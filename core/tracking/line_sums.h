@@ -1,0 +1,40 @@
+// Per-line sums that hold all that a least-squares step needs of the events (method.md 2.7, 2.8): a step costs no pass
+// over the events, and a pass costs a few multiplications per event.
+#pragma once
+
+#include <Eigen/Core>
+#include <array>
+
+#include "core/tracking/motion_prior.h"
+
+namespace evpose {
+
+// M_n = sum_i w_i tau_i^n b_i b_i^T for n = 0, 1, 2, b = (x, y, 1): the six different numbers of each.
+class LineSums {
+ public:
+  void Add(double bx, double by, double tau_s, double weight) {
+    const double wx = weight * bx;
+    const double wy = weight * by;
+    const std::array<double, 6> products = {wx * bx, wx * by, wy * by, wx, wy, weight};
+    for (int k = 0; k < 6; ++k) {
+      const double first = products[k] * tau_s;
+      sums_[0][k] += products[k];
+      sums_[1][k] += first;
+      sums_[2][k] += first * tau_s;
+    }
+  }
+
+  double weight() const { return sums_[0][5]; }
+  Eigen::Matrix3d Moment(int n) const;
+
+ private:
+  std::array<std::array<double, 6>, 3> sums_ = {};
+};
+
+// Adds a line's share of H = sum w J^T J and g = sum w J^T d, where d = (a + tau a_dot) . b and
+// J = [A^T b, tau A^T b] with respect to pose and twist (a_dot = A V). Pixels^2 per tangent unit.
+void AddNormalEquations(const LineSums& sums, const Eigen::Vector3d& a, const Eigen::Vector3d& a_dot,
+                        const Eigen::Matrix<double, 3, 6>& jacobian, double scale, Matrix12d& hessian,
+                        Vector12d& gradient);
+
+}  // namespace evpose

@@ -1,0 +1,203 @@
+#include "core/tracking/mixture.h"
+
+#include <Eigen/Cholesky>
+#include <algorithm>
+#include <cmath>
+
+namespace evpose {
+namespace {
+
+// Events up to this far beyond a line's end still belong to it: the end points move within the window.
+constexpr double kEndMarginPx = 2.0;
+
+class MixtureEstimator : public WindowEstimator {
+ public:
+  MixtureEstimator(const MixtureOptions& options, const CameraModel& camera) : options_(options), camera_(camera) {
+    Reset();
+  }
+
+  double ReachPx(double predicted_spread_px, double gate_factor) const override {
+    // Lines move by as much again before the pose has settled.
+    return 2.0 * FirstGatePx(predicted_spread_px, gate_factor);
+  }
+  int MaxEvents() const override { return options_.max_events; }
+
+  WindowFit Fit(const MotionState& predicted, const WindowInput& input, double gate_factor) override;
+
+  void Accept(const WindowFit& fit) override {
+    // About ten windows' worth of memory: spread and clutter change with the view, not with the millisecond.
+    constexpr double kMemoryEvents = 5000.0;
+    const double n = fit.num_explained;
+    const double variance =
+        (kMemoryEvents * sigma_px_ * sigma_px_ + n * fit.residual_rms_px * fit.residual_rms_px) / (kMemoryEvents + n);
+    sigma_px_ = std::clamp(std::sqrt(variance), options_.sigma_min_factor * options_.sigma_px,
+                           options_.sigma_max_factor * options_.sigma_px);
+    const double gated = fit.num_gated;
+    if (gated > 0.0) {
+      outlier_ratio_ = (kMemoryEvents * outlier_ratio_ + (gated - n)) / (kMemoryEvents + gated);
+    }
+  }
+
+  void Reset() override {
+    sigma_px_ = options_.sigma_px;
+    outlier_ratio_ = 0.2;
+  }
+
+ private:
+  double FirstGatePx(double spread_px, double gate_factor) const {
+    const double wanted = 3.0 * std::sqrt(sigma_px_ * sigma_px_ + spread_px * spread_px);
+    return gate_factor * std::clamp(wanted, options_.gate_px, options_.max_gate_px);
+  }
+  // Moves `state` to the minimum for the present sums; returns the largest movement of a line's middle, pixels.
+  double Minimise(const MotionState& predicted, const Matrix12d& prior_information, const WindowInput& input,
+                  double sigma_px, MotionState& state);
+  void NormalEquations(const MotionState& state, const WindowInput& input, double sigma_px, Matrix12d& hessian,
+                       Vector12d& gradient) const;
+  double MovementPx(const Vector12d& dx, double duration_s) const;
+
+  const MixtureOptions options_;
+  const CameraModel camera_;
+  const ExpTable table_;
+  double sigma_px_ = 0.0;
+  double outlier_ratio_ = 0.0;
+  std::vector<ImageLine> lines_;
+  std::vector<MixtureLine> sums_;
+};
+
+Matrix12d Symmetric(const Matrix12d& matrix) { return 0.5 * (matrix + matrix.transpose()); }
+
+WindowFit MixtureEstimator::Fit(const MotionState& predicted, const WindowInput& input, double gate_factor) {
+  constexpr double kSettledPx = 0.02;
+  const Matrix12d prior_information = Symmetric(predicted.covariance.ldlt().solve(Matrix12d::Identity()));
+
+  MotionState state = predicted;
+  ProjectLines(camera_, state, input.lines, lines_);
+  const double spread_px = PredictedSpreadPx(camera_, predicted, lines_);
+  MixtureDensity density{sigma_px_, outlier_ratio_, FirstGatePx(spread_px, gate_factor)};
+  double annealed_px2 = spread_px * spread_px;
+  MixtureTotals totals;
+  for (int pass = 0; pass < options_.max_passes; ++pass) {
+    const bool last = pass + 1 == options_.max_passes;
+    // The gate and the spread shrink to their final values: what is uncertain at first is the prediction.
+    if (last) annealed_px2 = 0.0;
+    density.sigma_px = std::sqrt(sigma_px_ * sigma_px_ + annealed_px2);
+    density.gate_px = std::max(options_.gate_px, std::min(density.gate_px, 4.0 * density.sigma_px * gate_factor));
+    totals = AccumulateMixture(input, lines_, density, table_, sums_);
+    const double moved_px = Minimise(predicted, prior_information, input, density.sigma_px, state);
+    if (pass > 0 && moved_px < kSettledPx && annealed_px2 < 0.01 * sigma_px_ * sigma_px_) break;
+    annealed_px2 *= 0.1;
+  }
+
+  Matrix12d hessian = prior_information;
+  Vector12d gradient = Vector12d::Zero();
+  NormalEquations(state, input, density.sigma_px, hessian, gradient);
+  state.covariance = Symmetric(hessian.ldlt().solve(Matrix12d::Identity()));
+
+  WindowFit fit;
+  fit.state = state;
+  fit.num_gated = totals.num_gated;
+  fit.num_explained = totals.weight;
+  fit.residual_rms_px = totals.weight > 0.0 ? std::sqrt(totals.weighted_squares_px2 / totals.weight) : sigma_px_;
+  const Vector12d innovation = Minus(state, predicted);
+  fit.innovation_chi2 = innovation.dot(prior_information * innovation);
+  return fit;
+}
+
+double MixtureEstimator::Minimise(const MotionState& predicted, const Matrix12d& prior_information,
+                                  const WindowInput& input, double sigma_px, MotionState& state) {
+  constexpr int kSteps = 2;
+  double moved_px = 0.0;
+  for (int step = 0; step < kSteps; ++step) {
+    Matrix12d hessian = prior_information;
+    Vector12d gradient = prior_information * Minus(state, predicted);
+    NormalEquations(state, input, sigma_px, hessian, gradient);
+    const Vector12d dx = -hessian.ldlt().solve(gradient);
+    if (!dx.allFinite()) break;
+    const double step_px = MovementPx(dx, input.duration_s);
+    state = Plus(state, dx);
+    ProjectLines(camera_, state, input.lines, lines_);
+    moved_px = std::max(moved_px, step_px);
+    if (step_px < 0.005) break;
+  }
+  return moved_px;
+}
+
+void MixtureEstimator::NormalEquations(const MotionState& state, const WindowInput& input, double sigma_px,
+                                       Matrix12d& hessian, Vector12d& gradient) const {
+  const double scale = 1.0 / (sigma_px * sigma_px * options_.events_per_information);
+  for (size_t k = 0; k < lines_.size(); ++k) {
+    if (!lines_[k].in_view() || sums_[k].sums.weight() <= 0.0) continue;
+    AddNormalEquations(sums_[k].sums, lines_[k].a, lines_[k].a_dot, lines_[k].jacobian, scale, hessian, gradient);
+  }
+  AddAbsence(camera_, lines_, sums_, state.twist, input.duration_s, input.events_per_observation,
+             options_.min_events_per_px2, 1.0 / options_.events_per_information, hessian, gradient);
+}
+
+double MixtureEstimator::MovementPx(const Vector12d& dx, double duration_s) const {
+  double largest = 0.0;
+  for (const ImageLine& line : lines_) {
+    if (!line.in_view()) continue;
+    const Vector6d row = line.jacobian.transpose() * BearingOf(camera_, line.PointAt(0.5));
+    largest = std::max(largest, std::abs(row.dot(dx.head<6>())) + 0.5 * duration_s * std::abs(row.dot(dx.tail<6>())));
+  }
+  return largest;
+}
+
+}  // namespace
+
+MixtureTotals AccumulateMixture(const WindowInput& input, absl::Span<const ImageLine> lines,
+                                const MixtureDensity& density, const ExpTable& table, std::vector<MixtureLine>& sums) {
+  sums.assign(lines.size(), MixtureLine());
+  MixtureTotals totals;
+  const double outlier = density.Outlier();
+  for (const Observation& event : input.events) {
+    const NearLines near =
+        FindNearLines(event, input.grid->Lines(event.tile), lines.data(), density.gate_px, kEndMarginPx);
+    if (near.count == 0) continue;
+    totals.num_gated += 1.0;
+    double likelihood[2] = {density.Line(near.distance_px[0], table), 0.0};
+    if (near.count == 2) likelihood[1] = density.Line(near.distance_px[1], table);
+    const double inverse = 1.0 / (likelihood[0] + likelihood[1] + outlier);
+    for (int k = 0; k < near.count; ++k) {
+      const double weight = likelihood[k] * inverse;
+      if (weight < 1e-4) continue;
+      const ImageLine& line = lines[near.line[k]];
+      MixtureLine& sum = sums[near.line[k]];
+      sum.sums.Add(event.bx, event.by, event.tau_s, weight);
+      const double along =
+          (event.u_px - line.p1_px.x()) * line.direction.x() + (event.v_px - line.p1_px.y()) * line.direction.y();
+      sum.half_weight[along < 0.5 * line.length_px ? 0 : 1] += weight;
+      totals.weight += weight;
+      totals.weighted_squares_px2 += weight * near.distance_px[k] * near.distance_px[k];
+    }
+  }
+  return totals;
+}
+
+void AddAbsence(const CameraModel& camera, absl::Span<const ImageLine> lines, absl::Span<const MixtureLine> sums,
+                const Vector6d& twist, double duration_s, double events_per_observation, double min_events_per_px2,
+                double scale, Matrix12d& hessian, Vector12d& gradient) {
+  // Below this speed the Poisson Hessian would grow without bound; nothing is told apart there anyway.
+  constexpr double kMinSpeedPxPerS = 5.0;
+  for (size_t k = 0; k < lines.size(); ++k) {
+    if (!lines[k].in_view()) continue;
+    const double area_per_speed = min_events_per_px2 * 0.5 * lines[k].length_px * duration_s;
+    for (int half = 0; half < 2; ++half) {
+      const Vector6d row = lines[k].jacobian.transpose() * BearingOf(camera, lines[k].PointAt(0.25 + 0.5 * half));
+      const double velocity = row.dot(twist);
+      const double speed = std::max(std::abs(velocity), kMinSpeedPxPerS);
+      const double expected = area_per_speed * speed;
+      const double missing = 1.0 - sums[k].half_weight[half] * events_per_observation / expected;
+      if (missing <= 0.0) continue;
+      const double curvature = scale * missing * area_per_speed / speed;
+      hessian.bottomRightCorner<6, 6>() += curvature * row * row.transpose();
+      gradient.tail<6>() += curvature * velocity * row;
+    }
+  }
+}
+
+std::unique_ptr<WindowEstimator> MakeMixtureEstimator(const TrackerOptions& options, const CameraModel& camera) {
+  return std::make_unique<MixtureEstimator>(options.mixture, camera);
+}
+
+}  // namespace evpose

@@ -1,0 +1,38 @@
+// Pose and twist of a window by expectation-maximisation over a normal + uniform mixture, under the motion prior
+// (method.md 2.6 to 2.8).
+#pragma once
+
+#include <array>
+#include <memory>
+#include <vector>
+
+#include "core/tracking/estimator.h"
+#include "core/tracking/line_sums.h"
+#include "core/tracking/robust.h"
+
+namespace evpose {
+
+// What a pass over the events leaves of one line.
+struct MixtureLine {
+  LineSums sums;
+  std::array<double, 2> half_weight = {};  // explained events of its first and its second half
+};
+
+struct MixtureTotals {
+  double num_gated = 0.0;
+  double weight = 0.0;
+  double weighted_squares_px2 = 0.0;
+};
+
+// One pass: shares every event between its two nearest lines and the clutter, and sums by line.
+// `sums` has one entry per image line and is overwritten.
+MixtureTotals AccumulateMixture(const WindowInput& input, absl::Span<const ImageLine> lines,
+                                const MixtureDensity& density, const ExpTable& table, std::vector<MixtureLine>& sums);
+
+// The evidence of absence (method.md 2.10 (1)): a line that moves across itself makes events. Where fewer came than
+// `min_events_per_px2` of the swept area, the twist is braked; a one-sided Poisson penalty, added for the twist alone.
+void AddAbsence(const CameraModel& camera, absl::Span<const ImageLine> lines, absl::Span<const MixtureLine> sums,
+                const Vector6d& twist, double duration_s, double events_per_observation, double min_events_per_px2,
+                double scale, Matrix12d& hessian, Vector12d& gradient);
+
+}  // namespace evpose

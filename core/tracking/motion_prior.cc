@@ -1,0 +1,72 @@
+#include "core/tracking/motion_prior.h"
+
+#include <algorithm>
+
+namespace evpose {
+namespace {
+
+double Squared(double x) { return x * x; }
+
+}  // namespace
+
+MotionState Plus(const MotionState& state, const Vector12d& dx) {
+  MotionState moved = state;
+  moved.camera_from_object = Perturb(state.camera_from_object, dx.head<6>());
+  moved.twist += dx.tail<6>();
+  return moved;
+}
+
+Vector12d Minus(const MotionState& to, const MotionState& from) {
+  Vector12d dx;
+  dx.head<6>() = Difference(to.camera_from_object, from.camera_from_object);
+  dx.tail<6>() = to.twist - from.twist;
+  return dx;
+}
+
+MotionState InitialMotionState(const RigidTransform& camera_from_object, int64_t t_us, double focal_px,
+                               const InitialPoseOptions& options) {
+  const double depth_m = camera_from_object.translation_m.norm();
+  const double m_per_px = depth_m / focal_px;
+  // The depth's direction is the line of sight to the object's origin.
+  const Eigen::Vector3d sight = camera_from_object.translation_m / depth_m;
+  const Eigen::Matrix3d along = sight * sight.transpose();
+  const Eigen::Matrix3d across = Eigen::Matrix3d::Identity() - along;
+
+  MotionState state;
+  state.t_us = t_us;
+  state.camera_from_object = camera_from_object;
+  state.covariance.block<3, 3>(0, 0) =
+      Squared(options.lateral_px * m_per_px) * across + Squared(options.depth_ratio * depth_m) * along;
+  state.covariance.block<3, 3>(3, 3).diagonal().setConstant(Squared(options.rotation_rad));
+  state.covariance.block<3, 3>(6, 6).diagonal().setConstant(Squared(options.velocity_px_per_s * m_per_px));
+  state.covariance.block<3, 3>(9, 9).diagonal().setConstant(Squared(options.angular_velocity_rad_per_s));
+  return state;
+}
+
+MotionState Predict(const MotionState& state, int64_t t_us, const MotionOptions& options, double noise_factor) {
+  const double dt = static_cast<double>(t_us - state.t_us) * 1e-6;
+  MotionState predicted = state;
+  predicted.t_us = t_us;
+  predicted.camera_from_object = Perturb(state.camera_from_object, state.twist * dt);
+
+  Matrix12d& p = predicted.covariance;
+  const Matrix6d pv = state.covariance.topRightCorner<6, 6>();
+  const Matrix6d vv = state.covariance.bottomRightCorner<6, 6>();
+  p.topLeftCorner<6, 6>() += dt * (pv + pv.transpose()) + dt * dt * vv;
+  p.topRightCorner<6, 6>() += dt * vv;
+  p.bottomLeftCorner<6, 6>() = p.topRightCorner<6, 6>().transpose();
+
+  const double depth_m = state.camera_from_object.translation_m.norm();
+  const double linear = noise_factor * Squared(options.linear_acceleration_density * depth_m);
+  const double angular = noise_factor * Squared(options.angular_acceleration_density);
+  for (int i = 0; i < 6; ++i) {
+    const double q = i < 3 ? linear : angular;
+    p(i, i) += q * dt * dt * dt / 3.0;
+    p(i, i + 6) += q * dt * dt / 2.0;
+    p(i + 6, i) += q * dt * dt / 2.0;
+    p(i + 6, i + 6) += q * dt;
+  }
+  return predicted;
+}
+
+}  // namespace evpose

@@ -1,0 +1,34 @@
+// The constant-velocity prior: where the object is expected, and how surely (method.md 2.4, 2.8).
+#pragma once
+
+#include <cstdint>
+
+#include "core/geometry/rigid_transform.h"
+#include "core/tracking/tracker_options.h"
+
+namespace evpose {
+
+using Vector12d = Eigen::Matrix<double, 12, 1>;
+using Matrix12d = Eigen::Matrix<double, 12, 12>;
+
+// Pose and twist with their joint covariance. The order is [translation, rotation, linear velocity, angular velocity];
+// the perturbation is on the left (rigid_transform.h), dT/dt = v and dR/dt = w^ R.
+struct MotionState {
+  int64_t t_us = 0;
+  RigidTransform camera_from_object;
+  Vector6d twist = Vector6d::Zero();  // m/s, rad/s
+  Matrix12d covariance = Matrix12d::Zero();
+};
+
+// x <- x + dx in that tangent space, and the dx with Plus(from, dx) = to. The covariance stays.
+MotionState Plus(const MotionState& state, const Vector12d& dx);
+Vector12d Minus(const MotionState& to, const MotionState& from);
+
+// The state of a pose that somebody gave for t_us. `focal_px` turns pixels into angles.
+MotionState InitialMotionState(const RigidTransform& camera_from_object, int64_t t_us, double focal_px,
+                               const InitialPoseOptions& options);
+
+// The state at t_us >= state.t_us under white acceleration; `noise_factor` multiplies the noise's spectral density.
+MotionState Predict(const MotionState& state, int64_t t_us, const MotionOptions& options, double noise_factor = 1.0);
+
+}  // namespace evpose

@@ -1,0 +1,89 @@
+#include "core/tracking/tracker_options.h"
+
+#include <cmath>
+#include <string>
+
+#include "absl/strings/str_cat.h"
+#include "core/base/status_macros.h"
+
+namespace evpose {
+namespace {
+
+absl::Status Positive(const char* name, double value) {
+  if (std::isfinite(value) && value > 0.0) return absl::OkStatus();
+  return absl::InvalidArgumentError(absl::StrCat(name, " must be positive: ", value));
+}
+
+absl::Status Between(const char* name, double value, double low, double high) {
+  if (value >= low && value <= high) return absl::OkStatus();
+  return absl::InvalidArgumentError(absl::StrCat(name, " must be between ", low, " and ", high, ": ", value));
+}
+
+absl::Status InGroup(const char* group, const absl::Status& status) {
+  if (status.ok()) return status;
+  return absl::InvalidArgumentError(absl::StrCat("tracker options, ", group, ".", status.message()));
+}
+
+}  // namespace
+
+absl::Status InitialPoseOptions::Validate() const {
+  EVPOSE_RETURN_IF_ERROR(Positive("lateral_px", lateral_px));
+  EVPOSE_RETURN_IF_ERROR(Positive("depth_ratio", depth_ratio));
+  EVPOSE_RETURN_IF_ERROR(Positive("rotation_rad", rotation_rad));
+  EVPOSE_RETURN_IF_ERROR(Positive("velocity_px_per_s", velocity_px_per_s));
+  return Positive("angular_velocity_rad_per_s", angular_velocity_rad_per_s);
+}
+
+absl::Status MotionOptions::Validate() const {
+  EVPOSE_RETURN_IF_ERROR(Positive("linear_acceleration_density", linear_acceleration_density));
+  EVPOSE_RETURN_IF_ERROR(Positive("angular_acceleration_density", angular_acceleration_density));
+  return Between("retry_noise_factor", retry_noise_factor, 1.0, 1e6);
+}
+
+absl::Status MixtureOptions::Validate() const {
+  EVPOSE_RETURN_IF_ERROR(Between("sigma_px", sigma_px, 0.1, 20.0));
+  EVPOSE_RETURN_IF_ERROR(Between("sigma_min_factor", sigma_min_factor, 0.1, 1.0));
+  EVPOSE_RETURN_IF_ERROR(Between("sigma_max_factor", sigma_max_factor, 1.0, 10.0));
+  EVPOSE_RETURN_IF_ERROR(Between("gate_px", gate_px, 1.0, 64.0));
+  EVPOSE_RETURN_IF_ERROR(Between("max_gate_px", max_gate_px, gate_px, 64.0));
+  EVPOSE_RETURN_IF_ERROR(Between("retry_gate_factor", retry_gate_factor, 1.0, 10.0));
+  EVPOSE_RETURN_IF_ERROR(Between("max_passes", max_passes, 1, 100));
+  EVPOSE_RETURN_IF_ERROR(Between("max_events", max_events, 50, 1'000'000));
+  EVPOSE_RETURN_IF_ERROR(Between("events_per_information", events_per_information, 1.0, 1000.0));
+  return Between("min_events_per_px2", min_events_per_px2, 0.0, 100.0);
+}
+
+absl::Status StaticMmOptions::Validate() const {
+  EVPOSE_RETURN_IF_ERROR(Between("distance_px", distance_px, 1.0, 64.0));
+  EVPOSE_RETURN_IF_ERROR(Between("midpoint_ratio", midpoint_ratio, 0.1, 1.0));
+  EVPOSE_RETURN_IF_ERROR(Between("two_lines_px", two_lines_px, 0.0, distance_px));
+  EVPOSE_RETURN_IF_ERROR(Between("max_iterations", max_iterations, 1, 1000));
+  EVPOSE_RETURN_IF_ERROR(Positive("tolerance_px", tolerance_px));
+  return Between("max_events", max_events, 50, 1'000'000);
+}
+
+absl::Status HealthOptions::Validate() const {
+  EVPOSE_RETURN_IF_ERROR(Between("gate_px", gate_px, 1.0, 64.0));
+  EVPOSE_RETURN_IF_ERROR(Between("near_px", near_px, 0.1, 0.5 * gate_px));
+  EVPOSE_RETURN_IF_ERROR(Positive("significance_sigma", significance_sigma));
+  EVPOSE_RETURN_IF_ERROR(Between("dispersion", dispersion, 1.0, 1000.0));
+  EVPOSE_RETURN_IF_ERROR(Between("min_events", min_events, 1, 1'000'000));
+  EVPOSE_RETURN_IF_ERROR(Positive("min_span_us", static_cast<double>(min_span_us)));
+  EVPOSE_RETURN_IF_ERROR(Between("confirm_support_ratio", confirm_support_ratio, 0.0, 1.0));
+  EVPOSE_RETURN_IF_ERROR(Between("keep_support_ratio", keep_support_ratio, 0.0, 1.0));
+  EVPOSE_RETURN_IF_ERROR(Positive("lost_after_us", static_cast<double>(lost_after_us)));
+  EVPOSE_RETURN_IF_ERROR(Between("max_unconfirmed_verdicts", max_unconfirmed_verdicts, 1, 1000));
+  return Positive("max_uncertainty_px", max_uncertainty_px);
+}
+
+absl::Status TrackerOptions::Validate() const {
+  EVPOSE_RETURN_IF_ERROR(InGroup("windows", windows.Validate()));
+  EVPOSE_RETURN_IF_ERROR(InGroup("visibility", visibility.Validate()));
+  EVPOSE_RETURN_IF_ERROR(InGroup("initial", initial.Validate()));
+  EVPOSE_RETURN_IF_ERROR(InGroup("motion", motion.Validate()));
+  EVPOSE_RETURN_IF_ERROR(InGroup("mixture", mixture.Validate()));
+  EVPOSE_RETURN_IF_ERROR(InGroup("static_mm", static_mm.Validate()));
+  return InGroup("health", health.Validate());
+}
+
+}  // namespace evpose

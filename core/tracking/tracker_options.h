@@ -1,0 +1,114 @@
+// What the tracker can be told, with units, defaults and the reason for each.
+#pragma once
+
+#include "absl/status/status.h"
+#include "core/models/visibility.h"
+#include "core/tracking/tracker.h"
+#include "core/windows/event_window.h"
+
+namespace evpose {
+
+// How far a pose that somebody gave may be off, one standard deviation. Image units scale with object and distance.
+struct InitialPoseOptions {
+  double lateral_px = 2.0;                  // sideways, in the image: what a hand-made or line-based first pose reaches
+  double depth_ratio = 0.01;                // of the distance
+  double rotation_rad = 0.015;              // about 1 deg
+  double velocity_px_per_s = 2000.0;        // nothing is known of the motion: fast for an object that fills the image
+  double angular_velocity_rad_per_s = 6.0;  // about one turn per second
+
+  absl::Status Validate() const;
+};
+
+// White acceleration (method.md 2.8): the twist does a random walk of this strength.
+struct MotionOptions {
+  // Depths per second^1.5: 10 depths/s^2 that last 10 ms. Relative to the depth, so that the image motion counts.
+  double linear_acceleration_density = 1.0;
+  // Radians per second^1.5: 100 rad/s^2 that last 5 ms, a hand's quick turn.
+  double angular_acceleration_density = 7.0;
+  // Process noise of the second try after a fall of the explained share, as a factor (method.md 2.10 (4)).
+  double retry_noise_factor = 30.0;
+
+  absl::Status Validate() const;
+};
+
+struct MixtureOptions {
+  // Pixels: spread of events about their line, sensor's own. Rounding gives 0.3, an edge's several events the rest.
+  double sigma_px = 0.8;
+  // The estimated spread stays within these factors of sigma_px: outside, it fits clutter or collapses.
+  double sigma_min_factor = 0.6;
+  double sigma_max_factor = 2.0;
+  // Pixels: half-width of the gate at the end, wide enough that clutter can be told from the line.
+  double gate_px = 6.0;
+  // Pixels: the widest gate to start from; it follows the prediction's uncertainty down to gate_px.
+  double max_gate_px = 16.0;
+  // The gate of the second try is this many times wider (method.md 2.10 (4)).
+  double retry_gate_factor = 3.0;
+  // Re-weighting passes over the events. After four the pose moves by less than 0.01 px from pass to pass.
+  int max_passes = 4;
+  // Events that go into one window's fit: more do not help, the floor is systematic (method.md 2.10 (5)).
+  int max_events = 1200;
+  // So many events count as one: an edge that passes a pixel makes several, and neighbours fire together
+  // (method.md 2.10 (8), checked by NEES).
+  double events_per_information = 20.0;
+  // Events per swept square pixel that every line is expected to make, for the evidence of absence (method.md 2.10
+  // (1)). Well below what sensors give at ordinary contrast (1 to 5), so that faint or hidden lines do not brake.
+  double min_events_per_px2 = 0.15;
+
+  absl::Status Validate() const;
+};
+
+// The paper's static fit (its Sec. III-C and III-D), for comparison.
+struct StaticMmOptions {
+  double distance_px = 8.0;     // d_t: farthest event of a line; the paper's value
+  double midpoint_ratio = 0.5;  // d_m: distance to the midpoint, of the projected length; the paper's value
+  double two_lines_px = 3.0;    // d_a: events this close to two lines are rejected; the paper gives none
+  int max_iterations = 20;      // of S and of MM each; both converge in fewer
+  double tolerance_px = 1e-3;   // iterations end when no line's midpoint moves by more
+  int max_events = 4000;        // events per window, evenly drawn; the error is systematic beyond
+
+  absl::Status Validate() const;
+};
+
+// Track health (method.md 2.9): tests with stated false alarm rates, all on the same count of events.
+struct HealthOptions {
+  // Pixels: events this near to their line count as its own, of those within gate_px of it. Where nothing is, the share
+  // of the near ones is that of the areas.
+  double near_px = 2.0;
+  double gate_px = 8.0;
+  // Standard deviations by which the near events must exceed chance: 1e-3 one-sided under the normal.
+  double significance_sigma = 3.1;
+  // Variance of counts relative to independent events: they come in groups (see events_per_information).
+  double dispersion = 5.0;
+  // Events in the gate that a verdict needs.
+  int min_events = 150;
+  // Microseconds: a verdict is taken over at least this much.
+  int64_t min_span_us = 2000;
+  // Share of the testable length of lines that must be supported: a wrong pose can be fitted to about three lines'
+  // worth of clutter (6 unknowns, 2 per line); a right one has nearly all, less what is hidden.
+  double confirm_support_ratio = 0.6;
+  double keep_support_ratio = 0.35;
+  // Microseconds of plentiful but unexplained events after which the pose is LOST.
+  int64_t lost_after_us = 30'000;
+  // Verdicts with plenty of events that a first pose gets.
+  int max_unconfirmed_verdicts = 3;
+  // Pixels: a pose that is less certain than the gate is wide cannot be told from a wrong one.
+  double max_uncertainty_px = 12.0;
+
+  absl::Status Validate() const;
+};
+
+struct TrackerOptions {
+  Estimator estimator = Estimator::kMixture;
+  WindowOptions windows;
+  VisibilityOptions visibility;
+  InitialPoseOptions initial;
+  MotionOptions motion;
+  MixtureOptions mixture;
+  StaticMmOptions static_mm;
+  HealthOptions health;
+
+  // INVALID_ARGUMENT naming the group and the field that is wrong.
+  absl::Status Validate() const;
+};
+
+}  // namespace evpose

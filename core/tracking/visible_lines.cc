@@ -1,0 +1,38 @@
+#include "core/tracking/visible_lines.h"
+
+#include <algorithm>
+
+namespace evpose {
+namespace {
+
+// The image moved by as much as an event is rounded by, or the view turned by a quarter of what the grazing limit
+// allows: less changes nothing that matters.
+constexpr double kChangePx = 2.0;
+constexpr double kChangeRad = 0.005;
+
+}  // namespace
+
+VisibleLines::VisibleLines(const ObjectModel& model, const CameraModel& camera, const VisibilityOptions& options)
+    : model_(model), camera_(camera), tester_(model, options) {}
+
+bool VisibleLines::ViewChanged(const RigidTransform& camera_from_object) const {
+  if (!looked_from_) return true;
+  const Vector6d change = Difference(camera_from_object, *looked_from_);
+  const double depth_m = camera_from_object.translation_m.norm();
+  const double focal_px = std::max(camera_.fx_px, camera_.fy_px);
+  return change.head<3>().norm() * focal_px > kChangePx * depth_m || change.tail<3>().norm() > kChangeRad;
+}
+
+absl::Span<const TrackedLine> VisibleLines::At(const RigidTransform& camera_from_object) {
+  if (!ViewChanged(camera_from_object)) return lines_;
+  looked_from_ = camera_from_object;
+  lines_.clear();
+  for (const VisibleSegment& segment : tester_.VisibleSegments(camera_, camera_from_object)) {
+    const ModelLine& line = model_.lines[segment.line];
+    const Eigen::Vector3d extent = line.p2 - line.p1;
+    lines_.push_back({segment.line, line.p1 + segment.begin * extent, line.p1 + segment.end * extent});
+  }
+  return lines_;
+}
+
+}  // namespace evpose

@@ -1,0 +1,32 @@
+// The lines that take part: what is visible at the present pose, looked up again only when the view has changed.
+#pragma once
+
+#include <memory>
+#include <optional>
+#include <vector>
+
+#include "core/models/object_model.h"
+#include "core/models/visibility.h"
+#include "core/tracking/association.h"
+
+namespace evpose {
+
+class VisibleLines {
+ public:
+  // `model` must outlive it.
+  VisibleLines(const ObjectModel& model, const CameraModel& camera, const VisibilityOptions& options);
+
+  // The visible parts of lines; valid until the next call.
+  absl::Span<const TrackedLine> At(const RigidTransform& camera_from_object);
+
+ private:
+  bool ViewChanged(const RigidTransform& camera_from_object) const;
+
+  const ObjectModel& model_;
+  const CameraModel camera_;
+  VisibilityTester tester_;
+  std::optional<RigidTransform> looked_from_;
+  std::vector<TrackedLine> lines_;
+};
+
+}  // namespace evpose

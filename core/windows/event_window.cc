@@ -1,0 +1,132 @@
+#include "core/windows/event_window.h"
+
+#include <algorithm>
+
+#include "absl/strings/str_cat.h"
+
+namespace evpose {
+namespace {
+
+// SplitMix64's finaliser: a bijection whose low bits look random for consecutive inputs.
+uint64_t HashIndex(uint64_t index) {
+  uint64_t z = index + 0x9e3779b97f4a7c15ull;
+  z = (z ^ (z >> 30)) * 0xbf58476d1ce4e5b9ull;
+  z = (z ^ (z >> 27)) * 0x94d049bb133111ebull;
+  return z ^ (z >> 31);
+}
+
+}  // namespace
+
+absl::Status WindowOptions::Validate() const {
+  if (interval_us < 1) return absl::InvalidArgumentError(absl::StrCat("interval_us must be positive: ", interval_us));
+  if (max_duration_us < interval_us) {
+    return absl::InvalidArgumentError(absl::StrCat("max_duration_us (", max_duration_us,
+                                                   ") must not be shorter than interval_us (", interval_us, ")"));
+  }
+  if (min_events < 1) return absl::InvalidArgumentError(absl::StrCat("min_events must be positive: ", min_events));
+  if (max_events < 2 || max_events < min_events) {
+    return absl::InvalidArgumentError(
+        absl::StrCat("max_events (", max_events, ") must be at least 2 and at least min_events (", min_events, ")"));
+  }
+  if (max_gap_us < max_duration_us) {
+    return absl::InvalidArgumentError(
+        absl::StrCat("max_gap_us (", max_gap_us, ") must not be shorter than max_duration_us (", max_duration_us, ")"));
+  }
+  return absl::OkStatus();
+}
+
+EventWindower::EventWindower(const WindowOptions& options) : options_(options) {
+  kept_.reserve(options_.max_events);
+  hashes_.reserve(options_.max_events);
+}
+
+void EventWindower::Add(absl::Span<const Event> events, OnWindow on_window) {
+  for (const Event& event : events) {
+    if (!started_) Start(event.t_us);
+    if (event.t_us >= boundary_us_) CloseUntil(event.t_us, on_window);
+    now_us_ = std::max(now_us_, event.t_us);
+    Keep(event);
+  }
+}
+
+void EventWindower::AdvanceTime(int64_t t_us, OnWindow on_window) {
+  if (!started_) Start(t_us);
+  if (t_us >= boundary_us_) CloseUntil(t_us, on_window);
+  now_us_ = std::max(now_us_, t_us);
+}
+
+void EventWindower::Finish(OnWindow on_window) {
+  if (!started_ || count_ == 0) return;
+  Close(std::max(now_us_, begin_us_) + 1, on_window);
+}
+
+void EventWindower::Start(int64_t t_us) {
+  started_ = true;
+  now_us_ = t_us;
+  begin_us_ = t_us;
+  boundary_us_ = t_us + options_.interval_us;
+}
+
+void EventWindower::CloseUntil(int64_t t_us, OnWindow on_window) {
+  if (t_us - begin_us_ > options_.max_gap_us) {
+    if (count_ > 0) Close(std::max(now_us_ + 1, boundary_us_), on_window);
+    Close(t_us, on_window);
+    return;
+  }
+  while (t_us >= boundary_us_) {
+    const int64_t deadline_us = begin_us_ + options_.max_duration_us;
+    if (count_ >= static_cast<uint64_t>(options_.min_events) || boundary_us_ >= deadline_us) {
+      Close(boundary_us_, on_window);
+    } else {
+      boundary_us_ = std::min(boundary_us_ + options_.interval_us, deadline_us);
+    }
+  }
+}
+
+void EventWindower::Close(int64_t t_end_us, OnWindow on_window) {
+  EventWindow window;
+  window.t_begin_us = begin_us_;
+  window.t_end_us = t_end_us;
+  window.events = kept_;
+  window.num_events = count_;
+  window.closed_on_time = count_ < static_cast<uint64_t>(options_.min_events);
+  on_window(window);
+  begin_us_ = t_end_us;
+  boundary_us_ = t_end_us + options_.interval_us;
+  count_ = 0;
+  sample_mask_ = 0;
+  kept_.clear();
+  hashes_.clear();
+}
+
+void EventWindower::Keep(const Event& event) {
+  ++count_;
+  const uint64_t hash = HashIndex(stream_index_++);
+  if ((hash & sample_mask_) != 0) return;
+  if (kept_.size() == static_cast<size_t>(options_.max_events)) {
+    Thin();
+    if ((hash & sample_mask_) != 0) return;
+  }
+  kept_.push_back(event);
+  kept_.back().t_us = std::max(event.t_us, begin_us_);
+  hashes_.push_back(hash);
+}
+
+// Halves the sample. A hash decides for each event by itself, so the sample is what it would have been had the final
+// rate been known from the start.
+void EventWindower::Thin() {
+  do {
+    sample_mask_ = (sample_mask_ << 1) | 1;
+    size_t write = 0;
+    for (size_t read = 0; read < kept_.size(); ++read) {
+      if ((hashes_[read] & sample_mask_) != 0) continue;
+      kept_[write] = kept_[read];
+      hashes_[write] = hashes_[read];
+      ++write;
+    }
+    kept_.resize(write);
+    hashes_.resize(write);
+  } while (kept_.size() == static_cast<size_t>(options_.max_events));
+}
+
+}  // namespace evpose

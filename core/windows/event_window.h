@@ -1,0 +1,92 @@
+// Hybrid event clustering: the stream cut into windows by sensor time and by count (method.md 2.1, the paper's Fig. 2).
+//
+// The rules:
+// 1. Time is cut into intervals. A window ends at the first interval boundary at which it holds `min_events`: too few
+//    events, and the next interval is merged in. The interval is therefore also the floor on a window's duration.
+// 2. A window that lasts `max_duration_us` closes on time whatever it holds, and says so: nothing moved.
+// 3. Too many events: an even sample of the whole window stays, drawn by a hash of the event's number in the stream.
+//    Neither a span of time nor a place is dropped. (The paper keeps the N events nearest to the middle, which loses
+//    the velocity; every second event would favour one side of an edge, because rows are read out from left to right.)
+// 4. An event before the window's begin (the clock stepped back) joins the open window, at its begin.
+// 5. Windows do not overlap: every event is used once, so that the motion prior may carry the information on.
+#pragma once
+
+#include <cstdint>
+#include <vector>
+
+#include "absl/functional/function_ref.h"
+#include "absl/status/status.h"
+#include "absl/types/span.h"
+#include "core/events/event.h"
+
+namespace evpose {
+
+struct WindowOptions {
+  // Microseconds. The pose period at normal event rates: 1 kHz, and the floor on a window's duration in a flood.
+  int64_t interval_us = 1000;
+  // Microseconds. A window closes then even without events: a still object's pose holds at 50 Hz.
+  int64_t max_duration_us = 20'000;
+  // Events. A window merges intervals until it has as many. A pose and twist have 12 unknowns and events are correlated
+  // (10 to 30 of them count as one, method.md 2.10 (8)): fewer than a few hundred say little.
+  int min_events = 300;
+  // Events kept of a window, at most; at least half as many are kept in a flood. Bounds memory and time.
+  int max_events = 16'384;
+  // Microseconds. A longer silence is one window, not many: bounds the work that a broken time stamp can cause.
+  int64_t max_gap_us = 10'000'000;
+
+  // INVALID_ARGUMENT naming the field that is wrong.
+  absl::Status Validate() const;
+};
+
+// The events of [t_begin_us, t_end_us).
+struct EventWindow {
+  int64_t t_begin_us = 0;
+  int64_t t_end_us = 0;
+  absl::Span<const Event> events;  // in order of arrival, times inside the window; valid during the call only
+  uint64_t num_events = 0;         // before sampling
+  bool closed_on_time = false;     // fewer than min_events came
+
+  int64_t t_mid_us() const { return t_begin_us + (t_end_us - t_begin_us) / 2; }
+  // How many events each kept one stands for; 1 unless sampled.
+  double events_per_sample() const {
+    return events.empty() ? 1.0 : static_cast<double>(num_events) / static_cast<double>(events.size());
+  }
+};
+
+// Deterministic: the windows are a function of the events and marks in their order, not of how they are cut into calls.
+class EventWindower {
+ public:
+  using OnWindow = absl::FunctionRef<void(const EventWindow&)>;
+
+  // `options` must be valid.
+  explicit EventWindower(const WindowOptions& options);
+
+  void Add(absl::Span<const Event> events, OnWindow on_window);
+  // The clock has reached t_us: windows that end at or before it close.
+  void AdvanceTime(int64_t t_us, OnWindow on_window);
+  // Closes the open window after its last event, when it has any.
+  void Finish(OnWindow on_window);
+
+  // The time up to which the stream has been seen; 0 before the first event or mark.
+  int64_t now_us() const { return now_us_; }
+
+ private:
+  void Start(int64_t t_us);
+  void CloseUntil(int64_t t_us, OnWindow on_window);
+  void Close(int64_t t_end_us, OnWindow on_window);
+  void Keep(const Event& event);
+  void Thin();
+
+  WindowOptions options_;
+  bool started_ = false;
+  int64_t now_us_ = 0;
+  int64_t begin_us_ = 0;
+  int64_t boundary_us_ = 0;  // the next interval boundary
+  uint64_t stream_index_ = 0;
+  uint64_t count_ = 0;
+  uint64_t sample_mask_ = 0;  // an event stays when its hash has none of these bits
+  std::vector<Event> kept_;
+  std::vector<uint64_t> hashes_;
+};
+
+}  // namespace evpose
