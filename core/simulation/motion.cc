@@ -1,0 +1,145 @@
+#include "core/simulation/motion.h"
+
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+
+#include "absl/strings/str_format.h"
+#include "core/base/math.h"
+#include "core/base/random.h"
+#include "core/base/status_macros.h"
+
+namespace evpose {
+namespace {
+
+constexpr double kTwoPi = 2.0 * std::numbers::pi;
+constexpr std::array<double, 3> kWeights = {0.55, 0.3, 0.15};
+
+absl::Status CheckRange(const char* field, double value, double low, double high) {
+  if (value >= low && value <= high) return absl::OkStatus();  // also false for NaN
+  return absl::InvalidArgumentError(
+      absl::StrFormat("MotionOptions.%s is %g; it must lie in [%g, %g]", field, value, low, high));
+}
+
+// Mean of |d/ds f(s)| over many periods.
+template <typename Function>
+double MeanPathSpeed(const Function& f) {
+  constexpr int kSteps = 4000;
+  constexpr double kStep = 0.01;
+  double length = 0.0;
+  Eigen::Vector3d last = f(0.0);
+  for (int i = 1; i <= kSteps; ++i) {
+    const Eigen::Vector3d next = f(i * kStep);
+    length += (next - last).norm();
+    last = next;
+  }
+  return length / (kSteps * kStep);
+}
+
+// Integral over [0, t] of a bump that rises from 0 to 1 in `ramp`, stays, and falls again at `width`; raised cosines.
+double BumpIntegral(double t, double ramp, double width) {
+  const auto rise = [ramp](double u) {  // integral of (1 - cos(pi u / ramp)) / 2
+    return 0.5 * (u - ramp / std::numbers::pi * DeterministicSinCos(std::numbers::pi * u / ramp).sin);
+  };
+  if (t <= 0.0) return 0.0;
+  if (t <= ramp) return rise(t);
+  if (t <= width - ramp) return 0.5 * ramp + (t - ramp);
+  if (t >= width) return width - ramp;
+  return (width - ramp) - rise(width - t);
+}
+
+}  // namespace
+
+absl::Status MotionOptions::Validate() const {
+  EVPOSE_RETURN_IF_ERROR(CheckRange("depth_m", depth_m, 0.01, 1e4));
+  EVPOSE_RETURN_IF_ERROR(CheckRange("depth_swing_ratio", depth_swing_ratio, 0.0, 0.9));
+  EVPOSE_RETURN_IF_ERROR(CheckRange("extent_ratio", extent_ratio, 0.0, 1.0));
+  EVPOSE_RETURN_IF_ERROR(CheckRange("rotation_swing_rad", rotation_swing_rad, 0.0, 1.5));
+  EVPOSE_RETURN_IF_ERROR(CheckRange("speed_m_per_s", speed_m_per_s, 0.0, 100.0));
+  return CheckRange("angular_speed_rad_per_s", angular_speed_rad_per_s, 0.0, 100.0);
+}
+
+double MotionPath::Wave::Value(double s) const {
+  double sum = 0.0;
+  for (size_t i = 0; i < kWeights.size(); ++i) {
+    // Whole cycles are taken off first, so that the angle stays small however long the recording.
+    const double cycles = frequency[i] * s;
+    sum += kWeights[i] * DeterministicSinCos(kTwoPi * (cycles - std::floor(cycles)) + phase_rad[i]).sin;
+  }
+  return sum;
+}
+
+absl::StatusOr<MotionPath> MotionPath::Create(const MotionOptions& options, const CameraModel& camera, double radius_m,
+                                              const Eigen::Matrix3d& view_from_object, uint64_t seed) {
+  EVPOSE_RETURN_IF_ERROR(options.Validate());
+  const double nearest_m = options.depth_m * (1.0 - options.depth_swing_ratio);
+  const double half_width_ratio = std::min(camera.cx_px, camera.width_px - 1 - camera.cx_px) / camera.fx_px;
+  const double half_height_ratio = std::min(camera.cy_px, camera.height_px - 1 - camera.cy_px) / camera.fy_px;
+  // Measured where the object comes nearest, at its front.
+  const double front_m = nearest_m - radius_m;
+  const Eigen::Vector2d room_m(half_width_ratio * front_m - radius_m, half_height_ratio * front_m - radius_m);
+  if (front_m <= 0.0 || room_m.minCoeff() < 0.0) {
+    return absl::InvalidArgumentError(absl::StrFormat(
+        "MotionOptions: an object of radius %.3g m does not fit in view at %.3g m (depth_m %.3g, depth_swing_ratio "
+        "%.3g); give a larger depth_m or a smaller object",
+        radius_m, nearest_m, options.depth_m, options.depth_swing_ratio));
+  }
+  MotionPath path;
+  path.profile_ = options.profile;
+  path.view_from_object_ = view_from_object;
+  path.centre_m_ = {0.0, 0.0, options.depth_m};
+  path.swing_m_ = {options.extent_ratio * room_m.x(), options.extent_ratio * room_m.y(),
+                   options.depth_m * options.depth_swing_ratio};
+  path.rotation_swing_rad_ = options.rotation_swing_rad;
+  Random random(seed);
+  constexpr std::array<double, 6> kAxisFrequency = {1.0, 1.171, 0.837, 1.093, 0.911, 1.257};
+  for (size_t axis = 0; axis < path.waves_.size(); ++axis) {
+    constexpr std::array<double, 3> kHarmonics = {1.0, 1.618, 2.414};
+    for (size_t i = 0; i < kHarmonics.size(); ++i) {
+      path.waves_[axis].frequency[i] = kAxisFrequency[axis] * kHarmonics[i];
+      path.waves_[axis].phase_rad[i] = random.Uniform(0.0, kTwoPi);
+    }
+  }
+  path.SetRates(options);
+  return path;
+}
+
+void MotionPath::SetRates(const MotionOptions& options) {
+  const double translation_speed = MeanPathSpeed([this](double s) { return TranslationAt(s); });
+  const double rotation_speed = MeanPathSpeed([this](double s) { return RotationVectorAt(s); });
+  if (translation_speed > 0.0) translation_rate_ = options.speed_m_per_s / translation_speed;
+  if (rotation_speed > 0.0) rotation_rate_ = options.angular_speed_rad_per_s / rotation_speed;
+}
+
+Eigen::Vector3d MotionPath::TranslationAt(double s) const {
+  return centre_m_ + swing_m_.cwiseProduct(Eigen::Vector3d(waves_[0].Value(s), waves_[1].Value(s), waves_[2].Value(s)));
+}
+
+Eigen::Vector3d MotionPath::RotationVectorAt(double s) const {
+  return rotation_swing_rad_ * Eigen::Vector3d(waves_[3].Value(s), waves_[4].Value(s), waves_[5].Value(s));
+}
+
+double MotionPath::ProfileTime(double t_s) const {
+  if (profile_ == MotionProfile::kSmooth) return t_s;
+  const double whole = std::floor(t_s);
+  const double within = t_s - whole;
+  constexpr double kRamp = 0.05;
+  if (profile_ == MotionProfile::kRests) {
+    constexpr double kMoving = 0.7;
+    // Faster while it moves, so that the mean speed over a whole second is the one asked for.
+    return (whole * (kMoving - kRamp) + BumpIntegral(within, kRamp, kMoving)) / (kMoving - kRamp);
+  }
+  constexpr double kBurstBegin = 0.6;
+  constexpr double kBurst = 0.15;
+  constexpr double kExtraSpeed = 3.0;
+  const double extra_per_second = kExtraSpeed * (kBurst - kRamp);
+  return t_s + whole * extra_per_second + kExtraSpeed * BumpIntegral(within - kBurstBegin, kRamp, kBurst);
+}
+
+RigidTransform MotionPath::CameraFromObject(double t_s) const {
+  const double profile_time = ProfileTime(t_s);
+  return {ExpSo3(RotationVectorAt(rotation_rate_ * profile_time)) * view_from_object_,
+          TranslationAt(translation_rate_ * profile_time)};
+}
+
+}  // namespace evpose

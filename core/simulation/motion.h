@@ -1,0 +1,68 @@
+// How the simulated object moves: a smooth path on SE(3) that stays in view.
+#pragma once
+
+#include <array>
+#include <cstdint>
+
+#include "absl/status/status.h"
+#include "absl/status/statusor.h"
+#include "core/geometry/camera.h"
+#include "core/geometry/rigid_transform.h"
+
+namespace evpose {
+
+enum class MotionProfile {
+  kSmooth,  // always moving
+  kRests,   // moves for 0.7 s, stands still for 0.3 s, and so on, with soft starts and stops
+  kBursts,  // every second 0.15 s at about four times the speed
+};
+
+struct MotionOptions {
+  double depth_m = 1.0;             // mean distance from the camera: a table-top scene, the usual use of an EVK4
+  double depth_swing_ratio = 0.15;  // the depth stays within depth_m (1 +- this): scale changes visibly
+  // Share of the free room between the object and the image's border that the path uses: below 1 stays in view.
+  double extent_ratio = 0.8;
+  double rotation_swing_rad = 0.5;       // each component of the rotation vector stays within +- this
+  double speed_m_per_s = 0.35;           // mean along the path: about 350 px/s at 1 m with f = 1000 px
+  double angular_speed_rad_per_s = 0.8;  // mean: of the order of a hand's
+  MotionProfile profile = MotionProfile::kSmooth;
+
+  absl::Status Validate() const;
+};
+
+// camera_from_object over time. Each of the six coordinates is a sum of three sinusoids whose frequencies have no
+// common period; their phases follow from the seed. All derivatives are continuous (of a profile other than kSmooth:
+// the first one).
+class MotionPath {
+ public:
+  // `radius_m`: of a sphere about the object's origin that holds it. `view_from_object`: orientation that the
+  // rotation swings about. Errors: INVALID_ARGUMENT naming the field, or saying that the object does not fit in view.
+  static absl::StatusOr<MotionPath> Create(const MotionOptions& options, const CameraModel& camera, double radius_m,
+                                           const Eigen::Matrix3d& view_from_object, uint64_t seed);
+
+  // Seconds since the beginning, not negative.
+  RigidTransform CameraFromObject(double t_s) const;
+
+ private:
+  struct Wave {
+    std::array<double, 3> frequency;  // cycles per unit of the path's parameter
+    std::array<double, 3> phase_rad;
+    double Value(double s) const;  // within [-1, 1]
+  };
+
+  Eigen::Vector3d TranslationAt(double s) const;
+  Eigen::Vector3d RotationVectorAt(double s) const;
+  double ProfileTime(double t_s) const;
+  void SetRates(const MotionOptions& options);
+
+  MotionProfile profile_ = MotionProfile::kSmooth;
+  Eigen::Matrix3d view_from_object_ = Eigen::Matrix3d::Identity();
+  Eigen::Vector3d centre_m_ = Eigen::Vector3d::Zero();
+  Eigen::Vector3d swing_m_ = Eigen::Vector3d::Zero();
+  double rotation_swing_rad_ = 0.0;
+  std::array<Wave, 6> waves_ = {};
+  double translation_rate_ = 0.0;  // path parameter per second
+  double rotation_rate_ = 0.0;
+};
+
+}  // namespace evpose

@@ -1,0 +1,290 @@
+#include "core/simulation/objects.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <utility>
+
+namespace evpose {
+namespace {
+
+using Eigen::Vector3d;
+
+// Reflectances of the faces towards -x, +x, -y, +y, -z, +z. Neighbours differ by a factor of 1.7 or more, about two
+// contrast thresholds, and opposite faces differ too.
+using BoxShades = std::array<double, 6>;
+constexpr BoxShades kBoxShades = {0.25, 0.28, 0.48, 0.53, 0.95, 0.90};
+
+// A rectangle of a surface in shares of its sides, [0, 1].
+struct Patch {
+  double u0, v0, u1, v1;
+};
+
+class ObjectBuilder {
+ public:
+  int AddBody(const Vector3d& separator_normal, double separator_offset_m) {
+    object_.bodies.push_back({{}, separator_normal, separator_offset_m});
+    return static_cast<int>(object_.bodies.size()) - 1;
+  }
+
+  // A rectangle from `corner` along `u` and `v`; its outward normal is u x v. Returns the index of its surface.
+  int AddRectangle(int body, const Vector3d& corner, const Vector3d& u, const Vector3d& v, double reflectance) {
+    Surface surface;
+    surface.outline = {corner, corner + u, corner + u + v, corner + v};
+    surface.normal = u.cross(v).normalized();
+    surface.reflectance = reflectance;
+    const std::array<uint32_t, 4> i = {AddVertex(surface.outline[0]), AddVertex(surface.outline[1]),
+                                       AddVertex(surface.outline[2]), AddVertex(surface.outline[3])};
+    object_.model.triangles.push_back({i[0], i[1], i[2]});
+    object_.model.triangles.push_back({i[0], i[2], i[3]});
+    object_.bodies[body].surfaces.push_back(std::move(surface));
+    return static_cast<int>(object_.bodies[body].surfaces.size()) - 1;
+  }
+
+  // Six faces, in the order of BoxShades. Lines are added apart.
+  void AddBoxFaces(int body, const Vector3d& centre, const Vector3d& size, const BoxShades& shades) {
+    for (int axis = 0; axis < 3; ++axis) {
+      for (int side = 0; side < 2; ++side) {
+        const Vector3d normal = Vector3d::Unit(axis) * (side == 0 ? -1.0 : 1.0);
+        // u x v points along +axis; swapped, along -axis.
+        Vector3d u = Vector3d::Unit((axis + 1) % 3).cwiseProduct(size);
+        Vector3d v = Vector3d::Unit((axis + 2) % 3).cwiseProduct(size);
+        const Vector3d corner = centre + 0.5 * normal.cwiseProduct(size) - 0.5 * (u + v);
+        if (side == 0) std::swap(u, v);
+        AddRectangle(body, corner, u, v, shades[2 * axis + side]);
+      }
+    }
+  }
+
+  // The twelve edges, but those in the plane of the face `without_face` (index as in BoxShades; -1: all twelve).
+  void AddBoxLines(const Vector3d& centre, const Vector3d& size, int without_face = -1) {
+    for (int axis = 0; axis < 3; ++axis) {
+      for (int corner = 0; corner < 4; ++corner) {
+        const int b = (axis + 1) % 3;
+        const int c = (axis + 2) % 3;
+        const Vector3d normal_b = Vector3d::Unit(b) * ((corner & 1) != 0 ? 1.0 : -1.0);
+        const Vector3d normal_c = Vector3d::Unit(c) * ((corner & 2) != 0 ? 1.0 : -1.0);
+        const int face_b = 2 * b + (corner & 1);
+        const int face_c = 2 * c + (corner >> 1);
+        if (face_b == without_face || face_c == without_face) continue;
+        const Vector3d middle = centre + 0.5 * (normal_b + normal_c).cwiseProduct(size);
+        const Vector3d half = 0.5 * Vector3d::Unit(axis).cwiseProduct(size);
+        AddLine(middle - half, middle + half, {normal_b, normal_c});
+      }
+    }
+  }
+
+  Vector3d PointOn(int body, int surface, double u, double v) const {
+    const std::vector<Vector3d>& o = object_.bodies[body].surfaces[surface].outline;
+    return o[0] + u * (o[1] - o[0]) + v * (o[3] - o[0]);
+  }
+
+  void AddPaint(int body, int surface, const Patch& patch, double reflectance, double under) {
+    object_.bodies[body].surfaces[surface].paints.push_back(
+        {{PointOn(body, surface, patch.u0, patch.v0), PointOn(body, surface, patch.u1, patch.v0),
+          PointOn(body, surface, patch.u1, patch.v1), PointOn(body, surface, patch.u0, patch.v1)},
+         reflectance,
+         under});
+  }
+
+  void AddPaintedLine(int body, int surface, double u0, double v0, double u1, double v1) {
+    AddLine(PointOn(body, surface, u0, v0), PointOn(body, surface, u1, v1),
+            {object_.bodies[body].surfaces[surface].normal});
+  }
+
+  // Paint with its four sides as lines.
+  void AddPaintWithLines(int body, int surface, const Patch& patch, double reflectance, double under) {
+    AddPaint(body, surface, patch, reflectance, under);
+    AddPaintedLine(body, surface, patch.u0, patch.v0, patch.u1, patch.v0);
+    AddPaintedLine(body, surface, patch.u1, patch.v0, patch.u1, patch.v1);
+    AddPaintedLine(body, surface, patch.u1, patch.v1, patch.u0, patch.v1);
+    AddPaintedLine(body, surface, patch.u0, patch.v1, patch.u0, patch.v0);
+  }
+
+  // A plate without thickness: two surfaces back to back, the front one's normal is u x v. Returns the front surface.
+  int AddPlate(int body, const Vector3d& corner, const Vector3d& u, const Vector3d& v, double front, double back) {
+    const int surface = AddRectangle(body, corner, u, v, front);
+    AddRectangle(body, corner, v, u, back);
+    return surface;
+  }
+
+  // The four sides of a plate: boundary of both its surfaces.
+  void AddPlateLines(const Vector3d& corner, const Vector3d& u, const Vector3d& v) {
+    const Vector3d normal = u.cross(v).normalized();
+    AddLine(corner, corner + u, {normal, -normal});
+    AddLine(corner + u, corner + u + v, {normal, -normal});
+    AddLine(corner + u + v, corner + v, {normal, -normal});
+    AddLine(corner + v, corner, {normal, -normal});
+  }
+
+  void AddLine(const Vector3d& p1, const Vector3d& p2, std::vector<Vector3d> normals) {
+    object_.model.lines.push_back({p1, p2, std::move(normals)});
+  }
+
+  SceneObject Finish(const Eigen::Matrix3d& view_from_object) {
+    for (const Vector3d& a : object_.model.vertices) {
+      object_.radius_m = std::max(object_.radius_m, a.norm());
+      for (const Vector3d& b : object_.model.vertices) {
+        object_.model.diameter_m = std::max(object_.model.diameter_m, (a - b).norm());
+      }
+    }
+    object_.view_from_object = view_from_object;
+    return std::move(object_);
+  }
+
+ private:
+  // Corners that faces share are one vertex of the mesh, so that its edges have two faces.
+  uint32_t AddVertex(const Vector3d& point) {
+    std::vector<Vector3d>& vertices = object_.model.vertices;
+    const auto near = [&](const Vector3d& other) { return (other - point).norm() < 1e-9; };
+    const auto found = std::find_if(vertices.begin(), vertices.end(), near);
+    if (found != vertices.end()) return static_cast<uint32_t>(found - vertices.begin());
+    vertices.push_back(point);
+    return static_cast<uint32_t>(vertices.size()) - 1;
+  }
+
+  SceneObject object_;
+};
+
+// Turns the object by `pitch_rad` about x after `yaw_rad` about y: shows a front, a side and a top.
+Eigen::Matrix3d View(double pitch_rad, double yaw_rad) {
+  return ExpSo3({pitch_rad, 0.0, 0.0}) * ExpSo3({0.0, yaw_rad, 0.0});
+}
+
+SceneObject MakeBox(const Vector3d& size) {
+  ObjectBuilder builder;
+  const int body = builder.AddBody(Vector3d::UnitZ(), 0.0);
+  builder.AddBoxFaces(body, Vector3d::Zero(), size, kBoxShades);
+  builder.AddBoxLines(Vector3d::Zero(), size);
+  return builder.Finish(View(0.6, 0.7));
+}
+
+// Border and two painted steps: six lines, the number on the paper's planar target.
+SceneObject MakePlanar(double size) {
+  ObjectBuilder builder;
+  const int body = builder.AddBody(Vector3d::UnitZ(), 0.0);
+  const Vector3d side_u(0.0, 0.8 * size, 0.0);
+  const Vector3d side_v(size, 0.0, 0.0);
+  const Vector3d corner = -0.5 * (side_u + side_v);
+  const int front = builder.AddPlate(body, corner, side_u, side_v, 0.85, 0.5);  // front towards -z, the camera
+  builder.AddPlateLines(corner, side_u, side_v);
+  // u runs along y, v along x. A dark part on one side, and across the bright rest a grey one: no symmetry.
+  constexpr double kStepAcross = 0.35;
+  constexpr double kStepAlong = 0.6;
+  builder.AddPaint(body, front, {0.0, 0.0, 1.0, kStepAcross}, 0.22, 0.85);
+  builder.AddPaint(body, front, {kStepAlong, kStepAcross, 1.0, 1.0}, 0.42, 0.85);
+  builder.AddPaintedLine(body, front, 0.0, kStepAcross, 1.0, kStepAcross);
+  builder.AddPaintedLine(body, front, kStepAlong, kStepAcross, kStepAlong, 1.0);
+  return builder.Finish(View(0.35, 0.35));
+}
+
+SceneObject MakeBook(double size) {
+  ObjectBuilder builder;
+  const int body = builder.AddBody(Vector3d::UnitZ(), 0.0);
+  const Vector3d extent(0.7 * size, size, 0.1 * size);
+  constexpr double kCover = 0.28;
+  // Spine and covers of one shade would hide the edges between them: the pages are bright, the spine is grey.
+  builder.AddBoxFaces(body, Vector3d::Zero(), extent, {0.50, 0.9, 0.8, 0.85, kCover, 0.5});
+  builder.AddBoxLines(Vector3d::Zero(), extent);
+  constexpr int kFront = 4;                                                         // towards -z; u along y, v along x
+  builder.AddPaintWithLines(body, kFront, {0.08, 0.12, 0.26, 0.88}, 0.85, kCover);  // title
+  builder.AddPaintWithLines(body, kFront, {0.40, 0.20, 0.78, 0.80}, 0.70, kCover);  // picture
+  builder.AddPaintWithLines(body, kFront, {0.48, 0.32, 0.66, 0.60}, 0.17, 0.70);    // in the picture
+  // A rule, about 2 px wide at 1 m: two edges whose line is the centre (method.md 2.10, 3).
+  constexpr double kRuleU = 0.89;
+  constexpr double kRuleHalfWidth = 0.005;
+  builder.AddPaint(body, kFront, {kRuleU - kRuleHalfWidth, 0.12, kRuleU + kRuleHalfWidth, 0.88}, 0.9, kCover);
+  builder.AddPaintedLine(body, kFront, kRuleU, 0.12, kRuleU, 0.88);
+  return builder.Finish(View(0.35, 0.4));
+}
+
+// A panel of 2 x 4 cells, front towards -z. The cells' paint alternates, so each border between cells is a step.
+void AddPanel(ObjectBuilder& builder, int body, const Vector3d& corner, const Vector3d& u, const Vector3d& v) {
+  constexpr double kDarkCell = 0.22;
+  constexpr double kBrightCell = 0.45;
+  constexpr int kRows = 2;
+  constexpr int kColumns = 4;
+  const int front = builder.AddPlate(body, corner, u, v, kDarkCell, 0.7);
+  builder.AddPlateLines(corner, u, v);
+  for (int row = 0; row < kRows; ++row) {
+    for (int column = row % 2; column < kColumns; column += 2) {
+      const Patch cell = {1.0 * row / kRows, 1.0 * column / kColumns, 1.0 * (row + 1) / kRows,
+                          1.0 * (column + 1) / kColumns};
+      builder.AddPaint(body, front, cell, kBrightCell, kDarkCell);
+    }
+  }
+  for (int row = 1; row < kRows; ++row) builder.AddPaintedLine(body, front, 1.0 * row / kRows, 0, 1.0 * row / kRows, 1);
+  for (int column = 1; column < kColumns; ++column) {
+    builder.AddPaintedLine(body, front, 0, 1.0 * column / kColumns, 1, 1.0 * column / kColumns);
+  }
+}
+
+SceneObject MakeSpacecraft(double size) {
+  ObjectBuilder builder;
+  const Vector3d bus(0.26 * size, 0.26 * size, 0.32 * size);
+  const double panel_inner = 0.19 * size;  // from the centre
+  const double strut_inner = 0.5 * bus.x();
+  const Vector3d panel_u(0.0, 0.26 * size, 0.0);
+  const Vector3d panel_v((0.5 - 0.19) * size, 0.0, 0.0);
+  const Vector3d strut_u(0.0, 0.04 * size, 0.0);
+  const Vector3d strut_v(panel_inner - strut_inner, 0.0, 0.0);
+  // Bodies from the tips inwards, so that one plane parts each from all that follow.
+  for (const double side : {-1.0, 1.0}) {
+    const int panel = builder.AddBody(side * Vector3d::UnitX(), panel_inner);
+    const double left_x = side < 0.0 ? -0.5 * size : panel_inner;
+    AddPanel(builder, panel, {left_x, -0.5 * panel_u.y(), 0.0}, panel_u, panel_v);
+  }
+  for (const double side : {-1.0, 1.0}) {
+    const int strut = builder.AddBody(side * Vector3d::UnitX(), strut_inner);
+    const Vector3d corner(side < 0.0 ? -panel_inner : strut_inner, -0.5 * strut_u.y(), 0.0);
+    builder.AddPlate(strut, corner, strut_u, strut_v, 0.8, 0.8);
+    const Vector3d normal = Vector3d::UnitZ();
+    builder.AddLine(corner, corner + strut_v, {normal, -normal});
+    builder.AddLine(corner + strut_u, corner + strut_u + strut_v, {normal, -normal});
+  }
+  const Vector3d mast(0.05 * size, 0.16 * size, 0.05 * size);
+  const Vector3d mast_centre(0.06 * size, -0.5 * (bus.y() + mast.y()), -0.08 * size);  // on top: y points down
+  const int mast_body = builder.AddBody(-Vector3d::UnitY(), 0.5 * bus.y());
+  builder.AddBoxFaces(mast_body, mast_centre, mast, {0.3, 0.3, 0.9, 0.9, 0.6, 0.6});
+  builder.AddBoxLines(mast_centre, mast, /*without_face=*/3);
+  const int bus_body = builder.AddBody(Vector3d::UnitZ(), 0.0);
+  builder.AddBoxFaces(bus_body, Vector3d::Zero(), bus, kBoxShades);
+  builder.AddBoxLines(Vector3d::Zero(), bus);
+  return builder.Finish(View(0.45, 0.35));
+}
+
+}  // namespace
+
+SceneObject MakeSceneObject(SimulatedObject object, double size_m) {
+  switch (object) {
+    case SimulatedObject::kCube:
+      return MakeBox(Vector3d::Constant(size_m));
+    case SimulatedObject::kCuboid:
+      return MakeBox(Vector3d(1.0, 0.7, 0.45) * size_m);
+    case SimulatedObject::kPlanar:
+      return MakePlanar(size_m);
+    case SimulatedObject::kBook:
+      return MakeBook(size_m);
+    case SimulatedObject::kSpacecraft:
+      return MakeSpacecraft(size_m);
+  }
+  return {};
+}
+
+std::vector<int> PaintersOrder(const std::vector<Body>& bodies, const Vector3d& camera_object) {
+  std::vector<int> order;
+  std::vector<int> nearer;  // nearer than all bodies after them; the outermost comes last
+  for (size_t i = 0; i < bodies.size(); ++i) {
+    const bool camera_on_its_side = bodies[i].separator_normal.dot(camera_object) > bodies[i].separator_offset_m;
+    const bool is_last = i + 1 == bodies.size();
+    if (camera_on_its_side && !is_last) {
+      nearer.push_back(static_cast<int>(i));
+    } else {
+      order.push_back(static_cast<int>(i));
+    }
+  }
+  order.insert(order.end(), nearer.rbegin(), nearer.rend());
+  return order;
+}
+
+}  // namespace evpose

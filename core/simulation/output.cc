@@ -1,0 +1,87 @@
+// A simulation as a directory of files.
+#include <filesystem>
+#include <memory>
+#include <system_error>
+
+#include "absl/strings/str_cat.h"
+#include "core/base/output_file.h"
+#include "core/base/status_macros.h"
+#include "core/events/recording_writer.h"
+#include "core/simulation/simulator.h"
+
+namespace evpose {
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr const char* kFileNames[] = {"recording.raw", "truth.tum", "model.obj", "camera.yaml"};
+
+absl::Status FileError(const char* what, const fs::path& path, const std::error_code& error) {
+  return absl::UnavailableError(absl::StrCat(path.string(), ": ", what, ": ", error.message()));
+}
+
+// Files are made in a directory inside the target and moved out of it when all are whole.
+class StagingDirectory {
+ public:
+  static absl::StatusOr<std::unique_ptr<StagingDirectory>> Create(const fs::path& target) {
+    std::error_code error;
+    const bool made_target = fs::create_directories(target, error);
+    if (error || !fs::is_directory(target, error)) return FileError("cannot make this directory", target, error);
+    auto staging = std::unique_ptr<StagingDirectory>(new StagingDirectory(target, made_target));
+    fs::remove_all(staging->path_, error);  // of a run that was killed
+    fs::create_directory(staging->path_, error);
+    if (error) return FileError("cannot make this directory", staging->path_, error);
+    return staging;
+  }
+
+  ~StagingDirectory() {
+    std::error_code ignored;
+    fs::remove_all(path_, ignored);
+    if (made_target_ && !is_published_) fs::remove(target_, ignored);
+  }
+
+  std::string PathOf(const char* name) const { return (path_ / name).string(); }
+
+  absl::Status Publish() {
+    for (const char* name : kFileNames) {
+      std::error_code error;
+      fs::rename(path_ / name, target_ / name, error);
+      if (error) return FileError("cannot replace this file", target_ / name, error);
+      is_published_ = true;
+    }
+    return absl::OkStatus();
+  }
+
+ private:
+  StagingDirectory(const fs::path& target, bool made_target)
+      : target_(target), path_(target / ".simulation-in-progress"), made_target_(made_target) {}
+
+  fs::path target_;
+  fs::path path_;
+  bool made_target_;
+  bool is_published_ = false;
+};
+
+}  // namespace
+
+absl::StatusOr<SimulationReport> SimulateToDirectory(const SimulationOptions& options, const std::string& directory,
+                                                     const std::function<void(double progress_ratio)>& on_progress) {
+  EVPOSE_RETURN_IF_ERROR(options.Validate());
+  EVPOSE_ASSIGN_OR_RETURN(const std::unique_ptr<StagingDirectory> staging, StagingDirectory::Create(directory));
+  EVPOSE_ASSIGN_OR_RETURN(const ObjectModel model, SimulatedModel(options));
+  EVPOSE_RETURN_IF_ERROR(WriteFile(staging->PathOf("model.obj"), ObjectModelToObj(model)));
+  EVPOSE_RETURN_IF_ERROR(WriteFile(staging->PathOf("camera.yaml"), CameraModelToYaml(options.camera)));
+  EVPOSE_RETURN_IF_ERROR(WriteTumTrajectory(staging->PathOf("truth.tum"), SimulatedTruth(options)));
+  const SensorGeometry geometry = {options.camera.width_px, options.camera.height_px};
+  EVPOSE_ASSIGN_OR_RETURN(const std::unique_ptr<RecordingWriter> writer,
+                          RecordingWriter::Create(staging->PathOf("recording.raw"), Encoding::kEvt3, geometry));
+  EVPOSE_ASSIGN_OR_RETURN(
+      const SimulationReport report,
+      Simulate(
+          options, [&writer](absl::Span<const Event> events) { return writer->Write(events); }, on_progress));
+  EVPOSE_RETURN_IF_ERROR(writer->Close());
+  EVPOSE_RETURN_IF_ERROR(staging->Publish());
+  return report;
+}
+
+}  // namespace evpose

@@ -1,0 +1,201 @@
+#include "core/simulation/pixel_response.h"
+
+#include <algorithm>
+#include <bit>
+#include <cmath>
+#include <limits>
+#include <numbers>
+
+#include "core/base/math.h"
+
+namespace evpose {
+namespace {
+
+// The light between two pictures is straight, its logarithm is not: pieces of at most this change, over which the
+// logarithm bends by less than 0.3 % of the change from a straight line.
+constexpr double kMaxLogStep = 0.15;
+constexpr int kMaxPieces = 24;
+constexpr double kSettled = 1e-3;  // of the logarithm: 0.4 % of a usual threshold
+
+}  // namespace
+
+double DeterministicLog(double x) {
+  const uint64_t bits = std::bit_cast<uint64_t>(x);
+  int exponent = static_cast<int>(bits >> 52) - 1023;
+  double mantissa = std::bit_cast<double>((bits & 0x000fffffffffffffULL) | 0x3ff0000000000000ULL);  // [1, 2)
+  if (mantissa > std::numbers::sqrt2) {
+    mantissa *= 0.5;
+    ++exponent;
+  }
+  // log m = 2 artanh((m - 1) / (m + 1)), |s| <= 0.172.
+  const double s = (mantissa - 1.0) / (mantissa + 1.0);
+  const double s2 = s * s;
+  const double series =
+      1.0 + s2 * (1.0 / 3 + s2 * (1.0 / 5 + s2 * (1.0 / 7 + s2 * (1.0 / 9 + s2 * (1.0 / 11 + s2 * (1.0 / 13))))));
+  return exponent * std::numbers::ln2 + 2.0 * s * series;
+}
+
+// d(t) = output - memory = level + slope t + decay e^(-t / tau), t from the piece's beginning.
+struct PixelResponse::Piece {
+  double begin_us;
+  double length_us;
+  double input;  // at its beginning
+  double slope;  // of the input, per microsecond
+  double tau_us;
+
+  // The output at t, from `output0` at t0.
+  double OutputAt(double t, double t0, double output0) const {
+    const double steady = input + slope * (t - tau_us);
+    if (tau_us <= 0.0) return input + slope * t;
+    const double away = output0 - (input + slope * (t0 - tau_us));
+    return steady + away * DeterministicExp(-(t - t0) / tau_us);
+  }
+};
+
+namespace {
+
+// f(u) = level + slope u + decay e^(-u / tau), u >= 0.
+struct Course {
+  double level;
+  double slope;
+  double decay;
+  double tau;
+
+  double At(double u) const {
+    return decay == 0.0 ? level + slope * u : level + slope * u + decay * DeterministicExp(-u / tau);
+  }
+
+  // Where it turns, or infinity: there is at most one such place.
+  double Turn() const {
+    const double ratio = decay == 0.0 ? 0.0 : slope * tau / decay;  // = e^(-u / tau) at the turn
+    if (ratio <= 1e-300 || ratio >= 1.0) return std::numeric_limits<double>::infinity();
+    return -tau * DeterministicLog(ratio);
+  }
+
+  // The u in [low, high] with f(u) = target, where f is monotone and passes it. Newton's steps inside a bracket.
+  double Solve(double low, double high, double target) const {
+    if (decay == 0.0) return std::clamp((target - level) / slope, low, high);
+    const bool rising = At(high) > At(low);
+    double u = 0.5 * (low + high);
+    for (int i = 0; i < 60 && high - low > 1e-4; ++i) {
+      const double e = decay * DeterministicExp(-u / tau);
+      const double f = level + slope * u + e - target;
+      ((f > 0.0) == rising ? high : low) = u;
+      const double step = f / (slope - e / tau);
+      const double newton = u - step;
+      if (std::abs(step) < 1e-4 && newton > low && newton < high) return newton;
+      u = newton > low && newton < high ? newton : 0.5 * (low + high);
+    }
+    return u;
+  }
+};
+
+constexpr double kNever = std::numeric_limits<double>::infinity();
+
+// The first u in [0, end] at which f reaches `on` from below or -off from above; kNever when it does not.
+double FirstCrossing(const Course& f, double end, double on, double off, double f_end) {
+  const double turn = f.Turn();
+  double low = 0.0;
+  if (turn < end) {
+    const double f_turn = f.At(turn);
+    if (f_turn >= on) return f.Solve(0.0, turn, on);
+    if (f_turn <= -off) return f.Solve(0.0, turn, -off);
+    low = turn;
+  }
+  if (f_end >= on) return f.Solve(low, end, on);
+  if (f_end <= -off) return f.Solve(low, end, -off);
+  return kNever;
+}
+
+}  // namespace
+
+PixelResponse::PixelResponse(double bandwidth_hz, double dark_bandwidth_ratio, double dark_light, double refractory_us,
+                             double leak_per_us)
+    : time_constant_us_(bandwidth_hz > 0.0 ? 1e6 / (2.0 * std::numbers::pi * bandwidth_hz) : 0.0),
+      dark_bandwidth_ratio_(dark_bandwidth_ratio),
+      dark_light_(dark_light),
+      refractory_us_(refractory_us),
+      leak_per_us_(leak_per_us) {}
+
+double PixelResponse::LogLight(float light) const {
+  // Sums of coverage leave rounding errors of 1e-7 below zero.
+  return DeterministicLog(std::max<double>(light, 0.0) + dark_light_);
+}
+
+double PixelResponse::TimeConstantUs(float light) const {
+  const double share = dark_bandwidth_ratio_ + (1.0 - dark_bandwidth_ratio_) * std::clamp<double>(light, 0.0, 1.0);
+  return time_constant_us_ / share;
+}
+
+void PixelResponse::Advance(PixelState& state, float light_from, float light_to, uint32_t t_us,
+                            std::vector<Crossing>& crossings) const {
+  const double begin_us = state.t_us;
+  const double length_us = t_us - begin_us;
+  const double input_to = LogLight(light_to);
+  const double change = std::abs(input_to - state.input);
+  const int pieces = std::clamp(static_cast<int>(std::ceil(change / kMaxLogStep)), 1, kMaxPieces);
+  Piece piece = {begin_us, length_us / pieces, state.input, 0.0, 0.0};
+  for (int i = 0; i < pieces; ++i) {
+    const float share = static_cast<float>(i + 1) / static_cast<float>(pieces);
+    const float light = light_from + share * (light_to - light_from);
+    const double next = i + 1 == pieces ? input_to : LogLight(light);
+    piece.begin_us = begin_us + i * piece.length_us;
+    piece.slope = (next - piece.input) / piece.length_us;
+    piece.tau_us = TimeConstantUs(light);
+    AdvancePiece(state, piece, crossings);
+    piece.input = next;
+  }
+  state.input = static_cast<float>(input_to);
+  state.t_us = t_us;
+}
+
+void PixelResponse::AdvancePiece(PixelState& state, const Piece& piece, std::vector<Crossing>& crossings) const {
+  double t = 0.0;  // from the piece's beginning
+  double output = state.output;
+  double memory = state.memory;
+  const double end_output = piece.OutputAt(piece.length_us, 0.0, output);
+  while (true) {
+    if (state.held_until_us >= 0.0) {
+      const double held = std::max(t, state.held_until_us - piece.begin_us);
+      if (held >= piece.length_us) break;
+      output = memory = piece.OutputAt(held, t, output);
+      t = held;
+      state.held_until_us = kNotHeld;
+    }
+    // output - memory from here on, the leak included.
+    const double steady = piece.input + piece.slope * (t - piece.tau_us);
+    Course course = {steady - memory, piece.slope + leak_per_us_, output - steady, piece.tau_us};
+    if (piece.tau_us <= 0.0) course = {output - memory, piece.slope + leak_per_us_, 0.0, 0.0};
+    const double left = piece.length_us - t;
+    const double f_end = end_output - memory + leak_per_us_ * left;
+    const double crossing = FirstCrossing(course, left, state.threshold_on, state.threshold_off, f_end);
+    if (crossing == kNever) {
+      memory -= leak_per_us_ * left;
+      break;
+    }
+    const bool on = course.At(crossing) > 0.0;
+    t += crossing;
+    output = piece.OutputAt(t, t - crossing, output);
+    crossings.push_back({piece.begin_us + t, on});
+    state.held_until_us = piece.begin_us + t + refractory_us_;
+  }
+  state.output = static_cast<float>(end_output);
+  state.memory = static_cast<float>(memory);
+}
+
+bool PixelResponse::IsSettled(const PixelState& state) const {
+  return std::abs(state.output - state.input) < kSettled && state.held_until_us < 0.0;
+}
+
+void PixelResponse::Rest(PixelState& state, uint32_t t_us) const {
+  state.memory -= static_cast<float>(leak_per_us_ * (t_us - state.t_us));
+  state.t_us = t_us;
+}
+
+double PixelResponse::NextLeakUs(const PixelState& state) const {
+  if (leak_per_us_ <= 0.0) return kNever;
+  const double missing = state.threshold_on - (state.output - state.memory);
+  return state.t_us + std::max(0.0, missing) / leak_per_us_;
+}
+
+}  // namespace evpose

@@ -1,0 +1,65 @@
+// The standard scenes.
+#include <array>
+#include <string>
+#include <utility>
+
+#include "absl/strings/str_cat.h"
+#include "absl/strings/str_format.h"
+#include "absl/strings/str_join.h"
+#include "core/base/status_macros.h"
+#include "core/simulation/simulator.h"
+
+namespace evpose {
+namespace {
+
+struct ObjectPreset {
+  SimulatedObject object;
+  double size_m;
+  double speed_m_per_s;
+  double angular_speed_rad_per_s;
+};
+
+// Speeds chosen so that an EVK4 at the default thresholds sends about 1e6 events/s.
+constexpr std::array<ObjectPreset, 5> kObjectPresets = {{
+    {SimulatedObject::kCube, 0.20, 0.40, 1.0},
+    {SimulatedObject::kCuboid, 0.26, 0.40, 1.0},
+    {SimulatedObject::kPlanar, 0.26, 0.40, 1.0},
+    {SimulatedObject::kBook, 0.25, 0.40, 1.0},
+    {SimulatedObject::kSpacecraft, 0.42, 0.30, 0.8},
+}};
+
+}  // namespace
+
+CameraModel SimulationOptions::SimulatedEvk4Camera() {
+  return {1280, 720, 1030.0, 1030.0, 643.5, 356.5, {-0.08, 0.05, 0.0003, -0.0002, 0.0}};
+}
+
+CameraModel SimulationOptions::SimulatedVgaCamera() {
+  return {640, 480, 515.0, 515.0, 321.5, 237.5, {-0.08, 0.05, 0.0003, -0.0002, 0.0}};
+}
+
+std::vector<std::string> SimulatedCameraNames() { return {"evk4", "vga"}; }
+
+absl::StatusOr<SimulationOptions> SimulationPreset(std::string_view object_name, std::string_view camera_name,
+                                                   double speed_scale) {
+  SimulationOptions options;
+  EVPOSE_ASSIGN_OR_RETURN(options.scene.object, ParseSimulatedObject(object_name));
+  if (camera_name == "vga") {
+    options.camera = SimulationOptions::SimulatedVgaCamera();
+  } else if (camera_name != "evk4") {
+    return absl::InvalidArgumentError(absl::StrCat("no simulated camera is called \"", std::string(camera_name),
+                                                   "\"; known are: ", absl::StrJoin(SimulatedCameraNames(), ", ")));
+  }
+  if (!(speed_scale >= 0.0 && speed_scale <= 100.0)) {
+    return absl::InvalidArgumentError(absl::StrFormat("speed_scale is %g; it must lie in [0, 100]", speed_scale));
+  }
+  for (const ObjectPreset& preset : kObjectPresets) {
+    if (preset.object != options.scene.object) continue;
+    options.scene.object_size_m = preset.size_m;
+    options.scene.motion.speed_m_per_s = speed_scale * preset.speed_m_per_s;
+    options.scene.motion.angular_speed_rad_per_s = speed_scale * preset.angular_speed_rad_per_s;
+  }
+  return options;
+}
+
+}  // namespace evpose

@@ -1,0 +1,193 @@
+#include "core/simulation/renderer.h"
+
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+#include <utility>
+
+#include "core/base/math.h"
+#include "core/base/random.h"
+
+namespace evpose {
+namespace {
+
+using Eigen::Vector2d;
+using Eigen::Vector3d;
+
+// Towards the light that comes from one side: from above, left, and the camera's side.
+const Vector3d kLightDirectionCamera = Vector3d(-0.4, -0.6, -0.7).normalized();
+// Straight edges bend in a lens: they are cut into pieces of about this length, over which the bend is far below
+// a hundredth of a pixel for the lenses that plumb-bob describes.
+constexpr double kPiecePx = 12.0;
+constexpr double kNearM = 1e-3;
+
+// A full swing of the light or of the occluder, in [-1, 1].
+double Swing(double cycles) { return DeterministicSinCos(2.0 * std::numbers::pi * (cycles - std::floor(cycles))).sin; }
+
+PixelRect ShapesRect(const auto& shapes) {
+  PixelRect rect;
+  for (const auto& shape : shapes) rect = rect.Union(BoundingRect(shape.points_px));
+  return rect;
+}
+
+}  // namespace
+
+SceneRenderer::SceneRenderer(const SceneOptions& options, const SceneObject& object, const CameraModel& camera,
+                             uint64_t seed)
+    : options_(options),
+      object_(object),
+      camera_(camera),
+      has_distortion_(
+          std::any_of(camera.distortion.begin(), camera.distortion.end(), [](double k) { return k != 0.0; })),
+      image_{0, 0, camera.width_px, camera.height_px},
+      rasterizer_(camera.width_px, camera.height_px),
+      blur_(options.lens_blur_px),
+      background_(static_cast<size_t>(camera.width_px) * camera.height_px),
+      sharp_(background_.size()),
+      picture_(background_.size()) {
+  PaintBackground(seed);
+}
+
+void SceneRenderer::PaintBackground(uint64_t seed) {
+  const BackgroundOptions& options = options_.background;
+  std::fill(background_.begin(), background_.end(), static_cast<float>(options.reflectance));
+  if (!options.is_textured) return;
+  sharp_ = background_;
+  Random random(seed);
+  constexpr int kRectangles = 160;
+  for (int i = 0; i < kRectangles; ++i) {
+    const Vector2d centre(random.Uniform(0.0, image_.x1), random.Uniform(0.0, image_.y1));
+    const SinCos turn = DeterministicSinCos(random.Uniform(0.0, std::numbers::pi));
+    const Vector2d u = Vector2d(turn.cos, turn.sin) * random.Uniform(0.01, 0.08) * image_.x1;
+    const Vector2d v = Vector2d(turn.sin, -turn.cos) * random.Uniform(0.01, 0.08) * image_.x1;
+    const double shade =
+        options.reflectance * random.Uniform(1.0 - options.texture_contrast, 1.0 + options.texture_contrast);
+    Composite({{{centre - u - v, centre + u - v, centre + u + v, centre - u + v}, shade, 1.0}});
+  }
+  background_ = sharp_;
+}
+
+double SceneRenderer::LightAt(double t_s) const {
+  const LightOptions& light = options_.light;
+  const double flicker = 1.0 + light.flicker_depth * Swing(light.flicker_hz * t_s);
+  // Begins at 1, at its darkest after half a period.
+  const double darkness = 0.5 * (1.0 - Swing(t_s / light.change_period_s + 0.25));
+  return flicker / (1.0 + (light.change_ratio - 1.0) * darkness);
+}
+
+double SceneRenderer::LongestStepS() const {
+  constexpr double kAtRestS = 2e-3;  // at rest a step costs next to nothing
+  double longest = kAtRestS;
+  // Forty steps in a cycle: the light between them is straight to 0.3 % of its swing.
+  if (options_.light.flicker_depth > 0.0) longest = std::min(longest, 1.0 / (40.0 * options_.light.flicker_hz));
+  if (options_.light.change_ratio > 1.0) longest = std::min(longest, options_.light.change_period_s / 200.0);
+  return longest;
+}
+
+std::vector<Vector2d> SceneRenderer::ProjectOutline(const std::vector<Vector3d>& outline_object,
+                                                    const RigidTransform& camera_from_object) const {
+  std::vector<Vector2d> corners;
+  for (const Vector3d& p : outline_object) {
+    Vector3d point = camera_from_object * p;
+    point.z() = std::max(point.z(), kNearM);  // MotionPath keeps objects in front; guards the division alone
+    corners.push_back(camera_.Project(point));
+  }
+  if (!has_distortion_) return corners;
+  std::vector<Vector2d> bent;
+  for (size_t i = 0; i < corners.size(); ++i) {
+    const Vector2d& from = corners[i];
+    const Vector2d& to = corners[i + 1 == corners.size() ? 0 : i + 1];
+    const int pieces = 1 + static_cast<int>(std::min((to - from).norm() / kPiecePx, 1000.0));
+    for (int k = 0; k < pieces; ++k) bent.push_back(camera_.Distort(from + (to - from) * (1.0 * k / pieces)));
+  }
+  return bent;
+}
+
+std::vector<SceneRenderer::Shape> SceneRenderer::BodyShapes(const Body& body, const RigidTransform& camera_from_object,
+                                                            double light) const {
+  std::vector<Shape> shapes;
+  const double diffuse_ratio = options_.light.diffuse_ratio;
+  for (const Surface& surface : body.surfaces) {
+    const Vector3d normal = camera_from_object.rotation * surface.normal;
+    if (normal.dot(camera_from_object * surface.outline[0]) >= 0.0) continue;  // turned away
+    const double lit = std::max(0.0, normal.dot(kLightDirectionCamera));
+    const double shade = light * (1.0 - diffuse_ratio + diffuse_ratio * lit);
+    shapes.push_back({ProjectOutline(surface.outline, camera_from_object), shade * surface.reflectance, 1.0});
+    for (const Paint& paint : surface.paints) {
+      const double difference = shade * (paint.reflectance - paint.under);
+      shapes.push_back({ProjectOutline(paint.outline, camera_from_object), difference, 0.0});
+    }
+  }
+  return shapes;
+}
+
+double SceneRenderer::OccluderX(double t_s) const {
+  // A sine of this amplitude and frequency covers four amplitudes in a period: its mean speed.
+  const double amplitude_px = 0.4 * camera_.width_px;
+  const double frequency_hz = options_.occluder.speed_px_per_s / (4.0 * amplitude_px);
+  return 0.5 * camera_.width_px + amplitude_px * Swing(frequency_hz * t_s + 0.6);
+}
+
+std::vector<SceneRenderer::Shape> SceneRenderer::OccluderShapes(double t_s) const {
+  const OccluderOptions& options = options_.occluder;
+  if (!options.is_present) return {};
+  const double x = OccluderX(t_s);
+  const double half_height = 0.5 * camera_.height_px + 8.0;  // ends beyond the image
+  const double lean = options.tilt_ratio * half_height;
+  const double middle_y = 0.5 * camera_.height_px;
+  const Vector2d top(x - lean, middle_y - half_height);
+  const Vector2d bottom(x + lean, middle_y + half_height);
+  const Vector2d half_width(0.5 * options.width_px, 0.0);
+  return {{{top - half_width, bottom - half_width, bottom + half_width, top + half_width}, options.reflectance, 1.0}};
+}
+
+void SceneRenderer::Composite(const std::vector<Shape>& shapes) {
+  rasterizer_.Begin(ShapesRect(shapes).Intersection(image_));
+  for (const Shape& shape : shapes) rasterizer_.AddPolygon(shape.points_px, shape.value, shape.alpha);
+  rasterizer_.CompositeOnto(sharp_);
+}
+
+PixelRect SceneRenderer::Render(const RigidTransform& camera_from_object, double t_s) {
+  const double light = LightAt(t_s);
+  const double background_light = options_.light.reaches_background ? light : 1.0;
+  std::vector<std::vector<Shape>> layers;
+  const Vector3d camera_object = camera_from_object.Inverse().translation_m;
+  for (const int body : PaintersOrder(object_.bodies, camera_object)) {
+    layers.push_back(BodyShapes(object_.bodies[body], camera_from_object, light));
+  }
+  layers.push_back(OccluderShapes(t_s));
+  PixelRect drawn;
+  for (const std::vector<Shape>& shapes : layers) drawn = drawn.Union(ShapesRect(shapes));
+  const int radius = blur_.radius_px();
+  drawn = drawn.Grown(radius).Intersection(image_);
+  const bool all = background_light != last_background_light_;
+  const PixelRect changed = all ? image_ : drawn.Union(last_rect_);
+  last_rect_ = drawn;
+  last_background_light_ = background_light;
+  if (changed.empty()) return changed;
+
+  const PixelRect source = changed.Grown(radius).Intersection(image_);
+  const float factor = static_cast<float>(background_light);
+  for (int y = source.y0; y < source.y1; ++y) {
+    const size_t row = static_cast<size_t>(y) * image_.x1;
+    for (size_t i = row + source.x0; i < row + source.x1; ++i) sharp_[i] = background_[i] * factor;
+  }
+  for (const std::vector<Shape>& shapes : layers) Composite(shapes);
+  blur_.Apply(sharp_, image_.x1, image_.y1, changed, picture_);
+  return changed;
+}
+
+double SceneRenderer::LargestMotionPx(const RigidTransform& pose_a, double t_a_s, const RigidTransform& pose_b,
+                                      double t_b_s) const {
+  double largest = 0.0;
+  for (const Vector3d& vertex : object_.model.vertices) {
+    const Vector3d a = pose_a * vertex;
+    const Vector3d b = pose_b * vertex;
+    if (a.z() < kNearM || b.z() < kNearM) continue;
+    largest = std::max(largest, (camera_.Project(a) - camera_.Project(b)).norm());
+  }
+  if (options_.occluder.is_present) largest = std::max(largest, std::abs(OccluderX(t_b_s) - OccluderX(t_a_s)));
+  return largest;
+}
+
+}  // namespace evpose

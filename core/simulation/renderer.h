@@ -1,0 +1,64 @@
+// The picture that the sensor's pixels integrate: linear light, exact in area, through the lens.
+#pragma once
+
+#include <cstdint>
+#include <vector>
+
+#include "core/geometry/camera.h"
+#include "core/geometry/rigid_transform.h"
+#include "core/simulation/objects.h"
+#include "core/simulation/rasterizer.h"
+#include "core/simulation/scene.h"
+
+namespace evpose {
+
+class SceneRenderer {
+ public:
+  // Keeps a reference to `object`, which must outlive it. `options` and `camera` must be valid. The seed makes the
+  // background's texture.
+  SceneRenderer(const SceneOptions& options, const SceneObject& object, const CameraModel& camera, uint64_t seed);
+
+  // Renders the scene at `t_s` since the beginning. Returns the pixels that may differ from the last call's picture
+  // (all of them in the first call); the others are unchanged.
+  PixelRect Render(const RigidTransform& camera_from_object, double t_s);
+
+  // Light per pixel, row by row: 1 is white paint under full light.
+  const std::vector<float>& picture() const { return picture_; }
+
+  // The largest motion in the picture between two moments, pixels: of the object's vertices or of the occluder.
+  double LargestMotionPx(const RigidTransform& pose_a, double t_a_s, const RigidTransform& pose_b, double t_b_s) const;
+
+  // The longest step that still follows the light's changes.
+  double LongestStepS() const;
+
+ private:
+  struct Shape {  // a polygon ready for the rasterizer
+    std::vector<Eigen::Vector2d> points_px;
+    double value;
+    double alpha;
+  };
+
+  void PaintBackground(uint64_t seed);
+  double LightAt(double t_s) const;
+  std::vector<Shape> BodyShapes(const Body& body, const RigidTransform& camera_from_object, double light) const;
+  std::vector<Shape> OccluderShapes(double t_s) const;
+  std::vector<Eigen::Vector2d> ProjectOutline(const std::vector<Eigen::Vector3d>& outline_object,
+                                              const RigidTransform& camera_from_object) const;
+  double OccluderX(double t_s) const;
+  void Composite(const std::vector<Shape>& shapes);
+
+  SceneOptions options_;
+  const SceneObject& object_;
+  CameraModel camera_;
+  bool has_distortion_;
+  PixelRect image_;
+  CoverageRasterizer rasterizer_;
+  GaussianBlur blur_;
+  std::vector<float> background_;  // before the lens, under full light
+  std::vector<float> sharp_;       // the picture before the lens
+  std::vector<float> picture_;
+  PixelRect last_rect_;
+  double last_background_light_ = -1.0;
+};
+
+}  // namespace evpose
