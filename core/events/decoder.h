@@ -25,12 +25,13 @@ std::string_view EncodingName(Encoding encoding);
 // 2, 8, 4, 8, 8.
 int WordBytes(Encoding encoding);
 
-// Counts since construction or Reset(false).
+// Counts since construction.
 struct DecodeCounts {
   uint64_t cd_events = 0;
   uint64_t triggers = 0;
-  uint64_t dropped_before_time = 0;     // CD events before the first full time stamp (or, EVT3, before the first row)
+  uint64_t dropped_before_time = 0;     // events and triggers before the first time stamp (or, EVT3, the first row)
   uint64_t dropped_outside_sensor = 0;  // events whose row or column the sensor does not have
+  uint64_t kept_outside_sensor = 0;     // the same, kept because OutsideSensor::kKeep asked for it
   uint64_t unknown_words = 0;           // reserved or unknown word types
   uint64_t broken_vectors = 0;          // vector words without a base, or triples that are not whole
   uint64_t time_backsteps = 0;          // times that stepped back without being a wrap of the clock
@@ -38,6 +39,12 @@ struct DecodeCounts {
 
   uint64_t dropped_events() const { return dropped_before_time + dropped_outside_sensor; }
   uint64_t invalid_words() const { return unknown_words + broken_vectors; }
+};
+
+// What becomes of an event whose address lies outside the sensor but can be read.
+enum class OutsideSensor {
+  kDrop,  // every event that comes out can index an image of the sensor's size
+  kKeep,  // as OpenEB does: for tools that report what a file holds; events may lie outside the geometry
 };
 
 class EventDecoder {
@@ -62,6 +69,12 @@ class EventDecoder {
 };
 
 // Errors: INVALID_ARGUMENT for a geometry that is not positive or larger than the encoding can address.
-absl::StatusOr<std::unique_ptr<EventDecoder>> MakeEventDecoder(Encoding encoding, SensorGeometry geometry);
+absl::StatusOr<std::unique_ptr<EventDecoder>> MakeEventDecoder(Encoding encoding, SensorGeometry geometry,
+                                                               OutsideSensor outside = OutsideSensor::kDrop);
+
+// The largest geometry whose every pixel the encoding can address.
+SensorGeometry AddressableGeometry(Encoding encoding);
+// Errors: INVALID_ARGUMENT for a geometry that is not positive or larger than the encoding can address.
+absl::Status ValidateGeometry(Encoding encoding, SensorGeometry geometry);
 
 }  // namespace evpose

@@ -14,10 +14,10 @@ namespace evpose {
 
 struct RecordingHeader {
   Encoding encoding = Encoding::kEvt3;
-  SensorGeometry geometry;         // from the header, or the sensor that its plugin name stands for
-  bool geometry_is_stated = false; // false: taken from the plugin name or a default for the encoding
-  size_t size_bytes = 0;           // offset of the first data byte
-  std::string text;                // as in the file, without the binary part
+  SensorGeometry geometry;          // from the header, or the sensor that its plugin name stands for
+  bool geometry_is_stated = false;  // false: taken from the plugin name or a default for the encoding
+  size_t size_bytes = 0;            // offset of the first data byte
+  std::string text;                 // as in the file, without the binary part
 };
 
 // Parses the header at the start of `prefix`. Errors: INVALID_ARGUMENT naming the line (1-based) that contradicts

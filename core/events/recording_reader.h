@@ -45,8 +45,8 @@ struct EventChunkBytes {
 };
 
 struct ChunkerOptions {
-  int64_t max_duration_us = 1000;   // closed after this much sensor time: one pose period at 1 kHz
-  size_t max_bytes = 256 * 1024;    // closed at this size; a multiple of 8, at least 8
+  int64_t max_duration_us = 1000;  // closed after this much sensor time: one pose period at 1 kHz
+  size_t max_bytes = 256 * 1024;   // closed at this size; a multiple of 8, at least 8
 };
 
 // Cuts a recording into chunks of whole words, closed by sensor time or size, whichever comes first. Reads the time

@@ -1,0 +1,132 @@
+// The clocks of the encodings, unwrapped. Decoders and the chunker share them, so that both tell the same time.
+#pragma once
+
+#include <algorithm>
+#include <cstdint>
+
+namespace evpose {
+
+// EVT3: 12 bits of TIME_HIGH and 12 of TIME_LOW; wraps every 16.8 s.
+class Evt3Clock {
+ public:
+  bool started() const { return started_; }
+  int64_t now_us() const { return base_us_ + low_us_; }
+  // The time of TIME_HIGH alone, and what TIME_LOW adds to it.
+  int64_t base_us() const { return base_us_; }
+  int64_t low_us() const { return low_us_; }
+  uint64_t wraps() const { return wraps_; }
+  uint64_t backsteps() const { return backsteps_; }
+
+  // False when the time stepped back. A step back of half the counter's range or more is a wrap. Another TIME_HIGH
+  // starts at its own beginning until a TIME_LOW says more; the same one again changes nothing.
+  bool SetHigh(int64_t high) {
+    const int64_t previous_high = (base_us_ >> 12) & 0xfff;
+    if (started_ && high == previous_high) return true;
+    const int64_t before_us = started_ ? now_us() : 0;
+    const bool wraps = started_ && previous_high >= 2048 + high;
+    wraps_ += wraps;
+    base_us_ = (((base_us_ >> 24) + wraps) << 24) | (high << 12);
+    low_us_ = 0;
+    started_ = true;
+    backsteps_ += base_us_ < before_us;
+    return base_us_ >= before_us;
+  }
+
+  // False when the time stepped back; never a wrap.
+  bool SetLow(int64_t low_us) {
+    const bool forward = low_us >= low_us_;
+    backsteps_ += !forward;
+    low_us_ = low_us;
+    return forward;
+  }
+
+ private:
+  int64_t base_us_ = 0;
+  int64_t low_us_ = 0;
+  uint64_t wraps_ = 0;
+  uint64_t backsteps_ = 0;
+  bool started_ = false;
+};
+
+// EVT2 and EVT2.1: 28 bits of TIME_HIGH above the 6 bits that every event carries; wraps every 4.77 hours.
+class Evt2Clock {
+ public:
+  // A step back is a wrap when it is the whole range but for this much.
+  static constexpr int64_t kWrapTolerance_us = 10000;
+  static constexpr int64_t kRange_us = int64_t{1} << 34;
+
+  bool started() const { return started_; }
+  int64_t now_us() const { return now_us_; }
+  int64_t base_us() const { return base_us_; }
+  uint64_t wraps() const { return wraps_; }
+  uint64_t backsteps() const { return backsteps_; }
+
+  // False when the time stepped back.
+  bool SetHigh(int64_t high) {
+    int64_t base_us = epoch_us_ + (high << 6);
+    if (started_ && base_us == base_us_) return true;
+    if (started_ && base_us_ - base_us >= kRange_us - 64 - kWrapTolerance_us) {
+      epoch_us_ += kRange_us;
+      base_us += kRange_us;
+      ++wraps_;
+    }
+    base_us_ = base_us;
+    return Advance(base_us);
+  }
+
+  // The time an event carries; false when the time stepped back.
+  bool SetLow(int64_t low_us) { return Advance(base_us_ + low_us); }
+
+ private:
+  bool Advance(int64_t now_us) {
+    const bool forward = !started_ || now_us >= now_us_;
+    backsteps_ += !forward;
+    now_us_ = now_us;
+    started_ = true;
+    return forward;
+  }
+
+  int64_t epoch_us_ = 0;
+  int64_t base_us_ = 0;
+  int64_t now_us_ = 0;
+  uint64_t wraps_ = 0;
+  uint64_t backsteps_ = 0;
+  bool started_ = false;
+};
+
+// DAT and FLAT64: 32 bits in every word; wraps every 71.6 minutes.
+class Clock32 {
+ public:
+  static constexpr int64_t kRange_us = int64_t{1} << 32;
+
+  bool started() const { return started_; }
+  int64_t now_us() const { return now_us_; }
+  uint64_t wraps() const { return wraps_; }
+  uint64_t backsteps() const { return backsteps_; }
+
+  // Of all times with these 32 bits, the one nearest to the last is meant; so a late word at a wrap stays late. False
+  // when the time stepped back.
+  bool Set(uint32_t t_us) {
+    if (!started_) {
+      started_ = true;
+      now_us_ = t_us;
+      return true;
+    }
+    const auto step_us = static_cast<int32_t>(t_us - static_cast<uint32_t>(now_us_));
+    int64_t next_us = now_us_ + step_us;
+    if (next_us < 0) next_us += kRange_us;  // before the clock's beginning: a long way forward instead
+    const bool forward = next_us >= now_us_;
+    backsteps_ += !forward;
+    wraps_ = std::max(wraps_, static_cast<uint64_t>(next_us >> 32));
+    now_us_ = next_us;
+    return forward;
+  }
+
+ private:
+  int64_t now_us_ = 0;
+  uint64_t wraps_ = 0;
+  uint64_t backsteps_ = 0;
+  bool started_ = false;
+};
+
+}  // namespace evpose

@@ -1,0 +1,116 @@
+// What the decoders have in common: words cut by calls, a small buffer of events, time marks.
+#pragma once
+
+#include <array>
+#include <bit>
+#include <cstdint>
+#include <cstring>
+
+#include "absl/types/span.h"
+#include "core/events/decoder.h"
+#include "core/events/event.h"
+
+namespace evpose {
+
+static_assert(std::endian::native == std::endian::little, "words are read as the little-endian machine stores them");
+
+template <typename Word>
+Word LoadWord(const uint8_t* bytes) {
+  Word word;
+  std::memcpy(&word, bytes, sizeof(Word));
+  return word;
+}
+
+// Events on their way to the output. They pass through a buffer that stays in the first-level cache, so that the
+// inner loops write without asking a vector whether it has room.
+class EventSink {
+ public:
+  static constexpr size_t kCapacity = 1024;
+  static constexpr size_t kMaxEventsOfWord = 32;
+
+  void Begin(DecodedEvents& out) { out_ = &out; }
+  Event* begin() { return buffer_.data(); }
+  // At or beyond it, Flush() before the next word.
+  const Event* limit() const { return buffer_.data() + kCapacity - kMaxEventsOfWord; }
+
+  // Appends the events up to `cursor` to the output; returns the new cursor.
+  Event* Flush(const Event* cursor) {
+    if (cursor != buffer_.data()) {
+      last_event_us_ = cursor[-1].t_us;
+      num_events_ += static_cast<uint64_t>(cursor - buffer_.data());
+      out_->events.insert(out_->events.end(), static_cast<const Event*>(buffer_.data()), cursor);
+    }
+    return buffer_.data();
+  }
+
+  void AddTrigger(const Trigger& trigger) { out_->triggers.push_back(trigger); }
+
+  // The clock starts, or has stepped back: marks count from here.
+  void RestartMarks(const Event* cursor, int64_t now_us) {
+    events_at_mark_ = num_events_ + static_cast<uint64_t>(cursor - buffer_.data());
+    mark_due_us_ = now_us + kMarkPeriod_us;
+  }
+
+  // Before this no time mark is due.
+  int64_t mark_due_us() const { return mark_due_us_; }
+
+  // Call when mark_due_us() has passed: adds the mark unless an event came since. Returns the new cursor.
+  Event* MarkTime(const Event* cursor, int64_t now_us) {
+    Event* const flushed = Flush(cursor);
+    if (num_events_ > events_at_mark_) {
+      events_at_mark_ = num_events_;
+      mark_due_us_ = last_event_us_ + kMarkPeriod_us;
+    }
+    if (now_us >= mark_due_us_) {
+      out_->time_marks.push_back({out_->events.size(), now_us});
+      mark_due_us_ = now_us + kMarkPeriod_us;
+    }
+    return flushed;
+  }
+
+  uint64_t num_events() const { return num_events_; }
+
+ private:
+  static constexpr int64_t kMarkPeriod_us = 1000;  // event.h
+
+  DecodedEvents* out_ = nullptr;
+  uint64_t num_events_ = 0;
+  uint64_t events_at_mark_ = 0;
+  int64_t last_event_us_ = 0;
+  int64_t mark_due_us_ = 0;
+  std::array<Event, kCapacity> buffer_;
+};
+
+// Splits calls into whole words.
+class WordDecoder : public EventDecoder {
+ public:
+  void Decode(absl::Span<const uint8_t> bytes, DecodedEvents& out) final;
+  void ResetAfterLoss() final;
+  int pending_bytes() const final { return static_cast<int>(num_pending_); }
+
+ protected:
+  explicit WordDecoder(int word_bytes) : word_bytes_(static_cast<size_t>(word_bytes)) {}
+
+  // Decodes `count` words; returns how many it used. Less than `count` only for words that belong to one that has not
+  // come yet, two at most, which are offered again together with it.
+  virtual size_t DecodeWords(const uint8_t* words, size_t count) = 0;
+  // Forgets what a lost word may have changed.
+  virtual void Forget() = 0;
+
+  EventSink sink_;
+
+ private:
+  static constexpr size_t kMaxPending = 8;
+
+  const size_t word_bytes_;
+  size_t num_pending_ = 0;
+  std::array<uint8_t, kMaxPending> pending_{};
+};
+
+std::unique_ptr<EventDecoder> MakeEvt3Decoder(SensorGeometry geometry, OutsideSensor outside);
+std::unique_ptr<EventDecoder> MakeEvt21Decoder(SensorGeometry geometry, OutsideSensor outside);
+std::unique_ptr<EventDecoder> MakeEvt2Decoder(SensorGeometry geometry, OutsideSensor outside);
+std::unique_ptr<EventDecoder> MakeDatDecoder(SensorGeometry geometry, OutsideSensor outside);
+std::unique_ptr<EventDecoder> MakeFlat64Decoder(SensorGeometry geometry, OutsideSensor outside);
+
+}  // namespace evpose
