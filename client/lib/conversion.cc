@@ -1,0 +1,294 @@
+#include "client/lib/conversion.h"
+
+#include <algorithm>
+#include <array>
+#include <utility>
+
+#include "absl/strings/escaping.h"
+#include "absl/strings/match.h"
+#include "absl/strings/str_cat.h"
+#include "core/base/status_macros.h"
+#include "google/rpc/error_details.pb.h"
+#include "google/rpc/status.pb.h"
+
+namespace evpose::client {
+namespace {
+
+// Both directions of an enumeration read one table.
+constexpr std::array<std::pair<Encoding, v1::EventEncoding>, 5> kEncodings = {{
+    {Encoding::kEvt3, v1::EVENT_ENCODING_EVT3},
+    {Encoding::kEvt21, v1::EVENT_ENCODING_EVT21},
+    {Encoding::kEvt2, v1::EVENT_ENCODING_EVT2},
+    {Encoding::kDat, v1::EVENT_ENCODING_DAT},
+    {Encoding::kFlat64, v1::EVENT_ENCODING_FLAT64},
+}};
+constexpr std::array<std::pair<ModelFormat, v1::ModelFormat>, 3> kModelFormats = {{
+    {ModelFormat::kObj, v1::MODEL_FORMAT_OBJ},
+    {ModelFormat::kPly, v1::MODEL_FORMAT_PLY},
+    {ModelFormat::kStl, v1::MODEL_FORMAT_STL},
+}};
+constexpr std::array<std::pair<TrackState, v1::TrackState>, 4> kTrackStates = {{
+    {TrackState::kInitializing, v1::TRACK_STATE_INITIALIZING},
+    {TrackState::kTracking, v1::TRACK_STATE_TRACKING},
+    {TrackState::kDegraded, v1::TRACK_STATE_DEGRADED},
+    {TrackState::kLost, v1::TRACK_STATE_LOST},
+}};
+constexpr std::array<std::pair<Estimator, v1::Estimator>, 2> kEstimators = {{
+    {Estimator::kMixture, v1::ESTIMATOR_MIXTURE},
+    {Estimator::kStaticMm, v1::ESTIMATOR_STATIC_MM},
+}};
+constexpr std::array<std::pair<SessionState, v1::SessionState>, 3> kSessionStates = {{
+    {SessionState::kDetached, v1::SESSION_STATE_DETACHED},
+    {SessionState::kAttached, v1::SESSION_STATE_ATTACHED},
+    {SessionState::kEnded, v1::SESSION_STATE_ENDED},
+}};
+
+template <typename Ours, typename Theirs, size_t kSize>
+Theirs Lookup(const std::array<std::pair<Ours, Theirs>, kSize>& table, Ours value, Theirs otherwise) {
+  for (const auto& [ours, theirs] : table) {
+    if (ours == value) return theirs;
+  }
+  return otherwise;
+}
+
+template <typename Ours, typename Theirs, size_t kSize>
+Ours ReverseLookup(const std::array<std::pair<Ours, Theirs>, kSize>& table, Theirs value, Ours otherwise) {
+  for (const auto& [ours, theirs] : table) {
+    if (theirs == value) return ours;
+  }
+  return otherwise;
+}
+
+absl::Time FromProto(const google::protobuf::Timestamp& time) {
+  return absl::FromUnixSeconds(time.seconds()) + absl::Nanoseconds(time.nanos());
+}
+
+absl::Duration FromProto(const google::protobuf::Duration& duration) {
+  return absl::Seconds(duration.seconds()) + absl::Nanoseconds(duration.nanos());
+}
+
+absl::StatusOr<RigidTransform> FromProto(const v1::RigidTransform& message) {
+  const v1::Vector3& t = message.translation_m();
+  const v1::Quaternion& q = message.rotation();
+  return MakeRigidTransform(Eigen::Vector3d(t.x(), t.y(), t.z()), Eigen::Quaterniond(q.w(), q.x(), q.y(), q.z()));
+}
+
+CameraModel FromProto(const v1::CameraModel& message) {
+  CameraModel camera;
+  camera.width_px = static_cast<int>(message.width_px());
+  camera.height_px = static_cast<int>(message.height_px());
+  camera.fx_px = message.fx_px();
+  camera.fy_px = message.fy_px();
+  camera.cx_px = message.cx_px();
+  camera.cy_px = message.cy_px();
+  const size_t count = std::min<size_t>(message.distortion_size(), camera.distortion.size());
+  for (size_t i = 0; i < count; ++i) camera.distortion[i] = message.distortion(static_cast<int>(i));
+  return camera;
+}
+
+v1::CameraModel ToProto(const CameraModel& camera) {
+  v1::CameraModel message;
+  message.set_width_px(static_cast<uint32_t>(camera.width_px));
+  message.set_height_px(static_cast<uint32_t>(camera.height_px));
+  message.set_fx_px(camera.fx_px);
+  message.set_fy_px(camera.fy_px);
+  message.set_cx_px(camera.cx_px);
+  message.set_cy_px(camera.cy_px);
+  for (const double coefficient : camera.distortion) message.add_distortion(coefficient);
+  return message;
+}
+
+absl::StatusOr<TrackedObject> FromProto(const v1::TrackedObject& message) {
+  TrackedObject object;
+  object.object_id = message.object_id();
+  object.model = message.model();
+  if (message.has_initial_camera_from_object()) {
+    EVPOSE_ASSIGN_OR_RETURN(object.initial_camera_from_object, FromProto(message.initial_camera_from_object()));
+  }
+  return object;
+}
+
+absl::StatusOr<SessionConfig> FromProto(const v1::SessionConfig& message) {
+  SessionConfig config;
+  config.encoding = ReverseLookup(kEncodings, message.encoding(), Encoding::kEvt3);
+  config.camera = FromProto(message.camera());
+  config.estimator = ReverseLookup(kEstimators, message.tracker().estimator(), Estimator::kMixture);
+  for (const v1::TrackedObject& object : message.objects()) {
+    EVPOSE_ASSIGN_OR_RETURN(TrackedObject converted, FromProto(object));
+    config.objects.push_back(std::move(converted));
+  }
+  return config;
+}
+
+// The upper triangle, row by row.
+Matrix6d SymmetricFromUpper(const google::protobuf::RepeatedField<double>& upper) {
+  Matrix6d matrix;
+  int index = 0;
+  for (int row = 0; row < 6; ++row) {
+    for (int column = row; column < 6; ++column) matrix(row, column) = matrix(column, row) = upper[index++];
+  }
+  return matrix;
+}
+
+// "field: what" of a BadRequest, for those that the message does not mention.
+std::string FieldViolations(const grpc::Status& status) {
+  google::rpc::Status details;
+  std::string text;
+  if (!details.ParseFromString(status.error_details())) return text;
+  for (const google::protobuf::Any& any : details.details()) {
+    google::rpc::BadRequest bad_request;
+    if (!any.UnpackTo(&bad_request)) continue;
+    for (const auto& violation : bad_request.field_violations()) {
+      if (absl::StrContains(status.error_message(), violation.field())) continue;
+      absl::StrAppend(&text, " (", violation.field(), ": ", violation.description(), ")");
+    }
+  }
+  return text;
+}
+
+}  // namespace
+
+absl::Status FromGrpc(const grpc::Status& status, const std::string& context) {
+  if (status.ok()) return absl::OkStatus();
+  return absl::Status(static_cast<absl::StatusCode>(status.error_code()),
+                      absl::StrCat(context, ": ", status.error_message(), FieldViolations(status)));
+}
+
+v1::ModelFormat ToProto(ModelFormat format) { return Lookup(kModelFormats, format, v1::MODEL_FORMAT_UNSPECIFIED); }
+
+v1::RigidTransform ToProto(const RigidTransform& transform) {
+  v1::RigidTransform message;
+  message.mutable_translation_m()->set_x(transform.translation_m.x());
+  message.mutable_translation_m()->set_y(transform.translation_m.y());
+  message.mutable_translation_m()->set_z(transform.translation_m.z());
+  const Eigen::Quaterniond q = transform.Quaternion();
+  message.mutable_rotation()->set_x(q.x());
+  message.mutable_rotation()->set_y(q.y());
+  message.mutable_rotation()->set_z(q.z());
+  message.mutable_rotation()->set_w(q.w());
+  return message;
+}
+
+v1::SessionConfig ToProto(const SessionConfig& config) {
+  v1::SessionConfig message;
+  message.set_encoding(Lookup(kEncodings, config.encoding, v1::EVENT_ENCODING_UNSPECIFIED));
+  *message.mutable_camera() = ToProto(config.camera);
+  message.mutable_tracker()->set_estimator(Lookup(kEstimators, config.estimator, v1::ESTIMATOR_UNSPECIFIED));
+  for (const TrackedObject& object : config.objects) {
+    v1::TrackedObject& converted = *message.add_objects();
+    converted.set_object_id(object.object_id);
+    converted.set_model(object.model);
+    if (!object.initial_camera_from_object) continue;
+    *converted.mutable_initial_camera_from_object() = ToProto(*object.initial_camera_from_object);
+  }
+  return message;
+}
+
+ServerInfo FromProto(const v1::ServerInfo& message) {
+  ServerInfo info;
+  info.version = message.version();
+  info.store = message.store();
+  info.active_sessions = message.active_sessions();
+  info.max_sessions = message.max_sessions();
+  info.max_chunk_bytes = message.max_chunk_bytes();
+  info.max_model_bytes = message.max_model_bytes();
+  info.is_draining = message.draining();
+  return info;
+}
+
+ModelInfo FromProto(const v1::Model& message) {
+  ModelInfo model;
+  model.name = message.name();
+  model.format = ReverseLookup(kModelFormats, message.format(), ModelFormat::kObj);
+  model.size_bytes = message.size_bytes();
+  model.num_faces = message.num_faces();
+  model.num_lines = message.num_lines();
+  model.diameter_m = message.diameter_m();
+  model.metres_per_unit = message.metres_per_unit();
+  model.crease_angle_deg = message.crease_angle_deg();
+  model.sha256_hex = absl::BytesToHexString(message.sha256());
+  model.create_time = FromProto(message.create_time());
+  model.notices.assign(message.notices().begin(), message.notices().end());
+  return model;
+}
+
+SessionHealth FromProto(const v1::SessionHealth& message) {
+  SessionHealth health;
+  health.t_us = message.t_us();
+  health.received_bytes = message.received_bytes();
+  health.processed_bytes = message.processed_bytes();
+  health.decoded_events = message.decoded_events();
+  health.dropped_events = message.dropped_events();
+  health.invalid_words = message.invalid_words();
+  health.time_backsteps = message.time_backsteps();
+  health.poses = message.poses();
+  health.event_rate_hz = message.event_rate_hz();
+  health.pose_rate_hz = message.pose_rate_hz();
+  health.real_time_ratio = message.real_time_ratio();
+  if (message.has_latency_p50()) health.latency_p50 = FromProto(message.latency_p50());
+  if (message.has_latency_p99()) health.latency_p99 = FromProto(message.latency_p99());
+  for (const v1::ObjectHealth& object : message.objects()) {
+    health.objects.push_back({object.object_id(),
+                              ReverseLookup(kTrackStates, object.state(), TrackState::kInitializing), object.losses(),
+                              object.explained_ratio()});
+  }
+  return health;
+}
+
+absl::StatusOr<Session> FromProto(const v1::Session& message) {
+  Session session;
+  session.name = message.name();
+  absl::StatusOr<SessionConfig> config = FromProto(message.config());
+  if (!config.ok()) return absl::InternalError(absl::StrCat(message.name(), ": config: ", config.status().message()));
+  session.config = *std::move(config);
+  session.resume_token = message.resume_token();
+  session.state = ReverseLookup(kSessionStates, message.state(), SessionState::kUnknown);
+  session.create_time = FromProto(message.create_time());
+  if (message.has_expire_time()) session.expire_time = FromProto(message.expire_time());
+  session.health = FromProto(message.health());
+  return session;
+}
+
+absl::StatusOr<Pose> FromProto(const v1::Pose& message) {
+  const auto error = [&message](absl::string_view what) {
+    return absl::InternalError(absl::StrCat("pose ", message.pose_seq(), ": ", what));
+  };
+  if (message.covariance_size() != 21) return error("covariance has not 21 numbers");
+  if (message.twist_size() != 6) return error("twist has not 6 numbers");
+  absl::StatusOr<RigidTransform> transform = FromProto(message.camera_from_object());
+  if (!transform.ok()) return error(absl::StrCat("camera_from_object: ", transform.status().message()));
+  Pose pose;
+  pose.seq = message.pose_seq();
+  pose.object_id = message.object_id();
+  pose.latency = FromProto(message.latency());
+  PoseEstimate& estimate = pose.estimate;
+  estimate.t_us = message.t_us();
+  estimate.camera_from_object = *transform;
+  estimate.covariance = SymmetricFromUpper(message.covariance());
+  for (int i = 0; i < 6; ++i) estimate.twist[i] = message.twist(i);
+  estimate.state = ReverseLookup(kTrackStates, message.state(), TrackState::kInitializing);
+  if (estimate.state != TrackState::kTracking && estimate.state != TrackState::kDegraded) {
+    return error(absl::StrCat("state ", static_cast<int>(message.state()), " claims no pose"));
+  }
+  estimate.num_events = message.num_events();
+  estimate.explained_ratio = message.explained_ratio();
+  estimate.residual_rms_px = message.residual_rms_px();
+  return pose;
+}
+
+std::optional<Notice> FromProto(const v1::Notice& message) {
+  switch (message.kind_case()) {
+    case v1::Notice::kGoAway:
+      return GoAway{FromProto(message.go_away().deadline())};
+    case v1::Notice::kDecodeFault:
+      return DecodeFault{message.decode_fault().seq(), message.decode_fault().count(), message.decode_fault().detail()};
+    case v1::Notice::kStateChange:
+      return StateChange{message.state_change().object_id(), message.state_change().t_us(),
+                         ReverseLookup(kTrackStates, message.state_change().state(), TrackState::kInitializing)};
+    case v1::Notice::KIND_NOT_SET:
+      break;
+  }
+  return std::nullopt;
+}
+
+}  // namespace evpose::client

@@ -1,0 +1,34 @@
+// Between the API's messages and the library's types. Internal: it includes generated headers.
+#pragma once
+
+#include <grpcpp/support/status.h>
+
+#include <optional>
+#include <string>
+
+#include "absl/status/status.h"
+#include "absl/status/statusor.h"
+#include "client/lib/types.h"
+#include "evpose/v1/admin.pb.h"
+#include "evpose/v1/models.pb.h"
+#include "evpose/v1/sessions.pb.h"
+
+namespace evpose::client {
+
+// The same code; the message, led by `context`, names the wrong fields where the server does.
+absl::Status FromGrpc(const grpc::Status& status, const std::string& context);
+
+v1::ModelFormat ToProto(ModelFormat format);
+v1::SessionConfig ToProto(const SessionConfig& config);
+v1::RigidTransform ToProto(const RigidTransform& transform);
+
+ServerInfo FromProto(const v1::ServerInfo& message);
+ModelInfo FromProto(const v1::Model& message);
+SessionHealth FromProto(const v1::SessionHealth& message);
+// Errors: INTERNAL naming the field that no server of ours would send.
+absl::StatusOr<Session> FromProto(const v1::Session& message);
+absl::StatusOr<Pose> FromProto(const v1::Pose& message);
+// nullopt for a kind that a later server may have.
+std::optional<Notice> FromProto(const v1::Notice& message);
+
+}  // namespace evpose::client

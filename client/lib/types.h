@@ -1,0 +1,115 @@
+// What the client library takes and gives: plain types, so that no generated header reaches its users.
+// Each stands for the message of the same name in proto/evpose/v1, where the fields are described.
+#pragma once
+
+#include <cstdint>
+#include <optional>
+#include <string>
+#include <variant>
+#include <vector>
+
+#include "absl/time/time.h"
+#include "core/events/decoder.h"
+#include "core/geometry/camera.h"
+#include "core/geometry/rigid_transform.h"
+#include "core/models/object_model.h"
+#include "core/tracking/tracker.h"
+
+namespace evpose::client {
+
+struct ServerInfo {
+  std::string version;
+  std::string store;
+  uint32_t active_sessions = 0;
+  uint32_t max_sessions = 0;
+  uint32_t max_chunk_bytes = 0;
+  uint64_t max_model_bytes = 0;
+  bool is_draining = false;
+};
+
+struct ModelInfo {
+  std::string name;  // "models/{id}"
+  ModelFormat format = ModelFormat::kObj;
+  uint64_t size_bytes = 0;
+  uint32_t num_faces = 0;
+  uint32_t num_lines = 0;
+  double diameter_m = 0.0;
+  double metres_per_unit = 1.0;
+  double crease_angle_deg = 0.0;
+  std::string sha256_hex;
+  absl::Time create_time = absl::InfinitePast();
+  std::vector<std::string> notices;
+};
+
+struct TrackedObject {
+  std::string object_id = "object";
+  std::string model;  // ModelInfo::name
+  std::optional<RigidTransform> initial_camera_from_object;
+};
+
+struct SessionConfig {
+  Encoding encoding = Encoding::kEvt3;
+  CameraModel camera;
+  std::vector<TrackedObject> objects;
+  Estimator estimator = Estimator::kMixture;
+};
+
+struct ObjectHealth {
+  std::string object_id;
+  TrackState state = TrackState::kInitializing;
+  uint32_t losses = 0;
+  float explained_ratio = 0.0f;
+};
+
+struct SessionHealth {
+  int64_t t_us = 0;
+  uint64_t received_bytes = 0;
+  uint64_t processed_bytes = 0;
+  uint64_t decoded_events = 0;
+  uint64_t dropped_events = 0;
+  uint64_t invalid_words = 0;
+  uint64_t time_backsteps = 0;
+  uint64_t poses = 0;
+  double event_rate_hz = 0.0;
+  double pose_rate_hz = 0.0;
+  double real_time_ratio = 0.0;
+  std::optional<absl::Duration> latency_p50;
+  std::optional<absl::Duration> latency_p99;
+  std::vector<ObjectHealth> objects;
+};
+
+enum class SessionState { kUnknown, kDetached, kAttached, kEnded };
+
+struct Session {
+  std::string name;  // "sessions/{id}"
+  SessionConfig config;
+  std::string resume_token;  // from CreateSession only; a secret
+  SessionState state = SessionState::kUnknown;
+  absl::Time create_time = absl::InfinitePast();
+  std::optional<absl::Time> expire_time;
+  SessionHealth health;
+};
+
+struct Pose {
+  uint64_t seq = 0;
+  std::string object_id;
+  PoseEstimate estimate;
+  absl::Duration latency;  // the only field that is not a function of the events
+};
+
+struct GoAway {
+  absl::Duration deadline;
+};
+struct DecodeFault {
+  uint64_t chunk_seq = 0;
+  uint64_t count = 0;
+  std::string detail;
+};
+struct StateChange {
+  std::string object_id;
+  int64_t t_us = 0;
+  TrackState state = TrackState::kInitializing;
+};
+using Notice = std::variant<GoAway, DecodeFault, StateChange>;
+
+}  // namespace evpose::client
