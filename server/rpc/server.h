@@ -20,7 +20,7 @@ struct ServerOptions {
   // Threads that decode and track; 0: one per core. Sessions share them.
   int worker_threads = 0;
   // Sessions at a time, ended ones included until they are deleted or expire. Each takes at worst credit_bytes plus
-  // about 320 bytes for each pose of its log, besides its trackers.
+  // about 500 bytes for each pose of its log, besides its trackers.
   uint32_t max_sessions = 64;
   // Of one model file.
   uint64_t max_model_bytes = 64ull << 20;
@@ -30,9 +30,9 @@ struct ServerOptions {
   uint32_t max_chunk_bytes = 1u << 20;
   // Undecoded bytes a session may have outstanding: a second of a busy EVK4; at least max_chunk_bytes.
   uint64_t credit_bytes = 4ull << 20;
-  // Poses kept per session for readers and re-attaching streams, about 30 s at 1 kHz; older ones are forgotten. At
+  // Poses kept per session for readers and re-attaching streams, about 16 s at 1 kHz; older ones are forgotten. At
   // least 4096: a stream may be 1024 poses behind before its session waits.
-  uint32_t pose_log_capacity = 32'768;
+  uint32_t pose_log_capacity = 16'384;
   // A session without a stream is deleted after so long: a client that died holds no slot for ever.
   absl::Duration session_expiry = absl::Minutes(10);
 
