@@ -1,0 +1,167 @@
+#include "client/lib/client.h"
+
+#include <gmock/gmock.h>
+#include <grpcpp/server.h>
+#include <grpcpp/server_builder.h>
+#include <gtest/gtest.h>
+#include <netinet/in.h>
+#include <sys/socket.h>
+#include <unistd.h>
+
+#include <string>
+
+#include "absl/strings/escaping.h"
+#include "core/base/hash.h"
+#include "evpose/v1/admin.grpc.pb.h"
+#include "evpose/v1/models.grpc.pb.h"
+#include "evpose/v1/sessions.grpc.pb.h"
+
+namespace evpose::client {
+namespace {
+
+using ::testing::HasSubstr;
+
+ClientOptions Impatient() {
+  ClientOptions options;
+  options.connect_timeout = absl::Milliseconds(300);
+  return options;
+}
+
+// A port that is bound and closed to connections for as long as this lives.
+class ClosedPort {
+ public:
+  ClosedPort() : socket_(socket(AF_INET, SOCK_STREAM, 0)) {
+    sockaddr_in address = {};
+    address.sin_family = AF_INET;
+    address.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
+    socklen_t size = sizeof(address);
+    EXPECT_EQ(bind(socket_, reinterpret_cast<sockaddr*>(&address), size), 0);
+    EXPECT_EQ(getsockname(socket_, reinterpret_cast<sockaddr*>(&address), &size), 0);
+    address_ = "127.0.0.1:" + std::to_string(ntohs(address.sin_port));
+  }
+  ~ClosedPort() { close(socket_); }
+  const std::string& address() const { return address_; }
+
+ private:
+  int socket_;
+  std::string address_;
+};
+
+TEST(Connect, AbsentServerIsNamedWithWhatWasTried) {
+  const ClosedPort port;
+  const auto client = Client::Connect(port.address(), Impatient());
+  EXPECT_EQ(client.status().code(), absl::StatusCode::kUnavailable);
+  EXPECT_THAT(client.status().message(), HasSubstr("no server at " + port.address()));
+  EXPECT_THAT(client.status().message(), HasSubstr("tried to connect for 300ms"));
+  EXPECT_THAT(client.status().message(), HasSubstr("refused"));
+}
+
+TEST(Connect, AddressesThatAreNone) {
+  for (const char* address :
+       {"", "localhost", ":80", "localhost:", "localhost:0", "localhost:65536", "localhost:http"}) {
+    const auto client = Client::Connect(address, Impatient());
+    EXPECT_EQ(client.status().code(), absl::StatusCode::kInvalidArgument) << address;
+    EXPECT_THAT(client.status().message(), HasSubstr("HOST:PORT"));
+  }
+}
+
+TEST(Connect, AnotherServiceIsToldApart) {
+  v1::ModelService::Service other;
+  int port = 0;
+  grpc::ServerBuilder builder;
+  builder.AddListeningPort("127.0.0.1:0", grpc::InsecureServerCredentials(), &port);
+  builder.RegisterService(&other);
+  const auto server = builder.BuildAndStart();
+  ASSERT_GT(port, 0);
+  ClientOptions options;
+  const auto client = Client::Connect("127.0.0.1:" + std::to_string(port), options);
+  EXPECT_EQ(client.status().code(), absl::StatusCode::kUnimplemented);
+  EXPECT_THAT(client.status().message(), HasSubstr("is no evpose server"));
+}
+
+TEST(ClientOptions, ValidateNamesTheField) {
+  ClientOptions options;
+  options.connect_timeout = absl::ZeroDuration();
+  EXPECT_THAT(Client::Connect("localhost:1", options).status().message(), HasSubstr("connect_timeout"));
+}
+
+class FakeModels final : public v1::ModelService::Service {
+ public:
+  grpc::Status UploadModel(grpc::ServerContext*, grpc::ServerReader<v1::UploadModelRequest>* reader,
+                           v1::Model* model) override {
+    v1::UploadModelRequest request;
+    reader->Read(&request);
+    header = request.header();
+    if (is_rejecting) return {grpc::StatusCode::INVALID_ARGUMENT, "line 3: not a number"};
+    while (reader->Read(&request)) bytes += request.chunk();
+    model->set_name("models/1");
+    model->set_size_bytes(bytes.size());
+    return grpc::Status::OK;
+  }
+  grpc::Status ListModels(grpc::ServerContext*, const v1::ListModelsRequest* request,
+                          v1::ListModelsResponse* response) override {
+    const bool is_first = request->page_token().empty();
+    response->add_models()->set_name(is_first ? "models/1" : "models/2");
+    if (is_first) response->set_next_page_token("2");
+    return grpc::Status::OK;
+  }
+  grpc::Status DeleteModel(grpc::ServerContext*, const v1::DeleteModelRequest*, v1::DeleteModelResponse*) override {
+    return {grpc::StatusCode::FAILED_PRECONDITION, "in use"};
+  }
+
+  v1::UploadModelRequest::Header header;
+  std::string bytes;
+  bool is_rejecting = false;
+};
+
+class ModelsTest : public ::testing::Test {
+ protected:
+  void SetUp() override {
+    grpc::ServerBuilder builder;
+    builder.RegisterService(&models_);
+    server_ = builder.BuildAndStart();
+    client_ = Client::OverChannel(server_->InProcessChannel({}), "test server");
+  }
+  FakeModels models_;
+  std::unique_ptr<grpc::Server> server_;
+  std::unique_ptr<Client> client_;
+};
+
+TEST_F(ModelsTest, UploadStreamsTheFileWithItsDigest) {
+  std::vector<uint8_t> file(1'000'001);
+  for (size_t i = 0; i < file.size(); ++i) file[i] = static_cast<uint8_t>(i * 7 / 5);
+  UploadOptions options;
+  options.format = ModelFormat::kStl;
+  options.metres_per_unit = 0.001;
+  const auto model = client_->UploadModel(file, options);
+  ASSERT_TRUE(model.ok()) << model.status();
+  EXPECT_EQ(model->name, "models/1");
+  EXPECT_EQ(models_.header.format(), v1::MODEL_FORMAT_STL);
+  EXPECT_EQ(models_.header.metres_per_unit(), 0.001);
+  EXPECT_EQ(models_.header.size_bytes(), file.size());
+  EXPECT_EQ(absl::BytesToHexString(models_.header.sha256()), Sha256Hex(file));
+  EXPECT_EQ(models_.bytes, std::string(file.begin(), file.end()));
+}
+
+TEST_F(ModelsTest, RejectedUploadGivesTheServersWords) {
+  models_.is_rejecting = true;
+  const auto model = client_->UploadModel(std::vector<uint8_t>(5'000'000), {});
+  EXPECT_EQ(model.status().code(), absl::StatusCode::kInvalidArgument);
+  EXPECT_EQ(model.status().message(), "test server: line 3: not a number");
+}
+
+TEST_F(ModelsTest, AllPagesAreListed) {
+  const auto models = client_->ListModels();
+  ASSERT_TRUE(models.ok()) << models.status();
+  ASSERT_EQ(models->size(), 2u);
+  EXPECT_EQ((*models)[0].name, "models/1");
+  EXPECT_EQ((*models)[1].name, "models/2");
+}
+
+TEST_F(ModelsTest, StatusKeepsItsCode) {
+  EXPECT_EQ(client_->DeleteModel("models/1").code(), absl::StatusCode::kFailedPrecondition);
+  EXPECT_EQ(client_->GetModel("models/1").status().code(), absl::StatusCode::kUnimplemented);
+}
+
+}  // namespace
+}  // namespace evpose::client
