@@ -1,0 +1,118 @@
+#include "core/events/encoder.h"
+
+#include <optional>
+#include <string>
+
+#include "absl/strings/str_cat.h"
+#include "core/base/status_macros.h"
+#include "core/events/word_encoder.h"
+
+namespace evpose {
+namespace {
+
+std::string TimeOf(std::optional<size_t> event) {
+  return event.has_value() ? absl::StrCat("the time of event ", *event) : "the time";
+}
+
+}  // namespace
+
+absl::StatusOr<std::unique_ptr<EventEncoder>> MakeEventEncoder(Encoding encoding, SensorGeometry geometry) {
+  EVPOSE_RETURN_IF_ERROR(ValidateGeometry(encoding, geometry));
+  switch (encoding) {
+    case Encoding::kEvt3:
+      return MakeEvt3Encoder(geometry);
+    case Encoding::kEvt21:
+      return MakeEvt21Encoder(geometry);
+    case Encoding::kEvt2:
+      return MakeEvt2Encoder(geometry);
+    case Encoding::kFlat64:
+      return MakeFlat64Encoder(geometry);
+    case Encoding::kDat:
+      return absl::UnimplementedError("DAT is read only: write EVT3, EVT2.1, EVT2 or FLAT64");
+  }
+  return absl::InvalidArgumentError("an encoding that no encoder knows");
+}
+
+absl::Status WordEncoder::Encode(absl::Span<const Event> events, std::vector<uint8_t>& out) {
+  EVPOSE_RETURN_IF_ERROR(Check(events));
+  if (events.empty()) return absl::OkStatus();
+  EncodeChecked(events, out);
+  last_us_ = events.back().t_us;
+  last_written_us_ = last_us_;
+  return absl::OkStatus();
+}
+
+absl::Status WordEncoder::EncodeTime(int64_t t_us, std::vector<uint8_t>& out) {
+  EVPOSE_RETURN_IF_ERROR(CheckOrder(std::nullopt, t_us, last_us_));
+  if (limits_.has_time_words) {
+    EVPOSE_RETURN_IF_ERROR(CheckGap(std::nullopt, t_us, last_written_us_));
+    EncodeCheckedTime(t_us, out);
+    last_written_us_ = t_us;
+  }
+  last_us_ = t_us;
+  return absl::OkStatus();
+}
+
+absl::Status WordEncoder::CheckOrder(std::optional<size_t> event, int64_t t_us, int64_t previous_us) {
+  if (t_us >= previous_us && t_us >= 0) return absl::OkStatus();
+  if (t_us < 0) {
+    return absl::InvalidArgumentError(absl::StrCat(TimeOf(event), " is ", t_us, " us: it must not be negative"));
+  }
+  return absl::InvalidArgumentError(absl::StrCat(TimeOf(event), " is ", t_us, " us, before the ", previous_us,
+                                                 " us that came before: times must not decrease"));
+}
+
+absl::Status WordEncoder::CheckGap(std::optional<size_t> event, int64_t t_us, int64_t previous_us) const {
+  const bool is_first = previous_us < 0;
+  const int64_t gap_us = is_first ? t_us : t_us - previous_us;
+  const int64_t max_us = is_first ? limits_.max_first_us : limits_.max_gap_us;
+  if (gap_us <= max_us) return absl::OkStatus();
+  return absl::InvalidArgumentError(absl::StrCat(TimeOf(event), " is ", t_us, " us, ", gap_us, " us after ",
+                                                 is_first ? "the clock's zero" : "what was written before",
+                                                 ": at most ", max_us, " us can be told"));
+}
+
+absl::Status WordEncoder::Check(absl::Span<const Event> events) const {
+  int64_t previous_us = last_us_;
+  int64_t written_us = last_written_us_;
+  for (size_t i = 0; i < events.size(); ++i) {
+    const Event& event = events[i];
+    if (event.t_us < 0 || event.t_us < previous_us || event.t_us != written_us) {
+      EVPOSE_RETURN_IF_ERROR(CheckOrder(i, event.t_us, previous_us));
+      EVPOSE_RETURN_IF_ERROR(CheckGap(i, event.t_us, written_us));
+    }
+    if (event.x >= geometry_.width_px || event.y >= geometry_.height_px) {
+      return absl::InvalidArgumentError(absl::StrCat("event ", i, " at x ", event.x, ", y ", event.y,
+                                                     " lies outside the sensor of ", geometry_.width_px, "x",
+                                                     geometry_.height_px, " pixels"));
+    }
+    if (event.polarity > 1) {
+      return absl::InvalidArgumentError(
+          absl::StrCat("event ", i, " has polarity ", static_cast<int>(event.polarity), ": it must be 0 or 1"));
+    }
+    previous_us = event.t_us;
+    written_us = event.t_us;
+  }
+  return absl::OkStatus();
+}
+
+size_t VectorRunLength(absl::Span<const Event> events) {
+  const Event& first = events.front();
+  size_t length = 1;
+  while (length < events.size()) {
+    const Event& event = events[length];
+    const bool joins = event.t_us == first.t_us && event.y == first.y && event.polarity == first.polarity &&
+                       event.x / kVectorPixels == first.x / kVectorPixels && event.x > events[length - 1].x;
+    if (!joins) break;
+    ++length;
+  }
+  return length;
+}
+
+uint32_t VectorMask(absl::Span<const Event> run) {
+  uint32_t mask = 0;
+  for (const Event& event : run) mask |= 1u << (event.x % kVectorPixels);
+  return mask;
+}
+
+}  // namespace evpose

@@ -1,0 +1,107 @@
+#include <algorithm>
+#include <cstdint>
+
+#include "core/events/word_encoder.h"
+
+namespace evpose {
+namespace {
+
+constexpr uint32_t kAddrY = 0x0;
+constexpr uint32_t kAddrX = 0x2;
+constexpr uint32_t kVectBaseX = 0x3;
+constexpr uint32_t kVect12 = 0x4;
+constexpr uint32_t kVect8 = 0x5;
+constexpr uint32_t kTimeLow = 0x6;
+constexpr uint32_t kTimeHigh = 0x8;
+
+constexpr int64_t kHighRange = 4096;
+// A wrap is a step back of half the counter or more, so that steps forward of a quarter are never ambiguous.
+constexpr int64_t kMaxHighStep = 1024;
+
+class Evt3Encoder final : public WordEncoder {
+ public:
+  explicit Evt3Encoder(SensorGeometry geometry) : WordEncoder(geometry, TimeLimits{}) {}
+
+ private:
+  void EncodeChecked(absl::Span<const Event> events, std::vector<uint8_t>& out) override {
+    while (!events.empty()) {
+      const Event& first = events.front();
+      if (first.t_us != t_us_) WriteTime(first.t_us, out);
+      if (first.y != row_) {
+        row_ = first.y;
+        Append(kAddrY, first.y, out);
+      }
+      const size_t length = VectorRunLength(events);
+      if (!WriteVector(events.subspan(0, length), out)) {
+        for (const Event& event : events.subspan(0, length)) {
+          Append(kAddrX, static_cast<uint32_t>(event.polarity) << 11 | event.x, out);
+        }
+      }
+      events.remove_prefix(length);
+    }
+  }
+
+  void EncodeCheckedTime(int64_t t_us, std::vector<uint8_t>& out) override {
+    if (t_us != t_us_) WriteTime(t_us, out);
+  }
+
+  // One TIME_HIGH in every 16 us in which there is something to say, as a camera does, and enough of them over a gap
+  // that no wrap is missed. After the time the row comes again: what a lost word spoils is over soon.
+  void WriteTime(int64_t t_us, std::vector<uint8_t>& out) {
+    const int64_t high = t_us >> 12;
+    int64_t written = t_us_ < 0 ? high : t_us_ >> 12;
+    if (t_us_ < 0 && high >= kHighRange) {
+      // Readers begin without a wrap: a first time beyond one has to be led up to.
+      written = 0;
+      Append(kTimeHigh, 0, out);
+    }
+    while (high - written > kMaxHighStep) {
+      written += kMaxHighStep;
+      Append(kTimeHigh, static_cast<uint32_t>(written & 0xfff), out);
+    }
+    if (t_us_ < 0 || t_us / kTimeWordPeriod_us != t_us_ / kTimeWordPeriod_us) {
+      Append(kTimeHigh, static_cast<uint32_t>(high & 0xfff), out);
+    }
+    Append(kTimeLow, static_cast<uint32_t>(t_us & 0xfff), out);
+    t_us_ = t_us;
+    row_ = -1;
+    vector_end_ = -1;
+  }
+
+  // False when single words are not longer, or the vector would reach over the right edge, where decoders drop it.
+  bool WriteVector(absl::Span<const Event> run, std::vector<uint8_t>& out) {
+    const Event& first = run.front();
+    const int base = first.x / kVectorPixels * kVectorPixels;
+    // A triple leaves the base at its end: a vector that continues there needs no new one.
+    const bool continues = vector_end_ == base && vector_row_ == first.y && vector_polarity_ == first.polarity;
+    const size_t num_words = continues ? 3 : 4;
+    if (run.size() <= num_words || base + kVectorPixels > geometry_.width_px) return false;
+    if (!continues) Append(kVectBaseX, static_cast<uint32_t>(first.polarity) << 11 | static_cast<uint32_t>(base), out);
+    const uint32_t mask = VectorMask(run);
+    Append(kVect12, mask & 0xfff, out);
+    Append(kVect12, mask >> 12 & 0xfff, out);
+    Append(kVect8, mask >> 24, out);
+    vector_end_ = base + kVectorPixels;
+    vector_row_ = first.y;
+    vector_polarity_ = first.polarity;
+    return true;
+  }
+
+  static void Append(uint32_t type, uint32_t content, std::vector<uint8_t>& out) {
+    AppendWord(static_cast<uint16_t>(type << 12 | content), out);
+  }
+
+  int64_t t_us_ = -1;
+  int row_ = -1;
+  int vector_end_ = -1;
+  int vector_row_ = -1;
+  int vector_polarity_ = 0;
+};
+
+}  // namespace
+
+std::unique_ptr<EventEncoder> MakeEvt3Encoder(SensorGeometry geometry) {
+  return std::make_unique<Evt3Encoder>(geometry);
+}
+
+}  // namespace evpose
