@@ -12,9 +12,8 @@ namespace evpose {
 namespace {
 
 // The light between two pictures is straight, its logarithm is not: pieces of at most this change, over which the
-// logarithm bends by less than 0.3 % of the change from a straight line.
+// logarithm differs by less than 0.003, 1 % of a usual threshold, from a straight line.
 constexpr double kMaxLogStep = 0.15;
-constexpr int kMaxPieces = 24;
 constexpr double kSettled = 1e-3;  // of the logarithm: 0.4 % of a usual threshold
 
 }  // namespace
@@ -131,20 +130,33 @@ void PixelResponse::Advance(PixelState& state, float light_from, float light_to,
                             std::vector<Crossing>& crossings) const {
   const double begin_us = state.t_us;
   const double length_us = t_us - begin_us;
+  const double input_from = state.input;
   const double input_to = LogLight(light_to);
-  const double change = std::abs(input_to - state.input);
-  const int pieces = std::clamp(static_cast<int>(std::ceil(change / kMaxLogStep)), 1, kMaxPieces);
-  Piece piece = {begin_us, length_us / pieces, state.input, 0.0, 0.0};
-  for (int i = 0; i < pieces; ++i) {
-    const float share = static_cast<float>(i + 1) / static_cast<float>(pieces);
-    const float light = light_from + share * (light_to - light_from);
-    const double next = i + 1 == pieces ? input_to : LogLight(light);
-    piece.begin_us = begin_us + i * piece.length_us;
-    piece.slope = (next - piece.input) / piece.length_us;
-    piece.tau_us = TimeConstantUs(light);
-    AdvancePiece(state, piece, crossings);
-    piece.input = next;
+  const double change = input_to - input_from;
+  const int pieces = std::max(1, static_cast<int>(std::ceil(std::abs(change) / kMaxLogStep)));
+  Piece piece = {begin_us, length_us, input_from, change / length_us, TimeConstantUs(light_to)};
+  if (pieces > 1) {
+    // Equal pieces of the logarithm: the light at their ends is a geometric series, and reaches them in proportion.
+    const double ratio = DeterministicExp(change / pieces);
+    const double from = std::max<double>(light_from, 0.0) + dark_light_;
+    const double us_per_light = length_us / (static_cast<double>(light_to) - light_from);
+    double light = from;
+    for (int i = 1; i < pieces; ++i) {
+      light *= ratio;
+      const double end_us = begin_us + std::clamp((light - from) * us_per_light, 0.0, length_us);
+      piece.length_us = end_us - piece.begin_us;
+      if (piece.length_us <= 0.0) continue;
+      piece.slope = change / pieces / piece.length_us;
+      piece.tau_us = TimeConstantUs(static_cast<float>(light));
+      AdvancePiece(state, piece, crossings);
+      piece.begin_us = end_us;
+      piece.input = input_from + change * i / pieces;
+    }
+    piece.length_us = t_us - piece.begin_us;
+    piece.slope = (input_to - piece.input) / piece.length_us;
+    piece.tau_us = TimeConstantUs(light_to);
   }
+  if (piece.length_us > 0.0) AdvancePiece(state, piece, crossings);
   state.input = static_cast<float>(input_to);
   state.t_us = t_us;
 }

@@ -21,11 +21,11 @@ struct ObjectPreset {
 
 // Speeds chosen so that an EVK4 at the default thresholds sends about 1e6 events/s.
 constexpr std::array<ObjectPreset, 5> kObjectPresets = {{
-    {SimulatedObject::kCube, 0.20, 0.40, 1.0},
-    {SimulatedObject::kCuboid, 0.26, 0.40, 1.0},
-    {SimulatedObject::kPlanar, 0.26, 0.40, 1.0},
-    {SimulatedObject::kBook, 0.25, 0.40, 1.0},
-    {SimulatedObject::kSpacecraft, 0.42, 0.30, 0.8},
+    {SimulatedObject::kCube, 0.20, 0.31, 0.8},
+    {SimulatedObject::kCuboid, 0.26, 0.31, 0.8},
+    {SimulatedObject::kPlanar, 0.26, 0.45, 1.1},
+    {SimulatedObject::kBook, 0.25, 0.22, 0.55},
+    {SimulatedObject::kSpacecraft, 0.42, 0.27, 0.7},
 }};
 
 }  // namespace
