@@ -14,18 +14,23 @@
 namespace evpose {
 
 struct RecordingReaderOptions {
-  // Keep reading at the end of the file as it grows, until `stop` says so.
+  // Keep reading at the end of the file as it grows, until `stop` says so. A pipe ends when its writer closes it.
   bool follow = false;
-  // Asked before every wait; true ends the reading cleanly.
+  // Asked before every wait, some 100 times a second while nothing comes; true ends the reading cleanly.
   std::function<bool()> stop;
 };
 
 class RecordingReader {
  public:
   // `path` "-" is standard input. Errors, each naming the path: NOT_FOUND, PERMISSION_DENIED, INVALID_ARGUMENT for
-  // an empty or header-only file, a header that contradicts itself or names no format (with its line).
+  // a directory, an empty or header-only file, a header that contradicts itself or names no format (with its line);
+  // CANCELLED when `stop` ended the wait for a header that still grows. While following, the first event is not waited
+  // for.
   static absl::StatusOr<std::unique_ptr<RecordingReader>> Open(const std::string& path,
                                                                const RecordingReaderOptions& options = {});
+  // The same from an open descriptor (a pipe, a socket), which the reader closes; `name` stands for the path in errors.
+  static absl::StatusOr<std::unique_ptr<RecordingReader>> OpenDescriptor(int descriptor, const std::string& name,
+                                                                         const RecordingReaderOptions& options = {});
   virtual ~RecordingReader() = default;
 
   virtual const RecordingHeader& header() const = 0;
@@ -47,17 +52,22 @@ struct EventChunkBytes {
 struct ChunkerOptions {
   int64_t max_duration_us = 1000;  // closed after this much sensor time: one pose period at 1 kHz
   size_t max_bytes = 256 * 1024;   // closed at this size; a multiple of 8, at least 8
+
+  // INVALID_ARGUMENT naming the field that is wrong.
+  absl::Status Validate() const;
 };
 
 // Cuts a recording into chunks of whole words, closed by sensor time or size, whichever comes first. Reads the time
-// words only; the bytes pass through as they are.
+// words only; the bytes pass through as they are. Where the cuts are depends on the recording and the options, not on
+// how many bytes each read brings. The time word that closes a chunk is its last, so that a live reader is told of the
+// time as soon as the camera tells it.
 class Chunker {
  public:
   Chunker(RecordingReader& reader, const ChunkerOptions& options);
   ~Chunker();
 
-  // The next chunk; empty bytes at the end. What remains of a word at the end of the stream is not returned but
-  // counted by truncated_bytes().
+  // The next chunk; empty bytes at the end. Errors: those of ChunkerOptions::Validate() and RecordingReader::Read().
+  // What remains of a word at the end of the stream is not returned but counted by truncated_bytes().
   absl::StatusOr<EventChunkBytes> Next();
   size_t truncated_bytes() const;
 

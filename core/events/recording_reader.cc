@@ -1,0 +1,162 @@
+#include "core/events/recording_reader.h"
+
+#include <fcntl.h>
+#include <poll.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <cerrno>
+#include <cstring>
+#include <optional>
+#include <string_view>
+#include <utility>
+
+#include "absl/strings/str_cat.h"
+#include "core/base/status_macros.h"
+
+namespace evpose {
+namespace {
+
+// Between two looks at a file that grows, or two questions to `stop`.
+constexpr int kWait_ms = 10;
+constexpr size_t kHeaderReadBytes = 4096;
+
+class DescriptorReader final : public RecordingReader {
+ public:
+  DescriptorReader(int descriptor, std::string name, RecordingReaderOptions options)
+      : descriptor_(descriptor), name_(std::move(name)), options_(std::move(options)) {}
+  ~DescriptorReader() override {
+    if (descriptor_ != STDIN_FILENO) close(descriptor_);
+  }
+
+  // Reads the header and, unless following, the first byte after it.
+  absl::Status Start() {
+    struct stat info;
+    if (fstat(descriptor_, &info) != 0) return Error(errno, "cannot be read");
+    if (S_ISDIR(info.st_mode))
+      return absl::InvalidArgumentError(absl::StrCat(name_, ": is a directory, not a recording"));
+    is_regular_ = S_ISREG(info.st_mode);
+    std::string prefix;
+    std::optional<RecordingHeader> header;
+    while (!header.has_value()) {
+      EVPOSE_ASSIGN_OR_RETURN(const bool is_end, ReadPrefix(prefix));
+      if (is_end && stopped_) {
+        return absl::CancelledError(absl::StrCat(name_, ": stopped before its header was whole"));
+      }
+      if (is_end && prefix.empty()) return absl::InvalidArgumentError(absl::StrCat(name_, ": is empty"));
+      auto parsed = ParseRecordingHeader(prefix, is_end);
+      if (!parsed.ok()) return InFile(parsed.status());
+      header = *std::move(parsed);
+    }
+    header_ = *std::move(header);
+    if (is_regular_ && !options_.follow) data_size_bytes_ = info.st_size - static_cast<int64_t>(header_.size_bytes);
+    prefix.erase(0, header_.size_bytes);
+    while (!options_.follow && prefix.empty()) {
+      EVPOSE_ASSIGN_OR_RETURN(const bool is_end, ReadPrefix(prefix));
+      if (is_end) return absl::InvalidArgumentError(absl::StrCat(name_, ": has a header but no events"));
+    }
+    prefix_ = std::move(prefix);
+    return absl::OkStatus();
+  }
+
+  const RecordingHeader& header() const override { return header_; }
+  int64_t data_size_bytes() const override { return data_size_bytes_; }
+
+  absl::StatusOr<size_t> Read(absl::Span<uint8_t> buffer) override {
+    if (prefix_used_ == prefix_.size()) return ReadDescriptor(buffer);
+    const size_t size = std::min(buffer.size(), prefix_.size() - prefix_used_);
+    std::memcpy(buffer.data(), prefix_.data() + prefix_used_, size);
+    prefix_used_ += size;
+    return size;
+  }
+
+ private:
+  // Appends what comes next to `prefix`; true at the end.
+  absl::StatusOr<bool> ReadPrefix(std::string& prefix) {
+    uint8_t buffer[kHeaderReadBytes];
+    EVPOSE_ASSIGN_OR_RETURN(const size_t size, ReadDescriptor(absl::MakeSpan(buffer)));
+    prefix.append(reinterpret_cast<const char*>(buffer), size);
+    return size == 0;
+  }
+
+  // 0 at the end or when `stop` said so.
+  absl::StatusOr<size_t> ReadDescriptor(absl::Span<uint8_t> buffer) {
+    if (buffer.empty()) return 0;
+    while (true) {
+      if (!is_regular_ && !WaitForData()) return 0;
+      const ssize_t size = read(descriptor_, buffer.data(), buffer.size());
+      if (size > 0) {
+        offset_ += size;
+        return static_cast<size_t>(size);
+      }
+      if (size < 0 && errno != EINTR && errno != EAGAIN) {
+        return Error(errno, absl::StrCat("reading failed at byte ", offset_));
+      }
+      if (size < 0) continue;
+      if (!is_regular_ || !options_.follow) return 0;
+      EVPOSE_RETURN_IF_ERROR(CheckNotShrunk());
+      if (MustStop()) return 0;
+      poll(nullptr, 0, kWait_ms);
+    }
+  }
+
+  // False when `stop` said so before anything came.
+  bool WaitForData() {
+    pollfd events = {descriptor_, POLLIN, 0};
+    for (int wait_ms = 0; poll(&events, 1, wait_ms) == 0; wait_ms = kWait_ms) {
+      if (MustStop()) return false;
+    }
+    return true;
+  }
+
+  bool MustStop() {
+    stopped_ = stopped_ || (options_.stop && options_.stop());
+    return stopped_;
+  }
+
+  absl::Status CheckNotShrunk() const {
+    struct stat info;
+    if (fstat(descriptor_, &info) != 0) return Error(errno, "cannot be followed");
+    if (info.st_size >= offset_) return absl::OkStatus();
+    return absl::DataLossError(
+        absl::StrCat(name_, ": shrank from ", offset_, " to ", info.st_size, " bytes while it was followed"));
+  }
+
+  absl::Status Error(int error_number, const std::string& what) const {
+    return absl::UnavailableError(absl::StrCat(name_, ": ", what, ": ", std::strerror(error_number)));
+  }
+  absl::Status InFile(const absl::Status& status) const {
+    return absl::Status(status.code(), absl::StrCat(name_, ": ", status.message()));
+  }
+
+  const int descriptor_;
+  const std::string name_;
+  const RecordingReaderOptions options_;
+  bool is_regular_ = false;
+  bool stopped_ = false;
+  RecordingHeader header_;
+  std::string prefix_;  // read with the header, but data
+  size_t prefix_used_ = 0;
+  int64_t offset_ = 0;
+  int64_t data_size_bytes_ = -1;
+};
+
+}  // namespace
+
+absl::StatusOr<std::unique_ptr<RecordingReader>> RecordingReader::Open(const std::string& path,
+                                                                       const RecordingReaderOptions& options) {
+  if (path == "-") return OpenDescriptor(STDIN_FILENO, "standard input", options);
+  const int descriptor = open(path.c_str(), O_RDONLY | O_CLOEXEC);
+  if (descriptor < 0) return absl::ErrnoToStatus(errno, absl::StrCat(path, ": cannot be opened"));
+  return OpenDescriptor(descriptor, path, options);
+}
+
+absl::StatusOr<std::unique_ptr<RecordingReader>> RecordingReader::OpenDescriptor(
+    int descriptor, const std::string& name, const RecordingReaderOptions& options) {
+  auto reader = std::make_unique<DescriptorReader>(descriptor, name, options);
+  EVPOSE_RETURN_IF_ERROR(reader->Start());
+  return reader;
+}
+
+}  // namespace evpose

@@ -1,0 +1,92 @@
+#include "core/events/time_scanner.h"
+
+#include <algorithm>
+
+#include "core/events/word_decoder.h"
+
+namespace evpose {
+namespace {
+
+constexpr uint32_t kTimeHigh = 0x8;
+
+}  // namespace
+
+bool TimeScanner::TimeIs(int64_t now_us, int64_t max_duration_us) {
+  now_us_ = now_us;
+  // A step back starts the duration again.
+  if (chunk_start_us_ < 0 || now_us < chunk_start_us_) chunk_start_us_ = now_us;
+  return now_us - chunk_start_us_ >= max_duration_us;
+}
+
+TimeScanner::Result TimeScanner::Scan(const uint8_t* words, size_t num_words, int64_t max_duration_us) {
+  switch (encoding_) {
+    case Encoding::kEvt3:
+      return ScanEvt3(words, num_words, max_duration_us);
+    case Encoding::kEvt21:
+      return ScanEvt2<uint64_t>(words, num_words, max_duration_us);
+    case Encoding::kEvt2:
+      return ScanEvt2<uint32_t>(words, num_words, max_duration_us);
+    case Encoding::kDat:
+      return ScanFullTime(words, num_words, max_duration_us, 0);
+    case Encoding::kFlat64:
+      return ScanFullTime(words, num_words, max_duration_us, 32);
+  }
+  return {};
+}
+
+TimeScanner::Result TimeScanner::ScanEvt3(const uint8_t* words, size_t num_words, int64_t max_duration_us) {
+  constexpr uint32_t kVect12 = 0x4;
+  constexpr uint32_t kTimeLow = 0x6;
+  for (size_t i = 0; i < num_words; ++i) {
+    const uint32_t word = LoadWord<uint16_t>(words + 2 * i);
+    const uint32_t type = word >> 12;
+    if (vector_words_to_skip_ > 0) {
+      --vector_words_to_skip_;
+    } else if (type == kVect12) {
+      vector_words_to_skip_ = evt3_clock_.started() ? 2 : 0;
+    } else if (type == kTimeHigh || (type == kTimeLow && evt3_clock_.started())) {
+      const uint32_t content = word & 0xfff;
+      type == kTimeHigh ? evt3_clock_.SetHigh(content) : evt3_clock_.SetLow(content);
+      if (TimeIs(evt3_clock_.now_us(), max_duration_us)) return {i + 1, true};
+    }
+  }
+  return {num_words, false};
+}
+
+template <typename Word>
+TimeScanner::Result TimeScanner::ScanEvt2(const uint8_t* words, size_t num_words, int64_t max_duration_us) {
+  constexpr uint32_t kExtTrigger = 0xA;
+  // The low bits of the last event; they matter before another TIME_HIGH and at the end.
+  int64_t low_us = -1;
+  const auto apply_low = [&] {
+    if (low_us >= 0 && evt2_clock_.started()) {
+      evt2_clock_.SetLow(low_us);
+      now_us_ = evt2_clock_.now_us();
+    }
+    low_us = -1;
+  };
+  for (size_t i = 0; i < num_words; ++i) {
+    const auto word = static_cast<uint32_t>(LoadWord<Word>(words + sizeof(Word) * i) >> (8 * sizeof(Word) - 32));
+    const uint32_t type = word >> 28;
+    if (type <= 1 || type == kExtTrigger) {
+      low_us = (word >> 22) & 0x3f;
+    } else if (type == kTimeHigh) {
+      apply_low();
+      evt2_clock_.SetHigh(word & 0xfffffff);
+      if (TimeIs(evt2_clock_.now_us(), max_duration_us)) return {i + 1, true};
+    }
+  }
+  apply_low();
+  return {num_words, false};
+}
+
+TimeScanner::Result TimeScanner::ScanFullTime(const uint8_t* words, size_t num_words, int64_t max_duration_us,
+                                              int time_shift) {
+  for (size_t i = 0; i < num_words; ++i) {
+    clock32_.Set(static_cast<uint32_t>(LoadWord<uint64_t>(words + 8 * i) >> time_shift));
+    if (TimeIs(clock32_.now_us(), max_duration_us)) return {i + 1, true};
+  }
+  return {num_words, false};
+}
+
+}  // namespace evpose
