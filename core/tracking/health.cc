@@ -12,10 +12,11 @@ void TrackHealth::Reset() {
   std::fill(evidence_.begin(), evidence_.end(), LineEvidence());
   span_s_ = 0.0;
   gated_ = 0.0;
+  noise_ = 0.0;
 }
 
 void TrackHealth::AddWindow(const CameraModel& camera, const WindowInput& input, absl::Span<const ImageLine> lines,
-                            const Vector6d& twist) {
+                            const Vector6d& twist, double events_per_px) {
   const double near_share = options_.near_px / options_.gate_px;
   for (const Observation& event : input.events) {
     const NearLines near = FindNearLines(event, input.grid->Lines(event.tile), lines.data(), options_.gate_px, 0.0);
@@ -26,8 +27,10 @@ void TrackHealth::AddWindow(const CameraModel& camera, const WindowInput& input,
     if (std::abs(near.distance_px[0]) <= options_.near_px) evidence.near += 1.0;
     gated_ += 1.0;
   }
+  const double noise_per_px = std::min(events_per_px, options_.max_noise_hz_per_px * input.duration_s);
   for (size_t k = 0; k < lines.size(); ++k) {
     if (!lines[k].in_view()) continue;
+    noise_ += noise_per_px * 2.0 * options_.gate_px * lines[k].length_px / input.events_per_observation;
     LineEvidence& evidence = evidence_[input.lines[k].model_line];
     evidence.length_px += lines[k].length_px * input.duration_s;
     for (const double fraction : {0.25, 0.75}) {
@@ -43,11 +46,16 @@ HealthVerdict TrackHealth::Judge(double min_support_ratio, int min_supported_lin
   HealthVerdict verdict;
   if (gated_ >= options_.min_events && span_s_ * 1e6 >= static_cast<double>(options_.min_span_us) - 0.5) {
     verdict = Weigh(min_support_ratio, min_supported_lines);
+    if (verdict.kind == HealthVerdict::Kind::kUnsupported && IsQuiet()) verdict.kind = HealthVerdict::Kind::kFewEvents;
   } else if (span_s_ >= kLongestSpanS) {
     verdict.kind = HealthVerdict::Kind::kFewEvents;
   }
   if (verdict.kind != HealthVerdict::Kind::kOpen) Reset();
   return verdict;
+}
+
+bool TrackHealth::IsQuiet() const {
+  return gated_ <= noise_ + options_.significance_sigma * std::sqrt(noise_ * options_.dispersion);
 }
 
 double TrackHealth::ExcessSigma(double gated, double near, double chance) const {

@@ -24,7 +24,7 @@ struct LineEvidence {
 struct HealthVerdict {
   enum class Kind {
     kOpen,         // too little was seen yet
-    kFewEvents,    // the longest a verdict waits has passed, with too few events for one
+    kFewEvents,    // nothing but what the sensor's noise makes: a still object looks like that
     kSupported,    // the events speak for the pose
     kUnsupported,  // there are events, and they do not
   };
@@ -42,9 +42,10 @@ class TrackHealth {
 
   TrackHealth(const HealthOptions& options, double min_events_per_px2, int num_model_lines);
 
-  // `lines` are those of `input`, as the fit left them; `twist` is the fit's.
+  // `lines` are those of `input`, as the fit left them; `twist` is the fit's; `events_per_px` is the mean of the window
+  // over the whole sensor.
   void AddWindow(const CameraModel& camera, const WindowInput& input, absl::Span<const ImageLine> lines,
-                 const Vector6d& twist);
+                 const Vector6d& twist, double events_per_px);
   // `min_support_ratio` and the least number of supported lines make the difference between taking up a pose and
   // keeping it. Anything but kOpen starts the counts anew.
   HealthVerdict Judge(double min_support_ratio, int min_supported_lines);
@@ -52,6 +53,7 @@ class TrackHealth {
 
  private:
   HealthVerdict Weigh(double min_support_ratio, int min_supported_lines) const;
+  bool IsQuiet() const;
   double ExcessSigma(double gated, double near, double chance) const;
 
   const HealthOptions options_;
@@ -59,6 +61,7 @@ class TrackHealth {
   std::vector<LineEvidence> evidence_;
   double span_s_ = 0.0;
   double gated_ = 0.0;
+  double noise_ = 0.0;  // of the gated events, those that the sensor's noise may have made
 };
 
 }  // namespace evpose

@@ -43,7 +43,7 @@ MotionState InitialMotionState(const RigidTransform& camera_from_object, int64_t
   return state;
 }
 
-MotionState Predict(const MotionState& state, int64_t t_us, const MotionOptions& options, double noise_factor) {
+MotionState Predict(const MotionState& state, int64_t t_us, const MotionPriorOptions& options, double noise_factor) {
   const double dt = static_cast<double>(t_us - state.t_us) * 1e-6;
   MotionState predicted = state;
   predicted.t_us = t_us;

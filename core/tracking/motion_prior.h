@@ -29,6 +29,7 @@ MotionState InitialMotionState(const RigidTransform& camera_from_object, int64_t
                                const InitialPoseOptions& options);
 
 // The state at t_us >= state.t_us under white acceleration; `noise_factor` multiplies the noise's spectral density.
-MotionState Predict(const MotionState& state, int64_t t_us, const MotionOptions& options, double noise_factor = 1.0);
+MotionState Predict(const MotionState& state, int64_t t_us, const MotionPriorOptions& options,
+                    double noise_factor = 1.0);
 
 }  // namespace evpose

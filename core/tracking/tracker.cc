@@ -112,7 +112,9 @@ void WindowTracker::OnWindow(const EventWindow& window, std::vector<PoseEstimate
 
   ProjectLines(camera_, motion_, input.lines, image_lines_);
   if (PredictedSpreadPx(camera_, motion_, image_lines_) > options_.health.max_uncertainty_px) return Lose();
-  health_.AddWindow(camera_, input, image_lines_, motion_.twist);
+  const double events_per_px =
+      static_cast<double>(window.num_events) / (static_cast<double>(camera_.width_px) * camera_.height_px);
+  health_.AddWindow(camera_, input, image_lines_, motion_.twist, events_per_px);
   const bool confirming = state_ == TrackState::kInitializing;
   const double support = confirming ? options_.health.confirm_support_ratio : options_.health.keep_support_ratio;
   UpdateState(health_.Judge(support, confirming ? 3 : 2), window.t_end_us);
@@ -195,21 +197,21 @@ void WindowTracker::UpdateState(const HealthVerdict& verdict, int64_t t_us) {
       unsupported_ = false;
       return;
     case HealthVerdict::Kind::kFewEvents:
-      // No events, no evidence either way: a still object makes none.
+      // No events, no evidence either way: a still object makes none. But when the pose was already in doubt, as that
+      // of an object that is being covered, the silence does not speak for it.
       if (state_ == TrackState::kTracking) state_ = TrackState::kDegraded;
-      unsupported_ = false;
-      return;
+      break;
     case HealthVerdict::Kind::kUnsupported:
+      if (state_ == TrackState::kInitializing) {
+        if (++unconfirmed_verdicts_ >= options_.health.max_unconfirmed_verdicts) Lose();
+        return;
+      }
+      state_ = TrackState::kDegraded;
+      if (!unsupported_) unsupported_since_us_ = t_us;
+      unsupported_ = true;
       break;
   }
-  if (state_ == TrackState::kInitializing) {
-    if (++unconfirmed_verdicts_ >= options_.health.max_unconfirmed_verdicts) Lose();
-    return;
-  }
-  state_ = TrackState::kDegraded;
-  if (!unsupported_) unsupported_since_us_ = t_us;
-  unsupported_ = true;
-  if (t_us - unsupported_since_us_ >= options_.health.lost_after_us) Lose();
+  if (unsupported_ && t_us - unsupported_since_us_ >= options_.health.lost_after_us) Lose();
 }
 
 void WindowTracker::Lose() {

@@ -34,7 +34,7 @@ absl::Status InitialPoseOptions::Validate() const {
   return Positive("angular_velocity_rad_per_s", angular_velocity_rad_per_s);
 }
 
-absl::Status MotionOptions::Validate() const {
+absl::Status MotionPriorOptions::Validate() const {
   EVPOSE_RETURN_IF_ERROR(Positive("linear_acceleration_density", linear_acceleration_density));
   EVPOSE_RETURN_IF_ERROR(Positive("angular_acceleration_density", angular_acceleration_density));
   return Between("retry_noise_factor", retry_noise_factor, 1.0, 1e6);
@@ -67,6 +67,7 @@ absl::Status HealthOptions::Validate() const {
   EVPOSE_RETURN_IF_ERROR(Between("near_px", near_px, 0.1, 0.5 * gate_px));
   EVPOSE_RETURN_IF_ERROR(Positive("significance_sigma", significance_sigma));
   EVPOSE_RETURN_IF_ERROR(Between("dispersion", dispersion, 1.0, 1000.0));
+  EVPOSE_RETURN_IF_ERROR(Between("max_noise_hz_per_px", max_noise_hz_per_px, 0.0, 1e6));
   EVPOSE_RETURN_IF_ERROR(Between("min_events", min_events, 1, 1'000'000));
   EVPOSE_RETURN_IF_ERROR(Positive("min_span_us", static_cast<double>(min_span_us)));
   EVPOSE_RETURN_IF_ERROR(Between("confirm_support_ratio", confirm_support_ratio, 0.0, 1.0));

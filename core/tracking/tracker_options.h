@@ -20,7 +20,7 @@ struct InitialPoseOptions {
 };
 
 // White acceleration (method.md 2.8): the twist does a random walk of this strength.
-struct MotionOptions {
+struct MotionPriorOptions {
   // Depths per second^1.5: 10 depths/s^2 that last 10 ms. Relative to the depth, so that the image motion counts.
   double linear_acceleration_density = 1.0;
   // Radians per second^1.5: 100 rad/s^2 that last 5 ms, a hand's quick turn.
@@ -79,6 +79,9 @@ struct HealthOptions {
   double significance_sigma = 3.1;
   // Variance of counts relative to independent events: they come in groups (see events_per_information).
   double dispersion = 5.0;
+  // Events per second and pixel that a sensor makes of nothing, at most: an EVK4 in dim light makes 1 to 3. Up to so
+  // many, and no denser than over the whole sensor, the events near the lines say nothing against a still object.
+  double max_noise_hz_per_px = 3.0;
   // Events in the gate that a verdict needs.
   int min_events = 150;
   // Microseconds: a verdict is taken over at least this much.
@@ -98,11 +101,17 @@ struct HealthOptions {
 };
 
 struct TrackerOptions {
+  TrackerOptions() {
+    // Exactly what is visible at the predicted pose. On ideal events of a tumbling cube a slack of 0.02 to 0.1 to
+    // either side loses up to a fifth of the runs, none none.
+    visibility.grazing_cosine = 0.0;
+  }
+
   Estimator estimator = Estimator::kMixture;
   WindowOptions windows;
   VisibilityOptions visibility;
   InitialPoseOptions initial;
-  MotionOptions motion;
+  MotionPriorOptions motion;
   MixtureOptions mixture;
   StaticMmOptions static_mm;
   HealthOptions health;

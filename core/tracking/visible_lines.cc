@@ -23,8 +23,18 @@ bool VisibleLines::ViewChanged(const RigidTransform& camera_from_object) const {
   return change.head<3>().norm() * focal_px > kChangePx * depth_m || change.tail<3>().norm() > kChangeRad;
 }
 
+void VisibleLines::FacingFaces(const RigidTransform& camera_from_object, std::vector<bool>& facing) const {
+  const Eigen::Vector3d eye = -(camera_from_object.rotation.transpose() * camera_from_object.translation_m);
+  facing.clear();
+  for (const ModelLine& line : model_.lines) {
+    for (const Eigen::Vector3d& normal : line.face_normals) facing.push_back(normal.dot(eye - line.p1) > 0.0);
+  }
+}
+
 absl::Span<const TrackedLine> VisibleLines::At(const RigidTransform& camera_from_object) {
-  if (!ViewChanged(camera_from_object)) return lines_;
+  FacingFaces(camera_from_object, facing_now_);
+  if (facing_now_ == facing_ && !ViewChanged(camera_from_object)) return lines_;
+  facing_.swap(facing_now_);
   looked_from_ = camera_from_object;
   lines_.clear();
   for (const VisibleSegment& segment : tester_.VisibleSegments(camera_, camera_from_object)) {

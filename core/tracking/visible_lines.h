@@ -21,11 +21,17 @@ class VisibleLines {
 
  private:
   bool ViewChanged(const RigidTransform& camera_from_object) const;
+  // For each face of each line, whether it is turned to the camera. It decides which lines show, and matters to the
+  // last tenth of a degree: a line kept too long on a face that has turned away holds the pose there, and one missed
+  // too long gives its events to its neighbour (method.md 2.10 (7)).
+  void FacingFaces(const RigidTransform& camera_from_object, std::vector<bool>& facing) const;
 
   const ObjectModel& model_;
   const CameraModel camera_;
   VisibilityTester tester_;
   std::optional<RigidTransform> looked_from_;
+  std::vector<bool> facing_;
+  std::vector<bool> facing_now_;
   std::vector<TrackedLine> lines_;
 };
 

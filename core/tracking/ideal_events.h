@@ -1,0 +1,40 @@
+// For tests: events as the tracker's own model of them says, without a simulator. Each event lies on a visible line at
+// its own time, but for a normal error and the rounding to pixels; clutter is uniform over the sensor.
+#pragma once
+
+#include <functional>
+#include <memory>
+#include <vector>
+
+#include "core/events/event.h"
+#include "core/geometry/camera.h"
+#include "core/geometry/rigid_transform.h"
+#include "core/models/object_model.h"
+
+namespace evpose::testing {
+
+// A cube with 12 lines about the origin.
+std::shared_ptr<const ObjectModel> MakeCube(double edge_m);
+CameraModel MakeCamera(int width_px, int height_px, double focal_px);
+
+// Pose at a time in seconds.
+using Motion = std::function<RigidTransform(double t_s)>;
+
+// From `start`, constant twist: T = T0 + v t, R = exp(w t) R0.
+Motion ConstantTwist(const RigidTransform& start, const Vector6d& twist);
+RigidTransform MakePose(const Eigen::Vector3d& translation_m, const Eigen::Vector3d& rotation_rad);
+
+struct IdealEventOptions {
+  double events_per_px2 = 2.0;    // of the area that lines sweep
+  double sigma_px = 0.5;          // across the line
+  double clutter_per_s = 50'000;  // over the whole sensor
+  int64_t t_begin_us = 0;
+  int64_t duration_us = 100'000;
+  uint64_t seed = 1;
+};
+
+// In order of time. The object must be convex: a line shows when one of its faces is turned to the camera.
+std::vector<Event> MakeIdealEvents(const ObjectModel& model, const CameraModel& camera, const Motion& motion,
+                                   const IdealEventOptions& options);
+
+}  // namespace evpose::testing
