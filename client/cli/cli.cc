@@ -1,0 +1,75 @@
+#include "client/cli/cli.h"
+
+#include <algorithm>
+#include <exception>
+#include <utility>
+
+#include "absl/strings/str_cat.h"
+#include "client/cli/command.h"
+
+namespace evpose::client {
+namespace {
+
+constexpr int kDone = 0;
+constexpr int kFailed = 1;
+constexpr int kWrongUsage = 2;
+
+CommandRunners AddCommands(CLI::App& app, CliContext& context) {
+  CommandRunners runners;
+  const auto add = [&](const char* name, const char* description, auto add_command) {
+    CLI::App* command = app.add_subcommand(name, description);
+    runners.emplace_back(command, add_command(*command, context));
+  };
+  add("replay", "Send a recording through a server and collect the poses", AddReplayCommand);
+  add("info", "Say what a recording holds", AddInfoCommand);
+  add("simulate", "Make a recording of a simulated event camera, with its truth", AddSimulateCommand);
+  add("evaluate", "Compare trajectories with the truth", AddEvaluateCommand);
+  add("render", "Draw a recording's events with the projected model over them", AddRenderCommand);
+  add("watch", "Follow the poses of a session", AddWatchCommand);
+  AddSessionsCommands(*app.add_subcommand("sessions", "List, show and delete the sessions of a server"), context,
+                      runners);
+  AddModelsCommands(*app.add_subcommand("models", "List, upload, show and delete the models of a server"), context,
+                    runners);
+  return runners;
+}
+
+std::string FullName(const CLI::App& command) {
+  const CLI::App* parent = command.get_parent();
+  return parent == nullptr ? command.get_name() : absl::StrCat(FullName(*parent), " ", command.get_name());
+}
+
+int RunParsed(const CommandRunners& runners, CliContext& context) {
+  for (const auto& [command, run] : runners) {
+    if (!command->parsed()) continue;
+    const absl::Status status = run();
+    context.out.flush();
+    if (status.ok()) return kDone;
+    context.err << FullName(*command) << ": " << status.message() << std::endl;
+    return IsUsageError(status) ? kWrongUsage : kFailed;
+  }
+  return kWrongUsage;  // the parser asks for a command, so that this is never reached
+}
+
+}  // namespace
+
+int RunCli(const std::vector<std::string>& arguments, CliContext& context) {
+  CLI::App app("6-DoF object poses from event cameras", "evpose");
+  app.set_version_flag("--version", EVPOSE_VERSION);
+  app.require_subcommand(1);
+  try {
+    const CommandRunners runners = AddCommands(app, context);
+    for (const auto& [command, run] : runners) command->get_parent()->require_subcommand(1);
+    std::vector<std::string> reversed(arguments.rbegin(), arguments.rend());
+    try {
+      app.parse(std::move(reversed));
+    } catch (const CLI::ParseError& error) {
+      return app.exit(error, context.out, context.err) == 0 ? kDone : kWrongUsage;
+    }
+    return RunParsed(runners, context);
+  } catch (const std::exception& error) {
+    context.err << "evpose: " << error.what() << std::endl;
+    return kFailed;
+  }
+}
+
+}  // namespace evpose::client

@@ -1,0 +1,56 @@
+// What the commands share. Each command is one file with one function that adds it to the parser.
+#pragma once
+
+#include <CLI/CLI.hpp>
+#include <functional>
+#include <memory>
+#include <nlohmann/json.hpp>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "absl/status/status.h"
+#include "absl/status/statusor.h"
+#include "client/cli/cli.h"
+#include "client/lib/client.h"
+#include "core/events/event.h"
+#include "core/events/recording_header.h"
+#include "core/geometry/camera.h"
+
+namespace evpose::client {
+
+// The keys in the order in which they were set.
+using Json = nlohmann::ordered_json;
+
+// How a command runs once its arguments are parsed.
+using CommandRunner = std::function<absl::Status()>;
+using CommandRunners = std::vector<std::pair<CLI::App*, CommandRunner>>;
+
+CommandRunner AddEvaluateCommand(CLI::App& app, CliContext& context);
+CommandRunner AddInfoCommand(CLI::App& app, CliContext& context);
+CommandRunner AddRenderCommand(CLI::App& app, CliContext& context);
+CommandRunner AddReplayCommand(CLI::App& app, CliContext& context);
+CommandRunner AddSimulateCommand(CLI::App& app, CliContext& context);
+CommandRunner AddWatchCommand(CLI::App& app, CliContext& context);
+// These two have commands of their own.
+void AddModelsCommands(CLI::App& app, CliContext& context, CommandRunners& runners);
+void AddSessionsCommands(CLI::App& app, CliContext& context, CommandRunners& runners);
+
+// Exit status 2 instead of 1.
+absl::Status UsageError(const std::string& message);
+bool IsUsageError(const absl::Status& status);
+
+// --server HOST:PORT and --connect-timeout, for the commands that need a server.
+struct ServerArguments {
+  std::string address;
+  double connect_timeout_s = 10.0;
+
+  void AddTo(CLI::App& app, bool is_required);
+  absl::StatusOr<std::unique_ptr<Client>> Connect() const;
+};
+
+// INVALID_ARGUMENT naming both files and sizes when the recording says its size and the camera has another.
+absl::Status CheckCameraMatches(const CameraModel& camera, const std::string& camera_path,
+                                const RecordingHeader& header, const std::string& recording_path);
+
+}  // namespace evpose::client

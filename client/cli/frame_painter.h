@@ -1,0 +1,42 @@
+// One picture: the events of a window, and the model where a pose says it is.
+#pragma once
+
+#include <opencv2/core/mat.hpp>
+#include <optional>
+#include <string>
+
+#include "core/events/event.h"
+#include "core/geometry/camera.h"
+#include "core/geometry/rigid_transform.h"
+#include "core/models/object_model.h"
+#include "core/models/visibility.h"
+
+namespace evpose::client {
+
+class FramePainter {
+ public:
+  // Keeps references: the arguments must outlive it.
+  FramePainter(const CameraModel& camera, const ObjectModel& model);
+
+  // Begins a new picture.
+  void Clear();
+  // Events outside the picture are left out.
+  void DrawEvent(const Event& event);
+  // The model's visible lines, with the lens's distortion; nullopt: none.
+  void DrawModel(const std::optional<RigidTransform>& camera_from_object);
+  void DrawLegend(int64_t t_us, double window_ms, const std::optional<RigidTransform>& camera_from_object);
+
+  const cv::Mat& image() const { return image_; }  // BGR, 8 bits
+
+ private:
+  void DrawText(const std::string& text, int line);
+
+  const CameraModel& camera_;
+  const ObjectModel& model_;
+  VisibilityTester visibility_;
+  cv::Mat image_;
+  uint64_t on_events_ = 0;
+  uint64_t off_events_ = 0;
+};
+
+}  // namespace evpose::client

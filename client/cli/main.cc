@@ -1,0 +1,34 @@
+#include <unistd.h>
+
+#include <csignal>
+#include <iostream>
+#include <string>
+#include <vector>
+
+#include "client/cli/cli.h"
+
+namespace {
+
+volatile std::sig_atomic_t g_interrupts = 0;
+
+// The first asks for a clean end: what was tracked so far is written. The second ends the process.
+void HandleInterrupt(int signal) {
+  g_interrupts = g_interrupts + 1;
+  if (g_interrupts > 1) {
+    std::signal(signal, SIG_DFL);
+    raise(signal);
+  }
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  std::signal(SIGINT, HandleInterrupt);
+  std::signal(SIGTERM, HandleInterrupt);
+  std::signal(SIGPIPE, SIG_IGN);  // a closed pipe is an error of the write
+  std::ios::sync_with_stdio(false);
+  evpose::client::CliContext context{std::cout, std::cerr};
+  context.is_err_terminal = isatty(STDERR_FILENO) != 0;
+  context.is_interrupted = [] { return g_interrupts > 0; };
+  return evpose::client::RunCli(std::vector<std::string>(argv + 1, argv + argc), context);
+}

@@ -1,0 +1,39 @@
+// Poses as text, and as files in the format of their ending.
+#pragma once
+
+#include <cstdint>
+#include <string>
+
+#include "absl/status/statusor.h"
+#include "client/lib/types.h"
+#include "core/base/output_file.h"
+
+namespace evpose::client {
+
+enum class PoseFormat { kTum, kCsv, kJsonLines };
+
+// .tum or .txt, .csv, .jsonl. INVALID_ARGUMENT naming the endings.
+absl::StatusOr<PoseFormat> PoseFormatFromPath(const std::string& path);
+// The line before the first pose, line feed included; empty for a format without.
+std::string PoseHeader(PoseFormat format);
+// One line, line feed included. A function of the session's bytes: the latency is left out.
+std::string PoseLine(PoseFormat format, const Pose& pose);
+
+// Poses as they come, under a name that appears when all are there.
+class PoseFile {
+ public:
+  static absl::StatusOr<PoseFile> Create(const std::string& path);
+  // The first error stays and comes back from Commit().
+  void Write(const Pose& pose);
+  absl::Status Commit() { return file_.Commit(); }
+  uint64_t poses() const { return poses_; }
+
+ private:
+  PoseFile(OutputFile file, PoseFormat format) : file_(std::move(file)), format_(format) {}
+
+  OutputFile file_;
+  PoseFormat format_;
+  uint64_t poses_ = 0;
+};
+
+}  // namespace evpose::client

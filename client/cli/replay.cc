@@ -1,0 +1,247 @@
+// evpose replay: a recording through a server, and the poses that come back.
+#include <atomic>
+#include <string>
+#include <thread>
+#include <utility>
+#include <vector>
+
+#include "absl/strings/numbers.h"
+#include "absl/strings/str_cat.h"
+#include "absl/strings/str_format.h"
+#include "client/cli/command.h"
+#include "client/cli/pose_format.h"
+#include "client/cli/replay_report.h"
+#include "client/cli/session_progress.h"
+#include "core/base/output_file.h"
+#include "core/base/status_macros.h"
+#include "core/events/recording_reader.h"
+#include "core/geometry/trajectory.h"
+#include "core/models/object_model.h"
+#include "server/rpc/server.h"
+
+namespace evpose::client {
+namespace {
+
+constexpr size_t kMaxModelBytes = size_t{64} << 20;  // what a server takes by default
+
+struct ReplayArguments {
+  std::string recording;
+  std::string model;
+  std::string camera;
+  ServerArguments server;
+  std::string rate = "max";
+  std::string out;
+  std::string init_pose;
+  std::string estimator = "mixture";
+  size_t chunk_bytes = 0;
+  double metres_per_unit = 1.0;
+  bool is_following = false;
+  bool keeps_session = false;
+  bool is_json = false;
+};
+
+constexpr std::pair<const char*, Estimator> kEstimators[] = {{"mixture", Estimator::kMixture},
+                                                             {"static-mm", Estimator::kStaticMm}};
+
+Estimator EstimatorByName(const std::string& name) {
+  for (const auto& [known, estimator] : kEstimators) {
+    if (name == known) return estimator;
+  }
+  return Estimator::kMixture;  // the parser takes no other name
+}
+
+// "max" or a positive factor.
+absl::StatusOr<double> ParseRate(const std::string& text) {
+  if (text == "max") return 0.0;
+  double rate = 0.0;
+  if (absl::SimpleAtod(text, &rate) && rate > 0.0 && rate <= 1e6) return rate;
+  return UsageError(
+      absl::StrCat("--rate: \"", text, "\" is neither max nor a factor above 0, 1 being the sensor's pace"));
+}
+
+// Everything that can be wrong before a server is asked.
+struct Inputs {
+  double rate = 0.0;
+  RigidTransform initial_pose;
+  CameraModel camera;
+  std::string model_bytes;
+  UploadOptions upload;
+  std::unique_ptr<RecordingReader> reader;
+  std::optional<PoseFile> poses;
+};
+
+absl::StatusOr<Inputs> ReadInputs(const ReplayArguments& arguments, std::function<bool()> is_stopped) {
+  Inputs inputs;
+  EVPOSE_ASSIGN_OR_RETURN(inputs.rate, ParseRate(arguments.rate));
+  if (arguments.init_pose.empty()) {
+    return UsageError(
+        "--init-pose is required in this version: \"tx ty tz qx qy qz qw\", the pose of the object at the first event");
+  }
+  if (!arguments.out.empty()) {
+    const absl::StatusOr<PoseFormat> format = PoseFormatFromPath(arguments.out);
+    if (!format.ok()) return UsageError(absl::StrCat("--out ", format.status().message()));
+  }
+  absl::StatusOr<RigidTransform> pose = ParsePose(arguments.init_pose);
+  if (!pose.ok()) return absl::InvalidArgumentError(absl::StrCat("--init-pose: ", pose.status().message()));
+  inputs.initial_pose = *pose;
+  EVPOSE_ASSIGN_OR_RETURN(inputs.camera, LoadCameraModel(arguments.camera));
+  EVPOSE_ASSIGN_OR_RETURN(inputs.upload.format, ModelFormatFromPath(arguments.model));
+  inputs.upload.metres_per_unit = arguments.metres_per_unit;
+  EVPOSE_ASSIGN_OR_RETURN(inputs.model_bytes, ReadFile(arguments.model, kMaxModelBytes));
+  RecordingReaderOptions options;
+  options.follow = arguments.is_following;
+  options.stop = std::move(is_stopped);
+  EVPOSE_ASSIGN_OR_RETURN(inputs.reader, RecordingReader::Open(arguments.recording, options));
+  EVPOSE_RETURN_IF_ERROR(
+      CheckCameraMatches(inputs.camera, arguments.camera, inputs.reader->header(), arguments.recording));
+  if (!arguments.out.empty()) {
+    EVPOSE_ASSIGN_OR_RETURN(inputs.poses, PoseFile::Create(arguments.out));
+  }
+  return inputs;
+}
+
+// The server that was asked for, or one inside this process: the same calls either way.
+struct ServerHandle {
+  std::unique_ptr<server::Server> own;
+  std::unique_ptr<Client> client;
+};
+
+absl::StatusOr<ServerHandle> ConnectOrStart(const ServerArguments& arguments) {
+  ServerHandle handle;
+  if (!arguments.address.empty()) {
+    EVPOSE_ASSIGN_OR_RETURN(handle.client, arguments.Connect());
+    return handle;
+  }
+  server::ServerOptions options;
+  options.listen_address.clear();
+  EVPOSE_ASSIGN_OR_RETURN(handle.own, server::Server::Start(options));
+  handle.client = Client::OverChannel(handle.own->InProcessChannel(), "server in this process");
+  return handle;
+}
+
+absl::StatusOr<Session> UploadAndCreate(Client& client, const ReplayArguments& arguments, const Inputs& inputs,
+                                        std::vector<std::string>& model_notices) {
+  const absl::Span<const uint8_t> bytes(reinterpret_cast<const uint8_t*>(inputs.model_bytes.data()),
+                                        inputs.model_bytes.size());
+  absl::StatusOr<ModelInfo> model = client.UploadModel(bytes, inputs.upload);
+  if (!model.ok()) {
+    return absl::Status(model.status().code(), absl::StrCat(arguments.model, ": ", model.status().message()));
+  }
+  model_notices = model->notices;
+  SessionConfig config;
+  config.encoding = inputs.reader->header().encoding;
+  config.camera = inputs.camera;
+  config.estimator = EstimatorByName(arguments.estimator);
+  TrackedObject object;
+  object.model = model->name;
+  object.initial_camera_from_object = inputs.initial_pose;
+  config.objects.push_back(std::move(object));
+  return client.CreateSession(config);
+}
+
+ChunkerOptions MakeChunkerOptions(const ReplayArguments& arguments) {
+  ChunkerOptions options;
+  if (arguments.chunk_bytes == 0) return options;
+  options.max_bytes = arguments.chunk_bytes;
+  options.max_duration_us = int64_t{1} << 40;  // by size alone
+  return options;
+}
+
+// Feeds the session; fills the report and the file of poses.
+absl::Status TrackRecording(Client& client, const Session& session, const ReplayArguments& arguments, Inputs& inputs,
+                            const TrackOptions& options, CliContext& context, ReplayReport& report) {
+  Chunker chunker(*inputs.reader, MakeChunkerOptions(arguments));
+  const auto source = [&]() -> absl::StatusOr<EventChunkBytes> {
+    if (context.is_interrupted && context.is_interrupted()) return EventChunkBytes{};
+    return chunker.Next();
+  };
+  SessionProgress progress(context, client, session.name, inputs.reader->data_size_bytes(), !arguments.is_json);
+  TrackCallbacks callbacks;
+  callbacks.on_pose = [&](const Pose& pose) {
+    if (inputs.poses) inputs.poses->Write(pose);
+  };
+  callbacks.on_notice = [&report](const Notice& notice) { report.Add(notice); };
+  callbacks.on_progress = [&progress](const TrackProgress& value) { progress.Update(value); };
+  const absl::Time begin = SystemClock().Now();
+  const absl::StatusOr<TrackSummary> summary = client.Track(session, source, callbacks, options);
+  progress.Stop();
+  if (!summary.ok()) return summary.status();
+  report.summary = *summary;
+  report.wall_time = SystemClock().Now() - begin;
+  report.truncated_bytes = chunker.truncated_bytes();
+  report.is_interrupted = context.is_interrupted && context.is_interrupted();
+  return inputs.poses ? inputs.poses->Commit() : absl::OkStatus();
+}
+
+absl::Status RunReplay(const ReplayArguments& arguments, CliContext& context) {
+  TrackOptions options;
+  options.clock = context.clock;
+  const auto is_stopped = [&context, stop = options.stop.get_token()] {
+    return stop.stop_requested() || (context.is_interrupted && context.is_interrupted());
+  };
+  EVPOSE_ASSIGN_OR_RETURN(Inputs inputs, ReadInputs(arguments, is_stopped));
+  options.rate = inputs.rate;
+  EVPOSE_ASSIGN_OR_RETURN(const ServerHandle server, ConnectOrStart(arguments.server));
+  ReplayReport report;
+  EVPOSE_ASSIGN_OR_RETURN(const Session session,
+                          UploadAndCreate(*server.client, arguments, inputs, report.model_notices));
+  report.recording = arguments.recording;
+  report.session = arguments.keeps_session ? session.name : "";
+  report.out = arguments.out;
+  report.header = inputs.reader->header();
+  const absl::Status status = TrackRecording(*server.client, session, arguments, inputs, options, context, report);
+  // Its slot is free again at once. A server that does not answer any more has said so already.
+  if (!arguments.keeps_session) server.client->DeleteSession(session.name).IgnoreError();
+  EVPOSE_RETURN_IF_ERROR(status);
+  if (arguments.is_json) {
+    context.out << report.ToJson().dump(2, ' ', false, Json::error_handler_t::replace) << "\n";
+  } else {
+    report.Print(context.out);
+  }
+  return absl::OkStatus();
+}
+
+void AddOptions(CLI::App& app, ReplayArguments& arguments) {
+  std::vector<std::string> estimators;
+  for (const auto& [name, estimator] : kEstimators) estimators.emplace_back(name);
+  app.add_option("recording", arguments.recording, "Prophesee RAW or DAT file; - for standard input")->required();
+  app.add_option("--model", arguments.model, "Object: OBJ, PLY or STL")->required();
+  app.add_option("--camera", arguments.camera, "Camera: ROS camera_info YAML")->required();
+  app.add_option("--scale", arguments.metres_per_unit, "Metres per unit of the model file")
+      ->check(CLI::PositiveNumber)
+      ->capture_default_str();
+  app.add_option("--init-pose", arguments.init_pose, "Pose at the first event, camera_from_object")
+      ->type_name("\"tx ty tz qx qy qz qw\"");
+  app.add_option("-o,--out", arguments.out, "Poses: .tum, .csv or .jsonl; written whole or not at all");
+  app.add_option("--rate", arguments.rate, "max, or a factor of the sensor's own pace")
+      ->type_name("max|1|X")
+      ->capture_default_str();
+  app.add_option("--estimator", arguments.estimator, "mixture, or static-mm, the published one, to compare with")
+      ->check(CLI::IsMember(estimators))
+      ->capture_default_str();
+  app.add_option("--chunk-bytes", arguments.chunk_bytes,
+                 "Send pieces of this size; by default 1 ms of sensor time or 256 KiB, whichever comes first")
+      ->check(CLI::Range(size_t{8}, size_t{64} << 20));
+  app.add_flag("--follow", arguments.is_following, "Keep reading as the file grows, until interrupted");
+  arguments.server.AddTo(app, false);
+  app.add_flag("--keep-session", arguments.keeps_session,
+               "Leave the session on the server: its poses can be read again");
+  app.add_flag("--json", arguments.is_json, "One JSON object on standard output");
+}
+
+}  // namespace
+
+CommandRunner AddReplayCommand(CLI::App& app, CliContext& context) {
+  auto arguments = std::make_shared<ReplayArguments>();
+  AddOptions(app, *arguments);
+  app.footer(
+      "Without --server it serves itself, inside the process. Times are those of the sensor's clock. While the object\n"
+      "is lost no pose is written. An interrupt ends the stream cleanly: what was tracked is written.\n\n"
+      "Example:\n"
+      "  evpose simulate --object cube --duration 0.5 --out cube\n"
+      "  evpose replay cube/recording.raw --model cube/model.obj --camera cube/camera.yaml --out cube/poses.tum \\\n"
+      "    --init-pose \"$(head -n 1 cube/truth.tum | cut -d ' ' -f 2-)\"");
+  return [arguments, &context] { return RunReplay(*arguments, context); };
+}
+
+}  // namespace evpose::client

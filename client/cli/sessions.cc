@@ -1,0 +1,115 @@
+// evpose sessions: list, get, delete.
+#include <string>
+
+#include "absl/strings/str_format.h"
+#include "absl/time/time.h"
+#include "client/cli/command.h"
+#include "core/base/status_macros.h"
+
+namespace evpose::client {
+namespace {
+
+struct SessionArguments {
+  ServerArguments server;
+  std::string name;
+  bool is_json = false;
+};
+
+const char* StateName(SessionState state) {
+  switch (state) {
+    case SessionState::kDetached:
+      return "DETACHED";
+    case SessionState::kAttached:
+      return "ATTACHED";
+    case SessionState::kEnded:
+      return "ENDED";
+    case SessionState::kUnknown:
+      break;
+  }
+  return "UNKNOWN";
+}
+
+Json SessionJson(const Session& session) {
+  Json json;
+  json["name"] = session.name;
+  json["state"] = StateName(session.state);
+  json["create_time"] = absl::FormatTime(session.create_time, absl::UTCTimeZone());
+  json["expire_time"] =
+      session.expire_time ? Json(absl::FormatTime(*session.expire_time, absl::UTCTimeZone())) : Json(nullptr);
+  json["encoding"] = std::string(EncodingName(session.config.encoding));
+  json["width"] = session.config.camera.width_px;
+  json["height"] = session.config.camera.height_px;
+  json["events"] = session.health.decoded_events;
+  json["poses"] = session.health.poses;
+  json["real_time_ratio"] = session.health.real_time_ratio;
+  json["objects"] = Json::array();
+  for (const ObjectHealth& object : session.health.objects) {
+    Json entry;
+    entry["object_id"] = object.object_id;
+    entry["state"] = std::string(TrackStateName(object.state));
+    entry["losses"] = object.losses;
+    json["objects"].push_back(entry);
+  }
+  return json;
+}
+
+void PrintSession(const Session& session, std::ostream& out) {
+  out << session.name << "  " << StateName(session.state)
+      << absl::StrFormat("  %d events  %d poses", session.health.decoded_events, session.health.poses);
+  for (const ObjectHealth& object : session.health.objects) {
+    out << "  " << object.object_id << " " << TrackStateName(object.state) << ", " << object.losses << " losses";
+  }
+  out << "\n";
+}
+
+absl::Status RunList(const SessionArguments& arguments, CliContext& context) {
+  EVPOSE_ASSIGN_OR_RETURN(const std::unique_ptr<Client> client, arguments.server.Connect());
+  EVPOSE_ASSIGN_OR_RETURN(const std::vector<Session> sessions, client->ListSessions());
+  Json json = Json::array();
+  for (const Session& session : sessions) {
+    if (arguments.is_json) {
+      json.push_back(SessionJson(session));
+    } else {
+      PrintSession(session, context.out);
+    }
+  }
+  if (arguments.is_json) context.out << json.dump(2, ' ', false, Json::error_handler_t::replace) << "\n";
+  return absl::OkStatus();
+}
+
+absl::Status RunGet(const SessionArguments& arguments, CliContext& context) {
+  EVPOSE_ASSIGN_OR_RETURN(const std::unique_ptr<Client> client, arguments.server.Connect());
+  EVPOSE_ASSIGN_OR_RETURN(const Session session, client->GetSession(arguments.name));
+  if (arguments.is_json) {
+    context.out << SessionJson(session).dump(2, ' ', false, Json::error_handler_t::replace) << "\n";
+  } else {
+    PrintSession(session, context.out);
+  }
+  return absl::OkStatus();
+}
+
+absl::Status RunDelete(const SessionArguments& arguments, CliContext&) {
+  EVPOSE_ASSIGN_OR_RETURN(const std::unique_ptr<Client> client, arguments.server.Connect());
+  return client->DeleteSession(arguments.name);
+}
+
+}  // namespace
+
+void AddSessionsCommands(CLI::App& app, CliContext& context, CommandRunners& runners) {
+  const auto add = [&](const char* name, const char* description, auto run, bool has_name) {
+    CLI::App* command = app.add_subcommand(name, description);
+    auto arguments = std::make_shared<SessionArguments>();
+    if (has_name) command->add_option("session", arguments->name, "sessions/ID")->required();
+    arguments->server.AddTo(*command, true);
+    command->add_flag("--json", arguments->is_json, "JSON on standard output");
+    runners.emplace_back(command, [arguments, run, &context] { return run(*arguments, context); });
+  };
+  add("list", "All sessions, one on each line", RunList, false);
+  add("get", "One session", RunGet, true);
+  add("delete", "Delete a session; its streams end", RunDelete, true);
+  app.footer(
+      "Example:\n"
+      "  evpose sessions list --server 127.0.0.1:50051");
+}
+
+}  // namespace evpose::client

@@ -1,0 +1,138 @@
+// evpose simulate: a recording with its truth.
+#include <cmath>
+#include <string>
+
+#include "absl/strings/str_cat.h"
+#include "absl/strings/str_format.h"
+#include "client/cli/command.h"
+#include "client/cli/progress.h"
+#include "core/base/status_macros.h"
+#include "core/simulation/simulator.h"
+
+namespace evpose::client {
+namespace {
+
+struct SimulateArguments {
+  std::string object = "cube";
+  std::string camera = "evk4";
+  std::string out;
+  std::string motion = "smooth";
+  double duration_s = 5.0;
+  double speed_scale = 1.0;
+  double noise_ratio = 0.0;
+  double start_s = 16.0;
+  double flicker_depth = 0.0;
+  double light_change_ratio = 1.0;
+  bool has_occluder = false;
+  bool has_textured_background = false;
+  uint64_t seed = 1;
+  bool is_json = false;
+};
+
+constexpr std::pair<const char*, MotionProfile> kMotions[] = {
+    {"smooth", MotionProfile::kSmooth}, {"rests", MotionProfile::kRests}, {"bursts", MotionProfile::kBursts}};
+
+absl::StatusOr<SimulationOptions> MakeOptions(const SimulateArguments& arguments) {
+  EVPOSE_ASSIGN_OR_RETURN(SimulationOptions options,
+                          SimulationPreset(arguments.object, arguments.camera, arguments.speed_scale));
+  options.duration_us = std::llround(arguments.duration_s * 1e6);
+  options.t_begin_us = std::llround(arguments.start_s * 1e6);
+  options.seed = arguments.seed;
+  options.sensor.noise_ratio = arguments.noise_ratio;
+  options.scene.light.flicker_depth = arguments.flicker_depth;
+  options.scene.light.change_ratio = arguments.light_change_ratio;
+  options.scene.occluder.is_present = arguments.has_occluder;
+  options.scene.background.is_textured = arguments.has_textured_background;
+  for (const auto& [name, profile] : kMotions) {
+    if (arguments.motion == name) options.scene.motion.profile = profile;
+  }
+  EVPOSE_RETURN_IF_ERROR(options.Validate());
+  return options;
+}
+
+Json ReportJson(const SimulateArguments& arguments, const SimulationReport& report) {
+  Json json;
+  json["directory"] = arguments.out;
+  json["events"] = report.events;
+  json["noise_events"] = report.noise_events;
+  json["rendered_frames"] = report.rendered_frames;
+  json["max_speed_px_per_s"] = report.max_speed_px_per_s;
+  return json;
+}
+
+void PrintReport(const SimulateArguments& arguments, const SimulationReport& report, std::ostream& out) {
+  const double events = static_cast<double>(report.events);
+  out << arguments.out << ": recording.raw, truth.tum, model.obj, camera.yaml\n";
+  out << absl::StrFormat("events %d (%.2f Mev/s)  noise %.1f %%  fastest point %.0f px/s\n", report.events,
+                         events * 1e-6 / arguments.duration_s,
+                         events > 0.0 ? 100.0 * static_cast<double>(report.noise_events) / events : 0.0,
+                         report.max_speed_px_per_s);
+}
+
+absl::Status RunSimulate(const SimulateArguments& arguments, CliContext& context) {
+  EVPOSE_ASSIGN_OR_RETURN(const SimulationOptions options, MakeOptions(arguments));
+  ProgressLine progress(context);
+  const auto on_progress = [&progress](double ratio) {
+    progress.Show(ratio, absl::StrFormat("simulated %3.0f %%", 100.0 * ratio));
+  };
+  const absl::StatusOr<SimulationReport> report = SimulateToDirectory(options, arguments.out, on_progress);
+  progress.Clear();
+  if (!report.ok()) return report.status();
+  if (arguments.is_json) {
+    context.out << ReportJson(arguments, *report).dump(2) << "\n";
+  } else {
+    PrintReport(arguments, *report, context.out);
+  }
+  return absl::OkStatus();
+}
+
+void AddOptions(CLI::App& app, SimulateArguments& arguments) {
+  std::vector<std::string> motions;
+  for (const auto& [name, profile] : kMotions) motions.emplace_back(name);
+  app.add_option("-o,--out", arguments.out, "Directory for the files; made when it is missing")->required();
+  app.add_option("--object", arguments.object, "What is seen")
+      ->check(CLI::IsMember(SimulatedObjectNames()))
+      ->capture_default_str();
+  app.add_option("--camera", arguments.camera, "The sensor and its lens")
+      ->check(CLI::IsMember(SimulatedCameraNames()))
+      ->capture_default_str();
+  app.add_option("--duration", arguments.duration_s, "Seconds")
+      ->check(CLI::Range(0.001, 1800.0))
+      ->capture_default_str();
+  app.add_option("--speed", arguments.speed_scale, "Factor on the speed of the motion")
+      ->check(CLI::Range(0.0, 100.0))
+      ->capture_default_str();
+  app.add_option("--motion", arguments.motion, "Always moving, with rests, or with bursts at four times the speed")
+      ->check(CLI::IsMember(motions))
+      ->capture_default_str();
+  app.add_option("--noise", arguments.noise_ratio, "Share of all events that are noise")
+      ->check(CLI::Range(0.0, 0.9))
+      ->capture_default_str();
+  app.add_option("--flicker", arguments.flicker_depth, "Depth of the light's 100 Hz flicker, 0 to 0.8")
+      ->check(CLI::Range(0.0, 0.8))
+      ->capture_default_str();
+  app.add_option("--light-change", arguments.light_change_ratio, "The light swings between 1 and 1 / this")
+      ->check(CLI::Range(1.0, 10.0))
+      ->capture_default_str();
+  app.add_flag("--occluder", arguments.has_occluder, "A bar that swings before the object");
+  app.add_flag("--textured-background", arguments.has_textured_background, "Rectangles of several shades behind it");
+  app.add_option("--start", arguments.start_s, "Seconds on the sensor's clock at the beginning")
+      ->check(CLI::Range(0.0, 16.7))
+      ->capture_default_str();
+  app.add_option("--seed", arguments.seed, "The same seed gives the same bytes")->capture_default_str();
+  app.add_flag("--json", arguments.is_json, "One JSON object on standard output");
+}
+
+}  // namespace
+
+CommandRunner AddSimulateCommand(CLI::App& app, CliContext& context) {
+  auto arguments = std::make_shared<SimulateArguments>();
+  AddOptions(app, *arguments);
+  app.footer(
+      "Writes recording.raw (EVT3, as an EVK4 does), truth.tum, model.obj and camera.yaml.\n\n"
+      "Example:\n"
+      "  evpose simulate --object cube --duration 0.5 --noise 0.1 --out cube");
+  return [arguments, &context] { return RunSimulate(*arguments, context); };
+}
+
+}  // namespace evpose::client

@@ -1,0 +1,61 @@
+// evpose watch: the poses of a session as they come.
+#include <atomic>
+#include <string>
+#include <thread>
+
+#include "client/cli/command.h"
+#include "client/cli/pose_format.h"
+#include "core/base/status_macros.h"
+
+namespace evpose::client {
+namespace {
+
+constexpr absl::Duration kInterruptPeriod = absl::Milliseconds(50);
+
+struct WatchArguments {
+  std::string session;
+  ServerArguments server;
+  uint64_t after_pose_seq = 0;
+  bool is_json = false;
+};
+
+absl::Status RunWatch(const WatchArguments& arguments, CliContext& context) {
+  EVPOSE_ASSIGN_OR_RETURN(const std::unique_ptr<Client> client, arguments.server.Connect());
+  const PoseFormat format = arguments.is_json ? PoseFormat::kJsonLines : PoseFormat::kTum;
+  const auto on_poses = [&](const std::vector<Pose>& poses, uint64_t num_skipped) {
+    if (num_skipped > 0) {
+      context.err << "skipped " << num_skipped << " poses: too slow, or no longer stored" << std::endl;
+    }
+    for (const Pose& pose : poses) context.out << PoseLine(format, pose);
+    context.out.flush();
+  };
+  std::stop_source stop;
+  std::jthread interrupts([&](std::stop_token ended) {
+    while (!(context.is_interrupted && context.is_interrupted())) {
+      if (!SystemClock().SleepUntil(SystemClock().Now() + kInterruptPeriod, ended)) return;
+    }
+    stop.request_stop();
+  });
+  const absl::Status status =
+      client->WatchPoses(arguments.session, arguments.after_pose_seq, on_poses, stop.get_token());
+  interrupts.request_stop();
+  return stop.stop_requested() ? absl::OkStatus() : status;
+}
+
+}  // namespace
+
+CommandRunner AddWatchCommand(CLI::App& app, CliContext& context) {
+  auto arguments = std::make_shared<WatchArguments>();
+  app.add_option("session", arguments->session, "sessions/ID, as `evpose sessions list` says")->required();
+  app.add_option("--after", arguments->after_pose_seq, "Begin after the pose of this number")->capture_default_str();
+  arguments->server.AddTo(app, true);
+  app.add_flag("--json", arguments->is_json, "One JSON object on each line, instead of TUM");
+  app.footer(
+      "Prints stored poses, then live ones, until the session has ended or an interrupt.\n\n"
+      "Example:\n"
+      "  evpose watch \"$(evpose sessions list --server 127.0.0.1:50051 | head -n 1 | cut -d ' ' -f 1)\" \\\n"
+      "    --server 127.0.0.1:50051");
+  return [arguments, &context] { return RunWatch(*arguments, context); };
+}
+
+}  // namespace evpose::client
