@@ -58,7 +58,7 @@ class MemoryStore : public Store {
  public:
   explicit MemoryStore(size_t pose_log_capacity) : pose_log_capacity_(pose_log_capacity) {}
 
-  std::string_view kind() const override { return "memory"; }
+  absl::string_view kind() const override { return "memory"; }
   size_t pose_log_capacity() const override { return pose_log_capacity_; }
 
   absl::StatusOr<std::vector<ModelRecord>> ReadModels() const override {
@@ -75,7 +75,7 @@ class MemoryStore : public Store {
     return absl::OkStatus();
   }
 
-  absl::Status DeleteModel(std::string_view name) override {
+  absl::Status DeleteModel(absl::string_view name) override {
     absl::MutexLock lock(&mutex_);
     if (const auto found = models_.find(name); found != models_.end()) models_.erase(found);
     return absl::OkStatus();
@@ -89,7 +89,7 @@ class MemoryStore : public Store {
     return log->second;
   }
 
-  absl::Status DeletePoseLog(std::string_view session) override {
+  absl::Status DeletePoseLog(absl::string_view session) override {
     absl::MutexLock lock(&mutex_);
     if (const auto found = logs_.find(session); found != logs_.end()) logs_.erase(found);
     return absl::OkStatus();

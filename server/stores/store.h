@@ -4,11 +4,11 @@
 #include <cstdint>
 #include <memory>
 #include <string>
-#include <string_view>
 #include <vector>
 
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
+#include "absl/strings/string_view.h"
 #include "absl/time/time.h"
 #include "absl/types/span.h"
 #include "core/models/object_model.h"
@@ -55,7 +55,7 @@ class Store {
  public:
   virtual ~Store() = default;
 
-  virtual std::string_view kind() const = 0;  // "memory"
+  virtual absl::string_view kind() const = 0;  // "memory"
   virtual size_t pose_log_capacity() const = 0;
 
   // All models, in the order of their names.
@@ -63,12 +63,12 @@ class Store {
   // Putting a name again changes nothing.
   virtual absl::Status PutModel(const ModelRecord& model) = 0;
   // Deleting what is not there is OK.
-  virtual absl::Status DeleteModel(std::string_view name) = 0;
+  virtual absl::Status DeleteModel(absl::string_view name) = 0;
 
   // Errors: ALREADY_EXISTS.
   virtual absl::StatusOr<std::shared_ptr<PoseLog>> CreatePoseLog(const std::string& session) = 0;
   // Deleting what is not there is OK. Who holds the log may read on.
-  virtual absl::Status DeletePoseLog(std::string_view session) = 0;
+  virtual absl::Status DeletePoseLog(absl::string_view session) = 0;
 };
 
 }  // namespace evpose::server

@@ -1,0 +1,36 @@
+// Errors with what a program needs to know of them. The details travel as payloads of absl::Status, so that nothing
+// below server/rpc knows how gRPC spells them; server/rpc/status_mapping.h turns them into google.rpc messages.
+#pragma once
+
+#include <initializer_list>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "absl/status/status.h"
+#include "absl/strings/string_view.h"
+#include "absl/time/time.h"
+
+namespace evpose::server {
+
+// INVALID_ARGUMENT: `field` is the path in the request (config.camera.width_px), `description` what is wrong with it.
+absl::Status InvalidField(absl::string_view field, absl::string_view description);
+
+// Adds a reason that a program may test (SEQ_GAP) and what belongs to it.
+absl::Status WithReason(absl::Status status, absl::string_view reason,
+                        std::initializer_list<std::pair<absl::string_view, std::string>> metadata = {});
+
+// RESOURCE_EXHAUSTED: `subject` is the limit's name; retry_after zero: waiting does not help.
+absl::Status LimitReached(absl::string_view reason, absl::string_view subject, absl::string_view description,
+                          absl::Duration retry_after);
+
+struct ErrorDetails {
+  std::string field;  // empty: no field is to blame
+  std::string reason;
+  std::vector<std::pair<std::string, std::string>> metadata;  // in the order of the keys
+  std::string quota_subject;
+  absl::Duration retry_after;
+};
+ErrorDetails GetErrorDetails(const absl::Status& status);
+
+}  // namespace evpose::server

@@ -1,0 +1,416 @@
+#include "server/sessions/session.h"
+
+#include <algorithm>
+#include <utility>
+
+#include "absl/strings/str_cat.h"
+#include "absl/types/span.h"
+#include "core/base/hash.h"
+#include "core/base/status_macros.h"
+#include "server/sessions/errors.h"
+#include "server/sessions/random_name.h"
+
+namespace evpose::server {
+namespace {
+
+// What the strand does at a time, before other sessions have their turn and readers their poses: at most about 6 MB
+// of decoded events, whatever the encoding.
+constexpr size_t kSliceBytes = 16 * 1024;
+// Empty chunks and resets cost no credit; they are bounded by number.
+constexpr size_t kMaxQueuedItems = 4096;
+constexpr size_t kMaxUntakenNotices = 1024;
+
+absl::Span<const uint8_t> AsBytes(const std::string& text) {
+  return {reinterpret_cast<const uint8_t*>(text.data()), text.size()};
+}
+
+int64_t MicrosecondsSince(std::chrono::steady_clock::time_point begin) {
+  return std::chrono::duration_cast<std::chrono::microseconds>(std::chrono::steady_clock::now() - begin).count();
+}
+
+}  // namespace
+
+uint64_t Session::Item::bytes() const {
+  const auto* chunk = std::get_if<EventChunk>(&what);
+  return chunk == nullptr ? 0 : chunk->payload.size();
+}
+
+Session::Session(Parts parts, WorkerPool& pool)
+    : name_(std::move(parts.name)),
+      config_(std::move(parts.config)),
+      limits_(parts.limits),
+      pose_log_(std::move(parts.pose_log)),
+      now_(std::move(parts.now)),
+      create_time_(now_()),
+      strand_(pool.MakeStrand()),
+      pipeline_(std::move(parts.pipeline)),
+      explained_ratios_(config_.objects.size(), 0.0f),
+      model_uses_(std::move(parts.model_uses)),
+      resume_token_(std::move(parts.resume_token)),
+      detached_at_(create_time_) {
+  health_.objects.resize(config_.objects.size());
+  for (size_t i = 0; i < health_.objects.size(); ++i) health_.objects[i].state = pipeline_->tracker(i).state();
+}
+
+std::string Session::resume_token() const {
+  absl::MutexLock lock(&mutex_);
+  return resume_token_;
+}
+
+std::optional<absl::Time> Session::expire_time() const {
+  absl::MutexLock lock(&mutex_);
+  if (is_attached_) return std::nullopt;
+  return detached_at_ + limits_.expiry;
+}
+
+WatchView Session::Watch() const {
+  absl::MutexLock lock(&mutex_);
+  return {closed_, ended_, health_.poses};
+}
+
+SessionSnapshot Session::Snapshot() const {
+  absl::MutexLock lock(&mutex_);
+  SessionSnapshot snapshot;
+  snapshot.closed = closed_;
+  snapshot.state = ended_ ? SessionState::kEnded : is_attached_ ? SessionState::kAttached : SessionState::kDetached;
+  if (!is_attached_) snapshot.expire_time = detached_at_ + limits_.expiry;
+  snapshot.health = health_;
+  snapshot.health.latency_p50_us = latencies_.Percentile(0.5);
+  snapshot.health.latency_p99_us = latencies_.Percentile(0.99);
+  if (in_work_since_.has_value()) {
+    snapshot.health.queue_age_us = MicrosecondsSince(*in_work_since_);
+  } else if (!queue_.empty()) {
+    snapshot.health.queue_age_us = MicrosecondsSince(queue_.front().received_at);
+  }
+  return snapshot;
+}
+
+void Session::AddWatcher(std::weak_ptr<SessionListener> watcher) {
+  absl::MutexLock lock(&mutex_);
+  watchers_.push_back(std::move(watcher));
+}
+
+std::vector<std::shared_ptr<SessionListener>> Session::Listeners() {
+  std::vector<std::shared_ptr<SessionListener>> listeners;
+  if (auto listener = stream_listener_.lock()) listeners.push_back(std::move(listener));
+  std::erase_if(watchers_, [&listeners](const std::weak_ptr<SessionListener>& weak) {
+    auto watcher = weak.lock();
+    if (watcher == nullptr) return true;
+    listeners.push_back(std::move(watcher));
+    return false;
+  });
+  return listeners;
+}
+
+absl::StatusOr<Attachment> Session::Attach(absl::string_view resume_token, uint64_t last_pose_seq,
+                                           std::weak_ptr<SessionListener> listener) {
+  EVPOSE_ASSIGN_OR_RETURN(std::string new_token, RandomHex128());
+  std::shared_ptr<SessionListener> fenced;
+  Attachment attachment;
+  {
+    absl::MutexLock lock(&mutex_);
+    EVPOSE_RETURN_IF_ERROR(closed_);
+    const bool is_previous = !previous_token_.empty() && SecretsEqual(resume_token, previous_token_);
+    if (!is_previous && !SecretsEqual(resume_token, resume_token_)) {
+      return WithReason(absl::PermissionDeniedError(absl::StrCat("the resume token is not that of ", name_,
+                                                                 "; each attach gives a new one: use the latest")),
+                        "WRONG_TOKEN");
+    }
+    if (last_pose_seq > health_.poses) {
+      return InvalidField("attach.last_pose_seq",
+                          absl::StrCat("is ", last_pose_seq, ", but the session has made ", health_.poses, " poses"));
+    }
+    if (stream_ > 0) ++health_.reattaches;
+    previous_token_ = std::string(resume_token);
+    resume_token_ = std::move(new_token);
+    ++stream_;
+    is_attached_ = true;
+    consumed_bytes_ = 0;
+    foreign_bytes_ = queued_bytes_;
+    sent_pose_seq_ = std::max(last_pose_seq, pose_log_->first_pose_seq() - 1);
+    notices_.clear();
+    fenced = stream_listener_.lock();
+    stream_listener_ = std::move(listener);
+    attachment = {stream_, next_seq_, resume_token_, SendLimit(), sent_pose_seq_ + 1};
+    Schedule();
+  }
+  if (fenced != nullptr) fenced->OnSessionChanged();
+  return attachment;
+}
+
+void Session::Detach(uint64_t stream) {
+  absl::MutexLock lock(&mutex_);
+  if (stream != stream_ || !is_attached_) return;
+  is_attached_ = false;
+  detached_at_ = now_();
+  stream_listener_.reset();
+  notices_.clear();
+  Schedule();  // nobody's reading is waited for any more
+}
+
+absl::Status Session::CheckStream(uint64_t stream) const {
+  EVPOSE_RETURN_IF_ERROR(closed_);
+  if (stream == stream_) return absl::OkStatus();
+  return WithReason(absl::AbortedError(absl::StrCat("another stream has attached to ", name_)), "FENCED");
+}
+
+absl::Status Session::CheckPush(uint64_t stream) {
+  EVPOSE_RETURN_IF_ERROR(CheckStream(stream));
+  previous_token_.clear();  // whoever sends this has read the new one
+  return absl::OkStatus();
+}
+
+absl::Status Session::CheckPayload(const EventChunk& chunk) const {
+  if (chunk.seq == 0) return InvalidField("events.seq", "is 0 or missing; chunks are numbered from 1");
+  if (chunk.payload.size() > limits_.max_chunk_bytes) {
+    return InvalidField("events.payload", absl::StrCat("has ", chunk.payload.size(), " bytes; at most ",
+                                                       limits_.max_chunk_bytes, " go into one chunk"));
+  }
+  const int word = WordBytes(config_.encoding);
+  if (chunk.payload.size() % static_cast<size_t>(word) != 0) {
+    return InvalidField("events.payload",
+                        absl::StrCat("has ", chunk.payload.size(), " bytes, which is not whole ",
+                                     std::string(EncodingName(config_.encoding)), " words of ", word, " bytes"));
+  }
+  if (chunk.crc32c.has_value() && *chunk.crc32c != Crc32c(AsBytes(chunk.payload))) {
+    return WithReason(absl::DataLossError(absl::StrCat("chunk ", chunk.seq,
+                                                       ": the payload does not match its crc32c; attach again and send "
+                                                       "it again")),
+                      "CRC_MISMATCH", {{"seq", absl::StrCat(chunk.seq)}});
+  }
+  return absl::OkStatus();
+}
+
+absl::Status Session::PushEvents(uint64_t stream, EventChunk chunk) {
+  EVPOSE_RETURN_IF_ERROR(CheckPayload(chunk));
+  absl::MutexLock lock(&mutex_);
+  EVPOSE_RETURN_IF_ERROR(CheckPush(stream));
+  if (chunk.seq < next_seq_) {
+    consumed_bytes_ += chunk.payload.size();
+    return absl::OkStatus();
+  }
+  if (end_pushed_) {
+    return WithReason(absl::FailedPreconditionError(absl::StrCat(name_, " has ended: no events may follow")),
+                      "SESSION_ENDED");
+  }
+  if (chunk.seq > next_seq_) {
+    return WithReason(
+        absl::FailedPreconditionError(absl::StrCat("chunk ", chunk.seq, " came where ", next_seq_, " was expected")),
+        "SEQ_GAP", {{"expected_seq", absl::StrCat(next_seq_)}, {"seq", absl::StrCat(chunk.seq)}});
+  }
+  ++next_seq_;
+  health_.received_bytes += chunk.payload.size();
+  Enqueue(stream, std::move(chunk));
+  return absl::OkStatus();
+}
+
+absl::Status Session::PushResetPose(uint64_t stream, absl::string_view object_id,
+                                    const RigidTransform& camera_from_object) {
+  absl::MutexLock lock(&mutex_);
+  EVPOSE_RETURN_IF_ERROR(CheckPush(stream));
+  if (end_pushed_) {
+    return WithReason(absl::FailedPreconditionError(absl::StrCat(name_, " has ended: no pose can be reset")),
+                      "SESSION_ENDED");
+  }
+  for (size_t i = 0; i < config_.objects.size(); ++i) {
+    if (config_.objects[i].object_id != object_id) continue;
+    Enqueue(stream, PoseReset{static_cast<uint32_t>(i), camera_from_object});
+    return absl::OkStatus();
+  }
+  return InvalidField("reset_pose.object_id", absl::StrCat("the session has no object \"", object_id, "\""));
+}
+
+absl::Status Session::PushEnd(uint64_t stream) {
+  absl::MutexLock lock(&mutex_);
+  EVPOSE_RETURN_IF_ERROR(CheckPush(stream));
+  if (end_pushed_) return absl::OkStatus();
+  end_pushed_ = true;
+  Enqueue(stream, End{});
+  return absl::OkStatus();
+}
+
+void Session::Enqueue(uint64_t stream, std::variant<EventChunk, PoseReset, End> what) {
+  queue_.push_back({stream, std::chrono::steady_clock::now(), std::move(what)});
+  queued_bytes_ += queue_.back().bytes();
+  Schedule();
+}
+
+uint64_t Session::SendLimit() const {
+  return consumed_bytes_ + limits_.credit_bytes - std::min(foreign_bytes_, limits_.credit_bytes);
+}
+
+SessionAck Session::MakeAck() const { return {processed_seq_, SendLimit(), acked_pose_seq_}; }
+
+StreamView Session::View(uint64_t stream) const {
+  absl::MutexLock lock(&mutex_);
+  StreamView view;
+  view.status = CheckStream(stream);
+  view.has_room = queued_bytes_ < limits_.credit_bytes && queue_.size() < kMaxQueuedItems;
+  view.is_idle = queue_.empty() && !in_work_since_.has_value();
+  view.ended = ended_;
+  view.ack = MakeAck();
+  view.last_pose_seq = health_.poses;
+  return view;
+}
+
+std::vector<SessionNotice> Session::TakeNotices(uint64_t stream) {
+  absl::MutexLock lock(&mutex_);
+  if (stream != stream_) return {};
+  std::vector<SessionNotice> notices = std::exchange(notices_, {});
+  if (notices.size() >= kMaxUntakenNotices) Schedule();
+  return notices;
+}
+
+void Session::ReportSent(uint64_t stream, uint64_t pose_seq) {
+  absl::MutexLock lock(&mutex_);
+  if (stream != stream_) return;
+  sent_pose_seq_ = pose_seq;
+  Schedule();
+}
+
+void Session::Close(const absl::Status& status) {
+  std::vector<std::shared_ptr<SessionListener>> listeners;
+  {
+    absl::MutexLock lock(&mutex_);
+    if (!closed_.ok()) return;
+    closed_ = status;
+    queue_.clear();
+    model_uses_.clear();
+    is_attached_ = false;
+    listeners = Listeners();
+  }
+  for (const auto& listener : listeners) listener->OnSessionChanged();
+}
+
+bool Session::IsRunnable() const {
+  if (!closed_.ok() || (queue_.empty() && !in_work_since_.has_value())) return false;
+  const bool reader_is_behind =
+      is_attached_ && (health_.poses > sent_pose_seq_ + kMaxUnsentPoses || notices_.size() >= kMaxUntakenNotices);
+  return !reader_is_behind;
+}
+
+void Session::Schedule() {
+  if (is_scheduled_ || !IsRunnable()) return;
+  is_scheduled_ = true;
+  boost::asio::post(strand_, [self = shared_from_this()] { self->Run(); });
+}
+
+void Session::Run() {
+  if (!TakeItem()) return;
+  const auto begin = std::chrono::steady_clock::now();
+  output_.clear();
+  const bool item_is_done = WorkOnItem();
+  processing_time_ += std::chrono::steady_clock::now() - begin;
+  Publish(item_is_done);
+}
+
+bool Session::TakeItem() {
+  absl::MutexLock lock(&mutex_);
+  if (!IsRunnable()) {
+    is_scheduled_ = false;
+    return false;
+  }
+  if (in_work_since_.has_value()) return true;
+  item_ = std::move(queue_.front());
+  queue_.pop_front();
+  in_work_since_ = item_->received_at;
+  item_offset_ = 0;
+  return true;
+}
+
+bool Session::WorkOnItem() {
+  if (const auto* chunk = std::get_if<EventChunk>(&item_->what)) return WorkOnEvents(*chunk);
+  if (const auto* reset = std::get_if<PoseReset>(&item_->what)) {
+    pipeline_->ResetPose(reset->object_index, reset->camera_from_object);
+  } else {
+    pipeline_->Finish(output_);
+  }
+  return true;
+}
+
+bool Session::WorkOnEvents(const EventChunk& chunk) {
+  if (item_offset_ == 0) {
+    counts_before_item_ = pipeline_->counts();
+    if (chunk.discontinuity) pipeline_->ResetAfterLoss();
+  }
+  const absl::Span<const uint8_t> slice = AsBytes(chunk.payload).subspan(item_offset_, kSliceBytes);
+  pipeline_->Process(slice, output_);
+  item_offset_ += slice.size();
+  return item_offset_ == chunk.payload.size();
+}
+
+std::vector<StoredPose> Session::NumberPoses() {
+  const int64_t latency_us = MicrosecondsSince(item_->received_at);
+  std::vector<StoredPose> poses;
+  poses.reserve(output_.poses.size());
+  for (const ObjectPose& pose : output_.poses) {
+    explained_ratios_[pose.object_index] = pose.estimate.explained_ratio;
+    poses.push_back({next_pose_seq_++, pose.object_index, pose.estimate, latency_us});
+  }
+  return poses;
+}
+
+std::optional<DecodeFault> Session::FindDecodeFault() const {
+  const auto* chunk = std::get_if<EventChunk>(&item_->what);
+  if (chunk == nullptr) return std::nullopt;
+  const DecodeCounts& now = pipeline_->counts();
+  const uint64_t unknown = now.unknown_words - counts_before_item_.unknown_words;
+  const uint64_t broken = now.broken_vectors - counts_before_item_.broken_vectors;
+  const uint64_t outside = now.dropped_outside_sensor - counts_before_item_.dropped_outside_sensor;
+  if (unknown + broken + outside == 0) return std::nullopt;
+  return DecodeFault{chunk->seq, unknown + broken + outside,
+                     absl::StrCat("skipped ", unknown, " unknown words, ", broken, " broken vectors, ", outside,
+                                  " events outside the sensor")};
+}
+
+// To the store first, then to the streams.
+void Session::Publish(bool item_is_done) {
+  const uint64_t first_pose_seq = next_pose_seq_;
+  const std::vector<StoredPose> poses = NumberPoses();
+  if (const absl::Status stored = pose_log_->Append(poses); !stored.ok()) {
+    Close(WithReason(absl::InternalError(absl::StrCat("poses cannot be stored: ", stored.message())), "STORE_FAILED"));
+    absl::MutexLock lock(&mutex_);
+    is_scheduled_ = false;
+    return;
+  }
+  std::vector<std::shared_ptr<SessionListener>> listeners;
+  {
+    absl::MutexLock lock(&mutex_);
+    for (const StoredPose& pose : poses) latencies_.Add(pose.latency_us);
+    health_.poses = next_pose_seq_ - 1;
+    health_.counts = pipeline_->counts();
+    health_.t_us = std::max<int64_t>(pipeline_->now_us(), 0);
+    health_.sensor_time_us = pipeline_->now_us() - pipeline_->first_t_us();
+    health_.processing_us = std::chrono::duration_cast<std::chrono::microseconds>(processing_time_).count();
+    for (size_t i = 0; i < health_.objects.size(); ++i) {
+      const Tracker& tracker = pipeline_->tracker(i);
+      health_.objects[i] = {tracker.state(), tracker.losses(), explained_ratios_[i]};
+    }
+    if (is_attached_) {
+      for (const ObjectStateChange& change : output_.state_changes) {
+        notices_.push_back({first_pose_seq - 1 + change.num_poses_before,
+                            StateChange{change.object_index, change.t_us, change.state}});
+      }
+    }
+    if (item_is_done) {
+      if (const auto fault = FindDecodeFault(); fault.has_value() && is_attached_) {
+        notices_.push_back({health_.poses, *fault});
+      }
+      const uint64_t bytes = item_->bytes();
+      queued_bytes_ -= bytes;
+      (item_->stream == stream_ ? consumed_bytes_ += bytes : foreign_bytes_ -= bytes);
+      health_.processed_bytes += bytes;
+      if (const auto* chunk = std::get_if<EventChunk>(&item_->what)) processed_seq_ = chunk->seq;
+      if (std::holds_alternative<End>(item_->what)) ended_ = true;
+      acked_pose_seq_ = health_.poses;
+      in_work_since_.reset();
+    }
+    is_scheduled_ = false;
+    Schedule();
+    listeners = Listeners();
+  }
+  if (item_is_done && std::holds_alternative<End>(item_->what)) pipeline_.reset();  // its memory; nothing follows
+  for (const auto& listener : listeners) listener->OnSessionChanged();
+}
+
+}  // namespace evpose::server

@@ -1,0 +1,64 @@
+#include "server/sessions/session_config.h"
+
+#include <set>
+
+#include "absl/strings/str_cat.h"
+#include "absl/strings/string_view.h"
+#include "core/base/status_macros.h"
+#include "server/sessions/errors.h"
+
+namespace evpose::server {
+namespace {
+
+constexpr size_t kMaxObjects = 16;
+constexpr size_t kMaxObjectIdBytes = 64;
+
+bool SamePose(const std::optional<RigidTransform>& a, const std::optional<RigidTransform>& b) {
+  if (a.has_value() != b.has_value()) return false;
+  return !a.has_value() || (a->rotation == b->rotation && a->translation_m == b->translation_m);
+}
+
+bool SameObject(const ObjectConfig& a, const ObjectConfig& b) {
+  return a.object_id == b.object_id && a.model == b.model &&
+         SamePose(a.initial_camera_from_object, b.initial_camera_from_object);
+}
+
+bool SameCamera(const CameraModel& a, const CameraModel& b) {
+  return a.width_px == b.width_px && a.height_px == b.height_px && a.fx_px == b.fx_px && a.fy_px == b.fy_px &&
+         a.cx_px == b.cx_px && a.cy_px == b.cy_px && a.distortion == b.distortion;
+}
+
+}  // namespace
+
+absl::Status SessionConfig::Validate() const {
+  if (const absl::Status status = camera.Validate(); !status.ok()) {
+    return InvalidField("config.camera", status.message());
+  }
+  if (objects.empty() || objects.size() > kMaxObjects) {
+    return InvalidField("config.objects",
+                        absl::StrCat("a session tracks 1 to ", kMaxObjects, " objects, not ", objects.size()));
+  }
+  std::set<absl::string_view> ids;
+  for (size_t i = 0; i < objects.size(); ++i) {
+    const std::string field = absl::StrCat("config.objects[", i, "].");
+    const std::string& id = objects[i].object_id;
+    if (id.empty() || id.size() > kMaxObjectIdBytes) {
+      return InvalidField(field + "object_id",
+                          absl::StrCat("must have 1 to ", kMaxObjectIdBytes, " bytes, has ", id.size()));
+    }
+    if (!ids.insert(id).second) return InvalidField(field + "object_id", absl::StrCat("\"", id, "\" is used twice"));
+    if (objects[i].model.empty()) return InvalidField(field + "model", "is missing: upload a model and give its name");
+  }
+  return absl::OkStatus();
+}
+
+bool operator==(const SessionConfig& a, const SessionConfig& b) {
+  if (a.encoding != b.encoding || a.estimator != b.estimator || !SameCamera(a.camera, b.camera)) return false;
+  if (a.objects.size() != b.objects.size()) return false;
+  for (size_t i = 0; i < a.objects.size(); ++i) {
+    if (!SameObject(a.objects[i], b.objects[i])) return false;
+  }
+  return true;
+}
+
+}  // namespace evpose::server

@@ -1,0 +1,44 @@
+// What a session is told at its creation, and what may be wrong with it.
+#pragma once
+
+#include <functional>
+#include <memory>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "absl/status/status.h"
+#include "absl/status/statusor.h"
+#include "core/events/decoder.h"
+#include "core/geometry/camera.h"
+#include "core/geometry/rigid_transform.h"
+#include "core/models/object_model.h"
+#include "core/tracking/tracker.h"
+
+namespace evpose::server {
+
+struct ObjectConfig {
+  std::string object_id;
+  std::string model;  // "models/{id}"
+  std::optional<RigidTransform> initial_camera_from_object;
+};
+
+struct SessionConfig {
+  Encoding encoding = Encoding::kEvt3;
+  CameraModel camera;
+  std::vector<ObjectConfig> objects;
+  Estimator estimator = Estimator::kMixture;
+
+  // Everything that needs no model and no decoder. Errors: INVALID_ARGUMENT with the field (sessions/errors.h), as a
+  // path that begins with "config".
+  absl::Status Validate() const;
+};
+
+bool operator==(const SessionConfig& a, const SessionConfig& b);
+
+// Makes the tracker of one object; tests put their own in the place of the real one.
+using TrackerFactory = std::function<absl::StatusOr<std::unique_ptr<Tracker>>(
+    std::shared_ptr<const ObjectModel> model, const CameraModel& camera, Estimator estimator,
+    const std::optional<RigidTransform>& initial_camera_from_object)>;
+
+}  // namespace evpose::server

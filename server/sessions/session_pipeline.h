@@ -1,0 +1,83 @@
+// A session's science, without its threads: bytes in, poses and changes of state out. What comes out is a function of
+// the configuration and of the bytes, resets and losses in their order, never of how the bytes are cut into calls.
+#pragma once
+
+#include <cstdint>
+#include <memory>
+#include <vector>
+
+#include "absl/status/statusor.h"
+#include "absl/types/span.h"
+#include "core/events/decoder.h"
+#include "core/events/event.h"
+#include "core/tracking/tracker.h"
+#include "server/sessions/session_config.h"
+
+namespace evpose::server {
+
+struct ObjectPose {
+  uint32_t object_index = 0;
+  PoseEstimate estimate;
+};
+
+struct ObjectStateChange {
+  uint32_t object_index = 0;
+  int64_t t_us = 0;
+  TrackState state = TrackState::kInitializing;
+  size_t num_poses_before = 0;  // of PipelineOutput::poses
+};
+
+struct PipelineOutput {
+  std::vector<ObjectPose> poses;
+  std::vector<ObjectStateChange> state_changes;
+
+  void clear() {
+    poses.clear();
+    state_changes.clear();
+  }
+};
+
+// Not thread-safe.
+class SessionPipeline {
+ public:
+  // `models` are those of config.objects, in their order. Errors: INVALID_ARGUMENT with the field of `config`.
+  static absl::StatusOr<std::unique_ptr<SessionPipeline>> Create(
+      const SessionConfig& config, const std::vector<std::shared_ptr<const ObjectModel>>& models,
+      const TrackerFactory& make_tracker);
+
+  // Each appends to `output`.
+  void Process(absl::Span<const uint8_t> bytes, PipelineOutput& output);
+  void ResetAfterLoss();
+  void ResetPose(uint32_t object_index, const RigidTransform& camera_from_object);
+  void Finish(PipelineOutput& output);
+
+  const DecodeCounts& counts() const { return decoder_->counts(); }
+  int64_t first_t_us() const { return first_t_us_; }  // -1: no time seen yet
+  int64_t now_us() const { return now_us_; }          // -1: no time seen yet
+  size_t num_objects() const { return objects_.size(); }
+  const Tracker& tracker(size_t object_index) const { return *objects_[object_index].tracker; }
+
+ private:
+  struct Object {
+    std::unique_ptr<Tracker> tracker;
+    TrackState reported_state;
+    std::vector<PoseEstimate> estimates;  // not yet given out
+  };
+
+  SessionPipeline() = default;
+  void FeedEvents(absl::Span<const Event> events, PipelineOutput& output);
+  void FeedSlice(absl::Span<const Event> events, PipelineOutput& output);
+  void FeedTime(int64_t t_us, PipelineOutput& output);
+  void SeeTime(int64_t t_us);
+  void CloseSlice(int64_t t_us, PipelineOutput& output);
+  void GiveOutEstimates(PipelineOutput& output);
+
+  std::unique_ptr<EventDecoder> decoder_;
+  std::vector<Object> objects_;
+  DecodedEvents decoded_;  // kept for its memory
+  int64_t first_t_us_ = -1;
+  int64_t now_us_ = -1;
+  int64_t slice_end_us_ = 0;
+};
+
+}  // namespace evpose::server
