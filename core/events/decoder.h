@@ -39,6 +39,8 @@ struct DecodeCounts {
 
   uint64_t dropped_events() const { return dropped_before_time + dropped_outside_sensor; }
   uint64_t invalid_words() const { return unknown_words + broken_vectors; }
+
+  friend bool operator==(const DecodeCounts&, const DecodeCounts&) = default;
 };
 
 // What becomes of an event whose address lies outside the sensor but can be read.
