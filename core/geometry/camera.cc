@@ -142,8 +142,6 @@ absl::Status CheckFocalLength(double value_px, const char* field) {
   return absl::InvalidArgumentError(absl::StrFormat("%s is %g, but must be a positive number", field, value_px));
 }
 
-bool HasDistortion(const CameraModel& camera) { return camera.distortion != std::array<double, 5>{}; }
-
 Eigen::Vector2d Normalised(const CameraModel& camera, double u_px, double v_px) {
   return {(u_px - camera.cx_px) / camera.fx_px, (v_px - camera.cy_px) / camera.fy_px};
 }
@@ -215,10 +213,16 @@ absl::Status CameraModel::Validate() const {
 }
 
 Eigen::Vector2d CameraModel::Distort(const Eigen::Vector2d& undistorted_px) const {
-  if (!HasDistortion(*this)) return undistorted_px;
+  if (!HasDistortion()) return undistorted_px;
   const Eigen::Vector2d point =
       DistortNormalised(distortion, Normalised(*this, undistorted_px.x(), undistorted_px.y())).point;
   return {fx_px * point.x() + cx_px, fy_px * point.y() + cy_px};
+}
+
+bool CameraModel::IsInImage(const Eigen::Vector2d& undistorted_px) const {
+  const Distorted distorted = DistortNormalised(distortion, Normalised(*this, undistorted_px.x(), undistorted_px.y()));
+  const double u_px = fx_px * distorted.point.x() + cx_px, v_px = fy_px * distorted.point.y() + cy_px;
+  return distorted.is_regular && u_px >= -0.5 && u_px <= width_px - 0.5 && v_px >= -0.5 && v_px <= height_px - 0.5;
 }
 
 absl::StatusOr<CameraModel> LoadCameraModel(const std::string& path) {
@@ -278,7 +282,7 @@ absl::StatusOr<UndistortionTable> UndistortionTable::Create(const CameraModel& c
   table.width_px_ = camera.width_px;
   table.bearings_.reserve(static_cast<size_t>(camera.width_px) * camera.height_px);
   for (int v = 0; v < camera.height_px; ++v) {
-    if (!HasDistortion(camera)) {
+    if (!camera.HasDistortion()) {
       for (int u = 0; u < camera.width_px; ++u) table.bearings_.push_back(Normalised(camera, u, v).cast<float>());
       continue;
     }

@@ -1,11 +1,10 @@
 // Pinhole camera with plumb-bob distortion. Pixel (0, 0) is the centre of the top-left pixel.
 #pragma once
 
+#include <Eigen/Core>
 #include <array>
 #include <string>
 #include <vector>
-
-#include <Eigen/Core>
 
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
@@ -30,6 +29,9 @@ struct CameraModel {
   }
   // The sensor's own pixel of an undistorted pixel (applies the distortion).
   Eigen::Vector2d Distort(const Eigen::Vector2d& undistorted_px) const;
+  bool HasDistortion() const { return distortion != std::array<double, 5>{}; }
+  // Whether the sensor sees an undistorted pixel: its own pixel lies on it, and the lens does not fold the image there.
+  bool IsInImage(const Eigen::Vector2d& undistorted_px) const;
 };
 
 // ROS camera_info YAML (image_width, image_height, camera_matrix, distortion_model plumb_bob or none,

@@ -1,12 +1,11 @@
 // What is tracked: a mesh that hides, and the lines that show.
 #pragma once
 
+#include <Eigen/Core>
 #include <array>
 #include <cstdint>
 #include <string>
 #include <vector>
-
-#include <Eigen/Core>
 
 #include "absl/status/statusor.h"
 #include "absl/types/span.h"
@@ -24,17 +23,17 @@ struct ModelLine {
 };
 
 struct ObjectModel {
-  std::vector<Eigen::Vector3d> vertices;         // object frame, metres
+  std::vector<Eigen::Vector3d> vertices;           // object frame, metres
   std::vector<std::array<uint32_t, 3>> triangles;  // counter-clockwise seen from outside
   std::vector<ModelLine> lines;
-  double diameter_m = 0.0;  // largest distance between two points of the model
+  double diameter_m = 0.0;           // largest distance between two points of the model
   std::vector<std::string> notices;  // what was merged or dropped at loading: duplicate or zero-length lines
 };
 
 struct ModelOptions {
-  double metres_per_unit = 1.0;     // scale of the file's numbers
-  double crease_angle_deg = 30.0;   // an edge whose faces' normals differ by more is a line; coplanar ones are not
-  size_t max_bytes = 64u << 20;     // larger files are refused: bounds memory for uploads
+  double metres_per_unit = 1.0;    // scale of the file's numbers
+  double crease_angle_deg = 30.0;  // an edge whose faces' normals differ by more is a line; coplanar ones are not
+  size_t max_bytes = 64u << 20;    // larger files are refused: bounds memory for uploads
   size_t max_lines = 4096;
   size_t max_triangles = 2'000'000;
 

@@ -1,0 +1,34 @@
+// The edges of a mesh with shared vertices, each with the triangles that meet in it.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <vector>
+
+#include "absl/types/span.h"
+
+namespace evpose {
+
+// One side of one triangle, from the lower to the higher vertex.
+struct EdgeUse {
+  uint32_t low;
+  uint32_t high;
+  uint32_t triangle;
+  uint8_t side;     // from corner `side` to the next one
+  bool is_forward;  // the triangle runs from low to high
+};
+
+// Sorted, so that the uses of an edge stand together.
+std::vector<EdgeUse> SortedEdgeUses(absl::Span<const std::array<uint32_t, 3>> triangles);
+
+template <typename Function>  // void(absl::Span<const EdgeUse>)
+void ForEachEdge(const std::vector<EdgeUse>& uses, const Function& function) {
+  for (size_t begin = 0; begin < uses.size();) {
+    size_t end = begin + 1;
+    while (end < uses.size() && uses[end].low == uses[begin].low && uses[end].high == uses[begin].high) ++end;
+    function(absl::MakeConstSpan(uses).subspan(begin, end - begin));
+    begin = end;
+  }
+}
+
+}  // namespace evpose

@@ -1,0 +1,272 @@
+#include "core/models/model_lines.h"
+
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstdint>
+#include <numbers>
+#include <utility>
+
+#include "absl/strings/str_format.h"
+#include "core/base/math.h"
+#include "core/models/mesh_edges.h"
+
+namespace evpose {
+namespace {
+
+// An edge list that is longer than this many times the limit on lines is not worth joining.
+constexpr size_t kEdgesPerLine = 64;
+// Edges continue each other when they turn by less than this (rad): coordinates in single precision leave 1e-4 on an
+// edge of a thousandth of the model, and a polygon of 1000 corners turns by 6e-3 at each.
+constexpr double kCollinearAngle = 2e-3;
+// Joined edges stay within this of the line that replaces them, of the length of the model.
+constexpr double kCollinearTolerance = 1e-5;
+// Normals of faces that count as one plane when edges are joined: slivers have rough normals. 1 degree.
+constexpr double kSameFaceCosine = 0.99985;
+// Normals that count as one in a line's list. 0.1 degree.
+constexpr double kSameNormalCosine = 0.9999985;
+
+struct Edge {
+  std::array<uint32_t, 2> ends;
+  std::vector<Eigen::Vector3d> normals;
+};
+
+void AddDistinct(const Eigen::Vector3d& normal, std::vector<Eigen::Vector3d>& normals) {
+  for (const Eigen::Vector3d& other : normals) {
+    if (other.dot(normal) > kSameNormalCosine) return;
+  }
+  normals.push_back(normal);
+}
+
+// Direction, square to the edge, in which a face leaves it.
+Eigen::Vector3d Wing(const RawModel& model, const EdgeUse& use) {
+  const Eigen::Vector3d edge = (model.points[use.high] - model.points[use.low]).normalized();
+  const Eigen::Vector3d across =
+      model.points[model.triangles[use.triangle][(use.side + 2) % 3]] - model.points[use.low];
+  return (across - across.dot(edge) * edge).normalized();
+}
+
+Eigen::Vector3d Normal(const RawModel& model, uint32_t triangle) {
+  const auto& [i, j, k] = model.triangles[triangle];
+  return (model.points[j] - model.points[i]).cross(model.points[k] - model.points[i]).normalized();
+}
+
+// Faces on both sides that go on without a crease. By wings rather than normals: right for any winding, and for any
+// number of faces.
+bool IsSmooth(const RawModel& model, absl::Span<const EdgeUse> uses, double crease_cosine) {
+  const Eigen::Vector3d first = Wing(model, uses[0]);
+  bool has_opposite = false;
+  for (const EdgeUse& use : uses.subspan(1)) {
+    const double cosine = first.dot(Wing(model, use));
+    if (std::abs(cosine) < crease_cosine) return false;
+    has_opposite |= cosine < 0.0;
+  }
+  return has_opposite;
+}
+
+// Links the ends of edges that continue each other and walks the chains.
+class EdgeJoiner {
+ public:
+  EdgeJoiner(const RawModel& model, const std::vector<Edge>& edges, double tolerance_m)
+      : model_(model), edges_(edges), tolerance_m_(tolerance_m), links_(edges.size(), {kNone, kNone}) {}
+
+  std::vector<ModelLine> Join() {
+    LinkEnds();
+    std::vector<ModelLine> lines;
+    visited_.assign(edges_.size(), false);
+    // Chains from their ends first; what is left are rings of many short edges, begun anywhere.
+    for (const bool from_ends : {true, false}) {
+      for (uint32_t e = 0; e < edges_.size(); ++e) {
+        if (visited_[e]) continue;
+        const int free_end = links_[e][0] == kNone ? 0 : 1;
+        if (from_ends && links_[e][free_end] != kNone) continue;
+        WalkChain(e, free_end, lines);
+      }
+    }
+    return lines;
+  }
+
+ private:
+  static constexpr uint32_t kNone = ~0u;
+
+  struct End {
+    uint32_t vertex;
+    uint32_t edge;
+    uint8_t which;  // 0 or 1
+  };
+
+  // Unit vector from that end into the edge.
+  Eigen::Vector3d Direction(const End& end) const {
+    const auto& ends = edges_[end.edge].ends;
+    return (model_.points[ends[1 - end.which]] - model_.points[ends[end.which]]).normalized();
+  }
+
+  bool HaveSameFaces(const Edge& a, const Edge& b) const {
+    if (a.normals.size() != b.normals.size()) return false;
+    for (const Eigen::Vector3d& normal : a.normals) {
+      if (std::none_of(b.normals.begin(), b.normals.end(),
+                       [&](const Eigen::Vector3d& other) { return other.dot(normal) > kSameFaceCosine; })) {
+        return false;
+      }
+    }
+    return true;
+  }
+
+  void LinkEnds() {
+    std::vector<End> ends;
+    for (uint32_t e = 0; e < edges_.size(); ++e) {
+      for (uint8_t which = 0; which < 2; ++which) ends.push_back({edges_[e].ends[which], e, which});
+    }
+    std::sort(ends.begin(), ends.end(), [](const End& a, const End& b) {
+      return std::tie(a.vertex, a.edge, a.which) < std::tie(b.vertex, b.edge, b.which);
+    });
+    for (size_t begin = 0; begin < ends.size();) {
+      size_t end = begin + 1;
+      while (end < ends.size() && ends[end].vertex == ends[begin].vertex) ++end;
+      LinkAtVertex(absl::MakeConstSpan(ends).subspan(begin, end - begin));
+      begin = end;
+    }
+  }
+
+  void LinkAtVertex(absl::Span<const End> ends) {
+    // In a fan of many edges, hardly any continue each other, and comparing all pairs would take too long.
+    constexpr size_t kMaxEnds = 64;
+    if (ends.size() > kMaxEnds) return;
+    for (size_t i = 0; i < ends.size(); ++i) {
+      for (size_t j = i + 1; j < ends.size(); ++j) {
+        uint32_t& link_i = links_[ends[i].edge][ends[i].which];
+        uint32_t& link_j = links_[ends[j].edge][ends[j].which];
+        if (link_i != kNone || link_j != kNone) continue;
+        const Eigen::Vector3d direction_i = Direction(ends[i]), direction_j = Direction(ends[j]);
+        const bool continues =
+            direction_i.dot(direction_j) < 0.0 && direction_i.cross(direction_j).norm() < kCollinearAngle;
+        if (!continues || !HaveSameFaces(edges_[ends[i].edge], edges_[ends[j].edge])) continue;
+        link_i = ends[j].edge;
+        link_j = ends[i].edge;
+      }
+    }
+  }
+
+  void WalkChain(uint32_t first, int free_end, std::vector<ModelLine>& lines) {
+    chain_edges_.clear();
+    chain_vertices_.assign(1, edges_[first].ends[free_end]);
+    for (uint32_t edge = first; edge != kNone && !visited_[edge];) {
+      visited_[edge] = true;
+      chain_edges_.push_back(edge);
+      const int far_end = edges_[edge].ends[0] == chain_vertices_.back() ? 1 : 0;
+      chain_vertices_.push_back(edges_[edge].ends[far_end]);
+      edge = links_[edge][far_end];
+    }
+    SplitChain(lines);
+  }
+
+  // One line where the chain is straight; else it is cut at the farthest vertex, and so on (Douglas and Peucker, 1973).
+  void SplitChain(std::vector<ModelLine>& lines) {
+    std::vector<std::pair<size_t, size_t>> parts = {{0, chain_vertices_.size() - 1}};
+    while (!parts.empty()) {
+      const auto [begin, end] = parts.back();
+      parts.pop_back();
+      const Eigen::Vector3d& p1 = model_.points[chain_vertices_[begin]];
+      const Eigen::Vector3d& p2 = model_.points[chain_vertices_[end]];
+      const Eigen::Vector3d direction = (p2 - p1).normalized();
+      double farthest_m = tolerance_m_;
+      size_t cut = begin;
+      for (size_t i = begin + 1; i < end; ++i) {
+        const double distance_m = (model_.points[chain_vertices_[i]] - p1).cross(direction).norm();
+        if (distance_m <= farthest_m) continue;
+        farthest_m = distance_m;
+        cut = i;
+      }
+      // A ring has no direction of its own.
+      if (chain_vertices_[begin] == chain_vertices_[end]) cut = begin + (end - begin) / 2;
+      if (cut == begin) {
+        lines.push_back({p1, p2, edges_[chain_edges_[(begin + end) / 2]].normals});
+        continue;
+      }
+      parts.push_back({cut, end});
+      parts.push_back({begin, cut});
+    }
+  }
+
+  const RawModel& model_;
+  const std::vector<Edge>& edges_;
+  const double tolerance_m_;
+  std::vector<std::array<uint32_t, 2>> links_;  // the edge that continues each end
+  std::vector<bool> visited_;
+  std::vector<uint32_t> chain_vertices_;
+  std::vector<uint32_t> chain_edges_;
+};
+
+// Normals of the faces at one point of a line: those that are as near as the nearest.
+void AddNormalsAt(const Eigen::Vector3d& point, const Eigen::Vector3d& direction, const TriangleBvh& faces,
+                  double diameter_m, std::vector<TriangleBvh::Near>& found, std::vector<Eigen::Vector3d>& normals) {
+  // A line drawn a little above its face belongs to it; the other side of a thin plate, at another distance, does not.
+  constexpr double kSurfaceTolerance = 1e-3, kSameDistance = 1e-5;
+  // Steeper lines pierce the face: 2 degrees.
+  constexpr double kMaxSlope = 0.035;
+  faces.FindNear(point, kSurfaceTolerance * diameter_m, found);
+  std::erase_if(found, [&](const TriangleBvh::Near& near) { return std::abs(near.normal.dot(direction)) > kMaxSlope; });
+  double nearest_m = kSurfaceTolerance * diameter_m;
+  for (const TriangleBvh::Near& near : found) nearest_m = std::min(nearest_m, near.distance_m);
+  for (const TriangleBvh::Near& near : found) {
+    if (near.distance_m <= nearest_m + kSameDistance * diameter_m) AddDistinct(near.normal, normals);
+  }
+}
+
+}  // namespace
+
+absl::StatusOr<std::vector<ModelLine>> CreaseLines(const RawModel& model, double crease_angle_deg, size_t max_lines) {
+  const double crease_cosine = DeterministicSinCos(crease_angle_deg * std::numbers::pi / 180.0).cos;
+  std::vector<Edge> edges;
+  ForEachEdge(SortedEdgeUses(model.triangles), [&](absl::Span<const EdgeUse> uses) {
+    if (edges.size() > kEdgesPerLine * max_lines || IsSmooth(model, uses, crease_cosine)) return;
+    Edge edge{{uses[0].low, uses[0].high}, {}};
+    for (const EdgeUse& use : uses) AddDistinct(Normal(model, use.triangle), edge.normals);
+    edges.push_back(std::move(edge));
+  });
+  const auto too_many = [&](size_t count) {
+    return absl::InvalidArgumentError(absl::StrFormat(
+        "the mesh has %s%d lines, more than the limit of %d; simplify it, raise the crease angle, or draw "
+        "the lines that matter as OBJ line elements (l)",
+        count > kEdgesPerLine * max_lines ? "over " : "", count, max_lines));
+  };
+  if (edges.size() > kEdgesPerLine * max_lines) return too_many(edges.size());
+  std::vector<ModelLine> lines = EdgeJoiner(model, edges, kCollinearTolerance * BoundingBoxDiagonal(model)).Join();
+  if (lines.size() > max_lines) return too_many(lines.size());
+  return lines;
+}
+
+std::vector<ModelLine> PaintedLines(const RawModel& model, const TriangleBvh& faces, double diameter_m) {
+  // Away from the ends, where other faces begin. A face counts from two points on: one may be chance.
+  constexpr double kSamples[] = {0.13, 0.31, 0.5, 0.71, 0.87};
+  constexpr int kMinSamples = 2;
+  std::vector<ModelLine> lines;
+  std::vector<TriangleBvh::Near> found;
+  std::vector<std::pair<Eigen::Vector3d, int>> counted;
+  for (const auto& [i, j] : model.lines) {
+    ModelLine line{model.points[i], model.points[j], {}};
+    counted.clear();
+    for (const double sample : kSamples) {
+      std::vector<Eigen::Vector3d> here;
+      AddNormalsAt(line.p1 + sample * (line.p2 - line.p1), (line.p2 - line.p1).normalized(), faces, diameter_m, found,
+                   here);
+      for (const Eigen::Vector3d& normal : here) {
+        const auto same = std::find_if(counted.begin(), counted.end(),
+                                       [&](const auto& entry) { return entry.first.dot(normal) > kSameNormalCosine; });
+        if (same == counted.end()) {
+          counted.push_back({normal, 1});
+        } else {
+          ++same->second;
+        }
+      }
+    }
+    for (const auto& [normal, count] : counted) {
+      if (count >= kMinSamples) line.face_normals.push_back(normal);
+    }
+    lines.push_back(std::move(line));
+  }
+  return lines;
+}
+
+}  // namespace evpose

@@ -1,0 +1,311 @@
+#include "core/models/object_model.h"
+
+#include <assimp/postprocess.h>
+#include <assimp/scene.h>
+
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <assimp/IOSystem.hpp>
+#include <assimp/Importer.hpp>
+#include <cmath>
+#include <exception>
+#include <filesystem>
+#include <fstream>
+#include <numbers>
+#include <system_error>
+#include <utility>
+
+#include "absl/strings/ascii.h"
+#include "absl/strings/match.h"
+#include "absl/strings/str_cat.h"
+#include "absl/strings/str_format.h"
+#include "core/base/math.h"
+#include "core/base/status_macros.h"
+#include "core/models/mesh_topology.h"
+#include "core/models/model_file_check.h"
+#include "core/models/model_lines.h"
+#include "core/models/triangle_bvh.h"
+
+namespace evpose {
+namespace {
+
+// Points nearer than this, of the model's size, are one: a few roundings of single precision.
+constexpr double kWeldTolerance = 1e-6;
+// Coordinates farther from the origin than this many times the model's size have lost its shape to rounding.
+constexpr double kMaxRelativeOffset = 1e5;
+constexpr size_t kMaxExactDiameterPoints = 2048;
+
+const char* Hint(ModelFormat format) {
+  switch (format) {
+    case ModelFormat::kObj:
+      return "obj";
+    case ModelFormat::kPly:
+      return "ply";
+    case ModelFormat::kStl:
+      return "stl";
+  }
+  return "";
+}
+
+// A model may come from anybody: whatever other file it names is not there.
+class NoFiles : public Assimp::IOSystem {
+ public:
+  bool Exists(const char*) const override { return false; }
+  char getOsSeparator() const override { return '/'; }
+  Assimp::IOStream* Open(const char*, const char*) override { return nullptr; }
+  void Close(Assimp::IOStream*) override {}
+};
+
+absl::StatusOr<CheckedModelFile> CheckFile(absl::Span<const uint8_t> bytes, ModelFormat format,
+                                           const ModelOptions& options) {
+  const ModelFileLimits limits{options.max_lines, options.max_triangles};
+  switch (format) {
+    case ModelFormat::kObj:
+      return CheckObj(bytes, limits);
+    case ModelFormat::kPly:
+      return CheckPly(bytes, limits);
+    case ModelFormat::kStl:
+      return CheckStl(bytes, limits);
+  }
+  return absl::InvalidArgumentError("unknown model format");
+}
+
+absl::Status CheckIndices(const aiScene& scene) {
+  for (unsigned m = 0; m < scene.mNumMeshes; ++m) {
+    const aiMesh& mesh = *scene.mMeshes[m];
+    for (unsigned f = 0; f < mesh.mNumFaces; ++f) {
+      for (unsigned i = 0; i < mesh.mFaces[f].mNumIndices; ++i) {
+        if (mesh.mFaces[f].mIndices[i] >= mesh.mNumVertices)
+          return absl::InvalidArgumentError("an index is out of range");
+      }
+    }
+  }
+  return absl::OkStatus();
+}
+
+void AppendMesh(const aiMesh& mesh, double metres_per_unit, RawModel& raw) {
+  const uint32_t first = static_cast<uint32_t>(raw.points.size());
+  for (unsigned i = 0; i < mesh.mNumVertices; ++i) {
+    const aiVector3D& v = mesh.mVertices[i];
+    raw.points.push_back(metres_per_unit * Eigen::Vector3d(v.x, v.y, v.z));
+  }
+  for (unsigned i = 0; i < mesh.mNumFaces; ++i) {
+    const aiFace& face = mesh.mFaces[i];
+    if (face.mNumIndices == 2) raw.lines.push_back({first + face.mIndices[0], first + face.mIndices[1]});
+    if (face.mNumIndices == 3) {
+      raw.triangles.push_back({first + face.mIndices[0], first + face.mIndices[1], first + face.mIndices[2]});
+    }
+  }
+}
+
+// Points, triangles and lines in metres, as the file has them.
+absl::StatusOr<RawModel> Import(absl::Span<const uint8_t> bytes, const CheckedModelFile& checked, ModelFormat format,
+                                double metres_per_unit) {
+  if (!checked.content.empty()) {
+    bytes = absl::MakeConstSpan(reinterpret_cast<const uint8_t*>(checked.content.data()), checked.content.size());
+  }
+  RawModel raw;
+  try {
+    Assimp::Importer importer;
+    importer.SetIOHandler(new NoFiles);  // the importer owns it
+    const aiScene* scene = importer.ReadFileFromMemory(bytes.data(), bytes.size(), 0, Hint(format));
+    if (scene == nullptr) return absl::InvalidArgumentError(absl::StrCat("Assimp: ", importer.GetErrorString()));
+    size_t elements = 0;
+    for (unsigned m = 0; m < scene->mNumMeshes; ++m) elements += scene->mMeshes[m]->mNumFaces;
+    if (elements != checked.faces + checked.lines) {
+      return absl::InvalidArgumentError(
+          absl::StrFormat("Assimp found %d faces and lines where the file has %d; save it "
+                          "in another format",
+                          elements, checked.faces + checked.lines));
+    }
+    EVPOSE_RETURN_IF_ERROR(CheckIndices(*scene));
+    scene = importer.ApplyPostProcessing(aiProcess_Triangulate);
+    if (scene == nullptr) return absl::InvalidArgumentError(absl::StrCat("Assimp: ", importer.GetErrorString()));
+    EVPOSE_RETURN_IF_ERROR(CheckIndices(*scene));
+    for (unsigned m = 0; m < scene->mNumMeshes; ++m) AppendMesh(*scene->mMeshes[m], metres_per_unit, raw);
+  } catch (const std::exception& e) {
+    return absl::InvalidArgumentError(absl::StrCat("Assimp: ", e.what()));
+  }
+  return raw;
+}
+
+absl::Status CheckExtent(const RawModel& raw) {
+  const double diagonal_m = BoundingBoxDiagonal(raw);
+  double offset_m = 0.0;
+  for (const Eigen::Vector3d& point : raw.points) {
+    if (!point.allFinite()) return absl::InvalidArgumentError("a coordinate is not finite");
+    offset_m = std::max(offset_m, point.cwiseAbs().maxCoeff());
+  }
+  if (!(diagonal_m > 0.0) || !std::isfinite(diagonal_m * diagonal_m) || diagonal_m * diagonal_m == 0.0) {
+    return absl::InvalidArgumentError(absl::StrFormat("the model's size is %g m; check its unit", diagonal_m));
+  }
+  if (offset_m > kMaxRelativeOffset * diagonal_m) {
+    return absl::InvalidArgumentError(absl::StrFormat(
+        "the model has a size of %g m, but lies %g m from its origin; move it there", diagonal_m, offset_m));
+  }
+  return absl::OkStatus();
+}
+
+double LargestDistance(absl::Span<const Eigen::Vector3d> points) {
+  double largest2 = 0.0;
+  for (size_t i = 0; i < points.size(); ++i) {
+    for (size_t j = i + 1; j < points.size(); ++j) largest2 = std::max(largest2, (points[i] - points[j]).squaredNorm());
+  }
+  return std::sqrt(largest2);
+}
+
+// Exact up to kMaxExactDiameterPoints points. Above, the largest distance between the outermost points along 256
+// directions spread over the half sphere, no two directions farther than 0.14 rad from the nearest: at most 1 % too
+// small.
+double Diameter(absl::Span<const Eigen::Vector3d> points) {
+  if (points.size() <= kMaxExactDiameterPoints) return LargestDistance(points);
+  constexpr int kDirections = 256;
+  std::vector<Eigen::Vector3d> outermost;
+  for (int i = 0; i < kDirections; ++i) {
+    const double z = (i + 0.5) / kDirections;
+    const auto [sin, cos] = DeterministicSinCos(i * std::numbers::pi * (3.0 - std::sqrt(5.0)));  // the golden angle
+    const double radius = std::sqrt(1.0 - z * z);
+    const Eigen::Vector3d direction(radius * cos, radius * sin, z);
+    const auto [low, high] = std::minmax_element(
+        points.begin(), points.end(),
+        [&](const Eigen::Vector3d& a, const Eigen::Vector3d& b) { return a.dot(direction) < b.dot(direction); });
+    outermost.push_back(*low);
+    outermost.push_back(*high);
+  }
+  return LargestDistance(outermost);
+}
+
+// Keeps the points that triangles use, in their order.
+void TakeTriangles(RawModel raw, ObjectModel& model) {
+  constexpr uint32_t kUnused = ~0u;
+  std::vector<uint32_t> index(raw.points.size(), kUnused);
+  for (const auto& triangle : raw.triangles) {
+    for (const uint32_t vertex : triangle) index[vertex] = 0;
+  }
+  for (size_t i = 0; i < raw.points.size(); ++i) {
+    if (index[i] == kUnused) continue;
+    index[i] = static_cast<uint32_t>(model.vertices.size());
+    model.vertices.push_back(raw.points[i]);
+  }
+  for (auto& triangle : raw.triangles) {
+    for (uint32_t& vertex : triangle) vertex = index[vertex];
+  }
+  model.triangles = std::move(raw.triangles);
+}
+
+absl::StatusOr<ObjectModel> BuildModel(RawModel raw, const ModelOptions& options) {
+  if (raw.triangles.empty() && raw.lines.empty()) return absl::InvalidArgumentError("has no line and no face");
+  EVPOSE_RETURN_IF_ERROR(CheckExtent(raw));
+  const bool has_line_elements = !raw.lines.empty();
+  ObjectModel model;
+  Weld(kWeldTolerance * BoundingBoxDiagonal(raw), raw, model.notices);
+  OrientTriangles(raw, model.notices);
+  model.diameter_m = Diameter(raw.points);
+  if (has_line_elements) {
+    model.lines = PaintedLines(raw, TriangleBvh(raw.points, raw.triangles), model.diameter_m);
+  } else {
+    EVPOSE_ASSIGN_OR_RETURN(model.lines, CreaseLines(raw, options.crease_angle_deg, options.max_lines));
+  }
+  if (model.lines.empty()) {
+    return absl::InvalidArgumentError(
+        has_line_elements
+            ? "has no line: all its line elements (l) have length zero"
+            : absl::StrFormat("has no line: no edge turns by more than %g degrees and none is a boundary; lower the "
+                              "crease angle, or draw the lines that show as OBJ line elements (l)",
+                              options.crease_angle_deg));
+  }
+  TakeTriangles(std::move(raw), model);
+  return model;
+}
+
+}  // namespace
+
+absl::Status ModelOptions::Validate() const {
+  if (!(std::isfinite(metres_per_unit) && metres_per_unit > 0.0)) {
+    return absl::InvalidArgumentError(
+        absl::StrFormat("metres_per_unit is %g, but must be a positive number", metres_per_unit));
+  }
+  if (!(crease_angle_deg > 0.0 && crease_angle_deg < 180.0)) {
+    return absl::InvalidArgumentError(
+        absl::StrFormat("crease_angle_deg is %g, but must lie between 0 and 180", crease_angle_deg));
+  }
+  // Indices have 32 bits, and a polygon's corners are counted three to a triangle.
+  if (max_triangles > 100'000'000) {
+    return absl::InvalidArgumentError(
+        absl::StrFormat("max_triangles is %d, but at most 1e8 are possible", max_triangles));
+  }
+  if (max_lines > 100'000'000) {
+    return absl::InvalidArgumentError(absl::StrFormat("max_lines is %d, but at most 1e8 are possible", max_lines));
+  }
+  return absl::OkStatus();
+}
+
+absl::StatusOr<ObjectModel> ParseObjectModel(absl::Span<const uint8_t> bytes, ModelFormat format,
+                                             const ModelOptions& options) {
+  EVPOSE_RETURN_IF_ERROR(options.Validate());
+  if (bytes.empty()) return absl::InvalidArgumentError("the model file is empty");
+  if (bytes.size() > options.max_bytes) {
+    return absl::InvalidArgumentError(
+        absl::StrFormat("the model has %d bytes, more than the limit of %d", bytes.size(), options.max_bytes));
+  }
+  EVPOSE_ASSIGN_OR_RETURN(const CheckedModelFile checked, CheckFile(bytes, format, options));
+  if (checked.faces + checked.lines == 0) return absl::InvalidArgumentError("has no line and no face");
+  EVPOSE_ASSIGN_OR_RETURN(RawModel raw, Import(bytes, checked, format, options.metres_per_unit));
+  return BuildModel(std::move(raw), options);
+}
+
+absl::StatusOr<ModelFormat> ModelFormatFromPath(const std::string& path) {
+  const std::string ending = absl::AsciiStrToLower(std::filesystem::path(path).extension().string());
+  if (ending == ".obj") return ModelFormat::kObj;
+  if (ending == ".ply") return ModelFormat::kPly;
+  if (ending == ".stl") return ModelFormat::kStl;
+  return absl::InvalidArgumentError(
+      absl::StrCat(path, ": unknown model format; the name must end in .obj, .ply or .stl"));
+}
+
+absl::StatusOr<ObjectModel> LoadObjectModel(const std::string& path, const ModelOptions& options) {
+  EVPOSE_RETURN_IF_ERROR(options.Validate());
+  std::error_code error;
+  if (!std::filesystem::exists(path, error)) {
+    return absl::NotFoundError(absl::StrCat(path, ": no such model file"));
+  }
+  EVPOSE_ASSIGN_OR_RETURN(const ModelFormat format, ModelFormatFromPath(path));
+  if (!std::filesystem::is_regular_file(path, error)) {
+    return absl::InvalidArgumentError(absl::StrCat(path, ": is not a file"));
+  }
+  const uintmax_t size = std::filesystem::file_size(path, error);
+  if (!error && size > options.max_bytes) {
+    return absl::InvalidArgumentError(
+        absl::StrFormat("%s: the model has %d bytes, more than the limit of %d", path, size, options.max_bytes));
+  }
+  std::ifstream file(path, std::ios::binary);
+  std::vector<uint8_t> bytes(error ? 0 : static_cast<size_t>(size));
+  file.read(reinterpret_cast<char*>(bytes.data()), static_cast<std::streamsize>(bytes.size()));
+  if (error || !file) {
+    return absl::InvalidArgumentError(absl::StrCat(path, ": the model file cannot be read; check its permissions"));
+  }
+  absl::StatusOr<ObjectModel> model = ParseObjectModel(bytes, format, options);
+  if (!model.ok()) return absl::Status(model.status().code(), absl::StrCat(path, ": ", model.status().message()));
+  return model;
+}
+
+std::string ObjectModelToObj(const ObjectModel& model) {
+  std::string obj;
+  // 17 significant digits: nothing is lost but what the reader's single precision loses.
+  const auto add_vertex = [&obj](const Eigen::Vector3d& v) {
+    absl::StrAppendFormat(&obj, "v %.17g %.17g %.17g\n", v.x(), v.y(), v.z());
+  };
+  for (const Eigen::Vector3d& vertex : model.vertices) add_vertex(vertex);
+  for (const ModelLine& line : model.lines) {
+    add_vertex(line.p1);
+    add_vertex(line.p2);
+  }
+  for (const auto& [i, j, k] : model.triangles) absl::StrAppendFormat(&obj, "f %d %d %d\n", i + 1, j + 1, k + 1);
+  for (size_t i = 0; i < model.lines.size(); ++i) {
+    const size_t first = model.vertices.size() + 2 * i + 1;
+    absl::StrAppendFormat(&obj, "l %d %d\n", first, first + 1);
+  }
+  return obj;
+}
+
+}  // namespace evpose

@@ -1,0 +1,61 @@
+#include "core/models/text_lines.h"
+
+#include <cmath>
+
+#include "absl/strings/numbers.h"
+#include "absl/strings/str_cat.h"
+
+namespace evpose {
+namespace {
+
+// Words are quoted in errors up to this length: a hostile file may have a word of megabytes.
+constexpr size_t kMaxQuoted = 40;
+
+}  // namespace
+
+std::optional<absl::string_view> LineReader::Next() {
+  if (offset_ >= text_.size()) return std::nullopt;
+  ++line_number_;
+  const size_t end = text_.find_first_of("\r\n", offset_);
+  if (end == absl::string_view::npos) {
+    const absl::string_view line = text_.substr(offset_);
+    offset_ = text_.size();
+    return line;
+  }
+  const absl::string_view line = text_.substr(offset_, end - offset_);
+  const bool two_bytes = text_[end] == '\r' && end + 1 < text_.size() && text_[end + 1] == '\n';
+  offset_ = end + (two_bytes ? 2 : 1);
+  return line;
+}
+
+void SplitWords(absl::string_view line, std::vector<absl::string_view>& words) {
+  words.clear();
+  size_t position = 0;
+  while (true) {
+    const size_t begin = line.find_first_not_of(" \t", position);
+    if (begin == absl::string_view::npos) return;
+    position = std::min(line.find_first_of(" \t", begin), line.size());
+    words.push_back(line.substr(begin, position - begin));
+  }
+}
+
+absl::Status LineError(int64_t line_number, absl::string_view what) {
+  return absl::InvalidArgumentError(absl::StrCat("line ", line_number, ": ", what));
+}
+
+absl::Status LineError(int64_t line_number, const absl::Status& status) {
+  return status.ok() ? status : LineError(line_number, status.message());
+}
+
+absl::Status CheckCoordinate(absl::string_view word, int64_t line_number) {
+  double value;
+  if (!absl::SimpleAtod(word, &value)) {
+    return LineError(line_number, absl::StrCat("'", word.substr(0, kMaxQuoted), "' is not a number"));
+  }
+  if (!std::isfinite(static_cast<float>(value))) {
+    return LineError(line_number, absl::StrCat("'", word.substr(0, kMaxQuoted), "' is not a finite coordinate"));
+  }
+  return absl::OkStatus();
+}
+
+}  // namespace evpose

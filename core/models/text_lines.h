@@ -1,0 +1,46 @@
+// Lines and words of a text held in memory, for the checks of model files.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <optional>
+#include <vector>
+
+#include "absl/status/status.h"
+#include "absl/strings/string_view.h"
+#include "absl/types/span.h"
+
+namespace evpose {
+
+inline absl::string_view AsText(absl::Span<const uint8_t> bytes) {
+  return {reinterpret_cast<const char*>(bytes.data()), bytes.size()};
+}
+
+// Line by line, without line ends (\n, \r\n or \r).
+class LineReader {
+ public:
+  explicit LineReader(absl::string_view text) : text_(text) {}
+
+  // nullopt at the end. A line feed at the very end starts no further line.
+  std::optional<absl::string_view> Next();
+  int64_t line_number() const { return line_number_; }  // of the line last returned, from 1
+  size_t offset() const { return offset_; }             // of the first byte not yet returned
+
+ private:
+  absl::string_view text_;
+  size_t offset_ = 0;
+  int64_t line_number_ = 0;
+};
+
+// The words of a line: what spaces and tabs separate. Reuses `words`.
+void SplitWords(absl::string_view line, std::vector<absl::string_view>& words);
+
+// INVALID_ARGUMENT: "line 12: <what>".
+absl::Status LineError(int64_t line_number, absl::string_view what);
+// The same for an error without its place; OK stays OK.
+absl::Status LineError(int64_t line_number, const absl::Status& status);
+
+// A coordinate, which must be finite also in single precision. The error says what is wrong with which word.
+absl::Status CheckCoordinate(absl::string_view word, int64_t line_number);
+
+}  // namespace evpose

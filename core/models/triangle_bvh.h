@@ -1,0 +1,56 @@
+// Bounding volume hierarchy over triangles: what hides a point, and which faces a point lies on.
+#pragma once
+
+#include <Eigen/Core>
+#include <Eigen/Geometry>
+#include <array>
+#include <cstdint>
+#include <vector>
+
+#include "absl/types/span.h"
+
+namespace evpose {
+
+class TriangleBvh {
+ public:
+  // Copies what it needs. Indices must be in range; triangles must have an area.
+  TriangleBvh(absl::Span<const Eigen::Vector3d> vertices, absl::Span<const std::array<uint32_t, 3>> triangles);
+
+  bool empty() const { return triangles_.empty(); }
+
+  // True when a triangle lies between origin and point, seen from either of its sides. A triangle whose plane is within
+  // `plane_tolerance_m` of the point does not count: the point lies on it, however grazing the view. (Moller and
+  // Trumbore, "Fast, minimum storage ray/triangle intersection", 1997.)
+  bool IsOccluded(const Eigen::Vector3d& origin, const Eigen::Vector3d& point, double plane_tolerance_m) const;
+
+  struct Near {
+    double distance_m = 0.0;
+    Eigen::Vector3d normal;  // unit
+  };
+  // The triangles within `radius_m` of a point. Replaces `found`; in an order that depends on the mesh only.
+  void FindNear(const Eigen::Vector3d& point, double radius_m, std::vector<Near>& found) const;
+
+ private:
+  struct Triangle {
+    Eigen::Vector3d corner;
+    Eigen::Vector3d edge1, edge2;  // to the other two corners
+    Eigen::Vector3d normal;        // unit
+  };
+  struct Node {
+    Eigen::AlignedBox3d box;
+    uint32_t first = 0;  // leaf: first triangle; else: right child (the left one follows its parent)
+    uint32_t count = 0;  // leaf: number of triangles; else 0
+  };
+
+  struct Mesh {
+    absl::Span<const Eigen::Vector3d> vertices;
+    absl::Span<const std::array<uint32_t, 3>> triangles;
+  };
+  // Appends the tree of these triangles, reordering them.
+  void Build(const Mesh& mesh, absl::Span<uint32_t> triangles);
+
+  std::vector<Triangle> triangles_;  // in leaf order
+  std::vector<Node> nodes_;          // depth first
+};
+
+}  // namespace evpose

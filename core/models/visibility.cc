@@ -1,0 +1,208 @@
+#include "core/models/visibility.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include "absl/strings/str_format.h"
+#include "core/models/triangle_bvh.h"
+
+namespace evpose {
+namespace {
+
+constexpr double kNearM = 1e-3;
+// Halvings of a sampling step to find where a line disappears: to about 1e-4 of the line.
+constexpr int kBisections = 9;
+// The ends of a line are looked at this far inside (of its length): a corner belongs to other lines, too.
+constexpr double kEndInset = 1e-3;
+// How far outside the image, in image widths, a lens may have brought a point from.
+constexpr double kDistortionMargin = 0.5;
+
+struct Interval {
+  double begin = 0.0;
+  double end = 1.0;
+  bool empty() const { return !(begin < end); }
+};
+
+// Cuts the interval to where value1 + s (value2 - value1) >= 0.
+void Clip(double value1, double value2, Interval& interval) {
+  if (value1 >= 0.0 && value2 >= 0.0) return;
+  if (value1 < 0.0 && value2 < 0.0) {
+    interval.end = interval.begin;
+    return;
+  }
+  const double crossing = value1 / (value1 - value2);
+  if (value1 < 0.0) {
+    interval.begin = std::max(interval.begin, crossing);
+  } else {
+    interval.end = std::min(interval.end, crossing);
+  }
+}
+
+// The part of the line, in the camera frame, that projects into the image grown by the margin (px). Linear in the
+// line's parameter, because x fx + cx z >= u z is.
+Interval ClipToImage(const CameraModel& camera, const Eigen::Vector3d& p1, const Eigen::Vector3d& p2,
+                     double margin_px) {
+  Interval interval;
+  Clip(p1.z() - kNearM, p2.z() - kNearM, interval);
+  const double left = -0.5 - margin_px, right = camera.width_px - 0.5 + margin_px;
+  const double top = -0.5 - margin_px, bottom = camera.height_px - 0.5 + margin_px;
+  const auto u = [&](const Eigen::Vector3d& p, double bound) {
+    return camera.fx_px * p.x() + (camera.cx_px - bound) * p.z();
+  };
+  const auto v = [&](const Eigen::Vector3d& p, double bound) {
+    return camera.fy_px * p.y() + (camera.cy_px - bound) * p.z();
+  };
+  Clip(u(p1, left), u(p2, left), interval);
+  Clip(-u(p1, right), -u(p2, right), interval);
+  Clip(v(p1, top), v(p2, top), interval);
+  Clip(-v(p1, bottom), -v(p2, bottom), interval);
+  return interval;
+}
+
+}  // namespace
+
+absl::Status VisibilityOptions::Validate() const {
+  const auto error = [](const char* field, double value, const char* bound) {
+    return absl::InvalidArgumentError(absl::StrFormat("%s is %g, but must be %s", field, value, bound));
+  };
+  if (samples_per_line < 2 || samples_per_line > 10000)
+    return error("samples_per_line", samples_per_line, "2 to 10000");
+  if (!(surface_tolerance > 0.0 && surface_tolerance < 0.1)) {
+    return error("surface_tolerance", surface_tolerance, "above 0 and below 0.1");
+  }
+  if (!(min_length_px >= 0.0 && std::isfinite(min_length_px)))
+    return error("min_length_px", min_length_px, "0 or more");
+  if (!(grazing_cosine >= -1.0 && grazing_cosine <= 1.0)) return error("grazing_cosine", grazing_cosine, "-1 to 1");
+  return absl::OkStatus();
+}
+
+struct VisibilityTester::Impl {
+  Impl(const ObjectModel& object_model, const VisibilityOptions& visibility_options)
+      : model(object_model),
+        options(visibility_options),
+        faces(object_model.vertices, object_model.triangles),
+        tolerance_m(visibility_options.surface_tolerance * object_model.diameter_m) {}
+
+  const ObjectModel& model;
+  const VisibilityOptions options;
+  const TriangleBvh faces;
+  const double tolerance_m;
+};
+
+namespace {
+
+// What one call of VisibleSegments looks with.
+struct View {
+  const CameraModel& camera;
+  const RigidTransform& camera_from_object;
+  const TriangleBvh& faces;
+  const VisibilityOptions& options;
+  double tolerance_m;
+  Eigen::Vector3d centre_object;
+  bool has_distortion;
+
+  bool SeesPoint(const Eigen::Vector3d& origin_object, const Eigen::Vector3d& point_object) const {
+    if (has_distortion && !camera.IsInImage(camera.Project(camera_from_object * point_object))) return false;
+    return !faces.IsOccluded(origin_object, point_object, tolerance_m);
+  }
+};
+
+// Where to look from at a line that borders on faces; false when they are all turned away. Beside a face that is seen
+// edge on, whether it hides its own lines depends on the last digit of the pose: they are looked at from where it is
+// just not grazing.
+bool FindOrigin(const View& view, const ModelLine& line, const Eigen::Vector3d& middle, Eigen::Vector3d& origin) {
+  origin = view.centre_object;
+  if (line.face_normals.empty()) return true;
+  const Eigen::Vector3d to_camera = view.centre_object - middle;
+  const double distance_m = to_camera.norm();
+  const Eigen::Vector3d* best_normal = nullptr;
+  double best_height_m = 0.0;
+  for (const Eigen::Vector3d& normal : line.face_normals) {
+    const double height_m = normal.dot(to_camera);
+    if (best_normal != nullptr && height_m <= best_height_m) continue;
+    best_normal = &normal;
+    best_height_m = height_m;
+  }
+  const double grazing_height_m = view.options.grazing_cosine * distance_m;
+  if (best_height_m < grazing_height_m) return false;
+  if (best_height_m < -grazing_height_m) origin += (-grazing_height_m - best_height_m) * *best_normal;
+  return true;
+}
+
+// The parameter at which the line's visibility changes, between `visible` and `hidden`.
+double Bisect(const View& view, const Eigen::Vector3d& origin, const ModelLine& line, double visible, double hidden) {
+  for (int i = 0; i < kBisections; ++i) {
+    const double middle = 0.5 * (visible + hidden);
+    (view.SeesPoint(origin, line.p1 + middle * (line.p2 - line.p1)) ? visible : hidden) = middle;
+  }
+  return visible;
+}
+
+void AppendSegment(const View& view, int index, const ModelLine& line, double begin, double end,
+                   std::vector<VisibleSegment>& segments) {
+  const auto project = [&](double s) {
+    Eigen::Vector3d point = view.camera_from_object * (line.p1 + s * (line.p2 - line.p1));
+    point.z() = std::max(point.z(), kNearM);  // cut there up to rounding
+    return view.camera.Project(point);
+  };
+  if (!(begin < end) || (project(end) - project(begin)).norm() < view.options.min_length_px) return;
+  segments.push_back({index, begin, end});
+}
+
+void AppendVisibleParts(const View& view, int index, const ModelLine& line, const Interval& interval,
+                        const Eigen::Vector3d& origin, std::vector<VisibleSegment>& segments) {
+  const double length = interval.end - interval.begin;
+  const int steps = view.options.samples_per_line;
+  double begin = interval.begin;
+  double previous = interval.begin;
+  bool was_visible = false;
+  for (int i = 0; i <= steps; ++i) {
+    const double fraction = std::clamp(static_cast<double>(i) / steps, kEndInset, 1.0 - kEndInset);
+    const double sample = interval.begin + fraction * length;
+    const bool is_visible = view.SeesPoint(origin, line.p1 + sample * (line.p2 - line.p1));
+    if (is_visible && !was_visible) begin = i == 0 ? interval.begin : Bisect(view, origin, line, sample, previous);
+    if (!is_visible && was_visible) {
+      AppendSegment(view, index, line, begin, Bisect(view, origin, line, previous, sample), segments);
+    }
+    was_visible = is_visible;
+    previous = sample;
+  }
+  if (was_visible) AppendSegment(view, index, line, begin, interval.end, segments);
+}
+
+}  // namespace
+
+VisibilityTester::VisibilityTester(const ObjectModel& model, const VisibilityOptions& options)
+    : impl_(std::make_unique<Impl>(model, options)) {}
+VisibilityTester::~VisibilityTester() = default;
+
+std::vector<VisibleSegment> VisibilityTester::VisibleSegments(const CameraModel& camera,
+                                                              const RigidTransform& camera_from_object) const {
+  const View view{camera,
+                  camera_from_object,
+                  impl_->faces,
+                  impl_->options,
+                  impl_->tolerance_m,
+                  camera_from_object.Inverse().translation_m,
+                  camera.HasDistortion()};
+  const double margin_px = view.has_distortion ? kDistortionMargin * std::max(camera.width_px, camera.height_px) : 0.0;
+  std::vector<VisibleSegment> segments;
+  segments.reserve(impl_->model.lines.size());
+  for (size_t i = 0; i < impl_->model.lines.size(); ++i) {
+    const ModelLine& line = impl_->model.lines[i];
+    const Interval interval =
+        ClipToImage(camera, camera_from_object * line.p1, camera_from_object * line.p2, margin_px);
+    if (interval.empty()) continue;
+    Eigen::Vector3d origin;
+    const Eigen::Vector3d middle = line.p1 + 0.5 * (interval.begin + interval.end) * (line.p2 - line.p1);
+    if (!FindOrigin(view, line, middle, origin)) continue;
+    AppendVisibleParts(view, static_cast<int>(i), line, interval, origin, segments);
+  }
+  return segments;
+}
+
+bool VisibilityTester::IsPointVisible(const Eigen::Vector3d& origin_object, const Eigen::Vector3d& point_object) const {
+  return !impl_->faces.IsOccluded(origin_object, point_object, impl_->tolerance_m);
+}
+
+}  // namespace evpose
