@@ -26,7 +26,14 @@ class StagingDirectory {
   static absl::StatusOr<std::unique_ptr<StagingDirectory>> Create(const fs::path& target) {
     std::error_code error;
     const bool made_target = fs::create_directories(target, error);
-    if (error || !fs::is_directory(target, error)) return FileError("cannot make this directory", target, error);
+    if (error) return FileError("cannot make this directory", target, error);
+    for (const char* name : kFileNames) {
+      // Found now rather than after the simulation, with some files replaced and others not.
+      if (fs::is_directory(target / name, error)) {
+        return absl::InvalidArgumentError(
+            absl::StrCat((target / name).string(), ": is a directory where a file is to be written; move it away"));
+      }
+    }
     auto staging = std::unique_ptr<StagingDirectory>(new StagingDirectory(target, made_target));
     fs::remove_all(staging->path_, error);  // of a run that was killed
     fs::create_directory(staging->path_, error);
