@@ -1,0 +1,19 @@
+#pragma once
+
+#include "evpose/v1/admin.grpc.pb.h"
+#include "server/rpc/service_context.h"
+
+namespace evpose::server {
+
+class AdminServiceImpl : public v1::AdminService::CallbackService {
+ public:
+  explicit AdminServiceImpl(const ServiceContext& services) : services_(services) {}
+
+  grpc::ServerUnaryReactor* GetServerInfo(grpc::CallbackServerContext* context, const v1::GetServerInfoRequest* request,
+                                          v1::ServerInfo* response) override;
+
+ private:
+  const ServiceContext services_;
+};
+
+}  // namespace evpose::server

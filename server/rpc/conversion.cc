@@ -1,0 +1,348 @@
+#include "server/rpc/conversion.h"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <optional>
+#include <utility>
+
+#include "absl/strings/escaping.h"
+#include "absl/strings/match.h"
+#include "absl/strings/str_cat.h"
+#include "core/base/status_macros.h"
+#include "server/sessions/errors.h"
+
+namespace evpose::server {
+namespace {
+
+absl::StatusOr<Encoding> FromProto(v1::EventEncoding encoding) {
+  switch (encoding) {
+    case v1::EVENT_ENCODING_EVT3:
+      return Encoding::kEvt3;
+    case v1::EVENT_ENCODING_EVT21:
+      return Encoding::kEvt21;
+    case v1::EVENT_ENCODING_EVT2:
+      return Encoding::kEvt2;
+    case v1::EVENT_ENCODING_DAT:
+      return Encoding::kDat;
+    case v1::EVENT_ENCODING_FLAT64:
+      return Encoding::kFlat64;
+    default:
+      return InvalidField("config.encoding", absl::StrCat("is ", encoding, ", which is no encoding this server knows"));
+  }
+}
+
+v1::EventEncoding ToProto(Encoding encoding) {
+  switch (encoding) {
+    case Encoding::kEvt3:
+      return v1::EVENT_ENCODING_EVT3;
+    case Encoding::kEvt21:
+      return v1::EVENT_ENCODING_EVT21;
+    case Encoding::kEvt2:
+      return v1::EVENT_ENCODING_EVT2;
+    case Encoding::kDat:
+      return v1::EVENT_ENCODING_DAT;
+    case Encoding::kFlat64:
+      return v1::EVENT_ENCODING_FLAT64;
+  }
+  return v1::EVENT_ENCODING_UNSPECIFIED;
+}
+
+absl::StatusOr<Estimator> FromProto(v1::Estimator estimator) {
+  switch (estimator) {
+    case v1::ESTIMATOR_UNSPECIFIED:
+    case v1::ESTIMATOR_MIXTURE:
+      return Estimator::kMixture;
+    case v1::ESTIMATOR_STATIC_MM:
+      return Estimator::kStaticMm;
+    default:
+      return InvalidField("config.tracker.estimator",
+                          absl::StrCat("is ", estimator, ", which is no estimator this server knows"));
+  }
+}
+
+v1::Estimator ToProto(Estimator estimator) {
+  return estimator == Estimator::kStaticMm ? v1::ESTIMATOR_STATIC_MM : v1::ESTIMATOR_MIXTURE;
+}
+
+v1::TrackState ToProto(TrackState state) {
+  switch (state) {
+    case TrackState::kInitializing:
+      return v1::TRACK_STATE_INITIALIZING;
+    case TrackState::kTracking:
+      return v1::TRACK_STATE_TRACKING;
+    case TrackState::kDegraded:
+      return v1::TRACK_STATE_DEGRADED;
+    case TrackState::kLost:
+      return v1::TRACK_STATE_LOST;
+  }
+  return v1::TRACK_STATE_UNSPECIFIED;
+}
+
+v1::SessionState ToProto(SessionState state) {
+  switch (state) {
+    case SessionState::kDetached:
+      return v1::SESSION_STATE_DETACHED;
+    case SessionState::kAttached:
+      return v1::SESSION_STATE_ATTACHED;
+    case SessionState::kEnded:
+      return v1::SESSION_STATE_ENDED;
+  }
+  return v1::SESSION_STATE_UNSPECIFIED;
+}
+
+absl::StatusOr<CameraModel> FromProto(const v1::CameraModel& camera) {
+  constexpr uint32_t kMaxSize = std::numeric_limits<uint16_t>::max();
+  if (camera.width_px() > kMaxSize || camera.height_px() > kMaxSize) {
+    return InvalidField("config.camera", absl::StrCat("is ", camera.width_px(), "x", camera.height_px(),
+                                                      " pixels; no side may have more than ", kMaxSize));
+  }
+  CameraModel out;
+  out.width_px = static_cast<int>(camera.width_px());
+  out.height_px = static_cast<int>(camera.height_px());
+  out.fx_px = camera.fx_px();
+  out.fy_px = camera.fy_px();
+  out.cx_px = camera.cx_px();
+  out.cy_px = camera.cy_px();
+  const auto& distortion = camera.distortion();
+  if (!distortion.empty() && distortion.size() != static_cast<int>(out.distortion.size())) {
+    return InvalidField("config.camera.distortion",
+                        absl::StrCat("has ", distortion.size(), " coefficients; give k1 k2 p1 p2 k3, or none"));
+  }
+  std::copy(distortion.begin(), distortion.end(), out.distortion.begin());
+  return out;
+}
+
+v1::CameraModel ToProto(const CameraModel& camera) {
+  v1::CameraModel out;
+  out.set_width_px(static_cast<uint32_t>(camera.width_px));
+  out.set_height_px(static_cast<uint32_t>(camera.height_px));
+  out.set_fx_px(camera.fx_px);
+  out.set_fy_px(camera.fy_px);
+  out.set_cx_px(camera.cx_px);
+  out.set_cy_px(camera.cy_px);
+  for (const double coefficient : camera.distortion) out.add_distortion(coefficient);
+  return out;
+}
+
+v1::RigidTransform ToProto(const RigidTransform& transform) {
+  v1::RigidTransform out;
+  v1::Vector3& translation = *out.mutable_translation_m();
+  translation.set_x(transform.translation_m.x());
+  translation.set_y(transform.translation_m.y());
+  translation.set_z(transform.translation_m.z());
+  const Eigen::Quaterniond quaternion = transform.Quaternion();
+  v1::Quaternion& rotation = *out.mutable_rotation();
+  rotation.set_x(quaternion.x());
+  rotation.set_y(quaternion.y());
+  rotation.set_z(quaternion.z());
+  rotation.set_w(quaternion.w());
+  return out;
+}
+
+v1::SessionConfig ToProto(const SessionConfig& config) {
+  v1::SessionConfig out;
+  out.set_encoding(ToProto(config.encoding));
+  *out.mutable_camera() = ToProto(config.camera);
+  for (const ObjectConfig& object : config.objects) {
+    v1::TrackedObject& added = *out.add_objects();
+    added.set_object_id(object.object_id);
+    added.set_model(object.model);
+    if (object.initial_camera_from_object.has_value()) {
+      *added.mutable_initial_camera_from_object() = ToProto(*object.initial_camera_from_object);
+    }
+  }
+  out.mutable_tracker()->set_estimator(ToProto(config.estimator));
+  return out;
+}
+
+google::protobuf::Timestamp ToProto(absl::Time time) {
+  google::protobuf::Timestamp out;
+  const int64_t nanoseconds = absl::ToUnixNanos(time);
+  out.set_seconds(nanoseconds / 1'000'000'000);
+  out.set_nanos(static_cast<int32_t>(nanoseconds % 1'000'000'000));
+  return out;
+}
+
+double PerSecond(uint64_t count, int64_t duration_us) {
+  return duration_us > 0 ? 1e6 * static_cast<double>(count) / static_cast<double>(duration_us) : 0.0;
+}
+
+}  // namespace
+
+absl::StatusOr<RigidTransform> FromProto(const v1::RigidTransform& transform, const std::string& field) {
+  const v1::Vector3& translation = transform.translation_m();
+  const v1::Quaternion& rotation = transform.rotation();
+  if (!std::isfinite(translation.x()) || !std::isfinite(translation.y()) || !std::isfinite(translation.z())) {
+    return InvalidField(field + ".translation_m", "must be finite");
+  }
+  auto out = MakeRigidTransform({translation.x(), translation.y(), translation.z()},
+                                {rotation.w(), rotation.x(), rotation.y(), rotation.z()});
+  if (!out.ok()) return InvalidField(field + ".rotation", out.status().message());
+  return out;
+}
+
+absl::StatusOr<SessionConfig> FromProto(const v1::SessionConfig& config) {
+  SessionConfig out;
+  EVPOSE_ASSIGN_OR_RETURN(out.encoding, FromProto(config.encoding()));
+  EVPOSE_ASSIGN_OR_RETURN(out.estimator, FromProto(config.tracker().estimator()));
+  if (!config.has_camera()) return InvalidField("config.camera", "is missing");
+  EVPOSE_ASSIGN_OR_RETURN(out.camera, FromProto(config.camera()));
+  for (int i = 0; i < config.objects_size(); ++i) {
+    const v1::TrackedObject& object = config.objects(i);
+    ObjectConfig added = {object.object_id(), object.model(), std::nullopt};
+    if (object.has_initial_camera_from_object()) {
+      EVPOSE_ASSIGN_OR_RETURN(added.initial_camera_from_object,
+                              FromProto(object.initial_camera_from_object(),
+                                        absl::StrCat("config.objects[", i, "].initial_camera_from_object")));
+    }
+    out.objects.push_back(std::move(added));
+  }
+  return out;
+}
+
+absl::StatusOr<ModelReading> FromProto(const v1::UploadModelRequest::Header& header) {
+  ModelReading out;
+  switch (header.format()) {
+    case v1::MODEL_FORMAT_OBJ:
+      out.format = ModelFormat::kObj;
+      break;
+    case v1::MODEL_FORMAT_PLY:
+      out.format = ModelFormat::kPly;
+      break;
+    case v1::MODEL_FORMAT_STL:
+      out.format = ModelFormat::kStl;
+      break;
+    default:
+      return InvalidField("header.format",
+                          absl::StrCat("is ", header.format(), ", which is no format this server knows"));
+  }
+  if (header.has_metres_per_unit()) out.metres_per_unit = header.metres_per_unit();
+  if (header.has_crease_angle_deg()) out.crease_angle_deg = header.crease_angle_deg();
+  return out;
+}
+
+google::protobuf::Duration ToProto(absl::Duration duration) {
+  google::protobuf::Duration out;
+  out.set_seconds(absl::IDivDuration(duration, absl::Seconds(1), &duration));
+  out.set_nanos(static_cast<int32_t>(absl::IDivDuration(duration, absl::Nanoseconds(1), &duration)));
+  return out;
+}
+
+v1::Session ToProto(const Session& session) {
+  const SessionSnapshot snapshot = session.Snapshot();
+  v1::Session out;
+  out.set_name(session.name());
+  *out.mutable_config() = ToProto(session.config());
+  *out.mutable_create_time() = ToProto(session.create_time());
+  if (snapshot.expire_time.has_value()) *out.mutable_expire_time() = ToProto(*snapshot.expire_time);
+  *out.mutable_health() = ToProto(snapshot.health, session.config());
+  out.set_state(ToProto(snapshot.state));
+  return out;
+}
+
+v1::SessionHealth ToProto(const SessionHealth& health, const SessionConfig& config) {
+  v1::SessionHealth out;
+  out.set_t_us(health.t_us);
+  out.set_received_bytes(health.received_bytes);
+  out.set_processed_bytes(health.processed_bytes);
+  out.set_decoded_events(health.counts.cd_events);
+  out.set_dropped_events(health.counts.dropped_events());
+  out.set_invalid_words(health.counts.invalid_words());
+  out.set_time_backsteps(health.counts.time_backsteps);
+  out.set_poses(health.poses);
+  out.set_reattaches(health.reattaches);
+  out.set_event_rate_hz(PerSecond(health.counts.cd_events, health.sensor_time_us));
+  out.set_pose_rate_hz(PerSecond(health.poses, health.sensor_time_us));
+  if (health.sensor_time_us > 0) {
+    out.set_real_time_ratio(static_cast<double>(health.processing_us) / static_cast<double>(health.sensor_time_us));
+  }
+  *out.mutable_queue_age() = ToProto(absl::Microseconds(health.queue_age_us));
+  if (health.poses > 0) {
+    *out.mutable_latency_p50() = ToProto(absl::Microseconds(health.latency_p50_us));
+    *out.mutable_latency_p99() = ToProto(absl::Microseconds(health.latency_p99_us));
+  }
+  for (size_t i = 0; i < health.objects.size(); ++i) {
+    v1::ObjectHealth& object = *out.add_objects();
+    object.set_object_id(config.objects[i].object_id);
+    object.set_state(ToProto(health.objects[i].state));
+    object.set_losses(health.objects[i].losses);
+    object.set_explained_ratio(health.objects[i].explained_ratio);
+  }
+  return out;
+}
+
+v1::Notice ToProto(const SessionNotice& notice, const SessionConfig& config) {
+  v1::Notice out;
+  if (const auto* fault = std::get_if<DecodeFault>(&notice.what)) {
+    v1::DecodeFault& added = *out.mutable_decode_fault();
+    added.set_seq(fault->seq);
+    added.set_count(fault->count);
+    added.set_detail(fault->detail);
+  }
+  if (const auto* change = std::get_if<StateChange>(&notice.what)) {
+    v1::StateChange& added = *out.mutable_state_change();
+    added.set_object_id(config.objects[change->object_index].object_id);
+    added.set_t_us(change->t_us);
+    added.set_state(ToProto(change->state));
+  }
+  return out;
+}
+
+v1::Pose ToProto(const StoredPose& pose, const SessionConfig& config) {
+  const PoseEstimate& estimate = pose.estimate;
+  v1::Pose out;
+  out.set_pose_seq(pose.pose_seq);
+  out.set_object_id(config.objects[pose.object_index].object_id);
+  out.set_t_us(estimate.t_us);
+  *out.mutable_camera_from_object() = ToProto(estimate.camera_from_object);
+  out.mutable_covariance()->Reserve(21);
+  for (int row = 0; row < 6; ++row) {
+    for (int column = row; column < 6; ++column) out.add_covariance(estimate.covariance(row, column));
+  }
+  for (int i = 0; i < 6; ++i) out.add_twist(estimate.twist(i));
+  out.set_state(ToProto(estimate.state));
+  out.set_num_events(estimate.num_events);
+  out.set_explained_ratio(estimate.explained_ratio);
+  out.set_residual_rms_px(estimate.residual_rms_px);
+  *out.mutable_latency() = ToProto(absl::Microseconds(pose.latency_us));
+  return out;
+}
+
+v1::Model ToProto(const ModelInfo& model) {
+  v1::Model out;
+  out.set_name(model.name);
+  switch (model.format) {
+    case ModelFormat::kObj:
+      out.set_format(v1::MODEL_FORMAT_OBJ);
+      break;
+    case ModelFormat::kPly:
+      out.set_format(v1::MODEL_FORMAT_PLY);
+      break;
+    case ModelFormat::kStl:
+      out.set_format(v1::MODEL_FORMAT_STL);
+      break;
+  }
+  out.set_size_bytes(model.size_bytes);
+  out.set_num_faces(model.num_faces);
+  out.set_num_lines(model.num_lines);
+  out.set_diameter_m(model.diameter_m);
+  *out.mutable_create_time() = ToProto(model.create_time);
+  out.set_metres_per_unit(model.metres_per_unit);
+  out.set_crease_angle_deg(model.crease_angle_deg);
+  out.set_sha256(absl::HexStringToBytes(model.sha256_hex));
+  for (const std::string& notice : model.notices) out.add_notices(notice);
+  return out;
+}
+
+absl::StatusOr<size_t> PageSize(int32_t page_size) {
+  if (page_size < 0) return InvalidField("page_size", absl::StrCat("is ", page_size, "; it must not be below 0"));
+  return page_size == 0 ? size_t{50} : std::min<size_t>(static_cast<size_t>(page_size), 1000);
+}
+
+absl::StatusOr<std::string> PageStart(const std::string& page_token, const std::string& prefix) {
+  if (page_token.empty() || absl::StartsWith(page_token, prefix)) return page_token;
+  return InvalidField("page_token", "was not given by an earlier page");
+}
+
+}  // namespace evpose::server

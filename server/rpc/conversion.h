@@ -1,0 +1,33 @@
+// Between the API's messages and the server's own types. Errors are INVALID_ARGUMENT with the field's path.
+#pragma once
+
+#include <cstdint>
+#include <string>
+
+#include "absl/status/statusor.h"
+#include "absl/time/time.h"
+#include "evpose/v1/models.pb.h"
+#include "evpose/v1/sessions.pb.h"
+#include "server/sessions/model_registry.h"
+#include "server/sessions/session.h"
+#include "server/sessions/session_config.h"
+
+namespace evpose::server {
+
+absl::StatusOr<SessionConfig> FromProto(const v1::SessionConfig& config);
+absl::StatusOr<RigidTransform> FromProto(const v1::RigidTransform& transform, const std::string& field);
+absl::StatusOr<ModelReading> FromProto(const v1::UploadModelRequest::Header& header);
+
+// With the effective configuration; the resume token is left out.
+v1::Session ToProto(const Session& session);
+v1::SessionHealth ToProto(const SessionHealth& health, const SessionConfig& config);
+v1::Notice ToProto(const SessionNotice& notice, const SessionConfig& config);
+v1::Pose ToProto(const StoredPose& pose, const SessionConfig& config);
+v1::Model ToProto(const ModelInfo& model);
+google::protobuf::Duration ToProto(absl::Duration duration);
+
+// What a page request means: 50 for no size, 1000 at most. Errors: a size below 0, a token that no page gave.
+absl::StatusOr<size_t> PageSize(int32_t page_size);
+absl::StatusOr<std::string> PageStart(const std::string& page_token, const std::string& prefix);
+
+}  // namespace evpose::server

@@ -1,0 +1,25 @@
+#pragma once
+
+#include "evpose/v1/models.grpc.pb.h"
+#include "server/rpc/service_context.h"
+
+namespace evpose::server {
+
+class ModelServiceImpl : public v1::ModelService::CallbackService {
+ public:
+  explicit ModelServiceImpl(const ServiceContext& services) : services_(services) {}
+
+  grpc::ServerReadReactor<v1::UploadModelRequest>* UploadModel(grpc::CallbackServerContext* context,
+                                                               v1::Model* response) override;
+  grpc::ServerUnaryReactor* GetModel(grpc::CallbackServerContext* context, const v1::GetModelRequest* request,
+                                     v1::Model* response) override;
+  grpc::ServerUnaryReactor* ListModels(grpc::CallbackServerContext* context, const v1::ListModelsRequest* request,
+                                       v1::ListModelsResponse* response) override;
+  grpc::ServerUnaryReactor* DeleteModel(grpc::CallbackServerContext* context, const v1::DeleteModelRequest* request,
+                                        v1::DeleteModelResponse* response) override;
+
+ private:
+  const ServiceContext services_;
+};
+
+}  // namespace evpose::server

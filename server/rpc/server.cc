@@ -1,0 +1,244 @@
+#include "server/rpc/server.h"
+
+#include <grpcpp/ext/proto_server_reflection_plugin.h>
+#include <grpcpp/grpcpp.h>
+#include <grpcpp/health_check_service_interface.h>
+#include <spdlog/spdlog.h>
+
+#include <algorithm>
+#include <boost/asio/steady_timer.hpp>
+#include <chrono>
+#include <thread>
+#include <utility>
+
+#include "absl/strings/str_cat.h"
+#include "core/base/status_macros.h"
+#include "core/tracking/tracker_options.h"
+#include "server/rpc/admin_service.h"
+#include "server/rpc/listen_address.h"
+#include "server/rpc/model_service.h"
+#include "server/rpc/server_impl.h"
+#include "server/rpc/service_context.h"
+#include "server/rpc/session_service.h"
+#include "server/rpc/stream_registry.h"
+#include "server/sessions/errors.h"
+#include "server/sessions/model_registry.h"
+#include "server/sessions/session_manager.h"
+#include "server/sessions/worker_pool.h"
+#include "server/stores/memory_store.h"
+
+namespace evpose::server {
+namespace {
+
+constexpr absl::Duration kDestructorDeadline = absl::Seconds(1);
+// Calls without streams (an upload that is being loaded) that are still under way at the deadline get this long.
+constexpr std::chrono::milliseconds kCallGrace(500);
+// A message is a chunk and a few fields around it.
+constexpr uint32_t kMessageOverheadBytes = 64 * 1024;
+
+// Clients ping every 20 s, also without calls; half of that is still no abuse. The server asks as often whether a
+// silent client lives.
+constexpr int kMinPingIntervalMs = 10'000;
+constexpr int kKeepaliveMs = 20'000;
+
+int NumWorkers(const ServerOptions& options) {
+  if (options.worker_threads > 0) return options.worker_threads;
+  return std::max(1, static_cast<int>(std::thread::hardware_concurrency()));
+}
+
+absl::StatusOr<std::unique_ptr<Tracker>> MakeTracker(std::shared_ptr<const ObjectModel> model,
+                                                     const CameraModel& camera, Estimator estimator,
+                                                     const std::optional<RigidTransform>& initial_camera_from_object) {
+  TrackerOptions options;
+  options.estimator = estimator;
+  return Tracker::Create(std::move(model), camera, options, initial_camera_from_object);
+}
+
+// Deletes expired sessions now and then, so that they go even when nobody asks for any.
+class ExpiryTimer {
+ public:
+  ExpiryTimer(SessionManager& sessions, WorkerPool& pool, absl::Duration expiry)
+      : sessions_(sessions),
+        period_(absl::ToChronoMilliseconds(std::clamp(expiry / 4, absl::Seconds(1), absl::Minutes(1)))),
+        timer_(pool.executor()) {
+    absl::MutexLock lock(&mutex_);
+    Arm();
+  }
+
+  // No deletion starts after this.
+  void Stop() {
+    absl::MutexLock lock(&mutex_);
+    is_stopped_ = true;
+    timer_.cancel();
+  }
+
+ private:
+  void Arm() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
+    timer_.expires_after(period_);
+    timer_.async_wait([this](const boost::system::error_code& error) {
+      if (!error) OnTimer();
+    });
+  }
+
+  void OnTimer() {
+    sessions_.DeleteExpired();
+    absl::MutexLock lock(&mutex_);
+    if (!is_stopped_) Arm();
+  }
+
+  SessionManager& sessions_;
+  const std::chrono::milliseconds period_;
+  absl::Mutex mutex_;
+  bool is_stopped_ ABSL_GUARDED_BY(mutex_) = false;
+  boost::asio::steady_timer timer_ ABSL_GUARDED_BY(mutex_);
+};
+
+SessionManager::Options ManagerOptions(const ServerOptions& options, TrackerFactory make_tracker) {
+  SessionManager::Options out;
+  out.max_sessions = options.max_sessions;
+  out.limits = {options.credit_bytes, options.max_chunk_bytes, options.session_expiry};
+  out.make_tracker = std::move(make_tracker);
+  out.now = absl::Now;
+  return out;
+}
+
+class ServerImpl : public Server {
+ public:
+  ServerImpl(const ServerOptions& options, TrackerFactory make_tracker, std::unique_ptr<Store> store,
+             std::unique_ptr<ModelRegistry> models)
+      : store_(std::move(store)),
+        models_(std::move(models)),
+        pool_(NumWorkers(options)),
+        sessions_(ManagerOptions(options, std::move(make_tracker)), *store_, *models_, pool_),
+        expiry_timer_(sessions_, pool_, options.session_expiry),
+        context_{*store_, *models_, sessions_, pool_, streams_, options.max_model_bytes},
+        session_service_(context_),
+        model_service_(context_),
+        admin_service_(context_) {}
+
+  ~ServerImpl() override { Shutdown(kDestructorDeadline); }
+
+  absl::Status Listen(const ServerOptions& options) {
+    grpc::ServerBuilder builder;
+    builder.RegisterService(&session_service_);
+    builder.RegisterService(&model_service_);
+    builder.RegisterService(&admin_service_);
+    builder.SetMaxReceiveMessageSize(static_cast<int>(options.max_chunk_bytes + kMessageOverheadBytes));
+    builder.AddChannelArgument(GRPC_ARG_KEEPALIVE_TIME_MS, kKeepaliveMs);
+    builder.AddChannelArgument(GRPC_ARG_KEEPALIVE_TIMEOUT_MS, kKeepaliveMs);
+    builder.AddChannelArgument(GRPC_ARG_KEEPALIVE_PERMIT_WITHOUT_CALLS, 1);
+    builder.AddChannelArgument(GRPC_ARG_HTTP2_MIN_RECV_PING_INTERVAL_WITHOUT_DATA_MS, kMinPingIntervalMs);
+    // Two servers on one port would share its clients between them without a word.
+    builder.AddChannelArgument(GRPC_ARG_ALLOW_REUSEPORT, 0);
+    if (!options.listen_address.empty()) {
+      builder.AddListeningPort(options.listen_address, grpc::InsecureServerCredentials(), &port_);
+    }
+    server_ = builder.BuildAndStart();
+    if (server_ != nullptr) return absl::OkStatus();
+    EVPOSE_ASSIGN_OR_RETURN(const ListenAddress address, ParseListenAddress(options.listen_address));
+    EVPOSE_RETURN_IF_ERROR(ProbeListenAddress(address));
+    return absl::UnavailableError(absl::StrCat("cannot listen on ", options.listen_address));
+  }
+
+  int port() const override { return port_; }
+
+  std::shared_ptr<grpc::Channel> InProcessChannel() override {
+    grpc::ChannelArguments arguments;
+    arguments.SetMaxReceiveMessageSize(-1);
+    return server_->InProcessChannel(arguments);
+  }
+
+  void Shutdown(absl::Duration deadline) override {
+    if (is_shut_down_) return;
+    is_shut_down_ = true;
+    const absl::Time end = absl::Now() + deadline;
+    sessions_.Drain();
+    if (server_ != nullptr) {
+      server_->GetHealthCheckService()->SetServingStatus(false);
+      streams_.GoAway(deadline);
+      streams_.WaitForTracks(end);
+    }
+    const absl::Status leaving = WithReason(absl::UnavailableError("the server has left"), "DRAINING");
+    streams_.EndAll(leaving);
+    sessions_.CloseAll(leaving);
+    if (server_ != nullptr) server_->Shutdown(std::chrono::system_clock::now() + kCallGrace);
+    expiry_timer_.Stop();
+    pool_.Join();
+  }
+
+ private:
+  const std::unique_ptr<Store> store_;
+  const std::unique_ptr<ModelRegistry> models_;
+  WorkerPool pool_;
+  SessionManager sessions_;
+  StreamRegistry streams_;
+  ExpiryTimer expiry_timer_;
+  const ServiceContext context_;
+  SessionServiceImpl session_service_;
+  ModelServiceImpl model_service_;
+  AdminServiceImpl admin_service_;
+  std::unique_ptr<grpc::Server> server_;
+  int port_ = 0;
+  bool is_shut_down_ = false;
+};
+
+absl::Status Invalid(const char* field, const std::string& why) {
+  return absl::InvalidArgumentError(absl::StrCat(field, ": ", why));
+}
+
+void EnablePlugins() {
+  static const bool enabled = [] {
+    grpc::EnableDefaultHealthCheckService(true);
+    grpc::reflection::InitProtoReflectionServerBuilderPlugin();
+    return true;
+  }();
+  (void)enabled;
+}
+
+}  // namespace
+
+absl::Status ServerOptions::Validate() const {
+  constexpr uint32_t kMaxChunkBytes = 64u << 20;
+  constexpr uint32_t kMinPoseLogCapacity = 4096;
+  constexpr int kMaxWorkers = 1024;
+  if (!listen_address.empty()) {
+    const auto address = ParseListenAddress(listen_address);
+    if (!address.ok()) return Invalid("listen_address", std::string(address.status().message()));
+  }
+  if (worker_threads < 0 || worker_threads > kMaxWorkers) {
+    return Invalid("worker_threads", absl::StrCat("is ", worker_threads, "; 0 (one per core) to ", kMaxWorkers));
+  }
+  if (max_sessions == 0) return Invalid("max_sessions", "is 0; at least 1");
+  if (max_model_bytes == 0) return Invalid("max_model_bytes", "is 0; at least 1");
+  if (max_model_store_bytes < max_model_bytes) {
+    return Invalid("max_model_store_bytes", "is below max_model_bytes: no model of that size would fit");
+  }
+  if (max_chunk_bytes < 8 || max_chunk_bytes > kMaxChunkBytes) {
+    return Invalid("max_chunk_bytes", absl::StrCat("is ", max_chunk_bytes, "; 8 to ", kMaxChunkBytes));
+  }
+  if (credit_bytes < max_chunk_bytes) {
+    return Invalid("credit_bytes", "is below max_chunk_bytes: such a chunk could never be sent");
+  }
+  if (pose_log_capacity < kMinPoseLogCapacity) {
+    return Invalid("pose_log_capacity", absl::StrCat("is ", pose_log_capacity, "; at least ", kMinPoseLogCapacity));
+  }
+  if (session_expiry <= absl::ZeroDuration()) return Invalid("session_expiry", "must be positive");
+  return absl::OkStatus();
+}
+
+absl::StatusOr<std::unique_ptr<Server>> StartServer(const ServerOptions& options, TrackerFactory make_tracker) {
+  EVPOSE_RETURN_IF_ERROR(options.Validate());
+  EnablePlugins();
+  std::unique_ptr<Store> store = MakeMemoryStore(options.pose_log_capacity);
+  EVPOSE_ASSIGN_OR_RETURN(std::unique_ptr<ModelRegistry> models,
+                          ModelRegistry::Create({options.max_model_bytes, options.max_model_store_bytes}, *store));
+  auto server = std::make_unique<ServerImpl>(options, std::move(make_tracker), std::move(store), std::move(models));
+  EVPOSE_RETURN_IF_ERROR(server->Listen(options));
+  return server;
+}
+
+absl::StatusOr<std::unique_ptr<Server>> Server::Start(const ServerOptions& options) {
+  return StartServer(options, MakeTracker);
+}
+
+}  // namespace evpose::server

@@ -1,0 +1,56 @@
+#include "server/rpc/stream_registry.h"
+
+#include <algorithm>
+#include <utility>
+
+namespace evpose::server {
+
+void StreamRegistry::Add(Kind kind, const std::shared_ptr<OpenStream>& stream) {
+  absl::Status ended;
+  {
+    absl::MutexLock lock(&mutex_);
+    entries_.push_back({kind, stream.get(), stream});
+    if (kind == Kind::kTrack) ++num_tracks_;
+    ended = ended_;
+  }
+  if (!ended.ok()) stream->End(ended);
+}
+
+void StreamRegistry::Remove(const OpenStream* stream) {
+  absl::MutexLock lock(&mutex_);
+  const auto found =
+      std::find_if(entries_.begin(), entries_.end(), [stream](const Entry& entry) { return entry.key == stream; });
+  if (found == entries_.end()) return;
+  if (found->kind == Kind::kTrack) --num_tracks_;
+  entries_.erase(found);
+}
+
+std::vector<std::shared_ptr<OpenStream>> StreamRegistry::Streams(bool with_watches) {
+  absl::MutexLock lock(&mutex_);
+  std::vector<std::shared_ptr<OpenStream>> streams;
+  for (const Entry& entry : entries_) {
+    if (!with_watches && entry.kind == Kind::kWatch) continue;
+    if (auto stream = entry.stream.lock()) streams.push_back(std::move(stream));
+  }
+  return streams;
+}
+
+void StreamRegistry::GoAway(absl::Duration deadline) {
+  for (const auto& stream : Streams(/*with_watches=*/false)) stream->GoAway(deadline);
+}
+
+void StreamRegistry::WaitForTracks(absl::Time deadline) {
+  absl::MutexLock lock(&mutex_);
+  const auto no_tracks = [this]() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) { return num_tracks_ == 0; };
+  mutex_.AwaitWithDeadline(absl::Condition(&no_tracks), deadline);
+}
+
+void StreamRegistry::EndAll(const absl::Status& status) {
+  {
+    absl::MutexLock lock(&mutex_);
+    ended_ = status;
+  }
+  for (const auto& stream : Streams(/*with_watches=*/true)) stream->End(status);
+}
+
+}  // namespace evpose::server

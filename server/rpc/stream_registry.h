@@ -1,0 +1,51 @@
+// The streams that are open, so that a server that leaves can tell them, wait for them and end them.
+#pragma once
+
+#include <memory>
+#include <vector>
+
+#include "absl/base/thread_annotations.h"
+#include "absl/status/status.h"
+#include "absl/synchronization/mutex.h"
+#include "absl/time/time.h"
+
+namespace evpose::server {
+
+class OpenStream {
+ public:
+  virtual ~OpenStream() = default;
+  virtual void GoAway(absl::Duration deadline) = 0;
+  // Ends the stream with this status, which is not OK.
+  virtual void End(const absl::Status& status) = 0;
+};
+
+// Thread-safe.
+class StreamRegistry {
+ public:
+  enum class Kind { kTrack, kWatch };
+
+  void Add(Kind kind, const std::shared_ptr<OpenStream>& stream);
+  void Remove(const OpenStream* stream);
+
+  // Tells the Track streams.
+  void GoAway(absl::Duration deadline);
+  // Returns when no Track stream is left, or at the deadline.
+  void WaitForTracks(absl::Time deadline);
+  // Ends all streams, also those that are added later.
+  void EndAll(const absl::Status& status);
+
+ private:
+  struct Entry {
+    Kind kind;
+    const OpenStream* key;
+    std::weak_ptr<OpenStream> stream;
+  };
+  std::vector<std::shared_ptr<OpenStream>> Streams(bool with_watches);
+
+  absl::Mutex mutex_;
+  std::vector<Entry> entries_ ABSL_GUARDED_BY(mutex_);
+  int num_tracks_ ABSL_GUARDED_BY(mutex_) = 0;
+  absl::Status ended_ ABSL_GUARDED_BY(mutex_);
+};
+
+}  // namespace evpose::server

@@ -1,0 +1,304 @@
+#include "server/rpc/track_reactor.h"
+
+#include <deque>
+#include <memory>
+#include <optional>
+#include <utility>
+
+#include "absl/base/thread_annotations.h"
+#include "absl/strings/str_cat.h"
+#include "absl/synchronization/mutex.h"
+#include "core/base/status_macros.h"
+#include "server/rpc/conversion.h"
+#include "server/rpc/status_mapping.h"
+#include "server/rpc/stream_registry.h"
+#include "server/sessions/errors.h"
+#include "server/sessions/session.h"
+
+namespace evpose::server {
+namespace {
+
+constexpr size_t kPosesPerPage = 64;
+
+// Every event (a message read or written, a change of the session, a cancellation) ends in Pump, which looks at the
+// whole state and starts what can be started. So no wake-up is ever lost: an ack that could not be written because a
+// write was under way is seen when that write is done.
+class TrackReactor : public grpc::ServerBidiReactor<v1::TrackRequest, v1::TrackResponse>,
+                     public SessionListener,
+                     public OpenStream,
+                     public std::enable_shared_from_this<TrackReactor> {
+ public:
+  TrackReactor(const ServiceContext& services, grpc::CallbackServerContext* context)
+      : services_(services), context_(context) {}
+
+  void Start() {
+    self_ = shared_from_this();
+    services_.streams.Add(StreamRegistry::Kind::kTrack, self_);
+    absl::MutexLock lock(&mutex_);
+    Pump();
+  }
+
+  void OnReadDone(bool ok) override {
+    // The request belongs to the reading side alone: it is handled without the lock, the digest of its payload
+    // included.
+    const absl::Status handled = ok ? HandleRequest() : absl::OkStatus();
+    absl::MutexLock lock(&mutex_);
+    is_reading_ = false;
+    if (!ok) reads_are_done_ = true;
+    Fail(handled);
+    Pump();
+  }
+
+  void OnWriteDone(bool ok) override {
+    absl::MutexLock lock(&mutex_);
+    is_writing_ = false;
+    if (!ok) Fail(absl::CancelledError("the client is gone"));
+    if (session_ != nullptr) session_->ReportSent(stream_, sent_pose_seq_);
+    Pump();
+  }
+
+  void OnCancel() override {
+    absl::MutexLock lock(&mutex_);
+    Fail(absl::CancelledError("the client cancelled"));
+    Pump();
+  }
+
+  void OnDone() override {
+    services_.streams.Remove(this);
+    const std::shared_ptr<TrackReactor> last = std::move(self_);
+  }
+
+  void OnSessionChanged() override {
+    absl::MutexLock lock(&mutex_);
+    Pump();
+  }
+
+  void GoAway(absl::Duration deadline) override {
+    absl::MutexLock lock(&mutex_);
+    go_away_ = deadline;
+    Pump();
+  }
+
+  void End(const absl::Status& status) override {
+    absl::MutexLock lock(&mutex_);
+    Fail(status);
+    Pump();
+    // A client that does not read would hold its last message for ever.
+    if (!is_finished_) context_->TryCancel();
+  }
+
+ private:
+  absl::Status HandleRequest() {
+    switch (request_.message_case()) {
+      case v1::TrackRequest::kAttach:
+        return HandleAttach(request_.attach());
+      case v1::TrackRequest::MESSAGE_NOT_SET:
+        return InvalidField("message", "is empty: attach, events, reset_pose or end is expected");
+      default:
+        break;
+    }
+    if (session_ == nullptr) return InvalidField("attach", "must be the first message of the stream");
+    switch (request_.message_case()) {
+      case v1::TrackRequest::kEvents:
+        return HandleEvents(*request_.mutable_events());
+      case v1::TrackRequest::kResetPose:
+        return HandleResetPose(request_.reset_pose());
+      default:
+        return HandleEnd();
+    }
+  }
+
+  absl::Status HandleAttach(const v1::Attach& attach) {
+    if (session_ != nullptr) return InvalidField("attach", "was sent already: a stream attaches once");
+    EVPOSE_RETURN_IF_ERROR(services_.sessions.CheckNotDraining());
+    EVPOSE_ASSIGN_OR_RETURN(std::shared_ptr<Session> session, services_.sessions.Get(attach.session()));
+    // Without the lock: the stream that this one fences is told, and takes its own.
+    EVPOSE_ASSIGN_OR_RETURN(Attachment attachment,
+                            session->Attach(attach.resume_token(), attach.last_pose_seq(), weak_from_this()));
+    absl::MutexLock lock(&mutex_);
+    session_ = std::move(session);
+    stream_ = attachment.stream;
+    if (is_finished_) session_->Detach(stream_);  // cancelled meanwhile
+    sent_pose_seq_ = attachment.first_pose_seq - 1;
+    sent_ack_.send_limit_bytes = attachment.send_limit_bytes;
+    attachment_ = std::move(attachment);
+    return absl::OkStatus();
+  }
+
+  absl::Status HandleEvents(v1::EventChunk& events) {
+    EventChunk chunk;
+    chunk.seq = events.seq();
+    chunk.discontinuity = events.discontinuity();
+    if (events.has_crc32c()) chunk.crc32c = events.crc32c();
+    chunk.payload = std::move(*events.mutable_payload());
+    return session_->PushEvents(stream_, std::move(chunk));
+  }
+
+  absl::Status HandleResetPose(const v1::ResetPose& reset) {
+    EVPOSE_ASSIGN_OR_RETURN(const RigidTransform camera_from_object,
+                            FromProto(reset.camera_from_object(), "reset_pose.camera_from_object"));
+    return session_->PushResetPose(stream_, reset.object_id(), camera_from_object);
+  }
+
+  absl::Status HandleEnd() {
+    EVPOSE_RETURN_IF_ERROR(session_->PushEnd(stream_));
+    absl::MutexLock lock(&mutex_);
+    end_was_asked_ = true;
+    return absl::OkStatus();
+  }
+
+  // The first failure counts.
+  void Fail(const absl::Status& status) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) { failure_.Update(status); }
+
+  void Finish(const absl::Status& status) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
+    is_finished_ = true;
+    if (session_ != nullptr) session_->Detach(stream_);
+    grpc::ServerBidiReactor<v1::TrackRequest, v1::TrackResponse>::Finish(ToGrpcStatus(status));
+  }
+
+  void Pump() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
+    if (is_finished_) return;
+    StreamView view;
+    view.has_room = true;
+    if (session_ != nullptr) {
+      view = session_->View(stream_);
+      Fail(view.status);
+    }
+    if (!failure_.ok()) {
+      if (!is_writing_) Finish(failure_);
+      return;
+    }
+    if (!is_reading_ && !reads_are_done_ && view.has_room) {
+      is_reading_ = true;
+      StartRead(&request_);
+    }
+    if (!is_writing_) Write(view);
+  }
+
+  void Write(const StreamView& view) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
+    if (session_ == nullptr) {
+      if (reads_are_done_) Finish(InvalidField("attach", "must be the first message of the stream"));
+      return;
+    }
+    response_.Clear();
+    if (PickResponse(view)) {
+      is_writing_ = true;
+      StartWrite(&response_);
+      return;
+    }
+    if (!failure_.ok()) return Finish(failure_);
+    if (end_was_asked_ && view.ended) return WriteSummary();
+    // Half-closed without `end`: the session stays, its client has all there is.
+    if (reads_are_done_ && view.is_idle) Finish(absl::OkStatus());
+  }
+
+  // Fills response_ with what is next, if anything. Poses come before the ack of their chunk, notices at their place
+  // among the poses.
+  bool PickResponse(const StreamView& view) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
+    if (attachment_.has_value()) return PickAttached();
+    if (go_away_.has_value()) return PickGoAway();
+    if (notices_.empty()) {
+      for (SessionNotice& notice : session_->TakeNotices(stream_)) notices_.push_back(std::move(notice));
+    }
+    if (!notices_.empty() && notices_.front().after_pose_seq <= sent_pose_seq_) {
+      *response_.mutable_notice() = ToProto(notices_.front(), session_->config());
+      notices_.pop_front();
+      return true;
+    }
+    // An ack is kept until the poses that belong before it are sent; later ones do not push it back.
+    if (!ack_.has_value() && view.ack != sent_ack_) ack_ = view.ack;
+    if (ack_.has_value() && ack_->last_pose_seq <= sent_pose_seq_) return PickAck();
+    return view.last_pose_seq > sent_pose_seq_ && PickPose();
+  }
+
+  bool PickAttached() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
+    v1::Attached& attached = *response_.mutable_attached();
+    attached.set_next_seq(attachment_->next_seq);
+    attached.set_resume_token(attachment_->resume_token);
+    attached.set_send_limit_bytes(attachment_->send_limit_bytes);
+    *attached.mutable_resume_window() = ToProto(session_->limits().expiry);
+    attached.set_max_chunk_bytes(session_->limits().max_chunk_bytes);
+    attached.set_first_pose_seq(attachment_->first_pose_seq);
+    attachment_.reset();
+    return true;
+  }
+
+  bool PickGoAway() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
+    *response_.mutable_notice()->mutable_go_away()->mutable_deadline() = ToProto(*go_away_);
+    go_away_.reset();
+    return true;
+  }
+
+  bool PickAck() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
+    v1::Ack& ack = *response_.mutable_ack();
+    ack.set_processed_seq(ack_->processed_seq);
+    // What the memory store has lives as long as the session: nothing is needed again.
+    ack.set_durable_seq(ack_->processed_seq);
+    ack.set_send_limit_bytes(ack_->send_limit_bytes);
+    sent_ack_ = *ack_;
+    ack_.reset();
+    return true;
+  }
+
+  bool PickPose() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
+    if (page_.empty()) {
+      auto poses = session_->pose_log()->Read(sent_pose_seq_, kPosesPerPage);
+      Fail(poses.status());
+      if (!poses.ok()) return false;
+      page_.assign(poses->begin(), poses->end());
+    }
+    if (page_.empty() || page_.front().pose_seq != sent_pose_seq_ + 1) {
+      Fail(WithReason(absl::AbortedError(absl::StrCat("pose ", sent_pose_seq_ + 1,
+                                                      " is no longer stored; attach again to go on after the gap")),
+                      "POSES_FORGOTTEN"));
+      return false;
+    }
+    *response_.mutable_pose() = ToProto(page_.front(), session_->config());
+    page_.pop_front();
+    ++sent_pose_seq_;
+    return true;
+  }
+
+  void WriteSummary() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
+    *response_.mutable_summary()->mutable_health() = ToProto(session_->Snapshot().health, session_->config());
+    is_finished_ = true;
+    session_->Detach(stream_);
+    StartWriteAndFinish(&response_, grpc::WriteOptions(), grpc::Status::OK);
+  }
+
+  const ServiceContext services_;
+  grpc::CallbackServerContext* const context_;
+  std::shared_ptr<TrackReactor> self_;  // until OnDone
+
+  // Of the reading side; the session and the stream are set once, by attach.
+  v1::TrackRequest request_;
+  std::shared_ptr<Session> session_;
+  uint64_t stream_ = 0;
+
+  absl::Mutex mutex_;
+  v1::TrackResponse response_ ABSL_GUARDED_BY(mutex_);
+  bool is_reading_ ABSL_GUARDED_BY(mutex_) = false;
+  bool is_writing_ ABSL_GUARDED_BY(mutex_) = false;
+  bool is_finished_ ABSL_GUARDED_BY(mutex_) = false;
+  bool reads_are_done_ ABSL_GUARDED_BY(mutex_) = false;
+  bool end_was_asked_ ABSL_GUARDED_BY(mutex_) = false;
+  absl::Status failure_ ABSL_GUARDED_BY(mutex_);
+  std::optional<Attachment> attachment_ ABSL_GUARDED_BY(mutex_);   // to be sent
+  std::optional<absl::Duration> go_away_ ABSL_GUARDED_BY(mutex_);  // to be sent
+  std::deque<SessionNotice> notices_ ABSL_GUARDED_BY(mutex_);
+  std::deque<StoredPose> page_ ABSL_GUARDED_BY(mutex_);
+  uint64_t sent_pose_seq_ ABSL_GUARDED_BY(mutex_) = 0;
+  std::optional<SessionAck> ack_ ABSL_GUARDED_BY(mutex_);  // to be sent
+  SessionAck sent_ack_ ABSL_GUARDED_BY(mutex_);
+};
+
+}  // namespace
+
+grpc::ServerBidiReactor<v1::TrackRequest, v1::TrackResponse>* StartTrack(const ServiceContext& services,
+                                                                         grpc::CallbackServerContext* context) {
+  const auto reactor = std::make_shared<TrackReactor>(services, context);
+  reactor->Start();
+  return reactor.get();
+}
+
+}  // namespace evpose::server

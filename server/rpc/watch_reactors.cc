@@ -1,0 +1,262 @@
+#include "server/rpc/watch_reactors.h"
+
+#include <grpcpp/alarm.h>
+
+#include <chrono>
+#include <cmath>
+#include <limits>
+#include <memory>
+#include <utility>
+#include <vector>
+
+#include "absl/base/thread_annotations.h"
+#include "absl/strings/str_cat.h"
+#include "absl/synchronization/mutex.h"
+#include "core/base/status_macros.h"
+#include "server/rpc/conversion.h"
+#include "server/rpc/status_mapping.h"
+#include "server/rpc/stream_registry.h"
+#include "server/sessions/errors.h"
+#include "server/sessions/session.h"
+
+namespace evpose::server {
+namespace {
+
+constexpr size_t kPosesPerResponse = 256;
+// A live reader this far behind loses the oldest poses.
+constexpr uint64_t kMaxLivePosesBehind = 1024;
+constexpr absl::Duration kDefaultPeriod = absl::Seconds(1);
+constexpr absl::Duration kMinPeriod = absl::Milliseconds(10);
+
+// What both readers do: as in the Track reactor, every event ends in Pump.
+template <typename Response>
+class WatchReactor : public grpc::ServerWriteReactor<Response>,
+                     public SessionListener,
+                     public OpenStream,
+                     public std::enable_shared_from_this<WatchReactor<Response>> {
+ public:
+  WatchReactor(const ServiceContext& services, grpc::CallbackServerContext* context)
+      : services_(services), context_(context) {}
+
+  // `begun`: whether the request is in order.
+  void Start(const absl::Status& begun) {
+    self_ = this->shared_from_this();
+    services_.streams.Add(StreamRegistry::Kind::kWatch, self_);
+    if (begun.ok()) session_->AddWatcher(this->weak_from_this());
+    absl::MutexLock lock(&mutex_);
+    Fail(begun);
+    Pump();
+  }
+
+  void OnWriteDone(bool ok) override {
+    absl::MutexLock lock(&mutex_);
+    is_writing_ = false;
+    if (!ok) Fail(absl::CancelledError("the client is gone"));
+    Pump();
+  }
+
+  void OnCancel() override {
+    absl::MutexLock lock(&mutex_);
+    Fail(absl::CancelledError("the client cancelled"));
+    Pump();
+  }
+
+  void OnDone() override {
+    services_.streams.Remove(this);
+    const std::shared_ptr<WatchReactor> last = std::move(self_);
+  }
+
+  void OnSessionChanged() override {
+    absl::MutexLock lock(&mutex_);
+    Pump();
+  }
+
+  void GoAway(absl::Duration) override {}
+
+  void End(const absl::Status& status) override {
+    absl::MutexLock lock(&mutex_);
+    Fail(status);
+    Pump();
+    if (!is_finished_) context_->TryCancel();
+  }
+
+ protected:
+  absl::Status FindSession(const std::string& name) {
+    EVPOSE_RETURN_IF_ERROR(services_.sessions.CheckNotDraining());
+    EVPOSE_ASSIGN_OR_RETURN(session_, services_.sessions.Get(name));
+    return absl::OkStatus();
+  }
+
+  const Session& session() const { return *session_; }
+  void Fail(const absl::Status& status) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) { failure_.Update(status); }
+
+  // Fills `response` with what is next, if anything; `is_last`: nothing will come after it.
+  virtual bool PickResponse(const WatchView& view, Response& response, bool& is_last)
+      ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) = 0;
+  virtual void OnFinish() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {}
+
+  void Pump() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
+    if (is_finished_ || is_writing_) return;
+    const WatchView view = failure_.ok() ? session_->Watch() : WatchView();
+    Fail(view.status);
+    if (!failure_.ok()) return Finish(failure_);
+    response_.Clear();
+    bool is_last = false;
+    if (PickResponse(view, response_, is_last)) {
+      is_writing_ = true;
+      this->StartWrite(&response_);
+    } else if (!failure_.ok() || is_last) {
+      Finish(failure_);
+    }
+  }
+
+  mutable absl::Mutex mutex_;
+
+ private:
+  void Finish(const absl::Status& status) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
+    is_finished_ = true;
+    OnFinish();
+    grpc::ServerWriteReactor<Response>::Finish(ToGrpcStatus(status));
+  }
+
+  const ServiceContext services_;
+  grpc::CallbackServerContext* const context_;
+  std::shared_ptr<WatchReactor> self_;  // until OnDone
+  std::shared_ptr<Session> session_;
+  Response response_ ABSL_GUARDED_BY(mutex_);
+  bool is_writing_ ABSL_GUARDED_BY(mutex_) = false;
+  bool is_finished_ ABSL_GUARDED_BY(mutex_) = false;
+  absl::Status failure_ ABSL_GUARDED_BY(mutex_);
+};
+
+// Reads the session's log at its own pace: a slow reader costs one response, not a queue.
+class WatchPosesReactor : public WatchReactor<v1::WatchPosesResponse> {
+ public:
+  using WatchReactor::WatchReactor;
+
+  absl::Status Begin(const v1::WatchPosesRequest& request) {
+    if (request.has_max_rate_hz()) {
+      const double rate_hz = request.max_rate_hz();
+      if (!(rate_hz > 0.0) || !std::isfinite(rate_hz)) {
+        return InvalidField("max_rate_hz", absl::StrCat("is ", rate_hz, "; it must be positive"));
+      }
+      min_interval_us_ = 1e6 / rate_hz;
+    }
+    EVPOSE_RETURN_IF_ERROR(FindSession(request.session()));
+    cursor_ = request.after_pose_seq();
+    live_from_ = session().Watch().last_pose_seq;
+    last_t_us_.assign(session().config().objects.size(), std::numeric_limits<int64_t>::min());
+    return absl::OkStatus();
+  }
+
+ private:
+  bool PickResponse(const WatchView& view, v1::WatchPosesResponse& response, bool& is_last) override
+      ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
+    while (cursor_ < view.last_pose_seq && response.poses().empty()) {
+      uint64_t skipped = 0;
+      if (cursor_ >= live_from_ && view.last_pose_seq - cursor_ > kMaxLivePosesBehind) {
+        skipped = view.last_pose_seq - kMaxLivePosesBehind - cursor_;
+        cursor_ += skipped;
+      }
+      const auto page = session().pose_log()->Read(cursor_, kPosesPerResponse);
+      Fail(page.status());
+      if (!page.ok() || page->empty()) return false;
+      skipped += page->front().pose_seq - cursor_ - 1;
+      response.set_num_skipped(response.num_skipped() + skipped);
+      cursor_ = page->back().pose_seq;
+      for (const StoredPose& pose : *page) {
+        if (IsDue(pose)) *response.add_poses() = ToProto(pose, session().config());
+      }
+    }
+    is_last = view.ended && cursor_ >= view.last_pose_seq;
+    return !response.poses().empty() || response.num_skipped() > 0;
+  }
+
+  bool IsDue(const StoredPose& pose) {
+    int64_t& last_t_us = last_t_us_[pose.object_index];
+    const int64_t t_us = pose.estimate.t_us;
+    if (last_t_us != std::numeric_limits<int64_t>::min() && static_cast<double>(t_us - last_t_us) < min_interval_us_) {
+      return false;
+    }
+    last_t_us = t_us;
+    return true;
+  }
+
+  double min_interval_us_ = 0.0;
+  uint64_t cursor_ = 0;     // the last pose that was looked at
+  uint64_t live_from_ = 0;  // poses up to it were stored before the reader came
+  std::vector<int64_t> last_t_us_;
+};
+
+class WatchHealthReactor : public WatchReactor<v1::SessionHealth> {
+ public:
+  using WatchReactor::WatchReactor;
+
+  absl::Status Begin(const v1::WatchHealthRequest& request) {
+    if (request.has_period()) {
+      period_ = absl::Seconds(request.period().seconds()) + absl::Nanoseconds(request.period().nanos());
+      if (period_ < kMinPeriod) {
+        return InvalidField("period", absl::StrCat("is ", absl::FormatDuration(period_), "; at least ",
+                                                   absl::FormatDuration(kMinPeriod), " must lie between two answers"));
+      }
+    }
+    return FindSession(request.session());
+  }
+
+ private:
+  bool PickResponse(const WatchView& view, v1::SessionHealth& response, bool& is_last) override
+      ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
+    is_last = view.ended && final_was_sent_;
+    if (is_last || !(is_due_ || view.ended)) return false;
+    is_due_ = false;
+    final_was_sent_ = view.ended;
+    response = ToProto(session().Snapshot().health, session().config());
+    if (!view.ended) SetAlarm();
+    return true;
+  }
+
+  void SetAlarm() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
+    // A new one each time: the old one's function may still be running. Weak, because an alarm keeps its function.
+    alarm_ = std::make_unique<grpc::Alarm>();
+    alarm_->Set(std::chrono::system_clock::now() + absl::ToChronoMicroseconds(period_),
+                [weak = weak_from_this()](bool) {
+                  if (const auto self = weak.lock()) static_cast<WatchHealthReactor*>(self.get())->OnAlarm();
+                });
+  }
+
+  void OnAlarm() {
+    absl::MutexLock lock(&mutex_);
+    is_due_ = true;
+    Pump();
+  }
+
+  void OnFinish() override ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) { alarm_.reset(); }
+
+  absl::Duration period_ = kDefaultPeriod;
+  bool is_due_ ABSL_GUARDED_BY(mutex_) = true;
+  bool final_was_sent_ ABSL_GUARDED_BY(mutex_) = false;
+  std::unique_ptr<grpc::Alarm> alarm_ ABSL_GUARDED_BY(mutex_);
+};
+
+template <typename Reactor, typename Request>
+Reactor* StartWatch(const ServiceContext& services, grpc::CallbackServerContext* context, const Request& request) {
+  const auto reactor = std::make_shared<Reactor>(services, context);
+  reactor->Start(reactor->Begin(request));
+  return reactor.get();
+}
+
+}  // namespace
+
+grpc::ServerWriteReactor<v1::WatchPosesResponse>* StartWatchPoses(const ServiceContext& services,
+                                                                  grpc::CallbackServerContext* context,
+                                                                  const v1::WatchPosesRequest& request) {
+  return StartWatch<WatchPosesReactor>(services, context, request);
+}
+
+grpc::ServerWriteReactor<v1::SessionHealth>* StartWatchHealth(const ServiceContext& services,
+                                                              grpc::CallbackServerContext* context,
+                                                              const v1::WatchHealthRequest& request) {
+  return StartWatch<WatchHealthReactor>(services, context, request);
+}
+
+}  // namespace evpose::server

@@ -1,0 +1,19 @@
+// SessionService.WatchPoses and WatchHealth: readers of a session.
+#pragma once
+
+#include <grpcpp/server_context.h>
+
+#include "evpose/v1/sessions.grpc.pb.h"
+#include "server/rpc/service_context.h"
+
+namespace evpose::server {
+
+// Reactors that delete themselves when the call is over.
+grpc::ServerWriteReactor<v1::WatchPosesResponse>* StartWatchPoses(const ServiceContext& services,
+                                                                  grpc::CallbackServerContext* context,
+                                                                  const v1::WatchPosesRequest& request);
+grpc::ServerWriteReactor<v1::SessionHealth>* StartWatchHealth(const ServiceContext& services,
+                                                              grpc::CallbackServerContext* context,
+                                                              const v1::WatchHealthRequest& request);
+
+}  // namespace evpose::server
