@@ -1,0 +1,232 @@
+#include "core/events/recording_reader.h"
+
+#include <fcntl.h>
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <atomic>
+#include <fstream>
+#include <thread>
+
+#include "core/events/encoder.h"
+#include "core/events/test_events.h"
+
+namespace evpose {
+namespace {
+
+using testing::HasSubstr;
+using testing::StartsWith;
+
+constexpr SensorGeometry kVga = {640, 480};
+const std::string kHeader = MakeRawHeader(Encoding::kEvt3, kVga);
+
+void Append(const std::string& path, const std::string& bytes) {
+  std::ofstream(path, std::ios::binary | std::ios::app) << bytes;
+}
+
+// Reads to the end in pieces of `piece` bytes.
+std::string ReadAll(RecordingReader& reader, size_t piece) {
+  std::string text;
+  std::vector<uint8_t> buffer(piece);
+  while (true) {
+    const auto size = reader.Read(absl::MakeSpan(buffer));
+    EXPECT_TRUE(size.ok()) << size.status();
+    if (!size.ok() || *size == 0) return text;
+    text.append(reinterpret_cast<const char*>(buffer.data()), *size);
+  }
+}
+
+// The descriptors of a pipe; the writing end closes with Close() or with the test.
+class Pipe {
+ public:
+  Pipe() { EXPECT_EQ(pipe2(descriptors_, O_CLOEXEC), 0); }
+  ~Pipe() { Close(); }
+  int reading_end() const { return descriptors_[0]; }
+  void Write(const std::string& bytes) {
+    EXPECT_EQ(write(descriptors_[1], bytes.data(), bytes.size()), static_cast<ssize_t>(bytes.size()));
+  }
+  void Close() {
+    if (descriptors_[1] >= 0) close(descriptors_[1]);
+    descriptors_[1] = -1;
+  }
+
+ private:
+  int descriptors_[2] = {-1, -1};
+};
+
+TEST(RecordingReaderTest, ReadsAFile) {
+  const TemporaryDirectory directory;
+  const std::string path = directory.File("a.raw");
+  std::string data;
+  for (int i = 0; i < 20000; ++i) data.push_back(static_cast<char>(i * 7));
+  Append(path, kHeader + data);
+  for (const size_t piece : {1u, 100u, 100000u}) {
+    const auto reader = RecordingReader::Open(path);
+    ASSERT_TRUE(reader.ok()) << reader.status();
+    EXPECT_EQ((*reader)->header().geometry, kVga);
+    EXPECT_EQ((*reader)->data_size_bytes(), 20000);
+    EXPECT_EQ(ReadAll(**reader, piece), data);
+    EXPECT_EQ(ReadAll(**reader, piece), "") << "the end stays the end";
+  }
+}
+
+TEST(RecordingReaderTest, ErrorsNameThePath) {
+  const TemporaryDirectory directory;
+  const auto error = [&](const std::string& name, absl::StatusCode code, const std::string& message) {
+    const auto reader = RecordingReader::Open(directory.File(name));
+    EXPECT_EQ(reader.status().code(), code) << reader.status();
+    EXPECT_THAT(std::string(reader.status().message()), StartsWith(directory.File(name) + ": "));
+    EXPECT_THAT(std::string(reader.status().message()), HasSubstr(message));
+  };
+  error("missing.raw", absl::StatusCode::kNotFound, "cannot be opened");
+  error("", absl::StatusCode::kInvalidArgument, "is a directory, not a recording");
+  Append(directory.File("empty.raw"), "");
+  error("empty.raw", absl::StatusCode::kInvalidArgument, "is empty");
+  Append(directory.File("header.raw"), kHeader);
+  error("header.raw", absl::StatusCode::kInvalidArgument, "has a header but no events");
+  Append(directory.File("cut.raw"), kHeader.substr(0, kHeader.size() - 3));
+  error("cut.raw", absl::StatusCode::kInvalidArgument, "has a header but no events");
+  Append(directory.File("wrong.raw"), "% evt 3.0\n% evt 2.0\nabcd");
+  error("wrong.raw", absl::StatusCode::kInvalidArgument, "header line 2: says EVT2, but line 1 says EVT3");
+  Append(directory.File("noise.raw"), "abcd");
+  error("noise.raw", absl::StatusCode::kInvalidArgument, "there is no header");
+}
+
+TEST(RecordingReaderTest, UnreadableFile) {
+  if (geteuid() == 0) GTEST_SKIP() << "root may read everything";
+  const TemporaryDirectory directory;
+  const std::string path = directory.File("a.raw");
+  Append(path, kHeader + "abcd");
+  std::filesystem::permissions(path, std::filesystem::perms::none);
+  const auto reader = RecordingReader::Open(path);
+  EXPECT_EQ(reader.status().code(), absl::StatusCode::kPermissionDenied);
+  EXPECT_THAT(std::string(reader.status().message()), StartsWith(path));
+}
+
+TEST(RecordingReaderTest, FailedReadsNameTheOffset) {
+  const TemporaryDirectory directory;
+  // A descriptor that cannot be read, of a file that can.
+  const int descriptor = open(directory.File("a.raw").c_str(), O_WRONLY | O_CREAT | O_CLOEXEC, 0600);
+  const auto reader = RecordingReader::OpenDescriptor(descriptor, "a.raw");
+  EXPECT_EQ(reader.status().code(), absl::StatusCode::kUnavailable);
+  EXPECT_THAT(std::string(reader.status().message()), StartsWith("a.raw: reading failed at byte 0: "));
+}
+
+TEST(RecordingReaderTest, ReadsAPipeAsItComes) {
+  Pipe pipe;
+  pipe.Write(kHeader + "ab");
+  auto reader = RecordingReader::OpenDescriptor(pipe.reading_end(), "a pipe");
+  ASSERT_TRUE(reader.ok()) << reader.status();
+  EXPECT_EQ((*reader)->data_size_bytes(), -1);
+  std::vector<uint8_t> buffer(100);
+  // A live source gives what it has, without waiting for a full buffer.
+  EXPECT_EQ((*reader)->Read(absl::MakeSpan(buffer)).value(), 2);
+  pipe.Write("cde");
+  EXPECT_EQ((*reader)->Read(absl::MakeSpan(buffer)).value(), 3);
+  pipe.Close();
+  EXPECT_EQ((*reader)->Read(absl::MakeSpan(buffer)).value(), 0);
+}
+
+TEST(RecordingReaderTest, PipesThatEndEarly) {
+  for (const auto& [bytes, message] : std::vector<std::pair<std::string, std::string>>{
+           {"", "a pipe: is empty"}, {kHeader, "a pipe: has a header but no events"}}) {
+    Pipe pipe;
+    pipe.Write(bytes);
+    pipe.Close();
+    EXPECT_EQ(RecordingReader::OpenDescriptor(pipe.reading_end(), "a pipe").status().message(), message);
+  }
+}
+
+TEST(RecordingReaderTest, StopEndsAWaitForAPipe) {
+  Pipe pipe;
+  pipe.Write(kHeader + "ab");
+  int num_questions = 0;
+  RecordingReaderOptions options;
+  options.stop = [&] { return ++num_questions >= 3; };
+  auto reader = RecordingReader::OpenDescriptor(pipe.reading_end(), "a pipe", options);
+  ASSERT_TRUE(reader.ok());
+  EXPECT_EQ(ReadAll(**reader, 100), "ab");
+  EXPECT_EQ(num_questions, 3);
+}
+
+// The writer of a growing file stands in the question that the reader asks before each wait: no clock is needed.
+TEST(RecordingReaderTest, FollowsAFileFromItsFirstByteOn) {
+  const TemporaryDirectory directory;
+  const std::string path = directory.File("growing.raw");
+  const std::string data = "a lot of events";
+  const std::string contents = kHeader + data;
+  Append(path, "");
+  size_t written = 0;
+  RecordingReaderOptions options;
+  options.follow = true;
+  options.stop = [&] {
+    if (written == contents.size()) return true;
+    Append(path, contents.substr(written, 5));
+    written = std::min(written + 5, contents.size());
+    return false;
+  };
+  const auto reader = RecordingReader::Open(path, options);
+  ASSERT_TRUE(reader.ok()) << reader.status();
+  EXPECT_LT(written, kHeader.size() + 5) << "the header is waited for, no event";
+  EXPECT_EQ((*reader)->data_size_bytes(), -1);
+  EXPECT_EQ(ReadAll(**reader, 100), data);
+  EXPECT_EQ(ReadAll(**reader, 100), "") << "once stopped it stays stopped";
+}
+
+TEST(RecordingReaderTest, FollowingCanBeStoppedInTheHeader) {
+  const TemporaryDirectory directory;
+  const std::string path = directory.File("growing.raw");
+  Append(path, "% evt 3.0\n");
+  RecordingReaderOptions options;
+  options.follow = true;
+  options.stop = [] { return true; };
+  const auto reader = RecordingReader::Open(path, options);
+  EXPECT_EQ(reader.status().code(), absl::StatusCode::kCancelled);
+  EXPECT_EQ(reader.status().message(), path + ": stopped before its header was whole");
+}
+
+TEST(RecordingReaderTest, FollowedFileThatShrinksIsAnError) {
+  const TemporaryDirectory directory;
+  const std::string path = directory.File("growing.raw");
+  Append(path, kHeader + "abcd");
+  RecordingReaderOptions options;
+  options.follow = true;
+  options.stop = [&] {
+    std::filesystem::resize_file(path, 5);
+    return false;
+  };
+  const auto reader = RecordingReader::Open(path, options);
+  ASSERT_TRUE(reader.ok());
+  std::vector<uint8_t> buffer(100);
+  EXPECT_EQ((*reader)->Read(absl::MakeSpan(buffer)).value(), 4);
+  const auto size = (*reader)->Read(absl::MakeSpan(buffer));
+  EXPECT_EQ(size.status().code(), absl::StatusCode::kDataLoss);
+  EXPECT_THAT(std::string(size.status().message()), HasSubstr("growing.raw: shrank from"));
+}
+
+TEST(RecordingReaderTest, FollowsAWriterInAnotherThread) {
+  const TemporaryDirectory directory;
+  const std::string path = directory.File("growing.raw");
+  Append(path, kHeader);
+  std::atomic<bool> is_written = false;
+  RecordingReaderOptions options;
+  options.follow = true;
+  options.stop = [&] { return is_written.load(); };
+  const auto reader = RecordingReader::Open(path, options);
+  ASSERT_TRUE(reader.ok());
+  std::string expected;
+  for (int i = 0; i < 1000; ++i) expected += std::to_string(i);
+  std::thread writer([&] {
+    for (size_t i = 0; i < expected.size(); i += 100) Append(path, expected.substr(i, 100));
+    is_written = true;
+  });
+  std::string text = ReadAll(**reader, 64);
+  writer.join();
+  // Stopped between the last byte and the last look: the rest can be read all the same.
+  EXPECT_EQ(text, expected.substr(0, text.size()));
+}
+
+}  // namespace
+}  // namespace evpose
