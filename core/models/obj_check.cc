@@ -68,8 +68,12 @@ class ObjChecker {
     if (words_.size() < 4) {
       return LineError(line_number_, absl::StrFormat("a vertex (v) needs 3 numbers, found %d", words_.size() - 1));
     }
-    for (int i = 1; i <= 3; ++i) EVPOSE_RETURN_IF_ERROR(CheckCoordinate(words_[i], line_number_));
-    absl::StrAppend(&out_, "v ", words_[1], " ", words_[2], " ", words_[3], "\n");
+    out_ += 'v';
+    for (int i = 1; i <= 3; ++i) {
+      EVPOSE_ASSIGN_OR_RETURN(const float coordinate, ReadCoordinate(words_[i], line_number_));
+      absl::StrAppendFormat(&out_, " %.9g", coordinate);  // not as written: Assimp skips a vertex that has ".5"
+    }
+    out_ += '\n';
     ++vertices_;
     return absl::OkStatus();
   }

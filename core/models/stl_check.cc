@@ -54,8 +54,9 @@ absl::Status CheckStlStatement(const StlStatement& expected, const std::vector<a
   }
   // The normal is not used; some writers leave NaN there.
   if (expected.word_count == 2) return absl::OkStatus();
-  for (size_t i = expected.word_count; i < words.size(); ++i)
-    EVPOSE_RETURN_IF_ERROR(CheckCoordinate(words[i], line_number));
+  for (size_t i = expected.word_count; i < words.size(); ++i) {
+    EVPOSE_RETURN_IF_ERROR(ReadCoordinate(words[i], line_number).status());
+  }
   return absl::OkStatus();
 }
 

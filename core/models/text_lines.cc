@@ -47,7 +47,7 @@ absl::Status LineError(int64_t line_number, const absl::Status& status) {
   return status.ok() ? status : LineError(line_number, status.message());
 }
 
-absl::Status CheckCoordinate(absl::string_view word, int64_t line_number) {
+absl::StatusOr<float> ReadCoordinate(absl::string_view word, int64_t line_number) {
   double value;
   if (!absl::SimpleAtod(word, &value)) {
     return LineError(line_number, absl::StrCat("'", word.substr(0, kMaxQuoted), "' is not a number"));
@@ -55,7 +55,7 @@ absl::Status CheckCoordinate(absl::string_view word, int64_t line_number) {
   if (!std::isfinite(static_cast<float>(value))) {
     return LineError(line_number, absl::StrCat("'", word.substr(0, kMaxQuoted), "' is not a finite coordinate"));
   }
-  return absl::OkStatus();
+  return static_cast<float>(value);
 }
 
 }  // namespace evpose

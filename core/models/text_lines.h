@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "absl/status/status.h"
+#include "absl/status/statusor.h"
 #include "absl/strings/string_view.h"
 #include "absl/types/span.h"
 
@@ -40,7 +41,7 @@ absl::Status LineError(int64_t line_number, absl::string_view what);
 // The same for an error without its place; OK stays OK.
 absl::Status LineError(int64_t line_number, const absl::Status& status);
 
-// A coordinate, which must be finite also in single precision. The error says what is wrong with which word.
-absl::Status CheckCoordinate(absl::string_view word, int64_t line_number);
+// A coordinate, which must be finite in single precision. The error says what is wrong with which word.
+absl::StatusOr<float> ReadCoordinate(absl::string_view word, int64_t line_number);
 
 }  // namespace evpose
