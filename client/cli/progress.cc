@@ -2,6 +2,8 @@
 
 #include <algorithm>
 
+#include "absl/strings/str_cat.h"
+
 namespace evpose::client {
 namespace {
 
@@ -12,7 +14,7 @@ constexpr absl::Duration kLineEvery = absl::Seconds(5);
 std::string Bar(double ratio) {
   if (ratio < 0.0) return "";
   const size_t filled = static_cast<size_t>(std::min(ratio, 1.0) * kBarWidth);
-  return "[" + std::string(filled, '#') + std::string(kBarWidth - filled, '.') + "] ";
+  return absl::StrCat("[", std::string(filled, '#'), std::string(kBarWidth - filled, '.'), "] ");
 }
 
 }  // namespace
