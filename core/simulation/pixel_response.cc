@@ -34,7 +34,6 @@ double DeterministicLog(double x) {
   return exponent * std::numbers::ln2 + 2.0 * s * series;
 }
 
-// d(t) = output - memory = level + slope t + decay e^(-t / tau), t from the piece's beginning.
 struct PixelResponse::Piece {
   double begin_us;
   double length_us;
@@ -42,12 +41,14 @@ struct PixelResponse::Piece {
   double slope;  // of the input, per microsecond
   double tau_us;
 
-  // The output at t, from `output0` at t0.
-  double OutputAt(double t, double t0, double output0) const {
-    const double steady = input + slope * (t - tau_us);
+  // The output at t, from `output0` at t0, both from the piece's beginning; `decay` is e^(-(t - t0) / tau_us).
+  double OutputAt(double t, double t0, double output0, double decay) const {
     if (tau_us <= 0.0) return input + slope * t;
     const double away = output0 - (input + slope * (t0 - tau_us));
-    return steady + away * DeterministicExp(-(t - t0) / tau_us);
+    return input + slope * (t - tau_us) + away * decay;
+  }
+  double OutputAt(double t, double t0, double output0) const {
+    return OutputAt(t, t0, output0, tau_us <= 0.0 ? 0.0 : DeterministicExp(-(t - t0) / tau_us));
   }
 };
 
@@ -114,7 +115,27 @@ PixelResponse::PixelResponse(double bandwidth_hz, double dark_bandwidth_ratio, d
       dark_bandwidth_ratio_(dark_bandwidth_ratio),
       dark_light_(dark_light),
       refractory_us_(refractory_us),
-      leak_per_us_(leak_per_us) {}
+      leak_per_us_(leak_per_us),
+      last_log_(LogLight(last_light_)) {}
+
+// Neighbours on one face share their light, so that the last result often serves again.
+double PixelResponse::Decay(const Piece& piece) {
+  if (piece.tau_us <= 0.0) return 0.0;
+  const double exponent = -piece.length_us / piece.tau_us;
+  if (exponent != last_exponent_) {
+    last_exponent_ = exponent;
+    last_decay_ = DeterministicExp(exponent);
+  }
+  return last_decay_;
+}
+
+double PixelResponse::LogLightOnce(float light) {
+  if (light != last_light_) {
+    last_light_ = light;
+    last_log_ = LogLight(light);
+  }
+  return last_log_;
+}
 
 double PixelResponse::LogLight(float light) const {
   // Sums of coverage leave rounding errors of 1e-7 below zero.
@@ -127,11 +148,11 @@ double PixelResponse::TimeConstantUs(float light) const {
 }
 
 void PixelResponse::Advance(PixelState& state, float light_from, float light_to, uint32_t t_us,
-                            std::vector<Crossing>& crossings) const {
+                            std::vector<Crossing>& crossings) {
   const double begin_us = state.t_us;
   const double length_us = t_us - begin_us;
   const double input_from = state.input;
-  const double input_to = LogLight(light_to);
+  const double input_to = LogLightOnce(light_to);
   const double change = input_to - input_from;
   const int pieces = std::max(1, static_cast<int>(std::ceil(std::abs(change) / kMaxLogStep)));
   Piece piece = {begin_us, length_us, input_from, change / length_us, TimeConstantUs(light_to)};
@@ -161,11 +182,15 @@ void PixelResponse::Advance(PixelState& state, float light_from, float light_to,
   state.t_us = t_us;
 }
 
-void PixelResponse::AdvancePiece(PixelState& state, const Piece& piece, std::vector<Crossing>& crossings) const {
+void PixelResponse::AdvancePiece(PixelState& state, const Piece& piece, std::vector<Crossing>& crossings) {
   double t = 0.0;  // from the piece's beginning
   double output = state.output;
   double memory = state.memory;
-  const double end_output = piece.OutputAt(piece.length_us, 0.0, output);
+  const double end_output = piece.OutputAt(piece.length_us, 0.0, output, Decay(piece));
+  const double end_input = piece.input + piece.slope * piece.length_us;
+  // The low pass never leaves the range of what it was and what it gets.
+  const double highest = std::max({output, piece.input, end_input});
+  const double lowest = std::min({output, piece.input, end_input});
   while (true) {
     if (state.held_until_us >= 0.0) {
       const double held = std::max(t, state.held_until_us - piece.begin_us);
@@ -174,11 +199,15 @@ void PixelResponse::AdvancePiece(PixelState& state, const Piece& piece, std::vec
       t = held;
       state.held_until_us = kNotHeld;
     }
+    const double left = piece.length_us - t;
+    if (highest - memory + leak_per_us_ * left < state.threshold_on && lowest - memory > -state.threshold_off) {
+      memory -= leak_per_us_ * left;
+      break;
+    }
     // output - memory from here on, the leak included.
     const double steady = piece.input + piece.slope * (t - piece.tau_us);
     Course course = {steady - memory, piece.slope + leak_per_us_, output - steady, piece.tau_us};
     if (piece.tau_us <= 0.0) course = {output - memory, piece.slope + leak_per_us_, 0.0, 0.0};
-    const double left = piece.length_us - t;
     const double f_end = end_output - memory + leak_per_us_ * left;
     const double crossing = FirstCrossing(course, left, state.threshold_on, state.threshold_off, f_end);
     if (crossing == kNever) {

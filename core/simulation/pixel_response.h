@@ -34,8 +34,7 @@ class PixelResponse {
 
   // Advances the pixel to `t_us` while its light changes evenly from light_from (at state.t_us) to light_to; appends
   // the crossings in order of time.
-  void Advance(PixelState& state, float light_from, float light_to, uint32_t t_us,
-               std::vector<Crossing>& crossings) const;
+  void Advance(PixelState& state, float light_from, float light_to, uint32_t t_us, std::vector<Crossing>& crossings);
 
   // The input does not change and the output has reached it: nothing but the leak moves until the input does.
   bool IsSettled(const PixelState& state) const;
@@ -48,7 +47,9 @@ class PixelResponse {
 
  private:
   struct Piece;
-  void AdvancePiece(PixelState& state, const Piece& piece, std::vector<Crossing>& crossings) const;
+  void AdvancePiece(PixelState& state, const Piece& piece, std::vector<Crossing>& crossings);
+  double Decay(const Piece& piece);
+  double LogLightOnce(float light);
   double TimeConstantUs(float light) const;
 
   double time_constant_us_;  // in light 1; 0: no low pass
@@ -56,6 +57,10 @@ class PixelResponse {
   double dark_light_;
   double refractory_us_;
   double leak_per_us_;
+  double last_exponent_ = 0.0;  // what Decay and LogLightOnce answered last
+  double last_decay_ = 1.0;
+  float last_light_ = -1.0f;
+  double last_log_;
 };
 
 // Natural logarithm, the same bits on every machine; x positive and normal; within 1e-12.

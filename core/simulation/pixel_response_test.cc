@@ -26,7 +26,7 @@ TEST(DeterministicLogTest, EqualsTheLibrarys) {
 }
 
 TEST(PixelResponseTest, WithoutLowPassEventsComeWhereTheLogarithmCrosses) {
-  const PixelResponse response(0.0, 1.0, kDark, 0.0, 0.0);
+  PixelResponse response(0.0, 1.0, kDark, 0.0, 0.0);
   PixelState state = StateAt(response, 0.1f, 0.25f);
   std::vector<Crossing> crossings;
   response.Advance(state, 0.1f, 0.9f, 10'000, crossings);
@@ -43,7 +43,7 @@ TEST(PixelResponseTest, WithoutLowPassEventsComeWhereTheLogarithmCrosses) {
 TEST(PixelResponseTest, StepThroughTheLowPassIsTimedExactly) {
   constexpr double kBandwidthHz = 1000.0;
   const double tau_us = 1e6 / (2.0 * std::numbers::pi * kBandwidthHz);
-  const PixelResponse response(kBandwidthHz, 1.0, kDark, 0.0, 0.0);
+  PixelResponse response(kBandwidthHz, 1.0, kDark, 0.0, 0.0);
   PixelState state = StateAt(response, 0.8f, 0.3f);
   state.input = static_cast<float>(response.LogLight(0.2f));  // the light fell at this very moment
   const double step = state.output - state.input;
@@ -85,7 +85,7 @@ TEST(PixelResponseTest, EqualsABruteForceIntegration) {
   constexpr double kRefractoryUs = 120.0;
   constexpr double kLeakPerUs = 1e-4;  // far more than real, to be seen
   constexpr float kThreshold = 0.2f;
-  const PixelResponse response(kBandwidthHz, 1.0, kDark, kRefractoryUs, kLeakPerUs);
+  PixelResponse response(kBandwidthHz, 1.0, kDark, kRefractoryUs, kLeakPerUs);
   const double tau_us = 1e6 / (2.0 * std::numbers::pi * kBandwidthHz);
   PixelState state = StateAt(response, 0.3f, kThreshold);
   SteppedPixel reference = {state.output, state.memory, kNotHeld};
@@ -110,8 +110,8 @@ TEST(PixelResponseTest, EqualsABruteForceIntegration) {
 }
 
 TEST(PixelResponseTest, IsDarkSlowerThanLight) {
-  const PixelResponse response(1000.0, 0.1, kDark, 0.0, 0.0);
-  const auto first_us = [&](float from, float to) {
+  PixelResponse response(1000.0, 0.1, kDark, 0.0, 0.0);
+  const auto first_us = [&response](float from, float to) {
     PixelState state = StateAt(response, from, 0.3f);
     state.input = static_cast<float>(response.LogLight(to));
     std::vector<Crossing> crossings;
@@ -123,7 +123,7 @@ TEST(PixelResponseTest, IsDarkSlowerThanLight) {
 }
 
 TEST(PixelResponseTest, RefractoryTimeHoldsAndMemorisesAtItsEnd) {
-  const PixelResponse response(0.0, 1.0, kDark, 2000.0, 0.0);
+  PixelResponse response(0.0, 1.0, kDark, 2000.0, 0.0);
   PixelState state = StateAt(response, 0.1f, 0.25f);
   std::vector<Crossing> crossings;
   for (uint32_t t = 1; t <= 10; ++t) {
@@ -138,7 +138,7 @@ TEST(PixelResponseTest, RefractoryTimeHoldsAndMemorisesAtItsEnd) {
 }
 
 TEST(PixelResponseTest, LeakReachesTheThresholdWhenItSays) {
-  const PixelResponse response(1000.0, 1.0, kDark, 0.0, 0.25 * 2e-6);
+  PixelResponse response(1000.0, 1.0, kDark, 0.0, 0.25 * 2e-6);
   PixelState state = StateAt(response, 0.5f, 0.25f);
   EXPECT_NEAR(response.NextLeakUs(state), 500'000.0, 1.0);
   response.Rest(state, 100'000);
