@@ -17,8 +17,8 @@ enum class ModelFormat { kObj, kPly, kStl };
 struct ModelLine {
   Eigen::Vector3d p1;  // object frame, metres
   Eigen::Vector3d p2;
-  // Outward unit normals of the adjacent faces: 0 (a wire, or painted on nothing), 1 (boundary) or 2 (crease).
-  // A line painted on a face has that face's normal, once.
+  // Outward unit normals of the adjacent faces: 0 (a wire, or painted on nothing), 1 (boundary) or 2 (crease); more
+  // where more faces meet in one edge. A line painted on a face has that face's normal, once.
   std::vector<Eigen::Vector3d> face_normals;
 };
 
@@ -40,10 +40,11 @@ struct ModelOptions {
   absl::Status Validate() const;
 };
 
-// OBJ line elements (`l`) are the lines when there are any, else crease and boundary edges. Coplanar neighbours'
-// edges are not lines; collinear edges that continue each other are joined; lines of length zero and duplicates are
-// dropped with a notice. Errors, INVALID_ARGUMENT: unreadable (with the loader's words), no line and no face, no line
-// at all, a number that is not finite, an index out of range, more than the options allow.
+// OBJ line elements (`l`) are the lines when there are any, as they are drawn; else crease and boundary edges: coplanar
+// neighbours' edges are not lines, and collinear edges that continue each other are joined. Lines of length zero and
+// duplicates are dropped with a notice. Triangles are given one winding, outward where a surface is closed. No other
+// file is opened, whatever the bytes name. Errors, INVALID_ARGUMENT: unreadable (with the loader's words), no line and
+// no face, no line at all, a number that is not finite, an index out of range, more than the options allow.
 absl::StatusOr<ObjectModel> ParseObjectModel(absl::Span<const uint8_t> bytes, ModelFormat format,
                                              const ModelOptions& options);
 // The format from the file's ending. Errors name the path: NOT_FOUND, INVALID_ARGUMENT (also for an unknown ending).

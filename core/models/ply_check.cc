@@ -257,6 +257,8 @@ class PlyBody {
 absl::Status CheckPlyProperty(const PlyElement& element, const PlyProperty& property, int64_t vertices, PlyBody& body,
                               ModelFileCounter& counter) {
   const bool is_corners = property.is_list && (property.name == "vertex_indices" || property.name == "vertex_index");
+  const bool is_coordinate =
+      element.name == "vertex" && (property.name == "x" || property.name == "y" || property.name == "z");
   double count = 1;
   if (property.is_list) {
     EVPOSE_ASSIGN_OR_RETURN(count, body.Next(property.count_type));
@@ -272,7 +274,7 @@ absl::Status CheckPlyProperty(const PlyElement& element, const PlyProperty& prop
       return body.Error(
           absl::StrFormat("vertex index %.0f, but there are %d vertices (counted from 0)", value, vertices));
     }
-    if (element.name == "vertex" && property.name.size() == 1 && !std::isfinite(static_cast<float>(value))) {
+    if (is_coordinate && !std::isfinite(static_cast<float>(value))) {
       return body.Error(absl::StrCat(property.name, " is not a finite coordinate"));
     }
   }

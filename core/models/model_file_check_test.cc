@@ -1,0 +1,232 @@
+#include "core/models/model_file_check.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <cstring>
+#include <random>
+#include <string>
+#include <utility>
+
+#include "absl/strings/str_cat.h"
+#include "core/models/cube_files_for_test.h"
+
+namespace evpose {
+namespace {
+
+using ::testing::HasSubstr;
+
+TEST(BadModelTest, EmptyModels) {
+  EXPECT_THAT(ErrorOf(""), HasSubstr("empty"));
+  EXPECT_THAT(ErrorOf("hello world\n"), HasSubstr("no line and no face"));
+  EXPECT_THAT(ErrorOf(kCubeVertices), HasSubstr("no line and no face"));
+  EXPECT_THAT(ErrorOf("v 0 0 0\nv 1 0 0\nl 1 1\nl 2 2\n"), HasSubstr("length zero"));
+  EXPECT_THAT(ErrorOf("v 1 1 1\nv 1 1 1\nl 1 2\n"), HasSubstr("size is 0 m"));
+  EXPECT_THAT(ErrorOf("v 0 0 0\nv 1 0 0\nv 2 0 0\nf 1 2 3\n"), HasSubstr("no line"));
+  EXPECT_THAT(ErrorOf("solid a\nendsolid a\n", ModelFormat::kStl), HasSubstr("no line and no face"));
+  EXPECT_THAT(ErrorOf("v 1000001 0 0\nv 1000002 0 0\nl 1 2\n"), HasSubstr("from its origin"));
+}
+
+struct BadModel {
+  ModelFormat format;
+  const char* text;
+  const char* says;
+};
+
+class MalformedModelTest : public ::testing::TestWithParam<BadModel> {};
+
+TEST_P(MalformedModelTest, SaysWhere) {
+  EXPECT_THAT(ErrorOf(GetParam().text, GetParam().format), HasSubstr(GetParam().says)) << GetParam().text;
+}
+
+#define EVPOSE_PLY_TOP "ply\nformat ascii 1.0\nelement vertex 3\n"
+#define EVPOSE_PLY_XYZ "property float x\nproperty float y\nproperty float z\n"
+#define EVPOSE_PLY_FACE "element face 1\nproperty list uchar int vertex_indices\nend_header\n"
+#define EVPOSE_PLY EVPOSE_PLY_TOP EVPOSE_PLY_XYZ EVPOSE_PLY_FACE
+#define EVPOSE_STL \
+  "solid a\nfacet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nvertex 1 1 0\nendloop\nendfacet\n"
+
+INSTANTIATE_TEST_SUITE_P(
+    Obj, MalformedModelTest,
+    ::testing::Values(
+        BadModel{ModelFormat::kObj, "v 0 0 0\nv nan 0 0\nl 1 2\n", "line 2: 'nan' is not a finite coordinate"},
+        BadModel{ModelFormat::kObj, "v 0 0 0\nv 0 -inf 0\nl 1 2\n", "line 2: '-inf' is not a finite coordinate"},
+        BadModel{ModelFormat::kObj, "v 0 0 1e40\nv 0 1 0\nl 1 2\n", "line 1: '1e40' is not a finite coordinate"},
+        BadModel{ModelFormat::kObj, "v 0 0 0\n\nv 0 x 0\nl 1 2\n", "line 3: 'x' is not a number"},
+        BadModel{ModelFormat::kObj, "v 0 0,5 0\nv 0 1 0\nl 1 2\n", "line 1: '0,5' is not a number"},
+        BadModel{ModelFormat::kObj, "v 0 0\n", "line 1: a vertex (v) needs 3 numbers, found 2"},
+        BadModel{ModelFormat::kObj, "v 0 0 0\nv 1 0 0\nl 1 3\n", "line 3: vertex index 3, but there are 2 vertices"},
+        BadModel{ModelFormat::kObj, "v 0 0 0\nv 1 0 0\nl 1 0\n", "line 3: vertex index 0"},
+        BadModel{ModelFormat::kObj, "v 0 0 0\nl -1 -2\nv 0 0 1\n", "line 2: vertex index -2"},
+        BadModel{ModelFormat::kObj, "v 0 0 0\nl 1 99999999999999999999\n", "line 2: '99999999999999999999' is not"},
+        BadModel{ModelFormat::kObj, "v 0 0 0\nl 1 4294967297\n", "line 2: vertex index 4294967297"},
+        BadModel{ModelFormat::kObj, "v 0 0 0\nl 1\n", "line 2: a line element (l) needs 2 points"},
+        BadModel{ModelFormat::kObj, "v 0 0 0\nv 1 0 0\nf 1 2\n", "line 3: a face has 2 corners"},
+        BadModel{ModelFormat::kObj, "v 0 0 0\nv 1 0 0\nf 1 2 /3\n", "line 3: '/3' is not a vertex index"}));
+
+INSTANTIATE_TEST_SUITE_P(
+    Ply, MalformedModelTest,
+    ::testing::Values(
+        BadModel{ModelFormat::kPly, "v 0 0 0\n", "line 1: not a PLY file"},
+        BadModel{ModelFormat::kPly, "ply\n", "without end_header"},
+        BadModel{ModelFormat::kPly, "ply\nend_header\n", "no format"},
+        BadModel{ModelFormat::kPly, "ply\nformat utf8 1.0\n", "line 2: PLY header: 'format'"},
+        BadModel{ModelFormat::kPly, "ply\nproperty float x\n", "line 2: PLY header: 'property'"},
+        BadModel{ModelFormat::kPly, "ply\nelement vertex many\n", "line 2: 'many' is not a count"},
+        BadModel{ModelFormat::kPly, "ply\nelement vertex -3\n", "line 2: '-3' is not a count"},
+        BadModel{ModelFormat::kPly, EVPOSE_PLY_TOP "property half x\n", "line 4: 'half' is not a PLY type"},
+        BadModel{ModelFormat::kPly, EVPOSE_PLY_TOP "property list float int x\n", "line 4: a list cannot be counted"},
+        BadModel{ModelFormat::kPly, EVPOSE_PLY_TOP EVPOSE_PLY_FACE, "element vertex: needs the properties x, y and z"},
+        BadModel{ModelFormat::kPly, EVPOSE_PLY_TOP EVPOSE_PLY_XYZ "property list uchar int a\nend_header\n",
+                 "has a list"},
+        BadModel{ModelFormat::kPly, EVPOSE_PLY_TOP EVPOSE_PLY_XYZ "element edge 1\nend_header\n", "element edge: only"},
+        BadModel{ModelFormat::kPly, EVPOSE_PLY_TOP EVPOSE_PLY_XYZ "element face 1\nproperty int a\nend_header\n",
+                 "needs the list vertex_indices"},
+        BadModel{ModelFormat::kPly, "ply\nformat ascii 1.0\nend_header\n", "element vertex: missing"},
+        BadModel{ModelFormat::kPly, EVPOSE_PLY "0 0 0\n1 0 0\n", "the file ends before"},
+        BadModel{ModelFormat::kPly, EVPOSE_PLY "0 0 0\n1 0 0\n1 1\n3 0 1 2\n", "line 12: fewer numbers"},
+        BadModel{ModelFormat::kPly, EVPOSE_PLY "0 0 0\n1 0 0\n1 1 0 4\n3 0 1 2\n", "line 12: more numbers"},
+        BadModel{ModelFormat::kPly, EVPOSE_PLY "0 0 0\n1 0 0\n1 1 0\n3 0 1 3\n", "line 13: vertex index 3"},
+        BadModel{ModelFormat::kPly, EVPOSE_PLY "0 0 0\n1 0 0\n1 1 0\n3 0 1 -1\n", "line 13: vertex index -1"},
+        BadModel{ModelFormat::kPly, EVPOSE_PLY "0 0 0\n1 0 0\n1 1 0\n-3 0 1 2\n", "line 13: a list of negative length"},
+        BadModel{ModelFormat::kPly, EVPOSE_PLY "0 0 0\n1 0 0\n1 1 0\n0\n", "line 13: a face has 0 corners"},
+        BadModel{ModelFormat::kPly, EVPOSE_PLY "0 0 0\n1 nan 0\n1 1 0\n3 0 1 2\n", "line 11: y is not a finite"},
+        BadModel{ModelFormat::kPly, EVPOSE_PLY "0 0 0\n1 a 0\n1 1 0\n3 0 1 2\n", "line 11: 'a' is not a number"},
+        BadModel{ModelFormat::kPly, EVPOSE_PLY "0 0 0\n1 0 0\n1 1 0\n3 0 1 2\n3 0 1 2\n", "line 14: more lines"}));
+
+INSTANTIATE_TEST_SUITE_P(
+    Stl, MalformedModelTest,
+    ::testing::Values(BadModel{ModelFormat::kStl, "v 0 0 0\n", "not an STL file"},
+                      BadModel{ModelFormat::kStl, EVPOSE_STL, "ends without 'endsolid'"},
+                      BadModel{ModelFormat::kStl, EVPOSE_STL "endsolid\nfacet\n", "line 10: STL: expected 'solid'"},
+                      BadModel{ModelFormat::kStl, EVPOSE_STL "vertex 0 0 0\n", "line 9: STL: expected 'facet normal'"},
+                      BadModel{ModelFormat::kStl, "solid\nfacet normal 0 0 1\nouter loop\nvertex 0 0\n",
+                               "line 4: STL: expected 'vertex' and 3 numbers"},
+                      BadModel{ModelFormat::kStl, "solid\nfacet normal 0 0 1\nouter loop\nvertex 0 0 nan\n",
+                               "line 4: 'nan' is not a finite coordinate"}));
+
+TEST(BadModelTest, BinaryStlWithNan) {
+  std::string stl = BinaryStl(MustParse(Cube()));
+  const float nan = std::nanf("");
+  std::memcpy(stl.data() + 84 + 50 * 3 + 12 + 8, &nan, 4);
+  EXPECT_THAT(ErrorOf(stl, ModelFormat::kStl), HasSubstr("facet 4: a coordinate is not a finite number"));
+}
+
+TEST(BadModelTest, Limits) {
+  ModelOptions options;
+  options.max_bytes = 50;
+  EXPECT_THAT(ErrorOf(Cube(), ModelFormat::kObj, options), HasSubstr("more than the limit of 50"));
+  options = {};
+  options.max_triangles = 11;
+  EXPECT_THAT(ErrorOf(Cube(), ModelFormat::kObj, options), HasSubstr("line 14: more than 11 triangles"));
+  EXPECT_THAT(ErrorOf(AsciiPly(), ModelFormat::kPly, options), HasSubstr("more than 11 triangles"));
+  EXPECT_THAT(ErrorOf(BinaryStl(MustParse(Cube())), ModelFormat::kStl, options), HasSubstr("more than 11 triangles"));
+  options = {};
+  options.max_lines = 11;
+  EXPECT_THAT(ErrorOf(Cube(), ModelFormat::kObj, options), HasSubstr("12 lines, more than the limit of 11"));
+  options.max_lines = 2;
+  EXPECT_THAT(ErrorOf(absl::StrCat(kCubeVertices, "l 1 2 3 4\n"), ModelFormat::kObj, options),
+              HasSubstr("line 9: more than 2 lines"));
+  std::string polygon = "f";
+  for (int i = 0; i < 600; ++i) polygon += " 1";
+  EXPECT_THAT(ErrorOf(absl::StrCat(kCubeVertices, polygon)), HasSubstr("line 9: a face has 600 corners"));
+}
+
+TEST(BadModelTest, OptionsNameTheWrongField) {
+  const auto message = [](const ModelOptions& options) { return ErrorOf(Cube(), ModelFormat::kObj, options); };
+  for (const double bad : {0.0, -1.0, std::nan(""), HUGE_VAL}) {
+    ModelOptions options;
+    options.metres_per_unit = bad;
+    EXPECT_THAT(message(options), HasSubstr("metres_per_unit"));
+    options = {};
+    options.crease_angle_deg = bad;
+    EXPECT_THAT(message(options), HasSubstr("crease_angle_deg"));
+  }
+  ModelOptions options;
+  options.max_lines = size_t{1} << 60;
+  EXPECT_THAT(message(options), HasSubstr("max_lines"));
+  options = {};
+  options.max_triangles = size_t{1} << 60;
+  EXPECT_THAT(message(options), HasSubstr("max_triangles"));
+}
+
+TEST(BadModelTest, EveryTruncationIsAnErrorOrAWholeModel) {
+  const ObjectModel cube = MustParse(Cube());
+  const std::pair<ModelFormat, std::string> files[] = {{ModelFormat::kObj, absl::StrCat(Cube(), "l 1 2\nl 2 3\n")},
+                                                       {ModelFormat::kPly, AsciiPly()},
+                                                       {ModelFormat::kPly, BinaryPly(false)},
+                                                       {ModelFormat::kStl, AsciiStl(cube)},
+                                                       {ModelFormat::kStl, BinaryStl(cube)}};
+  for (const auto& [format, text] : files) {
+    for (size_t length = 0; length < text.size(); ++length) {
+      const auto model = Parse(text.substr(0, length), format);
+      if (format == ModelFormat::kObj) continue;  // a shorter OBJ may be a model; it must only not crash
+      // All that may be missing is the line feed, or the last word's last digits or letters.
+      EXPECT_TRUE(!model.ok() || length + 8 >= text.size()) << text.substr(0, length);
+    }
+  }
+}
+
+TEST(BadModelTest, DamagedFilesDoNotCrash) {
+  const ObjectModel cube = MustParse(Cube());
+  const std::pair<ModelFormat, std::string> files[] = {{ModelFormat::kObj, absl::StrCat(Cube(), "l 1 2\nl 2 3\n")},
+                                                       {ModelFormat::kPly, AsciiPly()},
+                                                       {ModelFormat::kPly, BinaryPly(false)},
+                                                       {ModelFormat::kPly, BinaryPly(true)},
+                                                       {ModelFormat::kStl, AsciiStl(cube)},
+                                                       {ModelFormat::kStl, BinaryStl(cube)}};
+  std::mt19937 random(3);
+  int accepted = 0, refused = 0;
+  for (const auto& [format, text] : files) {
+    for (int trial = 0; trial < 400; ++trial) {
+      std::string damaged = text;
+      for (int i = 1 + random() % 4; i > 0; --i) {
+        const size_t at = random() % damaged.size();
+        switch (random() % 4) {
+          case 0:
+            damaged[at] = static_cast<char>(random());
+            break;
+          case 1:
+            damaged[at] = "0123456789- .\n"[random() % 14];
+            break;
+          case 2:
+            damaged.erase(at, 1 + random() % 8);
+            break;
+          default:
+            damaged.insert(at, damaged.substr(random() % damaged.size(), random() % 20));
+        }
+        if (damaged.empty()) damaged = " ";
+      }
+      const auto model = Parse(damaged, format);
+      (model.ok() ? accepted : refused) += 1;
+      if (!model.ok()) {
+        EXPECT_EQ(model.status().code(), absl::StatusCode::kInvalidArgument);
+        continue;
+      }
+      for (const auto& triangle : model->triangles) {
+        for (const uint32_t vertex : triangle) ASSERT_LT(vertex, model->vertices.size());
+      }
+      for (const ModelLine& line : model->lines) ASSERT_TRUE(line.p1.allFinite() && line.p2.allFinite());
+      ASSERT_GT(model->diameter_m, 0.0);
+    }
+  }
+  EXPECT_GT(accepted, 100);
+  EXPECT_GT(refused, 100);
+}
+
+TEST(BadModelTest, GarbageDoesNotCrash) {
+  std::mt19937 random(4);
+  for (const ModelFormat format : {ModelFormat::kObj, ModelFormat::kPly, ModelFormat::kStl}) {
+    for (int trial = 0; trial < 200; ++trial) {
+      std::string bytes(random() % 2000, '\0');
+      for (char& byte : bytes) byte = static_cast<char>(random());
+      if (trial % 2 == 0 && format == ModelFormat::kPly) bytes = absl::StrCat("ply\n", bytes);
+      if (trial % 2 == 0 && format == ModelFormat::kStl) bytes = absl::StrCat("solid ", bytes);
+      EXPECT_FALSE(Parse(bytes, format).ok());
+    }
+  }
+}
+
+}  // namespace
+}  // namespace evpose
