@@ -154,7 +154,7 @@ void PixelResponse::Advance(PixelState& state, float light_from, float light_to,
   const double input_from = state.input;
   const double input_to = LogLightOnce(light_to);
   const double change = input_to - input_from;
-  const int pieces = std::max(1, static_cast<int>(std::ceil(std::abs(change) / kMaxLogStep)));
+  const int pieces = 1 + static_cast<int>(std::abs(change) / kMaxLogStep);
   Piece piece = {begin_us, length_us, input_from, change / length_us, TimeConstantUs(light_to)};
   if (pieces > 1) {
     // Equal pieces of the logarithm: the light at their ends is a geometric series, and reaches them in proportion.
