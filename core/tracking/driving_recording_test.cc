@@ -1,0 +1,54 @@
+// A real street scene in which there is no cube: no pose may be claimed, whatever pose it is told.
+#include <gtest/gtest.h>
+
+#include <filesystem>
+#include <vector>
+
+#include "core/base/random.h"
+#include "core/events/decoder.h"
+#include "core/events/recording_reader.h"
+#include "core/tracking/ideal_events.h"
+#include "core/tracking/tracker.h"
+#include "core/tracking/tracker_options.h"
+
+namespace evpose {
+namespace {
+
+std::vector<Event> ReadAll(const std::string& path) {
+  auto reader = RecordingReader::Open(path).value();
+  auto decoder = MakeEventDecoder(reader->header().encoding, reader->header().geometry).value();
+  DecodedEvents decoded;
+  std::vector<uint8_t> buffer(1 << 16);
+  while (const size_t size = reader->Read(absl::MakeSpan(buffer)).value()) {
+    decoder->Decode(absl::MakeConstSpan(buffer).subspan(0, size), decoded);
+  }
+  return std::move(decoded.events);
+}
+
+TEST(DrivingRecording, NoCubeIsClaimed) {
+  const std::string path = std::string(EVPOSE_SHARED_DATA) + "/evt3_driving_gen41/evt3_sample.raw";
+  if (!std::filesystem::exists(path)) GTEST_SKIP() << "no recording at " << path;
+  const std::vector<Event> events = ReadAll(path);
+  const auto cube = testing::MakeCube(0.15);
+  const CameraModel camera = testing::MakeCamera(1280, 720, 1000.0);
+  Random random(1);
+  for (int k = 0; k < 60; ++k) {
+    RigidTransform pose;
+    const double depth_m = random.Uniform(0.25, 2.0);
+    pose.translation_m = {random.Uniform(-0.5, 0.5) * depth_m, random.Uniform(-0.3, 0.3) * depth_m, depth_m};
+    pose.rotation = Eigen::Quaterniond(random.Normal(), random.Normal(), random.Normal(), random.Normal())
+                        .normalized()
+                        .toRotationMatrix();
+    TrackerOptions options;
+    options.estimator = k % 3 == 2 ? Estimator::kStaticMm : Estimator::kMixture;
+    auto tracker = Tracker::Create(cube, camera, options, pose).value();
+    std::vector<PoseEstimate> estimates;
+    tracker->AddEvents(events, estimates);
+    tracker->Finish(estimates);
+    EXPECT_EQ(tracker->state(), TrackState::kLost) << k;
+    EXPECT_TRUE(estimates.empty()) << k;
+  }
+}
+
+}  // namespace
+}  // namespace evpose

@@ -1,0 +1,86 @@
+// The sums must give what a plain loop over the events with automatic differentiation gives.
+#include "core/tracking/line_sums.h"
+
+#include <ceres/jet.h>
+#include <gtest/gtest.h>
+
+#include <vector>
+
+#include "core/base/random.h"
+#include "core/tracking/association.h"
+#include "core/tracking/ideal_events.h"
+
+namespace evpose {
+namespace {
+
+using testing::MakeCamera;
+using testing::MakePose;
+using Jet = ceres::Jet<double, 12>;
+using Vector3J = Eigen::Matrix<Jet, 3, 1>;
+
+struct TestEvent {
+  double bx, by, tau_s, weight;
+};
+
+Vector3J Cast(const Eigen::Vector3d& v) { return v.cast<Jet>(); }
+
+// N / rho of method.md 2.7 for points moved by the left perturbation xi, to first order.
+Vector3J LineOf(const CameraModel& camera, const RigidTransform& pose, const Eigen::Vector3d& p1,
+                const Eigen::Vector3d& p2, const Eigen::Matrix<Jet, 6, 1>& xi) {
+  const auto moved = [&](const Eigen::Vector3d& p) -> Vector3J {
+    const Vector3J rotated = Cast(pose.rotation * p);
+    const Vector3J dtheta = xi.tail<3>();
+    return rotated + dtheta.cross(rotated) + Cast(pose.translation_m) + xi.head<3>();
+  };
+  const Vector3J n = moved(p1).cross(moved(p2));
+  const Jet nx = n.x() / camera.fx_px;
+  const Jet ny = n.y() / camera.fy_px;
+  return n / sqrt(nx * nx + ny * ny);
+}
+
+TEST(LineSums, NormalEquationsEqualAutomaticDifferentiation) {
+  CameraModel camera = MakeCamera(1280, 720, 1000.0);
+  camera.fy_px = 980.0;
+  MotionState state;
+  state.camera_from_object = MakePose({0.05, -0.03, 0.8}, {0.4, -0.7, 0.2});
+  state.twist << 0.3, -0.2, 0.1, 1.0, -2.0, 0.5;
+  const TrackedLine line{0, {-0.07, 0.03, 0.07}, {0.07, 0.02, -0.05}};
+  std::vector<ImageLine> image;
+  ProjectLines(camera, state, {line}, image);
+
+  Random random(1);
+  std::vector<TestEvent> events;
+  LineSums sums;
+  for (int i = 0; i < 200; ++i) {
+    const TestEvent event{random.Uniform(-0.2, 0.2), random.Uniform(-0.2, 0.2), random.Uniform(-5e-3, 5e-3),
+                          random.Uniform()};
+    events.push_back(event);
+    sums.Add(event.bx, event.by, event.tau_s, event.weight);
+  }
+  Matrix12d hessian = Matrix12d::Zero();
+  Vector12d gradient = Vector12d::Zero();
+  AddNormalEquations(sums, image[0].a, image[0].a_dot, image[0].jacobian, 1.0, hessian, gradient);
+
+  Matrix12d expected_hessian = Matrix12d::Zero();
+  Vector12d expected_gradient = Vector12d::Zero();
+  for (const TestEvent& event : events) {
+    // The line at the event's time: moved by xi + tau (V + dV), all to first order.
+    Eigen::Matrix<Jet, 6, 1> xi;
+    for (int k = 0; k < 6; ++k) {
+      xi[k] = Jet(0.0, k);
+      xi[k].v[k + 6] = event.tau_s;
+    }
+    const Vector3J a = LineOf(camera, state.camera_from_object, line.p1, line.p2, xi);
+    const Jet linear = a.x() * event.bx + a.y() * event.by + a.z();
+    const Vector12d row = linear.v;
+    const double d = linear.a + event.tau_s * row.head<6>().dot(state.twist);
+    expected_hessian += event.weight * row * row.transpose();
+    expected_gradient += event.weight * row * d;
+  }
+  EXPECT_LT((hessian - expected_hessian).norm(), 1e-8 * expected_hessian.norm());
+  EXPECT_LT((gradient - expected_gradient).norm(), 1e-8 * expected_gradient.norm());
+  EXPECT_NEAR(sums.weight(), sums.Moment(0)(2, 2), 1e-12);
+}
+
+}  // namespace
+}  // namespace evpose

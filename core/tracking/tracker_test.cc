@@ -1,0 +1,361 @@
+// The tracker on ideal events of a cube: each of them on a line at its own time, but for noise.
+#include "core/tracking/tracker.h"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+#include <vector>
+
+#include "core/base/random.h"
+#include "core/tracking/ideal_events.h"
+#include "core/tracking/tracker_options.h"
+
+namespace evpose {
+namespace {
+
+using testing::ConstantTwist;
+using testing::IdealEventOptions;
+using testing::MakeCamera;
+using testing::MakeCube;
+using testing::MakeIdealEvents;
+using testing::MakePose;
+using testing::Motion;
+
+const CameraModel kCamera = MakeCamera(640, 480, 600.0);
+const RigidTransform kStart = MakePose({0.02, -0.01, 0.6}, {0.6, 0.5, 0.2});
+
+Vector6d Twist(double vx, double vy, double vz, double wx, double wy, double wz) {
+  Vector6d twist;
+  twist << vx, vy, vz, wx, wy, wz;
+  return twist;
+}
+
+struct TrackRun {
+  std::vector<PoseEstimate> estimates;
+  std::unique_ptr<Tracker> tracker;
+};
+
+TrackRun Track(const std::vector<Event>& events, const std::optional<RigidTransform>& pose,
+               const TrackerOptions& options = {}, bool finish = true) {
+  TrackRun run;
+  run.tracker = Tracker::Create(MakeCube(0.15), kCamera, options, pose).value();
+  run.tracker->AddEvents(events, run.estimates);
+  if (finish) run.tracker->Finish(run.estimates);
+  return run;
+}
+
+struct Errors {
+  double position_rmse_of_depth = 0.0;
+  double rotation_median_rad = 0.0;
+  double rotation_max_rad = 0.0;
+};
+
+Errors Compare(const std::vector<PoseEstimate>& estimates, const Motion& motion) {
+  Errors errors;
+  std::vector<double> rotation;
+  for (const PoseEstimate& estimate : estimates) {
+    const RigidTransform truth = motion(estimate.t_us * 1e-6);
+    const double ratio =
+        (estimate.camera_from_object.translation_m - truth.translation_m).norm() / truth.translation_m.norm();
+    errors.position_rmse_of_depth += ratio * ratio / static_cast<double>(estimates.size());
+    rotation.push_back(RotationAngle(truth.rotation, estimate.camera_from_object.rotation));
+  }
+  errors.position_rmse_of_depth = std::sqrt(errors.position_rmse_of_depth);
+  std::sort(rotation.begin(), rotation.end());
+  if (!rotation.empty()) {
+    errors.rotation_median_rad = rotation[rotation.size() / 2];
+    errors.rotation_max_rad = rotation.back();
+  }
+  return errors;
+}
+
+std::vector<Event> Noise(double rate_hz, int64_t t_begin_us, int64_t duration_us, uint64_t seed) {
+  IdealEventOptions options;
+  options.events_per_px2 = 0.0;
+  options.clutter_per_s = rate_hz;
+  options.t_begin_us = t_begin_us;
+  options.duration_us = duration_us;
+  options.seed = seed;
+  return MakeIdealEvents(*MakeCube(0.15), kCamera, ConstantTwist(kStart, Vector6d::Zero()), options);
+}
+
+Motion Tumble(double speed) {
+  return [speed](double t) {
+    const double s = speed * t;
+    return MakePose({0.05 * std::sin(4 * s), 0.04 * std::sin(5 * s + 1), 0.6 + 0.05 * std::sin(3 * s)},
+                    {0.6 + 0.3 * std::sin(2 * s), 0.5 + 0.4 * std::sin(3 * s), 0.2 + 0.3 * std::sin(s)});
+  };
+}
+
+struct MotionCase {
+  const char* name;
+  Vector6d twist;
+  int64_t duration_us;
+};
+
+class TracksConstantTwist : public ::testing::TestWithParam<MotionCase> {};
+
+TEST_P(TracksConstantTwist, ToTheEnd) {
+  const Motion motion = ConstantTwist(kStart, GetParam().twist);
+  IdealEventOptions options;
+  options.duration_us = GetParam().duration_us;
+  const std::vector<Event> events = MakeIdealEvents(*MakeCube(0.15), kCamera, motion, options);
+  const TrackRun run = Track(events, kStart);
+  EXPECT_EQ(run.tracker->state(), TrackState::kTracking);
+  EXPECT_EQ(run.tracker->losses(), 0u);
+  ASSERT_GT(run.estimates.size(), 10u);
+  EXPECT_LT(run.estimates.front().t_us, GetParam().duration_us / 4);
+  const Errors errors = Compare(run.estimates, motion);
+  EXPECT_LT(errors.position_rmse_of_depth, 1e-3);
+  EXPECT_LT(errors.rotation_median_rad, 2.5e-3);
+  EXPECT_LT(errors.rotation_max_rad, 0.02);
+  for (size_t k = 1; k < run.estimates.size(); ++k) {
+    EXPECT_GT(run.estimates[k].t_us, run.estimates[k - 1].t_us);
+    EXPECT_GT(run.estimates[k].explained_ratio, 0.7f);
+    EXPECT_LT(run.estimates[k].residual_rms_px, 1.5f);
+    EXPECT_GT(run.estimates[k].num_events, 0u);
+  }
+}
+
+INSTANTIATE_TEST_SUITE_P(Motions, TracksConstantTwist,
+                         ::testing::Values(MotionCase{"Slow", Twist(0.02, 0.01, 0.0, 0.05, 0.0, 0.05), 600'000},
+                                           MotionCase{"Sideways", Twist(0.3, 0.1, 0.0, 0.0, 0.0, 0.0), 200'000},
+                                           MotionCase{"Fast", Twist(1.2, -0.8, 0.3, 0.0, 0.0, 0.0), 80'000},
+                                           MotionCase{"Approaching", Twist(0.02, 0.0, -0.5, 0.1, 0.1, 0.0), 200'000},
+                                           MotionCase{"Rotating", Twist(0.0, 0.0, 0.0, 1.0, -2.0, 1.5), 200'000},
+                                           MotionCase{"Spinning", Twist(0.1, 0.0, 0.0, 0.0, 0.0, 12.0), 100'000}),
+                         [](const auto& motion) { return motion.param.name; });
+
+TEST(Tracker, TumblingCubeAndTheStaticFitBesideIt) {
+  const Motion motion = Tumble(2.0);
+  IdealEventOptions options;
+  options.duration_us = 500'000;
+  options.clutter_per_s = 200'000;
+  const std::vector<Event> events = MakeIdealEvents(*MakeCube(0.15), kCamera, motion, options);
+  const TrackRun run = Track(events, motion(0.0));
+  EXPECT_EQ(run.tracker->state(), TrackState::kTracking);
+  const Errors mixture = Compare(run.estimates, motion);
+  EXPECT_LT(mixture.position_rmse_of_depth, 1e-3);
+  EXPECT_LT(mixture.rotation_median_rad, 1.5e-3);
+
+  TrackerOptions published;
+  published.estimator = Estimator::kStaticMm;
+  const TrackRun baseline = Track(events, motion(0.0), published);
+  EXPECT_GT(baseline.estimates.size(), run.estimates.size() / 2);
+  const Errors static_mm = Compare(baseline.estimates, motion);
+  EXPECT_LT(static_mm.rotation_median_rad, 0.01);
+  EXPECT_LT(mixture.rotation_median_rad, static_mm.rotation_median_rad);
+}
+
+TEST(Tracker, PublishedCovarianceIsHonestForIndependentEvents) {
+  // The events of this test are independent, so that the information may count each of them.
+  TrackerOptions options;
+  options.mixture.events_per_information = 1.0;
+  const Motion motion = Tumble(1.0);
+  IdealEventOptions ideal;
+  ideal.duration_us = 500'000;
+  const TrackRun run = Track(MakeIdealEvents(*MakeCube(0.15), kCamera, motion, ideal), motion(0.0), options);
+  double nees = 0.0;
+  for (const PoseEstimate& estimate : run.estimates) {
+    const Vector6d error = Difference(motion(estimate.t_us * 1e-6), estimate.camera_from_object);
+    nees += error.dot(estimate.covariance.ldlt().solve(error)) / static_cast<double>(run.estimates.size());
+  }
+  EXPECT_GT(nees, 2.0);  // 6 when exact
+  EXPECT_LT(nees, 18.0);
+}
+
+TEST(Tracker, EstimatesDoNotDependOnTheCutOfCalls) {
+  const Motion motion = Tumble(3.0);
+  IdealEventOptions options;
+  options.duration_us = 60'000;
+  const std::vector<Event> events = MakeIdealEvents(*MakeCube(0.15), kCamera, motion, options);
+  for (const Estimator estimator : {Estimator::kMixture, Estimator::kStaticMm}) {
+    TrackerOptions tracker_options;
+    tracker_options.estimator = estimator;
+    const TrackRun whole = Track(events, kStart, tracker_options);
+    for (const size_t step : {1u, 13u, 4096u}) {
+      auto tracker = Tracker::Create(MakeCube(0.15), kCamera, tracker_options, kStart).value();
+      std::vector<PoseEstimate> estimates;
+      for (size_t i = 0; i < events.size(); i += step) {
+        tracker->AddEvents(absl::MakeConstSpan(events).subspan(i, step), estimates);
+      }
+      tracker->Finish(estimates);
+      ASSERT_EQ(estimates.size(), whole.estimates.size());
+      for (size_t k = 0; k < estimates.size(); ++k) {
+        const PoseEstimate& a = estimates[k];
+        const PoseEstimate& b = whole.estimates[k];
+        EXPECT_EQ(a.t_us, b.t_us);
+        EXPECT_EQ(a.camera_from_object.translation_m, b.camera_from_object.translation_m);
+        EXPECT_EQ(a.camera_from_object.rotation, b.camera_from_object.rotation);
+        EXPECT_EQ(a.covariance, b.covariance);
+        EXPECT_EQ(a.twist, b.twist);
+        EXPECT_EQ(a.state, b.state);
+      }
+    }
+  }
+}
+
+TEST(Tracker, AStillObjectHoldsItsPoseWithGrowingUncertainty) {
+  // Moves for 100 ms, stops within 20 ms, rests for 400 ms among noise, moves on.
+  const auto path = [](double t) {
+    if (t < 0.1) return t;
+    if (t < 0.12) return 0.1 + (t - 0.1) - 25.0 * (t - 0.1) * (t - 0.1);
+    if (t < 0.52) return 0.11;
+    if (t < 0.54) return 0.11 + 25.0 * (t - 0.52) * (t - 0.52);
+    return 0.12 + (t - 0.54);
+  };
+  const Motion motion = [&](double t) { return Perturb(kStart, path(t) * Twist(0.25, 0.15, 0.0, 0.3, 0.2, 0.8)); };
+  IdealEventOptions options;
+  options.duration_us = 640'000;
+  options.clutter_per_s = 30'000;
+  const TrackRun run = Track(MakeIdealEvents(*MakeCube(0.15), kCamera, motion, options), kStart);
+  EXPECT_EQ(run.tracker->losses(), 0u);
+  EXPECT_EQ(run.tracker->state(), TrackState::kTracking);
+  double early = 0.0;
+  double late = 0.0;
+  int degraded = 0;
+  for (const PoseEstimate& estimate : run.estimates) {
+    if (estimate.state == TrackState::kDegraded) ++degraded;
+    if (estimate.t_us > 130'000 && estimate.t_us < 160'000) early = estimate.covariance.trace();
+    if (estimate.t_us > 480'000 && estimate.t_us < 519'000) late = estimate.covariance.trace();
+  }
+  EXPECT_GT(degraded, 5);
+  EXPECT_GT(late, 1.5 * early);
+  const Errors errors = Compare(run.estimates, motion);
+  EXPECT_LT(errors.position_rmse_of_depth, 3e-3);
+  EXPECT_LT(errors.rotation_max_rad, 0.03);
+}
+
+TEST(Tracker, AFloodIsBoundedAndTracked) {
+  const Motion motion = ConstantTwist(kStart, Twist(0.4, 0.2, 0.0, 0.5, 0.5, 0.5));
+  IdealEventOptions options;
+  options.duration_us = 60'000;
+  options.events_per_px2 = 20.0;
+  options.clutter_per_s = 10e6;
+  const std::vector<Event> events = MakeIdealEvents(*MakeCube(0.15), kCamera, motion, options);
+  ASSERT_GT(events.size(), 800'000u);
+  const TrackRun run = Track(events, kStart);
+  EXPECT_EQ(run.tracker->state(), TrackState::kTracking);
+  EXPECT_LE(run.estimates.size(), 60u);
+  EXPECT_GT(run.estimates.size(), 40u);
+  EXPECT_LT(Compare(run.estimates, motion).position_rmse_of_depth, 1e-3);
+}
+
+TEST(Tracker, NoPoseIsClaimedOnNoise) {
+  for (const double rate_hz : {50e3, 1e6, 10e6}) {
+    const TrackRun run = Track(Noise(rate_hz, 0, 60'000, 5), kStart);
+    EXPECT_TRUE(run.estimates.empty()) << rate_hz;
+    EXPECT_EQ(run.tracker->state(), TrackState::kLost) << rate_hz;
+    EXPECT_EQ(run.tracker->losses(), 1u) << rate_hz;
+  }
+}
+
+TEST(Tracker, DenseNoiseLosesTheTrackSoon) {
+  const Motion motion = ConstantTwist(kStart, Twist(0.3, 0.1, 0.0, 0.5, 0.5, 0.5));
+  IdealEventOptions options;
+  options.duration_us = 50'000;
+  std::vector<Event> events = MakeIdealEvents(*MakeCube(0.15), kCamera, motion, options);
+  const std::vector<Event> noise = Noise(5e6, 50'000, 60'000, 6);
+  events.insert(events.end(), noise.begin(), noise.end());
+  const TrackRun run = Track(events, kStart);
+  EXPECT_EQ(run.tracker->state(), TrackState::kLost);
+  ASSERT_FALSE(run.estimates.empty());
+  EXPECT_LT(run.estimates.back().t_us, 100'000);
+}
+
+TEST(Tracker, LosesAnObjectThatLeavesTheImage) {
+  const Motion motion = ConstantTwist(kStart, Twist(3.0, 0.0, 0.0, 0.0, 0.0, 0.0));
+  IdealEventOptions options;
+  options.duration_us = 250'000;  // out of view after about 0.16 s
+  const TrackRun run = Track(MakeIdealEvents(*MakeCube(0.15), kCamera, motion, options), kStart, {}, false);
+  EXPECT_EQ(run.tracker->state(), TrackState::kLost);
+  EXPECT_EQ(run.tracker->losses(), 1u);
+  ASSERT_FALSE(run.estimates.empty());
+  EXPECT_GT(run.estimates.back().t_us, 80'000);
+  EXPECT_LT(run.estimates.back().t_us, 210'000);
+}
+
+TEST(Tracker, WrongFirstPosesAreNeverClaimed) {
+  const Motion motion = Tumble(1.0);
+  IdealEventOptions options;
+  options.duration_us = 40'000;
+  options.clutter_per_s = 200'000;
+  const std::vector<Event> events = MakeIdealEvents(*MakeCube(0.15), kCamera, motion, options);
+  Random random(9);
+  for (int k = 0; k < 30; ++k) {
+    const Eigen::Vector3d rotation(random.Uniform(-1.5, 1.5), random.Uniform(-1.5, 1.5), random.Uniform(-1.5, 1.5));
+    const RigidTransform wrong =
+        MakePose({random.Uniform(-0.15, 0.15), random.Uniform(-0.1, 0.1), random.Uniform(0.4, 1.0)}, rotation);
+    const TrackRun run = Track(events, wrong);
+    EXPECT_EQ(run.tracker->state(), TrackState::kLost) << k;
+    EXPECT_TRUE(run.estimates.empty()) << k;
+  }
+}
+
+TEST(Tracker, AFirstPoseThatIsSlightlyOffIsTakenUpAndCorrected) {
+  const Motion motion = ConstantTwist(kStart, Twist(0.3, 0.2, 0.0, 0.5, 0.5, 0.5));
+  IdealEventOptions options;
+  options.duration_us = 80'000;
+  const std::vector<Event> events = MakeIdealEvents(*MakeCube(0.15), kCamera, motion, options);
+  const RigidTransform near = Perturb(kStart, Twist(0.002, -0.002, 0.004, 0.01, -0.01, 0.01));
+  const TrackRun run = Track(events, near);
+  EXPECT_EQ(run.tracker->state(), TrackState::kTracking);
+  ASSERT_GT(run.estimates.size(), 20u);
+  EXPECT_LT(run.estimates.front().t_us, 15'000);
+  const std::vector<PoseEstimate> last(run.estimates.end() - 10, run.estimates.end());
+  EXPECT_LT(Compare(last, motion).position_rmse_of_depth, 2e-3);
+}
+
+TEST(Tracker, ResetPoseStartsAgain) {
+  const Motion motion = ConstantTwist(kStart, Twist(0.3, 0.1, 0.0, 0.5, 0.0, 0.5));
+  IdealEventOptions options;
+  options.duration_us = 120'000;
+  const std::vector<Event> events = MakeIdealEvents(*MakeCube(0.15), kCamera, motion, options);
+  const auto middle = static_cast<size_t>(
+      std::lower_bound(events.begin(), events.end(), 60'000, [](const Event& e, int64_t t) { return e.t_us < t; }) -
+      events.begin());
+  TrackRun run = Track({events.begin(), events.begin() + static_cast<std::ptrdiff_t>(middle)},
+                       MakePose({0.03, -0.02, 0.6}, {0.1, 0.1, 1.2}), {}, false);
+  EXPECT_EQ(run.tracker->state(), TrackState::kLost);
+  EXPECT_TRUE(run.estimates.empty());
+
+  run.tracker->ResetPose(motion(events[middle - 1].t_us * 1e-6));
+  EXPECT_EQ(run.tracker->state(), TrackState::kInitializing);
+  run.tracker->AddEvents(absl::MakeConstSpan(events).subspan(middle), run.estimates);
+  run.tracker->Finish(run.estimates);
+  EXPECT_EQ(run.tracker->state(), TrackState::kTracking);
+  EXPECT_EQ(run.tracker->losses(), 1u);
+  EXPECT_GT(run.estimates.size(), 20u);
+  EXPECT_LT(Compare(run.estimates, motion).position_rmse_of_depth, 2e-3);
+}
+
+TEST(Tracker, WithoutAPoseItStaysInitializing) {
+  const TrackRun run = Track(Noise(1e6, 0, 30'000, 7), std::nullopt);
+  EXPECT_EQ(run.tracker->state(), TrackState::kInitializing);
+  EXPECT_TRUE(run.estimates.empty());
+  EXPECT_EQ(run.tracker->losses(), 0u);
+}
+
+TEST(Tracker, APoseOutsideTheImageIsLostAtOnce) {
+  for (const Eigen::Vector3d& translation : {Eigen::Vector3d(5.0, 0.0, 0.6), Eigen::Vector3d(0.0, 0.0, -0.6)}) {
+    const TrackRun run = Track(Noise(1e6, 0, 5'000, 8), MakePose(translation, {0.0, 0.0, 0.0}), {}, false);
+    EXPECT_EQ(run.tracker->state(), TrackState::kLost);
+    EXPECT_TRUE(run.estimates.empty());
+  }
+}
+
+TEST(Tracker, TimeMarksCloseWindowsWithoutEvents) {
+  const Motion motion = ConstantTwist(kStart, Twist(0.3, 0.1, 0.0, 0.5, 0.0, 0.5));
+  IdealEventOptions options;
+  options.duration_us = 50'000;
+  TrackRun run = Track(MakeIdealEvents(*MakeCube(0.15), kCamera, motion, options), kStart, {}, false);
+  const size_t before = run.estimates.size();
+  run.tracker->AdvanceTime(150'000, run.estimates);
+  ASSERT_GT(run.estimates.size(), before + 3);
+  EXPECT_EQ(run.estimates.back().state, TrackState::kDegraded);
+  EXPECT_LT(run.estimates.back().t_us, 150'000);
+}
+
+}  // namespace
+}  // namespace evpose

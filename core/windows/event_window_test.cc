@@ -1,0 +1,211 @@
+#include "core/windows/event_window.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <functional>
+#include <vector>
+
+namespace evpose {
+namespace {
+
+using ::testing::HasSubstr;
+
+struct SeenWindow {
+  int64_t t_begin_us;
+  int64_t t_end_us;
+  std::vector<Event> events;
+  uint64_t num_events;
+  bool closed_on_time;
+
+  friend bool operator==(const SeenWindow&, const SeenWindow&) = default;
+};
+
+class Recorder {
+ public:
+  explicit Recorder(const WindowOptions& options) : windower_(options) {}
+
+  void Add(absl::Span<const Event> events) { windower_.Add(events, on_window_); }
+  void AdvanceTime(int64_t t_us) { windower_.AdvanceTime(t_us, on_window_); }
+  void Finish() { windower_.Finish(on_window_); }
+  const std::vector<SeenWindow>& windows() const { return windows_; }
+
+ private:
+  EventWindower windower_;
+  std::vector<SeenWindow> windows_;
+  std::function<void(const EventWindow&)> on_window_ = [this](const EventWindow& window) {
+    windows_.push_back({window.t_begin_us,
+                        window.t_end_us,
+                        {window.events.begin(), window.events.end()},
+                        window.num_events,
+                        window.closed_on_time});
+  };
+};
+
+WindowOptions SmallOptions() {
+  WindowOptions options;
+  options.interval_us = 100;
+  options.max_duration_us = 1000;
+  options.min_events = 5;
+  options.max_events = 64;
+  options.max_gap_us = 5000;
+  return options;
+}
+
+// Events every `period_us`, `count` of them; x counts.
+std::vector<Event> Regular(int64_t t_us, int64_t period_us, int count) {
+  std::vector<Event> events;
+  for (int i = 0; i < count; ++i) {
+    events.push_back({t_us + i * period_us, static_cast<uint16_t>(i), 7, static_cast<uint8_t>(i & 1)});
+  }
+  return events;
+}
+
+TEST(EventWindower, ClosesAtTheIntervalWhenThereAreEnoughEvents) {
+  Recorder recorder(SmallOptions());
+  recorder.Add(Regular(1000, 10, 25));  // 10 events in each interval
+  ASSERT_EQ(recorder.windows().size(), 2u);
+  EXPECT_EQ(recorder.windows()[0].t_begin_us, 1000);
+  EXPECT_EQ(recorder.windows()[0].t_end_us, 1100);
+  EXPECT_EQ(recorder.windows()[0].num_events, 10u);
+  EXPECT_FALSE(recorder.windows()[0].closed_on_time);
+  EXPECT_EQ(recorder.windows()[1].t_begin_us, 1100);
+  EXPECT_EQ(recorder.windows()[1].events.front().t_us, 1100);  // an event at the boundary is the next window's
+}
+
+TEST(EventWindower, MergesIntervalsWithTooFewEvents) {
+  Recorder recorder(SmallOptions());
+  recorder.Add(Regular(0, 40, 20));  // 2 or 3 events in each interval
+  ASSERT_GE(recorder.windows().size(), 2u);
+  EXPECT_EQ(recorder.windows()[0].t_end_us, 200);
+  EXPECT_EQ(recorder.windows()[0].num_events, 5u);
+  EXPECT_FALSE(recorder.windows()[0].closed_on_time);
+}
+
+TEST(EventWindower, ClosesOnTimeWhenStillAndSaysSo) {
+  Recorder recorder(SmallOptions());
+  recorder.Add(Regular(0, 1, 1));
+  recorder.AdvanceTime(999);
+  EXPECT_TRUE(recorder.windows().empty());
+  recorder.AdvanceTime(3000);
+  ASSERT_EQ(recorder.windows().size(), 3u);
+  EXPECT_EQ(recorder.windows()[0].t_end_us, 1000);
+  EXPECT_EQ(recorder.windows()[0].num_events, 1u);
+  EXPECT_EQ(recorder.windows()[2].num_events, 0u);
+  for (const SeenWindow& window : recorder.windows()) EXPECT_TRUE(window.closed_on_time);
+}
+
+TEST(EventWindower, WindowsFollowEachOtherWithoutGapOrOverlap) {
+  Recorder recorder(SmallOptions());
+  recorder.Add(Regular(0, 33, 100));
+  recorder.AdvanceTime(9000);
+  recorder.Add(Regular(9000, 3, 500));
+  recorder.Finish();
+  uint64_t events = 0;
+  for (size_t k = 0; k < recorder.windows().size(); ++k) {
+    const SeenWindow& window = recorder.windows()[k];
+    if (k > 0) {
+      EXPECT_EQ(window.t_begin_us, recorder.windows()[k - 1].t_end_us);
+    }
+    EXPECT_LT(window.t_begin_us, window.t_end_us);
+    EXPECT_LE(window.t_end_us - window.t_begin_us, 6000);
+    events += window.num_events;
+  }
+  EXPECT_EQ(events, 600u);
+}
+
+TEST(EventWindower, FloodIsSampledEvenlyAndKeepsItsDuration) {
+  WindowOptions options = SmallOptions();
+  options.max_events = 400;
+  Recorder recorder(options);
+  std::vector<Event> flood;
+  for (int i = 0; i < 100'000; ++i) {  // pairs of neighbours, as a row read out across an edge gives them
+    flood.push_back({i / 1000, static_cast<uint16_t>(i % 2), 0, 1});
+  }
+  recorder.Add(flood);
+  recorder.AdvanceTime(100);
+  ASSERT_EQ(recorder.windows().size(), 1u);
+  const SeenWindow& window = recorder.windows()[0];
+  EXPECT_EQ(window.t_end_us - window.t_begin_us, options.interval_us);
+  EXPECT_EQ(window.num_events, 100'000u);
+  EXPECT_LE(window.events.size(), 400u);
+  EXPECT_GE(window.events.size(), 150u);
+  const auto count_if = [&](auto predicate) {
+    return static_cast<double>(std::count_if(window.events.begin(), window.events.end(), predicate)) /
+           static_cast<double>(window.events.size());
+  };
+  EXPECT_NEAR(count_if([](const Event& e) { return e.x == 0; }), 0.5, 0.15);
+  EXPECT_NEAR(count_if([](const Event& e) { return e.t_us < 50; }), 0.5, 0.15);
+}
+
+TEST(EventWindower, LateEventsJoinTheOpenWindow) {
+  Recorder recorder(SmallOptions());
+  recorder.Add(Regular(0, 10, 11));
+  ASSERT_EQ(recorder.windows().size(), 1u);
+  const std::vector<Event> late = {{30, 500, 7, 1}, {-1'000'000'000, 501, 7, 1}};
+  recorder.Add(late);
+  recorder.AdvanceTime(1100);
+  ASSERT_EQ(recorder.windows().size(), 2u);
+  const SeenWindow& window = recorder.windows()[1];
+  EXPECT_EQ(window.num_events, 3u);
+  for (const Event& event : window.events) EXPECT_EQ(event.t_us, 100);
+}
+
+TEST(EventWindower, ALongSilenceIsOneWindow) {
+  Recorder recorder(SmallOptions());
+  recorder.Add(Regular(0, 10, 3));
+  const int64_t far_us = int64_t{1} << 50;
+  recorder.AdvanceTime(far_us);
+  ASSERT_EQ(recorder.windows().size(), 2u);
+  EXPECT_EQ(recorder.windows()[0].num_events, 3u);
+  EXPECT_EQ(recorder.windows()[1].num_events, 0u);
+  EXPECT_EQ(recorder.windows()[1].t_end_us, far_us);
+  recorder.Add(Regular(far_us, 10, 11));
+  EXPECT_EQ(recorder.windows().size(), 3u);
+}
+
+TEST(EventWindower, TheCutOfCallsDoesNotMatter) {
+  std::vector<Event> events = Regular(0, 3, 2000);
+  for (size_t i = 50; i < events.size(); i += 97) events[i].t_us -= 40;
+  for (size_t i = 1500; i < events.size(); ++i) events[i].t_us = 4500 + static_cast<int64_t>(i - 1500) / 50;
+  Recorder whole(SmallOptions());
+  whole.Add(events);
+  whole.Finish();
+  for (const size_t step : {1u, 7u, 64u, 1000u}) {
+    Recorder pieces(SmallOptions());
+    for (size_t i = 0; i < events.size(); i += step) {
+      pieces.Add(absl::MakeConstSpan(events).subspan(i, step));
+    }
+    pieces.Finish();
+    EXPECT_EQ(pieces.windows(), whole.windows()) << step;
+  }
+}
+
+TEST(EventWindower, FinishClosesWhatIsOpenOnce) {
+  Recorder recorder(SmallOptions());
+  recorder.Finish();
+  EXPECT_TRUE(recorder.windows().empty());
+  recorder.Add(Regular(0, 10, 3));
+  recorder.Finish();
+  recorder.Finish();
+  ASSERT_EQ(recorder.windows().size(), 1u);
+  EXPECT_EQ(recorder.windows()[0].t_end_us, 21);
+}
+
+TEST(WindowOptions, ValidateNamesTheField) {
+  EXPECT_TRUE(WindowOptions().Validate().ok());
+  const auto message = [](auto change) {
+    WindowOptions options;
+    change(options);
+    return std::string(options.Validate().message());
+  };
+  EXPECT_THAT(message([](WindowOptions& o) { o.interval_us = 0; }), HasSubstr("interval_us"));
+  EXPECT_THAT(message([](WindowOptions& o) { o.max_duration_us = o.interval_us - 1; }), HasSubstr("max_duration_us"));
+  EXPECT_THAT(message([](WindowOptions& o) { o.min_events = 0; }), HasSubstr("min_events"));
+  EXPECT_THAT(message([](WindowOptions& o) { o.max_events = o.min_events - 1; }), HasSubstr("max_events"));
+  EXPECT_THAT(message([](WindowOptions& o) { o.max_gap_us = 1; }), HasSubstr("max_gap_us"));
+}
+
+}  // namespace
+}  // namespace evpose
