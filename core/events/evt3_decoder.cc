@@ -23,16 +23,19 @@ enum Evt3Type : uint32_t {
   kContinued12 = 0xF,
 };
 
-// Nearly all words of a recording are of these types, in an order that no branch predictor learns: they take one path
-// without a branch.
-constexpr uint32_t kFrequentTypes = 1u << kAddrY | 1u << kAddrX | 1u << kTimeLow;
+// Rows and columns are most of a recording, in an order that no branch predictor learns: these two types, and only
+// these, have none of these bits, and they take one path without a branch.
+constexpr uint32_t kNotAddress = 0xd000;
+constexpr uint32_t kColumnBit = 0x2000;
 
 constexpr uint32_t kTripleWords = 3;
 
+// Beyond every sensor: no row was named, or one of another kind.
+constexpr uint32_t kNoRow = 0xffff;
+
 struct Evt3State {
   Evt3Clock clock;
-  uint32_t row = 0;
-  bool row_valid = false;  // a row of the sensor was named
+  uint32_t row = kNoRow;
   bool has_base = false;
   uint32_t vector_base = 0;
   uint8_t vector_polarity = 0;
@@ -66,7 +69,7 @@ class Evt3Decoder final : public WordDecoder {
     needs_time_low_ = true;
     wait_ = Wait::kTimeHigh;
     has_row_ = false;
-    state_.row_valid = false;
+    state_.row = kNoRow;
     state_.has_base = false;
   }
 
@@ -74,12 +77,17 @@ class Evt3Decoder final : public WordDecoder {
     const uint32_t content = word & 0xfff;
     switch (word >> 12) {
       case kTimeHigh:
-        SetTimeHigh(content);
+        if (state_.clock.started()) {
+          TimeIsSet(state_.clock.SetHigh(content), sink_.begin());
+        } else {
+          state_.clock.SetHigh(content);
+          sink_.RestartMarks(sink_.begin(), state_.clock.now_us());
+        }
         wait_ = needs_time_low_ ? Wait::kTimeLow : Wait::kNothing;
         return;
       case kTimeLow:
         if (wait_ != Wait::kTimeLow) return;
-        SetTimeLow(content);
+        TimeIsSet(state_.clock.SetLow(content), sink_.begin());
         wait_ = Wait::kNothing;
         return;
       case kAddrX:
@@ -103,144 +111,107 @@ class Evt3Decoder final : public WordDecoder {
     }
   }
 
-  // For words outside Run(), when no event waits in the buffer.
-  void SetTimeHigh(uint32_t high) {
-    const bool was_started = state_.clock.started();
-    const bool forward = state_.clock.SetHigh(high);
-    TimeIsSet(was_started && forward);
-  }
-  void SetTimeLow(uint32_t low) { TimeIsSet(state_.clock.SetLow(low)); }
-  void TimeIsSet(bool forward) {
-    const int64_t now_us = state_.clock.now_us();
-    if (!forward) {
-      sink_.RestartMarks(sink_.begin(), now_us);
-    } else if (now_us >= sink_.mark_due_us()) {
-      sink_.MarkTime(sink_.begin(), now_us);
-    }
-  }
-
   // Decodes from `index` on. Without a row so far it stops behind the first one.
   template <bool kHasRow>
   size_t Run(const uint8_t* words, size_t index, size_t count) {
-    // The loop works on copies that the compiler can keep in registers.
-    Evt3State state = state_;
     const uint32_t width = width_;
     const uint32_t height = height_;
-    Event* cursor = sink_.begin();
     const Event* const limit = sink_.limit();
-    uint64_t dropped = 0;
-    uint64_t kept_outside = 0;
-    int64_t low_us = state.clock.low_us();
-    int64_t t_us = state.clock.now_us();
+    Event* cursor = sink_.begin();
+    uint64_t num_dropped = 0;
+    uint64_t num_kept_outside = 0;
+    int64_t t_us = state_.clock.now_us();
     int64_t mark_due_us = sink_.mark_due_us();
+    uint32_t row = state_.row;
     while (index < count) {
       const uint32_t word = LoadWord<uint16_t>(words + 2 * index);
-      const uint32_t type = word >> 12;
-      const uint32_t content = word & 0xfff;
-      if ((kFrequentTypes >> type) & 1) [[likely]] {
-        ++index;
-        const bool is_row = type == kAddrY;
-        state.row = is_row ? content : state.row;
-        state.row_valid = is_row ? content < height : state.row_valid;
-        if (type == kTimeLow && content < low_us) [[unlikely]] {
-          state.clock.SetLow(low_us);  // what it missed so far
-          state.clock.SetLow(content);
-          sink_.RestartMarks(cursor, state.clock.now_us());
-          mark_due_us = sink_.mark_due_us();
+      if ((word & kNotAddress) != 0) {
+        const uint32_t type = word >> 12;
+        const int64_t low_time_us = state_.clock.base_us() + (word & 0xfff);
+        if (type == kTimeLow && low_time_us >= t_us && low_time_us < mark_due_us) [[likely]] {
+          t_us = low_time_us;
+          ++index;
+          continue;
         }
-        low_us = type == kTimeLow ? content : low_us;
-        t_us = state.clock.base_us() + low_us;
-        if (t_us >= mark_due_us) [[unlikely]] {
-          cursor = sink_.MarkTime(cursor, t_us);
-          mark_due_us = sink_.mark_due_us();
-        }
-        const uint32_t x = content & 0x7ff;
-        const bool is_event = type == kAddrX;
-        const bool inside = x < width;
-        const bool emitted = is_event & state.row_valid & (kKeepOutside | inside);
-        *cursor = {t_us, static_cast<uint16_t>(x), static_cast<uint16_t>(state.row),
-                   static_cast<uint8_t>(content >> 11)};
-        cursor += emitted;
-        dropped += is_event & !emitted;
-        if constexpr (kKeepOutside) kept_outside += emitted & !inside;
-        if (cursor >= limit) [[unlikely]]
-          cursor = sink_.Flush(cursor);
-        if constexpr (!kHasRow) {
-          if (is_row) {
-            has_row_ = true;
-            break;
-          }
-        }
-        continue;
-      }
-      if (type == kVect12) {
-        if (count - index < kTripleWords) break;
-        cursor = DecodeTriple(words + 2 * index, t_us, state, cursor, dropped);
-        index += kTripleWords;
+        if (type == kVect12 && count - index < kTripleWords) break;
+        state_.row = row;
+        state_.clock.SetLow(t_us - state_.clock.base_us());
+        cursor =
+            type == kVect12 ? DecodeTriple(words + 2 * index, cursor) : DecodeOtherWord(type, word & 0xfff, cursor);
+        row = state_.row;
+        t_us = state_.clock.now_us();
+        mark_due_us = sink_.mark_due_us();
+        index += type == kVect12 ? kTripleWords : 1;
         continue;
       }
       ++index;
-      state.clock.SetLow(low_us);
-      cursor = DecodeRareWord(type, content, state, cursor);
-      low_us = state.clock.low_us();
-      t_us = state.clock.now_us();
-      mark_due_us = sink_.mark_due_us();
+      const bool is_event = (word & kColumnBit) != 0;
+      row = is_event ? row : word;
+      const uint32_t x = word & 0x7ff;
+      const bool inside = x < width;
+      const bool emitted = is_event & (row < height) & (kKeepOutside | inside);
+      StoreEvent(cursor, t_us, x, row, (word >> 11) & 1);
+      cursor += emitted;
+      num_dropped += is_event ^ emitted;
+      if constexpr (kKeepOutside) num_kept_outside += emitted & !inside;
+      if (cursor >= limit) [[unlikely]]
+        cursor = sink_.Flush(cursor);
+      if constexpr (!kHasRow) {
+        has_row_ = !is_event;
+        if (has_row_) break;
+      }
     }
-    state.clock.SetLow(low_us);
+    state_.row = row;
+    state_.clock.SetLow(t_us - state_.clock.base_us());
     sink_.Flush(cursor);
-    (kHasRow ? counts_.dropped_outside_sensor : counts_.dropped_before_time) += dropped;
-    counts_.kept_outside_sensor += kept_outside;
-    state_ = state;
+    (kHasRow ? counts_.dropped_outside_sensor : counts_.dropped_before_time) += num_dropped;
+    counts_.kept_outside_sensor += num_kept_outside;
     return index;
   }
 
   // The 12 + 12 + 8 pixels from the base on. Whatever the types of the second and third word, they are taken as masks,
   // as OpenEB does.
-  Event* DecodeTriple(const uint8_t* words, int64_t t_us, Evt3State& state, Event* cursor, uint64_t& dropped) {
+  Event* DecodeTriple(const uint8_t* words, Event* cursor) {
     const uint32_t first = LoadWord<uint16_t>(words);
     const uint32_t second = LoadWord<uint16_t>(words + 2);
     const uint32_t third = LoadWord<uint16_t>(words + 4);
     uint32_t mask = (first & 0xfff) | (second & 0xfff) << 12 | (third & 0xff) << 24;
     const bool broken = second >> 12 != kVect12 || third >> 12 != kVect8;
-    if (!state.row_valid) {
-      counts_.broken_vectors += broken;
-      dropped += static_cast<uint64_t>(std::popcount(mask));
+    counts_.broken_vectors += broken || (state_.row < height_ && !state_.has_base);
+    if (state_.row >= height_) {
+      (has_row_ ? counts_.dropped_outside_sensor : counts_.dropped_before_time) +=
+          static_cast<uint64_t>(std::popcount(mask));
       return cursor;
     }
-    counts_.broken_vectors += broken | !state.has_base;
-    if (!state.has_base) return cursor;
-    const uint32_t base = state.vector_base;
-    state.vector_base += 32;
+    if (!state_.has_base) return cursor;
+    const uint32_t base = state_.vector_base;
+    state_.vector_base += 32;
     if (base + 32 > width_) {
-      dropped += static_cast<uint64_t>(std::popcount(mask));
+      counts_.dropped_outside_sensor += static_cast<uint64_t>(std::popcount(mask));
       return cursor;
     }
+    const int64_t t_us = state_.clock.now_us();
     for (; mask != 0; mask &= mask - 1) {
-      const auto x = static_cast<uint16_t>(base + static_cast<uint32_t>(std::countr_zero(mask)));
-      *cursor++ = {t_us, x, static_cast<uint16_t>(state.row), state.vector_polarity};
+      const uint32_t x = base + static_cast<uint32_t>(std::countr_zero(mask));
+      StoreEvent(cursor++, t_us, x, state_.row, state_.vector_polarity);
     }
     return cursor >= sink_.limit() ? sink_.Flush(cursor) : cursor;
   }
 
-  Event* DecodeRareWord(uint32_t type, uint32_t content, Evt3State& state, Event* cursor) {
+  Event* DecodeOtherWord(uint32_t type, uint32_t content, Event* cursor) {
     switch (type) {
-      case kTimeHigh: {
-        const bool forward = state.clock.SetHigh(content);
-        const int64_t now_us = state.clock.now_us();
-        if (!forward) {
-          sink_.RestartMarks(cursor, now_us);
-        } else if (now_us >= sink_.mark_due_us()) {
-          return sink_.MarkTime(cursor, now_us);
-        }
-        return cursor;
-      }
+      case kTimeHigh:
+        return TimeIsSet(state_.clock.SetHigh(content), cursor);
+      case kTimeLow:
+        return TimeIsSet(state_.clock.SetLow(content), cursor);
       case kVectBaseX:
-        state.vector_base = content & 0x7ff;
-        state.vector_polarity = static_cast<uint8_t>(content >> 11);
-        state.has_base = true;
+        state_.vector_base = content & 0x7ff;
+        state_.vector_polarity = static_cast<uint8_t>(content >> 11);
+        state_.has_base = true;
         return cursor;
       case kExtTrigger:
-        sink_.AddTrigger({state.clock.now_us(), static_cast<uint8_t>(content >> 8), static_cast<uint8_t>(content & 1)});
+        sink_.AddTrigger(
+            {state_.clock.now_us(), static_cast<uint8_t>(content >> 8), static_cast<uint8_t>(content & 1)});
         ++counts_.triggers;
         return cursor;
       case kVect8:  // the end of a triple whose beginning is missing
@@ -251,12 +222,22 @@ class Evt3Decoder final : public WordDecoder {
       case kContinued12:
         return cursor;
       case kReservedRow:  // addresses of another kind follow, until the next row
-        state.row_valid = false;
+        state_.row = kNoRow;
         [[fallthrough]];
       default:
         ++counts_.unknown_words;
         return cursor;
     }
+  }
+
+  Event* TimeIsSet(bool forward, Event* cursor) {
+    const int64_t now_us = state_.clock.now_us();
+    if (!forward) {
+      sink_.RestartMarks(cursor, now_us);
+    } else if (now_us >= sink_.mark_due_us()) {
+      return sink_.MarkTime(cursor, now_us);
+    }
+    return cursor;
   }
 
   const uint32_t width_;
