@@ -13,6 +13,7 @@
 #include "core/base/output_file.h"
 #include "server/rpc/listen_address.h"
 #include "server/rpc/server.h"
+#include "server/sessions/log.h"
 
 namespace {
 
@@ -74,7 +75,7 @@ int Fail(int exit_status, const std::string& cause) {
 void LogOfGrpc(gpr_log_func_args* args) { spdlog::debug("grpc: {}", args->message); }
 
 void SetUpLog(const std::string& level) {
-  spdlog::set_default_logger(spdlog::stderr_logger_mt("evpose-server"));
+  spdlog::set_default_logger(spdlog::stderr_logger_mt(evpose::server::kLogName));
   spdlog::set_pattern("%Y-%m-%dT%H:%M:%S.%e%z %l %v");
   spdlog::set_level(spdlog::level::from_str(level));
   gpr_set_log_function(LogOfGrpc);

@@ -1,12 +1,11 @@
 #include "server/sessions/session_manager.h"
 
-#include <spdlog/spdlog.h>
-
 #include <utility>
 
 #include "absl/strings/str_cat.h"
 #include "core/base/status_macros.h"
 #include "server/sessions/errors.h"
+#include "server/sessions/log.h"
 #include "server/sessions/random_name.h"
 
 namespace evpose::server {
@@ -99,9 +98,9 @@ absl::StatusOr<std::shared_ptr<Session>> SessionManager::Insert(std::shared_ptr<
     }
   }
   if (known.ok() && *known == nullptr) {
-    spdlog::info("{} created: {}, {}x{}, {} object(s)", session->name(), EncodingName(session->config().encoding),
-                 session->config().camera.width_px, session->config().camera.height_px,
-                 session->config().objects.size());
+    ServerLog().info("{} created: {}, {}x{}, {} object(s)", session->name(), EncodingName(session->config().encoding),
+                     session->config().camera.width_px, session->config().camera.height_px,
+                     session->config().objects.size());
     return session;
   }
   Remove({{std::move(session), ""}}, "was made twice");
@@ -166,9 +165,9 @@ void SessionManager::Remove(std::vector<Entry> entries, const char* reason) {
     entry.session->Close(
         WithReason(absl::NotFoundError(absl::StrCat(name, " ", reason)), "SESSION_DELETED", {{"session", name}}));
     if (const absl::Status status = store_.DeletePoseLog(name); !status.ok()) {
-      spdlog::warn("{}: its poses cannot be deleted: {}", name, std::string(status.message()));
+      ServerLog().warn("{}: its poses cannot be deleted: {}", name, std::string(status.message()));
     }
-    spdlog::info("{} {}: {} poses", name, reason, entry.session->Watch().last_pose_seq);
+    ServerLog().info("{} {}: {} poses", name, reason, entry.session->Watch().last_pose_seq);
   }
 }
 

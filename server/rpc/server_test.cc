@@ -1,0 +1,307 @@
+// The server as a whole: its addresses, its unary calls and what they promise.
+#include "server/rpc/server.h"
+
+#include "absl/strings/escaping.h"
+#include "core/base/hash.h"
+#include "grpc/health/v1/health.grpc.pb.h"
+#include "server/rpc/listen_address.h"
+#include "server/rpc/testing.h"
+
+namespace evpose::server {
+namespace {
+
+class ServerTest : public RpcTest {};
+
+TEST_F(ServerTest, CreatesASessionAndTellsOfIt) {
+  v1::Session created;
+  ASSERT_EQ(Describe(Create(CreateRequest(), &created)), "OK");
+  EXPECT_THAT(created.name(), testing::MatchesRegex("sessions/[0-9a-f]{32}"));
+  EXPECT_EQ(created.resume_token().size(), 32u);
+  EXPECT_EQ(created.config().tracker().estimator(), v1::ESTIMATOR_MIXTURE) << "the effective configuration";
+  EXPECT_EQ(created.config().camera().distortion_size(), 5);
+  EXPECT_EQ(created.state(), v1::SESSION_STATE_DETACHED);
+  EXPECT_GT(created.expire_time().seconds(), created.create_time().seconds());
+
+  v1::Session found;
+  ASSERT_EQ(Describe(Get(created.name(), &found)), "OK");
+  EXPECT_EQ(found.resume_token(), "") << "a secret of the creator";
+  EXPECT_EQ(found.config().SerializeAsString(), created.config().SerializeAsString());
+  EXPECT_EQ(found.health().objects(0).state(), v1::TRACK_STATE_TRACKING);
+  EXPECT_EQ(Describe(Delete(created.name())), "OK");
+  EXPECT_EQ(Describe(Delete(created.name())), "OK") << "deleting twice is OK";
+  EXPECT_EQ(Describe(Get(created.name(), &found)), "NOT_FOUND SESSION_NOT_FOUND");
+}
+
+TEST_F(ServerTest, NamesTheFieldOfABadConfiguration) {
+  using Spoil = std::function<void(v1::SessionConfig&)>;
+  const std::vector<std::pair<std::string, Spoil>> cases = {
+      {"config.encoding", [](auto& config) { config.clear_encoding(); }},
+      {"config.encoding", [](auto& config) { config.set_encoding(static_cast<v1::EventEncoding>(99)); }},
+      {"config.tracker.estimator",
+       [](auto& config) { config.mutable_tracker()->set_estimator(static_cast<v1::Estimator>(99)); }},
+      {"config.camera", [](auto& config) { config.clear_camera(); }},
+      {"config.camera", [](auto& config) { config.mutable_camera()->set_width_px(0); }},
+      {"config.camera", [](auto& config) { config.mutable_camera()->set_width_px(4'000'000'000u); }},
+      {"config.camera", [](auto& config) { config.mutable_camera()->set_fx_px(std::nan("")); }},
+      {"config.camera",
+       [](auto& config) {
+         config.set_encoding(v1::EVENT_ENCODING_EVT3);
+         config.mutable_camera()->set_width_px(5000);  // EVT3 addresses 2048 columns
+       }},
+      {"config.camera.distortion", [](auto& config) { config.mutable_camera()->add_distortion(0.1); }},
+      {"config.objects", [](auto& config) { config.clear_objects(); }},
+      {"config.objects[0].object_id", [](auto& config) { config.mutable_objects(0)->clear_object_id(); }},
+      {"config.objects[0].model", [](auto& config) { config.mutable_objects(0)->clear_model(); }},
+      {"config.objects[1].object_id", [](auto& config) { *config.add_objects() = config.objects(0); }},
+      {"config.objects[0].initial_camera_from_object.rotation",
+       [](auto& config) {
+         config.mutable_objects(0)->mutable_initial_camera_from_object()->mutable_rotation()->set_w(0.9);
+       }},
+      {"config.objects[0].initial_camera_from_object.translation_m",
+       [](auto& config) {
+         config.mutable_objects(0)->mutable_initial_camera_from_object()->mutable_translation_m()->set_x(std::nan(""));
+       }},
+  };
+  for (const auto& [field, spoil] : cases) {
+    v1::CreateSessionRequest request = CreateRequest();
+    spoil(*request.mutable_config());
+    v1::Session session;
+    const grpc::Status status = Create(request, &session);
+    EXPECT_EQ(Describe(status), "INVALID_ARGUMENT " + field) << status.error_message();
+    EXPECT_THAT(status.error_message(), testing::StartsWith(field));
+  }
+}
+
+TEST_F(ServerTest, RefusesUnknownModelsLongRequestIdsAndReusedOnes) {
+  v1::CreateSessionRequest request = CreateRequest();
+  v1::Session session;
+  request.mutable_config()->mutable_objects(0)->set_model("models/none");
+  EXPECT_EQ(Describe(Create(request, &session)), "NOT_FOUND MODEL_NOT_FOUND");
+  request = CreateRequest();
+  request.set_request_id(std::string(129, 'x'));
+  EXPECT_EQ(Describe(Create(request, &session)), "INVALID_ARGUMENT request_id");
+
+  request.set_request_id("mine");
+  ASSERT_EQ(Describe(Create(request, &session)), "OK");
+  v1::Session again;
+  ASSERT_EQ(Describe(Create(request, &again)), "OK");
+  EXPECT_EQ(again.name(), session.name());
+  EXPECT_EQ(again.resume_token(), session.resume_token());
+  request.mutable_config()->mutable_camera()->set_fx_px(400);
+  EXPECT_EQ(Describe(Create(request, &again)), "ALREADY_EXISTS REQUEST_ID_REUSED");
+}
+
+TEST_F(ServerTest, HasSoManySlots) {
+  for (uint32_t i = 0; i < Options().max_sessions; ++i) CreateSession();
+  v1::Session session;
+  const grpc::Status status = Create(CreateRequest(), &session);
+  EXPECT_EQ(Describe(status), "RESOURCE_EXHAUSTED TOO_MANY_SESSIONS");
+  EXPECT_EQ(DetailOf<google::rpc::QuotaFailure>(status).violations(0).subject(), "max_sessions");
+  EXPECT_GT(DetailOf<google::rpc::RetryInfo>(status).retry_delay().seconds(), 0);
+}
+
+TEST_F(ServerTest, ListsSessionsInPages) {
+  for (int i = 0; i < 3; ++i) CreateSession();
+  std::vector<std::string> names;
+  v1::ListSessionsRequest request;
+  request.set_page_size(2);
+  do {
+    grpc::ClientContext context;
+    v1::ListSessionsResponse response;
+    ASSERT_EQ(Describe(sessions_->ListSessions(&context, request, &response)), "OK");
+    EXPECT_LE(response.sessions_size(), 2);
+    for (const auto& session : response.sessions()) {
+      names.push_back(session.name());
+      EXPECT_EQ(session.resume_token(), "");
+    }
+    request.set_page_token(response.next_page_token());
+  } while (!request.page_token().empty());
+  EXPECT_EQ(names.size(), 3u);
+  EXPECT_TRUE(std::is_sorted(names.begin(), names.end()));
+
+  v1::ListSessionsResponse response;
+  grpc::ClientContext negative;
+  request.set_page_size(-1);
+  EXPECT_EQ(Describe(sessions_->ListSessions(&negative, request, &response)), "INVALID_ARGUMENT page_size");
+  grpc::ClientContext strange;
+  request.set_page_size(1);
+  request.set_page_token("42");
+  EXPECT_EQ(Describe(sessions_->ListSessions(&strange, request, &response)), "INVALID_ARGUMENT page_token");
+}
+
+TEST_F(ServerTest, UploadsAModelInPiecesOnce) {
+  const std::string file = kCubeObj;
+  std::vector<v1::UploadModelRequest> requests = UploadRequests(file);
+  requests[0].mutable_header()->set_sha256(
+      absl::HexStringToBytes(Sha256Hex({reinterpret_cast<const uint8_t*>(file.data()), file.size()})));
+  requests[1].set_chunk(file.substr(0, 100));
+  requests.emplace_back().set_chunk(file.substr(100));
+  v1::Model model;
+  ASSERT_EQ(Describe(Upload(requests, &model)), "OK");
+  EXPECT_THAT(model.name(), testing::MatchesRegex("models/[0-9a-f]{64}"));
+  EXPECT_EQ(model.num_faces(), 12u);
+  EXPECT_EQ(model.num_lines(), 12u);
+  EXPECT_EQ(model.metres_per_unit(), 1.0);
+  EXPECT_EQ(model.crease_angle_deg(), 30.0);
+  EXPECT_NEAR(model.diameter_m(), 0.2 * std::sqrt(3.0), 1e-6);
+  EXPECT_EQ(model.sha256(), requests[0].header().sha256());
+  EXPECT_EQ(UploadCube(), model.name());
+
+  grpc::ClientContext get_context;
+  v1::GetModelRequest get;
+  get.set_name(model.name());
+  v1::Model found;
+  ASSERT_EQ(Describe(models_->GetModel(&get_context, get, &found)), "OK");
+  EXPECT_EQ(found.SerializeAsString(), model.SerializeAsString());
+  grpc::ClientContext list_context;
+  v1::ListModelsResponse list;
+  ASSERT_EQ(Describe(models_->ListModels(&list_context, {}, &list)), "OK");
+  EXPECT_EQ(list.models_size(), 1);
+}
+
+TEST_F(ServerTest, RefusesUploadsThatAreNoModel) {
+  using Spoil = std::function<void(std::vector<v1::UploadModelRequest>&)>;
+  const std::vector<std::pair<std::string, Spoil>> cases = {
+      {"header", [](auto& requests) { requests.clear(); }},
+      {"header", [](auto& requests) { requests.erase(requests.begin()); }},
+      {"header", [](auto& requests) { requests.push_back(requests[0]); }},
+      {"message", [](auto& requests) { requests.emplace_back(); }},
+      {"header.format", [](auto& requests) { requests[0].mutable_header()->clear_format(); }},
+      {"header.size_bytes", [](auto& requests) { requests[0].mutable_header()->set_size_bytes(0); }},
+      {"header.size_bytes", [](auto& requests) { requests[0].mutable_header()->set_size_bytes(1u << 20); }},
+      {"header.size_bytes", [](auto& requests) { requests.pop_back(); }},
+      {"header.size_bytes", [](auto& requests) { requests.push_back(requests[1]); }},
+      {"header.sha256", [](auto& requests) { requests[0].mutable_header()->set_sha256("short"); }},
+      {"header.sha256", [](auto& requests) { requests[0].mutable_header()->set_sha256(std::string(32, 'x')); }},
+      {"header", [](auto& requests) { requests[0].mutable_header()->set_metres_per_unit(-1); }},
+      {"header", [](auto& requests) { requests[0].mutable_header()->set_crease_angle_deg(std::nan("")); }},
+      {"chunk", [](auto& requests) { requests = UploadRequests("this is no model\n"); }},
+      {"chunk", [](auto& requests) { requests[0].mutable_header()->set_format(v1::MODEL_FORMAT_STL); }},
+  };
+  for (const auto& [field, spoil] : cases) {
+    std::vector<v1::UploadModelRequest> requests = UploadRequests(kCubeObj);
+    spoil(requests);
+    v1::Model model;
+    const grpc::Status status = Upload(requests, &model);
+    EXPECT_EQ(Describe(status), "INVALID_ARGUMENT " + field) << status.error_message();
+  }
+}
+
+TEST_F(ServerTest, AFullModelStoreSaysSo) {
+  std::string file = kCubeObj;
+  file.resize(4096, '\n');
+  for (int i = 0; i < 2; ++i) {
+    file[4090] = static_cast<char>('0' + i);
+    file[4089] = '#';
+    v1::Model model;
+    ASSERT_EQ(Describe(Upload(UploadRequests(file), &model)), "OK");
+  }
+  v1::Model model;
+  const grpc::Status status = Upload(UploadRequests(kCubeObj), &model);
+  EXPECT_EQ(Describe(status), "RESOURCE_EXHAUSTED MODEL_STORE_FULL");
+  EXPECT_EQ(DetailOf<google::rpc::QuotaFailure>(status).violations(0).subject(), "max_model_store_bytes");
+}
+
+TEST_F(ServerTest, DeletesModelsThatNobodyUses) {
+  const v1::Session session = CreateSession();
+  v1::DeleteModelRequest request;
+  request.set_name(session.config().objects(0).model());
+  const auto delete_model = [&] {
+    grpc::ClientContext context;
+    v1::DeleteModelResponse response;
+    return Describe(models_->DeleteModel(&context, request, &response));
+  };
+  EXPECT_EQ(delete_model(), "FAILED_PRECONDITION MODEL_IN_USE");
+  Delete(session.name());
+  EXPECT_EQ(delete_model(), "OK");
+  EXPECT_EQ(delete_model(), "OK");
+  grpc::ClientContext context;
+  v1::GetModelRequest get;
+  get.set_name(request.name());
+  v1::Model model;
+  EXPECT_EQ(Describe(models_->GetModel(&context, get, &model)), "NOT_FOUND MODEL_NOT_FOUND");
+}
+
+TEST_F(ServerTest, TellsOfItself) {
+  CreateSession();
+  grpc::ClientContext context;
+  v1::ServerInfo info;
+  ASSERT_TRUE(admin_->GetServerInfo(&context, {}, &info).ok());
+  EXPECT_EQ(info.active_sessions(), 1u);
+  EXPECT_EQ(info.max_sessions(), 4u);
+  EXPECT_EQ(info.store(), "memory");
+  EXPECT_EQ(info.max_chunk_bytes(), 64u * 1024);
+  EXPECT_EQ(info.session_expiry().seconds(), 600);
+  EXPECT_FALSE(info.draining());
+  EXPECT_NE(info.version(), "");
+}
+
+TEST_F(ServerTest, ServesHealthAndMoreThanOneAddress) {
+  ServerOptions options = Options();
+  options.listen_address = "127.0.0.1:0";
+  Connect(options);
+  ASSERT_GT(server_->port(), 0);
+  const v1::Session session = CreateSession();  // in process
+  const auto socket =
+      grpc::CreateChannel(absl::StrCat("127.0.0.1:", server_->port()), grpc::InsecureChannelCredentials());
+  Use(socket);
+  v1::Session found;
+  EXPECT_EQ(Describe(Get(session.name(), &found)), "OK") << "the same server";
+
+  grpc::ClientContext context;
+  grpc::health::v1::HealthCheckResponse health;
+  ASSERT_TRUE(grpc::health::v1::Health::NewStub(socket)->Check(&context, {}, &health).ok());
+  EXPECT_EQ(health.status(), grpc::health::v1::HealthCheckResponse::SERVING);
+
+  server_->Shutdown(absl::ZeroDuration());
+  EXPECT_EQ(Get(session.name(), &found).error_code(), grpc::StatusCode::UNAVAILABLE);
+}
+
+TEST_F(ServerTest, CannotListenWhereAnotherDoes) {
+  ServerOptions options = Options();
+  options.listen_address = "127.0.0.1:0";
+  Connect(options);
+  options.listen_address = absl::StrCat("127.0.0.1:", server_->port());
+  const auto second = StartServer(options, FakeTrackers());
+  EXPECT_EQ(second.status().code(), absl::StatusCode::kUnavailable);
+  EXPECT_THAT(std::string(second.status().message()),
+              testing::AllOf(testing::HasSubstr(options.listen_address), testing::HasSubstr("in use")));
+}
+
+TEST(ServerOptionsTest, NamesTheFieldThatIsWrong) {
+  const auto field_of = [](const ServerOptions& options) {
+    const std::string message(options.Validate().message());
+    return message.substr(0, message.find(':'));
+  };
+  EXPECT_TRUE(ServerOptions().Validate().ok());
+  EXPECT_EQ(field_of({.listen_address = "nowhere"}), "listen_address");
+  EXPECT_EQ(field_of({.worker_threads = -1}), "worker_threads");
+  EXPECT_EQ(field_of({.max_sessions = 0}), "max_sessions");
+  EXPECT_EQ(field_of({.max_model_bytes = 0}), "max_model_bytes");
+  EXPECT_EQ(field_of({.max_model_store_bytes = 1}), "max_model_store_bytes");
+  EXPECT_EQ(field_of({.max_chunk_bytes = 4}), "max_chunk_bytes");
+  EXPECT_EQ(field_of({.credit_bytes = 4096}), "credit_bytes");
+  EXPECT_EQ(field_of({.pose_log_capacity = 10}), "pose_log_capacity");
+  EXPECT_EQ(field_of({.session_expiry = absl::ZeroDuration()}), "session_expiry");
+}
+
+TEST(ListenAddressTest, ReadsHostAndPort) {
+  EXPECT_EQ(ParseListenAddress("127.0.0.1:80")->WithPort(81), "127.0.0.1:81");
+  EXPECT_EQ(ParseListenAddress("[::1]:0")->WithPort(9), "[::1]:9");
+  EXPECT_EQ(ParseListenAddress("[::1]:0")->host, "::1");
+  for (const char* bad : {"", "host", ":80", "host:", "host:x", "host:70000", "host:-1", "::1:80"}) {
+    EXPECT_EQ(ParseListenAddress(bad).status().code(), absl::StatusCode::kInvalidArgument) << bad;
+  }
+}
+
+TEST(ListenAddressTest, KnowsWhatOtherMachinesCanReach) {
+  for (const char* local : {"127.0.0.1:1", "127.5.0.1:1", "localhost:1", "[::1]:1"}) {
+    EXPECT_TRUE(ParseListenAddress(local)->IsLoopback()) << local;
+  }
+  for (const char* open : {"0.0.0.0:1", "[::]:1", "192.168.1.2:1", "example.org:1", "127.example.org:1"}) {
+    EXPECT_FALSE(ParseListenAddress(open)->IsLoopback()) << open;
+  }
+}
+
+}  // namespace
+}  // namespace evpose::server

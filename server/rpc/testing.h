@@ -1,0 +1,221 @@
+// A running server with fake trackers and raw stubs to send it what a typed client never would.
+#pragma once
+
+#include <gmock/gmock.h>
+#include <grpcpp/grpcpp.h>
+#include <gtest/gtest.h>
+
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "absl/strings/str_cat.h"
+#include "evpose/v1/admin.grpc.pb.h"
+#include "evpose/v1/models.grpc.pb.h"
+#include "evpose/v1/sessions.grpc.pb.h"
+#include "google/rpc/error_details.pb.h"
+#include "google/rpc/status.pb.h"
+#include "server/rpc/server_impl.h"
+#include "server/sessions/testing.h"
+
+namespace evpose::server {
+
+// The first detail of this type; empty when there is none.
+template <typename Detail>
+Detail DetailOf(const grpc::Status& status) {
+  google::rpc::Status details;
+  Detail detail;
+  if (!details.ParseFromString(status.error_details())) return detail;
+  for (const auto& any : details.details()) {
+    if (any.UnpackTo(&detail)) break;
+  }
+  return detail;
+}
+
+inline std::string FieldOf(const grpc::Status& status) {
+  const auto bad_request = DetailOf<google::rpc::BadRequest>(status);
+  return bad_request.field_violations().empty() ? "" : bad_request.field_violations(0).field();
+}
+inline std::string ReasonOf(const grpc::Status& status) {
+  const auto info = DetailOf<google::rpc::ErrorInfo>(status);
+  return info.domain() == "evpose.v1" ? info.reason() : "";
+}
+
+// Status code and, after a space, the reason or the field.
+inline std::string Describe(const grpc::Status& status) {
+  static constexpr const char* kNames[] = {
+      "OK",        "CANCELLED",      "UNKNOWN",           "INVALID_ARGUMENT",   "DEADLINE_EXCEEDED",
+      "NOT_FOUND", "ALREADY_EXISTS", "PERMISSION_DENIED", "RESOURCE_EXHAUSTED", "FAILED_PRECONDITION",
+      "ABORTED",   "OUT_OF_RANGE",   "UNIMPLEMENTED",     "INTERNAL",           "UNAVAILABLE",
+      "DATA_LOSS", "UNAUTHENTICATED"};
+  const std::string detail = FieldOf(status) + ReasonOf(status);
+  return absl::StrCat(kNames[status.error_code()], detail.empty() ? "" : " ", detail);
+}
+
+// A Track call through the raw stub.
+class RawTrack {
+ public:
+  explicit RawTrack(v1::SessionService::Stub& stub) : stream_(stub.Track(&context_)) {}
+  // A call that nobody finished would never be over.
+  ~RawTrack() {
+    context_.TryCancel();
+    if (!is_finished_) Finish();
+  }
+
+  bool Write(const v1::TrackRequest& request) { return stream_->Write(request); }
+  void WritesDone() { stream_->WritesDone(); }
+  void Cancel() { context_.TryCancel(); }
+
+  bool Attach(const std::string& session, const std::string& token, uint64_t last_pose_seq = 0) {
+    v1::TrackRequest request;
+    request.mutable_attach()->set_session(session);
+    request.mutable_attach()->set_resume_token(token);
+    request.mutable_attach()->set_last_pose_seq(last_pose_seq);
+    return Write(request);
+  }
+  bool Events(uint64_t seq, const std::string& payload) {
+    v1::TrackRequest request;
+    request.mutable_events()->set_seq(seq);
+    request.mutable_events()->set_payload(payload);
+    return Write(request);
+  }
+  bool End() {
+    v1::TrackRequest request;
+    request.mutable_end();
+    return Write(request);
+  }
+
+  bool Read(v1::TrackResponse& response) { return stream_->Read(&response); }
+  // Reads up to the first response of this kind; what came before goes to `before`.
+  bool ReadUntil(v1::TrackResponse::MessageCase kind, v1::TrackResponse& response,
+                 std::vector<v1::TrackResponse>* before = nullptr) {
+    while (Read(response)) {
+      if (response.message_case() == kind) return true;
+      if (before != nullptr) before->push_back(response);
+    }
+    return false;
+  }
+  // Reads what is left; the status that the call ended with.
+  grpc::Status Finish() {
+    v1::TrackResponse response;
+    while (Read(response)) continue;
+    is_finished_ = true;
+    return stream_->Finish();
+  }
+
+ private:
+  grpc::ClientContext context_;
+  std::unique_ptr<grpc::ClientReaderWriter<v1::TrackRequest, v1::TrackResponse>> stream_;
+  bool is_finished_ = false;
+};
+
+class RpcTest : public testing::Test {
+ protected:
+  static ServerOptions Options() {
+    ServerOptions options;
+    options.listen_address = "";
+    options.worker_threads = 2;
+    options.max_sessions = 4;
+    options.max_model_bytes = 4096;
+    options.max_model_store_bytes = 8192;
+    options.max_chunk_bytes = 64 * 1024;
+    options.credit_bytes = 256 * 1024;
+    return options;
+  }
+
+  explicit RpcTest(const ServerOptions& options = Options()) { Connect(options); }
+  ~RpcTest() override { gate_->Open(); }
+
+  void Connect(const ServerOptions& options) {
+    server_ = StartServer(options, FakeTrackers(gate_)).value();
+    Use(server_->InProcessChannel());
+  }
+  void Use(const std::shared_ptr<grpc::Channel>& channel) {
+    channel_ = channel;
+    sessions_ = v1::SessionService::NewStub(channel);
+    models_ = v1::ModelService::NewStub(channel);
+    admin_ = v1::AdminService::NewStub(channel);
+  }
+
+  grpc::Status Upload(const std::vector<v1::UploadModelRequest>& requests, v1::Model* model) {
+    grpc::ClientContext context;
+    const auto stream = models_->UploadModel(&context, model);
+    for (const auto& request : requests) {
+      if (!stream->Write(request)) break;
+    }
+    stream->WritesDone();
+    return stream->Finish();
+  }
+  static std::vector<v1::UploadModelRequest> UploadRequests(const std::string& file) {
+    std::vector<v1::UploadModelRequest> requests(2);
+    requests[0].mutable_header()->set_format(v1::MODEL_FORMAT_OBJ);
+    requests[0].mutable_header()->set_size_bytes(file.size());
+    requests[1].set_chunk(file);
+    return requests;
+  }
+  std::string UploadCube() {
+    v1::Model model;
+    EXPECT_EQ(Describe(Upload(UploadRequests(kCubeObj), &model)), "OK");
+    return model.name();
+  }
+
+  v1::CreateSessionRequest CreateRequest() {
+    v1::CreateSessionRequest request;
+    v1::SessionConfig& config = *request.mutable_config();
+    config.set_encoding(v1::EVENT_ENCODING_FLAT64);
+    v1::CameraModel& camera = *config.mutable_camera();
+    camera.set_width_px(320);
+    camera.set_height_px(240);
+    camera.set_fx_px(300);
+    camera.set_fy_px(300);
+    camera.set_cx_px(160);
+    camera.set_cy_px(120);
+    v1::TrackedObject& object = *config.add_objects();
+    object.set_object_id("cube");
+    object.set_model(UploadCube());
+    object.mutable_initial_camera_from_object()->mutable_translation_m()->set_z(1.0);
+    object.mutable_initial_camera_from_object()->mutable_rotation()->set_w(1.0);
+    return request;
+  }
+  grpc::Status Create(const v1::CreateSessionRequest& request, v1::Session* session) {
+    grpc::ClientContext context;
+    return sessions_->CreateSession(&context, request, session);
+  }
+  v1::Session CreateSession() {
+    v1::Session session;
+    EXPECT_EQ(Describe(Create(CreateRequest(), &session)), "OK");
+    return session;
+  }
+  grpc::Status Get(const std::string& name, v1::Session* session) {
+    grpc::ClientContext context;
+    v1::GetSessionRequest request;
+    request.set_name(name);
+    return sessions_->GetSession(&context, request, session);
+  }
+  grpc::Status Delete(const std::string& name) {
+    grpc::ClientContext context;
+    v1::DeleteSessionRequest request;
+    request.set_name(name);
+    v1::DeleteSessionResponse response;
+    return sessions_->DeleteSession(&context, request, &response);
+  }
+  // A stream that is attached to `session`.
+  std::unique_ptr<RawTrack> Attached(const v1::Session& session, v1::Attached* attached = nullptr) {
+    auto track = std::make_unique<RawTrack>(*sessions_);
+    EXPECT_TRUE(track->Attach(session.name(), session.resume_token()));
+    v1::TrackResponse response;
+    EXPECT_TRUE(track->Read(response));
+    EXPECT_TRUE(response.has_attached());
+    if (attached != nullptr) *attached = response.attached();
+    return track;
+  }
+
+  const std::shared_ptr<FakeTrackerGate> gate_ = std::make_shared<FakeTrackerGate>();
+  std::unique_ptr<Server> server_;
+  std::shared_ptr<grpc::Channel> channel_;
+  std::unique_ptr<v1::SessionService::Stub> sessions_;
+  std::unique_ptr<v1::ModelService::Stub> models_;
+  std::unique_ptr<v1::AdminService::Stub> admin_;
+};
+
+}  // namespace evpose::server

@@ -1,0 +1,547 @@
+// Track and the watchers, through the raw stub against the real server.
+#include <thread>
+
+#include "core/base/hash.h"
+#include "server/rpc/testing.h"
+
+namespace evpose::server {
+namespace {
+
+using Kind = v1::TrackResponse;
+
+uint32_t CrcOf(const std::string& payload) {
+  return Crc32c({reinterpret_cast<const uint8_t*>(payload.data()), payload.size()});
+}
+
+class TrackTest : public RpcTest {
+ protected:
+  // Sends `events` in chunks of so many bytes and `end`; all poses, without what depends on the clock.
+  std::string PosesOf(const std::vector<Event>& events, size_t chunk_bytes) {
+    const std::string bytes = Flat64(events);
+    const v1::Session session = CreateSession();
+    const auto track = Attached(session);
+    std::string poses;
+    uint64_t seq = 0;
+    v1::TrackResponse response;
+    for (size_t begin = 0; begin < bytes.size(); begin += chunk_bytes) {
+      EXPECT_TRUE(track->Events(++seq, bytes.substr(begin, chunk_bytes)));
+      bool is_acked = false;
+      while (!is_acked && track->Read(response)) {
+        AppendPose(response, poses);
+        is_acked = response.ack().processed_seq() == seq;
+      }
+    }
+    track->End();
+    while (track->Read(response)) AppendPose(response, poses);
+    EXPECT_EQ(Describe(track->Finish()), "OK");
+    Delete(session.name());
+    return poses;
+  }
+  static void AppendPose(v1::TrackResponse& response, std::string& poses) {
+    if (!response.has_pose()) return;
+    response.mutable_pose()->clear_latency();
+    poses += response.pose().SerializeAsString();
+  }
+
+  // Attaches, sends `request`, and gives how the call ended.
+  grpc::Status AfterAttach(const v1::Session& session, const v1::TrackRequest& request) {
+    const auto track = Attached(session);
+    EXPECT_TRUE(track->Write(request));
+    return track->Finish();
+  }
+};
+
+TEST_F(TrackTest, GivesPosesAcksAndASummary) {
+  const v1::Session session = CreateSession();
+  v1::Attached attached;
+  const auto track = Attached(session, &attached);
+  EXPECT_EQ(attached.next_seq(), 1u);
+  EXPECT_EQ(attached.send_limit_bytes(), 256u * 1024);
+  EXPECT_EQ(attached.max_chunk_bytes(), 64u * 1024);
+  EXPECT_EQ(attached.resume_window().seconds(), 600);
+  EXPECT_EQ(attached.first_pose_seq(), 1u);
+  EXPECT_NE(attached.resume_token(), session.resume_token());
+  v1::Session seen;
+  Get(session.name(), &seen);
+  EXPECT_EQ(seen.state(), v1::SESSION_STATE_ATTACHED);
+  EXPECT_FALSE(seen.has_expire_time());
+
+  const std::string payload = Flat64(SomeEvents(1, 11));
+  ASSERT_TRUE(track->Events(1, payload));
+  v1::TrackResponse response;
+  std::vector<v1::TrackResponse> before;
+  ASSERT_TRUE(track->ReadUntil(Kind::kAck, response, &before));
+  EXPECT_EQ(response.ack().processed_seq(), 1u);
+  EXPECT_EQ(response.ack().durable_seq(), 1u);
+  EXPECT_EQ(response.ack().send_limit_bytes(), 256u * 1024 + payload.size());
+  ASSERT_EQ(before.size(), 9u) << "the poses of a chunk come before its ack";
+  const v1::Pose& pose = before[0].pose();
+  EXPECT_EQ(pose.pose_seq(), 1u);
+  EXPECT_EQ(pose.object_id(), "cube");
+  EXPECT_EQ(pose.t_us(), 1500);
+  EXPECT_EQ(pose.camera_from_object().translation_m().x(), 3.0);
+  EXPECT_EQ(pose.camera_from_object().rotation().w(), 1.0);
+  ASSERT_EQ(pose.covariance_size(), 21);
+  EXPECT_EQ(pose.covariance(1), 1.0) << "row 0, column 1";
+  EXPECT_EQ(pose.covariance(6), 11.0) << "row 1, column 1";
+  EXPECT_EQ(pose.covariance(20), 55.0);
+  EXPECT_THAT(pose.twist(), testing::ElementsAre(1, 2, 3, 4, 5, 6));
+  EXPECT_EQ(pose.state(), v1::TRACK_STATE_TRACKING);
+  EXPECT_EQ(pose.num_events(), 3u);
+  EXPECT_TRUE(pose.has_latency());
+
+  ASSERT_TRUE(track->End());
+  ASSERT_TRUE(track->ReadUntil(Kind::kSummary, response));
+  const v1::SessionHealth& health = response.summary().health();
+  EXPECT_EQ(health.poses(), 10u);
+  EXPECT_EQ(health.decoded_events(), 30u);
+  EXPECT_EQ(health.received_bytes(), payload.size());
+  EXPECT_EQ(health.t_us(), 10'600);
+  EXPECT_NEAR(health.event_rate_hz(), 30 / 9.6e-3, 1e-6);
+  EXPECT_EQ(health.objects(0).object_id(), "cube");
+  EXPECT_FALSE(track->Read(response)) << "the summary is the last message";
+  EXPECT_EQ(Describe(track->Finish()), "OK");
+  Get(session.name(), &seen);
+  EXPECT_EQ(seen.state(), v1::SESSION_STATE_ENDED);
+}
+
+TEST_F(TrackTest, PosesAreTheSameBytesWhateverTheChunkingAndTheChannel) {
+  ServerOptions options = Options();
+  options.listen_address = "127.0.0.1:0";
+  Connect(options);
+  const std::vector<Event> events = SomeEvents(1, 3000);
+  const std::string poses = PosesOf(events, 64 * 1024);
+  EXPECT_FALSE(poses.empty());
+  EXPECT_EQ(PosesOf(events, 1000), poses);
+  Use(grpc::CreateChannel(absl::StrCat("127.0.0.1:", server_->port()), grpc::InsecureChannelCredentials()));
+  EXPECT_EQ(PosesOf(events, 64 * 1024), poses);
+  EXPECT_EQ(PosesOf(events, 4096), poses);
+}
+
+TEST_F(TrackTest, RefusesWhatTheProtocolForbids) {
+  const v1::Session session = CreateSession();
+  const auto first_message = [this](const v1::TrackRequest& request) {
+    RawTrack track(*sessions_);
+    track.Write(request);
+    return Describe(track.Finish());
+  };
+  v1::TrackRequest request;
+  EXPECT_EQ(first_message(request), "INVALID_ARGUMENT message");
+  request.mutable_end();
+  EXPECT_EQ(first_message(request), "INVALID_ARGUMENT attach");
+  request.mutable_events()->set_seq(1);
+  EXPECT_EQ(first_message(request), "INVALID_ARGUMENT attach");
+  request.mutable_attach()->set_session("sessions/none");
+  EXPECT_EQ(first_message(request), "NOT_FOUND SESSION_NOT_FOUND");
+  request.mutable_attach()->set_session(session.name());
+  request.mutable_attach()->set_resume_token("guess");
+  EXPECT_EQ(first_message(request), "PERMISSION_DENIED WRONG_TOKEN");
+  request.mutable_attach()->set_resume_token(session.resume_token());
+  request.mutable_attach()->set_last_pose_seq(1);
+  EXPECT_EQ(first_message(request), "INVALID_ARGUMENT attach.last_pose_seq");
+  RawTrack nothing(*sessions_);
+  nothing.WritesDone();
+  EXPECT_EQ(Describe(nothing.Finish()), "INVALID_ARGUMENT attach");
+}
+
+TEST_F(TrackTest, RefusesBadMessagesAndTheSessionLivesOn) {
+  v1::Session session = CreateSession();
+  std::vector<std::pair<std::string, v1::TrackRequest>> cases;
+  const auto add = [&cases](const std::string& expected) -> v1::TrackRequest& {
+    return cases.emplace_back(expected, v1::TrackRequest()).second;
+  };
+  add("INVALID_ARGUMENT message");
+  add("INVALID_ARGUMENT attach").mutable_attach()->set_session(session.name());
+  add("INVALID_ARGUMENT events.seq").mutable_events();
+  v1::EventChunk* events = add("INVALID_ARGUMENT events.payload").mutable_events();
+  events->set_seq(1);
+  events->set_payload("not whole words");
+  events = add("INVALID_ARGUMENT events.payload").mutable_events();
+  events->set_seq(1);
+  events->set_payload(std::string(64 * 1024 + 8, '\0'));
+  events = add("DATA_LOSS CRC_MISMATCH").mutable_events();
+  events->set_seq(1);
+  events->set_crc32c(7);
+  events->set_payload(Flat64(SomeEvents(1, 2)));
+  events = add("FAILED_PRECONDITION SEQ_GAP").mutable_events();
+  events->set_seq(2);
+  v1::ResetPose* reset = add("INVALID_ARGUMENT reset_pose.camera_from_object.rotation").mutable_reset_pose();
+  reset->set_object_id("cube");
+  reset->mutable_camera_from_object()->mutable_rotation()->set_w(2.0);
+  reset = add("INVALID_ARGUMENT reset_pose.object_id").mutable_reset_pose();
+  reset->set_object_id("cone");
+  reset->mutable_camera_from_object()->mutable_rotation()->set_w(1.0);
+
+  for (const auto& [expected, request] : cases) {
+    v1::Attached attached;
+    const auto track = Attached(session, &attached);
+    EXPECT_EQ(attached.next_seq(), 1u) << expected;
+    session.set_resume_token(attached.resume_token());
+    ASSERT_TRUE(track->Write(request));
+    const grpc::Status status = track->Finish();
+    EXPECT_EQ(Describe(status), expected) << status.error_message();
+    if (expected == "FAILED_PRECONDITION SEQ_GAP") {
+      const auto info = DetailOf<google::rpc::ErrorInfo>(status);
+      EXPECT_EQ(info.metadata().at("expected_seq"), "1");
+      EXPECT_EQ(info.metadata().at("seq"), "2");
+    }
+    if (expected == "DATA_LOSS CRC_MISMATCH") {
+      EXPECT_EQ(DetailOf<google::rpc::ErrorInfo>(status).metadata().at("seq"), "1");
+    }
+  }
+  const auto track = Attached(session);
+  track->Events(1, Flat64(SomeEvents(1, 4)));
+  track->End();
+  v1::TrackResponse response;
+  EXPECT_TRUE(track->ReadUntil(Kind::kSummary, response));
+  EXPECT_EQ(response.summary().health().reattaches(), cases.size());
+}
+
+TEST_F(TrackTest, AMessageBeyondAllBoundsIsRefusedByTheTransport) {
+  const auto track = Attached(CreateSession());
+  track->Events(1, std::string(1u << 20, '\0'));
+  EXPECT_EQ(Describe(track->Finish()), "RESOURCE_EXHAUSTED");
+}
+
+TEST_F(TrackTest, IgnoresRepeatedChunksAndTakesADigestThatIsRight) {
+  const auto track = Attached(CreateSession());
+  v1::TrackRequest request;
+  request.mutable_events()->set_seq(1);
+  request.mutable_events()->set_payload(Flat64(SomeEvents(1, 3)));
+  request.mutable_events()->set_crc32c(CrcOf(request.events().payload()));
+  v1::TrackResponse response;
+  for (uint64_t repetition = 1; repetition <= 3; ++repetition) {
+    ASSERT_TRUE(track->Write(request));
+    const uint64_t wanted = 256 * 1024 + repetition * request.events().payload().size();
+    do {
+      ASSERT_TRUE(track->ReadUntil(Kind::kAck, response));
+    } while (response.ack().send_limit_bytes() < wanted);
+    EXPECT_EQ(response.ack().processed_seq(), 1u);
+  }
+  track->End();
+  ASSERT_TRUE(track->ReadUntil(Kind::kSummary, response));
+  EXPECT_EQ(response.summary().health().decoded_events(), 6u);
+}
+
+TEST_F(TrackTest, TakesUpABrokenStreamWithoutLosingOrRepeatingAPose) {
+  v1::Session session = CreateSession();
+  v1::TrackResponse response;
+  v1::Attached attached;
+  {
+    const auto track = Attached(session, &attached);
+    track->Events(1, Flat64(SomeEvents(1, 11)));
+    for (int i = 0; i < 4; ++i) ASSERT_TRUE(track->ReadUntil(Kind::kPose, response));
+    EXPECT_EQ(response.pose().pose_seq(), 4u);
+    track->Cancel();
+    EXPECT_EQ(Describe(track->Finish()), "CANCELLED");
+  }
+  RawTrack track(*sessions_);
+  track.Attach(session.name(), attached.resume_token(), 4);
+  ASSERT_TRUE(track.Read(response));
+  EXPECT_EQ(response.attached().next_seq(), 2u);
+  EXPECT_EQ(response.attached().first_pose_seq(), 5u);
+  track.Events(2, Flat64(SomeEvents(11, 21)));
+  track.End();
+  uint64_t expected = 5;
+  while (track.Read(response)) {
+    if (!response.has_pose()) continue;
+    EXPECT_EQ(response.pose().pose_seq(), expected++);
+  }
+  EXPECT_EQ(expected, 21u);
+  EXPECT_EQ(Describe(track.Finish()), "OK");
+}
+
+TEST_F(TrackTest, ALaterAttachFencesTheOlderStream) {
+  v1::Session session = CreateSession();
+  v1::Attached attached;
+  const auto older = Attached(session, &attached);
+  session.set_resume_token(attached.resume_token());
+  const auto newer = Attached(session, &attached);
+  EXPECT_EQ(Describe(older->Finish()), "ABORTED FENCED");
+  newer->Events(1, Flat64(SomeEvents(1, 2)));
+  v1::TrackResponse response;
+  EXPECT_TRUE(newer->ReadUntil(Kind::kAck, response));
+}
+
+TEST_F(TrackTest, AfterTheEndOnlyTheSummaryCanBeHadAgain) {
+  v1::Session session = CreateSession();
+  v1::TrackResponse response;
+  for (int i = 0; i < 2; ++i) {
+    v1::Attached attached;
+    const auto track = Attached(session, &attached);
+    session.set_resume_token(attached.resume_token());
+    if (i == 0) track->Events(1, Flat64(SomeEvents(1, 11)));
+    track->End();
+    std::vector<v1::TrackResponse> before;
+    ASSERT_TRUE(track->ReadUntil(Kind::kSummary, response, &before));
+    EXPECT_EQ(response.summary().health().poses(), 10u);
+    EXPECT_EQ(std::count_if(before.begin(), before.end(), [](const auto& message) { return message.has_pose(); }), 10);
+  }
+  v1::TrackRequest events;
+  events.mutable_events()->set_seq(2);
+  EXPECT_EQ(Describe(AfterAttach(session, events)), "FAILED_PRECONDITION SESSION_ENDED");
+}
+
+TEST_F(TrackTest, HalfCloseWithoutEndDrainsAndLeavesTheSession) {
+  const v1::Session session = CreateSession();
+  const auto track = Attached(session);
+  track->Events(1, Flat64(SomeEvents(1, 11)));
+  track->WritesDone();
+  v1::TrackResponse response;
+  int poses = 0;
+  while (track->Read(response)) poses += response.has_pose();
+  EXPECT_EQ(poses, 9);
+  EXPECT_EQ(Describe(track->Finish()), "OK");
+  v1::Session seen;
+  Get(session.name(), &seen);
+  EXPECT_EQ(seen.state(), v1::SESSION_STATE_DETACHED);
+}
+
+TEST_F(TrackTest, NoticesStandAmongThePosesInOrder) {
+  v1::CreateSessionRequest request = CreateRequest();
+  request.mutable_config()->mutable_objects(0)->clear_initial_camera_from_object();
+  v1::Session session;
+  ASSERT_EQ(Describe(Create(request, &session)), "OK");
+  const auto track = Attached(session);
+  std::vector<Event> events = SomeEvents(1, 3);
+  events.push_back({2900, 4000, 1, 0});  // outside the sensor
+  track->Events(1, Flat64(events));
+  v1::TrackRequest reset;
+  reset.mutable_reset_pose()->set_object_id("cube");
+  reset.mutable_reset_pose()->mutable_camera_from_object()->mutable_rotation()->set_w(1.0);
+  track->Write(reset);
+  events = SomeEvents(3, 5);
+  events.push_back({5100, 0, 0, 1});  // lost
+  events.push_back({6100, 9, 9, 1});
+  track->Events(2, Flat64(events));
+  track->End();
+  std::vector<std::string> seen;
+  v1::TrackResponse response;
+  while (track->Read(response)) {
+    if (response.has_pose()) seen.push_back(absl::StrCat("pose ", response.pose().t_us()));
+    if (response.notice().has_decode_fault()) {
+      seen.push_back(absl::StrCat("fault in ", response.notice().decode_fault().seq()));
+    }
+    if (response.notice().has_state_change()) {
+      const auto& change = response.notice().state_change();
+      seen.push_back(absl::StrCat(change.object_id(), " ", v1::TrackState_Name(change.state()), " ", change.t_us()));
+    }
+  }
+  EXPECT_THAT(seen, testing::ElementsAre("fault in 1", "cube TRACK_STATE_TRACKING 3000", "pose 2500", "pose 3500",
+                                         "pose 4500", "cube TRACK_STATE_LOST 6000"));
+}
+
+TEST_F(TrackTest, DeletingASessionEndsItsStreams) {
+  const v1::Session session = CreateSession();
+  const auto track = Attached(session);
+  track->Events(1, Flat64(SomeEvents(1, 11)));
+  v1::TrackResponse response;
+  ASSERT_TRUE(track->ReadUntil(Kind::kAck, response));
+  grpc::ClientContext watch_context;
+  v1::WatchPosesRequest watch;
+  watch.set_session(session.name());
+  const auto watcher = sessions_->WatchPoses(&watch_context, watch);
+  v1::WatchPosesResponse poses;
+  ASSERT_TRUE(watcher->Read(&poses));
+  Delete(session.name());
+  EXPECT_EQ(Describe(track->Finish()), "NOT_FOUND SESSION_DELETED");
+  while (watcher->Read(&poses)) continue;
+  EXPECT_EQ(Describe(watcher->Finish()), "NOT_FOUND SESSION_DELETED");
+}
+
+TEST_F(TrackTest, ACancelledStreamLeavesTheSessionDetached) {
+  const v1::Session session = CreateSession();
+  v1::Attached attached;
+  const auto track = Attached(session, &attached);
+  gate_->Close();
+  track->Events(1, Flat64(SomeEvents(1, 11)));
+  track->Cancel();
+  EXPECT_EQ(Describe(track->Finish()), "CANCELLED");
+  gate_->Open();
+  RawTrack next(*sessions_);
+  next.Attach(session.name(), attached.resume_token());
+  v1::TrackResponse response;
+  EXPECT_TRUE(next.Read(response)) << "it can be taken up";
+}
+
+TEST_F(TrackTest, ALeavingServerTellsItsStreamsAndLetsThemFinish) {
+  const v1::Session session = CreateSession();
+  const auto track = Attached(session);
+  const v1::Session other = CreateSession();
+  const auto silent = Attached(other);
+  const v1::CreateSessionRequest request = CreateRequest();
+  std::thread shutdown([this] { server_->Shutdown(absl::Seconds(2)); });
+  v1::TrackResponse response;
+  ASSERT_TRUE(track->ReadUntil(Kind::kNotice, response));
+  EXPECT_TRUE(response.notice().has_go_away());
+  v1::Session refused;
+  EXPECT_EQ(Describe(Create(request, &refused)), "UNAVAILABLE DRAINING");
+  track->Events(1, Flat64(SomeEvents(1, 11)));
+  track->End();
+  ASSERT_TRUE(track->ReadUntil(Kind::kSummary, response));
+  EXPECT_EQ(response.summary().health().poses(), 10u);
+  EXPECT_EQ(Describe(track->Finish()), "OK");
+  EXPECT_EQ(Describe(silent->Finish()), "UNAVAILABLE DRAINING") << "who does not finish is ended at the deadline";
+  shutdown.join();
+}
+
+TEST_F(TrackTest, ShutdownDoesNotWaitForAClientThatReadsNothing) {
+  const v1::Session session = CreateSession();
+  const auto track = Attached(session);
+  for (uint64_t seq = 1; seq <= 20; ++seq) {
+    const auto begin_ms = static_cast<int64_t>(100 * seq);
+    ASSERT_TRUE(track->Events(seq, Flat64(SomeEvents(begin_ms, begin_ms + 100))));
+  }
+  server_->Shutdown(absl::ZeroDuration());
+  EXPECT_FALSE(track->Finish().ok());
+}
+
+TEST_F(TrackTest, WatchersReadWhatIsStoredAndThenWhatComes) {
+  const v1::Session session = CreateSession();
+  const auto track = Attached(session);
+  track->Events(1, Flat64(SomeEvents(1, 11)));
+  v1::TrackResponse response;
+  ASSERT_TRUE(track->ReadUntil(Kind::kAck, response));
+
+  grpc::ClientContext context;
+  v1::WatchPosesRequest request;
+  request.set_session(session.name());
+  request.set_after_pose_seq(2);
+  const auto watcher = sessions_->WatchPoses(&context, request);
+  v1::WatchPosesResponse poses;
+  ASSERT_TRUE(watcher->Read(&poses));
+  ASSERT_EQ(poses.poses_size(), 7);
+  EXPECT_EQ(poses.poses(0).pose_seq(), 3u);
+  uint64_t last = poses.poses(6).pose_seq();
+  track->Events(2, Flat64(SomeEvents(11, 21)));
+  track->End();
+  while (watcher->Read(&poses)) {
+    for (const auto& pose : poses.poses()) EXPECT_EQ(pose.pose_seq(), ++last);
+    EXPECT_EQ(poses.num_skipped(), 0u);
+  }
+  EXPECT_EQ(last, 20u);
+  EXPECT_EQ(Describe(watcher->Finish()), "OK") << "the session has ended";
+}
+
+TEST_F(TrackTest, ASlowWatcherIsToldWhatItLost) {
+  const v1::Session session = CreateSession();
+  grpc::ClientContext context;
+  v1::WatchPosesRequest request;
+  request.set_session(session.name());
+  const auto watcher = sessions_->WatchPoses(&context, request);
+  const auto track = Attached(session);
+  v1::TrackResponse response;
+  for (uint64_t seq = 1; seq <= 30; ++seq) {
+    const auto begin_ms = static_cast<int64_t>(200 * seq);
+    track->Events(seq, Flat64(SomeEvents(begin_ms, begin_ms + 200)));
+    ASSERT_TRUE(track->ReadUntil(Kind::kAck, response));
+  }
+  track->End();
+  ASSERT_TRUE(track->ReadUntil(Kind::kSummary, response));
+  const uint64_t total = response.summary().health().poses();
+  EXPECT_EQ(total, 6000u);
+
+  uint64_t seen = 0;
+  uint64_t skipped = 0;
+  uint64_t last = 0;
+  v1::WatchPosesResponse poses;
+  while (watcher->Read(&poses)) {
+    skipped += poses.num_skipped();
+    last += poses.num_skipped();
+    for (const auto& pose : poses.poses()) EXPECT_EQ(pose.pose_seq(), ++last);
+    seen += static_cast<uint64_t>(poses.poses_size());
+  }
+  EXPECT_EQ(Describe(watcher->Finish()), "OK");
+  EXPECT_GT(skipped, 0u);
+  EXPECT_EQ(seen + skipped, total);
+}
+
+TEST_F(TrackTest, AWatcherMayWantFewerPoses) {
+  const v1::Session session = CreateSession();
+  const auto track = Attached(session);
+  track->Events(1, Flat64(SomeEvents(1, 101)));
+  track->End();
+  EXPECT_EQ(Describe(track->Finish()), "OK");
+  grpc::ClientContext context;
+  v1::WatchPosesRequest request;
+  request.set_session(session.name());
+  request.set_max_rate_hz(100);
+  const auto watcher = sessions_->WatchPoses(&context, request);
+  std::vector<int64_t> times_us;
+  v1::WatchPosesResponse poses;
+  while (watcher->Read(&poses)) {
+    for (const auto& pose : poses.poses()) times_us.push_back(pose.t_us());
+    EXPECT_EQ(poses.num_skipped(), 0u);
+  }
+  EXPECT_EQ(Describe(watcher->Finish()), "OK");
+  ASSERT_EQ(times_us.size(), 10u);
+  EXPECT_EQ(times_us[1] - times_us[0], 10'000);
+}
+
+TEST_F(TrackTest, WatchersThatCannotBeServedAreTold) {
+  const v1::Session session = CreateSession();
+  const auto watch_poses = [this](const v1::WatchPosesRequest& request) {
+    grpc::ClientContext context;
+    v1::WatchPosesResponse response;
+    const auto watcher = sessions_->WatchPoses(&context, request);
+    EXPECT_FALSE(watcher->Read(&response));
+    return Describe(watcher->Finish());
+  };
+  const auto watch_health = [this](const v1::WatchHealthRequest& request) {
+    grpc::ClientContext context;
+    v1::SessionHealth response;
+    const auto watcher = sessions_->WatchHealth(&context, request);
+    EXPECT_FALSE(watcher->Read(&response));
+    return Describe(watcher->Finish());
+  };
+  v1::WatchPosesRequest poses;
+  EXPECT_EQ(watch_poses(poses), "NOT_FOUND SESSION_NOT_FOUND");
+  poses.set_session(session.name());
+  for (const double rate_hz : {0.0, -1.0, std::nan(""), HUGE_VAL}) {
+    poses.set_max_rate_hz(rate_hz);
+    EXPECT_EQ(watch_poses(poses), "INVALID_ARGUMENT max_rate_hz");
+  }
+  v1::WatchHealthRequest health;
+  EXPECT_EQ(watch_health(health), "NOT_FOUND SESSION_NOT_FOUND");
+  health.set_session(session.name());
+  health.mutable_period()->set_nanos(9'999'999);
+  EXPECT_EQ(watch_health(health), "INVALID_ARGUMENT period");
+}
+
+TEST_F(TrackTest, HealthComesAtOnceThenPeriodicallyAndOnceMoreAtTheEnd) {
+  const v1::Session session = CreateSession();
+  grpc::ClientContext context;
+  v1::WatchHealthRequest request;
+  request.set_session(session.name());
+  request.mutable_period()->set_nanos(10'000'000);
+  const auto watcher = sessions_->WatchHealth(&context, request);
+  v1::SessionHealth health;
+  for (int i = 0; i < 3; ++i) ASSERT_TRUE(watcher->Read(&health));
+  EXPECT_EQ(health.poses(), 0u);
+  const auto track = Attached(session);
+  track->Events(1, Flat64(SomeEvents(1, 11)));
+  track->End();
+  EXPECT_EQ(Describe(track->Finish()), "OK");
+  while (watcher->Read(&health)) continue;
+  EXPECT_EQ(Describe(watcher->Finish()), "OK");
+  EXPECT_EQ(health.poses(), 10u);
+  EXPECT_EQ(health.objects(0).state(), v1::TRACK_STATE_TRACKING);
+}
+
+TEST_F(TrackTest, ACancelledWatcherIsForgotten) {
+  const v1::Session session = CreateSession();
+  for (int i = 0; i < 3; ++i) {
+    grpc::ClientContext context;
+    v1::WatchHealthRequest request;
+    request.set_session(session.name());
+    const auto watcher = sessions_->WatchHealth(&context, request);
+    v1::SessionHealth health;
+    ASSERT_TRUE(watcher->Read(&health));
+    context.TryCancel();
+    EXPECT_EQ(Describe(watcher->Finish()), "CANCELLED");
+  }
+  server_->Shutdown(absl::InfiniteDuration());  // returns: nobody is left
+}
+
+}  // namespace
+}  // namespace evpose::server

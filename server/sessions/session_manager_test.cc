@@ -1,0 +1,185 @@
+#include "server/sessions/session_manager.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include "server/sessions/errors.h"
+#include "server/sessions/testing.h"
+#include "server/stores/memory_store.h"
+
+namespace evpose::server {
+namespace {
+
+std::shared_ptr<const std::vector<uint8_t>> Bytes(const std::string& text) {
+  return std::make_shared<const std::vector<uint8_t>>(text.begin(), text.end());
+}
+
+class SessionManagerTest : public testing::Test {
+ protected:
+  SessionManagerTest()
+      : store_(MakeMemoryStore(100)),
+        models_(ModelRegistry::Create({.max_model_bytes = 4096, .max_store_bytes = 6000}, *store_).value()),
+        model_(models_->Upload({}, "", Bytes(kCubeObj)).value().name) {
+    SessionManager::Options options;
+    options.max_sessions = 2;
+    options.limits.expiry = absl::Minutes(1);
+    options.make_tracker = FakeTrackers();
+    options.now = [this] { return now_; };
+    sessions_ = std::make_unique<SessionManager>(options, *store_, *models_, pool_);
+  }
+  ~SessionManagerTest() override { pool_.Join(); }
+
+  SessionConfig Config() const { return SomeConfig({"cube"}, model_); }
+
+  absl::Time now_ = absl::UnixEpoch();
+  const std::unique_ptr<Store> store_;
+  const std::unique_ptr<ModelRegistry> models_;
+  const std::string model_;
+  WorkerPool pool_{1};
+  std::unique_ptr<SessionManager> sessions_;
+};
+
+TEST_F(SessionManagerTest, MakesFindsListsAndDeletes) {
+  const auto a = sessions_->Create(Config(), "").value();
+  const auto b = sessions_->Create(Config(), "").value();
+  EXPECT_NE(a->name(), b->name());
+  EXPECT_NE(a->resume_token(), b->resume_token());
+  EXPECT_EQ(sessions_->Get(a->name()).value(), a);
+  const auto all = sessions_->List("", 10);
+  ASSERT_EQ(all.size(), 2u);
+  EXPECT_LT(all[0]->name(), all[1]->name());
+  EXPECT_EQ(sessions_->List("", 1).size(), 1u);
+  EXPECT_THAT(sessions_->List(all[0]->name(), 10), testing::ElementsAre(all[1]));
+  sessions_->Delete(a->name());
+  sessions_->Delete(a->name());
+  EXPECT_EQ(GetErrorDetails(sessions_->Get(a->name()).status()).reason, "SESSION_NOT_FOUND");
+  EXPECT_EQ(GetErrorDetails(a->Watch().status).reason, "SESSION_DELETED");
+  EXPECT_EQ(sessions_->num_sessions(), 1u);
+}
+
+TEST_F(SessionManagerTest, ARequestIdMakesOneSession) {
+  const auto first = sessions_->Create(Config(), "request").value();
+  EXPECT_EQ(sessions_->Create(Config(), "request").value(), first);
+  SessionConfig other = Config();
+  other.camera.fx_px = 301;
+  const auto reused = sessions_->Create(other, "request");
+  EXPECT_EQ(reused.status().code(), absl::StatusCode::kAlreadyExists);
+  EXPECT_EQ(GetErrorDetails(reused.status()).reason, "REQUEST_ID_REUSED");
+  sessions_->Delete(first->name());
+  EXPECT_NE(sessions_->Create(other, "request").value(), first) << "the id is free again";
+}
+
+TEST_F(SessionManagerTest, HasSoManySlots) {
+  const auto first = sessions_->Create(Config(), "").value();
+  ASSERT_TRUE(sessions_->Create(Config(), "").ok());
+  const absl::Status full = sessions_->Create(Config(), "").status();
+  EXPECT_EQ(full.code(), absl::StatusCode::kResourceExhausted);
+  const ErrorDetails details = GetErrorDetails(full);
+  EXPECT_EQ(details.reason, "TOO_MANY_SESSIONS");
+  EXPECT_EQ(details.quota_subject, "max_sessions");
+  EXPECT_GT(details.retry_after, absl::ZeroDuration());
+  sessions_->Delete(first->name());
+  EXPECT_TRUE(sessions_->Create(Config(), "").ok());
+}
+
+TEST_F(SessionManagerTest, AFailedCreationTakesNoSlot) {
+  for (int i = 0; i < 5; ++i) {
+    const absl::Status status = sessions_->Create(SomeConfig({"cube"}, "models/none"), "").status();
+    EXPECT_EQ(status.code(), absl::StatusCode::kNotFound);
+    EXPECT_EQ(GetErrorDetails(status).reason, "MODEL_NOT_FOUND");
+  }
+  EXPECT_TRUE(sessions_->Create(Config(), "").ok());
+}
+
+TEST_F(SessionManagerTest, NamesWhatIsWrongWithAConfiguration) {
+  const auto field_of = [this](const SessionConfig& config) {
+    return GetErrorDetails(sessions_->Create(config, "").status()).field;
+  };
+  SessionConfig config = Config();
+  config.camera.fx_px = 0;
+  EXPECT_EQ(field_of(config), "config.camera");
+  config = Config();
+  config.objects.clear();
+  EXPECT_EQ(field_of(config), "config.objects");
+  config = SomeConfig({"a", "a"}, model_);
+  EXPECT_EQ(field_of(config), "config.objects[1].object_id");
+  config = SomeConfig({""}, model_);
+  EXPECT_EQ(field_of(config), "config.objects[0].object_id");
+  config = SomeConfig({"a"}, "");
+  EXPECT_EQ(field_of(config), "config.objects[0].model");
+}
+
+TEST_F(SessionManagerTest, DeletesSessionsWhoseTimeIsOver) {
+  const auto session = sessions_->Create(Config(), "").value();
+  const auto attached = sessions_->Create(Config(), "").value();
+  const auto listener = std::make_shared<WaitingListener>();
+  ASSERT_TRUE(attached->Attach(attached->resume_token(), 0, listener).ok());
+  now_ += absl::Seconds(59);
+  EXPECT_TRUE(sessions_->Get(session->name()).ok());
+  now_ += absl::Seconds(2);
+  EXPECT_FALSE(sessions_->Get(session->name()).ok());
+  EXPECT_TRUE(sessions_->Get(attached->name()).ok());
+  EXPECT_THAT(std::string(session->Watch().status.message()), testing::HasSubstr("expired"));
+}
+
+TEST_F(SessionManagerTest, MakesNothingWhileDraining) {
+  EXPECT_TRUE(sessions_->CheckNotDraining().ok());
+  sessions_->Drain();
+  const absl::Status status = sessions_->Create(Config(), "").status();
+  EXPECT_EQ(status.code(), absl::StatusCode::kUnavailable);
+  EXPECT_EQ(GetErrorDetails(status).reason, "DRAINING");
+}
+
+TEST_F(SessionManagerTest, AModelInUseCannotBeDeleted) {
+  const auto session = sessions_->Create(Config(), "").value();
+  const absl::Status status = models_->Delete(model_);
+  EXPECT_EQ(status.code(), absl::StatusCode::kFailedPrecondition);
+  EXPECT_EQ(GetErrorDetails(status).reason, "MODEL_IN_USE");
+  sessions_->Delete(session->name());
+  EXPECT_TRUE(models_->Delete(model_).ok());
+  EXPECT_TRUE(models_->Delete(model_).ok());
+  EXPECT_EQ(models_->Get(model_).status().code(), absl::StatusCode::kNotFound);
+}
+
+TEST_F(SessionManagerTest, ModelsAreNamedByContentAndReading) {
+  const ModelInfo again = models_->Upload({}, "", Bytes(kCubeObj)).value();
+  EXPECT_EQ(again.name, model_);
+  EXPECT_EQ(again.num_lines, 12u);
+  EXPECT_EQ(again.num_faces, 12u);
+  const ModelInfo millimetres = models_->Upload({.metres_per_unit = 0.001}, "", Bytes(kCubeObj)).value();
+  EXPECT_NE(millimetres.name, model_);
+  EXPECT_EQ(millimetres.sha256_hex, again.sha256_hex);
+  EXPECT_NEAR(millimetres.diameter_m, 0.001 * again.diameter_m, 1e-9);
+  EXPECT_EQ(models_->List("", 10).size(), 2u);
+}
+
+TEST_F(SessionManagerTest, ModelsThatCannotBeLoadedAreRefused) {
+  const auto field_of = [](const absl::StatusOr<ModelInfo>& model) { return GetErrorDetails(model.status()).field; };
+  EXPECT_EQ(field_of(models_->Upload({}, "", Bytes("v 0 0 nan\n"))), "chunk");
+  EXPECT_EQ(field_of(models_->Upload({}, std::string(64, '0'), Bytes(kCubeObj))), "header.sha256");
+  EXPECT_EQ(field_of(models_->Upload({.metres_per_unit = -1}, "", Bytes(kCubeObj))), "header");
+  EXPECT_EQ(models_->List("", 10).size(), 1u);
+}
+
+TEST_F(SessionManagerTest, ModelsHaveRoomForSoManyBytes) {
+  EXPECT_EQ(GetErrorDetails(models_->Reserve(0).status()).field, "header.size_bytes");
+  EXPECT_EQ(GetErrorDetails(models_->Reserve(4097).status()).field, "header.size_bytes");
+  {
+    const auto reservation = models_->Reserve(4096);
+    ASSERT_TRUE(reservation.ok());
+    const absl::Status full = models_->Reserve(4096).status();
+    EXPECT_EQ(full.code(), absl::StatusCode::kResourceExhausted);
+    EXPECT_EQ(GetErrorDetails(full).reason, "MODEL_STORE_FULL");
+  }
+  EXPECT_TRUE(models_->Reserve(4096).ok());
+}
+
+TEST_F(SessionManagerTest, ARegistryOverAStoreHasItsModels) {
+  const auto second = ModelRegistry::Create({}, *store_).value();
+  EXPECT_EQ(second->Get(model_).value().sha256_hex, models_->Get(model_).value().sha256_hex);
+  ASSERT_TRUE(store_->PutModel({.name = "models/broken", .bytes = Bytes("no model")}).ok());
+  EXPECT_EQ(ModelRegistry::Create({}, *store_).status().code(), absl::StatusCode::kInternal);
+}
+
+}  // namespace
+}  // namespace evpose::server

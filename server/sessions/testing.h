@@ -1,0 +1,155 @@
+// What tests of sessions and services share: a tracker whose poses are a plain function of its events, events as
+// FLAT64 bytes, a model, a listener to wait with.
+#pragma once
+
+#include <cstdint>
+#include <memory>
+#include <optional>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "absl/synchronization/mutex.h"
+#include "core/tracking/tracker.h"
+#include "server/sessions/session.h"
+#include "server/sessions/session_config.h"
+
+namespace evpose::server {
+
+// Lets a test stop all fake trackers.
+class FakeTrackerGate {
+ public:
+  void Close() {
+    absl::MutexLock lock(&mutex_);
+    is_open_ = false;
+  }
+  void Open() {
+    absl::MutexLock lock(&mutex_);
+    is_open_ = true;
+  }
+  void Pass() { absl::MutexLock lock(&mutex_, absl::Condition(&is_open_)); }
+
+ private:
+  absl::Mutex mutex_;
+  bool is_open_ = true;
+};
+
+// One pose per millisecond with events: its translation is (number of events, sum of x, sum of y). An event at pixel
+// (0, 0) makes it LOST, ResetPose makes it TRACKING; it is INITIALIZING without a first pose.
+class FakeTracker : public Tracker {
+ public:
+  FakeTracker(std::shared_ptr<FakeTrackerGate> gate, bool has_pose)
+      : gate_(std::move(gate)), state_(has_pose ? TrackState::kTracking : TrackState::kInitializing) {}
+
+  void AddEvents(absl::Span<const Event> events, std::vector<PoseEstimate>& estimates) override {
+    gate_->Pass();
+    for (const Event& event : events) {
+      if (event.t_us / 1000 > window_) Close(event.t_us, estimates);
+      if (event.x == 0 && event.y == 0) {
+        losses_ += state_ != TrackState::kLost;
+        state_ = TrackState::kLost;
+      }
+      ++num_events_;
+      sum_ += Eigen::Vector3d(1.0, event.x, event.y);
+    }
+  }
+  void AdvanceTime(int64_t t_us, std::vector<PoseEstimate>& estimates) override {
+    if (t_us / 1000 > window_) Close(t_us, estimates);
+  }
+  void Finish(std::vector<PoseEstimate>& estimates) override { Close((window_ + 1) * 1000, estimates); }
+  void ResetPose(const RigidTransform&) override { state_ = TrackState::kTracking; }
+  TrackState state() const override { return state_; }
+  uint32_t losses() const override { return losses_; }
+
+ private:
+  void Close(int64_t t_us, std::vector<PoseEstimate>& estimates) {
+    if (num_events_ > 0 && state_ == TrackState::kTracking) {
+      PoseEstimate estimate;
+      estimate.t_us = window_ * 1000 + 500;
+      estimate.camera_from_object.translation_m = sum_;
+      for (int i = 0; i < 6; ++i) {
+        for (int j = 0; j < 6; ++j) estimate.covariance(i, j) = 10 * std::min(i, j) + std::max(i, j);
+      }
+      estimate.twist << 1, 2, 3, 4, 5, 6;
+      estimate.state = state_;
+      estimate.num_events = num_events_;
+      estimate.explained_ratio = 0.75f;
+      estimates.push_back(estimate);
+    }
+    num_events_ = 0;
+    sum_.setZero();
+    window_ = t_us / 1000;
+  }
+
+  const std::shared_ptr<FakeTrackerGate> gate_;
+  TrackState state_;
+  uint32_t losses_ = 0;
+  int64_t window_ = 0;
+  uint32_t num_events_ = 0;
+  Eigen::Vector3d sum_ = Eigen::Vector3d::Zero();
+};
+
+inline TrackerFactory FakeTrackers(std::shared_ptr<FakeTrackerGate> gate = std::make_shared<FakeTrackerGate>()) {
+  return [gate](std::shared_ptr<const ObjectModel>, const CameraModel&, Estimator,
+                const std::optional<RigidTransform>& first_pose) -> absl::StatusOr<std::unique_ptr<Tracker>> {
+    return std::make_unique<FakeTracker>(gate, first_pose.has_value());
+  };
+}
+
+// As core/events/decoder.h lays FLAT64 out.
+inline std::string Flat64(const std::vector<Event>& events) {
+  std::string bytes;
+  for (const Event& event : events) {
+    const uint64_t word = static_cast<uint64_t>(event.t_us) << 32 | static_cast<uint64_t>(event.x) << 18 |
+                          static_cast<uint64_t>(event.y) << 4 | event.polarity;
+    for (int shift = 0; shift < 64; shift += 8) bytes.push_back(static_cast<char>(word >> shift));
+  }
+  return bytes;
+}
+
+// `per_ms` events in each of the milliseconds [begin_ms, end_ms), none at pixel (0, 0).
+inline std::vector<Event> SomeEvents(int64_t begin_ms, int64_t end_ms, int per_ms = 3) {
+  std::vector<Event> events;
+  for (int64_t ms = begin_ms; ms < end_ms; ++ms) {
+    for (int i = 0; i < per_ms; ++i) {
+      events.push_back({ms * 1000 + i * (900 / per_ms), static_cast<uint16_t>(1 + (7 * ms + i) % 300),
+                        static_cast<uint16_t>(1 + (3 * ms + 5 * i) % 200), static_cast<uint8_t>(i % 2)});
+    }
+  }
+  return events;
+}
+
+inline constexpr char kCubeObj[] =
+    "v -0.1 -0.1 -0.1\nv 0.1 -0.1 -0.1\nv 0.1 0.1 -0.1\nv -0.1 0.1 -0.1\n"
+    "v -0.1 -0.1 0.1\nv 0.1 -0.1 0.1\nv 0.1 0.1 0.1\nv -0.1 0.1 0.1\n"
+    "f 1 3 2\nf 1 4 3\nf 5 6 7\nf 5 7 8\nf 1 2 6\nf 1 6 5\n"
+    "f 2 3 7\nf 2 7 6\nf 3 4 8\nf 3 8 7\nf 4 1 5\nf 4 5 8\n";
+
+inline SessionConfig SomeConfig(const std::vector<std::string>& object_ids = {"cube"},
+                                const std::string& model = "models/cube") {
+  SessionConfig config;
+  config.encoding = Encoding::kFlat64;
+  config.camera = {.width_px = 320, .height_px = 240, .fx_px = 300, .fy_px = 300, .cx_px = 160, .cy_px = 120};
+  for (const std::string& id : object_ids) config.objects.push_back({id, model, RigidTransform()});
+  return config;
+}
+
+// Waits for what a session's changes bring about.
+class WaitingListener : public SessionListener {
+ public:
+  void OnSessionChanged() override {
+    absl::MutexLock lock(&mutex_);
+    changed_.SignalAll();
+  }
+  template <typename Predicate>
+  void WaitUntil(Predicate is_true) {
+    absl::MutexLock lock(&mutex_);
+    while (!is_true()) changed_.Wait(&mutex_);
+  }
+
+ private:
+  absl::Mutex mutex_;
+  absl::CondVar changed_;
+};
+
+}  // namespace evpose::server
