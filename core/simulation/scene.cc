@@ -35,6 +35,7 @@ std::string_view SimulatedObjectName(SimulatedObject object) {
 
 std::vector<std::string> SimulatedObjectNames() {
   std::vector<std::string> names;
+  names.reserve(kObjectNames.size());
   for (const auto& [value, name] : kObjectNames) names.emplace_back(name);
   return names;
 }
