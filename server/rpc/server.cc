@@ -30,8 +30,9 @@ namespace evpose::server {
 namespace {
 
 constexpr absl::Duration kDestructorDeadline = absl::Seconds(1);
-// Calls without streams (an upload that is being loaded) that are still under way at the deadline get this long.
-constexpr std::chrono::milliseconds kCallGrace(500);
+// After the deadline: for the last status of a stream to get out, and for calls that are still under way (an upload
+// that is being loaded) to end.
+constexpr absl::Duration kCallGrace = absl::Milliseconds(500);
 // A message is a chunk and a few fields around it.
 constexpr uint32_t kMessageOverheadBytes = 64 * 1024;
 
@@ -160,7 +161,10 @@ class ServerImpl : public Server {
     const absl::Status leaving = WithReason(absl::UnavailableError("the server has left"), "DRAINING");
     streams_.EndAll(leaving);
     sessions_.CloseAll(leaving);
-    if (server_ != nullptr) server_->Shutdown(std::chrono::system_clock::now() + kCallGrace);
+    if (server_ != nullptr) {
+      streams_.WaitForAll(absl::Now() + kCallGrace);
+      server_->Shutdown(absl::ToChronoTime(absl::Now() + kCallGrace));
+    }
     expiry_timer_.Stop();
     pool_.Join();
   }

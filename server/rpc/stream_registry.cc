@@ -45,6 +45,12 @@ void StreamRegistry::WaitForTracks(absl::Time deadline) {
   mutex_.AwaitWithDeadline(absl::Condition(&no_tracks), deadline);
 }
 
+void StreamRegistry::WaitForAll(absl::Time deadline) {
+  absl::MutexLock lock(&mutex_);
+  const auto nothing = [this]() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) { return entries_.empty(); };
+  mutex_.AwaitWithDeadline(absl::Condition(&nothing), deadline);
+}
+
 void StreamRegistry::EndAll(const absl::Status& status) {
   {
     absl::MutexLock lock(&mutex_);

@@ -31,6 +31,8 @@ class StreamRegistry {
   void GoAway(absl::Duration deadline);
   // Returns when no Track stream is left, or at the deadline.
   void WaitForTracks(absl::Time deadline);
+  // Returns when no stream at all is left, or at the deadline.
+  void WaitForAll(absl::Time deadline);
   // Ends all streams, also those that are added later.
   void EndAll(const absl::Status& status);
 
