@@ -1,7 +1,6 @@
 // The standard scenes.
 #include <array>
 #include <string>
-#include <utility>
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"

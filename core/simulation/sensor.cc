@@ -4,6 +4,7 @@
 #include <cmath>
 
 #include "absl/strings/str_format.h"
+#include "core/base/random.h"
 #include "core/base/status_macros.h"
 
 namespace evpose {

@@ -14,7 +14,6 @@
 #include <vector>
 
 #include "absl/status/status.h"
-#include "core/base/random.h"
 #include "core/events/event.h"
 #include "core/simulation/noise.h"
 #include "core/simulation/pixel_response.h"

@@ -1,13 +1,8 @@
 #include "core/simulation/simulator.h"
 
 #include <algorithm>
-#include <array>
-#include <cmath>
-#include <utility>
 
-#include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
-#include "absl/strings/str_join.h"
 #include "core/base/status_macros.h"
 #include "core/simulation/motion.h"
 #include "core/simulation/objects.h"
