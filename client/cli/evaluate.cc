@@ -170,7 +170,7 @@ CommandRunner AddEvaluateCommand(CLI::App& app, CliContext& context) {
       "cover: share of the truth's time with a pose within 5 % of depth and 10 deg. losses: times that this ended.\n"
       "Position in the camera frame, without alignment.\n\n"
       "Example:\n"
-      "  evpose simulate --object cube --duration 0.5 --out cube\n"
+      "  evpose simulate --object cube --camera vga --duration 0.5 --out cube\n"
       "  evpose replay cube/recording.raw --model cube/model.obj --camera cube/camera.yaml --out cube/poses.tum \\\n"
       "    --init-pose \"$(head -n 1 cube/truth.tum | cut -d ' ' -f 2-)\"\n"
       "  evpose evaluate --truth cube/truth.tum --estimate evpose=cube/poses.tum --model cube/model.obj \\\n"

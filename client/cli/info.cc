@@ -50,7 +50,7 @@ absl::StatusOr<RecordingInfo> ReadInfo(const std::string& path, const std::funct
   RecordingInfo info;
   info.header = reader->header();
   EVPOSE_ASSIGN_OR_RETURN(const std::unique_ptr<EventDecoder> decoder,
-                          MakeEventDecoder(info.header.encoding, info.header.geometry));
+                          MakeEventDecoder(info.header.encoding, info.header.geometry, OutsideSensor::kKeep));
   Sha256 digest;
   DecodedEvents decoded;
   std::vector<uint8_t> bytes(kReadBytes);
@@ -100,6 +100,7 @@ Json InfoJson(const RecordingInfo& info) {
   json["broken_vectors"] = counts.broken_vectors;
   json["dropped_before_time"] = counts.dropped_before_time;
   json["dropped_outside_sensor"] = counts.dropped_outside_sensor;
+  json["kept_outside_sensor"] = counts.kept_outside_sensor;
   json["time_backsteps"] = counts.time_backsteps;
   json["clock_wraps"] = counts.clock_wraps;
   json["data_bytes"] = info.data_bytes;
@@ -128,6 +129,10 @@ void PrintInfo(const std::string& path, const RecordingInfo& info, std::ostream&
                          counts.unknown_words, counts.broken_vectors);
   out << absl::StrFormat("dropped    %d events (%d before the first time stamp, %d outside the sensor)\n",
                          counts.dropped_events(), counts.dropped_before_time, counts.dropped_outside_sensor);
+  if (counts.kept_outside_sensor > 0) {
+    out << absl::StrFormat("outside    %d events lie outside the sensor; replay leaves them out\n",
+                           counts.kept_outside_sensor);
+  }
   if (info.truncated_bytes > 0) out << "truncated  " << info.truncated_bytes << " bytes at the end are no whole word\n";
   out << "sha256     " << info.sha256 << "\n";
 }
@@ -140,9 +145,9 @@ CommandRunner AddInfoCommand(CLI::App& app, CliContext& context) {
   app.add_flag("--json", arguments->is_json, "One JSON object on standard output");
   app.footer(
       "The SHA-256 is that of the events as packed records of t u64 (microseconds, the sensor's clock), x u16, y u16,\n"
-      "p u8, little-endian.\n\n"
+      "p u8, little-endian. Events outside the sensor are in it, as far as their address can be read.\n\n"
       "Example:\n"
-      "  evpose simulate --object cube --duration 0.5 --out cube\n"
+      "  evpose simulate --object cube --camera vga --duration 0.5 --out cube\n"
       "  evpose info cube/recording.raw --json");
   return [arguments, &context]() -> absl::Status {
     EVPOSE_ASSIGN_OR_RETURN(const RecordingInfo info, ReadInfo(arguments->recording, context.is_interrupted));

@@ -1,3 +1,5 @@
+#include <spdlog/sinks/stdout_color_sinks.h>
+#include <spdlog/spdlog.h>
 #include <unistd.h>
 
 #include <csignal>
@@ -27,6 +29,9 @@ int main(int argc, char** argv) {
   std::signal(SIGTERM, HandleInterrupt);
   std::signal(SIGPIPE, SIG_IGN);  // a closed pipe is an error of the write
   std::ios::sync_with_stdio(false);
+  // The log of a server in this process: standard output belongs to the command's answer.
+  spdlog::set_default_logger(spdlog::stderr_color_mt("evpose"));
+  spdlog::set_level(spdlog::level::warn);
   evpose::client::CliContext context{std::cout, std::cerr};
   context.is_err_terminal = isatty(STDERR_FILENO) != 0;
   context.is_interrupted = [] { return g_interrupts > 0; };

@@ -116,7 +116,7 @@ void AddModelsCommands(CLI::App& app, CliContext& context, CommandRunners& runne
   add("delete", "Delete a model that no session uses", RunDelete, add_name);
   app.footer(
       "Example:\n"
-      "  evpose simulate --object cube --duration 0.1 --out cube\n"
+      "  evpose simulate --object cube --camera vga --duration 0.5 --out cube\n"
       "  evpose models upload cube/model.obj --server 127.0.0.1:50051");
 }
 

@@ -243,7 +243,7 @@ CommandRunner AddRenderCommand(CLI::App& app, CliContext& context) {
   app.footer(
       "ON events are blue, OFF events red, the model's visible lines green.\n\n"
       "Example:\n"
-      "  evpose simulate --object cube --duration 0.5 --out cube\n"
+      "  evpose simulate --object cube --camera vga --duration 0.5 --out cube\n"
       "  evpose render cube/recording.raw --poses cube/truth.tum --model cube/model.obj --camera cube/camera.yaml \\\n"
       "    -o cube/picture.png");
   return [arguments, &context] { return RunRender(*arguments, context); };

@@ -238,7 +238,7 @@ CommandRunner AddReplayCommand(CLI::App& app, CliContext& context) {
       "Without --server it serves itself, inside the process. Times are those of the sensor's clock. While the object\n"
       "is lost no pose is written. An interrupt ends the stream cleanly: what was tracked is written.\n\n"
       "Example:\n"
-      "  evpose simulate --object cube --duration 0.5 --out cube\n"
+      "  evpose simulate --object cube --camera vga --duration 0.5 --out cube\n"
       "  evpose replay cube/recording.raw --model cube/model.obj --camera cube/camera.yaml --out cube/poses.tum \\\n"
       "    --init-pose \"$(head -n 1 cube/truth.tum | cut -d ' ' -f 2-)\"");
   return [arguments, &context] { return RunReplay(*arguments, context); };

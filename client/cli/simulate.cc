@@ -131,7 +131,7 @@ CommandRunner AddSimulateCommand(CLI::App& app, CliContext& context) {
   app.footer(
       "Writes recording.raw (EVT3, as an EVK4 does), truth.tum, model.obj and camera.yaml.\n\n"
       "Example:\n"
-      "  evpose simulate --object cube --duration 0.5 --noise 0.1 --out cube");
+      "  evpose simulate --object cube --camera vga --duration 0.5 --noise 0.1 --out cube");
   return [arguments, &context] { return RunSimulate(*arguments, context); };
 }
 

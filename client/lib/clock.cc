@@ -1,5 +1,6 @@
 #include "client/lib/clock.h"
 
+#include <algorithm>
 #include <chrono>
 #include <condition_variable>
 #include <mutex>
@@ -17,7 +18,13 @@ class MonotonicClock final : public Clock {
     std::mutex mutex;
     std::condition_variable_any never_notified;
     std::unique_lock lock(mutex);
-    never_notified.wait_for(lock, stop, absl::ToChronoNanoseconds(time - Now()), [] { return false; });
+    // In steps, since the end of time minus now overflows the library's clock.
+    constexpr absl::Duration kLongestStep = absl::Hours(1);
+    for (absl::Duration left = time - Now(); left > absl::ZeroDuration(); left = time - Now()) {
+      const auto step = absl::ToChronoNanoseconds(std::min(left, kLongestStep));
+      never_notified.wait_for(lock, stop, step, [] { return false; });
+      if (stop.stop_requested()) return false;
+    }
     return !stop.stop_requested();
   }
 };

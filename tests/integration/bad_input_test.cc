@@ -1,0 +1,252 @@
+// Bad input: status 1, one line that names the file and the place, nothing half-written.
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+#include <filesystem>
+#include <functional>
+#include <string>
+#include <vector>
+
+#include "tests/integration/cli_fixture.h"
+
+namespace evpose {
+namespace {
+
+using ::testing::AllOf;
+using ::testing::HasSubstr;
+using ::testing::IsEmpty;
+
+class BadInputTest : public CliTest {
+ protected:
+  void SetUp() override {
+    CliTest::SetUp();
+    SimulateCube(0.002);
+  }
+
+  // A replay with one thing wrong; the error.
+  std::string ReplayError(const std::vector<std::string>& more = {}, int status = 1) {
+    const CliResult result = Run(ReplayArguments("poses.tum", more));
+    EXPECT_EQ(result.status, status) << result.out;
+    EXPECT_EQ(result.out, "");
+    EXPECT_THAT(FilesBeginning("poses"), IsEmpty());
+    if (status == 1) {
+      EXPECT_EQ(std::count(result.err.begin(), result.err.end(), '\n'), 1) << result.err;
+    }
+    return result.err;
+  }
+
+  void ReplaceInFile(const std::string& name, const std::string& from, const std::string& to) {
+    std::string text = ReadText(name);
+    const size_t at = text.find(from);
+    ASSERT_NE(at, std::string::npos) << from;
+    WriteText(name, text.replace(at, from.size(), to));
+  }
+};
+
+TEST_F(BadInputTest, MissingRecording) {
+  std::filesystem::remove(Path("cube/recording.raw"));
+  EXPECT_THAT(ReplayError(), HasSubstr(Path("cube/recording.raw")));
+  const CliResult info = Run({"info", Path("cube/recording.raw"), "--json"});
+  EXPECT_EQ(info.status, 1);
+  EXPECT_EQ(info.out, "");
+  EXPECT_THAT(info.err, HasSubstr(Path("cube/recording.raw")));
+}
+
+TEST_F(BadInputTest, EmptyRecording) {
+  WriteText("cube/recording.raw", "");
+  EXPECT_THAT(ReplayError(), AllOf(HasSubstr(Path("cube/recording.raw")), HasSubstr("empty")));
+  EXPECT_EQ(Run({"info", Path("cube/recording.raw")}).status, 1);
+}
+
+TEST_F(BadInputTest, HeaderOnlyRecording) {
+  const std::string whole = ReadText("cube/recording.raw");
+  WriteText("cube/recording.raw", whole.substr(0, whole.find("% end\n") + 6));
+  EXPECT_THAT(ReplayError(), HasSubstr(Path("cube/recording.raw")));
+  EXPECT_EQ(Run({"info", Path("cube/recording.raw")}).status, 1);
+}
+
+TEST_F(BadInputTest, FormatThatNoOneKnows) {
+  WriteText("cube/recording.raw", "% format EVT9;height=480;width=640\n% end\nabcdefgh");
+  EXPECT_THAT(ReplayError(), AllOf(HasSubstr(Path("cube/recording.raw")), HasSubstr("line 1"), HasSubstr("EVT9")));
+}
+
+TEST_F(BadInputTest, DirectoryInsteadOfRecording) {
+  std::filesystem::remove(Path("cube/recording.raw"));
+  std::filesystem::create_directory(Path("cube/recording.raw"));
+  EXPECT_THAT(ReplayError(), HasSubstr(Path("cube/recording.raw")));
+}
+
+TEST_F(BadInputTest, MissingModel) {
+  std::filesystem::remove(Path("cube/model.obj"));
+  EXPECT_THAT(ReplayError(), HasSubstr(Path("cube/model.obj")));
+}
+
+TEST_F(BadInputTest, ModelOfAnUnknownKind) {
+  std::filesystem::rename(Path("cube/model.obj"), Path("cube/model.step"));
+  std::vector<std::string> arguments = ReplayArguments("poses.tum");
+  arguments[3] = Path("cube/model.step");
+  const CliResult result = Run(arguments);
+  EXPECT_EQ(result.status, 1);
+  EXPECT_THAT(result.err, HasSubstr("model.step"));
+}
+
+TEST_F(BadInputTest, ModelWithNothingInIt) {
+  WriteText("cube/model.obj", "v 0 0 0\nv 1 0 0\n");
+  EXPECT_THAT(ReplayError(), HasSubstr(Path("cube/model.obj")));
+}
+
+// A closed surface without an edge: faces meet at less than the crease angle.
+std::string SphereObj() {
+  constexpr int kRings = 18, kSectors = 36;
+  std::string obj;
+  for (int ring = 0; ring <= kRings; ++ring) {
+    for (int sector = 0; sector < kSectors; ++sector) {
+      const double polar = M_PI * ring / kRings, azimuth = 2 * M_PI * sector / kSectors;
+      obj += "v " + std::to_string(std::sin(polar) * std::cos(azimuth)) + " " +
+             std::to_string(std::sin(polar) * std::sin(azimuth)) + " " + std::to_string(std::cos(polar)) + "\n";
+    }
+  }
+  const auto vertex = [](int ring, int sector) {
+    // All vertices of the first and the last ring are the same point.
+    const bool is_pole = ring == 0 || ring == kRings;
+    return std::to_string(ring * kSectors + (is_pole ? 0 : sector % kSectors) + 1);
+  };
+  for (int ring = 0; ring < kRings; ++ring) {
+    for (int sector = 0; sector < kSectors; ++sector) {
+      const std::string a = vertex(ring, sector), b = vertex(ring + 1, sector);
+      const std::string c = vertex(ring + 1, sector + 1), d = vertex(ring, sector + 1);
+      if (b != c) obj += "f " + a + " " + b + " " + c + "\n";
+      if (a != d) obj += "f " + a + " " + c + " " + d + "\n";
+    }
+  }
+  return obj;
+}
+
+TEST_F(BadInputTest, ModelWithoutALine) {
+  WriteText("cube/model.obj", SphereObj());
+  EXPECT_THAT(ReplayError(), AllOf(HasSubstr(Path("cube/model.obj")), HasSubstr("line")));
+}
+
+TEST_F(BadInputTest, ModelOfNoSize) {
+  WriteText("cube/model.obj", "v 0 0 0\nv 0 0 0\nv 0 0 0\nf 1 2 3\n");
+  EXPECT_THAT(ReplayError(), AllOf(HasSubstr(Path("cube/model.obj")), HasSubstr("size is 0 m")));
+}
+
+TEST_F(BadInputTest, ModelWithNan) {
+  WriteText("cube/model.obj", "v 0 0 0\nv 1 0 0\nv 0 nan 0\nf 1 2 3\n");
+  EXPECT_THAT(ReplayError(), AllOf(HasSubstr(Path("cube/model.obj")), HasSubstr("3")));
+}
+
+TEST_F(BadInputTest, CameraWithoutAField) {
+  ReplaceInFile("cube/camera.yaml", "camera_matrix", "matrix");
+  EXPECT_THAT(ReplayError(), AllOf(HasSubstr(Path("cube/camera.yaml")), HasSubstr("camera_matrix")));
+}
+
+TEST_F(BadInputTest, CameraThatIsMissing) {
+  std::filesystem::remove(Path("cube/camera.yaml"));
+  EXPECT_THAT(ReplayError(), HasSubstr(Path("cube/camera.yaml")));
+}
+
+TEST_F(BadInputTest, CameraOfAnotherSize) {
+  ReplaceInFile("cube/camera.yaml", "image_width: 640", "image_width: 600");
+  const std::string error = ReplayError();
+  EXPECT_THAT(error, AllOf(HasSubstr(Path("cube/camera.yaml") + " is of 600x480"),
+                           HasSubstr(Path("cube/recording.raw") + " of 640x480")));
+}
+
+TEST_F(BadInputTest, PoseWhoseQuaternionIsNotUnit) {
+  std::vector<std::string> arguments = ReplayArguments("poses.tum");
+  arguments.back() = "0 0 1 0 0 0 0.9";
+  const CliResult result = Run(arguments);
+  EXPECT_EQ(result.status, 1);
+  EXPECT_THAT(result.err, AllOf(HasSubstr("--init-pose"), HasSubstr("0 0 1 0 0 0 0.9")));
+  EXPECT_THAT(FilesBeginning("poses"), IsEmpty());
+}
+
+TEST_F(BadInputTest, TrajectoryWithABadLine) {
+  ReplaceInFile("cube/truth.tum", "\n", "\n1 2 3\n");
+  const CliResult result = Run({"evaluate", "--truth", Path("cube/truth.tum"), "--estimate", Path("cube/truth.tum")});
+  EXPECT_EQ(result.status, 1);
+  EXPECT_THAT(result.err, HasSubstr(Path("cube/truth.tum") + ":2: "));
+}
+
+TEST_F(BadInputTest, EstimateOfAnotherRecording) {
+  WriteText("other.tum", "100.0 0 0 1 0 0 0 1\n");
+  const CliResult result = Run({"evaluate", "--truth", Path("cube/truth.tum"), "--estimate", Path("other.tum")});
+  EXPECT_EQ(result.status, 1);
+  EXPECT_THAT(result.err, AllOf(HasSubstr(Path("other.tum")), HasSubstr("lies outside the truth's time span")));
+}
+
+TEST_F(BadInputTest, OutputThatCannotBeWritten) {
+  std::vector<std::string> arguments = ReplayArguments("no/such/directory/poses.tum");
+  const CliResult result = Run(arguments);
+  EXPECT_EQ(result.status, 1);
+  EXPECT_THAT(result.err, HasSubstr("no/such/directory/poses.tum"));
+}
+
+TEST_F(BadInputTest, AbsentServer) {
+  // Port 1 is nobody's.
+  const std::string error = ReplayError({"--server", "127.0.0.1:1", "--connect-timeout", "0.2"});
+  EXPECT_THAT(error, AllOf(HasSubstr("no server at 127.0.0.1:1"), HasSubstr("for 200ms")));
+  for (const char* command : {"sessions", "models"}) {
+    const CliResult result = Run({command, "list", "--server", "127.0.0.1:1", "--connect-timeout", "0.2"});
+    EXPECT_EQ(result.status, 1);
+    EXPECT_THAT(result.err, HasSubstr("no server at 127.0.0.1:1"));
+  }
+}
+
+TEST_F(BadInputTest, RenderSaysWhatIsMissing) {
+  const auto render = [&](const std::vector<std::string>& more) {
+    std::vector<std::string> arguments = {"render",  Path("cube/recording.raw"), "--poses",  Path("cube/truth.tum"),
+                                          "--model", Path("cube/model.obj"),     "--camera", Path("cube/camera.yaml"),
+                                          "--out"};
+    arguments.insert(arguments.end(), more.begin(), more.end());
+    return Run(arguments);
+  };
+  const CliResult late = render({Path("picture.png"), "--at", "100"});
+  EXPECT_EQ(late.status, 1);
+  EXPECT_THAT(late.err, AllOf(HasSubstr(Path("cube/recording.raw")), HasSubstr("no event within")));
+  EXPECT_EQ(render({Path("picture.jpeg2000")}).status, 2);
+  EXPECT_EQ(render({Path("picture.mp4"), "--at", "16.001"}).status, 2);
+  EXPECT_EQ(render({Path("picture.mp4"), "--window-ms", "50"}).status, 2);
+  WriteText("empty.tum", "");
+  const CliResult empty =
+      Run({"render", Path("cube/recording.raw"), "--poses", Path("empty.tum"), "--model", Path("cube/model.obj"),
+           "--camera", Path("cube/camera.yaml"), "--out", Path("picture.png")});
+  EXPECT_EQ(empty.status, 1);
+  EXPECT_THAT(empty.err, HasSubstr("--at"));
+  EXPECT_EQ(render({Path("no/such/picture.png")}).status, 1);
+  EXPECT_EQ(render({Path("no/such/picture.mp4")}).status, 1);
+  EXPECT_THAT(FilesBeginning("picture"), IsEmpty());
+}
+
+TEST_F(BadInputTest, WrongUsageIsStatusTwo) {
+  EXPECT_EQ(Run({}).status, 2);
+  EXPECT_EQ(Run({"reply"}).status, 2);
+  EXPECT_EQ(Run({"replay"}).status, 2);
+  EXPECT_EQ(Run({"models"}).status, 2);
+  EXPECT_EQ(Run({"watch", "sessions/1"}).status, 2);
+  EXPECT_THAT(ReplayError({"--rate", "fast"}, 2), HasSubstr("--rate"));
+  EXPECT_THAT(ReplayError({"--rate", "0"}, 2), HasSubstr("--rate"));
+  EXPECT_THAT(ReplayError({"--estimator", "best"}, 2), HasSubstr("best"));
+  std::vector<std::string> arguments = ReplayArguments("poses.tum");
+  arguments.resize(arguments.size() - 2);  // no --init-pose
+  const CliResult result = Run(arguments);
+  EXPECT_EQ(result.status, 2);
+  EXPECT_THAT(result.err, HasSubstr("--init-pose is required in this version"));
+  EXPECT_EQ(Run(ReplayArguments("poses.dat")).status, 2);
+  EXPECT_EQ(Run({"evaluate", "--truth", "a", "--estimate", "b", "--model", "c"}).status, 2);
+  EXPECT_EQ(Run({"simulate", "--object", "teapot", "--out", Path("teapot")}).status, 2);
+  EXPECT_FALSE(std::filesystem::exists(Path("teapot")));
+}
+
+TEST_F(BadInputTest, HelpAndVersionAreStatusZero) {
+  EXPECT_EQ(Run({"--help"}).status, 0);
+  EXPECT_EQ(Run({"--version"}).status, 0);
+  EXPECT_THAT(Run({"replay", "--help"}).out, HasSubstr("--init-pose"));
+}
+
+}  // namespace
+}  // namespace evpose

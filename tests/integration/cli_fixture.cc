@@ -1,0 +1,109 @@
+#include "tests/integration/cli_fixture.h"
+
+#include <sys/wait.h>
+
+#include <algorithm>
+#include <cstdlib>
+#include <fstream>
+#include <iterator>
+#include <sstream>
+
+#include "client/cli/cli.h"
+
+namespace evpose {
+namespace {
+
+std::string ReadWhole(const std::filesystem::path& path) {
+  std::ifstream stream(path, std::ios::binary);
+  return {std::istreambuf_iterator<char>(stream), {}};
+}
+
+}  // namespace
+
+nlohmann::json CliResult::Json() const {
+  nlohmann::json json = nlohmann::json::parse(out, nullptr, false);
+  EXPECT_FALSE(json.is_discarded()) << out << err;
+  return json;
+}
+
+void CliTest::SetUp() {
+  const auto* info = ::testing::UnitTest::GetInstance()->current_test_info();
+  std::string name = std::string(info->test_suite_name()) + "." + info->name();
+  std::replace(name.begin(), name.end(), '/', '.');
+  directory_ = std::filesystem::path(::testing::TempDir()) / ("evpose_" + name);
+  std::filesystem::remove_all(directory_);
+  std::filesystem::create_directories(directory_);
+}
+
+void CliTest::TearDown() {
+  if (!HasFailure()) std::filesystem::remove_all(directory_);
+}
+
+void CliTest::WriteText(const std::string& name, const std::string& text) const {
+  std::ofstream(Path(name), std::ios::binary) << text;
+}
+
+std::string CliTest::ReadText(const std::string& name) const { return ReadWhole(Path(name)); }
+
+std::vector<std::string> CliTest::FilesBeginning(const std::string& prefix) const {
+  std::vector<std::string> names;
+  for (const auto& entry : std::filesystem::directory_iterator(directory_)) {
+    const std::string name = entry.path().filename().string();
+    if (name.rfind(prefix, 0) == 0) names.push_back(name);
+  }
+  return names;
+}
+
+CliResult CliTest::Run(const std::vector<std::string>& arguments, client::Clock* clock) const {
+  std::ostringstream out, err;
+  client::CliContext context{out, err};
+  context.clock = clock;
+  CliResult result;
+  result.status = client::RunCli(arguments, context);
+  result.out = out.str();
+  result.err = err.str();
+  return result;
+}
+
+CliResult CliTest::RunShell(const std::string& script) const {
+  WriteText("script.sh", script);
+  const std::string command = "cd '" + directory_.string() +
+                              "' && PATH='" EVPOSE_BINARY_DIRECTORIES
+                              "':\"$PATH\" sh -e script.sh >shell.out 2>shell.err </dev/null";
+  const int wait_status = std::system(command.c_str());
+  CliResult result;
+  result.status = WIFEXITED(wait_status) ? WEXITSTATUS(wait_status) : -1;
+  result.out = ReadText("shell.out");
+  result.err = ReadText("shell.err");
+  return result;
+}
+
+void CliTest::SimulateCube(double duration_s) const {
+  const CliResult result = Run({"simulate", "--object", "cube", "--camera", "vga", "--duration",
+                                std::to_string(duration_s), "--noise", "0.1", "--out", Path("cube")});
+  ASSERT_EQ(result.status, 0) << result.err;
+}
+
+std::string CliTest::FirstPose() const {
+  const std::string truth = ReadText("cube/truth.tum");
+  const std::string line = truth.substr(0, truth.find('\n'));
+  return line.substr(line.find(' ') + 1);
+}
+
+std::vector<std::string> CliTest::ReplayArguments(const std::string& out, const std::vector<std::string>& more) const {
+  std::vector<std::string> arguments = {"replay",   Path("cube/recording.raw"),
+                                        "--model",  Path("cube/model.obj"),
+                                        "--camera", Path("cube/camera.yaml"),
+                                        "--out",    Path(out),
+                                        "--json",   "--init-pose",
+                                        FirstPose()};
+  arguments.insert(arguments.end(), more.begin(), more.end());
+  return arguments;
+}
+
+std::string SharedData(const std::string& name) {
+  const std::string path = std::string(EVPOSE_SHARED_DATA) + "/" + name;
+  return std::filesystem::exists(path) ? path : "";
+}
+
+}  // namespace evpose

@@ -1,0 +1,80 @@
+// evpose info against recordings that nobody here made.
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <fstream>
+
+#include "tests/integration/cli_fixture.h"
+
+namespace evpose {
+namespace {
+
+using ::testing::HasSubstr;
+
+struct Recording {
+  const char* folder;
+  const char* file;
+  const char* format;
+};
+
+class InfoTest : public CliTest, public ::testing::WithParamInterface<Recording> {};
+
+TEST_P(InfoTest, CountsAndDigestAreTheExpectedOnes) {
+  const std::string folder = SharedData(GetParam().folder);
+  if (folder.empty()) GTEST_SKIP() << "../shared/data is not there";
+  const nlohmann::json expected = nlohmann::json::parse(std::ifstream(folder + "/expected.json"));
+  const CliResult result = Run({"info", folder + "/" + GetParam().file, "--json"});
+  ASSERT_EQ(result.status, 0) << result.err;
+  const nlohmann::json info = result.Json();
+  EXPECT_EQ(info["format"], GetParam().format);
+  EXPECT_EQ(info["cd_events"], expected["cd_events"]);
+  EXPECT_EQ(info["on_events"], expected["on"]);
+  EXPECT_EQ(info["off_events"], expected["off"]);
+  EXPECT_EQ(info["triggers"], expected["ext_triggers"]);
+  EXPECT_EQ(info["t_first_us"], expected["t_first_us"]);
+  EXPECT_EQ(info["t_last_us"], expected["t_last_us"]);
+  EXPECT_EQ(info["sha256"], expected["sha256_of_packed_t_u64le_x_u16le_y_u16le_p_u8"]);
+}
+
+INSTANTIATE_TEST_SUITE_P(SharedData, InfoTest,
+                         ::testing::Values(Recording{"dat_atis_crop", "dat_sample.dat", "DAT"},
+                                           Recording{"evt21_vendor_testbench", "tc_001_in.raw", "EVT2.1"},
+                                           Recording{"evt2_sparklers_gen3", "evt2.raw", "EVT2"},
+                                           Recording{"evt3_driving_gen41", "evt3_sample.raw", "EVT3"},
+                                           Recording{"evt3_trigger_vga_640x480", "evt3_trigger_vga.raw", "EVT3"}),
+                         [](const auto& test) { return std::string(test.param.folder); });
+
+using InfoOfSimulationTest = CliTest;
+
+TEST_F(InfoOfSimulationTest, SaysWhatTheSimulatorWrote) {
+  const CliResult simulation =
+      Run({"simulate", "--camera", "vga", "--duration", "0.05", "--start", "1", "--out", Path("cube"), "--json"});
+  ASSERT_EQ(simulation.status, 0) << simulation.err;
+  const CliResult info = Run({"info", Path("cube/recording.raw"), "--json"});
+  ASSERT_EQ(info.status, 0) << info.err;
+  EXPECT_EQ(info.Json()["cd_events"], simulation.Json()["events"]);
+  EXPECT_EQ(info.Json()["format"], "EVT3");
+  EXPECT_EQ(info.Json()["width"], 640);
+  EXPECT_EQ(info.Json()["height"], 480);
+  EXPECT_EQ(info.Json()["invalid_words"], 0);
+  EXPECT_EQ(info.Json()["dropped_events"], 0);
+  EXPECT_GE(info.Json()["t_first_us"], 1'000'000);
+  EXPECT_LT(info.Json()["t_last_us"], 1'050'000);
+  const CliResult text = Run({"info", Path("cube/recording.raw")});
+  EXPECT_THAT(text.out, HasSubstr("EVT3 640x480"));
+  EXPECT_THAT(text.out, HasSubstr("sha256     " + info.Json()["sha256"].get<std::string>()));
+}
+
+TEST_F(InfoOfSimulationTest, SameSeedSameBytes) {
+  const auto digest = [&](const std::string& seed) {
+    EXPECT_EQ(Run({"simulate", "--camera", "vga", "--duration", "0.02", "--seed", seed, "--out", Path("cube")}).status,
+              0);
+    return Run({"info", Path("cube/recording.raw"), "--json"}).Json()["sha256"];
+  };
+  const nlohmann::json first = digest("7");
+  EXPECT_EQ(digest("7"), first);
+  EXPECT_NE(digest("8"), first);
+}
+
+}  // namespace
+}  // namespace evpose

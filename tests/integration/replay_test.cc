@@ -1,0 +1,214 @@
+// A recording through client and server and back, in every way that must not matter.
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <filesystem>
+#include <fstream>
+#include <memory>
+#include <string>
+#include <thread>
+#include <vector>
+
+#include "client/lib/client.h"
+#include "client/lib/fake_clock.h"
+#include "server/rpc/server.h"
+#include "tests/integration/cli_fixture.h"
+
+namespace evpose {
+namespace {
+
+using ::testing::ElementsAre;
+using ::testing::HasSubstr;
+using ::testing::IsEmpty;
+
+class ReplayTest : public CliTest {
+ protected:
+  void StartServer() {
+    auto server = server::Server::Start({});
+    ASSERT_TRUE(server.ok()) << server.status();
+    server_ = *std::move(server);
+    address_ = "127.0.0.1:" + std::to_string(server_->port());
+  }
+
+  std::unique_ptr<server::Server> server_;
+  std::string address_;
+};
+
+TEST_F(ReplayTest, SameBytesAtAnyRateOnAnyChunkingInProcessAndOverASocket) {
+  SimulateCube(0.25);
+  StartServer();
+  const CliResult first = Run(ReplayArguments("first.csv"));
+  ASSERT_EQ(first.status, 0) << first.err;
+  ASSERT_GT(first.Json()["poses"], 100);
+  const std::string expected = ReadText("first.csv");
+  const std::vector<std::vector<std::string>> ways = {
+      {},
+      {"--chunk-bytes", "4096"},
+      {"--chunk-bytes", "1048576"},
+      {"--rate", "1"},
+      {"--server", address_},
+      {"--server", address_, "--rate", "1"},
+      {"--server", address_, "--chunk-bytes", "4096", "--rate", "2.5"},
+      {"--server", address_, "--chunk-bytes", "1048576"},
+  };
+  for (const std::vector<std::string>& way : ways) {
+    client::FakeClock clock;
+    const absl::Time begin = clock.Now();
+    const CliResult result = Run(ReplayArguments("other.csv", way), &clock);
+    SCOPED_TRACE(::testing::PrintToString(way));
+    ASSERT_EQ(result.status, 0) << result.err;
+    EXPECT_TRUE(ReadText("other.csv") == expected);
+    const bool is_paced = std::find(way.begin(), way.end(), "1") != way.end();
+    if (is_paced) {
+      EXPECT_GE(clock.Now() - begin, absl::Milliseconds(245));
+    }
+  }
+  // Each replay freed its session.
+  EXPECT_EQ(Run({"sessions", "list", "--server", address_}).out, "");
+}
+
+TEST_F(ReplayTest, PosesFollowTheTruth) {
+  SimulateCube(0.25);
+  const CliResult replay = Run(ReplayArguments("poses.tum"));
+  ASSERT_EQ(replay.status, 0) << replay.err;
+  const nlohmann::json report = replay.Json();
+  EXPECT_EQ(report["losses"], 0);
+  EXPECT_EQ(report["state"], "TRACKING");
+  EXPECT_EQ(report["truncated_bytes"], 0);
+  EXPECT_GT(report["latency_p99_ms"], 0.0);
+  const nlohmann::json info = Run({"info", Path("cube/recording.raw"), "--json"}).Json();
+  EXPECT_EQ(report["events"], info["cd_events"]);
+  const CliResult evaluation =
+      Run({"evaluate", "--truth", Path("cube/truth.tum"), "--estimate", "evpose=" + Path("poses.tum"), "--model",
+           Path("cube/model.obj"), "--camera", Path("cube/camera.yaml"), "--json"});
+  ASSERT_EQ(evaluation.status, 0) << evaluation.err;
+  const nlohmann::json row = evaluation.Json()["estimates"][0];
+  EXPECT_EQ(row["name"], "evpose");
+  EXPECT_EQ(row["poses"], report["poses"]);
+  EXPECT_GT(row["coverage_ratio"], 0.9);
+  EXPECT_LT(row["position_rmse_of_depth"], 0.02);
+  EXPECT_LT(row["reprojection_mean_px"], 3.0);
+}
+
+TEST_F(ReplayTest, ReportEndsWithItsNumbers) {
+  SimulateCube(0.05);
+  std::vector<std::string> arguments = ReplayArguments("poses.tum");
+  arguments.erase(std::find(arguments.begin(), arguments.end(), "--json"));
+  const CliResult result = Run(arguments);
+  ASSERT_EQ(result.status, 0) << result.err;
+  const std::string body = result.out.substr(0, result.out.size() - 1);
+  EXPECT_THAT(
+      body.substr(body.rfind('\n') + 1),
+      ::testing::MatchesRegex("events [0-9]+  poses [0-9]+  losses [0-9]+  [0-9.]+ Mev/s  latency p50 [0-9.]+ ms "
+                              " p99 [0-9.]+ ms"));
+}
+
+TEST_F(ReplayTest, RecordingCutInTheMiddleIsUsedAsFarAsItIsWhole) {
+  SimulateCube(0.1);
+  const auto size = std::filesystem::file_size(Path("cube/recording.raw"));
+  std::filesystem::resize_file(Path("cube/recording.raw"), size / 4 * 2 + 1);
+  const CliResult result = Run(ReplayArguments("poses.tum"));
+  ASSERT_EQ(result.status, 0) << result.err;
+  EXPECT_EQ(result.Json()["truncated_bytes"], 1);
+  EXPECT_GT(result.Json()["poses"], 20);
+  std::vector<std::string> arguments = ReplayArguments("poses.tum");
+  arguments.erase(std::find(arguments.begin(), arguments.end(), "--json"));
+  EXPECT_THAT(Run(arguments).out, HasSubstr("truncated: the last 1 bytes are no whole word"));
+}
+
+TEST_F(ReplayTest, StandardInput) {
+  SimulateCube(0.05);
+  ASSERT_EQ(Run(ReplayArguments("file.tum")).status, 0);
+  const CliResult result = RunShell("evpose replay - --model cube/model.obj --camera cube/camera.yaml --init-pose '" +
+                                    FirstPose() + "' --out stdin.tum < cube/recording.raw");
+  ASSERT_EQ(result.status, 0) << result.err;
+  EXPECT_FALSE(ReadText("stdin.tum").empty());
+  EXPECT_EQ(ReadText("stdin.tum"), ReadText("file.tum"));
+}
+
+TEST_F(ReplayTest, AnotherObjectsRecordingEndsLostAndClaimsNoPose) {
+  const std::string recording = SharedData("evt3_driving_gen41/evt3_sample.raw");
+  if (recording.empty()) GTEST_SKIP() << "../shared/data is not there";
+  ASSERT_EQ(Run({"simulate", "--object", "cube", "--duration", "0.001", "--out", Path("cube")}).status, 0);
+  std::vector<std::string> arguments = ReplayArguments("poses.tum");
+  arguments[1] = recording;
+  arguments.back() = "0 0 1 0 0 0 1";
+  const CliResult result = Run(arguments);
+  ASSERT_EQ(result.status, 0) << result.err;
+  EXPECT_EQ(result.Json()["state"], "LOST");
+  EXPECT_EQ(result.Json()["losses"], 1);
+  EXPECT_EQ(result.Json()["poses"], 0);
+  EXPECT_TRUE(std::filesystem::exists(Path("poses.tum")));
+  EXPECT_EQ(ReadText("poses.tum"), "");
+  arguments.erase(std::find(arguments.begin(), arguments.end(), "--json"));
+  const CliResult text = Run(arguments);
+  EXPECT_THAT(text.out, HasSubstr("LOST: the object is lost since"));
+  EXPECT_THAT(text.out, HasSubstr("poses.tum: 0 poses"));
+}
+
+TEST_F(ReplayTest, ServerThatDiesLeavesAnErrorAndNoFile) {
+  SimulateCube(0.1);
+  StartServer();
+  CliResult result;
+  // A recording that goes on: the stream stays open until the server has gone.
+  std::thread replay([&] { result = Run(ReplayArguments("poses.tum", {"--server", address_, "--follow"})); });
+  const auto client = client::Client::Connect(address_);
+  ASSERT_TRUE(client.ok()) << client.status();
+  for (bool is_tracking = false; !is_tracking;) {
+    const auto sessions = (*client)->ListSessions();
+    ASSERT_TRUE(sessions.ok()) << sessions.status();
+    is_tracking = !sessions->empty() && sessions->front().health.poses > 10;
+  }
+  server_->Shutdown(absl::ZeroDuration());
+  replay.join();
+  EXPECT_EQ(result.status, 1);
+  EXPECT_THAT(result.err, HasSubstr(address_ + ": the stream broke: "));
+  EXPECT_THAT(result.err, HasSubstr("bytes sent, "));
+  EXPECT_THAT(FilesBeginning("poses"), IsEmpty());
+}
+
+TEST_F(ReplayTest, SessionThatIsKeptCanBeWatchedListedAndDeleted) {
+  SimulateCube(0.05);
+  StartServer();
+  const CliResult replay = Run(ReplayArguments("poses.tum", {"--server", address_, "--keep-session"}));
+  ASSERT_EQ(replay.status, 0) << replay.err;
+  const std::string session = replay.Json()["session"];
+  const CliResult watch = Run({"watch", session, "--server", address_});
+  ASSERT_EQ(watch.status, 0) << watch.err;
+  EXPECT_EQ(watch.out, ReadText("poses.tum"));
+  ASSERT_EQ(Run(ReplayArguments("poses.jsonl")).status, 0);
+  EXPECT_EQ(Run({"watch", session, "--server", address_, "--json"}).out, ReadText("poses.jsonl"));
+  EXPECT_THAT(Run({"sessions", "list", "--server", address_}).out, HasSubstr(session + "  ENDED"));
+  const nlohmann::json health = Run({"sessions", "get", session, "--server", address_, "--json"}).Json();
+  EXPECT_EQ(health["poses"], replay.Json()["poses"]);
+  // The model is in use as long as the session lives.
+  const std::string model = Run({"models", "list", "--server", address_, "--json"}).Json()[0]["name"];
+  EXPECT_EQ(Run({"models", "delete", model, "--server", address_}).status, 1);
+  EXPECT_EQ(Run({"sessions", "delete", session, "--server", address_}).status, 0);
+  EXPECT_EQ(Run({"sessions", "get", session, "--server", address_}).status, 1);
+  EXPECT_EQ(Run({"watch", session, "--server", address_}).status, 1);
+  EXPECT_EQ(Run({"models", "delete", model, "--server", address_}).status, 0);
+  EXPECT_EQ(Run({"models", "list", "--server", address_}).out, "");
+}
+
+TEST_F(ReplayTest, ModelsAreNamedByTheirContent) {
+  SimulateCube(0.002);
+  StartServer();
+  const auto upload = [&](const std::vector<std::string>& more) {
+    std::vector<std::string> arguments = {"models", "upload", Path("cube/model.obj"), "--server", address_, "--json"};
+    arguments.insert(arguments.end(), more.begin(), more.end());
+    return Run(arguments);
+  };
+  const CliResult first = upload({});
+  ASSERT_EQ(first.status, 0) << first.err;
+  EXPECT_EQ(first.Json()["lines"], 12);
+  EXPECT_EQ(upload({}).Json()["name"], first.Json()["name"]);
+  const CliResult scaled = upload({"--scale", "0.001"});
+  EXPECT_NE(scaled.Json()["name"], first.Json()["name"]);
+  EXPECT_NEAR(scaled.Json()["diameter_m"], first.Json()["diameter_m"].get<double>() * 0.001, 1e-9);
+  EXPECT_EQ(Run({"models", "get", first.Json()["name"], "--server", address_, "--json"}).Json(), first.Json());
+}
+
+}  // namespace
+}  // namespace evpose
