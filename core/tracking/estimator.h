@@ -40,8 +40,8 @@ class WindowEstimator {
   // `predicted` is for mid-window. `gate_factor` widens the gate for a second try (method.md 2.10 (4)). Learns nothing:
   // Fit may be called twice for a window.
   virtual WindowFit Fit(const MotionState& predicted, const WindowInput& input, double gate_factor) = 0;
-  // The fit stands: what it says of spread and clutter is the next window's start.
-  virtual void Accept(const WindowFit& fit) = 0;
+  // The last fit stands: what it says of spread and clutter is the next window's start.
+  virtual void Accept(const WindowFit& fit, const WindowInput& input) = 0;
   // Another object's pose: forgets what Accept learned.
   virtual void Reset() = 0;
 };

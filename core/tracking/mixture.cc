@@ -12,7 +12,8 @@ constexpr double kEndMarginPx = 2.0;
 
 class MixtureEstimator : public WindowEstimator {
  public:
-  MixtureEstimator(const MixtureOptions& options, const CameraModel& camera) : options_(options), camera_(camera) {
+  MixtureEstimator(const TrackerOptions& options, const CameraModel& camera)
+      : options_(options.mixture), camera_(camera), edge_bias_(options.edge, camera) {
     Reset();
   }
 
@@ -24,7 +25,7 @@ class MixtureEstimator : public WindowEstimator {
 
   WindowFit Fit(const MotionState& predicted, const WindowInput& input, double gate_factor) override;
 
-  void Accept(const WindowFit& fit) override {
+  void Accept(const WindowFit& fit, const WindowInput& input) override {
     // About ten windows' worth of memory: spread and clutter change with the view, not with the millisecond.
     constexpr double kMemoryEvents = 5000.0;
     const double n = fit.num_explained;
@@ -36,17 +37,25 @@ class MixtureEstimator : public WindowEstimator {
     if (gated > 0.0) {
       outlier_ratio_ = (kMemoryEvents * outlier_ratio_ + (gated - n)) / (kMemoryEvents + gated);
     }
+    polarity_.clear();
+    for (const MixtureLine& line : sums_) polarity_.push_back(line.polarity);
+    edge_bias_.Learn(input.lines, lines_, polarity_, input.duration_s, input.events_per_observation);
   }
 
   void Reset() override {
     sigma_px_ = options_.sigma_px;
     outlier_ratio_ = 0.2;
+    edge_bias_.Reset();
   }
 
  private:
   double FirstGatePx(double spread_px, double gate_factor) const {
     const double wanted = 3.0 * std::sqrt(sigma_px_ * sigma_px_ + spread_px * spread_px);
     return gate_factor * std::clamp(wanted, options_.gate_px, options_.max_gate_px);
+  }
+  void Project(const MotionState& state, const WindowInput& input) {
+    ProjectLines(camera_, state, input.lines, lines_);
+    edge_bias_.Correct(input.lines, absl::MakeSpan(lines_));
   }
   // Moves `state` to the minimum for the present sums; returns the largest movement of a line's middle, pixels.
   double Minimise(const MotionState& predicted, const Matrix12d& prior_information, const WindowInput& input,
@@ -62,6 +71,8 @@ class MixtureEstimator : public WindowEstimator {
   double outlier_ratio_ = 0.0;
   std::vector<ImageLine> lines_;
   std::vector<MixtureLine> sums_;
+  std::vector<PolaritySums> polarity_;
+  EdgeBias edge_bias_;
 };
 
 Matrix12d Symmetric(const Matrix12d& matrix) { return 0.5 * (matrix + matrix.transpose()); }
@@ -71,7 +82,7 @@ WindowFit MixtureEstimator::Fit(const MotionState& predicted, const WindowInput&
   const Matrix12d prior_information = Symmetric(predicted.covariance.ldlt().solve(Matrix12d::Identity()));
 
   MotionState state = predicted;
-  ProjectLines(camera_, state, input.lines, lines_);
+  Project(state, input);
   const double spread_px = PredictedSpreadPx(camera_, predicted, lines_);
   MixtureDensity density{sigma_px_, outlier_ratio_, FirstGatePx(spread_px, gate_factor)};
   double annealed_px2 = spread_px * spread_px;
@@ -115,7 +126,7 @@ double MixtureEstimator::Minimise(const MotionState& predicted, const Matrix12d&
     if (!dx.allFinite()) break;
     const double step_px = MovementPx(dx, input.duration_s);
     state = Plus(state, dx);
-    ProjectLines(camera_, state, input.lines, lines_);
+    Project(state, input);
     moved_px = std::max(moved_px, step_px);
     if (step_px < 0.005) break;
   }
@@ -126,8 +137,13 @@ void MixtureEstimator::NormalEquations(const MotionState& state, const WindowInp
                                        Matrix12d& hessian, Vector12d& gradient) const {
   const double scale = 1.0 / (sigma_px * sigma_px * options_.events_per_information);
   for (size_t k = 0; k < lines_.size(); ++k) {
-    if (!lines_[k].in_view() || sums_[k].sums.weight() <= 0.0) continue;
-    AddNormalEquations(sums_[k].sums, lines_[k].a, lines_[k].a_dot, lines_[k].jacobian, scale, hessian, gradient);
+    if (!lines_[k].in_view()) continue;
+    for (int polarity = 0; polarity < 2; ++polarity) {
+      const LineSums& sums = sums_[k].sums[polarity];
+      if (sums.weight() <= 0.0) continue;
+      AddNormalEquations(sums, lines_[k].a_of_polarity[polarity], lines_[k].a_dot, lines_[k].jacobian, scale, hessian,
+                         gradient);
+    }
   }
   AddAbsence(camera_, lines_, sums_, state.twist, input.duration_s, input.events_per_observation,
              options_.min_events_per_px2, 1.0 / options_.events_per_information, hessian, gradient);
@@ -163,7 +179,9 @@ MixtureTotals AccumulateMixture(const WindowInput& input, absl::Span<const Image
       if (weight < 1e-4) continue;
       const ImageLine& line = lines[near.line[k]];
       MixtureLine& sum = sums[near.line[k]];
-      sum.sums.Add(event.bx, event.by, event.tau_s, weight);
+      sum.sums[event.polarity].Add(event.bx, event.by, event.tau_s, weight);
+      sum.polarity.weight[event.polarity] += weight;
+      sum.polarity.distance_px[event.polarity] += weight * near.distance_px[k];
       const double along =
           (event.u_px - line.p1_px.x()) * line.direction.x() + (event.v_px - line.p1_px.y()) * line.direction.y();
       sum.half_weight[along < 0.5 * line.length_px ? 0 : 1] += weight;
@@ -197,7 +215,7 @@ void AddAbsence(const CameraModel& camera, absl::Span<const ImageLine> lines, ab
 }
 
 std::unique_ptr<WindowEstimator> MakeMixtureEstimator(const TrackerOptions& options, const CameraModel& camera) {
-  return std::make_unique<MixtureEstimator>(options.mixture, camera);
+  return std::make_unique<MixtureEstimator>(options, camera);
 }
 
 }  // namespace evpose

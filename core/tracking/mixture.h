@@ -6,6 +6,7 @@
 #include <memory>
 #include <vector>
 
+#include "core/tracking/edge_bias.h"
 #include "core/tracking/estimator.h"
 #include "core/tracking/line_sums.h"
 #include "core/tracking/robust.h"
@@ -14,7 +15,8 @@ namespace evpose {
 
 // What a pass over the events leaves of one line.
 struct MixtureLine {
-  LineSums sums;
+  std::array<LineSums, 2> sums;  // by polarity
+  PolaritySums polarity;
   std::array<double, 2> half_weight = {};  // explained events of its first and its second half
 };
 

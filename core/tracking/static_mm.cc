@@ -25,7 +25,7 @@ class StaticMmEstimator : public WindowEstimator {
   double ReachPx(double, double gate_factor) const override { return options_.distance_px * gate_factor; }
   int MaxEvents() const override { return options_.max_events; }
   WindowFit Fit(const MotionState& predicted, const WindowInput& input, double gate_factor) override;
-  void Accept(const WindowFit& fit) override {
+  void Accept(const WindowFit& fit, const WindowInput&) override {
     last_ = fit.state;
     has_last_ = true;
   }

@@ -108,7 +108,6 @@ void WindowTracker::OnWindow(const EventWindow& window, std::vector<PoseEstimate
                       fit.state.camera_from_object.translation_m.allFinite() && fit.state.twist.allFinite();
   if (!usable) return Lose();
   motion_ = fit.state;
-  estimator_->Accept(fit);
 
   ProjectLines(camera_, motion_, input.lines, image_lines_);
   if (PredictedSpreadPx(camera_, motion_, image_lines_) > options_.health.max_uncertainty_px) return Lose();
@@ -136,8 +135,10 @@ WindowFit WindowTracker::FitWindow(const EventWindow& window, WindowInput& input
     const WindowInput wide_input = Gather(window, agile, options_.mixture.retry_gate_factor);
     const WindowFit wide = estimator_->Fit(agile, wide_input, options_.mixture.retry_gate_factor);
     input = wide_input;
-    if (wide.explained_ratio() > fit.explained_ratio()) fit = wide;
+    if (wide.explained_ratio() <= fit.explained_ratio()) return fit;
+    fit = wide;
   }
+  estimator_->Accept(fit, input);
   if (fit.num_gated >= kMinRetryEvents) {
     usual_explained_ratio_ +=
         (usual_explained_ratio_ == 0.0 ? 1.0 : kForget) * (fit.explained_ratio() - usual_explained_ratio_);
@@ -175,7 +176,7 @@ WindowInput WindowTracker::Gather(const EventWindow& window, const MotionState& 
     observation.tile = grid_.TileOf(observation.u_px, observation.v_px);
     if (observation.tile == TileGrid::kNoTile || grid_.Lines(observation.tile).empty()) continue;
     observation.tau_s = static_cast<double>(event.t_us - predicted.t_us) * 1e-6;
-    observation.polarity = event.polarity;
+    observation.polarity = event.polarity != 0 ? 1 : 0;
     observations_.push_back(observation);
   }
   const size_t found = observations_.size();

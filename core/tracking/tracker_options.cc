@@ -53,6 +53,15 @@ absl::Status MixtureOptions::Validate() const {
   return Between("min_events_per_px2", min_events_per_px2, 0.0, 100.0);
 }
 
+absl::Status EdgeOptions::Validate() const {
+  EVPOSE_RETURN_IF_ERROR(Between("lag_px", lag_px, -2.0, 2.0));
+  EVPOSE_RETURN_IF_ERROR(Between("shift_px_per_event", shift_px_per_event, -1.0, 1.0));
+  EVPOSE_RETURN_IF_ERROR(Between("max_shift_px", max_shift_px, 0.0, 4.0));
+  EVPOSE_RETURN_IF_ERROR(Between("max_half_gap_px", max_half_gap_px, 0.0, 4.0));
+  EVPOSE_RETURN_IF_ERROR(Positive("min_events", min_events));
+  return Positive("memory_events", memory_events);
+}
+
 absl::Status StaticMmOptions::Validate() const {
   EVPOSE_RETURN_IF_ERROR(Between("distance_px", distance_px, 1.0, 64.0));
   EVPOSE_RETURN_IF_ERROR(Between("midpoint_ratio", midpoint_ratio, 0.1, 1.0));
@@ -83,6 +92,7 @@ absl::Status TrackerOptions::Validate() const {
   EVPOSE_RETURN_IF_ERROR(InGroup("initial", initial.Validate()));
   EVPOSE_RETURN_IF_ERROR(InGroup("motion", motion.Validate()));
   EVPOSE_RETURN_IF_ERROR(InGroup("mixture", mixture.Validate()));
+  EVPOSE_RETURN_IF_ERROR(InGroup("edge", edge.Validate()));
   EVPOSE_RETURN_IF_ERROR(InGroup("static_mm", static_mm.Validate()));
   return InGroup("health", health.Validate());
 }

@@ -57,6 +57,26 @@ struct MixtureOptions {
   absl::Status Validate() const;
 };
 
+// The sensor's answer to an edge (edge_bias.h): a profile of the sensor, calibrated once with known poses and never
+// fitted to the recording at hand. These are of a simulated EVK4 at its default thresholds (28 % contrast) behind a
+// lens that blurs by 0.5 px; the shift grows with the blur.
+struct EdgeOptions {
+  // Pixels that events lag behind a moving edge: about half of the light's step to the next threshold.
+  double lag_px = 0.16;
+  // Pixels to the darker side, for each event per swept square pixel: the latter tells the contrast.
+  double shift_px_per_event = 0.062;
+  double max_shift_px = 0.4;
+  // A stripe's dark and bright events are at most this far from its line.
+  double max_half_gap_px = 2.5;
+  // Explained events of a line before anything is applied to it.
+  double min_events = 200.0;
+  // Explained events that its contrast is the mean of: it changes with the view and the background, within a second or
+  // so.
+  double memory_events = 5000.0;
+
+  absl::Status Validate() const;
+};
+
 // The paper's static fit (its Sec. III-C and III-D), for comparison.
 struct StaticMmOptions {
   double distance_px = 8.0;     // d_t: farthest event of a line; the paper's value
@@ -113,6 +133,7 @@ struct TrackerOptions {
   InitialPoseOptions initial;
   MotionPriorOptions motion;
   MixtureOptions mixture;
+  EdgeOptions edge;
   StaticMmOptions static_mm;
   HealthOptions health;
 

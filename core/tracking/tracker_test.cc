@@ -36,8 +36,16 @@ struct TrackRun {
   std::unique_ptr<Tracker> tracker;
 };
 
+// Ideal events lie on their lines: the sensor neither lags nor shifts.
+TrackerOptions IdealSensor() {
+  TrackerOptions options;
+  options.edge.lag_px = 0.0;
+  options.edge.shift_px_per_event = 0.0;
+  return options;
+}
+
 TrackRun Track(const std::vector<Event>& events, const std::optional<RigidTransform>& pose,
-               const TrackerOptions& options = {}, bool finish = true) {
+               const TrackerOptions& options = IdealSensor(), bool finish = true) {
   TrackRun run;
   run.tracker = Tracker::Create(MakeCube(0.15), kCamera, options, pose).value();
   run.tracker->AddEvents(events, run.estimates);
@@ -139,7 +147,7 @@ TEST(Tracker, TumblingCubeAndTheStaticFitBesideIt) {
   EXPECT_LT(mixture.position_rmse_of_depth, 1e-3);
   EXPECT_LT(mixture.rotation_median_rad, 1.5e-3);
 
-  TrackerOptions published;
+  TrackerOptions published = IdealSensor();
   published.estimator = Estimator::kStaticMm;
   const TrackRun baseline = Track(events, motion(0.0), published);
   EXPECT_GT(baseline.estimates.size(), run.estimates.size() / 2);
@@ -150,7 +158,7 @@ TEST(Tracker, TumblingCubeAndTheStaticFitBesideIt) {
 
 TEST(Tracker, PublishedCovarianceIsHonestForIndependentEvents) {
   // The events of this test are independent, so that the information may count each of them.
-  TrackerOptions options;
+  TrackerOptions options = IdealSensor();
   options.mixture.events_per_information = 1.0;
   const Motion motion = Tumble(1.0);
   IdealEventOptions ideal;
@@ -171,7 +179,7 @@ TEST(Tracker, EstimatesDoNotDependOnTheCutOfCalls) {
   options.duration_us = 60'000;
   const std::vector<Event> events = MakeIdealEvents(*MakeCube(0.15), kCamera, motion, options);
   for (const Estimator estimator : {Estimator::kMixture, Estimator::kStaticMm}) {
-    TrackerOptions tracker_options;
+    TrackerOptions tracker_options = IdealSensor();
     tracker_options.estimator = estimator;
     const TrackRun whole = Track(events, kStart, tracker_options);
     for (const size_t step : {1u, 13u, 4096u}) {
@@ -268,7 +276,7 @@ TEST(Tracker, LosesAnObjectThatLeavesTheImage) {
   const Motion motion = ConstantTwist(kStart, Twist(3.0, 0.0, 0.0, 0.0, 0.0, 0.0));
   IdealEventOptions options;
   options.duration_us = 250'000;  // out of view after about 0.16 s
-  const TrackRun run = Track(MakeIdealEvents(*MakeCube(0.15), kCamera, motion, options), kStart, {}, false);
+  const TrackRun run = Track(MakeIdealEvents(*MakeCube(0.15), kCamera, motion, options), kStart, IdealSensor(), false);
   EXPECT_EQ(run.tracker->state(), TrackState::kLost);
   EXPECT_EQ(run.tracker->losses(), 1u);
   ASSERT_FALSE(run.estimates.empty());
@@ -316,7 +324,7 @@ TEST(Tracker, ResetPoseStartsAgain) {
       std::lower_bound(events.begin(), events.end(), 60'000, [](const Event& e, int64_t t) { return e.t_us < t; }) -
       events.begin());
   TrackRun run = Track({events.begin(), events.begin() + static_cast<std::ptrdiff_t>(middle)},
-                       MakePose({0.03, -0.02, 0.6}, {0.1, 0.1, 1.2}), {}, false);
+                       MakePose({0.03, -0.02, 0.6}, {0.1, 0.1, 1.2}), IdealSensor(), false);
   EXPECT_EQ(run.tracker->state(), TrackState::kLost);
   EXPECT_TRUE(run.estimates.empty());
 
@@ -339,7 +347,7 @@ TEST(Tracker, WithoutAPoseItStaysInitializing) {
 
 TEST(Tracker, APoseOutsideTheImageIsLostAtOnce) {
   for (const Eigen::Vector3d& translation : {Eigen::Vector3d(5.0, 0.0, 0.6), Eigen::Vector3d(0.0, 0.0, -0.6)}) {
-    const TrackRun run = Track(Noise(1e6, 0, 5'000, 8), MakePose(translation, {0.0, 0.0, 0.0}), {}, false);
+    const TrackRun run = Track(Noise(1e6, 0, 5'000, 8), MakePose(translation, {0.0, 0.0, 0.0}), IdealSensor(), false);
     EXPECT_EQ(run.tracker->state(), TrackState::kLost);
     EXPECT_TRUE(run.estimates.empty());
   }
@@ -349,7 +357,7 @@ TEST(Tracker, TimeMarksCloseWindowsWithoutEvents) {
   const Motion motion = ConstantTwist(kStart, Twist(0.3, 0.1, 0.0, 0.5, 0.0, 0.5));
   IdealEventOptions options;
   options.duration_us = 50'000;
-  TrackRun run = Track(MakeIdealEvents(*MakeCube(0.15), kCamera, motion, options), kStart, {}, false);
+  TrackRun run = Track(MakeIdealEvents(*MakeCube(0.15), kCamera, motion, options), kStart, IdealSensor(), false);
   const size_t before = run.estimates.size();
   run.tracker->AdvanceTime(150'000, run.estimates);
   ASSERT_GT(run.estimates.size(), before + 3);
