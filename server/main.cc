@@ -31,7 +31,8 @@ then, elsewhere:
 
 With port 0 a free port is taken. When the server is ready it prints one line on standard output,
 "listening on HOST:PORT"; its log goes to standard error. SIGTERM or SIGINT lets clients finish for up to
---shutdown-timeout; a second one ends it at once.)";
+--shutdown-timeout; a second one ends it at once.
+)";
 
 struct Arguments {
   ServerOptions options;
@@ -51,7 +52,7 @@ void DefineArguments(CLI::App& app, Arguments& arguments) {
   app.add_option("--listen", options.listen_address, "HOST:PORT to listen on; port 0 takes a free one");
   app.add_option("--port-file", arguments.port_file, "write the port to this file when ready");
   app.add_flag("--insecure", arguments.insecure,
-               "listen on an address that other machines can reach, without encryption and without tokens for readers");
+               "allow an address that other machines can reach: nothing is encrypted, and anybody may use the server");
   app.add_option("--workers", options.worker_threads, "threads that decode and track; 0: one per core");
   app.add_option("--max-sessions", options.max_sessions, "sessions at a time");
   app.add_option("--max-model-bytes", options.max_model_bytes, "of one model file");

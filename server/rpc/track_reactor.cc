@@ -3,6 +3,7 @@
 #include <deque>
 #include <memory>
 #include <optional>
+#include <string>
 #include <utility>
 
 #include "absl/base/thread_annotations.h"
@@ -13,6 +14,7 @@
 #include "server/rpc/status_mapping.h"
 #include "server/rpc/stream_registry.h"
 #include "server/sessions/errors.h"
+#include "server/sessions/log.h"
 #include "server/sessions/session.h"
 
 namespace evpose::server {
@@ -64,6 +66,7 @@ class TrackReactor : public grpc::ServerBidiReactor<v1::TrackRequest, v1::TrackR
   }
 
   void OnDone() override {
+    if (session_ != nullptr) ServerLog().info("{} stream {} is over: {}", session_->name(), stream_, Outcome());
     services_.streams.Remove(this);
     const std::shared_ptr<TrackReactor> last = std::move(self_);
   }
@@ -115,6 +118,8 @@ class TrackReactor : public grpc::ServerBidiReactor<v1::TrackRequest, v1::TrackR
     // Without the lock: the stream that this one fences is told, and takes its own.
     EVPOSE_ASSIGN_OR_RETURN(Attachment attachment,
                             session->Attach(attach.resume_token(), attach.last_pose_seq(), weak_from_this()));
+    ServerLog().info("{} stream {} attached: chunk {} is next", session->name(), attachment.stream,
+                     attachment.next_seq);
     absl::MutexLock lock(&mutex_);
     session_ = std::move(session);
     stream_ = attachment.stream;
@@ -145,6 +150,11 @@ class TrackReactor : public grpc::ServerBidiReactor<v1::TrackRequest, v1::TrackR
     absl::MutexLock lock(&mutex_);
     end_was_asked_ = true;
     return absl::OkStatus();
+  }
+
+  std::string Outcome() {
+    absl::MutexLock lock(&mutex_);
+    return failure_.ok() ? "finished" : std::string(failure_.message());
   }
 
   // The first failure counts.
