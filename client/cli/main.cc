@@ -2,6 +2,7 @@
 #include <spdlog/spdlog.h>
 #include <unistd.h>
 
+#include <atomic>
 #include <csignal>
 #include <iostream>
 #include <string>
@@ -11,12 +12,13 @@
 
 namespace {
 
-volatile std::sig_atomic_t g_interrupts = 0;
+// Read by other threads than the one that the signal stops.
+std::atomic<int> g_interrupts = 0;
+static_assert(std::atomic<int>::is_always_lock_free, "a signal handler must not lock");
 
 // The first asks for a clean end: what was tracked so far is written. The second ends the process.
 void HandleInterrupt(int signal) {
-  g_interrupts = g_interrupts + 1;
-  if (g_interrupts > 1) {
+  if (++g_interrupts > 1) {
     std::signal(signal, SIG_DFL);
     raise(signal);
   }
