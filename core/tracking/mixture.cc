@@ -78,7 +78,7 @@ class MixtureEstimator : public WindowEstimator {
 Matrix12d Symmetric(const Matrix12d& matrix) { return 0.5 * (matrix + matrix.transpose()); }
 
 WindowFit MixtureEstimator::Fit(const MotionState& predicted, const WindowInput& input, double gate_factor) {
-  constexpr double kSettledPx = 0.02;
+  constexpr double kSettledPx = 0.04;
   const Matrix12d prior_information = Symmetric(predicted.covariance.ldlt().solve(Matrix12d::Identity()));
 
   MotionState state = predicted;
@@ -197,6 +197,10 @@ void AddAbsence(const CameraModel& camera, absl::Span<const ImageLine> lines, ab
                 double scale, Matrix12d& hessian, Vector12d& gradient) {
   // Below this speed the Poisson Hessian would grow without bound; nothing is told apart there anyway.
   constexpr double kMinSpeedPxPerS = 5.0;
+  Matrix6d absence_hessian = Matrix6d::Zero();
+  Vector6d absence_gradient = Vector6d::Zero();
+  double all_expected = 0.0;
+  double all_observed = 0.0;
   for (size_t k = 0; k < lines.size(); ++k) {
     if (!lines[k].in_view()) continue;
     const double area_per_speed = min_events_per_px2 * 0.5 * lines[k].length_px * duration_s;
@@ -205,13 +209,18 @@ void AddAbsence(const CameraModel& camera, absl::Span<const ImageLine> lines, ab
       const double velocity = row.dot(twist);
       const double speed = std::max(std::abs(velocity), kMinSpeedPxPerS);
       const double expected = area_per_speed * speed;
-      const double missing = 1.0 - sums[k].half_weight[half] * events_per_observation / expected;
-      if (missing <= 0.0) continue;
-      const double curvature = scale * missing * area_per_speed / speed;
-      hessian.bottomRightCorner<6, 6>() += curvature * row * row.transpose();
-      gradient.tail<6>() += curvature * velocity * row;
+      const double observed = sums[k].half_weight[half] * events_per_observation;
+      all_expected += expected;
+      all_observed += observed;
+      const double curvature = std::max(0.0, 1.0 - observed / expected) * area_per_speed / speed;
+      absence_hessian += curvature * row * row.transpose();
+      absence_gradient += curvature * velocity * row;
     }
   }
+  const double missing = 1.0 - all_observed / all_expected;
+  if (!(missing > 0.0)) return;
+  hessian.bottomRightCorner<6, 6>() += scale * missing * absence_hessian;
+  gradient.tail<6>() += scale * missing * absence_gradient;
 }
 
 std::unique_ptr<WindowEstimator> MakeMixtureEstimator(const TrackerOptions& options, const CameraModel& camera) {

@@ -43,7 +43,7 @@ struct MixtureOptions {
   double max_gate_px = 16.0;
   // The gate of the second try is this many times wider (method.md 2.10 (4)).
   double retry_gate_factor = 3.0;
-  // Re-weighting passes over the events. After four the pose moves by less than 0.01 px from pass to pass.
+  // Re-weighting passes over the events, at most; two do when the prediction was good, four after a surprise.
   int max_passes = 4;
   // Events that go into one window's fit: more do not help, the floor is systematic (method.md 2.10 (5)).
   int max_events = 1200;

@@ -1,0 +1,105 @@
+#include "core/tracking/mixture.h"
+
+#include <gtest/gtest.h>
+
+#include <vector>
+
+#include "core/base/random.h"
+#include "core/tracking/ideal_events.h"
+
+namespace evpose {
+namespace {
+
+using testing::MakeCamera;
+using testing::MakePose;
+
+// Two lines, 3 px apart.
+class MixtureTest : public ::testing::Test {
+ protected:
+  MixtureTest() : grid_(camera_) {
+    state_.camera_from_object = MakePose({0.0, 0.0, 1.0}, {0.0, 0.0, 0.0});
+    state_.twist[0] = 0.2;
+    ProjectLines(camera_, state_, tracked_, lines_);
+    grid_.Build(lines_, 12.0);
+  }
+  Observation At(double du_px, double dv_px, uint8_t polarity = 1) const {
+    Observation event;
+    event.u_px = camera_.cx_px + du_px;
+    event.v_px = camera_.cy_px + dv_px;
+    const Eigen::Vector3d bearing = BearingOf(camera_, {event.u_px, event.v_px});
+    event.bx = bearing.x();
+    event.by = bearing.y();
+    event.tile = grid_.TileOf(event.u_px, event.v_px);
+    event.polarity = polarity;
+    return event;
+  }
+  MixtureTotals Accumulate(const std::vector<Observation>& events, const MixtureDensity& density) {
+    WindowInput input;
+    input.events = events;
+    input.duration_s = 0.001;
+    input.lines = tracked_;
+    input.grid = &grid_;
+    return AccumulateMixture(input, lines_, density, table_, sums_);
+  }
+  static double Weight(const MixtureLine& line) { return line.sums[0].weight() + line.sums[1].weight(); }
+
+  const CameraModel camera_ = MakeCamera(1280, 720, 1000.0);
+  const std::vector<TrackedLine> tracked_ = {{0, {0.0, -0.05, 0.0}, {0.0, 0.05, 0.0}},
+                                             {1, {0.003, -0.05, 0.0}, {0.003, 0.05, 0.0}}};
+  MotionState state_;
+  std::vector<ImageLine> lines_;
+  TileGrid grid_;
+  const ExpTable table_;
+  std::vector<MixtureLine> sums_;
+};
+
+TEST_F(MixtureTest, AnEventBetweenTwoLinesIsShared) {
+  const MixtureDensity density{1.0, 0.1, 6.0};
+  Accumulate({At(1.5, 10.0)}, density);
+  EXPECT_NEAR(Weight(sums_[0]), Weight(sums_[1]), 1e-9);
+  EXPECT_GT(Weight(sums_[0]), 0.4);
+  EXPECT_LT(Weight(sums_[0]), 0.5);
+  Accumulate({At(0.5, 10.0)}, density);
+  // exp(-(0.5^2 - 2.5^2) / 2) = e^3 to one.
+  EXPECT_NEAR(Weight(sums_[0]) / Weight(sums_[1]), 20.0855, 0.02);
+}
+
+TEST_F(MixtureTest, SumsAreByLineHalfAndPolarity) {
+  const MixtureDensity density{0.5, 0.1, 6.0};
+  const MixtureTotals totals =
+      Accumulate({At(-0.2, -20.0, 0), At(0.1, 20.0, 1), At(-5.5, 0.0), At(200.0, 0.0)}, density);
+  EXPECT_EQ(totals.num_gated, 3.0);
+  EXPECT_GT(sums_[0].half_weight[0], 0.9);
+  EXPECT_GT(sums_[0].half_weight[1], 0.9);
+  EXPECT_GT(sums_[0].polarity.weight[0], 0.9);
+  EXPECT_GT(sums_[0].polarity.weight[1], 0.9);
+  EXPECT_NEAR(totals.weight, Weight(sums_[0]) + Weight(sums_[1]), 1e-9);
+}
+
+TEST_F(MixtureTest, SilenceBrakesTheTwist) {
+  Accumulate({}, MixtureDensity());
+  Matrix12d hessian = Matrix12d::Zero();
+  Vector12d gradient = Vector12d::Zero();
+  AddAbsence(camera_, lines_, sums_, state_.twist, 0.01, 1.0, 0.15, 1.0, hessian, gradient);
+  EXPECT_GT(gradient[6], 0.0);  // against the motion to the right
+  EXPECT_GT(hessian(6, 6), 0.0);
+  // The Newton step of the penalty alone stops what moves.
+  EXPECT_NEAR(-gradient[6] / hessian(6, 6), -state_.twist[0], 1e-9);
+  EXPECT_EQ(hessian.topLeftCorner(6, 6).norm(), 0.0);
+}
+
+TEST_F(MixtureTest, AHiddenLineDoesNotBrakeWhileOthersSpeak) {
+  std::vector<Observation> events;
+  Random random(4);
+  // Line 0 sweeps 200 px^2 in 10 ms and makes 2 events per px^2; line 1 none.
+  for (int i = 0; i < 400; ++i) events.push_back(At(random.Uniform(-1.0, 0.0), random.Uniform(-48.0, 48.0)));
+  Accumulate(events, {0.5, 0.1, 6.0});
+  Matrix12d hessian = Matrix12d::Zero();
+  Vector12d gradient = Vector12d::Zero();
+  AddAbsence(camera_, lines_, sums_, state_.twist, 0.01, 1.0, 0.15, 1.0, hessian, gradient);
+  EXPECT_EQ(gradient.norm(), 0.0);
+  EXPECT_EQ(hessian.norm(), 0.0);
+}
+
+}  // namespace
+}  // namespace evpose
