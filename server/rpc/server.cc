@@ -7,6 +7,7 @@
 #include <algorithm>
 #include <boost/asio/steady_timer.hpp>
 #include <chrono>
+#include <mutex>
 #include <thread>
 #include <utility>
 
@@ -30,6 +31,7 @@ namespace evpose::server {
 namespace {
 
 constexpr absl::Duration kDestructorDeadline = absl::Seconds(1);
+constexpr absl::Duration kLongestDeadline = absl::Hours(24 * 365);  // the clock's arithmetic ends somewhere
 // After the deadline: for the last status of a stream to get out, and for calls that are still under way (an upload
 // that is being loaded) to end.
 constexpr absl::Duration kCallGrace = absl::Milliseconds(500);
@@ -61,13 +63,13 @@ class ExpiryTimer {
       : sessions_(sessions),
         period_(absl::ToChronoMilliseconds(std::clamp(expiry / 4, absl::Seconds(1), absl::Minutes(1)))),
         timer_(pool.executor()) {
-    absl::MutexLock lock(&mutex_);
+    const std::lock_guard lock(mutex_);
     Arm();
   }
 
   // No deletion starts after this.
   void Stop() {
-    absl::MutexLock lock(&mutex_);
+    const std::lock_guard lock(mutex_);
     is_stopped_ = true;
     timer_.cancel();
   }
@@ -82,13 +84,13 @@ class ExpiryTimer {
 
   void OnTimer() {
     sessions_.DeleteExpired();
-    absl::MutexLock lock(&mutex_);
+    const std::lock_guard lock(mutex_);
     if (!is_stopped_) Arm();
   }
 
   SessionManager& sessions_;
   const std::chrono::milliseconds period_;
-  absl::Mutex mutex_;
+  std::mutex mutex_;
   bool is_stopped_ ABSL_GUARDED_BY(mutex_) = false;
   boost::asio::steady_timer timer_ ABSL_GUARDED_BY(mutex_);
 };
@@ -151,7 +153,7 @@ class ServerImpl : public Server {
   void Shutdown(absl::Duration deadline) override {
     if (is_shut_down_) return;
     is_shut_down_ = true;
-    const absl::Time end = absl::Now() + deadline;
+    const absl::Time end = absl::Now() + std::min(deadline, kLongestDeadline);
     sessions_.Drain();
     if (server_ != nullptr) {
       server_->GetHealthCheckService()->SetServingStatus(false);

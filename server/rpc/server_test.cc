@@ -1,6 +1,8 @@
 // The server as a whole: its addresses, its unary calls and what they promise.
 #include "server/rpc/server.h"
 
+#include <grpcpp/generic/generic_stub.h>
+
 #include "absl/strings/escaping.h"
 #include "core/base/hash.h"
 #include "grpc/health/v1/health.grpc.pb.h"
@@ -255,6 +257,43 @@ TEST_F(ServerTest, ServesHealthAndMoreThanOneAddress) {
 
   server_->Shutdown(absl::ZeroDuration());
   EXPECT_EQ(Get(session.name(), &found).error_code(), grpc::StatusCode::UNAVAILABLE);
+}
+
+// The answer of the reflection service to "which services are there", as it is on the wire.
+std::string ListServicesByReflection(const std::shared_ptr<grpc::Channel>& channel) {
+  grpc::GenericStub stub(channel);
+  grpc::ClientContext context;
+  grpc::CompletionQueue queue;
+  const auto wait = [&queue] {
+    void* tag = nullptr;
+    bool ok = false;
+    return queue.Next(&tag, &ok) && ok;
+  };
+  const auto call =
+      stub.PrepareCall(&context, "/grpc.reflection.v1alpha.ServerReflection/ServerReflectionInfo", &queue);
+  call->StartCall(nullptr);
+  EXPECT_TRUE(wait());
+  const grpc::Slice list_services("\x3a\x01*");  // field 7, a string
+  call->Write(grpc::ByteBuffer(&list_services, 1), nullptr);
+  EXPECT_TRUE(wait());
+  grpc::ByteBuffer answer;
+  call->Read(&answer, nullptr);
+  EXPECT_TRUE(wait());
+  grpc::Status status;
+  context.TryCancel();
+  call->Finish(&status, nullptr);
+  wait();
+  grpc::Slice bytes;
+  EXPECT_TRUE(answer.DumpToSingleSlice(&bytes).ok());
+  return std::string(reinterpret_cast<const char*>(bytes.begin()), bytes.size());
+}
+
+TEST_F(ServerTest, DescribesItselfByReflection) {
+  const std::string services = ListServicesByReflection(channel_);
+  for (const char* service :
+       {"evpose.v1.SessionService", "evpose.v1.ModelService", "evpose.v1.AdminService", "grpc.health.v1.Health"}) {
+    EXPECT_THAT(services, testing::HasSubstr(service));
+  }
 }
 
 TEST_F(ServerTest, CannotListenWhereAnotherDoes) {

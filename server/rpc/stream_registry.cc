@@ -1,6 +1,7 @@
 #include "server/rpc/stream_registry.h"
 
 #include <algorithm>
+#include <mutex>
 #include <utility>
 
 namespace evpose::server {
@@ -8,7 +9,7 @@ namespace evpose::server {
 void StreamRegistry::Add(Kind kind, const std::shared_ptr<OpenStream>& stream) {
   absl::Status ended;
   {
-    absl::MutexLock lock(&mutex_);
+    const std::lock_guard lock(mutex_);
     entries_.push_back({kind, stream.get(), stream});
     if (kind == Kind::kTrack) ++num_tracks_;
     ended = ended_;
@@ -17,16 +18,17 @@ void StreamRegistry::Add(Kind kind, const std::shared_ptr<OpenStream>& stream) {
 }
 
 void StreamRegistry::Remove(const OpenStream* stream) {
-  absl::MutexLock lock(&mutex_);
+  const std::lock_guard lock(mutex_);
   const auto found =
       std::find_if(entries_.begin(), entries_.end(), [stream](const Entry& entry) { return entry.key == stream; });
   if (found == entries_.end()) return;
   if (found->kind == Kind::kTrack) --num_tracks_;
   entries_.erase(found);
+  removed_.notify_all();
 }
 
 std::vector<std::shared_ptr<OpenStream>> StreamRegistry::Streams(bool with_watches) {
-  absl::MutexLock lock(&mutex_);
+  const std::lock_guard lock(mutex_);
   std::vector<std::shared_ptr<OpenStream>> streams;
   for (const Entry& entry : entries_) {
     if (!with_watches && entry.kind == Kind::kWatch) continue;
@@ -40,20 +42,18 @@ void StreamRegistry::GoAway(absl::Duration deadline) {
 }
 
 void StreamRegistry::WaitForTracks(absl::Time deadline) {
-  absl::MutexLock lock(&mutex_);
-  const auto no_tracks = [this]() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) { return num_tracks_ == 0; };
-  mutex_.AwaitWithDeadline(absl::Condition(&no_tracks), deadline);
+  std::unique_lock lock(mutex_);
+  removed_.wait_until(lock, absl::ToChronoTime(deadline), [this] { return num_tracks_ == 0; });
 }
 
 void StreamRegistry::WaitForAll(absl::Time deadline) {
-  absl::MutexLock lock(&mutex_);
-  const auto nothing = [this]() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) { return entries_.empty(); };
-  mutex_.AwaitWithDeadline(absl::Condition(&nothing), deadline);
+  std::unique_lock lock(mutex_);
+  removed_.wait_until(lock, absl::ToChronoTime(deadline), [this] { return entries_.empty(); });
 }
 
 void StreamRegistry::EndAll(const absl::Status& status) {
   {
-    absl::MutexLock lock(&mutex_);
+    const std::lock_guard lock(mutex_);
     ended_ = status;
   }
   for (const auto& stream : Streams(/*with_watches=*/true)) stream->End(status);

@@ -1,12 +1,13 @@
 // The streams that are open, so that a server that leaves can tell them, wait for them and end them.
 #pragma once
 
+#include <condition_variable>
 #include <memory>
+#include <mutex>
 #include <vector>
 
 #include "absl/base/thread_annotations.h"
 #include "absl/status/status.h"
-#include "absl/synchronization/mutex.h"
 #include "absl/time/time.h"
 
 namespace evpose::server {
@@ -44,7 +45,8 @@ class StreamRegistry {
   };
   std::vector<std::shared_ptr<OpenStream>> Streams(bool with_watches);
 
-  absl::Mutex mutex_;
+  std::mutex mutex_;
+  std::condition_variable removed_;
   std::vector<Entry> entries_ ABSL_GUARDED_BY(mutex_);
   int num_tracks_ ABSL_GUARDED_BY(mutex_) = 0;
   absl::Status ended_ ABSL_GUARDED_BY(mutex_);

@@ -2,13 +2,13 @@
 
 #include <deque>
 #include <memory>
+#include <mutex>
 #include <optional>
 #include <string>
 #include <utility>
 
 #include "absl/base/thread_annotations.h"
 #include "absl/strings/str_cat.h"
-#include "absl/synchronization/mutex.h"
 #include "core/base/status_macros.h"
 #include "server/rpc/conversion.h"
 #include "server/rpc/status_mapping.h"
@@ -36,7 +36,7 @@ class TrackReactor : public grpc::ServerBidiReactor<v1::TrackRequest, v1::TrackR
   void Start() {
     self_ = shared_from_this();
     services_.streams.Add(StreamRegistry::Kind::kTrack, self_);
-    absl::MutexLock lock(&mutex_);
+    const std::lock_guard lock(mutex_);
     Pump();
   }
 
@@ -44,7 +44,7 @@ class TrackReactor : public grpc::ServerBidiReactor<v1::TrackRequest, v1::TrackR
     // The request belongs to the reading side alone: it is handled without the lock, the digest of its payload
     // included.
     const absl::Status handled = ok ? HandleRequest() : absl::OkStatus();
-    absl::MutexLock lock(&mutex_);
+    const std::lock_guard lock(mutex_);
     is_reading_ = false;
     if (!ok) reads_are_done_ = true;
     Fail(handled);
@@ -52,7 +52,7 @@ class TrackReactor : public grpc::ServerBidiReactor<v1::TrackRequest, v1::TrackR
   }
 
   void OnWriteDone(bool ok) override {
-    absl::MutexLock lock(&mutex_);
+    const std::lock_guard lock(mutex_);
     is_writing_ = false;
     if (!ok) Fail(absl::CancelledError("the client is gone"));
     if (session_ != nullptr) session_->ReportSent(stream_, sent_pose_seq_);
@@ -60,7 +60,7 @@ class TrackReactor : public grpc::ServerBidiReactor<v1::TrackRequest, v1::TrackR
   }
 
   void OnCancel() override {
-    absl::MutexLock lock(&mutex_);
+    const std::lock_guard lock(mutex_);
     Fail(absl::CancelledError("the client cancelled"));
     Pump();
   }
@@ -72,18 +72,18 @@ class TrackReactor : public grpc::ServerBidiReactor<v1::TrackRequest, v1::TrackR
   }
 
   void OnSessionChanged() override {
-    absl::MutexLock lock(&mutex_);
+    const std::lock_guard lock(mutex_);
     Pump();
   }
 
   void GoAway(absl::Duration deadline) override {
-    absl::MutexLock lock(&mutex_);
+    const std::lock_guard lock(mutex_);
     go_away_ = deadline;
     Pump();
   }
 
   void End(const absl::Status& status) override {
-    absl::MutexLock lock(&mutex_);
+    const std::lock_guard lock(mutex_);
     Fail(status);
     Pump();
     // A client that does not read would hold its last message for ever.
@@ -120,7 +120,7 @@ class TrackReactor : public grpc::ServerBidiReactor<v1::TrackRequest, v1::TrackR
                             session->Attach(attach.resume_token(), attach.last_pose_seq(), weak_from_this()));
     ServerLog().info("{} stream {} attached: chunk {} is next", session->name(), attachment.stream,
                      attachment.next_seq);
-    absl::MutexLock lock(&mutex_);
+    const std::lock_guard lock(mutex_);
     session_ = std::move(session);
     stream_ = attachment.stream;
     if (is_finished_) session_->Detach(stream_);  // cancelled meanwhile
@@ -147,13 +147,13 @@ class TrackReactor : public grpc::ServerBidiReactor<v1::TrackRequest, v1::TrackR
 
   absl::Status HandleEnd() {
     EVPOSE_RETURN_IF_ERROR(session_->PushEnd(stream_));
-    absl::MutexLock lock(&mutex_);
+    const std::lock_guard lock(mutex_);
     end_was_asked_ = true;
     return absl::OkStatus();
   }
 
   std::string Outcome() {
-    absl::MutexLock lock(&mutex_);
+    const std::lock_guard lock(mutex_);
     return failure_.ok() ? "finished" : std::string(failure_.message());
   }
 
@@ -285,7 +285,7 @@ class TrackReactor : public grpc::ServerBidiReactor<v1::TrackRequest, v1::TrackR
   std::shared_ptr<Session> session_;
   uint64_t stream_ = 0;
 
-  absl::Mutex mutex_;
+  std::mutex mutex_;
   v1::TrackResponse response_ ABSL_GUARDED_BY(mutex_);
   bool is_reading_ ABSL_GUARDED_BY(mutex_) = false;
   bool is_writing_ ABSL_GUARDED_BY(mutex_) = false;

@@ -6,12 +6,12 @@
 #include <cmath>
 #include <limits>
 #include <memory>
+#include <mutex>
 #include <utility>
 #include <vector>
 
 #include "absl/base/thread_annotations.h"
 #include "absl/strings/str_cat.h"
-#include "absl/synchronization/mutex.h"
 #include "core/base/status_macros.h"
 #include "server/rpc/conversion.h"
 #include "server/rpc/status_mapping.h"
@@ -43,20 +43,20 @@ class WatchReactor : public grpc::ServerWriteReactor<Response>,
     self_ = this->shared_from_this();
     services_.streams.Add(StreamRegistry::Kind::kWatch, self_);
     if (begun.ok()) session_->AddWatcher(this->weak_from_this());
-    absl::MutexLock lock(&mutex_);
+    const std::lock_guard lock(mutex_);
     Fail(begun);
     Pump();
   }
 
   void OnWriteDone(bool ok) override {
-    absl::MutexLock lock(&mutex_);
+    const std::lock_guard lock(mutex_);
     is_writing_ = false;
     if (!ok) Fail(absl::CancelledError("the client is gone"));
     Pump();
   }
 
   void OnCancel() override {
-    absl::MutexLock lock(&mutex_);
+    const std::lock_guard lock(mutex_);
     Fail(absl::CancelledError("the client cancelled"));
     Pump();
   }
@@ -67,14 +67,14 @@ class WatchReactor : public grpc::ServerWriteReactor<Response>,
   }
 
   void OnSessionChanged() override {
-    absl::MutexLock lock(&mutex_);
+    const std::lock_guard lock(mutex_);
     Pump();
   }
 
   void GoAway(absl::Duration) override {}
 
   void End(const absl::Status& status) override {
-    absl::MutexLock lock(&mutex_);
+    const std::lock_guard lock(mutex_);
     Fail(status);
     Pump();
     if (!is_finished_) context_->TryCancel();
@@ -110,7 +110,7 @@ class WatchReactor : public grpc::ServerWriteReactor<Response>,
     }
   }
 
-  mutable absl::Mutex mutex_;
+  mutable std::mutex mutex_;
 
  private:
   void Finish(const absl::Status& status) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
@@ -225,7 +225,7 @@ class WatchHealthReactor : public WatchReactor<v1::SessionHealth> {
   }
 
   void OnAlarm() {
-    absl::MutexLock lock(&mutex_);
+    const std::lock_guard lock(mutex_);
     is_due_ = true;
     Pump();
   }

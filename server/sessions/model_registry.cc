@@ -1,6 +1,7 @@
 #include "server/sessions/model_registry.h"
 
 #include <bit>
+#include <mutex>
 #include <utility>
 
 #include "absl/strings/ascii.h"
@@ -50,7 +51,7 @@ std::string ModelName(const ModelReading& reading, absl::Span<const uint8_t> byt
 absl::StatusOr<std::unique_ptr<ModelRegistry>> ModelRegistry::Create(const Options& options, Store& store) {
   std::unique_ptr<ModelRegistry> registry(new ModelRegistry(options, store));
   EVPOSE_ASSIGN_OR_RETURN(const std::vector<ModelRecord> records, store.ReadModels());
-  absl::MutexLock lock(&registry->mutex_);
+  const std::lock_guard lock(registry->mutex_);
   for (const ModelRecord& record : records) {
     auto entry =
         Load(record, registry->LoadingOptions({record.format, record.metres_per_unit, record.crease_angle_deg}));
@@ -95,7 +96,7 @@ absl::StatusOr<std::unique_ptr<ModelRegistry::Reservation>> ModelRegistry::Reser
     return InvalidField("header.size_bytes",
                         absl::StrCat("is ", size_bytes, "; a model has 1 to ", options_.max_model_bytes, " bytes"));
   }
-  absl::MutexLock lock(&mutex_);
+  const std::lock_guard lock(mutex_);
   const uint64_t taken = stored_bytes_ + reserved_bytes_;
   if (taken + size_bytes > options_.max_store_bytes) {
     return LimitReached("MODEL_STORE_FULL", "max_model_store_bytes",
@@ -108,7 +109,7 @@ absl::StatusOr<std::unique_ptr<ModelRegistry::Reservation>> ModelRegistry::Reser
 }
 
 void ModelRegistry::Release(uint64_t reserved_bytes) {
-  absl::MutexLock lock(&mutex_);
+  const std::lock_guard lock(mutex_);
   reserved_bytes_ -= reserved_bytes;
 }
 
@@ -131,7 +132,7 @@ absl::StatusOr<ModelInfo> ModelRegistry::Upload(const ModelReading& reading, abs
   auto entry = Load(record, options);
   if (!entry.ok()) return InvalidField("chunk", entry.status().message());
 
-  absl::MutexLock lock(&mutex_);
+  const std::lock_guard lock(mutex_);
   if (const auto found = models_.find(record.name); found != models_.end()) return found->second.info;
   EVPOSE_RETURN_IF_ERROR(store_.PutModel(record));
   stored_bytes_ += bytes->size();
@@ -139,21 +140,21 @@ absl::StatusOr<ModelInfo> ModelRegistry::Upload(const ModelReading& reading, abs
 }
 
 absl::StatusOr<ModelInfo> ModelRegistry::Get(absl::string_view name) const {
-  absl::MutexLock lock(&mutex_);
+  const std::lock_guard lock(mutex_);
   const auto found = models_.find(name);
   if (found == models_.end()) return ModelNotFound(name);
   return found->second.info;
 }
 
 absl::StatusOr<ModelUse> ModelRegistry::Use(absl::string_view name) const {
-  absl::MutexLock lock(&mutex_);
+  const std::lock_guard lock(mutex_);
   const auto found = models_.find(name);
   if (found == models_.end()) return ModelNotFound(name);
   return found->second.use;
 }
 
 std::vector<ModelInfo> ModelRegistry::List(absl::string_view after_name, size_t max_models) const {
-  absl::MutexLock lock(&mutex_);
+  const std::lock_guard lock(mutex_);
   std::vector<ModelInfo> models;
   for (auto it = models_.upper_bound(after_name); it != models_.end() && models.size() < max_models; ++it) {
     models.push_back(it->second.info);
@@ -162,7 +163,7 @@ std::vector<ModelInfo> ModelRegistry::List(absl::string_view after_name, size_t 
 }
 
 absl::Status ModelRegistry::Delete(absl::string_view name) {
-  absl::MutexLock lock(&mutex_);
+  const std::lock_guard lock(mutex_);
   const auto found = models_.find(name);
   if (found == models_.end()) return absl::OkStatus();
   // Uses are given out under the lock only, so the count cannot rise now.

@@ -1,6 +1,7 @@
 #include "server/sessions/session.h"
 
 #include <algorithm>
+#include <mutex>
 #include <utility>
 
 #include "absl/strings/str_cat.h"
@@ -53,23 +54,23 @@ Session::Session(Parts parts, WorkerPool& pool)
 }
 
 std::string Session::resume_token() const {
-  absl::MutexLock lock(&mutex_);
+  const std::lock_guard lock(mutex_);
   return resume_token_;
 }
 
 std::optional<absl::Time> Session::expire_time() const {
-  absl::MutexLock lock(&mutex_);
+  const std::lock_guard lock(mutex_);
   if (is_attached_) return std::nullopt;
   return detached_at_ + limits_.expiry;
 }
 
 WatchView Session::Watch() const {
-  absl::MutexLock lock(&mutex_);
+  const std::lock_guard lock(mutex_);
   return {closed_, ended_, health_.poses};
 }
 
 SessionSnapshot Session::Snapshot() const {
-  absl::MutexLock lock(&mutex_);
+  const std::lock_guard lock(mutex_);
   SessionSnapshot snapshot;
   snapshot.closed = closed_;
   snapshot.state = ended_ ? SessionState::kEnded : is_attached_ ? SessionState::kAttached : SessionState::kDetached;
@@ -86,7 +87,7 @@ SessionSnapshot Session::Snapshot() const {
 }
 
 void Session::AddWatcher(std::weak_ptr<SessionListener> watcher) {
-  absl::MutexLock lock(&mutex_);
+  const std::lock_guard lock(mutex_);
   watchers_.push_back(std::move(watcher));
 }
 
@@ -108,7 +109,7 @@ absl::StatusOr<Attachment> Session::Attach(absl::string_view resume_token, uint6
   std::shared_ptr<SessionListener> fenced;
   Attachment attachment;
   {
-    absl::MutexLock lock(&mutex_);
+    const std::lock_guard lock(mutex_);
     EVPOSE_RETURN_IF_ERROR(closed_);
     const bool is_previous = !previous_token_.empty() && SecretsEqual(resume_token, previous_token_);
     if (!is_previous && !SecretsEqual(resume_token, resume_token_)) {
@@ -139,7 +140,7 @@ absl::StatusOr<Attachment> Session::Attach(absl::string_view resume_token, uint6
 }
 
 void Session::Detach(uint64_t stream) {
-  absl::MutexLock lock(&mutex_);
+  const std::lock_guard lock(mutex_);
   if (stream != stream_ || !is_attached_) return;
   is_attached_ = false;
   detached_at_ = now_();
@@ -183,7 +184,7 @@ absl::Status Session::CheckPayload(const EventChunk& chunk) const {
 
 absl::Status Session::PushEvents(uint64_t stream, EventChunk chunk) {
   EVPOSE_RETURN_IF_ERROR(CheckPayload(chunk));
-  absl::MutexLock lock(&mutex_);
+  const std::lock_guard lock(mutex_);
   EVPOSE_RETURN_IF_ERROR(CheckPush(stream));
   if (chunk.seq < next_seq_) {
     consumed_bytes_ += chunk.payload.size();
@@ -206,7 +207,7 @@ absl::Status Session::PushEvents(uint64_t stream, EventChunk chunk) {
 
 absl::Status Session::PushResetPose(uint64_t stream, absl::string_view object_id,
                                     const RigidTransform& camera_from_object) {
-  absl::MutexLock lock(&mutex_);
+  const std::lock_guard lock(mutex_);
   EVPOSE_RETURN_IF_ERROR(CheckPush(stream));
   if (end_pushed_) {
     return WithReason(absl::FailedPreconditionError(absl::StrCat(name_, " has ended: no pose can be reset")),
@@ -221,7 +222,7 @@ absl::Status Session::PushResetPose(uint64_t stream, absl::string_view object_id
 }
 
 absl::Status Session::PushEnd(uint64_t stream) {
-  absl::MutexLock lock(&mutex_);
+  const std::lock_guard lock(mutex_);
   EVPOSE_RETURN_IF_ERROR(CheckPush(stream));
   if (end_pushed_) return absl::OkStatus();
   end_pushed_ = true;
@@ -242,7 +243,7 @@ uint64_t Session::SendLimit() const {
 SessionAck Session::MakeAck() const { return {processed_seq_, SendLimit(), acked_pose_seq_}; }
 
 StreamView Session::View(uint64_t stream) const {
-  absl::MutexLock lock(&mutex_);
+  const std::lock_guard lock(mutex_);
   StreamView view;
   view.status = CheckStream(stream);
   view.has_room = queued_bytes_ < limits_.credit_bytes && queue_.size() < kMaxQueuedItems;
@@ -254,7 +255,7 @@ StreamView Session::View(uint64_t stream) const {
 }
 
 std::vector<SessionNotice> Session::TakeNotices(uint64_t stream) {
-  absl::MutexLock lock(&mutex_);
+  const std::lock_guard lock(mutex_);
   if (stream != stream_) return {};
   std::vector<SessionNotice> notices = std::exchange(notices_, {});
   if (notices.size() >= kMaxUntakenNotices) Schedule();
@@ -262,7 +263,7 @@ std::vector<SessionNotice> Session::TakeNotices(uint64_t stream) {
 }
 
 void Session::ReportSent(uint64_t stream, uint64_t pose_seq) {
-  absl::MutexLock lock(&mutex_);
+  const std::lock_guard lock(mutex_);
   if (stream != stream_) return;
   sent_pose_seq_ = pose_seq;
   Schedule();
@@ -271,7 +272,7 @@ void Session::ReportSent(uint64_t stream, uint64_t pose_seq) {
 void Session::Close(const absl::Status& status) {
   std::vector<std::shared_ptr<SessionListener>> listeners;
   {
-    absl::MutexLock lock(&mutex_);
+    const std::lock_guard lock(mutex_);
     if (!closed_.ok()) return;
     closed_ = status;
     queue_.clear();
@@ -305,7 +306,7 @@ void Session::Run() {
 }
 
 bool Session::TakeItem() {
-  absl::MutexLock lock(&mutex_);
+  const std::lock_guard lock(mutex_);
   if (!IsRunnable()) {
     is_scheduled_ = false;
     return false;
@@ -369,13 +370,13 @@ void Session::Publish(bool item_is_done) {
   const std::vector<StoredPose> poses = NumberPoses();
   if (const absl::Status stored = pose_log_->Append(poses); !stored.ok()) {
     Close(WithReason(absl::InternalError(absl::StrCat("poses cannot be stored: ", stored.message())), "STORE_FAILED"));
-    absl::MutexLock lock(&mutex_);
+    const std::lock_guard lock(mutex_);
     is_scheduled_ = false;
     return;
   }
   std::vector<std::shared_ptr<SessionListener>> listeners;
   {
-    absl::MutexLock lock(&mutex_);
+    const std::lock_guard lock(mutex_);
     for (const StoredPose& pose : poses) latencies_.Add(pose.latency_us);
     health_.poses = next_pose_seq_ - 1;
     health_.counts = pipeline_->counts();

@@ -6,6 +6,7 @@
 #include <cstdint>
 #include <deque>
 #include <memory>
+#include <mutex>
 #include <optional>
 #include <string>
 #include <variant>
@@ -16,7 +17,6 @@
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
 #include "absl/strings/string_view.h"
-#include "absl/synchronization/mutex.h"
 #include "absl/time/time.h"
 #include "server/sessions/latency_histogram.h"
 #include "server/sessions/session_config.h"
@@ -222,7 +222,7 @@ class Session : public std::enable_shared_from_this<Session> {
   std::chrono::steady_clock::duration processing_time_{0};
   std::vector<float> explained_ratios_;
 
-  mutable absl::Mutex mutex_;
+  mutable std::mutex mutex_;
   std::deque<Item> queue_ ABSL_GUARDED_BY(mutex_);
   uint64_t queued_bytes_ ABSL_GUARDED_BY(mutex_) = 0;                // the item in work included
   std::optional<SteadyTime> in_work_since_ ABSL_GUARDED_BY(mutex_);  // receipt of the item in work

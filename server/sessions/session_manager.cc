@@ -1,5 +1,6 @@
 #include "server/sessions/session_manager.h"
 
+#include <mutex>
 #include <utility>
 
 #include "absl/strings/str_cat.h"
@@ -29,7 +30,7 @@ absl::StatusOr<std::shared_ptr<Session>> SessionManager::Create(const SessionCon
   if (known != nullptr) return known;
   auto session = Build(config);
   if (!session.ok()) {
-    absl::MutexLock lock(&mutex_);
+    const std::lock_guard lock(mutex_);
     --slots_being_filled_;
     return session.status();
   }
@@ -39,7 +40,7 @@ absl::StatusOr<std::shared_ptr<Session>> SessionManager::Create(const SessionCon
 absl::StatusOr<std::shared_ptr<Session>> SessionManager::FindOrTakeSlot(const SessionConfig& config,
                                                                         const std::string& request_id) {
   EVPOSE_RETURN_IF_ERROR(CheckNotDraining());
-  absl::MutexLock lock(&mutex_);
+  const std::lock_guard lock(mutex_);
   EVPOSE_ASSIGN_OR_RETURN(std::shared_ptr<Session> known, FindRequest(config, request_id));
   if (known != nullptr) return known;
   const size_t taken = sessions_.size() + slots_being_filled_;
@@ -88,7 +89,7 @@ absl::StatusOr<std::shared_ptr<Session>> SessionManager::Insert(std::shared_ptr<
                                                                 const std::string& request_id) {
   absl::StatusOr<std::shared_ptr<Session>> known;
   {
-    absl::MutexLock lock(&mutex_);
+    const std::lock_guard lock(mutex_);
     --slots_being_filled_;
     // The same request may have come twice at once.
     known = FindRequest(session->config(), request_id);
@@ -109,7 +110,7 @@ absl::StatusOr<std::shared_ptr<Session>> SessionManager::Insert(std::shared_ptr<
 
 absl::StatusOr<std::shared_ptr<Session>> SessionManager::Get(absl::string_view name) {
   DeleteExpired();
-  absl::MutexLock lock(&mutex_);
+  const std::lock_guard lock(mutex_);
   const auto found = sessions_.find(name);
   if (found != sessions_.end()) return found->second.session;
   return WithReason(absl::NotFoundError(absl::StrCat("there is no session \"", name,
@@ -119,7 +120,7 @@ absl::StatusOr<std::shared_ptr<Session>> SessionManager::Get(absl::string_view n
 
 std::vector<std::shared_ptr<Session>> SessionManager::List(absl::string_view after_name, size_t max_sessions) {
   DeleteExpired();
-  absl::MutexLock lock(&mutex_);
+  const std::lock_guard lock(mutex_);
   std::vector<std::shared_ptr<Session>> sessions;
   for (auto it = sessions_.upper_bound(after_name); it != sessions_.end() && sessions.size() < max_sessions; ++it) {
     sessions.push_back(it->second.session);
@@ -130,7 +131,7 @@ std::vector<std::shared_ptr<Session>> SessionManager::List(absl::string_view aft
 void SessionManager::Delete(absl::string_view name) {
   std::vector<Entry> removed;
   {
-    absl::MutexLock lock(&mutex_);
+    const std::lock_guard lock(mutex_);
     const auto found = sessions_.find(name);
     if (found == sessions_.end()) return;
     name_of_request_.erase(found->second.request_id);
@@ -144,7 +145,7 @@ void SessionManager::DeleteExpired() {
   const absl::Time now = options_.now();
   std::vector<Entry> removed;
   {
-    absl::MutexLock lock(&mutex_);
+    const std::lock_guard lock(mutex_);
     for (auto it = sessions_.begin(); it != sessions_.end();) {
       const std::optional<absl::Time> expire_time = it->second.session->expire_time();
       if (!expire_time.has_value() || *expire_time > now) {
@@ -172,12 +173,12 @@ void SessionManager::Remove(std::vector<Entry> entries, const char* reason) {
 }
 
 void SessionManager::Drain() {
-  absl::MutexLock lock(&mutex_);
+  const std::lock_guard lock(mutex_);
   draining_ = true;
 }
 
 absl::Status SessionManager::CheckNotDraining() const {
-  absl::MutexLock lock(&mutex_);
+  const std::lock_guard lock(mutex_);
   if (!draining_) return absl::OkStatus();
   return WithReason(absl::UnavailableError("the server is leaving: no new sessions and streams"), "DRAINING");
 }
@@ -185,14 +186,14 @@ absl::Status SessionManager::CheckNotDraining() const {
 void SessionManager::CloseAll(const absl::Status& status) {
   std::vector<std::shared_ptr<Session>> sessions;
   {
-    absl::MutexLock lock(&mutex_);
+    const std::lock_guard lock(mutex_);
     for (const auto& [name, entry] : sessions_) sessions.push_back(entry.session);
   }
   for (const auto& session : sessions) session->Close(status);
 }
 
 uint32_t SessionManager::num_sessions() const {
-  absl::MutexLock lock(&mutex_);
+  const std::lock_guard lock(mutex_);
   return static_cast<uint32_t>(sessions_.size());
 }
 

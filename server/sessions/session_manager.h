@@ -5,6 +5,7 @@
 #include <functional>
 #include <map>
 #include <memory>
+#include <mutex>
 #include <string>
 #include <vector>
 
@@ -12,7 +13,6 @@
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
 #include "absl/strings/string_view.h"
-#include "absl/synchronization/mutex.h"
 #include "absl/time/time.h"
 #include "server/sessions/model_registry.h"
 #include "server/sessions/session.h"
@@ -76,7 +76,7 @@ class SessionManager {
   Store& store_;
   ModelRegistry& models_;
   WorkerPool& pool_;
-  mutable absl::Mutex mutex_;
+  mutable std::mutex mutex_;
   Entries sessions_ ABSL_GUARDED_BY(mutex_);
   std::map<std::string, std::string> name_of_request_ ABSL_GUARDED_BY(mutex_);
   uint32_t slots_being_filled_ ABSL_GUARDED_BY(mutex_) = 0;

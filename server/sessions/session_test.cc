@@ -3,7 +3,8 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include "absl/synchronization/notification.h"
+#include <semaphore>
+
 #include "core/base/hash.h"
 #include "server/sessions/errors.h"
 #include "server/sessions/testing.h"
@@ -41,9 +42,9 @@ class SessionTest : public testing::Test {
   }
   // The pool has one thread: what was posted before is done.
   void PassThroughPool() {
-    absl::Notification done;
-    pool_.Post([&done] { done.Notify(); });
-    done.WaitForNotification();
+    std::binary_semaphore done(0);
+    pool_.Post([&done] { done.release(); });
+    done.acquire();
   }
 
   absl::Time now_ = absl::UnixEpoch();

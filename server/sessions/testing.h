@@ -2,14 +2,15 @@
 // FLAT64 bytes, a model, a listener to wait with.
 #pragma once
 
+#include <condition_variable>
 #include <cstdint>
 #include <memory>
+#include <mutex>
 #include <optional>
 #include <string>
 #include <utility>
 #include <vector>
 
-#include "absl/synchronization/mutex.h"
 #include "core/tracking/tracker.h"
 #include "server/sessions/session.h"
 #include "server/sessions/session_config.h"
@@ -20,17 +21,22 @@ namespace evpose::server {
 class FakeTrackerGate {
  public:
   void Close() {
-    absl::MutexLock lock(&mutex_);
+    const std::lock_guard lock(mutex_);
     is_open_ = false;
   }
   void Open() {
-    absl::MutexLock lock(&mutex_);
+    const std::lock_guard lock(mutex_);
     is_open_ = true;
+    opened_.notify_all();
   }
-  void Pass() { absl::MutexLock lock(&mutex_, absl::Condition(&is_open_)); }
+  void Pass() {
+    std::unique_lock lock(mutex_);
+    opened_.wait(lock, [this] { return is_open_; });
+  }
 
  private:
-  absl::Mutex mutex_;
+  std::mutex mutex_;
+  std::condition_variable opened_;
   bool is_open_ = true;
 };
 
@@ -138,18 +144,18 @@ inline SessionConfig SomeConfig(const std::vector<std::string>& object_ids = {"c
 class WaitingListener : public SessionListener {
  public:
   void OnSessionChanged() override {
-    absl::MutexLock lock(&mutex_);
-    changed_.SignalAll();
+    const std::lock_guard lock(mutex_);
+    changed_.notify_all();
   }
   template <typename Predicate>
   void WaitUntil(Predicate is_true) {
-    absl::MutexLock lock(&mutex_);
-    while (!is_true()) changed_.Wait(&mutex_);
+    std::unique_lock lock(mutex_);
+    changed_.wait(lock, is_true);
   }
 
  private:
-  absl::Mutex mutex_;
-  absl::CondVar changed_;
+  std::mutex mutex_;
+  std::condition_variable changed_;
 };
 
 }  // namespace evpose::server

@@ -4,11 +4,11 @@
 #include <deque>
 #include <functional>
 #include <map>
+#include <mutex>
 #include <utility>
 
 #include "absl/base/thread_annotations.h"
 #include "absl/strings/str_cat.h"
-#include "absl/synchronization/mutex.h"
 
 namespace evpose::server {
 namespace {
@@ -18,7 +18,7 @@ class MemoryPoseLog : public PoseLog {
   explicit MemoryPoseLog(size_t capacity) : capacity_(capacity) {}
 
   absl::Status Append(absl::Span<const StoredPose> poses) override {
-    absl::MutexLock lock(&mutex_);
+    const std::lock_guard lock(mutex_);
     for (const StoredPose& pose : poses) {
       if (pose.pose_seq != next_seq_) {
         return absl::FailedPreconditionError(
@@ -32,7 +32,7 @@ class MemoryPoseLog : public PoseLog {
   }
 
   absl::StatusOr<std::vector<StoredPose>> Read(uint64_t after_pose_seq, size_t max_poses) const override {
-    absl::MutexLock lock(&mutex_);
+    const std::lock_guard lock(mutex_);
     if (after_pose_seq >= next_seq_ - 1) return std::vector<StoredPose>();
     const uint64_t first = std::max(after_pose_seq + 1, FirstSeq());
     const auto begin = poses_.begin() + static_cast<ptrdiff_t>(first - FirstSeq());
@@ -41,7 +41,7 @@ class MemoryPoseLog : public PoseLog {
   }
 
   uint64_t first_pose_seq() const override {
-    absl::MutexLock lock(&mutex_);
+    const std::lock_guard lock(mutex_);
     return FirstSeq();
   }
 
@@ -49,7 +49,7 @@ class MemoryPoseLog : public PoseLog {
   uint64_t FirstSeq() const ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) { return next_seq_ - poses_.size(); }
 
   const size_t capacity_;
-  mutable absl::Mutex mutex_;
+  mutable std::mutex mutex_;
   uint64_t next_seq_ ABSL_GUARDED_BY(mutex_) = 1;
   std::deque<StoredPose> poses_ ABSL_GUARDED_BY(mutex_);
 };
@@ -62,7 +62,7 @@ class MemoryStore : public Store {
   size_t pose_log_capacity() const override { return pose_log_capacity_; }
 
   absl::StatusOr<std::vector<ModelRecord>> ReadModels() const override {
-    absl::MutexLock lock(&mutex_);
+    const std::lock_guard lock(mutex_);
     std::vector<ModelRecord> models;
     models.reserve(models_.size());
     for (const auto& [name, model] : models_) models.push_back(model);
@@ -70,19 +70,19 @@ class MemoryStore : public Store {
   }
 
   absl::Status PutModel(const ModelRecord& model) override {
-    absl::MutexLock lock(&mutex_);
+    const std::lock_guard lock(mutex_);
     models_.emplace(model.name, model);
     return absl::OkStatus();
   }
 
   absl::Status DeleteModel(absl::string_view name) override {
-    absl::MutexLock lock(&mutex_);
+    const std::lock_guard lock(mutex_);
     if (const auto found = models_.find(name); found != models_.end()) models_.erase(found);
     return absl::OkStatus();
   }
 
   absl::StatusOr<std::shared_ptr<PoseLog>> CreatePoseLog(const std::string& session) override {
-    absl::MutexLock lock(&mutex_);
+    const std::lock_guard lock(mutex_);
     const auto [log, inserted] = logs_.try_emplace(session);
     if (!inserted) return absl::AlreadyExistsError(absl::StrCat("poses of ", session, " are stored already"));
     log->second = std::make_shared<MemoryPoseLog>(pose_log_capacity_);
@@ -90,14 +90,14 @@ class MemoryStore : public Store {
   }
 
   absl::Status DeletePoseLog(absl::string_view session) override {
-    absl::MutexLock lock(&mutex_);
+    const std::lock_guard lock(mutex_);
     if (const auto found = logs_.find(session); found != logs_.end()) logs_.erase(found);
     return absl::OkStatus();
   }
 
  private:
   const size_t pose_log_capacity_;
-  mutable absl::Mutex mutex_;
+  mutable std::mutex mutex_;
   std::map<std::string, ModelRecord, std::less<>> models_ ABSL_GUARDED_BY(mutex_);
   std::map<std::string, std::shared_ptr<PoseLog>, std::less<>> logs_ ABSL_GUARDED_BY(mutex_);
 };
