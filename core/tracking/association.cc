@@ -35,7 +35,7 @@ void ProjectLines(const CameraModel& camera, const MotionState& state, absl::Spa
     const double length_px = extent.norm();
     if (!(length_px > 1e-6) || !std::isfinite(length_px)) continue;
     line.a = projected->a;
-    line.a_of_polarity = {projected->a, projected->a};
+    line.a_expected = projected->a;
     line.jacobian = projected->jacobian;
     line.a_dot = projected->jacobian * state.twist;
     line.p1_px = projected->p1_px;

@@ -3,7 +3,6 @@
 #pragma once
 
 #include <Eigen/Core>
-#include <array>
 #include <cstdint>
 #include <vector>
 
@@ -25,8 +24,8 @@ struct TrackedLine {
 // Its image, moving: d = (a + tau a_dot) . b, tau in seconds from the state's time.
 struct ImageLine {
   Eigen::Vector3d a = Eigen::Vector3d::Zero();
-  // The same, displaced to where events of each polarity are expected (edge_bias.h); equal to a unless corrected.
-  std::array<Eigen::Vector3d, 2> a_of_polarity = {Eigen::Vector3d::Zero(), Eigen::Vector3d::Zero()};
+  // The same, displaced to where its events are expected (edge_bias.h); equal to a unless corrected.
+  Eigen::Vector3d a_expected = Eigen::Vector3d::Zero();
   Eigen::Vector3d a_dot = Eigen::Vector3d::Zero();
   Eigen::Matrix<double, 3, 6> jacobian = Eigen::Matrix<double, 3, 6>::Zero();
   Eigen::Vector2d p1_px = Eigen::Vector2d::Zero();
@@ -118,7 +117,7 @@ inline NearLines FindNearLines(const Observation& event, absl::Span<const uint16
   double best[2] = {gate_px, gate_px};
   for (const uint16_t index : candidates) {
     const ImageLine& line = lines[index];
-    const Eigen::Vector3d& a = line.a_of_polarity[event.polarity];
+    const Eigen::Vector3d& a = line.a_expected;
     const double d = a.x() * event.bx + a.y() * event.by + a.z() +
                      event.tau_s * (line.a_dot.x() * event.bx + line.a_dot.y() * event.by + line.a_dot.z());
     const double distance = d < 0.0 ? -d : d;

@@ -3,8 +3,8 @@
 // A pixel answers to the logarithm of its light, in steps of its threshold. So the events of an edge lie to its darker
 // side, the more the higher its contrast, and lag behind its motion. Uncorrected, a bright object looks larger and
 // therefore nearer. An edge of contrast c makes n = c / threshold events per swept pixel, so that n, which is counted,
-// gives the shift. A thin stripe is two edges, whose bright and dark events lie on opposite sides of its line: there
-// the distance between the two is learned.
+// gives the shift. A line whose bright and dark events do not follow its motion, as those of a thin stripe, which is
+// two edges, is not shifted: a step's correction would lock onto one side.
 #pragma once
 
 #include <array>
@@ -16,21 +16,17 @@
 
 namespace evpose {
 
-// What a window's explained events say of one line; by polarity, 0 OFF and 1 ON.
-struct PolaritySums {
-  std::array<double, 2> weight = {};
-  std::array<double, 2> distance_px = {};  // weight times the distance that is left after the correction
-};
-
 class EdgeBias {
  public:
   EdgeBias(const EdgeOptions& options, const CameraModel& camera) : options_(options), camera_(camera) {}
 
-  // Sets line.a_of_polarity: the image line displaced to where the events of each polarity are expected.
+  // Sets line.a_expected: the image line displaced to where its events are expected.
   void Correct(absl::Span<const TrackedLine> tracked, absl::Span<ImageLine> lines) const;
-  // Learns the lines' contrast from a window that has been accepted. One entry of `sums` per line.
+  // Learns the lines' contrast from a window that has been accepted. `polarity_weights`: explained OFF and ON events of
+  // each line.
   void Learn(absl::Span<const TrackedLine> tracked, absl::Span<const ImageLine> lines,
-             absl::Span<const PolaritySums> sums, double duration_s, double events_per_observation);
+             absl::Span<const std::array<double, 2>> polarity_weights, double duration_s,
+             double events_per_observation);
   void Reset() { profiles_.clear(); }
 
  private:
@@ -38,10 +34,9 @@ class EdgeBias {
     double events = 0.0;           // remembered, explained
     double swept_px2 = 0.0;        // by the line while they came
     double polarity_motion = 0.0;  // sum of polarity (+-1) times the sign of the normal velocity
-    double half_gap_px = 0.0;      // of a stripe: bright events lie this far ahead of its line, dark ones behind
   };
-  // Expected distance along the line's normal of events of one polarity, `motion` the smoothed sign of its velocity.
-  double ExpectedPx(const Profile& profile, double motion, int polarity) const;
+  // Expected distance of its events along the line's normal, `motion` the smoothed sign of its velocity.
+  double ExpectedPx(const Profile& profile, double motion) const;
 
   const EdgeOptions options_;
   const CameraModel camera_;

@@ -37,9 +37,9 @@ class MixtureEstimator : public WindowEstimator {
     if (gated > 0.0) {
       outlier_ratio_ = (kMemoryEvents * outlier_ratio_ + (gated - n)) / (kMemoryEvents + gated);
     }
-    polarity_.clear();
-    for (const MixtureLine& line : sums_) polarity_.push_back(line.polarity);
-    edge_bias_.Learn(input.lines, lines_, polarity_, input.duration_s, input.events_per_observation);
+    polarity_weights_.clear();
+    for (const MixtureLine& line : sums_) polarity_weights_.push_back(line.polarity_weight);
+    edge_bias_.Learn(input.lines, lines_, polarity_weights_, input.duration_s, input.events_per_observation);
   }
 
   void Reset() override {
@@ -71,7 +71,7 @@ class MixtureEstimator : public WindowEstimator {
   double outlier_ratio_ = 0.0;
   std::vector<ImageLine> lines_;
   std::vector<MixtureLine> sums_;
-  std::vector<PolaritySums> polarity_;
+  std::vector<std::array<double, 2>> polarity_weights_;
   EdgeBias edge_bias_;
 };
 
@@ -137,13 +137,9 @@ void MixtureEstimator::NormalEquations(const MotionState& state, const WindowInp
                                        Matrix12d& hessian, Vector12d& gradient) const {
   const double scale = 1.0 / (sigma_px * sigma_px * options_.events_per_information);
   for (size_t k = 0; k < lines_.size(); ++k) {
-    if (!lines_[k].in_view()) continue;
-    for (int polarity = 0; polarity < 2; ++polarity) {
-      const LineSums& sums = sums_[k].sums[polarity];
-      if (sums.weight() <= 0.0) continue;
-      AddNormalEquations(sums, lines_[k].a_of_polarity[polarity], lines_[k].a_dot, lines_[k].jacobian, scale, hessian,
-                         gradient);
-    }
+    if (!lines_[k].in_view() || sums_[k].sums.weight() <= 0.0) continue;
+    AddNormalEquations(sums_[k].sums, lines_[k].a_expected, lines_[k].a_dot, lines_[k].jacobian, scale, hessian,
+                       gradient);
   }
   AddAbsence(camera_, lines_, sums_, state.twist, input.duration_s, input.events_per_observation,
              options_.min_events_per_px2, 1.0 / options_.events_per_information, hessian, gradient);
@@ -179,9 +175,8 @@ MixtureTotals AccumulateMixture(const WindowInput& input, absl::Span<const Image
       if (weight < 1e-4) continue;
       const ImageLine& line = lines[near.line[k]];
       MixtureLine& sum = sums[near.line[k]];
-      sum.sums[event.polarity].Add(event.bx, event.by, event.tau_s, weight);
-      sum.polarity.weight[event.polarity] += weight;
-      sum.polarity.distance_px[event.polarity] += weight * near.distance_px[k];
+      sum.sums.Add(event.bx, event.by, event.tau_s, weight);
+      sum.polarity_weight[event.polarity] += weight;
       const double along =
           (event.u_px - line.p1_px.x()) * line.direction.x() + (event.v_px - line.p1_px.y()) * line.direction.y();
       sum.half_weight[along < 0.5 * line.length_px ? 0 : 1] += weight;

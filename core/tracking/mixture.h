@@ -15,9 +15,9 @@ namespace evpose {
 
 // What a pass over the events leaves of one line.
 struct MixtureLine {
-  std::array<LineSums, 2> sums;  // by polarity
-  PolaritySums polarity;
-  std::array<double, 2> half_weight = {};  // explained events of its first and its second half
+  LineSums sums;
+  std::array<double, 2> polarity_weight = {};  // explained OFF and ON events
+  std::array<double, 2> half_weight = {};      // explained events of its first and its second half
 };
 
 struct MixtureTotals {

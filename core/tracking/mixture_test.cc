@@ -41,7 +41,7 @@ class MixtureTest : public ::testing::Test {
     input.grid = &grid_;
     return AccumulateMixture(input, lines_, density, table_, sums_);
   }
-  static double Weight(const MixtureLine& line) { return line.sums[0].weight() + line.sums[1].weight(); }
+  static double Weight(const MixtureLine& line) { return line.sums.weight(); }
 
   const CameraModel camera_ = MakeCamera(1280, 720, 1000.0);
   const std::vector<TrackedLine> tracked_ = {{0, {0.0, -0.05, 0.0}, {0.0, 0.05, 0.0}},
@@ -71,8 +71,8 @@ TEST_F(MixtureTest, SumsAreByLineHalfAndPolarity) {
   EXPECT_EQ(totals.num_gated, 3.0);
   EXPECT_GT(sums_[0].half_weight[0], 0.9);
   EXPECT_GT(sums_[0].half_weight[1], 0.9);
-  EXPECT_GT(sums_[0].polarity.weight[0], 0.9);
-  EXPECT_GT(sums_[0].polarity.weight[1], 0.9);
+  EXPECT_GT(sums_[0].polarity_weight[0], 0.9);
+  EXPECT_GT(sums_[0].polarity_weight[1], 0.9);
   EXPECT_NEAR(totals.weight, Weight(sums_[0]) + Weight(sums_[1]), 1e-9);
 }
 

@@ -57,7 +57,6 @@ absl::Status EdgeOptions::Validate() const {
   EVPOSE_RETURN_IF_ERROR(Between("lag_px", lag_px, -2.0, 2.0));
   EVPOSE_RETURN_IF_ERROR(Between("shift_px_per_event", shift_px_per_event, -1.0, 1.0));
   EVPOSE_RETURN_IF_ERROR(Between("max_shift_px", max_shift_px, 0.0, 4.0));
-  EVPOSE_RETURN_IF_ERROR(Between("max_half_gap_px", max_half_gap_px, 0.0, 4.0));
   EVPOSE_RETURN_IF_ERROR(Positive("min_events", min_events));
   return Positive("memory_events", memory_events);
 }

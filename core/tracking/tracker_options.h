@@ -66,8 +66,6 @@ struct EdgeOptions {
   // Pixels to the darker side, for each event per swept square pixel: the latter tells the contrast.
   double shift_px_per_event = 0.062;
   double max_shift_px = 0.4;
-  // A stripe's dark and bright events are at most this far from its line.
-  double max_half_gap_px = 2.5;
   // Explained events of a line before anything is applied to it.
   double min_events = 200.0;
   // Explained events that its contrast is the mean of: it changes with the view and the background, within a second or
