@@ -34,7 +34,7 @@ absl::StatusOr<std::unique_ptr<Client>> ServerArguments::Connect() const {
 absl::Status CheckCameraMatches(const CameraModel& camera, const std::string& camera_path,
                                 const RecordingHeader& header, const std::string& recording_path) {
   const SensorGeometry& sensor = header.geometry;
-  if (!header.geometry_is_stated) return absl::OkStatus();
+  if (!header.geometry_is_known) return absl::OkStatus();
   if (sensor.width_px == camera.width_px && sensor.height_px == camera.height_px) return absl::OkStatus();
   return absl::InvalidArgumentError(absl::StrCat(camera_path, " is of ", camera.width_px, "x", camera.height_px,
                                                  " pixels, but ", recording_path, " of ", sensor.width_px, "x",

@@ -49,7 +49,8 @@ struct ServerArguments {
   absl::StatusOr<std::unique_ptr<Client>> Connect() const;
 };
 
-// INVALID_ARGUMENT naming both files and sizes when the recording says its size and the camera has another.
+// INVALID_ARGUMENT naming both files and sizes when the recording says its size or its sensor and the camera has
+// another size.
 absl::Status CheckCameraMatches(const CameraModel& camera, const std::string& camera_path,
                                 const RecordingHeader& header, const std::string& recording_path);
 

@@ -236,7 +236,10 @@ CommandRunner AddReplayCommand(CLI::App& app, CliContext& context) {
   AddOptions(app, *arguments);
   app.footer(
       "Without --server it serves itself, inside the process. Times are those of the sensor's clock. While the object\n"
-      "is lost no pose is written. An interrupt ends the stream cleanly: what was tracked is written.\n\n"
+      "is lost no pose is written. An interrupt ends the stream cleanly: what was tracked is written. Latencies are "
+      "from\n"
+      "the server's receipt of a chunk to its pose: with --rate max those of a full queue, with --rate 1 those of a "
+      "camera.\n\n"
       "Example:\n"
       "  evpose simulate --object cube --camera vga --duration 0.5 --out cube\n"
       "  evpose replay cube/recording.raw --model cube/model.obj --camera cube/camera.yaml --out cube/poses.tum \\\n"

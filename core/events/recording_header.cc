@@ -158,14 +158,10 @@ class HeaderReader {
 
   Encoding encoding() const { return encoding_->value; }
   bool geometry_is_stated() const { return width_.has_value(); }
+  bool geometry_is_known() const { return width_.has_value() || NamedSensor().has_value(); }
 
   absl::StatusOr<SensorGeometry> Geometry() const {
-    if (!width_.has_value()) {
-      for (const auto& sensor : {plugin_, sensor_name_, generation_, system_id_}) {
-        if (sensor.has_value()) return *sensor;
-      }
-      return DefaultGeometry(encoding());
-    }
+    if (!width_.has_value()) return NamedSensor().value_or(DefaultGeometry(encoding()));
     const SensorGeometry geometry = {width_->value, height_->value};
     const absl::Status status = ValidateGeometry(encoding(), geometry);
     if (!status.ok()) return LineError(width_->line, status.message());
@@ -178,6 +174,13 @@ class HeaderReader {
     Value value;
     int line;
   };
+
+  std::optional<SensorGeometry> NamedSensor() const {
+    for (const auto& sensor : {plugin_, sensor_name_, generation_, system_id_}) {
+      if (sensor.has_value()) return sensor;
+    }
+    return std::nullopt;
+  }
 
   absl::Status ReadLine(const Line& line) {
     const std::pair<absl::string_view, absl::string_view> parts = absl::StrSplit(line.text, absl::MaxSplits(' ', 1));
@@ -316,6 +319,7 @@ absl::StatusOr<std::optional<RecordingHeader>> ParseRecordingHeader(std::string_
   header.encoding = reader.encoding();
   EVPOSE_ASSIGN_OR_RETURN(header.geometry, reader.Geometry());
   header.geometry_is_stated = reader.geometry_is_stated();
+  header.geometry_is_known = reader.geometry_is_known();
   header.size_bytes = lines.size_bytes;
   header.text = std::string(bytes.substr(0, lines.size_bytes));
   if (header.encoding == Encoding::kDat) {

@@ -16,6 +16,7 @@ struct RecordingHeader {
   Encoding encoding = Encoding::kEvt3;
   SensorGeometry geometry;          // from the header, or the sensor that its plugin name stands for
   bool geometry_is_stated = false;  // false: taken from the plugin name or a default for the encoding
+  bool geometry_is_known = false;   // stated, or that of the sensor that the header names; false: the default
   size_t size_bytes = 0;            // offset of the first data byte
   std::string text;                 // as in the file, without the binary part
 };

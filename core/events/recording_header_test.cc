@@ -57,6 +57,12 @@ TEST(RecordingHeaderTest, EncodingsByName) {
   EXPECT_EQ(Parse("% format FLAT64;height=10;width=20\n% end\n").encoding, Encoding::kFlat64);
 }
 
+TEST(RecordingHeaderTest, GeometryIsKnownWhenStatedOrOfANamedSensor) {
+  EXPECT_TRUE(Parse("% evt 3.0\n% geometry 640x480\n").geometry_is_known);
+  EXPECT_TRUE(Parse("% evt 3.0\n% plugin_name hal_plugin_gen41_evk3\n").geometry_is_known);
+  EXPECT_FALSE(Parse("% evt 3.0\n").geometry_is_known);
+}
+
 TEST(RecordingHeaderTest, CarriageReturnsAndTrailingSpaces) {
   const RecordingHeader header = Parse("% evt 3.0\r\n%\r\n% geometry 640x480  \r\n% end\r\n");
   EXPECT_EQ(header.geometry, kVga);
@@ -127,6 +133,7 @@ TEST(RecordingHeaderTest, DatHeaders) {
   ASSERT_TRUE(unstated.ok());
   EXPECT_EQ((*unstated)->geometry, kHd);
   EXPECT_FALSE((*unstated)->geometry_is_stated);
+  EXPECT_FALSE((*unstated)->geometry_is_known);
   EXPECT_THAT(parse(stated, std::string("\x0e\x08", 2)).status().message(), HasSubstr("events of type 14 and 8 bytes"));
   EXPECT_THAT(parse(stated, std::string("\x00\x10", 2)).status().message(), HasSubstr("events of type 0 and 16 bytes"));
   EXPECT_THAT(ErrorOf(Dat("% Version 1\n")), HasSubstr("header line 2: version 1 of DAT is not supported"));

@@ -156,6 +156,13 @@ TEST_F(BadInputTest, CameraOfAnotherSize) {
                            HasSubstr(Path("cube/recording.raw") + " of 640x480")));
 }
 
+TEST_F(BadInputTest, CameraOfAnotherSizeThanTheSensorThatTheHeaderNames) {
+  const std::string whole = ReadText("cube/recording.raw");
+  WriteText("cube/recording.raw",
+            "% evt 3.0\n% plugin_name hal_plugin_imx636_evk4\n% end\n" + whole.substr(whole.find("% end\n") + 6));
+  EXPECT_THAT(ReplayError(), HasSubstr(Path("cube/recording.raw") + " of 1280x720"));
+}
+
 TEST_F(BadInputTest, PoseWhoseQuaternionIsNotUnit) {
   std::vector<std::string> arguments = ReplayArguments("poses.tum");
   arguments.back() = "0 0 1 0 0 0 0.9";
