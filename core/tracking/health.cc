@@ -41,12 +41,20 @@ void TrackHealth::AddWindow(const CameraModel& camera, const WindowInput& input,
   span_s_ += input.duration_s;
 }
 
-HealthVerdict TrackHealth::Judge(double min_support_ratio, int min_supported_lines) {
+HealthVerdict TrackHealth::Judge(double min_support_ratio, int min_supported_lines, int64_t patience_us) {
   constexpr double kLongestSpanS = 0.02;
+  constexpr double kHalfMicrosecond = 0.5;
+  const double span_us = span_s_ * 1e6 + kHalfMicrosecond;
   HealthVerdict verdict;
-  if (gated_ >= options_.min_events && span_s_ * 1e6 >= static_cast<double>(options_.min_span_us) - 0.5) {
+  if (gated_ >= options_.min_events && span_us >= static_cast<double>(options_.min_span_us)) {
     verdict = Weigh(min_support_ratio, min_supported_lines);
-    if (verdict.kind == HealthVerdict::Kind::kUnsupported && IsQuiet()) verdict.kind = HealthVerdict::Kind::kFewEvents;
+    if (verdict.kind == HealthVerdict::Kind::kUnsupported) {
+      if (span_us < static_cast<double>(patience_us)) {
+        verdict.kind = HealthVerdict::Kind::kOpen;
+      } else if (IsQuiet()) {
+        verdict.kind = HealthVerdict::Kind::kFewEvents;
+      }
+    }
   } else if (span_s_ >= kLongestSpanS) {
     verdict.kind = HealthVerdict::Kind::kFewEvents;
   }

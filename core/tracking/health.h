@@ -47,8 +47,9 @@ class TrackHealth {
   void AddWindow(const CameraModel& camera, const WindowInput& input, absl::Span<const ImageLine> lines,
                  const Vector6d& twist, double events_per_px);
   // `min_support_ratio` and the least number of supported lines make the difference between taking up a pose and
-  // keeping it. Anything but kOpen starts the counts anew.
-  HealthVerdict Judge(double min_support_ratio, int min_supported_lines);
+  // keeping it. A pose is supported as soon as the counts say so, and unsupported when they still do not after
+  // `patience_us`: in flicker or clutter its own events are few among many. Anything but kOpen starts the counts anew.
+  HealthVerdict Judge(double min_support_ratio, int min_supported_lines, int64_t patience_us);
   void Reset();
 
  private:

@@ -14,6 +14,10 @@
 namespace evpose {
 namespace {
 
+// Lines that must be supported: three determine six unknowns, and two still bind all but a little of the motion.
+constexpr int kConfirmLines = 3;
+constexpr int kKeepLines = 2;
+
 class WindowTracker : public Tracker {
  public:
   WindowTracker(std::shared_ptr<const ObjectModel> model, const CameraModel& camera, UndistortionTable undistortion,
@@ -59,6 +63,7 @@ class WindowTracker : public Tracker {
   WindowFit FitWindow(const EventWindow& window, WindowInput& input);
   void UpdateState(const HealthVerdict& verdict, int64_t t_us);
   void Lose();
+  Matrix6d PublishedCovariance(const MotionState& state) const;
   PoseEstimate MakeEstimate(const WindowFit& fit, const WindowInput& input) const;
 
   const std::shared_ptr<const ObjectModel> model_;
@@ -79,6 +84,7 @@ class WindowTracker : public Tracker {
   MotionState motion_;
   double usual_explained_ratio_ = 0.0;  // running mean
   int unconfirmed_verdicts_ = 0;
+  int64_t supported_at_us_ = 0;  // the last verdict for the pose
   int64_t unsupported_since_us_ = 0;
   bool unsupported_ = false;
 
@@ -116,7 +122,8 @@ void WindowTracker::OnWindow(const EventWindow& window, std::vector<PoseEstimate
   health_.AddWindow(camera_, input, image_lines_, motion_.twist, events_per_px);
   const bool confirming = state_ == TrackState::kInitializing;
   const double support = confirming ? options_.health.confirm_support_ratio : options_.health.keep_support_ratio;
-  UpdateState(health_.Judge(support, confirming ? 3 : 2), window.t_end_us);
+  const int64_t patience_us = confirming ? options_.health.min_span_us : options_.health.patience_us;
+  UpdateState(health_.Judge(support, confirming ? kConfirmLines : kKeepLines, patience_us), window.t_end_us);
   if (state_ == TrackState::kTracking || state_ == TrackState::kDegraded) {
     estimates.push_back(MakeEstimate(fit, input));
   }
@@ -196,6 +203,7 @@ void WindowTracker::UpdateState(const HealthVerdict& verdict, int64_t t_us) {
     case HealthVerdict::Kind::kSupported:
       state_ = TrackState::kTracking;
       unsupported_ = false;
+      supported_at_us_ = t_us;
       return;
     case HealthVerdict::Kind::kFewEvents:
       // No events, no evidence either way: a still object makes none. But when the pose was already in doubt, as that
@@ -222,11 +230,21 @@ void WindowTracker::Lose() {
   ++losses_;
 }
 
+// While the events do not speak for the pose, the fit's own covariance is that of a wrong association: small, and no
+// sign of health (method.md 2.9). What is known then is the last supported state and how far an object may have got
+// since.
+Matrix6d WindowTracker::PublishedCovariance(const MotionState& state) const {
+  if (!unsupported_) return state.covariance.topLeftCorner<6, 6>();
+  const int64_t since_us = std::max<int64_t>(0, state.t_us - supported_at_us_);
+  const MotionState grown = Predict(state, state.t_us + since_us, options_.motion, options_.motion.retry_noise_factor);
+  return grown.covariance.topLeftCorner<6, 6>();
+}
+
 PoseEstimate WindowTracker::MakeEstimate(const WindowFit& fit, const WindowInput& input) const {
   PoseEstimate estimate;
   estimate.t_us = fit.state.t_us;
   estimate.camera_from_object = fit.state.camera_from_object;
-  estimate.covariance = fit.state.covariance.topLeftCorner<6, 6>();
+  estimate.covariance = PublishedCovariance(fit.state);
   estimate.twist = fit.state.twist;
   estimate.state = state_;
   estimate.num_events = static_cast<uint32_t>(std::lround(fit.num_gated * input.events_per_observation));

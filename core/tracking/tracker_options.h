@@ -108,8 +108,12 @@ struct HealthOptions {
   // worth of clutter (6 unknowns, 2 per line); a right one has nearly all, less what is hidden.
   double confirm_support_ratio = 0.6;
   double keep_support_ratio = 0.35;
-  // Microseconds of plentiful but unexplained events after which the pose is LOST.
-  int64_t lost_after_us = 30'000;
+  // Microseconds after which a tracked pose that the events have not supported counts as unsupported: ten poses at 1
+  // kHz.
+  int64_t patience_us = 10'000;
+  // Microseconds of plentiful but unexplained events, from the first such verdict on, after which the pose is LOST.
+  // With the patience before it, a lost object is known as such within 50 ms.
+  int64_t lost_after_us = 25'000;
   // Verdicts with plenty of events that a first pose gets.
   int max_unconfirmed_verdicts = 3;
   // Pixels: a pose that is less certain than the gate is wide cannot be told from a wrong one.
