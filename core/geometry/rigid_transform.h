@@ -32,7 +32,7 @@ struct RigidTransform {
 absl::StatusOr<RigidTransform> MakeRigidTransform(const Eigen::Vector3d& translation_m,
                                                   const Eigen::Quaterniond& quaternion);
 
-Eigen::Matrix3d Hat(const Eigen::Vector3d& v);               // Hat(v) w = v x w
+Eigen::Matrix3d Hat(const Eigen::Vector3d& v);                // Hat(v) w = v x w
 Eigen::Matrix3d ExpSo3(const Eigen::Vector3d& rotation_rad);  // Rodrigues
 Eigen::Vector3d LogSo3(const Eigen::Matrix3d& rotation);      // angle in [0, pi]
 Eigen::Matrix3d LeftJacobianSo3(const Eigen::Vector3d& rotation_rad);
