@@ -81,7 +81,7 @@ struct StaticMmOptions {
   double midpoint_ratio = 0.5;  // d_m: distance to the midpoint, of the projected length; the paper's value
   double two_lines_px = 3.0;    // d_a: events this close to two lines are rejected; the paper gives none
   int max_iterations = 20;      // of S and of MM each; both converge in fewer
-  double tolerance_px = 1e-3;   // iterations end when no line's midpoint moves by more
+  double tolerance_px = 5e-3;   // iterations end when no line's midpoint moves by more
   int max_events = 4000;        // events per window, evenly drawn; the error is systematic beyond
 
   absl::Status Validate() const;
