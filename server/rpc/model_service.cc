@@ -1,6 +1,7 @@
 #include "server/rpc/model_service.h"
 
 #include <memory>
+#include <mutex>
 #include <optional>
 #include <string>
 #include <utility>
@@ -19,7 +20,7 @@ namespace {
 constexpr size_t kSha256Bytes = 32;
 
 // Takes the file piece by piece, then loads it on a worker. Deletes itself when the call is over. Its reactions follow
-// one another: a read is started when the one before was handled.
+// one another, a read is started when the one before was handled; the lock says so to those who cannot see into gRPC.
 class UploadReactor : public grpc::ServerReadReactor<v1::UploadModelRequest> {
  public:
   UploadReactor(const ServiceContext& services, v1::Model* response) : services_(services), response_(response) {
@@ -27,12 +28,16 @@ class UploadReactor : public grpc::ServerReadReactor<v1::UploadModelRequest> {
   }
 
   void OnReadDone(bool ok) override {
+    const std::lock_guard lock(mutex_);
     if (!ok) return Load();
     if (const absl::Status status = HandleRequest(); !status.ok()) return Finish(ToGrpcStatus(status));
     StartRead(&request_);
   }
 
-  void OnDone() override { delete this; }
+  void OnDone() override {
+    { const std::lock_guard lock(mutex_); }
+    delete this;
+  }
 
  private:
   absl::Status HandleRequest() {
@@ -78,6 +83,7 @@ class UploadReactor : public grpc::ServerReadReactor<v1::UploadModelRequest> {
           "header.size_bytes", absl::StrCat("is ", size_bytes_, ", but only ", bytes_.size(), " bytes came"))));
     }
     services_.pool.Post([this] {
+      const std::lock_guard lock(mutex_);
       const auto model = services_.models.Upload(reading_, sha256_hex_,
                                                  std::make_shared<const std::vector<uint8_t>>(std::move(bytes_)));
       if (model.ok()) *response_ = ToProto(*model);
@@ -88,6 +94,7 @@ class UploadReactor : public grpc::ServerReadReactor<v1::UploadModelRequest> {
 
   const ServiceContext services_;
   v1::Model* const response_;
+  std::mutex mutex_;
   v1::UploadModelRequest request_;
   ModelReading reading_;
   std::string sha256_hex_;

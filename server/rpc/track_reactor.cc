@@ -41,12 +41,15 @@ class TrackReactor : public grpc::ServerBidiReactor<v1::TrackRequest, v1::TrackR
   }
 
   void OnReadDone(bool ok) override {
+    if (!ok) {
+      const std::lock_guard lock(mutex_);
+      reads_are_done_ = true;
+    }
     // The request belongs to the reading side alone: it is handled without the lock, the digest of its payload
     // included.
     const absl::Status handled = ok ? HandleRequest() : absl::OkStatus();
     const std::lock_guard lock(mutex_);
     is_reading_ = false;
-    if (!ok) reads_are_done_ = true;
     Fail(handled);
     Pump();
   }

@@ -65,6 +65,9 @@ absl::StatusOr<std::unique_ptr<ModelRegistry>> ModelRegistry::Create(const Optio
   return registry;
 }
 
+// As in Session: shows to tools that all calls are over.
+ModelRegistry::~ModelRegistry() { const std::lock_guard lock(mutex_); }
+
 ModelOptions ModelRegistry::LoadingOptions(const ModelReading& reading) const {
   ModelOptions options;
   options.metres_per_unit = reading.metres_per_unit;
@@ -92,11 +95,11 @@ absl::StatusOr<ModelRegistry::Entry> ModelRegistry::Load(const ModelRecord& reco
 }
 
 absl::StatusOr<std::unique_ptr<ModelRegistry::Reservation>> ModelRegistry::Reserve(uint64_t size_bytes) {
+  const std::lock_guard lock(mutex_);
   if (size_bytes == 0 || size_bytes > options_.max_model_bytes) {
     return InvalidField("header.size_bytes",
                         absl::StrCat("is ", size_bytes, "; a model has 1 to ", options_.max_model_bytes, " bytes"));
   }
-  const std::lock_guard lock(mutex_);
   const uint64_t taken = stored_bytes_ + reserved_bytes_;
   if (taken + size_bytes > options_.max_store_bytes) {
     return LimitReached("MODEL_STORE_FULL", "max_model_store_bytes",

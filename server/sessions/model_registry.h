@@ -59,6 +59,7 @@ class ModelRegistry {
 
   // Loads what the store has. Errors: those of the store; INTERNAL for a stored model that can no longer be loaded.
   static absl::StatusOr<std::unique_ptr<ModelRegistry>> Create(const Options& options, Store& store);
+  ~ModelRegistry();
 
   // Room for a file on its way; given back at destruction.
   class Reservation {

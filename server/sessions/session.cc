@@ -53,6 +53,10 @@ Session::Session(Parts parts, WorkerPool& pool)
   for (size_t i = 0; i < health_.objects.size(); ++i) health_.objects[i].state = pipeline_->tracker(i).state();
 }
 
+// The last to let go may be a thread of gRPC, whose counting of references tools cannot see: the lock shows that the
+// others are done.
+Session::~Session() { const std::lock_guard lock(mutex_); }
+
 std::string Session::resume_token() const {
   const std::lock_guard lock(mutex_);
   return resume_token_;
@@ -183,7 +187,11 @@ absl::Status Session::CheckPayload(const EventChunk& chunk) const {
 }
 
 absl::Status Session::PushEvents(uint64_t stream, EventChunk chunk) {
-  EVPOSE_RETURN_IF_ERROR(CheckPayload(chunk));
+  {
+    const std::lock_guard lock(mutex_);
+    EVPOSE_RETURN_IF_ERROR(CheckStream(stream));
+  }
+  EVPOSE_RETURN_IF_ERROR(CheckPayload(chunk));  // without the lock: it reads every byte
   const std::lock_guard lock(mutex_);
   EVPOSE_RETURN_IF_ERROR(CheckPush(stream));
   if (chunk.seq < next_seq_) {
@@ -375,6 +383,7 @@ void Session::Publish(bool item_is_done) {
     return;
   }
   std::vector<std::shared_ptr<SessionListener>> listeners;
+  std::unique_ptr<SessionPipeline> ended_pipeline;  // its memory goes after the lock
   {
     const std::lock_guard lock(mutex_);
     for (const StoredPose& pose : poses) latencies_.Add(pose.latency_us);
@@ -402,7 +411,10 @@ void Session::Publish(bool item_is_done) {
       (item_->stream == stream_ ? consumed_bytes_ += bytes : foreign_bytes_ -= bytes);
       health_.processed_bytes += bytes;
       if (const auto* chunk = std::get_if<EventChunk>(&item_->what)) processed_seq_ = chunk->seq;
-      if (std::holds_alternative<End>(item_->what)) ended_ = true;
+      if (std::holds_alternative<End>(item_->what)) {
+        ended_ = true;
+        ended_pipeline = std::move(pipeline_);
+      }
       acked_pose_seq_ = health_.poses;
       in_work_since_.reset();
     }
@@ -410,7 +422,6 @@ void Session::Publish(bool item_is_done) {
     Schedule();
     listeners = Listeners();
   }
-  if (item_is_done && std::holds_alternative<End>(item_->what)) pipeline_.reset();  // its memory; nothing follows
   for (const auto& listener : listeners) listener->OnSessionChanged();
 }
 

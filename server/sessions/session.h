@@ -140,6 +140,7 @@ class Session : public std::enable_shared_from_this<Session> {
     absl::AnyInvocable<absl::Time() const> now;
   };
   Session(Parts parts, WorkerPool& pool);
+  ~Session();
 
   const std::string& name() const { return name_; }
   const SessionConfig& config() const { return config_; }

@@ -18,9 +18,12 @@ constexpr absl::Duration kRetryDelay = absl::Seconds(5);
 }  // namespace
 
 SessionManager::SessionManager(const Options& options, Store& store, ModelRegistry& models, WorkerPool& pool)
-    : options_(options), store_(store), models_(models), pool_(pool) {}
+    : options_(options), store_(store), models_(models), pool_(pool) {
+  // The calls come on threads of gRPC: the lock, here and in the destructor, orders them in a way that tools can see.
+  const std::lock_guard lock(mutex_);
+}
 
-SessionManager::~SessionManager() = default;
+SessionManager::~SessionManager() { const std::lock_guard lock(mutex_); }
 
 absl::StatusOr<std::shared_ptr<Session>> SessionManager::Create(const SessionConfig& config,
                                                                 const std::string& request_id) {
@@ -142,10 +145,10 @@ void SessionManager::Delete(absl::string_view name) {
 }
 
 void SessionManager::DeleteExpired() {
-  const absl::Time now = options_.now();
   std::vector<Entry> removed;
   {
     const std::lock_guard lock(mutex_);
+    const absl::Time now = options_.now();
     for (auto it = sessions_.begin(); it != sessions_.end();) {
       const std::optional<absl::Time> expire_time = it->second.session->expire_time();
       if (!expire_time.has_value() || *expire_time > now) {

@@ -16,6 +16,8 @@ namespace {
 class MemoryPoseLog : public PoseLog {
  public:
   explicit MemoryPoseLog(size_t capacity) : capacity_(capacity) {}
+  // The last reader may let go on a thread of gRPC: the lock shows to tools that the others are done.
+  ~MemoryPoseLog() override { const std::lock_guard lock(mutex_); }
 
   absl::Status Append(absl::Span<const StoredPose> poses) override {
     const std::lock_guard lock(mutex_);
