@@ -136,7 +136,12 @@ absl::StatusOr<Session> UploadAndCreate(Client& client, const ReplayArguments& a
   object.model = model->name;
   object.initial_camera_from_object = inputs.initial_pose;
   config.objects.push_back(std::move(object));
-  return client.CreateSession(config);
+  absl::StatusOr<Session> session = client.CreateSession(config);
+  if (!session.ok()) {
+    return absl::Status(session.status().code(), absl::StrCat("no session for ", arguments.model, " seen by ",
+                                                              arguments.camera, ": ", session.status().message()));
+  }
+  return session;
 }
 
 ChunkerOptions MakeChunkerOptions(const ReplayArguments& arguments) {
