@@ -27,7 +27,8 @@ constexpr int kWrongUsage = 2;
 constexpr char kExample[] = R"(Example:
   evpose-server --listen 127.0.0.1:50051
 then, elsewhere:
-  evpose replay recording.raw --model model.obj --camera camera.yaml --server 127.0.0.1:50051
+  evpose replay recording.raw --model model.obj --camera camera.yaml \
+    --init-pose "tx ty tz qx qy qz qw" --server 127.0.0.1:50051
 
 With port 0 a free port is taken. When the server is ready it prints one line on standard output,
 "listening on HOST:PORT"; its log goes to standard error. SIGTERM or SIGINT lets clients finish for up to

@@ -27,8 +27,12 @@ void HandleInterrupt(int signal) {
 }  // namespace
 
 int main(int argc, char** argv) {
-  std::signal(SIGINT, HandleInterrupt);
-  std::signal(SIGTERM, HandleInterrupt);
+  // These end cleanly with what they have. An interrupt ends the other commands at once, as it does any program.
+  const std::string command = argc > 1 ? argv[1] : "";
+  if (command == "replay" || command == "watch") {
+    std::signal(SIGINT, HandleInterrupt);
+    std::signal(SIGTERM, HandleInterrupt);
+  }
   std::signal(SIGPIPE, SIG_IGN);  // a closed pipe is an error of the write
   std::ios::sync_with_stdio(false);
   // The log of a server in this process: standard output belongs to the command's answer.

@@ -226,7 +226,13 @@ void AddOptions(CLI::App& app, ReplayArguments& arguments) {
       ->capture_default_str();
   app.add_option("--chunk-bytes", arguments.chunk_bytes,
                  "Send pieces of this size; by default 1 ms of sensor time or 256 KiB, whichever comes first")
-      ->check(CLI::Range(size_t{8}, size_t{64} << 20));
+      ->check(CLI::Range(size_t{8}, size_t{64} << 20))
+      ->check(
+          [](const std::string& text) {
+            size_t bytes = 0;
+            return absl::SimpleAtoi(text, &bytes) && bytes % 8 == 0 ? "" : "must be a multiple of 8, the longest word";
+          },
+          "multiple of 8");
   app.add_flag("--follow", arguments.is_following, "Keep reading as the file grows, until interrupted");
   arguments.server.AddTo(app, false);
   app.add_flag("--keep-session", arguments.keeps_session,

@@ -238,6 +238,7 @@ TEST_F(BadInputTest, WrongUsageIsStatusTwo) {
   EXPECT_THAT(ReplayError({"--rate", "fast"}, 2), HasSubstr("--rate"));
   EXPECT_THAT(ReplayError({"--rate", "0"}, 2), HasSubstr("--rate"));
   EXPECT_THAT(ReplayError({"--estimator", "best"}, 2), HasSubstr("best"));
+  EXPECT_THAT(ReplayError({"--chunk-bytes", "12"}, 2), HasSubstr("multiple of 8"));
   std::vector<std::string> arguments = ReplayArguments("poses.tum");
   arguments.resize(arguments.size() - 2);  // no --init-pose
   const CliResult result = Run(arguments);
