@@ -9,6 +9,7 @@
 
 #include "absl/status/statusor.h"
 #include "absl/types/span.h"
+#include "core/geometry/rigid_transform.h"
 
 namespace evpose {
 
@@ -26,7 +27,10 @@ struct ObjectModel {
   std::vector<Eigen::Vector3d> vertices;           // object frame, metres
   std::vector<std::array<uint32_t, 3>> triangles;  // counter-clockwise seen from outside
   std::vector<ModelLine> lines;
-  double diameter_m = 0.0;           // largest distance between two points of the model
+  double diameter_m = 0.0;  // largest distance between two points of the model
+  // object_from_object motions that map the object onto itself (symmetry.h), the identity first; empty stands for the
+  // identity alone.
+  std::vector<RigidTransform> symmetries;
   std::vector<std::string> notices;  // what was merged or dropped at loading: duplicate or zero-length lines
 };
 
