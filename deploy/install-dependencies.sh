@@ -9,6 +9,8 @@ build_packages=(
   g++ cmake ninja-build ccache pkg-config git ca-certificates
   libabsl-dev libassimp-dev libboost-dev libceres-dev libcli11-dev libeigen3-dev libgrpc++-dev
   libopencv-calib3d-dev libopencv-core-dev libopencv-imgcodecs-dev libopencv-imgproc-dev libopencv-videoio-dev
+  libpcl-common1.13 libpcl-features1.13 libpcl-filters1.13 libpcl-kdtree1.13 libpcl-octree1.13
+  libpcl-sample-consensus1.13 libpcl-search1.13 libpcl-segmentation1.13
   libprotobuf-dev libspdlog-dev libssl-dev libyaml-cpp-dev nlohmann-json3-dev protobuf-compiler protobuf-compiler-grpc
 )
 test_packages=(clang-format clang-tidy libgmock-dev libgtest-dev python3)
@@ -20,22 +22,49 @@ case "${1:-}" in
   *) echo "usage: $0 [--test]" >&2; exit 2 ;;
 esac
 
+# libpcl-dev draws in VTK, Java and Qt, libflann-dev MPI and HDF5: 3 GB for headers of 12 MB. The headers alone are taken
+# out of the two packages, to a place that compilers and CMake search by themselves.
+header_packages=(libpcl-dev libflann-dev)
+header_dir=/usr/local/include/pcl-1.13
+
+is_installed() { [[ $(dpkg-query -W -f='${db:Status-Status}' "$1" 2>/dev/null) == installed ]]; }
+
 missing=()
 for package in "${wanted[@]}"; do
-  [[ $(dpkg-query -W -f='${db:Status-Status}' "$package" 2>/dev/null) == installed ]] || missing+=("$package")
+  is_installed "$package" || missing+=("$package")
 done
-if ((${#missing[@]} == 0)); then
+needs_headers=()
+[[ -d $header_dir ]] || is_installed libpcl-dev || needs_headers=("${header_packages[@]}")
+if ((${#missing[@]} + ${#needs_headers[@]} == 0)); then
   echo "install-dependencies: all ${#wanted[@]} packages are installed already"
   exit 0
 fi
 
 as_root=()
 if ((EUID != 0)); then
-  command -v sudo >/dev/null || { echo "install-dependencies: run as root, or install sudo; missing: ${missing[*]}" >&2; exit 1; }
+  command -v sudo >/dev/null || {
+    echo "install-dependencies: run as root, or install sudo; missing: ${missing[*]} ${needs_headers[*]}" >&2
+    exit 1
+  }
   as_root=(sudo)
 fi
-echo "install-dependencies: installing ${#missing[@]} packages with apt-get: ${missing[*]}"
 apt_get=("${as_root[@]}" env DEBIAN_FRONTEND=noninteractive apt-get -o DPkg::Lock::Timeout=600)
 "${apt_get[@]}" update -qq
-"${apt_get[@]}" install -y -qq --no-install-recommends "${missing[@]}" >/dev/null
+if ((${#missing[@]} > 0)); then
+  echo "install-dependencies: installing ${#missing[@]} packages with apt-get: ${missing[*]}"
+  "${apt_get[@]}" install -y -qq --no-install-recommends "${missing[@]}" >/dev/null
+fi
+
+if ((${#needs_headers[@]} > 0)); then
+  echo "install-dependencies: taking the headers of ${needs_headers[*]} to $header_dir"
+  scratch=$(mktemp -d)
+  trap 'rm -rf "$scratch"' EXIT
+  (cd "$scratch" && apt-get download -qq -o APT::Sandbox::User=root "${needs_headers[@]}" && for file in ./*.deb; do dpkg -x "$file" .; done)
+  mv "$scratch/usr/include/flann" "$scratch/usr/include/pcl-1.13/"
+  # One rename at the end: an interrupted run leaves nothing that looks complete.
+  "${as_root[@]}" rm -rf "$header_dir.partial"
+  "${as_root[@]}" cp -r "$scratch/usr/include/pcl-1.13" "$header_dir.partial"
+  "${as_root[@]}" chown -R root:root "$header_dir.partial"
+  "${as_root[@]}" mv "$header_dir.partial" "$header_dir"
+fi
 echo "install-dependencies: done"
