@@ -52,6 +52,7 @@ class WindowTracker : public Tracker {
     state_ = TrackState::kInitializing;
   }
   TrackState state() const override { return state_; }
+  InitializationReport initialization() const override { return {}; }
   uint32_t losses() const override { return losses_; }
 
  private:
@@ -282,6 +283,24 @@ std::string_view TrackStateName(TrackState state) {
       return "DEGRADED";
     case TrackState::kLost:
       return "LOST";
+  }
+  return "UNKNOWN";
+}
+
+std::string_view InitializationStatusName(InitializationStatus status) {
+  switch (status) {
+    case InitializationStatus::kNotNeeded:
+      return "NOT_NEEDED";
+    case InitializationStatus::kWaitingForEvents:
+      return "WAITING_FOR_EVENTS";
+    case InitializationStatus::kTooFewLines:
+      return "TOO_FEW_LINES";
+    case InitializationStatus::kNoPoseFits:
+      return "NO_POSE_FITS";
+    case InitializationStatus::kVerifying:
+      return "VERIFYING";
+    case InitializationStatus::kAmbiguous:
+      return "AMBIGUOUS";
   }
   return "UNKNOWN";
 }

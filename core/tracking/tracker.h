@@ -24,6 +24,23 @@ enum class Estimator {
   kStaticMm,  // the paper's: one pose per window, hard association with its gates, Tukey MM; the baseline
 };
 
+// Why there is no pose yet.
+enum class InitializationStatus {
+  kNotNeeded,         // a pose is tracked
+  kWaitingForEvents,  // too few: nothing is in view, or what is there stands still
+  kTooFewLines,       // events, but fewer than three lines in them
+  kNoPoseFits,        // lines, but the model fits them in no pose that the events support
+  kVerifying,         // the events are being asked about a pose, found or given
+  kAmbiguous,         // two poses explain the events equally well so far
+};
+std::string_view InitializationStatusName(InitializationStatus status);  // "NOT_NEEDED", "WAITING_FOR_EVENTS", ...
+
+struct InitializationReport {
+  InitializationStatus status = InitializationStatus::kWaitingForEvents;
+  uint64_t attempts = 0;  // searches for the pose so far
+  int num_lines = 0;      // that the last of them saw
+};
+
 // Every field of it is in tracker_options.h with unit, default and reason.
 struct TrackerOptions;
 
@@ -44,7 +61,7 @@ struct PoseEstimate {
 class Tracker {
  public:
   // Errors: INVALID_ARGUMENT naming the field of options, camera or model that is wrong. The model is shared: many
-  // sessions track the same one. The pose is that at the first event.
+  // sessions track the same one. The pose is that at the first event; without one it is found from the events.
   static absl::StatusOr<std::unique_ptr<Tracker>> Create(
       std::shared_ptr<const ObjectModel> model, const CameraModel& camera, const TrackerOptions& options,
       const std::optional<RigidTransform>& initial_camera_from_object);
@@ -61,6 +78,7 @@ class Tracker {
   virtual void ResetPose(const RigidTransform& camera_from_object) = 0;
 
   virtual TrackState state() const = 0;
+  virtual InitializationReport initialization() const = 0;
   virtual uint32_t losses() const = 0;  // changes to LOST so far
 };
 

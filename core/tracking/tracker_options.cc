@@ -86,10 +86,26 @@ absl::Status HealthOptions::Validate() const {
   return Positive("max_uncertainty_px", max_uncertainty_px);
 }
 
+absl::Status InitializationOptions::Validate() const {
+  if (!reference_rotation.allFinite() || !reference_rotation.isUnitary(1e-3) ||
+      reference_rotation.determinant() < 0.0) {
+    return absl::InvalidArgumentError("reference_rotation is not a rotation");
+  }
+  EVPOSE_RETURN_IF_ERROR(Between("memory_us", memory_us, 1000, 1'000'000));
+  EVPOSE_RETURN_IF_ERROR(Between("max_window_events", max_window_events, 100, 100'000));
+  EVPOSE_RETURN_IF_ERROR(Between("min_events", min_events, 1, 100'000));
+  EVPOSE_RETURN_IF_ERROR(Between("retry_us", retry_us, 1, 10'000'000));
+  EVPOSE_RETURN_IF_ERROR(Between("max_retry_us", max_retry_us, retry_us, 10'000'000));
+  EVPOSE_RETURN_IF_ERROR(Between("max_candidates", max_candidates, 1, 100));
+  EVPOSE_RETURN_IF_ERROR(Positive("decision_sigma", decision_sigma));
+  return Between("undecided_us", undecided_us, 0, 60'000'000);
+}
+
 absl::Status TrackerOptions::Validate() const {
   EVPOSE_RETURN_IF_ERROR(InGroup("windows", windows.Validate()));
   EVPOSE_RETURN_IF_ERROR(InGroup("visibility", visibility.Validate()));
   EVPOSE_RETURN_IF_ERROR(InGroup("initial", initial.Validate()));
+  EVPOSE_RETURN_IF_ERROR(InGroup("initialization", initialization.Validate()));
   EVPOSE_RETURN_IF_ERROR(InGroup("motion", motion.Validate()));
   EVPOSE_RETURN_IF_ERROR(InGroup("mixture", mixture.Validate()));
   EVPOSE_RETURN_IF_ERROR(InGroup("edge", edge.Validate()));

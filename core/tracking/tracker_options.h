@@ -122,6 +122,32 @@ struct HealthOptions {
   absl::Status Validate() const;
 };
 
+// The search for the pose, at the start and after a loss (method.md 2.2, 2.3).
+struct InitializationOptions {
+  // False: the pose is only ever given, as in the published method; what is lost stays lost.
+  bool is_automatic = true;
+  // camera_from_object. Of the poses that a symmetric object cannot tell apart, the one nearest to this is reported.
+  Eigen::Matrix3d reference_rotation = Eigen::Matrix3d::Identity();
+  // Microseconds of events that a search looks back on: bounds memory, and how old a first pose can be.
+  int64_t memory_us = 50'000;
+  // Events kept of a window while there is no pose: bounds memory and time in a flood.
+  int max_window_events = 4096;
+  // Events that a search needs: three lines of a hundred pixels that moved by one make as many.
+  int min_events = 400;
+  // Microseconds of sensor time between searches: the first one, and what it grows to while they fail. Keeps the work
+  // bounded while there is nothing to find, and a returning object waits no longer than this.
+  int64_t retry_us = 4000;
+  int64_t max_retry_us = 32'000;
+  // Hypotheses of a search that the events are asked about.
+  int max_candidates = 4;
+  // Standard deviations by which the events must prefer one of two poses: 3e-5 one-sided under the normal.
+  double decision_sigma = 4.0;
+  // Microseconds after which the better of two poses that cannot be told apart is reported, as DEGRADED.
+  int64_t undecided_us = 200'000;
+
+  absl::Status Validate() const;
+};
+
 struct TrackerOptions {
   TrackerOptions() {
     // Exactly what is visible at the predicted pose. On ideal events of a tumbling cube a slack of 0.02 to 0.1 to
@@ -133,6 +159,7 @@ struct TrackerOptions {
   WindowOptions windows;
   VisibilityOptions visibility;
   InitialPoseOptions initial;
+  InitializationOptions initialization;
   MotionPriorOptions motion;
   MixtureOptions mixture;
   EdgeOptions edge;

@@ -65,6 +65,7 @@ class FakeTracker : public Tracker {
   void Finish(std::vector<PoseEstimate>& estimates) override { Close((window_ + 1) * 1000, estimates); }
   void ResetPose(const RigidTransform&) override { state_ = TrackState::kTracking; }
   TrackState state() const override { return state_; }
+  InitializationReport initialization() const override { return {}; }
   uint32_t losses() const override { return losses_; }
 
  private:
