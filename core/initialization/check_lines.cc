@@ -1,0 +1,83 @@
+// Whether a pose can follow from a model's lines at all.
+#include <Eigen/Cholesky>
+#include <algorithm>
+#include <vector>
+
+#include "absl/strings/str_cat.h"
+#include "core/initialization/pose_search.h"
+
+namespace evpose {
+namespace {
+
+using Eigen::Vector3d;
+
+// Directions whose sine is below this are parallel, and points closer than this share of the diameter are the same: a
+// pose from lines that differ by less than a thousandth rests on the model's own errors.
+constexpr double kSame = 1e-3;
+
+struct InfiniteLine {
+  Vector3d point;
+  Vector3d direction;  // unit
+};
+
+double Distance(const InfiniteLine& line, const Vector3d& point) {
+  return line.direction.cross(point - line.point).norm();
+}
+
+bool IsParallel(const InfiniteLine& a, const InfiniteLine& b) { return a.direction.cross(b.direction).norm() < kSame; }
+
+// Collinear pieces are one line: they say the same.
+std::vector<InfiniteLine> DistinctLines(const ObjectModel& model) {
+  std::vector<InfiniteLine> lines;
+  for (const ModelLine& line : model.lines) {
+    const Vector3d extent = line.p2 - line.p1;
+    if (!(extent.norm() > kSame * model.diameter_m)) continue;
+    const InfiniteLine candidate{line.p1, extent.normalized()};
+    const bool is_new = std::none_of(lines.begin(), lines.end(), [&](const InfiniteLine& other) {
+      return IsParallel(candidate, other) && Distance(other, line.p1) < kSame * model.diameter_m;
+    });
+    if (is_new) lines.push_back(candidate);
+  }
+  return lines;
+}
+
+// The point nearest to all lines; they must not all be parallel.
+Vector3d NearestPoint(const std::vector<InfiniteLine>& lines) {
+  Eigen::Matrix3d h = Eigen::Matrix3d::Zero();
+  Vector3d g = Vector3d::Zero();
+  for (const InfiniteLine& line : lines) {
+    const Eigen::Matrix3d across = Eigen::Matrix3d::Identity() - line.direction * line.direction.transpose();
+    h += across;
+    g += across * line.point;
+  }
+  return h.ldlt().solve(g);
+}
+
+}  // namespace
+
+absl::Status CheckLinesDeterminePose(const ObjectModel& model) {
+  const std::vector<InfiniteLine> lines = DistinctLines(model);
+  if (lines.size() < 3) {
+    return absl::InvalidArgumentError(absl::StrCat(
+        "the model has ", lines.size(), " distinct lines (of ", model.lines.size(),
+        "; collinear ones are one), and a pose needs at least 3: its six unknowns take two equations from each; give "
+        "the model more lines"));
+  }
+  if (std::all_of(lines.begin(), lines.end(), [&](const auto& line) { return IsParallel(line, lines[0]); })) {
+    return absl::InvalidArgumentError(absl::StrCat(
+        "all ", lines.size(),
+        " lines of the model are parallel: it can slide along them and its picture stays the same, so no pose follows; "
+        "give the model lines in another direction"));
+  }
+  const Vector3d point = NearestPoint(lines);
+  const auto meets = [&](const InfiniteLine& line) { return Distance(line, point) < kSame * model.diameter_m; };
+  if (std::all_of(lines.begin(), lines.end(), meets)) {
+    return absl::InvalidArgumentError(absl::StrCat(
+        "all ", lines.size(),
+        " lines of the model meet in one point: nearer or farther, their image lines are the same, so no distance "
+        "follows; give the model a line that passes that point by"));
+  }
+  return absl::OkStatus();
+}
+
+}  // namespace evpose
