@@ -1,0 +1,40 @@
+// The latest windows, kept for whoever has to look back.
+#pragma once
+
+#include <cstdint>
+#include <deque>
+#include <vector>
+
+#include "core/windows/event_window.h"
+
+namespace evpose {
+
+class WindowMemory {
+ public:
+  // Keeps windows that end later than `memory_us` before the latest one's end, and of each at most `max_window_events`
+  // events, evenly drawn: at most memory_us / WindowOptions.interval_us times as many in all.
+  WindowMemory(int64_t memory_us, int max_window_events);
+
+  void Add(const EventWindow& window);
+  void Clear() { windows_.clear(); }
+
+  size_t size() const { return windows_.size(); }
+  // The oldest is number 0. Valid until the next Add.
+  EventWindow At(size_t index) const;
+  size_t num_events() const;  // kept
+
+ private:
+  struct Stored {
+    int64_t t_begin_us = 0;
+    int64_t t_end_us = 0;
+    std::vector<Event> events;
+    uint64_t num_events = 0;
+    bool closed_on_time = false;
+  };
+
+  const int64_t memory_us_;
+  const size_t max_window_events_;
+  std::deque<Stored> windows_;
+};
+
+}  // namespace evpose

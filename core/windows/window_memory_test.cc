@@ -1,0 +1,57 @@
+#include "core/windows/window_memory.h"
+
+#include <gtest/gtest.h>
+
+namespace evpose {
+namespace {
+
+std::vector<Event> MakeEvents(size_t count, int64_t t_us) {
+  std::vector<Event> events;
+  for (size_t i = 0; i < count; ++i) events.push_back({t_us, static_cast<uint16_t>(i), 7, 1});
+  return events;
+}
+
+EventWindow MakeWindow(int64_t begin_us, int64_t end_us, const std::vector<Event>& events) {
+  return {begin_us, end_us, events, 2 * events.size(), true};
+}
+
+TEST(WindowMemory, KeepsWindowsAsTheyWere) {
+  WindowMemory memory(10'000, 100);
+  const std::vector<Event> events = MakeEvents(30, 1500);
+  memory.Add(MakeWindow(1000, 2000, events));
+  ASSERT_EQ(memory.size(), 1u);
+  const EventWindow window = memory.At(0);
+  EXPECT_EQ(window.t_begin_us, 1000);
+  EXPECT_EQ(window.t_end_us, 2000);
+  EXPECT_EQ(window.num_events, 60u);
+  EXPECT_TRUE(window.closed_on_time);
+  ASSERT_EQ(window.events.size(), 30u);
+  EXPECT_EQ(window.events[29].x, 29);
+}
+
+TEST(WindowMemory, ForgetsWhatIsOlderThanItsMemory) {
+  WindowMemory memory(3000, 100);
+  for (int64_t t_us = 0; t_us < 10'000; t_us += 1000) {
+    memory.Add(MakeWindow(t_us, t_us + 1000, MakeEvents(5, t_us)));
+  }
+  ASSERT_EQ(memory.size(), 3u);
+  EXPECT_EQ(memory.At(0).t_begin_us, 7000);
+  EXPECT_EQ(memory.num_events(), 15u);
+  memory.Add(MakeWindow(500'000, 501'000, {}));
+  EXPECT_EQ(memory.size(), 1u);
+}
+
+TEST(WindowMemory, ThinsAFloodEvenly) {
+  WindowMemory memory(10'000, 100);
+  memory.Add(MakeWindow(0, 1000, MakeEvents(1000, 10)));
+  const EventWindow window = memory.At(0);
+  EXPECT_LE(window.events.size(), 100u);
+  EXPECT_GE(window.events.size(), 98u);
+  EXPECT_EQ(window.num_events, 2000u);
+  int first_half = 0;
+  for (const Event& event : window.events) first_half += event.x < 500;
+  EXPECT_NEAR(first_half, 50, 2);
+}
+
+}  // namespace
+}  // namespace evpose
