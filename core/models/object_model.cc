@@ -24,6 +24,7 @@
 #include "core/models/mesh_topology.h"
 #include "core/models/model_file_check.h"
 #include "core/models/model_lines.h"
+#include "core/models/symmetry.h"
 #include "core/models/triangle_bvh.h"
 
 namespace evpose {
@@ -33,6 +34,8 @@ namespace {
 constexpr double kWeldTolerance = 1e-6;
 // Coordinates farther from the origin than this many times the model's size have lost its shape to rounding.
 constexpr double kMaxRelativeOffset = 1e5;
+// Of the model's size: finer than what tells two orientations apart in an image, coarser than a drawing's roundings.
+constexpr double kSymmetryTolerance = 1e-3;
 constexpr size_t kMaxExactDiameterPoints = 2048;
 
 const char* Hint(ModelFormat format) {
@@ -215,6 +218,7 @@ absl::StatusOr<ObjectModel> BuildModel(RawModel raw, const ModelOptions& options
                               options.crease_angle_deg));
   }
   TakeTriangles(std::move(raw), model);
+  model.symmetries = FindSymmetries(model, kSymmetryTolerance, &model.notices);
   return model;
 }
 

@@ -4,6 +4,8 @@
 #include <array>
 #include <utility>
 
+#include "core/models/symmetry.h"
+
 namespace evpose {
 namespace {
 
@@ -127,6 +129,7 @@ class ObjectBuilder {
         object_.model.diameter_m = std::max(object_.model.diameter_m, (a - b).norm());
       }
     }
+    object_.model.symmetries = FindSymmetries(object_.model);
     object_.view_from_object = view_from_object;
     return std::move(object_);
   }

@@ -1,0 +1,283 @@
+#include "core/models/symmetry.h"
+
+#include <Eigen/Geometry>
+#include <Eigen/SVD>
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <memory>
+#include <optional>
+#include <utility>
+
+#include "absl/strings/str_format.h"
+#include "core/models/symmetry_lines.h"
+#include "core/models/symmetry_surface.h"
+
+namespace evpose {
+namespace {
+
+using Eigen::Matrix3d;
+using Eigen::Vector3d;
+
+// More lines are not searched: they are compared in pairs.
+constexpr size_t kMaxLines = 8192;
+// A prism of 1365 sides has as many lines as a model may have, and 2730 symmetries.
+constexpr size_t kMaxSymmetries = 4096;
+// Comparisons of one line with the model's, some seconds.
+constexpr int64_t kMaxComparisons = 10'000'000;
+// Lines that refine a rotation; all are compared once before it is taken.
+constexpr size_t kMaxRefiningLines = 256;
+
+// In tolerances. A rotation from two points may leave lines this far apart before it is refined.
+constexpr double kRoughTolerance = 8.0;
+// Rotations that move no point farther apart are one.
+constexpr double kSameRotation = 1.5;
+// A product of two rotations that are each within one tolerance.
+constexpr double kProductTolerance = 2.0;
+
+// Two points of the model by whose images a rotation about the centre is known, and where each may fall.
+struct TwoPoints {
+  Vector3d p, q;
+  std::vector<Vector3d> images_of_p, images_of_q;
+};
+
+// Columns: along p, square to it in the plane of p and q, and the rest.
+Matrix3d Frame(const Vector3d& p, const Vector3d& q) {
+  Matrix3d frame;
+  frame.col(0) = p.normalized();
+  frame.col(2) = p.cross(q).normalized();
+  frame.col(1) = frame.col(2).cross(frame.col(0));
+  return frame;
+}
+
+// The rotation that carries one set of vectors onto the other best, from the sum of to * from^T (Kabsch, "A solution
+// for the best rotation to relate two sets of vectors", 1976).
+Matrix3d BestRotation(const Matrix3d& sum) {
+  const Eigen::JacobiSVD<Matrix3d> svd(sum, Eigen::ComputeFullU | Eigen::ComputeFullV);
+  const double sign = svd.matrixU().determinant() * svd.matrixV().determinant() < 0.0 ? -1.0 : 1.0;
+  return svd.matrixU() * Vector3d(1.0, 1.0, sign).asDiagonal() * svd.matrixV().transpose();
+}
+
+// Ends of the segments; those within the tolerance of an earlier one are that one.
+std::vector<Vector3d> DistinctEnds(absl::Span<const CentredSegment> segments, double tolerance_m) {
+  std::vector<Vector3d> ends;
+  for (const CentredSegment& segment : segments) {
+    ends.push_back(segment.p1);
+    ends.push_back(segment.p2);
+  }
+  const auto less = [](const Vector3d& a, const Vector3d& b) { return a.x() < b.x(); };
+  std::stable_sort(ends.begin(), ends.end(), less);
+  std::vector<Vector3d> distinct;
+  for (const Vector3d& end : ends) {
+    const auto first = std::lower_bound(distinct.begin(), distinct.end(), end - Vector3d(tolerance_m, 0, 0), less);
+    const auto is_same = [&](const Vector3d& other) { return (other - end).norm() <= tolerance_m; };
+    if (std::none_of(first, distinct.end(), is_same)) distinct.push_back(end);
+  }
+  return distinct;
+}
+
+std::vector<Vector3d> PointsAtRadius(const std::vector<Vector3d>& points, double radius_m, double tolerance_m) {
+  std::vector<Vector3d> found;
+  for (const Vector3d& point : points) {
+    if (std::abs(point.norm() - radius_m) <= tolerance_m) found.push_back(point);
+  }
+  return found;
+}
+
+// Of the points that are far enough out, the one with the fewest others at its distance from the centre. `lever`: how
+// far out each is.
+size_t RarestPoint(const std::vector<Vector3d>& points, const std::vector<double>& lever_m, double tolerance_m) {
+  constexpr double kFarEnough = 0.3;
+  std::vector<double> radii;
+  for (const Vector3d& point : points) radii.push_back(point.norm());
+  std::sort(radii.begin(), radii.end());
+  const double least_m = kFarEnough * *std::max_element(lever_m.begin(), lever_m.end());
+  size_t rarest = 0, fewest = points.size() + 1;
+  for (size_t i = 0; i < points.size(); ++i) {
+    if (lever_m[i] < least_m) continue;
+    const double radius = points[i].norm();
+    const size_t count = std::upper_bound(radii.begin(), radii.end(), radius + tolerance_m) -
+                         std::lower_bound(radii.begin(), radii.end(), radius - tolerance_m);
+    if (count >= fewest) continue;
+    fewest = count;
+    rarest = i;
+  }
+  return rarest;
+}
+
+// None when all points lie on one line through the centre: no rotation about it can be told.
+std::optional<TwoPoints> ChooseTwoPoints(const std::vector<Vector3d>& points, double tolerance_m) {
+  if (points.empty()) return std::nullopt;
+  std::vector<double> lever_m;
+  for (const Vector3d& point : points) lever_m.push_back(point.norm());
+  TwoPoints two;
+  two.p = points[RarestPoint(points, lever_m, 2.0 * tolerance_m)];
+  const Vector3d axis = two.p.normalized();
+  for (size_t i = 0; i < points.size(); ++i) lever_m[i] = axis.cross(points[i]).norm();
+  if (*std::max_element(lever_m.begin(), lever_m.end()) <= kRoughTolerance * tolerance_m) return std::nullopt;
+  two.q = points[RarestPoint(points, lever_m, 2.0 * tolerance_m)];
+  two.images_of_p = PointsAtRadius(points, two.p.norm(), 2.0 * tolerance_m);
+  two.images_of_q = PointsAtRadius(points, two.q.norm(), 2.0 * tolerance_m);
+  return two;
+}
+
+// Grows the group from rotations that pass, so that of a large one only few are checked in full.
+class GroupSearch {
+ public:
+  GroupSearch(const ObjectModel& model, double tolerance_m)
+      : model_(model), tolerance_m_(tolerance_m), lines_(model, kRoughTolerance * tolerance_m) {
+    for (const CentredSegment& segment : lines_.segments()) {
+      radius_m_ = std::max({radius_m_, segment.p1.norm(), segment.p2.norm()});
+    }
+  }
+
+  void Run() {
+    const std::vector<Vector3d> ends = DistinctEnds(lines_.segments(), 0.5 * tolerance_m_);
+    const std::optional<TwoPoints> two = ChooseTwoPoints(ends, tolerance_m_);
+    if (!two.has_value()) return;
+    const Matrix3d from = Frame(two->p, two->q).transpose();
+    const double distance_m = (two->p - two->q).norm();
+    for (const Vector3d& p : two->images_of_p) {
+      for (const Vector3d& q : two->images_of_q) {
+        if (std::abs((p - q).norm() - distance_m) > 4.0 * tolerance_m_) continue;
+        if (was_cut_short_) return;
+        Consider(Frame(p, q) * from);
+      }
+    }
+  }
+
+  const Vector3d& centre() const { return lines_.centre(); }
+  const std::vector<Matrix3d>& group() const { return group_; }
+  bool was_cut_short() const { return was_cut_short_; }
+
+ private:
+  void Consider(const Matrix3d& rough) {
+    if (IsIn(group_, rough, 0.1)) return;
+    const std::optional<Matrix3d> rotation = Refine(rough, 1.0);
+    if (!rotation.has_value() || IsIn(group_, *rotation, kSameRotation)) return;
+    if (surface_ == nullptr) surface_ = std::make_unique<CentredSurface>(model_, lines_.centre(), tolerance_m_);
+    if (surface_->IsMappedOntoItself(*rotation) && MapsAllLines(*rotation)) AddGenerator(*rotation);
+  }
+
+  // Whether a rotation stands in the list, up to that many tolerances at the outermost point.
+  bool IsIn(const std::vector<Matrix3d>& list, const Matrix3d& rotation, double tolerances) const {
+    // The norm of the difference of two rotations is sqrt(2) times the small angle between them.
+    const double largest = std::sqrt(2.0) * tolerances * tolerance_m_ / radius_m_;
+    return std::any_of(list.begin(), list.end(),
+                       [&](const Matrix3d& other) { return (other - rotation).squaredNorm() <= largest * largest; });
+  }
+
+  // The best rotation near this one for the lines, or for some of many. None when a line falls on no other.
+  std::optional<Matrix3d> Refine(Matrix3d rotation, double tolerances) {
+    const absl::Span<const CentredSegment> segments = lines_.segments();
+    const size_t count = std::min(segments.size(), kMaxRefiningLines);
+    for (const double allowed : {kRoughTolerance, kRoughTolerance, tolerances}) {
+      Matrix3d sum = Matrix3d::Zero();
+      for (size_t i = 0; i < count; ++i) {
+        const size_t segment = i * segments.size() / count;
+        const auto match = Compare(rotation, segment, allowed);
+        if (!match.has_value()) return std::nullopt;
+        const CentredSegment &from = segments[segment], &to = segments[match->index];
+        sum += (match->is_reversed ? to.p2 : to.p1) * from.p1.transpose();
+        sum += (match->is_reversed ? to.p1 : to.p2) * from.p2.transpose();
+      }
+      if (allowed == kRoughTolerance) rotation = BestRotation(sum);
+    }
+    return rotation;
+  }
+
+  bool MapsAllLines(const Matrix3d& rotation) {
+    for (size_t i = 0; i < lines_.segments().size(); ++i) {
+      if (!Compare(rotation, i, 1.0).has_value()) return false;
+    }
+    return true;
+  }
+
+  std::optional<CentredSegments::Match> Compare(const Matrix3d& rotation, size_t segment, double tolerances) {
+    if (++comparisons_ > kMaxComparisons) {
+      was_cut_short_ = true;
+      return std::nullopt;
+    }
+    return lines_.Find(rotation, segment, tolerances * tolerance_m_);
+  }
+
+  // All products of the group and a rotation outside it. Where one does not hold, tolerances have added up, and the
+  // group stays as it is.
+  void AddGenerator(const Matrix3d& rotation) {
+    std::vector<Matrix3d> grown = group_;
+    std::vector<Matrix3d> generators = generators_;
+    generators.push_back(rotation);
+    for (size_t i = 0; i < grown.size(); ++i) {
+      for (const Matrix3d& generator : generators) {
+        const Matrix3d product = grown[i] * generator;
+        if (IsIn(grown, product, kSameRotation)) continue;
+        const std::optional<Matrix3d> refined = Refine(product, kProductTolerance);
+        if (!refined.has_value()) return;
+        if (grown.size() >= kMaxSymmetries) {
+          was_cut_short_ = true;
+          return;
+        }
+        grown.push_back(*refined);
+      }
+    }
+    group_ = std::move(grown);
+    generators_ = std::move(generators);
+  }
+
+  const ObjectModel& model_;
+  const double tolerance_m_;
+  const CentredSegments lines_;
+  double radius_m_ = 0.0;
+  std::unique_ptr<CentredSurface> surface_;  // when the first rotation asks for it: of most models, none does
+  std::vector<Matrix3d> group_ = {Matrix3d::Identity()};
+  std::vector<Matrix3d> generators_;
+  int64_t comparisons_ = 0;
+  bool was_cut_short_ = false;
+};
+
+void AddNotice(std::string notice, std::vector<std::string>* notices) {
+  if (notices != nullptr) notices->push_back(std::move(notice));
+}
+
+}  // namespace
+
+std::vector<RigidTransform> FindSymmetries(const ObjectModel& model, double tolerance_ratio,
+                                           std::vector<std::string>* notices) {
+  const double tolerance_m = tolerance_ratio * model.diameter_m;
+  if (!(tolerance_m > 0.0)) return {RigidTransform()};
+  if (model.lines.size() > kMaxLines) {
+    AddNotice(absl::StrFormat("symmetries not looked for: more than %d lines", kMaxLines), notices);
+    return {RigidTransform()};
+  }
+  GroupSearch search(model, tolerance_m);
+  search.Run();
+  if (search.was_cut_short()) {
+    AddNotice(absl::StrFormat("the search for symmetries ended early; the object may have more than %d",
+                              search.group().size()),
+              notices);
+  }
+  std::vector<RigidTransform> symmetries;
+  for (const Matrix3d& rotation : search.group()) {
+    symmetries.push_back({rotation, search.centre() - rotation * search.centre()});
+  }
+  symmetries[0] = RigidTransform();  // without the roundings of the centre
+  return symmetries;
+}
+
+RigidTransform NearestEquivalent(const RigidTransform& camera_from_object, absl::Span<const RigidTransform> symmetries,
+                                 const RigidTransform& reference) {
+  // Cosines that differ by roundings are the same: which of them is first must not depend on the roundings.
+  constexpr double kRounding = 1e-9;
+  const RigidTransform* nearest = nullptr;
+  double largest_trace = 0.0;
+  for (const RigidTransform& symmetry : symmetries) {
+    const Matrix3d rotation = camera_from_object.rotation * symmetry.rotation;
+    const double trace = reference.rotation.cwiseProduct(rotation).sum();
+    if (nearest != nullptr && trace <= largest_trace + kRounding) continue;
+    nearest = &symmetry;
+    largest_trace = trace;
+  }
+  return nearest == nullptr ? camera_from_object : camera_from_object * *nearest;
+}
+
+}  // namespace evpose

@@ -1,0 +1,91 @@
+#include "core/models/symmetry_surface.h"
+
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <numeric>
+
+#include "absl/types/span.h"
+
+namespace evpose {
+namespace {
+
+constexpr size_t kMaxSampledTriangles = 4096;
+// In tolerances. Two surfaces whose points lie within one of each other are the same; a rotation adds another.
+constexpr double kOnSurface = 2.0;
+// Beyond a rim by this; what is farther than the second from every face is off the surface, and may come to lie no
+// nearer than the third.
+constexpr double kBeyondRim = 4.0, kOff = 3.0, kNoLongerOff = 0.75;
+// A triangle that is less high than this has no normal worth comparing.
+constexpr double kMinHeight = 4.0;
+// 60 degrees: tells a wall from a floor and the front from the back, whatever a noisy mesh does.
+constexpr double kSameSideCosine = 0.5;
+
+std::vector<Eigen::Vector3d> Centred(absl::Span<const Eigen::Vector3d> points, const Eigen::Vector3d& centre) {
+  std::vector<Eigen::Vector3d> centred;
+  centred.reserve(points.size());
+  for (const Eigen::Vector3d& point : points) centred.push_back(point - centre);
+  return centred;
+}
+
+// All of [0, size) in an order in which neighbours are far apart: multiples of a step near the golden ratio's share.
+std::vector<size_t> SpreadOrder(size_t size) {
+  size_t step = std::max<size_t>(1, static_cast<size_t>(0.6180339887498949 * static_cast<double>(size)));
+  while (std::gcd(step, size) > 1) ++step;
+  std::vector<size_t> order(size);
+  for (size_t i = 1; i < size; ++i) order[i] = (order[i - 1] + step) % size;
+  return order;
+}
+
+}  // namespace
+
+CentredSurface::CentredSurface(const ObjectModel& model, const Eigen::Vector3d& centre, double tolerance_m)
+    : tolerance_m_(tolerance_m), faces_(Centred(model.vertices, centre), model.triangles) {
+  const std::vector<Eigen::Vector3d> points = Centred(model.vertices, centre);
+  const std::vector<size_t> order = SpreadOrder(model.triangles.size());
+  const size_t count = std::min(order.size(), kMaxSampledTriangles);
+  std::vector<Sample> samples;
+  for (size_t i = 0; i < count; ++i) AddSamples(points, model.triangles[order[i]], samples);
+  for (const size_t i : SpreadOrder(samples.size())) samples_.push_back(samples[i]);
+}
+
+void CentredSurface::AddSamples(const std::vector<Eigen::Vector3d>& points, const std::array<uint32_t, 3>& triangle,
+                                std::vector<Sample>& samples) const {
+  std::vector<TriangleBvh::Near> found;
+  const Eigen::Vector3d centroid = (points[triangle[0]] + points[triangle[1]] + points[triangle[2]]) / 3.0;
+  const Eigen::Vector3d across =
+      (points[triangle[1]] - points[triangle[0]]).cross(points[triangle[2]] - points[triangle[0]]);
+  double longest_m = 0.0;
+  for (int i = 0; i < 3; ++i) {
+    longest_m = std::max(longest_m, (points[triangle[(i + 1) % 3]] - points[triangle[i]]).norm());
+  }
+  const bool has_normal = across.norm() > kMinHeight * tolerance_m_ * longest_m;
+  const Eigen::Vector3d no_normal = Eigen::Vector3d::Zero();
+  samples.push_back({centroid, has_normal ? Eigen::Vector3d(across.normalized()) : no_normal, true});
+  for (int i = 0; i < 3; ++i) {
+    const Eigen::Vector3d &a = points[triangle[i]], &b = points[triangle[(i + 1) % 3]];
+    const Eigen::Vector3d middle = 0.5 * (a + b);
+    samples.push_back({a, no_normal, true});
+    const Eigen::Vector3d beyond = middle + kBeyondRim * tolerance_m_ * (b - a).cross(across).normalized();
+    if (!IsNear(beyond, no_normal, kOff * tolerance_m_, found)) samples.push_back({beyond, no_normal, false});
+  }
+}
+
+bool CentredSurface::IsNear(const Eigen::Vector3d& point, const Eigen::Vector3d& normal, double distance_m,
+                            std::vector<TriangleBvh::Near>& found) const {
+  faces_.FindNear(point, distance_m, found);
+  if (normal.isZero()) return !found.empty();
+  return std::any_of(found.begin(), found.end(),
+                     [&](const TriangleBvh::Near& near) { return near.normal.dot(normal) > kSameSideCosine; });
+}
+
+bool CentredSurface::IsMappedOntoItself(const Eigen::Matrix3d& rotation) const {
+  std::vector<TriangleBvh::Near> found;
+  for (const Sample& sample : samples_) {
+    const double distance_m = (sample.is_on_surface ? kOnSurface : kNoLongerOff) * tolerance_m_;
+    const bool is_on_surface = IsNear(rotation * sample.point, rotation * sample.normal, distance_m, found);
+    if (is_on_surface != sample.is_on_surface) return false;
+  }
+  return true;
+}
+
+}  // namespace evpose
