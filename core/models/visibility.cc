@@ -175,6 +175,7 @@ void AppendVisibleParts(const View& view, int index, const ModelLine& line, cons
 VisibilityTester::VisibilityTester(const ObjectModel& model, const VisibilityOptions& options)
     : impl_(std::make_unique<Impl>(model, options)) {}
 VisibilityTester::~VisibilityTester() = default;
+VisibilityTester::VisibilityTester(VisibilityTester&&) noexcept = default;
 
 std::vector<VisibleSegment> VisibilityTester::VisibleSegments(const CameraModel& camera,
                                                               const RigidTransform& camera_from_object) const {

@@ -34,6 +34,7 @@ class VisibilityTester {
  public:
   VisibilityTester(const ObjectModel& model, const VisibilityOptions& options);
   ~VisibilityTester();
+  VisibilityTester(VisibilityTester&&) noexcept;
 
   // Segments in order of line index, then begin.
   std::vector<VisibleSegment> VisibleSegments(const CameraModel& camera,

@@ -59,20 +59,6 @@ double PredictedSpreadPx(const CameraModel& camera, const MotionState& state, ab
   return std::sqrt(largest);
 }
 
-void ThinEvenly(size_t max_count, std::vector<Observation>& observations) {
-  const size_t count = observations.size();
-  if (count <= max_count) return;
-  // A multiplicative hash of the index is a low-discrepancy sequence (golden ratio): the share kept is max_count /
-  // count to within one in any stretch.
-  const uint64_t threshold = (max_count << 32) / count;
-  size_t write = 0;
-  for (size_t read = 0; read < count; ++read) {
-    const uint32_t hash = static_cast<uint32_t>(read) * 2654435769u;
-    if (hash < threshold) observations[write++] = observations[read];
-  }
-  observations.resize(std::min(write, max_count));
-}
-
 TileGrid::TileGrid(const CameraModel& camera)
     : columns_(static_cast<int>((camera.width_px + 2 * kMarginPx) / kTilePx) + 1),
       rows_(static_cast<int>((camera.height_px + 2 * kMarginPx) / kTilePx) + 1),

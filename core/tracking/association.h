@@ -58,10 +58,6 @@ struct Observation {
   uint8_t polarity = 0;
 };
 
-// Keeps at most `max_count` of the observations, drawn evenly by a hash of their number: a fixed stride would favour
-// one side of an edge, because rows are read out from left to right.
-void ThinEvenly(size_t max_count, std::vector<Observation>& observations);
-
 // Tiles of 8 x 8 undistorted pixels, each with the lines that pass within reach.
 class TileGrid {
  public:

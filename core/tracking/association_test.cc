@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "core/base/random.h"
+#include "core/base/thin.h"
 #include "core/tracking/ideal_events.h"
 
 namespace evpose {

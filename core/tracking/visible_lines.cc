@@ -12,8 +12,8 @@ constexpr double kChangeRad = 0.005;
 
 }  // namespace
 
-VisibleLines::VisibleLines(const ObjectModel& model, const CameraModel& camera, const VisibilityOptions& options)
-    : model_(model), camera_(camera), tester_(model, options) {}
+VisibleLines::VisibleLines(const ObjectModel& model, const CameraModel& camera, const VisibilityTester& tester)
+    : model_(model), camera_(camera), tester_(tester) {}
 
 bool VisibleLines::ViewChanged(const RigidTransform& camera_from_object) const {
   if (!looked_from_) return true;

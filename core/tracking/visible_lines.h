@@ -13,8 +13,8 @@ namespace evpose {
 
 class VisibleLines {
  public:
-  // `model` must outlive it.
-  VisibleLines(const ObjectModel& model, const CameraModel& camera, const VisibilityOptions& options);
+  // `model` and `tester`, which is the model's, must outlive it.
+  VisibleLines(const ObjectModel& model, const CameraModel& camera, const VisibilityTester& tester);
 
   // The visible parts of lines; valid until the next call.
   absl::Span<const TrackedLine> At(const RigidTransform& camera_from_object);
@@ -28,7 +28,7 @@ class VisibleLines {
 
   const ObjectModel& model_;
   const CameraModel camera_;
-  VisibilityTester tester_;
+  const VisibilityTester& tester_;
   std::optional<RigidTransform> looked_from_;
   std::vector<bool> facing_;
   std::vector<bool> facing_now_;

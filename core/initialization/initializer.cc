@@ -1,0 +1,106 @@
+#include "core/initialization/initializer.h"
+
+#include <Eigen/Cholesky>
+#include <optional>
+#include <utility>
+
+#include "absl/strings/str_cat.h"
+#include "core/geometry/projected_line.h"
+
+namespace evpose {
+namespace {
+
+ImageSegment AtMiddle(const DetectedLine& line) {
+  return {0.5 * (line.at_begin.p1_px + line.at_end.p1_px), 0.5 * (line.at_begin.p2_px + line.at_end.p2_px)};
+}
+
+Eigen::Vector3d Bearing(const CameraModel& camera, const Eigen::Vector2d& pixel) {
+  return {(pixel.x() - camera.cx_px) / camera.fx_px, (pixel.y() - camera.cy_px) / camera.fy_px, 1.0};
+}
+
+// The twist's information from the way from `begin_px` to `end_px` of a point carried along with the line.
+struct TwistEquations {
+  Matrix6d information = Matrix6d::Zero();
+  Vector6d right_side = Vector6d::Zero();
+
+  void Add(const CameraModel& camera, const ProjectedLine& line, const Eigen::Vector2d& begin_px,
+           const Eigen::Vector2d& end_px, double duration_s, double sigma_px_per_s) {
+    // d = a . b is positive on the side of this normal.
+    const Eigen::Vector2d normal = Eigen::Vector2d(line.a.x() / camera.fx_px, line.a.y() / camera.fy_px).normalized();
+    const double velocity_px_per_s = normal.dot(end_px - begin_px) / duration_s;
+    const Eigen::Vector3d bearing = Bearing(camera, 0.5 * (begin_px + end_px));
+    const Vector6d row = -(line.jacobian.transpose() * bearing);  // NormalVelocity is linear in the twist
+    const double weight = 1.0 / (sigma_px_per_s * sigma_px_per_s);
+    information += weight * row * row.transpose();
+    right_side += weight * velocity_px_per_s * row;
+  }
+};
+
+}  // namespace
+
+absl::Status TwistPriorOptions::Validate() const {
+  const std::pair<const char*, double> fields[] = {{"velocity_px_per_s", velocity_px_per_s},
+                                                   {"angular_velocity_rad_per_s", angular_velocity_rad_per_s},
+                                                   {"line_error_px", line_error_px}};
+  for (const auto& [name, value] : fields) {
+    if (!(value > 0.0 && value < 1e9)) {
+      return absl::InvalidArgumentError(absl::StrCat(name, " must be positive: ", value));
+    }
+  }
+  return absl::OkStatus();
+}
+
+TwistEstimate EstimateTwist(const ObjectModel& model, const CameraModel& camera,
+                            const RigidTransform& camera_from_object, const LineDetection& detection,
+                            absl::Span<const int> model_line, const TwistPriorOptions& options) {
+  const double duration_s = static_cast<double>(detection.t_end_us - detection.t_begin_us) * 1e-6;
+  const double m_per_px = camera_from_object.translation_m.norm() / camera.fx_px;
+  TwistEquations equations;
+  const double velocity_m_per_s = options.velocity_px_per_s * m_per_px;
+  equations.information.diagonal().head<3>().setConstant(1.0 / (velocity_m_per_s * velocity_m_per_s));
+  equations.information.diagonal().tail<3>().setConstant(
+      1.0 / (options.angular_velocity_rad_per_s * options.angular_velocity_rad_per_s));
+  for (size_t j = 0; duration_s > 0.0 && j < model_line.size(); ++j) {
+    if (model_line[j] < 0) continue;
+    const ModelLine& line = model.lines[model_line[j]];
+    const std::optional<ProjectedLine> projected = ProjectLine(camera, camera_from_object, line.p1, line.p2);
+    if (!projected) continue;
+    const DetectedLine& detected = detection.lines[j];
+    // Both ends of its time are uncertain, and independent.
+    constexpr double kSqrt2 = 1.4142135623730951;
+    const double sigma_px_per_s = kSqrt2 * options.line_error_px / duration_s;
+    equations.Add(camera, *projected, detected.at_begin.p1_px, detected.at_end.p1_px, duration_s, sigma_px_per_s);
+    equations.Add(camera, *projected, detected.at_begin.p2_px, detected.at_end.p2_px, duration_s, sigma_px_per_s);
+  }
+  const auto solver = equations.information.ldlt();
+  TwistEstimate estimate;
+  estimate.twist = solver.solve(equations.right_side);
+  estimate.covariance = solver.solve(Matrix6d::Identity());
+  return estimate;
+}
+
+PoseInitializer::PoseInitializer(std::shared_ptr<const ObjectModel> model, const CameraModel& camera,
+                                 std::unique_ptr<LineDetector> detector, std::unique_ptr<PoseSearch> search,
+                                 const TwistPriorOptions& options)
+    : model_(std::move(model)),
+      camera_(camera),
+      detector_(std::move(detector)),
+      search_(std::move(search)),
+      options_(options) {}
+
+FirstPoses PoseInitializer::Find(absl::Span<const PixelEvent> events) {
+  const LineDetection detection = detector_->Detect(events);
+  std::vector<ImageSegment> segments;
+  for (const DetectedLine& line : detection.lines) segments.push_back(AtMiddle(line));
+  FirstPoses first;
+  first.num_lines = static_cast<int>(segments.size());
+  for (const PoseHypothesis& hypothesis : search_->Search(segments)) {
+    const TwistEstimate motion =
+        EstimateTwist(*model_, camera_, hypothesis.camera_from_object, detection, hypothesis.model_line, options_);
+    first.poses.push_back({detection.t_begin_us + (detection.t_end_us - detection.t_begin_us) / 2,
+                           hypothesis.camera_from_object, motion.twist, motion.covariance, hypothesis.cost});
+  }
+  return first;
+}
+
+}  // namespace evpose

@@ -1,0 +1,123 @@
+#include "core/tracking/hypotheses.h"
+
+#include <algorithm>
+#include <cmath>
+#include <utility>
+
+#include "core/base/thin.h"
+#include "core/models/symmetry.h"
+
+namespace evpose {
+namespace {
+
+// Events of a window that two poses are compared on: more are not independent anyway.
+constexpr size_t kComparedEvents = 1000;
+
+}  // namespace
+
+void Hypotheses::Add(const MotionState& start) {
+  Entry added;
+  added.track = std::make_unique<PoseTrack>(context_, start);
+  added.difference.assign(entries_.size() + 1, 0.0);
+  added.squares.assign(entries_.size() + 1, 0.0);
+  for (Entry& entry : entries_) {
+    entry.difference.push_back(0.0);
+    entry.squares.push_back(0.0);
+  }
+  entries_.push_back(std::move(added));
+}
+
+std::optional<PoseEstimate> Hypotheses::OnWindow(const EventWindow& window) {
+  for (Entry& entry : entries_) entry.estimate = entry.track->OnWindow(window);
+  DropLost();
+  if (entries_.size() > 1) {
+    DropSame();
+    Compare(window);
+    DropWorse();
+    PutBestFirst();
+  }
+  return entries_.empty() ? std::nullopt : entries_.front().estimate;
+}
+
+void Hypotheses::Compare(const EventWindow& window) {
+  std::vector<Event> events(window.events.begin(), window.events.end());
+  ThinEvenly(kComparedEvents, events);
+  for (Entry& entry : entries_) entry.explains.assign(events.size(), 0.0f);
+  for (size_t k = 0; k < events.size(); ++k) {
+    const std::optional<Observation> event = Observe(context_, events[k], window.t_mid_us());
+    if (!event) continue;
+    for (Entry& entry : entries_) entry.explains[k] = static_cast<float>(entry.track->Explains(*event));
+  }
+  for (Entry& entry : entries_) {
+    for (size_t other = 0; other < entries_.size(); ++other) {
+      for (size_t k = 0; k < events.size(); ++k) {
+        const double difference = entry.explains[k] - entries_[other].explains[k];
+        entry.difference[other] += difference;
+        entry.squares[other] += difference * difference;
+      }
+    }
+  }
+}
+
+double Hypotheses::Preference(size_t i, size_t j) const {
+  // Neighbouring pixels fire together, and one pixel several times: see HealthOptions.dispersion.
+  const double variance = entries_[i].squares[j] * context_.options.health.dispersion;
+  return variance > 0.0 ? entries_[i].difference[j] / std::sqrt(variance) : 0.0;
+}
+
+void Hypotheses::DropLost() {
+  for (size_t i = entries_.size(); i-- > 0;) {
+    if (entries_[i].track->state() == TrackState::kLost) Remove(i);
+  }
+}
+
+void Hypotheses::DropSame() {
+  // Closer than any line detector tells poses apart: they have converged to one.
+  constexpr double kSameRad = 0.02;
+  constexpr double kSameDepthRatio = 0.01;
+  for (size_t i = 0; i < entries_.size(); ++i) {
+    const RigidTransform& kept = entries_[i].track->motion().camera_from_object;
+    for (size_t j = entries_.size(); --j > i;) {
+      const RigidTransform other =
+          NearestEquivalent(entries_[j].track->motion().camera_from_object, context_.model->symmetries, kept);
+      if (RotationAngle(kept.rotation, other.rotation) < kSameRad &&
+          (kept.translation_m - other.translation_m).norm() < kSameDepthRatio * kept.translation_m.norm()) {
+        Remove(j);
+      }
+    }
+  }
+}
+
+void Hypotheses::DropWorse() {
+  for (size_t i = entries_.size(); i-- > 0;) {
+    for (size_t j = 0; j < entries_.size(); ++j) {
+      if (j == i || Preference(j, i) < context_.options.initialization.decision_sigma) continue;
+      Remove(i);
+      break;
+    }
+  }
+}
+
+void Hypotheses::PutBestFirst() {
+  size_t best = 0;
+  for (size_t i = 1; i < entries_.size(); ++i) {
+    if (Preference(i, best) > 0.0) best = i;
+  }
+  if (best == 0) return;
+  std::swap(entries_[0], entries_[best]);
+  for (Entry& entry : entries_) {
+    std::swap(entry.difference[0], entry.difference[best]);
+    std::swap(entry.squares[0], entry.squares[best]);
+  }
+}
+
+void Hypotheses::Remove(size_t index) {
+  const auto offset = static_cast<std::ptrdiff_t>(index);
+  entries_.erase(entries_.begin() + offset);
+  for (Entry& entry : entries_) {
+    entry.difference.erase(entry.difference.begin() + offset);
+    entry.squares.erase(entry.squares.begin() + offset);
+  }
+}
+
+}  // namespace evpose

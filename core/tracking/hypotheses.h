@@ -1,0 +1,54 @@
+// Poses that the events have to decide between (method.md 2.3: a second mode is a hypothesis until the cost decides).
+#pragma once
+
+#include <memory>
+#include <optional>
+#include <vector>
+
+#include "core/tracking/pose_track.h"
+
+namespace evpose {
+
+// Follows all of them, and drops those that the events turn down: the lost, the same as another, and the worse of two
+// as soon as the difference is significant. Two poses are compared event by event, so that what both explain says
+// nothing; the differences are summed from window to window until they decide (a sequential test).
+class Hypotheses {
+ public:
+  explicit Hypotheses(const TrackContext& context) : context_(context) {}
+
+  // Adds one; earlier ones are better when nothing else tells.
+  void Add(const MotionState& start);
+  void Clear() { entries_.clear(); }
+
+  // The best one's estimate; the best is the one that the events prefer, however slightly.
+  std::optional<PoseEstimate> OnWindow(const EventWindow& window);
+
+  bool empty() const { return entries_.empty(); }
+  size_t size() const { return entries_.size(); }
+  // There must be one.
+  const PoseTrack& best() const { return *entries_.front().track; }
+
+ private:
+  struct Entry {
+    std::unique_ptr<PoseTrack> track;
+    std::optional<PoseEstimate> estimate;
+    std::vector<float> explains;  // of the window's sampled events
+    // Against each other one, in order of `entries_`: sum of differences of `explains`, and of their squares.
+    std::vector<double> difference;
+    std::vector<double> squares;
+  };
+
+  void Compare(const EventWindow& window);
+  // Standard deviations by which the events prefer entry i to entry j.
+  double Preference(size_t i, size_t j) const;
+  void DropLost();
+  void DropSame();
+  void DropWorse();
+  void PutBestFirst();
+  void Remove(size_t index);
+
+  const TrackContext& context_;
+  std::vector<Entry> entries_;
+};
+
+}  // namespace evpose

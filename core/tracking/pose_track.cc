@@ -1,0 +1,200 @@
+#include "core/tracking/pose_track.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include "core/base/thin.h"
+
+namespace evpose {
+namespace {
+
+// Lines that must be supported: three determine six unknowns, and two still bind all but a little of the motion.
+constexpr int kConfirmLines = 3;
+constexpr int kKeepLines = 2;
+
+std::unique_ptr<WindowEstimator> MakeEstimator(const TrackContext& context) {
+  return context.options.estimator == Estimator::kStaticMm ? MakeStaticMmEstimator(context.options, context.camera)
+                                                           : MakeMixtureEstimator(context.options, context.camera);
+}
+
+}  // namespace
+
+std::optional<Observation> Observe(const TrackContext& context, const Event& event, int64_t t_us) {
+  const CameraModel& camera = context.camera;
+  if (event.x >= camera.width_px || event.y >= camera.height_px) return std::nullopt;
+  const Eigen::Vector2f& bearing = context.undistortion.Bearing(event.x, event.y);
+  Observation observation;
+  observation.bx = bearing.x();
+  observation.by = bearing.y();
+  observation.u_px = camera.fx_px * observation.bx + camera.cx_px;
+  observation.v_px = camera.fy_px * observation.by + camera.cy_px;
+  observation.tau_s = static_cast<double>(event.t_us - t_us) * 1e-6;
+  observation.polarity = event.polarity != 0 ? 1 : 0;
+  return observation;
+}
+
+PoseTrack::PoseTrack(const TrackContext& context, const MotionState& start)
+    : context_(context),
+      visible_lines_(*context.model, context.camera, context.visibility),
+      grid_(context.camera),
+      estimator_(MakeEstimator(context)),
+      health_(context.options.health, context.options.mixture.min_events_per_px2,
+              static_cast<int>(context.model->lines.size())),
+      motion_(start) {}
+
+std::optional<PoseEstimate> PoseTrack::OnWindow(const EventWindow& window) {
+  WindowInput input;
+  const WindowFit fit = FitWindow(window, input);
+  const bool usable = !input.lines.empty() && fit.state.covariance.allFinite() &&
+                      fit.state.camera_from_object.translation_m.allFinite() && fit.state.twist.allFinite();
+  if (!usable) {
+    state_ = TrackState::kLost;
+    return std::nullopt;
+  }
+  motion_ = fit.state;
+
+  const CameraModel& camera = context_.camera;
+  const HealthOptions& health = context_.options.health;
+  ProjectLines(camera, motion_, input.lines, image_lines_);
+  if (PredictedSpreadPx(camera, motion_, image_lines_) > health.max_uncertainty_px) {
+    state_ = TrackState::kLost;
+    return std::nullopt;
+  }
+  const double events_per_px =
+      static_cast<double>(window.num_events) / (static_cast<double>(camera.width_px) * camera.height_px);
+  health_.AddWindow(camera, input, image_lines_, motion_.twist, events_per_px);
+  const bool confirming = state_ == TrackState::kInitializing;
+  const double support = confirming ? health.confirm_support_ratio : health.keep_support_ratio;
+  const int64_t patience_us = confirming ? health.min_span_us : health.patience_us;
+  UpdateState(health_.Judge(support, confirming ? kConfirmLines : kKeepLines, patience_us), window.t_end_us);
+  if (state_ != TrackState::kTracking && state_ != TrackState::kDegraded) return std::nullopt;
+  return MakeEstimate(fit, input);
+}
+
+double PoseTrack::Explains(Observation observation) const {
+  // A triangle about the line and a trough beside it, as wide as a line's events spread, of integral zero.
+  constexpr double kOwnPx = 3.0;
+  constexpr double kTroughPx = 6.0;
+  constexpr double kTrough = 0.5 * kOwnPx / (kTroughPx - kOwnPx);
+  observation.tile = grid_.TileOf(observation.u_px, observation.v_px);
+  if (observation.tile == TileGrid::kNoTile) return 0.0;
+  const NearLines near = FindNearLines(observation, grid_.Lines(observation.tile), image_lines_.data(), kTroughPx, 0.0);
+  if (near.count == 0) return 0.0;
+  const double distance = std::abs(near.distance_px[0]);
+  return distance < kOwnPx ? 1.0 - distance / kOwnPx : -kTrough;
+}
+
+WindowFit PoseTrack::FitWindow(const EventWindow& window, WindowInput& input) {
+  constexpr double kFallenRatio = 0.6;  // of the running mean: method.md 2.10 (4)
+  constexpr double kMinRetryEvents = 50.0;
+  constexpr double kForget = 0.05;  // the mean is over about 20 windows
+  const MotionState predicted = Predict(motion_, window.t_mid_us(), context_.options.motion);
+  input = Gather(window, predicted, 1.0);
+  if (input.lines.empty()) return WindowFit();
+  WindowFit fit = estimator_->Fit(predicted, input, 1.0);
+  if (fit.num_gated >= kMinRetryEvents && fit.explained_ratio() < kFallenRatio * usual_explained_ratio_) {
+    const MotionState agile =
+        Predict(motion_, window.t_mid_us(), context_.options.motion, context_.options.motion.retry_noise_factor);
+    const WindowInput wide_input = Gather(window, agile, context_.options.mixture.retry_gate_factor);
+    const WindowFit wide = estimator_->Fit(agile, wide_input, context_.options.mixture.retry_gate_factor);
+    input = wide_input;
+    if (wide.explained_ratio() <= fit.explained_ratio()) return fit;
+    fit = wide;
+  }
+  estimator_->Accept(fit, input);
+  if (fit.num_gated >= kMinRetryEvents) {
+    usual_explained_ratio_ +=
+        (usual_explained_ratio_ == 0.0 ? 1.0 : kForget) * (fit.explained_ratio() - usual_explained_ratio_);
+  }
+  return fit;
+}
+
+WindowInput PoseTrack::Gather(const EventWindow& window, const MotionState& predicted, double gate_factor) {
+  WindowInput input;
+  input.duration_s = static_cast<double>(window.t_end_us - window.t_begin_us) * 1e-6;
+  input.lines = visible_lines_.At(predicted.camera_from_object);
+  input.grid = &grid_;
+  ProjectLines(context_.camera, predicted, input.lines, image_lines_);
+  const double spread_px = PredictedSpreadPx(context_.camera, predicted, image_lines_);
+  double motion_px = 0.0;
+  for (const ImageLine& line : image_lines_) {
+    if (!line.in_view()) continue;
+    const double speed = std::abs(BearingOf(context_.camera, line.PointAt(0.5)).dot(line.a_dot));
+    motion_px = std::max(motion_px, 0.5 * speed * input.duration_s);
+  }
+  const double reach_px =
+      std::max(estimator_->ReachPx(spread_px, gate_factor), TrackHealth::ReachPx(context_.options.health));
+  // Farther lines than this are beyond any gate's use; the bound keeps the work bounded.
+  constexpr double kMaxReachPx = 128.0;
+  grid_.Build(image_lines_, std::min(reach_px + motion_px, kMaxReachPx));
+
+  observations_.clear();
+  for (const Event& event : window.events) {
+    std::optional<Observation> observation = Observe(context_, event, predicted.t_us);
+    if (!observation) continue;
+    observation->tile = grid_.TileOf(observation->u_px, observation->v_px);
+    if (observation->tile == TileGrid::kNoTile || grid_.Lines(observation->tile).empty()) continue;
+    observations_.push_back(*observation);
+  }
+  const size_t found = observations_.size();
+  ThinEvenly(static_cast<size_t>(estimator_->MaxEvents()), observations_);
+  input.events = observations_;
+  input.events_per_observation = window.events_per_sample();
+  if (!observations_.empty()) {
+    input.events_per_observation *= static_cast<double>(found) / static_cast<double>(observations_.size());
+  }
+  return input;
+}
+
+void PoseTrack::UpdateState(const HealthVerdict& verdict, int64_t t_us) {
+  switch (verdict.kind) {
+    case HealthVerdict::Kind::kOpen:
+      return;
+    case HealthVerdict::Kind::kSupported:
+      state_ = TrackState::kTracking;
+      unsupported_ = false;
+      supported_at_us_ = t_us;
+      return;
+    case HealthVerdict::Kind::kFewEvents:
+      // No events, no evidence either way: a still object makes none. But when the pose was already in doubt, as that
+      // of an object that is being covered, the silence does not speak for it.
+      if (state_ == TrackState::kTracking) state_ = TrackState::kDegraded;
+      break;
+    case HealthVerdict::Kind::kUnsupported:
+      if (state_ == TrackState::kInitializing) {
+        if (++unconfirmed_verdicts_ >= context_.options.health.max_unconfirmed_verdicts) state_ = TrackState::kLost;
+        return;
+      }
+      state_ = TrackState::kDegraded;
+      if (!unsupported_) unsupported_since_us_ = t_us;
+      unsupported_ = true;
+      break;
+  }
+  if (unsupported_ && t_us - unsupported_since_us_ >= context_.options.health.lost_after_us) state_ = TrackState::kLost;
+}
+
+// While the events do not speak for the pose, the fit's own covariance is that of a wrong association: small, and no
+// sign of health (method.md 2.9). What is known then is the last supported state and how far an object may have got
+// since.
+Matrix6d PoseTrack::PublishedCovariance(const MotionState& state) const {
+  if (!unsupported_) return state.covariance.topLeftCorner<6, 6>();
+  const int64_t since_us = std::max<int64_t>(0, state.t_us - supported_at_us_);
+  const MotionState grown =
+      Predict(state, state.t_us + since_us, context_.options.motion, context_.options.motion.retry_noise_factor);
+  return grown.covariance.topLeftCorner<6, 6>();
+}
+
+PoseEstimate PoseTrack::MakeEstimate(const WindowFit& fit, const WindowInput& input) const {
+  PoseEstimate estimate;
+  estimate.t_us = fit.state.t_us;
+  estimate.camera_from_object = fit.state.camera_from_object;
+  estimate.covariance = PublishedCovariance(fit.state);
+  estimate.twist = fit.state.twist;
+  estimate.state = state_;
+  estimate.num_events = static_cast<uint32_t>(std::lround(fit.num_gated * input.events_per_observation));
+  estimate.explained_ratio = static_cast<float>(fit.explained_ratio());
+  estimate.residual_rms_px = static_cast<float>(fit.residual_rms_px);
+  return estimate;
+}
+
+}  // namespace evpose
