@@ -1,0 +1,32 @@
+// The events of a stretch by their place in the image.
+#pragma once
+
+#include <cstdint>
+#include <vector>
+
+#include "core/detection/event_stretch.h"
+
+namespace evpose {
+
+class EventGrid {
+ public:
+  // `events` must outlive it.
+  explicit EventGrid(const std::vector<StretchEvent>& events);
+
+  // Appends the indices of all events within `reach_px` of the segment, and some that are a cell farther.
+  void Near(const Eigen::Vector2d& p1_px, const Eigen::Vector2d& p2_px, double reach_px,
+            std::vector<int32_t>& indices) const;
+
+ private:
+  int Column(double u_px) const;
+  int Row(double v_px) const;
+
+  double low_u_px_ = 0.0;
+  double low_v_px_ = 0.0;
+  int columns_ = 0;
+  int rows_ = 0;
+  std::vector<int32_t> begin_;   // of each cell in indices_, row by row
+  std::vector<int32_t> sorted_;  // indices of events, cell by cell
+};
+
+}  // namespace evpose

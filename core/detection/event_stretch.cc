@@ -1,0 +1,121 @@
+#include "core/detection/event_stretch.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include "absl/strings/str_format.h"
+#include "core/detection/even_sample.h"
+
+namespace evpose {
+namespace {
+
+// A patch of 7 x 7 pixels behind a moving edge; the edge has swept kSweptPx of it when kSweptPixels of them have fired.
+constexpr int kPatchRadius = 3;
+constexpr int kSweptPixels = 16;
+constexpr double kSweptPx = 2.0;
+// More do not change a median.
+constexpr size_t kMaxSeeds = 600;
+// Latest events that the speed is told from: several passes of several edges.
+constexpr size_t kMaxSpeedEvents = 60'000;
+
+}  // namespace
+
+absl::Status StretchOptions::Validate() const {
+  const auto wrong = [](const char* name, double value, const char* range) {
+    return absl::InvalidArgumentError(absl::StrFormat("%s is %g; it must lie in %s", name, value, range));
+  };
+  if (!(motion_px >= 1.0 && motion_px <= 100.0)) return wrong("motion_px", motion_px, "[1, 100]");
+  if (!(max_duration_us >= 100 && max_duration_us <= 1'000'000)) {
+    return wrong("max_duration_us", static_cast<double>(max_duration_us), "[100, 1000000]");
+  }
+  if (!(max_events >= 100 && max_events <= 1'000'000)) return wrong("max_events", max_events, "[100, 1000000]");
+  return absl::OkStatus();
+}
+
+StretchSelector::StretchSelector(const StretchOptions& options, int width_px, int height_px)
+    : options_(options),
+      margin_x_(width_px / 4 + kPatchRadius),
+      margin_y_(height_px / 4 + kPatchRadius),
+      map_width_(width_px + 2 * margin_x_),
+      map_height_(height_px + 2 * margin_y_) {
+  for (std::vector<int32_t>& map : last_us_) map.assign(static_cast<size_t>(map_width_) * map_height_, -1);
+}
+
+int StretchSelector::PixelIndex(const PixelEvent& event) const {
+  // Compared as floats first: a wild number must not become an undefined integer.
+  const float x = event.u_px + static_cast<float>(margin_x_) + 0.5f;
+  const float y = event.v_px + static_cast<float>(margin_y_) + 0.5f;
+  const bool inside = x >= kPatchRadius && y >= kPatchRadius && x < static_cast<float>(map_width_ - kPatchRadius) &&
+                      y < static_cast<float>(map_height_ - kPatchRadius);
+  return inside ? static_cast<int>(y) * map_width_ + static_cast<int>(x) : -1;
+}
+
+double StretchSelector::SweepTime(const PixelEvent& event, int pixel, int64_t t_origin_us) {
+  const std::vector<int32_t>& last_us = last_us_[event.polarity != 0];
+  const auto now_us = static_cast<int32_t>(event.t_us - t_origin_us);
+  ages_.clear();
+  for (int dy = -kPatchRadius; dy <= kPatchRadius; ++dy) {
+    const int32_t* row = &last_us[pixel + dy * map_width_];
+    for (int dx = -kPatchRadius; dx <= kPatchRadius; ++dx) {
+      if (row[dx] >= 0 && row[dx] <= now_us) ages_.push_back(now_us - row[dx]);
+    }
+  }
+  if (ages_.size() <= static_cast<size_t>(kSweptPixels)) return -1.0;
+  std::nth_element(ages_.begin(), ages_.begin() + kSweptPixels, ages_.end());
+  return ages_[kSweptPixels];
+}
+
+double StretchSelector::MedianSpeed(absl::Span<const PixelEvent> events) {
+  if (events.size() > kMaxSpeedEvents) events.remove_prefix(events.size() - kMaxSpeedEvents);
+  const int64_t t_origin_us = events.front().t_us;
+  for (const PixelEvent& event : events) {
+    const int pixel = PixelIndex(event);
+    if (pixel >= 0) last_us_[event.polarity != 0][pixel] = static_cast<int32_t>(event.t_us - t_origin_us);
+  }
+  std::vector<double> times_us;
+  const size_t stride = std::max<size_t>(1, events.size() / kMaxSeeds);
+  for (size_t i = events.size() % stride; i < events.size(); i += stride) {
+    const int pixel = PixelIndex(events[i]);
+    if (pixel < 0) continue;
+    const double time_us = SweepTime(events[i], pixel, t_origin_us);
+    if (time_us >= 0.0) times_us.push_back(std::max(time_us, 1.0));
+  }
+  for (const PixelEvent& event : events) {
+    const int pixel = PixelIndex(event);
+    if (pixel >= 0) last_us_[event.polarity != 0][pixel] = -1;
+  }
+  if (times_us.empty()) return 0.0;
+  std::nth_element(times_us.begin(), times_us.begin() + times_us.size() / 2, times_us.end());
+  return kSweptPx * 1e6 / times_us[times_us.size() / 2];
+}
+
+EventStretch StretchSelector::Select(absl::Span<const PixelEvent> events) {
+  EventStretch stretch;
+  if (events.empty()) return stretch;
+  const auto from = [&events](int64_t t_us) {
+    const auto first = std::lower_bound(events.begin(), events.end(), t_us,
+                                        [](const PixelEvent& event, int64_t t) { return event.t_us < t; });
+    return events.subspan(first - events.begin());
+  };
+  stretch.t_end_us = events.back().t_us;
+  const absl::Span<const PixelEvent> usable = from(stretch.t_end_us - options_.max_duration_us);
+  stretch.speed_px_per_s = MedianSpeed(usable);
+  const double duration_us = options_.motion_px * 1e6 / std::max(stretch.speed_px_per_s, 1e-3);
+  stretch.t_begin_us =
+      std::max(usable.front().t_us, stretch.t_end_us - static_cast<int64_t>(std::min(duration_us, 1e9)));
+  stretch.time_scale_px_per_s =
+      options_.motion_px * 1e6 / static_cast<double>(std::max<int64_t>(1, stretch.t_end_us - stretch.t_begin_us));
+  const absl::Span<const PixelEvent> taken = from(stretch.t_begin_us);
+  const double half_s = stretch.half_duration_s();
+  EvenSample sample(taken.size(), options_.max_events);
+  for (size_t i = 0; i < taken.size(); ++i) {
+    if (!sample.Takes() || PixelIndex(taken[i]) < 0) continue;
+    stretch.events.push_back(
+        {taken[i].u_px, taken[i].v_px,
+         static_cast<float>(1e-6 * static_cast<double>(taken[i].t_us - stretch.t_begin_us) - half_s),
+         static_cast<uint8_t>(taken[i].polarity != 0)});
+  }
+  return stretch;
+}
+
+}  // namespace evpose

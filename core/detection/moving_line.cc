@@ -1,0 +1,231 @@
+#include "core/detection/moving_line.h"
+
+#include <Eigen/Cholesky>
+#include <algorithm>
+#include <cmath>
+
+#include "absl/strings/str_format.h"
+
+namespace evpose {
+namespace {
+
+// Tukey's bisquare (method.md 2.6).
+constexpr double kTukey = 4.685;
+constexpr double kMinSigmaPx = 0.25;
+constexpr double kMaxSigmaPx = 0.7;
+constexpr int kPasses = 5;
+// Growth along the edge: how far events are looked for beyond the ends, and how often.
+constexpr double kGrowthPx = 24.0;
+constexpr int kMaxGrowths = 12;
+// An edge ends where its events stop for as long as chance would hardly make them: this many times their mean
+// distance, within limits.
+constexpr double kGapSpacings = 10.0;
+constexpr double kMinGapPx = 4.0;
+constexpr double kMaxGapPx = 12.0;
+// The last pixels of an edge hold at least this share of its mean density: else they are noise beyond its end.
+constexpr double kEndPx = 6.0;
+constexpr double kEndDensityRatio = 0.35;
+
+}  // namespace
+
+absl::Status LineFitOptions::Validate() const {
+  if (!(gate_px >= 0.5 && gate_px <= 50.0)) {
+    return absl::InvalidArgumentError(absl::StrFormat("gate_px is %g; it must lie in [0.5, 50]", gate_px));
+  }
+  if (!(turn_rad_per_s > 0.0 && turn_rad_per_s <= 1000.0)) {
+    return absl::InvalidArgumentError(
+        absl::StrFormat("turn_rad_per_s is %g; it must lie in (0, 1000]", turn_rad_per_s));
+  }
+  return absl::OkStatus();
+}
+
+void MovingLine::Recentre() {
+  const double middle = 0.5 * (ends[0].s_px + ends[1].s_px);
+  const Eigen::Vector2d new_origin = PointAt(middle, 0.0);
+  speed_px_per_s += slope_rate_per_s * middle;
+  const double stretch = std::sqrt(1.0 + slope * slope);  // the slanted line is longer than its s
+  const Eigen::Vector2d new_direction = (direction + slope * normal()) / stretch;
+  for (End& end : ends) {
+    end.s_px = (end.s_px - middle) * stretch;
+    end.speed_px_per_s *= stretch;
+  }
+  // Distances across the turned line are shorter by 1 / stretch.
+  speed_px_per_s /= stretch;
+  slope_rate_per_s /= stretch * stretch;
+  origin_px = new_origin;
+  direction = new_direction;
+  offset_px = slope = 0.0;
+}
+
+DetectedLine ToDetectedLine(const MovingLine& line, double half_duration_s) {
+  DetectedLine detected;
+  detected.at_begin = {line.EndAt(0, -half_duration_s), line.EndAt(1, -half_duration_s)};
+  detected.at_end = {line.EndAt(0, half_duration_s), line.EndAt(1, half_duration_s)};
+  detected.normal_velocity_px_per_s =
+      line.speed_px_per_s + 0.5 * line.slope_rate_per_s * (line.ends[0].s_px + line.ends[1].s_px);
+  detected.num_events = line.num_events;
+  detected.rms_px = line.rms_px;
+  return detected;
+}
+
+LineFitter::LineFitter(const EventStretch& stretch, const LineFitOptions& options)
+    : stretch_(stretch), options_(options), grid_(stretch.events) {}
+
+void LineFitter::Collect(const MovingLine& line, double margin_px, double reach_px) {
+  const double half_s = stretch_.half_duration_s();
+  const double begin = line.ends[0].s_px - margin_px, end = line.ends[1].s_px + margin_px;
+  const double sweep = half_s * (std::abs(line.speed_px_per_s) +
+                                 std::abs(line.slope_rate_per_s) * std::max(std::abs(begin), std::abs(end)));
+  indices_.clear();
+  grid_.Near(line.PointAt(begin, 0.0), line.PointAt(end, 0.0), reach_px + sweep, indices_);
+  samples_.clear();
+  size_t kept = 0;
+  for (const int32_t index : indices_) {
+    const StretchEvent& event = stretch_.events[index];
+    if (!line.is_polarity[event.polarity] || (owner_ != nullptr && (*owner_)[index] != own_)) continue;
+    const double s = line.S(event);
+    if (!line.IsAlong(s, event.tau_s, margin_px)) continue;
+    const double residual = line.Residual(event, s);
+    if (std::abs(residual) > reach_px) continue;
+    const double y =
+        residual + line.offset_px + line.slope * s + (line.speed_px_per_s + line.slope_rate_per_s * s) * event.tau_s;
+    samples_.push_back({static_cast<float>(s), static_cast<float>(y), event.tau_s, static_cast<float>(residual)});
+    indices_[kept++] = index;
+  }
+  indices_.resize(kept);
+}
+
+void LineFitter::SolveRobustly(MovingLine& line, double first_sigma_px) {
+  const double half_s = std::max(stretch_.half_duration_s(), 1e-6);
+  double sigma = first_sigma_px;
+  for (int pass = 0; pass < kPasses; ++pass) {
+    // Unknowns offset, slope, speed x half_s, slope_rate x half_s, about the middle of the extent.
+    const double middle = 0.5 * (line.ends[0].s_px + line.ends[1].s_px);
+    const double scale = std::max(0.5 * line.length_px(), 1.0);
+    Eigen::Matrix4d information = Eigen::Matrix4d::Identity() * 1e-9;
+    Eigen::Vector4d projection = Eigen::Vector4d::Zero();
+    const double turn = options_.turn_rad_per_s * half_s * scale / sigma;
+    information(3, 3) += 1.0 / (turn * turn) * 20.0;  // events are correlated: some twenty count as one
+    for (const Sample& sample : samples_) {
+      const double u = sample.residual / (kTukey * sigma);
+      if (std::abs(u) >= 1.0) continue;
+      const double weight = (1.0 - u * u) * (1.0 - u * u);
+      const double s = (sample.s - middle) / scale, tau = sample.tau_s / half_s;
+      const Eigen::Vector4d row(1.0, s, tau, s * tau);
+      information += (weight * row) * row.transpose();
+      projection += weight * sample.y * row;
+    }
+    const Eigen::Vector4d x = information.ldlt().solve(projection);
+    line.slope = x[1] / scale;
+    line.offset_px = x[0] - line.slope * middle;
+    line.slope_rate_per_s = x[3] / (scale * half_s);
+    line.speed_px_per_s = x[2] / half_s - line.slope_rate_per_s * middle;
+    along_.clear();
+    for (Sample& sample : samples_) {
+      sample.residual = static_cast<float>(sample.y - line.offset_px - line.slope * sample.s -
+                                           (line.speed_px_per_s + line.slope_rate_per_s * sample.s) * sample.tau_s);
+      if (std::abs(sample.residual) < 1.5 * options_.gate_px) along_.push_back(std::abs(sample.residual));
+    }
+    if (along_.empty()) return;
+    std::nth_element(along_.begin(), along_.begin() + along_.size() / 2, along_.end());
+    sigma = std::clamp(along_[along_.size() / 2] / 0.6745, kMinSigmaPx, kMaxSigmaPx);
+  }
+}
+
+bool LineFitter::FindExtent(MovingLine& line) {
+  along_.clear();
+  for (const Sample& sample : samples_) {
+    if (std::abs(sample.residual) <= options_.gate_px) along_.push_back(sample.s);
+  }
+  std::sort(along_.begin(), along_.end());
+  const auto core_begin = std::lower_bound(along_.begin(), along_.end(), line.ends[0].s_px);
+  const auto core_end = std::upper_bound(core_begin, along_.end(), line.ends[1].s_px);
+  if (core_end - core_begin < 8) return false;
+  const double density = static_cast<double>(core_end - core_begin) / std::max(line.length_px(), 1.0);
+  const double max_gap = std::clamp(kGapSpacings / density, kMinGapPx, kMaxGapPx);
+  // The run without gaps that holds most of the core.
+  size_t best_begin = 0, best_end = 0, best_in_core = 0;
+  const size_t core_first = core_begin - along_.begin(), core_last = core_end - along_.begin();
+  for (size_t begin = 0; begin < along_.size();) {
+    size_t end = begin + 1;
+    while (end < along_.size() && along_[end] - along_[end - 1] <= max_gap) ++end;
+    const size_t first = std::max(begin, core_first), last = std::min(end, core_last);
+    const size_t in_core = last > first ? last - first : 0;
+    if (in_core > best_in_core) {
+      best_in_core = in_core;
+      best_begin = begin;
+      best_end = end;
+    }
+    begin = end;
+  }
+  const auto enough = static_cast<size_t>(std::max(2.0, std::ceil(kEndDensityRatio * density * kEndPx)));
+  while (best_end - best_begin > enough && along_[best_begin + enough - 1] - along_[best_begin] > kEndPx) ++best_begin;
+  while (best_end - best_begin > enough && along_[best_end - 1] - along_[best_end - enough] > kEndPx) --best_end;
+  if (best_end - best_begin <= enough) return false;
+  line.ends[0].s_px = along_[best_begin];
+  line.ends[1].s_px = along_[best_end - 1];
+  return true;
+}
+
+void LineFitter::FindEndSpeeds(MovingLine& line, double density) {
+  // Where each end lies in the first and in the second half: the k-th event from outside, and k spacings further out.
+  const double half_s = stretch_.half_duration_s();
+  double end_of_half[2][2] = {};
+  for (const int half : {0, 1}) {
+    along_.clear();
+    for (const Sample& sample : samples_) {
+      if ((sample.tau_s >= 0.0f) == (half == 1) && std::abs(sample.residual) <= options_.gate_px &&
+          line.IsAlong(sample.s, 0.0, 0.0)) {
+        along_.push_back(sample.s);
+      }
+    }
+    const auto k = static_cast<size_t>(std::max(3.0, 2.0 * density));
+    if (along_.size() < 6 * k) return;
+    std::sort(along_.begin(), along_.end());
+    const double spacing = line.length_px() / static_cast<double>(along_.size());
+    end_of_half[half][0] = std::max(along_[k] - static_cast<double>(k) * spacing, line.ends[0].s_px);
+    end_of_half[half][1] =
+        std::min(along_[along_.size() - 1 - k] + static_cast<double>(k) * spacing, line.ends[1].s_px);
+  }
+  const double fastest = 1.5 * stretch_.time_scale_px_per_s;
+  for (const int end : {0, 1}) {
+    line.ends[end].speed_px_per_s = std::clamp((end_of_half[1][end] - end_of_half[0][end]) / half_s, -fastest, fastest);
+    line.ends[end].s_px = 0.5 * (end_of_half[0][end] + end_of_half[1][end]);
+  }
+}
+
+bool LineFitter::Fit(MovingLine& line) {
+  for (int growth = 0; growth < kMaxGrowths; ++growth) {
+    for (MovingLine::End& end : line.ends) end.speed_px_per_s = 0.0;
+    const double length = line.length_px();
+    Collect(line, 0.0, 2.0 * options_.gate_px);
+    SolveRobustly(line, kMaxSigmaPx);
+    Collect(line, kGrowthPx, options_.gate_px);
+    if (!FindExtent(line)) return false;
+    line.Recentre();
+    if (line.length_px() < length + 1.0) break;
+  }
+  Collect(line, 2.0, options_.gate_px);
+  if (samples_.empty()) return false;
+  FindEndSpeeds(line, 0.5 * static_cast<double>(samples_.size()) / std::max(line.length_px(), 1.0));
+  double sum = 0.0;
+  for (const Sample& sample : samples_) sum += static_cast<double>(sample.residual) * sample.residual;
+  line.num_events = static_cast<int>(samples_.size());
+  line.rms_px = std::sqrt(sum / static_cast<double>(samples_.size()));
+  return true;
+}
+
+bool LineFitter::FitOwned(MovingLine& line, const std::vector<int16_t>& owner, int16_t own) {
+  owner_ = &owner;
+  own_ = own;
+  const bool fitted = Fit(line);
+  owner_ = nullptr;
+  return fitted;
+}
+
+const std::vector<int32_t>& LineFitter::EventsOf(const MovingLine& line) {
+  Collect(line, 2.0, options_.gate_px);
+  return indices_;
+}
+
+}  // namespace evpose

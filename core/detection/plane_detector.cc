@@ -1,0 +1,65 @@
+#include "core/detection/plane_detector.h"
+
+#include <utility>
+
+#include "absl/strings/str_format.h"
+#include "core/base/status_macros.h"
+
+namespace evpose {
+namespace {
+
+MovingLine LineOf(const SpaceTimePlane& plane) {
+  MovingLine line;
+  line.direction = {plane.normal.y(), -plane.normal.x()};  // whose (-y, x) is the normal
+  line.offset_px = plane.offset_px;
+  line.speed_px_per_s = plane.speed_px_per_s;
+  line.ends[0].s_px = -plane.s_end_px;
+  line.ends[1].s_px = -plane.s_begin_px;
+  line.is_polarity[plane.polarity] = true;
+  line.Recentre();
+  return line;
+}
+
+class PlaneLineDetector : public LineDetector {
+ public:
+  PlaneLineDetector(const PlaneDetectorOptions& options, SensorGeometry geometry)
+      : options_(options), selector_(options.stretch, geometry.width_px, geometry.height_px) {}
+
+  LineDetection Detect(absl::Span<const PixelEvent> events) override {
+    const EventStretch stretch = selector_.Select(events);
+    std::vector<MovingLine> candidates;
+    for (const SpaceTimePlane& plane : SegmentPlanes(stretch, options_.segmentation)) {
+      candidates.push_back(LineOf(plane));
+    }
+    LineDetection detection = {stretch.t_begin_us, stretch.t_end_us, {}};
+    for (const MovingLine& line : SelectLines(stretch, candidates, options_.lines)) {
+      detection.lines.push_back(ToDetectedLine(line, stretch.half_duration_s()));
+    }
+    return detection;
+  }
+
+ private:
+  const PlaneDetectorOptions options_;
+  StretchSelector selector_;
+};
+
+}  // namespace
+
+absl::Status PlaneDetectorOptions::Validate() const {
+  absl::Status status = stretch.Validate();
+  status.Update(segmentation.Validate());
+  status.Update(lines.Validate());
+  return status;
+}
+
+absl::StatusOr<std::unique_ptr<LineDetector>> MakePlaneLineDetector(const PlaneDetectorOptions& options,
+                                                                    SensorGeometry geometry) {
+  EVPOSE_RETURN_IF_ERROR(options.Validate());
+  if (geometry.width_px <= 0 || geometry.height_px <= 0) {
+    return absl::InvalidArgumentError(
+        absl::StrFormat("the sensor has %d x %d pixels; both must be positive", geometry.width_px, geometry.height_px));
+  }
+  return std::make_unique<PlaneLineDetector>(options, geometry);
+}
+
+}  // namespace evpose

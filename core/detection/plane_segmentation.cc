@@ -1,0 +1,182 @@
+#include "core/detection/plane_segmentation.h"
+
+#include <pcl/features/normal_3d.h>
+#include <pcl/point_cloud.h>
+#include <pcl/point_types.h>
+#include <pcl/sample_consensus/ransac.h>
+#include <pcl/sample_consensus/sac_model_plane.h>
+#include <pcl/search/search.h>
+#include <pcl/segmentation/region_growing.h>
+
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+
+#include "absl/strings/str_format.h"
+#include "core/detection/space_time_cloud.h"
+
+namespace evpose {
+namespace {
+
+using Cloud = pcl::PointCloud<pcl::PointXYZ>;
+
+// A plane this flat in time is a flash of light, not an edge: it would move this many times faster than the others.
+constexpr double kMaxSpeedRatio = 8.0;
+constexpr int kRansacIterations = 40;
+// Share of inliers cut off at each end: single events beyond an edge's end must not lengthen it.
+constexpr double kTrimmedRatio = 0.01;
+
+// PCL's algorithms ask for neighbours of the cloud's own points only, and each of them again. The table knows them all.
+class TableSearch : public pcl::search::Search<pcl::PointXYZ> {
+ public:
+  explicit TableSearch(const NeighbourTable& table) : Search("TableSearch", true), table_(table) {}
+
+  int nearestKSearch(const pcl::PointXYZ&, int, pcl::Indices& indices, std::vector<float>& distances) const override {
+    indices.clear();
+    distances.clear();
+    return 0;  // a place that is no point of the cloud: never asked for
+  }
+  int nearestKSearch(const Cloud&, pcl::index_t index, int k, pcl::Indices& indices,
+                     std::vector<float>& distances) const override {
+    return nearestKSearch(index, k, indices, distances);
+  }
+  int nearestKSearch(pcl::index_t index, int k, pcl::Indices& indices, std::vector<float>& distances) const override {
+    const size_t count = std::min(table_.size(index), static_cast<size_t>(k));
+    indices.resize(count);
+    distances.resize(count);
+    for (size_t i = 0; i < count; ++i) {
+      indices[i] = table_.begin(index)[i].index;
+      distances[i] = table_.begin(index)[i].squared_distance;
+    }
+    return static_cast<int>(count);
+  }
+  int radiusSearch(const pcl::PointXYZ&, double, pcl::Indices& indices, std::vector<float>& distances,
+                   unsigned int) const override {
+    indices.clear();
+    distances.clear();
+    return 0;
+  }
+
+ private:
+  const NeighbourTable& table_;
+};
+
+std::vector<Eigen::Vector3f> WithoutOutliers(const std::vector<Eigen::Vector3f>& points,
+                                             const PlaneSegmentationOptions& options) {
+  const NeighbourTable table(points, options.neighbour_radius_px, options.min_neighbours + 1);
+  std::vector<Eigen::Vector3f> kept;
+  for (size_t i = 0; i < points.size(); ++i) {
+    if (table.size(i) > static_cast<size_t>(options.min_neighbours)) kept.push_back(points[i]);
+  }
+  return kept;
+}
+
+std::vector<pcl::PointIndices> GrowRegions(const Cloud::Ptr& cloud, const NeighbourTable& table,
+                                           const PlaneSegmentationOptions& options) {
+  const pcl::search::Search<pcl::PointXYZ>::Ptr search(new TableSearch(table));
+  pcl::NormalEstimation<pcl::PointXYZ, pcl::Normal> estimation;
+  estimation.setInputCloud(cloud);
+  estimation.setSearchMethod(search);
+  estimation.setKSearch(options.max_neighbours);
+  const pcl::PointCloud<pcl::Normal>::Ptr normals(new pcl::PointCloud<pcl::Normal>);
+  estimation.compute(*normals);
+
+  pcl::RegionGrowing<pcl::PointXYZ, pcl::Normal> growing;
+  growing.setInputCloud(cloud);
+  growing.setInputNormals(normals);
+  growing.setSearchMethod(search);
+  growing.setNumberOfNeighbours(options.max_neighbours);
+  // Against the region's first point, which lies where the plane is cleanest: else regions creep around bends.
+  growing.setSmoothModeFlag(false);
+  growing.setSmoothnessThreshold(static_cast<float>(options.smoothness_deg * std::numbers::pi / 180.0));
+  growing.setCurvatureThreshold(static_cast<float>(options.max_curvature));
+  growing.setMinClusterSize(options.min_plane_points);
+  std::vector<pcl::PointIndices> regions;
+  growing.extract(regions);
+  return regions;
+}
+
+// Fits the plane and its extent to one region; num_points is 0 when there is none, or it is no edge's.
+SpaceTimePlane FitPlane(const Cloud::Ptr& cloud, const pcl::Indices& region, double px_per_s,
+                        const PlaneSegmentationOptions& options) {
+  SpaceTimePlane plane;
+  const pcl::SampleConsensusModelPlane<pcl::PointXYZ>::Ptr model(
+      new pcl::SampleConsensusModelPlane<pcl::PointXYZ>(cloud, region, false));  // false: the same choices every time
+  pcl::RandomSampleConsensus<pcl::PointXYZ> ransac(model, options.inlier_px);
+  ransac.setMaxIterations(kRansacIterations);
+  if (!ransac.computeModel(0)) return plane;
+  pcl::Indices inliers;
+  Eigen::VectorXf sampled, fitted;
+  ransac.getInliers(inliers);
+  ransac.getModelCoefficients(sampled);
+  model->optimizeModelCoefficients(inliers, sampled, fitted);
+  model->selectWithinDistance(fitted, options.inlier_px, inliers);
+
+  const double in_image = std::hypot(fitted[0], fitted[1]);
+  if (inliers.size() < static_cast<size_t>(options.min_plane_points) ||
+      std::abs(fitted[2]) > kMaxSpeedRatio * in_image) {
+    return plane;
+  }
+  plane.normal = Eigen::Vector2d(fitted[0], fitted[1]) / in_image;
+  plane.offset_px = -fitted[3] / in_image;
+  plane.speed_px_per_s = -fitted[2] / in_image * px_per_s;
+  std::vector<double> along;
+  for (const pcl::index_t index : inliers) {
+    along.push_back(-plane.normal.y() * (*cloud)[index].x + plane.normal.x() * (*cloud)[index].y);
+  }
+  std::sort(along.begin(), along.end());
+  const auto trimmed = static_cast<size_t>(kTrimmedRatio * static_cast<double>(along.size()));
+  plane.s_begin_px = along[trimmed];
+  plane.s_end_px = along[along.size() - 1 - trimmed];
+  plane.num_points = static_cast<int>(inliers.size());
+  return plane;
+}
+
+void SegmentPolarity(const EventStretch& stretch, uint8_t polarity, const PlaneSegmentationOptions& options,
+                     std::vector<SpaceTimePlane>& planes) {
+  const double px_per_s = stretch.time_scale_px_per_s;
+  const std::vector<Eigen::Vector3f> points =
+      WithoutOutliers(SpaceTimePoints(stretch, polarity, px_per_s, options.cell_px, options.max_points), options);
+  if (points.size() < static_cast<size_t>(options.min_plane_points)) return;
+  const Cloud::Ptr cloud(new Cloud);
+  for (const Eigen::Vector3f& point : points) cloud->push_back({point.x(), point.y(), point.z()});
+  const NeighbourTable table(points, options.neighbour_radius_px, options.max_neighbours);
+  for (const pcl::PointIndices& region : GrowRegions(cloud, table, options)) {
+    SpaceTimePlane plane = FitPlane(cloud, region.indices, px_per_s, options);
+    plane.polarity = polarity;
+    if (plane.num_points > 0) planes.push_back(plane);
+  }
+}
+
+}  // namespace
+
+absl::Status PlaneSegmentationOptions::Validate() const {
+  const auto check = [](const char* name, double value, double low, double high) {
+    if (value >= low && value <= high) return absl::OkStatus();
+    return absl::InvalidArgumentError(absl::StrFormat("%s is %g; it must lie in [%g, %g]", name, value, low, high));
+  };
+  absl::Status status = check("cell_px", cell_px, 0.5, 20.0);
+  status.Update(check("max_points", max_points, 100, 1e6));
+  status.Update(check("neighbour_radius_px", neighbour_radius_px, cell_px, 100.0));
+  status.Update(check("max_neighbours", max_neighbours, 4, 1000));
+  status.Update(check("min_neighbours", min_neighbours, 0, max_neighbours));
+  status.Update(check("smoothness_deg", smoothness_deg, 0.1, 90.0));
+  status.Update(check("max_curvature", max_curvature, 1e-6, 1.0 / 3.0));
+  status.Update(check("min_plane_points", min_plane_points, 4, 1e6));
+  status.Update(check("inlier_px", inlier_px, 0.01, 100.0));
+  return status;
+}
+
+std::vector<SpaceTimePlane> SegmentPlanes(const EventStretch& stretch, const PlaneSegmentationOptions& options) {
+  std::vector<SpaceTimePlane> planes;
+  try {
+    for (const uint8_t polarity : {0, 1}) SegmentPolarity(stretch, polarity, options, planes);
+  } catch (const std::exception&) {
+    planes.clear();
+  }
+  std::stable_sort(planes.begin(), planes.end(),
+                   [](const SpaceTimePlane& a, const SpaceTimePlane& b) { return a.num_points > b.num_points; });
+  return planes;
+}
+
+}  // namespace evpose
