@@ -1,5 +1,7 @@
 #include "core/geometry/image_segment.h"
 
+#include <Eigen/Geometry>
+
 namespace evpose {
 
 Eigen::Vector3d BackProjectedNormal(const CameraModel& camera, const ImageSegment& segment) {

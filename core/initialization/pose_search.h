@@ -36,7 +36,37 @@ class PoseSearch {
   virtual std::vector<PoseHypothesis> Search(absl::Span<const ImageSegment> segments) const = 0;
 };
 
-// Why no pose can follow from the model's lines: fewer than three, or all parallel. OK when one can.
+struct PoseSearchOptions {
+  // Standard deviation of a segment's end point across the segment, pixels. 1: detection noise of 0.8 px, and edges
+  // that the sensor shifts by half a pixel (method.md 2.10, 2).
+  double end_point_sigma_px = 1.0;
+  // Along the segment its ends are less certain: a detector stops early, and corners are rounded.
+  double end_point_along_sigma_px = 4.0;
+  // Twice the log likelihood ratio at which a segment is rather no line of the object than a badly fitting one, in
+  // squared standard deviations. 16: a true segment is farther off in 3 of 10000 cases.
+  double unexplained_cost = 16.0;
+  // Twice the log odds that a visible line is detected: 4 is 7 of 8.
+  double missing_cost = 4.0;
+  int max_hypotheses = 6;  // more than a caller can follow up; real ambiguities are two to four
+  // Segments used, the longest first. Time grows with the square; 30 is a dense object's.
+  int max_segments = 32;
+  // Work before the search takes the best it has: scored rotations, and scored positions. The defaults keep a search
+  // below about 30 ms on a core of 2020, and are several times what the simulated objects need.
+  int max_rotations = 40'000;
+  int max_positions = 60'000;
+
+  // INVALID_ARGUMENT naming the field.
+  absl::Status Validate() const;
+};
+
+// `camera`'s distortion plays no part: segments are undistorted. Errors, INVALID_ARGUMENT: options; a model from whose
+// lines no pose can follow (CheckLinesDeterminePose).
+absl::StatusOr<std::unique_ptr<PoseSearch>> MakePoseSearch(std::shared_ptr<const ObjectModel> model,
+                                                           const CameraModel& camera,
+                                                           const PoseSearchOptions& options = {});
+
+// Why no pose can follow from the model's lines: fewer than three (collinear pieces count as one), all parallel, or all
+// through one point. OK when one can.
 absl::Status CheckLinesDeterminePose(const ObjectModel& model);
 
 }  // namespace evpose

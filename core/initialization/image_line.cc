@@ -1,0 +1,54 @@
+#include "core/initialization/image_line.h"
+
+#include <Eigen/Geometry>
+#include <algorithm>
+
+namespace evpose {
+namespace {
+
+// A segment shorter than this many standard deviations of its ends has no direction.
+constexpr double kMinLengthSigmas = 4.0;
+
+ImageLine MakeImageLine(const CameraModel& camera, const ImageSegment& segment, int index, double sigma_px) {
+  ImageLine line;
+  line.index = index;
+  const double length_px = segment.length_px();
+  line.middle_px = 0.5 * (segment.p1_px + segment.p2_px);
+  line.half_px = 0.5 * length_px;
+  line.along = (segment.p2_px - segment.p1_px) / length_px;
+  line.across = {-line.along.y(), line.along.x()};
+  const auto bearing = [&camera](const Eigen::Vector2d& pixel) {
+    return Eigen::Vector3d((pixel.x() - camera.cx_px) / camera.fx_px, (pixel.y() - camera.cy_px) / camera.fy_px, 1.0);
+  };
+  line.q1 = bearing(segment.p1_px);
+  line.q2 = bearing(segment.p2_px);
+  line.normal = BackProjectedNormal(camera, segment);
+  line.sight = (line.q1.normalized() + line.q2.normalized()).normalized();
+  line.sideways = line.normal.cross(line.sight);
+  const double subtended_rad = line.q1.cross(line.q2).norm() / (line.q1.norm() * line.q2.norm());
+  const double sigma_rad = sigma_px / std::min(camera.fx_px, camera.fy_px);
+  line.turn_variance = 2.0 * sigma_rad * sigma_rad / (subtended_rad * subtended_rad);
+  line.shift_variance = 0.5 * sigma_rad * sigma_rad;
+  return line;
+}
+
+}  // namespace
+
+std::vector<ImageLine> MakeImageLines(const CameraModel& camera, absl::Span<const ImageSegment> segments,
+                                      double sigma_px, int max_lines) {
+  std::vector<int> order;
+  for (size_t i = 0; i < segments.size(); ++i) {
+    const ImageSegment& segment = segments[i];
+    if (!segment.p1_px.allFinite() || !segment.p2_px.allFinite()) continue;
+    if (segment.length_px() > kMinLengthSigmas * sigma_px) order.push_back(static_cast<int>(i));
+  }
+  std::stable_sort(order.begin(), order.end(),
+                   [&](int i, int j) { return segments[i].length_px() > segments[j].length_px(); });
+  if (order.size() > static_cast<size_t>(max_lines)) order.resize(max_lines);
+  std::vector<ImageLine> lines;
+  lines.reserve(order.size());
+  for (const int i : order) lines.push_back(MakeImageLine(camera, segments[i], i, sigma_px));
+  return lines;
+}
+
+}  // namespace evpose

@@ -1,0 +1,128 @@
+#include "core/initialization/pose_search.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include "absl/strings/str_format.h"
+#include "core/base/status_macros.h"
+#include "core/initialization/image_line.h"
+#include "core/initialization/pose_judge.h"
+#include "core/initialization/position_search.h"
+#include "core/initialization/rotation_search.h"
+#include "core/initialization/search_model.h"
+
+namespace evpose {
+namespace {
+
+constexpr size_t kMinSegments = 3;
+constexpr size_t kCandidates = 32;  // settled
+constexpr size_t kJudged = 10;      // by ray casting
+constexpr int kFinalIterations = 6;
+constexpr double kSameRotationRad = 0.02;
+constexpr double kSamePositionRatio = 0.01;  // of the distance
+
+absl::Status CheckRange(const char* field, double value, double low, double high) {
+  if (value >= low && value <= high) return absl::OkStatus();  // also false for NaN
+  return absl::InvalidArgumentError(
+      absl::StrFormat("PoseSearchOptions.%s is %g; it must lie in [%g, %g]", field, value, low, high));
+}
+
+class LinePoseSearch : public PoseSearch {
+ public:
+  LinePoseSearch(std::shared_ptr<const ObjectModel> model, const CameraModel& camera, const PoseSearchOptions& options)
+      : model_(std::move(model)), camera_(Undistorted(camera)), options_(options), search_model_(*model_) {}
+
+  std::vector<PoseHypothesis> Search(absl::Span<const ImageSegment> segments) const override {
+    const std::vector<ImageLine> lines =
+        MakeImageLines(camera_, segments, options_.end_point_sigma_px, options_.max_segments);
+    if (lines.size() < kMinSegments) return {};
+    const std::vector<PoseCandidate> candidates = FindCandidates(lines);
+    const PoseJudge judge(search_model_, camera_, lines, options_);
+    std::vector<PoseHypothesis> hypotheses;
+    for (const PoseCandidate& candidate : Settle(judge, candidates)) {
+      AddDistinct(judge.Judge(candidate.camera_from_object, segments.size()), hypotheses);
+    }
+    return hypotheses;
+  }
+
+ private:
+  static CameraModel Undistorted(CameraModel camera) {
+    camera.distortion = {};
+    return camera;
+  }
+
+  std::vector<PoseCandidate> FindCandidates(const std::vector<ImageLine>& lines) const {
+    RotationSearchOptions rotation_options;
+    rotation_options.unexplained_cost = options_.unexplained_cost;
+    rotation_options.max_rotations = options_.max_rotations;
+    BestCandidates best(kCandidates);
+    PositionSearch positions(search_model_, camera_, lines, options_);
+    int budget = options_.max_positions;
+    for (const RotationCandidate& rotation : FindRotations(search_model_, lines, rotation_options)) {
+      if (budget <= 0 || rotation.cost > best.worst_cost()) break;
+      for (const Eigen::Matrix3d& labelling : search_model_.labellings()) {
+        positions.Search(rotation.rotation * labelling, best, budget);
+      }
+    }
+    return best.candidates();
+  }
+
+  std::vector<PoseCandidate> Settle(const PoseJudge& judge, std::vector<PoseCandidate> candidates) const {
+    const auto cheaper = [](const PoseCandidate& a, const PoseCandidate& b) { return a.cost < b.cost; };
+    std::stable_sort(candidates.begin(), candidates.end(), cheaper);
+    std::vector<PoseCandidate> settled;
+    for (PoseCandidate& candidate : candidates) {
+      if (settled.size() == kJudged) break;
+      if (!judge.Settle(candidate.camera_from_object)) continue;
+      const bool is_new = std::none_of(settled.begin(), settled.end(), [&](const PoseCandidate& other) {
+        return AreSame(candidate.camera_from_object, other.camera_from_object);
+      });
+      if (is_new) settled.push_back(candidate);
+    }
+    return settled;
+  }
+
+  bool AreSame(const RigidTransform& a, const RigidTransform& b) const {
+    const auto near = [&](const RigidTransform& c) {
+      return RotationAngle(a.rotation, c.rotation) < kSameRotationRad &&
+             (a.translation_m - c.translation_m).norm() < kSamePositionRatio * a.translation_m.norm();
+    };
+    return near(b) || std::any_of(model_->symmetries.begin(), model_->symmetries.end(),
+                                  [&](const RigidTransform& symmetry) { return near(b * symmetry); });
+  }
+
+  void AddDistinct(PoseHypothesis hypothesis, std::vector<PoseHypothesis>& hypotheses) const {
+    const auto place = std::upper_bound(hypotheses.begin(), hypotheses.end(), hypothesis,
+                                        [](const auto& a, const auto& b) { return a.cost < b.cost; });
+    hypotheses.insert(place, std::move(hypothesis));
+  }
+
+  const std::shared_ptr<const ObjectModel> model_;
+  const CameraModel camera_;
+  const PoseSearchOptions options_;
+  const SearchModel search_model_;
+};
+
+}  // namespace
+
+absl::Status PoseSearchOptions::Validate() const {
+  EVPOSE_RETURN_IF_ERROR(CheckRange("end_point_sigma_px", end_point_sigma_px, 0.01, 100.0));
+  EVPOSE_RETURN_IF_ERROR(CheckRange("end_point_along_sigma_px", end_point_along_sigma_px, 0.01, 1000.0));
+  EVPOSE_RETURN_IF_ERROR(CheckRange("unexplained_cost", unexplained_cost, 1.0, 1000.0));
+  EVPOSE_RETURN_IF_ERROR(CheckRange("missing_cost", missing_cost, 0.0, 1000.0));
+  EVPOSE_RETURN_IF_ERROR(CheckRange("max_hypotheses", max_hypotheses, 1, 100));
+  EVPOSE_RETURN_IF_ERROR(CheckRange("max_segments", max_segments, 3, 64));
+  EVPOSE_RETURN_IF_ERROR(CheckRange("max_rotations", max_rotations, 1000, 100'000'000));
+  return CheckRange("max_positions", max_positions, 1000, 100'000'000);
+}
+
+absl::StatusOr<std::unique_ptr<PoseSearch>> MakePoseSearch(std::shared_ptr<const ObjectModel> model,
+                                                           const CameraModel& camera,
+                                                           const PoseSearchOptions& options) {
+  EVPOSE_RETURN_IF_ERROR(options.Validate());
+  EVPOSE_RETURN_IF_ERROR(camera.Validate());
+  EVPOSE_RETURN_IF_ERROR(CheckLinesDeterminePose(*model));
+  return std::make_unique<LinePoseSearch>(std::move(model), camera, options);
+}
+
+}  // namespace evpose

@@ -1,0 +1,246 @@
+#include "core/initialization/rotation_search.h"
+
+#include <Eigen/Cholesky>
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <array>
+#include <cmath>
+
+#include "core/base/math.h"
+
+namespace evpose {
+namespace {
+
+using Eigen::Matrix3d;
+using Eigen::Vector3d;
+
+constexpr int kHalfCircleSteps = 120;
+// A rotation of the sweep is this far from the best one beside it, rad: half a step, and what the two lines of the pair
+// are off by themselves. Added to what each line is uncertain by.
+constexpr double kSweepRad = 0.01;
+// Refined rotations closer than this are one; a pose is refined from farther away than that.
+constexpr double kSameRotationRad = 0.03;
+constexpr int kRefineIterations = 3;
+// Minima of the sweeps that are refined, for each candidate asked for.
+constexpr size_t kRefinedPerCandidate = 6;
+
+// The lines' normals side by side, for many rotations.
+class Scorer {
+ public:
+  static constexpr int kMaxLines = 64;
+
+  Scorer(absl::Span<const ImageLine> lines, double unexplained_cost)
+      : count_(static_cast<int>((std::min<size_t>(lines.size(), kMaxLines) + 3) / 4 * 4)),
+        cap_(static_cast<float>(unexplained_cost)) {
+    weight_.setZero();
+    x_.setZero();
+    y_.setZero();
+    z_.setZero();
+    for (int j = 0; j < std::min<int>(lines.size(), kMaxLines); ++j) {
+      x_[j] = static_cast<float>(lines[j].normal.x());
+      y_[j] = static_cast<float>(lines[j].normal.y());
+      z_[j] = static_cast<float>(lines[j].normal.z());
+      weight_[j] = static_cast<float>(1.0 / (lines[j].turn_variance + kSweepRad * kSweepRad));
+    }
+  }
+
+  // `directions` in the camera frame.
+  float Cost(const std::vector<Eigen::Vector3f>& directions) {
+    auto best = best_.head(count_);
+    best.setConstant(1e9f);
+    for (const Eigen::Vector3f& d : directions) {
+      best = best.min((x_.head(count_) * d.x() + y_.head(count_) * d.y() + z_.head(count_) * d.z()).square());
+    }
+    return (best * weight_.head(count_)).min(cap_).sum();
+  }
+
+ private:
+  using Row = Eigen::Array<float, kMaxLines, 1>;
+  const int count_;
+  const float cap_;
+  Row x_, y_, z_, weight_, best_;
+};
+
+struct Sweep {
+  std::array<SinCos, 2 * kHalfCircleSteps> angles;
+  Sweep() {
+    for (int i = 0; i < 2 * kHalfCircleSteps; ++i) angles[i] = DeterministicSinCos(M_PI * i / kHalfCircleSteps);
+  }
+};
+
+class RotationSearch {
+ public:
+  RotationSearch(const SearchModel& model, absl::Span<const ImageLine> lines, const RotationSearchOptions& options)
+      : model_(model), lines_(lines), options_(options), scorer_(lines, options.unexplained_cost) {
+    for (const Vector3d& v : model.directions()) directions_.push_back(v.cast<float>());
+    turned_.resize(directions_.size());
+  }
+
+  std::vector<RotationCandidate> Run() {
+    for (const auto& [i, j, pair] : Order()) {
+      if (budget_ <= 0) break;
+      SweepPair(lines_[i].normal, lines_[j].normal, model_.pairs()[pair]);
+    }
+    return Distinct();
+  }
+
+ private:
+  struct Work {
+    int i, j, pair;
+  };
+
+  // Long lines and telling pairs of directions first. A pair of directions is tried on each pair of lines both ways
+  // round, unless that is the same by symmetry (then it is not among the pairs twice).
+  std::vector<Work> Order() const {
+    const int count = static_cast<int>(lines_.size());
+    const int num_pairs = static_cast<int>(model_.pairs().size());
+    std::vector<Work> order;
+    const int max_work = options_.max_rotations / kHalfCircleSteps + 1;
+    // By the sum of the ranks: lines' and, in steps of as many, directions'.
+    for (int rank = 1; rank < 2 * count + num_pairs && static_cast<int>(order.size()) < max_work; ++rank) {
+      for (int i = 0; i < count; ++i) {
+        for (int j = i + 1; j < count && i + j <= rank; ++j) {
+          const int pair = rank - i - j;
+          if (pair < num_pairs) order.push_back({i, j, pair});
+        }
+      }
+    }
+    return order;
+  }
+
+  void SweepPair(const Vector3d& n1, const Vector3d& n2, const DirectionPair& pair) {
+    const Vector3d e1 = n1.unitOrthogonal(), e2 = n1.cross(e1);
+    const int steps = pair.half_circle ? kHalfCircleSteps : 2 * kHalfCircleSteps;
+    const double sine = std::sqrt(std::max(0.0, 1.0 - pair.cosine * pair.cosine));
+    for (const double sign : {1.0, -1.0}) {
+      if (sign < 0.0 && pair.one_solution) break;
+      // The cost two steps ago and one step ago; a minimum is known one step late.
+      float before = 1e9f, last = 1e9f;
+      Matrix3d last_rotation = Matrix3d::Identity();
+      for (int step = 0; step < steps; ++step) {
+        const auto& [sin, cos] = sweep().angles[step];
+        const Vector3d d = cos * e1 + sin * e2;
+        const Vector3d p = n2.cross(d);
+        const double s2 = p.squaredNorm();
+        float cost = 1e9f;
+        Matrix3d rotation = Matrix3d::Identity();
+        if (s2 > pair.cosine * pair.cosine && s2 > 1e-6) {
+          // R v_b = x (d in n2's plane) + y (at right angles to it there), so that its angle with d is right.
+          const double x = pair.cosine / s2, y = sign * std::sqrt(1.0 / s2 - x * pair.cosine / s2);
+          const Vector3d f = x * (d - d.dot(n2) * n2) + y * p;
+          rotation = Rotation(d, (f - pair.cosine * d) / sine, pair);
+          cost = Score(rotation);
+        }
+        if (last <= before && last < cost) Keep(last, last_rotation);
+        before = last;
+        last = cost;
+        last_rotation = rotation;
+      }
+      if (last < before) Keep(last, last_rotation);
+    }
+  }
+
+  static const Sweep& sweep() {
+    static const Sweep kSweep;
+    return kSweep;
+  }
+
+  static Matrix3d Rotation(const Vector3d& a, const Vector3d& b, const DirectionPair& pair) {
+    Matrix3d frame;
+    frame.col(0) = a;
+    frame.col(1) = b;
+    frame.col(2) = a.cross(b);
+    return frame * pair.frame.transpose();
+  }
+
+  float Score(const Matrix3d& rotation) {
+    --budget_;
+    const Eigen::Matrix3f r = rotation.cast<float>();
+    for (size_t i = 0; i < directions_.size(); ++i) turned_[i] = r * directions_[i];
+    return scorer_.Cost(turned_);
+  }
+
+  void Keep(float cost, const Matrix3d& rotation) {
+    if (cost >= bound_) return;
+    minima_.push_back({rotation, cost});
+    // Now and then the worse half goes.
+    const size_t wanted = kRefinedPerCandidate * options_.max_candidates;
+    if (minima_.size() < 2 * wanted) return;
+    std::nth_element(minima_.begin(), minima_.begin() + wanted, minima_.end(), Cheaper);
+    minima_.resize(wanted);
+    bound_ = 0.0;
+    for (const RotationCandidate& minimum : minima_) bound_ = std::max(bound_, static_cast<float>(minimum.cost));
+  }
+
+  static bool Cheaper(const RotationCandidate& a, const RotationCandidate& b) { return a.cost < b.cost; }
+
+  // Gauss-Newton on the truncated cost, with each line's own uncertainty about the direction it is given.
+  RotationCandidate Refine(RotationCandidate candidate) const {
+    for (int iteration = 0;; ++iteration) {
+      Matrix3d h = Matrix3d::Identity() * 1e-3;
+      Vector3d g = Vector3d::Zero();
+      candidate.cost = 0.0;
+      for (const ImageLine& line : lines_) {
+        double least = options_.unexplained_cost;
+        Vector3d row = Vector3d::Zero();
+        double residual = 0.0;
+        for (const Vector3d& v : model_.directions()) {
+          const Vector3d d = candidate.rotation * v;
+          const double sine = line.normal.dot(d);
+          const double variance = line.Variance(d);
+          if (sine * sine >= least * variance) continue;
+          least = sine * sine / variance;
+          const double scale = 1.0 / std::sqrt(variance);
+          residual = sine * scale;
+          row = d.cross(line.normal) * scale;  // n . (dtheta x d) = dtheta . (d x n)
+        }
+        candidate.cost += least;
+        h += row * row.transpose();
+        g += row * residual;
+      }
+      if (iteration == kRefineIterations) return candidate;
+      candidate.rotation = ExpSo3(-h.ldlt().solve(g)) * candidate.rotation;
+    }
+  }
+
+  bool AreSame(const Matrix3d& a, const Matrix3d& b) const {
+    const double least_trace = 1.0 + 2.0 * (1.0 - 0.5 * kSameRotationRad * kSameRotationRad);
+    const Matrix3d between = a.transpose() * b;
+    return std::any_of(model_.direction_symmetries().begin(), model_.direction_symmetries().end(),
+                       [&](const Matrix3d& q) { return between.cwiseProduct(q).sum() > least_trace; });
+  }
+
+  std::vector<RotationCandidate> Distinct() const {
+    std::vector<RotationCandidate> refined;
+    for (const RotationCandidate& minimum : minima_) refined.push_back(Refine(minimum));
+    std::stable_sort(refined.begin(), refined.end(), Cheaper);
+    std::vector<RotationCandidate> distinct;
+    for (const RotationCandidate& candidate : refined) {
+      if (distinct.size() >= static_cast<size_t>(options_.max_candidates)) break;
+      const bool is_new = std::none_of(distinct.begin(), distinct.end(), [&](const RotationCandidate& other) {
+        return AreSame(candidate.rotation, other.rotation);
+      });
+      if (is_new) distinct.push_back(candidate);
+    }
+    return distinct;
+  }
+
+  const SearchModel& model_;
+  const absl::Span<const ImageLine> lines_;
+  const RotationSearchOptions& options_;
+  Scorer scorer_;
+  int budget_ = options_.max_rotations;
+  float bound_ = 1e9f;
+  std::vector<Eigen::Vector3f> directions_, turned_;
+  std::vector<RotationCandidate> minima_;
+};
+
+}  // namespace
+
+std::vector<RotationCandidate> FindRotations(const SearchModel& model, absl::Span<const ImageLine> lines,
+                                             const RotationSearchOptions& options) {
+  if (lines.size() < 2 || model.pairs().empty()) return {};
+  return RotationSearch(model, lines, options).Run();
+}
+
+}  // namespace evpose

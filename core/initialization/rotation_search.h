@@ -1,0 +1,31 @@
+// Rotations under which image lines can be model lines, from directions alone (method.md 2.3): n_j . R v = 0.
+#pragma once
+
+#include <Eigen/Core>
+#include <vector>
+
+#include "absl/types/span.h"
+#include "core/initialization/image_line.h"
+#include "core/initialization/search_model.h"
+
+namespace evpose {
+
+struct RotationCandidate {
+  Eigen::Matrix3d rotation;  // camera_from_object, stands for all rotation * Q, Q in SearchModel::labellings()
+  // Sum over the lines of the least squared deviation from any direction, in squared standard deviations, at most the
+  // cost of an unexplained line. No pose with this rotation can cost less.
+  double cost = 0.0;
+};
+
+struct RotationSearchOptions {
+  double unexplained_cost = 16.0;
+  int max_rotations = 40'000;  // scored
+  int max_candidates = 24;     // returned
+};
+
+// A pair of image lines on a pair of directions leaves the rotation one degree of freedom; it is swept, the lines score
+// what comes, and the best are refined. Best first, distinct modulo the directions' symmetries.
+std::vector<RotationCandidate> FindRotations(const SearchModel& model, absl::Span<const ImageLine> lines,
+                                             const RotationSearchOptions& options);
+
+}  // namespace evpose

@@ -1,0 +1,211 @@
+#include "core/initialization/search_model.h"
+
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <numeric>
+
+#include "core/initialization/rotation_count.h"
+
+namespace evpose {
+namespace {
+
+using Eigen::Matrix3d;
+using Eigen::Vector3d;
+
+// Lines searched for, the longest first: enough to know a pose by, and more would only be slower.
+constexpr size_t kMaxLines = 256;
+// Directions within this of each other are one to the search, below what a segment of 100 px can tell.
+constexpr double kSameDirectionRad = 0.01;
+constexpr size_t kMaxDirections = 64;
+constexpr double kSameRotationRad = 0.02;
+// Views are seen from this far, in radii: perspective changes what shows beyond a few degrees only when much nearer.
+constexpr double kViewDistanceOfRadius = 6.0;
+constexpr int kMaxCellsPerSide = 8;  // cells of 11 degrees
+// Lines times views that are looked at when a model is prepared; a fraction of a second.
+constexpr int kMaxViewLines = 100'000;
+constexpr int kSamplesPerLine = 6;
+constexpr double kMinPartPx = 4.0;
+
+VisibilityOptions SearchVisibility(double min_length_px) {
+  VisibilityOptions options;
+  options.samples_per_line = kSamplesPerLine;
+  options.min_length_px = min_length_px;
+  return options;
+}
+
+// A camera that holds the object whole at the views' distance. Its pixels only count for what is too short to see:
+// about 1/100 of the radius.
+CameraModel ViewCamera() { return {2400, 2400, 2400.0, 2400.0, 1200.0, 1200.0, {}}; }
+
+bool TurnsRound(const Matrix3d& rotation, const Vector3d& v) { return v.dot(rotation * v) < -1.0 + kSameDirectionRad; }
+bool Keeps(const Matrix3d& rotation, const Vector3d& v) { return v.dot(rotation * v) > 1.0 - kSameDirectionRad; }
+
+}  // namespace
+
+SearchModel::SearchModel(const ObjectModel& model) {
+  ChooseLines(model);
+  FindLabellings(model);
+  FindPairs();
+  visibility_ = std::make_unique<VisibilityTester>(shape_, SearchVisibility(kMinPartPx));
+  MakeViews();
+}
+
+void SearchModel::ChooseLines(const ObjectModel& model) {
+  const auto length_m = [&](int i) { return (model.lines[i].p2 - model.lines[i].p1).norm(); };
+  std::vector<int> order(model.lines.size());
+  std::iota(order.begin(), order.end(), 0);
+  std::stable_sort(order.begin(), order.end(), [&](int i, int j) { return length_m(i) > length_m(j); });
+  while (!order.empty() && !(length_m(order.back()) > 0.0)) order.pop_back();
+  if (order.size() > kMaxLines) order.resize(kMaxLines);
+
+  shape_.vertices = model.vertices;
+  shape_.triangles = model.triangles;
+  shape_.diameter_m = model.diameter_m;
+  for (const int i : order) shape_.lines.push_back(model.lines[i]);
+  directions_ = UniqueDirections(shape_, kSameDirectionRad);
+  direction_lengths_m_.assign(directions_.size(), 0.0);
+  Vector3d low = shape_.lines[0].p1, high = low;
+  for (size_t i = 0; i < order.size(); ++i) {
+    const ModelLine& line = shape_.lines[i];
+    SearchLine out{line.p1, line.p2, (line.p2 - line.p1).normalized(), (line.p2 - line.p1).norm(), 0, order[i]};
+    const auto nearest = std::max_element(directions_.begin(), directions_.end(), [&](const auto& a, const auto& b) {
+      return std::abs(a.dot(out.along)) < std::abs(b.dot(out.along));
+    });
+    out.direction = static_cast<int>(nearest - directions_.begin());
+    direction_lengths_m_[out.direction] += out.length_m;
+    lines_.push_back(out);
+    low = low.cwiseMin(line.p1).cwiseMin(line.p2);
+    high = high.cwiseMax(line.p1).cwiseMax(line.p2);
+  }
+  centre_ = 0.5 * (low + high);
+  for (const SearchLine& line : lines_) {
+    radius_m_ = std::max({radius_m_, (line.p1 - centre_).norm(), (line.p2 - centre_).norm()});
+  }
+}
+
+void SearchModel::FindLabellings(const ObjectModel& model) {
+  direction_symmetries_ = {Matrix3d::Identity()};
+  if (directions_.size() <= kMaxDirections) {
+    direction_symmetries_ = DirectionSymmetries(directions_, kSameDirectionRad);
+  }
+  for (const Matrix3d& rotation : direction_symmetries_) {
+    const auto equals = [&](const Matrix3d& other) {
+      const auto same = [&](const Matrix3d& q) { return RotationAngle(other * q, rotation) < kSameRotationRad; };
+      return same(Matrix3d::Identity()) ||
+             std::any_of(model.symmetries.begin(), model.symmetries.end(),
+                         [&](const RigidTransform& symmetry) { return same(symmetry.rotation); });
+    };
+    if (std::none_of(labellings_.begin(), labellings_.end(), equals)) labellings_.push_back(rotation);
+  }
+}
+
+void SearchModel::FindPairs() {
+  const int count = static_cast<int>(directions_.size());
+  // Whether a pair of directions is new: no symmetry maps one found before onto it.
+  const auto is_new = [&](int a, int b) {
+    return std::none_of(pairs_.begin(), pairs_.end(), [&](const DirectionPair& pair) {
+      return std::any_of(direction_symmetries_.begin(), direction_symmetries_.end(), [&](const Matrix3d& q) {
+        return std::abs((q * directions_[pair.a]).dot(directions_[a])) > 1.0 - kSameDirectionRad * kSameDirectionRad &&
+               std::abs((q * directions_[pair.b]).dot(directions_[b])) > 1.0 - kSameDirectionRad * kSameDirectionRad;
+      });
+    });
+  };
+  std::vector<std::pair<int, int>> order;
+  for (int a = 0; a < count; ++a) {
+    for (int b = 0; b < count; ++b) {
+      if (a != b) order.emplace_back(a, b);
+    }
+  }
+  const auto weight = [&](const std::pair<int, int>& p) {
+    return direction_lengths_m_[p.first] * direction_lengths_m_[p.second];
+  };
+  std::stable_sort(order.begin(), order.end(), [&](const auto& p, const auto& q) { return weight(p) > weight(q); });
+  constexpr size_t kMaxPairs = 4096;
+  for (const auto& [a, b] : order) {
+    if (pairs_.size() >= kMaxPairs) break;
+    if (direction_symmetries_.size() > 1 && !is_new(a, b)) continue;
+    DirectionPair pair{a, b, directions_[a].dot(directions_[b]), Matrix3d::Identity()};
+    pair.frame.col(0) = directions_[a];
+    pair.frame.col(1) = (directions_[b] - pair.cosine * directions_[a]).normalized();
+    pair.frame.col(2) = pair.frame.col(0).cross(pair.frame.col(1));
+    for (const Matrix3d& q : direction_symmetries_) {
+      const bool turns_a = TurnsRound(q, directions_[a]), turns_b = TurnsRound(q, directions_[b]);
+      pair.half_circle |= turns_a && (turns_b || Keeps(q, directions_[b]));
+      pair.one_solution |= Keeps(q, directions_[a]) && turns_b;
+    }
+    pairs_.push_back(pair);
+  }
+}
+
+Vector3d SearchModel::CellPoint(int cell, double u, double v) const {
+  const int face = cell / (cells_per_side_ * cells_per_side_);
+  const int row = cell / cells_per_side_ % cells_per_side_, column = cell % cells_per_side_;
+  const int axis = face / 2;
+  Vector3d point = Vector3d::Unit(axis) * (face % 2 == 0 ? 1.0 : -1.0);
+  point[(axis + 1) % 3] = 2.0 * (row + u) / cells_per_side_ - 1.0;
+  point[(axis + 2) % 3] = 2.0 * (column + v) / cells_per_side_ - 1.0;
+  return point;
+}
+
+const std::vector<ViewLine>& SearchModel::View(const Vector3d& to_camera) const {
+  int axis = 0;
+  const double largest = to_camera.cwiseAbs().maxCoeff(&axis);
+  const auto place = [&](int i) {
+    const double share = 0.5 * (to_camera[(axis + i) % 3] / largest + 1.0);
+    return std::clamp(static_cast<int>(share * cells_per_side_), 0, cells_per_side_ - 1);
+  };
+  const int face = 2 * axis + (to_camera[axis] > 0.0 ? 0 : 1);
+  return views_[(face * cells_per_side_ + place(1)) * cells_per_side_ + place(2)];
+}
+
+void SearchModel::MakeViews() {
+  const int num_lines = static_cast<int>(lines_.size());
+  cells_per_side_ = kMaxCellsPerSide;
+  while (cells_per_side_ > 2 && 6 * 5 * cells_per_side_ * cells_per_side_ * num_lines > kMaxViewLines)
+    --cells_per_side_;
+  const int num_cells = 6 * cells_per_side_ * cells_per_side_;
+  for (int cell = 0; cell < num_cells; ++cell) views_.push_back(MakeView(cell));
+}
+
+std::vector<ViewLine> SearchModel::MakeView(int cell) const {
+  constexpr std::array<std::array<double, 2>, 5> kPlaces = {
+      {{0.5, 0.5}, {0.05, 0.05}, {0.05, 0.95}, {0.95, 0.05}, {0.95, 0.95}}};
+  struct Seen {
+    double begin = 1.0, end = 0.0, least_ratio = 1.0;
+  };
+  std::vector<Seen> seen(lines_.size());
+  std::vector<double> ratio(lines_.size());
+  for (const auto& [u, v] : kPlaces) {
+    const Vector3d forward = -CellPoint(cell, u, v).normalized();
+    Matrix3d rotation;
+    rotation.row(2) = forward;
+    rotation.row(0) = forward.unitOrthogonal();
+    rotation.row(1) = forward.cross(Vector3d(rotation.row(0)));
+    const RigidTransform pose{rotation, Vector3d(0.0, 0.0, kViewDistanceOfRadius * radius_m_) - rotation * centre_};
+    std::fill(ratio.begin(), ratio.end(), 0.0);
+    for (const VisibleSegment& part : VisibleParts(ViewCamera(), pose)) {
+      seen[part.line].begin = std::min(seen[part.line].begin, part.begin);
+      seen[part.line].end = std::max(seen[part.line].end, part.end);
+      ratio[part.line] += part.end - part.begin;
+    }
+    for (size_t i = 0; i < seen.size(); ++i) {
+      seen[i].least_ratio = std::min(seen[i].least_ratio, ratio[i]);
+    }
+  }
+  std::vector<ViewLine> view;
+  for (size_t i = 0; i < seen.size(); ++i) {
+    if (seen[i].begin < seen[i].end) {
+      view.push_back({static_cast<int>(i), seen[i].begin, seen[i].end, seen[i].least_ratio});
+    }
+  }
+  return view;
+}
+
+std::vector<VisibleSegment> SearchModel::VisibleParts(const CameraModel& camera,
+                                                      const RigidTransform& camera_from_object) const {
+  return visibility_->VisibleSegments(camera, camera_from_object);
+}
+
+}  // namespace evpose
