@@ -5,6 +5,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "core/base/status_macros.h"
+#include "core/detection/plane_detector.h"
 #include "core/initialization/initializer.h"
 #include "core/models/symmetry.h"
 #include "core/tracking/hypotheses.h"
@@ -219,9 +220,12 @@ absl::Status CheckModel(const ObjectModel* model) {
   return absl::OkStatus();
 }
 
-absl::StatusOr<std::unique_ptr<PoseInitializer>> MakeInitializer(std::shared_ptr<const ObjectModel>,
-                                                                 const CameraModel&) {
-  return std::unique_ptr<PoseInitializer>();
+absl::StatusOr<std::unique_ptr<PoseInitializer>> MakeInitializer(std::shared_ptr<const ObjectModel> model,
+                                                                 const CameraModel& camera) {
+  const SensorGeometry sensor = {camera.width_px, camera.height_px};
+  EVPOSE_ASSIGN_OR_RETURN(std::unique_ptr<LineDetector> detector, MakePlaneLineDetector({}, sensor));
+  EVPOSE_ASSIGN_OR_RETURN(std::unique_ptr<PoseSearch> search, MakePoseSearch(model, camera));
+  return std::make_unique<PoseInitializer>(std::move(model), camera, std::move(detector), std::move(search));
 }
 
 }  // namespace

@@ -36,9 +36,10 @@ struct TrackRun {
   std::unique_ptr<Tracker> tracker;
 };
 
-// Ideal events lie on their lines: the sensor neither lags nor shifts.
+// Ideal events lie on their lines: the sensor neither lags nor shifts. The pose is given, and what is lost stays lost.
 TrackerOptions IdealSensor() {
   TrackerOptions options;
+  options.initialization.is_automatic = false;
   options.edge.lag_px = 0.0;
   options.edge.shift_px_per_event = 0.0;
   return options;

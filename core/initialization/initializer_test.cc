@@ -1,0 +1,154 @@
+#include "core/initialization/initializer.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include "core/geometry/projected_line.h"
+
+namespace evpose {
+namespace {
+
+using ::testing::HasSubstr;
+
+const CameraModel kCamera = {1280, 720, 1000.0, 1010.0, 640.0, 360.0, {}};
+const RigidTransform kPose = {ExpSo3({0.5, 0.4, -0.2}), {0.05, -0.03, 0.9}};
+
+ObjectModel Wires() {
+  ObjectModel model;
+  const Eigen::Vector3d corners[] = {{0, 0, 0}, {0.2, 0, 0}, {0, 0.15, 0}, {0, 0, 0.1}, {0.2, 0.15, 0.1}};
+  for (int i = 0; i < 5; ++i) {
+    for (int j = i + 1; j < 5; ++j) model.lines.push_back({corners[i], corners[j], {}});
+  }
+  model.diameter_m = 0.27;
+  return model;
+}
+
+Vector6d SomeTwist() {
+  Vector6d twist;
+  twist << 0.3, -0.2, 0.15, 0.7, -0.9, 0.4;
+  return twist;
+}
+
+// The model's lines as a detector would see them between -half and +half of the duration.
+LineDetection Moving(const ObjectModel& model, const Vector6d& twist, int64_t duration_us) {
+  const double half_s = 0.5e-6 * static_cast<double>(duration_us);
+  LineDetection detection{0, duration_us, {}};
+  for (const ModelLine& line : model.lines) {
+    const auto begin = ProjectLine(kCamera, Perturb(kPose, -half_s * twist), line.p1, line.p2);
+    const auto end = ProjectLine(kCamera, Perturb(kPose, half_s * twist), line.p1, line.p2);
+    DetectedLine detected;
+    detected.at_begin = {begin->p1_px, begin->p2_px};
+    detected.at_end = {end->p1_px, end->p2_px};
+    detection.lines.push_back(detected);
+  }
+  return detection;
+}
+
+std::vector<int> InOrder(size_t count) {
+  std::vector<int> numbers;
+  for (size_t i = 0; i < count; ++i) numbers.push_back(static_cast<int>(i));
+  return numbers;
+}
+
+TEST(EstimateTwist, IsWhatMovedTheLines) {
+  const ObjectModel model = Wires();
+  const LineDetection detection = Moving(model, SomeTwist(), 10'000);
+  const TwistEstimate estimate =
+      EstimateTwist(model, kCamera, kPose, detection, InOrder(model.lines.size()), TwistPriorOptions());
+  EXPECT_LT((estimate.twist - SomeTwist()).head<3>().norm(), 0.01) << estimate.twist.transpose();
+  EXPECT_LT((estimate.twist - SomeTwist()).tail<3>().norm(), 0.05) << estimate.twist.transpose();
+}
+
+TEST(EstimateTwist, IsTheSameWhicheverWayTheSegmentsRun) {
+  const ObjectModel model = Wires();
+  LineDetection detection = Moving(model, SomeTwist(), 10'000);
+  const std::vector<int> numbers = InOrder(model.lines.size());
+  const TwistEstimate forward = EstimateTwist(model, kCamera, kPose, detection, numbers, TwistPriorOptions());
+  for (DetectedLine& line : detection.lines) {
+    std::swap(line.at_begin.p1_px, line.at_begin.p2_px);
+    std::swap(line.at_end.p1_px, line.at_end.p2_px);
+  }
+  const TwistEstimate backward = EstimateTwist(model, kCamera, kPose, detection, numbers, TwistPriorOptions());
+  EXPECT_LT((forward.twist - backward.twist).norm(), 1e-9);
+}
+
+TEST(EstimateTwist, FallsBackOnThePriorWhereNothingTells) {
+  const ObjectModel model = Wires();
+  const LineDetection detection = Moving(model, SomeTwist(), 10'000);
+  std::vector<int> numbers(model.lines.size(), -1);
+  const TwistPriorOptions options;
+  const TwistEstimate nothing = EstimateTwist(model, kCamera, kPose, detection, numbers, options);
+  EXPECT_EQ(nothing.twist.norm(), 0.0);
+  EXPECT_NEAR(std::sqrt(nothing.covariance(5, 5)), options.angular_velocity_rad_per_s, 1e-9);
+
+  numbers[0] = 0;
+  numbers[1] = 1;
+  const TwistEstimate little = EstimateTwist(model, kCamera, kPose, detection, numbers, options);
+  EXPECT_TRUE(little.twist.allFinite());
+  EXPECT_LT(little.covariance.determinant(), nothing.covariance.determinant());
+  EXPECT_GT(little.covariance.trace(), 0.1 * nothing.covariance.trace());
+}
+
+TEST(EstimateTwist, ADetectionWithoutDurationTellsNothing) {
+  const ObjectModel model = Wires();
+  LineDetection detection = Moving(model, SomeTwist(), 10'000);
+  detection.t_end_us = detection.t_begin_us;
+  const TwistEstimate estimate =
+      EstimateTwist(model, kCamera, kPose, detection, InOrder(model.lines.size()), TwistPriorOptions());
+  EXPECT_EQ(estimate.twist.norm(), 0.0);
+}
+
+TEST(TwistPriorOptions, NamesTheFieldThatIsWrong) {
+  TwistPriorOptions options;
+  EXPECT_TRUE(options.Validate().ok());
+  options.line_error_px = 0.0;
+  EXPECT_THAT(std::string(options.Validate().message()), HasSubstr("line_error_px"));
+}
+
+class FixedDetector : public LineDetector {
+ public:
+  explicit FixedDetector(LineDetection detection) : detection_(std::move(detection)) {}
+  LineDetection Detect(absl::Span<const PixelEvent>) override { return detection_; }
+
+ private:
+  LineDetection detection_;
+};
+
+// Answers one hypothesis, and keeps what it was asked.
+class FixedSearch : public PoseSearch {
+ public:
+  FixedSearch(PoseHypothesis hypothesis, std::vector<ImageSegment>& asked)
+      : hypothesis_(std::move(hypothesis)), asked_(asked) {}
+  std::vector<PoseHypothesis> Search(absl::Span<const ImageSegment> segments) const override {
+    asked_.assign(segments.begin(), segments.end());
+    return {hypothesis_};
+  }
+
+ private:
+  const PoseHypothesis hypothesis_;
+  std::vector<ImageSegment>& asked_;
+};
+
+TEST(PoseInitializer, SearchesWithTheLinesAtTheMiddleOfTheirTime) {
+  auto model = std::make_shared<const ObjectModel>(Wires());
+  const LineDetection detection = Moving(*model, SomeTwist(), 10'000);
+  std::vector<ImageSegment> asked;
+  PoseHypothesis hypothesis{kPose, 3.5, InOrder(model->lines.size()), 10, 1.0};
+  PoseInitializer initializer(model, kCamera, std::make_unique<FixedDetector>(detection),
+                              std::make_unique<FixedSearch>(hypothesis, asked));
+  const FirstPoses first = initializer.Find({});
+  EXPECT_EQ(first.num_lines, 10);
+  ASSERT_EQ(first.poses.size(), 1u);
+  EXPECT_EQ(first.poses[0].t_us, 5000);
+  EXPECT_EQ(first.poses[0].cost, 3.5);
+  EXPECT_LT((first.poses[0].twist - SomeTwist()).head<3>().norm(), 0.01);
+  ASSERT_EQ(asked.size(), 10u);
+  for (size_t k = 0; k < asked.size(); ++k) {
+    const auto middle = ProjectLine(kCamera, kPose, model->lines[k].p1, model->lines[k].p2);
+    EXPECT_LT((asked[k].p1_px - middle->p1_px).norm(), 0.05);
+    EXPECT_LT((asked[k].p2_px - middle->p2_px).norm(), 0.05);
+  }
+}
+
+}  // namespace
+}  // namespace evpose

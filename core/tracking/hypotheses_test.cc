@@ -1,0 +1,110 @@
+// Poses that compete, on ideal events of a cube.
+#include "core/tracking/hypotheses.h"
+
+#include <gtest/gtest.h>
+
+#include <utility>
+
+#include "core/models/symmetry.h"
+#include "core/tracking/ideal_events.h"
+
+namespace evpose {
+namespace {
+
+using testing::ConstantTwist;
+using testing::IdealEventOptions;
+using testing::MakeCamera;
+using testing::MakeCube;
+using testing::MakeIdealEvents;
+using testing::MakePose;
+using testing::Motion;
+
+const CameraModel kCamera = MakeCamera(640, 480, 600.0);
+const RigidTransform kStart = MakePose({0.02, -0.01, 0.6}, {0.6, 0.5, 0.2});
+
+Vector6d SomeTwist() {
+  Vector6d twist;
+  twist << 0.3, 0.2, 0.0, 0.5, 0.5, 0.5;
+  return twist;
+}
+
+TrackContext MakeContext() {
+  TrackerOptions options;
+  options.edge.lag_px = 0.0;
+  options.edge.shift_px_per_event = 0.0;
+  auto model = std::make_shared<ObjectModel>(*MakeCube(0.15));
+  model->symmetries = FindSymmetries(*model);
+  VisibilityTester visibility(*model, options.visibility);
+  return {model, kCamera, UndistortionTable::Create(kCamera).value(), options, std::move(visibility)};
+}
+
+MotionState Start(const TrackContext& context, const RigidTransform& pose) {
+  MotionState state = InitialMotionState(pose, 0, kCamera.fx_px, context.options.initial);
+  state.twist = SomeTwist();
+  return state;
+}
+
+// Runs the events of the cube that starts at kStart through the hypotheses.
+std::optional<PoseEstimate> FollowCube(const TrackContext& context, Hypotheses& hypotheses, int64_t duration_us) {
+  IdealEventOptions options;
+  options.duration_us = duration_us;
+  const std::vector<Event> events =
+      MakeIdealEvents(*context.model, kCamera, ConstantTwist(kStart, SomeTwist()), options);
+  EventWindower windower(context.options.windows);
+  std::optional<PoseEstimate> last;
+  windower.Add(events, [&](const EventWindow& window) { last = hypotheses.OnWindow(window); });
+  return last;
+}
+
+double Angle(const PoseTrack& track, int64_t t_us) {
+  return RotationAngle(track.motion().camera_from_object.rotation,
+                       ConstantTwist(kStart, SomeTwist())(static_cast<double>(t_us) * 1e-6).rotation);
+}
+
+TEST(Hypotheses, OneAloneIsJustATrack) {
+  const TrackContext context = MakeContext();
+  Hypotheses hypotheses(context);
+  hypotheses.Add(Start(context, kStart));
+  const std::optional<PoseEstimate> estimate = FollowCube(context, hypotheses, 20'000);
+  ASSERT_TRUE(estimate.has_value());
+  EXPECT_EQ(estimate->state, TrackState::kTracking);
+  EXPECT_EQ(hypotheses.size(), 1u);
+}
+
+TEST(Hypotheses, TheEventsChooseTheRightOneWhateverTheOrder) {
+  // A cube turned a little is a local optimum's neighbour: many of its lines still meet events.
+  const RigidTransform wrong = MakePose({0.02, -0.01, 0.62}, {0.75, 0.5, 0.2});
+  for (const bool right_first : {true, false}) {
+    const TrackContext context = MakeContext();
+    Hypotheses hypotheses(context);
+    hypotheses.Add(Start(context, right_first ? kStart : wrong));
+    hypotheses.Add(Start(context, right_first ? wrong : kStart));
+    const std::optional<PoseEstimate> estimate = FollowCube(context, hypotheses, 30'000);
+    ASSERT_TRUE(estimate.has_value()) << right_first;
+    EXPECT_EQ(hypotheses.size(), 1u) << right_first;
+    EXPECT_LT(Angle(hypotheses.best(), estimate->t_us), 0.01) << right_first;
+  }
+}
+
+TEST(Hypotheses, TwoThatAreTheSameBecomeOne) {
+  const TrackContext context = MakeContext();
+  Hypotheses hypotheses(context);
+  hypotheses.Add(Start(context, kStart));
+  hypotheses.Add(Start(context, kStart));
+  // A quarter turn of the cube is no other pose.
+  hypotheses.Add(Start(context, kStart * RigidTransform{ExpSo3({0.0, 0.0, 1.5707963267948966}), {0.0, 0.0, 0.0}}));
+  FollowCube(context, hypotheses, 3'000);
+  EXPECT_EQ(hypotheses.size(), 1u);
+}
+
+TEST(Hypotheses, NothingIsLeftOfPosesThatNoEventSupports) {
+  const TrackContext context = MakeContext();
+  Hypotheses hypotheses(context);
+  hypotheses.Add(Start(context, MakePose({0.15, 0.1, 0.6}, {0.1, 1.2, 0.3})));
+  hypotheses.Add(Start(context, MakePose({-0.14, 0.1, 0.7}, {1.1, 0.2, 0.3})));
+  EXPECT_FALSE(FollowCube(context, hypotheses, 60'000).has_value());
+  EXPECT_TRUE(hypotheses.empty());
+}
+
+}  // namespace
+}  // namespace evpose
