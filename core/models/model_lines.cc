@@ -10,6 +10,7 @@
 
 #include "absl/strings/str_format.h"
 #include "core/base/math.h"
+#include "core/models/collinear_lines.h"
 #include "core/models/mesh_edges.h"
 
 namespace evpose {
@@ -20,8 +21,6 @@ constexpr size_t kEdgesPerLine = 64;
 // Edges continue each other when they turn by less than this (rad): coordinates in single precision leave 1e-4 on an
 // edge of a thousandth of the model, and a polygon of 1000 corners turns by 6e-3 at each.
 constexpr double kCollinearAngle = 2e-3;
-// Joined edges stay within this of the line that replaces them, of the length of the model.
-constexpr double kCollinearTolerance = 1e-5;
 // Normals of faces that count as one plane when edges are joined: slivers have rough normals. 1 degree.
 constexpr double kSameFaceCosine = 0.99985;
 // Normals that count as one in a line's list. 0.1 degree.

@@ -21,6 +21,7 @@
 #include "absl/strings/str_format.h"
 #include "core/base/math.h"
 #include "core/base/status_macros.h"
+#include "core/models/collinear_lines.h"
 #include "core/models/mesh_topology.h"
 #include "core/models/model_file_check.h"
 #include "core/models/model_lines.h"
@@ -209,6 +210,7 @@ absl::StatusOr<ObjectModel> BuildModel(RawModel raw, const ModelOptions& options
   } else {
     EVPOSE_ASSIGN_OR_RETURN(model.lines, CreaseLines(raw, options.crease_angle_deg, options.max_lines));
   }
+  MergeOverlapping(kCollinearTolerance * BoundingBoxDiagonal(raw), model.lines, model.notices);
   if (model.lines.empty()) {
     return absl::InvalidArgumentError(
         has_line_elements

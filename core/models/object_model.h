@@ -46,9 +46,10 @@ struct ModelOptions {
 
 // OBJ line elements (`l`) are the lines when there are any, as they are drawn; else crease and boundary edges: coplanar
 // neighbours' edges are not lines, and collinear edges that continue each other are joined. Lines of length zero and
-// duplicates are dropped with a notice. Triangles are given one winding, outward where a surface is closed. No other
-// file is opened, whatever the bytes name. Errors, INVALID_ARGUMENT: unreadable (with the loader's words), no line and
-// no face, no line at all, a number that is not finite, an index out of range, more than the options allow.
+// duplicates are dropped, and lines that overlap are made one, with a notice. The symmetries are FindSymmetries()'s.
+// Triangles are given one winding, outward where a surface is closed. No other file is opened, whatever the bytes name.
+// Errors, INVALID_ARGUMENT: unreadable (with the loader's words), no line and no face, no line at all, a number that is
+// not finite, an index out of range, more than the options allow.
 absl::StatusOr<ObjectModel> ParseObjectModel(absl::Span<const uint8_t> bytes, ModelFormat format,
                                              const ModelOptions& options);
 // The format from the file's ending. Errors name the path: NOT_FOUND, INVALID_ARGUMENT (also for an unknown ending).

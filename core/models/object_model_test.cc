@@ -19,6 +19,7 @@ namespace evpose {
 namespace {
 
 using ::testing::Contains;
+using ::testing::ElementsAre;
 using ::testing::HasSubstr;
 using ::testing::IsEmpty;
 using ::testing::SizeIs;
@@ -190,6 +191,50 @@ TEST(ObjectModelTest, DuplicateAndEmptyLinesAreDroppedWithANotice) {
   EXPECT_THAT(model.lines, SizeIs(2));
   EXPECT_THAT(model.notices, Contains("2 lines of length zero dropped"));
   EXPECT_THAT(model.notices, Contains("2 lines dropped that stand there twice"));
+}
+
+TEST(ObjectModelTest, OverlappingLinesAreOne) {
+  // A part of another, the same backwards in two pieces, one that sticks out at each end; and two that only touch.
+  const std::string points = "v 0 0 0\nv 1 0 0\nv 0.25 0 0\nv 0.5 0 0\nv 1.5 0 0\nv -1 0 0\nv 0 1 0\nv 0 2 0\n";
+  const ObjectModel part = MustParse(points + "l 1 2\nl 3 4\nl 1 7\nl 7 8\n");
+  EXPECT_THAT(LineSet(part), testing::UnorderedElementsAre("(0 0 0)(1 0 0)", "(0 0 0)(0 1 0)", "(0 1 0)(0 2 0)"));
+  EXPECT_THAT(part.notices, ElementsAre("1 lines merged with others that they overlap"));
+  const ObjectModel pieces = MustParse(points + "l 1 2\nl 2 4 1\n");
+  EXPECT_THAT(LineSet(pieces), testing::UnorderedElementsAre("(0 0 0)(1 0 0)"));
+  EXPECT_THAT(pieces.notices, ElementsAre("2 lines merged with others that they overlap"));
+  const ObjectModel longer = MustParse(points + "l 4 5\nl 2 1\nl 6 3\n");
+  EXPECT_THAT(LineSet(longer), testing::UnorderedElementsAre("(-1 0 0)(1.5 0 0)"));
+  EXPECT_THAT(longer.notices, ElementsAre("2 lines merged with others that they overlap"));
+}
+
+TEST(ObjectModelTest, LinesNearEachOtherAreTwo) {
+  // Parallel at a ten-thousandth of the size, and crossing at a small angle.
+  EXPECT_THAT(MustParse("v 0 0 0\nv 1 0 0\nv 0.2 1e-4 0\nv 0.8 1e-4 0\nl 1 2\nl 3 4\n").lines, SizeIs(2));
+  EXPECT_THAT(MustParse("v 0 0 0\nv 1 0 0\nv 0 -1e-3 0\nv 1 1e-3 0\nl 1 2\nl 3 4\n").lines, SizeIs(2));
+}
+
+TEST(ObjectModelTest, EdgesOfTwoPartsThatMeetAreOneInEveryMeshFormat) {
+  // The roof's eaves lie on the wall's upper edge, which is longer.
+  const std::string obj =
+      "v 0 0 0\nv 3 0 0\nv 3 0 1\nv 0 0 1\nf 1 2 3 4\n"
+      "v 1 0 1\nv 2 0 1\nv 2 1 2\nv 1 1 2\nf 5 6 7 8\n";
+  const ObjectModel model = MustParse(obj);
+  const ObjectModel from_stl = MustParse(AsciiStl(model), ModelFormat::kStl);
+  const ObjectModel from_ply = MustParse(
+      "ply\nformat ascii 1.0\nelement vertex 8\nproperty float x\nproperty float y\nproperty float z\n"
+      "element face 2\nproperty list uchar int vertex_indices\nend_header\n"
+      "0 0 0\n3 0 0\n3 0 1\n0 0 1\n1 0 1\n2 0 1\n2 1 2\n1 1 2\n4 0 1 2 3\n4 4 5 6 7\n",
+      ModelFormat::kPly);
+  for (const ObjectModel* loaded : {&model, &from_stl, &from_ply}) {
+    EXPECT_THAT(loaded->lines, SizeIs(7));
+    EXPECT_THAT(loaded->notices, Contains("1 lines merged with others that they overlap"));
+    const auto upper_edge = std::find_if(loaded->lines.begin(), loaded->lines.end(), [](const ModelLine& line) {
+      return line.p1.z() == 1.0 && line.p2.z() == 1.0;
+    });
+    ASSERT_NE(upper_edge, loaded->lines.end());
+    EXPECT_NEAR((upper_edge->p2 - upper_edge->p1).norm(), 3.0, 1e-6);
+    EXPECT_THAT(upper_edge->face_normals, SizeIs(2));
+  }
 }
 
 TEST(ObjectModelTest, SheetHasItsBoundary) {
