@@ -13,7 +13,7 @@ namespace evpose {
 struct StretchOptions {
   // Pixels that edges move in the stretch: enough to tell a plane in space and time from a line that stands, less than
   // the distance between parallel lines of dense objects.
-  double motion_px = 9.0;
+  double motion_px = 6.0;
   // Microseconds. A slower object moves by less than motion_px: later events than these say little of where it is now.
   int64_t max_duration_us = 50'000;
   // Events that are used, evenly thinned when there are more: bounds the work.

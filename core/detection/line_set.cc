@@ -14,21 +14,29 @@ constexpr size_t kMaxLines = 300;
 constexpr int16_t kNobody = -1;
 // A candidate of which more than this share belongs to lines already is one of them seen again.
 constexpr double kMaxTakenRatio = 0.5;
-// Merging: sine of the angle, and the difference of speeds as a share of the stretch's motion.
-constexpr double kParallelSine = 0.06;
-constexpr double kSameMotionPx = 1.5;
+constexpr int kMaxSplits = 3;
 // Corners are crossings of lines that differ in direction by more than this sine: others meet nowhere in particular.
 constexpr double kCrossingSine = 0.2;
+// The sides of a stripe end together, and keep their distance.
+constexpr double kStripeEndPx = 10.0;
+constexpr double kStripeParallelPx = 1.2;
 
 class LineSelection {
  public:
   LineSelection(const EventStretch& stretch, const LineSetOptions& options)
       : stretch_(stretch), options_(options), fitter_(stretch, options.fit), owner_(stretch.events.size(), kNobody) {}
 
-  void Add(const MovingLine& candidate) {
+  void Add(const MovingLine& candidate, int splits = 0) {
     if (lines_.size() >= kMaxLines || IsTaken(candidate)) return;
     MovingLine line = candidate;
-    if (!fitter_.Fit(line) || !IsGood(line) || IsTaken(line)) return;
+    if (!fitter_.Fit(line)) return;
+    if (splits < kMaxSplits) {
+      if (const auto pieces = fitter_.Split(line)) {
+        for (const MovingLine& piece : *pieces) Add(piece, splits + 1);
+        return;
+      }
+    }
+    if (!IsGood(line) || IsTaken(line)) return;
     const auto own = static_cast<int16_t>(lines_.size());
     for (const int32_t index : fitter_.EventsOf(line)) {
       if (owner_[index] == kNobody) owner_[index] = own;
@@ -57,13 +65,13 @@ class LineSelection {
     lines_ = std::move(kept);
   }
 
-  void Merge() {
+  void JoinPieces() {
     for (size_t i = 0; i < lines_.size(); ++i) {
       for (size_t j = i + 1; j < lines_.size();) {
-        std::optional<MovingLine> merged = Merged(lines_[i], lines_[j]);
-        if (merged) {
-          lines_[i] = *merged;
-          lines_.erase(lines_.begin() + j);
+        const std::optional<MovingLine> joined = Joined(lines_[i], lines_[j]);
+        if (joined) {
+          lines_[i] = *joined;
+          lines_.erase(lines_.begin() + static_cast<std::ptrdiff_t>(j));
           j = i + 1;
         } else {
           ++j;
@@ -72,18 +80,23 @@ class LineSelection {
     }
   }
 
-  // Ends that lie near a crossing with another line are put there, at every time.
-  void FindCorners() {
-    const std::vector<MovingLine> found = lines_;
-    for (size_t i = 0; i < found.size(); ++i) {
-      for (const int end : {0, 1}) PutInCorner(found, i, end);
+  std::vector<DetectedLine> Lines() const {
+    std::vector<DetectedLine> detected;
+    std::vector<bool> is_done(lines_.size(), false);
+    for (size_t i = 0; i < lines_.size(); ++i) {
+      if (is_done[i]) continue;
+      detected.push_back(ToDetectedLine(lines_[i], stretch_.half_duration_s()));
+      for (size_t j = i + 1; j < lines_.size(); ++j) {
+        if (is_done[j] || lines_[i].is_polarity[0] == lines_[j].is_polarity[0]) continue;
+        const DetectedLine other = ToDetectedLine(lines_[j], stretch_.half_duration_s());
+        const std::optional<DetectedLine> stripe = Stripe(detected.back(), other);
+        if (!stripe) continue;
+        detected.back() = *stripe;
+        is_done[j] = true;
+        break;
+      }
     }
-  }
-
-  std::vector<MovingLine> Take() {
-    std::stable_sort(lines_.begin(), lines_.end(),
-                     [](const MovingLine& a, const MovingLine& b) { return a.num_events > b.num_events; });
-    return std::move(lines_);
+    return detected;
   }
 
  private:
@@ -99,63 +112,63 @@ class LineSelection {
     return static_cast<double>(taken) > kMaxTakenRatio * static_cast<double>(events.size());
   }
 
-  // One line for the two when they are pieces, or the two sides, of one edge.
-  std::optional<MovingLine> Merged(const MovingLine& a, const MovingLine& b) {
+  // One line for the two when they are pieces of one edge.
+  std::optional<MovingLine> Joined(const MovingLine& a, const MovingLine& b) {
+    const MovingLine& longer = a.length_px() >= b.length_px() ? a : b;
+    const MovingLine& other = a.length_px() >= b.length_px() ? b : a;
     const double half_s = stretch_.half_duration_s();
-    double low = a.ends[0].s_px, high = a.ends[1].s_px;
-    double begin_b = 1e9, end_b = -1e9;
-    for (const int end : {0, 1}) {
+    MovingLine joined = longer;
+    double begin = 1e9, end = -1e9;
+    for (const int k : {0, 1}) {
       for (const double tau : {-half_s, half_s}) {
-        const Eigen::Vector2d point = b.EndAt(end, tau) - a.origin_px;
-        const double s = a.direction.dot(point);
-        const double y =
-            a.normal().dot(point) - a.offset_px - a.slope * s - (a.speed_px_per_s + a.slope_rate_per_s * s) * tau;
-        if (std::abs(y) > options_.merge_px) return std::nullopt;
-        begin_b = std::min(begin_b, s);
-        end_b = std::max(end_b, s);
+        const Eigen::Vector2d point = other.EndAt(k, tau) - longer.origin_px;
+        const double s = longer.direction.dot(point);
+        const double y = longer.normal().dot(point);
+        const double line_y =
+            longer.offset_px + longer.slope * s + (longer.speed_px_per_s + longer.slope_rate_per_s * s) * tau;
+        if (std::abs(y - line_y) > options_.merge_px) return std::nullopt;
       }
+      const double s = longer.direction.dot(other.EndAt(k, 0.0) - longer.origin_px);
+      begin = std::min(begin, s);
+      end = std::max(end, s);
     }
-    const double gap = std::max(begin_b - high, low - end_b);
-    if (gap > options_.corner_px) return std::nullopt;
-    MovingLine merged = a.num_events >= b.num_events ? a : b;
-    const MovingLine& other = a.num_events >= b.num_events ? b : a;
-    for (const int polarity : {0, 1}) merged.is_polarity[polarity] = a.is_polarity[polarity] || b.is_polarity[polarity];
-    for (const int end : {0, 1}) {
-      const double s = merged.direction.dot(other.EndAt(end, 0.0) - merged.origin_px);
-      merged.ends[0].s_px = std::min(merged.ends[0].s_px, s);
-      merged.ends[1].s_px = std::max(merged.ends[1].s_px, s);
-    }
-    if (!fitter_.Fit(merged) || !IsGood(merged)) return std::nullopt;
-    return merged;
+    if (std::max(begin - longer.ends[1].s_px, longer.ends[0].s_px - end) > options_.corner_px) return std::nullopt;
+    for (const int polarity : {0, 1}) joined.is_polarity[polarity] = a.is_polarity[polarity] || b.is_polarity[polarity];
+    joined.ends[0] = {};
+    joined.ends[1] = {};
+    joined.ends[0].s_px = std::min(longer.ends[0].s_px, begin);
+    joined.ends[1].s_px = std::max(longer.ends[1].s_px, end);
+    if (!fitter_.Fit(joined) || !IsGood(joined) || fitter_.Split(joined)) return std::nullopt;
+    if (joined.num_events < 0.8 * (a.num_events + b.num_events)) return std::nullopt;
+    return joined;
   }
 
-  void PutInCorner(const std::vector<MovingLine>& found, size_t i, int end) {
-    const double half_s = stretch_.half_duration_s();
-    const Eigen::Vector2d point = found[i].EndAt(end, 0.0);
-    double nearest = options_.corner_px;
-    for (size_t j = 0; j < found.size(); ++j) {
-      if (j == i) continue;
-      const std::optional<double> s[3] = {Crossing(found[i], found[j], -half_s), Crossing(found[i], found[j], 0.0),
-                                          Crossing(found[i], found[j], half_s)};
-      if (!s[0] || !s[1] || !s[2]) continue;
-      const Eigen::Vector2d crossing = found[i].PointAt(*s[1], 0.0);
-      const double on_other = found[j].direction.dot(crossing - found[j].origin_px);
-      if (!found[j].IsAlong(on_other, 0.0, options_.corner_px)) continue;
-      const double distance = (crossing - point).norm();
-      if (distance >= nearest) continue;
-      nearest = distance;
-      lines_[i].ends[end] = {*s[1], (*s[2] - *s[0]) / std::max(2.0 * half_s, 1e-6)};
+  // The line between the two when they are the sides of a stripe.
+  std::optional<DetectedLine> Stripe(const DetectedLine& a, DetectedLine b) const {
+    if ((a.at_end.p2_px - a.at_end.p1_px).dot(b.at_end.p2_px - b.at_end.p1_px) < 0.0) {
+      std::swap(b.at_begin.p1_px, b.at_begin.p2_px);
+      std::swap(b.at_end.p1_px, b.at_end.p2_px);
+      b.normal_velocity_px_per_s = -b.normal_velocity_px_per_s;
     }
-  }
-
-  // Where, along `line`, `other` crosses it.
-  static std::optional<double> Crossing(const MovingLine& line, const MovingLine& other, double tau_s) {
-    const Eigen::Vector2d p = line.PointAt(0.0, tau_s), q = other.PointAt(0.0, tau_s);
-    const Eigen::Vector2d along = line.PointAt(1.0, tau_s) - p, across = other.PointAt(1.0, tau_s) - q;
-    const double sine = along.x() * across.y() - along.y() * across.x();
-    if (std::abs(sine) < kCrossingSine) return std::nullopt;
-    const Eigen::Vector2d between = q - p;
-    return (between.x() * across.y() - between.y() * across.x()) / sine;
+    const Eigen::Vector2d along = (a.at_end.p2_px - a.at_end.p1_px).normalized();
+    const Eigen::Vector2d normal(-along.y(), along.x());
+    const Eigen::Vector2d between[4] = {b.at_begin.p1_px - a.at_begin.p1_px, b.at_begin.p2_px - a.at_begin.p2_px,
+                                        b.at_end.p1_px - a.at_end.p1_px, b.at_end.p2_px - a.at_end.p2_px};
+    double low = 1e9, high = -1e9;
+    for (const Eigen::Vector2d& way : between) {
+      if (std::abs(along.dot(way)) > kStripeEndPx) return std::nullopt;
+      low = std::min(low, normal.dot(way));
+      high = std::max(high, normal.dot(way));
+    }
+    if (std::max(std::abs(low), std::abs(high)) > options_.stripe_px || high - low > kStripeParallelPx) {
+      return std::nullopt;
+    }
+    const auto mean = [](const ImageSegment& p, const ImageSegment& q) {
+      return ImageSegment{0.5 * (p.p1_px + q.p1_px), 0.5 * (p.p2_px + q.p2_px)};
+    };
+    return DetectedLine{mean(a.at_begin, b.at_begin), mean(a.at_end, b.at_end),
+                        0.5 * (a.normal_velocity_px_per_s + b.normal_velocity_px_per_s), a.num_events + b.num_events,
+                        std::sqrt(0.5 * (a.rms_px * a.rms_px + b.rms_px * b.rms_px))};
   }
 
   const EventStretch& stretch_;
@@ -164,6 +177,44 @@ class LineSelection {
   std::vector<int16_t> owner_;
   std::vector<MovingLine> lines_;
 };
+
+struct Meeting {
+  Eigen::Vector2d point = Eigen::Vector2d::Zero();
+  double distance_px = 0.0;  // from the end of the first line, or of how far the point lies beyond the second
+};
+
+// Where the line through `line` meets the one through `other`.
+std::optional<Meeting> Meet(const ImageSegment& line, int end, const ImageSegment& other) {
+  const double length = line.length_px(), other_length = other.length_px();
+  if (length < 1.0 || other_length < 1.0) return std::nullopt;
+  const Eigen::Vector2d along = (line.p2_px - line.p1_px) / length, across = (other.p2_px - other.p1_px) / other_length;
+  const double sine = along.x() * across.y() - along.y() * across.x();
+  if (std::abs(sine) < kCrossingSine) return std::nullopt;
+  const Eigen::Vector2d between = other.p1_px - line.p1_px;
+  const double s = (between.x() * across.y() - between.y() * across.x()) / sine;
+  const double on_other = (between.x() * along.y() - between.y() * along.x()) / sine;
+  const double beyond_other = std::max({0.0, -on_other, on_other - other_length});
+  return Meeting{line.p1_px + s * along, std::max(std::abs(s - (end == 0 ? 0.0 : length)), beyond_other)};
+}
+
+// Ends that lie near a meeting with another line, at both times, are put there: a corner, or the edge of what hides it.
+void PutEndsInCorners(std::vector<DetectedLine>& lines, double corner_px) {
+  const std::vector<DetectedLine> found = lines;
+  for (size_t i = 0; i < found.size(); ++i) {
+    for (const int end : {0, 1}) {
+      double nearest = corner_px;
+      for (size_t j = 0; j < found.size(); ++j) {
+        if (j == i) continue;
+        const std::optional<Meeting> begin = Meet(found[i].at_begin, end, found[j].at_begin);
+        const std::optional<Meeting> now = Meet(found[i].at_end, end, found[j].at_end);
+        if (!begin || !now || std::max(begin->distance_px, now->distance_px) >= nearest) continue;
+        nearest = std::max(begin->distance_px, now->distance_px);
+        (end == 0 ? lines[i].at_begin.p1_px : lines[i].at_begin.p2_px) = begin->point;
+        (end == 0 ? lines[i].at_end.p1_px : lines[i].at_end.p2_px) = now->point;
+      }
+    }
+  }
+}
 
 }  // namespace
 
@@ -177,18 +228,22 @@ absl::Status LineSetOptions::Validate() const {
   status.Update(check("min_length_px", min_length_px, 1.0, 1e4));
   status.Update(check("min_events_per_px", min_events_per_px, 0.0, 1e3));
   status.Update(check("merge_px", merge_px, 0.0, 100.0));
+  status.Update(check("stripe_px", stripe_px, 0.0, 100.0));
   status.Update(check("corner_px", corner_px, 0.0, 100.0));
   return status;
 }
 
-std::vector<MovingLine> SelectLines(const EventStretch& stretch, const std::vector<MovingLine>& candidates,
-                                    const LineSetOptions& options) {
+std::vector<DetectedLine> SelectLines(const EventStretch& stretch, const std::vector<MovingLine>& candidates,
+                                      const LineSetOptions& options) {
   LineSelection selection(stretch, options);
   for (const MovingLine& candidate : candidates) selection.Add(candidate);
   selection.Settle();
-  selection.Merge();
-  selection.FindCorners();
-  return selection.Take();
+  selection.JoinPieces();
+  std::vector<DetectedLine> lines = selection.Lines();
+  PutEndsInCorners(lines, options.corner_px);
+  std::stable_sort(lines.begin(), lines.end(),
+                   [](const DetectedLine& a, const DetectedLine& b) { return a.num_events > b.num_events; });
+  return lines;
 }
 
 }  // namespace evpose

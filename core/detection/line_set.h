@@ -16,9 +16,11 @@ struct LineSetOptions {
   double min_length_px = 12.0;
   // Pixels: an edge sends at least this many events for each pixel of its length, however it moves.
   double min_events_per_px = 0.5;
-  // Pixels: the two sides of a thin stripe, and pieces of one edge, lie this close to one another; they become one
-  // line.
-  double merge_px = 2.5;
+  // Pixels: pieces of one edge lie this close to one line, and become one.
+  double merge_px = 2.0;
+  // Pixels: two edges of opposite polarity that lie side by side and move together, no farther apart than this, are the
+  // sides of a stripe; the line is between them (method.md 2.10, 3).
+  double stripe_px = 4.0;
   // Pixels: how far an end may be from the crossing with another line to be taken as the corner there.
   double corner_px = 6.0;
 
@@ -27,7 +29,7 @@ struct LineSetOptions {
 };
 
 // `candidates` by falling importance. By falling number of events.
-std::vector<MovingLine> SelectLines(const EventStretch& stretch, const std::vector<MovingLine>& candidates,
-                                    const LineSetOptions& options);
+std::vector<DetectedLine> SelectLines(const EventStretch& stretch, const std::vector<MovingLine>& candidates,
+                                      const LineSetOptions& options);
 
 }  // namespace evpose

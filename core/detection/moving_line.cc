@@ -25,6 +25,38 @@ constexpr double kMaxGapPx = 12.0;
 // The last pixels of an edge hold at least this share of its mean density: else they are noise beyond its end.
 constexpr double kEndPx = 6.0;
 constexpr double kEndDensityRatio = 0.35;
+constexpr size_t kMaxEndEvents = 5;  // an edge whose contrast falls along its way still goes on
+// Solving needs no more events than these: the floor is systematic, not noise.
+constexpr size_t kMaxSolvedEvents = 600;
+// An edge that sends no more events stands: its line is carried on by at most this beyond the last of them.
+constexpr double kSilentMotionPx = 0.6;
+
+// A line is bent when the means of its parts scatter by this about one straight line, and hardly about two.
+constexpr double kBentPx = 0.3;
+constexpr double kMinSplitPx = 32.0;
+constexpr int kBins = 8;
+
+struct Bin {
+  double count = 0.0;
+  double mean = 0.0;
+};
+
+// Sum of the squares that a straight line leaves of the means of the bins in [begin, end).
+double StraightSquares(const std::array<Bin, kBins>& bins, int begin, int end) {
+  double n = 0.0, x = 0.0, y = 0.0, xx = 0.0, xy = 0.0, yy = 0.0;
+  for (int k = begin; k < end; ++k) {
+    const Bin& bin = bins[k];
+    n += bin.count;
+    x += bin.count * k;
+    y += bin.count * bin.mean;
+    xx += bin.count * k * k;
+    xy += bin.count * k * bin.mean;
+    yy += bin.count * bin.mean * bin.mean;
+  }
+  if (n <= 0.0) return 0.0;
+  const double sxx = xx - x * x / n, sxy = xy - x * y / n, syy = yy - y * y / n;
+  return std::max(0.0, sxx > 1e-9 ? syy - sxy * sxy / sxx : syy);
+}
 
 }  // namespace
 
@@ -55,6 +87,13 @@ void MovingLine::Recentre() {
   origin_px = new_origin;
   direction = new_direction;
   offset_px = slope = 0.0;
+}
+
+Eigen::Vector2d MovingLine::EndAt(int end, double tau_s) const {
+  const End& at = ends[end];
+  const double slack_s = kSilentMotionPx / std::max(std::abs(speed_px_per_s + slope_rate_per_s * at.s_px), 1e-3);
+  const double tau = std::clamp(tau_s, std::min(at.first_tau_s - slack_s, 0.0), std::max(at.last_tau_s + slack_s, 0.0));
+  return PointAt(at.s_px + at.speed_px_per_s * tau, tau);
 }
 
 DetectedLine ToDetectedLine(const MovingLine& line, double half_duration_s) {
@@ -98,6 +137,7 @@ void LineFitter::Collect(const MovingLine& line, double margin_px, double reach_
 void LineFitter::SolveRobustly(MovingLine& line, double first_sigma_px) {
   const double half_s = std::max(stretch_.half_duration_s(), 1e-6);
   double sigma = first_sigma_px;
+  const size_t stride = 1 + samples_.size() / kMaxSolvedEvents;
   for (int pass = 0; pass < kPasses; ++pass) {
     // Unknowns offset, slope, speed x half_s, slope_rate x half_s, about the middle of the extent.
     const double middle = 0.5 * (line.ends[0].s_px + line.ends[1].s_px);
@@ -105,8 +145,9 @@ void LineFitter::SolveRobustly(MovingLine& line, double first_sigma_px) {
     Eigen::Matrix4d information = Eigen::Matrix4d::Identity() * 1e-9;
     Eigen::Vector4d projection = Eigen::Vector4d::Zero();
     const double turn = options_.turn_rad_per_s * half_s * scale / sigma;
-    information(3, 3) += 1.0 / (turn * turn) * 20.0;  // events are correlated: some twenty count as one
-    for (const Sample& sample : samples_) {
+    information(3, 3) += 20.0 / (turn * turn);  // events are correlated: some twenty count as one
+    for (size_t i = 0; i < samples_.size(); i += stride) {
+      const Sample& sample = samples_[i];
       const double u = sample.residual / (kTukey * sigma);
       if (std::abs(u) >= 1.0) continue;
       const double weight = (1.0 - u * u) * (1.0 - u * u);
@@ -120,11 +161,14 @@ void LineFitter::SolveRobustly(MovingLine& line, double first_sigma_px) {
     line.offset_px = x[0] - line.slope * middle;
     line.slope_rate_per_s = x[3] / (scale * half_s);
     line.speed_px_per_s = x[2] / half_s - line.slope_rate_per_s * middle;
+    const auto residual = [&line](const Sample& sample) {
+      return static_cast<float>(sample.y - line.offset_px - line.slope * sample.s -
+                                (line.speed_px_per_s + line.slope_rate_per_s * sample.s) * sample.tau_s);
+    };
     along_.clear();
-    for (Sample& sample : samples_) {
-      sample.residual = static_cast<float>(sample.y - line.offset_px - line.slope * sample.s -
-                                           (line.speed_px_per_s + line.slope_rate_per_s * sample.s) * sample.tau_s);
-      if (std::abs(sample.residual) < 1.5 * options_.gate_px) along_.push_back(std::abs(sample.residual));
+    for (size_t i = 0; i < samples_.size(); i += stride) {
+      samples_[i].residual = residual(samples_[i]);
+      if (std::abs(samples_[i].residual) < 1.5 * options_.gate_px) along_.push_back(std::abs(samples_[i].residual));
     }
     if (along_.empty()) return;
     std::nth_element(along_.begin(), along_.begin() + along_.size() / 2, along_.end());
@@ -158,13 +202,15 @@ bool LineFitter::FindExtent(MovingLine& line) {
     }
     begin = end;
   }
-  const auto enough = static_cast<size_t>(std::max(2.0, std::ceil(kEndDensityRatio * density * kEndPx)));
+  const auto enough =
+      std::clamp(static_cast<size_t>(std::ceil(kEndDensityRatio * density * kEndPx)), size_t{2}, kMaxEndEvents);
   while (best_end - best_begin > enough && along_[best_begin + enough - 1] - along_[best_begin] > kEndPx) ++best_begin;
   while (best_end - best_begin > enough && along_[best_end - 1] - along_[best_end - enough] > kEndPx) --best_end;
   if (best_end - best_begin <= enough) return false;
-  line.ends[0].s_px = along_[best_begin];
-  line.ends[1].s_px = along_[best_end - 1];
-  return true;
+  const double found[2] = {along_[best_begin], along_[best_end - 1]};
+  if (line.ends[0].may_grow || found[0] > line.ends[0].s_px) line.ends[0].s_px = found[0];
+  if (line.ends[1].may_grow || found[1] < line.ends[1].s_px) line.ends[1].s_px = found[1];
+  return line.length_px() > 0.0;
 }
 
 void LineFitter::FindEndSpeeds(MovingLine& line, double density) {
@@ -194,6 +240,22 @@ void LineFitter::FindEndSpeeds(MovingLine& line, double density) {
   }
 }
 
+void LineFitter::FindEndTimes(MovingLine& line) {
+  const double third = std::max(line.length_px() / 3.0, 10.0);
+  for (MovingLine::End& end : line.ends) {
+    along_.clear();
+    for (const Sample& sample : samples_) {
+      if (std::abs(sample.s - end.s_px) <= third) along_.push_back(sample.tau_s);
+    }
+    if (along_.size() < 4) continue;
+    const size_t k = along_.size() / 50;  // single events of noise do not count
+    std::nth_element(along_.begin(), along_.begin() + k, along_.end());
+    end.first_tau_s = along_[k];
+    std::nth_element(along_.begin(), along_.end() - 1 - k, along_.end());
+    end.last_tau_s = along_[along_.size() - 1 - k];
+  }
+}
+
 bool LineFitter::Fit(MovingLine& line) {
   for (int growth = 0; growth < kMaxGrowths; ++growth) {
     for (MovingLine::End& end : line.ends) end.speed_px_per_s = 0.0;
@@ -208,6 +270,7 @@ bool LineFitter::Fit(MovingLine& line) {
   Collect(line, 2.0, options_.gate_px);
   if (samples_.empty()) return false;
   FindEndSpeeds(line, 0.5 * static_cast<double>(samples_.size()) / std::max(line.length_px(), 1.0));
+  FindEndTimes(line);
   double sum = 0.0;
   for (const Sample& sample : samples_) sum += static_cast<double>(sample.residual) * sample.residual;
   line.num_events = static_cast<int>(samples_.size());
@@ -221,6 +284,39 @@ bool LineFitter::FitOwned(MovingLine& line, const std::vector<int16_t>& owner, i
   const bool fitted = Fit(line);
   owner_ = nullptr;
   return fitted;
+}
+
+std::optional<std::array<MovingLine, 2>> LineFitter::Split(const MovingLine& line) {
+  if (line.length_px() < kMinSplitPx) return std::nullopt;
+  Collect(line, 0.0, options_.gate_px);
+  std::array<Bin, kBins> bins;
+  for (const Sample& sample : samples_) {
+    const double share = (sample.s - line.ends[0].s_px) / line.length_px();
+    Bin& bin = bins[static_cast<size_t>(std::clamp(share * kBins, 0.0, kBins - 1.0))];
+    bin.count += 1.0;
+    bin.mean += sample.residual;
+  }
+  for (Bin& bin : bins) bin.mean /= std::max(bin.count, 1.0);
+  const double whole = StraightSquares(bins, 0, kBins);
+  double best = whole;
+  int cut = 0;
+  for (int k = 2; k <= kBins - 2; ++k) {
+    const double pieces = StraightSquares(bins, 0, k) + StraightSquares(bins, k, kBins);
+    if (pieces >= best) continue;
+    best = pieces;
+    cut = k;
+  }
+  const double count = static_cast<double>(samples_.size());
+  if (cut == 0 || whole < kBentPx * kBentPx * count || best > 0.3 * whole) return std::nullopt;
+  std::array<MovingLine, 2> pieces = {line, line};
+  const double s = line.ends[0].s_px + line.length_px() * cut / kBins;
+  for (const int piece : {0, 1}) {
+    MovingLine::End& end = pieces[piece].ends[1 - piece];
+    end = {};
+    end.s_px = s;
+    end.may_grow = false;
+  }
+  return pieces;
 }
 
 const std::vector<int32_t>& LineFitter::EventsOf(const MovingLine& line) {

@@ -4,6 +4,7 @@
 #include <Eigen/Core>
 #include <array>
 #include <cstdint>
+#include <optional>
 #include <vector>
 
 #include "core/detection/event_grid.h"
@@ -26,6 +27,10 @@ struct MovingLine {
   struct End {
     double s_px = 0.0;
     double speed_px_per_s = 0.0;
+    // Events near this end came between these times only. An edge that sends none stands (method.md 2.10, 1).
+    double first_tau_s = -1e3;
+    double last_tau_s = 1e3;
+    bool may_grow = true;  // false where the line was cut from another
   };
   std::array<End, 2> ends;
   bool is_polarity[2] = {false, false};  // of the events that are its own
@@ -50,9 +55,8 @@ struct MovingLine {
     return origin_px + s * direction +
            (offset_px + slope * s + (speed_px_per_s + slope_rate_per_s * s) * tau_s) * normal();
   }
-  Eigen::Vector2d EndAt(int end, double tau_s) const {
-    return PointAt(ends[end].s_px + ends[end].speed_px_per_s * tau_s, tau_s);
-  }
+  // Where the end is; carried on beyond the times of its events by little.
+  Eigen::Vector2d EndAt(int end, double tau_s) const;
   // The same line with the origin at its middle and slope and offset 0 at tau = 0.
   void Recentre();
 };
@@ -78,6 +82,9 @@ class LineFitter {
   bool Fit(MovingLine& line);
   // Like Fit, to the events that belong to it: `owner[event] == own`.
   bool FitOwned(MovingLine& line, const std::vector<int16_t>& owner, int16_t own);
+  // When the line's events lie along two straight pieces rather than one: the two, cut where the bend is; neither grows
+  // beyond it.
+  std::optional<std::array<MovingLine, 2>> Split(const MovingLine& line);
   // Indices of the events of the line's polarities within the gate and its extent.
   const std::vector<int32_t>& EventsOf(const MovingLine& line);
 
@@ -92,6 +99,7 @@ class LineFitter {
   void SolveRobustly(MovingLine& line, double first_sigma_px);
   bool FindExtent(MovingLine& line);
   void FindEndSpeeds(MovingLine& line, double density);
+  void FindEndTimes(MovingLine& line);
 
   const EventStretch& stretch_;
   LineFitOptions options_;

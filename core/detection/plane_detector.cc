@@ -31,11 +31,7 @@ class PlaneLineDetector : public LineDetector {
     for (const SpaceTimePlane& plane : SegmentPlanes(stretch, options_.segmentation)) {
       candidates.push_back(LineOf(plane));
     }
-    LineDetection detection = {stretch.t_begin_us, stretch.t_end_us, {}};
-    for (const MovingLine& line : SelectLines(stretch, candidates, options_.lines)) {
-      detection.lines.push_back(ToDetectedLine(line, stretch.half_duration_s()));
-    }
-    return detection;
+    return {stretch.t_begin_us, stretch.t_end_us, SelectLines(stretch, candidates, options_.lines)};
   }
 
  private:
