@@ -13,7 +13,8 @@ namespace {
 constexpr double kTukey = 4.685;
 constexpr double kMinSigmaPx = 0.25;
 constexpr double kMaxSigmaPx = 0.7;
-constexpr int kPasses = 5;
+constexpr int kGrowthPasses = 3;
+constexpr int kLastPasses = 4;
 // Growth along the edge: how far events are looked for beyond the ends, and how often.
 constexpr double kGrowthPx = 24.0;
 constexpr int kMaxGrowths = 12;
@@ -27,7 +28,8 @@ constexpr double kEndPx = 6.0;
 constexpr double kEndDensityRatio = 0.35;
 constexpr size_t kMaxEndEvents = 5;  // an edge whose contrast falls along its way still goes on
 // Solving needs no more events than these: the floor is systematic, not noise.
-constexpr size_t kMaxSolvedEvents = 600;
+constexpr size_t kGrowthEvents = 250;
+constexpr size_t kLastEvents = 800;
 // An edge that sends no more events stands: its line is carried on by at most this beyond the last of them.
 constexpr double kSilentMotionPx = 0.6;
 
@@ -134,11 +136,11 @@ void LineFitter::Collect(const MovingLine& line, double margin_px, double reach_
   indices_.resize(kept);
 }
 
-void LineFitter::SolveRobustly(MovingLine& line, double first_sigma_px) {
+void LineFitter::SolveRobustly(MovingLine& line, int passes, size_t max_events) {
   const double half_s = std::max(stretch_.half_duration_s(), 1e-6);
-  double sigma = first_sigma_px;
-  const size_t stride = 1 + samples_.size() / kMaxSolvedEvents;
-  for (int pass = 0; pass < kPasses; ++pass) {
+  double sigma = kMaxSigmaPx;
+  const size_t stride = 1 + samples_.size() / max_events;
+  for (int pass = 0; pass < passes; ++pass) {
     // Unknowns offset, slope, speed x half_s, slope_rate x half_s, about the middle of the extent.
     const double middle = 0.5 * (line.ends[0].s_px + line.ends[1].s_px);
     const double scale = std::max(0.5 * line.length_px(), 1.0);
@@ -261,12 +263,15 @@ bool LineFitter::Fit(MovingLine& line) {
     for (MovingLine::End& end : line.ends) end.speed_px_per_s = 0.0;
     const double length = line.length_px();
     Collect(line, 0.0, 2.0 * options_.gate_px);
-    SolveRobustly(line, kMaxSigmaPx);
+    SolveRobustly(line, kGrowthPasses, kGrowthEvents);
     Collect(line, kGrowthPx, options_.gate_px);
     if (!FindExtent(line)) return false;
     line.Recentre();
     if (line.length_px() < length + 1.0) break;
   }
+  Collect(line, 0.0, 2.0 * options_.gate_px);
+  SolveRobustly(line, kLastPasses, kLastEvents);
+  line.Recentre();
   Collect(line, 2.0, options_.gate_px);
   if (samples_.empty()) return false;
   FindEndSpeeds(line, 0.5 * static_cast<double>(samples_.size()) / std::max(line.length_px(), 1.0));

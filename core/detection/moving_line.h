@@ -96,7 +96,7 @@ class LineFitter {
     float residual = 0.0f;
   };
   void Collect(const MovingLine& line, double margin_px, double reach_px);
-  void SolveRobustly(MovingLine& line, double first_sigma_px);
+  void SolveRobustly(MovingLine& line, int passes, size_t max_events);
   bool FindExtent(MovingLine& line);
   void FindEndSpeeds(MovingLine& line, double density);
   void FindEndTimes(MovingLine& line);

@@ -41,14 +41,10 @@ class TableSearch : public pcl::search::Search<pcl::PointXYZ> {
     return nearestKSearch(index, k, indices, distances);
   }
   int nearestKSearch(pcl::index_t index, int k, pcl::Indices& indices, std::vector<float>& distances) const override {
-    const size_t count = std::min(table_.size(index), static_cast<size_t>(k));
-    indices.resize(count);
-    distances.resize(count);
-    for (size_t i = 0; i < count; ++i) {
-      indices[i] = table_.begin(index)[i].index;
-      distances[i] = table_.begin(index)[i].squared_distance;
-    }
-    return static_cast<int>(count);
+    const absl::Span<const int32_t> neighbours = table_.Of(index).subspan(0, k);
+    indices.assign(neighbours.begin(), neighbours.end());
+    distances.clear();  // nobody here asks how far
+    return static_cast<int>(indices.size());
   }
   int radiusSearch(const pcl::PointXYZ&, double, pcl::Indices& indices, std::vector<float>& distances,
                    unsigned int) const override {
@@ -60,16 +56,6 @@ class TableSearch : public pcl::search::Search<pcl::PointXYZ> {
  private:
   const NeighbourTable& table_;
 };
-
-std::vector<Eigen::Vector3f> WithoutOutliers(const std::vector<Eigen::Vector3f>& points,
-                                             const PlaneSegmentationOptions& options) {
-  const NeighbourTable table(points, options.neighbour_radius_px, options.min_neighbours + 1);
-  std::vector<Eigen::Vector3f> kept;
-  for (size_t i = 0; i < points.size(); ++i) {
-    if (table.size(i) > static_cast<size_t>(options.min_neighbours)) kept.push_back(points[i]);
-  }
-  return kept;
-}
 
 std::vector<pcl::PointIndices> GrowRegions(const Cloud::Ptr& cloud, const NeighbourTable& table,
                                            const PlaneSegmentationOptions& options) {
@@ -136,11 +122,17 @@ void SegmentPolarity(const EventStretch& stretch, uint8_t polarity, const PlaneS
                      std::vector<SpaceTimePlane>& planes) {
   const double px_per_s = stretch.time_scale_px_per_s;
   const std::vector<Eigen::Vector3f> points =
-      WithoutOutliers(SpaceTimePoints(stretch, polarity, px_per_s, options.cell_px, options.max_points), options);
-  if (points.size() < static_cast<size_t>(options.min_plane_points)) return;
+      SpaceTimePoints(stretch, polarity, px_per_s, options.cell_px, options.max_points);
+  const NeighbourTable all(points, options.neighbour_radius_px, options.max_neighbours);
+  // Points with few neighbours are noise. PCL's radius filter would find the neighbours once more.
+  std::vector<bool> is_kept(points.size());
   const Cloud::Ptr cloud(new Cloud);
-  for (const Eigen::Vector3f& point : points) cloud->push_back({point.x(), point.y(), point.z()});
-  const NeighbourTable table(points, options.neighbour_radius_px, options.max_neighbours);
+  for (size_t i = 0; i < points.size(); ++i) {
+    is_kept[i] = all.Of(i).size() > static_cast<size_t>(options.min_neighbours);
+    if (is_kept[i]) cloud->push_back({points[i].x(), points[i].y(), points[i].z()});
+  }
+  if (cloud->size() < static_cast<size_t>(options.min_plane_points)) return;
+  const NeighbourTable table = all.Restricted(is_kept);
   for (const pcl::PointIndices& region : GrowRegions(cloud, table, options)) {
     SpaceTimePlane plane = FitPlane(cloud, region.indices, px_per_s, options);
     plane.polarity = polarity;

@@ -66,24 +66,44 @@ NeighbourTable::NeighbourTable(const std::vector<Eigen::Vector3f>& points, doubl
   std::vector<int32_t> square_begin(static_cast<size_t>(columns) * rows + 1, 0);
   for (const Eigen::Vector3f& point : points) ++square_begin[square(point) + 1];
   for (size_t i = 1; i < square_begin.size(); ++i) square_begin[i] += square_begin[i - 1];
-  std::vector<int32_t> sorted(points.size()), next(square_begin.begin(), square_begin.end() - 1);
-  for (size_t i = 0; i < points.size(); ++i) sorted[next[square(points[i])]++] = static_cast<int32_t>(i);
+  std::vector<std::pair<Eigen::Vector3f, int32_t>> sorted(points.size());
+  std::vector<int32_t> next(square_begin.begin(), square_begin.end() - 1);
+  for (size_t i = 0; i < points.size(); ++i) sorted[next[square(points[i])]++] = {points[i], static_cast<int32_t>(i)};
 
-  std::vector<Neighbour> found;
+  std::vector<std::pair<float, int32_t>> found;  // squared distance and point
+  neighbours_.reserve(points.size() * max_neighbours);
   for (size_t i = 0; i < points.size(); ++i) {
     found.clear();
     for (int row = -1; row <= 1; ++row) {
       const int centre = square(points[i]) + row * columns;
       for (int32_t k = square_begin[centre - 1]; k < square_begin[centre + 2]; ++k) {
-        const float squared_distance = (points[sorted[k]] - points[i]).squaredNorm();
-        if (squared_distance <= side * side) found.push_back({squared_distance, sorted[k]});
+        const float squared_distance = (sorted[k].first - points[i]).squaredNorm();
+        if (squared_distance <= side * side) found.emplace_back(squared_distance, sorted[k].second);
       }
     }
     const size_t kept = std::min(found.size(), static_cast<size_t>(max_neighbours));
-    std::partial_sort(found.begin(), found.begin() + kept, found.end());
-    neighbours_.insert(neighbours_.end(), found.begin(), found.begin() + kept);
+    if (kept < found.size()) std::nth_element(found.begin(), found.begin() + kept, found.end());
+    for (size_t k = 0; k < kept; ++k) neighbours_.push_back(found[k].second);
     begin_[i + 1] = neighbours_.size();
   }
+}
+
+NeighbourTable NeighbourTable::Restricted(const std::vector<bool>& is_kept) const {
+  std::vector<int32_t> new_index(is_kept.size(), -1);
+  int32_t count = 0;
+  for (size_t i = 0; i < is_kept.size(); ++i) {
+    if (is_kept[i]) new_index[i] = count++;
+  }
+  NeighbourTable table;
+  table.begin_.push_back(0);
+  for (size_t i = 0; i < is_kept.size(); ++i) {
+    if (!is_kept[i]) continue;
+    for (const int32_t neighbour : Of(i)) {
+      if (is_kept[neighbour]) table.neighbours_.push_back(new_index[neighbour]);
+    }
+    table.begin_.push_back(table.neighbours_.size());
+  }
+  return table;
 }
 
 }  // namespace evpose

@@ -5,6 +5,7 @@
 #include <cstdint>
 #include <vector>
 
+#include "absl/types/span.h"
 #include "core/detection/event_stretch.h"
 
 namespace evpose {
@@ -14,26 +15,22 @@ namespace evpose {
 std::vector<Eigen::Vector3f> SpaceTimePoints(const EventStretch& stretch, uint8_t polarity, double px_per_s,
                                              double cell_px, int max_points);
 
-struct Neighbour {
-  float squared_distance = 0.0f;
-  int32_t index = 0;
-
-  friend bool operator<(const Neighbour& a, const Neighbour& b) {
-    return a.squared_distance != b.squared_distance ? a.squared_distance < b.squared_distance : a.index < b.index;
-  }
-};
-
-// For each point its nearest neighbours, itself first, nearest first: at most `max_neighbours` within `radius`.
+// For each point its nearest neighbours, itself among them: at most `max_neighbours` within `radius`.
 class NeighbourTable {
  public:
   NeighbourTable(const std::vector<Eigen::Vector3f>& points, double radius, int max_neighbours);
 
-  const Neighbour* begin(size_t point) const { return &neighbours_[begin_[point]]; }
-  size_t size(size_t point) const { return begin_[point + 1] - begin_[point]; }
+  absl::Span<const int32_t> Of(size_t point) const {
+    return absl::MakeConstSpan(neighbours_).subspan(begin_[point], begin_[point + 1] - begin_[point]);
+  }
+  // The table of the points for which `is_kept` alone.
+  NeighbourTable Restricted(const std::vector<bool>& is_kept) const;
 
  private:
+  NeighbourTable() = default;
+
   std::vector<size_t> begin_;
-  std::vector<Neighbour> neighbours_;
+  std::vector<int32_t> neighbours_;
 };
 
 }  // namespace evpose
