@@ -26,6 +26,7 @@ CommandRunners AddCommands(CLI::App& app, CliContext& context) {
   add("evaluate", "Compare trajectories with the truth", AddEvaluateCommand);
   add("render", "Draw a recording's events with the projected model over them", AddRenderCommand);
   add("watch", "Follow the poses of a session", AddWatchCommand);
+  AddBenchCommands(*app.add_subcommand("bench", "Compare methods, ours and published ones"), context, runners);
   AddSessionsCommands(*app.add_subcommand("sessions", "List, show and delete the sessions of a server"), context,
                       runners);
   AddModelsCommands(*app.add_subcommand("models", "List, upload, show and delete the models of a server"), context,

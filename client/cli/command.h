@@ -32,7 +32,8 @@ CommandRunner AddRenderCommand(CLI::App& app, CliContext& context);
 CommandRunner AddReplayCommand(CLI::App& app, CliContext& context);
 CommandRunner AddSimulateCommand(CLI::App& app, CliContext& context);
 CommandRunner AddWatchCommand(CLI::App& app, CliContext& context);
-// These two have commands of their own.
+// These have commands of their own.
+void AddBenchCommands(CLI::App& app, CliContext& context, CommandRunners& runners);
 void AddModelsCommands(CLI::App& app, CliContext& context, CommandRunners& runners);
 void AddSessionsCommands(CLI::App& app, CliContext& context, CommandRunners& runners);
 

@@ -1,0 +1,45 @@
+// Rotations from three lines with known correspondences.
+#pragma once
+
+#include <Eigen/Core>
+#include <array>
+#include <vector>
+
+namespace evpose {
+
+// Frames in which the first line's constraint is solved: R = camera * Rz(alpha) * Rx(beta) * object takes the direction
+// v_0 into the plane with normal n_0, whatever the two angles are.
+struct P3lFrame {
+  Eigen::Matrix3d camera;
+  Eigen::Matrix3d object;
+
+  P3lFrame(const Eigen::Vector3d& normal, const Eigen::Vector3d& direction);
+  Eigen::Matrix3d Rotation(double alpha_rad, double beta_rad) const;
+};
+
+// n . R v = a cos(beta) + b sin(beta) + d, each of the three linear in (1, cos(alpha), sin(alpha)).
+struct P3lConstraint {
+  Eigen::Vector3d a;
+  Eigen::Vector3d b;
+  Eigen::Vector3d d;
+
+  P3lConstraint(const P3lFrame& frame, const Eigen::Vector3d& normal, const Eigen::Vector3d& direction);
+};
+
+// beta eliminated from two constraints: a polynomial of degree 8 in t = tan(alpha / 2), by rising power, zero where
+// both have a common beta. When both directions are perpendicular to the first (a box), it is the square of one of
+// degree 4; that one is returned, and `is_perpendicular` set.
+struct P3lPolynomial {
+  Eigen::VectorXd coefficients;
+  bool is_perpendicular = false;
+};
+P3lPolynomial EliminateBeta(const P3lConstraint& first, const P3lConstraint& second);
+
+// All rotations with n_i . R v_i = 0, i = 0, 1, 2 (Dhome, Richetin, Lapreste, Rives, "Determination of the attitude of
+// 3-D objects from a single perspective view", PAMI 1989; Chen, "Pose determination from line-to-plane
+// correspondences", PAMI 1991): at most eight, each up to rounding. Empty when there is none or two of the directions
+// leave them open (all three parallel).
+std::vector<Eigen::Matrix3d> SolveP3l(const std::array<Eigen::Vector3d, 3>& normals,
+                                      const std::array<Eigen::Vector3d, 3>& directions);
+
+}  // namespace evpose
