@@ -9,13 +9,22 @@
 #include "core/initialization/image_line.h"
 #include "core/initialization/pose_search.h"
 #include "core/initialization/search_model.h"
+#include "core/initialization/segment_fit.h"
 
 namespace evpose {
 
-// A visible part of a line, projected.
+// A visible part of a line.
 struct ImagePart {
-  int line = 0;  // index into SearchModel::lines
-  Eigen::Vector2d a, b;
+  int line = 0;                // index into SearchModel::lines
+  Eigen::Vector3d a, b;        // object frame
+  Eigen::Vector2d a_px, b_px;  // projected
+};
+
+// An image line and the part that it shows; p1 belongs to the segment's first end.
+struct LineMatch {
+  int image_line = 0;
+  int line = 0;
+  Eigen::Vector3d p1, p2;
 };
 
 class PoseJudge {
@@ -30,21 +39,39 @@ class PoseJudge {
   // Parts that are seen, by ray casting.
   std::vector<ImagePart> VisibleParts(const RigidTransform& pose) const;
 
-  // For each image line the index into SearchModel::lines of the best part, or -1. Standard deviations are `widening`
-  // times those of the options.
-  std::vector<int> Match(absl::Span<const ImagePart> parts, double widening) const;
+  // The image lines that fit a part, each with the best.
+  std::vector<LineMatch> Match(absl::Span<const ImagePart> parts, double widening) const;
 
-  // Levenberg-Marquardt steps on the distances of matched segments' ends from their lines; false when the matched lines
-  // do not determine the pose or the object leaves the space before the camera.
-  bool Refine(absl::Span<const int> matches, int iterations, RigidTransform& pose) const;
+  // Levenberg-Marquardt steps on the cost of the matches; false when they do not determine the pose or the object
+  // leaves the space before the camera.
+  bool Refine(absl::Span<const LineMatch> matches, double widening, int iterations, RigidTransform& pose) const;
 
-  // Matches and refines with ever narrower tolerances, then with what is visible. Returns false when fewer than three
-  // segments are the object's or it comes apart.
+  // Matches and refines with ever narrower tolerances, with what may be seen. Returns false when fewer than three
+  // segments are the object's or the pose is not determined.
   bool Settle(RigidTransform& pose) const;
-  // With what is visible; `model_line` has `num_segments` entries.
-  PoseHypothesis Judge(const RigidTransform& pose, size_t num_segments) const;
+  // What a pose costs when these parts are to be seen; `model_line` has `num_segments` entries.
+  PoseHypothesis Judge(const RigidTransform& pose, absl::Span<const ImagePart> parts, size_t num_segments) const;
+  // Refines to convergence with what is visible, by ray casting, and judges.
+  PoseHypothesis Finish(RigidTransform pose, size_t num_segments) const;
 
  private:
+  // Normal equations of the weighted squares, and the cost.
+  struct Normal {
+    Matrix6d h = Matrix6d::Zero();
+    Vector6d g = Vector6d::Zero();
+    double cost = 0.0;
+    void Add(const Vector6d& row, double residual, double weight) {
+      const Vector6d weighted = weight * row;
+      h.noalias() += weighted * row.transpose();
+      g += weighted * residual;
+      cost += weight * residual * residual;
+    }
+  };
+
+  bool Accumulate(absl::Span<const LineMatch> matches, const FitWeights& weights, const RigidTransform& pose,
+                  Normal& normal) const;
+  ImagePart MakePart(const RigidTransform& pose, int line, double begin, double end) const;
+
   const SearchModel& model_;
   const CameraModel& camera_;
   const absl::Span<const ImageLine> lines_;

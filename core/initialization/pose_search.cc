@@ -16,8 +16,10 @@ namespace {
 
 constexpr size_t kMinSegments = 3;
 constexpr size_t kCandidates = 32;  // settled
-constexpr size_t kJudged = 10;      // by ray casting
-constexpr int kFinalIterations = 6;
+// Candidates that leave three segments more unexplained than the best are not looked into.
+constexpr double kMarginOfUnexplained = 3.0;
+constexpr size_t kFinished = 8;  // with ray casting
+constexpr int kMinMatched = 3;
 constexpr double kSameRotationRad = 0.02;
 constexpr double kSamePositionRatio = 0.01;  // of the distance
 
@@ -36,12 +38,15 @@ class LinePoseSearch : public PoseSearch {
     const std::vector<ImageLine> lines =
         MakeImageLines(camera_, segments, options_.end_point_sigma_px, options_.max_segments);
     if (lines.size() < kMinSegments) return {};
-    const std::vector<PoseCandidate> candidates = FindCandidates(lines);
     const PoseJudge judge(search_model_, camera_, lines, options_);
+    const double cost_of_nothing = options_.unexplained_cost * static_cast<double>(lines.size());
     std::vector<PoseHypothesis> hypotheses;
-    for (const PoseCandidate& candidate : Settle(judge, candidates)) {
-      AddDistinct(judge.Judge(candidate.camera_from_object, segments.size()), hypotheses);
+    for (const PoseHypothesis& settled : Settle(judge, FindCandidates(lines), segments.size())) {
+      PoseHypothesis hypothesis = judge.Finish(settled.camera_from_object, segments.size());
+      if (hypothesis.num_matched < kMinMatched || !(hypothesis.cost < cost_of_nothing)) continue;
+      AddDistinct(std::move(hypothesis), hypotheses);
     }
+    if (hypotheses.size() > static_cast<size_t>(options_.max_hypotheses)) hypotheses.resize(options_.max_hypotheses);
     return hypotheses;
   }
 
@@ -53,13 +58,13 @@ class LinePoseSearch : public PoseSearch {
 
   std::vector<PoseCandidate> FindCandidates(const std::vector<ImageLine>& lines) const {
     RotationSearchOptions rotation_options;
-    rotation_options.unexplained_cost = options_.unexplained_cost;
+    rotation_options.max_line_cost = options_.max_across_cost();
     rotation_options.max_rotations = options_.max_rotations;
-    BestCandidates best(kCandidates);
+    BestCandidates best(kCandidates, kMarginOfUnexplained * options_.unexplained_cost);
     PositionSearch positions(search_model_, camera_, lines, options_);
     int budget = options_.max_positions;
     for (const RotationCandidate& rotation : FindRotations(search_model_, lines, rotation_options)) {
-      if (budget <= 0 || rotation.cost > best.worst_cost()) break;
+      if (budget <= 0 || rotation.cost > best.cap()) break;
       for (const Eigen::Matrix3d& labelling : search_model_.labellings()) {
         positions.Search(rotation.rotation * labelling, best, budget);
       }
@@ -67,18 +72,15 @@ class LinePoseSearch : public PoseSearch {
     return best.candidates();
   }
 
-  std::vector<PoseCandidate> Settle(const PoseJudge& judge, std::vector<PoseCandidate> candidates) const {
-    const auto cheaper = [](const PoseCandidate& a, const PoseCandidate& b) { return a.cost < b.cost; };
-    std::stable_sort(candidates.begin(), candidates.end(), cheaper);
-    std::vector<PoseCandidate> settled;
-    for (PoseCandidate& candidate : candidates) {
-      if (settled.size() == kJudged) break;
-      if (!judge.Settle(candidate.camera_from_object)) continue;
-      const bool is_new = std::none_of(settled.begin(), settled.end(), [&](const PoseCandidate& other) {
-        return AreSame(candidate.camera_from_object, other.camera_from_object);
-      });
-      if (is_new) settled.push_back(candidate);
+  // The best of the candidates after a first refinement.
+  std::vector<PoseHypothesis> Settle(const PoseJudge& judge, absl::Span<const PoseCandidate> candidates,
+                                     size_t num_segments) const {
+    std::vector<PoseHypothesis> settled;
+    for (const PoseCandidate& candidate : candidates) {
+      RigidTransform pose = candidate.camera_from_object;
+      if (judge.Settle(pose)) AddDistinct(judge.Judge(pose, judge.LikelyParts(pose), num_segments), settled);
     }
+    if (settled.size() > kFinished) settled.resize(kFinished);
     return settled;
   }
 
@@ -91,10 +93,16 @@ class LinePoseSearch : public PoseSearch {
                                   [&](const RigidTransform& symmetry) { return near(b * symmetry); });
   }
 
+  // Sorted by cost; of two that are the same the cheaper stays.
   void AddDistinct(PoseHypothesis hypothesis, std::vector<PoseHypothesis>& hypotheses) const {
     const auto place = std::upper_bound(hypotheses.begin(), hypotheses.end(), hypothesis,
                                         [](const auto& a, const auto& b) { return a.cost < b.cost; });
-    hypotheses.insert(place, std::move(hypothesis));
+    const auto is_same = [&](const PoseHypothesis& other) {
+      return AreSame(hypothesis.camera_from_object, other.camera_from_object);
+    };
+    if (std::any_of(hypotheses.begin(), place, is_same)) return;
+    const auto dearer = hypotheses.insert(place, hypothesis) + 1;
+    hypotheses.erase(std::remove_if(dearer, hypotheses.end(), is_same), hypotheses.end());
   }
 
   const std::shared_ptr<const ObjectModel> model_;
@@ -108,7 +116,8 @@ class LinePoseSearch : public PoseSearch {
 absl::Status PoseSearchOptions::Validate() const {
   EVPOSE_RETURN_IF_ERROR(CheckRange("end_point_sigma_px", end_point_sigma_px, 0.01, 100.0));
   EVPOSE_RETURN_IF_ERROR(CheckRange("end_point_along_sigma_px", end_point_along_sigma_px, 0.01, 1000.0));
-  EVPOSE_RETURN_IF_ERROR(CheckRange("unexplained_cost", unexplained_cost, 1.0, 1000.0));
+  EVPOSE_RETURN_IF_ERROR(CheckRange("short_cost", short_cost, 0.1, 1000.0));
+  EVPOSE_RETURN_IF_ERROR(CheckRange("unexplained_cost", unexplained_cost, 2.0 * short_cost + 1.0, 10000.0));
   EVPOSE_RETURN_IF_ERROR(CheckRange("missing_cost", missing_cost, 0.0, 1000.0));
   EVPOSE_RETURN_IF_ERROR(CheckRange("max_hypotheses", max_hypotheses, 1, 100));
   EVPOSE_RETURN_IF_ERROR(CheckRange("max_segments", max_segments, 3, 64));

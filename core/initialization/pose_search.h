@@ -40,11 +40,14 @@ struct PoseSearchOptions {
   // Standard deviation of a segment's end point across the segment, pixels. 1: detection noise of 0.8 px, and edges
   // that the sensor shifts by half a pixel (method.md 2.10, 2).
   double end_point_sigma_px = 1.0;
-  // Along the segment its ends are less certain: a detector stops early, and corners are rounded.
-  double end_point_along_sigma_px = 4.0;
-  // Twice the log likelihood ratio at which a segment is rather no line of the object than a badly fitting one, in
-  // squared standard deviations. 16: a true segment is farther off in 3 of 10000 cases.
-  double unexplained_cost = 16.0;
+  // Along the segment its ends are less certain: corners are rounded, and a detector stops early.
+  double end_point_along_sigma_px = 3.0;
+  // The most that an end costs which stops before its line does, in squared standard deviations: twice the log odds
+  // that a detector follows a line to its end. 4: 7 of 8.
+  double short_cost = 4.0;
+  // What a segment costs that is no line of the object: twice the log likelihood ratio to one that is and fits well.
+  // Beyond twice `short_cost`, 16 is for its distance: a true segment is farther off in 3 of 10000 cases.
+  double unexplained_cost = 24.0;
   // Twice the log odds that a visible line is detected: 4 is 7 of 8.
   double missing_cost = 4.0;
   int max_hypotheses = 6;  // more than a caller can follow up; real ambiguities are two to four
@@ -54,6 +57,9 @@ struct PoseSearchOptions {
   // below about 30 ms on a core of 2020, and are several times what the simulated objects need.
   int max_rotations = 40'000;
   int max_positions = 60'000;
+
+  // The most that the distance of a segment's ends from its line may cost.
+  double max_across_cost() const { return unexplained_cost - 2.0 * short_cost; }
 
   // INVALID_ARGUMENT naming the field.
   absl::Status Validate() const;

@@ -2,6 +2,7 @@
 
 #include <Eigen/Geometry>
 #include <algorithm>
+#include <bit>
 
 #include "core/initialization/segment_fit.h"
 
@@ -20,13 +21,18 @@ constexpr double kAlongSigmaOfRadius = 0.02;
 // Segments that give positions. Of the longest ten more than half are whole lines of the object, or there is little
 // hope.
 constexpr size_t kMaxVoters = 10;
+// Votes closer than this support each other: depths, and lateral distances in radii.
+constexpr double kVoteDepthRatio = 0.06;
+constexpr double kVoteLateralOfRadius = 0.05;
+// Votes that are scored for one rotation, the best supported first.
+constexpr size_t kMaxScoredVotes = 24;
 constexpr double kSameRotationRad = 0.03;
 constexpr double kSamePositionRatio = 0.02;  // of the distance
 
 }  // namespace
 
 void BestCandidates::Add(const PoseCandidate& candidate) {
-  if (candidate.cost >= worst_cost_) return;
+  if (candidate.cost >= cap_) return;
   const auto is_same = [&](const PoseCandidate& other) {
     const Matrix3d between = candidate.camera_from_object.rotation.transpose() * other.camera_from_object.rotation;
     const double distance_m =
@@ -34,17 +40,19 @@ void BestCandidates::Add(const PoseCandidate& candidate) {
     return distance_m < kSamePositionRatio * other.camera_from_object.translation_m.norm() &&
            between.trace() > 3.0 - kSameRotationRad * kSameRotationRad;
   };
-  const auto costlier = [](const PoseCandidate& a, const PoseCandidate& b) { return a.cost < b.cost; };
+  const auto cheaper = [](const PoseCandidate& a, const PoseCandidate& b) { return a.cost < b.cost; };
   const auto same = std::find_if(candidates_.begin(), candidates_.end(), is_same);
   if (same != candidates_.end()) {
     if (candidate.cost < same->cost) *same = candidate;
   } else if (candidates_.size() < capacity_) {
     candidates_.push_back(candidate);
   } else {
-    *std::max_element(candidates_.begin(), candidates_.end(), costlier) = candidate;
+    *std::max_element(candidates_.begin(), candidates_.end(), cheaper) = candidate;
   }
+  const double best = std::min_element(candidates_.begin(), candidates_.end(), cheaper)->cost;
+  cap_ = std::min(cap_, best + margin_);
   if (candidates_.size() == capacity_) {
-    worst_cost_ = std::max_element(candidates_.begin(), candidates_.end(), costlier)->cost;
+    cap_ = std::min(cap_, std::max_element(candidates_.begin(), candidates_.end(), cheaper)->cost);
   }
 }
 
@@ -81,7 +89,7 @@ void PositionSearch::Prepare(const Matrix3d& rotation) {
       if (parts_[i].direction > 63 || (tested & bit) == 0) {
         const Vector3d d = rotation * model_.directions()[parts_[i].direction];
         const double sine = lines_[j].normal.dot(d);
-        does_fit = sine * sine < options_.unexplained_cost * (lines_[j].Variance(d) + variance);
+        does_fit = sine * sine < options_.max_across_cost() * (lines_[j].Variance(d) + variance);
         if (parts_[i].direction <= 63) {
           tested |= bit;
           if (does_fit) fits |= bit;
@@ -129,7 +137,8 @@ double PositionSearch::Score(const Vector3d& position, double cap) {
   const double radius_px = model_.radius_m() * camera_.fx_px / position.z();
   const auto weight = [](double sigma1, double sigma2) { return 1.0 / (sigma1 * sigma1 + sigma2 * sigma2); };
   const FitWeights weights = {weight(options_.end_point_sigma_px, kAcrossSigmaOfRadius * radius_px),
-                              weight(options_.end_point_along_sigma_px, kAlongSigmaOfRadius * radius_px)};
+                              weight(options_.end_point_along_sigma_px, kAlongSigmaOfRadius * radius_px),
+                              options_.max_across_cost(), options_.short_cost};
   std::fill(covered_px_.begin(), covered_px_.end(), 0.0);
   double cost = 0.0;
   for (size_t j = 0; j < lines_.size(); ++j) {
@@ -154,16 +163,52 @@ double PositionSearch::Score(const Vector3d& position, double cap) {
   return cost;
 }
 
-void PositionSearch::Search(const Matrix3d& rotation, BestCandidates& best, int& budget) {
-  Prepare(rotation);
+void PositionSearch::CastVotes() {
+  votes_.clear();
   for (size_t j = 0; j < std::min(lines_.size(), kMaxVoters); ++j) {
     for (const int i : fitting_[j]) {
-      Vector3d position;
-      if (budget <= 0 || !PositionFrom(lines_[j], parts_[i], position)) continue;
-      --budget;
-      const double cost = Score(position, best.worst_cost());
-      if (cost < best.worst_cost()) best.Add({{rotation, position}, cost});
+      Vote vote;
+      if (!PositionFrom(lines_[j], parts_[i], vote.position)) continue;
+      if (!(vote.position.z() > model_.radius_m())) continue;
+      vote.voter = static_cast<int>(j);
+      votes_.push_back(vote);
     }
+  }
+  std::sort(votes_.begin(), votes_.end(), [](const Vote& a, const Vote& b) { return a.position.z() < b.position.z(); });
+}
+
+// Votes of different segments that agree support each other.
+void PositionSearch::CountSupport() {
+  const double lateral_m = kVoteLateralOfRadius * model_.radius_m();
+  for (size_t i = 0; i < votes_.size(); ++i) {
+    Vote& vote = votes_[i];
+    const double z_max = vote.position.z() * (1.0 + kVoteDepthRatio);
+    for (size_t k = i + 1; k < votes_.size() && votes_[k].position.z() < z_max; ++k) {
+      // Beside each other, at the same depth.
+      const Vector3d& other = votes_[k].position;
+      const Vector3d at_depth = other * (vote.position.z() / other.z());
+      if (std::abs(at_depth.x() - vote.position.x()) > lateral_m) continue;
+      if (std::abs(at_depth.y() - vote.position.y()) > lateral_m) continue;
+      const uint32_t ours = uint32_t{1} << vote.voter, theirs = uint32_t{1} << votes_[k].voter;
+      vote.supporters |= theirs;
+      votes_[k].supporters |= ours;
+    }
+    vote.supporters |= uint32_t{1} << vote.voter;
+  }
+}
+
+void PositionSearch::Search(const Matrix3d& rotation, BestCandidates& best, int& budget) {
+  Prepare(rotation);
+  CastVotes();
+  CountSupport();
+  std::stable_sort(votes_.begin(), votes_.end(), [](const Vote& a, const Vote& b) {
+    return std::popcount(a.supporters) > std::popcount(b.supporters);
+  });
+  const size_t count = std::min(votes_.size(), kMaxScoredVotes);
+  for (size_t i = 0; i < count && budget > 0; ++i) {
+    --budget;
+    const double cost = Score(votes_[i].position, best.cap());
+    if (cost < best.cap()) best.Add({{rotation, votes_[i].position}, cost});
   }
 }
 

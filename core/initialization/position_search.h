@@ -2,6 +2,7 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <cstdint>
 #include <vector>
 
 #include "absl/types/span.h"
@@ -21,14 +22,18 @@ struct PoseCandidate {
 // The cheapest candidates found so far, in no order, a bounded number; one for each pose up to a few degrees.
 class BestCandidates {
  public:
-  explicit BestCandidates(size_t capacity) : capacity_(capacity) { candidates_.reserve(capacity); }
+  // A candidate that costs `margin` more than the best is dropped.
+  BestCandidates(size_t capacity, double margin) : capacity_(capacity), margin_(margin) {
+    candidates_.reserve(capacity);
+  }
   void Add(const PoseCandidate& candidate);
-  double worst_cost() const { return worst_cost_; }  // of a full set; infinite before
+  double cap() const { return cap_; }  // what a candidate must stay below to be kept
   const std::vector<PoseCandidate>& candidates() const { return candidates_; }
 
  private:
-  const size_t capacity_;
-  double worst_cost_ = 1e300;
+  size_t capacity_;
+  double margin_;
+  double cap_ = 1e300;
   std::vector<PoseCandidate> candidates_;
 };
 
@@ -49,8 +54,16 @@ class PositionSearch {
     double certain_ratio = 0.0;
   };
 
+  struct Vote {
+    Eigen::Vector3d position;
+    int voter = 0;            // index of the segment
+    uint32_t supporters = 0;  // bits of the segments that agree
+  };
+
   void Prepare(const Eigen::Matrix3d& rotation);
   bool PositionFrom(const ImageLine& line, const Part& part, Eigen::Vector3d& position) const;
+  void CastVotes();
+  void CountSupport();
   bool Project(const Eigen::Vector3d& position);
   double Score(const Eigen::Vector3d& position, double cap);
 
@@ -61,6 +74,7 @@ class PositionSearch {
   Eigen::Vector3d bearing_ = Eigen::Vector3d::UnitZ();  // to the middle of the segments
   std::vector<Part> parts_;
   std::vector<std::vector<int>> fitting_;  // for each segment the parts whose direction fits
+  std::vector<Vote> votes_;
   std::vector<Eigen::Vector2d> a_px_, b_px_;
   std::vector<double> covered_px_;
 };

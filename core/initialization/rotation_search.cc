@@ -18,20 +18,21 @@ constexpr int kHalfCircleSteps = 120;
 // A rotation of the sweep is this far from the best one beside it, rad: half a step, and what the two lines of the pair
 // are off by themselves. Added to what each line is uncertain by.
 constexpr double kSweepRad = 0.01;
-// Refined rotations closer than this are one; a pose is refined from farther away than that.
+// Rotations closer than this are one; a pose is refined from farther away than that.
 constexpr double kSameRotationRad = 0.03;
+constexpr double kPriorRad = 0.02;
 constexpr int kRefineIterations = 3;
 // Minima of the sweeps that are refined, for each candidate asked for.
-constexpr size_t kRefinedPerCandidate = 6;
+constexpr size_t kRefinedPerCandidate = 3;
 
 // The lines' normals side by side, for many rotations.
 class Scorer {
  public:
   static constexpr int kMaxLines = 64;
 
-  Scorer(absl::Span<const ImageLine> lines, double unexplained_cost)
+  Scorer(absl::Span<const ImageLine> lines, double max_line_cost)
       : count_(static_cast<int>((std::min<size_t>(lines.size(), kMaxLines) + 3) / 4 * 4)),
-        cap_(static_cast<float>(unexplained_cost)) {
+        cap_(static_cast<float>(max_line_cost)) {
     weight_.setZero();
     x_.setZero();
     y_.setZero();
@@ -71,9 +72,10 @@ struct Sweep {
 class RotationSearch {
  public:
   RotationSearch(const SearchModel& model, absl::Span<const ImageLine> lines, const RotationSearchOptions& options)
-      : model_(model), lines_(lines), options_(options), scorer_(lines, options.unexplained_cost) {
+      : model_(model), lines_(lines), options_(options), scorer_(lines, options.max_line_cost) {
     for (const Vector3d& v : model.directions()) directions_.push_back(v.cast<float>());
     turned_.resize(directions_.size());
+    for (const Matrix3d& q : model.direction_symmetries()) symmetries_.emplace_back(q);
   }
 
   std::vector<RotationCandidate> Run() {
@@ -160,28 +162,20 @@ class RotationSearch {
     return scorer_.Cost(turned_);
   }
 
-  void Keep(float cost, const Matrix3d& rotation) {
-    if (cost >= bound_) return;
-    minima_.push_back({rotation, cost});
-    // Now and then the worse half goes.
-    const size_t wanted = kRefinedPerCandidate * options_.max_candidates;
-    if (minima_.size() < 2 * wanted) return;
-    std::nth_element(minima_.begin(), minima_.begin() + wanted, minima_.end(), Cheaper);
-    minima_.resize(wanted);
-    bound_ = 0.0;
-    for (const RotationCandidate& minimum : minima_) bound_ = std::max(bound_, static_cast<float>(minimum.cost));
-  }
+  void Keep(float cost, const Matrix3d& rotation) { minima_.push_back({rotation, cost}); }
 
   static bool Cheaper(const RotationCandidate& a, const RotationCandidate& b) { return a.cost < b.cost; }
 
-  // Gauss-Newton on the truncated cost, with each line's own uncertainty about the direction it is given.
+  // Gauss-Newton on the truncated cost, with each line's own uncertainty about the direction it is given. A prior keeps
+  // it near where the sweep found it: lines of a flat object leave its tilt almost free, and then all of the valley is
+  // to be looked at, not the place that noise made its lowest.
   RotationCandidate Refine(RotationCandidate candidate) const {
     for (int iteration = 0;; ++iteration) {
-      Matrix3d h = Matrix3d::Identity() * 1e-3;
+      Matrix3d h = Matrix3d::Identity() / (kPriorRad * kPriorRad);
       Vector3d g = Vector3d::Zero();
       candidate.cost = 0.0;
       for (const ImageLine& line : lines_) {
-        double least = options_.unexplained_cost;
+        double least = options_.max_line_cost;
         Vector3d row = Vector3d::Zero();
         double residual = 0.0;
         for (const Vector3d& v : model_.directions()) {
@@ -203,26 +197,39 @@ class RotationSearch {
     }
   }
 
-  bool AreSame(const Matrix3d& a, const Matrix3d& b) const {
-    const double least_trace = 1.0 + 2.0 * (1.0 - 0.5 * kSameRotationRad * kSameRotationRad);
-    const Matrix3d between = a.transpose() * b;
-    return std::any_of(model_.direction_symmetries().begin(), model_.direction_symmetries().end(),
-                       [&](const Matrix3d& q) { return between.cwiseProduct(q).sum() > least_trace; });
+  // Of the quaternions that the directions' symmetries make equal, the one nearest to the identity. Rotations that are
+  // nearly equal may differ in it at a border, then they are tried twice.
+  Eigen::Vector4d Canonical(const Matrix3d& rotation) const {
+    const Eigen::Quaterniond q(rotation);
+    Eigen::Vector4d best = q.coeffs();
+    for (const Eigen::Quaterniond& symmetry : symmetries_) {
+      const Eigen::Vector4d other = (q * symmetry).coeffs();
+      if (std::abs(other.w()) > std::abs(best.w())) best = other;
+    }
+    return best.w() < 0.0 ? Eigen::Vector4d(-best) : best;
+  }
+
+  // The cheapest of each neighbourhood.
+  std::vector<RotationCandidate> Thin(std::vector<RotationCandidate> candidates, size_t max_count) const {
+    std::stable_sort(candidates.begin(), candidates.end(), Cheaper);
+    const double least_dot = 1.0 - kSameRotationRad * kSameRotationRad / 8.0;  // of half the angle
+    std::vector<Eigen::Vector4d> taken;
+    std::vector<RotationCandidate> thinned;
+    for (const RotationCandidate& candidate : candidates) {
+      if (thinned.size() >= max_count) break;
+      const Eigen::Vector4d q = Canonical(candidate.rotation);
+      const auto is_near = [&](const Eigen::Vector4d& other) { return std::abs(other.dot(q)) > least_dot; };
+      if (std::any_of(taken.begin(), taken.end(), is_near)) continue;
+      taken.push_back(q);
+      thinned.push_back(candidate);
+    }
+    return thinned;
   }
 
   std::vector<RotationCandidate> Distinct() const {
-    std::vector<RotationCandidate> refined;
-    for (const RotationCandidate& minimum : minima_) refined.push_back(Refine(minimum));
-    std::stable_sort(refined.begin(), refined.end(), Cheaper);
-    std::vector<RotationCandidate> distinct;
-    for (const RotationCandidate& candidate : refined) {
-      if (distinct.size() >= static_cast<size_t>(options_.max_candidates)) break;
-      const bool is_new = std::none_of(distinct.begin(), distinct.end(), [&](const RotationCandidate& other) {
-        return AreSame(candidate.rotation, other.rotation);
-      });
-      if (is_new) distinct.push_back(candidate);
-    }
-    return distinct;
+    std::vector<RotationCandidate> refined = Thin(minima_, kRefinedPerCandidate * options_.max_candidates);
+    for (RotationCandidate& candidate : refined) candidate = Refine(candidate);
+    return Thin(std::move(refined), options_.max_candidates);
   }
 
   const SearchModel& model_;
@@ -230,7 +237,7 @@ class RotationSearch {
   const RotationSearchOptions& options_;
   Scorer scorer_;
   int budget_ = options_.max_rotations;
-  float bound_ = 1e9f;
+  std::vector<Eigen::Quaterniond> symmetries_;  // of the directions
   std::vector<Eigen::Vector3f> directions_, turned_;
   std::vector<RotationCandidate> minima_;
 };

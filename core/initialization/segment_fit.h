@@ -10,20 +10,43 @@
 
 namespace evpose {
 
-// One over the variances (1 / px^2) of a segment's ends across and along it.
+// One over the variances (1 / px^2) of a segment's ends across and along it, and the bounds of the two costs.
 struct FitWeights {
   double across = 1.0;
   double along = 1.0;
+  double max_across_cost = 16.0;
+  double short_cost = 4.0;
+
+  // Standard deviations are `widening` times those of the options.
+  static FitWeights Make(const PoseSearchOptions& options, double widening) {
+    const auto weight = [widening](double sigma) { return 1.0 / (widening * widening * sigma * sigma); };
+    return {weight(options.end_point_sigma_px), weight(options.end_point_along_sigma_px), options.max_across_cost(),
+            options.short_cost};
+  }
 };
 
 struct SegmentFit {
-  double cost = 0.0;        // squared standard deviations: both ends' distance from the line, and what stands over
+  double cost = 0.0;        // squared standard deviations
   double overlap_px = 0.0;  // of the segment and the projected line
 };
 
-// Against the part of a line that projects to a--b (pixels). A segment may be shorter than the line, that costs
-// nothing here; where it stands over the line's ends, it does. Returns false, `fit` undefined, when the cost is `cap`
-// or more, when they do not overlap, or when they are turned by more than 45 degrees.
+// What an end costs that is `inside_px` before the end of its line (negative: beyond it). Beyond, nothing explains it.
+// Before, either the detector was as accurate as usual, or it lost the line somewhere: the cost is bounded (Geman and
+// McClure's function).
+inline double EndCost(double inside_px, const FitWeights& weights) {
+  const double u2 = inside_px * inside_px * weights.along;
+  return inside_px < 0.0 ? u2 : u2 * weights.short_cost / (weights.short_cost + u2);
+}
+// The weight of the squared residual (1 / px^2) whose gradient is that of EndCost.
+inline double EndWeight(double inside_px, const FitWeights& weights) {
+  if (inside_px < 0.0) return weights.along;
+  const double share = weights.short_cost / (weights.short_cost + inside_px * inside_px * weights.along);
+  return share * share * weights.along;
+}
+
+// Against the part of a line that projects to a--b (pixels): both ends' distance from the line, and where they are
+// along it. Returns false, `fit` undefined, when the cost is `cap` or more, when they do not overlap, or when they are
+// turned by more than 45 degrees.
 inline bool FitSegment(const ImageLine& line, const Eigen::Vector2d& a, const Eigen::Vector2d& b,
                        const FitWeights& weights, double cap, SegmentFit& fit) {
   const Eigen::Vector2d to_a = a - line.middle_px, to_b = b - line.middle_px;
@@ -39,9 +62,8 @@ inline bool FitSegment(const ImageLine& line, const Eigen::Vector2d& a, const Ei
   const double middle = ya - slope * sa, half_rise = slope * h;
   // The two ends' distances are middle -+ half_rise.
   fit.cost = 2.0 * (middle * middle + half_rise * half_rise) * weights.across;
-  if (fit.cost >= cap) return false;
-  const double over_low = std::max(0.0, low + h), over_high = std::max(0.0, h - high);
-  fit.cost += (over_low * over_low + over_high * over_high) * weights.along;
+  if (fit.cost >= weights.max_across_cost) return false;
+  fit.cost += EndCost(-h - low, weights) + EndCost(high - h, weights);
   return fit.cost < cap;
 }
 
