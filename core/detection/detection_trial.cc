@@ -19,7 +19,7 @@ constexpr double kMinOverlapRatio = 0.7;
 
 struct VisibleEdge {
   ImageSegment segment;
-  double motion_px = 0.0;  // in the stretch
+  double motion_px = 0.0;  // since the beginning
 };
 
 Eigen::Vector2d Direction(const ImageSegment& segment) { return (segment.p2_px - segment.p1_px).normalized(); }
@@ -30,9 +30,9 @@ double SignedDistance(const ImageSegment& line, const Eigen::Vector2d& point) {
   return d.x() * r.y() - d.y() * r.x();
 }
 
-std::vector<VisibleEdge> VisibleEdges(const ObjectRecording& recording, const LineDetection& detection) {
+std::vector<VisibleEdge> VisibleEdges(const ObjectRecording& recording, int64_t t_begin_us, int64_t t_end_us) {
   const auto pose_at = [&recording](int64_t t_us) { return Interpolate(recording.truth, t_us).value(); };
-  const RigidTransform at_end = pose_at(detection.t_end_us), at_begin = pose_at(detection.t_begin_us);
+  const RigidTransform at_end = pose_at(t_end_us), at_begin = pose_at(t_begin_us);
   const VisibilityTester tester(recording.model, {});
   std::vector<VisibleEdge> edges;
   for (const VisibleSegment& visible : tester.VisibleSegments(recording.camera, at_end)) {
@@ -147,9 +147,9 @@ void DetectionScore::Add(const DetectionScore& other) {
   beyond_end_px.insert(beyond_end_px.end(), other.beyond_end_px.begin(), other.beyond_end_px.end());
 }
 
-DetectionScore Score(const ObjectRecording& recording, const LineDetection& detection) {
+DetectionScore Score(const ObjectRecording& recording, const LineDetection& detection, int64_t t_begin_us) {
   DetectionScore score;
-  const std::vector<VisibleEdge> edges = VisibleEdges(recording, detection);
+  const std::vector<VisibleEdge> edges = VisibleEdges(recording, t_begin_us, detection.t_end_us);
   for (const VisibleEdge& edge : edges) {
     if (edge.motion_px < kMinMotionPx || edge.segment.length_px() < kMinLengthPx) continue;
     std::vector<std::pair<double, double>> covered;

@@ -25,8 +25,8 @@ ObjectRecording RecordObject(const std::string& object, double speed_scale, int6
 absl::Span<const PixelEvent> EventsUntil(const ObjectRecording& recording, int64_t t_us, size_t max_events);
 
 struct DetectionScore {
-  // Length of visible model lines that moved by 3 px or more in the stretch, and how much of it has a line detected
-  // within 1.5 px and 2 deg.
+  // Length of visible model lines that moved by 3 px or more since the beginning, and how much of it has a line
+  // detected within 1.5 px and 2 deg.
   double visible_px = 0.0;
   double covered_px = 0.0;
   int num_detected = 0;
@@ -43,8 +43,8 @@ struct DetectionScore {
   void Add(const DetectionScore& other);
 };
 
-// Against the model at the end of the stretch.
-DetectionScore Score(const ObjectRecording& recording, const LineDetection& detection);
+// Against the model at the end of the stretch. `t_begin_us`: lines count that have moved since then.
+DetectionScore Score(const ObjectRecording& recording, const LineDetection& detection, int64_t t_begin_us);
 
 double Median(std::vector<double> values);
 

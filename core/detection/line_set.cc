@@ -16,7 +16,11 @@ constexpr int16_t kNobody = -1;
 constexpr double kMaxTakenRatio = 0.5;
 constexpr int kMaxSplits = 3;
 // Corners are crossings of lines that differ in direction by more than this sine: others meet nowhere in particular.
-constexpr double kCrossingSine = 0.2;
+// Below the second one lines run side by side for so long that their ends are found badly, and the corner may be
+// farther.
+constexpr double kCrossingSine = 0.07;
+constexpr double kFlatSine = 0.4;
+constexpr double kFlatReach = 2.0;
 // The sides of a stripe end together, and keep their distance.
 constexpr double kStripeEndPx = 10.0;
 constexpr double kStripeParallelPx = 1.2;
@@ -102,7 +106,7 @@ class LineSelection {
  private:
   bool IsGood(const MovingLine& line) const {
     return line.num_events >= options_.min_events && line.length_px() >= options_.min_length_px &&
-           line.num_events >= options_.min_events_per_px * line.length_px();
+           line.num_events >= options_.min_events_per_px * line.length_px() && line.rms_px <= options_.max_rms_px;
   }
 
   bool IsTaken(const MovingLine& line) {
@@ -124,9 +128,7 @@ class LineSelection {
         const Eigen::Vector2d point = other.EndAt(k, tau) - longer.origin_px;
         const double s = longer.direction.dot(point);
         const double y = longer.normal().dot(point);
-        const double line_y =
-            longer.offset_px + longer.slope * s + (longer.speed_px_per_s + longer.slope_rate_per_s * s) * tau;
-        if (std::abs(y - line_y) > options_.merge_px) return std::nullopt;
+        if (std::abs(y - longer.Y(s, tau)) > options_.merge_px) return std::nullopt;
       }
       const double s = longer.direction.dot(other.EndAt(k, 0.0) - longer.origin_px);
       begin = std::min(begin, s);
@@ -181,6 +183,7 @@ class LineSelection {
 struct Meeting {
   Eigen::Vector2d point = Eigen::Vector2d::Zero();
   double distance_px = 0.0;  // from the end of the first line, or of how far the point lies beyond the second
+  double reach = 1.0;        // how many times farther than usual it may be
 };
 
 // Where the line through `line` meets the one through `other`.
@@ -194,7 +197,8 @@ std::optional<Meeting> Meet(const ImageSegment& line, int end, const ImageSegmen
   const double s = (between.x() * across.y() - between.y() * across.x()) / sine;
   const double on_other = (between.x() * along.y() - between.y() * along.x()) / sine;
   const double beyond_other = std::max({0.0, -on_other, on_other - other_length});
-  return Meeting{line.p1_px + s * along, std::max(std::abs(s - (end == 0 ? 0.0 : length)), beyond_other)};
+  return Meeting{line.p1_px + s * along, std::max(std::abs(s - (end == 0 ? 0.0 : length)), beyond_other),
+                 std::clamp(kFlatSine / std::abs(sine), 1.0, kFlatReach)};
 }
 
 // Ends that lie near a meeting with another line, at both times, are put there: a corner, or the edge of what hides it.
@@ -207,8 +211,10 @@ void PutEndsInCorners(std::vector<DetectedLine>& lines, double corner_px) {
         if (j == i) continue;
         const std::optional<Meeting> begin = Meet(found[i].at_begin, end, found[j].at_begin);
         const std::optional<Meeting> now = Meet(found[i].at_end, end, found[j].at_end);
-        if (!begin || !now || std::max(begin->distance_px, now->distance_px) >= nearest) continue;
-        nearest = std::max(begin->distance_px, now->distance_px);
+        if (!begin || !now) continue;
+        const double distance = std::max(begin->distance_px, now->distance_px) / now->reach;
+        if (distance >= nearest) continue;
+        nearest = distance;
         (end == 0 ? lines[i].at_begin.p1_px : lines[i].at_begin.p2_px) = begin->point;
         (end == 0 ? lines[i].at_end.p1_px : lines[i].at_end.p2_px) = now->point;
       }
@@ -226,6 +232,7 @@ absl::Status LineSetOptions::Validate() const {
   absl::Status status = fit.Validate();
   status.Update(check("min_events", min_events, 8, 1e6));
   status.Update(check("min_length_px", min_length_px, 1.0, 1e4));
+  status.Update(check("max_rms_px", max_rms_px, 0.1, 100.0));
   status.Update(check("min_events_per_px", min_events_per_px, 0.0, 1e3));
   status.Update(check("merge_px", merge_px, 0.0, 100.0));
   status.Update(check("stripe_px", stripe_px, 0.0, 100.0));
@@ -241,6 +248,9 @@ std::vector<DetectedLine> SelectLines(const EventStretch& stretch, const std::ve
   selection.JoinPieces();
   std::vector<DetectedLine> lines = selection.Lines();
   PutEndsInCorners(lines, options.corner_px);
+  std::erase_if(lines, [&options](const DetectedLine& line) {
+    return std::min(line.at_begin.length_px(), line.at_end.length_px()) < 0.8 * options.min_length_px;
+  });
   std::stable_sort(lines.begin(), lines.end(),
                    [](const DetectedLine& a, const DetectedLine& b) { return a.num_events > b.num_events; });
   return lines;

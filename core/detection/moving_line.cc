@@ -11,6 +11,7 @@ namespace {
 
 // Tukey's bisquare (method.md 2.6).
 constexpr double kTukey = 4.685;
+constexpr double kCorrelatedEvents = 20.0;  // count as one (method.md 2.10, 8)
 constexpr double kMinSigmaPx = 0.25;
 constexpr double kMaxSigmaPx = 0.7;
 constexpr int kGrowthPasses = 3;
@@ -37,6 +38,9 @@ constexpr double kSilentMotionPx = 0.6;
 constexpr double kBentPx = 0.3;
 constexpr double kMinSplitPx = 32.0;
 constexpr int kBins = 8;
+
+using Matrix5d = Eigen::Matrix<double, 5, 5>;
+using Vector5d = Eigen::Matrix<double, 5, 1>;
 
 struct Bin {
   double count = 0.0;
@@ -70,6 +74,10 @@ absl::Status LineFitOptions::Validate() const {
     return absl::InvalidArgumentError(
         absl::StrFormat("turn_rad_per_s is %g; it must lie in (0, 1000]", turn_rad_per_s));
   }
+  if (!(acceleration_px_per_s2 > 0.0 && acceleration_px_per_s2 <= 1e9)) {
+    return absl::InvalidArgumentError(
+        absl::StrFormat("acceleration_px_per_s2 is %g; it must lie in (0, 1e9]", acceleration_px_per_s2));
+  }
   return absl::OkStatus();
 }
 
@@ -85,6 +93,7 @@ void MovingLine::Recentre() {
   }
   // Distances across the turned line are shorter by 1 / stretch.
   speed_px_per_s /= stretch;
+  acceleration_px_per_s2 /= stretch;
   slope_rate_per_s /= stretch * stretch;
   origin_px = new_origin;
   direction = new_direction;
@@ -115,7 +124,7 @@ LineFitter::LineFitter(const EventStretch& stretch, const LineFitOptions& option
 void LineFitter::Collect(const MovingLine& line, double margin_px, double reach_px) {
   const double half_s = stretch_.half_duration_s();
   const double begin = line.ends[0].s_px - margin_px, end = line.ends[1].s_px + margin_px;
-  const double sweep = half_s * (std::abs(line.speed_px_per_s) +
+  const double sweep = half_s * (std::abs(line.speed_px_per_s) + 0.5 * std::abs(line.acceleration_px_per_s2) * half_s +
                                  std::abs(line.slope_rate_per_s) * std::max(std::abs(begin), std::abs(end)));
   indices_.clear();
   grid_.Near(line.PointAt(begin, 0.0), line.PointAt(end, 0.0), reach_px + sweep, indices_);
@@ -128,8 +137,7 @@ void LineFitter::Collect(const MovingLine& line, double margin_px, double reach_
     if (!line.IsAlong(s, event.tau_s, margin_px)) continue;
     const double residual = line.Residual(event, s);
     if (std::abs(residual) > reach_px) continue;
-    const double y =
-        residual + line.offset_px + line.slope * s + (line.speed_px_per_s + line.slope_rate_per_s * s) * event.tau_s;
+    const double y = residual + line.Y(s, event.tau_s);
     samples_.push_back({static_cast<float>(s), static_cast<float>(y), event.tau_s, static_cast<float>(residual)});
     indices_[kept++] = index;
   }
@@ -141,31 +149,33 @@ void LineFitter::SolveRobustly(MovingLine& line, int passes, size_t max_events) 
   double sigma = kMaxSigmaPx;
   const size_t stride = 1 + samples_.size() / max_events;
   for (int pass = 0; pass < passes; ++pass) {
-    // Unknowns offset, slope, speed x half_s, slope_rate x half_s, about the middle of the extent.
+    // Unknowns: offset, slope, speed, slope_rate and acceleration, scaled, about the middle of the extent.
     const double middle = 0.5 * (line.ends[0].s_px + line.ends[1].s_px);
     const double scale = std::max(0.5 * line.length_px(), 1.0);
-    Eigen::Matrix4d information = Eigen::Matrix4d::Identity() * 1e-9;
-    Eigen::Vector4d projection = Eigen::Vector4d::Zero();
+    Matrix5d information = Matrix5d::Identity() * 1e-9;
+    Vector5d projection = Vector5d::Zero();
     const double turn = options_.turn_rad_per_s * half_s * scale / sigma;
-    information(3, 3) += 20.0 / (turn * turn);  // events are correlated: some twenty count as one
+    const double bend = 0.5 * options_.acceleration_px_per_s2 * half_s * half_s / sigma;
+    information(3, 3) += kCorrelatedEvents / (turn * turn);
+    information(4, 4) += kCorrelatedEvents / (bend * bend);
     for (size_t i = 0; i < samples_.size(); i += stride) {
       const Sample& sample = samples_[i];
       const double u = sample.residual / (kTukey * sigma);
       if (std::abs(u) >= 1.0) continue;
       const double weight = (1.0 - u * u) * (1.0 - u * u);
       const double s = (sample.s - middle) / scale, tau = sample.tau_s / half_s;
-      const Eigen::Vector4d row(1.0, s, tau, s * tau);
+      const Vector5d row = {1.0, s, tau, s * tau, tau * tau};
       information += (weight * row) * row.transpose();
       projection += weight * sample.y * row;
     }
-    const Eigen::Vector4d x = information.ldlt().solve(projection);
+    const Vector5d x = information.ldlt().solve(projection);
     line.slope = x[1] / scale;
     line.offset_px = x[0] - line.slope * middle;
     line.slope_rate_per_s = x[3] / (scale * half_s);
     line.speed_px_per_s = x[2] / half_s - line.slope_rate_per_s * middle;
+    line.acceleration_px_per_s2 = 2.0 * x[4] / (half_s * half_s);
     const auto residual = [&line](const Sample& sample) {
-      return static_cast<float>(sample.y - line.offset_px - line.slope * sample.s -
-                                (line.speed_px_per_s + line.slope_rate_per_s * sample.s) * sample.tau_s);
+      return static_cast<float>(sample.y - line.Y(sample.s, sample.tau_s));
     };
     along_.clear();
     for (size_t i = 0; i < samples_.size(); i += stride) {
@@ -215,7 +225,7 @@ bool LineFitter::FindExtent(MovingLine& line) {
   return line.length_px() > 0.0;
 }
 
-void LineFitter::FindEndSpeeds(MovingLine& line, double density) {
+void LineFitter::FindEndSpeeds(MovingLine& line) {
   // Where each end lies in the first and in the second half: the k-th event from outside, and k spacings further out.
   const double half_s = stretch_.half_duration_s();
   double end_of_half[2][2] = {};
@@ -227,13 +237,15 @@ void LineFitter::FindEndSpeeds(MovingLine& line, double density) {
         along_.push_back(sample.s);
       }
     }
-    const auto k = static_cast<size_t>(std::max(3.0, 2.0 * density));
-    if (along_.size() < 6 * k) return;
+    constexpr size_t k = 4;
+    const size_t n = along_.size();
+    if (n < 8 * k) return;
     std::sort(along_.begin(), along_.end());
-    const double spacing = line.length_px() / static_cast<double>(along_.size());
-    end_of_half[half][0] = std::max(along_[k] - static_cast<double>(k) * spacing, line.ends[0].s_px);
-    end_of_half[half][1] =
-        std::min(along_[along_.size() - 1 - k] + static_cast<double>(k) * spacing, line.ends[1].s_px);
+    // Spacing from the events just inside: an edge that turns sends fewer towards its slow end.
+    const double low_spacing = (along_[3 * k] - along_[k]) / (2.0 * k);
+    const double high_spacing = (along_[n - 1 - k] - along_[n - 1 - 3 * k]) / (2.0 * k);
+    end_of_half[half][0] = std::max(along_[k] - k * low_spacing, line.ends[0].s_px);
+    end_of_half[half][1] = std::min(along_[n - 1 - k] + k * high_spacing, line.ends[1].s_px);
   }
   const double fastest = 1.5 * stretch_.time_scale_px_per_s;
   for (const int end : {0, 1}) {
@@ -274,7 +286,7 @@ bool LineFitter::Fit(MovingLine& line) {
   line.Recentre();
   Collect(line, 2.0, options_.gate_px);
   if (samples_.empty()) return false;
-  FindEndSpeeds(line, 0.5 * static_cast<double>(samples_.size()) / std::max(line.length_px(), 1.0));
+  FindEndSpeeds(line);
   FindEndTimes(line);
   double sum = 0.0;
   for (const Sample& sample : samples_) sum += static_cast<double>(sample.residual) * sample.residual;

@@ -14,8 +14,9 @@
 namespace evpose {
 
 // In its own frame, s along `direction` and y along (-direction.y, direction.x) from `origin`, the line is
-// y = offset + slope s + (speed + slope_rate s) tau: a plane in space and time, but for slope_rate. An object that
-// turns by 1 rad/s turns a line of 200 px by 3 px at its ends in 30 ms; a plane cannot follow that.
+// y = offset + slope s + (speed + slope_rate s) tau + acceleration tau^2 / 2: a plane in space and time, but for the
+// last two. An object that turns by 1 rad/s turns a line of 200 px by 3 px at its ends in 30 ms, and a hand that turns
+// back stops an edge within the stretch; a plane cannot follow that.
 struct MovingLine {
   Eigen::Vector2d origin_px = Eigen::Vector2d::Zero();
   Eigen::Vector2d direction = Eigen::Vector2d::UnitX();
@@ -23,6 +24,7 @@ struct MovingLine {
   double slope = 0.0;
   double speed_px_per_s = 0.0;
   double slope_rate_per_s = 0.0;
+  double acceleration_px_per_s2 = 0.0;
   // Both ends along the line, s = s_px + speed tau; the first is the smaller.
   struct End {
     double s_px = 0.0;
@@ -45,16 +47,17 @@ struct MovingLine {
   // Distance of the event from the line at the event's time, where s is the event's, to the side of the normal.
   double Residual(const StretchEvent& event, double s) const {
     const double y = -direction.y() * (event.u_px - origin_px.x()) + direction.x() * (event.v_px - origin_px.y());
-    return y - offset_px - slope * s - (speed_px_per_s + slope_rate_per_s * s) * event.tau_s;
+    return y - Y(s, event.tau_s);
+  }
+  double Y(double s, double tau_s) const {
+    return offset_px + slope * s +
+           (speed_px_per_s + slope_rate_per_s * s + 0.5 * acceleration_px_per_s2 * tau_s) * tau_s;
   }
   bool IsAlong(double s, double tau_s, double margin_px) const {
     return s >= ends[0].s_px + ends[0].speed_px_per_s * tau_s - margin_px &&
            s <= ends[1].s_px + ends[1].speed_px_per_s * tau_s + margin_px;
   }
-  Eigen::Vector2d PointAt(double s, double tau_s) const {
-    return origin_px + s * direction +
-           (offset_px + slope * s + (speed_px_per_s + slope_rate_per_s * s) * tau_s) * normal();
-  }
+  Eigen::Vector2d PointAt(double s, double tau_s) const { return origin_px + s * direction + Y(s, tau_s) * normal(); }
   // Where the end is; carried on beyond the times of its events by little.
   Eigen::Vector2d EndAt(int end, double tau_s) const;
   // The same line with the origin at its middle and slope and offset 0 at tau = 0.
@@ -68,6 +71,8 @@ struct LineFitOptions {
   double gate_px = 2.0;
   // Radians per second: how fast lines turn, one standard deviation; keeps short lines from bending to their noise.
   double turn_rad_per_s = 2.0;
+  // Pixels per second squared: how fast lines change their speed, one standard deviation: a hand's 3 m/s^2 at 1 m.
+  double acceleration_px_per_s2 = 3000.0;
 
   absl::Status Validate() const;
 };
@@ -98,7 +103,7 @@ class LineFitter {
   void Collect(const MovingLine& line, double margin_px, double reach_px);
   void SolveRobustly(MovingLine& line, int passes, size_t max_events);
   bool FindExtent(MovingLine& line);
-  void FindEndSpeeds(MovingLine& line, double density);
+  void FindEndSpeeds(MovingLine& line);
   void FindEndTimes(MovingLine& line);
 
   const EventStretch& stretch_;

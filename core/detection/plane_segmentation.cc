@@ -10,6 +10,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <iterator>
 #include <numbers>
 
 #include "absl/strings/str_format.h"
@@ -23,6 +24,7 @@ using Cloud = pcl::PointCloud<pcl::PointXYZ>;
 // A plane this flat in time is a flash of light, not an edge: it would move this many times faster than the others.
 constexpr double kMaxSpeedRatio = 8.0;
 constexpr int kRansacIterations = 40;
+constexpr int kMaxPlanesPerRegion = 8;
 // Share of inliers cut off at each end: single events beyond an edge's end must not lengthen it.
 constexpr double kTrimmedRatio = 0.01;
 
@@ -82,33 +84,16 @@ std::vector<pcl::PointIndices> GrowRegions(const Cloud::Ptr& cloud, const Neighb
   return regions;
 }
 
-// Fits the plane and its extent to one region; num_points is 0 when there is none, or it is no edge's.
-SpaceTimePlane FitPlane(const Cloud::Ptr& cloud, const pcl::Indices& region, double px_per_s,
-                        const PlaneSegmentationOptions& options) {
+SpaceTimePlane PlaneOf(const Cloud& cloud, const Eigen::VectorXf& coefficients, const pcl::Indices& inliers,
+                       double px_per_s) {
   SpaceTimePlane plane;
-  const pcl::SampleConsensusModelPlane<pcl::PointXYZ>::Ptr model(
-      new pcl::SampleConsensusModelPlane<pcl::PointXYZ>(cloud, region, false));  // false: the same choices every time
-  pcl::RandomSampleConsensus<pcl::PointXYZ> ransac(model, options.inlier_px);
-  ransac.setMaxIterations(kRansacIterations);
-  if (!ransac.computeModel(0)) return plane;
-  pcl::Indices inliers;
-  Eigen::VectorXf sampled, fitted;
-  ransac.getInliers(inliers);
-  ransac.getModelCoefficients(sampled);
-  model->optimizeModelCoefficients(inliers, sampled, fitted);
-  model->selectWithinDistance(fitted, options.inlier_px, inliers);
-
-  const double in_image = std::hypot(fitted[0], fitted[1]);
-  if (inliers.size() < static_cast<size_t>(options.min_plane_points) ||
-      std::abs(fitted[2]) > kMaxSpeedRatio * in_image) {
-    return plane;
-  }
-  plane.normal = Eigen::Vector2d(fitted[0], fitted[1]) / in_image;
-  plane.offset_px = -fitted[3] / in_image;
-  plane.speed_px_per_s = -fitted[2] / in_image * px_per_s;
+  const double in_image = std::hypot(coefficients[0], coefficients[1]);
+  plane.normal = Eigen::Vector2d(coefficients[0], coefficients[1]) / in_image;
+  plane.offset_px = -coefficients[3] / in_image;
+  plane.speed_px_per_s = -coefficients[2] / in_image * px_per_s;
   std::vector<double> along;
   for (const pcl::index_t index : inliers) {
-    along.push_back(-plane.normal.y() * (*cloud)[index].x + plane.normal.x() * (*cloud)[index].y);
+    along.push_back(-plane.normal.y() * cloud[index].x + plane.normal.x() * cloud[index].y);
   }
   std::sort(along.begin(), along.end());
   const auto trimmed = static_cast<size_t>(kTrimmedRatio * static_cast<double>(along.size()));
@@ -116,6 +101,33 @@ SpaceTimePlane FitPlane(const Cloud::Ptr& cloud, const pcl::Indices& region, dou
   plane.s_end_px = along[along.size() - 1 - trimmed];
   plane.num_points = static_cast<int>(inliers.size());
   return plane;
+}
+
+// The planes of one region, the largest first: edges that meet at a flat angle grow into one region.
+void FitPlanes(const Cloud::Ptr& cloud, pcl::Indices region, uint8_t polarity, double px_per_s,
+               const PlaneSegmentationOptions& options, std::vector<SpaceTimePlane>& planes) {
+  for (int k = 0; k < kMaxPlanesPerRegion && region.size() >= static_cast<size_t>(options.min_plane_points); ++k) {
+    const pcl::SampleConsensusModelPlane<pcl::PointXYZ>::Ptr model(
+        new pcl::SampleConsensusModelPlane<pcl::PointXYZ>(cloud, region, false));  // false: the same choices every time
+    pcl::RandomSampleConsensus<pcl::PointXYZ> ransac(model, options.inlier_px);
+    ransac.setMaxIterations(kRansacIterations);
+    if (!ransac.computeModel(0)) return;
+    pcl::Indices inliers;
+    Eigen::VectorXf sampled, fitted;
+    ransac.getInliers(inliers);
+    ransac.getModelCoefficients(sampled);
+    model->optimizeModelCoefficients(inliers, sampled, fitted);
+    model->selectWithinDistance(fitted, options.inlier_px, inliers);
+    if (inliers.size() < static_cast<size_t>(options.min_plane_points)) return;
+    if (std::abs(fitted[2]) <= kMaxSpeedRatio * std::hypot(fitted[0], fitted[1])) {
+      planes.push_back(PlaneOf(*cloud, fitted, inliers, px_per_s));
+      planes.back().polarity = polarity;
+    }
+    std::sort(inliers.begin(), inliers.end());
+    pcl::Indices rest;
+    std::set_difference(region.begin(), region.end(), inliers.begin(), inliers.end(), std::back_inserter(rest));
+    region.swap(rest);
+  }
 }
 
 void SegmentPolarity(const EventStretch& stretch, uint8_t polarity, const PlaneSegmentationOptions& options,
@@ -134,9 +146,7 @@ void SegmentPolarity(const EventStretch& stretch, uint8_t polarity, const PlaneS
   if (cloud->size() < static_cast<size_t>(options.min_plane_points)) return;
   const NeighbourTable table = all.Restricted(is_kept);
   for (const pcl::PointIndices& region : GrowRegions(cloud, table, options)) {
-    SpaceTimePlane plane = FitPlane(cloud, region.indices, px_per_s, options);
-    plane.polarity = polarity;
-    if (plane.num_points > 0) planes.push_back(plane);
+    FitPlanes(cloud, region.indices, polarity, px_per_s, options, planes);
   }
 }
 

@@ -1,0 +1,94 @@
+#include "core/detection/event_stretch.h"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <string>
+
+#include "core/detection/moving_edges.h"
+
+namespace evpose {
+namespace {
+
+using testing::EdgeEventOptions;
+using testing::MakeEdgeEvents;
+using testing::MovingEdge;
+
+class StretchFollowsSpeed : public ::testing::TestWithParam<double> {};
+
+TEST_P(StretchFollowsSpeed, InAnyDirection) {
+  const double speed = GetParam();
+  const double duration_s = std::min(0.05, 30.0 / speed);
+  for (const double angle : {0.0, 0.4, 0.8, 1.2, 1.57, 2.5}) {
+    const Eigen::Vector2d along(std::cos(angle), std::sin(angle)), normal(-along.y(), along.x());
+    const Eigen::Vector2d middle(320.0, 240.0);
+    const std::vector<PixelEvent> events =
+        MakeEdgeEvents({MovingEdge{middle - 100.0 * along, middle + 100.0 * along, speed * normal}},
+                       EdgeEventOptions{.duration_s = duration_s});
+    StretchSelector selector({}, 640, 480);
+    const EventStretch stretch = selector.Select(events);
+    EXPECT_GT(stretch.speed_px_per_s, 0.6 * speed) << angle;
+    EXPECT_LT(stretch.speed_px_per_s, 1.6 * speed) << angle;
+    const double motion_px = 2.0 * stretch.half_duration_s() * speed;
+    EXPECT_GT(motion_px, 0.6 * StretchOptions().motion_px) << angle;
+    EXPECT_LT(motion_px, 1.7 * StretchOptions().motion_px) << angle;
+    EXPECT_EQ(stretch.t_end_us, events.back().t_us);
+  }
+}
+
+INSTANTIATE_TEST_SUITE_P(Speeds, StretchFollowsSpeed, ::testing::Values(200.0, 800.0, 3000.0),
+                         [](const auto& speed) { return "PxPerS" + std::to_string(static_cast<int>(speed.param)); });
+
+TEST(StretchSelector, TakesAllThereIsOfASlowObject) {
+  const std::vector<PixelEvent> events =
+      MakeEdgeEvents({MovingEdge{{200.0, 100.0}, {230.0, 300.0}, {40.0, 0.0}}}, EdgeEventOptions{.duration_s = 0.2});
+  StretchSelector selector({}, 640, 480);
+  const EventStretch stretch = selector.Select(events);
+  EXPECT_NEAR(static_cast<double>(stretch.t_end_us - stretch.t_begin_us), 50'000.0, 1000.0);
+}
+
+TEST(StretchSelector, ThinsEvenlyToItsBound) {
+  const std::vector<PixelEvent> events = MakeEdgeEvents({MovingEdge{{100.0, 100.0}, {500.0, 300.0}, {300.0, -100.0}}},
+                                                        EdgeEventOptions{.events_per_px2 = 20.0});
+  StretchOptions options;
+  options.max_events = 2000;
+  StretchSelector selector(options, 640, 480);
+  const EventStretch stretch = selector.Select(events);
+  EXPECT_EQ(stretch.events.size(), 2000u);
+  int late = 0;
+  for (const StretchEvent& event : stretch.events) late += event.tau_s > 0.0f;
+  EXPECT_NEAR(late, 1000, 150);
+}
+
+TEST(StretchSelector, IgnoresEventsThatAreNowhere) {
+  const float nan = std::numeric_limits<float>::quiet_NaN(), infinity = std::numeric_limits<float>::infinity();
+  std::vector<PixelEvent> events;
+  for (const float u : {nan, infinity, -infinity, 1e30f, -1e30f, -161.0f, 801.0f}) {
+    events.push_back({10, u, 100.0f, 1});
+    events.push_back({10, 100.0f, u, 0});
+  }
+  events.push_back({10, -100.0f, -100.0f, 7});
+  StretchSelector selector({}, 640, 480);
+  const EventStretch stretch = selector.Select(events);
+  ASSERT_EQ(stretch.events.size(), 1u);
+  EXPECT_EQ(stretch.events[0].u_px, -100.0f);
+  EXPECT_EQ(stretch.events[0].polarity, 1);
+}
+
+TEST(StretchOptions, NamesTheFieldThatIsWrong) {
+  EXPECT_TRUE(StretchOptions().Validate().ok());
+  const auto message = [](auto change) {
+    StretchOptions options;
+    change(options);
+    return std::string(options.Validate().message());
+  };
+  EXPECT_NE(message([](auto& o) { o.motion_px = 0.0; }).find("motion_px"), std::string::npos);
+  EXPECT_NE(message([](auto& o) { o.motion_px = std::nan(""); }).find("motion_px"), std::string::npos);
+  EXPECT_NE(message([](auto& o) { o.max_duration_us = 0; }).find("max_duration_us"), std::string::npos);
+  EXPECT_NE(message([](auto& o) { o.max_events = 0; }).find("max_events"), std::string::npos);
+}
+
+}  // namespace
+}  // namespace evpose
