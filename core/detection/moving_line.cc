@@ -279,7 +279,8 @@ bool LineFitter::Fit(MovingLine& line) {
     Collect(line, kGrowthPx, options_.gate_px);
     if (!FindExtent(line)) return false;
     line.Recentre();
-    if (line.length_px() < length + 1.0) break;
+    // Its ends were in sight, and what was fitted is most of it.
+    if (line.length_px() < length + std::min(0.5 * kGrowthPx, 0.2 * length)) break;
   }
   Collect(line, 0.0, 2.0 * options_.gate_px);
   SolveRobustly(line, kLastPasses, kLastEvents);

@@ -125,7 +125,7 @@ TEST(PlaneDetector, JoinsAnEdgeWhoseContrastTurnsRound) {
 
 TEST(PlaneDetector, SplitsWhereAnEdgeBends) {
   const Eigen::Vector2d corner(320.0, 200.0), velocity(20.0, 350.0);
-  for (const double bend_deg : {6.0, 10.0, 25.0, 90.0}) {
+  for (const double bend_deg : {6.0, 10.0, 25.0, 60.0}) {
     const double bend = bend_deg / 57.29578;
     const MovingEdge first = {corner - Eigen::Vector2d(120.0, 0.0), corner, velocity};
     const MovingEdge second = {corner, corner + 120.0 * Eigen::Vector2d(std::cos(bend), std::sin(bend)), velocity};
