@@ -1,6 +1,8 @@
 #include "core/initialization/initializer.h"
 
 #include <Eigen/Cholesky>
+#include <algorithm>
+#include <cmath>
 #include <optional>
 #include <utility>
 
@@ -36,10 +38,24 @@ struct TwistEquations {
   }
 };
 
+// The upper quartile: edges that slide along themselves do not move, however fast the object is.
+double MotionPx(const LineDetection& detection) {
+  const double duration_s = static_cast<double>(detection.t_end_us - detection.t_begin_us) * 1e-6;
+  std::vector<double> motion_px;
+  for (const DetectedLine& line : detection.lines) {
+    motion_px.push_back(std::abs(line.normal_velocity_px_per_s) * duration_s);
+  }
+  if (motion_px.empty()) return 0.0;
+  const auto quartile = motion_px.begin() + static_cast<std::ptrdiff_t>(motion_px.size() * 3 / 4);
+  std::nth_element(motion_px.begin(), quartile, motion_px.end());
+  return *quartile;
+}
+
 }  // namespace
 
-absl::Status TwistPriorOptions::Validate() const {
-  const std::pair<const char*, double> fields[] = {{"velocity_px_per_s", velocity_px_per_s},
+absl::Status InitializerOptions::Validate() const {
+  const std::pair<const char*, double> fields[] = {{"min_motion_px", min_motion_px},
+                                                   {"velocity_px_per_s", velocity_px_per_s},
                                                    {"angular_velocity_rad_per_s", angular_velocity_rad_per_s},
                                                    {"line_error_px", line_error_px}};
   for (const auto& [name, value] : fields) {
@@ -52,7 +68,7 @@ absl::Status TwistPriorOptions::Validate() const {
 
 TwistEstimate EstimateTwist(const ObjectModel& model, const CameraModel& camera,
                             const RigidTransform& camera_from_object, const LineDetection& detection,
-                            absl::Span<const int> model_line, const TwistPriorOptions& options) {
+                            absl::Span<const int> model_line, const InitializerOptions& options) {
   const double duration_s = static_cast<double>(detection.t_end_us - detection.t_begin_us) * 1e-6;
   const double m_per_px = camera_from_object.translation_m.norm() / camera.fx_px;
   TwistEquations equations;
@@ -81,7 +97,7 @@ TwistEstimate EstimateTwist(const ObjectModel& model, const CameraModel& camera,
 
 PoseInitializer::PoseInitializer(std::shared_ptr<const ObjectModel> model, const CameraModel& camera,
                                  std::unique_ptr<LineDetector> detector, std::unique_ptr<PoseSearch> search,
-                                 const TwistPriorOptions& options)
+                                 const InitializerOptions& options)
     : model_(std::move(model)),
       camera_(camera),
       detector_(std::move(detector)),
@@ -94,6 +110,9 @@ FirstPoses PoseInitializer::Find(absl::Span<const PixelEvent> events) {
   for (const DetectedLine& line : detection.lines) segments.push_back(AtMiddle(line));
   FirstPoses first;
   first.num_lines = static_cast<int>(segments.size());
+  first.motion_px = MotionPx(detection);
+  first.has_moved = first.motion_px >= options_.min_motion_px;
+  if (!first.has_moved) return first;
   for (const PoseHypothesis& hypothesis : search_->Search(segments)) {
     const TwistEstimate motion =
         EstimateTwist(*model_, camera_, hypothesis.camera_from_object, detection, hypothesis.model_line, options_);

@@ -26,10 +26,17 @@ struct FirstPose {
 
 struct FirstPoses {
   int num_lines = 0;             // that were detected
+  double motion_px = 0.0;        // by which they moved in their stretch of time: upper quartile
+  bool has_moved = false;        // by enough to be searched with
   std::vector<FirstPose> poses;  // best first; distinct modulo the model's symmetries
 };
 
-struct TwistPriorOptions {
+struct InitializerOptions {
+  // Pixels. Lines that moved by less are not searched with: their events are too few and too near to tell lines from
+  // noise, and which of them continue each other.
+  double min_motion_px = 3.0;
+
+  // Prior of the twist.
   double velocity_px_per_s = 2000.0;        // one standard deviation: fast for an object that fills the image
   double angular_velocity_rad_per_s = 6.0;  // about one turn per second
   double line_error_px = 0.5;               // of a detected line's place at either end of its stretch of time
@@ -45,16 +52,16 @@ struct TwistEstimate {
 };
 TwistEstimate EstimateTwist(const ObjectModel& model, const CameraModel& camera,
                             const RigidTransform& camera_from_object, const LineDetection& detection,
-                            absl::Span<const int> model_line, const TwistPriorOptions& options);
+                            absl::Span<const int> model_line, const InitializerOptions& options);
 
 // Deterministic. Not thread-safe.
 class PoseInitializer {
  public:
   PoseInitializer(std::shared_ptr<const ObjectModel> model, const CameraModel& camera,
                   std::unique_ptr<LineDetector> detector, std::unique_ptr<PoseSearch> search,
-                  const TwistPriorOptions& options = {});
+                  const InitializerOptions& options = {});
 
-  // `events` as LineDetector::Detect takes them.
+  // `events` as LineDetector::Detect takes them. No pose, but the lines, when they have hardly moved.
   FirstPoses Find(absl::Span<const PixelEvent> events);
 
  private:
@@ -62,7 +69,7 @@ class PoseInitializer {
   const CameraModel camera_;
   const std::unique_ptr<LineDetector> detector_;
   const std::unique_ptr<PoseSearch> search_;
-  const TwistPriorOptions options_;
+  const InitializerOptions options_;
 };
 
 }  // namespace evpose

@@ -39,6 +39,7 @@ LineDetection Moving(const ObjectModel& model, const Vector6d& twist, int64_t du
     DetectedLine detected;
     detected.at_begin = {begin->p1_px, begin->p2_px};
     detected.at_end = {end->p1_px, end->p2_px};
+    detected.normal_velocity_px_per_s = 400.0;
     detection.lines.push_back(detected);
   }
   return detection;
@@ -54,7 +55,7 @@ TEST(EstimateTwist, IsWhatMovedTheLines) {
   const ObjectModel model = Wires();
   const LineDetection detection = Moving(model, SomeTwist(), 10'000);
   const TwistEstimate estimate =
-      EstimateTwist(model, kCamera, kPose, detection, InOrder(model.lines.size()), TwistPriorOptions());
+      EstimateTwist(model, kCamera, kPose, detection, InOrder(model.lines.size()), InitializerOptions());
   EXPECT_LT((estimate.twist - SomeTwist()).head<3>().norm(), 0.01) << estimate.twist.transpose();
   EXPECT_LT((estimate.twist - SomeTwist()).tail<3>().norm(), 0.05) << estimate.twist.transpose();
 }
@@ -63,12 +64,12 @@ TEST(EstimateTwist, IsTheSameWhicheverWayTheSegmentsRun) {
   const ObjectModel model = Wires();
   LineDetection detection = Moving(model, SomeTwist(), 10'000);
   const std::vector<int> numbers = InOrder(model.lines.size());
-  const TwistEstimate forward = EstimateTwist(model, kCamera, kPose, detection, numbers, TwistPriorOptions());
+  const TwistEstimate forward = EstimateTwist(model, kCamera, kPose, detection, numbers, InitializerOptions());
   for (DetectedLine& line : detection.lines) {
     std::swap(line.at_begin.p1_px, line.at_begin.p2_px);
     std::swap(line.at_end.p1_px, line.at_end.p2_px);
   }
-  const TwistEstimate backward = EstimateTwist(model, kCamera, kPose, detection, numbers, TwistPriorOptions());
+  const TwistEstimate backward = EstimateTwist(model, kCamera, kPose, detection, numbers, InitializerOptions());
   EXPECT_LT((forward.twist - backward.twist).norm(), 1e-9);
 }
 
@@ -76,7 +77,7 @@ TEST(EstimateTwist, FallsBackOnThePriorWhereNothingTells) {
   const ObjectModel model = Wires();
   const LineDetection detection = Moving(model, SomeTwist(), 10'000);
   std::vector<int> numbers(model.lines.size(), -1);
-  const TwistPriorOptions options;
+  const InitializerOptions options;
   const TwistEstimate nothing = EstimateTwist(model, kCamera, kPose, detection, numbers, options);
   EXPECT_EQ(nothing.twist.norm(), 0.0);
   EXPECT_NEAR(std::sqrt(nothing.covariance(5, 5)), options.angular_velocity_rad_per_s, 1e-9);
@@ -94,12 +95,12 @@ TEST(EstimateTwist, ADetectionWithoutDurationTellsNothing) {
   LineDetection detection = Moving(model, SomeTwist(), 10'000);
   detection.t_end_us = detection.t_begin_us;
   const TwistEstimate estimate =
-      EstimateTwist(model, kCamera, kPose, detection, InOrder(model.lines.size()), TwistPriorOptions());
+      EstimateTwist(model, kCamera, kPose, detection, InOrder(model.lines.size()), InitializerOptions());
   EXPECT_EQ(estimate.twist.norm(), 0.0);
 }
 
-TEST(TwistPriorOptions, NamesTheFieldThatIsWrong) {
-  TwistPriorOptions options;
+TEST(InitializerOptions, NamesTheFieldThatIsWrong) {
+  InitializerOptions options;
   EXPECT_TRUE(options.Validate().ok());
   options.line_error_px = 0.0;
   EXPECT_THAT(std::string(options.Validate().message()), HasSubstr("line_error_px"));
@@ -148,6 +149,21 @@ TEST(PoseInitializer, SearchesWithTheLinesAtTheMiddleOfTheirTime) {
     EXPECT_LT((asked[k].p1_px - middle->p1_px).norm(), 0.05);
     EXPECT_LT((asked[k].p2_px - middle->p2_px).norm(), 0.05);
   }
+}
+
+TEST(PoseInitializer, WaitsUntilTheLinesHaveMoved) {
+  auto model = std::make_shared<const ObjectModel>(Wires());
+  LineDetection detection = Moving(*model, SomeTwist(), 10'000);
+  for (DetectedLine& line : detection.lines) line.normal_velocity_px_per_s = -290.0;
+  std::vector<ImageSegment> asked;
+  PoseHypothesis hypothesis{kPose, 3.5, InOrder(model->lines.size()), 10, 1.0};
+  PoseInitializer initializer(model, kCamera, std::make_unique<FixedDetector>(detection),
+                              std::make_unique<FixedSearch>(hypothesis, asked));
+  const FirstPoses first = initializer.Find({});
+  EXPECT_EQ(first.num_lines, 10);
+  EXPECT_NEAR(first.motion_px, 2.9, 1e-9);
+  EXPECT_TRUE(first.poses.empty());
+  EXPECT_TRUE(asked.empty());
 }
 
 }  // namespace

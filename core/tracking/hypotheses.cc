@@ -16,15 +16,24 @@ constexpr size_t kComparedEvents = 1000;
 }  // namespace
 
 void Hypotheses::Add(const MotionState& start) {
-  Entry added;
-  added.track = std::make_unique<PoseTrack>(context_, start);
-  added.difference.assign(entries_.size() + 1, 0.0);
-  added.squares.assign(entries_.size() + 1, 0.0);
-  for (Entry& entry : entries_) {
-    entry.difference.push_back(0.0);
-    entry.squares.push_back(0.0);
+  Entry entry;
+  entry.track = std::make_unique<PoseTrack>(context_, start);
+  Append(std::move(entry));
+}
+
+void Hypotheses::Join(Hypotheses&& others) {
+  for (Entry& entry : others.entries_) Append(std::move(entry));
+  others.entries_.clear();
+}
+
+void Hypotheses::Append(Entry entry) {
+  entries_.push_back(std::move(entry));
+  entries_.back().difference.clear();
+  entries_.back().squares.clear();
+  for (Entry& each : entries_) {
+    each.difference.resize(entries_.size(), 0.0);
+    each.squares.resize(entries_.size(), 0.0);
   }
-  entries_.push_back(std::move(added));
 }
 
 std::optional<PoseEstimate> Hypotheses::OnWindow(const EventWindow& window) {
@@ -34,7 +43,6 @@ std::optional<PoseEstimate> Hypotheses::OnWindow(const EventWindow& window) {
     DropSame();
     Compare(window);
     DropWorse();
-    PutBestFirst();
   }
   return entries_.empty() ? std::nullopt : entries_.front().estimate;
 }

@@ -18,15 +18,19 @@ class Hypotheses {
 
   // Adds one; earlier ones are better when nothing else tells.
   void Add(const MotionState& start);
+  // Takes the other's over, as challengers: they are compared with those here from the next window on.
+  void Join(Hypotheses&& others);
   void Clear() { entries_.clear(); }
 
-  // The best one's estimate; the best is the one that the events prefer, however slightly.
+  // The first one's estimate.
   std::optional<PoseEstimate> OnWindow(const EventWindow& window);
+  // Puts the one first that the events prefer, however slightly.
+  void PutBestFirst();
 
   bool empty() const { return entries_.empty(); }
   size_t size() const { return entries_.size(); }
   // There must be one.
-  const PoseTrack& best() const { return *entries_.front().track; }
+  const PoseTrack& first() const { return *entries_.front().track; }
 
  private:
   struct Entry {
@@ -44,7 +48,7 @@ class Hypotheses {
   void DropLost();
   void DropSame();
   void DropWorse();
-  void PutBestFirst();
+  void Append(Entry entry);
   void Remove(size_t index);
 
   const TrackContext& context_;

@@ -22,7 +22,8 @@ class WindowTracker : public Tracker {
                 const std::optional<RigidTransform>& initial)
       : context_(std::move(context)),
         windower_(context_.options.windows),
-        memory_(context_.options.initialization.memory_us, context_.options.initialization.max_window_events),
+        memory_(context_.options.initialization.memory_us, context_.options.initialization.max_window_events,
+                context_.options.initialization.max_events),
         initializer_(std::move(initializer)),
         reference_{context_.options.initialization.reference_rotation, Eigen::Vector3d::Zero()},
         given_pose_(initial),
@@ -49,7 +50,7 @@ class WindowTracker : public Tracker {
   }
   TrackState state() const override {
     if (!is_claimed_) return idle_state_;
-    return hypotheses_.size() > 1 && !is_decided_ ? TrackState::kDegraded : hypotheses_.best().state();
+    return hypotheses_.size() > 1 && !is_decided_ ? TrackState::kDegraded : hypotheses_.first().state();
   }
   InitializationReport initialization() const override { return report_; }
   uint32_t losses() const override { return losses_; }
@@ -59,8 +60,13 @@ class WindowTracker : public Tracker {
   void StartFromGivenPose(const EventWindow& window);
   void Follow(const EventWindow& window, std::vector<PoseEstimate>& estimates);
   // Whether the best hypothesis may be reported now.
-  bool MayClaim(const EventWindow& window);
+  bool MayClaim(const EventWindow& window) const;
+  void Claim(const EventWindow& window);
   void Search(const EventWindow& window, std::vector<PoseEstimate>& estimates);
+  // Asks the initializer again, and lets what it finds challenge the pose that is reported.
+  void Review(const EventWindow& window);
+  // Adds the hypotheses that the events in memory allow; says why there are none.
+  InitializationStatus FindHypotheses(Hypotheses& hypotheses);
   // The events in memory, undistorted.
   void CollectEvents();
   MotionState StartState(const FirstPose& first) const;
@@ -79,6 +85,7 @@ class WindowTracker : public Tracker {
   std::optional<int64_t> given_at_us_;
   int64_t next_search_us_ = 0;
   int64_t retry_us_ = 0;
+  int reviews_left_ = 0;
 
   Hypotheses hypotheses_;
   int64_t followed_since_us_ = 0;
@@ -91,9 +98,10 @@ class WindowTracker : public Tracker {
 
 void WindowTracker::OnWindow(const EventWindow& window, std::vector<PoseEstimate>& estimates) {
   if (given_pose_) StartFromGivenPose(window);
-  if (!is_claimed_ && initializer_ != nullptr) memory_.Add(window);
+  if (initializer_ != nullptr && (!is_claimed_ || reviews_left_ > 0)) memory_.Add(window);
   if (!hypotheses_.empty()) {
     Follow(window, estimates);
+    if (is_claimed_ && reviews_left_ > 0 && window.t_end_us >= next_search_us_) Review(window);
   } else if (initializer_ != nullptr) {
     Search(window, estimates);
   }
@@ -119,57 +127,81 @@ void WindowTracker::Follow(const EventWindow& window, std::vector<PoseEstimate>&
     report_.status = InitializationStatus::kNoPoseFits;
     return;
   }
-  if (!is_claimed_ && estimate && MayClaim(window)) {
-    is_claimed_ = true;
-    is_given_ = false;
-    memory_.Clear();
-    retry_us_ = context_.options.initialization.retry_us;
-  }
   if (hypotheses_.size() == 1) is_decided_ = true;
-  if (is_claimed_) {
-    report_.status = is_decided_ ? InitializationStatus::kNotNeeded : InitializationStatus::kAmbiguous;
-  } else {
+  if (!is_claimed_) {
+    hypotheses_.PutBestFirst();
     report_.status = estimate ? InitializationStatus::kAmbiguous : InitializationStatus::kVerifying;
+    if (!estimate || !MayClaim(window)) return;
+    Claim(window);
   }
-  if (!is_claimed_ || !estimate) return;
+  report_.status = is_decided_ ? InitializationStatus::kNotNeeded : InitializationStatus::kAmbiguous;
+  if (!estimate) return;
   reference_ = estimate->camera_from_object;
   estimate->state = state();
   estimates.push_back(*estimate);
 }
 
-bool WindowTracker::MayClaim(const EventWindow& window) {
-  return hypotheses_.size() == 1 ||
-         window.t_end_us - followed_since_us_ >= context_.options.initialization.undecided_us;
+bool WindowTracker::MayClaim(const EventWindow& window) const {
+  return is_decided_ || window.t_end_us - followed_since_us_ >= context_.options.initialization.undecided_us;
+}
+
+void WindowTracker::Claim(const EventWindow& window) {
+  const InitializationOptions& options = context_.options.initialization;
+  is_claimed_ = true;
+  reviews_left_ = is_given_ ? 0 : options.num_reviews;
+  is_given_ = false;
+  next_search_us_ = window.t_end_us + options.review_us;
+  retry_us_ = options.retry_us;
+  if (reviews_left_ == 0) memory_.Clear();
 }
 
 void WindowTracker::Search(const EventWindow& window, std::vector<PoseEstimate>& estimates) {
   const InitializationOptions& options = context_.options.initialization;
   if (memory_.num_events() < static_cast<size_t>(options.min_events)) {
     report_.status = InitializationStatus::kWaitingForEvents;
+    next_search_us_ = window.t_end_us + retry_us_;
     return;
   }
   if (window.t_end_us < next_search_us_) return;
-  next_search_us_ = window.t_end_us + retry_us_;
   retry_us_ = std::min(options.max_retry_us, retry_us_ + retry_us_ / 2);
-
-  CollectEvents();
-  const FirstPoses first = initializer_->Find(pixel_events_);
-  ++report_.attempts;
-  report_.num_lines = first.num_lines;
-  constexpr int kMinLines = 3;
-  report_.status = first.num_lines < kMinLines ? InitializationStatus::kTooFewLines : InitializationStatus::kNoPoseFits;
-  if (first.poses.empty()) return;
-
-  const size_t num_candidates = std::min<size_t>(first.poses.size(), options.max_candidates);
-  for (size_t i = 0; i < num_candidates; ++i) hypotheses_.Add(StartState(first.poses[i]));
-  followed_since_us_ = first.poses.front().t_us;
+  next_search_us_ = window.t_end_us + retry_us_;
+  report_.status = FindHypotheses(hypotheses_);
+  if (hypotheses_.empty()) return;
   is_decided_ = false;
+  followed_since_us_ = hypotheses_.first().motion().t_us;
   // They catch up with the present.
   const size_t num_windows = memory_.size();
   for (size_t i = 0; i < num_windows && !hypotheses_.empty(); ++i) {
     const EventWindow past = memory_.At(i);
     if (past.t_mid_us() >= followed_since_us_) Follow(past, estimates);
   }
+}
+
+void WindowTracker::Review(const EventWindow& window) {
+  next_search_us_ = window.t_end_us + context_.options.initialization.review_us;
+  --reviews_left_;
+  Hypotheses challengers(context_);
+  FindHypotheses(challengers);
+  const int64_t since_us = challengers.empty() ? 0 : challengers.first().motion().t_us;
+  for (size_t i = 0; i < memory_.size() && !challengers.empty(); ++i) {
+    const EventWindow past = memory_.At(i);
+    if (past.t_mid_us() >= since_us) challengers.OnWindow(past);
+  }
+  hypotheses_.Join(std::move(challengers));
+  if (reviews_left_ == 0) memory_.Clear();
+}
+
+InitializationStatus WindowTracker::FindHypotheses(Hypotheses& hypotheses) {
+  constexpr int kMinLines = 3;
+  CollectEvents();
+  const FirstPoses first = initializer_->Find(pixel_events_);
+  ++report_.attempts;
+  report_.num_lines = first.num_lines;
+  const size_t count = std::min<size_t>(first.poses.size(), context_.options.initialization.max_candidates);
+  for (size_t i = 0; i < count; ++i) hypotheses.Add(StartState(first.poses[i]));
+  if (!first.poses.empty()) return InitializationStatus::kVerifying;
+  if (first.num_lines < kMinLines) return InitializationStatus::kTooFewLines;
+  return first.has_moved ? InitializationStatus::kNoPoseFits : InitializationStatus::kWaitingForEvents;
 }
 
 void WindowTracker::CollectEvents() {

@@ -91,11 +91,14 @@ absl::Status InitializationOptions::Validate() const {
       reference_rotation.determinant() < 0.0) {
     return absl::InvalidArgumentError("reference_rotation is not a rotation");
   }
-  EVPOSE_RETURN_IF_ERROR(Between("memory_us", memory_us, 1000, 1'000'000));
+  EVPOSE_RETURN_IF_ERROR(Between("memory_us", memory_us, 1000, 10'000'000));
   EVPOSE_RETURN_IF_ERROR(Between("max_window_events", max_window_events, 100, 100'000));
+  EVPOSE_RETURN_IF_ERROR(Between("max_events", max_events, max_window_events, 10'000'000));
   EVPOSE_RETURN_IF_ERROR(Between("min_events", min_events, 1, 100'000));
   EVPOSE_RETURN_IF_ERROR(Between("retry_us", retry_us, 1, 10'000'000));
   EVPOSE_RETURN_IF_ERROR(Between("max_retry_us", max_retry_us, retry_us, 10'000'000));
+  EVPOSE_RETURN_IF_ERROR(Between("review_us", review_us, 1, 10'000'000));
+  EVPOSE_RETURN_IF_ERROR(Between("num_reviews", num_reviews, 0, 100));
   EVPOSE_RETURN_IF_ERROR(Between("max_candidates", max_candidates, 1, 100));
   EVPOSE_RETURN_IF_ERROR(Positive("decision_sigma", decision_sigma));
   return Between("undecided_us", undecided_us, 0, 60'000'000);

@@ -128,16 +128,21 @@ struct InitializationOptions {
   bool is_automatic = true;
   // camera_from_object. Of the poses that a symmetric object cannot tell apart, the one nearest to this is reported.
   Eigen::Matrix3d reference_rotation = Eigen::Matrix3d::Identity();
-  // Microseconds of events that a search looks back on: bounds memory, and how old a first pose can be.
-  int64_t memory_us = 50'000;
-  // Events kept of a window while there is no pose: bounds memory and time in a flood.
+  // Microseconds of events that a search may look back on: what a slow object needs to move by a few pixels.
+  int64_t memory_us = 200'000;
+  // Events kept, of a window and in all: bounds memory and time in a flood.
   int max_window_events = 4096;
+  int max_events = 60'000;
   // Events that a search needs: three lines of a hundred pixels that moved by one make as many.
   int min_events = 400;
   // Microseconds of sensor time between searches: the first one, and what it grows to while they fail. Keeps the work
   // bounded while there is nothing to find, and a returning object waits no longer than this.
-  int64_t retry_us = 4000;
+  int64_t retry_us = 5000;
   int64_t max_retry_us = 32'000;
+  // Microseconds after a pose was taken up at which the search is done again, with more events, and its hypotheses
+  // challenge the pose: what the first search had overlooked is then found within 100 ms.
+  int64_t review_us = 20'000;
+  int num_reviews = 2;
   // Hypotheses of a search that the events are asked about.
   int max_candidates = 4;
   // Standard deviations by which the events must prefer one of two poses: 3e-5 one-sided under the normal.

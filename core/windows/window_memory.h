@@ -12,18 +12,20 @@ namespace evpose {
 class WindowMemory {
  public:
   // Keeps windows that end later than `memory_us` before the latest one's end, and of each at most `max_window_events`
-  // events, evenly drawn: at most memory_us / WindowOptions.interval_us times as many in all.
-  WindowMemory(int64_t memory_us, int max_window_events);
+  // events, evenly drawn. The oldest go early when there would be more than `max_events` events in all.
+  WindowMemory(int64_t memory_us, int max_window_events, int max_events);
 
   void Add(const EventWindow& window);
-  void Clear() { windows_.clear(); }
+  void Clear();
 
   size_t size() const { return windows_.size(); }
   // The oldest is number 0. Valid until the next Add.
   EventWindow At(size_t index) const;
-  size_t num_events() const;  // kept
+  size_t num_events() const { return num_events_; }  // kept
 
  private:
+  void Forget();
+
   struct Stored {
     int64_t t_begin_us = 0;
     int64_t t_end_us = 0;
@@ -34,6 +36,8 @@ class WindowMemory {
 
   const int64_t memory_us_;
   const size_t max_window_events_;
+  const size_t max_events_;
+  size_t num_events_ = 0;
   std::deque<Stored> windows_;
 };
 

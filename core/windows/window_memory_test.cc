@@ -16,7 +16,7 @@ EventWindow MakeWindow(int64_t begin_us, int64_t end_us, const std::vector<Event
 }
 
 TEST(WindowMemory, KeepsWindowsAsTheyWere) {
-  WindowMemory memory(10'000, 100);
+  WindowMemory memory(10'000, 100, 1000);
   const std::vector<Event> events = MakeEvents(30, 1500);
   memory.Add(MakeWindow(1000, 2000, events));
   ASSERT_EQ(memory.size(), 1u);
@@ -30,7 +30,7 @@ TEST(WindowMemory, KeepsWindowsAsTheyWere) {
 }
 
 TEST(WindowMemory, ForgetsWhatIsOlderThanItsMemory) {
-  WindowMemory memory(3000, 100);
+  WindowMemory memory(3000, 100, 1000);
   for (int64_t t_us = 0; t_us < 10'000; t_us += 1000) {
     memory.Add(MakeWindow(t_us, t_us + 1000, MakeEvents(5, t_us)));
   }
@@ -42,7 +42,7 @@ TEST(WindowMemory, ForgetsWhatIsOlderThanItsMemory) {
 }
 
 TEST(WindowMemory, ThinsAFloodEvenly) {
-  WindowMemory memory(10'000, 100);
+  WindowMemory memory(10'000, 100, 1000);
   memory.Add(MakeWindow(0, 1000, MakeEvents(1000, 10)));
   const EventWindow window = memory.At(0);
   EXPECT_LE(window.events.size(), 100u);
@@ -51,6 +51,17 @@ TEST(WindowMemory, ThinsAFloodEvenly) {
   int first_half = 0;
   for (const Event& event : window.events) first_half += event.x < 500;
   EXPECT_NEAR(first_half, 50, 2);
+}
+
+TEST(WindowMemory, ForgetsEarlyWhatWouldBeTooMuch) {
+  WindowMemory memory(1'000'000, 100, 250);
+  for (int64_t t_us = 0; t_us < 5000; t_us += 1000) memory.Add(MakeWindow(t_us, t_us + 1000, MakeEvents(100, t_us)));
+  EXPECT_EQ(memory.size(), 2u);
+  EXPECT_EQ(memory.num_events(), 200u);
+  EXPECT_EQ(memory.At(0).t_begin_us, 3000);
+  memory.Clear();
+  EXPECT_EQ(memory.size(), 0u);
+  EXPECT_EQ(memory.num_events(), 0u);
 }
 
 }  // namespace
