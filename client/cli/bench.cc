@@ -1,5 +1,6 @@
 // evpose bench: the method against others, on trials that it makes itself.
 #include <cmath>
+#include <sstream>
 #include <string>
 #include <vector>
 
@@ -7,7 +8,6 @@
 #include "absl/strings/str_format.h"
 #include "absl/strings/str_join.h"
 #include "client/cli/command.h"
-#include "client/cli/progress.h"
 #include "core/base/status_macros.h"
 #include "core/experiments/initialization_bench.h"
 #include "core/experiments/initialization_methods.h"

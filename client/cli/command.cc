@@ -31,6 +31,13 @@ absl::StatusOr<std::unique_ptr<Client>> ServerArguments::Connect() const {
   return Client::Connect(address, options);
 }
 
+std::string DescribeState(const ObjectHealth& object) {
+  std::string text(TrackStateName(object.state));
+  if (object.state != TrackState::kInitializing && object.state != TrackState::kLost) return text;
+  const std::string_view status = InitializationStatusName(object.initialization);
+  return absl::StrCat(text, " (", absl::string_view(status.data(), status.size()), ")");
+}
+
 absl::Status CheckCameraMatches(const CameraModel& camera, const std::string& camera_path,
                                 const RecordingHeader& header, const std::string& recording_path) {
   const SensorGeometry& sensor = header.geometry;

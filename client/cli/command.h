@@ -55,4 +55,7 @@ struct ServerArguments {
 absl::Status CheckCameraMatches(const CameraModel& camera, const std::string& camera_path,
                                 const RecordingHeader& header, const std::string& recording_path);
 
+// "TRACKING"; while there is no pose with what the search for it says: "INITIALIZING (TOO_FEW_LINES)".
+std::string DescribeState(const ObjectHealth& object);
+
 }  // namespace evpose::client

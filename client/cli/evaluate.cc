@@ -26,6 +26,7 @@ struct EvaluateArguments {
   std::string camera;
   double metres_per_unit = 1.0;
   double max_gap_ms = 20.0;
+  bool is_symmetric = false;
   bool is_json = false;
 };
 
@@ -53,6 +54,7 @@ absl::StatusOr<std::vector<Row>> EvaluateAll(const EvaluateArguments& arguments)
   }
   EvaluationOptions options;
   options.max_gap_us = std::llround(arguments.max_gap_ms * 1e3);
+  if (arguments.is_symmetric) options.symmetries = model->symmetries;
   std::vector<Row> rows;
   for (const std::string& text : arguments.estimates) {
     const auto [name, path] = SplitLabel(text);
@@ -135,6 +137,9 @@ absl::Status RunEvaluate(const EvaluateArguments& arguments, CliContext& context
   if (arguments.model.empty() != arguments.camera.empty()) {
     return UsageError("--model and --camera go together: both are needed for the reprojection error");
   }
+  if (arguments.is_symmetric && arguments.model.empty()) {
+    return UsageError("--symmetric needs --model and --camera: the symmetries are the model's");
+  }
   EVPOSE_ASSIGN_OR_RETURN(const std::vector<Row> rows, EvaluateAll(arguments));
   if (!arguments.is_json) {
     PrintTable(rows, context.out);
@@ -165,16 +170,17 @@ CommandRunner AddEvaluateCommand(CLI::App& app, CliContext& context) {
   app.add_option("--max-gap-ms", arguments->max_gap_ms, "A pose stands for at most so long when coverage is counted")
       ->check(CLI::Range(0.001, 1e6))
       ->capture_default_str();
+  app.add_flag("--symmetric", arguments->is_symmetric,
+               "Compare with the nearest of the truths that look the same, by the model's symmetries");
   app.add_flag("--json", arguments->is_json, "One JSON object on standard output");
   app.footer(
       "cover: share of the truth's time with a pose within 5 % of depth and 10 deg. losses: times that this ended.\n"
       "Position in the camera frame, without alignment.\n\n"
       "Example:\n"
       "  evpose simulate --object cube --camera vga --duration 0.5 --out cube\n"
-      "  evpose replay cube/recording.raw --model cube/model.obj --camera cube/camera.yaml --out cube/poses.tum \\\n"
-      "    --init-pose \"$(head -n 1 cube/truth.tum | cut -d ' ' -f 2-)\"\n"
+      "  evpose replay cube/recording.raw --model cube/model.obj --camera cube/camera.yaml --out cube/poses.tum\n"
       "  evpose evaluate --truth cube/truth.tum --estimate evpose=cube/poses.tum --model cube/model.obj \\\n"
-      "    --camera cube/camera.yaml");
+      "    --camera cube/camera.yaml --symmetric");
   return [arguments, &context] { return RunEvaluate(*arguments, context); };
 }
 

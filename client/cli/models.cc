@@ -25,6 +25,7 @@ Json ModelJson(const ModelInfo& model) {
   json["size_bytes"] = model.size_bytes;
   json["faces"] = model.num_faces;
   json["lines"] = model.num_lines;
+  json["symmetries"] = model.num_symmetries;
   json["diameter_m"] = model.diameter_m;
   json["metres_per_unit"] = model.metres_per_unit;
   json["crease_angle_deg"] = model.crease_angle_deg;
@@ -36,7 +37,8 @@ Json ModelJson(const ModelInfo& model) {
 
 void PrintModel(const ModelInfo& model, std::ostream& out) {
   out << model.name
-      << absl::StrFormat("  %d lines  %d faces  diameter %.4f m\n", model.num_lines, model.num_faces, model.diameter_m);
+      << absl::StrFormat("  %d lines  %d faces  %d %s  diameter %.4f m\n", model.num_lines, model.num_faces,
+                         model.num_symmetries, model.num_symmetries == 1 ? "symmetry" : "symmetries", model.diameter_m);
 }
 
 void Print(const ModelInfo& model, bool is_json, std::ostream& out) {

@@ -1,5 +1,6 @@
 // evpose replay: a recording through a server, and the poses that come back.
 #include <atomic>
+#include <optional>
 #include <string>
 #include <thread>
 #include <utility>
@@ -31,7 +32,7 @@ struct ReplayArguments {
   ServerArguments server;
   std::string rate = "max";
   std::string out;
-  std::string init_pose;
+  std::optional<std::string> init_pose;
   std::string estimator = "mixture";
   size_t chunk_bytes = 0;
   double metres_per_unit = 1.0;
@@ -62,7 +63,7 @@ absl::StatusOr<double> ParseRate(const std::string& text) {
 // Everything that can be wrong before a server is asked.
 struct Inputs {
   double rate = 0.0;
-  RigidTransform initial_pose;
+  std::optional<RigidTransform> initial_pose;
   CameraModel camera;
   std::string model_bytes;
   UploadOptions upload;
@@ -73,17 +74,15 @@ struct Inputs {
 absl::StatusOr<Inputs> ReadInputs(const ReplayArguments& arguments, std::function<bool()> is_stopped) {
   Inputs inputs;
   EVPOSE_ASSIGN_OR_RETURN(inputs.rate, ParseRate(arguments.rate));
-  if (arguments.init_pose.empty()) {
-    return UsageError(
-        "--init-pose is required in this version: \"tx ty tz qx qy qz qw\", the pose of the object at the first event");
-  }
   if (!arguments.out.empty()) {
     const absl::StatusOr<PoseFormat> format = PoseFormatFromPath(arguments.out);
     if (!format.ok()) return UsageError(absl::StrCat("--out ", format.status().message()));
   }
-  absl::StatusOr<RigidTransform> pose = ParsePose(arguments.init_pose);
-  if (!pose.ok()) return absl::InvalidArgumentError(absl::StrCat("--init-pose: ", pose.status().message()));
-  inputs.initial_pose = *pose;
+  if (arguments.init_pose) {
+    const absl::StatusOr<RigidTransform> pose = ParsePose(*arguments.init_pose);
+    if (!pose.ok()) return absl::InvalidArgumentError(absl::StrCat("--init-pose: ", pose.status().message()));
+    inputs.initial_pose = *pose;
+  }
   EVPOSE_ASSIGN_OR_RETURN(inputs.camera, LoadCameraModel(arguments.camera));
   EVPOSE_ASSIGN_OR_RETURN(inputs.upload.format, ModelFormatFromPath(arguments.model));
   inputs.upload.metres_per_unit = arguments.metres_per_unit;
@@ -120,14 +119,15 @@ absl::StatusOr<ServerHandle> ConnectOrStart(const ServerArguments& arguments) {
 }
 
 absl::StatusOr<Session> UploadAndCreate(Client& client, const ReplayArguments& arguments, const Inputs& inputs,
-                                        std::vector<std::string>& model_notices) {
+                                        ReplayReport& report) {
   const absl::Span<const uint8_t> bytes(reinterpret_cast<const uint8_t*>(inputs.model_bytes.data()),
                                         inputs.model_bytes.size());
   absl::StatusOr<ModelInfo> model = client.UploadModel(bytes, inputs.upload);
   if (!model.ok()) {
     return absl::Status(model.status().code(), absl::StrCat(arguments.model, ": ", model.status().message()));
   }
-  model_notices = model->notices;
+  report.model_notices = model->notices;
+  report.num_symmetries = model->num_symmetries;
   SessionConfig config;
   config.encoding = inputs.reader->header().encoding;
   config.camera = inputs.camera;
@@ -188,8 +188,7 @@ absl::Status RunReplay(const ReplayArguments& arguments, CliContext& context) {
   options.rate = inputs.rate;
   EVPOSE_ASSIGN_OR_RETURN(const ServerHandle server, ConnectOrStart(arguments.server));
   ReplayReport report;
-  EVPOSE_ASSIGN_OR_RETURN(const Session session,
-                          UploadAndCreate(*server.client, arguments, inputs, report.model_notices));
+  EVPOSE_ASSIGN_OR_RETURN(const Session session, UploadAndCreate(*server.client, arguments, inputs, report));
   report.recording = arguments.recording;
   report.session = arguments.keeps_session ? session.name : "";
   report.out = arguments.out;
@@ -215,7 +214,8 @@ void AddOptions(CLI::App& app, ReplayArguments& arguments) {
   app.add_option("--scale", arguments.metres_per_unit, "Metres per unit of the model file")
       ->check(CLI::PositiveNumber)
       ->capture_default_str();
-  app.add_option("--init-pose", arguments.init_pose, "Pose at the first event, camera_from_object")
+  app.add_option("--init-pose", arguments.init_pose,
+                 "Pose at the first event, camera_from_object; without it the pose is found from the events")
       ->type_name("\"tx ty tz qx qy qz qw\"");
   app.add_option("-o,--out", arguments.out, "Poses: .tum, .csv or .jsonl; written whole or not at all");
   app.add_option("--rate", arguments.rate, "max, or a factor of the sensor's own pace")
@@ -247,14 +247,16 @@ CommandRunner AddReplayCommand(CLI::App& app, CliContext& context) {
   AddOptions(app, *arguments);
   app.footer(
       "Without --server it serves itself, inside the process. Times are those of the sensor's clock. While the object\n"
-      "is lost no pose is written. An interrupt ends the stream cleanly: what was tracked is written. Latencies are "
+      "is not found yet, or lost, no pose is written. An object that maps onto itself is given the pose that is "
+      "nearest\n"
+      "to no rotation when it is found, and the nearest to the last one from then on. An interrupt ends the stream "
+      "cleanly: what was tracked is written. Latencies are "
       "from\n"
       "the server's receipt of a chunk to its pose: with --rate max those of a full queue, with --rate 1 those of a "
       "camera.\n\n"
       "Example:\n"
       "  evpose simulate --object cube --camera vga --duration 0.5 --out cube\n"
-      "  evpose replay cube/recording.raw --model cube/model.obj --camera cube/camera.yaml --out cube/poses.tum \\\n"
-      "    --init-pose \"$(head -n 1 cube/truth.tum | cut -d ' ' -f 2-)\"");
+      "  evpose replay cube/recording.raw --model cube/model.obj --camera cube/camera.yaml --out cube/poses.tum");
   return [arguments, &context] { return RunReplay(*arguments, context); };
 }
 

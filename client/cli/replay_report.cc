@@ -24,6 +24,14 @@ void ReplayReport::Add(const Notice& notice) {
   }
 }
 
+std::string ReplayReport::WhyNoPose() const {
+  if (Object() == nullptr || Object()->detail.empty()) return "";
+  if (summary.poses == 0) return absl::StrCat("never found: ", Object()->detail);
+  if (Object()->state != TrackState::kLost) return "";
+  return absl::StrFormat("LOST: the object is lost since %.6f s; no pose is claimed from then on: %s",
+                         last_change_us_ * 1e-6, Object()->detail);
+}
+
 double ReplayReport::MegaEventsPerSecond() const {
   const double seconds = absl::ToDoubleSeconds(wall_time);
   return seconds > 0.0 ? static_cast<double>(summary.health.decoded_events) * 1e-6 / seconds : 0.0;
@@ -42,10 +50,10 @@ void ReplayReport::Print(std::ostream& stream) const {
   if (decode_faults_ > 0) {
     stream << "decoder: skipped " << decode_faults_ << " words or events, the first in " << first_decode_fault_ << "\n";
   }
-  if (EndsLost()) {
-    stream << absl::StrFormat("LOST: the object is lost since %.6f s; no pose is claimed from then on\n",
-                              last_change_us_ * 1e-6);
+  if (num_symmetries > 1) {
+    stream << "model: looks the same in " << num_symmetries << " orientations; a pose stands for all of them\n";
   }
+  if (const std::string why = WhyNoPose(); !why.empty()) stream << why << "\n";
   if (!session.empty()) stream << "session: " << session << "\n";
   if (!out.empty()) stream << out << ": " << summary.poses << " poses\n";
   stream << absl::StrFormat("events %d  poses %d  losses %d  %.2f Mev/s  latency p50 %s  p99 %s\n",
@@ -63,6 +71,12 @@ Json ReplayReport::ToJson() const {
   json["poses"] = summary.poses;
   json["losses"] = Object() == nullptr ? 0 : Object()->losses;
   json["state"] = Object() == nullptr ? Json(nullptr) : Json(std::string(TrackStateName(Object()->state)));
+  json["initialization"] =
+      Object() == nullptr ? Json(nullptr) : Json(std::string(InitializationStatusName(Object()->initialization)));
+  json["initialization_attempts"] = Object() == nullptr ? 0 : Object()->initialization_attempts;
+  json["detail"] = Object() == nullptr ? "" : Object()->detail;
+  json["model_notices"] = model_notices;
+  json["symmetries"] = num_symmetries;
   json["mev_per_s"] = MegaEventsPerSecond();
   json["latency_p50_ms"] = MillisecondsJson(health.latency_p50);
   json["latency_p99_ms"] = MillisecondsJson(health.latency_p99);

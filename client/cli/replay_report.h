@@ -22,6 +22,7 @@ struct ReplayReport {
   size_t truncated_bytes = 0;  // at the end of the recording, no whole word
   bool is_interrupted = false;
   std::vector<std::string> model_notices;
+  uint32_t num_symmetries = 1;  // of the model
 
   void Add(const Notice& notice);
 
@@ -31,7 +32,8 @@ struct ReplayReport {
 
  private:
   const ObjectHealth* Object() const { return summary.health.objects.empty() ? nullptr : &summary.health.objects[0]; }
-  bool EndsLost() const { return Object() != nullptr && Object()->state == TrackState::kLost; }
+  // What it ends without: a line, or empty when the object is tracked at the end.
+  std::string WhyNoPose() const;
   double MegaEventsPerSecond() const;
 
   int64_t last_change_us_ = 0;

@@ -2,6 +2,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
+#include "client/cli/command.h"
 
 namespace evpose::client {
 namespace {
@@ -14,10 +15,7 @@ std::string Describe(const SessionHealth& now, const SessionHealth& before, absl
   std::string text = absl::StrFormat("%.2f Mev/s  %.0f poses/s",
                                      static_cast<double>(now.decoded_events - before.decoded_events) * 1e-6 / seconds,
                                      static_cast<double>(now.poses - before.poses) / seconds);
-  for (const ObjectHealth& object : now.objects) {
-    const std::string_view state = TrackStateName(object.state);
-    absl::StrAppend(&text, "  ", absl::string_view(state.data(), state.size()));
-  }
+  for (const ObjectHealth& object : now.objects) absl::StrAppend(&text, "  ", DescribeState(object));
   return text;
 }
 

@@ -48,6 +48,9 @@ Json SessionJson(const Session& session) {
     entry["object_id"] = object.object_id;
     entry["state"] = std::string(TrackStateName(object.state));
     entry["losses"] = object.losses;
+    entry["initialization"] = std::string(InitializationStatusName(object.initialization));
+    entry["initialization_attempts"] = object.initialization_attempts;
+    entry["detail"] = object.detail;
     json["objects"].push_back(entry);
   }
   return json;
@@ -57,7 +60,7 @@ void PrintSession(const Session& session, std::ostream& out) {
   out << session.name << "  " << StateName(session.state)
       << absl::StrFormat("  %d events  %d poses", session.health.decoded_events, session.health.poses);
   for (const ObjectHealth& object : session.health.objects) {
-    out << "  " << object.object_id << " " << TrackStateName(object.state) << ", " << object.losses << " losses";
+    out << "  " << object.object_id << " " << DescribeState(object) << ", " << object.losses << " losses";
   }
   out << "\n";
 }
@@ -84,6 +87,9 @@ absl::Status RunGet(const SessionArguments& arguments, CliContext& context) {
     context.out << SessionJson(session).dump(2, ' ', false, Json::error_handler_t::replace) << "\n";
   } else {
     PrintSession(session, context.out);
+    for (const ObjectHealth& object : session.health.objects) {
+      if (!object.detail.empty()) context.out << object.object_id << ": " << object.detail << "\n";
+    }
   }
   return absl::OkStatus();
 }

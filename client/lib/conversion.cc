@@ -33,6 +33,14 @@ constexpr std::array<std::pair<TrackState, v1::TrackState>, 4> kTrackStates = {{
     {TrackState::kDegraded, v1::TRACK_STATE_DEGRADED},
     {TrackState::kLost, v1::TRACK_STATE_LOST},
 }};
+constexpr std::array<std::pair<InitializationStatus, v1::InitializationStatus>, 6> kInitializationStatuses = {{
+    {InitializationStatus::kNotNeeded, v1::INITIALIZATION_STATUS_NOT_NEEDED},
+    {InitializationStatus::kWaitingForEvents, v1::INITIALIZATION_STATUS_WAITING_FOR_EVENTS},
+    {InitializationStatus::kTooFewLines, v1::INITIALIZATION_STATUS_TOO_FEW_LINES},
+    {InitializationStatus::kNoPoseFits, v1::INITIALIZATION_STATUS_NO_POSE_FITS},
+    {InitializationStatus::kVerifying, v1::INITIALIZATION_STATUS_VERIFYING},
+    {InitializationStatus::kAmbiguous, v1::INITIALIZATION_STATUS_AMBIGUOUS},
+}};
 constexpr std::array<std::pair<Estimator, v1::Estimator>, 2> kEstimators = {{
     {Estimator::kMixture, v1::ESTIMATOR_MIXTURE},
     {Estimator::kStaticMm, v1::ESTIMATOR_STATIC_MM},
@@ -65,6 +73,22 @@ absl::Time FromProto(const google::protobuf::Timestamp& time) {
 
 absl::Duration FromProto(const google::protobuf::Duration& duration) {
   return absl::Seconds(duration.seconds()) + absl::Nanoseconds(duration.nanos());
+}
+
+absl::StatusOr<Eigen::Matrix3d> FromProto(const v1::Quaternion& q) {
+  EVPOSE_ASSIGN_OR_RETURN(const RigidTransform transform,
+                          MakeRigidTransform(Eigen::Vector3d::Zero(), Eigen::Quaterniond(q.w(), q.x(), q.y(), q.z())));
+  return transform.rotation;
+}
+
+v1::Quaternion RotationToProto(const Eigen::Matrix3d& rotation) {
+  const Eigen::Quaterniond q = RigidTransform{rotation}.Quaternion();
+  v1::Quaternion message;
+  message.set_x(q.x());
+  message.set_y(q.y());
+  message.set_z(q.z());
+  message.set_w(q.w());
+  return message;
 }
 
 absl::StatusOr<RigidTransform> FromProto(const v1::RigidTransform& message) {
@@ -104,6 +128,9 @@ absl::StatusOr<TrackedObject> FromProto(const v1::TrackedObject& message) {
   object.model = message.model();
   if (message.has_initial_camera_from_object()) {
     EVPOSE_ASSIGN_OR_RETURN(object.initial_camera_from_object, FromProto(message.initial_camera_from_object()));
+  }
+  if (message.has_reference_rotation()) {
+    EVPOSE_ASSIGN_OR_RETURN(object.reference_rotation, FromProto(message.reference_rotation()));
   }
   return object;
 }
@@ -161,11 +188,7 @@ v1::RigidTransform ToProto(const RigidTransform& transform) {
   message.mutable_translation_m()->set_x(transform.translation_m.x());
   message.mutable_translation_m()->set_y(transform.translation_m.y());
   message.mutable_translation_m()->set_z(transform.translation_m.z());
-  const Eigen::Quaterniond q = transform.Quaternion();
-  message.mutable_rotation()->set_x(q.x());
-  message.mutable_rotation()->set_y(q.y());
-  message.mutable_rotation()->set_z(q.z());
-  message.mutable_rotation()->set_w(q.w());
+  *message.mutable_rotation() = RotationToProto(transform.rotation);
   return message;
 }
 
@@ -178,8 +201,12 @@ v1::SessionConfig ToProto(const SessionConfig& config) {
     v1::TrackedObject& converted = *message.add_objects();
     converted.set_object_id(object.object_id);
     converted.set_model(object.model);
-    if (!object.initial_camera_from_object) continue;
-    *converted.mutable_initial_camera_from_object() = ToProto(*object.initial_camera_from_object);
+    if (object.initial_camera_from_object) {
+      *converted.mutable_initial_camera_from_object() = ToProto(*object.initial_camera_from_object);
+    }
+    if (object.reference_rotation) {
+      *converted.mutable_reference_rotation() = RotationToProto(*object.reference_rotation);
+    }
   }
   return message;
 }
@@ -203,6 +230,7 @@ ModelInfo FromProto(const v1::Model& message) {
   model.size_bytes = message.size_bytes();
   model.num_faces = message.num_faces();
   model.num_lines = message.num_lines();
+  model.num_symmetries = message.num_symmetries();
   model.diameter_m = message.diameter_m();
   model.metres_per_unit = message.metres_per_unit();
   model.crease_angle_deg = message.crease_angle_deg();
@@ -228,9 +256,15 @@ SessionHealth FromProto(const v1::SessionHealth& message) {
   if (message.has_latency_p50()) health.latency_p50 = FromProto(message.latency_p50());
   if (message.has_latency_p99()) health.latency_p99 = FromProto(message.latency_p99());
   for (const v1::ObjectHealth& object : message.objects()) {
-    health.objects.push_back({object.object_id(),
-                              ReverseLookup(kTrackStates, object.state(), TrackState::kInitializing), object.losses(),
-                              object.explained_ratio()});
+    ObjectHealth& converted = health.objects.emplace_back();
+    converted.object_id = object.object_id();
+    converted.state = ReverseLookup(kTrackStates, object.state(), TrackState::kInitializing);
+    converted.losses = object.losses();
+    converted.explained_ratio = object.explained_ratio();
+    converted.initialization =
+        ReverseLookup(kInitializationStatuses, object.initialization(), InitializationStatus::kWaitingForEvents);
+    converted.initialization_attempts = object.initialization_attempts();
+    converted.detail = object.detail();
   }
   return health;
 }

@@ -33,6 +33,7 @@ struct ModelInfo {
   uint64_t size_bytes = 0;
   uint32_t num_faces = 0;
   uint32_t num_lines = 0;
+  uint32_t num_symmetries = 1;
   double diameter_m = 0.0;
   double metres_per_unit = 1.0;
   double crease_angle_deg = 0.0;
@@ -43,8 +44,9 @@ struct ModelInfo {
 
 struct TrackedObject {
   std::string object_id = "object";
-  std::string model;  // ModelInfo::name
-  std::optional<RigidTransform> initial_camera_from_object;
+  std::string model;                                         // ModelInfo::name
+  std::optional<RigidTransform> initial_camera_from_object;  // absent: found from the events
+  std::optional<Eigen::Matrix3d> reference_rotation;         // absent: the identity
 };
 
 struct SessionConfig {
@@ -59,6 +61,9 @@ struct ObjectHealth {
   TrackState state = TrackState::kInitializing;
   uint32_t losses = 0;
   float explained_ratio = 0.0f;
+  InitializationStatus initialization = InitializationStatus::kWaitingForEvents;
+  uint64_t initialization_attempts = 0;
+  std::string detail;
 };
 
 struct SessionHealth {

@@ -79,6 +79,44 @@ v1::TrackState ToProto(TrackState state) {
   return v1::TRACK_STATE_UNSPECIFIED;
 }
 
+v1::InitializationStatus ToProto(InitializationStatus status) {
+  switch (status) {
+    case InitializationStatus::kNotNeeded:
+      return v1::INITIALIZATION_STATUS_NOT_NEEDED;
+    case InitializationStatus::kWaitingForEvents:
+      return v1::INITIALIZATION_STATUS_WAITING_FOR_EVENTS;
+    case InitializationStatus::kTooFewLines:
+      return v1::INITIALIZATION_STATUS_TOO_FEW_LINES;
+    case InitializationStatus::kNoPoseFits:
+      return v1::INITIALIZATION_STATUS_NO_POSE_FITS;
+    case InitializationStatus::kVerifying:
+      return v1::INITIALIZATION_STATUS_VERIFYING;
+    case InitializationStatus::kAmbiguous:
+      return v1::INITIALIZATION_STATUS_AMBIGUOUS;
+  }
+  return v1::INITIALIZATION_STATUS_UNSPECIFIED;
+}
+
+std::string WhyThereIsNoPose(const InitializationReport& report) {
+  switch (report.status) {
+    case InitializationStatus::kNotNeeded:
+      break;
+    case InitializationStatus::kWaitingForEvents:
+      return "too few events: nothing is in view, or what is there stands still";
+    case InitializationStatus::kTooFewLines:
+      return absl::StrCat("too few lines in the events: ", report.num_lines,
+                          ", and three are needed; a still object shows none");
+    case InitializationStatus::kNoPoseFits:
+      return absl::StrCat("no pose fits the events, with ", report.num_lines, " lines in them, after ", report.attempts,
+                          " searches; are the model, its scale and the camera the right ones?");
+    case InitializationStatus::kVerifying:
+      return "the events have not confirmed the first pose yet";
+    case InitializationStatus::kAmbiguous:
+      return "two poses explain the events equally well so far";
+  }
+  return "";
+}
+
 v1::SessionState ToProto(SessionState state) {
   switch (state) {
     case SessionState::kDetached:
@@ -125,18 +163,23 @@ v1::CameraModel ToProto(const CameraModel& camera) {
   return out;
 }
 
+v1::Quaternion RotationToProto(const Eigen::Matrix3d& rotation) {
+  const Eigen::Quaterniond quaternion = RigidTransform{rotation}.Quaternion();
+  v1::Quaternion out;
+  out.set_x(quaternion.x());
+  out.set_y(quaternion.y());
+  out.set_z(quaternion.z());
+  out.set_w(quaternion.w());
+  return out;
+}
+
 v1::RigidTransform ToProto(const RigidTransform& transform) {
   v1::RigidTransform out;
   v1::Vector3& translation = *out.mutable_translation_m();
   translation.set_x(transform.translation_m.x());
   translation.set_y(transform.translation_m.y());
   translation.set_z(transform.translation_m.z());
-  const Eigen::Quaterniond quaternion = transform.Quaternion();
-  v1::Quaternion& rotation = *out.mutable_rotation();
-  rotation.set_x(quaternion.x());
-  rotation.set_y(quaternion.y());
-  rotation.set_z(quaternion.z());
-  rotation.set_w(quaternion.w());
+  *out.mutable_rotation() = RotationToProto(transform.rotation);
   return out;
 }
 
@@ -151,6 +194,7 @@ v1::SessionConfig ToProto(const SessionConfig& config) {
     if (object.initial_camera_from_object.has_value()) {
       *added.mutable_initial_camera_from_object() = ToProto(*object.initial_camera_from_object);
     }
+    *added.mutable_reference_rotation() = RotationToProto(object.reference_rotation);
   }
   out.mutable_tracker()->set_estimator(ToProto(config.estimator));
   return out;
@@ -164,6 +208,13 @@ google::protobuf::Timestamp ToProto(absl::Time time) {
   return out;
 }
 
+absl::StatusOr<Eigen::Matrix3d> FromProto(const v1::Quaternion& rotation, const std::string& field) {
+  const auto transform =
+      MakeRigidTransform(Eigen::Vector3d::Zero(), {rotation.w(), rotation.x(), rotation.y(), rotation.z()});
+  if (!transform.ok()) return InvalidField(field, transform.status().message());
+  return transform->rotation;
+}
+
 double PerSecond(uint64_t count, int64_t duration_us) {
   return duration_us > 0 ? 1e6 * static_cast<double>(count) / static_cast<double>(duration_us) : 0.0;
 }
@@ -172,14 +223,11 @@ double PerSecond(uint64_t count, int64_t duration_us) {
 
 absl::StatusOr<RigidTransform> FromProto(const v1::RigidTransform& transform, const std::string& field) {
   const v1::Vector3& translation = transform.translation_m();
-  const v1::Quaternion& rotation = transform.rotation();
   if (!std::isfinite(translation.x()) || !std::isfinite(translation.y()) || !std::isfinite(translation.z())) {
     return InvalidField(field + ".translation_m", "must be finite");
   }
-  auto out = MakeRigidTransform({translation.x(), translation.y(), translation.z()},
-                                {rotation.w(), rotation.x(), rotation.y(), rotation.z()});
-  if (!out.ok()) return InvalidField(field + ".rotation", out.status().message());
-  return out;
+  EVPOSE_ASSIGN_OR_RETURN(const Eigen::Matrix3d rotation, FromProto(transform.rotation(), field + ".rotation"));
+  return RigidTransform{rotation, {translation.x(), translation.y(), translation.z()}};
 }
 
 absl::StatusOr<SessionConfig> FromProto(const v1::SessionConfig& config) {
@@ -190,11 +238,16 @@ absl::StatusOr<SessionConfig> FromProto(const v1::SessionConfig& config) {
   EVPOSE_ASSIGN_OR_RETURN(out.camera, FromProto(config.camera()));
   for (int i = 0; i < config.objects_size(); ++i) {
     const v1::TrackedObject& object = config.objects(i);
-    ObjectConfig added = {object.object_id(), object.model(), std::nullopt};
+    const std::string field = absl::StrCat("config.objects[", i, "].");
+    ObjectConfig added = {.object_id = object.object_id(), .model = object.model()};
     if (object.has_initial_camera_from_object()) {
-      EVPOSE_ASSIGN_OR_RETURN(added.initial_camera_from_object,
-                              FromProto(object.initial_camera_from_object(),
-                                        absl::StrCat("config.objects[", i, "].initial_camera_from_object")));
+      EVPOSE_ASSIGN_OR_RETURN(
+          added.initial_camera_from_object,
+          FromProto(object.initial_camera_from_object(), absl::StrCat(field, "initial_camera_from_object")));
+    }
+    if (object.has_reference_rotation()) {
+      EVPOSE_ASSIGN_OR_RETURN(added.reference_rotation,
+                              FromProto(object.reference_rotation(), absl::StrCat(field, "reference_rotation")));
     }
     out.objects.push_back(std::move(added));
   }
@@ -268,6 +321,10 @@ v1::SessionHealth ToProto(const SessionHealth& health, const SessionConfig& conf
     object.set_state(ToProto(health.objects[i].state));
     object.set_losses(health.objects[i].losses);
     object.set_explained_ratio(health.objects[i].explained_ratio);
+    const InitializationReport& initialization = health.objects[i].initialization;
+    object.set_initialization(ToProto(initialization.status));
+    object.set_initialization_attempts(initialization.attempts);
+    object.set_detail(WhyThereIsNoPose(initialization));
   }
   return out;
 }
@@ -326,6 +383,7 @@ v1::Model ToProto(const ModelInfo& model) {
   out.set_size_bytes(model.size_bytes);
   out.set_num_faces(model.num_faces);
   out.set_num_lines(model.num_lines);
+  out.set_num_symmetries(model.num_symmetries);
   out.set_diameter_m(model.diameter_m);
   *out.mutable_create_time() = ToProto(model.create_time);
   out.set_metres_per_unit(model.metres_per_unit);

@@ -50,10 +50,11 @@ int NumWorkers(const ServerOptions& options) {
 
 absl::StatusOr<std::unique_ptr<Tracker>> MakeTracker(std::shared_ptr<const ObjectModel> model,
                                                      const CameraModel& camera, Estimator estimator,
-                                                     const std::optional<RigidTransform>& initial_camera_from_object) {
+                                                     const ObjectConfig& object) {
   TrackerOptions options;
   options.estimator = estimator;
-  return Tracker::Create(std::move(model), camera, options, initial_camera_from_object);
+  options.initialization.reference_rotation = object.reference_rotation;
+  return Tracker::Create(std::move(model), camera, options, object.initial_camera_from_object);
 }
 
 // Deletes expired sessions now and then, so that they go even when nobody asks for any.

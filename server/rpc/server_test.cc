@@ -21,6 +21,7 @@ TEST_F(ServerTest, CreatesASessionAndTellsOfIt) {
   EXPECT_EQ(created.resume_token().size(), 32u);
   EXPECT_EQ(created.config().tracker().estimator(), v1::ESTIMATOR_MIXTURE) << "the effective configuration";
   EXPECT_EQ(created.config().camera().distortion_size(), 5);
+  EXPECT_EQ(created.config().objects(0).reference_rotation().w(), 1.0);
   EXPECT_EQ(created.state(), v1::SESSION_STATE_DETACHED);
   EXPECT_GT(created.expire_time().seconds(), created.create_time().seconds());
 
@@ -63,6 +64,12 @@ TEST_F(ServerTest, NamesTheFieldOfABadConfiguration) {
        [](auto& config) {
          config.mutable_objects(0)->mutable_initial_camera_from_object()->mutable_translation_m()->set_x(std::nan(""));
        }},
+      {"config.objects[0].reference_rotation",
+       [](auto& config) { config.mutable_objects(0)->mutable_reference_rotation()->set_w(1.0011); }},
+      {"config.objects[0].reference_rotation",
+       [](auto& config) { config.mutable_objects(0)->mutable_reference_rotation()->set_x(std::nan("")); }},
+      {"config.objects[0].reference_rotation",
+       [](auto& config) { config.mutable_objects(0)->mutable_reference_rotation(); }},
   };
   for (const auto& [field, spoil] : cases) {
     v1::CreateSessionRequest request = CreateRequest();
@@ -72,6 +79,50 @@ TEST_F(ServerTest, NamesTheFieldOfABadConfiguration) {
     EXPECT_EQ(Describe(status), "INVALID_ARGUMENT " + field) << status.error_message();
     EXPECT_THAT(status.error_message(), testing::StartsWith(field));
   }
+}
+
+TEST_F(ServerTest, KeepsTheReferenceRotation) {
+  v1::CreateSessionRequest request = CreateRequest();
+  v1::Quaternion& rotation = *request.mutable_config()->mutable_objects(0)->mutable_reference_rotation();
+  rotation.set_x(0.6);
+  rotation.set_z(-0.8);
+  v1::Session session;
+  ASSERT_EQ(Describe(Create(request, &session)), "OK");
+  const v1::Quaternion& kept = session.config().objects(0).reference_rotation();
+  // The same rotation: a quaternion and its negative are one.
+  EXPECT_NEAR(std::abs(kept.x() * 0.6 - kept.z() * 0.8), 1.0, 1e-12);
+}
+
+TEST_F(ServerTest, RefusesObjectsThatNoPoseCanFollowFrom) {
+  v1::Model model;
+  ASSERT_EQ(Describe(Upload(UploadRequests("v 0 0 0\nv 1 0 0\nv 0 1 0\nl 1 2\nl 1 3\n"), &model)), "OK");
+  v1::CreateSessionRequest request = CreateRequest();
+  request.mutable_config()->mutable_objects(0)->set_model(model.name());
+  v1::Session session;
+  const grpc::Status status = Create(request, &session);
+  EXPECT_EQ(Describe(status), "INVALID_ARGUMENT config.objects[0].model");
+  EXPECT_THAT(status.error_message(), testing::HasSubstr("2 distinct lines"));
+}
+
+TEST_F(ServerTest, HealthSaysWhyThereIsNoPose) {
+  v1::Session session;
+  ASSERT_EQ(Describe(Create(CreateRequest(), &session)), "OK");
+  EXPECT_EQ(session.health().objects(0).initialization(), v1::INITIALIZATION_STATUS_NOT_NEEDED);
+  EXPECT_EQ(session.health().objects(0).detail(), "");
+
+  v1::CreateSessionRequest request = CreateRequest();
+  request.mutable_config()->mutable_objects(0)->clear_initial_camera_from_object();
+  ASSERT_EQ(Describe(Create(request, &session)), "OK");
+  const auto track = Attached(session);
+  track->Events(1, Flat64(SomeEvents(1, 3)));
+  track->End();
+  v1::TrackResponse response;
+  ASSERT_TRUE(track->ReadUntil(v1::TrackResponse::kSummary, response));
+  const v1::ObjectHealth& health = response.summary().health().objects(0);
+  EXPECT_EQ(health.state(), v1::TRACK_STATE_INITIALIZING);
+  EXPECT_EQ(health.initialization(), v1::INITIALIZATION_STATUS_TOO_FEW_LINES);
+  EXPECT_EQ(health.initialization_attempts(), 6u);
+  EXPECT_THAT(health.detail(), testing::HasSubstr("too few lines in the events: 2"));
 }
 
 TEST_F(ServerTest, RefusesUnknownModelsLongRequestIdsAndReusedOnes) {
@@ -143,6 +194,7 @@ TEST_F(ServerTest, UploadsAModelInPiecesOnce) {
   EXPECT_THAT(model.name(), testing::MatchesRegex("models/[0-9a-f]{64}"));
   EXPECT_EQ(model.num_faces(), 12u);
   EXPECT_EQ(model.num_lines(), 12u);
+  EXPECT_EQ(model.num_symmetries(), 24u);
   EXPECT_EQ(model.metres_per_unit(), 1.0);
   EXPECT_EQ(model.crease_angle_deg(), 30.0);
   EXPECT_NEAR(model.diameter_m(), 0.2 * std::sqrt(3.0), 1e-6);

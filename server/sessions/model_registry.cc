@@ -1,5 +1,6 @@
 #include "server/sessions/model_registry.h"
 
+#include <algorithm>
 #include <bit>
 #include <mutex>
 #include <utility>
@@ -86,6 +87,7 @@ absl::StatusOr<ModelRegistry::Entry> ModelRegistry::Load(const ModelRecord& reco
                 .crease_angle_deg = record.crease_angle_deg,
                 .num_faces = static_cast<uint32_t>(model.triangles.size()),
                 .num_lines = static_cast<uint32_t>(model.lines.size()),
+                .num_symmetries = static_cast<uint32_t>(std::max<size_t>(1, model.symmetries.size())),
                 .diameter_m = model.diameter_m,
                 .sha256_hex = Sha256Hex(*record.bytes),
                 .notices = model.notices,

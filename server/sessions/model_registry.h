@@ -27,6 +27,7 @@ struct ModelInfo {
   double crease_angle_deg = 30.0;
   uint32_t num_faces = 0;
   uint32_t num_lines = 0;
+  uint32_t num_symmetries = 1;
   double diameter_m = 0.0;
   std::string sha256_hex;  // of the file's bytes
   std::vector<std::string> notices;

@@ -50,7 +50,10 @@ Session::Session(Parts parts, WorkerPool& pool)
       resume_token_(std::move(parts.resume_token)),
       detached_at_(create_time_) {
   health_.objects.resize(config_.objects.size());
-  for (size_t i = 0; i < health_.objects.size(); ++i) health_.objects[i].state = pipeline_->tracker(i).state();
+  for (size_t i = 0; i < health_.objects.size(); ++i) {
+    health_.objects[i].state = pipeline_->tracker(i).state();
+    health_.objects[i].initialization = pipeline_->tracker(i).initialization();
+  }
 }
 
 // The last to let go may be a thread of gRPC, whose counting of references tools cannot see: the lock shows that the
@@ -394,7 +397,7 @@ void Session::Publish(bool item_is_done) {
     health_.processing_us = std::chrono::duration_cast<std::chrono::microseconds>(processing_time_).count();
     for (size_t i = 0; i < health_.objects.size(); ++i) {
       const Tracker& tracker = pipeline_->tracker(i);
-      health_.objects[i] = {tracker.state(), tracker.losses(), explained_ratios_[i]};
+      health_.objects[i] = {tracker.state(), tracker.losses(), explained_ratios_[i], tracker.initialization()};
     }
     if (is_attached_) {
       for (const ObjectStateChange& change : output_.state_changes) {

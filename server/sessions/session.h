@@ -74,6 +74,7 @@ struct ObjectHealth {
   TrackState state = TrackState::kInitializing;
   uint32_t losses = 0;
   float explained_ratio = 0.0f;  // of the latest pose
+  InitializationReport initialization;
 };
 struct SessionHealth {
   int64_t t_us = 0;

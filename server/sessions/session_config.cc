@@ -19,7 +19,7 @@ bool SamePose(const std::optional<RigidTransform>& a, const std::optional<RigidT
 }
 
 bool SameObject(const ObjectConfig& a, const ObjectConfig& b) {
-  return a.object_id == b.object_id && a.model == b.model &&
+  return a.object_id == b.object_id && a.model == b.model && a.reference_rotation == b.reference_rotation &&
          SamePose(a.initial_camera_from_object, b.initial_camera_from_object);
 }
 

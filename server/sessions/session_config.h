@@ -21,6 +21,7 @@ struct ObjectConfig {
   std::string object_id;
   std::string model;  // "models/{id}"
   std::optional<RigidTransform> initial_camera_from_object;
+  Eigen::Matrix3d reference_rotation = Eigen::Matrix3d::Identity();
 };
 
 struct SessionConfig {
@@ -39,6 +40,6 @@ bool operator==(const SessionConfig& a, const SessionConfig& b);
 // Makes the tracker of one object; tests put their own in the place of the real one.
 using TrackerFactory = std::function<absl::StatusOr<std::unique_ptr<Tracker>>(
     std::shared_ptr<const ObjectModel> model, const CameraModel& camera, Estimator estimator,
-    const std::optional<RigidTransform>& initial_camera_from_object)>;
+    const ObjectConfig& object)>;
 
 }  // namespace evpose::server

@@ -5,6 +5,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "core/base/status_macros.h"
+#include "core/initialization/pose_search.h"
 #include "server/sessions/errors.h"
 #include "server/sessions/log.h"
 #include "server/sessions/random_name.h"
@@ -74,6 +75,9 @@ absl::StatusOr<std::shared_ptr<Session>> SessionManager::Build(const SessionConf
   Session::Parts parts;
   for (const ObjectConfig& object : config.objects) {
     EVPOSE_ASSIGN_OR_RETURN(ModelUse use, models_.Use(object.model));
+    if (const absl::Status status = CheckLinesDeterminePose(*use.model); !status.ok()) {
+      return InvalidField(absl::StrCat("config.objects[", models.size(), "].model"), status.message());
+    }
     models.push_back(std::move(use.model));
     parts.model_uses.push_back(std::move(use.use));
   }

@@ -57,11 +57,33 @@ TEST_F(SessionManagerTest, MakesFindsListsAndDeletes) {
   EXPECT_EQ(sessions_->num_sessions(), 1u);
 }
 
+TEST_F(SessionManagerTest, RefusesObjectsThatNoPoseCanFollowFrom) {
+  // Two lines, three pieces of two, parallel ones; what is one line only after merging.
+  for (const char* obj :
+       {"v 0 0 0\nv 1 0 0\nv 0 1 0\nl 1 2\nl 1 3\n", "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 2 0 0\nl 1 2\nl 1 3\nl 2 4\n",
+        "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 1 1 0\nv 0 0 1\nv 1 0 1\nl 1 2\nl 3 4\nl 5 6\n"}) {
+    SessionConfig config = SomeConfig({"good", "bad"}, model_);
+    config.objects[1].model = models_->Upload({}, "", Bytes(obj)).value().name;
+    // Also with a pose to begin with: it could be tracked for a moment, and would drift.
+    for (const bool has_pose : {true, false}) {
+      if (!has_pose) config.objects[1].initial_camera_from_object.reset();
+      const absl::Status status = sessions_->Create(config, "").status();
+      EXPECT_EQ(status.code(), absl::StatusCode::kInvalidArgument) << obj;
+      EXPECT_EQ(GetErrorDetails(status).field, "config.objects[1].model");
+      EXPECT_THAT(std::string(status.message()), testing::HasSubstr("lines"));
+    }
+  }
+  EXPECT_EQ(sessions_->num_sessions(), 0u);
+}
+
 TEST_F(SessionManagerTest, ARequestIdMakesOneSession) {
   const auto first = sessions_->Create(Config(), "request").value();
   EXPECT_EQ(sessions_->Create(Config(), "request").value(), first);
   SessionConfig other = Config();
   other.camera.fx_px = 301;
+  SessionConfig turned = Config();
+  turned.objects[0].reference_rotation = Eigen::Vector3d(1, -1, -1).asDiagonal();
+  EXPECT_EQ(GetErrorDetails(sessions_->Create(turned, "request").status()).reason, "REQUEST_ID_REUSED");
   const auto reused = sessions_->Create(other, "request");
   EXPECT_EQ(reused.status().code(), absl::StatusCode::kAlreadyExists);
   EXPECT_EQ(GetErrorDetails(reused.status()).reason, "REQUEST_ID_REUSED");

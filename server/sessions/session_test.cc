@@ -79,6 +79,7 @@ TEST_F(SessionTest, TracksWhatIsPushedAndEnds) {
   EXPECT_EQ(snapshot.health.received_bytes, 480u);
   EXPECT_EQ(snapshot.health.processed_bytes, 480u);
   EXPECT_EQ(snapshot.health.objects[0].explained_ratio, 0.75f);
+  EXPECT_EQ(snapshot.health.objects[0].initialization.status, InitializationStatus::kNotNeeded);
   const StreamView view = session_->View(stream);
   EXPECT_EQ(view.ack.processed_seq, 2u);
   EXPECT_EQ(view.ack.send_limit_bytes, 4096u + 480u);
@@ -244,6 +245,7 @@ TEST_F(SessionTest, ResetsAPoseInTheOrderOfTheStream) {
   for (const StoredPose& pose : poses) EXPECT_EQ(pose.object_index, 1u);
   EXPECT_EQ(poses[0].estimate.t_us, 2500);
   EXPECT_EQ(session_->Snapshot().health.objects[0].state, TrackState::kLost);
+  EXPECT_EQ(session_->Snapshot().health.objects[0].initialization.status, InitializationStatus::kTooFewLines);
   EXPECT_EQ(session_->Snapshot().health.objects[1].state, TrackState::kTracking);
 }
 

@@ -55,6 +55,7 @@ class FakeTracker : public Tracker {
         losses_ += state_ != TrackState::kLost;
         state_ = TrackState::kLost;
       }
+      attempts_ += state_ != TrackState::kTracking;
       ++num_events_;
       sum_ += Eigen::Vector3d(1.0, event.x, event.y);
     }
@@ -65,7 +66,10 @@ class FakeTracker : public Tracker {
   void Finish(std::vector<PoseEstimate>& estimates) override { Close((window_ + 1) * 1000, estimates); }
   void ResetPose(const RigidTransform&) override { state_ = TrackState::kTracking; }
   TrackState state() const override { return state_; }
-  InitializationReport initialization() const override { return {}; }
+  InitializationReport initialization() const override {
+    if (state_ == TrackState::kTracking) return {.status = InitializationStatus::kNotNeeded};
+    return {.status = InitializationStatus::kTooFewLines, .attempts = attempts_, .num_lines = 2};
+  }
   uint32_t losses() const override { return losses_; }
 
  private:
@@ -91,6 +95,7 @@ class FakeTracker : public Tracker {
   const std::shared_ptr<FakeTrackerGate> gate_;
   TrackState state_;
   uint32_t losses_ = 0;
+  uint64_t attempts_ = 0;  // one for each event without a pose
   int64_t window_ = 0;
   uint32_t num_events_ = 0;
   Eigen::Vector3d sum_ = Eigen::Vector3d::Zero();
@@ -98,8 +103,8 @@ class FakeTracker : public Tracker {
 
 inline TrackerFactory FakeTrackers(std::shared_ptr<FakeTrackerGate> gate = std::make_shared<FakeTrackerGate>()) {
   return [gate](std::shared_ptr<const ObjectModel>, const CameraModel&, Estimator,
-                const std::optional<RigidTransform>& first_pose) -> absl::StatusOr<std::unique_ptr<Tracker>> {
-    return std::make_unique<FakeTracker>(gate, first_pose.has_value());
+                const ObjectConfig& object) -> absl::StatusOr<std::unique_ptr<Tracker>> {
+    return std::make_unique<FakeTracker>(gate, object.initial_camera_from_object.has_value());
   };
 }
 

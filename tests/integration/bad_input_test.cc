@@ -7,8 +7,10 @@
 #include <filesystem>
 #include <functional>
 #include <string>
+#include <utility>
 #include <vector>
 
+#include "server/rpc/server.h"
 #include "tests/integration/cli_fixture.h"
 
 namespace evpose {
@@ -172,6 +174,58 @@ TEST_F(BadInputTest, PoseWhoseQuaternionIsNotUnit) {
   EXPECT_THAT(FilesBeginning("poses"), IsEmpty());
 }
 
+TEST_F(BadInputTest, PoseThatIsEmptyIsNotTakenForNone) {
+  const CliResult result = Run(SearchArguments("poses.tum", {"--init-pose", ""}));
+  EXPECT_EQ(result.status, 1);
+  EXPECT_THAT(result.err, AllOf(HasSubstr("--init-pose"), HasSubstr("tx is missing")));
+  EXPECT_THAT(FilesBeginning("poses"), IsEmpty());
+}
+
+TEST_F(BadInputTest, ObjectThatNoPoseCanFollowFrom) {
+  for (const auto& [model, why] : std::vector<std::pair<std::string, std::string>>{
+           {"v 0 0 0\nv 1 0 0\nv 0 1 0\nl 1 2\nl 1 3\n", "at least 3"},
+           {"v 0 0 0\nv 1 0 0\nv 0 1 0\nl 1 2\nl 1 3\nl 3 1\n", "at least 3"},
+           {"v 0 0 0\nv 1 0 0\nv 0 1 0\nv 1 1 0\nv 0 2 1\nv 1 2 1\nl 1 2\nl 3 4\nl 5 6\n", "parallel"},
+           {"v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nl 1 2\nl 1 3\nl 1 4\n", "one point"}}) {
+    WriteText("cube/model.obj", model);
+    EXPECT_THAT(ReplayError(), AllOf(HasSubstr(Path("cube/model.obj")), HasSubstr(why))) << model;
+    const CliResult search = Run(SearchArguments("poses.tum"));
+    EXPECT_EQ(search.status, 1);
+    EXPECT_THAT(search.err, AllOf(HasSubstr(Path("cube/model.obj")), HasSubstr(why))) << model;
+  }
+}
+
+TEST_F(BadInputTest, LinesOfNoUseAreSaidToBeLeftOut) {
+  // Of length zero, twice, backwards, and a part of an edge.
+  WriteText("cube/model.obj", ReadText("cube/model.obj") + "l 1 1\n");
+  std::string model = ReadText("cube/model.obj");
+  const size_t line = model.find("\nl ") + 1;
+  const std::string first = model.substr(line, model.find('\n', line) - line);
+  const std::string a = first.substr(2, first.find(' ', 2) - 2), b = first.substr(first.find(' ', 2) + 1);
+  model += "l " + b + " " + a + "\n" + first + "\nv 0.05 0.1 0.1\nv -0.02 0.1 0.1\nl -1 -2\n";
+  WriteText("cube/model.obj", model);
+  const auto notices =
+      ::testing::ElementsAre("1 lines of length zero dropped", "2 lines dropped that stand there twice",
+                             "1 lines merged with others that they overlap");
+  const CliResult replay = Run(ReplayArguments("poses.tum"));
+  ASSERT_EQ(replay.status, 0) << replay.err;
+  EXPECT_THAT(replay.Json()["model_notices"].get<std::vector<std::string>>(), notices);
+  std::vector<std::string> arguments = ReplayArguments("poses.tum");
+  std::erase(arguments, "--json");
+  EXPECT_THAT(Run(arguments).out, HasSubstr("model: 2 lines dropped that stand there twice\n"));
+
+  auto server = server::Server::Start({});
+  ASSERT_TRUE(server.ok()) << server.status();
+  const std::string address = "127.0.0.1:" + std::to_string((*server)->port());
+  const CliResult upload = Run({"models", "upload", Path("cube/model.obj"), "--server", address});
+  ASSERT_EQ(upload.status, 0) << upload.err;
+  EXPECT_THAT(upload.out, HasSubstr("\nnotice: 1 lines merged with others that they overlap\n"));
+  const nlohmann::json list = Run({"models", "list", "--server", address, "--json"}).Json();
+  ASSERT_EQ(list.size(), 1u);
+  EXPECT_THAT(list[0]["notices"].get<std::vector<std::string>>(), notices);
+  EXPECT_EQ(list[0]["lines"], 12);
+}
+
 TEST_F(BadInputTest, TrajectoryWithABadLine) {
   ReplaceInFile("cube/truth.tum", "\n", "\n1 2 3\n");
   const CliResult result = Run({"evaluate", "--truth", Path("cube/truth.tum"), "--estimate", Path("cube/truth.tum")});
@@ -239,13 +293,9 @@ TEST_F(BadInputTest, WrongUsageIsStatusTwo) {
   EXPECT_THAT(ReplayError({"--rate", "0"}, 2), HasSubstr("--rate"));
   EXPECT_THAT(ReplayError({"--estimator", "best"}, 2), HasSubstr("best"));
   EXPECT_THAT(ReplayError({"--chunk-bytes", "12"}, 2), HasSubstr("multiple of 8"));
-  std::vector<std::string> arguments = ReplayArguments("poses.tum");
-  arguments.resize(arguments.size() - 2);  // no --init-pose
-  const CliResult result = Run(arguments);
-  EXPECT_EQ(result.status, 2);
-  EXPECT_THAT(result.err, HasSubstr("--init-pose is required in this version"));
   EXPECT_EQ(Run(ReplayArguments("poses.dat")).status, 2);
   EXPECT_EQ(Run({"evaluate", "--truth", "a", "--estimate", "b", "--model", "c"}).status, 2);
+  EXPECT_EQ(Run({"evaluate", "--truth", "a", "--estimate", "b", "--symmetric"}).status, 2);
   EXPECT_EQ(Run({"simulate", "--object", "teapot", "--out", Path("teapot")}).status, 2);
   EXPECT_FALSE(std::filesystem::exists(Path("teapot")));
 }

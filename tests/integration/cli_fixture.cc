@@ -91,12 +91,15 @@ std::string CliTest::FirstPose() const {
 }
 
 std::vector<std::string> CliTest::ReplayArguments(const std::string& out, const std::vector<std::string>& more) const {
-  std::vector<std::string> arguments = {"replay",   Path("cube/recording.raw"),
-                                        "--model",  Path("cube/model.obj"),
-                                        "--camera", Path("cube/camera.yaml"),
-                                        "--out",    Path(out),
-                                        "--json",   "--init-pose",
-                                        FirstPose()};
+  std::vector<std::string> arguments = SearchArguments(out, {"--init-pose", FirstPose()});
+  arguments.insert(arguments.end(), more.begin(), more.end());
+  return arguments;
+}
+
+std::vector<std::string> CliTest::SearchArguments(const std::string& out, const std::vector<std::string>& more) const {
+  std::vector<std::string> arguments = {"replay",   Path("cube/recording.raw"), "--model", Path("cube/model.obj"),
+                                        "--camera", Path("cube/camera.yaml"),   "--out",   Path(out),
+                                        "--json"};
   arguments.insert(arguments.end(), more.begin(), more.end());
   return arguments;
 }

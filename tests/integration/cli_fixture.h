@@ -42,8 +42,9 @@ class CliTest : public ::testing::Test {
   void SimulateCube(double duration_s) const;
   // The pose of the truth's first line, as --init-pose takes it.
   std::string FirstPose() const;
-  // The arguments of a replay of that recording.
+  // The arguments of a replay of that recording, from that pose or from the events alone.
   std::vector<std::string> ReplayArguments(const std::string& out, const std::vector<std::string>& more = {}) const;
+  std::vector<std::string> SearchArguments(const std::string& out, const std::vector<std::string>& more = {}) const;
 
   std::filesystem::path directory_;
 };

@@ -91,6 +91,60 @@ TEST_F(ReplayTest, PosesFollowTheTruth) {
   EXPECT_LT(row["reprojection_mean_px"], 3.0);
 }
 
+// Without a pose to begin with.
+TEST_F(ReplayTest, FindsTheFirstPoseByItself) {
+  SimulateCube(0.25);
+  StartServer();
+  const CliResult replay = Run(SearchArguments("poses.tum"));
+  ASSERT_EQ(replay.status, 0) << replay.err;
+  const nlohmann::json report = replay.Json();
+  EXPECT_EQ(report["state"], "TRACKING");
+  EXPECT_EQ(report["losses"], 0);
+  EXPECT_EQ(report["initialization"], "NOT_NEEDED");
+  EXPECT_EQ(report["detail"], "");
+  EXPECT_EQ(report["symmetries"], 24);
+  const CliResult evaluation =
+      Run({"evaluate", "--truth", Path("cube/truth.tum"), "--estimate", "evpose=" + Path("poses.tum"), "--model",
+           Path("cube/model.obj"), "--camera", Path("cube/camera.yaml"), "--symmetric", "--json"});
+  ASSERT_EQ(evaluation.status, 0) << evaluation.err;
+  const nlohmann::json row = evaluation.Json()["estimates"][0];
+  EXPECT_GT(row["coverage_ratio"], 0.7);
+  EXPECT_LT(row["position_rmse_of_depth"], 0.02);
+  EXPECT_LT(row["reprojection_mean_px"], 3.0);
+
+  const std::string expected = ReadText("poses.tum");
+  for (const std::vector<std::string>& way : {std::vector<std::string>{"--server", address_},
+                                              {"--chunk-bytes", "4096"},
+                                              {"--server", address_, "--chunk-bytes", "1048576"}}) {
+    const CliResult other = Run(SearchArguments("other.tum", way));
+    ASSERT_EQ(other.status, 0) << other.err;
+    EXPECT_TRUE(ReadText("other.tum") == expected) << ::testing::PrintToString(way);
+  }
+}
+
+TEST_F(ReplayTest, SaysWhyNoPoseWasFound) {
+  SimulateCube(0.0005);  // some hundred events
+  StartServer();
+  const CliResult replay = Run(SearchArguments("poses.tum", {"--server", address_, "--keep-session"}));
+  ASSERT_EQ(replay.status, 0) << replay.err;
+  EXPECT_EQ(replay.Json()["poses"], 0);
+  EXPECT_EQ(replay.Json()["state"], "INITIALIZING");
+  EXPECT_EQ(replay.Json()["initialization"], "WAITING_FOR_EVENTS");
+  EXPECT_THAT(std::string(replay.Json()["detail"]), HasSubstr("too few events"));
+  std::vector<std::string> arguments = SearchArguments("poses.tum");
+  std::erase(arguments, "--json");
+  EXPECT_THAT(Run(arguments).out, HasSubstr("\nnever found: too few events: nothing is in view, or what is there"));
+
+  const std::string session = replay.Json()["session"];
+  const CliResult list = Run({"sessions", "list", "--server", address_});
+  EXPECT_THAT(list.out, HasSubstr("object INITIALIZING (WAITING_FOR_EVENTS), 0 losses"));
+  const CliResult get = Run({"sessions", "get", session, "--server", address_});
+  EXPECT_THAT(get.out, HasSubstr("\nobject: too few events"));
+  const nlohmann::json object = Run({"sessions", "get", session, "--server", address_, "--json"}).Json()["objects"][0];
+  EXPECT_EQ(object["initialization"], "WAITING_FOR_EVENTS");
+  EXPECT_THAT(std::string(object["detail"]), HasSubstr("too few events"));
+}
+
 TEST_F(ReplayTest, ReportEndsWithItsNumbers) {
   SimulateCube(0.05);
   std::vector<std::string> arguments = ReplayArguments("poses.tum");
@@ -203,6 +257,8 @@ TEST_F(ReplayTest, ModelsAreNamedByTheirContent) {
   const CliResult first = upload({});
   ASSERT_EQ(first.status, 0) << first.err;
   EXPECT_EQ(first.Json()["lines"], 12);
+  EXPECT_EQ(first.Json()["symmetries"], 24);
+  EXPECT_THAT(Run({"models", "list", "--server", address_}).out, HasSubstr("12 lines  12 faces  24 symmetries  "));
   EXPECT_EQ(upload({}).Json()["name"], first.Json()["name"]);
   const CliResult scaled = upload({"--scale", "0.001"});
   EXPECT_NE(scaled.Json()["name"], first.Json()["name"]);
