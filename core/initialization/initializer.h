@@ -35,6 +35,10 @@ struct InitializerOptions {
   // Pixels. Lines that moved by less are not searched with: their events are too few and too near to tell lines from
   // noise, and which of them continue each other.
   double min_motion_px = 3.0;
+  // Twice a log likelihood ratio: PoseHypothesis::evidence that a pose needs. Six unknowns, each of which is found to
+  // one part in 150 or so of where it might have been, fit by chance what is worth 6 * 2 ln 150. Three lines, which
+  // fit in some pose whatever they are, are worth less.
+  double min_evidence = 60.0;
 
   // Prior of the twist.
   double velocity_px_per_s = 2000.0;        // one standard deviation: fast for an object that fills the image
@@ -61,7 +65,7 @@ class PoseInitializer {
                   std::unique_ptr<LineDetector> detector, std::unique_ptr<PoseSearch> search,
                   const InitializerOptions& options = {});
 
-  // `events` as LineDetector::Detect takes them. No pose, but the lines, when they have hardly moved.
+  // `events` as LineDetector::Detect takes them. Only the lines when they have hardly moved.
   FirstPoses Find(absl::Span<const PixelEvent> events);
 
  private:

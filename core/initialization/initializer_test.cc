@@ -134,7 +134,7 @@ TEST(PoseInitializer, SearchesWithTheLinesAtTheMiddleOfTheirTime) {
   auto model = std::make_shared<const ObjectModel>(Wires());
   const LineDetection detection = Moving(*model, SomeTwist(), 10'000);
   std::vector<ImageSegment> asked;
-  PoseHypothesis hypothesis{kPose, 3.5, InOrder(model->lines.size()), 10, 1.0};
+  PoseHypothesis hypothesis{kPose, 3.5, 100.0, InOrder(model->lines.size()), 10, 1.0};
   PoseInitializer initializer(model, kCamera, std::make_unique<FixedDetector>(detection),
                               std::make_unique<FixedSearch>(hypothesis, asked));
   const FirstPoses first = initializer.Find({});
@@ -151,12 +151,24 @@ TEST(PoseInitializer, SearchesWithTheLinesAtTheMiddleOfTheirTime) {
   }
 }
 
+TEST(PoseInitializer, TurnsDownPosesThatAnyLinesMightFit) {
+  auto model = std::make_shared<const ObjectModel>(Wires());
+  const LineDetection detection = Moving(*model, SomeTwist(), 10'000);
+  std::vector<ImageSegment> asked;
+  PoseHypothesis hypothesis{kPose, 100.0, 48.0, InOrder(model->lines.size()), 3, 0.3};
+  PoseInitializer initializer(model, kCamera, std::make_unique<FixedDetector>(detection),
+                              std::make_unique<FixedSearch>(hypothesis, asked));
+  const FirstPoses first = initializer.Find({});
+  EXPECT_TRUE(first.has_moved);
+  EXPECT_TRUE(first.poses.empty());
+}
+
 TEST(PoseInitializer, WaitsUntilTheLinesHaveMoved) {
   auto model = std::make_shared<const ObjectModel>(Wires());
   LineDetection detection = Moving(*model, SomeTwist(), 10'000);
   for (DetectedLine& line : detection.lines) line.normal_velocity_px_per_s = -290.0;
   std::vector<ImageSegment> asked;
-  PoseHypothesis hypothesis{kPose, 3.5, InOrder(model->lines.size()), 10, 1.0};
+  PoseHypothesis hypothesis{kPose, 3.5, 100.0, InOrder(model->lines.size()), 10, 1.0};
   PoseInitializer initializer(model, kCamera, std::make_unique<FixedDetector>(detection),
                               std::make_unique<FixedSearch>(hypothesis, asked));
   const FirstPoses first = initializer.Find({});

@@ -171,6 +171,7 @@ PoseHypothesis PoseJudge::Judge(const RigidTransform& pose, absl::Span<const Ima
     all_px += length_px;
     all_covered_px += part_covered_px;
   }
+  hypothesis.evidence = options_.unexplained_cost * static_cast<double>(lines_.size()) - hypothesis.cost;
   hypothesis.matched_ratio = all_px > 0.0 ? all_covered_px / all_px : 0.0;
   return hypothesis;
 }

@@ -20,6 +20,8 @@ struct PoseHypothesis {
   // Less is better: what the segments leave unexplained, and what the model should show and no segment does. In units
   // of squared standard deviations of a segment's end point.
   double cost = 0.0;
+  // By how much the segments cost more when none of them is the object's: twice a log likelihood ratio.
+  double evidence = 0.0;
   std::vector<int> model_line;  // for each segment, index into ObjectModel::lines, or -1: not the object's
   int num_matched = 0;          // segments with a line
   double matched_ratio = 0.0;   // share of the visible model's projected length that the segments cover
@@ -53,10 +55,10 @@ struct PoseSearchOptions {
   int max_hypotheses = 6;  // more than a caller can follow up; real ambiguities are two to four
   // Segments used, the longest first. Time grows with the square; 30 is a dense object's.
   int max_segments = 32;
-  // Work before the search takes the best it has: scored rotations, and scored positions. The defaults keep a search
-  // below about 30 ms on a core of 2020, and are several times what the simulated objects need.
+  // Work before the search takes the best that it has: rotations that are scored, and positions that are voted for. The
+  // defaults take about 5 and 10 ms on a core of 2020.
   int max_rotations = 40'000;
-  int max_positions = 60'000;
+  int max_votes = 120'000;
 
   // The most that the distance of a segment's ends from its line may cost.
   double max_across_cost() const { return unexplained_cost - 2.0 * short_cost; }
