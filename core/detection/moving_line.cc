@@ -42,6 +42,51 @@ constexpr int kBins = 8;
 using Matrix5d = Eigen::Matrix<double, 5, 5>;
 using Vector5d = Eigen::Matrix<double, 5, 1>;
 
+// The normal equations of y = x . (1, s, tau, s tau, tau^2): their entries are sums of s^i tau^j, most of them several
+// times there.
+class LineMoments {
+ public:
+  void Add(double weight, double s, double tau, double y) {
+    const double ws = weight * s, wt = weight * tau, wst = ws * tau, wtt = wt * tau;
+    n_ += weight;
+    s_ += ws;
+    t_ += wt;
+    st_ += wst;
+    tt_ += wtt;
+    ss_ += ws * s;
+    sst_ += wst * s;
+    stt_ += wst * tau;
+    ttt_ += wtt * tau;
+    sstt_ += wst * s * tau;
+    sttt_ += wst * tau * tau;
+    tttt_ += wtt * tau * tau;
+    y_ += weight * y;
+    sy_ += ws * y;
+    ty_ += wt * y;
+    sty_ += wst * y;
+    tty_ += wtt * y;
+  }
+
+  // With what is known beforehand of the last two: inverse variances.
+  Vector5d Solve(double turn_information, double bend_information) const {
+    Matrix5d information;
+    information << n_, s_, t_, st_, tt_,  //
+        s_, ss_, st_, sst_, stt_,         //
+        t_, st_, tt_, stt_, ttt_,         //
+        st_, sst_, stt_, sstt_, sttt_,    //
+        tt_, stt_, ttt_, sttt_, tttt_;
+    information.diagonal().array() += 1e-9;
+    information(3, 3) += turn_information;
+    information(4, 4) += bend_information;
+    return information.ldlt().solve((Vector5d() << y_, sy_, ty_, sty_, tty_).finished());
+  }
+
+ private:
+  double n_ = 0.0, s_ = 0.0, t_ = 0.0, st_ = 0.0, tt_ = 0.0, ss_ = 0.0, sst_ = 0.0, stt_ = 0.0, ttt_ = 0.0;
+  double sstt_ = 0.0, sttt_ = 0.0, tttt_ = 0.0;
+  double y_ = 0.0, sy_ = 0.0, ty_ = 0.0, sty_ = 0.0, tty_ = 0.0;
+};
+
 struct Bin {
   double count = 0.0;
   double mean = 0.0;
@@ -146,41 +191,32 @@ void LineFitter::Collect(const MovingLine& line, double margin_px, double reach_
 
 void LineFitter::SolveRobustly(MovingLine& line, int passes, size_t max_events) {
   const double half_s = std::max(stretch_.half_duration_s(), 1e-6);
-  double sigma = kMaxSigmaPx;
+  const double middle = 0.5 * (line.ends[0].s_px + line.ends[1].s_px);
+  const double scale = std::max(0.5 * line.length_px(), 1.0);
   const size_t stride = 1 + samples_.size() / max_events;
+  double sigma = kMaxSigmaPx;
   for (int pass = 0; pass < passes; ++pass) {
-    // Unknowns: offset, slope, speed, slope_rate and acceleration, scaled, about the middle of the extent.
-    const double middle = 0.5 * (line.ends[0].s_px + line.ends[1].s_px);
-    const double scale = std::max(0.5 * line.length_px(), 1.0);
-    Matrix5d information = Matrix5d::Identity() * 1e-9;
-    Vector5d projection = Vector5d::Zero();
-    const double turn = options_.turn_rad_per_s * half_s * scale / sigma;
-    const double bend = 0.5 * options_.acceleration_px_per_s2 * half_s * half_s / sigma;
-    information(3, 3) += kCorrelatedEvents / (turn * turn);
-    information(4, 4) += kCorrelatedEvents / (bend * bend);
+    LineMoments moments;
     for (size_t i = 0; i < samples_.size(); i += stride) {
       const Sample& sample = samples_[i];
       const double u = sample.residual / (kTukey * sigma);
       if (std::abs(u) >= 1.0) continue;
       const double weight = (1.0 - u * u) * (1.0 - u * u);
-      const double s = (sample.s - middle) / scale, tau = sample.tau_s / half_s;
-      const Vector5d row = {1.0, s, tau, s * tau, tau * tau};
-      information += (weight * row) * row.transpose();
-      projection += weight * sample.y * row;
+      moments.Add(weight, (sample.s - middle) / scale, sample.tau_s / half_s, sample.y);
     }
-    const Vector5d x = information.ldlt().solve(projection);
+    const double turn = options_.turn_rad_per_s * half_s * scale / sigma;
+    const double bend = 0.5 * options_.acceleration_px_per_s2 * half_s * half_s / sigma;
+    const Vector5d x = moments.Solve(kCorrelatedEvents / (turn * turn), kCorrelatedEvents / (bend * bend));
     line.slope = x[1] / scale;
     line.offset_px = x[0] - line.slope * middle;
     line.slope_rate_per_s = x[3] / (scale * half_s);
     line.speed_px_per_s = x[2] / half_s - line.slope_rate_per_s * middle;
     line.acceleration_px_per_s2 = 2.0 * x[4] / (half_s * half_s);
-    const auto residual = [&line](const Sample& sample) {
-      return static_cast<float>(sample.y - line.Y(sample.s, sample.tau_s));
-    };
     along_.clear();
     for (size_t i = 0; i < samples_.size(); i += stride) {
-      samples_[i].residual = residual(samples_[i]);
-      if (std::abs(samples_[i].residual) < 1.5 * options_.gate_px) along_.push_back(std::abs(samples_[i].residual));
+      Sample& sample = samples_[i];
+      sample.residual = static_cast<float>(sample.y - line.Y(sample.s, sample.tau_s));
+      if (std::abs(sample.residual) < 1.5 * options_.gate_px) along_.push_back(std::abs(sample.residual));
     }
     if (along_.empty()) return;
     std::nth_element(along_.begin(), along_.begin() + along_.size() / 2, along_.end());
