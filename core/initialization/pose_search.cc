@@ -19,6 +19,10 @@ constexpr size_t kCandidates = 32;  // settled
 // Candidates that leave three segments more unexplained than the best are not looked into.
 constexpr double kMarginOfUnexplained = 3.0;
 constexpr size_t kFinished = 8;  // with ray casting
+constexpr double kMinRotations = 10;
+constexpr double kMaxRotations = 300;
+constexpr size_t kRotationsAtOnce = 8;
+constexpr int kScoredAtOnce = 300;
 constexpr int kMinMatched = 3;
 constexpr double kSameRotationRad = 0.02;
 constexpr double kSamePositionRatio = 0.01;  // of the distance
@@ -57,17 +61,23 @@ class LinePoseSearch : public PoseSearch {
   }
 
   std::vector<PoseCandidate> FindCandidates(const std::vector<ImageLine>& lines) const {
+    const std::vector<Eigen::Matrix3d>& labellings = search_model_.labellings();
+    PositionSearch positions(search_model_, camera_, lines, options_);
     RotationSearchOptions rotation_options;
     rotation_options.max_line_cost = options_.max_across_cost();
     rotation_options.max_rotations = options_.max_rotations;
+    const double votes_per_candidate = positions.ExpectedVotes() * static_cast<double>(labellings.size());
+    rotation_options.max_candidates =
+        static_cast<int>(std::clamp(options_.max_votes / votes_per_candidate, kMinRotations, kMaxRotations));
+    const std::vector<RotationCandidate> rotations = FindRotations(search_model_, lines, rotation_options);
     BestCandidates best(kCandidates, kMarginOfUnexplained * options_.unexplained_cost);
-    PositionSearch positions(search_model_, camera_, lines, options_);
-    int budget = options_.max_positions;
-    for (const RotationCandidate& rotation : FindRotations(search_model_, lines, rotation_options)) {
-      if (budget <= 0 || rotation.cost > best.cap()) break;
-      for (const Eigen::Matrix3d& labelling : search_model_.labellings()) {
-        positions.Search(rotation.rotation * labelling, best, budget);
+    // A few rotations at a time: what they find spares most of the rest.
+    for (size_t i = 0; i < rotations.size() && positions.num_votes() < options_.max_votes;) {
+      for (const size_t end = i + kRotationsAtOnce; i < std::min(end, rotations.size()); ++i) {
+        if (rotations[i].cost > best.cap()) return best.candidates();
+        for (const Eigen::Matrix3d& labelling : labellings) positions.Vote(rotations[i].rotation * labelling);
       }
+      positions.Score(kScoredAtOnce, best);
     }
     return best.candidates();
   }
@@ -122,7 +132,7 @@ absl::Status PoseSearchOptions::Validate() const {
   EVPOSE_RETURN_IF_ERROR(CheckRange("max_hypotheses", max_hypotheses, 1, 100));
   EVPOSE_RETURN_IF_ERROR(CheckRange("max_segments", max_segments, 3, 64));
   EVPOSE_RETURN_IF_ERROR(CheckRange("max_rotations", max_rotations, 1000, 100'000'000));
-  return CheckRange("max_positions", max_positions, 1000, 100'000'000);
+  return CheckRange("max_votes", max_votes, 1000, 100'000'000);
 }
 
 absl::StatusOr<std::unique_ptr<PoseSearch>> MakePoseSearch(std::shared_ptr<const ObjectModel> model,

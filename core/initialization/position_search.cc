@@ -24,8 +24,8 @@ constexpr size_t kMaxVoters = 10;
 // Votes closer than this support each other: depths, and lateral distances in radii.
 constexpr double kVoteDepthRatio = 0.06;
 constexpr double kVoteLateralOfRadius = 0.05;
-// Votes that are scored for one rotation, the best supported first.
-constexpr size_t kMaxScoredVotes = 24;
+// Places that are kept for one rotation, the best supported.
+constexpr int kPlacesPerRotation = 4;
 constexpr double kSameRotationRad = 0.03;
 constexpr double kSamePositionRatio = 0.02;  // of the distance
 
@@ -70,51 +70,118 @@ PositionSearch::PositionSearch(const SearchModel& model, const CameraModel& came
 }
 
 void PositionSearch::Prepare(const Matrix3d& rotation) {
-  parts_.clear();
-  for (const ViewLine& seen : model_.View(-(rotation.transpose() * bearing_))) {
+  const size_t num_directions = model_.directions().size();
+  const std::vector<ViewLine>& view = model_.View(-(rotation.transpose() * bearing_));
+  first_part_.assign(num_directions + 1, 0);
+  for (const ViewLine& seen : view) ++first_part_[model_.lines()[seen.line].direction + 1];
+  for (size_t d = 0; d < num_directions; ++d) first_part_[d + 1] += first_part_[d];
+  parts_.resize(view.size());
+  next_part_.assign(first_part_.begin(), first_part_.end());
+  for (const ViewLine& seen : view) {
     const SearchLine& line = model_.lines()[seen.line];
     const Vector3d p1 = rotation * line.p1, extent = rotation * (line.p2 - line.p1);
-    parts_.push_back({p1 + seen.begin * extent, p1 + seen.end * extent, line.direction, seen.certain_ratio});
+    parts_[next_part_[line.direction]++] = {p1 + seen.begin * extent, p1 + seen.end * extent, seen.certain_ratio};
   }
   a_px_.resize(parts_.size());
   b_px_.resize(parts_.size());
   covered_px_.resize(parts_.size());
+
+  turned_.resize(num_directions);
+  for (size_t d = 0; d < num_directions; ++d) turned_[d] = rotation * model_.directions()[d];
   const double variance = kRotationSigmaRad * kRotationSigmaRad;
   for (size_t j = 0; j < lines_.size(); ++j) {
     fitting_[j].clear();
-    uint64_t fits = 0, tested = 0;
-    for (size_t i = 0; i < parts_.size(); ++i) {
-      const uint64_t bit = uint64_t{1} << (parts_[i].direction & 63);
-      bool does_fit = (fits & bit) != 0;
-      if (parts_[i].direction > 63 || (tested & bit) == 0) {
-        const Vector3d d = rotation * model_.directions()[parts_[i].direction];
-        const double sine = lines_[j].normal.dot(d);
-        does_fit = sine * sine < options_.max_across_cost() * (lines_[j].Variance(d) + variance);
-        if (parts_[i].direction <= 63) {
-          tested |= bit;
-          if (does_fit) fits |= bit;
-        }
+    for (size_t d = 0; d < num_directions; ++d) {
+      if (first_part_[d] == first_part_[d + 1]) continue;
+      const double sine = lines_[j].normal.dot(turned_[d]);
+      if (sine * sine < options_.max_across_cost() * (lines_[j].Variance(turned_[d]) + variance)) {
+        fitting_[j].push_back(static_cast<int>(d));
       }
-      if (does_fit) fitting_[j].push_back(static_cast<int>(i));
     }
   }
 }
 
-// With l1 q1 and l2 q2 the ends of the part: l2 q2 - l1 q1 = +-(b - a), in the segment's plane.
-bool PositionSearch::PositionFrom(const ImageLine& line, const Part& part, Vector3d& position) const {
-  const Vector3d extent = part.b - part.a;
-  const double scale = -1.0 / line.normal.dot(line.q1.cross(line.q2));
-  const double l1 = scale * line.normal.dot(extent.cross(line.q2));
-  const double l2 = scale * line.normal.dot(extent.cross(line.q1));
-  const Vector3d x1 = l1 * line.q1, x2 = l2 * line.q2;
-  if (l1 > 0.0 && l2 > 0.0) {
-    position = 0.5 * ((x1 - part.a) + (x2 - part.b));
-  } else if (l1 < 0.0 && l2 < 0.0) {  // the other way round
-    position = 0.5 * ((-x1 - part.b) + (-x2 - part.a));
-  } else {
-    return false;
+// With l1 q1 and l2 q2 the ends of a part of unit length: l2 q2 - l1 q1 = +-d, in the segment's plane.
+void PositionSearch::CastVotes() {
+  votes_.clear();
+  const double least_depth_m = model_.radius_m();
+  for (size_t j = 0; j < std::min(lines_.size(), kMaxVoters); ++j) {
+    const ImageLine& line = lines_[j];
+    const double scale = -1.0 / line.normal.dot(line.q1.cross(line.q2));
+    const Vector3d by_l1 = scale * line.q2.cross(line.normal), by_l2 = scale * line.q1.cross(line.normal);
+    for (const int direction : fitting_[j]) {
+      const double l1 = turned_[direction].dot(by_l1), l2 = turned_[direction].dot(by_l2);
+      if (!(l1 * l2 > 0.0)) continue;
+      // Both ends must lie before the camera; a negative solution is the line the other way round.
+      const Vector3d middle = (l1 > 0.0 ? 0.5 : -0.5) * (l1 * line.q1 + l2 * line.q2);
+      for (int i = first_part_[direction]; i < first_part_[direction + 1]; ++i) {
+        const Vector3d position = (parts_[i].b - parts_[i].a).norm() * middle - 0.5 * (parts_[i].a + parts_[i].b);
+        if (position.z() > least_depth_m) votes_.push_back({position, uint32_t{1} << j, 0});
+      }
+    }
   }
-  return true;
+  num_votes_ += static_cast<int>(votes_.size());
+  std::sort(votes_.begin(), votes_.end(),
+            [](const SingleVote& a, const SingleVote& b) { return a.position.z() < b.position.z(); });
+}
+
+// Votes of different segments that agree support each other.
+void PositionSearch::CountSupport() {
+  const double lateral_m = kVoteLateralOfRadius * model_.radius_m();
+  for (size_t i = 0; i < votes_.size(); ++i) {
+    SingleVote& vote = votes_[i];
+    vote.supporters |= vote.voter;
+    const double z_max = vote.position.z() * (1.0 + kVoteDepthRatio);
+    for (size_t k = i + 1; k < votes_.size() && votes_[k].position.z() < z_max; ++k) {
+      // Beside each other, at the same depth.
+      const Vector3d& other = votes_[k].position;
+      const double scale = vote.position.z() / other.z();
+      if (std::abs(scale * other.x() - vote.position.x()) > lateral_m) continue;
+      if (std::abs(scale * other.y() - vote.position.y()) > lateral_m) continue;
+      vote.supporters |= votes_[k].voter;
+      votes_[k].supporters |= vote.voter;
+    }
+  }
+}
+
+// The best supported places, each once.
+void PositionSearch::KeepBest(int rotation) {
+  const double lateral_m = kVoteLateralOfRadius * model_.radius_m();
+  for (int taken = 0; taken < kPlacesPerRotation; ++taken) {
+    const SingleVote* best = nullptr;
+    int support = 0;
+    for (const SingleVote& vote : votes_) {
+      if (vote.supporters == 0) continue;
+      const int count = std::popcount(vote.supporters);
+      if (count > support) {
+        best = &vote;
+        support = count;
+      }
+    }
+    if (best == nullptr) return;
+    const Vector3d place = best->position;
+    positions_.push_back({place, rotation, support});
+    for (SingleVote& vote : votes_) {
+      const bool is_near = std::abs(vote.position.z() - place.z()) < 0.5 * kVoteDepthRatio * place.z() &&
+                           std::abs(vote.position.x() - place.x()) < 0.5 * lateral_m &&
+                           std::abs(vote.position.y() - place.y()) < 0.5 * lateral_m;
+      if (is_near) vote.supporters = 0;
+    }
+  }
+}
+
+double PositionSearch::ExpectedVotes() const {
+  const double fits_by_chance = 1.3;  // directions that fit a segment, the right one included
+  const double voters = static_cast<double>(std::min(lines_.size(), kMaxVoters));
+  return 1.0 + fits_by_chance * voters * model_.mean_view_size() / static_cast<double>(model_.directions().size());
+}
+
+void PositionSearch::Vote(const Matrix3d& rotation) {
+  Prepare(rotation);
+  CastVotes();
+  CountSupport();
+  rotations_.push_back(rotation);
+  KeepBest(static_cast<int>(rotations_.size()) - 1);
 }
 
 bool PositionSearch::Project(const Vector3d& position) {
@@ -132,7 +199,7 @@ bool PositionSearch::Project(const Vector3d& position) {
   return true;
 }
 
-double PositionSearch::Score(const Vector3d& position, double cap) {
+double PositionSearch::Cost(const Vector3d& position, double cap) {
   if (!Project(position)) return cap;
   const double radius_px = model_.radius_m() * camera_.fx_px / position.z();
   const auto weight = [](double sigma1, double sigma2) { return 1.0 / (sigma1 * sigma1 + sigma2 * sigma2); };
@@ -144,12 +211,14 @@ double PositionSearch::Score(const Vector3d& position, double cap) {
   for (size_t j = 0; j < lines_.size(); ++j) {
     double least = options_.unexplained_cost, overlap_px = 0.0;
     int matched = -1;
-    for (const int i : fitting_[j]) {
-      SegmentFit fit;
-      if (!FitSegment(lines_[j], a_px_[i], b_px_[i], weights, least, fit)) continue;
-      least = fit.cost;
-      overlap_px = fit.overlap_px;
-      matched = i;
+    for (const int direction : fitting_[j]) {
+      for (int i = first_part_[direction]; i < first_part_[direction + 1]; ++i) {
+        SegmentFit fit;
+        if (!FitSegment(lines_[j], a_px_[i], b_px_[i], weights, least, fit)) continue;
+        least = fit.cost;
+        overlap_px = fit.overlap_px;
+        matched = i;
+      }
     }
     if (matched >= 0) covered_px_[matched] += overlap_px;
     cost += least;
@@ -163,53 +232,20 @@ double PositionSearch::Score(const Vector3d& position, double cap) {
   return cost;
 }
 
-void PositionSearch::CastVotes() {
-  votes_.clear();
-  for (size_t j = 0; j < std::min(lines_.size(), kMaxVoters); ++j) {
-    for (const int i : fitting_[j]) {
-      Vote vote;
-      if (!PositionFrom(lines_[j], parts_[i], vote.position)) continue;
-      if (!(vote.position.z() > model_.radius_m())) continue;
-      vote.voter = static_cast<int>(j);
-      votes_.push_back(vote);
-    }
+void PositionSearch::Score(int max_scored, BestCandidates& best) {
+  std::stable_sort(positions_.begin(), positions_.end(),
+                   [](const Position& a, const Position& b) { return a.support > b.support; });
+  if (positions_.size() > static_cast<size_t>(max_scored)) positions_.resize(max_scored);
+  // Rotation by rotation within what has the same support, so that few are prepared twice.
+  int prepared = -1;
+  for (const Position& position : positions_) {
+    if (position.rotation != prepared) Prepare(rotations_[position.rotation]);
+    prepared = position.rotation;
+    const double cost = Cost(position.position, best.cap());
+    if (cost < best.cap()) best.Add({{rotations_[position.rotation], position.position}, cost});
   }
-  std::sort(votes_.begin(), votes_.end(), [](const Vote& a, const Vote& b) { return a.position.z() < b.position.z(); });
-}
-
-// Votes of different segments that agree support each other.
-void PositionSearch::CountSupport() {
-  const double lateral_m = kVoteLateralOfRadius * model_.radius_m();
-  for (size_t i = 0; i < votes_.size(); ++i) {
-    Vote& vote = votes_[i];
-    const double z_max = vote.position.z() * (1.0 + kVoteDepthRatio);
-    for (size_t k = i + 1; k < votes_.size() && votes_[k].position.z() < z_max; ++k) {
-      // Beside each other, at the same depth.
-      const Vector3d& other = votes_[k].position;
-      const Vector3d at_depth = other * (vote.position.z() / other.z());
-      if (std::abs(at_depth.x() - vote.position.x()) > lateral_m) continue;
-      if (std::abs(at_depth.y() - vote.position.y()) > lateral_m) continue;
-      const uint32_t ours = uint32_t{1} << vote.voter, theirs = uint32_t{1} << votes_[k].voter;
-      vote.supporters |= theirs;
-      votes_[k].supporters |= ours;
-    }
-    vote.supporters |= uint32_t{1} << vote.voter;
-  }
-}
-
-void PositionSearch::Search(const Matrix3d& rotation, BestCandidates& best, int& budget) {
-  Prepare(rotation);
-  CastVotes();
-  CountSupport();
-  std::stable_sort(votes_.begin(), votes_.end(), [](const Vote& a, const Vote& b) {
-    return std::popcount(a.supporters) > std::popcount(b.supporters);
-  });
-  const size_t count = std::min(votes_.size(), kMaxScoredVotes);
-  for (size_t i = 0; i < count && budget > 0; ++i) {
-    --budget;
-    const double cost = Score(votes_[i].position, best.cap());
-    if (cost < best.cap()) best.Add({{rotation, votes_[i].position}, cost});
-  }
+  positions_.clear();
+  rotations_.clear();
 }
 
 }  // namespace evpose

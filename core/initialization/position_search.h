@@ -37,6 +37,8 @@ class BestCandidates {
   std::vector<PoseCandidate> candidates_;
 };
 
+// Two stages, because scoring is dear: segments vote for positions, rotation by rotation; then the best supported of
+// all positions are scored.
 class PositionSearch {
  public:
   // All must outlive it.
@@ -44,37 +46,53 @@ class PositionSearch {
                  const PoseSearchOptions& options);
 
   // Lays each of the long segments on each line that has a fitting direction and may be seen: a segment that shows the
-  // whole line gives the position. The other segments judge it. Takes the positions that it scores from `budget`.
-  void Search(const Eigen::Matrix3d& rotation, BestCandidates& best, int& budget);
+  // whole line gives the position. Positions that several segments agree on are kept.
+  void Vote(const Eigen::Matrix3d& rotation);
+  // About how many votes a rotation takes, and how many have been cast.
+  double ExpectedVotes() const;
+  int num_votes() const { return num_votes_; }
+  // Scores the `max_scored` best supported positions since the last call.
+  void Score(int max_scored, BestCandidates& best);
 
  private:
-  struct Part {  // of a line that may be seen, turned into the camera's attitude
-    Eigen::Vector3d a, b;
-    int direction = 0;
+  struct Part {            // of a line that may be seen, turned into the camera's attitude
+    Eigen::Vector3d a, b;  // ends
     double certain_ratio = 0.0;
   };
-
-  struct Vote {
+  struct SingleVote {
     Eigen::Vector3d position;
-    int voter = 0;            // index of the segment
+    uint32_t voter = 0;       // bit of the segment
     uint32_t supporters = 0;  // bits of the segments that agree
+  };
+  struct Position {
+    Eigen::Vector3d position;
+    int rotation = 0;  // index into rotations_
+    int support = 0;   // segments that agree
   };
 
   void Prepare(const Eigen::Matrix3d& rotation);
-  bool PositionFrom(const ImageLine& line, const Part& part, Eigen::Vector3d& position) const;
   void CastVotes();
   void CountSupport();
+  void KeepBest(int rotation);
   bool Project(const Eigen::Vector3d& position);
-  double Score(const Eigen::Vector3d& position, double cap);
+  double Cost(const Eigen::Vector3d& position, double cap);
 
   const SearchModel& model_;
   const CameraModel& camera_;
   const absl::Span<const ImageLine> lines_;
   const PoseSearchOptions& options_;
   Eigen::Vector3d bearing_ = Eigen::Vector3d::UnitZ();  // to the middle of the segments
-  std::vector<Part> parts_;
-  std::vector<std::vector<int>> fitting_;  // for each segment the parts whose direction fits
-  std::vector<Vote> votes_;
+  int num_votes_ = 0;
+  std::vector<Eigen::Matrix3d> rotations_;
+  std::vector<Position> positions_;
+
+  // For the rotation at hand.
+  std::vector<Part> parts_;      // by direction
+  std::vector<int> first_part_;  // of each direction, and one more
+  std::vector<int> next_part_;
+  std::vector<Eigen::Vector3d> turned_;    // directions
+  std::vector<std::vector<int>> fitting_;  // for each segment the directions that fit
+  std::vector<SingleVote> votes_;
   std::vector<Eigen::Vector2d> a_px_, b_px_;
   std::vector<double> covered_px_;
 };

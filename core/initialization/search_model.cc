@@ -166,7 +166,10 @@ void SearchModel::MakeViews() {
   while (cells_per_side_ > 2 && 6 * 5 * cells_per_side_ * cells_per_side_ * num_lines > kMaxViewLines)
     --cells_per_side_;
   const int num_cells = 6 * cells_per_side_ * cells_per_side_;
-  for (int cell = 0; cell < num_cells; ++cell) views_.push_back(MakeView(cell));
+  for (int cell = 0; cell < num_cells; ++cell) {
+    views_.push_back(MakeView(cell));
+    mean_view_size_ += static_cast<double>(views_.back().size()) / num_cells;
+  }
 }
 
 std::vector<ViewLine> SearchModel::MakeView(int cell) const {

@@ -54,6 +54,7 @@ class SearchModel {
 
   // The lines to be seen from a direction (object frame, from the centre to the camera; any length).
   const std::vector<ViewLine>& View(const Eigen::Vector3d& to_camera) const;
+  double mean_view_size() const { return mean_view_size_; }  // lines
   // Visible parts at a pose; VisibleSegment::line is an index into lines().
   std::vector<VisibleSegment> VisibleParts(const CameraModel& camera, const RigidTransform& camera_from_object) const;
 
@@ -74,7 +75,8 @@ class SearchModel {
   double radius_m_ = 0.0;
   ObjectModel shape_;  // the faces, and the lines that are searched for
   std::unique_ptr<VisibilityTester> visibility_;
-  int cells_per_side_ = 1;                    // views are the cells of a cube's six faces
+  int cells_per_side_ = 1;  // views are the cells of a cube's six faces
+  double mean_view_size_ = 0.0;
   std::vector<std::vector<ViewLine>> views_;  // by cell
 };
 
