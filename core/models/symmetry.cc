@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <initializer_list>
 #include <memory>
 #include <optional>
 #include <utility>
@@ -24,9 +25,9 @@ constexpr size_t kMaxLines = 8192;
 // A prism of 1365 sides has as many lines as a model may have, and 2730 symmetries.
 constexpr size_t kMaxSymmetries = 4096;
 // Comparisons of one line with the model's, some seconds.
-constexpr int64_t kMaxComparisons = 10'000'000;
+constexpr int64_t kMaxComparisons = 5'000'000;
 // Lines that refine a rotation; all are compared once before it is taken.
-constexpr size_t kMaxRefiningLines = 256;
+constexpr size_t kMaxRefiningLines = 64;
 
 // In tolerances. A rotation from two points may leave lines this far apart before it is refined.
 constexpr double kRoughTolerance = 8.0;
@@ -153,7 +154,7 @@ class GroupSearch {
  private:
   void Consider(const Matrix3d& rough) {
     if (IsIn(group_, rough, 0.1)) return;
-    const std::optional<Matrix3d> rotation = Refine(rough, 1.0);
+    const std::optional<Matrix3d> rotation = Refine(rough, {kRoughTolerance, kRoughTolerance}, 1.0);
     if (!rotation.has_value() || IsIn(group_, *rotation, kSameRotation)) return;
     if (surface_ == nullptr) surface_ = std::make_unique<CentredSurface>(model_, lines_.centre(), tolerance_m_);
     if (surface_->IsMappedOntoItself(*rotation) && MapsAllLines(*rotation)) AddGenerator(*rotation);
@@ -167,23 +168,32 @@ class GroupSearch {
                        [&](const Matrix3d& other) { return (other - rotation).squaredNorm() <= largest * largest; });
   }
 
-  // The best rotation near this one for the lines, or for some of many. None when a line falls on no other.
-  std::optional<Matrix3d> Refine(Matrix3d rotation, double tolerances) {
+  // The best rotation near this one for the lines, or for some of many, found in rounds that pair lines as far apart
+  // as each allows. None when in the end a line falls on no other.
+  std::optional<Matrix3d> Refine(Matrix3d rotation, std::initializer_list<double> rounds, double tolerances) {
+    for (const double allowed : rounds) {
+      const std::optional<Matrix3d> sum = SumOfPairs(rotation, allowed);
+      if (!sum.has_value()) return std::nullopt;
+      rotation = BestRotation(*sum);
+    }
+    if (!SumOfPairs(rotation, tolerances).has_value()) return std::nullopt;
+    return rotation;
+  }
+
+  // Of to * from^T over the ends of paired lines, or none when a line has no partner.
+  std::optional<Matrix3d> SumOfPairs(const Matrix3d& rotation, double allowed) {
     const absl::Span<const CentredSegment> segments = lines_.segments();
     const size_t count = std::min(segments.size(), kMaxRefiningLines);
-    for (const double allowed : {kRoughTolerance, kRoughTolerance, tolerances}) {
-      Matrix3d sum = Matrix3d::Zero();
-      for (size_t i = 0; i < count; ++i) {
-        const size_t segment = i * segments.size() / count;
-        const auto match = Compare(rotation, segment, allowed);
-        if (!match.has_value()) return std::nullopt;
-        const CentredSegment &from = segments[segment], &to = segments[match->index];
-        sum += (match->is_reversed ? to.p2 : to.p1) * from.p1.transpose();
-        sum += (match->is_reversed ? to.p1 : to.p2) * from.p2.transpose();
-      }
-      if (allowed == kRoughTolerance) rotation = BestRotation(sum);
+    Matrix3d sum = Matrix3d::Zero();
+    for (size_t i = 0; i < count; ++i) {
+      const size_t segment = i * segments.size() / count;
+      const auto match = Compare(rotation, segment, allowed);
+      if (!match.has_value()) return std::nullopt;
+      const CentredSegment &from = segments[segment], &to = segments[match->index];
+      sum += (match->is_reversed ? to.p2 : to.p1) * from.p1.transpose();
+      sum += (match->is_reversed ? to.p1 : to.p2) * from.p2.transpose();
     }
-    return rotation;
+    return sum;
   }
 
   bool MapsAllLines(const Matrix3d& rotation) {
@@ -211,7 +221,7 @@ class GroupSearch {
       for (const Matrix3d& generator : generators) {
         const Matrix3d product = grown[i] * generator;
         if (IsIn(grown, product, kSameRotation)) continue;
-        const std::optional<Matrix3d> refined = Refine(product, kProductTolerance);
+        const std::optional<Matrix3d> refined = Refine(product, {kProductTolerance}, kProductTolerance);
         if (!refined.has_value()) return;
         if (grown.size() >= kMaxSymmetries) {
           was_cut_short_ = true;
