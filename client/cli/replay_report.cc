@@ -25,8 +25,8 @@ void ReplayReport::Add(const Notice& notice) {
 }
 
 std::string ReplayReport::WhyNoPose() const {
-  if (Object() == nullptr || Object()->detail.empty()) return "";
-  if (summary.poses == 0) return absl::StrCat("never found: ", Object()->detail);
+  if (Object() == nullptr) return "";
+  if (Object()->state == TrackState::kInitializing) return absl::StrCat("never found: ", Object()->detail);
   if (Object()->state != TrackState::kLost) return "";
   return absl::StrFormat("LOST: the object is lost since %.6f s; no pose is claimed from then on: %s",
                          last_change_us_ * 1e-6, Object()->detail);

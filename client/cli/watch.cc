@@ -1,5 +1,6 @@
 // evpose watch: the poses of a session as they come.
-#include <atomic>
+#include <map>
+#include <mutex>
 #include <string>
 #include <thread>
 
@@ -11,6 +12,7 @@ namespace evpose::client {
 namespace {
 
 constexpr absl::Duration kInterruptPeriod = absl::Milliseconds(50);
+constexpr absl::Duration kHealthPeriod = absl::Seconds(1);
 
 struct WatchArguments {
   std::string session;
@@ -19,20 +21,52 @@ struct WatchArguments {
   bool is_json = false;
 };
 
+// Says on standard error how the objects are, when that changes: while there is no pose, why. Thread-safe.
+class StateLines {
+ public:
+  explicit StateLines(std::ostream& err) : err_(err) {}
+
+  void Show(const SessionHealth& health) {
+    const std::lock_guard lock(mutex_);
+    for (const ObjectHealth& object : health.objects) {
+      std::string& shown = shown_[object.object_id];
+      const std::string text = DescribeState(object);
+      if (text == shown) continue;
+      shown = text;
+      err_ << object.object_id << ": " << text << (object.detail.empty() ? "" : ": ") << object.detail << std::endl;
+    }
+  }
+  void Skipped(uint64_t num_skipped) {
+    const std::lock_guard lock(mutex_);
+    err_ << "skipped " << num_skipped << " poses: too slow, or no longer stored" << std::endl;
+  }
+
+ private:
+  std::mutex mutex_;
+  std::ostream& err_;
+  std::map<std::string, std::string> shown_;
+};
+
 absl::Status RunWatch(const WatchArguments& arguments, CliContext& context) {
   EVPOSE_ASSIGN_OR_RETURN(const std::unique_ptr<Client> client, arguments.server.Connect());
   const PoseFormat format = arguments.is_json ? PoseFormat::kJsonLines : PoseFormat::kTum;
+  StateLines states(context.err);
   const auto on_poses = [&](const std::vector<Pose>& poses, uint64_t num_skipped) {
-    if (num_skipped > 0) {
-      context.err << "skipped " << num_skipped << " poses: too slow, or no longer stored" << std::endl;
-    }
+    if (num_skipped > 0) states.Skipped(num_skipped);
     for (const Pose& pose : poses) context.out << PoseLine(format, pose);
     context.out.flush();
   };
+  EVPOSE_ASSIGN_OR_RETURN(const Session session, client->GetSession(arguments.session));
+  states.Show(session.health);
   std::stop_source stop;
   std::jthread interrupts([&](std::stop_token ended) {
+    absl::Time shown_at = SystemClock().Now();
     while (!(context.is_interrupted && context.is_interrupted())) {
       if (!SystemClock().SleepUntil(SystemClock().Now() + kInterruptPeriod, ended)) return;
+      if (SystemClock().Now() - shown_at < kHealthPeriod) continue;
+      // A session that is gone ends the stream of poses, too.
+      if (const absl::StatusOr<Session> now = client->GetSession(arguments.session); now.ok()) states.Show(now->health);
+      shown_at = SystemClock().Now();
     }
     stop.request_stop();
   });
@@ -51,7 +85,8 @@ CommandRunner AddWatchCommand(CLI::App& app, CliContext& context) {
   arguments->server.AddTo(app, true);
   app.add_flag("--json", arguments->is_json, "One JSON object on each line, instead of TUM");
   app.footer(
-      "Prints stored poses, then live ones, until the session has ended or an interrupt.\n\n"
+      "Prints stored poses, then live ones, until the session has ended or an interrupt; on standard error how the\n"
+      "objects are, when that changes.\n\n"
       "Example:\n"
       "  evpose watch \"$(evpose sessions list --server 127.0.0.1:50051 | head -n 1 | cut -d ' ' -f 1)\" \\\n"
       "    --server 127.0.0.1:50051");

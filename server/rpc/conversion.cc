@@ -107,8 +107,10 @@ std::string WhyThereIsNoPose(const InitializationReport& report) {
       return absl::StrCat("too few lines in the events: ", report.num_lines,
                           ", and three are needed; a still object shows none");
     case InitializationStatus::kNoPoseFits:
-      return absl::StrCat("no pose fits the events, with ", report.num_lines, " lines in them, after ", report.attempts,
-                          " searches; are the model, its scale and the camera the right ones?");
+      if (report.attempts == 0) return "the events speak against the pose that was given";
+      return absl::StrCat("no pose fits the ", report.num_lines,
+                          " lines in the events (searches so far: ", report.attempts,
+                          "); are the model, its scale and the camera the right ones?");
     case InitializationStatus::kVerifying:
       return "the events have not confirmed the first pose yet";
     case InitializationStatus::kAmbiguous:

@@ -123,7 +123,7 @@ TEST_F(ReplayTest, FindsTheFirstPoseByItself) {
 }
 
 TEST_F(ReplayTest, SaysWhyNoPoseWasFound) {
-  SimulateCube(0.0005);  // some hundred events
+  SimulateCube(0.001);  // some hundred events
   StartServer();
   const CliResult replay = Run(SearchArguments("poses.tum", {"--server", address_, "--keep-session"}));
   ASSERT_EQ(replay.status, 0) << replay.err;
@@ -140,6 +140,10 @@ TEST_F(ReplayTest, SaysWhyNoPoseWasFound) {
   EXPECT_THAT(list.out, HasSubstr("object INITIALIZING (WAITING_FOR_EVENTS), 0 losses"));
   const CliResult get = Run({"sessions", "get", session, "--server", address_});
   EXPECT_THAT(get.out, HasSubstr("\nobject: too few events"));
+  const CliResult watch = Run({"watch", session, "--server", address_});
+  ASSERT_EQ(watch.status, 0) << watch.err;
+  EXPECT_EQ(watch.out, "");
+  EXPECT_THAT(watch.err, HasSubstr("object: INITIALIZING (WAITING_FOR_EVENTS): too few events"));
   const nlohmann::json object = Run({"sessions", "get", session, "--server", address_, "--json"}).Json()["objects"][0];
   EXPECT_EQ(object["initialization"], "WAITING_FOR_EVENTS");
   EXPECT_THAT(std::string(object["detail"]), HasSubstr("too few events"));
