@@ -1,6 +1,7 @@
 #include "core/experiments/initialization_bench.h"
 
 #include <algorithm>
+#include <array>
 #include <chrono>
 #include <cmath>
 #include <limits>

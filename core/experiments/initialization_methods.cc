@@ -5,8 +5,12 @@
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_join.h"
 #include "core/base/status_macros.h"
+#include "core/experiments/aspnl.h"
+#include "core/experiments/blind_pnp_lines.h"
 #include "core/experiments/published_bnb.h"
 #include "core/experiments/ransac_p3l.h"
+#include "core/experiments/ropnl.h"
+#include "core/experiments/softposit_lines.h"
 #include "core/experiments/sqpnp.h"
 #include "core/initialization/pose_search.h"
 
@@ -19,6 +23,28 @@ constexpr int kAll = 1'000'000'000;
 
 absl::StatusOr<InitializationFunction> MakeSqpnp(ModelPointer, const CameraModel& camera) {
   return [camera](const InitializationProblem& problem) { return EstimatePoseBySqpnp(camera, problem.point_matches); };
+}
+
+absl::StatusOr<InitializationFunction> MakeAspnl(ModelPointer, const CameraModel& camera) {
+  return [camera](const InitializationProblem& problem) { return EstimatePoseByAspnl(camera, problem.matches); };
+}
+
+absl::StatusOr<InitializationFunction> MakeRopnl(ModelPointer, const CameraModel& camera) {
+  return [camera](const InitializationProblem& problem) {
+    return EstimatePoseByRopnl(camera, problem.matches, RotationBnbOptions());
+  };
+}
+
+absl::StatusOr<InitializationFunction> MakeSoftPosit(ModelPointer model, const CameraModel& camera) {
+  return [model, camera](const InitializationProblem& problem) {
+    return EstimatePoseBySoftPosit(*model, camera, problem.segments, problem.prior, SoftPositOptions(), problem.seed);
+  };
+}
+
+absl::StatusOr<InitializationFunction> MakeBlindPnp(ModelPointer model, const CameraModel& camera) {
+  return [model, camera](const InitializationProblem& problem) {
+    return EstimatePoseByBlindPnp(*model, camera, problem.segments, problem.prior, BlindPnpOptions(), problem.seed);
+  };
 }
 
 absl::StatusOr<InitializationFunction> MakeRansac(ModelPointer model, const CameraModel& camera) {
@@ -45,6 +71,10 @@ absl::StatusOr<InitializationFunction> MakeOurs(ModelPointer model, const Camera
 const std::vector<InitializationMethod>& Methods() {
   static const auto* const methods = new std::vector<InitializationMethod>{
       {"sqpnp", "SQPnP of OpenCV, on true end points (for OPnP)", PriorKnowledge::kCorrespondences, kAll, MakeSqpnp},
+      {"aspnl", "ASPnL", PriorKnowledge::kCorrespondences, kAll, MakeAspnl},
+      {"ropnl", "RoPnL: branch and bound over rotations", PriorKnowledge::kCorrespondences, kAll, MakeRopnl},
+      {"softposit", "SoftPOSIT for lines", PriorKnowledge::kPosePrior, 100, MakeSoftPosit},
+      {"blind-pnp", "BlindPnP, for lines", PriorKnowledge::kPosePrior, 100, MakeBlindPnp},
       {"ransac", "RANSAC with a three-line solver", PriorKnowledge::kNothing, 100, MakeRansac},
       {"published-bnb", "branch and bound over rotations (the paper's)", PriorKnowledge::kNothing, 100,
        MakePublishedBnb},

@@ -2,6 +2,7 @@
 
 #include <Eigen/Cholesky>
 #include <Eigen/Eigenvalues>
+#include <algorithm>
 #include <cmath>
 #include <limits>
 
@@ -44,8 +45,11 @@ std::optional<Eigen::Vector3d> SolveTranslation(absl::Span<const LineMatch> matc
                                                 const Eigen::Matrix3d& rotation) {
   Eigen::Matrix3d hessian = Eigen::Matrix3d::Zero();
   Eigen::Vector3d right = Eigen::Vector3d::Zero();
+  double longest_px = 0.0;
+  for (const LineMatch& match : matches) longest_px = std::max(longest_px, match.segment.length_px());
   for (const LineMatch& match : matches) {
-    const Eigen::Vector3d normal = BackProjectedNormal(camera, match.segment);
+    const double weight = match.segment.length_px() / longest_px;
+    const Eigen::Vector3d normal = weight * BackProjectedNormal(camera, match.segment);
     hessian += normal * normal.transpose();
     right -= normal.dot(rotation * (0.5 * (match.p1 + match.p2))) * normal;
   }

@@ -20,7 +20,8 @@ struct LineMatch {
 };
 
 // The least-squares solution of n_j . (R P + T) = 0 for both end points P of each line (LOPET, Sec. III-B): with an
-// exact rotation both say the same, with another one their mean counts. nullopt when the normals do not fix T.
+// exact rotation both say the same, with another one their mean counts. Lines weigh by their segments' lengths, to
+// which the noise of a normal is inverse. nullopt when the normals do not fix T.
 std::optional<Eigen::Vector3d> SolveTranslation(absl::Span<const LineMatch> matches, const CameraModel& camera,
                                                 const Eigen::Matrix3d& rotation);
 

@@ -56,6 +56,12 @@ std::vector<double> SolveBeta(const P3lConstraint& p, const P3lConstraint& q, do
   return {std::atan2(y / determinant, x / determinant)};
 }
 
+// Both directions are perpendicular to the first line's, but for the rounding of a model's coordinates.
+bool ArePerpendicular(const P3lConstraint& first, const P3lConstraint& second) {
+  constexpr double kSine = 1e-6;
+  return first.d.norm() < kSine && second.d.norm() < kSine;
+}
+
 }  // namespace
 
 P3lFrame::P3lFrame(const Eigen::Vector3d& normal, const Eigen::Vector3d& direction) {
@@ -80,13 +86,11 @@ P3lConstraint::P3lConstraint(const P3lFrame& frame, const Eigen::Vector3d& norma
 }
 
 P3lPolynomial EliminateBeta(const P3lConstraint& first, const P3lConstraint& second) {
-  // The sine below which a direction is perpendicular to the first line's: rounding of a model's coordinates.
-  constexpr double kPerpendicular = 1e-6;
   const Eigen::VectorXd a1 = InTangent(first.a), b1 = InTangent(first.b), d1 = InTangent(first.d);
   const Eigen::VectorXd a2 = InTangent(second.a), b2 = InTangent(second.b), d2 = InTangent(second.d);
   const Eigen::VectorXd determinant = Determinant(a1, b1, a2, b2);
   P3lPolynomial polynomial;
-  if (first.d.norm() < kPerpendicular && second.d.norm() < kPerpendicular) {
+  if (ArePerpendicular(first, second)) {
     polynomial.coefficients = determinant;
     polynomial.is_perpendicular = true;
     return polynomial;
@@ -96,6 +100,17 @@ P3lPolynomial EliminateBeta(const P3lConstraint& first, const P3lConstraint& sec
   polynomial.coefficients =
       PolynomialProduct(x, x) + PolynomialProduct(y, y) - PolynomialProduct(determinant, determinant);
   return polynomial;
+}
+
+double ConstraintOfAlpha(const P3lConstraint& first, const P3lConstraint& second, double alpha_rad) {
+  const Eigen::Vector3d base(1.0, std::cos(alpha_rad), std::sin(alpha_rad));
+  const double a1 = first.a.dot(base), b1 = first.b.dot(base), d1 = first.d.dot(base);
+  const double a2 = second.a.dot(base), b2 = second.b.dot(base), d2 = second.d.dot(base);
+  const double determinant = a1 * b2 - a2 * b1;
+  if (ArePerpendicular(first, second)) return determinant;
+  const double x = b1 * d2 - b2 * d1;
+  const double y = a1 * d2 - a2 * d1;
+  return x * x + y * y - determinant * determinant;
 }
 
 std::vector<Eigen::Matrix3d> SolveP3l(const std::array<Eigen::Vector3d, 3>& normals,

@@ -6,6 +6,7 @@
 #include <cmath>
 
 #include "core/base/random.h"
+#include "core/experiments/polynomial.h"
 #include "core/geometry/rigid_transform.h"
 
 namespace evpose {
@@ -67,6 +68,23 @@ TEST(P3l, SolutionsSatisfyTheConstraints) {
       EXPECT_LT(worst, 1e-2);  // a parted double root
     }
     EXPECT_GE(exact, 1);
+  }
+}
+
+TEST(P3l, PolynomialAndFunctionOfTheAngleAgree) {
+  Random random(5);
+  for (int i = 0; i < 20; ++i) {
+    const bool is_box = i % 2 == 1;
+    const Eigen::Vector3d x = Eigen::Vector3d::UnitX(), y = Eigen::Vector3d::UnitY(), z = Eigen::Vector3d::UnitZ();
+    const P3lFrame frame(RandomUnit(random), is_box ? x : RandomUnit(random));
+    const P3lConstraint first(frame, RandomUnit(random), is_box ? y : RandomUnit(random));
+    const P3lConstraint second(frame, RandomUnit(random), is_box ? z : RandomUnit(random));
+    const P3lPolynomial polynomial = EliminateBeta(first, second);
+    EXPECT_EQ(polynomial.is_perpendicular, is_box);
+    const double alpha = random.Uniform(-3.0, 3.0);
+    const double t = std::tan(0.5 * alpha);
+    const double scale = std::pow(1.0 + t * t, is_box ? 2 : 4);
+    EXPECT_NEAR(PolynomialValue(polynomial.coefficients, t) / scale, ConstraintOfAlpha(first, second, alpha), 1e-12);
   }
 }
 

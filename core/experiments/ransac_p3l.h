@@ -15,8 +15,8 @@ namespace evpose {
 struct RansacP3lOptions {
   // Draws of three segments and three model lines. One in 12^3 / 24 = 72 is right for a cube without spurious lines;
   // one in 12^3 / 4 = 432 for a cuboid; 0.99 confidence takes 4.6 times as many. A dense object needs more than anybody
-  // has time for. 5000 take a good tenth of a second.
-  int num_draws = 5000;
+  // has time for. 20000 take about 80 ms.
+  int num_draws = 20'000;
   // Pixels: an end point this near to a projected line is on it. Five standard deviations of the usual noise of 0.8 px:
   // poses of three lines are off by several of them.
   double threshold_px = 4.0;

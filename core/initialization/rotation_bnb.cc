@@ -378,8 +378,8 @@ absl::StatusOr<Problem> MakeProblem(absl::Span<const Eigen::Vector3d> normals,
   problem.normals.assign(normals.begin(), normals.end());
   problem.directions.assign(directions.begin(), directions.end());
   problem.is_matched = is_matched;
-  if (options.use_symmetry && !is_matched) {
-    problem.symmetries = DirectionSymmetries(directions);
+  if (options.use_symmetry) {
+    problem.symmetries = is_matched ? SignSymmetries(directions) : DirectionSymmetries(directions);
     problem.slack_rad = SymmetryDeviation(directions, problem.symmetries);
   }
   return problem;

@@ -61,7 +61,8 @@ absl::StatusOr<RotationBnbResult> MaximisePerpendicular(absl::Span<const Eigen::
                                                         absl::Span<const Eigen::Vector3d> directions,
                                                         const RotationBnbOptions& options);
 
-// The same with known correspondences: normal j belongs to directions[j] (as many as normals). There is no symmetry.
+// The same with known correspondences: normal j belongs to directions[j] (as many as normals). The symmetries are then
+// those that turn each direction into itself or its opposite (SignSymmetries).
 absl::StatusOr<RotationBnbResult> MaximisePerpendicularMatches(absl::Span<const Eigen::Vector3d> normals,
                                                                absl::Span<const Eigen::Vector3d> directions,
                                                                const RotationBnbOptions& options);

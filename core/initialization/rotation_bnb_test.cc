@@ -228,6 +228,27 @@ TEST(RotationBnb, MatchesGiveOneRotation) {
   EXPECT_LT(RotationAngle(result->rotations.front(), truth), 1e-4);
 }
 
+TEST(RotationBnb, MatchesOfABoxLeaveFour) {
+  Random random(12);
+  const Eigen::Matrix3d truth = RandomRotation(random);
+  Directions directions;
+  for (int j = 0; j < 9; ++j) directions.push_back(BoxDirections()[j % 3]);
+  EXPECT_EQ(SignSymmetries(directions).size(), 4u);
+  const Directions normals = MakeNormals(random, directions, truth, 9, 0.0, 0);
+  RotationBnbOptions options;
+  options.inlier_rad = 0.005;
+  const auto result = MaximisePerpendicularMatches(normals, directions, options);
+  ASSERT_TRUE(result.ok()) << result.status();
+  EXPECT_EQ(result->lower_bound, 9);
+  ASSERT_EQ(result->rotations.size(), 1u);
+  double nearest = M_PI;
+  for (const Eigen::Matrix3d& q : SignSymmetries(directions)) {
+    EXPECT_EQ(CountPerpendicular(normals, BoxDirections(), result->rotations[0] * q, options.inlier_rad), 9);
+    nearest = std::min(nearest, RotationAngle(result->rotations[0] * q, truth));
+  }
+  EXPECT_LT(nearest, 1e-4);
+}
+
 TEST(CertifyRotation, SaysWhatItKnows) {
   Random random(7);
   const Eigen::Matrix3d truth = RandomRotation(random);

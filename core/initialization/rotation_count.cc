@@ -86,6 +86,19 @@ std::vector<Eigen::Matrix3d> DirectionSymmetries(absl::Span<const Eigen::Vector3
   return symmetries;
 }
 
+std::vector<Eigen::Matrix3d> SignSymmetries(absl::Span<const Eigen::Vector3d> directions, double tolerance_rad) {
+  std::vector<Eigen::Vector3d> unique;
+  for (const Eigen::Vector3d& v : directions) {
+    if (unique.empty() || SineToSet(unique, v) > tolerance_rad) unique.push_back(v);
+  }
+  std::vector<Eigen::Matrix3d> kept;
+  for (const Eigen::Matrix3d& q : DirectionSymmetries(unique, tolerance_rad)) {
+    const auto stays = [&](const Eigen::Vector3d& v) { return SineBetween(q * v, v) <= tolerance_rad; };
+    if (std::all_of(unique.begin(), unique.end(), stays)) kept.push_back(q);
+  }
+  return kept;
+}
+
 double SymmetryDeviation(absl::Span<const Eigen::Vector3d> directions, absl::Span<const Eigen::Matrix3d> symmetries) {
   double worst = 0.0;
   for (const Eigen::Matrix3d& rotation : symmetries) worst = std::max(worst, Deviation(directions, rotation));

@@ -19,6 +19,10 @@ std::vector<Eigen::Vector3d> UniqueDirections(const ObjectModel& model, double t
 std::vector<Eigen::Matrix3d> DirectionSymmetries(absl::Span<const Eigen::Vector3d> directions,
                                                  double tolerance_rad = 1e-4);
 
+// Those of them under which each direction falls on itself or its opposite. A box has four: even with known
+// correspondences its directions leave the choice between four rotations.
+std::vector<Eigen::Matrix3d> SignSymmetries(absl::Span<const Eigen::Vector3d> directions, double tolerance_rad = 1e-4);
+
 // Radians by which the group's worst element misses the set that it should map onto itself.
 double SymmetryDeviation(absl::Span<const Eigen::Vector3d> directions, absl::Span<const Eigen::Matrix3d> symmetries);
 
