@@ -34,7 +34,7 @@ struct FirstPoses {
 struct InitializerOptions {
   // Pixels. Lines that moved by less are not searched with: their events are too few and too near to tell lines from
   // noise, and which of them continue each other.
-  double min_motion_px = 3.0;
+  double min_motion_px = 1.0;
   // Twice a log likelihood ratio: PoseHypothesis::evidence that a pose needs. Six unknowns, each of which is found to
   // one part in 150 or so of where it might have been, fit by chance what is worth 6 * 2 ln 150. Three lines, which
   // fit in some pose whatever they are, are worth less.

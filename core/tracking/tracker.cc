@@ -163,7 +163,7 @@ void WindowTracker::Search(const EventWindow& window, std::vector<PoseEstimate>&
     return;
   }
   if (window.t_end_us < next_search_us_) return;
-  retry_us_ = std::min(options.max_retry_us, retry_us_ + retry_us_ / 2);
+  retry_us_ = std::min(options.max_retry_us, retry_us_ + retry_us_ / 4);
   next_search_us_ = window.t_end_us + retry_us_;
   report_.status = FindHypotheses(hypotheses_);
   if (hypotheses_.empty()) return;
