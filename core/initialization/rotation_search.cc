@@ -18,8 +18,15 @@ constexpr int kHalfCircleSteps = 120;
 // A rotation of the sweep is this far from the best one beside it, rad: half a step, and what the two lines of the pair
 // are off by themselves. Added to what each line is uncertain by.
 constexpr double kSweepRad = 0.01;
+// The same after refinement. Without it a line seen end on, which tells a rotation to a thousandth, would have no say
+// before all others agree.
+constexpr double kRefinedRad = 0.005;
 // Rotations closer than this are one; a pose is refined from farther away than that.
 constexpr double kSameRotationRad = 0.03;
+// Beside the minima of a sweep, every so manieth of its rotations is kept that costs at most so much more than the best
+// one so far, in units of a line's largest cost: where perspective is weak, two directions leave one motion free.
+constexpr int kValleyStride = 2;
+constexpr double kValleyOfLineCost = 1.0;
 constexpr double kPriorRad = 0.02;
 constexpr int kRefineIterations = 3;
 // Minima of the sweeps that are refined, for each candidate asked for.
@@ -33,7 +40,8 @@ class Scorer {
   Scorer(absl::Span<const ImageLine> lines, double max_line_cost)
       : count_(static_cast<int>((std::min<size_t>(lines.size(), kMaxLines) + 3) / 4 * 4)),
         cap_(static_cast<float>(max_line_cost)) {
-    weight_.setZero();
+    turn_variance_.setConstant(1.0f);
+    Vector3d sight = Vector3d::Zero();
     x_.setZero();
     y_.setZero();
     z_.setZero();
@@ -41,25 +49,33 @@ class Scorer {
       x_[j] = static_cast<float>(lines[j].normal.x());
       y_[j] = static_cast<float>(lines[j].normal.y());
       z_[j] = static_cast<float>(lines[j].normal.z());
-      weight_[j] = static_cast<float>(1.0 / (lines[j].turn_variance + kSweepRad * kSweepRad));
+      turn_variance_[j] = static_cast<float>(lines[j].turn_variance);
+      sight += lines[j].sight;
     }
+    sight_ = sight.normalized().cast<float>();
   }
 
-  // `directions` in the camera frame.
+  // `directions` in the camera frame. A direction along the line of sight is told by where a line is, not by how it is
+  // turned, and that is known well: the uncertainty of its turn counts by the part of the direction across the sight.
   float Cost(const std::vector<Eigen::Vector3f>& directions) {
     auto best = best_.head(count_);
-    best.setConstant(1e9f);
+    best.setConstant(cap_);
     for (const Eigen::Vector3f& d : directions) {
-      best = best.min((x_.head(count_) * d.x() + y_.head(count_) * d.y() + z_.head(count_) * d.z()).square());
+      const float along_sight = d.dot(sight_);
+      const float across2 = std::max(0.0f, 1.0f - along_sight * along_sight);
+      best = best.min((x_.head(count_) * d.x() + y_.head(count_) * d.y() + z_.head(count_) * d.z()).square() /
+                      (turn_variance_.head(count_) * across2 + sweep_variance_));
     }
-    return (best * weight_.head(count_)).min(cap_).sum();
+    return best.sum();
   }
 
  private:
   using Row = Eigen::Array<float, kMaxLines, 1>;
   const int count_;
   const float cap_;
-  Row x_, y_, z_, weight_, best_;
+  const float sweep_variance_ = static_cast<float>(kSweepRad * kSweepRad);
+  Eigen::Vector3f sight_;  // to the middle of the lines
+  Row x_, y_, z_, turn_variance_, best_;
 };
 
 struct Sweep {
@@ -133,7 +149,8 @@ class RotationSearch {
           rotation = Rotation(d, (f - pair.cosine * d) / sine, pair);
           cost = Score(rotation);
         }
-        if (last <= before && last < cost) Keep(last, last_rotation);
+        const bool is_minimum = last <= before && last < cost;
+        if (is_minimum || (step % kValleyStride == 0 && last < best_ + valley_)) Keep(last, last_rotation);
         before = last;
         last = cost;
         last_rotation = rotation;
@@ -162,7 +179,10 @@ class RotationSearch {
     return scorer_.Cost(turned_);
   }
 
-  void Keep(float cost, const Matrix3d& rotation) { minima_.push_back({rotation, cost}); }
+  void Keep(float cost, const Matrix3d& rotation) {
+    best_ = std::min(best_, cost);
+    kept_.push_back({rotation, cost});
+  }
 
   static bool Cheaper(const RotationCandidate& a, const RotationCandidate& b) { return a.cost < b.cost; }
 
@@ -174,6 +194,7 @@ class RotationSearch {
       Matrix3d h = Matrix3d::Identity() / (kPriorRad * kPriorRad);
       Vector3d g = Vector3d::Zero();
       candidate.cost = 0.0;
+      const double sweep_variance = iteration == 0 ? kSweepRad * kSweepRad : kRefinedRad * kRefinedRad;
       for (const ImageLine& line : lines_) {
         double least = options_.max_line_cost;
         Vector3d row = Vector3d::Zero();
@@ -181,7 +202,7 @@ class RotationSearch {
         for (const Vector3d& v : model_.directions()) {
           const Vector3d d = candidate.rotation * v;
           const double sine = line.normal.dot(d);
-          const double variance = line.Variance(d);
+          const double variance = line.Variance(d) + sweep_variance;
           if (sine * sine >= least * variance) continue;
           least = sine * sine / variance;
           const double scale = 1.0 / std::sqrt(variance);
@@ -227,7 +248,7 @@ class RotationSearch {
   }
 
   std::vector<RotationCandidate> Distinct() const {
-    std::vector<RotationCandidate> refined = Thin(minima_, kRefinedPerCandidate * options_.max_candidates);
+    std::vector<RotationCandidate> refined = Thin(kept_, kRefinedPerCandidate * options_.max_candidates);
     for (RotationCandidate& candidate : refined) candidate = Refine(candidate);
     return Thin(std::move(refined), options_.max_candidates);
   }
@@ -237,9 +258,11 @@ class RotationSearch {
   const RotationSearchOptions& options_;
   Scorer scorer_;
   int budget_ = options_.max_rotations;
+  float best_ = 1e9f;
+  const float valley_ = static_cast<float>(kValleyOfLineCost * options_.max_line_cost);
   std::vector<Eigen::Quaterniond> symmetries_;  // of the directions
   std::vector<Eigen::Vector3f> directions_, turned_;
-  std::vector<RotationCandidate> minima_;
+  std::vector<RotationCandidate> kept_;
 };
 
 }  // namespace
