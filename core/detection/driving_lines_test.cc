@@ -64,7 +64,7 @@ TEST(DrivingLines, AreFoundInsideTheImageAndAlwaysTheSame) {
         EXPECT_EQ(line.normal_velocity_px_per_s, again.lines[i].normal_velocity_px_per_s);
       }
     }
-    EXPECT_GT(total, 8u * 5u);
+    EXPECT_GT(total, 8u * 7u);
   }
 }
 

@@ -18,6 +18,14 @@ constexpr size_t kMaxSeeds = 600;
 // Latest events that the speed is told from: several passes of several edges.
 constexpr size_t kMaxSpeedEvents = 60'000;
 
+// Events beyond this many times max_events are not even looked at.
+constexpr size_t kMaxThinnedRatio = 8;
+// An event is lonely when its cell of this side, in space and time, holds fewer than so many. Cells that share a slot
+// of the table count as one: a few lonely events stay.
+constexpr double kCrowdPx = 3.0;
+constexpr uint8_t kCrowd = 3;
+constexpr size_t kCrowdSlots = 1u << 20;
+
 }  // namespace
 
 absl::Status StretchOptions::Validate() const {
@@ -89,6 +97,25 @@ double StretchSelector::MedianSpeed(absl::Span<const PixelEvent> events) {
   return kSweptPx * 1e6 / times_us[times_us.size() / 2];
 }
 
+void StretchSelector::DropLonely(std::vector<StretchEvent>& events, double px_per_s) {
+  crowds_.assign(kCrowdSlots, 0);
+  const auto slot = [px_per_s](const StretchEvent& event) {
+    uint64_t key = event.polarity;
+    for (const double coordinate :
+         {static_cast<double>(event.u_px), static_cast<double>(event.v_px), px_per_s * event.tau_s}) {
+      key =
+          (key ^ static_cast<uint64_t>(static_cast<int64_t>(std::floor(coordinate / kCrowdPx)))) * 0x9e3779b97f4a7c15u;
+      key ^= key >> 29;
+    }
+    return static_cast<size_t>(key % kCrowdSlots);
+  };
+  for (const StretchEvent& event : events) {
+    uint8_t& crowd = crowds_[slot(event)];
+    if (crowd < kCrowd) ++crowd;
+  }
+  std::erase_if(events, [&](const StretchEvent& event) { return crowds_[slot(event)] < kCrowd; });
+}
+
 EventStretch StretchSelector::Select(absl::Span<const PixelEvent> events) {
   EventStretch stretch;
   if (events.empty()) return stretch;
@@ -106,14 +133,21 @@ EventStretch StretchSelector::Select(absl::Span<const PixelEvent> events) {
   stretch.time_scale_px_per_s =
       options_.motion_px * 1e6 / static_cast<double>(std::max<int64_t>(1, stretch.t_end_us - stretch.t_begin_us));
   const absl::Span<const PixelEvent> taken = from(stretch.t_begin_us);
-  const double half_s = stretch.half_duration_s();
-  EvenSample sample(taken.size(), options_.max_events);
-  for (size_t i = 0; i < taken.size(); ++i) {
-    if (!sample.Takes() || PixelIndex(taken[i]) < 0) continue;
+  EvenSample bounded(taken.size(), kMaxThinnedRatio * static_cast<size_t>(options_.max_events));
+  for (const PixelEvent& event : taken) {
+    if (!bounded.Takes() || PixelIndex(event) < 0) continue;
     stretch.events.push_back(
-        {taken[i].u_px, taken[i].v_px,
-         static_cast<float>(1e-6 * static_cast<double>(taken[i].t_us - stretch.t_begin_us) - half_s),
-         static_cast<uint8_t>(taken[i].polarity != 0)});
+        {event.u_px, event.v_px,
+         static_cast<float>(1e-6 * static_cast<double>(event.t_us - stretch.t_begin_us) - stretch.half_duration_s()),
+         static_cast<uint8_t>(event.polarity != 0)});
+  }
+  if (stretch.events.size() > static_cast<size_t>(options_.max_events)) {
+    // Not before it must be: faint and slow edges are lonely, too.
+    if (stretch.events.size() > 2 * static_cast<size_t>(options_.max_events)) {
+      DropLonely(stretch.events, stretch.time_scale_px_per_s);
+    }
+    EvenSample sample(stretch.events.size(), options_.max_events);
+    std::erase_if(stretch.events, [&sample](const StretchEvent&) { return !sample.Takes(); });
   }
   return stretch;
 }

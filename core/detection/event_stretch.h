@@ -16,7 +16,8 @@ struct StretchOptions {
   double motion_px = 6.0;
   // Microseconds. A slower object moves by less than motion_px: later events than these say little of where it is now.
   int64_t max_duration_us = 50'000;
-  // Events that are used, evenly thinned when there are more: bounds the work.
+  // Events that are used: bounds the work. More are evenly thinned; when there are more than twice as many, those that
+  // have no other near them in space and time go first.
   int max_events = 20'000;
 
   // INVALID_ARGUMENT naming the field.
@@ -56,6 +57,7 @@ class StretchSelector {
   // nothing moves.
   double MedianSpeed(absl::Span<const PixelEvent> events);
   double SweepTime(const PixelEvent& event, int pixel, int64_t t_origin_us);
+  void DropLonely(std::vector<StretchEvent>& events, double px_per_s);
 
   StretchOptions options_;
   int margin_x_;
@@ -64,6 +66,7 @@ class StretchSelector {
   int map_height_;
   std::vector<int32_t> last_us_[2];  // by polarity: when each pixel last fired, from the origin; -1: never
   std::vector<int32_t> ages_;
+  std::vector<uint8_t> crowds_;  // events in each cell of space and time, hashed
 };
 
 }  // namespace evpose

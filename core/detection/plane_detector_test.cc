@@ -159,6 +159,20 @@ TEST(PlaneDetector, EndsAreNotLengthenedByLonelyEvents) {
   ExpectEdge(detection, detection.lines[0], edge, {}, 0.3, 3.0);
 }
 
+TEST(PlaneDetector, FindsAnEdgeInAFloodOfClutter) {
+  const MovingEdge edge = {{150.0, 100.0}, {400.0, 330.0}, {250.0, -250.0}};
+  const EdgeEventOptions options = {.events_per_px2 = 3.0, .clutter_per_px2 = 0.5};
+  const std::vector<PixelEvent> events = MakeEdgeEvents({edge}, options);
+  ASSERT_GT(events.size(), 150'000u);  // of which the edge has about one in ten
+  const LineDetection detection = DetectLines(events);
+  ASSERT_FALSE(detection.lines.empty());
+  const DetectedLine& line = detection.lines[0];
+  const ImageSegment truth = edge.At(1e-6 * static_cast<double>(detection.t_end_us - options.t_begin_us));
+  EXPECT_LT(Distance(truth, line.at_end.p1_px), 1.0);
+  EXPECT_LT(Distance(truth, line.at_end.p2_px), 1.0);
+  EXPECT_GT(line.at_end.length_px(), 0.5 * truth.length_px());
+}
+
 TEST(PlaneDetector, CornersAreWhereLinesMeet) {
   const Eigen::Vector2d velocity(260.0, 220.0);
   const Eigen::Vector2d a(200.0, 150.0), b(330.0, 190.0), c(250.0, 300.0);

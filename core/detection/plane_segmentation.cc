@@ -1,5 +1,6 @@
 #include "core/detection/plane_segmentation.h"
 
+#include <pcl/console/print.h>
 #include <pcl/features/normal_3d.h>
 #include <pcl/point_cloud.h>
 #include <pcl/point_types.h>
@@ -170,6 +171,9 @@ absl::Status PlaneSegmentationOptions::Validate() const {
 }
 
 std::vector<SpaceTimePlane> SegmentPlanes(const EventStretch& stretch, const PlaneSegmentationOptions& options) {
+  // PCL writes to standard error about every unlucky sample; what matters is what it returns.
+  static const bool is_quiet = (pcl::console::setVerbosityLevel(pcl::console::L_ALWAYS), true);
+  static_cast<void>(is_quiet);
   std::vector<SpaceTimePlane> planes;
   try {
     for (const uint8_t polarity : {0, 1}) SegmentPolarity(stretch, polarity, options, planes);
