@@ -6,12 +6,17 @@
 #include <filesystem>
 #include <fstream>
 #include <memory>
+#include <optional>
 #include <string>
 #include <thread>
 #include <vector>
 
 #include "client/lib/client.h"
 #include "client/lib/fake_clock.h"
+#include "core/base/status_macros.h"
+#include "core/events/recording_reader.h"
+#include "core/geometry/camera.h"
+#include "core/models/object_model.h"
 #include "server/rpc/server.h"
 #include "tests/integration/cli_fixture.h"
 
@@ -119,6 +124,58 @@ TEST_F(ReplayTest, FindsTheFirstPoseByItself) {
     const CliResult other = Run(SearchArguments("other.tum", way));
     ASSERT_EQ(other.status, 0) << other.err;
     EXPECT_TRUE(ReadText("other.tum") == expected) << ::testing::PrintToString(way);
+  }
+}
+
+// The first pose that a session of its own finds in the cube's recording, with this reference.
+absl::StatusOr<RigidTransform> FirstPoseFound(client::Client& client, const std::string& recording,
+                                              client::SessionConfig config,
+                                              const std::optional<Eigen::Matrix3d>& reference) {
+  config.objects[0].reference_rotation = reference;
+  EVPOSE_ASSIGN_OR_RETURN(const auto session, client.CreateSession(config));
+  EVPOSE_ASSIGN_OR_RETURN(const auto reader, RecordingReader::Open(recording, {}));
+  Chunker chunker(*reader, {});
+  std::optional<RigidTransform> first;
+  client::TrackCallbacks callbacks;
+  callbacks.on_pose = [&](const client::Pose& pose) {
+    if (!first) first = pose.estimate.camera_from_object;
+  };
+  EVPOSE_RETURN_IF_ERROR(client.Track(session, [&] { return chunker.Next(); }, callbacks, {}).status());
+  if (!first) return absl::NotFoundError("no pose");
+  return *first;
+}
+
+TEST_F(ReplayTest, OfEquivalentPosesTheOneNearestToTheReferenceIsFound) {
+  SimulateCube(0.06);
+  StartServer();
+  const auto client = client::Client::Connect(address_);
+  ASSERT_TRUE(client.ok()) << client.status();
+  const std::string file = ReadText("cube/model.obj");
+  const auto uploaded = (*client)->UploadModel({reinterpret_cast<const uint8_t*>(file.data()), file.size()}, {});
+  ASSERT_TRUE(uploaded.ok()) << uploaded.status();
+  const auto camera = LoadCameraModel(Path("cube/camera.yaml"));
+  const auto model = LoadObjectModel(Path("cube/model.obj"));
+  ASSERT_TRUE(camera.ok() && model.ok());
+  client::SessionConfig config;
+  config.camera = *camera;
+  config.objects.push_back({.model = uploaded->name});
+  const auto find = [&](const std::optional<Eigen::Matrix3d>& reference) {
+    return FirstPoseFound(**client, Path("cube/recording.raw"), config, reference);
+  };
+  const auto plain = find(std::nullopt);
+  ASSERT_TRUE(plain.ok()) << plain.status();
+  ASSERT_EQ(model->symmetries.size(), 24u);
+  for (const RigidTransform& symmetry : model->symmetries) {
+    EXPECT_GE(RotationAngle((*plain * symmetry).rotation, Eigen::Matrix3d::Identity()),
+              RotationAngle(plain->rotation, Eigen::Matrix3d::Identity()) - 1e-9);
+  }
+  // Each orientation can be asked for; three of them do.
+  for (const size_t wanted : {1, 7, 23}) {
+    const RigidTransform expected = *plain * model->symmetries[wanted];
+    const auto found = find(expected.rotation);
+    ASSERT_TRUE(found.ok()) << found.status();
+    EXPECT_LT(RotationAngle(found->rotation, expected.rotation), 0.01);
+    EXPECT_LT((found->translation_m - expected.translation_m).norm(), 0.005);
   }
 }
 
