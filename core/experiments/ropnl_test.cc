@@ -16,7 +16,7 @@ struct Counts {
   int near = 0;  // ends within 6 px of where they are, in the mean
 };
 
-Counts Run(SimulatedObject object, double noise_px) {
+Counts RunTrials(SimulatedObject object, double noise_px) {
   const auto trials = MakeTrials(object, noise_px);
   Counts counts;
   for (int seed = 0; seed < kTrials; ++seed) {
@@ -32,18 +32,18 @@ Counts Run(SimulatedObject object, double noise_px) {
 }
 
 TEST(Ropnl, IsRightWithoutNoise) {
-  for (const SimulatedObject object : kObjects) EXPECT_GE(Run(object, 0.0).right, kTrials - 1);
+  for (const SimulatedObject object : kObjects) EXPECT_GE(RunTrials(object, 0.0).right, kTrials - 1);
 }
 
 TEST(Ropnl, IsNearWithNoise) {
   for (const SimulatedObject object : kObjects) {
-    EXPECT_GE(Run(object, 0.8).near, kTrials * 17 / 20) << SimulatedObjectName(object);
+    EXPECT_GE(RunTrials(object, 0.8).near, kTrials * 17 / 20) << SimulatedObjectName(object);
   }
 }
 
 TEST(Ropnl, IsMostlyRightWhereNoLineIsShort) {
-  EXPECT_GE(Run(SimulatedObject::kCube, 0.8).right, kTrials * 17 / 20);
-  EXPECT_GE(Run(SimulatedObject::kCuboid, 0.8).right, kTrials * 17 / 20);
+  EXPECT_GE(RunTrials(SimulatedObject::kCube, 0.8).right, kTrials * 17 / 20);
+  EXPECT_GE(RunTrials(SimulatedObject::kCuboid, 0.8).right, kTrials * 17 / 20);
 }
 
 TEST(Ropnl, WrongMatchesAreLeftOut) {

@@ -242,7 +242,7 @@ void BranchAndBound::Offer(const Eigen::Matrix3d& rotation) {
 
 // An incumbent from a centre that nearly is one: the least-squares rotation of what it explains.
 void BranchAndBound::Refine(const Eigen::Matrix3d& rotation) {
-  constexpr int kSteps = 4;  // from within the inlier band, Gauss-Newton is at rest after two or three
+  constexpr int kSteps = 8;  // each may bring in more inliers; at rest after two or three with the same
   Eigen::Matrix3d refined = rotation;
   for (int i = 0; i < kSteps; ++i) refined = LeastSquaresStep(problem_, refined, 1.5 * max_cosine_);
   Offer(refined);
