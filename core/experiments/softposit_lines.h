@@ -20,8 +20,10 @@ struct SoftPositOptions {
   // Share of the segments that ends the starts.
   double good_ratio = 0.8;
   // Deterministic annealing: the inverse of the squared distance, in square pixels, at which a match's weight falls
-  // off. From 70 px, the error of a prior's projection, to 2 px; the paper's factor for each step.
-  double initial_beta_per_px2 = 2e-4;
+  // off. From 22 px, less than the error of a prior's projection but no farther than a dense object's lines are apart
+  // (with 70 px the spacecraft never came right, with 14 px the boxes less often), to 2 px; the paper's factor for each
+  // step.
+  double initial_beta_per_px2 = 2e-3;
   double final_beta_per_px2 = 0.25;
   double beta_factor = 1.05;
   // Pixels: a match farther apart than this, for each end point, is worse than none.
