@@ -1,6 +1,8 @@
 #include "core/initialization/pose_judge.h"
 
 #include <Eigen/Cholesky>
+#include <Eigen/Eigenvalues>
+#include <Eigen/Geometry>
 #include <algorithm>
 #include <array>
 #include <optional>
@@ -16,6 +18,7 @@ constexpr size_t kMinMatches = 3;
 // from one segment is off by.
 constexpr std::array<double, 3> kWidenings = {4.0, 2.0, 1.0};
 constexpr int kStepsWhileSettling = 3;
+constexpr int kTurnedOverSteps = 8;
 constexpr int kFinalRounds = 2;
 constexpr int kFinalSteps = 5;
 }  // namespace
@@ -138,6 +141,27 @@ PoseHypothesis PoseJudge::Finish(RigidTransform pose, size_t num_segments) const
     }
   }
   return Judge(pose, parts, num_segments);
+}
+
+bool PoseJudge::TurnOver(RigidTransform& pose) const {
+  const std::vector<LineMatch> matches = Match(LikelyParts(pose), 1.0);
+  if (matches.size() < kMinMatches) return false;
+  Eigen::Vector3d middle = Eigen::Vector3d::Zero();
+  for (const LineMatch& match : matches) middle += 0.5 / static_cast<double>(matches.size()) * (match.p1 + match.p2);
+  Eigen::Matrix3d scatter = Eigen::Matrix3d::Zero();
+  for (const LineMatch& match : matches) {
+    scatter += (match.p1 - middle) * (match.p1 - middle).transpose();
+    scatter += (match.p2 - middle) * (match.p2 - middle).transpose();
+  }
+  const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> solver(scatter);
+  const Eigen::Vector3d plane_normal = solver.eigenvectors().col(0);
+  const Eigen::Vector3d middle_camera = pose * middle;
+  const Eigen::Vector3d sight = middle_camera.normalized();
+  const Eigen::Matrix3d identity = Eigen::Matrix3d::Identity();
+  pose.rotation = (identity - 2.0 * sight * sight.transpose()) * pose.rotation *
+                  (identity - 2.0 * plane_normal * plane_normal.transpose());
+  pose.translation_m = middle_camera - pose.rotation * middle;
+  return Refine(matches, kWidenings.front(), kTurnedOverSteps, pose);
 }
 
 PoseHypothesis PoseJudge::Judge(const RigidTransform& pose, absl::Span<const ImagePart> parts,

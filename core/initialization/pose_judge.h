@@ -53,6 +53,9 @@ class PoseJudge {
   PoseHypothesis Judge(const RigidTransform& pose, absl::Span<const ImagePart> parts, size_t num_segments) const;
   // Refines to convergence with what is visible, by ray casting, and judges.
   PoseHypothesis Finish(RigidTransform pose, size_t num_segments) const;
+  // The other pose of a flat object: the depths of the matched lines turned over about their middle, and refined. Under
+  // weak perspective a plane's picture stays the same. False when the lines do not allow it.
+  bool TurnOver(RigidTransform& pose) const;
 
  private:
   // Normal equations of the weighted squares, and the cost.

@@ -16,13 +16,13 @@ namespace {
 
 constexpr size_t kMinSegments = 3;
 constexpr size_t kCandidates = 32;  // settled
-// Candidates that leave three segments more unexplained than the best are not looked into.
-constexpr double kMarginOfUnexplained = 3.0;
+// Candidates that leave two segments more unexplained than the best are not looked into.
+constexpr double kMarginOfUnexplained = 2.0;
 constexpr size_t kFinished = 8;  // with ray casting
 constexpr double kMinRotations = 10;
 constexpr double kMaxRotations = 300;
-constexpr size_t kRotationsAtOnce = 8;
-constexpr int kScoredAtOnce = 300;
+constexpr size_t kRotationsAtOnce = 4;
+constexpr int kScoredAtOnce = 200;
 constexpr int kMinMatched = 3;
 constexpr double kSameRotationRad = 0.02;
 constexpr double kSamePositionRatio = 0.01;  // of the distance
@@ -45,11 +45,17 @@ class LinePoseSearch : public PoseSearch {
     const PoseJudge judge(search_model_, camera_, lines, options_);
     const double cost_of_nothing = options_.unexplained_cost * static_cast<double>(lines.size());
     std::vector<PoseHypothesis> hypotheses;
-    for (const PoseHypothesis& settled : Settle(judge, FindCandidates(lines), segments.size())) {
-      PoseHypothesis hypothesis = judge.Finish(settled.camera_from_object, segments.size());
-      if (hypothesis.num_matched < kMinMatched || !(hypothesis.cost < cost_of_nothing)) continue;
+    const auto finish = [&](const RigidTransform& pose) {
+      PoseHypothesis hypothesis = judge.Finish(pose, segments.size());
+      if (hypothesis.num_matched < kMinMatched || !(hypothesis.cost < cost_of_nothing)) return;
       AddDistinct(std::move(hypothesis), hypotheses);
+    };
+    for (const PoseHypothesis& settled : Settle(judge, FindCandidates(lines), segments.size())) {
+      finish(settled.camera_from_object);
     }
+    if (hypotheses.empty()) return hypotheses;
+    RigidTransform turned_over = hypotheses[0].camera_from_object;
+    if (judge.TurnOver(turned_over)) finish(turned_over);
     if (hypotheses.size() > static_cast<size_t>(options_.max_hypotheses)) hypotheses.resize(options_.max_hypotheses);
     return hypotheses;
   }
@@ -65,6 +71,7 @@ class LinePoseSearch : public PoseSearch {
     PositionSearch positions(search_model_, camera_, lines, options_);
     RotationSearchOptions rotation_options;
     rotation_options.max_line_cost = options_.max_across_cost();
+    rotation_options.unexplained_cost = options_.unexplained_cost;
     rotation_options.max_rotations = options_.max_rotations;
     const double votes_per_candidate = positions.ExpectedVotes() * static_cast<double>(labellings.size());
     rotation_options.max_candidates =

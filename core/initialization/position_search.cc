@@ -2,7 +2,6 @@
 
 #include <Eigen/Geometry>
 #include <algorithm>
-#include <bit>
 
 #include "core/initialization/segment_fit.h"
 
@@ -20,7 +19,7 @@ constexpr double kAcrossSigmaOfRadius = 0.01;
 constexpr double kAlongSigmaOfRadius = 0.02;
 // Segments that give positions. Of the longest ten more than half are whole lines of the object, or there is little
 // hope.
-constexpr size_t kMaxVoters = 10;
+constexpr size_t kMaxVoters = 10;  // at most 16, the bits of SingleVote::voter
 // Votes closer than this support each other: depths, and lateral distances in radii.
 constexpr double kVoteDepthRatio = 0.06;
 constexpr double kVoteLateralOfRadius = 0.05;
@@ -116,56 +115,49 @@ void PositionSearch::CastVotes() {
       const Vector3d middle = (l1 > 0.0 ? 0.5 : -0.5) * (l1 * line.q1 + l2 * line.q2);
       for (int i = first_part_[direction]; i < first_part_[direction + 1]; ++i) {
         const Vector3d position = (parts_[i].b - parts_[i].a).norm() * middle - 0.5 * (parts_[i].a + parts_[i].b);
-        if (position.z() > least_depth_m) votes_.push_back({position, uint32_t{1} << j, 0});
+        if (!(position.z() > least_depth_m)) continue;
+        const auto bit = static_cast<uint16_t>(1u << j);
+        votes_.push_back({static_cast<float>(position.x()), static_cast<float>(position.y()),
+                          static_cast<float>(position.z()), bit, bit, 1});
       }
     }
   }
   num_votes_ += static_cast<int>(votes_.size());
-  std::sort(votes_.begin(), votes_.end(),
-            [](const SingleVote& a, const SingleVote& b) { return a.position.z() < b.position.z(); });
+  std::sort(votes_.begin(), votes_.end(), [](const SingleVote& a, const SingleVote& b) { return a.z < b.z; });
 }
 
 // Votes of different segments that agree support each other.
 void PositionSearch::CountSupport() {
-  const double lateral_m = kVoteLateralOfRadius * model_.radius_m();
+  const auto lateral_m = static_cast<float>(kVoteLateralOfRadius * model_.radius_m());
+  const auto depth_factor = static_cast<float>(1.0 + kVoteDepthRatio);
   for (size_t i = 0; i < votes_.size(); ++i) {
     SingleVote& vote = votes_[i];
-    vote.supporters |= vote.voter;
-    const double z_max = vote.position.z() * (1.0 + kVoteDepthRatio);
-    for (size_t k = i + 1; k < votes_.size() && votes_[k].position.z() < z_max; ++k) {
+    const float z_max = vote.z * depth_factor;
+    for (size_t k = i + 1; k < votes_.size() && votes_[k].z < z_max; ++k) {
       // Beside each other, at the same depth.
-      const Vector3d& other = votes_[k].position;
-      const double scale = vote.position.z() / other.z();
-      if (std::abs(scale * other.x() - vote.position.x()) > lateral_m) continue;
-      if (std::abs(scale * other.y() - vote.position.y()) > lateral_m) continue;
-      vote.supporters |= votes_[k].voter;
-      votes_[k].supporters |= vote.voter;
+      SingleVote& other = votes_[k];
+      const float dx = vote.z * other.x - other.z * vote.x, dy = vote.z * other.y - other.z * vote.y;
+      if (std::max(std::abs(dx), std::abs(dy)) > lateral_m * other.z) continue;
+      vote.AddSupporter(other.voter);
+      other.AddSupporter(vote.voter);
     }
   }
 }
 
 // The best supported places, each once.
 void PositionSearch::KeepBest(int rotation) {
-  const double lateral_m = kVoteLateralOfRadius * model_.radius_m();
-  for (int taken = 0; taken < kPlacesPerRotation; ++taken) {
-    const SingleVote* best = nullptr;
-    int support = 0;
-    for (const SingleVote& vote : votes_) {
-      if (vote.supporters == 0) continue;
-      const int count = std::popcount(vote.supporters);
-      if (count > support) {
-        best = &vote;
-        support = count;
-      }
-    }
-    if (best == nullptr) return;
-    const Vector3d place = best->position;
-    positions_.push_back({place, rotation, support});
+  const auto lateral_m = static_cast<float>(0.5 * kVoteLateralOfRadius * model_.radius_m());
+  const auto depth_ratio = static_cast<float>(0.5 * kVoteDepthRatio);
+  for (int taken = 0; taken < kPlacesPerRotation && !votes_.empty(); ++taken) {
+    // The first of equals, so the nearest.
+    const SingleVote place = *std::max_element(
+        votes_.begin(), votes_.end(), [](const SingleVote& a, const SingleVote& b) { return a.support < b.support; });
+    if (place.support == 0) return;
+    positions_.push_back({Vector3d(place.x, place.y, place.z), rotation, place.support});
     for (SingleVote& vote : votes_) {
-      const bool is_near = std::abs(vote.position.z() - place.z()) < 0.5 * kVoteDepthRatio * place.z() &&
-                           std::abs(vote.position.x() - place.x()) < 0.5 * lateral_m &&
-                           std::abs(vote.position.y() - place.y()) < 0.5 * lateral_m;
-      if (is_near) vote.supporters = 0;
+      const bool is_near = std::abs(vote.z - place.z) < depth_ratio * place.z &&
+                           std::abs(vote.x - place.x) < lateral_m && std::abs(vote.y - place.y) < lateral_m;
+      if (is_near) vote.support = 0;
     }
   }
 }

@@ -59,10 +59,16 @@ class PositionSearch {
     Eigen::Vector3d a, b;  // ends
     double certain_ratio = 0.0;
   };
-  struct SingleVote {
-    Eigen::Vector3d position;
-    uint32_t voter = 0;       // bit of the segment
-    uint32_t supporters = 0;  // bits of the segments that agree
+  struct SingleVote {  // small: they are sorted
+    float x = 0.0f, y = 0.0f, z = 0.0f;
+    uint16_t voter = 0;       // bit of the segment
+    uint16_t supporters = 0;  // bits of the segments that agree, and how many
+    int support = 0;
+
+    void AddSupporter(uint16_t bit) {
+      support += (supporters & bit) == 0 ? 1 : 0;
+      supporters |= bit;
+    }
   };
   struct Position {
     Eigen::Vector3d position;

@@ -209,7 +209,7 @@ class RotationSearch {
           residual = sine * scale;
           row = d.cross(line.normal) * scale;  // n . (dtheta x d) = dtheta . (d x n)
         }
-        candidate.cost += least;
+        candidate.cost += least < options_.max_line_cost ? least : options_.unexplained_cost;
         h += row * row.transpose();
         g += row * residual;
       }
