@@ -56,6 +56,8 @@ double MotionPx(const LineDetection& detection) {
 absl::Status InitializerOptions::Validate() const {
   const std::pair<const char*, double> fields[] = {{"min_motion_px", min_motion_px},
                                                    {"min_evidence", min_evidence},
+                                                   {"min_explained_ratio", min_explained_ratio},
+                                                   {"sure_evidence", sure_evidence},
                                                    {"velocity_px_per_s", velocity_px_per_s},
                                                    {"angular_velocity_rad_per_s", angular_velocity_rad_per_s},
                                                    {"line_error_px", line_error_px}};
@@ -105,6 +107,12 @@ PoseInitializer::PoseInitializer(std::shared_ptr<const ObjectModel> model, const
       search_(std::move(search)),
       options_(options) {}
 
+bool PoseInitializer::IsPlausible(const PoseHypothesis& hypothesis) const {
+  if (hypothesis.evidence < options_.min_evidence) return false;
+  const double all = hypothesis.evidence + hypothesis.cost;  // what all segments cost unexplained
+  return hypothesis.evidence >= options_.min_explained_ratio * all || hypothesis.evidence >= options_.sure_evidence;
+}
+
 FirstPoses PoseInitializer::Find(absl::Span<const PixelEvent> events) {
   const LineDetection detection = detector_->Detect(events);
   std::vector<ImageSegment> segments;
@@ -115,7 +123,7 @@ FirstPoses PoseInitializer::Find(absl::Span<const PixelEvent> events) {
   first.has_moved = first.motion_px >= options_.min_motion_px;
   if (!first.has_moved) return first;
   for (const PoseHypothesis& hypothesis : search_->Search(segments)) {
-    if (hypothesis.evidence < options_.min_evidence) continue;
+    if (!IsPlausible(hypothesis)) continue;
     const TwistEstimate motion =
         EstimateTwist(*model_, camera_, hypothesis.camera_from_object, detection, hypothesis.model_line, options_);
     first.poses.push_back({detection.t_begin_us + (detection.t_end_us - detection.t_begin_us) / 2,

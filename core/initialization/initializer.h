@@ -35,11 +35,13 @@ struct InitializerOptions {
   // Pixels. Lines that moved by less are not searched with: their events are too few and too near to tell lines from
   // noise, and which of them continue each other.
   double min_motion_px = 1.0;
-  // Twice a log likelihood ratio: PoseHypothesis::evidence that a pose needs. Six unknowns, each of which is found to
-  // one part in 150 or so of where it might have been, fit by chance what is worth 6 * 2 ln 150. Three lines, which
-  // fit in some pose whatever they are, are worth less.
-  double min_evidence = 60.0;
-
+  // PoseHypothesis::evidence that a pose needs, whatever else: three segments fit in some pose whatever they are, and a
+  // segment is worth at most PoseSearchOptions::unexplained_cost.
+  double min_evidence = 72.0;
+  // A pose also explains most of what there is, as a share of the evidence of all segments, or is worth more than six
+  // segments: on cluttered views chance poses were seen to gather up to four.
+  double min_explained_ratio = 0.5;
+  double sure_evidence = 144.0;
   // Prior of the twist.
   double velocity_px_per_s = 2000.0;        // one standard deviation: fast for an object that fills the image
   double angular_velocity_rad_per_s = 6.0;  // about one turn per second
@@ -69,6 +71,9 @@ class PoseInitializer {
   FirstPoses Find(absl::Span<const PixelEvent> events);
 
  private:
+  // More than chance would give.
+  bool IsPlausible(const PoseHypothesis& hypothesis) const;
+
   const std::shared_ptr<const ObjectModel> model_;
   const CameraModel camera_;
   const std::unique_ptr<LineDetector> detector_;

@@ -155,25 +155,32 @@ TEST(PoseInitializer, TurnsDownPosesThatAnyLinesMightFit) {
   auto model = std::make_shared<const ObjectModel>(Wires());
   const LineDetection detection = Moving(*model, SomeTwist(), 10'000);
   std::vector<ImageSegment> asked;
-  PoseHypothesis hypothesis{kPose, 100.0, 48.0, InOrder(model->lines.size()), 3, 0.3};
-  PoseInitializer initializer(model, kCamera, std::make_unique<FixedDetector>(detection),
-                              std::make_unique<FixedSearch>(hypothesis, asked));
-  const FirstPoses first = initializer.Find({});
-  EXPECT_TRUE(first.has_moved);
-  EXPECT_TRUE(first.poses.empty());
+  struct Case {
+    double cost, evidence;
+    bool is_plausible;
+  };
+  // Worth three lines; four of many; four of six; eight of twenty.
+  for (const Case& c : {Case{20.0, 65.0, false}, {300.0, 96.0, false}, {50.0, 90.0, true}, {300.0, 180.0, true}}) {
+    const PoseHypothesis hypothesis{kPose, c.cost, c.evidence, InOrder(model->lines.size()), 3, 0.3};
+    PoseInitializer initializer(model, kCamera, std::make_unique<FixedDetector>(detection),
+                                std::make_unique<FixedSearch>(hypothesis, asked));
+    const FirstPoses first = initializer.Find({});
+    EXPECT_TRUE(first.has_moved);
+    EXPECT_EQ(first.poses.size(), c.is_plausible ? 1u : 0u) << c.evidence;
+  }
 }
 
 TEST(PoseInitializer, WaitsUntilTheLinesHaveMoved) {
   auto model = std::make_shared<const ObjectModel>(Wires());
   LineDetection detection = Moving(*model, SomeTwist(), 10'000);
-  for (DetectedLine& line : detection.lines) line.normal_velocity_px_per_s = -290.0;
+  for (DetectedLine& line : detection.lines) line.normal_velocity_px_per_s = -90.0;
   std::vector<ImageSegment> asked;
   PoseHypothesis hypothesis{kPose, 3.5, 100.0, InOrder(model->lines.size()), 10, 1.0};
   PoseInitializer initializer(model, kCamera, std::make_unique<FixedDetector>(detection),
                               std::make_unique<FixedSearch>(hypothesis, asked));
   const FirstPoses first = initializer.Find({});
   EXPECT_EQ(first.num_lines, 10);
-  EXPECT_NEAR(first.motion_px, 2.9, 1e-9);
+  EXPECT_NEAR(first.motion_px, 0.9, 1e-9);
   EXPECT_TRUE(first.poses.empty());
   EXPECT_TRUE(asked.empty());
 }
