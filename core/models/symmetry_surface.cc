@@ -50,7 +50,6 @@ CentredSurface::CentredSurface(const ObjectModel& model, const Eigen::Vector3d& 
 
 void CentredSurface::AddSamples(const std::vector<Eigen::Vector3d>& points, const std::array<uint32_t, 3>& triangle,
                                 std::vector<Sample>& samples) const {
-  std::vector<TriangleBvh::Near> found;
   const Eigen::Vector3d centroid = (points[triangle[0]] + points[triangle[1]] + points[triangle[2]]) / 3.0;
   const Eigen::Vector3d across =
       (points[triangle[1]] - points[triangle[0]]).cross(points[triangle[2]] - points[triangle[0]]);
@@ -66,23 +65,18 @@ void CentredSurface::AddSamples(const std::vector<Eigen::Vector3d>& points, cons
     const Eigen::Vector3d middle = 0.5 * (a + b);
     samples.push_back({a, no_normal, true});
     const Eigen::Vector3d beyond = middle + kBeyondRim * tolerance_m_ * (b - a).cross(across).normalized();
-    if (!IsNear(beyond, no_normal, kOff * tolerance_m_, found)) samples.push_back({beyond, no_normal, false});
+    if (!IsNear(beyond, no_normal, kOff * tolerance_m_)) samples.push_back({beyond, no_normal, false});
   }
 }
 
-bool CentredSurface::IsNear(const Eigen::Vector3d& point, const Eigen::Vector3d& normal, double distance_m,
-                            std::vector<TriangleBvh::Near>& found) const {
-  faces_.FindNear(point, distance_m, found);
-  if (normal.isZero()) return !found.empty();
-  return std::any_of(found.begin(), found.end(),
-                     [&](const TriangleBvh::Near& near) { return near.normal.dot(normal) > kSameSideCosine; });
+bool CentredSurface::IsNear(const Eigen::Vector3d& point, const Eigen::Vector3d& normal, double distance_m) const {
+  return faces_.HasNear(point, distance_m, normal, normal.isZero() ? 0.0 : kSameSideCosine);
 }
 
 bool CentredSurface::IsMappedOntoItself(const Eigen::Matrix3d& rotation) const {
-  std::vector<TriangleBvh::Near> found;
   for (const Sample& sample : samples_) {
     const double distance_m = (sample.is_on_surface ? kOnSurface : kNoLongerOff) * tolerance_m_;
-    const bool is_on_surface = IsNear(rotation * sample.point, rotation * sample.normal, distance_m, found);
+    const bool is_on_surface = IsNear(rotation * sample.point, rotation * sample.normal, distance_m);
     if (is_on_surface != sample.is_on_surface) return false;
   }
   return true;

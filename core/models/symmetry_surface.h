@@ -30,9 +30,8 @@ class CentredSurface {
   };
   void AddSamples(const std::vector<Eigen::Vector3d>& points, const std::array<uint32_t, 3>& triangle,
                   std::vector<Sample>& samples) const;
-  // Whether a face is that near to the point and, unless the normal is zero, looks the same way. `found`: scratch.
-  bool IsNear(const Eigen::Vector3d& point, const Eigen::Vector3d& normal, double distance_m,
-              std::vector<TriangleBvh::Near>& found) const;
+  // Whether a face is that near to the point and, unless the normal is zero, looks the same way.
+  bool IsNear(const Eigen::Vector3d& point, const Eigen::Vector3d& normal, double distance_m) const;
 
   double tolerance_m_;
   TriangleBvh faces_;

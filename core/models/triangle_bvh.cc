@@ -118,8 +118,8 @@ bool TriangleBvh::IsOccluded(const Eigen::Vector3d& origin, const Eigen::Vector3
   }
 }
 
-void TriangleBvh::FindNear(const Eigen::Vector3d& point, double radius_m, std::vector<Near>& found) const {
-  found.clear();
+template <typename Visit>
+void TriangleBvh::VisitNear(const Eigen::Vector3d& point, double radius_m, const Visit& visit) const {
   if (nodes_.empty()) return;
   const auto squared_distance = [&point](const Triangle& t) {
     const Eigen::Vector3d s = point - t.corner;
@@ -140,7 +140,7 @@ void TriangleBvh::FindNear(const Eigen::Vector3d& point, double radius_m, std::v
       for (uint32_t i = 0; i < node.count; ++i) {
         const Triangle& triangle = triangles_[node.first + i];
         const double distance2 = squared_distance(triangle);
-        if (distance2 <= radius_m * radius_m) found.push_back({std::sqrt(distance2), triangle.normal});
+        if (distance2 <= radius_m * radius_m && visit(triangle, distance2)) return;
       }
       if (node.count == 0) {
         waiting[waiting_count++] = node.first;
@@ -151,6 +151,24 @@ void TriangleBvh::FindNear(const Eigen::Vector3d& point, double radius_m, std::v
     if (waiting_count == 0) return;
     current = waiting[--waiting_count];
   }
+}
+
+void TriangleBvh::FindNear(const Eigen::Vector3d& point, double radius_m, std::vector<Near>& found) const {
+  found.clear();
+  VisitNear(point, radius_m, [&found](const Triangle& triangle, double distance2) {
+    found.push_back({std::sqrt(distance2), triangle.normal});
+    return false;
+  });
+}
+
+bool TriangleBvh::HasNear(const Eigen::Vector3d& point, double radius_m, const Eigen::Vector3d& direction,
+                          double min_cosine) const {
+  bool has_near = false;
+  VisitNear(point, radius_m, [&](const Triangle& triangle, double) {
+    has_near = triangle.normal.dot(direction) >= min_cosine;
+    return has_near;
+  });
+  return has_near;
 }
 
 }  // namespace evpose

@@ -29,6 +29,9 @@ class TriangleBvh {
   };
   // The triangles within `radius_m` of a point. Replaces `found`; in an order that depends on the mesh only.
   void FindNear(const Eigen::Vector3d& point, double radius_m, std::vector<Near>& found) const;
+  // Whether there is one whose normal has at least that cosine to `direction`; looks no further than to the first.
+  bool HasNear(const Eigen::Vector3d& point, double radius_m, const Eigen::Vector3d& direction,
+               double min_cosine) const;
 
  private:
   struct Triangle {
@@ -46,6 +49,9 @@ class TriangleBvh {
     absl::Span<const Eigen::Vector3d> vertices;
     absl::Span<const std::array<uint32_t, 3>> triangles;
   };
+  // Calls `visit` with each triangle within the radius and its squared distance, until it returns true.
+  template <typename Visit>
+  void VisitNear(const Eigen::Vector3d& point, double radius_m, const Visit& visit) const;
   // Appends the tree of these triangles, reordering them.
   void Build(const Mesh& mesh, absl::Span<uint32_t> triangles);
 
