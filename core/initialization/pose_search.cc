@@ -15,12 +15,12 @@ namespace evpose {
 namespace {
 
 constexpr size_t kMinSegments = 3;
-constexpr size_t kCandidates = 32;  // settled
+constexpr size_t kCandidates = 48;  // settled
 // Candidates that leave two segments more unexplained than the best are not looked into.
 constexpr double kMarginOfUnexplained = 2.0;
 constexpr size_t kFinished = 8;  // with ray casting
 constexpr double kMinRotations = 10;
-constexpr double kMaxRotations = 300;
+constexpr double kMaxRotations = 600;
 constexpr size_t kRotationsAtOnce = 4;
 constexpr int kScoredAtOnce = 200;
 constexpr int kMinMatched = 3;

@@ -23,10 +23,12 @@ constexpr double kSweepRad = 0.01;
 constexpr double kRefinedRad = 0.005;
 // Rotations closer than this are one; a pose is refined from farther away than that.
 constexpr double kSameRotationRad = 0.03;
-// Beside the minima of a sweep, every so manieth of its rotations is kept that costs at most so much more than the best
+// Beside the minima of a sweep, every second of its rotations is kept that costs at most so much more than the best
 // one so far, in units of a line's largest cost: where perspective is weak, two directions leave one motion free.
 constexpr int kValleyStride = 2;
 constexpr double kValleyOfLineCost = 1.0;
+constexpr double kFlatValleyOfLineCost = 2.0;  // of a flat object with two directions in all: always free
+// How far one step of the refinement may reasonably go.
 constexpr double kPriorRad = 0.02;
 constexpr int kRefineIterations = 3;
 // Minima of the sweeps that are refined, for each candidate asked for.
@@ -259,7 +261,8 @@ class RotationSearch {
   Scorer scorer_;
   int budget_ = options_.max_rotations;
   float best_ = 1e9f;
-  const float valley_ = static_cast<float>(kValleyOfLineCost * options_.max_line_cost);
+  const float valley_ = static_cast<float>(
+      options_.max_line_cost * (model_.directions().size() == 2 ? kFlatValleyOfLineCost : kValleyOfLineCost));
   std::vector<Eigen::Quaterniond> symmetries_;  // of the directions
   std::vector<Eigen::Vector3f> directions_, turned_;
   std::vector<RotationCandidate> kept_;
