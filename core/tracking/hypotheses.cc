@@ -22,7 +22,10 @@ void Hypotheses::Add(const MotionState& start) {
 }
 
 void Hypotheses::Join(Hypotheses&& others) {
-  for (Entry& entry : others.entries_) Append(std::move(entry));
+  const size_t most = 2 * static_cast<size_t>(context_.options.initialization.max_candidates);
+  for (Entry& entry : others.entries_) {
+    if (entries_.size() < most) Append(std::move(entry));
+  }
   others.entries_.clear();
 }
 

@@ -18,7 +18,8 @@ class Hypotheses {
 
   // Adds one; earlier ones are better when nothing else tells.
   void Add(const MotionState& start);
-  // Takes the other's over, as challengers: they are compared with those here from the next window on.
+  // Takes the other's over, as challengers: they are compared with those here from the next window on. At
+  // most twice InitializationOptions::max_candidates are kept.
   void Join(Hypotheses&& others);
   void Clear() { entries_.clear(); }
 

@@ -64,6 +64,7 @@ class WindowTracker : public Tracker {
   void Claim(const EventWindow& window);
   void Search(const EventWindow& window, std::vector<PoseEstimate>& estimates);
   // Asks the initializer again, and lets what it finds challenge the pose that is reported.
+  bool MayReview() const;
   void Review(const EventWindow& window);
   // Adds the hypotheses that the events in memory allow; says why there are none.
   InitializationStatus FindHypotheses(Hypotheses& hypotheses);
@@ -101,7 +102,7 @@ void WindowTracker::OnWindow(const EventWindow& window, std::vector<PoseEstimate
   if (initializer_ != nullptr && (!is_claimed_ || reviews_left_ > 0)) memory_.Add(window);
   if (!hypotheses_.empty()) {
     Follow(window, estimates);
-    if (is_claimed_ && reviews_left_ > 0 && window.t_end_us >= next_search_us_) Review(window);
+    if (MayReview() && window.t_end_us >= next_search_us_) Review(window);
   } else if (initializer_ != nullptr) {
     Search(window, estimates);
   }
@@ -177,9 +178,14 @@ void WindowTracker::Search(const EventWindow& window, std::vector<PoseEstimate>&
   }
 }
 
+bool WindowTracker::MayReview() const {
+  if (initializer_ == nullptr || hypotheses_.empty() || is_given_) return false;
+  return is_claimed_ ? reviews_left_ > 0 : true;
+}
+
 void WindowTracker::Review(const EventWindow& window) {
   next_search_us_ = window.t_end_us + context_.options.initialization.review_us;
-  --reviews_left_;
+  if (is_claimed_) --reviews_left_;
   Hypotheses challengers(context_);
   FindHypotheses(challengers);
   const int64_t since_us = challengers.empty() ? 0 : challengers.first().motion().t_us;
@@ -187,8 +193,9 @@ void WindowTracker::Review(const EventWindow& window) {
     const EventWindow past = memory_.At(i);
     if (past.t_mid_us() >= since_us) challengers.OnWindow(past);
   }
+  if (!challengers.empty()) is_decided_ = is_decided_ && is_claimed_;
   hypotheses_.Join(std::move(challengers));
-  if (reviews_left_ == 0) memory_.Clear();
+  if (is_claimed_ && reviews_left_ == 0) memory_.Clear();
 }
 
 InitializationStatus WindowTracker::FindHypotheses(Hypotheses& hypotheses) {
