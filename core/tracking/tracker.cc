@@ -99,7 +99,13 @@ class WindowTracker : public Tracker {
 
 void WindowTracker::OnWindow(const EventWindow& window, std::vector<PoseEstimate>& estimates) {
   if (given_pose_) StartFromGivenPose(window);
-  if (initializer_ != nullptr && (!is_claimed_ || reviews_left_ > 0)) memory_.Add(window);
+  if (initializer_ != nullptr) {
+    if (is_claimed_ && reviews_left_ == 0) {
+      memory_.Clear();
+    } else {
+      memory_.Add(window);
+    }
+  }
   if (!hypotheses_.empty()) {
     Follow(window, estimates);
     if (MayReview() && window.t_end_us >= next_search_us_) Review(window);
@@ -153,7 +159,6 @@ void WindowTracker::Claim(const EventWindow& window) {
   is_given_ = false;
   next_search_us_ = window.t_end_us + options.review_us;
   retry_us_ = options.retry_us;
-  if (reviews_left_ == 0) memory_.Clear();
 }
 
 void WindowTracker::Search(const EventWindow& window, std::vector<PoseEstimate>& estimates) {
@@ -195,7 +200,6 @@ void WindowTracker::Review(const EventWindow& window) {
   }
   if (!challengers.empty()) is_decided_ = is_decided_ && is_claimed_;
   hypotheses_.Join(std::move(challengers));
-  if (is_claimed_ && reviews_left_ == 0) memory_.Clear();
 }
 
 InitializationStatus WindowTracker::FindHypotheses(Hypotheses& hypotheses) {
