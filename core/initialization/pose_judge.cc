@@ -8,6 +8,7 @@
 #include <optional>
 
 #include "core/geometry/projected_line.h"
+#include "core/initialization/pose_refinement.h"
 #include "core/initialization/segment_fit.h"
 
 namespace evpose {
@@ -19,8 +20,12 @@ constexpr size_t kMinMatches = 3;
 constexpr std::array<double, 3> kWidenings = {4.0, 2.0, 1.0};
 constexpr int kStepsWhileSettling = 3;
 constexpr int kTurnedOverSteps = 8;
-constexpr int kFinalRounds = 2;
-constexpr int kFinalSteps = 5;
+constexpr int kFinalSteps = 5;  // before the last matching
+// What rounding may make of a cost: a step that raises it by less is taken, and goes on to where the gradient ends.
+constexpr double kCostRounding = 1e-14;
+// No step is left when the damping has grown this far.
+constexpr double kMaxDamping = 1e12;
+
 }  // namespace
 
 ImagePart PoseJudge::MakePart(const RigidTransform& pose, int line, double begin, double end) const {
@@ -48,9 +53,9 @@ std::vector<ImagePart> PoseJudge::VisibleParts(const RigidTransform& pose) const
   return parts;
 }
 
-std::vector<LineMatch> PoseJudge::Match(absl::Span<const ImagePart> parts, double widening) const {
+std::vector<SegmentMatch> PoseJudge::Match(absl::Span<const ImagePart> parts, double widening) const {
   const FitWeights weights = FitWeights::Make(options_, widening);
-  std::vector<LineMatch> matches;
+  std::vector<SegmentMatch> matches;
   for (size_t j = 0; j < lines_.size(); ++j) {
     double least = options_.unexplained_cost;
     const ImagePart* best = nullptr;
@@ -67,11 +72,11 @@ std::vector<LineMatch> PoseJudge::Match(absl::Span<const ImagePart> parts, doubl
   return matches;
 }
 
-bool PoseJudge::Accumulate(absl::Span<const LineMatch> matches, const FitWeights& weights, const RigidTransform& pose,
-                           Normal& normal) const {
+bool PoseJudge::Accumulate(absl::Span<const SegmentMatch> matches, const FitWeights& weights,
+                           const RigidTransform& pose, Normal& normal) const {
   normal = {};
-  for (const LineMatch& match : matches) {
-    const ImageLine& seen = lines_[match.image_line];
+  for (const SegmentMatch& match : matches) {
+    const SearchSegment& seen = lines_[match.segment];
     const auto projected = ProjectLine(camera_, pose, match.p1, match.p2);
     if (!projected || !((pose * match.p1).z() > 0.0 && (pose * match.p2).z() > 0.0)) return false;
     for (const Eigen::Vector3d* q : {&seen.q1, &seen.q2}) {
@@ -93,13 +98,13 @@ bool PoseJudge::Accumulate(absl::Span<const LineMatch> matches, const FitWeights
   return true;
 }
 
-bool PoseJudge::Refine(absl::Span<const LineMatch> matches, double widening, int iterations,
+bool PoseJudge::Refine(absl::Span<const SegmentMatch> matches, double widening, int iterations,
                        RigidTransform& pose) const {
   const FitWeights weights = FitWeights::Make(options_, widening);
   Normal normal, next_normal;
   if (!Accumulate(matches, weights, pose, normal)) return false;
   double damping = 1e-4;
-  for (int i = 0; i < iterations; ++i) {
+  for (int i = 0; i < iterations && damping < kMaxDamping; ++i) {
     // Translations in units of the object's radius, so that one damping serves both.
     const double unit_m2 = model_.radius_m() * model_.radius_m();
     Matrix6d h = normal.h;
@@ -112,18 +117,23 @@ bool PoseJudge::Refine(absl::Span<const LineMatch> matches, double widening, int
     const Vector6d step = -ldlt.solve(normal.g);
     if (!step.allFinite()) return false;
     const RigidTransform next = Perturb(pose, step);
-    const bool is_better = Accumulate(matches, weights, next, next_normal) && next_normal.cost <= normal.cost;
+    const bool is_better =
+        Accumulate(matches, weights, next, next_normal) && next_normal.cost <= (1.0 + kCostRounding) * normal.cost;
     damping *= is_better ? 0.1 : 20.0;
     if (!is_better) continue;
     pose = next;
     std::swap(normal, next_normal);
   }
+  return IsBeforeCamera(pose);
+}
+
+bool PoseJudge::IsBeforeCamera(const RigidTransform& pose) const {
   return (pose * model_.centre()).z() > 0.5 * model_.radius_m();
 }
 
 bool PoseJudge::Settle(RigidTransform& pose) const {
   for (const double widening : kWidenings) {
-    const std::vector<LineMatch> matches = Match(LikelyParts(pose), widening);
+    const std::vector<SegmentMatch> matches = Match(LikelyParts(pose), widening);
     if (matches.size() < kMinMatches || !Refine(matches, widening, kStepsWhileSettling, pose)) return false;
   }
   return true;
@@ -131,25 +141,32 @@ bool PoseJudge::Settle(RigidTransform& pose) const {
 
 PoseHypothesis PoseJudge::Finish(RigidTransform pose, size_t num_segments) const {
   std::vector<ImagePart> parts = VisibleParts(pose);
-  for (int round = 0; round < kFinalRounds; ++round) {
-    RigidTransform refined = pose;
-    if (!Refine(Match(parts, 1.0), 1.0, kFinalSteps, refined)) break;
+  const auto move_to = [&](const RigidTransform& refined) {
     pose = refined;
     for (ImagePart& part : parts) {
       part.a_px = camera_.Project(pose * part.a);
       part.b_px = camera_.Project(pose * part.b);
     }
+  };
+  RigidTransform refined = pose;
+  if (!Refine(Match(parts, 1.0), 1.0, kFinalSteps, refined)) return Judge(pose, parts, num_segments);
+  move_to(refined);
+  const std::vector<SegmentMatch> matches = Match(parts, 1.0);
+  const FitWeights weights = FitWeights::Make(options_, 1.0);
+  if (matches.size() >= kMinMatches && RefineToMinimum(camera_, lines_, matches, weights, refined) &&
+      IsBeforeCamera(refined)) {
+    move_to(refined);
   }
   return Judge(pose, parts, num_segments);
 }
 
 bool PoseJudge::TurnOver(RigidTransform& pose) const {
-  const std::vector<LineMatch> matches = Match(LikelyParts(pose), 1.0);
+  const std::vector<SegmentMatch> matches = Match(LikelyParts(pose), 1.0);
   if (matches.size() < kMinMatches) return false;
   Eigen::Vector3d middle = Eigen::Vector3d::Zero();
-  for (const LineMatch& match : matches) middle += 0.5 / static_cast<double>(matches.size()) * (match.p1 + match.p2);
+  for (const SegmentMatch& match : matches) middle += 0.5 / static_cast<double>(matches.size()) * (match.p1 + match.p2);
   Eigen::Matrix3d scatter = Eigen::Matrix3d::Zero();
-  for (const LineMatch& match : matches) {
+  for (const SegmentMatch& match : matches) {
     scatter += (match.p1 - middle) * (match.p1 - middle).transpose();
     scatter += (match.p2 - middle) * (match.p2 - middle).transpose();
   }
@@ -171,7 +188,7 @@ PoseHypothesis PoseJudge::Judge(const RigidTransform& pose, absl::Span<const Ima
   hypothesis.model_line.assign(num_segments, -1);
   const FitWeights weights = FitWeights::Make(options_, 1.0);
   std::vector<double> covered_px(parts.size(), 0.0);
-  for (const ImageLine& line : lines_) {
+  for (const SearchSegment& line : lines_) {
     double least = options_.unexplained_cost;
     int matched = -1;
     for (size_t i = 0; i < parts.size(); ++i) {

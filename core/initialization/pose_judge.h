@@ -6,9 +6,9 @@
 #include "absl/types/span.h"
 #include "core/geometry/camera.h"
 #include "core/geometry/rigid_transform.h"
-#include "core/initialization/image_line.h"
 #include "core/initialization/pose_search.h"
 #include "core/initialization/search_model.h"
+#include "core/initialization/search_segment.h"
 #include "core/initialization/segment_fit.h"
 
 namespace evpose {
@@ -20,17 +20,10 @@ struct ImagePart {
   Eigen::Vector2d a_px, b_px;  // projected
 };
 
-// An image line and the part that it shows; p1 belongs to the segment's first end.
-struct LineMatch {
-  int image_line = 0;
-  int line = 0;
-  Eigen::Vector3d p1, p2;
-};
-
 class PoseJudge {
  public:
   // All must outlive it.
-  PoseJudge(const SearchModel& model, const CameraModel& camera, absl::Span<const ImageLine> lines,
+  PoseJudge(const SearchModel& model, const CameraModel& camera, absl::Span<const SearchSegment> lines,
             const PoseSearchOptions& options)
       : model_(model), camera_(camera), lines_(lines), options_(options) {}
 
@@ -40,25 +33,9 @@ class PoseJudge {
   std::vector<ImagePart> VisibleParts(const RigidTransform& pose) const;
 
   // The image lines that fit a part, each with the best.
-  std::vector<LineMatch> Match(absl::Span<const ImagePart> parts, double widening) const;
+  std::vector<SegmentMatch> Match(absl::Span<const ImagePart> parts, double widening) const;
 
-  // Levenberg-Marquardt steps on the cost of the matches; false when they do not determine the pose or the object
-  // leaves the space before the camera.
-  bool Refine(absl::Span<const LineMatch> matches, double widening, int iterations, RigidTransform& pose) const;
-
-  // Matches and refines with ever narrower tolerances, with what may be seen. Returns false when fewer than three
-  // segments are the object's or the pose is not determined.
-  bool Settle(RigidTransform& pose) const;
-  // What a pose costs when these parts are to be seen; `model_line` has `num_segments` entries.
-  PoseHypothesis Judge(const RigidTransform& pose, absl::Span<const ImagePart> parts, size_t num_segments) const;
-  // Refines to convergence with what is visible, by ray casting, and judges.
-  PoseHypothesis Finish(RigidTransform pose, size_t num_segments) const;
-  // The other pose of a flat object: the depths of the matched lines turned over about their middle, and refined. Under
-  // weak perspective a plane's picture stays the same. False when the lines do not allow it.
-  bool TurnOver(RigidTransform& pose) const;
-
- private:
-  // Normal equations of the weighted squares, and the cost.
+  // Normal equations of the weighted squares, for the tangent of rigid_transform.h, and the cost.
   struct Normal {
     Matrix6d h = Matrix6d::Zero();
     Vector6d g = Vector6d::Zero();
@@ -70,14 +47,32 @@ class PoseJudge {
       cost += weight * residual * residual;
     }
   };
-
-  bool Accumulate(absl::Span<const LineMatch> matches, const FitWeights& weights, const RigidTransform& pose,
+  // Of the matches at a pose. False when a line reaches behind the camera.
+  bool Accumulate(absl::Span<const SegmentMatch> matches, const FitWeights& weights, const RigidTransform& pose,
                   Normal& normal) const;
+
+  // Levenberg-Marquardt steps on the cost of the matches; false when they do not determine the pose or the object
+  // leaves the space before the camera.
+  bool Refine(absl::Span<const SegmentMatch> matches, double widening, int iterations, RigidTransform& pose) const;
+
+  // Matches and refines with ever narrower tolerances, with what may be seen. Returns false when fewer than three
+  // segments are the object's or the pose is not determined.
+  bool Settle(RigidTransform& pose) const;
+  // What a pose costs when these parts are to be seen; `model_line` has `num_segments` entries.
+  PoseHypothesis Judge(const RigidTransform& pose, absl::Span<const ImagePart> parts, size_t num_segments) const;
+  // Refines to the minimum (RefineToMinimum) with what is visible, by ray casting, and judges.
+  PoseHypothesis Finish(RigidTransform pose, size_t num_segments) const;
+  // The other pose of a flat object: the depths of the matched lines turned over about their middle, and refined. Under
+  // weak perspective a plane's picture stays the same. False when the lines do not allow it.
+  bool TurnOver(RigidTransform& pose) const;
+
+ private:
+  bool IsBeforeCamera(const RigidTransform& pose) const;
   ImagePart MakePart(const RigidTransform& pose, int line, double begin, double end) const;
 
   const SearchModel& model_;
   const CameraModel& camera_;
-  const absl::Span<const ImageLine> lines_;
+  const absl::Span<const SearchSegment> lines_;
   const PoseSearchOptions& options_;
 };
 

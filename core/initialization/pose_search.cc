@@ -5,11 +5,11 @@
 
 #include "absl/strings/str_format.h"
 #include "core/base/status_macros.h"
-#include "core/initialization/image_line.h"
 #include "core/initialization/pose_judge.h"
 #include "core/initialization/position_search.h"
 #include "core/initialization/rotation_search.h"
 #include "core/initialization/search_model.h"
+#include "core/initialization/search_segment.h"
 
 namespace evpose {
 namespace {
@@ -39,8 +39,8 @@ class LinePoseSearch : public PoseSearch {
       : model_(std::move(model)), camera_(Undistorted(camera)), options_(options), search_model_(*model_) {}
 
   std::vector<PoseHypothesis> Search(absl::Span<const ImageSegment> segments) const override {
-    const std::vector<ImageLine> lines =
-        MakeImageLines(camera_, segments, options_.end_point_sigma_px, options_.max_segments);
+    const std::vector<SearchSegment> lines =
+        MakeSearchSegments(camera_, segments, options_.end_point_sigma_px, options_.max_segments);
     if (lines.size() < kMinSegments) return {};
     const PoseJudge judge(search_model_, camera_, lines, options_);
     const double cost_of_nothing = options_.unexplained_cost * static_cast<double>(lines.size());
@@ -66,7 +66,7 @@ class LinePoseSearch : public PoseSearch {
     return camera;
   }
 
-  std::vector<PoseCandidate> FindCandidates(const std::vector<ImageLine>& lines) const {
+  std::vector<PoseCandidate> FindCandidates(const std::vector<SearchSegment>& lines) const {
     const std::vector<Eigen::Matrix3d>& labellings = search_model_.labellings();
     PositionSearch positions(search_model_, camera_, lines, options_);
     RotationSearchOptions rotation_options;

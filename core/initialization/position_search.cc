@@ -55,11 +55,11 @@ void BestCandidates::Add(const PoseCandidate& candidate) {
   }
 }
 
-PositionSearch::PositionSearch(const SearchModel& model, const CameraModel& camera, absl::Span<const ImageLine> lines,
-                               const PoseSearchOptions& options)
+PositionSearch::PositionSearch(const SearchModel& model, const CameraModel& camera,
+                               absl::Span<const SearchSegment> lines, const PoseSearchOptions& options)
     : model_(model), camera_(camera), lines_(lines), options_(options), fitting_(lines.size()) {
   Vector2d low = lines[0].middle_px, high = low;
-  for (const ImageLine& line : lines) {
+  for (const SearchSegment& line : lines) {
     const Vector2d half = (line.half_px * line.along).cwiseAbs();
     low = low.cwiseMin(line.middle_px - half);
     high = high.cwiseMax(line.middle_px + half);
@@ -105,7 +105,7 @@ void PositionSearch::CastVotes() {
   votes_.clear();
   const double least_depth_m = model_.radius_m();
   for (size_t j = 0; j < std::min(lines_.size(), kMaxVoters); ++j) {
-    const ImageLine& line = lines_[j];
+    const SearchSegment& line = lines_[j];
     const double scale = -1.0 / line.normal.dot(line.q1.cross(line.q2));
     const Vector3d by_l1 = scale * line.q2.cross(line.normal), by_l2 = scale * line.q1.cross(line.normal);
     for (const int direction : fitting_[j]) {

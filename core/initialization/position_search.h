@@ -8,9 +8,9 @@
 #include "absl/types/span.h"
 #include "core/geometry/camera.h"
 #include "core/geometry/rigid_transform.h"
-#include "core/initialization/image_line.h"
 #include "core/initialization/pose_search.h"
 #include "core/initialization/search_model.h"
+#include "core/initialization/search_segment.h"
 
 namespace evpose {
 
@@ -42,7 +42,7 @@ class BestCandidates {
 class PositionSearch {
  public:
   // All must outlive it.
-  PositionSearch(const SearchModel& model, const CameraModel& camera, absl::Span<const ImageLine> lines,
+  PositionSearch(const SearchModel& model, const CameraModel& camera, absl::Span<const SearchSegment> lines,
                  const PoseSearchOptions& options);
 
   // Lays each of the long segments on each line that has a fitting direction and may be seen: a segment that shows the
@@ -85,7 +85,7 @@ class PositionSearch {
 
   const SearchModel& model_;
   const CameraModel& camera_;
-  const absl::Span<const ImageLine> lines_;
+  const absl::Span<const SearchSegment> lines_;
   const PoseSearchOptions& options_;
   Eigen::Vector3d bearing_ = Eigen::Vector3d::UnitZ();  // to the middle of the segments
   int num_votes_ = 0;

@@ -39,7 +39,7 @@ class Scorer {
  public:
   static constexpr int kMaxLines = 64;
 
-  Scorer(absl::Span<const ImageLine> lines, double max_line_cost)
+  Scorer(absl::Span<const SearchSegment> lines, double max_line_cost)
       : count_(static_cast<int>((std::min<size_t>(lines.size(), kMaxLines) + 3) / 4 * 4)),
         cap_(static_cast<float>(max_line_cost)) {
     turn_variance_.setConstant(1.0f);
@@ -89,7 +89,7 @@ struct Sweep {
 
 class RotationSearch {
  public:
-  RotationSearch(const SearchModel& model, absl::Span<const ImageLine> lines, const RotationSearchOptions& options)
+  RotationSearch(const SearchModel& model, absl::Span<const SearchSegment> lines, const RotationSearchOptions& options)
       : model_(model), lines_(lines), options_(options), scorer_(lines, options.max_line_cost) {
     for (const Vector3d& v : model.directions()) directions_.push_back(v.cast<float>());
     turned_.resize(directions_.size());
@@ -197,7 +197,7 @@ class RotationSearch {
       Vector3d g = Vector3d::Zero();
       candidate.cost = 0.0;
       const double sweep_variance = iteration == 0 ? kSweepRad * kSweepRad : kRefinedRad * kRefinedRad;
-      for (const ImageLine& line : lines_) {
+      for (const SearchSegment& line : lines_) {
         double least = options_.max_line_cost;
         Vector3d row = Vector3d::Zero();
         double residual = 0.0;
@@ -256,7 +256,7 @@ class RotationSearch {
   }
 
   const SearchModel& model_;
-  const absl::Span<const ImageLine> lines_;
+  const absl::Span<const SearchSegment> lines_;
   const RotationSearchOptions& options_;
   Scorer scorer_;
   int budget_ = options_.max_rotations;
@@ -270,7 +270,7 @@ class RotationSearch {
 
 }  // namespace
 
-std::vector<RotationCandidate> FindRotations(const SearchModel& model, absl::Span<const ImageLine> lines,
+std::vector<RotationCandidate> FindRotations(const SearchModel& model, absl::Span<const SearchSegment> lines,
                                              const RotationSearchOptions& options) {
   if (lines.size() < 2 || model.pairs().empty()) return {};
   return RotationSearch(model, lines, options).Run();

@@ -5,8 +5,8 @@
 #include <vector>
 
 #include "absl/types/span.h"
-#include "core/initialization/image_line.h"
 #include "core/initialization/search_model.h"
+#include "core/initialization/search_segment.h"
 
 namespace evpose {
 
@@ -26,7 +26,7 @@ struct RotationSearchOptions {
 
 // A pair of image lines on a pair of directions leaves the rotation one degree of freedom; it is swept, the lines score
 // what comes, and the best are refined. Best first, distinct modulo the directions' symmetries.
-std::vector<RotationCandidate> FindRotations(const SearchModel& model, absl::Span<const ImageLine> lines,
+std::vector<RotationCandidate> FindRotations(const SearchModel& model, absl::Span<const SearchSegment> lines,
                                              const RotationSearchOptions& options);
 
 }  // namespace evpose

@@ -5,8 +5,8 @@
 #include <algorithm>
 #include <cmath>
 
-#include "core/initialization/image_line.h"
 #include "core/initialization/pose_search.h"
+#include "core/initialization/search_segment.h"
 
 namespace evpose {
 
@@ -23,6 +23,13 @@ struct FitWeights {
     return {weight(options.end_point_sigma_px), weight(options.end_point_along_sigma_px), options.max_across_cost(),
             options.short_cost};
   }
+};
+
+// An image line and the part of a line that it shows.
+struct SegmentMatch {
+  int segment = 0;         // index into the list of SearchSegments
+  int line = 0;            // index into SearchModel::lines
+  Eigen::Vector3d p1, p2;  // the part's ends, object frame; p1 belongs to the segment's first end
 };
 
 struct SegmentFit {
@@ -47,7 +54,7 @@ inline double EndWeight(double inside_px, const FitWeights& weights) {
 // Against the part of a line that projects to a--b (pixels): both ends' distance from the line, and where they are
 // along it. Returns false, `fit` undefined, when the cost is `cap` or more, when they do not overlap, or when they are
 // turned by more than 45 degrees.
-inline bool FitSegment(const ImageLine& line, const Eigen::Vector2d& a, const Eigen::Vector2d& b,
+inline bool FitSegment(const SearchSegment& line, const Eigen::Vector2d& a, const Eigen::Vector2d& b,
                        const FitWeights& weights, double cap, SegmentFit& fit) {
   const Eigen::Vector2d to_a = a - line.middle_px, to_b = b - line.middle_px;
   const double sa = line.along.dot(to_a), sb = line.along.dot(to_b);

@@ -1,4 +1,4 @@
-#include "core/initialization/image_line.h"
+#include "core/initialization/search_segment.h"
 
 #include <Eigen/Geometry>
 #include <algorithm>
@@ -9,8 +9,8 @@ namespace {
 // A segment shorter than this many standard deviations of its ends has no direction.
 constexpr double kMinLengthSigmas = 4.0;
 
-ImageLine MakeImageLine(const CameraModel& camera, const ImageSegment& segment, int index, double sigma_px) {
-  ImageLine line;
+SearchSegment MakeSearchSegment(const CameraModel& camera, const ImageSegment& segment, int index, double sigma_px) {
+  SearchSegment line;
   line.index = index;
   const double length_px = segment.length_px();
   line.middle_px = 0.5 * (segment.p1_px + segment.p2_px);
@@ -34,8 +34,8 @@ ImageLine MakeImageLine(const CameraModel& camera, const ImageSegment& segment, 
 
 }  // namespace
 
-std::vector<ImageLine> MakeImageLines(const CameraModel& camera, absl::Span<const ImageSegment> segments,
-                                      double sigma_px, int max_lines) {
+std::vector<SearchSegment> MakeSearchSegments(const CameraModel& camera, absl::Span<const ImageSegment> segments,
+                                              double sigma_px, int max_lines) {
   std::vector<int> order;
   for (size_t i = 0; i < segments.size(); ++i) {
     const ImageSegment& segment = segments[i];
@@ -45,9 +45,9 @@ std::vector<ImageLine> MakeImageLines(const CameraModel& camera, absl::Span<cons
   std::stable_sort(order.begin(), order.end(),
                    [&](int i, int j) { return segments[i].length_px() > segments[j].length_px(); });
   if (order.size() > static_cast<size_t>(max_lines)) order.resize(max_lines);
-  std::vector<ImageLine> lines;
+  std::vector<SearchSegment> lines;
   lines.reserve(order.size());
-  for (const int i : order) lines.push_back(MakeImageLine(camera, segments[i], i, sigma_px));
+  for (const int i : order) lines.push_back(MakeSearchSegment(camera, segments[i], i, sigma_px));
   return lines;
 }
 

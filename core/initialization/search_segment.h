@@ -10,7 +10,7 @@
 
 namespace evpose {
 
-struct ImageLine {
+struct SearchSegment {
   int index = 0;  // of the segment in the caller's list
   // In the image, undistorted pixels: middle, unit vectors along and across, half the length.
   Eigen::Vector2d middle_px, along, across;
@@ -32,7 +32,7 @@ struct ImageLine {
 
 // The `max_lines` longest, the longest first (of equals the first given). Segments without length or with a number
 // that is not finite are left out. `sigma_px`: of each end point, across the segment.
-std::vector<ImageLine> MakeImageLines(const CameraModel& camera, absl::Span<const ImageSegment> segments,
-                                      double sigma_px, int max_lines);
+std::vector<SearchSegment> MakeSearchSegments(const CameraModel& camera, absl::Span<const ImageSegment> segments,
+                                              double sigma_px, int max_lines);
 
 }  // namespace evpose

@@ -1,0 +1,192 @@
+// The pose search's own steps against Ceres and automatic differentiation.
+#include "core/initialization/pose_refinement.h"
+
+#include <ceres/jet.h>
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <memory>
+#include <string>
+
+#include "core/base/random.h"
+#include "core/experiments/line_trial.h"
+#include "core/initialization/pose_judge.h"
+#include "core/initialization/pose_search.h"
+
+namespace evpose {
+namespace {
+
+constexpr int kTrials = 25;
+
+// Segments of a trial, and what the search's best pose takes them for.
+struct Matched {
+  std::vector<SearchSegment> segments;
+  std::vector<SegmentMatch> matches;
+  RigidTransform pose;
+};
+
+class PoseRefinementTest : public testing::TestWithParam<SimulatedObject> {
+ protected:
+  void SetUp() override {
+    trials_ = LineTrialGenerator::Create({GetParam(), 0.8, 2, 1}).value();
+    model_ = std::make_unique<SearchModel>(trials_->model());
+    search_ = MakePoseSearch(std::make_shared<ObjectModel>(trials_->model()), trials_->camera()).value();
+  }
+
+  Matched MakeMatched(int seed) const {
+    const LineTrial trial = trials_->Make(seed);
+    Matched matched;
+    matched.segments =
+        MakeSearchSegments(trials_->camera(), trial.segments, options_.end_point_sigma_px, options_.max_segments);
+    const auto hypotheses = search_->Search(trial.segments);
+    if (hypotheses.empty()) return matched;
+    matched.pose = hypotheses[0].camera_from_object;
+    const PoseJudge judge(*model_, trials_->camera(), matched.segments, options_);
+    matched.matches = judge.Match(judge.VisibleParts(matched.pose), 1.0);
+    return matched;
+  }
+
+  RigidTransform Disturbed(const RigidTransform& pose, Random& random) const {
+    Vector6d xi;
+    for (int i = 0; i < 3; ++i) xi[i] = 0.002 * pose.translation_m.norm() * random.Normal();
+    for (int i = 3; i < 6; ++i) xi[i] = 0.004 * random.Normal();
+    return Perturb(pose, xi);
+  }
+
+  const PoseSearchOptions options_;
+  const FitWeights weights_ = FitWeights::Make(options_, 1.0);
+  std::unique_ptr<LineTrialGenerator> trials_;
+  std::unique_ptr<SearchModel> model_;
+  std::unique_ptr<PoseSearch> search_;
+};
+
+double RelativeDifference(const RigidTransform& a, const RigidTransform& b) {
+  return std::max(RotationAngle(a.rotation, b.rotation),
+                  (a.translation_m - b.translation_m).norm() / b.translation_m.norm());
+}
+
+TEST_P(PoseRefinementTest, OwnStepsGoWhereCeresGoes) {
+  Random random(1);
+  int num_compared = 0;
+  for (int seed = 0; seed < kTrials; ++seed) {
+    const Matched matched = MakeMatched(seed);
+    if (matched.matches.size() < 4) continue;
+    const PoseJudge judge(*model_, trials_->camera(), matched.segments, options_);
+    const RigidTransform start = Disturbed(matched.pose, random);
+    RigidTransform own = start, reference = start;
+    ASSERT_TRUE(judge.Refine(matched.matches, 1.0, 60, own)) << seed;
+    ASSERT_TRUE(RefineToMinimum(trials_->camera(), matched.segments, matched.matches, weights_, reference)) << seed;
+    EXPECT_GT(RelativeDifference(start, reference), 1e-4) << seed;
+    EXPECT_LT(RelativeDifference(own, reference), 1e-8) << seed;
+    ++num_compared;
+  }
+  EXPECT_GE(num_compared, kTrials - 3);
+}
+
+// What a search returns lies at the minimum. What is visible, and so where lines end, is as the refinement began: the
+// new ends may move it by a small share of its standard deviation.
+TEST_P(PoseRefinementTest, TheBestPoseIsAMinimum) {
+  int num_near = 0;
+  for (int seed = 0; seed < kTrials; ++seed) {
+    const Matched matched = MakeMatched(seed);
+    if (matched.matches.size() < 4) continue;
+    const PoseJudge judge(*model_, trials_->camera(), matched.segments, options_);
+    RigidTransform minimum = matched.pose;
+    PoseJudge::Normal normal;
+    ASSERT_TRUE(judge.Refine(matched.matches, 1.0, 60, minimum)) << seed;
+    ASSERT_TRUE(judge.Accumulate(matched.matches, weights_, minimum, normal)) << seed;
+    const Vector6d off = Difference(matched.pose, minimum);
+    num_near += off.dot(normal.h * off) < 0.1 * 0.1;
+  }
+  EXPECT_GE(num_near, kTrials * 9 / 10);
+}
+
+using Jet = ceres::Jet<double, 6>;
+using Vector2J = Eigen::Matrix<Jet, 2, 1>;
+using Vector3J = Eigen::Matrix<Jet, 3, 1>;
+
+Vector2J Projected(const CameraModel& camera, const RigidTransform& pose, const Eigen::Vector3d& point) {
+  const Eigen::Vector3d turned = pose.rotation * point;
+  Vector3J x = (turned + pose.translation_m).cast<Jet>(), shift, turn;
+  for (int i = 0; i < 3; ++i) {
+    shift[i] = Jet(0.0, i);
+    turn[i] = Jet(0.0, 3 + i);
+  }
+  x += shift + turn.cross(turned.cast<Jet>());
+  return {camera.fx_px * x.x() / x.z() + camera.cx_px, camera.fy_px * x.y() / x.z() + camera.cy_px};
+}
+
+// The cost as segment_fit.h defines it, its gradient, and the weighted squares of the residuals' gradients.
+struct Reference {
+  Jet cost = Jet(0.0);
+  Matrix6d h = Matrix6d::Zero();
+
+  void Add(const Jet& residual, const Jet& residual_cost) {
+    // The weight w of w r^2 with the gradient of the cost: w = (d cost / d r) / 2 r, from the largest component.
+    int axis = 0;
+    residual.v.cwiseAbs().maxCoeff(&axis);
+    cost += residual_cost;
+    h += residual_cost.v[axis] / (2.0 * residual.a * residual.v[axis]) * residual.v * residual.v.transpose();
+  }
+};
+
+Reference Differentiate(const CameraModel& camera, const Matched& matched, const FitWeights& weights,
+                        const RigidTransform& pose) {
+  Reference reference;
+  for (const SegmentMatch& match : matched.matches) {
+    const SearchSegment& seen = matched.segments[match.segment];
+    const Vector2J p1 = Projected(camera, pose, match.p1), p2 = Projected(camera, pose, match.p2);
+    const Vector2J along = (p2 - p1) / sqrt((p2 - p1).squaredNorm());
+    for (const double side : {-1.0, 1.0}) {
+      const Vector2J seen_end = (seen.middle_px + side * seen.half_px * seen.along).cast<Jet>();
+      const Vector2J way = seen_end - p1;
+      const Jet across = along.x() * way.y() - along.y() * way.x();
+      reference.Add(across, weights.across * across * across);
+      const Jet inside = side * ((side < 0.0 ? p1 : p2) - seen_end).dot(seen.along.cast<Jet>());
+      const Jet u2 = weights.along * inside * inside;
+      reference.Add(inside, inside.a < 0.0 ? u2 : u2 * weights.short_cost / (weights.short_cost + u2));
+    }
+  }
+  return reference;
+}
+
+TEST_P(PoseRefinementTest, NormalEquationsAreThoseOfAutomaticDifferentiation) {
+  Random random(2);
+  int num_compared = 0;
+  for (int seed = 0; seed < kTrials; ++seed) {
+    const Matched matched = MakeMatched(seed);
+    if (matched.matches.empty()) continue;
+    const PoseJudge judge(*model_, trials_->camera(), matched.segments, options_);
+    const RigidTransform pose = Disturbed(matched.pose, random);
+    PoseJudge::Normal normal;
+    ASSERT_TRUE(judge.Accumulate(matched.matches, weights_, pose, normal)) << seed;
+    const Reference reference = Differentiate(trials_->camera(), matched, weights_, pose);
+    EXPECT_NEAR(normal.cost, reference.cost.a, 1e-9 * normal.cost) << seed;
+    // In units of what each component of the pose is known to.
+    const Vector6d scale = normal.h.diagonal().cwiseSqrt().cwiseInverse();
+    const Vector6d gradient = scale.cwiseProduct(normal.g - 0.5 * reference.cost.v);
+    EXPECT_LT(gradient.norm(), 1e-8 * (1.0 + scale.cwiseProduct(normal.g).norm())) << seed;
+    EXPECT_LT((scale.asDiagonal() * (normal.h - reference.h) * scale.asDiagonal()).norm(), 1e-8) << seed;
+    ++num_compared;
+  }
+  EXPECT_GE(num_compared, kTrials - 3);
+}
+
+TEST(RefineToMinimumTest, ALineBehindTheCameraIsRefused) {
+  const CameraModel camera = {640, 480, 500.0, 500.0, 320.0, 240.0, {}};
+  const std::vector<ImageSegment> seen = {{{100.0, 100.0}, {400.0, 120.0}}};
+  const auto segments = MakeSearchSegments(camera, seen, 1.0, 1);
+  const std::vector<SegmentMatch> matches = {{0, 0, {-0.1, 0.0, 0.0}, {0.1, 0.0, -2.0}}};
+  RigidTransform pose;
+  pose.translation_m.z() = 1.0;
+  EXPECT_FALSE(RefineToMinimum(camera, segments, matches, FitWeights::Make({}, 1.0), pose));
+  EXPECT_EQ(pose.translation_m, Eigen::Vector3d(0.0, 0.0, 1.0));
+}
+
+INSTANTIATE_TEST_SUITE_P(Objects, PoseRefinementTest,
+                         testing::Values(SimulatedObject::kPlanar, SimulatedObject::kCube, SimulatedObject::kBook,
+                                         SimulatedObject::kSpacecraft, SimulatedObject::kCuboid),
+                         [](const auto& tested) { return std::string(SimulatedObjectName(tested.param)); });
+
+}  // namespace
+}  // namespace evpose
