@@ -7,6 +7,7 @@
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 #include "absl/strings/str_join.h"
+#include "client/cli/bench_from_events.h"
 #include "client/cli/command.h"
 #include "core/base/status_macros.h"
 #include "core/experiments/initialization_bench.h"
@@ -22,7 +23,10 @@ struct InitializationArguments {
   std::vector<std::string> methods;
   std::vector<std::string> clutter;
   bool is_unlimited = false;
+  bool certifies = false;
   bool is_json = false;
+  bool is_from_events = false;
+  FromEventsArguments from_events;
 };
 
 // "2/1": spurious and missing lines.
@@ -40,6 +44,7 @@ absl::StatusOr<InitializationBenchOptions> MakeOptions(const InitializationArgum
   options.seed = arguments.seed;
   options.methods = arguments.methods;
   options.is_unlimited = arguments.is_unlimited;
+  options.certifies = arguments.certifies;
   if (!arguments.objects.empty()) options.objects.clear();
   for (const std::string& name : arguments.objects) {
     const absl::StatusOr<SimulatedObject> object = ParseSimulatedObject(name);
@@ -71,6 +76,13 @@ Json RowJson(const InitializationBenchRow& row) {
   json["reprojection_mean_px"] = row.reprojection_mean_px;
   json["median_ms"] = row.median_ms;
   json["worst_ms"] = row.worst_ms;
+  if (row.certificates) {
+    json["certificates"] = {{"maximum", row.certificates->num_maximum},
+                            {"not_maximum", row.certificates->num_not_maximum},
+                            {"unknown", row.certificates->num_unknown},
+                            {"median_ms", row.certificates->median_ms}};
+  }
+  json["failed_seeds"] = row.failed_seeds;
   return json;
 }
 
@@ -79,22 +91,34 @@ std::string PixelCell(double value) { return std::isnan(value) ? "-" : absl::Str
 constexpr char kHeader[] =
     "object      clutter  method         trials  right %   reprojection px: right  median   mean    median ms  worst "
     "ms";
+constexpr char kCertificateHeader[] = "   certified: maximum   not  unknown  median ms";
 
-void PrintRow(const InitializationBenchRow& row, std::ostream& out) {
+std::string CertificateCells(const InitializationBenchRow& row) {
+  if (!row.certificates) return absl::StrFormat("   %18s %5s %8s %10s", "-", "-", "-", "-");
+  const CertificateCounts& counts = *row.certificates;
+  const std::string median = std::isnan(counts.median_ms) ? "-" : absl::StrFormat("%.3f", counts.median_ms);
+  return absl::StrFormat("   %18d %5d %8d %10s", counts.num_maximum, counts.num_not_maximum, counts.num_unknown,
+                         median);
+}
+
+void PrintRow(const InitializationBenchRow& row, bool certifies, std::ostream& out) {
   const std::string clutter = absl::StrCat(row.clutter.num_spurious, "/", row.clutter.num_missing);
-  out << absl::StrFormat("%-11s %-8s %-14s %6d  %7.1f   %22s %7s %7s %12.3f %9.3f\n",
+  out << absl::StrFormat("%-11s %-8s %-14s %6d  %7.1f   %22s %7s %7s %12.3f %9.3f%s\n",
                          std::string(SimulatedObjectName(row.object)), clutter, row.method, row.num_trials,
                          100.0 * row.num_right / row.num_trials, PixelCell(row.reprojection_mean_right_px),
                          PixelCell(row.reprojection_median_px), PixelCell(row.reprojection_mean_px), row.median_ms,
-                         row.worst_ms);
+                         row.worst_ms, certifies ? CertificateCells(row) : "");
   out.flush();
 }
 
 absl::Status RunInitialization(const InitializationArguments& arguments, CliContext& context) {
+  if (arguments.is_from_events) {
+    return RunFromEvents(arguments.from_events, arguments.objects, arguments.seed, arguments.is_json, context);
+  }
   EVPOSE_ASSIGN_OR_RETURN(const InitializationBenchOptions options, MakeOptions(arguments));
-  if (!arguments.is_json) context.out << kHeader << "\n";
+  if (!arguments.is_json) context.out << kHeader << (options.certifies ? kCertificateHeader : "") << "\n";
   const auto on_row = [&](const InitializationBenchRow& row) {
-    if (!arguments.is_json) PrintRow(row, context.out);
+    if (!arguments.is_json) PrintRow(row, options.certifies, context.out);
     return !(context.is_interrupted && context.is_interrupted());
   };
   EVPOSE_ASSIGN_OR_RETURN(const std::vector<InitializationBenchRow> rows, RunInitializationBench(options, on_row));
@@ -129,29 +153,54 @@ std::string MethodList() {
   return text;
 }
 
+constexpr char kAboutLines[] =
+    "First poses from the lines of an object, with 0.8 px noise at their ends: every method gets the same lines.\n"
+    "Right is a pose within 2 degrees and 2 % of the depth, modulo the object's symmetries. Reprojection errors are\n"
+    "of the ends of the visible lines: mean of the right poses, median and mean of all. --certify asks the branch and\n"
+    "bound whether a better rotation exists, of the poses of the methods that are not told which line is which:\n"
+    "maximum means proved that none makes more lines fit in direction alone.\n";
+constexpr char kAboutEvents[] =
+    "With --from-events the tracker is started at random times of a simulated recording of each object, and told\n"
+    "nothing. Right are first poses that are, from at most 50 ms of events; wrong ones may be early or late. The\n"
+    "longest wrong is how long wrong poses were reported as TRACKING without a break.\n";
+
+void AddLineOptions(CLI::App& app, InitializationArguments& arguments, CLI::Option* from_events) {
+  app.add_option("--trials", arguments.num_trials, "Poses of each object and clutter")
+      ->check(CLI::Range(1, 1'000'000))
+      ->excludes(from_events)
+      ->capture_default_str();
+  app.add_option("--methods", arguments.methods, "Some of the methods below")
+      ->delimiter(',')
+      ->excludes(from_events)
+      ->type_name("NAME,...");
+  app.add_option("--clutter", arguments.clutter, "Spurious and missing lines: by default 0/0, 2/1 and 4/2")
+      ->delimiter(',')
+      ->excludes(from_events)
+      ->type_name("S/M,...");
+  app.add_flag("--all-trials", arguments.is_unlimited, "Slow methods do every trial, too, not only the first of them")
+      ->excludes(from_events);
+  app.add_flag("--certify", arguments.certifies,
+               "Prove by branch and bound which rotations attain the published objective's maximum")
+      ->excludes(from_events);
+}
+
 CommandRunner AddInitializationCommand(CLI::App& app, CliContext& context) {
   auto arguments = std::make_shared<InitializationArguments>();
-  app.add_option("--trials", arguments->num_trials, "Poses of each object and clutter")
-      ->check(CLI::Range(1, 1'000'000))
-      ->capture_default_str();
   app.add_option("--seed", arguments->seed, "The same seed gives the same trials")->capture_default_str();
   app.add_option("--objects", arguments->objects, "Some of " + absl::StrJoin(SimulatedObjectNames(), ", "))
       ->delimiter(',')
       ->type_name("NAME,...");
-  app.add_option("--methods", arguments->methods, "Some of the methods below")->delimiter(',')->type_name("NAME,...");
-  app.add_option("--clutter", arguments->clutter, "Spurious and missing lines: by default 0/0, 2/1 and 4/2")
-      ->delimiter(',')
-      ->type_name("S/M,...");
-  app.add_flag("--all-trials", arguments->is_unlimited, "Slow methods do every trial, too, not only the first of them");
   app.add_flag("--json", arguments->is_json, "One JSON object on standard output");
-  app.footer(
-      "First poses from the lines of an object, with 0.8 px noise at their ends: every method gets the same lines.\n"
-      "Right is a pose within 2 degrees and 2 % of the depth, modulo the object's symmetries. Reprojection errors are\n"
-      "of the ends of the visible lines: mean of the right poses, median and mean of all.\n\n"
-      "Methods:\n" +
-      MethodList() +
-      "\nExample:\n"
-      "  evpose bench initialization --trials 5 --objects cube,planar --methods sqpnp,published-bnb");
+  CLI::Option* from_events = app.add_flag("--from-events", arguments->is_from_events,
+                                          "From the events of simulated recordings, not from lines");
+  AddLineOptions(app, *arguments, from_events);
+  arguments->from_events.AddTo(app, from_events);
+  app.footer(absl::StrCat(kAboutLines, kAboutEvents, "\nMethods:\n", MethodList(),
+                          "\nExample:\n"
+                          "  evpose bench initialization --trials 5 --objects cube,planar --methods sqpnp,evpose "
+                          "--certify\n"
+                          "  evpose bench initialization --from-events --objects cube --camera vga --starts 3 "
+                          "--duration 0.4 --returns 1"));
   return [arguments, &context] { return RunInitialization(*arguments, context); };
 }
 

@@ -6,6 +6,7 @@
 #include <cmath>
 #include <limits>
 #include <memory>
+#include <utility>
 
 #include "absl/strings/str_cat.h"
 #include "absl/types/span.h"
@@ -13,12 +14,14 @@
 #include "core/base/status_macros.h"
 #include "core/experiments/initialization_methods.h"
 #include "core/experiments/line_trial.h"
+#include "core/initialization/certify_pose.h"
 
 namespace evpose {
 namespace {
 
 // A trial with all that any method may be told.
 struct PreparedTrial {
+  uint64_t trial_seed = 0;
   LineTrial trial;
   std::vector<LineMatch> matches;
   std::vector<PointMatch> point_matches;
@@ -75,7 +78,8 @@ std::vector<PreparedTrial> PrepareTrials(const InitializationBenchOptions& optio
   Random seeds(options.seed);
   std::vector<PreparedTrial> prepared(options.num_trials);
   for (PreparedTrial& p : prepared) {
-    p.trial = trials.Make(seeds.NextU64());
+    p.trial_seed = seeds.NextU64();
+    p.trial = trials.Make(p.trial_seed);
     p.matches = TrueMatches(trials, p.trial);
     p.point_matches = TruePointMatches(trials, p.trial);
     Random random(seeds.NextU64());
@@ -100,13 +104,21 @@ InitializationProblem ProblemFor(const InitializationMethod& method, const Prepa
 }
 
 double Median(std::vector<double> values) {
+  if (values.empty()) return std::numeric_limits<double>::quiet_NaN();
   const auto middle = values.begin() + static_cast<int64_t>(values.size() / 2);
   std::nth_element(values.begin(), middle, values.end());
   return *middle;
 }
 
+double MillisecondsSince(std::chrono::steady_clock::time_point begin) {
+  return std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - begin).count();
+}
+
+using FoundPoses = std::vector<absl::StatusOr<RigidTransform>>;  // of each trial
+
 InitializationBenchRow RunMethod(const InitializationMethod& method, const InitializationFunction& estimate,
-                                 const LineTrialGenerator& trials, absl::Span<const PreparedTrial> prepared) {
+                                 const LineTrialGenerator& trials, absl::Span<const PreparedTrial> prepared,
+                                 FoundPoses& poses) {
   const double diagonal_px = std::hypot(trials.camera().width_px, trials.camera().height_px);
   InitializationBenchRow row;
   row.method = method.name;
@@ -117,17 +129,17 @@ InitializationBenchRow RunMethod(const InitializationMethod& method, const Initi
   for (const PreparedTrial& p : prepared) {
     const InitializationProblem problem = ProblemFor(method, p);
     const auto begin = std::chrono::steady_clock::now();
-    const absl::StatusOr<RigidTransform> pose = estimate(problem);
-    const std::chrono::duration<double, std::milli> time = std::chrono::steady_clock::now() - begin;
-    times_ms.push_back(time.count());
+    absl::StatusOr<RigidTransform> pose = estimate(problem);
+    times_ms.push_back(MillisecondsSince(begin));
     errors_px.push_back(diagonal_px);
-    if (!pose.ok()) {
-      ++row.num_none;
+    row.num_none += !pose.ok();
+    const PoseError error = pose.ok() ? CompareWithTruth(trials, p.trial, *pose) : PoseError();
+    if (pose.ok()) errors_px.back() = error.reprojection_px;
+    poses.push_back(std::move(pose));
+    if (!poses.back().ok() || !error.is_right()) {
+      row.failed_seeds.push_back(p.trial_seed);
       continue;
     }
-    const TrialError error = CompareWithTruth(trials, p.trial, *pose);
-    errors_px.back() = error.reprojection_px;
-    if (!error.is_right()) continue;
     ++row.num_right;
     sum_right_px += error.reprojection_px;
   }
@@ -140,6 +152,25 @@ InitializationBenchRow RunMethod(const InitializationMethod& method, const Initi
   row.worst_ms = *std::max_element(times_ms.begin(), times_ms.end());
   row.median_ms = Median(std::move(times_ms));
   return row;
+}
+
+absl::StatusOr<CertificateCounts> Certify(const LineTrialGenerator& trials, absl::Span<const PreparedTrial> prepared,
+                                          const FoundPoses& poses, const RotationBnbOptions& options) {
+  CertificateCounts counts;
+  std::vector<double> times_ms;
+  for (size_t i = 0; i < poses.size(); ++i) {
+    if (!poses[i].ok()) continue;
+    const auto begin = std::chrono::steady_clock::now();
+    EVPOSE_ASSIGN_OR_RETURN(
+        const RotationCertificate certificate,
+        CertifyPose(trials.model(), trials.camera(), prepared[i].trial.segments, *poses[i], options));
+    times_ms.push_back(MillisecondsSince(begin));
+    counts.num_maximum += certificate.verdict == RotationVerdict::kMaximum;
+    counts.num_not_maximum += certificate.verdict == RotationVerdict::kNotMaximum;
+    counts.num_unknown += certificate.verdict == RotationVerdict::kUnknown;
+  }
+  counts.median_ms = Median(std::move(times_ms));
+  return counts;
 }
 
 absl::StatusOr<std::vector<const InitializationMethod*>> ChosenMethods(const InitializationBenchOptions& options) {
@@ -167,7 +198,11 @@ absl::Status RunScenario(const InitializationBenchOptions& options, SimulatedObj
     EVPOSE_ASSIGN_OR_RETURN(const InitializationFunction estimate, method->make(model, trials->camera()));
     const size_t limit = options.is_unlimited ? prepared.size() : static_cast<size_t>(method->max_trials);
     const absl::Span<const PreparedTrial> used = absl::MakeSpan(prepared).first(std::min(limit, prepared.size()));
-    InitializationBenchRow row = RunMethod(*method, estimate, *trials, used);
+    FoundPoses poses;
+    InitializationBenchRow row = RunMethod(*method, estimate, *trials, used, poses);
+    if (options.certifies && method->told != PriorKnowledge::kCorrespondences) {
+      EVPOSE_ASSIGN_OR_RETURN(row.certificates, Certify(*trials, used, poses, options.certificate));
+    }
     row.object = object;
     row.clutter = clutter;
     rows.push_back(row);
@@ -193,6 +228,7 @@ absl::Status InitializationBenchOptions::Validate() const {
     const LineTrialOptions trial = {SimulatedObject::kCube, noise_px, c.num_spurious, c.num_missing};
     EVPOSE_RETURN_IF_ERROR(trial.Validate());
   }
+  EVPOSE_RETURN_IF_ERROR(certificate.Validate());
   return ChosenMethods(*this).status();
 }
 

@@ -3,11 +3,13 @@
 
 #include <cstdint>
 #include <functional>
+#include <optional>
 #include <string>
 #include <vector>
 
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
+#include "core/initialization/rotation_bnb.h"
 #include "core/simulation/scene.h"
 
 namespace evpose {
@@ -32,9 +34,21 @@ struct InitializationBenchOptions {
   // object.
   double prior_rotation_rad = 0.1745;  // 10 deg: the attitude is off by 16 deg in the median
   double prior_translation_ratio = 0.05;
+  // Ask of each pose that was found whether its rotation attains the maximum of the published objective (CertifyPose),
+  // with this budget.
+  bool certifies = false;
+  RotationBnbOptions certificate;
 
   // INVALID_ARGUMENT naming the field, or a method that is not known.
   absl::Status Validate() const;
+};
+
+// Of the poses that a method found (CertifyPose).
+struct CertificateCounts {
+  int num_maximum = 0;  // proved by equal bounds: no rotation has a greater count
+  int num_not_maximum = 0;
+  int num_unknown = 0;     // the budget was spent
+  double median_ms = 0.0;  // wall clock, of one certificate; NaN when no pose was found
 };
 
 // One method on one object with one clutter.
@@ -43,7 +57,7 @@ struct InitializationBenchRow {
   BenchClutter clutter;
   std::string method;
   int num_trials = 0;
-  int num_right = 0;  // TrialError::is_right
+  int num_right = 0;  // PoseError::is_right
   int num_none = 0;   // the method gave no pose
   // Of the end points of the visible lines, pixels. The mean of right poses is the accuracy; the mean over all is what
   // the source paper prints, and mostly says how wrong the wrong poses are (no pose counts as the image's diagonal).
@@ -53,6 +67,10 @@ struct InitializationBenchRow {
   double reprojection_mean_px = 0.0;
   double median_ms = 0.0;  // wall clock, one core
   double worst_ms = 0.0;
+  // When asked for, of a method that finds out by itself which line is which.
+  std::optional<CertificateCounts> certificates;
+  // LineTrialGenerator::Make gives the trials again that had no right pose.
+  std::vector<uint64_t> failed_seeds;
 };
 
 // In the order of objects, clutter and methods. All but the times is a function of the options. `on_row` is called

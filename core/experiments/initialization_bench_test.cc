@@ -85,6 +85,47 @@ TEST(InitializationBench, SlowMethodsDoFewerTrialsUnlessAskedTo) {
   EXPECT_EQ((*rows)[1].num_trials, limit + 10);
 }
 
+TEST(InitializationBench, CertifiesWhatWasFound) {
+  InitializationBenchOptions options = Small();
+  options.num_trials = 20;
+  options.noise_px = 0.0;  // then the true rotation explains every line
+  options.methods = {"sqpnp", "published-bnb", "evpose"};
+  options.certifies = true;
+  auto rows = RunInitializationBench(options, nullptr);
+  ASSERT_TRUE(rows.ok()) << rows.status();
+  EXPECT_FALSE((*rows)[0].certificates) << "the correspondences were given";
+  ASSERT_TRUE((*rows)[1].certificates && (*rows)[2].certificates);
+  const CertificateCounts& ours = *(*rows)[2].certificates;
+  EXPECT_EQ((*rows)[2].num_right, 20);
+  EXPECT_TRUE((*rows)[2].failed_seeds.empty());
+  EXPECT_EQ(ours.num_maximum, 20);
+  EXPECT_GT(ours.median_ms, 0.0);
+
+  options.methods = {"evpose"};
+  options.clutter = {{4, 2}};  // not every line can be explained, and that takes more than one cube
+  options.certificate.max_branches = 1;
+  rows = RunInitializationBench(options, nullptr);
+  ASSERT_TRUE(rows.ok()) << rows.status();
+  const CertificateCounts& poor = *(*rows)[0].certificates;
+  EXPECT_EQ(poor.num_maximum + poor.num_not_maximum + poor.num_unknown, 20);
+  EXPECT_GT(poor.num_unknown, 0);
+
+  options.certifies = false;
+  rows = RunInitializationBench(options, nullptr);
+  ASSERT_TRUE(rows.ok());
+  EXPECT_FALSE((*rows)[0].certificates);
+}
+
+TEST(InitializationBench, FailedSeedsAreThoseOfTheFailedTrials) {
+  InitializationBenchOptions options = Small();
+  options.methods = {"ransac"};
+  options.clutter = {{4, 2}};
+  options.num_trials = 10;
+  const auto rows = RunInitializationBench(options, nullptr);
+  ASSERT_TRUE(rows.ok());
+  EXPECT_EQ(static_cast<int>((*rows)[0].failed_seeds.size()), 10 - (*rows)[0].num_right);
+}
+
 TEST(InitializationBench, StopsWhenAsked) {
   const auto rows = RunInitializationBench(Small(), [](const InitializationBenchRow&) { return false; });
   EXPECT_EQ(rows.status().code(), absl::StatusCode::kCancelled);

@@ -19,8 +19,6 @@
 namespace evpose {
 namespace {
 
-constexpr double kRightRotationRad = 0.03490659;  // 2 deg
-constexpr double kRightTranslationRatio = 0.02;
 constexpr double kMinDistanceOfSize = 3.0;
 constexpr double kMaxDistanceOfSize = 5.0;
 constexpr double kBorderPx = 5.0;  // between the object and the image's border: noisy end points stay inside
@@ -200,24 +198,6 @@ class Generator : public LineTrialGenerator {
   const PoseDeterminacy determinacy_;
 };
 
-double ReprojectionError(const LineTrialGenerator& trials, const LineTrial& trial, const RigidTransform& estimate) {
-  const CameraModel& camera = trials.camera();
-  const double diagonal_px = std::hypot(camera.width_px, camera.height_px);
-  double sum_px = 0.0;
-  for (const VisibleSegment& part : trial.visible) {
-    const ModelLine& line = trials.model().lines[part.line];
-    for (const double s : {part.begin, part.end}) {
-      const Eigen::Vector3d point = line.p1 + s * (line.p2 - line.p1);
-      const Eigen::Vector3d estimated = estimate * point;
-      const double error_px =
-          estimated.z() > 0.0 ? (camera.Project(estimated) - camera.Project(trial.camera_from_object * point)).norm()
-                              : diagonal_px;
-      sum_px += std::min(error_px, diagonal_px);
-    }
-  }
-  return sum_px / (2.0 * static_cast<double>(std::max<size_t>(1, trial.visible.size())));
-}
-
 }  // namespace
 
 absl::Status LineTrialOptions::Validate() const {
@@ -242,19 +222,9 @@ absl::StatusOr<std::unique_ptr<LineTrialGenerator>> LineTrialGenerator::Create(c
   return generator;
 }
 
-bool TrialError::is_right() const {
-  return rotation_rad <= kRightRotationRad && translation_ratio <= kRightTranslationRatio;
-}
-
-TrialError CompareWithTruth(const LineTrialGenerator& trials, const LineTrial& trial,
-                            const RigidTransform& camera_from_object) {
-  const RigidTransform& truth = trial.camera_from_object;
-  const RigidTransform estimate = NearestEquivalent(camera_from_object, trials.model().symmetries, truth);
-  TrialError error;
-  error.rotation_rad = RotationAngle(estimate.rotation, truth.rotation);
-  error.translation_ratio = (estimate.translation_m - truth.translation_m).norm() / truth.translation_m.z();
-  error.reprojection_px = ReprojectionError(trials, trial, estimate);
-  return error;
+PoseError CompareWithTruth(const LineTrialGenerator& trials, const LineTrial& trial,
+                           const RigidTransform& camera_from_object) {
+  return ComparePoses(trials.model(), trials.camera(), trial.visible, trial.camera_from_object, camera_from_object);
 }
 
 }  // namespace evpose

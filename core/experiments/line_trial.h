@@ -7,6 +7,7 @@
 
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
+#include "core/experiments/pose_comparison.h"
 #include "core/geometry/camera.h"
 #include "core/geometry/image_segment.h"
 #include "core/geometry/rigid_transform.h"
@@ -56,14 +57,7 @@ class LineTrialGenerator {
   virtual const CameraModel& camera() const = 0;
 };
 
-struct TrialError {
-  double rotation_rad = 0.0;       // modulo the model's symmetries
-  double translation_ratio = 0.0;  // distance between the positions, of the true depth
-  // Mean over the ends of the visible parts of the lines at the truth; at most the image's diagonal each.
-  double reprojection_px = 0.0;
-  bool is_right() const;  // within 2 deg and 2 % of depth
-};
-TrialError CompareWithTruth(const LineTrialGenerator& trials, const LineTrial& trial,
-                            const RigidTransform& camera_from_object);
+PoseError CompareWithTruth(const LineTrialGenerator& trials, const LineTrial& trial,
+                           const RigidTransform& camera_from_object);
 
 }  // namespace evpose

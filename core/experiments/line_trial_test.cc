@@ -88,7 +88,7 @@ TEST_P(LineTrialTest, ErrorsAreModuloTheSymmetries) {
   const auto trials = Generator(GetParam(), 0.8, 0, 0);
   const LineTrial trial = trials->Make(3);
   for (const RigidTransform& symmetry : trials->model().symmetries) {
-    const TrialError error = CompareWithTruth(*trials, trial, trial.camera_from_object * symmetry);
+    const PoseError error = CompareWithTruth(*trials, trial, trial.camera_from_object * symmetry);
     EXPECT_LT(error.rotation_rad, 1e-6);
     EXPECT_LT(error.translation_ratio, 1e-9);
     EXPECT_LT(error.reprojection_px, 1e-3);

@@ -24,7 +24,7 @@ Counts RunTrials(SimulatedObject object, double noise_px) {
     const auto pose = EstimatePoseByRopnl(trials->camera(), MatchesOf(*trials, trial), {});
     EXPECT_TRUE(pose.ok()) << pose.status();
     if (!pose.ok()) continue;
-    const TrialError error = CompareWithTruth(*trials, trial, *pose);
+    const PoseError error = CompareWithTruth(*trials, trial, *pose);
     counts.right += error.is_right();
     counts.near += error.reprojection_px < 6.0;
   }

@@ -65,6 +65,72 @@ TEST_F(CliTest, BenchSaysWhatItKnows) {
   EXPECT_EQ(Run({"bench"}).status, 2);
 }
 
+TEST_F(CliTest, BenchCertifiesRotations) {
+  const std::vector<std::string> few = {"--trials", "6",         "--objects",    "cube",     "--clutter",
+                                        "0/0",      "--methods", "sqpnp,evpose", "--certify"};
+  const CliResult table = Run(Arguments(few));
+  ASSERT_EQ(table.status, 0) << table.err;
+  EXPECT_THAT(table.out, HasSubstr("certified: maximum"));
+  std::vector<std::string> with_json = few;
+  with_json.push_back("--json");
+  const CliResult result = Run(Arguments(with_json));
+  ASSERT_EQ(result.status, 0) << result.err;
+  const nlohmann::json rows = result.Json()["rows"];
+  EXPECT_FALSE(rows[0].contains("certificates")) << "the correspondences were given";
+  const nlohmann::json& counts = rows[1]["certificates"];
+  EXPECT_EQ(counts["maximum"].get<int>() + counts["not_maximum"].get<int>() + counts["unknown"].get<int>(), 6);
+  EXPECT_GT(counts["median_ms"], 0.0);
+  EXPECT_EQ(rows[1]["failed_seeds"].size(), 6u - rows[1]["right"].get<size_t>());
+}
+
+TEST_F(CliTest, BenchFromEventsHasARowForEachObject) {
+  const std::vector<std::string> few = {
+      "--from-events", "--objects", "cube",   "--camera", "vga",       "--starts", "3",
+      "--duration",    "0.4",       "--seed", "4",        "--returns", "1"};
+  const CliResult table = Run(Arguments(few));
+  ASSERT_EQ(table.status, 0) << table.err;
+  EXPECT_THAT(table.out, HasSubstr("\ncube             3 "));
+  std::vector<std::string> with_json = few;
+  with_json.push_back("--json");
+  const CliResult result = Run(Arguments(with_json));
+  ASSERT_EQ(result.status, 0) << result.err;
+  const nlohmann::json json = result.Json();
+  EXPECT_EQ(json["camera"], "vga");
+  EXPECT_EQ(json["noise_ratio"], 0.05);
+  ASSERT_EQ(json["rows"].size(), 1u);
+  const nlohmann::json& row = json["rows"][0];
+  EXPECT_EQ(row["object"], "cube");
+  EXPECT_EQ(row["starts"], 3);
+  EXPECT_EQ(row["right"], 3) << row;
+  EXPECT_EQ(row["wrong"], 0);
+  EXPECT_EQ(row["failures"].size(), 0u);
+  EXPECT_EQ(row["longest_wrong_ms"], 0.0);
+  ASSERT_EQ(row["returns"].size(), 1u);
+  EXPECT_EQ(row["returns"][0]["seed"], 4);
+  EXPECT_EQ(row["returns"][0]["was_tracked"], true);
+  EXPECT_LE(row["returns"][0]["tracked_us"], 100'000);
+}
+
+TEST_F(CliTest, BenchOptionsBelongToTheirMode) {
+  const auto fails = [&](const std::vector<std::string>& more) {
+    const CliResult result = Run(Arguments(more));
+    EXPECT_EQ(result.status, 2) << result.out;
+    return result.err;
+  };
+  for (const std::string option : {"--starts", "--duration", "--noise", "--speed", "--returns"}) {
+    EXPECT_THAT(fails({option, option == "--noise" ? "0.5" : "1"}), HasSubstr("--from-events")) << option;
+    EXPECT_THAT(fails({option, "-1", "--from-events"}), HasSubstr(option));
+  }
+  EXPECT_THAT(fails({"--camera", "vga"}), HasSubstr("--from-events"));
+  EXPECT_THAT(fails({"--camera", "mp4", "--from-events"}), HasSubstr("evk4"));
+  for (const std::string option : {"--trials", "--methods", "--clutter"}) {
+    EXPECT_THAT(fails({"--from-events", option, "1"}), HasSubstr(option));
+  }
+  EXPECT_THAT(fails({"--from-events", "--certify"}), HasSubstr("--certify"));
+  EXPECT_THAT(fails({"--from-events", "--all-trials"}), HasSubstr("--all-trials"));
+  EXPECT_THAT(fails({"--from-events", "--objects", "teapot"}), HasSubstr("cuboid"));
+}
+
 TEST_F(CliTest, BenchHelpListsTheMethods) {
   const CliResult result = Run(Arguments({"--help"}));
   ASSERT_EQ(result.status, 0) << result.err;
