@@ -85,10 +85,13 @@ std::vector<pcl::PointIndices> GrowRegions(const Cloud::Ptr& cloud, const Neighb
   return regions;
 }
 
+// Length of the image part of a plane's normal; std::hypot need not give the same bits everywhere.
+double InImage(const Eigen::VectorXf& coefficients) { return coefficients.head<2>().cast<double>().norm(); }
+
 SpaceTimePlane PlaneOf(const Cloud& cloud, const Eigen::VectorXf& coefficients, const pcl::Indices& inliers,
                        double px_per_s) {
   SpaceTimePlane plane;
-  const double in_image = std::hypot(coefficients[0], coefficients[1]);
+  const double in_image = InImage(coefficients);
   plane.normal = Eigen::Vector2d(coefficients[0], coefficients[1]) / in_image;
   plane.offset_px = -coefficients[3] / in_image;
   plane.speed_px_per_s = -coefficients[2] / in_image * px_per_s;
@@ -120,7 +123,7 @@ void FitPlanes(const Cloud::Ptr& cloud, pcl::Indices region, uint8_t polarity, d
     model->optimizeModelCoefficients(inliers, sampled, fitted);
     model->selectWithinDistance(fitted, options.inlier_px, inliers);
     if (inliers.size() < static_cast<size_t>(options.min_plane_points)) return;
-    if (std::abs(fitted[2]) <= kMaxSpeedRatio * std::hypot(fitted[0], fitted[1])) {
+    if (std::abs(fitted[2]) <= kMaxSpeedRatio * InImage(fitted)) {
       planes.push_back(PlaneOf(*cloud, fitted, inliers, px_per_s));
       planes.back().polarity = polarity;
     }

@@ -11,7 +11,7 @@ namespace evpose {
 
 // Goes on from `pose` to the minimum of the cost that segment_fit.h gives the matches (ends across: squares; ends
 // along: EndCost), written down here once more by itself, with automatic differentiation: the reference that the steps
-// of PoseJudge must equal, and the last word on the few poses that a search returns. 30 to 150 us. False, `pose`
+// of PoseJudge must equal, and the last word on the few poses that a search returns. False, `pose`
 // unchanged, when no step leads down from it or a line reaches behind the camera.
 //
 // The same bits on every machine: of Ceres' strategies Powell's dogleg takes no function of the C library but sqrt

@@ -2,6 +2,7 @@
 
 #include <Eigen/Geometry>
 #include <algorithm>
+#include <tuple>
 
 #include "core/initialization/segment_fit.h"
 
@@ -23,6 +24,8 @@ constexpr size_t kMaxVoters = 10;  // at most 16, the bits of SingleVote::voter
 // Votes closer than this support each other: depths, and lateral distances in radii.
 constexpr double kVoteDepthRatio = 0.06;
 constexpr double kVoteLateralOfRadius = 0.05;
+// Pairs of votes that take as long as casting a vote; among scattered votes there are fewer for each.
+constexpr size_t kPairsPerVote = 32;
 // Places that are kept for one rotation, the best supported.
 constexpr int kPlacesPerRotation = 4;
 constexpr double kSameRotationRad = 0.03;
@@ -79,7 +82,8 @@ void PositionSearch::Prepare(const Matrix3d& rotation) {
   for (const ViewLine& seen : view) {
     const SearchLine& line = model_.lines()[seen.line];
     const Vector3d p1 = rotation * line.p1, extent = rotation * (line.p2 - line.p1);
-    parts_[next_part_[line.direction]++] = {p1 + seen.begin * extent, p1 + seen.end * extent, seen.certain_ratio};
+    const Vector3d a = p1 + seen.begin * extent, b = p1 + seen.end * extent;
+    parts_[next_part_[line.direction]++] = {a, b, 0.5 * (a + b), (b - a).norm(), seen.certain_ratio};
   }
   a_px_.resize(parts_.size());
   b_px_.resize(parts_.size());
@@ -114,7 +118,7 @@ void PositionSearch::CastVotes() {
       // Both ends must lie before the camera; a negative solution is the line the other way round.
       const Vector3d middle = (l1 > 0.0 ? 0.5 : -0.5) * (l1 * line.q1 + l2 * line.q2);
       for (int i = first_part_[direction]; i < first_part_[direction + 1]; ++i) {
-        const Vector3d position = (parts_[i].b - parts_[i].a).norm() * middle - 0.5 * (parts_[i].a + parts_[i].b);
+        const Vector3d position = parts_[i].length_m * middle - parts_[i].middle;
         if (!(position.z() > least_depth_m)) continue;
         const auto bit = static_cast<uint16_t>(1u << j);
         votes_.push_back({static_cast<float>(position.x()), static_cast<float>(position.y()),
@@ -123,17 +127,22 @@ void PositionSearch::CastVotes() {
     }
   }
   num_votes_ += static_cast<int>(votes_.size());
-  std::sort(votes_.begin(), votes_.end(), [](const SingleVote& a, const SingleVote& b) { return a.z < b.z; });
+  // Equal depths in an order of their own: what is found may not depend on a library's sort.
+  std::sort(votes_.begin(), votes_.end(), [](const SingleVote& a, const SingleVote& b) {
+    return a.z != b.z ? a.z < b.z : std::tie(a.x, a.y, a.voter) < std::tie(b.x, b.y, b.voter);
+  });
 }
 
 // Votes of different segments that agree support each other.
 void PositionSearch::CountSupport() {
   const auto lateral_m = static_cast<float>(kVoteLateralOfRadius * model_.radius_m());
   const auto depth_factor = static_cast<float>(1.0 + kVoteDepthRatio);
+  size_t num_pairs = 0;
   for (size_t i = 0; i < votes_.size(); ++i) {
     SingleVote& vote = votes_[i];
     const float z_max = vote.z * depth_factor;
-    for (size_t k = i + 1; k < votes_.size() && votes_[k].z < z_max; ++k) {
+    size_t k = i + 1;
+    for (; k < votes_.size() && votes_[k].z < z_max; ++k) {
       // Beside each other, at the same depth.
       SingleVote& other = votes_[k];
       const float dx = vote.z * other.x - other.z * vote.x, dy = vote.z * other.y - other.z * vote.y;
@@ -141,7 +150,10 @@ void PositionSearch::CountSupport() {
       vote.AddSupporter(other.voter);
       other.AddSupporter(vote.voter);
     }
+    num_pairs += k - i - 1;
   }
+  // Votes that crowd at one depth are as dear as more votes.
+  num_votes_ += static_cast<int>(num_pairs / kPairsPerVote);
 }
 
 // The best supported places, each once.

@@ -57,6 +57,8 @@ class PositionSearch {
  private:
   struct Part {            // of a line that may be seen, turned into the camera's attitude
     Eigen::Vector3d a, b;  // ends
+    Eigen::Vector3d middle;
+    double length_m = 0.0;
     double certain_ratio = 0.0;
   };
   struct SingleVote {  // small: they are sorted
