@@ -5,10 +5,34 @@
 
 namespace evpose {
 
+void LineEvidence::Add(const LineEvidence& other) {
+  gated += other.gated;
+  near += other.near;
+  chance += other.chance;
+  expected += other.expected;
+  length_px += other.length_px;
+}
+
+void LineEvidence::Fade(double factor) {
+  gated *= factor;
+  near *= factor;
+  chance *= factor;
+  expected *= factor;
+  length_px *= factor;
+}
+
 TrackHealth::TrackHealth(const HealthOptions& options, double min_events_per_px2, int num_model_lines)
-    : options_(options), min_events_per_px2_(min_events_per_px2), evidence_(num_model_lines) {}
+    : options_(options),
+      min_events_per_px2_(min_events_per_px2),
+      evidence_(num_model_lines),
+      memory_(num_model_lines) {}
 
 void TrackHealth::Reset() {
+  const double left = std::max(0.0, 1.0 - span_s_ * 1e6 / static_cast<double>(options_.memory_us));
+  for (size_t k = 0; k < evidence_.size(); ++k) {
+    memory_[k].Fade(left);
+    memory_[k].Add(evidence_[k]);
+  }
   std::fill(evidence_.begin(), evidence_.end(), LineEvidence());
   span_s_ = 0.0;
   gated_ = 0.0;
@@ -72,25 +96,32 @@ double TrackHealth::ExcessSigma(double gated, double near, double chance) const 
   return (near - chance) / std::sqrt(gated * share * (1.0 - share) * options_.dispersion);
 }
 
+bool TrackHealth::IsSupported(const LineEvidence& line) const {
+  return ExcessSigma(line.gated, line.near, line.chance) >= options_.significance_sigma;
+}
+
 HealthVerdict TrackHealth::Weigh(double min_support_ratio, int min_supported_lines) const {
   // Fewer cannot reach the significance even if all are near.
   constexpr double kTestableEvents = 20.0;
   HealthVerdict verdict;
   LineEvidence total;
-  double supported_length = 0.0;
-  for (const LineEvidence& line : evidence_) {
-    total.gated += line.gated;
-    total.near += line.near;
-    total.chance += line.chance;
-    if (line.gated < kTestableEvents && line.expected < kTestableEvents) continue;
+  double supported_length = 0.0, testable_length = 0.0;
+  for (size_t k = 0; k < evidence_.size(); ++k) {
+    LineEvidence line = evidence_[k];
+    const double length_px = line.length_px;
+    total.Add(line);
+    const auto is_testable = [&] { return line.gated >= kTestableEvents || line.expected >= kTestableEvents; };
+    if (!is_testable()) line.Add(memory_[k]);
+    if (!is_testable()) continue;
     ++verdict.testable_lines;
-    total.length_px += line.length_px;
-    if (ExcessSigma(line.gated, line.near, line.chance) < options_.significance_sigma) continue;
+    testable_length += length_px;
+    if (!IsSupported(line)) continue;
     ++verdict.supported_lines;
-    supported_length += line.length_px;
+    supported_length += length_px;
   }
   verdict.sigma = ExcessSigma(total.gated, total.near, total.chance);
-  verdict.support_ratio = total.length_px > 0.0 ? supported_length / total.length_px : 0.0;
+  verdict.testable_ratio = total.length_px > 0.0 ? testable_length / total.length_px : 0.0;
+  verdict.support_ratio = testable_length > 0.0 ? supported_length / testable_length : 0.0;
   const bool supported = verdict.sigma > options_.significance_sigma && verdict.support_ratio >= min_support_ratio &&
                          verdict.supported_lines >= min_supported_lines;
   verdict.kind = supported ? HealthVerdict::Kind::kSupported : HealthVerdict::Kind::kUnsupported;

@@ -19,6 +19,9 @@ struct LineEvidence {
   double chance = 0.0;     // of them, near by chance: their number times the near share of the gate's area
   double expected = 0.0;   // events that its motion should have made at the least
   double length_px = 0.0;  // mean projected length, weighted by time
+
+  void Add(const LineEvidence& other);
+  void Fade(double factor);
 };
 
 struct HealthVerdict {
@@ -29,8 +32,9 @@ struct HealthVerdict {
     kUnsupported,  // there are events, and they do not
   };
   Kind kind = Kind::kOpen;
-  double sigma = 0.0;          // standard deviations by which near events exceed chance
-  double support_ratio = 0.0;  // share of the testable lines' length that is supported
+  double sigma = 0.0;           // standard deviations by which near events exceed chance
+  double testable_ratio = 0.0;  // share of the visible lines' length that has had the time to answer
+  double support_ratio = 0.0;   // share of the testable lines' length that is supported
   int supported_lines = 0;
   int testable_lines = 0;
 };
@@ -50,16 +54,20 @@ class TrackHealth {
   // keeping it. A pose is supported as soon as the counts say so, and unsupported when they still do not after
   // `patience_us`: in flicker or clutter its own events are few among many. Anything but kOpen starts the counts anew.
   HealthVerdict Judge(double min_support_ratio, int min_supported_lines, int64_t patience_us);
-  void Reset();
 
  private:
+  void Reset();
   HealthVerdict Weigh(double min_support_ratio, int min_supported_lines) const;
+  bool IsSupported(const LineEvidence& line) const;
   bool IsQuiet() const;
   double ExcessSigma(double gated, double near, double chance) const;
 
   const HealthOptions options_;
   const double min_events_per_px2_;
-  std::vector<LineEvidence> evidence_;
+  std::vector<LineEvidence> evidence_;  // since the last verdict
+  // The same, fading over memory_us: a line that never answers is told by what it should have made in many windows,
+  // each of which alone expects too little of it.
+  std::vector<LineEvidence> memory_;
   double span_s_ = 0.0;
   double gated_ = 0.0;
   double noise_ = 0.0;  // of the gated events, those that the sensor's noise may have made

@@ -64,7 +64,8 @@ std::optional<PoseEstimate> PoseTrack::OnWindow(const EventWindow& window) {
       static_cast<double>(window.num_events) / (static_cast<double>(camera.width_px) * camera.height_px);
   health_.AddWindow(camera, input, image_lines_, motion_.twist, events_per_px);
   const bool confirming = state_ == TrackState::kInitializing;
-  const double support = confirming ? health.confirm_support_ratio : health.keep_support_ratio;
+  const double support = on_trial_ ? health.confirm_support_ratio : health.keep_support_ratio;
+  if (followed_since_us_ < 0) followed_since_us_ = window.t_begin_us;
   const int64_t patience_us = confirming ? health.min_span_us : health.patience_us;
   UpdateState(health_.Judge(support, confirming ? kConfirmLines : kKeepLines, patience_us), window.t_end_us);
   if (state_ != TrackState::kTracking && state_ != TrackState::kDegraded) return std::nullopt;
@@ -151,6 +152,11 @@ void PoseTrack::UpdateState(const HealthVerdict& verdict, int64_t t_us) {
     case HealthVerdict::Kind::kOpen:
       return;
     case HealthVerdict::Kind::kSupported:
+      if (verdict.testable_ratio >= context_.options.health.min_tested_ratio) on_trial_ = false;
+      if (state_ == TrackState::kInitializing && on_trial_ &&
+          t_us - followed_since_us_ < context_.options.health.max_hold_us) {
+        return;
+      }
       state_ = TrackState::kTracking;
       unsupported_ = false;
       supported_at_us_ = t_us;

@@ -65,6 +65,8 @@ class PoseTrack {
   MotionState motion_;
   double usual_explained_ratio_ = 0.0;  // running mean
   int unconfirmed_verdicts_ = 0;
+  int64_t followed_since_us_ = -1;
+  bool on_trial_ = true;         // too few of its lines have had the time to answer
   int64_t supported_at_us_ = 0;  // the last verdict for the pose
   int64_t unsupported_since_us_ = 0;
   bool unsupported_ = false;

@@ -80,6 +80,9 @@ absl::Status HealthOptions::Validate() const {
   EVPOSE_RETURN_IF_ERROR(Positive("min_span_us", static_cast<double>(min_span_us)));
   EVPOSE_RETURN_IF_ERROR(Between("confirm_support_ratio", confirm_support_ratio, 0.0, 1.0));
   EVPOSE_RETURN_IF_ERROR(Between("keep_support_ratio", keep_support_ratio, 0.0, 1.0));
+  EVPOSE_RETURN_IF_ERROR(Positive("memory_us", static_cast<double>(memory_us)));
+  EVPOSE_RETURN_IF_ERROR(Between("min_tested_ratio", min_tested_ratio, 0.0, 1.0));
+  EVPOSE_RETURN_IF_ERROR(Between("max_hold_us", static_cast<double>(max_hold_us), 0.0, 1e9));
   EVPOSE_RETURN_IF_ERROR(Positive("patience_us", static_cast<double>(patience_us)));
   EVPOSE_RETURN_IF_ERROR(Positive("lost_after_us", static_cast<double>(lost_after_us)));
   EVPOSE_RETURN_IF_ERROR(Between("max_unconfirmed_verdicts", max_unconfirmed_verdicts, 1, 1000));

@@ -108,6 +108,13 @@ struct HealthOptions {
   // worth of clutter (6 unknowns, 2 per line); a right one has nearly all, less what is hidden.
   double confirm_support_ratio = 0.6;
   double keep_support_ratio = 0.35;
+  // Microseconds over which the evidence of a line that is short or slow is summed.
+  int64_t memory_us = 100'000;
+  // Share of the visible lines' length that must have had the time to answer before the first verdict for a pose is
+  // believed, and until when a pose stays on trial: part of an object may be all of another one.
+  double min_tested_ratio = 0.9;
+  // Microseconds that the first verdict is held back for it, at most: a line along its motion never answers.
+  int64_t max_hold_us = 15'000;
   // Microseconds after which a tracked pose that the events have not supported counts as unsupported: ten poses at 1
   // kHz.
   int64_t patience_us = 10'000;

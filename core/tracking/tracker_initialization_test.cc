@@ -1,0 +1,342 @@
+// The first pose and the way back after a loss, on ideal events: nobody says where the object is.
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <memory>
+#include <vector>
+
+#include "core/models/symmetry.h"
+#include "core/tracking/ideal_events.h"
+#include "core/tracking/tracker.h"
+#include "core/tracking/tracker_options.h"
+
+namespace evpose {
+namespace {
+
+using testing::ConstantTwist;
+using testing::IdealEventOptions;
+using testing::MakeCamera;
+using testing::MakeCube;
+using testing::MakeIdealEvents;
+using testing::MakePose;
+using testing::Motion;
+
+const CameraModel kCamera = MakeCamera(640, 480, 600.0);
+const RigidTransform kStart = MakePose({0.02, -0.01, 0.6}, {0.6, 0.5, 0.2});
+
+Vector6d Twist(double vx, double vy, double vz, double wx, double wy, double wz) {
+  Vector6d twist;
+  twist << vx, vy, vz, wx, wy, wz;
+  return twist;
+}
+
+const Vector6d kTwist = Twist(0.3, 0.15, 0.05, 0.5, 0.3, 0.6);
+
+// Ideal events lie on their lines: the sensor neither lags nor shifts.
+TrackerOptions IdealSensor() {
+  TrackerOptions options;
+  options.edge.lag_px = 0.0;
+  options.edge.shift_px_per_event = 0.0;
+  return options;
+}
+
+std::shared_ptr<const ObjectModel> Cube() {
+  auto cube = std::make_shared<ObjectModel>(*MakeCube(0.15));
+  cube->symmetries = FindSymmetries(*cube);
+  return cube;
+}
+
+std::unique_ptr<Tracker> MakeTracker(const TrackerOptions& options, std::shared_ptr<const ObjectModel> model = Cube(),
+                                     const CameraModel& camera = kCamera) {
+  return Tracker::Create(std::move(model), camera, options, std::nullopt).value();
+}
+
+ObjectModel LineFigure(const std::vector<Eigen::Vector3d>& corners, bool is_closed) {
+  ObjectModel figure;
+  for (size_t k = 0; k + (is_closed ? 0 : 1) < corners.size(); ++k) {
+    figure.lines.push_back({corners[k], corners[(k + 1) % corners.size()], {}});
+  }
+  figure.vertices = corners;
+  for (const Eigen::Vector3d& corner : corners) figure.diameter_m = std::max(figure.diameter_m, 2.0 * corner.norm());
+  return figure;
+}
+
+std::vector<Event> CubeEvents(int64_t t_begin_us, int64_t duration_us, const RigidTransform& start = kStart) {
+  IdealEventOptions options;
+  options.t_begin_us = t_begin_us;
+  options.duration_us = duration_us;
+  return MakeIdealEvents(*MakeCube(0.15), kCamera, ConstantTwist(start, kTwist), options);
+}
+
+std::vector<Event> Noise(double rate_hz, int64_t t_begin_us, int64_t duration_us) {
+  IdealEventOptions options;
+  options.events_per_px2 = 0.0;
+  options.clutter_per_s = rate_hz;
+  options.t_begin_us = t_begin_us;
+  options.duration_us = duration_us;
+  return MakeIdealEvents(*MakeCube(0.15), kCamera, ConstantTwist(kStart, kTwist), options);
+}
+
+// Within 2 deg and 2 % of depth, of whatever branch.
+bool IsRight(const ObjectModel& model, const RigidTransform& truth, const PoseEstimate& estimate) {
+  const RigidTransform nearest = NearestEquivalent(truth, model.symmetries, estimate.camera_from_object);
+  return RotationAngle(nearest.rotation, estimate.camera_from_object.rotation) < 0.035 &&
+         (nearest.translation_m - estimate.camera_from_object.translation_m).norm() < 0.02 * truth.translation_m.z();
+}
+
+// The first TRACKING estimate, and what comes after it; the estimates must be right with respect to `motion`, whose
+// time begins at `t_begin_us`.
+int64_t FirstRightUs(const ObjectModel& model, const std::vector<PoseEstimate>& estimates, const Motion& motion,
+                     int64_t t_begin_us) {
+  int64_t first_us = -1;
+  for (const PoseEstimate& estimate : estimates) {
+    if (estimate.state != TrackState::kTracking || estimate.t_us < t_begin_us) continue;
+    EXPECT_TRUE(IsRight(model, motion((estimate.t_us - t_begin_us) * 1e-6), estimate)) << estimate.t_us;
+    if (first_us < 0) first_us = estimate.t_us;
+  }
+  return first_us;
+}
+
+void ExpectSame(const std::vector<PoseEstimate>& a, const std::vector<PoseEstimate>& b) {
+  ASSERT_EQ(a.size(), b.size());
+  for (size_t k = 0; k < a.size(); ++k) {
+    EXPECT_EQ(a[k].t_us, b[k].t_us);
+    EXPECT_EQ(a[k].camera_from_object.translation_m, b[k].camera_from_object.translation_m);
+    EXPECT_EQ(a[k].camera_from_object.rotation, b[k].camera_from_object.rotation);
+    EXPECT_EQ(a[k].covariance, b[k].covariance);
+    EXPECT_EQ(a[k].twist, b[k].twist);
+    EXPECT_EQ(a[k].state, b[k].state);
+  }
+}
+
+TEST(TrackerInitialization, FindsTheCubeOnTheBranchNearestToTheReference) {
+  const auto cube = Cube();
+  ASSERT_EQ(cube->symmetries.size(), 24u);
+  const std::vector<Event> events = CubeEvents(0, 60'000);
+  for (const Eigen::Vector3d& reference : {Eigen::Vector3d(0.0, 0.0, 0.0), Eigen::Vector3d(0.5, 0.4, 1.9)}) {
+    TrackerOptions options = IdealSensor();
+    options.initialization.reference_rotation = ExpSo3(reference);
+    auto tracker = MakeTracker(options, cube);
+    std::vector<PoseEstimate> estimates;
+    tracker->AddEvents(events, estimates);
+    EXPECT_EQ(tracker->state(), TrackState::kTracking);
+    EXPECT_EQ(tracker->losses(), 0u);
+    EXPECT_EQ(tracker->initialization().status, InitializationStatus::kNotNeeded);
+    EXPECT_GE(tracker->initialization().attempts, 1u);
+    EXPECT_GE(tracker->initialization().num_lines, 7);
+    const Motion motion = ConstantTwist(kStart, kTwist);
+    const int64_t first_us = FirstRightUs(*cube, estimates, motion, 0);
+    EXPECT_GE(first_us, 0);
+    EXPECT_LT(first_us, 50'000);
+    ASSERT_FALSE(estimates.empty());
+    const RigidTransform nearest = NearestEquivalent(motion(estimates.front().t_us * 1e-6), cube->symmetries,
+                                                     {options.initialization.reference_rotation, {0.0, 0.0, 0.0}});
+    EXPECT_LT(RotationAngle(nearest.rotation, estimates.front().camera_from_object.rotation), 0.035);
+  }
+}
+
+TEST(TrackerInitialization, IsLostWhenTheObjectVanishesAndTracksWhenItIsBackElsewhere) {
+  const auto cube = Cube();
+  auto tracker = MakeTracker(IdealSensor(), cube);
+  std::vector<PoseEstimate> estimates;
+  tracker->AddEvents(CubeEvents(0, 100'000), estimates);
+  ASSERT_EQ(tracker->state(), TrackState::kTracking);
+
+  // Something else fills the image for a moment, and there is nothing but noise for a second.
+  tracker->AddEvents(Noise(5e6, 100'000, 60'000), estimates);
+  EXPECT_EQ(tracker->state(), TrackState::kLost);
+  estimates.clear();
+  tracker->AddEvents(Noise(50e3, 160'000, 940'000), estimates);
+  EXPECT_EQ(tracker->state(), TrackState::kLost);
+  EXPECT_EQ(tracker->losses(), 1u);
+  EXPECT_TRUE(estimates.empty());
+
+  const RigidTransform elsewhere = MakePose({-0.06, 0.04, 0.7}, {0.2, -0.7, 0.9});
+  tracker->AddEvents(CubeEvents(1'100'000, 150'000, elsewhere), estimates);
+  EXPECT_EQ(tracker->state(), TrackState::kTracking);
+  const int64_t back_us = FirstRightUs(*cube, estimates, ConstantTwist(elsewhere, kTwist), 1'100'000);
+  EXPECT_GE(back_us, 0);
+  EXPECT_LT(back_us, 1'200'000);
+}
+
+TEST(TrackerInitialization, IsLostWhenTheObjectLeavesAndTracksWhenItIsBack) {
+  const auto cube = Cube();
+  auto tracker = MakeTracker(IdealSensor(), cube);
+  std::vector<PoseEstimate> estimates;
+  IdealEventOptions leaving;
+  leaving.duration_us = 250'000;
+  const Motion away = ConstantTwist(kStart, Twist(3.0, 0.0, 0.0, 0.0, 0.0, 0.0));
+  tracker->AddEvents(MakeIdealEvents(*cube, kCamera, away, leaving), estimates);
+  EXPECT_EQ(tracker->state(), TrackState::kLost);
+  EXPECT_GE(FirstRightUs(*cube, estimates, away, 0), 0);
+
+  tracker->AddEvents(CubeEvents(1'000'000, 150'000), estimates);
+  const int64_t back_us = FirstRightUs(*cube, estimates, ConstantTwist(kStart, kTwist), 1'000'000);
+  EXPECT_GE(back_us, 0);
+  EXPECT_LT(back_us, 1'100'000);
+}
+
+TEST(TrackerInitialization, WaitsWhileNothingMoves) {
+  auto tracker = MakeTracker(IdealSensor());
+  EXPECT_EQ(tracker->initialization().status, InitializationStatus::kWaitingForEvents);
+  std::vector<PoseEstimate> estimates;
+  tracker->AddEvents(Noise(1000.0, 0, 500'000), estimates);
+  EXPECT_EQ(tracker->initialization().status, InitializationStatus::kWaitingForEvents);
+  EXPECT_EQ(tracker->initialization().attempts, 0u);
+
+  // A cube that creeps by less than a pixel in all the time that is looked back on.
+  IdealEventOptions creeping;
+  creeping.duration_us = 300'000;
+  creeping.events_per_px2 = 10.0;
+  creeping.clutter_per_s = 1000.0;
+  creeping.t_begin_us = 500'000;
+  const Motion creep = ConstantTwist(kStart, Twist(0.003, 0.002, 0.0, 0.0, 0.0, 0.002));
+  tracker->AddEvents(MakeIdealEvents(*MakeCube(0.15), kCamera, creep, creeping), estimates);
+  EXPECT_EQ(tracker->initialization().status, InitializationStatus::kWaitingForEvents);
+  EXPECT_EQ(tracker->state(), TrackState::kInitializing);
+  EXPECT_TRUE(estimates.empty());
+}
+
+TEST(TrackerInitialization, SaysThatThereAreTooFewLines) {
+  auto tracker = MakeTracker(IdealSensor());
+  IdealEventOptions options;
+  options.duration_us = 200'000;
+  const ObjectModel line = LineFigure({{-0.1, -0.05, 0.0}, {0.1, 0.05, 0.0}}, false);
+  const Motion motion = ConstantTwist(MakePose({0.0, 0.0, 0.6}, {0.1, 0.2, 0.3}), Twist(0.1, -0.3, 0, 0, 0, 0));
+  std::vector<PoseEstimate> estimates;
+  tracker->AddEvents(MakeIdealEvents(line, kCamera, motion, options), estimates);
+  EXPECT_EQ(tracker->initialization().status, InitializationStatus::kTooFewLines);
+  EXPECT_GE(tracker->initialization().num_lines, 1);
+  EXPECT_TRUE(estimates.empty());
+}
+
+TEST(TrackerInitialization, LinesOfSomethingElseAreNoPose) {
+  auto tracker = MakeTracker(IdealSensor());
+  IdealEventOptions options;
+  options.duration_us = 1'000'000;
+  // A star: no face of a cube has such corners.
+  std::vector<Eigen::Vector3d> corners;
+  for (int k = 0; k < 12; ++k) {
+    const double radius_m = k % 2 == 0 ? 0.13 : 0.05 + 0.005 * k;
+    const Eigen::Matrix3d turn = ExpSo3({0.0, 0.0, 6.283185307179586 * k / 12 + 0.1 * (k % 3)});
+    corners.push_back(turn * Eigen::Vector3d(radius_m, 0.0, 0.0));
+  }
+  const Motion motion = ConstantTwist(MakePose({-0.05, 0.0, 0.6}, {0.1, 0.2, 0.3}), Twist(0.1, 0.08, 0, 0, 0, 0.5));
+  std::vector<PoseEstimate> estimates;
+  tracker->AddEvents(MakeIdealEvents(LineFigure(corners, true), kCamera, motion, options), estimates);
+  EXPECT_EQ(tracker->initialization().status, InitializationStatus::kNoPoseFits);
+  EXPECT_GE(tracker->initialization().num_lines, 6);
+  EXPECT_EQ(tracker->state(), TrackState::kInitializing);
+  EXPECT_EQ(tracker->losses(), 0u);
+  EXPECT_TRUE(estimates.empty());
+  // The pauses grow to max_retry_us.
+  EXPECT_GT(tracker->initialization().attempts, 20u);
+  EXPECT_LT(tracker->initialization().attempts, 50u);
+}
+
+// Far away the two tilts of a plate give the same picture, and a translation moves both alike.
+TEST(TrackerInitialization, AnAmbiguousPlateIsReportedAsDegradedInTheEnd) {
+  const CameraModel far_camera = MakeCamera(640, 480, 120'000.0);
+  auto plate = std::make_shared<ObjectModel>(
+      LineFigure({{-0.2, -0.12, 0.0}, {0.2, -0.15, 0.0}, {0.13, 0.12, 0.0}, {-0.1, 0.17, 0.0}}, true));
+  const Motion motion = ConstantTwist(MakePose({0.0, 0.0, 200.0}, {0.6, 0.3, 0.2}), Twist(0.3, 0.2, 0, 0, 0, 0));
+  IdealEventOptions options;
+  options.duration_us = 300'000;
+  auto tracker = MakeTracker(IdealSensor(), plate, far_camera);
+  std::vector<PoseEstimate> estimates;
+  bool was_ambiguous = false;
+  for (const Event& event : MakeIdealEvents(*plate, far_camera, motion, options)) {
+    tracker->AddEvents({event}, estimates);
+    const bool is_ambiguous = tracker->initialization().status == InitializationStatus::kAmbiguous;
+    was_ambiguous = was_ambiguous || is_ambiguous;
+    if (event.t_us < TrackerOptions().initialization.undecided_us) {
+      ASSERT_TRUE(estimates.empty()) << event.t_us;
+    }
+  }
+  EXPECT_TRUE(was_ambiguous);
+  EXPECT_EQ(tracker->initialization().status, InitializationStatus::kAmbiguous);
+  EXPECT_EQ(tracker->state(), TrackState::kDegraded);
+  ASSERT_FALSE(estimates.empty());
+  for (const PoseEstimate& estimate : estimates) EXPECT_EQ(estimate.state, TrackState::kDegraded);
+}
+
+TEST(TrackerInitialization, DoesNotDependOnTheCutOfCalls) {
+  const std::vector<Event> events = CubeEvents(0, 80'000);
+  std::vector<PoseEstimate> whole;
+  MakeTracker(IdealSensor())->AddEvents(events, whole);
+  ASSERT_GT(whole.size(), 20u);
+  for (const size_t step : {1u, 13u, 4096u}) {
+    auto tracker = MakeTracker(IdealSensor());
+    std::vector<PoseEstimate> estimates;
+    for (size_t i = 0; i < events.size(); i += step) {
+      tracker->AddEvents(absl::MakeConstSpan(events).subspan(i, step), estimates);
+    }
+    ExpectSame(estimates, whole);
+  }
+}
+
+TEST(TrackerInitialization, WorksWithoutReviews) {
+  const auto cube = Cube();
+  TrackerOptions options = IdealSensor();
+  options.initialization.num_reviews = 0;
+  auto tracker = MakeTracker(options, cube);
+  std::vector<PoseEstimate> estimates;
+  tracker->AddEvents(CubeEvents(0, 100'000), estimates);
+  EXPECT_EQ(tracker->state(), TrackState::kTracking);
+  const int64_t first_us = FirstRightUs(*cube, estimates, ConstantTwist(kStart, kTwist), 0);
+  EXPECT_GE(first_us, 0);
+  EXPECT_LT(first_us, 50'000);
+}
+
+TEST(TrackerInitialization, FindsTheCubeInAFlood) {
+  const auto cube = Cube();
+  IdealEventOptions flood;
+  flood.duration_us = 60'000;
+  flood.events_per_px2 = 20.0;
+  flood.clutter_per_s = 3e6;
+  const Motion motion = ConstantTwist(kStart, kTwist);
+  const std::vector<Event> events = MakeIdealEvents(*cube, kCamera, motion, flood);
+  auto tracker = MakeTracker(IdealSensor(), cube);
+  std::vector<PoseEstimate> estimates;
+  tracker->AddEvents(events, estimates);
+  EXPECT_EQ(tracker->state(), TrackState::kTracking);
+  const int64_t first_us = FirstRightUs(*cube, estimates, motion, 0);
+  EXPECT_GE(first_us, 0);
+  EXPECT_LT(first_us, 50'000);
+  EXPECT_LE(tracker->initialization().attempts, 12u);
+}
+
+TEST(TrackerInitialization, AGivenPoseEndsTheSearch) {
+  auto tracker = MakeTracker(IdealSensor());
+  std::vector<PoseEstimate> estimates;
+  tracker->AddEvents(Noise(200e3, 0, 60'000), estimates);
+  EXPECT_EQ(tracker->state(), TrackState::kInitializing);
+  const uint64_t attempts = tracker->initialization().attempts;
+  EXPECT_GE(attempts, 1u);
+  tracker->ResetPose(kStart);
+  tracker->AddEvents(CubeEvents(60'000, 60'000), estimates);
+  EXPECT_EQ(tracker->state(), TrackState::kTracking);
+  EXPECT_EQ(tracker->initialization().attempts, attempts);
+  EXPECT_EQ(tracker->losses(), 0u);
+  ASSERT_FALSE(estimates.empty());
+  const RigidTransform truth = ConstantTwist(kStart, kTwist)((estimates.front().t_us - 60'000) * 1e-6);
+  EXPECT_LT(RotationAngle(truth.rotation, estimates.front().camera_from_object.rotation), 0.035);
+}
+
+TEST(TrackerInitialization, AWrongPoseGivenDuringTheSearchIsTurnedDownAndTheSearchGoesOn) {
+  const auto cube = Cube();
+  auto tracker = MakeTracker(IdealSensor(), cube);
+  std::vector<PoseEstimate> estimates;
+  tracker->AddEvents(Noise(200e3, 0, 30'000), estimates);
+  tracker->ResetPose(MakePose({0.03, -0.02, 0.6}, {0.1, 0.1, 1.2}));
+  EXPECT_EQ(tracker->state(), TrackState::kInitializing);
+  tracker->AddEvents(CubeEvents(30'000, 150'000), estimates);
+  EXPECT_EQ(tracker->losses(), 1u);
+  EXPECT_EQ(tracker->state(), TrackState::kTracking);
+  const int64_t first_us = FirstRightUs(*cube, estimates, ConstantTwist(kStart, kTwist), 30'000);
+  EXPECT_GE(first_us, 0);
+  EXPECT_LT(first_us, 130'000);
+}
+
+}  // namespace
+}  // namespace evpose
