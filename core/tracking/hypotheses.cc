@@ -39,15 +39,13 @@ void Hypotheses::Append(Entry entry) {
   }
 }
 
-std::optional<PoseEstimate> Hypotheses::OnWindow(const EventWindow& window) {
+void Hypotheses::OnWindow(const EventWindow& window) {
   for (Entry& entry : entries_) entry.estimate = entry.track->OnWindow(window);
   DropLost();
-  if (entries_.size() > 1) {
-    DropSame();
-    Compare(window);
-    DropWorse();
-  }
-  return entries_.empty() ? std::nullopt : entries_.front().estimate;
+  if (entries_.size() < 2) return;
+  DropSame();
+  Compare(window);
+  DropWorse();
 }
 
 void Hypotheses::Compare(const EventWindow& window) {
@@ -109,12 +107,12 @@ void Hypotheses::DropWorse() {
   }
 }
 
-void Hypotheses::PutBestFirst() {
+void Hypotheses::PutBestFirst(double min_sigma) {
   size_t best = 0;
   for (size_t i = 1; i < entries_.size(); ++i) {
     if (Preference(i, best) > 0.0) best = i;
   }
-  if (best == 0) return;
+  if (best == 0 || Preference(best, 0) < min_sigma) return;
   std::swap(entries_[0], entries_[best]);
   for (Entry& entry : entries_) {
     std::swap(entry.difference[0], entry.difference[best]);

@@ -23,15 +23,16 @@ class Hypotheses {
   void Join(Hypotheses&& others);
   void Clear() { entries_.clear(); }
 
-  // The first one's estimate.
-  std::optional<PoseEstimate> OnWindow(const EventWindow& window);
-  // Puts the one first that the events prefer, however slightly.
-  void PutBestFirst();
+  void OnWindow(const EventWindow& window);
+  // Puts the one first that the events prefer most, if they prefer it to the present first by `min_sigma` at least.
+  void PutBestFirst(double min_sigma);
 
   bool empty() const { return entries_.empty(); }
   size_t size() const { return entries_.size(); }
   // There must be one.
   const PoseTrack& first() const { return *entries_.front().track; }
+  // The first one's, of the last window; nullopt while it is INITIALIZING.
+  const std::optional<PoseEstimate>& estimate() const { return entries_.front().estimate; }
 
  private:
   struct Entry {

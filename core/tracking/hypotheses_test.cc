@@ -52,7 +52,10 @@ std::optional<PoseEstimate> FollowCube(const TrackContext& context, Hypotheses& 
       MakeIdealEvents(*context.model, kCamera, ConstantTwist(kStart, SomeTwist()), options);
   EventWindower windower(context.options.windows);
   std::optional<PoseEstimate> last;
-  windower.Add(events, [&](const EventWindow& window) { last = hypotheses.OnWindow(window); });
+  windower.Add(events, [&](const EventWindow& window) {
+    hypotheses.OnWindow(window);
+    last = hypotheses.empty() ? std::nullopt : hypotheses.estimate();
+  });
   return last;
 }
 

@@ -1,6 +1,7 @@
 #include "core/tracking/tracker.h"
 
 #include <algorithm>
+#include <limits>
 #include <utility>
 
 #include "absl/strings/str_cat.h"
@@ -25,7 +26,6 @@ class WindowTracker : public Tracker {
         memory_(context_.options.initialization.memory_us, context_.options.initialization.max_window_events,
                 context_.options.initialization.max_events),
         initializer_(std::move(initializer)),
-        reference_{context_.options.initialization.reference_rotation, Eigen::Vector3d::Zero()},
         given_pose_(initial),
         retry_us_(context_.options.initialization.retry_us),
         hypotheses_(context_) {}
@@ -43,9 +43,10 @@ class WindowTracker : public Tracker {
   }
   void ResetPose(const RigidTransform& camera_from_object) override {
     given_pose_ = camera_from_object;
-    given_at_us_ = windower_.now_us();
+    given_at_us_ = windower_.has_started() ? std::optional<int64_t>(windower_.now_us()) : std::nullopt;
     hypotheses_.Clear();
     idle_state_ = TrackState::kInitializing;
+    report_.status = InitializationStatus::kVerifying;
     is_claimed_ = false;
   }
   TrackState state() const override {
@@ -70,8 +71,13 @@ class WindowTracker : public Tracker {
   InitializationStatus FindHypotheses(Hypotheses& hypotheses);
   // The events in memory, undistorted.
   void CollectEvents();
+  // Of poses that the object's symmetry makes equal, the one whose rotation is nearest to this is found.
+  RigidTransform ReferenceAt(int64_t t_us) const;
   MotionState StartState(const FirstPose& first) const;
+  void Publish(PoseEstimate estimate, std::vector<PoseEstimate>& estimates);
   void Lose();
+  // The pose that was reported, or given, is no longer believed.
+  void CountLoss();
 
   const TrackContext context_;
   EventWindower windower_;
@@ -81,7 +87,8 @@ class WindowTracker : public Tracker {
   TrackState idle_state_ = TrackState::kInitializing;  // while no pose is reported
   InitializationReport report_;
   uint32_t losses_ = 0;
-  RigidTransform reference_;  // of equivalent poses, the one whose rotation is nearest to this is found
+  std::optional<MotionState> last_tracked_;
+  int64_t last_published_us_ = std::numeric_limits<int64_t>::min();
   std::optional<RigidTransform> given_pose_;
   std::optional<int64_t> given_at_us_;
   int64_t next_search_us_ = 0;
@@ -100,7 +107,7 @@ class WindowTracker : public Tracker {
 void WindowTracker::OnWindow(const EventWindow& window, std::vector<PoseEstimate>& estimates) {
   if (given_pose_) StartFromGivenPose(window);
   if (initializer_ != nullptr) {
-    if (is_claimed_ && reviews_left_ == 0) {
+    if (is_claimed_ && reviews_left_ == 0 && state() == TrackState::kTracking) {
       memory_.Clear();
     } else {
       memory_.Add(window);
@@ -128,24 +135,37 @@ void WindowTracker::StartFromGivenPose(const EventWindow& window) {
 }
 
 void WindowTracker::Follow(const EventWindow& window, std::vector<PoseEstimate>& estimates) {
-  std::optional<PoseEstimate> estimate = hypotheses_.OnWindow(window);
+  const PoseTrack* believed = is_given_ || (is_claimed_ && is_decided_) ? &hypotheses_.first() : nullptr;
+  hypotheses_.OnWindow(window);
   if (hypotheses_.empty()) {
     if (is_claimed_ || is_given_) Lose();
     report_.status = InitializationStatus::kNoPoseFits;
     return;
   }
+  // The pose that was reported, or given, is refuted, and others are left: one of them is reported when it is sure.
+  if (believed != nullptr && believed != &hypotheses_.first()) CountLoss();
   if (hypotheses_.size() == 1) is_decided_ = true;
+  // Once one is reported, it is left for a likelier one, not for every wavering of the balance.
+  if (!is_decided_ && !is_given_) {
+    hypotheses_.PutBestFirst(is_claimed_ ? 0.5 * context_.options.initialization.decision_sigma : 0.0);
+  }
+  const std::optional<PoseEstimate>& estimate = hypotheses_.estimate();
   if (!is_claimed_) {
-    hypotheses_.PutBestFirst();
     report_.status = estimate ? InitializationStatus::kAmbiguous : InitializationStatus::kVerifying;
     if (!estimate || !MayClaim(window)) return;
     Claim(window);
   }
   report_.status = is_decided_ ? InitializationStatus::kNotNeeded : InitializationStatus::kAmbiguous;
-  if (!estimate) return;
-  reference_ = estimate->camera_from_object;
-  estimate->state = state();
-  estimates.push_back(*estimate);
+  if (estimate) Publish(*estimate, estimates);
+}
+
+void WindowTracker::Publish(PoseEstimate estimate, std::vector<PoseEstimate>& estimates) {
+  estimate.state = state();
+  if (estimate.state == TrackState::kTracking) last_tracked_ = hypotheses_.first().motion();
+  // A search after a loss looks back on windows whose poses are out already.
+  if (estimate.t_us <= last_published_us_) return;
+  last_published_us_ = estimate.t_us;
+  estimates.push_back(estimate);
 }
 
 bool WindowTracker::MayClaim(const EventWindow& window) const {
@@ -165,13 +185,14 @@ void WindowTracker::Search(const EventWindow& window, std::vector<PoseEstimate>&
   const InitializationOptions& options = context_.options.initialization;
   if (memory_.num_events() < static_cast<size_t>(options.min_events)) {
     report_.status = InitializationStatus::kWaitingForEvents;
-    next_search_us_ = window.t_end_us + retry_us_;
+    next_search_us_ = window.t_end_us + options.retry_us;
     return;
   }
   if (window.t_end_us < next_search_us_) return;
-  retry_us_ = std::min(options.max_retry_us, retry_us_ + retry_us_ / 4);
-  next_search_us_ = window.t_end_us + retry_us_;
   report_.status = FindHypotheses(hypotheses_);
+  const bool is_vain = report_.status == InitializationStatus::kNoPoseFits;
+  retry_us_ = std::min(is_vain ? options.max_vain_retry_us : options.max_retry_us, retry_us_ + retry_us_ / 4 + 1);
+  next_search_us_ = window.t_end_us + retry_us_;
   if (hypotheses_.empty()) return;
   is_decided_ = false;
   followed_since_us_ = hypotheses_.first().motion().t_us;
@@ -184,13 +205,15 @@ void WindowTracker::Search(const EventWindow& window, std::vector<PoseEstimate>&
 }
 
 bool WindowTracker::MayReview() const {
-  if (initializer_ == nullptr || hypotheses_.empty() || is_given_) return false;
-  return is_claimed_ ? reviews_left_ > 0 : true;
+  if (initializer_ == nullptr || hypotheses_.empty()) return false;
+  if (memory_.num_events() < static_cast<size_t>(context_.options.initialization.min_events)) return false;
+  // Whether an object stands still or is gone, its own lines do not tell: it may be back elsewhere.
+  return !is_claimed_ || reviews_left_ > 0 || state() == TrackState::kDegraded;
 }
 
 void WindowTracker::Review(const EventWindow& window) {
   next_search_us_ = window.t_end_us + context_.options.initialization.review_us;
-  if (is_claimed_) --reviews_left_;
+  if (is_claimed_ && reviews_left_ > 0) --reviews_left_;
   Hypotheses challengers(context_);
   FindHypotheses(challengers);
   const int64_t since_us = challengers.empty() ? 0 : challengers.first().motion().t_us;
@@ -227,8 +250,17 @@ void WindowTracker::CollectEvents() {
   }
 }
 
+RigidTransform WindowTracker::ReferenceAt(int64_t t_us) const {
+  if (!last_tracked_) return {context_.options.initialization.reference_rotation, Eigen::Vector3d::Zero()};
+  // Longer than this no motion goes on as it was.
+  constexpr int64_t kForesightUs = 100'000;
+  const int64_t later_us = std::clamp<int64_t>(t_us - last_tracked_->t_us, 0, kForesightUs);
+  return Predict(*last_tracked_, last_tracked_->t_us + later_us, context_.options.motion).camera_from_object;
+}
+
 MotionState WindowTracker::StartState(const FirstPose& first) const {
-  const RigidTransform pose = NearestEquivalent(first.camera_from_object, context_.model->symmetries, reference_);
+  const RigidTransform pose =
+      NearestEquivalent(first.camera_from_object, context_.model->symmetries, ReferenceAt(first.t_us));
   const double focal_px = std::max(context_.camera.fx_px, context_.camera.fy_px);
   MotionState state = InitialMotionState(pose, first.t_us, focal_px, context_.options.initial);
   state.twist = first.twist;
@@ -237,12 +269,16 @@ MotionState WindowTracker::StartState(const FirstPose& first) const {
 }
 
 void WindowTracker::Lose() {
+  CountLoss();
   hypotheses_.Clear();
   given_pose_.reset();
-  is_given_ = false;
+}
+
+void WindowTracker::CountLoss() {
   is_claimed_ = false;
+  is_decided_ = false;
+  is_given_ = false;
   idle_state_ = TrackState::kLost;
-  report_.status = InitializationStatus::kWaitingForEvents;
   ++losses_;
 }
 

@@ -100,6 +100,7 @@ absl::Status InitializationOptions::Validate() const {
   EVPOSE_RETURN_IF_ERROR(Between("min_events", min_events, 1, 100'000));
   EVPOSE_RETURN_IF_ERROR(Between("retry_us", retry_us, 1, 10'000'000));
   EVPOSE_RETURN_IF_ERROR(Between("max_retry_us", max_retry_us, retry_us, 10'000'000));
+  EVPOSE_RETURN_IF_ERROR(Between("max_vain_retry_us", max_vain_retry_us, max_retry_us, 10'000'000));
   EVPOSE_RETURN_IF_ERROR(Between("review_us", review_us, 1, 10'000'000));
   EVPOSE_RETURN_IF_ERROR(Between("num_reviews", num_reviews, 0, 100));
   EVPOSE_RETURN_IF_ERROR(Between("max_candidates", max_candidates, 1, 100));

@@ -142,10 +142,13 @@ struct InitializationOptions {
   int max_events = 200'000;
   // Events that a search needs: three lines of a hundred pixels that moved by one make as many.
   int min_events = 400;
-  // Microseconds of sensor time between searches: the first one, and what it grows to while they fail. Keeps the work
-  // bounded while there is nothing to find, and a returning object waits no longer than this.
+  // Microseconds of sensor time between searches: the first one, and what it grows to while there are too few lines to
+  // search with; a returning object waits no longer than this.
   int64_t retry_us = 5000;
   int64_t max_retry_us = 32'000;
+  // The same while there are lines, of something else: a search in vain takes some ten times longer than a look for
+  // lines, and must not keep the events behind it waiting.
+  int64_t max_vain_retry_us = 100'000;
   // Microseconds after a pose was taken up at which the search is done again, with more events, and its hypotheses
   // challenge the pose: what the first search had overlooked is then found within 100 ms.
   int64_t review_us = 20'000;

@@ -69,6 +69,7 @@ class EventWindower {
 
   // The time up to which the stream has been seen; 0 before the first event or mark.
   int64_t now_us() const { return now_us_; }
+  bool has_started() const { return started_; }
 
  private:
   void Start(int64_t t_us);
