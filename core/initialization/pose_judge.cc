@@ -139,23 +139,32 @@ bool PoseJudge::Settle(RigidTransform& pose) const {
   return true;
 }
 
+void PoseJudge::Project(const RigidTransform& pose, std::vector<ImagePart>& parts) const {
+  for (ImagePart& part : parts) {
+    part.a_px = camera_.Project(pose * part.a);
+    part.b_px = camera_.Project(pose * part.b);
+  }
+}
+
 PoseHypothesis PoseJudge::Finish(RigidTransform pose, size_t num_segments) const {
   std::vector<ImagePart> parts = VisibleParts(pose);
-  const auto move_to = [&](const RigidTransform& refined) {
-    pose = refined;
-    for (ImagePart& part : parts) {
-      part.a_px = camera_.Project(pose * part.a);
-      part.b_px = camera_.Project(pose * part.b);
-    }
-  };
   RigidTransform refined = pose;
-  if (!Refine(Match(parts, 1.0), 1.0, kFinalSteps, refined)) return Judge(pose, parts, num_segments);
-  move_to(refined);
+  if (Refine(Match(parts, 1.0), 1.0, kFinalSteps, refined)) {
+    pose = refined;
+    Project(pose, parts);
+  }
+  return Judge(pose, parts, num_segments);
+}
+
+PoseHypothesis PoseJudge::Polish(RigidTransform pose, size_t num_segments) const {
+  std::vector<ImagePart> parts = VisibleParts(pose);
   const std::vector<SegmentMatch> matches = Match(parts, 1.0);
   const FitWeights weights = FitWeights::Make(options_, 1.0);
+  RigidTransform refined = pose;
   if (matches.size() >= kMinMatches && RefineToMinimum(camera_, lines_, matches, weights, refined) &&
       IsBeforeCamera(refined)) {
-    move_to(refined);
+    pose = refined;
+    Project(pose, parts);
   }
   return Judge(pose, parts, num_segments);
 }

@@ -60,14 +60,18 @@ class PoseJudge {
   bool Settle(RigidTransform& pose) const;
   // What a pose costs when these parts are to be seen; `model_line` has `num_segments` entries.
   PoseHypothesis Judge(const RigidTransform& pose, absl::Span<const ImagePart> parts, size_t num_segments) const;
-  // Refines to the minimum (RefineToMinimum) with what is visible, by ray casting, and judges.
+  // Refines with what is visible, by ray casting, and judges.
   PoseHypothesis Finish(RigidTransform pose, size_t num_segments) const;
+  // The same, by Ceres to the minimum (RefineToMinimum): for the few poses that are worth it.
+  PoseHypothesis Polish(RigidTransform pose, size_t num_segments) const;
   // The other pose of a flat object: the depths of the matched lines turned over about their middle, and refined. Under
   // weak perspective a plane's picture stays the same. False when the lines do not allow it.
   bool TurnOver(RigidTransform& pose) const;
 
  private:
   bool IsBeforeCamera(const RigidTransform& pose) const;
+  // Where the parts appear when the object is at the pose.
+  void Project(const RigidTransform& pose, std::vector<ImagePart>& parts) const;
   ImagePart MakePart(const RigidTransform& pose, int line, double begin, double end) const;
 
   const SearchModel& model_;

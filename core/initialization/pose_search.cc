@@ -23,6 +23,7 @@ constexpr double kMinRotations = 10;
 constexpr double kMaxRotations = 600;
 constexpr size_t kRotationsAtOnce = 4;
 constexpr int kScoredAtOnce = 200;
+constexpr size_t kPolished = 2;
 constexpr int kMinMatched = 3;
 constexpr double kSameRotationRad = 0.02;
 constexpr double kSamePositionRatio = 0.01;  // of the distance
@@ -57,6 +58,13 @@ class LinePoseSearch : public PoseSearch {
     RigidTransform turned_over = hypotheses[0].camera_from_object;
     if (judge.TurnOver(turned_over)) finish(turned_over);
     if (hypotheses.size() > static_cast<size_t>(options_.max_hypotheses)) hypotheses.resize(options_.max_hypotheses);
+    // The best, and the one that it might be mistaken for. Polishing may exchange the two.
+    const size_t num_polished = std::min<size_t>(kPolished, hypotheses.size());
+    for (size_t i = 0; i < num_polished; ++i) {
+      hypotheses[i] = judge.Polish(hypotheses[i].camera_from_object, segments.size());
+    }
+    std::stable_sort(hypotheses.begin(), hypotheses.end(),
+                     [](const PoseHypothesis& a, const PoseHypothesis& b) { return a.cost < b.cost; });
     return hypotheses;
   }
 
