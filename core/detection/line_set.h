@@ -14,8 +14,8 @@ struct LineSetOptions {
   // Fewer events, or a shorter line, are no line: chance makes them.
   int min_events = 30;
   double min_length_px = 20.0;
-  // Pixels: events that fill the gate evenly (1.15 of 2) are clutter; those of one edge have 0.4 to 0.7.
-  double max_rms_px = 0.85;
+  // Pixels: events that fill the gate evenly (1.73 of 3) are clutter; those of one edge have 0.4 to 1.2.
+  double max_rms_px = 1.3;
   // Pixels: an edge sends at least this many events for each pixel of its length, however it moves.
   double min_events_per_px = 0.5;
   // Pixels: pieces of one edge lie this close to one line, and become one.

@@ -73,8 +73,8 @@ TEST_P(SimulatedLines, PlanesFindTheObject) {
   RecordProperty("lsd_median_error_px", std::to_string(Median(scores.lsd.error_px)));
 
   EXPECT_GT(planes.visible_px, 10'000.0);  // there was something to find
-  EXPECT_GE(planes.recall(), 0.90);
-  EXPECT_GE(planes.precision(), 0.92);
+  EXPECT_GE(planes.recall(), 0.88);
+  EXPECT_GE(planes.precision(), 0.90);
   EXPECT_LE(Median(planes.error_px), 0.45);
   EXPECT_LE(std::abs(Median(planes.offset_px)), 0.3);
   EXPECT_LE(ShareBeyond(planes, 5.0), 0.05);  // too long, across a corner
