@@ -67,8 +67,8 @@ struct MovingLine {
 DetectedLine ToDetectedLine(const MovingLine& line, double half_duration_s);
 
 struct LineFitOptions {
-  // Pixels: farthest event of a line, after the fit. Rounding and an edge's several events spread them by 0.4 to 0.7 rms
-  // behind a sharp lens, and by 1.2 behind one that blurs by 1.5 px.
+  // Pixels: farthest event of a line, after the fit. Rounding and an edge's several events spread them by 0.4 to 0.7
+  // rms behind a sharp lens, and by 1.2 behind one that blurs by 1.5 px.
   double gate_px = 3.0;
   // Radians per second: how fast lines turn, one standard deviation; keeps short lines from bending to their noise.
   double turn_rad_per_s = 2.0;
