@@ -28,6 +28,7 @@ struct Triple {
 std::vector<Triple> ChooseTriples(absl::Span<const ImageSegment> segments, const std::vector<Eigen::Vector3d>& normals,
                                   int max_triples) {
   const int n = static_cast<int>(segments.size());
+  if (n < 3) return {};
   std::vector<Triple> all;
   for (int i = 0; i < n; ++i) {
     for (int j = i + 1; j < n; ++j) {
