@@ -25,17 +25,20 @@ constexpr double kEdgeKappa = 0.6;
 double EdgeBias::ExpectedPx(const Profile& profile, double motion) const {
   if (profile.events < options_.min_events) return 0.0;
   const double kappa = profile.polarity_motion / profile.events;
-  const double lag_px = -options_.lag_px * motion;
+  const double lag_px = -sensor_.lag_px * motion;
   if (std::abs(kappa) < kEdgeKappa) return lag_px;
   const double density = profile.events / std::max(profile.swept_px2, 1.0);
-  return lag_px + kappa * std::min(options_.shift_px_per_event * density, options_.max_shift_px);
+  return lag_px + kappa * std::min(sensor_.edge_shift_px_per_event * density, sensor_.max_edge_shift_px);
 }
 
 void EdgeBias::Correct(absl::Span<const TrackedLine> tracked, absl::Span<ImageLine> lines) const {
   for (size_t k = 0; k < lines.size(); ++k) {
     ImageLine& line = lines[k];
     const size_t index = static_cast<size_t>(tracked[k].model_line);
-    if (!line.in_view() || index >= profiles_.size()) continue;
+    if (!line.in_view()) continue;
+    // Late time stamps show the line where it was.
+    line.a_expected = line.a - 1e-6 * sensor_.latency_us * line.a_dot;
+    if (index >= profiles_.size()) continue;
     const double first = MotionSign(NormalSpeed(camera_, line, 0.0));
     const double last = MotionSign(NormalSpeed(camera_, line, 1.0));
     // Linear along the line, and so linear in the bearing: offset = at_begin + slope * along.
@@ -47,7 +50,7 @@ void EdgeBias::Correct(absl::Span<const TrackedLine> tracked, absl::Span<ImageLi
     Eigen::Vector3d offset;
     offset.head<2>() = along.cwiseProduct(focal);
     offset.z() = at_begin + along.dot(centre - line.p1_px);
-    line.a_expected = line.a - offset;
+    line.a_expected -= offset;
   }
 }
 

@@ -18,7 +18,8 @@ namespace evpose {
 
 class EdgeBias {
  public:
-  EdgeBias(const EdgeOptions& options, const CameraModel& camera) : options_(options), camera_(camera) {}
+  EdgeBias(const EdgeOptions& options, const SensorProfile& sensor, const CameraModel& camera)
+      : options_(options), sensor_(sensor), camera_(camera) {}
 
   // Sets line.a_expected: the image line displaced to where its events are expected.
   void Correct(absl::Span<const TrackedLine> tracked, absl::Span<ImageLine> lines) const;
@@ -39,6 +40,7 @@ class EdgeBias {
   double ExpectedPx(const Profile& profile, double motion) const;
 
   const EdgeOptions options_;
+  const SensorProfile sensor_;
   const CameraModel camera_;
   std::vector<Profile> profiles_;  // by model line
 };

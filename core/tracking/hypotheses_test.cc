@@ -30,8 +30,7 @@ Vector6d SomeTwist() {
 
 TrackContext MakeContext() {
   TrackerOptions options;
-  options.edge.lag_px = 0.0;
-  options.edge.shift_px_per_event = 0.0;
+  options.sensor = testing::UnbiasedSensor();
   auto model = std::make_shared<ObjectModel>(*MakeCube(0.15));
   model->symmetries = FindSymmetries(*model);
   VisibilityTester visibility(*model, options.visibility);

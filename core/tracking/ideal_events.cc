@@ -103,6 +103,13 @@ RigidTransform MakePose(const Eigen::Vector3d& translation_m, const Eigen::Vecto
   return {ExpSo3(rotation_rad), translation_m};
 }
 
+SensorProfile UnbiasedSensor() {
+  SensorProfile sensor;
+  sensor.lag_px = 0.0;
+  sensor.edge_shift_px_per_event = 0.0;
+  return sensor;
+}
+
 std::vector<Event> MakeIdealEvents(const ObjectModel& model, const CameraModel& camera, const Motion& motion,
                                    const IdealEventOptions& options) {
   Random random(options.seed);

@@ -10,6 +10,7 @@
 #include "core/geometry/camera.h"
 #include "core/geometry/rigid_transform.h"
 #include "core/models/object_model.h"
+#include "core/tracking/sensor_profile.h"
 
 namespace evpose::testing {
 
@@ -32,6 +33,9 @@ struct IdealEventOptions {
   int64_t duration_us = 100'000;
   uint64_t seed = 1;
 };
+
+// The profile of a sensor whose events lie on their lines, as ideal ones do.
+SensorProfile UnbiasedSensor();
 
 // In order of time. The object must be convex: a line shows when one of its faces is turned to the camera.
 std::vector<Event> MakeIdealEvents(const ObjectModel& model, const CameraModel& camera, const Motion& motion,

@@ -13,7 +13,10 @@ constexpr double kEndMarginPx = 2.0;
 class MixtureEstimator : public WindowEstimator {
  public:
   MixtureEstimator(const TrackerOptions& options, const CameraModel& camera)
-      : options_(options.mixture), camera_(camera), edge_bias_(options.edge, camera) {
+      : options_(options.mixture),
+        sensor_(options.sensor),
+        camera_(camera),
+        edge_bias_(options.edge, options.sensor, camera) {
     Reset();
   }
 
@@ -31,8 +34,8 @@ class MixtureEstimator : public WindowEstimator {
     const double n = fit.num_explained;
     const double variance =
         (kMemoryEvents * sigma_px_ * sigma_px_ + n * fit.residual_rms_px * fit.residual_rms_px) / (kMemoryEvents + n);
-    sigma_px_ = std::clamp(std::sqrt(variance), options_.sigma_min_factor * options_.sigma_px,
-                           options_.sigma_max_factor * options_.sigma_px);
+    sigma_px_ = std::clamp(std::sqrt(variance), options_.sigma_min_factor * sensor_.pixel_noise_px,
+                           options_.sigma_max_factor * sensor_.pixel_noise_px);
     const double gated = fit.num_gated;
     if (gated > 0.0) {
       outlier_ratio_ = (kMemoryEvents * outlier_ratio_ + (gated - n)) / (kMemoryEvents + gated);
@@ -43,7 +46,7 @@ class MixtureEstimator : public WindowEstimator {
   }
 
   void Reset() override {
-    sigma_px_ = options_.sigma_px;
+    sigma_px_ = sensor_.pixel_noise_px;
     outlier_ratio_ = 0.2;
     edge_bias_.Reset();
   }
@@ -65,6 +68,7 @@ class MixtureEstimator : public WindowEstimator {
   double MovementPx(const Vector12d& dx, double duration_s) const;
 
   const MixtureOptions options_;
+  const SensorProfile sensor_;
   const CameraModel camera_;
   const ExpTable table_;
   double sigma_px_ = 0.0;

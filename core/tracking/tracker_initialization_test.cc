@@ -35,8 +35,7 @@ const Vector6d kTwist = Twist(0.3, 0.15, 0.05, 0.5, 0.3, 0.6);
 // Ideal events lie on their lines: the sensor neither lags nor shifts.
 TrackerOptions IdealSensor() {
   TrackerOptions options;
-  options.edge.lag_px = 0.0;
-  options.edge.shift_px_per_event = 0.0;
+  options.sensor = testing::UnbiasedSensor();
   return options;
 }
 

@@ -41,7 +41,6 @@ absl::Status MotionPriorOptions::Validate() const {
 }
 
 absl::Status MixtureOptions::Validate() const {
-  EVPOSE_RETURN_IF_ERROR(Between("sigma_px", sigma_px, 0.1, 20.0));
   EVPOSE_RETURN_IF_ERROR(Between("sigma_min_factor", sigma_min_factor, 0.1, 1.0));
   EVPOSE_RETURN_IF_ERROR(Between("sigma_max_factor", sigma_max_factor, 1.0, 10.0));
   EVPOSE_RETURN_IF_ERROR(Between("gate_px", gate_px, 1.0, 64.0));
@@ -54,9 +53,6 @@ absl::Status MixtureOptions::Validate() const {
 }
 
 absl::Status EdgeOptions::Validate() const {
-  EVPOSE_RETURN_IF_ERROR(Between("lag_px", lag_px, -2.0, 2.0));
-  EVPOSE_RETURN_IF_ERROR(Between("shift_px_per_event", shift_px_per_event, -1.0, 1.0));
-  EVPOSE_RETURN_IF_ERROR(Between("max_shift_px", max_shift_px, 0.0, 4.0));
   EVPOSE_RETURN_IF_ERROR(Positive("min_events", min_events));
   return Positive("memory_events", memory_events);
 }
@@ -109,6 +105,7 @@ absl::Status InitializationOptions::Validate() const {
 }
 
 absl::Status TrackerOptions::Validate() const {
+  EVPOSE_RETURN_IF_ERROR(InGroup("sensor", sensor.Validate()));
   EVPOSE_RETURN_IF_ERROR(InGroup("windows", windows.Validate()));
   EVPOSE_RETURN_IF_ERROR(InGroup("visibility", visibility.Validate()));
   EVPOSE_RETURN_IF_ERROR(InGroup("initial", initial.Validate()));

@@ -3,6 +3,7 @@
 
 #include "absl/status/status.h"
 #include "core/models/visibility.h"
+#include "core/tracking/sensor_profile.h"
 #include "core/tracking/tracker.h"
 #include "core/windows/event_window.h"
 
@@ -32,9 +33,8 @@ struct MotionPriorOptions {
 };
 
 struct MixtureOptions {
-  // Pixels: spread of events about their line, sensor's own. Rounding gives 0.3, an edge's several events the rest.
-  double sigma_px = 0.8;
-  // The estimated spread stays within these factors of sigma_px: outside, it fits clutter or collapses.
+  // The estimated spread stays within these factors of the sensor's own (SensorProfile.pixel_noise_px): outside, it
+  // fits clutter or collapses.
   double sigma_min_factor = 0.6;
   double sigma_max_factor = 2.0;
   // Pixels: half-width of the gate at the end, wide enough that clutter can be told from the line.
@@ -57,15 +57,9 @@ struct MixtureOptions {
   absl::Status Validate() const;
 };
 
-// The sensor's answer to an edge (edge_bias.h): a profile of the sensor, calibrated once with known poses and never
-// fitted to the recording at hand. These are of a simulated EVK4 at its default thresholds (28 % contrast) behind a
-// lens that blurs by 0.5 px; the shift grows with the blur.
+// How the lines' contrast, which the correction of the edges' bias needs, is learned (edge_bias.h). What the sensor
+// makes of it is in its profile.
 struct EdgeOptions {
-  // Pixels that events lag behind a moving edge: about half of the light's step to the next threshold.
-  double lag_px = 0.16;
-  // Pixels to the darker side, for each event per swept square pixel: the latter tells the contrast.
-  double shift_px_per_event = 0.062;
-  double max_shift_px = 0.4;
   // Explained events of a line before anything is applied to it.
   double min_events = 200.0;
   // Explained events that its contrast is the mean of: it changes with the view and the background, within a second or
@@ -171,6 +165,7 @@ struct TrackerOptions {
   }
 
   Estimator estimator = Estimator::kMixture;
+  SensorProfile sensor;
   WindowOptions windows;
   VisibilityOptions visibility;
   InitialPoseOptions initial;

@@ -36,7 +36,8 @@ TEST(TrackerOptions, ValidateNamesGroupAndField) {
   EXPECT_THAT(MessageAfter([](O& o) { o.motion.angular_acceleration_density = -1.0; }),
               HasSubstr("motion.angular_acceleration_density"));
   EXPECT_THAT(MessageAfter([](O& o) { o.motion.retry_noise_factor = 0.5; }), HasSubstr("motion.retry_noise_factor"));
-  EXPECT_THAT(MessageAfter([](O& o) { o.mixture.sigma_px = 0.0; }), HasSubstr("mixture.sigma_px"));
+  EXPECT_THAT(MessageAfter([](O& o) { o.sensor.pixel_noise_px = 0.0; }), HasSubstr("sensor.pixel_noise_px"));
+  EXPECT_THAT(MessageAfter([](O& o) { o.edge.memory_events = 0.0; }), HasSubstr("edge.memory_events"));
   EXPECT_THAT(MessageAfter([](O& o) { o.mixture.max_gate_px = 1.0; }), HasSubstr("mixture.max_gate_px"));
   EXPECT_THAT(MessageAfter([](O& o) { o.mixture.max_passes = 0; }), HasSubstr("mixture.max_passes"));
   EXPECT_THAT(MessageAfter([](O& o) { o.static_mm.two_lines_px = 9.0; }), HasSubstr("static_mm.two_lines_px"));

@@ -40,8 +40,7 @@ struct TrackRun {
 TrackerOptions IdealSensor() {
   TrackerOptions options;
   options.initialization.is_automatic = false;
-  options.edge.lag_px = 0.0;
-  options.edge.shift_px_per_event = 0.0;
+  options.sensor = testing::UnbiasedSensor();
   return options;
 }
 
