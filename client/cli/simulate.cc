@@ -1,5 +1,7 @@
 // evpose simulate: a recording with its truth.
+#include <algorithm>
 #include <cmath>
+#include <optional>
 #include <string>
 
 #include "absl/strings/str_cat.h"
@@ -24,13 +26,33 @@ struct SimulateArguments {
   double flicker_depth = 0.0;
   double light_change_ratio = 1.0;
   bool has_occluder = false;
+  bool has_followed_occluder = false;
+  bool has_moving_edge = false;
+  double background_activity_hz = -1.0;
+  int num_hot_pixels = -1;
+  double flood_mev_per_s = 0.0;
   bool has_textured_background = false;
   uint64_t seed = 1;
+  std::optional<uint64_t> path_seed;
   bool is_json = false;
 };
 
-constexpr std::pair<const char*, MotionProfile> kMotions[] = {
-    {"smooth", MotionProfile::kSmooth}, {"rests", MotionProfile::kRests}, {"bursts", MotionProfile::kBursts}};
+constexpr std::pair<const char*, MotionProfile> kMotions[] = {{"smooth", MotionProfile::kSmooth},
+                                                              {"rests", MotionProfile::kRests},
+                                                              {"bursts", MotionProfile::kBursts},
+                                                              {"half-out", MotionProfile::kHalfOut}};
+
+// Everything that no edge causes.
+void SetNoise(const SimulateArguments& arguments, SimulationOptions& options) {
+  SensorOptions& sensor = options.sensor;
+  sensor.noise_ratio = arguments.noise_ratio;
+  if (arguments.background_activity_hz >= 0.0) sensor.shot_noise_hz = arguments.background_activity_hz;
+  if (arguments.num_hot_pixels >= 0) {
+    const double num_pixels = 1.0 * options.camera.width_px * options.camera.height_px;
+    sensor.hot_pixel_ratio = std::min(1.0, arguments.num_hot_pixels / num_pixels);
+  }
+  sensor.flood_hz = 1e6 * arguments.flood_mev_per_s;
+}
 
 absl::StatusOr<SimulationOptions> MakeOptions(const SimulateArguments& arguments) {
   EVPOSE_ASSIGN_OR_RETURN(SimulationOptions options,
@@ -38,10 +60,15 @@ absl::StatusOr<SimulationOptions> MakeOptions(const SimulateArguments& arguments
   options.duration_us = std::llround(arguments.duration_s * 1e6);
   options.t_begin_us = std::llround(arguments.start_s * 1e6);
   options.seed = arguments.seed;
-  options.sensor.noise_ratio = arguments.noise_ratio;
+  options.path_seed = arguments.path_seed;
+  SetNoise(arguments, options);
   options.scene.light.flicker_depth = arguments.flicker_depth;
   options.scene.light.change_ratio = arguments.light_change_ratio;
-  options.scene.occluder.is_present = arguments.has_occluder;
+  options.scene.occluder.is_present = arguments.has_occluder || arguments.has_followed_occluder;
+  options.scene.occluder.follows_object = arguments.has_followed_occluder;
+  // Swings by a third of the standard objects' width.
+  if (arguments.has_followed_occluder) options.scene.occluder.swing_ratio = 0.06;
+  options.scene.background.has_moving_edge = arguments.has_moving_edge;
   options.scene.background.is_textured = arguments.has_textured_background;
   for (const auto& [name, profile] : kMotions) {
     if (arguments.motion == name) options.scene.motion.profile = profile;
@@ -86,6 +113,22 @@ absl::Status RunSimulate(const SimulateArguments& arguments, CliContext& context
   return absl::OkStatus();
 }
 
+void AddNoiseOptions(CLI::App& app, SimulateArguments& arguments) {
+  app.add_option("--noise", arguments.noise_ratio, "Share of all events that are noise")
+      ->check(CLI::Range(0.0, 0.9))
+      ->capture_default_str();
+  app.add_option("--background-activity", arguments.background_activity_hz,
+                 "Noise events per second of a pixel in the dark; a quarter of it on white")
+      ->check(CLI::Range(0.0, 1000.0))
+      ->default_str("0.03");
+  app.add_option("--hot-pixels", arguments.num_hot_pixels, "Pixels that fire by themselves, 200 times a second")
+      ->check(CLI::Range(0, 1'000'000))
+      ->default_str("1 of 100000");
+  app.add_option("--flood", arguments.flood_mev_per_s, "Million events per second anywhere, for 50 ms of every second")
+      ->check(CLI::Range(0.0, 100.0))
+      ->capture_default_str();
+}
+
 void AddOptions(CLI::App& app, SimulateArguments& arguments) {
   std::vector<std::string> motions;
   for (const auto& [name, profile] : kMotions) motions.emplace_back(name);
@@ -102,11 +145,9 @@ void AddOptions(CLI::App& app, SimulateArguments& arguments) {
   app.add_option("--speed", arguments.speed_scale, "Factor on the speed of the motion")
       ->check(CLI::Range(0.0, 100.0))
       ->capture_default_str();
-  app.add_option("--motion", arguments.motion, "Always moving, with rests, or with bursts at four times the speed")
+  app.add_option("--motion", arguments.motion,
+                 "Always moving, with rests, with bursts at four times the speed, or half out of view and back")
       ->check(CLI::IsMember(motions))
-      ->capture_default_str();
-  app.add_option("--noise", arguments.noise_ratio, "Share of all events that are noise")
-      ->check(CLI::Range(0.0, 0.9))
       ->capture_default_str();
   app.add_option("--flicker", arguments.flicker_depth, "Depth of the light's 100 Hz flicker, 0 to 0.8")
       ->check(CLI::Range(0.0, 0.8))
@@ -114,12 +155,19 @@ void AddOptions(CLI::App& app, SimulateArguments& arguments) {
   app.add_option("--light-change", arguments.light_change_ratio, "The light swings between 1 and 1 / this")
       ->check(CLI::Range(1.0, 10.0))
       ->capture_default_str();
-  app.add_flag("--occluder", arguments.has_occluder, "A bar that swings before the object");
+  CLI::Option* occluder = app.add_flag("--occluder", arguments.has_occluder, "A bar that swings before the object");
+  app.add_flag("--occluder-on-object", arguments.has_followed_occluder,
+               "A bar that moves with the object and always hides a part of it")
+      ->excludes(occluder);
+  app.add_flag("--moving-edge", arguments.has_moving_edge, "A straight border that sweeps behind the object");
   app.add_flag("--textured-background", arguments.has_textured_background, "Rectangles of several shades behind it");
+  AddNoiseOptions(app, arguments);
   app.add_option("--start", arguments.start_s, "Seconds on the sensor's clock at the beginning")
       ->check(CLI::Range(0.0, 16.7))
       ->capture_default_str();
   app.add_option("--seed", arguments.seed, "The same seed gives the same bytes")->capture_default_str();
+  app.add_option("--path-seed", arguments.path_seed,
+                 "Another motion before the same pixels and noise; default: --seed");
   app.add_flag("--json", arguments.is_json, "One JSON object on standard output");
 }
 

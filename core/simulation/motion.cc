@@ -91,6 +91,8 @@ absl::StatusOr<MotionPath> MotionPath::Create(const MotionOptions& options, cons
   path.swing_m_ = {options.extent_ratio * room_m.x(), options.extent_ratio * room_m.y(),
                    options.depth_m * options.depth_swing_ratio};
   path.rotation_swing_rad_ = options.rotation_swing_rad;
+  path.border_left_ = -camera.cx_px / camera.fx_px;
+  path.border_right_ = (camera.width_px - 1 - camera.cx_px) / camera.fx_px;
   Random random(seed);
   constexpr std::array<double, 6> kAxisFrequency = {1.0, 1.171, 0.837, 1.093, 0.911, 1.257};
   for (size_t axis = 0; axis < path.waves_.size(); ++axis) {
@@ -112,7 +114,15 @@ void MotionPath::SetRates(const MotionOptions& options) {
 }
 
 Eigen::Vector3d MotionPath::TranslationAt(double s) const {
-  return centre_m_ + swing_m_.cwiseProduct(Eigen::Vector3d(waves_[0].Value(s), waves_[1].Value(s), waves_[2].Value(s)));
+  Eigen::Vector3d translation =
+      centre_m_ + swing_m_.cwiseProduct(Eigen::Vector3d(waves_[0].Value(s), waves_[1].Value(s), waves_[2].Value(s)));
+  if (profile_ == MotionProfile::kHalfOut) {
+    const double cycles = waves_[0].frequency[0] * s;
+    const double swing = DeterministicSinCos(kTwoPi * (cycles - std::floor(cycles)) + waves_[0].phase_rad[0]).sin;
+    const double x_ratio = border_left_ + 0.5 * (1.0 + swing) * (border_right_ - border_left_);
+    translation.x() = x_ratio * translation.z();
+  }
+  return translation;
 }
 
 Eigen::Vector3d MotionPath::RotationVectorAt(double s) const {
@@ -120,7 +130,7 @@ Eigen::Vector3d MotionPath::RotationVectorAt(double s) const {
 }
 
 double MotionPath::ProfileTime(double t_s) const {
-  if (profile_ == MotionProfile::kSmooth) return t_s;
+  if (profile_ == MotionProfile::kSmooth || profile_ == MotionProfile::kHalfOut) return t_s;
   const double whole = std::floor(t_s);
   const double within = t_s - whole;
   constexpr double kRamp = 0.05;

@@ -15,6 +15,9 @@ enum class MotionProfile {
   kSmooth,  // always moving
   kRests,   // moves for 0.7 s, stands still for 0.3 s, and so on, with soft starts and stops
   kBursts,  // every second 0.15 s at about four times the speed
+  // From one side of the image to the other, as far as the object's origin reaches the image's border: half of the
+  // object is out of view there.
+  kHalfOut,
 };
 
 struct MotionOptions {
@@ -31,8 +34,8 @@ struct MotionOptions {
 };
 
 // camera_from_object over time. Each of the six coordinates is a sum of three sinusoids whose frequencies have no
-// common period; their phases follow from the seed. All derivatives are continuous (of a profile other than kSmooth:
-// the first one).
+// common period; their phases follow from the seed. All derivatives are continuous (of kRests and kBursts: the first
+// one). kHalfOut: the way across the image is one sine instead, which reaches its end on every swing.
 class MotionPath {
  public:
   // `radius_m`: of a sphere about the object's origin that holds it. `view_from_object`: orientation that the
@@ -63,6 +66,8 @@ class MotionPath {
   std::array<Wave, 6> waves_ = {};
   double translation_rate_ = 0.0;  // path parameter per second
   double rotation_rate_ = 0.0;
+  double border_left_ = 0.0;  // of the image, x / z
+  double border_right_ = 0.0;
 };
 
 }  // namespace evpose

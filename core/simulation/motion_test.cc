@@ -3,6 +3,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <limits>
 #include <string>
 
@@ -95,6 +96,26 @@ TEST(MotionPathTest, RestsStandStillAndBurstsAreFast) {
     otherwise_m += path_m(0.5);
   }
   EXPECT_NEAR(burst_m / otherwise_m, 4.0, 0.5);
+}
+
+TEST(MotionPathTest, HalfOutReachesBothBordersAndNoFarther) {
+  MotionOptions options;
+  options.profile = MotionProfile::kHalfOut;
+  options.speed_m_per_s = 1.0;
+  const MotionPath path = PathOf(options, 2);
+  double least = 1e9, most = -1e9, length_m = 0.0;
+  for (double t = 0.0; t < 20.0; t += 0.001) {
+    const Eigen::Vector3d centre = path.CameraFromObject(t).translation_m;
+    const Eigen::Vector2d pixel = kCamera.Project(centre);
+    least = std::min(least, pixel.x());
+    most = std::max(most, pixel.x());
+    length_m += (path.CameraFromObject(t + 0.001).translation_m - centre).norm();
+    EXPECT_GE(pixel.y(), 0.0);
+    EXPECT_LE(pixel.y(), 719.0);
+  }
+  EXPECT_NEAR(least, 0.0, 0.1);
+  EXPECT_NEAR(most, 1279.0, 0.1);
+  EXPECT_NEAR(length_m / 20.0, 1.0, 0.1);
 }
 
 TEST(MotionPathTest, FollowsTheSeed) {

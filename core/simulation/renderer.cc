@@ -23,6 +23,9 @@ constexpr double kNearM = 1e-3;
 // A full swing of the light or of the occluder, in [-1, 1].
 double Swing(double cycles) { return DeterministicSinCos(2.0 * std::numbers::pi * (cycles - std::floor(cycles))).sin; }
 
+// A sine of this amplitude covers four of them in a period: the frequency that gives its mean speed.
+double SwingHz(double speed_px_per_s, double amplitude_px) { return speed_px_per_s / (4.0 * amplitude_px); }
+
 PixelRect ShapesRect(const auto& shapes) {
   PixelRect rect;
   for (const auto& shape : shapes) rect = rect.Union(BoundingRect(shape.points_px));
@@ -45,6 +48,7 @@ SceneRenderer::SceneRenderer(const SceneOptions& options, const SceneObject& obj
       sharp_(background_.size()),
       picture_(background_.size()) {
   PaintBackground(seed);
+  if (options.background.has_moving_edge) edgeless_ = background_;
 }
 
 void SceneRenderer::PaintBackground(uint64_t seed) {
@@ -120,17 +124,61 @@ std::vector<SceneRenderer::Shape> SceneRenderer::BodyShapes(const Body& body, co
   return shapes;
 }
 
-double SceneRenderer::OccluderX(double t_s) const {
-  // A sine of this amplitude and frequency covers four amplitudes in a period: its mean speed.
-  const double amplitude_px = 0.4 * camera_.width_px;
-  const double frequency_hz = options_.occluder.speed_px_per_s / (4.0 * amplitude_px);
-  return 0.5 * camera_.width_px + amplitude_px * Swing(frequency_hz * t_s + 0.6);
+double SceneRenderer::OccluderX(const RigidTransform& camera_from_object, double t_s) const {
+  const OccluderOptions& options = options_.occluder;
+  const double amplitude_px = options.swing_ratio * camera_.width_px;
+  const double swing_px = amplitude_px * Swing(SwingHz(options.speed_px_per_s, amplitude_px) * t_s + 0.6);
+  if (!options.follows_object) return 0.5 * camera_.width_px + swing_px;
+  Vector3d origin = camera_from_object.translation_m;
+  origin.z() = std::max(origin.z(), kNearM);
+  const Vector2d place = camera_.Distort(camera_.Project(origin));
+  // The bar leans: where it crosses the object's row.
+  return place.x() - options.tilt_ratio * (place.y() - 0.5 * camera_.height_px) + swing_px;
 }
 
-std::vector<SceneRenderer::Shape> SceneRenderer::OccluderShapes(double t_s) const {
+double SceneRenderer::EdgeX(double t_s) const {
+  const double amplitude_px = 0.5 * camera_.width_px;
+  const double frequency_hz = SwingHz(options_.background.edge_speed_px_per_s, amplitude_px);
+  return 0.5 * camera_.width_px + amplitude_px * Swing(frequency_hz * t_s + 0.35);
+}
+
+PixelRect SceneRenderer::MoveBackgroundEdge(double t_s) {
+  if (edgeless_.empty()) return {};
+  const double x = EdgeX(t_s);
+  const double middle_y = 0.5 * camera_.height_px;
+  const double half_height = middle_y + 8.0;  // ends beyond the image
+  const double lean = options_.background.edge_tilt_ratio * half_height;
+  const double far_x = 2.0 * camera_.width_px + std::abs(lean);
+  const Shape shape = {{{x - lean, middle_y - half_height},
+                        {x + lean, middle_y + half_height},
+                        {far_x, middle_y + half_height},
+                        {far_x, middle_y - half_height}},
+                       options_.background.edge_reflectance,
+                       1.0};
+  PixelRect rect = image_;
+  if (last_edge_x_px_) {
+    rect.x0 = static_cast<int>(std::floor(std::min(x, *last_edge_x_px_) - std::abs(lean))) - 1;
+    rect.x1 = static_cast<int>(std::ceil(std::max(x, *last_edge_x_px_) + std::abs(lean))) + 2;
+    rect = rect.Intersection(image_);
+  }
+  last_edge_x_px_ = x;
+  if (rect.empty()) return rect;
+  for (int y = rect.y0; y < rect.y1; ++y) {
+    const auto row = static_cast<std::ptrdiff_t>(y) * image_.x1;
+    std::copy(edgeless_.begin() + row + rect.x0, edgeless_.begin() + row + rect.x1,
+              background_.begin() + row + rect.x0);
+  }
+  rasterizer_.Begin(rect);
+  rasterizer_.AddPolygon(shape.points_px, shape.value, shape.alpha);
+  rasterizer_.CompositeOnto(background_);
+  return rect;
+}
+
+std::vector<SceneRenderer::Shape> SceneRenderer::OccluderShapes(const RigidTransform& camera_from_object,
+                                                                double t_s) const {
   const OccluderOptions& options = options_.occluder;
   if (!options.is_present) return {};
-  const double x = OccluderX(t_s);
+  const double x = OccluderX(camera_from_object, t_s);
   const double half_height = 0.5 * camera_.height_px + 8.0;  // ends beyond the image
   const double lean = options.tilt_ratio * half_height;
   const double middle_y = 0.5 * camera_.height_px;
@@ -154,13 +202,14 @@ PixelRect SceneRenderer::Render(const RigidTransform& camera_from_object, double
   for (const int body : PaintersOrder(object_.bodies, camera_object)) {
     layers.push_back(BodyShapes(object_.bodies[body], camera_from_object, light));
   }
-  layers.push_back(OccluderShapes(t_s));
+  layers.push_back(OccluderShapes(camera_from_object, t_s));
+  const int radius = blur_.radius_px();
+  const PixelRect swept = MoveBackgroundEdge(t_s).Grown(radius).Intersection(image_);
   PixelRect drawn;
   for (const std::vector<Shape>& shapes : layers) drawn = drawn.Union(ShapesRect(shapes));
-  const int radius = blur_.radius_px();
   drawn = drawn.Grown(radius).Intersection(image_);
   const bool all = background_light != last_background_light_;
-  const PixelRect changed = all ? image_ : drawn.Union(last_rect_);
+  const PixelRect changed = all ? image_ : drawn.Union(last_rect_).Union(swept);
   last_rect_ = drawn;
   last_background_light_ = background_light;
   if (changed.empty()) return changed;
@@ -185,7 +234,10 @@ double SceneRenderer::LargestMotionPx(const RigidTransform& pose_a, double t_a_s
     if (a.z() < kNearM || b.z() < kNearM) continue;
     largest = std::max(largest, (camera_.Project(a) - camera_.Project(b)).norm());
   }
-  if (options_.occluder.is_present) largest = std::max(largest, std::abs(OccluderX(t_b_s) - OccluderX(t_a_s)));
+  if (options_.occluder.is_present) {
+    largest = std::max(largest, std::abs(OccluderX(pose_b, t_b_s) - OccluderX(pose_a, t_a_s)));
+  }
+  if (!edgeless_.empty()) largest = std::max(largest, std::abs(EdgeX(t_b_s) - EdgeX(t_a_s)));
   return largest;
 }
 

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <cstdint>
+#include <optional>
 #include <vector>
 
 #include "core/geometry/camera.h"
@@ -41,10 +42,13 @@ class SceneRenderer {
   void PaintBackground(uint64_t seed);
   double LightAt(double t_s) const;
   std::vector<Shape> BodyShapes(const Body& body, const RigidTransform& camera_from_object, double light) const;
-  std::vector<Shape> OccluderShapes(double t_s) const;
+  std::vector<Shape> OccluderShapes(const RigidTransform& camera_from_object, double t_s) const;
   std::vector<Eigen::Vector2d> ProjectOutline(const std::vector<Eigen::Vector3d>& outline_object,
                                               const RigidTransform& camera_from_object) const;
-  double OccluderX(double t_s) const;
+  double OccluderX(const RigidTransform& camera_from_object, double t_s) const;
+  double EdgeX(double t_s) const;
+  // Repaints what the moving edge has passed over since the last call; returns it.
+  PixelRect MoveBackgroundEdge(double t_s);
   void Composite(const std::vector<Shape>& shapes);
 
   SceneOptions options_;
@@ -55,10 +59,12 @@ class SceneRenderer {
   CoverageRasterizer rasterizer_;
   GaussianBlur blur_;
   std::vector<float> background_;  // before the lens, under full light
+  std::vector<float> edgeless_;    // the same without the moving edge; empty when there is none
   std::vector<float> sharp_;       // the picture before the lens
   std::vector<float> picture_;
   PixelRect last_rect_;
   double last_background_light_ = -1.0;
+  std::optional<double> last_edge_x_px_;
 };
 
 }  // namespace evpose

@@ -81,6 +81,9 @@ TEST(SceneRendererTest, OnlyTheChangedPartIsRenderedAgain) {
   options.background.is_textured = true;
   options.occluder.is_present = true;
   ExpectStepsEqualFresh(options, kCamera);
+  options.background.has_moving_edge = true;
+  options.occluder.follows_object = true;
+  ExpectStepsEqualFresh(options, kCamera);
   options.light.flicker_depth = 0.4;
   options.light.reaches_background = true;
   ExpectStepsEqualFresh(options, kCamera);
@@ -126,6 +129,47 @@ TEST(SceneRendererTest, OccluderHides) {
   SceneRenderer renderer(options, object, kCamera, 1);
   renderer.Render(PoseAt(object, 0.0, 0.0, 0.8), 0.0);
   for (const float light : renderer.picture()) ASSERT_NEAR(light, options.occluder.reflectance, 1e-5);
+}
+
+TEST(SceneRendererTest, AnOccluderThatFollowsTheObjectStaysBeforeIt) {
+  SceneOptions options;
+  options.occluder.is_present = true;
+  options.occluder.follows_object = true;
+  options.occluder.swing_ratio = 0.02;
+  const SceneObject object = MakeSceneObject(SimulatedObject::kCube, 0.2);
+  SceneRenderer renderer(options, object, kBentCamera, 1);
+  for (int i = 0; i < 10; ++i) {
+    const RigidTransform pose = PoseAt(object, 0.06 * (i - 5), 0.03 * (5 - i), 0.9);
+    renderer.Render(pose, 0.1 * i);
+    const Eigen::Vector2d middle = kBentCamera.Distort(kBentCamera.Project(pose.translation_m));
+    EXPECT_NEAR(At(renderer, kBentCamera, middle), options.occluder.reflectance, 1e-4) << i;
+  }
+}
+
+TEST(SceneRendererTest, TheMovingEdgeSweepsBehindTheObject) {
+  SceneOptions options;
+  options.background.has_moving_edge = true;
+  options.background.edge_speed_px_per_s = 400.0;
+  const SceneObject object = MakeSceneObject(SimulatedObject::kPlanar, 0.25);
+  SceneRenderer renderer(options, object, kCamera, 1);
+  SceneOptions without = options;
+  without.background.has_moving_edge = false;
+  SceneRenderer still(without, object, kCamera, 1);
+  const RigidTransform pose = PoseAt(object, 0.0, 0.0, 0.8);
+  still.Render(pose, 0.0);
+  int least = 320, most = 0;
+  for (double t_s = 0.0; t_s < 2.0; t_s += 0.01) {
+    renderer.Render(pose, t_s);
+    const float* row = renderer.picture().data() + 5 * 320;  // above the object
+    const auto bright = static_cast<int>(std::count_if(row, row + 320, [](float v) { return v > 0.39f; }));
+    const auto dark = static_cast<int>(std::count_if(row, row + 320, [](float v) { return v < 0.13f; }));
+    EXPECT_GE(bright + dark, 310);  // an edge, and nothing beside it
+    least = std::min(least, bright);
+    most = std::max(most, bright);
+    EXPECT_NEAR(At(renderer, kCamera, {160, 118}), At(still, kCamera, {160, 118}), 1e-5);
+  }
+  EXPECT_LT(least, 40);
+  EXPECT_GT(most, 280);
 }
 
 TEST(SceneRendererTest, NearerBodiesHideFartherOnes) {

@@ -50,7 +50,10 @@ absl::StatusOr<SimulatedObject> ParseSimulatedObject(std::string_view name) {
 
 absl::Status BackgroundOptions::Validate() const {
   EVPOSE_RETURN_IF_ERROR(CheckRange("BackgroundOptions.reflectance", reflectance, 0.0, 1.0));
-  return CheckRange("BackgroundOptions.texture_contrast", texture_contrast, 0.0, 0.95);
+  EVPOSE_RETURN_IF_ERROR(CheckRange("BackgroundOptions.texture_contrast", texture_contrast, 0.0, 0.95));
+  EVPOSE_RETURN_IF_ERROR(CheckRange("BackgroundOptions.edge_reflectance", edge_reflectance, 0.0, 1.0));
+  EVPOSE_RETURN_IF_ERROR(CheckRange("BackgroundOptions.edge_speed_px_per_s", edge_speed_px_per_s, 0.0, 1e5));
+  return CheckRange("BackgroundOptions.edge_tilt_ratio", edge_tilt_ratio, -2.0, 2.0);
 }
 
 absl::Status LightOptions::Validate() const {
@@ -62,6 +65,7 @@ absl::Status LightOptions::Validate() const {
 }
 
 absl::Status OccluderOptions::Validate() const {
+  EVPOSE_RETURN_IF_ERROR(CheckRange("OccluderOptions.swing_ratio", swing_ratio, 1e-3, 1.0));
   EVPOSE_RETURN_IF_ERROR(CheckRange("OccluderOptions.width_px", width_px, 1.0, 1e4));
   EVPOSE_RETURN_IF_ERROR(CheckRange("OccluderOptions.speed_px_per_s", speed_px_per_s, 0.0, 1e5));
   EVPOSE_RETURN_IF_ERROR(CheckRange("OccluderOptions.reflectance", reflectance, 0.0, 1.0));

@@ -29,6 +29,12 @@ struct BackgroundOptions {
   double reflectance = 0.12;  // of white; darker than every face, so that outlines show everywhere
   bool is_textured = false;   // rectangles of several shades, still: outlines then change their contrast as they move
   double texture_contrast = 0.6;  // shades lie within reflectance * [1 - this, 1 + this]; used when textured
+  // A straight border, beyond which the background is of another shade, swings from side to side behind the object: a
+  // door, the edge of a table. The object's outlines change their contrast as it passes.
+  bool has_moving_edge = false;
+  double edge_reflectance = 0.4;       // of the other side: three times the background's, within the faces' range
+  double edge_speed_px_per_s = 500.0;  // mean; faster than the standard objects
+  double edge_tilt_ratio = 0.2;        // dx / dy: not parallel to the pixels' columns
 
   absl::Status Validate() const;
 };
@@ -52,7 +58,11 @@ struct LightOptions {
 };
 
 struct OccluderOptions {
-  bool is_present = false;        // a bar before everything, swinging from side to side
+  bool is_present = false;  // a bar before everything, swinging from side to side
+  // It swings about the object instead of the image's middle, and always hides a part of it, as a hand would that
+  // holds it: its borders move nearly as the object does.
+  bool follows_object = false;
+  double swing_ratio = 0.4;       // amplitude, as a share of the image's width
   double width_px = 60.0;         // hides a third of the default cube
   double speed_px_per_s = 250.0;  // mean; comparable with the object's own
   double reflectance = 0.3;

@@ -55,7 +55,10 @@ absl::Status SensorOptions::Validate() const {
   EVPOSE_RETURN_IF_ERROR(CheckRange("shot_noise_hz", shot_noise_hz, 0.0, 1e3));
   EVPOSE_RETURN_IF_ERROR(CheckRange("hot_pixel_ratio", hot_pixel_ratio, 0.0, 1.0));
   EVPOSE_RETURN_IF_ERROR(CheckRange("hot_pixel_hz", hot_pixel_hz, 0.0, 1e5));
-  return CheckRange("noise_ratio", noise_ratio, 0.0, 0.9);
+  EVPOSE_RETURN_IF_ERROR(CheckRange("noise_ratio", noise_ratio, 0.0, 0.9));
+  EVPOSE_RETURN_IF_ERROR(CheckRange("flood_hz", flood_hz, 0.0, 1e8));
+  EVPOSE_RETURN_IF_ERROR(CheckRange("flood_period_s", flood_period_s, 1e-3, 1e4));
+  return CheckRange("flood_s", flood_s, 0.0, 0.5 * flood_period_s);
 }
 
 EventSensor::EventSensor(const SensorOptions& options, SensorGeometry geometry, const std::vector<float>& picture,
@@ -163,7 +166,19 @@ void EventSensor::AddNoise() {
   const double missing =
       share * static_cast<double>(pending_signal_) - static_cast<double>(noise_events_.size() + leaked);
   if (missing > 0.0) noise_.AddUniform(begin_us, end_us, missing, noise_events_);
+  const double flood = FloodMean(begin_us, end_us);
+  if (flood > 0.0) noise_.AddUniform(begin_us, end_us, flood, noise_events_);
   for (const NoiseEvent& event : noise_events_) Emit(event.pixel, event.t_us, event.on, /*is_noise=*/true);
+}
+
+double EventSensor::FloodMean(double begin_us, double end_us) const {
+  if (options_.flood_hz <= 0.0) return 0.0;
+  const double period_us = options_.flood_period_s * 1e6;
+  // Steps are far shorter than the rests between floods: at most one of them is met.
+  const double flood_begin_us = (std::floor(begin_us / period_us) + 0.5) * period_us;
+  const double overlap_us =
+      std::min(end_us, flood_begin_us + options_.flood_s * 1e6) - std::max(begin_us, flood_begin_us);
+  return options_.flood_hz * std::max(overlap_us, 0.0) * 1e-6;
 }
 
 void EventSensor::Emit(uint32_t pixel, double t_us, bool on, bool is_noise) {

@@ -43,13 +43,18 @@ struct SensorOptions {
   // Raises noise to this share of all events, with further events anywhere at random times, at a rate that follows the
   // signal's; the noise above counts towards it. 0: only the noise above.
   double noise_ratio = 0.0;
+  // Floods, as of a flash or of interference: for flood_s in every flood_period_s, from the middle of the period on,
+  // events anywhere on the sensor, this many per second. 0: none. An EVK4's interface carries some 1e8 at the most.
+  double flood_hz = 0.0;
+  double flood_s = 0.05;
+  double flood_period_s = 1.0;
 
   absl::Status Validate() const;
 };
 
 struct SensorCounts {
   uint64_t events = 0;
-  uint64_t noise_events = 0;  // of them, from leak, shot noise, hot pixels and noise_ratio
+  uint64_t noise_events = 0;  // of them, from leak, shot noise, hot pixels, noise_ratio and floods
 };
 
 // Between two pictures each pixel's light is a straight line; its logarithm is followed in pieces of at most 0.15,
@@ -72,6 +77,8 @@ class EventSensor {
   void AdvancePixel(uint32_t pixel, float light);
   void AdvanceLeak();
   void AddNoise();
+  // Of the flood: events expected in [begin_us, end_us).
+  double FloodMean(double begin_us, double end_us) const;
   void Emit(uint32_t pixel, double t_us, bool on, bool is_noise);
   void TakeEvents(std::vector<Event>& events);
 

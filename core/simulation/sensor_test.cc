@@ -160,6 +160,22 @@ TEST(EventSensorTest, NoiseShareIsTheOneAskedFor) {
   }
 }
 
+TEST(EventSensorTest, FloodsComeInTheMiddleOfTheirPeriodAtTheirRate) {
+  SensorOptions options = Quiet();
+  options.flood_hz = 2e5;
+  options.flood_s = 0.05;
+  options.flood_period_s = 0.4;
+  SensorCounts counts;
+  const std::vector<Event> events = Still(options, 1.2, 0.3f, &counts);
+  // Three floods of 10000 events, a few of them at pixels that are held.
+  EXPECT_NEAR(static_cast<double>(events.size()), 30'000.0, 1500.0);
+  EXPECT_EQ(counts.noise_events, events.size());
+  for (const Event& event : events) {
+    EXPECT_GE(event.t_us % 400'000, 200'000);
+    EXPECT_LT(event.t_us % 400'000, 250'000);
+  }
+}
+
 TEST(EventSensorTest, ThresholdMismatchSpreadsTheNumberOfEventsPerPixel) {
   const auto spread = [](double mismatch) {
     SensorOptions options = Quiet();

@@ -23,7 +23,7 @@ constexpr uint64_t kSensorStream = 0x73656e736f72ULL;
 
 absl::StatusOr<MotionPath> MakePath(const SimulationOptions& options, const SceneObject& object) {
   return MotionPath::Create(options.scene.motion, options.camera, object.radius_m, object.view_from_object,
-                            options.seed ^ kMotionStream);
+                            options.path_seed.value_or(options.seed) ^ kMotionStream);
 }
 
 double Seconds(int64_t t_us) { return static_cast<double>(t_us) * 1e-6; }

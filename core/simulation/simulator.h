@@ -3,6 +3,7 @@
 
 #include <cstdint>
 #include <functional>
+#include <optional>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -29,6 +30,8 @@ struct SimulationOptions {
   int64_t duration_us = 5'000'000;  // at most half an hour
   double max_step_px = 0.4;         // the image moves by at most this between two renderings
   uint64_t seed = 1;                // of the motion, the texture, the pixels and the noise
+  // Of the motion alone: the same path before other pixels, noise and textures. Without it: `seed`.
+  std::optional<uint64_t> path_seed;
 
   // The EVK4 (1280x720 pixels of 4.86 um) behind a 5 mm lens with a little barrel distortion; and a VGA sensor with
   // the same field of view.
@@ -47,7 +50,7 @@ std::vector<std::string> SimulatedCameraNames();
 
 struct SimulationReport {
   uint64_t events = 0;
-  uint64_t noise_events = 0;  // of them, from leak, shot noise, hot pixels and SensorOptions.noise_ratio
+  uint64_t noise_events = 0;  // of them, from leak, shot noise, hot pixels, SensorOptions.noise_ratio and floods
   int64_t rendered_frames = 0;
   double max_speed_px_per_s = 0.0;
 };

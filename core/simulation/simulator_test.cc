@@ -216,8 +216,23 @@ TEST(SimulatorTest, IsDeterministicBySeed) {
   options.scene.background.is_textured = true;
   const std::vector<Event> events = EventsOf(options);
   EXPECT_EQ(events, EventsOf(options));
+  options.path_seed = 1;  // what the seed was
+  EXPECT_EQ(events, EventsOf(options));
   options.seed = 2;
   EXPECT_NE(events, EventsOf(options));
+}
+
+TEST(SimulatorTest, ThePathSeedIsOfTheMotionAlone) {
+  SimulationOptions options = SmallScene("cube", 30'000);
+  const auto end_of = [](const SimulationOptions& o) { return SimulatedTruth(o).back().camera_from_object; };
+  const Eigen::Vector3d end = end_of(options).translation_m;
+  options.path_seed = 7;
+  EXPECT_NE(end_of(options).translation_m, end);
+  const std::vector<Event> events = EventsOf(options);
+  const Eigen::Vector3d other_end = end_of(options).translation_m;
+  options.seed = 2;
+  EXPECT_EQ(end_of(options).translation_m, other_end);
+  EXPECT_NE(EventsOf(options), events);
 }
 
 TEST(SimulatorTest, TimesAreOrderedAndInside) {
@@ -321,6 +336,10 @@ TEST(SimulationOptionsTest, NamesTheWrongField) {
   EXPECT_THAT(message([](auto& o) { o.scene.occluder.width_px = 0.0; }), HasSubstr("width_px"));
   EXPECT_THAT(message([](auto& o) { o.sensor.threshold_on = 0.0; }), HasSubstr("threshold_on"));
   EXPECT_THAT(message([](auto& o) { o.sensor.noise_ratio = 1.0; }), HasSubstr("noise_ratio"));
+  EXPECT_THAT(message([](auto& o) { o.sensor.flood_hz = -1.0; }), HasSubstr("flood_hz"));
+  EXPECT_THAT(message([](auto& o) { o.sensor.flood_s = 0.6; }), HasSubstr("flood_s"));
+  EXPECT_THAT(message([](auto& o) { o.scene.occluder.swing_ratio = 0.0; }), HasSubstr("swing_ratio"));
+  EXPECT_THAT(message([](auto& o) { o.scene.background.edge_reflectance = 2.0; }), HasSubstr("edge_reflectance"));
   EXPECT_THAT(message([](auto& o) { o.sensor.bandwidth_hz = std::numeric_limits<double>::infinity(); }),
               HasSubstr("bandwidth_hz"));
 }
