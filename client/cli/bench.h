@@ -1,0 +1,10 @@
+// The commands below `evpose bench`. Each is one file with one function that adds it to the parser.
+#pragma once
+
+#include "client/cli/command.h"
+
+namespace evpose::client {
+
+CommandRunner AddBenchInitializationCommand(CLI::App& app, CliContext& context);
+
+}  // namespace evpose::client
