@@ -9,6 +9,7 @@
 #include "client/cli/command.h"
 #include "client/cli/progress.h"
 #include "core/base/status_macros.h"
+#include "core/experiments/tracking_scenarios.h"
 #include "core/simulation/simulator.h"
 
 namespace evpose::client {
@@ -17,9 +18,10 @@ namespace {
 struct SimulateArguments {
   std::string object = "cube";
   std::string camera = "evk4";
+  std::string scenario;
   std::string out;
   std::string motion = "smooth";
-  double duration_s = 5.0;
+  std::optional<double> duration_s;
   double speed_scale = 1.0;
   double noise_ratio = 0.0;
   double start_s = 16.0;
@@ -54,10 +56,22 @@ void SetNoise(const SimulateArguments& arguments, SimulationOptions& options) {
   sensor.flood_hz = 1e6 * arguments.flood_mev_per_s;
 }
 
+constexpr double kDurationS = 5.0;
+
+absl::StatusOr<SimulationOptions> MakeScenario(const SimulateArguments& arguments) {
+  EVPOSE_ASSIGN_OR_RETURN(const std::vector<TrackingScenario> scenarios, FindTrackingScenarios({arguments.scenario}));
+  const int64_t max_duration_us = std::llround(arguments.duration_s.value_or(0.0) * 1e6);
+  SimulationOptions options =
+      TrackingRun(scenarios.front(), arguments.seed, arguments.path_seed.value_or(arguments.seed), max_duration_us);
+  options.t_begin_us = std::llround(arguments.start_s * 1e6);
+  return options;
+}
+
 absl::StatusOr<SimulationOptions> MakeOptions(const SimulateArguments& arguments) {
+  if (!arguments.scenario.empty()) return MakeScenario(arguments);
   EVPOSE_ASSIGN_OR_RETURN(SimulationOptions options,
                           SimulationPreset(arguments.object, arguments.camera, arguments.speed_scale));
-  options.duration_us = std::llround(arguments.duration_s * 1e6);
+  options.duration_us = std::llround(arguments.duration_s.value_or(kDurationS) * 1e6);
   options.t_begin_us = std::llround(arguments.start_s * 1e6);
   options.seed = arguments.seed;
   options.path_seed = arguments.path_seed;
@@ -66,7 +80,7 @@ absl::StatusOr<SimulationOptions> MakeOptions(const SimulateArguments& arguments
   options.scene.light.change_ratio = arguments.light_change_ratio;
   options.scene.occluder.is_present = arguments.has_occluder || arguments.has_followed_occluder;
   options.scene.occluder.follows_object = arguments.has_followed_occluder;
-  // Swings by a third of the standard objects' width.
+  // It swings by a third of the standard objects' width.
   if (arguments.has_followed_occluder) options.scene.occluder.swing_ratio = 0.06;
   options.scene.background.has_moving_edge = arguments.has_moving_edge;
   options.scene.background.is_textured = arguments.has_textured_background;
@@ -87,13 +101,13 @@ Json ReportJson(const SimulateArguments& arguments, const SimulationReport& repo
   return json;
 }
 
-void PrintReport(const SimulateArguments& arguments, const SimulationReport& report, std::ostream& out) {
+void PrintReport(const SimulateArguments& arguments, const SimulationReport& report, double duration_s,
+                 std::ostream& out) {
   const double events = static_cast<double>(report.events);
   out << arguments.out << ": recording.raw, truth.tum, model.obj, camera.yaml\n";
-  out << absl::StrFormat("events %d (%.2f Mev/s)  noise %.1f %%  fastest point %.0f px/s\n", report.events,
-                         events * 1e-6 / arguments.duration_s,
-                         events > 0.0 ? 100.0 * static_cast<double>(report.noise_events) / events : 0.0,
-                         report.max_speed_px_per_s);
+  out << absl::StrFormat(
+      "events %d (%.2f Mev/s)  noise %.1f %%  fastest point %.0f px/s\n", report.events, events * 1e-6 / duration_s,
+      events > 0.0 ? 100.0 * static_cast<double>(report.noise_events) / events : 0.0, report.max_speed_px_per_s);
 }
 
 absl::Status RunSimulate(const SimulateArguments& arguments, CliContext& context) {
@@ -108,7 +122,7 @@ absl::Status RunSimulate(const SimulateArguments& arguments, CliContext& context
   if (arguments.is_json) {
     context.out << ReportJson(arguments, *report).dump(2) << "\n";
   } else {
-    PrintReport(arguments, *report, context.out);
+    PrintReport(arguments, *report, static_cast<double>(options.duration_us) * 1e-6, context.out);
   }
   return absl::OkStatus();
 }
@@ -133,15 +147,17 @@ void AddOptions(CLI::App& app, SimulateArguments& arguments) {
   std::vector<std::string> motions;
   for (const auto& [name, profile] : kMotions) motions.emplace_back(name);
   app.add_option("-o,--out", arguments.out, "Directory for the files; made when it is missing")->required();
+  std::vector<std::string> scenarios;
+  for (const TrackingScenario& scenario : TrackingScenarios()) scenarios.push_back(scenario.name);
+  app.add_option("--scenario", arguments.scenario, "A scene of `evpose bench tracking`, whole; --duration shortens it")
+      ->check(CLI::IsMember(scenarios));
   app.add_option("--object", arguments.object, "What is seen")
       ->check(CLI::IsMember(SimulatedObjectNames()))
       ->capture_default_str();
   app.add_option("--camera", arguments.camera, "The sensor and its lens")
       ->check(CLI::IsMember(SimulatedCameraNames()))
       ->capture_default_str();
-  app.add_option("--duration", arguments.duration_s, "Seconds")
-      ->check(CLI::Range(0.001, 1800.0))
-      ->capture_default_str();
+  app.add_option("--duration", arguments.duration_s, "Seconds")->check(CLI::Range(0.001, 1800.0))->default_str("5");
   app.add_option("--speed", arguments.speed_scale, "Factor on the speed of the motion")
       ->check(CLI::Range(0.0, 100.0))
       ->capture_default_str();
@@ -176,6 +192,11 @@ void AddOptions(CLI::App& app, SimulateArguments& arguments) {
 CommandRunner AddSimulateCommand(CLI::App& app, CliContext& context) {
   auto arguments = std::make_shared<SimulateArguments>();
   AddOptions(app, *arguments);
+  for (const char* name : {"--object", "--camera", "--speed", "--motion", "--noise", "--background-activity",
+                           "--hot-pixels", "--flood", "--flicker", "--light-change", "--occluder",
+                           "--occluder-on-object", "--moving-edge", "--textured-background"}) {
+    app.get_option("--scenario")->excludes(app.get_option(name));
+  }
   app.footer(
       "Writes recording.raw (EVT3, as an EVK4 does), truth.tum, model.obj and camera.yaml.\n\n"
       "Example:\n"
