@@ -10,7 +10,7 @@
 namespace evpose {
 
 struct LineSetOptions {
-  LineFitOptions fit;
+  MovingLineOptions fit;
   // Fewer events, or a shorter line, are no line: chance makes them.
   int min_events = 30;
   double min_length_px = 20.0;

@@ -111,7 +111,7 @@ double StraightSquares(const std::array<Bin, kBins>& bins, int begin, int end) {
 
 }  // namespace
 
-absl::Status LineFitOptions::Validate() const {
+absl::Status MovingLineOptions::Validate() const {
   if (!(gate_px >= 0.5 && gate_px <= 50.0)) {
     return absl::InvalidArgumentError(absl::StrFormat("gate_px is %g; it must lie in [0.5, 50]", gate_px));
   }
@@ -163,7 +163,7 @@ DetectedLine ToDetectedLine(const MovingLine& line, double half_duration_s) {
   return detected;
 }
 
-LineFitter::LineFitter(const EventStretch& stretch, const LineFitOptions& options)
+LineFitter::LineFitter(const EventStretch& stretch, const MovingLineOptions& options)
     : stretch_(stretch), options_(options), grid_(stretch.events) {}
 
 void LineFitter::Collect(const MovingLine& line, double margin_px, double reach_px) {

@@ -66,7 +66,7 @@ struct MovingLine {
 
 DetectedLine ToDetectedLine(const MovingLine& line, double half_duration_s);
 
-struct LineFitOptions {
+struct MovingLineOptions {
   // Pixels: farthest event of a line, after the fit. Rounding and an edge's several events spread them by 0.4 to 0.7
   // rms behind a sharp lens, and by 1.2 behind one that blurs by 1.5 px.
   double gate_px = 3.0;
@@ -81,7 +81,7 @@ struct LineFitOptions {
 // Fits lines to the events of one stretch, which must outlive it.
 class LineFitter {
  public:
-  LineFitter(const EventStretch& stretch, const LineFitOptions& options);
+  LineFitter(const EventStretch& stretch, const MovingLineOptions& options);
 
   // Fits `line`, which is near the truth (a pixel), to the events of its polarities, and its extent to where they lie
   // dense: grows it to both sides as far as the edge goes. False when nothing is left of it.
@@ -108,7 +108,7 @@ class LineFitter {
   void FindEndTimes(MovingLine& line);
 
   const EventStretch& stretch_;
-  LineFitOptions options_;
+  MovingLineOptions options_;
   EventGrid grid_;
   std::vector<int32_t> indices_;
   std::vector<Sample> samples_;
