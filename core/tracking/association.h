@@ -11,6 +11,7 @@
 #include "core/geometry/projected_line.h"
 #include "core/models/visibility.h"
 #include "core/tracking/motion_prior.h"
+#include "core/windows/pixel_history.h"
 
 namespace evpose {
 
@@ -56,6 +57,7 @@ struct Observation {
   double tau_s = 0.0;  // from mid-window
   uint32_t tile = 0;
   uint8_t polarity = 0;
+  PreviousPolarity previous = PreviousPolarity::kUnknown;
 };
 
 // Tiles of 8 x 8 undistorted pixels, each with the lines that pass within reach.

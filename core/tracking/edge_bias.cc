@@ -17,18 +17,25 @@ double MotionSign(double speed_px_per_s) {
   return speed_px_per_s / std::sqrt(speed_px_per_s * speed_px_per_s + kSmoothPxPerS * kSmoothPxPerS);
 }
 
-// From this |kappa| on a line is taken for one edge.
-constexpr double kEdgeKappa = 0.6;
-
 }  // namespace
 
 double EdgeBias::ExpectedPx(const Profile& profile, double motion) const {
   if (profile.events < options_.min_events) return 0.0;
-  const double kappa = profile.polarity_motion / profile.events;
-  const double lag_px = -sensor_.lag_px * motion;
-  if (std::abs(kappa) < kEdgeKappa) return lag_px;
-  const double density = profile.events / std::max(profile.swept_px2, 1.0);
-  return lag_px + kappa * std::min(sensor_.edge_shift_px_per_event * density, sensor_.max_edge_shift_px);
+  const double kappa = std::clamp(profile.polarity_motion / profile.events, -1.0, 1.0);
+  const double swept_px2 = std::max(profile.swept_px2, 1.0);
+  // Of a stripe's two edges each makes half of the events.
+  const double edge_share = 0.5 * (1.0 + std::abs(kappa));
+  const double thresholds = edge_share * (profile.events + profile.turns) / swept_px2;
+  const double turn_ratio = std::min(1.0, edge_share * profile.recent_turns / std::max(profile.recent_swept_px2, 1.0));
+  const double contrast = thresholds * sensor_.contrast_threshold;
+  const double hysteresis = turn_ratio / std::max(thresholds, turn_ratio);
+  const EdgeResponse& response = EdgeResponse::Get();
+  const double brighter_px = sensor_.blur_px * response.Brighter(contrast, hysteresis);
+  const double darker_px = sensor_.blur_px * response.Darker(contrast, hysteresis);
+  // kappa is the share of ON events less that of OFF ones when the line moves along its normal.
+  const double along_px = 0.5 * ((1.0 + kappa) * brighter_px + (1.0 - kappa) * darker_px);
+  const double against_px = -0.5 * ((1.0 - kappa) * brighter_px + (1.0 + kappa) * darker_px);
+  return 0.5 * ((1.0 + motion) * along_px + (1.0 - motion) * against_px);
 }
 
 void EdgeBias::Correct(absl::Span<const TrackedLine> tracked, absl::Span<ImageLine> lines) const {
@@ -55,8 +62,7 @@ void EdgeBias::Correct(absl::Span<const TrackedLine> tracked, absl::Span<ImageLi
 }
 
 void EdgeBias::Learn(absl::Span<const TrackedLine> tracked, absl::Span<const ImageLine> lines,
-                     absl::Span<const std::array<double, 2>> polarity_weights, double duration_s,
-                     double events_per_observation) {
+                     absl::Span<const EdgeCounts> counts, double duration_s, double events_per_observation) {
   // Slower lines make too few events to tell from noise, and their direction may be wrong.
   constexpr double kMinSpeedPxPerS = 20.0;
   constexpr double kMinLengthPx = 10.0;
@@ -68,20 +74,29 @@ void EdgeBias::Learn(absl::Span<const TrackedLine> tracked, absl::Span<const Ima
     if (first * last < 0.0 || std::min(std::abs(first), std::abs(last)) < kMinSpeedPxPerS) continue;
     const size_t index = static_cast<size_t>(tracked[k].model_line);
     if (index >= profiles_.size()) profiles_.resize(index + 1);
-    Profile& profile = profiles_[index];
     const double direction = first > 0.0 ? 1.0 : -1.0;
-    const double off = polarity_weights[k][0];
-    const double on = polarity_weights[k][1];
-    profile.events += (on + off) * events_per_observation;
-    profile.swept_px2 += line.length_px * 0.5 * std::abs(first + last) * duration_s;
-    profile.polarity_motion += direction * (on - off) * events_per_observation;
-    if (profile.events > options_.memory_events) {
-      const double keep = options_.memory_events / profile.events;
-      profile.events *= keep;
-      profile.swept_px2 *= keep;
-      profile.polarity_motion *= keep;
-    }
+    const double swept_px2 = line.length_px * 0.5 * std::abs(first + last) * duration_s;
+    Add(counts[k], direction, swept_px2, events_per_observation, profiles_[index]);
   }
+}
+
+void EdgeBias::Add(const EdgeCounts& counts, double direction, double swept_px2, double events_per_observation,
+                   Profile& profile) const {
+  const double turns = counts.turns * events_per_observation;
+  profile.events += (counts.polarity[0] + counts.polarity[1]) * events_per_observation;
+  profile.swept_px2 += swept_px2;
+  profile.polarity_motion += direction * (counts.polarity[1] - counts.polarity[0]) * events_per_observation;
+  profile.turns += turns;
+  const double keep = std::min(1.0, options_.memory_events / std::max(profile.events, 1.0));
+  profile.events *= keep;
+  profile.swept_px2 *= keep;
+  profile.polarity_motion *= keep;
+  profile.turns *= keep;
+  profile.recent_turns += turns;
+  profile.recent_swept_px2 += swept_px2;
+  const double keep_recent = std::min(1.0, options_.turn_memory_px2 / std::max(profile.recent_swept_px2, 1.0));
+  profile.recent_turns *= keep_recent;
+  profile.recent_swept_px2 *= keep_recent;
 }
 
 }  // namespace evpose

@@ -1,10 +1,11 @@
 // Where events lie about a moving edge, which is not on it (method.md 2.10 (2), (3)).
 //
-// A pixel answers to the logarithm of its light, in steps of its threshold. So the events of an edge lie to its darker
-// side, the more the higher its contrast, and lag behind its motion. Uncorrected, a bright object looks larger and
-// therefore nearer. An edge of contrast c makes n = c / threshold events per swept pixel, so that n, which is counted,
-// gives the shift. A line whose bright and dark events do not follow its motion, as those of a thin stripe, which is
-// two edges, is not shifted: a step's correction would lock onto one side.
+// A line that moves across itself makes n events per square pixel that it sweeps; in a share h of the swept pixels the
+// first of them turns round: the pixel's event before had the other polarity. Turning round costs a threshold c, so
+// that the edge's log contrast is L = (n + h) c, and the levels at which events come begin h c after its beginning. n
+// and h are counted; with c and the blur, which are the sensor's (sensor_profile.h), edge_response.h then has the
+// events' mean distance from the edge: to its darker side, the more the higher the contrast, and behind its motion, the
+// more the lower it is. Uncorrected, a bright object looks larger and therefore nearer.
 #pragma once
 
 #include <array>
@@ -12,9 +13,22 @@
 
 #include "absl/types/span.h"
 #include "core/tracking/association.h"
+#include "core/tracking/edge_response.h"
 #include "core/tracking/tracker_options.h"
 
 namespace evpose {
+
+// Events of a line that a window's fit explains, weighted.
+struct EdgeCounts {
+  std::array<double, 2> polarity = {};  // OFF and ON
+  double turns = 0.0;                   // after an event of the other polarity; half where nobody knows
+
+  void Add(const Observation& event, double weight) {
+    polarity[event.polarity] += weight;
+    if (event.previous == PreviousPolarity::kOther) turns += weight;
+    if (event.previous == PreviousPolarity::kUnknown) turns += 0.5 * weight;
+  }
+};
 
 class EdgeBias {
  public:
@@ -23,11 +37,9 @@ class EdgeBias {
 
   // Sets line.a_expected: the image line displaced to where its events are expected.
   void Correct(absl::Span<const TrackedLine> tracked, absl::Span<ImageLine> lines) const;
-  // Learns the lines' contrast from a window that has been accepted. `polarity_weights`: explained OFF and ON events of
-  // each line.
+  // Learns the lines' contrast from a window that has been accepted; one entry of `counts` per line.
   void Learn(absl::Span<const TrackedLine> tracked, absl::Span<const ImageLine> lines,
-             absl::Span<const std::array<double, 2>> polarity_weights, double duration_s,
-             double events_per_observation);
+             absl::Span<const EdgeCounts> counts, double duration_s, double events_per_observation);
   void Reset() { profiles_.clear(); }
 
  private:
@@ -35,7 +47,13 @@ class EdgeBias {
     double events = 0.0;           // remembered, explained
     double swept_px2 = 0.0;        // by the line while they came
     double polarity_motion = 0.0;  // sum of polarity (+-1) times the sign of the normal velocity
+    double turns = 0.0;            // over the whole memory
+    // The same over a few milliseconds: what the pixels saw before changes as soon as the motion does.
+    double recent_turns = 0.0;
+    double recent_swept_px2 = 0.0;
   };
+  void Add(const EdgeCounts& counts, double direction, double swept_px2, double events_per_observation,
+           Profile& profile) const;
   // Expected distance of its events along the line's normal, `motion` the smoothed sign of its velocity.
   double ExpectedPx(const Profile& profile, double motion) const;
 

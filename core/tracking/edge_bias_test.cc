@@ -26,9 +26,19 @@ class EdgeBiasTest : public ::testing::Test {
     return sign * (lines_[0].a - lines_[0].a_expected).dot(middle);
   }
   // A window of 10 ms: the line, 100 px long, sweeps 200 px^2.
-  void Learn(EdgeBias& bias, double off, double on) {
-    const std::vector<std::array<double, 2>> weights = {{off, on}};
-    bias.Learn(tracked_, lines_, weights, 0.01, 1.0);
+  void Learn(EdgeBias& bias, double off, double on, double turns = 0.0) {
+    const std::vector<EdgeCounts> counts = {{{off, on}, turns}};
+    bias.Learn(tracked_, lines_, counts, 0.01, 1.0);
+  }
+  void MoveBack() {
+    state_.twist[0] = -0.2;
+    Project();
+  }
+  double BrighterPx(double contrast, double hysteresis) const {
+    return sensor_.blur_px * EdgeResponse::Get().Brighter(contrast, hysteresis);
+  }
+  double DarkerPx(double contrast, double hysteresis) const {
+    return sensor_.blur_px * EdgeResponse::Get().Darker(contrast, hysteresis);
   }
 
   const CameraModel camera_ = MakeCamera(1280, 720, 1000.0);
@@ -36,7 +46,13 @@ class EdgeBiasTest : public ::testing::Test {
   MotionState state_;
   std::vector<ImageLine> lines_;
   EdgeOptions options_;
-  SensorProfile sensor_;
+  SensorProfile sensor_ = InTime();
+
+  static SensorProfile InTime() {
+    SensorProfile sensor;
+    sensor.latency_us = 0.0;
+    return sensor;
+  }
 };
 
 TEST_F(EdgeBiasTest, NothingIsAppliedBeforeTheContrastIsKnown) {
@@ -46,31 +62,52 @@ TEST_F(EdgeBiasTest, NothingIsAppliedBeforeTheContrastIsKnown) {
   EXPECT_EQ(ExpectedAlongMotion(bias), 0.0);
 }
 
-TEST_F(EdgeBiasTest, AnEdgeLagsAndShiftsToItsDarkerSide) {
+TEST_F(EdgeBiasTest, AnEdgeShiftsToItsDarkerSide) {
   EdgeBias bias(options_, sensor_, camera_);
   Learn(bias, 0.0, 800.0);  // 4 events per px^2, all ON: the dark side is ahead
-  const double shift_px = 4.0 * sensor_.edge_shift_px_per_event;
-  EXPECT_NEAR(ExpectedAlongMotion(bias), shift_px - sensor_.lag_px, 2e-3);
-  // The same edge moving back: OFF events, the dark side is behind.
-  state_.twist[0] = -0.2;
-  Project();
-  EXPECT_NEAR(ExpectedAlongMotion(bias), -shift_px - sensor_.lag_px, 2e-3);
+  const double contrast = 4.0 * sensor_.contrast_threshold;
+  EXPECT_GT(BrighterPx(contrast, 0.0), 0.1);
+  EXPECT_NEAR(ExpectedAlongMotion(bias), BrighterPx(contrast, 0.0), 2e-3);
+  MoveBack();  // OFF events, the dark side is behind
+  EXPECT_NEAR(ExpectedAlongMotion(bias), DarkerPx(contrast, 0.0), 2e-3);
 }
 
-TEST_F(EdgeBiasTest, TheShiftIsBounded) {
+TEST_F(EdgeBiasTest, PixelsThatTurnRoundLag) {
   EdgeBias bias(options_, sensor_, camera_);
-  Learn(bias, 0.0, 50'000.0);
-  EXPECT_NEAR(ExpectedAlongMotion(bias), sensor_.max_edge_shift_px - sensor_.lag_px, 2e-3);
+  Learn(bias, 0.0, 600.0, 200.0);  // each pixel 3 events, and what turning round took
+  const double contrast = 4.0 * sensor_.contrast_threshold;
+  EXPECT_LT(BrighterPx(contrast, 0.25), BrighterPx(contrast, 0.0) - 0.05);
+  EXPECT_NEAR(ExpectedAlongMotion(bias), BrighterPx(contrast, 0.25), 2e-3);
+  // The pixels ahead have seen nothing else for longer than the turns are remembered; the contrast is the same.
+  for (int i = 0; i < 20; ++i) Learn(bias, 0.0, 800.0);
+  EXPECT_NEAR(ExpectedAlongMotion(bias), BrighterPx(contrast, 0.0), 2e-3);
+}
+
+TEST_F(EdgeBiasTest, WhatIsNotKnownOfAPixelCountsHalf) {
+  EdgeCounts counts;
+  Observation event;
+  event.polarity = 1;
+  for (const PreviousPolarity previous :
+       {PreviousPolarity::kUnknown, PreviousPolarity::kSame, PreviousPolarity::kOther}) {
+    event.previous = previous;
+    counts.Add(event, 0.5);
+  }
+  EXPECT_DOUBLE_EQ(counts.polarity[1], 1.5);
+  EXPECT_DOUBLE_EQ(counts.turns, 0.75);
 }
 
 TEST_F(EdgeBiasTest, AStripeLagsButIsNotShifted) {
   EdgeBias bias(options_, sensor_, camera_);
-  Learn(bias, 400.0, 500.0);
-  EXPECT_NEAR(ExpectedAlongMotion(bias), -sensor_.lag_px, 2e-3);
+  Learn(bias, 600.0, 600.0, 400.0);  // two edges, each 3 events and a turn
+  const double contrast = 4.0 * sensor_.contrast_threshold;
+  const double lag_px = 0.5 * (BrighterPx(contrast, 0.25) + DarkerPx(contrast, 0.25));
+  EXPECT_LT(lag_px, -0.05);
+  EXPECT_NEAR(ExpectedAlongMotion(bias), lag_px, 2e-3);
+  MoveBack();
+  EXPECT_NEAR(ExpectedAlongMotion(bias), lag_px, 2e-3);
 }
 
 TEST_F(EdgeBiasTest, LateTimeStampsShowWhereTheLineWas) {
-  sensor_.lag_px = 0.0;
   sensor_.latency_us = 1000.0;
   EdgeBias bias(options_, sensor_, camera_);
   EXPECT_NEAR(ExpectedAlongMotion(bias), -0.2, 1e-9);  // 200 px/s for a millisecond, whatever the contrast
@@ -84,7 +121,10 @@ TEST_F(EdgeBiasTest, AtRestNothingIsLearnedAndNoLagIsExpected) {
   Learn(bias, 5000.0, 0.0);
   const Eigen::Vector3d middle = BearingOf(camera_, lines_[0].PointAt(0.5));
   bias.Correct(tracked_, absl::MakeSpan(lines_));
-  EXPECT_NEAR(std::abs((lines_[0].a - lines_[0].a_expected).dot(middle)), 4.0 * sensor_.edge_shift_px_per_event, 1e-9);
+  // The shift stays, which does not depend on the direction.
+  const double contrast = 4.0 * sensor_.contrast_threshold;
+  const double shift_px = 0.5 * (BrighterPx(contrast, 0.0) - DarkerPx(contrast, 0.0));
+  EXPECT_NEAR(std::abs((lines_[0].a - lines_[0].a_expected).dot(middle)), shift_px, 1e-9);
 }
 
 }  // namespace

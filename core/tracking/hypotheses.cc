@@ -49,7 +49,7 @@ void Hypotheses::OnWindow(const EventWindow& window) {
 }
 
 void Hypotheses::Compare(const EventWindow& window) {
-  std::vector<Event> events(window.events.begin(), window.events.end());
+  std::vector<WindowEvent> events(window.events.begin(), window.events.end());
   ThinEvenly(kComparedEvents, events);
   for (Entry& entry : entries_) entry.explains.assign(events.size(), 0.0f);
   for (size_t k = 0; k < events.size(); ++k) {

@@ -49,7 +49,7 @@ std::optional<PoseEstimate> FollowCube(const TrackContext& context, Hypotheses& 
   options.duration_us = duration_us;
   const std::vector<Event> events =
       MakeIdealEvents(*context.model, kCamera, ConstantTwist(kStart, SomeTwist()), options);
-  EventWindower windower(context.options.windows);
+  EventWindower windower(context.options.windows, {kCamera.width_px, kCamera.height_px});
   std::optional<PoseEstimate> last;
   windower.Add(events, [&](const EventWindow& window) {
     hypotheses.OnWindow(window);

@@ -105,8 +105,8 @@ RigidTransform MakePose(const Eigen::Vector3d& translation_m, const Eigen::Vecto
 
 SensorProfile UnbiasedSensor() {
   SensorProfile sensor;
-  sensor.lag_px = 0.0;
-  sensor.edge_shift_px_per_event = 0.0;
+  sensor.blur_px = 0.0;
+  sensor.latency_us = 0.0;
   return sensor;
 }
 

@@ -40,9 +40,9 @@ class MixtureEstimator : public WindowEstimator {
     if (gated > 0.0) {
       outlier_ratio_ = (kMemoryEvents * outlier_ratio_ + (gated - n)) / (kMemoryEvents + gated);
     }
-    polarity_weights_.clear();
-    for (const MixtureLine& line : sums_) polarity_weights_.push_back(line.polarity_weight);
-    edge_bias_.Learn(input.lines, lines_, polarity_weights_, input.duration_s, input.events_per_observation);
+    counts_.clear();
+    for (const MixtureLine& line : sums_) counts_.push_back(line.counts);
+    edge_bias_.Learn(input.lines, lines_, counts_, input.duration_s, input.events_per_observation);
   }
 
   void Reset() override {
@@ -75,7 +75,7 @@ class MixtureEstimator : public WindowEstimator {
   double outlier_ratio_ = 0.0;
   std::vector<ImageLine> lines_;
   std::vector<MixtureLine> sums_;
-  std::vector<std::array<double, 2>> polarity_weights_;
+  std::vector<EdgeCounts> counts_;
   EdgeBias edge_bias_;
 };
 
@@ -180,7 +180,7 @@ MixtureTotals AccumulateMixture(const WindowInput& input, absl::Span<const Image
       const ImageLine& line = lines[near.line[k]];
       MixtureLine& sum = sums[near.line[k]];
       sum.sums.Add(event.bx, event.by, event.tau_s, weight);
-      sum.polarity_weight[event.polarity] += weight;
+      sum.counts.Add(event, weight);
       const double along =
           (event.u_px - line.p1_px.x()) * line.direction.x() + (event.v_px - line.p1_px.y()) * line.direction.y();
       sum.half_weight[along < 0.5 * line.length_px ? 0 : 1] += weight;

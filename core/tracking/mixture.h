@@ -16,8 +16,8 @@ namespace evpose {
 // What a pass over the events leaves of one line.
 struct MixtureLine {
   LineSums sums;
-  std::array<double, 2> polarity_weight = {};  // explained OFF and ON events
-  std::array<double, 2> half_weight = {};      // explained events of its first and its second half
+  EdgeCounts counts;
+  std::array<double, 2> half_weight = {};  // explained events of its first and its second half
 };
 
 struct MixtureTotals {

@@ -71,8 +71,8 @@ TEST_F(MixtureTest, SumsAreByLineHalfAndPolarity) {
   EXPECT_EQ(totals.num_gated, 3.0);
   EXPECT_GT(sums_[0].half_weight[0], 0.9);
   EXPECT_GT(sums_[0].half_weight[1], 0.9);
-  EXPECT_GT(sums_[0].polarity_weight[0], 0.9);
-  EXPECT_GT(sums_[0].polarity_weight[1], 0.9);
+  EXPECT_GT(sums_[0].counts.polarity[0], 0.9);
+  EXPECT_GT(sums_[0].counts.polarity[1], 0.9);
   EXPECT_NEAR(totals.weight, Weight(sums_[0]) + Weight(sums_[1]), 1e-9);
 }
 

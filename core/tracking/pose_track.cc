@@ -19,7 +19,7 @@ std::unique_ptr<WindowEstimator> MakeEstimator(const TrackContext& context) {
 
 }  // namespace
 
-std::optional<Observation> Observe(const TrackContext& context, const Event& event, int64_t t_us) {
+std::optional<Observation> Observe(const TrackContext& context, const WindowEvent& event, int64_t t_us) {
   const CameraModel& camera = context.camera;
   if (event.x >= camera.width_px || event.y >= camera.height_px) return std::nullopt;
   const Eigen::Vector2f& bearing = context.undistortion.Bearing(event.x, event.y);
@@ -30,6 +30,7 @@ std::optional<Observation> Observe(const TrackContext& context, const Event& eve
   observation.v_px = camera.fy_px * observation.by + camera.cy_px;
   observation.tau_s = static_cast<double>(event.t_us - t_us) * 1e-6;
   observation.polarity = event.polarity != 0 ? 1 : 0;
+  observation.previous = event.previous;
   return observation;
 }
 
@@ -130,7 +131,7 @@ WindowInput PoseTrack::Gather(const EventWindow& window, const MotionState& pred
   grid_.Build(image_lines_, std::min(reach_px + motion_px, kMaxReachPx));
 
   observations_.clear();
-  for (const Event& event : window.events) {
+  for (const WindowEvent& event : window.events) {
     std::optional<Observation> observation = Observe(context_, event, predicted.t_us);
     if (!observation) continue;
     observation->tile = grid_.TileOf(observation->u_px, observation->v_px);

@@ -29,7 +29,7 @@ struct TrackContext {
 };
 
 // An event as an observation at `t_us`; nullopt when it lies outside the sensor.
-std::optional<Observation> Observe(const TrackContext& context, const Event& event, int64_t t_us);
+std::optional<Observation> Observe(const TrackContext& context, const WindowEvent& event, int64_t t_us);
 
 class PoseTrack {
  public:

@@ -15,9 +15,8 @@ absl::Status Between(const char* field, double value, double low, double high) {
 
 absl::Status SensorProfile::Validate() const {
   EVPOSE_RETURN_IF_ERROR(Between("pixel_noise_px", pixel_noise_px, 0.05, 10.0));
-  EVPOSE_RETURN_IF_ERROR(Between("lag_px", lag_px, -5.0, 5.0));
-  EVPOSE_RETURN_IF_ERROR(Between("edge_shift_px_per_event", edge_shift_px_per_event, -1.0, 1.0));
-  EVPOSE_RETURN_IF_ERROR(Between("max_edge_shift_px", max_edge_shift_px, 0.0, 5.0));
+  EVPOSE_RETURN_IF_ERROR(Between("blur_px", blur_px, 0.0, 5.0));
+  EVPOSE_RETURN_IF_ERROR(Between("contrast_threshold", contrast_threshold, 0.01, 2.0));
   return Between("latency_us", latency_us, -10'000.0, 10'000.0);
 }
 

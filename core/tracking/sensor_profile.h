@@ -13,14 +13,15 @@ struct SensorProfile {
   std::string name = "evk4";
   // Pixels: spread of events about their line, sensor's own. Rounding gives 0.3, an edge's several events the rest.
   double pixel_noise_px = 0.8;
-  // Pixels that events lag behind a moving edge at any speed: about half of the light's step to the next threshold.
-  double lag_px = 0.16;
-  // Pixels to an edge's darker side, for each event per swept square pixel: the latter tells the contrast. It grows
-  // with the lens's blur.
-  double edge_shift_px_per_event = 0.062;
-  double max_edge_shift_px = 0.4;
+  // The edge shift, to an edge's darker side, and the lag behind its motion follow from these two and from what an edge
+  // makes of events (edge_bias.h). Pixels: standard deviation of an edge's image, by the lens and the pixel's own
+  // width.
+  double blur_px = 0.5;
+  // Natural logarithm of light: how far apart a pixel's events are. In effect: what the pixel misses while it is held
+  // after an event counts too.
+  double contrast_threshold = 0.36;
   // Microseconds by which the time stamps are late.
-  double latency_us = 0.0;
+  double latency_us = 53.0;
 
   // INVALID_ARGUMENT naming the field.
   absl::Status Validate() const;

@@ -22,7 +22,7 @@ class WindowTracker : public Tracker {
   WindowTracker(TrackContext context, std::unique_ptr<PoseInitializer> initializer,
                 const std::optional<RigidTransform>& initial)
       : context_(std::move(context)),
-        windower_(context_.options.windows),
+        windower_(context_.options.windows, {context_.camera.width_px, context_.camera.height_px}),
         memory_(context_.options.initialization.memory_us, context_.options.initialization.max_window_events,
                 context_.options.initialization.max_events),
         initializer_(std::move(initializer)),
@@ -241,7 +241,7 @@ InitializationStatus WindowTracker::FindHypotheses(Hypotheses& hypotheses) {
 void WindowTracker::CollectEvents() {
   pixel_events_.clear();
   for (size_t i = 0; i < memory_.size(); ++i) {
-    for (const Event& event : memory_.At(i).events) {
+    for (const WindowEvent& event : memory_.At(i).events) {
       const std::optional<Observation> observation = Observe(context_, event, event.t_us);
       if (!observation) continue;
       pixel_events_.push_back(

@@ -54,7 +54,8 @@ absl::Status MixtureOptions::Validate() const {
 
 absl::Status EdgeOptions::Validate() const {
   EVPOSE_RETURN_IF_ERROR(Positive("min_events", min_events));
-  return Positive("memory_events", memory_events);
+  EVPOSE_RETURN_IF_ERROR(Positive("memory_events", memory_events));
+  return Positive("turn_memory_px2", turn_memory_px2);
 }
 
 absl::Status StaticMmOptions::Validate() const {

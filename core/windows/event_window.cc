@@ -35,7 +35,8 @@ absl::Status WindowOptions::Validate() const {
   return absl::OkStatus();
 }
 
-EventWindower::EventWindower(const WindowOptions& options) : options_(options) {
+EventWindower::EventWindower(const WindowOptions& options, SensorGeometry sensor)
+    : options_(options), history_(sensor) {
   kept_.reserve(options_.max_events);
   hashes_.reserve(options_.max_events);
 }
@@ -45,7 +46,7 @@ void EventWindower::Add(absl::Span<const Event> events, OnWindow on_window) {
     if (!started_) Start(event.t_us);
     if (event.t_us >= boundary_us_) CloseUntil(event.t_us, on_window);
     now_us_ = std::max(now_us_, event.t_us);
-    Keep(event);
+    Keep(history_.Next(event));
   }
 }
 
@@ -99,7 +100,7 @@ void EventWindower::Close(int64_t t_end_us, OnWindow on_window) {
   hashes_.clear();
 }
 
-void EventWindower::Keep(const Event& event) {
+void EventWindower::Keep(const WindowEvent& event) {
   ++count_;
   const uint64_t hash = HashIndex(stream_index_++);
   if ((hash & sample_mask_) != 0) return;

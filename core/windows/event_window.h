@@ -18,6 +18,7 @@
 #include "absl/status/status.h"
 #include "absl/types/span.h"
 #include "core/events/event.h"
+#include "core/windows/pixel_history.h"
 
 namespace evpose {
 
@@ -42,9 +43,9 @@ struct WindowOptions {
 struct EventWindow {
   int64_t t_begin_us = 0;
   int64_t t_end_us = 0;
-  absl::Span<const Event> events;  // in order of arrival, times inside the window; valid during the call only
-  uint64_t num_events = 0;         // before sampling
-  bool closed_on_time = false;     // fewer than min_events came
+  absl::Span<const WindowEvent> events;  // in order of arrival, times inside the window; valid during the call only
+  uint64_t num_events = 0;               // before sampling
+  bool closed_on_time = false;           // fewer than min_events came
 
   int64_t t_mid_us() const { return t_begin_us + (t_end_us - t_begin_us) / 2; }
   // How many events each kept one stands for; 1 unless sampled.
@@ -59,7 +60,7 @@ class EventWindower {
   using OnWindow = absl::FunctionRef<void(const EventWindow&)>;
 
   // `options` must be valid.
-  explicit EventWindower(const WindowOptions& options);
+  EventWindower(const WindowOptions& options, SensorGeometry sensor);
 
   void Add(absl::Span<const Event> events, OnWindow on_window);
   // The clock has reached t_us: windows that end at or before it close.
@@ -75,7 +76,7 @@ class EventWindower {
   void Start(int64_t t_us);
   void CloseUntil(int64_t t_us, OnWindow on_window);
   void Close(int64_t t_end_us, OnWindow on_window);
-  void Keep(const Event& event);
+  void Keep(const WindowEvent& event);
   void Thin();
 
   WindowOptions options_;
@@ -86,7 +87,8 @@ class EventWindower {
   uint64_t stream_index_ = 0;
   uint64_t count_ = 0;
   uint64_t sample_mask_ = 0;  // an event stays when its hash has none of these bits
-  std::vector<Event> kept_;
+  PixelHistory history_;      // of all events, those that are not kept too
+  std::vector<WindowEvent> kept_;
   std::vector<uint64_t> hashes_;
 };
 

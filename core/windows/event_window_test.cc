@@ -24,7 +24,7 @@ struct SeenWindow {
 
 class Recorder {
  public:
-  explicit Recorder(const WindowOptions& options) : windower_(options) {}
+  explicit Recorder(const WindowOptions& options) : windower_(options, {1280, 720}) {}
 
   void Add(absl::Span<const Event> events) { windower_.Add(events, on_window_); }
   void AdvanceTime(int64_t t_us) { windower_.AdvanceTime(t_us, on_window_); }

@@ -29,7 +29,7 @@ class WindowMemory {
   struct Stored {
     int64_t t_begin_us = 0;
     int64_t t_end_us = 0;
-    std::vector<Event> events;
+    std::vector<WindowEvent> events;
     uint64_t num_events = 0;
     bool closed_on_time = false;
   };

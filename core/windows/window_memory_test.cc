@@ -5,19 +5,19 @@
 namespace evpose {
 namespace {
 
-std::vector<Event> MakeEvents(size_t count, int64_t t_us) {
-  std::vector<Event> events;
-  for (size_t i = 0; i < count; ++i) events.push_back({t_us, static_cast<uint16_t>(i), 7, 1});
+std::vector<WindowEvent> MakeEvents(size_t count, int64_t t_us) {
+  std::vector<WindowEvent> events;
+  for (size_t i = 0; i < count; ++i) events.push_back({{t_us, static_cast<uint16_t>(i), 7, 1}});
   return events;
 }
 
-EventWindow MakeWindow(int64_t begin_us, int64_t end_us, const std::vector<Event>& events) {
+EventWindow MakeWindow(int64_t begin_us, int64_t end_us, const std::vector<WindowEvent>& events) {
   return {begin_us, end_us, events, 2 * events.size(), true};
 }
 
 TEST(WindowMemory, KeepsWindowsAsTheyWere) {
   WindowMemory memory(10'000, 100, 1000);
-  const std::vector<Event> events = MakeEvents(30, 1500);
+  const std::vector<WindowEvent> events = MakeEvents(30, 1500);
   memory.Add(MakeWindow(1000, 2000, events));
   ASSERT_EQ(memory.size(), 1u);
   const EventWindow window = memory.At(0);

@@ -1,0 +1,43 @@
+// What each pixel sent last. A pixel that answers once more in the same direction needs less of a change than one that
+// turns round, by a whole threshold: where its event lies about an edge depends on it (core/tracking/edge_bias.h).
+#pragma once
+
+#include <cstdint>
+#include <vector>
+
+#include "core/events/event.h"
+
+namespace evpose {
+
+// An event's polarity against that of the event before it at the same pixel, however long ago.
+enum class PreviousPolarity : uint8_t { kUnknown, kSame, kOther };
+
+struct WindowEvent : Event {
+  PreviousPolarity previous = PreviousPolarity::kUnknown;
+};
+
+// One byte per pixel.
+class PixelHistory {
+ public:
+  explicit PixelHistory(SensorGeometry sensor)
+      : sensor_(sensor), last_(static_cast<size_t>(sensor.width_px) * sensor.height_px, kNothing) {}
+
+  // The event with what its pixel sent before it, which is forgotten for it. Events outside the sensor: kUnknown.
+  WindowEvent Next(const Event& event) {
+    WindowEvent next{event};
+    if (event.x >= sensor_.width_px || event.y >= sensor_.height_px) return next;
+    uint8_t& last = last_[static_cast<size_t>(event.y) * sensor_.width_px + event.x];
+    const uint8_t polarity = event.polarity != 0 ? 1 : 0;
+    if (last != kNothing) next.previous = last == polarity ? PreviousPolarity::kSame : PreviousPolarity::kOther;
+    last = polarity;
+    return next;
+  }
+
+ private:
+  static constexpr uint8_t kNothing = 2;
+
+  const SensorGeometry sensor_;
+  std::vector<uint8_t> last_;  // polarity, or kNothing
+};
+
+}  // namespace evpose
