@@ -25,7 +25,7 @@ double MadScale(std::vector<double>& values) {
 
 double TukeyScale(absl::Span<const double> residuals, double start) {
   constexpr int kMaxIterations = 50;
-  constexpr double kRelativeTolerance = 1e-4;
+  constexpr double kRelativeTolerance = 1e-10;
   double sigma = start;
   for (int k = 0; k < kMaxIterations && !residuals.empty(); ++k) {
     double sum = 0.0;
