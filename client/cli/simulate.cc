@@ -25,6 +25,10 @@ struct SimulateArguments {
   double speed_scale = 1.0;
   double noise_ratio = 0.0;
   double start_s = 16.0;
+  double threshold = SensorOptions().threshold_on;
+  double bandwidth_hz = SensorOptions().bandwidth_hz;
+  double refractory_us = SensorOptions().refractory_us;
+  double lens_blur_px = SceneOptions().lens_blur_px;
   double flicker_depth = 0.0;
   double light_change_ratio = 1.0;
   bool has_occluder = false;
@@ -178,6 +182,18 @@ void AddOptions(CLI::App& app, SimulateArguments& arguments) {
   app.add_flag("--moving-edge", arguments.has_moving_edge, "A straight border that sweeps behind the object");
   app.add_flag("--textured-background", arguments.has_textured_background, "Rectangles of several shades behind it");
   AddNoiseOptions(app, arguments);
+  app.add_option("--threshold", arguments.threshold, "Contrast threshold, natural logarithm of light")
+      ->check(CLI::Range(0.01, 5.0))
+      ->capture_default_str();
+  app.add_option("--bandwidth", arguments.bandwidth_hz, "Of the photoreceptor, hertz; 0: infinite")
+      ->check(CLI::Range(0.0, 1e6))
+      ->capture_default_str();
+  app.add_option("--refractory", arguments.refractory_us, "Microseconds a pixel is held for after an event")
+      ->check(CLI::Range(0.0, 1e5))
+      ->capture_default_str();
+  app.add_option("--lens-blur", arguments.lens_blur_px, "Of the lens, pixels, one standard deviation")
+      ->check(CLI::Range(0.0, 2.0))
+      ->capture_default_str();
   app.add_option("--start", arguments.start_s, "Seconds on the sensor's clock at the beginning")
       ->check(CLI::Range(0.0, 16.7))
       ->capture_default_str();
