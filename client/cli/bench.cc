@@ -9,6 +9,8 @@ void AddBenchCommands(CLI::App& app, CliContext& context, CommandRunners& runner
     runners.emplace_back(command, add_command(*command, context));
   };
   add("initialization", "First poses from lines, ours and published methods", AddBenchInitializationCommand);
+  add("synthetic", "Poses from labelled events, ours and published estimators, and the Cramer-Rao bound",
+      AddBenchSyntheticCommand);
 }
 
 }  // namespace evpose::client

@@ -27,9 +27,10 @@ void HandleInterrupt(int signal) {
 }  // namespace
 
 int main(int argc, char** argv) {
-  // These end cleanly with what they have. An interrupt ends the other commands at once, as it does any program.
+  // These end cleanly, with what they have or without a trace. An interrupt ends the others at once, as any program.
   const std::string command = argc > 1 ? argv[1] : "";
-  if (command == "replay" || command == "watch") {
+  const std::string bench = command == "bench" && argc > 2 ? argv[2] : "";
+  if (command == "replay" || command == "watch" || bench == "synthetic") {
     std::signal(SIGINT, HandleInterrupt);
     std::signal(SIGTERM, HandleInterrupt);
   }

@@ -102,6 +102,15 @@ void DrawEvents(const SyntheticTrialOptions& options, Random& random, SyntheticT
   }
 }
 
+// Lines move together: their events come in any order.
+void ShuffleEvents(Random& random, SyntheticTrial& trial) {
+  for (size_t i = trial.events.size(); i > 1; --i) {
+    const size_t other = random.UniformInt(i);
+    std::swap(trial.events[i - 1], trial.events[other]);
+    std::swap(trial.true_line[i - 1], trial.true_line[other]);
+  }
+}
+
 // Gives so many events, chosen at random, another line.
 void MislabelEvents(const SyntheticTrialOptions& options, Random& random, SyntheticTrial& trial) {
   std::vector<size_t> order(trial.events.size());
@@ -139,6 +148,7 @@ SyntheticTrial MakeSyntheticTrial(const SyntheticTrialOptions& options, uint64_t
     trial.lines.push_back(DrawLine(trial.camera, object_from_camera, lines));
   }
   DrawEvents(options, events, trial);
+  ShuffleEvents(events, trial);
   MislabelEvents(options, outliers, trial);
   return trial;
 }

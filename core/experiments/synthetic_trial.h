@@ -31,7 +31,7 @@ struct SyntheticTrialOptions {
 struct SyntheticTrial {
   CameraModel camera;
   std::vector<LineEnds> lines;        // object frame
-  std::vector<LabelledEvent> events;  // `line` is what it is said to be
+  std::vector<LabelledEvent> events;  // in random order; `line` is what it is said to be
   std::vector<int> true_line;         // of each event
   double noise_px = 0.0;
   RigidTransform camera_from_object;  // truth
@@ -63,9 +63,10 @@ struct SyntheticBound {
   // F = sigma^-2 sum_j A_j^T (sum_i b_i b_i^T) A_j at the truth (method.md 2.7 and 3), with b_i the events' places on
   // their lines. The covariance of any unbiased estimate is at least F^-1, the Cramer-Rao bound.
   Matrix6d information = Matrix6d::Zero();
-  // The error of the efficient estimator under this trial's own noise: F^-1 sum_i A^T b_i d_i / sigma^2, minus that. It
-  // is what maximum likelihood gives that starts at the truth, is told which events are outliers, and in a world
-  // without curvature; over trials it is distributed by N(0, F^-1), exactly.
+  // The error of the efficient estimator under this trial's own noise, -F^-1 sum_i A_j^T b_i d_i / sigma^2: a step of
+  // maximum likelihood that starts at the truth and is told which events are outliers. Over the noise it is distributed
+  // by N(0, F^-1), exactly. Other estimators see the same noise, so that in a ratio of errors most of the chance in
+  // them cancels.
   Vector6d efficient_error = Vector6d::Zero();
 };
 

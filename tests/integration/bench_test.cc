@@ -12,6 +12,7 @@ namespace evpose {
 namespace {
 
 using ::testing::HasSubstr;
+using ::testing::Not;
 
 std::vector<std::string> Arguments(const std::vector<std::string>& more) {
   std::vector<std::string> arguments = {"bench", "initialization"};
@@ -136,6 +137,66 @@ TEST_F(CliTest, BenchHelpListsTheMethods) {
   ASSERT_EQ(result.status, 0) << result.err;
   EXPECT_THAT(result.out, HasSubstr("published-bnb"));
   EXPECT_THAT(result.out, HasSubstr("told which line is which"));
+}
+
+std::vector<std::string> SyntheticArguments(const std::vector<std::string>& more) {
+  std::vector<std::string> arguments = {"bench", "synthetic"};
+  arguments.insert(arguments.end(), more.begin(), more.end());
+  return arguments;
+}
+
+TEST_F(CliTest, BenchSyntheticTableCsvAndPicture) {
+  const CliResult result =
+      Run(SyntheticArguments({"--trials", "3", "--methods", "mm,mixture", "--sweeps", "noise,outliers", "--csv",
+                              Path("table.csv"), "--picture", Path("picture.svg")}));
+  ASSERT_EQ(result.status, 0) << result.err;
+  // Two lines of header; twelve values of two methods, and the bound where there is noise.
+  EXPECT_EQ(std::count(result.out.begin(), result.out.end(), '\n'), 2 + 12 * 2 + 11);
+  for (const char* row : {"\nnoise       0 px  mm ", "\nnoise      10 px  bound ", "\noutliers    50 %  mixture "}) {
+    EXPECT_THAT(result.out, HasSubstr(row));
+  }
+  const std::string csv = ReadText("table.csv");
+  EXPECT_EQ(std::count(csv.begin(), csv.end(), '\n'), 1 + 12 * 2);
+  EXPECT_EQ(csv.rfind("sweep,value,method,trials,none,rotation_median_deg,", 0), 0u);
+  const std::string row = csv.substr(csv.find("noise,0,mm,3,0,"));
+  EXPECT_THAT(row.substr(0, row.find('\n')), HasSubstr(",,,,")) << "without noise there is no bound";
+  const std::string picture = ReadText("picture.svg");
+  EXPECT_NE(picture.find(">Cramer-Rao bound<"), std::string::npos);
+  EXPECT_NE(picture.find(">outliers, %<"), std::string::npos);
+  EXPECT_EQ(picture.find(">lines<"), std::string::npos);
+}
+
+TEST_F(CliTest, BenchSyntheticJsonHoldsTheNumbers) {
+  const CliResult result = Run(SyntheticArguments(
+      {"--trials", "4", "--seed", "9", "--methods", "ls,mixture", "--sweeps", "outliers", "--json"}));
+  ASSERT_EQ(result.status, 0) << result.err;
+  const nlohmann::json json = result.Json();
+  EXPECT_EQ(json["trials"], 4);
+  EXPECT_EQ(json["seed"], 9);
+  ASSERT_EQ(json["rows"].size(), 12u);
+  const nlohmann::json& half = json["rows"][11];
+  EXPECT_EQ(half["sweep"], "outliers");
+  EXPECT_EQ(half["value"], 0.5);
+  EXPECT_EQ(half["method"], "mixture");
+  EXPECT_LT(half["rotation_to_bound"], 3.0);
+  EXPECT_GT(json["rows"][10]["translation_to_bound"], 20.0) << "least squares";
+  EXPECT_GT(half["bound"]["rotation_median_deg"], 0.0);
+  EXPECT_LT(half["bound"]["rotation_median_deg"], 1.0);
+}
+
+TEST_F(CliTest, BenchSyntheticSaysWhatIsWrong) {
+  const auto fails = [&](const std::vector<std::string>& more, int status) {
+    const CliResult result = Run(SyntheticArguments(more));
+    EXPECT_EQ(result.status, status) << result.out;
+    EXPECT_THAT(result.out, Not(HasSubstr("noise"))) << "before the first trial";
+    return result.err;
+  };
+  EXPECT_THAT(fails({"--methods", "magic"}, 2), HasSubstr("known are: mixture, ls"));
+  EXPECT_THAT(fails({"--sweeps", "speed"}, 2), HasSubstr("noise, outliers, lines"));
+  EXPECT_THAT(fails({"--trials", "0"}, 2), HasSubstr("--trials"));
+  EXPECT_THAT(fails({"--picture", Path("picture.jpg")}, 1), HasSubstr(".png or .svg"));
+  EXPECT_THAT(fails({"--csv", Path("missing/table.csv")}, 1), HasSubstr("missing/table.csv"));
+  EXPECT_THAT(FilesBeginning("table"), testing::IsEmpty());
 }
 
 }  // namespace
