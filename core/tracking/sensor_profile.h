@@ -5,10 +5,12 @@
 #include <string>
 
 #include "absl/status/status.h"
+#include "absl/status/statusor.h"
 
 namespace evpose {
 
 // The defaults are of a simulated EVK4 at its default thresholds (28 % contrast) behind a lens that blurs by 0.5 px.
+// deploy/sensors/evk4.yaml says the same.
 struct SensorProfile {
   std::string name = "evk4";
   // Pixels: spread of events about their line, sensor's own. Rounding gives 0.3, an edge's several events the rest.
@@ -25,6 +27,15 @@ struct SensorProfile {
 
   // INVALID_ARGUMENT naming the field.
   absl::Status Validate() const;
+
+  friend bool operator==(const SensorProfile&, const SensorProfile&) = default;
 };
+
+// YAML with the fields above as keys; a key that is absent has the default. Errors, each naming the file and the field:
+// NOT_FOUND, INVALID_ARGUMENT (no YAML, an unknown key, what is not a number or out of range).
+absl::StatusOr<SensorProfile> LoadSensorProfile(const std::string& path);
+absl::StatusOr<SensorProfile> ParseSensorProfile(const std::string& yaml, const std::string& name_for_errors);
+// Reads back to the same bits.
+std::string SensorProfileToYaml(const SensorProfile& profile);
 
 }  // namespace evpose
