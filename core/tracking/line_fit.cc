@@ -228,6 +228,7 @@ absl::Status Fitter::FitCorrected() {
 
 absl::Status Fitter::FitAsReleased() {
   constexpr double kTolerance = 1e-3;
+  constexpr double kPrintedScaleTarget = 0.199;
   const LineSolverOptions solver{50, kTolerance, kTolerance, kTolerance, true};
   const auto fit_s = [&] {
     EVPOSE_RETURN_IF_ERROR(Project().status());
@@ -236,7 +237,7 @@ absl::Status Fitter::FitAsReleased() {
       if (!shown_weights_.empty()) {
         double squares = 0.0;
         for (size_t i = 0; i < residuals_.size(); ++i) squares += shown_weights_[i] * residuals_[i] * residuals_[i];
-        SetSigma(std::sqrt(squares / (kTukeyScaleTarget * static_cast<double>(residuals_.size()))));
+        SetSigma(std::sqrt(squares / (kPrintedScaleTarget * static_cast<double>(residuals_.size()))));
       }
       WeighAsReleased(kTukeyBreakdown);
     });

@@ -17,7 +17,7 @@ namespace evpose {
 enum class LineFitMethod {
   kLeastSquares,  // w = 1
   kTukeyM,        // scale: MAD about the median of the signed distances, anew at every re-weighting
-  kTukeyS,        // the scale that solves mean(rho(d / sigma)) = 0.199 at c = 1.547, together with the pose
+  kTukeyS,        // the scale that solves mean(rho(d / sigma)) = 0.1995 at c = 1.547, together with the pose
   kTukeyMm,       // S, then M at c = 4.685 with the scale of S, frozen
   kMixture,       // normal about the line, uniform over the gate; share and spread by EM (method.md 2.6)
   // One sweep of an error-state Kalman filter over the events in their order, each a scalar update gated by its

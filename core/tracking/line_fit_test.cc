@@ -359,7 +359,7 @@ TEST(LineFit, TheScaleOfSSolvesItsEquation) {
   const LineFit fit = FitOrDie(trial, With(LineFitMethod::kTukeyS));
   double sum = 0.0;
   for (const double d : Distances(trial, fit.camera_from_object)) sum += TukeyRho(d / fit.sigma_px, kTukeyBreakdown);
-  EXPECT_NEAR(sum / static_cast<double>(trial.events.size()), 0.199, 1e-6);
+  EXPECT_NEAR(sum / static_cast<double>(trial.events.size()), kTukeyScaleTarget, 1e-6);
 }
 
 TEST(LineFit, MmFreezesTheScaleOfSAndIsNotM) {

@@ -9,9 +9,11 @@
 namespace evpose {
 
 // Tukey's bisquare, u = d / sigma.
-inline constexpr double kTukeyEfficient = 4.685;    // c of M and MM: 95 % efficiency under the normal
-inline constexpr double kTukeyBreakdown = 1.547;    // c of S: 50 % breakdown
-inline constexpr double kTukeyScaleTarget = 0.199;  // E[rho(u)] under the normal at c = 1.547
+inline constexpr double kTukeyEfficient = 4.685;  // c of M and MM: 95 % efficiency under the normal
+inline constexpr double kTukeyBreakdown = 1.547;  // c of S: 50 % breakdown
+// E[rho(u)] under the normal at c = 1.547, and half of rho's largest value. The printed 0.199 is this, cut short: with
+// it the scale is a little too large, and breaks down a little before half of the events are outliers.
+inline constexpr double kTukeyScaleTarget = 0.1995;
 
 inline double TukeyRho(double u, double c) {
   const double s = (u / c) * (u / c);
@@ -27,8 +29,8 @@ inline double TukeyWeight(double u, double c) {
 // Median of |d - median(d)| over 0.6745: sigma under the normal. 0 for no values. `values` gets reordered.
 double MadScale(std::vector<double>& values);
 
-// The S scale: mean(rho(d / sigma)) = 0.199 at c = 1.547, solved from `start` by the fixed point
-// sigma^2 <- sigma^2 mean(rho) / 0.199. Positive for a positive start.
+// The S scale: mean(rho(d / sigma)) = 0.1995 at c = 1.547, solved from `start` by the fixed point
+// sigma^2 <- sigma^2 mean(rho) / 0.1995. Positive for a positive start.
 double TukeyScale(absl::Span<const double> residuals, double start);
 
 // exp(-x) for x >= 0 from a table, to 2e-5: weights need no more, and it is the same on every machine.

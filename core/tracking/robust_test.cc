@@ -20,10 +20,10 @@ double NormalMean(Function f) {
 }
 
 TEST(Tukey, ScaleTargetIsTheMeanUnderTheNormal) {
-  // 0.199 to three digits, and half the largest value: the breakdown point of one half.
+  // To four digits, and half the largest value: the breakdown point of one half.
   const double mean = NormalMean([](double u) { return TukeyRho(u, kTukeyBreakdown); });
-  EXPECT_NEAR(mean, kTukeyScaleTarget, 1e-3);
-  EXPECT_NEAR(mean / TukeyRho(1e9, kTukeyBreakdown), 0.5, 1e-3);
+  EXPECT_NEAR(mean, kTukeyScaleTarget, 5e-5);
+  EXPECT_NEAR(mean / TukeyRho(1e9, kTukeyBreakdown), 0.5, 5e-4);
 }
 
 TEST(Tukey, EfficiencyOfTheEstimatorIs95Percent) {
