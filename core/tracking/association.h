@@ -82,11 +82,14 @@ class TileGrid {
   absl::Span<const uint16_t> Lines(uint32_t tile) const {
     return absl::MakeConstSpan(tiles_[tile].lines, tiles_[tile].count);
   }
-
- private:
+  absl::Span<const uint32_t> tiles_with_lines() const { return touched_; }
+  // Of tiles, row by row; the first one begins kMarginPx beyond the image's corner.
+  int columns() const { return columns_; }
+  int rows() const { return rows_; }
   // The undistorted image reaches beyond the sensor's rectangle.
   static constexpr double kMarginPx = 64.0;
 
+ private:
   struct Tile {
     uint16_t count = 0;
     uint16_t lines[kSlots] = {};

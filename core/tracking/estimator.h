@@ -1,6 +1,7 @@
 // What the tracker asks of an estimator: the state at mid-window from the predicted one and the window's events.
 #pragma once
 
+#include <algorithm>
 #include <memory>
 
 #include "absl/types/span.h"
@@ -15,18 +16,23 @@ struct WindowInput {
   absl::Span<const Observation> events;
   double events_per_observation = 1.0;  // > 1 when events were sampled
   double duration_s = 0.0;
+  double background_per_px2 = 0.0;  // events that came anywhere, lines or not, in this time
   absl::Span<const TrackedLine> lines;
   const TileGrid* grid = nullptr;  // indices into `lines`
 };
 
 struct WindowFit {
-  MotionState state;           // at mid-window
-  double num_gated = 0.0;      // events in the gate of a line, of those observed
-  double num_explained = 0.0;  // of them, expected to be a line's
+  MotionState state;            // at mid-window
+  double num_gated = 0.0;       // events in the gate of a line, of those observed
+  double num_explained = 0.0;   // of them, expected to be a line's
+  double num_background = 0.0;  // of them, expected there as anywhere on the sensor
   double residual_rms_px = 0.0;
   double innovation_chi2 = 0.0;  // of pose and twist against the prediction, 12 degrees of freedom
 
   double explained_ratio() const { return num_gated > 0.0 ? num_explained / num_gated : 0.0; }
+  // Events in the gates that something in the scene must have made, and the explained share of these.
+  double num_signal() const { return std::max(0.0, num_gated - num_background); }
+  double explained_signal_ratio() const { return num_signal() > 0.0 ? num_explained / num_signal() : 0.0; }
 };
 
 class WindowEstimator {

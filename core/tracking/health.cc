@@ -9,6 +9,7 @@ void LineEvidence::Add(const LineEvidence& other) {
   gated += other.gated;
   near += other.near;
   chance += other.chance;
+  noise += other.noise;
   expected += other.expected;
   length_px += other.length_px;
 }
@@ -17,6 +18,7 @@ void LineEvidence::Fade(double factor) {
   gated *= factor;
   near *= factor;
   chance *= factor;
+  noise *= factor;
   expected *= factor;
   length_px *= factor;
 }
@@ -36,11 +38,11 @@ void TrackHealth::Reset() {
   std::fill(evidence_.begin(), evidence_.end(), LineEvidence());
   span_s_ = 0.0;
   gated_ = 0.0;
-  noise_ = 0.0;
+  gate_px2_s_ = 0.0;
 }
 
 void TrackHealth::AddWindow(const CameraModel& camera, const WindowInput& input, absl::Span<const ImageLine> lines,
-                            const Vector6d& twist, double events_per_px) {
+                            const Vector6d& twist) {
   const double near_share = options_.near_px / options_.gate_px;
   for (const Observation& event : input.events) {
     const NearLines near = FindNearLines(event, input.grid->Lines(event.tile), lines.data(), options_.gate_px, 0.0);
@@ -51,11 +53,12 @@ void TrackHealth::AddWindow(const CameraModel& camera, const WindowInput& input,
     if (std::abs(near.distance_px[0]) <= options_.near_px) evidence.near += 1.0;
     gated_ += 1.0;
   }
-  const double noise_per_px = std::min(events_per_px, options_.max_noise_hz_per_px * input.duration_s);
   for (size_t k = 0; k < lines.size(); ++k) {
     if (!lines[k].in_view()) continue;
-    noise_ += noise_per_px * 2.0 * options_.gate_px * lines[k].length_px / input.events_per_observation;
+    const double gate_px2 = 2.0 * options_.gate_px * lines[k].length_px;
+    gate_px2_s_ += gate_px2 * input.duration_s / input.events_per_observation;
     LineEvidence& evidence = evidence_[input.lines[k].model_line];
+    evidence.noise += input.background_per_px2 * gate_px2 / input.events_per_observation;
     evidence.length_px += lines[k].length_px * input.duration_s;
     for (const double fraction : {0.25, 0.75}) {
       const double speed = std::abs(BearingOf(camera, lines[k].PointAt(fraction)).dot(lines[k].jacobian * twist));
@@ -82,12 +85,19 @@ HealthVerdict TrackHealth::Judge(double min_support_ratio, int min_supported_lin
   } else if (span_s_ >= kLongestSpanS) {
     verdict.kind = HealthVerdict::Kind::kFewEvents;
   }
-  if (verdict.kind != HealthVerdict::Kind::kOpen) Reset();
+  if (verdict.kind == HealthVerdict::Kind::kOpen) return verdict;
+  was_quiet_ = verdict.kind == HealthVerdict::Kind::kFewEvents;
+  Reset();
   return verdict;
 }
 
 bool TrackHealth::IsQuiet() const {
-  return gated_ <= noise_ + options_.significance_sigma * std::sqrt(noise_ * options_.dispersion);
+  // In dense noise an object in motion still shows: it does not fall silent in the moment that the noise begins. One
+  // that stands still does not answer to any.
+  double noise = 0.0;
+  for (const LineEvidence& line : evidence_) noise += line.noise;
+  if (!was_quiet_) noise = std::min(noise, options_.max_noise_hz_per_px * gate_px2_s_);
+  return gated_ <= noise + options_.significance_sigma * std::sqrt(noise * options_.dispersion);
 }
 
 double TrackHealth::ExcessSigma(double gated, double near, double chance) const {
@@ -100,9 +110,16 @@ bool TrackHealth::IsSupported(const LineEvidence& line) const {
   return ExcessSigma(line.gated, line.near, line.chance) >= options_.significance_sigma;
 }
 
-HealthVerdict TrackHealth::Weigh(double min_support_ratio, int min_supported_lines) const {
+bool TrackHealth::IsTestable(const LineEvidence& line) const {
   // Fewer cannot reach the significance even if all are near.
   constexpr double kTestableEvents = 20.0;
+  if (line.gated - line.noise >= kTestableEvents) return true;
+  const double share = options_.near_px / options_.gate_px;
+  const double spread = std::sqrt(line.noise * share / (1.0 - share) * options_.dispersion);
+  return line.expected >= std::max(kTestableEvents, options_.significance_sigma * spread);
+}
+
+HealthVerdict TrackHealth::Weigh(double min_support_ratio, int min_supported_lines) const {
   HealthVerdict verdict;
   LineEvidence total;
   double supported_length = 0.0, testable_length = 0.0;
@@ -110,9 +127,8 @@ HealthVerdict TrackHealth::Weigh(double min_support_ratio, int min_supported_lin
     LineEvidence line = evidence_[k];
     const double length_px = line.length_px;
     total.Add(line);
-    const auto is_testable = [&] { return line.gated >= kTestableEvents || line.expected >= kTestableEvents; };
-    if (!is_testable()) line.Add(memory_[k]);
-    if (!is_testable()) continue;
+    if (!IsTestable(line)) line.Add(memory_[k]);
+    if (!IsTestable(line)) continue;
     ++verdict.testable_lines;
     testable_length += length_px;
     if (!IsSupported(line)) continue;

@@ -17,6 +17,7 @@ struct LineEvidence {
   double gated = 0.0;      // events within gate_px of it, nearest to it
   double near = 0.0;       // of them, within near_px
   double chance = 0.0;     // of them, near by chance: their number times the near share of the gate's area
+  double noise = 0.0;      // of them, those that come anywhere on the sensor
   double expected = 0.0;   // events that its motion should have made at the least
   double length_px = 0.0;  // mean projected length, weighted by time
 
@@ -46,10 +47,9 @@ class TrackHealth {
 
   TrackHealth(const HealthOptions& options, double min_events_per_px2, int num_model_lines);
 
-  // `lines` are those of `input`, as the fit left them; `twist` is the fit's; `events_per_px` is the mean of the window
-  // over the whole sensor.
+  // `lines` are those of `input`, as the fit left them; `twist` is the fit's.
   void AddWindow(const CameraModel& camera, const WindowInput& input, absl::Span<const ImageLine> lines,
-                 const Vector6d& twist, double events_per_px);
+                 const Vector6d& twist);
   // `min_support_ratio` and the least number of supported lines make the difference between taking up a pose and
   // keeping it. A pose is supported as soon as the counts say so, and unsupported when they still do not after
   // `patience_us`: in flicker or clutter its own events are few among many. Anything but kOpen starts the counts anew.
@@ -59,6 +59,8 @@ class TrackHealth {
   void Reset();
   HealthVerdict Weigh(double min_support_ratio, int min_supported_lines) const;
   bool IsSupported(const LineEvidence& line) const;
+  // Whether a line of the right pose would be supported: it has, or should have made, enough beyond the background.
+  bool IsTestable(const LineEvidence& line) const;
   bool IsQuiet() const;
   double ExcessSigma(double gated, double near, double chance) const;
 
@@ -70,7 +72,8 @@ class TrackHealth {
   std::vector<LineEvidence> memory_;
   double span_s_ = 0.0;
   double gated_ = 0.0;
-  double noise_ = 0.0;  // of the gated events, those that the sensor's noise may have made
+  double gate_px2_s_ = 0.0;  // area of the gates times time
+  bool was_quiet_ = false;   // the last verdict was kFewEvents
 };
 
 }  // namespace evpose

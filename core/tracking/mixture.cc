@@ -66,6 +66,9 @@ class MixtureEstimator : public WindowEstimator {
   void NormalEquations(const MotionState& state, const WindowInput& input, double sigma_px, Matrix12d& hessian,
                        Vector12d& gradient) const;
   double MovementPx(const Vector12d& dx, double duration_s) const;
+  // Events in the gates that come as anywhere on the sensor. A line that rests has only those, and must not be fitted
+  // to them.
+  double Background(const WindowInput& input, double gate_px) const;
 
   const MixtureOptions options_;
   const SensorProfile sensor_;
@@ -73,6 +76,7 @@ class MixtureEstimator : public WindowEstimator {
   const ExpTable table_;
   double sigma_px_ = 0.0;
   double outlier_ratio_ = 0.0;
+  double noise_per_px_ = 0.0;  // of the window: background events that count as a line's, per pixel of its length
   std::vector<ImageLine> lines_;
   std::vector<MixtureLine> sums_;
   std::vector<EdgeCounts> counts_;
@@ -83,6 +87,8 @@ Matrix12d Symmetric(const Matrix12d& matrix) { return 0.5 * (matrix + matrix.tra
 
 WindowFit MixtureEstimator::Fit(const MotionState& predicted, const WindowInput& input, double gate_factor) {
   constexpr double kSettledPx = 0.04;
+  // The background's count is not known better.
+  constexpr double kMaxBackgroundRatio = 0.99;
   const Matrix12d prior_information = Symmetric(predicted.covariance.ldlt().solve(Matrix12d::Identity()));
 
   MotionState state = predicted;
@@ -98,6 +104,9 @@ WindowFit MixtureEstimator::Fit(const MotionState& predicted, const WindowInput&
     density.sigma_px = std::sqrt(sigma_px_ * sigma_px_ + annealed_px2);
     density.gate_px = std::max(options_.gate_px, std::min(density.gate_px, 4.0 * density.sigma_px * gate_factor));
     totals = AccumulateMixture(input, lines_, density, table_, sums_);
+    const double background = Background(input, density.gate_px) / std::max(totals.num_gated, 1.0);
+    density.outlier_ratio = std::clamp(background, outlier_ratio_, std::max(outlier_ratio_, kMaxBackgroundRatio));
+    noise_per_px_ = input.background_per_px2 * density.OwnWidthPx(table_);
     const double moved_px = Minimise(predicted, prior_information, input, density.sigma_px, state);
     if (pass > 0 && moved_px < kSettledPx && annealed_px2 < 0.01 * sigma_px_ * sigma_px_) break;
     annealed_px2 *= 0.1;
@@ -111,6 +120,7 @@ WindowFit MixtureEstimator::Fit(const MotionState& predicted, const WindowInput&
   WindowFit fit;
   fit.state = state;
   fit.num_gated = totals.num_gated;
+  fit.num_background = Background(input, density.gate_px);
   fit.num_explained = totals.weight;
   fit.residual_rms_px = totals.weight > 0.0 ? std::sqrt(totals.weighted_squares_px2 / totals.weight) : sigma_px_;
   const Vector12d innovation = Minus(state, predicted);
@@ -145,8 +155,14 @@ void MixtureEstimator::NormalEquations(const MotionState& state, const WindowInp
     AddNormalEquations(sums_[k].sums, lines_[k].a_expected, lines_[k].a_dot, lines_[k].jacobian, scale, hessian,
                        gradient);
   }
-  AddAbsence(camera_, lines_, sums_, state.twist, input.duration_s, input.events_per_observation,
+  AddAbsence(camera_, lines_, sums_, state.twist, input.duration_s, input.events_per_observation, noise_per_px_,
              options_.min_events_per_px2, 1.0 / options_.events_per_information, hessian, gradient);
+}
+
+double MixtureEstimator::Background(const WindowInput& input, double gate_px) const {
+  double length_px = 0.0;
+  for (const ImageLine& line : lines_) length_px += line.length_px;
+  return input.background_per_px2 * 2.0 * gate_px * length_px / input.events_per_observation;
 }
 
 double MixtureEstimator::MovementPx(const Vector12d& dx, double duration_s) const {
@@ -192,8 +208,8 @@ MixtureTotals AccumulateMixture(const WindowInput& input, absl::Span<const Image
 }
 
 void AddAbsence(const CameraModel& camera, absl::Span<const ImageLine> lines, absl::Span<const MixtureLine> sums,
-                const Vector6d& twist, double duration_s, double events_per_observation, double min_events_per_px2,
-                double scale, Matrix12d& hessian, Vector12d& gradient) {
+                const Vector6d& twist, double duration_s, double events_per_observation, double noise_per_px,
+                double min_events_per_px2, double scale, Matrix12d& hessian, Vector12d& gradient) {
   // Below this speed the Poisson Hessian would grow without bound; nothing is told apart there anyway.
   constexpr double kMinSpeedPxPerS = 5.0;
   Matrix6d absence_hessian = Matrix6d::Zero();
@@ -203,12 +219,13 @@ void AddAbsence(const CameraModel& camera, absl::Span<const ImageLine> lines, ab
   for (size_t k = 0; k < lines.size(); ++k) {
     if (!lines[k].in_view()) continue;
     const double area_per_speed = min_events_per_px2 * 0.5 * lines[k].length_px * duration_s;
+    const double noise = noise_per_px * 0.5 * lines[k].length_px;
     for (int half = 0; half < 2; ++half) {
       const Vector6d row = lines[k].jacobian.transpose() * BearingOf(camera, lines[k].PointAt(0.25 + 0.5 * half));
       const double velocity = row.dot(twist);
       const double speed = std::max(std::abs(velocity), kMinSpeedPxPerS);
       const double expected = area_per_speed * speed;
-      const double observed = sums[k].half_weight[half] * events_per_observation;
+      const double observed = std::max(0.0, sums[k].half_weight[half] * events_per_observation - noise);
       all_expected += expected;
       all_observed += observed;
       const double curvature = std::max(0.0, 1.0 - observed / expected) * area_per_speed / speed;

@@ -80,12 +80,29 @@ TEST_F(MixtureTest, SilenceBrakesTheTwist) {
   Accumulate({}, MixtureDensity());
   Matrix12d hessian = Matrix12d::Zero();
   Vector12d gradient = Vector12d::Zero();
-  AddAbsence(camera_, lines_, sums_, state_.twist, 0.01, 1.0, 0.15, 1.0, hessian, gradient);
+  AddAbsence(camera_, lines_, sums_, state_.twist, 0.01, 1.0, 0.0, 0.15, 1.0, hessian, gradient);
   EXPECT_GT(gradient[6], 0.0);  // against the motion to the right
   EXPECT_GT(hessian(6, 6), 0.0);
   // The Newton step of the penalty alone stops what moves.
   EXPECT_NEAR(-gradient[6] / hessian(6, 6), -state_.twist[0], 1e-9);
   EXPECT_EQ(hessian.topLeftCorner(6, 6).norm(), 0.0);
+}
+
+TEST_F(MixtureTest, TheBackgroundDoesNotSpeakForTheMotion) {
+  // What noise puts on the lines would do for their motion, were it theirs.
+  std::vector<Observation> events;
+  Random random(5);
+  for (int i = 0; i < 600; ++i) events.push_back(At(random.Uniform(-8.0, 11.0), random.Uniform(-50.0, 50.0)));
+  Accumulate(events, {0.8, 0.3, 6.0});
+  const double explained = (Weight(sums_[0]) + Weight(sums_[1])) / 200.0;
+  const auto gradient_with = [&](double noise_per_px) {
+    Matrix12d hessian = Matrix12d::Zero();
+    Vector12d gradient = Vector12d::Zero();
+    AddAbsence(camera_, lines_, sums_, state_.twist, 0.01, 1.0, noise_per_px, 0.15, 1.0, hessian, gradient);
+    return gradient[6];
+  };
+  EXPECT_EQ(gradient_with(0.0), 0.0);
+  EXPECT_GT(gradient_with(explained), 0.0);
 }
 
 TEST_F(MixtureTest, AHiddenLineDoesNotBrakeWhileOthersSpeak) {
@@ -96,7 +113,7 @@ TEST_F(MixtureTest, AHiddenLineDoesNotBrakeWhileOthersSpeak) {
   Accumulate(events, {0.5, 0.1, 6.0});
   Matrix12d hessian = Matrix12d::Zero();
   Vector12d gradient = Vector12d::Zero();
-  AddAbsence(camera_, lines_, sums_, state_.twist, 0.01, 1.0, 0.15, 1.0, hessian, gradient);
+  AddAbsence(camera_, lines_, sums_, state_.twist, 0.01, 1.0, 0.0, 0.15, 1.0, hessian, gradient);
   EXPECT_EQ(gradient.norm(), 0.0);
   EXPECT_EQ(hessian.norm(), 0.0);
 }

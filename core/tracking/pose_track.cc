@@ -38,6 +38,7 @@ PoseTrack::PoseTrack(const TrackContext& context, const MotionState& start)
     : context_(context),
       visible_lines_(*context.model, context.camera, context.visibility),
       grid_(context.camera),
+      background_(context.camera),
       estimator_(MakeEstimator(context)),
       health_(context.options.health, context.options.mixture.min_events_per_px2,
               static_cast<int>(context.model->lines.size())),
@@ -61,9 +62,7 @@ std::optional<PoseEstimate> PoseTrack::OnWindow(const EventWindow& window) {
     state_ = TrackState::kLost;
     return std::nullopt;
   }
-  const double events_per_px =
-      static_cast<double>(window.num_events) / (static_cast<double>(camera.width_px) * camera.height_px);
-  health_.AddWindow(camera, input, image_lines_, motion_.twist, events_per_px);
+  health_.AddWindow(camera, input, image_lines_, motion_.twist);
   const bool confirming = state_ == TrackState::kInitializing;
   const double support = on_trial_ ? health.confirm_support_ratio : health.keep_support_ratio;
   if (followed_since_us_ < 0) followed_since_us_ = window.t_begin_us;
@@ -88,27 +87,35 @@ double PoseTrack::Explains(Observation observation) const {
 
 WindowFit PoseTrack::FitWindow(const EventWindow& window, WindowInput& input) {
   constexpr double kFallenRatio = 0.6;  // of the running mean: method.md 2.10 (4)
-  constexpr double kMinRetryEvents = 50.0;
-  constexpr double kForget = 0.05;  // the mean is over about 20 windows
+  constexpr double kForget = 0.05;      // the mean is over about 20 windows
   const MotionState predicted = Predict(motion_, window.t_mid_us(), context_.options.motion);
   input = Gather(window, predicted, 1.0);
   if (input.lines.empty()) return WindowFit();
   WindowFit fit = estimator_->Fit(predicted, input, 1.0);
-  if (fit.num_gated >= kMinRetryEvents && fit.explained_ratio() < kFallenRatio * usual_explained_ratio_) {
+  // Of what comes anywhere on the sensor there is nothing to learn, and nothing to find.
+  if (!HasSignal(fit)) return fit;
+  if (fit.explained_signal_ratio() < kFallenRatio * usual_explained_ratio_) {
     const MotionState agile =
         Predict(motion_, window.t_mid_us(), context_.options.motion, context_.options.motion.retry_noise_factor);
     const WindowInput wide_input = Gather(window, agile, context_.options.mixture.retry_gate_factor);
     const WindowFit wide = estimator_->Fit(agile, wide_input, context_.options.mixture.retry_gate_factor);
     input = wide_input;
-    if (wide.explained_ratio() <= fit.explained_ratio()) return fit;
+    if (wide.explained_signal_ratio() <= fit.explained_signal_ratio()) return fit;
     fit = wide;
   }
   estimator_->Accept(fit, input);
-  if (fit.num_gated >= kMinRetryEvents) {
+  if (HasSignal(fit)) {
     usual_explained_ratio_ +=
-        (usual_explained_ratio_ == 0.0 ? 1.0 : kForget) * (fit.explained_ratio() - usual_explained_ratio_);
+        (usual_explained_ratio_ == 0.0 ? 1.0 : kForget) * (fit.explained_signal_ratio() - usual_explained_ratio_);
   }
   return fit;
+}
+
+bool PoseTrack::HasSignal(const WindowFit& fit) const {
+  constexpr double kMinEvents = 50.0;
+  const HealthOptions& health = context_.options.health;
+  const double chance = health.significance_sigma * std::sqrt(fit.num_background * health.dispersion);
+  return fit.num_signal() >= std::max(kMinEvents, chance);
 }
 
 WindowInput PoseTrack::Gather(const EventWindow& window, const MotionState& predicted, double gate_factor) {
@@ -135,9 +142,15 @@ WindowInput PoseTrack::Gather(const EventWindow& window, const MotionState& pred
     std::optional<Observation> observation = Observe(context_, event, predicted.t_us);
     if (!observation) continue;
     observation->tile = grid_.TileOf(observation->u_px, observation->v_px);
-    if (observation->tile == TileGrid::kNoTile || grid_.Lines(observation->tile).empty()) continue;
-    observations_.push_back(*observation);
+    if (observation->tile == TileGrid::kNoTile) continue;
+    if (grid_.Lines(observation->tile).empty()) {
+      background_.Count(observation->tile);
+    } else {
+      observations_.push_back(*observation);
+    }
   }
+  background_.CloseWindow(grid_, input.duration_s, window.events_per_sample());
+  input.background_per_px2 = background_.hz_per_px() * input.duration_s;
   const size_t found = observations_.size();
   ThinEvenly(static_cast<size_t>(estimator_->MaxEvents()), observations_);
   input.events = observations_;

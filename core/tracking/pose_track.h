@@ -9,6 +9,7 @@
 #include "core/geometry/camera.h"
 #include "core/models/visibility.h"
 #include "core/tracking/association.h"
+#include "core/tracking/background.h"
 #include "core/tracking/estimator.h"
 #include "core/tracking/health.h"
 #include "core/tracking/motion_prior.h"
@@ -51,6 +52,8 @@ class PoseTrack {
   // Turns the window's events near the lines at `predicted` into observations.
   WindowInput Gather(const EventWindow& window, const MotionState& predicted, double gate_factor);
   WindowFit FitWindow(const EventWindow& window, WindowInput& input);
+  // More events near the lines than come anywhere on the sensor.
+  bool HasSignal(const WindowFit& fit) const;
   void UpdateState(const HealthVerdict& verdict, int64_t t_us);
   Matrix6d PublishedCovariance(const MotionState& state) const;
   PoseEstimate MakeEstimate(const WindowFit& fit, const WindowInput& input) const;
@@ -58,6 +61,7 @@ class PoseTrack {
   const TrackContext& context_;
   VisibleLines visible_lines_;
   TileGrid grid_;
+  BackgroundRate background_;
   std::unique_ptr<WindowEstimator> estimator_;
   TrackHealth health_;
 

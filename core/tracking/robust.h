@@ -63,6 +63,16 @@ struct MixtureDensity {
     return (1.0 - outlier_ratio) * kInverseSqrt2Pi / sigma_px * table.NegativeExp(0.5 * u * u);
   }
   double Outlier() const { return outlier_ratio / (2.0 * gate_px); }
+  // The integral of the line's share over the gate: how wide a strip of evenly spread events it takes for its own.
+  double OwnWidthPx(const ExpTable& table) const {
+    constexpr int kSteps = 16;
+    double sum = 0.0;
+    for (int i = 0; i < kSteps; ++i) {
+      const double line = Line((i + 0.5) * gate_px / kSteps, table);
+      sum += line / (line + Outlier());
+    }
+    return 2.0 * gate_px * sum / kSteps;
+  }
 
   static constexpr double kInverseSqrt2Pi = 0.3989422804014327;
 };

@@ -93,9 +93,10 @@ struct HealthOptions {
   double significance_sigma = 3.1;
   // Variance of counts relative to independent events: they come in groups (see events_per_information).
   double dispersion = 5.0;
-  // Events per second and pixel that a sensor makes of nothing, at most: an EVK4 in dim light makes 1 to 3. Up to so
-  // many, and no denser than over the whole sensor, the events near the lines say nothing against a still object.
-  double max_noise_hz_per_px = 3.0;
+  // Events per second and pixel of background in which a moving object may come to rest: an EVK4 in dim light makes 1
+  // to 3, with sensitive biases 10. Up to so many, and no denser than elsewhere on the sensor, the events near the
+  // lines say nothing against a still object.
+  double max_noise_hz_per_px = 10.0;
   // Events in the gate that a verdict needs.
   int min_events = 150;
   // Microseconds: a verdict is taken over at least this much.

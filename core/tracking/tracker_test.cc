@@ -96,6 +96,18 @@ Motion Tumble(double speed) {
   };
 }
 
+// Moves for 100 ms, stops within 20 ms, rests, and moves on 420 ms after it began to stop.
+Motion StopAndGo() {
+  const auto path = [](double t) {
+    if (t < 0.1) return t;
+    if (t < 0.12) return 0.1 + (t - 0.1) - 25.0 * (t - 0.1) * (t - 0.1);
+    if (t < 0.52) return 0.11;
+    if (t < 0.54) return 0.11 + 25.0 * (t - 0.52) * (t - 0.52);
+    return 0.12 + (t - 0.54);
+  };
+  return [path](double t) { return Perturb(kStart, path(t) * Twist(0.25, 0.15, 0.0, 0.3, 0.2, 0.8)); };
+}
+
 struct MotionCase {
   const char* name;
   Vector6d twist;
@@ -205,15 +217,7 @@ TEST(Tracker, EstimatesDoNotDependOnTheCutOfCalls) {
 }
 
 TEST(Tracker, AStillObjectHoldsItsPoseWithGrowingUncertainty) {
-  // Moves for 100 ms, stops within 20 ms, rests for 400 ms among noise, moves on.
-  const auto path = [](double t) {
-    if (t < 0.1) return t;
-    if (t < 0.12) return 0.1 + (t - 0.1) - 25.0 * (t - 0.1) * (t - 0.1);
-    if (t < 0.52) return 0.11;
-    if (t < 0.54) return 0.11 + 25.0 * (t - 0.52) * (t - 0.52);
-    return 0.12 + (t - 0.54);
-  };
-  const Motion motion = [&](double t) { return Perturb(kStart, path(t) * Twist(0.25, 0.15, 0.0, 0.3, 0.2, 0.8)); };
+  const Motion motion = StopAndGo();
   IdealEventOptions options;
   options.duration_us = 640'000;
   options.clutter_per_s = 30'000;
@@ -233,6 +237,29 @@ TEST(Tracker, AStillObjectHoldsItsPoseWithGrowingUncertainty) {
   const Errors errors = Compare(run.estimates, motion);
   EXPECT_LT(errors.position_rmse_of_depth, 3e-3);
   EXPECT_LT(errors.rotation_max_rad, 0.03);
+}
+
+TEST(Tracker, AStillObjectIsHeldInDenseNoise) {
+  // 6 events per second and pixel, and for 50 ms of the rest ten times as many.
+  IdealEventOptions options;
+  options.duration_us = 640'000;
+  options.clutter_per_s = 6.0 * 640 * 480;
+  const Motion motion = StopAndGo();
+  std::vector<Event> events = MakeIdealEvents(*MakeCube(0.15), kCamera, motion, options);
+  const std::vector<Event> flood = Noise(60.0 * 640 * 480, 300'000, 50'000, 3);
+  events.insert(events.end(), flood.begin(), flood.end());
+  std::stable_sort(events.begin(), events.end(), [](const Event& a, const Event& b) { return a.t_us < b.t_us; });
+  const TrackRun run = Track(events, kStart);
+  EXPECT_EQ(run.tracker->losses(), 0u);
+  EXPECT_EQ(run.tracker->state(), TrackState::kTracking);
+  int degraded = 0;
+  for (const PoseEstimate& estimate : run.estimates) {
+    if (estimate.t_us > 160'000 && estimate.t_us < 519'000 && estimate.state == TrackState::kDegraded) ++degraded;
+  }
+  EXPECT_GT(degraded, 300);
+  const Errors errors = Compare(run.estimates, motion);
+  EXPECT_LT(errors.position_rmse_of_depth, 3e-3);
+  EXPECT_LT(errors.rotation_max_rad, 0.02);
 }
 
 TEST(Tracker, AFloodIsBoundedAndTracked) {

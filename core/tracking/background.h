@@ -1,0 +1,49 @@
+// How many events come from nowhere near the object: the sensor's noise, a flash, a flood. What is near a line is to be
+// judged against that (method.md 2.1, 2.9).
+#pragma once
+
+#include <vector>
+
+#include "core/geometry/camera.h"
+#include "core/tracking/association.h"
+
+namespace evpose {
+
+// The median over cells of the image, so that what moves in some of them does not count. Cells of 64 x 64 undistorted
+// pixels, of which the tiles near lines are left out.
+class BackgroundRate {
+ public:
+  explicit BackgroundRate(const CameraModel& camera);
+
+  // For each event of a window, the index of its tile.
+  void Count(uint32_t tile) { ++tile_events_[CellOf(tile)]; }
+  // Closes the window: `grid` knows its lines, and each event counted stands for `events_per_sample`. Events in tiles
+  // near lines must not have been counted.
+  void CloseWindow(const TileGrid& grid, double duration_s, double events_per_sample);
+
+  // Events per second and pixel, of the last windows: as many of them as make about ten events in a cell, and of those
+  // that are longer the last alone. 0 before the first, and in an image full of lines.
+  double hz_per_px() const { return hz_per_px_; }
+
+ private:
+  struct Cell {
+    double events = 0.0;
+    double px2_s = 0.0;  // area times time in which they came
+  };
+  static constexpr int kCellTiles = 8;
+  uint32_t CellOf(uint32_t tile) const {
+    return tile / tile_columns_ / kCellTiles * cell_columns_ + tile % tile_columns_ / kCellTiles;
+  }
+  double Median();
+
+  uint32_t tile_columns_;
+  uint32_t cell_columns_;
+  std::vector<bool> on_sensor_;  // cells that lie on the sensor as a whole
+  std::vector<uint32_t> tile_events_;
+  std::vector<uint32_t> line_tiles_;
+  std::vector<Cell> cells_;
+  std::vector<double> rates_;
+  double hz_per_px_ = 0.0;
+};
+
+}  // namespace evpose
