@@ -19,14 +19,15 @@ double MotionSign(double speed_px_per_s) {
 
 }  // namespace
 
-double EdgeBias::ExpectedPx(const Profile& profile, double motion) const {
+double EdgeBias::ExpectedPx(const Profile& profile, int half, double motion) const {
   if (profile.events < options_.min_events) return 0.0;
   const double kappa = std::clamp(profile.polarity_motion / profile.events, -1.0, 1.0);
   const double swept_px2 = std::max(profile.swept_px2, 1.0);
   // Of a stripe's two edges each makes half of the events.
   const double edge_share = 0.5 * (1.0 + std::abs(kappa));
   const double thresholds = edge_share * (profile.events + profile.turns) / swept_px2;
-  const double turn_ratio = std::min(1.0, edge_share * profile.recent_turns / std::max(profile.recent_swept_px2, 1.0));
+  const double turn_ratio =
+      std::min(1.0, edge_share * profile.recent_turns[half] / std::max(profile.recent_swept_px2[half], 1.0));
   const double contrast = thresholds * sensor_.contrast_threshold;
   const double hysteresis = turn_ratio / std::max(thresholds, turn_ratio);
   const EdgeResponse& response = EdgeResponse::Get();
@@ -46,13 +47,13 @@ void EdgeBias::Correct(absl::Span<const TrackedLine> tracked, absl::Span<ImageLi
     // Late time stamps show the line where it was.
     line.a_expected = line.a - 1e-6 * sensor_.latency_us * line.a_dot;
     if (index >= profiles_.size()) continue;
-    const double first = MotionSign(NormalSpeed(camera_, line, 0.0));
-    const double last = MotionSign(NormalSpeed(camera_, line, 1.0));
+    const double first = ExpectedPx(profiles_[index], 0, MotionSign(NormalSpeed(camera_, line, 0.25)));
+    const double last = ExpectedPx(profiles_[index], 1, MotionSign(NormalSpeed(camera_, line, 0.75)));
     // Linear along the line, and so linear in the bearing: offset = at_begin + slope * along.
     const Eigen::Vector2d focal(camera_.fx_px, camera_.fy_px);
     const Eigen::Vector2d centre(camera_.cx_px, camera_.cy_px);
-    const double at_begin = ExpectedPx(profiles_[index], first);
-    const double slope = (ExpectedPx(profiles_[index], last) - at_begin) / line.length_px;
+    const double at_begin = 1.5 * first - 0.5 * last;
+    const double slope = 2.0 * (last - first) / line.length_px;
     const Eigen::Vector2d along = slope * line.direction;
     Eigen::Vector3d offset;
     offset.head<2>() = along.cwiseProduct(focal);
@@ -75,28 +76,31 @@ void EdgeBias::Learn(absl::Span<const TrackedLine> tracked, absl::Span<const Ima
     const size_t index = static_cast<size_t>(tracked[k].model_line);
     if (index >= profiles_.size()) profiles_.resize(index + 1);
     const double direction = first > 0.0 ? 1.0 : -1.0;
-    const double swept_px2 = line.length_px * 0.5 * std::abs(first + last) * duration_s;
+    const double half_px_s = 0.5 * line.length_px * duration_s;
+    const std::array<double, 2> swept_px2 = {half_px_s * std::abs(NormalSpeed(camera_, line, 0.25)),
+                                             half_px_s * std::abs(NormalSpeed(camera_, line, 0.75))};
     Add(counts[k], direction, swept_px2, events_per_observation, profiles_[index]);
   }
 }
 
-void EdgeBias::Add(const EdgeCounts& counts, double direction, double swept_px2, double events_per_observation,
-                   Profile& profile) const {
-  const double turns = counts.turns * events_per_observation;
+void EdgeBias::Add(const EdgeCounts& counts, double direction, const std::array<double, 2>& swept_px2,
+                   double events_per_observation, Profile& profile) const {
   profile.events += (counts.polarity[0] + counts.polarity[1]) * events_per_observation;
-  profile.swept_px2 += swept_px2;
+  profile.swept_px2 += swept_px2[0] + swept_px2[1];
   profile.polarity_motion += direction * (counts.polarity[1] - counts.polarity[0]) * events_per_observation;
-  profile.turns += turns;
+  profile.turns += (counts.turns[0] + counts.turns[1]) * events_per_observation;
   const double keep = std::min(1.0, options_.memory_events / std::max(profile.events, 1.0));
   profile.events *= keep;
   profile.swept_px2 *= keep;
   profile.polarity_motion *= keep;
   profile.turns *= keep;
-  profile.recent_turns += turns;
-  profile.recent_swept_px2 += swept_px2;
-  const double keep_recent = std::min(1.0, options_.turn_memory_px2 / std::max(profile.recent_swept_px2, 1.0));
-  profile.recent_turns *= keep_recent;
-  profile.recent_swept_px2 *= keep_recent;
+  for (int half = 0; half < 2; ++half) {
+    profile.recent_turns[half] += counts.turns[half] * events_per_observation;
+    profile.recent_swept_px2[half] += swept_px2[half];
+    const double keep_recent = std::min(1.0, options_.turn_memory_px2 / std::max(profile.recent_swept_px2[half], 1.0));
+    profile.recent_turns[half] *= keep_recent;
+    profile.recent_swept_px2[half] *= keep_recent;
+  }
 }
 
 }  // namespace evpose

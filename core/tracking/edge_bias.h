@@ -21,12 +21,13 @@ namespace evpose {
 // Events of a line that a window's fit explains, weighted.
 struct EdgeCounts {
   std::array<double, 2> polarity = {};  // OFF and ON
-  double turns = 0.0;                   // after an event of the other polarity; half where nobody knows
+  // After an event of the other polarity, half where nobody knows; on the line's first half and on its second.
+  std::array<double, 2> turns = {};
 
-  void Add(const Observation& event, double weight) {
+  void Add(const Observation& event, int half, double weight) {
     polarity[event.polarity] += weight;
-    if (event.previous == PreviousPolarity::kOther) turns += weight;
-    if (event.previous == PreviousPolarity::kUnknown) turns += 0.5 * weight;
+    if (event.previous == PreviousPolarity::kOther) turns[half] += weight;
+    if (event.previous == PreviousPolarity::kUnknown) turns[half] += 0.5 * weight;
   }
 };
 
@@ -49,13 +50,13 @@ class EdgeBias {
     double polarity_motion = 0.0;  // sum of polarity (+-1) times the sign of the normal velocity
     double turns = 0.0;            // over the whole memory
     // The same over a few milliseconds: what the pixels saw before changes as soon as the motion does.
-    double recent_turns = 0.0;
-    double recent_swept_px2 = 0.0;
+    std::array<double, 2> recent_turns = {};
+    std::array<double, 2> recent_swept_px2 = {};
   };
-  void Add(const EdgeCounts& counts, double direction, double swept_px2, double events_per_observation,
-           Profile& profile) const;
+  void Add(const EdgeCounts& counts, double direction, const std::array<double, 2>& swept_px2,
+           double events_per_observation, Profile& profile) const;
   // Expected distance of its events along the line's normal, `motion` the smoothed sign of its velocity.
-  double ExpectedPx(const Profile& profile, double motion) const;
+  double ExpectedPx(const Profile& profile, int half, double motion) const;
 
   const EdgeOptions options_;
   const SensorProfile sensor_;

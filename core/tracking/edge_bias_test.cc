@@ -27,7 +27,7 @@ class EdgeBiasTest : public ::testing::Test {
   }
   // A window of 10 ms: the line, 100 px long, sweeps 200 px^2.
   void Learn(EdgeBias& bias, double off, double on, double turns = 0.0) {
-    const std::vector<EdgeCounts> counts = {{{off, on}, turns}};
+    const std::vector<EdgeCounts> counts = {{{off, on}, {0.5 * turns, 0.5 * turns}}};
     bias.Learn(tracked_, lines_, counts, 0.01, 1.0);
   }
   void MoveBack() {
@@ -83,6 +83,18 @@ TEST_F(EdgeBiasTest, PixelsThatTurnRoundLag) {
   EXPECT_NEAR(ExpectedAlongMotion(bias), BrighterPx(contrast, 0.0), 2e-3);
 }
 
+TEST_F(EdgeBiasTest, ALineMayLagOnOneOfItsHalvesOnly) {
+  EdgeBias bias(options_, sensor_, camera_);
+  bias.Learn(tracked_, lines_, std::vector<EdgeCounts>{{{0.0, 700.0}, {100.0, 0.0}}}, 0.01, 1.0);
+  bias.Correct(tracked_, absl::MakeSpan(lines_));
+  const auto expected_px = [&](double fraction) {
+    return (lines_[0].a - lines_[0].a_expected).dot(BearingOf(camera_, lines_[0].PointAt(fraction)));
+  };
+  const double lag_px = std::abs(expected_px(0.25) - expected_px(0.75));
+  const double contrast = 4.0 * sensor_.contrast_threshold;
+  EXPECT_NEAR(lag_px, BrighterPx(contrast, 0.0) - BrighterPx(contrast, 0.25), 2e-3);
+}
+
 TEST_F(EdgeBiasTest, WhatIsNotKnownOfAPixelCountsHalf) {
   EdgeCounts counts;
   Observation event;
@@ -90,10 +102,11 @@ TEST_F(EdgeBiasTest, WhatIsNotKnownOfAPixelCountsHalf) {
   for (const PreviousPolarity previous :
        {PreviousPolarity::kUnknown, PreviousPolarity::kSame, PreviousPolarity::kOther}) {
     event.previous = previous;
-    counts.Add(event, 0.5);
+    counts.Add(event, 1, 0.5);
   }
   EXPECT_DOUBLE_EQ(counts.polarity[1], 1.5);
-  EXPECT_DOUBLE_EQ(counts.turns, 0.75);
+  EXPECT_DOUBLE_EQ(counts.turns[1], 0.75);
+  EXPECT_EQ(counts.turns[0], 0.0);
 }
 
 TEST_F(EdgeBiasTest, AStripeLagsButIsNotShifted) {

@@ -7,8 +7,8 @@
 namespace evpose {
 namespace {
 
-// Events up to this far beyond a line's end still belong to it: the end points move within the window.
-constexpr double kEndMarginPx = 2.0;
+// No event beyond a line's end is the line's: those of a corner, which the blur rounds off, would pull it inwards.
+constexpr double kEndMarginPx = 0.0;
 
 class MixtureEstimator : public WindowEstimator {
  public:
@@ -196,10 +196,11 @@ MixtureTotals AccumulateMixture(const WindowInput& input, absl::Span<const Image
       const ImageLine& line = lines[near.line[k]];
       MixtureLine& sum = sums[near.line[k]];
       sum.sums.Add(event.bx, event.by, event.tau_s, weight);
-      sum.counts.Add(event, weight);
       const double along =
           (event.u_px - line.p1_px.x()) * line.direction.x() + (event.v_px - line.p1_px.y()) * line.direction.y();
-      sum.half_weight[along < 0.5 * line.length_px ? 0 : 1] += weight;
+      const int half = along < 0.5 * line.length_px ? 0 : 1;
+      sum.counts.Add(event, half, weight);
+      sum.half_weight[half] += weight;
       totals.weight += weight;
       totals.weighted_squares_px2 += weight * near.distance_px[k] * near.distance_px[k];
     }

@@ -65,8 +65,8 @@ struct EdgeOptions {
   // Explained events that its contrast is the mean of: it changes with the view and the background, within a second or
   // so.
   double memory_events = 5000.0;
-  // Square pixels that a line sweeps while what its pixels saw before is learned: some milliseconds.
-  double turn_memory_px2 = 300.0;
+  // Square pixels that a half of a line sweeps while what its pixels saw before is learned: some milliseconds.
+  double turn_memory_px2 = 150.0;
 
   absl::Status Validate() const;
 };
