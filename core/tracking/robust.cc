@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 
 #include "core/base/math.h"
 
@@ -27,13 +28,23 @@ double TukeyScale(absl::Span<const double> residuals, double start) {
   constexpr int kMaxIterations = 50;
   constexpr double kRelativeTolerance = 1e-10;
   double sigma = start;
+  double low = 0.0, high = std::numeric_limits<double>::infinity();  // the solution lies between
   for (int k = 0; k < kMaxIterations && !residuals.empty(); ++k) {
+    const double inverse = 1.0 / sigma;
     double sum = 0.0;
-    for (const double d : residuals) sum += TukeyRho(d / sigma, kTukeyBreakdown);
-    const double ratio = sum / (kTukeyScaleTarget * static_cast<double>(residuals.size()));
+    double slope = 0.0;  // of the sum, by -log(sigma): sum psi(u) u
+    for (const double d : residuals) {
+      const double u = d * inverse;
+      sum += TukeyRho(u, kTukeyBreakdown);
+      slope += u * u * TukeyWeight(u, kTukeyBreakdown);
+    }
+    const double target = kTukeyScaleTarget * static_cast<double>(residuals.size());
+    const double ratio = sum / target;
     // All residuals zero: the scale would collapse.
     if (!(ratio > 1e-12)) break;
-    sigma *= std::sqrt(ratio);
+    (ratio > 1.0 ? low : high) = sigma;
+    const double newton = sigma * (1.0 + (sum - target) / slope);
+    sigma = newton > low && newton < high ? newton : sigma * std::sqrt(ratio);
     if (std::abs(ratio - 1.0) < kRelativeTolerance) break;
   }
   return sigma;

@@ -29,8 +29,9 @@ inline double TukeyWeight(double u, double c) {
 // Median of |d - median(d)| over 0.6745: sigma under the normal. 0 for no values. `values` gets reordered.
 double MadScale(std::vector<double>& values);
 
-// The S scale: mean(rho(d / sigma)) = 0.1995 at c = 1.547, solved from `start` by the fixed point
-// sigma^2 <- sigma^2 mean(rho) / 0.1995. Positive for a positive start.
+// The S scale: mean(rho(d / sigma)) = 0.1995 at c = 1.547, solved from `start` by Newton's steps, and where they would
+// leave what is known to hold the solution, by the fixed point sigma^2 <- sigma^2 mean(rho) / 0.1995, which never
+// passes it: rho grows no faster than u^2. Positive for a positive start.
 double TukeyScale(absl::Span<const double> residuals, double start);
 
 // exp(-x) for x >= 0 from a table, to 2e-5: weights need no more, and it is the same on every machine.

@@ -56,6 +56,12 @@ TEST(Scales, OfNormalResidualsWithOutliers) {
   EXPECT_NEAR(TukeyScale(residuals, 0.1), 0.7, 0.02);
   for (int i = 0; i < 5'000; ++i) residuals.push_back(random.Uniform(-50.0, 50.0));
   EXPECT_NEAR(TukeyScale(residuals, 5.0), 1.0, 0.2);  // a fifth are outliers: raised by less than a half
+  for (const double start : {0.001, 0.1, 5.0, 1e5}) {
+    const double sigma = TukeyScale(residuals, start);
+    double sum = 0.0;
+    for (const double d : residuals) sum += TukeyRho(d / sigma, kTukeyBreakdown);
+    EXPECT_NEAR(sum / static_cast<double>(residuals.size()), kTukeyScaleTarget, 1e-9) << start;
+  }
   copy.clear();
   EXPECT_EQ(MadScale(copy), 0.0);
   EXPECT_GT(TukeyScale({0.0, 0.0, 0.0}, 0.5), 0.0);
