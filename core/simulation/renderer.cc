@@ -81,8 +81,13 @@ double SceneRenderer::LightAt(double t_s) const {
 double SceneRenderer::LongestStepS() const {
   constexpr double kAtRestS = 2e-3;  // at rest a step costs next to nothing
   double longest = kAtRestS;
-  // Forty steps in a cycle: the light between them is straight to 0.3 % of its swing.
-  if (options_.light.flicker_depth > 0.0) longest = std::min(longest, 1.0 / (40.0 * options_.light.flicker_hz));
+  if (options_.light.flicker_depth > 0.0) {
+    // Between n pictures in a cycle a sine is straight to (2 pi / n)^2 / 8 of its amplitude: 0.15 % of the light,
+    // half a per cent of a usual threshold.
+    constexpr double kTolerance = 0.0015;
+    const double steps = 2.0 * std::numbers::pi * std::sqrt(options_.light.flicker_depth / (8.0 * kTolerance));
+    longest = std::min(longest, 1.0 / (std::max(steps, 8.0) * options_.light.flicker_hz));
+  }
   if (options_.light.change_ratio > 1.0) longest = std::min(longest, options_.light.change_period_s / 200.0);
   return longest;
 }
