@@ -11,6 +11,7 @@ void AddBenchCommands(CLI::App& app, CliContext& context, CommandRunners& runner
   add("initialization", "First poses from lines, ours and published methods", AddBenchInitializationCommand);
   add("synthetic", "Poses from labelled events, ours and published estimators, and the Cramer-Rao bound",
       AddBenchSyntheticCommand);
+  add("tracking", "Trackers on simulated recordings, against the truth", AddBenchTrackingCommand);
 }
 
 }  // namespace evpose::client

@@ -7,5 +7,6 @@ namespace evpose::client {
 
 CommandRunner AddBenchInitializationCommand(CLI::App& app, CliContext& context);
 CommandRunner AddBenchSyntheticCommand(CLI::App& app, CliContext& context);
+CommandRunner AddBenchTrackingCommand(CLI::App& app, CliContext& context);
 
 }  // namespace evpose::client

@@ -7,19 +7,10 @@
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 #include "core/base/status_macros.h"
+#include "core/evaluation/quantile.h"
 
 namespace evpose {
 namespace {
-
-// One estimate against the truth at its time.
-struct PoseError {
-  int64_t t_us = 0;
-  double position_m = 0.0;
-  double position_of_depth = 0.0;
-  double rotation_rad = 0.0;
-  double reprojection_px = 0.0;  // mean over the points
-  bool is_good = false;
-};
 
 absl::Status CheckTimesIncrease(const Trajectory& trajectory, absl::string_view name) {
   for (size_t i = 1; i < trajectory.size(); ++i) {
@@ -87,19 +78,11 @@ double MeanReprojectionError(const ObjectModel& model, const CameraModel& camera
   return count == 0 ? 0.0 : sum_px / count;
 }
 
-// `sorted` is not empty; linear between order statistics.
-double Quantile(const std::vector<double>& sorted, double q) {
-  const double position = q * static_cast<double>(sorted.size() - 1);
-  const size_t below = static_cast<size_t>(position);
-  const size_t above = std::min(below + 1, sorted.size() - 1);
-  return sorted[below] + (position - static_cast<double>(below)) * (sorted[above] - sorted[below]);
-}
-
 template <typename Member>
-std::vector<double> Values(const std::vector<PoseError>& errors, Member member) {
+std::vector<double> Values(const std::vector<TrajectoryError>& errors, Member member) {
   std::vector<double> values;
   values.reserve(errors.size());
-  for (const PoseError& error : errors) values.push_back(error.*member);
+  for (const TrajectoryError& error : errors) values.push_back(error.*member);
   return values;
 }
 
@@ -115,8 +98,8 @@ double RootMeanSquare(const std::vector<double>& values) {
   return std::sqrt(sum / static_cast<double>(values.size()));
 }
 
-void SummarisePosition(const std::vector<PoseError>& errors, Evaluation& result) {
-  std::vector<double> distances = Values(errors, &PoseError::position_m);
+void SummarisePosition(const std::vector<TrajectoryError>& errors, Evaluation& result) {
+  std::vector<double> distances = Values(errors, &TrajectoryError::position_m);
   result.position_rmse_m = RootMeanSquare(distances);
   result.position_mean_m = Mean(distances);
   std::vector<double> deviations = distances;
@@ -124,11 +107,11 @@ void SummarisePosition(const std::vector<PoseError>& errors, Evaluation& result)
   result.position_std_m = RootMeanSquare(deviations);
   std::sort(distances.begin(), distances.end());
   result.position_median_m = Quantile(distances, 0.5);
-  result.position_rmse_of_depth = RootMeanSquare(Values(errors, &PoseError::position_of_depth));
+  result.position_rmse_of_depth = RootMeanSquare(Values(errors, &TrajectoryError::position_of_depth));
 }
 
-void SummariseRotation(const std::vector<PoseError>& errors, Evaluation& result) {
-  std::vector<double> angles = Values(errors, &PoseError::rotation_rad);
+void SummariseRotation(const std::vector<TrajectoryError>& errors, Evaluation& result) {
+  std::vector<double> angles = Values(errors, &TrajectoryError::rotation_rad);
   result.rotation_mean_rad = Mean(angles);
   std::sort(angles.begin(), angles.end());
   result.rotation_median_rad = Quantile(angles, 0.5);
@@ -136,7 +119,7 @@ void SummariseRotation(const std::vector<PoseError>& errors, Evaluation& result)
   result.rotation_max_rad = angles.back();
 }
 
-void SummariseTime(const std::vector<PoseError>& errors, int64_t begin_us, int64_t end_us, int64_t max_gap_us,
+void SummariseTime(const std::vector<TrajectoryError>& errors, int64_t begin_us, int64_t end_us, int64_t max_gap_us,
                    Evaluation& result) {
   int64_t covered_us = 0;
   for (size_t i = 0; i < errors.size(); ++i) {
@@ -145,36 +128,31 @@ void SummariseTime(const std::vector<PoseError>& errors, int64_t begin_us, int64
     const int64_t until_us = is_last ? end_us : errors[i + 1].t_us;
     const bool is_followed_by_gap = until_us - errors[i].t_us > max_gap_us;
     covered_us += std::min(until_us - errors[i].t_us, max_gap_us);
-    if (is_followed_by_gap || (!is_last && !errors[i + 1].is_good)) ++result.losses;
+    if (is_followed_by_gap || (!is_last && !errors[i + 1].is_good)) result.losses_at_us.push_back(errors[i].t_us);
   }
+  result.losses = result.losses_at_us.size();
   result.coverage_ratio = static_cast<double>(covered_us) / static_cast<double>(end_us - begin_us);
   if (errors.size() < 2) return;
   const double duration_s = static_cast<double>(errors.back().t_us - errors.front().t_us) * 1e-6;
   result.pose_rate_hz = static_cast<double>(errors.size() - 1) / duration_s;
 }
 
-// Errors inside the truth's time span.
-absl::StatusOr<std::vector<PoseError>> ComputeErrors(const Trajectory& truth, const Trajectory& estimate,
-                                                     const EvaluationOptions& options, const ObjectModel* model,
-                                                     const CameraModel* camera) {
-  std::vector<PoseError> errors;
-  for (const StampedPose& pose : estimate) {
-    if (pose.t_us < truth.front().t_us || pose.t_us > truth.back().t_us) continue;
-    EVPOSE_ASSIGN_OR_RETURN(const RigidTransform true_pose, Interpolate(truth, pose.t_us));
-    const RigidTransform nearest = NearestEquivalent(true_pose, pose.camera_from_object, options.symmetries);
-    PoseError error;
-    error.t_us = pose.t_us;
-    error.position_m = (pose.camera_from_object.translation_m - nearest.translation_m).norm();
-    error.position_of_depth = error.position_m / true_pose.translation_m.z();
-    error.rotation_rad = RotationAngle(nearest.rotation, pose.camera_from_object.rotation);
-    error.is_good =
-        error.position_of_depth <= options.good_position_ratio && error.rotation_rad <= options.good_rotation_rad;
-    if (model != nullptr && camera != nullptr) {
-      error.reprojection_px = MeanReprojectionError(*model, *camera, nearest, pose.camera_from_object);
-    }
-    errors.push_back(error);
+absl::Status CheckTrajectories(const Trajectory& truth, const Trajectory& estimate, const EvaluationOptions& options) {
+  EVPOSE_RETURN_IF_ERROR(options.Validate());
+  EVPOSE_RETURN_IF_ERROR(CheckTruth(truth));
+  return CheckTimesIncrease(estimate, "estimate");
+}
+
+// Mean over the estimates inside the truth's time span.
+double MeanReprojectionError(const ObjectModel& model, const CameraModel& camera,
+                             const std::vector<TrajectoryError>& errors, const Trajectory& estimate) {
+  double sum_px = 0.0;
+  size_t next = 0;
+  for (const TrajectoryError& error : errors) {
+    while (estimate[next].t_us != error.t_us) ++next;
+    sum_px += MeanReprojectionError(model, camera, error.true_pose, estimate[next].camera_from_object);
   }
-  return errors;
+  return sum_px / static_cast<double>(errors.size());
 }
 
 void SetErrorsNan(Evaluation& result) {
@@ -195,14 +173,31 @@ absl::Status EvaluationOptions::Validate() const {
   return absl::OkStatus();
 }
 
+absl::StatusOr<std::vector<TrajectoryError>> TrajectoryErrors(const Trajectory& truth, const Trajectory& estimate,
+                                                              const EvaluationOptions& options) {
+  EVPOSE_RETURN_IF_ERROR(CheckTrajectories(truth, estimate, options));
+  std::vector<TrajectoryError> errors;
+  for (const StampedPose& pose : estimate) {
+    if (pose.t_us < truth.front().t_us || pose.t_us > truth.back().t_us) continue;
+    EVPOSE_ASSIGN_OR_RETURN(const RigidTransform true_pose, Interpolate(truth, pose.t_us));
+    TrajectoryError error;
+    error.t_us = pose.t_us;
+    error.true_pose = NearestEquivalent(true_pose, pose.camera_from_object, options.symmetries);
+    error.position_m = (pose.camera_from_object.translation_m - error.true_pose.translation_m).norm();
+    error.position_of_depth = error.position_m / true_pose.translation_m.z();
+    error.rotation_rad = RotationAngle(error.true_pose.rotation, pose.camera_from_object.rotation);
+    error.is_good =
+        error.position_of_depth <= options.good_position_ratio && error.rotation_rad <= options.good_rotation_rad;
+    errors.push_back(error);
+  }
+  return errors;
+}
+
 absl::StatusOr<Evaluation> Evaluate(const Trajectory& truth, const Trajectory& estimate,
                                     const EvaluationOptions& options, const ObjectModel* model,
                                     const CameraModel* camera) {
-  EVPOSE_RETURN_IF_ERROR(options.Validate());
-  EVPOSE_RETURN_IF_ERROR(CheckTruth(truth));
-  EVPOSE_RETURN_IF_ERROR(CheckTimesIncrease(estimate, "estimate"));
+  EVPOSE_ASSIGN_OR_RETURN(const std::vector<TrajectoryError> errors, TrajectoryErrors(truth, estimate, options));
   Evaluation result;
-  EVPOSE_ASSIGN_OR_RETURN(const std::vector<PoseError> errors, ComputeErrors(truth, estimate, options, model, camera));
   result.num_poses = errors.size();
   if (errors.empty()) {
     if (!estimate.empty()) {
@@ -217,7 +212,7 @@ absl::StatusOr<Evaluation> Evaluate(const Trajectory& truth, const Trajectory& e
   SummariseRotation(errors, result);
   SummariseTime(errors, truth.front().t_us, truth.back().t_us, options.max_gap_us, result);
   if (model != nullptr && camera != nullptr) {
-    result.reprojection_mean_px = Mean(Values(errors, &PoseError::reprojection_px));
+    result.reprojection_mean_px = MeanReprojectionError(*model, *camera, errors, estimate);
   }
   return result;
 }

@@ -30,6 +30,21 @@ struct EvaluationOptions {
   absl::Status Validate() const;
 };
 
+// One estimate against the truth at its time.
+struct TrajectoryError {
+  int64_t t_us = 0;
+  RigidTransform true_pose;  // of the equivalent truths the nearest
+  double position_m = 0.0;
+  double position_of_depth = 0.0;
+  double rotation_rad = 0.0;
+  bool is_good = false;
+};
+
+// Of the estimates inside the truth's time span, in order. Errors as Evaluate(), but an estimate outside the span is
+// none.
+absl::StatusOr<std::vector<TrajectoryError>> TrajectoryErrors(const Trajectory& truth, const Trajectory& estimate,
+                                                              const EvaluationOptions& options = {});
+
 // Errors are taken at the estimates' own times, the truth interpolated, over the estimates inside the truth's time
 // span; all of them, good or not. Without any they are NaN.
 struct Evaluation {
@@ -55,7 +70,8 @@ struct Evaluation {
   // Times that a good estimate was followed by a bad one or by more than max_gap_us without one, the truth's end
   // included.
   uint64_t losses = 0;
-  double pose_rate_hz = 0.0;  // (num_poses - 1) / time from the first to the last of them; 0 for less than 2
+  std::vector<int64_t> losses_at_us;  // the times of those last good estimates
+  double pose_rate_hz = 0.0;          // (num_poses - 1) / time from the first to the last of them; 0 for less than 2
 };
 
 // An estimate without any pose is a result (a tracker that lost the object at once): coverage 0.

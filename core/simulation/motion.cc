@@ -102,6 +102,11 @@ absl::StatusOr<MotionPath> MotionPath::Create(const MotionOptions& options, cons
       path.waves_[axis].phase_rad[i] = random.Uniform(0.0, kTwoPi);
     }
   }
+  // From about the middle, to either side.
+  if (options.profile == MotionProfile::kHalfOut) {
+    double& phase_rad = path.waves_[0].phase_rad[0];
+    phase_rad = 0.2 * phase_rad + (phase_rad > std::numbers::pi ? 0.8 * std::numbers::pi : 0.0) - 0.1;
+  }
   path.SetRates(options);
   return path;
 }

@@ -1,0 +1,95 @@
+// evpose bench tracking: the tracker and the published estimators on simulated recordings.
+#include <cmath>
+#include <string>
+#include <vector>
+
+#include "absl/strings/str_cat.h"
+#include "absl/strings/str_format.h"
+#include "absl/strings/str_join.h"
+#include "client/cli/bench.h"
+#include "client/cli/bench_tracking_table.h"
+#include "client/cli/progress.h"
+#include "core/base/status_macros.h"
+#include "core/experiments/tracking_bench.h"
+
+namespace evpose::client {
+namespace {
+
+struct TrackingArguments {
+  std::vector<std::string> scenarios;
+  std::vector<std::string> estimators;
+  int num_seeds = 5;
+  int num_paths = 5;
+  double duration_s = 0.0;
+  bool is_list = false;
+};
+
+absl::StatusOr<TrackingBenchOptions> MakeOptions(const TrackingArguments& arguments) {
+  TrackingBenchOptions options;
+  options.scenarios = arguments.scenarios;
+  options.estimators = arguments.estimators;
+  options.num_seeds = arguments.num_seeds;
+  options.num_paths = arguments.num_paths;
+  options.max_duration_us = std::llround(arguments.duration_s * 1e6);
+  if (const absl::Status status = options.Validate(); !status.ok()) return UsageError(std::string(status.message()));
+  return options;
+}
+
+void PrintScenarios(std::ostream& out) {
+  for (const TrackingScenario& scenario : TrackingScenarios()) {
+    const SimulationOptions& options = scenario.simulation;
+    out << absl::StrFormat("%-20s %4dx%d  %4.0f s  %s\n", scenario.name, options.camera.width_px,
+                           options.camera.height_px, 1e-6 * static_cast<double>(options.duration_us),
+                           scenario.description);
+  }
+}
+
+absl::Status RunTracking(const TrackingArguments& arguments, CliContext& context) {
+  if (arguments.is_list) {
+    PrintScenarios(context.out);
+    return absl::OkStatus();
+  }
+  EVPOSE_ASSIGN_OR_RETURN(const TrackingBenchOptions options, MakeOptions(arguments));
+  ProgressLine progress(context);
+  const auto on_block = [&](const TrackingBenchBlock& block) {
+    progress.Clear();
+    PrintTrackingBlock(block, options.num_paths, context.out);
+  };
+  const auto on_progress = [&](double ratio, const std::string& text) {
+    progress.Show(ratio, absl::StrFormat("%3.0f %%  %s", 100.0 * ratio, text));
+    return !(context.is_interrupted && context.is_interrupted());
+  };
+  return RunTrackingBench(options, on_block, on_progress);
+}
+
+std::string EstimatorList() {
+  std::string text;
+  for (const TrackingSubject& subject : TrackingSubjects()) {
+    absl::StrAppend(&text, absl::StrFormat("  %-14s %s\n", subject.name, subject.description));
+  }
+  return text;
+}
+
+}  // namespace
+
+CommandRunner AddBenchTrackingCommand(CLI::App& app, CliContext& context) {
+  auto arguments = std::make_shared<TrackingArguments>();
+  app.add_flag("--list", arguments->is_list, "The scenarios, one a line");
+  app.add_option("--scenarios", arguments->scenarios, "Some of them")->delimiter(',')->type_name("NAME,...");
+  app.add_option("--estimators", arguments->estimators, "Some of those below")->delimiter(',')->type_name("NAME,...");
+  app.add_option("--seeds", arguments->num_seeds, "Sensors, noises and textures of each scenario")
+      ->check(CLI::Range(1, 1000))
+      ->capture_default_str();
+  app.add_option("--paths", arguments->num_paths, "Motions; each seed is run on each of them")
+      ->check(CLI::Range(1, 1000))
+      ->capture_default_str();
+  app.add_option("--duration", arguments->duration_s, "Seconds that a recording has at most; 0: the scenario's own")
+      ->check(CLI::Range(0.0, 1800.0))
+      ->capture_default_str();
+  app.footer(absl::StrCat(kTrackingTableHelp, "\nEstimators:\n", EstimatorList(),
+                          "\nExample:\n"
+                          "  evpose bench tracking --scenarios cube,half-out --seeds 1 --paths 1 --duration 0.3"));
+  return [arguments, &context] { return RunTracking(*arguments, context); };
+}
+
+}  // namespace evpose::client

@@ -1,0 +1,15 @@
+// The results of `evpose bench tracking` as text.
+#pragma once
+
+#include <ostream>
+
+#include "core/experiments/tracking_bench.h"
+
+namespace evpose::client {
+
+// What the columns mean.
+extern const char kTrackingTableHelp[];
+
+void PrintTrackingBlock(const TrackingBenchBlock& block, int num_paths, std::ostream& out);
+
+}  // namespace evpose::client

@@ -1,0 +1,198 @@
+#include "core/experiments/tracking_bench.h"
+
+#include <algorithm>
+#include <chrono>
+#include <ctime>
+#include <memory>
+#include <utility>
+
+#include "absl/strings/str_cat.h"
+#include "absl/strings/str_format.h"
+#include "absl/strings/str_join.h"
+#include "core/base/status_macros.h"
+
+namespace evpose {
+namespace {
+
+// Of this thread: other programs on the machine do not count.
+double ProcessorSeconds() {
+  timespec now = {};
+  clock_gettime(CLOCK_THREAD_CPUTIME_ID, &now);
+  return static_cast<double>(now.tv_sec) + 1e-9 * static_cast<double>(now.tv_nsec);
+}
+
+// One estimator on one recording.
+class Contestant {
+ public:
+  static absl::StatusOr<Contestant> Create(const TrackingSubject& subject, const TrackerOptions& common,
+                                           std::shared_ptr<const ObjectModel> model, const CameraModel& camera,
+                                           const RigidTransform& first_true_pose) {
+    TrackerOptions options = common;
+    options.estimator = subject.estimator;
+    std::optional<RigidTransform> first;
+    if (!subject.is_default) {
+      options.initialization.is_automatic = false;
+      first = first_true_pose;
+    }
+    EVPOSE_ASSIGN_OR_RETURN(std::unique_ptr<Tracker> tracker,
+                            Tracker::Create(std::move(model), camera, options, first));
+    return Contestant(std::move(tracker));
+  }
+
+  void AddEvents(absl::Span<const Event> events) {
+    const double begin_s = ProcessorSeconds();
+    tracker_->AddEvents(events, output_.poses);
+    output_.compute_s += ProcessorSeconds() - begin_s;
+  }
+  TrackingOutput Finish() {
+    tracker_->Finish(output_.poses);
+    output_.losses = tracker_->losses();
+    return std::move(output_);
+  }
+
+ private:
+  explicit Contestant(std::unique_ptr<Tracker> tracker) : tracker_(std::move(tracker)) {}
+
+  std::unique_ptr<Tracker> tracker_;
+  TrackingOutput output_;
+};
+
+absl::StatusOr<std::vector<TrackingSubject>> FindSubjects(const std::vector<std::string>& names) {
+  const std::vector<TrackingSubject> all = TrackingSubjects();
+  if (names.empty()) return all;
+  std::vector<TrackingSubject> found;
+  for (const std::string& name : names) {
+    const auto subject = std::find_if(all.begin(), all.end(), [&](const TrackingSubject& s) { return s.name == name; });
+    if (subject == all.end()) {
+      const auto append_name = [](std::string* out, const TrackingSubject& s) { absl::StrAppend(out, s.name); };
+      return absl::InvalidArgumentError(
+          absl::StrCat("no estimator is called \"", name, "\"; known are: ", absl::StrJoin(all, ", ", append_name)));
+    }
+    found.push_back(*subject);
+  }
+  return found;
+}
+
+// One scenario with all its runs and estimators.
+class BlockRunner {
+ public:
+  BlockRunner(const TrackingBenchOptions& options, const TrackingScenario& scenario,
+              const std::vector<TrackingSubject>& subjects, const TrackingBenchProgress& on_progress)
+      : options_(options), subjects_(subjects), on_progress_(on_progress) {
+    block_.scenario = scenario;
+    for (const TrackingSubject& subject : subjects) block_.rows.push_back({scenario.name, subject.name, {}, {}, {}});
+  }
+
+  // From `begin` to `end` of the whole work.
+  absl::StatusOr<TrackingBenchBlock> Run(double begin, double end) {
+    const int num_runs = options_.num_seeds * options_.num_paths;
+    for (int i = 0; i < num_runs; ++i) {
+      begin_ = begin + (end - begin) * i / num_runs;
+      end_ = begin + (end - begin) * (i + 1) / num_runs;
+      const int seed = 1 + i / options_.num_paths;
+      const int path = 1 + i % options_.num_paths;
+      text_ = absl::StrFormat("%s, seed %d, path %d", block_.scenario.name, seed, path);
+      EVPOSE_RETURN_IF_ERROR(RunOne(TrackingRun(block_.scenario, static_cast<uint64_t>(seed),
+                                                static_cast<uint64_t>(path), options_.max_duration_us)));
+    }
+    block_.mean_event_rate_hz =
+        static_cast<double>(num_events_) / (num_runs * 1e-6 * static_cast<double>(block_.duration_us));
+    for (size_t i = 0; i < subjects_.size(); ++i) {
+      TrackingBenchRow& row = block_.rows[i];
+      row.summary = SummariseTracking(row.scores);
+      if (subjects_[i].is_default) row.verdicts = JudgeTracking(row.summary, block_.scenario.targets);
+    }
+    return std::move(block_);
+  }
+
+ private:
+  absl::Status RunOne(const SimulationOptions& run) {
+    const Trajectory truth = SimulatedTruth(run);
+    EVPOSE_ASSIGN_OR_RETURN(ObjectModel made, SimulatedModel(run));
+    const auto model = std::make_shared<const ObjectModel>(std::move(made));
+    std::vector<Contestant> contestants;
+    for (const TrackingSubject& subject : subjects_) {
+      EVPOSE_ASSIGN_OR_RETURN(Contestant contestant, Contestant::Create(subject, options_.tracker, model, run.camera,
+                                                                        truth.front().camera_from_object));
+      contestants.push_back(std::move(contestant));
+    }
+    EventRate rate(run.t_begin_us);
+    const auto on_events = [&](absl::Span<const Event> events) {
+      rate.Add(events);
+      for (Contestant& contestant : contestants) contestant.AddEvents(events);
+      return Report(run, events);
+    };
+    EVPOSE_RETURN_IF_ERROR(Simulate(run, on_events).status());
+    num_events_ += rate.num_events();
+    block_.duration_us = run.duration_us;
+    if (block_.truth.empty()) block_.truth = truth;
+    for (size_t i = 0; i < contestants.size(); ++i) {
+      EVPOSE_ASSIGN_OR_RETURN(TrackingScore score, ScoreTracking(run, *model, truth, rate, contestants[i].Finish()));
+      block_.rows[i].scores.push_back(std::move(score));
+    }
+    return absl::OkStatus();
+  }
+
+  absl::Status Report(const SimulationOptions& run, absl::Span<const Event> events) {
+    if (!on_progress_ || events.empty()) return absl::OkStatus();
+    const auto done = static_cast<double>(events.back().t_us - run.t_begin_us) / static_cast<double>(run.duration_us);
+    if (on_progress_(begin_ + (end_ - begin_) * done, text_)) return absl::OkStatus();
+    return absl::CancelledError("interrupted");
+  }
+
+  const TrackingBenchOptions& options_;
+  const std::vector<TrackingSubject>& subjects_;
+  const TrackingBenchProgress& on_progress_;
+  TrackingBenchBlock block_;
+  uint64_t num_events_ = 0;
+  double begin_ = 0.0;  // of the present run, in the whole work
+  double end_ = 0.0;
+  std::string text_;
+};
+
+absl::Status CheckCount(const char* field, int value) {
+  constexpr int kMost = 1000;
+  if (value >= 1 && value <= kMost) return absl::OkStatus();
+  return absl::InvalidArgumentError(
+      absl::StrFormat("TrackingBenchOptions.%s is %d; it must lie in [1, %d]", field, value, kMost));
+}
+
+}  // namespace
+
+std::vector<TrackingSubject> TrackingSubjects() {
+  return {
+      {"mixture", "ours: pose and twist, mixture, motion prior; finds its first pose itself", Estimator::kMixture,
+       true},
+      {"static-mm", "the paper's MM: one pose per window, its gates", Estimator::kStaticMm, false},
+  };
+}
+
+absl::Status TrackingBenchOptions::Validate() const {
+  EVPOSE_RETURN_IF_ERROR(FindTrackingScenarios(scenarios).status());
+  EVPOSE_RETURN_IF_ERROR(FindSubjects(estimators).status());
+  EVPOSE_RETURN_IF_ERROR(CheckCount("num_seeds", num_seeds));
+  EVPOSE_RETURN_IF_ERROR(CheckCount("num_paths", num_paths));
+  if (max_duration_us < 0) {
+    return absl::InvalidArgumentError(
+        absl::StrFormat("TrackingBenchOptions.max_duration_us is %d; it must not be negative", max_duration_us));
+  }
+  return tracker.Validate();
+}
+
+absl::Status RunTrackingBench(const TrackingBenchOptions& options,
+                              const std::function<void(const TrackingBenchBlock&)>& on_block,
+                              const TrackingBenchProgress& on_progress) {
+  EVPOSE_RETURN_IF_ERROR(options.Validate());
+  EVPOSE_ASSIGN_OR_RETURN(const std::vector<TrackingScenario> scenarios, FindTrackingScenarios(options.scenarios));
+  EVPOSE_ASSIGN_OR_RETURN(const std::vector<TrackingSubject> subjects, FindSubjects(options.estimators));
+  for (size_t i = 0; i < scenarios.size(); ++i) {
+    const double share = 1.0 / static_cast<double>(scenarios.size());
+    BlockRunner runner(options, scenarios[i], subjects, on_progress);
+    EVPOSE_ASSIGN_OR_RETURN(const TrackingBenchBlock block,
+                            runner.Run(share * static_cast<double>(i), share * static_cast<double>(i + 1)));
+    on_block(block);
+  }
+  return absl::OkStatus();
+}
+
+}  // namespace evpose

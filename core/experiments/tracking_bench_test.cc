@@ -1,0 +1,90 @@
+#include "core/experiments/tracking_bench.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+namespace evpose {
+namespace {
+
+using ::testing::HasSubstr;
+
+TrackingBenchOptions Short() {
+  TrackingBenchOptions options;
+  options.scenarios = {"constant-light"};
+  options.num_seeds = 1;
+  options.num_paths = 2;
+  options.max_duration_us = 120'000;
+  return options;
+}
+
+std::vector<TrackingBenchBlock> Run(const TrackingBenchOptions& options) {
+  std::vector<TrackingBenchBlock> blocks;
+  const absl::Status status =
+      RunTrackingBench(options, [&](const TrackingBenchBlock& block) { blocks.push_back(block); });
+  EXPECT_TRUE(status.ok()) << status;
+  return blocks;
+}
+
+TEST(TrackingBenchTest, EveryEstimatorFollowsTheObject) {
+  const std::vector<TrackingBenchBlock> blocks = Run(Short());
+  ASSERT_EQ(blocks.size(), 1u);
+  EXPECT_EQ(blocks[0].duration_us, 120'000);
+  EXPECT_GT(blocks[0].mean_event_rate_hz, 1e5);
+  ASSERT_EQ(blocks[0].rows.size(), TrackingSubjects().size());
+  for (const TrackingBenchRow& row : blocks[0].rows) {
+    ASSERT_EQ(row.scores.size(), 2u);
+    EXPECT_EQ(row.summary.losses, 0u) << row.estimator;
+    EXPECT_GT(row.summary.worst_coverage_ratio, 0.5) << row.estimator;
+    EXPECT_LT(row.summary.position_rmse_of_depth, 0.02) << row.estimator;
+    EXPECT_GT(row.summary.compute_ratio, 0.0) << row.estimator;
+    // Two paths, two motions.
+    EXPECT_NE(row.scores[0].errors.back().true_pose.translation_m, row.scores[1].errors.back().true_pose.translation_m);
+  }
+  EXPECT_FALSE(blocks[0].rows[0].verdicts.empty());
+  EXPECT_TRUE(blocks[0].rows[1].verdicts.empty());
+}
+
+TEST(TrackingBenchTest, IsAFunctionOfItsOptions) {
+  TrackingBenchOptions options = Short();
+  options.num_paths = 1;
+  options.estimators = {"mixture"};
+  const TrackingScore first = Run(options)[0].rows[0].scores[0];
+  const TrackingScore second = Run(options)[0].rows[0].scores[0];
+  EXPECT_EQ(first.evaluation.position_rmse_m, second.evaluation.position_rmse_m);
+  EXPECT_EQ(first.nees, second.nees);
+}
+
+TEST(TrackingBenchTest, StopsWhenTold) {
+  double last = 0.0;
+  const auto on_progress = [&](double ratio, const std::string& text) {
+    EXPECT_GE(ratio, last);
+    EXPECT_THAT(text, HasSubstr("constant-light, seed 1"));
+    last = ratio;
+    return false;
+  };
+  int blocks = 0;
+  const absl::Status status = RunTrackingBench(
+      Short(), [&](const TrackingBenchBlock&) { ++blocks; }, on_progress);
+  EXPECT_EQ(status.code(), absl::StatusCode::kCancelled);
+  EXPECT_EQ(blocks, 0);
+}
+
+TEST(TrackingBenchTest, SaysWhatIsWrong) {
+  const auto message = [](const auto& change) {
+    TrackingBenchOptions options;
+    change(options);
+    const absl::Status status = options.Validate();
+    EXPECT_EQ(status.code(), absl::StatusCode::kInvalidArgument);
+    return std::string(status.message());
+  };
+  EXPECT_TRUE(TrackingBenchOptions().Validate().ok());
+  EXPECT_THAT(message([](auto& o) { o.scenarios = {"teapot"}; }), HasSubstr("half-out"));
+  EXPECT_THAT(message([](auto& o) { o.estimators = {"magic"}; }), HasSubstr("static-mm"));
+  EXPECT_THAT(message([](auto& o) { o.num_seeds = 0; }), HasSubstr("num_seeds"));
+  EXPECT_THAT(message([](auto& o) { o.num_paths = 0; }), HasSubstr("num_paths"));
+  EXPECT_THAT(message([](auto& o) { o.max_duration_us = -1; }), HasSubstr("max_duration_us"));
+  EXPECT_THAT(message([](auto& o) { o.tracker.windows.interval_us = 0; }), HasSubstr("interval_us"));
+}
+
+}  // namespace
+}  // namespace evpose
