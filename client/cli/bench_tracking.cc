@@ -21,6 +21,7 @@ struct TrackingArguments {
   int num_seeds = 5;
   int num_paths = 5;
   double duration_s = 0.0;
+  std::string recordings;
   bool is_list = false;
 };
 
@@ -30,6 +31,7 @@ absl::StatusOr<TrackingBenchOptions> MakeOptions(const TrackingArguments& argume
   options.estimators = arguments.estimators;
   options.num_seeds = arguments.num_seeds;
   options.num_paths = arguments.num_paths;
+  options.recordings = arguments.recordings;
   options.max_duration_us = std::llround(arguments.duration_s * 1e6);
   if (const absl::Status status = options.Validate(); !status.ok()) return UsageError(std::string(status.message()));
   return options;
@@ -86,6 +88,9 @@ CommandRunner AddBenchTrackingCommand(CLI::App& app, CliContext& context) {
   app.add_option("--duration", arguments->duration_s, "Seconds that a recording has at most; 0: the scenario's own")
       ->check(CLI::Range(0.0, 1800.0))
       ->capture_default_str();
+  app.add_option("--recordings", arguments->recordings,
+                 "Keeps the recordings below this directory, and uses those that are there again")
+      ->type_name("DIR");
   app.footer(absl::StrCat(kTrackingTableHelp, "\nEstimators:\n", EstimatorList(),
                           "\nExample:\n"
                           "  evpose bench tracking --scenarios cube,half-out --seeds 1 --paths 1 --duration 0.3"));

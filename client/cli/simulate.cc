@@ -120,7 +120,8 @@ absl::Status RunSimulate(const SimulateArguments& arguments, CliContext& context
   const auto on_progress = [&progress](double ratio) {
     progress.Show(ratio, absl::StrFormat("simulated %3.0f %%", 100.0 * ratio));
   };
-  const absl::StatusOr<SimulationReport> report = SimulateToDirectory(options, arguments.out, on_progress);
+  const absl::StatusOr<SimulationReport> report =
+      SimulateToDirectory(options, arguments.out, on_progress, context.is_interrupted);
   progress.Clear();
   if (!report.ok()) return report.status();
   if (arguments.is_json) {
@@ -208,9 +209,10 @@ void AddOptions(CLI::App& app, SimulateArguments& arguments) {
 CommandRunner AddSimulateCommand(CLI::App& app, CliContext& context) {
   auto arguments = std::make_shared<SimulateArguments>();
   AddOptions(app, *arguments);
-  for (const char* name : {"--object", "--camera", "--speed", "--motion", "--noise", "--background-activity",
-                           "--hot-pixels", "--flood", "--flicker", "--light-change", "--occluder",
-                           "--occluder-on-object", "--moving-edge", "--textured-background"}) {
+  for (const char* name :
+       {"--object", "--camera", "--speed", "--motion", "--noise", "--background-activity", "--hot-pixels", "--flood",
+        "--flicker", "--light-change", "--occluder", "--occluder-on-object", "--moving-edge", "--textured-background",
+        "--threshold", "--bandwidth", "--refractory", "--lens-blur"}) {
     app.get_option("--scenario")->excludes(app.get_option(name));
   }
   app.footer(

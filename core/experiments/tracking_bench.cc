@@ -1,8 +1,8 @@
 #include "core/experiments/tracking_bench.h"
 
 #include <algorithm>
-#include <chrono>
 #include <ctime>
+#include <filesystem>
 #include <memory>
 #include <utility>
 
@@ -10,6 +10,8 @@
 #include "absl/strings/str_format.h"
 #include "absl/strings/str_join.h"
 #include "core/base/status_macros.h"
+#include "core/experiments/tracking_oracle.h"
+#include "core/experiments/tracking_recordings.h"
 
 namespace evpose {
 namespace {
@@ -21,41 +23,69 @@ double ProcessorSeconds() {
   return static_cast<double>(now.tv_sec) + 1e-9 * static_cast<double>(now.tv_nsec);
 }
 
-// One estimator on one recording.
+// What a run is tracked with, and checked against.
+struct RunScene {
+  SimulationOptions run;
+  std::shared_ptr<const ObjectModel> model;
+  Trajectory truth;
+};
+
+// One subject on one recording.
 class Contestant {
  public:
-  static absl::StatusOr<Contestant> Create(const TrackingSubject& subject, const TrackerOptions& common,
-                                           std::shared_ptr<const ObjectModel> model, const CameraModel& camera,
-                                           const RigidTransform& first_true_pose) {
-    TrackerOptions options = common;
+  static absl::StatusOr<Contestant> Create(const TrackingSubject& subject, TrackerOptions options,
+                                           const RunScene& scene) {
     options.estimator = subject.estimator;
-    std::optional<RigidTransform> first;
-    if (!subject.is_default) {
-      options.initialization.is_automatic = false;
-      first = first_true_pose;
+    const CameraModel& camera = scene.run.camera;
+    Contestant contestant;
+    if (subject.kind == TrackingSubject::Kind::kOracle) {
+      EVPOSE_ASSIGN_OR_RETURN(contestant.oracle_, TrackingOracle::Create(scene.model, camera, options, scene.truth));
+      return contestant;
     }
-    EVPOSE_ASSIGN_OR_RETURN(std::unique_ptr<Tracker> tracker,
-                            Tracker::Create(std::move(model), camera, options, first));
-    return Contestant(std::move(tracker));
+    std::optional<RigidTransform> first;
+    if (subject.kind == TrackingSubject::Kind::kPublished) {
+      options.initialization.is_automatic = false;
+      first = scene.truth.front().camera_from_object;
+    }
+    EVPOSE_ASSIGN_OR_RETURN(contestant.tracker_, Tracker::Create(scene.model, camera, options, first));
+    return contestant;
   }
 
   void AddEvents(absl::Span<const Event> events) {
     const double begin_s = ProcessorSeconds();
-    tracker_->AddEvents(events, output_.poses);
+    if (tracker_ != nullptr) {
+      tracker_->AddEvents(events, output_.poses);
+    } else {
+      oracle_->AddEvents(events, output_.poses);
+    }
     output_.compute_s += ProcessorSeconds() - begin_s;
   }
   TrackingOutput Finish() {
+    if (tracker_ == nullptr) {
+      oracle_->Finish(output_.poses);
+      return std::move(output_);
+    }
     tracker_->Finish(output_.poses);
     output_.losses = tracker_->losses();
     return std::move(output_);
   }
 
  private:
-  explicit Contestant(std::unique_ptr<Tracker> tracker) : tracker_(std::move(tracker)) {}
+  Contestant() = default;
 
-  std::unique_ptr<Tracker> tracker_;
+  std::unique_ptr<Tracker> tracker_;  // one of the two
+  std::unique_ptr<TrackingOracle> oracle_;
   TrackingOutput output_;
 };
+
+// Below `recordings`, for each run one; of a shortened run another.
+std::string RunDirectory(const std::string& recordings, const std::string& scenario, const SimulationOptions& run,
+                         bool is_shortened) {
+  if (recordings.empty()) return "";
+  std::string name = absl::StrFormat("%s-seed%d-path%d", scenario, run.seed, run.path_seed.value_or(run.seed));
+  if (is_shortened) absl::StrAppendFormat(&name, "-%gs", 1e-6 * static_cast<double>(run.duration_us));
+  return (std::filesystem::path(recordings) / name).string();
+}
 
 absl::StatusOr<std::vector<TrackingSubject>> FindSubjects(const std::vector<std::string>& names) {
   const std::vector<TrackingSubject> all = TrackingSubjects();
@@ -100,45 +130,57 @@ class BlockRunner {
     for (size_t i = 0; i < subjects_.size(); ++i) {
       TrackingBenchRow& row = block_.rows[i];
       row.summary = SummariseTracking(row.scores);
-      if (subjects_[i].is_default) row.verdicts = JudgeTracking(row.summary, block_.scenario.targets);
+      if (subjects_[i].kind == TrackingSubject::Kind::kDefault)
+        row.verdicts = JudgeTracking(row.summary, block_.scenario.targets);
     }
     return std::move(block_);
   }
 
  private:
   absl::Status RunOne(const SimulationOptions& run) {
-    const Trajectory truth = SimulatedTruth(run);
-    EVPOSE_ASSIGN_OR_RETURN(ObjectModel made, SimulatedModel(run));
-    const auto model = std::make_shared<const ObjectModel>(std::move(made));
+    EVPOSE_ASSIGN_OR_RETURN(ObjectModel model, SimulatedModel(run));
+    const RunScene scene = {run, std::make_shared<const ObjectModel>(std::move(model)), SimulatedTruth(run)};
     std::vector<Contestant> contestants;
     for (const TrackingSubject& subject : subjects_) {
-      EVPOSE_ASSIGN_OR_RETURN(Contestant contestant, Contestant::Create(subject, options_.tracker, model, run.camera,
-                                                                        truth.front().camera_from_object));
+      EVPOSE_ASSIGN_OR_RETURN(Contestant contestant, Contestant::Create(subject, options_.tracker, scene));
       contestants.push_back(std::move(contestant));
     }
-    EventRate rate(run.t_begin_us);
-    const auto on_events = [&](absl::Span<const Event> events) {
-      rate.Add(events);
-      for (Contestant& contestant : contestants) contestant.AddEvents(events);
-      return Report(run, events);
-    };
-    EVPOSE_RETURN_IF_ERROR(Simulate(run, on_events).status());
+    EVPOSE_ASSIGN_OR_RETURN(const EventRate rate, Play(run, contestants));
     num_events_ += rate.num_events();
     block_.duration_us = run.duration_us;
-    if (block_.truth.empty()) block_.truth = truth;
+    if (block_.truth.empty()) block_.truth = scene.truth;
     for (size_t i = 0; i < contestants.size(); ++i) {
-      EVPOSE_ASSIGN_OR_RETURN(TrackingScore score, ScoreTracking(run, *model, truth, rate, contestants[i].Finish()));
+      EVPOSE_ASSIGN_OR_RETURN(TrackingScore score,
+                              ScoreTracking(run, *scene.model, scene.truth, rate, contestants[i].Finish()));
       block_.rows[i].scores.push_back(std::move(score));
     }
     return absl::OkStatus();
   }
 
-  absl::Status Report(const SimulationOptions& run, absl::Span<const Event> events) {
-    if (!on_progress_ || events.empty()) return absl::OkStatus();
-    const auto done = static_cast<double>(events.back().t_us - run.t_begin_us) / static_cast<double>(run.duration_us);
-    if (on_progress_(begin_ + (end_ - begin_) * done, text_)) return absl::OkStatus();
-    return absl::CancelledError("interrupted");
+  absl::StatusOr<EventRate> Play(const SimulationOptions& run, std::vector<Contestant>& contestants) {
+    constexpr double kSimulationShare = 0.7;  // of the work, where there is no recording yet
+    EventRate rate(run.t_begin_us);
+    double simulated = 0.0;
+    const auto on_events = [&](absl::Span<const Event> events) -> absl::Status {
+      rate.Add(events);
+      for (Contestant& contestant : contestants) contestant.AddEvents(events);
+      if (events.empty()) return absl::OkStatus();
+      const double done =
+          static_cast<double>(events.back().t_us - run.t_begin_us) / static_cast<double>(run.duration_us);
+      return Report(simulated + (1.0 - simulated) * done) ? absl::OkStatus() : absl::CancelledError("interrupted");
+    };
+    const auto on_simulated = [&](double ratio) {
+      simulated = kSimulationShare;
+      return Report(kSimulationShare * ratio);
+    };
+    const bool is_shortened = run.duration_us != block_.scenario.simulation.duration_us;
+    const std::string directory = RunDirectory(options_.recordings, block_.scenario.name, run, is_shortened);
+    EVPOSE_RETURN_IF_ERROR(PlayRun(run, directory, on_events, on_simulated));
+    return rate;
   }
+
+  // Of the present run; false ends the work.
+  bool Report(double done_ratio) { return !on_progress_ || on_progress_(begin_ + (end_ - begin_) * done_ratio, text_); }
 
   const TrackingBenchOptions& options_;
   const std::vector<TrackingSubject>& subjects_;
@@ -160,10 +202,12 @@ absl::Status CheckCount(const char* field, int value) {
 }  // namespace
 
 std::vector<TrackingSubject> TrackingSubjects() {
+  using Kind = TrackingSubject::Kind;
   return {
-      {"mixture", "ours: pose and twist, mixture, motion prior; finds its first pose itself", Estimator::kMixture,
-       true},
-      {"static-mm", "the paper's MM: one pose per window, its gates", Estimator::kStaticMm, false},
+      {"mixture", "ours: pose and twist, mixture, motion prior; finds its first pose itself", Kind::kDefault,
+       Estimator::kMixture},
+      {"static-mm", "the paper's MM: one pose per window, its gates", Kind::kPublished, Estimator::kStaticMm},
+      {"oracle", "ours on every window alone, from the truth: the floor", Kind::kOracle, Estimator::kMixture},
   };
 }
 

@@ -15,13 +15,17 @@
 
 namespace evpose {
 
-// One that is measured. The default estimator finds its first pose itself, and itself again after a loss. The
-// published ones are given the true first pose, and what they lose stays lost, as in their papers.
+// One that is measured.
 struct TrackingSubject {
-  std::string name;  // as `evpose replay --estimator` has it
+  enum class Kind {
+    kDefault,    // finds its first pose itself, and the object again after a loss
+    kPublished,  // is given the true first pose, and what it loses stays lost, as in its paper
+    kOracle,     // tracking_oracle.h
+  };
+  std::string name;  // as `evpose replay --estimator` has it, or "oracle"
   std::string description;
+  Kind kind = Kind::kPublished;
   Estimator estimator = Estimator::kMixture;
-  bool is_default = false;
 };
 std::vector<TrackingSubject> TrackingSubjects();
 
@@ -31,7 +35,10 @@ struct TrackingBenchOptions {
   int num_seeds = 5;                    // [1, 1000]; seeds 1, 2, ... of pixels, noise and textures
   int num_paths = 5;                    // [1, 1000]; each seed on each of the paths 1, 2, ...
   int64_t max_duration_us = 0;          // of a recording; 0: the scenario's
-  TrackerOptions tracker;               // of all estimators; its `estimator` is theirs
+  // A directory for the recordings, one below it for each run: those of the same simulations are used again. Empty:
+  // every run is simulated, and none is kept.
+  std::string recordings;
+  TrackerOptions tracker;  // of all estimators; its `estimator` is theirs
 
   // INVALID_ARGUMENT naming the field, or listing the known names.
   absl::Status Validate() const;
@@ -58,7 +65,7 @@ struct TrackingBenchBlock {
 using TrackingBenchProgress = std::function<bool(double done_ratio, const std::string& text)>;
 
 // A function of the options, but for the processor times. `on_block` is told of every scenario that is done. Errors:
-// as Validate().
+// as Validate(), and those of PlayRun() (tracking_recordings.h).
 absl::Status RunTrackingBench(const TrackingBenchOptions& options,
                               const std::function<void(const TrackingBenchBlock&)>& on_block,
                               const TrackingBenchProgress& on_progress = nullptr);

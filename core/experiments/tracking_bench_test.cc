@@ -17,7 +17,7 @@ TrackingBenchOptions Short() {
   return options;
 }
 
-std::vector<TrackingBenchBlock> Run(const TrackingBenchOptions& options) {
+std::vector<TrackingBenchBlock> RunBench(const TrackingBenchOptions& options) {
   std::vector<TrackingBenchBlock> blocks;
   const absl::Status status =
       RunTrackingBench(options, [&](const TrackingBenchBlock& block) { blocks.push_back(block); });
@@ -26,7 +26,7 @@ std::vector<TrackingBenchBlock> Run(const TrackingBenchOptions& options) {
 }
 
 TEST(TrackingBenchTest, EveryEstimatorFollowsTheObject) {
-  const std::vector<TrackingBenchBlock> blocks = Run(Short());
+  const std::vector<TrackingBenchBlock> blocks = RunBench(Short());
   ASSERT_EQ(blocks.size(), 1u);
   EXPECT_EQ(blocks[0].duration_us, 120'000);
   EXPECT_GT(blocks[0].mean_event_rate_hz, 1e5);
@@ -44,12 +44,26 @@ TEST(TrackingBenchTest, EveryEstimatorFollowsTheObject) {
   EXPECT_TRUE(blocks[0].rows[1].verdicts.empty());
 }
 
+TEST(TrackingBenchTest, TheOracleIsTheFloor) {
+  const std::vector<TrackingBenchBlock> blocks = RunBench(Short());
+  const TrackingBenchRow& mixture = blocks[0].rows[0];
+  const TrackingBenchRow& oracle = blocks[0].rows[2];
+  ASSERT_EQ(oracle.estimator, "oracle");
+  EXPECT_EQ(oracle.summary.losses, 0u);
+  EXPECT_LT(oracle.summary.rotation_p95_deg, 1.0);
+  // Its windows are the tracker's, but for those before the first pose.
+  EXPECT_GE(oracle.scores[0].errors.size(), mixture.scores[0].errors.size());
+  EXPECT_GT(oracle.summary.worst_coverage_ratio, 0.95);
+  // It starts at the truth and does not stay there.
+  EXPECT_GT(oracle.summary.position_median_m, 1e-5);
+}
+
 TEST(TrackingBenchTest, IsAFunctionOfItsOptions) {
   TrackingBenchOptions options = Short();
   options.num_paths = 1;
   options.estimators = {"mixture"};
-  const TrackingScore first = Run(options)[0].rows[0].scores[0];
-  const TrackingScore second = Run(options)[0].rows[0].scores[0];
+  const TrackingScore first = RunBench(options)[0].rows[0].scores[0];
+  const TrackingScore second = RunBench(options)[0].rows[0].scores[0];
   EXPECT_EQ(first.evaluation.position_rmse_m, second.evaluation.position_rmse_m);
   EXPECT_EQ(first.nees, second.nees);
 }

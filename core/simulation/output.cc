@@ -72,7 +72,8 @@ class StagingDirectory {
 }  // namespace
 
 absl::StatusOr<SimulationReport> SimulateToDirectory(const SimulationOptions& options, const std::string& directory,
-                                                     const std::function<void(double progress_ratio)>& on_progress) {
+                                                     const std::function<void(double progress_ratio)>& on_progress,
+                                                     const std::function<bool()>& is_cancelled) {
   EVPOSE_RETURN_IF_ERROR(options.Validate());
   EVPOSE_ASSIGN_OR_RETURN(const std::unique_ptr<StagingDirectory> staging, StagingDirectory::Create(directory));
   EVPOSE_ASSIGN_OR_RETURN(const ObjectModel model, SimulatedModel(options));
@@ -82,10 +83,11 @@ absl::StatusOr<SimulationReport> SimulateToDirectory(const SimulationOptions& op
   const SensorGeometry geometry = {options.camera.width_px, options.camera.height_px};
   EVPOSE_ASSIGN_OR_RETURN(const std::unique_ptr<RecordingWriter> writer,
                           RecordingWriter::Create(staging->PathOf("recording.raw"), Encoding::kEvt3, geometry));
-  EVPOSE_ASSIGN_OR_RETURN(
-      const SimulationReport report,
-      Simulate(
-          options, [&writer](absl::Span<const Event> events) { return writer->Write(events); }, on_progress));
+  const auto on_events = [&](absl::Span<const Event> events) -> absl::Status {
+    if (is_cancelled && is_cancelled()) return absl::CancelledError("interrupted");
+    return writer->Write(events);
+  };
+  EVPOSE_ASSIGN_OR_RETURN(const SimulationReport report, Simulate(options, on_events, on_progress));
   EVPOSE_RETURN_IF_ERROR(writer->Close());
   EVPOSE_RETURN_IF_ERROR(staging->Publish());
   return report;

@@ -66,9 +66,10 @@ absl::StatusOr<ObjectModel> SimulatedModel(const SimulationOptions& options);
 
 // Writes recording.raw (EVT3 as an EVK4 writes it), truth.tum, model.obj and camera.yaml into `directory`, which is
 // made when it is missing. Whole or not at all: on an error no file of that name is new or changed. Errors also name
-// the path that cannot be written.
+// the path that cannot be written; CANCELLED when `is_cancelled` says so, which is asked now and then.
 absl::StatusOr<SimulationReport> SimulateToDirectory(
     const SimulationOptions& options, const std::string& directory,
-    const std::function<void(double progress_ratio)>& on_progress = nullptr);
+    const std::function<void(double progress_ratio)>& on_progress = nullptr,
+    const std::function<bool()>& is_cancelled = nullptr);
 
 }  // namespace evpose

@@ -44,6 +44,8 @@ class PoseTrack {
   TrackState state() const { return state_; }
   // At the middle of the last window.
   const MotionState& motion() const { return motion_; }
+  // The next window is predicted from this instead: for experiments that start every window elsewhere.
+  void set_motion(const MotionState& motion) { motion_ = motion; }
   // How much the lines say about an event of the last window, [-0.5, 1]: high on a line, negative beside one, so that
   // clutter has no say on average; 0 where no line is near.
   double Explains(Observation observation) const;

@@ -1,0 +1,125 @@
+#include "core/simulation/describe.h"
+
+#include <cstdint>
+
+#include "absl/strings/str_cat.h"
+#include "absl/strings/str_format.h"
+
+namespace evpose {
+namespace {
+
+// Structures are taken apart by structured bindings: a field that is added and not described here does not compile.
+class Description {
+ public:
+  void Add(const char* name, double value) { absl::StrAppendFormat(&text_, "%s %.17g\n", name, value); }
+  void Add(const char* name, int64_t value) { absl::StrAppendFormat(&text_, "%s %d\n", name, value); }
+  void Add(const char* name, uint64_t value) { absl::StrAppendFormat(&text_, "%s %d\n", name, value); }
+  void Add(const char* name, bool value) { absl::StrAppendFormat(&text_, "%s %d\n", name, value ? 1 : 0); }
+  std::string Take() { return std::move(text_); }
+
+ private:
+  std::string text_;
+};
+
+void AddMotion(const MotionOptions& options, Description& out) {
+  const auto& [depth_m, depth_swing, extent, rotation_swing, speed, angular_speed, profile] = options;
+  out.Add("scene.motion.depth_m", depth_m);
+  out.Add("scene.motion.depth_swing_ratio", depth_swing);
+  out.Add("scene.motion.extent_ratio", extent);
+  out.Add("scene.motion.rotation_swing_rad", rotation_swing);
+  out.Add("scene.motion.speed_m_per_s", speed);
+  out.Add("scene.motion.angular_speed_rad_per_s", angular_speed);
+  out.Add("scene.motion.profile", static_cast<int64_t>(profile));
+}
+
+void AddBackground(const BackgroundOptions& options, Description& out) {
+  const auto& [reflectance, is_textured, contrast, has_edge, edge_reflectance, edge_speed, edge_tilt] = options;
+  out.Add("scene.background.reflectance", reflectance);
+  out.Add("scene.background.is_textured", is_textured);
+  out.Add("scene.background.texture_contrast", contrast);
+  out.Add("scene.background.has_moving_edge", has_edge);
+  out.Add("scene.background.edge_reflectance", edge_reflectance);
+  out.Add("scene.background.edge_speed_px_per_s", edge_speed);
+  out.Add("scene.background.edge_tilt_ratio", edge_tilt);
+}
+
+void AddLight(const LightOptions& options, Description& out) {
+  const auto& [flicker_depth, flicker_hz, change_ratio, change_period_s, diffuse_ratio, reaches_background] = options;
+  out.Add("scene.light.flicker_depth", flicker_depth);
+  out.Add("scene.light.flicker_hz", flicker_hz);
+  out.Add("scene.light.change_ratio", change_ratio);
+  out.Add("scene.light.change_period_s", change_period_s);
+  out.Add("scene.light.diffuse_ratio", diffuse_ratio);
+  out.Add("scene.light.reaches_background", reaches_background);
+}
+
+void AddOccluder(const OccluderOptions& options, Description& out) {
+  const auto& [is_present, follows_object, swing_ratio, width_px, speed, reflectance, tilt_ratio] = options;
+  out.Add("scene.occluder.is_present", is_present);
+  out.Add("scene.occluder.follows_object", follows_object);
+  out.Add("scene.occluder.swing_ratio", swing_ratio);
+  out.Add("scene.occluder.width_px", width_px);
+  out.Add("scene.occluder.speed_px_per_s", speed);
+  out.Add("scene.occluder.reflectance", reflectance);
+  out.Add("scene.occluder.tilt_ratio", tilt_ratio);
+}
+
+void AddScene(const SceneOptions& options, Description& out) {
+  const auto& [object, size_m, motion, background, light, occluder, lens_blur_px] = options;
+  out.Add("scene.object", static_cast<int64_t>(object));
+  out.Add("scene.object_size_m", size_m);
+  AddMotion(motion, out);
+  AddBackground(background, out);
+  AddLight(light, out);
+  AddOccluder(occluder, out);
+  out.Add("scene.lens_blur_px", lens_blur_px);
+}
+
+void AddSensor(const SensorOptions& options, Description& out) {
+  const auto& [threshold_on, threshold_off, mismatch, dark_light, bandwidth_hz, dark_bandwidth, refractory_us, leak_hz,
+               shot_noise_hz, hot_pixel_ratio, hot_pixel_hz, noise_ratio, flood_hz, flood_s, flood_period_s] = options;
+  out.Add("sensor.threshold_on", threshold_on);
+  out.Add("sensor.threshold_off", threshold_off);
+  out.Add("sensor.threshold_mismatch_ratio", mismatch);
+  out.Add("sensor.dark_light", dark_light);
+  out.Add("sensor.bandwidth_hz", bandwidth_hz);
+  out.Add("sensor.dark_bandwidth_ratio", dark_bandwidth);
+  out.Add("sensor.refractory_us", refractory_us);
+  out.Add("sensor.leak_hz", leak_hz);
+  out.Add("sensor.shot_noise_hz", shot_noise_hz);
+  out.Add("sensor.hot_pixel_ratio", hot_pixel_ratio);
+  out.Add("sensor.hot_pixel_hz", hot_pixel_hz);
+  out.Add("sensor.noise_ratio", noise_ratio);
+  out.Add("sensor.flood_hz", flood_hz);
+  out.Add("sensor.flood_s", flood_s);
+  out.Add("sensor.flood_period_s", flood_period_s);
+}
+
+void AddCamera(const CameraModel& camera, Description& out) {
+  const auto& [width_px, height_px, fx_px, fy_px, cx_px, cy_px, distortion] = camera;
+  out.Add("camera.width_px", static_cast<int64_t>(width_px));
+  out.Add("camera.height_px", static_cast<int64_t>(height_px));
+  out.Add("camera.fx_px", fx_px);
+  out.Add("camera.fy_px", fy_px);
+  out.Add("camera.cx_px", cx_px);
+  out.Add("camera.cy_px", cy_px);
+  for (const double k : distortion) out.Add("camera.distortion", k);
+}
+
+}  // namespace
+
+std::string DescribeSimulation(const SimulationOptions& options) {
+  const auto& [scene, sensor, camera, t_begin_us, duration_us, max_step_px, seed, path_seed] = options;
+  Description out;
+  AddScene(scene, out);
+  AddSensor(sensor, out);
+  AddCamera(camera, out);
+  out.Add("t_begin_us", t_begin_us);
+  out.Add("duration_us", duration_us);
+  out.Add("max_step_px", max_step_px);
+  out.Add("seed", seed);
+  out.Add("path_seed", path_seed.value_or(seed));
+  return out.Take();
+}
+
+}  // namespace evpose
