@@ -1,5 +1,6 @@
 // evpose bench tracking: the tracker and the published estimators on simulated recordings.
 #include <cmath>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -7,8 +8,11 @@
 #include "absl/strings/str_format.h"
 #include "absl/strings/str_join.h"
 #include "client/cli/bench.h"
+#include "client/cli/bench_tracking_charts.h"
+#include "client/cli/bench_tracking_files.h"
 #include "client/cli/bench_tracking_table.h"
 #include "client/cli/progress.h"
+#include "core/base/output_file.h"
 #include "core/base/status_macros.h"
 #include "core/experiments/tracking_bench.h"
 
@@ -22,6 +26,9 @@ struct TrackingArguments {
   int num_paths = 5;
   double duration_s = 0.0;
   std::string recordings;
+  std::string csv;
+  std::string charts;
+  bool is_json = false;
   bool is_list = false;
 };
 
@@ -52,16 +59,38 @@ absl::Status RunTracking(const TrackingArguments& arguments, CliContext& context
     return absl::OkStatus();
   }
   EVPOSE_ASSIGN_OR_RETURN(const TrackingBenchOptions options, MakeOptions(arguments));
+  // What cannot be written is said before the work, not after it.
+  std::optional<OutputFile> csv;
+  std::optional<TrackingCharts> charts;
+  if (!arguments.csv.empty()) {
+    EVPOSE_ASSIGN_OR_RETURN(csv, OutputFile::Create(arguments.csv));
+  }
+  if (!arguments.charts.empty()) {
+    EVPOSE_ASSIGN_OR_RETURN(charts, TrackingCharts::Create(arguments.charts));
+  }
   ProgressLine progress(context);
+  std::vector<TrackingBenchBlock> blocks;
+  absl::Status chart_status;
   const auto on_block = [&](const TrackingBenchBlock& block) {
     progress.Clear();
-    PrintTrackingBlock(block, options.num_paths, context.out);
+    if (!arguments.is_json) PrintTrackingBlock(block, options.num_paths, context.out);
+    if (charts) chart_status.Update(charts->Write(block));
+    blocks.push_back(block);
+    for (TrackingBenchRow& row : blocks.back().rows) row.scores.front().errors = {};  // drawn
   };
   const auto on_progress = [&](double ratio, const std::string& text) {
     progress.Show(ratio, absl::StrFormat("%3.0f %%  %s", 100.0 * ratio, text));
     return !(context.is_interrupted && context.is_interrupted());
   };
-  return RunTrackingBench(options, on_block, on_progress);
+  EVPOSE_RETURN_IF_ERROR(RunTrackingBench(options, on_block, on_progress));
+  EVPOSE_RETURN_IF_ERROR(chart_status);
+  if (charts) EVPOSE_RETURN_IF_ERROR(charts->WriteSummary(blocks));
+  if (csv) {
+    EVPOSE_RETURN_IF_ERROR(csv->Append(TrackingCsv(blocks, options.num_paths)));
+    EVPOSE_RETURN_IF_ERROR(csv->Commit());
+  }
+  if (arguments.is_json) context.out << TrackingJson(blocks, options).dump(2) << "\n";
+  return absl::OkStatus();
 }
 
 std::string EstimatorList() {
@@ -91,6 +120,12 @@ CommandRunner AddBenchTrackingCommand(CLI::App& app, CliContext& context) {
   app.add_option("--recordings", arguments->recordings,
                  "Keeps the recordings below this directory, and uses those that are there again")
       ->type_name("DIR");
+  app.add_option("--csv", arguments->csv, "A line for each run as a file; written whole or not at all")
+      ->type_name("FILE");
+  app.add_option("--plots", arguments->charts,
+                 "Draws each scenario's first run and a summary of all into this directory; needs the program gnuplot")
+      ->type_name("DIR");
+  app.add_flag("--json", arguments->is_json, "One JSON object on standard output, at the end");
   app.footer(absl::StrCat(kTrackingTableHelp, "\nEstimators:\n", EstimatorList(),
                           "\nExample:\n"
                           "  evpose bench tracking --scenarios cube,half-out --seeds 1 --paths 1 --duration 0.3"));

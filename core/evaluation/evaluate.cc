@@ -145,12 +145,10 @@ absl::Status CheckTrajectories(const Trajectory& truth, const Trajectory& estima
 
 // Mean over the estimates inside the truth's time span.
 double MeanReprojectionError(const ObjectModel& model, const CameraModel& camera,
-                             const std::vector<TrajectoryError>& errors, const Trajectory& estimate) {
+                             const std::vector<TrajectoryError>& errors) {
   double sum_px = 0.0;
-  size_t next = 0;
   for (const TrajectoryError& error : errors) {
-    while (estimate[next].t_us != error.t_us) ++next;
-    sum_px += MeanReprojectionError(model, camera, error.true_pose, estimate[next].camera_from_object);
+    sum_px += MeanReprojectionError(model, camera, error.true_pose, error.estimated_pose);
   }
   return sum_px / static_cast<double>(errors.size());
 }
@@ -182,6 +180,7 @@ absl::StatusOr<std::vector<TrajectoryError>> TrajectoryErrors(const Trajectory& 
     EVPOSE_ASSIGN_OR_RETURN(const RigidTransform true_pose, Interpolate(truth, pose.t_us));
     TrajectoryError error;
     error.t_us = pose.t_us;
+    error.estimated_pose = pose.camera_from_object;
     error.true_pose = NearestEquivalent(true_pose, pose.camera_from_object, options.symmetries);
     error.position_m = (pose.camera_from_object.translation_m - error.true_pose.translation_m).norm();
     error.position_of_depth = error.position_m / true_pose.translation_m.z();
@@ -212,7 +211,7 @@ absl::StatusOr<Evaluation> Evaluate(const Trajectory& truth, const Trajectory& e
   SummariseRotation(errors, result);
   SummariseTime(errors, truth.front().t_us, truth.back().t_us, options.max_gap_us, result);
   if (model != nullptr && camera != nullptr) {
-    result.reprojection_mean_px = MeanReprojectionError(*model, *camera, errors, estimate);
+    result.reprojection_mean_px = MeanReprojectionError(*model, *camera, errors);
   }
   return result;
 }

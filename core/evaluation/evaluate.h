@@ -33,6 +33,7 @@ struct EvaluationOptions {
 // One estimate against the truth at its time.
 struct TrajectoryError {
   int64_t t_us = 0;
+  RigidTransform estimated_pose;
   RigidTransform true_pose;  // of the equivalent truths the nearest
   double position_m = 0.0;
   double position_of_depth = 0.0;

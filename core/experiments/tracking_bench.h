@@ -48,8 +48,11 @@ struct TrackingBenchRow {
   std::string scenario;
   std::string estimator;
   std::vector<TrackingScore> scores;  // seed by seed, and within it path by path
+  TrackingSubject::Kind kind = TrackingSubject::Kind::kPublished;
   TrackingSummary summary;
-  std::vector<TrackingVerdict> verdicts;  // of the default estimator; empty for the others
+  // Of the default estimator, beside its targets also: at most half of static-mm's position error, where that is
+  // measured and keeps the object. Empty for the others.
+  std::vector<TrackingVerdict> verdicts;
 };
 
 // The rows of one scenario.
