@@ -37,4 +37,19 @@ void AddNormalEquations(const LineSums& sums, const Eigen::Vector3d& a, const Ei
                         const Eigen::Matrix<double, 3, 6>& jacobian, double scale, Matrix12d& hessian,
                         Vector12d& gradient);
 
+// What the events of a line have in common: they all lie off it by a displacement that is linear along the line, of
+// which nothing is known but its size. `basis`: (displacement at the middle, and from there to the second end) =
+// basis^T b in pixels per unit.
+struct LineDisplacement {
+  Eigen::Matrix<double, 3, 2> basis = Eigen::Matrix<double, 3, 2>::Zero();
+  double sigma_px = 0.0;  // of each end by itself
+};
+
+// Takes out of H and g, as AddNormalEquations left them with the same arguments, what the displacement may be instead
+// (Schur complement): however many the events, the line's place is known no better than the displacement is. Its motion
+// within the window is not affected.
+void MarginaliseDisplacement(const LineSums& sums, const Eigen::Vector3d& a, const Eigen::Vector3d& a_dot,
+                             const Eigen::Matrix<double, 3, 6>& jacobian, double scale,
+                             const LineDisplacement& displacement, Matrix12d& hessian, Vector12d& gradient);
+
 }  // namespace evpose

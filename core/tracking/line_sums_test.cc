@@ -82,5 +82,52 @@ TEST(LineSums, NormalEquationsEqualAutomaticDifferentiation) {
   EXPECT_NEAR(sums.weight(), sums.Moment(0)(2, 2), 1e-12);
 }
 
+// The same as to estimate the displacement of the line's ends along with the pose, and to forget it.
+TEST(LineSums, ADisplacementIsMarginalised) {
+  const CameraModel camera = MakeCamera(1280, 720, 1000.0);
+  MotionState state;
+  state.camera_from_object = MakePose({0.05, -0.03, 0.8}, {0.4, -0.7, 0.2});
+  state.twist << 0.3, -0.2, 0.1, 1.0, -2.0, 0.5;
+  std::vector<ImageLine> image;
+  ProjectLines(camera, state, {TrackedLine{0, {-0.07, 0.03, 0.07}, {0.07, 0.02, -0.05}}}, image);
+  const ImageLine& line = image[0];
+  LineDisplacement displacement;
+  displacement.basis << 0.0, 3.0, 0.0, -2.0, 1.0, 0.25;
+  displacement.sigma_px = 0.3;
+  constexpr double kScale = 4.0;
+
+  Random random(2);
+  LineSums sums;
+  Eigen::Matrix<double, 14, 14> joint = Eigen::Matrix<double, 14, 14>::Zero();
+  Eigen::Matrix<double, 14, 1> joint_gradient = Eigen::Matrix<double, 14, 1>::Zero();
+  for (int i = 0; i < 200; ++i) {
+    const Eigen::Vector3d bearing(random.Uniform(-0.2, 0.2), random.Uniform(-0.2, 0.2), 1.0);
+    const double tau_s = random.Uniform(-5e-3, 5e-3);
+    const double weight = random.Uniform();
+    sums.Add(bearing.x(), bearing.y(), tau_s, weight);
+    Eigen::Matrix<double, 14, 1> row;
+    row << line.jacobian.transpose() * bearing, tau_s * line.jacobian.transpose() * bearing,
+        displacement.basis.transpose() * bearing;
+    joint += kScale * weight * row * row.transpose();
+    joint_gradient += kScale * weight * (line.a + tau_s * line.a_dot).dot(bearing) * row;
+  }
+  // Each end by itself: the prior of (middle, half of the difference).
+  joint.bottomRightCorner<2, 2>().diagonal().array() += 2.0 / (0.3 * 0.3);
+  const Eigen::Matrix<double, 12, 2> cross = joint.topRightCorner<12, 2>();
+  const Eigen::Matrix2d inverse = joint.bottomRightCorner<2, 2>().inverse();
+  const Matrix12d expected = joint.topLeftCorner<12, 12>() - cross * inverse * cross.transpose();
+  const Vector12d expected_gradient = joint_gradient.head<12>() - cross * (inverse * joint_gradient.tail<2>());
+
+  Matrix12d hessian = Matrix12d::Zero();
+  Vector12d gradient = Vector12d::Zero();
+  AddNormalEquations(sums, line.a, line.a_dot, line.jacobian, kScale, hessian, gradient);
+  const Matrix12d before = hessian;
+  MarginaliseDisplacement(sums, line.a, line.a_dot, line.jacobian, kScale, displacement, hessian, gradient);
+  EXPECT_LT((hessian - expected).norm(), 1e-9 * expected.norm());
+  EXPECT_LT((gradient - expected_gradient).norm(), 1e-9 * joint_gradient.norm());
+  const double left = (hessian.topLeftCorner<6, 6>()).trace() / (before.topLeftCorner<6, 6>()).trace();
+  EXPECT_LT(left, 0.5) << "the displacement matters here";
+}
+
 }  // namespace
 }  // namespace evpose

@@ -83,6 +83,16 @@ class MixtureEstimator : public WindowEstimator {
   EdgeBias edge_bias_;
 };
 
+// The bearings' (1, position along the line from -1 to 1): basis^T b.
+Eigen::Matrix<double, 3, 2> AlongLine(const CameraModel& camera, const ImageLine& line) {
+  const Eigen::Vector2d along = 2.0 / line.length_px * line.direction;
+  Eigen::Matrix<double, 3, 2> basis;
+  basis.col(0) = Eigen::Vector3d::UnitZ();
+  basis.col(1) << along.x() * camera.fx_px, along.y() * camera.fy_px,
+      along.dot(Eigen::Vector2d(camera.cx_px, camera.cy_px) - line.p1_px) - 1.0;
+  return basis;
+}
+
 Matrix12d Symmetric(const Matrix12d& matrix) { return 0.5 * (matrix + matrix.transpose()); }
 
 WindowFit MixtureEstimator::Fit(const MotionState& predicted, const WindowInput& input, double gate_factor) {
@@ -150,10 +160,14 @@ double MixtureEstimator::Minimise(const MotionState& predicted, const Matrix12d&
 void MixtureEstimator::NormalEquations(const MotionState& state, const WindowInput& input, double sigma_px,
                                        Matrix12d& hessian, Vector12d& gradient) const {
   const double scale = 1.0 / (sigma_px * sigma_px * options_.events_per_information);
+  const double displacement_px = options_.edge_noise_px_sqrt_s / std::sqrt(std::max(input.duration_s, 1e-6));
   for (size_t k = 0; k < lines_.size(); ++k) {
     if (!lines_[k].in_view() || sums_[k].sums.weight() <= 0.0) continue;
     AddNormalEquations(sums_[k].sums, lines_[k].a_expected, lines_[k].a_dot, lines_[k].jacobian, scale, hessian,
                        gradient);
+    if (displacement_px <= 0.0) continue;
+    MarginaliseDisplacement(sums_[k].sums, lines_[k].a_expected, lines_[k].a_dot, lines_[k].jacobian, scale,
+                            {AlongLine(camera_, lines_[k]), displacement_px}, hessian, gradient);
   }
   AddAbsence(camera_, lines_, sums_, state.twist, input.duration_s, input.events_per_observation, noise_per_px_,
              options_.min_events_per_px2, 1.0 / options_.events_per_information, hessian, gradient);

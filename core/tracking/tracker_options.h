@@ -22,12 +22,13 @@ struct InitialPoseOptions {
 
 // White acceleration (method.md 2.8): the twist does a random walk of this strength.
 struct MotionPriorOptions {
-  // Depths per second^1.5: 10 depths/s^2 that last 10 ms. Relative to the depth, so that the image motion counts.
-  double linear_acceleration_density = 1.0;
-  // Radians per second^1.5: 100 rad/s^2 that last 5 ms, a hand's quick turn.
-  double angular_acceleration_density = 7.0;
+  // Depths per second^1.5: in 10 ms the velocity changes by 0.034 depths/s, 35 px/s at f = 1000 px. Relative to the
+  // depth, so that the image motion counts. What is quicker, a second try follows (retry_noise_factor).
+  double linear_acceleration_density = 0.34;
+  // Radians per second^1.5: in 10 ms the angular velocity changes by 0.24 rad/s, as in a hand's turn.
+  double angular_acceleration_density = 2.4;
   // Process noise of the second try after a fall of the explained share, as a factor (method.md 2.10 (4)).
-  double retry_noise_factor = 30.0;
+  double retry_noise_factor = 250.0;
 
   absl::Status Validate() const;
 };
@@ -47,9 +48,13 @@ struct MixtureOptions {
   int max_passes = 4;
   // Events that go into one window's fit: more do not help, the floor is systematic (method.md 2.10 (5)).
   int max_events = 1200;
-  // So many events count as one: an edge that passes a pixel makes several, and neighbours fire together
-  // (method.md 2.10 (8), checked by NEES).
-  double events_per_information = 20.0;
+  // So many events count as one. Once they are expected where the sensor puts them (edge_bias.h), the means of a line's
+  // events scatter from millisecond to millisecond as those of independent events do.
+  double events_per_information = 1.1;
+  // Pixels, for a window of a second, at each end of a line: what its events have in common that nobody knows, as noise
+  // of the same effect; 0.1 px in a window of a millisecond, 0.02 px over 30 ms. It is what method.md 2.10 (8) divides
+  // the information for, but however many its events are, a line says no more than this; checked by NEES.
+  double edge_noise_px_sqrt_s = 0.0034;
   // Events per swept square pixel that every line is expected to make, for the evidence of absence (method.md 2.10
   // (1)). Well below what sensors give at ordinary contrast (1 to 5), so that faint or hidden lines do not brake.
   double min_events_per_px2 = 0.15;
