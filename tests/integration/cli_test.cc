@@ -41,8 +41,8 @@ TEST_F(CliTest, ExamplesOfEveryHelpWorkAsPrinted) {
   ASSERT_TRUE(server.ok()) << server.status();
   const std::string address = "127.0.0.1:" + std::to_string((*server)->port());
   std::set<std::string> done;  // most begin with the same simulation
-  for (const char* command :
-       {"simulate", "replay", "info", "evaluate", "render", "models", "sessions", "bench initialization"}) {
+  for (const char* command : {"simulate", "replay", "info", "evaluate", "render", "models", "sessions",
+                              "bench initialization", "bench synthetic"}) {
     const CliResult help = RunShell(std::string("evpose ") + command + " --help");
     ASSERT_EQ(help.status, 0) << help.err;
     for (std::string example : Examples(help.out)) {
