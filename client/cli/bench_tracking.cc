@@ -128,7 +128,7 @@ CommandRunner AddBenchTrackingCommand(CLI::App& app, CliContext& context) {
   app.add_flag("--json", arguments->is_json, "One JSON object on standard output, at the end");
   app.footer(absl::StrCat(kTrackingTableHelp, "\nEstimators:\n", EstimatorList(),
                           "\nExample:\n"
-                          "  evpose bench tracking --scenarios cube,half-out --seeds 1 --paths 1 --duration 0.3"));
+                          "  evpose bench tracking --scenarios normal,half-out --seeds 1 --paths 1 --duration 0.2"));
   return [arguments, &context] { return RunTracking(*arguments, context); };
 }
 

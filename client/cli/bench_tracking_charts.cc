@@ -99,12 +99,15 @@ ChartPanel CoordinatePanel(const TrackingBenchBlock& block, const std::string& t
   panel.title = title;
   panel.x_axis.label = "time, s";
   panel.y_axis.label = label;
-  panel.series.push_back(MakeSeries("truth", TruthCurve(block.truth, coordinate), kTruthColor));
   for (size_t i = 0; i < block.rows.size(); ++i) {
     const std::vector<TrajectoryError>& errors = block.rows[i].scores.front().errors;
     panel.series.push_back(
         MakeSeries(block.rows[i].estimator, EstimateCurve(block.truth, errors, coordinate), static_cast<int>(i)));
   }
+  // Over the others, which show through its gaps.
+  ChartSeries truth = MakeSeries("truth", TruthCurve(block.truth, coordinate), kTruthColor);
+  truth.is_dashed = true;
+  panel.series.push_back(std::move(truth));
   return panel;
 }
 
