@@ -68,14 +68,15 @@ void TrackHealth::AddWindow(const CameraModel& camera, const WindowInput& input,
   span_s_ += input.duration_s;
 }
 
-HealthVerdict TrackHealth::Judge(double min_support_ratio, int min_supported_lines, int64_t patience_us) {
+HealthVerdict TrackHealth::Judge(double min_support_ratio, double sure_support_ratio, int min_supported_lines,
+                                 int64_t patience_us) {
   constexpr double kLongestSpanS = 0.02;
   constexpr double kHalfMicrosecond = 0.5;
   const double span_us = span_s_ * 1e6 + kHalfMicrosecond;
   HealthVerdict verdict;
   if (gated_ >= options_.min_events && span_us >= static_cast<double>(options_.min_span_us)) {
-    verdict = Weigh(min_support_ratio, min_supported_lines);
-    if (verdict.kind == HealthVerdict::Kind::kUnsupported) {
+    verdict = Weigh(min_support_ratio, sure_support_ratio, min_supported_lines);
+    if (verdict.kind != HealthVerdict::Kind::kSupported) {
       if (span_us < static_cast<double>(patience_us)) {
         verdict.kind = HealthVerdict::Kind::kOpen;
       } else if (IsQuiet()) {
@@ -119,7 +120,7 @@ bool TrackHealth::IsTestable(const LineEvidence& line) const {
   return line.expected >= std::max(kTestableEvents, options_.significance_sigma * spread);
 }
 
-HealthVerdict TrackHealth::Weigh(double min_support_ratio, int min_supported_lines) const {
+HealthVerdict TrackHealth::Weigh(double min_support_ratio, double sure_support_ratio, int min_supported_lines) const {
   HealthVerdict verdict;
   LineEvidence total;
   double supported_length = 0.0, testable_length = 0.0;
@@ -138,9 +139,14 @@ HealthVerdict TrackHealth::Weigh(double min_support_ratio, int min_supported_lin
   verdict.sigma = ExcessSigma(total.gated, total.near, total.chance);
   verdict.testable_ratio = total.length_px > 0.0 ? testable_length / total.length_px : 0.0;
   verdict.support_ratio = testable_length > 0.0 ? supported_length / testable_length : 0.0;
-  const bool supported = verdict.sigma > options_.significance_sigma && verdict.support_ratio >= min_support_ratio &&
-                         verdict.supported_lines >= min_supported_lines;
-  verdict.kind = supported ? HealthVerdict::Kind::kSupported : HealthVerdict::Kind::kUnsupported;
+  const bool may_be = verdict.sigma > options_.significance_sigma && verdict.support_ratio >= min_support_ratio &&
+                      verdict.supported_lines >= min_supported_lines;
+  if (!may_be) {
+    verdict.kind = HealthVerdict::Kind::kUnsupported;
+  } else {
+    verdict.kind =
+        verdict.support_ratio >= sure_support_ratio ? HealthVerdict::Kind::kSupported : HealthVerdict::Kind::kDoubtful;
+  }
   return verdict;
 }
 

@@ -30,6 +30,7 @@ struct HealthVerdict {
     kOpen,         // too little was seen yet
     kFewEvents,    // nothing but what the sensor's noise makes: a still object looks like that
     kSupported,    // the events speak for the pose
+    kDoubtful,     // they speak for a part of it, as when the rest is hidden, or when that part is somebody else's
     kUnsupported,  // there are events, and they do not
   };
   Kind kind = Kind::kOpen;
@@ -50,14 +51,17 @@ class TrackHealth {
   // `lines` are those of `input`, as the fit left them; `twist` is the fit's.
   void AddWindow(const CameraModel& camera, const WindowInput& input, absl::Span<const ImageLine> lines,
                  const Vector6d& twist);
-  // `min_support_ratio` and the least number of supported lines make the difference between taking up a pose and
-  // keeping it. A pose is supported as soon as the counts say so, and unsupported when they still do not after
-  // `patience_us`: in flicker or clutter its own events are few among many. Anything but kOpen starts the counts anew.
-  HealthVerdict Judge(double min_support_ratio, int min_supported_lines, int64_t patience_us);
+  // A pose is supported when the share of its lines' length that is supported reaches `sure_support_ratio`, and in
+  // doubt from `min_support_ratio` on; with the least number of supported lines these make the difference between
+  // taking up a pose and keeping it. It is supported as soon as the counts say so, and in doubt or unsupported when
+  // they still do not after `patience_us`: in flicker or clutter its own events are few among many. Anything but kOpen
+  // starts the counts anew.
+  HealthVerdict Judge(double min_support_ratio, double sure_support_ratio, int min_supported_lines,
+                      int64_t patience_us);
 
  private:
   void Reset();
-  HealthVerdict Weigh(double min_support_ratio, int min_supported_lines) const;
+  HealthVerdict Weigh(double min_support_ratio, double sure_support_ratio, int min_supported_lines) const;
   bool IsSupported(const LineEvidence& line) const;
   // Whether a line of the right pose would be supported: it has, or should have made, enough beyond the background.
   bool IsTestable(const LineEvidence& line) const;

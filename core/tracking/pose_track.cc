@@ -67,7 +67,9 @@ std::optional<PoseEstimate> PoseTrack::OnWindow(const EventWindow& window) {
   const double support = on_trial_ ? health.confirm_support_ratio : health.keep_support_ratio;
   if (followed_since_us_ < 0) followed_since_us_ = window.t_begin_us;
   const int64_t patience_us = confirming ? health.min_span_us : health.patience_us;
-  UpdateState(health_.Judge(support, confirming ? kConfirmLines : kKeepLines, patience_us), window.t_end_us);
+  const HealthVerdict verdict =
+      health_.Judge(support, health.confirm_support_ratio, confirming ? kConfirmLines : kKeepLines, patience_us);
+  UpdateState(verdict, window.t_end_us);
   if (state_ != TrackState::kTracking && state_ != TrackState::kDegraded) return std::nullopt;
   return MakeEstimate(fit, input);
 }
@@ -173,7 +175,14 @@ void PoseTrack::UpdateState(const HealthVerdict& verdict, int64_t t_us) {
       }
       state_ = TrackState::kTracking;
       unsupported_ = false;
+      in_doubt_ = false;
       supported_at_us_ = t_us;
+      return;
+    case HealthVerdict::Kind::kDoubtful:
+      // Right and partly hidden, or dragged away by what hides it: it is kept, and another pose may challenge it.
+      state_ = TrackState::kDegraded;
+      unsupported_ = false;
+      in_doubt_ = true;
       return;
     case HealthVerdict::Kind::kFewEvents:
       // No events, no evidence either way: a still object makes none. But when the pose was already in doubt, as that
@@ -197,10 +206,11 @@ void PoseTrack::UpdateState(const HealthVerdict& verdict, int64_t t_us) {
 // sign of health (method.md 2.9). What is known then is the last supported state and how far an object may have got
 // since.
 Matrix6d PoseTrack::PublishedCovariance(const MotionState& state) const {
-  if (!unsupported_) return state.covariance.topLeftCorner<6, 6>();
+  if (!unsupported_ && !in_doubt_) return state.covariance.topLeftCorner<6, 6>();
   const int64_t since_us = std::max<int64_t>(0, state.t_us - supported_at_us_);
+  const MotionPriorOptions& motion = context_.options.motion;
   const MotionState grown =
-      Predict(state, state.t_us + since_us, context_.options.motion, context_.options.motion.retry_noise_factor);
+      Predict(state, state.t_us + since_us, motion, unsupported_ ? motion.retry_noise_factor : 1.0);
   return grown.covariance.topLeftCorner<6, 6>();
 }
 

@@ -75,7 +75,8 @@ class PoseTrack {
   bool on_trial_ = true;         // too few of its lines have had the time to answer
   int64_t supported_at_us_ = 0;  // the last verdict for the pose
   int64_t unsupported_since_us_ = 0;
-  bool unsupported_ = false;
+  bool unsupported_ = false;  // by events that there are
+  bool in_doubt_ = false;     // too little of it is supported to be sure
 
   std::vector<ImageLine> image_lines_;
   std::vector<Observation> observations_;

@@ -1,0 +1,134 @@
+#include "core/tracking/health.h"
+
+#include <gtest/gtest.h>
+
+#include <vector>
+
+#include "core/base/random.h"
+#include "core/tracking/ideal_events.h"
+
+namespace evpose {
+namespace {
+
+using Kind = HealthVerdict::Kind;
+
+constexpr int kNumLines = 10;
+constexpr double kLineM = 0.1;  // 100 px
+constexpr double kWindowS = 0.002;
+constexpr double kKeep = 0.35, kSure = 0.6;
+
+// Ten upright lines, 40 px apart, that move to the right by 0.4 px in a window.
+class HealthTest : public ::testing::Test {
+ protected:
+  HealthTest() {
+    for (int k = 0; k < kNumLines; ++k) {
+      const double x = 0.04 * (k - 0.5 * kNumLines);
+      tracked_.push_back({k, {x, -0.5 * kLineM, 0.0}, {x, 0.5 * kLineM, 0.0}});
+    }
+    state_.camera_from_object = testing::MakePose({0.0, 0.0, 1.0}, {0.0, 0.0, 0.0});
+    state_.twist[0] = 0.2;
+    ProjectLines(camera_, state_, tracked_, lines_);
+    grid_.Build(lines_, 12.0);
+  }
+
+  // `count` events evenly over a strip about a line.
+  void AddEvents(int line, int count, double half_width_px) {
+    for (int i = 0; i < count; ++i) {
+      Observation event;
+      const Eigen::Vector2d pixel = lines_[line].PointAt(random_.Uniform());
+      event.u_px = pixel.x() + random_.Uniform(-half_width_px, half_width_px);
+      event.v_px = pixel.y();
+      const Eigen::Vector3d bearing = BearingOf(camera_, {event.u_px, event.v_px});
+      event.bx = bearing.x();
+      event.by = bearing.y();
+      event.tile = grid_.TileOf(event.u_px, event.v_px);
+      events_.push_back(event);
+    }
+  }
+  void CloseWindow(double background_per_px2 = 0.0) {
+    WindowInput input;
+    input.events = events_;
+    input.duration_s = kWindowS;
+    input.background_per_px2 = background_per_px2;
+    input.lines = tracked_;
+    input.grid = &grid_;
+    health_.AddWindow(camera_, input, lines_, state_.twist);
+    events_.clear();
+  }
+  // A window in which so many of the lines have events of their own; near the others there are those of other things.
+  HealthVerdict WindowWithOwn(int num_lines) {
+    for (int k = 0; k < kNumLines; ++k) AddEvents(k, 100, k < num_lines ? 1.0 : 8.0);
+    CloseWindow();
+    return Judge();
+  }
+  HealthVerdict Judge() { return health_.Judge(kKeep, kSure, 2, options_.patience_us); }
+
+  const CameraModel camera_ = testing::MakeCamera(1280, 720, 1000.0);
+  const HealthOptions options_;
+  std::vector<TrackedLine> tracked_;
+  MotionState state_;
+  std::vector<ImageLine> lines_;
+  TileGrid grid_{camera_};
+  std::vector<Observation> events_;
+  Random random_{7};
+  TrackHealth health_{options_, 0.15, kNumLines};
+};
+
+TEST_F(HealthTest, APoseIsSupportedAtOnce) {
+  const HealthVerdict verdict = WindowWithOwn(kNumLines);
+  EXPECT_EQ(verdict.kind, Kind::kSupported);
+  EXPECT_EQ(verdict.supported_lines, kNumLines);
+}
+
+TEST_F(HealthTest, HalfOfAPoseIsInDoubtAfterSomePatience) {
+  for (int i = 0; i < 4; ++i) EXPECT_EQ(WindowWithOwn(5).kind, Kind::kOpen) << i;
+  const HealthVerdict verdict = WindowWithOwn(5);
+  EXPECT_EQ(verdict.kind, Kind::kDoubtful);
+  EXPECT_NEAR(verdict.support_ratio, 0.5, 0.01);
+}
+
+TEST_F(HealthTest, AFifthOfAPoseDoesNotSupportIt) {
+  for (int i = 0; i < 4; ++i) EXPECT_EQ(WindowWithOwn(2).kind, Kind::kOpen) << i;
+  EXPECT_EQ(WindowWithOwn(2).kind, Kind::kUnsupported);
+}
+
+TEST_F(HealthTest, EventsAsDenseAsElsewhereSayNothing) {
+  // 3 Hz per pixel over 16 px x 100 px, ten lines.
+  constexpr double kNoisePerPx2 = 3.0 * kWindowS;
+  HealthVerdict verdict;
+  for (int i = 0; i < 10 && verdict.kind == Kind::kOpen; ++i) {
+    for (int k = 0; k < kNumLines; ++k) AddEvents(k, static_cast<int>(random_.Poisson(kNoisePerPx2 * 1600.0)), 8.0);
+    CloseWindow(kNoisePerPx2);
+    verdict = Judge();
+  }
+  EXPECT_EQ(verdict.kind, Kind::kFewEvents);
+  // The same events, and none elsewhere: something else moves there.
+  verdict = HealthVerdict();
+  for (int i = 0; i < 10 && verdict.kind == Kind::kOpen; ++i) {
+    for (int k = 0; k < kNumLines; ++k) AddEvents(k, static_cast<int>(random_.Poisson(kNoisePerPx2 * 1600.0)), 8.0);
+    CloseWindow();
+    verdict = Judge();
+  }
+  EXPECT_EQ(verdict.kind, Kind::kUnsupported);
+}
+
+TEST_F(HealthTest, AnObjectAtRestStaysSilentInAFlood) {
+  const auto flood = [&] {
+    constexpr double kFloodPerPx2 = 30.0 * kWindowS;
+    HealthVerdict verdict;
+    for (int i = 0; i < 10 && verdict.kind == Kind::kOpen; ++i) {
+      for (int k = 0; k < kNumLines; ++k) AddEvents(k, static_cast<int>(random_.Poisson(kFloodPerPx2 * 1600.0)), 8.0);
+      CloseWindow(kFloodPerPx2);
+      verdict = Judge();
+    }
+    return verdict.kind;
+  };
+  // In motion its own events would show.
+  EXPECT_EQ(WindowWithOwn(kNumLines).kind, Kind::kSupported);
+  EXPECT_EQ(flood(), Kind::kUnsupported);
+  for (int i = 0; i < 20 && Judge().kind == Kind::kOpen; ++i) CloseWindow();
+  EXPECT_EQ(flood(), Kind::kFewEvents);
+}
+
+}  // namespace
+}  // namespace evpose
