@@ -118,6 +118,7 @@ ChartPanel ErrorPanel(const TrackingBenchBlock& block, const std::string& title,
   panel.x_axis.label = "time, s";
   panel.y_axis.label = label;
   panel.y_axis.is_logarithmic = true;
+  panel.y_axis.min = 1e-3 * target;
   const int64_t begin_us = block.truth.front().t_us;
   const int64_t end_us = block.truth.back().t_us;
   for (size_t i = 0; i < block.rows.size(); ++i) {

@@ -55,8 +55,9 @@ TEST(TrackingBenchTest, TheOracleIsTheFloor) {
   // Its windows are the tracker's, but for those before the first pose.
   EXPECT_GE(oracle.scores[0].errors.size(), mixture.scores[0].errors.size());
   EXPECT_GT(oracle.summary.worst_coverage_ratio, 0.95);
-  // It starts at the truth and does not stay there.
+  // It starts at the truth and does not stay there, nor where there are no events to move it.
   EXPECT_GT(oracle.summary.position_median_m, 1e-5);
+  for (const TrajectoryError& error : oracle.scores[0].errors) EXPECT_GT(error.position_m, 1e-9);
 }
 
 TEST(TrackingBenchTest, IsAFunctionOfItsOptions) {

@@ -1,5 +1,6 @@
 #include "core/experiments/tracking_oracle.h"
 
+#include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <optional>
 #include <utility>
@@ -11,6 +12,14 @@
 
 namespace evpose {
 namespace {
+
+// Whether the events, and not the truth that the window started from, decide the pose: in no direction is more than a
+// quarter of the prior's variance left.
+bool IsFromEvents(const Matrix6d& covariance, const Matrix6d& prior) {
+  constexpr double kMostRatio = 0.25;
+  const Eigen::GeneralizedSelfAdjointEigenSolver<Matrix6d> solver(covariance, prior, Eigen::EigenvaluesOnly);
+  return solver.info() == Eigen::Success && solver.eigenvalues().maxCoeff() <= kMostRatio;
+}
 
 class WindowOracle : public TrackingOracle {
  public:
@@ -29,17 +38,18 @@ class WindowOracle : public TrackingOracle {
  private:
   void OnWindow(const EventWindow& window, std::vector<PoseEstimate>& estimates) {
     const std::optional<MotionState> start = StateAt(window.t_mid_us());
-    if (!start || window.closed_on_time) return;
+    if (!start) return;
     // One track for all windows: it learns the lines' contrasts and the events' spread, as the tracker does.
     if (track_ == nullptr) track_ = std::make_unique<PoseTrack>(context_, *start);
     track_->set_motion(*start);
     track_->OnWindow(window);
     const MotionState& fitted = track_->motion();
-    if (fitted.covariance == start->covariance) return;  // no fit
+    const Matrix6d covariance = fitted.covariance.topLeftCorner<6, 6>();
+    if (!IsFromEvents(covariance, start->covariance.topLeftCorner<6, 6>())) return;
     PoseEstimate estimate;
     estimate.t_us = fitted.t_us;
     estimate.camera_from_object = fitted.camera_from_object;
-    estimate.covariance = fitted.covariance.topLeftCorner<6, 6>();
+    estimate.covariance = covariance;
     estimate.twist = fitted.twist;
     estimate.state = TrackState::kTracking;
     estimates.push_back(estimate);

@@ -22,7 +22,8 @@ namespace evpose {
 // sideways, 1 % of the depth, 1 deg; 2000 px/s, 6 rad/s) in place of what the windows before it told. So it cannot be
 // lost, and cannot drift; and it does not gain from the windows before: a tracker whose motion prior does may have the
 // smaller noise. What the oracle and the tracker share is what the events, or the model of the sensor, do not tell.
-// Windows that close on time, with next to no events, have no pose: theirs would be the truth that they start from.
+// A window whose events leave more than a quarter of the prior's variance in any direction has no pose: it would be the
+// truth that the window started from.
 class TrackingOracle {
  public:
   // `truth` must outlive it. Errors: those of Tracker::Create().
