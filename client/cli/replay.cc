@@ -41,11 +41,8 @@ struct ReplayArguments {
   bool is_json = false;
 };
 
-constexpr std::pair<const char*, Estimator> kEstimators[] = {{"mixture", Estimator::kMixture},
-                                                             {"static-mm", Estimator::kStaticMm}};
-
 Estimator EstimatorByName(const std::string& name) {
-  for (const auto& [known, estimator] : kEstimators) {
+  for (const auto& [estimator, known] : kEstimatorNames) {
     if (name == known) return estimator;
   }
   return Estimator::kMixture;  // the parser takes no other name
@@ -207,7 +204,7 @@ absl::Status RunReplay(const ReplayArguments& arguments, CliContext& context) {
 
 void AddOptions(CLI::App& app, ReplayArguments& arguments) {
   std::vector<std::string> estimators;
-  for (const auto& [name, estimator] : kEstimators) estimators.emplace_back(name);
+  for (const auto& [estimator, name] : kEstimatorNames) estimators.emplace_back(name);
   app.add_option("recording", arguments.recording, "Prophesee RAW or DAT file; - for standard input")->required();
   app.add_option("--model", arguments.model, "Object: OBJ, PLY or STL")->required();
   app.add_option("--camera", arguments.camera, "Camera: ROS camera_info YAML")->required();
@@ -221,7 +218,9 @@ void AddOptions(CLI::App& app, ReplayArguments& arguments) {
   app.add_option("--rate", arguments.rate, "max, or a factor of the sensor's own pace")
       ->type_name("max|1|X")
       ->capture_default_str();
-  app.add_option("--estimator", arguments.estimator, "mixture, or static-mm, the published one, to compare with")
+  app.add_option("--estimator", arguments.estimator,
+                 "mixture; to compare with, the published static ones, corrected or as their code was released, and a "
+                 "filter")
       ->check(CLI::IsMember(estimators))
       ->capture_default_str();
   app.add_option("--chunk-bytes", arguments.chunk_bytes,

@@ -41,9 +41,17 @@ constexpr std::array<std::pair<InitializationStatus, v1::InitializationStatus>, 
     {InitializationStatus::kVerifying, v1::INITIALIZATION_STATUS_VERIFYING},
     {InitializationStatus::kAmbiguous, v1::INITIALIZATION_STATUS_AMBIGUOUS},
 }};
-constexpr std::array<std::pair<Estimator, v1::Estimator>, 2> kEstimators = {{
+constexpr std::array<std::pair<Estimator, v1::Estimator>, 10> kEstimators = {{
     {Estimator::kMixture, v1::ESTIMATOR_MIXTURE},
+    {Estimator::kStaticLs, v1::ESTIMATOR_STATIC_LS},
+    {Estimator::kStaticM, v1::ESTIMATOR_STATIC_M},
+    {Estimator::kStaticS, v1::ESTIMATOR_STATIC_S},
     {Estimator::kStaticMm, v1::ESTIMATOR_STATIC_MM},
+    {Estimator::kErrorStateFilter, v1::ESTIMATOR_ERROR_STATE_FILTER},
+    {Estimator::kReleasedLs, v1::ESTIMATOR_RELEASED_LS},
+    {Estimator::kReleasedM, v1::ESTIMATOR_RELEASED_M},
+    {Estimator::kReleasedS, v1::ESTIMATOR_RELEASED_S},
+    {Estimator::kReleasedMm, v1::ESTIMATOR_RELEASED_MM},
 }};
 constexpr std::array<std::pair<SessionState, v1::SessionState>, 3> kSessionStates = {{
     {SessionState::kDetached, v1::SESSION_STATE_DETACHED},

@@ -43,6 +43,10 @@ class WindowEstimator {
   virtual double ReachPx(double predicted_spread_px, double gate_factor) const = 0;
   // Observations that it wants per window, at most.
   virtual int MaxEvents() const = 0;
+  // Whether it is given the lines that are visible at the predicted pose, or all of the model's.
+  virtual bool UsesVisibility() const { return true; }
+  // Whether it starts from the prediction, or from the last pose, at rest.
+  virtual bool UsesPrediction() const { return true; }
   // `predicted` is for mid-window. `gate_factor` widens the gate for a second try (method.md 2.10 (4)). Learns nothing:
   // Fit may be called twice for a window.
   virtual WindowFit Fit(const MotionState& predicted, const WindowInput& input, double gate_factor) = 0;
@@ -52,8 +56,12 @@ class WindowEstimator {
   virtual void Reset() = 0;
 };
 
-// `options` and `camera` must be valid.
+// The one that `options.estimator` names. `options` and `camera` must be valid.
+std::unique_ptr<WindowEstimator> MakeWindowEstimator(const TrackerOptions& options, const CameraModel& camera);
+
+// What it chooses from: mixture.h, static_estimator.cc (LS, M, S, MM, of both formulas), error_state_filter.h.
 std::unique_ptr<WindowEstimator> MakeMixtureEstimator(const TrackerOptions& options, const CameraModel& camera);
-std::unique_ptr<WindowEstimator> MakeStaticMmEstimator(const TrackerOptions& options, const CameraModel& camera);
+std::unique_ptr<WindowEstimator> MakeStaticEstimator(const TrackerOptions& options, const CameraModel& camera);
+std::unique_ptr<WindowEstimator> MakeErrorStateFilter(const TrackerOptions& options, const CameraModel& camera);
 
 }  // namespace evpose

@@ -12,11 +12,6 @@ namespace {
 constexpr int kConfirmLines = 3;
 constexpr int kKeepLines = 2;
 
-std::unique_ptr<WindowEstimator> MakeEstimator(const TrackContext& context) {
-  return context.options.estimator == Estimator::kStaticMm ? MakeStaticMmEstimator(context.options, context.camera)
-                                                           : MakeMixtureEstimator(context.options, context.camera);
-}
-
 }  // namespace
 
 std::optional<Observation> Observe(const TrackContext& context, const WindowEvent& event, int64_t t_us) {
@@ -39,10 +34,13 @@ PoseTrack::PoseTrack(const TrackContext& context, const MotionState& start)
       visible_lines_(*context.model, context.camera, context.visibility),
       grid_(context.camera),
       background_(context.camera),
-      estimator_(MakeEstimator(context)),
+      estimator_(MakeWindowEstimator(context.options, context.camera)),
       health_(context.options.health, context.options.mixture.min_events_per_px2,
               static_cast<int>(context.model->lines.size())),
-      motion_(start) {}
+      motion_(start) {
+  const std::vector<ModelLine>& lines = context.model->lines;
+  for (size_t k = 0; k < lines.size(); ++k) all_lines_.push_back({static_cast<int>(k), lines[k].p1, lines[k].p2});
+}
 
 std::optional<PoseEstimate> PoseTrack::OnWindow(const EventWindow& window) {
   WindowInput input;
@@ -90,15 +88,14 @@ double PoseTrack::Explains(Observation observation) const {
 WindowFit PoseTrack::FitWindow(const EventWindow& window, WindowInput& input) {
   constexpr double kFallenRatio = 0.6;  // of the running mean: method.md 2.10 (4)
   constexpr double kForget = 0.05;      // the mean is over about 20 windows
-  const MotionState predicted = Predict(motion_, window.t_mid_us(), context_.options.motion);
+  const MotionState predicted = Predicted(window.t_mid_us(), 1.0);
   input = Gather(window, predicted, 1.0);
   if (input.lines.empty()) return WindowFit();
   WindowFit fit = estimator_->Fit(predicted, input, 1.0);
   // Of what comes anywhere on the sensor there is nothing to learn, and nothing to find.
   if (!HasSignal(fit)) return fit;
   if (fit.explained_signal_ratio() < kFallenRatio * usual_explained_ratio_) {
-    const MotionState agile =
-        Predict(motion_, window.t_mid_us(), context_.options.motion, context_.options.motion.retry_noise_factor);
+    const MotionState agile = Predicted(window.t_mid_us(), context_.options.motion.retry_noise_factor);
     const WindowInput wide_input = Gather(window, agile, context_.options.mixture.retry_gate_factor);
     const WindowFit wide = estimator_->Fit(agile, wide_input, context_.options.mixture.retry_gate_factor);
     input = wide_input;
@@ -120,10 +117,19 @@ bool PoseTrack::HasSignal(const WindowFit& fit) const {
   return fit.num_signal() >= std::max(kMinEvents, chance);
 }
 
+MotionState PoseTrack::Predicted(int64_t t_us, double noise_factor) const {
+  MotionState predicted = Predict(motion_, t_us, context_.options.motion, noise_factor);
+  if (!estimator_->UsesPrediction()) {
+    predicted.camera_from_object = motion_.camera_from_object;
+    predicted.twist.setZero();
+  }
+  return predicted;
+}
+
 WindowInput PoseTrack::Gather(const EventWindow& window, const MotionState& predicted, double gate_factor) {
   WindowInput input;
   input.duration_s = static_cast<double>(window.t_end_us - window.t_begin_us) * 1e-6;
-  input.lines = visible_lines_.At(predicted.camera_from_object);
+  input.lines = estimator_->UsesVisibility() ? visible_lines_.At(predicted.camera_from_object) : all_lines_;
   input.grid = &grid_;
   ProjectLines(context_.camera, predicted, input.lines, image_lines_);
   const double spread_px = PredictedSpreadPx(context_.camera, predicted, image_lines_);

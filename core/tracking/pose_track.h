@@ -53,6 +53,8 @@ class PoseTrack {
  private:
   // Turns the window's events near the lines at `predicted` into observations.
   WindowInput Gather(const EventWindow& window, const MotionState& predicted, double gate_factor);
+  // The state that the estimator starts from.
+  MotionState Predicted(int64_t t_us, double noise_factor) const;
   WindowFit FitWindow(const EventWindow& window, WindowInput& input);
   // More events near the lines than come anywhere on the sensor.
   bool HasSignal(const WindowFit& fit) const;
@@ -62,6 +64,7 @@ class PoseTrack {
 
   const TrackContext& context_;
   VisibleLines visible_lines_;
+  std::vector<TrackedLine> all_lines_;
   TileGrid grid_;
   BackgroundRate background_;
   std::unique_ptr<WindowEstimator> estimator_;

@@ -4,6 +4,8 @@
 #include <cstdint>
 #include <memory>
 #include <optional>
+#include <string_view>
+#include <utility>
 #include <vector>
 
 #include "absl/status/status.h"
@@ -20,8 +22,26 @@ enum class TrackState { kInitializing, kTracking, kDegraded, kLost };
 std::string_view TrackStateName(TrackState state);  // "INITIALIZING", "TRACKING", "DEGRADED", "LOST"
 
 enum class Estimator {
-  kMixture,   // pose and twist in the window, normal + uniform mixture, soft association, motion prior
-  kStaticMm,  // the paper's: one pose per window, hard association with its gates, Tukey MM; the baseline
+  kMixture,  // pose and twist in the window, normal + uniform mixture, soft association, motion prior
+  // For comparison. The paper's: one pose per window, hard association with its gates; its formulas corrected.
+  kStaticLs,
+  kStaticM,
+  kStaticS,
+  kStaticMm,
+  kErrorStateFilter,  // event by event, with the motion prior, as line-SLAM with events does
+  // The static ones as the paper's released code computes: no visibility, no prediction (method.md 2.6).
+  kReleasedLs,
+  kReleasedM,
+  kReleasedS,
+  kReleasedMm,
+};
+// Every estimator and what it is called where people choose one.
+inline constexpr std::pair<Estimator, std::string_view> kEstimatorNames[] = {
+    {Estimator::kMixture, "mixture"},        {Estimator::kStaticLs, "static-ls"},
+    {Estimator::kStaticM, "static-m"},       {Estimator::kStaticS, "static-s"},
+    {Estimator::kStaticMm, "static-mm"},     {Estimator::kErrorStateFilter, "error-state-filter"},
+    {Estimator::kReleasedLs, "released-ls"}, {Estimator::kReleasedM, "released-m"},
+    {Estimator::kReleasedS, "released-s"},   {Estimator::kReleasedMm, "released-mm"},
 };
 
 // Why there is no pose yet.

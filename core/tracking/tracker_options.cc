@@ -59,12 +59,23 @@ absl::Status EdgeOptions::Validate() const {
   return Positive("turn_memory_px2", turn_memory_px2);
 }
 
-absl::Status StaticMmOptions::Validate() const {
+absl::Status StaticOptions::Validate() const {
   EVPOSE_RETURN_IF_ERROR(Between("distance_px", distance_px, 1.0, 64.0));
+  EVPOSE_RETURN_IF_ERROR(Between("released_distance_px", released_distance_px, 1.0, 64.0));
   EVPOSE_RETURN_IF_ERROR(Between("midpoint_ratio", midpoint_ratio, 0.1, 1.0));
   EVPOSE_RETURN_IF_ERROR(Between("two_lines_px", two_lines_px, 0.0, distance_px));
   EVPOSE_RETURN_IF_ERROR(Between("max_iterations", max_iterations, 1, 1000));
   EVPOSE_RETURN_IF_ERROR(Positive("tolerance_px", tolerance_px));
+  return Between("max_events", max_events, 50, 1'000'000);
+}
+
+absl::Status ErrorStateFilterOptions::Validate() const {
+  EVPOSE_RETURN_IF_ERROR(Between("sigma_px", sigma_px, 0.1, 20.0));
+  EVPOSE_RETURN_IF_ERROR(Between("gate_px", gate_px, 1.0, 64.0));
+  EVPOSE_RETURN_IF_ERROR(Between("two_lines_px", two_lines_px, 0.0, gate_px));
+  EVPOSE_RETURN_IF_ERROR(Between("gate_chi2", gate_chi2, 0.1, 1000.0));
+  EVPOSE_RETURN_IF_ERROR(Between("injection_s", injection_s, 1e-6, 1.0));
+  EVPOSE_RETURN_IF_ERROR(Between("events_per_information", events_per_information, 1.0, 1000.0));
   return Between("max_events", max_events, 50, 1'000'000);
 }
 
@@ -115,7 +126,8 @@ absl::Status TrackerOptions::Validate() const {
   EVPOSE_RETURN_IF_ERROR(InGroup("motion", motion.Validate()));
   EVPOSE_RETURN_IF_ERROR(InGroup("mixture", mixture.Validate()));
   EVPOSE_RETURN_IF_ERROR(InGroup("edge", edge.Validate()));
-  EVPOSE_RETURN_IF_ERROR(InGroup("static_mm", static_mm.Validate()));
+  EVPOSE_RETURN_IF_ERROR(InGroup("static_fit", static_fit.Validate()));
+  EVPOSE_RETURN_IF_ERROR(InGroup("error_state_filter", error_state_filter.Validate()));
   return InGroup("health", health.Validate());
 }
 

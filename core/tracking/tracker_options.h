@@ -76,14 +76,30 @@ struct EdgeOptions {
   absl::Status Validate() const;
 };
 
-// The paper's static fit (its Sec. III-C and III-D), for comparison.
-struct StaticMmOptions {
-  double distance_px = 8.0;     // d_t: farthest event of a line; the paper's value
-  double midpoint_ratio = 0.5;  // d_m: distance to the midpoint, of the projected length; the paper's value
-  double two_lines_px = 3.0;    // d_a: events this close to two lines are rejected; the paper gives none
-  int max_iterations = 20;      // of S and of MM each; both converge in fewer
-  double tolerance_px = 5e-3;   // iterations end when no line's midpoint moves by more
-  int max_events = 4000;        // events per window, evenly drawn; the error is systematic beyond
+// The paper's static fits (its Sec. III-C and III-D), for comparison.
+struct StaticOptions {
+  double distance_px = 8.0;            // d_t: farthest event of a line; the paper's value
+  double released_distance_px = 10.0;  // d_t of its released code
+  double midpoint_ratio = 0.5;         // d_m: distance to the midpoint, of the projected length; the paper's value
+  double two_lines_px = 3.0;           // d_a: events this close to two lines are rejected; the paper gives none
+  int max_iterations = 20;             // re-weightings of S and of M each; both converge in fewer
+  double tolerance_px = 5e-3;          // re-weighting ends when no event's distance changes by more
+  int max_events = 4000;               // events per window, evenly drawn; the error is systematic beyond
+
+  absl::Status Validate() const;
+};
+
+// The filter after Chamorro et al. (error_state_filter.h), for comparison.
+struct ErrorStateFilterOptions {
+  double sigma_px = 0.8;        // an event's distance to its line: as MixtureOptions' to start with, and not learned
+  double gate_px = 8.0;         // farthest event of a line, before the test
+  double two_lines_px = 3.0;    // events this close to two lines are rejected
+  double gate_chi2 = 6.63;      // of the squared innovation over its variance: 99 %, one degree of freedom
+  double injection_s = 100e-6;  // seconds: the lines are projected anew so often; 10 kHz in the published filter
+  // So many events count as one (method.md 2.10 (8)). The published filter takes each for new, and its covariance
+  // shrinks until the gate holds nothing but the noise.
+  double events_per_information = 20.0;
+  int max_events = 16'384;  // events per window, evenly drawn: all but in a flood
 
   absl::Status Validate() const;
 };
@@ -181,7 +197,8 @@ struct TrackerOptions {
   MotionPriorOptions motion;
   MixtureOptions mixture;
   EdgeOptions edge;
-  StaticMmOptions static_mm;
+  StaticOptions static_fit;
+  ErrorStateFilterOptions error_state_filter;
   HealthOptions health;
 
   // INVALID_ARGUMENT naming the group and the field that is wrong.

@@ -190,7 +190,7 @@ TEST(Tracker, EstimatesDoNotDependOnTheCutOfCalls) {
   IdealEventOptions options;
   options.duration_us = 60'000;
   const std::vector<Event> events = MakeIdealEvents(*MakeCube(0.15), kCamera, motion, options);
-  for (const Estimator estimator : {Estimator::kMixture, Estimator::kStaticMm}) {
+  for (const Estimator estimator : {Estimator::kMixture, Estimator::kStaticMm, Estimator::kErrorStateFilter}) {
     TrackerOptions tracker_options = IdealSensor();
     tracker_options.estimator = estimator;
     const TrackRun whole = Track(events, kStart, tracker_options);

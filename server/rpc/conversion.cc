@@ -48,21 +48,33 @@ v1::EventEncoding ToProto(Encoding encoding) {
   return v1::EVENT_ENCODING_UNSPECIFIED;
 }
 
+constexpr std::pair<Estimator, v1::Estimator> kEstimators[] = {
+    {Estimator::kMixture, v1::ESTIMATOR_MIXTURE},
+    {Estimator::kStaticLs, v1::ESTIMATOR_STATIC_LS},
+    {Estimator::kStaticM, v1::ESTIMATOR_STATIC_M},
+    {Estimator::kStaticS, v1::ESTIMATOR_STATIC_S},
+    {Estimator::kStaticMm, v1::ESTIMATOR_STATIC_MM},
+    {Estimator::kErrorStateFilter, v1::ESTIMATOR_ERROR_STATE_FILTER},
+    {Estimator::kReleasedLs, v1::ESTIMATOR_RELEASED_LS},
+    {Estimator::kReleasedM, v1::ESTIMATOR_RELEASED_M},
+    {Estimator::kReleasedS, v1::ESTIMATOR_RELEASED_S},
+    {Estimator::kReleasedMm, v1::ESTIMATOR_RELEASED_MM},
+};
+
 absl::StatusOr<Estimator> FromProto(v1::Estimator estimator) {
-  switch (estimator) {
-    case v1::ESTIMATOR_UNSPECIFIED:
-    case v1::ESTIMATOR_MIXTURE:
-      return Estimator::kMixture;
-    case v1::ESTIMATOR_STATIC_MM:
-      return Estimator::kStaticMm;
-    default:
-      return InvalidField("config.tracker.estimator",
-                          absl::StrCat("is ", estimator, ", which is no estimator this server knows"));
+  if (estimator == v1::ESTIMATOR_UNSPECIFIED) return Estimator::kMixture;
+  for (const auto& [ours, theirs] : kEstimators) {
+    if (theirs == estimator) return ours;
   }
+  return InvalidField("config.tracker.estimator",
+                      absl::StrCat("is ", estimator, ", which is no estimator this server knows"));
 }
 
 v1::Estimator ToProto(Estimator estimator) {
-  return estimator == Estimator::kStaticMm ? v1::ESTIMATOR_STATIC_MM : v1::ESTIMATOR_MIXTURE;
+  for (const auto& [ours, theirs] : kEstimators) {
+    if (ours == estimator) return theirs;
+  }
+  return v1::ESTIMATOR_UNSPECIFIED;
 }
 
 v1::TrackState ToProto(TrackState state) {
