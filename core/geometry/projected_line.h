@@ -24,6 +24,12 @@ std::optional<ProjectedLine> ProjectLine(const CameraModel& camera, const RigidT
                                          const Eigen::Vector3d& p1_object, const Eigen::Vector3d& p2_object,
                                          double near_m = 1e-3);
 
+// d(A V) / dxi under the twist V: how the line's own velocity a_dot = A V changes with the pose. For a line that
+// ProjectLine projects.
+Eigen::Matrix<double, 3, 6> LineVelocityJacobian(const CameraModel& camera, const RigidTransform& camera_from_object,
+                                                 const Eigen::Vector3d& p1_object, const Eigen::Vector3d& p2_object,
+                                                 const Vector6d& twist);
+
 // Speed, pixels per second, at which the line passes the bearing b = (x, y, 1) under the twist [v (m/s), w (rad/s)]
 // (dT/dt = v, dR/dt = w^ R), along its image normal: positive when it moves to the side where d = a . b is positive.
 // For a b on the line this is the normal component of the image velocity of the line's point there: a . b stays 0 on

@@ -81,6 +81,27 @@ TEST(ProjectedLineTest, JacobianEqualsAutomaticDifferentiation) {
   EXPECT_GT(cut, 1000);
 }
 
+TEST(ProjectedLineTest, VelocityJacobianEqualsDifferences) {
+  const CameraModel camera = TestCamera();
+  RandomScene random;
+  for (int i = 0; i < 200; ++i) {
+    const RigidTransform pose{ExpSo3(random.Point(2.0)), {0.1, -0.1, 1.5}};
+    const Eigen::Vector3d p1 = random.Point(0.5), p2 = random.Point(0.5);
+    Vector6d twist;
+    twist << random.Point(1.0), random.Point(3.0);
+    const Eigen::Matrix<double, 3, 6> jacobian = LineVelocityJacobian(camera, pose, p1, p2, twist);
+    const auto velocity = [&](const Vector6d& xi) -> Eigen::Vector3d {
+      return ProjectLine(camera, Perturb(pose, xi), p1, p2)->jacobian * twist;
+    };
+    for (int k = 0; k < 6; ++k) {
+      constexpr double kStep = 1e-5;
+      const Vector6d xi = kStep * Vector6d::Unit(k);
+      const Eigen::Vector3d expected = (velocity(xi) - velocity(-xi)) / (2.0 * kStep);
+      EXPECT_LT((jacobian.col(k) - expected).norm(), 1e-6 * jacobian.norm()) << "column " << k;
+    }
+  }
+}
+
 TEST(ProjectedLineTest, DistanceIsInPixels) {
   const CameraModel camera = TestCamera();
   RandomScene random;

@@ -38,6 +38,7 @@ void ProjectLines(const CameraModel& camera, const MotionState& state, absl::Spa
     line.a_expected = projected->a;
     line.jacobian = projected->jacobian;
     line.a_dot = projected->jacobian * state.twist;
+    line.a_dot_jacobian = LineVelocityJacobian(camera, state.camera_from_object, lines[k].p1, lines[k].p2, state.twist);
     line.p1_px = projected->p1_px;
     line.direction = extent / length_px;
     line.length_px = length_px;

@@ -29,6 +29,7 @@ struct ImageLine {
   Eigen::Vector3d a_expected = Eigen::Vector3d::Zero();
   Eigen::Vector3d a_dot = Eigen::Vector3d::Zero();
   Eigen::Matrix<double, 3, 6> jacobian = Eigen::Matrix<double, 3, 6>::Zero();
+  Eigen::Matrix<double, 3, 6> a_dot_jacobian = Eigen::Matrix<double, 3, 6>::Zero();  // of a_dot, by the pose
   Eigen::Vector2d p1_px = Eigen::Vector2d::Zero();
   Eigen::Vector2d direction = Eigen::Vector2d::Zero();  // unit, from p1 to p2
   double length_px = 0.0;                               // 0: not in view; no event is near it

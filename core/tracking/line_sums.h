@@ -5,6 +5,7 @@
 #include <Eigen/Core>
 #include <array>
 
+#include "core/tracking/association.h"
 #include "core/tracking/motion_prior.h"
 
 namespace evpose {
@@ -31,10 +32,10 @@ class LineSums {
   std::array<std::array<double, 6>, 3> sums_ = {};
 };
 
-// Adds a line's share of H = sum w J^T J and g = sum w J^T d, where d = (a + tau a_dot) . b and
-// J = [A^T b, tau A^T b] with respect to pose and twist (a_dot = A V). Pixels^2 per tangent unit.
-void AddNormalEquations(const LineSums& sums, const Eigen::Vector3d& a, const Eigen::Vector3d& a_dot,
-                        const Eigen::Matrix<double, 3, 6>& jacobian, double scale, Matrix12d& hessian,
+// Adds a line's share of H = sum w J^T J and g = sum w J^T d, where d = (a_expected + tau a_dot) . b and
+// J = [(A + tau B)^T b, tau A^T b] with respect to pose and twist: a_dot = A V, and B is its derivative by the pose.
+// Exactly the derivatives of d while a_expected differs from a by a constant. Pixels^2 per tangent unit.
+void AddNormalEquations(const LineSums& sums, const ImageLine& line, double scale, Matrix12d& hessian,
                         Vector12d& gradient);
 
 // What the events of a line have in common: they all lie off it by a displacement that is linear along the line, of
@@ -48,8 +49,7 @@ struct LineDisplacement {
 // Takes out of H and g, as AddNormalEquations left them with the same arguments, what the displacement may be instead
 // (Schur complement): however many the events, the line's place is known no better than the displacement is. Its motion
 // within the window is not affected.
-void MarginaliseDisplacement(const LineSums& sums, const Eigen::Vector3d& a, const Eigen::Vector3d& a_dot,
-                             const Eigen::Matrix<double, 3, 6>& jacobian, double scale,
+void MarginaliseDisplacement(const LineSums& sums, const ImageLine& line, double scale,
                              const LineDisplacement& displacement, Matrix12d& hessian, Vector12d& gradient);
 
 }  // namespace evpose

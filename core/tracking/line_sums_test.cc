@@ -22,20 +22,29 @@ struct TestEvent {
   double bx, by, tau_s, weight;
 };
 
-Vector3J Cast(const Eigen::Vector3d& v) { return v.cast<Jet>(); }
-
-// N / rho of method.md 2.7 for points moved by the left perturbation xi, to first order.
-Vector3J LineOf(const CameraModel& camera, const RigidTransform& pose, const Eigen::Vector3d& p1,
-                const Eigen::Vector3d& p2, const Eigen::Matrix<Jet, 6, 1>& xi) {
-  const auto moved = [&](const Eigen::Vector3d& p) -> Vector3J {
-    const Vector3J rotated = Cast(pose.rotation * p);
-    const Vector3J dtheta = xi.tail<3>();
-    return rotated + dtheta.cross(rotated) + Cast(pose.translation_m) + xi.head<3>();
-  };
-  const Vector3J n = moved(p1).cross(moved(p2));
-  const Jet nx = n.x() / camera.fx_px;
-  const Jet ny = n.y() / camera.fy_px;
-  return n / sqrt(nx * nx + ny * ny);
+// a + tau a_dot of method.md 2.7 and 2.8, by n = P1 x P2 and the end points' velocities, at the left perturbation xi
+// and the twist V: xi to first order, which is all that a derivative at 0 sees.
+Vector3J LineAt(const CameraModel& camera, const MotionState& state, const TrackedLine& line, double tau_s) {
+  Vector3J shift, turn, v, w;
+  for (int k = 0; k < 3; ++k) {
+    shift[k] = Jet(0.0, k);
+    turn[k] = Jet(0.0, k + 3);
+    v[k] = Jet(state.twist[k], k + 6);
+    w[k] = Jet(state.twist[k + 3], k + 9);
+  }
+  Vector3J points[2], velocities[2];
+  for (const int end : {0, 1}) {
+    const Vector3J arm = (state.camera_from_object.rotation * (end == 0 ? line.p1 : line.p2)).cast<Jet>();
+    const Vector3J turned = arm + turn.cross(arm);
+    points[end] = turned + state.camera_from_object.translation_m.cast<Jet>() + shift;
+    velocities[end] = v + w.cross(turned);
+  }
+  const Vector3J n = points[0].cross(points[1]);
+  const Vector3J n_dot = velocities[0].cross(points[1]) + points[0].cross(velocities[1]);
+  const Jet fx2(camera.fx_px * camera.fx_px), fy2(camera.fy_px * camera.fy_px);
+  const Jet rho = sqrt(n.x() * n.x() / fx2 + n.y() * n.y() / fy2);
+  const Jet rho_dot = (n.x() * n_dot.x() / fx2 + n.y() * n_dot.y() / fy2) / rho;
+  return n / rho + Jet(tau_s) * (n_dot / rho - n * (rho_dot / (rho * rho)));
 }
 
 TEST(LineSums, NormalEquationsEqualAutomaticDifferentiation) {
@@ -59,21 +68,15 @@ TEST(LineSums, NormalEquationsEqualAutomaticDifferentiation) {
   }
   Matrix12d hessian = Matrix12d::Zero();
   Vector12d gradient = Vector12d::Zero();
-  AddNormalEquations(sums, image[0].a, image[0].a_dot, image[0].jacobian, 1.0, hessian, gradient);
+  AddNormalEquations(sums, image[0], 1.0, hessian, gradient);
 
   Matrix12d expected_hessian = Matrix12d::Zero();
   Vector12d expected_gradient = Vector12d::Zero();
   for (const TestEvent& event : events) {
-    // The line at the event's time: moved by xi + tau (V + dV), all to first order.
-    Eigen::Matrix<Jet, 6, 1> xi;
-    for (int k = 0; k < 6; ++k) {
-      xi[k] = Jet(0.0, k);
-      xi[k].v[k + 6] = event.tau_s;
-    }
-    const Vector3J a = LineOf(camera, state.camera_from_object, line.p1, line.p2, xi);
-    const Jet linear = a.x() * event.bx + a.y() * event.by + a.z();
-    const Vector12d row = linear.v;
-    const double d = linear.a + event.tau_s * row.head<6>().dot(state.twist);
+    const Vector3J a = LineAt(camera, state, line, event.tau_s);
+    const Jet distance = a.x() * event.bx + a.y() * event.by + a.z();
+    const Vector12d row = distance.v;
+    const double d = distance.a;
     expected_hessian += event.weight * row * row.transpose();
     expected_gradient += event.weight * row * d;
   }
@@ -106,8 +109,8 @@ TEST(LineSums, ADisplacementIsMarginalised) {
     const double weight = random.Uniform();
     sums.Add(bearing.x(), bearing.y(), tau_s, weight);
     Eigen::Matrix<double, 14, 1> row;
-    row << line.jacobian.transpose() * bearing, tau_s * line.jacobian.transpose() * bearing,
-        displacement.basis.transpose() * bearing;
+    row << (line.jacobian + tau_s * line.a_dot_jacobian).transpose() * bearing,
+        tau_s * line.jacobian.transpose() * bearing, displacement.basis.transpose() * bearing;
     joint += kScale * weight * row * row.transpose();
     joint_gradient += kScale * weight * (line.a + tau_s * line.a_dot).dot(bearing) * row;
   }
@@ -120,9 +123,9 @@ TEST(LineSums, ADisplacementIsMarginalised) {
 
   Matrix12d hessian = Matrix12d::Zero();
   Vector12d gradient = Vector12d::Zero();
-  AddNormalEquations(sums, line.a, line.a_dot, line.jacobian, kScale, hessian, gradient);
+  AddNormalEquations(sums, line, kScale, hessian, gradient);
   const Matrix12d before = hessian;
-  MarginaliseDisplacement(sums, line.a, line.a_dot, line.jacobian, kScale, displacement, hessian, gradient);
+  MarginaliseDisplacement(sums, line, kScale, displacement, hessian, gradient);
   EXPECT_LT((hessian - expected).norm(), 1e-9 * expected.norm());
   EXPECT_LT((gradient - expected_gradient).norm(), 1e-9 * joint_gradient.norm());
   const double left = (hessian.topLeftCorner<6, 6>()).trace() / (before.topLeftCorner<6, 6>()).trace();

@@ -122,8 +122,9 @@ WindowFit MixtureEstimator::Fit(const MotionState& predicted, const WindowInput&
     annealed_px2 *= 0.1;
   }
 
-  Matrix12d hessian = prior_information;
+  Matrix12d hessian = Matrix12d::Zero();
   Vector12d gradient = Vector12d::Zero();
+  AddPriorEquations(state, predicted, prior_information, hessian, gradient);
   NormalEquations(state, input, density.sigma_px, hessian, gradient);
   state.covariance = Symmetric(hessian.ldlt().solve(Matrix12d::Identity()));
 
@@ -143,8 +144,9 @@ double MixtureEstimator::Minimise(const MotionState& predicted, const Matrix12d&
   constexpr int kSteps = 2;
   double moved_px = 0.0;
   for (int step = 0; step < kSteps; ++step) {
-    Matrix12d hessian = prior_information;
-    Vector12d gradient = prior_information * Minus(state, predicted);
+    Matrix12d hessian = Matrix12d::Zero();
+    Vector12d gradient = Vector12d::Zero();
+    AddPriorEquations(state, predicted, prior_information, hessian, gradient);
     NormalEquations(state, input, sigma_px, hessian, gradient);
     const Vector12d dx = -hessian.ldlt().solve(gradient);
     if (!dx.allFinite()) break;
@@ -163,11 +165,10 @@ void MixtureEstimator::NormalEquations(const MotionState& state, const WindowInp
   const double displacement_px = options_.edge_noise_px_sqrt_s / std::sqrt(std::max(input.duration_s, 1e-6));
   for (size_t k = 0; k < lines_.size(); ++k) {
     if (!lines_[k].in_view() || sums_[k].sums.weight() <= 0.0) continue;
-    AddNormalEquations(sums_[k].sums, lines_[k].a_expected, lines_[k].a_dot, lines_[k].jacobian, scale, hessian,
-                       gradient);
+    AddNormalEquations(sums_[k].sums, lines_[k], scale, hessian, gradient);
     if (displacement_px <= 0.0) continue;
-    MarginaliseDisplacement(sums_[k].sums, lines_[k].a_expected, lines_[k].a_dot, lines_[k].jacobian, scale,
-                            {AlongLine(camera_, lines_[k]), displacement_px}, hessian, gradient);
+    MarginaliseDisplacement(sums_[k].sums, lines_[k], scale, {AlongLine(camera_, lines_[k]), displacement_px}, hessian,
+                            gradient);
   }
   AddAbsence(camera_, lines_, sums_, state.twist, input.duration_s, input.events_per_observation, noise_per_px_,
              options_.min_events_per_px2, 1.0 / options_.events_per_information, hessian, gradient);

@@ -69,4 +69,14 @@ MotionState Predict(const MotionState& state, int64_t t_us, const MotionPriorOpt
   return predicted;
 }
 
+void AddPriorEquations(const MotionState& state, const MotionState& predicted, const Matrix12d& information,
+                       Matrix12d& hessian, Vector12d& gradient) {
+  const Vector12d x = Minus(state, predicted);
+  // A turn on the left of the state changes the turn from the prediction by the inverse left Jacobian of that.
+  Matrix12d jacobian = Matrix12d::Identity();
+  jacobian.block<3, 3>(3, 3) = LeftJacobianInverseSo3(x.segment<3>(3));
+  hessian += jacobian.transpose() * information * jacobian;
+  gradient += jacobian.transpose() * (information * x);
+}
+
 }  // namespace evpose

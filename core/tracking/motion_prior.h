@@ -32,4 +32,9 @@ MotionState InitialMotionState(const RigidTransform& camera_from_object, int64_t
 MotionState Predict(const MotionState& state, int64_t t_us, const MotionPriorOptions& options,
                     double noise_factor = 1.0);
 
+// Adds what a least-squares step at `state` sees of x^T information x / 2, x = Minus(state, predicted): Hessian and
+// gradient by a further perturbation of `state`. `information` is symmetric.
+void AddPriorEquations(const MotionState& state, const MotionState& predicted, const Matrix12d& information,
+                       Matrix12d& hessian, Vector12d& gradient);
+
 }  // namespace evpose
