@@ -1,20 +1,22 @@
 #!/usr/bin/env bash
 # Accuracy against simulated truth over several seeds, which are also several paths: the figures of the README.
 #   tests/bench/accuracy.sh [--objects "cube book"] [--seeds "1 2 3 4 5"] [--speed FACTOR] [--camera evk4|vga]
+#     [--estimators "mixture static-mm"]    any that evpose replay --estimator knows
 # Needs a release build. Recordings of 5 s with 10 % noise, from the true first pose. About a minute for each.
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/../.."
 evpose=build/release/client/cli/evpose
 [[ -x $evpose ]] || { echo "$0: build first: cmake --preset release && cmake --build --preset release" >&2; exit 1; }
 
-objects=cube seeds="1 2 3 4 5" speed=1 camera=evk4
+objects=cube seeds="1 2 3 4 5" speed=1 camera=evk4 estimators="mixture static-mm"
 while (($#)); do
   case "$1" in
     --objects) objects=$2 ;;
     --seeds) seeds=$2 ;;
     --speed) speed=$2 ;;
     --camera) camera=$2 ;;
-    *) sed -n '2,4s/^# //p' "$0" >&2; exit 2 ;;
+    --estimators) estimators=$2 ;;
+    *) sed -n '2,5s/^# //p' "$0" >&2; exit 2 ;;
   esac
   shift 2
 done
@@ -29,12 +31,12 @@ for object in $objects; do
     inputs=(--model "$scene/model.obj" --camera "$scene/camera.yaml")
     first_pose=$(head -n 1 "$scene/truth.tum" | cut -d ' ' -f 2-)
     estimates=()
-    for estimator in mixture static-mm; do
+    for estimator in $estimators; do
       "$evpose" replay "$scene/recording.raw" "${inputs[@]}" --init-pose "$first_pose" --estimator "$estimator" \
         --out "$work/$estimator.tum" 2>/dev/null >"$work/$estimator.txt"
       estimates+=(--estimate "$estimator=$work/$estimator.tum")
     done
-    echo "== $object, $camera, speed x$speed, seed $seed: $(tail -n 1 "$work/mixture.txt")"
+    echo "== $object, $camera, speed x$speed, seed $seed: $(tail -n 1 "$work/${estimators%% *}.txt")"
     "$evpose" evaluate --truth "$scene/truth.tum" "${inputs[@]}" "${estimates[@]}" || true
     rm -rf "$scene"
   done
