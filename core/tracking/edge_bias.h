@@ -31,6 +31,22 @@ struct EdgeCounts {
   }
 };
 
+// What a moving line makes of events.
+struct EdgeRates {
+  double events_per_px2 = 0.0;        // of the area that it sweeps while its pixels can answer
+  double turns_per_px2 = 0.0;         // after one of the other polarity; of all the area
+  double recent_turns_per_px2 = 0.0;  // the same, lately
+  double kappa = 0.0;                 // mean of polarity (+-1) times the sign of the normal velocity
+};
+
+// The area that a line sweeps while its pixels can answer. After an event a pixel is held, and misses what the edge
+// does meanwhile: at `speed` it moves on by a part of its width, with as much of its contrast.
+double LiveAreaPx2(const SensorProfile& sensor, double swept_px2, double events, double speed_px_per_s);
+
+// Expected distance of its events along the line's normal but for the latency, pixels; `motion` is the sign of its
+// normal velocity, smoothed near rest.
+double ExpectedEdgePx(const SensorProfile& sensor, const EdgeRates& rates, double motion);
+
 class EdgeBias {
  public:
   EdgeBias(const EdgeOptions& options, const SensorProfile& sensor, const CameraModel& camera)
@@ -47,13 +63,15 @@ class EdgeBias {
   struct Profile {
     double events = 0.0;           // remembered, explained
     double swept_px2 = 0.0;        // by the line while they came
+    double live_px2 = 0.0;         // of it, while pixels could answer
     double polarity_motion = 0.0;  // sum of polarity (+-1) times the sign of the normal velocity
     double turns = 0.0;            // over the whole memory
     // The same over a few milliseconds: what the pixels saw before changes as soon as the motion does.
     std::array<double, 2> recent_turns = {};
     std::array<double, 2> recent_swept_px2 = {};
   };
-  void Add(const EdgeCounts& counts, double direction, const std::array<double, 2>& swept_px2,
+  // `velocity`: normal to the line.
+  void Add(const EdgeCounts& counts, double velocity_px_per_s, const std::array<double, 2>& swept_px2,
            double events_per_observation, Profile& profile) const;
   // Expected distance of its events along the line's normal, `motion` the smoothed sign of its velocity.
   double ExpectedPx(const Profile& profile, int half, double motion) const;

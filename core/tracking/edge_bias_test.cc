@@ -51,6 +51,7 @@ class EdgeBiasTest : public ::testing::Test {
   static SensorProfile InTime() {
     SensorProfile sensor;
     sensor.latency_us = 0.0;
+    sensor.refractory_us = 0.0;
     return sensor;
   }
 };
@@ -118,6 +119,17 @@ TEST_F(EdgeBiasTest, AStripeLagsButIsNotShifted) {
   EXPECT_NEAR(ExpectedAlongMotion(bias), lag_px, 2e-3);
   MoveBack();
   EXPECT_NEAR(ExpectedAlongMotion(bias), lag_px, 2e-3);
+}
+
+TEST_F(EdgeBiasTest, WhatPixelsMissWhileTheyAreHeldCounts) {
+  sensor_.refractory_us = 200.0;
+  EdgeBias bias(options_, sensor_, camera_);
+  Learn(bias, 0.0, 600.0);
+  // Each of the 3 events of a pixel takes 0.04 px of the edge away, which is 2 sqrt(pi) blurs wide.
+  const double missed_ratio = 3.0 * 0.04 / (3.5449 * sensor_.blur_px);
+  const double contrast = 3.0 / (1.0 - missed_ratio) * sensor_.contrast_threshold;
+  EXPECT_NEAR(ExpectedAlongMotion(bias), BrighterPx(contrast, 0.0), 2e-3);
+  EXPECT_GT(LiveAreaPx2(sensor_, 1.0, 1e6, 1e6), 0.0);
 }
 
 TEST_F(EdgeBiasTest, LateTimeStampsShowWhereTheLineWas) {

@@ -107,6 +107,7 @@ SensorProfile UnbiasedSensor() {
   SensorProfile sensor;
   sensor.blur_px = 0.0;
   sensor.latency_us = 0.0;
+  sensor.refractory_us = 0.0;
   return sensor;
 }
 

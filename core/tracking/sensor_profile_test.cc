@@ -16,6 +16,7 @@ constexpr char kYaml[] = R"(name: lab
 pixel_noise_px: 0.6
 blur_px: 0.7
 contrast_threshold: 0.2
+refractory_us: 90
 latency_us: 120
 )";
 
@@ -33,6 +34,7 @@ TEST(SensorProfile, EveryFieldIsRead) {
   EXPECT_EQ(profile->pixel_noise_px, 0.6);
   EXPECT_EQ(profile->blur_px, 0.7);
   EXPECT_EQ(profile->contrast_threshold, 0.2);
+  EXPECT_EQ(profile->refractory_us, 90.0);
   EXPECT_EQ(profile->latency_us, 120.0);
 }
 
@@ -45,7 +47,7 @@ TEST(SensorProfile, AnAbsentFieldHasTheDefault) {
 }
 
 TEST(SensorProfile, YamlRoundTripGivesTheSameBits) {
-  const SensorProfile odd = {"a \"b\": c\n", 1.0 / 3.0, 0.1 + 0.2, 2.0 / 7.0, -1e3 / 3.0};
+  const SensorProfile odd = {"a \"b\": c\n", 1.0 / 3.0, 0.1 + 0.2, 2.0 / 7.0, 1e3 / 7.0, -1e3 / 3.0};
   const auto back = ParseSensorProfile(SensorProfileToYaml(odd), "p");
   ASSERT_TRUE(back.ok()) << back.status();
   EXPECT_EQ(*back, odd);
