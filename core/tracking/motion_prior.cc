@@ -57,8 +57,11 @@ MotionState Predict(const MotionState& state, int64_t t_us, const MotionPriorOpt
   p.bottomLeftCorner<6, 6>() = p.topRightCorner<6, 6>().transpose();
 
   const double depth_m = state.camera_from_object.translation_m.norm();
-  const double linear = noise_factor * Squared(options.linear_acceleration_density * depth_m);
-  const double angular = noise_factor * Squared(options.angular_acceleration_density);
+  // What moves fast turns fast: in turn_time_s the velocity changes by as much as itself.
+  const double linear = noise_factor * (Squared(options.linear_acceleration_density * depth_m) +
+                                        state.twist.head<3>().squaredNorm() / options.turn_time_s);
+  const double angular = noise_factor * (Squared(options.angular_acceleration_density) +
+                                         state.twist.tail<3>().squaredNorm() / options.turn_time_s);
   for (int i = 0; i < 6; ++i) {
     const double q = i < 3 ? linear : angular;
     p(i, i) += q * dt * dt * dt / 3.0;

@@ -48,6 +48,18 @@ TEST(MotionPrior, CovarianceIsThatOfWhiteAccelerationInOneStepOrMany) {
   EXPECT_GT(noise.covariance.ldlt().vectorD().minCoeff(), 0.0);
 }
 
+TEST(MotionPrior, WhatMovesFastMayTurnFast) {
+  MotionState state = InitialMotionState(MakePose({0.0, 0.0, 1.0}, {0.0, 0.0, 0.0}), 0, 1000.0, InitialPoseOptions());
+  state.covariance.setZero();
+  const MotionPriorOptions options;
+  const double still = Predict(state, 10'000, options).covariance(6, 6);
+  state.twist[0] = 3.0;
+  const MotionState fast = Predict(state, 10'000, options);
+  EXPECT_NEAR(fast.covariance(6, 6) - still, 3.0 * 3.0 / options.turn_time_s * 0.01, 1e-9);
+  EXPECT_NEAR(fast.covariance(9, 9), options.angular_acceleration_density * options.angular_acceleration_density * 0.01,
+              1e-9);
+}
+
 TEST(MotionPrior, MinusIsTheInverseOfPlus) {
   MotionState state;
   state.camera_from_object = MakePose({0.1, -0.2, 1.0}, {0.3, 0.2, -0.5});

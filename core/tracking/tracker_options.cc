@@ -37,6 +37,7 @@ absl::Status InitialPoseOptions::Validate() const {
 absl::Status MotionPriorOptions::Validate() const {
   EVPOSE_RETURN_IF_ERROR(Positive("linear_acceleration_density", linear_acceleration_density));
   EVPOSE_RETURN_IF_ERROR(Positive("angular_acceleration_density", angular_acceleration_density));
+  EVPOSE_RETURN_IF_ERROR(Positive("turn_time_s", turn_time_s));
   return Between("retry_noise_factor", retry_noise_factor, 1.0, 1e6);
 }
 

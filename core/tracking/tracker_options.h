@@ -27,6 +27,9 @@ struct MotionPriorOptions {
   double linear_acceleration_density = 0.34;
   // Radians per second^1.5: in 10 ms the angular velocity changes by 0.24 rad/s, as in a hand's turn.
   double angular_acceleration_density = 2.4;
+  // Seconds in which a velocity changes by as much as itself, on top of both: what moves fast within a view turns in
+  // it.
+  double turn_time_s = 0.5;
   // Process noise of the second try after a fall of the explained share, as a factor (method.md 2.10 (4)).
   double retry_noise_factor = 250.0;
 
