@@ -29,6 +29,7 @@ struct ReplayArguments {
   std::string recording;
   std::string model;
   std::string camera;
+  std::string sensor;
   ServerArguments server;
   std::string rate = "max";
   std::string out;
@@ -62,6 +63,7 @@ struct Inputs {
   double rate = 0.0;
   std::optional<RigidTransform> initial_pose;
   CameraModel camera;
+  SensorProfile sensor;
   std::string model_bytes;
   UploadOptions upload;
   std::unique_ptr<RecordingReader> reader;
@@ -81,6 +83,9 @@ absl::StatusOr<Inputs> ReadInputs(const ReplayArguments& arguments, std::functio
     inputs.initial_pose = *pose;
   }
   EVPOSE_ASSIGN_OR_RETURN(inputs.camera, LoadCameraModel(arguments.camera));
+  if (!arguments.sensor.empty()) {
+    EVPOSE_ASSIGN_OR_RETURN(inputs.sensor, LoadSensorProfile(arguments.sensor));
+  }
   EVPOSE_ASSIGN_OR_RETURN(inputs.upload.format, ModelFormatFromPath(arguments.model));
   inputs.upload.metres_per_unit = arguments.metres_per_unit;
   EVPOSE_ASSIGN_OR_RETURN(inputs.model_bytes, ReadFile(arguments.model, kMaxModelBytes));
@@ -129,6 +134,7 @@ absl::StatusOr<Session> UploadAndCreate(Client& client, const ReplayArguments& a
   config.encoding = inputs.reader->header().encoding;
   config.camera = inputs.camera;
   config.estimator = EstimatorByName(arguments.estimator);
+  config.sensor = inputs.sensor;
   TrackedObject object;
   object.model = model->name;
   object.initial_camera_from_object = inputs.initial_pose;
@@ -208,6 +214,8 @@ void AddOptions(CLI::App& app, ReplayArguments& arguments) {
   app.add_option("recording", arguments.recording, "Prophesee RAW or DAT file; - for standard input")->required();
   app.add_option("--model", arguments.model, "Object: OBJ, PLY or STL")->required();
   app.add_option("--camera", arguments.camera, "Camera: ROS camera_info YAML")->required();
+  app.add_option("--sensor", arguments.sensor,
+                 "Profile of the sensor, as evpose calibrate writes it; by default an EVK4's");
   app.add_option("--scale", arguments.metres_per_unit, "Metres per unit of the model file")
       ->check(CLI::PositiveNumber)
       ->capture_default_str();

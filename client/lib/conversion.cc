@@ -130,6 +130,27 @@ v1::CameraModel ToProto(const CameraModel& camera) {
   return message;
 }
 
+SensorProfile FromProto(const v1::SensorProfile& message) {
+  SensorProfile sensor;
+  sensor.name.clear();  // stays with the file
+  if (message.has_pixel_noise_px()) sensor.pixel_noise_px = message.pixel_noise_px();
+  if (message.has_blur_px()) sensor.blur_px = message.blur_px();
+  if (message.has_contrast_threshold()) sensor.contrast_threshold = message.contrast_threshold();
+  if (message.has_refractory_us()) sensor.refractory_us = message.refractory_us();
+  if (message.has_latency_us()) sensor.latency_us = message.latency_us();
+  return sensor;
+}
+
+v1::SensorProfile ToProto(const SensorProfile& sensor) {
+  v1::SensorProfile message;
+  message.set_pixel_noise_px(sensor.pixel_noise_px);
+  message.set_blur_px(sensor.blur_px);
+  message.set_contrast_threshold(sensor.contrast_threshold);
+  message.set_refractory_us(sensor.refractory_us);
+  message.set_latency_us(sensor.latency_us);
+  return message;
+}
+
 absl::StatusOr<TrackedObject> FromProto(const v1::TrackedObject& message) {
   TrackedObject object;
   object.object_id = message.object_id();
@@ -148,6 +169,7 @@ absl::StatusOr<SessionConfig> FromProto(const v1::SessionConfig& message) {
   config.encoding = ReverseLookup(kEncodings, message.encoding(), Encoding::kEvt3);
   config.camera = FromProto(message.camera());
   config.estimator = ReverseLookup(kEstimators, message.tracker().estimator(), Estimator::kMixture);
+  config.sensor = FromProto(message.tracker().sensor());
   for (const v1::TrackedObject& object : message.objects()) {
     EVPOSE_ASSIGN_OR_RETURN(TrackedObject converted, FromProto(object));
     config.objects.push_back(std::move(converted));
@@ -205,6 +227,7 @@ v1::SessionConfig ToProto(const SessionConfig& config) {
   message.set_encoding(Lookup(kEncodings, config.encoding, v1::EVENT_ENCODING_UNSPECIFIED));
   *message.mutable_camera() = ToProto(config.camera);
   message.mutable_tracker()->set_estimator(Lookup(kEstimators, config.estimator, v1::ESTIMATOR_UNSPECIFIED));
+  *message.mutable_tracker()->mutable_sensor() = ToProto(config.sensor);
   for (const TrackedObject& object : config.objects) {
     v1::TrackedObject& converted = *message.add_objects();
     converted.set_object_id(object.object_id);

@@ -34,6 +34,16 @@ TEST(ConversionTest, ConfigKeepsTheReferenceRotationAndAnAbsentPose) {
   EXPECT_EQ(FromProto(message).status().code(), absl::StatusCode::kInternal);
 }
 
+TEST(ConversionTest, ASensorProfileComesBackButForItsName) {
+  SessionConfig config;
+  config.sensor = {"", 0.6, 0.7, 0.2, 90.0, 120.0};
+  v1::Session message;
+  *message.mutable_config() = ToProto(config);
+  const absl::StatusOr<Session> session = FromProto(message);
+  ASSERT_TRUE(session.ok()) << session.status();
+  EXPECT_EQ(session->config.sensor, config.sensor);
+}
+
 TEST(ConversionTest, HealthSaysWhyThereIsNoPose) {
   v1::SessionHealth message;
   for (const auto& [theirs, ours] :

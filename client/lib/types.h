@@ -13,6 +13,7 @@
 #include "core/geometry/camera.h"
 #include "core/geometry/rigid_transform.h"
 #include "core/models/object_model.h"
+#include "core/tracking/sensor_profile.h"
 #include "core/tracking/tracker.h"
 
 namespace evpose::client {
@@ -54,6 +55,7 @@ struct SessionConfig {
   CameraModel camera;
   std::vector<TrackedObject> objects;
   Estimator estimator = Estimator::kMixture;
+  SensorProfile sensor;
 };
 
 struct ObjectHealth {

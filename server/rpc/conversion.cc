@@ -77,6 +77,26 @@ v1::Estimator ToProto(Estimator estimator) {
   return v1::ESTIMATOR_UNSPECIFIED;
 }
 
+SensorProfile FromProto(const v1::SensorProfile& sensor) {
+  SensorProfile out;
+  if (sensor.has_pixel_noise_px()) out.pixel_noise_px = sensor.pixel_noise_px();
+  if (sensor.has_blur_px()) out.blur_px = sensor.blur_px();
+  if (sensor.has_contrast_threshold()) out.contrast_threshold = sensor.contrast_threshold();
+  if (sensor.has_refractory_us()) out.refractory_us = sensor.refractory_us();
+  if (sensor.has_latency_us()) out.latency_us = sensor.latency_us();
+  return out;
+}
+
+v1::SensorProfile ToProto(const SensorProfile& sensor) {
+  v1::SensorProfile out;
+  out.set_pixel_noise_px(sensor.pixel_noise_px);
+  out.set_blur_px(sensor.blur_px);
+  out.set_contrast_threshold(sensor.contrast_threshold);
+  out.set_refractory_us(sensor.refractory_us);
+  out.set_latency_us(sensor.latency_us);
+  return out;
+}
+
 v1::TrackState ToProto(TrackState state) {
   switch (state) {
     case TrackState::kInitializing:
@@ -211,6 +231,7 @@ v1::SessionConfig ToProto(const SessionConfig& config) {
     *added.mutable_reference_rotation() = RotationToProto(object.reference_rotation);
   }
   out.mutable_tracker()->set_estimator(ToProto(config.estimator));
+  *out.mutable_tracker()->mutable_sensor() = ToProto(config.sensor);
   return out;
 }
 
@@ -248,6 +269,7 @@ absl::StatusOr<SessionConfig> FromProto(const v1::SessionConfig& config) {
   SessionConfig out;
   EVPOSE_ASSIGN_OR_RETURN(out.encoding, FromProto(config.encoding()));
   EVPOSE_ASSIGN_OR_RETURN(out.estimator, FromProto(config.tracker().estimator()));
+  out.sensor = FromProto(config.tracker().sensor());
   if (!config.has_camera()) return InvalidField("config.camera", "is missing");
   EVPOSE_ASSIGN_OR_RETURN(out.camera, FromProto(config.camera()));
   for (int i = 0; i < config.objects_size(); ++i) {

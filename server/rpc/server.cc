@@ -49,12 +49,12 @@ int NumWorkers(const ServerOptions& options) {
 }
 
 absl::StatusOr<std::unique_ptr<Tracker>> MakeTracker(std::shared_ptr<const ObjectModel> model,
-                                                     const CameraModel& camera, Estimator estimator,
-                                                     const ObjectConfig& object) {
+                                                     const SessionConfig& config, const ObjectConfig& object) {
   TrackerOptions options;
-  options.estimator = estimator;
+  options.estimator = config.estimator;
+  options.sensor = config.sensor;
   options.initialization.reference_rotation = object.reference_rotation;
-  return Tracker::Create(std::move(model), camera, options, object.initial_camera_from_object);
+  return Tracker::Create(std::move(model), config.camera, options, object.initial_camera_from_object);
 }
 
 // Deletes expired sessions now and then, so that they go even when nobody asks for any.

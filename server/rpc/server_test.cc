@@ -35,6 +35,18 @@ TEST_F(ServerTest, CreatesASessionAndTellsOfIt) {
   EXPECT_EQ(Describe(Get(created.name(), &found)), "NOT_FOUND SESSION_NOT_FOUND");
 }
 
+TEST_F(ServerTest, ASensorProfileIsKeptAndItsAbsentFieldsAreTold) {
+  auto request = CreateRequest();
+  request.mutable_config()->mutable_tracker()->mutable_sensor()->set_blur_px(0.75);
+  v1::Session created;
+  ASSERT_EQ(Describe(Create(request, &created)), "OK");
+  const v1::SensorProfile& sensor = created.config().tracker().sensor();
+  EXPECT_EQ(sensor.blur_px(), 0.75);
+  EXPECT_EQ(sensor.contrast_threshold(), SensorProfile().contrast_threshold);
+  EXPECT_EQ(sensor.latency_us(), SensorProfile().latency_us);
+  EXPECT_EQ(sensor.pixel_noise_px(), SensorProfile().pixel_noise_px);
+}
+
 TEST_F(ServerTest, NamesTheFieldOfABadConfiguration) {
   using Spoil = std::function<void(v1::SessionConfig&)>;
   const std::vector<std::pair<std::string, Spoil>> cases = {
@@ -42,6 +54,9 @@ TEST_F(ServerTest, NamesTheFieldOfABadConfiguration) {
       {"config.encoding", [](auto& config) { config.set_encoding(static_cast<v1::EventEncoding>(99)); }},
       {"config.tracker.estimator",
        [](auto& config) { config.mutable_tracker()->set_estimator(static_cast<v1::Estimator>(99)); }},
+      {"config.tracker.sensor", [](auto& config) { config.mutable_tracker()->mutable_sensor()->set_blur_px(-1.0); }},
+      {"config.tracker.sensor",
+       [](auto& config) { config.mutable_tracker()->mutable_sensor()->set_latency_us(std::nan("")); }},
       {"config.camera", [](auto& config) { config.clear_camera(); }},
       {"config.camera", [](auto& config) { config.mutable_camera()->set_width_px(0); }},
       {"config.camera", [](auto& config) { config.mutable_camera()->set_width_px(4'000'000'000u); }},

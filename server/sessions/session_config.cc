@@ -34,6 +34,9 @@ absl::Status SessionConfig::Validate() const {
   if (const absl::Status status = camera.Validate(); !status.ok()) {
     return InvalidField("config.camera", status.message());
   }
+  if (const absl::Status status = sensor.Validate(); !status.ok()) {
+    return InvalidField("config.tracker.sensor", status.message());
+  }
   if (objects.empty() || objects.size() > kMaxObjects) {
     return InvalidField("config.objects",
                         absl::StrCat("a session tracks 1 to ", kMaxObjects, " objects, not ", objects.size()));
@@ -54,6 +57,7 @@ absl::Status SessionConfig::Validate() const {
 
 bool operator==(const SessionConfig& a, const SessionConfig& b) {
   if (a.encoding != b.encoding || a.estimator != b.estimator || !SameCamera(a.camera, b.camera)) return false;
+  if (a.sensor != b.sensor) return false;
   if (a.objects.size() != b.objects.size()) return false;
   for (size_t i = 0; i < a.objects.size(); ++i) {
     if (!SameObject(a.objects[i], b.objects[i])) return false;

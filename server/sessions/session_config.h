@@ -13,6 +13,7 @@
 #include "core/geometry/camera.h"
 #include "core/geometry/rigid_transform.h"
 #include "core/models/object_model.h"
+#include "core/tracking/sensor_profile.h"
 #include "core/tracking/tracker.h"
 
 namespace evpose::server {
@@ -29,6 +30,7 @@ struct SessionConfig {
   CameraModel camera;
   std::vector<ObjectConfig> objects;
   Estimator estimator = Estimator::kMixture;
+  SensorProfile sensor;
 
   // Everything that needs no model and no decoder. Errors: INVALID_ARGUMENT with the field (sessions/errors.h), as a
   // path that begins with "config".
@@ -37,9 +39,8 @@ struct SessionConfig {
 
 bool operator==(const SessionConfig& a, const SessionConfig& b);
 
-// Makes the tracker of one object; tests put their own in the place of the real one.
+// Makes the tracker of one object of the session; tests put their own in the place of the real one.
 using TrackerFactory = std::function<absl::StatusOr<std::unique_ptr<Tracker>>(
-    std::shared_ptr<const ObjectModel> model, const CameraModel& camera, Estimator estimator,
-    const ObjectConfig& object)>;
+    std::shared_ptr<const ObjectModel> model, const SessionConfig& config, const ObjectConfig& object)>;
 
 }  // namespace evpose::server

@@ -23,7 +23,7 @@ absl::StatusOr<std::unique_ptr<SessionPipeline>> SessionPipeline::Create(
   if (!decoder.ok()) return InvalidField("config.camera", decoder.status().message());
   pipeline->decoder_ = *std::move(decoder);
   for (size_t i = 0; i < config.objects.size(); ++i) {
-    auto tracker = make_tracker(models[i], config.camera, config.estimator, config.objects[i]);
+    auto tracker = make_tracker(models[i], config, config.objects[i]);
     if (!tracker.ok()) return InvalidField(absl::StrCat("config.objects[", i, "]"), tracker.status().message());
     const TrackState state = (*tracker)->state();
     pipeline->objects_.push_back({*std::move(tracker), state, {}});

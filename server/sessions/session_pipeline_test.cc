@@ -102,16 +102,16 @@ TEST(SessionPipelineTest, TheTrackerGetsWhatTheObjectSays) {
   SessionConfig config = SomeConfig({"a", "b"});
   config.objects[1].reference_rotation = Eigen::Vector3d(1, -1, -1).asDiagonal();
   std::vector<std::pair<std::string, double>> seen;
-  const TrackerFactory make = [&](auto model, const auto& camera, auto estimator, const ObjectConfig& object) {
+  const TrackerFactory make = [&](auto model, const SessionConfig& session, const ObjectConfig& object) {
     seen.push_back({object.object_id, object.reference_rotation(1, 1)});
-    return FakeTrackers()(model, camera, estimator, object);
+    return FakeTrackers()(model, session, object);
   };
   ASSERT_TRUE(SessionPipeline::Create(config, {nullptr, nullptr}, make).ok());
   EXPECT_THAT(seen, testing::ElementsAre(testing::Pair("a", 1.0), testing::Pair("b", -1.0)));
 }
 
 TEST(SessionPipelineTest, NamesTheObjectWhoseTrackerCannotBeMade) {
-  const TrackerFactory refuse = [](auto, const auto&, auto, const auto&) -> absl::StatusOr<std::unique_ptr<Tracker>> {
+  const TrackerFactory refuse = [](auto, const auto&, const auto&) -> absl::StatusOr<std::unique_ptr<Tracker>> {
     return absl::InvalidArgumentError("the model has no line");
   };
   const auto pipeline = SessionPipeline::Create(SomeConfig(), {nullptr}, refuse);

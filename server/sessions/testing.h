@@ -102,7 +102,7 @@ class FakeTracker : public Tracker {
 };
 
 inline TrackerFactory FakeTrackers(std::shared_ptr<FakeTrackerGate> gate = std::make_shared<FakeTrackerGate>()) {
-  return [gate](std::shared_ptr<const ObjectModel>, const CameraModel&, Estimator,
+  return [gate](std::shared_ptr<const ObjectModel>, const SessionConfig&,
                 const ObjectConfig& object) -> absl::StatusOr<std::unique_ptr<Tracker>> {
     return std::make_unique<FakeTracker>(gate, object.initial_camera_from_object.has_value());
   };
