@@ -24,6 +24,7 @@ CommandRunners AddCommands(CLI::App& app, CliContext& context) {
   add("info", "Say what a recording holds", AddInfoCommand);
   add("simulate", "Make a recording of a simulated event camera, with its truth", AddSimulateCommand);
   add("evaluate", "Compare trajectories with the truth", AddEvaluateCommand);
+  add("calibrate", "Fit a sensor's profile to recordings with known poses", AddCalibrateCommand);
   add("render", "Draw a recording's events with the projected model over them", AddRenderCommand);
   add("watch", "Follow the poses of a session", AddWatchCommand);
   AddBenchCommands(*app.add_subcommand("bench", "Compare methods, ours and published ones"), context, runners);

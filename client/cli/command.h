@@ -26,6 +26,7 @@ using Json = nlohmann::ordered_json;
 using CommandRunner = std::function<absl::Status()>;
 using CommandRunners = std::vector<std::pair<CLI::App*, CommandRunner>>;
 
+CommandRunner AddCalibrateCommand(CLI::App& app, CliContext& context);
 CommandRunner AddEvaluateCommand(CLI::App& app, CliContext& context);
 CommandRunner AddInfoCommand(CLI::App& app, CliContext& context);
 CommandRunner AddRenderCommand(CLI::App& app, CliContext& context);

@@ -1,0 +1,248 @@
+#include "core/calibration/edge_passages.h"
+
+#include <algorithm>
+#include <cmath>
+#include <optional>
+#include <utility>
+
+#include "absl/strings/str_cat.h"
+#include "core/base/status_macros.h"
+#include "core/tracking/association.h"
+#include "core/tracking/robust.h"
+#include "core/tracking/visible_lines.h"
+#include "core/windows/pixel_history.h"
+
+namespace evpose {
+namespace {
+
+constexpr int64_t kSlotUs = 1000;      // the motion is taken to be even for so long
+constexpr int64_t kMaxGapUs = 20'000;  // of the truth
+constexpr double kGatePx = 4.0;        // events within it are looked at
+constexpr double kOwnPx = 3.0;         // events within it are the line's
+constexpr double kEndPx = 8.0;         // events so near to a line's end may be another edge's
+// Slower lines make too few events to tell from noise.
+constexpr double kMinSpeedPxPerS = 20.0;
+constexpr double kMinLengthPx = 30.0;
+// A passage ends when the line has swept so much: all places of an edge between two pixels, and enough events for its
+// rates; sooner when it turns round.
+constexpr double kPassagePx = 1.5;
+constexpr double kPassagePx2 = 300.0;
+constexpr size_t kMinEvents = 100;
+
+struct Spread {
+  double mean = 0.0;
+  double sigma = 0.0;
+  double weight = 0.0;
+};
+
+// Mean and spread of the line's part of a mixture with uniform clutter (method.md 2.6), as the tracker's estimate.
+Spread FitMixture(const std::vector<double>& values, const ExpTable& table) {
+  constexpr int kIterations = 25;
+  constexpr double kMinSigmaPx = 0.2;
+  Spread fit{0.0, 0.8, 0.0};
+  double outlier_ratio = 0.2;
+  for (int i = 0; i < kIterations; ++i) {
+    const MixtureDensity density{fit.sigma, outlier_ratio, kGatePx};
+    double weight = 0.0, sum = 0.0, squares = 0.0;
+    for (const double value : values) {
+      const double line = density.Line(value - fit.mean, table);
+      const double w = line / (line + density.Outlier());
+      weight += w;
+      sum += w * value;
+      squares += w * value * value;
+    }
+    if (weight <= 0.0) return {};
+    fit.mean = sum / weight;
+    fit.sigma = std::max(kMinSigmaPx, std::sqrt(std::max(0.0, squares / weight - fit.mean * fit.mean)));
+    fit.weight = weight;
+    outlier_ratio = std::clamp(1.0 - weight / static_cast<double>(values.size()), 0.01, 0.9);
+  }
+  return fit;
+}
+
+// What is known of a model line's passage so far.
+struct OpenPassage {
+  double direction = 0.0;
+  double swept_px = 0.0;
+  double swept_px2 = 0.0;
+  double speed_px2 = 0.0;  // speed times swept area
+  EdgeCounts counts;
+  std::vector<double> residuals_px;
+};
+
+class Collector : public EdgePassageCollector {
+ public:
+  Collector(std::shared_ptr<const ObjectModel> model, const CameraModel& camera, UndistortionTable undistortion,
+            Trajectory truth)
+      : model_(std::move(model)),
+        camera_(camera),
+        undistortion_(std::move(undistortion)),
+        truth_(std::move(truth)),
+        visibility_(*model_, TrueVisibility()),
+        visible_lines_(*model_, camera_, visibility_),
+        history_({camera.width_px, camera.height_px}),
+        grid_(camera_),
+        open_(model_->lines.size()),
+        slot_begin_us_(truth_.front().t_us) {}
+
+  void AddEvents(absl::Span<const Event> events) override {
+    for (const Event& event : events) {
+      const WindowEvent known = history_.Next(event);
+      if (event.t_us < slot_begin_us_ || event.x >= camera_.width_px || event.y >= camera_.height_px) continue;
+      if (event.t_us >= slot_begin_us_ + kSlotUs) {
+        CloseSlot();
+        slot_begin_us_ += (event.t_us - slot_begin_us_) / kSlotUs * kSlotUs;
+      }
+      slot_.push_back(known);
+    }
+  }
+  std::vector<EdgePassage> Finish() override {
+    CloseSlot();
+    for (size_t k = 0; k < open_.size(); ++k) ClosePassage(static_cast<int>(k));
+    return std::move(passages_);
+  }
+  uint64_t num_events_with_truth() const override { return num_events_with_truth_; }
+
+ private:
+  static VisibilityOptions TrueVisibility() {
+    VisibilityOptions options;
+    options.grazing_cosine = 0.0;
+    return options;
+  }
+  std::optional<MotionState> TruthOfSlot() const;
+  void CloseSlot();
+  void AddEvent(const WindowEvent& event, int64_t t_mid_us, absl::Span<const TrackedLine> tracked);
+  void AddSweeps(absl::Span<const TrackedLine> tracked);
+  void ClosePassage(int model_line);
+  double NormalSpeed(const ImageLine& line, double fraction) const {
+    return -BearingOf(camera_, line.PointAt(fraction)).dot(line.a_dot);
+  }
+
+  const std::shared_ptr<const ObjectModel> model_;
+  const CameraModel camera_;
+  const UndistortionTable undistortion_;
+  const Trajectory truth_;
+  const VisibilityTester visibility_;
+  const ExpTable table_;
+  VisibleLines visible_lines_;
+  PixelHistory history_;
+  TileGrid grid_;
+  std::vector<OpenPassage> open_;  // by model line
+  int64_t slot_begin_us_;
+  std::vector<WindowEvent> slot_;
+  std::vector<ImageLine> lines_;
+  std::vector<double> direction_;  // of each image line; 0: of no use in this slot
+  std::vector<EdgePassage> passages_;
+  uint64_t num_events_with_truth_ = 0;
+};
+
+std::optional<MotionState> Collector::TruthOfSlot() const {
+  const int64_t begin_us = slot_begin_us_, end_us = slot_begin_us_ + kSlotUs;
+  const auto after = std::lower_bound(truth_.begin(), truth_.end(), end_us,
+                                      [](const StampedPose& pose, int64_t t_us) { return pose.t_us < t_us; });
+  if (after == truth_.begin() || after == truth_.end() || after->t_us - (after - 1)->t_us > kMaxGapUs) {
+    return std::nullopt;
+  }
+  const auto begin = Interpolate(truth_, begin_us), middle = Interpolate(truth_, begin_us + kSlotUs / 2),
+             end = Interpolate(truth_, end_us);
+  if (!begin.ok() || !middle.ok() || !end.ok()) return std::nullopt;
+  MotionState state;
+  state.t_us = begin_us + kSlotUs / 2;
+  state.camera_from_object = *middle;
+  state.twist = Difference(*end, *begin) / (kSlotUs * 1e-6);
+  return state;
+}
+
+void Collector::CloseSlot() {
+  const std::optional<MotionState> truth = slot_.empty() ? std::nullopt : TruthOfSlot();
+  if (truth) {
+    num_events_with_truth_ += slot_.size();
+    const absl::Span<const TrackedLine> tracked = visible_lines_.At(truth->camera_from_object);
+    ProjectLines(camera_, *truth, tracked, lines_);
+    grid_.Build(lines_, kAlonePx + 2.0);
+    AddSweeps(tracked);
+    for (const WindowEvent& event : slot_) AddEvent(event, truth->t_us, tracked);
+    for (size_t k = 0; k < open_.size(); ++k) {
+      if (open_[k].swept_px >= kPassagePx && open_[k].swept_px2 >= kPassagePx2) ClosePassage(static_cast<int>(k));
+    }
+  }
+  slot_.clear();
+}
+
+void Collector::AddSweeps(absl::Span<const TrackedLine> tracked) {
+  direction_.assign(lines_.size(), 0.0);
+  for (size_t k = 0; k < lines_.size(); ++k) {
+    const ImageLine& line = lines_[k];
+    if (line.length_px < kMinLengthPx) continue;
+    const double first = NormalSpeed(line, 0.0), last = NormalSpeed(line, 1.0);
+    if (first * last < 0.0 || std::min(std::abs(first), std::abs(last)) < kMinSpeedPxPerS) continue;
+    direction_[k] = first > 0.0 ? 1.0 : -1.0;
+    OpenPassage& open = open_[tracked[k].model_line];
+    if (open.direction != direction_[k]) ClosePassage(tracked[k].model_line);
+    open.direction = direction_[k];
+    const double speed = 0.5 * std::abs(first + last);
+    const double swept_px2 = line.length_px * speed * kSlotUs * 1e-6;
+    open.swept_px += speed * kSlotUs * 1e-6;
+    open.swept_px2 += swept_px2;
+    open.speed_px2 += speed * swept_px2;
+  }
+}
+
+void Collector::AddEvent(const WindowEvent& event, int64_t t_mid_us, absl::Span<const TrackedLine> tracked) {
+  const Eigen::Vector2f& bearing = undistortion_.Bearing(event.x, event.y);
+  Observation seen;
+  seen.bx = bearing.x();
+  seen.by = bearing.y();
+  seen.u_px = camera_.fx_px * seen.bx + camera_.cx_px;
+  seen.v_px = camera_.fy_px * seen.by + camera_.cy_px;
+  seen.tau_s = static_cast<double>(event.t_us - t_mid_us) * 1e-6;
+  seen.polarity = event.polarity != 0 ? 1 : 0;
+  seen.previous = event.previous;
+  seen.tile = grid_.TileOf(seen.u_px, seen.v_px);
+  if (seen.tile == TileGrid::kNoTile) return;
+  const NearLines near = FindNearLines(seen, grid_.Lines(seen.tile), lines_.data(), kAlonePx, kAlonePx);
+  if (near.count == 0 || direction_[near.line[0]] == 0.0) return;
+  const ImageLine& line = lines_[near.line[0]];
+  OpenPassage& open = open_[tracked[near.line[0]].model_line];
+  const double along =
+      (seen.u_px - line.p1_px.x()) * line.direction.x() + (seen.v_px - line.p1_px.y()) * line.direction.y();
+  const double distance = near.distance_px[0];
+  if (std::abs(distance) < kOwnPx && along >= 0.0 && along <= line.length_px)
+    open.counts.Add(seen, along < 0.5 * line.length_px ? 0 : 1, 1.0);
+  const bool is_alone = near.count == 1 && along > kEndPx && along < line.length_px - kEndPx;
+  if (is_alone && std::abs(distance) < kGatePx) open.residuals_px.push_back(distance * direction_[near.line[0]]);
+}
+
+void Collector::ClosePassage(int model_line) {
+  OpenPassage& open = open_[model_line];
+  if (open.swept_px2 >= kPassagePx2 && open.residuals_px.size() >= kMinEvents) {
+    const Spread spread = FitMixture(open.residuals_px, table_);
+    const double events = open.counts.polarity[0] + open.counts.polarity[1];
+    EdgePassage passage;
+    passage.model_line = model_line;
+    passage.direction = open.direction;
+    passage.speed_px_per_s = open.speed_px2 / open.swept_px2;
+    passage.rates.events_per_px2 = events / open.swept_px2;
+    passage.rates.turns_per_px2 = passage.rates.recent_turns_per_px2 =
+        (open.counts.turns[0] + open.counts.turns[1]) / open.swept_px2;
+    passage.rates.kappa = open.direction * (open.counts.polarity[1] - open.counts.polarity[0]) / events;
+    passage.residual_px = spread.mean;
+    passage.spread_px = spread.sigma;
+    passage.num_events = spread.weight;
+    if (spread.weight >= kMinEvents / 2.0) passages_.push_back(passage);
+  }
+  open = OpenPassage();
+}
+
+}  // namespace
+
+absl::StatusOr<std::unique_ptr<EdgePassageCollector>> EdgePassageCollector::Create(
+    std::shared_ptr<const ObjectModel> model, const CameraModel& camera, Trajectory truth) {
+  if (model == nullptr || model->lines.empty()) return absl::InvalidArgumentError("the model has no lines");
+  if (truth.empty()) return absl::InvalidArgumentError("the truth has no poses");
+  EVPOSE_RETURN_IF_ERROR(camera.Validate());
+  EVPOSE_ASSIGN_OR_RETURN(UndistortionTable undistortion, UndistortionTable::Create(camera));
+  return std::make_unique<Collector>(std::move(model), camera, std::move(undistortion), std::move(truth));
+}
+
+}  // namespace evpose

@@ -1,0 +1,291 @@
+#include "core/calibration/sensor_calibration.h"
+
+#include <ceres/ceres.h>
+
+#include <Eigen/LU>
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <map>
+#include <tuple>
+#include <utility>
+
+#include "absl/strings/str_format.h"
+#include "core/base/status_macros.h"
+
+namespace evpose {
+namespace {
+
+// What the model leaves over at the best, by which passages are weighted: more events than make up for it do not help.
+constexpr double kModelErrorPx = 0.05;
+// An edge's events come in groups: so many count as one.
+constexpr double kEventsPerInformation = 20.0;
+// Residuals of more than this many standard deviations count less: something else moved there.
+constexpr double kRobustSigmas = 2.0;
+// The fit's own unit, in which all its constants are of the order of one.
+constexpr double kTimeUnitUs = 100.0;
+// Blur, contrast threshold, latency, refractory time; the times show at several speeds only.
+constexpr int kNumConstants = 4;
+constexpr int kNumAtAnySpeed = 2;
+
+struct WeightedPassage {
+  EdgePassage passage;
+  double sigma_px = 1.0;
+  int group = 0;
+};
+
+SensorProfile WithConstants(SensorProfile profile, const double* constants) {
+  profile.blur_px = constants[0];
+  profile.contrast_threshold = constants[1];
+  profile.latency_us = constants[2] * kTimeUnitUs;
+  profile.refractory_us = constants[3] * kTimeUnitUs;
+  return profile;
+}
+
+double Residual(const WeightedPassage& weighted, const double* constants) {
+  const SensorProfile profile = WithConstants({}, constants);
+  return (weighted.passage.residual_px - ExpectedResidualPx(profile, weighted.passage)) / weighted.sigma_px;
+}
+
+struct PassageCost {
+  const WeightedPassage* weighted;
+  bool operator()(const double* constants, double* residual) const {
+    *residual = Residual(*weighted, constants);
+    return true;
+  }
+};
+
+using Constants = std::array<double, kNumConstants>;
+using Covariance = Eigen::Matrix<double, kNumConstants, kNumConstants>;
+using Row = Eigen::Matrix<double, kNumConstants, 1>;
+
+// The minimum of the robust sum of squares.
+absl::StatusOr<Constants> Minimise(const std::vector<WeightedPassage>& passages, const SensorProfile& initial,
+                                   bool with_times) {
+  Constants constants = {initial.blur_px, initial.contrast_threshold, initial.latency_us / kTimeUnitUs,
+                         initial.refractory_us / kTimeUnitUs};
+  ceres::Problem problem;
+  for (const WeightedPassage& weighted : passages) {
+    problem.AddResidualBlock(
+        new ceres::NumericDiffCostFunction<PassageCost, ceres::CENTRAL, 1, kNumConstants>(new PassageCost{&weighted}),
+        new ceres::HuberLoss(kRobustSigmas), constants.data());
+  }
+  const double low[] = {0.05, 0.02, -100.0, 0.0}, high[] = {5.0, 2.0, 100.0, 50.0};
+  for (int i = 0; i < kNumConstants; ++i) {
+    problem.SetParameterLowerBound(constants.data(), i, low[i]);
+    problem.SetParameterUpperBound(constants.data(), i, high[i]);
+  }
+  if (!with_times) problem.SetManifold(constants.data(), new ceres::SubsetManifold(kNumConstants, {2, 3}));
+  ceres::Solver::Options options;
+  options.logging_type = ceres::SILENT;
+  options.max_num_iterations = 100;
+  options.num_threads = 1;
+  ceres::Solver::Summary summary;
+  ceres::Solve(options, &problem, &summary);
+  if (!summary.IsSolutionUsable()) return absl::InternalError("the fit failed: " + summary.message);
+  for (int i = 0; i < kNumAtAnySpeed; ++i) {
+    if (constants[i] > low[i] * (1.0 + 1e-6) && constants[i] < high[i] * (1.0 - 1e-6)) continue;
+    return absl::FailedPreconditionError(
+        "no sensor explains the residuals: are the truth, its clock, the model and the camera those of the recording?");
+  }
+  return constants;
+}
+
+// Covariance of the constants by the sandwich of their curvature and the scatter of the groups' gradients, which are
+// what is independent; Liang and Zeger 1986.
+Covariance GroupedCovariance(const std::vector<WeightedPassage>& passages, const Constants& constants, bool with_times,
+                             int num_groups) {
+  Covariance curvature = Covariance::Zero();
+  std::vector<Row> gradients(num_groups, Row::Zero());
+  for (const WeightedPassage& weighted : passages) {
+    const double residual = Residual(weighted, constants.data());
+    const double weight = std::min(1.0, kRobustSigmas / std::max(std::abs(residual), 1e-9));
+    Row row = Row::Zero();
+    for (int i = 0; i < kNumConstants; ++i) {
+      if (i >= kNumAtAnySpeed && !with_times) continue;
+      constexpr double kStep = 1e-3;
+      Constants up = constants, down = constants;
+      up[i] += kStep;
+      down[i] -= kStep;
+      row[i] = (Residual(weighted, up.data()) - Residual(weighted, down.data())) / (2.0 * kStep);
+    }
+    curvature += weight * row * row.transpose();
+    gradients[weighted.group] += weight * residual * row;
+  }
+  if (!with_times) curvature.bottomRightCorner<2, 2>().setIdentity();
+  Covariance scatter = Covariance::Zero();
+  for (const Row& gradient : gradients) scatter += gradient * gradient.transpose();
+  const Covariance inverse = curvature.inverse();
+  // Few groups: their gradients sum to zero at the minimum, one degree of freedom for each constant.
+  const double groups = num_groups;
+  return groups / std::max(1.0, groups - kNumConstants) * inverse * scatter * inverse;
+}
+
+double Percentile(std::vector<double> values, double ratio) {
+  const size_t index = std::min(values.size() - 1, static_cast<size_t>(ratio * static_cast<double>(values.size())));
+  std::nth_element(values.begin(), values.begin() + static_cast<std::ptrdiff_t>(index), values.end());
+  return values[index];
+}
+
+template <typename Value>
+double PercentileOf(const std::vector<WeightedPassage>& passages, double ratio, Value value) {
+  std::vector<double> values;
+  for (const WeightedPassage& weighted : passages) values.push_back(value(weighted.passage));
+  return Percentile(std::move(values), ratio);
+}
+
+double RmsPx(const std::vector<WeightedPassage>& passages, const SensorProfile* profile) {
+  double sum = 0.0;
+  for (const WeightedPassage& weighted : passages) {
+    const double expected = profile != nullptr ? ExpectedResidualPx(*profile, weighted.passage) : 0.0;
+    sum += (weighted.passage.residual_px - expected) * (weighted.passage.residual_px - expected);
+  }
+  return std::sqrt(sum / static_cast<double>(passages.size()));
+}
+
+std::vector<WeightedPassage> Gather(absl::Span<const CalibrationRecording> recordings,
+                                    const SensorCalibrationOptions& options, int& num_groups) {
+  std::vector<WeightedPassage> gathered;
+  std::map<std::tuple<size_t, int, bool>, int> groups;
+  for (size_t r = 0; r < recordings.size(); ++r) {
+    for (const EdgePassage& passage : StepEdges(recordings[r].passages, options)) {
+      const auto key = std::make_tuple(r, passage.model_line, passage.direction > 0.0);
+      const int group = groups.emplace(key, static_cast<int>(groups.size())).first->second;
+      const double counted = passage.spread_px * passage.spread_px * kEventsPerInformation / passage.num_events;
+      gathered.push_back({passage, std::sqrt(counted + kModelErrorPx * kModelErrorPx), group});
+    }
+  }
+  num_groups = static_cast<int>(groups.size());
+  return gathered;
+}
+
+// The spread of events about their own passage's mean, and its standard error over the groups.
+void FitPixelNoise(const std::vector<WeightedPassage>& passages, SensorCalibration& calibration) {
+  std::vector<double> squares(calibration.num_groups, 0.0), events(calibration.num_groups, 0.0);
+  double all_squares = 0.0, all_events = 0.0;
+  for (const auto& [passage, sigma_px, group] : passages) {
+    squares[group] += passage.num_events * passage.spread_px * passage.spread_px;
+    events[group] += passage.num_events;
+    all_squares += passage.num_events * passage.spread_px * passage.spread_px;
+    all_events += passage.num_events;
+  }
+  const double variance = all_squares / all_events;
+  double scatter = 0.0;
+  for (size_t g = 0; g < squares.size(); ++g) {
+    const double off = (squares[g] - variance * events[g]) / all_events;
+    scatter += off * off;
+  }
+  calibration.profile.pixel_noise_px = std::sqrt(variance);
+  calibration.pixel_noise_error_px = 0.5 * std::sqrt(scatter / variance);
+}
+
+void DescribeTypicalEdge(const std::vector<WeightedPassage>& passages, SensorCalibration& calibration) {
+  const SensorProfile& profile = calibration.profile;
+  EdgeRates typical;
+  typical.events_per_px2 = PercentileOf(passages, 0.5, [](const EdgePassage& p) { return p.rates.events_per_px2; });
+  typical.turns_per_px2 = PercentileOf(passages, 0.5, [](const EdgePassage& p) { return p.rates.turns_per_px2; });
+  typical.recent_turns_per_px2 = typical.turns_per_px2;
+  typical.kappa = 1.0;
+  const double brighter = ExpectedEdgePx(profile, typical, 1.0);
+  const double darker = -ExpectedEdgePx(profile, typical, -1.0);
+  calibration.typical_contrast = profile.contrast_threshold * (typical.events_per_px2 + typical.turns_per_px2);
+  calibration.edge_shift_px = 0.5 * (brighter - darker);
+  calibration.lag_px = -0.5 * (brighter + darker);
+}
+
+absl::Status CheckEnough(const std::vector<WeightedPassage>& passages, int num_groups,
+                         const SensorCalibrationOptions& options) {
+  if (static_cast<int>(passages.size()) >= options.min_passages && num_groups >= options.min_groups) {
+    return absl::OkStatus();
+  }
+  return absl::FailedPreconditionError(absl::StrFormat(
+      "too little to fit a sensor to: %d passages of %d single edges, each direction counted, and %d of %d are needed; "
+      "an edge passes when it stands alone by %.0f px, is in view and moves across itself by some pixels: record more "
+      "motion, to and fro, and nearer",
+      passages.size(), num_groups, options.min_passages, options.min_groups, kAlonePx));
+}
+
+absl::Status CheckDetermined(const char* field, double value, double error, const SensorCalibrationOptions& options) {
+  if (error <= options.max_relative_error * value) return absl::OkStatus();  // false for NaN
+  return absl::FailedPreconditionError(absl::StrFormat(
+      "the recordings do not determine %s: %.3g +- %.2g; edges of several contrasts that move to and fro are needed",
+      field, value, error));
+}
+
+}  // namespace
+
+absl::Status SensorCalibrationOptions::Validate() const {
+  EVPOSE_RETURN_IF_ERROR(initial.Validate());
+  const auto check = [](const char* field, double value, double low, double high) {
+    if (value >= low && value <= high) return absl::OkStatus();
+    return absl::InvalidArgumentError(
+        absl::StrFormat("SensorCalibrationOptions.%s is %g; it must lie in [%g, %g]", field, value, low, high));
+  };
+  EVPOSE_RETURN_IF_ERROR(check("min_kappa", min_kappa, 0.0, 1.0));
+  EVPOSE_RETURN_IF_ERROR(check("min_groups", min_groups, kNumConstants + 1, 1e6));
+  EVPOSE_RETURN_IF_ERROR(check("min_passages", min_passages, kNumConstants + 1, 1e6));
+  EVPOSE_RETURN_IF_ERROR(check("min_speed_ratio", min_speed_ratio, 1.0, 1e3));
+  return check("max_relative_error", max_relative_error, 0.0, 10.0);
+}
+
+std::vector<EdgePassage> StepEdges(absl::Span<const EdgePassage> passages, const SensorCalibrationOptions& options) {
+  std::vector<EdgePassage> edges;
+  for (const EdgePassage& passage : passages) {
+    if (std::abs(passage.rates.kappa) >= options.min_kappa) edges.push_back(passage);
+  }
+  return edges;
+}
+
+double ExpectedResidualPx(const SensorProfile& profile, const EdgePassage& passage) {
+  EdgeRates rates = passage.rates;
+  rates.events_per_px2 /= LiveAreaPx2(profile, 1.0, rates.events_per_px2, passage.speed_px_per_s);
+  return passage.direction * ExpectedEdgePx(profile, rates, passage.direction) -
+         1e-6 * profile.latency_us * passage.speed_px_per_s;
+}
+
+absl::StatusOr<SensorCalibration> CalibrateSensor(absl::Span<const CalibrationRecording> recordings,
+                                                  const SensorCalibrationOptions& options) {
+  EVPOSE_RETURN_IF_ERROR(options.Validate());
+  SensorCalibration result;
+  const std::vector<WeightedPassage> passages = Gather(recordings, options, result.num_groups);
+  EVPOSE_RETURN_IF_ERROR(CheckEnough(passages, result.num_groups, options));
+  result.num_passages = static_cast<int>(passages.size());
+  for (const WeightedPassage& weighted : passages) result.num_events += weighted.passage.num_events;
+  const auto speed = [](const EdgePassage& passage) { return passage.speed_px_per_s; };
+  result.slowest_px_per_s = PercentileOf(passages, 0.1, speed);
+  result.fastest_px_per_s = PercentileOf(passages, 0.9, speed);
+
+  result.are_times_fitted = result.fastest_px_per_s >= options.min_speed_ratio * result.slowest_px_per_s;
+  if (!result.are_times_fitted) {
+    result.warnings.push_back(
+        absl::StrFormat("latency_us stays at %g: nine tenths of the speeds are about one, %.0f to %.0f px/s, and there "
+                        "it cannot be told "
+                        "from the lag; record slow and fast motion",
+                        options.initial.latency_us, result.slowest_px_per_s, result.fastest_px_per_s));
+  }
+  EVPOSE_ASSIGN_OR_RETURN(const Constants constants, Minimise(passages, options.initial, result.are_times_fitted));
+  const Covariance covariance = GroupedCovariance(passages, constants, result.are_times_fitted, result.num_groups);
+  result.profile = WithConstants(options.initial, constants.data());
+  if (!result.are_times_fitted) {
+    result.profile.latency_us = options.initial.latency_us;
+    result.profile.refractory_us = options.initial.refractory_us;
+  }
+  result.blur_error_px = std::sqrt(covariance(0, 0));
+  result.contrast_threshold_error = std::sqrt(covariance(1, 1));
+  if (result.are_times_fitted) {
+    result.latency_error_us = std::sqrt(covariance(2, 2)) * kTimeUnitUs;
+    result.refractory_error_us = std::sqrt(covariance(3, 3)) * kTimeUnitUs;
+  }
+  EVPOSE_RETURN_IF_ERROR(CheckDetermined("blur_px", constants[0], result.blur_error_px, options));
+  EVPOSE_RETURN_IF_ERROR(CheckDetermined("contrast_threshold", constants[1], result.contrast_threshold_error, options));
+
+  FitPixelNoise(passages, result);
+  result.uncorrected_rms_px = RmsPx(passages, nullptr);
+  result.initial_rms_px = RmsPx(passages, &options.initial);
+  result.fitted_rms_px = RmsPx(passages, &result.profile);
+  DescribeTypicalEdge(passages, result);
+  EVPOSE_RETURN_IF_ERROR(result.profile.Validate());
+  return result;
+}
+
+}  // namespace evpose
