@@ -60,6 +60,14 @@ void SetNoise(const SimulateArguments& arguments, SimulationOptions& options) {
   sensor.flood_hz = 1e6 * arguments.flood_mev_per_s;
 }
 
+// Pixels and lens.
+void SetSensor(const SimulateArguments& arguments, SimulationOptions& options) {
+  options.sensor.threshold_on = options.sensor.threshold_off = arguments.threshold;
+  options.sensor.bandwidth_hz = arguments.bandwidth_hz;
+  options.sensor.refractory_us = arguments.refractory_us;
+  options.scene.lens_blur_px = arguments.lens_blur_px;
+}
+
 constexpr double kDurationS = 5.0;
 
 absl::StatusOr<SimulationOptions> MakeScenario(const SimulateArguments& arguments) {
@@ -79,6 +87,7 @@ absl::StatusOr<SimulationOptions> MakeOptions(const SimulateArguments& arguments
   options.t_begin_us = std::llround(arguments.start_s * 1e6);
   options.seed = arguments.seed;
   options.path_seed = arguments.path_seed;
+  SetSensor(arguments, options);
   SetNoise(arguments, options);
   options.scene.light.flicker_depth = arguments.flicker_depth;
   options.scene.light.change_ratio = arguments.light_change_ratio;
