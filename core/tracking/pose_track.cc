@@ -92,6 +92,14 @@ WindowFit PoseTrack::FitWindow(const EventWindow& window, WindowInput& input) {
   input = Gather(window, predicted, 1.0);
   if (input.lines.empty()) return WindowFit();
   WindowFit fit = estimator_->Fit(predicted, input, 1.0);
+  if (IsSilent(fit)) {
+    // Noise is no measurement of the pose; that the lines are silent is one of their motion.
+    WindowInput silence = input;
+    silence.events = {};
+    silence.background_per_px2 = 0.0;
+    fit.state = estimator_->Fit(predicted, silence, 1.0).state;
+    return fit;
+  }
   // Of what comes anywhere on the sensor there is nothing to learn, and nothing to find.
   if (!HasSignal(fit)) return fit;
   if (fit.explained_signal_ratio() < kFallenRatio * usual_explained_ratio_) {
@@ -108,6 +116,16 @@ WindowFit PoseTrack::FitWindow(const EventWindow& window, WindowInput& input) {
         (usual_explained_ratio_ == 0.0 ? 1.0 : kForget) * (fit.explained_signal_ratio() - usual_explained_ratio_);
   }
   return fit;
+}
+
+bool PoseTrack::IsSilent(const WindowFit& fit) {
+  // About 20 windows: a slow object makes no more than the noise's fluctuation in a millisecond, but does in 20.
+  constexpr double kKeep = 0.95;
+  const HealthOptions& health = context_.options.health;
+  recent_signal_ = kKeep * recent_signal_ + fit.num_gated - fit.num_background;
+  recent_background_ = kKeep * recent_background_ + fit.num_background;
+  const double chance = health.significance_sigma * std::sqrt(recent_background_ * health.dispersion);
+  return recent_signal_ < chance && !HasSignal(fit);
 }
 
 bool PoseTrack::HasSignal(const WindowFit& fit) const {

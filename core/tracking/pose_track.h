@@ -58,6 +58,8 @@ class PoseTrack {
   WindowFit FitWindow(const EventWindow& window, WindowInput& input);
   // More events near the lines than come anywhere on the sensor.
   bool HasSignal(const WindowFit& fit) const;
+  // The same over the last windows together, this one counted; its answer is to be asked for once per window.
+  bool IsSilent(const WindowFit& fit);
   void UpdateState(const HealthVerdict& verdict, int64_t t_us);
   Matrix6d PublishedCovariance(const MotionState& state) const;
   PoseEstimate MakeEstimate(const WindowFit& fit, const WindowInput& input) const;
@@ -73,6 +75,8 @@ class PoseTrack {
   TrackState state_ = TrackState::kInitializing;
   MotionState motion_;
   double usual_explained_ratio_ = 0.0;  // running mean
+  double recent_signal_ = 0.0;          // events, fading
+  double recent_background_ = 0.0;
   int unconfirmed_verdicts_ = 0;
   int64_t followed_since_us_ = -1;
   bool on_trial_ = true;         // too few of its lines have had the time to answer

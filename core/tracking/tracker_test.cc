@@ -253,10 +253,16 @@ TEST(Tracker, AStillObjectIsHeldInDenseNoise) {
   EXPECT_EQ(run.tracker->losses(), 0u);
   EXPECT_EQ(run.tracker->state(), TrackState::kTracking);
   int degraded = 0;
+  double early = 0.0;
+  double late = 0.0;
   for (const PoseEstimate& estimate : run.estimates) {
     if (estimate.t_us > 160'000 && estimate.t_us < 519'000 && estimate.state == TrackState::kDegraded) ++degraded;
+    if (estimate.t_us > 140'000 && estimate.t_us < 170'000) early = estimate.covariance.trace();
+    if (estimate.t_us > 480'000 && estimate.t_us < 519'000) late = estimate.covariance.trace();
   }
   EXPECT_GT(degraded, 300);
+  // Noise is no measurement of the pose.
+  EXPECT_GT(late, 1.5 * early);
   const Errors errors = Compare(run.estimates, motion);
   EXPECT_LT(errors.position_rmse_of_depth, 3e-3);
   EXPECT_LT(errors.rotation_max_rad, 0.02);
