@@ -27,6 +27,8 @@ class LineSums {
 
   double weight() const { return sums_[0][5]; }
   Eigen::Matrix3d Moment(int n) const;
+  // Sum of w tau^n b.
+  Eigen::Vector3d Sum(int n) const { return {sums_[n][3], sums_[n][4], sums_[n][5]}; }
 
  private:
   std::array<std::array<double, 6>, 3> sums_ = {};

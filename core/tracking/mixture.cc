@@ -40,6 +40,7 @@ class MixtureEstimator : public WindowEstimator {
     if (gated > 0.0) {
       outlier_ratio_ = (kMemoryEvents * outlier_ratio_ + (gated - n)) / (kMemoryEvents + gated);
     }
+    LearnDisplacement();
     counts_.clear();
     for (const MixtureLine& line : sums_) counts_.push_back(line.counts);
     edge_bias_.Learn(input.lines, lines_, counts_, input.duration_s, input.events_per_observation);
@@ -49,9 +50,13 @@ class MixtureEstimator : public WindowEstimator {
     sigma_px_ = sensor_.pixel_noise_px;
     outlier_ratio_ = 0.2;
     edge_bias_.Reset();
+    displacement_px2_ = 0.0;
+    displacement_factor_ = 1.0;
   }
 
  private:
+  // What the lines' events have in common is seen in what the fit leaves of it: the lines' mean residuals.
+  void LearnDisplacement();
   double FirstGatePx(double spread_px, double gate_factor) const {
     const double wanted = 3.0 * std::sqrt(sigma_px_ * sigma_px_ + spread_px * spread_px);
     return gate_factor * std::clamp(wanted, options_.gate_px, options_.max_gate_px);
@@ -76,6 +81,8 @@ class MixtureEstimator : public WindowEstimator {
   const ExpTable table_;
   double sigma_px_ = 0.0;
   double outlier_ratio_ = 0.0;
+  double displacement_px2_ = 0.0;  // mean square of the lines' displacements, of the last 100 windows or so
+  double displacement_factor_ = 1.0;
   double noise_per_px_ = 0.0;  // of the window: background events that count as a line's, per pixel of its length
   std::vector<ImageLine> lines_;
   std::vector<MixtureLine> sums_;
@@ -162,7 +169,8 @@ double MixtureEstimator::Minimise(const MotionState& predicted, const Matrix12d&
 void MixtureEstimator::NormalEquations(const MotionState& state, const WindowInput& input, double sigma_px,
                                        Matrix12d& hessian, Vector12d& gradient) const {
   const double scale = 1.0 / (sigma_px * sigma_px * options_.events_per_information);
-  const double displacement_px = options_.edge_noise_px_sqrt_s / std::sqrt(std::max(input.duration_s, 1e-6));
+  const double displacement_px =
+      options_.edge_noise_px_sqrt_s * std::sqrt(displacement_factor_ / std::max(input.duration_s, 1e-6));
   for (size_t k = 0; k < lines_.size(); ++k) {
     if (!lines_[k].in_view() || sums_[k].sums.weight() <= 0.0) continue;
     AddNormalEquations(sums_[k].sums, lines_[k], scale, hessian, gradient);
@@ -172,6 +180,28 @@ void MixtureEstimator::NormalEquations(const MotionState& state, const WindowInp
   }
   AddAbsence(camera_, lines_, sums_, state.twist, input.duration_s, input.events_per_observation, noise_per_px_,
              options_.min_events_per_px2, 1.0 / options_.events_per_information, hessian, gradient);
+}
+
+void MixtureEstimator::LearnDisplacement() {
+  constexpr double kMinWeight = 20.0;
+  constexpr double kForget = 0.01;
+  // A line has two unknowns, the pose six.
+  constexpr double kLinesOfAPose = 3.0;
+  constexpr double kMaxFactor = 30.0;
+  double count = 0.0;
+  double squares_px2 = 0.0;
+  for (size_t k = 0; k < lines_.size(); ++k) {
+    const LineSums& sums = sums_[k].sums;
+    if (sums.weight() < kMinWeight || !lines_[k].in_view()) continue;
+    const double mean_px = sums.Sum(0).dot(lines_[k].a_expected) + sums.Sum(1).dot(lines_[k].a_dot);
+    const double w = sums.weight();
+    squares_px2 += mean_px * mean_px / (w * w) - sigma_px_ * sigma_px_ * options_.events_per_information / w;
+    count += 1.0;
+  }
+  if (count <= kLinesOfAPose) return;
+  displacement_px2_ += kForget * (squares_px2 / (count - kLinesOfAPose) - displacement_px2_);
+  const double usual_px = options_.usual_displacement_px;
+  displacement_factor_ = std::clamp(displacement_px2_ / (usual_px * usual_px), 1.0, kMaxFactor);
 }
 
 double MixtureEstimator::Background(const WindowInput& input, double gate_px) const {

@@ -51,6 +51,7 @@ absl::Status MixtureOptions::Validate() const {
   EVPOSE_RETURN_IF_ERROR(Between("max_events", max_events, 50, 1'000'000));
   EVPOSE_RETURN_IF_ERROR(Between("events_per_information", events_per_information, 1.0, 1000.0));
   EVPOSE_RETURN_IF_ERROR(Between("edge_noise_px_sqrt_s", edge_noise_px_sqrt_s, 0.0, 1.0));
+  EVPOSE_RETURN_IF_ERROR(Between("usual_displacement_px", usual_displacement_px, 1e-3, 10.0));
   return Between("min_events_per_px2", min_events_per_px2, 0.0, 100.0);
 }
 

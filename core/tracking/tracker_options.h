@@ -58,6 +58,9 @@ struct MixtureOptions {
   // of the same effect; 0.1 px in a window of a millisecond, 0.02 px over 30 ms. It is what method.md 2.10 (8) divides
   // the information for, but however many its events are, a line says no more than this; checked by NEES.
   double edge_noise_px_sqrt_s = 0.0034;
+  // Pixels: where the lines' events lie farther off their lines than this, root mean square over the lines, the edge
+  // noise grows with it: flicker, a profile that is not this sensor's. Below it the edges are as the profile says.
+  double usual_displacement_px = 0.05;
   // Events per swept square pixel that every line is expected to make, for the evidence of absence (method.md 2.10
   // (1)). Well below what sensors give at ordinary contrast (1 to 5), so that faint or hidden lines do not brake.
   double min_events_per_px2 = 0.15;
