@@ -118,5 +118,69 @@ TEST_F(MixtureTest, AHiddenLineDoesNotBrakeWhileOthersSpeak) {
   EXPECT_EQ(hessian.norm(), 0.0);
 }
 
+// Six lines of a plate seen frontally, whose events lie off them, to one side and the other in turn.
+class DisplacedLines : public ::testing::Test {
+ protected:
+  DisplacedLines() : grid_(camera_) {
+    state_ = InitialMotionState(MakePose({0.0, 0.0, 1.0}, {0.0, 0.0, 0.0}), 0, 1000.0, InitialPoseOptions());
+    for (const double at : {-0.08, 0.0, 0.08}) {
+      tracked_.push_back({static_cast<int>(tracked_.size()), {at, -0.1, 0.0}, {at, 0.1, 0.0}});
+      tracked_.push_back({static_cast<int>(tracked_.size()), {-0.1, at, 0.0}, {0.1, at, 0.0}});
+    }
+    ProjectLines(camera_, state_, tracked_, lines_);
+    grid_.Build(lines_, 16.0);
+  }
+  std::vector<Observation> MakeEvents(double displacement_px) {
+    Random random(3);
+    std::vector<Observation> events;
+    for (int i = 0; i < 600; ++i) {
+      const ImageLine& line = lines_[i % lines_.size()];
+      const Eigen::Vector2d normal(-line.direction.y(), line.direction.x());
+      const double sign = (i % lines_.size()) % 4 < 2 ? 1.0 : -1.0;
+      const double off_px = sign * displacement_px + random.Uniform(-1.0, 1.0);
+      const Eigen::Vector2d pixel = line.PointAt(random.Uniform(0.02, 0.98)) + off_px * normal;
+      const Eigen::Vector3d bearing = BearingOf(camera_, pixel);
+      Observation event;
+      event.u_px = pixel.x();
+      event.v_px = pixel.y();
+      event.bx = bearing.x();
+      event.by = bearing.y();
+      event.tile = grid_.TileOf(pixel.x(), pixel.y());
+      events.push_back(event);
+    }
+    return events;
+  }
+  // Standard deviation of the sideways position after many windows of the same.
+  double LateralSigma(double displacement_px) {
+    const std::vector<Observation> events = MakeEvents(displacement_px);
+    WindowInput input;
+    input.events = events;
+    input.duration_s = 0.001;
+    input.lines = tracked_;
+    input.grid = &grid_;
+    TrackerOptions options;
+    options.sensor = testing::UnbiasedSensor();
+    const std::unique_ptr<WindowEstimator> estimator = MakeMixtureEstimator(options, camera_);
+    WindowFit fit;
+    for (int window = 0; window < 200; ++window) {
+      fit = estimator->Fit(state_, input, 1.0);
+      estimator->Accept(fit, input);
+    }
+    return std::sqrt(fit.state.covariance(0, 0));
+  }
+
+  const CameraModel camera_ = MakeCamera(1280, 720, 1000.0);
+  MotionState state_;
+  std::vector<TrackedLine> tracked_;
+  std::vector<ImageLine> lines_;
+  TileGrid grid_;
+};
+
+TEST_F(DisplacedLines, MakeThePoseLessCertain) {
+  const double known = LateralSigma(0.0);
+  EXPECT_NEAR(LateralSigma(0.03), known, 0.1 * known) << "within what the profile leaves open";
+  EXPECT_GT(LateralSigma(0.3), 2.0 * known);
+}
+
 }  // namespace
 }  // namespace evpose
