@@ -82,10 +82,10 @@ absl::StatusOr<std::unique_ptr<TrackingOracle>> TrackingOracle::Create(std::shar
                                                                        const Trajectory& truth) {
   // What a tracker refuses, the oracle refuses.
   EVPOSE_RETURN_IF_ERROR(Tracker::Create(model, camera, options, std::nullopt).status());
-  EVPOSE_ASSIGN_OR_RETURN(UndistortionTable undistortion, UndistortionTable::Create(camera));
+  EVPOSE_ASSIGN_OR_RETURN(UndistortionTable table, UndistortionTable::Create(camera));
+  const auto undistortion = std::make_shared<const UndistortionTable>(std::move(table));
   return std::make_unique<WindowOracle>(
-      TrackContext{model, camera, std::move(undistortion), options, VisibilityTester(*model, options.visibility)},
-      truth);
+      TrackContext{model, camera, undistortion, options, VisibilityTester(*model, options.visibility)}, truth);
 }
 
 }  // namespace evpose

@@ -34,7 +34,8 @@ TrackContext MakeContext() {
   auto model = std::make_shared<ObjectModel>(*MakeCube(0.15));
   model->symmetries = FindSymmetries(*model);
   VisibilityTester visibility(*model, options.visibility);
-  return {model, kCamera, UndistortionTable::Create(kCamera).value(), options, std::move(visibility)};
+  return {model, kCamera, std::make_shared<UndistortionTable>(UndistortionTable::Create(kCamera).value()), options,
+          std::move(visibility)};
 }
 
 MotionState Start(const TrackContext& context, const RigidTransform& pose) {

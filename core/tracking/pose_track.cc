@@ -17,7 +17,7 @@ constexpr int kKeepLines = 2;
 std::optional<Observation> Observe(const TrackContext& context, const WindowEvent& event, int64_t t_us) {
   const CameraModel& camera = context.camera;
   if (event.x >= camera.width_px || event.y >= camera.height_px) return std::nullopt;
-  const Eigen::Vector2f& bearing = context.undistortion.Bearing(event.x, event.y);
+  const Eigen::Vector2f& bearing = context.undistortion->Bearing(event.x, event.y);
   Observation observation;
   observation.bx = bearing.x();
   observation.by = bearing.y();

@@ -24,7 +24,7 @@ namespace evpose {
 struct TrackContext {
   std::shared_ptr<const ObjectModel> model;
   CameraModel camera;
-  UndistortionTable undistortion;
+  std::shared_ptr<const UndistortionTable> undistortion;  // shared by the objects of a stream
   TrackerOptions options;
   VisibilityTester visibility;
 };

@@ -1,4 +1,4 @@
-// Events of one object in, poses out: windows, prediction, association, estimation, health (method.md 2).
+// Events in, poses of one object or several out: windows, prediction, association, estimation, health (method.md 2).
 #pragma once
 
 #include <cstdint>
@@ -64,8 +64,21 @@ struct InitializationReport {
 // Every field of it is in tracker_options.h with unit, default and reason.
 struct TrackerOptions;
 
+// What to look for in the events.
+struct ObjectToTrack {
+  std::shared_ptr<const ObjectModel> model;  // shared: many sessions, and many objects of one, track the same model
+  // The pose at the first event; without one it is found from the events.
+  std::optional<RigidTransform> initial_camera_from_object;
+  // camera_from_object. Of the poses that a symmetric object cannot tell apart, the one nearest to this is reported.
+  Eigen::Matrix3d reference_rotation = Eigen::Matrix3d::Identity();
+
+  // INVALID_ARGUMENT saying what is wrong with the model, or naming the field.
+  absl::Status Validate() const;
+};
+
 // One estimate, in the notation of the API's Pose message.
 struct PoseEstimate {
+  uint32_t object_index = 0;
   int64_t t_us = 0;  // the time the pose is for: the events' mid-window, where it is best known (method.md 2.8)
   RigidTransform camera_from_object;
   Matrix6d covariance = Matrix6d::Zero();  // of [tx ty tz rx ry rz], m and rad, left perturbation
@@ -76,30 +89,42 @@ struct PoseEstimate {
   float residual_rms_px = 0.0f;
 };
 
-// Not thread-safe; deterministic: the estimates depend on the events and options alone, not on how the events are cut
-// into calls. Memory is bounded whatever the event rate.
+// Tracks the objects of one stream of events side by side, window by window: they share its windows (EventWindower) and
+// its events. Not thread-safe; deterministic: the estimates depend on the events and options alone, not on how the
+// events are cut into calls. Memory is bounded whatever the event rate.
 class Tracker {
  public:
-  // Errors: INVALID_ARGUMENT naming the field of options, camera or model that is wrong. The model is shared: many
-  // sessions track the same one. The pose is that at the first event; without one it is found from the events.
+  // 1 or more objects; PoseEstimate::object_index counts them from 0. Errors: INVALID_ARGUMENT naming the field of
+  // options, camera or object that is wrong.
+  static absl::StatusOr<std::unique_ptr<Tracker>> Create(std::vector<ObjectToTrack> objects, const CameraModel& camera,
+                                                         const TrackerOptions& options);
+  // Of one object.
   static absl::StatusOr<std::unique_ptr<Tracker>> Create(
       std::shared_ptr<const ObjectModel> model, const CameraModel& camera, const TrackerOptions& options,
       const std::optional<RigidTransform>& initial_camera_from_object);
   virtual ~Tracker() = default;
 
   // Events in order of time (a step back is tolerated: such an event joins the open window). Appends the estimates of
-  // all windows that these events close. A LOST or INITIALIZING tracker appends none: no pose is claimed.
+  // all windows that these events close: by window, then by object. A LOST or INITIALIZING object has none: no pose is
+  // claimed.
   virtual void AddEvents(absl::Span<const Event> events, std::vector<PoseEstimate>& estimates) = 0;
   // The sensor's clock has reached t_us without further events (a TimeMark): windows close on time.
   virtual void AdvanceTime(int64_t t_us, std::vector<PoseEstimate>& estimates) = 0;
   // End of the stream: closes what is open.
   virtual void Finish(std::vector<PoseEstimate>& estimates) = 0;
-  // The caller knows better: starts again from this pose at the present time.
-  virtual void ResetPose(const RigidTransform& camera_from_object) = 0;
+  // The caller knows better: that object starts again from this pose at the present time.
+  virtual void ResetPose(size_t object_index, const RigidTransform& camera_from_object) = 0;
 
-  virtual TrackState state() const = 0;
-  virtual InitializationReport initialization() const = 0;
-  virtual uint32_t losses() const = 0;  // changes to LOST so far
+  virtual size_t num_objects() const = 0;
+  virtual TrackState state(size_t object_index) const = 0;
+  virtual InitializationReport initialization(size_t object_index) const = 0;
+  virtual uint32_t losses(size_t object_index) const = 0;  // changes to LOST so far
+
+  // The same of the first object, which is often the only one.
+  void ResetPose(const RigidTransform& camera_from_object) { ResetPose(0, camera_from_object); }
+  TrackState state() const { return state(0); }
+  InitializationReport initialization() const { return initialization(0); }
+  uint32_t losses() const { return losses(0); }
 };
 
 }  // namespace evpose

@@ -113,9 +113,7 @@ TEST(TrackerInitialization, FindsTheCubeOnTheBranchNearestToTheReference) {
   ASSERT_EQ(cube->symmetries.size(), 24u);
   const std::vector<Event> events = CubeEvents(0, 60'000);
   for (const Eigen::Vector3d& reference : {Eigen::Vector3d(0.0, 0.0, 0.0), Eigen::Vector3d(0.5, 0.4, 1.9)}) {
-    TrackerOptions options = IdealSensor();
-    options.initialization.reference_rotation = ExpSo3(reference);
-    auto tracker = MakeTracker(options, cube);
+    auto tracker = Tracker::Create({{cube, std::nullopt, ExpSo3(reference)}}, kCamera, IdealSensor()).value();
     std::vector<PoseEstimate> estimates;
     tracker->AddEvents(events, estimates);
     EXPECT_EQ(tracker->state(), TrackState::kTracking);
@@ -129,7 +127,7 @@ TEST(TrackerInitialization, FindsTheCubeOnTheBranchNearestToTheReference) {
     EXPECT_LT(first_us, 50'000);
     ASSERT_FALSE(estimates.empty());
     const RigidTransform nearest = NearestEquivalent(motion(estimates.front().t_us * 1e-6), cube->symmetries,
-                                                     {options.initialization.reference_rotation, {0.0, 0.0, 0.0}});
+                                                     {ExpSo3(reference), {0.0, 0.0, 0.0}});
     EXPECT_LT(RotationAngle(nearest.rotation, estimates.front().camera_from_object.rotation), 0.035);
   }
 }

@@ -101,10 +101,6 @@ absl::Status HealthOptions::Validate() const {
 }
 
 absl::Status InitializationOptions::Validate() const {
-  if (!reference_rotation.allFinite() || !reference_rotation.isUnitary(1e-3) ||
-      reference_rotation.determinant() < 0.0) {
-    return absl::InvalidArgumentError("reference_rotation is not a rotation");
-  }
   EVPOSE_RETURN_IF_ERROR(Between("memory_us", memory_us, 1000, 10'000'000));
   EVPOSE_RETURN_IF_ERROR(Between("max_window_events", max_window_events, 100, 100'000));
   EVPOSE_RETURN_IF_ERROR(Between("max_events", max_events, max_window_events, 10'000'000));

@@ -157,8 +157,6 @@ struct HealthOptions {
 struct InitializationOptions {
   // False: the pose is only ever given, as in the published method; what is lost stays lost.
   bool is_automatic = true;
-  // camera_from_object. Of the poses that a symmetric object cannot tell apart, the one nearest to this is reported.
-  Eigen::Matrix3d reference_rotation = Eigen::Matrix3d::Identity();
   // Microseconds of events that a search may look back on: what a slow object needs to move by a few pixels.
   int64_t memory_us = 200'000;
   // Events kept, of a window and in all: bounds memory and time in a flood.

@@ -48,13 +48,21 @@ int NumWorkers(const ServerOptions& options) {
   return std::max(1, static_cast<int>(std::thread::hardware_concurrency()));
 }
 
-absl::StatusOr<std::unique_ptr<Tracker>> MakeTracker(std::shared_ptr<const ObjectModel> model,
-                                                     const SessionConfig& config, const ObjectConfig& object) {
+absl::StatusOr<std::unique_ptr<Tracker>> MakeTracker(const SessionConfig& config,
+                                                     const std::vector<std::shared_ptr<const ObjectModel>>& models) {
+  std::vector<ObjectToTrack> objects;
+  for (size_t i = 0; i < models.size(); ++i) {
+    const ObjectConfig& object = config.objects[i];
+    objects.push_back({models[i], object.initial_camera_from_object, object.reference_rotation});
+    const absl::Status status = objects.back().Validate();
+    if (!status.ok()) return InvalidField(absl::StrCat("config.objects[", i, "]"), status.message());
+  }
   TrackerOptions options;
   options.estimator = config.estimator;
   options.sensor = config.sensor;
-  options.initialization.reference_rotation = object.reference_rotation;
-  return Tracker::Create(std::move(model), config.camera, options, object.initial_camera_from_object);
+  absl::StatusOr<std::unique_ptr<Tracker>> tracker = Tracker::Create(std::move(objects), config.camera, options);
+  if (!tracker.ok()) return InvalidField("config", tracker.status().message());
+  return tracker;
 }
 
 // Deletes expired sessions now and then, so that they go even when nobody asks for any.

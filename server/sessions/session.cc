@@ -51,8 +51,8 @@ Session::Session(Parts parts, WorkerPool& pool)
       detached_at_(create_time_) {
   health_.objects.resize(config_.objects.size());
   for (size_t i = 0; i < health_.objects.size(); ++i) {
-    health_.objects[i].state = pipeline_->tracker(i).state();
-    health_.objects[i].initialization = pipeline_->tracker(i).initialization();
+    health_.objects[i].state = pipeline_->tracker().state(i);
+    health_.objects[i].initialization = pipeline_->tracker().initialization(i);
   }
 }
 
@@ -355,9 +355,9 @@ std::vector<StoredPose> Session::NumberPoses() {
   const int64_t latency_us = MicrosecondsSince(item_->received_at);
   std::vector<StoredPose> poses;
   poses.reserve(output_.poses.size());
-  for (const ObjectPose& pose : output_.poses) {
-    explained_ratios_[pose.object_index] = pose.estimate.explained_ratio;
-    poses.push_back({next_pose_seq_++, pose.object_index, pose.estimate, latency_us});
+  for (const PoseEstimate& estimate : output_.poses) {
+    explained_ratios_[estimate.object_index] = estimate.explained_ratio;
+    poses.push_back({next_pose_seq_++, estimate.object_index, estimate, latency_us});
   }
   return poses;
 }
@@ -396,8 +396,8 @@ void Session::Publish(bool item_is_done) {
     health_.sensor_time_us = pipeline_->now_us() - pipeline_->first_t_us();
     health_.processing_us = std::chrono::duration_cast<std::chrono::microseconds>(processing_time_).count();
     for (size_t i = 0; i < health_.objects.size(); ++i) {
-      const Tracker& tracker = pipeline_->tracker(i);
-      health_.objects[i] = {tracker.state(), tracker.losses(), explained_ratios_[i], tracker.initialization()};
+      const Tracker& tracker = pipeline_->tracker();
+      health_.objects[i] = {tracker.state(i), tracker.losses(i), explained_ratios_[i], tracker.initialization(i)};
     }
     if (is_attached_) {
       for (const ObjectStateChange& change : output_.state_changes) {

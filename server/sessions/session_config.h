@@ -39,8 +39,9 @@ struct SessionConfig {
 
 bool operator==(const SessionConfig& a, const SessionConfig& b);
 
-// Makes the tracker of one object of the session; tests put their own in the place of the real one.
+// Makes the tracker of a session's objects; tests put their own in the place of the real one. `models` are those of
+// config.objects, in their order. Errors: INVALID_ARGUMENT with the field of `config` (sessions/errors.h).
 using TrackerFactory = std::function<absl::StatusOr<std::unique_ptr<Tracker>>(
-    std::shared_ptr<const ObjectModel> model, const SessionConfig& config, const ObjectConfig& object)>;
+    const SessionConfig& config, const std::vector<std::shared_ptr<const ObjectModel>>& models)>;
 
 }  // namespace evpose::server

@@ -15,11 +15,6 @@
 
 namespace evpose::server {
 
-struct ObjectPose {
-  uint32_t object_index = 0;
-  PoseEstimate estimate;
-};
-
 struct ObjectStateChange {
   uint32_t object_index = 0;
   int64_t t_us = 0;
@@ -28,7 +23,7 @@ struct ObjectStateChange {
 };
 
 struct PipelineOutput {
-  std::vector<ObjectPose> poses;
+  std::vector<PoseEstimate> poses;
   std::vector<ObjectStateChange> state_changes;
 
   void clear() {
@@ -54,27 +49,19 @@ class SessionPipeline {
   const DecodeCounts& counts() const { return decoder_->counts(); }
   int64_t first_t_us() const { return first_t_us_; }  // -1: no time seen yet
   int64_t now_us() const { return now_us_; }          // -1: no time seen yet
-  size_t num_objects() const { return objects_.size(); }
-  const Tracker& tracker(size_t object_index) const { return *objects_[object_index].tracker; }
+  const Tracker& tracker() const { return *tracker_; }
 
  private:
-  struct Object {
-    std::unique_ptr<Tracker> tracker;
-    TrackState reported_state;
-    std::vector<PoseEstimate> estimates;  // not yet given out
-  };
-
   SessionPipeline() = default;
   void FeedEvents(absl::Span<const Event> events, PipelineOutput& output);
-  void FeedSlice(absl::Span<const Event> events, PipelineOutput& output);
   void FeedTime(int64_t t_us, PipelineOutput& output);
   void SeeTime(int64_t t_us);
   void CloseSlice(int64_t t_us, PipelineOutput& output);
-  void GiveOutEstimates(PipelineOutput& output);
 
   std::unique_ptr<EventDecoder> decoder_;
-  std::vector<Object> objects_;
-  DecodedEvents decoded_;  // kept for its memory
+  std::unique_ptr<Tracker> tracker_;
+  std::vector<TrackState> reported_states_;  // of the objects
+  DecodedEvents decoded_;                    // kept for its memory
   int64_t first_t_us_ = -1;
   int64_t now_us_ = -1;
   int64_t slice_end_us_ = 0;

@@ -30,9 +30,9 @@ std::string TrackInChunks(const SessionConfig& config, const std::string& bytes,
         out << "object " << change.object_index << " at " << change.t_us << " " << TrackStateName(change.state) << "\n";
       }
       if (i == output.poses.size()) break;
-      const ObjectPose& pose = output.poses[i];
-      out << "pose of " << pose.object_index << " at " << pose.estimate.t_us << " "
-          << pose.estimate.camera_from_object.translation_m.transpose() << "\n";
+      const PoseEstimate& pose = output.poses[i];
+      out << "pose of " << pose.object_index << " at " << pose.t_us << " "
+          << pose.camera_from_object.translation_m.transpose() << "\n";
     }
     output.clear();
   };
@@ -73,8 +73,8 @@ TEST(SessionPipelineTest, PosesAreThoseOfTheEvents) {
   PipelineOutput output;
   pipeline->Process({reinterpret_cast<const uint8_t*>(bytes.data()), bytes.size()}, output);
   ASSERT_EQ(output.poses.size(), 1u);
-  EXPECT_EQ(output.poses[0].estimate.t_us, 5500);
-  EXPECT_EQ(output.poses[0].estimate.camera_from_object.translation_m, Eigen::Vector3d(2, 40, 60));
+  EXPECT_EQ(output.poses[0].t_us, 5500);
+  EXPECT_EQ(output.poses[0].camera_from_object.translation_m, Eigen::Vector3d(2, 40, 60));
   EXPECT_EQ(pipeline->counts().cd_events, 3u);
   EXPECT_EQ(pipeline->now_us(), 6000);
 }
@@ -98,21 +98,9 @@ TEST(SessionPipelineTest, AResetPoseIsReportedAsAChangeOfState) {
   EXPECT_FALSE(output.poses.empty());
 }
 
-TEST(SessionPipelineTest, TheTrackerGetsWhatTheObjectSays) {
-  SessionConfig config = SomeConfig({"a", "b"});
-  config.objects[1].reference_rotation = Eigen::Vector3d(1, -1, -1).asDiagonal();
-  std::vector<std::pair<std::string, double>> seen;
-  const TrackerFactory make = [&](auto model, const SessionConfig& session, const ObjectConfig& object) {
-    seen.push_back({object.object_id, object.reference_rotation(1, 1)});
-    return FakeTrackers()(model, session, object);
-  };
-  ASSERT_TRUE(SessionPipeline::Create(config, {nullptr, nullptr}, make).ok());
-  EXPECT_THAT(seen, testing::ElementsAre(testing::Pair("a", 1.0), testing::Pair("b", -1.0)));
-}
-
-TEST(SessionPipelineTest, NamesTheObjectWhoseTrackerCannotBeMade) {
-  const TrackerFactory refuse = [](auto, const auto&, const auto&) -> absl::StatusOr<std::unique_ptr<Tracker>> {
-    return absl::InvalidArgumentError("the model has no line");
+TEST(SessionPipelineTest, TheErrorOfTheTrackerIsThatOfThePipeline) {
+  const TrackerFactory refuse = [](const auto&, const auto&) -> absl::StatusOr<std::unique_ptr<Tracker>> {
+    return InvalidField("config.objects[0]", "the model has no line");
   };
   const auto pipeline = SessionPipeline::Create(SomeConfig(), {nullptr}, refuse);
   EXPECT_EQ(pipeline.status().code(), absl::StatusCode::kInvalidArgument);

@@ -206,7 +206,7 @@ TEST_F(SessionTest, WaitsForAReaderThatIsFarBehindAndForNobodyElse) {
   session_->Detach(attachment.stream);
   for (int i = 0; i < 100; ++i) PassThroughPool();
   EXPECT_TRUE(session_->View(attachment.stream).is_idle);
-  EXPECT_EQ(session_->Watch().last_pose_seq, 2 * 1198u) << "two objects; the last slice is open";
+  EXPECT_EQ(session_->Watch().last_pose_seq, 2 * 1199u) << "two objects; the last window is open";
 }
 
 TEST_F(SessionTest, TellsOfChangesAndFaultsInTheirPlace) {
@@ -241,7 +241,7 @@ TEST_F(SessionTest, ResetsAPoseInTheOrderOfTheStream) {
   ASSERT_TRUE(Push(stream, 2, {{3100, 5, 5, 1}, {4100, 5, 5, 1}, {5100, 5, 5, 1}, {6100, 5, 5, 1}}).ok());
   WaitUntilIdle(stream);
   const auto poses = session_->pose_log()->Read(0, 10).value();
-  ASSERT_EQ(poses.size(), 3u) << "the open window is the first";
+  ASSERT_EQ(poses.size(), 4u) << "the open window is the first";
   for (const StoredPose& pose : poses) EXPECT_EQ(pose.object_index, 1u);
   EXPECT_EQ(poses[0].estimate.t_us, 2500);
   EXPECT_EQ(session_->Snapshot().health.objects[0].state, TrackState::kLost);

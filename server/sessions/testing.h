@@ -40,22 +40,27 @@ class FakeTrackerGate {
   bool is_open_ = true;
 };
 
-// One pose per millisecond with events: its translation is (number of events, sum of x, sum of y). An event at pixel
-// (0, 0) makes it LOST, ResetPose makes it TRACKING; it is INITIALIZING without a first pose.
+// One pose per object and millisecond with events: its translation is (number of events, sum of x, sum of y). An event
+// at pixel (0, 0) makes the objects LOST, ResetPose makes one TRACKING; it is INITIALIZING without a first pose.
 class FakeTracker : public Tracker {
  public:
-  FakeTracker(std::shared_ptr<FakeTrackerGate> gate, bool has_pose)
-      : gate_(std::move(gate)), state_(has_pose ? TrackState::kTracking : TrackState::kInitializing) {}
+  FakeTracker(std::shared_ptr<FakeTrackerGate> gate, const SessionConfig& config) : gate_(std::move(gate)) {
+    for (const ObjectConfig& object : config.objects) {
+      objects_.push_back({object.initial_camera_from_object ? TrackState::kTracking : TrackState::kInitializing});
+    }
+  }
 
   void AddEvents(absl::Span<const Event> events, std::vector<PoseEstimate>& estimates) override {
     gate_->Pass();
     for (const Event& event : events) {
       if (event.t_us / 1000 > window_) Close(event.t_us, estimates);
-      if (event.x == 0 && event.y == 0) {
-        losses_ += state_ != TrackState::kLost;
-        state_ = TrackState::kLost;
+      for (Object& object : objects_) {
+        if (event.x == 0 && event.y == 0) {
+          object.losses += object.state != TrackState::kLost;
+          object.state = TrackState::kLost;
+        }
+        object.attempts += object.state != TrackState::kTracking;
       }
-      attempts_ += state_ != TrackState::kTracking;
       ++num_events_;
       sum_ += Eigen::Vector3d(1.0, event.x, event.y);
     }
@@ -64,25 +69,39 @@ class FakeTracker : public Tracker {
     if (t_us / 1000 > window_) Close(t_us, estimates);
   }
   void Finish(std::vector<PoseEstimate>& estimates) override { Close((window_ + 1) * 1000, estimates); }
-  void ResetPose(const RigidTransform&) override { state_ = TrackState::kTracking; }
-  TrackState state() const override { return state_; }
-  InitializationReport initialization() const override {
-    if (state_ == TrackState::kTracking) return {.status = InitializationStatus::kNotNeeded};
-    return {.status = InitializationStatus::kTooFewLines, .attempts = attempts_, .num_lines = 2};
+  void ResetPose(size_t object_index, const RigidTransform&) override {
+    objects_[object_index].state = TrackState::kTracking;
   }
-  uint32_t losses() const override { return losses_; }
+  size_t num_objects() const override { return objects_.size(); }
+  TrackState state(size_t object_index) const override { return objects_[object_index].state; }
+  InitializationReport initialization(size_t object_index) const override {
+    const Object& object = objects_[object_index];
+    if (object.state == TrackState::kTracking) return {.status = InitializationStatus::kNotNeeded};
+    return {.status = InitializationStatus::kTooFewLines, .attempts = object.attempts, .num_lines = 2};
+  }
+  uint32_t losses(size_t object_index) const override { return objects_[object_index].losses; }
 
  private:
+  struct Object {
+    TrackState state;
+    uint32_t losses = 0;
+    uint64_t attempts = 0;  // one for each event without a pose
+  };
+
   void Close(int64_t t_us, std::vector<PoseEstimate>& estimates) {
-    if (num_events_ > 0 && state_ == TrackState::kTracking) {
+    for (size_t i = 0; i < objects_.size() && num_events_ > 0; ++i) {
+      if (objects_[i].state != TrackState::kTracking) continue;
       PoseEstimate estimate;
+      estimate.object_index = static_cast<uint32_t>(i);
       estimate.t_us = window_ * 1000 + 500;
       estimate.camera_from_object.translation_m = sum_;
-      for (int i = 0; i < 6; ++i) {
-        for (int j = 0; j < 6; ++j) estimate.covariance(i, j) = 10 * std::min(i, j) + std::max(i, j);
+      for (int row = 0; row < 6; ++row) {
+        for (int column = 0; column < 6; ++column) {
+          estimate.covariance(row, column) = 10 * std::min(row, column) + std::max(row, column);
+        }
       }
       estimate.twist << 1, 2, 3, 4, 5, 6;
-      estimate.state = state_;
+      estimate.state = objects_[i].state;
       estimate.num_events = num_events_;
       estimate.explained_ratio = 0.75f;
       estimates.push_back(estimate);
@@ -93,18 +112,16 @@ class FakeTracker : public Tracker {
   }
 
   const std::shared_ptr<FakeTrackerGate> gate_;
-  TrackState state_;
-  uint32_t losses_ = 0;
-  uint64_t attempts_ = 0;  // one for each event without a pose
+  std::vector<Object> objects_;
   int64_t window_ = 0;
   uint32_t num_events_ = 0;
   Eigen::Vector3d sum_ = Eigen::Vector3d::Zero();
 };
 
 inline TrackerFactory FakeTrackers(std::shared_ptr<FakeTrackerGate> gate = std::make_shared<FakeTrackerGate>()) {
-  return [gate](std::shared_ptr<const ObjectModel>, const SessionConfig&,
-                const ObjectConfig& object) -> absl::StatusOr<std::unique_ptr<Tracker>> {
-    return std::make_unique<FakeTracker>(gate, object.initial_camera_from_object.has_value());
+  return [gate](const SessionConfig& config,
+                const std::vector<std::shared_ptr<const ObjectModel>>&) -> absl::StatusOr<std::unique_ptr<Tracker>> {
+    return std::make_unique<FakeTracker>(gate, config);
   };
 }
 

@@ -1,0 +1,219 @@
+#include "core/tracking/object_tracker.h"
+
+#include <algorithm>
+#include <utility>
+
+#include "core/models/symmetry.h"
+#include "core/tracking/tracker_options.h"
+
+namespace evpose {
+
+ObjectTracker::ObjectTracker(TrackContext context, std::unique_ptr<PoseInitializer> initializer,
+                             const ObjectToTrack& object)
+    : context_(std::move(context)),
+      reference_rotation_(object.reference_rotation),
+      memory_(context_.options.initialization.memory_us, context_.options.initialization.max_window_events,
+              context_.options.initialization.max_events),
+      initializer_(std::move(initializer)),
+      given_pose_(object.initial_camera_from_object),
+      retry_us_(context_.options.initialization.retry_us),
+      hypotheses_(context_) {}
+
+void ObjectTracker::Finish() {
+  // The events are over, and never spoke for the pose that was given.
+  if (is_given_ || given_pose_) Lose();
+}
+
+void ObjectTracker::ResetPose(const RigidTransform& camera_from_object, std::optional<int64_t> at_us) {
+  given_pose_ = camera_from_object;
+  given_at_us_ = at_us;
+  hypotheses_.Clear();
+  idle_state_ = TrackState::kInitializing;
+  report_.status = InitializationStatus::kVerifying;
+  is_claimed_ = false;
+}
+
+TrackState ObjectTracker::state() const {
+  if (!is_claimed_) return idle_state_;
+  return hypotheses_.size() > 1 && !is_decided_ ? TrackState::kDegraded : hypotheses_.first().state();
+}
+
+void ObjectTracker::OnWindow(const EventWindow& window, std::vector<PoseEstimate>& estimates) {
+  if (given_pose_) StartFromGivenPose(window);
+  if (initializer_ != nullptr) {
+    if (is_claimed_ && reviews_left_ == 0 && state() == TrackState::kTracking) {
+      memory_.Clear();
+    } else {
+      memory_.Add(window);
+    }
+  }
+  if (!hypotheses_.empty()) {
+    Follow(window, estimates);
+    if (MayReview() && window.t_end_us >= next_search_us_) Review(window);
+  } else if (initializer_ != nullptr) {
+    Search(window, estimates);
+  }
+}
+
+void ObjectTracker::StartFromGivenPose(const EventWindow& window) {
+  const RigidTransform pose = *std::exchange(given_pose_, std::nullopt);
+  const int64_t t_us = std::min(given_at_us_.value_or(window.t_begin_us), window.t_mid_us());
+  const double focal_px = std::max(context_.camera.fx_px, context_.camera.fy_px);
+  hypotheses_.Clear();
+  hypotheses_.Add(InitialMotionState(pose, t_us, focal_px, context_.options.initial));
+  followed_since_us_ = t_us;
+  is_given_ = true;
+  is_decided_ = false;
+  memory_.Clear();
+  report_.status = InitializationStatus::kVerifying;
+}
+
+void ObjectTracker::Follow(const EventWindow& window, std::vector<PoseEstimate>& estimates) {
+  const PoseTrack* believed = is_given_ || (is_claimed_ && is_decided_) ? &hypotheses_.first() : nullptr;
+  hypotheses_.OnWindow(window);
+  if (hypotheses_.empty()) {
+    if (is_claimed_ || is_given_) Lose();
+    report_.status = InitializationStatus::kNoPoseFits;
+    return;
+  }
+  // The pose that was reported, or given, is refuted, and others are left: one of them is reported when it is sure.
+  if (believed != nullptr && believed != &hypotheses_.first()) CountLoss();
+  if (hypotheses_.size() == 1) is_decided_ = true;
+  // Once one is reported, it is left for a likelier one, not for every wavering of the balance.
+  if (!is_decided_ && !is_given_) {
+    hypotheses_.PutBestFirst(is_claimed_ ? 0.5 * context_.options.initialization.decision_sigma : 0.0);
+  }
+  const std::optional<PoseEstimate>& estimate = hypotheses_.estimate();
+  if (!is_claimed_) {
+    report_.status = estimate ? InitializationStatus::kAmbiguous : InitializationStatus::kVerifying;
+    if (!estimate || !MayClaim(window)) return;
+    Claim(window);
+  }
+  report_.status = is_decided_ ? InitializationStatus::kNotNeeded : InitializationStatus::kAmbiguous;
+  if (estimate) Publish(*estimate, estimates);
+}
+
+void ObjectTracker::Publish(PoseEstimate estimate, std::vector<PoseEstimate>& estimates) {
+  estimate.state = state();
+  if (estimate.state == TrackState::kTracking) last_tracked_ = hypotheses_.first().motion();
+  // A search after a loss looks back on windows whose poses are out already.
+  if (estimate.t_us <= last_published_us_) return;
+  last_published_us_ = estimate.t_us;
+  estimates.push_back(estimate);
+}
+
+bool ObjectTracker::MayClaim(const EventWindow& window) const {
+  return is_decided_ || window.t_end_us - followed_since_us_ >= context_.options.initialization.undecided_us;
+}
+
+void ObjectTracker::Claim(const EventWindow& window) {
+  const InitializationOptions& options = context_.options.initialization;
+  is_claimed_ = true;
+  reviews_left_ = is_given_ ? 0 : options.num_reviews;
+  is_given_ = false;
+  next_search_us_ = window.t_end_us + options.review_us;
+  retry_us_ = options.retry_us;
+}
+
+void ObjectTracker::Search(const EventWindow& window, std::vector<PoseEstimate>& estimates) {
+  const InitializationOptions& options = context_.options.initialization;
+  if (memory_.num_events() < static_cast<size_t>(options.min_events)) {
+    report_.status = InitializationStatus::kWaitingForEvents;
+    next_search_us_ = window.t_end_us + options.retry_us;
+    return;
+  }
+  if (window.t_end_us < next_search_us_) return;
+  report_.status = FindHypotheses(hypotheses_);
+  const bool is_vain = report_.status == InitializationStatus::kNoPoseFits;
+  retry_us_ = std::min(is_vain ? options.max_vain_retry_us : options.max_retry_us, retry_us_ + retry_us_ / 4 + 1);
+  next_search_us_ = window.t_end_us + retry_us_;
+  if (hypotheses_.empty()) return;
+  is_decided_ = false;
+  followed_since_us_ = hypotheses_.first().motion().t_us;
+  // They catch up with the present.
+  const size_t num_windows = memory_.size();
+  for (size_t i = 0; i < num_windows && !hypotheses_.empty(); ++i) {
+    const EventWindow past = memory_.At(i);
+    if (past.t_mid_us() >= followed_since_us_) Follow(past, estimates);
+  }
+}
+
+bool ObjectTracker::MayReview() const {
+  if (initializer_ == nullptr || hypotheses_.empty()) return false;
+  if (memory_.num_events() < static_cast<size_t>(context_.options.initialization.min_events)) return false;
+  // Whether an object stands still or is gone, its own lines do not tell: it may be back elsewhere.
+  return !is_claimed_ || reviews_left_ > 0 || state() == TrackState::kDegraded;
+}
+
+void ObjectTracker::Review(const EventWindow& window) {
+  next_search_us_ = window.t_end_us + context_.options.initialization.review_us;
+  if (is_claimed_ && reviews_left_ > 0) --reviews_left_;
+  Hypotheses challengers(context_);
+  FindHypotheses(challengers);
+  const int64_t since_us = challengers.empty() ? 0 : challengers.first().motion().t_us;
+  for (size_t i = 0; i < memory_.size() && !challengers.empty(); ++i) {
+    const EventWindow past = memory_.At(i);
+    if (past.t_mid_us() >= since_us) challengers.OnWindow(past);
+  }
+  if (!challengers.empty()) is_decided_ = is_decided_ && is_claimed_;
+  hypotheses_.Join(std::move(challengers));
+}
+
+InitializationStatus ObjectTracker::FindHypotheses(Hypotheses& hypotheses) {
+  constexpr int kMinLines = 3;
+  CollectEvents();
+  const FirstPoses first = initializer_->Find(pixel_events_);
+  ++report_.attempts;
+  report_.num_lines = first.num_lines;
+  const size_t count = std::min<size_t>(first.poses.size(), context_.options.initialization.max_candidates);
+  for (size_t i = 0; i < count; ++i) hypotheses.Add(StartState(first.poses[i]));
+  if (!first.poses.empty()) return InitializationStatus::kVerifying;
+  if (first.num_lines < kMinLines) return InitializationStatus::kTooFewLines;
+  return first.has_moved ? InitializationStatus::kNoPoseFits : InitializationStatus::kWaitingForEvents;
+}
+
+void ObjectTracker::CollectEvents() {
+  pixel_events_.clear();
+  for (size_t i = 0; i < memory_.size(); ++i) {
+    for (const WindowEvent& event : memory_.At(i).events) {
+      const std::optional<Observation> observation = Observe(context_, event, event.t_us);
+      if (!observation) continue;
+      pixel_events_.push_back(
+          {event.t_us, static_cast<float>(observation->u_px), static_cast<float>(observation->v_px), event.polarity});
+    }
+  }
+}
+
+RigidTransform ObjectTracker::ReferenceAt(int64_t t_us) const {
+  if (!last_tracked_) return {reference_rotation_, Eigen::Vector3d::Zero()};
+  // Longer than this no motion goes on as it was.
+  constexpr int64_t kForesightUs = 100'000;
+  const int64_t later_us = std::clamp<int64_t>(t_us - last_tracked_->t_us, 0, kForesightUs);
+  return Predict(*last_tracked_, last_tracked_->t_us + later_us, context_.options.motion).camera_from_object;
+}
+
+MotionState ObjectTracker::StartState(const FirstPose& first) const {
+  const RigidTransform pose =
+      NearestEquivalent(first.camera_from_object, context_.model->symmetries, ReferenceAt(first.t_us));
+  const double focal_px = std::max(context_.camera.fx_px, context_.camera.fy_px);
+  MotionState state = InitialMotionState(pose, first.t_us, focal_px, context_.options.initial);
+  state.twist = first.twist;
+  state.covariance.bottomRightCorner<6, 6>() = first.twist_covariance;
+  return state;
+}
+
+void ObjectTracker::Lose() {
+  CountLoss();
+  hypotheses_.Clear();
+  given_pose_.reset();
+}
+
+void ObjectTracker::CountLoss() {
+  is_claimed_ = false;
+  is_decided_ = false;
+  is_given_ = false;
+  idle_state_ = TrackState::kLost;
+  ++losses_;
+}
+
+}  // namespace evpose
