@@ -59,6 +59,9 @@ struct Observation {
   uint32_t tile = 0;
   uint8_t polarity = 0;
   PreviousPolarity previous = PreviousPolarity::kUnknown;
+  // How much other objects claim it: the density of their events here, 1/px, where that of the own nearest line
+  // integrates to one across the line (competitors.h). 0: there are no others.
+  float competing = 0.0f;
 };
 
 // Tiles of 8 x 8 undistorted pixels, each with the lines that pass within reach.

@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "core/tracking/competitors.h"
+
 namespace evpose {
 
 void LineEvidence::Add(const LineEvidence& other) {
@@ -48,10 +50,11 @@ void TrackHealth::AddWindow(const CameraModel& camera, const WindowInput& input,
     const NearLines near = FindNearLines(event, input.grid->Lines(event.tile), lines.data(), options_.gate_px, 0.0);
     if (near.count == 0) continue;
     LineEvidence& evidence = evidence_[input.lines[near.line[0]].model_line];
-    evidence.gated += 1.0;
-    evidence.chance += near_share;
-    if (std::abs(near.distance_px[0]) <= options_.near_px) evidence.near += 1.0;
-    gated_ += 1.0;
+    const double share = OwnShare(near.distance_px[0], event.competing);
+    evidence.gated += share;
+    evidence.chance += share * near_share;
+    if (std::abs(near.distance_px[0]) <= options_.near_px) evidence.near += share;
+    gated_ += share;
   }
   for (size_t k = 0; k < lines.size(); ++k) {
     if (!lines[k].in_view()) continue;

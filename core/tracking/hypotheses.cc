@@ -39,23 +39,23 @@ void Hypotheses::Append(Entry entry) {
   }
 }
 
-void Hypotheses::OnWindow(const EventWindow& window) {
-  for (Entry& entry : entries_) entry.estimate = entry.track->OnWindow(window);
-  DropLost();
+void Hypotheses::OnWindow(const EventWindow& window, const Competitors* others) {
+  for (Entry& entry : entries_) entry.estimate = entry.track->OnWindow(window, others);
+  DropIf([](const PoseTrack& track) { return track.state() == TrackState::kLost; });
   if (entries_.size() < 2) return;
   DropSame();
-  Compare(window);
+  Compare(window, others);
   DropWorse();
 }
 
-void Hypotheses::Compare(const EventWindow& window) {
+void Hypotheses::Compare(const EventWindow& window, const Competitors* others) {
   std::vector<WindowEvent> events(window.events.begin(), window.events.end());
   ThinEvenly(kComparedEvents, events);
   for (Entry& entry : entries_) entry.explains.assign(events.size(), 0.0f);
   for (size_t k = 0; k < events.size(); ++k) {
     const std::optional<Observation> event = Observe(context_, events[k], window.t_mid_us());
     if (!event) continue;
-    for (Entry& entry : entries_) entry.explains[k] = static_cast<float>(entry.track->Explains(*event));
+    for (Entry& entry : entries_) entry.explains[k] = static_cast<float>(entry.track->Explains(*event, others));
   }
   for (Entry& entry : entries_) {
     for (size_t other = 0; other < entries_.size(); ++other) {
@@ -74,9 +74,9 @@ double Hypotheses::Preference(size_t i, size_t j) const {
   return variance > 0.0 ? entries_[i].difference[j] / std::sqrt(variance) : 0.0;
 }
 
-void Hypotheses::DropLost() {
+void Hypotheses::DropIf(absl::FunctionRef<bool(const PoseTrack&)> is_wrong) {
   for (size_t i = entries_.size(); i-- > 0;) {
-    if (entries_[i].track->state() == TrackState::kLost) Remove(i);
+    if (is_wrong(*entries_[i].track)) Remove(i);
   }
 }
 

@@ -5,6 +5,7 @@
 #include <optional>
 #include <vector>
 
+#include "absl/functional/function_ref.h"
 #include "core/tracking/pose_track.h"
 
 namespace evpose {
@@ -23,7 +24,10 @@ class Hypotheses {
   void Join(Hypotheses&& others);
   void Clear() { entries_.clear(); }
 
-  void OnWindow(const EventWindow& window);
+  // `others` as PoseTrack::OnWindow takes them.
+  void OnWindow(const EventWindow& window, const Competitors* others = nullptr);
+  // Drops those that the predicate says it of.
+  void DropIf(absl::FunctionRef<bool(const PoseTrack&)> is_wrong);
   // Puts the one first that the events prefer most, if they prefer it to the present first by `min_sigma` at least.
   void PutBestFirst(double min_sigma);
 
@@ -44,10 +48,9 @@ class Hypotheses {
     std::vector<double> squares;
   };
 
-  void Compare(const EventWindow& window);
+  void Compare(const EventWindow& window, const Competitors* others);
   // Standard deviations by which the events prefer entry i to entry j.
   double Preference(size_t i, size_t j) const;
-  void DropLost();
   void DropSame();
   void DropWorse();
   void Append(Entry entry);

@@ -3,9 +3,11 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <utility>
 
 #include "core/base/random.h"
 #include "core/geometry/projected_line.h"
+#include "core/models/visibility.h"
 
 namespace evpose::testing {
 namespace {
@@ -50,7 +52,9 @@ void AddLineEvents(const ModelLine& line, const CameraModel& camera, const Motio
     if (random.Uniform() * fastest > std::abs(normal.dot(velocity))) continue;
     const Eigen::Vector2d pixel =
         now->p1_px + along * extent + velocity * (offset_us * 1e-6) + normal * (options.sigma_px * random.Normal());
-    AddPixel(camera, pixel, t_us + offset_us, static_cast<uint8_t>(random.UniformInt(2)), events);
+    const auto polarity = static_cast<uint8_t>(random.UniformInt(2));
+    if (options.is_hidden && options.is_hidden(pixel, t_s + static_cast<double>(offset_us) * 1e-6)) continue;
+    AddPixel(camera, pixel, t_us + offset_us, polarity, events);
   }
 }
 
@@ -82,6 +86,25 @@ std::shared_ptr<const ObjectModel> MakeCube(double edge_m) {
   }
   model->diameter_m = edge_m * std::sqrt(3.0);
   return model;
+}
+
+std::function<bool(const Eigen::Vector2d& pixel, double t_s)> HiddenBehind(const ObjectModel& model,
+                                                                           const CameraModel& camera, Motion motion) {
+  auto tester = std::make_shared<const VisibilityTester>(model, VisibilityOptions());
+  return [tester, camera, motion = std::move(motion)](const Eigen::Vector2d& pixel, double t_s) {
+    constexpr double kFarM = 100.0;
+    const Eigen::Vector3d ray((pixel.x() - camera.cx_px) / camera.fx_px, (pixel.y() - camera.cy_px) / camera.fy_px,
+                              1.0);
+    const RigidTransform object_from_camera = motion(t_s).Inverse();
+    return !tester->IsPointVisible(object_from_camera.translation_m, object_from_camera * (kFarM * ray));
+  };
+}
+
+std::vector<Event> MergeEvents(const std::vector<std::vector<Event>>& streams) {
+  std::vector<Event> merged;
+  for (const std::vector<Event>& stream : streams) merged.insert(merged.end(), stream.begin(), stream.end());
+  std::stable_sort(merged.begin(), merged.end(), [](const Event& a, const Event& b) { return a.t_us < b.t_us; });
+  return merged;
 }
 
 CameraModel MakeCamera(int width_px, int height_px, double focal_px) {

@@ -32,10 +32,19 @@ struct IdealEventOptions {
   int64_t t_begin_us = 0;
   int64_t duration_us = 100'000;
   uint64_t seed = 1;
+  // Whether something stands before the pixel at a time in seconds from t_begin_us: its events are left out.
+  std::function<bool(const Eigen::Vector2d& pixel, double t_s)> is_hidden;
 };
 
 // The profile of a sensor whose events lie on their lines, as ideal ones do.
 SensorProfile UnbiasedSensor();
+
+// A model before the camera hides pixels from what lies behind it. Keeps a reference to the model.
+std::function<bool(const Eigen::Vector2d& pixel, double t_s)> HiddenBehind(const ObjectModel& model,
+                                                                           const CameraModel& camera, Motion motion);
+
+// The events of several streams, each in order of time, in order of time.
+std::vector<Event> MergeEvents(const std::vector<std::vector<Event>>& streams);
 
 // In order of time. The object must be convex: a line shows when one of its faces is turned to the camera.
 std::vector<Event> MakeIdealEvents(const ObjectModel& model, const CameraModel& camera, const Motion& motion,

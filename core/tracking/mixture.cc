@@ -227,14 +227,16 @@ MixtureTotals AccumulateMixture(const WindowInput& input, absl::Span<const Image
   sums.assign(lines.size(), MixtureLine());
   MixtureTotals totals;
   const double outlier = density.Outlier();
+  const double inlier_ratio = 1.0 - density.outlier_ratio;
   for (const Observation& event : input.events) {
     const NearLines near =
         FindNearLines(event, input.grid->Lines(event.tile), lines.data(), density.gate_px, kEndMarginPx);
     if (near.count == 0) continue;
-    totals.num_gated += 1.0;
     double likelihood[2] = {density.Line(near.distance_px[0], table), 0.0};
     if (near.count == 2) likelihood[1] = density.Line(near.distance_px[1], table);
-    const double inverse = 1.0 / (likelihood[0] + likelihood[1] + outlier);
+    const double competing = inlier_ratio * event.competing;
+    const double inverse = 1.0 / (likelihood[0] + likelihood[1] + outlier + competing);
+    totals.num_gated += 1.0 - competing * inverse;
     for (int k = 0; k < near.count; ++k) {
       const double weight = likelihood[k] * inverse;
       if (weight < 1e-4) continue;

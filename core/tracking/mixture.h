@@ -26,7 +26,7 @@ struct MixtureTotals {
   double weighted_squares_px2 = 0.0;
 };
 
-// One pass: shares every event between its two nearest lines and the clutter, and sums by line.
+// One pass: shares every event between its two nearest lines, other objects and the clutter, and sums by line.
 // `sums` has one entry per image line and is overwritten.
 MixtureTotals AccumulateMixture(const WindowInput& input, absl::Span<const ImageLine> lines,
                                 const MixtureDensity& density, const ExpTable& table, std::vector<MixtureLine>& sums);

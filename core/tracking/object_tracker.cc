@@ -7,17 +7,34 @@
 #include "core/tracking/tracker_options.h"
 
 namespace evpose {
+namespace {
+
+// Windows are a millisecond long or longer; were they shorter, memory would still be bounded.
+constexpr size_t kMaxSightings = 1000;
+
+}  // namespace
 
 ObjectTracker::ObjectTracker(TrackContext context, std::unique_ptr<PoseInitializer> initializer,
                              const ObjectToTrack& object)
     : context_(std::move(context)),
       reference_rotation_(object.reference_rotation),
+      sphere_(BoundingSphereOf(*context_.model)),
       memory_(context_.options.initialization.memory_us, context_.options.initialization.max_window_events,
               context_.options.initialization.max_events),
       initializer_(std::move(initializer)),
       given_pose_(object.initial_camera_from_object),
       retry_us_(context_.options.initialization.retry_us),
       hypotheses_(context_) {}
+
+void ObjectTracker::SetOthers(std::vector<const ObjectTracker*> others) {
+  others_ = std::move(others);
+  if (!others_.empty()) competitors_ = std::make_unique<Competitors>(context_.camera);
+}
+
+void ObjectTracker::BeginWindow() {
+  is_known_ = is_claimed_;
+  if (hypotheses_.empty()) sightings_.clear();
+}
 
 void ObjectTracker::Finish() {
   // The events are over, and never spoke for the pose that was given.
@@ -28,6 +45,7 @@ void ObjectTracker::ResetPose(const RigidTransform& camera_from_object, std::opt
   given_pose_ = camera_from_object;
   given_at_us_ = at_us;
   hypotheses_.Clear();
+  sightings_.clear();
   idle_state_ = TrackState::kInitializing;
   report_.status = InitializationStatus::kVerifying;
   is_claimed_ = false;
@@ -60,6 +78,7 @@ void ObjectTracker::StartFromGivenPose(const EventWindow& window) {
   const int64_t t_us = std::min(given_at_us_.value_or(window.t_begin_us), window.t_mid_us());
   const double focal_px = std::max(context_.camera.fx_px, context_.camera.fy_px);
   hypotheses_.Clear();
+  sightings_.clear();
   hypotheses_.Add(InitialMotionState(pose, t_us, focal_px, context_.options.initial));
   followed_since_us_ = t_us;
   is_given_ = true;
@@ -70,7 +89,8 @@ void ObjectTracker::StartFromGivenPose(const EventWindow& window) {
 
 void ObjectTracker::Follow(const EventWindow& window, std::vector<PoseEstimate>& estimates) {
   const PoseTrack* believed = is_given_ || (is_claimed_ && is_decided_) ? &hypotheses_.first() : nullptr;
-  hypotheses_.OnWindow(window);
+  hypotheses_.OnWindow(window, OthersAt(window, hypotheses_.size() == 1 ? &hypotheses_.first().motion() : nullptr));
+  hypotheses_.DropIf([this](const PoseTrack& track) { return IsTaken(track); });
   if (hypotheses_.empty()) {
     if (is_claimed_ || is_given_) Lose();
     report_.status = InitializationStatus::kNoPoseFits;
@@ -83,6 +103,7 @@ void ObjectTracker::Follow(const EventWindow& window, std::vector<PoseEstimate>&
   if (!is_decided_ && !is_given_) {
     hypotheses_.PutBestFirst(is_claimed_ ? 0.5 * context_.options.initialization.decision_sigma : 0.0);
   }
+  Remember(window);
   const std::optional<PoseEstimate>& estimate = hypotheses_.estimate();
   if (!is_claimed_) {
     report_.status = estimate ? InitializationStatus::kAmbiguous : InitializationStatus::kVerifying;
@@ -129,6 +150,7 @@ void ObjectTracker::Search(const EventWindow& window, std::vector<PoseEstimate>&
   next_search_us_ = window.t_end_us + retry_us_;
   if (hypotheses_.empty()) return;
   is_decided_ = false;
+  sightings_.clear();
   followed_since_us_ = hypotheses_.first().motion().t_us;
   // They catch up with the present.
   const size_t num_windows = memory_.size();
@@ -153,7 +175,7 @@ void ObjectTracker::Review(const EventWindow& window) {
   const int64_t since_us = challengers.empty() ? 0 : challengers.first().motion().t_us;
   for (size_t i = 0; i < memory_.size() && !challengers.empty(); ++i) {
     const EventWindow past = memory_.At(i);
-    if (past.t_mid_us() >= since_us) challengers.OnWindow(past);
+    if (past.t_mid_us() >= since_us) challengers.OnWindow(past, OthersAt(past, nullptr));
   }
   if (!challengers.empty()) is_decided_ = is_decided_ && is_claimed_;
   hypotheses_.Join(std::move(challengers));
@@ -175,9 +197,12 @@ InitializationStatus ObjectTracker::FindHypotheses(Hypotheses& hypotheses) {
 void ObjectTracker::CollectEvents() {
   pixel_events_.clear();
   for (size_t i = 0; i < memory_.size(); ++i) {
-    for (const WindowEvent& event : memory_.At(i).events) {
-      const std::optional<Observation> observation = Observe(context_, event, event.t_us);
+    const EventWindow window = memory_.At(i);
+    const Competitors* others = OthersAt(window, nullptr);
+    for (const WindowEvent& event : window.events) {
+      const std::optional<Observation> observation = Observe(context_, event, window.t_mid_us());
       if (!observation) continue;
+      if (others != nullptr && others->Explain(*observation)) continue;
       pixel_events_.push_back(
           {event.t_us, static_cast<float>(observation->u_px), static_cast<float>(observation->v_px), event.polarity});
     }
@@ -200,6 +225,57 @@ MotionState ObjectTracker::StartState(const FirstPose& first) const {
   state.twist = first.twist;
   state.covariance.bottomRightCorner<6, 6>() = first.twist_covariance;
   return state;
+}
+
+const Competitors* ObjectTracker::OthersAt(const EventWindow& window, const MotionState* near) {
+  if (competitors_ == nullptr) return nullptr;
+  const std::optional<BoundingSphere> sphere =
+      near == nullptr ? std::nullopt : std::optional(SphereAt(near->camera_from_object));
+  competitors_->Clear();
+  for (const ObjectTracker* other : others_) other->AddTo(window.t_mid_us(), sphere, *competitors_);
+  if (competitors_->empty()) return nullptr;
+  competitors_->Build();
+  return competitors_.get();
+}
+
+void ObjectTracker::AddTo(int64_t t_us, const std::optional<BoundingSphere>& near, Competitors& competitors) const {
+  // As wide as the gates get, and as far as a fast object moves in a window.
+  constexpr double kMarginPx = 64.0;
+  if (!is_known_) return;
+  const auto is_later = [t_us](const Sighting& sighting) { return sighting.motion.t_us >= t_us; };
+  const auto next = std::find_if(sightings_.begin(), sightings_.end(), is_later);
+  if (next == sightings_.begin()) return;
+  const Sighting& before = *std::prev(next);
+  const MotionState state = Predict(before.motion, t_us, context_.options.motion);
+  const BoundingSphere sphere = SphereAt(state.camera_from_object);
+  if (near && !MayOverlap(context_.camera, *near, sphere, kMarginPx)) return;
+  competitors.Add(state, before.lines, context_.visibility, sphere_, context_.options.sensor.pixel_noise_px);
+}
+
+BoundingSphere ObjectTracker::SphereAt(const RigidTransform& camera_from_object) const {
+  return {camera_from_object * sphere_.centre, sphere_.radius_m};
+}
+
+bool ObjectTracker::IsTaken(const PoseTrack& track) const {
+  // Two bodies of one shape are not inside one another; an estimate that has begun to slide onto the other object is
+  // nearer to it than this long before it is the same.
+  constexpr double kSamePlaceRatio = 0.1;  // of the radius
+  const Eigen::Vector3d centre = SphereAt(track.motion().camera_from_object).centre;
+  return std::any_of(others_.begin(), others_.end(), [&](const ObjectTracker* other) {
+    if (!other->is_claimed_ || other->context_.model != context_.model) return false;
+    const RigidTransform& pose = other->hypotheses_.first().motion().camera_from_object;
+    return (other->SphereAt(pose).centre - centre).norm() < kSamePlaceRatio * sphere_.radius_m;
+  });
+}
+
+void ObjectTracker::Remember(const EventWindow& window) {
+  if (others_.empty() || hypotheses_.empty()) return;
+  const PoseTrack& track = hypotheses_.first();
+  sightings_.push_back({track.motion(), {track.lines().begin(), track.lines().end()}});
+  const int64_t oldest_us = window.t_end_us - context_.options.initialization.memory_us;
+  while (sightings_.size() > 1 && (sightings_[1].motion.t_us <= oldest_us || sightings_.size() > kMaxSightings)) {
+    sightings_.pop_front();
+  }
 }
 
 void ObjectTracker::Lose() {

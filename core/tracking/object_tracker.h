@@ -2,12 +2,14 @@
 #pragma once
 
 #include <cstdint>
+#include <deque>
 #include <limits>
 #include <memory>
 #include <optional>
 #include <vector>
 
 #include "core/initialization/initializer.h"
+#include "core/tracking/competitors.h"
 #include "core/tracking/hypotheses.h"
 #include "core/tracking/tracker.h"
 #include "core/windows/event_window.h"
@@ -20,6 +22,12 @@ class ObjectTracker {
   // `initializer` may be null: the pose is only ever given. The pose in `object` is that at the first event.
   ObjectTracker(TrackContext context, std::unique_ptr<PoseInitializer> initializer, const ObjectToTrack& object);
 
+  // The other objects of the stream, which must outlive it or be told nothing any more. They are asked where they were
+  // before a window, so that the order in which objects take a window says nothing.
+  void SetOthers(std::vector<const ObjectTracker*> others);
+
+  // Before any object takes the next window: what the others are told of this one until then is settled.
+  void BeginWindow();
   // Windows in order. Appends at most one estimate for this window; more when a search has looked back.
   void OnWindow(const EventWindow& window, std::vector<PoseEstimate>& estimates);
   // After the last window.
@@ -32,8 +40,23 @@ class ObjectTracker {
   uint32_t losses() const { return losses_; }
 
  private:
+  // Where the reported pose was, and which lines showed it.
+  struct Sighting {
+    MotionState motion;
+    std::vector<TrackedLine> lines;
+  };
+
   void StartFromGivenPose(const EventWindow& window);
   void Follow(const EventWindow& window, std::vector<PoseEstimate>& estimates);
+  // What the others lay claim to in a window; null when there is nothing. `near` limits it to those whose image comes
+  // near this object there.
+  const Competitors* OthersAt(const EventWindow& window, const MotionState* near);
+  // This object where it is predicted for t_us from what was known before; not while no pose is reported.
+  void AddTo(int64_t t_us, const std::optional<BoundingSphere>& near, Competitors& competitors) const;
+  BoundingSphere SphereAt(const RigidTransform& camera_from_object) const;
+  // Whether another object of the same model is reported at this place: it is one and the same.
+  bool IsTaken(const PoseTrack& track) const;
+  void Remember(const EventWindow& window);
   // Whether the best hypothesis may be reported now.
   bool MayClaim(const EventWindow& window) const;
   void Claim(const EventWindow& window);
@@ -55,6 +78,7 @@ class ObjectTracker {
 
   const TrackContext context_;
   const Eigen::Matrix3d reference_rotation_;
+  const BoundingSphere sphere_;  // object frame
   WindowMemory memory_;
   const std::unique_ptr<PoseInitializer> initializer_;  // null: the pose is only ever given
 
@@ -74,6 +98,12 @@ class ObjectTracker {
   bool is_given_ = false;    // the hypothesis is a pose that was given, and the events have not spoken for it yet
   bool is_claimed_ = false;  // the best hypothesis is reported
   bool is_decided_ = false;  // there was a time when it was the only one
+
+  std::vector<const ObjectTracker*> others_;
+  std::unique_ptr<Competitors> competitors_;  // null without others
+  // Of the windows that a search may look back on, in order of time; empty without others.
+  std::deque<Sighting> sightings_;
+  bool is_known_ = false;  // a pose was reported before this window: the others reckon with this object
 
   std::vector<PixelEvent> pixel_events_;
 };

@@ -42,9 +42,12 @@ PoseTrack::PoseTrack(const TrackContext& context, const MotionState& start)
   for (size_t k = 0; k < lines.size(); ++k) all_lines_.push_back({static_cast<int>(k), lines[k].p1, lines[k].p2});
 }
 
-std::optional<PoseEstimate> PoseTrack::OnWindow(const EventWindow& window) {
+std::optional<PoseEstimate> PoseTrack::OnWindow(const EventWindow& window, const Competitors* others) {
+  if (others != nullptr && others->empty()) others = nullptr;
   WindowInput input;
-  const WindowFit fit = FitWindow(window, input);
+  const WindowFit fit = FitWindow(window, others, input);
+  lines_ = input.lines;
+  if (is_hidden_) return Hold(window);
   const bool usable = !input.lines.empty() && fit.state.covariance.allFinite() &&
                       fit.state.camera_from_object.translation_m.allFinite() && fit.state.twist.allFinite();
   if (!usable) {
@@ -67,12 +70,31 @@ std::optional<PoseEstimate> PoseTrack::OnWindow(const EventWindow& window) {
   const int64_t patience_us = confirming ? health.min_span_us : health.patience_us;
   const HealthVerdict verdict =
       health_.Judge(support, health.confirm_support_ratio, confirming ? kConfirmLines : kKeepLines, patience_us);
-  UpdateState(verdict, window.t_end_us);
+  if (is_partly_hidden_ && input.lines.size() < static_cast<size_t>(kConfirmLines)) {
+    // So little shows that its silence, or what else is there, is no evidence against the pose.
+    if (state_ == TrackState::kTracking) state_ = TrackState::kDegraded;
+  } else {
+    UpdateState(verdict, window.t_end_us);
+  }
   if (state_ != TrackState::kTracking && state_ != TrackState::kDegraded) return std::nullopt;
   return MakeEstimate(fit, input);
 }
 
-double PoseTrack::Explains(Observation observation) const {
+std::optional<PoseEstimate> PoseTrack::Hold(const EventWindow& window) {
+  motion_ = Predict(motion_, window.t_mid_us(), context_.options.motion);
+  ProjectLines(context_.camera, motion_, visible_lines_.At(motion_.camera_from_object), image_lines_);
+  const double spread_px = PredictedSpreadPx(context_.camera, motion_, image_lines_);
+  image_lines_.clear();
+  grid_.Build(image_lines_, 0.0);
+  if (spread_px > context_.options.health.max_uncertainty_px) state_ = TrackState::kLost;
+  if (state_ == TrackState::kTracking) state_ = TrackState::kDegraded;
+  if (state_ != TrackState::kDegraded) return std::nullopt;
+  WindowFit fit;
+  fit.state = motion_;
+  return MakeEstimate(fit, WindowInput());
+}
+
+double PoseTrack::Explains(Observation observation, const Competitors* others) const {
   // A triangle about the line and a trough beside it, as wide as a line's events spread, of integral zero.
   constexpr double kOwnPx = 3.0;
   constexpr double kTroughPx = 6.0;
@@ -82,14 +104,16 @@ double PoseTrack::Explains(Observation observation) const {
   const NearLines near = FindNearLines(observation, grid_.Lines(observation.tile), image_lines_.data(), kTroughPx, 0.0);
   if (near.count == 0) return 0.0;
   const double distance = std::abs(near.distance_px[0]);
-  return distance < kOwnPx ? 1.0 - distance / kOwnPx : -kTrough;
+  const double explains = distance < kOwnPx ? 1.0 - distance / kOwnPx : -kTrough;
+  if (others == nullptr || rates_.empty()) return explains;
+  return explains * OwnShare(distance, CompetingFor(observation, *others, rates_));
 }
 
-WindowFit PoseTrack::FitWindow(const EventWindow& window, WindowInput& input) {
+WindowFit PoseTrack::FitWindow(const EventWindow& window, const Competitors* others, WindowInput& input) {
   constexpr double kFallenRatio = 0.6;  // of the running mean: method.md 2.10 (4)
   constexpr double kForget = 0.05;      // the mean is over about 20 windows
   const MotionState predicted = Predicted(window.t_mid_us(), 1.0);
-  input = Gather(window, predicted, 1.0);
+  input = Gather(window, others, predicted, 1.0);
   if (input.lines.empty()) return WindowFit();
   WindowFit fit = estimator_->Fit(predicted, input, 1.0);
   if (IsSilent(fit)) {
@@ -104,7 +128,7 @@ WindowFit PoseTrack::FitWindow(const EventWindow& window, WindowInput& input) {
   if (!HasSignal(fit)) return fit;
   if (fit.explained_signal_ratio() < kFallenRatio * usual_explained_ratio_) {
     const MotionState agile = Predicted(window.t_mid_us(), context_.options.motion.retry_noise_factor);
-    const WindowInput wide_input = Gather(window, agile, context_.options.mixture.retry_gate_factor);
+    const WindowInput wide_input = Gather(window, others, agile, context_.options.mixture.retry_gate_factor);
     const WindowFit wide = estimator_->Fit(agile, wide_input, context_.options.mixture.retry_gate_factor);
     input = wide_input;
     if (wide.explained_signal_ratio() <= fit.explained_signal_ratio()) return fit;
@@ -144,10 +168,28 @@ MotionState PoseTrack::Predicted(int64_t t_us, double noise_factor) const {
   return predicted;
 }
 
-WindowInput PoseTrack::Gather(const EventWindow& window, const MotionState& predicted, double gate_factor) {
+double PoseTrack::CompetingFor(const Observation& event, const Competitors& others,
+                               absl::Span<const double> rates) const {
+  const double density = others.DensityAt(event);
+  if (density <= 0.0) return 0.0;
+  constexpr double kReachPx = 16.0;
+  const NearLines near = FindNearLines(event, grid_.Lines(event.tile), image_lines_.data(), kReachPx, 0.0);
+  // Near none of the own lines it is nobody's but theirs, whatever the rate.
+  return near.count == 0 ? density : density / rates[near.line[0]];
+}
+
+WindowInput PoseTrack::Gather(const EventWindow& window, const Competitors* others, const MotionState& predicted,
+                              double gate_factor) {
   WindowInput input;
   input.duration_s = static_cast<double>(window.t_end_us - window.t_begin_us) * 1e-6;
   input.lines = estimator_->UsesVisibility() ? visible_lines_.At(predicted.camera_from_object) : all_lines_;
+  is_hidden_ = is_partly_hidden_ = false;
+  if (others != nullptr && estimator_->UsesVisibility() && !input.lines.empty()) {
+    unhidden_lines_.assign(input.lines.begin(), input.lines.end());
+    is_partly_hidden_ = others->RemoveHidden(predicted.camera_from_object, unhidden_lines_);
+    is_hidden_ = unhidden_lines_.empty();
+    input.lines = unhidden_lines_;
+  }
   input.grid = &grid_;
   ProjectLines(context_.camera, predicted, input.lines, image_lines_);
   const double spread_px = PredictedSpreadPx(context_.camera, predicted, image_lines_);
@@ -179,6 +221,13 @@ WindowInput PoseTrack::Gather(const EventWindow& window, const MotionState& pred
   input.background_per_px2 = background_.hz_per_px() * input.duration_s;
   const size_t found = observations_.size();
   ThinEvenly(static_cast<size_t>(estimator_->MaxEvents()), observations_);
+  rates_.clear();
+  if (others != nullptr) {
+    for (const ImageLine& line : image_lines_) rates_.push_back(EventRate(context_.camera, predicted, line));
+    for (Observation& event : observations_) {
+      event.competing = static_cast<float>(CompetingFor(event, *others, rates_));
+    }
+  }
   input.events = observations_;
   input.events_per_observation = window.events_per_sample();
   if (!observations_.empty()) {

@@ -10,6 +10,7 @@
 #include "core/models/visibility.h"
 #include "core/tracking/association.h"
 #include "core/tracking/background.h"
+#include "core/tracking/competitors.h"
 #include "core/tracking/estimator.h"
 #include "core/tracking/health.h"
 #include "core/tracking/motion_prior.h"
@@ -37,8 +38,9 @@ class PoseTrack {
   // INITIALIZING until the events have spoken for the state. `context` must outlive it.
   PoseTrack(const TrackContext& context, const MotionState& start);
 
-  // Predicts, associates, estimates, judges. The estimate is there while the state is TRACKING or DEGRADED.
-  std::optional<PoseEstimate> OnWindow(const EventWindow& window);
+  // Predicts, associates, estimates, judges. The estimate is there while the state is TRACKING or DEGRADED. `others`:
+  // the other objects at mid-window, null or empty when there are none.
+  std::optional<PoseEstimate> OnWindow(const EventWindow& window, const Competitors* others = nullptr);
 
   // LOST is final.
   TrackState state() const { return state_; }
@@ -46,20 +48,27 @@ class PoseTrack {
   const MotionState& motion() const { return motion_; }
   // The next window is predicted from this instead: for experiments that start every window elsewhere.
   void set_motion(const MotionState& motion) { motion_ = motion; }
+  // That took part in the last window; valid until the next one.
+  absl::Span<const TrackedLine> lines() const { return lines_; }
   // How much the lines say about an event of the last window, [-0.5, 1]: high on a line, negative beside one, so that
   // clutter has no say on average; 0 where no line is near.
-  double Explains(Observation observation) const;
+  double Explains(Observation observation, const Competitors* others = nullptr) const;
 
  private:
   // Turns the window's events near the lines at `predicted` into observations.
-  WindowInput Gather(const EventWindow& window, const MotionState& predicted, double gate_factor);
+  WindowInput Gather(const EventWindow& window, const Competitors* others, const MotionState& predicted,
+                     double gate_factor);
+  // What the others claim of the events, by image_lines_ with these event rates.
+  double CompetingFor(const Observation& event, const Competitors& others, absl::Span<const double> rates) const;
   // The state that the estimator starts from.
   MotionState Predicted(int64_t t_us, double noise_factor) const;
-  WindowFit FitWindow(const EventWindow& window, WindowInput& input);
+  WindowFit FitWindow(const EventWindow& window, const Competitors* others, WindowInput& input);
   // More events near the lines than come anywhere on the sensor.
   bool HasSignal(const WindowFit& fit) const;
   // The same over the last windows together, this one counted; its answer is to be asked for once per window.
   bool IsSilent(const WindowFit& fit);
+  // The others hide all of it: it is where it was going to be, as surely as that can be said.
+  std::optional<PoseEstimate> Hold(const EventWindow& window);
   void UpdateState(const HealthVerdict& verdict, int64_t t_us);
   Matrix6d PublishedCovariance(const MotionState& state) const;
   PoseEstimate MakeEstimate(const WindowFit& fit, const WindowInput& input) const;
@@ -85,7 +94,12 @@ class PoseTrack {
   bool unsupported_ = false;  // by events that there are
   bool in_doubt_ = false;     // too little of it is supported to be sure
 
+  absl::Span<const TrackedLine> lines_;
+  std::vector<TrackedLine> unhidden_lines_;
+  bool is_hidden_ = false;         // the others leave nothing of it to be seen
+  bool is_partly_hidden_ = false;  // or less than shows otherwise
   std::vector<ImageLine> image_lines_;
+  std::vector<double> rates_;  // EventRate of image_lines_; empty without others
   std::vector<Observation> observations_;
 };
 

@@ -5,6 +5,7 @@
 #include <cmath>
 #include <vector>
 
+#include "core/tracking/competitors.h"
 #include "core/tracking/estimator.h"
 #include "core/tracking/line_fit.h"
 
@@ -78,12 +79,14 @@ void StaticEstimator::Associate(const MotionState& predicted, const WindowInput&
   ProjectLines(camera_, still, input.lines, lines_);
   ends_.clear();
   for (const TrackedLine& line : input.lines) ends_.push_back({line.p1, line.p2});
+  constexpr double kMinOwnShare = 0.5;  // hard association between objects as between lines
   events_.clear();
   for (const Observation& event : input.events) {
     const NearLines near =
         FindNearLines(event, input.grid->Lines(event.tile), lines_.data(), DistancePx(gate_factor), 0.0);
     if (near.count == 0) continue;
     if (near.count == 2 && std::abs(near.distance_px[1]) < options_.two_lines_px) continue;
+    if (OwnShare(near.distance_px[0], event.competing) < kMinOwnShare) continue;
     const ImageLine& line = lines_[near.line[0]];
     const Eigen::Vector2d from_middle = Eigen::Vector2d(event.u_px, event.v_px) - line.PointAt(0.5);
     if (from_middle.norm() >= options_.midpoint_ratio * line.length_px) continue;

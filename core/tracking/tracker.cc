@@ -41,6 +41,7 @@ class WindowTracker : public Tracker {
 
  private:
   void OnWindow(const EventWindow& window, std::vector<PoseEstimate>& estimates) {
+    for (const auto& object : objects_) object->BeginWindow();
     for (size_t i = 0; i < objects_.size(); ++i) {
       const size_t first = estimates.size();
       objects_[i]->OnWindow(window, estimates);
@@ -145,6 +146,13 @@ absl::StatusOr<std::unique_ptr<Tracker>> Tracker::Create(std::vector<ObjectToTra
     TrackContext context{object.model, camera, undistortion, options,
                          VisibilityTester(*object.model, options.visibility)};
     trackers.push_back(std::make_unique<ObjectTracker>(std::move(context), std::move(initializer), object));
+  }
+  for (const auto& tracker : trackers) {
+    std::vector<const ObjectTracker*> others;
+    for (const auto& other : trackers) {
+      if (other != tracker) others.push_back(other.get());
+    }
+    tracker->SetOthers(std::move(others));
   }
   const SensorGeometry sensor = {camera.width_px, camera.height_px};
   return std::make_unique<WindowTracker>(options.windows, sensor, std::move(trackers));
