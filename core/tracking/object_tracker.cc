@@ -1,6 +1,7 @@
 #include "core/tracking/object_tracker.h"
 
 #include <algorithm>
+#include <cmath>
 #include <utility>
 
 #include "core/models/symmetry.h"
@@ -51,6 +52,19 @@ void ObjectTracker::ResetPose(const RigidTransform& camera_from_object, std::opt
   is_claimed_ = false;
 }
 
+double ObjectTracker::ImageSpeedPxPerS() const {
+  if (!is_claimed_) return 0.0;
+  const MotionState& motion = hypotheses_.first().motion();
+  const Eigen::Vector3d arm = motion.camera_from_object.rotation * sphere_.centre;
+  const Eigen::Vector3d centre = motion.camera_from_object.translation_m + arm;
+  const Eigen::Vector3d angular = motion.twist.tail<3>();
+  const Eigen::Vector3d velocity = motion.twist.head<3>() + angular.cross(arm);
+  const double depth_m = std::max(centre.z(), sphere_.radius_m);
+  const Eigen::Vector2d sideways = velocity.head<2>() - velocity.z() / depth_m * centre.head<2>();
+  const double about_centre = sphere_.radius_m * (angular.norm() + std::abs(velocity.z()) / depth_m);
+  return std::max(context_.camera.fx_px, context_.camera.fy_px) / depth_m * (sideways.norm() + about_centre);
+}
+
 TrackState ObjectTracker::state() const {
   if (!is_claimed_) return idle_state_;
   return hypotheses_.size() > 1 && !is_decided_ ? TrackState::kDegraded : hypotheses_.first().state();
@@ -84,6 +98,8 @@ void ObjectTracker::StartFromGivenPose(const EventWindow& window) {
   is_given_ = true;
   is_decided_ = false;
   memory_.Clear();
+  // The events are asked about it first, before the search is.
+  next_search_us_ = window.t_end_us + context_.options.initialization.retry_us;
   report_.status = InitializationStatus::kVerifying;
 }
 

@@ -35,6 +35,9 @@ class ObjectTracker {
   // Starts again from this pose at `at_us`; at the next window's begin without a time.
   void ResetPose(const RigidTransform& camera_from_object, std::optional<int64_t> at_us);
 
+  // How fast the reported object's image moves at most, anywhere on it; 0 while no pose is reported.
+  double ImageSpeedPxPerS() const;
+
   TrackState state() const;
   InitializationReport initialization() const { return report_; }
   uint32_t losses() const { return losses_; }

@@ -1,5 +1,6 @@
 #include "core/tracking/tracker.h"
 
+#include <algorithm>
 #include <utility>
 
 #include "absl/strings/str_cat.h"
@@ -47,6 +48,9 @@ class WindowTracker : public Tracker {
       objects_[i]->OnWindow(window, estimates);
       for (size_t k = first; k < estimates.size(); ++k) estimates[k].object_index = static_cast<uint32_t>(i);
     }
+    double speed_px_per_s = 0.0;
+    for (const auto& object : objects_) speed_px_per_s = std::max(speed_px_per_s, object->ImageSpeedPxPerS());
+    windower_.SetImageSpeed(speed_px_per_s);
   }
 
   EventWindower windower_;

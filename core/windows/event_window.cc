@@ -19,6 +19,14 @@ uint64_t HashIndex(uint64_t index) {
 
 absl::Status WindowOptions::Validate() const {
   if (interval_us < 1) return absl::InvalidArgumentError(absl::StrCat("interval_us must be positive: ", interval_us));
+  if (min_interval_us < 1 || min_interval_us > interval_us) {
+    return absl::InvalidArgumentError(absl::StrCat("min_interval_us (", min_interval_us,
+                                                   ") must be positive and not longer than interval_us (", interval_us,
+                                                   ")"));
+  }
+  if (!(max_motion_px > 0.0)) {
+    return absl::InvalidArgumentError(absl::StrCat("max_motion_px must be positive: ", max_motion_px));
+  }
   if (max_duration_us < interval_us) {
     return absl::InvalidArgumentError(absl::StrCat("max_duration_us (", max_duration_us,
                                                    ") must not be shorter than interval_us (", interval_us, ")"));
@@ -36,7 +44,7 @@ absl::Status WindowOptions::Validate() const {
 }
 
 EventWindower::EventWindower(const WindowOptions& options, SensorGeometry sensor)
-    : options_(options), history_(sensor) {
+    : options_(options), interval_us_(options.interval_us), history_(sensor) {
   kept_.reserve(options_.max_events);
   hashes_.reserve(options_.max_events);
 }
@@ -56,6 +64,12 @@ void EventWindower::AdvanceTime(int64_t t_us, OnWindow on_window) {
   now_us_ = std::max(now_us_, t_us);
 }
 
+void EventWindower::SetImageSpeed(double speed_px_per_s) {
+  const double longest_us = static_cast<double>(options_.interval_us);
+  const double moving_us = speed_px_per_s > 0.0 ? 1e6 * options_.max_motion_px / speed_px_per_s : longest_us;
+  interval_us_ = std::max(options_.min_interval_us, static_cast<int64_t>(std::min(longest_us, moving_us)));
+}
+
 void EventWindower::Finish(OnWindow on_window) {
   if (!started_ || count_ == 0) return;
   Close(std::max(now_us_, begin_us_) + 1, on_window);
@@ -65,7 +79,7 @@ void EventWindower::Start(int64_t t_us) {
   started_ = true;
   now_us_ = t_us;
   begin_us_ = t_us;
-  boundary_us_ = t_us + options_.interval_us;
+  boundary_us_ = t_us + interval_us_;
 }
 
 void EventWindower::CloseUntil(int64_t t_us, OnWindow on_window) {
@@ -79,7 +93,7 @@ void EventWindower::CloseUntil(int64_t t_us, OnWindow on_window) {
     if (count_ >= static_cast<uint64_t>(options_.min_events) || boundary_us_ >= deadline_us) {
       Close(boundary_us_, on_window);
     } else {
-      boundary_us_ = std::min(boundary_us_ + options_.interval_us, deadline_us);
+      boundary_us_ = std::min(boundary_us_ + interval_us_, deadline_us);
     }
   }
 }
@@ -93,7 +107,7 @@ void EventWindower::Close(int64_t t_end_us, OnWindow on_window) {
   window.closed_on_time = count_ < static_cast<uint64_t>(options_.min_events);
   on_window(window);
   begin_us_ = t_end_us;
-  boundary_us_ = t_end_us + options_.interval_us;
+  boundary_us_ = t_end_us + interval_us_;
   count_ = 0;
   sample_mask_ = 0;
   kept_.clear();

@@ -7,6 +7,8 @@
 #include <functional>
 #include <vector>
 
+#include "core/base/random.h"
+
 namespace evpose {
 namespace {
 
@@ -29,6 +31,7 @@ class Recorder {
   void Add(absl::Span<const Event> events) { windower_.Add(events, on_window_); }
   void AdvanceTime(int64_t t_us) { windower_.AdvanceTime(t_us, on_window_); }
   void Finish() { windower_.Finish(on_window_); }
+  void SetImageSpeed(double speed_px_per_s) { windower_.SetImageSpeed(speed_px_per_s); }
   const std::vector<SeenWindow>& windows() const { return windows_; }
 
  private:
@@ -46,6 +49,7 @@ class Recorder {
 WindowOptions SmallOptions() {
   WindowOptions options;
   options.interval_us = 100;
+  options.min_interval_us = 40;
   options.max_duration_us = 1000;
   options.min_events = 5;
   options.max_events = 64;
@@ -81,6 +85,42 @@ TEST(EventWindower, MergesIntervalsWithTooFewEvents) {
   EXPECT_EQ(recorder.windows()[0].t_end_us, 200);
   EXPECT_EQ(recorder.windows()[0].num_events, 5u);
   EXPECT_FALSE(recorder.windows()[0].closed_on_time);
+}
+
+TEST(EventWindower, IntervalsAreAsLongAsTheImageTakesToMove) {
+  Recorder recorder(SmallOptions());
+  auto next_duration_us = [&, t_us = int64_t{0}](double speed_px_per_s) mutable {
+    recorder.SetImageSpeed(speed_px_per_s);
+    const size_t count = recorder.windows().size();
+    for (; recorder.windows().size() < count + 2; t_us += 5) recorder.Add(Regular(t_us, 1, 1));
+    const SeenWindow& window = recorder.windows().back();
+    return window.t_end_us - window.t_begin_us;
+  };
+  EXPECT_EQ(next_duration_us(0.0), 100);
+  EXPECT_EQ(next_duration_us(10'000.0), 100);
+  EXPECT_EQ(next_duration_us(2.0 / 70e-6), 70);
+  EXPECT_EQ(next_duration_us(1e9), 40) << "no shorter, however fast";
+  EXPECT_EQ(next_duration_us(10'000.0), 100) << "and long again at once";
+}
+
+TEST(EventWindower, AFastImageDoesNotMakeWindowsOfTooFewEvents) {
+  Recorder recorder(SmallOptions());
+  recorder.SetImageSpeed(1e9);
+  recorder.Add(Regular(0, 30, 20));  // one or two in each interval of 40 us
+  ASSERT_GE(recorder.windows().size(), 2u);
+  for (const SeenWindow& window : recorder.windows()) EXPECT_GE(window.num_events, 5u);
+}
+
+TEST(EventWindower, AbovePointThreeMillionEventsPerSecondThereIsAWindowEveryMillisecond) {
+  Random random(4);
+  Recorder recorder(WindowOptions{});
+  std::vector<Event> events;
+  for (int64_t t_us = 0; t_us < 200'000; t_us += 10) {
+    // In groups of four, as an edge that passes a pixel makes them.
+    for (uint32_t k = 4 * random.Poisson(0.3 * 10 / 4); k > 0; --k) events.push_back({t_us, 5, 7, 1});
+  }
+  recorder.Add(events);
+  EXPECT_GE(recorder.windows().size(), 198u);
 }
 
 TEST(EventWindower, ClosesOnTimeWhenStillAndSaysSo) {
@@ -201,6 +241,8 @@ TEST(WindowOptions, ValidateNamesTheField) {
     return std::string(options.Validate().message());
   };
   EXPECT_THAT(message([](WindowOptions& o) { o.interval_us = 0; }), HasSubstr("interval_us"));
+  EXPECT_THAT(message([](WindowOptions& o) { o.min_interval_us = o.interval_us + 1; }), HasSubstr("min_interval_us"));
+  EXPECT_THAT(message([](WindowOptions& o) { o.max_motion_px = 0.0; }), HasSubstr("max_motion_px"));
   EXPECT_THAT(message([](WindowOptions& o) { o.max_duration_us = o.interval_us - 1; }), HasSubstr("max_duration_us"));
   EXPECT_THAT(message([](WindowOptions& o) { o.min_events = 0; }), HasSubstr("min_events"));
   EXPECT_THAT(message([](WindowOptions& o) { o.max_events = o.min_events - 1; }), HasSubstr("max_events"));
