@@ -186,21 +186,27 @@ constexpr SummaryFigure kSummaryFigures[] = {
      [](const TrackingTargets& t) { return static_cast<double>(t.losses); }, false},
 };
 
+// The scenarios stand one below the other, the first at the top: their names are too long to stand side by side.
 ChartPanel SummaryPanel(const std::vector<TrackingBenchBlock>& blocks, const SummaryFigure& figure) {
   ChartPanel panel;
   panel.title = figure.title;
-  panel.y_axis.label = figure.label;
-  panel.y_axis.is_logarithmic = figure.is_logarithmic;
+  panel.x_axis.label = figure.label;
+  panel.x_axis.is_logarithmic = figure.is_logarithmic;
+  const auto place = [&](size_t block) { return static_cast<double>(blocks.size() - 1 - block); };
   ChartSeries target;
   target.name = "target";
   target.color = kTruthColor;
   target.is_dashed = true;
   for (size_t b = 0; b < blocks.size(); ++b) {
-    panel.x_axis.names.push_back(blocks[b].scenario.name);
-    for (const double side : {-0.4, 0.4}) {
-      target.x.push_back(static_cast<double>(b) + side);
-      target.y.push_back(figure.target(blocks[b].scenario.targets));
+    for (const double side : {0.4, -0.4}) {
+      target.x.push_back(figure.target(blocks[b].scenario.targets));
+      target.y.push_back(place(b) + side);
     }
+    target.x.push_back(kNan);
+    target.y.push_back(place(b));
+  }
+  for (auto block = blocks.rbegin(); block != blocks.rend(); ++block) {
+    panel.y_axis.names.push_back(block->scenario.name);
   }
   const size_t num_rows = blocks.front().rows.size();
   for (size_t r = 0; r < num_rows; ++r) {
@@ -209,8 +215,8 @@ ChartPanel SummaryPanel(const std::vector<TrackingBenchBlock>& blocks, const Sum
     series.style = ChartStyle::kPoints;
     series.color = static_cast<int>(r);
     for (size_t b = 0; b < blocks.size(); ++b) {
-      series.x.push_back(static_cast<double>(b));
-      series.y.push_back(figure.value(blocks[b].rows[r].summary));
+      series.x.push_back(figure.value(blocks[b].rows[r].summary));
+      series.y.push_back(place(b));
     }
     panel.series.push_back(std::move(series));
   }
@@ -247,9 +253,9 @@ absl::Status TrackingCharts::WriteSummary(const std::vector<TrackingBenchBlock>&
   ChartPage page;
   const TrackingSummary& summary = blocks.front().rows.front().summary;
   page.title = absl::StrFormat("Tracking: means of %d run%s", summary.num_runs, summary.num_runs == 1 ? "" : "s");
-  page.num_columns = 2;
-  page.panel_width_px = 900;
-  page.panel_height_px = 300;
+  page.num_columns = 3;
+  page.panel_width_px = 560;
+  page.panel_height_px = 110 + 20 * static_cast<int>(blocks.size());
   for (const SummaryFigure& figure : kSummaryFigures) page.panels.push_back(SummaryPanel(blocks, figure));
   return WritePage("summary", page);
 }

@@ -228,12 +228,20 @@ class ScriptWriter {
     return has_points;
   }
 
+  // Room for the names beside the axis, as far as half of the panel.
+  int LeftMarginPx(const ChartPanel& panel) const {
+    size_t longest = 0;
+    for (const std::string& name : panel.y_axis.names) longest = std::max(longest, name.size());
+    const int names_px = kCharacterPx * static_cast<int>(std::min<size_t>(longest, 1000)) + 16;
+    return std::clamp(names_px, kLeftPx, std::max(kLeftPx, page_.panel_width_px / 2));
+  }
+
   void WritePanel(size_t index) {
     const ChartPanel& panel = page_.panels[index];
     const bool has_points = WriteData(panel, index);
     const int left_px = static_cast<int>(index) % page_.num_columns * page_.panel_width_px;
     const int top_px = TitlePx(page_) + static_cast<int>(index) / page_.num_columns * page_.panel_height_px;
-    WriteMargins(left_px + kLeftPx, top_px + kTopPx, left_px + page_.panel_width_px - kRightPx,
+    WriteMargins(left_px + LeftMarginPx(panel), top_px + kTopPx, left_px + page_.panel_width_px - kRightPx,
                  top_px + page_.panel_height_px - kBottomPx);
     absl::StrAppendFormat(&script_, "set title %s offset 0,-0.4\nset grid lt 1 lc rgb '#E4E4E4' lw 0.8\nset key off\n",
                           GnuplotQuoted(panel.title));

@@ -215,12 +215,17 @@ absl::Status CheckCount(const char* field, int value) {
 
 std::vector<TrackingSubject> TrackingSubjects() {
   using Kind = TrackingSubject::Kind;
-  return {
-      {"mixture", "ours: pose and twist, mixture, motion prior; finds its first pose itself", Kind::kDefault,
-       Estimator::kMixture},
-      {"static-mm", "the paper's MM: one pose per window, its gates", Kind::kPublished, Estimator::kStaticMm},
-      {"oracle", "ours on every window alone, from the truth: the floor", Kind::kOracle, Estimator::kMixture},
-  };
+  std::vector<TrackingSubject> subjects;
+  for (const auto& [estimator, name] : kEstimatorNames) {
+    if (estimator == TrackerOptions().estimator) {
+      subjects.push_back({std::string(name), "ours; finds its first pose itself", Kind::kDefault, estimator});
+    } else {
+      subjects.push_back({std::string(name), "published; given the true first pose", Kind::kPublished, estimator});
+    }
+  }
+  subjects.push_back(
+      {"oracle", "ours on every window alone, from the truth: the floor", Kind::kOracle, TrackerOptions().estimator});
+  return subjects;
 }
 
 absl::Status TrackingBenchOptions::Validate() const {

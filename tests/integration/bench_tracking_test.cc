@@ -24,7 +24,8 @@ std::vector<std::string> Arguments(const std::vector<std::string>& more) {
 }
 
 TEST_F(CliTest, BenchTrackingWritesTableAndCsvAndKeepsItsRecordings) {
-  const std::vector<std::string> with_files = {"--csv", Path("tracking.csv"), "--recordings", Path("kept")};
+  const std::vector<std::string> with_files = {
+      "--estimators", "mixture,static-mm,oracle", "--csv", Path("tracking.csv"), "--recordings", Path("kept")};
   const CliResult result = Run(Arguments(with_files));
   ASSERT_EQ(result.status, 0) << result.err;
   for (const char* text : {"constant-light: ", "640x480, 2 x 0.1 s", "\n  mixture ", "\n  static-mm ", "\n  oracle ",
