@@ -7,11 +7,14 @@
 #include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
+#include "absl/strings/str_replace.h"
 #include "core/base/status_macros.h"
 #include "core/geometry/trajectory.h"
 
 namespace evpose::client {
 namespace {
+
+constexpr char kObjectPlaceholder[] = "{object}";
 
 // Upper triangle, row by row.
 template <typename Visit>
@@ -99,6 +102,48 @@ absl::StatusOr<PoseFile> PoseFile::Create(const std::string& path) {
   EVPOSE_ASSIGN_OR_RETURN(OutputFile file, OutputFile::Create(path));
   EVPOSE_RETURN_IF_ERROR(file.Append(PoseHeader(format)));
   return PoseFile(std::move(file), format);
+}
+
+absl::Status PoseFiles::Check(const std::string& path, const std::vector<std::string>& object_ids) {
+  EVPOSE_ASSIGN_OR_RETURN(const PoseFormat format, PoseFormatFromPath(path));
+  if (!absl::StrContains(path, kObjectPlaceholder)) {
+    if (object_ids.size() < 2 || format != PoseFormat::kTum) return absl::OkStatus();
+    return absl::InvalidArgumentError(
+        absl::StrCat(path, ": such a file holds the poses of one object; put ", kObjectPlaceholder,
+                     " in its name for one file each, or write .csv or .jsonl, which name the object in every line"));
+  }
+  for (const std::string& id : object_ids) {
+    if (absl::StrContains(id, '/') || absl::StrContains(id, '\0')) {
+      return absl::InvalidArgumentError(absl::StrCat(path, ": ", id, " cannot be part of a file's name"));
+    }
+  }
+  return absl::OkStatus();
+}
+
+absl::StatusOr<PoseFiles> PoseFiles::Create(const std::string& path, const std::vector<std::string>& object_ids) {
+  EVPOSE_RETURN_IF_ERROR(Check(path, object_ids));
+  PoseFiles files;
+  if (!absl::StrContains(path, kObjectPlaceholder)) {
+    EVPOSE_ASSIGN_OR_RETURN(PoseFile file, PoseFile::Create(path));
+    files.files_.emplace("", std::move(file));
+    return files;
+  }
+  for (const std::string& id : object_ids) {
+    EVPOSE_ASSIGN_OR_RETURN(PoseFile file, PoseFile::Create(absl::StrReplaceAll(path, {{kObjectPlaceholder, id}})));
+    files.files_.emplace(id, std::move(file));
+  }
+  return files;
+}
+
+void PoseFiles::Write(const Pose& pose) {
+  auto file = files_.find(pose.object_id);
+  if (file == files_.end()) file = files_.find("");
+  if (file != files_.end()) file->second.Write(pose);
+}
+
+absl::Status PoseFiles::Commit() {
+  for (auto& [id, file] : files_) EVPOSE_RETURN_IF_ERROR(file.Commit());
+  return absl::OkStatus();
 }
 
 void PoseFile::Write(const Pose& pose) {

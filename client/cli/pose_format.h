@@ -2,7 +2,9 @@
 #pragma once
 
 #include <cstdint>
+#include <map>
 #include <string>
+#include <vector>
 
 #include "absl/status/statusor.h"
 #include "client/lib/types.h"
@@ -34,6 +36,21 @@ class PoseFile {
   OutputFile file_;
   PoseFormat format_;
   uint64_t poses_ = 0;
+};
+
+// The poses of a session's objects: in one file, or, where the path says "{object}", in one for each.
+class PoseFiles {
+ public:
+  // INVALID_ARGUMENT for an ending that is none, a TUM file for several objects, an ID that cannot be in a file's name.
+  static absl::Status Check(const std::string& path, const std::vector<std::string>& object_ids);
+  // The same, and the errors of PoseFile.
+  static absl::StatusOr<PoseFiles> Create(const std::string& path, const std::vector<std::string>& object_ids);
+  // The first error stays and comes back from Commit().
+  void Write(const Pose& pose);
+  absl::Status Commit();
+
+ private:
+  std::map<std::string, PoseFile> files_;  // by object; "" for all
 };
 
 }  // namespace evpose::client

@@ -1,4 +1,5 @@
 // evpose replay: a recording through a server, and the poses that come back.
+#include <algorithm>
 #include <atomic>
 #include <optional>
 #include <string>
@@ -9,6 +10,7 @@
 #include "absl/strings/numbers.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
+#include "absl/strings/str_join.h"
 #include "client/cli/command.h"
 #include "client/cli/pose_format.h"
 #include "client/cli/replay_report.h"
@@ -28,12 +30,13 @@ constexpr size_t kMaxModelBytes = size_t{64} << 20;  // what a server takes by d
 struct ReplayArguments {
   std::string recording;
   std::string model;
+  std::vector<std::string> objects;  // "ID=MODEL"
   std::string camera;
   std::string sensor;
   ServerArguments server;
   std::string rate = "max";
   std::string out;
-  std::optional<std::string> init_pose;
+  std::vector<std::string> init_poses;
   std::string estimator = "mixture";
   size_t chunk_bytes = 0;
   double metres_per_unit = 1.0;
@@ -59,36 +62,89 @@ absl::StatusOr<double> ParseRate(const std::string& text) {
 }
 
 // Everything that can be wrong before a server is asked.
-struct Inputs {
-  double rate = 0.0;
-  std::optional<RigidTransform> initial_pose;
-  CameraModel camera;
-  SensorProfile sensor;
+struct InputObject {
+  std::string id;
+  std::string model_path;
   std::string model_bytes;
   UploadOptions upload;
-  std::unique_ptr<RecordingReader> reader;
-  std::optional<PoseFile> poses;
+  std::optional<RigidTransform> initial_pose;
 };
+
+struct Inputs {
+  double rate = 0.0;
+  std::vector<InputObject> objects;
+  CameraModel camera;
+  SensorProfile sensor;
+  std::unique_ptr<RecordingReader> reader;
+  std::optional<PoseFiles> poses;
+};
+
+// "ID=REST". INVALID_ARGUMENT (usage) otherwise.
+absl::StatusOr<std::pair<std::string, std::string>> SplitId(const std::string& text, const std::string& option) {
+  const size_t sign = text.find('=');
+  if (sign == std::string::npos || sign == 0 || sign + 1 == text.size()) {
+    return UsageError(absl::StrCat(option, ": \"", text, "\" is not ID=", option == "--object" ? "MODEL" : "POSE"));
+  }
+  return std::make_pair(text.substr(0, sign), text.substr(sign + 1));
+}
+
+// The objects' names and files, not read yet.
+absl::StatusOr<std::vector<InputObject>> ParseObjects(const ReplayArguments& arguments) {
+  std::vector<InputObject> objects;
+  if (arguments.model.empty() == arguments.objects.empty()) {
+    return UsageError("give --model MODEL, or --object ID=MODEL for each of several objects");
+  }
+  if (!arguments.model.empty()) {
+    objects.push_back({TrackedObject().object_id, arguments.model, {}, {}, {}});
+    return objects;
+  }
+  for (const std::string& text : arguments.objects) {
+    EVPOSE_ASSIGN_OR_RETURN(const auto id_and_model, SplitId(text, "--object"));
+    for (const InputObject& other : objects) {
+      if (other.id == id_and_model.first) return UsageError(absl::StrCat("--object ", other.id, " is there twice"));
+    }
+    objects.push_back({id_and_model.first, id_and_model.second, {}, {}, {}});
+  }
+  return objects;
+}
+
+absl::Status ParseInitialPoses(const ReplayArguments& arguments, std::vector<InputObject>& objects) {
+  for (const std::string& text : arguments.init_poses) {
+    std::pair<std::string, std::string> id_and_pose = {objects[0].id, text};
+    if (!arguments.objects.empty()) {
+      EVPOSE_ASSIGN_OR_RETURN(id_and_pose, SplitId(text, "--init-pose"));
+    }
+    const auto object = std::find_if(objects.begin(), objects.end(),
+                                     [&](const InputObject& each) { return each.id == id_and_pose.first; });
+    if (object == objects.end()) return UsageError(absl::StrCat("--init-pose: no --object ", id_and_pose.first));
+    if (object->initial_pose) return UsageError(absl::StrCat("--init-pose of ", object->id, " is there twice"));
+    const absl::StatusOr<RigidTransform> pose = ParsePose(id_and_pose.second);
+    if (!pose.ok()) return absl::InvalidArgumentError(absl::StrCat("--init-pose: ", pose.status().message()));
+    object->initial_pose = *pose;
+  }
+  return absl::OkStatus();
+}
 
 absl::StatusOr<Inputs> ReadInputs(const ReplayArguments& arguments, std::function<bool()> is_stopped) {
   Inputs inputs;
   EVPOSE_ASSIGN_OR_RETURN(inputs.rate, ParseRate(arguments.rate));
+  EVPOSE_ASSIGN_OR_RETURN(inputs.objects, ParseObjects(arguments));
+  std::vector<std::string> ids;
+  for (const InputObject& object : inputs.objects) ids.push_back(object.id);
   if (!arguments.out.empty()) {
-    const absl::StatusOr<PoseFormat> format = PoseFormatFromPath(arguments.out);
-    if (!format.ok()) return UsageError(absl::StrCat("--out ", format.status().message()));
+    const absl::Status checked = PoseFiles::Check(arguments.out, ids);
+    if (!checked.ok()) return UsageError(absl::StrCat("--out ", checked.message()));
   }
-  if (arguments.init_pose) {
-    const absl::StatusOr<RigidTransform> pose = ParsePose(*arguments.init_pose);
-    if (!pose.ok()) return absl::InvalidArgumentError(absl::StrCat("--init-pose: ", pose.status().message()));
-    inputs.initial_pose = *pose;
-  }
+  EVPOSE_RETURN_IF_ERROR(ParseInitialPoses(arguments, inputs.objects));
   EVPOSE_ASSIGN_OR_RETURN(inputs.camera, LoadCameraModel(arguments.camera));
   if (!arguments.sensor.empty()) {
     EVPOSE_ASSIGN_OR_RETURN(inputs.sensor, LoadSensorProfile(arguments.sensor));
   }
-  EVPOSE_ASSIGN_OR_RETURN(inputs.upload.format, ModelFormatFromPath(arguments.model));
-  inputs.upload.metres_per_unit = arguments.metres_per_unit;
-  EVPOSE_ASSIGN_OR_RETURN(inputs.model_bytes, ReadFile(arguments.model, kMaxModelBytes));
+  for (InputObject& object : inputs.objects) {
+    EVPOSE_ASSIGN_OR_RETURN(object.upload.format, ModelFormatFromPath(object.model_path));
+    object.upload.metres_per_unit = arguments.metres_per_unit;
+    EVPOSE_ASSIGN_OR_RETURN(object.model_bytes, ReadFile(object.model_path, kMaxModelBytes));
+  }
   RecordingReaderOptions options;
   options.follow = arguments.is_following;
   options.stop = std::move(is_stopped);
@@ -96,7 +152,7 @@ absl::StatusOr<Inputs> ReadInputs(const ReplayArguments& arguments, std::functio
   EVPOSE_RETURN_IF_ERROR(
       CheckCameraMatches(inputs.camera, arguments.camera, inputs.reader->header(), arguments.recording));
   if (!arguments.out.empty()) {
-    EVPOSE_ASSIGN_OR_RETURN(inputs.poses, PoseFile::Create(arguments.out));
+    EVPOSE_ASSIGN_OR_RETURN(inputs.poses, PoseFiles::Create(arguments.out, ids));
   }
   return inputs;
 }
@@ -122,27 +178,32 @@ absl::StatusOr<ServerHandle> ConnectOrStart(const ServerArguments& arguments) {
 
 absl::StatusOr<Session> UploadAndCreate(Client& client, const ReplayArguments& arguments, const Inputs& inputs,
                                         ReplayReport& report) {
-  const absl::Span<const uint8_t> bytes(reinterpret_cast<const uint8_t*>(inputs.model_bytes.data()),
-                                        inputs.model_bytes.size());
-  absl::StatusOr<ModelInfo> model = client.UploadModel(bytes, inputs.upload);
-  if (!model.ok()) {
-    return absl::Status(model.status().code(), absl::StrCat(arguments.model, ": ", model.status().message()));
-  }
-  report.model_notices = model->notices;
-  report.num_symmetries = model->num_symmetries;
   SessionConfig config;
   config.encoding = inputs.reader->header().encoding;
   config.camera = inputs.camera;
   config.estimator = EstimatorByName(arguments.estimator);
   config.sensor = inputs.sensor;
-  TrackedObject object;
-  object.model = model->name;
-  object.initial_camera_from_object = inputs.initial_pose;
-  config.objects.push_back(std::move(object));
+  std::vector<std::string> paths;
+  for (const InputObject& input : inputs.objects) {
+    const absl::Span<const uint8_t> bytes(reinterpret_cast<const uint8_t*>(input.model_bytes.data()),
+                                          input.model_bytes.size());
+    absl::StatusOr<ModelInfo> model = client.UploadModel(bytes, input.upload);
+    if (!model.ok()) {
+      return absl::Status(model.status().code(), absl::StrCat(input.model_path, ": ", model.status().message()));
+    }
+    report.models.push_back({input.id, model->notices, model->num_symmetries});
+    paths.push_back(input.model_path);
+    TrackedObject object;
+    object.object_id = input.id;
+    object.model = model->name;
+    object.initial_camera_from_object = input.initial_pose;
+    config.objects.push_back(std::move(object));
+  }
   absl::StatusOr<Session> session = client.CreateSession(config);
   if (!session.ok()) {
-    return absl::Status(session.status().code(), absl::StrCat("no session for ", arguments.model, " seen by ",
-                                                              arguments.camera, ": ", session.status().message()));
+    return absl::Status(session.status().code(),
+                        absl::StrCat("no session for ", absl::StrJoin(paths, ", "), " seen by ", arguments.camera, ": ",
+                                     session.status().message()));
   }
   return session;
 }
@@ -212,17 +273,25 @@ void AddOptions(CLI::App& app, ReplayArguments& arguments) {
   std::vector<std::string> estimators;
   for (const auto& [estimator, name] : kEstimatorNames) estimators.emplace_back(name);
   app.add_option("recording", arguments.recording, "Prophesee RAW or DAT file; - for standard input")->required();
-  app.add_option("--model", arguments.model, "Object: OBJ, PLY or STL")->required();
+  app.add_option("--model", arguments.model, "Object: OBJ, PLY or STL");
+  app.add_option("--object", arguments.objects, "One of several objects, with a name of its own; once for each")
+      ->type_name("ID=MODEL")
+      ->allow_extra_args(false);
   app.add_option("--camera", arguments.camera, "Camera: ROS camera_info YAML")->required();
   app.add_option("--sensor", arguments.sensor,
                  "Profile of the sensor, as evpose calibrate writes it; by default an EVK4's");
   app.add_option("--scale", arguments.metres_per_unit, "Metres per unit of the model file")
       ->check(CLI::PositiveNumber)
       ->capture_default_str();
-  app.add_option("--init-pose", arguments.init_pose,
-                 "Pose at the first event, camera_from_object; without it the pose is found from the events")
-      ->type_name("\"tx ty tz qx qy qz qw\"");
-  app.add_option("-o,--out", arguments.out, "Poses: .tum, .csv or .jsonl; written whole or not at all");
+  app.add_option("--init-pose", arguments.init_poses,
+                 "Pose at the first event, camera_from_object; without it the pose is found from the events. With "
+                 "--object: \"ID=tx ...\", once for each object that has one")
+      ->type_name("\"tx ty tz qx qy qz qw\"")
+      ->allow_extra_args(false);
+  app.add_option(
+      "-o,--out", arguments.out,
+      "Poses: .tum, .csv or .jsonl; written whole or not at all. {object} in the name: one file for each, of "
+      "that ID");
   app.add_option("--rate", arguments.rate, "max, or a factor of the sensor's own pace")
       ->type_name("max|1|X")
       ->capture_default_str();
@@ -263,7 +332,8 @@ CommandRunner AddReplayCommand(CLI::App& app, CliContext& context) {
       "camera.\n\n"
       "Example:\n"
       "  evpose simulate --object cube --camera vga --duration 0.5 --out cube\n"
-      "  evpose replay cube/recording.raw --model cube/model.obj --camera cube/camera.yaml --out cube/poses.tum");
+      "  evpose replay cube/recording.raw --model cube/model.obj --camera cube/camera.yaml --out cube/poses.tum\n\n"
+      "Several objects: --object left=cube.obj --object right=book.obj --out poses-{object}.tum");
   return [arguments, &context] { return RunReplay(*arguments, context); };
 }
 

@@ -17,19 +17,48 @@ Json MillisecondsJson(const std::optional<absl::Duration>& duration) {
 }  // namespace
 
 void ReplayReport::Add(const Notice& notice) {
-  if (const auto* change = std::get_if<StateChange>(&notice)) last_change_us_ = change->t_us;
+  if (const auto* change = std::get_if<StateChange>(&notice)) last_change_us_[change->object_id] = change->t_us;
   if (const auto* fault = std::get_if<DecodeFault>(&notice)) {
     if (decode_faults_ == 0) first_decode_fault_ = absl::StrCat("chunk ", fault->chunk_seq, ": ", fault->detail);
     decode_faults_ += fault->count;
   }
 }
 
-std::string ReplayReport::WhyNoPose() const {
-  if (Object() == nullptr) return "";
-  if (Object()->state == TrackState::kInitializing) return absl::StrCat("never found: ", Object()->detail);
-  if (Object()->state != TrackState::kLost) return "";
-  return absl::StrFormat("LOST: the object is lost since %.6f s; no pose is claimed from then on: %s",
-                         last_change_us_ * 1e-6, Object()->detail);
+std::string ReplayReport::NameOf(const std::string& object_id) const {
+  return models.size() > 1 ? object_id + ": " : "";
+}
+
+std::string ReplayReport::WhyNoPose(const ObjectHealth& object) const {
+  if (object.state == TrackState::kInitializing) return absl::StrCat("never found: ", object.detail);
+  if (object.state != TrackState::kLost) return "";
+  const auto change = last_change_us_.find(object.object_id);
+  const int64_t since_us = change == last_change_us_.end() ? 0 : change->second;
+  return absl::StrFormat("LOST: the object is lost since %.6f s; no pose is claimed from then on: %s", since_us * 1e-6,
+                         object.detail);
+}
+
+uint32_t ReplayReport::Losses() const {
+  uint32_t losses = 0;
+  for (const ObjectHealth& object : summary.health.objects) losses += object.losses;
+  return losses;
+}
+
+Json ReplayReport::ObjectsJson() const {
+  Json objects = Json::array();
+  for (size_t i = 0; i < summary.health.objects.size(); ++i) {
+    const ObjectHealth& object = summary.health.objects[i];
+    Json json;
+    json["object_id"] = object.object_id;
+    json["state"] = std::string(TrackStateName(object.state));
+    json["losses"] = object.losses;
+    json["initialization"] = std::string(InitializationStatusName(object.initialization));
+    json["initialization_attempts"] = object.initialization_attempts;
+    json["detail"] = object.detail;
+    json["model_notices"] = i < models.size() ? models[i].notices : std::vector<std::string>();
+    json["symmetries"] = i < models.size() ? models[i].num_symmetries : 1;
+    objects.push_back(std::move(json));
+  }
+  return objects;
 }
 
 double ReplayReport::MegaEventsPerSecond() const {
@@ -42,7 +71,9 @@ void ReplayReport::Print(std::ostream& stream) const {
   stream << recording << ": " << EncodingName(header.encoding) << " " << header.geometry.width_px << "x"
          << header.geometry.height_px << ", " << summary.sent_bytes << " bytes in " << summary.sent_chunks
          << " chunks\n";
-  for (const std::string& notice : model_notices) stream << "model: " << notice << "\n";
+  for (const Model& model : models) {
+    for (const std::string& notice : model.notices) stream << NameOf(model.object_id) << "model: " << notice << "\n";
+  }
   if (is_interrupted) stream << "interrupted: only what was read until then\n";
   if (truncated_bytes > 0) {
     stream << "truncated: the last " << truncated_bytes << " bytes are no whole word; all before them were used\n";
@@ -50,15 +81,22 @@ void ReplayReport::Print(std::ostream& stream) const {
   if (decode_faults_ > 0) {
     stream << "decoder: skipped " << decode_faults_ << " words or events, the first in " << first_decode_fault_ << "\n";
   }
-  if (num_symmetries > 1) {
-    stream << "model: looks the same in " << num_symmetries << " orientations; a pose stands for all of them\n";
+  for (const Model& model : models) {
+    if (model.num_symmetries < 2) continue;
+    stream << NameOf(model.object_id) << "model: looks the same in " << model.num_symmetries
+           << " orientations; a pose stands for all of them\n";
   }
-  if (const std::string why = WhyNoPose(); !why.empty()) stream << why << "\n";
+  for (const ObjectHealth& object : health.objects) {
+    if (models.size() > 1) {
+      stream << object.object_id << ": " << TrackStateName(object.state) << "  losses " << object.losses << "\n";
+    }
+    if (const std::string why = WhyNoPose(object); !why.empty()) stream << NameOf(object.object_id) << why << "\n";
+  }
   if (!session.empty()) stream << "session: " << session << "\n";
   if (!out.empty()) stream << out << ": " << summary.poses << " poses\n";
   stream << absl::StrFormat("events %d  poses %d  losses %d  %.2f Mev/s  latency p50 %s  p99 %s\n",
-                            health.decoded_events, summary.poses, Object() == nullptr ? 0 : Object()->losses,
-                            MegaEventsPerSecond(), Milliseconds(health.latency_p50), Milliseconds(health.latency_p99));
+                            health.decoded_events, summary.poses, Losses(), MegaEventsPerSecond(),
+                            Milliseconds(health.latency_p50), Milliseconds(health.latency_p99));
 }
 
 Json ReplayReport::ToJson() const {
@@ -69,14 +107,12 @@ Json ReplayReport::ToJson() const {
   json["session"] = session.empty() ? Json(nullptr) : Json(session);
   json["events"] = health.decoded_events;
   json["poses"] = summary.poses;
-  json["losses"] = Object() == nullptr ? 0 : Object()->losses;
-  json["state"] = Object() == nullptr ? Json(nullptr) : Json(std::string(TrackStateName(Object()->state)));
-  json["initialization"] =
-      Object() == nullptr ? Json(nullptr) : Json(std::string(InitializationStatusName(Object()->initialization)));
-  json["initialization_attempts"] = Object() == nullptr ? 0 : Object()->initialization_attempts;
-  json["detail"] = Object() == nullptr ? "" : Object()->detail;
-  json["model_notices"] = model_notices;
-  json["symmetries"] = num_symmetries;
+  json["losses"] = Losses();
+  json["objects"] = ObjectsJson();
+  // Of the only object what is said of it there.
+  if (const Json objects = json["objects"]; objects.size() == 1) {
+    for (const auto& [key, value] : objects[0].items()) json[key] = value;
+  }
   json["mev_per_s"] = MegaEventsPerSecond();
   json["latency_p50_ms"] = MillisecondsJson(health.latency_p50);
   json["latency_p99_ms"] = MillisecondsJson(health.latency_p99);

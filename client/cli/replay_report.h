@@ -2,6 +2,7 @@
 #pragma once
 
 #include <cstdint>
+#include <map>
 #include <ostream>
 #include <string>
 #include <vector>
@@ -21,8 +22,12 @@ struct ReplayReport {
   absl::Duration wall_time;
   size_t truncated_bytes = 0;  // at the end of the recording, no whole word
   bool is_interrupted = false;
-  std::vector<std::string> model_notices;
-  uint32_t num_symmetries = 1;  // of the model
+  struct Model {
+    std::string object_id;
+    std::vector<std::string> notices;
+    uint32_t num_symmetries = 1;
+  };
+  std::vector<Model> models;  // of the objects, in their order
 
   void Add(const Notice& notice);
 
@@ -31,12 +36,15 @@ struct ReplayReport {
   Json ToJson() const;
 
  private:
-  const ObjectHealth* Object() const { return summary.health.objects.empty() ? nullptr : &summary.health.objects[0]; }
   // What it ends without: a line, or empty when the object is tracked at the end.
-  std::string WhyNoPose() const;
+  std::string WhyNoPose(const ObjectHealth& object) const;
+  // How a line about one of several objects begins; empty when there is only one.
+  std::string NameOf(const std::string& object_id) const;
+  uint32_t Losses() const;  // of all objects
+  Json ObjectsJson() const;
   double MegaEventsPerSecond() const;
 
-  int64_t last_change_us_ = 0;
+  std::map<std::string, int64_t> last_change_us_;  // by object
   uint64_t decode_faults_ = 0;
   std::string first_decode_fault_;
 };

@@ -127,6 +127,44 @@ TEST_F(ReplayTest, FindsTheFirstPoseByItself) {
   }
 }
 
+TEST_F(ReplayTest, SeveralObjectsHavePosesOfTheirOwn) {
+  SimulateCube(0.25);
+  const auto arguments = [&](const std::string& out, const std::vector<std::string>& more = {}) {
+    std::vector<std::string> all = {"replay",      Path("cube/recording.raw"),
+                                    "--object",    "near=" + Path("cube/model.obj"),
+                                    "--object",    "missing=" + Path("cube/model.obj"),
+                                    "--camera",    Path("cube/camera.yaml"),
+                                    "--init-pose", "near=" + FirstPose(),
+                                    "--out",       Path(out),
+                                    "--json"};
+    all.insert(all.end(), more.begin(), more.end());
+    return all;
+  };
+  const CliResult replay = Run(arguments("{object}.tum"));
+  ASSERT_EQ(replay.status, 0) << replay.err;
+  const nlohmann::json report = replay.Json();
+  ASSERT_EQ(report["objects"].size(), 2u);
+  EXPECT_EQ(report["objects"][0]["object_id"], "near");
+  EXPECT_EQ(report["objects"][0]["state"], "TRACKING");
+  EXPECT_EQ(report["objects"][1]["object_id"], "missing");
+  EXPECT_EQ(report["objects"][1]["state"], "INITIALIZING") << "the only cube is the other one";
+  EXPECT_EQ(report["losses"], 0);
+  const std::string near = ReadText("near.tum");
+  EXPECT_EQ(std::count(near.begin(), near.end(), '\n'), report["poses"]);
+  EXPECT_EQ(ReadText("missing.tum"), "");
+
+  ASSERT_EQ(Run(arguments("all.csv")).status, 0);
+  EXPECT_THAT(ReadText("all.csv"), HasSubstr(",near,"));
+
+  const CliResult one_file = Run(arguments("all.tum"));
+  EXPECT_EQ(one_file.status, 2);
+  EXPECT_THAT(one_file.err, HasSubstr("{object}"));
+  EXPECT_EQ(Run(arguments("a.csv", {"--object", "near=" + Path("cube/model.obj")})).status, 2);
+  EXPECT_EQ(Run(arguments("a.csv", {"--object", Path("cube/model.obj")})).status, 2);
+  EXPECT_EQ(Run(arguments("a.csv", {"--init-pose", "far=0 0 1 0 0 0 1"})).status, 2);
+  EXPECT_EQ(Run(arguments("a.csv", {"--model", Path("cube/model.obj")})).status, 2);
+}
+
 // The first pose that a session of its own finds in the cube's recording, with this reference.
 absl::StatusOr<RigidTransform> FirstPoseFound(client::Client& client, const std::string& recording,
                                               client::SessionConfig config,
