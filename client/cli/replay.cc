@@ -323,17 +323,14 @@ CommandRunner AddReplayCommand(CLI::App& app, CliContext& context) {
   AddOptions(app, *arguments);
   app.footer(
       "Without --server it serves itself, inside the process. Times are those of the sensor's clock. While the object\n"
-      "is not found yet, or lost, no pose is written. An object that maps onto itself is given the pose that is "
-      "nearest\n"
-      "to no rotation when it is found, and the nearest to the last one from then on. An interrupt ends the stream "
-      "cleanly: what was tracked is written. Latencies are "
-      "from\n"
-      "the server's receipt of a chunk to its pose: with --rate max those of a full queue, with --rate 1 those of a "
-      "camera.\n\n"
+      "is not found yet, or lost, no pose is written. An object that maps onto itself is given the pose that is\n"
+      "nearest to no rotation when it is found, and the nearest to the last one from then on. An interrupt ends the\n"
+      "stream cleanly: what was tracked is written. Latencies are from the server's receipt of a chunk to its pose:\n"
+      "with --rate max those of a full queue, with --rate 1 those of a camera.\n"
+      "Several objects: --object left=cube.obj --object right=book.obj --out poses-{object}.tum\n\n"
       "Example:\n"
       "  evpose simulate --object cube --camera vga --duration 0.5 --out cube\n"
-      "  evpose replay cube/recording.raw --model cube/model.obj --camera cube/camera.yaml --out cube/poses.tum\n\n"
-      "Several objects: --object left=cube.obj --object right=book.obj --out poses-{object}.tum");
+      "  evpose replay cube/recording.raw --model cube/model.obj --camera cube/camera.yaml --out cube/poses.tum");
   return [arguments, &context] { return RunReplay(*arguments, context); };
 }
 
