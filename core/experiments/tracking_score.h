@@ -49,9 +49,9 @@ struct TrackingScore {
   std::vector<double> nees;       // of all published poses
   double wrong_tracking_s = 0.0;  // TRACKING was reported while the pose was not good
   double longest_wrong_tracking_s = 0.0;
-  double right_untracked_s = 0.0;  // a good pose was reported as something else than TRACKING
-  double compute_ratio = 0.0;      // processor time / sensor time
-  std::vector<TrajectoryError> errors;   // to draw; the bench keeps those of a row's first run alone
+  double right_untracked_s = 0.0;       // a good pose was reported as something else than TRACKING
+  double compute_ratio = 0.0;           // processor time / sensor time
+  std::vector<TrajectoryError> errors;  // to draw; the bench keeps those of a row's first run alone
 };
 
 // `truth` and the model are those of `run`. Errors: those of Evaluate().
