@@ -56,6 +56,33 @@ TEST_F(BadInputTest, MissingRecording) {
   EXPECT_THAT(info.err, HasSubstr(Path("cube/recording.raw")));
 }
 
+TEST_F(BadInputTest, SensorProfiles) {
+  EXPECT_THAT(ReplayError({"--sensor", Path("none.yaml")}), HasSubstr(Path("none.yaml")));
+  WriteText("sensor.yaml", "blur_px: 99\n");
+  EXPECT_THAT(ReplayError({"--sensor", Path("sensor.yaml")}),
+              AllOf(HasSubstr(Path("sensor.yaml")), HasSubstr("blur_px must be between")));
+}
+
+TEST_F(BadInputTest, CalibrationThatTheRecordingDoesNotAllow) {
+  const std::vector<std::string> known = {"--truth",  Path("cube/truth.tum"),   "--model", Path("cube/model.obj"),
+                                          "--camera", Path("cube/camera.yaml"), "--out",   Path("sensor.yaml")};
+  const auto calibrate = [&](std::vector<std::string> recordings) {
+    recordings.insert(recordings.begin(), "calibrate");
+    recordings.insert(recordings.end(), known.begin(), known.end());
+    return Run(recordings);
+  };
+  const CliResult still = calibrate({Path("cube/recording.raw")});
+  EXPECT_EQ(still.status, 1);
+  EXPECT_THAT(still.err, HasSubstr("record more motion"));
+  const CliResult missing = calibrate({Path("none.raw")});
+  EXPECT_EQ(missing.status, 1);
+  EXPECT_THAT(missing.err, HasSubstr(Path("none.raw")));
+  const CliResult unequal = calibrate({Path("cube/recording.raw"), Path("cube/recording.raw")});
+  EXPECT_EQ(unequal.status, 2);
+  EXPECT_THAT(unequal.err, HasSubstr("--truth"));
+  EXPECT_THAT(FilesBeginning("sensor"), IsEmpty());
+}
+
 TEST_F(BadInputTest, EmptyRecording) {
   WriteText("cube/recording.raw", "");
   EXPECT_THAT(ReplayError(), AllOf(HasSubstr(Path("cube/recording.raw")), HasSubstr("empty")));

@@ -42,7 +42,7 @@ TEST_F(CliTest, ExamplesOfEveryHelpWorkAsPrinted) {
   const std::string address = "127.0.0.1:" + std::to_string((*server)->port());
   std::set<std::string> done;  // most begin with the same simulation
   for (const char* command : {"simulate", "replay", "info", "evaluate", "render", "models", "sessions",
-                              "bench initialization", "bench synthetic", "bench tracking"}) {
+                              "bench initialization", "bench synthetic", "bench tracking", "calibrate"}) {
     const CliResult help = RunShell(std::string("evpose ") + command + " --help");
     ASSERT_EQ(help.status, 0) << help.err;
     for (std::string example : Examples(help.out)) {
@@ -57,6 +57,8 @@ TEST_F(CliTest, ExamplesOfEveryHelpWorkAsPrinted) {
   }
   EXPECT_TRUE(std::filesystem::exists(Path("cube/poses.tum")));
   EXPECT_TRUE(std::filesystem::exists(Path("cube/picture.png")));
+  EXPECT_TRUE(std::filesystem::exists(Path("sensor.yaml")));
+  EXPECT_TRUE(std::filesystem::exists(Path("residuals.png")));
 }
 
 TEST_F(CliTest, StandardOutputHoldsTheAnswerAlone) {
