@@ -114,9 +114,6 @@ class Collector : public EdgePassageCollector {
   void AddEvent(const WindowEvent& event, int64_t t_mid_us, absl::Span<const TrackedLine> tracked);
   void AddSweeps(absl::Span<const TrackedLine> tracked);
   void ClosePassage(int model_line);
-  double NormalSpeed(const ImageLine& line, double fraction) const {
-    return -BearingOf(camera_, line.PointAt(fraction)).dot(line.a_dot);
-  }
 
   const std::shared_ptr<const ObjectModel> model_;
   const CameraModel camera_;
@@ -174,7 +171,7 @@ void Collector::AddSweeps(absl::Span<const TrackedLine> tracked) {
   for (size_t k = 0; k < lines_.size(); ++k) {
     const ImageLine& line = lines_[k];
     if (line.length_px < kMinLengthPx) continue;
-    const double first = NormalSpeed(line, 0.0), last = NormalSpeed(line, 1.0);
+    const double first = NormalSpeedPxPerS(camera_, line, 0.0), last = NormalSpeedPxPerS(camera_, line, 1.0);
     if (first * last < 0.0 || std::min(std::abs(first), std::abs(last)) < kMinSpeedPxPerS) continue;
     direction_[k] = first > 0.0 ? 1.0 : -1.0;
     OpenPassage& open = open_[tracked[k].model_line];
@@ -189,23 +186,16 @@ void Collector::AddSweeps(absl::Span<const TrackedLine> tracked) {
 }
 
 void Collector::AddEvent(const WindowEvent& event, int64_t t_mid_us, absl::Span<const TrackedLine> tracked) {
-  const Eigen::Vector2f& bearing = undistortion_.Bearing(event.x, event.y);
-  Observation seen;
-  seen.bx = bearing.x();
-  seen.by = bearing.y();
-  seen.u_px = camera_.fx_px * seen.bx + camera_.cx_px;
-  seen.v_px = camera_.fy_px * seen.by + camera_.cy_px;
-  seen.tau_s = static_cast<double>(event.t_us - t_mid_us) * 1e-6;
-  seen.polarity = event.polarity != 0 ? 1 : 0;
-  seen.previous = event.previous;
+  std::optional<Observation> observed = Observe(camera_, undistortion_, event, t_mid_us);
+  if (!observed) return;
+  Observation& seen = *observed;
   seen.tile = grid_.TileOf(seen.u_px, seen.v_px);
   if (seen.tile == TileGrid::kNoTile) return;
   const NearLines near = FindNearLines(seen, grid_.Lines(seen.tile), lines_.data(), kAlonePx, kAlonePx);
   if (near.count == 0 || direction_[near.line[0]] == 0.0) return;
   const ImageLine& line = lines_[near.line[0]];
   OpenPassage& open = open_[tracked[near.line[0]].model_line];
-  const double along =
-      (seen.u_px - line.p1_px.x()) * line.direction.x() + (seen.v_px - line.p1_px.y()) * line.direction.y();
+  const double along = line.AlongPx(seen.u_px, seen.v_px);
   const double distance = near.distance_px[0];
   if (std::abs(distance) < kOwnPx && along >= 0.0 && along <= line.length_px)
     open.counts.Add(seen, along < 0.5 * line.length_px ? 0 : 1, 1.0);

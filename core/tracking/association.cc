@@ -49,6 +49,25 @@ Eigen::Vector3d BearingOf(const CameraModel& camera, const Eigen::Vector2d& pixe
   return {(pixel.x() - camera.cx_px) / camera.fx_px, (pixel.y() - camera.cy_px) / camera.fy_px, 1.0};
 }
 
+double NormalSpeedPxPerS(const CameraModel& camera, const ImageLine& line, double fraction) {
+  return -BearingOf(camera, line.PointAt(fraction)).dot(line.a_dot);
+}
+
+std::optional<Observation> Observe(const CameraModel& camera, const UndistortionTable& undistortion,
+                                   const WindowEvent& event, int64_t t_us) {
+  if (event.x >= camera.width_px || event.y >= camera.height_px) return std::nullopt;
+  const Eigen::Vector2f& bearing = undistortion.Bearing(event.x, event.y);
+  Observation observation;
+  observation.bx = bearing.x();
+  observation.by = bearing.y();
+  observation.u_px = camera.fx_px * observation.bx + camera.cx_px;
+  observation.v_px = camera.fy_px * observation.by + camera.cy_px;
+  observation.tau_s = static_cast<double>(event.t_us - t_us) * 1e-6;
+  observation.polarity = event.polarity != 0 ? 1 : 0;
+  observation.previous = event.previous;
+  return observation;
+}
+
 double PredictedSpreadPx(const CameraModel& camera, const MotionState& state, absl::Span<const ImageLine> lines) {
   const Matrix6d covariance = state.covariance.topLeftCorner<6, 6>();
   double largest = 0.0;

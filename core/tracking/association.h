@@ -4,6 +4,7 @@
 
 #include <Eigen/Core>
 #include <cstdint>
+#include <optional>
 #include <vector>
 
 #include "absl/types/span.h"
@@ -37,6 +38,10 @@ struct ImageLine {
   bool in_view() const { return length_px > 0.0; }
   // Undistorted pixel at a fraction of the length.
   Eigen::Vector2d PointAt(double fraction) const { return p1_px + fraction * length_px * direction; }
+  // Pixels from p1 along the line to where an undistorted pixel projects onto it.
+  double AlongPx(double u_px, double v_px) const {
+    return (u_px - p1_px.x()) * direction.x() + (v_px - p1_px.y()) * direction.y();
+  }
 };
 
 // One image line per tracked line, in order.
@@ -45,6 +50,9 @@ void ProjectLines(const CameraModel& camera, const MotionState& state, absl::Spa
 
 // Bearing of an undistorted pixel.
 Eigen::Vector3d BearingOf(const CameraModel& camera, const Eigen::Vector2d& pixel);
+
+// Velocity across the line at a fraction of its length, pixels per second along its normal.
+double NormalSpeedPxPerS(const CameraModel& camera, const ImageLine& line, double fraction);
 
 // Standard deviation, in pixels, of the least certain line's middle under the state's pose covariance.
 double PredictedSpreadPx(const CameraModel& camera, const MotionState& state, absl::Span<const ImageLine> lines);
@@ -63,6 +71,10 @@ struct Observation {
   // integrates to one across the line (competitors.h). 0: there are no others.
   float competing = 0.0f;
 };
+
+// An event as an observation at `t_us`, without its tile; nullopt when it lies outside the sensor.
+std::optional<Observation> Observe(const CameraModel& camera, const UndistortionTable& undistortion,
+                                   const WindowEvent& event, int64_t t_us);
 
 // Tiles of 8 x 8 undistorted pixels, each with the lines that pass within reach.
 class TileGrid {
@@ -127,8 +139,7 @@ inline NearLines FindNearLines(const Observation& event, absl::Span<const uint16
                      event.tau_s * (line.a_dot.x() * event.bx + line.a_dot.y() * event.by + line.a_dot.z());
     const double distance = d < 0.0 ? -d : d;
     if (!(distance <= best[1])) continue;
-    const double along =
-        (event.u_px - line.p1_px.x()) * line.direction.x() + (event.v_px - line.p1_px.y()) * line.direction.y();
+    const double along = line.AlongPx(event.u_px, event.v_px);
     if (along < -end_margin_px || along > line.length_px + end_margin_px || !line.in_view()) continue;
     const int slot = distance <= best[0] ? 0 : 1;
     if (slot == 0) {

@@ -6,11 +6,6 @@
 namespace evpose {
 namespace {
 
-// Speed along the image normal at a fraction of the line, pixels per second.
-double NormalSpeed(const CameraModel& camera, const ImageLine& line, double fraction) {
-  return -BearingOf(camera, line.PointAt(fraction)).dot(line.a_dot);
-}
-
 // The direction of motion, smoothed near rest, where it cannot be known.
 double MotionSign(double speed_px_per_s) {
   constexpr double kSmoothPxPerS = 15.0;
@@ -63,8 +58,8 @@ void EdgeBias::Correct(absl::Span<const TrackedLine> tracked, absl::Span<ImageLi
     // Late time stamps show the line where it was.
     line.a_expected = line.a - 1e-6 * sensor_.latency_us * line.a_dot;
     if (index >= profiles_.size()) continue;
-    const double first = ExpectedPx(profiles_[index], 0, MotionSign(NormalSpeed(camera_, line, 0.25)));
-    const double last = ExpectedPx(profiles_[index], 1, MotionSign(NormalSpeed(camera_, line, 0.75)));
+    const double first = ExpectedPx(profiles_[index], 0, MotionSign(NormalSpeedPxPerS(camera_, line, 0.25)));
+    const double last = ExpectedPx(profiles_[index], 1, MotionSign(NormalSpeedPxPerS(camera_, line, 0.75)));
     // Linear along the line, and so linear in the bearing: offset = at_begin + slope * along.
     const Eigen::Vector2d focal(camera_.fx_px, camera_.fy_px);
     const Eigen::Vector2d centre(camera_.cx_px, camera_.cy_px);
@@ -86,14 +81,14 @@ void EdgeBias::Learn(absl::Span<const TrackedLine> tracked, absl::Span<const Ima
   for (size_t k = 0; k < lines.size(); ++k) {
     const ImageLine& line = lines[k];
     if (line.length_px < kMinLengthPx) continue;
-    const double first = NormalSpeed(camera_, line, 0.1);
-    const double last = NormalSpeed(camera_, line, 0.9);
+    const double first = NormalSpeedPxPerS(camera_, line, 0.1);
+    const double last = NormalSpeedPxPerS(camera_, line, 0.9);
     if (first * last < 0.0 || std::min(std::abs(first), std::abs(last)) < kMinSpeedPxPerS) continue;
     const size_t index = static_cast<size_t>(tracked[k].model_line);
     if (index >= profiles_.size()) profiles_.resize(index + 1);
     const double half_px_s = 0.5 * line.length_px * duration_s;
-    const std::array<double, 2> swept_px2 = {half_px_s * std::abs(NormalSpeed(camera_, line, 0.25)),
-                                             half_px_s * std::abs(NormalSpeed(camera_, line, 0.75))};
+    const std::array<double, 2> swept_px2 = {half_px_s * std::abs(NormalSpeedPxPerS(camera_, line, 0.25)),
+                                             half_px_s * std::abs(NormalSpeedPxPerS(camera_, line, 0.75))};
     Add(counts[k], 0.5 * (first + last), swept_px2, events_per_observation, profiles_[index]);
   }
 }

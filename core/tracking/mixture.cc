@@ -243,9 +243,7 @@ MixtureTotals AccumulateMixture(const WindowInput& input, absl::Span<const Image
       const ImageLine& line = lines[near.line[k]];
       MixtureLine& sum = sums[near.line[k]];
       sum.sums.Add(event.bx, event.by, event.tau_s, weight);
-      const double along =
-          (event.u_px - line.p1_px.x()) * line.direction.x() + (event.v_px - line.p1_px.y()) * line.direction.y();
-      const int half = along < 0.5 * line.length_px ? 0 : 1;
+      const int half = line.AlongPx(event.u_px, event.v_px) < 0.5 * line.length_px ? 0 : 1;
       sum.counts.Add(event, half, weight);
       sum.half_weight[half] += weight;
       totals.weight += weight;

@@ -216,7 +216,8 @@ void ObjectTracker::CollectEvents() {
     const EventWindow window = memory_.At(i);
     const Competitors* others = OthersAt(window, nullptr);
     for (const WindowEvent& event : window.events) {
-      const std::optional<Observation> observation = Observe(context_, event, window.t_mid_us());
+      const std::optional<Observation> observation =
+          Observe(context_.camera, *context_.undistortion, event, window.t_mid_us());
       if (!observation) continue;
       if (others != nullptr && others->Explain(*observation)) continue;
       pixel_events_.push_back(

@@ -14,21 +14,6 @@ constexpr int kKeepLines = 2;
 
 }  // namespace
 
-std::optional<Observation> Observe(const TrackContext& context, const WindowEvent& event, int64_t t_us) {
-  const CameraModel& camera = context.camera;
-  if (event.x >= camera.width_px || event.y >= camera.height_px) return std::nullopt;
-  const Eigen::Vector2f& bearing = context.undistortion->Bearing(event.x, event.y);
-  Observation observation;
-  observation.bx = bearing.x();
-  observation.by = bearing.y();
-  observation.u_px = camera.fx_px * observation.bx + camera.cx_px;
-  observation.v_px = camera.fy_px * observation.by + camera.cy_px;
-  observation.tau_s = static_cast<double>(event.t_us - t_us) * 1e-6;
-  observation.polarity = event.polarity != 0 ? 1 : 0;
-  observation.previous = event.previous;
-  return observation;
-}
-
 PoseTrack::PoseTrack(const TrackContext& context, const MotionState& start)
     : context_(context),
       visible_lines_(*context.model, context.camera, context.visibility),
@@ -196,7 +181,7 @@ WindowInput PoseTrack::Gather(const EventWindow& window, const Competitors* othe
   double motion_px = 0.0;
   for (const ImageLine& line : image_lines_) {
     if (!line.in_view()) continue;
-    const double speed = std::abs(BearingOf(context_.camera, line.PointAt(0.5)).dot(line.a_dot));
+    const double speed = std::abs(NormalSpeedPxPerS(context_.camera, line, 0.5));
     motion_px = std::max(motion_px, 0.5 * speed * input.duration_s);
   }
   const double reach_px =
@@ -207,7 +192,7 @@ WindowInput PoseTrack::Gather(const EventWindow& window, const Competitors* othe
 
   observations_.clear();
   for (const WindowEvent& event : window.events) {
-    std::optional<Observation> observation = Observe(context_, event, predicted.t_us);
+    std::optional<Observation> observation = Observe(context_.camera, *context_.undistortion, event, predicted.t_us);
     if (!observation) continue;
     observation->tile = grid_.TileOf(observation->u_px, observation->v_px);
     if (observation->tile == TileGrid::kNoTile) continue;

@@ -30,9 +30,6 @@ struct TrackContext {
   VisibilityTester visibility;
 };
 
-// An event as an observation at `t_us`; nullopt when it lies outside the sensor.
-std::optional<Observation> Observe(const TrackContext& context, const WindowEvent& event, int64_t t_us);
-
 class PoseTrack {
  public:
   // INITIALIZING until the events have spoken for the state. `context` must outlive it.
