@@ -4,11 +4,11 @@
 #include <cmath>
 
 #include "core/base/math.h"
+#include "core/tracking/robust.h"
 
 namespace evpose {
 namespace {
 
-constexpr double kInverseSqrt2Pi = 0.3989422804014327;
 // Farther than this from a line, in standard deviations, are none of its events.
 constexpr double kReachSigma = 4.0;
 // Events up to this far beyond a line's end still belong to it: the end points move within the window.
@@ -18,7 +18,7 @@ constexpr double kMinRatePxPerS = 1.0;
 
 double NormalDensity(double distance_px, double sigma_px) {
   const double u = distance_px / sigma_px;
-  return kInverseSqrt2Pi / sigma_px * DeterministicExp(-0.5 * u * u);
+  return MixtureDensity::kInverseSqrt2Pi / sigma_px * DeterministicExp(-0.5 * u * u);
 }
 
 }  // namespace

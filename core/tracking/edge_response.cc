@@ -4,6 +4,7 @@
 #include <vector>
 
 #include "core/base/math.h"
+#include "core/tracking/robust.h"
 
 namespace evpose {
 namespace {
@@ -11,7 +12,6 @@ namespace {
 // The blurred step between these many standard deviations; what lies beyond is 1e-6 of it.
 constexpr double kReach = 5.0;
 constexpr int kSteps = 1000;
-constexpr double kInverseSqrt2Pi = 0.3989422804014327;
 
 // Along a blurred step of log contrast L, from its dark side: place x, level l(x) above dark, and the integral of x dl
 // up to there.
@@ -30,7 +30,7 @@ std::vector<StepPoint> IntegrateStep(double contrast) {
   double cumulative = 0.0;
   for (int i = 0; i < kSteps; ++i) {
     const double x = -kReach + (i + 0.5) * step;
-    const double density = kInverseSqrt2Pi * DeterministicExp(-0.5 * x * x) * step;
+    const double density = MixtureDensity::kInverseSqrt2Pi * DeterministicExp(-0.5 * x * x) * step;
     const double rise = contrast > 0.0 ? gain * density / (1.0 + gain * (cumulative + 0.5 * density)) : density;
     cumulative += density;
     points.push_back({x + 0.5 * step, points.back().level + rise, points.back().moment + rise * x});

@@ -8,6 +8,7 @@
 #include "core/base/math.h"
 #include "core/base/status_macros.h"
 #include "core/tracking/line_filter.h"
+#include "core/tracking/option_checks.h"
 #include "core/tracking/robust.h"
 
 namespace evpose {
@@ -309,11 +310,6 @@ absl::Status CheckEvents(absl::Span<const LineEnds> lines, absl::Span<const Labe
     }
   }
   return absl::OkStatus();
-}
-
-absl::Status Between(const char* name, double value, double low, double high) {
-  if (value >= low && value <= high) return absl::OkStatus();
-  return absl::InvalidArgumentError(absl::StrCat(name, " must be between ", low, " and ", high, ": ", value));
 }
 
 }  // namespace

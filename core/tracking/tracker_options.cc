@@ -1,23 +1,13 @@
 #include "core/tracking/tracker_options.h"
 
-#include <cmath>
 #include <string>
 
 #include "absl/strings/str_cat.h"
 #include "core/base/status_macros.h"
+#include "core/tracking/option_checks.h"
 
 namespace evpose {
 namespace {
-
-absl::Status Positive(const char* name, double value) {
-  if (std::isfinite(value) && value > 0.0) return absl::OkStatus();
-  return absl::InvalidArgumentError(absl::StrCat(name, " must be positive: ", value));
-}
-
-absl::Status Between(const char* name, double value, double low, double high) {
-  if (value >= low && value <= high) return absl::OkStatus();
-  return absl::InvalidArgumentError(absl::StrCat(name, " must be between ", low, " and ", high, ": ", value));
-}
 
 absl::Status InGroup(const char* group, const absl::Status& status) {
   if (status.ok()) return status;
