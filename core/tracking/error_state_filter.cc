@@ -1,6 +1,5 @@
 #include "core/tracking/error_state_filter.h"
 
-#include <Eigen/Cholesky>
 #include <cmath>
 #include <vector>
 
@@ -69,8 +68,6 @@ WindowFit ErrorStateFilter::Fit(const MotionState& predicted, const WindowInput&
   error.Inject();
   fit.state = error.state();
   if (fit.num_explained > 0.0) fit.residual_rms_px = std::sqrt(fit.residual_rms_px / fit.num_explained);
-  const Vector12d innovation = Minus(fit.state, predicted);
-  fit.innovation_chi2 = innovation.dot(predicted.covariance.ldlt().solve(innovation));
   return fit;
 }
 

@@ -27,7 +27,6 @@ struct WindowFit {
   double num_explained = 0.0;   // of them, expected to be a line's
   double num_background = 0.0;  // of them, expected there as anywhere on the sensor
   double residual_rms_px = 0.0;
-  double innovation_chi2 = 0.0;  // of pose and twist against the prediction, 12 degrees of freedom
 
   double explained_ratio() const { return num_gated > 0.0 ? num_explained / num_gated : 0.0; }
   // Events in the gates that something in the scene must have made, and the explained share of these.

@@ -141,8 +141,6 @@ WindowFit MixtureEstimator::Fit(const MotionState& predicted, const WindowInput&
   fit.num_background = Background(input, density.gate_px);
   fit.num_explained = totals.weight;
   fit.residual_rms_px = totals.weight > 0.0 ? std::sqrt(totals.weighted_squares_px2 / totals.weight) : sigma_px_;
-  const Vector12d innovation = Minus(state, predicted);
-  fit.innovation_chi2 = innovation.dot(prior_information * innovation);
   return fit;
 }
 
