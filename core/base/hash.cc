@@ -2,8 +2,13 @@
 
 #include <openssl/evp.h>
 
+#if defined(__x86_64__)
+#include <nmmintrin.h>
+#endif
+
 #include <array>
 #include <boost/crc.hpp>
+#include <cstring>
 
 #include "absl/strings/escaping.h"
 
@@ -33,7 +38,29 @@ std::string Sha256Hex(absl::Span<const uint8_t> bytes) {
   return hash.FinishHex();
 }
 
+namespace {
+
+#if defined(__x86_64__)
+// The processor's own instruction: checkpoints have megabytes, and a table takes milliseconds for each.
+__attribute__((target("sse4.2"))) uint32_t Crc32cSse42(absl::Span<const uint8_t> bytes) {
+  uint64_t crc = 0xFFFFFFFF;
+  size_t i = 0;
+  for (; i + 8 <= bytes.size(); i += 8) {
+    uint64_t word = 0;
+    std::memcpy(&word, bytes.data() + i, 8);
+    crc = _mm_crc32_u64(crc, word);
+  }
+  for (; i < bytes.size(); ++i) crc = _mm_crc32_u8(static_cast<uint32_t>(crc), bytes[i]);
+  return ~static_cast<uint32_t>(crc);
+}
+#endif
+
+}  // namespace
+
 uint32_t Crc32c(absl::Span<const uint8_t> bytes) {
+#if defined(__x86_64__)
+  if (__builtin_cpu_supports("sse4.2")) return Crc32cSse42(bytes);
+#endif
   boost::crc_optimal<32, 0x1EDC6F41, 0xFFFFFFFF, 0xFFFFFFFF, true, true> crc;
   crc.process_bytes(bytes.data(), bytes.size());
   return crc.checksum();

@@ -33,5 +33,26 @@ TEST(Crc32cTest, KnownValues) {
   EXPECT_EQ(Crc32c({}), 0u);
 }
 
+// By its definition, bit by bit.
+uint32_t Crc32cByBits(absl::Span<const uint8_t> bytes) {
+  uint32_t crc = 0xFFFFFFFF;
+  for (const uint8_t byte : bytes) {
+    crc ^= byte;
+    for (int bit = 0; bit < 8; ++bit) crc = crc >> 1 ^ ((crc & 1) != 0 ? 0x82F63B78u : 0u);
+  }
+  return ~crc;
+}
+
+TEST(Crc32cTest, EverySizeAndAlignment) {
+  std::vector<uint8_t> bytes(80);
+  for (size_t i = 0; i < bytes.size(); ++i) bytes[i] = static_cast<uint8_t>(i * 167 + 13);
+  for (size_t begin = 0; begin < 8; ++begin) {
+    for (size_t size = 0; begin + size <= bytes.size(); ++size) {
+      const auto part = absl::MakeConstSpan(bytes).subspan(begin, size);
+      ASSERT_EQ(Crc32c(part), Crc32cByBits(part)) << begin << " " << size;
+    }
+  }
+}
+
 }  // namespace
 }  // namespace evpose

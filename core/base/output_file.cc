@@ -57,6 +57,37 @@ absl::StatusOr<OutputFile> OutputFile::Create(const std::string& path) {
   return result;
 }
 
+absl::StatusOr<OutputFile> OutputFile::Continue(const std::string& path, uint64_t kept_bytes) {
+  OutputFile result;
+  std::error_code error;
+  const std::filesystem::path resolved = std::filesystem::weakly_canonical(path, error);
+  result.path_ = error ? path : resolved.string();
+  if (std::filesystem::exists(result.path_, error) && !std::filesystem::is_regular_file(result.path_, error)) {
+    return absl::InvalidArgumentError(absl::StrCat(path, ": is no regular file, so that it cannot be gone on with"));
+  }
+  result.is_continued_ = true;
+  result.temporary_path_ = result.path_ + ".partial";
+  const int flags = O_WRONLY | O_CLOEXEC | (kept_bytes == 0 ? O_CREAT : 0);
+  const int descriptor = open(result.temporary_path_.c_str(), flags, 0666);
+  if (descriptor < 0) return FileError(result.temporary_path_, "cannot be written", errno);
+  struct stat info;
+  if (fstat(descriptor, &info) != 0) info.st_size = 0;
+  if (static_cast<uint64_t>(info.st_size) < kept_bytes) {
+    close(descriptor);
+    return absl::DataLossError(
+        absl::StrCat(result.temporary_path_, ": has ", info.st_size, " bytes where ", kept_bytes, " had been written"));
+  }
+  const bool is_placed =
+      ftruncate(descriptor, static_cast<off_t>(kept_bytes)) == 0 && lseek(descriptor, 0, SEEK_END) >= 0;
+  result.file_ = is_placed ? fdopen(descriptor, "wb") : nullptr;
+  if (result.file_ == nullptr) {
+    const int error_number = errno;
+    close(descriptor);
+    return FileError(result.temporary_path_, "cannot be written", error_number);
+  }
+  return result;
+}
+
 OutputFile::OutputFile(OutputFile&& other) noexcept { *this = std::move(other); }
 
 OutputFile& OutputFile::operator=(OutputFile&& other) noexcept {
@@ -64,6 +95,7 @@ OutputFile& OutputFile::operator=(OutputFile&& other) noexcept {
   Discard();
   path_ = std::exchange(other.path_, {});
   temporary_path_ = std::exchange(other.temporary_path_, {});
+  is_continued_ = other.is_continued_;
   file_ = std::exchange(other.file_, nullptr);
   status_ = std::exchange(other.status_, absl::OkStatus());
   return *this;
@@ -73,7 +105,7 @@ OutputFile::~OutputFile() { Discard(); }
 
 void OutputFile::Discard() {
   if (file_ != nullptr) std::fclose(std::exchange(file_, nullptr));
-  if (!temporary_path_.empty()) unlink(temporary_path_.c_str());
+  if (!temporary_path_.empty() && !is_continued_) unlink(temporary_path_.c_str());
   temporary_path_.clear();
 }
 
@@ -83,6 +115,15 @@ absl::Status OutputFile::Append(std::string_view bytes) {
     status_ = FileError(path_, "writing failed", errno);
   }
   return status_;
+}
+
+absl::StatusOr<uint64_t> OutputFile::Sync() {
+  EVPOSE_RETURN_IF_ERROR(status_);
+  struct stat info;
+  if (std::fflush(file_) != 0 || fdatasync(fileno(file_)) != 0 || fstat(fileno(file_), &info) != 0) {
+    return status_ = FileError(path_, "writing failed", errno);
+  }
+  return static_cast<uint64_t>(info.st_size);
 }
 
 absl::Status OutputFile::Commit() {

@@ -1,6 +1,7 @@
 // A file that is written whole or not at all.
 #pragma once
 
+#include <cstdint>
 #include <cstdio>
 #include <string>
 #include <string_view>
@@ -17,12 +18,18 @@ class OutputFile {
  public:
   // Errors name the path: NOT_FOUND for a missing directory, PERMISSION_DENIED, INVALID_ARGUMENT for a directory.
   static absl::StatusOr<OutputFile> Create(const std::string& path);
+  // Goes on with what an earlier process left half-written under the name `path`.partial: with its first `kept_bytes`.
+  // Without Commit() the file stays there for the next one. Errors as Create(); INVALID_ARGUMENT for a path that is no
+  // regular file; DATA_LOSS when fewer bytes are there.
+  static absl::StatusOr<OutputFile> Continue(const std::string& path, uint64_t kept_bytes);
   OutputFile(OutputFile&& other) noexcept;
   OutputFile& operator=(OutputFile&& other) noexcept;
-  ~OutputFile();  // without Commit(): removes the temporary file
+  ~OutputFile();  // without Commit(): removes the temporary file of Create()
 
   // Errors name the path; the first one stays, so that Commit() alone may be checked.
   absl::Status Append(std::string_view bytes);
+  // What was appended is on the disk; its size.
+  absl::StatusOr<uint64_t> Sync();
   // Once, last.
   absl::Status Commit();
 
@@ -32,6 +39,7 @@ class OutputFile {
 
   std::string path_;
   std::string temporary_path_;  // empty: written directly
+  bool is_continued_ = false;
   std::FILE* file_ = nullptr;
   absl::Status status_;
 };

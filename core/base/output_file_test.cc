@@ -6,6 +6,8 @@
 #include <filesystem>
 #include <string>
 
+#include "core/base/temporary_directory.h"
+
 namespace evpose {
 namespace {
 
@@ -13,18 +15,12 @@ using ::testing::HasSubstr;
 
 class OutputFileTest : public ::testing::Test {
  protected:
-  void SetUp() override {
-    const auto* info = ::testing::UnitTest::GetInstance()->current_test_info();
-    directory_ = std::filesystem::path(::testing::TempDir()) / (std::string("output_file_test_") + info->name());
-    std::filesystem::remove_all(directory_);
-    std::filesystem::create_directories(directory_);
+  std::string Path(const std::string& name) const { return directory_.File(name); }
+  int NumFiles() const {
+    return static_cast<int>(std::distance(std::filesystem::directory_iterator(directory_.path()), {}));
   }
-  void TearDown() override { std::filesystem::remove_all(directory_); }
 
-  std::string Path(const std::string& name) const { return (directory_ / name).string(); }
-  int NumFiles() const { return static_cast<int>(std::distance(std::filesystem::directory_iterator(directory_), {})); }
-
-  std::filesystem::path directory_;
+  const TemporaryDirectory directory_;
 };
 
 TEST_F(OutputFileTest, AppearsOnlyWhenCommitted) {
@@ -49,6 +45,35 @@ TEST_F(OutputFileTest, AbandonedLeavesTheOldFile) {
   EXPECT_EQ(NumFiles(), 1);
 }
 
+TEST_F(OutputFileTest, ContinuedOneStaysUntilItIsCommitted) {
+  {
+    auto file = OutputFile::Continue(Path("a.txt"), 0);
+    ASSERT_TRUE(file.ok()) << file.status();
+    ASSERT_TRUE(file->Append("one two").ok());
+    const auto size = file->Sync();
+    ASSERT_TRUE(size.ok()) << size.status();
+    EXPECT_EQ(*size, 7u);
+    ASSERT_TRUE(file->Append(" thr").ok());  // cut when the process was killed
+  }
+  EXPECT_EQ(*ReadFile(Path("a.txt.partial"), 100), "one two thr");
+  auto file = OutputFile::Continue(Path("a.txt"), 7);
+  ASSERT_TRUE(file.ok()) << file.status();
+  ASSERT_TRUE(file->Append(" three").ok());
+  EXPECT_FALSE(std::filesystem::exists(Path("a.txt")));
+  ASSERT_TRUE(file->Commit().ok());
+  EXPECT_EQ(*ReadFile(Path("a.txt"), 100), "one two three");
+  EXPECT_EQ(NumFiles(), 1);
+}
+
+TEST_F(OutputFileTest, WhatCannotBeContinuedIsNamed) {
+  EXPECT_EQ(OutputFile::Continue(Path("a.txt"), 1).status().code(), absl::StatusCode::kNotFound);
+  ASSERT_TRUE(WriteFile(Path("a.txt.partial"), "one").ok());
+  const auto shorter = OutputFile::Continue(Path("a.txt"), 4);
+  EXPECT_EQ(shorter.status().code(), absl::StatusCode::kDataLoss);
+  EXPECT_THAT(shorter.status().message(), HasSubstr("a.txt.partial: has 3 bytes where 4 had been written"));
+  EXPECT_EQ(OutputFile::Continue("/dev/null", 0).status().code(), absl::StatusCode::kInvalidArgument);
+}
+
 TEST_F(OutputFileTest, FollowsALink) {
   ASSERT_TRUE(WriteFile(Path("target"), "old").ok());
   std::filesystem::create_symlink(Path("target"), Path("link"));
@@ -68,13 +93,13 @@ TEST_F(OutputFileTest, ErrorsNameThePath) {
   const absl::Status missing = WriteFile(Path("no/such/file"), "x");
   EXPECT_EQ(missing.code(), absl::StatusCode::kNotFound);
   EXPECT_THAT(missing.message(), HasSubstr(Path("no/such/file")));
-  EXPECT_EQ(WriteFile(directory_.string(), "x").code(), absl::StatusCode::kInvalidArgument);
+  EXPECT_EQ(WriteFile(directory_.path(), "x").code(), absl::StatusCode::kInvalidArgument);
   EXPECT_EQ(NumFiles(), 0);
 }
 
 TEST_F(OutputFileTest, ReadErrors) {
   EXPECT_EQ(ReadFile(Path("missing"), 10).status().code(), absl::StatusCode::kNotFound);
-  EXPECT_EQ(ReadFile(directory_.string(), 10).status().code(), absl::StatusCode::kInvalidArgument);
+  EXPECT_EQ(ReadFile(directory_.path(), 10).status().code(), absl::StatusCode::kInvalidArgument);
   ASSERT_TRUE(WriteFile(Path("big"), "12345678901").ok());
   EXPECT_EQ(ReadFile(Path("big"), 10).status().code(), absl::StatusCode::kInvalidArgument);
   EXPECT_EQ(ReadFile(Path("big"), 11).value(), "12345678901");

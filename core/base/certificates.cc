@@ -1,0 +1,94 @@
+#include "core/base/certificates.h"
+
+#include <openssl/asn1.h>
+#include <openssl/err.h>
+#include <openssl/pem.h>
+#include <openssl/x509.h>
+
+#include <ctime>
+#include <memory>
+
+#include "absl/strings/match.h"
+#include "absl/strings/str_cat.h"
+#include "absl/time/clock.h"
+#include "core/base/status_macros.h"
+
+namespace evpose {
+namespace {
+
+struct Free {
+  void operator()(BIO* bio) const { BIO_free(bio); }
+  void operator()(X509* certificate) const { X509_free(certificate); }
+  void operator()(EVP_PKEY* key) const { EVP_PKEY_free(key); }
+};
+template <typename T>
+using Owned = std::unique_ptr<T, Free>;
+
+// Without it OpenSSL would ask for the passphrase on the terminal.
+int NoPassphrase(char*, int, int, void*) { return -1; }
+
+absl::Status Invalid(const PemFile& file, absl::string_view why) {
+  ERR_clear_error();
+  return absl::InvalidArgumentError(absl::StrCat(file.path, " ", why));
+}
+
+Owned<BIO> Open(const PemFile& file) {
+  return Owned<BIO>(BIO_new_mem_buf(file.contents.data(), static_cast<int>(file.contents.size())));
+}
+
+Owned<X509> ReadCertificate(BIO* bio) { return Owned<X509>(PEM_read_bio_X509(bio, nullptr, NoPassphrase, nullptr)); }
+
+// At least one certificate, and nothing after them that is half of one.
+absl::Status CheckChain(const PemFile& file) {
+  const Owned<BIO> bio = Open(file);
+  int num_certificates = 0;
+  while (ReadCertificate(bio.get()) != nullptr) ++num_certificates;
+  const bool is_at_end = ERR_GET_REASON(ERR_peek_last_error()) == PEM_R_NO_START_LINE;
+  ERR_clear_error();
+  if (num_certificates > 0 && is_at_end) return absl::OkStatus();
+  if (num_certificates > 0) return Invalid(file, absl::StrCat("is damaged after certificate ", num_certificates));
+  return Invalid(file, "has no certificate in it: PEM is needed, -----BEGIN CERTIFICATE-----");
+}
+
+absl::Time ToTime(const ASN1_TIME* time) {
+  std::tm fields = {};
+  if (ASN1_TIME_to_tm(time, &fields) != 1) return absl::InfinitePast();
+  return absl::FromTimeT(timegm(&fields));
+}
+
+absl::Status CheckValidity(const PemFile& file, const X509* certificate, absl::Time now) {
+  const absl::Time begin = ToTime(X509_get0_notBefore(certificate));
+  const absl::Time end = ToTime(X509_get0_notAfter(certificate));
+  const auto day = [](absl::Time time) { return absl::FormatTime("%Y-%m-%d %H:%M:%S UTC", time, absl::UTCTimeZone()); };
+  if (now > end) {
+    return absl::FailedPreconditionError(absl::StrCat(file.path, " expired on ", day(end), ": renew the certificate"));
+  }
+  if (now < begin) {
+    return absl::FailedPreconditionError(
+        absl::StrCat(file.path, " is not valid before ", day(begin), ": is this machine's clock right?"));
+  }
+  return absl::OkStatus();
+}
+
+}  // namespace
+
+absl::Status CheckAuthorities(const PemFile& authorities) { return CheckChain(authorities); }
+
+absl::Status CheckKeyPair(const PemFile& certificate, const PemFile& key, absl::Time now) {
+  EVPOSE_RETURN_IF_ERROR(CheckChain(certificate));
+  const Owned<BIO> certificate_bio = Open(certificate);
+  const Owned<X509> x509 = ReadCertificate(certificate_bio.get());
+  const Owned<BIO> key_bio = Open(key);
+  const Owned<EVP_PKEY> private_key(PEM_read_bio_PrivateKey(key_bio.get(), nullptr, NoPassphrase, nullptr));
+  if (private_key == nullptr) {
+    const bool is_encrypted = absl::StrContains(key.contents, "ENCRYPTED");
+    return Invalid(key, is_encrypted ? "is encrypted: a key without passphrase is needed (openssl pkey)"
+                                     : "has no private key in it: PEM is needed, -----BEGIN PRIVATE KEY-----");
+  }
+  if (X509_check_private_key(x509.get(), private_key.get()) != 1) {
+    return Invalid(key, absl::StrCat("is not the key of ", certificate.path, ": the two belong together"));
+  }
+  return CheckValidity(certificate, x509.get(), now);
+}
+
+}  // namespace evpose

@@ -1,0 +1,62 @@
+#include "core/base/certificates.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include "core/base/certificates_testing.h"
+
+namespace evpose {
+namespace {
+
+using ::testing::HasSubstr;
+
+std::string Message(const absl::Status& status) { return std::string(status.message()); }
+
+TEST(CertificatesTest, AGoodPairWithItsChain) {
+  const TestAuthority authority;
+  const TestCertificate issued = authority.Issue();
+  const PemFile key = {"server.key", issued.key_pem};
+  EXPECT_TRUE(CheckKeyPair({"server.crt", issued.certificate_pem}, key, absl::Now()).ok());
+  EXPECT_TRUE(CheckKeyPair({"server.crt", issued.certificate_pem + authority.pem()}, key, absl::Now()).ok());
+  EXPECT_TRUE(CheckAuthorities({"ca.crt", "# ours\n" + authority.pem() + authority.pem()}).ok());
+}
+
+TEST(CertificatesTest, WhatIsNone) {
+  const TestAuthority authority;
+  const TestCertificate issued = authority.Issue();
+  const PemFile certificate = {"server.crt", issued.certificate_pem};
+  const PemFile key = {"server.key", issued.key_pem};
+  EXPECT_THAT(Message(CheckAuthorities({"ca.crt", ""})), HasSubstr("ca.crt has no certificate in it"));
+  EXPECT_THAT(Message(CheckAuthorities({"ca.crt", issued.key_pem})), HasSubstr("ca.crt has no certificate in it"));
+  const std::string damaged = authority.pem() + authority.pem().substr(0, authority.pem().size() / 2);
+  EXPECT_THAT(Message(CheckAuthorities({"ca.crt", damaged})), HasSubstr("ca.crt is damaged after certificate 1"));
+  EXPECT_THAT(Message(CheckKeyPair(key, key, absl::Now())), HasSubstr("server.key has no certificate in it"));
+  EXPECT_THAT(Message(CheckKeyPair(certificate, {"server.key", "nonsense"}, absl::Now())),
+              HasSubstr("server.key has no private key in it"));
+  EXPECT_THAT(Message(CheckKeyPair(certificate, {"server.key", TestAuthority::Encrypted(issued)}, absl::Now())),
+              HasSubstr("server.key is encrypted"));
+}
+
+TEST(CertificatesTest, KeyOfAnother) {
+  const TestAuthority authority;
+  const PemFile certificate = {"server.crt", authority.Issue().certificate_pem};
+  const absl::Status status = CheckKeyPair(certificate, {"server.key", authority.Issue().key_pem}, absl::Now());
+  EXPECT_EQ(status.code(), absl::StatusCode::kInvalidArgument);
+  EXPECT_THAT(Message(status), HasSubstr("server.key is not the key of server.crt"));
+}
+
+TEST(CertificatesTest, OutsideItsTime) {
+  const TestCertificateOptions options;
+  const TestCertificate issued = TestAuthority().Issue(options);
+  const PemFile certificate = {"server.crt", issued.certificate_pem};
+  const PemFile key = {"server.key", issued.key_pem};
+  EXPECT_TRUE(CheckKeyPair(certificate, key, options.not_after - absl::Seconds(2)).ok());
+  const absl::Status expired = CheckKeyPair(certificate, key, options.not_after + absl::Seconds(2));
+  EXPECT_EQ(expired.code(), absl::StatusCode::kFailedPrecondition);
+  EXPECT_THAT(Message(expired), HasSubstr("server.crt expired on 20"));
+  EXPECT_THAT(Message(CheckKeyPair(certificate, key, options.not_before - absl::Seconds(2))),
+              HasSubstr("server.crt is not valid before 20"));
+}
+
+}  // namespace
+}  // namespace evpose

@@ -1,0 +1,75 @@
+#include "core/base/state_io.h"
+
+#include "absl/strings/str_cat.h"
+
+namespace evpose {
+
+void StateWriter::Count(const size_t& count) {
+  const uint64_t fixed_width = count;
+  Raw(&fixed_width, sizeof(fixed_width));
+}
+
+void StateWriter::Varint(const uint64_t& number) {
+  uint64_t rest = number;
+  for (; rest >= 0x80; rest >>= 7) bytes_.push_back(static_cast<char>(0x80 | (rest & 0x7f)));
+  bytes_.push_back(static_cast<char>(rest));
+}
+
+void StateWriter::Bytes(absl::string_view bytes) {
+  Count(bytes.size());
+  Raw(bytes.data(), bytes.size());
+}
+
+void StateReader::Count(size_t& count) {
+  uint64_t fixed_width = 0;
+  Raw(&fixed_width, sizeof(fixed_width));
+  if (fixed_width > remaining()) {
+    Fail(absl::StrCat("a list of ", fixed_width, " with ", remaining(), " bytes left"));
+    fixed_width = 0;
+  }
+  count = static_cast<size_t>(fixed_width);
+}
+
+void StateReader::Varint(uint64_t& number) {
+  number = 0;
+  for (int shift = 0; shift < 64; shift += 7) {
+    uint8_t byte = 0;
+    Raw(&byte, 1);
+    number |= static_cast<uint64_t>(byte & 0x7f) << shift;
+    if (byte < 0x80) return;
+  }
+  Fail("a number that does not end");
+  number = 0;
+}
+
+absl::string_view StateReader::Bytes() {
+  size_t size = 0;
+  Count(size);
+  const absl::string_view bytes = bytes_.substr(position_, size);
+  position_ += size;
+  return bytes;
+}
+
+void StateReader::Raw(void* bytes, size_t size) {
+  if (size > remaining()) Fail(absl::StrCat("ends where ", size, " more bytes are needed"));
+  if (!ok()) {
+    std::memset(bytes, 0, size);
+    return;
+  }
+  std::memcpy(bytes, bytes_.data() + position_, size);
+  position_ += size;
+}
+
+void StateReader::Fail(absl::string_view what) {
+  if (!ok()) return;
+  status_ = absl::DataLossError(absl::StrCat("saved state, byte ", position_, ": ", what));
+  bytes_ = {};  // nothing is left to read
+  position_ = 0;
+}
+
+absl::Status StateReader::Finish() {
+  if (remaining() > 0) Fail(absl::StrCat(remaining(), " bytes too many"));
+  return status_;
+}
+
+}  // namespace evpose

@@ -1,0 +1,35 @@
+// An empty directory for tests and benches, which goes with them.
+#pragma once
+
+#include <stdlib.h>
+
+#include <cerrno>
+#include <filesystem>
+#include <string>
+#include <system_error>
+
+namespace evpose {
+
+// Errors: std::filesystem::filesystem_error when it cannot be made.
+class TemporaryDirectory {
+ public:
+  TemporaryDirectory() : path_(std::filesystem::temp_directory_path() / "evpose-XXXXXX") {
+    if (mkdtemp(path_.data()) == nullptr) {
+      throw std::filesystem::filesystem_error("cannot be made", path_, std::error_code(errno, std::generic_category()));
+    }
+  }
+  ~TemporaryDirectory() {
+    std::error_code ignored;
+    std::filesystem::remove_all(path_, ignored);
+  }
+  TemporaryDirectory(const TemporaryDirectory&) = delete;
+  TemporaryDirectory& operator=(const TemporaryDirectory&) = delete;
+
+  const std::string& path() const { return path_; }
+  std::string File(const std::string& name) const { return path_ + "/" + name; }
+
+ private:
+  std::string path_;
+};
+
+}  // namespace evpose
