@@ -8,6 +8,7 @@
 
 #include "absl/status/statusor.h"
 #include "absl/types/span.h"
+#include "core/base/state_io.h"
 #include "core/events/event.h"
 
 namespace evpose {
@@ -41,6 +42,10 @@ struct DecodeCounts {
   uint64_t invalid_words() const { return unknown_words + broken_vectors; }
 
   friend bool operator==(const DecodeCounts&, const DecodeCounts&) = default;
+  static void VisitState(auto& archive, auto& self) {
+    auto& [cd_events, triggers, before_time, outside, kept_outside, unknown, broken, backsteps, wraps] = self;
+    archive(cd_events, triggers, before_time, outside, kept_outside, unknown, broken, backsteps, wraps);
+  }
 };
 
 // What becomes of an event whose address lies outside the sensor but can be read.
@@ -65,6 +70,11 @@ class EventDecoder {
   virtual int pending_bytes() const = 0;
 
   const DecodeCounts& counts() const { return counts_; }
+
+  // All that what comes next depends on, bit for bit: clock, counts, unfinished words. A state is loaded into a decoder
+  // of the same encoding and geometry; after a failure (reader.status()) the decoder must not be used.
+  virtual void SaveState(StateWriter& writer) const = 0;
+  virtual void LoadState(StateReader& reader) = 0;
 
  protected:
   DecodeCounts counts_;

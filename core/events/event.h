@@ -7,6 +7,10 @@
 
 namespace evpose {
 
+// No sensor time of a saved state lies beyond it, 36 thousand years, to either side: sums and differences of such times
+// do not overflow.
+inline constexpr int64_t kMaxStateTime_us = int64_t{1} << 60;
+
 // A contrast-detection event. Time is the sensor's clock, unwrapped, in microseconds; x to the right, y down,
 // (0, 0) the centre of the top-left pixel.
 struct Event {

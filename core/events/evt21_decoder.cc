@@ -26,6 +26,13 @@ class Evt21Decoder final : public WordDecoder {
         height_(static_cast<uint32_t>(geometry.height_px)),
         keep_outside_(outside == OutsideSensor::kKeep) {}
 
+  void SaveState(StateWriter& writer) const override { VisitState(writer, *this); }
+  void LoadState(StateReader& reader) override { VisitState(reader, *this); }
+  static void VisitState(auto& archive, auto& self) {
+    VisitWords(archive, self);
+    archive(self.clock_, self.has_time_);
+  }
+
  private:
   size_t DecodeWords(const uint8_t* words, size_t count) override {
     Evt2Clock clock = clock_;

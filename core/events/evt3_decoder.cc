@@ -29,6 +29,9 @@ constexpr uint32_t kNotAddress = 0xd000;
 constexpr uint32_t kColumnBit = 0x2000;
 
 constexpr uint32_t kTripleWords = 3;
+constexpr uint32_t kTriplePixels = 32;
+// Of a vector that begins in the last column that there can be.
+constexpr uint32_t kMaxBase = 0x7ff + kTriplePixels;
 
 // Beyond every sensor: no row was named, or one of another kind.
 constexpr uint32_t kNoRow = 0xffff;
@@ -39,6 +42,11 @@ struct Evt3State {
   bool has_base = false;
   uint32_t vector_base = 0;
   uint8_t vector_polarity = 0;
+
+  static void VisitState(auto& archive, auto& self) {
+    auto& [clock, row, has_base, vector_base, vector_polarity] = self;
+    archive(clock, AtMost(row, kNoRow), has_base, AtMost(vector_base, kMaxBase), AtMost(vector_polarity, 1));
+  }
 };
 
 template <bool kKeepOutside>
@@ -48,6 +56,13 @@ class Evt3Decoder final : public WordDecoder {
       : WordDecoder(2),
         width_(static_cast<uint32_t>(geometry.width_px)),
         height_(static_cast<uint32_t>(geometry.height_px)) {}
+
+  void SaveState(StateWriter& writer) const override { VisitState(writer, *this); }
+  void LoadState(StateReader& reader) override { VisitState(reader, *this); }
+  static void VisitState(auto& archive, auto& self) {
+    VisitWords(archive, self);
+    archive(self.state_, AtMost(self.wait_, Wait::kNothing), self.needs_time_low_, self.has_row_);
+  }
 
  private:
   enum class Wait { kTimeHigh, kTimeLow, kNothing };
@@ -185,8 +200,9 @@ class Evt3Decoder final : public WordDecoder {
     }
     if (!state_.has_base) return cursor;
     const uint32_t base = state_.vector_base;
-    state_.vector_base += 32;
-    if (base + 32 > width_) {
+    // Beyond the sensor it stays where it is: base after base must not wrap into it again.
+    if (base < width_) state_.vector_base += kTriplePixels;
+    if (base + kTriplePixels > width_) {
       counts_.dropped_outside_sensor += static_cast<uint64_t>(std::popcount(mask));
       return cursor;
     }

@@ -211,6 +211,8 @@ class HeaderReader {
   // Such as "EVT3;height=720;width=1280".
   absl::Status ReadFormat(absl::string_view value, int line) {
     const std::vector<absl::string_view> parts = absl::StrSplit(value, ';');
+    // A line that ends behind its key has a value without an address, of which Abseil makes no part at all.
+    if (parts.empty()) return ReadFormatName("", line);
     EVPOSE_RETURN_IF_ERROR(ReadFormatName(absl::StripAsciiWhitespace(parts.front()), line));
     for (size_t i = 1; i < parts.size(); ++i) {
       const std::pair<absl::string_view, absl::string_view> option = absl::StrSplit(parts[i], absl::MaxSplits('=', 1));

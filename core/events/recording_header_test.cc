@@ -166,6 +166,7 @@ TEST(RecordingHeaderTest, ErrorsNameTheLine) {
       {"% evt\n", "header line 1: EVT  is not supported"},
       {"% date x\n% format HISTO3D;height=320;width=320\n", "header line 2: the format 'HISTO3D' is not supported"},
       {"% evt 2.1\n% endianness legacy\n", "header line 2: EVT2.1 words in the order 'legacy' are not supported"},
+      {"% format\n", "header line 1: the format '' is not supported"},
       {"% format EVT21;endianness=legacy\n", "header line 1: EVT2.1 words in the order 'legacy'"},
       {"% date x\n% geometry 640x480\n", "the header names no format"},
       {"", "there is no header"},

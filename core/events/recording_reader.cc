@@ -94,7 +94,8 @@ class DescriptorReader final : public RecordingReader {
         return Error(errno, absl::StrCat("reading failed at byte ", offset_));
       }
       if (size < 0) continue;
-      if (!is_regular_ || !options_.follow) return 0;
+      // What standard input is redirected from ends where it ends: only a file that was named is followed.
+      if (!is_regular_ || !options_.follow || descriptor_ == STDIN_FILENO) return 0;
       EVPOSE_RETURN_IF_ERROR(CheckNotShrunk());
       if (MustStop()) return 0;
       poll(nullptr, 0, kWait_ms);
@@ -104,10 +105,13 @@ class DescriptorReader final : public RecordingReader {
   // False when `stop` said so before anything came.
   bool WaitForData() {
     pollfd events = {descriptor_, POLLIN, 0};
-    for (int wait_ms = 0; poll(&events, 1, wait_ms) == 0; wait_ms = kWait_ms) {
+    for (int wait_ms = 0;; wait_ms = kWait_ms) {
+      const int num_ready = poll(&events, 1, wait_ms);
+      // A signal ends a wait as the time does: whoever read then would wait where nobody asks `stop`. Of another error,
+      // reading tells the reason.
+      if (num_ready > 0 || (num_ready < 0 && errno != EINTR)) return true;
       if (MustStop()) return false;
     }
-    return true;
   }
 
   bool MustStop() {

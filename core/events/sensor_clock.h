@@ -4,6 +4,9 @@
 #include <algorithm>
 #include <cstdint>
 
+#include "core/base/state_io.h"
+#include "core/events/event.h"
+
 namespace evpose {
 
 // EVT3: 12 bits of TIME_HIGH and 12 of TIME_LOW; wraps every 16.8 s.
@@ -38,6 +41,11 @@ class Evt3Clock {
     backsteps_ += !forward;
     low_us_ = low_us;
     return forward;
+  }
+
+  static void VisitState(auto& archive, auto& self) {
+    auto& [base_us, low_us, wraps, backsteps, started] = self;
+    archive(InRange(base_us, 0, kMaxStateTime_us), InRange(low_us, 0, 0xfff), wraps, backsteps, started);
   }
 
  private:
@@ -76,6 +84,12 @@ class Evt2Clock {
 
   // The time an event carries; false when the time stepped back.
   bool SetLow(int64_t low_us) { return Advance(base_us_ + low_us); }
+
+  static void VisitState(auto& archive, auto& self) {
+    auto& [epoch_us, base_us, now_us, wraps, backsteps, started] = self;
+    archive(InRange(epoch_us, 0, kMaxStateTime_us), InRange(base_us, 0, kMaxStateTime_us),
+            InRange(now_us, 0, kMaxStateTime_us), wraps, backsteps, started);
+  }
 
  private:
   bool Advance(int64_t now_us) {
@@ -120,6 +134,11 @@ class Clock32 {
     wraps_ = std::max(wraps_, static_cast<uint64_t>(next_us >> 32));
     now_us_ = next_us;
     return forward;
+  }
+
+  static void VisitState(auto& archive, auto& self) {
+    auto& [now_us, wraps, backsteps, started] = self;
+    archive(InRange(now_us, 0, kMaxStateTime_us), wraps, backsteps, started);
   }
 
  private:

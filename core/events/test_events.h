@@ -10,6 +10,7 @@
 
 #include "absl/types/span.h"
 #include "core/base/random.h"
+#include "core/base/temporary_directory.h"
 #include "core/events/decoder.h"
 
 namespace evpose {
@@ -65,23 +66,5 @@ inline std::vector<size_t> RandomCuts(size_t size, size_t max_piece, uint64_t se
   for (size_t at = random.UniformInt(max_piece); at < size; at += 1 + random.UniformInt(max_piece)) cuts.push_back(at);
   return cuts;
 }
-
-// A directory that is removed with the test.
-class TemporaryDirectory {
- public:
-  TemporaryDirectory() {
-    std::string pattern = (std::filesystem::temp_directory_path() / "evpose-events-XXXXXX").string();
-    path_ = mkdtemp(pattern.data());
-  }
-  ~TemporaryDirectory() {
-    std::error_code ignored;
-    std::filesystem::remove_all(path_, ignored);
-  }
-  std::string File(const std::string& name) const { return path_ + "/" + name; }
-  const std::string& path() const { return path_; }
-
- private:
-  std::string path_;
-};
 
 }  // namespace evpose

@@ -8,6 +8,7 @@
 #include <cstring>
 
 #include "absl/types/span.h"
+#include "core/base/state_io.h"
 #include "core/events/decoder.h"
 #include "core/events/event.h"
 
@@ -81,6 +82,13 @@ class EventSink {
 
   uint64_t num_events() const { return num_events_; }
 
+  // Between calls: the buffer is empty then.
+  static void VisitState(auto& archive, auto& self) {
+    auto& [out, num_events, events_at_mark, last_event_us, mark_due_us, buffer] = self;
+    archive(num_events, events_at_mark, InRange(last_event_us, -kMaxStateTime_us, kMaxStateTime_us),
+            InRange(mark_due_us, -kMaxStateTime_us, kMaxStateTime_us));
+  }
+
  private:
   static constexpr int64_t kMarkPeriod_us = 1000;  // event.h
 
@@ -107,6 +115,11 @@ class WordDecoder : public EventDecoder {
   virtual size_t DecodeWords(const uint8_t* words, size_t count) = 0;
   // Forgets what a lost word may have changed.
   virtual void Forget() = 0;
+
+  // The state of what is common to all; `self` is a WordDecoder.
+  static void VisitWords(auto& archive, auto& self) {
+    archive(self.counts_, self.sink_, AtMost(self.num_pending_, kMaxPending - 1), self.pending_);
+  }
 
   EventSink sink_;
 

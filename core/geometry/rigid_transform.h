@@ -9,6 +9,7 @@
 #include <Eigen/Geometry>
 
 #include "absl/status/statusor.h"
+#include "core/base/state_io.h"
 
 namespace evpose {
 
@@ -26,6 +27,11 @@ struct RigidTransform {
   RigidTransform Inverse() const { return {rotation.transpose(), -(rotation.transpose() * translation_m)}; }
   // Unit quaternion with w >= 0.
   Eigen::Quaterniond Quaternion() const;
+
+  static void VisitState(auto& archive, auto& self) {
+    auto& [rotation, translation_m] = self;
+    archive(Finite(rotation), Finite(translation_m));
+  }
 };
 
 // Errors: INVALID_ARGUMENT when the norm differs from 1 by more than 1e-3 or a number is not finite.

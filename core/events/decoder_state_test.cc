@@ -1,0 +1,143 @@
+// A decoder that is saved and loaded goes on as if nothing had been.
+#include <gtest/gtest.h>
+
+#include "core/events/test_events.h"
+
+namespace evpose {
+namespace {
+
+constexpr SensorGeometry kSensor = {640, 480};
+constexpr Encoding kEncodings[] = {Encoding::kEvt3, Encoding::kEvt21, Encoding::kEvt2, Encoding::kDat,
+                                   Encoding::kFlat64};
+
+// A random word, with the types and times that make a stream of it rather than noise.
+void AppendWord(Encoding encoding, int64_t t_us, Random& random, std::vector<uint8_t>& bytes) {
+  const auto append = [&](auto word) {
+    const auto* begin = reinterpret_cast<const uint8_t*>(&word);
+    bytes.insert(bytes.end(), begin, begin + sizeof(word));
+  };
+  const auto any = static_cast<uint32_t>(random.NextU64());
+  const bool is_time = random.UniformInt(20) == 0;
+  switch (encoding) {
+    case Encoding::kEvt3:
+      if (is_time) return append(Evt3(8, static_cast<uint32_t>(t_us >> 12) & 0xfff));
+      return append(Evt3(static_cast<uint32_t>(random.UniformInt(16)) & ~8u, any & 0xfff));
+    case Encoding::kEvt2:
+      if (is_time) return append(Evt2(8, static_cast<uint32_t>(t_us >> 6) & 0xfffffff));
+      return append(random.UniformInt(9) == 0 ? any : Evt2Cd(any & 1, t_us & 0x3f, any >> 8 & 0x3ff, any >> 20));
+    case Encoding::kEvt21: {
+      const auto upper = is_time ? Evt2(8, static_cast<uint32_t>(t_us >> 6) & 0xfffffff)
+                                 : Evt2Cd(any & 1, t_us & 0x3f, any >> 8 & 0x3ff, any >> 21 & 0x3ff);
+      return append(static_cast<uint64_t>(upper) << 32 | static_cast<uint32_t>(random.NextU64()));
+    }
+    case Encoding::kDat:
+      return append(static_cast<uint64_t>(any & 0x13ff03ff) << 32 | static_cast<uint32_t>(t_us));
+    case Encoding::kFlat64:
+      return append(static_cast<uint64_t>(t_us) << 32 | (any & 0x0ffc1ff3));
+  }
+}
+
+std::vector<uint8_t> Stream(Encoding encoding, size_t num_words, uint64_t seed) {
+  Random random(seed);
+  std::vector<uint8_t> bytes;
+  int64_t t_us = 16'000'000;
+  for (size_t i = 0; i < num_words; ++i) {
+    if (random.UniformInt(500) == 0) t_us += 900'000;
+    t_us += static_cast<int64_t>(random.UniformInt(40)) - 2;
+    AppendWord(encoding, t_us, random, bytes);
+  }
+  return bytes;
+}
+
+std::unique_ptr<EventDecoder> MakeDecoder(Encoding encoding) { return MakeEventDecoder(encoding, kSensor).value(); }
+
+std::string Save(const EventDecoder& decoder) {
+  StateWriter writer;
+  decoder.SaveState(writer);
+  return writer.Take();
+}
+
+absl::Status Load(const std::string& state, EventDecoder& decoder) {
+  StateReader reader(state);
+  decoder.LoadState(reader);
+  return reader.Finish();
+}
+
+TEST(DecoderStateTest, ALoadedDecoderGoesOnWhereItWas) {
+  for (const Encoding encoding : kEncodings) {
+    const std::vector<uint8_t> bytes = Stream(encoding, 20'000, 1);
+    const auto whole = MakeDecoder(encoding);
+    auto moved = MakeDecoder(encoding);
+    DecodedEvents expected, events;
+    Random random(2);
+    size_t begin = 0;
+    for (const size_t end : RandomCuts(bytes.size(), 400, 3)) {
+      const auto piece = absl::MakeConstSpan(bytes).subspan(begin, end - begin);
+      whole->Decode(piece, expected);
+      moved->Decode(piece, events);
+      if (random.UniformInt(50) == 0) {
+        whole->ResetAfterLoss();
+        moved->ResetAfterLoss();
+      }
+      const std::string state = Save(*moved);
+      EXPECT_EQ(state, Save(*whole));
+      moved = MakeDecoder(encoding);
+      ASSERT_EQ(Load(state, *moved), absl::OkStatus()) << EncodingName(encoding) << " at byte " << end;
+      ASSERT_EQ(Save(*moved), state);
+      ASSERT_EQ(moved->pending_bytes(), whole->pending_bytes());
+      begin = end;
+    }
+    EXPECT_EQ(events.events, expected.events);
+    EXPECT_EQ(events.triggers, expected.triggers);
+    EXPECT_EQ(events.time_marks, expected.time_marks);
+    EXPECT_EQ(moved->counts(), whole->counts());
+    EXPECT_GT(events.events.size(), 300u) << EncodingName(encoding);
+    EXPECT_GT(moved->counts().dropped_events(), 0u) << EncodingName(encoding);
+  }
+}
+
+TEST(DecoderStateTest, TruncatedStatesAreRefused) {
+  for (const Encoding encoding : kEncodings) {
+    const auto decoder = MakeDecoder(encoding);
+    DecodedEvents events;
+    decoder->Decode(Stream(encoding, 1000, 4), events);
+    const std::string state = Save(*decoder);
+    for (size_t size = 0; size < state.size(); ++size) {
+      EXPECT_EQ(Load(state.substr(0, size), *MakeDecoder(encoding)).code(), absl::StatusCode::kDataLoss);
+    }
+  }
+}
+
+TEST(DecoderStateTest, DamagedStatesAreRefusedOrDecodeEventsOfTheSensor) {
+  for (const Encoding encoding : kEncodings) {
+    const auto decoder = MakeDecoder(encoding);
+    DecodedEvents events;
+    const std::vector<uint8_t> bytes = Stream(encoding, 2000, 5);
+    decoder->Decode(absl::MakeConstSpan(bytes).subspan(0, bytes.size() / 2 + 3), events);
+    const std::string state = Save(*decoder);
+    Random random(6);
+    int num_loaded = 0;
+    for (int i = 0; i < 1000; ++i) {
+      std::string damaged = state;
+      damaged[random.UniformInt(damaged.size())] ^= static_cast<char>(1 << random.UniformInt(8));
+      const auto loaded = MakeDecoder(encoding);
+      const absl::Status status = Load(damaged, *loaded);
+      if (!status.ok()) {
+        EXPECT_EQ(status.code(), absl::StatusCode::kDataLoss);
+        continue;
+      }
+      ++num_loaded;
+      events.events.clear();
+      loaded->Decode(absl::MakeConstSpan(bytes).subspan(bytes.size() / 2 + 3), events);
+      for (const Event& event : events.events) {
+        ASSERT_LT(event.x, kSensor.width_px);
+        ASSERT_LT(event.y, kSensor.height_px);
+      }
+    }
+    EXPECT_GT(num_loaded, 0);
+    EXPECT_LT(num_loaded, 1000);
+  }
+}
+
+}  // namespace
+}  // namespace evpose
