@@ -21,6 +21,12 @@ struct TrackedLine {
   int model_line = 0;  // index into ObjectModel::lines
   Eigen::Vector3d p1;
   Eigen::Vector3d p2;
+
+  // `model_line` is for the reader to check.
+  static void VisitState(auto& archive, auto& self) {
+    auto& [model_line, p1, p2] = self;
+    archive(model_line, Finite(p1), Finite(p2));
+  }
 };
 
 // Its image, moving: d = (a + tau a_dot) . b, tau in seconds from the state's time.

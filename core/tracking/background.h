@@ -25,11 +25,24 @@ class BackgroundRate {
   // that are longer the last alone. 0 before the first, and in an image full of lines.
   double hz_per_px() const { return hz_per_px_; }
 
+  // Between windows.
+  static void VisitState(auto& archive, auto& self) {
+    auto& [tile_columns, cell_columns, on_sensor, tile_events, line_tiles, cells, rates, hz_per_px] = self;
+    for (auto& cell : cells) archive(cell);
+    archive(InRange(hz_per_px, 0.0, kMaxState));
+  }
+
  private:
   struct Cell {
     double events = 0.0;
     double px2_s = 0.0;  // area times time in which they came
+    static void VisitState(auto& archive, auto& self) {
+      auto& [events, px2_s] = self;
+      archive(InRange(events, 0.0, kMaxState), InRange(px2_s, 0.0, kMaxState));
+    }
   };
+  // A ratio of such numbers, and of what they become, is one that can be sorted.
+  static constexpr double kMaxState = 1e18;
   static constexpr int kCellTiles = 8;
   uint32_t CellOf(uint32_t tile) const {
     return tile / tile_columns_ / kCellTiles * cell_columns_ + tile % tile_columns_ / kCellTiles;

@@ -59,6 +59,11 @@ class EdgeBias {
              absl::Span<const EdgeCounts> counts, double duration_s, double events_per_observation);
   void Reset() { profiles_.clear(); }
 
+  static void VisitState(auto& archive, auto& self) {
+    auto& [options, sensor, camera, profiles] = self;
+    archive(profiles);
+  }
+
  private:
   struct Profile {
     double events = 0.0;           // remembered, explained
@@ -69,6 +74,19 @@ class EdgeBias {
     // The same over a few milliseconds: what the pixels saw before changes as soon as the motion does.
     std::array<double, 2> recent_turns = {};
     std::array<double, 2> recent_swept_px2 = {};
+
+    // Within bounds that no line comes near and no table is left by.
+    static void VisitState(auto& archive, auto& self) {
+      auto& [events, swept_px2, live_px2, polarity_motion, turns, recent_turns, recent_swept_px2] = self;
+      constexpr double kMax = 1e15;
+      bool is_empty = events == 0 && swept_px2 == 0;
+      archive(is_empty);
+      if (is_empty) return;
+      archive(AtMost(events, kMax), AtMost(swept_px2, kMax), AtMost(live_px2, kMax),
+              InRange(polarity_motion, -kMax, kMax), AtMost(turns, kMax));
+      for (int half = 0; half < 2; ++half)
+        archive(AtMost(recent_turns[half], kMax), AtMost(recent_swept_px2[half], kMax));
+    }
   };
   // `velocity`: normal to the line.
   void Add(const EdgeCounts& counts, double velocity_px_per_s, const std::array<double, 2>& swept_px2,

@@ -72,9 +72,12 @@ void EdgeResponse::Tabulate(int contrast_index) {
   }
 }
 
+// Within [0, 1]; 0 for what is no number, so that it indexes nothing.
+double Share(double x) { return x > 0.0 ? std::min(x, 1.0) : 0.0; }
+
 double EdgeResponse::Interpolate(const Table& table, double contrast, double hysteresis) {
-  const double row = std::clamp(contrast / kMaxContrast, 0.0, 1.0) * kContrastSteps;
-  const double column = std::clamp(hysteresis / kMaxHysteresis, 0.0, 1.0) * kHysteresisSteps;
+  const double row = Share(contrast / kMaxContrast) * kContrastSteps;
+  const double column = Share(hysteresis / kMaxHysteresis) * kHysteresisSteps;
   const int i = std::min(static_cast<int>(row), kContrastSteps - 1);
   const int k = std::min(static_cast<int>(column), kHysteresisSteps - 1);
   const double u = row - i;

@@ -22,6 +22,8 @@ class ErrorStateFilter : public WindowEstimator {
   // All that it knows is in the state.
   void Accept(const WindowFit&, const WindowInput&) override {}
   void Reset() override {}
+  void SaveState(StateWriter&) const override {}
+  void LoadState(StateReader&) override {}
 
  private:
   // One event: its line, the test, the update.

@@ -3,8 +3,10 @@
 
 #include <algorithm>
 #include <memory>
+#include <vector>
 
 #include "absl/types/span.h"
+#include "core/base/state_io.h"
 #include "core/tracking/association.h"
 #include "core/tracking/motion_prior.h"
 #include "core/tracking/tracker_options.h"
@@ -27,6 +29,9 @@ struct WindowFit {
   double num_explained = 0.0;   // of them, expected to be a line's
   double num_background = 0.0;  // of them, expected there as anywhere on the sensor
   double residual_rms_px = 0.0;
+  double missing_ratio = 0.0;  // of the events that the lines should have made, by the state's twist
+  // Explained, of those observed, by each of the input's lines; empty when the estimator does not say.
+  std::vector<double> line_events;
 
   double explained_ratio() const { return num_gated > 0.0 ? num_explained / num_gated : 0.0; }
   // Events in the gates that something in the scene must have made, and the explained share of these.
@@ -53,6 +58,10 @@ class WindowEstimator {
   virtual void Accept(const WindowFit& fit, const WindowInput& input) = 0;
   // Another object's pose: forgets what Accept learned.
   virtual void Reset() = 0;
+
+  // What it has learned, bit for bit; into an estimator of the same options and camera.
+  virtual void SaveState(StateWriter& writer) const = 0;
+  virtual void LoadState(StateReader& reader) = 0;
 };
 
 // The one that `options.estimator` names. `options` and `camera` must be valid.

@@ -6,9 +6,16 @@
 #include "core/tracking/competitors.h"
 
 namespace evpose {
+namespace {
+
+// Of a line: fewer cannot reach the significance even if all are near.
+constexpr double kTestableEvents = 20.0;
+
+}  // namespace
 
 void LineEvidence::Add(const LineEvidence& other) {
   gated += other.gated;
+  along += other.along;
   near += other.near;
   chance += other.chance;
   noise += other.noise;
@@ -18,6 +25,7 @@ void LineEvidence::Add(const LineEvidence& other) {
 
 void LineEvidence::Fade(double factor) {
   gated *= factor;
+  along *= factor;
   near *= factor;
   chance *= factor;
   noise *= factor;
@@ -53,6 +61,10 @@ void TrackHealth::AddWindow(const CameraModel& camera, const WindowInput& input,
     const double share = OwnShare(near.distance_px[0], event.competing);
     evidence.gated += share;
     evidence.chance += share * near_share;
+    const ImageLine& line = lines[near.line[0]];
+    const double place =
+        line.AlongPx(event.u_px, event.v_px) / line.length_px * static_cast<double>(evidence.along.size());
+    evidence.along[static_cast<int>(std::clamp(place, 0.0, evidence.along.size() - 1.0))] += share;
     if (std::abs(near.distance_px[0]) <= options_.near_px) evidence.near += share;
     gated_ += share;
   }
@@ -95,12 +107,19 @@ HealthVerdict TrackHealth::Judge(double min_support_ratio, double sure_support_r
   return verdict;
 }
 
-bool TrackHealth::IsQuiet() const {
+double TrackHealth::CreditedNoiseRatio() const {
   // In dense noise an object in motion still shows: it does not fall silent in the moment that the noise begins. One
   // that stands still does not answer to any.
+  if (was_quiet_) return 1.0;
   double noise = 0.0;
   for (const LineEvidence& line : evidence_) noise += line.noise;
-  if (!was_quiet_) noise = std::min(noise, options_.max_noise_hz_per_px * gate_px2_s_);
+  return noise > 0.0 ? std::min(1.0, options_.max_noise_hz_per_px * gate_px2_s_ / noise) : 1.0;
+}
+
+bool TrackHealth::IsQuiet() const {
+  double noise = 0.0;
+  for (const LineEvidence& line : evidence_) noise += line.noise;
+  noise *= CreditedNoiseRatio();
   return gated_ <= noise + options_.significance_sigma * std::sqrt(noise * options_.dispersion);
 }
 
@@ -114,23 +133,33 @@ bool TrackHealth::IsSupported(const LineEvidence& line) const {
   return ExcessSigma(line.gated, line.near, line.chance) >= options_.significance_sigma;
 }
 
-bool TrackHealth::IsTestable(const LineEvidence& line) const {
-  // Fewer cannot reach the significance even if all are near.
-  constexpr double kTestableEvents = 20.0;
-  if (line.gated - line.noise >= kTestableEvents) return true;
+bool TrackHealth::IsExpected(const LineEvidence& line, double noise) const {
   const double share = options_.near_px / options_.gate_px;
-  const double spread = std::sqrt(line.noise * share / (1.0 - share) * options_.dispersion);
+  const double spread = std::sqrt(noise * share / (1.0 - share) * options_.dispersion);
   return line.expected >= std::max(kTestableEvents, options_.significance_sigma * spread);
 }
 
+bool TrackHealth::IsTestable(const LineEvidence& line) const {
+  return line.gated - line.noise >= kTestableEvents || IsExpected(line, line.noise);
+}
+
+double TrackHealth::PresentRatio(const LineEvidence& line, double noise) const {
+  if (IsExpected(line, noise)) return 1.0;
+  const auto places = static_cast<double>(line.along.size());
+  const double least = (noise + kTestableEvents) / places;
+  return static_cast<double>((line.along.array() >= least).count()) / places;
+}
+
 HealthVerdict TrackHealth::Weigh(double min_support_ratio, double sure_support_ratio, int min_supported_lines) const {
+  const double credited_ratio = CreditedNoiseRatio();
   HealthVerdict verdict;
   LineEvidence total;
-  double supported_length = 0.0, testable_length = 0.0;
+  double supported_length = 0.0, testable_length = 0.0, present_length = 0.0;
   for (size_t k = 0; k < evidence_.size(); ++k) {
     LineEvidence line = evidence_[k];
     const double length_px = line.length_px;
     total.Add(line);
+    present_length += PresentRatio(line, credited_ratio * line.noise) * length_px;
     if (!IsTestable(line)) line.Add(memory_[k]);
     if (!IsTestable(line)) continue;
     ++verdict.testable_lines;
@@ -140,6 +169,7 @@ HealthVerdict TrackHealth::Weigh(double min_support_ratio, double sure_support_r
     supported_length += length_px;
   }
   verdict.sigma = ExcessSigma(total.gated, total.near, total.chance);
+  verdict.present_ratio = total.length_px > 0.0 ? present_length / total.length_px : 0.0;
   verdict.testable_ratio = total.length_px > 0.0 ? testable_length / total.length_px : 0.0;
   verdict.support_ratio = testable_length > 0.0 ? supported_length / testable_length : 0.0;
   const bool may_be = verdict.sigma > options_.significance_sigma && verdict.support_ratio >= min_support_ratio &&

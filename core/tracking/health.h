@@ -2,6 +2,7 @@
 // give.
 #pragma once
 
+#include <Eigen/Core>
 #include <cstdint>
 #include <vector>
 
@@ -14,15 +15,27 @@ namespace evpose {
 
 // What the windows since the last verdict say of one model line.
 struct LineEvidence {
-  double gated = 0.0;      // events within gate_px of it, nearest to it
-  double near = 0.0;       // of them, within near_px
-  double chance = 0.0;     // of them, near by chance: their number times the near share of the gate's area
-  double noise = 0.0;      // of them, those that come anywhere on the sensor
-  double expected = 0.0;   // events that its motion should have made at the least
+  double gated = 0.0;     // events within gate_px of it, nearest to it
+  double near = 0.0;      // of them, within near_px
+  double chance = 0.0;    // of them, near by chance: their number times the near share of the gate's area
+  double noise = 0.0;     // of them, those that come anywhere on the sensor
+  double expected = 0.0;  // events that its motion should have made at the least
+  // Of the gated ones, by their place along it: a line's own come all along it, those of what crosses it at one place.
+  Eigen::Matrix<double, 8, 1> along = Eigen::Matrix<double, 8, 1>::Zero();
   double length_px = 0.0;  // mean projected length, weighted by time
 
   void Add(const LineEvidence& other);
   void Fade(double factor);
+
+  // Of most lines of a large model there is nothing to be kept.
+  static void VisitState(auto& archive, auto& self) {
+    auto& [gated, near, chance, noise, expected, along, length_px] = self;
+    bool is_empty = gated == 0 && near == 0 && chance == 0 && noise == 0 && expected == 0 && length_px == 0;
+    archive(is_empty);
+    if (is_empty) return;
+    archive(Finite(gated), Finite(near), Finite(chance), Finite(noise), Finite(expected), Finite(along),
+            Finite(length_px));
+  }
 };
 
 struct HealthVerdict {
@@ -34,8 +47,10 @@ struct HealthVerdict {
     kUnsupported,  // there are events, and they do not
   };
   Kind kind = Kind::kOpen;
-  double sigma = 0.0;           // standard deviations by which near events exceed chance
-  double testable_ratio = 0.0;  // share of the visible lines' length that has had the time to answer
+  double sigma = 0.0;  // standard deviations by which near events exceed chance
+  // Share of the visible lines' length that should have answered since the last verdict, or has other events near it.
+  double present_ratio = 0.0;
+  double testable_ratio = 0.0;  // the same, with what is remembered of the time before
   double support_ratio = 0.0;   // share of the testable lines' length that is supported
   int supported_lines = 0;
   int testable_lines = 0;
@@ -59,12 +74,25 @@ class TrackHealth {
   HealthVerdict Judge(double min_support_ratio, double sure_support_ratio, int min_supported_lines,
                       int64_t patience_us);
 
+  static void VisitState(auto& archive, auto& self) {
+    auto& [options, min_events_per_px2, evidence, memory, span_s, gated, gate_px2_s, was_quiet] = self;
+    for (auto& line : evidence) archive(line);
+    for (auto& line : memory) archive(line);
+    archive(Finite(span_s), Finite(gated), Finite(gate_px2_s), was_quiet);
+  }
+
  private:
   void Reset();
   HealthVerdict Weigh(double min_support_ratio, double sure_support_ratio, int min_supported_lines) const;
   bool IsSupported(const LineEvidence& line) const;
   // Whether a line of the right pose would be supported: it has, or should have made, enough beyond the background.
   bool IsTestable(const LineEvidence& line) const;
+  // Share of its length that it should have answered on, from its own events or from what else is there.
+  double PresentRatio(const LineEvidence& line, double noise) const;
+  // Whether its motion should have made enough events to tell them from `noise`.
+  bool IsExpected(const LineEvidence& line, double noise) const;
+  // The share of the background noise that a verdict reckons with.
+  double CreditedNoiseRatio() const;
   bool IsQuiet() const;
   double ExcessSigma(double gated, double near, double chance) const;
 

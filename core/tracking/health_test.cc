@@ -31,11 +31,11 @@ class HealthTest : public ::testing::Test {
     grid_.Build(lines_, 12.0);
   }
 
-  // `count` events evenly over a strip about a line.
-  void AddEvents(int line, int count, double half_width_px) {
+  // `count` events evenly over a strip about a line, or about a part of it, in fractions of its length.
+  void AddEvents(int line, int count, double half_width_px, double along_begin = 0.0, double along_end = 1.0) {
     for (int i = 0; i < count; ++i) {
       Observation event;
-      const Eigen::Vector2d pixel = lines_[line].PointAt(random_.Uniform());
+      const Eigen::Vector2d pixel = lines_[line].PointAt(random_.Uniform(along_begin, along_end));
       event.u_px = pixel.x() + random_.Uniform(-half_width_px, half_width_px);
       event.v_px = pixel.y();
       const Eigen::Vector3d bearing = BearingOf(camera_, {event.u_px, event.v_px});
@@ -110,6 +110,23 @@ TEST_F(HealthTest, EventsAsDenseAsElsewhereSayNothing) {
     verdict = Judge();
   }
   EXPECT_EQ(verdict.kind, Kind::kUnsupported);
+}
+
+TEST_F(HealthTest, WhatCrossesTheLinesIsPresentOnAPartOfThem) {
+  state_.twist.setZero();
+  ProjectLines(camera_, state_, tracked_, lines_);
+  const auto judge = [&](double along_begin, double along_end) {
+    HealthVerdict verdict;
+    for (int i = 0; i < 10 && verdict.kind == Kind::kOpen; ++i) {
+      for (int k = 0; k < kNumLines; ++k) AddEvents(k, 20, 8.0, along_begin, along_end);
+      CloseWindow();
+      verdict = Judge();
+    }
+    return verdict;
+  };
+  EXPECT_LT(judge(0.3, 0.45).present_ratio, 0.35);
+  // All along them it was the object that moved, and is elsewhere now.
+  EXPECT_GT(judge(0.0, 1.0).present_ratio, 0.9);
 }
 
 TEST_F(HealthTest, AnObjectAtRestStaysSilentInAFlood) {

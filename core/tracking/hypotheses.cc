@@ -22,9 +22,8 @@ void Hypotheses::Add(const MotionState& start) {
 }
 
 void Hypotheses::Join(Hypotheses&& others) {
-  const size_t most = 2 * static_cast<size_t>(context_.options.initialization.max_candidates);
   for (Entry& entry : others.entries_) {
-    if (entries_.size() < most) Append(std::move(entry));
+    if (entries_.size() < MaxEntries()) Append(std::move(entry));
   }
   others.entries_.clear();
 }
@@ -46,6 +45,10 @@ void Hypotheses::OnWindow(const EventWindow& window, const Competitors* others) 
   DropSame();
   Compare(window, others);
   DropWorse();
+}
+
+void Hypotheses::OnGap(int64_t gap_us) {
+  for (Entry& entry : entries_) entry.track->OnGap(gap_us);
 }
 
 void Hypotheses::Compare(const EventWindow& window, const Competitors* others) {
@@ -119,6 +122,30 @@ void Hypotheses::PutBestFirst(double min_sigma) {
     std::swap(entry.difference[0], entry.difference[best]);
     std::swap(entry.squares[0], entry.squares[best]);
   }
+}
+
+void Hypotheses::Entry::VisitState(auto& archive, auto& self) {
+  auto& [track, estimate, explains, difference, squares] = self;
+  archive(*track, estimate);
+  // As many as there are entries.
+  for (auto& value : difference) archive(Finite(value));
+  for (auto& value : squares) archive(Finite(value));
+}
+
+void Hypotheses::SaveState(StateWriter& writer) const {
+  writer.Count(entries_.size());
+  for (const Entry& entry : entries_) writer(entry);
+}
+
+void Hypotheses::LoadState(StateReader& reader) {
+  entries_.clear();
+  size_t count = 0;
+  reader.Count(count);
+  // A single pose that was given needs no candidates.
+  reader.Check(count <= std::max<size_t>(1, MaxEntries()), "more hypotheses than are followed");
+  for (size_t i = 0; i < count && reader.ok(); ++i) Add(MotionState());
+  for (Entry& entry : entries_) reader(entry);
+  if (!reader.ok()) entries_.clear();
 }
 
 void Hypotheses::Remove(size_t index) {

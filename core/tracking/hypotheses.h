@@ -26,6 +26,8 @@ class Hypotheses {
 
   // `others` as PoseTrack::OnWindow takes them.
   void OnWindow(const EventWindow& window, const Competitors* others = nullptr);
+  // As PoseTrack::OnGap.
+  void OnGap(int64_t gap_us);
   // Drops those that the predicate says it of.
   void DropIf(absl::FunctionRef<bool(const PoseTrack&)> is_wrong);
   // Puts the one first that the events prefer most, if they prefer it to the present first by `min_sigma` at least.
@@ -38,7 +40,12 @@ class Hypotheses {
   // The first one's, of the last window; nullopt while it is INITIALIZING.
   const std::optional<PoseEstimate>& estimate() const { return entries_.front().estimate; }
 
+  // Between windows. Into one of the same context; after a failure (reader.status()) there are none.
+  void SaveState(StateWriter& writer) const;
+  void LoadState(StateReader& reader);
+
  private:
+  size_t MaxEntries() const { return 2 * static_cast<size_t>(context_.options.initialization.max_candidates); }
   struct Entry {
     std::unique_ptr<PoseTrack> track;
     std::optional<PoseEstimate> estimate;
@@ -46,6 +53,7 @@ class Hypotheses {
     // Against each other one, in order of `entries_`: sum of differences of `explains`, and of their squares.
     std::vector<double> difference;
     std::vector<double> squares;
+    static void VisitState(auto& archive, auto& self);
   };
 
   void Compare(const EventWindow& window, const Competitors* others);

@@ -54,6 +54,15 @@ class MixtureEstimator : public WindowEstimator {
     displacement_factor_ = 1.0;
   }
 
+  void SaveState(StateWriter& writer) const override { VisitState(writer, *this); }
+  void LoadState(StateReader& reader) override { VisitState(reader, *this); }
+  static void VisitState(auto& archive, auto& self) {
+    auto& [options, sensor, camera, table, sigma_px, outlier_ratio, displacement_px2, displacement_factor, noise_per_px,
+           lines, sums, counts, edge_bias] = self;
+    archive(InRange(sigma_px, 1e-6, 1e6), AtMost(outlier_ratio, 1.0), Finite(displacement_px2),
+            InRange(displacement_factor, 1.0, 1e6), edge_bias);
+  }
+
  private:
   // What the lines' events have in common is seen in what the fit leaves of it: the lines' mean residuals.
   void LearnDisplacement();
@@ -68,8 +77,9 @@ class MixtureEstimator : public WindowEstimator {
   // Moves `state` to the minimum for the present sums; returns the largest movement of a line's middle, pixels.
   double Minimise(const MotionState& predicted, const Matrix12d& prior_information, const WindowInput& input,
                   double sigma_px, MotionState& state);
-  void NormalEquations(const MotionState& state, const WindowInput& input, double sigma_px, Matrix12d& hessian,
-                       Vector12d& gradient) const;
+  // Returns the share of the lines' events that is missing.
+  double NormalEquations(const MotionState& state, const WindowInput& input, double sigma_px, Matrix12d& hessian,
+                         Vector12d& gradient) const;
   double MovementPx(const Vector12d& dx, double duration_s) const;
   // Events in the gates that come as anywhere on the sensor. A line that rests has only those, and must not be fitted
   // to them.
@@ -132,14 +142,15 @@ WindowFit MixtureEstimator::Fit(const MotionState& predicted, const WindowInput&
   Matrix12d hessian = Matrix12d::Zero();
   Vector12d gradient = Vector12d::Zero();
   AddPriorEquations(state, predicted, prior_information, hessian, gradient);
-  NormalEquations(state, input, density.sigma_px, hessian, gradient);
+  WindowFit fit;
+  fit.missing_ratio = NormalEquations(state, input, density.sigma_px, hessian, gradient);
   state.covariance = Symmetric(hessian.ldlt().solve(Matrix12d::Identity()));
 
-  WindowFit fit;
   fit.state = state;
   fit.num_gated = totals.num_gated;
   fit.num_background = Background(input, density.gate_px);
   fit.num_explained = totals.weight;
+  for (const MixtureLine& line : sums_) fit.line_events.push_back(line.half_weight[0] + line.half_weight[1]);
   fit.residual_rms_px = totals.weight > 0.0 ? std::sqrt(totals.weighted_squares_px2 / totals.weight) : sigma_px_;
   return fit;
 }
@@ -164,8 +175,8 @@ double MixtureEstimator::Minimise(const MotionState& predicted, const Matrix12d&
   return moved_px;
 }
 
-void MixtureEstimator::NormalEquations(const MotionState& state, const WindowInput& input, double sigma_px,
-                                       Matrix12d& hessian, Vector12d& gradient) const {
+double MixtureEstimator::NormalEquations(const MotionState& state, const WindowInput& input, double sigma_px,
+                                         Matrix12d& hessian, Vector12d& gradient) const {
   const double scale = 1.0 / (sigma_px * sigma_px * options_.events_per_information);
   const double displacement_px =
       options_.edge_noise_px_sqrt_s * std::sqrt(displacement_factor_ / std::max(input.duration_s, 1e-6));
@@ -176,8 +187,8 @@ void MixtureEstimator::NormalEquations(const MotionState& state, const WindowInp
     MarginaliseDisplacement(sums_[k].sums, lines_[k], scale, {AlongLine(camera_, lines_[k]), displacement_px}, hessian,
                             gradient);
   }
-  AddAbsence(camera_, lines_, sums_, state.twist, input.duration_s, input.events_per_observation, noise_per_px_,
-             options_.min_events_per_px2, 1.0 / options_.events_per_information, hessian, gradient);
+  return AddAbsence(camera_, lines_, sums_, state.twist, input.duration_s, input.events_per_observation, noise_per_px_,
+                    options_.min_events_per_px2, 1.0 / options_.events_per_information, hessian, gradient);
 }
 
 void MixtureEstimator::LearnDisplacement() {
@@ -251,15 +262,15 @@ MixtureTotals AccumulateMixture(const WindowInput& input, absl::Span<const Image
   return totals;
 }
 
-void AddAbsence(const CameraModel& camera, absl::Span<const ImageLine> lines, absl::Span<const MixtureLine> sums,
-                const Vector6d& twist, double duration_s, double events_per_observation, double noise_per_px,
-                double min_events_per_px2, double scale, Matrix12d& hessian, Vector12d& gradient) {
+double AddAbsence(const CameraModel& camera, absl::Span<const ImageLine> lines, absl::Span<const MixtureLine> sums,
+                  const Vector6d& twist, double duration_s, double events_per_observation, double noise_per_px,
+                  double min_events_per_px2, double scale, Matrix12d& hessian, Vector12d& gradient) {
   // Below this speed the Poisson Hessian would grow without bound; nothing is told apart there anyway.
   constexpr double kMinSpeedPxPerS = 5.0;
   Matrix6d absence_hessian = Matrix6d::Zero();
   Vector6d absence_gradient = Vector6d::Zero();
   double all_expected = 0.0;
-  double all_observed = 0.0;
+  double all_missing = 0.0;
   for (size_t k = 0; k < lines.size(); ++k) {
     if (!lines[k].in_view()) continue;
     const double area_per_speed = min_events_per_px2 * 0.5 * lines[k].length_px * duration_s;
@@ -270,17 +281,20 @@ void AddAbsence(const CameraModel& camera, absl::Span<const ImageLine> lines, ab
       const double speed = std::max(std::abs(velocity), kMinSpeedPxPerS);
       const double expected = area_per_speed * speed;
       const double observed = std::max(0.0, sums[k].half_weight[half] * events_per_observation - noise);
+      const double missing = std::max(0.0, expected - observed);
       all_expected += expected;
-      all_observed += observed;
-      const double curvature = std::max(0.0, 1.0 - observed / expected) * area_per_speed / speed;
+      all_missing += missing;
+      const double curvature = missing / (speed * speed);
       absence_hessian += curvature * row * row.transpose();
       absence_gradient += curvature * velocity * row;
     }
   }
-  const double missing = 1.0 - all_observed / all_expected;
-  if (!(missing > 0.0)) return;
-  hessian.bottomRightCorner<6, 6>() += scale * missing * absence_hessian;
-  gradient.tail<6>() += scale * missing * absence_gradient;
+  if (!(all_missing > 0.0)) return 0.0;
+  const double missing_ratio = all_missing / all_expected;
+  const double factor = scale * std::max(0.0, 2.0 * missing_ratio - 1.0);
+  hessian.bottomRightCorner<6, 6>() += factor * absence_hessian;
+  gradient.tail<6>() += factor * absence_gradient;
+  return missing_ratio;
 }
 
 std::unique_ptr<WindowEstimator> MakeMixtureEstimator(const TrackerOptions& options, const CameraModel& camera) {

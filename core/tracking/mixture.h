@@ -33,11 +33,12 @@ MixtureTotals AccumulateMixture(const WindowInput& input, absl::Span<const Image
 
 // The evidence of absence (method.md 2.10 (1)): a line that moves across itself makes events. Where fewer came than
 // `min_events_per_px2` of the swept area, the twist is braked; a one-sided Poisson penalty, added for the twist alone.
-// Only as far as the object as a whole is silent: while some lines speak, silent ones are hidden, and braking them
-// would drag the object away from what is seen. Of the events explained, `noise_per_px` for each pixel of a line's
-// length come from the background, moving or not.
-void AddAbsence(const CameraModel& camera, absl::Span<const ImageLine> lines, absl::Span<const MixtureLine> sums,
-                const Vector6d& twist, double duration_s, double events_per_observation, double noise_per_px,
-                double min_events_per_px2, double scale, Matrix12d& hessian, Vector12d& gradient);
+// Only as far as more than half of what the object should make is missing: while most of it speaks, silent lines are
+// hidden, and braking them would drag the object away from what is seen. What one line makes too much does not make up
+// for another's silence: it is something else's that passes. Of the events explained, `noise_per_px` for each pixel of
+// a line's length come from the background, moving or not. Returns the missing share.
+double AddAbsence(const CameraModel& camera, absl::Span<const ImageLine> lines, absl::Span<const MixtureLine> sums,
+                  const Vector6d& twist, double duration_s, double events_per_observation, double noise_per_px,
+                  double min_events_per_px2, double scale, Matrix12d& hessian, Vector12d& gradient);
 
 }  // namespace evpose

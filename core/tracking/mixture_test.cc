@@ -118,6 +118,19 @@ TEST_F(MixtureTest, AHiddenLineDoesNotBrakeWhileOthersSpeak) {
   EXPECT_EQ(hessian.norm(), 0.0);
 }
 
+TEST_F(MixtureTest, WhatPassesAtOnePlaceDoesNotSpeakForTheRest) {
+  // All on one half of one line, twenty times what both lines should make.
+  std::vector<Observation> events;
+  Random random(6);
+  for (int i = 0; i < 1200; ++i) events.push_back(At(random.Uniform(-1.0, 0.0), random.Uniform(-48.0, -2.0)));
+  Accumulate(events, {0.5, 0.1, 6.0});
+  Matrix12d hessian = Matrix12d::Zero();
+  Vector12d gradient = Vector12d::Zero();
+  const double missing = AddAbsence(camera_, lines_, sums_, state_.twist, 0.01, 1.0, 0.0, 0.15, 1.0, hessian, gradient);
+  EXPECT_NEAR(missing, 0.75, 0.01);
+  EXPECT_GT(gradient[6], 0.0);
+}
+
 // Six lines of a plate seen frontally, whose events lie off them, to one side and the other in turn.
 class DisplacedLines : public ::testing::Test {
  protected:

@@ -3,6 +3,8 @@
 
 #include <cstdint>
 
+#include "core/base/state_io.h"
+#include "core/events/event.h"
 #include "core/geometry/rigid_transform.h"
 #include "core/tracking/tracker_options.h"
 
@@ -18,6 +20,17 @@ struct MotionState {
   RigidTransform camera_from_object;
   Vector6d twist = Vector6d::Zero();  // m/s, rad/s
   Matrix12d covariance = Matrix12d::Zero();
+
+  static void VisitState(auto& archive, auto& self) {
+    auto& [t_us, camera_from_object, twist, covariance] = self;
+    archive(InRange(t_us, -kMaxStateTime_us, kMaxStateTime_us), camera_from_object, Finite(twist), Finite(covariance));
+    // No object is there or as fast; what follows from such numbers does not overflow.
+    constexpr double kMax = 1e9;
+    archive.Check(camera_from_object.rotation.cwiseAbs().maxCoeff() < 2.0 &&
+                      camera_from_object.translation_m.cwiseAbs().maxCoeff() < kMax &&
+                      twist.cwiseAbs().maxCoeff() < kMax,
+                  "a motion that nothing makes");
+  }
 };
 
 // x <- x + dx in that tangent space, and the dx with Plus(from, dx) = to. The covariance stays.

@@ -37,6 +37,13 @@ void ObjectTracker::BeginWindow() {
   if (hypotheses_.empty()) sightings_.clear();
 }
 
+void ObjectTracker::OnGap(const EventGap& gap) {
+  // A pose that was given for the first event has grown old.
+  if (given_pose_ && !given_at_us_) given_at_us_ = gap.t_begin_us;
+  followed_since_us_ += gap.duration_us();
+  hypotheses_.OnGap(gap.duration_us());
+}
+
 void ObjectTracker::Finish() {
   // The events are over, and never spoke for the pose that was given.
   if (is_given_ || given_pose_) Lose();
@@ -293,6 +300,36 @@ void ObjectTracker::Remember(const EventWindow& window) {
   while (sightings_.size() > 1 && (sightings_[1].motion.t_us <= oldest_us || sightings_.size() > kMaxSightings)) {
     sightings_.pop_front();
   }
+}
+
+void ObjectTracker::VisitState(auto& archive, auto& self) {
+  auto& [context, reference_rotation, sphere, memory, initializer, idle_state, report, losses, last_tracked,
+         last_published_us, given_pose, given_at_us, next_search_us, retry_us, reviews_left, hypotheses,
+         followed_since_us, is_given, is_claimed, is_decided, others, competitors, sightings, is_known, pixel_events] =
+      self;
+  constexpr int64_t kMax_us = kMaxStateTime_us;
+  archive(memory, AtMost(idle_state, TrackState::kLost), report, losses, last_tracked, last_published_us, given_pose,
+          given_at_us, InRange(next_search_us, -kMax_us, kMax_us), AtMost(retry_us, kMax_us),
+          AtMost(reviews_left, context.options.initialization.num_reviews), hypotheses,
+          InRange(followed_since_us, -kMax_us, kMax_us), is_given, is_claimed, is_decided, sightings, is_known);
+}
+
+void ObjectTracker::SaveState(StateWriter& writer) const { VisitState(writer, *this); }
+
+void ObjectTracker::LoadState(StateReader& reader) {
+  VisitState(reader, *this);
+  reader.Check(IsConsistent(), "an object that is tracked in no possible way");
+}
+
+bool ObjectTracker::IsConsistent() const {
+  if (is_claimed_ && hypotheses_.empty()) return false;
+  if (given_at_us_ && (*given_at_us_ < -kMaxStateTime_us || *given_at_us_ > kMaxStateTime_us)) return false;
+  const int num_lines = static_cast<int>(context_.model->lines.size());
+  return std::all_of(sightings_.begin(), sightings_.end(), [num_lines](const Sighting& sighting) {
+    return std::all_of(sighting.lines.begin(), sighting.lines.end(), [num_lines](const TrackedLine& line) {
+      return line.model_line >= 0 && line.model_line < num_lines;
+    });
+  });
 }
 
 void ObjectTracker::Lose() {

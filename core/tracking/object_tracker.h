@@ -30,6 +30,8 @@ class ObjectTracker {
   void BeginWindow();
   // Windows in order. Appends at most one estimate for this window; more when a search has looked back.
   void OnWindow(const EventWindow& window, std::vector<PoseEstimate>& estimates);
+  // Between two windows.
+  void OnGap(const EventGap& gap);
   // After the last window.
   void Finish();
   // Starts again from this pose at `at_us`; at the next window's begin without a time.
@@ -42,12 +44,24 @@ class ObjectTracker {
   InitializationReport initialization() const { return report_; }
   uint32_t losses() const { return losses_; }
 
+  // Between windows. Into one of the same object, camera and options; after a failure (reader.status()) it must not be
+  // used.
+  void SaveState(StateWriter& writer) const;
+  void LoadState(StateReader& reader);
+
  private:
   // Where the reported pose was, and which lines showed it.
   struct Sighting {
     MotionState motion;
     std::vector<TrackedLine> lines;
+    static void VisitState(auto& archive, auto& self) {
+      auto& [motion, lines] = self;
+      archive(motion, lines);
+    }
   };
+  static void VisitState(auto& archive, auto& self);
+  // Whether what was read, each number of it possible, is possible together.
+  bool IsConsistent() const;
 
   void StartFromGivenPose(const EventWindow& window);
   void Follow(const EventWindow& window, std::vector<PoseEstimate>& estimates);

@@ -11,6 +11,27 @@ namespace {
 // Lines that must be supported: three determine six unknowns, and two still bind all but a little of the motion.
 constexpr int kConfirmLines = 3;
 constexpr int kKeepLines = 2;
+// While more than this share of what its lines should make is missing, it is not the object that speaks.
+constexpr double kMostMissing = 0.5;
+// In a window; with fewer nothing is decided.
+constexpr double kMinSignalEvents = 50.0;
+
+// Whether a second try finds more of the object than the first. Its events decide, and its lines: that it is elsewhere
+// shows on most of those that make events. What passes by has many events, but on few of the lines.
+bool IsBetter(const WindowFit& second, const WindowFit& first, absl::Span<const ImageLine> lines) {
+  constexpr double kMinEvents = 3.0;
+  constexpr double kSigma = 2.0;
+  if (second.explained_signal_ratio() <= first.explained_signal_ratio()) return false;
+  if (second.missing_ratio > kMostMissing) return false;
+  double speaking_px = 0.0, gaining_px = 0.0;
+  for (size_t k = 0; k < second.line_events.size(); ++k) {
+    const double both = second.line_events[k] + first.line_events[k];
+    if (both < kMinEvents) continue;
+    speaking_px += lines[k].length_px;
+    if (second.line_events[k] - first.line_events[k] > kSigma * std::sqrt(both)) gaining_px += lines[k].length_px;
+  }
+  return gaining_px >= 0.5 * speaking_px;
+}
 
 }  // namespace
 
@@ -65,6 +86,12 @@ std::optional<PoseEstimate> PoseTrack::OnWindow(const EventWindow& window, const
   return MakeEstimate(fit, input);
 }
 
+void PoseTrack::OnGap(int64_t gap_us) {
+  // supported_at_us_ stays: what is known of the pose since then has grown old.
+  unsupported_since_us_ += gap_us;
+  if (followed_since_us_ >= 0) followed_since_us_ += gap_us;
+}
+
 std::optional<PoseEstimate> PoseTrack::Hold(const EventWindow& window) {
   motion_ = Predict(motion_, window.t_mid_us(), context_.options.motion);
   ProjectLines(context_.camera, motion_, visible_lines_.At(motion_.camera_from_object), image_lines_);
@@ -101,8 +128,9 @@ WindowFit PoseTrack::FitWindow(const EventWindow& window, const Competitors* oth
   input = Gather(window, others, predicted, 1.0);
   if (input.lines.empty()) return WindowFit();
   WindowFit fit = estimator_->Fit(predicted, input, 1.0);
-  if (IsSilent(fit)) {
-    // Noise is no measurement of the pose; that the lines are silent is one of their motion.
+  if (IsSilent(fit) || (fit.missing_ratio > kMostMissing && IsSlow(input))) {
+    // Noise is no measurement of the pose, and neither is what passes by an object at rest; that its lines are silent
+    // is one of their motion.
     WindowInput silence = input;
     silence.events = {};
     silence.background_per_px2 = 0.0;
@@ -116,7 +144,7 @@ WindowFit PoseTrack::FitWindow(const EventWindow& window, const Competitors* oth
     const WindowInput wide_input = Gather(window, others, agile, context_.options.mixture.retry_gate_factor);
     const WindowFit wide = estimator_->Fit(agile, wide_input, context_.options.mixture.retry_gate_factor);
     input = wide_input;
-    if (wide.explained_signal_ratio() <= fit.explained_signal_ratio()) return fit;
+    if (!IsBetter(wide, fit, image_lines_)) return fit;
     fit = wide;
   }
   estimator_->Accept(fit, input);
@@ -137,11 +165,19 @@ bool PoseTrack::IsSilent(const WindowFit& fit) {
   return recent_signal_ < chance && !HasSignal(fit);
 }
 
+bool PoseTrack::IsSlow(const WindowInput& input) const {
+  double swept_px2 = 0.0;
+  for (const ImageLine& line : image_lines_) {
+    if (!line.in_view()) continue;
+    swept_px2 += line.length_px * std::abs(NormalSpeedPxPerS(context_.camera, line, 0.5)) * input.duration_s;
+  }
+  return context_.options.mixture.min_events_per_px2 * swept_px2 < kMinSignalEvents;
+}
+
 bool PoseTrack::HasSignal(const WindowFit& fit) const {
-  constexpr double kMinEvents = 50.0;
   const HealthOptions& health = context_.options.health;
   const double chance = health.significance_sigma * std::sqrt(fit.num_background * health.dispersion);
-  return fit.num_signal() >= std::max(kMinEvents, chance);
+  return fit.num_signal() >= std::max(kMinSignalEvents, chance);
 }
 
 MotionState PoseTrack::Predicted(int64_t t_us, double noise_factor) const {
@@ -222,7 +258,11 @@ WindowInput PoseTrack::Gather(const EventWindow& window, const Competitors* othe
 }
 
 void PoseTrack::UpdateState(const HealthVerdict& verdict, int64_t t_us) {
-  switch (verdict.kind) {
+  // An object that stands still makes no events: those about the smaller part of its lines are of what passes there.
+  constexpr double kMostLines = 0.5;
+  const bool is_passed = verdict.kind == HealthVerdict::Kind::kUnsupported && state_ != TrackState::kInitializing &&
+                         verdict.present_ratio < kMostLines;
+  switch (is_passed ? HealthVerdict::Kind::kFewEvents : verdict.kind) {
     case HealthVerdict::Kind::kOpen:
       return;
     case HealthVerdict::Kind::kSupported:
@@ -271,6 +311,24 @@ Matrix6d PoseTrack::PublishedCovariance(const MotionState& state) const {
       Predict(state, state.t_us + since_us, motion, unsupported_ ? motion.retry_noise_factor : 1.0);
   return grown.covariance.topLeftCorner<6, 6>();
 }
+
+void PoseTrack::VisitState(auto& archive, auto& self) {
+  auto& [context, visible_lines, all_lines, grid, background, estimator, health, state, motion, usual_explained_ratio,
+         recent_signal, recent_background, unconfirmed_verdicts, followed_since_us, on_trial, supported_at_us,
+         unsupported_since_us, unsupported, in_doubt, lines, unhidden_lines, is_hidden, is_partly_hidden, image_lines,
+         rates, observations] = self;
+  constexpr int64_t kMax_us = kMaxStateTime_us;
+  constexpr int kMaxVerdicts = 1 << 20;
+  archive(visible_lines, background, *estimator, health, AtMost(state, TrackState::kLost), motion,
+          Finite(usual_explained_ratio), Finite(recent_signal), Finite(recent_background),
+          AtMost(unconfirmed_verdicts, kMaxVerdicts), InRange(followed_since_us, -kMax_us, kMax_us), on_trial,
+          InRange(supported_at_us, -kMax_us, kMax_us), InRange(unsupported_since_us, -kMax_us, kMax_us), unsupported,
+          in_doubt);
+}
+
+void PoseTrack::SaveState(StateWriter& writer) const { VisitState(writer, *this); }
+
+void PoseTrack::LoadState(StateReader& reader) { VisitState(reader, *this); }
 
 PoseEstimate PoseTrack::MakeEstimate(const WindowFit& fit, const WindowInput& input) const {
   PoseEstimate estimate;

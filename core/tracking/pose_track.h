@@ -39,6 +39,9 @@ class PoseTrack {
   // the other objects at mid-window, null or empty when there are none.
   std::optional<PoseEstimate> OnWindow(const EventWindow& window, const Competitors* others = nullptr);
 
+  // So long nobody looked before the next window: patience with the pose is no shorter for it.
+  void OnGap(int64_t gap_us);
+
   // LOST is final.
   TrackState state() const { return state_; }
   // At the middle of the last window.
@@ -51,7 +54,12 @@ class PoseTrack {
   // clutter has no say on average; 0 where no line is near.
   double Explains(Observation observation, const Competitors* others = nullptr) const;
 
+  // Between windows: what lines() and Explains() say of the last one is gone. Into a track of the same context.
+  void SaveState(StateWriter& writer) const;
+  void LoadState(StateReader& reader);
+
  private:
+  static void VisitState(auto& archive, auto& self);
   // Turns the window's events near the lines at `predicted` into observations.
   WindowInput Gather(const EventWindow& window, const Competitors* others, const MotionState& predicted,
                      double gate_factor);
@@ -60,6 +68,8 @@ class PoseTrack {
   // The state that the estimator starts from.
   MotionState Predicted(int64_t t_us, double noise_factor) const;
   WindowFit FitWindow(const EventWindow& window, const Competitors* others, WindowInput& input);
+  // Too slow, as predicted, for its lines' silence to be a surprise.
+  bool IsSlow(const WindowInput& input) const;
   // More events near the lines than come anywhere on the sensor.
   bool HasSignal(const WindowFit& fit) const;
   // The same over the last windows together, this one counted; its answer is to be asked for once per window.

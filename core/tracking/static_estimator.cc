@@ -53,6 +53,12 @@ class StaticEstimator : public WindowEstimator {
     has_last_ = true;
   }
   void Reset() override { has_last_ = false; }
+  void SaveState(StateWriter& writer) const override { VisitState(writer, *this); }
+  void LoadState(StateReader& reader) override { VisitState(reader, *this); }
+  static void VisitState(auto& archive, auto& self) {
+    auto& [is_released, options, camera, fit_options, has_last, last, lines, ends, events] = self;
+    archive(has_last, last);
+  }
 
  private:
   // The released code knows no second try: its gate is what it is.

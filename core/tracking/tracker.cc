@@ -25,6 +25,11 @@ class WindowTracker : public Tracker {
   void AdvanceTime(int64_t t_us, std::vector<PoseEstimate>& estimates) override {
     windower_.AdvanceTime(t_us, [&](const EventWindow& window) { OnWindow(window, estimates); });
   }
+  EventGap Skip(absl::Span<const Event> events, int64_t t_us) override {
+    const EventGap gap = windower_.Skip(events, t_us);
+    for (const auto& object : objects_) object->OnGap(gap);
+    return gap;
+  }
   void Finish(std::vector<PoseEstimate>& estimates) override {
     windower_.Finish([&](const EventWindow& window) { OnWindow(window, estimates); });
     for (const auto& object : objects_) object->Finish();
@@ -39,8 +44,16 @@ class WindowTracker : public Tracker {
     return objects_[object_index]->initialization();
   }
   uint32_t losses(size_t object_index) const override { return objects_[object_index]->losses(); }
+  void SaveState(StateWriter& writer) const override { VisitState(writer, *this); }
+  void LoadState(StateReader& reader) override { VisitState(reader, *this); }
 
  private:
+  static void VisitState(auto& archive, auto& self) {
+    auto& [windower, objects] = self;
+    archive(windower);
+    for (const auto& object : objects) archive(*object);
+  }
+
   void OnWindow(const EventWindow& window, std::vector<PoseEstimate>& estimates) {
     for (const auto& object : objects_) object->BeginWindow();
     for (size_t i = 0; i < objects_.size(); ++i) {

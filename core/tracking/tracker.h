@@ -11,10 +11,12 @@
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
 #include "absl/types/span.h"
+#include "core/base/state_io.h"
 #include "core/events/event.h"
 #include "core/geometry/camera.h"
 #include "core/geometry/rigid_transform.h"
 #include "core/models/object_model.h"
+#include "core/windows/event_window.h"
 
 namespace evpose {
 
@@ -59,6 +61,11 @@ struct InitializationReport {
   InitializationStatus status = InitializationStatus::kWaitingForEvents;
   uint64_t attempts = 0;  // searches for the pose so far
   int num_lines = 0;      // that the last of them saw
+
+  static void VisitState(auto& archive, auto& self) {
+    auto& [status, attempts, num_lines] = self;
+    archive(AtMost(status, InitializationStatus::kAmbiguous), attempts, num_lines);
+  }
 };
 
 // Every field of it is in tracker_options.h with unit, default and reason.
@@ -87,6 +94,12 @@ struct PoseEstimate {
   uint32_t num_events = 0;       // in the gate
   float explained_ratio = 0.0f;  // share of the gated events that the lines explain
   float residual_rms_px = 0.0f;
+
+  static void VisitState(auto& archive, auto& self) {
+    auto& [object_index, t_us, pose, covariance, twist, state, num_events, explained_ratio, residual_rms_px] = self;
+    archive(object_index, t_us, pose, covariance, twist, AtMost(state, TrackState::kLost), num_events, explained_ratio,
+            residual_rms_px);
+  }
 };
 
 // Tracks the objects of one stream of events side by side, window by window: they share its windows (EventWindower) and
@@ -110,6 +123,11 @@ class Tracker {
   virtual void AddEvents(absl::Span<const Event> events, std::vector<PoseEstimate>& estimates) = 0;
   // The sensor's clock has reached t_us without further events (a TimeMark): windows close on time.
   virtual void AdvanceTime(int64_t t_us, std::vector<PoseEstimate>& estimates) = 0;
+  // Time went on to t_us, and these events came meanwhile, but there is no time to look at them. What the open window
+  // has is given up, too; the next one begins at the gap's end. Nothing is concluded from what was not looked at,
+  // neither that an object moved nor that it rested: its uncertainty grows with the time, and it is LOST when that is
+  // too much.
+  virtual EventGap Skip(absl::Span<const Event> events, int64_t t_us) = 0;
   // End of the stream: closes what is open.
   virtual void Finish(std::vector<PoseEstimate>& estimates) = 0;
   // The caller knows better: that object starts again from this pose at the present time.
@@ -119,6 +137,11 @@ class Tracker {
   virtual TrackState state(size_t object_index) const = 0;
   virtual InitializationReport initialization(size_t object_index) const = 0;
   virtual uint32_t losses(size_t object_index) const = 0;  // changes to LOST so far
+
+  // All that later estimates depend on, bit for bit. A state is loaded into a tracker made of the same objects, camera
+  // and options, before anything else; after a failure (reader.status()) the tracker must not be used.
+  virtual void SaveState(StateWriter& writer) const = 0;
+  virtual void LoadState(StateReader& reader) = 0;
 
   // The same of the first object, which is often the only one.
   void ResetPose(const RigidTransform& camera_from_object) { ResetPose(0, camera_from_object); }

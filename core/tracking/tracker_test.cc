@@ -268,6 +268,39 @@ TEST(Tracker, AStillObjectIsHeldInDenseNoise) {
   EXPECT_LT(errors.rotation_max_rad, 0.02);
 }
 
+// Events of a straight edge from the image's top to its bottom that sweeps to the right, 2 per square pixel.
+std::vector<Event> SweepingEdge(double speed_px_per_s, double tilt_ratio, int64_t t_begin_us, int64_t t_end_us) {
+  Random random(8);
+  std::vector<Event> events;
+  const double per_us = 2e-6 * speed_px_per_s * kCamera.height_px;
+  for (double t_us = static_cast<double>(t_begin_us); t_us < static_cast<double>(t_end_us); t_us += 1.0 / per_us) {
+    const double y = random.Uniform(0.0, kCamera.height_px);
+    const double x = 1e-6 * (t_us - static_cast<double>(t_begin_us)) * speed_px_per_s +
+                     tilt_ratio * (y - 0.5 * kCamera.height_px) + 0.4 * random.Normal();
+    if (x < 0.0 || x >= kCamera.width_px) continue;
+    events.push_back({static_cast<int64_t>(t_us), static_cast<uint16_t>(x), static_cast<uint16_t>(y), 1});
+  }
+  return events;
+}
+
+TEST(Tracker, AnObjectAtRestIsNotDraggedByAnEdgeThatPasses) {
+  const Motion motion = StopAndGo();
+  IdealEventOptions options;
+  options.duration_us = 700'000;
+  const std::vector<Event> own = MakeIdealEvents(*MakeCube(0.15), kCamera, motion, options);
+  for (const double tilt_ratio : {-0.5, 0.0, 0.25}) {
+    // It crosses the whole image while the object rests, 120 ms to 520 ms.
+    const std::vector<Event> events =
+        testing::MergeEvents({own, SweepingEdge(kCamera.width_px / 0.36, tilt_ratio, 130'000, 490'000)});
+    const TrackRun run = Track(events, kStart);
+    EXPECT_EQ(run.tracker->losses(), 0u) << tilt_ratio;
+    EXPECT_EQ(run.tracker->state(), TrackState::kTracking) << tilt_ratio;
+    const Errors errors = Compare(run.estimates, motion);
+    EXPECT_LT(errors.rotation_max_rad, 0.02) << tilt_ratio;
+    EXPECT_LT(errors.position_rmse_of_depth, 2e-3) << tilt_ratio;
+  }
+}
+
 TEST(Tracker, AFloodIsBoundedAndTracked) {
   const Motion motion = ConstantTwist(kStart, Twist(0.4, 0.2, 0.0, 0.5, 0.5, 0.5));
   IdealEventOptions options;

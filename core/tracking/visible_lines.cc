@@ -35,6 +35,11 @@ absl::Span<const TrackedLine> VisibleLines::At(const RigidTransform& camera_from
   FacingFaces(camera_from_object, facing_now_);
   if (facing_now_ == facing_ && !ViewChanged(camera_from_object)) return lines_;
   facing_.swap(facing_now_);
+  LookFrom(camera_from_object);
+  return lines_;
+}
+
+void VisibleLines::LookFrom(const RigidTransform& camera_from_object) {
   looked_from_ = camera_from_object;
   lines_.clear();
   for (const VisibleSegment& segment : tester_.VisibleSegments(camera_, camera_from_object)) {
@@ -42,7 +47,18 @@ absl::Span<const TrackedLine> VisibleLines::At(const RigidTransform& camera_from
     const Eigen::Vector3d extent = line.p2 - line.p1;
     lines_.push_back({segment.line, line.p1 + segment.begin * extent, line.p1 + segment.end * extent});
   }
-  return lines_;
+}
+
+void VisibleLines::SaveState(StateWriter& writer) const { writer(looked_from_); }
+
+void VisibleLines::LoadState(StateReader& reader) {
+  facing_.clear();
+  lines_.clear();
+  reader(looked_from_);
+  if (!reader.ok() || !looked_from_) return;
+  const RigidTransform pose = *looked_from_;
+  FacingFaces(pose, facing_);
+  LookFrom(pose);
 }
 
 }  // namespace evpose

@@ -19,7 +19,12 @@ class VisibleLines {
   // The visible parts of lines; valid until the next call.
   absl::Span<const TrackedLine> At(const RigidTransform& camera_from_object);
 
+  // Where the lines were looked up is all that has to be known of the past.
+  void SaveState(StateWriter& writer) const;
+  void LoadState(StateReader& reader);
+
  private:
+  void LookFrom(const RigidTransform& camera_from_object);
   bool ViewChanged(const RigidTransform& camera_from_object) const;
   // For each face of each line, whether it is turned to the camera. It decides which lines show, and matters to the
   // last tenth of a degree: a line kept too long on a face that has turned away holds the pose there, and one missed

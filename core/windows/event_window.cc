@@ -3,6 +3,7 @@
 #include <algorithm>
 
 #include "absl/strings/str_cat.h"
+#include "core/windows/window_event_state.h"
 
 namespace evpose {
 namespace {
@@ -46,7 +47,7 @@ absl::Status WindowOptions::Validate() const {
 EventWindower::EventWindower(const WindowOptions& options, SensorGeometry sensor)
     : options_(options), interval_us_(options.interval_us), history_(sensor) {
   kept_.reserve(options_.max_events);
-  hashes_.reserve(options_.max_events);
+  indices_.reserve(options_.max_events);
 }
 
 void EventWindower::Add(absl::Span<const Event> events, OnWindow on_window) {
@@ -64,6 +65,19 @@ void EventWindower::AdvanceTime(int64_t t_us, OnWindow on_window) {
   now_us_ = std::max(now_us_, t_us);
 }
 
+EventGap EventWindower::Skip(absl::Span<const Event> events, int64_t t_us) {
+  if (!started_) Start(events.empty() ? t_us : events.front().t_us);
+  now_us_ = std::max(now_us_, t_us);
+  for (const Event& event : events) {
+    now_us_ = std::max(now_us_, event.t_us);
+    history_.Next(event);
+  }
+  stream_index_ += events.size();
+  const EventGap gap = {begin_us_, std::max(begin_us_, now_us_), count_ + events.size()};
+  Open(gap.t_end_us);
+  return gap;
+}
+
 void EventWindower::SetImageSpeed(double speed_px_per_s) {
   const double longest_us = static_cast<double>(options_.interval_us);
   const double moving_us = speed_px_per_s > 0.0 ? 1e6 * options_.max_motion_px / speed_px_per_s : longest_us;
@@ -78,8 +92,7 @@ void EventWindower::Finish(OnWindow on_window) {
 void EventWindower::Start(int64_t t_us) {
   started_ = true;
   now_us_ = t_us;
-  begin_us_ = t_us;
-  boundary_us_ = t_us + interval_us_;
+  Open(t_us);
 }
 
 void EventWindower::CloseUntil(int64_t t_us, OnWindow on_window) {
@@ -106,17 +119,22 @@ void EventWindower::Close(int64_t t_end_us, OnWindow on_window) {
   window.num_events = count_;
   window.closed_on_time = count_ < static_cast<uint64_t>(options_.min_events);
   on_window(window);
-  begin_us_ = t_end_us;
-  boundary_us_ = t_end_us + interval_us_;
+  Open(t_end_us);
+}
+
+void EventWindower::Open(int64_t t_begin_us) {
+  begin_us_ = t_begin_us;
+  boundary_us_ = t_begin_us + interval_us_;
   count_ = 0;
   sample_mask_ = 0;
   kept_.clear();
-  hashes_.clear();
+  indices_.clear();
 }
 
 void EventWindower::Keep(const WindowEvent& event) {
   ++count_;
-  const uint64_t hash = HashIndex(stream_index_++);
+  const uint64_t index = stream_index_++;
+  const uint64_t hash = HashIndex(index);
   if ((hash & sample_mask_) != 0) return;
   if (kept_.size() == static_cast<size_t>(options_.max_events)) {
     Thin();
@@ -124,7 +142,7 @@ void EventWindower::Keep(const WindowEvent& event) {
   }
   kept_.push_back(event);
   kept_.back().t_us = std::max(event.t_us, begin_us_);
-  hashes_.push_back(hash);
+  indices_.push_back(index);
 }
 
 // Halves the sample. A hash decides for each event by itself, so the sample is what it would have been had the final
@@ -134,14 +152,66 @@ void EventWindower::Thin() {
     sample_mask_ = (sample_mask_ << 1) | 1;
     size_t write = 0;
     for (size_t read = 0; read < kept_.size(); ++read) {
-      if ((hashes_[read] & sample_mask_) != 0) continue;
+      if ((HashIndex(indices_[read]) & sample_mask_) != 0) continue;
       kept_[write] = kept_[read];
-      hashes_[write] = hashes_[read];
+      indices_[write] = indices_[read];
       ++write;
     }
     kept_.resize(write);
-    hashes_.resize(write);
+    indices_.resize(write);
   } while (kept_.size() == static_cast<size_t>(options_.max_events));
+}
+
+void EventWindower::VisitState(auto& archive, auto& self) {
+  auto& [options, interval_us, started, now_us, begin_us, boundary_us, stream_index, count, sample_mask, history, kept,
+         indices] = self;
+  constexpr int64_t kMax_us = kMaxStateTime_us;
+  archive(InRange(interval_us, options.min_interval_us, options.interval_us), started,
+          InRange(begin_us, -kMax_us, kMax_us), InRange(now_us, -kMax_us, kMax_us),
+          InRange(boundary_us, -kMax_us, kMax_us), stream_index, count, sample_mask, history);
+  if (started) {
+    // Finish() leaves the time just before the next window.
+    archive.Check(now_us >= begin_us - 1 && now_us < boundary_us, "a time outside the open window");
+    archive.Check(boundary_us > begin_us && boundary_us - begin_us <= options.max_duration_us, "a window too long");
+  }
+  archive.Check(count <= stream_index && (started || count == 0), "events before the first");
+  archive.Check((sample_mask & (sample_mask + 1)) == 0, "a share of events that no window keeps");
+}
+
+void EventWindower::SaveState(StateWriter& writer) const {
+  VisitState(writer, *this);
+  SaveWindowEvents(writer, begin_us_, kept_);
+  SaveIndices(writer);
+}
+
+void EventWindower::LoadState(StateReader& reader) {
+  VisitState(reader, *this);
+  LoadWindowEvents(reader, begin_us_, boundary_us_, static_cast<size_t>(options_.max_events), kept_);
+  LoadIndices(reader);
+}
+
+void EventWindower::SaveIndices(StateWriter& writer) const {
+  if (sample_mask_ == 0) return;  // all of the window's
+  uint64_t next = stream_index_ - count_;
+  for (const uint64_t index : indices_) {
+    writer.Varint(index - next);
+    next = index + 1;
+  }
+}
+
+void EventWindower::LoadIndices(StateReader& reader) {
+  reader.Check(sample_mask_ == 0 ? kept_.size() == count_ : kept_.size() <= count_, "a window with other events");
+  indices_.clear();
+  uint64_t next = stream_index_ - count_;
+  for (size_t i = 0; i < kept_.size() && reader.ok(); ++i) {
+    uint64_t skipped = 0;
+    if (sample_mask_ != 0) reader.Varint(skipped);
+    // Each but once, and each one that is kept: else thinning them might not end.
+    reader.Check(skipped < stream_index_ - next, "an event that is not the window's");
+    reader.Check((HashIndex(next + skipped) & sample_mask_) == 0, "an event that is not kept");
+    indices_.push_back(next + skipped);
+    next += skipped + 1;
+  }
 }
 
 }  // namespace evpose

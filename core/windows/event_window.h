@@ -22,6 +22,7 @@
 #include "absl/functional/function_ref.h"
 #include "absl/status/status.h"
 #include "absl/types/span.h"
+#include "core/base/state_io.h"
 #include "core/events/event.h"
 #include "core/windows/pixel_history.h"
 
@@ -63,6 +64,15 @@ struct EventWindow {
   }
 };
 
+// A stretch of the stream that is in no window.
+struct EventGap {
+  int64_t t_begin_us = 0;
+  int64_t t_end_us = 0;
+  uint64_t num_events = 0;
+
+  int64_t duration_us() const { return t_end_us - t_begin_us; }
+};
+
 // Deterministic: the windows are a function of the events and marks in their order, not of how they are cut into calls.
 class EventWindower {
  public:
@@ -74,6 +84,10 @@ class EventWindower {
   void Add(absl::Span<const Event> events, OnWindow on_window);
   // The clock has reached t_us: windows that end at or before it close.
   void AdvanceTime(int64_t t_us, OnWindow on_window);
+  // These events came, and time went on to t_us, but nobody looks at them: the open window is given up, and the next
+  // one begins at the gap's end. The pixels' histories and the numbers of the events go on as if they had been looked
+  // at.
+  EventGap Skip(absl::Span<const Event> events, int64_t t_us);
   // How fast the fastest object's image moves, px/s: sets the interval from the next window on, so that windows are a
   // function of the past ones. To be called between windows or from on_window.
   void SetImageSpeed(double speed_px_per_s);
@@ -84,14 +98,23 @@ class EventWindower {
   int64_t now_us() const { return now_us_; }
   bool has_started() const { return started_; }
 
+  // Into a windower with the same options and sensor; after a failure (reader.status()) it must not be used.
+  void SaveState(StateWriter& writer) const;
+  void LoadState(StateReader& reader);
+
  private:
+  static void VisitState(auto& archive, auto& self);
+  // Of the open window: the numbers in the stream of the events that are kept.
+  void SaveIndices(StateWriter& writer) const;
+  void LoadIndices(StateReader& reader);
   void Start(int64_t t_us);
   void CloseUntil(int64_t t_us, OnWindow on_window);
   void Close(int64_t t_end_us, OnWindow on_window);
+  void Open(int64_t t_begin_us);
   void Keep(const WindowEvent& event);
   void Thin();
 
-  WindowOptions options_;
+  const WindowOptions options_;
   int64_t interval_us_;
   bool started_ = false;
   int64_t now_us_ = 0;
@@ -102,7 +125,7 @@ class EventWindower {
   uint64_t sample_mask_ = 0;  // an event stays when its hash has none of these bits
   PixelHistory history_;      // of all events, those that are not kept too
   std::vector<WindowEvent> kept_;
-  std::vector<uint64_t> hashes_;
+  std::vector<uint64_t> indices_;  // of the events kept, in the stream
 };
 
 }  // namespace evpose

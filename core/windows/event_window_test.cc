@@ -249,5 +249,45 @@ TEST(WindowOptions, ValidateNamesTheField) {
   EXPECT_THAT(message([](WindowOptions& o) { o.max_gap_us = 1; }), HasSubstr("max_gap_us"));
 }
 
+TEST(EventWindower, SkippedEventsAreInNoWindowButTheirPixelsRemember) {
+  EventWindower windower(SmallOptions(), {1280, 720});
+  std::vector<SeenWindow> windows;
+  std::vector<PreviousPolarity> previous;
+  const auto on_window = [&](const EventWindow& window) {
+    windows.push_back({window.t_begin_us, window.t_end_us, {}, window.num_events, window.closed_on_time});
+    for (const WindowEvent& event : window.events) previous.push_back(event.previous);
+  };
+  windower.Add(Regular(1000, 10, 12), on_window);  // one window of 10, and 2 events in the next
+  ASSERT_EQ(windows.size(), 1u);
+  const EventGap gap = windower.Skip({{1200, 500, 7, 1}, {1250, 501, 7, 0}}, 1270);
+  EXPECT_EQ(gap.t_begin_us, 1100) << "what the open window held is given up";
+  EXPECT_EQ(gap.t_end_us, 1270);
+  EXPECT_EQ(gap.num_events, 4u);
+  EXPECT_EQ(windower.now_us(), 1270);
+  const EventGap more = windower.Skip({{1300, 502, 7, 1}}, 1290);
+  EXPECT_EQ(more.t_begin_us, 1270);
+  EXPECT_EQ(more.t_end_us, 1300);
+  EXPECT_EQ(more.num_events, 1u);
+
+  previous.clear();
+  windower.Add({{1310, 500, 7, 1}, {1311, 501, 7, 1}, {1312, 502, 7, 0}, {1313, 503, 7, 0}, {1314, 500, 7, 0}},
+               on_window);
+  windower.Finish(on_window);
+  ASSERT_EQ(windows.size(), 2u);
+  EXPECT_EQ(windows[1].t_begin_us, 1300);
+  EXPECT_EQ(windows[1].num_events, 5u);
+  using enum PreviousPolarity;
+  EXPECT_THAT(previous, ::testing::ElementsAre(kSame, kOther, kOther, kUnknown, kOther));
+}
+
+TEST(EventWindower, SkippingBeforeTheFirstWindow) {
+  EventWindower windower(SmallOptions(), {1280, 720});
+  const EventGap gap = windower.Skip(Regular(700, 10, 3), 900);
+  EXPECT_EQ(gap.t_begin_us, 700);
+  EXPECT_EQ(gap.t_end_us, 900);
+  EXPECT_EQ(gap.num_events, 3u);
+  EXPECT_TRUE(windower.has_started());
+}
+
 }  // namespace
 }  // namespace evpose

@@ -5,6 +5,7 @@
 #include <cstdint>
 #include <vector>
 
+#include "core/base/state_io.h"
 #include "core/events/event.h"
 
 namespace evpose {
@@ -32,6 +33,10 @@ class PixelHistory {
     last = polarity;
     return next;
   }
+
+  // Into a history of the same sensor; after a failure (reader.status()) it must not be used.
+  void SaveState(StateWriter& writer) const;
+  void LoadState(StateReader& reader);
 
  private:
   static constexpr uint8_t kNothing = 2;

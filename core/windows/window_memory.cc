@@ -3,6 +3,7 @@
 #include <utility>
 
 #include "core/base/thin.h"
+#include "core/windows/window_event_state.h"
 
 namespace evpose {
 
@@ -35,6 +36,37 @@ void WindowMemory::Clear() {
 void WindowMemory::Forget() {
   num_events_ -= windows_.front().events.size();
   windows_.pop_front();
+}
+
+void WindowMemory::SaveState(StateWriter& writer) const {
+  writer.Count(windows_.size());
+  for (const Stored& window : windows_) {
+    writer(window.t_begin_us, window.t_end_us, window.num_events, window.closed_on_time);
+    SaveWindowEvents(writer, window.t_begin_us, window.events);
+  }
+}
+
+void WindowMemory::LoadState(StateReader& reader) {
+  // A window with events is far shorter; detectors count microseconds in 32 bits.
+  constexpr int64_t kMaxDuration_us = int64_t{1} << 30;
+  Clear();
+  size_t count = 0;
+  reader.Count(count);
+  for (size_t i = 0; i < count && reader.ok(); ++i) {
+    Stored window;
+    const int64_t earliest_us = windows_.empty() ? -kMaxStateTime_us : windows_.back().t_end_us;
+    reader(InRange(window.t_begin_us, earliest_us, kMaxStateTime_us));
+    reader(InRange(window.t_end_us, window.t_begin_us + 1, kMaxStateTime_us), window.num_events, window.closed_on_time);
+    LoadWindowEvents(reader, window.t_begin_us, window.t_end_us, max_window_events_, window.events);
+    reader.Check(window.events.empty() || window.t_end_us - window.t_begin_us <= kMaxDuration_us, "a window too long");
+    reader.Check(window.events.size() <= window.num_events, "more events in a window than came");
+    num_events_ += window.events.size();
+    windows_.push_back(std::move(window));
+  }
+  const bool is_bounded = windows_.size() <= 1 || (num_events_ <= max_events_ &&
+                                                   windows_.front().t_end_us > windows_.back().t_end_us - memory_us_);
+  reader.Check(is_bounded, "more windows than are remembered");
+  if (!reader.ok()) Clear();
 }
 
 EventWindow WindowMemory::At(size_t index) const {

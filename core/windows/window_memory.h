@@ -23,6 +23,10 @@ class WindowMemory {
   EventWindow At(size_t index) const;
   size_t num_events() const { return num_events_; }  // kept
 
+  // Into a memory of the same bounds; after a failure (reader.status()) it must not be used.
+  void SaveState(StateWriter& writer) const;
+  void LoadState(StateReader& reader);
+
  private:
   void Forget();
 

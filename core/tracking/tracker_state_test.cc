@@ -1,0 +1,297 @@
+// A tracker that is saved and loaded, at whatever time, goes on as if nothing had been: every bit of every estimate.
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+#include <functional>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "core/base/random.h"
+#include "core/models/symmetry.h"
+#include "core/tracking/ideal_events.h"
+#include "core/tracking/tracker.h"
+#include "core/tracking/tracker_options.h"
+
+namespace evpose {
+namespace {
+
+using testing::ConstantTwist;
+using testing::HiddenBehind;
+using testing::IdealEventOptions;
+using testing::MakeCamera;
+using testing::MakeCube;
+using testing::MakeIdealEvents;
+using testing::MakePose;
+using testing::MergeEvents;
+using testing::Motion;
+
+const CameraModel kCamera = MakeCamera(640, 480, 600.0);
+
+std::shared_ptr<const ObjectModel> Cube(double edge_m) {
+  auto cube = std::make_shared<ObjectModel>(*MakeCube(edge_m));
+  cube->symmetries = FindSymmetries(*cube);
+  return cube;
+}
+
+struct Scene {
+  std::vector<ObjectToTrack> objects;
+  TrackerOptions options;
+  std::vector<Event> events;
+  // Of the first object, before the event of this number; 0: no reset.
+  size_t reset_before = 0;
+  RigidTransform reset_pose;
+};
+
+std::unique_ptr<Tracker> MakeTracker(const Scene& scene) {
+  return Tracker::Create(scene.objects, kCamera, scene.options).value();
+}
+
+std::string Save(const Tracker& tracker) {
+  StateWriter writer;
+  tracker.SaveState(writer);
+  return writer.Take();
+}
+
+absl::Status Load(const std::string& state, Tracker& tracker) {
+  StateReader reader(state);
+  tracker.LoadState(reader);
+  return reader.Finish();
+}
+
+std::string Bytes(const std::vector<PoseEstimate>& estimates) {
+  StateWriter writer;
+  writer(estimates);
+  return writer.Take();
+}
+
+// What a run went through.
+struct Story {
+  std::vector<PoseEstimate> estimates;
+  std::vector<std::string> states;  // now and then
+  uint32_t losses = 0;
+  uint64_t attempts = 0;
+  bool was_lost = false;
+  bool was_found_again = false;
+};
+
+// The stream in calls of random sizes, to one tracker, and to one that is saved and loaded into another between all of
+// them.
+Story RunMoved(const Scene& scene, uint64_t seed) {
+  Story story;
+  std::vector<PoseEstimate> moved_estimates;
+  Random random(seed);
+  const auto whole = MakeTracker(scene);
+  auto moved = MakeTracker(scene);
+  for (size_t begin = 0; begin < scene.events.size();) {
+    size_t size = 1 + random.UniformInt(random.UniformInt(2) == 0 ? 300 : 12'000);
+    if (begin < scene.reset_before) size = std::min(size, scene.reset_before - begin);
+    const auto piece = absl::MakeConstSpan(scene.events).subspan(begin, size);
+    if (scene.reset_before > 0 && begin == scene.reset_before) {
+      whole->ResetPose(scene.reset_pose);
+      moved->ResetPose(scene.reset_pose);
+    }
+    whole->AddEvents(piece, story.estimates);
+    moved->AddEvents(piece, moved_estimates);
+    begin += piece.size();
+    if (random.UniformInt(20) == 0) {
+      whole->AdvanceTime(piece.back().t_us + 1500, story.estimates);
+      moved->AdvanceTime(piece.back().t_us + 1500, moved_estimates);
+    }
+    const std::string state = Save(*moved);
+    EXPECT_TRUE(state == Save(*whole)) << "at event " << begin;
+    moved = MakeTracker(scene);
+    const absl::Status status = Load(state, *moved);
+    EXPECT_EQ(status, absl::OkStatus()) << "at event " << begin;
+    EXPECT_TRUE(Save(*moved) == state) << "at event " << begin;
+    if (!status.ok() || ::testing::Test::HasFailure()) return story;
+    if (random.UniformInt(8) == 0) story.states.push_back(state);
+    if (moved->state() == TrackState::kLost) story.was_lost = true;
+    if (story.was_lost && moved->state() == TrackState::kTracking) story.was_found_again = true;
+  }
+  whole->Finish(story.estimates);
+  moved->Finish(moved_estimates);
+  EXPECT_TRUE(Bytes(story.estimates) == Bytes(moved_estimates));
+  for (size_t i = 0; i < scene.objects.size(); ++i) {
+    EXPECT_EQ(moved->state(i), whole->state(i));
+    EXPECT_EQ(moved->losses(i), whole->losses(i));
+    EXPECT_EQ(moved->initialization(i).attempts, whole->initialization(i).attempts);
+    story.losses += whole->losses(i);
+    story.attempts += whole->initialization(i).attempts;
+  }
+  return story;
+}
+
+Motion Tumbling() {
+  return [](double t) { return MakePose({0.3 * t - 0.02, 0.15 * t, 0.6}, {0.6 + 1.5 * t, 0.5 + 0.4 * t, 0.2}); };
+}
+
+// Slows down until it rests after 0.2 s, and goes on: on the way it makes as many events as the noise does.
+Motion RestsForAMoment() {
+  return [](double t) {
+    const double u = (t - 0.2) / 0.2;
+    return Tumbling()(0.1 * (1.0 + u * u * u));
+  };
+}
+
+std::vector<Event> EventsOf(const ObjectModel& model, const Motion& motion, int64_t t_begin_us, int64_t duration_us,
+                            uint64_t seed = 1) {
+  IdealEventOptions options;
+  options.t_begin_us = t_begin_us;
+  options.duration_us = duration_us;
+  options.seed = seed;
+  return MakeIdealEvents(model, kCamera, motion, options);
+}
+
+std::vector<Event> Noise(double rate_hz, int64_t t_begin_us, int64_t duration_us) {
+  IdealEventOptions options;
+  options.events_per_px2 = 0.0;
+  options.clutter_per_s = rate_hz;
+  options.t_begin_us = t_begin_us;
+  options.duration_us = duration_us;
+  return MakeIdealEvents(*MakeCube(0.15), kCamera, Tumbling(), options);
+}
+
+void Append(const std::vector<Event>& more, std::vector<Event>& events) {
+  events.insert(events.end(), more.begin(), more.end());
+}
+
+Scene OneCube(int64_t duration_us, const Motion& motion, bool with_pose) {
+  Scene scene;
+  scene.options.sensor = testing::UnbiasedSensor();
+  ObjectToTrack object;
+  object.model = Cube(0.15);
+  if (with_pose) object.initial_camera_from_object = motion(0.0);
+  scene.objects = {object};
+  scene.events = EventsOf(*object.model, motion, 0, duration_us);
+  return scene;
+}
+
+// Found, lost in a flood in which windows are sampled, gone, and back.
+Scene FoundLostAndFoundAgain() {
+  Scene scene = OneCube(70'000, Tumbling(), false);
+  Append(Noise(5e6, 70'000, 60'000), scene.events);
+  Append(Noise(50e3, 130'000, 60'000), scene.events);
+  Append(EventsOf(*scene.objects[0].model, Tumbling(), 190'000, 120'000), scene.events);
+  return scene;
+}
+
+// The first passes before the second and hides most of it.
+Scene Crossing(bool with_poses) {
+  const auto near = Cube(0.12), far = Cube(0.2);
+  const Motion motions[] = {[](double t) {
+                              return MakePose({0.5 * (t - 0.1), 0.0, 0.6}, {0.5 + t, 0.4 + 0.5 * t, 0.2});
+                            },
+                            [](double t) {
+                              return MakePose({-0.5 * (t - 0.1), 0.02, 1.0}, {0.5 - 0.8 * t, 0.4, 0.2});
+                            }};
+  Scene scene;
+  scene.options.sensor = testing::UnbiasedSensor();
+  scene.objects = {{near}, {far}};
+  for (size_t i = 0; i < 2 && with_poses; ++i) scene.objects[i].initial_camera_from_object = motions[i](0.0);
+  IdealEventOptions options;
+  options.duration_us = 200'000;
+  const std::vector<Event> before = MakeIdealEvents(*near, kCamera, motions[0], options);
+  options.seed = 2;
+  options.clutter_per_s = 0.0;
+  options.is_hidden = HiddenBehind(*near, kCamera, motions[0]);
+  scene.events = MergeEvents({before, MakeIdealEvents(*far, kCamera, motions[1], options)});
+  return scene;
+}
+
+TEST(TrackerState, EveryEstimatorGoesOnWhereItWas) {
+  for (const auto& [estimator, name] : kEstimatorNames) {
+    SCOPED_TRACE(std::string(name));
+    Scene scene = OneCube(60'000, Tumbling(), true);
+    scene.options.estimator = estimator;
+    EXPECT_GT(RunMoved(scene, 1).estimates.size(), 20u);
+  }
+}
+
+TEST(TrackerState, AStillObjectGoesOnWhereItWas) {
+  EXPECT_GT(RunMoved(OneCube(400'000, RestsForAMoment(), true), 2).estimates.size(), 200u);
+}
+
+TEST(TrackerState, SearchLossAndFindingGoOnWhereTheyWere) {
+  const Story story = RunMoved(FoundLostAndFoundAgain(), 3);
+  EXPECT_TRUE(story.was_lost);
+  EXPECT_TRUE(story.was_found_again);
+  EXPECT_GT(story.attempts, 2u);
+}
+
+TEST(TrackerState, SeveralObjectsGoOnWhereTheyWere) {
+  for (const bool with_poses : {true, false}) {
+    const Story story = RunMoved(Crossing(with_poses), 4);
+    for (uint32_t i = 0; i < 2; ++i) {
+      EXPECT_TRUE(std::any_of(story.estimates.begin(), story.estimates.end(),
+                              [i](const PoseEstimate& estimate) { return estimate.object_index == i; }));
+    }
+  }
+}
+
+TEST(TrackerState, APoseThatWasGivenGoesOnWhereItWas) {
+  Scene scene = OneCube(80'000, Tumbling(), false);
+  scene.reset_before = scene.events.size() / 2;
+  scene.reset_pose = Tumbling()(0.04);
+  EXPECT_GT(RunMoved(scene, 5).estimates.size(), 30u);
+  scene.reset_pose = MakePose({0.2, 0.1, 0.8}, {0.1, 0.2, 0.3});  // a wrong one
+  EXPECT_GT(RunMoved(scene, 6).losses, 0u);
+}
+
+// The damaged state is refused, or the tracker does something with the events that follow.
+void TryDamaged(const Scene& scene, const std::string& damaged, absl::Span<const Event> events, int* num_loaded) {
+  const auto tracker = MakeTracker(scene);
+  const absl::Status status = Load(damaged, *tracker);
+  if (!status.ok()) {
+    ASSERT_EQ(status.code(), absl::StatusCode::kDataLoss);
+    return;
+  }
+  ++*num_loaded;
+  std::vector<PoseEstimate> estimates;
+  tracker->AddEvents(events, estimates);
+  tracker->ResetPose(MakePose({0.0, 0.0, 0.6}, {0.6, 0.5, 0.2}));
+  tracker->AdvanceTime(events.back().t_us + 30'000, estimates);
+  tracker->Finish(estimates);
+  ASSERT_LE(estimates.size(), 1000u);
+}
+
+TEST(TrackerState, DamagedStatesAreRefusedOrTracked) {
+  Random random(7);
+  for (const Scene& scene : {FoundLostAndFoundAgain(), Crossing(true)}) {
+    const Story story = RunMoved(scene, 8);
+    int num_loaded = 0;
+    for (int i = 0; i < 40; ++i) {
+      const std::string& state = story.states[random.UniformInt(story.states.size())];
+      // Any stretch of events: what follows a damaged state is not what would have followed.
+      const auto events =
+          absl::MakeConstSpan(scene.events).subspan(random.UniformInt(scene.events.size() - 3000), 3000);
+      std::string damaged = state;
+      if (i % 10 == 0) {
+        damaged.resize(random.UniformInt(state.size()));
+        TryDamaged(scene, damaged, events, &num_loaded);
+        continue;
+      }
+      // Events fill the most of it, and matter the least.
+      for (int flips = 1 + i % 3; flips > 0; --flips) {
+        const size_t last = i % 2 == 0 ? state.size() : std::min<size_t>(state.size(), 8000);
+        damaged[damaged.size() - 1 - random.UniformInt(last)] ^= static_cast<char>(1 << random.UniformInt(8));
+      }
+      TryDamaged(scene, damaged, events, &num_loaded);
+    }
+    EXPECT_GT(num_loaded, 10);
+    EXPECT_LT(num_loaded, 40);
+  }
+}
+
+TEST(TrackerState, TruncatedStatesAreRefused) {
+  const Scene scene = Crossing(true);
+  const Story story = RunMoved(scene, 9);
+  const std::string& state = story.states.back();
+  for (size_t size = 0; size < state.size(); size += 1 + state.size() / 10) {
+    EXPECT_EQ(Load(state.substr(0, size), *MakeTracker(scene)).code(), absl::StatusCode::kDataLoss) << size;
+  }
+}
+
+}  // namespace
+}  // namespace evpose

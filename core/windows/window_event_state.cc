@@ -1,0 +1,55 @@
+#include "core/windows/window_event_state.h"
+
+namespace evpose {
+namespace {
+
+// Small numbers of either sign as small numbers.
+uint64_t ZigZag(int64_t number) { return static_cast<uint64_t>(number) << 1 ^ static_cast<uint64_t>(number >> 63); }
+int64_t UnZigZag(uint64_t number) { return static_cast<int64_t>(number >> 1 ^ (0 - (number & 1))); }
+
+// The first varint of an event: the time since the one before, and these bits below it.
+constexpr int kFlagBits = 3;
+constexpr uint64_t kPolarityBit = 1;
+constexpr int kPreviousShift = 1;
+constexpr uint64_t kPreviousMask = 3;
+
+}  // namespace
+
+void SaveWindowEvents(StateWriter& writer, int64_t t_begin_us, const std::vector<WindowEvent>& events) {
+  writer.Count(events.size());
+  int64_t t_us = t_begin_us;
+  for (const WindowEvent& event : events) {
+    const uint64_t flags = (event.polarity != 0 ? kPolarityBit : 0) | static_cast<uint64_t>(event.previous)
+                                                                          << kPreviousShift;
+    writer.Varint(ZigZag(event.t_us - t_us) << kFlagBits | flags);
+    writer(event.x, event.y);
+    t_us = event.t_us;
+  }
+}
+
+void LoadWindowEvents(StateReader& reader, int64_t t_begin_us, int64_t t_end_us, size_t max_events,
+                      std::vector<WindowEvent>& events) {
+  size_t count = 0;
+  reader.Count(count);
+  reader.Check(count <= max_events, "more events than a window keeps");
+  events.clear();
+  int64_t t_us = t_begin_us;
+  for (size_t i = 0; i < count && reader.ok(); ++i) {
+    uint64_t first = 0;
+    WindowEvent event;
+    reader.Varint(first);
+    reader(event.x, event.y);
+    // The step is less than 2^61: no sum of it with the time of a window overflows.
+    t_us += UnZigZag(first >> kFlagBits);
+    const uint64_t previous = first >> kPreviousShift & kPreviousMask;
+    reader.Check(t_us >= t_begin_us && t_us < t_end_us, "an event outside its window");
+    reader.Check(previous <= static_cast<uint64_t>(PreviousPolarity::kOther), "an event with an unknown past");
+    event.t_us = t_us;
+    event.polarity = first & kPolarityBit;
+    event.previous = static_cast<PreviousPolarity>(previous);
+    events.push_back(event);
+  }
+  if (!reader.ok()) events.clear();
+}
+
+}  // namespace evpose
