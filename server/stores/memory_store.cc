@@ -1,113 +1,144 @@
 #include "server/stores/memory_store.h"
 
-#include <algorithm>
-#include <deque>
-#include <functional>
 #include <map>
 #include <mutex>
 #include <utility>
 
 #include "absl/base/thread_annotations.h"
-#include "absl/strings/str_cat.h"
+#include "absl/functional/any_invocable.h"
+#include "core/base/status_macros.h"
+#include "server/stores/checked_lease.h"
+#include "server/stores/job_thread.h"
+#include "server/stores/memory_sessions.h"
 
 namespace evpose::server {
 namespace {
 
-class MemoryPoseLog : public PoseLog {
+// In the order of names, then tenants.
+std::pair<std::string, std::string> ModelKey(absl::string_view name, absl::string_view tenant) {
+  return {std::string(name), std::string(tenant)};
+}
+
+// What waits to be written, and who is told.
+struct CommitJob {
+  absl::AnyInvocable<absl::Status()> write;
+  SessionLease::Done done;
+};
+
+// What the leases share with their store, and may outlive it.
+struct Shared {
+  explicit Shared(uint64_t max_bytes) : sessions(max_bytes) {}
+
+  void Push(CommitJob job) {
+    if (!committer.Push(std::move(job))) job.done(StoreClosedError());
+  }
+
+  MemorySessions sessions;
+  JobThread<CommitJob> committer{[](std::vector<CommitJob> jobs) {
+    for (CommitJob& job : jobs) job.done(job.write());
+  }};
+};
+
+class MemoryLease : public CheckedLease {
  public:
-  explicit MemoryPoseLog(size_t capacity) : capacity_(capacity) {}
-  // The last reader may let go on a thread of gRPC: the lock shows to tools that the others are done.
-  ~MemoryPoseLog() override { const std::lock_guard lock(mutex_); }
-
-  absl::Status Append(absl::Span<const StoredPose> poses) override {
-    const std::lock_guard lock(mutex_);
-    for (const StoredPose& pose : poses) {
-      if (pose.pose_seq != next_seq_) {
-        return absl::FailedPreconditionError(
-            absl::StrCat("pose ", pose.pose_seq, " does not continue the log, which expects ", next_seq_));
-      }
-      poses_.push_back(pose);
-      ++next_seq_;
-      if (poses_.size() > capacity_) poses_.pop_front();
-    }
-    return absl::OkStatus();
-  }
-
-  absl::StatusOr<std::vector<StoredPose>> Read(uint64_t after_pose_seq, size_t max_poses) const override {
-    const std::lock_guard lock(mutex_);
-    if (after_pose_seq >= next_seq_ - 1) return std::vector<StoredPose>();
-    const uint64_t first = std::max(after_pose_seq + 1, FirstSeq());
-    const auto begin = poses_.begin() + static_cast<ptrdiff_t>(first - FirstSeq());
-    const size_t count = std::min<size_t>(max_poses, next_seq_ - first);
-    return std::vector<StoredPose>(begin, begin + static_cast<ptrdiff_t>(count));
-  }
-
-  uint64_t first_pose_seq() const override {
-    const std::lock_guard lock(mutex_);
-    return FirstSeq();
-  }
+  MemoryLease(std::shared_ptr<Shared> shared, absl::string_view name, uint64_t fencing_number, uint64_t next_pose_seq)
+      : CheckedLease(fencing_number, next_pose_seq), shared_(std::move(shared)), name_(name) {}
 
  private:
-  uint64_t FirstSeq() const ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) { return next_seq_ - poses_.size(); }
+  void Write(SessionCommit commit, uint64_t next_pose_seq, Done done) override {
+    shared_->Push({.write =
+                       [&sessions = shared_->sessions, name = name_, number = fencing_number(), next_pose_seq,
+                        commit = std::move(commit)]() mutable {
+                         return sessions.Commit(name, number, next_pose_seq, std::move(commit));
+                       },
+                   .done = std::move(done)});
+  }
+  void Refuse(absl::Status status, Done done) override {
+    shared_->Push({.write = [status = std::move(status)] { return status; }, .done = std::move(done)});
+  }
 
-  const size_t capacity_;
-  mutable std::mutex mutex_;
-  uint64_t next_seq_ ABSL_GUARDED_BY(mutex_) = 1;
-  std::deque<StoredPose> poses_ ABSL_GUARDED_BY(mutex_);
+  const std::shared_ptr<Shared> shared_;
+  const std::string name_;
 };
 
 class MemoryStore : public Store {
  public:
-  explicit MemoryStore(size_t pose_log_capacity) : pose_log_capacity_(pose_log_capacity) {}
+  explicit MemoryStore(uint64_t max_bytes) : shared_(std::make_shared<Shared>(max_bytes)) {}
+  ~MemoryStore() override { shared_->committer.Close(); }
 
   absl::string_view kind() const override { return "memory"; }
-  size_t pose_log_capacity() const override { return pose_log_capacity_; }
+  absl::Status CheckHealth() override { return absl::OkStatus(); }
+  std::vector<std::string> damage() const override { return {}; }
 
   absl::StatusOr<std::vector<ModelRecord>> ReadModels() const override {
     const std::lock_guard lock(mutex_);
     std::vector<ModelRecord> models;
     models.reserve(models_.size());
-    for (const auto& [name, model] : models_) models.push_back(model);
+    for (const auto& [key, model] : models_) models.push_back(model);
     return models;
+  }
+
+  absl::StatusOr<ModelRecord> ReadModel(absl::string_view tenant, absl::string_view name) const override {
+    const std::lock_guard lock(mutex_);
+    const auto found = models_.find(ModelKey(name, tenant));
+    if (found == models_.end()) return ModelNotFoundError(name);
+    return found->second;
   }
 
   absl::Status PutModel(const ModelRecord& model) override {
     const std::lock_guard lock(mutex_);
-    models_.emplace(model.name, model);
+    models_.emplace(ModelKey(model.name, model.tenant), model);
     return absl::OkStatus();
   }
 
-  absl::Status DeleteModel(absl::string_view name) override {
+  absl::Status DeleteModel(absl::string_view tenant, absl::string_view name) override {
     const std::lock_guard lock(mutex_);
-    if (const auto found = models_.find(name); found != models_.end()) models_.erase(found);
+    models_.erase(ModelKey(name, tenant));
     return absl::OkStatus();
   }
 
-  absl::StatusOr<std::shared_ptr<PoseLog>> CreatePoseLog(const std::string& session) override {
-    const std::lock_guard lock(mutex_);
-    const auto [log, inserted] = logs_.try_emplace(session);
-    if (!inserted) return absl::AlreadyExistsError(absl::StrCat("poses of ", session, " are stored already"));
-    log->second = std::make_shared<MemoryPoseLog>(pose_log_capacity_);
-    return log->second;
+  absl::StatusOr<std::unique_ptr<SessionLease>> CreateSession(const SessionRecord& record,
+                                                              const std::string& lifecycle) override {
+    EVPOSE_ASSIGN_OR_RETURN(const uint64_t fencing_number, shared_->sessions.Create(record, lifecycle));
+    return std::make_unique<MemoryLease>(shared_, record.name, fencing_number, /*next_pose_seq=*/1);
   }
 
-  absl::Status DeletePoseLog(absl::string_view session) override {
-    const std::lock_guard lock(mutex_);
-    if (const auto found = logs_.find(session); found != logs_.end()) logs_.erase(found);
+  absl::StatusOr<Taken> TakeSession(absl::string_view name) override {
+    EVPOSE_ASSIGN_OR_RETURN(MemorySession session, shared_->sessions.Take(name));
+    const uint64_t next_pose_seq = session.next_pose_seq;
+    return Taken{.session = std::move(session.stored),
+                 .lease = std::make_unique<MemoryLease>(shared_, name, session.fencing_number, next_pose_seq)};
+  }
+
+  absl::StatusOr<StoredSession> ReadSession(absl::string_view name) const override {
+    return shared_->sessions.Read(name);
+  }
+  absl::StatusOr<std::vector<SessionRecord>> ListSessions() const override { return shared_->sessions.List(); }
+  absl::StatusOr<std::vector<StoredLifecycle>> ReadLifecycles() const override {
+    return shared_->sessions.ReadLifecycles();
+  }
+
+  absl::Status DeleteSession(absl::string_view name) override {
+    shared_->sessions.Delete(name);
     return absl::OkStatus();
+  }
+
+  absl::Status DeleteHeldSession(absl::string_view name, uint64_t fencing_number) override {
+    return shared_->sessions.DeleteHeld(name, fencing_number);
+  }
+
+  absl::StatusOr<std::vector<std::string>> DeleteEnded(absl::Time ended_before) override {
+    return shared_->sessions.DeleteEnded(ended_before);
   }
 
  private:
-  const size_t pose_log_capacity_;
+  const std::shared_ptr<Shared> shared_;
   mutable std::mutex mutex_;
-  std::map<std::string, ModelRecord, std::less<>> models_ ABSL_GUARDED_BY(mutex_);
-  std::map<std::string, std::shared_ptr<PoseLog>, std::less<>> logs_ ABSL_GUARDED_BY(mutex_);
+  std::map<std::pair<std::string, std::string>, ModelRecord> models_ ABSL_GUARDED_BY(mutex_);
 };
 
 }  // namespace
 
-std::unique_ptr<Store> MakeMemoryStore(size_t pose_log_capacity) {
-  return std::make_unique<MemoryStore>(std::max<size_t>(pose_log_capacity, 1));
-}
+std::unique_ptr<Store> MakeMemoryStore(uint64_t max_bytes) { return std::make_unique<MemoryStore>(max_bytes); }
 
 }  // namespace evpose::server

@@ -1,14 +1,14 @@
 // Everything in the server's own memory: nothing outlives the process.
 #pragma once
 
-#include <cstddef>
+#include <cstdint>
 #include <memory>
 
 #include "server/stores/store.h"
 
 namespace evpose::server {
 
-// Each pose log keeps the last `pose_log_capacity` poses, at least 1.
-std::unique_ptr<Store> MakeMemoryStore(size_t pose_log_capacity);
+// `max_bytes` bounds what the sessions hand over; models are bounded by who puts them.
+std::unique_ptr<Store> MakeMemoryStore(uint64_t max_bytes = UINT64_MAX);
 
 }  // namespace evpose::server

@@ -1,0 +1,49 @@
+// Says who a call comes from. No gRPC type in here: server/rpc/authentication.h takes from a call what this needs.
+#pragma once
+
+#include <memory>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "absl/status/status.h"
+#include "absl/status/statusor.h"
+#include "absl/strings/string_view.h"
+#include "server/auth/caller.h"
+#include "server/auth/token_file.h"
+
+namespace evpose::server {
+
+// What a call shows. The views live as long as the call.
+struct CallCredentials {
+  std::vector<absl::string_view> authorization;  // all values of the metadata of this name
+  // CN of the certificate that the client has shown and TLS has verified.
+  std::optional<absl::string_view> certificate_name;
+};
+
+// Thread-safe.
+class Authenticator {
+ public:
+  struct Options {
+    std::string token_file;  // empty: no tokens
+    // Whether clients must show a certificate. Without a token file its CN is the tenant.
+    bool has_client_certificates = false;
+  };
+  // Errors: those of TokenFile::Open.
+  static absl::StatusOr<std::unique_ptr<Authenticator>> Create(const Options& options);
+
+  // Without tokens and certificates everybody is the tenant "" and an operator. Errors: UNAUTHENTICATED (NO_TOKEN,
+  // BAD_TOKEN, BAD_CERTIFICATE).
+  absl::StatusOr<Caller> Authenticate(const CallCredentials& credentials);
+
+  bool is_open() const { return tokens_ == nullptr && !has_client_certificates_; }
+
+ private:
+  Authenticator() = default;
+  absl::StatusOr<Caller> CallerOfToken(const std::vector<absl::string_view>& authorization);
+
+  std::unique_ptr<TokenFile> tokens_;
+  bool has_client_certificates_ = false;
+};
+
+}  // namespace evpose::server

@@ -1,0 +1,26 @@
+// Whether a file has changed since it was read last.
+#pragma once
+
+#include <sys/types.h>
+
+#include <cstdint>
+#include <string>
+
+namespace evpose::server {
+
+// Follows symbolic links: a directory that is swapped by a link, as Kubernetes does with secrets, shows as a change.
+struct FileStamp {
+  bool exists = false;
+  dev_t device = 0;
+  ino_t inode = 0;
+  off_t size_bytes = 0;
+  int64_t modified_ns = 0;
+  int64_t changed_ns = 0;
+  mode_t mode = 0;
+
+  friend bool operator==(const FileStamp&, const FileStamp&) = default;
+};
+
+FileStamp StampOf(const std::string& path);
+
+}  // namespace evpose::server

@@ -1,0 +1,85 @@
+#include "server/auth/tls_files.h"
+
+#include <sys/stat.h>
+
+#include <utility>
+
+#include "absl/strings/str_cat.h"
+#include "absl/time/clock.h"
+#include "core/base/certificates.h"
+#include "core/base/output_file.h"
+#include "core/base/status_macros.h"
+#include "server/sessions/log.h"
+
+namespace evpose::server {
+namespace {
+
+constexpr size_t kMaxFileBytes = 4u << 20;  // a bundle of all public authorities has 0.2 MB
+
+absl::StatusOr<PemFile> ReadPem(const std::string& path) {
+  EVPOSE_ASSIGN_OR_RETURN(std::string contents, ReadFile(path, kMaxFileBytes));
+  return PemFile{path, std::move(contents)};
+}
+
+}  // namespace
+
+absl::Status TlsPaths::Validate() const {
+  if (certificate.empty() != key.empty()) {
+    return absl::InvalidArgumentError(certificate.empty() ? "--tls-key needs --tls-cert, the certificate of that key"
+                                                          : "--tls-cert needs --tls-key, the key of that certificate");
+  }
+  if (certificate.empty() && !client_ca.empty()) {
+    return absl::InvalidArgumentError("--tls-client-ca needs --tls-cert and --tls-key: the server's own certificate");
+  }
+  return absl::OkStatus();
+}
+
+absl::StatusOr<std::unique_ptr<TlsFiles>> TlsFiles::Open(const TlsPaths& paths) {
+  EVPOSE_RETURN_IF_ERROR(paths.Validate());
+  std::unique_ptr<TlsFiles> files(new TlsFiles(paths));
+  const Stamps stamps = files->ReadStamps();
+  EVPOSE_ASSIGN_OR_RETURN(auto material, files->Read());
+  if ((StampOf(paths.key).mode & (S_IRWXG | S_IRWXO) & ~S_IRGRP) != 0) {
+    ServerLog().warn("{} can be read by others: chmod 600 it", paths.key);
+  }
+  const std::lock_guard lock(files->mutex_);
+  files->stamps_ = stamps;
+  files->material_ = std::move(material);
+  return files;
+}
+
+TlsFiles::Stamps TlsFiles::ReadStamps() const {
+  return {StampOf(paths_.certificate), StampOf(paths_.key), StampOf(paths_.client_ca)};
+}
+
+absl::StatusOr<std::shared_ptr<const TlsMaterial>> TlsFiles::Read() const {
+  EVPOSE_ASSIGN_OR_RETURN(PemFile certificate, ReadPem(paths_.certificate));
+  EVPOSE_ASSIGN_OR_RETURN(PemFile key, ReadPem(paths_.key));
+  EVPOSE_RETURN_IF_ERROR(CheckKeyPair(certificate, key, absl::Now()));
+  PemFile client_ca;
+  if (!paths_.client_ca.empty()) {
+    EVPOSE_ASSIGN_OR_RETURN(client_ca, ReadPem(paths_.client_ca));
+    EVPOSE_RETURN_IF_ERROR(CheckAuthorities(client_ca));
+  }
+  return std::make_shared<const TlsMaterial>(
+      TlsMaterial{std::move(certificate.contents), std::move(key.contents), std::move(client_ca.contents)});
+}
+
+std::shared_ptr<const TlsMaterial> TlsFiles::Current() {
+  const std::lock_guard lock(mutex_);
+  // Before the reading: a change during it is seen the next time.
+  const Stamps stamps = ReadStamps();
+  if (stamps == stamps_) return material_;
+  stamps_ = stamps;
+  auto material = Read();
+  if (material.ok()) {
+    ServerLog().info("{} or what belongs to it has changed: new connections use it", paths_.certificate);
+    material_ = *std::move(material);
+  } else {
+    ServerLog().error("certificates are not read again, the old ones stay in use: {}",
+                      std::string(material.status().message()));
+  }
+  return material_;
+}
+
+}  // namespace evpose::server

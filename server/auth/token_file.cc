@@ -1,0 +1,183 @@
+#include "server/auth/token_file.h"
+
+#include <openssl/crypto.h>
+#include <sys/stat.h>
+
+#include <algorithm>
+#include <utility>
+
+#include "absl/strings/ascii.h"
+#include "absl/strings/escaping.h"
+#include "absl/strings/str_cat.h"
+#include "absl/strings/str_split.h"
+#include "core/base/hash.h"
+#include "core/base/output_file.h"
+#include "core/base/status_macros.h"
+#include "server/sessions/log.h"
+#include "server/sessions/random_name.h"
+
+namespace evpose::server {
+namespace {
+
+constexpr size_t kMaxFileBytes = 1u << 20;
+constexpr size_t kMaxTenantBytes = 63;
+constexpr size_t kDigestHexDigits = 64;
+constexpr absl::string_view kTokenPrefix = "evpose_";
+constexpr absl::string_view kOperator = "operator";
+constexpr absl::string_view kTenantRule = "1 to 63 letters, digits, '.', '_' and '-', the first a letter or digit";
+
+std::string HexDigest(absl::string_view text) {
+  return Sha256Hex(absl::MakeConstSpan(reinterpret_cast<const uint8_t*>(text.data()), text.size()));
+}
+
+bool IsHexDigest(absl::string_view text) {
+  return text.size() == kDigestHexDigits && std::all_of(text.begin(), text.end(), absl::ascii_isxdigit);
+}
+
+template <typename Digest>
+Digest ToDigest(absl::string_view hex) {
+  const std::string bytes = absl::HexStringToBytes(hex);
+  Digest digest;
+  std::copy(bytes.begin(), bytes.end(), digest.begin());
+  return digest;
+}
+
+bool IsTenantByte(char c) { return absl::ascii_isalnum(c) || c == '.' || c == '_' || c == '-'; }
+
+bool IsTenant(absl::string_view text) {
+  return !text.empty() && text.size() <= kMaxTenantBytes && absl::ascii_isalnum(text.front()) &&
+         std::all_of(text.begin(), text.end(), IsTenantByte);
+}
+
+std::string_view View(absl::string_view text) { return {text.data(), text.size()}; }
+
+}  // namespace
+
+absl::Status ValidateTenant(absl::string_view tenant) {
+  if (IsTenant(tenant)) return absl::OkStatus();
+  return absl::InvalidArgumentError(absl::StrCat("\"", absl::CHexEscape(tenant.substr(0, kMaxTenantBytes + 1)),
+                                                 "\" is no tenant's name: ", kTenantRule));
+}
+
+absl::StatusOr<NewToken> MakeToken(absl::string_view tenant, bool is_operator) {
+  EVPOSE_RETURN_IF_ERROR(ValidateTenant(tenant));
+  EVPOSE_ASSIGN_OR_RETURN(const std::string first, RandomHex128());
+  EVPOSE_ASSIGN_OR_RETURN(const std::string second, RandomHex128());
+  NewToken made;
+  made.token = absl::StrCat(kTokenPrefix, first, second);
+  made.line = absl::StrCat(tenant, " ", HexDigest(made.token), is_operator ? " operator" : "");
+  return made;
+}
+
+absl::Status AppendTokenLine(const std::string& path, const std::string& line) {
+  std::string text;
+  const bool is_new = !StampOf(path).exists;
+  if (!is_new) {
+    EVPOSE_ASSIGN_OR_RETURN(text, ReadFile(path, kMaxFileBytes));
+    if (!text.empty() && text.back() != '\n') text += '\n';
+  }
+  absl::StrAppend(&text, line, "\n");
+  EVPOSE_RETURN_IF_ERROR(TokenTable::Parse(text, path).status());
+  // Whole, as a server may be reading it; the mode of a file that was there stays.
+  const mode_t mode = is_new ? S_IRUSR | S_IWUSR : StampOf(path).mode & 0777;
+  EVPOSE_RETURN_IF_ERROR(WriteFile(path, View(text)));
+  if (chmod(path.c_str(), mode) == 0) return absl::OkStatus();
+  return absl::PermissionDeniedError(absl::StrCat(path, ": its mode cannot be set"));
+}
+
+absl::StatusOr<TokenTable> TokenTable::Parse(absl::string_view text, const std::string& path) {
+  TokenTable table;
+  int line_number = 0;
+  for (absl::string_view line : absl::StrSplit(text, '\n')) {
+    ++line_number;
+    const absl::Status added = table.AddLine(line.substr(0, line.find('#')));
+    if (!added.ok()) return absl::InvalidArgumentError(absl::StrCat(path, ":", line_number, ": ", added.message()));
+  }
+  if (table.entries_.empty()) {
+    return absl::InvalidArgumentError(absl::StrCat(
+        path, ": no token in it: nobody could use the server; evpose-server --new-token TENANT makes one"));
+  }
+  return table;
+}
+
+absl::Status TokenTable::AddLine(absl::string_view line) {
+  const std::vector<absl::string_view> fields = absl::StrSplit(line, absl::ByAnyChar(" \t\r"), absl::SkipEmpty());
+  if (fields.empty()) return absl::OkStatus();
+  if (fields.size() == 1) {
+    return absl::InvalidArgumentError("a line is: TENANT, SHA-256 of its token in hex, and \"operator\" or nothing");
+  }
+  if (!IsTenant(fields[0]) || IsHexDigest(fields[0])) {
+    return absl::InvalidArgumentError(absl::StrCat("the first field is no tenant's name: ", kTenantRule));
+  }
+  if (!IsHexDigest(fields[1])) {
+    return absl::InvalidArgumentError(
+        "the second field is no SHA-256 in hex. If it is the token itself: that is known to whoever could read this "
+        "file, make another with evpose-server --new-token TENANT; the digest of one is "
+        "printf %s \"$TOKEN\" | sha256sum");
+  }
+  if (fields.size() > 3 || (fields.size() == 3 && fields[2] != kOperator)) {
+    return absl::InvalidArgumentError("after the digest only \"operator\" may follow");
+  }
+  const auto digest = ToDigest<Digest>(fields[1]);
+  const bool is_known =
+      std::any_of(entries_.begin(), entries_.end(), [&digest](const Entry& entry) { return entry.digest == digest; });
+  if (is_known) return absl::InvalidArgumentError("an earlier line has the same token: each belongs to one tenant");
+  entries_.push_back({digest, {std::string(fields[0]), fields.size() == 3}});
+  return absl::OkStatus();
+}
+
+std::optional<Caller> TokenTable::Find(absl::string_view token) const {
+  const auto digest = ToDigest<Digest>(HexDigest(token));
+  size_t found = entries_.size();
+  for (size_t i = 0; i < entries_.size(); ++i) {
+    const bool differs = CRYPTO_memcmp(entries_[i].digest.data(), digest.data(), digest.size()) != 0;
+    found = differs ? found : i;
+  }
+  if (found == entries_.size()) return std::nullopt;
+  return entries_[found].caller;
+}
+
+absl::StatusOr<std::unique_ptr<TokenFile>> TokenFile::Open(const std::string& path) {
+  std::unique_ptr<TokenFile> file(new TokenFile(path));
+  const FileStamp stamp = StampOf(path);
+  EVPOSE_ASSIGN_OR_RETURN(TokenTable table, file->Read());
+  if ((stamp.mode & (S_IRGRP | S_IROTH | S_IWGRP | S_IWOTH)) != 0) {
+    ServerLog().warn("{} can be read or written by others: chmod 600 it", path);
+  }
+  ServerLog().info("{}: {} token(s)", path, table.size());
+  const std::lock_guard lock(file->mutex_);
+  file->stamp_ = stamp;
+  file->table_ = std::make_shared<const TokenTable>(std::move(table));
+  return file;
+}
+
+absl::StatusOr<TokenTable> TokenFile::Read() const {
+  EVPOSE_ASSIGN_OR_RETURN(const std::string text, ReadFile(path_, kMaxFileBytes));
+  return TokenTable::Parse(text, path_);
+}
+
+void TokenFile::Refresh() {
+  // Before the reading: a change during it is seen the next time.
+  const FileStamp stamp = StampOf(path_);
+  if (stamp == stamp_) return;
+  stamp_ = stamp;
+  absl::StatusOr<TokenTable> table = Read();
+  if (!table.ok()) {
+    ServerLog().error("tokens are not read again, the old ones stay in force: {}", View(table.status().message()));
+    return;
+  }
+  ServerLog().info("{} has changed: {} token(s) in force", path_, table->size());
+  table_ = std::make_shared<const TokenTable>(*std::move(table));
+}
+
+std::optional<Caller> TokenFile::Find(absl::string_view token) {
+  std::shared_ptr<const TokenTable> table;
+  {
+    const std::lock_guard lock(mutex_);
+    Refresh();
+    table = table_;
+  }
+  return table->Find(token);
+}
+
+}  // namespace evpose::server

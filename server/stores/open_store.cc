@@ -1,0 +1,26 @@
+#include "server/stores/open_store.h"
+
+#include "absl/strings/match.h"
+#include "absl/strings/str_cat.h"
+#include "core/base/status_macros.h"
+#include "server/stores/memory_store.h"
+#include "server/stores/redis_store.h"
+#include "server/stores/sqlite_store.h"
+
+namespace evpose::server {
+
+absl::StatusOr<std::unique_ptr<Store>> OpenStore(const StoreOptions& options) {
+  if (options.store == "memory") return MakeMemoryStore(options.max_bytes);
+  if (options.store == "sqlite") {
+    return OpenSqliteStore({.data_dir = options.data_dir, .max_bytes = options.max_bytes});
+  }
+  if (absl::StrContains(options.store, "://")) {
+    RedisStoreOptions redis;
+    EVPOSE_ASSIGN_OR_RETURN(redis.client.address, ParseRedisAddress(options.store));
+    return OpenRedisStore(redis);
+  }
+  return absl::InvalidArgumentError(
+      absl::StrCat("there is no store \"", options.store, "\": give memory, sqlite or redis://HOST:PORT"));
+}
+
+}  // namespace evpose::server

@@ -1,0 +1,20 @@
+// The names of what the store keeps in Redis (redis_scripts.h).
+#pragma once
+
+#include <string>
+
+#include "absl/strings/str_cat.h"
+#include "absl/strings/string_view.h"
+
+namespace evpose::server {
+
+inline constexpr char kRedisFencingKey[] = "evpose:fencing";
+inline constexpr char kRedisSessionsKey[] = "evpose:sessions";
+inline constexpr char kRedisEndedKey[] = "evpose:ended";
+inline constexpr char kRedisModelsKey[] = "evpose:models";
+
+inline std::string RedisSessionKey(absl::string_view name) { return absl::StrCat("evpose:session:", name); }
+inline std::string RedisPosesKey(absl::string_view name) { return absl::StrCat("evpose:poses:", name); }
+inline std::string RedisModelKey(absl::string_view member) { return absl::StrCat("evpose:model:", member); }
+
+}  // namespace evpose::server

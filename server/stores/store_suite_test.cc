@@ -1,0 +1,479 @@
+// What every store has to do.
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <atomic>
+#include <memory>
+#include <string>
+#include <thread>
+
+#include "server/stores/memory_store.h"
+#include "server/stores/open_store.h"
+#include "server/stores/redis_testing.h"
+#include "server/stores/sqlite_store.h"
+#include "server/stores/store.h"
+#include "server/stores/testing.h"
+
+namespace evpose::server {
+namespace {
+
+using absl::StatusCode;
+using testing::ElementsAre;
+
+class MemoryHouse : public StoreHouse {
+ public:
+  absl::StatusOr<std::unique_ptr<Store>> Open() override { return MakeMemoryStore(); }
+  absl::StatusOr<std::unique_ptr<Store>> OpenSmall(uint64_t max_bytes) override { return MakeMemoryStore(max_bytes); }
+  bool keeps() const override { return false; }
+};
+
+class SqliteHouse : public StoreHouse {
+ public:
+  absl::StatusOr<std::unique_ptr<Store>> Open() override {
+    return OpenSqliteStore({.data_dir = directory_.path() + "/data"});
+  }
+  absl::StatusOr<std::unique_ptr<Store>> OpenSmall(uint64_t max_bytes) override {
+    return OpenSqliteStore({.data_dir = directory_.path() + "/data", .max_bytes = max_bytes});
+  }
+
+ private:
+  const TemporaryDirectory directory_;
+};
+
+class RedisHouse : public StoreHouse {
+ public:
+  absl::StatusOr<std::unique_ptr<Store>> Open() override { return OpenStore({.store = redis_.url()}); }
+  absl::StatusOr<std::unique_ptr<Store>> OpenSmall(uint64_t max_bytes) override {
+    const std::string memory = redis_.Text({"INFO", "memory"});
+    const size_t used = memory.find("used_memory:") + sizeof("used_memory:") - 1;
+    // What is on its way counts as used, several times over.
+    const uint64_t limit = std::stoull(memory.substr(used)) + max_bytes + (8u << 20);
+    redis_.Run({"CONFIG", "SET", "maxmemory", std::to_string(limit)});
+    return Open();
+  }
+
+ private:
+  RedisServer redis_;
+};
+
+class StoreSuite : public testing::TestWithParam<StoreKind> {
+ protected:
+  void SetUp() override {
+    house_ = GetParam().build();
+    store_ = house_->Open().value();
+  }
+  void Reopen() {
+    store_.reset();
+    store_ = house_->Open().value();
+  }
+
+  std::unique_ptr<StoreHouse> house_;
+  std::unique_ptr<Store> store_;
+};
+
+INSTANTIATE_TEST_SUITE_P(Stores, StoreSuite,
+                         testing::Values(StoreKind{"Memory", [] { return std::make_unique<MemoryHouse>(); }},
+                                         StoreKind{"Sqlite", [] { return std::make_unique<SqliteHouse>(); }},
+                                         StoreKind{"Redis", [] { return std::make_unique<RedisHouse>(); }}),
+                         [](const auto& tested) { return tested.param.name; });
+
+std::vector<std::string> Names(const absl::StatusOr<std::vector<SessionRecord>>& records) {
+  std::vector<std::string> names;
+  for (const SessionRecord& record : records.value()) names.push_back(record.name);
+  return names;
+}
+
+TEST_P(StoreSuite, GivesBackWhatWasCommitted) {
+  auto lease = store_->CreateSession(Record("sessions/a"), "life 0").value();
+  const std::string checkpoint("check\0point", 11);
+  ASSERT_TRUE(
+      CommitNow(*lease,
+                {.checkpoint = checkpoint, .lifecycle = "life 1", .poses = {Segment("a", 1, 3), Segment("a", 4, 4)}})
+          .ok());
+  ASSERT_TRUE(CommitNow(*lease, {.poses = {Segment("a", 5, 9)}}).ok()) << "nothing else changes";
+  if (house_->keeps()) Reopen();
+  const StoredSession session = store_->ReadSession("sessions/a").value();
+  EXPECT_EQ(session.record.name, "sessions/a");
+  EXPECT_EQ(session.record.tenant, "tenant of sessions/a");
+  EXPECT_EQ(session.record.request_id, "request of sessions/a");
+  EXPECT_EQ(session.record.create_time, Record("").create_time);
+  EXPECT_EQ(session.record.config, Record("sessions/a").config);
+  EXPECT_EQ(session.checkpoint, checkpoint);
+  EXPECT_EQ(session.lifecycle, "life 1");
+  ASSERT_EQ(Ranges(session.poses), "1-3 4-4 5-9");
+  EXPECT_EQ(session.poses[2].bytes, "a poses 5 to 9");
+  EXPECT_TRUE(store_->CheckHealth().ok());
+  EXPECT_THAT(store_->damage(), testing::IsEmpty());
+}
+
+TEST_P(StoreSuite, ASessionStartsEmpty) {
+  auto lease = store_->CreateSession(Record("sessions/a"), "life 0").value();
+  ASSERT_TRUE(CommitNow(*lease, {}).ok());
+  const StoredSession session = store_->ReadSession("sessions/a").value();
+  EXPECT_EQ(session.lifecycle, "life 0");
+  EXPECT_EQ(session.checkpoint, "");
+  EXPECT_TRUE(session.poses.empty());
+  EXPECT_TRUE(CommitNow(*lease, {.checkpoint = "", .lifecycle = ""}).ok());
+  EXPECT_EQ(store_->ReadSession("sessions/a")->lifecycle, "");
+}
+
+TEST_P(StoreSuite, WhoTakesASessionShutsOutWhoeverHeldIt) {
+  auto first = store_->CreateSession(Record("sessions/a"), "life 0").value();
+  ASSERT_TRUE(CommitNow(*first, {.checkpoint = "1", .poses = {Segment("a", 1, 3)}}).ok());
+  Store::Taken second = store_->TakeSession("sessions/a").value();
+  EXPECT_GT(second.lease->fencing_number(), first->fencing_number());
+  EXPECT_EQ(second.session.checkpoint, "1");
+  EXPECT_EQ(CommitNow(*first, {.checkpoint = "x", .lifecycle = "x", .poses = {Segment("x", 4, 5)}}).code(),
+            StatusCode::kAborted);
+  EXPECT_EQ(store_->ReadSession("sessions/a")->checkpoint, "1");
+  EXPECT_EQ(store_->ReadSession("sessions/a")->lifecycle, "life 0");
+  EXPECT_EQ(Ranges(store_->ReadSession("sessions/a")->poses), "1-3");
+  EXPECT_TRUE(CommitNow(*second.lease, {.checkpoint = "2", .poses = {Segment("a", 4, 5)}}).ok());
+  EXPECT_EQ(Ranges(store_->ReadSession("sessions/a")->poses), "1-3 4-5");
+}
+
+TEST_P(StoreSuite, ADeletedSessionIsGone) {
+  auto lease = store_->CreateSession(Record("sessions/a"), "").value();
+  EXPECT_EQ(store_->CreateSession(Record("sessions/a"), "").status().code(), StatusCode::kAlreadyExists);
+  ASSERT_TRUE(CommitNow(*lease, {.checkpoint = "1", .poses = {Segment("a", 1, 3)}}).ok());
+  EXPECT_TRUE(store_->DeleteSession("sessions/a").ok());
+  EXPECT_TRUE(store_->DeleteSession("sessions/a").ok()) << "deleting what is not there is OK";
+  EXPECT_EQ(CommitNow(*lease, {.checkpoint = "x"}).code(), StatusCode::kNotFound);
+  EXPECT_EQ(store_->ReadSession("sessions/a").status().code(), StatusCode::kNotFound);
+  EXPECT_EQ(store_->TakeSession("sessions/a").status().code(), StatusCode::kNotFound);
+  EXPECT_TRUE(store_->ListSessions()->empty());
+
+  auto again = store_->CreateSession(Record("sessions/a"), "life").value();
+  EXPECT_GT(again->fencing_number(), lease->fencing_number());
+  EXPECT_EQ(CommitNow(*lease, {.checkpoint = "x"}).code(), StatusCode::kAborted) << "the name is another's now";
+  const StoredSession session = store_->ReadSession("sessions/a").value();
+  EXPECT_EQ(session.checkpoint, "");
+  EXPECT_TRUE(session.poses.empty());
+}
+
+TEST_P(StoreSuite, WhoHeldASessionDoesNotDeleteItForAnother) {
+  auto first = store_->CreateSession(Record("sessions/a"), "life").value();
+  const auto second = store_->TakeSession("sessions/a").value().lease;
+  EXPECT_EQ(store_->DeleteHeldSession("sessions/a", first->fencing_number()).code(), StatusCode::kAborted);
+  EXPECT_TRUE(CommitNow(*second, {.checkpoint = "1"}).ok());
+  EXPECT_TRUE(store_->DeleteHeldSession("sessions/a", second->fencing_number()).ok());
+  EXPECT_EQ(store_->ReadSession("sessions/a").status().code(), StatusCode::kNotFound);
+  EXPECT_TRUE(store_->DeleteHeldSession("sessions/a", second->fencing_number()).ok()) << "it is not there";
+  EXPECT_TRUE(store_->ListSessions()->empty());
+}
+
+TEST_P(StoreSuite, ListsSessionsByName) {
+  EXPECT_THAT(Names(store_->ListSessions()), ElementsAre());
+  for (const char* const name : {"sessions/c", "sessions/a", "sessions/b"}) {
+    ASSERT_TRUE(store_->CreateSession(Record(name), "").ok());
+  }
+  EXPECT_THAT(Names(store_->ListSessions()), ElementsAre("sessions/a", "sessions/b", "sessions/c"));
+  EXPECT_EQ(store_->ListSessions()->at(1).config, Record("sessions/b").config);
+  ASSERT_TRUE(store_->DeleteSession("sessions/b").ok());
+  if (house_->keeps()) Reopen();
+  EXPECT_THAT(Names(store_->ListSessions()), ElementsAre("sessions/a", "sessions/c"));
+}
+
+TEST_P(StoreSuite, TellsTheLifecyclesOfAllSessions) {
+  EXPECT_TRUE(store_->ReadLifecycles()->empty());
+  ASSERT_TRUE(store_->CreateSession(Record("sessions/c"), "c").ok());
+  auto b = store_->CreateSession(Record("sessions/b"), "b").value();
+  auto a = store_->CreateSession(Record("sessions/a"), "a").value();
+  ASSERT_TRUE(CommitNow(*b, {.lifecycle = "b again"}).ok());
+  ASSERT_TRUE(CommitNow(*a, {.checkpoint = "1"}).ok());
+  ASSERT_TRUE(store_->DeleteSession("sessions/c").ok());
+  if (house_->keeps()) Reopen();
+  const std::vector<StoredLifecycle> lifecycles = store_->ReadLifecycles().value();
+  ASSERT_EQ(lifecycles.size(), 2u);
+  EXPECT_EQ(lifecycles[0].name, "sessions/a");
+  EXPECT_EQ(lifecycles[0].lifecycle, "a");
+  EXPECT_EQ(lifecycles[1].name, "sessions/b");
+  EXPECT_EQ(lifecycles[1].lifecycle, "b again");
+}
+
+TEST_P(StoreSuite, ForgetsPosesBySegments) {
+  auto lease = store_->CreateSession(Record("sessions/a"), "").value();
+  ASSERT_TRUE(CommitNow(*lease, {.poses = {Segment("a", 1, 10), Segment("a", 11, 20), Segment("a", 21, 30)}}).ok());
+  ASSERT_TRUE(CommitNow(*lease, {.first_pose_seq_kept = 11}).ok());
+  EXPECT_EQ(Ranges(store_->ReadSession("sessions/a")->poses), "11-20 21-30");
+  ASSERT_TRUE(CommitNow(*lease, {.first_pose_seq_kept = 20}).ok());
+  EXPECT_EQ(Ranges(store_->ReadSession("sessions/a")->poses), "11-20 21-30") << "20 is in the first one";
+  ASSERT_TRUE(CommitNow(*lease, {.first_pose_seq_kept = 5}).ok());
+  EXPECT_EQ(Ranges(store_->ReadSession("sessions/a")->poses), "11-20 21-30");
+  ASSERT_TRUE(CommitNow(*lease, {.poses = {Segment("a", 31, 40)}, .first_pose_seq_kept = 50}).ok());
+  EXPECT_EQ(Ranges(store_->ReadSession("sessions/a")->poses), "") << "all are below 50";
+  ASSERT_TRUE(CommitNow(*lease, {.poses = {Segment("a", 41, 45), Segment("a", 46, 60)}}).ok());
+  if (house_->keeps()) Reopen();
+  EXPECT_EQ(Ranges(store_->ReadSession("sessions/a")->poses), "46-60");
+  Store::Taken taken = store_->TakeSession("sessions/a").value();
+  EXPECT_TRUE(CommitNow(*taken.lease, {.poses = {Segment("a", 61, 61)}}).ok());
+}
+
+TEST_P(StoreSuite, RefusesPosesThatDoNotContinueTheLog) {
+  auto lease = store_->CreateSession(Record("sessions/a"), "").value();
+  ASSERT_TRUE(CommitNow(*lease, {.poses = {Segment("a", 1, 3)}}).ok());
+  for (const auto& [first, last] : {std::pair(5, 6), std::pair(3, 4), std::pair(1, 3), std::pair(4, 3)}) {
+    EXPECT_EQ(CommitNow(*lease, {.checkpoint = "x", .poses = {Segment("x", first, last)}}).code(),
+              StatusCode::kFailedPrecondition)
+        << first;
+  }
+  EXPECT_EQ(CommitNow(*lease, {.poses = {Segment("a", 4, 5), Segment("a", 7, 8)}}).code(),
+            StatusCode::kFailedPrecondition);
+  EXPECT_EQ(store_->ReadSession("sessions/a")->checkpoint, "");
+  EXPECT_EQ(Ranges(store_->ReadSession("sessions/a")->poses), "1-3");
+  EXPECT_TRUE(CommitNow(*lease, {.poses = {Segment("a", 4, 5)}}).ok());
+  Store::Taken taken = store_->TakeSession("sessions/a").value();
+  EXPECT_EQ(CommitNow(*taken.lease, {.poses = {Segment("x", 1, 1)}}).code(), StatusCode::kFailedPrecondition);
+  EXPECT_TRUE(CommitNow(*taken.lease, {.poses = {Segment("a", 6, 6)}}).ok());
+}
+
+TEST_P(StoreSuite, KeepsModelsOfTenantsApart) {
+  ASSERT_TRUE(store_->PutModel(Model("models/b", "", "b of none")).ok());
+  ASSERT_TRUE(store_->PutModel(Model("models/b", "tenant", "b of tenant")).ok());
+  ASSERT_TRUE(store_->PutModel(Model("models/a", "tenant", std::string("a\0a", 3))).ok());
+  ASSERT_TRUE(store_->PutModel(Model("models/b", "", "another")).ok()) << "changes nothing";
+  if (house_->keeps()) Reopen();
+  const auto models = store_->ReadModels().value();
+  ASSERT_EQ(models.size(), 3u);
+  EXPECT_EQ(models[0].name, "models/a");
+  EXPECT_EQ(models[1].tenant, "");
+  EXPECT_EQ(models[2].tenant, "tenant");
+  const ModelRecord model = store_->ReadModel("", "models/b").value();
+  EXPECT_EQ(std::string(model.bytes->begin(), model.bytes->end()), "b of none");
+  EXPECT_EQ(model.format, ModelFormat::kStl);
+  EXPECT_EQ(model.metres_per_unit, 0.001);
+  EXPECT_EQ(model.crease_angle_deg, 12.5);
+  EXPECT_EQ(model.create_time, Model("", "", "").create_time);
+  EXPECT_EQ(store_->ReadModel("tenant", "models/a")->bytes->size(), 3u);
+  EXPECT_EQ(store_->ReadModel("", "models/a").status().code(), StatusCode::kNotFound);
+  EXPECT_TRUE(store_->DeleteModel("tenant", "models/b").ok());
+  EXPECT_TRUE(store_->DeleteModel("tenant", "models/b").ok());
+  EXPECT_EQ(store_->ReadModel("tenant", "models/b").status().code(), StatusCode::kNotFound);
+  EXPECT_TRUE(store_->ReadModel("", "models/b").ok());
+}
+
+TEST_P(StoreSuite, KeepsLargeBytesWhole) {
+  const std::string file = Noise(64u << 20, 1);
+  ASSERT_TRUE(store_->PutModel(Model("models/large", "", file)).ok());
+  auto lease = store_->CreateSession(Record("sessions/a"), "").value();
+  for (uint64_t i = 1; i <= 5; ++i) {
+    ASSERT_TRUE(CommitNow(*lease, {.checkpoint = Noise((5u << 20) + i, i),
+                                   .poses = {{.first_pose_seq = i, .last_pose_seq = i, .bytes = Noise(1u << 20, i)}}})
+                    .ok());
+  }
+  if (house_->keeps()) Reopen();
+  const StoredSession session = store_->ReadSession("sessions/a").value();
+  EXPECT_TRUE(session.checkpoint == Noise((5u << 20) + 5, 5));
+  ASSERT_EQ(session.poses.size(), 5u);
+  EXPECT_TRUE(session.poses[2].bytes == Noise(1u << 20, 3));
+  const ModelRecord model = store_->ReadModel("", "models/large").value();
+  EXPECT_TRUE(std::string(model.bytes->begin(), model.bytes->end()) == file);
+}
+
+TEST_P(StoreSuite, CommitsOfOneSessionComeOneByOne) {
+  auto lease = store_->CreateSession(Record("sessions/a"), "").value();
+  std::promise<absl::Status> inner;
+  std::promise<absl::Status> second;
+  // Within `done` the commit is over: the next may come, and one more at the same time may not.
+  lease->Commit({.checkpoint = "1"}, [&](absl::Status) {
+    lease->Commit({.checkpoint = "2"}, [&](absl::Status status) { inner.set_value(std::move(status)); });
+    lease->Commit({.checkpoint = "3"}, [&](absl::Status status) { second.set_value(std::move(status)); });
+  });
+  EXPECT_TRUE(inner.get_future().get().ok());
+  EXPECT_EQ(second.get_future().get().code(), StatusCode::kFailedPrecondition);
+  EXPECT_EQ(store_->ReadSession("sessions/a")->checkpoint, "2");
+}
+
+// Every session commits in its own chain: the next when the last is done.
+class Chain {
+ public:
+  Chain(std::unique_ptr<SessionLease> lease, std::string session, uint64_t length)
+      : lease_(std::move(lease)), session_(std::move(session)), length_(length) {}
+  void Start() { Next(absl::OkStatus()); }
+  uint64_t Wait() {
+    finished_.get_future().wait();
+    return committed_;
+  }
+  int calls_of_done() const { return calls_of_done_; }
+
+ private:
+  void Next(const absl::Status& status) {
+    if (!status.ok() || committed_ == length_) return finished_.set_value();
+    const uint64_t seq = committed_ + 1;
+    lease_->Commit({.checkpoint = session_ + " " + std::to_string(seq), .poses = {Segment(session_, seq, seq)}},
+                   [this](absl::Status done) {
+                     ++calls_of_done_;
+                     if (done.ok()) ++committed_;
+                     Next(done);
+                   });
+  }
+
+  const std::unique_ptr<SessionLease> lease_;
+  const std::string session_;
+  const uint64_t length_;
+  uint64_t committed_ = 0;
+  std::atomic<int> calls_of_done_ = 0;
+  std::promise<void> finished_;
+};
+
+TEST_P(StoreSuite, ManySessionsCommitFromManyThreads) {
+  constexpr int kThreads = 8;
+  constexpr int kSessionsEach = 8;
+  constexpr uint64_t kCommits = 20;
+  std::vector<std::thread> threads;
+  std::atomic<int> whole = 0;
+  for (int thread = 0; thread < kThreads; ++thread) {
+    threads.emplace_back([&, thread] {
+      std::vector<std::unique_ptr<Chain>> chains;
+      for (int i = 0; i < kSessionsEach; ++i) {
+        const std::string name = "sessions/" + std::to_string(thread) + "-" + std::to_string(i);
+        chains.push_back(std::make_unique<Chain>(store_->CreateSession(Record(name), "").value(), name, kCommits));
+        chains.back()->Start();
+      }
+      for (const auto& chain : chains) {
+        whole += chain->Wait() == kCommits && chain->calls_of_done() == static_cast<int>(kCommits) ? 1 : 0;
+      }
+    });
+  }
+  for (std::thread& thread : threads) thread.join();
+  EXPECT_EQ(whole, kThreads * kSessionsEach);
+  const std::vector<SessionRecord> records = store_->ListSessions().value();
+  for (const SessionRecord& record : records) {
+    const StoredSession session = store_->ReadSession(record.name).value();
+    EXPECT_EQ(session.checkpoint, record.name + " " + std::to_string(kCommits));
+    ASSERT_EQ(session.poses.size(), kCommits);
+    EXPECT_EQ(session.poses[7].bytes, Segment(record.name, 8, 8).bytes);
+  }
+}
+
+TEST_P(StoreSuite, OneOfManyCreatesASessionAndTheLastTakerHoldsIt) {
+  std::vector<std::thread> threads;
+  std::atomic<int> created = 0;
+  for (int i = 0; i < 8; ++i) {
+    threads.emplace_back([&] { created += store_->CreateSession(Record("sessions/a"), "").ok() ? 1 : 0; });
+  }
+  for (std::thread& thread : threads) thread.join();
+  EXPECT_EQ(created, 1);
+  threads.clear();
+  std::vector<std::unique_ptr<SessionLease>> leases(8);
+  for (auto& lease : leases) {
+    threads.emplace_back([&] { lease = std::move(store_->TakeSession("sessions/a")->lease); });
+  }
+  for (std::thread& thread : threads) thread.join();
+  std::sort(leases.begin(), leases.end(),
+            [](const auto& a, const auto& b) { return a->fencing_number() < b->fencing_number(); });
+  for (size_t i = 0; i < leases.size(); ++i) {
+    const StatusCode expected = i + 1 == leases.size() ? StatusCode::kOk : StatusCode::kAborted;
+    EXPECT_EQ(CommitNow(*leases[i], {.checkpoint = std::to_string(i)}).code(), expected) << i;
+  }
+  EXPECT_EQ(store_->ReadSession("sessions/a")->checkpoint, "7");
+}
+
+TEST_P(StoreSuite, EveryCommitIsDoneWhenTheStoreIsGone) {
+  constexpr int kSessions = 32;
+  std::vector<std::unique_ptr<SessionLease>> leases;
+  std::vector<std::string> names;
+  for (int i = 0; i < kSessions; ++i) {
+    names.push_back("sessions/" + std::to_string(i));
+    leases.push_back(store_->CreateSession(Record(names.back()), "").value());
+  }
+  std::vector<std::vector<absl::Status>> outcomes(kSessions);
+  for (int i = 0; i < kSessions; ++i) {
+    leases[i]->Commit({.checkpoint = Noise(100'000, static_cast<uint64_t>(i))},
+                      [&outcomes, i](absl::Status status) { outcomes[i].push_back(std::move(status)); });
+    if (i % 2 == 0) leases[i].reset();  // a lease need not outlive its commit
+  }
+  store_.reset();
+  for (int i = 0; i < kSessions; ++i) {
+    ASSERT_EQ(outcomes[i].size(), 1u) << i;
+    EXPECT_TRUE(outcomes[i][0].ok() || outcomes[i][0].code() == StatusCode::kCancelled) << outcomes[i][0];
+  }
+  EXPECT_EQ(CommitNow(*leases[1], {.checkpoint = "x"}).code(), StatusCode::kCancelled);
+  if (!house_->keeps()) return;
+  store_ = house_->Open().value();
+  EXPECT_EQ(CommitNow(*leases[1], {.checkpoint = "x"}).code(), StatusCode::kCancelled);
+  for (int i = 0; i < kSessions; ++i) {
+    if (!outcomes[i][0].ok()) continue;
+    EXPECT_TRUE(store_->ReadSession(names[i])->checkpoint == Noise(100'000, static_cast<uint64_t>(i)));
+  }
+}
+
+TEST_P(StoreSuite, FencingNumbersRiseAcrossOpenings) {
+  const uint64_t first = store_->CreateSession(Record("sessions/a"), "").value()->fencing_number();
+  if (house_->keeps()) Reopen();
+  Store::Taken taken = store_->TakeSession("sessions/a").value();
+  EXPECT_GT(taken.lease->fencing_number(), first);
+  EXPECT_GT(store_->CreateSession(Record("sessions/b"), "").value()->fencing_number(), taken.lease->fencing_number());
+}
+
+TEST_P(StoreSuite, DeletesWhatEndedBefore) {
+  const absl::Time start = absl::FromUnixSeconds(1'700'000'000);
+  for (const int i : {3, 1, 2, 4}) {
+    auto lease = store_->CreateSession(Record("sessions/" + std::to_string(i)), "").value();
+    ASSERT_TRUE(CommitNow(*lease, {.checkpoint = "x", .poses = {Segment("a", 1, 1)}}).ok());
+    const SessionCommit end = {.ended_at = start + absl::Seconds(i)};
+    ASSERT_TRUE(CommitNow(*lease, i == 4 ? SessionCommit() : end).ok());
+    ASSERT_TRUE(CommitNow(*lease, {.lifecycle = "a later commit does not take the end away"}).ok());
+  }
+  EXPECT_THAT(store_->DeleteEnded(start).value(), ElementsAre());
+  EXPECT_THAT(store_->DeleteEnded(start + absl::Seconds(3)).value(), ElementsAre("sessions/1", "sessions/2"));
+  EXPECT_THAT(store_->DeleteEnded(start + absl::Seconds(3)).value(), ElementsAre());
+  EXPECT_THAT(Names(store_->ListSessions()), ElementsAre("sessions/3", "sessions/4"));
+  EXPECT_THAT(store_->DeleteEnded(absl::InfiniteFuture()).value(), ElementsAre("sessions/3"));
+  EXPECT_EQ(store_->ReadSession("sessions/4")->checkpoint, "x") << "it has not ended";
+}
+
+TEST_P(StoreSuite, WhatIsFullRefusesAndGoesOnWhenThereIsRoom) {
+  store_.reset();
+  store_ = house_->OpenSmall(8u << 20).value();
+  auto living = store_->CreateSession(Record("sessions/living"), "life").value();
+  ASSERT_TRUE(CommitNow(*living, {.checkpoint = "whole", .poses = {Segment("a", 1, 1)}}).ok());
+  auto large = store_->CreateSession(Record("sessions/large"), "").value();
+  absl::Status status;
+  uint64_t committed = 0;
+  while (status.ok() && committed < 100) {
+    status = CommitNow(*large, {.poses = {{.first_pose_seq = committed + 1,
+                                           .last_pose_seq = committed + 1,
+                                           .bytes = Noise(512u << 10, committed)}}});
+    if (status.ok()) ++committed;
+  }
+  EXPECT_EQ(status.code(), StatusCode::kResourceExhausted) << status;
+  EXPECT_GT(committed, 4u);
+  EXPECT_EQ(store_->ReadSession("sessions/large")->poses.size(), committed);
+  EXPECT_EQ(CommitNow(*living, {.checkpoint = Noise(4u << 20, 1), .poses = {Segment("a", 2, 2)}}).code(),
+            StatusCode::kResourceExhausted);
+  EXPECT_EQ(store_->ReadSession("sessions/living")->checkpoint, "whole");
+  EXPECT_EQ(Ranges(store_->ReadSession("sessions/living")->poses), "1-1");
+
+  ASSERT_TRUE(store_->DeleteSession("sessions/large").ok());
+  EXPECT_TRUE(CommitNow(*living, {.checkpoint = Noise(4u << 20, 1), .poses = {Segment("a", 2, 2)}}).ok());
+  EXPECT_EQ(Ranges(store_->ReadSession("sessions/living")->poses), "1-1 2-2");
+  if (!house_->keeps()) return;
+  store_.reset();
+  store_ = house_->OpenSmall(8u << 20).value();
+  EXPECT_THAT(store_->damage(), testing::IsEmpty());
+  EXPECT_TRUE(store_->ReadSession("sessions/living")->checkpoint == Noise(4u << 20, 1));
+}
+
+TEST_P(StoreSuite, WhatHasEndedMakesRoomForTheLiving) {
+  store_.reset();
+  store_ = house_->OpenSmall(8u << 20).value();
+  const absl::Time start = absl::FromUnixSeconds(1'700'000'000);
+  for (const int i : {2, 1}) {
+    auto lease = store_->CreateSession(Record("sessions/" + std::to_string(i)), "").value();
+    ASSERT_TRUE(CommitNow(*lease, {.checkpoint = Noise(2u << 20, 1), .ended_at = start + absl::Seconds(i)}).ok());
+  }
+  auto living = store_->CreateSession(Record("sessions/living"), "").value();
+  for (uint64_t seq = 1; seq < 64 && store_->ReadSession("sessions/1").ok(); ++seq) {
+    ASSERT_TRUE(
+        CommitNow(*living, {.poses = {{.first_pose_seq = seq, .last_pose_seq = seq, .bytes = Noise(512u << 10, seq)}}})
+            .ok())
+        << seq;
+  }
+  EXPECT_THAT(Names(store_->ListSessions()), ElementsAre("sessions/2", "sessions/living")) << "the older end goes";
+  EXPECT_THAT(store_->DeleteEnded(start).value(), ElementsAre("sessions/1"));
+  EXPECT_THAT(store_->DeleteEnded(start).value(), ElementsAre());
+}
+
+}  // namespace
+}  // namespace evpose::server
