@@ -1,85 +1,19 @@
 // evpose-server as its users meet it: what it prints, its exit statuses, its signals.
-#include <fcntl.h>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
-#include <spawn.h>
-#include <sys/wait.h>
 #include <unistd.h>
 
 #include <csignal>
-#include <fstream>
-#include <sstream>
 #include <string>
 #include <vector>
 
 #include "absl/strings/match.h"
 #include "absl/strings/numbers.h"
-#include "absl/strings/strip.h"
+#include "server/program_for_test.h"
+#include "server/stores/redis_testing.h"
 
-extern char** environ;
-
+namespace evpose::server {
 namespace {
-
-std::string Contents(const std::string& path) {
-  std::ifstream file(path);
-  std::ostringstream text;
-  text << file.rdbuf();
-  return text.str();
-}
-
-std::string TemporaryPath(const std::string& name) {
-  return testing::TempDir() + "/evpose_server_program_test." + std::to_string(getpid()) + "." + name;
-}
-
-// A running evpose-server; its standard output is a pipe, its standard error a file.
-class Program {
- public:
-  explicit Program(std::vector<std::string> arguments) : stderr_path_(TemporaryPath("stderr")) {
-    arguments.insert(arguments.begin(), EVPOSE_SERVER);
-    std::vector<char*> argv;
-    for (std::string& argument : arguments) argv.push_back(argument.data());
-    argv.push_back(nullptr);
-    int out[2];
-    EXPECT_EQ(pipe(out), 0);
-    posix_spawn_file_actions_t actions;
-    posix_spawn_file_actions_init(&actions);
-    posix_spawn_file_actions_adddup2(&actions, out[1], STDOUT_FILENO);
-    posix_spawn_file_actions_addclose(&actions, out[0]);
-    posix_spawn_file_actions_addopen(&actions, STDERR_FILENO, stderr_path_.c_str(), O_WRONLY | O_CREAT | O_TRUNC, 0600);
-    EXPECT_EQ(posix_spawn(&pid_, EVPOSE_SERVER, &actions, nullptr, argv.data(), environ), 0);
-    posix_spawn_file_actions_destroy(&actions);
-    close(out[1]);
-    stdout_ = fdopen(out[0], "r");
-  }
-  ~Program() {
-    if (pid_ > 0) {
-      kill(pid_, SIGKILL);
-      Wait();
-    }
-    fclose(stdout_);
-    unlink(stderr_path_.c_str());
-  }
-
-  std::string ReadLine() {
-    std::string line;
-    for (int c = fgetc(stdout_); c != EOF && c != '\n'; c = fgetc(stdout_)) line.push_back(static_cast<char>(c));
-    return line;
-  }
-  void Signal(int number) const { kill(pid_, number); }
-  // The exit status, or minus the number of the signal that ended it.
-  int Wait() {
-    int status = 0;
-    waitpid(pid_, &status, 0);
-    pid_ = 0;
-    return WIFEXITED(status) ? WEXITSTATUS(status) : -WTERMSIG(status);
-  }
-  std::string Stderr() const { return Contents(stderr_path_); }
-
- private:
-  const std::string stderr_path_;
-  pid_t pid_ = 0;
-  FILE* stdout_ = nullptr;
-};
 
 TEST(ProgramTest, SaysWhereItListensAndLeavesAtASignal) {
   for (const int number : {SIGTERM, SIGINT}) {
@@ -96,7 +30,10 @@ TEST(ProgramTest, SaysWhereItListensAndLeavesAtASignal) {
     Program second({"--listen", "127.0.0.1:" + std::to_string(port)});
     EXPECT_EQ(second.Wait(), 1);
     const std::string error = second.Stderr();
-    EXPECT_THAT(error, testing::MatchesRegex("evpose-server: cannot listen on 127.0.0.1:[0-9]+: .* in use\n"));
+    EXPECT_THAT(
+        error,
+        testing::MatchesRegex(
+            "evpose-server: cannot listen on 127.0.0.1:[0-9]+: .* in use; another program has this port[^\n]*\n"));
 
     program.Signal(number);
     EXPECT_EQ(program.Wait(), 0);
@@ -105,15 +42,129 @@ TEST(ProgramTest, SaysWhereItListensAndLeavesAtASignal) {
 
 TEST(ProgramTest, TellsWrongUsage) {
   const std::vector<std::pair<std::vector<std::string>, std::string>> cases = {
-      {{"--no-such-option"}, "--no-such-option"}, {{"--listen", "nowhere"}, "has no port"},
-      {{"--listen", "0.0.0.0:0"}, "--insecure"},  {{"--workers", "-1"}, "worker_threads"},
-      {{"--max-sessions", "0"}, "max_sessions"},  {{"--log-level", "loud"}, "--log-level"},
+      {{"--no-such-option"}, "--no-such-option"},
+      {{"--listen", "nowhere"}, "has no port"},
+      {{"--listen", "0.0.0.0:0"}, "--insecure"},
+      {{"--workers", "-1"}, "--workers: is -1;"},
+      {{"--tls-cert", "c"}, "--tls-cert needs --tls-key"},
+      {{"--listen", "0.0.0.0:0", "--token-file", "t"}, "nothing is encrypted"},
+      {{"--listen", "0.0.0.0:0", "--tls-cert", "c", "--tls-key", "k"}, "anybody may use the server"},
+      {{"--new-token", "two words"}, "is no tenant's name"},
+      {{"--operator"}, "--new-token"},
+      {{"--max-sessions", "0"}, "--max-sessions: is 0;"},
+      {{"--shutdown-timeout", "-1"}, "--shutdown-timeout: must not be negative"},
+      {{"--credit-bytes", "8"}, "--credit-bytes: is below --max-chunk-bytes"},
+      {{"--tenant-max-model-bytes", "8"}, "--tenant-max-model-bytes: is below --max-model-bytes"},
+      {{"--store", "foo"}, "--store: there is no store foo: give memory, sqlite or redis://HOST:PORT"},
+      {{"--store", "redis://"}, "--store: the store's address has no host"},
+      {{"--store-password-file", "p"}, "--store-password-file: is for --store redis://HOST:PORT"},
+      {{"--store", "redis://:one@localhost", "--store-password-file", "p"}, "has a password already"},
+      {{"--log-level", "loud"}, "--log-level"},
   };
   for (const auto& [arguments, expected] : cases) {
     Program program(arguments);
     EXPECT_EQ(program.Wait(), 2) << expected;
     EXPECT_THAT(program.Stderr(), testing::HasSubstr(expected));
   }
+}
+
+TEST(ProgramTest, FilesThatCannotBeUsed) {
+  const std::vector<std::pair<std::vector<std::string>, std::string>> cases = {
+      {{"--tls-cert", "/no/such.crt", "--tls-key", "/no/such.key"}, "/no/such.crt"},
+      {{"--token-file", "/no/such/tokens"}, "/no/such/tokens"},
+      {{"--store", "redis://localhost", "--store-password-file", "/no/such/password"}, "/no/such/password"},
+      {{"--store", "redis://localhost", "--store-password-file", "/dev/null"}, "there is no password in it"},
+  };
+  for (const auto& [arguments, expected] : cases) {
+    Program program(arguments);
+    EXPECT_EQ(program.Wait(), 1) << expected;
+    EXPECT_THAT(program.Stderr(), testing::HasSubstr(expected));
+  }
+}
+
+TEST(ProgramTest, ARedisThatCannotBeUsedIsOneLineWithoutItsPassword) {
+  const RedisServer redis({"--requirepass", "right-secret"});
+  // Of an address that is none, and of a server that does not answer or refuses.
+  const std::vector<std::pair<std::string, std::string>> malformed = {
+      {"redis://:wrong-secret@127.0.0.1:none", "port[^\n]*give redis://"},
+      {"redis://user:wrong-secret@127.0.0.1:1/x", "database[^\n]*give redis://"},
+      {"rediss://user:wrong-secret@127.0.0.1", "no TLS; use redis://"},
+      {"http://user:wrong-secret@127.0.0.1", "scheme[^\n]*give redis://"},
+      {"redis:/user:wrong-secret@127.0.0.1", "there is no store of this name: give memory, sqlite or redis://"},
+  };
+  const std::vector<std::pair<std::string, std::string>> cases = {
+      {"redis+unix:///no/such/socket", "/no/such/socket does not answer: No such file[^\n]*start Redis there"},
+      {"redis+unix://user:wrong-secret@/no/such/socket", "/no/such/socket does not answer: [^\n]*start Redis there"},
+      {redis.url(), "NOAUTH[^\n]*check the user and password of --store"},
+      {redis.url(":wrong-secret@"), "WRONGPASS[^\n]*check the user and password of --store"},
+  };
+  const auto expect = [](const std::string& store, int status, const std::string& expected) {
+    Program program({"--listen", "127.0.0.1:0", "--store", store});
+    EXPECT_EQ(program.Wait(), status) << store;
+    const std::string said = program.Stderr();
+    EXPECT_THAT(said, testing::MatchesRegex("evpose-server: [^\n]*" + expected + "[^\n]*\n")) << store;
+    EXPECT_THAT(said, testing::Not(testing::HasSubstr("secret"))) << store;
+  };
+  for (const auto& [store, expected] : malformed) expect(store, 2, expected);
+  for (const auto& [store, expected] : cases) expect(store, 1, expected);
+  Program program({"--listen", "127.0.0.1:0", "--store", redis.url(":right-secret@")});
+  EXPECT_TRUE(absl::StartsWith(program.ReadLine(), "listening on 127.0.0.1:")) << program.Stderr();
+  EXPECT_THAT(program.Stderr(), testing::Not(testing::HasSubstr("secret")));
+}
+
+TEST(ProgramTest, APasswordNeedNotBeInTheArguments) {
+  const std::string password = "right:secret@/% \xc3\xa9";  // what has a meaning in an address
+  const RedisServer redis({"--requirepass", password});
+  const std::string path = TemporaryPath("password");
+  std::ofstream(path) << password << "\n";
+  const auto expect_ready = [](Program& program) {
+    EXPECT_TRUE(absl::StartsWith(program.ReadLine(), "listening on 127.0.0.1:")) << program.Stderr();
+    const std::string said = program.Stderr();
+    EXPECT_THAT(said, testing::HasSubstr("store: redis+unix:///"));
+    EXPECT_THAT(said, testing::Not(testing::HasSubstr("secret")));
+    program.Signal(SIGTERM);
+    EXPECT_EQ(program.Wait(), 0);
+  };
+  for (const std::string user : {"", "default:@"}) {
+    Program program({"--listen", "127.0.0.1:0", "--store", redis.url(user), "--store-password-file", path});
+    expect_ready(program);
+  }
+  unlink(path.c_str());
+  setenv("EVPOSE_STORE", redis.url(":right%3Asecret%40%2F%25%20%C3%A9@").c_str(), 1);
+  Program program({"--listen", "127.0.0.1:0"});
+  unsetenv("EVPOSE_STORE");
+  expect_ready(program);
+}
+
+TEST(ProgramTest, TheCommandLineGoesBeforeTheEnvironment) {
+  setenv("EVPOSE_STORE", "foo", 1);
+  {
+    Program program({"--listen", "127.0.0.1:0"});
+    EXPECT_EQ(program.Wait(), 2);
+    EXPECT_THAT(program.Stderr(), testing::HasSubstr("there is no store foo"));
+  }
+  Program program({"--listen", "127.0.0.1:0", "--store", "memory"});
+  unsetenv("EVPOSE_STORE");
+  EXPECT_TRUE(absl::StartsWith(program.ReadLine(), "listening on 127.0.0.1:")) << program.Stderr();
+}
+
+TEST(ProgramTest, ATokenThatItMakesIsOneThatItTakes) {
+  Program maker({"--new-token", "lab", "--operator"});
+  const std::string token = maker.ReadLine();
+  EXPECT_EQ(maker.Wait(), 0);
+  EXPECT_TRUE(absl::StartsWith(token, "evpose_")) << token;
+  const std::string said = maker.Stderr();
+  const size_t line = said.find("lab ");
+  ASSERT_NE(line, std::string::npos) << said;
+  const std::string path = TemporaryPath("tokens");
+  std::ofstream(path) << said.substr(line);
+  Program program({"--listen", "127.0.0.1:0", "--token-file", path});
+  EXPECT_TRUE(absl::StartsWith(program.ReadLine(), "listening on 127.0.0.1:"));
+  program.Signal(SIGTERM);
+  EXPECT_EQ(program.Wait(), 0);
+  EXPECT_THAT(program.Stderr(), testing::HasSubstr("1 token(s)"));
+  EXPECT_THAT(program.Stderr(), testing::Not(testing::HasSubstr(token)));
+  unlink(path.c_str());
 }
 
 TEST(ProgramTest, CannotWriteThePortFile) {
@@ -141,3 +192,4 @@ TEST(ProgramTest, ListensForOtherMachinesWhenToldTo) {
 }
 
 }  // namespace
+}  // namespace evpose::server

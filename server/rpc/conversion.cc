@@ -77,6 +77,41 @@ v1::Estimator ToProto(Estimator estimator) {
   return v1::ESTIMATOR_UNSPECIFIED;
 }
 
+absl::StatusOr<OverloadPolicy> FromProto(v1::OverloadPolicy policy) {
+  switch (policy) {
+    case v1::OVERLOAD_POLICY_UNSPECIFIED:
+    case v1::OVERLOAD_POLICY_BLOCK:
+      return OverloadPolicy::kBlock;
+    case v1::OVERLOAD_POLICY_LATEST:
+      return OverloadPolicy::kLatest;
+    default:
+      return InvalidField("config.overload_policy",
+                          absl::StrCat("is ", policy, ", which is no policy this server knows"));
+  }
+}
+
+v1::OverloadPolicy ToProto(OverloadPolicy policy) {
+  switch (policy) {
+    case OverloadPolicy::kBlock:
+      return v1::OVERLOAD_POLICY_BLOCK;
+    case OverloadPolicy::kLatest:
+      return v1::OVERLOAD_POLICY_LATEST;
+  }
+  return v1::OVERLOAD_POLICY_UNSPECIFIED;
+}
+
+v1::DropReason ToProto(DropReason reason) {
+  switch (reason) {
+    case DropReason::kLag:
+      return v1::DROP_REASON_LAG;
+    case DropReason::kMemory:
+      return v1::DROP_REASON_MEMORY;
+    case DropReason::kReader:
+      return v1::DROP_REASON_READER;
+  }
+  return v1::DROP_REASON_UNSPECIFIED;
+}
+
 SensorProfile FromProto(const v1::SensorProfile& sensor) {
   SensorProfile out;
   if (sensor.has_pixel_noise_px()) out.pixel_noise_px = sensor.pixel_noise_px();
@@ -232,6 +267,8 @@ v1::SessionConfig ToProto(const SessionConfig& config) {
   }
   out.mutable_tracker()->set_estimator(ToProto(config.estimator));
   *out.mutable_tracker()->mutable_sensor() = ToProto(config.sensor);
+  out.set_overload_policy(ToProto(config.overload_policy));
+  if (config.max_lag.has_value()) *out.mutable_max_lag() = server::ToProto(*config.max_lag);
   return out;
 }
 
@@ -270,6 +307,12 @@ absl::StatusOr<SessionConfig> FromProto(const v1::SessionConfig& config) {
   EVPOSE_ASSIGN_OR_RETURN(out.encoding, FromProto(config.encoding()));
   EVPOSE_ASSIGN_OR_RETURN(out.estimator, FromProto(config.tracker().estimator()));
   out.sensor = FromProto(config.tracker().sensor());
+  EVPOSE_ASSIGN_OR_RETURN(out.overload_policy, FromProto(config.overload_policy()));
+  if (config.has_max_lag()) {
+    out.max_lag = FromProto(config.max_lag());
+  } else if (out.overload_policy == OverloadPolicy::kLatest) {
+    out.max_lag = kDefaultMaxLag;
+  }
   if (!config.has_camera()) return InvalidField("config.camera", "is missing");
   EVPOSE_ASSIGN_OR_RETURN(out.camera, FromProto(config.camera()));
   for (int i = 0; i < config.objects_size(); ++i) {
@@ -318,14 +361,18 @@ google::protobuf::Duration ToProto(absl::Duration duration) {
   return out;
 }
 
-v1::Session ToProto(const Session& session) {
-  const SessionSnapshot snapshot = session.Snapshot();
+absl::Duration FromProto(const google::protobuf::Duration& duration) {
+  return absl::Seconds(duration.seconds()) + absl::Nanoseconds(duration.nanos());
+}
+
+v1::Session ToProto(const SessionInfo& session) {
+  const SessionSnapshot& snapshot = session.snapshot;
   v1::Session out;
-  out.set_name(session.name());
-  *out.mutable_config() = ToProto(session.config());
-  *out.mutable_create_time() = ToProto(session.create_time());
+  out.set_name(session.name);
+  *out.mutable_config() = ToProto(session.config);
+  *out.mutable_create_time() = ToProto(session.create_time);
   if (snapshot.expire_time.has_value()) *out.mutable_expire_time() = ToProto(*snapshot.expire_time);
-  *out.mutable_health() = ToProto(snapshot.health, session.config());
+  *out.mutable_health() = ToProto(snapshot.health, session.config);
   out.set_state(ToProto(snapshot.state));
   return out;
 }
@@ -347,6 +394,8 @@ v1::SessionHealth ToProto(const SessionHealth& health, const SessionConfig& conf
     out.set_real_time_ratio(static_cast<double>(health.processing_us) / static_cast<double>(health.sensor_time_us));
   }
   *out.mutable_queue_age() = ToProto(absl::Microseconds(health.queue_age_us));
+  out.set_skipped_events(health.skipped_events);
+  out.set_skipped_us(health.skipped_us);
   if (health.poses > 0) {
     *out.mutable_latency_p50() = ToProto(absl::Microseconds(health.latency_p50_us));
     *out.mutable_latency_p99() = ToProto(absl::Microseconds(health.latency_p99_us));
@@ -372,6 +421,13 @@ v1::Notice ToProto(const SessionNotice& notice, const SessionConfig& config) {
     added.set_seq(fault->seq);
     added.set_count(fault->count);
     added.set_detail(fault->detail);
+  }
+  if (const auto* dropped = std::get_if<EventsDropped>(&notice.what)) {
+    v1::EventsDropped& added = *out.mutable_dropped();
+    added.set_num_events(dropped->num_events);
+    added.set_from_t_us(dropped->from_t_us);
+    added.set_to_t_us(dropped->to_t_us);
+    added.set_reason(ToProto(dropped->reason));
   }
   if (const auto* change = std::get_if<StateChange>(&notice.what)) {
     v1::StateChange& added = *out.mutable_state_change();

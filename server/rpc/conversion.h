@@ -19,12 +19,14 @@ absl::StatusOr<RigidTransform> FromProto(const v1::RigidTransform& transform, co
 absl::StatusOr<ModelReading> FromProto(const v1::UploadModelRequest::Header& header);
 
 // With the effective configuration; the resume token is left out.
-v1::Session ToProto(const Session& session);
+v1::Session ToProto(const SessionInfo& session);
 v1::SessionHealth ToProto(const SessionHealth& health, const SessionConfig& config);
 v1::Notice ToProto(const SessionNotice& notice, const SessionConfig& config);
 v1::Pose ToProto(const StoredPose& pose, const SessionConfig& config);
 v1::Model ToProto(const ModelInfo& model);
 google::protobuf::Duration ToProto(absl::Duration duration);
+// Out of range: infinite.
+absl::Duration FromProto(const google::protobuf::Duration& duration);
 
 // What a page request means: 50 for no size, 1000 at most. Errors: a size below 0, a token that no page gave.
 absl::StatusOr<size_t> PageSize(int32_t page_size);

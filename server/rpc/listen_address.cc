@@ -41,6 +41,16 @@ absl::StatusOr<ListenAddress> ParseListenAddress(const std::string& text) {
   return address;
 }
 
+namespace {
+
+const char* Advice(const boost::system::error_code& error) {
+  if (error == asio::error::address_in_use) return "; another program has this port: give another, or 0 for a free one";
+  if (error == asio::error::access_denied) return "; give a port of 1024 or above, or 0 for a free one";
+  return "";
+}
+
+}  // namespace
+
 absl::Status ProbeListenAddress(const ListenAddress& address) {
   const std::string what = address.WithPort(address.port);
   boost::system::error_code error;
@@ -53,7 +63,9 @@ absl::Status ProbeListenAddress(const ListenAddress& address) {
     acceptor.open(endpoint.endpoint().protocol(), error);
     if (!error) acceptor.bind(endpoint.endpoint(), error);
     if (!error) acceptor.listen(1, error);
-    if (error) return absl::UnavailableError(absl::StrCat("cannot listen on ", what, ": ", error.message()));
+    if (error) {
+      return absl::UnavailableError(absl::StrCat("cannot listen on ", what, ": ", error.message(), Advice(error)));
+    }
   }
   return absl::OkStatus();
 }

@@ -1,5 +1,8 @@
 #include "server/rpc/model_service.h"
 
+#include <grpcpp/alarm.h>
+
+#include <chrono>
 #include <memory>
 #include <mutex>
 #include <optional>
@@ -7,9 +10,11 @@
 #include <utility>
 #include <vector>
 
+#include "absl/base/thread_annotations.h"
 #include "absl/strings/escaping.h"
 #include "absl/strings/str_cat.h"
 #include "core/base/status_macros.h"
+#include "server/rpc/authentication.h"
 #include "server/rpc/conversion.h"
 #include "server/rpc/status_mapping.h"
 #include "server/sessions/errors.h"
@@ -19,27 +24,60 @@ namespace {
 
 constexpr size_t kSha256Bytes = 32;
 
-// Takes the file piece by piece, then loads it on a worker. Deletes itself when the call is over. Its reactions follow
-// one another, a read is started when the one before was handled; the lock says so to those who cannot see into gRPC.
-class UploadReactor : public grpc::ServerReadReactor<v1::UploadModelRequest> {
+// Takes the file piece by piece, then loads it on a worker. Its reactions follow one another, a read is started when
+// the one before was handled. Only the alarm comes when it will: it ends the call when the next message does not come.
+class UploadReactor : public grpc::ServerReadReactor<v1::UploadModelRequest>,
+                      public std::enable_shared_from_this<UploadReactor> {
  public:
-  UploadReactor(const ServiceContext& services, v1::Model* response) : services_(services), response_(response) {
-    StartRead(&request_);
+  UploadReactor(const ServiceContext& services, absl::StatusOr<Caller> caller, v1::Model* response)
+      : services_(services), caller_(std::move(caller)), response_(response) {}
+
+  void Start() {
+    self_ = shared_from_this();
+    const std::lock_guard lock(mutex_);
+    if (!caller_.ok()) return End(caller_.status());
+    Read();
   }
 
   void OnReadDone(bool ok) override {
     const std::lock_guard lock(mutex_);
+    ++messages_;
+    if (is_finished_) return;
+    alarm_.reset();
     if (!ok) return Load();
-    if (const absl::Status status = HandleRequest(); !status.ok()) return Finish(ToGrpcStatus(status));
+    if (const absl::Status status = HandleRequest(); !status.ok()) return End(status);
+    Read();
+  }
+
+  void OnDone() override { const std::shared_ptr<UploadReactor> last = std::move(self_); }
+
+ private:
+  void Read() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
+    // Weak, because an alarm keeps its function.
+    alarm_ = std::make_unique<grpc::Alarm>();
+    alarm_->Set(std::chrono::system_clock::now() + absl::ToChronoMicroseconds(services_.attach_timeout),
+                [weak = weak_from_this(), awaited = messages_](bool has_fired) {
+                  const auto self = weak.lock();
+                  if (self != nullptr && has_fired) self->OnAlarm(awaited);
+                });
     StartRead(&request_);
   }
 
-  void OnDone() override {
-    { const std::lock_guard lock(mutex_); }
-    delete this;
+  void OnAlarm(uint64_t awaited) {
+    const std::lock_guard lock(mutex_);
+    if (is_finished_ || messages_ != awaited) return;
+    End(WithReason(absl::DeadlineExceededError(absl::StrCat("the next message of the upload has not come within ",
+                                                            absl::FormatDuration(services_.attach_timeout))),
+                   "UPLOAD_TIMEOUT"));
   }
 
- private:
+  void End(const absl::Status& status) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
+    is_finished_ = true;
+    alarm_.reset();
+    reservation_.reset();
+    Finish(ToGrpcStatus(status));
+  }
+
   absl::Status HandleRequest() {
     switch (request_.message_case()) {
       case v1::UploadModelRequest::kHeader:
@@ -59,7 +97,7 @@ class UploadReactor : public grpc::ServerReadReactor<v1::UploadModelRequest> {
       return InvalidField("header.sha256",
                           absl::StrCat("has ", header.sha256().size(), " bytes; a SHA-256 has ", kSha256Bytes));
     }
-    EVPOSE_ASSIGN_OR_RETURN(reservation_, services_.models.Reserve(header.size_bytes()));
+    EVPOSE_ASSIGN_OR_RETURN(reservation_, services_.models.Reserve(caller_->tenant, header.size_bytes()));
     size_bytes_ = header.size_bytes();
     sha256_hex_ = absl::BytesToHexString(header.sha256());
     return absl::OkStatus();
@@ -76,25 +114,29 @@ class UploadReactor : public grpc::ServerReadReactor<v1::UploadModelRequest> {
 
   void Load() {
     if (reservation_ == nullptr) {
-      return Finish(ToGrpcStatus(InvalidField("header", "must be the first message of the stream")));
+      return End(InvalidField("header", "must be the first message of the stream"));
     }
     if (bytes_.size() != size_bytes_) {
-      return Finish(ToGrpcStatus(InvalidField(
-          "header.size_bytes", absl::StrCat("is ", size_bytes_, ", but only ", bytes_.size(), " bytes came"))));
+      return End(InvalidField("header.size_bytes",
+                              absl::StrCat("is ", size_bytes_, ", but only ", bytes_.size(), " bytes came")));
     }
-    services_.pool.Post([this] {
+    services_.pool.PostSlow([this] {
       const std::lock_guard lock(mutex_);
-      const auto model = services_.models.Upload(reading_, sha256_hex_,
+      const auto model = services_.models.Upload(caller_->tenant, reading_, sha256_hex_,
                                                  std::make_shared<const std::vector<uint8_t>>(std::move(bytes_)));
       if (model.ok()) *response_ = ToProto(*model);
-      reservation_.reset();
-      Finish(ToGrpcStatus(model.status()));
+      End(model.status());
     });
   }
 
   const ServiceContext services_;
+  const absl::StatusOr<Caller> caller_;
   v1::Model* const response_;
+  std::shared_ptr<UploadReactor> self_;  // until OnDone
   std::mutex mutex_;
+  std::unique_ptr<grpc::Alarm> alarm_;
+  uint64_t messages_ = 0;  // that have come
+  bool is_finished_ = false;
   v1::UploadModelRequest request_;
   ModelReading reading_;
   std::string sha256_hex_;
@@ -103,10 +145,11 @@ class UploadReactor : public grpc::ServerReadReactor<v1::UploadModelRequest> {
   std::vector<uint8_t> bytes_;
 };
 
-absl::Status List(const ModelRegistry& models, const v1::ListModelsRequest& request, v1::ListModelsResponse& response) {
+absl::Status List(const ModelRegistry& models, const std::string& tenant, const v1::ListModelsRequest& request,
+                  v1::ListModelsResponse& response) {
   EVPOSE_ASSIGN_OR_RETURN(const size_t page_size, PageSize(request.page_size()));
   EVPOSE_ASSIGN_OR_RETURN(const std::string after_name, PageStart(request.page_token(), "models/"));
-  for (const ModelInfo& model : models.List(after_name, page_size + 1)) {
+  for (const ModelInfo& model : models.List(tenant, after_name, page_size + 1)) {
     if (response.models_size() == static_cast<int>(page_size)) {
       response.set_next_page_token(response.models().rbegin()->name());
       break;
@@ -118,34 +161,37 @@ absl::Status List(const ModelRegistry& models, const v1::ListModelsRequest& requ
 
 }  // namespace
 
-grpc::ServerReadReactor<v1::UploadModelRequest>* ModelServiceImpl::UploadModel(grpc::CallbackServerContext*,
+grpc::ServerReadReactor<v1::UploadModelRequest>* ModelServiceImpl::UploadModel(grpc::CallbackServerContext* context,
                                                                                v1::Model* response) {
-  return new UploadReactor(services_, response);
+  const auto reactor =
+      std::make_shared<UploadReactor>(services_, Authenticate(services_.authenticator, *context), response);
+  reactor->Start();
+  return reactor.get();
 }
 
 grpc::ServerUnaryReactor* ModelServiceImpl::GetModel(grpc::CallbackServerContext* context,
                                                      const v1::GetModelRequest* request, v1::Model* response) {
-  const auto model = services_.models.Get(request->name());
-  if (model.ok()) *response = ToProto(*model);
-  grpc::ServerUnaryReactor* reactor = context->DefaultReactor();
-  reactor->Finish(ToGrpcStatus(model.status()));
-  return reactor;
+  return AnswerUnary(services_.authenticator, context, [this, request, response](const Caller& caller) -> absl::Status {
+    EVPOSE_ASSIGN_OR_RETURN(const ModelInfo model, services_.models.Get(caller.tenant, request->name()));
+    *response = ToProto(model);
+    return absl::OkStatus();
+  });
 }
 
 grpc::ServerUnaryReactor* ModelServiceImpl::ListModels(grpc::CallbackServerContext* context,
                                                        const v1::ListModelsRequest* request,
                                                        v1::ListModelsResponse* response) {
-  grpc::ServerUnaryReactor* reactor = context->DefaultReactor();
-  reactor->Finish(ToGrpcStatus(List(services_.models, *request, *response)));
-  return reactor;
+  return AnswerUnary(services_.authenticator, context, [this, request, response](const Caller& caller) {
+    return List(services_.models, caller.tenant, *request, *response);
+  });
 }
 
 grpc::ServerUnaryReactor* ModelServiceImpl::DeleteModel(grpc::CallbackServerContext* context,
                                                         const v1::DeleteModelRequest* request,
                                                         v1::DeleteModelResponse*) {
-  grpc::ServerUnaryReactor* reactor = context->DefaultReactor();
-  reactor->Finish(ToGrpcStatus(services_.models.Delete(request->name())));
-  return reactor;
+  return AnswerSlowly(services_.authenticator, services_.pool, context, [this, request](const Caller& caller) {
+    return services_.models.Delete(caller.tenant, request->name());
+  });
 }
 
 }  // namespace evpose::server

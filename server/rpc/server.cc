@@ -3,8 +3,10 @@
 #include <grpcpp/ext/proto_server_reflection_plugin.h>
 #include <grpcpp/grpcpp.h>
 #include <grpcpp/health_check_service_interface.h>
+#include <grpcpp/impl/server_builder_option.h>
 
 #include <algorithm>
+#include <atomic>
 #include <boost/asio/steady_timer.hpp>
 #include <chrono>
 #include <mutex>
@@ -14,18 +16,22 @@
 #include "absl/strings/str_cat.h"
 #include "core/base/status_macros.h"
 #include "core/tracking/tracker_options.h"
+#include "server/auth/authenticator.h"
+#include "server/auth/server_credentials.h"
 #include "server/rpc/admin_service.h"
 #include "server/rpc/listen_address.h"
 #include "server/rpc/model_service.h"
 #include "server/rpc/server_impl.h"
 #include "server/rpc/service_context.h"
 #include "server/rpc/session_service.h"
+#include "server/rpc/store_check.h"
 #include "server/rpc/stream_registry.h"
 #include "server/sessions/errors.h"
+#include "server/sessions/log.h"
 #include "server/sessions/model_registry.h"
 #include "server/sessions/session_manager.h"
 #include "server/sessions/worker_pool.h"
-#include "server/stores/memory_store.h"
+#include "server/stores/open_store.h"
 
 namespace evpose::server {
 namespace {
@@ -42,6 +48,8 @@ constexpr uint32_t kMessageOverheadBytes = 64 * 1024;
 // silent client lives.
 constexpr int kMinPingIntervalMs = 10'000;
 constexpr int kKeepaliveMs = 20'000;
+// A connection without a call is closed; clients make a new one by themselves.
+constexpr int kMaxConnectionIdleMs = 300'000;
 
 int NumWorkers(const ServerOptions& options) {
   if (options.worker_threads > 0) return options.worker_threads;
@@ -93,6 +101,8 @@ class ExpiryTimer {
 
   void OnTimer() {
     sessions_.DeleteExpired();
+    sessions_.DeleteEnded();
+    sessions_.TendStore();
     const std::lock_guard lock(mutex_);
     if (!is_stopped_) Arm();
   }
@@ -104,48 +114,134 @@ class ExpiryTimer {
   boost::asio::steady_timer timer_ ABSL_GUARDED_BY(mutex_);
 };
 
-SessionManager::Options ManagerOptions(const ServerOptions& options, TrackerFactory make_tracker) {
+bool IsShared(const Store& store) { return store.kind() == "redis"; }
+
+SessionManager::Options ManagerOptions(const ServerOptions& options, TrackerFactory make_tracker, const Store& store) {
   SessionManager::Options out;
   out.max_sessions = options.max_sessions;
-  out.limits = {options.credit_bytes, options.max_chunk_bytes, options.session_expiry};
+  out.max_tenant_sessions = options.tenant.max_sessions == 0 ? options.max_sessions : options.tenant.max_sessions;
+  out.limits = {.credit_bytes = options.credit_bytes,
+                .max_chunk_bytes = options.max_chunk_bytes,
+                .pose_log_capacity = options.pose_log_capacity,
+                .expiry = options.session_expiry,
+                .writes_checkpoints = store.kind() != "memory"};
+  out.shares_store = IsShared(store);
   out.make_tracker = std::move(make_tracker);
   out.now = absl::Now;
   return out;
 }
 
-class ServerImpl : public Server {
+// Reflection is a service of gRPC's own that asks nobody who they are, and each of its streams holds a thread: it is
+// there where everybody may call. What it tells is public; proto/ tells it, too.
+class ReflectionOption : public grpc::ServerBuilderOption {
  public:
-  ServerImpl(const ServerOptions& options, TrackerFactory make_tracker, std::unique_ptr<Store> store,
+  explicit ReflectionOption(bool is_on) : is_on_(is_on) {}
+  void UpdateArguments(grpc::ChannelArguments*) override {}
+  void UpdatePlugins(std::vector<std::unique_ptr<grpc::ServerBuilderPlugin>>* plugins) override {
+    // Linked in, it adds itself to every server.
+    const std::string name = grpc::reflection::ProtoServerReflectionPlugin().name();
+    if (!is_on_) std::erase_if(*plugins, [&name](const auto& plugin) { return plugin->name() == name; });
+  }
+
+ private:
+  const bool is_on_;
+};
+
+// Who may reach the server, and how.
+struct Access {
+  std::unique_ptr<Authenticator> authenticator;
+  std::shared_ptr<grpc::ServerCredentials> credentials;
+};
+
+absl::StatusOr<Access> MakeAccess(const ServerOptions& options) {
+  Access access;
+  const bool has_client_certificates = !options.tls.client_ca.empty();
+  EVPOSE_ASSIGN_OR_RETURN(access.authenticator, Authenticator::Create({options.token_file, has_client_certificates}));
+  if (options.tls.has_tls()) {
+    EVPOSE_ASSIGN_OR_RETURN(std::unique_ptr<TlsFiles> files, TlsFiles::Open(options.tls));
+    access.credentials = MakeTlsServerCredentials(std::move(files), has_client_certificates);
+  } else {
+    access.credentials = grpc::InsecureServerCredentials();
+  }
+  return access;
+}
+
+ModelRegistry::Options RegistryOptions(const ServerOptions& options) {
+  ModelRegistry::Options out;
+  out.max_model_bytes = options.max_model_bytes;
+  out.max_store_bytes = options.max_model_store_bytes;
+  out.max_tenant_bytes =
+      options.tenant.max_model_bytes == 0 ? options.max_model_store_bytes : options.tenant.max_model_bytes;
+  return out;
+}
+
+TenantQuotas::Options QuotaOptions(const ServerOptions& options) {
+  TenantQuotas::Options out;
+  out.max_watchers = options.tenant.max_watchers == 0 ? options.max_streams : options.tenant.max_watchers;
+  out.max_bytes_per_s = options.tenant.max_bytes_per_s;
+  // A second's worth, or a chunk.
+  out.burst_bytes = std::max<uint64_t>(options.tenant.max_bytes_per_s, options.max_chunk_bytes);
+  out.now = absl::Now;
+  return out;
+}
+
+class ServerImpl : public Server, public Drainer {
+ public:
+  ServerImpl(const ServerOptions& options, TrackerFactory make_tracker, Access access, std::unique_ptr<Store> store,
              std::unique_ptr<ModelRegistry> models)
-      : store_(std::move(store)),
-        models_(std::move(models)),
+      : access_(std::move(access)),
         pool_(NumWorkers(options)),
-        sessions_(ManagerOptions(options, std::move(make_tracker)), *store_, *models_, pool_),
+        store_(std::move(store)),
+        models_(std::move(models)),
+        sessions_(ManagerOptions(options, std::move(make_tracker), *store_), *store_, *models_, pool_),
+        streams_(options.max_streams),
+        quotas_(QuotaOptions(options)),
         expiry_timer_(sessions_, pool_, options.session_expiry),
-        context_{*store_, *models_, sessions_, pool_, streams_, options.max_model_bytes},
+        store_check_(*store_, pool_, options.store_check_period,
+                     [this](bool answers) { server_->GetHealthCheckService()->SetServingStatus(answers); }),
+        on_drain_(options.on_drain),
+        context_{*store_,
+                 *models_,
+                 sessions_,
+                 pool_,
+                 streams_,
+                 *access_.authenticator,
+                 quotas_,
+                 *this,
+                 options.attach_timeout,
+                 options.max_model_bytes,
+                 options.drain_timeout},
         session_service_(context_),
         model_service_(context_),
         admin_service_(context_) {}
 
   ~ServerImpl() override { Shutdown(kDestructorDeadline); }
 
+  absl::Status Restore() { return sessions_.RestoreAll(); }
+
   absl::Status Listen(const ServerOptions& options) {
     grpc::ServerBuilder builder;
     builder.RegisterService(&session_service_);
     builder.RegisterService(&model_service_);
     builder.RegisterService(&admin_service_);
+    builder.SetOption(std::make_unique<ReflectionOption>(access_.authenticator->is_open()));
     builder.SetMaxReceiveMessageSize(static_cast<int>(options.max_chunk_bytes + kMessageOverheadBytes));
     builder.AddChannelArgument(GRPC_ARG_KEEPALIVE_TIME_MS, kKeepaliveMs);
     builder.AddChannelArgument(GRPC_ARG_KEEPALIVE_TIMEOUT_MS, kKeepaliveMs);
     builder.AddChannelArgument(GRPC_ARG_KEEPALIVE_PERMIT_WITHOUT_CALLS, 1);
+    builder.AddChannelArgument(GRPC_ARG_MAX_CONNECTION_IDLE_MS, kMaxConnectionIdleMs);
+    builder.AddChannelArgument(GRPC_ARG_MAX_CONCURRENT_STREAMS, static_cast<int>(options.max_calls_per_connection));
     builder.AddChannelArgument(GRPC_ARG_HTTP2_MIN_RECV_PING_INTERVAL_WITHOUT_DATA_MS, kMinPingIntervalMs);
     // Two servers on one port would share its clients between them without a word.
     builder.AddChannelArgument(GRPC_ARG_ALLOW_REUSEPORT, 0);
     if (!options.listen_address.empty()) {
-      builder.AddListeningPort(options.listen_address, grpc::InsecureServerCredentials(), &port_);
+      builder.AddListeningPort(options.listen_address, access_.credentials, &port_);
     }
     server_ = builder.BuildAndStart();
-    if (server_ != nullptr) return absl::OkStatus();
+    if (server_ != nullptr) {
+      store_check_.Start();
+      return absl::OkStatus();
+    }
     EVPOSE_ASSIGN_OR_RETURN(const ListenAddress address, ParseListenAddress(options.listen_address));
     EVPOSE_RETURN_IF_ERROR(ProbeListenAddress(address));
     return absl::UnavailableError(absl::StrCat("cannot listen on ", options.listen_address));
@@ -159,18 +255,24 @@ class ServerImpl : public Server {
     return server_->InProcessChannel(arguments);
   }
 
+  void Drain(absl::Duration deadline) override {
+    if (BeginToLeave(deadline) && on_drain_ != nullptr) on_drain_(deadline);
+  }
+
   void Shutdown(absl::Duration deadline) override {
     if (is_shut_down_) return;
     is_shut_down_ = true;
-    const absl::Time end = absl::Now() + std::min(deadline, kLongestDeadline);
-    sessions_.Drain();
-    if (server_ != nullptr) {
-      server_->GetHealthCheckService()->SetServingStatus(false);
-      streams_.GoAway(deadline);
-      streams_.WaitForTracks(end);
-    }
+    deadline = std::min(deadline, kLongestDeadline);
+    const absl::Time end = absl::Now() + deadline - std::min(3 * kCallGrace, deadline / 2);
+    BeginToLeave(deadline);
+    if (server_ != nullptr) streams_.WaitForTracks(end);
+    sessions_.SettleAll(absl::Now() + kCallGrace);
     const absl::Status leaving = WithReason(absl::UnavailableError("the server has left"), "DRAINING");
     streams_.EndAll(leaving);
+    // The streams are over, or are as good as: what was processed is to survive, what was not is sent again.
+    if (!sessions_.SettleAll(absl::Now() + kCallGrace)) {
+      ServerLog().warn("not all that was processed could be stored; clients that attach again send it again");
+    }
     sessions_.CloseAll(leaving);
     if (server_ != nullptr) {
       streams_.WaitForAll(absl::Now() + kCallGrace);
@@ -181,32 +283,40 @@ class ServerImpl : public Server {
   }
 
  private:
+  // False: it has begun before.
+  bool BeginToLeave(absl::Duration deadline) {
+    if (is_leaving_.exchange(true)) return false;
+    sessions_.Drain();
+    store_check_.Stop();
+    if (server_ != nullptr) {
+      server_->GetHealthCheckService()->SetServingStatus(false);
+      streams_.GoAway(deadline);
+    }
+    return true;
+  }
+
+  const Access access_;
+  WorkerPool pool_;  // outlives the store, whose last word may come to a session's strand
   const std::unique_ptr<Store> store_;
   const std::unique_ptr<ModelRegistry> models_;
-  WorkerPool pool_;
   SessionManager sessions_;
   StreamRegistry streams_;
+  TenantQuotas quotas_;
   ExpiryTimer expiry_timer_;
+  StoreCheck store_check_;
+  const std::function<void(absl::Duration)> on_drain_;
   const ServiceContext context_;
   SessionServiceImpl session_service_;
   ModelServiceImpl model_service_;
   AdminServiceImpl admin_service_;
   std::unique_ptr<grpc::Server> server_;
   int port_ = 0;
+  std::atomic<bool> is_leaving_ = false;
   bool is_shut_down_ = false;
 };
 
 absl::Status Invalid(const char* field, const std::string& why) {
   return absl::InvalidArgumentError(absl::StrCat(field, ": ", why));
-}
-
-void EnablePlugins() {
-  static const bool enabled = [] {
-    grpc::EnableDefaultHealthCheckService(true);
-    grpc::reflection::InitProtoReflectionServerBuilderPlugin();
-    return true;
-  }();
-  (void)enabled;
 }
 
 }  // namespace
@@ -215,10 +325,12 @@ absl::Status ServerOptions::Validate() const {
   constexpr uint32_t kMaxChunkBytes = 64u << 20;
   constexpr uint32_t kMinPoseLogCapacity = 4096;
   constexpr int kMaxWorkers = 1024;
+  constexpr uint32_t kMaxCalls = 1u << 20;
   if (!listen_address.empty()) {
     const auto address = ParseListenAddress(listen_address);
     if (!address.ok()) return Invalid("listen_address", std::string(address.status().message()));
   }
+  if (const absl::Status status = tls.Validate(); !status.ok()) return Invalid("tls", std::string(status.message()));
   if (worker_threads < 0 || worker_threads > kMaxWorkers) {
     return Invalid("worker_threads", absl::StrCat("is ", worker_threads, "; 0 (one per core) to ", kMaxWorkers));
   }
@@ -236,17 +348,36 @@ absl::Status ServerOptions::Validate() const {
   if (pose_log_capacity < kMinPoseLogCapacity) {
     return Invalid("pose_log_capacity", absl::StrCat("is ", pose_log_capacity, "; at least ", kMinPoseLogCapacity));
   }
+  if (tenant.max_model_bytes != 0 && tenant.max_model_bytes < max_model_bytes) {
+    return Invalid("tenant.max_model_bytes", "is below max_model_bytes: no model of that size would fit");
+  }
+  if (attach_timeout <= absl::ZeroDuration()) return Invalid("attach_timeout", "must be positive");
+  if (max_streams == 0) return Invalid("max_streams", "is 0; at least 1");
+  if (max_calls_per_connection == 0 || max_calls_per_connection > kMaxCalls) {
+    return Invalid("max_calls_per_connection", absl::StrCat("is ", max_calls_per_connection, "; 1 to ", kMaxCalls));
+  }
   if (session_expiry <= absl::ZeroDuration()) return Invalid("session_expiry", "must be positive");
+  if (store_check_period <= absl::ZeroDuration()) return Invalid("store_check_period", "must be positive");
+  if (drain_timeout < absl::ZeroDuration()) return Invalid("drain_timeout", "must not be negative");
   return absl::OkStatus();
 }
 
 absl::StatusOr<std::unique_ptr<Server>> StartServer(const ServerOptions& options, TrackerFactory make_tracker) {
   EVPOSE_RETURN_IF_ERROR(options.Validate());
-  EnablePlugins();
-  std::unique_ptr<Store> store = MakeMemoryStore(options.pose_log_capacity);
+  EVPOSE_ASSIGN_OR_RETURN(std::unique_ptr<Store> store, OpenStore(options.store));
+  return StartServer(options, std::move(make_tracker), std::move(store));
+}
+
+absl::StatusOr<std::unique_ptr<Server>> StartServer(const ServerOptions& options, TrackerFactory make_tracker,
+                                                    std::unique_ptr<Store> store) {
+  EVPOSE_RETURN_IF_ERROR(options.Validate());
+  grpc::EnableDefaultHealthCheckService(true);
+  EVPOSE_ASSIGN_OR_RETURN(Access access, MakeAccess(options));
   EVPOSE_ASSIGN_OR_RETURN(std::unique_ptr<ModelRegistry> models,
-                          ModelRegistry::Create({options.max_model_bytes, options.max_model_store_bytes}, *store));
-  auto server = std::make_unique<ServerImpl>(options, std::move(make_tracker), std::move(store), std::move(models));
+                          ModelRegistry::Create(RegistryOptions(options), *store));
+  auto server = std::make_unique<ServerImpl>(options, std::move(make_tracker), std::move(access), std::move(store),
+                                             std::move(models));
+  EVPOSE_RETURN_IF_ERROR(server->Restore());
   EVPOSE_RETURN_IF_ERROR(server->Listen(options));
   return server;
 }

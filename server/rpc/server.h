@@ -5,18 +5,29 @@
 #include <grpcpp/channel.h>
 
 #include <cstdint>
+#include <functional>
 #include <memory>
 #include <string>
 
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
 #include "absl/time/time.h"
+#include "server/auth/tls_files.h"
+#include "server/stores/open_store.h"
 
 namespace evpose::server {
 
 struct ServerOptions {
   // HOST:PORT; port 0 takes a free one. Empty: no socket, the in-process channel only.
   std::string listen_address = "127.0.0.1:0";
+  // Of the socket; the files are read again when they change. None: nothing is encrypted.
+  TlsPaths tls;
+  // Who may call, as server/auth/token_file.h describes it; read again when it changes. Holds for the in-process
+  // channel, too. Empty: with tls.client_ca the CN of a client's certificate is its tenant, otherwise everybody may
+  // call.
+  std::string token_file;
+  // Where sessions and models live; an in-process server needs none that outlives it.
+  StoreOptions store;
   // Threads that decode and track; 0: one per core. Sessions share them.
   int worker_threads = 0;
   // Sessions at a time, ended ones included until they are deleted or expire. Each takes at worst credit_bytes plus
@@ -35,6 +46,28 @@ struct ServerOptions {
   uint32_t pose_log_capacity = 16'384;
   // A session without a stream is deleted after so long: a client that died holds no slot for ever.
   absl::Duration session_expiry = absl::Minutes(10);
+  // For streams to finish after AdminService.Drain, when its caller gives no time.
+  absl::Duration drain_timeout = absl::Seconds(10);
+  // The store is asked so often whether it answers; while it does not, health is NOT_SERVING.
+  absl::Duration store_check_period = absl::Seconds(1);
+  // Called once, by a thread of gRPC, when a client has asked the server to leave: Shutdown is to be called with this
+  // time. It must not block, and not call it itself.
+  std::function<void(absl::Duration)> on_drain;
+
+  // Of each tenant; 0: no other limit than the server's own.
+  struct TenantLimits {
+    uint32_t max_sessions = 0;
+    uint64_t max_model_bytes = 0;
+    uint32_t max_watchers = 0;
+    // Payload of all its Track streams together, over the seconds. A stream that is too fast is read more slowly.
+    uint64_t max_bytes_per_s = 0;
+  } tenant;
+  // A Track stream that has not attached, and an upload whose next message has not come, ends after so long.
+  absl::Duration attach_timeout = absl::Seconds(30);
+  // Track and Watch streams at a time, each of some 50 kB.
+  uint32_t max_streams = 8192;
+  // Calls at a time on one connection; a client waits with more.
+  uint32_t max_calls_per_connection = 2048;
 
   // INVALID_ARGUMENT naming the field.
   absl::Status Validate() const;
@@ -42,7 +75,8 @@ struct ServerOptions {
 
 class Server {
  public:
-  // Errors: INVALID_ARGUMENT for options, UNAVAILABLE naming the address that cannot be listened on and why.
+  // Takes up the sessions that the store has. Errors: INVALID_ARGUMENT for options; those of OpenStore; those of
+  // TlsFiles and TokenFile; UNAVAILABLE naming the address that cannot be listened on and why.
   static absl::StatusOr<std::unique_ptr<Server>> Start(const ServerOptions& options);
   virtual ~Server() = default;  // Shutdown(1 s)
 
@@ -50,8 +84,9 @@ class Server {
   virtual std::shared_ptr<grpc::Channel> InProcessChannel() = 0;
 
   // Health turns NOT_SERVING, new sessions and streams are refused and every Track stream gets GoAway; streams still
-  // open at the deadline end UNAVAILABLE, watchers as soon as no Track stream is left. Returns when every reactor has
-  // finished. Idempotent. Call it from one thread at a time.
+  // open shortly before the deadline end UNAVAILABLE, watchers as soon as no Track stream is left. Returns when every
+  // reactor has finished, by the deadline or, if that is less than 3 s away, at most 1.5 s after it; whatever
+  // clients do or do not do. Idempotent. Call it from one thread at a time.
   virtual void Shutdown(absl::Duration deadline) = 0;
 };
 

@@ -1,4 +1,4 @@
-// Server with the trackers that its sessions use given from outside: for tests.
+// Server with the trackers that its sessions use, and its store, given from outside: for tests.
 #pragma once
 
 #include <memory>
@@ -6,9 +6,13 @@
 #include "absl/status/statusor.h"
 #include "server/rpc/server.h"
 #include "server/sessions/session_config.h"
+#include "server/stores/store.h"
 
 namespace evpose::server {
 
 absl::StatusOr<std::unique_ptr<Server>> StartServer(const ServerOptions& options, TrackerFactory make_tracker);
+// On `store` instead of one that the options describe.
+absl::StatusOr<std::unique_ptr<Server>> StartServer(const ServerOptions& options, TrackerFactory make_tracker,
+                                                    std::unique_ptr<Store> store);
 
 }  // namespace evpose::server

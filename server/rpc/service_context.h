@@ -1,13 +1,24 @@
 // What the services share. Everything in it outlives them.
 #pragma once
 
+#include "absl/time/time.h"
+#include "server/auth/authenticator.h"
 #include "server/rpc/stream_registry.h"
 #include "server/sessions/model_registry.h"
 #include "server/sessions/session_manager.h"
+#include "server/sessions/tenant_quotas.h"
 #include "server/sessions/worker_pool.h"
 #include "server/stores/store.h"
 
 namespace evpose::server {
+
+// Who makes the server leave.
+class Drainer {
+ public:
+  virtual ~Drainer() = default;
+  // Must not block. The first one counts.
+  virtual void Drain(absl::Duration deadline) = 0;
+};
 
 struct ServiceContext {
   Store& store;
@@ -15,7 +26,12 @@ struct ServiceContext {
   SessionManager& sessions;
   WorkerPool& pool;
   StreamRegistry& streams;
+  Authenticator& authenticator;
+  TenantQuotas& quotas;
+  Drainer& drainer;
+  absl::Duration attach_timeout;
   uint64_t max_model_bytes;
+  absl::Duration drain_timeout;  // when the caller of Drain gives none
 };
 
 }  // namespace evpose::server

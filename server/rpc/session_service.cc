@@ -1,7 +1,13 @@
 #include "server/rpc/session_service.h"
 
+#include <memory>
+#include <string>
+#include <utility>
+#include <vector>
+
 #include "absl/strings/str_cat.h"
 #include "core/base/status_macros.h"
+#include "server/rpc/authentication.h"
 #include "server/rpc/conversion.h"
 #include "server/rpc/status_mapping.h"
 #include "server/rpc/track_reactor.h"
@@ -13,29 +19,41 @@ namespace {
 
 constexpr size_t kMaxRequestIdBytes = 128;
 
-absl::Status Create(SessionManager& sessions, const v1::CreateSessionRequest& request, v1::Session& response) {
+absl::StatusOr<std::shared_ptr<Session>> Create(SessionManager& sessions, const std::string& tenant,
+                                                const v1::CreateSessionRequest& request) {
   if (request.request_id().size() > kMaxRequestIdBytes) {
     return InvalidField("request_id", absl::StrCat("has ", request.request_id().size(), " bytes; at most ",
                                                    kMaxRequestIdBytes, " are kept"));
   }
   EVPOSE_ASSIGN_OR_RETURN(const SessionConfig config, FromProto(request.config()));
-  EVPOSE_ASSIGN_OR_RETURN(const std::shared_ptr<Session> session, sessions.Create(config, request.request_id()));
-  response = ToProto(*session);
-  response.set_resume_token(session->resume_token());
-  return absl::OkStatus();
+  return sessions.Create(tenant, config, request.request_id());
 }
 
-absl::Status List(SessionManager& sessions, const v1::ListSessionsRequest& request,
+// Ends the call with the session and its token. That of a session which came from the store is known to nobody but its
+// client, and this client has not got it: there is a new one, when it is durable.
+void AnswerCreated(const absl::StatusOr<std::shared_ptr<Session>>& session, v1::Session& response,
+                   grpc::ServerUnaryReactor& reactor) {
+  if (!session.ok()) return reactor.Finish(ToGrpcStatus(session.status()));
+  response = ToProto((*session)->Describe());
+  response.set_resume_token((*session)->resume_token());
+  if (!response.resume_token().empty()) return reactor.Finish(grpc::Status::OK);
+  (*session)->RenewToken([&response, &reactor](const absl::StatusOr<std::string>& token) {
+    if (token.ok()) response.set_resume_token(*token);
+    reactor.Finish(ToGrpcStatus(token.status()));
+  });
+}
+
+absl::Status List(SessionManager& sessions, const std::string& tenant, const v1::ListSessionsRequest& request,
                   v1::ListSessionsResponse& response) {
   EVPOSE_ASSIGN_OR_RETURN(const size_t page_size, PageSize(request.page_size()));
   EVPOSE_ASSIGN_OR_RETURN(const std::string after_name, PageStart(request.page_token(), "sessions/"));
-  const auto page = sessions.List(after_name, page_size + 1);
-  for (const auto& session : page) {
+  EVPOSE_ASSIGN_OR_RETURN(const std::vector<SessionInfo> page, sessions.List(tenant, after_name, page_size + 1));
+  for (const SessionInfo& session : page) {
     if (response.sessions_size() == static_cast<int>(page_size)) {
       response.set_next_page_token(response.sessions().rbegin()->name());
       break;
     }
-    *response.add_sessions() = ToProto(*session);
+    *response.add_sessions() = ToProto(session);
   }
   return absl::OkStatus();
 }
@@ -46,37 +64,47 @@ grpc::ServerUnaryReactor* SessionServiceImpl::CreateSession(grpc::CallbackServer
                                                             const v1::CreateSessionRequest* request,
                                                             v1::Session* response) {
   grpc::ServerUnaryReactor* reactor = context->DefaultReactor();
-  // Making trackers takes too long for gRPC's threads.
-  services_.pool.Post([this, request, response, reactor] {
-    reactor->Finish(ToGrpcStatus(Create(services_.sessions, *request, *response)));
+  const absl::StatusOr<Caller> caller = Authenticate(services_.authenticator, *context);
+  if (!caller.ok()) {
+    reactor->Finish(ToGrpcStatus(caller.status()));
+    return reactor;
+  }
+  // Making trackers takes too long for gRPC's threads, and for those that track.
+  services_.pool.PostSlow([this, request, response, reactor, tenant = caller->tenant] {
+    AnswerCreated(Create(services_.sessions, tenant, *request), *response, *reactor);
   });
   return reactor;
 }
 
 grpc::ServerUnaryReactor* SessionServiceImpl::GetSession(grpc::CallbackServerContext* context,
                                                          const v1::GetSessionRequest* request, v1::Session* response) {
-  const auto session = services_.sessions.Get(request->name());
-  if (session.ok()) *response = ToProto(**session);
-  grpc::ServerUnaryReactor* reactor = context->DefaultReactor();
-  reactor->Finish(ToGrpcStatus(session.status()));
-  return reactor;
+  const auto describe = [this, request, response](const Caller& caller) -> absl::Status {
+    EVPOSE_ASSIGN_OR_RETURN(const SessionInfo session, services_.sessions.Describe(caller.tenant, request->name()));
+    *response = ToProto(session);
+    return absl::OkStatus();
+  };
+  const absl::StatusOr<Caller> caller = Authenticate(services_.authenticator, *context);
+  if (!caller.ok() || !services_.sessions.Get(caller->tenant, request->name()).ok()) {
+    return AnswerSlowly(services_.authenticator, services_.pool, context, describe);
+  }
+  return AnswerUnary(services_.authenticator, context, describe);
 }
 
 grpc::ServerUnaryReactor* SessionServiceImpl::ListSessions(grpc::CallbackServerContext* context,
                                                            const v1::ListSessionsRequest* request,
                                                            v1::ListSessionsResponse* response) {
-  grpc::ServerUnaryReactor* reactor = context->DefaultReactor();
-  reactor->Finish(ToGrpcStatus(List(services_.sessions, *request, *response)));
-  return reactor;
+  return AnswerSlowly(services_.authenticator, services_.pool, context,
+                      [this, request, response](const Caller& caller) {
+                        return List(services_.sessions, caller.tenant, *request, *response);
+                      });
 }
 
 grpc::ServerUnaryReactor* SessionServiceImpl::DeleteSession(grpc::CallbackServerContext* context,
                                                             const v1::DeleteSessionRequest* request,
                                                             v1::DeleteSessionResponse*) {
-  services_.sessions.Delete(request->name());
-  grpc::ServerUnaryReactor* reactor = context->DefaultReactor();
-  reactor->Finish(grpc::Status::OK);
-  return reactor;
+  return AnswerSlowly(services_.authenticator, services_.pool, context, [this, request](const Caller& caller) {
+    return services_.sessions.Delete(caller.tenant, request->name());
+  });
 }
 
 grpc::ServerBidiReactor<v1::TrackRequest, v1::TrackResponse>* SessionServiceImpl::Track(

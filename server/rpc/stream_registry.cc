@@ -1,28 +1,39 @@
 #include "server/rpc/stream_registry.h"
 
-#include <algorithm>
 #include <mutex>
 #include <utility>
 
+#include "absl/strings/str_cat.h"
+#include "server/sessions/errors.h"
+
 namespace evpose::server {
+namespace {
+
+// When one will end is not known; clients ask again after this.
+constexpr absl::Duration kRetryDelay = absl::Seconds(5);
+
+}  // namespace
 
 void StreamRegistry::Add(Kind kind, const std::shared_ptr<OpenStream>& stream) {
   absl::Status ended;
   {
     const std::lock_guard lock(mutex_);
-    entries_.push_back({kind, stream.get(), stream});
+    entries_[stream.get()] = {kind, stream};
     if (kind == Kind::kTrack) ++num_tracks_;
     ended = ended_;
+    if (ended.ok() && entries_.size() > max_streams_) {
+      ended = LimitReached("TOO_MANY_STREAMS", "max_streams",
+                           absl::StrCat("the server has its ", max_streams_, " streams: try again later"), kRetryDelay);
+    }
   }
   if (!ended.ok()) stream->End(ended);
 }
 
 void StreamRegistry::Remove(const OpenStream* stream) {
   const std::lock_guard lock(mutex_);
-  const auto found =
-      std::find_if(entries_.begin(), entries_.end(), [stream](const Entry& entry) { return entry.key == stream; });
+  const auto found = entries_.find(stream);
   if (found == entries_.end()) return;
-  if (found->kind == Kind::kTrack) --num_tracks_;
+  if (found->second.kind == Kind::kTrack) --num_tracks_;
   entries_.erase(found);
   removed_.notify_all();
 }
@@ -30,7 +41,7 @@ void StreamRegistry::Remove(const OpenStream* stream) {
 std::vector<std::shared_ptr<OpenStream>> StreamRegistry::Streams(bool with_watches) {
   const std::lock_guard lock(mutex_);
   std::vector<std::shared_ptr<OpenStream>> streams;
-  for (const Entry& entry : entries_) {
+  for (const auto& [key, entry] : entries_) {
     if (!with_watches && entry.kind == Kind::kWatch) continue;
     if (auto stream = entry.stream.lock()) streams.push_back(std::move(stream));
   }

@@ -4,6 +4,7 @@
 #include <condition_variable>
 #include <memory>
 #include <mutex>
+#include <unordered_map>
 #include <vector>
 
 #include "absl/base/thread_annotations.h"
@@ -25,6 +26,9 @@ class StreamRegistry {
  public:
   enum class Kind { kTrack, kWatch };
 
+  explicit StreamRegistry(size_t max_streams) : max_streams_(max_streams) {}
+
+  // One stream too many is ended at once, RESOURCE_EXHAUSTED (TOO_MANY_STREAMS).
   void Add(Kind kind, const std::shared_ptr<OpenStream>& stream);
   void Remove(const OpenStream* stream);
 
@@ -40,14 +44,14 @@ class StreamRegistry {
  private:
   struct Entry {
     Kind kind;
-    const OpenStream* key;
     std::weak_ptr<OpenStream> stream;
   };
   std::vector<std::shared_ptr<OpenStream>> Streams(bool with_watches);
 
+  const size_t max_streams_;
   std::mutex mutex_;
   std::condition_variable removed_;
-  std::vector<Entry> entries_ ABSL_GUARDED_BY(mutex_);
+  std::unordered_map<const OpenStream*, Entry> entries_ ABSL_GUARDED_BY(mutex_);
   int num_tracks_ ABSL_GUARDED_BY(mutex_) = 0;
   absl::Status ended_ ABSL_GUARDED_BY(mutex_);
 };

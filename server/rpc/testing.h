@@ -15,6 +15,7 @@
 #include "evpose/v1/sessions.grpc.pb.h"
 #include "google/rpc/error_details.pb.h"
 #include "google/rpc/status.pb.h"
+#include "server/rpc/raw_requests.h"
 #include "server/rpc/server_impl.h"
 #include "server/sessions/testing.h"
 
@@ -138,20 +139,7 @@ class RpcTest : public testing::Test {
   }
 
   grpc::Status Upload(const std::vector<v1::UploadModelRequest>& requests, v1::Model* model) {
-    grpc::ClientContext context;
-    const auto stream = models_->UploadModel(&context, model);
-    for (const auto& request : requests) {
-      if (!stream->Write(request)) break;
-    }
-    stream->WritesDone();
-    return stream->Finish();
-  }
-  static std::vector<v1::UploadModelRequest> UploadRequests(const std::string& file) {
-    std::vector<v1::UploadModelRequest> requests(2);
-    requests[0].mutable_header()->set_format(v1::MODEL_FORMAT_OBJ);
-    requests[0].mutable_header()->set_size_bytes(file.size());
-    requests[1].set_chunk(file);
-    return requests;
+    return UploadModel(*models_, requests, model);
   }
   std::string UploadCube() {
     v1::Model model;
@@ -159,24 +147,7 @@ class RpcTest : public testing::Test {
     return model.name();
   }
 
-  v1::CreateSessionRequest CreateRequest() {
-    v1::CreateSessionRequest request;
-    v1::SessionConfig& config = *request.mutable_config();
-    config.set_encoding(v1::EVENT_ENCODING_FLAT64);
-    v1::CameraModel& camera = *config.mutable_camera();
-    camera.set_width_px(320);
-    camera.set_height_px(240);
-    camera.set_fx_px(300);
-    camera.set_fy_px(300);
-    camera.set_cx_px(160);
-    camera.set_cy_px(120);
-    v1::TrackedObject& object = *config.add_objects();
-    object.set_object_id("cube");
-    object.set_model(UploadCube());
-    object.mutable_initial_camera_from_object()->mutable_translation_m()->set_z(1.0);
-    object.mutable_initial_camera_from_object()->mutable_rotation()->set_w(1.0);
-    return request;
-  }
+  v1::CreateSessionRequest CreateRequest() { return CubeSessionRequest(UploadCube()); }
   grpc::Status Create(const v1::CreateSessionRequest& request, v1::Session* session) {
     grpc::ClientContext context;
     return sessions_->CreateSession(&context, request, session);

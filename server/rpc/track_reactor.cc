@@ -1,15 +1,21 @@
 #include "server/rpc/track_reactor.h"
 
+#include <grpcpp/alarm.h>
+
+#include <algorithm>
+#include <chrono>
 #include <deque>
 #include <memory>
 #include <mutex>
 #include <optional>
 #include <string>
 #include <utility>
+#include <vector>
 
 #include "absl/base/thread_annotations.h"
 #include "absl/strings/str_cat.h"
 #include "core/base/status_macros.h"
+#include "server/rpc/authentication.h"
 #include "server/rpc/conversion.h"
 #include "server/rpc/status_mapping.h"
 #include "server/rpc/stream_registry.h"
@@ -21,6 +27,7 @@ namespace evpose::server {
 namespace {
 
 constexpr size_t kPosesPerPage = 64;
+constexpr absl::Duration kLongestHold = absl::Hours(1);  // the clock's arithmetic ends somewhere
 
 // Every event (a message read or written, a change of the session, a cancellation) ends in Pump, which looks at the
 // whole state and starts what can be started. So no wake-up is ever lost: an ack that could not be written because a
@@ -31,12 +38,15 @@ class TrackReactor : public grpc::ServerBidiReactor<v1::TrackRequest, v1::TrackR
                      public std::enable_shared_from_this<TrackReactor> {
  public:
   TrackReactor(const ServiceContext& services, grpc::CallbackServerContext* context)
-      : services_(services), context_(context) {}
+      : services_(services), context_(context), caller_(Authenticate(services.authenticator, *context)) {}
 
   void Start() {
     self_ = shared_from_this();
     services_.streams.Add(StreamRegistry::Kind::kTrack, self_);
     const std::lock_guard lock(mutex_);
+    Fail(caller_.status());
+    Fail(services_.sessions.CheckNotDraining());
+    if (caller_.ok()) SetAlarm(services_.attach_timeout);
     Pump();
   }
 
@@ -44,6 +54,8 @@ class TrackReactor : public grpc::ServerBidiReactor<v1::TrackRequest, v1::TrackR
     if (!ok) {
       const std::lock_guard lock(mutex_);
       reads_are_done_ = true;
+    } else if (request_.has_attach() && session_ == nullptr) {
+      return StartAttach(request_.attach());
     }
     // The request belongs to the reading side alone: it is handled without the lock, the digest of its payload
     // included.
@@ -69,7 +81,7 @@ class TrackReactor : public grpc::ServerBidiReactor<v1::TrackRequest, v1::TrackR
   }
 
   void OnDone() override {
-    if (session_ != nullptr) ServerLog().info("{} stream {} is over: {}", session_->name(), stream_, Outcome());
+    LogOutcome();
     services_.streams.Remove(this);
     const std::shared_ptr<TrackReactor> last = std::move(self_);
   }
@@ -81,6 +93,8 @@ class TrackReactor : public grpc::ServerBidiReactor<v1::TrackRequest, v1::TrackR
 
   void GoAway(absl::Duration deadline) override {
     const std::lock_guard lock(mutex_);
+    // Who has not attached has nothing to finish.
+    if (session_ == nullptr) Fail(services_.sessions.CheckNotDraining());
     go_away_ = deadline;
     Pump();
   }
@@ -94,10 +108,15 @@ class TrackReactor : public grpc::ServerBidiReactor<v1::TrackRequest, v1::TrackR
   }
 
  private:
+  struct Joined {
+    std::shared_ptr<Session> session;
+    Attachment attachment;
+  };
+
   absl::Status HandleRequest() {
     switch (request_.message_case()) {
       case v1::TrackRequest::kAttach:
-        return HandleAttach(request_.attach());
+        return InvalidField("attach", "was sent already: a stream attaches once");
       case v1::TrackRequest::MESSAGE_NOT_SET:
         return InvalidField("message", "is empty: attach, events, reset_pose or end is expected");
       default:
@@ -114,26 +133,58 @@ class TrackReactor : public grpc::ServerBidiReactor<v1::TrackRequest, v1::TrackR
     }
   }
 
-  absl::Status HandleAttach(const v1::Attach& attach) {
-    if (session_ != nullptr) return InvalidField("attach", "was sent already: a stream attaches once");
+  // A session that is not here is taken from the store, which takes too long for gRPC's threads. Nothing is read
+  // meanwhile.
+  void StartAttach(const v1::Attach& attach) {
+    std::shared_ptr<Session> session =
+        services_.sessions.FindForAttach(caller_->tenant, attach.session(), attach.resume_token());
+    if (session != nullptr) return OnAttached(attach, Join(attach, std::move(session)));
+    services_.pool.PostSlow([self = shared_from_this(), attach] { self->TakeAndAttach(attach); });
+  }
+
+  void TakeAndAttach(const v1::Attach& attach) {
+    auto session = TakeSession(attach);
+    OnAttached(attach, session.ok() ? Join(attach, *std::move(session)) : session.status());
+  }
+
+  absl::StatusOr<std::shared_ptr<Session>> TakeSession(const v1::Attach& attach) {
     EVPOSE_RETURN_IF_ERROR(services_.sessions.CheckNotDraining());
-    EVPOSE_ASSIGN_OR_RETURN(std::shared_ptr<Session> session, services_.sessions.Get(attach.session()));
+    return services_.sessions.TakeForAttach(caller_->tenant, attach.session(), attach.resume_token());
+  }
+
+  // All at once: what comes in between sees a stream that has not attached yet.
+  void OnAttached(const v1::Attach& attach, absl::StatusOr<Joined> joined) {
+    const std::lock_guard lock(mutex_);
+    attach_ = attach;
+    is_reading_ = false;
+    is_attaching_ = false;
+    if (joined.ok()) TakeUp(*std::move(joined));
+    Fail(joined.status());
+    Pump();
+  }
+
+  void TakeUp(Joined joined) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
+    alarm_.reset();
+    session_ = std::move(joined.session);
+    stream_ = joined.attachment.stream;
+    if (is_finished_) session_->Detach(stream_);  // cancelled meanwhile
+    sent_pose_seq_ = joined.attachment.first_pose_seq - 1;
+    sent_ack_.send_limit_bytes = joined.attachment.send_limit_bytes;
+    attachment_ = std::move(joined.attachment);
+  }
+
+  absl::StatusOr<Joined> Join(const v1::Attach& attach, std::shared_ptr<Session> session) {
+    EVPOSE_RETURN_IF_ERROR(services_.sessions.CheckNotDraining());
     // Without the lock: the stream that this one fences is told, and takes its own.
     EVPOSE_ASSIGN_OR_RETURN(Attachment attachment,
                             session->Attach(attach.resume_token(), attach.last_pose_seq(), weak_from_this()));
     ServerLog().info("{} stream {} attached: chunk {} is next", session->name(), attachment.stream,
                      attachment.next_seq);
-    const std::lock_guard lock(mutex_);
-    session_ = std::move(session);
-    stream_ = attachment.stream;
-    if (is_finished_) session_->Detach(stream_);  // cancelled meanwhile
-    sent_pose_seq_ = attachment.first_pose_seq - 1;
-    sent_ack_.send_limit_bytes = attachment.send_limit_bytes;
-    attachment_ = std::move(attachment);
-    return absl::OkStatus();
+    return Joined{std::move(session), std::move(attachment)};
   }
 
   absl::Status HandleEvents(v1::EventChunk& events) {
+    Hold(services_.quotas.ChargeBytes(caller_->tenant, events.payload().size()));
     EventChunk chunk;
     chunk.seq = events.seq();
     chunk.discontinuity = events.discontinuity();
@@ -145,7 +196,7 @@ class TrackReactor : public grpc::ServerBidiReactor<v1::TrackRequest, v1::TrackR
   absl::Status HandleResetPose(const v1::ResetPose& reset) {
     EVPOSE_ASSIGN_OR_RETURN(const RigidTransform camera_from_object,
                             FromProto(reset.camera_from_object(), "reset_pose.camera_from_object"));
-    return session_->PushResetPose(stream_, reset.object_id(), camera_from_object);
+    return session_->PushResetPose(stream_, reset.seq(), reset.object_id(), camera_from_object);
   }
 
   absl::Status HandleEnd() {
@@ -155,9 +206,42 @@ class TrackReactor : public grpc::ServerBidiReactor<v1::TrackRequest, v1::TrackR
     return absl::OkStatus();
   }
 
-  std::string Outcome() {
+  // Reads nothing for so long: the tenant sends more than its share.
+  void Hold(absl::Duration duration) {
+    if (duration == absl::ZeroDuration()) return;
     const std::lock_guard lock(mutex_);
-    return failure_.ok() ? "finished" : std::string(failure_.message());
+    is_held_ = true;
+    SetAlarm(duration);
+  }
+
+  void SetAlarm(absl::Duration duration) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
+    if (is_finished_) return;
+    // A new one each time: the old one's function may still be running. Weak, because an alarm keeps its function.
+    alarm_ = std::make_unique<grpc::Alarm>();
+    alarm_->Set(std::chrono::system_clock::now() + absl::ToChronoMicroseconds(std::min(duration, kLongestHold)),
+                [weak = weak_from_this()](bool has_fired) {
+                  const auto self = weak.lock();
+                  if (self != nullptr && has_fired) self->OnAlarm();
+                });
+  }
+
+  void OnAlarm() {
+    const std::lock_guard lock(mutex_);
+    is_held_ = false;
+    if (session_ == nullptr) {
+      Fail(WithReason(absl::DeadlineExceededError(absl::StrCat("the stream has not attached within ",
+                                                               absl::FormatDuration(services_.attach_timeout))),
+                      "ATTACH_TIMEOUT"));
+    }
+    Pump();
+  }
+
+  // An attach that came too late may still be under way on another thread.
+  void LogOutcome() {
+    const std::lock_guard lock(mutex_);
+    if (session_ == nullptr) return;
+    ServerLog().info("{} stream {} is over: {}", session_->name(), stream_,
+                     failure_.ok() ? "finished" : std::string(failure_.message()));
   }
 
   // The first failure counts.
@@ -165,8 +249,23 @@ class TrackReactor : public grpc::ServerBidiReactor<v1::TrackRequest, v1::TrackR
 
   void Finish(const absl::Status& status) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
     is_finished_ = true;
+    alarm_.reset();
     if (session_ != nullptr) session_->Detach(stream_);
     grpc::ServerBidiReactor<v1::TrackRequest, v1::TrackResponse>::Finish(ToGrpcStatus(status));
+  }
+
+  // The session turned out to be another server's while it was attached to here: it is taken back, once.
+  bool MustTakeBack(const StreamView& view) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
+    if (!attachment_.has_value() || was_taken_back_ || !services_.sessions.options().shares_store) return false;
+    return !view.status.ok() && absl::IsAborted(session_->Watch().status);
+  }
+
+  void TakeBack() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
+    was_taken_back_ = true;
+    is_attaching_ = true;
+    attachment_.reset();
+    session_.reset();
+    services_.pool.PostSlow([self = shared_from_this(), attach = attach_] { self->TakeAndAttach(attach); });
   }
 
   void Pump() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
@@ -175,13 +274,15 @@ class TrackReactor : public grpc::ServerBidiReactor<v1::TrackRequest, v1::TrackR
     view.has_room = true;
     if (session_ != nullptr) {
       view = session_->View(stream_);
+      if (MustTakeBack(view)) return TakeBack();
       Fail(view.status);
     }
     if (!failure_.ok()) {
       if (!is_writing_) Finish(failure_);
       return;
     }
-    if (!is_reading_ && !reads_are_done_ && view.has_room) {
+    // The client sends when it has read `attached`, and that waits for the store.
+    if (!is_reading_ && !is_held_ && !reads_are_done_ && view.has_room && !attachment_.has_value() && !is_attaching_) {
       is_reading_ = true;
       StartRead(&request_);
     }
@@ -190,6 +291,7 @@ class TrackReactor : public grpc::ServerBidiReactor<v1::TrackRequest, v1::TrackR
 
   void Write(const StreamView& view) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
     if (session_ == nullptr) {
+      if (is_attaching_) return;
       if (reads_are_done_) Finish(InvalidField("attach", "must be the first message of the stream"));
       return;
     }
@@ -202,13 +304,13 @@ class TrackReactor : public grpc::ServerBidiReactor<v1::TrackRequest, v1::TrackR
     if (!failure_.ok()) return Finish(failure_);
     if (end_was_asked_ && view.ended) return WriteSummary();
     // Half-closed without `end`: the session stays, its client has all there is.
-    if (reads_are_done_ && view.is_idle) Finish(absl::OkStatus());
+    if (reads_are_done_ && !end_was_asked_ && view.is_idle) Finish(absl::OkStatus());
   }
 
   // Fills response_ with what is next, if anything. Poses come before the ack of their chunk, notices at their place
   // among the poses.
   bool PickResponse(const StreamView& view) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
-    if (attachment_.has_value()) return PickAttached();
+    if (attachment_.has_value()) return view.attached && PickAttached();
     if (go_away_.has_value()) return PickGoAway();
     if (notices_.empty()) {
       for (SessionNotice& notice : session_->TakeNotices(stream_)) notices_.push_back(std::move(notice));
@@ -245,8 +347,7 @@ class TrackReactor : public grpc::ServerBidiReactor<v1::TrackRequest, v1::TrackR
   bool PickAck() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
     v1::Ack& ack = *response_.mutable_ack();
     ack.set_processed_seq(ack_->processed_seq);
-    // What the memory store has lives as long as the session: nothing is needed again.
-    ack.set_durable_seq(ack_->processed_seq);
+    ack.set_durable_seq(ack_->durable_seq);
     ack.set_send_limit_bytes(ack_->send_limit_bytes);
     sent_ack_ = *ack_;
     ack_.reset();
@@ -255,10 +356,8 @@ class TrackReactor : public grpc::ServerBidiReactor<v1::TrackRequest, v1::TrackR
 
   bool PickPose() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
     if (page_.empty()) {
-      auto poses = session_->pose_log()->Read(sent_pose_seq_, kPosesPerPage);
-      Fail(poses.status());
-      if (!poses.ok()) return false;
-      page_.assign(poses->begin(), poses->end());
+      const std::vector<StoredPose> poses = session_->pose_log().Read(sent_pose_seq_, kPosesPerPage);
+      page_.assign(poses.begin(), poses.end());
     }
     if (page_.empty() || page_.front().pose_seq != sent_pose_seq_ + 1) {
       Fail(WithReason(absl::AbortedError(absl::StrCat("pose ", sent_pose_seq_ + 1,
@@ -281,6 +380,7 @@ class TrackReactor : public grpc::ServerBidiReactor<v1::TrackRequest, v1::TrackR
 
   const ServiceContext services_;
   grpc::CallbackServerContext* const context_;
+  const absl::StatusOr<Caller> caller_;
   std::shared_ptr<TrackReactor> self_;  // until OnDone
 
   // Of the reading side; the session and the stream are set once, by attach.
@@ -291,11 +391,16 @@ class TrackReactor : public grpc::ServerBidiReactor<v1::TrackRequest, v1::TrackR
   std::mutex mutex_;
   v1::TrackResponse response_ ABSL_GUARDED_BY(mutex_);
   bool is_reading_ ABSL_GUARDED_BY(mutex_) = false;
+  bool is_held_ ABSL_GUARDED_BY(mutex_) = false;  // by the tenant's quota
   bool is_writing_ ABSL_GUARDED_BY(mutex_) = false;
   bool is_finished_ ABSL_GUARDED_BY(mutex_) = false;
+  bool is_attaching_ ABSL_GUARDED_BY(mutex_) = false;  // for the second time
+  bool was_taken_back_ ABSL_GUARDED_BY(mutex_) = false;
+  v1::Attach attach_ ABSL_GUARDED_BY(mutex_);
   bool reads_are_done_ ABSL_GUARDED_BY(mutex_) = false;
   bool end_was_asked_ ABSL_GUARDED_BY(mutex_) = false;
   absl::Status failure_ ABSL_GUARDED_BY(mutex_);
+  std::unique_ptr<grpc::Alarm> alarm_ ABSL_GUARDED_BY(mutex_);     // until it attaches, then while it is held
   std::optional<Attachment> attachment_ ABSL_GUARDED_BY(mutex_);   // to be sent
   std::optional<absl::Duration> go_away_ ABSL_GUARDED_BY(mutex_);  // to be sent
   std::deque<SessionNotice> notices_ ABSL_GUARDED_BY(mutex_);

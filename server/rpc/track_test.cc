@@ -1,4 +1,4 @@
-// Track and the watchers, through the raw stub against the real server.
+// Track, through the raw stub against the real server.
 #include <thread>
 
 #include "core/base/hash.h"
@@ -168,9 +168,15 @@ TEST_F(TrackTest, RefusesBadMessagesAndTheSessionLivesOn) {
   v1::ResetPose* reset = add("INVALID_ARGUMENT reset_pose.camera_from_object.rotation").mutable_reset_pose();
   reset->set_object_id("cube");
   reset->mutable_camera_from_object()->mutable_rotation()->set_w(2.0);
-  reset = add("INVALID_ARGUMENT reset_pose.object_id").mutable_reset_pose();
-  reset->set_object_id("cone");
-  reset->mutable_camera_from_object()->mutable_rotation()->set_w(1.0);
+  const auto add_reset = [&add](const std::string& expected, uint64_t seq, const std::string& object_id) {
+    v1::ResetPose& added = *add(expected).mutable_reset_pose();
+    added.set_seq(seq);
+    added.set_object_id(object_id);
+    added.mutable_camera_from_object()->mutable_rotation()->set_w(1.0);
+  };
+  add_reset("INVALID_ARGUMENT reset_pose.object_id", 1, "cone");
+  add_reset("INVALID_ARGUMENT reset_pose.seq", 0, "cube");
+  add_reset("FAILED_PRECONDITION SEQ_GAP", 2, "cube");
 
   for (const auto& [expected, request] : cases) {
     v1::Attached attached;
@@ -307,13 +313,16 @@ TEST_F(TrackTest, NoticesStandAmongThePosesInOrder) {
   events.push_back({2900, 4000, 1, 0});  // outside the sensor
   track->Events(1, Flat64(events));
   v1::TrackRequest reset;
+  reset.mutable_reset_pose()->set_seq(2);
   reset.mutable_reset_pose()->set_object_id("cube");
   reset.mutable_reset_pose()->mutable_camera_from_object()->mutable_rotation()->set_w(1.0);
   track->Write(reset);
   events = SomeEvents(3, 5);
   events.push_back({5100, 0, 0, 1});  // lost
   events.push_back({6100, 9, 9, 1});
-  track->Events(2, Flat64(events));
+  track->Write(reset);  // again: ignored, or the object would be found again below
+  track->Events(3, Flat64(events));
+  track->Write(reset);
   track->End();
   std::vector<std::string> seen;
   v1::TrackResponse response;
@@ -329,6 +338,60 @@ TEST_F(TrackTest, NoticesStandAmongThePosesInOrder) {
   }
   EXPECT_THAT(seen, testing::ElementsAre("fault in 1", "cube TRACK_STATE_TRACKING 3000", "pose 2500", "pose 3500",
                                          "pose 4500", "cube TRACK_STATE_LOST 6000"));
+}
+
+TEST_F(TrackTest, ModelsAndSessionsAreMadeWhileAllWorkersTrack) {
+  std::vector<std::unique_ptr<RawTrack>> busy;
+  gate_->Close();
+  for (int i = 0; i < Options().worker_threads; ++i) {
+    v1::Session session = CreateSession();
+    busy.push_back(Attached(session));
+    ASSERT_TRUE(busy.back()->Events(1, Flat64(SomeEvents(1, 11))));
+    while (session.health().received_bytes() == 0) Get(session.name(), &session);
+  }
+  CreateSession();  // and uploads a model
+  gate_->Open();
+}
+
+TEST_F(TrackTest, WhatIsDroppedIsToldTheSameWayEverywhere) {
+  v1::CreateSessionRequest request = CreateRequest();
+  request.mutable_config()->set_overload_policy(v1::OVERLOAD_POLICY_LATEST);
+  request.mutable_config()->mutable_max_lag()->set_seconds(10);
+  v1::Session session;
+  ASSERT_EQ(Describe(Create(request, &session)), "OK");
+  const auto track = Attached(session);
+  gate_->Close();  // the tracker stands still with the first chunk, and more than the credit comes
+  uint64_t sent_bytes = 0;
+  for (uint64_t seq = 1; sent_bytes < 400 * 1024; ++seq) {
+    const auto begin_ms = static_cast<int64_t>(1000 * seq);
+    const std::string payload = Flat64(SomeEvents(begin_ms, begin_ms + 10, 300));
+    ASSERT_TRUE(track->Events(seq, payload));
+    sent_bytes += payload.size();
+  }
+  v1::TrackResponse response;
+  while (response.ack().send_limit_bytes() < sent_bytes + 256 * 1024) {
+    ASSERT_TRUE(track->ReadUntil(Kind::kAck, response)) << "credit comes although nothing is tracked";
+  }
+  gate_->Open();
+  ASSERT_TRUE(track->End());
+  uint64_t dropped = 0;
+  std::vector<v1::TrackResponse> before;
+  ASSERT_TRUE(track->ReadUntil(Kind::kSummary, response, &before));
+  for (const v1::TrackResponse& message : before) {
+    if (!message.notice().has_dropped()) continue;
+    dropped += message.notice().dropped().num_events();
+    EXPECT_EQ(message.notice().dropped().reason(), v1::DROP_REASON_MEMORY);
+    EXPECT_GT(message.notice().dropped().to_t_us(), message.notice().dropped().from_t_us());
+  }
+  EXPECT_GT(dropped, 0u);
+  EXPECT_EQ(response.summary().health().skipped_events(), dropped);
+  EXPECT_GT(response.summary().health().skipped_us(), 0);
+  EXPECT_EQ(response.summary().health().decoded_events() * 8, sent_bytes);
+  Delete(session.name());
+  grpc::ClientContext context;
+  v1::ServerInfo info;
+  ASSERT_TRUE(admin_->GetServerInfo(&context, {}, &info).ok());
+  EXPECT_EQ(info.skipped_events(), dropped);
 }
 
 TEST_F(TrackTest, DeletingASessionEndsItsStreams) {
@@ -375,7 +438,7 @@ TEST_F(TrackTest, ALeavingServerTellsItsStreamsAndLetsThemFinish) {
   const v1::Session other = CreateSession();
   const auto silent = Attached(other);
   const v1::CreateSessionRequest request = CreateRequest();
-  std::thread shutdown([this] { server_->Shutdown(absl::Seconds(2)); });
+  std::thread shutdown([this] { server_->Shutdown(absl::Seconds(4)); });
   v1::TrackResponse response;
   ASSERT_TRUE(track->ReadUntil(Kind::kNotice, response));
   EXPECT_TRUE(response.notice().has_go_away());
@@ -399,153 +462,6 @@ TEST_F(TrackTest, ShutdownDoesNotWaitForAClientThatReadsNothing) {
   }
   server_->Shutdown(absl::ZeroDuration());
   EXPECT_FALSE(track->Finish().ok());
-}
-
-TEST_F(TrackTest, WatchersReadWhatIsStoredAndThenWhatComes) {
-  const v1::Session session = CreateSession();
-  const auto track = Attached(session);
-  track->Events(1, Flat64(SomeEvents(1, 11)));
-  v1::TrackResponse response;
-  ASSERT_TRUE(track->ReadUntil(Kind::kAck, response));
-
-  grpc::ClientContext context;
-  v1::WatchPosesRequest request;
-  request.set_session(session.name());
-  request.set_after_pose_seq(2);
-  const auto watcher = sessions_->WatchPoses(&context, request);
-  v1::WatchPosesResponse poses;
-  ASSERT_TRUE(watcher->Read(&poses));
-  ASSERT_EQ(poses.poses_size(), 7);
-  EXPECT_EQ(poses.poses(0).pose_seq(), 3u);
-  uint64_t last = poses.poses(6).pose_seq();
-  track->Events(2, Flat64(SomeEvents(11, 21)));
-  track->End();
-  while (watcher->Read(&poses)) {
-    for (const auto& pose : poses.poses()) EXPECT_EQ(pose.pose_seq(), ++last);
-    EXPECT_EQ(poses.num_skipped(), 0u);
-  }
-  EXPECT_EQ(last, 20u);
-  EXPECT_EQ(Describe(watcher->Finish()), "OK") << "the session has ended";
-}
-
-TEST_F(TrackTest, ASlowWatcherIsToldWhatItLost) {
-  const v1::Session session = CreateSession();
-  grpc::ClientContext context;
-  v1::WatchPosesRequest request;
-  request.set_session(session.name());
-  const auto watcher = sessions_->WatchPoses(&context, request);
-  const auto track = Attached(session);
-  v1::TrackResponse response;
-  for (uint64_t seq = 1; seq <= 30; ++seq) {
-    const auto begin_ms = static_cast<int64_t>(200 * seq);
-    track->Events(seq, Flat64(SomeEvents(begin_ms, begin_ms + 200)));
-    ASSERT_TRUE(track->ReadUntil(Kind::kAck, response));
-  }
-  track->End();
-  ASSERT_TRUE(track->ReadUntil(Kind::kSummary, response));
-  const uint64_t total = response.summary().health().poses();
-  EXPECT_EQ(total, 6000u);
-
-  uint64_t seen = 0;
-  uint64_t skipped = 0;
-  uint64_t last = 0;
-  v1::WatchPosesResponse poses;
-  while (watcher->Read(&poses)) {
-    skipped += poses.num_skipped();
-    last += poses.num_skipped();
-    for (const auto& pose : poses.poses()) EXPECT_EQ(pose.pose_seq(), ++last);
-    seen += static_cast<uint64_t>(poses.poses_size());
-  }
-  EXPECT_EQ(Describe(watcher->Finish()), "OK");
-  EXPECT_GT(skipped, 0u);
-  EXPECT_EQ(seen + skipped, total);
-}
-
-TEST_F(TrackTest, AWatcherMayWantFewerPoses) {
-  const v1::Session session = CreateSession();
-  const auto track = Attached(session);
-  track->Events(1, Flat64(SomeEvents(1, 101)));
-  track->End();
-  EXPECT_EQ(Describe(track->Finish()), "OK");
-  grpc::ClientContext context;
-  v1::WatchPosesRequest request;
-  request.set_session(session.name());
-  request.set_max_rate_hz(100);
-  const auto watcher = sessions_->WatchPoses(&context, request);
-  std::vector<int64_t> times_us;
-  v1::WatchPosesResponse poses;
-  while (watcher->Read(&poses)) {
-    for (const auto& pose : poses.poses()) times_us.push_back(pose.t_us());
-    EXPECT_EQ(poses.num_skipped(), 0u);
-  }
-  EXPECT_EQ(Describe(watcher->Finish()), "OK");
-  ASSERT_EQ(times_us.size(), 10u);
-  EXPECT_EQ(times_us[1] - times_us[0], 10'000);
-}
-
-TEST_F(TrackTest, WatchersThatCannotBeServedAreTold) {
-  const v1::Session session = CreateSession();
-  const auto watch_poses = [this](const v1::WatchPosesRequest& request) {
-    grpc::ClientContext context;
-    v1::WatchPosesResponse response;
-    const auto watcher = sessions_->WatchPoses(&context, request);
-    EXPECT_FALSE(watcher->Read(&response));
-    return Describe(watcher->Finish());
-  };
-  const auto watch_health = [this](const v1::WatchHealthRequest& request) {
-    grpc::ClientContext context;
-    v1::SessionHealth response;
-    const auto watcher = sessions_->WatchHealth(&context, request);
-    EXPECT_FALSE(watcher->Read(&response));
-    return Describe(watcher->Finish());
-  };
-  v1::WatchPosesRequest poses;
-  EXPECT_EQ(watch_poses(poses), "NOT_FOUND SESSION_NOT_FOUND");
-  poses.set_session(session.name());
-  for (const double rate_hz : {0.0, -1.0, std::nan(""), HUGE_VAL}) {
-    poses.set_max_rate_hz(rate_hz);
-    EXPECT_EQ(watch_poses(poses), "INVALID_ARGUMENT max_rate_hz");
-  }
-  v1::WatchHealthRequest health;
-  EXPECT_EQ(watch_health(health), "NOT_FOUND SESSION_NOT_FOUND");
-  health.set_session(session.name());
-  health.mutable_period()->set_nanos(9'999'999);
-  EXPECT_EQ(watch_health(health), "INVALID_ARGUMENT period");
-}
-
-TEST_F(TrackTest, HealthComesAtOnceThenPeriodicallyAndOnceMoreAtTheEnd) {
-  const v1::Session session = CreateSession();
-  grpc::ClientContext context;
-  v1::WatchHealthRequest request;
-  request.set_session(session.name());
-  request.mutable_period()->set_nanos(10'000'000);
-  const auto watcher = sessions_->WatchHealth(&context, request);
-  v1::SessionHealth health;
-  for (int i = 0; i < 3; ++i) ASSERT_TRUE(watcher->Read(&health));
-  EXPECT_EQ(health.poses(), 0u);
-  const auto track = Attached(session);
-  track->Events(1, Flat64(SomeEvents(1, 11)));
-  track->End();
-  EXPECT_EQ(Describe(track->Finish()), "OK");
-  while (watcher->Read(&health)) continue;
-  EXPECT_EQ(Describe(watcher->Finish()), "OK");
-  EXPECT_EQ(health.poses(), 10u);
-  EXPECT_EQ(health.objects(0).state(), v1::TRACK_STATE_TRACKING);
-}
-
-TEST_F(TrackTest, ACancelledWatcherIsForgotten) {
-  const v1::Session session = CreateSession();
-  for (int i = 0; i < 3; ++i) {
-    grpc::ClientContext context;
-    v1::WatchHealthRequest request;
-    request.set_session(session.name());
-    const auto watcher = sessions_->WatchHealth(&context, request);
-    v1::SessionHealth health;
-    ASSERT_TRUE(watcher->Read(&health));
-    context.TryCancel();
-    EXPECT_EQ(Describe(watcher->Finish()), "CANCELLED");
-  }
-  server_->Shutdown(absl::InfiniteDuration());  // returns: nobody is left
 }
 
 }  // namespace

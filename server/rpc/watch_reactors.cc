@@ -7,12 +7,15 @@
 #include <limits>
 #include <memory>
 #include <mutex>
+#include <optional>
+#include <string>
 #include <utility>
 #include <vector>
 
 #include "absl/base/thread_annotations.h"
 #include "absl/strings/str_cat.h"
 #include "core/base/status_macros.h"
+#include "server/rpc/authentication.h"
 #include "server/rpc/conversion.h"
 #include "server/rpc/status_mapping.h"
 #include "server/rpc/stream_registry.h"
@@ -22,7 +25,8 @@
 namespace evpose::server {
 namespace {
 
-constexpr size_t kPosesPerResponse = 256;
+// In one response: about 40 KB in memory, which is what a reader that stalls costs.
+constexpr size_t kPosesPerResponse = 64;
 // A live reader this far behind loses the oldest poses.
 constexpr uint64_t kMaxLivePosesBehind = 1024;
 constexpr absl::Duration kDefaultPeriod = absl::Seconds(1);
@@ -42,6 +46,9 @@ class WatchReactor : public grpc::ServerWriteReactor<Response>,
   void Start(const absl::Status& begun) {
     self_ = this->shared_from_this();
     services_.streams.Add(StreamRegistry::Kind::kWatch, self_);
+    if (missing_.has_value()) {
+      return services_.pool.PostSlow([self = this->shared_from_this()] { self->FailAsStoreSays(); });
+    }
     if (begun.ok()) session_->AddWatcher(this->weak_from_this());
     const std::lock_guard lock(mutex_);
     Fail(begun);
@@ -51,6 +58,7 @@ class WatchReactor : public grpc::ServerWriteReactor<Response>,
   void OnWriteDone(bool ok) override {
     const std::lock_guard lock(mutex_);
     is_writing_ = false;
+    response_ = Response();  // Clear() would keep the memory of its poses while nothing happens
     if (!ok) Fail(absl::CancelledError("the client is gone"));
     Pump();
   }
@@ -81,9 +89,15 @@ class WatchReactor : public grpc::ServerWriteReactor<Response>,
   }
 
  protected:
-  absl::Status FindSession(const std::string& name) {
+  absl::Status FindSession(const Caller& caller, const std::string& name) {
     EVPOSE_RETURN_IF_ERROR(services_.sessions.CheckNotDraining());
-    EVPOSE_ASSIGN_OR_RETURN(session_, services_.sessions.Get(name));
+    EVPOSE_ASSIGN_OR_RETURN(place_, services_.quotas.AddWatcher(caller.tenant));
+    auto session = services_.sessions.Get(caller.tenant, name);
+    if (!session.ok()) {
+      missing_ = {caller.tenant, name};
+      return session.status();
+    }
+    session_ = *std::move(session);
     return absl::OkStatus();
   }
 
@@ -113,6 +127,19 @@ class WatchReactor : public grpc::ServerWriteReactor<Response>,
   mutable std::mutex mutex_;
 
  private:
+  struct Missing {
+    std::string tenant;
+    std::string name;
+  };
+
+  // The store takes too long for gRPC's threads.
+  void FailAsStoreSays() {
+    const absl::Status why = services_.sessions.WhyNotHere(missing_->tenant, missing_->name);
+    const std::lock_guard lock(mutex_);
+    Fail(why);
+    Pump();
+  }
+
   void Finish(const absl::Status& status) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
     is_finished_ = true;
     OnFinish();
@@ -123,6 +150,8 @@ class WatchReactor : public grpc::ServerWriteReactor<Response>,
   grpc::CallbackServerContext* const context_;
   std::shared_ptr<WatchReactor> self_;  // until OnDone
   std::shared_ptr<Session> session_;
+  std::optional<Missing> missing_;  // what was asked for, when it is not here
+  std::unique_ptr<TenantQuotas::Watcher> place_;
   Response response_ ABSL_GUARDED_BY(mutex_);
   bool is_writing_ ABSL_GUARDED_BY(mutex_) = false;
   bool is_finished_ ABSL_GUARDED_BY(mutex_) = false;
@@ -134,7 +163,7 @@ class WatchPosesReactor : public WatchReactor<v1::WatchPosesResponse> {
  public:
   using WatchReactor::WatchReactor;
 
-  absl::Status Begin(const v1::WatchPosesRequest& request) {
+  absl::Status Begin(const Caller& caller, const v1::WatchPosesRequest& request) {
     if (request.has_max_rate_hz()) {
       const double rate_hz = request.max_rate_hz();
       if (!(rate_hz > 0.0) || !std::isfinite(rate_hz)) {
@@ -142,7 +171,7 @@ class WatchPosesReactor : public WatchReactor<v1::WatchPosesResponse> {
       }
       min_interval_us_ = 1e6 / rate_hz;
     }
-    EVPOSE_RETURN_IF_ERROR(FindSession(request.session()));
+    EVPOSE_RETURN_IF_ERROR(FindSession(caller, request.session()));
     cursor_ = request.after_pose_seq();
     live_from_ = session().Watch().last_pose_seq;
     last_t_us_.assign(session().config().objects.size(), std::numeric_limits<int64_t>::min());
@@ -158,13 +187,12 @@ class WatchPosesReactor : public WatchReactor<v1::WatchPosesResponse> {
         skipped = view.last_pose_seq - kMaxLivePosesBehind - cursor_;
         cursor_ += skipped;
       }
-      const auto page = session().pose_log()->Read(cursor_, kPosesPerResponse);
-      Fail(page.status());
-      if (!page.ok() || page->empty()) return false;
-      skipped += page->front().pose_seq - cursor_ - 1;
+      const auto page = session().pose_log().Read(cursor_, kPosesPerResponse);
+      if (page.empty()) return false;
+      skipped += page.front().pose_seq - cursor_ - 1;
       response.set_num_skipped(response.num_skipped() + skipped);
-      cursor_ = page->back().pose_seq;
-      for (const StoredPose& pose : *page) {
+      cursor_ = page.back().pose_seq;
+      for (const StoredPose& pose : page) {
         if (IsDue(pose)) *response.add_poses() = ToProto(pose, session().config());
       }
     }
@@ -192,15 +220,15 @@ class WatchHealthReactor : public WatchReactor<v1::SessionHealth> {
  public:
   using WatchReactor::WatchReactor;
 
-  absl::Status Begin(const v1::WatchHealthRequest& request) {
+  absl::Status Begin(const Caller& caller, const v1::WatchHealthRequest& request) {
     if (request.has_period()) {
-      period_ = absl::Seconds(request.period().seconds()) + absl::Nanoseconds(request.period().nanos());
+      period_ = FromProto(request.period());
       if (period_ < kMinPeriod) {
         return InvalidField("period", absl::StrCat("is ", absl::FormatDuration(period_), "; at least ",
                                                    absl::FormatDuration(kMinPeriod), " must lie between two answers"));
       }
     }
-    return FindSession(request.session());
+    return FindSession(caller, request.session());
   }
 
  private:
@@ -241,7 +269,8 @@ class WatchHealthReactor : public WatchReactor<v1::SessionHealth> {
 template <typename Reactor, typename Request>
 Reactor* StartWatch(const ServiceContext& services, grpc::CallbackServerContext* context, const Request& request) {
   const auto reactor = std::make_shared<Reactor>(services, context);
-  reactor->Start(reactor->Begin(request));
+  const absl::StatusOr<Caller> caller = Authenticate(services.authenticator, *context);
+  reactor->Start(caller.ok() ? reactor->Begin(*caller, request) : caller.status());
   return reactor.get();
 }
 

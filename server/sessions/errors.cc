@@ -51,6 +51,21 @@ absl::Status LimitReached(absl::string_view reason, absl::string_view subject, a
   return status;
 }
 
+absl::Status FromStore(const absl::Status& status) {
+  const ErrorDetails details = GetErrorDetails(status);
+  if (status.ok() || !details.reason.empty() || !details.field.empty()) return status;
+  switch (status.code()) {
+    case absl::StatusCode::kUnavailable:
+      return WithReason(absl::UnavailableError(absl::StrCat("the store does not answer: ", status.message())),
+                        "STORE_AWAY");
+    case absl::StatusCode::kResourceExhausted:
+      return WithReason(absl::ResourceExhaustedError(absl::StrCat("the store has no room: ", status.message())),
+                        "STORE_FULL");
+    default:
+      return WithReason(absl::InternalError(absl::StrCat("the store failed: ", status.message())), "STORE_FAILED");
+  }
+}
+
 ErrorDetails GetErrorDetails(const absl::Status& status) {
   ErrorDetails details;
   details.field = GetPayload(status, kField);

@@ -24,6 +24,10 @@ absl::Status WithReason(absl::Status status, absl::string_view reason,
 absl::Status LimitReached(absl::string_view reason, absl::string_view subject, absl::string_view description,
                           absl::Duration retry_after);
 
+// What a store answered, for its clients: UNAVAILABLE (STORE_AWAY), RESOURCE_EXHAUSTED (STORE_FULL), else INTERNAL
+// (STORE_FAILED). OK, and what has a reason or a field already, as it is.
+absl::Status FromStore(const absl::Status& status);
+
 struct ErrorDetails {
   std::string field;  // empty: no field is to blame
   std::string reason;

@@ -12,6 +12,8 @@ class LatencyHistogram {
   // The latency that `fraction` (0..1) of all do not exceed, microseconds; 0 when there is none.
   int64_t Percentile(double fraction) const;
 
+  static void VisitState(auto& archive, auto& self) { archive(self.counts_, self.total_); }
+
  private:
   static constexpr int kBuckets = 380;  // 1.05^378 is 1e8
   std::array<uint32_t, kBuckets> counts_ = {};

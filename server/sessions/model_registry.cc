@@ -10,9 +10,14 @@
 #include "core/base/hash.h"
 #include "core/base/status_macros.h"
 #include "server/sessions/errors.h"
+#include "server/sessions/log.h"
+#include "server/sessions/session_codec.h"
 
 namespace evpose::server {
 namespace {
+
+// So many are known to have been there: deleting them once more is no mistake, but an answer that was lost.
+constexpr size_t kMaxDeletedRemembered = 1000;
 
 // The byte that stands for a format in a model's name: the API's number of it.
 uint8_t FormatByte(ModelFormat format) {
@@ -37,6 +42,11 @@ absl::Status ModelNotFound(absl::string_view name) {
                     "MODEL_NOT_FOUND", {{"model", std::string(name)}});
 }
 
+absl::Status ModelInUse(absl::string_view name) {
+  return WithReason(absl::FailedPreconditionError(absl::StrCat(name, " is used by a session: delete that first")),
+                    "MODEL_IN_USE", {{"model", std::string(name)}});
+}
+
 }  // namespace
 
 std::string ModelName(const ModelReading& reading, absl::Span<const uint8_t> bytes) {
@@ -57,11 +67,11 @@ absl::StatusOr<std::unique_ptr<ModelRegistry>> ModelRegistry::Create(const Optio
     auto entry =
         Load(record, registry->LoadingOptions({record.format, record.metres_per_unit, record.crease_angle_deg}));
     if (!entry.ok()) {
-      return absl::InternalError(
-          absl::StrCat("stored model ", record.name, " cannot be loaded: ", entry.status().message()));
+      ServerLog().error("left out: stored {} cannot be loaded: {}", record.name, std::string(entry.status().message()));
+      continue;
     }
-    registry->stored_bytes_ += record.bytes->size();
-    registry->models_.emplace(record.name, *std::move(entry));
+    registry->AddBytes(record.tenant, record.bytes->size());
+    registry->models_.emplace(Key(record.tenant, record.name), *std::move(entry));
   }
   return registry;
 }
@@ -96,29 +106,51 @@ absl::StatusOr<ModelRegistry::Entry> ModelRegistry::Load(const ModelRecord& reco
   return entry;
 }
 
-absl::StatusOr<std::unique_ptr<ModelRegistry::Reservation>> ModelRegistry::Reserve(uint64_t size_bytes) {
+absl::StatusOr<std::unique_ptr<ModelRegistry::Reservation>> ModelRegistry::Reserve(const std::string& tenant,
+                                                                                   uint64_t size_bytes) {
   const std::lock_guard lock(mutex_);
   if (size_bytes == 0 || size_bytes > options_.max_model_bytes) {
     return InvalidField("header.size_bytes",
                         absl::StrCat("is ", size_bytes, "; a model has 1 to ", options_.max_model_bytes, " bytes"));
   }
-  const uint64_t taken = stored_bytes_ + reserved_bytes_;
-  if (taken + size_bytes > options_.max_store_bytes) {
+  // Who has taken how much is not told: others may be among them.
+  if (bytes_ + size_bytes > options_.max_store_bytes) {
     return LimitReached("MODEL_STORE_FULL", "max_model_store_bytes",
-                        absl::StrCat("no room for a model of ", size_bytes, " bytes: ", taken, " of ",
+                        absl::StrCat("no room for a model of ", size_bytes, " bytes: the server's ",
                                      options_.max_store_bytes, " are taken; delete models that are not needed"),
                         absl::ZeroDuration());
   }
-  reserved_bytes_ += size_bytes;
-  return std::make_unique<Reservation>(*this, size_bytes);
+  const auto found = bytes_of_tenant_.find(tenant);
+  const uint64_t taken = found == bytes_of_tenant_.end() ? 0 : found->second;
+  if (taken + size_bytes > options_.max_tenant_bytes) {
+    return LimitReached("TENANT_QUOTA", "tenant_model_bytes",
+                        absl::StrCat("no room for a model of ", size_bytes, " bytes: this tenant has taken ", taken,
+                                     " of ", options_.max_tenant_bytes, "; delete models that are not needed"),
+                        absl::ZeroDuration());
+  }
+  AddBytes(tenant, size_bytes);
+  return std::make_unique<Reservation>(*this, tenant, size_bytes);
 }
 
-void ModelRegistry::Release(uint64_t reserved_bytes) {
+void ModelRegistry::Release(const std::string& tenant, uint64_t reserved_bytes) {
   const std::lock_guard lock(mutex_);
-  reserved_bytes_ -= reserved_bytes;
+  RemoveBytes(tenant, reserved_bytes);
 }
 
-absl::StatusOr<ModelInfo> ModelRegistry::Upload(const ModelReading& reading, absl::string_view expected_sha256_hex,
+void ModelRegistry::AddBytes(const std::string& tenant, uint64_t bytes) {
+  bytes_ += bytes;
+  bytes_of_tenant_[tenant] += bytes;
+}
+
+void ModelRegistry::RemoveBytes(const std::string& tenant, uint64_t bytes) {
+  bytes_ -= bytes;
+  const auto found = bytes_of_tenant_.find(tenant);
+  found->second -= bytes;
+  if (found->second == 0) bytes_of_tenant_.erase(found);
+}
+
+absl::StatusOr<ModelInfo> ModelRegistry::Upload(const std::string& tenant, const ModelReading& reading,
+                                                absl::string_view expected_sha256_hex,
                                                 std::shared_ptr<const std::vector<uint8_t>> bytes) {
   const std::string sha256_hex = Sha256Hex(*bytes);
   if (!expected_sha256_hex.empty() && expected_sha256_hex != sha256_hex) {
@@ -128,57 +160,126 @@ absl::StatusOr<ModelInfo> ModelRegistry::Upload(const ModelReading& reading, abs
   const ModelOptions options = LoadingOptions(reading);
   if (const absl::Status status = options.Validate(); !status.ok()) return InvalidField("header", status.message());
   const ModelRecord record = {.name = ModelName(reading, *bytes),
+                              .tenant = tenant,
                               .format = reading.format,
                               .metres_per_unit = reading.metres_per_unit,
                               .crease_angle_deg = reading.crease_angle_deg,
                               .create_time = absl::Now(),
                               .bytes = bytes};
-  if (auto known = Get(record.name); known.ok()) return known;
+  if (auto known = Get(tenant, record.name); known.ok()) return known;
   auto entry = Load(record, options);
   if (!entry.ok()) return InvalidField("chunk", entry.status().message());
 
+  const std::lock_guard store_lock(store_mutex_);
+  if (auto known = Get(tenant, record.name); known.ok()) return known;
+  EVPOSE_RETURN_IF_ERROR(FromStore(store_.PutModel(record)));
+  const Key key(tenant, record.name);
+  std::erase(deleted_, key);
   const std::lock_guard lock(mutex_);
-  if (const auto found = models_.find(record.name); found != models_.end()) return found->second.info;
-  EVPOSE_RETURN_IF_ERROR(store_.PutModel(record));
-  stored_bytes_ += bytes->size();
-  return models_.emplace(record.name, *std::move(entry)).first->second.info;
+  AddBytes(tenant, bytes->size());
+  return models_.emplace(key, *std::move(entry)).first->second.info;
 }
 
-absl::StatusOr<ModelInfo> ModelRegistry::Get(absl::string_view name) const {
+absl::StatusOr<ModelInfo> ModelRegistry::Get(const std::string& tenant, absl::string_view name) const {
   const std::lock_guard lock(mutex_);
-  const auto found = models_.find(name);
+  const auto found = models_.find(Key(tenant, name));
   if (found == models_.end()) return ModelNotFound(name);
   return found->second.info;
 }
 
-absl::StatusOr<ModelUse> ModelRegistry::Use(absl::string_view name) const {
+absl::StatusOr<ModelUse> ModelRegistry::UseStored(const std::string& tenant, absl::string_view name) {
+  absl::StatusOr<ModelUse> known = Use(tenant, name);
+  if (known.ok()) return known;
+  const std::lock_guard store_lock(store_mutex_);
+  known = Use(tenant, name);
+  if (known.ok()) return known;
+  const absl::StatusOr<ModelRecord> record = store_.ReadModel(tenant, name);
+  if (absl::IsNotFound(record.status())) return known;
+  // A damaged model is the session's damage, in its factory's words.
+  if (!record.ok()) return absl::IsDataLoss(record.status()) ? record.status() : FromStore(record.status());
+  EVPOSE_ASSIGN_OR_RETURN(
+      Entry entry, Load(*record, LoadingOptions({record->format, record->metres_per_unit, record->crease_angle_deg})));
   const std::lock_guard lock(mutex_);
-  const auto found = models_.find(name);
-  if (found == models_.end()) return ModelNotFound(name);
+  const auto [found, is_new] = models_.emplace(Key(tenant, std::string(name)), std::move(entry));
+  if (is_new) AddBytes(tenant, record->bytes->size());
   return found->second.use;
 }
 
-std::vector<ModelInfo> ModelRegistry::List(absl::string_view after_name, size_t max_models) const {
+absl::StatusOr<ModelUse> ModelRegistry::Use(const std::string& tenant, absl::string_view name) const {
+  const std::lock_guard lock(mutex_);
+  const auto found = models_.find(Key(tenant, name));
+  if (found == models_.end() || found->second.is_going) return ModelNotFound(name);
+  return found->second.use;
+}
+
+std::vector<ModelInfo> ModelRegistry::List(const std::string& tenant, absl::string_view after_name,
+                                           size_t max_models) const {
   const std::lock_guard lock(mutex_);
   std::vector<ModelInfo> models;
-  for (auto it = models_.upper_bound(after_name); it != models_.end() && models.size() < max_models; ++it) {
+  for (auto it = models_.upper_bound(Key(tenant, after_name)); it != models_.end() && it->first.first == tenant; ++it) {
+    if (models.size() == max_models) break;
     models.push_back(it->second.info);
   }
   return models;
 }
 
-absl::Status ModelRegistry::Delete(absl::string_view name) {
-  const std::lock_guard lock(mutex_);
-  const auto found = models_.find(name);
-  if (found == models_.end()) return absl::OkStatus();
-  // Uses are given out under the lock only, so the count cannot rise now.
-  if (found->second.use.use.use_count() > 1) {
-    return WithReason(absl::FailedPreconditionError(absl::StrCat(name, " is used by a session: delete that first")),
-                      "MODEL_IN_USE", {{"model", std::string(name)}});
+absl::Status ModelRegistry::Delete(const std::string& tenant, absl::string_view name) {
+  const std::lock_guard store_lock(store_mutex_);
+  const Key key(tenant, name);
+  EVPOSE_ASSIGN_OR_RETURN(const bool was_here, BeginDelete(key));
+  const absl::Status status = DeleteStored(key, was_here);
+  EndDelete(key, status);
+  if (status.ok()) deleted_.push_back(key);
+  if (deleted_.size() > kMaxDeletedRemembered) deleted_.pop_front();
+  if (absl::IsNotFound(status) && std::find(deleted_.begin(), deleted_.end(), key) != deleted_.end()) {
+    return absl::OkStatus();
   }
-  EVPOSE_RETURN_IF_ERROR(store_.DeleteModel(name));
-  stored_bytes_ -= found->second.info.size_bytes;
+  return status;
+}
+
+absl::StatusOr<bool> ModelRegistry::BeginDelete(const Key& key) {
+  const std::lock_guard lock(mutex_);
+  const auto found = models_.find(key);
+  if (found == models_.end()) return false;
+  // Uses are given out under the lock only, so the count cannot rise now.
+  if (found->second.use.use.use_count() > 1) return ModelInUse(key.second);
+  found->second.is_going = true;
+  return true;
+}
+
+void ModelRegistry::EndDelete(const Key& key, const absl::Status& status) {
+  const std::lock_guard lock(mutex_);
+  const auto found = models_.find(key);
+  if (found == models_.end()) return;
+  found->second.is_going = false;
+  if (!status.ok()) return;
+  RemoveBytes(key.first, found->second.info.size_bytes);
   models_.erase(found);
+}
+
+absl::Status ModelRegistry::DeleteStored(const Key& key, bool was_here) {
+  const auto& [tenant, name] = key;
+  if (!was_here) {
+    // Put there by another server, or not loadable: then nobody has it here.
+    const absl::Status stored = store_.ReadModel(tenant, name).status();
+    if (absl::IsNotFound(stored)) return ModelNotFound(name);
+    if (!stored.ok() && !absl::IsDataLoss(stored)) return FromStore(stored);
+  }
+  EVPOSE_RETURN_IF_ERROR(CheckUnusedInStore(key));
+  return FromStore(store_.DeleteModel(tenant, name));
+}
+
+absl::Status ModelRegistry::CheckUnusedInStore(const Key& key) const {
+  const auto records = store_.ListSessions();
+  if (!records.ok()) return FromStore(records.status());
+  for (const SessionRecord& record : *records) {
+    if (record.tenant != key.first) continue;
+    const auto config = DecodeConfig(record.config);
+    if (!config.ok()) continue;  // nobody can take it up
+    for (const ObjectConfig& object : config->objects) {
+      if (object.model == key.second) return ModelInUse(key.second);
+    }
+  }
   return absl::OkStatus();
 }
 

@@ -1,12 +1,15 @@
-// The models that sessions may track: loaded once, shared by all.
+// The models that sessions may track: loaded once, shared by all sessions of a tenant. What one tenant has is nothing
+// to another: the same file of two is two models, of the same name, each with its own life.
 #pragma once
 
 #include <cstdint>
+#include <deque>
 #include <functional>
 #include <map>
 #include <memory>
 #include <mutex>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "absl/base/thread_annotations.h"
@@ -55,60 +58,83 @@ class ModelRegistry {
  public:
   struct Options {
     uint64_t max_model_bytes = 64ull << 20;
-    uint64_t max_store_bytes = 512ull << 20;  // of all files, those on their way included
+    uint64_t max_store_bytes = 512ull << 20;   // of all files, those on their way included
+    uint64_t max_tenant_bytes = 512ull << 20;  // of those of one tenant
   };
 
-  // Loads what the store has. Errors: those of the store; INTERNAL for a stored model that can no longer be loaded.
+  // Loads what the store has; what can no longer be loaded is named in the log and left out. Errors: those of the
+  // store.
   static absl::StatusOr<std::unique_ptr<ModelRegistry>> Create(const Options& options, Store& store);
   ~ModelRegistry();
 
   // Room for a file on its way; given back at destruction.
   class Reservation {
    public:
-    Reservation(ModelRegistry& registry, uint64_t size_bytes) : registry_(registry), size_bytes_(size_bytes) {}
-    ~Reservation() { registry_.Release(size_bytes_); }
+    Reservation(ModelRegistry& registry, const std::string& tenant, uint64_t size_bytes)
+        : registry_(registry), tenant_(tenant), size_bytes_(size_bytes) {}
+    ~Reservation() { registry_.Release(tenant_, size_bytes_); }
     Reservation(const Reservation&) = delete;
     Reservation& operator=(const Reservation&) = delete;
 
    private:
     ModelRegistry& registry_;
+    const std::string tenant_;
     const uint64_t size_bytes_;
   };
   // Errors: INVALID_ARGUMENT with the field (header.size_bytes) for nothing or more than a model may have;
-  // RESOURCE_EXHAUSTED (MODEL_STORE_FULL).
-  absl::StatusOr<std::unique_ptr<Reservation>> Reserve(uint64_t size_bytes);
+  // RESOURCE_EXHAUSTED (MODEL_STORE_FULL; TENANT_QUOTA when it is the tenant's share that is full).
+  absl::StatusOr<std::unique_ptr<Reservation>> Reserve(const std::string& tenant, uint64_t size_bytes);
 
   // Loads and stores a file; the caller holds a reservation of its size. What is there already stays as it is. Slow for
   // large models. Errors: INVALID_ARGUMENT with the field: header.sha256 when it is not empty and not that of the bytes
   // (hex), header.* for readings out of range, chunk with the loader's words.
-  absl::StatusOr<ModelInfo> Upload(const ModelReading& reading, absl::string_view expected_sha256_hex,
+  absl::StatusOr<ModelInfo> Upload(const std::string& tenant, const ModelReading& reading,
+                                   absl::string_view expected_sha256_hex,
                                    std::shared_ptr<const std::vector<uint8_t>> bytes);
 
   // Errors of both: NOT_FOUND (MODEL_NOT_FOUND).
-  absl::StatusOr<ModelInfo> Get(absl::string_view name) const;
-  absl::StatusOr<ModelUse> Use(absl::string_view name) const;
+  absl::StatusOr<ModelInfo> Get(const std::string& tenant, absl::string_view name) const;
+  absl::StatusOr<ModelUse> Use(const std::string& tenant, absl::string_view name) const;
+  // The same, also of a model that another server has put into the store since. Waits for the store. Errors beside
+  // those of Use: those of the store.
+  absl::StatusOr<ModelUse> UseStored(const std::string& tenant, absl::string_view name);
   // At most `max_models` whose names come after `after_name`.
-  std::vector<ModelInfo> List(absl::string_view after_name, size_t max_models) const;
-  // Deleting what is not there is OK. Errors: FAILED_PRECONDITION (MODEL_IN_USE).
-  absl::Status Delete(absl::string_view name);
+  std::vector<ModelInfo> List(const std::string& tenant, absl::string_view after_name, size_t max_models) const;
+  // Waits for the store. Deleting again is OK, as long as it is remembered. Errors: FAILED_PRECONDITION (MODEL_IN_USE)
+  // while there is a session that uses it, ended or not, on a shared store also at another server; NOT_FOUND
+  // (MODEL_NOT_FOUND); those of the store.
+  absl::Status Delete(const std::string& tenant, absl::string_view name);
 
  private:
+  using Key = std::pair<std::string, std::string>;  // tenant, name
   struct Entry {
     ModelInfo info;
     ModelUse use;
+    bool is_going = false;  // the store is about to delete it: it is given to nobody
   };
 
   ModelRegistry(const Options& options, Store& store) : options_(options), store_(store) {}
   static absl::StatusOr<Entry> Load(const ModelRecord& record, const ModelOptions& options);
+  // False: it is not here. Nobody gets it from now on.
+  absl::StatusOr<bool> BeginDelete(const Key& key);
+  void EndDelete(const Key& key, const absl::Status& status);
+  absl::Status DeleteStored(const Key& key, bool was_here);
+  absl::Status CheckUnusedInStore(const Key& key) const;
   ModelOptions LoadingOptions(const ModelReading& reading) const;
-  void Release(uint64_t reserved_bytes);
+  void Release(const std::string& tenant, uint64_t reserved_bytes);
+  void AddBytes(const std::string& tenant, uint64_t bytes) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
+  void RemoveBytes(const std::string& tenant, uint64_t bytes) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
 
   const Options options_;
   Store& store_;
+  // Held while the store is asked for one model: what it says stands then. Before mutex_, with which nobody waits.
+  std::mutex store_mutex_;
+  std::deque<Key> deleted_ ABSL_GUARDED_BY(store_mutex_);  // the latest
   mutable std::mutex mutex_;
-  std::map<std::string, Entry, std::less<>> models_ ABSL_GUARDED_BY(mutex_);
-  uint64_t stored_bytes_ ABSL_GUARDED_BY(mutex_) = 0;
-  uint64_t reserved_bytes_ ABSL_GUARDED_BY(mutex_) = 0;
+  std::map<Key, Entry> models_ ABSL_GUARDED_BY(mutex_);
+  // Of all and of each tenant, stored and reserved; a tenant without any is not in the map.
+  uint64_t bytes_ ABSL_GUARDED_BY(mutex_) = 0;
+  std::map<std::string, uint64_t> bytes_of_tenant_ ABSL_GUARDED_BY(mutex_);
 };
 
 }  // namespace evpose::server

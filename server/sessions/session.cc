@@ -4,6 +4,7 @@
 #include <mutex>
 #include <utility>
 
+#include "absl/cleanup/cleanup.h"
 #include "absl/strings/str_cat.h"
 #include "absl/types/span.h"
 #include "core/base/hash.h"
@@ -25,10 +26,6 @@ absl::Span<const uint8_t> AsBytes(const std::string& text) {
   return {reinterpret_cast<const uint8_t*>(text.data()), text.size()};
 }
 
-int64_t MicrosecondsSince(std::chrono::steady_clock::time_point begin) {
-  return std::chrono::duration_cast<std::chrono::microseconds>(std::chrono::steady_clock::now() - begin).count();
-}
-
 }  // namespace
 
 uint64_t Session::Item::bytes() const {
@@ -36,24 +33,38 @@ uint64_t Session::Item::bytes() const {
   return chunk == nullptr ? 0 : chunk->payload.size();
 }
 
+uint64_t Session::Item::seq() const {
+  if (const auto* chunk = std::get_if<EventChunk>(&what)) return chunk->seq;
+  if (const auto* reset = std::get_if<PoseReset>(&what)) return reset->seq;
+  return 0;
+}
+
 Session::Session(Parts parts, WorkerPool& pool)
     : name_(std::move(parts.name)),
       config_(std::move(parts.config)),
       limits_(parts.limits),
-      pose_log_(std::move(parts.pose_log)),
+      committer_(std::make_shared<SessionCommitter>(name_, std::move(parts.lease), DurableAtBeginning(parts.beginning),
+                                                    pool, limits_.backoff)),
+      pose_log_(limits_.pose_log_capacity, FirstPoseSeq(parts.beginning)),
       now_(std::move(parts.now)),
-      create_time_(now_()),
+      steady_now_(std::move(parts.steady_now)),
+      skipped_events_of_all_(std::move(parts.skipped_events_of_all)),
+      watchers_(std::make_shared<Watchers>(pool)),
+      create_time_(parts.create_time),
       strand_(pool.MakeStrand()),
       pipeline_(std::move(parts.pipeline)),
+      overload_(config_),
       explained_ratios_(config_.objects.size(), 0.0f),
       model_uses_(std::move(parts.model_uses)),
-      resume_token_(std::move(parts.resume_token)),
-      detached_at_(create_time_) {
+      resume_token_(std::move(parts.resume_token)) {
+  const std::lock_guard lock(mutex_);
+  pose_log_.Append(parts.beginning.poses);
   health_.objects.resize(config_.objects.size());
-  for (size_t i = 0; i < health_.objects.size(); ++i) {
+  for (size_t i = 0; i < health_.objects.size() && pipeline_ != nullptr; ++i) {
     health_.objects[i].state = pipeline_->tracker().state(i);
     health_.objects[i].initialization = pipeline_->tracker().initialization(i);
   }
+  TakeUp(std::move(parts.beginning));
 }
 
 // The last to let go may be a thread of gRPC, whose counting of references tools cannot see: the lock shows that the
@@ -93,49 +104,42 @@ SessionSnapshot Session::Snapshot() const {
   return snapshot;
 }
 
-void Session::AddWatcher(std::weak_ptr<SessionListener> watcher) {
-  const std::lock_guard lock(mutex_);
-  watchers_.push_back(std::move(watcher));
+void Session::NotifyListeners(const std::shared_ptr<SessionListener>& stream_listener) {
+  if (stream_listener != nullptr) stream_listener->OnSessionChanged();
+  watchers_->Notify();
 }
 
-std::vector<std::shared_ptr<SessionListener>> Session::Listeners() {
-  std::vector<std::shared_ptr<SessionListener>> listeners;
-  if (auto listener = stream_listener_.lock()) listeners.push_back(std::move(listener));
-  std::erase_if(watchers_, [&listeners](const std::weak_ptr<SessionListener>& weak) {
-    auto watcher = weak.lock();
-    if (watcher == nullptr) return true;
-    listeners.push_back(std::move(watcher));
-    return false;
-  });
-  return listeners;
+int64_t Session::MicrosecondsSince(SteadyTime begin) const {
+  return std::chrono::duration_cast<std::chrono::microseconds>(steady_now_() - begin).count();
 }
 
 absl::StatusOr<Attachment> Session::Attach(absl::string_view resume_token, uint64_t last_pose_seq,
                                            std::weak_ptr<SessionListener> listener) {
   EVPOSE_ASSIGN_OR_RETURN(std::string new_token, RandomHex128());
+  std::string digest = TokenDigest(resume_token);
   std::shared_ptr<SessionListener> fenced;
   Attachment attachment;
   {
     const std::lock_guard lock(mutex_);
     EVPOSE_RETURN_IF_ERROR(closed_);
-    const bool is_previous = !previous_token_.empty() && SecretsEqual(resume_token, previous_token_);
-    if (!is_previous && !SecretsEqual(resume_token, resume_token_)) {
+    if (!IsDigestGood(digest, MakeLifecycle())) {
       return WithReason(absl::PermissionDeniedError(absl::StrCat("the resume token is not that of ", name_,
                                                                  "; each attach gives a new one: use the latest")),
                         "WRONG_TOKEN");
     }
-    if (last_pose_seq > health_.poses) {
+    if (last_pose_seq > std::max(health_.poses, maybe_seen_pose_seq_)) {
       return InvalidField("attach.last_pose_seq",
                           absl::StrCat("is ", last_pose_seq, ", but the session has made ", health_.poses, " poses"));
     }
     if (stream_ > 0) ++health_.reattaches;
-    previous_token_ = std::string(resume_token);
-    resume_token_ = std::move(new_token);
+    ReplaceToken(std::move(new_token), std::move(digest));
+    attach_lifecycle_ = lifecycle_number_;
     ++stream_;
     is_attached_ = true;
     consumed_bytes_ = 0;
+    received_bytes_ = 0;
     foreign_bytes_ = queued_bytes_;
-    sent_pose_seq_ = std::max(last_pose_seq, pose_log_->first_pose_seq() - 1);
+    sent_pose_seq_ = std::max(last_pose_seq, pose_log_.first_pose_seq() - 1);
     notices_.clear();
     fenced = stream_listener_.lock();
     stream_listener_ = std::move(listener);
@@ -143,17 +147,22 @@ absl::StatusOr<Attachment> Session::Attach(absl::string_view resume_token, uint6
     Schedule();
   }
   if (fenced != nullptr) fenced->OnSessionChanged();
+  CommitLifecycle();
   return attachment;
 }
 
 void Session::Detach(uint64_t stream) {
-  const std::lock_guard lock(mutex_);
-  if (stream != stream_ || !is_attached_) return;
-  is_attached_ = false;
-  detached_at_ = now_();
-  stream_listener_.reset();
-  notices_.clear();
-  Schedule();  // nobody's reading is waited for any more
+  {
+    const std::lock_guard lock(mutex_);
+    if (stream != stream_ || !is_attached_) return;
+    is_attached_ = false;
+    detached_at_ = now_();
+    ++lifecycle_number_;
+    stream_listener_.reset();
+    notices_.clear();
+    Schedule();  // nobody's reading is waited for any more
+  }
+  CommitLifecycle();
 }
 
 absl::Status Session::CheckStream(uint64_t stream) const {
@@ -164,8 +173,22 @@ absl::Status Session::CheckStream(uint64_t stream) const {
 
 absl::Status Session::CheckPush(uint64_t stream) {
   EVPOSE_RETURN_IF_ERROR(CheckStream(stream));
-  previous_token_.clear();  // whoever sends this has read the new one
+  if (!previous_token_digest_.empty()) {  // whoever sends this has read the new one
+    previous_token_digest_.clear();
+    ++lifecycle_number_;
+  }
   return absl::OkStatus();
+}
+
+absl::StatusOr<bool> Session::IsNext(uint64_t seq) const {
+  if (seq < next_seq_) return false;
+  if (end_pushed_) {
+    return WithReason(absl::FailedPreconditionError(absl::StrCat(name_, " has ended: nothing may follow")),
+                      "SESSION_ENDED");
+  }
+  if (seq == next_seq_) return true;
+  return WithReason(absl::FailedPreconditionError(absl::StrCat(seq, " came where ", next_seq_, " was expected")),
+                    "SEQ_GAP", {{"expected_seq", absl::StrCat(next_seq_)}, {"seq", absl::StrCat(seq)}});
 }
 
 absl::Status Session::CheckPayload(const EventChunk& chunk) const {
@@ -195,20 +218,14 @@ absl::Status Session::PushEvents(uint64_t stream, EventChunk chunk) {
     EVPOSE_RETURN_IF_ERROR(CheckStream(stream));
   }
   EVPOSE_RETURN_IF_ERROR(CheckPayload(chunk));  // without the lock: it reads every byte
+  const absl::Cleanup commit = [this] { CommitLifecycle(); };
   const std::lock_guard lock(mutex_);
   EVPOSE_RETURN_IF_ERROR(CheckPush(stream));
-  if (chunk.seq < next_seq_) {
+  EVPOSE_ASSIGN_OR_RETURN(const bool is_next, IsNext(chunk.seq));
+  received_bytes_ += chunk.payload.size();
+  if (!is_next) {
     consumed_bytes_ += chunk.payload.size();
     return absl::OkStatus();
-  }
-  if (end_pushed_) {
-    return WithReason(absl::FailedPreconditionError(absl::StrCat(name_, " has ended: no events may follow")),
-                      "SESSION_ENDED");
-  }
-  if (chunk.seq > next_seq_) {
-    return WithReason(
-        absl::FailedPreconditionError(absl::StrCat("chunk ", chunk.seq, " came where ", next_seq_, " was expected")),
-        "SEQ_GAP", {{"expected_seq", absl::StrCat(next_seq_)}, {"seq", absl::StrCat(chunk.seq)}});
   }
   ++next_seq_;
   health_.received_bytes += chunk.payload.size();
@@ -216,23 +233,25 @@ absl::Status Session::PushEvents(uint64_t stream, EventChunk chunk) {
   return absl::OkStatus();
 }
 
-absl::Status Session::PushResetPose(uint64_t stream, absl::string_view object_id,
+absl::Status Session::PushResetPose(uint64_t stream, uint64_t seq, absl::string_view object_id,
                                     const RigidTransform& camera_from_object) {
+  if (seq == 0) return InvalidField("reset_pose.seq", "is 0 or missing; resets are numbered along with the chunks");
+  const absl::Cleanup commit = [this] { CommitLifecycle(); };
   const std::lock_guard lock(mutex_);
   EVPOSE_RETURN_IF_ERROR(CheckPush(stream));
-  if (end_pushed_) {
-    return WithReason(absl::FailedPreconditionError(absl::StrCat(name_, " has ended: no pose can be reset")),
-                      "SESSION_ENDED");
-  }
+  EVPOSE_ASSIGN_OR_RETURN(const bool is_next, IsNext(seq));
+  if (!is_next) return absl::OkStatus();
   for (size_t i = 0; i < config_.objects.size(); ++i) {
     if (config_.objects[i].object_id != object_id) continue;
-    Enqueue(stream, PoseReset{static_cast<uint32_t>(i), camera_from_object});
+    ++next_seq_;
+    Enqueue(stream, PoseReset{seq, static_cast<uint32_t>(i), camera_from_object});
     return absl::OkStatus();
   }
   return InvalidField("reset_pose.object_id", absl::StrCat("the session has no object \"", object_id, "\""));
 }
 
 absl::Status Session::PushEnd(uint64_t stream) {
+  const absl::Cleanup commit = [this] { CommitLifecycle(); };
   const std::lock_guard lock(mutex_);
   EVPOSE_RETURN_IF_ERROR(CheckPush(stream));
   if (end_pushed_) return absl::OkStatus();
@@ -242,26 +261,31 @@ absl::Status Session::PushEnd(uint64_t stream) {
 }
 
 void Session::Enqueue(uint64_t stream, std::variant<EventChunk, PoseReset, End> what) {
-  queue_.push_back({stream, std::chrono::steady_clock::now(), std::move(what)});
+  queue_.push_back({stream, steady_now_(), std::move(what)});
   queued_bytes_ += queue_.back().bytes();
   Schedule();
 }
 
 uint64_t Session::SendLimit() const {
+  // A camera does not wait. What has arrived is off the network, and View() bounds it.
+  if (config_.overload_policy == OverloadPolicy::kLatest) return received_bytes_ + limits_.credit_bytes;
   return consumed_bytes_ + limits_.credit_bytes - std::min(foreign_bytes_, limits_.credit_bytes);
 }
 
-SessionAck Session::MakeAck() const { return {processed_seq_, SendLimit(), acked_pose_seq_}; }
+SessionAck Session::MakeAck() const { return {processed_seq_, DurableSeq(), SendLimit(), acked_pose_seq_}; }
 
 StreamView Session::View(uint64_t stream) const {
   const std::lock_guard lock(mutex_);
   StreamView view;
   view.status = CheckStream(stream);
-  view.has_room = queued_bytes_ < limits_.credit_bytes && queue_.size() < kMaxQueuedItems;
-  view.is_idle = queue_.empty() && !in_work_since_.has_value();
-  view.ended = ended_;
+  // With kLatest too much is skipped, which is fast: until that has happened, as much again may come.
+  const uint64_t times = config_.overload_policy == OverloadPolicy::kLatest ? 2 : 1;
+  view.has_room = queued_bytes_ < times * limits_.credit_bytes && queue_.size() < times * kMaxQueuedItems;
+  view.attached = committer_->progress().lifecycle >= attach_lifecycle_;
+  view.ended = IsEndDurable();  // before what may be sent: then that is all
+  view.last_pose_seq = LastPoseSeqToSend();
+  view.is_idle = queue_.empty() && !in_work_since_.has_value() && view.last_pose_seq == health_.poses;
   view.ack = MakeAck();
-  view.last_pose_seq = health_.poses;
   return view;
 }
 
@@ -281,7 +305,7 @@ void Session::ReportSent(uint64_t stream, uint64_t pose_seq) {
 }
 
 void Session::Close(const absl::Status& status) {
-  std::vector<std::shared_ptr<SessionListener>> listeners;
+  std::shared_ptr<SessionListener> stream_listener;
   {
     const std::lock_guard lock(mutex_);
     if (!closed_.ok()) return;
@@ -289,16 +313,37 @@ void Session::Close(const absl::Status& status) {
     queue_.clear();
     model_uses_.clear();
     is_attached_ = false;
-    listeners = Listeners();
+    stream_listener = stream_listener_.lock();
   }
-  for (const auto& listener : listeners) listener->OnSessionChanged();
+  committer_->Close();
+  AnswerTokenRequests();
+  NotifyListeners(stream_listener);
 }
 
-bool Session::IsRunnable() const {
-  if (!closed_.ok() || (queue_.empty() && !in_work_since_.has_value())) return false;
-  const bool reader_is_behind =
-      is_attached_ && (health_.poses > sent_pose_seq_ + kMaxUnsentPoses || notices_.size() >= kMaxUntakenNotices);
-  return !reader_is_behind;
+bool Session::IsRunnable() const { return closed_.ok() && (IsCheckpointDue() || HasWork()); }
+
+bool Session::HasWork() const {
+  if (!in_work_since_.has_value() && (queue_.empty() || is_settling_)) return false;
+  if (MustWaitForStore()) return false;
+  if (!is_attached_) return true;
+  const bool may_make_poses =
+      config_.overload_policy == OverloadPolicy::kLatest || health_.poses <= sent_pose_seq_ + kMaxUnsentPoses;
+  return may_make_poses && notices_.size() < kMaxUntakenNotices;
+}
+
+Backlog Session::MakeBacklog() const {
+  Backlog backlog;
+  if (config_.overload_policy == OverloadPolicy::kBlock) return backlog;
+  const auto share = [](uint64_t used, uint64_t allowed) {
+    return static_cast<double>(used) / static_cast<double>(allowed);
+  };
+  backlog.age_ratio = static_cast<double>(MicrosecondsSince(*in_work_since_)) /
+                      static_cast<double>(absl::ToInt64Microseconds(*config_.max_lag));
+  backlog.bytes_ratio = std::max(share(queued_bytes_, limits_.credit_bytes), share(queue_.size(), kMaxQueuedItems));
+  if (is_attached_ && health_.poses > sent_pose_seq_) {
+    backlog.reader_ratio = share(health_.poses - sent_pose_seq_, kMaxUnsentPoses);
+  }
+  return backlog;
 }
 
 void Session::Schedule() {
@@ -308,11 +353,11 @@ void Session::Schedule() {
 }
 
 void Session::Run() {
-  if (!TakeItem()) return;
-  const auto begin = std::chrono::steady_clock::now();
+  if (WriteDueCheckpoint() || !TakeItem()) return;
+  const SteadyTime begin = steady_now_();
   output_.clear();
   const bool item_is_done = WorkOnItem();
-  processing_time_ += std::chrono::steady_clock::now() - begin;
+  processing_time_ += steady_now_() - begin;
   Publish(item_is_done);
 }
 
@@ -322,11 +367,13 @@ bool Session::TakeItem() {
     is_scheduled_ = false;
     return false;
   }
-  if (in_work_since_.has_value()) return true;
-  item_ = std::move(queue_.front());
-  queue_.pop_front();
-  in_work_since_ = item_->received_at;
-  item_offset_ = 0;
+  if (!in_work_since_.has_value()) {
+    item_ = std::move(queue_.front());
+    queue_.pop_front();
+    in_work_since_ = item_->received_at;
+    item_offset_ = 0;
+  }
+  must_skip_ = std::holds_alternative<EventChunk>(item_->what) && overload_.MustSkip(MakeBacklog());
   return true;
 }
 
@@ -335,6 +382,7 @@ bool Session::WorkOnItem() {
   if (const auto* reset = std::get_if<PoseReset>(&item_->what)) {
     pipeline_->ResetPose(reset->object_index, reset->camera_from_object);
   } else {
+    dropped_ = overload_.EndStretch();
     pipeline_->Finish(output_);
   }
   return true;
@@ -346,9 +394,20 @@ bool Session::WorkOnEvents(const EventChunk& chunk) {
     if (chunk.discontinuity) pipeline_->ResetAfterLoss();
   }
   const absl::Span<const uint8_t> slice = AsBytes(chunk.payload).subspan(item_offset_, kSliceBytes);
-  pipeline_->Process(slice, output_);
+  SkipOrTrack(slice);
   item_offset_ += slice.size();
   return item_offset_ == chunk.payload.size();
+}
+
+void Session::SkipOrTrack(absl::Span<const uint8_t> slice) {
+  if (!must_skip_) {
+    dropped_ = overload_.EndStretch();
+    pipeline_->Process(slice, output_);
+    return;
+  }
+  skipped_ = pipeline_->Skip(slice, output_);
+  overload_.AddSkipped(skipped_);
+  if (skipped_events_of_all_ != nullptr) *skipped_events_of_all_ += skipped_.num_events;
 }
 
 std::vector<StoredPose> Session::NumberPoses() {
@@ -375,17 +434,11 @@ std::optional<DecodeFault> Session::FindDecodeFault() const {
                                   " events outside the sensor")};
 }
 
-// To the store first, then to the streams.
 void Session::Publish(bool item_is_done) {
   const uint64_t first_pose_seq = next_pose_seq_;
   const std::vector<StoredPose> poses = NumberPoses();
-  if (const absl::Status stored = pose_log_->Append(poses); !stored.ok()) {
-    Close(WithReason(absl::InternalError(absl::StrCat("poses cannot be stored: ", stored.message())), "STORE_FAILED"));
-    const std::lock_guard lock(mutex_);
-    is_scheduled_ = false;
-    return;
-  }
-  std::vector<std::shared_ptr<SessionListener>> listeners;
+  pose_log_.Append(poses, FirstUncommittedPoseSeq());
+  std::shared_ptr<SessionListener> stream_listener;
   std::unique_ptr<SessionPipeline> ended_pipeline;  // its memory goes after the lock
   {
     const std::lock_guard lock(mutex_);
@@ -399,7 +452,11 @@ void Session::Publish(bool item_is_done) {
       const Tracker& tracker = pipeline_->tracker();
       health_.objects[i] = {tracker.state(i), tracker.losses(i), explained_ratios_[i], tracker.initialization(i)};
     }
+    health_.skipped_events += skipped_.num_events;
+    health_.skipped_us += std::exchange(skipped_, EventGap()).duration_us();
+    const auto dropped = std::exchange(dropped_, std::nullopt);
     if (is_attached_) {
+      if (dropped.has_value()) notices_.push_back({first_pose_seq - 1, *dropped});
       for (const ObjectStateChange& change : output_.state_changes) {
         notices_.push_back({first_pose_seq - 1 + change.num_poses_before,
                             StateChange{change.object_index, change.t_us, change.state}});
@@ -413,7 +470,7 @@ void Session::Publish(bool item_is_done) {
       queued_bytes_ -= bytes;
       (item_->stream == stream_ ? consumed_bytes_ += bytes : foreign_bytes_ -= bytes);
       health_.processed_bytes += bytes;
-      if (const auto* chunk = std::get_if<EventChunk>(&item_->what)) processed_seq_ = chunk->seq;
+      processed_seq_ = std::max(processed_seq_, item_->seq());
       if (std::holds_alternative<End>(item_->what)) {
         ended_ = true;
         ended_pipeline = std::move(pipeline_);
@@ -423,9 +480,9 @@ void Session::Publish(bool item_is_done) {
     }
     is_scheduled_ = false;
     Schedule();
-    listeners = Listeners();
+    stream_listener = stream_listener_.lock();
   }
-  for (const auto& listener : listeners) listener->OnSessionChanged();
+  NotifyListeners(stream_listener);
 }
 
 }  // namespace evpose::server

@@ -12,6 +12,9 @@ namespace {
 
 constexpr size_t kMaxObjects = 16;
 constexpr size_t kMaxObjectIdBytes = 64;
+// Below it nothing would be tracked: chunks are closed after a millisecond.
+constexpr absl::Duration kMinMaxLag = absl::Milliseconds(1);
+constexpr absl::Duration kMaxMaxLag = absl::Seconds(10);
 
 bool SamePose(const std::optional<RigidTransform>& a, const std::optional<RigidTransform>& b) {
   if (a.has_value() != b.has_value()) return false;
@@ -28,6 +31,18 @@ bool SameCamera(const CameraModel& a, const CameraModel& b) {
          a.cx_px == b.cx_px && a.cy_px == b.cy_px && a.distortion == b.distortion;
 }
 
+absl::Status ValidateMaxLag(OverloadPolicy policy, const std::optional<absl::Duration>& max_lag) {
+  constexpr char kField[] = "config.max_lag";
+  if (policy == OverloadPolicy::kBlock) {
+    if (!max_lag.has_value()) return absl::OkStatus();
+    return InvalidField(kField, "is for overload_policy LATEST: with BLOCK nothing is dropped");
+  }
+  if (!max_lag.has_value()) return InvalidField(kField, "is missing");
+  if (*max_lag >= kMinMaxLag && *max_lag <= kMaxMaxLag) return absl::OkStatus();
+  return InvalidField(kField, absl::StrCat("is ", absl::FormatDuration(*max_lag), "; ",
+                                           absl::FormatDuration(kMinMaxLag), " to ", absl::FormatDuration(kMaxMaxLag)));
+}
+
 }  // namespace
 
 absl::Status SessionConfig::Validate() const {
@@ -37,6 +52,7 @@ absl::Status SessionConfig::Validate() const {
   if (const absl::Status status = sensor.Validate(); !status.ok()) {
     return InvalidField("config.tracker.sensor", status.message());
   }
+  EVPOSE_RETURN_IF_ERROR(ValidateMaxLag(overload_policy, max_lag));
   if (objects.empty() || objects.size() > kMaxObjects) {
     return InvalidField("config.objects",
                         absl::StrCat("a session tracks 1 to ", kMaxObjects, " objects, not ", objects.size()));
@@ -57,7 +73,7 @@ absl::Status SessionConfig::Validate() const {
 
 bool operator==(const SessionConfig& a, const SessionConfig& b) {
   if (a.encoding != b.encoding || a.estimator != b.estimator || !SameCamera(a.camera, b.camera)) return false;
-  if (a.sensor != b.sensor) return false;
+  if (a.sensor != b.sensor || a.overload_policy != b.overload_policy || a.max_lag != b.max_lag) return false;
   if (a.objects.size() != b.objects.size()) return false;
   for (size_t i = 0; i < a.objects.size(); ++i) {
     if (!SameObject(a.objects[i], b.objects[i])) return false;

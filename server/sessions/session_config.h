@@ -9,6 +9,7 @@
 
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
+#include "absl/time/time.h"
 #include "core/events/decoder.h"
 #include "core/geometry/camera.h"
 #include "core/geometry/rigid_transform.h"
@@ -25,12 +26,19 @@ struct ObjectConfig {
   Eigen::Matrix3d reference_rotation = Eigen::Matrix3d::Identity();
 };
 
+// As the API's.
+enum class OverloadPolicy { kBlock, kLatest };
+// The API promises it to whoever gives none.
+inline constexpr absl::Duration kDefaultMaxLag = absl::Milliseconds(20);
+
 struct SessionConfig {
   Encoding encoding = Encoding::kEvt3;
   CameraModel camera;
   std::vector<ObjectConfig> objects;
   Estimator estimator = Estimator::kMixture;
   SensorProfile sensor;
+  OverloadPolicy overload_policy = OverloadPolicy::kBlock;
+  std::optional<absl::Duration> max_lag;  // with kLatest, and only then
 
   // Everything that needs no model and no decoder. Errors: INVALID_ARGUMENT with the field (sessions/errors.h), as a
   // path that begins with "config".

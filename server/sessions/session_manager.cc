@@ -1,14 +1,16 @@
 #include "server/sessions/session_manager.h"
 
+#include <algorithm>
+#include <condition_variable>
 #include <mutex>
+#include <set>
 #include <utility>
 
 #include "absl/strings/str_cat.h"
 #include "core/base/status_macros.h"
-#include "core/initialization/pose_search.h"
 #include "server/sessions/errors.h"
 #include "server/sessions/log.h"
-#include "server/sessions/random_name.h"
+#include "server/sessions/session_codec.h"
 
 namespace evpose::server {
 namespace {
@@ -16,167 +18,363 @@ namespace {
 // When a slot may be free again is not known; clients ask again after this.
 constexpr absl::Duration kRetryDelay = absl::Seconds(5);
 
+absl::Status RequestIdReused(absl::string_view request_id, absl::string_view session) {
+  return WithReason(absl::AlreadyExistsError(absl::StrCat("request_id \"", request_id, "\" made ", session,
+                                                          " with another configuration: choose a new one")),
+                    "REQUEST_ID_REUSED", {{"session", std::string(session)}});
+}
+
+// Waits for what sessions tell of themselves.
+class SettleListener : public SessionListener {
+ public:
+  void OnSessionChanged() override {
+    const std::lock_guard lock(mutex_);
+    changed_.notify_all();
+  }
+  template <typename Predicate>
+  bool WaitUntil(absl::Time deadline, Predicate is_true) {
+    std::unique_lock lock(mutex_);
+    return changed_.wait_until(lock, absl::ToChronoTime(deadline), is_true);
+  }
+
+ private:
+  std::mutex mutex_;
+  std::condition_variable changed_;
+};
+
+absl::Status WrongToken(absl::string_view name) {
+  return WithReason(absl::PermissionDeniedError(absl::StrCat("the resume token is not that of ", name,
+                                                             "; each attach gives a new one: use the latest")),
+                    "WRONG_TOKEN");
+}
+
 }  // namespace
 
 SessionManager::SessionManager(const Options& options, Store& store, ModelRegistry& models, WorkerPool& pool)
-    : options_(options), store_(store), models_(models), pool_(pool) {
+    : options_(options),
+      store_(store),
+      pool_(pool),
+      factory_({options.limits, options.make_tracker, options.now, options.steady_now, skipped_events_}, store, models,
+               pool),
+      orphans_(store, options.limits.expiry) {
   // The calls come on threads of gRPC: the lock, here and in the destructor, orders them in a way that tools can see.
   const std::lock_guard lock(mutex_);
 }
 
 SessionManager::~SessionManager() { const std::lock_guard lock(mutex_); }
 
-absl::StatusOr<std::shared_ptr<Session>> SessionManager::Create(const SessionConfig& config,
+absl::StatusOr<std::shared_ptr<Session>> SessionManager::Create(const std::string& tenant, const SessionConfig& config,
                                                                 const std::string& request_id) {
   EVPOSE_RETURN_IF_ERROR(config.Validate());
   DeleteExpired();
-  EVPOSE_ASSIGN_OR_RETURN(std::shared_ptr<Session> known, FindOrTakeSlot(config, request_id));
+  const Request request(tenant, request_id);
+  std::unique_lock<std::mutex> one_at_a_time(take_mutex_, std::defer_lock);
+  if (!request_id.empty()) one_at_a_time.lock();  // the same request may come twice at once
+  EVPOSE_ASSIGN_OR_RETURN(std::shared_ptr<Session> known, FindOrTakeSlot(config, request));
   if (known != nullptr) return known;
-  auto session = Build(config);
-  if (!session.ok()) {
-    const std::lock_guard lock(mutex_);
-    --slots_being_filled_;
-    return session.status();
-  }
-  return Insert(*std::move(session), request_id);
+  auto session = TakeRequest(config, request);
+  if (session.ok() && *session == nullptr) session = factory_.MakeNew(tenant, config, request_id);
+  const std::lock_guard lock(mutex_);
+  GiveSlotBack(tenant);
+  if (!session.ok()) return session.status();
+  Insert(*session, request);
+  ServerLog().info("{} created: {}, {}x{}, {} object(s)", (*session)->name(), EncodingName(config.encoding),
+                   config.camera.width_px, config.camera.height_px, config.objects.size());
+  return session;
 }
 
 absl::StatusOr<std::shared_ptr<Session>> SessionManager::FindOrTakeSlot(const SessionConfig& config,
-                                                                        const std::string& request_id) {
+                                                                        const Request& request) {
   EVPOSE_RETURN_IF_ERROR(CheckNotDraining());
   const std::lock_guard lock(mutex_);
-  EVPOSE_ASSIGN_OR_RETURN(std::shared_ptr<Session> known, FindRequest(config, request_id));
+  EVPOSE_ASSIGN_OR_RETURN(std::shared_ptr<Session> known, FindRequest(config, request));
   if (known != nullptr) return known;
-  const size_t taken = sessions_.size() + slots_being_filled_;
-  if (taken >= options_.max_sessions) {
-    return LimitReached("TOO_MANY_SESSIONS", "max_sessions",
-                        absl::StrCat("all ", options_.max_sessions,
-                                     " sessions are taken: delete one that is not needed, or try again later"),
+  const std::string& tenant = request.first;
+  EVPOSE_RETURN_IF_ERROR(CheckSlotIsFree());
+  if (CountSessions(tenant) >= options_.max_tenant_sessions) {
+    return LimitReached("TENANT_QUOTA", "tenant_sessions",
+                        absl::StrCat("this tenant has its ", options_.max_tenant_sessions,
+                                     " sessions: delete one that is not needed, or try again later"),
                         kRetryDelay);
   }
   ++slots_being_filled_;
+  ++slots_being_filled_by_[tenant];
   return nullptr;
 }
 
+absl::Status SessionManager::CheckSlotIsFree() const {
+  if (sessions_.size() + slots_being_filled_ < options_.max_sessions) return absl::OkStatus();
+  return LimitReached("TOO_MANY_SESSIONS", "max_sessions",
+                      absl::StrCat("all ", options_.max_sessions,
+                                   " sessions are taken: delete one that is not needed, or try again later"),
+                      kRetryDelay);
+}
+
+absl::StatusOr<std::shared_ptr<Session>> SessionManager::TakeRequest(const SessionConfig& config,
+                                                                     const Request& request) {
+  if (request.second.empty()) return nullptr;
+  const auto records = store_.ListSessions();
+  if (!records.ok()) return FromStore(records.status());
+  const auto record = std::find_if(records->begin(), records->end(), [&request](const SessionRecord& candidate) {
+    return Request(candidate.tenant, candidate.request_id) == request;
+  });
+  if (record == records->end()) return nullptr;
+  if (record->config != EncodeConfig(config)) return RequestIdReused(request.second, record->name);
+  EVPOSE_ASSIGN_OR_RETURN(SessionFactory::Taken taken, factory_.Take(record->name));
+  return std::move(taken.session);
+}
+
+uint32_t SessionManager::CountSessions(const std::string& tenant) const {
+  const auto filling = slots_being_filled_by_.find(tenant);
+  uint32_t count = filling == slots_being_filled_by_.end() ? 0 : filling->second;
+  for (const auto& [name, entry] : sessions_) count += entry.tenant() == tenant ? 1 : 0;
+  return count;
+}
+
+void SessionManager::GiveSlotBack(const std::string& tenant) {
+  --slots_being_filled_;
+  const auto filling = slots_being_filled_by_.find(tenant);
+  if (--filling->second == 0) slots_being_filled_by_.erase(filling);
+}
+
 absl::StatusOr<std::shared_ptr<Session>> SessionManager::FindRequest(const SessionConfig& config,
-                                                                     const std::string& request_id) {
+                                                                     const Request& request) {
+  const std::string& request_id = request.second;
   if (request_id.empty()) return nullptr;
-  const auto name = name_of_request_.find(request_id);
+  const auto name = name_of_request_.find(request);
   if (name == name_of_request_.end()) return nullptr;
   const std::shared_ptr<Session>& session = sessions_.find(name->second)->second.session;
   if (session->config() == config) return session;
-  return WithReason(absl::AlreadyExistsError(absl::StrCat("request_id \"", request_id, "\" made ", session->name(),
-                                                          " with another configuration: choose a new one")),
-                    "REQUEST_ID_REUSED", {{"session", session->name()}});
+  return RequestIdReused(request_id, session->name());
 }
 
-absl::StatusOr<std::shared_ptr<Session>> SessionManager::Build(const SessionConfig& config) {
-  std::vector<std::shared_ptr<const ObjectModel>> models;
-  Session::Parts parts;
-  for (const ObjectConfig& object : config.objects) {
-    EVPOSE_ASSIGN_OR_RETURN(ModelUse use, models_.Use(object.model));
-    if (const absl::Status status = CheckLinesDeterminePose(*use.model); !status.ok()) {
-      return InvalidField(absl::StrCat("config.objects[", models.size(), "].model"), status.message());
-    }
-    models.push_back(std::move(use.model));
-    parts.model_uses.push_back(std::move(use.use));
-  }
-  EVPOSE_ASSIGN_OR_RETURN(parts.pipeline, SessionPipeline::Create(config, models, options_.make_tracker));
-  EVPOSE_ASSIGN_OR_RETURN(const std::string id, RandomHex128());
-  EVPOSE_ASSIGN_OR_RETURN(parts.resume_token, RandomHex128());
-  parts.name = absl::StrCat("sessions/", id);
-  EVPOSE_ASSIGN_OR_RETURN(parts.pose_log, store_.CreatePoseLog(parts.name));
-  parts.config = config;
-  parts.limits = options_.limits;
-  parts.now = options_.now;
-  return std::make_shared<Session>(std::move(parts), pool_);
+void SessionManager::Insert(const std::shared_ptr<Session>& session, const Request& request) {
+  sessions_[session->name()] = {session, request};
+  if (!request.second.empty()) name_of_request_[request] = session->name();
 }
 
-absl::StatusOr<std::shared_ptr<Session>> SessionManager::Insert(std::shared_ptr<Session> session,
-                                                                const std::string& request_id) {
-  absl::StatusOr<std::shared_ptr<Session>> known;
-  {
-    const std::lock_guard lock(mutex_);
-    --slots_being_filled_;
-    // The same request may have come twice at once.
-    known = FindRequest(session->config(), request_id);
-    if (known.ok() && *known == nullptr) {
-      sessions_[session->name()] = {session, request_id};
-      if (!request_id.empty()) name_of_request_[request_id] = session->name();
+absl::Status SessionManager::RestoreAll() {
+  for (const std::string& damage : store_.damage()) ServerLog().error("left out: {}", damage);
+  if (options_.shares_store) return absl::OkStatus();
+  EVPOSE_ASSIGN_OR_RETURN(const std::vector<SessionRecord> records, store_.ListSessions());
+  for (const SessionRecord& record : records) {
+    const auto session = Take(record.name);
+    if (session.ok()) {
+      const WatchView view = (*session)->Watch();
+      ServerLog().info("{} restored: {} poses{}", record.name, view.last_pose_seq, view.ended ? ", ended" : "");
+    } else if (absl::IsUnavailable(session.status())) {
+      return session.status();
+    } else {
+      ServerLog().error("left out: {}", std::string(session.status().message()));
     }
   }
-  if (known.ok() && *known == nullptr) {
-    ServerLog().info("{} created: {}, {}x{}, {} object(s)", session->name(), EncodingName(session->config().encoding),
-                     session->config().camera.width_px, session->config().camera.height_px,
-                     session->config().objects.size());
-    return session;
-  }
-  Remove({{std::move(session), ""}}, "was made twice");
-  return known;
+  return absl::OkStatus();
 }
 
-absl::StatusOr<std::shared_ptr<Session>> SessionManager::Get(absl::string_view name) {
-  DeleteExpired();
+absl::StatusOr<std::shared_ptr<Session>> SessionManager::Take(const std::string& name) {
+  EVPOSE_ASSIGN_OR_RETURN(SessionFactory::Taken taken, factory_.Take(name));
+  const Request request(taken.record.tenant, taken.record.request_id);
+  const std::lock_guard lock(mutex_);
+  Insert(taken.session, request);
+  return std::move(taken.session);
+}
+
+std::shared_ptr<Session> SessionManager::FindOpen(const std::string& tenant, absl::string_view name) {
+  std::shared_ptr<Session> closed;  // goes after the lock
   const std::lock_guard lock(mutex_);
   const auto found = sessions_.find(name);
-  if (found != sessions_.end()) return found->second.session;
-  return WithReason(absl::NotFoundError(absl::StrCat("there is no session \"", name,
-                                                     "\": it never was, was deleted, or expired; create a new one")),
-                    "SESSION_NOT_FOUND", {{"session", std::string(name)}});
+  if (found == sessions_.end() || found->second.tenant() != tenant) return nullptr;
+  if (found->second.session->Watch().status.ok()) return found->second.session;
+  name_of_request_.erase(found->second.request);
+  closed = std::move(found->second.session);
+  sessions_.erase(found);
+  return nullptr;
 }
 
-std::vector<std::shared_ptr<Session>> SessionManager::List(absl::string_view after_name, size_t max_sessions) {
+absl::StatusOr<std::shared_ptr<Session>> SessionManager::Get(const std::string& tenant, absl::string_view name) {
   DeleteExpired();
-  const std::lock_guard lock(mutex_);
-  std::vector<std::shared_ptr<Session>> sessions;
-  for (auto it = sessions_.upper_bound(after_name); it != sessions_.end() && sessions.size() < max_sessions; ++it) {
-    sessions.push_back(it->second.session);
+  std::shared_ptr<Session> session = FindOpen(tenant, name);
+  if (session == nullptr) return SessionNotFound(name);
+  return session;
+}
+
+absl::Status SessionManager::WhyNotHere(const std::string& tenant, const std::string& name) const {
+  const auto stored = factory_.Read(name);
+  if (!stored.ok()) return stored.status();
+  if (stored->record.tenant != tenant || !options_.shares_store) return SessionNotFound(name);
+  return WithReason(absl::FailedPreconditionError(absl::StrCat(
+                        name,
+                        " is not at this server, but at another one on its store, or at none until its client "
+                        "attaches again: ask the server that its client streams to")),
+                    "HELD_ELSEWHERE", {{"session", name}});
+}
+
+std::shared_ptr<Session> SessionManager::FindForAttach(const std::string& tenant, absl::string_view name,
+                                                       absl::string_view resume_token) {
+  DeleteExpired();
+  std::shared_ptr<Session> session = FindOpen(tenant, name);
+  if (session == nullptr || !session->IsTokenGood(resume_token)) return nullptr;
+  return session;
+}
+
+absl::StatusOr<std::shared_ptr<Session>> SessionManager::TakeForAttach(const std::string& tenant,
+                                                                       const std::string& name,
+                                                                       absl::string_view resume_token) {
+  const std::lock_guard take_lock(take_mutex_);
+  std::shared_ptr<Session> here = FindOpen(tenant, name);
+  if (here != nullptr && here->IsTokenGood(resume_token)) return here;
+  if (here != nullptr && !options_.shares_store) return WrongToken(name);
+  EVPOSE_ASSIGN_OR_RETURN(const SessionFactory::Stored stored, factory_.Read(name));
+  if (stored.record.tenant != tenant) return SessionNotFound(name);
+  if (!IsDigestGood(TokenDigest(resume_token), stored.lifecycle)) return WrongToken(name);
+  if (here == nullptr) {
+    const std::lock_guard lock(mutex_);
+    EVPOSE_RETURN_IF_ERROR(CheckSlotIsFree());
+  }
+  auto taken = Take(name);
+  if (!taken.ok()) return taken;
+  ServerLog().info("{} taken from the store: {} poses", name, (*taken)->Watch().last_pose_seq);
+  if (here != nullptr) {
+    here->Close(WithReason(absl::AbortedError(absl::StrCat("another stream has attached to ", name)), "FENCED"));
+  }
+  return taken;
+}
+
+absl::StatusOr<SessionInfo> SessionManager::Describe(const std::string& tenant, const std::string& name) {
+  DeleteExpired();
+  if (const auto session = FindOpen(tenant, name); session != nullptr) return session->Describe();
+  EVPOSE_ASSIGN_OR_RETURN(SessionFactory::Stored stored, factory_.Read(name));
+  if (stored.record.tenant != tenant) return SessionNotFound(name);
+  return std::move(stored.info);
+}
+
+absl::StatusOr<std::vector<SessionInfo>> SessionManager::List(const std::string& tenant, absl::string_view after_name,
+                                                              size_t max_sessions) {
+  DeleteExpired();
+  std::set<std::string> names;
+  const auto records = store_.ListSessions();
+  if (!records.ok()) return FromStore(records.status());
+  for (const SessionRecord& record : *records) {
+    if (record.tenant == tenant) names.insert(record.name);
+  }
+  {
+    const std::lock_guard lock(mutex_);
+    for (const auto& [name, entry] : sessions_) {
+      if (entry.tenant() == tenant) names.insert(name);
+    }
+  }
+  std::vector<SessionInfo> sessions;
+  for (auto name = names.upper_bound(std::string(after_name)); name != names.end() && sessions.size() < max_sessions;
+       ++name) {
+    auto info = Describe(tenant, *name);
+    if (info.ok()) {
+      sessions.push_back(*std::move(info));
+    } else if (absl::IsUnavailable(info.status())) {
+      return info.status();
+    }
   }
   return sessions;
 }
 
-void SessionManager::Delete(absl::string_view name) {
-  std::vector<Entry> removed;
+absl::Status SessionManager::Delete(const std::string& tenant, const std::string& name) {
+  Entry removed;
   {
     const std::lock_guard lock(mutex_);
     const auto found = sessions_.find(name);
-    if (found == sessions_.end()) return;
-    name_of_request_.erase(found->second.request_id);
-    removed.push_back(std::move(found->second));
-    sessions_.erase(found);
+    if (found != sessions_.end() && found->second.tenant() == tenant) {
+      name_of_request_.erase(found->second.request);
+      removed = std::move(found->second);
+      sessions_.erase(found);
+    }
   }
-  Remove(std::move(removed), "was deleted");
+  if (removed.session == nullptr) return DeleteStored(tenant, name);
+  CloseRemoved(removed, "was deleted");
+  return FromStore(store_.DeleteSession(name));
+}
+
+absl::Status SessionManager::DeleteStored(const std::string& tenant, const std::string& name) {
+  const auto stored = factory_.Read(name);
+  if (absl::IsNotFound(stored.status()) || (stored.ok() && stored->record.tenant != tenant)) return absl::OkStatus();
+  // Whose a damaged one is cannot be told; who knows its name, which nobody can guess, may delete it.
+  if (!stored.ok() && !absl::IsDataLoss(stored.status())) return stored.status();
+  return FromStore(store_.DeleteSession(name));
 }
 
 void SessionManager::DeleteExpired() {
-  std::vector<Entry> removed;
+  std::vector<Entry> expired;
+  std::vector<Entry> closed;  // fenced, or without room in the store, which keeps them
   {
     const std::lock_guard lock(mutex_);
     const absl::Time now = options_.now();
     for (auto it = sessions_.begin(); it != sessions_.end();) {
       const std::optional<absl::Time> expire_time = it->second.session->expire_time();
-      if (!expire_time.has_value() || *expire_time > now) {
+      const bool is_closed = !it->second.session->Watch().status.ok();
+      if (!is_closed && (!expire_time.has_value() || *expire_time > now)) {
         ++it;
         continue;
       }
-      name_of_request_.erase(it->second.request_id);
-      removed.push_back(std::move(it->second));
+      name_of_request_.erase(it->second.request);
+      (is_closed ? closed : expired).push_back(std::move(it->second));
       it = sessions_.erase(it);
     }
   }
-  Remove(std::move(removed), "expired");
+  for (const Entry& entry : expired) {
+    CloseRemoved(entry, "expired");
+    // Not here: callers may not wait for the store. Its client may be at another server, of which nothing is heard here
+    // as long as nothing is written: there it lives on.
+    pool_.PostSlow([this, name = entry.session->name(), fencing_number = entry.session->fencing_number()] {
+      const absl::Status status = store_.DeleteHeldSession(name, fencing_number);
+      if (absl::IsAborted(status)) {
+        ServerLog().info("{} lives on at another server", name);
+      } else if (!status.ok()) {
+        ServerLog().warn("{} expired but cannot be deleted in the store: {}", name, std::string(status.message()));
+      }
+    });
+  }
 }
 
-void SessionManager::Remove(std::vector<Entry> entries, const char* reason) {
-  for (const Entry& entry : entries) {
-    const std::string& name = entry.session->name();
-    entry.session->Close(
-        WithReason(absl::NotFoundError(absl::StrCat(name, " ", reason)), "SESSION_DELETED", {{"session", name}}));
-    if (const absl::Status status = store_.DeletePoseLog(name); !status.ok()) {
-      ServerLog().warn("{}: its poses cannot be deleted: {}", name, std::string(status.message()));
-    }
-    ServerLog().info("{} {}: {} poses", name, reason, entry.session->Watch().last_pose_seq);
+void SessionManager::DeleteEnded() {
+  pool_.PostSlow([this] { DeleteEndedNow(); });
+}
+
+void SessionManager::DeleteEndedNow() {
+  // Those of this server go when they expire: this is for what no server has, and for what had to make room.
+  const auto names = store_.DeleteEnded(options_.now() - 2 * options_.limits.expiry);
+  if (!names.ok()) {
+    ServerLog().warn("the store cannot delete ended sessions: {}", std::string(names.status().message()));
+    return;
   }
+  for (const std::string& name : *names) {
+    Entry removed;
+    {
+      const std::lock_guard lock(mutex_);
+      const auto found = sessions_.find(name);
+      if (found == sessions_.end()) continue;
+      name_of_request_.erase(found->second.request);
+      removed = std::move(found->second);
+      sessions_.erase(found);
+    }
+    CloseRemoved(removed, "was deleted to make room");
+  }
+}
+
+void SessionManager::TendStore() {
+  if (options_.shares_store) {
+    for (const auto& session : Sessions()) session->Renew();
+  }
+  pool_.PostSlow([this] { orphans_.Sweep(options_.now(), [this](const std::string& name) { return IsHere(name); }); });
+}
+
+bool SessionManager::IsHere(const std::string& name) const {
+  const std::lock_guard lock(mutex_);
+  return sessions_.contains(name);
+}
+
+void SessionManager::CloseRemoved(const Entry& entry, const char* reason) {
+  const std::string& name = entry.session->name();
+  entry.session->Close(
+      WithReason(absl::NotFoundError(absl::StrCat(name, " ", reason)), "SESSION_DELETED", {{"session", name}}));
+  ServerLog().info("{} {}: {} poses", name, reason, entry.session->Watch().last_pose_seq);
 }
 
 void SessionManager::Drain() {
@@ -190,18 +388,46 @@ absl::Status SessionManager::CheckNotDraining() const {
   return WithReason(absl::UnavailableError("the server is leaving: no new sessions and streams"), "DRAINING");
 }
 
-void SessionManager::CloseAll(const absl::Status& status) {
+std::vector<std::shared_ptr<Session>> SessionManager::Sessions() const {
+  const std::lock_guard lock(mutex_);
   std::vector<std::shared_ptr<Session>> sessions;
-  {
-    const std::lock_guard lock(mutex_);
-    for (const auto& [name, entry] : sessions_) sessions.push_back(entry.session);
+  for (const auto& [name, entry] : sessions_) sessions.push_back(entry.session);
+  return sessions;
+}
+
+bool SessionManager::SettleAll(absl::Time deadline) {
+  const auto listener = std::make_shared<SettleListener>();
+  const std::vector<std::shared_ptr<Session>> sessions = Sessions();
+  for (const auto& session : sessions) {
+    session->AddWatcher(listener);
+    session->Settle();
   }
-  for (const auto& session : sessions) session->Close(status);
+  return listener->WaitUntil(deadline, [&sessions] {
+    return std::all_of(sessions.begin(), sessions.end(), [](const auto& session) { return session->IsSettled(); });
+  });
+}
+
+void SessionManager::CloseAll(const absl::Status& status) {
+  for (const auto& session : Sessions()) session->Close(status);
 }
 
 uint32_t SessionManager::num_sessions() const {
   const std::lock_guard lock(mutex_);
   return static_cast<uint32_t>(sessions_.size());
+}
+
+uint32_t SessionManager::num_sessions_of(const std::string& tenant) const {
+  const std::lock_guard lock(mutex_);
+  uint32_t count = 0;
+  for (const auto& [name, entry] : sessions_) count += entry.tenant() == tenant ? 1 : 0;
+  return count;
+}
+
+uint32_t SessionManager::num_attached() const {
+  const std::lock_guard lock(mutex_);
+  return static_cast<uint32_t>(std::count_if(sessions_.begin(), sessions_.end(), [](const auto& entry) {
+    return !entry.second.session->expire_time().has_value();
+  }));
 }
 
 }  // namespace evpose::server

@@ -3,7 +3,9 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include "absl/strings/str_replace.h"
 #include "server/sessions/errors.h"
+#include "server/sessions/store_testing.h"
 #include "server/sessions/testing.h"
 #include "server/stores/memory_store.h"
 
@@ -14,12 +16,18 @@ std::shared_ptr<const std::vector<uint8_t>> Bytes(const std::string& text) {
   return std::make_shared<const std::vector<uint8_t>>(text.begin(), text.end());
 }
 
+std::vector<std::string> NamesOf(const absl::StatusOr<std::vector<SessionInfo>>& sessions) {
+  std::vector<std::string> names;
+  for (const SessionInfo& session : sessions.value()) names.push_back(session.name);
+  return names;
+}
+
 class SessionManagerTest : public testing::Test {
  protected:
   SessionManagerTest()
-      : store_(MakeMemoryStore(100)),
+      : store_(MakeMemoryStore()),
         models_(ModelRegistry::Create({.max_model_bytes = 4096, .max_store_bytes = 6000}, *store_).value()),
-        model_(models_->Upload({}, "", Bytes(kCubeObj)).value().name) {
+        model_(models_->Upload("", {}, "", Bytes(kCubeObj)).value().name) {
     SessionManager::Options options;
     options.max_sessions = 2;
     options.limits.expiry = absl::Minutes(1);
@@ -32,27 +40,27 @@ class SessionManagerTest : public testing::Test {
   SessionConfig Config() const { return SomeConfig({"cube"}, model_); }
 
   absl::Time now_ = absl::UnixEpoch();
+  WorkerPool pool_{1};  // outlives the store, whose thread may be the last to let go of a session
   const std::unique_ptr<Store> store_;
   const std::unique_ptr<ModelRegistry> models_;
   const std::string model_;
-  WorkerPool pool_{1};
   std::unique_ptr<SessionManager> sessions_;
 };
 
 TEST_F(SessionManagerTest, MakesFindsListsAndDeletes) {
-  const auto a = sessions_->Create(Config(), "").value();
-  const auto b = sessions_->Create(Config(), "").value();
+  const auto a = sessions_->Create("", Config(), "").value();
+  const auto b = sessions_->Create("", Config(), "").value();
   EXPECT_NE(a->name(), b->name());
   EXPECT_NE(a->resume_token(), b->resume_token());
-  EXPECT_EQ(sessions_->Get(a->name()).value(), a);
-  const auto all = sessions_->List("", 10);
-  ASSERT_EQ(all.size(), 2u);
-  EXPECT_LT(all[0]->name(), all[1]->name());
-  EXPECT_EQ(sessions_->List("", 1).size(), 1u);
-  EXPECT_THAT(sessions_->List(all[0]->name(), 10), testing::ElementsAre(all[1]));
-  sessions_->Delete(a->name());
-  sessions_->Delete(a->name());
-  EXPECT_EQ(GetErrorDetails(sessions_->Get(a->name()).status()).reason, "SESSION_NOT_FOUND");
+  EXPECT_EQ(sessions_->Get("", a->name()).value(), a);
+  const std::vector<std::string> all = NamesOf(sessions_->List("", "", 10));
+  EXPECT_THAT(all, testing::UnorderedElementsAre(a->name(), b->name()));
+  EXPECT_LT(all[0], all[1]);
+  EXPECT_THAT(NamesOf(sessions_->List("", "", 1)), testing::ElementsAre(all[0]));
+  EXPECT_THAT(NamesOf(sessions_->List("", all[0], 10)), testing::ElementsAre(all[1]));
+  EXPECT_TRUE(sessions_->Delete("", a->name()).ok());
+  EXPECT_TRUE(sessions_->Delete("", a->name()).ok());
+  EXPECT_EQ(GetErrorDetails(sessions_->Get("", a->name()).status()).reason, "SESSION_NOT_FOUND");
   EXPECT_EQ(GetErrorDetails(a->Watch().status).reason, "SESSION_DELETED");
   EXPECT_EQ(sessions_->num_sessions(), 1u);
 }
@@ -63,11 +71,11 @@ TEST_F(SessionManagerTest, RefusesObjectsThatNoPoseCanFollowFrom) {
        {"v 0 0 0\nv 1 0 0\nv 0 1 0\nl 1 2\nl 1 3\n", "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 2 0 0\nl 1 2\nl 1 3\nl 2 4\n",
         "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 1 1 0\nv 0 0 1\nv 1 0 1\nl 1 2\nl 3 4\nl 5 6\n"}) {
     SessionConfig config = SomeConfig({"good", "bad"}, model_);
-    config.objects[1].model = models_->Upload({}, "", Bytes(obj)).value().name;
+    config.objects[1].model = models_->Upload("", {}, "", Bytes(obj)).value().name;
     // Also with a pose to begin with: it could be tracked for a moment, and would drift.
     for (const bool has_pose : {true, false}) {
       if (!has_pose) config.objects[1].initial_camera_from_object.reset();
-      const absl::Status status = sessions_->Create(config, "").status();
+      const absl::Status status = sessions_->Create("", config, "").status();
       EXPECT_EQ(status.code(), absl::StatusCode::kInvalidArgument) << obj;
       EXPECT_EQ(GetErrorDetails(status).field, "config.objects[1].model");
       EXPECT_THAT(std::string(status.message()), testing::HasSubstr("lines"));
@@ -77,45 +85,45 @@ TEST_F(SessionManagerTest, RefusesObjectsThatNoPoseCanFollowFrom) {
 }
 
 TEST_F(SessionManagerTest, ARequestIdMakesOneSession) {
-  const auto first = sessions_->Create(Config(), "request").value();
-  EXPECT_EQ(sessions_->Create(Config(), "request").value(), first);
+  const auto first = sessions_->Create("", Config(), "request").value();
+  EXPECT_EQ(sessions_->Create("", Config(), "request").value(), first);
   SessionConfig other = Config();
   other.camera.fx_px = 301;
   SessionConfig turned = Config();
   turned.objects[0].reference_rotation = Eigen::Vector3d(1, -1, -1).asDiagonal();
-  EXPECT_EQ(GetErrorDetails(sessions_->Create(turned, "request").status()).reason, "REQUEST_ID_REUSED");
-  const auto reused = sessions_->Create(other, "request");
+  EXPECT_EQ(GetErrorDetails(sessions_->Create("", turned, "request").status()).reason, "REQUEST_ID_REUSED");
+  const auto reused = sessions_->Create("", other, "request");
   EXPECT_EQ(reused.status().code(), absl::StatusCode::kAlreadyExists);
   EXPECT_EQ(GetErrorDetails(reused.status()).reason, "REQUEST_ID_REUSED");
-  sessions_->Delete(first->name());
-  EXPECT_NE(sessions_->Create(other, "request").value(), first) << "the id is free again";
+  EXPECT_TRUE(sessions_->Delete("", first->name()).ok());
+  EXPECT_NE(sessions_->Create("", other, "request").value(), first) << "the id is free again";
 }
 
 TEST_F(SessionManagerTest, HasSoManySlots) {
-  const auto first = sessions_->Create(Config(), "").value();
-  ASSERT_TRUE(sessions_->Create(Config(), "").ok());
-  const absl::Status full = sessions_->Create(Config(), "").status();
+  const auto first = sessions_->Create("", Config(), "").value();
+  ASSERT_TRUE(sessions_->Create("", Config(), "").ok());
+  const absl::Status full = sessions_->Create("", Config(), "").status();
   EXPECT_EQ(full.code(), absl::StatusCode::kResourceExhausted);
   const ErrorDetails details = GetErrorDetails(full);
   EXPECT_EQ(details.reason, "TOO_MANY_SESSIONS");
   EXPECT_EQ(details.quota_subject, "max_sessions");
   EXPECT_GT(details.retry_after, absl::ZeroDuration());
-  sessions_->Delete(first->name());
-  EXPECT_TRUE(sessions_->Create(Config(), "").ok());
+  EXPECT_TRUE(sessions_->Delete("", first->name()).ok());
+  EXPECT_TRUE(sessions_->Create("", Config(), "").ok());
 }
 
 TEST_F(SessionManagerTest, AFailedCreationTakesNoSlot) {
   for (int i = 0; i < 5; ++i) {
-    const absl::Status status = sessions_->Create(SomeConfig({"cube"}, "models/none"), "").status();
+    const absl::Status status = sessions_->Create("", SomeConfig({"cube"}, "models/none"), "").status();
     EXPECT_EQ(status.code(), absl::StatusCode::kNotFound);
     EXPECT_EQ(GetErrorDetails(status).reason, "MODEL_NOT_FOUND");
   }
-  EXPECT_TRUE(sessions_->Create(Config(), "").ok());
+  EXPECT_TRUE(sessions_->Create("", Config(), "").ok());
 }
 
 TEST_F(SessionManagerTest, NamesWhatIsWrongWithAConfiguration) {
   const auto field_of = [this](const SessionConfig& config) {
-    return GetErrorDetails(sessions_->Create(config, "").status()).field;
+    return GetErrorDetails(sessions_->Create("", config, "").status()).field;
   };
   SessionConfig config = Config();
   config.camera.fx_px = 0;
@@ -132,75 +140,196 @@ TEST_F(SessionManagerTest, NamesWhatIsWrongWithAConfiguration) {
 }
 
 TEST_F(SessionManagerTest, DeletesSessionsWhoseTimeIsOver) {
-  const auto session = sessions_->Create(Config(), "").value();
-  const auto attached = sessions_->Create(Config(), "").value();
+  const auto session = sessions_->Create("", Config(), "").value();
+  const auto attached = sessions_->Create("", Config(), "").value();
   const auto listener = std::make_shared<WaitingListener>();
   ASSERT_TRUE(attached->Attach(attached->resume_token(), 0, listener).ok());
   now_ += absl::Seconds(59);
-  EXPECT_TRUE(sessions_->Get(session->name()).ok());
+  EXPECT_TRUE(sessions_->Get("", session->name()).ok());
   now_ += absl::Seconds(2);
-  EXPECT_FALSE(sessions_->Get(session->name()).ok());
-  EXPECT_TRUE(sessions_->Get(attached->name()).ok());
+  EXPECT_FALSE(sessions_->Get("", session->name()).ok());
+  EXPECT_TRUE(sessions_->Get("", attached->name()).ok());
   EXPECT_THAT(std::string(session->Watch().status.message()), testing::HasSubstr("expired"));
 }
 
 TEST_F(SessionManagerTest, MakesNothingWhileDraining) {
   EXPECT_TRUE(sessions_->CheckNotDraining().ok());
   sessions_->Drain();
-  const absl::Status status = sessions_->Create(Config(), "").status();
+  const absl::Status status = sessions_->Create("", Config(), "").status();
   EXPECT_EQ(status.code(), absl::StatusCode::kUnavailable);
   EXPECT_EQ(GetErrorDetails(status).reason, "DRAINING");
 }
 
 TEST_F(SessionManagerTest, AModelInUseCannotBeDeleted) {
-  const auto session = sessions_->Create(Config(), "").value();
-  const absl::Status status = models_->Delete(model_);
+  const auto session = sessions_->Create("", Config(), "").value();
+  const absl::Status status = models_->Delete("", model_);
   EXPECT_EQ(status.code(), absl::StatusCode::kFailedPrecondition);
   EXPECT_EQ(GetErrorDetails(status).reason, "MODEL_IN_USE");
-  sessions_->Delete(session->name());
-  EXPECT_TRUE(models_->Delete(model_).ok());
-  EXPECT_TRUE(models_->Delete(model_).ok());
-  EXPECT_EQ(models_->Get(model_).status().code(), absl::StatusCode::kNotFound);
+  EXPECT_TRUE(sessions_->Delete("", session->name()).ok());
+  EXPECT_TRUE(models_->Delete("", model_).ok());
+  EXPECT_TRUE(models_->Delete("", model_).ok());
+  EXPECT_EQ(models_->Get("", model_).status().code(), absl::StatusCode::kNotFound);
+}
+
+TEST_F(SessionManagerTest, AModelThatNeverWasCannotBeDeleted) {
+  const absl::Status status = models_->Delete("", "models/never");
+  EXPECT_EQ(status.code(), absl::StatusCode::kNotFound);
+  EXPECT_EQ(GetErrorDetails(status).reason, "MODEL_NOT_FOUND");
+  ASSERT_TRUE(store_->PutModel({.name = "models/broken", .bytes = Bytes("no model")}).ok());
+  EXPECT_TRUE(models_->Delete("", "models/broken").ok()) << "the store has it, though it was never loaded";
+  EXPECT_FALSE(store_->ReadModel("", "models/broken").ok());
+}
+
+TEST_F(SessionManagerTest, NobodyWaitsWhileTheStoreWrites) {
+  class SlowStore : public TroubledStore {
+   public:
+    using TroubledStore::TroubledStore;
+    absl::Status PutModel(const ModelRecord& model) override {
+      while_writing();
+      return TroubledStore::PutModel(model);
+    }
+    absl::Status DeleteModel(absl::string_view tenant, absl::string_view name) override {
+      while_writing();
+      return TroubledStore::DeleteModel(tenant, name);
+    }
+    std::function<void()> while_writing;
+  };
+  const auto trouble = std::make_shared<Trouble>();
+  SlowStore store(MakeMemoryStore(), trouble);
+  const auto registry = ModelRegistry::Create({}, store).value();
+  int num_asked = 0;
+  store.while_writing = [&] {
+    EXPECT_EQ(registry->List("", "", 10).size(), 0u);
+    EXPECT_TRUE(registry->Reserve("", 1).ok());
+    ++num_asked;
+  };
+  ASSERT_TRUE(registry->Upload("", {}, "", Bytes(kCubeObj)).ok());
+  store.while_writing = [&] {
+    EXPECT_TRUE(registry->Get("", model_).ok()) << "it is there still";
+    EXPECT_FALSE(registry->Use("", model_).ok()) << "but for no session";
+    ++num_asked;
+  };
+  trouble->Set(absl::UnavailableError("away"));
+  EXPECT_EQ(GetErrorDetails(registry->Delete("", model_)).reason, "STORE_AWAY");
+  EXPECT_TRUE(registry->Use("", model_).ok()) << "it stays";
+  trouble->Set(absl::OkStatus());
+  EXPECT_TRUE(registry->Delete("", model_).ok());
+  EXPECT_FALSE(registry->Get("", model_).ok());
+  EXPECT_EQ(num_asked, 2) << "a store that is away is not written to";
 }
 
 TEST_F(SessionManagerTest, ModelsAreNamedByContentAndReading) {
-  const ModelInfo again = models_->Upload({}, "", Bytes(kCubeObj)).value();
+  const ModelInfo again = models_->Upload("", {}, "", Bytes(kCubeObj)).value();
   EXPECT_EQ(again.name, model_);
   EXPECT_EQ(again.num_lines, 12u);
   EXPECT_EQ(again.num_faces, 12u);
-  const ModelInfo millimetres = models_->Upload({.metres_per_unit = 0.001}, "", Bytes(kCubeObj)).value();
+  const ModelInfo millimetres = models_->Upload("", {.metres_per_unit = 0.001}, "", Bytes(kCubeObj)).value();
   EXPECT_NE(millimetres.name, model_);
   EXPECT_EQ(millimetres.sha256_hex, again.sha256_hex);
   EXPECT_NEAR(millimetres.diameter_m, 0.001 * again.diameter_m, 1e-9);
-  EXPECT_EQ(models_->List("", 10).size(), 2u);
+  EXPECT_EQ(models_->List("", "", 10).size(), 2u);
 }
 
 TEST_F(SessionManagerTest, ModelsThatCannotBeLoadedAreRefused) {
   const auto field_of = [](const absl::StatusOr<ModelInfo>& model) { return GetErrorDetails(model.status()).field; };
-  EXPECT_EQ(field_of(models_->Upload({}, "", Bytes("v 0 0 nan\n"))), "chunk");
-  EXPECT_EQ(field_of(models_->Upload({}, std::string(64, '0'), Bytes(kCubeObj))), "header.sha256");
-  EXPECT_EQ(field_of(models_->Upload({.metres_per_unit = -1}, "", Bytes(kCubeObj))), "header");
-  EXPECT_EQ(models_->List("", 10).size(), 1u);
+  EXPECT_EQ(field_of(models_->Upload("", {}, "", Bytes("v 0 0 nan\n"))), "chunk");
+  EXPECT_EQ(field_of(models_->Upload("", {}, std::string(64, '0'), Bytes(kCubeObj))), "header.sha256");
+  EXPECT_EQ(field_of(models_->Upload("", {.metres_per_unit = -1}, "", Bytes(kCubeObj))), "header");
+  EXPECT_EQ(models_->List("", "", 10).size(), 1u);
 }
 
 TEST_F(SessionManagerTest, ModelsHaveRoomForSoManyBytes) {
-  EXPECT_EQ(GetErrorDetails(models_->Reserve(0).status()).field, "header.size_bytes");
-  EXPECT_EQ(GetErrorDetails(models_->Reserve(4097).status()).field, "header.size_bytes");
+  EXPECT_EQ(GetErrorDetails(models_->Reserve("", 0).status()).field, "header.size_bytes");
+  EXPECT_EQ(GetErrorDetails(models_->Reserve("", 4097).status()).field, "header.size_bytes");
   {
-    const auto reservation = models_->Reserve(4096);
+    const auto reservation = models_->Reserve("", 4096);
     ASSERT_TRUE(reservation.ok());
-    const absl::Status full = models_->Reserve(4096).status();
+    const absl::Status full = models_->Reserve("", 4096).status();
     EXPECT_EQ(full.code(), absl::StatusCode::kResourceExhausted);
     EXPECT_EQ(GetErrorDetails(full).reason, "MODEL_STORE_FULL");
   }
-  EXPECT_TRUE(models_->Reserve(4096).ok());
+  EXPECT_TRUE(models_->Reserve("", 4096).ok());
 }
 
 TEST_F(SessionManagerTest, ARegistryOverAStoreHasItsModels) {
   const auto second = ModelRegistry::Create({}, *store_).value();
-  EXPECT_EQ(second->Get(model_).value().sha256_hex, models_->Get(model_).value().sha256_hex);
+  EXPECT_EQ(second->Get("", model_).value().sha256_hex, models_->Get("", model_).value().sha256_hex);
   ASSERT_TRUE(store_->PutModel({.name = "models/broken", .bytes = Bytes("no model")}).ok());
-  EXPECT_EQ(ModelRegistry::Create({}, *store_).status().code(), absl::StatusCode::kInternal);
+  EXPECT_FALSE(ModelRegistry::Create({}, *store_).value()->Get("", "models/broken").ok()) << "left out";
+}
+
+TEST_F(SessionManagerTest, ATenantSeesItsOwnSessionsOnly) {
+  const std::string model = models_->Upload("lab", {}, "", Bytes(kCubeObj)).value().name;
+  EXPECT_EQ(model, model_) << "the name says what a model is, not whose";
+  const auto own = sessions_->Create("", Config(), "request").value();
+  const auto theirs = sessions_->Create("lab", Config(), "request").value();
+  EXPECT_NE(own, theirs) << "request_ids are a tenant's own";
+  EXPECT_EQ(sessions_->Create("lab", Config(), "request").value(), theirs);
+  EXPECT_THAT(NamesOf(sessions_->List("lab", "", 10)), testing::ElementsAre(theirs->name()));
+  EXPECT_EQ(sessions_->num_sessions_of("lab"), 1u);
+  EXPECT_EQ(sessions_->num_sessions_of("field"), 0u);
+
+  std::string absent = own->name();
+  absent.back() = absent.back() == '0' ? '1' : '0';
+  const absl::Status unknown = sessions_->Get("lab", absent).status();
+  const absl::Status foreign = sessions_->Get("lab", own->name()).status();
+  const auto without_name = [](const absl::Status& status, const std::string& name) {
+    return absl::StrReplaceAll(std::string(status.message()), {{name, "X"}});
+  };
+  EXPECT_EQ(without_name(foreign, own->name()), without_name(unknown, absent));
+  EXPECT_EQ(GetErrorDetails(foreign).reason, GetErrorDetails(unknown).reason);
+  EXPECT_TRUE(sessions_->Delete("lab", own->name()).ok());
+  EXPECT_EQ(sessions_->Get("", own->name()).value(), own);
+}
+
+TEST_F(SessionManagerTest, ATenantHasNoMoreThanItsShare) {
+  SessionManager::Options options = sessions_->options();
+  options.max_tenant_sessions = 1;
+  SessionManager sessions(options, *store_, *models_, pool_);
+  models_->Upload("lab", {}, "", Bytes(kCubeObj)).value();
+  const auto first = sessions.Create("", Config(), "").value();
+  const absl::Status full = sessions.Create("", Config(), "").status();
+  EXPECT_EQ(full.code(), absl::StatusCode::kResourceExhausted);
+  EXPECT_EQ(GetErrorDetails(full).reason, "TENANT_QUOTA");
+  EXPECT_EQ(GetErrorDetails(full).quota_subject, "tenant_sessions");
+  EXPECT_GT(GetErrorDetails(full).retry_after, absl::ZeroDuration());
+  EXPECT_TRUE(sessions.Create("lab", Config(), "").ok());
+  EXPECT_TRUE(sessions.Delete("", first->name()).ok());
+  SessionConfig impossible = Config();
+  impossible.objects[0].model = "models/none";
+  EXPECT_EQ(sessions.Create("", impossible, "").status().code(), absl::StatusCode::kNotFound);
+  EXPECT_TRUE(sessions.Create("", Config(), "").ok()) << "a slot that was not filled is free again";
+}
+
+TEST_F(SessionManagerTest, ModelsOfTwoTenantsAreStrangers) {
+  const absl::Status unknown = models_->Get("lab", model_).status();
+  EXPECT_EQ(GetErrorDetails(unknown).reason, "MODEL_NOT_FOUND");
+  EXPECT_EQ(models_->Use("lab", model_).status(), unknown);
+  EXPECT_TRUE(models_->List("lab", "", 10).empty());
+  EXPECT_EQ(GetErrorDetails(sessions_->Create("lab", Config(), "").status()).reason, "MODEL_NOT_FOUND");
+  models_->Upload("lab", {}, "", Bytes(kCubeObj)).value();
+  const auto session = sessions_->Create("lab", Config(), "").value();
+  EXPECT_TRUE(models_->Delete("", model_).ok()) << "who else uses theirs is not told";
+  EXPECT_EQ(GetErrorDetails(models_->Delete("lab", model_)).reason, "MODEL_IN_USE");
+  EXPECT_EQ(models_->List("lab", "", 10).size(), 1u);
+  EXPECT_TRUE(models_->List("", "", 10).empty());
+  const auto restarted = ModelRegistry::Create({}, *store_).value();
+  EXPECT_TRUE(restarted->Get("lab", model_).ok());
+  EXPECT_FALSE(restarted->Get("", model_).ok());
+}
+
+TEST_F(SessionManagerTest, ATenantsModelsHaveTheirShare) {
+  const auto store = MakeMemoryStore();
+  const auto models =
+      ModelRegistry::Create({.max_model_bytes = 4096, .max_store_bytes = 9000, .max_tenant_bytes = 5000}, *store)
+          .value();
+  const auto reservation = models->Reserve("lab", 4096).value();
+  const absl::Status full = models->Reserve("lab", 1000).status();
+  EXPECT_EQ(GetErrorDetails(full).reason, "TENANT_QUOTA");
+  EXPECT_EQ(GetErrorDetails(full).quota_subject, "tenant_model_bytes");
+  EXPECT_TRUE(models->Reserve("lab", 904).ok());
+  const auto others = models->Reserve("field", 4096).value();
+  EXPECT_EQ(GetErrorDetails(models->Reserve("third", 1000).status()).reason, "MODEL_STORE_FULL");
 }
 
 }  // namespace

@@ -3,6 +3,9 @@
 #include <algorithm>
 #include <utility>
 
+#include "absl/strings/str_cat.h"
+#include "core/base/hash.h"
+#include "core/base/state_io.h"
 #include "core/base/status_macros.h"
 #include "server/sessions/errors.h"
 
@@ -12,6 +15,34 @@ namespace {
 // Sensor time is fed in slices of this length, counted from 0. At their ends, which depend on the stream alone, the
 // states are compared.
 constexpr int64_t kSliceUs = 1000;
+
+// What a saved state begins with. The version is raised with every change of what is saved, or of what it means.
+constexpr absl::string_view kMagic = "evpose session";
+constexpr uint32_t kStateVersion = 1;
+
+void WriteModel(const ObjectModel* model, StateWriter& writer) {
+  writer(model != nullptr);
+  if (model == nullptr) return;
+  writer(model->vertices, model->triangles, model->symmetries);
+  writer.Count(model->lines.size());
+  for (const ModelLine& line : model->lines) writer(line.p1, line.p2, line.face_normals);
+}
+
+std::string ConfigurationDigest(const SessionConfig& config,
+                                const std::vector<std::shared_ptr<const ObjectModel>>& models) {
+  StateWriter writer;
+  writer(static_cast<uint32_t>(config.encoding), static_cast<uint32_t>(config.estimator));
+  const CameraModel& camera = config.camera;
+  writer(camera.width_px, camera.height_px, camera.fx_px, camera.fy_px, camera.cx_px, camera.cy_px, camera.distortion);
+  const SensorProfile& sensor = config.sensor;
+  writer(sensor.pixel_noise_px, sensor.blur_px, sensor.contrast_threshold, sensor.refractory_us, sensor.latency_us);
+  for (const ObjectConfig& object : config.objects) {
+    writer(object.initial_camera_from_object, object.reference_rotation);
+  }
+  for (const auto& model : models) WriteModel(model.get(), writer);
+  const std::string bytes = writer.Take();
+  return Sha256Hex({reinterpret_cast<const uint8_t*>(bytes.data()), bytes.size()});
+}
 
 }  // namespace
 
@@ -26,14 +57,29 @@ absl::StatusOr<std::unique_ptr<SessionPipeline>> SessionPipeline::Create(
   for (size_t i = 0; i < pipeline->tracker_->num_objects(); ++i) {
     pipeline->reported_states_.push_back(pipeline->tracker_->state(i));
   }
+  pipeline->configuration_ = ConfigurationDigest(config, models);
   return pipeline;
 }
 
-void SessionPipeline::Process(absl::Span<const uint8_t> bytes, PipelineOutput& output) {
+void SessionPipeline::Decode(absl::Span<const uint8_t> bytes) {
   decoded_.events.clear();
   decoded_.triggers.clear();
   decoded_.time_marks.clear();
   decoder_->Decode(bytes, decoded_);
+}
+
+EventGap SessionPipeline::Skip(absl::Span<const uint8_t> bytes, PipelineOutput& output) {
+  Decode(bytes);
+  if (decoded_.events.empty() && decoded_.time_marks.empty()) return EventGap();
+  for (const Event& event : decoded_.events) SeeTime(event.t_us);
+  for (const TimeMark& mark : decoded_.time_marks) SeeTime(mark.t_us);
+  const EventGap gap = tracker_->Skip(decoded_.events, now_us_);
+  CloseSlice(now_us_, output);
+  return gap;
+}
+
+void SessionPipeline::Process(absl::Span<const uint8_t> bytes, PipelineOutput& output) {
+  Decode(bytes);
   const absl::Span<const Event> events = decoded_.events;
   size_t begin = 0;
   for (const TimeMark& mark : decoded_.time_marks) {
@@ -88,6 +134,39 @@ void SessionPipeline::ResetPose(uint32_t object_index, const RigidTransform& cam
 void SessionPipeline::Finish(PipelineOutput& output) {
   tracker_->Finish(output.poses);
   CloseSlice(now_us_, output);
+}
+
+void SessionPipeline::VisitState(auto& archive, auto& self) {
+  auto& [configuration, decoder, tracker, reported_states, decoded, first_t_us, now_us, slice_end_us] = self;
+  archive(*decoder, *tracker);
+  for (auto& state : reported_states) archive(AtMost(state, TrackState::kLost));
+  constexpr int64_t kMax_us = kMaxStateTime_us;
+  archive(InRange(first_t_us, -kMax_us, kMax_us), InRange(now_us, -kMax_us, kMax_us),
+          InRange(slice_end_us, -kMax_us, kMax_us));
+}
+
+std::string SessionPipeline::SaveState() const {
+  StateWriter writer;
+  writer.Raw(kMagic.data(), kMagic.size());
+  writer(kStateVersion, configuration_);
+  VisitState(writer, *this);
+  return writer.Take();
+}
+
+absl::Status SessionPipeline::LoadState(absl::string_view state) {
+  if (state.substr(0, kMagic.size()) != kMagic) return absl::DataLossError("the saved state is none of a session");
+  StateReader reader(state.substr(kMagic.size()));
+  uint32_t version = 0;
+  reader(version);
+  if (reader.ok() && version != kStateVersion) {
+    return absl::DataLossError(absl::StrCat("the saved state has format ", version, ", this server reads format ",
+                                            kStateVersion, ": the server that wrote it can go on with it"));
+  }
+  if (reader.Bytes() != configuration_ && reader.ok()) {
+    return absl::DataLossError("the saved state belongs to another configuration or another model");
+  }
+  VisitState(reader, *this);
+  return reader.Finish();
 }
 
 }  // namespace evpose::server

@@ -15,17 +15,23 @@ namespace {
 
 class SessionTest : public testing::Test {
  protected:
-  SessionTest() : store_(MakeMemoryStore(100'000)) {
+  SessionTest() {
     Session::Parts parts;
     parts.name = "sessions/test";
     parts.config = SomeConfig({"cube", "box"});
-    parts.limits = {.credit_bytes = 4096, .max_chunk_bytes = 1024, .expiry = absl::Minutes(1)};
+    parts.limits = {.credit_bytes = 4096,
+                    .max_chunk_bytes = 1024,
+                    .pose_log_capacity = 100'000,
+                    .expiry = absl::Minutes(1),
+                    .writes_checkpoints = false};
     parts.model_uses.push_back(model_use_);
     parts.pipeline = SessionPipeline::Create(parts.config, {nullptr, nullptr}, FakeTrackers(gate_)).value();
-    parts.pose_log = store_->CreatePoseLog(parts.name).value();
     parts.resume_token = "first";
+    parts.create_time = now_;
     parts.now = [this] { return now_; };
-    session_ = std::make_shared<Session>(std::move(parts), pool_);
+    parts.beginning.lifecycle = {.token_digest = TokenDigest("first"), .detached_at = now_};
+    parts.lease = store_->CreateSession({.name = parts.name}, "").value();
+    session_ = Session::Start(std::move(parts), pool_);
   }
   ~SessionTest() override {
     gate_->Open();
@@ -51,8 +57,8 @@ class SessionTest : public testing::Test {
   const std::shared_ptr<const int> model_use_ = std::make_shared<const int>(1);
   const std::shared_ptr<FakeTrackerGate> gate_ = std::make_shared<FakeTrackerGate>();
   const std::shared_ptr<WaitingListener> listener_ = std::make_shared<WaitingListener>();
-  const std::unique_ptr<Store> store_;
-  WorkerPool pool_{1};
+  WorkerPool pool_{1};  // outlives the store, whose thread may be the last to let go of a session
+  const std::unique_ptr<Store> store_ = MakeMemoryStore();
   std::shared_ptr<Session> session_;
 };
 
@@ -67,7 +73,7 @@ TEST_F(SessionTest, TracksWhatIsPushedAndEnds) {
   ASSERT_TRUE(session_->PushEnd(stream).ok());
   listener_->WaitUntil([&] { return session_->View(stream).ended; });
 
-  const auto poses = session_->pose_log()->Read(0, 1000).value();
+  const auto poses = session_->pose_log().Read(0, 1000);
   ASSERT_EQ(poses.size(), 40u) << "one per millisecond and object";
   EXPECT_EQ(poses[0].object_index, 0u);
   EXPECT_EQ(poses[1].object_index, 1u);
@@ -93,7 +99,7 @@ TEST_F(SessionTest, NothingFollowsTheEndButTheEnd) {
   const absl::Status events = Push(stream, 1, SomeEvents(1, 2));
   EXPECT_EQ(events.code(), absl::StatusCode::kFailedPrecondition);
   EXPECT_EQ(GetErrorDetails(events).reason, "SESSION_ENDED");
-  EXPECT_EQ(GetErrorDetails(session_->PushResetPose(stream, "cube", RigidTransform())).reason, "SESSION_ENDED");
+  EXPECT_EQ(GetErrorDetails(session_->PushResetPose(stream, 1, "cube", RigidTransform())).reason, "SESSION_ENDED");
 }
 
 TEST_F(SessionTest, RepeatedChunksAreIgnoredAndGapsRefused) {
@@ -122,7 +128,9 @@ TEST_F(SessionTest, RefusesWhatIsNoChunk) {
   const absl::Status broken = session_->PushEvents(stream, {.seq = 1, .crc32c = 1, .payload = Flat64({{1, 2, 3, 0}})});
   EXPECT_EQ(broken.code(), absl::StatusCode::kDataLoss);
   EXPECT_THAT(GetErrorDetails(broken).metadata, testing::ElementsAre(testing::Pair("seq", "1")));
-  EXPECT_EQ(GetErrorDetails(session_->PushResetPose(stream, "cone", RigidTransform())).field, "reset_pose.object_id");
+  EXPECT_EQ(GetErrorDetails(session_->PushResetPose(stream, 1, "cone", RigidTransform())).field,
+            "reset_pose.object_id");
+  EXPECT_EQ(GetErrorDetails(session_->PushResetPose(stream, 0, "cube", RigidTransform())).field, "reset_pose.seq");
 
   const std::string payload = Flat64(SomeEvents(1, 2));
   const uint32_t crc = Crc32c({reinterpret_cast<const uint8_t*>(payload.data()), payload.size()});
@@ -237,13 +245,16 @@ TEST_F(SessionTest, TellsOfChangesAndFaultsInTheirPlace) {
 TEST_F(SessionTest, ResetsAPoseInTheOrderOfTheStream) {
   const uint64_t stream = Attach().stream;
   ASSERT_TRUE(Push(stream, 1, {{1100, 0, 0, 1}, {2100, 5, 5, 1}}).ok());
-  ASSERT_TRUE(session_->PushResetPose(stream, "box", RigidTransform()).ok());
-  ASSERT_TRUE(Push(stream, 2, {{3100, 5, 5, 1}, {4100, 5, 5, 1}, {5100, 5, 5, 1}, {6100, 5, 5, 1}}).ok());
+  ASSERT_TRUE(session_->PushResetPose(stream, 2, "box", RigidTransform()).ok());
+  ASSERT_TRUE(session_->PushResetPose(stream, 2, "cube", RigidTransform()).ok()) << "a repeated one is ignored";
+  EXPECT_EQ(GetErrorDetails(session_->PushResetPose(stream, 4, "cube", RigidTransform())).reason, "SEQ_GAP");
+  ASSERT_TRUE(Push(stream, 3, {{3100, 5, 5, 1}, {4100, 5, 5, 1}, {5100, 5, 5, 1}, {6100, 5, 5, 1}}).ok());
   WaitUntilIdle(stream);
-  const auto poses = session_->pose_log()->Read(0, 10).value();
+  const auto poses = session_->pose_log().Read(0, 10);
   ASSERT_EQ(poses.size(), 4u) << "the open window is the first";
   for (const StoredPose& pose : poses) EXPECT_EQ(pose.object_index, 1u);
   EXPECT_EQ(poses[0].estimate.t_us, 2500);
+  EXPECT_EQ(session_->View(stream).ack.processed_seq, 3u);
   EXPECT_EQ(session_->Snapshot().health.objects[0].state, TrackState::kLost);
   EXPECT_EQ(session_->Snapshot().health.objects[0].initialization.status, InitializationStatus::kTooFewLines);
   EXPECT_EQ(session_->Snapshot().health.objects[1].state, TrackState::kTracking);

@@ -68,6 +68,14 @@ class FakeTracker : public Tracker {
   void AdvanceTime(int64_t t_us, std::vector<PoseEstimate>& estimates) override {
     if (t_us / 1000 > window_) Close(t_us, estimates);
   }
+  EventGap Skip(absl::Span<const Event> events, int64_t t_us) override {
+    const EventGap gap = {std::max(window_ * 1000, skipped_until_us_), t_us, num_events_ + events.size()};
+    num_events_ = 0;
+    sum_.setZero();
+    window_ = t_us / 1000;
+    skipped_until_us_ = t_us;
+    return gap;
+  }
   void Finish(std::vector<PoseEstimate>& estimates) override { Close((window_ + 1) * 1000, estimates); }
   void ResetPose(size_t object_index, const RigidTransform&) override {
     objects_[object_index].state = TrackState::kTracking;
@@ -80,13 +88,25 @@ class FakeTracker : public Tracker {
     return {.status = InitializationStatus::kTooFewLines, .attempts = object.attempts, .num_lines = 2};
   }
   uint32_t losses(size_t object_index) const override { return objects_[object_index].losses; }
+  void SaveState(StateWriter& writer) const override { VisitState(writer, *this); }
+  void LoadState(StateReader& reader) override { VisitState(reader, *this); }
 
  private:
   struct Object {
     TrackState state;
     uint32_t losses = 0;
     uint64_t attempts = 0;  // one for each event without a pose
+    static void VisitState(auto& archive, auto& self) {
+      auto& [state, losses, attempts] = self;
+      archive(AtMost(state, TrackState::kLost), losses, attempts);
+    }
   };
+
+  static void VisitState(auto& archive, auto& self) {
+    auto& [gate, objects, window, skipped_until_us, num_events, sum] = self;
+    for (auto& object : objects) archive(object);
+    archive(window, skipped_until_us, num_events, sum);
+  }
 
   void Close(int64_t t_us, std::vector<PoseEstimate>& estimates) {
     for (size_t i = 0; i < objects_.size() && num_events_ > 0; ++i) {
@@ -114,6 +134,7 @@ class FakeTracker : public Tracker {
   const std::shared_ptr<FakeTrackerGate> gate_;
   std::vector<Object> objects_;
   int64_t window_ = 0;
+  int64_t skipped_until_us_ = 0;
   uint32_t num_events_ = 0;
   Eigen::Vector3d sum_ = Eigen::Vector3d::Zero();
 };

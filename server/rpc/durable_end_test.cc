@@ -1,0 +1,44 @@
+// The end of a stream on a store that takes its time.
+#include <filesystem>
+
+#include "server/rpc/testing.h"
+
+namespace evpose::server {
+namespace {
+
+class DurableEndTest : public RpcTest {
+ protected:
+  DurableEndTest() : RpcTest(OnSqlite()) {}
+  ~DurableEndTest() override {
+    server_.reset();
+    std::filesystem::remove_all(Directory());
+  }
+
+  static std::string Directory() { return (std::filesystem::path(testing::TempDir()) / "evpose_durable_end").string(); }
+  static ServerOptions OnSqlite() {
+    std::filesystem::remove_all(Directory());
+    ServerOptions options = Options();
+    options.store.store = "sqlite";
+    options.store.data_dir = Directory();
+    return options;
+  }
+};
+
+// As client libraries do: `end`, and the stream's sending half is closed, long before the store has the last poses.
+TEST_F(DurableEndTest, AClientThatHalfClosesBehindItsEndGetsTheSummary) {
+  for (int i = 0; i < 3; ++i) {
+    const v1::Session session = CreateSession();
+    const auto track = Attached(session);
+    ASSERT_TRUE(track->Events(1, Flat64(SomeEvents(0, 50))));
+    ASSERT_TRUE(track->End());
+    track->WritesDone();
+    v1::TrackResponse response;
+    EXPECT_TRUE(track->ReadUntil(v1::TrackResponse::kSummary, response));
+    EXPECT_EQ(response.summary().health().poses(), 50u);
+    EXPECT_EQ(Describe(track->Finish()), "OK");
+    EXPECT_EQ(Describe(Delete(session.name())), "OK");
+  }
+}
+
+}  // namespace
+}  // namespace evpose::server

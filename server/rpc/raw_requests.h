@@ -1,0 +1,54 @@
+// What raw stubs send before they can track, for tests, benches and fuzz targets.
+#pragma once
+
+#include <grpcpp/grpcpp.h>
+
+#include <string>
+#include <vector>
+
+#include "evpose/v1/models.grpc.pb.h"
+#include "evpose/v1/sessions.pb.h"
+
+namespace evpose::server {
+
+// The messages that upload an OBJ file.
+inline std::vector<v1::UploadModelRequest> UploadRequests(const std::string& file) {
+  std::vector<v1::UploadModelRequest> requests(2);
+  requests[0].mutable_header()->set_format(v1::MODEL_FORMAT_OBJ);
+  requests[0].mutable_header()->set_size_bytes(file.size());
+  requests[1].set_chunk(file);
+  return requests;
+}
+
+inline grpc::Status UploadModel(v1::ModelService::Stub& models, const std::vector<v1::UploadModelRequest>& requests,
+                                v1::Model* model) {
+  grpc::ClientContext context;
+  const auto stream = models.UploadModel(&context, model);
+  for (const v1::UploadModelRequest& request : requests) {
+    if (!stream->Write(request)) break;
+  }
+  stream->WritesDone();
+  return stream->Finish();
+}
+
+// A cube a meter before a small camera, in FLAT64.
+inline v1::CreateSessionRequest CubeSessionRequest(const std::string& model) {
+  v1::CreateSessionRequest request;
+  v1::SessionConfig& config = *request.mutable_config();
+  config.set_encoding(v1::EVENT_ENCODING_FLAT64);
+  v1::CameraModel& camera = *config.mutable_camera();
+  camera.set_width_px(320);
+  camera.set_height_px(240);
+  camera.set_fx_px(300);
+  camera.set_fy_px(300);
+  camera.set_cx_px(160);
+  camera.set_cy_px(120);
+  v1::TrackedObject& object = *config.add_objects();
+  object.set_object_id("cube");
+  object.set_model(model);
+  object.mutable_initial_camera_from_object()->mutable_translation_m()->set_z(1.0);
+  object.mutable_initial_camera_from_object()->mutable_rotation()->set_w(1.0);
+  return request;
+}
+
+}  // namespace evpose::server

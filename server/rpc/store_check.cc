@@ -1,0 +1,55 @@
+#include "server/rpc/store_check.h"
+
+#include <string>
+#include <utility>
+
+#include "absl/status/status.h"
+#include "server/sessions/log.h"
+
+namespace evpose::server {
+
+StoreCheck::StoreCheck(Store& store, WorkerPool& pool, absl::Duration period, Listener listener)
+    : store_(store), pool_(pool), period_(period), listener_(std::move(listener)) {}
+
+void StoreCheck::Start() {
+  const std::lock_guard lock(mutex_);
+  if (!is_stopped_) Arm();
+}
+
+void StoreCheck::Stop() {
+  const std::lock_guard lock(mutex_);
+  is_stopped_ = true;
+  timer_.reset();
+}
+
+void StoreCheck::Arm() {
+  timer_ = pool_.PostAfter(period_, [this] {
+    const std::lock_guard lock(mutex_);
+    if (!is_stopped_) pool_.PostSlow([this] { Ask(); });
+  });
+}
+
+bool StoreCheck::IsStopped() {
+  const std::lock_guard lock(mutex_);
+  return is_stopped_;
+}
+
+void StoreCheck::Ask() {
+  if (IsStopped()) return;
+  const absl::Status health = store_.CheckHealth();
+  const std::lock_guard lock(mutex_);
+  if (is_stopped_) return;
+  if (health.ok() != answers_) {
+    answers_ = health.ok();
+    if (answers_) {
+      ServerLog().info("the store answers again: health is SERVING");
+    } else {
+      ServerLog().warn("the store does not answer, health is NOT_SERVING until it does: {}",
+                       std::string(health.message()));
+    }
+    listener_(answers_);
+  }
+  Arm();
+}
+
+}  // namespace evpose::server

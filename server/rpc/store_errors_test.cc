@@ -1,0 +1,254 @@
+// What clients see of a store that is away, full, broken or damaged, through the raw stub; and several servers on one.
+#include <thread>
+
+#include "grpc/health/v1/health.grpc.pb.h"
+#include "server/rpc/testing.h"
+#include "server/sessions/store_testing.h"
+#include "server/stores/memory_store.h"
+
+namespace evpose::server {
+namespace {
+
+using Health = grpc::health::v1::HealthCheckResponse;
+using Kind = v1::TrackResponse;
+
+class StoreErrorsTest : public RpcTest {
+ protected:
+  StoreErrorsTest() { Use(StartOnStore()); }
+
+  static ServerOptions StoreOptions() {
+    ServerOptions options = Options();
+    options.store_check_period = absl::Milliseconds(1);
+    return options;
+  }
+  // Another server on the same store; the one before goes on.
+  std::shared_ptr<grpc::Channel> StartOnStore() {
+    servers_.push_back(
+        StartServer(StoreOptions(), FakeTrackers(gate_), std::make_unique<TroubledStore>(store_, trouble_)).value());
+    return servers_.back()->InProcessChannel();
+  }
+  std::string GetError(const std::string& name) {
+    v1::Session session;
+    return Describe(Get(name, &session));
+  }
+  std::string ListError() {
+    grpc::ClientContext context;
+    v1::ListSessionsResponse response;
+    return Describe(sessions_->ListSessions(&context, {}, &response));
+  }
+  std::string DeleteModelError(const std::string& name) {
+    grpc::ClientContext context;
+    v1::DeleteModelRequest request;
+    request.set_name(name);
+    v1::DeleteModelResponse response;
+    return Describe(models_->DeleteModel(&context, request, &response));
+  }
+  // What a watcher of poses is told, which one of health is told, too.
+  std::string WatchError(const std::string& name) {
+    grpc::ClientContext context;
+    v1::WatchPosesRequest poses;
+    poses.set_session(name);
+    const std::string error = Describe(sessions_->WatchPoses(&context, poses)->Finish());
+    grpc::ClientContext health_context;
+    v1::WatchHealthRequest health;
+    health.set_session(name);
+    EXPECT_EQ(Describe(sessions_->WatchHealth(&health_context, health)->Finish()), error);
+    return error;
+  }
+  grpc::Status AttachError(const std::string& name, const std::string& token) {
+    RawTrack track(*sessions_);
+    track.Attach(name, token);
+    return track.Finish();
+  }
+  // How a stream ends that works while the store answers this.
+  grpc::Status TrackError(const absl::Status& answer) {
+    const v1::Session session = CreateSession();
+    const auto track = Attached(session);
+    trouble_->Set(answer);
+    EXPECT_TRUE(track->Events(1, Flat64(SomeEvents(1, 11))));
+    return track->Finish();
+  }
+
+  const std::shared_ptr<Trouble> trouble_ = std::make_shared<Trouble>();
+  const std::shared_ptr<Store> store_ = MakeMemoryStore();
+  std::vector<std::unique_ptr<Server>> servers_;
+};
+
+TEST_F(StoreErrorsTest, HealthIsNotServingWhileTheStoreIsAway) {
+  const auto health = grpc::health::v1::Health::NewStub(channel_);
+  grpc::ClientContext context;
+  const auto watch = health->Watch(&context, {});
+  Health response;
+  ASSERT_TRUE(watch->Read(&response));
+  EXPECT_EQ(response.status(), Health::SERVING);
+  for (int i = 0; i < 3; ++i) {
+    trouble_->Set(absl::UnavailableError("gone"));
+    ASSERT_TRUE(watch->Read(&response));
+    EXPECT_EQ(response.status(), Health::NOT_SERVING);
+    trouble_->Set(absl::OkStatus());
+    ASSERT_TRUE(watch->Read(&response));
+    EXPECT_EQ(response.status(), Health::SERVING);
+  }
+  context.TryCancel();
+  while (watch->Read(&response)) continue;
+  (void)watch->Finish();
+}
+
+TEST_F(StoreErrorsTest, AServerThatLeavesIsNotReadyAgain) {
+  const auto health = grpc::health::v1::Health::NewStub(channel_);
+  grpc::ClientContext context;
+  const auto watch = health->Watch(&context, {});
+  Health response;
+  ASSERT_TRUE(watch->Read(&response));
+  trouble_->Set(absl::UnavailableError("gone"));
+  ASSERT_TRUE(watch->Read(&response));
+  ASSERT_EQ(response.status(), Health::NOT_SERVING);
+  grpc::ClientContext drain;
+  v1::DrainResponse drained;
+  ASSERT_TRUE(admin_->Drain(&drain, {}, &drained).ok());
+  trouble_->Set(absl::OkStatus());
+  std::thread leaving([this] { servers_.back()->Shutdown(absl::ZeroDuration()); });
+  while (watch->Read(&response)) EXPECT_NE(response.status(), Health::SERVING);
+  (void)watch->Finish();
+  leaving.join();
+}
+
+TEST_F(StoreErrorsTest, ASessionWaitsWhileTheStoreIsAwayAndLosesNothing) {
+  const v1::Session session = CreateSession();
+  const auto track = Attached(session);
+  trouble_->Set(absl::UnavailableError("gone"));
+  ASSERT_TRUE(track->Events(1, Flat64(SomeEvents(1, 11))));
+  v1::TrackResponse response;
+  std::vector<v1::TrackResponse> before;
+  ASSERT_TRUE(track->ReadUntil(Kind::kAck, response, &before));
+  EXPECT_EQ(response.ack().processed_seq(), 1u);
+  EXPECT_EQ(response.ack().durable_seq(), 0u);
+  EXPECT_EQ(before.size(), 9u) << "poses come at once";
+  ASSERT_TRUE(track->Events(2, Flat64(SomeEvents(11, 21))));
+  ASSERT_TRUE(track->End());
+  before.clear();
+  ASSERT_TRUE(track->ReadUntil(Kind::kAck, response, &before));
+  EXPECT_EQ(response.ack().durable_seq(), 0u);
+  trouble_->Set(absl::OkStatus());
+  ASSERT_TRUE(track->ReadUntil(Kind::kSummary, response, &before));
+  EXPECT_EQ(response.summary().health().poses(), 20u);
+  EXPECT_EQ(Describe(track->Finish()), "OK");
+  uint64_t pose_seq = 9;
+  for (const v1::TrackResponse& earlier : before) {
+    if (!earlier.has_pose()) continue;
+    EXPECT_EQ(earlier.pose().pose_seq(), ++pose_seq);
+  }
+  EXPECT_EQ(pose_seq, 20u);
+}
+
+TEST_F(StoreErrorsTest, CallsThatNeedAStoreThatIsAway) {
+  const v1::Session here = CreateSession();
+  const v1::CreateSessionRequest request = CreateRequest();
+  Use(StartOnStore());
+  trouble_->Set(absl::UnavailableError("gone"));
+  v1::Session session;
+  EXPECT_EQ(Describe(Create(request, &session)), "UNAVAILABLE STORE_AWAY");
+  v1::CreateSessionRequest again = request;
+  again.set_request_id("again");
+  EXPECT_EQ(Describe(Create(again, &session)), "UNAVAILABLE STORE_AWAY");
+  EXPECT_EQ(GetError(here.name()), "UNAVAILABLE STORE_AWAY");
+  EXPECT_EQ(ListError(), "UNAVAILABLE STORE_AWAY");
+  EXPECT_EQ(Describe(Delete(here.name())), "UNAVAILABLE STORE_AWAY");
+  const grpc::Status attached = AttachError(here.name(), here.resume_token());
+  EXPECT_EQ(Describe(attached), "UNAVAILABLE STORE_AWAY");
+  EXPECT_THAT(attached.error_message(), testing::HasSubstr("does not answer"));
+  v1::Model model;
+  std::string other = kCubeObj;
+  other.insert(0, "# other\n");
+  EXPECT_EQ(Describe(Upload(UploadRequests(other), &model)), "UNAVAILABLE STORE_AWAY");
+  EXPECT_EQ(DeleteModelError(here.config().objects(0).model()), "UNAVAILABLE STORE_AWAY");
+  EXPECT_EQ(DeleteModelError("models/elsewhere"), "UNAVAILABLE STORE_AWAY");
+  trouble_->Set(absl::OkStatus());
+  EXPECT_EQ(DeleteModelError(here.config().objects(0).model()), "FAILED_PRECONDITION MODEL_IN_USE");
+  EXPECT_EQ(Describe(Create(request, &session)), "OK");
+  EXPECT_EQ(GetError(here.name()), "OK") << "nothing is lost";
+}
+
+TEST_F(StoreErrorsTest, AFullStoreEndsTheStreamAndTheSessionGoesOnLater) {
+  v1::Session session = CreateSession();
+  v1::Attached attached;
+  auto track = Attached(session, &attached);
+  trouble_->Set(absl::ResourceExhaustedError("disk full"));
+  ASSERT_TRUE(track->Events(1, Flat64(SomeEvents(1, 11))));
+  const grpc::Status status = track->Finish();
+  EXPECT_EQ(Describe(status), "RESOURCE_EXHAUSTED STORE_FULL");
+  EXPECT_THAT(status.error_message(), testing::HasSubstr("make room"));
+  v1::Session ignored;
+  EXPECT_EQ(Describe(Create(CreateRequest(), &ignored)), "RESOURCE_EXHAUSTED STORE_FULL");
+
+  trouble_->Set(absl::OkStatus());
+  session.set_resume_token(attached.resume_token());
+  track = Attached(session, &attached);
+  EXPECT_EQ(attached.next_seq(), 1u) << "nothing was acknowledged as durable";
+  ASSERT_TRUE(track->Events(1, Flat64(SomeEvents(1, 11))));
+  ASSERT_TRUE(track->End());
+  v1::TrackResponse response;
+  ASSERT_TRUE(track->ReadUntil(Kind::kSummary, response));
+  EXPECT_EQ(response.summary().health().poses(), 10u);
+  EXPECT_EQ(Describe(track->Finish()), "OK");
+}
+
+TEST_F(StoreErrorsTest, APoseThatCannotHaveBeenSentIsRefusedAlsoWhereASessionMovesTo) {
+  const v1::Session session = CreateSession();
+  Use(StartOnStore());
+  for (const uint64_t last_pose_seq : {uint64_t{10'000}, UINT64_MAX}) {
+    RawTrack track(*sessions_);
+    track.Attach(session.name(), session.resume_token(), last_pose_seq);
+    EXPECT_EQ(Describe(track.Finish()), "INVALID_ARGUMENT attach.last_pose_seq");
+  }
+  const auto track = Attached(session);
+  ASSERT_TRUE(track->Events(1, Flat64(SomeEvents(1, 11))));
+  ASSERT_TRUE(track->End());
+  v1::TrackResponse response;
+  ASSERT_TRUE(track->ReadUntil(Kind::kSummary, response));
+  EXPECT_EQ(response.summary().health().poses(), 10u);
+}
+
+TEST_F(StoreErrorsTest, WatchersOfASessionThatIsElsewhereAreToldSo) {
+  const v1::Session session = CreateSession();
+  Use(StartOnStore());
+  EXPECT_EQ(WatchError(session.name()), "FAILED_PRECONDITION HELD_ELSEWHERE");
+  EXPECT_EQ(WatchError("sessions/unknown"), "NOT_FOUND SESSION_NOT_FOUND");
+  trouble_->Set(absl::UnavailableError("gone"));
+  EXPECT_EQ(WatchError(session.name()), "UNAVAILABLE STORE_AWAY");
+  trouble_->Set(absl::OkStatus());
+  EXPECT_EQ(GetError(session.name()), "OK");
+  // Its client comes here: so may the watchers.
+  const auto track = Attached(session);
+  grpc::ClientContext context;
+  v1::WatchHealthRequest request;
+  request.set_session(session.name());
+  const auto watcher = sessions_->WatchHealth(&context, request);
+  v1::SessionHealth health;
+  EXPECT_TRUE(watcher->Read(&health));
+  context.TryCancel();
+  (void)watcher->Finish();
+}
+
+TEST_F(StoreErrorsTest, AStoreThatFailsEndsTheStream) {
+  const grpc::Status status = TrackError(absl::DataLossError("bad page"));
+  EXPECT_EQ(Describe(status), "INTERNAL STORE_FAILED");
+  EXPECT_THAT(status.error_message(), testing::HasSubstr("bad page"));
+}
+
+TEST_F(StoreErrorsTest, ADamagedSessionIsNamedAndCanBeDeleted) {
+  const std::string name = "sessions/0123456789abcdef0123456789abcdef";
+  ASSERT_TRUE(store_->CreateSession({.name = name, .config = "no configuration"}, "no lifecycle").ok());
+  v1::Session session;
+  const grpc::Status status = Get(name, &session);
+  EXPECT_EQ(Describe(status), "DATA_LOSS SESSION_DAMAGED");
+  EXPECT_EQ(DetailOf<google::rpc::ErrorInfo>(status).metadata().at("session"), name);
+  EXPECT_EQ(Describe(AttachError(name, "token")), "DATA_LOSS SESSION_DAMAGED");
+  EXPECT_EQ(WatchError(name), "DATA_LOSS SESSION_DAMAGED");
+  EXPECT_EQ(ListError(), "OK") << "the others are there";
+  EXPECT_EQ(Describe(Delete(name)), "OK");
+  EXPECT_EQ(GetError(name), "NOT_FOUND SESSION_NOT_FOUND");
+}
+
+}  // namespace
+}  // namespace evpose::server

@@ -1,0 +1,458 @@
+// Who may call: tokens, certificates, and what each may see.
+#include <gmock/gmock.h>
+#include <grpcpp/generic/generic_stub.h>
+#include <grpcpp/support/client_interceptor.h>
+#include <gtest/gtest.h>
+
+#include <future>
+
+#include "core/base/certificates_testing.h"
+#include "grpc/health/v1/health.grpc.pb.h"
+#include "server/auth/files_testing.h"
+#include "server/auth/token_file.h"
+#include "server/rpc/testing.h"
+#include "server/sessions/log_testing.h"
+
+namespace evpose::server {
+namespace {
+
+using ::testing::HasSubstr;
+using ::testing::Not;
+
+CapturedLog captured_log;
+
+// Adds "authorization" to every call of a channel.
+class TokenInterceptor : public grpc::experimental::Interceptor {
+ public:
+  explicit TokenInterceptor(const std::string& value) : value_(value) {}
+  void Intercept(grpc::experimental::InterceptorBatchMethods* methods) override {
+    using grpc::experimental::InterceptionHookPoints;
+    if (methods->QueryInterceptionHookPoint(InterceptionHookPoints::PRE_SEND_INITIAL_METADATA)) {
+      methods->GetSendInitialMetadata()->emplace("authorization", value_);
+    }
+    methods->Proceed();
+  }
+
+ private:
+  const std::string value_;
+};
+class TokenInterceptorFactory : public grpc::experimental::ClientInterceptorFactoryInterface {
+ public:
+  explicit TokenInterceptorFactory(const std::string& value) : value_(value) {}
+  grpc::experimental::Interceptor* CreateClientInterceptor(grpc::experimental::ClientRpcInfo*) override {
+    return new TokenInterceptor(value_);
+  }
+
+ private:
+  const std::string value_;
+};
+
+// A connection of its own. `token` empty: none.
+std::shared_ptr<grpc::Channel> OpenChannel(int port, const std::string& token,
+                                           const std::shared_ptr<grpc::ChannelCredentials>& credentials) {
+  grpc::ChannelArguments arguments;
+  arguments.SetInt(GRPC_ARG_USE_LOCAL_SUBCHANNEL_POOL, 1);
+  std::vector<std::unique_ptr<grpc::experimental::ClientInterceptorFactoryInterface>> interceptors;
+  if (!token.empty()) interceptors.push_back(std::make_unique<TokenInterceptorFactory>("Bearer " + token));
+  return grpc::experimental::CreateCustomChannelWithInterceptors("localhost:" + std::to_string(port), credentials,
+                                                                 arguments, std::move(interceptors));
+}
+std::shared_ptr<grpc::Channel> OpenChannel(int port, const std::string& token) {
+  return OpenChannel(port, token, grpc::InsecureChannelCredentials());
+}
+
+std::shared_ptr<grpc::ChannelCredentials> Tls(const std::string& ca_pem, const TestCertificate& own = {}) {
+  return grpc::SslCredentials({ca_pem, own.key_pem, own.certificate_pem});
+}
+
+// A call of any method with an empty message, then the end of the client's messages.
+grpc::Status CallWithEmptyMessage(const std::shared_ptr<grpc::Channel>& channel, const std::string& method) {
+  grpc::GenericStub stub(channel);
+  grpc::ClientContext context;
+  grpc::ByteBuffer request, response;
+  const grpc::Slice nothing;
+  request = grpc::ByteBuffer(&nothing, 1);
+  std::promise<grpc::Status> done;
+  stub.UnaryCall(&context, method, grpc::StubOptions(), &request, &response,
+                 [&done](grpc::Status status) { done.set_value(std::move(status)); });
+  return done.get_future().get();
+}
+
+std::vector<std::string> MethodsOfTheApi() {
+  std::vector<std::string> methods;
+  for (const char* file : {"evpose/v1/admin.proto", "evpose/v1/models.proto", "evpose/v1/sessions.proto"}) {
+    const auto* descriptor = google::protobuf::DescriptorPool::generated_pool()->FindFileByName(file);
+    for (int i = 0; i < descriptor->service_count(); ++i) {
+      const auto* service = descriptor->service(i);
+      for (int j = 0; j < service->method_count(); ++j) {
+        methods.push_back("/" + service->full_name() + "/" + service->method(j)->name());
+      }
+    }
+  }
+  return methods;
+}
+
+std::string Health(const std::shared_ptr<grpc::Channel>& channel) {
+  grpc::ClientContext context;
+  grpc::health::v1::HealthCheckResponse response;
+  return Describe(grpc::health::v1::Health::NewStub(channel)->Check(&context, {}, &response));
+}
+
+class TokensTest : public RpcTest {
+ protected:
+  TokensTest() : TokensTest(Options()) {}
+  explicit TokensTest(ServerOptions options) : RpcTest(WithoutSocket()) {
+    options.listen_address = "127.0.0.1:0";
+    options.token_file = WriteTokens({lab_, field_, operator_});
+    server_ = StartServer(options, FakeTrackers(gate_)).value();
+    Use(OpenChannel(server_->port(), lab_.token));
+  }
+  static ServerOptions WithoutSocket() { return Options(); }
+
+  std::string WriteTokens(const std::vector<NewToken>& tokens) const {
+    std::string text;
+    for (const NewToken& token : tokens) text += token.line + "\n";
+    return files_.Write("tokens", text);
+  }
+
+  const TestFiles files_;
+  const NewToken lab_ = MakeToken("lab", false).value();
+  const NewToken field_ = MakeToken("field", false).value();
+  const NewToken operator_ = MakeToken("admin", true).value();
+};
+
+TEST_F(TokensTest, EveryMethodOfTheApiAsksForOne) {
+  const auto nobody = OpenChannel(server_->port(), "");
+  const auto stranger = OpenChannel(server_->port(), MakeToken("lab", true)->token);
+  const std::vector<std::string> methods = MethodsOfTheApi();
+  EXPECT_GE(methods.size(), 12u);
+  for (const std::string& method : methods) {
+    EXPECT_EQ(Describe(CallWithEmptyMessage(nobody, method)), "UNAUTHENTICATED NO_TOKEN") << method;
+    EXPECT_EQ(Describe(CallWithEmptyMessage(stranger, method)), "UNAUTHENTICATED BAD_TOKEN") << method;
+    EXPECT_NE(CallWithEmptyMessage(channel_, method).error_code(), grpc::StatusCode::UNAUTHENTICATED) << method;
+  }
+}
+
+TEST_F(TokensTest, HealthIsOpenReflectionIsNotThere) {
+  const auto nobody = OpenChannel(server_->port(), "");
+  EXPECT_EQ(Health(nobody), "OK");
+  const std::string reflection = "/grpc.reflection.v1alpha.ServerReflection/ServerReflectionInfo";
+  EXPECT_EQ(Describe(CallWithEmptyMessage(nobody, reflection)), "UNIMPLEMENTED");
+  EXPECT_EQ(Describe(CallWithEmptyMessage(channel_, reflection)), "UNIMPLEMENTED");
+}
+
+TEST_F(TokensTest, ATokenThatIsTakenAwayOpensNothingMore) {
+  const v1::Session session = CreateSession();
+  const auto track = Attached(session);
+  v1::Session read;
+  EXPECT_EQ(Describe(Get(session.name(), &read)), "OK");
+  WriteTokens({field_});
+  EXPECT_EQ(Describe(Get(session.name(), &read)), "UNAUTHENTICATED BAD_TOKEN");
+  EXPECT_TRUE(track->End());
+  v1::TrackResponse response;
+  EXPECT_TRUE(track->ReadUntil(v1::TrackResponse::kSummary, response)) << "a stream goes on";
+  EXPECT_EQ(Describe(track->Finish()), "OK");
+}
+
+TEST_F(TokensTest, NoSecretIsInTheLog) {
+  captured_log.Take();
+  const v1::Session session = CreateSession();
+  v1::Attached attached;
+  const auto track = Attached(session, &attached);
+  EXPECT_TRUE(track->Attach(session.name(), attached.resume_token()));  // the second one is an error
+  const grpc::Status status = track->Finish();
+  const auto stranger = OpenChannel(server_->port(), "evpose_stranger");
+  CallWithEmptyMessage(stranger, "/evpose.v1.AdminService/GetServerInfo");
+  EXPECT_EQ(Describe(Delete(session.name())), "OK");
+  const std::string log = captured_log.Take();
+  EXPECT_THAT(log, HasSubstr(session.name()));
+  for (const std::string& secret :
+       {session.resume_token(), attached.resume_token(), lab_.token, lab_.token.substr(7), std::string("stranger")}) {
+    EXPECT_THAT(log, Not(HasSubstr(secret)));
+    EXPECT_THAT(status.error_message() + status.error_details(), Not(HasSubstr(secret)));
+  }
+}
+
+TEST_F(TokensTest, AnotherTenantsSessionsAndModelsAreNotThere) {
+  const v1::Session session = CreateSession();
+  const std::string model = UploadCube();
+  Use(OpenChannel(server_->port(), field_.token));
+  v1::Session read;
+  EXPECT_EQ(Describe(Get(session.name(), &read)), "NOT_FOUND SESSION_NOT_FOUND");
+  EXPECT_EQ(Describe(Delete(session.name())), "OK");
+  RawTrack track(*sessions_);
+  track.Attach(session.name(), session.resume_token());
+  EXPECT_EQ(Describe(track.Finish()), "NOT_FOUND SESSION_NOT_FOUND") << "even with its resume token";
+
+  grpc::ClientContext watch_poses, watch_health, get_model, delete_model, list_models, list_sessions, info;
+  v1::WatchPosesRequest poses_request;
+  poses_request.set_session(session.name());
+  EXPECT_EQ(Describe(sessions_->WatchPoses(&watch_poses, poses_request)->Finish()), "NOT_FOUND SESSION_NOT_FOUND");
+  v1::WatchHealthRequest health_request;
+  health_request.set_session(session.name());
+  EXPECT_EQ(Describe(sessions_->WatchHealth(&watch_health, health_request)->Finish()), "NOT_FOUND SESSION_NOT_FOUND");
+  v1::GetModelRequest model_request;
+  model_request.set_name(model);
+  v1::Model read_model;
+  EXPECT_EQ(Describe(models_->GetModel(&get_model, model_request, &read_model)), "NOT_FOUND MODEL_NOT_FOUND");
+  v1::DeleteModelRequest delete_request;
+  delete_request.set_name(model);
+  v1::DeleteModelResponse deleted;
+  EXPECT_EQ(Describe(models_->DeleteModel(&delete_model, delete_request, &deleted)), "NOT_FOUND MODEL_NOT_FOUND");
+  v1::ListModelsResponse models;
+  EXPECT_EQ(Describe(models_->ListModels(&list_models, {}, &models)), "OK");
+  EXPECT_EQ(models.models_size(), 0);
+  v1::ListSessionsResponse sessions;
+  EXPECT_EQ(Describe(sessions_->ListSessions(&list_sessions, {}, &sessions)), "OK");
+  EXPECT_EQ(sessions.sessions_size(), 0);
+  v1::ServerInfo server;
+  EXPECT_EQ(Describe(admin_->GetServerInfo(&info, {}, &server)), "OK");
+  EXPECT_EQ(server.active_sessions(), 0u);
+
+  Use(OpenChannel(server_->port(), lab_.token));
+  EXPECT_EQ(Describe(Get(session.name(), &read)), "OK");
+  Use(OpenChannel(server_->port(), operator_.token));
+  EXPECT_EQ(Describe(Get(session.name(), &read)), "NOT_FOUND SESSION_NOT_FOUND") << "an operator is no other tenant";
+  grpc::ClientContext operator_info;
+  EXPECT_EQ(Describe(admin_->GetServerInfo(&operator_info, {}, &server)), "OK");
+  EXPECT_EQ(server.active_sessions(), 1u);
+}
+
+TEST_F(TokensTest, EachTenantHasItsShare) {
+  ServerOptions options = Options();
+  options.listen_address = "127.0.0.1:0";
+  options.token_file = files_.Path("tokens");
+  options.tenant.max_sessions = 1;
+  options.tenant.max_watchers = 1;
+  server_ = StartServer(options, FakeTrackers(gate_)).value();
+  Use(OpenChannel(server_->port(), lab_.token));
+  const v1::Session session = CreateSession();
+  v1::Session second;
+  const grpc::Status full = Create(CreateRequest(), &second);
+  EXPECT_EQ(Describe(full), "RESOURCE_EXHAUSTED TENANT_QUOTA");
+  EXPECT_EQ(DetailOf<google::rpc::QuotaFailure>(full).violations(0).subject(), "tenant_sessions");
+  EXPECT_GT(DetailOf<google::rpc::RetryInfo>(full).retry_delay().seconds(), 0);
+
+  v1::WatchHealthRequest request;
+  request.set_session(session.name());
+  const auto watch = [&](grpc::ClientContext& context) { return sessions_->WatchHealth(&context, request); };
+  v1::SessionHealth health;
+  {
+    grpc::ClientContext first_context, second_context;
+    const auto first = watch(first_context);
+    EXPECT_TRUE(first->Read(&health));
+    EXPECT_EQ(Describe(watch(second_context)->Finish()), "RESOURCE_EXHAUSTED TENANT_QUOTA");
+    EXPECT_EQ(Describe(Delete(session.name())), "OK");
+    while (first->Read(&health)) continue;
+    EXPECT_EQ(Describe(first->Finish()), "NOT_FOUND SESSION_DELETED");
+  }
+  Use(OpenChannel(server_->port(), field_.token));
+  EXPECT_EQ(Describe(Create(CreateRequest(), &second)), "OK");
+}
+
+// Connections that do nothing.
+class IdleTest : public RpcTest {
+ protected:
+  static ServerOptions Impatient() {
+    ServerOptions options = Options();
+    options.attach_timeout = absl::Milliseconds(1);
+    return options;
+  }
+};
+
+TEST_F(IdleTest, AStreamThatNeverAttachesEnds) {
+  server_ = StartServer(Impatient(), FakeTrackers(gate_)).value();
+  Use(server_->InProcessChannel());
+  EXPECT_EQ(Describe(RawTrack(*sessions_).Finish()), "DEADLINE_EXCEEDED ATTACH_TIMEOUT");
+}
+
+TEST_F(IdleTest, AnUploadThatStallsEndsAndItsRoomIsFree) {
+  ServerOptions options = Impatient();
+  options.max_model_store_bytes = options.max_model_bytes;
+  server_ = StartServer(options, FakeTrackers(gate_)).value();
+  Use(server_->InProcessChannel());
+  for (int i = 0; i < 3; ++i) {
+    grpc::ClientContext context;
+    v1::Model model;
+    const auto stream = models_->UploadModel(&context, &model);
+    v1::UploadModelRequest request;
+    request.mutable_header()->set_format(v1::MODEL_FORMAT_OBJ);
+    request.mutable_header()->set_size_bytes(options.max_model_bytes);
+    stream->Write(request);
+    EXPECT_EQ(Describe(stream->Finish()), "DEADLINE_EXCEEDED UPLOAD_TIMEOUT");
+  }
+}
+
+TEST_F(IdleTest, AStreamTooManyIsTurnedAway) {
+  ServerOptions options = Options();
+  options.max_streams = 1;
+  server_ = StartServer(options, FakeTrackers(gate_)).value();
+  Use(server_->InProcessChannel());
+  const v1::Session session = CreateSession();
+  {
+    const auto track = Attached(session);
+    const grpc::Status status = RawTrack(*sessions_).Finish();
+    EXPECT_EQ(Describe(status), "RESOURCE_EXHAUSTED TOO_MANY_STREAMS");
+    EXPECT_EQ(DetailOf<google::rpc::QuotaFailure>(status).violations(0).subject(), "max_streams");
+    EXPECT_TRUE(track->End());
+    v1::TrackResponse response;
+    EXPECT_TRUE(track->ReadUntil(v1::TrackResponse::kSummary, response));
+  }
+}
+
+TEST_F(IdleTest, AStreamThatIsTooFastIsReadMoreSlowly) {
+  ServerOptions options = Options();
+  options.tenant.max_bytes_per_s = 20'000;  // a second's worth may come at once
+  options.max_chunk_bytes = 64;
+  options.credit_bytes = 1 << 20;
+  server_ = StartServer(options, FakeTrackers(gate_)).value();
+  Use(server_->InProcessChannel());
+  const v1::Session session = CreateSession();
+  const auto track = Attached(session);
+  constexpr uint64_t kChunks = 400;
+  for (uint64_t seq = 1; seq <= kChunks; ++seq) EXPECT_TRUE(track->Events(seq, std::string(64, '\0')));
+  EXPECT_TRUE(track->End());
+  v1::TrackResponse response;
+  ASSERT_TRUE(track->ReadUntil(v1::TrackResponse::kSummary, response));
+  EXPECT_EQ(response.summary().health().received_bytes(), kChunks * 64);
+  EXPECT_EQ(Describe(track->Finish()), "OK");
+}
+
+TEST_F(IdleTest, AHeldStreamIsNotRead) {
+  ServerOptions options = Options();
+  options.listen_address = "127.0.0.1:0";  // a socket takes what is not read yet
+  options.tenant.max_bytes_per_s = 1;
+  options.max_chunk_bytes = 64;
+  server_ = StartServer(options, FakeTrackers(gate_)).value();
+  Use(OpenChannel(server_->port(), ""));
+  const v1::Session session = CreateSession();
+  const auto track = Attached(session);
+  for (uint64_t seq = 1; seq <= 10; ++seq) EXPECT_TRUE(track->Events(seq, std::string(64, '\0')));
+  v1::TrackResponse response;
+  do {
+    ASSERT_TRUE(track->ReadUntil(v1::TrackResponse::kAck, response));
+  } while (response.ack().processed_seq() < 2);
+  EXPECT_EQ(response.ack().processed_seq(), 2u) << "the first is within the burst, the second is a minute's debt";
+  track->Cancel();
+  EXPECT_EQ(Describe(track->Finish()), "CANCELLED");
+  v1::Session read;
+  EXPECT_EQ(Describe(Get(session.name(), &read)), "OK");
+  EXPECT_EQ(read.health().received_bytes(), 128u);
+}
+
+class TlsTest : public RpcTest {
+ protected:
+  ServerOptions TlsOptions(bool has_client_ca) {
+    ServerOptions options = Options();
+    options.listen_address = "127.0.0.1:0";
+    Write(authority_.Issue());
+    options.tls = {files_.Path("server.crt"), files_.Path("server.key"), ""};
+    if (has_client_ca) options.tls.client_ca = files_.Write("clients.crt", clients_.pem());
+    return options;
+  }
+  void Start(const ServerOptions& options) { server_ = StartServer(options, FakeTrackers(gate_)).value(); }
+  void Write(const TestCertificate& certificate) {
+    files_.Write("server.crt", certificate.certificate_pem);
+    files_.Write("server.key", certificate.key_pem);
+    certificate_pem_ = certificate.certificate_pem;
+  }
+  std::shared_ptr<grpc::Channel> ConnectTls(const std::string& token = "", const TestCertificate& own = {}) {
+    return OpenChannel(server_->port(), token, Tls(authority_.pem(), own));
+  }
+  // Of a call of GetServerInfo; the certificate that the server showed goes to `shown_pem`.
+  static std::string Call(const std::shared_ptr<grpc::Channel>& channel, std::string* shown_pem = nullptr) {
+    grpc::ClientContext context;
+    v1::ServerInfo info;
+    const grpc::Status status = v1::AdminService::NewStub(channel)->GetServerInfo(&context, {}, &info);
+    if (shown_pem != nullptr && context.auth_context() != nullptr) {
+      const auto shown = context.auth_context()->FindPropertyValues(GRPC_X509_PEM_CERT_PROPERTY_NAME);
+      if (!shown.empty()) *shown_pem = std::string(shown[0].data(), shown[0].size());
+    }
+    return Describe(status);
+  }
+
+  const TestFiles files_;
+  const TestAuthority authority_;
+  const TestAuthority clients_{"clients"};
+  std::string certificate_pem_;
+};
+
+TEST_F(TlsTest, ClientsThatTrustTheAuthority) {
+  Start(TlsOptions(false));
+  std::string shown_pem;
+  EXPECT_EQ(Call(ConnectTls(), &shown_pem), "OK");
+  EXPECT_EQ(shown_pem, certificate_pem_);
+  EXPECT_EQ(Call(OpenChannel(server_->port(), "", Tls(clients_.pem()))), "UNAVAILABLE");
+  EXPECT_EQ(Call(OpenChannel(server_->port(), "")), "UNAVAILABLE") << "without TLS";
+}
+
+TEST_F(TlsTest, TokensThroughTls) {
+  const NewToken lab = MakeToken("lab", false).value();
+  ServerOptions options = TlsOptions(false);
+  options.token_file = files_.Write("tokens", lab.line);
+  Start(options);
+  EXPECT_EQ(Call(ConnectTls(lab.token)), "OK");
+  EXPECT_EQ(Call(ConnectTls()), "UNAUTHENTICATED NO_TOKEN");
+}
+
+TEST_F(TlsTest, ClientsShowCertificates) {
+  Start(TlsOptions(true));
+  EXPECT_EQ(Call(ConnectTls("", clients_.Issue({.common_name = "lab", .alternative_names = ""}))), "OK");
+  EXPECT_EQ(Call(ConnectTls("", clients_.Issue({.common_name = "John Doe"}))), "UNAUTHENTICATED BAD_CERTIFICATE");
+  EXPECT_EQ(Call(ConnectTls()), "UNAVAILABLE");
+  EXPECT_EQ(Call(ConnectTls("", authority_.Issue({.common_name = "lab"}))), "UNAVAILABLE") << "of another authority";
+  const TestCertificateOptions old = {.common_name = "lab", .not_after = absl::Now() - absl::Minutes(1)};
+  EXPECT_EQ(Call(ConnectTls("", clients_.Issue(old))), "UNAVAILABLE") << "expired";
+}
+
+TEST_F(TlsTest, ANewCertificateIsShownToNewConnections) {
+  Start(TlsOptions(false));
+  Use(ConnectTls());
+  const v1::Session session = CreateSession();
+  const auto track = Attached(session);
+  const std::string old_pem = certificate_pem_;
+  Write(authority_.Issue());
+  std::string shown_pem;
+  EXPECT_EQ(Call(ConnectTls(), &shown_pem), "OK");
+  EXPECT_EQ(shown_pem, certificate_pem_);
+  EXPECT_NE(shown_pem, old_pem);
+  // One of another authority, and clients that still know the first.
+  Write(clients_.Issue());
+  EXPECT_EQ(Call(ConnectTls()), "UNAVAILABLE");
+  EXPECT_EQ(Call(OpenChannel(server_->port(), "", Tls(clients_.pem()))), "OK");
+
+  EXPECT_TRUE(track->End());
+  v1::TrackResponse response;
+  EXPECT_TRUE(track->ReadUntil(v1::TrackResponse::kSummary, response)) << "the stream goes on";
+  EXPECT_EQ(Describe(track->Finish()), "OK");
+}
+
+TEST_F(TlsTest, ABrokenNewCertificateLeavesTheOldOne) {
+  Start(TlsOptions(true));
+  const TestCertificate client = clients_.Issue({.common_name = "lab"});
+  EXPECT_EQ(Call(ConnectTls("", client)), "OK");
+  files_.Write("server.key", authority_.Issue().key_pem);
+  files_.Write("clients.crt", "nothing");
+  EXPECT_EQ(Call(ConnectTls("", client)), "OK");
+  files_.Write("clients.crt", authority_.pem());
+  Write(authority_.Issue());
+  EXPECT_EQ(Call(ConnectTls("", client)), "UNAVAILABLE") << "its authority is no longer trusted";
+  EXPECT_EQ(Call(ConnectTls("", authority_.Issue({.common_name = "lab"}))), "OK");
+}
+
+TEST_F(TlsTest, ServersThatCannotStart) {
+  const auto start = [this](const ServerOptions& options) {
+    return std::string(StartServer(options, FakeTrackers(gate_)).status().message());
+  };
+  ServerOptions options = TlsOptions(true);
+  options.tls.client_ca = files_.Path("none");
+  EXPECT_THAT(start(options), HasSubstr(files_.Path("none")));
+  options.tls = {"", "", "ca"};
+  EXPECT_THAT(start(options), HasSubstr("tls: --tls-client-ca needs"));
+  options.tls = {};
+  options.token_file = files_.Write("tokens", "lab");
+  EXPECT_THAT(start(options), HasSubstr("tokens:1:"));
+}
+
+}  // namespace
+}  // namespace evpose::server

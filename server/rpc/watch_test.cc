@@ -1,0 +1,161 @@
+// WatchPoses and WatchHealth, through the raw stub against the real server.
+#include <cmath>
+
+#include "server/rpc/testing.h"
+
+namespace evpose::server {
+namespace {
+
+using Kind = v1::TrackResponse;
+
+class WatchTest : public RpcTest {};
+
+TEST_F(WatchTest, WatchersReadWhatIsStoredAndThenWhatComes) {
+  const v1::Session session = CreateSession();
+  const auto track = Attached(session);
+  track->Events(1, Flat64(SomeEvents(1, 11)));
+  v1::TrackResponse response;
+  ASSERT_TRUE(track->ReadUntil(Kind::kAck, response));
+
+  grpc::ClientContext context;
+  v1::WatchPosesRequest request;
+  request.set_session(session.name());
+  request.set_after_pose_seq(2);
+  const auto watcher = sessions_->WatchPoses(&context, request);
+  v1::WatchPosesResponse poses;
+  ASSERT_TRUE(watcher->Read(&poses));
+  ASSERT_EQ(poses.poses_size(), 7);
+  EXPECT_EQ(poses.poses(0).pose_seq(), 3u);
+  uint64_t last = poses.poses(6).pose_seq();
+  track->Events(2, Flat64(SomeEvents(11, 21)));
+  track->End();
+  while (watcher->Read(&poses)) {
+    for (const auto& pose : poses.poses()) EXPECT_EQ(pose.pose_seq(), ++last);
+    EXPECT_EQ(poses.num_skipped(), 0u);
+  }
+  EXPECT_EQ(last, 20u);
+  EXPECT_EQ(Describe(watcher->Finish()), "OK") << "the session has ended";
+}
+
+TEST_F(WatchTest, ASlowWatcherIsToldWhatItLost) {
+  const v1::Session session = CreateSession();
+  grpc::ClientContext context;
+  v1::WatchPosesRequest request;
+  request.set_session(session.name());
+  const auto watcher = sessions_->WatchPoses(&context, request);
+  const auto track = Attached(session);
+  v1::TrackResponse response;
+  for (uint64_t seq = 1; seq <= 30; ++seq) {
+    const auto begin_ms = static_cast<int64_t>(200 * seq);
+    track->Events(seq, Flat64(SomeEvents(begin_ms, begin_ms + 200)));
+    ASSERT_TRUE(track->ReadUntil(Kind::kAck, response));
+  }
+  track->End();
+  ASSERT_TRUE(track->ReadUntil(Kind::kSummary, response));
+  const uint64_t total = response.summary().health().poses();
+  EXPECT_EQ(total, 6000u);
+
+  uint64_t seen = 0;
+  uint64_t skipped = 0;
+  uint64_t last = 0;
+  v1::WatchPosesResponse poses;
+  while (watcher->Read(&poses)) {
+    skipped += poses.num_skipped();
+    last += poses.num_skipped();
+    for (const auto& pose : poses.poses()) EXPECT_EQ(pose.pose_seq(), ++last);
+    seen += static_cast<uint64_t>(poses.poses_size());
+  }
+  EXPECT_EQ(Describe(watcher->Finish()), "OK");
+  EXPECT_GT(skipped, 0u);
+  EXPECT_EQ(seen + skipped, total);
+}
+
+TEST_F(WatchTest, AWatcherMayWantFewerPoses) {
+  const v1::Session session = CreateSession();
+  const auto track = Attached(session);
+  track->Events(1, Flat64(SomeEvents(1, 101)));
+  track->End();
+  EXPECT_EQ(Describe(track->Finish()), "OK");
+  grpc::ClientContext context;
+  v1::WatchPosesRequest request;
+  request.set_session(session.name());
+  request.set_max_rate_hz(100);
+  const auto watcher = sessions_->WatchPoses(&context, request);
+  std::vector<int64_t> times_us;
+  v1::WatchPosesResponse poses;
+  while (watcher->Read(&poses)) {
+    for (const auto& pose : poses.poses()) times_us.push_back(pose.t_us());
+    EXPECT_EQ(poses.num_skipped(), 0u);
+  }
+  EXPECT_EQ(Describe(watcher->Finish()), "OK");
+  ASSERT_EQ(times_us.size(), 10u);
+  EXPECT_EQ(times_us[1] - times_us[0], 10'000);
+}
+
+TEST_F(WatchTest, WatchersThatCannotBeServedAreTold) {
+  const v1::Session session = CreateSession();
+  const auto watch_poses = [this](const v1::WatchPosesRequest& request) {
+    grpc::ClientContext context;
+    v1::WatchPosesResponse response;
+    const auto watcher = sessions_->WatchPoses(&context, request);
+    EXPECT_FALSE(watcher->Read(&response));
+    return Describe(watcher->Finish());
+  };
+  const auto watch_health = [this](const v1::WatchHealthRequest& request) {
+    grpc::ClientContext context;
+    v1::SessionHealth response;
+    const auto watcher = sessions_->WatchHealth(&context, request);
+    EXPECT_FALSE(watcher->Read(&response));
+    return Describe(watcher->Finish());
+  };
+  v1::WatchPosesRequest poses;
+  EXPECT_EQ(watch_poses(poses), "NOT_FOUND SESSION_NOT_FOUND");
+  poses.set_session(session.name());
+  for (const double rate_hz : {0.0, -1.0, std::nan(""), HUGE_VAL}) {
+    poses.set_max_rate_hz(rate_hz);
+    EXPECT_EQ(watch_poses(poses), "INVALID_ARGUMENT max_rate_hz");
+  }
+  v1::WatchHealthRequest health;
+  EXPECT_EQ(watch_health(health), "NOT_FOUND SESSION_NOT_FOUND");
+  health.set_session(session.name());
+  health.mutable_period()->set_nanos(9'999'999);
+  EXPECT_EQ(watch_health(health), "INVALID_ARGUMENT period");
+}
+
+TEST_F(WatchTest, HealthComesAtOnceThenPeriodicallyAndOnceMoreAtTheEnd) {
+  const v1::Session session = CreateSession();
+  grpc::ClientContext context;
+  v1::WatchHealthRequest request;
+  request.set_session(session.name());
+  request.mutable_period()->set_nanos(10'000'000);
+  const auto watcher = sessions_->WatchHealth(&context, request);
+  v1::SessionHealth health;
+  for (int i = 0; i < 3; ++i) ASSERT_TRUE(watcher->Read(&health));
+  EXPECT_EQ(health.poses(), 0u);
+  const auto track = Attached(session);
+  track->Events(1, Flat64(SomeEvents(1, 11)));
+  track->End();
+  EXPECT_EQ(Describe(track->Finish()), "OK");
+  while (watcher->Read(&health)) continue;
+  EXPECT_EQ(Describe(watcher->Finish()), "OK");
+  EXPECT_EQ(health.poses(), 10u);
+  EXPECT_EQ(health.objects(0).state(), v1::TRACK_STATE_TRACKING);
+}
+
+TEST_F(WatchTest, ACancelledWatcherIsForgotten) {
+  const v1::Session session = CreateSession();
+  for (int i = 0; i < 3; ++i) {
+    grpc::ClientContext context;
+    v1::WatchHealthRequest request;
+    request.set_session(session.name());
+    const auto watcher = sessions_->WatchHealth(&context, request);
+    v1::SessionHealth health;
+    ASSERT_TRUE(watcher->Read(&health));
+    context.TryCancel();
+    EXPECT_EQ(Describe(watcher->Finish()), "CANCELLED");
+  }
+  server_->Shutdown(absl::InfiniteDuration());  // returns: nobody is left
+}
+
+}  // namespace
+}  // namespace evpose::server

@@ -1,0 +1,365 @@
+// What a session hands to its store, when, and how it goes on from there.
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <atomic>
+#include <future>
+
+#include "server/sessions/errors.h"
+#include "server/sessions/session.h"
+#include "server/sessions/session_codec.h"
+#include "server/sessions/store_testing.h"
+#include "server/sessions/testing.h"
+#include "server/stores/memory_store.h"
+
+namespace evpose::server {
+namespace {
+
+class SessionCheckpointTest : public testing::Test {
+ protected:
+  SessionCheckpointTest() { Create(); }
+  ~SessionCheckpointTest() override {
+    session_->Close(absl::CancelledError("the test is over"));
+    pool_.Join();
+  }
+
+  void Create() {
+    SessionBeginning beginning;
+    beginning.lifecycle = {.token_digest = TokenDigest("first"), .detached_at = now_};
+    auto lease = store_->CreateSession({.name = kName}, EncodeLifecycle(beginning.lifecycle)).value();
+    session_ = Start(std::move(beginning), std::move(lease), "");
+  }
+  void CreateAgain() {
+    store_->DeleteSession(kName).IgnoreError();
+    session_->Close(absl::CancelledError("the next one"));
+    Create();
+  }
+
+  std::shared_ptr<Session> Start(SessionBeginning beginning, std::unique_ptr<SessionLease> lease,
+                                 const std::string& state) {
+    Session::Parts parts;
+    parts.name = kName;
+    parts.config = SomeConfig(objects_);
+    parts.limits = {.pose_log_capacity = 100'000,
+                    .expiry = absl::Minutes(1),
+                    .backoff = {.first = absl::Microseconds(10), .longest = absl::Microseconds(100)}};
+    parts.pipeline = SessionPipeline::Create(parts.config, {nullptr}, FakeTrackers()).value();
+    if (!state.empty()) {
+      EXPECT_TRUE(parts.pipeline->LoadState(state).ok());
+    }
+    parts.create_time = now_;
+    parts.now = [this] { return now_; };
+    parts.steady_now = [] { return Session::SteadyTime(); };  // no work takes time: that alone makes no checkpoint due
+    parts.beginning = std::move(beginning);
+    parts.lease = std::make_unique<TroubledLease>(std::move(lease), trouble_);
+    return Session::Start(std::move(parts), pool_);
+  }
+
+  // As a server does that was started again: what was not committed is gone.
+  void TakeUpAgain() {
+    session_->Close(absl::CancelledError("killed"));
+    trouble_->Set(absl::OkStatus());
+    auto taken = store_->TakeSession(kName).value();
+    SessionBeginning beginning;
+    beginning.lifecycle = DecodeLifecycle(taken.session.lifecycle).value();
+    std::string state;
+    if (!taken.session.checkpoint.empty()) {
+      beginning.checkpoint = DecodeCheckpoint(taken.session.checkpoint, 1).value();
+      state = beginning.checkpoint->pipeline;
+    }
+    for (const PoseSegment& segment : taken.session.poses) {
+      const std::vector<StoredPose> poses = DecodePoses(segment, 1).value();
+      beginning.poses.insert(beginning.poses.end(), poses.begin(), poses.end());
+    }
+    session_ = Start(std::move(beginning), std::move(taken.lease), state);
+  }
+
+  Attachment Attach(const std::string& token, uint64_t last_pose_seq = 0) {
+    const Attachment attachment = session_->Attach(token, last_pose_seq, listener_).value();
+    Until(attachment.stream, [](const StreamView& view) { return view.attached; });
+    return attachment;
+  }
+  // Chunk number `seq`, with the events of [10 * seq, 10 * seq + 10) ms.
+  void Push(uint64_t stream, uint64_t seq, int64_t chunk_ms = 10) {
+    const auto begin_ms = chunk_ms * static_cast<int64_t>(seq);
+    ASSERT_TRUE(
+        session_->PushEvents(stream, {.seq = seq, .payload = Flat64(SomeEvents(begin_ms, begin_ms + chunk_ms))}).ok());
+  }
+  template <typename Predicate>
+  void Until(uint64_t stream, Predicate is_true) {
+    const auto waiting = std::make_shared<WaitingListener>();
+    session_->AddWatcher(waiting);
+    waiting->WaitUntil([&] { return is_true(session_->View(stream)); });
+  }
+  void UntilDurable(uint64_t stream, uint64_t seq) {
+    Until(stream, [seq](const StreamView& view) { return view.ack.durable_seq >= seq; });
+  }
+  SessionCheckpoint Stored() { return DecodeCheckpoint(store_->ReadSession(kName)->checkpoint, 1).value(); }
+
+  static constexpr char kName[] = "sessions/test";
+  absl::Time now_ = absl::FromUnixSeconds(1'000'000);
+  std::vector<std::string> objects_ = {"cube"};
+  const std::shared_ptr<Trouble> trouble_ = std::make_shared<Trouble>();
+  const std::shared_ptr<WaitingListener> listener_ = std::make_shared<WaitingListener>();
+  WorkerPool pool_{1};  // outlives the store, whose thread may be the last to let go of a session
+  const std::unique_ptr<Store> store_ = MakeMemoryStore();
+  std::shared_ptr<Session> session_;
+};
+
+TEST_F(SessionCheckpointTest, DurableIsWhatWasCommitted) {
+  const uint64_t stream = Attach("first").stream;
+  Push(stream, 1);
+  Push(stream, 2);
+  Until(stream, [](const StreamView& view) { return view.ack.processed_seq == 2; });
+  EXPECT_EQ(session_->View(stream).ack.durable_seq, 0u) << "nothing was worth a checkpoint yet";
+  EXPECT_TRUE(store_->ReadSession(kName)->checkpoint.empty());
+  session_->Detach(stream);
+  UntilDurable(stream, 2);
+  EXPECT_EQ(Stored().processed_seq, 2u);
+  EXPECT_EQ(Stored().health.poses, 19u);
+  EXPECT_EQ(store_->ReadSession(kName)->poses.back().last_pose_seq, 19u);
+  const auto waiting = std::make_shared<WaitingListener>();
+  session_->AddWatcher(waiting);
+  session_->Settle();
+  waiting->WaitUntil([this] { return session_->IsSettled(); });
+  EXPECT_EQ(DecodeLifecycle(store_->ReadSession(kName)->lifecycle)->detached_at, now_);
+}
+
+TEST_F(SessionCheckpointTest, ManyPosesMakeACheckpointDue) {
+  const uint64_t stream = Attach("first").stream;
+  for (uint64_t seq = 1; seq <= 60; ++seq) {
+    Push(stream, seq, 40);
+    session_->ReportSent(stream, 1'000'000);
+  }
+  UntilDurable(stream, 20);
+  EXPECT_GE(Stored().health.poses, 1000u - 80);
+}
+
+TEST_F(SessionCheckpointTest, TheEndIsAnsweredWhenItIsDurable) {
+  const uint64_t stream = Attach("first").stream;
+  Push(stream, 1);
+  trouble_->Set(absl::UnavailableError("away"));
+  ASSERT_TRUE(session_->PushEnd(stream).ok());
+  const auto waiting = std::make_shared<WaitingListener>();
+  session_->AddWatcher(waiting);
+  waiting->WaitUntil([this] { return session_->Watch().ended && trouble_->NumAsked() > 2; });
+  EXPECT_FALSE(session_->View(stream).ended);
+  trouble_->Set(absl::OkStatus());
+  Until(stream, [](const StreamView& view) { return view.ended; });
+  EXPECT_TRUE(Stored().ended);
+  EXPECT_EQ(Stored().health.poses, 10u);
+  EXPECT_EQ(session_->View(stream).ack.durable_seq, 1u);
+}
+
+TEST_F(SessionCheckpointTest, AnAttachmentIsAnsweredWhenItsTokenIsDurable) {
+  trouble_->Set(absl::UnavailableError("away"));
+  const Attachment attachment = session_->Attach("first", 0, listener_).value();
+  EXPECT_FALSE(session_->View(attachment.stream).attached);
+  trouble_->Set(absl::OkStatus());
+  Until(attachment.stream, [](const StreamView& view) { return view.attached; });
+  TakeUpAgain();
+  EXPECT_TRUE(session_->IsTokenGood(attachment.resume_token)) << "a crash just after loses no token";
+  EXPECT_TRUE(session_->IsTokenGood("first")) << "nor one whose successor was lost on the way";
+  EXPECT_FALSE(session_->IsTokenGood("guess"));
+  EXPECT_EQ(session_->resume_token(), "") << "the store does not know it";
+}
+
+TEST_F(SessionCheckpointTest, WhatWasUsedIsKnownAcrossARestart) {
+  const Attachment attachment = Attach("first");
+  Push(attachment.stream, 1);
+  session_->Detach(attachment.stream);
+  UntilDurable(attachment.stream, 1);
+  TakeUpAgain();
+  EXPECT_FALSE(session_->IsTokenGood("first")) << "the client has used its successor";
+  EXPECT_TRUE(session_->IsTokenGood(attachment.resume_token));
+  const Attachment again = Attach(attachment.resume_token);
+  EXPECT_EQ(again.stream, attachment.stream + 1);
+  EXPECT_EQ(again.next_seq, 2u);
+  EXPECT_EQ(session_->Snapshot().health.reattaches, 1u);
+}
+
+TEST_F(SessionCheckpointTest, ARenewedTokenIsDurable) {
+  std::promise<std::string> answer;
+  session_->RenewToken([&answer](absl::StatusOr<std::string> token) { answer.set_value(*std::move(token)); });
+  const std::string renewed = answer.get_future().get();
+  TakeUpAgain();
+  EXPECT_TRUE(session_->IsTokenGood(renewed));
+  EXPECT_TRUE(session_->IsTokenGood("first")) << "until the new one is used";
+  absl::Status refused;
+  session_->Close(absl::NotFoundError("deleted"));
+  session_->RenewToken([&refused](absl::StatusOr<std::string> token) { refused = token.status(); });
+  EXPECT_EQ(refused.code(), absl::StatusCode::kNotFound);
+}
+
+TEST_F(SessionCheckpointTest, GoesOnFromItsCheckpointAsIfNothingHadHappened) {
+  constexpr uint64_t kChunks = 6;
+  std::vector<std::string> poses;
+  std::string summary;
+  for (const uint64_t killed_after : {kChunks, uint64_t{1}, uint64_t{3}, uint64_t{5}}) {
+    CreateAgain();
+    Attachment attachment = Attach("first");
+    uint64_t seen = 0;
+    for (uint64_t seq = 1; seq <= kChunks; ++seq) {
+      Push(attachment.stream, seq);
+      if (seq != killed_after) continue;
+      // Checkpoint here; two more chunks are tracked, and seen by the client, but not kept.
+      session_->Detach(attachment.stream);
+      UntilDurable(attachment.stream, seq);
+      attachment = Attach(attachment.resume_token);
+      trouble_->Set(absl::UnavailableError("away"));
+      for (uint64_t more = seq + 1; more <= std::min(seq + 2, kChunks); ++more) Push(attachment.stream, more);
+      Until(attachment.stream, [](const StreamView& view) { return view.is_idle; });
+      seen = session_->Watch().last_pose_seq;
+      TakeUpAgain();
+      attachment = Attach(attachment.resume_token, seen);
+      EXPECT_EQ(attachment.next_seq, seq + 1);
+      EXPECT_EQ(attachment.first_pose_seq, seen + 1) << "each pose once";
+    }
+    ASSERT_TRUE(session_->PushEnd(attachment.stream).ok());
+    Until(attachment.stream, [](const StreamView& view) { return view.ended; });
+    std::vector<StoredPose> all = session_->pose_log().Read(0, 1000);
+    for (StoredPose& pose : all) pose.latency_us = 0;
+    poses.push_back(EncodePoses(all).bytes);
+    EXPECT_TRUE(poses.back() == poses.front()) << "killed after " << killed_after;
+    EXPECT_EQ(session_->Snapshot().health.counts.cd_events, 180u);
+    EXPECT_EQ(session_->Snapshot().health.received_bytes, 180u * 8);
+  }
+}
+
+TEST_F(SessionCheckpointTest, AnEndedSessionIsTakenUpEnded) {
+  const Attachment attachment = Attach("first");
+  Push(attachment.stream, 1);
+  ASSERT_TRUE(session_->PushEnd(attachment.stream).ok());
+  Until(attachment.stream, [](const StreamView& view) { return view.ended; });
+  TakeUpAgain();
+  EXPECT_TRUE(session_->Watch().ended);
+  EXPECT_EQ(session_->Snapshot().state, SessionState::kEnded);
+  const uint64_t stream = Attach(attachment.resume_token).stream;
+  ASSERT_TRUE(session_->PushEnd(stream).ok()) << "the summary can be had again";
+  EXPECT_TRUE(session_->View(stream).ended);
+  EXPECT_EQ(GetErrorDetails(session_->PushEvents(stream, {.seq = 2})).reason, "SESSION_ENDED");
+  EXPECT_EQ(session_->pose_log().last_pose_seq(), 10u);
+}
+
+TEST_F(SessionCheckpointTest, ExpiryGoesOnFromWhenTheStreamLeft) {
+  const Attachment attachment = Attach("first");
+  session_->Detach(attachment.stream);
+  const auto waiting = std::make_shared<WaitingListener>();
+  session_->AddWatcher(waiting);
+  session_->Settle();
+  waiting->WaitUntil([this] { return session_->IsSettled(); });
+  const absl::Time left = now_;
+  now_ += absl::Seconds(30);
+  TakeUpAgain();
+  EXPECT_EQ(session_->expire_time(), left + absl::Minutes(1));
+  (void)Attach(attachment.resume_token);
+  now_ += absl::Seconds(30);
+  TakeUpAgain();
+  EXPECT_EQ(session_->expire_time(), now_ + absl::Minutes(1)) << "the stream left with the server";
+}
+
+TEST_F(SessionCheckpointTest, WaitsWhileTheStoreIsAwayAndLosesNothing) {
+  const uint64_t stream = Attach("first").stream;
+  session_->ReportSent(stream, 1'000'000);
+  trouble_->Set(absl::UnavailableError("away"));
+  uint64_t seq = 0;
+  while (session_->Watch().last_pose_seq < Session::kMaxUncommittedPoses) {
+    Push(stream, ++seq, 40);
+    const uint64_t pushed = seq;
+    Until(stream, [&](const StreamView& view) {
+      return view.ack.processed_seq == pushed || session_->Watch().last_pose_seq >= Session::kMaxUncommittedPoses;
+    });
+  }
+  const uint64_t stopped_at = session_->Watch().last_pose_seq;
+  EXPECT_LT(stopped_at, Session::kMaxUncommittedPoses + 100);
+  Push(stream, ++seq, 40);
+  const int asked = trouble_->NumAsked();
+  const auto waiting = std::make_shared<WaitingListener>();
+  session_->AddWatcher(waiting);
+  waiting->WaitUntil([&] { return trouble_->NumAsked() > asked + 3; });
+  EXPECT_EQ(session_->Watch().last_pose_seq, stopped_at) << "it waits";
+  EXPECT_EQ(session_->View(stream).ack.durable_seq, 0u);
+  trouble_->Set(absl::OkStatus());
+  session_->Detach(stream);
+  UntilDurable(stream, seq);
+  uint64_t expected = 1;
+  const StoredSession stored = store_->ReadSession(kName).value();
+  for (const PoseSegment& segment : stored.poses) {
+    EXPECT_EQ(segment.first_pose_seq, expected);
+    expected = segment.last_pose_seq + 1;
+  }
+  EXPECT_EQ(expected, session_->Watch().last_pose_seq + 1);
+}
+
+TEST_F(SessionCheckpointTest, NoPoseIsSentThatIsTooFarBeyondTheStore) {
+  objects_ = {"1", "2", "3", "4", "5"};
+  CreateAgain();
+  const uint64_t stream = Attach("first").stream;
+  trouble_->Set(absl::UnavailableError("away"));
+  // One step of work, which makes more poses than may be sent.
+  std::vector<Event> events;
+  for (int64_t ms = 1; ms <= 2048; ++ms) events.push_back({ms * 1000, 1, 1, 0});
+  ASSERT_TRUE(session_->PushEvents(stream, {.seq = 1, .payload = Flat64(events)}).ok());
+  Until(stream, [](const StreamView& view) { return view.ack.processed_seq == 1; });
+  EXPECT_EQ(session_->Watch().last_pose_seq, 2047u * 5);
+  EXPECT_EQ(session_->View(stream).last_pose_seq, Session::kMaxPosesBeyondStore);
+  EXPECT_FALSE(session_->View(stream).is_idle) << "there is more to be sent";
+  trouble_->Set(absl::OkStatus());
+  Until(stream, [](const StreamView& view) { return view.is_idle; });
+  EXPECT_EQ(session_->View(stream).last_pose_seq, 2047u * 5);
+}
+
+TEST_F(SessionCheckpointTest, AClientIsBelievedWhatItCanHaveSeenBeforeACrash) {
+  const Attachment first = Attach("first");
+  Push(first.stream, 1);
+  session_->Detach(first.stream);
+  UntilDurable(first.stream, 1);
+  ASSERT_EQ(store_->ReadSession(kName)->poses.back().last_pose_seq, 9u);
+  TakeUpAgain();
+  constexpr uint64_t kMost = 9 + Session::kMaxPosesBeyondStore;
+  for (const uint64_t beyond : {kMost + 1, uint64_t{1} << 50, UINT64_MAX}) {
+    const absl::Status refused = session_->Attach(first.resume_token, beyond, listener_).status();
+    EXPECT_EQ(refused.code(), absl::StatusCode::kInvalidArgument) << beyond;
+    EXPECT_EQ(GetErrorDetails(refused).field, "attach.last_pose_seq");
+    EXPECT_EQ(session_->Snapshot().state, SessionState::kDetached);
+  }
+  const Attachment second = Attach(first.resume_token, kMost);
+  EXPECT_EQ(second.first_pose_seq, kMost + 1) << "they are made again, and not sent";
+  const Attachment third = Attach(second.resume_token, 9);
+  Push(third.stream, 2);
+  Until(third.stream, [](const StreamView& view) { return view.is_idle; });
+  EXPECT_EQ(session_->View(third.stream).last_pose_seq, 19u) << "the session is as it was";
+}
+
+TEST_F(SessionCheckpointTest, EndsWhenAnotherServerHasTakenIt) {
+  const uint64_t stream = Attach("first").stream;
+  const auto taken = store_->TakeSession(kName).value();
+  Push(stream, 1);
+  Until(stream, [](const StreamView& view) { return !view.status.ok(); });
+  EXPECT_EQ(session_->View(stream).status.code(), absl::StatusCode::kAborted);
+  EXPECT_EQ(GetErrorDetails(session_->View(stream).status).reason, "FENCED");
+}
+
+TEST_F(SessionCheckpointTest, EndsWhenTheStoreIsFull) {
+  const uint64_t stream = Attach("first").stream;
+  trouble_->Set(absl::ResourceExhaustedError("disk full"));
+  Push(stream, 1);
+  Until(stream, [](const StreamView& view) { return !view.status.ok(); });
+  EXPECT_EQ(session_->View(stream).status.code(), absl::StatusCode::kResourceExhausted);
+  EXPECT_EQ(GetErrorDetails(session_->View(stream).status).reason, "STORE_FULL");
+}
+
+TEST_F(SessionCheckpointTest, SettlingStopsAtTheNextItemAndKeepsIt) {
+  const uint64_t stream = Attach("first").stream;
+  for (uint64_t seq = 1; seq <= 50; ++seq) Push(stream, seq);
+  Until(stream, [](const StreamView& view) { return view.ack.processed_seq > 0; });
+  const auto waiting = std::make_shared<WaitingListener>();
+  session_->AddWatcher(waiting);
+  session_->Settle();
+  waiting->WaitUntil([this] { return session_->IsSettled(); });
+  EXPECT_EQ(session_->View(stream).ack.durable_seq, session_->View(stream).ack.processed_seq);
+  EXPECT_EQ(Stored().processed_seq, session_->View(stream).ack.processed_seq);
+}
+
+}  // namespace
+}  // namespace evpose::server

@@ -1,0 +1,181 @@
+#include "server/sessions/session_factory.h"
+
+#include <algorithm>
+#include <iterator>
+#include <optional>
+#include <utility>
+#include <vector>
+
+#include "absl/strings/str_cat.h"
+#include "core/base/status_macros.h"
+#include "core/initialization/pose_search.h"
+#include "server/sessions/errors.h"
+#include "server/sessions/random_name.h"
+#include "server/sessions/session_codec.h"
+
+namespace evpose::server {
+namespace {
+
+// The store's words for those who asked for a session.
+absl::Status StoreError(absl::string_view name, const absl::Status& status) {
+  switch (status.code()) {
+    case absl::StatusCode::kNotFound:
+      return SessionNotFound(name);
+    case absl::StatusCode::kDataLoss:
+      return WithReason(
+          absl::DataLossError(absl::StrCat(name, " cannot be taken up, what the store has of it is damaged (",
+                                           status.message(), "): delete it and create a new one")),
+          "SESSION_DAMAGED", {{"session", std::string(name)}});
+    default:
+      return FromStore(status);
+  }
+}
+
+absl::Status Damaged(absl::string_view what) { return absl::DataLossError(what); }
+
+absl::StatusOr<std::vector<StoredPose>> DecodeLog(const std::vector<PoseSegment>& segments, size_t num_objects) {
+  std::vector<StoredPose> poses;
+  for (const PoseSegment& segment : segments) {
+    EVPOSE_ASSIGN_OR_RETURN(std::vector<StoredPose> more, DecodePoses(segment, num_objects));
+    if (!poses.empty() && more.front().pose_seq != poses.back().pose_seq + 1) {
+      return Damaged(absl::StrCat("the poses before ", more.front().pose_seq, " are missing"));
+    }
+    std::move(more.begin(), more.end(), std::back_inserter(poses));
+  }
+  return poses;
+}
+
+absl::StatusOr<SessionBeginning> DecodeBeginning(const StoredSession& stored, size_t num_objects) {
+  SessionBeginning beginning;
+  EVPOSE_ASSIGN_OR_RETURN(beginning.lifecycle, DecodeLifecycle(stored.lifecycle));
+  EVPOSE_ASSIGN_OR_RETURN(beginning.poses, DecodeLog(stored.poses, num_objects));
+  if (!stored.checkpoint.empty()) {
+    EVPOSE_ASSIGN_OR_RETURN(beginning.checkpoint, DecodeCheckpoint(stored.checkpoint, num_objects));
+    const uint64_t last = beginning.poses.empty() ? 0 : beginning.poses.back().pose_seq;
+    if (last < beginning.checkpoint->health.poses) {
+      return Damaged(absl::StrCat("the poses up to ", beginning.checkpoint->health.poses, " are missing"));
+    }
+  }
+  return beginning;
+}
+
+SessionInfo Describe(const SessionRecord& record, SessionConfig config, SessionBeginning beginning,
+                     absl::Duration expiry) {
+  SessionInfo info = {.name = record.name, .config = std::move(config), .create_time = record.create_time};
+  SessionSnapshot& snapshot = info.snapshot;
+  snapshot.health.objects.resize(info.config.objects.size());
+  if (beginning.checkpoint.has_value()) {
+    snapshot.health = std::move(beginning.checkpoint->health);
+    snapshot.health.latency_p50_us = beginning.checkpoint->latencies.Percentile(0.5);
+    snapshot.health.latency_p99_us = beginning.checkpoint->latencies.Percentile(0.99);
+  }
+  const std::optional<absl::Time> detached_at = beginning.lifecycle.detached_at;
+  snapshot.state = detached_at.has_value() ? SessionState::kDetached : SessionState::kAttached;
+  if (beginning.checkpoint.has_value() && beginning.checkpoint->ended) snapshot.state = SessionState::kEnded;
+  if (detached_at.has_value()) snapshot.expire_time = *detached_at + expiry;
+  return info;
+}
+
+}  // namespace
+
+absl::Status SessionNotFound(absl::string_view name) {
+  return WithReason(absl::NotFoundError(absl::StrCat("there is no session \"", name,
+                                                     "\": it never was, was deleted, or expired; create a new one")),
+                    "SESSION_NOT_FOUND", {{"session", std::string(name)}});
+}
+
+absl::StatusOr<SessionFactory::Models> SessionFactory::UseModels(const std::string& tenant,
+                                                                 const SessionConfig& config) const {
+  Models models;
+  for (const ObjectConfig& object : config.objects) {
+    EVPOSE_ASSIGN_OR_RETURN(ModelUse use, models_.UseStored(tenant, object.model));
+    if (const absl::Status status = CheckLinesDeterminePose(*use.model); !status.ok()) {
+      return InvalidField(absl::StrCat("config.objects[", models.models.size(), "].model"), status.message());
+    }
+    models.models.push_back(std::move(use.model));
+    models.uses.push_back(std::move(use.use));
+  }
+  return models;
+}
+
+absl::StatusOr<std::shared_ptr<Session>> SessionFactory::MakeNew(const std::string& tenant, const SessionConfig& config,
+                                                                 const std::string& request_id) const {
+  absl::StatusOr<Models> models = UseModels(tenant, config);
+  if (!models.ok()) return absl::IsDataLoss(models.status()) ? FromStore(models.status()) : models.status();
+  Session::Parts parts;
+  EVPOSE_ASSIGN_OR_RETURN(parts.pipeline, SessionPipeline::Create(config, models->models, options_.make_tracker));
+  EVPOSE_ASSIGN_OR_RETURN(const std::string id, RandomHex128());
+  EVPOSE_ASSIGN_OR_RETURN(parts.resume_token, RandomHex128());
+  parts.name = absl::StrCat("sessions/", id);
+  parts.config = config;
+  parts.limits = options_.limits;
+  parts.model_uses = std::move(models->uses);
+  parts.now = options_.now;
+  parts.steady_now = options_.steady_now;
+  parts.skipped_events_of_all = options_.skipped_events_of_all;
+  parts.create_time = options_.now();
+  parts.beginning.lifecycle = {.token_digest = TokenDigest(parts.resume_token), .detached_at = parts.create_time};
+  const SessionRecord record = {.name = parts.name,
+                                .tenant = tenant,
+                                .request_id = request_id,
+                                .create_time = parts.create_time,
+                                .config = EncodeConfig(config)};
+  auto lease = store_.CreateSession(record, EncodeLifecycle(parts.beginning.lifecycle));
+  if (!lease.ok()) return StoreError(parts.name, lease.status());
+  parts.lease = *std::move(lease);
+  return Session::Start(std::move(parts), pool_);
+}
+
+absl::StatusOr<SessionFactory::Taken> SessionFactory::Take(absl::string_view name) const {
+  auto taken = store_.TakeSession(name);
+  if (!taken.ok()) return StoreError(name, taken.status());
+  Taken out = {.record = taken->session.record};
+  auto session = Restore(std::move(taken->session), std::move(taken->lease));
+  if (!session.ok()) return StoreError(name, session.status());
+  out.session = *std::move(session);
+  return out;
+}
+
+absl::StatusOr<std::shared_ptr<Session>> SessionFactory::Restore(StoredSession stored,
+                                                                 std::unique_ptr<SessionLease> lease) const {
+  Session::Parts parts;
+  EVPOSE_ASSIGN_OR_RETURN(parts.config, DecodeConfig(stored.record.config));
+  EVPOSE_ASSIGN_OR_RETURN(parts.beginning, DecodeBeginning(stored, parts.config.objects.size()));
+  const bool has_ended = parts.beginning.checkpoint.has_value() && parts.beginning.checkpoint->ended;
+  auto models = UseModels(stored.record.tenant, parts.config);
+  // Of one that has ended, the poses can be read without its models.
+  if (has_ended && models.ok()) parts.model_uses = std::move(models->uses);
+  if (!has_ended) {
+    if (absl::IsNotFound(models.status())) return Damaged(models.status().message());
+    EVPOSE_RETURN_IF_ERROR(models.status());
+    EVPOSE_ASSIGN_OR_RETURN(parts.pipeline,
+                            SessionPipeline::Create(parts.config, models->models, options_.make_tracker));
+    parts.model_uses = std::move(models->uses);
+  }
+  if (parts.pipeline != nullptr && parts.beginning.checkpoint.has_value()) {
+    EVPOSE_RETURN_IF_ERROR(parts.pipeline->LoadState(parts.beginning.checkpoint->pipeline));
+    parts.beginning.checkpoint->pipeline.clear();
+  }
+  parts.name = stored.record.name;
+  parts.limits = options_.limits;
+  parts.lease = std::move(lease);
+  parts.create_time = stored.record.create_time;
+  parts.now = options_.now;
+  parts.steady_now = options_.steady_now;
+  parts.skipped_events_of_all = options_.skipped_events_of_all;
+  return Session::Start(std::move(parts), pool_);
+}
+
+absl::StatusOr<SessionFactory::Stored> SessionFactory::Read(absl::string_view name) const {
+  auto stored = store_.ReadSession(name);
+  if (!stored.ok()) return StoreError(name, stored.status());
+  auto config = DecodeConfig(stored->record.config);
+  if (!config.ok()) return StoreError(name, config.status());
+  auto beginning = DecodeBeginning(*stored, config->objects.size());
+  if (!beginning.ok()) return StoreError(name, beginning.status());
+  Stored out = {.record = std::move(stored->record), .lifecycle = beginning->lifecycle};
+  out.info = Describe(out.record, *std::move(config), *std::move(beginning), options_.limits.expiry);
+  return out;
+}
+
+}  // namespace evpose::server

@@ -1,0 +1,72 @@
+// Makes sessions: new ones, and those that the store keeps.
+#pragma once
+
+#include <atomic>
+#include <functional>
+#include <memory>
+#include <string>
+
+#include "absl/status/status.h"
+#include "absl/status/statusor.h"
+#include "absl/strings/string_view.h"
+#include "absl/time/time.h"
+#include "server/sessions/model_registry.h"
+#include "server/sessions/session.h"
+#include "server/sessions/session_config.h"
+#include "server/sessions/worker_pool.h"
+#include "server/stores/store.h"
+
+namespace evpose::server {
+
+// Thread-safe. All functions but the constructor wait for the store.
+class SessionFactory {
+ public:
+  struct Options {
+    SessionLimits limits;
+    TrackerFactory make_tracker;
+    std::function<absl::Time()> now;
+    std::function<Session::SteadyTime()> steady_now;
+    std::shared_ptr<std::atomic<uint64_t>> skipped_events_of_all;
+  };
+  SessionFactory(Options options, Store& store, ModelRegistry& models, WorkerPool& pool)
+      : options_(std::move(options)), store_(store), models_(models), pool_(pool) {}
+
+  // Durable when it returns. Errors: INVALID_ARGUMENT with the field, NOT_FOUND (MODEL_NOT_FOUND), those of the store.
+  absl::StatusOr<std::shared_ptr<Session>> MakeNew(const std::string& tenant, const SessionConfig& config,
+                                                   const std::string& request_id) const;
+
+  struct Taken {
+    std::shared_ptr<Session> session;
+    SessionRecord record;
+  };
+  // Takes a session from whoever holds it, and goes on from its last checkpoint. Errors: as Read.
+  absl::StatusOr<Taken> Take(absl::string_view name) const;
+
+  // What the store knows of a session, without taking it. Errors: NOT_FOUND (SESSION_NOT_FOUND), DATA_LOSS
+  // (SESSION_DAMAGED), UNAVAILABLE (STORE_AWAY).
+  struct Stored {
+    SessionRecord record;
+    SessionLifecycle lifecycle;
+    SessionInfo info;
+  };
+  absl::StatusOr<Stored> Read(absl::string_view name) const;
+
+ private:
+  // The models of a session's objects, and that they are in use.
+  struct Models {
+    std::vector<std::shared_ptr<const ObjectModel>> models;
+    std::vector<std::shared_ptr<const void>> uses;
+  };
+  absl::StatusOr<Models> UseModels(const std::string& tenant, const SessionConfig& config) const;
+  absl::StatusOr<std::shared_ptr<Session>> Restore(StoredSession stored, std::unique_ptr<SessionLease> lease) const;
+
+  const Options options_;
+  Store& store_;
+  ModelRegistry& models_;
+  WorkerPool& pool_;
+};
+
+// For a session that is not there.
+absl::Status SessionNotFound(absl::string_view name);
+
+}  // namespace evpose::server

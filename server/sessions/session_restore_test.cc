@@ -1,0 +1,383 @@
+// Sessions that outlive the server that made them, and move between servers.
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <future>
+
+#include "server/sessions/errors.h"
+#include "server/sessions/session_manager.h"
+#include "server/sessions/testing.h"
+#include "server/stores/memory_store.h"
+
+namespace evpose::server {
+namespace {
+
+constexpr char kTenant[] = "";
+
+std::string ReasonOf(const absl::Status& status) { return GetErrorDetails(status).reason; }
+
+class SessionRestoreTest : public testing::Test {
+ protected:
+  struct Server {
+    std::unique_ptr<ModelRegistry> models;
+    std::unique_ptr<SessionManager> sessions;
+
+    SessionManager* operator->() const { return sessions.get(); }
+  };
+
+  ~SessionRestoreTest() override { pool_.Join(); }
+
+  Server Open(bool shares_store = false) {
+    Server server;
+    server.models = ModelRegistry::Create({}, *store_).value();
+    SessionManager::Options options;
+    options.max_sessions = 3;
+    options.max_tenant_sessions = 3;
+    options.limits.expiry = absl::Minutes(1);
+    options.make_tracker = FakeTrackers();
+    options.shares_store = shares_store;
+    options.now = [this] { return now_; };
+    options.steady_now = [] {
+      return Session::SteadyTime();
+    };  // no work takes time: that alone makes no checkpoint due
+    server.sessions = std::make_unique<SessionManager>(options, *store_, *server.models, pool_);
+    EXPECT_TRUE(server->RestoreAll().ok());
+    return server;
+  }
+  // What was not committed is lost.
+  static void Kill(Server& server) {
+    server->CloseAll(absl::CancelledError("killed"));
+    server.sessions.reset();
+  }
+
+  SessionConfig Config(Server& server) {
+    const auto bytes = std::make_shared<const std::vector<uint8_t>>(kCubeObj, kCubeObj + sizeof(kCubeObj) - 1);
+    return SomeConfig({"cube"}, server.models->Upload(kTenant, {}, "", bytes).value().name);
+  }
+  std::shared_ptr<Session> Create(Server& server, const std::string& request_id = "") {
+    return server->Create(kTenant, Config(server), request_id).value();
+  }
+
+  void Until(const std::shared_ptr<Session>& session, const std::function<bool()>& is_true) {
+    const auto waiting = std::make_shared<WaitingListener>();
+    session->AddWatcher(waiting);
+    waiting->WaitUntil(is_true);
+  }
+  Attachment Attach(const std::shared_ptr<Session>& session, const std::string& token) {
+    const Attachment attachment = session->Attach(token, 0, listener_).value();
+    Until(session, [&] { return session->View(attachment.stream).attached; });
+    return attachment;
+  }
+  // Chunk `seq` with the events of [10 * seq, 10 * seq + 10) ms, and until it is durable.
+  void Track(const std::shared_ptr<Session>& session, const Attachment& attachment, uint64_t seq) {
+    const auto begin_ms = static_cast<int64_t>(10 * seq);
+    ASSERT_TRUE(
+        session->PushEvents(attachment.stream, {.seq = seq, .payload = Flat64(SomeEvents(begin_ms, begin_ms + 10))})
+            .ok());
+    session->Detach(attachment.stream);
+    Until(session, [&] { return session->View(attachment.stream).ack.durable_seq == seq; });
+  }
+
+  void SlowWorkIsDone() {
+    std::promise<void> done;
+    pool_.PostSlow([&done] { done.set_value(); });
+    done.get_future().wait();
+  }
+
+  absl::Time now_ = absl::FromUnixSeconds(1'000'000);
+  WorkerPool pool_{2};  // outlives the store, whose thread may be the last to let go of a session
+  const std::unique_ptr<Store> store_ = MakeMemoryStore();
+  const std::shared_ptr<WaitingListener> listener_ = std::make_shared<WaitingListener>();
+};
+
+TEST_F(SessionRestoreTest, EverythingComesBack) {
+  Server server = Open();
+  const auto session = Create(server, "request");
+  const std::string name = session->name();
+  const Attachment attachment = Attach(session, session->resume_token());
+  Track(session, attachment, 1);
+  const SessionHealth before = session->Snapshot().health;
+  Kill(server);
+
+  server = Open();
+  const auto restored = server->Get(kTenant, name).value();
+  EXPECT_NE(restored, session);
+  EXPECT_EQ(restored->create_time(), now_);
+  EXPECT_TRUE(restored->config() == Config(server));
+  const SessionHealth after = restored->Snapshot().health;
+  EXPECT_EQ(after.poses, before.poses);
+  EXPECT_EQ(after.counts, before.counts);
+  EXPECT_EQ(after.processed_bytes, before.processed_bytes);
+  EXPECT_EQ(restored->pose_log().last_pose_seq(), before.poses);
+  EXPECT_EQ(Create(server, "request"), restored) << "the request is still known";
+  SessionConfig other = Config(server);
+  other.camera.fx_px = 301;
+  EXPECT_EQ(ReasonOf(server->Create(kTenant, other, "request").status()), "REQUEST_ID_REUSED");
+
+  const auto found = server->FindForAttach(kTenant, name, attachment.resume_token);
+  ASSERT_EQ(found, restored);
+  const Attachment again = Attach(found, attachment.resume_token);
+  EXPECT_EQ(again.next_seq, 2u);
+  Track(found, again, 2);
+  EXPECT_EQ(found->Snapshot().health.poses, 19u) << "one for each millisecond, but for the last, which is open";
+}
+
+TEST_F(SessionRestoreTest, AClientMayKnowPosesThatWereMadeBeforeTheFirstCheckpoint) {
+  Server server = Open();
+  const auto session = Create(server);
+  const Attachment attachment = Attach(session, session->resume_token());
+  EXPECT_FALSE(session->Attach(session->resume_token(), 143, listener_).ok()) << "it has made none";
+  Kill(server);
+  server = Open();
+  const auto restored = server->Get(kTenant, session->name()).value();
+  const auto again = restored->Attach(attachment.resume_token, 143, listener_);
+  ASSERT_TRUE(again.ok()) << again.status();
+  EXPECT_EQ(again->next_seq, 1u);
+  EXPECT_EQ(again->first_pose_seq, 144u) << "the first 143 are made again, and not sent";
+  Kill(server);
+}
+
+TEST_F(SessionRestoreTest, WhatIsDamagedIsLeftOutAndSaysSo) {
+  const std::string name = "sessions/damaged";
+  ASSERT_TRUE(store_->CreateSession({.name = name, .config = "no configuration"}, "").ok());
+  Server server = Open();
+  EXPECT_EQ(ReasonOf(server->Get(kTenant, name).status()), "SESSION_NOT_FOUND");
+  for (const absl::Status& status :
+       {server->Describe(kTenant, name).status(), server->TakeForAttach(kTenant, name, "token").status()}) {
+    EXPECT_EQ(status.code(), absl::StatusCode::kDataLoss);
+    EXPECT_EQ(ReasonOf(status), "SESSION_DAMAGED");
+    EXPECT_THAT(std::string(status.message()), testing::HasSubstr("configuration"));
+  }
+  EXPECT_TRUE(server->Delete(kTenant, name).ok());
+  EXPECT_EQ(ReasonOf(server->Describe(kTenant, name).status()), "SESSION_NOT_FOUND");
+}
+
+TEST_F(SessionRestoreTest, ASessionWhoseModelIsGoneIsDamaged) {
+  Server server = Open();
+  const auto session = Create(server);
+  Kill(server);
+  const std::string model = session->config().objects[0].model;
+  ASSERT_TRUE(store_->DeleteModel(kTenant, model).ok());
+  server = Open();
+  const absl::Status status = server->TakeForAttach(kTenant, session->name(), session->resume_token()).status();
+  EXPECT_EQ(ReasonOf(status), "SESSION_DAMAGED");
+  EXPECT_THAT(std::string(status.message()), testing::HasSubstr(model));
+}
+
+TEST_F(SessionRestoreTest, AModelThatCannotBeLoadedDoesNotKeepTheServerFromStarting) {
+  const auto bytes = std::make_shared<const std::vector<uint8_t>>(3, 'x');
+  ASSERT_TRUE(store_->PutModel({.name = "models/broken", .bytes = bytes}).ok());
+  Server server = Open();
+  EXPECT_FALSE(server.models->Get(kTenant, "models/broken").ok());
+  (void)Create(server);
+}
+
+TEST_F(SessionRestoreTest, AClientMovesItsSessionToAnotherServer) {
+  Server one = Open(/*shares_store=*/true);
+  const auto at_one = Create(one);
+  const std::string name = at_one->name();
+  const Attachment first = Attach(at_one, at_one->resume_token());
+  Track(at_one, first, 1);
+
+  Server two = Open(/*shares_store=*/true);
+  EXPECT_EQ(two->num_sessions(), 0u) << "not before a client attaches";
+  EXPECT_EQ(two->FindForAttach(kTenant, name, first.resume_token), nullptr);
+  EXPECT_EQ(ReasonOf(two->TakeForAttach(kTenant, name, "guess").status()), "WRONG_TOKEN");
+  EXPECT_EQ(ReasonOf(two->TakeForAttach("other", name, first.resume_token).status()), "SESSION_NOT_FOUND");
+  const auto at_two = two->TakeForAttach(kTenant, name, first.resume_token).value();
+  const Attachment second = Attach(at_two, first.resume_token);
+  EXPECT_EQ(second.next_seq, 2u);
+  Track(at_two, second, 2);
+
+  // Who comes back to the first server with the token of the second: it knows neither the token nor that it is fenced.
+  EXPECT_TRUE(at_one->Watch().status.ok());
+  EXPECT_EQ(one->FindForAttach(kTenant, name, second.resume_token), nullptr);
+  const auto back = one->TakeForAttach(kTenant, name, second.resume_token).value();
+  EXPECT_EQ(ReasonOf(at_one->Watch().status), "FENCED");
+  const Attachment third = Attach(back, second.resume_token);
+  EXPECT_EQ(third.next_seq, 3u);
+  Track(back, third, 3);
+  EXPECT_EQ(back->Snapshot().health.poses, 29u);
+  EXPECT_EQ(back->pose_log().Read(0, 100).size(), 29u);
+
+  // The second learns of it when it writes.
+  (void)at_two->Attach(second.resume_token, 0, listener_);
+  Until(at_two, [&] { return !at_two->Watch().status.ok(); });
+  EXPECT_EQ(ReasonOf(at_two->Watch().status), "FENCED");
+  EXPECT_EQ(ReasonOf(two->Get(kTenant, name).status()), "SESSION_NOT_FOUND") << "it is another server's";
+  EXPECT_EQ(two->num_sessions(), 0u);
+  Kill(one);
+  Kill(two);
+}
+
+TEST_F(SessionRestoreTest, WhatExpiresHereLivesOnWhereItsClientWent) {
+  Server one = Open(/*shares_store=*/true);
+  const auto at_one = Create(one);
+  const std::string name = at_one->name();
+  const Attachment first = Attach(at_one, at_one->resume_token());
+  Track(at_one, first, 1);
+  Server two = Open(/*shares_store=*/true);
+  const auto at_two = two->TakeForAttach(kTenant, name, first.resume_token).value();
+  const Attachment second = Attach(at_two, first.resume_token);
+
+  // The first server has heard nothing of that: to it the session was left a minute ago.
+  now_ += absl::Minutes(2);
+  one->DeleteExpired();
+  EXPECT_EQ(one->num_sessions(), 0u);
+  SlowWorkIsDone();
+  ASSERT_TRUE(store_->ReadSession(name).ok());
+  Track(at_two, second, 2);
+  EXPECT_TRUE(at_two->Watch().status.ok());
+
+  // Who holds it deletes it.
+  now_ += absl::Minutes(2);
+  two->DeleteExpired();
+  SlowWorkIsDone();
+  EXPECT_TRUE(absl::IsNotFound(store_->ReadSession(name).status()));
+  Kill(one);
+  Kill(two);
+}
+
+TEST_F(SessionRestoreTest, WhatADeadServerLeftIsDeletedByAnother) {
+  Server dead = Open(/*shares_store=*/true);
+  const auto orphan = Create(dead);
+  (void)Attach(orphan, orphan->resume_token());
+  Kill(dead);
+  Server busy = Open(/*shares_store=*/true);
+  const auto session = Create(busy);
+  const Attachment attachment = Attach(session, session->resume_token());  // and nothing comes
+  Server other = Open(/*shares_store=*/true);
+  const auto tend = [&] {
+    now_ += absl::Seconds(30);
+    busy->TendStore();
+    Until(session, [&session] { return session->IsSettled(); });
+    other->TendStore();
+    SlowWorkIsDone();
+  };
+  for (int i = 0; i < 4; ++i) tend();
+  EXPECT_TRUE(store_->ReadSession(orphan->name()).ok());
+  for (int i = 0; i < 8; ++i) tend();
+  EXPECT_TRUE(absl::IsNotFound(store_->ReadSession(orphan->name()).status()));
+  EXPECT_TRUE(store_->ReadSession(session->name()).ok()) << "a stream is attached to it";
+  Track(session, attachment, 1);
+  EXPECT_TRUE(session->Watch().status.ok());
+  Kill(busy);
+  Kill(other);
+}
+
+TEST_F(SessionRestoreTest, SessionsOfOtherServersAreDescribedWithoutTakingThem) {
+  Server one = Open(/*shares_store=*/true);
+  Server two = Open(/*shares_store=*/true);
+  const auto session = Create(one, "request");
+  const Attachment attachment = Attach(session, session->resume_token());
+  EXPECT_EQ(two->Describe(kTenant, session->name())->snapshot.state, SessionState::kAttached);
+  Track(session, attachment, 1);
+  const SessionInfo info = two->Describe(kTenant, session->name()).value();
+  EXPECT_EQ(info.snapshot.state, SessionState::kDetached);
+  EXPECT_EQ(info.snapshot.expire_time, now_ + absl::Minutes(1));
+  EXPECT_EQ(info.snapshot.health.poses, 9u);
+  EXPECT_TRUE(info.config == session->config());
+  const auto elsewhere = Create(two);
+  EXPECT_EQ(two->List(kTenant, "", 10)->size(), 2u);
+  EXPECT_EQ(two->List("other", "", 10)->size(), 0u);
+  EXPECT_EQ(two->num_sessions(), 1u);
+  EXPECT_TRUE(session->Watch().status.ok());
+  // The same request at another server is for the same session, which moves there.
+  EXPECT_EQ(Create(two, "request")->name(), session->name());
+  // Deleting needs no taking.
+  EXPECT_TRUE(one->Delete(kTenant, elsewhere->name()).ok());
+  EXPECT_EQ(ReasonOf(one->Describe(kTenant, elsewhere->name()).status()), "SESSION_NOT_FOUND");
+  Kill(one);
+  Kill(two);
+}
+
+TEST_F(SessionRestoreTest, ASessionThatHasEndedUsesItsModelAfterARestartToo) {
+  Server server = Open();
+  const auto session = Create(server);
+  const std::string model = session->config().objects[0].model;
+  const Attachment attachment = Attach(session, session->resume_token());
+  ASSERT_TRUE(session->PushEnd(attachment.stream).ok());
+  Until(session, [&] { return session->View(attachment.stream).ended; });
+  EXPECT_EQ(ReasonOf(server.models->Delete(kTenant, model)), "MODEL_IN_USE");
+  Kill(server);
+  server = Open();
+  EXPECT_TRUE(server->Get(kTenant, session->name()).value()->Watch().ended);
+  EXPECT_EQ(ReasonOf(server.models->Delete(kTenant, model)), "MODEL_IN_USE");
+  Kill(server);
+  ASSERT_TRUE(store_->DeleteModel(kTenant, model).ok());
+  server = Open();
+  EXPECT_TRUE(server->Get(kTenant, session->name()).ok()) << "its poses can be read without it";
+  Kill(server);
+}
+
+TEST_F(SessionRestoreTest, AModelThatASessionUsesElsewhereIsNotDeleted) {
+  Server one = Open(/*shares_store=*/true);
+  Server two = Open(/*shares_store=*/true);
+  const auto session = Create(one);  // its model is uploaded to the first server only
+  const std::string model = session->config().objects[0].model;
+  EXPECT_EQ(ReasonOf(two.models->Delete(kTenant, model)), "MODEL_IN_USE");
+  EXPECT_EQ(ReasonOf(two.models->Delete("other", model)), "MODEL_NOT_FOUND");
+  const Attachment attachment = Attach(session, session->resume_token());
+  ASSERT_TRUE(session->PushEnd(attachment.stream).ok());
+  Until(session, [&] { return session->View(attachment.stream).ended; });
+  EXPECT_EQ(ReasonOf(two.models->Delete(kTenant, model)), "MODEL_IN_USE") << "as long as the session is there";
+  EXPECT_TRUE(one->Delete(kTenant, session->name()).ok());
+  EXPECT_TRUE(two.models->Delete(kTenant, model).ok()) << "though it was uploaded elsewhere";
+  EXPECT_TRUE(absl::IsNotFound(store_->ReadModel(kTenant, model).status()));
+  Kill(one);
+  Kill(two);
+}
+
+// As one for which the store had no room: its client may come back, and its user may look for what to delete.
+TEST_F(SessionRestoreTest, ASessionThatIsOnlyInTheStoreIsListedKeepsItsModelsAndExpires) {
+  Server server = Open();
+  const auto session = Create(server);
+  const std::string name = session->name();
+  const std::string model = session->config().objects[0].model;
+  session->Close(absl::ResourceExhaustedError("no room"));
+  const auto sessions = server->List(kTenant, "", 10);
+  ASSERT_TRUE(sessions.ok());
+  ASSERT_EQ(sessions->size(), 1u);
+  EXPECT_EQ(sessions->front().name, name);
+  EXPECT_EQ(server->num_sessions(), 0u) << "it holds no memory";
+  EXPECT_EQ(ReasonOf(server.models->Delete(kTenant, model)), "MODEL_IN_USE");
+  const auto tend = [&](int times) {
+    for (int i = 0; i < times; ++i) {
+      now_ += absl::Seconds(30);
+      server->TendStore();
+      SlowWorkIsDone();
+    }
+  };
+  tend(4);
+  EXPECT_TRUE(store_->ReadSession(name).ok());
+  tend(2);
+  EXPECT_TRUE(absl::IsNotFound(store_->ReadSession(name).status()));
+  EXPECT_TRUE(server.models->Delete(kTenant, model).ok());
+  Kill(server);
+}
+
+TEST_F(SessionRestoreTest, WhatHasNoSlotIsNotTaken) {
+  Server one = Open(/*shares_store=*/true);
+  const auto session = Create(one);
+  Server two = Open(/*shares_store=*/true);
+  for (int i = 0; i < 3; ++i) (void)Create(two);
+  EXPECT_EQ(ReasonOf(two->TakeForAttach(kTenant, session->name(), session->resume_token()).status()),
+            "TOO_MANY_SESSIONS");
+  EXPECT_TRUE(session->Watch().status.ok());
+  Kill(one);
+  Kill(two);
+}
+
+TEST_F(SessionRestoreTest, SettlingAllWaitsUntilEverythingIsDurable) {
+  Server server = Open();
+  const auto session = Create(server);
+  const Attachment attachment = Attach(session, session->resume_token());
+  ASSERT_TRUE(session->PushEvents(attachment.stream, {.seq = 1, .payload = Flat64(SomeEvents(1, 11))}).ok());
+  Until(session, [&] { return session->View(attachment.stream).is_idle; });
+  EXPECT_EQ(session->View(attachment.stream).ack.durable_seq, 0u);
+  EXPECT_TRUE(server->SettleAll(absl::Now() + absl::Hours(1)));
+  EXPECT_EQ(session->View(attachment.stream).ack.durable_seq, 1u);
+}
+
+}  // namespace
+}  // namespace evpose::server

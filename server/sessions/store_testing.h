@@ -1,0 +1,120 @@
+// A store that answers what a test wants it to.
+#pragma once
+
+#include <condition_variable>
+#include <memory>
+#include <mutex>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "core/base/status_macros.h"
+#include "server/stores/store.h"
+
+namespace evpose::server {
+
+// What the store answers instead of doing anything, while it is not OK.
+struct Trouble {
+  std::mutex mutex;
+  absl::Status answer;
+  int num_asked = 0;
+
+  void Set(const absl::Status& status) {
+    const std::lock_guard lock(mutex);
+    answer = status;
+    num_asked = 0;
+  }
+  int NumAsked() {
+    const std::lock_guard lock(mutex);
+    return num_asked;
+  }
+  absl::Status Ask() {
+    const std::lock_guard lock(mutex);
+    ++num_asked;
+    return answer;
+  }
+};
+
+class TroubledLease : public SessionLease {
+ public:
+  TroubledLease(std::unique_ptr<SessionLease> lease, std::shared_ptr<Trouble> trouble)
+      : lease_(std::move(lease)), trouble_(std::move(trouble)) {}
+  void Commit(SessionCommit commit, Done done) override {
+    if (const absl::Status answer = trouble_->Ask(); !answer.ok()) return done(answer);
+    lease_->Commit(std::move(commit), std::move(done));
+  }
+  uint64_t fencing_number() const override { return lease_->fencing_number(); }
+
+ private:
+  const std::unique_ptr<SessionLease> lease_;
+  const std::shared_ptr<Trouble> trouble_;
+};
+
+// As a Redis that several servers share: any number of these stand before one store.
+class TroubledStore : public Store {
+ public:
+  TroubledStore(std::shared_ptr<Store> store, std::shared_ptr<Trouble> trouble)
+      : store_(std::move(store)), trouble_(std::move(trouble)) {}
+
+  absl::string_view kind() const override { return "redis"; }
+  absl::Status CheckHealth() override { return trouble_->Ask(); }
+  std::vector<std::string> damage() const override { return {}; }
+  absl::StatusOr<std::vector<ModelRecord>> ReadModels() const override {
+    EVPOSE_RETURN_IF_ERROR(trouble_->Ask());
+    return store_->ReadModels();
+  }
+  absl::StatusOr<ModelRecord> ReadModel(absl::string_view tenant, absl::string_view name) const override {
+    EVPOSE_RETURN_IF_ERROR(trouble_->Ask());
+    return store_->ReadModel(tenant, name);
+  }
+  absl::Status PutModel(const ModelRecord& model) override {
+    EVPOSE_RETURN_IF_ERROR(trouble_->Ask());
+    return store_->PutModel(model);
+  }
+  absl::Status DeleteModel(absl::string_view tenant, absl::string_view name) override {
+    EVPOSE_RETURN_IF_ERROR(trouble_->Ask());
+    return store_->DeleteModel(tenant, name);
+  }
+  absl::StatusOr<std::unique_ptr<SessionLease>> CreateSession(const SessionRecord& record,
+                                                              const std::string& lifecycle) override {
+    EVPOSE_RETURN_IF_ERROR(trouble_->Ask());
+    EVPOSE_ASSIGN_OR_RETURN(std::unique_ptr<SessionLease> lease, store_->CreateSession(record, lifecycle));
+    return std::make_unique<TroubledLease>(std::move(lease), trouble_);
+  }
+  absl::StatusOr<Taken> TakeSession(absl::string_view name) override {
+    EVPOSE_RETURN_IF_ERROR(trouble_->Ask());
+    EVPOSE_ASSIGN_OR_RETURN(Taken taken, store_->TakeSession(name));
+    taken.lease = std::make_unique<TroubledLease>(std::move(taken.lease), trouble_);
+    return taken;
+  }
+  absl::StatusOr<StoredSession> ReadSession(absl::string_view name) const override {
+    EVPOSE_RETURN_IF_ERROR(trouble_->Ask());
+    return store_->ReadSession(name);
+  }
+  absl::StatusOr<std::vector<SessionRecord>> ListSessions() const override {
+    EVPOSE_RETURN_IF_ERROR(trouble_->Ask());
+    return store_->ListSessions();
+  }
+  absl::StatusOr<std::vector<StoredLifecycle>> ReadLifecycles() const override {
+    EVPOSE_RETURN_IF_ERROR(trouble_->Ask());
+    return store_->ReadLifecycles();
+  }
+  absl::Status DeleteSession(absl::string_view name) override {
+    EVPOSE_RETURN_IF_ERROR(trouble_->Ask());
+    return store_->DeleteSession(name);
+  }
+  absl::Status DeleteHeldSession(absl::string_view name, uint64_t fencing_number) override {
+    EVPOSE_RETURN_IF_ERROR(trouble_->Ask());
+    return store_->DeleteHeldSession(name, fencing_number);
+  }
+  absl::StatusOr<std::vector<std::string>> DeleteEnded(absl::Time ended_before) override {
+    EVPOSE_RETURN_IF_ERROR(trouble_->Ask());
+    return store_->DeleteEnded(ended_before);
+  }
+
+ private:
+  const std::shared_ptr<Store> store_;
+  const std::shared_ptr<Trouble> trouble_;
+};
+
+}  // namespace evpose::server

@@ -1,0 +1,56 @@
+#include "server/sessions/tenant_quotas.h"
+
+#include <algorithm>
+#include <utility>
+
+#include "absl/strings/str_cat.h"
+#include "server/sessions/errors.h"
+
+namespace evpose::server {
+namespace {
+
+// When a place may be free again is not known; clients ask again after this.
+constexpr absl::Duration kRetryDelay = absl::Seconds(5);
+
+}  // namespace
+
+absl::StatusOr<std::unique_ptr<TenantQuotas::Watcher>> TenantQuotas::AddWatcher(const std::string& tenant) {
+  const std::lock_guard lock(mutex_);
+  uint32_t& count = watchers_[tenant];
+  if (count < options_.max_watchers) {
+    ++count;
+    return std::make_unique<Watcher>(*this, tenant);
+  }
+  if (count == 0) watchers_.erase(tenant);
+  return LimitReached("TENANT_QUOTA", "tenant_watchers",
+                      absl::StrCat("this tenant has its ", options_.max_watchers,
+                                   " watchers: end one that is not needed, or try again later"),
+                      kRetryDelay);
+}
+
+void TenantQuotas::RemoveWatcher(const std::string& tenant) {
+  const std::lock_guard lock(mutex_);
+  const auto found = watchers_.find(tenant);
+  if (--found->second == 0) watchers_.erase(found);
+}
+
+absl::Duration TenantQuotas::ChargeBytes(const std::string& tenant, uint64_t bytes) {
+  if (options_.max_bytes_per_s == 0) return absl::ZeroDuration();
+  const std::lock_guard lock(mutex_);
+  const absl::Time now = options_.now();
+  const auto burst = static_cast<double>(options_.burst_bytes);
+  Bucket& bucket = buckets_.try_emplace(tenant, Bucket{burst, now}).first->second;
+  bucket.bytes = BytesAt(bucket, now) - static_cast<double>(bytes);
+  bucket.filled_at = now;
+  if (bucket.bytes >= 0.0) return absl::ZeroDuration();
+  return absl::Seconds(-bucket.bytes / static_cast<double>(options_.max_bytes_per_s));
+}
+
+double TenantQuotas::BytesAt(const Bucket& bucket, absl::Time now) const {
+  // A clock that is set back gives nothing, and takes nothing.
+  const absl::Duration since = std::max(now - bucket.filled_at, absl::ZeroDuration());
+  const double filled = bucket.bytes + absl::ToDoubleSeconds(since) * static_cast<double>(options_.max_bytes_per_s);
+  return std::min(filled, static_cast<double>(options_.burst_bytes));
+}
+
+}  // namespace evpose::server

@@ -1,0 +1,63 @@
+// What a tenant may use at a time besides sessions and models: watchers, and payload bytes per second. The shares are
+// the same for all tenants.
+#pragma once
+
+#include <cstdint>
+#include <functional>
+#include <map>
+#include <memory>
+#include <mutex>
+#include <string>
+
+#include "absl/base/thread_annotations.h"
+#include "absl/status/statusor.h"
+#include "absl/time/time.h"
+
+namespace evpose::server {
+
+// Thread-safe.
+class TenantQuotas {
+ public:
+  struct Options {
+    uint32_t max_watchers = 4096;
+    uint64_t max_bytes_per_s = 0;  // of all Track streams of a tenant together; 0: no limit
+    // May come at once after a pause; at least a chunk, so that one never waits for itself.
+    uint64_t burst_bytes = 4u << 20;
+    std::function<absl::Time()> now;
+  };
+  explicit TenantQuotas(Options options) : options_(std::move(options)) {}
+
+  // A place among the tenant's watchers, given back at destruction.
+  class Watcher {
+   public:
+    Watcher(TenantQuotas& quotas, const std::string& tenant) : quotas_(quotas), tenant_(tenant) {}
+    ~Watcher() { quotas_.RemoveWatcher(tenant_); }
+    Watcher(const Watcher&) = delete;
+    Watcher& operator=(const Watcher&) = delete;
+
+   private:
+    TenantQuotas& quotas_;
+    const std::string tenant_;
+  };
+  // Errors: RESOURCE_EXHAUSTED (TENANT_QUOTA).
+  absl::StatusOr<std::unique_ptr<Watcher>> AddWatcher(const std::string& tenant);
+
+  // Counts bytes that have come. For how long the stream that they came on must not be read: zero within the limit. Who
+  // waits so keeps it, whatever the number of streams, except for one message of each.
+  absl::Duration ChargeBytes(const std::string& tenant, uint64_t bytes);
+
+ private:
+  struct Bucket {
+    double bytes = 0.0;  // that may come now; below zero: a debt
+    absl::Time filled_at;
+  };
+  void RemoveWatcher(const std::string& tenant);
+  double BytesAt(const Bucket& bucket, absl::Time now) const;
+
+  const Options options_;
+  std::mutex mutex_;
+  std::map<std::string, uint32_t> watchers_ ABSL_GUARDED_BY(mutex_);  // no zeros
+  std::map<std::string, Bucket> buckets_ ABSL_GUARDED_BY(mutex_);     // of the tenants that have sent
+};
+
+}  // namespace evpose::server

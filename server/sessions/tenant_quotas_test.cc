@@ -1,0 +1,67 @@
+#include "server/sessions/tenant_quotas.h"
+
+#include <gtest/gtest.h>
+
+#include <vector>
+
+#include "server/sessions/errors.h"
+
+namespace evpose::server {
+namespace {
+
+class TenantQuotasTest : public testing::Test {
+ protected:
+  TenantQuotas::Options Options() {
+    return {.max_watchers = 2, .max_bytes_per_s = 1000, .burst_bytes = 500, .now = [this] { return now_; }};
+  }
+  absl::Time now_ = absl::UnixEpoch();
+};
+
+TEST_F(TenantQuotasTest, WatchersOfEachTenant) {
+  TenantQuotas quotas(Options());
+  auto first = quotas.AddWatcher("lab").value();
+  const auto second = quotas.AddWatcher("lab").value();
+  const absl::Status full = quotas.AddWatcher("lab").status();
+  EXPECT_EQ(full.code(), absl::StatusCode::kResourceExhausted);
+  EXPECT_EQ(GetErrorDetails(full).reason, "TENANT_QUOTA");
+  EXPECT_EQ(GetErrorDetails(full).quota_subject, "tenant_watchers");
+  EXPECT_GT(GetErrorDetails(full).retry_after, absl::ZeroDuration());
+  EXPECT_TRUE(quotas.AddWatcher("field").ok());
+  first.reset();
+  EXPECT_TRUE(quotas.AddWatcher("lab").ok());
+}
+
+TEST_F(TenantQuotasTest, BytesWaitForTheirTime) {
+  TenantQuotas quotas(Options());
+  EXPECT_EQ(quotas.ChargeBytes("lab", 500), absl::ZeroDuration()) << "the burst";
+  EXPECT_EQ(quotas.ChargeBytes("lab", 100), absl::Milliseconds(100));
+  EXPECT_EQ(quotas.ChargeBytes("lab", 100), absl::Milliseconds(200)) << "another stream waits behind it";
+  EXPECT_EQ(quotas.ChargeBytes("field", 500), absl::ZeroDuration());
+  now_ += absl::Milliseconds(200);
+  EXPECT_EQ(quotas.ChargeBytes("lab", 0), absl::ZeroDuration());
+  now_ += absl::Hours(1);
+  EXPECT_EQ(quotas.ChargeBytes("lab", 501), absl::Milliseconds(1)) << "no more than the burst is saved";
+  now_ -= absl::Hours(2);
+  EXPECT_EQ(quotas.ChargeBytes("lab", 1), absl::Milliseconds(2)) << "a clock that is set back";
+}
+
+TEST_F(TenantQuotasTest, WhoWaitsStaysWithinTheLimit) {
+  TenantQuotas quotas(Options());
+  uint64_t bytes = 0;
+  while (now_ < absl::UnixEpoch() + absl::Seconds(100)) {
+    now_ += quotas.ChargeBytes("lab", 64) + absl::Microseconds(1);
+    bytes += 64;
+  }
+  EXPECT_LE(bytes, 100'000u + 500u + 64u);
+  EXPECT_GE(bytes, 99'000u);
+}
+
+TEST_F(TenantQuotasTest, WithoutALimitNothingWaits) {
+  TenantQuotas::Options options = Options();
+  options.max_bytes_per_s = 0;
+  TenantQuotas quotas(options);
+  EXPECT_EQ(quotas.ChargeBytes("lab", uint64_t{1} << 60), absl::ZeroDuration());
+}
+
+}  // namespace
+}  // namespace evpose::server

@@ -1,0 +1,98 @@
+#include "server/sessions/watchers.h"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <atomic>
+#include <semaphore>
+#include <vector>
+
+namespace evpose::server {
+namespace {
+
+class CountingWatcher : public SessionListener {
+ public:
+  explicit CountingWatcher(std::vector<const CountingWatcher*>* order = nullptr) : order_(order) {}
+  void OnSessionChanged() override {
+    ++calls_;
+    if (order_ != nullptr) order_->push_back(this);
+  }
+  int calls() const { return calls_; }
+
+ private:
+  std::vector<const CountingWatcher*>* const order_;  // written by the side thread only
+  std::atomic<int> calls_ = 0;
+};
+
+class WatchersTest : public testing::Test {
+ protected:
+  // The side thread does nothing until it is let go.
+  void Hold() {
+    pool_.PostAside([this] {
+      held_.release();
+      go_.acquire();
+    });
+    held_.acquire();
+  }
+  void LetGo() {
+    go_.release();
+    pool_.Join();
+  }
+
+  WorkerPool pool_{1};
+  std::binary_semaphore held_{0}, go_{0};
+};
+
+TEST_F(WatchersTest, ManyChangesAreToldAtOnce) {
+  const auto watchers = std::make_shared<Watchers>(pool_);
+  std::vector<std::shared_ptr<CountingWatcher>> all;
+  for (int i = 0; i < 1000; ++i) watchers->Add(all.emplace_back(std::make_shared<CountingWatcher>()));
+  Hold();
+  for (int i = 0; i < 500; ++i) watchers->Notify();  // none of them waits for a watcher
+  for (const auto& watcher : all) EXPECT_EQ(watcher->calls(), 0);
+  LetGo();
+  for (const auto& watcher : all) EXPECT_EQ(watcher->calls(), 2) << "a round, and one for what changed in it";
+}
+
+TEST_F(WatchersTest, AFewWatchersDoNotWaitForManyOfAnotherSession) {
+  std::vector<const CountingWatcher*> order;
+  const auto many = std::make_shared<Watchers>(pool_);
+  const auto few = std::make_shared<Watchers>(pool_);
+  std::vector<std::shared_ptr<CountingWatcher>> all;
+  for (int i = 0; i < 1000; ++i) many->Add(all.emplace_back(std::make_shared<CountingWatcher>(&order)));
+  const auto lone = std::make_shared<CountingWatcher>(&order);
+  few->Add(lone);
+  Hold();
+  many->Notify();
+  few->Notify();
+  LetGo();
+  ASSERT_EQ(order.size(), 1001u);
+  EXPECT_LE(std::find(order.begin(), order.end(), lone.get()) - order.begin(), 32);
+}
+
+TEST_F(WatchersTest, ForgetsThoseThatHaveGone) {
+  const auto watchers = std::make_shared<Watchers>(pool_);
+  const auto stays = std::make_shared<CountingWatcher>();
+  watchers->Add(stays);
+  for (int i = 0; i < 2; ++i) watchers->Add(std::make_shared<CountingWatcher>());
+  EXPECT_EQ(watchers->size(), 3u);
+  watchers->Notify();
+  pool_.Join();
+  EXPECT_EQ(watchers->size(), 1u);
+  EXPECT_EQ(stays->calls(), 1);
+}
+
+TEST_F(WatchersTest, ForgetsThoseThatHaveGoneThoughNothingChanges) {
+  const auto watchers = std::make_shared<Watchers>(pool_);
+  std::vector<std::shared_ptr<CountingWatcher>> stay;
+  for (int i = 0; i < 10; ++i) watchers->Add(stay.emplace_back(std::make_shared<CountingWatcher>()));
+  for (int i = 0; i < 1000; ++i) watchers->Add(std::make_shared<CountingWatcher>());
+  EXPECT_GE(watchers->size(), 10u);
+  EXPECT_LE(watchers->size(), 40u);
+  watchers->Notify();
+  pool_.Join();
+  for (const auto& watcher : stay) EXPECT_EQ(watcher->calls(), 1);
+}
+
+}  // namespace
+}  // namespace evpose::server
