@@ -163,5 +163,27 @@ TEST_F(ModelsTest, StatusKeepsItsCode) {
   EXPECT_EQ(client_->GetModel("models/1").status().code(), absl::StatusCode::kUnimplemented);
 }
 
+class FakeAdmin : public v1::AdminService::Service {
+ public:
+  grpc::Status Drain(grpc::ServerContext*, const v1::DrainRequest* its_request, v1::DrainResponse* response) override {
+    request = *its_request;
+    response->set_remaining_sessions(3);
+    return grpc::Status::OK;
+  }
+  v1::DrainRequest request;
+};
+
+TEST(DrainTest, TakesATimeOrTheServersOwn) {
+  FakeAdmin admin;
+  grpc::ServerBuilder builder;
+  builder.RegisterService(&admin);
+  const std::unique_ptr<grpc::Server> server = builder.BuildAndStart();
+  const std::unique_ptr<Client> client = Client::OverChannel(server->InProcessChannel({}), "test server");
+  EXPECT_EQ(client->Drain().value(), 3u);
+  EXPECT_FALSE(admin.request.has_timeout());
+  EXPECT_EQ(client->Drain(absl::Seconds(5)).value(), 3u);
+  EXPECT_EQ(admin.request.timeout().seconds(), 5);
+}
+
 }  // namespace
 }  // namespace evpose::client

@@ -7,6 +7,7 @@
 #include "absl/strings/escaping.h"
 #include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
+#include "client/lib/status_details.h"
 #include "core/base/status_macros.h"
 #include "google/rpc/error_details.pb.h"
 #include "google/rpc/status.pb.h"
@@ -52,6 +53,15 @@ constexpr std::array<std::pair<Estimator, v1::Estimator>, 10> kEstimators = {{
     {Estimator::kReleasedM, v1::ESTIMATOR_RELEASED_M},
     {Estimator::kReleasedS, v1::ESTIMATOR_RELEASED_S},
     {Estimator::kReleasedMm, v1::ESTIMATOR_RELEASED_MM},
+}};
+constexpr std::array<std::pair<OverloadPolicy, v1::OverloadPolicy>, 2> kOverloadPolicies = {{
+    {OverloadPolicy::kBlock, v1::OVERLOAD_POLICY_BLOCK},
+    {OverloadPolicy::kLatest, v1::OVERLOAD_POLICY_LATEST},
+}};
+constexpr std::array<std::pair<DropReason, v1::DropReason>, 3> kDropReasons = {{
+    {DropReason::kLag, v1::DROP_REASON_LAG},
+    {DropReason::kMemory, v1::DROP_REASON_MEMORY},
+    {DropReason::kReader, v1::DROP_REASON_READER},
 }};
 constexpr std::array<std::pair<SessionState, v1::SessionState>, 3> kSessionStates = {{
     {SessionState::kDetached, v1::SESSION_STATE_DETACHED},
@@ -170,6 +180,8 @@ absl::StatusOr<SessionConfig> FromProto(const v1::SessionConfig& message) {
   config.camera = FromProto(message.camera());
   config.estimator = ReverseLookup(kEstimators, message.tracker().estimator(), Estimator::kMixture);
   config.sensor = FromProto(message.tracker().sensor());
+  config.overload_policy = ReverseLookup(kOverloadPolicies, message.overload_policy(), OverloadPolicy::kBlock);
+  if (message.has_max_lag()) config.max_lag = FromProto(message.max_lag());
   for (const v1::TrackedObject& object : message.objects()) {
     EVPOSE_ASSIGN_OR_RETURN(TrackedObject converted, FromProto(object));
     config.objects.push_back(std::move(converted));
@@ -203,12 +215,38 @@ std::string FieldViolations(const grpc::Status& status) {
   return text;
 }
 
+StatusDetails DetailsOf(const grpc::Status& status) {
+  google::rpc::Status message;
+  StatusDetails details;
+  if (!message.ParseFromString(status.error_details())) return details;
+  for (const google::protobuf::Any& any : message.details()) {
+    google::rpc::BadRequest bad_request;
+    google::rpc::ErrorInfo info;
+    google::rpc::RetryInfo retry;
+    if (any.UnpackTo(&info)) details.reason = info.reason();
+    if (any.UnpackTo(&retry)) details.retry_in = FromProto(retry.retry_delay());
+    if (any.UnpackTo(&bad_request) && bad_request.field_violations_size() > 0 && details.field.empty()) {
+      details.field = bad_request.field_violations(0).field();
+    }
+  }
+  return details;
+}
+
 }  // namespace
 
 absl::Status FromGrpc(const grpc::Status& status, const std::string& context) {
   if (status.ok()) return absl::OkStatus();
-  return absl::Status(static_cast<absl::StatusCode>(status.error_code()),
+  absl::Status result(static_cast<absl::StatusCode>(status.error_code()),
                       absl::StrCat(context, ": ", status.error_message(), FieldViolations(status)));
+  SetDetails(result, DetailsOf(status));
+  return result;
+}
+
+google::protobuf::Duration ToProto(absl::Duration duration) {
+  google::protobuf::Duration message;
+  message.set_seconds(absl::IDivDuration(duration, absl::Seconds(1), &duration));
+  message.set_nanos(static_cast<int32_t>(absl::IDivDuration(duration, absl::Nanoseconds(1), &duration)));
+  return message;
 }
 
 v1::ModelFormat ToProto(ModelFormat format) { return Lookup(kModelFormats, format, v1::MODEL_FORMAT_UNSPECIFIED); }
@@ -228,6 +266,8 @@ v1::SessionConfig ToProto(const SessionConfig& config) {
   *message.mutable_camera() = ToProto(config.camera);
   message.mutable_tracker()->set_estimator(Lookup(kEstimators, config.estimator, v1::ESTIMATOR_UNSPECIFIED));
   *message.mutable_tracker()->mutable_sensor() = ToProto(config.sensor);
+  message.set_overload_policy(Lookup(kOverloadPolicies, config.overload_policy, v1::OVERLOAD_POLICY_UNSPECIFIED));
+  if (config.max_lag) *message.mutable_max_lag() = ToProto(*config.max_lag);
   for (const TrackedObject& object : config.objects) {
     v1::TrackedObject& converted = *message.add_objects();
     converted.set_object_id(object.object_id);
@@ -251,6 +291,7 @@ ServerInfo FromProto(const v1::ServerInfo& message) {
   info.max_chunk_bytes = message.max_chunk_bytes();
   info.max_model_bytes = message.max_model_bytes();
   info.is_draining = message.draining();
+  info.skipped_events = message.skipped_events();
   return info;
 }
 
@@ -286,6 +327,8 @@ SessionHealth FromProto(const v1::SessionHealth& message) {
   health.real_time_ratio = message.real_time_ratio();
   if (message.has_latency_p50()) health.latency_p50 = FromProto(message.latency_p50());
   if (message.has_latency_p99()) health.latency_p99 = FromProto(message.latency_p99());
+  health.skipped_events = message.skipped_events();
+  health.skipped_us = message.skipped_us();
   for (const v1::ObjectHealth& object : message.objects()) {
     ObjectHealth& converted = health.objects.emplace_back();
     converted.object_id = object.object_id();
@@ -343,6 +386,9 @@ absl::StatusOr<Pose> FromProto(const v1::Pose& message) {
 
 std::optional<Notice> FromProto(const v1::Notice& message) {
   switch (message.kind_case()) {
+    case v1::Notice::kDropped:
+      return EventsDropped{message.dropped().num_events(), message.dropped().from_t_us(), message.dropped().to_t_us(),
+                           ReverseLookup(kDropReasons, message.dropped().reason(), DropReason::kUnknown)};
     case v1::Notice::kGoAway:
       return GoAway{FromProto(message.go_away().deadline())};
     case v1::Notice::kDecodeFault:

@@ -15,13 +15,15 @@
 
 namespace evpose::client {
 
-// The same code; the message, led by `context`, names the wrong fields where the server does.
+// The same code; the message, led by `context`, names the wrong fields where the server does. With the details of
+// client/lib/status_details.h.
 absl::Status FromGrpc(const grpc::Status& status, const std::string& context);
 
 v1::ModelFormat ToProto(ModelFormat format);
 v1::SessionConfig ToProto(const SessionConfig& config);
 v1::RigidTransform ToProto(const RigidTransform& transform);
 
+google::protobuf::Duration ToProto(absl::Duration duration);
 ServerInfo FromProto(const v1::ServerInfo& message);
 ModelInfo FromProto(const v1::Model& message);
 SessionHealth FromProto(const v1::SessionHealth& message);

@@ -44,6 +44,48 @@ TEST(ConversionTest, ASensorProfileComesBackButForItsName) {
   EXPECT_EQ(session->config.sensor, config.sensor);
 }
 
+TEST(ConversionTest, AnOverloadPolicyComesBackWithItsLag) {
+  SessionConfig config;
+  v1::Session message;
+  *message.mutable_config() = ToProto(config);
+  EXPECT_EQ(message.config().overload_policy(), v1::OVERLOAD_POLICY_BLOCK);
+  EXPECT_FALSE(message.config().has_max_lag());
+  config.overload_policy = OverloadPolicy::kLatest;
+  config.max_lag = absl::Milliseconds(1500);
+  *message.mutable_config() = ToProto(config);
+  EXPECT_EQ(message.config().max_lag().seconds(), 1);
+  EXPECT_EQ(message.config().max_lag().nanos(), 500'000'000);
+  const absl::StatusOr<Session> session = FromProto(message);
+  ASSERT_TRUE(session.ok()) << session.status();
+  EXPECT_EQ(session->config.overload_policy, OverloadPolicy::kLatest);
+  EXPECT_EQ(session->config.max_lag, config.max_lag);
+}
+
+TEST(ConversionTest, ToldOfEventsThatWereDropped) {
+  for (const auto& [theirs, ours] : {std::pair{v1::DROP_REASON_LAG, DropReason::kLag},
+                                     {v1::DROP_REASON_MEMORY, DropReason::kMemory},
+                                     {v1::DROP_REASON_READER, DropReason::kReader},
+                                     {v1::DROP_REASON_UNSPECIFIED, DropReason::kUnknown}}) {
+    v1::Notice message;
+    message.mutable_dropped()->set_num_events(3);
+    message.mutable_dropped()->set_from_t_us(4);
+    message.mutable_dropped()->set_to_t_us(5);
+    message.mutable_dropped()->set_reason(theirs);
+    const std::optional<Notice> notice = FromProto(message);
+    ASSERT_TRUE(notice.has_value());
+    const auto& dropped = std::get<EventsDropped>(*notice);
+    EXPECT_EQ(dropped.num_events, 3u);
+    EXPECT_EQ(dropped.from_t_us, 4);
+    EXPECT_EQ(dropped.to_t_us, 5);
+    EXPECT_EQ(dropped.reason, ours);
+  }
+  v1::SessionHealth health;
+  health.set_skipped_events(7);
+  health.set_skipped_us(8);
+  EXPECT_EQ(FromProto(health).skipped_events, 7u);
+  EXPECT_EQ(FromProto(health).skipped_us, 8);
+}
+
 TEST(ConversionTest, HealthSaysWhyThereIsNoPose) {
   v1::SessionHealth message;
   for (const auto& [theirs, ours] :

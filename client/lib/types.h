@@ -26,6 +26,7 @@ struct ServerInfo {
   uint32_t max_chunk_bytes = 0;
   uint64_t max_model_bytes = 0;
   bool is_draining = false;
+  uint64_t skipped_events = 0;
 };
 
 struct ModelInfo {
@@ -50,12 +51,16 @@ struct TrackedObject {
   std::optional<Eigen::Matrix3d> reference_rotation;         // absent: the identity
 };
 
+enum class OverloadPolicy { kBlock, kLatest };
+
 struct SessionConfig {
   Encoding encoding = Encoding::kEvt3;
   CameraModel camera;
   std::vector<TrackedObject> objects;
   Estimator estimator = Estimator::kMixture;
   SensorProfile sensor;
+  OverloadPolicy overload_policy = OverloadPolicy::kBlock;
+  std::optional<absl::Duration> max_lag;  // kLatest only; absent: the server's default, which its answer tells
 };
 
 struct ObjectHealth {
@@ -82,6 +87,8 @@ struct SessionHealth {
   double real_time_ratio = 0.0;
   std::optional<absl::Duration> latency_p50;
   std::optional<absl::Duration> latency_p99;
+  uint64_t skipped_events = 0;
+  int64_t skipped_us = 0;
   std::vector<ObjectHealth> objects;
 };
 
@@ -117,6 +124,18 @@ struct StateChange {
   int64_t t_us = 0;
   TrackState state = TrackState::kInitializing;
 };
-using Notice = std::variant<GoAway, DecodeFault, StateChange>;
+enum class DropReason { kUnknown, kLag, kMemory, kReader };
+struct EventsDropped {
+  uint64_t num_events = 0;
+  int64_t from_t_us = 0;
+  int64_t to_t_us = 0;
+  DropReason reason = DropReason::kUnknown;
+};
+// Of this library: the server no longer had these when the stream was taken up again.
+struct PosesLost {
+  uint64_t first_seq = 0;
+  uint64_t last_seq = 0;
+};
+using Notice = std::variant<GoAway, DecodeFault, StateChange, EventsDropped, PosesLost>;
 
 }  // namespace evpose::client

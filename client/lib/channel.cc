@@ -1,0 +1,117 @@
+#include "client/lib/channel.h"
+
+#include <arpa/inet.h>
+#include <grpcpp/create_channel.h>
+#include <grpcpp/security/credentials.h>
+#include <grpcpp/support/client_interceptor.h>
+
+#include <utility>
+#include <vector>
+
+#include "absl/strings/match.h"
+#include "absl/strings/numbers.h"
+#include "absl/strings/str_cat.h"
+#include "absl/time/clock.h"
+#include "client/lib/server_address.h"
+#include "core/base/certificates.h"
+#include "core/base/output_file.h"
+#include "core/base/status_macros.h"
+
+namespace evpose::client {
+namespace {
+
+constexpr size_t kMaxPemBytes = size_t{4} << 20;
+
+// Adds the token to the metadata of every call, with TLS or without: gRPC's own call credentials take TLS only, and a
+// server on this machine may have none.
+class TokenInterceptor : public grpc::experimental::Interceptor {
+ public:
+  explicit TokenInterceptor(const std::string& authorization) : authorization_(authorization) {}
+  void Intercept(grpc::experimental::InterceptorBatchMethods* methods) override {
+    if (methods->QueryInterceptionHookPoint(grpc::experimental::InterceptionHookPoints::PRE_SEND_INITIAL_METADATA)) {
+      methods->GetSendInitialMetadata()->emplace("authorization", authorization_);
+    }
+    methods->Proceed();
+  }
+
+ private:
+  const std::string authorization_;
+};
+class TokenInterceptorFactory : public grpc::experimental::ClientInterceptorFactoryInterface {
+ public:
+  explicit TokenInterceptorFactory(const std::string& token) : authorization_("Bearer " + token) {}
+  grpc::experimental::Interceptor* CreateClientInterceptor(grpc::experimental::ClientRpcInfo*) override {
+    return new TokenInterceptor(authorization_);
+  }
+
+ private:
+  const std::string authorization_;
+};
+
+absl::StatusOr<PemFile> ReadPem(const std::string& path) {
+  EVPOSE_ASSIGN_OR_RETURN(std::string contents, ReadFile(path, kMaxPemBytes));
+  return PemFile{path, std::move(contents)};
+}
+
+absl::StatusOr<std::shared_ptr<grpc::ChannelCredentials>> MakeCredentials(const TlsOptions& tls) {
+  if (!tls.is_on) return grpc::InsecureChannelCredentials();
+  grpc::SslCredentialsOptions options;
+  if (!tls.ca_file.empty()) {
+    EVPOSE_ASSIGN_OR_RETURN(const PemFile authorities, ReadPem(tls.ca_file));
+    EVPOSE_RETURN_IF_ERROR(CheckAuthorities(authorities));
+    options.pem_root_certs = authorities.contents;
+  }
+  if (!tls.certificate_file.empty()) {
+    EVPOSE_ASSIGN_OR_RETURN(const PemFile certificate, ReadPem(tls.certificate_file));
+    EVPOSE_ASSIGN_OR_RETURN(const PemFile key, ReadPem(tls.key_file));
+    EVPOSE_RETURN_IF_ERROR(CheckKeyPair(certificate, key, absl::Now()));
+    options.pem_cert_chain = certificate.contents;
+    options.pem_private_key = key.contents;
+  }
+  return grpc::SslCredentials(options);
+}
+
+}  // namespace
+
+bool ServerAddress::IsLoopback() const {
+  if (host == "localhost" || host == "::1") return true;
+  in_addr ipv4 = {};
+  return inet_pton(AF_INET, host.c_str(), &ipv4) == 1 && (ntohl(ipv4.s_addr) >> 24) == 127;
+}
+
+absl::StatusOr<ServerAddress> ParseServerAddress(const std::string& text) {
+  const size_t colon = text.rfind(':');
+  uint32_t port = 0;
+  const bool is_address = colon != std::string::npos && colon > 0 && absl::SimpleAtoi(text.substr(colon + 1), &port) &&
+                          port >= 1 && port <= 65535;
+  if (!is_address) {
+    return absl::InvalidArgumentError(absl::StrCat("\"", text, "\" is no server address: HOST:PORT is needed"));
+  }
+  ServerAddress address = {text.substr(0, colon), static_cast<int>(port)};
+  const bool has_brackets = absl::StartsWith(address.host, "[") && absl::EndsWith(address.host, "]");
+  if (has_brackets) address.host = address.host.substr(1, address.host.size() - 2);
+  return address;
+}
+
+absl::StatusOr<std::shared_ptr<grpc::Channel>> MakeChannel(const std::string& address, const ClientOptions& options) {
+  EVPOSE_ASSIGN_OR_RETURN(const ServerAddress parsed, ParseServerAddress(address));
+  if (!options.token.empty() && !options.tls.is_on && !parsed.IsLoopback()) {
+    return absl::FailedPreconditionError(absl::StrCat(
+        address, ": the token would travel through the network in clear: connect with TLS (--tls or --tls-ca)"));
+  }
+  EVPOSE_ASSIGN_OR_RETURN(const auto credentials, MakeCredentials(options.tls));
+  grpc::ChannelArguments arguments;
+  // A server that is just starting is found within a fraction of a second.
+  arguments.SetInt(GRPC_ARG_INITIAL_RECONNECT_BACKOFF_MS, 100);
+  arguments.SetInt(GRPC_ARG_MIN_RECONNECT_BACKOFF_MS, 5000);  // what a try may take: a far link needs some time
+  arguments.SetInt(GRPC_ARG_MAX_RECONNECT_BACKOFF_MS, 1000);
+  // A dead link is noticed within 30 s; the server permits a ping every 10 s.
+  arguments.SetInt(GRPC_ARG_KEEPALIVE_TIME_MS, 20'000);
+  arguments.SetInt(GRPC_ARG_KEEPALIVE_TIMEOUT_MS, 10'000);
+  std::vector<std::unique_ptr<grpc::experimental::ClientInterceptorFactoryInterface>> interceptors;
+  if (!options.token.empty()) interceptors.push_back(std::make_unique<TokenInterceptorFactory>(options.token));
+  return grpc::experimental::CreateCustomChannelWithInterceptors(address, credentials, arguments,
+                                                                 std::move(interceptors));
+}
+
+}  // namespace evpose::client
