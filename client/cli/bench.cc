@@ -12,6 +12,10 @@ void AddBenchCommands(CLI::App& app, CliContext& context, CommandRunners& runner
   add("synthetic", "Poses from labelled events, ours and published estimators, and the Cramer-Rao bound",
       AddBenchSyntheticCommand);
   add("tracking", "Trackers on simulated recordings, against the truth", AddBenchTrackingCommand);
+  app.footer(
+      "Each of them has an example in its --help.\n\n"
+      "Example:\n"
+      "  evpose bench tracking --scenarios normal,half-out --seeds 1 --paths 1 --duration 0.2");
 }
 
 }  // namespace evpose::client

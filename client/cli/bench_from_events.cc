@@ -66,7 +66,7 @@ absl::StatusOr<ObjectResult> RunObject(const FromEventsArguments& arguments, con
   ProgressLine progress(context);
   const auto go_on = [&](const std::string& what, double ratio) {
     progress.Show(ratio, absl::StrFormat("%s: %s %3.0f %%", name, what, 100.0 * ratio));
-    return !(context.is_interrupted && context.is_interrupted());
+    return !context.IsInterrupted();
   };
   ObjectResult result;
   result.object = name;

@@ -119,7 +119,7 @@ absl::Status RunInitialization(const InitializationArguments& arguments, CliCont
   if (!arguments.is_json) context.out << kHeader << (options.certifies ? kCertificateHeader : "") << "\n";
   const auto on_row = [&](const InitializationBenchRow& row) {
     if (!arguments.is_json) PrintRow(row, options.certifies, context.out);
-    return !(context.is_interrupted && context.is_interrupted());
+    return !context.IsInterrupted();
   };
   EVPOSE_ASSIGN_OR_RETURN(const std::vector<InitializationBenchRow> rows, RunInitializationBench(options, on_row));
   if (!arguments.is_json) return absl::OkStatus();

@@ -241,7 +241,7 @@ absl::StatusOr<std::vector<SyntheticBenchRow>> RunTrials(const SyntheticBenchOpt
   };
   const auto on_progress = [&](double ratio) {
     progress.Show(ratio, absl::StrFormat("%3.0f %% of the trials", 100.0 * ratio));
-    return !(context.is_interrupted && context.is_interrupted());
+    return !context.IsInterrupted();
   };
   EVPOSE_ASSIGN_OR_RETURN(std::vector<SyntheticBenchRow> rows, RunSyntheticBench(options, on_row, on_progress));
   if (last) PrintBound(*last, context.out);

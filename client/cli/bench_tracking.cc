@@ -80,7 +80,7 @@ absl::Status RunTracking(const TrackingArguments& arguments, CliContext& context
   };
   const auto on_progress = [&](double ratio, const std::string& text) {
     progress.Show(ratio, absl::StrFormat("%3.0f %%  %s", 100.0 * ratio, text));
-    return !(context.is_interrupted && context.is_interrupted());
+    return !context.IsInterrupted();
   };
   EVPOSE_RETURN_IF_ERROR(RunTrackingBench(options, on_block, on_progress));
   EVPOSE_RETURN_IF_ERROR(chart_status);

@@ -302,7 +302,7 @@ CommandRunner AddCalibrateCommand(CLI::App& app, CliContext& context) {
   app.add_option("--camera", arguments->cameras, "Camera: ROS camera_info YAML; one for all or one for each")
       ->required();
   app.add_option("--scale", arguments->metres_per_unit, "Metres per unit of the model files")
-      ->check(CLI::PositiveNumber)
+      ->check(CheckAboveZero, "POSITIVE")
       ->capture_default_str();
   app.add_option("--start", arguments->start,
                  "Profile to begin with, whose constants stay where the recordings do not tell; by default an EVK4's");

@@ -21,6 +21,7 @@ CommandRunners AddCommands(CLI::App& app, CliContext& context) {
     runners.emplace_back(command, add_command(*command, context));
   };
   add("replay", "Send a recording through a server and collect the poses", AddReplayCommand);
+  add("stream", "Send a camera's events to a server as they come", AddStreamCommand);
   add("info", "Say what a recording holds", AddInfoCommand);
   add("simulate", "Make a recording of a simulated event camera, with its truth", AddSimulateCommand);
   add("evaluate", "Compare trajectories with the truth", AddEvaluateCommand);
@@ -28,10 +29,16 @@ CommandRunners AddCommands(CLI::App& app, CliContext& context) {
   add("render", "Draw a recording's events with the projected model over them", AddRenderCommand);
   add("watch", "Follow the poses of a session", AddWatchCommand);
   AddBenchCommands(*app.add_subcommand("bench", "Compare methods, ours and published ones"), context, runners);
-  AddSessionsCommands(*app.add_subcommand("sessions", "List, show and delete the sessions of a server"), context,
+  AddSessionsCommands(*app.add_subcommand("sessions", "List, show, delete and drain the sessions of a server"), context,
                       runners);
   AddModelsCommands(*app.add_subcommand("models", "List, upload, show and delete the models of a server"), context,
                     runners);
+  // Last: commands begin with the text of the one above them.
+  app.footer(
+      "Each of them has an example in its --help.\n\n"
+      "Example:\n"
+      "  evpose simulate --object cube --camera vga --duration 0.5 --out cube\n"
+      "  evpose replay cube/recording.raw --model cube/model.obj --camera cube/camera.yaml --out cube/poses.tum");
   return runners;
 }
 
@@ -40,12 +47,40 @@ std::string FullName(const CLI::App& command) {
   return parent == nullptr ? command.get_name() : absl::StrCat(FullName(*parent), " ", command.get_name());
 }
 
+// The parser itself says of a word that is no command only that one is missing. True: it was said.
+bool TellUnknownCommand(const CLI::App& app, const std::vector<std::string>& arguments, std::ostream& err) {
+  const CLI::App* parent = &app;
+  for (const std::string& word : arguments) {
+    const std::vector<const CLI::App*> commands = parent->get_subcommands([](const CLI::App*) { return true; });
+    if (commands.empty() || word.rfind('-', 0) == 0) return false;
+    const auto command = std::find_if(commands.begin(), commands.end(),
+                                      [&word](const CLI::App* each) { return each->check_name(word); });
+    if (command == commands.end()) {
+      const std::string name = FullName(*parent);
+      err << name << ": there is no command \"" << word << "\"; " << name << " --help lists those there are"
+          << std::endl;
+      return true;
+    }
+    parent = *command;
+  }
+  return false;
+}
+
+// An answer that did not arrive is not done, whatever was.
+int ExitStatus(int status, const std::string& name, CliContext& context) {
+  context.out.flush();
+  if (context.out || status != kDone) return status;
+  context.err << name << ": not all of the answer could be written to standard output: the disk is full, or who reads "
+              << "it has gone" << std::endl;
+  return kFailed;
+}
+
 int RunParsed(const CommandRunners& runners, CliContext& context) {
   for (const auto& [command, run] : runners) {
     if (!command->parsed()) continue;
     const absl::Status status = run();
+    if (status.ok()) return ExitStatus(kDone, FullName(*command), context);
     context.out.flush();
-    if (status.ok()) return kDone;
     context.err << FullName(*command) << ": " << status.message() << std::endl;
     return IsUsageError(status) ? kWrongUsage : kFailed;
   }
@@ -61,11 +96,13 @@ int RunCli(const std::vector<std::string>& arguments, CliContext& context) {
   try {
     const CommandRunners runners = AddCommands(app, context);
     for (const auto& [command, run] : runners) command->get_parent()->require_subcommand(1);
+    if (TellUnknownCommand(app, arguments, context.err)) return kWrongUsage;
     std::vector<std::string> reversed(arguments.rbegin(), arguments.rend());
     try {
       app.parse(std::move(reversed));
     } catch (const CLI::ParseError& error) {
-      return app.exit(error, context.out, context.err) == 0 ? kDone : kWrongUsage;
+      const int status = app.exit(error, context.out, context.err) == 0 ? kDone : kWrongUsage;
+      return ExitStatus(status, app.get_name(), context);
     }
     return RunParsed(runners, context);
   } catch (const std::exception& error) {

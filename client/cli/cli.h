@@ -16,6 +16,7 @@ struct CliContext {
   bool is_err_terminal = false;          // a progress bar instead of lines
   Clock* clock = nullptr;                // what paces a replay; nullptr: the machine's
   std::function<bool()> is_interrupted;  // true: finish what was begun and stop; asked often, in several threads
+  bool IsInterrupted() const { return is_interrupted && is_interrupted(); }
 };
 
 // `arguments` without the program's name. Returns the exit status: 0 done, 1 failed (one line on `err` says what and

@@ -32,6 +32,7 @@ CommandRunner AddInfoCommand(CLI::App& app, CliContext& context);
 CommandRunner AddRenderCommand(CLI::App& app, CliContext& context);
 CommandRunner AddReplayCommand(CLI::App& app, CliContext& context);
 CommandRunner AddSimulateCommand(CLI::App& app, CliContext& context);
+CommandRunner AddStreamCommand(CLI::App& app, CliContext& context);
 CommandRunner AddWatchCommand(CLI::App& app, CliContext& context);
 // These have commands of their own.
 void AddBenchCommands(CLI::App& app, CliContext& context, CommandRunners& runners);
@@ -42,13 +43,26 @@ void AddSessionsCommands(CLI::App& app, CliContext& context, CommandRunners& run
 absl::Status UsageError(const std::string& message);
 bool IsUsageError(const absl::Status& status);
 
-// --server HOST:PORT and --connect-timeout, for the commands that need a server.
+// For CLI::Option::check(): what is wrong with the number, in fewer digits than CLI11's own, or nothing.
+std::string CheckAboveZero(const std::string& text);
+std::string CheckNotNegative(const std::string& text);  // inf is none
+
+// The status of a model that a server did not take, in the words of who has the file instead of those of the API.
+absl::Status ModelError(const std::string& path, const absl::Status& status);
+
+// In --help: the options for the time without a server.
+inline constexpr char kAwayGroup[] = "While the server is away";
+
+// Where the server is, or several that share a store are, and how to reach it, for the commands that need one.
 struct ServerArguments {
   std::string address;
+  TlsOptions tls;
+  std::string token_file;
   double connect_timeout_s = 10.0;
 
   void AddTo(CLI::App& app, bool is_required);
-  absl::StatusOr<std::unique_ptr<Client>> Connect() const;
+  // An interrupt ends the wait for a server.
+  absl::StatusOr<std::unique_ptr<Client>> Connect(const CliContext& context) const;
 };
 
 // INVALID_ARGUMENT naming both files and sizes when the recording says its size or its sensor and the camera has

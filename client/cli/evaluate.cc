@@ -193,7 +193,7 @@ CommandRunner AddEvaluateCommand(CLI::App& app, CliContext& context) {
   app.add_option("--model", arguments->model, "Object model, for the reprojection error");
   app.add_option("--camera", arguments->camera, "Camera file, for the reprojection error");
   app.add_option("--scale", arguments->metres_per_unit, "Metres per unit of the model file")
-      ->check(CLI::PositiveNumber)
+      ->check(CheckAboveZero, "POSITIVE")
       ->capture_default_str();
   app.add_option("--max-gap-ms", arguments->max_gap_ms, "A pose stands for at most so long when coverage is counted")
       ->check(CLI::Range(0.001, 1e6))

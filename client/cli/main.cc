@@ -4,7 +4,9 @@
 
 #include <atomic>
 #include <csignal>
+#include <cstdlib>
 #include <iostream>
+#include <set>
 #include <string>
 #include <vector>
 
@@ -30,10 +32,13 @@ int main(int argc, char** argv) {
   // These end cleanly, with what they have or without a trace. An interrupt ends the others at once, as any program.
   const std::string command = argc > 1 ? argv[1] : "";
   const std::string bench = command == "bench" && argc > 2 ? argv[2] : "";
-  if (command == "replay" || command == "watch" || bench == "synthetic") {
+  const std::set<std::string> clean = {"render", "replay", "simulate", "stream", "watch"};
+  if (clean.count(command) > 0 || bench == "synthetic") {
     std::signal(SIGINT, HandleInterrupt);
     std::signal(SIGTERM, HandleInterrupt);
   }
+  // What gRPC's log says of a connection that fails, several times, is in our one line; whoever wants it sets this.
+  setenv("GRPC_VERBOSITY", "NONE", 0);
   std::signal(SIGPIPE, SIG_IGN);  // a closed pipe is an error of the write
   std::ios::sync_with_stdio(false);
   // The log of a server in this process: standard output belongs to the command's answer.

@@ -51,7 +51,7 @@ void Print(const ModelInfo& model, bool is_json, std::ostream& out) {
 }
 
 absl::Status RunList(const ModelArguments& arguments, CliContext& context) {
-  EVPOSE_ASSIGN_OR_RETURN(const std::unique_ptr<Client> client, arguments.server.Connect());
+  EVPOSE_ASSIGN_OR_RETURN(const std::unique_ptr<Client> client, arguments.server.Connect(context));
   EVPOSE_ASSIGN_OR_RETURN(const std::vector<ModelInfo> models, client->ListModels());
   Json json = Json::array();
   for (const ModelInfo& model : models) {
@@ -70,26 +70,38 @@ absl::Status RunUpload(const ModelArguments& arguments, CliContext& context) {
   options.metres_per_unit = arguments.metres_per_unit;
   EVPOSE_ASSIGN_OR_RETURN(options.format, ModelFormatFromPath(arguments.file));
   EVPOSE_ASSIGN_OR_RETURN(const std::string bytes, ReadFile(arguments.file, ModelOptions{}.max_bytes));
-  EVPOSE_ASSIGN_OR_RETURN(const std::unique_ptr<Client> client, arguments.server.Connect());
+  EVPOSE_ASSIGN_OR_RETURN(const std::unique_ptr<Client> client, arguments.server.Connect(context));
   const absl::StatusOr<ModelInfo> model =
       client->UploadModel({reinterpret_cast<const uint8_t*>(bytes.data()), bytes.size()}, options);
-  if (!model.ok()) {
-    return absl::Status(model.status().code(), absl::StrCat(arguments.file, ": ", model.status().message()));
-  }
+  if (!model.ok()) return ModelError(arguments.file, model.status());
   Print(*model, arguments.is_json, context.out);
   return absl::OkStatus();
 }
 
 absl::Status RunGet(const ModelArguments& arguments, CliContext& context) {
-  EVPOSE_ASSIGN_OR_RETURN(const std::unique_ptr<Client> client, arguments.server.Connect());
+  EVPOSE_ASSIGN_OR_RETURN(const std::unique_ptr<Client> client, arguments.server.Connect(context));
   EVPOSE_ASSIGN_OR_RETURN(const ModelInfo model, client->GetModel(arguments.name));
   Print(model, arguments.is_json, context.out);
   return absl::OkStatus();
 }
 
-absl::Status RunDelete(const ModelArguments& arguments, CliContext&) {
-  EVPOSE_ASSIGN_OR_RETURN(const std::unique_ptr<Client> client, arguments.server.Connect());
+absl::Status RunDelete(const ModelArguments& arguments, CliContext& context) {
+  EVPOSE_ASSIGN_OR_RETURN(const std::unique_ptr<Client> client, arguments.server.Connect(context));
   return client->DeleteModel(arguments.name);
+}
+
+std::string Example(const std::string& command) {
+  std::string text =
+      "Example:\n"
+      "  evpose simulate --object cube --camera vga --duration 0.5 --out cube\n"
+      "  evpose models upload cube/model.obj --server 127.0.0.1:50051";
+  if (command == "list") absl::StrAppend(&text, "\n  evpose models list --server 127.0.0.1:50051");
+  if (command == "get" || command == "delete") {
+    absl::StrAppend(&text, "\n  evpose models ", command,
+                    " \"$(evpose models list --server 127.0.0.1:50051 | head -n 1 | cut -d ' ' -f 1)\" \\\n"
+                    "    --server 127.0.0.1:50051");
+  }
+  return text;
 }
 
 }  // namespace
@@ -99,6 +111,7 @@ void AddModelsCommands(CLI::App& app, CliContext& context, CommandRunners& runne
     CLI::App* command = app.add_subcommand(name, description);
     auto arguments = std::make_shared<ModelArguments>();
     add_options(*command, *arguments);
+    command->footer(Example(name));
     arguments->server.AddTo(*command, true);
     command->add_flag("--json", arguments->is_json, "JSON on standard output");
     runners.emplace_back(command, [arguments, run, &context] { return run(*arguments, context); });
@@ -111,15 +124,12 @@ void AddModelsCommands(CLI::App& app, CliContext& context, CommandRunners& runne
       [](CLI::App& command, ModelArguments& arguments) {
         command.add_option("file", arguments.file, "OBJ, PLY or STL")->required();
         command.add_option("--scale", arguments.metres_per_unit, "Metres per unit of the file")
-            ->check(CLI::PositiveNumber)
+            ->check(CheckAboveZero, "POSITIVE")
             ->capture_default_str();
       });
   add("get", "One model", RunGet, add_name);
   add("delete", "Delete a model that no session uses", RunDelete, add_name);
-  app.footer(
-      "Example:\n"
-      "  evpose simulate --object cube --camera vga --duration 0.5 --out cube\n"
-      "  evpose models upload cube/model.obj --server 127.0.0.1:50051");
+  app.footer(Example("upload"));
 }
 
 }  // namespace evpose::client

@@ -104,6 +104,13 @@ absl::StatusOr<PoseFile> PoseFile::Create(const std::string& path) {
   return PoseFile(std::move(file), format);
 }
 
+absl::StatusOr<PoseFile> PoseFile::Continue(const std::string& path, uint64_t kept_bytes) {
+  EVPOSE_ASSIGN_OR_RETURN(const PoseFormat format, PoseFormatFromPath(path));
+  EVPOSE_ASSIGN_OR_RETURN(OutputFile file, OutputFile::Continue(path, kept_bytes));
+  if (kept_bytes == 0) EVPOSE_RETURN_IF_ERROR(file.Append(PoseHeader(format)));
+  return PoseFile(std::move(file), format);
+}
+
 absl::Status PoseFiles::Check(const std::string& path, const std::vector<std::string>& object_ids) {
   EVPOSE_ASSIGN_OR_RETURN(const PoseFormat format, PoseFormatFromPath(path));
   if (!absl::StrContains(path, kObjectPlaceholder)) {
@@ -120,16 +127,31 @@ absl::Status PoseFiles::Check(const std::string& path, const std::vector<std::st
   return absl::OkStatus();
 }
 
+std::map<std::string, std::string> PoseFiles::Paths(const std::string& path,
+                                                    const std::vector<std::string>& object_ids) {
+  if (!absl::StrContains(path, kObjectPlaceholder)) return {{"", path}};
+  std::map<std::string, std::string> paths;
+  for (const std::string& id : object_ids) paths[id] = absl::StrReplaceAll(path, {{kObjectPlaceholder, id}});
+  return paths;
+}
+
 absl::StatusOr<PoseFiles> PoseFiles::Create(const std::string& path, const std::vector<std::string>& object_ids) {
   EVPOSE_RETURN_IF_ERROR(Check(path, object_ids));
   PoseFiles files;
-  if (!absl::StrContains(path, kObjectPlaceholder)) {
-    EVPOSE_ASSIGN_OR_RETURN(PoseFile file, PoseFile::Create(path));
-    files.files_.emplace("", std::move(file));
-    return files;
+  for (const auto& [id, name] : Paths(path, object_ids)) {
+    EVPOSE_ASSIGN_OR_RETURN(PoseFile file, PoseFile::Create(name));
+    files.files_.emplace(id, std::move(file));
   }
-  for (const std::string& id : object_ids) {
-    EVPOSE_ASSIGN_OR_RETURN(PoseFile file, PoseFile::Create(absl::StrReplaceAll(path, {{kObjectPlaceholder, id}})));
+  return files;
+}
+
+absl::StatusOr<PoseFiles> PoseFiles::Continue(const std::string& path, const std::vector<std::string>& object_ids,
+                                              const std::map<std::string, uint64_t>& kept_bytes) {
+  EVPOSE_RETURN_IF_ERROR(Check(path, object_ids));
+  PoseFiles files;
+  for (const auto& [id, name] : Paths(path, object_ids)) {
+    const auto kept = kept_bytes.find(id);
+    EVPOSE_ASSIGN_OR_RETURN(PoseFile file, PoseFile::Continue(name, kept == kept_bytes.end() ? 0 : kept->second));
     files.files_.emplace(id, std::move(file));
   }
   return files;
@@ -141,13 +163,20 @@ void PoseFiles::Write(const Pose& pose) {
   if (file != files_.end()) file->second.Write(pose);
 }
 
+absl::StatusOr<std::map<std::string, uint64_t>> PoseFiles::Sync() {
+  std::map<std::string, uint64_t> sizes;
+  for (auto& [id, file] : files_) {
+    EVPOSE_ASSIGN_OR_RETURN(sizes[id], file.Sync());
+  }
+  return sizes;
+}
+
 absl::Status PoseFiles::Commit() {
   for (auto& [id, file] : files_) EVPOSE_RETURN_IF_ERROR(file.Commit());
   return absl::OkStatus();
 }
 
 void PoseFile::Write(const Pose& pose) {
-  ++poses_;
   file_.Append(PoseLine(format_, pose)).IgnoreError();  // Commit() gives it back
 }
 

@@ -25,17 +25,18 @@ std::string PoseLine(PoseFormat format, const Pose& pose);
 class PoseFile {
  public:
   static absl::StatusOr<PoseFile> Create(const std::string& path);
+  // Goes on after `kept_bytes` of what an earlier process wrote; the errors of OutputFile::Continue().
+  static absl::StatusOr<PoseFile> Continue(const std::string& path, uint64_t kept_bytes);
   // The first error stays and comes back from Commit().
   void Write(const Pose& pose);
+  absl::StatusOr<uint64_t> Sync() { return file_.Sync(); }
   absl::Status Commit() { return file_.Commit(); }
-  uint64_t poses() const { return poses_; }
 
  private:
   PoseFile(OutputFile file, PoseFormat format) : file_(std::move(file)), format_(format) {}
 
   OutputFile file_;
   PoseFormat format_;
-  uint64_t poses_ = 0;
 };
 
 // The poses of a session's objects: in one file, or, where the path says "{object}", in one for each.
@@ -45,9 +46,17 @@ class PoseFiles {
   static absl::Status Check(const std::string& path, const std::vector<std::string>& object_ids);
   // The same, and the errors of PoseFile.
   static absl::StatusOr<PoseFiles> Create(const std::string& path, const std::vector<std::string>& object_ids);
+  // Goes on with what an earlier process wrote: so many bytes of each file, by object as Sync() gave them.
+  static absl::StatusOr<PoseFiles> Continue(const std::string& path, const std::vector<std::string>& object_ids,
+                                            const std::map<std::string, uint64_t>& kept_bytes);
   // The first error stays and comes back from Commit().
   void Write(const Pose& pose);
+  // What was written is on the disk; the sizes of the files, by object.
+  absl::StatusOr<std::map<std::string, uint64_t>> Sync();
   absl::Status Commit();
+
+  // The objects that have files of their own, with the files' names; of one file for all "".
+  static std::map<std::string, std::string> Paths(const std::string& path, const std::vector<std::string>& object_ids);
 
  private:
   std::map<std::string, PoseFile> files_;  // by object; "" for all

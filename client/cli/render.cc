@@ -44,10 +44,17 @@ struct RenderInputs {
   ObjectModel model;
   Trajectory poses;
   std::unique_ptr<RecordingReader> reader;
+  const CliContext* context = nullptr;
 };
+
+absl::Status CheckNotInterrupted(const RenderInputs& inputs) {
+  if (!inputs.context->IsInterrupted()) return absl::OkStatus();
+  return absl::CancelledError("interrupted: nothing was written");
+}
 
 absl::StatusOr<RenderInputs> ReadInputs(const RenderArguments& arguments, CliContext& context) {
   RenderInputs inputs;
+  inputs.context = &context;
   EVPOSE_ASSIGN_OR_RETURN(inputs.camera, LoadCameraModel(arguments.camera));
   ModelOptions options;
   options.metres_per_unit = arguments.metres_per_unit;
@@ -78,13 +85,15 @@ std::optional<RigidTransform> PoseAt(const Trajectory& poses, int64_t t_us) {
 }
 
 // All events in order, until `on_event` answers false or the recording ends.
-absl::Status ForEachEvent(RecordingReader& reader, const std::function<absl::StatusOr<bool>(const Event&)>& on_event) {
+absl::Status ForEachEvent(RenderInputs& inputs, const std::function<absl::StatusOr<bool>(const Event&)>& on_event) {
+  RecordingReader& reader = *inputs.reader;
   EVPOSE_ASSIGN_OR_RETURN(const std::unique_ptr<EventDecoder> decoder,
                           MakeEventDecoder(reader.header().encoding, reader.header().geometry));
   std::vector<uint8_t> bytes(kReadBytes);
   while (true) {
+    EVPOSE_RETURN_IF_ERROR(CheckNotInterrupted(inputs));
     EVPOSE_ASSIGN_OR_RETURN(const size_t size, reader.Read(absl::MakeSpan(bytes)));
-    if (size == 0) return absl::OkStatus();
+    if (size == 0) return CheckNotInterrupted(inputs);  // a live source ends then, too
     DecodedEvents decoded;
     decoder->Decode(absl::MakeConstSpan(bytes).first(size), decoded);
     for (const Event& event : decoded.events) {
@@ -110,7 +119,7 @@ absl::Status RenderPicture(const RenderArguments& arguments, RenderInputs& input
   FramePainter painter(inputs.camera, inputs.model);
   uint64_t drawn = 0;
   int64_t last_us = 0;
-  EVPOSE_RETURN_IF_ERROR(ForEachEvent(*inputs.reader, [&](const Event& event) -> absl::StatusOr<bool> {
+  EVPOSE_RETURN_IF_ERROR(ForEachEvent(inputs, [&](const Event& event) -> absl::StatusOr<bool> {
     last_us = event.t_us;
     if (event.t_us < t_us - half_window_us) return true;
     if (event.t_us >= t_us + half_window_us) return false;
@@ -189,17 +198,21 @@ absl::Status RenderFilm(const RenderArguments& arguments, RenderInputs& inputs) 
     painter.Clear();
     ++frame;
   };
-  EVPOSE_RETURN_IF_ERROR(ForEachEvent(*inputs.reader, [&](const Event& event) -> absl::StatusOr<bool> {
+  const auto on_event = [&](const Event& event) -> absl::StatusOr<bool> {
     if (!first_us) first_us = event.t_us;
     const int64_t event_frame = (event.t_us - *first_us) / period_us;
     if (event_frame > kMaxFrames) {
       return absl::OutOfRangeError(absl::StrFormat("%s: at %.6f s the film has more than %d frames",
                                                    arguments.recording, event.t_us * 1e-6, kMaxFrames));
     }
-    while (frame < event_frame) finish();
+    while (frame < event_frame) {
+      EVPOSE_RETURN_IF_ERROR(CheckNotInterrupted(inputs));
+      finish();
+    }
     if (std::abs(event.t_us - middle_us()) * 2 <= window_us) painter.DrawEvent(event);
     return true;
-  }));
+  };
+  EVPOSE_RETURN_IF_ERROR(ForEachEvent(inputs, on_event));
   if (!first_us) return absl::OutOfRangeError(absl::StrCat(arguments.recording, " has no event"));
   finish();
   return film->Commit();
@@ -231,7 +244,7 @@ CommandRunner AddRenderCommand(CLI::App& app, CliContext& context) {
   app.add_option("--camera", arguments->camera, "Camera: ROS camera_info YAML")->required();
   app.add_option("-o,--out", arguments->out, "Picture: .png. Film: .mp4 or .avi")->required();
   app.add_option("--scale", arguments->metres_per_unit, "Metres per unit of the model file")
-      ->check(CLI::PositiveNumber)
+      ->check(CheckAboveZero, "POSITIVE")
       ->capture_default_str();
   app.add_option("--at", arguments->at_s, "When, seconds on the sensor's clock; by default the middle of the poses");
   app.add_option("--window-ms", arguments->window_ms, "Events of so many milliseconds around that")

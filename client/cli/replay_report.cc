@@ -2,6 +2,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
+#include "absl/strings/str_join.h"
 
 namespace evpose::client {
 namespace {
@@ -75,6 +76,15 @@ void ReplayReport::Print(std::ostream& stream) const {
     for (const std::string& notice : model.notices) stream << NameOf(model.object_id) << "model: " << notice << "\n";
   }
   if (is_interrupted) stream << "interrupted: only what was read until then\n";
+  if (outages > 0) {
+    stream << absl::StrFormat(
+        "connection: lost %d times, away for %.1f s in all; %s\n", outages, absl::ToDoubleSeconds(away_for),
+        summary.lost_poses > 0 ? absl::StrCat(summary.lost_poses, " poses are missing") : "nothing was lost");
+  }
+  if (health.skipped_events > 0) {
+    stream << absl::StrFormat("skipped: %d events, %.3f s, that the server could not track in time\n",
+                              health.skipped_events, static_cast<double>(health.skipped_us) * 1e-6);
+  }
   if (truncated_bytes > 0) {
     stream << "truncated: the last " << truncated_bytes << " bytes are no whole word; all before them were used\n";
   }
@@ -93,7 +103,7 @@ void ReplayReport::Print(std::ostream& stream) const {
     if (const std::string why = WhyNoPose(object); !why.empty()) stream << NameOf(object.object_id) << why << "\n";
   }
   if (!session.empty()) stream << "session: " << session << "\n";
-  if (!out.empty()) stream << out << ": " << summary.poses << " poses\n";
+  if (!files.empty()) stream << absl::StrJoin(files, ", ") << ": " << summary.poses << " poses\n";
   stream << absl::StrFormat("events %d  poses %d  losses %d  %.2f Mev/s  latency p50 %s  p99 %s\n",
                             health.decoded_events, summary.poses, Losses(), MegaEventsPerSecond(),
                             Milliseconds(health.latency_p50), Milliseconds(health.latency_p99));
@@ -104,6 +114,7 @@ Json ReplayReport::ToJson() const {
   Json json;
   json["recording"] = recording;
   json["out"] = out.empty() ? Json(nullptr) : Json(out);
+  json["files"] = files;
   json["session"] = session.empty() ? Json(nullptr) : Json(session);
   json["events"] = health.decoded_events;
   json["poses"] = summary.poses;
@@ -124,6 +135,10 @@ Json ReplayReport::ToJson() const {
   json["dropped_events"] = health.dropped_events;
   json["invalid_words"] = health.invalid_words;
   json["time_backsteps"] = health.time_backsteps;
+  json["skipped_events"] = health.skipped_events;
+  json["outages"] = outages;
+  json["away_s"] = absl::ToDoubleSeconds(away_for);
+  json["lost_poses"] = summary.lost_poses;
   json["interrupted"] = is_interrupted;
   return json;
 }

@@ -1,4 +1,4 @@
-// What a replay says at its end.
+// What replay and stream say at their end.
 #pragma once
 
 #include <cstdint>
@@ -15,13 +15,16 @@ namespace evpose::client {
 
 struct ReplayReport {
   std::string recording;
-  std::string out;      // empty: poses were not written
-  std::string session;  // empty: it is gone
+  std::string out;                 // empty: poses were not written
+  std::vector<std::string> files;  // of poses, whose names `out` may be the pattern of
+  std::string session;             // empty: it is gone
   RecordingHeader header;
   TrackSummary summary;
   absl::Duration wall_time;
   size_t truncated_bytes = 0;  // at the end of the recording, no whole word
   bool is_interrupted = false;
+  int outages = 0;  // of the connection
+  absl::Duration away_for;
   struct Model {
     std::string object_id;
     std::vector<std::string> notices;

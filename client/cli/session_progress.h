@@ -19,6 +19,8 @@ class SessionProgress {
   ~SessionProgress() { Stop(); }
 
   void Update(const TrackProgress& progress);
+  // A line of its own, also when the progress is not shown.
+  void Say(const std::string& text);
   void Stop();
 
  private:
@@ -29,7 +31,8 @@ class SessionProgress {
   const std::string session_;
   const int64_t total_bytes_;
   std::mutex mutex_;
-  TrackProgress progress_;  // guarded by mutex_
+  TrackProgress progress_;  // guarded by mutex_, as what is shown is
+  ProgressLine line_;
   std::jthread thread_;
 };
 

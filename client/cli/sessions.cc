@@ -1,6 +1,10 @@
-// evpose sessions: list, get, delete.
+// evpose sessions: list, get, delete, drain.
+#include <memory>
+#include <optional>
 #include <string>
+#include <utility>
 
+#include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 #include "absl/time/time.h"
 #include "client/cli/command.h"
@@ -13,6 +17,7 @@ struct SessionArguments {
   ServerArguments server;
   std::string name;
   bool is_json = false;
+  std::optional<double> timeout_s;
 };
 
 const char* StateName(SessionState state) {
@@ -66,7 +71,7 @@ void PrintSession(const Session& session, std::ostream& out) {
 }
 
 absl::Status RunList(const SessionArguments& arguments, CliContext& context) {
-  EVPOSE_ASSIGN_OR_RETURN(const std::unique_ptr<Client> client, arguments.server.Connect());
+  EVPOSE_ASSIGN_OR_RETURN(const std::unique_ptr<Client> client, arguments.server.Connect(context));
   EVPOSE_ASSIGN_OR_RETURN(const std::vector<Session> sessions, client->ListSessions());
   Json json = Json::array();
   for (const Session& session : sessions) {
@@ -81,7 +86,7 @@ absl::Status RunList(const SessionArguments& arguments, CliContext& context) {
 }
 
 absl::Status RunGet(const SessionArguments& arguments, CliContext& context) {
-  EVPOSE_ASSIGN_OR_RETURN(const std::unique_ptr<Client> client, arguments.server.Connect());
+  EVPOSE_ASSIGN_OR_RETURN(const std::unique_ptr<Client> client, arguments.server.Connect(context));
   EVPOSE_ASSIGN_OR_RETURN(const Session session, client->GetSession(arguments.name));
   if (arguments.is_json) {
     context.out << SessionJson(session).dump(2, ' ', false, Json::error_handler_t::replace) << "\n";
@@ -94,9 +99,35 @@ absl::Status RunGet(const SessionArguments& arguments, CliContext& context) {
   return absl::OkStatus();
 }
 
-absl::Status RunDelete(const SessionArguments& arguments, CliContext&) {
-  EVPOSE_ASSIGN_OR_RETURN(const std::unique_ptr<Client> client, arguments.server.Connect());
+absl::Status RunDelete(const SessionArguments& arguments, CliContext& context) {
+  EVPOSE_ASSIGN_OR_RETURN(const std::unique_ptr<Client> client, arguments.server.Connect(context));
   return client->DeleteSession(arguments.name);
+}
+
+absl::Status RunDrain(const SessionArguments& arguments, CliContext& context) {
+  EVPOSE_ASSIGN_OR_RETURN(const std::unique_ptr<Client> client, arguments.server.Connect(context));
+  std::optional<absl::Duration> timeout;
+  if (arguments.timeout_s) timeout = absl::Seconds(*arguments.timeout_s);
+  EVPOSE_ASSIGN_OR_RETURN(const uint32_t remaining, client->Drain(timeout));
+  if (arguments.is_json) {
+    context.out << Json{{"remaining_sessions", remaining}}.dump() << "\n";
+  } else {
+    context.out << "the server leaves; sessions that a stream is attached to: " << remaining << "\n";
+  }
+  return absl::OkStatus();
+}
+
+// Of the session that a replay leaves there.
+std::string Example(const std::string& command, bool has_name) {
+  const std::string session =
+      has_name ? " \"$(evpose sessions list --server 127.0.0.1:50051 | head -n 1 | cut -d ' ' -f 1)\" \\\n   " : "";
+  return absl::StrCat(
+      "Example:\n"
+      "  evpose simulate --object cube --camera vga --duration 0.5 --out cube\n"
+      "  evpose replay cube/recording.raw --model cube/model.obj --camera cube/camera.yaml \\\n"
+      "    --server 127.0.0.1:50051 --keep-session\n"
+      "  evpose sessions ",
+      command, session, " --server 127.0.0.1:50051");
 }
 
 }  // namespace
@@ -104,15 +135,25 @@ absl::Status RunDelete(const SessionArguments& arguments, CliContext&) {
 void AddSessionsCommands(CLI::App& app, CliContext& context, CommandRunners& runners) {
   const auto add = [&](const char* name, const char* description, auto run, bool has_name) {
     CLI::App* command = app.add_subcommand(name, description);
+    command->footer(Example(name, has_name));
     auto arguments = std::make_shared<SessionArguments>();
-    if (has_name) command->add_option("session", arguments->name, "sessions/ID")->required();
+    if (has_name)
+      command->add_option("session", arguments->name, "sessions/ID, as `evpose sessions list` says")->required();
     arguments->server.AddTo(*command, true);
-    command->add_flag("--json", arguments->is_json, "JSON on standard output");
+    command->add_flag("--json", arguments->is_json, "JSON on standard output, with more in it");
     runners.emplace_back(command, [arguments, run, &context] { return run(*arguments, context); });
+    return std::pair(command, arguments);
   };
   add("list", "All sessions, one on each line", RunList, false);
   add("get", "One session", RunGet, true);
   add("delete", "Delete a session; its streams end", RunDelete, true);
+  const auto [drain, drain_arguments] = add(
+      "drain", "The server leaves: streams get the time to finish, then its process ends; with tokens, an operator's",
+      RunDrain, false);
+  drain
+      ->add_option("--timeout", drain_arguments->timeout_s,
+                   "Seconds that streams get; otherwise the server's --shutdown-timeout")
+      ->check(CheckNotNegative, "NONNEGATIVE");
   app.footer(
       "Example:\n"
       "  evpose sessions list --server 127.0.0.1:50051");

@@ -48,20 +48,21 @@ class StateLines {
 };
 
 absl::Status RunWatch(const WatchArguments& arguments, CliContext& context) {
-  EVPOSE_ASSIGN_OR_RETURN(const std::unique_ptr<Client> client, arguments.server.Connect());
+  EVPOSE_ASSIGN_OR_RETURN(const std::unique_ptr<Client> client, arguments.server.Connect(context));
   const PoseFormat format = arguments.is_json ? PoseFormat::kJsonLines : PoseFormat::kTum;
   StateLines states(context.err);
+  std::stop_source stop;
   const auto on_poses = [&](const std::vector<Pose>& poses, uint64_t num_skipped) {
     if (num_skipped > 0) states.Skipped(num_skipped);
     for (const Pose& pose : poses) context.out << PoseLine(format, pose);
     context.out.flush();
+    if (!context.out) stop.request_stop();  // nobody gets what comes
   };
   EVPOSE_ASSIGN_OR_RETURN(const Session session, client->GetSession(arguments.session));
   states.Show(session.health);
-  std::stop_source stop;
   std::jthread interrupts([&](std::stop_token ended) {
     absl::Time shown_at = SystemClock().Now();
-    while (!(context.is_interrupted && context.is_interrupted())) {
+    while (!context.IsInterrupted()) {
       if (!SystemClock().SleepUntil(SystemClock().Now() + kInterruptPeriod, ended)) return;
       if (SystemClock().Now() - shown_at < kHealthPeriod) continue;
       // A session that is gone ends the stream of poses, too.
