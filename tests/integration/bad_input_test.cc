@@ -196,14 +196,14 @@ TEST_F(BadInputTest, PoseWhoseQuaternionIsNotUnit) {
   std::vector<std::string> arguments = ReplayArguments("poses.tum");
   arguments.back() = "0 0 1 0 0 0 0.9";
   const CliResult result = Run(arguments);
-  EXPECT_EQ(result.status, 1);
+  EXPECT_EQ(result.status, 2);
   EXPECT_THAT(result.err, AllOf(HasSubstr("--init-pose"), HasSubstr("0 0 1 0 0 0 0.9")));
   EXPECT_THAT(FilesBeginning("poses"), IsEmpty());
 }
 
 TEST_F(BadInputTest, PoseThatIsEmptyIsNotTakenForNone) {
   const CliResult result = Run(SearchArguments("poses.tum", {"--init-pose", ""}));
-  EXPECT_EQ(result.status, 1);
+  EXPECT_EQ(result.status, 2);
   EXPECT_THAT(result.err, AllOf(HasSubstr("--init-pose"), HasSubstr("tx is missing")));
   EXPECT_THAT(FilesBeginning("poses"), IsEmpty());
 }

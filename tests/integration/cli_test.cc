@@ -1,8 +1,12 @@
 // The program itself: its help is true, its pictures show something.
+#include "client/cli/cli.h"
+
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <atomic>
 #include <filesystem>
+#include <future>
 #include <memory>
 #include <opencv2/imgcodecs.hpp>
 #include <opencv2/videoio.hpp>
@@ -11,6 +15,7 @@
 #include <sstream>
 #include <string>
 
+#include "absl/strings/str_replace.h"
 #include "server/rpc/server.h"
 #include "tests/integration/cli_fixture.h"
 
@@ -18,6 +23,7 @@ namespace evpose {
 namespace {
 
 using ::testing::HasSubstr;
+using ::testing::IsEmpty;
 
 constexpr char kDefaultAddress[] = "127.0.0.1:50051";
 
@@ -41,16 +47,36 @@ TEST_F(CliTest, ExamplesOfEveryHelpWorkAsPrinted) {
   ASSERT_TRUE(server.ok()) << server.status();
   const std::string address = "127.0.0.1:" + std::to_string((*server)->port());
   std::set<std::string> done;  // most begin with the same simulation
-  for (const char* command : {"simulate", "replay", "info", "evaluate", "render", "models", "sessions",
-                              "bench initialization", "bench synthetic", "bench tracking", "calibrate"}) {
+  // What deletes comes after what needs it, and last the one after which the server leaves.
+  for (const char* command : {"",
+                              "simulate",
+                              "replay",
+                              "stream",
+                              "info",
+                              "evaluate",
+                              "render",
+                              "models",
+                              "models upload",
+                              "models list",
+                              "models get",
+                              "sessions",
+                              "sessions list",
+                              "sessions get",
+                              "watch",
+                              "sessions delete",
+                              "models delete",
+                              "bench",
+                              "bench initialization",
+                              "bench synthetic",
+                              "bench tracking",
+                              "calibrate",
+                              "sessions drain"}) {
     const CliResult help = RunShell(std::string("evpose ") + command + " --help");
     ASSERT_EQ(help.status, 0) << help.err;
     for (std::string example : Examples(help.out)) {
       if (!done.insert(example).second) continue;
       // The server of this test listens on a port of its own.
-      if (const size_t at = example.find(kDefaultAddress); at != std::string::npos) {
-        example.replace(at, sizeof(kDefaultAddress) - 1, address);
-      }
+      example = absl::StrReplaceAll(example, {{kDefaultAddress, address}});
       const CliResult result = RunShell(example);
       EXPECT_EQ(result.status, 0) << example << "\n" << result.err;
     }
@@ -93,6 +119,183 @@ TEST_F(CliTest, InterruptEndsAFollowedRecordingCleanly) {
   ASSERT_EQ(result.status, 0) << result.err;
   EXPECT_EQ(result.Json()["interrupted"], true);
   EXPECT_TRUE(std::filesystem::exists(Path("poses.tum")));
+}
+
+TEST_F(CliTest, SaysWhichWordIsNoCommand) {
+  const CliResult command = Run({"frobnicate", "--json"});
+  EXPECT_EQ(command.status, 2);
+  EXPECT_EQ(command.err, "evpose: there is no command \"frobnicate\"; evpose --help lists those there are\n");
+  const CliResult below = Run({"sessions", "remove", "sessions/a"});
+  EXPECT_EQ(below.status, 2);
+  EXPECT_THAT(below.err, HasSubstr("evpose sessions: there is no command \"remove\"; evpose sessions --help"));
+  EXPECT_EQ(Run({}).status, 2);
+  EXPECT_EQ(Run({"sessions"}).status, 2);
+}
+
+TEST_F(CliTest, MalformedValuesAreWrongUsage) {
+  SimulateCube(0.02);
+  const std::vector<std::string> replay = {"replay",   Path("cube/recording.raw"), "--model", Path("cube/model.obj"),
+                                           "--camera", Path("cube/camera.yaml")};
+  const std::vector<std::pair<std::vector<std::string>, std::string>> cases = {
+      {{"--init-pose", "1 2 3"}, "--init-pose: "},
+      {{"--server", "localhost"}, "--server: \"localhost\" is no server address: HOST:PORT"},
+      {{"--server", "localhost:1,other"}, "--server: \"other\" is no server address"},
+      {{"--scale", "0"}, "--scale: 0 is no number above 0"},
+      {{"--scale", "nan"}, "--scale: nan is no number above 0"},
+      {{"--server", "localhost:1", "--max-outage", "-1"}, "--max-outage: -1 is neither 0 nor a number above"},
+  };
+  for (const auto& [more, expected] : cases) {
+    std::vector<std::string> arguments = replay;
+    arguments.insert(arguments.end(), more.begin(), more.end());
+    const CliResult result = Run(arguments);
+    EXPECT_EQ(result.status, 2) << expected;
+    EXPECT_THAT(result.err, HasSubstr(expected));
+    EXPECT_LT(result.err.size(), 250u) << result.err;
+  }
+  EXPECT_EQ(Run({"sessions", "list", "--server", "localhost"}).status, 2);
+  // As the help says.
+  const CliResult for_ever = Run({"stream", "-", "--server", "localhost:1", "--max-outage", "inf", "--camera", "none",
+                                  "--model", Path("cube/model.obj")});
+  EXPECT_EQ(for_ever.status, 1) << for_ever.err;
+}
+
+TEST_F(CliTest, WhatIsWrongWithAModelIsSaidInTheWordsOfItsFile) {
+  SimulateCube(0.02);
+  WriteText("prose.obj", "no line of this is one of a model\n");
+  WriteText("empty.obj", "");
+  const auto replay = [this](const std::string& model) {
+    return Run({"replay", Path("cube/recording.raw"), "--model", Path(model), "--camera", Path("cube/camera.yaml")});
+  };
+  const CliResult prose = replay("prose.obj");
+  EXPECT_EQ(prose.status, 1);
+  EXPECT_THAT(prose.err, HasSubstr(Path("prose.obj") + ": server in this process: has no line and no face"));
+  const CliResult empty = replay("empty.obj");
+  EXPECT_EQ(empty.status, 1);
+  EXPECT_THAT(empty.err, HasSubstr(Path("empty.obj") + ": server in this process: its size is 0; a model has 1 to"));
+}
+
+TEST_F(CliTest, AnAnswerThatCannotBeWrittenIsAnError) {
+  SimulateCube(0.02);
+  auto server = server::Server::Start({});
+  ASSERT_TRUE(server.ok()) << server.status();
+  const std::string address = " --server 127.0.0.1:" + std::to_string((*server)->port());
+  const std::string replay =
+      "evpose replay cube/recording.raw --model cube/model.obj --camera cube/camera.yaml --json --init-pose '" +
+      FirstPose() + "'";
+  ASSERT_EQ(RunShell(replay + address + " --keep-session").status, 0);
+  const std::string session = "\"$(evpose sessions list" + address + " | head -n 1 | cut -d ' ' -f 1)\"";
+  for (const std::string& command :
+       {std::string("evpose info cube/recording.raw"), std::string("evpose --help"), std::string("evpose --version"),
+        std::string("evpose evaluate --truth cube/truth.tum --estimate cube/truth.tum"), replay,
+        "evpose sessions list" + address, "evpose models list --json" + address, "evpose watch " + session + address}) {
+    ASSERT_EQ(RunShell(command).status, 0) << command;
+    const CliResult result = RunShell(command + " > /dev/full");
+    EXPECT_EQ(result.status, 1) << command;
+    EXPECT_THAT(result.err, HasSubstr("standard output: the disk is full")) << command;
+  }
+}
+
+TEST_F(CliTest, TheReportNamesTheFilesOfPoses) {
+  SimulateCube(0.02);
+  const auto replay = [this](const std::vector<std::string>& more) {
+    std::vector<std::string> arguments = {
+        "replay",   Path("cube/recording.raw"),       "--camera", Path("cube/camera.yaml"),
+        "--object", "left=" + Path("cube/model.obj"), "--object", "right=" + Path("cube/model.obj"),
+        "--out",    Path("poses-{object}.tum")};
+    arguments.insert(arguments.end(), more.begin(), more.end());
+    const CliResult result = Run(arguments);
+    EXPECT_EQ(result.status, 0) << result.err;
+    return result;
+  };
+  EXPECT_THAT(replay({}).out, HasSubstr(Path("poses-left.tum") + ", " + Path("poses-right.tum") + ": "));
+  EXPECT_EQ(replay({"--json"}).Json()["files"], nlohmann::json({Path("poses-left.tum"), Path("poses-right.tum")}));
+}
+
+// The shell's words for: until process $pid would be told of an interrupt. Before it is evpose it is a shell, which
+// catches them, too; one that has ended has no executable.
+constexpr char kUntilItCatchesInterrupts[] =
+    "until grep -qx evpose /proc/$pid/comm && grep -q '^SigCgt:.*[2367abef]$' /proc/$pid/status; do\n"
+    "  test -e /proc/$pid/exe\n"
+    "done\n";
+
+TEST_F(CliTest, AnInterruptEndsTheWaitForAServer) {
+  SimulateCube(0.02);
+  for (const std::string& command :
+       {std::string("replay cube/recording.raw --model cube/model.obj --camera cube/camera.yaml"),
+        std::string("stream cube/recording.raw --model cube/model.obj --camera cube/camera.yaml"),
+        std::string("watch sessions/a")}) {
+    // Long enough for nobody to wait for.
+    const CliResult result = RunShell("evpose " + command + " --server 127.0.0.1:1 --connect-timeout 86400 & pid=$!\n" +
+                                      kUntilItCatchesInterrupts + "kill -INT $pid\nwait $pid");
+    EXPECT_EQ(result.status, 1) << command;
+    EXPECT_THAT(result.err, HasSubstr("interrupted before a server")) << command;
+  }
+}
+
+TEST_F(CliTest, AnInterruptEndsTheWaitForTheFirstByte) {
+  SimulateCube(0.02);
+  for (const std::string command : {"replay", "stream --server 127.0.0.1:1"}) {
+    const CliResult result =
+        RunShell("mkfifo pipe; exec 3<>pipe; rm pipe\nevpose " + command +
+                 " - --model cube/model.obj --camera cube/camera.yaml <&3 & pid=$!\n" + kUntilItCatchesInterrupts +
+                 "until grep -q 'State:.S' /proc/$pid/status; do test -e /proc/$pid/exe; done\n"
+                 "kill -INT $pid\nwait $pid");
+    EXPECT_EQ(result.status, 1) << command;
+    EXPECT_THAT(result.err, HasSubstr("standard input: stopped before its header was whole")) << command;
+  }
+}
+
+TEST_F(CliTest, AnInterruptLeavesNoHalfFilm) {
+  SimulateCube(0.1);
+  const CliResult result = RunShell(
+      "mkfifo pipe; exec 3<>pipe; rm pipe\n"
+      "evpose render - --poses cube/truth.tum --model cube/model.obj --camera cube/camera.yaml -o film.avi <&3 & "
+      "pid=$!\n"
+      "cat cube/recording.raw >&3\n"
+      "until ls | grep -q partial; do test -e /proc/$pid/exe; done\n"
+      "kill -INT $pid\nwait $pid");
+  EXPECT_EQ(result.status, 1);
+  EXPECT_THAT(result.err, HasSubstr("evpose render: interrupted: nothing was written"));
+  EXPECT_THAT(FilesBeginning("film"), IsEmpty());
+}
+
+TEST_F(CliTest, AnInterruptLeavesNoHalfRecording) {
+  const CliResult result = RunShell(
+      "evpose simulate --object cube --camera vga --duration 600 --out long & pid=$!\n"
+      "until ls long/.simulation-in-progress 2>ignored | grep -q partial; do test -e /proc/$pid/exe; done\n"
+      "kill -INT $pid\nwait $pid");
+  EXPECT_EQ(result.status, 1);
+  EXPECT_THAT(result.err, HasSubstr("evpose simulate: interrupted"));
+  EXPECT_THAT(FilesBeginning("long"), IsEmpty());
+}
+
+TEST_F(CliTest, AnInterruptEndsAnOutage) {
+  SimulateCube(0.02);
+  for (const bool resumes : {false, true}) {
+    auto server = server::Server::Start({});
+    ASSERT_TRUE(server.ok()) << server.status();
+    const std::string address = "127.0.0.1:" + std::to_string((*server)->port());
+    std::vector<std::string> arguments =
+        ReplayArguments("poses.tum", {"--follow", "--server", address, "--max-outage", "inf"});
+    if (resumes) arguments.insert(arguments.end(), {"--resume", Path("state")});
+    std::atomic<bool> is_interrupted = false;
+    std::ostringstream out, err;
+    client::CliContext context{out, err};
+    context.is_interrupted = [&] { return is_interrupted.load(); };
+    auto status = std::async(std::launch::async, [&] { return client::RunCli(arguments, context); });
+    // It follows a file that does not grow: it ends only as it is told to.
+    for (nlohmann::json list; list.empty() || list[0]["poses"] == 0;) {
+      ASSERT_NE(status.wait_for(std::chrono::seconds(0)), std::future_status::ready) << err.str();
+      list = Run({"sessions", "list", "--server", address, "--json"}).Json();
+    }
+    (*server)->Shutdown(absl::ZeroDuration());
+    is_interrupted = true;
+    EXPECT_EQ(status.get(), 1);
+    EXPECT_THAT(err.str(), HasSubstr("interrupted while the server was away: "));
+    EXPECT_THAT(err.str(), HasSubstr(resumes ? "; the same command goes on from there\n"
+                                             : "; with --resume FILE it could be gone on with\n"));
+    EXPECT_EQ(FilesBeginning("poses.tum").size(), resumes ? 1u : 0u) << "what goes on needs what is there";
+  }
 }
 
 // Pixels of a colour near (b, g, r).

@@ -305,7 +305,9 @@ TEST_F(ReplayTest, ServerThatDiesLeavesAnErrorAndNoFile) {
   StartServer();
   CliResult result;
   // A recording that goes on: the stream stays open until the server has gone.
-  std::thread replay([&] { result = Run(ReplayArguments("poses.tum", {"--server", address_, "--follow"})); });
+  std::thread replay([&] {
+    result = Run(ReplayArguments("poses.tum", {"--server", address_, "--follow", "--max-outage", "0"}));
+  });
   const auto client = client::Client::Connect(address_);
   ASSERT_TRUE(client.ok()) << client.status();
   for (bool is_tracking = false; !is_tracking;) {

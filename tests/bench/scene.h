@@ -1,0 +1,22 @@
+// What every client of the load sends: the same events of a cube, as FLAT64 chunks of a millisecond.
+#pragma once
+
+#include <cstdint>
+#include <string>
+#include <vector>
+
+#include "evpose/v1/sessions.pb.h"
+
+namespace evpose::bench {
+
+struct Scene {
+  std::vector<std::string> chunks;  // one per millisecond of sensor time, from 0 on; may be empty
+  uint64_t num_events = 0;
+  std::string model_obj;
+  v1::SessionConfig config;  // without the model's name
+};
+
+// `rate_hz` events per second for so long: about half of them of the cube's lines, the rest noise.
+Scene MakeScene(double duration_s, double rate_hz);
+
+}  // namespace evpose::bench

@@ -1,0 +1,89 @@
+// The clients of the load: those that stream, those that watch, and those that stall.
+#pragma once
+
+#include <grpcpp/grpcpp.h>
+
+#include <atomic>
+#include <chrono>
+#include <condition_variable>
+#include <cstdint>
+#include <memory>
+#include <mutex>
+#include <string>
+#include <thread>
+#include <vector>
+
+#include "evpose/v1/sessions.grpc.pb.h"
+#include "tests/bench/scene.h"
+
+namespace evpose::bench {
+
+using Clock = std::chrono::steady_clock;
+
+// The poses that a stream got, and how long after the sending of the chunk with their time.
+struct PosesSeen {
+  uint64_t poses = 0;
+  uint64_t lost = 0;  // numbers that did not come, or that the server says were skipped
+  std::vector<float> latencies_ms;
+};
+
+// Sends a scene in real time, chunk k at `begin` + k ms, as far as credit allows, and reads what comes. In two threads.
+class Streamer {
+ public:
+  // `session` as CreateSession answered it.
+  Streamer(v1::SessionService::Stub& stub, const v1::Session& session, const Scene& scene, Clock::time_point begin);
+  // When the summary has come or the stream has ended.
+  void Join();
+
+  bool is_ok() const { return status_.ok() && has_summary_; }
+  const grpc::Status& status() const { return status_; }
+  const PosesSeen& seen() const { return seen_; }
+  const v1::SessionHealth& health() const { return health_; }
+
+ private:
+  void Send(const v1::Session& session);
+  void Read();
+
+  const Scene& scene_;
+  const Clock::time_point begin_;
+  grpc::ClientContext context_;
+  std::unique_ptr<grpc::ClientReaderWriter<v1::TrackRequest, v1::TrackResponse>> stream_;
+  std::mutex mutex_;
+  std::condition_variable changed_;
+  uint64_t send_limit_bytes_ = 0;  // guarded by mutex_
+  bool is_attached_ = false;       // guarded by mutex_
+  bool is_over_ = false;           // guarded by mutex_
+  std::atomic<int64_t> sent_ms_ = 0;
+  std::vector<std::atomic<int64_t>> sent_at_us_;  // per chunk, after begin_
+  PosesSeen seen_;
+  v1::SessionHealth health_;
+  bool has_summary_ = false;
+  grpc::Status status_;
+  std::thread sender_, reader_;
+};
+
+// A reader of WatchPoses; a stalled one begins and never reads.
+class Watcher : public grpc::ClientReadReactor<v1::WatchPosesResponse> {
+ public:
+  Watcher(v1::SessionService::Stub& stub, const std::string& session, double max_rate_hz, bool is_stalled);
+  void OnReadDone(bool ok) override;
+  void OnDone(const grpc::Status& status) override;
+
+  void Cancel() { context_.TryCancel(); }
+  void Join();  // healthy ones end with their session, stalled ones when they are cancelled
+  uint64_t poses() const { return poses_; }
+  uint64_t skipped() const { return skipped_; }
+  const grpc::Status& status() const { return status_; }
+
+ private:
+  grpc::ClientContext context_;
+  v1::WatchPosesRequest request_;
+  v1::WatchPosesResponse response_;
+  uint64_t poses_ = 0, skipped_ = 0;
+  grpc::Status status_;
+  std::mutex mutex_;
+  std::condition_variable done_;
+  bool is_done_ = false;  // guarded by mutex_
+};
+
+}  // namespace evpose::bench

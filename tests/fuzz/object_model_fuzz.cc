@@ -1,0 +1,45 @@
+// A model file, on any bytes: it is refused in words, or makes a model whose indices and numbers can be relied on.
+#include <cmath>
+#include <iterator>
+
+#include "core/models/object_model.h"
+#include "tests/fuzz/fuzz_input.h"
+#include "tests/fuzz/require.h"
+
+namespace evpose {
+namespace {
+
+constexpr ModelFormat kFormats[] = {ModelFormat::kObj, ModelFormat::kPly, ModelFormat::kStl};
+
+void Check(const ObjectModel& model, const ModelOptions& options) {
+  EVPOSE_FUZZ_REQUIRE(!model.lines.empty() && model.lines.size() <= options.max_lines);
+  EVPOSE_FUZZ_REQUIRE(model.triangles.size() <= options.max_triangles);
+  EVPOSE_FUZZ_REQUIRE(std::isfinite(model.diameter_m) && model.diameter_m > 0.0);
+  for (const Eigen::Vector3d& vertex : model.vertices) EVPOSE_FUZZ_REQUIRE(vertex.allFinite());
+  for (const auto& triangle : model.triangles) {
+    for (const uint32_t index : triangle) EVPOSE_FUZZ_REQUIRE(index < model.vertices.size());
+  }
+  for (const ModelLine& line : model.lines) {
+    EVPOSE_FUZZ_REQUIRE(line.p1.allFinite() && line.p2.allFinite() && line.p1 != line.p2);
+    for (const Eigen::Vector3d& normal : line.face_normals) EVPOSE_FUZZ_REQUIRE(normal.allFinite());
+  }
+}
+
+}  // namespace
+}  // namespace evpose
+
+extern "C" int LLVMFuzzerTestOneInput(const uint8_t* data, size_t size) {
+  using namespace evpose;
+  FuzzInput input(data, size);
+  const ModelFormat format = kFormats[input.Choice(std::size(kFormats))];
+  ModelOptions options;
+  options.max_lines = 64;
+  options.max_triangles = 256;
+  const auto model = ParseObjectModel(input.Rest(), format, options);
+  if (model.ok()) {
+    Check(*model, options);
+  } else {
+    EVPOSE_FUZZ_REQUIRE(!model.status().message().empty());
+  }
+  return 0;
+}

@@ -1,0 +1,57 @@
+// The text files that users bring: camera, sensor profile, trajectory; and a pose as an argument. What is accepted is
+// valid, and reads back from what is written to the same values.
+#include "core/geometry/camera.h"
+#include "core/geometry/trajectory.h"
+#include "core/tracking/sensor_profile.h"
+#include "tests/fuzz/fuzz_input.h"
+#include "tests/fuzz/require.h"
+
+namespace evpose {
+namespace {
+
+void TryCamera(const std::string& text) {
+  const auto camera = ParseCameraModel(text, "camera.yaml");
+  if (!camera.ok()) return;
+  EVPOSE_FUZZ_REQUIRE(camera->Validate().ok());
+  const auto again = ParseCameraModel(CameraModelToYaml(*camera), "written.yaml");
+  EVPOSE_FUZZ_REQUIRE(again.ok() && again->fx_px == camera->fx_px && again->distortion == camera->distortion);
+}
+
+void TrySensorProfile(const std::string& text) {
+  const auto profile = ParseSensorProfile(text, "sensor.yaml");
+  if (!profile.ok()) return;
+  EVPOSE_FUZZ_REQUIRE(profile->Validate().ok());
+  const auto again = ParseSensorProfile(SensorProfileToYaml(*profile), "written.yaml");
+  EVPOSE_FUZZ_REQUIRE(again.ok() && *again == *profile);
+}
+
+void TryTrajectory(const std::string& text) {
+  const auto trajectory = ParseTumTrajectory(text, "poses.tum");
+  if (!trajectory.ok()) return;
+  std::string written;
+  for (const StampedPose& pose : *trajectory) written += TumLine(pose) + "\n";
+  const auto again = ParseTumTrajectory(written, "written.tum");
+  EVPOSE_FUZZ_REQUIRE(again.ok() && again->size() == trajectory->size());
+}
+
+}  // namespace
+}  // namespace evpose
+
+extern "C" int LLVMFuzzerTestOneInput(const uint8_t* data, size_t size) {
+  using namespace evpose;
+  FuzzInput input(data, size);
+  switch (input.Choice(4)) {
+    case 0:
+      TryCamera(input.RestAsText());
+      break;
+    case 1:
+      TrySensorProfile(input.RestAsText());
+      break;
+    case 2:
+      TryTrajectory(input.RestAsText());
+      break;
+    default:
+      (void)ParsePose(input.RestAsText());
+  }
+  return 0;
+}

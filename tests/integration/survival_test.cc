@@ -1,0 +1,298 @@
+// Sessions survive a server that is killed: kill -9 at random numbers of poses, and every pose comes once, with the
+// bits of the undisturbed run. EVPOSE_KILLS says how often it is killed (tests/bench/survival.sh: 50).
+#include <gmock/gmock.h>
+#include <grpcpp/grpcpp.h>
+
+#include <algorithm>
+#include <cstdlib>
+#include <functional>
+#include <memory>
+#include <random>
+
+#include "absl/strings/match.h"
+#include "absl/strings/numbers.h"
+#include "absl/strings/str_cat.h"
+#include "client/lib/conversion.h"
+#include "core/events/recording_reader.h"
+#include "core/geometry/camera.h"
+#include "evpose/v1/models.grpc.pb.h"
+#include "evpose/v1/sessions.grpc.pb.h"
+#include "server/program_for_test.h"
+#include "server/rpc/raw_requests.h"
+#include "server/stores/redis_testing.h"
+#include "tests/integration/cli_fixture.h"
+
+namespace evpose {
+namespace {
+
+using server::Program;
+
+// So many chunks are on their way at a time: what a kill catches half done.
+constexpr uint64_t kChunksAhead = 16;
+
+int NumKills() {
+  const char* kills = std::getenv("EVPOSE_KILLS");
+  return kills == nullptr ? 4 : std::atoi(kills);
+}
+
+// A server and the stubs to talk to it.
+class RunningServer {
+ public:
+  explicit RunningServer(std::vector<std::string> arguments) : program_(WithAddress(std::move(arguments))) {
+    const std::string line = program_.ReadLine();
+    EXPECT_TRUE(absl::StartsWith(line, "listening on ")) << line << program_.Stderr();
+    channel_ = grpc::CreateChannel(line.substr(line.rfind(' ') + 1), grpc::InsecureChannelCredentials());
+    sessions_ = v1::SessionService::NewStub(channel_);
+    models_ = v1::ModelService::NewStub(channel_);
+  }
+
+  void Kill() {
+    program_.Signal(SIGKILL);
+    program_.Wait();
+  }
+  Program& program() { return program_; }
+  v1::SessionService::Stub& sessions() { return *sessions_; }
+  v1::ModelService::Stub& models() { return *models_; }
+
+ private:
+  static std::vector<std::string> WithAddress(std::vector<std::string> arguments) {
+    arguments.insert(arguments.end(), {"--listen", "127.0.0.1:0"});
+    return arguments;
+  }
+
+  Program program_;
+  std::shared_ptr<grpc::Channel> channel_;
+  std::unique_ptr<v1::SessionService::Stub> sessions_;
+  std::unique_ptr<v1::ModelService::Stub> models_;
+};
+
+// A client that keeps what it needs to go on at another server, or the same one started again.
+class RawClient {
+ public:
+  RawClient(std::vector<std::string> chunks, v1::Session session)
+      : chunks_(std::move(chunks)), session_(std::move(session)) {}
+
+  // Streams until it has so many poses, and something is durable if `awaits_durable`, or to the end and the summary:
+  // true.
+  bool Stream(RunningServer& server, size_t stop_at_poses, bool awaits_durable = false) {
+    grpc::ClientContext context;
+    const auto stream = server.sessions().Track(&context);
+    v1::TrackRequest request;
+    request.mutable_attach()->set_session(session_.name());
+    request.mutable_attach()->set_resume_token(session_.resume_token());
+    request.mutable_attach()->set_last_pose_seq(poses_.size());
+    stream->Write(request);
+    v1::TrackResponse response;
+    bool summary = false;
+    uint64_t next_seq = 0;
+    uint64_t processed_seq = 0;
+    bool end_was_sent = false;
+    const auto is_enough = [&] {
+      return next_seq > 0 && poses_.size() >= stop_at_poses && (durable_seq_ > 0 || !awaits_durable);
+    };
+    while (!summary && !is_enough()) {
+      if (!stream->Read(&response)) {
+        const grpc::Status status = stream->Finish();
+        ADD_FAILURE() << status.error_code() << " " << status.error_message();
+        return false;
+      }
+      if (response.has_attached()) {
+        next_seq = response.attached().next_seq();
+        processed_seq = next_seq - 1;
+        session_.set_resume_token(response.attached().resume_token());
+        // Of what is not durable nothing is forgotten, and nothing that is has to be sent again.
+        EXPECT_GE(next_seq, durable_seq_ + 1);
+        EXPECT_EQ(response.attached().first_pose_seq(), poses_.size() + 1);
+      }
+      if (response.has_pose()) AddPose(*response.mutable_pose());
+      if (response.has_ack()) {
+        processed_seq = std::max(processed_seq, response.ack().processed_seq());
+        durable_seq_ = std::max(durable_seq_, response.ack().durable_seq());
+      }
+      summary = response.has_summary();
+      if (summary) {
+        EXPECT_EQ(response.summary().health().poses(), poses_.size());
+      }
+      for (; next_seq > 0 && next_seq <= chunks_.size() && next_seq <= processed_seq + kChunksAhead; ++next_seq) {
+        v1::TrackRequest chunk;
+        chunk.mutable_events()->set_seq(next_seq);
+        chunk.mutable_events()->set_payload(chunks_[next_seq - 1]);
+        stream->Write(chunk);
+      }
+      if (next_seq == chunks_.size() + 1 && !end_was_sent) {
+        end_was_sent = true;
+        v1::TrackRequest end;
+        end.mutable_end();
+        stream->Write(end);
+      }
+    }
+    context.TryCancel();
+    while (stream->Read(&response)) continue;
+    (void)stream->Finish();
+    return summary;
+  }
+
+  const std::vector<std::string>& poses() const { return poses_; }
+  uint64_t durable_seq() const { return durable_seq_; }
+
+ private:
+  void AddPose(v1::Pose& pose) {
+    EXPECT_EQ(pose.pose_seq(), poses_.size() + 1) << "no pose twice, none missing";
+    pose.clear_latency();
+    poses_.push_back(pose.SerializeAsString());
+  }
+
+  const std::vector<std::string> chunks_;
+  v1::Session session_;
+  std::vector<std::string> poses_;  // but for what depends on the clock
+  uint64_t durable_seq_ = 0;
+};
+
+class SurvivalTest : public CliTest {
+ protected:
+  void SetUp() override {
+    CliTest::SetUp();
+    SimulateCube(2.0);
+    auto reader = RecordingReader::Open(Path("cube/recording.raw")).value();
+    Chunker chunker(*reader, {});
+    for (EventChunkBytes chunk = chunker.Next().value(); !chunk.bytes.empty(); chunk = chunker.Next().value()) {
+      chunks_.emplace_back(chunk.bytes.begin(), chunk.bytes.end());
+    }
+  }
+
+  std::vector<std::string> Sqlite(const std::string& name) const {
+    return {"--store", "sqlite", "--data-dir", Path(name), "--log-level", "warning"};
+  }
+
+  // A session of the recording's cube, found from the events alone.
+  RawClient MakeClient(RunningServer& server) {
+    v1::CreateSessionRequest request;
+    *request.mutable_config() =
+        client::ToProto(client::SessionConfig{.camera = LoadCameraModel(Path("cube/camera.yaml")).value(),
+                                              .objects = {{.object_id = "cube", .model = Upload(server)}}});
+    v1::Session session;
+    grpc::ClientContext context;
+    const grpc::Status status = server.sessions().CreateSession(&context, request, &session);
+    EXPECT_TRUE(status.ok()) << status.error_message();
+    return RawClient(chunks_, session);
+  }
+
+  std::string Upload(RunningServer& server) {
+    v1::Model model;
+    const grpc::Status status =
+        server::UploadModel(server.models(), server::UploadRequests(ReadText("cube/model.obj")), &model);
+    EXPECT_TRUE(status.ok()) << status.error_message();
+    return model.name();
+  }
+
+  std::vector<std::string> Undisturbed() {
+    RunningServer server({"--store", "memory", "--log-level", "warning"});
+    RawClient client = MakeClient(server);
+    EXPECT_TRUE(client.Stream(server, SIZE_MAX));
+    return client.poses();
+  }
+
+  // Servers of `arguments(run)` are killed, each run in its turn up to three times.
+  void KillAtRandom(const std::function<std::vector<std::string>(int run)>& arguments) {
+    const std::vector<std::string> expected = Undisturbed();
+    ASSERT_GT(expected.size(), 100u);
+    std::mt19937 random(5);
+    int kills = 0;
+    int kills_after_a_checkpoint = 0;
+    for (int run = 0; kills < NumKills(); ++run) {
+      auto server = std::make_unique<RunningServer>(arguments(run));
+      RawClient client = MakeClient(*server);
+      size_t stop_at = 0;
+      for (int i = 0; i < 3 && kills < NumKills(); ++i, ++kills) {
+        stop_at += 1 + random() % (expected.size() / 4);
+        // A machine may be too fast for a checkpoint in some hundred poses; there is one in a thousand on any.
+        if (client.Stream(*server, stop_at, i == 2)) break;
+        server->Kill();
+        server = std::make_unique<RunningServer>(arguments(run));
+        kills_after_a_checkpoint += client.durable_seq() > 0;
+      }
+      ASSERT_TRUE(client.Stream(*server, SIZE_MAX));
+      ASSERT_EQ(client.poses().size(), expected.size()) << "run " << run;
+      EXPECT_TRUE(client.poses() == expected) << "run " << run;
+      server->program().Signal(SIGTERM);
+      EXPECT_EQ(server->program().Wait(), 0);
+    }
+    EXPECT_GT(kills_after_a_checkpoint, 0) << "what survives has to be in use";
+  }
+
+  static std::vector<std::string> OnRedis(const server::RedisServer& redis) {
+    return {"--store", redis.url(), "--log-level", "warning"};
+  }
+
+  std::vector<std::string> chunks_;
+};
+
+TEST_F(SurvivalTest, KilledServersLoseNothingWithSqlite) {
+  KillAtRandom([this](int run) { return Sqlite(absl::StrCat("data", run)); });
+}
+
+TEST_F(SurvivalTest, KilledServersLoseNothingWithRedis) {
+  const server::RedisServer redis;
+  KillAtRandom([&redis](int) { return OnRedis(redis); });
+}
+
+TEST_F(SurvivalTest, ASessionMovesBetweenServersOnOneRedis) {
+  const std::vector<std::string> expected = Undisturbed();
+  const server::RedisServer redis;
+  RunningServer one(OnRedis(redis));
+  RunningServer two(OnRedis(redis));
+  RawClient client = MakeClient(one);
+  const auto moves = static_cast<size_t>(std::max(NumKills() / 5, 3));
+  for (size_t i = 1; i <= moves; ++i) {
+    EXPECT_FALSE(client.Stream(i % 2 == 0 ? one : two, i * expected.size() / (moves + 1)));
+  }
+  EXPECT_TRUE(client.Stream(one, SIZE_MAX));
+  EXPECT_TRUE(client.poses() == expected);
+}
+
+TEST_F(SurvivalTest, AServerThatLeavesKeepsWhatWasProcessed) {
+  const std::vector<std::string> expected = Undisturbed();
+  const std::vector<std::string> arguments = Sqlite("data");
+  auto server = std::make_unique<RunningServer>(arguments);
+  RawClient client = MakeClient(*server);
+  EXPECT_FALSE(client.Stream(*server, expected.size() / 2));
+  server->program().Signal(SIGTERM);
+  EXPECT_EQ(server->program().Wait(), 0);
+  server = std::make_unique<RunningServer>(arguments);
+  EXPECT_TRUE(client.Stream(*server, SIZE_MAX));
+  EXPECT_TRUE(client.poses() == expected);
+}
+
+TEST_F(SurvivalTest, ATamperedStoreIsNamedAtStart) {
+  auto server = std::make_unique<RunningServer>(Sqlite("data"));
+  RawClient client = MakeClient(*server);
+  RawClient other = MakeClient(*server);
+  EXPECT_TRUE(client.Stream(*server, SIZE_MAX));
+  EXPECT_TRUE(other.Stream(*server, SIZE_MAX));
+  server->program().Signal(SIGTERM);
+  EXPECT_EQ(server->program().Wait(), 0);
+  // A byte in the middle of the largest blobs: poses or checkpoints.
+  std::string file = ReadText("data/evpose.db");
+  const size_t middle = file.size() / 2;
+  file[middle] = static_cast<char>(file[middle] ^ 0x55);
+  WriteText("data/evpose.db", file);
+  Program again({"--store", "sqlite", "--data-dir", Path("data"), "--listen", "127.0.0.1:0"});
+  EXPECT_THAT(again.ReadLine(), testing::StartsWith("listening on ")) << again.Stderr();
+  EXPECT_THAT(again.Stderr(), testing::HasSubstr("left out: "));
+}
+
+TEST_F(SurvivalTest, AStoreThatCannotBeUsedIsOneLine) {
+  RunningServer server(Sqlite("data"));
+  Program second({"--store", "sqlite", "--data-dir", Path("data"), "--listen", "127.0.0.1:0"});
+  EXPECT_EQ(second.Wait(), 1);
+  EXPECT_THAT(second.Stderr(), testing::MatchesRegex("evpose-server: [^\n]*data[^\n]*another server[^\n]*\n"));
+  Program missing({"--store", "sqlite", "--data-dir", Path("no/such/place"), "--listen", "127.0.0.1:0"});
+  EXPECT_EQ(missing.Wait(), 1);
+  EXPECT_THAT(missing.Stderr(), testing::MatchesRegex("evpose-server: [^\n]*no/such/place[^\n]*\n"));
+  Program unknown({"--store", "postgres", "--listen", "127.0.0.1:0"});
+  EXPECT_EQ(unknown.Wait(), 2) << "wrong usage";
+  EXPECT_THAT(unknown.Stderr(), testing::MatchesRegex("evpose-server: [^\n]*postgres[^\n]*\n"));
+}
+
+}  // namespace
+}  // namespace evpose

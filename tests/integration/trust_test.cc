@@ -1,0 +1,216 @@
+// Tokens and TLS from the command line to the server and back.
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <stdlib.h>
+
+#include <filesystem>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "absl/strings/str_cat.h"
+#include "absl/strings/str_replace.h"
+#include "core/base/certificates_testing.h"
+#include "core/base/output_file.h"
+#include "server/auth/token_file.h"
+#include "server/rpc/server.h"
+#include "tests/integration/cli_fixture.h"
+
+namespace evpose {
+namespace {
+
+using ::testing::AllOf;
+using ::testing::HasSubstr;
+using ::testing::Not;
+using ::testing::StartsWith;
+
+class TrustTest : public CliTest {
+ protected:
+  void SetUp() override {
+    CliTest::SetUp();
+    const TestCertificate certificate = authority_.Issue();
+    WriteText("ca.crt", authority_.pem());
+    WriteText("server.crt", certificate.certificate_pem);
+    WriteText("server.key", certificate.key_pem);
+    WriteText("tokens", lab_.line + "\n");
+    WriteText("lab.token", lab_.token + "\n");
+    std::filesystem::permissions(Path("lab.token"), std::filesystem::perms::owner_read);
+    server::ServerOptions options;
+    options.token_file = Path("tokens");
+    plain_ = Start(options);
+    options.tls = {Path("server.crt"), Path("server.key"), ""};
+    tls_ = Start(options);
+  }
+  void TearDown() override {
+    unsetenv("EVPOSE_TOKEN");
+    CliTest::TearDown();
+  }
+
+  static std::unique_ptr<server::Server> Start(const server::ServerOptions& options) {
+    auto server = server::Server::Start(options);
+    EXPECT_TRUE(server.ok()) << server.status();
+    return *std::move(server);
+  }
+  CliResult List(const server::Server& server, std::vector<std::string> more) const {
+    more.insert(more.begin(), {"sessions", "list", "--server", "localhost:" + std::to_string(server.port())});
+    return Run(more);
+  }
+
+  const TestAuthority authority_;
+  const server::NewToken lab_ = server::MakeToken("lab", false).value();
+  std::unique_ptr<server::Server> plain_;
+  std::unique_ptr<server::Server> tls_;
+};
+
+TEST_F(TrustTest, WhereATokenComesFrom) {
+  EXPECT_EQ(List(*plain_, {"--token-file", Path("lab.token")}).status, 0);
+  const CliResult none = List(*plain_, {});
+  EXPECT_EQ(none.status, 1);
+  EXPECT_THAT(none.err, HasSubstr("--token-file"));
+  setenv("EVPOSE_TOKEN", lab_.token.c_str(), 1);
+  EXPECT_EQ(List(*plain_, {}).status, 0);
+  setenv("EVPOSE_TOKEN", "evpose_wrong", 1);
+  const CliResult wrong = List(*plain_, {});
+  EXPECT_EQ(wrong.status, 1);
+  EXPECT_THAT(wrong.err, AllOf(HasSubstr("does not know this token"), Not(HasSubstr("evpose_wrong"))));
+  EXPECT_EQ(List(*plain_, {"--token-file", Path("lab.token")}).status, 0) << "the file counts";
+}
+
+TEST_F(TrustTest, TokenFilesThatCannotBeUsed) {
+  EXPECT_THAT(List(*plain_, {"--token-file", Path("none")}).err, HasSubstr(Path("none")));
+  WriteText("open.token", lab_.token);
+  std::filesystem::permissions(Path("open.token"), static_cast<std::filesystem::perms>(0640));
+  const CliResult open = List(*plain_, {"--token-file", Path("open.token")});
+  EXPECT_EQ(open.status, 1);
+  EXPECT_THAT(open.err, AllOf(HasSubstr("chmod 600 " + Path("open.token")), Not(HasSubstr(lab_.token))));
+  WriteText("empty.token", "\n");
+  std::filesystem::permissions(Path("empty.token"), static_cast<std::filesystem::perms>(0600));
+  EXPECT_THAT(List(*plain_, {"--token-file", Path("empty.token")}).err, HasSubstr("there is no token in it"));
+}
+
+TEST_F(TrustTest, OptionsOfTls) {
+  const std::vector<std::string> token = {"--token-file", Path("lab.token")};
+  const auto with = [&token](std::vector<std::string> more) {
+    more.insert(more.end(), token.begin(), token.end());
+    return more;
+  };
+  EXPECT_EQ(List(*tls_, with({"--tls-ca", Path("ca.crt")})).status, 0);
+  EXPECT_THAT(List(*tls_, with({"--tls"})).err, HasSubstr("give the authority's with --tls-ca"));
+  EXPECT_THAT(List(*tls_, token).err, HasSubstr("it wants TLS"));
+  EXPECT_THAT(List(*plain_, with({"--tls-ca", Path("ca.crt")})).err, HasSubstr("it answers without TLS"));
+  const CliResult half = List(*tls_, with({"--tls-cert", Path("server.crt")}));
+  EXPECT_EQ(half.status, 2);
+  EXPECT_THAT(half.err, HasSubstr("--tls-cert and --tls-key belong together"));
+}
+
+TEST_F(TrustTest, WhatIsForAServerNeedsOne) {
+  const std::vector<std::vector<std::string>> ways = {
+      {"--tls-ca", "file"},       {"--tls-cert", "file"}, {"--tls-key", "file"}, {"--token-file", "file"},
+      {"--connect-timeout", "5"}, {"--max-outage", "5"},  {"--keep-session"},    {"--tls"}};
+  for (const std::vector<std::string>& way : ways) {
+    std::vector<std::string> arguments = {"replay", "r.raw", "--model", "m.obj", "--camera", "c.yaml"};
+    arguments.insert(arguments.end(), way.begin(), way.end());
+    const CliResult result = Run(arguments);
+    EXPECT_EQ(result.status, 2) << way[0];
+    EXPECT_THAT(result.err, HasSubstr(way[0] + " requires --server")) << way[0];
+  }
+}
+
+TEST_F(TrustTest, ATokenThatNobodyGotIsAnError) {
+  const CliResult result = RunShell("evpose-server --new-token lab --token-file made > /dev/full");
+  EXPECT_EQ(result.status, 1);
+  EXPECT_THAT(result.err, HasSubstr("the token could not be written"));
+  EXPECT_THAT(result.err, HasSubstr("remove its line, the last one, from made"));
+  const CliResult help = RunShell("evpose-server --help > /dev/full");
+  EXPECT_EQ(help.status, 1);
+  EXPECT_THAT(help.err, HasSubstr("the disk is full"));
+}
+
+TEST_F(TrustTest, TheProgramSaysInOneLineWhyTlsFails) {
+  const std::string to = "evpose sessions list --token-file lab.token --connect-timeout 5 --server localhost:";
+  for (const std::string& command : {absl::StrCat(to, tls_->port(), " --tls"), absl::StrCat(to, tls_->port()),
+                                     absl::StrCat(to, plain_->port(), " --tls-ca ca.crt")}) {
+    const CliResult result = RunShell("unset GRPC_VERBOSITY\n" + command);
+    EXPECT_EQ(result.status, 1) << command;
+    EXPECT_THAT(result.err, StartsWith("evpose sessions list: ")) << command;
+    EXPECT_EQ(result.err.find('\n'), result.err.size() - 1) << result.err;
+  }
+}
+
+TEST_F(TrustTest, DrainIsAnOperators) {
+  const CliResult result = Run({"sessions", "drain", "--server", "localhost:" + std::to_string(plain_->port()),
+                                "--token-file", Path("lab.token")});
+  EXPECT_EQ(result.status, 1);
+  EXPECT_THAT(result.err, HasSubstr("only an operator's token"));
+}
+
+TEST_F(TrustTest, AReplayThroughTlsGivesTheSamePoses) {
+  SimulateCube(0.1);
+  ASSERT_EQ(Run(ReplayArguments("inside.tum")).status, 0);
+  const CliResult result =
+      Run(ReplayArguments("tls.tum", {"--server", "localhost:" + std::to_string(tls_->port()), "--tls-ca",
+                                      Path("ca.crt"), "--token-file", Path("lab.token")}));
+  ASSERT_EQ(result.status, 0) << result.err;
+  EXPECT_FALSE(ReadText("tls.tum").empty());
+  EXPECT_EQ(ReadText("tls.tum"), ReadText("inside.tum"));
+}
+
+TEST_F(TrustTest, TheNameInACertificateIsTheTenant) {
+  for (const std::string tenant : {"lab", "field"}) {
+    const TestCertificate certificate = authority_.Issue({.common_name = tenant});
+    WriteText(tenant + ".crt", certificate.certificate_pem);
+    WriteText(tenant + ".key", certificate.key_pem);
+  }
+  server::ServerOptions options;
+  options.tls = {Path("server.crt"), Path("server.key"), Path("ca.crt")};
+  const auto server = Start(options);
+  const auto as = [&](const std::string& tenant) -> std::vector<std::string> {
+    return {"--server",   "localhost:" + std::to_string(server->port()),
+            "--tls-ca",   Path("ca.crt"),
+            "--tls-cert", Path(tenant + ".crt"),
+            "--tls-key",  Path(tenant + ".key")};
+  };
+  SimulateCube(0.02);
+  std::vector<std::string> replay = as("lab");
+  replay.push_back("--keep-session");
+  const CliResult kept = Run(ReplayArguments("lab.tum", replay));
+  ASSERT_EQ(kept.status, 0) << kept.err;
+  const auto list = [&](const std::string& tenant) {
+    std::vector<std::string> arguments = as(tenant);
+    arguments.insert(arguments.begin(), {"sessions", "list"});
+    const CliResult result = Run(arguments);
+    EXPECT_EQ(result.status, 0) << result.err;
+    return result.out;
+  };
+  EXPECT_THAT(list("lab"), StartsWith("sessions/"));
+  EXPECT_EQ(list("field"), "");
+  std::vector<std::string> drain = as("lab");
+  drain.insert(drain.begin(), {"sessions", "drain"});
+  EXPECT_THAT(Run(drain).err, HasSubstr("only an operator's token"));
+}
+
+TEST_F(TrustTest, TheCommandsOfTheReadmeWorkAsPrinted) {
+  const std::string readme = ReadFile(EVPOSE_README, 1u << 20).value();
+  const std::string marker = "<!-- who may use a server -->\n```\n";
+  const size_t begin = readme.find(marker);
+  ASSERT_NE(begin, std::string::npos);
+  std::string script = readme.substr(begin + marker.size());
+  script = script.substr(0, script.find("```"));
+  // A free port instead of the usual one, and the server is waited for and ended.
+  const std::string original = script;
+  script = absl::StrReplaceAll(script, {{"0.0.0.0:50051", "0.0.0.0:0 --port-file port"},
+                                        {"localhost:50051", "localhost:$(cat port)"},
+                                        {"--token-file tokens &\n",
+                                         "--token-file tokens &\nserver=$!\ntrap 'kill $server; wait $server' EXIT\n"
+                                         "while ! test -s port; do kill -0 $server; done\n"}});
+  ASSERT_NE(script.find("kill -0"), std::string::npos) << original;
+  std::filesystem::create_directories(Path("readme"));
+  const CliResult result = RunShell("cd readme\n" + script);
+  EXPECT_EQ(result.status, 0) << script << result.err;
+  EXPECT_THAT(result.err, Not(HasSubstr("warning"))) << "the keys that openssl makes are their owner's alone";
+  EXPECT_THAT(ReadText("readme/lab.token"), StartsWith("evpose_"));
+  EXPECT_THAT(result.err, Not(HasSubstr(ReadText("readme/lab.token").substr(0, 20))));
+}
+
+}  // namespace
+}  // namespace evpose
