@@ -42,7 +42,7 @@ run "$bin/client/cli/evpose" simulate --object cube --duration 5 --noise 0.1 --s
 
 echo "== serve"
 mkfifo "$scratch/server.out"
-"$bin/server/evpose-server" --listen 127.0.0.1:0 >"$scratch/server.out" 2>"$out/server.log" &
+"$bin/server/evpose-server" --listen 127.0.0.1:0 --data-dir "$scratch/data" >"$scratch/server.out" 2>"$out/server.log" &
 server_pid=$!
 read -r _ _ address <"$scratch/server.out" || { cat "$out/server.log" >&2; exit 1; }
 echo "evpose-server listens on $address"
