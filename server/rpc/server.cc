@@ -116,8 +116,10 @@ class ExpiryTimer {
 
 bool IsShared(const Store& store) { return store.kind() == "redis"; }
 
-SessionManager::Options ManagerOptions(const ServerOptions& options, TrackerFactory make_tracker, const Store& store) {
+SessionManager::Options ManagerOptions(const ServerOptions& options, TrackerFactory make_tracker, const Store& store,
+                                       std::shared_ptr<ServerMetrics> metrics) {
   SessionManager::Options out;
+  out.metrics = std::move(metrics);
   out.max_sessions = options.max_sessions;
   out.max_tenant_sessions = options.tenant.max_sessions == 0 ? options.max_sessions : options.tenant.max_sessions;
   out.limits = {.credit_bytes = options.credit_bytes,
@@ -166,8 +168,9 @@ absl::StatusOr<Access> MakeAccess(const ServerOptions& options) {
   return access;
 }
 
-ModelRegistry::Options RegistryOptions(const ServerOptions& options) {
+ModelRegistry::Options RegistryOptions(const ServerOptions& options, std::shared_ptr<ServerMetrics> metrics) {
   ModelRegistry::Options out;
+  out.metrics = std::move(metrics);
   out.max_model_bytes = options.max_model_bytes;
   out.max_store_bytes = options.max_model_store_bytes;
   out.max_tenant_bytes =
@@ -175,8 +178,9 @@ ModelRegistry::Options RegistryOptions(const ServerOptions& options) {
   return out;
 }
 
-TenantQuotas::Options QuotaOptions(const ServerOptions& options) {
+TenantQuotas::Options QuotaOptions(const ServerOptions& options, std::shared_ptr<ServerMetrics> metrics) {
   TenantQuotas::Options out;
+  out.metrics = std::move(metrics);
   out.max_watchers = options.tenant.max_watchers == 0 ? options.max_streams : options.tenant.max_watchers;
   out.max_bytes_per_s = options.tenant.max_bytes_per_s;
   // A second's worth, or a chunk.
@@ -188,14 +192,16 @@ TenantQuotas::Options QuotaOptions(const ServerOptions& options) {
 class ServerImpl : public Server, public Drainer {
  public:
   ServerImpl(const ServerOptions& options, TrackerFactory make_tracker, Access access, std::unique_ptr<Store> store,
-             std::unique_ptr<ModelRegistry> models)
-      : access_(std::move(access)),
-        pool_(NumWorkers(options)),
+             std::shared_ptr<ServerMetrics> metrics, std::unique_ptr<ModelRegistry> models)
+      : metrics_(std::move(metrics)),
+        access_(std::move(access)),
+        num_workers_(NumWorkers(options)),
+        pool_(num_workers_),
         store_(std::move(store)),
         models_(std::move(models)),
-        sessions_(ManagerOptions(options, std::move(make_tracker), *store_), *store_, *models_, pool_),
-        streams_(options.max_streams),
-        quotas_(QuotaOptions(options)),
+        sessions_(ManagerOptions(options, std::move(make_tracker), *store_, metrics_), *store_, *models_, pool_),
+        streams_(options.max_streams, metrics_),
+        quotas_(QuotaOptions(options, metrics_)),
         expiry_timer_(sessions_, pool_, options.session_expiry),
         store_check_(*store_, pool_, options.store_check_period,
                      [this](bool answers) { server_->GetHealthCheckService()->SetServingStatus(answers); }),
@@ -210,7 +216,8 @@ class ServerImpl : public Server, public Drainer {
                  *this,
                  options.attach_timeout,
                  options.max_model_bytes,
-                 options.drain_timeout},
+                 options.drain_timeout,
+                 *metrics_},
         session_service_(context_),
         model_service_(context_),
         admin_service_(context_) {}
@@ -255,6 +262,17 @@ class ServerImpl : public Server, public Drainer {
     return server_->InProcessChannel(arguments);
   }
 
+  const ServerMetrics& metrics() const override { return *metrics_; }
+
+  ServerState state() const override {
+    ServerState state = {.sessions = sessions_.totals(),
+                         .max_sessions = sessions_.options().max_sessions,
+                         .num_workers = static_cast<uint32_t>(num_workers_),
+                         .readiness = sessions_.CheckNotDraining()};
+    state.readiness.Update(FromStore(store_check_.answer()));
+    return state;
+  }
+
   void Drain(absl::Duration deadline) override {
     if (BeginToLeave(deadline) && on_drain_ != nullptr) on_drain_(deadline);
   }
@@ -295,7 +313,9 @@ class ServerImpl : public Server, public Drainer {
     return true;
   }
 
+  const std::shared_ptr<ServerMetrics> metrics_;
   const Access access_;
+  const int num_workers_;
   WorkerPool pool_;  // outlives the store, whose last word may come to a session's strand
   const std::unique_ptr<Store> store_;
   const std::unique_ptr<ModelRegistry> models_;
@@ -373,10 +393,11 @@ absl::StatusOr<std::unique_ptr<Server>> StartServer(const ServerOptions& options
   EVPOSE_RETURN_IF_ERROR(options.Validate());
   grpc::EnableDefaultHealthCheckService(true);
   EVPOSE_ASSIGN_OR_RETURN(Access access, MakeAccess(options));
+  const auto metrics = std::make_shared<ServerMetrics>();
   EVPOSE_ASSIGN_OR_RETURN(std::unique_ptr<ModelRegistry> models,
-                          ModelRegistry::Create(RegistryOptions(options), *store));
+                          ModelRegistry::Create(RegistryOptions(options, metrics), *store));
   auto server = std::make_unique<ServerImpl>(options, std::move(make_tracker), std::move(access), std::move(store),
-                                             std::move(models));
+                                             metrics, std::move(models));
   EVPOSE_RETURN_IF_ERROR(server->Restore());
   EVPOSE_RETURN_IF_ERROR(server->Listen(options));
   return server;

@@ -13,6 +13,7 @@
 #include "absl/status/statusor.h"
 #include "absl/time/time.h"
 #include "server/auth/tls_files.h"
+#include "server/sessions/metrics.h"
 #include "server/stores/open_store.h"
 
 namespace evpose::server {
@@ -82,6 +83,10 @@ class Server {
 
   virtual int port() const = 0;  // 0 without a socket
   virtual std::shared_ptr<grpc::Channel> InProcessChannel() = 0;
+
+  // For those who operate it; at any time, from any thread.
+  virtual const ServerMetrics& metrics() const = 0;
+  virtual ServerState state() const = 0;
 
   // Health turns NOT_SERVING, new sessions and streams are refused and every Track stream gets GoAway; streams still
   // open shortly before the deadline end UNAVAILABLE, watchers as soon as no Track stream is left. Returns when every

@@ -4,6 +4,7 @@
 #include "absl/time/time.h"
 #include "server/auth/authenticator.h"
 #include "server/rpc/stream_registry.h"
+#include "server/sessions/metrics.h"
 #include "server/sessions/model_registry.h"
 #include "server/sessions/session_manager.h"
 #include "server/sessions/tenant_quotas.h"
@@ -32,6 +33,7 @@ struct ServiceContext {
   absl::Duration attach_timeout;
   uint64_t max_model_bytes;
   absl::Duration drain_timeout;  // when the caller of Drain gives none
+  ServerMetrics& metrics;
 };
 
 }  // namespace evpose::server

@@ -3,7 +3,6 @@
 #include <string>
 #include <utility>
 
-#include "absl/status/status.h"
 #include "server/sessions/log.h"
 
 namespace evpose::server {
@@ -29,6 +28,11 @@ void StoreCheck::Arm() {
   });
 }
 
+absl::Status StoreCheck::answer() const {
+  const std::lock_guard lock(mutex_);
+  return answer_;
+}
+
 bool StoreCheck::IsStopped() {
   const std::lock_guard lock(mutex_);
   return is_stopped_;
@@ -39,15 +43,16 @@ void StoreCheck::Ask() {
   const absl::Status health = store_.CheckHealth();
   const std::lock_guard lock(mutex_);
   if (is_stopped_) return;
-  if (health.ok() != answers_) {
-    answers_ = health.ok();
-    if (answers_) {
+  const bool has_changed = health.ok() != answer_.ok();
+  answer_ = health;
+  if (has_changed) {
+    if (health.ok()) {
       ServerLog().info("the store answers again: health is SERVING");
     } else {
       ServerLog().warn("the store does not answer, health is NOT_SERVING until it does: {}",
                        std::string(health.message()));
     }
-    listener_(answers_);
+    listener_(health.ok());
   }
   Arm();
 }

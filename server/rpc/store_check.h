@@ -7,6 +7,7 @@
 #include <mutex>
 
 #include "absl/base/thread_annotations.h"
+#include "absl/status/status.h"
 #include "absl/time/time.h"
 #include "server/sessions/worker_pool.h"
 #include "server/stores/store.h"
@@ -28,6 +29,8 @@ class StoreCheck {
   void Start();
   // The listener is not called afterwards, and the store not asked again, whether it was started or not.
   void Stop();
+  // Its last one; UNAVAILABLE saying why it does not.
+  absl::Status answer() const;
 
  private:
   void Arm() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
@@ -38,8 +41,8 @@ class StoreCheck {
   WorkerPool& pool_;
   const absl::Duration period_;
   const Listener listener_;
-  std::mutex mutex_;
-  bool answers_ ABSL_GUARDED_BY(mutex_) = true;
+  mutable std::mutex mutex_;
+  absl::Status answer_ ABSL_GUARDED_BY(mutex_);
   bool is_stopped_ ABSL_GUARDED_BY(mutex_) = false;
   std::unique_ptr<PoolTimer> timer_ ABSL_GUARDED_BY(mutex_);
 };

@@ -5,11 +5,13 @@
 #include <memory>
 #include <mutex>
 #include <unordered_map>
+#include <utility>
 #include <vector>
 
 #include "absl/base/thread_annotations.h"
 #include "absl/status/status.h"
 #include "absl/time/time.h"
+#include "server/sessions/metrics.h"
 
 namespace evpose::server {
 
@@ -24,9 +26,10 @@ class OpenStream {
 // Thread-safe.
 class StreamRegistry {
  public:
-  enum class Kind { kTrack, kWatch };
+  using Kind = StreamKind;
 
-  explicit StreamRegistry(size_t max_streams) : max_streams_(max_streams) {}
+  StreamRegistry(size_t max_streams, std::shared_ptr<ServerMetrics> metrics)
+      : max_streams_(max_streams), metrics_(std::move(metrics)) {}
 
   // One stream too many is ended at once, RESOURCE_EXHAUSTED (TOO_MANY_STREAMS).
   void Add(Kind kind, const std::shared_ptr<OpenStream>& stream);
@@ -49,6 +52,7 @@ class StreamRegistry {
   std::vector<std::shared_ptr<OpenStream>> Streams(bool with_watches);
 
   const size_t max_streams_;
+  const std::shared_ptr<ServerMetrics> metrics_;
   std::mutex mutex_;
   std::condition_variable removed_;
   std::unordered_map<const OpenStream*, Entry> entries_ ABSL_GUARDED_BY(mutex_);

@@ -249,6 +249,7 @@ class TrackReactor : public grpc::ServerBidiReactor<v1::TrackRequest, v1::TrackR
 
   void Finish(const absl::Status& status) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
     is_finished_ = true;
+    services_.metrics.stream_ends[StreamKind::kTrack][status.code()].Add();
     alarm_.reset();
     if (session_ != nullptr) session_->Detach(stream_);
     grpc::ServerBidiReactor<v1::TrackRequest, v1::TrackResponse>::Finish(ToGrpcStatus(status));
@@ -374,6 +375,7 @@ class TrackReactor : public grpc::ServerBidiReactor<v1::TrackRequest, v1::TrackR
   void WriteSummary() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
     *response_.mutable_summary()->mutable_health() = ToProto(session_->Snapshot().health, session_->config());
     is_finished_ = true;
+    services_.metrics.stream_ends[StreamKind::kTrack][absl::StatusCode::kOk].Add();
     session_->Detach(stream_);
     StartWriteAndFinish(&response_, grpc::WriteOptions(), grpc::Status::OK);
   }

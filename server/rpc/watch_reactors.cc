@@ -142,6 +142,7 @@ class WatchReactor : public grpc::ServerWriteReactor<Response>,
 
   void Finish(const absl::Status& status) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
     is_finished_ = true;
+    services_.metrics.stream_ends[StreamKind::kWatch][status.code()].Add();
     OnFinish();
     grpc::ServerWriteReactor<Response>::Finish(ToGrpcStatus(status));
   }

@@ -115,6 +115,7 @@ absl::StatusOr<std::unique_ptr<ModelRegistry::Reservation>> ModelRegistry::Reser
   }
   // Who has taken how much is not told: others may be among them.
   if (bytes_ + size_bytes > options_.max_store_bytes) {
+    options_.metrics->quota_refusals[QuotaLimit::kMaxModelStoreBytes].Add();
     return LimitReached("MODEL_STORE_FULL", "max_model_store_bytes",
                         absl::StrCat("no room for a model of ", size_bytes, " bytes: the server's ",
                                      options_.max_store_bytes, " are taken; delete models that are not needed"),
@@ -123,6 +124,7 @@ absl::StatusOr<std::unique_ptr<ModelRegistry::Reservation>> ModelRegistry::Reser
   const auto found = bytes_of_tenant_.find(tenant);
   const uint64_t taken = found == bytes_of_tenant_.end() ? 0 : found->second;
   if (taken + size_bytes > options_.max_tenant_bytes) {
+    options_.metrics->quota_refusals[QuotaLimit::kTenantModelBytes].Add();
     return LimitReached("TENANT_QUOTA", "tenant_model_bytes",
                         absl::StrCat("no room for a model of ", size_bytes, " bytes: this tenant has taken ", taken,
                                      " of ", options_.max_tenant_bytes, "; delete models that are not needed"),

@@ -18,6 +18,7 @@
 #include "absl/strings/string_view.h"
 #include "absl/time/time.h"
 #include "core/models/object_model.h"
+#include "server/sessions/metrics.h"
 #include "server/stores/store.h"
 
 namespace evpose::server {
@@ -60,6 +61,7 @@ class ModelRegistry {
     uint64_t max_model_bytes = 64ull << 20;
     uint64_t max_store_bytes = 512ull << 20;   // of all files, those on their way included
     uint64_t max_tenant_bytes = 512ull << 20;  // of those of one tenant
+    std::shared_ptr<ServerMetrics> metrics = std::make_shared<ServerMetrics>();
   };
 
   // Loads what the store has; what can no longer be loaded is named in the log and left out. Errors: those of the

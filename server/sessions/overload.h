@@ -34,6 +34,8 @@ class OverloadGate {
   // is allowed is left: the poses are then young for a while, and gaps not as frequent as slices. kBlock: never.
   bool MustSkip(const Backlog& backlog);
   void AddSkipped(const EventGap& gap);
+  // That of the stretch under way.
+  DropReason reason() const { return stretch_.has_value() ? stretch_->reason : DropReason::kLag; }
   // The stretch that was skipped until now: it is over. Nothing when nothing was.
   std::optional<EventsDropped> EndStretch();
 

@@ -120,7 +120,7 @@ class LiveTest : public testing::Test {
     parts.beginning.lifecycle = {.token_digest = TokenDigest("first"), .detached_at = absl::UnixEpoch()};
     parts.lease = store_->CreateSession({.name = parts.name}, "").value();
     parts.steady_now = [this] { return Session::SteadyTime(std::chrono::microseconds(load_.now_us)); };
-    parts.skipped_events_of_all = skipped_events_of_all_;
+    parts.metrics = metrics_;
     session_ = Session::Start(std::move(parts), pool_);
     stream_ = session_->Attach("first", 0, listener_).value().stream;
   }
@@ -182,7 +182,7 @@ class LiveTest : public testing::Test {
   std::vector<StoredPose> Poses() { return session_->pose_log().Read(0, 100'000); }
 
   Load load_;
-  const std::shared_ptr<std::atomic<uint64_t>> skipped_events_of_all_ = std::make_shared<std::atomic<uint64_t>>(0);
+  const std::shared_ptr<ServerMetrics> metrics_ = std::make_shared<ServerMetrics>();
   const std::shared_ptr<WaitingListener> listener_ = std::make_shared<WaitingListener>();
   WorkerPool pool_{1};  // outlives the store, whose thread may be the last to let go of a session
   const std::unique_ptr<Store> store_ = MakeMemoryStore();
@@ -231,7 +231,9 @@ TEST_F(LiveTest, ASlowTrackerSkipsAndItsPosesStayYoung) {
   // The stream, health and the server's total agree, and nothing is counted twice or not at all.
   EXPECT_EQ(health.skipped_events, num_dropped);
   EXPECT_EQ(health.skipped_us, dropped_us);
-  EXPECT_EQ(*skipped_events_of_all_, num_dropped);
+  EXPECT_EQ(metrics_->skipped_events[DropReason::kLag].value(), num_dropped);
+  EXPECT_EQ(metrics_->all_skipped_events(), num_dropped);
+  EXPECT_EQ(metrics_->decoded_events.value(), health.counts.cd_events);
   EXPECT_EQ(health.counts.cd_events, 2000u * kEventsPerMs);
   EXPECT_EQ(load_.tracked_events + num_dropped, health.counts.cd_events);
   EXPECT_EQ(health.processed_bytes, sent_bytes_);

@@ -44,11 +44,11 @@ Session::Session(Parts parts, WorkerPool& pool)
       config_(std::move(parts.config)),
       limits_(parts.limits),
       committer_(std::make_shared<SessionCommitter>(name_, std::move(parts.lease), DurableAtBeginning(parts.beginning),
-                                                    pool, limits_.backoff)),
+                                                    pool, limits_.backoff, parts.metrics)),
       pose_log_(limits_.pose_log_capacity, FirstPoseSeq(parts.beginning)),
       now_(std::move(parts.now)),
       steady_now_(std::move(parts.steady_now)),
-      skipped_events_of_all_(std::move(parts.skipped_events_of_all)),
+      metrics_(std::move(parts.metrics)),
       watchers_(std::make_shared<Watchers>(pool)),
       create_time_(parts.create_time),
       strand_(pool.MakeStrand()),
@@ -57,6 +57,7 @@ Session::Session(Parts parts, WorkerPool& pool)
       explained_ratios_(config_.objects.size(), 0.0f),
       model_uses_(std::move(parts.model_uses)),
       resume_token_(std::move(parts.resume_token)) {
+  if (pipeline_ != nullptr) pipeline_->Measure({metrics_, [this] { return steady_now_(); }});
   const std::lock_guard lock(mutex_);
   pose_log_.Append(parts.beginning.poses);
   health_.objects.resize(config_.objects.size());
@@ -96,11 +97,7 @@ SessionSnapshot Session::Snapshot() const {
   snapshot.health = health_;
   snapshot.health.latency_p50_us = latencies_.Percentile(0.5);
   snapshot.health.latency_p99_us = latencies_.Percentile(0.99);
-  if (in_work_since_.has_value()) {
-    snapshot.health.queue_age_us = MicrosecondsSince(*in_work_since_);
-  } else if (!queue_.empty()) {
-    snapshot.health.queue_age_us = MicrosecondsSince(queue_.front().received_at);
-  }
+  snapshot.health.queue_age_us = QueueAge_us();
   return snapshot;
 }
 
@@ -131,7 +128,10 @@ absl::StatusOr<Attachment> Session::Attach(absl::string_view resume_token, uint6
       return InvalidField("attach.last_pose_seq",
                           absl::StrCat("is ", last_pose_seq, ", but the session has made ", health_.poses, " poses"));
     }
-    if (stream_ > 0) ++health_.reattaches;
+    if (stream_ > 0) {
+      ++health_.reattaches;
+      metrics_->reattaches.Add();
+    }
     ReplaceToken(std::move(new_token), std::move(digest));
     attach_lifecycle_ = lifecycle_number_;
     ++stream_;
@@ -229,6 +229,7 @@ absl::Status Session::PushEvents(uint64_t stream, EventChunk chunk) {
   }
   ++next_seq_;
   health_.received_bytes += chunk.payload.size();
+  metrics_->received_bytes.Add(chunk.payload.size());
   Enqueue(stream, std::move(chunk));
   return absl::OkStatus();
 }
@@ -357,7 +358,9 @@ void Session::Run() {
   const SteadyTime begin = steady_now_();
   output_.clear();
   const bool item_is_done = WorkOnItem();
-  processing_time_ += steady_now_() - begin;
+  const auto duration = steady_now_() - begin;
+  processing_time_ += duration;
+  metrics_->processing_ns.Add(static_cast<uint64_t>(std::chrono::nanoseconds(duration).count()));
   Publish(item_is_done);
 }
 
@@ -407,7 +410,7 @@ void Session::SkipOrTrack(absl::Span<const uint8_t> slice) {
   }
   skipped_ = pipeline_->Skip(slice, output_);
   overload_.AddSkipped(skipped_);
-  if (skipped_events_of_all_ != nullptr) *skipped_events_of_all_ += skipped_.num_events;
+  metrics_->skipped_events[overload_.reason()].Add(skipped_.num_events);
 }
 
 std::vector<StoredPose> Session::NumberPoses() {
@@ -442,11 +445,12 @@ void Session::Publish(bool item_is_done) {
   std::unique_ptr<SessionPipeline> ended_pipeline;  // its memory goes after the lock
   {
     const std::lock_guard lock(mutex_);
+    CountWork(poses);
     for (const StoredPose& pose : poses) latencies_.Add(pose.latency_us);
     health_.poses = next_pose_seq_ - 1;
     health_.counts = pipeline_->counts();
     health_.t_us = std::max<int64_t>(pipeline_->now_us(), 0);
-    health_.sensor_time_us = pipeline_->now_us() - pipeline_->first_t_us();
+    health_.sensor_time_us = pipeline_->sensor_time_us();
     health_.processing_us = std::chrono::duration_cast<std::chrono::microseconds>(processing_time_).count();
     for (size_t i = 0; i < health_.objects.size(); ++i) {
       const Tracker& tracker = pipeline_->tracker();

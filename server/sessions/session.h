@@ -2,7 +2,6 @@
 // listen. No gRPC type is in here: server/rpc translates.
 #pragma once
 
-#include <atomic>
 #include <chrono>
 #include <cstdint>
 #include <deque>
@@ -21,6 +20,7 @@
 #include "absl/time/time.h"
 #include "absl/types/span.h"
 #include "server/sessions/latency_histogram.h"
+#include "server/sessions/metrics.h"
 #include "server/sessions/overload.h"
 #include "server/sessions/pose_log.h"
 #include "server/sessions/session_committer.h"
@@ -152,7 +152,7 @@ class Session : public std::enable_shared_from_this<Session> {
     absl::AnyInvocable<absl::Time() const> now;
     // For what is told of how long things took, and for max_lag.
     absl::AnyInvocable<SteadyTime() const> steady_now = std::chrono::steady_clock::now;
-    std::shared_ptr<std::atomic<uint64_t>> skipped_events_of_all;  // null: not counted
+    std::shared_ptr<ServerMetrics> metrics = std::make_shared<ServerMetrics>();
   };
   static std::shared_ptr<Session> Start(Parts parts, WorkerPool& pool);
   ~Session();
@@ -167,6 +167,7 @@ class Session : public std::enable_shared_from_this<Session> {
   std::string resume_token() const;
   bool IsTokenGood(absl::string_view resume_token) const;
   SessionSnapshot Snapshot() const;
+  void AddTo(SessionTotals& totals) const;
   SessionInfo Describe() const { return {name_, config_, create_time_, Snapshot()}; }
   std::optional<absl::Time> expire_time() const;  // absent while a stream is attached
 
@@ -241,6 +242,9 @@ class Session : public std::enable_shared_from_this<Session> {
   // Without the lock; `stream_listener` may be null.
   void NotifyListeners(const std::shared_ptr<SessionListener>& stream_listener);
   int64_t MicrosecondsSince(SteadyTime begin) const;
+  int64_t QueueAge_us() const ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
+  // What has come since health_ was brought up to date (session_metrics.cc).
+  void CountWork(const std::vector<StoredPose>& poses) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
 
   // What is kept (session_checkpoint.cc).
   void ReplaceToken(std::string token, std::string previous_digest) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
@@ -275,7 +279,7 @@ class Session : public std::enable_shared_from_this<Session> {
   PoseLog pose_log_;
   const absl::AnyInvocable<absl::Time() const> now_;
   const absl::AnyInvocable<SteadyTime() const> steady_now_;
-  const std::shared_ptr<std::atomic<uint64_t>> skipped_events_of_all_;
+  const std::shared_ptr<ServerMetrics> metrics_;
   const std::shared_ptr<Watchers> watchers_;
   const absl::Time create_time_;
   Strand strand_;

@@ -214,7 +214,7 @@ bool Session::WriteDueCheckpoint() {
 
 void Session::WriteCheckpoint() {
   const auto begin = std::chrono::steady_clock::now();
-  SessionCommitter::Checkpoint out;
+  SessionCommitter::Checkpoint out = {.begun_at = begin};
   SessionCheckpoint state;
   bool is_whole = false;
   uint64_t after_pose_seq = 0;

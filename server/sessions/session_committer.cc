@@ -9,11 +9,12 @@
 namespace evpose::server {
 
 SessionCommitter::SessionCommitter(std::string session, std::unique_ptr<SessionLease> lease, const Progress& durable,
-                                   WorkerPool& pool, const Backoff& backoff)
+                                   WorkerPool& pool, const Backoff& backoff, std::shared_ptr<ServerMetrics> metrics)
     : session_(std::move(session)),
       lease_(std::move(lease)),
       pool_(pool),
       backoff_(backoff),
+      metrics_(std::move(metrics)),
       progress_(durable),
       newest_lifecycle_(durable.lifecycle),
       retry_after_(backoff.first) {}
@@ -31,6 +32,7 @@ void SessionCommitter::Batch::Append(Batch later) {
   commit.first_pose_seq_kept = std::max(commit.first_pose_seq_kept, later.commit.first_pose_seq_kept);
   if (later.commit.ended_at.has_value()) commit.ended_at = later.commit.ended_at;
   last_pose_seq = std::max(last_pose_seq, later.last_pose_seq);
+  if (!has_checkpoint) begun_at = later.begun_at;
   has_checkpoint |= later.has_checkpoint;
 }
 
@@ -52,6 +54,7 @@ void SessionCommitter::CommitCheckpoint(Checkpoint checkpoint) {
     const std::lock_guard lock(mutex_);
     Batch batch;
     batch.has_checkpoint = true;
+    batch.begun_at = checkpoint.begun_at;
     if (checkpoint.state.has_value()) batch.commit.checkpoint = *std::move(checkpoint.state);
     batch.seq = checkpoint.seq;
     if (checkpoint.poses.has_value()) {
@@ -97,6 +100,7 @@ void SessionCommitter::OnDone(const absl::Status& status) {
   {
     const std::lock_guard lock(mutex_);
     is_in_flight_ = false;
+    CountFailure(status);
     if (status.ok()) {
       RecordDone();
     } else if (absl::IsUnavailable(status)) {
@@ -123,6 +127,9 @@ void SessionCommitter::RecordDone() {
   progress_.seq = std::max(progress_.seq, in_flight_.seq);
   progress_.last_pose_seq = std::max(progress_.last_pose_seq, in_flight_.last_pose_seq);
   progress_.ended |= in_flight_.commit.ended_at.has_value();
+  if (in_flight_.has_checkpoint) {
+    metrics_->checkpoint_time.Add(std::chrono::steady_clock::now() - in_flight_.begun_at);
+  }
   in_flight_ = Batch();
 }
 
@@ -138,6 +145,26 @@ void SessionCommitter::RetryLater() {
     self->StartCommit();
   });
   retry_after_ = std::min(2 * retry_after_, backoff_.longest);
+}
+
+void SessionCommitter::CountFailure(const absl::Status& status) {
+  const auto kind = [&status]() -> std::optional<CheckpointFailure> {
+    switch (status.code()) {
+      case absl::StatusCode::kOk:
+      case absl::StatusCode::kNotFound:   // the session was deleted
+      case absl::StatusCode::kCancelled:  // the server leaves
+        return std::nullopt;
+      case absl::StatusCode::kUnavailable:
+        return CheckpointFailure::kStoreAway;
+      case absl::StatusCode::kResourceExhausted:
+        return CheckpointFailure::kStoreFull;
+      case absl::StatusCode::kAborted:
+        return CheckpointFailure::kFenced;
+      default:
+        return CheckpointFailure::kStoreFailed;
+    }
+  }();
+  if (kind.has_value() && in_flight_.has_checkpoint) metrics_->checkpoint_failures[*kind].Add();
 }
 
 absl::Status SessionCommitter::FailureOf(const absl::Status& status) const {

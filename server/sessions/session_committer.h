@@ -2,6 +2,7 @@
 // is away. Knows nothing of tracking.
 #pragma once
 
+#include <chrono>
 #include <cstdint>
 #include <functional>
 #include <memory>
@@ -13,6 +14,7 @@
 #include "absl/base/thread_annotations.h"
 #include "absl/status/status.h"
 #include "absl/time/time.h"
+#include "server/sessions/metrics.h"
 #include "server/sessions/worker_pool.h"
 #include "server/stores/store.h"
 
@@ -33,6 +35,8 @@ class SessionCommitter : public std::enable_shared_from_this<SessionCommitter> {
     std::optional<PoseSegment> poses;
     uint64_t first_pose_seq_kept = 1;
     std::optional<absl::Time> ended_at;  // no more will come
+    // When making it began, for what is told of how long things took.
+    std::chrono::steady_clock::time_point begun_at = std::chrono::steady_clock::now();
   };
 
   struct Progress {
@@ -49,7 +53,7 @@ class SessionCommitter : public std::enable_shared_from_this<SessionCommitter> {
 
   // `durable`: what the store has already.
   SessionCommitter(std::string session, std::unique_ptr<SessionLease> lease, const Progress& durable, WorkerPool& pool,
-                   const Backoff& backoff);
+                   const Backoff& backoff, std::shared_ptr<ServerMetrics> metrics);
   // The lock shows to tools that all calls are over.
   ~SessionCommitter() { const std::lock_guard lock(mutex_); }
 
@@ -76,6 +80,7 @@ class SessionCommitter : public std::enable_shared_from_this<SessionCommitter> {
     uint64_t seq = 0;
     uint64_t last_pose_seq = 0;
     bool has_checkpoint = false;
+    std::chrono::steady_clock::time_point begun_at;  // of its first checkpoint
 
     bool is_empty() const { return lifecycle == 0 && !has_checkpoint; }
     void Append(Batch later);
@@ -87,11 +92,13 @@ class SessionCommitter : public std::enable_shared_from_this<SessionCommitter> {
   void RecordDone() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   void RetryLater() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   absl::Status FailureOf(const absl::Status& status) const;
+  void CountFailure(const absl::Status& status) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
 
   const std::string session_;
   const std::unique_ptr<SessionLease> lease_;
   WorkerPool& pool_;
   const Backoff backoff_;
+  const std::shared_ptr<ServerMetrics> metrics_;
   std::function<void()> listener_;
 
   mutable std::mutex mutex_;

@@ -66,9 +66,10 @@ class SessionCommitterTest : public testing::Test {
   const std::shared_ptr<TestLease::Commits> commits_ = std::make_shared<TestLease::Commits>();
   std::atomic<int> num_changes_ = 0;
   WorkerPool pool_{1};
+  const std::shared_ptr<ServerMetrics> metrics_ = std::make_shared<ServerMetrics>();
   const std::shared_ptr<SessionCommitter> committer_ = std::make_shared<SessionCommitter>(
       "sessions/test", std::make_unique<TestLease>(commits_), Progress(), pool_,
-      SessionCommitter::Backoff{.first = absl::Microseconds(1), .longest = absl::Microseconds(10)});
+      SessionCommitter::Backoff{.first = absl::Microseconds(1), .longest = absl::Microseconds(10)}, metrics_);
 };
 
 TEST_F(SessionCommitterTest, OneCommitAtATimeAndWhatWaitsGoesTogether) {
@@ -81,6 +82,7 @@ TEST_F(SessionCommitterTest, OneCommitAtATimeAndWhatWaitsGoesTogether) {
   EXPECT_EQ(Answer(absl::OkStatus()).lifecycle, "first");
   EXPECT_EQ(committer_->progress().lifecycle, 1u);
   EXPECT_EQ(committer_->progress().seq, 0u);
+  EXPECT_EQ(metrics_->checkpoint_time.Read().total(), 0u);
   const SessionCommit second = Answer(absl::OkStatus());
   EXPECT_EQ(second.lifecycle, "second");
   EXPECT_EQ(second.checkpoint, "state");
@@ -90,6 +92,7 @@ TEST_F(SessionCommitterTest, OneCommitAtATimeAndWhatWaitsGoesTogether) {
   EXPECT_EQ(progress.last_pose_seq, 10u);
   EXPECT_FALSE(progress.has_waiting);
   EXPECT_FALSE(progress.ended);
+  EXPECT_EQ(metrics_->checkpoint_time.Read().total(), 1u);
   EXPECT_EQ(NumWaiting(), 0u) << "nothing is committed twice";
   EXPECT_EQ(num_changes_, 2);
 }
@@ -106,7 +109,8 @@ TEST_F(SessionCommitterTest, WhatTheStoreDidNotAnswerIsCommittedAgainWithWhatCam
   end.ended_at = absl::UnixEpoch();
   committer_->CommitCheckpoint(std::move(end));
   SessionCommit commit = Answer(absl::UnavailableError("away"));
-  while (commit.checkpoint == "one") commit = Answer(absl::UnavailableError("away"));
+  uint64_t num_failures = 3;
+  for (; commit.checkpoint == "one"; ++num_failures) commit = Answer(absl::UnavailableError("away"));
   EXPECT_EQ(commit.checkpoint, "two");
   ASSERT_EQ(commit.poses.size(), 2u);
   EXPECT_EQ(commit.poses[0].first_pose_seq, 1u);
@@ -117,6 +121,8 @@ TEST_F(SessionCommitterTest, WhatTheStoreDidNotAnswerIsCommittedAgainWithWhatCam
   EXPECT_EQ(progress.last_pose_seq, 20u);
   EXPECT_TRUE(progress.ended);
   EXPECT_FALSE(progress.store_is_away);
+  EXPECT_EQ(metrics_->checkpoint_failures[CheckpointFailure::kStoreAway].value(), num_failures);
+  EXPECT_EQ(metrics_->checkpoint_time.Read().total(), 1u);
 }
 
 TEST_F(SessionCommitterTest, PosesMayGoAlone) {
@@ -139,8 +145,8 @@ TEST_F(SessionCommitterTest, EveryEndHasItsReason) {
   for (const auto& [answer, reason] : cases) {
     const auto commits = std::make_shared<TestLease::Commits>();
     const auto committer = std::make_shared<SessionCommitter>("sessions/a", std::make_unique<TestLease>(commits),
-                                                              Progress(), pool_, SessionCommitter::Backoff());
-    committer->CommitLifecycle(1, "x");
+                                                              Progress(), pool_, SessionCommitter::Backoff(), metrics_);
+    committer->CommitCheckpoint(State("x", 1, 1, 10));
     committer->CommitLifecycle(2, "y");
     SessionLease::Done done = std::move(commits->waiting.front().second);
     commits->waiting.clear();
@@ -148,6 +154,10 @@ TEST_F(SessionCommitterTest, EveryEndHasItsReason) {
     EXPECT_EQ(GetErrorDetails(committer->progress().failure).reason, reason);
     EXPECT_TRUE(commits->waiting.empty()) << "nothing is begun afterwards";
   }
+  EXPECT_EQ(metrics_->checkpoint_failures[CheckpointFailure::kFenced].value(), 1u);
+  EXPECT_EQ(metrics_->checkpoint_failures[CheckpointFailure::kStoreFull].value(), 1u);
+  EXPECT_EQ(metrics_->checkpoint_failures[CheckpointFailure::kStoreFailed].value(), 1u);
+  EXPECT_EQ(metrics_->checkpoint_failures[CheckpointFailure::kStoreAway].value(), 0u);
 }
 
 TEST_F(SessionCommitterTest, AClosedOneBeginsNothing) {

@@ -112,7 +112,7 @@ absl::StatusOr<std::shared_ptr<Session>> SessionFactory::MakeNew(const std::stri
   parts.model_uses = std::move(models->uses);
   parts.now = options_.now;
   parts.steady_now = options_.steady_now;
-  parts.skipped_events_of_all = options_.skipped_events_of_all;
+  parts.metrics = options_.metrics;
   parts.create_time = options_.now();
   parts.beginning.lifecycle = {.token_digest = TokenDigest(parts.resume_token), .detached_at = parts.create_time};
   const SessionRecord record = {.name = parts.name,
@@ -162,7 +162,7 @@ absl::StatusOr<std::shared_ptr<Session>> SessionFactory::Restore(StoredSession s
   parts.create_time = stored.record.create_time;
   parts.now = options_.now;
   parts.steady_now = options_.steady_now;
-  parts.skipped_events_of_all = options_.skipped_events_of_all;
+  parts.metrics = options_.metrics;
   return Session::Start(std::move(parts), pool_);
 }
 

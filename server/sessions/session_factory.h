@@ -1,7 +1,6 @@
 // Makes sessions: new ones, and those that the store keeps.
 #pragma once
 
-#include <atomic>
 #include <functional>
 #include <memory>
 #include <string>
@@ -26,7 +25,7 @@ class SessionFactory {
     TrackerFactory make_tracker;
     std::function<absl::Time()> now;
     std::function<Session::SteadyTime()> steady_now;
-    std::shared_ptr<std::atomic<uint64_t>> skipped_events_of_all;
+    std::shared_ptr<ServerMetrics> metrics;
   };
   SessionFactory(Options options, Store& store, ModelRegistry& models, WorkerPool& pool)
       : options_(std::move(options)), store_(store), models_(models), pool_(pool) {}

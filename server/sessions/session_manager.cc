@@ -54,7 +54,7 @@ SessionManager::SessionManager(const Options& options, Store& store, ModelRegist
     : options_(options),
       store_(store),
       pool_(pool),
-      factory_({options.limits, options.make_tracker, options.now, options.steady_now, skipped_events_}, store, models,
+      factory_({options.limits, options.make_tracker, options.now, options.steady_now, options.metrics}, store, models,
                pool),
       orphans_(store, options.limits.expiry) {
   // The calls come on threads of gRPC: the lock, here and in the destructor, orders them in a way that tools can see.
@@ -92,6 +92,7 @@ absl::StatusOr<std::shared_ptr<Session>> SessionManager::FindOrTakeSlot(const Se
   const std::string& tenant = request.first;
   EVPOSE_RETURN_IF_ERROR(CheckSlotIsFree());
   if (CountSessions(tenant) >= options_.max_tenant_sessions) {
+    options_.metrics->quota_refusals[QuotaLimit::kTenantSessions].Add();
     return LimitReached("TENANT_QUOTA", "tenant_sessions",
                         absl::StrCat("this tenant has its ", options_.max_tenant_sessions,
                                      " sessions: delete one that is not needed, or try again later"),
@@ -104,6 +105,7 @@ absl::StatusOr<std::shared_ptr<Session>> SessionManager::FindOrTakeSlot(const Se
 
 absl::Status SessionManager::CheckSlotIsFree() const {
   if (sessions_.size() + slots_being_filled_ < options_.max_sessions) return absl::OkStatus();
+  options_.metrics->quota_refusals[QuotaLimit::kMaxSessions].Add();
   return LimitReached("TOO_MANY_SESSIONS", "max_sessions",
                       absl::StrCat("all ", options_.max_sessions,
                                    " sessions are taken: delete one that is not needed, or try again later"),
@@ -421,6 +423,12 @@ uint32_t SessionManager::num_sessions_of(const std::string& tenant) const {
   uint32_t count = 0;
   for (const auto& [name, entry] : sessions_) count += entry.tenant() == tenant ? 1 : 0;
   return count;
+}
+
+SessionTotals SessionManager::totals() const {
+  SessionTotals totals;
+  for (const auto& session : Sessions()) session->AddTo(totals);
+  return totals;
 }
 
 uint32_t SessionManager::num_attached() const {

@@ -2,7 +2,6 @@
 // it is as if it were not there.
 #pragma once
 
-#include <atomic>
 #include <chrono>
 #include <cstdint>
 #include <functional>
@@ -40,6 +39,7 @@ class SessionManager {
     bool shares_store = false;
     std::function<absl::Time()> now;  // for life spans only, never for results
     std::function<Session::SteadyTime()> steady_now = std::chrono::steady_clock::now;  // as Session::Parts::steady_now
+    std::shared_ptr<ServerMetrics> metrics = std::make_shared<ServerMetrics>();
   };
 
   SessionManager(const Options& options, Store& store, ModelRegistry& models, WorkerPool& pool);
@@ -93,10 +93,11 @@ class SessionManager {
   void CloseAll(const absl::Status& status);
 
   // By all sessions there ever were: the sum of SessionHealth::skipped_events, that of deleted ones included.
-  uint64_t skipped_events() const { return *skipped_events_; }
+  uint64_t skipped_events() const { return options_.metrics->all_skipped_events(); }
   uint32_t num_sessions() const;
   uint32_t num_sessions_of(const std::string& tenant) const;
   uint32_t num_attached() const;
+  SessionTotals totals() const;
   const Options& options() const { return options_; }
 
  private:
@@ -131,7 +132,6 @@ class SessionManager {
   const Options options_;
   Store& store_;
   WorkerPool& pool_;
-  const std::shared_ptr<std::atomic<uint64_t>> skipped_events_ = std::make_shared<std::atomic<uint64_t>>(0);
   const SessionFactory factory_;
   OrphanSweep orphans_;    // of the pool's slow thread
   std::mutex take_mutex_;  // one at a time is taken, or made for a request; before mutex_

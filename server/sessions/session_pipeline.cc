@@ -65,7 +65,7 @@ void SessionPipeline::Decode(absl::Span<const uint8_t> bytes) {
   decoded_.events.clear();
   decoded_.triggers.clear();
   decoded_.time_marks.clear();
-  decoder_->Decode(bytes, decoded_);
+  clock_.Decode([&] { decoder_->Decode(bytes, decoded_); });
 }
 
 EventGap SessionPipeline::Skip(absl::Span<const uint8_t> bytes, PipelineOutput& output) {
@@ -88,6 +88,11 @@ void SessionPipeline::Process(absl::Span<const uint8_t> bytes, PipelineOutput& o
     FeedTime(mark.t_us, output);
   }
   FeedEvents(events.subspan(begin), output);
+  clock_.EndTracking();
+}
+
+void SessionPipeline::TrackEvents(absl::Span<const Event> events, PipelineOutput& output) {
+  clock_.Track(*tracker_, [&] { tracker_->AddEvents(events, output.poses); });
 }
 
 void SessionPipeline::FeedEvents(absl::Span<const Event> events, PipelineOutput& output) {
@@ -95,16 +100,16 @@ void SessionPipeline::FeedEvents(absl::Span<const Event> events, PipelineOutput&
   for (size_t i = 0; i < events.size(); ++i) {
     now_us_ = std::max(now_us_, events[i].t_us);
     if (events[i].t_us < slice_end_us_) continue;
-    tracker_->AddEvents(events.subspan(begin, i - begin), output.poses);
+    TrackEvents(events.subspan(begin, i - begin), output);
     begin = i;
     CloseSlice(slice_end_us_, output);
     SeeTime(events[i].t_us);
   }
-  tracker_->AddEvents(events.subspan(begin), output.poses);
+  TrackEvents(events.subspan(begin), output);
 }
 
 void SessionPipeline::FeedTime(int64_t t_us, PipelineOutput& output) {
-  tracker_->AdvanceTime(t_us, output.poses);
+  clock_.Track(*tracker_, [&] { tracker_->AdvanceTime(t_us, output.poses); });
   const bool slice_is_over = t_us >= slice_end_us_;
   SeeTime(t_us);
   if (slice_is_over) CloseSlice(t_us, output);
@@ -120,8 +125,8 @@ void SessionPipeline::CloseSlice(int64_t t_us, PipelineOutput& output) {
   for (size_t i = 0; i < reported_states_.size(); ++i) {
     const TrackState state = tracker_->state(i);
     if (state == reported_states_[i]) continue;
-    reported_states_[i] = state;
-    output.state_changes.push_back({static_cast<uint32_t>(i), t_us, state, output.poses.size()});
+    const TrackState before = std::exchange(reported_states_[i], state);
+    output.state_changes.push_back({static_cast<uint32_t>(i), t_us, state, before, output.poses.size()});
   }
 }
 
@@ -132,12 +137,13 @@ void SessionPipeline::ResetPose(uint32_t object_index, const RigidTransform& cam
 }
 
 void SessionPipeline::Finish(PipelineOutput& output) {
-  tracker_->Finish(output.poses);
+  clock_.Track(*tracker_, [&] { tracker_->Finish(output.poses); });
+  clock_.EndTracking();
   CloseSlice(now_us_, output);
 }
 
 void SessionPipeline::VisitState(auto& archive, auto& self) {
-  auto& [configuration, decoder, tracker, reported_states, decoded, first_t_us, now_us, slice_end_us] = self;
+  auto& [configuration, decoder, tracker, reported_states, decoded, first_t_us, now_us, slice_end_us, clock] = self;
   archive(*decoder, *tracker);
   for (auto& state : reported_states) archive(AtMost(state, TrackState::kLost));
   constexpr int64_t kMax_us = kMaxStateTime_us;

@@ -5,6 +5,7 @@
 #include <cstdint>
 #include <memory>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "absl/status/status.h"
@@ -15,6 +16,7 @@
 #include "core/events/event.h"
 #include "core/tracking/tracker.h"
 #include "server/sessions/session_config.h"
+#include "server/sessions/stage_clock.h"
 
 namespace evpose::server {
 
@@ -22,6 +24,7 @@ struct ObjectStateChange {
   uint32_t object_index = 0;
   int64_t t_us = 0;
   TrackState state = TrackState::kInitializing;
+  TrackState state_before = TrackState::kInitializing;
   size_t num_poses_before = 0;  // of PipelineOutput::poses
 };
 
@@ -43,6 +46,9 @@ class SessionPipeline {
       const SessionConfig& config, const std::vector<std::shared_ptr<const ObjectModel>>& models,
       const TrackerFactory& make_tracker);
 
+  // What the stages take is counted from now on.
+  void Measure(StageClock clock) { clock_ = std::move(clock); }
+
   // Each appends to `output`.
   void Process(absl::Span<const uint8_t> bytes, PipelineOutput& output);
   // As Process, but what is decoded is not tracked (Tracker::Skip); that it is not depends on no bytes.
@@ -62,6 +68,7 @@ class SessionPipeline {
   const DecodeCounts& counts() const { return decoder_->counts(); }
   int64_t first_t_us() const { return first_t_us_; }  // -1: no time seen yet
   int64_t now_us() const { return now_us_; }          // -1: no time seen yet
+  int64_t sensor_time_us() const { return now_us_ - first_t_us_; }
   const Tracker& tracker() const { return *tracker_; }
 
  private:
@@ -72,6 +79,7 @@ class SessionPipeline {
   void FeedTime(int64_t t_us, PipelineOutput& output);
   void SeeTime(int64_t t_us);
   void CloseSlice(int64_t t_us, PipelineOutput& output);
+  void TrackEvents(absl::Span<const Event> events, PipelineOutput& output);
 
   std::string configuration_;  // digest of all that a state means nothing without
   std::unique_ptr<EventDecoder> decoder_;
@@ -81,6 +89,7 @@ class SessionPipeline {
   int64_t first_t_us_ = -1;
   int64_t now_us_ = -1;
   int64_t slice_end_us_ = 0;
+  StageClock clock_;
 };
 
 }  // namespace evpose::server

@@ -1,6 +1,7 @@
 // What there is to know of a session from outside, and what of it survives its process.
 #pragma once
 
+#include <array>
 #include <cstdint>
 #include <optional>
 #include <string>
@@ -34,6 +35,17 @@ struct SessionHealth {
   int64_t latency_p50_us = 0;
   int64_t latency_p99_us = 0;
   std::vector<ObjectHealth> objects;
+};
+
+// Of all sessions of a server, at a moment.
+struct SessionTotals {
+  uint32_t attached = 0;
+  uint32_t detached = 0;
+  uint32_t ended = 0;
+  uint32_t closed = 0;                   // about to go: fenced, or without room in the store
+  std::array<uint32_t, 4> objects = {};  // that are tracked, or are to be: by TrackState
+  uint64_t queued_bytes = 0;
+  int64_t oldest_queue_age_us = 0;
 };
 
 // Who may feed the session, and since when nobody does. Committed when a stream attaches or leaves.

@@ -22,6 +22,7 @@ absl::StatusOr<std::unique_ptr<TenantQuotas::Watcher>> TenantQuotas::AddWatcher(
     return std::make_unique<Watcher>(*this, tenant);
   }
   if (count == 0) watchers_.erase(tenant);
+  options_.metrics->quota_refusals[QuotaLimit::kTenantWatchers].Add();
   return LimitReached("TENANT_QUOTA", "tenant_watchers",
                       absl::StrCat("this tenant has its ", options_.max_watchers,
                                    " watchers: end one that is not needed, or try again later"),
@@ -43,6 +44,7 @@ absl::Duration TenantQuotas::ChargeBytes(const std::string& tenant, uint64_t byt
   bucket.bytes = BytesAt(bucket, now) - static_cast<double>(bytes);
   bucket.filled_at = now;
   if (bucket.bytes >= 0.0) return absl::ZeroDuration();
+  options_.metrics->quota_delays.Add();
   return absl::Seconds(-bucket.bytes / static_cast<double>(options_.max_bytes_per_s));
 }
 

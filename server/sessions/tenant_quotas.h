@@ -12,6 +12,7 @@
 #include "absl/base/thread_annotations.h"
 #include "absl/status/statusor.h"
 #include "absl/time/time.h"
+#include "server/sessions/metrics.h"
 
 namespace evpose::server {
 
@@ -24,6 +25,7 @@ class TenantQuotas {
     // May come at once after a pause; at least a chunk, so that one never waits for itself.
     uint64_t burst_bytes = 4u << 20;
     std::function<absl::Time()> now;
+    std::shared_ptr<ServerMetrics> metrics = std::make_shared<ServerMetrics>();
   };
   explicit TenantQuotas(Options options) : options_(std::move(options)) {}
 

@@ -1,0 +1,16 @@
+// A server's metrics in Prometheus's text format. Only the .cc file knows Prometheus's library.
+#pragma once
+
+#include <string>
+
+#include "absl/strings/string_view.h"
+#include "server/sessions/metrics.h"
+
+namespace evpose::server {
+
+inline constexpr char kPrometheusContentType[] = "text/plain; version=0.0.4; charset=utf-8";
+
+// No label is of sessions, tenants or peers: the number of lines does not depend on who uses the server.
+std::string PrometheusText(const ServerMetrics& metrics, const ServerState& state, absl::string_view version);
+
+}  // namespace evpose::server
