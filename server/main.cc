@@ -10,6 +10,7 @@
 #include <filesystem>
 #include <future>
 #include <iostream>
+#include <memory>
 #include <string>
 #include <system_error>
 #include <utility>
@@ -23,6 +24,7 @@
 #include "core/base/output_file.h"
 #include "core/base/status_macros.h"
 #include "server/auth/token_file.h"
+#include "server/http/operator_pages.h"
 #include "server/rpc/listen_address.h"
 #include "server/rpc/server.h"
 #include "server/sessions/log.h"
@@ -31,6 +33,7 @@
 namespace {
 
 using evpose::server::ListenAddress;
+using evpose::server::OperatorPages;
 using evpose::server::Server;
 using evpose::server::ServerOptions;
 
@@ -50,14 +53,15 @@ For several servers that take over each other's sessions, each with
 or with the whole address, the password in it, in the variable EVPOSE_STORE. On the command line a password is for
 every user of the machine to read.
 
-With port 0 a free port is taken. When the server is ready it prints one line on standard output,
-"listening on HOST:PORT"; its log goes to standard error. SIGTERM or SIGINT lets clients finish for up to
+With port 0 a free port is taken. When the server is ready it prints "listening on HOST:PORT" on standard output and,
+with --metrics-listen, a second line, "metrics on HOST:PORT"; its log goes to standard error. SIGTERM or SIGINT lets clients finish for up to
 --shutdown-timeout; a second one ends it at once.
 )";
 
 struct Arguments {
   ServerOptions options;
   std::string port_file;
+  std::string metrics_listen;
   std::string store_password_file;
   double session_expiry_s = absl::ToDoubleSeconds(ServerOptions().session_expiry);
   double attach_timeout_s = absl::ToDoubleSeconds(ServerOptions().attach_timeout);
@@ -143,6 +147,11 @@ void DefineArguments(CLI::App& app, Arguments& arguments) {
   app.option_defaults()->always_capture_default();
   app.add_option("--listen", options.listen_address, "HOST:PORT to listen on; port 0 takes a free one");
   app.add_option("--port-file", arguments.port_file, "write the port to this file when ready")->type_name("FILE");
+  app.add_option(
+         "--metrics-listen", arguments.metrics_listen,
+         "HOST:PORT, IPv4, for whoever operates the server: /metrics (Prometheus), /healthz and /readyz over HTTP, "
+         "for everybody who reaches it; port 0 takes a free one. Without it there is none")
+      ->type_name("HOST:PORT");
   app.add_option("--workers", options.worker_threads, "threads that decode and track; 0: one per core");
   app.add_option("--shutdown-timeout", arguments.shutdown_timeout_s,
                  "seconds that streams get to finish when the server leaves");
@@ -333,6 +342,13 @@ std::string StoreForLog(const evpose::server::StoreOptions& options) {
   return address.ok() ? address->Printable() : options.store;
 }
 
+absl::Status CheckMetricsAddress(const Arguments& arguments) {
+  if (arguments.metrics_listen.empty()) return absl::OkStatus();
+  EVPOSE_ASSIGN_OR_RETURN(const ListenAddress address, evpose::server::ParseListenAddress(arguments.metrics_listen));
+  if (address.port == 0 || arguments.metrics_listen != arguments.options.listen_address) return absl::OkStatus();
+  return absl::InvalidArgumentError("is the address of --listen: give another port");
+}
+
 // What is wrong before anything is opened; empty: nothing.
 std::string WrongUsage(const Arguments& arguments) {
   if (const absl::Status status = arguments.options.Validate(); !status.ok()) return InOptions(status.message());
@@ -342,8 +358,31 @@ std::string WrongUsage(const Arguments& arguments) {
   if (const absl::Status status = CheckStorePassword(arguments); !status.ok()) {
     return absl::StrCat("--store-password-file: ", status.message());
   }
+  if (const absl::Status status = CheckMetricsAddress(arguments); !status.ok()) {
+    return absl::StrCat("--metrics-listen: ", status.message());
+  }
   const auto address = evpose::server::ParseListenAddress(arguments.options.listen_address);
   return address.ok() ? Exposure(arguments, *address) : std::string(address.status().message());
+}
+
+// Null without --metrics-listen.
+absl::StatusOr<std::unique_ptr<OperatorPages>> StartPages(const Arguments& arguments) {
+  if (arguments.metrics_listen.empty()) return nullptr;
+  auto pages = OperatorPages::Start(arguments.metrics_listen, EVPOSE_VERSION);
+  if (!pages.ok()) return absl::UnavailableError(absl::StrCat("--metrics-listen: ", pages.status().message()));
+  return pages;
+}
+
+// Who starts the server may wait for these lines.
+void Announce(const Arguments& arguments, const std::string& listening_on, const OperatorPages* pages) {
+  std::cout << "listening on " << listening_on << "\n";
+  if (pages != nullptr) {
+    const ListenAddress address = *evpose::server::ParseListenAddress(arguments.metrics_listen);
+    const std::string metrics_on = address.WithPort(pages->port());
+    spdlog::info("metrics, health and readiness are on http://{}/metrics, /healthz and /readyz", metrics_on);
+    std::cout << "metrics on " << metrics_on << "\n";
+  }
+  std::cout << std::flush;
 }
 
 int Serve(const Arguments& arguments) {
@@ -358,8 +397,13 @@ int Serve(const Arguments& arguments) {
     drained.set_value(deadline);
     kill(getpid(), DrainSignal());
   };
-  auto server = Server::Start(options);
+  // Before the server, so that its start can be watched, and to be gone before it.
+  absl::StatusOr<std::unique_ptr<Server>> server;
+  const auto pages = StartPages(arguments);
+  if (!pages.ok()) return Fail(kFailed, std::string(pages.status().message()));
+  server = Server::Start(options);
   if (!server.ok()) return Fail(kFailed, std::string(server.status().message()));
+  if (*pages != nullptr) (*pages)->Show(**server);
   const ListenAddress address = *evpose::server::ParseListenAddress(options.listen_address);
   const std::string listening_on = address.WithPort((*server)->port());
   if (!arguments.port_file.empty()) {
@@ -367,7 +411,7 @@ int Serve(const Arguments& arguments) {
     if (!written.ok()) return Fail(kFailed, std::string(written.message()));
   }
   spdlog::info("evpose-server {} is ready on {}, store: {}", EVPOSE_VERSION, listening_on, StoreForLog(options.store));
-  std::cout << "listening on " << listening_on << std::endl;
+  Announce(arguments, listening_on, pages->get());
 
   const int signal_number = WaitForEndSignal();
   const bool is_asked = signal_number == DrainSignal();

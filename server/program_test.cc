@@ -9,6 +9,8 @@
 
 #include "absl/strings/match.h"
 #include "absl/strings/numbers.h"
+#include "server/http/http_client_testing.h"
+#include "server/metrics/testing.h"
 #include "server/program_for_test.h"
 #include "server/stores/redis_testing.h"
 
@@ -60,6 +62,11 @@ TEST(ProgramTest, TellsWrongUsage) {
       {{"--store-password-file", "p"}, "--store-password-file: is for --store redis://HOST:PORT"},
       {{"--store", "redis://:one@localhost", "--store-password-file", "p"}, "has a password already"},
       {{"--log-level", "loud"}, "--log-level"},
+      {{"--metrics-listen", "9464"}, "--metrics-listen: address \"9464\" has no port; give HOST:PORT"},
+      {{"--metrics-listen", "localhost:port"},
+       "--metrics-listen: address \"localhost:port\" has a port that is no number"},
+      {{"--listen", "127.0.0.1:9464", "--metrics-listen", "127.0.0.1:9464"},
+       "--metrics-listen: is the address of --listen: give another port"},
   };
   for (const auto& [arguments, expected] : cases) {
     Program program(arguments);
@@ -165,6 +172,39 @@ TEST(ProgramTest, ATokenThatItMakesIsOneThatItTakes) {
   EXPECT_THAT(program.Stderr(), testing::HasSubstr("1 token(s)"));
   EXPECT_THAT(program.Stderr(), testing::Not(testing::HasSubstr(token)));
   unlink(path.c_str());
+}
+
+TEST(ProgramTest, TellsItsOperatorsHowItIs) {
+  Program program({"--listen", "127.0.0.1:0", "--metrics-listen", "127.0.0.1:0"});
+  ASSERT_TRUE(absl::StartsWith(program.ReadLine(), "listening on 127.0.0.1:"));
+  const std::string line = program.ReadLine();
+  ASSERT_TRUE(absl::StartsWith(line, "metrics on 127.0.0.1:")) << line;
+  int port = 0;
+  ASSERT_TRUE(absl::SimpleAtoi(line.substr(line.rfind(':') + 1), &port));
+  EXPECT_THAT(program.Stderr(), testing::HasSubstr("are on http://127.0.0.1:" + std::to_string(port) + "/metrics"));
+  EXPECT_EQ(Ask(port, "/healthz").status, 200);
+  EXPECT_EQ(Ask(port, "/readyz").status, 200);
+  const ParsedMetrics metrics = ParseMetrics(Ask(port, "/metrics").body);
+  EXPECT_EQ(metrics.At("evpose_ready"), 1.0);
+  EXPECT_EQ(metrics.At("evpose_max_sessions"), 64.0);
+  EXPECT_EQ(metrics.types.at("evpose_build_info"), "gauge");
+
+  Program second({"--listen", "127.0.0.1:0", "--metrics-listen", "127.0.0.1:" + std::to_string(port)});
+  EXPECT_EQ(second.Wait(), 1);
+  EXPECT_THAT(
+      second.Stderr(),
+      testing::MatchesRegex("evpose-server: --metrics-listen: cannot listen on 127.0.0.1:[0-9]+: .* in use; another "
+                            "program has this port: give another, or 0 for a free one\n"));
+  program.Signal(SIGTERM);
+  EXPECT_EQ(program.Wait(), 0);
+}
+
+TEST(ProgramTest, AnAddressForMetricsThatIsNotOfThisMachine) {
+  for (const char* address : {"192.0.2.1:0", "no.such.host.invalid:9464"}) {
+    Program program({"--listen", "127.0.0.1:0", "--metrics-listen", address});
+    EXPECT_EQ(program.Wait(), 1);
+    EXPECT_THAT(program.Stderr(), testing::MatchesRegex("evpose-server: --metrics-listen: cannot listen on [^\n]*\n"));
+  }
 }
 
 TEST(ProgramTest, CannotWriteThePortFile) {

@@ -1,0 +1,64 @@
+// Asks an HTTP server, for tests.
+#pragma once
+
+#include <gtest/gtest.h>
+
+#include <boost/asio/io_context.hpp>
+#include <boost/asio/ip/tcp.hpp>
+#include <boost/asio/read.hpp>
+#include <boost/asio/write.hpp>
+#include <memory>
+#include <string>
+
+#include "absl/strings/numbers.h"
+#include "absl/strings/str_cat.h"
+
+namespace evpose::server {
+
+// One connection, to a port of this machine.
+class HttpConnection {
+ public:
+  explicit HttpConnection(int port) {
+    socket_.connect({boost::asio::ip::address_v4::loopback(), static_cast<uint16_t>(port)});
+  }
+  // The server may have enough, and close, before it has all of it.
+  void Write(const std::string& bytes) {
+    boost::system::error_code ignored;
+    boost::asio::write(socket_, boost::asio::buffer(bytes), ignored);
+  }
+  std::string ReadAll() {
+    std::string bytes;
+    boost::system::error_code ignored;
+    boost::asio::read(socket_, boost::asio::dynamic_buffer(bytes), ignored);
+    return bytes;
+  }
+
+ private:
+  boost::asio::io_context context_;
+  boost::asio::ip::tcp::socket socket_{context_};
+};
+
+struct HttpAnswer {
+  int status = 0;
+  std::string head;
+  std::string body;
+};
+
+inline HttpAnswer Ask(int port, const std::string& path, const std::string& method = "GET",
+                      const std::string& sent_body = "") {
+  HttpConnection connection(port);
+  connection.Write(absl::StrCat(method, " ", path, " HTTP/1.1\r\nHost: test\r\nContent-Length: ", sent_body.size(),
+                                "\r\n\r\n", sent_body));
+  const std::string bytes = connection.ReadAll();
+  HttpAnswer answer;
+  const size_t end = bytes.find("\r\n\r\n");
+  if (end == std::string::npos || !absl::SimpleAtoi(bytes.substr(std::string("HTTP/1.1 ").size(), 3), &answer.status)) {
+    ADD_FAILURE() << "no answer of HTTP: " << bytes;
+    return answer;
+  }
+  answer.head = bytes.substr(0, end + 2);
+  answer.body = bytes.substr(end + 4);
+  return answer;
+}
+
+}  // namespace evpose::server

@@ -1,0 +1,121 @@
+#include "server/http/http_server.h"
+
+#include <civetweb.h>
+
+#include <chrono>
+#include <future>
+#include <string>
+#include <utility>
+
+#include "absl/strings/str_cat.h"
+#include "absl/strings/string_view.h"
+#include "core/base/status_macros.h"
+#include "server/rpc/listen_address.h"
+
+namespace evpose::server {
+namespace {
+
+// A scraper, two probes and somebody who looks; more wait.
+constexpr char kNumThreads[] = "4";
+constexpr char kRequestTimeoutMs[] = "5000";
+constexpr char kMaxRequestBytes[] = "8192";
+
+const char* Reason(int status) {
+  switch (status) {
+    case 200:
+      return "OK";
+    case 404:
+      return "Not Found";
+    case 405:
+      return "Method Not Allowed";
+    default:
+      return "Service Unavailable";
+  }
+}
+
+class CivetwebServer : public HttpServer {
+ public:
+  explicit CivetwebServer(Pages pages) : pages_(std::move(pages)) { mg_init_library(MG_FEATURES_DEFAULT); }
+  ~CivetwebServer() override {
+    if (context_ != nullptr) Stop();
+    mg_exit_library();
+  }
+
+  absl::Status Listen(const ListenAddress& address) {
+    mg_callbacks callbacks = {};
+    callbacks.begin_request = [](mg_connection* connection) {
+      const mg_request_info& request = *mg_get_request_info(connection);
+      return static_cast<const CivetwebServer*>(request.user_data)->Answer(*connection, request);
+    };
+    callbacks.log_message = [](const mg_connection*, const char*) { return 1; };  // what clients do wrong is theirs
+    host_ = address.host;
+    const std::string listening = address.WithPort(address.port);
+    const char* options[] = {"listening_ports", listening.c_str(),  "num_threads",    kNumThreads, "request_timeout_ms",
+                             kRequestTimeoutMs, "max_request_size", kMaxRequestBytes, nullptr};
+    context_ = mg_start(&callbacks, this, options);
+    mg_server_port port = {};
+    if (context_ == nullptr || mg_get_server_ports(context_, 1, &port) != 1) {
+      EVPOSE_RETURN_IF_ERROR(ProbeListenAddress(address));
+      return absl::UnavailableError(
+          absl::StrCat("cannot listen on ", listening, ": give an IPv4 address of this machine, or 0.0.0.0 for all"));
+    }
+    port_ = port.port;
+    return absl::OkStatus();
+  }
+
+  int port() const override { return port_; }
+
+ private:
+  // Waits for civetweb's threads. They look whether they are to stop every two seconds, and when somebody connects.
+  void Stop() {
+    const std::future<void> stopped = std::async(std::launch::async, mg_stop, context_);
+    while (stopped.wait_for(std::chrono::milliseconds(5)) != std::future_status::ready) {
+      char error[128];
+      mg_connection* const visit = mg_connect_client(host_.c_str(), port_, /*use_ssl=*/0, error, sizeof(error));
+      if (visit != nullptr) mg_close_connection(visit);
+    }
+  }
+
+  // The status that was sent: nothing is left to be done.
+  int Answer(mg_connection& connection, const mg_request_info& request) const {
+    const HttpPage page = MakePage(request);
+    const std::string head =
+        absl::StrCat("HTTP/1.1 ", page.status, " ", Reason(page.status), "\r\nContent-Type: ", page.content_type,
+                     "\r\nContent-Length: ", page.body.size(), "\r\nCache-Control: no-store",
+                     page.status == 405 ? "\r\nAllow: GET, HEAD" : "", "\r\nConnection: close\r\n\r\n");
+    const bool has_body = absl::string_view(request.request_method) != "HEAD";
+    const std::string answer = absl::StrCat(head, has_body ? page.body : "");
+    mg_write(&connection, answer.data(), answer.size());
+    return page.status;
+  }
+
+  HttpPage MakePage(const mg_request_info& request) const {
+    const auto page = pages_.find(request.local_uri);
+    if (page == pages_.end()) return {.status = 404, .body = absl::StrCat("not here; there are: ", Paths(), "\n")};
+    const absl::string_view method = request.request_method;
+    if (method != "GET" && method != "HEAD") return {.status = 405, .body = "only GET and HEAD\n"};
+    return page->second();
+  }
+
+  std::string Paths() const {
+    std::string paths;
+    for (const auto& [path, page] : pages_) absl::StrAppend(&paths, paths.empty() ? "" : " ", path);
+    return paths;
+  }
+
+  const Pages pages_;
+  mg_context* context_ = nullptr;
+  std::string host_;
+  int port_ = 0;
+};
+
+}  // namespace
+
+absl::StatusOr<std::unique_ptr<HttpServer>> HttpServer::Start(const std::string& listen_address, Pages pages) {
+  EVPOSE_ASSIGN_OR_RETURN(const ListenAddress address, ParseListenAddress(listen_address));
+  auto server = std::make_unique<CivetwebServer>(std::move(pages));
+  EVPOSE_RETURN_IF_ERROR(server->Listen(address));
+  return server;
+}
+
+}  // namespace evpose::server

@@ -1,0 +1,57 @@
+#include "server/http/operator_pages.h"
+
+#include <utility>
+
+#include "absl/strings/str_cat.h"
+#include "absl/strings/str_replace.h"
+#include "core/base/status_macros.h"
+#include "server/metrics/prometheus_text.h"
+
+namespace evpose::server {
+namespace {
+
+HttpPage NotReady(absl::string_view why) {
+  return {.status = 503, .body = absl::StrCat(absl::StrReplaceAll(why, {{"\n", " "}}), "\n")};
+}
+
+HttpPage Starting() { return NotReady("the server is starting: it takes up what its store has"); }
+
+}  // namespace
+
+absl::StatusOr<std::unique_ptr<OperatorPages>> OperatorPages::Start(const std::string& listen_address,
+                                                                    std::string version) {
+  std::unique_ptr<OperatorPages> pages(new OperatorPages(std::move(version)));
+  const HttpServer::Pages made = {
+      {"/metrics", [pages = pages.get()] { return pages->Metrics(); }},
+      {"/healthz", [] { return HttpPage{.body = "alive\n"}; }},
+      {"/readyz", [pages = pages.get()] { return pages->Readiness(); }},
+  };
+  EVPOSE_ASSIGN_OR_RETURN(pages->http_, HttpServer::Start(listen_address, made));
+  return pages;
+}
+
+void OperatorPages::Show(const Server& server) {
+  const std::lock_guard lock(mutex_);
+  server_ = &server;
+}
+
+const Server* OperatorPages::server() const {
+  const std::lock_guard lock(mutex_);
+  return server_;
+}
+
+HttpPage OperatorPages::Metrics() const {
+  const Server* const shown = server();
+  if (shown == nullptr) return Starting();
+  return {.content_type = kPrometheusContentType, .body = PrometheusText(shown->metrics(), shown->state(), version_)};
+}
+
+HttpPage OperatorPages::Readiness() const {
+  const Server* const shown = server();
+  if (shown == nullptr) return Starting();
+  const absl::Status readiness = shown->state().readiness;
+  if (!readiness.ok()) return NotReady(readiness.message());
+  return {.body = "ready\n"};
+}
+
+}  // namespace evpose::server

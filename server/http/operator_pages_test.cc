@@ -1,0 +1,182 @@
+// The pages of a server with fake trackers that raw stubs feed.
+#include "server/http/operator_pages.h"
+
+#include <set>
+#include <string>
+
+#include "server/http/http_client_testing.h"
+#include "server/metrics/testing.h"
+#include "server/rpc/testing.h"
+#include "server/sessions/store_testing.h"
+#include "server/stores/memory_store.h"
+
+namespace evpose::server {
+namespace {
+
+using testing::HasSubstr;
+using Kind = v1::TrackResponse;
+
+class OperatorPagesTest : public RpcTest {
+ protected:
+  OperatorPagesTest() {
+    ServerOptions options = Options();
+    options.store_check_period = absl::Milliseconds(1);
+    options.max_sessions = 64;
+    server_ = StartServer(options, FakeTrackers(gate_), std::make_unique<TroubledStore>(store_, trouble_)).value();
+    Use(server_->InProcessChannel());
+    pages_ = OperatorPages::Start("127.0.0.1:0", "1.2.3").value();
+    pages_->Show(*server_);
+  }
+  ~OperatorPagesTest() override { pages_.reset(); }  // before the server
+
+  HttpAnswer Get(const std::string& path) const { return Ask(pages_->port(), path); }
+  ParsedMetrics Scrape() const {
+    const HttpAnswer answer = Get("/metrics");
+    EXPECT_EQ(answer.status, 200);
+    EXPECT_THAT(answer.head, HasSubstr("Content-Type: text/plain; version=0.0.4; charset=utf-8\r\n"));
+    return ParseMetrics(answer.body);
+  }
+  HttpAnswer WaitUntilReadyIs(int status) const {
+    HttpAnswer answer = Get("/readyz");
+    while (answer.status != status) answer = Get("/readyz");
+    return answer;
+  }
+
+  const std::shared_ptr<Trouble> trouble_ = std::make_shared<Trouble>();
+  const std::shared_ptr<Store> store_ = MakeMemoryStore();
+  std::unique_ptr<OperatorPages> pages_;
+};
+
+TEST_F(OperatorPagesTest, AServerThatStartsLivesAndIsNotReady) {
+  const auto pages = OperatorPages::Start("127.0.0.1:0", "1.2.3").value();
+  EXPECT_EQ(Ask(pages->port(), "/healthz").status, 200);
+  EXPECT_EQ(Ask(pages->port(), "/readyz").status, 503);
+  EXPECT_THAT(Ask(pages->port(), "/readyz").body, testing::MatchesRegex("the server is starting[^\n]*\n"));
+  EXPECT_EQ(Ask(pages->port(), "/metrics").status, 503);
+  pages->Show(*server_);
+  EXPECT_EQ(Ask(pages->port(), "/readyz").status, 200);
+  EXPECT_EQ(Ask(pages->port(), "/metrics").status, 200);
+}
+
+TEST_F(OperatorPagesTest, ReadyWhileTheStoreAnswers) {
+  EXPECT_EQ(Get("/readyz").status, 200);
+  EXPECT_EQ(Scrape().At("evpose_ready"), 1.0);
+  for (int i = 0; i < 2; ++i) {
+    trouble_->Set(absl::UnavailableError("gone\nfor lunch"));
+    const HttpAnswer answer = WaitUntilReadyIs(503);
+    EXPECT_THAT(answer.body, testing::MatchesRegex("the store does not answer: gone for lunch\n"));
+    EXPECT_EQ(Scrape().At("evpose_ready"), 0.0);
+    EXPECT_EQ(Get("/healthz").status, 200) << "another process would not help";
+    trouble_->Set(absl::OkStatus());
+    WaitUntilReadyIs(200);
+  }
+}
+
+TEST_F(OperatorPagesTest, NotReadyFromDrainOn) {
+  const auto track = Attached(CreateSession());
+  grpc::ClientContext context;
+  v1::DrainResponse response;
+  ASSERT_TRUE(admin_->Drain(&context, {}, &response).ok());
+  const HttpAnswer answer = Get("/readyz");
+  EXPECT_EQ(answer.status, 503);
+  EXPECT_THAT(answer.body, testing::MatchesRegex("the server is leaving[^\n]*\n"));
+  EXPECT_EQ(Get("/healthz").status, 200);
+  EXPECT_EQ(Scrape().At("evpose_ready"), 0.0);
+  EXPECT_EQ(Scrape().At("evpose_sessions{state=\"attached\"}"), 1.0);
+  server_->Shutdown(absl::ZeroDuration());
+  EXPECT_EQ(Get("/readyz").status, 503);
+  EXPECT_EQ(Get("/healthz").status, 200);
+  EXPECT_EQ(Scrape().At("evpose_stream_ends_total{stream=\"track\",code=\"UNAVAILABLE\"}"), 1.0);
+}
+
+// LATEST: what the stream tells is what health and the metrics tell.
+TEST_F(OperatorPagesTest, WhatIsSkippedIsTheSameNumberEverywhere) {
+  v1::CreateSessionRequest request = CreateRequest();
+  request.mutable_config()->set_overload_policy(v1::OVERLOAD_POLICY_LATEST);
+  request.mutable_config()->mutable_max_lag()->set_seconds(10);
+  v1::Session session;
+  ASSERT_EQ(Describe(Create(request, &session)), "OK");
+  const auto track = Attached(session);
+  gate_->Close();  // the tracker stands still with the first chunk, and more than the credit comes
+  uint64_t sent_bytes = 0;
+  for (uint64_t seq = 1; sent_bytes < 400 * 1024; ++seq) {
+    const auto begin_ms = static_cast<int64_t>(1000 * seq);
+    const std::string payload = Flat64(SomeEvents(begin_ms, begin_ms + 10, 300));
+    ASSERT_TRUE(track->Events(seq, payload));
+    sent_bytes += payload.size();
+  }
+  ParsedMetrics waiting = Scrape();
+  while (waiting.At("evpose_received_bytes_total") < static_cast<double>(sent_bytes)) waiting = Scrape();
+  EXPECT_EQ(waiting.At("evpose_queue_bytes"), static_cast<double>(sent_bytes));
+  EXPECT_GT(waiting.At("evpose_queue_age_seconds"), 0.0);
+  EXPECT_EQ(waiting.At("evpose_events_skipped_total{reason=\"memory\"}"), 0.0);
+  gate_->Open();
+  ASSERT_TRUE(track->End());
+
+  uint64_t skipped = 0;
+  std::vector<v1::TrackResponse> before;
+  v1::TrackResponse response;
+  ASSERT_TRUE(track->ReadUntil(Kind::kSummary, response, &before));
+  for (const v1::TrackResponse& message : before) skipped += message.notice().dropped().num_events();
+  ASSERT_EQ(Describe(track->Finish()), "OK");
+  const v1::SessionHealth& health = response.summary().health();
+  const ParsedMetrics metrics = Scrape();
+  EXPECT_GT(skipped, 0u);
+  EXPECT_EQ(health.skipped_events(), skipped);
+  EXPECT_EQ(metrics.At("evpose_events_skipped_total{reason=\"memory\"}"), static_cast<double>(skipped));
+  EXPECT_EQ(metrics.At("evpose_events_skipped_total{reason=\"lag\"}"), 0.0);
+  EXPECT_EQ(metrics.At("evpose_events_skipped_total{reason=\"reader\"}"), 0.0);
+  EXPECT_EQ(metrics.At("evpose_events_decoded_total"), static_cast<double>(health.decoded_events()));
+  EXPECT_EQ(metrics.At("evpose_poses_total"), static_cast<double>(health.poses()));
+  EXPECT_EQ(metrics.At("evpose_pose_latency_seconds_count"), static_cast<double>(health.poses()));
+  EXPECT_EQ(metrics.At("evpose_queue_bytes"), 0.0);
+  EXPECT_EQ(metrics.At("evpose_sessions{state=\"ended\"}"), 1.0);
+  EXPECT_EQ(metrics.At("evpose_stream_ends_total{stream=\"track\",code=\"OK\"}"), 1.0);
+  EXPECT_EQ(Describe(Delete(session.name())), "OK");
+  EXPECT_EQ(Scrape().At("evpose_events_skipped_total{reason=\"memory\"}"), static_cast<double>(skipped));
+}
+
+TEST_F(OperatorPagesTest, StreamsAreCountedByTheirEnds) {
+  const v1::Session session = CreateSession();
+  {
+    RawTrack wrong(*sessions_);
+    wrong.Attach(session.name(), "guess");
+    EXPECT_EQ(Describe(wrong.Finish()), "PERMISSION_DENIED WRONG_TOKEN");
+  }
+  grpc::ClientContext context;
+  v1::WatchPosesRequest watch;
+  watch.set_session("sessions/none");
+  EXPECT_EQ(Describe(sessions_->WatchPoses(&context, watch)->Finish()), "NOT_FOUND SESSION_NOT_FOUND");
+  const ParsedMetrics metrics = Scrape();
+  EXPECT_EQ(metrics.At("evpose_stream_ends_total{stream=\"track\",code=\"PERMISSION_DENIED\"}"), 1.0);
+  EXPECT_EQ(metrics.At("evpose_stream_ends_total{stream=\"watch\",code=\"NOT_FOUND\"}"), 1.0);
+  EXPECT_EQ(metrics.At("evpose_stream_ends_total{stream=\"track\",code=\"OK\"}"), 0.0);
+}
+
+// The size of the page does not depend on who uses the server, and nothing in it tells who that is.
+TEST_F(OperatorPagesTest, SessionsAddNoSeries) {
+  const auto series = [](const ParsedMetrics& metrics) {
+    std::set<std::string> names;
+    for (const auto& [name, value] : metrics.values) names.insert(name);
+    return names;
+  };
+  const std::set<std::string> without = series(Scrape());
+  const v1::CreateSessionRequest request = CreateRequest();
+  std::vector<v1::Session> sessions(64);
+  for (v1::Session& session : sessions) ASSERT_EQ(Describe(Create(request, &session)), "OK");
+  v1::Session one_too_many;
+  EXPECT_EQ(Describe(Create(request, &one_too_many)), "RESOURCE_EXHAUSTED TOO_MANY_SESSIONS");
+  const HttpAnswer answer = Get("/metrics");
+  const ParsedMetrics with = ParseMetrics(answer.body);
+  EXPECT_EQ(series(with), without);
+  EXPECT_EQ(with.At("evpose_sessions{state=\"detached\"}"), 64.0);
+  EXPECT_EQ(with.At("evpose_max_sessions"), 64.0);
+  EXPECT_EQ(with.At("evpose_quota_refusals_total{limit=\"max_sessions\"}"), 1.0);
+  for (const v1::Session& session : sessions) {
+    EXPECT_THAT(answer.body, testing::Not(HasSubstr(session.name())));
+    EXPECT_THAT(answer.body, testing::Not(HasSubstr(session.resume_token())));
+  }
+}
+
+}  // namespace
+}  // namespace evpose::server
