@@ -159,10 +159,12 @@ void AddTracking(const ServerMetrics& metrics, Families& families) {
   families.AddHistogram("evpose_initialization_duration_seconds",
                         "A step of at most 1 ms of sensor time in which an object's pose was searched for.",
                         metrics.initialization_time);
-  families.AddCounter("evpose_processing_seconds_total",
-                      "Time that workers spent on events. Its rate over that of evpose_sensor_seconds_total is the "
-                      "real-time ratio: above 1 a session falls behind.",
-                      metrics.processing_ns, 1e-9);
+  families.AddCounter(
+      "evpose_processing_seconds_total",
+      "Time that workers spent on events. Its rate over that of evpose_sensor_seconds_total is the "
+      "real-time ratio, the mean of the sessions: above 1 they fall behind. Its rate over evpose_workers "
+      "is the share of the workers that is busy.",
+      metrics.processing_ns, 1e-9);
   families.AddCounter("evpose_sensor_seconds_total",
                       "Sensor time of the events that were processed, summed over sessions; again when they are "
                       "processed again.",
