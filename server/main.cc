@@ -54,8 +54,8 @@ or with the whole address, the password in it, in the variable EVPOSE_STORE. On 
 every user of the machine to read.
 
 With port 0 a free port is taken. When the server is ready it prints "listening on HOST:PORT" on standard output and,
-with --metrics-listen, a second line, "metrics on HOST:PORT"; its log goes to standard error. SIGTERM or SIGINT lets clients finish for up to
---shutdown-timeout; a second one ends it at once.
+with --metrics-listen, a second line, "metrics on HOST:PORT"; its log goes to standard error. SIGTERM or SIGINT lets
+clients finish for up to --shutdown-timeout; a second one ends it at once.
 )";
 
 struct Arguments {
