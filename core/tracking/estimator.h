@@ -2,6 +2,7 @@
 #pragma once
 
 #include <algorithm>
+#include <array>
 #include <memory>
 #include <vector>
 
@@ -13,6 +14,31 @@
 
 namespace evpose {
 
+// Whether a line answers to its motion: events that each half of it should have made at the least, and those that it
+// made beyond the background's.
+struct LineAnswer {
+  std::array<double, 2> expected = {};
+  std::array<double, 2> observed = {};
+
+  // Adds the next window's. What was before counts on for as long as kEnough events should have taken: a shorter
+  // silence of a slow line says nothing, and a longer one is not needed. What was made beyond the expected is
+  // forgotten: it does not make up for a later silence.
+  void Add(const LineAnswer& window);
+  // Events at the least rate (MixtureOptions.min_events_per_px2). Sensors make some ten times as many, so that a half
+  // that moves is hardly ever silent for so long.
+  static constexpr double kEnough = 0.5;
+
+  // Of most lines of a large model there is nothing to be kept.
+  static void VisitState(auto& archive, auto& self) {
+    auto& [expected, observed] = self;
+    bool is_empty = expected == std::array<double, 2>() && observed == std::array<double, 2>();
+    archive(is_empty);
+    if (is_empty) return;
+    for (auto& events : expected) archive(AtMost(events, kEnough));
+    for (auto& events : observed) archive(InRange(events, -kEnough, kEnough));
+  }
+};
+
 // A window's events near the predicted lines. Everything is valid during the call only.
 struct WindowInput {
   absl::Span<const Observation> events;
@@ -20,7 +46,8 @@ struct WindowInput {
   double duration_s = 0.0;
   double background_per_px2 = 0.0;  // events that came anywhere, lines or not, in this time
   absl::Span<const TrackedLine> lines;
-  const TileGrid* grid = nullptr;  // indices into `lines`
+  const TileGrid* grid = nullptr;             // indices into `lines`
+  absl::Span<const LineAnswer> past_answers;  // of the lines, before this window; empty: nothing is known
 };
 
 struct WindowFit {
@@ -29,9 +56,11 @@ struct WindowFit {
   double num_explained = 0.0;   // of them, expected to be a line's
   double num_background = 0.0;  // of them, expected there as anywhere on the sensor
   double residual_rms_px = 0.0;
-  double missing_ratio = 0.0;  // of the events that the lines should have made, by the state's twist
+  // Of the events that the lines should have made, by the state's twist, those before the window counted.
+  double missing_ratio = 0.0;
   // Explained, of those observed, by each of the input's lines; empty when the estimator does not say.
   std::vector<double> line_events;
+  std::vector<LineAnswer> answers;  // of the input's lines in this window, by the state's twist; empty likewise
 
   double explained_ratio() const { return num_gated > 0.0 ? num_explained / num_gated : 0.0; }
   // Events in the gates that something in the scene must have made, and the explained share of these.

@@ -10,6 +10,14 @@ namespace {
 // No event beyond a line's end is the line's: those of a corner, which the blur rounds off, would pull it inwards.
 constexpr double kEndMarginPx = 0.0;
 
+// Below this speed the Poisson Hessian of absence would grow without bound; nothing is told apart there anyway.
+constexpr double kMinSpeedPxPerS = 5.0;
+
+// The speed across a half of a line, px/s, is its product with the twist.
+Vector6d HalfSpeedRow(const CameraModel& camera, const ImageLine& line, int half) {
+  return line.jacobian.transpose() * BearingOf(camera, line.PointAt(0.25 + 0.5 * half));
+}
+
 class MixtureEstimator : public WindowEstimator {
  public:
   MixtureEstimator(const TrackerOptions& options, const CameraModel& camera)
@@ -58,7 +66,7 @@ class MixtureEstimator : public WindowEstimator {
   void LoadState(StateReader& reader) override { VisitState(reader, *this); }
   static void VisitState(auto& archive, auto& self) {
     auto& [options, sensor, camera, table, sigma_px, outlier_ratio, displacement_px2, displacement_factor, noise_per_px,
-           lines, sums, counts, edge_bias] = self;
+           lines, sums, counts, answers, edge_bias] = self;
     archive(InRange(sigma_px, 1e-6, 1e6), AtMost(outlier_ratio, 1.0), Finite(displacement_px2),
             InRange(displacement_factor, 1.0, 1e6), edge_bias);
   }
@@ -77,9 +85,9 @@ class MixtureEstimator : public WindowEstimator {
   // Moves `state` to the minimum for the present sums; returns the largest movement of a line's middle, pixels.
   double Minimise(const MotionState& predicted, const Matrix12d& prior_information, const WindowInput& input,
                   double sigma_px, MotionState& state);
-  // Returns the share of the lines' events that is missing.
+  // Counts the lines' answers; returns the share of them that is missing.
   double NormalEquations(const MotionState& state, const WindowInput& input, double sigma_px, Matrix12d& hessian,
-                         Vector12d& gradient) const;
+                         Vector12d& gradient);
   double MovementPx(const Vector12d& dx, double duration_s) const;
   // Events in the gates that come as anywhere on the sensor. A line that rests has only those, and must not be fitted
   // to them.
@@ -97,6 +105,7 @@ class MixtureEstimator : public WindowEstimator {
   std::vector<ImageLine> lines_;
   std::vector<MixtureLine> sums_;
   std::vector<EdgeCounts> counts_;
+  std::vector<LineAnswer> answers_;
   EdgeBias edge_bias_;
 };
 
@@ -151,6 +160,7 @@ WindowFit MixtureEstimator::Fit(const MotionState& predicted, const WindowInput&
   fit.num_background = Background(input, density.gate_px);
   fit.num_explained = totals.weight;
   for (const MixtureLine& line : sums_) fit.line_events.push_back(line.half_weight[0] + line.half_weight[1]);
+  fit.answers = answers_;
   fit.residual_rms_px = totals.weight > 0.0 ? std::sqrt(totals.weighted_squares_px2 / totals.weight) : sigma_px_;
   return fit;
 }
@@ -176,7 +186,7 @@ double MixtureEstimator::Minimise(const MotionState& predicted, const Matrix12d&
 }
 
 double MixtureEstimator::NormalEquations(const MotionState& state, const WindowInput& input, double sigma_px,
-                                         Matrix12d& hessian, Vector12d& gradient) const {
+                                         Matrix12d& hessian, Vector12d& gradient) {
   const double scale = 1.0 / (sigma_px * sigma_px * options_.events_per_information);
   const double displacement_px =
       options_.edge_noise_px_sqrt_s * std::sqrt(displacement_factor_ / std::max(input.duration_s, 1e-6));
@@ -187,8 +197,9 @@ double MixtureEstimator::NormalEquations(const MotionState& state, const WindowI
     MarginaliseDisplacement(sums_[k].sums, lines_[k], scale, {AlongLine(camera_, lines_[k]), displacement_px}, hessian,
                             gradient);
   }
-  return AddAbsence(camera_, lines_, sums_, state.twist, input.duration_s, input.events_per_observation, noise_per_px_,
-                    options_.min_events_per_px2, 1.0 / options_.events_per_information, hessian, gradient);
+  CountAnswers(camera_, input, lines_, sums_, state.twist, noise_per_px_, options_.min_events_per_px2, answers_);
+  return AddAbsence(camera_, lines_, answers_, input.past_answers, state.twist, 1.0 / options_.events_per_information,
+                    hessian, gradient);
 }
 
 void MixtureEstimator::LearnDisplacement() {
@@ -262,28 +273,40 @@ MixtureTotals AccumulateMixture(const WindowInput& input, absl::Span<const Image
   return totals;
 }
 
-double AddAbsence(const CameraModel& camera, absl::Span<const ImageLine> lines, absl::Span<const MixtureLine> sums,
-                  const Vector6d& twist, double duration_s, double events_per_observation, double noise_per_px,
-                  double min_events_per_px2, double scale, Matrix12d& hessian, Vector12d& gradient) {
-  // Below this speed the Poisson Hessian would grow without bound; nothing is told apart there anyway.
-  constexpr double kMinSpeedPxPerS = 5.0;
+void CountAnswers(const CameraModel& camera, const WindowInput& input, absl::Span<const ImageLine> lines,
+                  absl::Span<const MixtureLine> sums, const Vector6d& twist, double noise_per_px,
+                  double min_events_per_px2, std::vector<LineAnswer>& answers) {
+  answers.assign(lines.size(), LineAnswer());
+  for (size_t k = 0; k < lines.size(); ++k) {
+    if (!lines[k].in_view()) continue;
+    const double half_px = 0.5 * lines[k].length_px;
+    for (int half = 0; half < 2; ++half) {
+      const double speed = std::max(std::abs(HalfSpeedRow(camera, lines[k], half).dot(twist)), kMinSpeedPxPerS);
+      answers[k].expected[half] = min_events_per_px2 * half_px * speed * input.duration_s;
+      answers[k].observed[half] = sums[k].half_weight[half] * input.events_per_observation - noise_per_px * half_px;
+    }
+  }
+}
+
+double AddAbsence(const CameraModel& camera, absl::Span<const ImageLine> lines, absl::Span<const LineAnswer> answers,
+                  absl::Span<const LineAnswer> past, const Vector6d& twist, double scale, Matrix12d& hessian,
+                  Vector12d& gradient) {
   Matrix6d absence_hessian = Matrix6d::Zero();
   Vector6d absence_gradient = Vector6d::Zero();
   double all_expected = 0.0;
   double all_missing = 0.0;
   for (size_t k = 0; k < lines.size(); ++k) {
     if (!lines[k].in_view()) continue;
-    const double area_per_speed = min_events_per_px2 * 0.5 * lines[k].length_px * duration_s;
-    const double noise = noise_per_px * 0.5 * lines[k].length_px;
+    const LineAnswer before = past.empty() ? LineAnswer() : past[k];
     for (int half = 0; half < 2; ++half) {
-      const Vector6d row = lines[k].jacobian.transpose() * BearingOf(camera, lines[k].PointAt(0.25 + 0.5 * half));
-      const double velocity = row.dot(twist);
-      const double speed = std::max(std::abs(velocity), kMinSpeedPxPerS);
-      const double expected = area_per_speed * speed;
-      const double observed = std::max(0.0, sums[k].half_weight[half] * events_per_observation - noise);
-      const double missing = std::max(0.0, expected - observed);
+      const double expected = answers[k].expected[half];
+      const double observed = std::max(0.0, answers[k].observed[half] + before.observed[half]);
+      const double missing = expected * std::max(0.0, 1.0 - observed / (expected + before.expected[half]));
       all_expected += expected;
       all_missing += missing;
+      const Vector6d row = HalfSpeedRow(camera, lines[k], half);
+      const double velocity = row.dot(twist);
+      const double speed = std::max(std::abs(velocity), kMinSpeedPxPerS);
       const double curvature = missing / (speed * speed);
       absence_hessian += curvature * row * row.transpose();
       absence_gradient += curvature * velocity * row;

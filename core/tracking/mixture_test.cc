@@ -41,6 +41,13 @@ class MixtureTest : public ::testing::Test {
     input.grid = &grid_;
     return AccumulateMixture(input, lines_, density, table_, sums_);
   }
+  // The missing share of what Accumulate's events leave, as from a window of 10 ms.
+  double Absence(double noise_per_px, absl::Span<const LineAnswer> past, Matrix12d& hessian, Vector12d& gradient) {
+    WindowInput input;
+    input.duration_s = 0.01;
+    CountAnswers(camera_, input, lines_, sums_, state_.twist, noise_per_px, 0.15, answers_);
+    return AddAbsence(camera_, lines_, answers_, past, state_.twist, 1.0, hessian, gradient);
+  }
   static double Weight(const MixtureLine& line) { return line.sums.weight(); }
 
   const CameraModel camera_ = MakeCamera(1280, 720, 1000.0);
@@ -51,6 +58,7 @@ class MixtureTest : public ::testing::Test {
   TileGrid grid_;
   const ExpTable table_;
   std::vector<MixtureLine> sums_;
+  std::vector<LineAnswer> answers_;
 };
 
 TEST_F(MixtureTest, AnEventBetweenTwoLinesIsShared) {
@@ -80,7 +88,7 @@ TEST_F(MixtureTest, SilenceBrakesTheTwist) {
   Accumulate({}, MixtureDensity());
   Matrix12d hessian = Matrix12d::Zero();
   Vector12d gradient = Vector12d::Zero();
-  AddAbsence(camera_, lines_, sums_, state_.twist, 0.01, 1.0, 0.0, 0.15, 1.0, hessian, gradient);
+  Absence(0.0, {}, hessian, gradient);
   EXPECT_GT(gradient[6], 0.0);  // against the motion to the right
   EXPECT_GT(hessian(6, 6), 0.0);
   // The Newton step of the penalty alone stops what moves.
@@ -98,7 +106,7 @@ TEST_F(MixtureTest, TheBackgroundDoesNotSpeakForTheMotion) {
   const auto gradient_with = [&](double noise_per_px) {
     Matrix12d hessian = Matrix12d::Zero();
     Vector12d gradient = Vector12d::Zero();
-    AddAbsence(camera_, lines_, sums_, state_.twist, 0.01, 1.0, noise_per_px, 0.15, 1.0, hessian, gradient);
+    Absence(noise_per_px, {}, hessian, gradient);
     return gradient[6];
   };
   EXPECT_EQ(gradient_with(0.0), 0.0);
@@ -113,7 +121,7 @@ TEST_F(MixtureTest, AHiddenLineDoesNotBrakeWhileOthersSpeak) {
   Accumulate(events, {0.5, 0.1, 6.0});
   Matrix12d hessian = Matrix12d::Zero();
   Vector12d gradient = Vector12d::Zero();
-  AddAbsence(camera_, lines_, sums_, state_.twist, 0.01, 1.0, 0.0, 0.15, 1.0, hessian, gradient);
+  Absence(0.0, {}, hessian, gradient);
   EXPECT_EQ(gradient.norm(), 0.0);
   EXPECT_EQ(hessian.norm(), 0.0);
 }
@@ -126,9 +134,53 @@ TEST_F(MixtureTest, WhatPassesAtOnePlaceDoesNotSpeakForTheRest) {
   Accumulate(events, {0.5, 0.1, 6.0});
   Matrix12d hessian = Matrix12d::Zero();
   Vector12d gradient = Vector12d::Zero();
-  const double missing = AddAbsence(camera_, lines_, sums_, state_.twist, 0.01, 1.0, 0.0, 0.15, 1.0, hessian, gradient);
+  const double missing = Absence(0.0, {}, hessian, gradient);
   EXPECT_NEAR(missing, 0.75, 0.01);
   EXPECT_GT(gradient[6], 0.0);
+}
+
+TEST_F(MixtureTest, ASlowLineIsNotSilentBecauseAWindowIsShort) {
+  // At 6 px/s a half of a line sweeps 0.3 px^2 in a millisecond: it should make 0.045 events at the least, and makes
+  // 0.6. Many a window has none on most halves.
+  state_.twist *= 0.03;
+  constexpr int kMovingWindows = 250;
+  constexpr int kStillWindows = 50;
+  Random random(7);
+  std::vector<LineAnswer> past(2);
+  int seem_silent_alone = 0, seem_silent = 0, are_silent = 0;
+  for (int window = 0; window < kMovingWindows + kStillWindows; ++window) {
+    const bool is_moving = window < kMovingWindows;
+    std::vector<LineAnswer> answers(2);
+    for (LineAnswer& answer : answers) {
+      answer.expected = {0.045, 0.045};
+      for (double& observed : answer.observed) observed = is_moving ? random.Poisson(0.6) : 0.0;
+    }
+    Matrix12d hessian = Matrix12d::Zero();
+    Vector12d gradient = Vector12d::Zero();
+    const auto missing = [&](absl::Span<const LineAnswer> before) {
+      return AddAbsence(camera_, lines_, answers, before, state_.twist, 1.0, hessian, gradient);
+    };
+    if (is_moving && missing({}) > 0.5) ++seem_silent_alone;
+    if (missing(past) > 0.5) ++(is_moving ? seem_silent : are_silent);
+    for (size_t k = 0; k < past.size(); ++k) past[k].Add(answers[k]);
+  }
+  EXPECT_GT(seem_silent_alone, 80);
+  EXPECT_LT(seem_silent, 3);
+  // In 12 windows half an event should have come.
+  EXPECT_GE(are_silent, kStillWindows - 12);
+}
+
+TEST_F(MixtureTest, WhatALineMadeTooMuchIsForgotten) {
+  LineAnswer answer, loud, silent;
+  loud.expected = {0.2, 0.2};
+  loud.observed = {100.0, 0.0};
+  silent.expected = {0.2, 0.2};
+  answer.Add(loud);
+  EXPECT_EQ(answer.observed[0], answer.expected[0]);
+  for (int i = 0; i < 20; ++i) answer.Add(silent);
+  EXPECT_NEAR(answer.expected[0], LineAnswer::kEnough, 1e-12);
+  EXPECT_LT(answer.observed[0], 0.01);
+  EXPECT_EQ(answer.observed[1], 0.0);
 }
 
 // Six lines of a plate seen frontally, whose events lie off them, to one side and the other in turn.

@@ -43,7 +43,8 @@ PoseTrack::PoseTrack(const TrackContext& context, const MotionState& start)
       estimator_(MakeWindowEstimator(context.options, context.camera)),
       health_(context.options.health, context.options.mixture.min_events_per_px2,
               static_cast<int>(context.model->lines.size())),
-      motion_(start) {
+      motion_(start),
+      answers_(context.model->lines.size()) {
   const std::vector<ModelLine>& lines = context.model->lines;
   for (size_t k = 0; k < lines.size(); ++k) all_lines_.push_back({static_cast<int>(k), lines[k].p1, lines[k].p2});
 }
@@ -61,6 +62,7 @@ std::optional<PoseEstimate> PoseTrack::OnWindow(const EventWindow& window, const
     return std::nullopt;
   }
   motion_ = fit.state;
+  for (size_t k = 0; k < fit.answers.size(); ++k) answers_[input.lines[k].model_line].Add(fit.answers[k]);
 
   const CameraModel& camera = context_.camera;
   const HealthOptions& health = context_.options.health;
@@ -133,6 +135,7 @@ WindowFit PoseTrack::FitWindow(const EventWindow& window, const Competitors* oth
     // is one of their motion.
     WindowInput silence = input;
     silence.events = {};
+    silence.past_answers = {};
     silence.background_per_px2 = 0.0;
     fit.state = estimator_->Fit(predicted, silence, 1.0).state;
     return fit;
@@ -249,6 +252,9 @@ WindowInput PoseTrack::Gather(const EventWindow& window, const Competitors* othe
       event.competing = static_cast<float>(CompetingFor(event, *others, rates_));
     }
   }
+  past_answers_.clear();
+  for (const TrackedLine& line : input.lines) past_answers_.push_back(answers_[line.model_line]);
+  input.past_answers = past_answers_;
   input.events = observations_;
   input.events_per_observation = window.events_per_sample();
   if (!observations_.empty()) {
@@ -314,9 +320,9 @@ Matrix6d PoseTrack::PublishedCovariance(const MotionState& state) const {
 
 void PoseTrack::VisitState(auto& archive, auto& self) {
   auto& [context, visible_lines, all_lines, grid, background, estimator, health, state, motion, usual_explained_ratio,
-         recent_signal, recent_background, unconfirmed_verdicts, followed_since_us, on_trial, supported_at_us,
+         recent_signal, recent_background, answers, unconfirmed_verdicts, followed_since_us, on_trial, supported_at_us,
          unsupported_since_us, unsupported, in_doubt, lines, unhidden_lines, is_hidden, is_partly_hidden, image_lines,
-         rates, observations] = self;
+         rates, observations, past_answers] = self;
   constexpr int64_t kMax_us = kMaxStateTime_us;
   constexpr int kMaxVerdicts = 1 << 20;
   archive(visible_lines, background, *estimator, health, AtMost(state, TrackState::kLost), motion,
@@ -324,6 +330,7 @@ void PoseTrack::VisitState(auto& archive, auto& self) {
           AtMost(unconfirmed_verdicts, kMaxVerdicts), InRange(followed_since_us, -kMax_us, kMax_us), on_trial,
           InRange(supported_at_us, -kMax_us, kMax_us), InRange(unsupported_since_us, -kMax_us, kMax_us), unsupported,
           in_doubt);
+  for (auto& answer : answers) archive(answer);
 }
 
 void PoseTrack::SaveState(StateWriter& writer) const { VisitState(writer, *this); }

@@ -93,6 +93,7 @@ class PoseTrack {
   double usual_explained_ratio_ = 0.0;  // running mean
   double recent_signal_ = 0.0;          // events, fading
   double recent_background_ = 0.0;
+  std::vector<LineAnswer> answers_;  // of the last windows, by model line
   int unconfirmed_verdicts_ = 0;
   int64_t followed_since_us_ = -1;
   bool on_trial_ = true;         // too few of its lines have had the time to answer
@@ -108,6 +109,7 @@ class PoseTrack {
   std::vector<ImageLine> image_lines_;
   std::vector<double> rates_;  // EventRate of image_lines_; empty without others
   std::vector<Observation> observations_;
+  std::vector<LineAnswer> past_answers_;  // the same, by the window's lines
 };
 
 }  // namespace evpose

@@ -301,6 +301,26 @@ TEST(Tracker, AnObjectAtRestIsNotDraggedByAnEdgeThatPasses) {
   }
 }
 
+TEST(Tracker, AFaintObjectThatTurnsBackSlowlyIsFollowed) {
+  // About the turn its lines make less than one event each in a millisecond, among as many of noise.
+  const Motion motion = [](double t) {
+    return Perturb(kStart, 0.4 * (t - 0.3) * (t - 0.3) * Twist(0.25, 0.15, 0.0, 0.3, 0.2, 0.8));
+  };
+  constexpr int kRuns = 4;
+  double mean_rmse = 0.0;
+  for (uint64_t seed = 1; seed <= kRuns; ++seed) {
+    IdealEventOptions options;
+    options.duration_us = 600'000;
+    options.events_per_px2 = 0.5;
+    options.clutter_per_s = 250'000.0;
+    options.seed = seed;
+    const TrackRun run = Track(MakeIdealEvents(*MakeCube(0.15), kCamera, motion, options), motion(0.0));
+    EXPECT_EQ(run.tracker->losses(), 0u);
+    mean_rmse += Compare(run.estimates, motion).position_rmse_of_depth / kRuns;
+  }
+  EXPECT_LT(mean_rmse, 8e-4);
+}
+
 TEST(Tracker, AFloodIsBoundedAndTracked) {
   const Motion motion = ConstantTwist(kStart, Twist(0.4, 0.2, 0.0, 0.5, 0.5, 0.5));
   IdealEventOptions options;
