@@ -193,6 +193,13 @@ absl::StatusOr<uint32_t> Client::Drain(std::optional<absl::Duration> timeout) {
 }
 
 absl::StatusOr<ModelInfo> Client::UploadModel(absl::Span<const uint8_t> bytes, const UploadOptions& options) {
+  absl::StatusOr<ModelInfo> model = TryUpload(bytes, options);
+  // The server had it, and only at the end found that another one has deleted it: now it takes the bytes.
+  if (absl::IsAborted(model.status())) model = TryUpload(bytes, options);
+  return model;
+}
+
+absl::StatusOr<ModelInfo> Client::TryUpload(absl::Span<const uint8_t> bytes, const UploadOptions& options) {
   grpc::ClientContext context;
   context.set_deadline(DeadlineIn(impl_->options.call_timeout));
   v1::Model model;

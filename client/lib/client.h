@@ -95,6 +95,7 @@ class Client {
 
  private:
   explicit Client(const ClientOptions& options);
+  absl::StatusOr<ModelInfo> TryUpload(absl::Span<const uint8_t> bytes, const UploadOptions& options);
   void AddEndpoint(std::shared_ptr<grpc::Channel> channel, const std::string& name);
   // False when the time is over; FAILED_PRECONDITION saying why TLS prevents it.
   absl::StatusOr<bool> WaitForServer();

@@ -92,6 +92,8 @@ class FakeModels final : public v1::ModelService::Service {
     v1::UploadModelRequest request;
     reader->Read(&request);
     header = request.header();
+    bytes.clear();
+    if (num_deleted-- > 0) return {grpc::StatusCode::ABORTED, "was deleted by another server"};
     if (is_rejecting) return {grpc::StatusCode::INVALID_ARGUMENT, "line 3: not a number"};
     while (reader->Read(&request)) bytes += request.chunk();
     model->set_name("models/1");
@@ -112,6 +114,7 @@ class FakeModels final : public v1::ModelService::Service {
   v1::UploadModelRequest::Header header;
   std::string bytes;
   bool is_rejecting = false;
+  int num_deleted = 0;  // so many uploads find that the model is no longer there
 };
 
 class ModelsTest : public ::testing::Test {
@@ -141,6 +144,14 @@ TEST_F(ModelsTest, UploadStreamsTheFileWithItsDigest) {
   EXPECT_EQ(models_.header.size_bytes(), file.size());
   EXPECT_EQ(absl::BytesToHexString(models_.header.sha256()), Sha256Hex(file));
   EXPECT_EQ(models_.bytes, std::string(file.begin(), file.end()));
+}
+
+TEST_F(ModelsTest, AModelThatAnotherServerDeletedIsUploadedOnceMore) {
+  models_.num_deleted = 1;
+  EXPECT_TRUE(client_->UploadModel(std::vector<uint8_t>(100, 'x'), {}).ok());
+  EXPECT_EQ(models_.bytes, std::string(100, 'x'));
+  models_.num_deleted = 2;
+  EXPECT_EQ(client_->UploadModel(std::vector<uint8_t>(100, 'x'), {}).status().code(), absl::StatusCode::kAborted);
 }
 
 TEST_F(ModelsTest, RejectedUploadGivesTheServersWords) {

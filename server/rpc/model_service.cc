@@ -13,6 +13,7 @@
 #include "absl/base/thread_annotations.h"
 #include "absl/strings/escaping.h"
 #include "absl/strings/str_cat.h"
+#include "core/base/hash.h"
 #include "core/base/status_macros.h"
 #include "server/rpc/authentication.h"
 #include "server/rpc/conversion.h"
@@ -23,6 +24,11 @@ namespace evpose::server {
 namespace {
 
 constexpr size_t kSha256Bytes = 32;
+
+absl::Status ModelWasDeleted(const std::string& name) {
+  return WithReason(absl::AbortedError(absl::StrCat(name, " was deleted by another server: upload it once more")),
+                    "MODEL_DELETED", {{"model", name}});
+}
 
 // Takes the file piece by piece, then loads it on a worker. Its reactions follow one another, a read is started when
 // the one before was handled. Only the alarm comes when it will: it ends the call when the next message does not come.
@@ -75,6 +81,7 @@ class UploadReactor : public grpc::ServerReadReactor<v1::UploadModelRequest>,
     is_finished_ = true;
     alarm_.reset();
     reservation_.reset();
+    known_.reset();
     Finish(ToGrpcStatus(status));
   }
 
@@ -90,42 +97,62 @@ class UploadReactor : public grpc::ServerReadReactor<v1::UploadModelRequest>,
   }
 
   absl::Status HandleHeader(const v1::UploadModelRequest::Header& header) {
-    if (reservation_ != nullptr) return InvalidField("header", "was sent already");
+    if (has_header_) return InvalidField("header", "was sent already");
     EVPOSE_RETURN_IF_ERROR(services_.sessions.CheckNotDraining());
     EVPOSE_ASSIGN_OR_RETURN(reading_, FromProto(header));
     if (!header.sha256().empty() && header.sha256().size() != kSha256Bytes) {
       return InvalidField("header.sha256",
                           absl::StrCat("has ", header.sha256().size(), " bytes; a SHA-256 has ", kSha256Bytes));
     }
-    EVPOSE_ASSIGN_OR_RETURN(reservation_, services_.models.Reserve(caller_->tenant, header.size_bytes()));
-    size_bytes_ = header.size_bytes();
     sha256_hex_ = absl::BytesToHexString(header.sha256());
+    size_bytes_ = header.size_bytes();
+    known_ = services_.models.FindFile(caller_->tenant, reading_, size_bytes_, sha256_hex_);
+    if (!known_.has_value()) {
+      EVPOSE_ASSIGN_OR_RETURN(reservation_, services_.models.Reserve(caller_->tenant, size_bytes_));
+    }
+    has_header_ = true;
     return absl::OkStatus();
   }
 
   absl::Status HandleChunk(const std::string& chunk) {
-    if (reservation_ == nullptr) return InvalidField("header", "must be the first message of the stream");
-    if (chunk.size() > size_bytes_ - bytes_.size()) {
+    if (!has_header_) return InvalidField("header", "must be the first message of the stream");
+    if (chunk.size() > size_bytes_ - received_bytes_) {
       return InvalidField("header.size_bytes", absl::StrCat("is ", size_bytes_, ", but more bytes came"));
     }
-    bytes_.insert(bytes_.end(), chunk.begin(), chunk.end());
+    received_bytes_ += chunk.size();
+    if (known_.has_value()) {
+      // What is there already need not be kept a second time.
+      known_digest_.Update({reinterpret_cast<const uint8_t*>(chunk.data()), chunk.size()});
+    } else {
+      bytes_.insert(bytes_.end(), chunk.begin(), chunk.end());
+    }
     return absl::OkStatus();
   }
 
   void Load() {
-    if (reservation_ == nullptr) {
-      return End(InvalidField("header", "must be the first message of the stream"));
-    }
-    if (bytes_.size() != size_bytes_) {
+    if (!has_header_) return End(InvalidField("header", "must be the first message of the stream"));
+    if (received_bytes_ != size_bytes_) {
       return End(InvalidField("header.size_bytes",
-                              absl::StrCat("is ", size_bytes_, ", but only ", bytes_.size(), " bytes came")));
+                              absl::StrCat("is ", size_bytes_, ", but only ", received_bytes_, " bytes came")));
     }
+    if (known_.has_value()) return AnswerKnown();
     services_.pool.PostSlow([this] {
       const std::lock_guard lock(mutex_);
       const auto model = services_.models.Upload(caller_->tenant, reading_, sha256_hex_,
                                                  std::make_shared<const std::vector<uint8_t>>(std::move(bytes_)));
       if (model.ok()) *response_ = ToProto(*model);
       End(model.status());
+    });
+  }
+
+  void AnswerKnown() {
+    const absl::Status status = CheckSha256(sha256_hex_, known_digest_.FinishHex(), size_bytes_);
+    if (!status.ok()) return End(status);
+    services_.pool.PostSlow([this] {
+      const std::lock_guard lock(mutex_);
+      const absl::Status stored = services_.models.CheckStored(caller_->tenant, known_->info.name);
+      *response_ = ToProto(known_->info);
+      End(absl::IsNotFound(stored) ? ModelWasDeleted(known_->info.name) : stored);
     });
   }
 
@@ -140,9 +167,13 @@ class UploadReactor : public grpc::ServerReadReactor<v1::UploadModelRequest>,
   v1::UploadModelRequest request_;
   ModelReading reading_;
   std::string sha256_hex_;
+  bool has_header_ = false;
   uint64_t size_bytes_ = 0;
-  std::unique_ptr<ModelRegistry::Reservation> reservation_;  // null: the header has not come yet
+  uint64_t received_bytes_ = 0;
+  std::unique_ptr<ModelRegistry::Reservation> reservation_;  // for bytes_
   std::vector<uint8_t> bytes_;
+  std::optional<ModelRegistry::Known> known_;  // then only the digest of the bytes is needed
+  Sha256 known_digest_;
 };
 
 absl::Status List(const ModelRegistry& models, const std::string& tenant, const v1::ListModelsRequest& request,

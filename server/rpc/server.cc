@@ -168,11 +168,13 @@ absl::StatusOr<Access> MakeAccess(const ServerOptions& options) {
   return access;
 }
 
-ModelRegistry::Options RegistryOptions(const ServerOptions& options, std::shared_ptr<ServerMetrics> metrics) {
+ModelRegistry::Options RegistryOptions(const ServerOptions& options, const Store& store,
+                                       std::shared_ptr<ServerMetrics> metrics) {
   ModelRegistry::Options out;
   out.metrics = std::move(metrics);
   out.max_model_bytes = options.max_model_bytes;
   out.max_store_bytes = options.max_model_store_bytes;
+  out.shares_store = IsShared(store);
   out.max_tenant_bytes =
       options.tenant.max_model_bytes == 0 ? options.max_model_store_bytes : options.tenant.max_model_bytes;
   return out;
@@ -395,7 +397,7 @@ absl::StatusOr<std::unique_ptr<Server>> StartServer(const ServerOptions& options
   EVPOSE_ASSIGN_OR_RETURN(Access access, MakeAccess(options));
   const auto metrics = std::make_shared<ServerMetrics>();
   EVPOSE_ASSIGN_OR_RETURN(std::unique_ptr<ModelRegistry> models,
-                          ModelRegistry::Create(RegistryOptions(options, metrics), *store));
+                          ModelRegistry::Create(RegistryOptions(options, *store, metrics), *store));
   auto server = std::make_unique<ServerImpl>(options, std::move(make_tracker), std::move(access), std::move(store),
                                              metrics, std::move(models));
   EVPOSE_RETURN_IF_ERROR(server->Restore());

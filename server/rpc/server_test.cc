@@ -296,6 +296,24 @@ TEST_F(ServerTest, AFullModelStoreSaysSo) {
   const grpc::Status status = Upload(UploadRequests(kCubeObj), &model);
   EXPECT_EQ(Describe(status), "RESOURCE_EXHAUSTED MODEL_STORE_FULL");
   EXPECT_EQ(DetailOf<google::rpc::QuotaFailure>(status).violations(0).subject(), "max_model_store_bytes");
+
+  // What it has takes no room, if it is told in time that it has it.
+  EXPECT_EQ(Describe(Upload(UploadRequests(file), &model)), "RESOURCE_EXHAUSTED MODEL_STORE_FULL");
+  const std::string digest = Sha256Hex({reinterpret_cast<const uint8_t*>(file.data()), file.size()});
+  std::vector<v1::UploadModelRequest> known = UploadRequests(file);
+  known[0].mutable_header()->set_sha256(absl::HexStringToBytes(digest));
+  EXPECT_EQ(Describe(Upload(known, &model)), "OK");
+  EXPECT_EQ(absl::BytesToHexString(model.sha256()), digest);
+  std::string other = file;
+  other.back() = ' ';
+  known[1].set_chunk(other);
+  EXPECT_EQ(Describe(Upload(known, &model)), "INVALID_ARGUMENT header.sha256");
+  known[1].set_chunk(file.substr(1));
+  EXPECT_EQ(Describe(Upload(known, &model)), "INVALID_ARGUMENT header.size_bytes");
+  known[1].set_chunk(file + " ");
+  EXPECT_EQ(Describe(Upload(known, &model)), "INVALID_ARGUMENT header.size_bytes");
+  known[0].mutable_header()->set_crease_angle_deg(20.0);
+  EXPECT_EQ(Describe(Upload(known, &model)), "RESOURCE_EXHAUSTED MODEL_STORE_FULL") << "read otherwise it is another";
 }
 
 TEST_F(ServerTest, DeletesModelsThatNobodyUses) {

@@ -30,13 +30,17 @@ absl::StatusOr<std::shared_ptr<Session>> Create(SessionManager& sessions, const 
 }
 
 // Ends the call with the session and its token. That of a session which came from the store is known to nobody but its
-// client, and this client has not got it: there is a new one, when it is durable.
-void AnswerCreated(const absl::StatusOr<std::shared_ptr<Session>>& session, v1::Session& response,
+// client, and this client has not got it: there is a new one, when it is durable. Without the store that might take
+// forever.
+void AnswerCreated(const absl::StatusOr<std::shared_ptr<Session>>& session, Store& store, v1::Session& response,
                    grpc::ServerUnaryReactor& reactor) {
   if (!session.ok()) return reactor.Finish(ToGrpcStatus(session.status()));
   response = ToProto((*session)->Describe());
   response.set_resume_token((*session)->resume_token());
   if (!response.resume_token().empty()) return reactor.Finish(grpc::Status::OK);
+  if (const absl::Status status = FromStore(store.CheckHealth()); !status.ok()) {
+    return reactor.Finish(ToGrpcStatus(status));
+  }
   (*session)->RenewToken([&response, &reactor](const absl::StatusOr<std::string>& token) {
     if (token.ok()) response.set_resume_token(*token);
     reactor.Finish(ToGrpcStatus(token.status()));
@@ -71,7 +75,7 @@ grpc::ServerUnaryReactor* SessionServiceImpl::CreateSession(grpc::CallbackServer
   }
   // Making trackers takes too long for gRPC's threads, and for those that track.
   services_.pool.PostSlow([this, request, response, reactor, tenant = caller->tenant] {
-    AnswerCreated(Create(services_.sessions, tenant, *request), *response, *reactor);
+    AnswerCreated(Create(services_.sessions, tenant, *request), services_.store, *response, *reactor);
   });
   return reactor;
 }

@@ -59,6 +59,12 @@ std::string ModelName(const ModelReading& reading, absl::Span<const uint8_t> byt
   return absl::StrCat("models/", digest.FinishHex());
 }
 
+absl::Status CheckSha256(absl::string_view expected_hex, absl::string_view actual_hex, uint64_t num_bytes) {
+  if (expected_hex.empty() || expected_hex == actual_hex) return absl::OkStatus();
+  return InvalidField("header.sha256", absl::StrCat("is ", expected_hex, ", but that of the ", num_bytes,
+                                                    " bytes received is ", actual_hex));
+}
+
 absl::StatusOr<std::unique_ptr<ModelRegistry>> ModelRegistry::Create(const Options& options, Store& store) {
   std::unique_ptr<ModelRegistry> registry(new ModelRegistry(options, store));
   EVPOSE_ASSIGN_OR_RETURN(const std::vector<ModelRecord> records, store.ReadModels());
@@ -151,14 +157,23 @@ void ModelRegistry::RemoveBytes(const std::string& tenant, uint64_t bytes) {
   if (found->second == 0) bytes_of_tenant_.erase(found);
 }
 
+std::optional<ModelRegistry::Known> ModelRegistry::FindFile(const std::string& tenant, const ModelReading& reading,
+                                                            uint64_t size_bytes, absl::string_view sha256_hex) const {
+  const std::lock_guard lock(mutex_);
+  for (auto it = models_.lower_bound(Key(tenant, "")); it != models_.end() && it->first.first == tenant; ++it) {
+    const ModelInfo& info = it->second.info;
+    const bool is_same = info.sha256_hex == sha256_hex && info.size_bytes == size_bytes &&
+                         ModelReading{info.format, info.metres_per_unit, info.crease_angle_deg} == reading;
+    if (is_same && !it->second.is_going) return Known{info, it->second.use};
+  }
+  return std::nullopt;
+}
+
 absl::StatusOr<ModelInfo> ModelRegistry::Upload(const std::string& tenant, const ModelReading& reading,
                                                 absl::string_view expected_sha256_hex,
                                                 std::shared_ptr<const std::vector<uint8_t>> bytes) {
   const std::string sha256_hex = Sha256Hex(*bytes);
-  if (!expected_sha256_hex.empty() && expected_sha256_hex != sha256_hex) {
-    return InvalidField("header.sha256", absl::StrCat("is ", expected_sha256_hex, ", but that of the ", bytes->size(),
-                                                      " bytes received is ", sha256_hex));
-  }
+  EVPOSE_RETURN_IF_ERROR(CheckSha256(expected_sha256_hex, sha256_hex, bytes->size()));
   const ModelOptions options = LoadingOptions(reading);
   if (const absl::Status status = options.Validate(); !status.ok()) return InvalidField("header", status.message());
   const ModelRecord record = {.name = ModelName(reading, *bytes),
@@ -168,7 +183,10 @@ absl::StatusOr<ModelInfo> ModelRegistry::Upload(const std::string& tenant, const
                               .crease_angle_deg = reading.crease_angle_deg,
                               .create_time = absl::Now(),
                               .bytes = bytes};
-  if (auto known = Get(tenant, record.name); known.ok()) return known;
+  if (auto known = Get(tenant, record.name); known.ok()) {
+    const absl::Status stored = CheckStored(tenant, record.name);
+    if (!absl::IsNotFound(stored)) return stored.ok() ? known : stored;
+  }
   auto entry = Load(record, options);
   if (!entry.ok()) return InvalidField("chunk", entry.status().message());
 
@@ -180,6 +198,23 @@ absl::StatusOr<ModelInfo> ModelRegistry::Upload(const std::string& tenant, const
   const std::lock_guard lock(mutex_);
   AddBytes(tenant, bytes->size());
   return models_.emplace(key, *std::move(entry)).first->second.info;
+}
+
+absl::Status ModelRegistry::CheckStored(const std::string& tenant, const std::string& name) {
+  if (!options_.shares_store) return absl::OkStatus();
+  const std::lock_guard store_lock(store_mutex_);
+  const absl::Status status = store_.ReadModel(tenant, name).status();
+  if (!absl::IsNotFound(status)) return FromStore(status);
+  Forget(Key(tenant, name));
+  return ModelNotFound(name);
+}
+
+void ModelRegistry::Forget(const Key& key) {
+  const std::lock_guard lock(mutex_);
+  const auto found = models_.find(key);
+  if (found == models_.end()) return;
+  RemoveBytes(key.first, found->second.info.size_bytes);
+  models_.erase(found);
 }
 
 absl::StatusOr<ModelInfo> ModelRegistry::Get(const std::string& tenant, absl::string_view name) const {
@@ -250,13 +285,10 @@ absl::StatusOr<bool> ModelRegistry::BeginDelete(const Key& key) {
 }
 
 void ModelRegistry::EndDelete(const Key& key, const absl::Status& status) {
+  if (status.ok()) return Forget(key);
   const std::lock_guard lock(mutex_);
   const auto found = models_.find(key);
-  if (found == models_.end()) return;
-  found->second.is_going = false;
-  if (!status.ok()) return;
-  RemoveBytes(key.first, found->second.info.size_bytes);
-  models_.erase(found);
+  if (found != models_.end()) found->second.is_going = false;
 }
 
 absl::Status ModelRegistry::DeleteStored(const Key& key, bool was_here) {
@@ -268,7 +300,15 @@ absl::Status ModelRegistry::DeleteStored(const Key& key, bool was_here) {
     if (!stored.ok() && !absl::IsDataLoss(stored)) return FromStore(stored);
   }
   EVPOSE_RETURN_IF_ERROR(CheckUnusedInStore(key));
-  return FromStore(store_.DeleteModel(tenant, name));
+  const absl::StatusOr<ModelRecord> record = store_.ReadModel(tenant, name);
+  EVPOSE_RETURN_IF_ERROR(FromStore(store_.DeleteModel(tenant, name)));
+  if (!options_.shares_store || !record.ok()) return absl::OkStatus();
+  // Another server may just have made a session with it. It looks for the model after that, as this one looks for
+  // sessions after deleting it: whoever is second sees the other.
+  const absl::Status unused = CheckUnusedInStore(key);
+  if (!absl::IsFailedPrecondition(unused)) return absl::OkStatus();
+  EVPOSE_RETURN_IF_ERROR(FromStore(store_.PutModel(*record)));
+  return unused;
 }
 
 absl::Status ModelRegistry::CheckUnusedInStore(const Key& key) const {

@@ -8,6 +8,7 @@
 #include <map>
 #include <memory>
 #include <mutex>
+#include <optional>
 #include <string>
 #include <utility>
 #include <vector>
@@ -43,10 +44,15 @@ struct ModelReading {
   ModelFormat format = ModelFormat::kObj;
   double metres_per_unit = 1.0;
   double crease_angle_deg = 30.0;
+
+  friend bool operator==(const ModelReading&, const ModelReading&) = default;
 };
 
 // "models/{id}", id as the API's Model.name says.
 std::string ModelName(const ModelReading& reading, absl::Span<const uint8_t> bytes);
+
+// INVALID_ARGUMENT (header.sha256) when a digest was expected (hex, not empty) that is not that of the bytes.
+absl::Status CheckSha256(absl::string_view expected_hex, absl::string_view actual_hex, uint64_t num_bytes);
 
 // A model in use: it cannot be deleted while one of these lives.
 struct ModelUse {
@@ -61,6 +67,7 @@ class ModelRegistry {
     uint64_t max_model_bytes = 64ull << 20;
     uint64_t max_store_bytes = 512ull << 20;   // of all files, those on their way included
     uint64_t max_tenant_bytes = 512ull << 20;  // of those of one tenant
+    bool shares_store = false;                 // other servers put models into it, and delete them
     std::shared_ptr<ServerMetrics> metrics = std::make_shared<ServerMetrics>();
   };
 
@@ -87,12 +94,25 @@ class ModelRegistry {
   // RESOURCE_EXHAUSTED (MODEL_STORE_FULL; TENANT_QUOTA when it is the tenant's share that is full).
   absl::StatusOr<std::unique_ptr<Reservation>> Reserve(const std::string& tenant, uint64_t size_bytes);
 
+  // A file that is there already, read the same way: uploading it again takes no room. It cannot be deleted while one
+  // of these lives.
+  struct Known {
+    ModelInfo info;
+    ModelUse use;
+  };
+  std::optional<Known> FindFile(const std::string& tenant, const ModelReading& reading, uint64_t size_bytes,
+                                absl::string_view sha256_hex) const;
+
   // Loads and stores a file; the caller holds a reservation of its size. What is there already stays as it is. Slow for
-  // large models. Errors: INVALID_ARGUMENT with the field: header.sha256 when it is not empty and not that of the bytes
-  // (hex), header.* for readings out of range, chunk with the loader's words.
+  // large models. Errors: INVALID_ARGUMENT with the field: as CheckSha256, header.* for readings out of range, chunk
+  // with the loader's words.
   absl::StatusOr<ModelInfo> Upload(const std::string& tenant, const ModelReading& reading,
                                    absl::string_view expected_sha256_hex,
                                    std::shared_ptr<const std::vector<uint8_t>> bytes);
+
+  // For one that is known: OK when it is in the store. One that another server has deleted is forgotten. Waits for the
+  // store when it is shared. Errors: NOT_FOUND (MODEL_NOT_FOUND), those of the store.
+  absl::Status CheckStored(const std::string& tenant, const std::string& name);
 
   // Errors of both: NOT_FOUND (MODEL_NOT_FOUND).
   absl::StatusOr<ModelInfo> Get(const std::string& tenant, absl::string_view name) const;
@@ -122,6 +142,7 @@ class ModelRegistry {
   void EndDelete(const Key& key, const absl::Status& status);
   absl::Status DeleteStored(const Key& key, bool was_here);
   absl::Status CheckUnusedInStore(const Key& key) const;
+  void Forget(const Key& key);
   ModelOptions LoadingOptions(const ModelReading& reading) const;
   void Release(const std::string& tenant, uint64_t reserved_bytes);
   void AddBytes(const std::string& tenant, uint64_t bytes) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);

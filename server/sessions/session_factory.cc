@@ -122,8 +122,20 @@ absl::StatusOr<std::shared_ptr<Session>> SessionFactory::MakeNew(const std::stri
                                 .config = EncodeConfig(config)};
   auto lease = store_.CreateSession(record, EncodeLifecycle(parts.beginning.lifecycle));
   if (!lease.ok()) return StoreError(parts.name, lease.status());
+  if (const absl::Status status = CheckModelsStored(tenant, config); !status.ok()) {
+    (void)store_.DeleteSession(parts.name);  // nobody knows its name; if it stays, it expires
+    return status;
+  }
   parts.lease = *std::move(lease);
   return Session::Start(std::move(parts), pool_);
+}
+
+// Only now: a server that deletes a model looks for sessions after that.
+absl::Status SessionFactory::CheckModelsStored(const std::string& tenant, const SessionConfig& config) const {
+  for (const ObjectConfig& object : config.objects) {
+    EVPOSE_RETURN_IF_ERROR(models_.CheckStored(tenant, object.model));
+  }
+  return absl::OkStatus();
 }
 
 absl::StatusOr<SessionFactory::Taken> SessionFactory::Take(absl::string_view name) const {

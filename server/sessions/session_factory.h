@@ -57,6 +57,7 @@ class SessionFactory {
     std::vector<std::shared_ptr<const void>> uses;
   };
   absl::StatusOr<Models> UseModels(const std::string& tenant, const SessionConfig& config) const;
+  absl::Status CheckModelsStored(const std::string& tenant, const SessionConfig& config) const;
   absl::StatusOr<std::shared_ptr<Session>> Restore(StoredSession stored, std::unique_ptr<SessionLease> lease) const;
 
   const Options options_;

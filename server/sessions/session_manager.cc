@@ -89,8 +89,20 @@ absl::StatusOr<std::shared_ptr<Session>> SessionManager::FindOrTakeSlot(const Se
   const std::lock_guard lock(mutex_);
   EVPOSE_ASSIGN_OR_RETURN(std::shared_ptr<Session> known, FindRequest(config, request));
   if (known != nullptr) return known;
-  const std::string& tenant = request.first;
-  EVPOSE_RETURN_IF_ERROR(CheckSlotIsFree());
+  EVPOSE_RETURN_IF_ERROR(CheckSlotIsFree(request.first));
+  ++slots_being_filled_;
+  ++slots_being_filled_by_[request.first];
+  return nullptr;
+}
+
+absl::Status SessionManager::CheckSlotIsFree(const std::string& tenant) const {
+  if (sessions_.size() + slots_being_filled_ >= options_.max_sessions) {
+    options_.metrics->quota_refusals[QuotaLimit::kMaxSessions].Add();
+    return LimitReached("TOO_MANY_SESSIONS", "max_sessions",
+                        absl::StrCat("all ", options_.max_sessions,
+                                     " sessions are taken: delete one that is not needed, or try again later"),
+                        kRetryDelay);
+  }
   if (CountSessions(tenant) >= options_.max_tenant_sessions) {
     options_.metrics->quota_refusals[QuotaLimit::kTenantSessions].Add();
     return LimitReached("TENANT_QUOTA", "tenant_sessions",
@@ -98,18 +110,7 @@ absl::StatusOr<std::shared_ptr<Session>> SessionManager::FindOrTakeSlot(const Se
                                      " sessions: delete one that is not needed, or try again later"),
                         kRetryDelay);
   }
-  ++slots_being_filled_;
-  ++slots_being_filled_by_[tenant];
-  return nullptr;
-}
-
-absl::Status SessionManager::CheckSlotIsFree() const {
-  if (sessions_.size() + slots_being_filled_ < options_.max_sessions) return absl::OkStatus();
-  options_.metrics->quota_refusals[QuotaLimit::kMaxSessions].Add();
-  return LimitReached("TOO_MANY_SESSIONS", "max_sessions",
-                      absl::StrCat("all ", options_.max_sessions,
-                                   " sessions are taken: delete one that is not needed, or try again later"),
-                      kRetryDelay);
+  return absl::OkStatus();
 }
 
 absl::StatusOr<std::shared_ptr<Session>> SessionManager::TakeRequest(const SessionConfig& config,
@@ -231,7 +232,7 @@ absl::StatusOr<std::shared_ptr<Session>> SessionManager::TakeForAttach(const std
   if (!IsDigestGood(TokenDigest(resume_token), stored.lifecycle)) return WrongToken(name);
   if (here == nullptr) {
     const std::lock_guard lock(mutex_);
-    EVPOSE_RETURN_IF_ERROR(CheckSlotIsFree());
+    EVPOSE_RETURN_IF_ERROR(CheckSlotIsFree(tenant));
   }
   auto taken = Take(name);
   if (!taken.ok()) return taken;

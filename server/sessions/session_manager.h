@@ -64,7 +64,7 @@ class SessionManager {
                                          absl::string_view resume_token);
   // Waits for the store, from which it takes a session that is not here, and that closed here: fenced by another server
   // or for want of room. Errors: NOT_FOUND (SESSION_NOT_FOUND), PERMISSION_DENIED (WRONG_TOKEN), DATA_LOSS
-  // (SESSION_DAMAGED), RESOURCE_EXHAUSTED (TOO_MANY_SESSIONS), UNAVAILABLE (STORE_AWAY).
+  // (SESSION_DAMAGED), RESOURCE_EXHAUSTED (TOO_MANY_SESSIONS, TENANT_QUOTA), UNAVAILABLE (STORE_AWAY).
   absl::StatusOr<std::shared_ptr<Session>> TakeForAttach(const std::string& tenant, const std::string& name,
                                                          absl::string_view resume_token);
   // The next three know the sessions of other servers, too, and wait for the store where they have to.
@@ -112,7 +112,7 @@ class SessionManager {
 
   // The session of an earlier request, or null after taking a slot.
   absl::StatusOr<std::shared_ptr<Session>> FindOrTakeSlot(const SessionConfig& config, const Request& request);
-  absl::Status CheckSlotIsFree() const ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
+  absl::Status CheckSlotIsFree(const std::string& tenant) const ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   // The same that another server made, taken from it; null when there is none.
   absl::StatusOr<std::shared_ptr<Session>> TakeRequest(const SessionConfig& config, const Request& request);
   absl::StatusOr<std::shared_ptr<Session>> FindRequest(const SessionConfig& config, const Request& request)

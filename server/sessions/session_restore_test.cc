@@ -2,10 +2,13 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <functional>
 #include <future>
+#include <utility>
 
 #include "server/sessions/errors.h"
 #include "server/sessions/session_manager.h"
+#include "server/sessions/store_testing.h"
 #include "server/sessions/testing.h"
 #include "server/stores/memory_store.h"
 
@@ -29,9 +32,9 @@ class SessionRestoreTest : public testing::Test {
 
   Server Open(bool shares_store = false) {
     Server server;
-    server.models = ModelRegistry::Create({}, *store_).value();
+    server.models = ModelRegistry::Create({.shares_store = shares_store}, *store_).value();
     SessionManager::Options options;
-    options.max_sessions = 3;
+    options.max_sessions = 4;
     options.max_tenant_sessions = 3;
     options.limits.expiry = absl::Minutes(1);
     options.make_tracker = FakeTrackers();
@@ -51,8 +54,10 @@ class SessionRestoreTest : public testing::Test {
   }
 
   SessionConfig Config(Server& server) {
-    const auto bytes = std::make_shared<const std::vector<uint8_t>>(kCubeObj, kCubeObj + sizeof(kCubeObj) - 1);
-    return SomeConfig({"cube"}, server.models->Upload(kTenant, {}, "", bytes).value().name);
+    return SomeConfig({"cube"}, server.models->Upload(kTenant, {}, "", CubeBytes()).value().name);
+  }
+  static std::shared_ptr<const std::vector<uint8_t>> CubeBytes() {
+    return std::make_shared<const std::vector<uint8_t>>(kCubeObj, kCubeObj + sizeof(kCubeObj) - 1);
   }
   std::shared_ptr<Session> Create(Server& server, const std::string& request_id = "") {
     return server->Create(kTenant, Config(server), request_id).value();
@@ -86,7 +91,7 @@ class SessionRestoreTest : public testing::Test {
 
   absl::Time now_ = absl::FromUnixSeconds(1'000'000);
   WorkerPool pool_{2};  // outlives the store, whose thread may be the last to let go of a session
-  const std::unique_ptr<Store> store_ = MakeMemoryStore();
+  const std::shared_ptr<Store> store_ = MakeMemoryStore();
   const std::shared_ptr<WaitingListener> listener_ = std::make_shared<WaitingListener>();
 };
 
@@ -356,13 +361,66 @@ TEST_F(SessionRestoreTest, ASessionThatIsOnlyInTheStoreIsListedKeepsItsModelsAnd
   Kill(server);
 }
 
+// A store before which another server acts in between.
+class StoreWithRace : public TroubledStore {
+ public:
+  using TroubledStore::TroubledStore;
+  absl::StatusOr<ModelRecord> ReadModel(absl::string_view tenant, absl::string_view name) const override {
+    if (before_read_model) std::exchange(before_read_model, nullptr)();
+    return TroubledStore::ReadModel(tenant, name);
+  }
+  mutable std::function<void()> before_read_model;
+};
+
+TEST_F(SessionRestoreTest, AModelThatAnotherServerDeletedIsForgotten) {
+  Server one = Open(/*shares_store=*/true);
+  Server two = Open(/*shares_store=*/true);
+  const SessionConfig config = Config(two);
+  ASSERT_TRUE(one.models->Delete(kTenant, config.objects[0].model).ok());
+  EXPECT_EQ(ReasonOf(two->Create(kTenant, config, "").status()), "MODEL_NOT_FOUND");
+  EXPECT_TRUE(store_->ListSessions()->empty()) << "what was begun is undone";
+  EXPECT_FALSE(two.models->Get(kTenant, config.objects[0].model).ok());
+  EXPECT_EQ(Config(two), config);  // uploads it again
+  EXPECT_TRUE(two->Create(kTenant, config, "").ok());
+
+  // Uploading is enough, too.
+  Server three = Open(/*shares_store=*/true);
+  const std::vector<SessionInfo> made = two->List(kTenant, "", 10).value();
+  for (const SessionInfo& session : made) ASSERT_TRUE(two->Delete(kTenant, session.name).ok());
+  ASSERT_TRUE(two.models->Delete(kTenant, config.objects[0].model).ok());
+  EXPECT_EQ(Config(three), config);
+  EXPECT_TRUE(store_->ReadModel(kTenant, config.objects[0].model).ok());
+  Kill(one);
+  Kill(two);
+  Kill(three);
+}
+
+TEST_F(SessionRestoreTest, AModelIsPutBackWhenAnotherServerMakesASessionWithItMeanwhile) {
+  Server two = Open(/*shares_store=*/true);
+  const SessionConfig config = Config(two);
+  const std::string& model = config.objects[0].model;
+  StoreWithRace store(store_, std::make_shared<Trouble>());
+  const auto models = ModelRegistry::Create({.shares_store = true}, store).value();
+  // It has looked for sessions, and reads the model, to delete it: at this moment another server makes one.
+  store.before_read_model = [&] { EXPECT_TRUE(two->Create(kTenant, config, "").ok()); };
+  EXPECT_EQ(ReasonOf(models->Delete(kTenant, model)), "MODEL_IN_USE");
+  EXPECT_TRUE(store_->ReadModel(kTenant, model).ok());
+  EXPECT_TRUE(models->Use(kTenant, model).ok());
+  Kill(two);
+}
+
 TEST_F(SessionRestoreTest, WhatHasNoSlotIsNotTaken) {
   Server one = Open(/*shares_store=*/true);
   const auto session = Create(one);
   Server two = Open(/*shares_store=*/true);
   for (int i = 0; i < 3; ++i) (void)Create(two);
-  EXPECT_EQ(ReasonOf(two->TakeForAttach(kTenant, session->name(), session->resume_token()).status()),
-            "TOO_MANY_SESSIONS");
+  const auto take = [&] {
+    return ReasonOf(two->TakeForAttach(kTenant, session->name(), session->resume_token()).status());
+  };
+  EXPECT_EQ(take(), "TENANT_QUOTA");
+  two.models->Upload("lab", {}, "", CubeBytes()).value();
+  ASSERT_TRUE(two->Create("lab", Config(two), "").ok());
+  EXPECT_EQ(take(), "TOO_MANY_SESSIONS");
   EXPECT_TRUE(session->Watch().status.ok());
   Kill(one);
   Kill(two);

@@ -117,8 +117,8 @@ absl::Status RedisClient::Connect() {
   absl::StatusOr<std::unique_ptr<RedisConnection>> opened = RedisConnection::Open(options_.address, options_.timeout);
   std::map<const RedisScript*, std::string> digests;
   absl::Status status = opened.status();
-  for (const RedisScript* const script :
-       {&kRedisCreate, &kRedisRead, &kRedisCommit, &kRedisDelete, &kRedisDeleteEnded, &kRedisPutModel}) {
+  for (const RedisScript* const script : {&kRedisCreate, &kRedisRead, &kRedisCommit, &kRedisDelete, &kRedisDeleteEnded,
+                                          &kRedisPutModel, &kRedisDeleteModel}) {
     if (!status.ok()) break;
     const auto loaded = (*opened)->Run({"SCRIPT", "LOAD", script->source});
     status = loaded.status();

@@ -93,4 +93,9 @@ redis.call('SADD', KEYS[2], ARGV[1])
 return 1
 )lua"};
 
+const RedisScript kRedisDeleteModel = {R"lua(
+redis.call('DEL', KEYS[1])
+return redis.call('SREM', KEYS[2], ARGV[1])
+)lua"};
+
 }  // namespace evpose::server

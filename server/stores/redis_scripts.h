@@ -32,5 +32,7 @@ extern const RedisScript kRedisDelete;
 extern const RedisScript kRedisDeleteEnded;
 // KEYS model, models. ARGV member, header, bytes.
 extern const RedisScript kRedisPutModel;
+// KEYS model, models. ARGV member.
+extern const RedisScript kRedisDeleteModel;
 
 }  // namespace evpose::server

@@ -196,8 +196,7 @@ class RedisStore : public Store {
 
   absl::Status DeleteModel(absl::string_view tenant, absl::string_view name) override {
     const std::string member = ModelMember(tenant, name);
-    EVPOSE_RETURN_IF_ERROR(shared_->client.Call({"DEL", RedisModelKey(member)}).status());
-    return shared_->client.Call({"SREM", kRedisModelsKey, member}).status();
+    return shared_->client.CallScript(kRedisDeleteModel, {RedisModelKey(member), kRedisModelsKey}, {member}).status();
   }
 
   absl::StatusOr<std::unique_ptr<SessionLease>> CreateSession(const SessionRecord& record,
