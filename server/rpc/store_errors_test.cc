@@ -1,4 +1,5 @@
 // What clients see of a store that is away, full, broken or damaged, through the raw stub; and several servers on one.
+#include <future>
 #include <thread>
 
 #include "grpc/health/v1/health.grpc.pb.h"
@@ -11,6 +12,36 @@ namespace {
 
 using Health = grpc::health::v1::HealthCheckResponse;
 using Kind = v1::TrackResponse;
+
+// One of poses and one of health of a session with poses; both have begun.
+class Watchers {
+ public:
+  Watchers(v1::SessionService::Stub& stub, const std::string& session) {
+    v1::WatchPosesRequest poses;
+    poses.set_session(session);
+    poses_ = stub.WatchPoses(&poses_context_, poses);
+    v1::WatchHealthRequest health;
+    health.set_session(session);
+    health_ = stub.WatchHealth(&health_context_, health);
+    v1::WatchPosesResponse first_poses;
+    EXPECT_TRUE(poses_->Read(&first_poses));
+    v1::SessionHealth first_health;
+    EXPECT_TRUE(health_->Read(&first_health));
+  }
+  // How they end.
+  std::string Errors() const {
+    v1::WatchPosesResponse poses;
+    while (poses_->Read(&poses)) continue;
+    v1::SessionHealth health;
+    while (health_->Read(&health)) continue;
+    return Describe(poses_->Finish()) + ", " + Describe(health_->Finish());
+  }
+
+ private:
+  grpc::ClientContext poses_context_, health_context_;
+  std::unique_ptr<grpc::ClientReader<v1::WatchPosesResponse>> poses_;
+  std::unique_ptr<grpc::ClientReader<v1::SessionHealth>> health_;
+};
 
 class StoreErrorsTest : public RpcTest {
  protected:
@@ -59,6 +90,11 @@ class StoreErrorsTest : public RpcTest {
     RawTrack track(*sessions_);
     track.Attach(name, token);
     return track.Finish();
+  }
+  static void MakePoses(RawTrack& track) {
+    ASSERT_TRUE(track.Events(1, Flat64(SomeEvents(1, 11))));
+    v1::TrackResponse response;
+    ASSERT_TRUE(track.ReadUntil(Kind::kAck, response));
   }
   // How a stream ends that works while the store answers this.
   grpc::Status TrackError(const absl::Status& answer) {
@@ -169,7 +205,105 @@ TEST_F(StoreErrorsTest, CallsThatNeedAStoreThatIsAway) {
   EXPECT_EQ(GetError(here.name()), "OK") << "nothing is lost";
 }
 
+TEST_F(StoreErrorsTest, ARequestThatIsKnownDoesNotWaitForTheStoreEither) {
+  v1::CreateSessionRequest request = CreateRequest();
+  request.set_request_id("capture 1");
+  v1::Session made;
+  ASSERT_EQ(Describe(Create(request, &made)), "OK");
+  Use(StartOnStore());
+  v1::Session taken;
+  ASSERT_EQ(Describe(Create(request, &taken)), "OK");
+  EXPECT_EQ(taken.name(), made.name());
+  Use(StartOnStore());
+  trouble_->Set(absl::UnavailableError("gone"));
+  EXPECT_EQ(Describe(Create(request, &taken)), "UNAVAILABLE STORE_AWAY");
+  trouble_->Set(absl::OkStatus());
+  ASSERT_EQ(Describe(Create(request, &taken)), "OK");
+  EXPECT_EQ(taken.name(), made.name());
+}
+
+TEST_F(StoreErrorsTest, CallsThatNeedAStoreThatIsFullOrFails) {
+  const v1::Session session = CreateSession();
+  const v1::CreateSessionRequest request = CreateRequest();
+  v1::Session ignored;
+  v1::Model unused, uploaded;
+  ASSERT_EQ(Describe(Upload(UploadRequests(std::string("# unused\n") + kCubeObj), &unused)), "OK");
+  for (const auto& [answer, error] :
+       {std::pair<absl::Status, std::string>(absl::ResourceExhaustedError("disk full"),
+                                             "RESOURCE_EXHAUSTED STORE_FULL"),
+        std::pair<absl::Status, std::string>(absl::InternalError("bad page"), "INTERNAL STORE_FAILED")}) {
+    trouble_->Set(answer);
+    EXPECT_EQ(Describe(Create(request, &ignored)), error);
+    EXPECT_EQ(Describe(Upload(UploadRequests(std::string("# other\n") + kCubeObj), &uploaded)), error);
+    EXPECT_EQ(DeleteModelError(unused.name()), error);
+    EXPECT_EQ(Describe(Delete(session.name())), error);
+    trouble_->Set(absl::OkStatus());
+  }
+  EXPECT_EQ(Describe(Create(request, &ignored)), "OK");
+  EXPECT_EQ(Describe(Delete(session.name())), "OK");
+}
+
+TEST_F(StoreErrorsTest, ARequestWhoseSessionIsDamagedSaysSo) {
+  v1::CreateSessionRequest request = CreateRequest();
+  request.set_request_id("capture 1");
+  v1::Session session;
+  ASSERT_EQ(Describe(Create(request, &session)), "OK");
+  auto taken = store_->TakeSession(session.name()).value();
+  std::promise<absl::Status> done;
+  taken.lease->Commit({.lifecycle = "no lifecycle"}, [&done](const absl::Status& status) { done.set_value(status); });
+  ASSERT_TRUE(done.get_future().get().ok());
+  Use(StartOnStore());
+  EXPECT_EQ(Describe(Create(request, &session)), "DATA_LOSS SESSION_DAMAGED");
+  EXPECT_EQ(Describe(Delete(session.name())), "OK");
+  EXPECT_EQ(Describe(Create(request, &session)), "OK");
+}
+
+TEST_F(StoreErrorsTest, AnotherServerFencesTheStreamAndTheWatchers) {
+  const v1::Session session = CreateSession();
+  v1::Attached attached;
+  const auto track = Attached(session, &attached);
+  MakePoses(*track);
+  const Watchers watchers(*sessions_, session.name());
+  Use(StartOnStore());
+  v1::Session moved = session;
+  moved.set_resume_token(attached.resume_token());
+  const auto elsewhere = Attached(moved);
+  ASSERT_TRUE(track->Events(2, Flat64(SomeEvents(11, 1200, 1))));  // enough for a checkpoint
+  EXPECT_EQ(Describe(track->Finish()), "ABORTED FENCED");
+  EXPECT_EQ(watchers.Errors(), "ABORTED FENCED, ABORTED FENCED");
+}
+
+TEST_F(StoreErrorsTest, WatchersAreToldWhatEndsTheirSession) {
+  for (const auto& [answer, error] :
+       {std::pair<absl::Status, std::string>(absl::ResourceExhaustedError("disk full"),
+                                             "RESOURCE_EXHAUSTED STORE_FULL"),
+        std::pair<absl::Status, std::string>(absl::InternalError("bad page"), "INTERNAL STORE_FAILED")}) {
+    const v1::Session session = CreateSession();
+    const auto track = Attached(session);
+    MakePoses(*track);
+    const Watchers watchers(*sessions_, session.name());
+    trouble_->Set(answer);
+    ASSERT_TRUE(track->Events(2, Flat64(SomeEvents(11, 1200, 1))));  // enough for a checkpoint
+    EXPECT_EQ(watchers.Errors(), error + ", " + error);
+    EXPECT_EQ(Describe(track->Finish()), error);
+    trouble_->Set(absl::OkStatus());
+  }
+}
+
+TEST_F(StoreErrorsTest, ASessionThatComesNeedsASlot) {
+  v1::Session session = CreateSession();
+  Use(StartOnStore());
+  std::string last;
+  for (uint32_t i = 0; i < Options().max_sessions; ++i) last = CreateSession().name();
+  const grpc::Status status = AttachError(session.name(), session.resume_token());
+  EXPECT_EQ(Describe(status), "RESOURCE_EXHAUSTED TOO_MANY_SESSIONS");
+  EXPECT_GT(DetailOf<google::rpc::RetryInfo>(status).retry_delay().seconds(), 0);
+  ASSERT_EQ(Describe(Delete(last)), "OK");
+  (void)Attached(session);
+}
+
 TEST_F(StoreErrorsTest, AFullStoreEndsTheStreamAndTheSessionGoesOnLater) {
+  const v1::CreateSessionRequest request = CreateRequest();
   v1::Session session = CreateSession();
   v1::Attached attached;
   auto track = Attached(session, &attached);
@@ -179,7 +313,7 @@ TEST_F(StoreErrorsTest, AFullStoreEndsTheStreamAndTheSessionGoesOnLater) {
   EXPECT_EQ(Describe(status), "RESOURCE_EXHAUSTED STORE_FULL");
   EXPECT_THAT(status.error_message(), testing::HasSubstr("make room"));
   v1::Session ignored;
-  EXPECT_EQ(Describe(Create(CreateRequest(), &ignored)), "RESOURCE_EXHAUSTED STORE_FULL");
+  EXPECT_EQ(Describe(Create(request, &ignored)), "RESOURCE_EXHAUSTED STORE_FULL");
 
   trouble_->Set(absl::OkStatus());
   session.set_resume_token(attached.resume_token());

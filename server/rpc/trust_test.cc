@@ -141,6 +141,20 @@ TEST_F(TokensTest, HealthIsOpenReflectionIsNotThere) {
   EXPECT_EQ(Describe(CallWithEmptyMessage(channel_, reflection)), "UNIMPLEMENTED");
 }
 
+TEST_F(TokensTest, OnlyAnOperatorDrains) {
+  const auto drain = [this](const NewToken& token) {
+    grpc::ClientContext context;
+    v1::DrainRequest request;
+    v1::DrainResponse response;
+    return Describe(
+        v1::AdminService::NewStub(OpenChannel(server_->port(), token.token))->Drain(&context, request, &response));
+  };
+  EXPECT_EQ(drain(lab_), "PERMISSION_DENIED NOT_OPERATOR");
+  EXPECT_EQ(Health(channel_), "OK");
+  (void)CreateSession();  // nothing has begun to leave
+  EXPECT_EQ(drain(operator_), "OK");
+}
+
 TEST_F(TokensTest, ATokenThatIsTakenAwayOpensNothingMore) {
   const v1::Session session = CreateSession();
   const auto track = Attached(session);
