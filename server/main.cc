@@ -2,6 +2,7 @@
 #include <grpc/support/log.h>
 #include <spdlog/sinks/stdout_sinks.h>
 #include <spdlog/spdlog.h>
+#include <sys/resource.h>
 #include <unistd.h>
 
 #include <CLI/CLI.hpp>
@@ -110,8 +111,12 @@ void DefineSurvival(CLI::App& app, Arguments& arguments) {
                  "directory of --store sqlite, for one server alone; by default $STATE_DIRECTORY as systemd sets it, "
                  "else $XDG_STATE_HOME/evpose, else ~/.local/state/evpose")
       ->type_name("DIR");
-  app.add_option("--session-expiry", arguments.session_expiry_s,
-                 "seconds after which a session without a stream is deleted");
+  app.add_option("--store-max-bytes", options.store.max_bytes,
+                 "bytes that the store may take, of --store sqlite and memory: sessions that have ended make room, the "
+                 "oldest first, then streams end; Redis has its own limit, maxmemory");
+  app.add_option(
+      "--session-expiry", arguments.session_expiry_s,
+      "seconds after which a session without a stream is deleted; the same at all servers that share a store");
   app.add_option("--pose-log-capacity", options.pose_log_capacity,
                  "poses kept per session for readers and for streams that come back; older ones are forgotten");
 }
@@ -335,6 +340,17 @@ absl::Status CheckStorePassword(const Arguments& arguments) {
   return absl::InvalidArgumentError("the address of --store has a password already: give one of them");
 }
 
+absl::Status CheckStoreLimit(const evpose::server::StoreOptions& store) {
+  constexpr uint64_t kMinBytes = 1u << 20;
+  if (store.max_bytes < kMinBytes) {
+    return absl::InvalidArgumentError(absl::StrCat("is ", store.max_bytes, "; at least ", kMinBytes));
+  }
+  if (store.max_bytes == evpose::server::StoreOptions().max_bytes || !absl::StrContains(store.store, "://")) {
+    return absl::OkStatus();
+  }
+  return absl::InvalidArgumentError("is for --store sqlite and memory; set maxmemory in Redis instead");
+}
+
 // Passwords in an address are for nobody's eyes.
 std::string StoreForLog(const evpose::server::StoreOptions& options) {
   if (options.store == "sqlite") return absl::StrCat("sqlite in ", options.data_dir);
@@ -361,6 +377,9 @@ std::string WrongUsage(const Arguments& arguments) {
   if (const absl::Status status = CheckMetricsAddress(arguments); !status.ok()) {
     return absl::StrCat("--metrics-listen: ", status.message());
   }
+  if (const absl::Status status = CheckStoreLimit(arguments.options.store); !status.ok()) {
+    return absl::StrCat("--store-max-bytes: ", status.message());
+  }
   const auto address = evpose::server::ParseListenAddress(arguments.options.listen_address);
   return address.ok() ? Exposure(arguments, *address) : std::string(address.status().message());
 }
@@ -385,7 +404,16 @@ void Announce(const Arguments& arguments, const std::string& listening_on, const
   std::cout << std::flush;
 }
 
+// A connection is a descriptor, and the usual limit of 1024 is meant for programs that use select().
+void AllowAllDescriptors() {
+  rlimit limit;
+  if (getrlimit(RLIMIT_NOFILE, &limit) != 0) return;
+  limit.rlim_cur = limit.rlim_max;
+  setrlimit(RLIMIT_NOFILE, &limit);
+}
+
 int Serve(const Arguments& arguments) {
+  AllowAllDescriptors();
   ServerOptions options = arguments.options;
   if (!arguments.store_password_file.empty()) {
     auto store = AddStorePassword(options.store.store, arguments.store_password_file);

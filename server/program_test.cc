@@ -59,6 +59,8 @@ TEST(ProgramTest, TellsWrongUsage) {
       {{"--tenant-max-model-bytes", "8"}, "--tenant-max-model-bytes: is below --max-model-bytes"},
       {{"--store", "foo"}, "--store: there is no store foo: give memory, sqlite or redis://HOST:PORT"},
       {{"--store", "redis://"}, "--store: the store's address has no host"},
+      {{"--store-max-bytes", "1000"}, "--store-max-bytes: is 1000; at least 1048576"},
+      {{"--store", "redis://localhost", "--store-max-bytes", "2000000"}, "set maxmemory in Redis instead"},
       {{"--store-password-file", "p"}, "--store-password-file: is for --store redis://HOST:PORT"},
       {{"--store", "redis://:one@localhost", "--store-password-file", "p"}, "has a password already"},
       {{"--log-level", "loud"}, "--log-level"},

@@ -2,12 +2,16 @@
 // bits of the undisturbed run. EVPOSE_KILLS says how often it is killed (tests/bench/survival.sh: 50).
 #include <gmock/gmock.h>
 #include <grpcpp/grpcpp.h>
+#include <sqlite3.h>
 
 #include <algorithm>
 #include <cstdlib>
 #include <functional>
 #include <memory>
 #include <random>
+#include <string>
+#include <utility>
+#include <vector>
 
 #include "absl/strings/match.h"
 #include "absl/strings/numbers.h"
@@ -41,7 +45,8 @@ class RunningServer {
   explicit RunningServer(std::vector<std::string> arguments) : program_(WithAddress(std::move(arguments))) {
     const std::string line = program_.ReadLine();
     EXPECT_TRUE(absl::StartsWith(line, "listening on ")) << line << program_.Stderr();
-    channel_ = grpc::CreateChannel(line.substr(line.rfind(' ') + 1), grpc::InsecureChannelCredentials());
+    address_ = line.substr(line.rfind(' ') + 1);
+    channel_ = grpc::CreateChannel(address_, grpc::InsecureChannelCredentials());
     sessions_ = v1::SessionService::NewStub(channel_);
     models_ = v1::ModelService::NewStub(channel_);
   }
@@ -51,6 +56,7 @@ class RunningServer {
     program_.Wait();
   }
   Program& program() { return program_; }
+  const std::string& address() const { return address_; }
   v1::SessionService::Stub& sessions() { return *sessions_; }
   v1::ModelService::Stub& models() { return *models_; }
 
@@ -61,6 +67,7 @@ class RunningServer {
   }
 
   Program program_;
+  std::string address_;
   std::shared_ptr<grpc::Channel> channel_;
   std::unique_ptr<v1::SessionService::Stub> sessions_;
   std::unique_ptr<v1::ModelService::Stub> models_;
@@ -132,6 +139,7 @@ class RawClient {
     return summary;
   }
 
+  const std::string& session() const { return session_.name(); }
   const std::vector<std::string>& poses() const { return poses_; }
   uint64_t durable_seq() const { return durable_seq_; }
 
@@ -147,6 +155,24 @@ class RawClient {
   std::vector<std::string> poses_;  // but for what depends on the clock
   uint64_t durable_seq_ = 0;
 };
+
+// The session and the bytes of the largest piece of any session's poses.
+std::pair<std::string, std::string> LargestPoses(const std::string& file) {
+  sqlite3* database = nullptr;
+  sqlite3_stmt* statement = nullptr;
+  EXPECT_EQ(sqlite3_open_v2(file.c_str(), &database, SQLITE_OPEN_READONLY, nullptr), SQLITE_OK);
+  const char* query = "SELECT session, bytes FROM poses ORDER BY length(bytes) DESC LIMIT 1";
+  EXPECT_EQ(sqlite3_prepare_v2(database, query, -1, &statement, nullptr), SQLITE_OK);
+  EXPECT_EQ(sqlite3_step(statement), SQLITE_ROW);
+  const auto text = [statement](int column) {
+    const auto* begin = static_cast<const char*>(sqlite3_column_blob(statement, column));
+    return std::string(begin, static_cast<size_t>(sqlite3_column_bytes(statement, column)));
+  };
+  const std::pair<std::string, std::string> poses(text(0), text(1));
+  sqlite3_finalize(statement);
+  sqlite3_close(database);
+  return poses;
+}
 
 class SurvivalTest : public CliTest {
  protected:
@@ -263,6 +289,25 @@ TEST_F(SurvivalTest, AServerThatLeavesKeepsWhatWasProcessed) {
   EXPECT_TRUE(client.poses() == expected);
 }
 
+TEST_F(SurvivalTest, AReplayThatFilledTheStoreGoesOnWhenThereIsRoom) {
+  ASSERT_EQ(Run(ReplayArguments("expected.csv")).status, 0);
+  const auto replay = [this](RunningServer& server) {
+    return Run(ReplayArguments("poses.csv", {"--server", server.address(), "--resume", Path("state")}));
+  };
+  std::vector<std::string> small = Sqlite("data");
+  small.insert(small.end(), {"--store-max-bytes", "1048576"});
+  RunningServer full(small);
+  const CliResult stopped = replay(full);
+  EXPECT_EQ(stopped.status, 1);
+  EXPECT_THAT(stopped.err, testing::HasSubstr("make room"));
+  full.program().Signal(SIGTERM);
+  EXPECT_EQ(full.program().Wait(), 0);
+  RunningServer roomy(Sqlite("data"));
+  const CliResult finished = replay(roomy);
+  EXPECT_EQ(finished.status, 0) << finished.err;
+  EXPECT_TRUE(ReadText("poses.csv") == ReadText("expected.csv"));
+}
+
 TEST_F(SurvivalTest, ATamperedStoreIsNamedAtStart) {
   auto server = std::make_unique<RunningServer>(Sqlite("data"));
   RawClient client = MakeClient(*server);
@@ -271,14 +316,17 @@ TEST_F(SurvivalTest, ATamperedStoreIsNamedAtStart) {
   EXPECT_TRUE(other.Stream(*server, SIZE_MAX));
   server->program().Signal(SIGTERM);
   EXPECT_EQ(server->program().Wait(), 0);
-  // A byte in the middle of the largest blobs: poses or checkpoints.
+  const auto [session, poses] = LargestPoses(Path("data/evpose.db"));
   std::string file = ReadText("data/evpose.db");
-  const size_t middle = file.size() / 2;
-  file[middle] = static_cast<char>(file[middle] ^ 0x55);
+  const size_t place = file.find(poses.substr(0, 40));
+  ASSERT_NE(place, std::string::npos);
+  file[place + 20] = static_cast<char>(file[place + 20] ^ 0x55);
   WriteText("data/evpose.db", file);
   Program again({"--store", "sqlite", "--data-dir", Path("data"), "--listen", "127.0.0.1:0"});
   EXPECT_THAT(again.ReadLine(), testing::StartsWith("listening on ")) << again.Stderr();
-  EXPECT_THAT(again.Stderr(), testing::HasSubstr("left out: "));
+  EXPECT_THAT(again.Stderr(), testing::ContainsRegex("left out: [^\n]*" + session));
+  const std::string intact = session == client.session() ? other.session() : client.session();
+  EXPECT_THAT(again.Stderr(), testing::ContainsRegex(intact + " restored: "));
 }
 
 TEST_F(SurvivalTest, AStoreThatCannotBeUsedIsOneLine) {
