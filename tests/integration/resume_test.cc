@@ -168,7 +168,9 @@ TEST_F(ResumeTest, ConnectionCutAtRandomPlaces) {
     EXPECT_TRUE(ReadText("cut.csv") == expected);
     const nlohmann::json report = result.Json();
     EXPECT_GE(proxy_.num_cut() - before, num_cuts / 3);
-    EXPECT_EQ(report["outages"], proxy_.num_cut() - before);
+    // What is cut behind the summary is no outage.
+    EXPECT_LE(report["outages"], proxy_.num_cut() - before);
+    EXPECT_GE(report["outages"], proxy_.num_cut() - before - 1);
     EXPECT_EQ(report["lost_poses"], 0);
     EXPECT_THAT(result.err, AllOf(HasSubstr("server away for 0.0 s ("), HasSubstr("back after")));
   }
@@ -417,14 +419,10 @@ TEST_F(ResumeBadInputTest, SpoolThatCannotBeWritten) {
 
 TEST_F(ResumeBadInputTest, ServerThatStaysAwayIsGivenUp) {
   SimulateCube(0.1);
-  proxy_.CutAfter({30'000});
-  CliResult result;
-  std::thread replay([&] {
-    result = Run(ReplayArguments("poses.csv", {"--server", proxy_.address(), "--max-outage", "0.3"}));
-  });
-  while (proxy_.num_cut() == 0) std::this_thread::yield();
-  proxy_.SetTarget(0);
-  replay.join();
+  std::vector<uint64_t> limits(10'000, 0);  // more than it tries in that time
+  limits.front() = 30'000;
+  proxy_.CutAfter(limits);
+  const CliResult result = Run(ReplayArguments("poses.csv", {"--server", proxy_.address(), "--max-outage", "0.3"}));
   EXPECT_EQ(result.status, 1);
   EXPECT_THAT(result.err, AllOf(HasSubstr(proxy_.address() + ": the stream broke: "), HasSubstr("gave up after")));
   EXPECT_THAT(FilesBeginning("poses"), IsEmpty());
