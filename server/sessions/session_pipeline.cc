@@ -18,7 +18,7 @@ constexpr int64_t kSliceUs = 1000;
 
 // What a saved state begins with. The version is raised with every change of what is saved, or of what it means.
 constexpr absl::string_view kMagic = "evpose session";
-constexpr uint32_t kStateVersion = 1;
+constexpr uint32_t kStateVersion = 2;
 
 void WriteModel(const ObjectModel* model, StateWriter& writer) {
   writer(model != nullptr);
