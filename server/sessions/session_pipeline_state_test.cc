@@ -205,7 +205,7 @@ TEST(SessionPipelineStateTest, OtherBytesAndOtherFormatsAreRefusedInWords) {
   std::string other = state;
   other[14] = 77;  // behind the magic
   EXPECT_EQ(MakePipeline(Vga())->LoadState(other),
-            absl::DataLossError("the saved state has format 77, this server reads format 1: the server that wrote it "
+            absl::DataLossError("the saved state has format 77, this server reads format 2: the server that wrote it "
                                 "can go on with it"));
   EXPECT_THAT(MakePipeline(Vga())->LoadState(state + "x").ToString(), HasSubstr("1 bytes too many"));
 }
