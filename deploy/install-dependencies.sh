@@ -13,7 +13,7 @@ build_packages=(
   libpcl-sample-consensus1.13 libpcl-search1.13 libpcl-segmentation1.13
   libprotobuf-dev libspdlog-dev libsqlite3-dev libssl-dev libyaml-cpp-dev nlohmann-json3-dev prometheus-cpp-dev protobuf-compiler protobuf-compiler-grpc
 )
-test_packages=(clang clang-format clang-tidy libclang-rt-14-dev libgmock-dev libgtest-dev python3 redis-server)
+test_packages=(clang clang-format clang-tidy dpkg-dev file libclang-rt-14-dev libgmock-dev libgtest-dev python3 redis-server systemd)
 
 wanted=("${build_packages[@]}")
 case "${1:-}" in

@@ -1,0 +1,34 @@
+#!/usr/bin/env bash
+# The Debian packages of a build have what they need, and the unit file is one that systemd takes.
+#   tests/packages_test.sh BUILD_DIRECTORY
+set -euo pipefail
+build=$(realpath "${1:?usage: $0 BUILD_DIRECTORY}")
+source=$(realpath "$(dirname "${BASH_SOURCE[0]}")/..")
+work=$(mktemp -d)
+trap 'rm -rf "$work"' EXIT
+
+fail() { echo "packages_test: $*" >&2; exit 1; }
+
+(cd "$work" && cpack --config "$build/CPackConfig.cmake" -B "$work/packages" >"$work/log" 2>&1) || { cat "$work/log" >&2; fail "cpack failed"; }
+for component in server client; do
+  package=$(echo "$work"/packages/evpose-"${component}"_*.deb)
+  [[ -f $package ]] || fail "there is no package of $component"
+  dpkg-deb --extract "$package" "$work/root"
+  [[ $(dpkg-deb --field "$package" Depends) == *libgrpc++* ]] || fail "evpose-$component does not name its libraries"
+  [[ -f $work/root/usr/share/doc/evpose-$component/copyright ]] || fail "evpose-$component has no copyright"
+done
+version=$(dpkg-deb --field "$work"/packages/evpose-server_*.deb Version)
+for program in evpose evpose-server; do
+  said=$("$work/root/usr/bin/$program" --version)
+  [[ $said == *"$version"* ]] || fail "$program says $said, its package $version"
+done
+cmp "$work/root/usr/share/evpose/sensors/evk4.yaml" "$source/deploy/sensors/evk4.yaml"
+
+# The unit names the program where the package puts it; systemd looks whether it is there.
+unit=$work/root/usr/lib/systemd/system/evpose-server.service
+[[ -f $unit ]] || fail "the unit file is not in the package"
+grep -q '^ExecStart=/usr/bin/evpose-server ' "$unit" || fail "the unit starts something else"
+mkdir "$work/units"
+sed "s|^ExecStart=/usr/bin/|ExecStart=$work/root/usr/bin/|" "$unit" >"$work/units/evpose-server.service"
+systemd-analyze verify --man=no "$work/units/evpose-server.service" 2>"$work/verify" || { cat "$work/verify" >&2; fail "systemd refuses the unit"; }
+[[ ! -s $work/verify ]] || { cat "$work/verify" >&2; fail "systemd finds fault with the unit"; }
