@@ -15,10 +15,14 @@ build_packages=(
 )
 test_packages=(clang clang-format clang-tidy dpkg-dev file libclang-rt-14-dev libgmock-dev libgtest-dev python3 redis-server systemd)
 
+# The package prometheus would start a service: the tool that checks rules is taken out of it, alone.
+promtool=/usr/local/bin/promtool
+
 wanted=("${build_packages[@]}")
+is_for_tests=false
 case "${1:-}" in
   "") ;;
-  --test) wanted+=("${test_packages[@]}") ;;
+  --test) wanted+=("${test_packages[@]}") is_for_tests=true ;;
   *) echo "usage: $0 [--test]" >&2; exit 2 ;;
 esac
 
@@ -35,7 +39,9 @@ for package in "${wanted[@]}"; do
 done
 needs_headers=()
 [[ -d $header_dir ]] || is_installed libpcl-dev || needs_headers=("${header_packages[@]}")
-if ((${#missing[@]} + ${#needs_headers[@]} == 0)); then
+needs_promtool=()
+! $is_for_tests || [[ -x $(command -v promtool) ]] || needs_promtool=(prometheus)
+if ((${#missing[@]} + ${#needs_headers[@]} + ${#needs_promtool[@]} == 0)); then
   echo "install-dependencies: all ${#wanted[@]} packages are installed already"
   exit 0
 fi
@@ -43,7 +49,7 @@ fi
 as_root=()
 if ((EUID != 0)); then
   command -v sudo >/dev/null || {
-    echo "install-dependencies: run as root, or install sudo; missing: ${missing[*]} ${needs_headers[*]}" >&2
+    echo "install-dependencies: run as root, or install sudo; missing: ${missing[*]} ${needs_headers[*]} ${needs_promtool[*]}" >&2
     exit 1
   }
   as_root=(sudo)
@@ -55,16 +61,27 @@ if ((${#missing[@]} > 0)); then
   "${apt_get[@]}" install -y -qq --no-install-recommends "${missing[@]}" >/dev/null
 fi
 
+scratch=$(mktemp -d)
+trap 'rm -rf "$scratch"' EXIT
+# take_out PACKAGE...: what is in these packages, below $scratch.
+take_out() {
+  (cd "$scratch" && apt-get download -qq -o APT::Sandbox::User=root "$@" && for file in ./*.deb; do dpkg -x "$file" .; done)
+}
+
 if ((${#needs_headers[@]} > 0)); then
   echo "install-dependencies: taking the headers of ${needs_headers[*]} to $header_dir"
-  scratch=$(mktemp -d)
-  trap 'rm -rf "$scratch"' EXIT
-  (cd "$scratch" && apt-get download -qq -o APT::Sandbox::User=root "${needs_headers[@]}" && for file in ./*.deb; do dpkg -x "$file" .; done)
+  take_out "${needs_headers[@]}"
   mv "$scratch/usr/include/flann" "$scratch/usr/include/pcl-1.13/"
   # One rename at the end: an interrupted run leaves nothing that looks complete.
   "${as_root[@]}" rm -rf "$header_dir.partial"
   "${as_root[@]}" cp -r "$scratch/usr/include/pcl-1.13" "$header_dir.partial"
   "${as_root[@]}" chown -R root:root "$header_dir.partial"
   "${as_root[@]}" mv "$header_dir.partial" "$header_dir"
+fi
+
+if ((${#needs_promtool[@]} > 0)); then
+  echo "install-dependencies: taking promtool of ${needs_promtool[*]} to $promtool"
+  take_out "${needs_promtool[@]}"
+  "${as_root[@]}" install -m 755 "$scratch/usr/bin/promtool" "$promtool"
 fi
 echo "install-dependencies: done"

@@ -1,0 +1,51 @@
+#!/usr/bin/env bash
+# Alerts and dashboard: Prometheus takes them, each alert fires when it should, and they ask for nothing that the server
+# does not tell.
+#   tests/monitoring_test.sh EVPOSE_SERVER
+set -euo pipefail
+server=$(realpath "${1:?usage: $0 EVPOSE_SERVER}")
+cd "$(dirname "${BASH_SOURCE[0]}")/../deploy"
+
+promtool check config prometheus/prometheus.yml
+promtool test rules prometheus/alerts_test.yml
+
+coproc evpose { exec "$server" --store memory --listen 127.0.0.1:0 --metrics-listen 127.0.0.1:0 --log-level off; }
+trap 'kill "$evpose_PID"' EXIT
+read -r _ <&"${evpose[0]}"
+read -r _ _ address <&"${evpose[0]}"
+
+python3 - "$address" <<'PYTHON'
+import json, pathlib, re, subprocess, sys, tempfile, urllib.request
+
+page = urllib.request.urlopen(f"http://{sys.argv[1]}/metrics").read().decode()
+told = set()
+for name, kind in re.findall(r"^# TYPE (\w+) (\w+)$", page, re.M):
+    told |= {f"{name}_{part}" for part in ("bucket", "sum", "count")} if kind == "histogram" else {name}
+
+def check(where, asked):
+    unknown = sorted(set(asked) - told)
+    if unknown:
+        sys.exit(f"{where} asks for {', '.join(unknown)}, which evpose-server does not tell")
+
+check("prometheus/alerts.yml", re.findall(r"\bevpose_\w+", pathlib.Path("prometheus/alerts.yml").read_text()))
+dashboard = json.loads(pathlib.Path("grafana/evpose.json").read_text())
+charts = [panel for panel in dashboard["panels"] if panel["type"] != "row"]
+expressions = [target["expr"] for panel in charts for target in panel["targets"]]
+check("grafana/evpose.json", re.findall(r"\bevpose_\w+", " ".join(expressions)))
+
+ids = [panel["id"] for panel in dashboard["panels"]]
+assert len(ids) == len(set(ids)), "two panels have one id"
+cells = set()
+for panel in dashboard["panels"]:
+    place = panel["gridPos"]
+    mine = {(place["x"] + i, place["y"] + j) for i in range(place["w"]) for j in range(place["h"])}
+    assert place["x"] + place["w"] <= 24 and not mine & cells, f"{panel['title']} lies over another panel"
+    cells |= mine
+
+# What Prometheus thinks of the expressions.
+rules = [{"record": f"chart:{i}", "expr": text.replace("$instance", ".*")} for i, text in enumerate(expressions)]
+with tempfile.NamedTemporaryFile("w", suffix=".yml") as file:
+    json.dump({"groups": [{"name": "charts", "rules": rules}]}, file)
+    file.flush()
+    subprocess.run(["promtool", "check", "rules", file.name], check=True)
+PYTHON
