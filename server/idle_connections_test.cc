@@ -21,8 +21,8 @@
 namespace evpose::server {
 namespace {
 
-#ifdef __SANITIZE_ADDRESS__
-constexpr int64_t kMaxBytesPerConnection = 256 * 1024;  // freed memory is kept for a while, and each piece is larger
+#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
+constexpr int64_t kMaxBytesPerConnection = 256 * 1024;  // they keep what was freed for a while, and notes of their own
 #else
 constexpr int64_t kMaxBytesPerConnection = 64 * 1024;
 #endif

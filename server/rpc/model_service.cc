@@ -5,7 +5,6 @@
 #include <chrono>
 #include <memory>
 #include <mutex>
-#include <optional>
 #include <string>
 #include <utility>
 #include <vector>
@@ -58,6 +57,11 @@ class UploadReactor : public grpc::ServerReadReactor<v1::UploadModelRequest>,
   void OnDone() override { const std::shared_ptr<UploadReactor> last = std::move(self_); }
 
  private:
+  struct KnownFile {
+    ModelRegistry::Known model;
+    Sha256 digest;
+  };
+
   void Read() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
     // Weak, because an alarm keeps its function.
     alarm_ = std::make_unique<grpc::Alarm>();
@@ -106,8 +110,11 @@ class UploadReactor : public grpc::ServerReadReactor<v1::UploadModelRequest>,
     }
     sha256_hex_ = absl::BytesToHexString(header.sha256());
     size_bytes_ = header.size_bytes();
-    known_ = services_.models.FindFile(caller_->tenant, reading_, size_bytes_, sha256_hex_);
-    if (!known_.has_value()) {
+    auto known = services_.models.FindFile(caller_->tenant, reading_, size_bytes_, sha256_hex_);
+    if (known.has_value()) {
+      known_ = std::make_unique<KnownFile>();
+      known_->model = *std::move(known);
+    } else {
       EVPOSE_ASSIGN_OR_RETURN(reservation_, services_.models.Reserve(caller_->tenant, size_bytes_));
     }
     has_header_ = true;
@@ -120,9 +127,9 @@ class UploadReactor : public grpc::ServerReadReactor<v1::UploadModelRequest>,
       return InvalidField("header.size_bytes", absl::StrCat("is ", size_bytes_, ", but more bytes came"));
     }
     received_bytes_ += chunk.size();
-    if (known_.has_value()) {
+    if (known_ != nullptr) {
       // What is there already need not be kept a second time.
-      known_digest_.Update({reinterpret_cast<const uint8_t*>(chunk.data()), chunk.size()});
+      known_->digest.Update({reinterpret_cast<const uint8_t*>(chunk.data()), chunk.size()});
     } else {
       bytes_.insert(bytes_.end(), chunk.begin(), chunk.end());
     }
@@ -135,7 +142,7 @@ class UploadReactor : public grpc::ServerReadReactor<v1::UploadModelRequest>,
       return End(InvalidField("header.size_bytes",
                               absl::StrCat("is ", size_bytes_, ", but only ", received_bytes_, " bytes came")));
     }
-    if (known_.has_value()) return AnswerKnown();
+    if (known_ != nullptr) return AnswerKnown();
     services_.pool.PostSlow([this] {
       const std::lock_guard lock(mutex_);
       const auto model = services_.models.Upload(caller_->tenant, reading_, sha256_hex_,
@@ -146,13 +153,14 @@ class UploadReactor : public grpc::ServerReadReactor<v1::UploadModelRequest>,
   }
 
   void AnswerKnown() {
-    const absl::Status status = CheckSha256(sha256_hex_, known_digest_.FinishHex(), size_bytes_);
+    const absl::Status status = CheckSha256(sha256_hex_, known_->digest.FinishHex(), size_bytes_);
     if (!status.ok()) return End(status);
     services_.pool.PostSlow([this] {
       const std::lock_guard lock(mutex_);
-      const absl::Status stored = services_.models.CheckStored(caller_->tenant, known_->info.name);
-      *response_ = ToProto(known_->info);
-      End(absl::IsNotFound(stored) ? ModelWasDeleted(known_->info.name) : stored);
+      const ModelInfo& info = known_->model.info;
+      const absl::Status stored = services_.models.CheckStored(caller_->tenant, info.name);
+      *response_ = ToProto(info);
+      End(absl::IsNotFound(stored) ? ModelWasDeleted(info.name) : stored);
     });
   }
 
@@ -172,8 +180,7 @@ class UploadReactor : public grpc::ServerReadReactor<v1::UploadModelRequest>,
   uint64_t received_bytes_ = 0;
   std::unique_ptr<ModelRegistry::Reservation> reservation_;  // for bytes_
   std::vector<uint8_t> bytes_;
-  std::optional<ModelRegistry::Known> known_;  // then only the digest of the bytes is needed
-  Sha256 known_digest_;
+  std::unique_ptr<KnownFile> known_;  // then only the digest of the bytes is needed
 };
 
 absl::Status List(const ModelRegistry& models, const std::string& tenant, const v1::ListModelsRequest& request,

@@ -35,19 +35,48 @@ struct Trouble {
   }
 };
 
+// The commits that a store has begun and not ended.
+class PendingCommits {
+ public:
+  void Begin() {
+    const std::lock_guard lock(mutex_);
+    ++num_pending_;
+  }
+  void End() {
+    const std::lock_guard lock(mutex_);
+    --num_pending_;
+    ended_.notify_all();
+  }
+  void WaitForAll() {
+    std::unique_lock lock(mutex_);
+    ended_.wait(lock, [this] { return num_pending_ == 0; });
+  }
+
+ private:
+  std::mutex mutex_;
+  std::condition_variable ended_;
+  int num_pending_ = 0;
+};
+
 class TroubledLease : public SessionLease {
  public:
-  TroubledLease(std::unique_ptr<SessionLease> lease, std::shared_ptr<Trouble> trouble)
-      : lease_(std::move(lease)), trouble_(std::move(trouble)) {}
+  TroubledLease(std::unique_ptr<SessionLease> lease, std::shared_ptr<Trouble> trouble,
+                std::shared_ptr<PendingCommits> pending = std::make_shared<PendingCommits>())
+      : lease_(std::move(lease)), trouble_(std::move(trouble)), pending_(std::move(pending)) {}
   void Commit(SessionCommit commit, Done done) override {
     if (const absl::Status answer = trouble_->Ask(); !answer.ok()) return done(answer);
-    lease_->Commit(std::move(commit), std::move(done));
+    pending_->Begin();
+    lease_->Commit(std::move(commit), [done = std::move(done), pending = pending_](absl::Status status) mutable {
+      std::exchange(done, nullptr)(std::move(status));
+      pending->End();  // nothing of the caller is held any more
+    });
   }
   uint64_t fencing_number() const override { return lease_->fencing_number(); }
 
  private:
   const std::unique_ptr<SessionLease> lease_;
   const std::shared_ptr<Trouble> trouble_;
+  const std::shared_ptr<PendingCommits> pending_;
 };
 
 // As a Redis that several servers share: any number of these stand before one store.
@@ -55,6 +84,8 @@ class TroubledStore : public Store {
  public:
   TroubledStore(std::shared_ptr<Store> store, std::shared_ptr<Trouble> trouble)
       : store_(std::move(store)), trouble_(std::move(trouble)) {}
+  // As any store: what was asked for is over, although the store behind it goes on.
+  ~TroubledStore() override { pending_->WaitForAll(); }
 
   absl::string_view kind() const override { return "redis"; }
   absl::Status CheckHealth() override { return trouble_->Ask(); }
@@ -79,12 +110,12 @@ class TroubledStore : public Store {
                                                               const std::string& lifecycle) override {
     EVPOSE_RETURN_IF_ERROR(trouble_->Ask());
     EVPOSE_ASSIGN_OR_RETURN(std::unique_ptr<SessionLease> lease, store_->CreateSession(record, lifecycle));
-    return std::make_unique<TroubledLease>(std::move(lease), trouble_);
+    return std::make_unique<TroubledLease>(std::move(lease), trouble_, pending_);
   }
   absl::StatusOr<Taken> TakeSession(absl::string_view name) override {
     EVPOSE_RETURN_IF_ERROR(trouble_->Ask());
     EVPOSE_ASSIGN_OR_RETURN(Taken taken, store_->TakeSession(name));
-    taken.lease = std::make_unique<TroubledLease>(std::move(taken.lease), trouble_);
+    taken.lease = std::make_unique<TroubledLease>(std::move(taken.lease), trouble_, pending_);
     return taken;
   }
   absl::StatusOr<StoredSession> ReadSession(absl::string_view name) const override {
@@ -115,6 +146,7 @@ class TroubledStore : public Store {
  private:
   const std::shared_ptr<Store> store_;
   const std::shared_ptr<Trouble> trouble_;
+  const std::shared_ptr<PendingCommits> pending_ = std::make_shared<PendingCommits>();
 };
 
 }  // namespace evpose::server

@@ -25,6 +25,8 @@ class SessionListener {
 class Watchers : public std::enable_shared_from_this<Watchers> {
  public:
   explicit Watchers(WorkerPool& pool) : pool_(pool) {}
+  // The lock shows to tools that all calls are over.
+  ~Watchers() { const std::lock_guard lock(mutex_); }
 
   void Add(std::weak_ptr<SessionListener> watcher);
   // Each watcher is told after this, at least once.
