@@ -91,20 +91,9 @@ TEST_F(OperatorPagesTest, NotReadyFromDrainOn) {
 
 // LATEST: what the stream tells is what health and the metrics tell.
 TEST_F(OperatorPagesTest, WhatIsSkippedIsTheSameNumberEverywhere) {
-  v1::CreateSessionRequest request = CreateRequest();
-  request.mutable_config()->set_overload_policy(v1::OVERLOAD_POLICY_LATEST);
-  request.mutable_config()->mutable_max_lag()->set_seconds(10);
   v1::Session session;
-  ASSERT_EQ(Describe(Create(request, &session)), "OK");
-  const auto track = Attached(session);
-  gate_->Close();  // the tracker stands still with the first chunk, and more than the credit comes
   uint64_t sent_bytes = 0;
-  for (uint64_t seq = 1; sent_bytes < 400 * 1024; ++seq) {
-    const auto begin_ms = static_cast<int64_t>(1000 * seq);
-    const std::string payload = Flat64(SomeEvents(begin_ms, begin_ms + 10, 300));
-    ASSERT_TRUE(track->Events(seq, payload));
-    sent_bytes += payload.size();
-  }
+  const auto track = OverloadedLatest(&session, &sent_bytes);
   ParsedMetrics waiting = Scrape();
   while (waiting.At("evpose_received_bytes_total") < static_cast<double>(sent_bytes)) waiting = Scrape();
   EXPECT_EQ(waiting.At("evpose_queue_bytes"), static_cast<double>(sent_bytes));

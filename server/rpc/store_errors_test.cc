@@ -43,6 +43,12 @@ class Watchers {
   std::unique_ptr<grpc::ClientReader<v1::SessionHealth>> health_;
 };
 
+// What a store answers, and what clients are told then.
+std::vector<std::pair<absl::Status, std::string>> FullAndFailing() {
+  return {{absl::ResourceExhaustedError("disk full"), "RESOURCE_EXHAUSTED STORE_FULL"},
+          {absl::InternalError("bad page"), "INTERNAL STORE_FAILED"}};
+}
+
 class StoreErrorsTest : public RpcTest {
  protected:
   StoreErrorsTest() { Use(StartOnStore()); }
@@ -228,10 +234,7 @@ TEST_F(StoreErrorsTest, CallsThatNeedAStoreThatIsFullOrFails) {
   v1::Session ignored;
   v1::Model unused, uploaded;
   ASSERT_EQ(Describe(Upload(UploadRequests(std::string("# unused\n") + kCubeObj), &unused)), "OK");
-  for (const auto& [answer, error] :
-       {std::pair<absl::Status, std::string>(absl::ResourceExhaustedError("disk full"),
-                                             "RESOURCE_EXHAUSTED STORE_FULL"),
-        std::pair<absl::Status, std::string>(absl::InternalError("bad page"), "INTERNAL STORE_FAILED")}) {
+  for (const auto& [answer, error] : FullAndFailing()) {
     trouble_->Set(answer);
     EXPECT_EQ(Describe(Create(request, &ignored)), error);
     EXPECT_EQ(Describe(Upload(UploadRequests(std::string("# other\n") + kCubeObj), &uploaded)), error);
@@ -274,10 +277,7 @@ TEST_F(StoreErrorsTest, AnotherServerFencesTheStreamAndTheWatchers) {
 }
 
 TEST_F(StoreErrorsTest, WatchersAreToldWhatEndsTheirSession) {
-  for (const auto& [answer, error] :
-       {std::pair<absl::Status, std::string>(absl::ResourceExhaustedError("disk full"),
-                                             "RESOURCE_EXHAUSTED STORE_FULL"),
-        std::pair<absl::Status, std::string>(absl::InternalError("bad page"), "INTERNAL STORE_FAILED")}) {
+  for (const auto& [answer, error] : FullAndFailing()) {
     const v1::Session session = CreateSession();
     const auto track = Attached(session);
     MakePoses(*track);

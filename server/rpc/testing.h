@@ -181,6 +181,24 @@ class RpcTest : public testing::Test {
     return track;
   }
 
+  // A stream attached to a new session with LATEST, which has sent more than the credit; the tracker stands still with
+  // the first chunk until the gate opens.
+  std::unique_ptr<RawTrack> OverloadedLatest(v1::Session* session, uint64_t* sent_bytes) {
+    v1::CreateSessionRequest request = CreateRequest();
+    request.mutable_config()->set_overload_policy(v1::OVERLOAD_POLICY_LATEST);
+    request.mutable_config()->mutable_max_lag()->set_seconds(10);
+    EXPECT_EQ(Describe(Create(request, session)), "OK");
+    auto track = Attached(*session);
+    gate_->Close();
+    for (uint64_t seq = 1; *sent_bytes < 400 * 1024; ++seq) {
+      const auto begin_ms = static_cast<int64_t>(1000 * seq);
+      const std::string payload = Flat64(SomeEvents(begin_ms, begin_ms + 10, 300));
+      EXPECT_TRUE(track->Events(seq, payload));
+      *sent_bytes += payload.size();
+    }
+    return track;
+  }
+
   const std::shared_ptr<FakeTrackerGate> gate_ = std::make_shared<FakeTrackerGate>();
   std::unique_ptr<Server> server_;
   std::shared_ptr<grpc::Channel> channel_;

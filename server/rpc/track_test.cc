@@ -354,20 +354,9 @@ TEST_F(TrackTest, ModelsAndSessionsAreMadeWhileAllWorkersTrack) {
 }
 
 TEST_F(TrackTest, WhatIsDroppedIsToldTheSameWayEverywhere) {
-  v1::CreateSessionRequest request = CreateRequest();
-  request.mutable_config()->set_overload_policy(v1::OVERLOAD_POLICY_LATEST);
-  request.mutable_config()->mutable_max_lag()->set_seconds(10);
   v1::Session session;
-  ASSERT_EQ(Describe(Create(request, &session)), "OK");
-  const auto track = Attached(session);
-  gate_->Close();  // the tracker stands still with the first chunk, and more than the credit comes
   uint64_t sent_bytes = 0;
-  for (uint64_t seq = 1; sent_bytes < 400 * 1024; ++seq) {
-    const auto begin_ms = static_cast<int64_t>(1000 * seq);
-    const std::string payload = Flat64(SomeEvents(begin_ms, begin_ms + 10, 300));
-    ASSERT_TRUE(track->Events(seq, payload));
-    sent_bytes += payload.size();
-  }
+  const auto track = OverloadedLatest(&session, &sent_bytes);
   v1::TrackResponse response;
   while (response.ack().send_limit_bytes() < sent_bytes + 256 * 1024) {
     ASSERT_TRUE(track->ReadUntil(Kind::kAck, response)) << "credit comes although nothing is tracked";

@@ -300,9 +300,10 @@ absl::Status ModelRegistry::DeleteStored(const Key& key, bool was_here) {
     if (!stored.ok() && !absl::IsDataLoss(stored)) return FromStore(stored);
   }
   EVPOSE_RETURN_IF_ERROR(CheckUnusedInStore(key));
+  if (!options_.shares_store) return FromStore(store_.DeleteModel(tenant, name));
   const absl::StatusOr<ModelRecord> record = store_.ReadModel(tenant, name);
   EVPOSE_RETURN_IF_ERROR(FromStore(store_.DeleteModel(tenant, name)));
-  if (!options_.shares_store || !record.ok()) return absl::OkStatus();
+  if (!record.ok()) return absl::OkStatus();
   // Another server may just have made a session with it. It looks for the model after that, as this one looks for
   // sessions after deleting it: whoever is second sees the other.
   const absl::Status unused = CheckUnusedInStore(key);
