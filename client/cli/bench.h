@@ -6,6 +6,7 @@
 namespace evpose::client {
 
 CommandRunner AddBenchInitializationCommand(CLI::App& app, CliContext& context);
+CommandRunner AddBenchSpeedCommand(CLI::App& app, CliContext& context);
 CommandRunner AddBenchSyntheticCommand(CLI::App& app, CliContext& context);
 CommandRunner AddBenchTrackingCommand(CLI::App& app, CliContext& context);
 

@@ -6,6 +6,7 @@
 #include <string>
 #include <vector>
 
+#include "core/base/output_file.h"
 #include "tests/integration/cli_fixture.h"
 
 namespace evpose {
@@ -197,6 +198,44 @@ TEST_F(CliTest, BenchSyntheticSaysWhatIsWrong) {
   EXPECT_THAT(fails({"--picture", Path("picture.jpg")}, 1), HasSubstr(".png or .svg"));
   EXPECT_THAT(fails({"--csv", Path("missing/table.csv")}, 1), HasSubstr("missing/table.csv"));
   EXPECT_THAT(FilesBeginning("table"), testing::IsEmpty());
+}
+
+std::vector<std::string> SpeedArguments(const std::vector<std::string>& more) {
+  std::vector<std::string> arguments = {"bench", "speed", "--duration", "0.02", "--repetitions", "1"};
+  arguments.insert(arguments.end(), more.begin(), more.end());
+  return arguments;
+}
+
+TEST_F(CliTest, BenchSpeedTableAndJsonHoldEveryFormat) {
+  const CliResult result = Run(SpeedArguments({"--parts", "decode,track", "--json", Path("speed.json")}));
+  ASSERT_EQ(result.status, 0) << result.err;
+  EXPECT_EQ(std::count(result.out.begin(), result.out.end(), '\n'), 1 + 2 * 3 + 3);
+  const nlohmann::json json = nlohmann::json::parse(ReadFile(Path("speed.json"), 1 << 20).value_or(""));
+  ASSERT_EQ(json["rows"].size(), 9u);
+  std::vector<std::string> decoded;
+  for (const nlohmann::json& row : json["rows"]) {
+    EXPECT_GT(row["events"], 0) << row;
+    EXPECT_GT(row["seconds"], 0.0) << row;
+    EXPECT_EQ(row.contains("memcpy_ratio"), row["part"] == "decode") << row;
+    EXPECT_EQ(row.contains("poses"), row["part"] == "track") << row;
+    if (row["part"] == "decode") decoded.push_back(row["what"]);
+    EXPECT_NEAR(row["real_time_ratio"].get<double>(),
+                row["seconds"].get<double>() / row["sensor_seconds"].get<double>(), 1e-9);
+  }
+  EXPECT_THAT(decoded, ::testing::ElementsAre("EVT3", "EVT2.1", "EVT2", "EVT3", "EVT2.1", "EVT2"));
+}
+
+TEST_F(CliTest, BenchSpeedSaysWhatItKnows) {
+  const auto fails = [&](const std::vector<std::string>& more, int status) {
+    const CliResult result = Run(SpeedArguments(more));
+    EXPECT_EQ(result.status, status) << result.out;
+    EXPECT_EQ(result.out, "");
+    return result.err;
+  };
+  EXPECT_THAT(fails({"--parts", "magic"}, 2), HasSubstr("known are: decode, "));
+  EXPECT_THAT(fails({"--duration", "0.001"}, 2), HasSubstr("--duration"));
+  EXPECT_THAT(fails({"--repetitions", "0"}, 2), HasSubstr("--repetitions"));
+  EXPECT_THAT(fails({"--json", Path("missing") + "/speed.json"}, 1), HasSubstr("missing"));
 }
 
 }  // namespace
