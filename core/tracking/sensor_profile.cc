@@ -36,6 +36,15 @@ constexpr std::array<NumberField, 5> kNumbers = {{
     {"latency_us", &SensorProfile::latency_us, -10'000.0, 10'000.0},
 }};
 
+// What the file holds as a name, escaped; it reads back from that unless it is no text.
+std::string QuotedName(const std::string& name) {
+  YAML::Emitter out;
+  out << YAML::DoubleQuoted << name;
+  return out.c_str();
+}
+
+bool IsText(const std::string& name) { return YAML::Load(QuotedName(name)).Scalar() == name; }
+
 std::string KnownKeys() {
   return absl::StrCat(kNameKey, ", ", absl::StrJoin(kNumbers, ", ", [](std::string* out, const NumberField& field) {
                         absl::StrAppend(out, field.key);
@@ -83,6 +92,7 @@ absl::StatusOr<SensorProfile> ReadProfile(const YAML::Node& root, const std::str
 }  // namespace
 
 absl::Status SensorProfile::Validate() const {
+  if (!IsText(name)) return absl::InvalidArgumentError(absl::StrCat(kNameKey, " must be text in UTF-8"));
   for (const NumberField& field : kNumbers) {
     const double number = this->*field.value;
     if (number >= field.low && number <= field.high) continue;  // also false for NaN

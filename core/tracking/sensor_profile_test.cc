@@ -47,7 +47,7 @@ TEST(SensorProfile, AnAbsentFieldHasTheDefault) {
 }
 
 TEST(SensorProfile, YamlRoundTripGivesTheSameBits) {
-  const SensorProfile odd = {"a \"b\": c\n", 1.0 / 3.0, 0.1 + 0.2, 2.0 / 7.0, 1e3 / 7.0, -1e3 / 3.0};
+  const SensorProfile odd = {"a \"b\": \xc3\xbc\x01\n", 1.0 / 3.0, 0.1 + 0.2, 2.0 / 7.0, 1e3 / 7.0, -1e3 / 3.0};
   const auto back = ParseSensorProfile(SensorProfileToYaml(odd), "p");
   ASSERT_TRUE(back.ok()) << back.status();
   EXPECT_EQ(*back, odd);
@@ -64,6 +64,7 @@ TEST(SensorProfile, BadInputsSayWhatIsWrong) {
   EXPECT_THAT(ErrorOf("blur_px: [0.7]"), HasSubstr("blur_px: is not a number"));
   EXPECT_THAT(ErrorOf("blur_px:"), HasSubstr("blur_px: is not a number"));
   EXPECT_THAT(ErrorOf("name: {a: b}"), HasSubstr("name: is not a word"));
+  EXPECT_THAT(ErrorOf("name: \xcc\xf5\x8f"), HasSubstr("name must be text in UTF-8"));
   EXPECT_THAT(ErrorOf("blur_px: 50"), HasSubstr("blur_px must be between 0 and 5: 50"));
   EXPECT_THAT(ErrorOf("contrast_threshold: 0"), HasSubstr("contrast_threshold must be between"));
   EXPECT_THAT(ErrorOf("pixel_noise_px: -1"), HasSubstr("pixel_noise_px must be between"));
