@@ -1,6 +1,7 @@
 #!/usr/bin/env bash
 # Installs what evpose needs from Debian 12's own packages.
 #   deploy/install-dependencies.sh            to build and run
+#   deploy/install-dependencies.sh --package  also what making Debian packages of it needs
 #   deploy/install-dependencies.sh --test     also what the tests and linters need
 # Needs root, or sudo. Does nothing when everything is there already.
 set -euo pipefail
@@ -13,7 +14,8 @@ build_packages=(
   libpcl-sample-consensus1.13 libpcl-search1.13 libpcl-segmentation1.13
   libprotobuf-dev libspdlog-dev libsqlite3-dev libssl-dev libyaml-cpp-dev nlohmann-json3-dev prometheus-cpp-dev protobuf-compiler protobuf-compiler-grpc
 )
-test_packages=(clang clang-format clang-tidy dpkg-dev file libclang-rt-14-dev libgmock-dev libgtest-dev python3 redis-server systemd)
+package_packages=(dpkg-dev file)
+test_packages=("${package_packages[@]}" clang clang-format clang-tidy libclang-rt-14-dev libgmock-dev libgtest-dev python3 redis-server systemd)
 
 # The package prometheus would start a service: the tool that checks rules is taken out of it, alone.
 promtool=/usr/local/bin/promtool
@@ -22,8 +24,9 @@ wanted=("${build_packages[@]}")
 is_for_tests=false
 case "${1:-}" in
   "") ;;
+  --package) wanted+=("${package_packages[@]}") ;;
   --test) wanted+=("${test_packages[@]}") is_for_tests=true ;;
-  *) echo "usage: $0 [--test]" >&2; exit 2 ;;
+  *) echo "usage: $0 [--package | --test]" >&2; exit 2 ;;
 esac
 
 # libpcl-dev draws in VTK, Java and Qt, libflann-dev MPI and HDF5: 3 GB for headers of 12 MB. The headers alone are taken

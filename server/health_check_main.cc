@@ -1,0 +1,167 @@
+// evpose-health-check: see --help.
+#include <grpcpp/grpcpp.h>
+
+#include <CLI/CLI.hpp>
+#include <chrono>
+#include <cstdlib>
+#include <iostream>
+#include <memory>
+#include <string>
+
+#include "absl/status/status.h"
+#include "absl/status/statusor.h"
+#include "absl/strings/ascii.h"
+#include "absl/strings/str_cat.h"
+#include "absl/strings/str_replace.h"
+#include "absl/time/clock.h"
+#include "core/base/certificates.h"
+#include "core/base/output_file.h"
+#include "core/base/status_macros.h"
+#include "grpc/health/v1/health.grpc.pb.h"
+#include "server/rpc/listen_address.h"
+
+namespace {
+
+using grpc::health::v1::HealthCheckResponse;
+
+constexpr int kFailed = 1;
+constexpr int kWrongUsage = 2;
+constexpr size_t kMaxPemBytes = size_t{4} << 20;
+
+constexpr char kExample[] = R"(Example:
+  evpose-health-check 127.0.0.1:50051
+  evpose-health-check --tls-ca ca.crt --tls-name tracker.example.org 127.0.0.1:50051
+Exit status 0: it takes sessions; 1: it does not, and one line on standard error says why; 2: wrong usage.
+)";
+
+struct Arguments {
+  std::string address = "127.0.0.1:50051";
+  double timeout_s = 3.0;
+  std::string ca_file;
+  std::string certificate_file;
+  std::string key_file;
+  std::string tls_name;
+  bool has_tls() const { return !ca_file.empty() || !certificate_file.empty() || !tls_name.empty(); }
+};
+
+void DefineArguments(CLI::App& app, Arguments& arguments) {
+  app.footer(kExample);
+  app.option_defaults()->always_capture_default();
+  app.add_option("address", arguments.address, "where the server listens")->type_name("HOST:PORT");
+  app.add_option("--timeout", arguments.timeout_s, "seconds that it gets to answer")->check(CLI::Range(0.001, 3600.0));
+  app.option_defaults()->group("Of a server with TLS");
+  app.add_option("--tls-ca", arguments.ca_file, "authorities that its certificate may be signed by, PEM")
+      ->type_name("FILE")
+      ->envname("EVPOSE_HEALTH_TLS_CA");
+  app.add_option("--tls-cert", arguments.certificate_file,
+                 "certificate to show, PEM, to a server that asks for one (--tls-client-ca)")
+      ->type_name("FILE")
+      ->envname("EVPOSE_HEALTH_TLS_CERT");
+  app.add_option("--tls-key", arguments.key_file, "private key of that certificate, PEM")
+      ->type_name("FILE")
+      ->envname("EVPOSE_HEALTH_TLS_KEY");
+  app.add_option("--tls-name", arguments.tls_name, "name that its certificate is for, when that is not HOST")
+      ->type_name("NAME")
+      ->envname("EVPOSE_HEALTH_TLS_NAME");
+}
+
+// What is wrong before anything is opened; empty: nothing.
+std::string WrongUsage(const Arguments& arguments) {
+  const auto address = evpose::server::ParseListenAddress(arguments.address);
+  if (!address.ok()) return std::string(address.status().message());
+  if (address->port == 0) return absl::StrCat(arguments.address, ": nobody listens on port 0; give the server's");
+  if (arguments.certificate_file.empty() == arguments.key_file.empty()) return "";
+  return "--tls-cert and --tls-key belong together: give both";
+}
+
+absl::StatusOr<evpose::PemFile> ReadPem(const std::string& path) {
+  EVPOSE_ASSIGN_OR_RETURN(std::string contents, evpose::ReadFile(path, kMaxPemBytes));
+  return evpose::PemFile{path, std::move(contents)};
+}
+
+absl::StatusOr<std::shared_ptr<grpc::ChannelCredentials>> MakeCredentials(const Arguments& arguments) {
+  if (!arguments.has_tls()) return grpc::InsecureChannelCredentials();
+  grpc::SslCredentialsOptions options;
+  if (!arguments.ca_file.empty()) {
+    EVPOSE_ASSIGN_OR_RETURN(const evpose::PemFile authorities, ReadPem(arguments.ca_file));
+    EVPOSE_RETURN_IF_ERROR(evpose::CheckAuthorities(authorities));
+    options.pem_root_certs = authorities.contents;
+  }
+  if (!arguments.certificate_file.empty()) {
+    EVPOSE_ASSIGN_OR_RETURN(const evpose::PemFile certificate, ReadPem(arguments.certificate_file));
+    EVPOSE_ASSIGN_OR_RETURN(const evpose::PemFile key, ReadPem(arguments.key_file));
+    EVPOSE_RETURN_IF_ERROR(evpose::CheckKeyPair(certificate, key, absl::Now()));
+    options.pem_cert_chain = certificate.contents;
+    options.pem_private_key = key.contents;
+  }
+  return grpc::SslCredentials(options);
+}
+
+std::string WhyNoAnswer(const Arguments& arguments, const grpc::Status& status) {
+  const std::string what = status.error_message().empty() ? "no reason was given" : status.error_message();
+  switch (status.error_code()) {
+    case grpc::StatusCode::DEADLINE_EXCEEDED:
+      return absl::StrCat("did not answer within ", arguments.timeout_s, " s");
+    case grpc::StatusCode::UNIMPLEMENTED:
+      return "is no server with the health service of gRPC: is this evpose-server's port?";
+    case grpc::StatusCode::UNAVAILABLE:
+      return absl::StrCat("cannot be reached (", what, "): does it run",
+                          arguments.has_tls() ? ", has it TLS, and are the certificates right?"
+                                              : ", and without TLS? With TLS, give --tls-ca");
+    default:
+      return absl::StrCat("failed: ", what);
+  }
+}
+
+// Why the server takes no sessions.
+absl::Status Check(const Arguments& arguments) {
+  EVPOSE_ASSIGN_OR_RETURN(const auto credentials, MakeCredentials(arguments));
+  grpc::ChannelArguments channel_arguments;
+  channel_arguments.SetInt(GRPC_ARG_ENABLE_HTTP_PROXY, 0);
+  if (!arguments.tls_name.empty()) channel_arguments.SetSslTargetNameOverride(arguments.tls_name);
+  const auto channel = grpc::CreateCustomChannel(arguments.address, credentials, channel_arguments);
+  grpc::ClientContext context;
+  context.set_deadline(std::chrono::system_clock::now() +
+                       absl::ToChronoMilliseconds(absl::Seconds(arguments.timeout_s)));
+  HealthCheckResponse response;
+  const grpc::Status status = grpc::health::v1::Health::NewStub(channel)->Check(&context, {}, &response);
+  if (!status.ok()) {
+    return absl::UnavailableError(absl::StrCat(arguments.address, " ", WhyNoAnswer(arguments, status)));
+  }
+  if (response.status() == HealthCheckResponse::SERVING) return absl::OkStatus();
+  return absl::UnavailableError(
+      absl::StrCat(arguments.address, " is ", HealthCheckResponse::ServingStatus_Name(response.status()),
+                   ": it leaves, or its store does not answer; its log and /readyz (--metrics-listen) say which"));
+}
+
+int Fail(int exit_status, const std::string& cause) {
+  // A message of gRPC may have lines.
+  std::cerr << "evpose-health-check: " << absl::StrReplaceAll(absl::StripAsciiWhitespace(cause), {{"\n", " "}})
+            << std::endl;
+  return exit_status;
+}
+
+int Main(int argc, char** argv) {
+  setenv("GRPC_VERBOSITY", "NONE", 0);  // what its log says of a failed connection is in our one line
+  Arguments arguments;
+  CLI::App app("Asks an evpose-server whether it takes sessions.", "evpose-health-check");
+  try {
+    DefineArguments(app, arguments);
+    app.parse(argc, argv);
+  } catch (const CLI::ParseError& error) {
+    return app.exit(error) == 0 ? 0 : kWrongUsage;
+  }
+  if (const std::string wrong = WrongUsage(arguments); !wrong.empty()) return Fail(kWrongUsage, wrong);
+  const absl::Status checked = Check(arguments);
+  return checked.ok() ? 0 : Fail(kFailed, std::string(checked.message()));
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  try {
+    return Main(argc, argv);
+  } catch (const std::exception& error) {
+    return Fail(kFailed, error.what());
+  }
+}
