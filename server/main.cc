@@ -66,15 +66,24 @@ void BlockSignals() {
   pthread_sigmask(SIG_BLOCK, &signals, nullptr);
 }
 
-// Waits for the first signal or Drain; a signal then has its usual effect, the end.
+// Process 1 of a container is left alone by a signal's usual effect.
+void EndAtOnce(int signal_number) {
+  const sigset_t signals = EndSignals();
+  std::signal(signal_number, SIG_DFL);
+  pthread_sigmask(SIG_UNBLOCK, &signals, nullptr);
+  raise(signal_number);
+  _exit(128 + signal_number);
+}
+
+// Waits for the first signal or Drain; a signal then is the end, at once.
 int WaitForEndSignal() {
   const sigset_t signals = EndSignals();
   sigset_t reasons = signals;
   sigaddset(&reasons, DrainSignal());
   int signal_number = 0;
   sigwait(&reasons, &signal_number);
-  std::signal(SIGTERM, SIG_DFL);
-  std::signal(SIGINT, SIG_DFL);
+  std::signal(SIGTERM, EndAtOnce);
+  std::signal(SIGINT, EndAtOnce);
   pthread_sigmask(SIG_UNBLOCK, &signals, nullptr);
   return signal_number;
 }

@@ -1,0 +1,133 @@
+#!/usr/bin/env bash
+# What the container tests share. To be sourced by run.sh.
+version=$(sed -n 's/^project(evpose VERSION \([0-9.]*\).*/\1/p' CMakeLists.txt)
+revision=$(git rev-parse HEAD)
+bin=build/release
+export EVPOSE_VERSION=$version EVPOSE_REVISION=$revision
+
+say() { printf '== %4d s  %s\n' "$((SECONDS - began))" "$*"; }
+fail() {
+  echo "container tests: $*" >&2
+  exit 1
+}
+
+show_what_is_there() {
+  [[ -n $engine_pid ]] || return
+  docker ps --all --format '{{.Names}}: {{.Status}}'
+  local name
+  for name in $(docker ps --all --format '{{.Names}}'); do
+    echo "-- the last of $name's log"
+    docker logs --tail 15 "$name" 2>&1
+  done
+}
+
+# await WHAT COMMAND...: until it succeeds. The limit is there for what never will.
+await() {
+  local what=$1 end=$((SECONDS + 90))
+  shift
+  until "$@"; do
+    ((SECONDS < end)) || fail "waited for this in vain: $what"
+    sleep 0.1
+  done
+}
+
+# page PORT/PATH [PARAMETERS...]: of what listens on 127.0.0.1 where the engine is; nothing and false when it does not answer.
+page() {
+  nsenter "--net=/run/netns/$engine_namespace" python3 -c '
+import sys, urllib.parse, urllib.request
+parameters = urllib.parse.urlencode([tuple(text.split("=", 1)) for text in sys.argv[2:]])
+sys.stdout.write(urllib.request.urlopen(f"http://127.0.0.1:{sys.argv[1]}?{parameters}", timeout=5).read().decode())' "$@" 2>/dev/null
+}
+
+# The sum of a metric's series at the port of a server, 0 when it does not answer.
+metric() { page "$1/metrics" | awk -v name="$2" '$1 == name || index($1, name "{") == 1 {sum += $2} END {printf "%.0f\n", sum}' || echo 0; }
+
+is_above() { (($("${@:2}") > $1)); }
+
+directory_of_volume() { docker volume inspect --format '{{.Mountpoint}}' "$1"; }
+
+pid_of() { docker inspect --format '{{.State.Pid}}' "$1"; }
+has_started_again() { (($(docker inspect --format '{{.RestartCount}}' "$1") > $2)); }
+
+# Kills a container's program as the kernel would, so that the engine starts it again.
+kill_and_await() {
+  local restarts
+  restarts=$(docker inspect --format '{{.RestartCount}}' "$1")
+  kill -KILL "$(pid_of "$1")"
+  await "$1 to be started again" has_started_again "$1" "$restarts"
+}
+
+# What the builds that ran just before have compiled, to save the image's build the same work.
+copy_ccache() {
+  local cache
+  cache=$(ccache --get-config cache_dir 2>/dev/null) && [[ -d $cache ]] || return 0
+  mkdir "$1"
+  (cd "$cache" && find . -type f -mmin -240 -print0 | tar --create --null --files-from -) | tar --extract --directory "$1"
+}
+
+build_images() {
+  local context=$work/context others=()
+  mkdir "$context"
+  # What is in the work tree, as it is: the Dockerfile, too.
+  git ls-files -co --exclude-standard -z | tar --create --null --files-from - | tar --extract --directory "$context"
+  copy_ccache "$context/.ccache"
+  for image in prom/prometheus:v2.42.0=prometheus redis:7.0-bookworm=redis haproxy:2.6-bookworm=haproxy; do
+    docker build --quiet --network host --target "${image#*=}" --tag "${image%=*}" - <"$here/others.Dockerfile" >"$work/build-${image#*=}" 2>&1 &
+    others+=($!)
+  done
+  background+=("${others[@]}")
+  local since=$SECONDS
+  for target in server client; do
+    docker build --progress plain --network host --file "$context/deploy/Dockerfile" --target "$target" ${LANG+--build-arg "LANG=$LANG"} \
+      --build-arg "VERSION=$version" --build-arg "REVISION=$revision" --tag "evpose-$target:$version" "$context" >"$work/build-$target" 2>&1 ||
+      { tail -n 30 "$work/build-$target" >&2; fail "the image of the $target does not build"; }
+  done
+  echo "images of server and client: built in $((SECONDS - since)) s, of $(nproc) cores;" \
+    "results of earlier compilations: $(sed -n 's/.* Hits: *//p' "$work/build-server" | head -n 1)"
+  for pid in "${others[@]}"; do wait "$pid" || { tail -n 20 "$work"/build-{prometheus,redis,haproxy} >&2; fail "an image of Debian's packages does not build"; }; done
+  rm -rf "$context"
+}
+
+compose() { docker compose --file "$compose_file" --project-name "$project" "$@"; }
+
+# In $work: "cube", the recording of compose.yaml's demo, and "long", and their trajectories without containers.
+make_references() {
+  make_reference cube --object cube --duration 5 --noise 0.1 --seed 1
+  make_reference long --object cube --camera vga --duration 40 --speed 0.5 --seed 1
+}
+# make_reference NAME SIMULATE_OPTIONS...
+make_reference() {
+  local out=$work/$1
+  "$bin/client/cli/evpose" simulate "${@:2}" --out "$out" >/dev/null 2>&1 || fail "no recording could be made"
+  "$bin/client/cli/evpose" replay "$out/recording.raw" --model "$out/model.obj" --camera "$out/camera.yaml" --out "$out/reference.tum" >/dev/null
+}
+
+same() { cmp "$1" "$2" || fail "$3: the trajectory is another than without containers"; }
+
+# one_line STATUS TEXT DOCKER_RUN_ARGUMENTS...: the server ends so, and says only this.
+one_line() {
+  local status=0
+  docker run --rm --read-only "${@:3}" >"$work/said" 2>&1 || status=$?
+  [[ $status == "$1" && $(wc -l <"$work/said") == 1 && $(<"$work/said") == *"$2"* ]] ||
+    fail "docker run ${*:3}: exit status $status, saying: $(<"$work/said")"
+}
+
+# What the files say, before anything is started.
+check_files() {
+  local file
+  make_secrets
+  for file in compose.yaml compose.cluster.yaml; do
+    docker compose --file "deploy/$file" --profile '*' config --quiet || fail "deploy/$file is not valid"
+  done
+  for file in compose.tls.yaml; do
+    docker compose --file deploy/compose.yaml --file "deploy/$file" config --quiet || fail "deploy/$file is not valid on top of compose.yaml"
+  done
+  # Names of other machines are not known here; it takes them as servers that are down.
+  docker run --rm --network none --volume "$PWD/deploy/haproxy:/cfg:ro" haproxy:2.6-bookworm haproxy -c -q -f /cfg/haproxy.cfg ||
+    fail "haproxy refuses deploy/haproxy/haproxy.cfg"
+}
+
+make_secrets() {
+  export EVPOSE_SECRETS=$work/secrets
+  deploy/make-secrets.sh "$EVPOSE_SECRETS"
+}

@@ -1,0 +1,64 @@
+#!/usr/bin/env python3
+"""Reads the poses of several clients as they come, each through a pipe with a name, and says how long the longest wait was.
+
+usage: pose_meter.py DIRECTORY NAME...
+
+Reads DIRECTORY/NAME.tum, a FIFO made here, until its client has closed it, and writes what came to DIRECTORY/NAME.copy.
+DIRECTORY/counts has the poses of each so far, in the order of the names, and is replaced ten times a second. A line
+"restart" on standard input begins the measuring of the waits anew. At the end prints, for each name, the poses and the
+longest time between two reads in milliseconds.
+"""
+import os
+import pathlib
+import sys
+import threading
+import time
+
+
+class Stream:
+    def __init__(self, directory, name):
+        self.name = name
+        self.path = directory / f"{name}.tum"
+        self.copy = directory / f"{name}.copy"
+        self.poses = 0
+        self.longest_s = 0.0
+        self.last = None
+        os.mkfifo(self.path)
+        self.path.chmod(0o666)
+
+    def read(self):
+        with open(self.path, "rb", buffering=0) as pipe, open(self.copy, "wb") as copy:
+            while data := pipe.read(1 << 16):
+                now = time.monotonic()
+                if self.last is not None:
+                    self.longest_s = max(self.longest_s, now - self.last)
+                self.last = now
+                self.poses += data.count(b"\n")
+                copy.write(data)
+
+
+def main():
+    directory = pathlib.Path(sys.argv[1])
+    streams = [Stream(directory, name) for name in sys.argv[2:]]
+    threads = [threading.Thread(target=stream.read) for stream in streams]
+    for thread in threads:
+        thread.start()
+    print("ready", flush=True)
+
+    def obey():
+        for line in sys.stdin:
+            if line.strip() == "restart":
+                for stream in streams:
+                    stream.longest_s = 0.0
+
+    threading.Thread(target=obey, daemon=True).start()
+    while any(thread.is_alive() for thread in threads):
+        partial = directory / "counts.partial"
+        partial.write_text(" ".join(str(stream.poses) for stream in streams) + "\n")
+        partial.rename(directory / "counts")
+        time.sleep(0.1)
+    for stream in streams:
+        print(stream.name, stream.poses, round(1000 * stream.longest_s), flush=True)
+
+
+main()

@@ -1,0 +1,64 @@
+#!/usr/bin/env bash
+# The images and the two compose files, as users get them, through what happens to containers: kills, networks that are
+# taken away, restarts. Every trajectory must be that of a replay without containers, byte for byte.
+#   tests/container/run.sh            all of it; says so and leaves where no container engine can run
+#   tests/container/run.sh single     compose.yaml only; or cluster: compose.cluster.yaml
+# It brings an engine of its own, which has no way out of the machine once the images are built, and leaves nothing behind.
+set -euo pipefail
+here=$(cd "$(dirname "${BASH_SOURCE[0]}")" && pwd)
+cd "$here/../.."
+parts=("$@")
+((${#parts[@]})) || parts=(single cluster)
+for part in "${parts[@]}"; do
+  [[ -f $here/$part.sh && $part =~ ^(single|cluster)$ ]] || { echo "usage: $0 [single] [cluster]" >&2; exit 2; }
+done
+
+ENGINE_DIR=$(mktemp -d /tmp/evpose-containers.XXXXXX)
+work=$ENGINE_DIR/work
+mkdir "$work"
+background=()
+# shellcheck source=engine.sh
+source "$here/engine.sh"
+clean_up() {
+  local status=$?
+  trap '' INT TERM
+  set +e
+  ((status == 0)) || show_what_is_there >&2
+  ((${#background[@]} == 0)) || kill "${background[@]}" 2>/dev/null
+  engine_remove
+}
+trap clean_up EXIT
+trap 'exit 130' INT
+trap 'exit 143' TERM
+
+obstacle=$(engine_obstacle)
+if [[ -n $obstacle ]]; then
+  echo "container tests: SKIPPED: $obstacle"
+  exit 0
+fi
+
+began=$SECONDS
+# shellcheck source=helpers.sh
+source "$here/helpers.sh"
+[[ -x $bin/client/cli/evpose && -x $bin/server/evpose-server ]] || fail "there is no build in $bin: deploy/demo.sh makes one"
+say "an engine of our own"
+make_references &
+references=$!
+background=("$references")
+engine_fetch
+engine_start
+engine_base_image
+say "images"
+build_images
+check_files
+wait "$references" || fail "no recording to compare with"
+background=()
+engine_stop
+say "an engine without a way out"
+engine_start "$engine_cgroup"
+[[ -z $(engine_run ip -n "$engine_cgroup" route show default) ]] || fail "the engine has a way out"
+for part in "${parts[@]}"; do
+  # shellcheck source=/dev/null
+  source "$here/$part.sh"
+done
+say "container tests: passed"

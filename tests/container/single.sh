@@ -1,0 +1,146 @@
+#!/usr/bin/env bash
+# compose.yaml. To be sourced by run.sh.
+compose_file=deploy/compose.yaml
+project=evpose
+server=evpose-server-1
+reference=$work/cube/reference.tum
+
+# The replay of the demo, at the camera's pace, with poses in /data/NAME.tum: start_replay NAME.
+start_replay() {
+  compose run --detach --no-deps --name "$1" client replay /data/cube/recording.raw --model /data/cube/model.obj \
+    --camera /data/cube/camera.yaml --server server:50051 --rate 1 --out "/data/$1.tum" >/dev/null
+}
+poses() { metric 9464 evpose_poses_total; }
+# Until so many poses have come since the count that is given.
+await_poses() { await "poses of $1" is_above "$(($2 + 800))" poses; }
+finish_replay() {
+  [[ $(docker wait "$1") == 0 ]] || fail "$1: the client failed"
+  same "$data/$1.tum" "$reference" "$1"
+  docker rm "$1" >/dev/null
+}
+has_said() { docker logs --since "${3:-1970-01-01}" "$1" 2>&1 | grep -q "$2"; }
+was_away() { has_said "$1" "server away"; }
+received() { metric 9464 evpose_received_bytes_total; }
+
+check_images() {
+  local target size said
+  for target in server client; do
+    size=$(docker image inspect --format '{{.Size}}' "evpose-$target:$version")
+    echo "image of the $target: $((size / 1000000)) MB"
+    [[ $target == client ]] || ((size < 500000000)) || fail "the server's image has $size bytes"
+    [[ $(docker image inspect --format '{{.Config.User}}' "evpose-$target:$version") == 10001:10001 ]] || fail "the image of the $target runs as root"
+    [[ $(label "$target" version) == "$version" && $(label "$target" revision) == "$revision" && $(label "$target" licenses) == Apache-2.0 ]] ||
+      fail "the labels of the $target are wrong"
+    [[ $(label "$target" title) == evpose* ]] || fail "the $target has no title"
+    said=$(docker run --rm "evpose-$target:$version" --version)
+    [[ $said == *"$version"* ]] || fail "the $target says it is $said, not $version"
+  done
+}
+label() { docker image inspect --format "{{index .Config.Labels \"org.opencontainers.image.$2\"}}" "evpose-$1:$version"; }
+
+check_confinement() {
+  local status
+  status=/proc/$(pid_of "$server")/status
+  [[ $(awk '/^Uid:/ {print $2 $3 $4 $5}' "$status") == 10001100011000110001 ]] || fail "the server runs as another user"
+  [[ $(awk '/^CapBnd:/ {print $2}' "$status") =~ ^0+$ ]] || fail "the server may get capabilities"
+  [[ $(awk '/^NoNewPrivs:/ {print $2}' "$status") == 1 ]] || fail "the server may get privileges"
+  ! docker exec "$server" touch /tmp/written 2>/dev/null || fail "the server's root can be written to"
+  # A health check each 10 s, and none of them stays as a zombie.
+  docker exec "$server" evpose-health-check || fail "the health check in the image fails"
+  [[ -z $(docker top "$server" -o pid,stat | awk '$2 ~ /^Z/') ]] || fail "there are zombies in the server's container"
+}
+
+check_bad_starts() {
+  local image=evpose-server:$version
+  one_line 2 "--insecure" "$image" --listen 0.0.0.0:50051
+  one_line 1 "/run/no.crt" "$image" --tls-cert /run/no.crt --tls-key /run/no.key
+  one_line 1 "/var/lib/evpose" --volume "$work:/var/lib/evpose:ro" "$image"
+  one_line 1 "redis" "$image" --store redis://127.0.0.1:6379
+  one_line 1 "in use" --network "container:$server" "$image" --store memory
+  one_line 1 "cannot be reached" --entrypoint evpose-health-check "$image"
+}
+
+# asked EXPRESSION: what Prometheus says, the sum of it; nothing when it says nothing.
+asked() {
+  page 9090/api/v1/query "query=$1" | python3 -c '
+import json, sys
+result = json.load(sys.stdin)["data"]["result"]
+print("%.0f" % sum(float(sample["value"][1]) for sample in result) if result else "")' 2>/dev/null
+}
+says() { [[ $(asked "$1") == "$2" ]]; }
+has_rules() { [[ $(page 9090/api/v1/rules) == *EvposeServerDown* ]]; }
+
+check_prometheus() {
+  await "Prometheus to reach the server" says 'up{job="evpose"}' 1
+  await "Prometheus to know the poses" says evpose_poses_total "$(wc -l <"$reference")"
+  await "Prometheus to have our alerts" has_rules
+  [[ $(page 9090/api/v1/rules) != *'"health":"err"'* ]] || fail "Prometheus cannot evaluate the alerts"
+}
+
+network_cut() {
+  local before
+  before=$(poses)
+  start_replay cut
+  await_poses cut "$before"
+  docker network disconnect evpose_default "$server"
+  await "the client to notice" was_away cut
+  docker network connect --alias server evpose_default "$server"
+  finish_replay cut
+}
+
+say "compose.yaml"
+since=$SECONDS
+compose up --detach --wait --no-build --quiet-pull 2>&1 | tail -n 3
+echo "up: $((SECONDS - since)) s"
+check_images
+check_confinement
+check_bad_starts
+
+say "the demo, through a client's container"
+compose run --rm client >"$work/demo.log" 2>&1 || { cat "$work/demo.log" >&2; fail "the demo fails"; }
+grep '^events' "$work/demo.log"
+data=$(directory_of_volume evpose_demo)
+cmp "$data/cube/recording.raw" "$work/cube/recording.raw" || fail "the recording that is made in a container is another"
+same "$data/poses.tum" "$reference" "demo"
+check_prometheus
+
+say "the server is killed in the middle"
+before=$(poses)
+start_replay killed
+await_poses killed "$before"
+kill_and_await "$server"
+finish_replay killed
+
+say "the server leaves in the middle, told by its client"
+before=$(poses)
+start_replay drained
+await_poses drained "$before"
+restarts=$(docker inspect --format '{{.RestartCount}}' "$server")
+compose run --rm --no-deps client sessions drain --server server:50051 >/dev/null 2>&1 || fail "the server could not be told to leave"
+await "the server to be started again" has_started_again "$server" "$restarts"
+finish_replay drained
+
+say "the server's network is taken away in the middle"
+network_cut
+
+# As process 1, which a signal's usual effect leaves alone, under a client that does not leave.
+say "the server is told to leave twice"
+before=$(received)
+compose run --detach --no-deps --name stubborn client replay /data/cube/recording.raw --model /data/cube/model.obj \
+  --camera /data/cube/camera.yaml --server server:50051 --rate 0.01 --max-outage 0 --out /data/stubborn.tum >/dev/null
+await "the client to stream" is_above "$before" received
+docker kill --signal TERM "$server" >/dev/null
+await "the server to begin to leave" has_said "$server" "leaving"
+docker kill --signal TERM "$server" >/dev/null
+[[ $(docker wait "$server") == 143 ]] || fail "a second SIGTERM did not end the server at once"
+[[ $(docker wait stubborn) == 1 ]] || fail "the stubborn client does not say that the server has gone"
+docker rm stubborn >/dev/null
+compose up --detach --wait --no-build server 2>/dev/null
+
+say "the end"
+since=$SECONDS
+compose stop server 2>/dev/null
+[[ $(docker inspect --format '{{.State.ExitCode}}' "$server") == 0 ]] || fail "the server did not leave at SIGTERM"
+docker logs --tail 3 "$server" 2>&1 | grep -q "all streams are finished" || fail "the server did not finish"
+echo "stop: $((SECONDS - since)) s"
+compose --profile '*' down --volumes --remove-orphans 2>/dev/null
