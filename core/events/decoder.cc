@@ -81,7 +81,7 @@ absl::StatusOr<std::unique_ptr<EventDecoder>> MakeEventDecoder(Encoding encoding
 }
 
 void WordDecoder::Decode(absl::Span<const uint8_t> bytes, DecodedEvents& out) {
-  sink_.Begin(out);
+  sink_.Begin(out, bytes.size() / word_bytes_ + 1);
   const uint8_t* next = bytes.data();
   const uint8_t* const end = next + bytes.size();
   while (num_pending_ > 0 && next != end) {
@@ -94,6 +94,7 @@ void WordDecoder::Decode(absl::Span<const uint8_t> bytes, DecodedEvents& out) {
     num_pending_ = static_cast<size_t>(end - next);
     std::memcpy(pending_.data(), next, num_pending_);
   }
+  sink_.End();
 }
 
 void WordDecoder::ResetAfterLoss() {

@@ -3,6 +3,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <numeric>
 
 #include "core/events/test_events.h"
@@ -285,6 +286,53 @@ TEST(TimeMarksTest, Evt2AndEvt21MarkAPassedMillisecond) {
   const auto expected = ElementsAre(TimeMark{1, 1024}, TimeMark{1, 2048});
   EXPECT_THAT(DecodeEvt2(words).out.time_marks, expected);
   EXPECT_THAT(DecodeEvt21(wide).out.time_marks, expected);
+}
+
+// A word of EVT3 as most are, of a sensor of 640x480: now and then the time steps back, a row or a column lies outside,
+// or another word comes between.
+uint16_t MostlyPlainEvt3(Random& random, uint32_t& low) {
+  const auto any = static_cast<uint32_t>(random.NextU64());
+  const uint64_t kind = random.UniformInt(100);
+  if (kind < 45) return Evt3(0x0, any % (kind == 0 ? 0x1000 : 480));
+  if (kind < 90) return Evt3(0x2, (any & 0x800) | (any & 0x7ff) % (kind == 45 ? 0x800 : 640));
+  if (kind < 98) {
+    low = kind == 90 ? any % 0x1000 : std::min(low + any % 4, 0xfffu);
+    return Evt3(0x6, low);
+  }
+  return kind == 98 ? Evt3(0x8, (any % 16) / 15) : static_cast<uint16_t>(any);
+}
+
+uint32_t MostlyPlainEvt2(Random& random, uint32_t& low) {
+  const auto any = static_cast<uint32_t>(random.NextU64());
+  const uint64_t kind = random.UniformInt(100);
+  if (kind < 2) return kind == 0 ? any : Evt2(0x8, any % 8);
+  low = kind == 2 ? any % 64 : std::min(low + any % 2, 63u);
+  return Evt2Cd(any & 1, low, (any >> 1 & 0x7ff) % (kind == 3 ? 0x800 : 640),
+                (any >> 12 & 0x7ff) % (kind == 4 ? 0x800 : 480));
+}
+
+// In one piece the words are decoded several at a time, in pieces of a word one by one.
+TEST(DecoderTest, RunsOfWordsGiveWhatSingleWordsGive) {
+  Random random(11);
+  for (int round = 0; round < 100; ++round) {
+    std::vector<uint16_t> evt3 = {Evt3(0x8, 0), Evt3(0x0, 1)};
+    std::vector<uint32_t> evt2 = {Evt2(0x8, 0)};
+    uint32_t low3 = 0, low2 = 0;
+    for (int i = 0; i < 1000; ++i) {
+      evt3.push_back(MostlyPlainEvt3(random, low3));
+      evt2.push_back(MostlyPlainEvt2(random, low2));
+    }
+    const OutsideSensor outside = round % 2 == 0 ? OutsideSensor::kDrop : OutsideSensor::kKeep;
+    const auto check = [&](Encoding encoding, const std::vector<uint8_t>& bytes) {
+      const Decoded whole = DecodeInPieces(encoding, kVga, outside, bytes, {});
+      std::vector<size_t> every_byte(bytes.size());
+      std::iota(every_byte.begin(), every_byte.end(), size_t{0});
+      ASSERT_TRUE(SameDecoded(DecodeInPieces(encoding, kVga, outside, bytes, every_byte), whole));
+      ASSERT_GT(whole.out.events.size(), 300u);
+    };
+    check(Encoding::kEvt3, BytesOf(evt3));
+    check(Encoding::kEvt2, BytesOf(evt2));
+  }
 }
 
 // Any bytes decode without a fault, and the same at every cut.

@@ -3,6 +3,9 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <new>
+#include <type_traits>
+#include <utility>
 #include <vector>
 
 namespace evpose {
@@ -46,9 +49,35 @@ struct TimeMark {
   friend bool operator==(const TimeMark&, const TimeMark&) = default;
 };
 
+// Memory that begins where a cache line does, and is not written before the events are: a decoder makes room for many
+// and fills it.
+template <typename T>
+struct UnwrittenMemory {
+  static_assert(std::is_trivially_copyable_v<T> && std::is_trivially_destructible_v<T>);
+  using value_type = T;
+  static constexpr std::align_val_t kAlignment{64};
+
+  UnwrittenMemory() = default;
+  template <typename U>
+  UnwrittenMemory(const UnwrittenMemory<U>&) {}  // NOLINT(google-explicit-constructor): as allocators are converted
+
+  T* allocate(size_t count) { return static_cast<T*>(::operator new(count * sizeof(T), kAlignment)); }
+  void deallocate(T* memory, size_t) { ::operator delete(memory, kAlignment); }
+  void construct(T*) {}
+  template <typename... Arguments>
+  void construct(T* place, Arguments&&... arguments) {
+    ::new (static_cast<void*>(place)) T(std::forward<Arguments>(arguments)...);
+  }
+
+  friend bool operator==(const UnwrittenMemory&, const UnwrittenMemory&) { return true; }
+};
+
+// resize() leaves new events unwritten.
+using EventVector = std::vector<Event, UnwrittenMemory<Event>>;
+
 // Decoded output; decoders append and never clear.
 struct DecodedEvents {
-  std::vector<Event> events;
+  EventVector events;
   std::vector<Trigger> triggers;
   // Time passing without events: a mark where the clock has advanced by 1 ms or more since the last event or mark.
   // A function of the stream alone, never of how it was cut into calls: consumers close windows on it.

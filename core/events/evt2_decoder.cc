@@ -3,6 +3,7 @@
 
 #include "core/events/sensor_clock.h"
 #include "core/events/word_decoder.h"
+#include "core/events/word_runs.h"
 
 namespace evpose {
 namespace {
@@ -35,11 +36,16 @@ class Evt2Decoder final : public WordDecoder {
   size_t DecodeWords(const uint8_t* words, size_t count) override {
     Evt2Clock clock = clock_;
     Event* cursor = sink_.begin();
-    const Event* const limit = sink_.limit();
     uint64_t num_outside = 0;
     const bool keep_outside = keep_outside_;
-    for (size_t index = 0; index < count; ++index) {
-      const uint32_t word = LoadWord<uint32_t>(words + 4 * index);
+    size_t index = 0;
+    while (index < count) {
+      if (has_runs_ && has_time_) {
+        index += DecodeRun(words + 4 * index, count - index, clock, cursor);
+        if (cursor >= sink_.limit()) cursor = sink_.Flush(cursor);
+        if (index == count) break;
+      }
+      const uint32_t word = LoadWord<uint32_t>(words + 4 * index++);
       const uint32_t type = word >> 28;
       if (type <= kCdOn && has_time_) [[likely]] {
         if (!clock.SetLow((word >> 22) & 0x3f)) [[unlikely]]
@@ -50,7 +56,7 @@ class Evt2Decoder final : public WordDecoder {
         *cursor = {clock.now_us(), static_cast<uint16_t>(x), static_cast<uint16_t>(y), static_cast<uint8_t>(type)};
         cursor += inside | keep_outside;
         num_outside += !inside;
-        if (cursor >= limit) [[unlikely]]
+        if (cursor >= sink_.limit()) [[unlikely]]
           cursor = sink_.Flush(cursor);
       } else {
         cursor = DecodeRareWord(type, word & 0xfffffff, clock, cursor);
@@ -63,6 +69,16 @@ class Evt2Decoder final : public WordDecoder {
     counts_.clock_wraps = clock.wraps();
     counts_.time_backsteps = clock.backsteps();
     return count;
+  }
+
+  // As many words as are a run; returns how many.
+  size_t DecodeRun(const uint8_t* words, size_t count, Evt2Clock& clock, Event*& cursor) const {
+    constexpr int64_t kMaxLow_us = 63;
+    Evt2Run run = {width_, height_, clock.base_us(), clock.now_us() - clock.base_us()};
+    if (run.low_us < 0 || run.low_us > kMaxLow_us) return 0;
+    const size_t num_words = DecodeEvt2Run(words, count, run, cursor, sink_.limit());
+    clock.SetLow(run.low_us);
+    return num_words;
   }
 
   Event* DecodeRareWord(uint32_t type, uint32_t content, Evt2Clock& clock, Event* cursor) {
@@ -105,6 +121,7 @@ class Evt2Decoder final : public WordDecoder {
   const uint32_t width_;
   const uint32_t height_;
   const bool keep_outside_;
+  const bool has_runs_ = HasWordRuns();
   Evt2Clock clock_;
   bool has_time_ = false;
 };

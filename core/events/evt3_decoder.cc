@@ -4,6 +4,7 @@
 
 #include "core/events/sensor_clock.h"
 #include "core/events/word_decoder.h"
+#include "core/events/word_runs.h"
 
 namespace evpose {
 namespace {
@@ -131,7 +132,6 @@ class Evt3Decoder final : public WordDecoder {
   size_t Run(const uint8_t* words, size_t index, size_t count) {
     const uint32_t width = width_;
     const uint32_t height = height_;
-    const Event* const limit = sink_.limit();
     Event* cursor = sink_.begin();
     uint64_t num_dropped = 0;
     uint64_t num_kept_outside = 0;
@@ -140,6 +140,15 @@ class Evt3Decoder final : public WordDecoder {
     uint32_t row = state_.row;
     while (index < count) {
       const uint32_t word = LoadWord<uint16_t>(words + 2 * index);
+      if (kHasRow && has_runs_ && (word & kNotAddress) == 0 && row < height) {
+        Evt3Run run = {width, height, state_.clock.base_us(), mark_due_us, t_us - state_.clock.base_us(), row};
+        const size_t num_words = DecodeEvt3Run(words + 2 * index, count - index, run, cursor, sink_.limit());
+        index += num_words;
+        row = run.row;
+        t_us = run.base_us + run.low_us;
+        if (cursor >= sink_.limit()) cursor = sink_.Flush(cursor);
+        if (num_words > 0) continue;
+      }
       if ((word & kNotAddress) != 0) {
         const uint32_t type = word >> 12;
         const int64_t low_time_us = state_.clock.base_us() + (word & 0xfff);
@@ -169,7 +178,7 @@ class Evt3Decoder final : public WordDecoder {
       cursor += emitted;
       num_dropped += is_event ^ emitted;
       if constexpr (kKeepOutside) num_kept_outside += emitted & !inside;
-      if (cursor >= limit) [[unlikely]]
+      if (cursor >= sink_.limit()) [[unlikely]]
         cursor = sink_.Flush(cursor);
       if constexpr (!kHasRow) {
         has_row_ = !is_event;
@@ -258,6 +267,7 @@ class Evt3Decoder final : public WordDecoder {
 
   const uint32_t width_;
   const uint32_t height_;
+  const bool has_runs_ = HasWordRuns();
   Evt3State state_;
   Wait wait_ = Wait::kTimeHigh;
   bool needs_time_low_ = false;

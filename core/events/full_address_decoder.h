@@ -39,7 +39,6 @@ class FullAddressDecoder final : public WordDecoder {
   size_t DecodeWords(const uint8_t* words, size_t count) override {
     Clock32 clock = clock_;
     Event* cursor = sink_.begin();
-    const Event* const limit = sink_.limit();
     uint64_t num_outside = 0;
     const bool keep_outside = keep_outside_;
     for (size_t index = 0; index < count; ++index) {
@@ -53,7 +52,7 @@ class FullAddressDecoder final : public WordDecoder {
       *cursor = {clock.now_us(), static_cast<uint16_t>(word.x), static_cast<uint16_t>(word.y), word.polarity};
       cursor += inside | keep_outside;
       num_outside += !inside;
-      if (cursor >= limit) [[unlikely]]
+      if (cursor >= sink_.limit()) [[unlikely]]
         cursor = sink_.Flush(cursor);
     }
     sink_.Flush(cursor);

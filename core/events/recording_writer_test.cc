@@ -54,7 +54,7 @@ TEST(RecordingWriterTest, WhatIsWrittenReadsBack) {
     std::vector<uint8_t> bytes(static_cast<size_t>((*reader)->data_size_bytes()));
     size_t size = 0;
     while (size < bytes.size()) size += (*reader)->Read(absl::MakeSpan(bytes).subspan(size)).value();
-    EXPECT_EQ(DecodeAll(encoding, kVga, bytes).out.events, events);
+    EXPECT_THAT(DecodeAll(encoding, kVga, bytes).out.events, ::testing::ElementsAreArray(events));
   }
   EXPECT_EQ(NumFiles(directory), 4);
 }

@@ -45,7 +45,7 @@ Recording Load(const std::string& path) {
   return recording;
 }
 
-std::string Sha256OfEvents(const std::vector<Event>& events) {
+std::string Sha256OfEvents(absl::Span<const Event> events) {
   Sha256 digest;
   for (const Event& event : events) {
     uint8_t record[13];
@@ -198,7 +198,7 @@ TEST(RecordingsTest, GoldenCasesGiveTheEventsOfOpenEbAtEveryCut) {
         return DecodeInPieces(recording.header.encoding, recording.header.geometry, outside, recording.bytes(), cuts);
       };
       const Decoded whole = decode({});
-      EXPECT_EQ(whole.out.events, events);
+      EXPECT_EQ(absl::MakeConstSpan(whole.out.events), absl::MakeConstSpan(events));
       for (size_t first = 0; first <= recording.bytes().size(); ++first) {
         for (size_t second = first; second <= recording.bytes().size(); ++second) {
           ASSERT_TRUE(SameDecoded(decode({first, second}), whole)) << "cut at " << first << " and " << second;

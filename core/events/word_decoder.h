@@ -33,33 +33,42 @@ inline void StoreEvent(Event* event, int64_t t_us, uint32_t x, uint32_t y, uint3
   std::memcpy(static_cast<void*>(event), words, sizeof(words));
 }
 
-// Events on their way to the output. They pass through a buffer that stays in the first-level cache, so that the
-// inner loops write without asking a vector whether it has room.
+// Events on their way to the output. There is always room for some, so that the inner loops write without asking a
+// vector whether it has room.
 class EventSink {
  public:
-  static constexpr size_t kCapacity = 1024;
+  static constexpr size_t kRoom = 4096;
   static constexpr size_t kMaxEventsOfWord = 32;
 
-  void Begin(DecodedEvents& out) { out_ = &out; }
-  Event* begin() { return buffer_.data(); }
-  // At or beyond it, Flush() before the next word.
-  const Event* limit() const { return buffer_.data() + kCapacity - kMaxEventsOfWord; }
+  // `num_words` are to come: for a few there is no need of much room.
+  void Begin(DecodedEvents& out, size_t num_words) {
+    out_ = &out;
+    room_ = num_words < kRoom / kMaxEventsOfWord ? kMaxEventsOfWord * (num_words + 2) : kRoom;
+    MakeRoom(out.events.size());
+  }
+  // What was flushed is the output.
+  void End() { out_->events.resize(num_written()); }
 
-  // Appends the events up to `cursor` to the output; returns the new cursor.
-  Event* Flush(const Event* cursor) {
-    if (cursor != buffer_.data()) {
+  Event* begin() { return begin_; }
+  // At or beyond it, Flush() before the next word.
+  const Event* limit() const { return limit_; }
+
+  // The events up to `cursor` are the output's; returns the new cursor. limit() moves.
+  Event* Flush(Event* cursor) {
+    if (cursor != begin_) {
       last_event_us_ = cursor[-1].t_us;
-      num_events_ += static_cast<uint64_t>(cursor - buffer_.data());
-      out_->events.insert(out_->events.end(), static_cast<const Event*>(buffer_.data()), cursor);
+      num_events_ += static_cast<uint64_t>(cursor - begin_);
+      begin_ = cursor;
     }
-    return buffer_.data();
+    if (begin_ >= limit_) MakeRoom(num_written());
+    return begin_;
   }
 
   void AddTrigger(const Trigger& trigger) { out_->triggers.push_back(trigger); }
 
   // The clock starts, or has stepped back: marks count from here.
   void RestartMarks(const Event* cursor, int64_t now_us) {
-    events_at_mark_ = num_events_ + static_cast<uint64_t>(cursor - buffer_.data());
+    events_at_mark_ = num_events_ + static_cast<uint64_t>(cursor - begin_);
     mark_due_us_ = now_us + kMarkPeriod_us;
   }
 
@@ -67,14 +76,14 @@ class EventSink {
   int64_t mark_due_us() const { return mark_due_us_; }
 
   // Call when mark_due_us() has passed: adds the mark unless an event came since. Returns the new cursor.
-  Event* MarkTime(const Event* cursor, int64_t now_us) {
+  Event* MarkTime(Event* cursor, int64_t now_us) {
     Event* const flushed = Flush(cursor);
     if (num_events_ > events_at_mark_) {
       events_at_mark_ = num_events_;
       mark_due_us_ = last_event_us_ + kMarkPeriod_us;
     }
     if (now_us >= mark_due_us_) {
-      out_->time_marks.push_back({out_->events.size(), now_us});
+      out_->time_marks.push_back({num_written(), now_us});
       mark_due_us_ = now_us + kMarkPeriod_us;
     }
     return flushed;
@@ -82,9 +91,9 @@ class EventSink {
 
   uint64_t num_events() const { return num_events_; }
 
-  // Between calls: the buffer is empty then.
+  // Between calls: all is flushed then.
   static void VisitState(auto& archive, auto& self) {
-    auto& [out, num_events, events_at_mark, last_event_us, mark_due_us, buffer] = self;
+    auto& [out, room, begin, limit, num_events, events_at_mark, last_event_us, mark_due_us] = self;
     archive(num_events, events_at_mark, InRange(last_event_us, -kMaxStateTime_us, kMaxStateTime_us),
             InRange(mark_due_us, -kMaxStateTime_us, kMaxStateTime_us));
   }
@@ -92,12 +101,24 @@ class EventSink {
  private:
   static constexpr int64_t kMarkPeriod_us = 1000;  // event.h
 
+  size_t num_written() const { return static_cast<size_t>(begin_ - out_->events.data()); }
+
+  // Behind the first `num_written` events, which are kept.
+  void MakeRoom(size_t num_written) {
+    EventVector& events = out_->events;
+    events.resize(num_written + room_);
+    begin_ = events.data() + num_written;
+    limit_ = events.data() + events.size() - kMaxEventsOfWord;
+  }
+
   DecodedEvents* out_ = nullptr;
+  size_t room_ = kRoom;
+  Event* begin_ = nullptr;        // of what is not flushed
+  const Event* limit_ = nullptr;  // behind it is room for the events of one word, or run of words
   uint64_t num_events_ = 0;
   uint64_t events_at_mark_ = 0;
   int64_t last_event_us_ = 0;
   int64_t mark_due_us_ = 0;
-  std::array<Event, kCapacity> buffer_;
 };
 
 // Splits calls into whole words.

@@ -50,7 +50,7 @@ Decoded Decode(const fs::path& path) {
   while (const size_t size = (*reader)->Read(absl::MakeSpan(buffer)).value_or(0)) {
     decoder->Decode(absl::MakeConstSpan(buffer.data(), size), out);
   }
-  return {std::move(out.events), decoder->counts()};
+  return {{out.events.begin(), out.events.end()}, decoder->counts()};
 }
 
 std::vector<Event> Simulated(const SimulationOptions& options) {

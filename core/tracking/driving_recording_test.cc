@@ -22,7 +22,7 @@ std::vector<Event> ReadAll(const std::string& path) {
   while (const size_t size = reader->Read(absl::MakeSpan(buffer)).value()) {
     decoder->Decode(absl::MakeConstSpan(buffer).subspan(0, size), decoded);
   }
-  return std::move(decoded.events);
+  return {decoded.events.begin(), decoded.events.end()};
 }
 
 TEST(DrivingRecording, NoCubeIsClaimed) {

@@ -1,0 +1,239 @@
+#include "core/events/word_runs.h"
+
+#include <algorithm>
+#include <array>
+#include <bit>
+
+#if defined(__x86_64__)
+#include <immintrin.h>
+#endif
+
+namespace evpose {
+
+#if defined(__x86_64__)
+
+namespace {
+
+constexpr int kLanes = kWordRun;
+
+// Bytes for a shuffle of lanes of 16 bits.
+struct alignas(16) LaneShuffle {
+  uint8_t bytes[16];
+
+  constexpr void Set(int lane, int source) {
+    bytes[2 * lane] = static_cast<uint8_t>(2 * source);
+    bytes[2 * lane + 1] = static_cast<uint8_t>(2 * source + 1);
+  }
+};
+using LaneShuffles = std::array<LaneShuffle, 1 << kLanes>;  // one for each set of lanes
+
+// Puts the lanes of the set first, in their order.
+constexpr LaneShuffles MakeCompress() {
+  LaneShuffles shuffles = {};
+  for (size_t set = 0; set < shuffles.size(); ++set) {
+    int count = 0;
+    for (int lane = 0; lane < kLanes; ++lane) {
+      if ((set >> lane & 1) != 0) shuffles[set].Set(count++, lane);
+    }
+  }
+  return shuffles;
+}
+
+// Gives every lane the last one of the set at or before it; kNone where there is none.
+constexpr uint8_t kNone = 0x80;
+constexpr LaneShuffles MakeSpread() {
+  LaneShuffles shuffles = {};
+  for (size_t set = 0; set < shuffles.size(); ++set) {
+    int last = -1;
+    for (int lane = 0; lane < kLanes; ++lane) {
+      if ((set >> lane & 1) != 0) last = lane;
+      if (last >= 0) {
+        shuffles[set].Set(lane, last);
+      } else {
+        shuffles[set].bytes[2 * lane] = shuffles[set].bytes[2 * lane + 1] = kNone;
+      }
+    }
+  }
+  return shuffles;
+}
+
+constexpr LaneShuffles kCompress = MakeCompress();
+constexpr LaneShuffles kSpread = MakeSpread();
+
+[[gnu::target("avx2"), gnu::always_inline]] inline __m128i Load(const LaneShuffle& shuffle) {
+  return _mm_load_si128(reinterpret_cast<const __m128i*>(shuffle.bytes));
+}
+
+// The last lane of the set at or before each lane; that of `carried` where there is none.
+[[gnu::target("avx2"), gnu::always_inline]] inline __m128i Spread(__m128i lanes, uint32_t set, __m128i carried) {
+  const __m128i shuffle = Load(kSpread[set]);
+  return _mm_blendv_epi8(_mm_shuffle_epi8(lanes, shuffle), carried, shuffle);
+}
+
+[[gnu::target("avx2"), gnu::always_inline]] inline __m128i BroadcastLast(__m128i lanes) {
+  return _mm_shuffle_epi8(lanes, _mm_set1_epi16(0x0f0e));
+}
+
+// Four events: their times, and their other fields as StoreEvent() has them.
+[[gnu::target("avx2"), gnu::always_inline]] inline void StoreFour(Event* events, __m256i t_us, __m256i rest) {
+  const __m256i even = _mm256_unpacklo_epi64(t_us, rest);
+  const __m256i odd = _mm256_unpackhi_epi64(t_us, rest);
+  auto* const out = reinterpret_cast<__m256i*>(events);
+  _mm256_storeu_si256(out, _mm256_permute2x128_si256(even, odd, 0x20));
+  _mm256_storeu_si256(out + 1, _mm256_permute2x128_si256(even, odd, 0x31));
+}
+
+// Of the first four lanes: ADDR_X words, their rows and TIME_LOWs.
+[[gnu::target("avx2"), gnu::always_inline]] inline void StoreFourEvt3(Event* events, __m128i words, __m128i rows,
+                                                                      __m128i lows, __m256i base_us) {
+  const __m128i x = _mm_and_si128(words, _mm_set1_epi16(0x7ff));
+  const __m256i xy = _mm256_cvtepu32_epi64(_mm_unpacklo_epi16(x, rows));
+  const __m256i polarity = _mm256_cvtepu16_epi64(_mm_and_si128(words, _mm_set1_epi16(0x800)));
+  const __m256i rest = _mm256_or_si256(xy, _mm256_slli_epi64(polarity, 32 - 11));
+  StoreFour(events, _mm256_add_epi64(_mm256_cvtepu16_epi64(lows), base_us), rest);
+}
+
+// Of eight words, a bit for each: which are columns, rows and times, and how many are plain before the first that is
+// not.
+struct Evt3Sets {
+  uint32_t columns = 0;
+  uint32_t rows = 0;
+  uint32_t lows = 0;
+  int num_plain = 0;
+};
+
+// What a word is compared with.
+struct Evt3Limits {
+  __m128i last_column;
+  __m128i last_row;
+  __m128i same_high;
+};
+
+[[gnu::target("avx2"), gnu::always_inline]] inline Evt3Sets Classify(__m128i words, const Evt3Limits& limits) {
+  const __m128i types = _mm_and_si128(words, _mm_set1_epi16(static_cast<int16_t>(0xf000)));
+  const __m128i content = _mm_and_si128(words, _mm_set1_epi16(0xfff));
+  const __m128i is_row = _mm_cmpeq_epi16(types, _mm_setzero_si128());
+  const __m128i is_column = _mm_cmpeq_epi16(types, _mm_set1_epi16(0x2000));
+  const __m128i is_low = _mm_cmpeq_epi16(types, _mm_set1_epi16(0x6000));
+  const __m128i is_high = _mm_cmpeq_epi16(words, limits.same_high);
+  const __m128i x = _mm_and_si128(words, _mm_set1_epi16(0x7ff));
+  const __m128i good_column = _mm_andnot_si128(_mm_cmpgt_epi16(x, limits.last_column), is_column);
+  const __m128i good_row = _mm_andnot_si128(_mm_cmpgt_epi16(content, limits.last_row), is_row);
+  const __m128i plain = _mm_or_si128(_mm_or_si128(good_column, good_row), _mm_or_si128(is_low, is_high));
+  const auto addresses = static_cast<uint32_t>(_mm_movemask_epi8(_mm_packs_epi16(good_column, good_row)));
+  const auto others = static_cast<uint32_t>(_mm_movemask_epi8(_mm_packs_epi16(is_low, plain)));
+  Evt3Sets sets;
+  sets.num_plain = std::countr_one(others >> kLanes);
+  const uint32_t used = (1u << sets.num_plain) - 1;
+  sets.columns = addresses & used;
+  sets.rows = (addresses >> kLanes) & used;
+  sets.lows = others & used;
+  return sets;
+}
+
+}  // namespace
+
+bool HasWordRuns() {
+  static const bool has = __builtin_cpu_supports("avx2") != 0 && __builtin_cpu_supports("popcnt") != 0;
+  return has;
+}
+
+[[gnu::target("avx2,popcnt")]] size_t DecodeEvt3Run(const uint8_t* words, size_t count, Evt3Run& run, Event*& cursor,
+                                                    const Event* limit) {
+  const Evt3Limits limits = {_mm_set1_epi16(static_cast<int16_t>(run.width_px - 1)),
+                             _mm_set1_epi16(static_cast<int16_t>(run.height_px - 1)),
+                             _mm_set1_epi16(static_cast<int16_t>(0x8000 | ((run.base_us >> 12) & 0xfff)))};
+  const __m128i before_due =
+      _mm_set1_epi16(static_cast<int16_t>(std::clamp<int64_t>(run.mark_due_us - run.base_us, 0, 0x1000) - 1));
+  const __m256i base_us = _mm256_set1_epi64x(run.base_us);
+  __m128i row = _mm_set1_epi16(static_cast<int16_t>(run.row));
+  __m128i low = _mm_set1_epi16(static_cast<int16_t>(run.low_us));
+  Event* next = cursor;
+  size_t index = 0;
+  while (count - index >= kWordRun && next < limit) {
+    const __m128i block = _mm_loadu_si128(reinterpret_cast<const __m128i*>(words + 2 * index));
+    const Evt3Sets sets = Classify(block, limits);
+    const __m128i content = _mm_and_si128(block, _mm_set1_epi16(0xfff));
+    const __m128i lows = Spread(content, sets.lows, low);
+    const __m128i lows_before = _mm_alignr_epi8(lows, low, 14);
+    const __m128i special = _mm_or_si128(_mm_cmpgt_epi16(lows_before, lows), _mm_cmpgt_epi16(lows, before_due));
+    if (_mm_testz_si128(special, special) == 0) break;
+    const __m128i rows = Spread(content, sets.rows, row);
+    const __m128i compress = Load(kCompress[sets.columns]);
+    const __m128i event_words = _mm_shuffle_epi8(block, compress);
+    const __m128i event_rows = _mm_shuffle_epi8(rows, compress);
+    const __m128i event_lows = _mm_shuffle_epi8(lows, compress);
+    StoreFourEvt3(next, event_words, event_rows, event_lows, base_us);
+    StoreFourEvt3(next + 4, _mm_srli_si128(event_words, 8), _mm_srli_si128(event_rows, 8),
+                  _mm_srli_si128(event_lows, 8), base_us);
+    next += std::popcount(sets.columns);
+    index += static_cast<size_t>(sets.num_plain);
+    row = BroadcastLast(rows);
+    low = BroadcastLast(lows);
+    if (sets.num_plain < kLanes) break;
+  }
+  cursor = next;
+  run.row = static_cast<uint32_t>(_mm_extract_epi16(row, 0));
+  run.low_us = _mm_extract_epi16(low, 0);
+  return index;
+}
+
+[[gnu::target("avx2,popcnt")]] size_t DecodeEvt2Run(const uint8_t* words, size_t count, Evt2Run& run, Event*& cursor,
+                                                    const Event* limit) {
+  const __m256i last_column = _mm256_set1_epi32(static_cast<int32_t>(run.width_px - 1));
+  const __m256i last_row = _mm256_set1_epi32(static_cast<int32_t>(run.height_px - 1));
+  const __m256i base_us = _mm256_set1_epi64x(run.base_us);
+  const __m256i eleven_bits = _mm256_set1_epi32(0x7ff);
+  const __m256i lane_before = _mm256_setr_epi32(0, 0, 1, 2, 3, 4, 5, 6);
+  __m256i low = _mm256_set1_epi32(static_cast<int32_t>(run.low_us));
+  Event* next = cursor;
+  size_t index = 0;
+  while (count - index >= kWordRun && next < limit) {
+    const __m256i block = _mm256_loadu_si256(reinterpret_cast<const __m256i*>(words + 4 * index));
+    const __m256i lows = _mm256_and_si256(_mm256_srli_epi32(block, 22), _mm256_set1_epi32(0x3f));
+    const __m256i x = _mm256_and_si256(_mm256_srli_epi32(block, 11), eleven_bits);
+    const __m256i y = _mm256_and_si256(block, eleven_bits);
+    const __m256i lows_before = _mm256_blend_epi32(_mm256_permutevar8x32_epi32(lows, lane_before), low, 1);
+    const __m256i type = _mm256_srli_epi32(block, 28);
+    const __m256i outside = _mm256_or_si256(_mm256_cmpgt_epi32(x, last_column), _mm256_cmpgt_epi32(y, last_row));
+    const __m256i special =
+        _mm256_or_si256(_mm256_cmpgt_epi32(lows_before, lows), _mm256_cmpgt_epi32(type, _mm256_set1_epi32(1)));
+    const __m256i xy = _mm256_or_si256(x, _mm256_slli_epi32(y, 16));
+    // A lane of 64 bits holds two words: the even ones, then the odd ones.
+    const __m256i low_half = _mm256_set1_epi64x(0xffffffff);
+    const __m256i high_half = _mm256_slli_epi64(low_half, 32);
+    const __m256i even_t = _mm256_add_epi64(_mm256_and_si256(lows, low_half), base_us);
+    const __m256i odd_t = _mm256_add_epi64(_mm256_srli_epi64(lows, 32), base_us);
+    const __m256i even_rest = _mm256_or_si256(_mm256_and_si256(xy, low_half), _mm256_slli_epi64(type, 32));
+    const __m256i odd_rest = _mm256_or_si256(_mm256_srli_epi64(xy, 32), _mm256_and_si256(type, high_half));
+    const __m256i e04 = _mm256_unpacklo_epi64(even_t, even_rest);
+    const __m256i e26 = _mm256_unpackhi_epi64(even_t, even_rest);
+    const __m256i e15 = _mm256_unpacklo_epi64(odd_t, odd_rest);
+    const __m256i e37 = _mm256_unpackhi_epi64(odd_t, odd_rest);
+    auto* const out = reinterpret_cast<__m256i*>(next);
+    _mm256_storeu_si256(out, _mm256_permute2x128_si256(e04, e15, 0x20));
+    _mm256_storeu_si256(out + 1, _mm256_permute2x128_si256(e26, e37, 0x20));
+    _mm256_storeu_si256(out + 2, _mm256_permute2x128_si256(e04, e15, 0x31));
+    _mm256_storeu_si256(out + 3, _mm256_permute2x128_si256(e26, e37, 0x31));
+    const auto stops =
+        static_cast<uint32_t>(_mm256_movemask_ps(_mm256_castsi256_ps(_mm256_or_si256(outside, special))));
+    const int num_plain = std::countr_zero(stops | 1u << kLanes);
+    next += num_plain;
+    index += static_cast<size_t>(num_plain);
+    if (num_plain < kLanes) break;
+    low = _mm256_permutevar8x32_epi32(lows, _mm256_set1_epi32(kLanes - 1));
+  }
+  if (next != cursor) run.low_us = next[-1].t_us - run.base_us;
+  cursor = next;
+  return index;
+}
+
+#else
+
+bool HasWordRuns() { return false; }
+size_t DecodeEvt3Run(const uint8_t*, size_t, Evt3Run&, Event*&, const Event*) { return 0; }
+size_t DecodeEvt2Run(const uint8_t*, size_t, Evt2Run&, Event*&, const Event*) { return 0; }
+
+#endif
+
+}  // namespace evpose
