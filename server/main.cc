@@ -1,7 +1,5 @@
 // evpose-server: see --help.
 #include <grpc/support/log.h>
-#include <spdlog/sinks/stdout_sinks.h>
-#include <spdlog/spdlog.h>
 #include <sys/resource.h>
 #include <unistd.h>
 
@@ -15,6 +13,7 @@
 #include "absl/strings/str_cat.h"
 #include "absl/time/time.h"
 #include "core/base/output_file.h"
+#include "core/base/version.h"
 #include "server/auth/token_file.h"
 #include "server/http/operator_pages.h"
 #include "server/options.h"
@@ -28,7 +27,13 @@ namespace {
 constexpr int kFailed = 1;
 constexpr int kWrongUsage = 2;
 
+// One line, whatever the log's level; in the log's own form for whoever collects JSON.
 int Fail(int exit_status, const std::string& cause) {
+  if (CurrentLogFormat() == LogFormat::kJson) {
+    SetLogLevel(LogLevel::kError);
+    Log(LogLevel::kError, "server_failed", {{"message", cause}});
+    return exit_status;
+  }
   std::cerr << "evpose-server: " << cause << std::endl;
   return exit_status;
 }
@@ -40,14 +45,7 @@ int FinishAnswer() {
 }
 
 // gRPC's own log would break the rule of one line per event.
-void LogOfGrpc(gpr_log_func_args* args) { spdlog::debug("grpc: {}", args->message); }
-
-void SetUpLog(const std::string& level) {
-  spdlog::set_default_logger(spdlog::stderr_logger_mt(kLogName));
-  spdlog::set_pattern("%Y-%m-%dT%H:%M:%S.%e%z %l %v");
-  spdlog::set_level(spdlog::level::from_str(level));
-  gpr_set_log_function(LogOfGrpc);
-}
+void LogOfGrpc(gpr_log_func_args* args) { Log(LogLevel::kDebug, "grpc", {{"message", args->message}}); }
 
 sigset_t EndSignals() {
   sigset_t signals;
@@ -116,7 +114,7 @@ int PrintNewToken(const ProgramOptions& options) {
 // Null without --metrics-listen.
 absl::StatusOr<std::unique_ptr<OperatorPages>> StartPages(const ProgramOptions& options) {
   if (options.metrics_listen.empty()) return nullptr;
-  auto pages = OperatorPages::Start(options.metrics_listen, EVPOSE_VERSION);
+  auto pages = OperatorPages::Start(options.metrics_listen, ThisBuild());
   if (!pages.ok()) return absl::UnavailableError(absl::StrCat("--metrics-listen: ", pages.status().message()));
   return pages;
 }
@@ -127,7 +125,8 @@ void Announce(const ProgramOptions& options, const std::string& listening_on, co
   if (pages != nullptr) {
     const ListenAddress address = *ParseListenAddress(options.metrics_listen);
     const std::string metrics_on = address.WithPort(pages->port());
-    spdlog::info("metrics, health and readiness are on http://{}/metrics, /healthz and /readyz", metrics_on);
+    Log(LogLevel::kInfo, "metrics_ready",
+        {{"message", absl::StrCat("http://", metrics_on, "/metrics, /healthz, /readyz")}});
     std::cout << "metrics on " << metrics_on << "\n";
   }
   std::cout << std::flush;
@@ -162,17 +161,22 @@ int Serve(const ProgramOptions& options) {
     const absl::Status written = WritePortFile(options.port_file, (*server)->port());
     if (!written.ok()) return Fail(kFailed, std::string(written.message()));
   }
-  spdlog::info("evpose-server {} is ready on {}, store: {}", EVPOSE_VERSION, listening_on,
-               StoreForLog(server_options.store));
+  const BuildVersion build = ThisBuild();
+  Log(LogLevel::kInfo, "server_ready",
+      {{"address", listening_on},
+       {"store", StoreForLog(server_options.store)},
+       {"version", build.version},
+       {"commit", build.commit}});
   Announce(options, listening_on, pages->get());
 
   const int signal_number = WaitForEndSignal();
   const bool is_asked = signal_number == DrainSignal();
   const absl::Duration deadline = is_asked ? drained.get_future().get() : server_options.drain_timeout;
-  spdlog::info("{}: leaving, streams have {} to finish",
-               is_asked ? "Drain was called" : absl::StrCat("signal ", signal_number), absl::FormatDuration(deadline));
+  Log(LogLevel::kInfo, "server_draining",
+      {{"why", is_asked ? "Drain was called" : absl::StrCat("signal ", signal_number)},
+       {"timeout", absl::FormatDuration(deadline)}});
   (*server)->Shutdown(deadline);
-  spdlog::info("all streams are finished");
+  Log(LogLevel::kInfo, "server_stopped", {{"message", "all streams are finished"}});
   return 0;
 }
 
@@ -185,7 +189,8 @@ int Main(int argc, char** argv) {
   ProgramOptions& options = parsed.options;
   if (!options.new_token.empty()) return PrintNewToken(options);
   if (const std::string wrong = WrongUsage(options); !wrong.empty()) return Fail(kWrongUsage, wrong);
-  SetUpLog(options.log_level);
+  SetUpLog(*ParseLogFormat(options.log_format), *ParseLogLevel(options.log_level));
+  gpr_set_log_function(LogOfGrpc);
   if (const absl::Status completed = CompleteStore(options); !completed.ok()) {
     return Fail(kFailed, std::string(completed.message()));
   }

@@ -3,6 +3,7 @@
 #include <CLI/CLI.hpp>
 #include <cstdlib>
 #include <filesystem>
+#include <iostream>
 #include <system_error>
 #include <utility>
 
@@ -14,6 +15,7 @@
 #include "absl/time/time.h"
 #include "core/base/output_file.h"
 #include "core/base/status_macros.h"
+#include "core/base/version.h"
 #include "server/rpc/listen_address.h"
 #include "server/stores/redis_address.h"
 
@@ -121,7 +123,7 @@ void DefineArguments(CLI::App& app, Arguments& arguments) {
   options.listen_address = "127.0.0.1:50051";
   options.store.store = "sqlite";
   app.footer(kExample);
-  app.set_version_flag("--version", EVPOSE_VERSION);
+  app.set_version_flag("--version", VersionLine("evpose-server"));
   app.option_defaults()->always_capture_default();
   app.add_option("--listen", options.listen_address, "HOST:PORT to listen on; port 0 takes a free one");
   app.add_option("--port-file", arguments.program.port_file, "write the port to this file when ready")
@@ -134,8 +136,14 @@ void DefineArguments(CLI::App& app, Arguments& arguments) {
   app.add_option("--workers", options.worker_threads, "threads that decode and track; 0: one per core");
   app.add_option("--shutdown-timeout", arguments.shutdown_timeout_s,
                  "seconds that streams get to finish when the server leaves");
-  app.add_option("--log-level", arguments.program.log_level, "least level of what goes to the log")
+  app.add_option("--log-level", arguments.program.log_level,
+                 "least level of what goes to the log; `evpose server log-level` changes it while the server runs")
+      ->envname("EVPOSE_LOG_LEVEL")
       ->check(CLI::IsMember({"debug", "info", "warning", "error", "off"}));
+  app.add_option("--log-format", arguments.program.log_format,
+                 "of the log, a line for each event: text, or a JSON object")
+      ->envname("EVPOSE_LOG_FORMAT")
+      ->check(CLI::IsMember({"text", "json"}));
   DefineAccess(app, arguments);
   DefineSurvival(app, arguments);
   DefineLimits(app, arguments);
@@ -272,7 +280,9 @@ ParsedOptions ParseOptions(int argc, char** argv) {
     app.parse(argc, argv);
   } catch (const CLI::ParseError& error) {
     parsed.is_answered = true;
-    parsed.is_wrong = app.exit(error) != 0;
+    parsed.is_wrong = error.get_exit_code() != 0;
+    if (!parsed.is_wrong) app.exit(error);  // --help and --version, which it prints
+    if (parsed.is_wrong) std::cerr << "evpose-server: " << error.what() << "; --help lists the options" << std::endl;
     return parsed;
   }
   TakeSeconds(arguments, parsed.options.server);

@@ -16,9 +16,10 @@ struct ProgramOptions {
   std::string metrics_listen;       // HOST:PORT; empty: nowhere
   std::string store_password_file;  // empty: none
   bool insecure = false;
-  std::string new_token;     // the tenant that a token is to be made for; empty: the server is to serve
-  bool is_operator = false;  // of new_token
-  std::string log_level = "info";
+  std::string new_token;            // the tenant that a token is to be made for; empty: the server is to serve
+  bool is_operator = false;         // of new_token
+  std::string log_level = "info";   // of ParseLogLevel
+  std::string log_format = "text";  // of ParseLogFormat
 };
 
 // What is left to do when the command line has been read.

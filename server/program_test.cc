@@ -4,11 +4,13 @@
 #include <unistd.h>
 
 #include <csignal>
+#include <nlohmann/json.hpp>
 #include <string>
 #include <vector>
 
 #include "absl/strings/match.h"
 #include "absl/strings/numbers.h"
+#include "absl/strings/str_split.h"
 #include "server/http/http_client_testing.h"
 #include "server/metrics/testing.h"
 #include "server/program_for_test.h"
@@ -64,6 +66,7 @@ TEST(ProgramTest, TellsWrongUsage) {
       {{"--store-password-file", "p"}, "--store-password-file: is for --store redis://HOST:PORT"},
       {{"--store", "redis://:one@localhost", "--store-password-file", "p"}, "has a password already"},
       {{"--log-level", "loud"}, "--log-level"},
+      {{"--log-format", "xml"}, "--log-format"},
       {{"--metrics-listen", "9464"}, "--metrics-listen: address \"9464\" has no port; give HOST:PORT"},
       {{"--metrics-listen", "localhost:port"},
        "--metrics-listen: address \"localhost:port\" has a port that is no number"},
@@ -73,22 +76,38 @@ TEST(ProgramTest, TellsWrongUsage) {
   for (const auto& [arguments, expected] : cases) {
     Program program(arguments);
     EXPECT_EQ(program.Wait(), 2) << expected;
-    EXPECT_THAT(program.Stderr(), testing::HasSubstr(expected));
+    const std::string said = program.Stderr();
+    EXPECT_THAT(said, testing::HasSubstr(expected));
+    EXPECT_THAT(said, testing::MatchesRegex("evpose-server: [^\n]*\n")) << "more than a line";
   }
 }
 
-TEST(ProgramTest, FilesThatCannotBeUsed) {
+TEST(ProgramTest, ABadStartIsOneLineWithCauseAndRemedy) {
+  const std::string prose = TemporaryPath("prose");
+  std::ofstream(prose) << "neither key nor certificate, nor token\n";
   const std::vector<std::pair<std::vector<std::string>, std::string>> cases = {
-      {{"--tls-cert", "/no/such.crt", "--tls-key", "/no/such.key"}, "/no/such.crt"},
-      {{"--token-file", "/no/such/tokens"}, "/no/such/tokens"},
-      {{"--store", "redis://localhost", "--store-password-file", "/no/such/password"}, "/no/such/password"},
-      {{"--store", "redis://localhost", "--store-password-file", "/dev/null"}, "there is no password in it"},
+      {{"--tls-cert", "/no/such.crt", "--tls-key", "/no/such.key"}, "/no/such.crt[^\n]*"},
+      {{"--tls-cert", prose, "--tls-key", prose}, prose + "[^\n]*certificate[^\n]*"},
+      {{"--token-file", "/no/such/tokens"}, "/no/such/tokens[^\n]*"},
+      {{"--token-file", prose}, prose + ":1: [^\n]*--new-token[^\n]*"},
+      {{"--store", "redis://localhost", "--store-password-file", "/no/such/password"}, "/no/such/password[^\n]*"},
+      {{"--store", "redis://localhost", "--store-password-file", "/dev/null"},
+       "/dev/null[^\n]*there is no password in it"},
+      {{"--store", "redis://127.0.0.1:1"}, "[^\n]*127.0.0.1:1/0 does not answer: [^\n]*start Redis there[^\n]*"},
+      {{"--store", "sqlite", "--data-dir", "/dev/null"}, "data directory /dev/null: [^\n]*another --data-dir"},
+      {{"--store", "sqlite", "--data-dir", "/proc/evpose"}, "data directory /proc/evpose: [^\n]*another --data-dir"},
+      {{"--store", "sqlite", "--data-dir", "/sys/evpose"},
+       "data directory /sys/evpose: [^\n]*let the server's user write there, or choose another --data-dir"},
+      {{"--port-file", "/no/such/directory/port"}, "/no/such/directory/port[^\n]*"},
   };
   for (const auto& [arguments, expected] : cases) {
-    Program program(arguments);
+    std::vector<std::string> all = {"--listen", "127.0.0.1:0", "--log-level", "warning"};
+    all.insert(all.end(), arguments.begin(), arguments.end());
+    Program program(all);
     EXPECT_EQ(program.Wait(), 1) << expected;
-    EXPECT_THAT(program.Stderr(), testing::HasSubstr(expected));
+    EXPECT_THAT(program.Stderr(), testing::MatchesRegex("evpose-server: " + expected + "\n"));
   }
+  unlink(prose.c_str());
 }
 
 TEST(ProgramTest, ARedisThatCannotBeUsedIsOneLineWithoutItsPassword) {
@@ -129,7 +148,7 @@ TEST(ProgramTest, APasswordNeedNotBeInTheArguments) {
   const auto expect_ready = [](Program& program) {
     EXPECT_TRUE(absl::StartsWith(program.ReadLine(), "listening on 127.0.0.1:")) << program.Stderr();
     const std::string said = program.Stderr();
-    EXPECT_THAT(said, testing::HasSubstr("store: redis+unix:///"));
+    EXPECT_THAT(said, testing::HasSubstr(" store=redis+unix:///"));
     EXPECT_THAT(said, testing::Not(testing::HasSubstr("secret")));
     program.Signal(SIGTERM);
     EXPECT_EQ(program.Wait(), 0);
@@ -171,7 +190,7 @@ TEST(ProgramTest, ATokenThatItMakesIsOneThatItTakes) {
   EXPECT_TRUE(absl::StartsWith(program.ReadLine(), "listening on 127.0.0.1:"));
   program.Signal(SIGTERM);
   EXPECT_EQ(program.Wait(), 0);
-  EXPECT_THAT(program.Stderr(), testing::HasSubstr("1 token(s)"));
+  EXPECT_THAT(program.Stderr(), testing::HasSubstr(" tokens=1\n"));
   EXPECT_THAT(program.Stderr(), testing::Not(testing::HasSubstr(token)));
   unlink(path.c_str());
 }
@@ -183,7 +202,7 @@ TEST(ProgramTest, TellsItsOperatorsHowItIs) {
   ASSERT_TRUE(absl::StartsWith(line, "metrics on 127.0.0.1:")) << line;
   int port = 0;
   ASSERT_TRUE(absl::SimpleAtoi(line.substr(line.rfind(':') + 1), &port));
-  EXPECT_THAT(program.Stderr(), testing::HasSubstr("are on http://127.0.0.1:" + std::to_string(port) + "/metrics"));
+  EXPECT_THAT(program.Stderr(), testing::HasSubstr("http://127.0.0.1:" + std::to_string(port) + "/metrics"));
   EXPECT_EQ(Ask(port, "/healthz").status, 200);
   EXPECT_EQ(Ask(port, "/readyz").status, 200);
   const ParsedMetrics metrics = ParseMetrics(Ask(port, "/metrics").body);
@@ -209,10 +228,50 @@ TEST(ProgramTest, AnAddressForMetricsThatIsNotOfThisMachine) {
   }
 }
 
-TEST(ProgramTest, CannotWriteThePortFile) {
-  Program program({"--listen", "127.0.0.1:0", "--port-file", "/no/such/directory/port"});
-  EXPECT_EQ(program.Wait(), 1);
-  EXPECT_THAT(program.Stderr(), testing::HasSubstr("/no/such/directory"));
+TEST(ProgramTest, SaysWhatItWasBuiltOf) {
+  Program program({"--version"});
+  EXPECT_THAT(program.ReadLine(),
+              testing::MatchesRegex("evpose-server [0-9]+\\.[0-9]+\\.[0-9]+ \\([0-9A-Za-z._-]+\\)"));
+  EXPECT_EQ(program.Wait(), 0);
+}
+
+// The events of a log of JSON objects, one a line.
+std::vector<std::string> EventsOf(const std::string& log) {
+  std::vector<std::string> events;
+  for (const absl::string_view line : absl::StrSplit(log, '\n', absl::SkipEmpty())) {
+    const auto json = nlohmann::json::parse(std::string(line), nullptr, false);
+    if (!json.is_object()) {
+      ADD_FAILURE() << "no JSON object: " << line;
+      continue;
+    }
+    EXPECT_THAT(json.value("time", ""), testing::MatchesRegex("20[0-9-]+T[0-9:.]+[+-][0-9:]+")) << line;
+    EXPECT_THAT(json.value("level", ""), testing::AnyOf("info", "warning", "error")) << line;
+    events.push_back(json.value("event", ""));
+  }
+  return events;
+}
+
+TEST(ProgramTest, ItsLogMayBeJson) {
+  Program program({"--listen", "127.0.0.1:0", "--log-format", "json"});
+  EXPECT_TRUE(absl::StartsWith(program.ReadLine(), "listening on "));
+  program.Signal(SIGTERM);
+  EXPECT_EQ(program.Wait(), 0);
+  EXPECT_THAT(EventsOf(program.Stderr()), testing::ElementsAre("server_ready", "server_draining", "server_stopped"));
+
+  setenv("EVPOSE_LOG_FORMAT", "json", 1);
+  setenv("EVPOSE_LOG_LEVEL", "off", 1);
+  {
+    Program quiet({"--listen", "127.0.0.1:0"});
+    EXPECT_TRUE(absl::StartsWith(quiet.ReadLine(), "listening on "));
+    quiet.Signal(SIGTERM);
+    EXPECT_EQ(quiet.Wait(), 0);
+    EXPECT_EQ(quiet.Stderr(), "");
+  }
+  Program failing({"--listen", "127.0.0.1:0", "--port-file", "/no/such/directory/port"});
+  unsetenv("EVPOSE_LOG_FORMAT");
+  unsetenv("EVPOSE_LOG_LEVEL");
+  EXPECT_EQ(failing.Wait(), 1);
+  EXPECT_THAT(EventsOf(failing.Stderr()), testing::ElementsAre("server_failed")) << "why it ends is told at any level";
 }
 
 TEST(ProgramTest, HelpShowsAnExample) {

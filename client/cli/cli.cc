@@ -6,6 +6,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "client/cli/command.h"
+#include "core/base/version.h"
 
 namespace evpose::client {
 namespace {
@@ -31,6 +32,8 @@ CommandRunners AddCommands(CLI::App& app, CliContext& context) {
   AddBenchCommands(*app.add_subcommand("bench", "Compare methods, ours and published ones"), context, runners);
   AddSessionsCommands(*app.add_subcommand("sessions", "List, show, delete and drain the sessions of a server"), context,
                       runners);
+  AddServerCommands(*app.add_subcommand("server", "Ask what a server is, and set the level of its log"), context,
+                    runners);
   AddModelsCommands(*app.add_subcommand("models", "List, upload, show and delete the models of a server"), context,
                     runners);
   // Last: commands begin with the text of the one above them.
@@ -91,7 +94,7 @@ int RunParsed(const CommandRunners& runners, CliContext& context) {
 
 int RunCli(const std::vector<std::string>& arguments, CliContext& context) {
   CLI::App app("6-DoF object poses from event cameras", "evpose");
-  app.set_version_flag("--version", EVPOSE_VERSION);
+  app.set_version_flag("--version", VersionLine("evpose"));
   app.require_subcommand(1);
   try {
     const CommandRunners runners = AddCommands(app, context);

@@ -37,6 +37,7 @@ CommandRunner AddWatchCommand(CLI::App& app, CliContext& context);
 // These have commands of their own.
 void AddBenchCommands(CLI::App& app, CliContext& context, CommandRunners& runners);
 void AddModelsCommands(CLI::App& app, CliContext& context, CommandRunners& runners);
+void AddServerCommands(CLI::App& app, CliContext& context, CommandRunners& runners);
 void AddSessionsCommands(CLI::App& app, CliContext& context, CommandRunners& runners);
 
 // Exit status 2 instead of 1.

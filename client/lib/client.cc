@@ -192,6 +192,16 @@ absl::StatusOr<uint32_t> Client::Drain(std::optional<absl::Duration> timeout) {
   return response.remaining_sessions();
 }
 
+absl::StatusOr<LogLevel> Client::SetLogLevel(LogLevel level) {
+  v1::SetLogLevelRequest request;
+  request.set_level(ToProto(level));
+  EVPOSE_ASSIGN_OR_RETURN(const v1::SetLogLevelResponse response,
+                          impl_->Unary<v1::SetLogLevelResponse>([this, &request](auto* context, auto* answer) {
+                            return impl_->endpoint().admin->SetLogLevel(context, request, answer);
+                          }));
+  return FromProto(response.previous_level());
+}
+
 absl::StatusOr<ModelInfo> Client::UploadModel(absl::Span<const uint8_t> bytes, const UploadOptions& options) {
   absl::StatusOr<ModelInfo> model = TryUpload(bytes, options);
   // The server had it, and only at the end found that another one has deleted it: now it takes the bytes.

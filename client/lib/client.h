@@ -65,6 +65,8 @@ class Client {
   // The server leaves, after `timeout` at the latest; absent: after its own. Answers how many sessions have a stream
   // attached: those that it waits for.
   absl::StatusOr<uint32_t> Drain(std::optional<absl::Duration> timeout = std::nullopt);
+  // Of the server's log, until its process ends. Answers the level before.
+  absl::StatusOr<LogLevel> SetLogLevel(LogLevel level);
 
   absl::StatusOr<ModelInfo> UploadModel(absl::Span<const uint8_t> bytes, const UploadOptions& options);
   absl::StatusOr<ModelInfo> GetModel(const std::string& name);

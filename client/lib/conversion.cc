@@ -42,6 +42,14 @@ constexpr std::array<std::pair<InitializationStatus, v1::InitializationStatus>, 
     {InitializationStatus::kVerifying, v1::INITIALIZATION_STATUS_VERIFYING},
     {InitializationStatus::kAmbiguous, v1::INITIALIZATION_STATUS_AMBIGUOUS},
 }};
+constexpr std::array<std::pair<LogLevel, v1::LogLevel>, 5> kLogLevels = {{
+    {LogLevel::kDebug, v1::LOG_LEVEL_DEBUG},
+    {LogLevel::kInfo, v1::LOG_LEVEL_INFO},
+    {LogLevel::kWarning, v1::LOG_LEVEL_WARNING},
+    {LogLevel::kError, v1::LOG_LEVEL_ERROR},
+    {LogLevel::kOff, v1::LOG_LEVEL_OFF},
+}};
+
 constexpr std::array<std::pair<Estimator, v1::Estimator>, 10> kEstimators = {{
     {Estimator::kMixture, v1::ESTIMATOR_MIXTURE},
     {Estimator::kStaticLs, v1::ESTIMATOR_STATIC_LS},
@@ -282,9 +290,24 @@ v1::SessionConfig ToProto(const SessionConfig& config) {
   return message;
 }
 
+v1::LogLevel ToProto(LogLevel level) {
+  for (const auto& [ours, theirs] : kLogLevels) {
+    if (ours == level) return theirs;
+  }
+  return v1::LOG_LEVEL_UNSPECIFIED;
+}
+
+LogLevel FromProto(v1::LogLevel level) {
+  for (const auto& [ours, theirs] : kLogLevels) {
+    if (theirs == level) return ours;
+  }
+  return LogLevel::kOff;
+}
+
 ServerInfo FromProto(const v1::ServerInfo& message) {
   ServerInfo info;
   info.version = message.version();
+  info.commit = message.commit();
   info.store = message.store();
   info.active_sessions = message.active_sessions();
   info.max_sessions = message.max_sessions();

@@ -25,6 +25,8 @@ v1::RigidTransform ToProto(const RigidTransform& transform);
 
 google::protobuf::Duration ToProto(absl::Duration duration);
 ServerInfo FromProto(const v1::ServerInfo& message);
+v1::LogLevel ToProto(LogLevel level);
+LogLevel FromProto(v1::LogLevel level);  // kOff for one that a later server may have
 ModelInfo FromProto(const v1::Model& message);
 SessionHealth FromProto(const v1::SessionHealth& message);
 // Errors: INTERNAL naming the field that no server of ours would send.

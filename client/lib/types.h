@@ -18,8 +18,12 @@
 
 namespace evpose::client {
 
+// The least level of what a server writes into its log.
+enum class LogLevel { kDebug, kInfo, kWarning, kError, kOff };
+
 struct ServerInfo {
   std::string version;
+  std::string commit;  // that it was built of
   std::string store;
   uint32_t active_sessions = 0;
   uint32_t max_sessions = 0;

@@ -40,7 +40,8 @@ absl::StatusOr<std::unique_ptr<TlsFiles>> TlsFiles::Open(const TlsPaths& paths) 
   const Stamps stamps = files->ReadStamps();
   EVPOSE_ASSIGN_OR_RETURN(auto material, files->Read());
   if ((StampOf(paths.key).mode & (S_IRWXG | S_IRWXO) & ~S_IRGRP) != 0) {
-    ServerLog().warn("{} can be read by others: chmod 600 it", paths.key);
+    Log(LogLevel::kWarning, "key_exposed",
+        {{"file", paths.key}, {"message", "it can be read by others: chmod 600 it"}});
   }
   const std::lock_guard lock(files->mutex_);
   files->stamps_ = stamps;
@@ -73,11 +74,11 @@ std::shared_ptr<const TlsMaterial> TlsFiles::Current() {
   stamps_ = stamps;
   auto material = Read();
   if (material.ok()) {
-    ServerLog().info("{} or what belongs to it has changed: new connections use it", paths_.certificate);
+    Log(LogLevel::kInfo, "certificates_read", {{"file", paths_.certificate}});
     material_ = *std::move(material);
   } else {
-    ServerLog().error("certificates are not read again, the old ones stay in use: {}",
-                      std::string(material.status().message()));
+    Log(LogLevel::kError, "certificates_not_read",
+        {{"message", absl::StrCat("the old ones stay in use: ", material.status().message())}});
   }
   return material_;
 }

@@ -141,10 +141,11 @@ absl::StatusOr<std::unique_ptr<TokenFile>> TokenFile::Open(const std::string& pa
   std::unique_ptr<TokenFile> file(new TokenFile(path));
   const FileStamp stamp = StampOf(path);
   EVPOSE_ASSIGN_OR_RETURN(TokenTable table, file->Read());
-  if ((stamp.mode & (S_IRGRP | S_IROTH | S_IWGRP | S_IWOTH)) != 0) {
-    ServerLog().warn("{} can be read or written by others: chmod 600 it", path);
+  if ((stamp.mode & (S_IWGRP | S_IROTH | S_IWOTH)) != 0) {
+    Log(LogLevel::kWarning, "token_file_exposed",
+        {{"file", path}, {"message", "others can read it, or more than its owner write it: chmod 600 it"}});
   }
-  ServerLog().info("{}: {} token(s)", path, table.size());
+  Log(LogLevel::kInfo, "tokens_read", {{"file", path}, {"tokens", table.size()}});
   const std::lock_guard lock(file->mutex_);
   file->stamp_ = stamp;
   file->table_ = std::make_shared<const TokenTable>(std::move(table));
@@ -163,10 +164,11 @@ void TokenFile::Refresh() {
   stamp_ = stamp;
   absl::StatusOr<TokenTable> table = Read();
   if (!table.ok()) {
-    ServerLog().error("tokens are not read again, the old ones stay in force: {}", View(table.status().message()));
+    Log(LogLevel::kError, "tokens_not_read",
+        {{"message", absl::StrCat("the old ones stay in force: ", table.status().message())}});
     return;
   }
-  ServerLog().info("{} has changed: {} token(s) in force", path_, table->size());
+  Log(LogLevel::kInfo, "tokens_read", {{"file", path_}, {"tokens", table->size()}});
   table_ = std::make_shared<const TokenTable>(*std::move(table));
 }
 

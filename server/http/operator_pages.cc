@@ -19,8 +19,8 @@ HttpPage Starting() { return NotReady("the server is starting: it takes up what 
 }  // namespace
 
 absl::StatusOr<std::unique_ptr<OperatorPages>> OperatorPages::Start(const std::string& listen_address,
-                                                                    std::string version) {
-  std::unique_ptr<OperatorPages> pages(new OperatorPages(std::move(version)));
+                                                                    BuildVersion build) {
+  std::unique_ptr<OperatorPages> pages(new OperatorPages(std::move(build)));
   const HttpServer::Pages made = {
       {"/metrics", [pages = pages.get()] { return pages->Metrics(); }},
       {"/healthz", [] { return HttpPage{.body = "alive\n"}; }},
@@ -43,7 +43,7 @@ const Server* OperatorPages::server() const {
 HttpPage OperatorPages::Metrics() const {
   const Server* const shown = server();
   if (shown == nullptr) return Starting();
-  return {.content_type = kPrometheusContentType, .body = PrometheusText(shown->metrics(), shown->state(), version_)};
+  return {.content_type = kPrometheusContentType, .body = PrometheusText(shown->metrics(), shown->state(), build_)};
 }
 
 HttpPage OperatorPages::Readiness() const {

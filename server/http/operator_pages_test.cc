@@ -24,7 +24,7 @@ class OperatorPagesTest : public RpcTest {
     options.max_sessions = 64;
     server_ = StartServer(options, FakeTrackers(gate_), std::make_unique<TroubledStore>(store_, trouble_)).value();
     Use(server_->InProcessChannel());
-    pages_ = OperatorPages::Start("127.0.0.1:0", "1.2.3").value();
+    pages_ = OperatorPages::Start("127.0.0.1:0", {"1.2.3", "abc1234"}).value();
     pages_->Show(*server_);
   }
   ~OperatorPagesTest() override { pages_.reset(); }  // before the server
@@ -48,7 +48,7 @@ class OperatorPagesTest : public RpcTest {
 };
 
 TEST_F(OperatorPagesTest, AServerThatStartsLivesAndIsNotReady) {
-  const auto pages = OperatorPages::Start("127.0.0.1:0", "1.2.3").value();
+  const auto pages = OperatorPages::Start("127.0.0.1:0", {"1.2.3", "abc1234"}).value();
   EXPECT_EQ(Ask(pages->port(), "/healthz").status, 200);
   EXPECT_EQ(Ask(pages->port(), "/readyz").status, 503);
   EXPECT_THAT(Ask(pages->port(), "/readyz").body, testing::MatchesRegex("the server is starting[^\n]*\n"));

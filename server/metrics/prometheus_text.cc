@@ -90,9 +90,9 @@ class Families {
   std::vector<MetricFamily> families_;
 };
 
-void AddState(const ServerState& state, absl::string_view version, Families& families) {
+void AddState(const ServerState& state, const BuildVersion& build, Families& families) {
   families.Begin("evpose_build_info", MetricType::Gauge, "1; what runs here is in the labels.");
-  families.Value(1.0, {{"version", std::string(version)}});
+  families.Value(1.0, {{"version", build.version}, {"commit", build.commit}});
   families.AddGauge("evpose_ready", "1 while the server takes sessions, as /readyz says; else 0.",
                     state.readiness.ok() ? 1.0 : 0.0);
   families.AddGauge("evpose_workers", "Threads that decode and track.", state.num_workers);
@@ -202,9 +202,9 @@ void AddCalls(const ServerMetrics& metrics, Families& families) {
 
 }  // namespace
 
-std::string PrometheusText(const ServerMetrics& metrics, const ServerState& state, absl::string_view version) {
+std::string PrometheusText(const ServerMetrics& metrics, const ServerState& state, const BuildVersion& build) {
   Families families;
-  AddState(state, version, families);
+  AddState(state, build, families);
   AddEvents(metrics, families);
   AddTracking(metrics, families);
   AddCalls(metrics, families);

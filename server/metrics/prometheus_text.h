@@ -3,7 +3,7 @@
 
 #include <string>
 
-#include "absl/strings/string_view.h"
+#include "core/base/version.h"
 #include "server/sessions/metrics.h"
 
 namespace evpose::server {
@@ -11,6 +11,6 @@ namespace evpose::server {
 inline constexpr char kPrometheusContentType[] = "text/plain; version=0.0.4; charset=utf-8";
 
 // No label is of sessions, tenants or peers: the number of lines does not depend on who uses the server.
-std::string PrometheusText(const ServerMetrics& metrics, const ServerState& state, absl::string_view version);
+std::string PrometheusText(const ServerMetrics& metrics, const ServerState& state, const BuildVersion& build);
 
 }  // namespace evpose::server

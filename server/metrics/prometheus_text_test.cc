@@ -15,9 +15,11 @@ namespace {
 
 using std::chrono::microseconds;
 
+const BuildVersion kBuild = {"1.2.3", "abc1234"};
+
 // As Prometheus's guide wants them: our prefix, base units, "_total" for counters and for nothing else.
 TEST(PrometheusTextTest, NamesTypesAndHelpsAreInOrder) {
-  const ParsedMetrics parsed = ParseMetrics(PrometheusText(ServerMetrics(), ServerState(), "1.2.3"));
+  const ParsedMetrics parsed = ParseMetrics(PrometheusText(ServerMetrics(), ServerState(), kBuild));
   EXPECT_GT(parsed.types.size(), 25u);
   for (const auto& [name, type] : parsed.types) {
     EXPECT_TRUE(absl::StartsWith(name, "evpose_")) << name;
@@ -31,12 +33,12 @@ TEST(PrometheusTextTest, NamesTypesAndHelpsAreInOrder) {
 }
 
 TEST(PrometheusTextTest, AFreshServerHasEverySeriesAtZero) {
-  const ParsedMetrics parsed = ParseMetrics(PrometheusText(ServerMetrics(), ServerState(), "1.2.3"));
+  const ParsedMetrics parsed = ParseMetrics(PrometheusText(ServerMetrics(), ServerState(), kBuild));
   for (const auto& [series, value] : parsed.values) {
     const bool is_told = absl::StartsWith(series, "evpose_build_info") || series == "evpose_ready";
     EXPECT_EQ(value, is_told ? 1.0 : 0.0) << series;
   }
-  EXPECT_EQ(parsed.At("evpose_build_info{version=\"1.2.3\"}"), 1.0);
+  EXPECT_EQ(parsed.At("evpose_build_info{version=\"1.2.3\",commit=\"abc1234\"}"), 1.0);
 }
 
 TEST(PrometheusTextTest, EveryCounterStandsInItsOwnSeries) {
@@ -88,7 +90,7 @@ TEST(PrometheusTextTest, EveryCounterStandsInItsOwnSeries) {
   }
   count(metrics.quota_delays, "evpose_quota_delays_total");
 
-  const ParsedMetrics parsed = ParseMetrics(PrometheusText(metrics, ServerState(), "1"));
+  const ParsedMetrics parsed = ParseMetrics(PrometheusText(metrics, ServerState(), kBuild));
   for (const auto& [series, value] : expected) EXPECT_NEAR(parsed.At(series), value, 1e-9 * value) << series;
   size_t num_counters = 0;
   for (const auto& [series, value] : parsed.values) {
@@ -101,7 +103,7 @@ TEST(PrometheusTextTest, EveryCounterStandsInItsOwnSeries) {
 TEST(PrometheusTextTest, LargeCountsKeepTheirDigits) {
   ServerMetrics metrics;
   metrics.decoded_events.Add(9'007'199'254'740'991);  // the last that a double has
-  EXPECT_THAT(PrometheusText(metrics, ServerState(), "1"),
+  EXPECT_THAT(PrometheusText(metrics, ServerState(), kBuild),
               testing::HasSubstr("\nevpose_events_decoded_total 9007199254740991\n"));
 }
 
@@ -109,7 +111,7 @@ TEST(PrometheusTextTest, HistogramsAreCumulativeAndAddUp) {
   ServerMetrics metrics;
   const int64_t durations_us[] = {-3, 10, 11, 250, 251, 999'999, 10'000'000, 10'000'001, 60'000'000};
   for (const int64_t duration_us : durations_us) metrics.pose_latency.Add(microseconds(duration_us));
-  const ParsedMetrics parsed = ParseMetrics(PrometheusText(metrics, ServerState(), "1"));
+  const ParsedMetrics parsed = ParseMetrics(PrometheusText(metrics, ServerState(), kBuild));
   const auto bucket = [&parsed](const std::string& bound) {
     return parsed.At(absl::StrCat("evpose_pose_latency_seconds_bucket{le=\"", bound, "\"}"));
   };
@@ -136,7 +138,7 @@ TEST(PrometheusTextTest, EveryHistogramStandsInItsOwnFamily) {
     ++times;
     for (int i = 0; i < times; ++i) histogram->Add(microseconds(1));
   }
-  const ParsedMetrics parsed = ParseMetrics(PrometheusText(metrics, ServerState(), "1"));
+  const ParsedMetrics parsed = ParseMetrics(PrometheusText(metrics, ServerState(), kBuild));
   times = 0;
   for (const auto& [histogram, name] : histograms) EXPECT_EQ(parsed.At(absl::StrCat(name, "_count")), ++times) << name;
 }
@@ -153,7 +155,7 @@ TEST(PrometheusTextTest, GaugesTellTheState) {
   state.max_sessions = 10;
   state.num_workers = 11;
   state.readiness = absl::UnavailableError("secret");
-  const std::string text = PrometheusText(ServerMetrics(), state, "1");
+  const std::string text = PrometheusText(ServerMetrics(), state, kBuild);
   const ParsedMetrics parsed = ParseMetrics(text);
   EXPECT_EQ(parsed.At("evpose_sessions{state=\"attached\"}"), 1.0);
   EXPECT_EQ(parsed.At("evpose_sessions{state=\"detached\"}"), 2.0);

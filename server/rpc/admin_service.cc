@@ -1,18 +1,61 @@
 #include "server/rpc/admin_service.h"
 
 #include <string>
+#include <utility>
 
+#include "absl/strings/str_cat.h"
+#include "core/base/status_macros.h"
+#include "core/base/version.h"
 #include "server/rpc/authentication.h"
 #include "server/rpc/conversion.h"
 #include "server/sessions/errors.h"
+#include "server/sessions/log.h"
 
 namespace evpose::server {
+namespace {
+
+absl::Status CheckIsOperator(const Caller& caller, absl::string_view deed) {
+  if (caller.is_operator) return absl::OkStatus();
+  return WithReason(absl::PermissionDeniedError(absl::StrCat("only an operator's token may ", deed)), "NOT_OPERATOR");
+}
+
+constexpr std::pair<LogLevel, v1::LogLevel> kLogLevels[] = {
+    {LogLevel::kDebug, v1::LOG_LEVEL_DEBUG},     {LogLevel::kInfo, v1::LOG_LEVEL_INFO},
+    {LogLevel::kWarning, v1::LOG_LEVEL_WARNING}, {LogLevel::kError, v1::LOG_LEVEL_ERROR},
+    {LogLevel::kOff, v1::LOG_LEVEL_OFF},
+};
+
+absl::StatusOr<LogLevel> FromProto(v1::LogLevel level) {
+  for (const auto& [ours, theirs] : kLogLevels) {
+    if (theirs == level) return ours;
+  }
+  return InvalidField("level", absl::StrCat("is ", level, "; 1 (debug) to 5 (off)"));
+}
+
+v1::LogLevel ToProto(LogLevel level) {
+  for (const auto& [ours, theirs] : kLogLevels) {
+    if (ours == level) return theirs;
+  }
+  return v1::LOG_LEVEL_UNSPECIFIED;
+}
+
+// The line stands in the log whichever of the two levels is the higher one.
+void ChangeLogLevel(const Caller& caller, LogLevel before, LogLevel after) {
+  if (after < before) SetLogLevel(after);
+  Log(LogLevel::kInfo, "log_level_changed",
+      {{"tenant", caller.tenant}, {"peer", caller.peer}, {"from", LogLevelName(before)}, {"to", LogLevelName(after)}});
+  SetLogLevel(after);
+}
+
+}  // namespace
 
 grpc::ServerUnaryReactor* AdminServiceImpl::GetServerInfo(grpc::CallbackServerContext* context,
                                                           const v1::GetServerInfoRequest*, v1::ServerInfo* response) {
   return AnswerUnary(services_.authenticator, context, [this, response](const Caller& caller) {
     const SessionManager::Options& options = services_.sessions.options();
-    response->set_version(EVPOSE_VERSION);
+    const BuildVersion build = ThisBuild();
+    response->set_version(build.version);
+    response->set_commit(build.commit);
     response->set_active_sessions(caller.is_operator ? services_.sessions.num_sessions()
                                                      : services_.sessions.num_sessions_of(caller.tenant));
     response->set_max_sessions(options.max_sessions);
@@ -30,15 +73,26 @@ grpc::ServerUnaryReactor* AdminServiceImpl::GetServerInfo(grpc::CallbackServerCo
 grpc::ServerUnaryReactor* AdminServiceImpl::Drain(grpc::CallbackServerContext* context, const v1::DrainRequest* request,
                                                   v1::DrainResponse* response) {
   return AnswerUnary(services_.authenticator, context, [this, request, response](const Caller& caller) -> absl::Status {
-    if (!caller.is_operator) {
-      return WithReason(absl::PermissionDeniedError("only an operator's token may drain the server"), "NOT_OPERATOR");
-    }
+    EVPOSE_RETURN_IF_ERROR(CheckIsOperator(caller, "drain the server"));
     const absl::Duration deadline = request->has_timeout() ? FromProto(request->timeout()) : services_.drain_timeout;
     if (deadline < absl::ZeroDuration()) {
       return InvalidField("timeout", "is below 0; give the time that streams may take to finish");
     }
     services_.drainer.Drain(deadline);
     response->set_remaining_sessions(services_.sessions.num_attached());
+    return absl::OkStatus();
+  });
+}
+
+grpc::ServerUnaryReactor* AdminServiceImpl::SetLogLevel(grpc::CallbackServerContext* context,
+                                                        const v1::SetLogLevelRequest* request,
+                                                        v1::SetLogLevelResponse* response) {
+  return AnswerUnary(services_.authenticator, context, [request, response](const Caller& caller) -> absl::Status {
+    EVPOSE_RETURN_IF_ERROR(CheckIsOperator(caller, "change the log's level"));
+    EVPOSE_ASSIGN_OR_RETURN(const LogLevel level, FromProto(request->level()));
+    const LogLevel before = CurrentLogLevel();
+    response->set_previous_level(ToProto(before));
+    ChangeLogLevel(caller, before, level);
     return absl::OkStatus();
   });
 }

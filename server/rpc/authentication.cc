@@ -2,6 +2,8 @@
 
 #include <grpc/grpc_security_constants.h>
 
+#include "core/base/status_macros.h"
+
 namespace evpose::server {
 namespace {
 
@@ -17,7 +19,9 @@ absl::StatusOr<Caller> Authenticate(Authenticator& authenticator, const grpc::Se
   std::vector<grpc::string_ref> names;
   if (connection != nullptr) names = connection->FindPropertyValues(GRPC_X509_CN_PROPERTY_NAME);
   if (names.size() == 1) credentials.certificate_name = View(names.front());
-  return authenticator.Authenticate(credentials);
+  EVPOSE_ASSIGN_OR_RETURN(Caller caller, authenticator.Authenticate(credentials));
+  caller.peer = context.peer();
+  return caller;
 }
 
 }  // namespace evpose::server

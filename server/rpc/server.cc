@@ -291,7 +291,8 @@ class ServerImpl : public Server, public Drainer {
     streams_.EndAll(leaving);
     // The streams are over, or are as good as: what was processed is to survive, what was not is sent again.
     if (!sessions_.SettleAll(absl::Now() + kCallGrace)) {
-      ServerLog().warn("not all that was processed could be stored; clients that attach again send it again");
+      Log(LogLevel::kWarning, "not_all_durable",
+          {{"message", "not all that was processed could be stored; clients that attach again send it again"}});
     }
     sessions_.CloseAll(leaving);
     if (server_ != nullptr) {

@@ -7,6 +7,7 @@
 
 #include "absl/strings/escaping.h"
 #include "core/base/hash.h"
+#include "core/base/version.h"
 #include "grpc/health/v1/health.grpc.pb.h"
 #include "server/rpc/listen_address.h"
 #include "server/rpc/testing.h"
@@ -350,6 +351,7 @@ TEST_F(ServerTest, TellsOfItself) {
   EXPECT_EQ(info.session_expiry().seconds(), 600);
   EXPECT_FALSE(info.draining());
   EXPECT_NE(info.version(), "");
+  EXPECT_EQ(info.commit(), ThisBuild().commit);
 }
 
 TEST_F(ServerTest, DrainTellsTheStreamsAndWhoeverOwnsTheServer) {

@@ -19,14 +19,14 @@ namespace {
 
 constexpr size_t kMaxRequestIdBytes = 128;
 
-absl::StatusOr<std::shared_ptr<Session>> Create(SessionManager& sessions, const std::string& tenant,
+absl::StatusOr<std::shared_ptr<Session>> Create(SessionManager& sessions, const Caller& caller,
                                                 const v1::CreateSessionRequest& request) {
   if (request.request_id().size() > kMaxRequestIdBytes) {
     return InvalidField("request_id", absl::StrCat("has ", request.request_id().size(), " bytes; at most ",
                                                    kMaxRequestIdBytes, " are kept"));
   }
   EVPOSE_ASSIGN_OR_RETURN(const SessionConfig config, FromProto(request.config()));
-  return sessions.Create(tenant, config, request.request_id());
+  return sessions.Create(caller.tenant, config, request.request_id(), caller.peer);
 }
 
 // Ends the call with the session and its token. That of a session which came from the store is known to nobody but its
@@ -74,8 +74,8 @@ grpc::ServerUnaryReactor* SessionServiceImpl::CreateSession(grpc::CallbackServer
     return reactor;
   }
   // Making trackers takes too long for gRPC's threads, and for those that track.
-  services_.pool.PostSlow([this, request, response, reactor, tenant = caller->tenant] {
-    AnswerCreated(Create(services_.sessions, tenant, *request), services_.store, *response, *reactor);
+  services_.pool.PostSlow([this, request, response, reactor, asking = *caller] {
+    AnswerCreated(Create(services_.sessions, asking, *request), services_.store, *response, *reactor);
   });
   return reactor;
 }
@@ -107,7 +107,7 @@ grpc::ServerUnaryReactor* SessionServiceImpl::DeleteSession(grpc::CallbackServer
                                                             const v1::DeleteSessionRequest* request,
                                                             v1::DeleteSessionResponse*) {
   return AnswerSlowly(services_.authenticator, services_.pool, context, [this, request](const Caller& caller) {
-    return services_.sessions.Delete(caller.tenant, request->name());
+    return services_.sessions.Delete(caller.tenant, request->name(), caller.peer);
   });
 }
 

@@ -3,6 +3,7 @@
 #include <string>
 #include <utility>
 
+#include "absl/strings/str_cat.h"
 #include "server/sessions/log.h"
 
 namespace evpose::server {
@@ -47,10 +48,10 @@ void StoreCheck::Ask() {
   answer_ = health;
   if (has_changed) {
     if (health.ok()) {
-      ServerLog().info("the store answers again: health is SERVING");
+      Log(LogLevel::kInfo, "store_back", {{"message", "the store answers again: health is SERVING"}});
     } else {
-      ServerLog().warn("the store does not answer, health is NOT_SERVING until it does: {}",
-                       std::string(health.message()));
+      Log(LogLevel::kWarning, "store_away",
+          {{"message", absl::StrCat("health is NOT_SERVING until the store answers: ", health.message())}});
     }
     listener_(health.ok());
   }

@@ -20,7 +20,6 @@
 #include "server/rpc/status_mapping.h"
 #include "server/rpc/stream_registry.h"
 #include "server/sessions/errors.h"
-#include "server/sessions/log.h"
 #include "server/sessions/session.h"
 
 namespace evpose::server {
@@ -158,7 +157,11 @@ class TrackReactor : public grpc::ServerBidiReactor<v1::TrackRequest, v1::TrackR
     attach_ = attach;
     is_reading_ = false;
     is_attaching_ = false;
-    if (joined.ok()) TakeUp(*std::move(joined));
+    if (joined.ok()) {
+      TakeUp(*std::move(joined));
+    } else {
+      SessionLog(attach.session(), caller_->tenant).NotAttached(caller_->peer, joined.status());
+    }
     Fail(joined.status());
     Pump();
   }
@@ -176,10 +179,8 @@ class TrackReactor : public grpc::ServerBidiReactor<v1::TrackRequest, v1::TrackR
   absl::StatusOr<Joined> Join(const v1::Attach& attach, std::shared_ptr<Session> session) {
     EVPOSE_RETURN_IF_ERROR(services_.sessions.CheckNotDraining());
     // Without the lock: the stream that this one fences is told, and takes its own.
-    EVPOSE_ASSIGN_OR_RETURN(Attachment attachment,
-                            session->Attach(attach.resume_token(), attach.last_pose_seq(), weak_from_this()));
-    ServerLog().info("{} stream {} attached: chunk {} is next", session->name(), attachment.stream,
-                     attachment.next_seq);
+    EVPOSE_ASSIGN_OR_RETURN(Attachment attachment, session->Attach(attach.resume_token(), attach.last_pose_seq(),
+                                                                   weak_from_this(), caller_->peer));
     return Joined{std::move(session), std::move(attachment)};
   }
 
@@ -240,8 +241,7 @@ class TrackReactor : public grpc::ServerBidiReactor<v1::TrackRequest, v1::TrackR
   void LogOutcome() {
     const std::lock_guard lock(mutex_);
     if (session_ == nullptr) return;
-    ServerLog().info("{} stream {} is over: {}", session_->name(), stream_,
-                     failure_.ok() ? "finished" : std::string(failure_.message()));
+    session_->log().StreamEnded(caller_->peer, stream_, failure_);
   }
 
   // The first failure counts.

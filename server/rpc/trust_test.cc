@@ -19,8 +19,6 @@ namespace {
 using ::testing::HasSubstr;
 using ::testing::Not;
 
-CapturedLog captured_log;
-
 // Adds "authorization" to every call of a channel.
 class TokenInterceptor : public grpc::experimental::Interceptor {
  public:
@@ -153,6 +151,32 @@ TEST_F(TokensTest, OnlyAnOperatorDrains) {
   EXPECT_EQ(Health(channel_), "OK");
   (void)CreateSession();  // nothing has begun to leave
   EXPECT_EQ(drain(operator_), "OK");
+}
+
+TEST_F(TokensTest, OnlyAnOperatorSetsTheLogLevel) {
+  const auto set = [this](const NewToken& token, v1::LogLevel level, v1::SetLogLevelResponse& response) {
+    grpc::ClientContext context;
+    v1::SetLogLevelRequest request;
+    request.set_level(level);
+    return Describe(v1::AdminService::NewStub(OpenChannel(server_->port(), token.token))
+                        ->SetLogLevel(&context, request, &response));
+  };
+  v1::SetLogLevelResponse response;
+  SetLogLevel(LogLevel::kInfo);
+  EXPECT_EQ(set(lab_, v1::LOG_LEVEL_DEBUG, response), "PERMISSION_DENIED NOT_OPERATOR");
+  EXPECT_EQ(set(operator_, v1::LOG_LEVEL_UNSPECIFIED, response), "INVALID_ARGUMENT level");
+  EXPECT_EQ(set(operator_, static_cast<v1::LogLevel>(6), response), "INVALID_ARGUMENT level");
+  EXPECT_EQ(CurrentLogLevel(), LogLevel::kInfo);
+  captured_log.Take();
+  EXPECT_EQ(set(operator_, v1::LOG_LEVEL_OFF, response), "OK");
+  EXPECT_EQ(response.previous_level(), v1::LOG_LEVEL_INFO);
+  EXPECT_EQ(CurrentLogLevel(), LogLevel::kOff);
+  const std::string log = captured_log.Take();
+  EXPECT_THAT(log, HasSubstr("info log_level_changed tenant=admin peer="));
+  EXPECT_THAT(log, HasSubstr(" from=info to=off\n"));
+  EXPECT_EQ(set(operator_, v1::LOG_LEVEL_DEBUG, response), "OK");
+  EXPECT_EQ(response.previous_level(), v1::LOG_LEVEL_OFF);
+  EXPECT_THAT(captured_log.Take(), HasSubstr(" from=off to=debug\n"));
 }
 
 TEST_F(TokensTest, ATokenThatIsTakenAwayOpensNothingMore) {

@@ -13,7 +13,7 @@
 
 namespace evpose::server {
 
-// Takes the place of the log when it is made before the first line is written, once in a program: as a global object.
+// Takes the place of the log when it is made before the first line is written, once in a program.
 class CapturedLog {
  public:
   CapturedLog() {
@@ -37,5 +37,7 @@ class CapturedLog {
   std::ostringstream text_;
   std::shared_ptr<spdlog::sinks::sink> sink_;
 };
+
+inline CapturedLog captured_log;
 
 }  // namespace evpose::server

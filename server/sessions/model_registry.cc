@@ -73,7 +73,8 @@ absl::StatusOr<std::unique_ptr<ModelRegistry>> ModelRegistry::Create(const Optio
     auto entry =
         Load(record, registry->LoadingOptions({record.format, record.metres_per_unit, record.crease_angle_deg}));
     if (!entry.ok()) {
-      ServerLog().error("left out: stored {} cannot be loaded: {}", record.name, std::string(entry.status().message()));
+      Log(LogLevel::kError, "model_left_out",
+          {{"model", record.name}, {"tenant", record.tenant}, {"message", entry.status().message()}});
       continue;
     }
     registry->AddBytes(record.tenant, record.bytes->size());

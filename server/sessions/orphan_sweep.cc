@@ -3,7 +3,7 @@
 #include <utility>
 #include <vector>
 
-#include "server/sessions/log.h"
+#include "server/sessions/session_log.h"
 
 namespace evpose::server {
 
@@ -32,10 +32,11 @@ void OrphanSweep::Delete(const std::string& name, const std::string& lifecycle) 
   const auto taken = store_.TakeSession(name);
   if (!taken.ok() || taken->session.lifecycle != lifecycle) return;
   const absl::Status status = store_.DeleteHeldSession(name, taken->lease->fencing_number());
+  SessionLog log(name, taken->session.record.tenant);
   if (status.ok()) {
-    ServerLog().info("{} deleted: no server has it, and it has expired", name);
+    log.Deleted("", "no server has it, and it has expired", 0);
   } else if (!absl::IsAborted(status)) {
-    ServerLog().warn("{} expired but cannot be deleted in the store: {}", name, std::string(status.message()));
+    log.NotDeleted(status);
   }
 }
 

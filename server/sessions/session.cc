@@ -41,9 +41,10 @@ uint64_t Session::Item::seq() const {
 
 Session::Session(Parts parts, WorkerPool& pool)
     : name_(std::move(parts.name)),
+      log_(std::make_shared<SessionLog>(name_, std::move(parts.tenant))),
       config_(std::move(parts.config)),
       limits_(parts.limits),
-      committer_(std::make_shared<SessionCommitter>(name_, std::move(parts.lease), DurableAtBeginning(parts.beginning),
+      committer_(std::make_shared<SessionCommitter>(log_, std::move(parts.lease), DurableAtBeginning(parts.beginning),
                                                     pool, limits_.backoff, parts.metrics)),
       pose_log_(limits_.pose_log_capacity, FirstPoseSeq(parts.beginning)),
       now_(std::move(parts.now)),
@@ -111,11 +112,12 @@ int64_t Session::MicrosecondsSince(SteadyTime begin) const {
 }
 
 absl::StatusOr<Attachment> Session::Attach(absl::string_view resume_token, uint64_t last_pose_seq,
-                                           std::weak_ptr<SessionListener> listener) {
+                                           std::weak_ptr<SessionListener> listener, const std::string& peer) {
   EVPOSE_ASSIGN_OR_RETURN(std::string new_token, RandomHex128());
   std::string digest = TokenDigest(resume_token);
   std::shared_ptr<SessionListener> fenced;
   Attachment attachment;
+  bool is_taken_over = false;
   {
     const std::lock_guard lock(mutex_);
     EVPOSE_RETURN_IF_ERROR(closed_);
@@ -135,7 +137,7 @@ absl::StatusOr<Attachment> Session::Attach(absl::string_view resume_token, uint6
     ReplaceToken(std::move(new_token), std::move(digest));
     attach_lifecycle_ = lifecycle_number_;
     ++stream_;
-    is_attached_ = true;
+    is_taken_over = std::exchange(is_attached_, true);
     consumed_bytes_ = 0;
     received_bytes_ = 0;
     foreign_bytes_ = queued_bytes_;
@@ -146,6 +148,7 @@ absl::StatusOr<Attachment> Session::Attach(absl::string_view resume_token, uint6
     attachment = {stream_, next_seq_, resume_token_, SendLimit(), sent_pose_seq_ + 1};
     Schedule();
   }
+  log_->Attached(peer, attachment.stream, attachment.next_seq, is_taken_over);
   if (fenced != nullptr) fenced->OnSessionChanged();
   CommitLifecycle();
   return attachment;
@@ -440,6 +443,7 @@ std::optional<DecodeFault> Session::FindDecodeFault() const {
 void Session::Publish(bool item_is_done) {
   const uint64_t first_pose_seq = next_pose_seq_;
   const std::vector<StoredPose> poses = NumberPoses();
+  LogWork(item_is_done);
   pose_log_.Append(poses, FirstUncommittedPoseSeq());
   std::shared_ptr<SessionListener> stream_listener;
   std::unique_ptr<SessionPipeline> ended_pipeline;  // its memory goes after the lock

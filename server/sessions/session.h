@@ -25,6 +25,7 @@
 #include "server/sessions/pose_log.h"
 #include "server/sessions/session_committer.h"
 #include "server/sessions/session_config.h"
+#include "server/sessions/session_log.h"
 #include "server/sessions/session_pipeline.h"
 #include "server/sessions/session_state.h"
 #include "server/sessions/watchers.h"
@@ -141,6 +142,7 @@ class Session : public std::enable_shared_from_this<Session> {
 
   struct Parts {
     std::string name;
+    std::string tenant;
     SessionConfig config;
     SessionLimits limits;
     std::vector<std::shared_ptr<const void>> model_uses;  // let go when the session closes
@@ -158,6 +160,7 @@ class Session : public std::enable_shared_from_this<Session> {
   ~Session();
 
   const std::string& name() const { return name_; }
+  SessionLog& log() { return *log_; }
   const SessionConfig& config() const { return config_; }
   const SessionLimits& limits() const { return limits_; }
   absl::Time create_time() const { return create_time_; }
@@ -175,9 +178,9 @@ class Session : public std::enable_shared_from_this<Session> {
   void AddWatcher(std::weak_ptr<SessionListener> watcher) { watchers_->Add(std::move(watcher)); }
 
   // The data plane; statuses and reasons are those that the API promises for Track.
-  // Attaching fences the stream before: its view's status is ABORTED from now on.
+  // Attaching fences the stream before: its view's status is ABORTED from now on. `peer` is for the log.
   absl::StatusOr<Attachment> Attach(absl::string_view resume_token, uint64_t last_pose_seq,
-                                    std::weak_ptr<SessionListener> listener);
+                                    std::weak_ptr<SessionListener> listener, const std::string& peer = "");
   void Detach(uint64_t stream);
   // Shows in the store that a server has the session, while a stream is attached: see OrphanSweep.
   void Renew();
@@ -245,6 +248,7 @@ class Session : public std::enable_shared_from_this<Session> {
   int64_t QueueAge_us() const ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   // What has come since health_ was brought up to date (session_metrics.cc).
   void CountWork(const std::vector<StoredPose>& poses) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
+  void LogWork(bool item_is_done) const;  // on the strand
 
   // What is kept (session_checkpoint.cc).
   void ReplaceToken(std::string token, std::string previous_digest) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
@@ -273,6 +277,7 @@ class Session : public std::enable_shared_from_this<Session> {
   std::optional<DecodeFault> FindDecodeFault() const;
 
   const std::string name_;
+  const std::shared_ptr<SessionLog> log_;
   const SessionConfig config_;
   const SessionLimits limits_;
   const std::shared_ptr<SessionCommitter> committer_;

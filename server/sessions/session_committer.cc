@@ -4,13 +4,13 @@
 
 #include "absl/strings/str_cat.h"
 #include "server/sessions/errors.h"
-#include "server/sessions/log.h"
 
 namespace evpose::server {
 
-SessionCommitter::SessionCommitter(std::string session, std::unique_ptr<SessionLease> lease, const Progress& durable,
-                                   WorkerPool& pool, const Backoff& backoff, std::shared_ptr<ServerMetrics> metrics)
-    : session_(std::move(session)),
+SessionCommitter::SessionCommitter(std::shared_ptr<const SessionLog> log, std::unique_ptr<SessionLease> lease,
+                                   const Progress& durable, WorkerPool& pool, const Backoff& backoff,
+                                   std::shared_ptr<ServerMetrics> metrics)
+    : log_(std::move(log)),
       lease_(std::move(lease)),
       pool_(pool),
       backoff_(backoff),
@@ -104,10 +104,7 @@ void SessionCommitter::OnDone(const absl::Status& status) {
     if (status.ok()) {
       RecordDone();
     } else if (absl::IsUnavailable(status)) {
-      if (!progress_.store_is_away) {
-        ServerLog().warn("{}: the store is away, what is to be kept waits: {}", session_,
-                         std::string(status.message()));
-      }
+      if (!progress_.store_is_away) log_->StoreAway(status);
       progress_.store_is_away = true;
       RetryLater();
     } else if (progress_.failure.ok()) {
@@ -120,7 +117,7 @@ void SessionCommitter::OnDone(const absl::Status& status) {
 }
 
 void SessionCommitter::RecordDone() {
-  if (progress_.store_is_away) ServerLog().info("{}: the store is back", session_);
+  if (progress_.store_is_away) log_->StoreBack();
   progress_.store_is_away = false;
   retry_after_ = backoff_.first;
   progress_.lifecycle = std::max(progress_.lifecycle, in_flight_.lifecycle);
@@ -168,22 +165,23 @@ void SessionCommitter::CountFailure(const absl::Status& status) {
 }
 
 absl::Status SessionCommitter::FailureOf(const absl::Status& status) const {
+  const std::string& session = log_->session();
   switch (status.code()) {
     case absl::StatusCode::kAborted:
-      return WithReason(absl::AbortedError(absl::StrCat("another server has taken ", session_)), "FENCED");
+      return WithReason(absl::AbortedError(absl::StrCat("another server has taken ", session)), "FENCED");
     case absl::StatusCode::kNotFound:
-      return WithReason(absl::NotFoundError(absl::StrCat(session_, " was deleted")), "SESSION_DELETED",
-                        {{"session", session_}});
+      return WithReason(absl::NotFoundError(absl::StrCat(session, " was deleted")), "SESSION_DELETED",
+                        {{"session", session}});
     case absl::StatusCode::kResourceExhausted:
       return WithReason(absl::ResourceExhaustedError(
-                            absl::StrCat("the store has no room for ", session_, ": ", status.message(),
+                            absl::StrCat("the store has no room for ", session, ": ", status.message(),
                                          "; what was acknowledged as durable is kept: make room, then attach again")),
                         "STORE_FULL");
     case absl::StatusCode::kCancelled:
       return WithReason(absl::UnavailableError("the server has left"), "DRAINING");
     default:
       return WithReason(
-          absl::InternalError(absl::StrCat("the store took nothing of ", session_, ": ", status.message())),
+          absl::InternalError(absl::StrCat("the store took nothing of ", session, ": ", status.message())),
           "STORE_FAILED");
   }
 }

@@ -15,6 +15,7 @@
 #include "absl/status/status.h"
 #include "absl/time/time.h"
 #include "server/sessions/metrics.h"
+#include "server/sessions/session_log.h"
 #include "server/sessions/worker_pool.h"
 #include "server/stores/store.h"
 
@@ -52,8 +53,8 @@ class SessionCommitter : public std::enable_shared_from_this<SessionCommitter> {
   };
 
   // `durable`: what the store has already.
-  SessionCommitter(std::string session, std::unique_ptr<SessionLease> lease, const Progress& durable, WorkerPool& pool,
-                   const Backoff& backoff, std::shared_ptr<ServerMetrics> metrics);
+  SessionCommitter(std::shared_ptr<const SessionLog> log, std::unique_ptr<SessionLease> lease, const Progress& durable,
+                   WorkerPool& pool, const Backoff& backoff, std::shared_ptr<ServerMetrics> metrics);
   // The lock shows to tools that all calls are over.
   ~SessionCommitter() { const std::lock_guard lock(mutex_); }
 
@@ -94,7 +95,7 @@ class SessionCommitter : public std::enable_shared_from_this<SessionCommitter> {
   absl::Status FailureOf(const absl::Status& status) const;
   void CountFailure(const absl::Status& status) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
 
-  const std::string session_;
+  const std::shared_ptr<const SessionLog> log_;
   const std::unique_ptr<SessionLease> lease_;
   WorkerPool& pool_;
   const Backoff backoff_;

@@ -68,7 +68,7 @@ class SessionCommitterTest : public testing::Test {
   WorkerPool pool_{1};
   const std::shared_ptr<ServerMetrics> metrics_ = std::make_shared<ServerMetrics>();
   const std::shared_ptr<SessionCommitter> committer_ = std::make_shared<SessionCommitter>(
-      "sessions/test", std::make_unique<TestLease>(commits_), Progress(), pool_,
+      std::make_shared<SessionLog>("sessions/test", ""), std::make_unique<TestLease>(commits_), Progress(), pool_,
       SessionCommitter::Backoff{.first = absl::Microseconds(1), .longest = absl::Microseconds(10)}, metrics_);
 };
 
@@ -144,8 +144,9 @@ TEST_F(SessionCommitterTest, EveryEndHasItsReason) {
   };
   for (const auto& [answer, reason] : cases) {
     const auto commits = std::make_shared<TestLease::Commits>();
-    const auto committer = std::make_shared<SessionCommitter>("sessions/a", std::make_unique<TestLease>(commits),
-                                                              Progress(), pool_, SessionCommitter::Backoff(), metrics_);
+    const auto committer = std::make_shared<SessionCommitter>(std::make_shared<SessionLog>("sessions/a", ""),
+                                                              std::make_unique<TestLease>(commits), Progress(), pool_,
+                                                              SessionCommitter::Backoff(), metrics_);
     committer->CommitCheckpoint(State("x", 1, 1, 10));
     committer->CommitLifecycle(2, "y");
     SessionLease::Done done = std::move(commits->waiting.front().second);

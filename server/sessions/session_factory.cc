@@ -107,6 +107,7 @@ absl::StatusOr<std::shared_ptr<Session>> SessionFactory::MakeNew(const std::stri
   EVPOSE_ASSIGN_OR_RETURN(const std::string id, RandomHex128());
   EVPOSE_ASSIGN_OR_RETURN(parts.resume_token, RandomHex128());
   parts.name = absl::StrCat("sessions/", id);
+  parts.tenant = tenant;
   parts.config = config;
   parts.limits = options_.limits;
   parts.model_uses = std::move(models->uses);
@@ -169,6 +170,7 @@ absl::StatusOr<std::shared_ptr<Session>> SessionFactory::Restore(StoredSession s
     parts.beginning.checkpoint->pipeline.clear();
   }
   parts.name = stored.record.name;
+  parts.tenant = stored.record.tenant;
   parts.limits = options_.limits;
   parts.lease = std::move(lease);
   parts.create_time = stored.record.create_time;

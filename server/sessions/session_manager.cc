@@ -64,7 +64,8 @@ SessionManager::SessionManager(const Options& options, Store& store, ModelRegist
 SessionManager::~SessionManager() { const std::lock_guard lock(mutex_); }
 
 absl::StatusOr<std::shared_ptr<Session>> SessionManager::Create(const std::string& tenant, const SessionConfig& config,
-                                                                const std::string& request_id) {
+                                                                const std::string& request_id,
+                                                                const std::string& peer) {
   EVPOSE_RETURN_IF_ERROR(config.Validate());
   DeleteExpired();
   const Request request(tenant, request_id);
@@ -78,8 +79,7 @@ absl::StatusOr<std::shared_ptr<Session>> SessionManager::Create(const std::strin
   GiveSlotBack(tenant);
   if (!session.ok()) return session.status();
   Insert(*session, request);
-  ServerLog().info("{} created: {}, {}x{}, {} object(s)", (*session)->name(), EncodingName(config.encoding),
-                   config.camera.width_px, config.camera.height_px, config.objects.size());
+  (*session)->log().Created(peer, config);
   return session;
 }
 
@@ -157,18 +157,18 @@ void SessionManager::Insert(const std::shared_ptr<Session>& session, const Reque
 }
 
 absl::Status SessionManager::RestoreAll() {
-  for (const std::string& damage : store_.damage()) ServerLog().error("left out: {}", damage);
+  for (const std::string& damage : store_.damage()) Log(LogLevel::kError, "store_damage", {{"message", damage}});
   if (options_.shares_store) return absl::OkStatus();
   EVPOSE_ASSIGN_OR_RETURN(const std::vector<SessionRecord> records, store_.ListSessions());
   for (const SessionRecord& record : records) {
     const auto session = Take(record.name);
     if (session.ok()) {
       const WatchView view = (*session)->Watch();
-      ServerLog().info("{} restored: {} poses{}", record.name, view.last_pose_seq, view.ended ? ", ended" : "");
+      (*session)->log().Resumed(view.last_pose_seq, view.ended);
     } else if (absl::IsUnavailable(session.status())) {
       return session.status();
     } else {
-      ServerLog().error("left out: {}", std::string(session.status().message()));
+      SessionLog(record.name, record.tenant).NotResumed(session.status());
     }
   }
   return absl::OkStatus();
@@ -236,7 +236,8 @@ absl::StatusOr<std::shared_ptr<Session>> SessionManager::TakeForAttach(const std
   }
   auto taken = Take(name);
   if (!taken.ok()) return taken;
-  ServerLog().info("{} taken from the store: {} poses", name, (*taken)->Watch().last_pose_seq);
+  const WatchView view = (*taken)->Watch();
+  (*taken)->log().Resumed(view.last_pose_seq, view.ended);
   if (here != nullptr) {
     here->Close(WithReason(absl::AbortedError(absl::StrCat("another stream has attached to ", name)), "FENCED"));
   }
@@ -279,7 +280,7 @@ absl::StatusOr<std::vector<SessionInfo>> SessionManager::List(const std::string&
   return sessions;
 }
 
-absl::Status SessionManager::Delete(const std::string& tenant, const std::string& name) {
+absl::Status SessionManager::Delete(const std::string& tenant, const std::string& name, const std::string& peer) {
   Entry removed;
   {
     const std::lock_guard lock(mutex_);
@@ -290,17 +291,21 @@ absl::Status SessionManager::Delete(const std::string& tenant, const std::string
       sessions_.erase(found);
     }
   }
-  if (removed.session == nullptr) return DeleteStored(tenant, name);
-  CloseRemoved(removed, "was deleted");
+  if (removed.session == nullptr) return DeleteStored(tenant, name, peer);
+  removed.session->log().Deleted(peer, "request", CloseRemoved(removed, "was deleted"));
   return FromStore(store_.DeleteSession(name));
 }
 
-absl::Status SessionManager::DeleteStored(const std::string& tenant, const std::string& name) {
+absl::Status SessionManager::DeleteStored(const std::string& tenant, const std::string& name, const std::string& peer) {
   const auto stored = factory_.Read(name);
   if (absl::IsNotFound(stored.status()) || (stored.ok() && stored->record.tenant != tenant)) return absl::OkStatus();
   // Whose a damaged one is cannot be told; who knows its name, which nobody can guess, may delete it.
   if (!stored.ok() && !absl::IsDataLoss(stored.status())) return stored.status();
-  return FromStore(store_.DeleteSession(name));
+  const absl::Status deleted = FromStore(store_.DeleteSession(name));
+  if (deleted.ok()) {
+    SessionLog(name, tenant).Deleted(peer, "request", stored.ok() ? stored->info.snapshot.health.poses : 0);
+  }
+  return deleted;
 }
 
 void SessionManager::DeleteExpired() {
@@ -322,15 +327,16 @@ void SessionManager::DeleteExpired() {
     }
   }
   for (const Entry& entry : expired) {
-    CloseRemoved(entry, "expired");
+    entry.session->log().Expired(CloseRemoved(entry, "expired"));
     // Not here: callers may not wait for the store. Its client may be at another server, of which nothing is heard here
     // as long as nothing is written: there it lives on.
-    pool_.PostSlow([this, name = entry.session->name(), fencing_number = entry.session->fencing_number()] {
+    pool_.PostSlow([this, name = entry.session->name(), tenant = entry.tenant(),
+                    fencing_number = entry.session->fencing_number()] {
       const absl::Status status = store_.DeleteHeldSession(name, fencing_number);
       if (absl::IsAborted(status)) {
-        ServerLog().info("{} lives on at another server", name);
+        SessionLog(name, tenant).LivesElsewhere();
       } else if (!status.ok()) {
-        ServerLog().warn("{} expired but cannot be deleted in the store: {}", name, std::string(status.message()));
+        SessionLog(name, tenant).NotDeleted(status);
       }
     });
   }
@@ -344,7 +350,7 @@ void SessionManager::DeleteEndedNow() {
   // Those of this server go when they expire: this is for what no server has, and for what had to make room.
   const auto names = store_.DeleteEnded(options_.now() - 2 * options_.limits.expiry);
   if (!names.ok()) {
-    ServerLog().warn("the store cannot delete ended sessions: {}", std::string(names.status().message()));
+    Log(LogLevel::kWarning, "ended_sessions_not_deleted", {{"message", names.status().message()}});
     return;
   }
   for (const std::string& name : *names) {
@@ -357,7 +363,7 @@ void SessionManager::DeleteEndedNow() {
       removed = std::move(found->second);
       sessions_.erase(found);
     }
-    CloseRemoved(removed, "was deleted to make room");
+    removed.session->log().Deleted("", "room", CloseRemoved(removed, "was deleted to make room"));
   }
 }
 
@@ -373,11 +379,11 @@ bool SessionManager::IsHere(const std::string& name) const {
   return sessions_.contains(name);
 }
 
-void SessionManager::CloseRemoved(const Entry& entry, const char* reason) {
+uint64_t SessionManager::CloseRemoved(const Entry& entry, const char* reason) {
   const std::string& name = entry.session->name();
   entry.session->Close(
       WithReason(absl::NotFoundError(absl::StrCat(name, " ", reason)), "SESSION_DELETED", {{"session", name}}));
-  ServerLog().info("{} {}: {} poses", name, reason, entry.session->Watch().last_pose_seq);
+  return entry.session->Watch().last_pose_seq;
 }
 
 void SessionManager::Drain() {
@@ -411,7 +417,10 @@ bool SessionManager::SettleAll(absl::Time deadline) {
 }
 
 void SessionManager::CloseAll(const absl::Status& status) {
-  for (const auto& session : Sessions()) session->Close(status);
+  for (const auto& session : Sessions()) {
+    session->log().Drained(session->Watch().last_pose_seq, session->IsSettled());
+    session->Close(status);
+  }
 }
 
 uint32_t SessionManager::num_sessions() const {

@@ -45,11 +45,11 @@ class SessionManager {
   SessionManager(const Options& options, Store& store, ModelRegistry& models, WorkerPool& pool);
   ~SessionManager();
 
-  // Idempotent per tenant and `request_id` unless that is empty. Slow: makes the trackers. Errors: INVALID_ARGUMENT
-  // with the field, NOT_FOUND (MODEL_NOT_FOUND), ALREADY_EXISTS (REQUEST_ID_REUSED), RESOURCE_EXHAUSTED
-  // (TOO_MANY_SESSIONS, TENANT_QUOTA), UNAVAILABLE (DRAINING).
+  // Idempotent per tenant and `request_id` unless that is empty. Peers are for the log. Slow: makes the trackers.
+  // Errors: INVALID_ARGUMENT with the field, NOT_FOUND (MODEL_NOT_FOUND), ALREADY_EXISTS (REQUEST_ID_REUSED),
+  // RESOURCE_EXHAUSTED (TOO_MANY_SESSIONS, TENANT_QUOTA), UNAVAILABLE (DRAINING).
   absl::StatusOr<std::shared_ptr<Session>> Create(const std::string& tenant, const SessionConfig& config,
-                                                  const std::string& request_id);
+                                                  const std::string& request_id, const std::string& peer = "");
   // Takes up all sessions that the store has, unless it is shared; names in the log those that are damaged, which stay
   // in the store. Before anything else. Errors: those of the store.
   absl::Status RestoreAll();
@@ -74,7 +74,7 @@ class SessionManager {
   absl::StatusOr<std::vector<SessionInfo>> List(const std::string& tenant, absl::string_view after_name,
                                                 size_t max_sessions);
   // Deleting what is not there is OK.
-  absl::Status Delete(const std::string& tenant, const std::string& name);
+  absl::Status Delete(const std::string& tenant, const std::string& name, const std::string& peer = "");
   // Deletes the sessions whose time is over. The other calls do so, too, before they look.
   void DeleteExpired();
   // Has the store delete what ended long ago, and what must make room, some time soon.
@@ -121,13 +121,13 @@ class SessionManager {
   // Null when it is not here, or is closed.
   std::shared_ptr<Session> FindOpen(const std::string& tenant, absl::string_view name);
   std::vector<std::shared_ptr<Session>> Sessions() const;
-  absl::Status DeleteStored(const std::string& tenant, const std::string& name);
+  absl::Status DeleteStored(const std::string& tenant, const std::string& name, const std::string& peer);
   absl::StatusOr<std::shared_ptr<Session>> Take(const std::string& name);
   void Insert(const std::shared_ptr<Session>& session, const Request& request) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   uint32_t CountSessions(const std::string& tenant) const ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   void GiveSlotBack(const std::string& tenant) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   void DeleteEndedNow();
-  static void CloseRemoved(const Entry& entry, const char* reason);
+  static uint64_t CloseRemoved(const Entry& entry, const char* reason);  // how many poses it made
 
   const Options options_;
   Store& store_;

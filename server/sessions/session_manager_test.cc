@@ -5,6 +5,7 @@
 
 #include "absl/strings/str_replace.h"
 #include "server/sessions/errors.h"
+#include "server/sessions/log_testing.h"
 #include "server/sessions/store_testing.h"
 #include "server/sessions/testing.h"
 #include "server/stores/memory_store.h"
@@ -147,8 +148,11 @@ TEST_F(SessionManagerTest, DeletesSessionsWhoseTimeIsOver) {
   now_ += absl::Seconds(59);
   EXPECT_TRUE(sessions_->Get("", session->name()).ok());
   now_ += absl::Seconds(2);
+  captured_log.Take();
   EXPECT_FALSE(sessions_->Get("", session->name()).ok());
   EXPECT_TRUE(sessions_->Get("", attached->name()).ok());
+  EXPECT_EQ(captured_log.Take(),
+            "info session_expired session=" + session->name() + " tenant=\"\" peer=\"\" poses=0\n");
   EXPECT_THAT(std::string(session->Watch().status.message()), testing::HasSubstr("expired"));
 }
 

@@ -1,4 +1,4 @@
-// What a session counts of its work, and what it adds to the totals of its server.
+// What a session counts and logs of its work, and what it adds to the totals of its server.
 #include <algorithm>
 #include <mutex>
 
@@ -54,6 +54,18 @@ void Session::CountWork(const std::vector<StoredPose>& poses) {
     const bool is_found = HasPose(change.state) && !HasPose(change.state_before);
     if (is_found && tracker.losses(change.object_index) > 0) metrics_->reinitializations.Add();
   }
+}
+
+void Session::LogWork(bool item_is_done) const {
+  for (const ObjectStateChange& change : output_.state_changes) {
+    const std::string& object_id = config_.objects[change.object_index].object_id;
+    if (change.state == TrackState::kLost) {
+      log_->ObjectLost(object_id, change.t_us);
+    } else if (HasPose(change.state) && !HasPose(change.state_before)) {
+      log_->ObjectFound(object_id, change.t_us, pipeline_->tracker().losses(change.object_index) > 0);
+    }
+  }
+  if (item_is_done && std::holds_alternative<End>(item_->what)) log_->Ended(next_pose_seq_ - 1);
 }
 
 }  // namespace evpose::server

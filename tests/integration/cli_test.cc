@@ -70,6 +70,9 @@ TEST_F(CliTest, ExamplesOfEveryHelpWorkAsPrinted) {
                               "bench synthetic",
                               "bench tracking",
                               "calibrate",
+                              "server",
+                              "server info",
+                              "server log-level",
                               "sessions drain"}) {
     const CliResult help = RunShell(std::string("evpose ") + command + " --help");
     ASSERT_EQ(help.status, 0) << help.err;

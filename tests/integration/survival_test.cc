@@ -21,6 +21,7 @@
 #include "core/geometry/camera.h"
 #include "evpose/v1/models.grpc.pb.h"
 #include "evpose/v1/sessions.grpc.pb.h"
+#include "server/http/http_client_testing.h"
 #include "server/program_for_test.h"
 #include "server/rpc/raw_requests.h"
 #include "server/stores/redis_testing.h"
@@ -139,6 +140,9 @@ class RawClient {
     return summary;
   }
 
+  // Called with the number of poses so far, between two of them.
+  void OnPose(std::function<void(size_t)> on_pose) { on_pose_ = std::move(on_pose); }
+
   const std::string& session() const { return session_.name(); }
   const std::vector<std::string>& poses() const { return poses_; }
   uint64_t durable_seq() const { return durable_seq_; }
@@ -148,12 +152,14 @@ class RawClient {
     EXPECT_EQ(pose.pose_seq(), poses_.size() + 1) << "no pose twice, none missing";
     pose.clear_latency();
     poses_.push_back(pose.SerializeAsString());
+    if (on_pose_ != nullptr) on_pose_(poses_.size());
   }
 
   const std::vector<std::string> chunks_;
   v1::Session session_;
   std::vector<std::string> poses_;  // but for what depends on the clock
   uint64_t durable_seq_ = 0;
+  std::function<void(size_t)> on_pose_;
 };
 
 // The session and the bytes of the largest piece of any session's poses.
@@ -276,6 +282,36 @@ TEST_F(SurvivalTest, ASessionMovesBetweenServersOnOneRedis) {
   EXPECT_TRUE(client.poses() == expected);
 }
 
+TEST_F(SurvivalTest, WhileRedisIsAwayTheServerIsNotReadyAndNothingIsLost) {
+  const std::vector<std::string> expected = Undisturbed();
+  server::RedisServer redis;
+  std::vector<std::string> arguments = OnRedis(redis);
+  arguments.insert(arguments.end(), {"--metrics-listen", "127.0.0.1:0"});
+  RunningServer server(arguments);
+  const std::string line = server.program().ReadLine();
+  int port = 0;
+  ASSERT_TRUE(absl::SimpleAtoi(line.substr(line.rfind(':') + 1), &port)) << line;
+  const auto wait_until_ready_is = [port](int status) {
+    while (server::Ask(port, "/readyz").status != status) continue;
+  };
+  RawClient client = MakeClient(server);
+  bool was_away_at_the_end = false;
+  client.OnPose([&](size_t poses) {
+    if (poses == expected.size() / 3) {
+      redis.Kill();
+      wait_until_ready_is(503);
+    }
+    if (poses == expected.size()) {  // the summary waits for the store
+      was_away_at_the_end = server::Ask(port, "/readyz").status == 503 && server::Ask(port, "/healthz").status == 200;
+      redis.Start();
+    }
+  });
+  EXPECT_TRUE(client.Stream(server, SIZE_MAX));
+  EXPECT_TRUE(was_away_at_the_end);
+  EXPECT_TRUE(client.poses() == expected);
+  wait_until_ready_is(200);
+}
+
 TEST_F(SurvivalTest, AServerThatLeavesKeepsWhatWasProcessed) {
   const std::vector<std::string> expected = Undisturbed();
   const std::vector<std::string> arguments = Sqlite("data");
@@ -324,9 +360,10 @@ TEST_F(SurvivalTest, ATamperedStoreIsNamedAtStart) {
   WriteText("data/evpose.db", file);
   Program again({"--store", "sqlite", "--data-dir", Path("data"), "--listen", "127.0.0.1:0"});
   EXPECT_THAT(again.ReadLine(), testing::StartsWith("listening on ")) << again.Stderr();
-  EXPECT_THAT(again.Stderr(), testing::ContainsRegex("left out: [^\n]*" + session));
+  EXPECT_THAT(again.Stderr(),
+              testing::ContainsRegex("error session_left_out session=" + session + " [^\n]*code=DATA_LOSS"));
   const std::string intact = session == client.session() ? other.session() : client.session();
-  EXPECT_THAT(again.Stderr(), testing::ContainsRegex(intact + " restored: "));
+  EXPECT_THAT(again.Stderr(), testing::ContainsRegex("session_resumed session=" + intact + " "));
 }
 
 TEST_F(SurvivalTest, AStoreThatCannotBeUsedIsOneLine) {

@@ -12,6 +12,7 @@
 #include "absl/strings/str_replace.h"
 #include "core/base/certificates_testing.h"
 #include "core/base/output_file.h"
+#include "core/base/version.h"
 #include "server/auth/token_file.h"
 #include "server/rpc/server.h"
 #include "tests/integration/cli_fixture.h"
@@ -137,11 +138,22 @@ TEST_F(TrustTest, TheProgramSaysInOneLineWhyTlsFails) {
   }
 }
 
-TEST_F(TrustTest, DrainIsAnOperators) {
-  const CliResult result = Run({"sessions", "drain", "--server", "localhost:" + std::to_string(plain_->port()),
-                                "--token-file", Path("lab.token")});
-  EXPECT_EQ(result.status, 1);
-  EXPECT_THAT(result.err, HasSubstr("only an operator's token"));
+TEST_F(TrustTest, DrainAndLogLevelAreAnOperators) {
+  const std::string address = "localhost:" + std::to_string(plain_->port());
+  const auto run = [&](std::vector<std::string> command) {
+    command.insert(command.end(), {"--server", address, "--token-file", Path("lab.token")});
+    return Run(command);
+  };
+  const CliResult drain = run({"sessions", "drain"});
+  EXPECT_EQ(drain.status, 1);
+  EXPECT_THAT(drain.err, HasSubstr("only an operator's token may drain the server"));
+  const CliResult level = run({"server", "log-level", "debug"});
+  EXPECT_EQ(level.status, 1);
+  EXPECT_THAT(level.err, HasSubstr("only an operator's token may change the log's level"));
+  EXPECT_EQ(run({"server", "log-level", "loud"}).status, 2);
+  const CliResult info = run({"server", "info", "--json"});
+  EXPECT_EQ(info.status, 0) << info.err;
+  EXPECT_EQ(info.Json()["commit"], ThisBuild().commit);
 }
 
 TEST_F(TrustTest, AReplayThroughTlsGivesTheSamePoses) {

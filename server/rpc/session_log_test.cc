@@ -1,0 +1,108 @@
+// The life of a session in the server's log.
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <string>
+#include <vector>
+
+#include "absl/strings/match.h"
+#include "absl/strings/str_split.h"
+#include "server/rpc/testing.h"
+#include "server/sessions/log_testing.h"
+
+namespace evpose::server {
+namespace {
+
+using testing::AllOf;
+using testing::ElementsAre;
+using testing::HasSubstr;
+using Kind = v1::TrackResponse;
+
+// The first of them is FakeTracker's way to lose its objects; the others end the slice that it is in.
+std::vector<Event> LosingEvents() { return {{4000, 0, 0, 1}, {5000, 3, 4, 1}, {6000, 3, 4, 1}}; }
+
+class SessionLogOfServerTest : public RpcTest {
+ protected:
+  SessionLogOfServerTest() { captured_log.Take(); }
+
+  // The lines of a session, without what all of them have.
+  static std::vector<std::string> LinesOf(const std::string& session) {
+    const std::string place = " session=" + session + " tenant=\"\" peer=";
+    std::vector<std::string> lines;
+    for (const absl::string_view line : absl::StrSplit(captured_log.Take(), '\n', absl::SkipEmpty())) {
+      if (!absl::StrContains(line, session)) continue;
+      EXPECT_TRUE(absl::StrContains(line, place)) << line;
+      lines.emplace_back(line);
+    }
+    return lines;
+  }
+};
+
+TEST_F(SessionLogOfServerTest, TellsALifeFromCreationToDeletion) {
+  const v1::Session session = CreateSession();
+  v1::Attached first, second;
+  const auto track = Attached(session, &first);
+  const v1::Session with_first_token = [&] {
+    v1::Session copy = session;
+    copy.set_resume_token(first.resume_token());
+    return copy;
+  }();
+  const auto later = Attached(with_first_token, &second);
+  EXPECT_EQ(Describe(track->Finish()), "ABORTED FENCED");
+  later->Events(1, Flat64(SomeEvents(1, 3)));
+  later->Events(2, Flat64(LosingEvents()));
+  v1::TrackRequest reset;
+  reset.mutable_reset_pose()->set_seq(3);
+  reset.mutable_reset_pose()->set_object_id("cube");
+  reset.mutable_reset_pose()->mutable_camera_from_object()->mutable_rotation()->set_w(1.0);
+  reset.mutable_reset_pose()->mutable_camera_from_object()->mutable_translation_m();
+  later->Write(reset);
+  later->Events(4, Flat64(SomeEvents(8, 12)));
+  later->End();
+  EXPECT_EQ(Describe(later->Finish()), "OK");
+  RawTrack wrong(*sessions_);
+  wrong.Attach(session.name(), "guess");
+  EXPECT_EQ(Describe(wrong.Finish()), "PERMISSION_DENIED WRONG_TOKEN");
+  EXPECT_EQ(Describe(Delete(session.name())), "OK");
+  server_.reset();  // the last word of a stream may come after its client's
+  std::vector<std::string> events;
+  for (const std::string& line : LinesOf(session.name())) {
+    const std::vector<std::string> words = absl::StrSplit(line, ' ');
+    events.push_back(words[1]);
+  }
+  EXPECT_THAT(events,
+              testing::IsSupersetOf({"session_created", "session_attached", "session_taken_over", "object_lost",
+                                     "object_found_again", "session_ended", "attach_refused", "session_deleted"}));
+  EXPECT_EQ(std::count(events.begin(), events.end(), "stream_ended"), 2);
+}
+
+TEST_F(SessionLogOfServerTest, TellsHowStreamsEndAndWhoDrained) {
+  const v1::Session session = CreateSession();
+  {
+    const auto track = Attached(session);
+    track->Cancel();
+    EXPECT_EQ(Describe(track->Finish()), "CANCELLED");
+  }
+  server_->Shutdown(absl::Seconds(10));
+  const std::vector<std::string> lines = LinesOf(session.name());
+  EXPECT_THAT(lines, testing::Contains(AllOf(HasSubstr("info stream_ended "), HasSubstr(" code=CANCELLED "))));
+  EXPECT_THAT(lines.back(), AllOf(HasSubstr("info session_drained "), HasSubstr(" durable=true")));
+}
+
+TEST_F(SessionLogOfServerTest, HostileNamesStayInTheirLine) {
+  v1::CreateSessionRequest request = CreateRequest();
+  request.mutable_config()->mutable_objects(0)->set_object_id("cube\nerror session=\"x\"");
+  v1::Session session;
+  const grpc::Status created = Create(request, &session);
+  RawTrack track(*sessions_);
+  track.Attach("sessions/none\nerror forged", "guess");
+  EXPECT_EQ(Describe(track.Finish()), "NOT_FOUND SESSION_NOT_FOUND");
+  const std::string log = captured_log.Take();
+  EXPECT_THAT(log, HasSubstr(R"(info attach_refused session="sessions/none\nerror forged" )"));
+  for (const absl::string_view line : absl::StrSplit(log, '\n', absl::SkipEmpty())) {
+    EXPECT_FALSE(absl::StartsWith(line, "error")) << line;
+  }
+}
+
+}  // namespace
+}  // namespace evpose::server
