@@ -15,10 +15,12 @@ build_packages=(
   libprotobuf-dev libspdlog-dev libsqlite3-dev libssl-dev libyaml-cpp-dev nlohmann-json3-dev prometheus-cpp-dev protobuf-compiler protobuf-compiler-grpc
 )
 package_packages=(dpkg-dev file)
-test_packages=("${package_packages[@]}" clang clang-format clang-tidy libclang-rt-14-dev libgmock-dev libgtest-dev lld python3 redis-server systemd)
+test_packages=("${package_packages[@]}" clang clang-format clang-tidy libclang-rt-14-dev libgmock-dev libgtest-dev lld openssl python3 python3-yaml redis-server systemd)
 
 # The package prometheus would start a service: the tool that checks rules is taken out of it, alone.
 promtool=/usr/local/bin/promtool
+# Debian's kubectl, to render manifests with, and another vendor's package of it would not be there together.
+kubectl=/usr/local/bin/kubectl
 
 wanted=("${build_packages[@]}")
 is_for_tests=false
@@ -44,7 +46,9 @@ needs_headers=()
 [[ -d $header_dir ]] || is_installed libpcl-dev || needs_headers=("${header_packages[@]}")
 needs_promtool=()
 ! $is_for_tests || [[ -x $(command -v promtool) ]] || needs_promtool=(prometheus)
-if ((${#missing[@]} + ${#needs_headers[@]} + ${#needs_promtool[@]} == 0)); then
+needs_kubectl=()
+! $is_for_tests || [[ -x $(command -v kubectl) ]] || needs_kubectl=(kubernetes-client)
+if ((${#missing[@]} + ${#needs_headers[@]} + ${#needs_promtool[@]} + ${#needs_kubectl[@]} == 0)); then
   echo "install-dependencies: all ${#wanted[@]} packages are installed already"
   exit 0
 fi
@@ -52,7 +56,7 @@ fi
 as_root=()
 if ((EUID != 0)); then
   command -v sudo >/dev/null || {
-    echo "install-dependencies: run as root, or install sudo; missing: ${missing[*]} ${needs_headers[*]} ${needs_promtool[*]}" >&2
+    echo "install-dependencies: run as root, or install sudo; missing: ${missing[*]} ${needs_headers[*]} ${needs_promtool[*]} ${needs_kubectl[*]}" >&2
     exit 1
   }
   as_root=(sudo)
@@ -86,5 +90,11 @@ if ((${#needs_promtool[@]} > 0)); then
   echo "install-dependencies: taking promtool of ${needs_promtool[*]} to $promtool"
   take_out "${needs_promtool[@]}"
   "${as_root[@]}" install -m 755 "$scratch/usr/bin/promtool" "$promtool"
+fi
+
+if ((${#needs_kubectl[@]} > 0)); then
+  echo "install-dependencies: taking kubectl of ${needs_kubectl[*]} to $kubectl"
+  take_out "${needs_kubectl[@]}"
+  "${as_root[@]}" install -m 755 "$scratch/usr/bin/kubectl" "$kubectl"
 fi
 echo "install-dependencies: done"

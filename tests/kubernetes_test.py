@@ -1,0 +1,297 @@
+"""The second half of kubernetes_test.sh, which prepares what this reads."""
+
+import base64
+import json
+import os
+import pathlib
+import re
+import signal
+import subprocess
+import sys
+import urllib.error
+import urllib.request
+
+import yaml
+
+SERVER, KUBECTL, WORK = sys.argv[1], sys.argv[2], pathlib.Path(sys.argv[3])
+MANIFESTS = WORK / "kubernetes"
+SECRETS = ("secrets/access", "secrets/redis")
+OVERLAYS = {"overlays/single": SECRETS[:1], "overlays/cluster": SECRETS}
+
+
+def check(condition, *words):
+    if not condition:
+        sys.exit("kubernetes_test: " + " ".join(str(word) for word in words))
+
+
+def write_for_old_kustomize():
+    """Debian 12's kubectl has the kustomize of 2018, which knows the same under other names."""
+    for path in MANIFESTS.rglob("kustomization.yaml"):
+        content = yaml.safe_load(path.read_text())
+        resources = content.pop("resources", [])
+        content["bases"] = [name for name in resources if (path.parent / name).is_dir()]
+        content["resources"] = [name for name in resources if not (path.parent / name).is_dir()]
+        patches = content.pop("patches", [])
+        content["patchesStrategicMerge"] = [patch["path"] for patch in patches if "target" not in patch]
+        content["patchesJson6902"] = [patch for patch in patches if "target" in patch]
+        path.write_text(yaml.safe_dump({name: value for name, value in content.items() if value}))
+
+
+def render(folder):
+    run = subprocess.run([KUBECTL, "kustomize", MANIFESTS / folder], capture_output=True, text=True)
+    check(run.returncode == 0, folder, "does not render:", run.stderr)
+    check("deprecated" not in run.stderr, folder, "is written in an old way:", run.stderr)
+    objects = {}
+    for document in yaml.safe_load_all(run.stdout):
+        name = document["kind"], document["metadata"]["name"]
+        check(name not in objects, folder, "has", name, "twice")
+        in_namespace = document["metadata"].get("namespace") == "evpose"
+        check(in_namespace or document["kind"] == "Namespace", folder, name, "is in no namespace")
+        objects[name] = document
+    return objects
+
+
+def of_kind(objects, kind):
+    return [document for (each, _), document in objects.items() if each == kind]
+
+
+def one(objects, kind, name_begins):
+    found = [document for (each, name), document in objects.items() if each == kind and name.startswith(name_begins)]
+    check(len(found) == 1, kind, name_begins, "is there", len(found), "times")
+    return found[0]
+
+
+def selects(selector, labels):
+    return all(labels.get(name) == value for name, value in selector.items())
+
+
+
+class Pod:
+    """The pod of evpose-server, and what it would be given."""
+
+    def __init__(self, folder, objects, secrets):
+        self.folder = folder
+        self.deployment = one(objects, "Deployment", "evpose-server")
+        template = self.deployment["spec"]["template"]
+        self.labels = template["metadata"]["labels"]
+        self.spec = template["spec"]
+        check(len(self.spec["containers"]) == 1, folder, "has other containers")
+        self.container = self.spec["containers"][0]
+        config_name = self.container["envFrom"][0]["configMapRef"]["name"]
+        check(("ConfigMap", config_name) in objects, folder, "names a ConfigMap that is not there:", config_name)
+        self.environment = dict(objects["ConfigMap", config_name]["data"])
+        for entry in self.container["env"]:
+            check(entry["valueFrom"]["resourceFieldRef"]["resource"] == "requests.cpu", entry)
+            self.environment[entry["name"]] = self.container["resources"]["requests"]["cpu"]
+        self.volumes = {volume["name"]: volume for volume in self.spec["volumes"]}
+        self.secrets = secrets
+        self.objects = objects
+
+    def arguments(self):
+        def value(match):
+            check(match[1] in self.environment, self.folder, "has no", match[1])
+            return self.environment[match[1]]
+
+        return [re.sub(r"\$\((\w+)\)", value, argument) for argument in self.container["args"]]
+
+    def mount(self, root):
+        """Makes the pod's files below `root`, and says which directory stands where."""
+        places = {}
+        for mount in self.container["volumeMounts"]:
+            check(mount["name"] in self.volumes, self.folder, "mounts no volume:", mount)
+            volume = self.volumes[mount["name"]]
+            place = root / mount["mountPath"].lstrip("/")
+            place.mkdir(parents=True)
+            places[mount["mountPath"]] = place
+            if "secret" in volume:
+                name = volume["secret"]["secretName"]
+                check(("Secret", name) in self.secrets, self.folder, "wants a Secret that nobody makes:", name)
+                check(mount["readOnly"], mount)
+                for key, value in self.secrets["Secret", name]["data"].items():
+                    (place / key).write_bytes(base64.b64decode(value))
+                    (place / key).chmod(volume["secret"]["defaultMode"])
+            else:
+                claim = volume["persistentVolumeClaim"]["claimName"]
+                check(("PersistentVolumeClaim", claim) in self.objects, self.folder, "has no", claim)
+        used = {mount["name"] for mount in self.container["volumeMounts"]}
+        check(used == set(self.volumes), self.folder, "has volumes that nothing mounts")
+        return places
+
+
+def check_security(folder, objects):
+    for document in of_kind(objects, "Deployment") + of_kind(objects, "StatefulSet"):
+        spec = document["spec"]["template"]["spec"]
+        who = document["metadata"]["name"]
+        check(spec["securityContext"]["runAsNonRoot"] and spec["securityContext"]["runAsUser"] > 0, who, "may be root")
+        check(spec["securityContext"]["seccompProfile"] == {"type": "RuntimeDefault"}, who, "seccomp")
+        check(spec["automountServiceAccountToken"] is False, who, "has a token of the cluster")
+        for container in spec["containers"]:
+            context = container["securityContext"]
+            check(context["readOnlyRootFilesystem"] is True, who, "may write its image")
+            check(context["allowPrivilegeEscalation"] is False, who, "may gain privileges")
+            check(context["capabilities"] == {"drop": ["ALL"]}, who, "has capabilities")
+            check(container["resources"]["requests"].keys() == {"cpu", "memory"}, who, "requests")
+            check("memory" in container["resources"]["limits"], who, "has no limit of memory")
+            check(container["image"].rpartition(":")[2] not in ("", "latest"), who, "has no version")
+        covered = [policy for policy in of_kind(objects, "NetworkPolicy")
+                   if selects(policy["spec"]["podSelector"]["matchLabels"], document["spec"]["template"]["metadata"]["labels"])]
+        check(len(covered) == 1 and covered[0]["spec"]["policyTypes"] == ["Ingress", "Egress"], who, "is open to the network")
+
+
+def check_references(pod, objects):
+    """Selectors select, ports have names and numbers of the pod."""
+    numbers = {port["name"]: port["containerPort"] for port in pod.container["ports"]}
+    said = dict(argument[2:].split("=", 1) for argument in pod.arguments())
+    check(int(said["listen"].rpartition(":")[2]) == numbers["grpc"], "the port of gRPC differs from --listen")
+    check(int(said["metrics-listen"].rpartition(":")[2]) == numbers["metrics"], "that of metrics from --metrics-listen")
+    service = one(objects, "Service", "evpose-server")
+    check(selects(service["spec"]["selector"], pod.labels), "the Service selects nothing")
+    check(selects(pod.deployment["spec"]["selector"]["matchLabels"], pod.labels), "the Deployment selects nothing")
+    for port in service["spec"]["ports"]:
+        check(numbers.get(port["targetPort"]) == port["port"], "the Service's port", port)
+    budget = one(objects, "PodDisruptionBudget", "evpose-server")
+    check(selects(budget["spec"]["selector"]["matchLabels"], pod.labels), "the PodDisruptionBudget selects nothing")
+    for policy in of_kind(objects, "NetworkPolicy"):
+        for rule in policy["spec"]["ingress"] if policy["metadata"]["name"] == "evpose-server" else []:
+            for port in rule["ports"]:
+                check(port["port"] in numbers, "a NetworkPolicy names no port:", port)
+    grace_s = pod.spec["terminationGracePeriodSeconds"]
+    check(float(said["shutdown-timeout"]) + 5 <= grace_s, "a pod is killed before its streams have had their time")
+    return said
+
+
+def check_cluster(objects, pod, metrics):
+    scaler = one(objects, "HorizontalPodAutoscaler", "evpose-server")["spec"]
+    check(("Deployment", scaler["scaleTargetRef"]["name"]) in objects, "the autoscaler scales nothing")
+    check("replicas" not in pod.deployment["spec"], "an apply would undo what the autoscaler did")
+    check(scaler["minReplicas"] >= 3, "fewer than three servers")
+    pods = scaler["metrics"][0]["pods"]
+    check(int(pods["target"]["averageValue"]) < int(pod.environment["EVPOSE_MAX_SESSIONS"]), "pods fill before others come")
+    adapter = yaml.safe_load((MANIFESTS / "monitoring/prometheus-adapter.yaml").read_text())["rules"]["custom"][0]
+    check(adapter["name"]["as"] == pods["metric"]["name"], "the adapter and the autoscaler name different metrics")
+    check(adapter["seriesQuery"].split("{")[0] in metrics, "the adapter asks for what evpose-server does not tell")
+    check('evpose_sessions{state="closed"}' in metrics, "there is no state closed")
+    host, port = pod.environment["EVPOSE_STORE"].removeprefix("redis://").split(":")
+    redis = objects["Service", host]
+    check(redis["spec"]["ports"][0]["port"] == int(port), "Redis listens elsewhere")
+    stateful = objects["StatefulSet", host]["spec"]["template"]
+    check(selects(redis["spec"]["selector"], stateful["metadata"]["labels"]), "the Service of Redis selects nothing")
+    egress = objects["NetworkPolicy", "evpose-server"]["spec"]["egress"]
+    to_redis = egress[0]["to"][0]["podSelector"]["matchLabels"]
+    check(selects(to_redis, stateful["metadata"]["labels"]), "servers may not reach Redis")
+    check(egress[0]["ports"][0]["port"] == int(port), "servers may not reach the port of Redis")
+
+
+def check_monitoring(pod, objects):
+    monitoring = render("monitoring")
+    monitor = one(monitoring, "ServiceMonitor", "evpose-server")["spec"]
+    service = one(objects, "Service", "evpose-server")
+    check(selects(monitor["selector"]["matchLabels"], service["metadata"]["labels"]), "the ServiceMonitor selects nothing")
+    check(service["metadata"]["labels"][monitor["jobLabel"]] == "evpose", "the alerts know the job by another name")
+    check(monitor["endpoints"][0]["port"] in [port["name"] for port in service["spec"]["ports"]], "ServiceMonitor's port")
+    rule = one(monitoring, "PrometheusRule", "evpose")["spec"]
+    check(rule == yaml.safe_load(pathlib.Path("deploy/prometheus/alerts.yml").read_text()), "other alerts than Prometheus's")
+
+
+class Redis:
+    """A Redis as the overlay's, with its options, at a socket."""
+
+    def __init__(self, objects, secrets, root):
+        container = objects["StatefulSet", "evpose-redis"]["spec"]["template"]["spec"]["containers"][0]
+        entry = container["env"][0]
+        reference = entry["valueFrom"]["secretKeyRef"]
+        password = base64.b64decode(secrets["Secret", reference["name"]]["data"][reference["key"]]).decode()
+        arguments = [text.replace(f"$({entry['name']})", password) for text in container["args"]]
+        arguments[arguments.index("/data")] = str(root)
+        self.socket = root / "socket"
+        self.process = subprocess.Popen(
+            container["command"] + arguments + ["--port", "0", "--unixsocket", str(self.socket)],
+            stdout=subprocess.PIPE, text=True)
+        for line in self.process.stdout:
+            if "ready to accept connections at" in line:
+                break
+
+    def end(self):
+        self.process.kill()
+        self.process.communicate()
+
+
+def get(address, path):
+    try:
+        with urllib.request.urlopen(f"http://{address}{path}") as answer:
+            return answer.status, answer.read().decode()
+    except urllib.error.HTTPError as error:
+        return error.code, ""
+
+
+def run_server(pod, root, redis):
+    """Starts the server as the pod would, asks what the kubelet asks, ends it as the kubelet does; returns /metrics."""
+    places = pod.mount(root)
+
+    def here(text):
+        for there, place in places.items():
+            text = text.replace(there, str(place))
+        return re.sub(r"0\.0\.0\.0:\d+", "0.0.0.0:0", text)
+
+    environment = {"PATH": os.environ["PATH"], **{name: here(value) for name, value in pod.environment.items()}}
+    if redis is not None:
+        environment["EVPOSE_STORE"] = f"redis+unix://{redis.socket}"
+    process = subprocess.Popen([SERVER] + [here(argument) for argument in pod.arguments()], env=environment,
+                               stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    lines = [process.stdout.readline(), process.stdout.readline()]
+    if not lines[1].startswith("metrics on "):
+        process.kill()
+        check(False, pod.folder, "the server does not start with the pod's options:", process.communicate()[1])
+    address = "127.0.0.1:" + lines[1].strip().rpartition(":")[2]
+    for probe in ("startupProbe", "livenessProbe", "readinessProbe"):
+        asked = pod.container[probe]["httpGet"]
+        check(asked["port"] == "metrics" and get(address, asked["path"])[0] == 200, probe, asked, "is not answered")
+    metrics = get(address, "/metrics")[1]
+    process.send_signal(signal.SIGTERM)
+    _, log = process.communicate()
+    check(process.returncode == 0, pod.folder, "the server ended with", process.returncode, log)
+    events = [json.loads(line) for line in log.splitlines()]
+    check("server_ready" in [event["event"] for event in events], log)
+    check(all(event["level"] == "info" for event in events), pod.folder, "the server warns:", log)
+    return metrics
+
+
+def main():
+    version = subprocess.run([KUBECTL, "version", "--client", "--output=json"], capture_output=True, text=True, check=True)
+    if "kustomizeVersion" not in json.loads(version.stdout):
+        write_for_old_kustomize()
+    secrets = {folder: render(folder) for folder in SECRETS}
+    version = subprocess.run([SERVER, "--version"], capture_output=True, text=True, check=True).stdout.split()[1]
+    for folder, needed in OVERLAYS.items():
+        objects = render(folder)
+        given = {name: document for part in needed for name, document in secrets[part].items()}
+        pod = Pod(folder, objects, given)
+        check(pod.container["image"] == f"evpose-server:{version}", folder, pod.container["image"], "is not", version)
+        check_security(folder, objects)
+        check_references(pod, objects)
+        root = WORK / folder
+        root.mkdir(parents=True)
+        is_cluster = folder == "overlays/cluster"
+        redis = None
+        if is_cluster:
+            (WORK / "redis").mkdir()
+            redis = Redis(objects, given, WORK / "redis")
+        try:
+            metrics = run_server(pod, root, redis)
+        finally:
+            if redis is not None:
+                redis.end()
+        workers = int(pod.container["resources"]["requests"]["cpu"])
+        check(f"\nevpose_workers {workers}\n" in metrics, folder, "has not a worker for each core")
+        check(f"\nevpose_max_sessions {pod.environment['EVPOSE_MAX_SESSIONS']}\n" in metrics, folder, "max_sessions")
+        if is_cluster:
+            check_cluster(objects, pod, metrics)
+        else:
+            check(pod.deployment["spec"]["strategy"]["type"] == "Recreate", "two writers of one file")
+            check(pod.deployment["spec"]["replicas"] == 1, "more than one writer")
+            check((root / "var/lib/evpose/evpose.db").exists(), "sessions are not on the volume")
+        check_monitoring(pod, objects)
+    print("deploy/kubernetes: what", len(OVERLAYS), "overlays say is so")
+
+
+main()

@@ -1,0 +1,26 @@
+#!/usr/bin/env bash
+# The manifests of deploy/kubernetes: each overlay renders, what refers to something refers to what is there, and the
+# server starts with the very options, ConfigMap and Secrets that a pod would give it.
+#   tests/kubernetes_test.sh EVPOSE_SERVER [KUBECTL]
+set -euo pipefail
+server=$(realpath "${1:?usage: $0 EVPOSE_SERVER [KUBECTL]}")
+kubectl=${2:-kubectl}
+cd "$(dirname "${BASH_SOURCE[0]}")/.."
+work=$(mktemp -d)
+trap 'rm -rf "$work"' EXIT
+
+fail() { echo "kubernetes_test: $*" >&2; exit 1; }
+
+deploy/kubernetes/monitoring/make-prometheusrule.sh "$work/prometheusrule.yaml"
+cmp "$work/prometheusrule.yaml" deploy/kubernetes/monitoring/prometheusrule.yaml ||
+  fail "run deploy/kubernetes/monitoring/make-prometheusrule.sh: the alerts have changed"
+
+# What an operator brings, made as the README says.
+cp -r deploy/kubernetes "$work/kubernetes"
+secrets=$work/kubernetes/secrets
+openssl req -x509 -newkey ec -pkeyopt ec_paramgen_curve:P-256 -nodes -days 2 -subj "/CN=evpose-server" \
+  -keyout "$secrets/access/tls.key" -out "$secrets/access/tls.crt" 2>"$work/openssl" || { cat "$work/openssl" >&2; fail "openssl"; }
+(umask 077; "$server" --new-token lab --token-file "$secrets/access/tokens" >/dev/null 2>&1)
+openssl rand -hex 24 | tr -d '\n' >"$secrets/redis/redis.password"
+
+exec python3 tests/kubernetes_test.py "$server" "$kubectl" "$work"
