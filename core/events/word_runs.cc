@@ -167,10 +167,14 @@ bool HasWordRuns() {
     StoreFourEvt3(next + 4, _mm_srli_si128(event_words, 8), _mm_srli_si128(event_rows, 8),
                   _mm_srli_si128(event_lows, 8), base_us);
     next += std::popcount(sets.columns);
-    index += static_cast<size_t>(sets.num_plain);
     row = BroadcastLast(rows);
     low = BroadcastLast(lows);
-    if (sets.num_plain < kLanes) break;
+    if (sets.num_plain < kLanes) {
+      index += static_cast<size_t>(sets.num_plain);
+      break;
+    }
+    // A constant: the next block need not wait for what this one is.
+    index += kWordRun;
   }
   cursor = next;
   run.row = static_cast<uint32_t>(_mm_extract_epi16(row, 0));
@@ -218,9 +222,14 @@ bool HasWordRuns() {
     const auto stops =
         static_cast<uint32_t>(_mm256_movemask_ps(_mm256_castsi256_ps(_mm256_or_si256(outside, special))));
     const int num_plain = std::countr_zero(stops | 1u << kLanes);
-    next += num_plain;
-    index += static_cast<size_t>(num_plain);
-    if (num_plain < kLanes) break;
+    if (num_plain < kLanes) {
+      next += num_plain;
+      index += static_cast<size_t>(num_plain);
+      break;
+    }
+    // Constants: the next block need not wait for what this one is.
+    next += kWordRun;
+    index += kWordRun;
     low = _mm256_permutevar8x32_epi32(lows, _mm256_set1_epi32(kLanes - 1));
   }
   if (next != cursor) run.low_us = next[-1].t_us - run.base_us;
