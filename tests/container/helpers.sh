@@ -99,7 +99,7 @@ make_references() {
 make_reference() {
   local out=$work/$1
   "$bin/client/cli/evpose" simulate "${@:2}" --out "$out" >/dev/null 2>&1 || fail "no recording could be made"
-  "$bin/client/cli/evpose" replay "$out/recording.raw" --model "$out/model.obj" --camera "$out/camera.yaml" --out "$out/reference.tum" >/dev/null
+  "$bin/client/cli/evpose" replay "$out/recording.raw" --model "$out/model.obj" --camera "$out/camera.yaml" --out "$out/reference.tum" >"$work/log" 2>&1 || fail "no reference: $(tail -n 1 "$work/log")"
 }
 
 same() { cmp "$1" "$2" || fail "$3: the trajectory is another than without containers"; }
@@ -119,12 +119,16 @@ check_files() {
   for file in compose.yaml compose.cluster.yaml; do
     docker compose --file "deploy/$file" --profile '*' config --quiet || fail "deploy/$file is not valid"
   done
-  for file in compose.tls.yaml; do
-    docker compose --file deploy/compose.yaml --file "deploy/$file" config --quiet || fail "deploy/$file is not valid on top of compose.yaml"
+  for file in compose compose.cluster; do
+    docker compose --file "deploy/$file.yaml" --file "deploy/$file.tls.yaml" config --quiet || fail "deploy/$file.tls.yaml is not valid on top of $file.yaml"
   done
+  openssl req -x509 -newkey ec -pkeyopt ec_paramgen_curve:P-256 -nodes -days 1 -subj "/CN=cluster" -keyout "$EVPOSE_SECRETS/server.crt.key" \
+    -out "$EVPOSE_SECRETS/server.crt" 2>/dev/null
+  chmod 755 "$EVPOSE_SECRETS" && chmod 444 "$EVPOSE_SECRETS"/server.crt*
   # Names of other machines are not known here; it takes them as servers that are down.
-  docker run --rm --network none --volume "$PWD/deploy/haproxy:/cfg:ro" haproxy:2.6-bookworm haproxy -c -q -f /cfg/haproxy.cfg ||
-    fail "haproxy refuses deploy/haproxy/haproxy.cfg"
+  docker run --rm --network none --volume "$PWD/deploy/haproxy:/cfg:ro" --volume "$EVPOSE_SECRETS:/run/secrets:ro" haproxy:2.6-bookworm \
+    haproxy -c -q -f /cfg/haproxy.cfg -f /cfg/tls.cfg || fail "haproxy refuses what is in deploy/haproxy"
+  rm "$EVPOSE_SECRETS"/server.crt*
 }
 
 make_secrets() {

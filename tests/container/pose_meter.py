@@ -4,9 +4,8 @@
 usage: pose_meter.py DIRECTORY NAME...
 
 Reads DIRECTORY/NAME.tum, a FIFO made here, until its client has closed it, and writes what came to DIRECTORY/NAME.copy.
-DIRECTORY/counts has the poses of each so far, in the order of the names, and is replaced ten times a second. A line
-"restart" on standard input begins the measuring of the waits anew. At the end prints, for each name, the poses and the
-longest time between two reads in milliseconds.
+DIRECTORY/counts has the poses of each so far, in the order of the names, and is replaced ten times a second. At the end
+prints, for each name, the poses and the longest time between two reads in milliseconds.
 """
 import os
 import pathlib
@@ -45,13 +44,6 @@ def main():
         thread.start()
     print("ready", flush=True)
 
-    def obey():
-        for line in sys.stdin:
-            if line.strip() == "restart":
-                for stream in streams:
-                    stream.longest_s = 0.0
-
-    threading.Thread(target=obey, daemon=True).start()
     while any(thread.is_alive() for thread in threads):
         partial = directory / "counts.partial"
         partial.write_text(" ".join(str(stream.poses) for stream in streams) + "\n")
