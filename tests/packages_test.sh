@@ -10,7 +10,7 @@ trap 'rm -rf "$work"' EXIT
 fail() { echo "packages_test: $*" >&2; exit 1; }
 
 (cd "$work" && cpack --config "$build/CPackConfig.cmake" -B "$work/packages" >"$work/log" 2>&1) || { cat "$work/log" >&2; fail "cpack failed"; }
-for component in server client; do
+for component in server client dev; do
   package=$(echo "$work"/packages/evpose-"${component}"_*.deb)
   [[ -f $package ]] || fail "there is no package of $component"
   dpkg-deb --extract "$package" "$work/root"

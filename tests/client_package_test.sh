@@ -1,0 +1,35 @@
+#!/usr/bin/env bash
+# deploy/example builds against an installation of the client library, outside the project's tree, and gets from a server
+# the poses that evpose replay gets.
+#   tests/client_package_test.sh BUILD_DIRECTORY
+set -euo pipefail
+build=$(realpath "${1:?usage: $0 BUILD_DIRECTORY}")
+source=$(realpath "$(dirname "${BASH_SOURCE[0]}")/..")
+work=$(mktemp -d)
+trap 'rm -rf "$work"' EXIT
+
+fail() { echo "client_package_test: $*" >&2; exit 1; }
+
+cmake --install "$build" --component dev --prefix "$work/prefix" >"$work/log"
+cp -r "$source/deploy/example" "$work/example"
+# A prefix that moved: nothing may point back at the build.
+mv "$work/prefix" "$work/moved"
+! grep -rqF -e "$source" -e "$build" "$work/moved/lib/cmake" || fail "the CMake package names paths of the build"
+{ cmake -S "$work/example" -B "$work/built" -DCMAKE_BUILD_TYPE=Release -DCMAKE_PREFIX_PATH="$work/moved" &&
+  cmake --build "$work/built"; } >"$work/log" 2>&1 || { cat "$work/log" >&2; fail "the example does not build"; }
+
+cd "$work"
+evpose=$build/client/cli/evpose
+"$evpose" simulate --object cube --camera vga --duration 0.1 --out cube >log 2>&1
+"$evpose" replay cube/recording.raw --model cube/model.obj --camera cube/camera.yaml --out expected.tum >log 2>&1
+coproc server { exec "$build/server/evpose-server" --store memory --listen 127.0.0.1:0 --log-level off; }
+trap 'kill "$server_PID" 2>/dev/null || true; rm -rf "$work"' EXIT
+read -r _ _ address <&"${server[0]}"
+built/track_recording cube/recording.raw cube/model.obj cube/camera.yaml "$address" >poses 2>said || { cat said >&2; fail "the example fails"; }
+awk '{ printf "%.0f\n", $1 * 1e6 }' expected.tum >expected
+cut -d ' ' -f 1 poses >times
+[[ -s times ]] || fail "the example got no poses"
+cmp times expected || fail "the example has other poses than evpose replay"
+[[ $(cat said) == "$(wc -l <times) poses" ]] || fail "the example says: $(cat said)"
+if built/track_recording no-such.raw cube/model.obj cube/camera.yaml "$address" 2>said; then fail "a missing file is no error"; fi
+grep -q 'no-such.raw' said || fail "the example says of a missing file: $(cat said)"
