@@ -94,6 +94,7 @@ engine_base_image() {
   mkdir -p "$work"
   printf 'path-exclude=/usr/share/%s/*\n' info locale man doc >"$work/slim"
   echo 'path-include=/usr/share/doc/*/copyright' >>"$work/slim"
+  echo force-unsafe-io >>"$work/slim"
   printf '#!/bin/sh\nexit 101\n' >"$work/policy-rc.d"
   chmod 755 "$work/policy-rc.d"
   local keyring="Signed-By: /usr/share/keyrings/debian-archive-keyring.gpg"
@@ -102,7 +103,8 @@ engine_base_image() {
   # shellcheck disable=SC2016  # $1 is for mmdebstrap
   engine_run mmdebstrap --variant=minbase --mode=root --include=usr-is-merged,tzdata \
     --hook-dir="$engine_root/usr/share/mmdebstrap/hooks/merged-usr" \
-    --aptopt='Acquire::Languages "none"' --dpkgopt="$work/slim" --dpkgopt=force-unsafe-io \
+    --aptopt='Acquire::Languages "none"' --dpkgopt="$work/slim" \
+    --customize-hook="copy-in $work/slim /etc/dpkg/dpkg.cfg.d" \
     --customize-hook="copy-in $work/policy-rc.d /usr/sbin" \
     --customize-hook='rm -f "$1/etc/apt/sources.list"' \
     --customize-hook="copy-in $work/debian.sources /etc/apt/sources.list.d" \
@@ -134,7 +136,7 @@ engine_remove() {
   engine_stop
   # Deepest first.
   while read -r mount; do umount --lazy "$mount" || true; done < <(awk -v top="$ENGINE_DIR/" 'index($2, top) == 1 {print $2}' /proc/mounts | sort -r)
-  rmdir /sys/fs/cgroup/"$engine_cgroup" /sys/fs/cgroup/*/"$engine_cgroup" 2>/dev/null || true  # version 2, version 1
+  find /sys/fs/cgroup -depth -type d -path "*/$engine_cgroup*" -exec rmdir {} + 2>/dev/null || true
   [[ -z $engine_made_key ]] || { rm -f "$engine_key" && rmdir --ignore-fail-on-non-empty "${engine_key%/*}"; }
   rm -rf "$ENGINE_DIR"
 }

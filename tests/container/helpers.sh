@@ -65,26 +65,37 @@ copy_ccache() {
   (cd "$cache" && find . -type f -mmin -240 -print0 | tar --create --null --files-from -) | tar --extract --directory "$1"
 }
 
+# build_image TARGET TAG DOCKER_BUILD_ARGUMENTS...: in the background; its output to $work/build-TARGET.
+build_image() {
+  docker build --progress plain --network host --target "$1" --tag "$2" "${@:3}" >"$work/build-$1" 2>&1 &
+  background+=($!)
+  builds[$1]=$!
+}
+await_images() {
+  local target
+  for target in "$@"; do
+    wait "${builds[$target]}" || { tail -n 30 "$work/build-$target" >&2; fail "the image of $target does not build"; }
+  done
+}
+
+declare -A builds
 build_images() {
-  local context=$work/context others=()
+  local context=$work/context since=$SECONDS target
+  local arguments=(--file "$context/deploy/Dockerfile" --build-arg "VERSION=$version" --build-arg "REVISION=$revision"
+    ${LANG+--build-arg "LANG=$LANG"} "$context")
   mkdir "$context"
   # What is in the work tree, as it is: the Dockerfile, too.
   git ls-files -co --exclude-standard -z | tar --create --null --files-from - | tar --extract --directory "$context"
   copy_ccache "$context/.ccache"
-  for image in prom/prometheus:v2.42.0=prometheus redis:7.0-bookworm=redis haproxy:2.6-bookworm=haproxy; do
-    docker build --quiet --network host --target "${image#*=}" --tag "${image%=*}" - <"$here/others.Dockerfile" >"$work/build-${image#*=}" 2>&1 &
-    others+=($!)
-  done
-  background+=("${others[@]}")
-  local since=$SECONDS
-  for target in server client; do
-    docker build --progress plain --network host --file "$context/deploy/Dockerfile" --target "$target" ${LANG+--build-arg "LANG=$LANG"} \
-      --build-arg "VERSION=$version" --build-arg "REVISION=$revision" --tag "evpose-$target:$version" "$context" >"$work/build-$target" 2>&1 ||
-      { tail -n 30 "$work/build-$target" >&2; fail "the image of the $target does not build"; }
-  done
-  echo "images of server and client: built in $((SECONDS - since)) s, of $(nproc) cores;" \
-    "results of earlier compilations: $(sed -n 's/.* Hits: *//p' "$work/build-server" | head -n 1)"
-  for pid in "${others[@]}"; do wait "$pid" || { tail -n 20 "$work"/build-{prometheus,redis,haproxy} >&2; fail "an image of Debian's packages does not build"; }; done
+  for target in server client; do build_image "$target" "evpose-$target:$version" "${arguments[@]}"; done
+  mkdir "$work/empty"
+  build_image prometheus prom/prometheus:v2.42.0 --file "$here/others.Dockerfile" "$work/empty"
+  build_image redis redis:7.0-bookworm --file "$here/others.Dockerfile" "$work/empty"
+  build_image haproxy haproxy:2.6-bookworm --file "$here/others.Dockerfile" "$work/empty"
+  await_images server client
+  echo "images of server and client: built in $((SECONDS - since)) s on $(nproc) cores; taken from what the build before compiled:" \
+    "$(sed -n 's/.* Hits: *//p' "$work/build-server" | head -n 1)"
+  await_images prometheus redis haproxy
   rm -rf "$context"
 }
 
