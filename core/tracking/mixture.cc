@@ -243,7 +243,10 @@ double MixtureEstimator::MovementPx(const Vector12d& dx, double duration_s) cons
 }  // namespace
 
 MixtureTotals AccumulateMixture(const WindowInput& input, absl::Span<const ImageLine> lines,
-                                const MixtureDensity& density, const ExpTable& table, std::vector<MixtureLine>& sums) {
+                                const MixtureDensity& shared_density, const ExpTable& table,
+                                std::vector<MixtureLine>& sums) {
+  // A copy that no sum can alias: what is the same for all events is computed once.
+  const MixtureDensity density = shared_density;
   sums.assign(lines.size(), MixtureLine());
   MixtureTotals totals;
   const double outlier = density.Outlier();

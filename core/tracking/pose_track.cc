@@ -202,6 +202,36 @@ double PoseTrack::CompetingFor(const Observation& event, const Competitors& othe
   return near.count == 0 ? density : density / rates[near.line[0]];
 }
 
+void PoseTrack::FindEventsNearLines(const EventWindow& window) {
+  const CameraModel& camera = context_.camera;
+  const UndistortionTable& undistortion = *context_.undistortion;
+  near_events_.clear();
+  for (size_t i = 0; i < window.events.size(); ++i) {
+    const WindowEvent& event = window.events[i];
+    if (event.x >= camera.width_px || event.y >= camera.height_px) continue;
+    const Eigen::Vector2f& bearing = undistortion.Bearing(event.x, event.y);
+    const uint32_t tile = grid_.TileOf(camera.fx_px * static_cast<double>(bearing.x()) + camera.cx_px,
+                                       camera.fy_px * static_cast<double>(bearing.y()) + camera.cy_px);
+    if (tile == TileGrid::kNoTile) continue;
+    if (grid_.Lines(tile).empty()) {
+      background_.Count(tile);
+    } else {
+      near_events_.push_back({static_cast<uint32_t>(i), tile});
+    }
+  }
+}
+
+void PoseTrack::ObserveNearEvents(const EventWindow& window, int64_t t_us) {
+  observations_.clear();
+  for (const NearEvent& near : near_events_) {
+    const std::optional<Observation> observation =
+        Observe(context_.camera, *context_.undistortion, window.events[near.index], t_us);
+    if (!observation) continue;  // found on the sensor
+    observations_.push_back(*observation);
+    observations_.back().tile = near.tile;
+  }
+}
+
 WindowInput PoseTrack::Gather(const EventWindow& window, const Competitors* others, const MotionState& predicted,
                               double gate_factor) {
   WindowInput input;
@@ -229,22 +259,12 @@ WindowInput PoseTrack::Gather(const EventWindow& window, const Competitors* othe
   constexpr double kMaxReachPx = 128.0;
   grid_.Build(image_lines_, std::min(reach_px + motion_px, kMaxReachPx));
 
-  observations_.clear();
-  for (const WindowEvent& event : window.events) {
-    std::optional<Observation> observation = Observe(context_.camera, *context_.undistortion, event, predicted.t_us);
-    if (!observation) continue;
-    observation->tile = grid_.TileOf(observation->u_px, observation->v_px);
-    if (observation->tile == TileGrid::kNoTile) continue;
-    if (grid_.Lines(observation->tile).empty()) {
-      background_.Count(observation->tile);
-    } else {
-      observations_.push_back(*observation);
-    }
-  }
+  FindEventsNearLines(window);
   background_.CloseWindow(grid_, input.duration_s, window.events_per_sample());
   input.background_per_px2 = background_.hz_per_px() * input.duration_s;
-  const size_t found = observations_.size();
-  ThinEvenly(static_cast<size_t>(estimator_->MaxEvents()), observations_);
+  const size_t found = near_events_.size();
+  ThinEvenly(static_cast<size_t>(estimator_->MaxEvents()), near_events_);
+  ObserveNearEvents(window, predicted.t_us);
   rates_.clear();
   if (others != nullptr) {
     for (const ImageLine& line : image_lines_) rates_.push_back(EventRate(context_.camera, predicted, line));
@@ -322,7 +342,7 @@ void PoseTrack::VisitState(auto& archive, auto& self) {
   auto& [context, visible_lines, all_lines, grid, background, estimator, health, state, motion, usual_explained_ratio,
          recent_signal, recent_background, answers, unconfirmed_verdicts, followed_since_us, on_trial, supported_at_us,
          unsupported_since_us, unsupported, in_doubt, lines, unhidden_lines, is_hidden, is_partly_hidden, image_lines,
-         rates, observations, past_answers] = self;
+         rates, near_events, observations, past_answers] = self;
   constexpr int64_t kMax_us = kMaxStateTime_us;
   constexpr int kMaxVerdicts = 1 << 20;
   archive(visible_lines, background, *estimator, health, AtMost(state, TrackState::kLost), motion,

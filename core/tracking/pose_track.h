@@ -63,6 +63,10 @@ class PoseTrack {
   // Turns the window's events near the lines at `predicted` into observations.
   WindowInput Gather(const EventWindow& window, const Competitors* others, const MotionState& predicted,
                      double gate_factor);
+  // The window's events near lines; the others are counted as background.
+  void FindEventsNearLines(const EventWindow& window);
+  // Those that the estimator is given, as observations at `t_us`.
+  void ObserveNearEvents(const EventWindow& window, int64_t t_us);
   // What the others claim of the events, by image_lines_ with these event rates.
   double CompetingFor(const Observation& event, const Competitors& others, absl::Span<const double> rates) const;
   // The state that the estimator starts from.
@@ -108,6 +112,11 @@ class PoseTrack {
   bool is_partly_hidden_ = false;  // or less than shows otherwise
   std::vector<ImageLine> image_lines_;
   std::vector<double> rates_;  // EventRate of image_lines_; empty without others
+  struct NearEvent {
+    uint32_t index;  // into the window's events
+    uint32_t tile;
+  };
+  std::vector<NearEvent> near_events_;
   std::vector<Observation> observations_;
   std::vector<LineAnswer> past_answers_;  // the same, by the window's lines
 };

@@ -134,11 +134,11 @@ void EventWindower::Open(int64_t t_begin_us) {
 void EventWindower::Keep(const WindowEvent& event) {
   ++count_;
   const uint64_t index = stream_index_++;
-  const uint64_t hash = HashIndex(index);
-  if ((hash & sample_mask_) != 0) return;
+  // Below the flood no event is asked for its hash.
+  if (sample_mask_ != 0 && (HashIndex(index) & sample_mask_) != 0) return;
   if (kept_.size() == static_cast<size_t>(options_.max_events)) {
     Thin();
-    if ((hash & sample_mask_) != 0) return;
+    if ((HashIndex(index) & sample_mask_) != 0) return;
   }
   kept_.push_back(event);
   kept_.back().t_us = std::max(event.t_us, begin_us_);
