@@ -14,6 +14,7 @@
 #include "absl/strings/str_split.h"
 #include "client/lib/channel.h"
 #include "client/lib/conversion.h"
+#include "client/lib/status_details.h"
 #include "client/lib/tls_probe.h"
 #include "client/lib/track_loop.h"
 #include "core/base/hash.h"
@@ -341,6 +342,15 @@ absl::StatusOr<TrackSummary> Client::Track(const TrackPosition& position, EventF
 
 absl::Status Client::WatchPoses(const std::string& session, uint64_t after_pose_seq, const PosesCallback& on_poses,
                                 std::stop_token stop) {
+  absl::Status status;
+  do {
+    status = WatchUntilEnd(session, after_pose_seq, on_poses, stop);
+  } while (GetDetails(status).reason == "FENCED" && !stop.stop_requested());
+  return status;
+}
+
+absl::Status Client::WatchUntilEnd(const std::string& session, uint64_t& after_pose_seq, const PosesCallback& on_poses,
+                                   const std::stop_token& stop) {
   grpc::ClientContext context;
   v1::WatchPosesRequest request;
   request.set_session(session);
@@ -350,14 +360,16 @@ absl::Status Client::WatchPoses(const std::string& session, uint64_t after_pose_
   const std::stop_callback cancel_on_stop(stop, [&context] { context.TryCancel(); });
   v1::WatchPosesResponse response;
   absl::Status malformed;
-  while (malformed.ok() && reader->Read(&response)) {
+  while (reader->Read(&response)) {
     std::vector<Pose> poses;
     for (const v1::Pose& message : response.poses()) {
       absl::StatusOr<Pose> pose = FromProto(message);
       malformed.Update(pose.status());
       if (pose.ok()) poses.push_back(*std::move(pose));
     }
-    if (malformed.ok()) on_poses(poses, response.num_skipped());
+    if (!malformed.ok()) break;
+    on_poses(poses, response.num_skipped());
+    if (!poses.empty()) after_pose_seq = poses.back().pose_seq;
   }
   if (!malformed.ok()) context.TryCancel();
   const grpc::Status status = reader->Finish();

@@ -89,14 +89,18 @@ class Client {
   absl::StatusOr<TrackSummary> Track(const TrackPosition& position, EventFeed& feed, const TrackCallbacks& callbacks,
                                      const TrackOptions& options = {});
 
-  // Stored poses after `after_pose_seq`, then live ones, in order; `num_skipped` were lost just before them. Ends OK
-  // when the session has ended, and CANCELLED when `stop` was requested.
+  // Stored poses after `after_pose_seq`, then live ones, in order; `num_skipped` were lost just before them. Goes on
+  // when the session goes to another server on the same store. Ends OK when the session has ended, and CANCELLED when
+  // `stop` was requested.
   using PosesCallback = std::function<void(const std::vector<Pose>& poses, uint64_t num_skipped)>;
   absl::Status WatchPoses(const std::string& session, uint64_t after_pose_seq, const PosesCallback& on_poses,
                           std::stop_token stop = {});
 
  private:
   explicit Client(const ClientOptions& options);
+  // Moves `after_pose_seq` on as poses come.
+  absl::Status WatchUntilEnd(const std::string& session, uint64_t& after_pose_seq, const PosesCallback& on_poses,
+                             const std::stop_token& stop);
   absl::StatusOr<ModelInfo> TryUpload(absl::Span<const uint8_t> bytes, const UploadOptions& options);
   void AddEndpoint(std::shared_ptr<grpc::Channel> channel, const std::string& name);
   // False when the time is over; FAILED_PRECONDITION saying why TLS prevents it.

@@ -1,5 +1,6 @@
 // What clients see of a store that is away, full, broken or damaged, through the raw stub; and several servers on one.
 #include <future>
+#include <numeric>
 #include <thread>
 
 #include "grpc/health/v1/health.grpc.pb.h"
@@ -343,25 +344,71 @@ TEST_F(StoreErrorsTest, APoseThatCannotHaveBeenSentIsRefusedAlsoWhereASessionMov
   EXPECT_EQ(response.summary().health().poses(), 10u);
 }
 
-TEST_F(StoreErrorsTest, WatchersOfASessionThatIsElsewhereAreToldSo) {
+TEST_F(StoreErrorsTest, WatchersAtAnotherServerSeeEveryPose) {
+  v1::Session session = CreateSession();
+  v1::Attached attached;
+  auto track = Attached(session, &attached);
+  const auto elsewhere = v1::SessionService::NewStub(StartOnStore());
+  grpc::ClientContext context;
+  v1::WatchPosesRequest request;
+  request.set_session(session.name());
+  const auto watcher = elsewhere->WatchPoses(&context, request);
+  std::vector<uint64_t> seqs;
+  const auto read_until = [&](size_t num_poses) {
+    v1::WatchPosesResponse response;
+    while (seqs.size() < num_poses && watcher->Read(&response)) {
+      EXPECT_EQ(response.num_skipped(), 0u);
+      for (const v1::Pose& pose : response.poses()) seqs.push_back(pose.pose_seq());
+    }
+  };
+  MakePoses(*track);
+  track.reset();  // with what it made in the store
+  read_until(1);
+  session.set_resume_token(attached.resume_token());
+  track = Attached(session);
+  ASSERT_TRUE(track->Events(2, Flat64(SomeEvents(11, 31))));
+  ASSERT_TRUE(track->End());
+  EXPECT_EQ(Describe(track->Finish()), "OK");
+  read_until(1000);
+  EXPECT_EQ(Describe(watcher->Finish()), "OK");
+  std::vector<uint64_t> expected(30);
+  std::iota(expected.begin(), expected.end(), 1);
+  EXPECT_EQ(seqs, expected);
+}
+
+TEST_F(StoreErrorsTest, WatchersAtAnotherServerSeeHealthUntilTheEnd) {
   const v1::Session session = CreateSession();
+  const auto track = Attached(session);
+  const auto elsewhere = v1::SessionService::NewStub(StartOnStore());
+  grpc::ClientContext context;
+  v1::WatchHealthRequest request;
+  request.set_session(session.name());
+  request.mutable_period()->set_nanos(10'000'000);
+  const auto watcher = elsewhere->WatchHealth(&context, request);
+  v1::SessionHealth health;
+  ASSERT_TRUE(watcher->Read(&health));
+  EXPECT_EQ(health.poses(), 0u);
+  MakePoses(*track);
+  ASSERT_TRUE(track->End());
+  EXPECT_EQ(Describe(track->Finish()), "OK");
+  while (watcher->Read(&health)) continue;
+  EXPECT_EQ(health.poses(), 10u);
+  EXPECT_EQ(Describe(watcher->Finish()), "OK");
+}
+
+TEST_F(StoreErrorsTest, WatchersAtAnotherServerAreToldWhatIsWrong) {
+  const v1::Session session = CreateSession();
+  { MakePoses(*Attached(session)); }
   Use(StartOnStore());
-  EXPECT_EQ(WatchError(session.name()), "FAILED_PRECONDITION HELD_ELSEWHERE");
   EXPECT_EQ(WatchError("sessions/unknown"), "NOT_FOUND SESSION_NOT_FOUND");
   trouble_->Set(absl::UnavailableError("gone"));
   EXPECT_EQ(WatchError(session.name()), "UNAVAILABLE STORE_AWAY");
   trouble_->Set(absl::OkStatus());
-  EXPECT_EQ(GetError(session.name()), "OK");
-  // Its client comes here: so may the watchers.
-  const auto track = Attached(session);
-  grpc::ClientContext context;
-  v1::WatchHealthRequest request;
-  request.set_session(session.name());
-  const auto watcher = sessions_->WatchHealth(&context, request);
-  v1::SessionHealth health;
-  EXPECT_TRUE(watcher->Read(&health));
-  context.TryCancel();
-  (void)watcher->Finish();
+  const Watchers watchers(*sessions_, session.name());
+  trouble_->Set(absl::UnavailableError("gone"));
+  trouble_->Set(absl::OkStatus());
+  ASSERT_EQ(Describe(Delete(session.name())), "OK");
+  EXPECT_EQ(watchers.Errors(), "NOT_FOUND SESSION_DELETED, NOT_FOUND SESSION_DELETED");
 }
 
 TEST_F(StoreErrorsTest, AStoreThatFailsEndsTheStream) {

@@ -27,8 +27,6 @@ namespace {
 
 // In one response: about 40 KB in memory, which is what a reader that stalls costs.
 constexpr size_t kPosesPerResponse = 64;
-// A live reader this far behind loses the oldest poses.
-constexpr uint64_t kMaxLivePosesBehind = 1024;
 constexpr absl::Duration kDefaultPeriod = absl::Seconds(1);
 constexpr absl::Duration kMinPeriod = absl::Milliseconds(10);
 
@@ -47,12 +45,9 @@ class WatchReactor : public grpc::ServerWriteReactor<Response>,
     self_ = this->shared_from_this();
     services_.streams.Add(StreamRegistry::Kind::kWatch, self_);
     if (missing_.has_value()) {
-      return services_.pool.PostSlow([self = this->shared_from_this()] { self->FailAsStoreSays(); });
+      return services_.pool.PostSlow([self = this->shared_from_this()] { self->LookInStore(); });
     }
-    if (begun.ok()) session_->AddWatcher(this->weak_from_this());
-    const std::lock_guard lock(mutex_);
-    Fail(begun);
-    Pump();
+    Watch(begun);
   }
 
   void OnWriteDone(bool ok) override {
@@ -101,7 +96,9 @@ class WatchReactor : public grpc::ServerWriteReactor<Response>,
     return absl::OkStatus();
   }
 
-  const Session& session() const { return *session_; }
+  const WatchedSession& session() const { return *session_; }
+  // Before the first PickResponse.
+  virtual void OnFound() {}
   void Fail(const absl::Status& status) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) { failure_.Update(status); }
 
   // Fills `response` with what is next, if anything; `is_last`: nothing will come after it.
@@ -133,10 +130,19 @@ class WatchReactor : public grpc::ServerWriteReactor<Response>,
   };
 
   // The store takes too long for gRPC's threads.
-  void FailAsStoreSays() {
-    const absl::Status why = services_.sessions.WhyNotHere(missing_->tenant, missing_->name);
+  void LookInStore() {
+    auto mirror = services_.sessions.Mirror(missing_->tenant, missing_->name);
+    if (mirror.ok()) session_ = *std::move(mirror);
+    Watch(mirror.status());
+  }
+
+  void Watch(const absl::Status& found) {
+    if (found.ok()) {
+      OnFound();
+      session_->AddWatcher(this->weak_from_this());
+    }
     const std::lock_guard lock(mutex_);
-    Fail(why);
+    Fail(found);
     Pump();
   }
 
@@ -149,9 +155,9 @@ class WatchReactor : public grpc::ServerWriteReactor<Response>,
 
   const ServiceContext services_;
   grpc::CallbackServerContext* const context_;
-  std::shared_ptr<WatchReactor> self_;  // until OnDone
-  std::shared_ptr<Session> session_;
-  std::optional<Missing> missing_;  // what was asked for, when it is not here
+  std::shared_ptr<WatchReactor> self_;       // until OnDone
+  std::shared_ptr<WatchedSession> session_;  // null until it is found
+  std::optional<Missing> missing_;           // what was asked for, when it is not here
   std::unique_ptr<TenantQuotas::Watcher> place_;
   Response response_ ABSL_GUARDED_BY(mutex_);
   bool is_writing_ ABSL_GUARDED_BY(mutex_) = false;
@@ -172,23 +178,25 @@ class WatchPosesReactor : public WatchReactor<v1::WatchPosesResponse> {
       }
       min_interval_us_ = 1e6 / rate_hz;
     }
-    EVPOSE_RETURN_IF_ERROR(FindSession(caller, request.session()));
     cursor_ = request.after_pose_seq();
-    live_from_ = session().Watch().last_pose_seq;
-    last_t_us_.assign(session().config().objects.size(), std::numeric_limits<int64_t>::min());
-    return absl::OkStatus();
+    return FindSession(caller, request.session());
   }
 
  private:
+  void OnFound() override {
+    live_from_ = session().Watch().last_pose_seq;
+    last_t_us_.assign(session().config().objects.size(), std::numeric_limits<int64_t>::min());
+  }
+
   bool PickResponse(const WatchView& view, v1::WatchPosesResponse& response, bool& is_last) override
       ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
     while (cursor_ < view.last_pose_seq && response.poses().empty()) {
       uint64_t skipped = 0;
-      if (cursor_ >= live_from_ && view.last_pose_seq - cursor_ > kMaxLivePosesBehind) {
-        skipped = view.last_pose_seq - kMaxLivePosesBehind - cursor_;
+      if (cursor_ >= live_from_ && view.last_pose_seq - cursor_ > session().max_poses_behind()) {
+        skipped = view.last_pose_seq - session().max_poses_behind() - cursor_;
         cursor_ += skipped;
       }
-      const auto page = session().pose_log().Read(cursor_, kPosesPerResponse);
+      const auto page = session().ReadPoses(cursor_, kPosesPerResponse);
       if (page.empty()) return false;
       skipped += page.front().pose_seq - cursor_ - 1;
       response.set_num_skipped(response.num_skipped() + skipped);
@@ -239,7 +247,7 @@ class WatchHealthReactor : public WatchReactor<v1::SessionHealth> {
     if (is_last || !(is_due_ || view.ended)) return false;
     is_due_ = false;
     final_was_sent_ = view.ended;
-    response = ToProto(session().Snapshot().health, session().config());
+    response = ToProto(session().health(), session().config());
     if (!view.ended) SetAlarm();
     return true;
   }

@@ -28,7 +28,7 @@
 #include "server/sessions/session_log.h"
 #include "server/sessions/session_pipeline.h"
 #include "server/sessions/session_state.h"
-#include "server/sessions/watchers.h"
+#include "server/sessions/watched_session.h"
 #include "server/sessions/worker_pool.h"
 
 namespace evpose::server {
@@ -120,20 +120,15 @@ struct SessionBeginning {
 std::string TokenDigest(absl::string_view token);
 bool IsDigestGood(absl::string_view digest, const SessionLifecycle& lifecycle);
 
-// What a reader must know to go on.
-struct WatchView {
-  absl::Status status;  // not OK: the session is no more
-  bool ended = false;   // no more poses will come
-  uint64_t last_pose_seq = 0;
-};
-
-class Session : public std::enable_shared_from_this<Session> {
+class Session : public WatchedSession, public std::enable_shared_from_this<Session> {
  public:
   using SteadyTime = std::chrono::steady_clock::time_point;
 
   // A pose stream may be so far behind before the session waits for its reader (kBlock) or makes no more poses
   // (kLatest).
   static constexpr uint64_t kMaxUnsentPoses = 1024;
+  // A watcher that is so far behind goes on with what is new.
+  static constexpr uint64_t kMaxLivePosesBehind = 1024;
   // So many poses may wait for the store before the session does.
   static constexpr uint64_t kMaxUncommittedPoses = 4096;
   // A stream is sent no pose so far beyond the last one that the store has, whatever an item makes. So who attaches
@@ -157,11 +152,11 @@ class Session : public std::enable_shared_from_this<Session> {
     std::shared_ptr<ServerMetrics> metrics = std::make_shared<ServerMetrics>();
   };
   static std::shared_ptr<Session> Start(Parts parts, WorkerPool& pool);
-  ~Session();
+  ~Session() override;
 
   const std::string& name() const { return name_; }
   SessionLog& log() { return *log_; }
-  const SessionConfig& config() const { return config_; }
+  const SessionConfig& config() const override { return config_; }
   const SessionLimits& limits() const { return limits_; }
   absl::Time create_time() const { return create_time_; }
   uint64_t fencing_number() const { return committer_->fencing_number(); }  // under which the store has it
@@ -174,8 +169,13 @@ class Session : public std::enable_shared_from_this<Session> {
   SessionInfo Describe() const { return {name_, config_, create_time_, Snapshot()}; }
   std::optional<absl::Time> expire_time() const;  // absent while a stream is attached
 
-  WatchView Watch() const;
-  void AddWatcher(std::weak_ptr<SessionListener> watcher) { watchers_->Add(std::move(watcher)); }
+  WatchView Watch() const override;
+  std::vector<StoredPose> ReadPoses(uint64_t after_pose_seq, size_t max_poses) const override {
+    return pose_log_.Read(after_pose_seq, max_poses);
+  }
+  uint64_t max_poses_behind() const override { return kMaxLivePosesBehind; }
+  SessionHealth health() const override { return Snapshot().health; }
+  void AddWatcher(std::weak_ptr<SessionListener> watcher) override { watchers_->Add(std::move(watcher)); }
 
   // The data plane; statuses and reasons are those that the API promises for Track.
   // Attaching fences the stream before: its view's status is ABORTED from now on. `peer` is for the log.

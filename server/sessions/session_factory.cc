@@ -45,13 +45,15 @@ absl::StatusOr<std::vector<StoredPose>> DecodeLog(const std::vector<PoseSegment>
   return poses;
 }
 
-absl::StatusOr<SessionBeginning> DecodeBeginning(const StoredSession& stored, size_t num_objects) {
+// `after_pose_seq`: the poses up to it were not asked for.
+absl::StatusOr<SessionBeginning> DecodeBeginning(const StoredSession& stored, size_t num_objects,
+                                                 uint64_t after_pose_seq = 0) {
   SessionBeginning beginning;
   EVPOSE_ASSIGN_OR_RETURN(beginning.lifecycle, DecodeLifecycle(stored.lifecycle));
   EVPOSE_ASSIGN_OR_RETURN(beginning.poses, DecodeLog(stored.poses, num_objects));
   if (!stored.checkpoint.empty()) {
     EVPOSE_ASSIGN_OR_RETURN(beginning.checkpoint, DecodeCheckpoint(stored.checkpoint, num_objects));
-    const uint64_t last = beginning.poses.empty() ? 0 : beginning.poses.back().pose_seq;
+    const uint64_t last = beginning.poses.empty() ? after_pose_seq : beginning.poses.back().pose_seq;
     if (last < beginning.checkpoint->health.poses) {
       return Damaged(absl::StrCat("the poses up to ", beginning.checkpoint->health.poses, " are missing"));
     }
@@ -180,14 +182,15 @@ absl::StatusOr<std::shared_ptr<Session>> SessionFactory::Restore(StoredSession s
   return Session::Start(std::move(parts), pool_);
 }
 
-absl::StatusOr<SessionFactory::Stored> SessionFactory::Read(absl::string_view name) const {
-  auto stored = store_.ReadSession(name);
+absl::StatusOr<SessionFactory::Stored> SessionFactory::Read(absl::string_view name, uint64_t after_pose_seq) const {
+  auto stored = store_.ReadSession(name, after_pose_seq);
   if (!stored.ok()) return StoreError(name, stored.status());
   auto config = DecodeConfig(stored->record.config);
   if (!config.ok()) return StoreError(name, config.status());
-  auto beginning = DecodeBeginning(*stored, config->objects.size());
+  auto beginning = DecodeBeginning(*stored, config->objects.size(), after_pose_seq);
   if (!beginning.ok()) return StoreError(name, beginning.status());
   Stored out = {.record = std::move(stored->record), .lifecycle = beginning->lifecycle};
+  out.poses = std::move(beginning->poses);
   out.info = Describe(out.record, *std::move(config), *std::move(beginning), options_.limits.expiry);
   return out;
 }

@@ -4,6 +4,7 @@
 #include <functional>
 #include <memory>
 #include <string>
+#include <vector>
 
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
@@ -41,14 +42,15 @@ class SessionFactory {
   // Takes a session from whoever holds it, and goes on from its last checkpoint. Errors: as Read.
   absl::StatusOr<Taken> Take(absl::string_view name) const;
 
-  // What the store knows of a session, without taking it. Errors: NOT_FOUND (SESSION_NOT_FOUND), DATA_LOSS
-  // (SESSION_DAMAGED), UNAVAILABLE (STORE_AWAY).
+  // What the store knows of a session, its poses after this one among it, without taking it. Errors: NOT_FOUND
+  // (SESSION_NOT_FOUND), DATA_LOSS (SESSION_DAMAGED), UNAVAILABLE (STORE_AWAY).
   struct Stored {
     SessionRecord record;
     SessionLifecycle lifecycle;
     SessionInfo info;
+    std::vector<StoredPose> poses;
   };
-  absl::StatusOr<Stored> Read(absl::string_view name) const;
+  absl::StatusOr<Stored> Read(absl::string_view name, uint64_t after_pose_seq = 0) const;
 
  private:
   // The models of a session's objects, and that they are in use.

@@ -17,6 +17,8 @@ namespace {
 
 // When a slot may be free again is not known; clients ask again after this.
 constexpr absl::Duration kRetryDelay = absl::Seconds(5);
+// Checkpoints, by which a mirror learns something, are some tenth of a second apart or more.
+constexpr absl::Duration kMirrorPeriod = absl::Milliseconds(100);
 
 absl::Status RequestIdReused(absl::string_view request_id, absl::string_view session) {
   return WithReason(absl::AlreadyExistsError(absl::StrCat("request_id \"", request_id, "\" made ", session,
@@ -201,15 +203,23 @@ absl::StatusOr<std::shared_ptr<Session>> SessionManager::Get(const std::string& 
   return session;
 }
 
-absl::Status SessionManager::WhyNotHere(const std::string& tenant, const std::string& name) const {
-  const auto stored = factory_.Read(name);
-  if (!stored.ok()) return stored.status();
-  if (stored->record.tenant != tenant || !options_.shares_store) return SessionNotFound(name);
-  return WithReason(absl::FailedPreconditionError(absl::StrCat(
-                        name,
-                        " is not at this server, but at another one on its store, or at none until its client "
-                        "attaches again: ask the server that its client streams to")),
-                    "HELD_ELSEWHERE", {{"session", name}});
+std::shared_ptr<SessionMirror> SessionManager::FindMirror(const std::string& tenant, const std::string& name) {
+  const std::lock_guard lock(mutex_);
+  std::erase_if(mirrors_, [](const auto& entry) { return entry.second.expired(); });
+  const auto found = mirrors_.find({tenant, name});
+  return found == mirrors_.end() ? nullptr : found->second.lock();
+}
+
+absl::StatusOr<std::shared_ptr<WatchedSession>> SessionManager::Mirror(const std::string& tenant,
+                                                                       const std::string& name) {
+  if (auto mirror = FindMirror(tenant, name); mirror != nullptr && mirror->Watch().status.ok()) return mirror;
+  EVPOSE_ASSIGN_OR_RETURN(SessionFactory::Stored stored, factory_.Read(name));
+  if (stored.record.tenant != tenant || !options_.shares_store) return SessionNotFound(name);
+  const auto read = [this, name](uint64_t after_pose_seq) { return factory_.Read(name, after_pose_seq); };
+  auto mirror = SessionMirror::Start(std::move(stored), read, options_.limits.pose_log_capacity, kMirrorPeriod, pool_);
+  const std::lock_guard lock(mutex_);
+  mirrors_[{tenant, name}] = mirror;
+  return mirror;
 }
 
 std::shared_ptr<Session> SessionManager::FindForAttach(const std::string& tenant, absl::string_view name,

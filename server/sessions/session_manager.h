@@ -22,6 +22,7 @@
 #include "server/sessions/session.h"
 #include "server/sessions/session_config.h"
 #include "server/sessions/session_factory.h"
+#include "server/sessions/session_mirror.h"
 #include "server/sessions/worker_pool.h"
 #include "server/stores/store.h"
 
@@ -56,9 +57,10 @@ class SessionManager {
 
   // Of this server. Errors: NOT_FOUND (SESSION_NOT_FOUND).
   absl::StatusOr<std::shared_ptr<Session>> Get(const std::string& tenant, absl::string_view name);
-  // Why Get does not find it. Waits for the store. NOT_FOUND (SESSION_NOT_FOUND), FAILED_PRECONDITION (HELD_ELSEWHERE)
-  // when the store has it, DATA_LOSS (SESSION_DAMAGED), UNAVAILABLE (STORE_AWAY).
-  absl::Status WhyNotHere(const std::string& tenant, const std::string& name) const;
+  // What Get does not find: a session of another server on the same store, for those who look on; one mirror serves all
+  // of them. Waits for the store. Errors: NOT_FOUND (SESSION_NOT_FOUND), DATA_LOSS (SESSION_DAMAGED), UNAVAILABLE
+  // (STORE_AWAY).
+  absl::StatusOr<std::shared_ptr<WatchedSession>> Mirror(const std::string& tenant, const std::string& name);
   // The session, when it is here and takes this token; else null, and TakeForAttach has to be asked.
   std::shared_ptr<Session> FindForAttach(const std::string& tenant, absl::string_view name,
                                          absl::string_view resume_token);
@@ -121,6 +123,8 @@ class SessionManager {
   // Null when it is not here, or is closed.
   std::shared_ptr<Session> FindOpen(const std::string& tenant, absl::string_view name);
   std::vector<std::shared_ptr<Session>> Sessions() const;
+  // Null when nobody watches it yet.
+  std::shared_ptr<SessionMirror> FindMirror(const std::string& tenant, const std::string& name);
   absl::Status DeleteStored(const std::string& tenant, const std::string& name, const std::string& peer);
   absl::StatusOr<std::shared_ptr<Session>> Take(const std::string& name);
   void Insert(const std::shared_ptr<Session>& session, const Request& request) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
@@ -140,6 +144,8 @@ class SessionManager {
   std::map<Request, std::string> name_of_request_ ABSL_GUARDED_BY(mutex_);
   uint32_t slots_being_filled_ ABSL_GUARDED_BY(mutex_) = 0;
   std::map<std::string, uint32_t> slots_being_filled_by_ ABSL_GUARDED_BY(mutex_);  // tenant; no zeros
+  std::map<std::pair<std::string, std::string>, std::weak_ptr<SessionMirror>> mirrors_
+      ABSL_GUARDED_BY(mutex_);  // by tenant and name; those that nobody watches any more are left out, some time
   bool draining_ ABSL_GUARDED_BY(mutex_) = false;
 };
 

@@ -118,9 +118,10 @@ class TroubledStore : public Store {
     taken.lease = std::make_unique<TroubledLease>(std::move(taken.lease), trouble_, pending_);
     return taken;
   }
-  absl::StatusOr<StoredSession> ReadSession(absl::string_view name) const override {
+  using Store::ReadSession;
+  absl::StatusOr<StoredSession> ReadSession(absl::string_view name, uint64_t after_pose_seq) const override {
     EVPOSE_RETURN_IF_ERROR(trouble_->Ask());
-    return store_->ReadSession(name);
+    return store_->ReadSession(name, after_pose_seq);
   }
   absl::StatusOr<std::vector<SessionRecord>> ListSessions() const override {
     EVPOSE_RETURN_IF_ERROR(trouble_->Ask());

@@ -62,11 +62,15 @@ absl::StatusOr<MemorySession> MemorySessions::Take(absl::string_view name) {
   return found->second;
 }
 
-absl::StatusOr<StoredSession> MemorySessions::Read(absl::string_view name) const {
+absl::StatusOr<StoredSession> MemorySessions::Read(absl::string_view name, uint64_t after_pose_seq) const {
   const std::lock_guard lock(mutex_);
   const auto found = sessions_.find(name);
   if (found == sessions_.end()) return SessionNotFoundError(name);
-  return found->second.stored;
+  const StoredSession& all = found->second.stored;
+  StoredSession read = {.record = all.record, .lifecycle = all.lifecycle, .checkpoint = all.checkpoint};
+  std::copy_if(all.poses.begin(), all.poses.end(), std::back_inserter(read.poses),
+               [&](const PoseSegment& segment) { return segment.last_pose_seq > after_pose_seq; });
+  return read;
 }
 
 std::vector<SessionRecord> MemorySessions::List() const {

@@ -34,7 +34,7 @@ class MemorySessions {
   // The fencing number of the lease.
   absl::StatusOr<uint64_t> Create(const SessionRecord& record, const std::string& lifecycle);
   absl::StatusOr<MemorySession> Take(absl::string_view name);
-  absl::StatusOr<StoredSession> Read(absl::string_view name) const;
+  absl::StatusOr<StoredSession> Read(absl::string_view name, uint64_t after_pose_seq) const;
   std::vector<SessionRecord> List() const;
   std::vector<StoredLifecycle> ReadLifecycles() const;
   void Delete(absl::string_view name);

@@ -110,8 +110,8 @@ class MemoryStore : public Store {
                  .lease = std::make_unique<MemoryLease>(shared_, name, session.fencing_number, next_pose_seq)};
   }
 
-  absl::StatusOr<StoredSession> ReadSession(absl::string_view name) const override {
-    return shared_->sessions.Read(name);
+  absl::StatusOr<StoredSession> ReadSession(absl::string_view name, uint64_t after_pose_seq) const override {
+    return shared_->sessions.Read(name, after_pose_seq);
   }
   absl::StatusOr<std::vector<SessionRecord>> ListSessions() const override { return shared_->sessions.List(); }
   absl::StatusOr<std::vector<StoredLifecycle>> ReadLifecycles() const override {

@@ -23,7 +23,10 @@ if ARGV[1] == '1' then
   redis.call('PEXPIRE', KEYS[2], ARGV[2])
 end
 local values = redis.call('HMGET', KEYS[1], 'fencing', 'next', 'kept', 'record', 'lifecycle', 'checkpoint')
-values[7] = redis.call('XRANGE', KEYS[2], '-', '+')
+local begin = ARGV[4]
+local across = redis.call('XREVRANGE', KEYS[2], ARGV[3], '-', 'COUNT', 1)[1]
+if across and tonumber(string.match(across[1], '(%d+)$')) > tonumber(ARGV[3]) then begin = across[1] end
+values[7] = redis.call('XRANGE', KEYS[2], begin, '+')
 return values
 )lua"};
 

@@ -18,8 +18,9 @@ struct RedisScript {
 
 // KEYS session, sessions, fencing. ARGV name, record, lifecycle, safety_ttl_ms. The fencing number; 0 when it exists.
 extern const RedisScript kRedisCreate;
-// KEYS session, poses, fencing. ARGV "1" to take it, else only to read, safety_ttl_ms. Nil when it does not exist, else
-// fencing, next, kept, record, lifecycle, checkpoint, the entries of the stream.
+// KEYS session, poses, fencing. ARGV "1" to take it, else only to read, safety_ttl_ms, a pose, the one after it. Nil
+// when it does not exist, else fencing, next, kept, record, lifecycle, checkpoint, the entries of the stream with poses
+// after that one.
 extern const RedisScript kRedisRead;
 // KEYS session, poses, ended. ARGV name, fencing, commit number, first pose to replace, kept, ended_at_us or "",
 // safety_ttl_ms, max_segments, checkpoint or "", lifecycle or "" (sealed ones are never empty), then first, last, bytes

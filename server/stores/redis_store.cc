@@ -61,7 +61,7 @@ struct RedisSession {
 };
 
 // The answer of kRedisRead.
-absl::StatusOr<RedisSession> ReadAnswer(absl::string_view name, const redisReply* reply) {
+absl::StatusOr<RedisSession> ReadAnswer(absl::string_view name, uint64_t after_pose_seq, const redisReply* reply) {
   if (reply->type == REDIS_REPLY_NIL) return SessionNotFoundError(name);
   const std::string state = absl::StrCat("the state of ", name);
   if (reply->elements != 7) return Damaged(state);
@@ -79,7 +79,8 @@ absl::StatusOr<RedisSession> ReadAnswer(absl::string_view name, const redisReply
     EVPOSE_ASSIGN_OR_RETURN(PoseSegment segment, ReadSegment(name, entries->element[i]));
     session.stored.poses.push_back(std::move(segment));
   }
-  EVPOSE_RETURN_IF_ERROR(CheckWhole(name, session.stored.poses, kept, session.next_pose_seq));
+  EVPOSE_RETURN_IF_ERROR(
+      CheckWhole(name, session.stored.poses, std::max(kept, after_pose_seq + 1), session.next_pose_seq));
   return session;
 }
 
@@ -212,13 +213,13 @@ class RedisStore : public Store {
   }
 
   absl::StatusOr<Taken> TakeSession(absl::string_view name) override {
-    EVPOSE_ASSIGN_OR_RETURN(RedisSession session, Read(name, /*take=*/true));
+    EVPOSE_ASSIGN_OR_RETURN(RedisSession session, Read(name, /*take=*/true, /*after_pose_seq=*/0));
     return Taken{.session = std::move(session.stored),
                  .lease = std::make_unique<RedisLease>(shared_, name, session.fencing_number, session.next_pose_seq)};
   }
 
-  absl::StatusOr<StoredSession> ReadSession(absl::string_view name) const override {
-    EVPOSE_ASSIGN_OR_RETURN(RedisSession session, Read(name, /*take=*/false));
+  absl::StatusOr<StoredSession> ReadSession(absl::string_view name, uint64_t after_pose_seq) const override {
+    EVPOSE_ASSIGN_OR_RETURN(RedisSession session, Read(name, /*take=*/false, after_pose_seq));
     return std::move(session.stored);
   }
 
@@ -324,11 +325,13 @@ class RedisStore : public Store {
     return model;
   }
 
-  absl::StatusOr<RedisSession> Read(absl::string_view name, bool take) const {
-    EVPOSE_ASSIGN_OR_RETURN(const RedisReply reply,
-                            shared_->client.CallScript(kRedisRead, SessionKeys(name, kRedisFencingKey),
-                                                       {take ? "1" : "0", shared_->SafetyTtl_ms()}));
-    return ReadAnswer(name, reply.get());
+  absl::StatusOr<RedisSession> Read(absl::string_view name, bool take, uint64_t after_pose_seq) const {
+    EVPOSE_ASSIGN_OR_RETURN(
+        const RedisReply reply,
+        shared_->client.CallScript(kRedisRead, SessionKeys(name, kRedisFencingKey),
+                                   {take ? "1" : "0", shared_->SafetyTtl_ms(), std::to_string(after_pose_seq),
+                                    std::to_string(after_pose_seq + 1)}));
+    return ReadAnswer(name, after_pose_seq, reply.get());
   }
 
   const std::shared_ptr<Shared> shared_;

@@ -101,10 +101,12 @@ absl::StatusOr<std::string> ReadCheckpoint(SqliteDatabase& database, absl::strin
   return Unseal(CheckpointOf(session), std::move(sealed));
 }
 
-absl::StatusOr<std::vector<PoseSegment>> ReadPoses(SqliteDatabase& database, absl::string_view session) {
+absl::StatusOr<std::vector<PoseSegment>> ReadPoses(SqliteDatabase& database, absl::string_view session,
+                                                   uint64_t after_pose_seq) {
   SqliteQuery query = database.Query(
-      "SELECT first_pose_seq, last_pose_seq, bytes FROM poses WHERE session = ? ORDER BY first_pose_seq");
-  query.Text(session);
+      "SELECT first_pose_seq, last_pose_seq, bytes FROM poses WHERE session = ? AND last_pose_seq > ? "
+      "ORDER BY first_pose_seq");
+  query.Text(session).Integer(static_cast<int64_t>(after_pose_seq));
   std::vector<PoseSegment> poses;
   while (query.Next()) {
     const auto first = static_cast<uint64_t>(query.IntegerAt(0));
@@ -181,7 +183,8 @@ absl::Status SqliteWriteParts(SqliteDatabase& database, absl::string_view sessio
   return ForgetPoses(database, session, commit, state);
 }
 
-absl::StatusOr<SqliteSession> SqliteReadSession(SqliteDatabase& database, absl::string_view session) {
+absl::StatusOr<SqliteSession> SqliteReadSession(SqliteDatabase& database, absl::string_view session,
+                                                uint64_t after_pose_seq) {
   SqliteQuery query = database.Query("SELECT state, record, lifecycle, ended_at_ns FROM sessions WHERE name = ?");
   query.Text(session);
   if (!query.Next()) return query.status().ok() ? SessionNotFoundError(session) : query.status();
@@ -194,9 +197,10 @@ absl::StatusOr<SqliteSession> SqliteReadSession(SqliteDatabase& database, absl::
     return absl::DataLossError(absl::StrCat("the end of ", session, " is damaged"));
   }
   EVPOSE_ASSIGN_OR_RETURN(read.stored.checkpoint, ReadCheckpoint(database, session, read.state.checkpoint_seal));
-  EVPOSE_ASSIGN_OR_RETURN(read.stored.poses, ReadPoses(database, session));
-  EVPOSE_RETURN_IF_ERROR(
-      CheckWhole(session, read.stored.poses, read.state.first_pose_seq_kept, read.state.next_pose_seq));
+  EVPOSE_ASSIGN_OR_RETURN(read.stored.poses, ReadPoses(database, session, after_pose_seq));
+  EVPOSE_RETURN_IF_ERROR(CheckWhole(session, read.stored.poses,
+                                    std::max(read.state.first_pose_seq_kept, after_pose_seq + 1),
+                                    read.state.next_pose_seq));
   return read;
 }
 

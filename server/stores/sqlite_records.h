@@ -52,8 +52,9 @@ absl::Status SqliteWriteState(SqliteDatabase& database, absl::string_view sessio
 // Writes the parts that the commit has, and changes `state` as they say. Poses from `next_pose_seq` on are replaced.
 absl::Status SqliteWriteParts(SqliteDatabase& database, absl::string_view session, const SessionCommit& commit,
                               uint64_t next_pose_seq, SqliteSessionState& state);
-// Errors: NOT_FOUND.
-absl::StatusOr<SqliteSession> SqliteReadSession(SqliteDatabase& database, absl::string_view session);
+// Without the segments that have no pose after this one. Errors: NOT_FOUND.
+absl::StatusOr<SqliteSession> SqliteReadSession(SqliteDatabase& database, absl::string_view session,
+                                                uint64_t after_pose_seq);
 absl::Status SqliteDeleteSession(SqliteDatabase& database, absl::string_view session);
 // In their order.
 absl::StatusOr<std::vector<SessionRecord>> SqliteListSessions(SqliteDatabase& database);

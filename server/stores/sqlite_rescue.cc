@@ -92,7 +92,7 @@ void CheckSessions(SqliteDatabase& database, SqliteContents& contents) {
               {"SELECT DISTINCT session FROM poses", "SELECT DISTINCT session FROM poses ORDER BY session DESC"},
               FirstText, names);
   for (const std::string& name : names) {
-    const auto session = SqliteReadSession(database, name);
+    const auto session = SqliteReadSession(database, name, /*after_pose_seq=*/0);
     if (session.ok()) {
       contents.sessions.push_back(name);
       contents.last_fencing_number = std::max(contents.last_fencing_number, session->state.fencing_number);
@@ -104,7 +104,7 @@ void CheckSessions(SqliteDatabase& database, SqliteContents& contents) {
 }
 
 absl::Status CopySession(SqliteDatabase& from, const std::string& name, SqliteDatabase& to) {
-  EVPOSE_ASSIGN_OR_RETURN(SqliteSession session, SqliteReadSession(from, name));
+  EVPOSE_ASSIGN_OR_RETURN(SqliteSession session, SqliteReadSession(from, name, /*after_pose_seq=*/0));
   EVPOSE_RETURN_IF_ERROR(SqliteInsertSession(to, session.stored.record, session.stored.lifecycle, session.state));
   SessionCommit parts;
   if (session.state.checkpoint_seal != 0) parts.checkpoint = std::move(session.stored.checkpoint);

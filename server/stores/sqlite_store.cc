@@ -127,7 +127,7 @@ class SqliteStore : public Store {
     if (IsDamaged(name)) return DamagedSessionError(name);
     SqliteSession session;
     const absl::Status written = writer_->Call([&](SqliteDatabase& database) -> absl::Status {
-      EVPOSE_ASSIGN_OR_RETURN(session, SqliteReadSession(database, name));
+      EVPOSE_ASSIGN_OR_RETURN(session, SqliteReadSession(database, name, /*after_pose_seq=*/0));
       EVPOSE_ASSIGN_OR_RETURN(session.state.fencing_number, SqliteNextFencingNumber(database));
       return SqliteWriteState(database, name, session.state);
     });
@@ -137,11 +137,11 @@ class SqliteStore : public Store {
                                                         session.state.next_pose_seq)};
   }
 
-  absl::StatusOr<StoredSession> ReadSession(absl::string_view name) const override {
+  absl::StatusOr<StoredSession> ReadSession(absl::string_view name, uint64_t after_pose_seq) const override {
     if (IsDamaged(name)) return DamagedSessionError(name);
     const std::lock_guard lock(mutex_);
     EVPOSE_RETURN_IF_ERROR(reader_->Execute("BEGIN"));  // one moment's rows
-    auto session = SqliteReadSession(*reader_, name);
+    auto session = SqliteReadSession(*reader_, name, after_pose_seq);
     EVPOSE_RETURN_IF_ERROR(reader_->Execute("COMMIT"));
     EVPOSE_RETURN_IF_ERROR(session.status());
     return std::move(session->stored);

@@ -153,8 +153,9 @@ class Store {
   // With a higher fencing number: from now on whoever held the session is refused. Errors: NOT_FOUND, DATA_LOSS naming
   // the session and what of it is damaged.
   virtual absl::StatusOr<Taken> TakeSession(absl::string_view name) = 0;
-  // Without taking it. Errors: as TakeSession.
-  virtual absl::StatusOr<StoredSession> ReadSession(absl::string_view name) const = 0;
+  // Without taking it, and without the segments that have no pose after this one. Errors: as TakeSession.
+  virtual absl::StatusOr<StoredSession> ReadSession(absl::string_view name, uint64_t after_pose_seq) const = 0;
+  absl::StatusOr<StoredSession> ReadSession(absl::string_view name) const { return ReadSession(name, 0); }
   // All undamaged sessions, in the order of their names.
   virtual absl::StatusOr<std::vector<SessionRecord>> ListSessions() const = 0;
   // Of all sessions, but those of which it is damaged, in the order of their names.

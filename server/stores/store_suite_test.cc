@@ -191,6 +191,24 @@ TEST_P(StoreSuite, TellsTheLifecyclesOfAllSessions) {
   EXPECT_EQ(lifecycles[1].lifecycle, "b again");
 }
 
+TEST_P(StoreSuite, ReadsTheSegmentsThatGoOnAfterAPose) {
+  auto lease = store_->CreateSession(Record("sessions/a"), "").value();
+  ASSERT_TRUE(CommitNow(*lease, {.checkpoint = "state",
+                                 .poses = {Segment("a", 1, 10), Segment("a", 11, 20), Segment("a", 21, 30)},
+                                 .first_pose_seq_kept = 11})
+                  .ok());
+  const auto ranges_after = [&](uint64_t seq) { return Ranges(store_->ReadSession("sessions/a", seq)->poses); };
+  EXPECT_EQ(ranges_after(0), "11-20 21-30");
+  EXPECT_EQ(ranges_after(11), "11-20 21-30");
+  EXPECT_EQ(ranges_after(19), "11-20 21-30");
+  EXPECT_EQ(ranges_after(20), "21-30");
+  EXPECT_EQ(ranges_after(29), "21-30");
+  EXPECT_EQ(ranges_after(30), "");
+  EXPECT_EQ(ranges_after(1'000'000), "");
+  EXPECT_EQ(store_->ReadSession("sessions/a", 30)->checkpoint, "state");
+  EXPECT_EQ(store_->ReadSession("sessions/b", 30).status().code(), StatusCode::kNotFound);
+}
+
 TEST_P(StoreSuite, ForgetsPosesBySegments) {
   auto lease = store_->CreateSession(Record("sessions/a"), "").value();
   ASSERT_TRUE(CommitNow(*lease, {.poses = {Segment("a", 1, 10), Segment("a", 11, 20), Segment("a", 21, 30)}}).ok());

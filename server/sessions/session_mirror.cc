@@ -1,0 +1,83 @@
+#include "server/sessions/session_mirror.h"
+
+#include <utility>
+
+#include "absl/strings/str_cat.h"
+#include "server/sessions/errors.h"
+
+namespace evpose::server {
+
+std::shared_ptr<SessionMirror> SessionMirror::Start(SessionFactory::Stored stored, ReadStored read, size_t capacity,
+                                                    absl::Duration period, WorkerPool& pool) {
+  std::shared_ptr<SessionMirror> mirror(new SessionMirror(stored, std::move(read), capacity, period, pool));
+  const std::lock_guard lock(mirror->mutex_);
+  mirror->TakeIn(std::move(stored));
+  mirror->Schedule();
+  return mirror;
+}
+
+SessionMirror::SessionMirror(const SessionFactory::Stored& stored, ReadStored read, size_t capacity,
+                             absl::Duration period, WorkerPool& pool)
+    : name_(stored.record.name),
+      config_(stored.info.config),
+      read_(std::move(read)),
+      capacity_(capacity),
+      period_(period),
+      pool_(pool),
+      watchers_(std::make_shared<Watchers>(pool)),
+      pose_log_(std::make_unique<PoseLog>(capacity, stored.info.snapshot.health.poses + 1)) {}
+
+WatchView SessionMirror::Watch() const {
+  const std::lock_guard lock(mutex_);
+  return {.status = status_, .ended = ended_, .last_pose_seq = pose_log_->last_pose_seq()};
+}
+
+std::vector<StoredPose> SessionMirror::ReadPoses(uint64_t after_pose_seq, size_t max_poses) const {
+  const std::lock_guard lock(mutex_);
+  return pose_log_->Read(after_pose_seq, max_poses);
+}
+
+SessionHealth SessionMirror::health() const {
+  const std::lock_guard lock(mutex_);
+  return health_;
+}
+
+void SessionMirror::Schedule() {
+  if (!status_.ok() || ended_) return;
+  timer_ = pool_.PostAfter(period_, [weak = weak_from_this(), &pool = pool_] {
+    pool.PostSlow([weak] {
+      if (const auto self = weak.lock()) self->Refresh();
+    });
+  });
+}
+
+void SessionMirror::Refresh() {
+  auto stored = read_(Watch().last_pose_seq);
+  bool is_news = false;
+  {
+    const std::lock_guard lock(mutex_);
+    is_news = TakeIn(std::move(stored));
+    Schedule();
+  }
+  if (is_news) watchers_->Notify();
+}
+
+bool SessionMirror::TakeIn(absl::StatusOr<SessionFactory::Stored> stored) {
+  if (absl::IsNotFound(stored.status())) {
+    status_ = WithReason(absl::NotFoundError(absl::StrCat(name_, " was deleted, or has expired")), "SESSION_DELETED",
+                         {{"session", name_}});
+  } else if (absl::IsDataLoss(stored.status())) {
+    status_ = stored.status();
+  }
+  if (!stored.ok()) return !status_.ok();
+  health_ = std::move(stored->info.snapshot.health);
+  ended_ = stored->info.snapshot.state == SessionState::kEnded;
+  if (stored->poses.empty()) return ended_;
+  const uint64_t first = stored->poses.front().pose_seq;
+  const bool is_first = pose_log_->first_pose_seq() > pose_log_->last_pose_seq();
+  if (is_first || first > pose_log_->last_pose_seq() + 1) pose_log_ = std::make_unique<PoseLog>(capacity_, first);
+  pose_log_->Append(stored->poses);
+  return true;
+}
+
+}  // namespace evpose::server

@@ -1,0 +1,63 @@
+// A session that another server holds, as their common store shows it: what its watchers at this server see.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <memory>
+#include <mutex>
+#include <vector>
+
+#include "absl/base/thread_annotations.h"
+#include "absl/functional/any_invocable.h"
+#include "absl/status/statusor.h"
+#include "absl/time/time.h"
+#include "server/sessions/session_factory.h"
+#include "server/sessions/watched_session.h"
+#include "server/sessions/worker_pool.h"
+
+namespace evpose::server {
+
+// Asks the store now and then while anybody holds it; so its poses come some checkpoint late, many at once.
+// Thread-safe.
+class SessionMirror : public WatchedSession, public std::enable_shared_from_this<SessionMirror> {
+ public:
+  // The session with its poses after this one. Waits for the store; errors as SessionFactory::Read.
+  using ReadStored = absl::AnyInvocable<absl::StatusOr<SessionFactory::Stored>(uint64_t after_pose_seq) const>;
+
+  // `stored`: what the store has now. Keeps the last `capacity` poses; asks again a `period` after each answer.
+  static std::shared_ptr<SessionMirror> Start(SessionFactory::Stored stored, ReadStored read, size_t capacity,
+                                              absl::Duration period, WorkerPool& pool);
+
+  const SessionConfig& config() const override { return config_; }
+  // NOT_FOUND (SESSION_DELETED) when it is in the store no more, DATA_LOSS (SESSION_DAMAGED). A store that is away
+  // changes nothing.
+  WatchView Watch() const override;
+  std::vector<StoredPose> ReadPoses(uint64_t after_pose_seq, size_t max_poses) const override;
+  uint64_t max_poses_behind() const override { return capacity_; }
+  SessionHealth health() const override;
+  void AddWatcher(std::weak_ptr<SessionListener> watcher) override { watchers_->Add(std::move(watcher)); }
+
+ private:
+  SessionMirror(const SessionFactory::Stored& stored, ReadStored read, size_t capacity, absl::Duration period,
+                WorkerPool& pool);
+  void Schedule() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
+  void Refresh();
+  // Whether watchers see anything new.
+  bool TakeIn(absl::StatusOr<SessionFactory::Stored> stored) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
+
+  const std::string name_;
+  const SessionConfig config_;
+  const ReadStored read_;
+  const size_t capacity_;
+  const absl::Duration period_;
+  WorkerPool& pool_;
+  const std::shared_ptr<Watchers> watchers_;
+  mutable std::mutex mutex_;
+  std::unique_ptr<PoseLog> pose_log_ ABSL_GUARDED_BY(mutex_);  // another one after poses that were forgotten unseen
+  SessionHealth health_ ABSL_GUARDED_BY(mutex_);
+  absl::Status status_ ABSL_GUARDED_BY(mutex_);
+  bool ended_ ABSL_GUARDED_BY(mutex_) = false;
+  std::unique_ptr<PoolTimer> timer_ ABSL_GUARDED_BY(mutex_);
+};
+
+}  // namespace evpose::server

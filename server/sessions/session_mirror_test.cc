@@ -1,0 +1,198 @@
+#include "server/sessions/session_mirror.h"
+
+#include <gtest/gtest.h>
+
+#include <condition_variable>
+#include <memory>
+#include <mutex>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "absl/strings/str_cat.h"
+#include "server/sessions/errors.h"
+#include "server/sessions/testing.h"
+
+namespace evpose::server {
+namespace {
+
+constexpr size_t kCapacity = 100;
+
+std::vector<StoredPose> Poses(uint64_t first, uint64_t last) {
+  std::vector<StoredPose> poses;
+  for (uint64_t seq = first; seq <= last; ++seq) poses.push_back({.pose_seq = seq});
+  return poses;
+}
+
+std::string Range(const std::vector<StoredPose>& poses) {
+  return poses.empty() ? "" : absl::StrCat(poses.front().pose_seq, "-", poses.back().pose_seq);
+}
+
+// What a store would say of a session that another server works on.
+class OtherServer {
+ public:
+  OtherServer() {
+    stored_.record.name = "sessions/a";
+    stored_.info.config = SomeConfig();
+    stored_.info.snapshot.state = SessionState::kAttached;
+  }
+
+  void MakePoses(uint64_t first, uint64_t last) {
+    const std::lock_guard lock(mutex_);
+    for (const StoredPose& pose : Poses(first, last)) stored_.poses.push_back(pose);
+    stored_.info.snapshot.health.poses = last;
+  }
+  void ForgetPosesBefore(uint64_t seq) {
+    const std::lock_guard lock(mutex_);
+    std::erase_if(stored_.poses, [&](const StoredPose& pose) { return pose.pose_seq < seq; });
+  }
+  void End() {
+    const std::lock_guard lock(mutex_);
+    stored_.info.snapshot.state = SessionState::kEnded;
+  }
+  void SetError(const absl::Status& error) {
+    const std::lock_guard lock(mutex_);
+    error_ = error;
+  }
+  // As the store: whole segments of ten poses, so some come again.
+  absl::StatusOr<SessionFactory::Stored> Read(uint64_t after_pose_seq) {
+    const std::lock_guard lock(mutex_);
+    ++num_reads_;
+    read_.notify_all();
+    if (!error_.ok()) return error_;
+    SessionFactory::Stored stored = stored_;
+    std::erase_if(stored.poses,
+                  [&](const StoredPose& pose) { return (pose.pose_seq + 9) / 10 * 10 <= after_pose_seq; });
+    return stored;
+  }
+  // What was read before is behind the mirror when it asks for the second time.
+  void WaitForTwoReads() {
+    std::unique_lock lock(mutex_);
+    const int until = num_reads_ + 2;
+    read_.wait(lock, [&] { return num_reads_ >= until; });
+  }
+
+ private:
+  std::mutex mutex_;
+  std::condition_variable read_;
+  int num_reads_ = 0;
+  SessionFactory::Stored stored_;
+  absl::Status error_;
+};
+
+class Listener : public SessionListener {
+ public:
+  void OnSessionChanged() override {
+    const std::lock_guard lock(mutex_);
+    changed_.notify_all();
+  }
+  template <typename Predicate>
+  void WaitUntil(Predicate is_true) {
+    std::unique_lock lock(mutex_);
+    changed_.wait(lock, is_true);
+  }
+
+ private:
+  std::mutex mutex_;
+  std::condition_variable changed_;
+};
+
+class SessionMirrorTest : public testing::Test {
+ protected:
+  ~SessionMirrorTest() override {
+    mirror_.reset();
+    pool_.Join();
+  }
+  void Start() {
+    mirror_ = SessionMirror::Start(
+        *other_.Read(0), [this](uint64_t after) { return other_.Read(after); }, kCapacity, absl::Milliseconds(1),
+        pool_);
+    mirror_->AddWatcher(listener_);
+  }
+  void WaitForPose(uint64_t seq) {
+    listener_->WaitUntil([&] { return mirror_->Watch().last_pose_seq >= seq; });
+  }
+  void WaitForStatus() {
+    listener_->WaitUntil([&] { return !mirror_->Watch().status.ok(); });
+  }
+
+  WorkerPool pool_{1};
+  OtherServer other_;
+  const std::shared_ptr<Listener> listener_ = std::make_shared<Listener>();
+  std::shared_ptr<SessionMirror> mirror_;
+};
+
+TEST_F(SessionMirrorTest, ShowsWhatWasThereAndWhatComes) {
+  other_.MakePoses(1, 15);
+  Start();
+  EXPECT_EQ(Range(mirror_->ReadPoses(0, 100)), "1-15");
+  EXPECT_EQ(mirror_->health().poses, 15u);
+  other_.MakePoses(16, 40);
+  WaitForPose(40);
+  EXPECT_EQ(Range(mirror_->ReadPoses(15, 100)), "16-40");
+  EXPECT_EQ(Range(mirror_->ReadPoses(15, 3)), "16-18");
+  EXPECT_EQ(mirror_->health().poses, 40u);
+  EXPECT_FALSE(mirror_->Watch().ended);
+  other_.End();
+  listener_->WaitUntil([&] { return mirror_->Watch().ended; });
+  EXPECT_EQ(mirror_->Watch().status, absl::OkStatus());
+}
+
+TEST_F(SessionMirrorTest, ASessionWithoutPosesBeginsWithTheFirst) {
+  Start();
+  EXPECT_EQ(mirror_->Watch().last_pose_seq, 0u);
+  other_.MakePoses(1, 1);
+  WaitForPose(1);
+  EXPECT_EQ(Range(mirror_->ReadPoses(0, 100)), "1-1");
+}
+
+TEST_F(SessionMirrorTest, PosesThatWereForgottenUnseenAreMissingToReaders) {
+  other_.MakePoses(1, 20);
+  other_.ForgetPosesBefore(11);
+  Start();
+  EXPECT_EQ(Range(mirror_->ReadPoses(0, 100)), "11-20");
+  other_.SetError(absl::UnavailableError("the network"));
+  other_.WaitForTwoReads();
+  other_.MakePoses(21, 60);
+  other_.ForgetPosesBefore(41);
+  other_.SetError(absl::OkStatus());
+  WaitForPose(60);
+  EXPECT_EQ(Range(mirror_->ReadPoses(20, 100)), "41-60");
+}
+
+TEST_F(SessionMirrorTest, KeepsTheLastPosesOnly) {
+  other_.MakePoses(1, 250);
+  Start();
+  EXPECT_EQ(Range(mirror_->ReadPoses(0, 1000)), "151-250");
+  EXPECT_EQ(mirror_->max_poses_behind(), kCapacity);
+}
+
+TEST_F(SessionMirrorTest, AStoreThatIsAwayChangesNothing) {
+  other_.MakePoses(1, 5);
+  Start();
+  other_.SetError(absl::UnavailableError("the network"));
+  other_.WaitForTwoReads();
+  EXPECT_EQ(mirror_->Watch().status, absl::OkStatus());
+  EXPECT_EQ(Range(mirror_->ReadPoses(0, 100)), "1-5");
+  other_.MakePoses(6, 7);
+  other_.SetError(absl::OkStatus());
+  WaitForPose(7);
+}
+
+TEST_F(SessionMirrorTest, EndsWhenTheSessionIsDeleted) {
+  Start();
+  other_.SetError(SessionNotFound("sessions/a"));
+  WaitForStatus();
+  EXPECT_EQ(mirror_->Watch().status.code(), absl::StatusCode::kNotFound);
+  EXPECT_EQ(GetErrorDetails(mirror_->Watch().status).reason, "SESSION_DELETED");
+}
+
+TEST_F(SessionMirrorTest, EndsWhenTheSessionIsDamaged) {
+  Start();
+  other_.SetError(WithReason(absl::DataLossError("bad"), "SESSION_DAMAGED"));
+  WaitForStatus();
+  EXPECT_EQ(GetErrorDetails(mirror_->Watch().status).reason, "SESSION_DAMAGED");
+}
+
+}  // namespace
+}  // namespace evpose::server
