@@ -369,7 +369,7 @@ absl::Status Client::WatchUntilEnd(const std::string& session, uint64_t& after_p
     }
     if (!malformed.ok()) break;
     on_poses(poses, response.num_skipped());
-    if (!poses.empty()) after_pose_seq = poses.back().pose_seq;
+    if (!poses.empty()) after_pose_seq = poses.back().seq;
   }
   if (!malformed.ok()) context.TryCancel();
   const grpc::Status status = reader->Finish();
