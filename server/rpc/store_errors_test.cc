@@ -284,7 +284,7 @@ TEST_F(StoreErrorsTest, WatchersAreToldWhatEndsTheirSession) {
     MakePoses(*track);
     const Watchers watchers(*sessions_, session.name());
     trouble_->Set(answer);
-    ASSERT_TRUE(track->Events(2, Flat64(SomeEvents(11, 1200, 1))));  // enough for a checkpoint
+    (void)track->Events(2, Flat64(SomeEvents(11, 1200, 1)));  // enough for a checkpoint, unless one has failed already
     EXPECT_EQ(watchers.Errors(), error + ", " + error);
     EXPECT_EQ(Describe(track->Finish()), error);
     trouble_->Set(absl::OkStatus());

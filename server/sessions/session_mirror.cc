@@ -27,6 +27,12 @@ SessionMirror::SessionMirror(const SessionFactory::Stored& stored, ReadStored re
       watchers_(std::make_shared<Watchers>(pool)),
       pose_log_(std::make_unique<PoseLog>(capacity, stored.info.snapshot.health.poses + 1)) {}
 
+// The last watcher may let go on a thread of gRPC: the lock shows to tools that all calls are over.
+SessionMirror::~SessionMirror() {
+  const std::lock_guard lock(mutex_);
+  timer_.reset();
+}
+
 WatchView SessionMirror::Watch() const {
   const std::lock_guard lock(mutex_);
   return {.status = status_, .ended = ended_, .last_pose_seq = pose_log_->last_pose_seq()};

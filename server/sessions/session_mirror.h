@@ -27,6 +27,7 @@ class SessionMirror : public WatchedSession, public std::enable_shared_from_this
   // `stored`: what the store has now. Keeps the last `capacity` poses; asks again a `period` after each answer.
   static std::shared_ptr<SessionMirror> Start(SessionFactory::Stored stored, ReadStored read, size_t capacity,
                                               absl::Duration period, WorkerPool& pool);
+  ~SessionMirror() override;
 
   const SessionConfig& config() const override { return config_; }
   // NOT_FOUND (SESSION_DELETED) when it is in the store no more, DATA_LOSS (SESSION_DAMAGED). A store that is away
