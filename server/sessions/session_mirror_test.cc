@@ -80,23 +80,6 @@ class OtherServer {
   absl::Status error_;
 };
 
-class Listener : public SessionListener {
- public:
-  void OnSessionChanged() override {
-    const std::lock_guard lock(mutex_);
-    changed_.notify_all();
-  }
-  template <typename Predicate>
-  void WaitUntil(Predicate is_true) {
-    std::unique_lock lock(mutex_);
-    changed_.wait(lock, is_true);
-  }
-
- private:
-  std::mutex mutex_;
-  std::condition_variable changed_;
-};
-
 class SessionMirrorTest : public testing::Test {
  protected:
   ~SessionMirrorTest() override {
@@ -118,7 +101,7 @@ class SessionMirrorTest : public testing::Test {
 
   WorkerPool pool_{1};
   OtherServer other_;
-  const std::shared_ptr<Listener> listener_ = std::make_shared<Listener>();
+  const std::shared_ptr<WaitingListener> listener_ = std::make_shared<WaitingListener>();
   std::shared_ptr<SessionMirror> mirror_;
 };
 
