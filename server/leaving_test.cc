@@ -10,6 +10,7 @@
 #include "evpose/v1/admin.grpc.pb.h"
 #include "evpose/v1/models.grpc.pb.h"
 #include "evpose/v1/sessions.grpc.pb.h"
+#include "grpc/health/v1/health.grpc.pb.h"
 #include "server/program_for_test.h"
 #include "server/rpc/raw_requests.h"
 #include "server/sessions/testing.h"
@@ -26,10 +27,10 @@ struct StalledTrack {
 
 class LeavingTest : public testing::Test {
  protected:
-  void Start(const std::string& shutdown_timeout_s) {
+  void Start(const std::string& shutdown_timeout_s, const std::string& shutdown_notice_s = "0") {
     program_.reset();  // both write to the same file
-    program_ = std::make_unique<Program>(
-        std::vector<std::string>{"--listen", "127.0.0.1:0", "--shutdown-timeout", shutdown_timeout_s});
+    program_ = std::make_unique<Program>(std::vector<std::string>{
+        "--listen", "127.0.0.1:0", "--shutdown-timeout", shutdown_timeout_s, "--shutdown-notice", shutdown_notice_s});
     const std::string line = program_->ReadLine();
     const std::string address(absl::StripPrefix(line, "listening on "));
     // The windows stay small: gRPC would let them grow to many MB, whether or not anybody reads.
@@ -40,6 +41,17 @@ class LeavingTest : public testing::Test {
     sessions_ = v1::SessionService::NewStub(channel);
     models_ = v1::ModelService::NewStub(channel);
     admin_ = v1::AdminService::NewStub(channel);
+    health_ = grpc::health::v1::Health::NewStub(channel);
+  }
+
+  void AwaitNotServing() {
+    grpc::ClientContext context;
+    const auto changes = health_->Watch(&context, {});
+    grpc::health::v1::HealthCheckResponse health;
+    while (changes->Read(&health) && health.status() == grpc::health::v1::HealthCheckResponse::SERVING) continue;
+    EXPECT_EQ(health.status(), grpc::health::v1::HealthCheckResponse::NOT_SERVING);
+    context.TryCancel();
+    changes->Finish();
   }
 
   v1::Session CreateSession() {
@@ -96,6 +108,7 @@ class LeavingTest : public testing::Test {
   std::unique_ptr<v1::SessionService::Stub> sessions_;
   std::unique_ptr<v1::ModelService::Stub> models_;
   std::unique_ptr<v1::AdminService::Stub> admin_;
+  std::unique_ptr<grpc::health::v1::Health::Stub> health_;
 };
 
 void Cancel(StalledTrack& track) {
@@ -158,6 +171,50 @@ TEST_F(LeavingTest, ASecondSignalEndsItAtOnce) {
     EXPECT_EQ(program_->Wait(), -SIGINT);
     Cancel(*silent);
   }
+}
+
+// In its notice it takes and serves whoever comes, and says to balancers that nobody should.
+TEST_F(LeavingTest, ThereIsANoticeBeforeStreamsAreTold) {
+  for (const bool is_drained : {true, false}) {
+    Start("100000", "100000");
+    program_->Signal(SIGTERM);
+    AwaitNotServing();
+    const auto late = Attach(CreateSession());
+    if (!is_drained) {
+      program_->SignalUntilExit(SIGTERM);
+      EXPECT_EQ(program_->Wait(), -SIGTERM);
+      Cancel(*late);
+      continue;
+    }
+    grpc::ClientContext context;
+    v1::DrainResponse drained;
+    ASSERT_TRUE(admin_->Drain(&context, {}, &drained).ok()) << "whoever asks for it gets it without the notice";
+    EXPECT_EQ(drained.remaining_sessions(), 1u);
+    v1::TrackRequest end;
+    end.mutable_end();
+    ASSERT_TRUE(late->stream->Write(end));
+    v1::TrackResponse response;
+    bool is_told = false;
+    while (late->stream->Read(&response)) is_told = is_told || response.notice().has_go_away();
+    EXPECT_TRUE(is_told);
+    EXPECT_TRUE(response.has_summary());
+    EXPECT_TRUE(late->stream->Finish().ok());
+    EXPECT_EQ(program_->Wait(), 0);
+    EXPECT_THAT(program_->Stderr(), testing::HasSubstr("server_leaving"));
+  }
+}
+
+TEST_F(LeavingTest, TheNoticeEndsByItself) {
+  Start("100000", "0.01");
+  const auto silent = Attach(CreateSession());
+  program_->Signal(SIGTERM);
+  v1::TrackResponse response;
+  do {
+    ASSERT_TRUE(silent->stream->Read(&response));
+  } while (!response.notice().has_go_away());
+  program_->SignalUntilExit(SIGINT);
+  EXPECT_EQ(program_->Wait(), -SIGINT);
+  Cancel(*silent);
 }
 
 TEST_F(LeavingTest, ASecondDrainChangesNothing) {

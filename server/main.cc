@@ -3,6 +3,7 @@
 #include <sys/resource.h>
 #include <unistd.h>
 
+#include <cerrno>
 #include <csignal>
 #include <future>
 #include <iostream>
@@ -84,6 +85,15 @@ int WaitForEndSignal() {
   std::signal(SIGINT, EndAtOnce);
   pthread_sigmask(SIG_UNBLOCK, &signals, nullptr);
   return signal_number;
+}
+
+// Until then nothing changes for clients; a Drain ends it before its time, a signal the server.
+void WaitForBalancers(absl::Duration notice) {
+  sigset_t drain;
+  sigemptyset(&drain);
+  sigaddset(&drain, DrainSignal());
+  const timespec timeout = absl::ToTimespec(notice);
+  while (sigtimedwait(&drain, nullptr, &timeout) < 0 && errno == EINTR) continue;
 }
 
 absl::Status WritePortFile(const std::string& path, int port) { return WriteFile(path, absl::StrCat(port, "\n")); }
@@ -171,6 +181,12 @@ int Serve(const ProgramOptions& options) {
 
   const int signal_number = WaitForEndSignal();
   const bool is_asked = signal_number == DrainSignal();
+  if (!is_asked && options.shutdown_notice > absl::ZeroDuration()) {
+    Log(LogLevel::kInfo, "server_leaving",
+        {{"why", absl::StrCat("signal ", signal_number)}, {"notice", absl::FormatDuration(options.shutdown_notice)}});
+    (*server)->AnnounceShutdown();
+    WaitForBalancers(options.shutdown_notice);
+  }
   const absl::Duration deadline = is_asked ? drained.get_future().get() : server_options.drain_timeout;
   Log(LogLevel::kInfo, "server_draining",
       {{"why", is_asked ? "Drain was called" : absl::StrCat("signal ", signal_number)},

@@ -37,7 +37,7 @@ every user of the machine to read.
 
 With port 0 a free port is taken. When the server is ready it prints "listening on HOST:PORT" on standard output and,
 with --metrics-listen, a second line, "metrics on HOST:PORT"; its log goes to standard error. SIGTERM or SIGINT lets
-clients finish for up to --shutdown-timeout; a second one ends it at once.
+clients finish for up to --shutdown-timeout, after --shutdown-notice; a second one ends it at once.
 )";
 
 // What CLI11 has no type for, beside what it fills in.
@@ -46,6 +46,7 @@ struct Arguments {
   double session_expiry_s = absl::ToDoubleSeconds(ServerOptions().session_expiry);
   double attach_timeout_s = absl::ToDoubleSeconds(ServerOptions().attach_timeout);
   double shutdown_timeout_s = absl::ToDoubleSeconds(ServerOptions().drain_timeout);
+  double shutdown_notice_s = 0.0;
 };
 
 void DefineAccess(CLI::App& app, Arguments& arguments) {
@@ -136,6 +137,9 @@ void DefineArguments(CLI::App& app, Arguments& arguments) {
   app.add_option("--workers", options.worker_threads, "threads that decode and track; 0: one per core");
   app.add_option("--shutdown-timeout", arguments.shutdown_timeout_s,
                  "seconds that streams get to finish when the server leaves");
+  app.add_option("--shutdown-notice", arguments.shutdown_notice_s,
+                 "seconds from SIGTERM or SIGINT until streams are told to finish, in which only readiness and health "
+                 "change: for a load balancer to notice");
   app.add_option("--log-level", arguments.program.log_level,
                  "least level of what goes to the log; `evpose server log-level` changes it while the server runs")
       ->envname("EVPOSE_LOG_LEVEL")
@@ -264,6 +268,7 @@ absl::StatusOr<std::string> AddStorePassword(const std::string& store, const std
 
 // The seconds as durations, in their place.
 void TakeSeconds(const Arguments& arguments, ServerOptions& options) {
+  arguments.program.shutdown_notice = absl::Seconds(arguments.shutdown_notice_s);
   options.attach_timeout = absl::Seconds(arguments.attach_timeout_s);
   options.session_expiry = absl::Seconds(arguments.session_expiry_s);
   options.drain_timeout = absl::Seconds(arguments.shutdown_timeout_s);
@@ -303,6 +308,7 @@ std::string WrongUsage(const ProgramOptions& options) {
   if (const absl::Status status = CheckStoreLimit(options.server.store); !status.ok()) {
     return absl::StrCat("--store-max-bytes: ", status.message());
   }
+  if (options.shutdown_notice < absl::ZeroDuration()) return "--shutdown-notice: must not be negative";
   const auto address = ParseListenAddress(options.server.listen_address);
   return address.ok() ? Exposure(options, *address) : std::string(address.status().message());
 }

@@ -6,6 +6,7 @@
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
 #include "absl/strings/string_view.h"
+#include "absl/time/time.h"
 #include "server/rpc/server.h"
 
 namespace evpose::server {
@@ -15,6 +16,7 @@ struct ProgramOptions {
   std::string port_file;            // empty: none
   std::string metrics_listen;       // HOST:PORT; empty: nowhere
   std::string store_password_file;  // empty: none
+  absl::Duration shutdown_notice;   // from a signal until streams are told
   bool insecure = false;
   std::string new_token;            // the tenant that a token is to be made for; empty: the server is to serve
   bool is_operator = false;         // of new_token

@@ -57,6 +57,7 @@ TEST(ProgramTest, TellsWrongUsage) {
       {{"--operator"}, "--new-token"},
       {{"--max-sessions", "0"}, "--max-sessions: is 0;"},
       {{"--shutdown-timeout", "-1"}, "--shutdown-timeout: must not be negative"},
+      {{"--shutdown-notice", "-0.1"}, "--shutdown-notice: must not be negative"},
       {{"--credit-bytes", "8"}, "--credit-bytes: is below --max-chunk-bytes"},
       {{"--tenant-max-model-bytes", "8"}, "--tenant-max-model-bytes: is below --max-model-bytes"},
       {{"--store", "foo"}, "--store: there is no store foo: give memory, sqlite or redis://HOST:PORT"},

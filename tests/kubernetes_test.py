@@ -156,7 +156,7 @@ def check_references(pod, objects):
             for port in rule["ports"]:
                 check(port["port"] in numbers, "a NetworkPolicy names no port:", port)
     grace_s = pod.spec["terminationGracePeriodSeconds"]
-    check(float(said["shutdown-timeout"]) + 5 <= grace_s, "a pod is killed before its streams have had their time")
+    check(float(said["shutdown-notice"]) + float(said["shutdown-timeout"]) + 5 <= grace_s, "a pod is killed before its streams have had their time")
     return said
 
 

@@ -205,8 +205,7 @@ class ServerImpl : public Server, public Drainer {
         streams_(options.max_streams, metrics_),
         quotas_(QuotaOptions(options, metrics_)),
         expiry_timer_(sessions_, pool_, options.session_expiry),
-        store_check_(*store_, pool_, options.store_check_period,
-                     [this](bool answers) { server_->GetHealthCheckService()->SetServingStatus(answers); }),
+        store_check_(*store_, pool_, options.store_check_period, [this](bool answers) { SetHealth(answers); }),
         on_drain_(options.on_drain),
         context_{*store_,
                  *models_,
@@ -272,7 +271,13 @@ class ServerImpl : public Server, public Drainer {
                          .num_workers = static_cast<uint32_t>(num_workers_),
                          .readiness = sessions_.CheckNotDraining()};
     state.readiness.Update(FromStore(store_check_.answer()));
+    if (is_announced_) state.readiness.Update(absl::UnavailableError("the server is about to leave"));
     return state;
+  }
+
+  void AnnounceShutdown() override {
+    is_announced_ = true;
+    if (server_ != nullptr) SetHealth(false);
   }
 
   void Drain(absl::Duration deadline) override {
@@ -304,13 +309,19 @@ class ServerImpl : public Server, public Drainer {
   }
 
  private:
+  // Once it is about to leave it never serves again, whatever the store does.
+  void SetHealth(bool serves) {
+    const std::lock_guard lock(health_mutex_);
+    server_->GetHealthCheckService()->SetServingStatus(serves && !is_announced_);
+  }
+
   // False: it has begun before.
   bool BeginToLeave(absl::Duration deadline) {
     if (is_leaving_.exchange(true)) return false;
     sessions_.Drain();
     store_check_.Stop();
     if (server_ != nullptr) {
-      server_->GetHealthCheckService()->SetServingStatus(false);
+      SetHealth(false);
       streams_.GoAway(deadline);
     }
     return true;
@@ -334,6 +345,8 @@ class ServerImpl : public Server, public Drainer {
   AdminServiceImpl admin_service_;
   std::unique_ptr<grpc::Server> server_;
   int port_ = 0;
+  std::mutex health_mutex_;
+  std::atomic<bool> is_announced_ = false;
   std::atomic<bool> is_leaving_ = false;
   bool is_shut_down_ = false;
 };

@@ -88,6 +88,9 @@ class Server {
   virtual const ServerMetrics& metrics() const = 0;
   virtual ServerState state() const = 0;
 
+  // Readiness and health turn false, and nothing else changes: whoever shares clients out among servers sends no more
+  // here, before Shutdown sends away those that are here.
+  virtual void AnnounceShutdown() = 0;
   // Health turns NOT_SERVING, new sessions and streams are refused and every Track stream gets GoAway; streams still
   // open shortly before the deadline end UNAVAILABLE, watchers as soon as no Track stream is left. Returns when every
   // reactor has finished, by the deadline or, if that is less than 3 s away, at most 1.5 s after it; whatever

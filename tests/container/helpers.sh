@@ -21,13 +21,14 @@ show_what_is_there() {
   done
 }
 
-# await WHAT COMMAND...: until it succeeds. The limit is there for what never will.
+# await WHAT COMMAND...: until it succeeds. The limit is there for what never will. Asked more often, what is asked would
+# take the processor from what it waits for.
 await() {
   local what=$1 end=$((SECONDS + 90))
   shift
   until "$@"; do
     ((SECONDS < end)) || fail "waited for this in vain: $what"
-    sleep 0.1
+    sleep 0.5
   done
 }
 
