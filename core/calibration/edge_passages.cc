@@ -189,9 +189,8 @@ void Collector::AddEvent(const WindowEvent& event, int64_t t_mid_us, absl::Span<
   std::optional<Observation> observed = Observe(camera_, undistortion_, event, t_mid_us);
   if (!observed) return;
   Observation& seen = *observed;
-  seen.tile = grid_.TileOf(seen.u_px, seen.v_px);
-  if (seen.tile == TileGrid::kNoTile) return;
-  const NearLines near = FindNearLines(seen, grid_.Lines(seen.tile), lines_.data(), kAlonePx, kAlonePx);
+  if (!grid_.GiveLines(seen)) return;
+  const NearLines near = FindNearLines(seen, lines_.data(), kAlonePx, kAlonePx);
   if (near.count == 0 || direction_[near.line[0]] == 0.0) return;
   const ImageLine& line = lines_[near.line[0]];
   OpenPassage& open = open_[tracked[near.line[0]].model_line];

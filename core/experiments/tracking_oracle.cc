@@ -85,7 +85,9 @@ absl::StatusOr<std::unique_ptr<TrackingOracle>> TrackingOracle::Create(std::shar
   EVPOSE_ASSIGN_OR_RETURN(UndistortionTable table, UndistortionTable::Create(camera));
   const auto undistortion = std::make_shared<const UndistortionTable>(std::move(table));
   return std::make_unique<WindowOracle>(
-      TrackContext{model, camera, undistortion, options, VisibilityTester(*model, options.visibility)}, truth);
+      TrackContext{model, camera, undistortion, std::make_shared<const PixelTiles>(camera, *undistortion), options,
+                   VisibilityTester(*model, options.visibility)},
+      truth);
 }
 
 }  // namespace evpose

@@ -8,6 +8,18 @@ namespace {
 // The end points are seen less than this angle (rad) apart: the line projects to a point and has no direction.
 constexpr double kMinSubtendedAngle = 1e-9;
 
+using LineJacobian = Eigen::Matrix<double, 3, 6>;
+
+// Of n = P1 x P2 by the pose, Q = P - T: [ [P1 - P2]x, [P2]x [Q1]x - [P1]x [Q2]x ], with [p]x [q]x = q p^T - (p . q) I.
+LineJacobian NormalJacobian(const Eigen::Vector3d& p1, const Eigen::Vector3d& p2, const Eigen::Vector3d& q1,
+                            const Eigen::Vector3d& q2) {
+  LineJacobian jacobian;
+  jacobian.leftCols<3>() = Hat(p1 - p2);
+  jacobian.rightCols<3>() = q1 * p2.transpose() - q2 * p1.transpose();
+  jacobian.rightCols<3>().diagonal().array() -= p2.dot(q1) - p1.dot(q2);
+  return jacobian;
+}
+
 // Moves the end point that lies before the near plane onto it, along the line.
 void CutAtNearPlane(double near_m, Eigen::Vector3d& p1, Eigen::Vector3d& p2) {
   Eigen::Vector3d& behind = p1.z() < p2.z() ? p1 : p2;
@@ -23,8 +35,10 @@ void CutAtNearPlane(double near_m, Eigen::Vector3d& p1, Eigen::Vector3d& p2) {
 std::optional<ProjectedLine> ProjectLine(const CameraModel& camera, const RigidTransform& camera_from_object,
                                          const Eigen::Vector3d& p1_object, const Eigen::Vector3d& p2_object,
                                          double near_m) {
-  Eigen::Vector3d p1 = camera_from_object * p1_object;
-  Eigen::Vector3d p2 = camera_from_object * p2_object;
+  const Eigen::Vector3d q1 = camera_from_object.rotation * p1_object;
+  const Eigen::Vector3d q2 = camera_from_object.rotation * p2_object;
+  Eigen::Vector3d p1 = q1 + camera_from_object.translation_m;
+  Eigen::Vector3d p2 = q2 + camera_from_object.translation_m;
   // Written so that a number that is not finite is turned down, too.
   if (!(p1.z() > near_m || p2.z() > near_m)) return std::nullopt;
   const Eigen::Vector3d n = p1.cross(p2);
@@ -40,13 +54,12 @@ std::optional<ProjectedLine> ProjectLine(const CameraModel& camera, const RigidT
 
   ProjectedLine line;
   line.a = a;
-  // da = (I / rho - n n_w^T / rho^3) dn with n_w = (n_x / fx^2, n_y / fy^2, 0), the gradient of rho^2 / 2.
-  const Eigen::Vector3d n_w(n_px.x() / camera.fx_px, n_px.y() / camera.fy_px, 0.0);
-  const Eigen::Matrix3d da_dn = (Eigen::Matrix3d::Identity() - a * (n_w / rho).transpose()) / rho;
-  // dn/dt = [P1 - P2]x, dn/dtheta = [P1 - P2]x [T]x - [n]x.
-  const Eigen::Matrix3d da_dt = da_dn * Hat(p1 - p2);
-  line.jacobian.leftCols<3>() = da_dt;
-  line.jacobian.rightCols<3>() = da_dt * Hat(camera_from_object.translation_m) - da_dn * Hat(n);
+  // da = (I - a n_w^T / rho) dn / rho with n_w = (n_x / fx^2, n_y / fy^2, 0), the gradient of rho^2 / 2.
+  const Eigen::RowVector2d n_w(n_px.x() / camera.fx_px, n_px.y() / camera.fy_px);
+  line.jacobian = NormalJacobian(p1, p2, q1, q2);
+  const Eigen::Matrix<double, 1, 6> along = n_w / rho * line.jacobian.topRows<2>();
+  line.jacobian -= a * along;
+  line.jacobian /= rho;
 
   CutAtNearPlane(near_m, p1, p2);
   line.p1_px = camera.Project(p1);
@@ -57,33 +70,31 @@ std::optional<ProjectedLine> ProjectLine(const CameraModel& camera, const RigidT
 Eigen::Matrix<double, 3, 6> LineVelocityJacobian(const CameraModel& camera, const RigidTransform& camera_from_object,
                                                  const Eigen::Vector3d& p1_object, const Eigen::Vector3d& p2_object,
                                                  const Vector6d& twist) {
-  const Eigen::Matrix3d r1 = Hat(camera_from_object.rotation * p1_object);
-  const Eigen::Matrix3d r2 = Hat(camera_from_object.rotation * p2_object);
-  const Eigen::Vector3d p1 = camera_from_object * p1_object;
-  const Eigen::Vector3d p2 = camera_from_object * p2_object;
-  const Eigen::Matrix3d w = Hat(twist.tail<3>());
+  const Eigen::Vector3d q1 = camera_from_object.rotation * p1_object;
+  const Eigen::Vector3d q2 = camera_from_object.rotation * p2_object;
+  const Eigen::Vector3d p1 = q1 + camera_from_object.translation_m;
+  const Eigen::Vector3d p2 = q2 + camera_from_object.translation_m;
+  const Eigen::Vector3d w = twist.tail<3>();
   // The end points' velocities, and dn/dt along the twist: dn = dP1 x P2 + P1 x dP2.
-  const Eigen::Vector3d v1 = twist.head<3>() - r1 * twist.tail<3>();
-  const Eigen::Vector3d v2 = twist.head<3>() - r2 * twist.tail<3>();
+  const Eigen::Vector3d v1 = twist.head<3>() + w.cross(q1);
+  const Eigen::Vector3d v2 = twist.head<3>() + w.cross(q2);
   const Eigen::Vector3d n = p1.cross(p2);
   const Eigen::Vector3d n_dot = v1.cross(p2) + p1.cross(v2);
-  Eigen::Matrix<double, 3, 6> dn, dn_dot;
-  dn << Hat(p1 - p2), Hat(p2) * r1 - Hat(p1) * r2;
-  dn_dot << Hat(v1 - v2), Hat(v2) * r1 - Hat(v1) * r2 + Hat(p2) * w * r1 - Hat(p1) * w * r2;
+  const LineJacobian dn = NormalJacobian(p1, p2, q1, q2);
+  // The same of the velocities, and of what a turn does to them: [P2]x [w]x [Q1]x - [P1]x [w]x [Q2]x.
+  LineJacobian dn_dot = NormalJacobian(v1, v2, q1, q2);
+  dn_dot.rightCols<3>() += (p2.cross(q1) - p1.cross(q2)) * w.transpose() + Hat(w.dot(q2) * p1 - w.dot(q1) * p2);
 
   // a_dot = n_dot / rho - n (n_w . n_dot) / rho^3 by n and by n_dot, with rho^2 = n_w . n.
-  const Eigen::Vector3d inverse_f2(1.0 / (camera.fx_px * camera.fx_px), 1.0 / (camera.fy_px * camera.fy_px), 0.0);
-  const Eigen::Vector3d n_w = n.cwiseProduct(inverse_f2);
-  const Eigen::Vector3d n_dot_w = n_dot.cwiseProduct(inverse_f2);
-  const double rho2 = n.dot(n_w);
-  const double rho = std::sqrt(rho2);
-  const double along = n_w.dot(n_dot) / rho2;
-  const Eigen::Matrix3d identity = Eigen::Matrix3d::Identity();
-  const Eigen::Matrix3d by_n =
-      -(n_dot * n_w.transpose() + n * n_dot_w.transpose() - (3.0 * along) * n * n_w.transpose()) / rho2 -
-      along * identity;
-  const Eigen::Matrix3d by_n_dot = identity - n * n_w.transpose() / rho2;
-  return (by_n * dn + by_n_dot * dn_dot) / rho;
+  const Eigen::Vector2d inverse_f2(1.0 / (camera.fx_px * camera.fx_px), 1.0 / (camera.fy_px * camera.fy_px));
+  const Eigen::Vector2d n_w = n.head<2>().cwiseProduct(inverse_f2);
+  const Eigen::Vector2d n_dot_w = n_dot.head<2>().cwiseProduct(inverse_f2);
+  const double rho2 = n.head<2>().dot(n_w);
+  const double along = n_w.dot(n_dot.head<2>()) / rho2;
+  const Eigen::Matrix<double, 1, 6> by_n_w = n_w.transpose() * dn.topRows<2>();
+  const Eigen::Matrix<double, 1, 6> by_n_dot_w = n_dot_w.transpose() * dn.topRows<2>();
+  const Eigen::Matrix<double, 1, 6> by_both = by_n_dot_w - 3.0 * along * by_n_w + n_w.transpose() * dn_dot.topRows<2>();
+  return (dn_dot - along * dn - (n_dot * by_n_w + n * by_both) / rho2) / std::sqrt(rho2);
 }
 
 double NormalVelocity(const ProjectedLine& line, const Vector6d& twist, const Eigen::Vector3d& bearing) {

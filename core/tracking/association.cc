@@ -38,10 +38,18 @@ void ProjectLines(const CameraModel& camera, const MotionState& state, absl::Spa
     line.a_expected = projected->a;
     line.jacobian = projected->jacobian;
     line.a_dot = projected->jacobian * state.twist;
-    line.a_dot_jacobian = LineVelocityJacobian(camera, state.camera_from_object, lines[k].p1, lines[k].p2, state.twist);
     line.p1_px = projected->p1_px;
     line.direction = extent / length_px;
     line.length_px = length_px;
+  }
+}
+
+void ProjectVelocityJacobians(const CameraModel& camera, const MotionState& state, absl::Span<const TrackedLine> lines,
+                              absl::Span<ImageLine> image_lines) {
+  for (size_t k = 0; k < lines.size(); ++k) {
+    if (!image_lines[k].in_view()) continue;
+    image_lines[k].a_dot_jacobian =
+        LineVelocityJacobian(camera, state.camera_from_object, lines[k].p1, lines[k].p2, state.twist);
   }
 }
 
@@ -79,13 +87,27 @@ double PredictedSpreadPx(const CameraModel& camera, const MotionState& state, ab
   return std::sqrt(largest);
 }
 
+void KeepLinesWithin(double reach_px, const ImageLine* lines, Observation& event) {
+  uint8_t count = 0;
+  for (const uint16_t index : event.Lines()) {
+    const ImageLine& line = lines[index];
+    const double along_px = line.AlongPx(event.u_px, event.v_px);
+    const bool is_near =
+        std::abs(DistancePx(event, line)) <= reach_px && along_px >= -reach_px && along_px <= line.length_px + reach_px;
+    event.lines[count] = index;
+    count += is_near ? 1 : 0;
+  }
+  event.num_lines = count;
+}
+
 TileGrid::TileGrid(const CameraModel& camera)
     : columns_(static_cast<int>((camera.width_px + 2 * kMarginPx) / kTilePx) + 1),
       rows_(static_cast<int>((camera.height_px + 2 * kMarginPx) / kTilePx) + 1),
-      tiles_(static_cast<size_t>(columns_) * rows_) {}
+      tiles_(static_cast<size_t>(columns_) * rows_),
+      has_lines_(tiles_.size(), 0) {}
 
 void TileGrid::Build(absl::Span<const ImageLine> lines, double reach_px) {
-  for (const uint32_t tile : touched_) tiles_[tile].count = 0;
+  for (const uint32_t tile : touched_) tiles_[tile].count = has_lines_[tile] = 0;
   touched_.clear();
   // From a tile's centre, whatever lies in the tile is within half its diagonal.
   const double reach = reach_px + 0.7072 * kTilePx;
@@ -98,11 +120,20 @@ void TileGrid::Build(absl::Span<const ImageLine> lines, double reach_px) {
     const double last = (std::max(y1, y2) + reach + kMarginPx) / kTilePx;
     const int first_row = static_cast<int>(std::clamp(first, 0.0, rows_ - 1.0));
     const int last_row = static_cast<int>(std::clamp(last, -1.0, rows_ - 1.0));
-    for (int row = first_row; row <= last_row; ++row) EnterRow(row, static_cast<int>(k), line, reach);
+    for (int row = first_row; row <= last_row; ++row) EnterRow(row, lines, k, reach);
   }
 }
 
-void TileGrid::EnterRow(int row, int index, const ImageLine& line, double reach) {
+bool TileGrid::GiveLines(Observation& event) const {
+  const uint32_t tile = TileOf(event.u_px, event.v_px);
+  event.num_lines = 0;
+  if (tile == kNoTile) return false;
+  GiveLines(tile, event);
+  return true;
+}
+
+void TileGrid::EnterRow(int row, absl::Span<const ImageLine> lines, size_t index, double reach) {
+  const ImageLine& line = lines[index];
   const double y = (row + 0.5) * kTilePx - kMarginPx;
   const Eigen::Vector2d normal(-line.direction.y(), line.direction.x());
   const double across = normal.y() * (y - line.p1_px.y()) - normal.x() * line.p1_px.x();
@@ -114,24 +145,41 @@ void TileGrid::EnterRow(int row, int index, const ImageLine& line, double reach)
   // Tiles whose centre (column + 0.5) kTilePx - kMarginPx lies in [low, high].
   const int first = std::max(0, static_cast<int>(std::ceil((low + kMarginPx) / kTilePx - 0.5)));
   const int last = std::min(columns_ - 1, static_cast<int>(std::floor((high + kMarginPx) / kTilePx - 0.5)));
+  const uint32_t row_begin = static_cast<uint32_t>(row) * columns_;
   for (int column = first; column <= last; ++column) {
-    const double x = (column + 0.5) * kTilePx - kMarginPx;
-    Enter(static_cast<uint32_t>(row) * columns_ + column, index, std::abs(across + normal.x() * x));
+    Tile& tile = tiles_[row_begin + column];
+    if (tile.count == kSlots) {
+      Replace(lines, index, {(column + 0.5) * kTilePx - kMarginPx, y}, tile);
+      continue;
+    }
+    if (tile.count == 0) {
+      touched_.push_back(row_begin + column);
+      has_lines_[row_begin + column] = 1;
+    }
+    tile.lines[tile.count++] = static_cast<uint16_t>(index);
   }
 }
 
-void TileGrid::Enter(uint32_t tile_index, int index, double distance_px) {
-  Tile& tile = tiles_[tile_index];
-  if (tile.count == 0) touched_.push_back(tile_index);
-  int slot = tile.count;
-  if (slot == kSlots) {
-    slot = static_cast<int>(std::max_element(tile.distances_px, tile.distances_px + kSlots) - tile.distances_px);
-    if (tile.distances_px[slot] <= distance_px) return;
-  } else {
-    ++tile.count;
+void TileGrid::Replace(absl::Span<const ImageLine> lines, size_t index, const Eigen::Vector2d& centre_px, Tile& tile) {
+  const auto distance_px = [&](size_t k) {
+    const Eigen::Vector2d from_p1 = centre_px - lines[k].p1_px;
+    return std::abs(lines[k].direction.x() * from_p1.y() - lines[k].direction.y() * from_p1.x());
+  };
+  const auto is_nearer = [&](uint16_t a, uint16_t b) { return distance_px(a) < distance_px(b); };
+  uint16_t* const farthest = std::max_element(tile.lines, tile.lines + kSlots, is_nearer);
+  if (distance_px(index) < distance_px(*farthest)) *farthest = static_cast<uint16_t>(index);
+}
+
+PixelTiles::PixelTiles(const CameraModel& camera, const UndistortionTable& undistortion) : width_px_(camera.width_px) {
+  const TileGrid grid(camera);
+  tiles_.reserve(static_cast<size_t>(camera.width_px) * camera.height_px);
+  for (int y = 0; y < camera.height_px; ++y) {
+    for (int x = 0; x < camera.width_px; ++x) {
+      const Eigen::Vector2d bearing = undistortion.Bearing(x, y).cast<double>();
+      tiles_.push_back(
+          grid.TileOf(camera.fx_px * bearing.x() + camera.cx_px, camera.fy_px * bearing.y() + camera.cy_px));
+    }
   }
-  tile.lines[slot] = static_cast<uint16_t>(index);
-  tile.distances_px[slot] = static_cast<float>(distance_px);
 }
 
 }  // namespace evpose

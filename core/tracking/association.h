@@ -3,6 +3,8 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <algorithm>
+#include <array>
 #include <cstdint>
 #include <optional>
 #include <vector>
@@ -50,9 +52,13 @@ struct ImageLine {
   }
 };
 
-// One image line per tracked line, in order.
+// One image line per tracked line, in order, but for a_dot_jacobian.
 void ProjectLines(const CameraModel& camera, const MotionState& state, absl::Span<const TrackedLine> lines,
                   std::vector<ImageLine>& image_lines);
+
+// Fills in a_dot_jacobian, of `image_lines` as ProjectLines made them with the same arguments.
+void ProjectVelocityJacobians(const CameraModel& camera, const MotionState& state, absl::Span<const TrackedLine> lines,
+                              absl::Span<ImageLine> image_lines);
 
 // Bearing of an undistorted pixel.
 Eigen::Vector3d BearingOf(const CameraModel& camera, const Eigen::Vector2d& pixel);
@@ -70,15 +76,20 @@ struct Observation {
   double u_px = 0.0;  // undistorted pixel
   double v_px = 0.0;
   double tau_s = 0.0;  // from mid-window
-  uint32_t tile = 0;
+  // The lines that it may belong to, by index.
+  static constexpr int kMaxLines = 6;
+  std::array<uint16_t, kMaxLines> lines = {};
+  uint8_t num_lines = 0;
   uint8_t polarity = 0;
   PreviousPolarity previous = PreviousPolarity::kUnknown;
   // How much other objects claim it: the density of their events here, 1/px, where that of the own nearest line
   // integrates to one across the line (competitors.h). 0: there are no others.
   float competing = 0.0f;
+
+  absl::Span<const uint16_t> Lines() const { return absl::MakeConstSpan(lines.data(), num_lines); }
 };
 
-// An event as an observation at `t_us`, without its tile; nullopt when it lies outside the sensor.
+// An event as an observation at `t_us`, without its lines; nullopt when it lies outside the sensor.
 std::optional<Observation> Observe(const CameraModel& camera, const UndistortionTable& undistortion,
                                    const WindowEvent& event, int64_t t_us);
 
@@ -86,7 +97,7 @@ std::optional<Observation> Observe(const CameraModel& camera, const Undistortion
 class TileGrid {
  public:
   static constexpr int kTilePx = 8;
-  static constexpr int kSlots = 6;  // lines kept per tile: those nearest to its centre
+  static constexpr int kSlots = Observation::kMaxLines;  // lines kept per tile: those nearest to its centre
 
   explicit TileGrid(const CameraModel& camera);
 
@@ -101,9 +112,17 @@ class TileGrid {
     if (!(x >= 0.0 && y >= 0.0 && x < columns_ && y < rows_)) return kNoTile;
     return static_cast<uint32_t>(y) * columns_ + static_cast<uint32_t>(x);
   }
+  bool has_lines(uint32_t tile) const { return has_lines_[tile] != 0; }
   absl::Span<const uint16_t> Lines(uint32_t tile) const {
     return absl::MakeConstSpan(tiles_[tile].lines, tiles_[tile].count);
   }
+  // Gives the event a tile's lines.
+  void GiveLines(uint32_t tile, Observation& event) const {
+    std::copy_n(tiles_[tile].lines, kSlots, event.lines.begin());
+    event.num_lines = static_cast<uint8_t>(tiles_[tile].count);
+  }
+  // Its own tile's; false outside the grid.
+  bool GiveLines(Observation& event) const;
   absl::Span<const uint32_t> tiles_with_lines() const { return touched_; }
   // Of tiles, row by row; the first one begins kMarginPx beyond the image's corner.
   int columns() const { return columns_; }
@@ -115,15 +134,29 @@ class TileGrid {
   struct Tile {
     uint16_t count = 0;
     uint16_t lines[kSlots] = {};
-    float distances_px[kSlots] = {};
   };
-  void EnterRow(int row, int index, const ImageLine& line, double reach_px);
-  void Enter(uint32_t tile, int index, double distance_px);
+  void EnterRow(int row, absl::Span<const ImageLine> lines, size_t index, double reach_px);
+  // Into a tile that is full: in the place of the line that is farthest from its centre, if that is farther.
+  static void Replace(absl::Span<const ImageLine> lines, size_t index, const Eigen::Vector2d& centre_px, Tile& tile);
 
   int columns_ = 0;
   int rows_ = 0;
   std::vector<Tile> tiles_;
+  std::vector<uint8_t> has_lines_;  // by tile: few bytes, asked about by every event
   std::vector<uint32_t> touched_;
+};
+
+// The tile that each pixel of the sensor lies in, undistorted: the same for every TileGrid of a camera.
+class PixelTiles {
+ public:
+  PixelTiles(const CameraModel& camera, const UndistortionTable& undistortion);
+
+  // TileGrid::kNoTile outside the grid. x and y inside the sensor.
+  uint32_t At(int x, int y) const { return tiles_[static_cast<size_t>(y) * width_px_ + x]; }
+
+ private:
+  int width_px_;
+  std::vector<uint32_t> tiles_;
 };
 
 // The nearest two lines of an event, with signed distances.
@@ -133,16 +166,25 @@ struct NearLines {
   double distance_px[2] = {0.0, 0.0};
 };
 
-// Lines whose gate holds the event: |d| <= gate_px, and no farther than end_margin_px beyond an end point.
+// Its signed distance from a line, at its own time.
+inline double DistancePx(const Observation& event, const ImageLine& line) {
+  const Eigen::Vector3d& a = line.a_expected;
+  return a.x() * event.bx + a.y() * event.by + a.z() +
+         event.tau_s * (line.a_dot.x() * event.bx + line.a_dot.y() * event.by + line.a_dot.z());
+}
+
+// Takes away the event's lines that are farther from it than reach_px.
+void KeepLinesWithin(double reach_px, const ImageLine* lines, Observation& event);
+
+// Of `candidates` those whose gate holds the event: |d| <= gate_px, and no farther than end_margin_px beyond an end
+// point.
 inline NearLines FindNearLines(const Observation& event, absl::Span<const uint16_t> candidates, const ImageLine* lines,
                                double gate_px, double end_margin_px) {
   NearLines near;
   double best[2] = {gate_px, gate_px};
   for (const uint16_t index : candidates) {
     const ImageLine& line = lines[index];
-    const Eigen::Vector3d& a = line.a_expected;
-    const double d = a.x() * event.bx + a.y() * event.by + a.z() +
-                     event.tau_s * (line.a_dot.x() * event.bx + line.a_dot.y() * event.by + line.a_dot.z());
+    const double d = DistancePx(event, line);
     const double distance = d < 0.0 ? -d : d;
     if (!(distance <= best[1])) continue;
     const double along = line.AlongPx(event.u_px, event.v_px);
@@ -159,6 +201,10 @@ inline NearLines FindNearLines(const Observation& event, absl::Span<const uint16
     near.count = near.count < 2 ? near.count + 1 : 2;
   }
   return near;
+}
+// Of the event's own lines.
+inline NearLines FindNearLines(const Observation& event, const ImageLine* lines, double gate_px, double end_margin_px) {
+  return FindNearLines(event, event.Lines(), lines, gate_px, end_margin_px);
 }
 
 }  // namespace evpose

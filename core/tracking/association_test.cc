@@ -1,5 +1,6 @@
 #include "core/tracking/association.h"
 
+#include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -33,7 +34,7 @@ Observation ObservationAt(const CameraModel& camera, double u_px, double v_px, d
   event.u_px = u_px;
   event.v_px = v_px;
   event.tau_s = tau_s;
-  event.tile = grid.TileOf(u_px, v_px);
+  grid.GiveLines(event);
   return event;
 }
 
@@ -57,8 +58,8 @@ TEST(TileGrid, FindsTheSameLinesAsLookingAtAll) {
   for (int i = 0; i < 20'000; ++i) {
     const Observation event =
         ObservationAt(camera, random.Uniform(-20, 660), random.Uniform(-20, 500), random.Uniform(-1e-3, 1e-3), grid);
-    ASSERT_NE(event.tile, TileGrid::kNoTile);
-    const NearLines near = FindNearLines(event, grid.Lines(event.tile), lines.data(), kGatePx, 2.0);
+    ASSERT_NE(grid.TileOf(event.u_px, event.v_px), TileGrid::kNoTile);
+    const NearLines near = FindNearLines(event, lines.data(), kGatePx, 2.0);
     const NearLines reference = FindNearLines(event, all, lines.data(), kGatePx, 2.0);
     ASSERT_EQ(near.count, reference.count) << event.u_px << " " << event.v_px;
     for (int k = 0; k < near.count; ++k) {
@@ -98,7 +99,7 @@ TEST(FindNearLines, GivesTheNearestTwoInOrder) {
   TileGrid grid(camera);
   grid.Build(lines, 10.0);
   const Observation event = ObservationAt(camera, camera.cx_px + 2.0, camera.cy_px, 0.0, grid);
-  const NearLines near = FindNearLines(event, grid.Lines(event.tile), lines.data(), 8.0, 2.0);
+  const NearLines near = FindNearLines(event, lines.data(), 8.0, 2.0);
   ASSERT_EQ(near.count, 2);
   EXPECT_EQ(near.line[0], 1);
   EXPECT_EQ(near.line[1], 0);
@@ -106,7 +107,7 @@ TEST(FindNearLines, GivesTheNearestTwoInOrder) {
   EXPECT_NEAR(std::abs(near.distance_px[1]), 2.0, 1e-9);
   // Beyond the ends, 60 px from the middle, there is no line.
   const Observation beyond = ObservationAt(camera, camera.cx_px, camera.cy_px + 63.0, 0.0, grid);
-  EXPECT_EQ(FindNearLines(beyond, grid.Lines(beyond.tile), lines.data(), 8.0, 2.0).count, 0);
+  EXPECT_EQ(FindNearLines(beyond, lines.data(), 8.0, 2.0).count, 0);
 }
 
 TEST(FindNearLines, FollowsTheMotionWithinTheWindow) {
@@ -120,9 +121,34 @@ TEST(FindNearLines, FollowsTheMotionWithinTheWindow) {
   TileGrid grid(camera);
   grid.Build(lines, 10.0);
   const Observation event = ObservationAt(camera, camera.cx_px + 2.4, camera.cy_px, 2e-3, grid);
-  const NearLines near = FindNearLines(event, grid.Lines(event.tile), lines.data(), 5.0, 2.0);
+  const NearLines near = FindNearLines(event, lines.data(), 5.0, 2.0);
   ASSERT_EQ(near.count, 1);
   EXPECT_NEAR(near.distance_px[0], 0.0, 1e-9);
+}
+
+TEST(KeepLinesWithin, LeavesWhatTheGatesCanReachAtTheEventsTime) {
+  const CameraModel camera = MakeCamera(640, 480, 600.0);
+  MotionState state;
+  state.camera_from_object = MakePose({0.0, 0.0, 1.0}, {0.0, 0.0, 0.0});
+  state.twist[0] = 2.0;  // 1200 px/s to the right
+  std::vector<TrackedLine> tracked;
+  for (int k = 0; k < 3; ++k) tracked.push_back({k, {k * 4.0 / 600.0, -0.1, 0.0}, {k * 4.0 / 600.0, 0.1, 0.0}});
+  std::vector<ImageLine> lines;
+  ProjectLines(camera, state, tracked, lines);
+  TileGrid grid(camera);
+  grid.Build(lines, 20.0);
+  // 2 ms later the lines are at 2.4, 6.4 and 10.4 px.
+  Observation event = ObservationAt(camera, camera.cx_px + 5.0, camera.cy_px, 2e-3, grid);
+  ASSERT_EQ(event.num_lines, 3);
+  KeepLinesWithin(5.0, lines.data(), event);
+  EXPECT_THAT(event.Lines(), ::testing::UnorderedElementsAre(0, 1));
+  KeepLinesWithin(2.0, lines.data(), event);
+  EXPECT_THAT(event.Lines(), ::testing::ElementsAre(1));
+  // Beyond the end, 60 px from the middle, it is near while it is within as much.
+  Observation beyond = ObservationAt(camera, camera.cx_px, camera.cy_px + 65.0, 0.0, grid);
+  ASSERT_GT(beyond.num_lines, 0);
+  KeepLinesWithin(4.9, lines.data(), beyond);
+  EXPECT_EQ(beyond.num_lines, 0);
 }
 
 TEST(ThinEvenly, KeepsAnEvenShare) {

@@ -16,7 +16,7 @@ class BackgroundRate {
   explicit BackgroundRate(const CameraModel& camera);
 
   // For each event of a window, the index of its tile.
-  void Count(uint32_t tile) { ++tile_events_[CellOf(tile)]; }
+  void Count(uint32_t tile) { ++cell_events_[cell_of_tile_[tile]]; }
   // Closes the window: `grid` knows its lines, and each event counted stands for `events_per_sample`. Events in tiles
   // near lines must not have been counted.
   void CloseWindow(const TileGrid& grid, double duration_s, double events_per_sample);
@@ -27,7 +27,7 @@ class BackgroundRate {
 
   // Between windows.
   static void VisitState(auto& archive, auto& self) {
-    auto& [tile_columns, cell_columns, on_sensor, tile_events, line_tiles, cells, rates, hz_per_px] = self;
+    auto& [cell_of_tile, on_sensor, cell_events, line_tiles, cells, rates, hz_per_px] = self;
     for (auto& cell : cells) archive(cell);
     archive(InRange(hz_per_px, 0.0, kMaxState));
   }
@@ -44,15 +44,11 @@ class BackgroundRate {
   // A ratio of such numbers, and of what they become, is one that can be sorted.
   static constexpr double kMaxState = 1e18;
   static constexpr int kCellTiles = 8;
-  uint32_t CellOf(uint32_t tile) const {
-    return tile / tile_columns_ / kCellTiles * cell_columns_ + tile % tile_columns_ / kCellTiles;
-  }
   double Median();
 
-  uint32_t tile_columns_;
-  uint32_t cell_columns_;
+  std::vector<uint32_t> cell_of_tile_;
   std::vector<bool> on_sensor_;  // cells that lie on the sensor as a whole
-  std::vector<uint32_t> tile_events_;
+  std::vector<uint32_t> cell_events_;
   std::vector<uint32_t> line_tiles_;
   std::vector<Cell> cells_;
   std::vector<double> rates_;

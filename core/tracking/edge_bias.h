@@ -25,9 +25,9 @@ struct EdgeCounts {
   std::array<double, 2> turns = {};
 
   void Add(const Observation& event, int half, double weight) {
+    constexpr double kTurnRatio[] = {0.5, 0.0, 1.0};  // by PreviousPolarity
     polarity[event.polarity] += weight;
-    if (event.previous == PreviousPolarity::kOther) turns[half] += weight;
-    if (event.previous == PreviousPolarity::kUnknown) turns[half] += 0.5 * weight;
+    turns[half] += kTurnRatio[static_cast<int>(event.previous)] * weight;
   }
 };
 

@@ -27,18 +27,15 @@ class ErrorStateFilter : public WindowEstimator {
 
  private:
   // One event: its line, the test, the update.
-  void Take(const Observation& event, const WindowInput& input, double gate_factor, ErrorState& error,
-            WindowFit& fit) const;
+  void Take(const Observation& event, double gate_factor, ErrorState& error, WindowFit& fit) const;
 
   const ErrorStateFilterOptions options_;
   const CameraModel camera_;
   std::vector<ImageLine> lines_;
 };
 
-void ErrorStateFilter::Take(const Observation& event, const WindowInput& input, double gate_factor, ErrorState& error,
-                            WindowFit& fit) const {
-  const NearLines near =
-      FindNearLines(event, input.grid->Lines(event.tile), lines_.data(), options_.gate_px * gate_factor, 0.0);
+void ErrorStateFilter::Take(const Observation& event, double gate_factor, ErrorState& error, WindowFit& fit) const {
+  const NearLines near = FindNearLines(event, lines_.data(), options_.gate_px * gate_factor, 0.0);
   if (near.count == 0) return;
   if (near.count == 2 && std::abs(near.distance_px[1]) < options_.two_lines_px) return;
   fit.num_gated += 1.0;
@@ -65,7 +62,7 @@ WindowFit ErrorStateFilter::Fit(const MotionState& predicted, const WindowInput&
       ProjectLines(camera_, error.state(), input.lines, lines_);
       lines_of_s = event.tau_s;
     }
-    Take(event, input, gate_factor, error, fit);
+    Take(event, gate_factor, error, fit);
   }
   error.Inject();
   fit.state = error.state();

@@ -46,7 +46,6 @@ struct WindowInput {
   double duration_s = 0.0;
   double background_per_px2 = 0.0;  // events that came anywhere, lines or not, in this time
   absl::Span<const TrackedLine> lines;
-  const TileGrid* grid = nullptr;             // indices into `lines`
   absl::Span<const LineAnswer> past_answers;  // of the lines, before this window; empty: nothing is known
 };
 

@@ -86,10 +86,8 @@ TEST_P(Estimators, WithoutEventsThePredictionHolds) {
   predicted.t_us = 1000;
   predicted.camera_from_object = Drift()(0.0);
   predicted.covariance = 1e-6 * Matrix12d::Identity();
-  TileGrid grid(kCamera);
   WindowInput input;
   input.duration_s = 0.001;
-  input.grid = &grid;
   const WindowFit fit = estimator->Fit(predicted, input, 1.0);
   EXPECT_EQ(fit.num_gated, 0.0);
   EXPECT_LT(Difference(fit.state.camera_from_object, predicted.camera_from_object).norm(), 1e-12);

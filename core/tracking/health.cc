@@ -54,18 +54,22 @@ void TrackHealth::Reset() {
 void TrackHealth::AddWindow(const CameraModel& camera, const WindowInput& input, absl::Span<const ImageLine> lines,
                             const Vector6d& twist) {
   const double near_share = options_.near_px / options_.gate_px;
+  window_lines_.clear();
+  for (size_t k = 0; k < lines.size(); ++k) {
+    LineEvidence& evidence = evidence_[input.lines[k].model_line];
+    window_lines_.push_back({&evidence, static_cast<double>(evidence.along.size()) / lines[k].length_px});
+  }
   for (const Observation& event : input.events) {
-    const NearLines near = FindNearLines(event, input.grid->Lines(event.tile), lines.data(), options_.gate_px, 0.0);
+    const NearLines near = FindNearLines(event, lines.data(), options_.gate_px, 0.0);
     if (near.count == 0) continue;
-    LineEvidence& evidence = evidence_[input.lines[near.line[0]].model_line];
+    const WindowLine& line = window_lines_[near.line[0]];
+    LineEvidence& evidence = *line.evidence;
     const double share = OwnShare(near.distance_px[0], event.competing);
     evidence.gated += share;
-    evidence.chance += share * near_share;
-    const ImageLine& line = lines[near.line[0]];
-    const double place =
-        line.AlongPx(event.u_px, event.v_px) / line.length_px * static_cast<double>(evidence.along.size());
+    const double place = lines[near.line[0]].AlongPx(event.u_px, event.v_px) * line.places_per_px;
     evidence.along[static_cast<int>(std::clamp(place, 0.0, evidence.along.size() - 1.0))] += share;
-    if (std::abs(near.distance_px[0]) <= options_.near_px) evidence.near += share;
+    evidence.near += std::abs(near.distance_px[0]) <= options_.near_px ? share : 0.0;
+    evidence.chance += share * near_share;
     gated_ += share;
   }
   for (size_t k = 0; k < lines.size(); ++k) {

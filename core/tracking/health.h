@@ -75,7 +75,7 @@ class TrackHealth {
                       int64_t patience_us);
 
   static void VisitState(auto& archive, auto& self) {
-    auto& [options, min_events_per_px2, evidence, memory, span_s, gated, gate_px2_s, was_quiet] = self;
+    auto& [options, min_events_per_px2, evidence, memory, span_s, gated, gate_px2_s, was_quiet, window_lines] = self;
     for (auto& line : evidence) archive(line);
     for (auto& line : memory) archive(line);
     archive(Finite(span_s), Finite(gated), Finite(gate_px2_s), was_quiet);
@@ -106,6 +106,11 @@ class TrackHealth {
   double gated_ = 0.0;
   double gate_px2_s_ = 0.0;  // area of the gates times time
   bool was_quiet_ = false;   // the last verdict was kFewEvents
+  struct WindowLine {
+    LineEvidence* evidence;
+    double places_per_px;  // of LineEvidence::along
+  };
+  std::vector<WindowLine> window_lines_;
 };
 
 }  // namespace evpose

@@ -41,7 +41,7 @@ class HealthTest : public ::testing::Test {
       const Eigen::Vector3d bearing = BearingOf(camera_, {event.u_px, event.v_px});
       event.bx = bearing.x();
       event.by = bearing.y();
-      event.tile = grid_.TileOf(event.u_px, event.v_px);
+      grid_.GiveLines(event);
       events_.push_back(event);
     }
   }
@@ -51,7 +51,6 @@ class HealthTest : public ::testing::Test {
     input.duration_s = kWindowS;
     input.background_per_px2 = background_per_px2;
     input.lines = tracked_;
-    input.grid = &grid_;
     health_.AddWindow(camera_, input, lines_, state_.twist);
     events_.clear();
   }

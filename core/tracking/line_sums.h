@@ -16,13 +16,12 @@ class LineSums {
   void Add(double bx, double by, double tau_s, double weight) {
     const double wx = weight * bx;
     const double wy = weight * by;
-    const std::array<double, 6> products = {wx * bx, wx * by, wy * by, wx, wy, weight};
-    for (int k = 0; k < 6; ++k) {
-      const double first = products[k] * tau_s;
-      sums_[0][k] += products[k];
-      sums_[1][k] += first;
-      sums_[2][k] += first * tau_s;
-    }
+    Products products;
+    products << wx * bx, wx * by, wy * by, wx, wy, weight;
+    const Products first = products * tau_s;
+    sums_[0] += products;
+    sums_[1] += first;
+    sums_[2] += first * tau_s;
   }
 
   double weight() const { return sums_[0][5]; }
@@ -31,7 +30,8 @@ class LineSums {
   Eigen::Vector3d Sum(int n) const { return {sums_[n][3], sums_[n][4], sums_[n][5]}; }
 
  private:
-  std::array<std::array<double, 6>, 3> sums_ = {};
+  using Products = Eigen::Array<double, 6, 1>;
+  std::array<Products, 3> sums_ = {Products::Zero(), Products::Zero(), Products::Zero()};
 };
 
 // Adds a line's share of H = sum w J^T J and g = sum w J^T d, where d = (a_expected + tau a_dot) . b and

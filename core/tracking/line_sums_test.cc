@@ -56,6 +56,7 @@ TEST(LineSums, NormalEquationsEqualAutomaticDifferentiation) {
   const TrackedLine line{0, {-0.07, 0.03, 0.07}, {0.07, 0.02, -0.05}};
   std::vector<ImageLine> image;
   ProjectLines(camera, state, {line}, image);
+  ProjectVelocityJacobians(camera, state, {line}, absl::MakeSpan(image));
 
   Random random(1);
   std::vector<TestEvent> events;
@@ -92,7 +93,9 @@ TEST(LineSums, ADisplacementIsMarginalised) {
   state.camera_from_object = MakePose({0.05, -0.03, 0.8}, {0.4, -0.7, 0.2});
   state.twist << 0.3, -0.2, 0.1, 1.0, -2.0, 0.5;
   std::vector<ImageLine> image;
-  ProjectLines(camera, state, {TrackedLine{0, {-0.07, 0.03, 0.07}, {0.07, 0.02, -0.05}}}, image);
+  const TrackedLine tracked = {0, {-0.07, 0.03, 0.07}, {0.07, 0.02, -0.05}};
+  ProjectLines(camera, state, {tracked}, image);
+  ProjectVelocityJacobians(camera, state, {tracked}, absl::MakeSpan(image));
   const ImageLine& line = image[0];
   LineDisplacement displacement;
   displacement.basis << 0.0, 3.0, 0.0, -2.0, 1.0, 0.25;

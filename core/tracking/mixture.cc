@@ -80,6 +80,7 @@ class MixtureEstimator : public WindowEstimator {
   }
   void Project(const MotionState& state, const WindowInput& input) {
     ProjectLines(camera_, state, input.lines, lines_);
+    ProjectVelocityJacobians(camera_, state, input.lines, absl::MakeSpan(lines_));
     edge_bias_.Correct(input.lines, absl::MakeSpan(lines_));
   }
   // Moves `state` to the minimum for the present sums; returns the largest movement of a line's middle, pixels.
@@ -119,13 +120,19 @@ Eigen::Matrix<double, 3, 2> AlongLine(const CameraModel& camera, const ImageLine
   return basis;
 }
 
-Matrix12d Symmetric(const Matrix12d& matrix) { return 0.5 * (matrix + matrix.transpose()); }
+// Column by column: for all of them at once Eigen would block and pack them as those of large matrices.
+Matrix12d SymmetricInverse(const Matrix12d& matrix) {
+  const Eigen::LDLT<Matrix12d> factors(matrix);
+  Matrix12d inverse;
+  for (int k = 0; k < 12; ++k) inverse.col(k) = factors.solve(Vector12d::Unit(k));
+  return 0.5 * (inverse + inverse.transpose());
+}
 
 WindowFit MixtureEstimator::Fit(const MotionState& predicted, const WindowInput& input, double gate_factor) {
   constexpr double kSettledPx = 0.04;
   // The background's count is not known better.
   constexpr double kMaxBackgroundRatio = 0.99;
-  const Matrix12d prior_information = Symmetric(predicted.covariance.ldlt().solve(Matrix12d::Identity()));
+  const Matrix12d prior_information = SymmetricInverse(predicted.covariance);
 
   MotionState state = predicted;
   Project(state, input);
@@ -153,7 +160,7 @@ WindowFit MixtureEstimator::Fit(const MotionState& predicted, const WindowInput&
   AddPriorEquations(state, predicted, prior_information, hessian, gradient);
   WindowFit fit;
   fit.missing_ratio = NormalEquations(state, input, density.sigma_px, hessian, gradient);
-  state.covariance = Symmetric(hessian.ldlt().solve(Matrix12d::Identity()));
+  state.covariance = SymmetricInverse(hessian);
 
   fit.state = state;
   fit.num_gated = totals.num_gated;
@@ -168,6 +175,7 @@ WindowFit MixtureEstimator::Fit(const MotionState& predicted, const WindowInput&
 double MixtureEstimator::Minimise(const MotionState& predicted, const Matrix12d& prior_information,
                                   const WindowInput& input, double sigma_px, MotionState& state) {
   constexpr int kSteps = 2;
+  constexpr double kLinearPx = 0.05;  // what a second step would add to such a one is a thousandth of it
   double moved_px = 0.0;
   for (int step = 0; step < kSteps; ++step) {
     Matrix12d hessian = Matrix12d::Zero();
@@ -180,7 +188,7 @@ double MixtureEstimator::Minimise(const MotionState& predicted, const Matrix12d&
     state = Plus(state, dx);
     Project(state, input);
     moved_px = std::max(moved_px, step_px);
-    if (step_px < 0.005) break;
+    if (step_px < kLinearPx) break;
   }
   return moved_px;
 }
@@ -252,8 +260,7 @@ MixtureTotals AccumulateMixture(const WindowInput& input, absl::Span<const Image
   const double outlier = density.Outlier();
   const double inlier_ratio = 1.0 - density.outlier_ratio;
   for (const Observation& event : input.events) {
-    const NearLines near =
-        FindNearLines(event, input.grid->Lines(event.tile), lines.data(), density.gate_px, kEndMarginPx);
+    const NearLines near = FindNearLines(event, lines.data(), density.gate_px, kEndMarginPx);
     if (near.count == 0) continue;
     double likelihood[2] = {density.Line(near.distance_px[0], table), 0.0};
     if (near.count == 2) likelihood[1] = density.Line(near.distance_px[1], table);
@@ -294,32 +301,37 @@ void CountAnswers(const CameraModel& camera, const WindowInput& input, absl::Spa
 double AddAbsence(const CameraModel& camera, absl::Span<const ImageLine> lines, absl::Span<const LineAnswer> answers,
                   absl::Span<const LineAnswer> past, const Vector6d& twist, double scale, Matrix12d& hessian,
                   Vector12d& gradient) {
-  Matrix6d absence_hessian = Matrix6d::Zero();
-  Vector6d absence_gradient = Vector6d::Zero();
+  // Events missing of each half line.
+  const auto missing_of = [&](size_t k, int half) {
+    const LineAnswer before = past.empty() ? LineAnswer() : past[k];
+    const double observed = std::max(0.0, answers[k].observed[half] + before.observed[half]);
+    const double expected = answers[k].expected[half];
+    return expected * std::max(0.0, 1.0 - observed / (expected + before.expected[half]));
+  };
   double all_expected = 0.0;
   double all_missing = 0.0;
   for (size_t k = 0; k < lines.size(); ++k) {
     if (!lines[k].in_view()) continue;
-    const LineAnswer before = past.empty() ? LineAnswer() : past[k];
     for (int half = 0; half < 2; ++half) {
-      const double expected = answers[k].expected[half];
-      const double observed = std::max(0.0, answers[k].observed[half] + before.observed[half]);
-      const double missing = expected * std::max(0.0, 1.0 - observed / (expected + before.expected[half]));
-      all_expected += expected;
-      all_missing += missing;
-      const Vector6d row = HalfSpeedRow(camera, lines[k], half);
-      const double velocity = row.dot(twist);
-      const double speed = std::max(std::abs(velocity), kMinSpeedPxPerS);
-      const double curvature = missing / (speed * speed);
-      absence_hessian += curvature * row * row.transpose();
-      absence_gradient += curvature * velocity * row;
+      all_expected += answers[k].expected[half];
+      all_missing += missing_of(k, half);
     }
   }
   if (!(all_missing > 0.0)) return 0.0;
   const double missing_ratio = all_missing / all_expected;
-  const double factor = scale * std::max(0.0, 2.0 * missing_ratio - 1.0);
-  hessian.bottomRightCorner<6, 6>() += factor * absence_hessian;
-  gradient.tail<6>() += factor * absence_gradient;
+  const double factor = scale * (2.0 * missing_ratio - 1.0);
+  if (factor <= 0.0) return missing_ratio;
+  for (size_t k = 0; k < lines.size(); ++k) {
+    if (!lines[k].in_view()) continue;
+    for (int half = 0; half < 2; ++half) {
+      const Vector6d row = HalfSpeedRow(camera, lines[k], half);
+      const double velocity = row.dot(twist);
+      const double speed = std::max(std::abs(velocity), kMinSpeedPxPerS);
+      const double curvature = factor * missing_of(k, half) / (speed * speed);
+      hessian.bottomRightCorner<6, 6>() += curvature * row * row.transpose();
+      gradient.tail<6>() += curvature * velocity * row;
+    }
+  }
   return missing_ratio;
 }
 

@@ -105,6 +105,7 @@ class MixtureReference : public ::testing::TestWithParam<int> {
     predicted_.covariance.bottomLeftCorner<6, 6>().diagonal().setConstant(1e-6);
 
     ProjectLines(camera_, truth, tracked_, lines_);
+    ProjectVelocityJacobians(camera_, truth, tracked_, absl::MakeSpan(lines_));
     grid_.Build(lines_, 20.0);
     for (int i = 0; i < 1500; ++i) AddEvent(random);
   }
@@ -124,8 +125,7 @@ class MixtureReference : public ::testing::TestWithParam<int> {
     event.v_px = pixel.y();
     event.bx = bearing.x();
     event.by = bearing.y();
-    event.tile = grid_.TileOf(event.u_px, event.v_px);
-    if (event.tile != TileGrid::kNoTile) events_.push_back(event);
+    if (grid_.GiveLines(event)) events_.push_back(event);
   }
 
   const CameraModel camera_ = testing::MakeCamera(1280, 720, 1000.0);
@@ -145,10 +145,10 @@ TEST_P(MixtureReference, MinimumAndCovarianceEqualCeresOverAllEvents) {
   const Matrix12d information = predicted_.covariance.inverse();
   // The weights, at the prediction: summed by line, and of each event alone for Ceres.
   ProjectLines(camera_, predicted_, tracked_, lines_);
+  ProjectVelocityJacobians(camera_, predicted_, tracked_, absl::MakeSpan(lines_));
   WindowInput input;
   input.events = events_;
   input.lines = tracked_;
-  input.grid = &grid_;
   std::vector<MixtureLine> sums;
   const MixtureTotals totals = AccumulateMixture(input, lines_, density_, table_, sums);
   ASSERT_GT(totals.weight, 600.0);
@@ -187,6 +187,7 @@ TEST_P(MixtureReference, MinimumAndCovarianceEqualCeresOverAllEvents) {
   Matrix12d hessian;
   for (int step = 0; step < 8; ++step) {
     ProjectLines(camera_, state, tracked_, lines_);
+    ProjectVelocityJacobians(camera_, state, tracked_, absl::MakeSpan(lines_));
     hessian.setZero();
     Vector12d gradient = Vector12d::Zero();
     AddPriorEquations(state, predicted_, information, hessian, gradient);

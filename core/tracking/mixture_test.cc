@@ -29,7 +29,7 @@ class MixtureTest : public ::testing::Test {
     const Eigen::Vector3d bearing = BearingOf(camera_, {event.u_px, event.v_px});
     event.bx = bearing.x();
     event.by = bearing.y();
-    event.tile = grid_.TileOf(event.u_px, event.v_px);
+    grid_.GiveLines(event);
     event.polarity = polarity;
     return event;
   }
@@ -38,7 +38,6 @@ class MixtureTest : public ::testing::Test {
     input.events = events;
     input.duration_s = 0.001;
     input.lines = tracked_;
-    input.grid = &grid_;
     return AccumulateMixture(input, lines_, density, table_, sums_);
   }
   // The missing share of what Accumulate's events leave, as from a window of 10 ms.
@@ -210,7 +209,7 @@ class DisplacedLines : public ::testing::Test {
       event.v_px = pixel.y();
       event.bx = bearing.x();
       event.by = bearing.y();
-      event.tile = grid_.TileOf(pixel.x(), pixel.y());
+      grid_.GiveLines(event);
       events.push_back(event);
     }
     return events;
@@ -222,7 +221,6 @@ class DisplacedLines : public ::testing::Test {
     input.events = events;
     input.duration_s = 0.001;
     input.lines = tracked_;
-    input.grid = &grid_;
     TrackerOptions options;
     options.sensor = testing::UnbiasedSensor();
     const std::unique_ptr<WindowEstimator> estimator = MakeMixtureEstimator(options, camera_);

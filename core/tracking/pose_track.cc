@@ -113,9 +113,8 @@ double PoseTrack::Explains(Observation observation, const Competitors* others) c
   constexpr double kOwnPx = 3.0;
   constexpr double kTroughPx = 6.0;
   constexpr double kTrough = 0.5 * kOwnPx / (kTroughPx - kOwnPx);
-  observation.tile = grid_.TileOf(observation.u_px, observation.v_px);
-  if (observation.tile == TileGrid::kNoTile) return 0.0;
-  const NearLines near = FindNearLines(observation, grid_.Lines(observation.tile), image_lines_.data(), kTroughPx, 0.0);
+  if (!grid_.GiveLines(observation)) return 0.0;
+  const NearLines near = FindNearLines(observation, image_lines_.data(), kTroughPx, 0.0);
   if (near.count == 0) return 0.0;
   const double distance = std::abs(near.distance_px[0]);
   const double explains = distance < kOwnPx ? 1.0 - distance / kOwnPx : -kTrough;
@@ -197,38 +196,38 @@ double PoseTrack::CompetingFor(const Observation& event, const Competitors& othe
   const double density = others.DensityAt(event);
   if (density <= 0.0) return 0.0;
   constexpr double kReachPx = 16.0;
-  const NearLines near = FindNearLines(event, grid_.Lines(event.tile), image_lines_.data(), kReachPx, 0.0);
+  const NearLines near = FindNearLines(event, image_lines_.data(), kReachPx, 0.0);
   // Near none of the own lines it is nobody's but theirs, whatever the rate.
   return near.count == 0 ? density : density / rates[near.line[0]];
 }
 
 void PoseTrack::FindEventsNearLines(const EventWindow& window) {
   const CameraModel& camera = context_.camera;
-  const UndistortionTable& undistortion = *context_.undistortion;
+  const PixelTiles& tiles = *context_.pixel_tiles;
   near_events_.clear();
   for (size_t i = 0; i < window.events.size(); ++i) {
     const WindowEvent& event = window.events[i];
     if (event.x >= camera.width_px || event.y >= camera.height_px) continue;
-    const Eigen::Vector2f& bearing = undistortion.Bearing(event.x, event.y);
-    const uint32_t tile = grid_.TileOf(camera.fx_px * static_cast<double>(bearing.x()) + camera.cx_px,
-                                       camera.fy_px * static_cast<double>(bearing.y()) + camera.cy_px);
+    const uint32_t tile = tiles.At(event.x, event.y);
     if (tile == TileGrid::kNoTile) continue;
-    if (grid_.Lines(tile).empty()) {
-      background_.Count(tile);
-    } else {
+    if (grid_.has_lines(tile)) {
       near_events_.push_back({static_cast<uint32_t>(i), tile});
+    } else {
+      background_.Count(tile);
     }
   }
 }
 
-void PoseTrack::ObserveNearEvents(const EventWindow& window, int64_t t_us) {
+void PoseTrack::ObserveNearEvents(const EventWindow& window, const Competitors* others, int64_t t_us, double reach_px) {
   observations_.clear();
   for (const NearEvent& near : near_events_) {
-    const std::optional<Observation> observation =
+    std::optional<Observation> observation =
         Observe(context_.camera, *context_.undistortion, window.events[near.index], t_us);
     if (!observation) continue;  // found on the sensor
-    observations_.push_back(*observation);
-    observations_.back().tile = near.tile;
+    grid_.GiveLines(near.tile, *observation);
+    if (others != nullptr) observation->competing = static_cast<float>(CompetingFor(*observation, *others, rates_));
+    KeepLinesWithin(reach_px, image_lines_.data(), *observation);
+    if (observation->num_lines > 0) observations_.push_back(*observation);
   }
 }
 
@@ -244,7 +243,6 @@ WindowInput PoseTrack::Gather(const EventWindow& window, const Competitors* othe
     is_hidden_ = unhidden_lines_.empty();
     input.lines = unhidden_lines_;
   }
-  input.grid = &grid_;
   ProjectLines(context_.camera, predicted, input.lines, image_lines_);
   const double spread_px = PredictedSpreadPx(context_.camera, predicted, image_lines_);
   double motion_px = 0.0;
@@ -262,24 +260,21 @@ WindowInput PoseTrack::Gather(const EventWindow& window, const Competitors* othe
   FindEventsNearLines(window);
   background_.CloseWindow(grid_, input.duration_s, window.events_per_sample());
   input.background_per_px2 = background_.hz_per_px() * input.duration_s;
-  const size_t found = near_events_.size();
-  ThinEvenly(static_cast<size_t>(estimator_->MaxEvents()), near_events_);
-  ObserveNearEvents(window, predicted.t_us);
   rates_.clear();
   if (others != nullptr) {
     for (const ImageLine& line : image_lines_) rates_.push_back(EventRate(context_.camera, predicted, line));
-    for (Observation& event : observations_) {
-      event.competing = static_cast<float>(CompetingFor(event, *others, rates_));
-    }
   }
+  input.events_per_observation = window.events_per_sample();
+  const size_t found = near_events_.size();
+  ThinEvenly(static_cast<size_t>(estimator_->MaxEvents()), near_events_);
+  if (!near_events_.empty()) {
+    input.events_per_observation *= static_cast<double>(found) / static_cast<double>(near_events_.size());
+  }
+  ObserveNearEvents(window, others, predicted.t_us, reach_px);
   past_answers_.clear();
   for (const TrackedLine& line : input.lines) past_answers_.push_back(answers_[line.model_line]);
   input.past_answers = past_answers_;
   input.events = observations_;
-  input.events_per_observation = window.events_per_sample();
-  if (!observations_.empty()) {
-    input.events_per_observation *= static_cast<double>(found) / static_cast<double>(observations_.size());
-  }
   return input;
 }
 

@@ -25,7 +25,9 @@ namespace evpose {
 struct TrackContext {
   std::shared_ptr<const ObjectModel> model;
   CameraModel camera;
-  std::shared_ptr<const UndistortionTable> undistortion;  // shared by the objects of a stream
+  // Shared by the objects of a stream.
+  std::shared_ptr<const UndistortionTable> undistortion;
+  std::shared_ptr<const PixelTiles> pixel_tiles;
   TrackerOptions options;
   VisibilityTester visibility;
 };
@@ -65,8 +67,8 @@ class PoseTrack {
                      double gate_factor);
   // The window's events near lines; the others are counted as background.
   void FindEventsNearLines(const EventWindow& window);
-  // Those that the estimator is given, as observations at `t_us`.
-  void ObserveNearEvents(const EventWindow& window, int64_t t_us);
+  // Those that the estimator is given, as observations at `t_us`: within reach_px of a line, at their own times.
+  void ObserveNearEvents(const EventWindow& window, const Competitors* others, int64_t t_us, double reach_px);
   // What the others claim of the events, by image_lines_ with these event rates.
   double CompetingFor(const Observation& event, const Competitors& others, absl::Span<const double> rates) const;
   // The state that the estimator starts from.

@@ -88,8 +88,7 @@ void StaticEstimator::Associate(const MotionState& predicted, const WindowInput&
   constexpr double kMinOwnShare = 0.5;  // hard association between objects as between lines
   events_.clear();
   for (const Observation& event : input.events) {
-    const NearLines near =
-        FindNearLines(event, input.grid->Lines(event.tile), lines_.data(), DistancePx(gate_factor), 0.0);
+    const NearLines near = FindNearLines(event, lines_.data(), DistancePx(gate_factor), 0.0);
     if (near.count == 0) continue;
     if (near.count == 2 && std::abs(near.distance_px[1]) < options_.two_lines_px) continue;
     if (OwnShare(near.distance_px[0], event.competing) < kMinOwnShare) continue;

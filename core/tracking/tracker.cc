@@ -154,14 +154,15 @@ absl::StatusOr<std::unique_ptr<Tracker>> Tracker::Create(std::vector<ObjectToTra
   }
   EVPOSE_ASSIGN_OR_RETURN(UndistortionTable table, UndistortionTable::Create(camera));
   const auto undistortion = std::make_shared<const UndistortionTable>(std::move(table));
+  const auto pixel_tiles = std::make_shared<const PixelTiles>(camera, *undistortion);
   std::vector<std::unique_ptr<ObjectTracker>> trackers;
   for (const ObjectToTrack& object : objects) {
     std::unique_ptr<PoseInitializer> initializer;
     if (options.initialization.is_automatic) {
       EVPOSE_ASSIGN_OR_RETURN(initializer, MakeInitializer(object.model, camera));
     }
-    TrackContext context{object.model, camera, undistortion, options,
-                         VisibilityTester(*object.model, options.visibility)};
+    TrackContext context{object.model, camera,  undistortion,
+                         pixel_tiles,  options, VisibilityTester(*object.model, options.visibility)};
     trackers.push_back(std::make_unique<ObjectTracker>(std::move(context), std::move(initializer), object));
   }
   for (const auto& tracker : trackers) {
