@@ -24,7 +24,8 @@ class MixtureEstimator : public WindowEstimator {
       : options_(options.mixture),
         sensor_(options.sensor),
         camera_(camera),
-        edge_bias_(options.edge, options.sensor, camera) {
+        edge_bias_(options.edge, options.sensor, camera),
+        clutter_(camera) {
     Reset();
   }
 
@@ -50,7 +51,12 @@ class MixtureEstimator : public WindowEstimator {
     }
     LearnDisplacement();
     counts_.clear();
-    for (const MixtureLine& line : sums_) counts_.push_back(line.counts);
+    line_counts_.clear();
+    for (const MixtureLine& line : sums_) {
+      counts_.push_back(line.counts);
+      line_counts_.push_back({line.sums.weight(), line.beside});
+    }
+    clutter_.Learn(input.lines, lines_, line_counts_, final_gate_px_);
     edge_bias_.Learn(input.lines, lines_, counts_, input.duration_s, input.events_per_observation);
   }
 
@@ -58,6 +64,7 @@ class MixtureEstimator : public WindowEstimator {
     sigma_px_ = sensor_.pixel_noise_px;
     outlier_ratio_ = 0.2;
     edge_bias_.Reset();
+    clutter_.Reset();
     displacement_px2_ = 0.0;
     displacement_factor_ = 1.0;
   }
@@ -66,9 +73,9 @@ class MixtureEstimator : public WindowEstimator {
   void LoadState(StateReader& reader) override { VisitState(reader, *this); }
   static void VisitState(auto& archive, auto& self) {
     auto& [options, sensor, camera, table, sigma_px, outlier_ratio, displacement_px2, displacement_factor, noise_per_px,
-           lines, sums, counts, answers, edge_bias] = self;
+           final_gate_px, lines, sums, counts, line_counts, side_densities, answers, edge_bias, clutter] = self;
     archive(InRange(sigma_px, 1e-6, 1e6), AtMost(outlier_ratio, 1.0), Finite(displacement_px2),
-            InRange(displacement_factor, 1.0, 1e6), edge_bias);
+            InRange(displacement_factor, 1.0, 1e6), edge_bias, clutter);
   }
 
  private:
@@ -102,12 +109,16 @@ class MixtureEstimator : public WindowEstimator {
   double outlier_ratio_ = 0.0;
   double displacement_px2_ = 0.0;  // mean square of the lines' displacements, of the last 100 windows or so
   double displacement_factor_ = 1.0;
-  double noise_per_px_ = 0.0;  // of the window: background events that count as a line's, per pixel of its length
+  double noise_per_px_ = 0.0;   // of the window: background events that count as a line's, per pixel of its length
+  double final_gate_px_ = 0.0;  // of the last fit's last pass
   std::vector<ImageLine> lines_;
   std::vector<MixtureLine> sums_;
   std::vector<EdgeCounts> counts_;
+  std::vector<LineCounts> line_counts_;
+  std::vector<SideDensities> side_densities_;
   std::vector<LineAnswer> answers_;
   EdgeBias edge_bias_;
+  LineClutter clutter_;
 };
 
 // The bearings' (1, position along the line from -1 to 1): basis^T b.
@@ -146,7 +157,8 @@ WindowFit MixtureEstimator::Fit(const MotionState& predicted, const WindowInput&
     if (last) annealed_px2 = 0.0;
     density.sigma_px = std::sqrt(sigma_px_ * sigma_px_ + annealed_px2);
     density.gate_px = std::max(options_.gate_px, std::min(density.gate_px, 4.0 * density.sigma_px * gate_factor));
-    totals = AccumulateMixture(input, lines_, density, table_, sums_);
+    clutter_.Densities(input.lines, lines_, density, side_densities_);
+    totals = AccumulateMixture(input, lines_, density, side_densities_, table_, sums_);
     const double background = Background(input, density.gate_px) / std::max(totals.num_gated, 1.0);
     density.outlier_ratio = std::clamp(background, outlier_ratio_, std::max(outlier_ratio_, kMaxBackgroundRatio));
     noise_per_px_ = input.background_per_px2 * density.OwnWidthPx(table_);
@@ -162,6 +174,7 @@ WindowFit MixtureEstimator::Fit(const MotionState& predicted, const WindowInput&
   fit.missing_ratio = NormalEquations(state, input, density.sigma_px, hessian, gradient);
   state.covariance = SymmetricInverse(hessian);
 
+  final_gate_px_ = density.gate_px;
   fit.state = state;
   fit.num_gated = totals.num_gated;
   fit.num_background = Background(input, density.gate_px);
@@ -251,13 +264,13 @@ double MixtureEstimator::MovementPx(const Vector12d& dx, double duration_s) cons
 }  // namespace
 
 MixtureTotals AccumulateMixture(const WindowInput& input, absl::Span<const ImageLine> lines,
-                                const MixtureDensity& shared_density, const ExpTable& table,
-                                std::vector<MixtureLine>& sums) {
+                                const MixtureDensity& shared_density, absl::Span<const SideDensities> clutter,
+                                const ExpTable& table, std::vector<MixtureLine>& sums) {
   // A copy that no sum can alias: what is the same for all events is computed once.
   const MixtureDensity density = shared_density;
   sums.assign(lines.size(), MixtureLine());
   MixtureTotals totals;
-  const double outlier = density.Outlier();
+  const double beside_px = LineCounts::kBesideRatio * density.gate_px;
   const double inlier_ratio = 1.0 - density.outlier_ratio;
   for (const Observation& event : input.events) {
     const NearLines near = FindNearLines(event, lines.data(), density.gate_px, kEndMarginPx);
@@ -265,7 +278,10 @@ MixtureTotals AccumulateMixture(const WindowInput& input, absl::Span<const Image
     double likelihood[2] = {density.Line(near.distance_px[0], table), 0.0};
     if (near.count == 2) likelihood[1] = density.Line(near.distance_px[1], table);
     const double competing = inlier_ratio * event.competing;
+    const int side = near.distance_px[0] > 0.0 ? 1 : 0;
+    const double outlier = clutter[near.line[0]][side];
     const double inverse = 1.0 / (likelihood[0] + likelihood[1] + outlier + competing);
+    if (std::abs(near.distance_px[0]) > beside_px) sums[near.line[0]].beside[side] += outlier * inverse;
     totals.num_gated += 1.0 - competing * inverse;
     for (int k = 0; k < near.count; ++k) {
       const double weight = likelihood[k] * inverse;

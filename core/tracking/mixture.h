@@ -8,6 +8,7 @@
 
 #include "core/tracking/edge_bias.h"
 #include "core/tracking/estimator.h"
+#include "core/tracking/line_clutter.h"
 #include "core/tracking/line_sums.h"
 #include "core/tracking/robust.h"
 
@@ -18,6 +19,7 @@ struct MixtureLine {
   LineSums sums;
   EdgeCounts counts;
   std::array<double, 2> half_weight = {};  // explained events of its first and its second half
+  std::array<double, 2> beside = {};       // LineCounts::beside
 };
 
 struct MixtureTotals {
@@ -26,10 +28,11 @@ struct MixtureTotals {
   double weighted_squares_px2 = 0.0;
 };
 
-// One pass: shares every event between its two nearest lines, other objects and the clutter, and sums by line.
-// `sums` has one entry per image line and is overwritten.
+// One pass: shares every event between its two nearest lines, other objects and the clutter beside the nearest line
+// (one entry of `clutter` for each), and sums by line. `sums` has one entry per image line and is overwritten.
 MixtureTotals AccumulateMixture(const WindowInput& input, absl::Span<const ImageLine> lines,
-                                const MixtureDensity& density, const ExpTable& table, std::vector<MixtureLine>& sums);
+                                const MixtureDensity& density, absl::Span<const SideDensities> clutter,
+                                const ExpTable& table, std::vector<MixtureLine>& sums);
 
 // What the lines should have made and made in a window, by this twist. Of the events explained, `noise_per_px` for each
 // pixel of a line's length come from the background, moving or not.

@@ -38,7 +38,8 @@ class MixtureTest : public ::testing::Test {
     input.events = events;
     input.duration_s = 0.001;
     input.lines = tracked_;
-    return AccumulateMixture(input, lines_, density, table_, sums_);
+    const std::vector<SideDensities> even(lines_.size(), {density.Outlier(), density.Outlier()});
+    return AccumulateMixture(input, lines_, density, even, table_, sums_);
   }
   // The missing share of what Accumulate's events leave, as from a window of 10 ms.
   double Absence(double noise_per_px, absl::Span<const LineAnswer> past, Matrix12d& hessian, Vector12d& gradient) {
