@@ -15,12 +15,15 @@ start_clients() {
   background=("$meter_PID")
   exec {meter_says}<&"${meter[0]}"  # still there when it has ended
   read -r _ <&"$meter_says"
-  local name
+  local name start starts=()
+  # All at once: on a slow machine the first would be far when the last begins.
   for name in "${clients[@]}"; do
     docker run --detach --init --read-only --cap-drop ALL --name "$name" --network "${project}_outside" --volume "${project}_demo:/data" \
       "evpose-client:$version" replay /data/long/recording.raw --model /data/long/model.obj --camera /data/long/camera.yaml \
-      --server haproxy:50051 --rate 1 --out "/data/$name.tum" >/dev/null
+      --server haproxy:50051 --rate 1 --out "/data/$name.tum" >/dev/null &
+    starts+=($!)
   done
+  for start in "${starts[@]}"; do wait "$start" || fail "not all clients could be started"; done
   await "all six clients to get poses" are_all_above 0
 }
 counts() { cat "$data/counts" 2>/dev/null || echo 0; }
