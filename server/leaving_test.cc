@@ -104,6 +104,23 @@ class LeavingTest : public testing::Test {
     }
   }
 
+  void AwaitGoAway(StalledTrack& track) {
+    v1::TrackResponse response;
+    do {
+      ASSERT_TRUE(track.stream->Read(&response));
+    } while (!response.notice().has_go_away());
+  }
+  // Ends the session, whose summary is the last that comes.
+  void End(StalledTrack& track) {
+    v1::TrackRequest end;
+    end.mutable_end();
+    ASSERT_TRUE(track.stream->Write(end));
+    v1::TrackResponse response;
+    while (track.stream->Read(&response)) continue;
+    EXPECT_TRUE(response.has_summary());
+    EXPECT_TRUE(track.stream->Finish().ok());
+  }
+
   std::unique_ptr<Program> program_;
   std::unique_ptr<v1::SessionService::Stub> sessions_;
   std::unique_ptr<v1::ModelService::Stub> models_;
@@ -161,10 +178,7 @@ TEST_F(LeavingTest, ASecondSignalEndsItAtOnce) {
       program_->Signal(SIGTERM);
     }
     // It has taken the first: the stream is told.
-    v1::TrackResponse response;
-    do {
-      ASSERT_TRUE(silent->stream->Read(&response));
-    } while (!response.notice().has_go_away());
+    AwaitGoAway(*silent);
     // The notice may be a moment ahead of the main thread, which takes one signal at a time: it is sent until it
     // counts.
     program_->SignalUntilExit(SIGINT);
@@ -175,43 +189,35 @@ TEST_F(LeavingTest, ASecondSignalEndsItAtOnce) {
 
 // In its notice it takes and serves whoever comes, and says to balancers that nobody should.
 TEST_F(LeavingTest, ThereIsANoticeBeforeStreamsAreTold) {
-  for (const bool is_drained : {true, false}) {
-    Start("100000", "100000");
-    program_->Signal(SIGTERM);
-    AwaitNotServing();
-    const auto late = Attach(CreateSession());
-    if (!is_drained) {
-      program_->SignalUntilExit(SIGTERM);
-      EXPECT_EQ(program_->Wait(), -SIGTERM);
-      Cancel(*late);
-      continue;
-    }
-    grpc::ClientContext context;
-    v1::DrainResponse drained;
-    ASSERT_TRUE(admin_->Drain(&context, {}, &drained).ok()) << "whoever asks for it gets it without the notice";
-    EXPECT_EQ(drained.remaining_sessions(), 1u);
-    v1::TrackRequest end;
-    end.mutable_end();
-    ASSERT_TRUE(late->stream->Write(end));
-    v1::TrackResponse response;
-    bool is_told = false;
-    while (late->stream->Read(&response)) is_told = is_told || response.notice().has_go_away();
-    EXPECT_TRUE(is_told);
-    EXPECT_TRUE(response.has_summary());
-    EXPECT_TRUE(late->stream->Finish().ok());
-    EXPECT_EQ(program_->Wait(), 0);
-    EXPECT_THAT(program_->Stderr(), testing::HasSubstr("server_leaving"));
-  }
+  Start("100000", "100000");
+  program_->Signal(SIGTERM);
+  AwaitNotServing();
+  const auto late = Attach(CreateSession());
+  grpc::ClientContext context;
+  v1::DrainResponse drained;
+  ASSERT_TRUE(admin_->Drain(&context, {}, &drained).ok()) << "whoever asks for it gets it without the notice";
+  EXPECT_EQ(drained.remaining_sessions(), 1u);
+  AwaitGoAway(*late);
+  End(*late);
+  EXPECT_EQ(program_->Wait(), 0);
+  EXPECT_THAT(program_->Stderr(), testing::HasSubstr("server_leaving"));
+}
+
+TEST_F(LeavingTest, ASecondSignalEndsTheNoticeAndTheServer) {
+  Start("100000", "100000");
+  program_->Signal(SIGTERM);
+  AwaitNotServing();
+  const auto late = Attach(CreateSession());
+  program_->SignalUntilExit(SIGTERM);
+  EXPECT_EQ(program_->Wait(), -SIGTERM);
+  Cancel(*late);
 }
 
 TEST_F(LeavingTest, TheNoticeEndsByItself) {
   Start("100000", "0.01");
   const auto silent = Attach(CreateSession());
   program_->Signal(SIGTERM);
-  v1::TrackResponse response;
-  do {
-    ASSERT_TRUE(silent->stream->Read(&response));
-  } while (!response.notice().has_go_away());
+  AwaitGoAway(*silent);
   program_->SignalUntilExit(SIGINT);
   EXPECT_EQ(program_->Wait(), -SIGINT);
   Cancel(*silent);
@@ -228,13 +234,7 @@ TEST_F(LeavingTest, ASecondDrainChangesNothing) {
     request.mutable_timeout()->set_seconds(0);  // not even a shorter one
   }
   EXPECT_EQ(response.remaining_sessions(), 1u);
-  v1::TrackRequest end;
-  end.mutable_end();
-  ASSERT_TRUE(silent->stream->Write(end));
-  v1::TrackResponse answer;
-  while (silent->stream->Read(&answer)) continue;
-  EXPECT_TRUE(answer.has_summary());
-  EXPECT_TRUE(silent->stream->Finish().ok());
+  End(*silent);
   EXPECT_EQ(program_->Wait(), 0) << "nobody is left";
 }
 
