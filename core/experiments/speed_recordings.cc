@@ -2,6 +2,8 @@
 
 #include <utility>
 
+#include "absl/strings/str_cat.h"
+#include "absl/strings/str_join.h"
 #include "core/base/status_macros.h"
 #include "core/events/encoder.h"
 
@@ -50,8 +52,8 @@ absl::StatusOr<SpeedRecording> MakeSpeedRecording(const SpeedScene& scene, int64
   recording.geometry = {options.camera.width_px, options.camera.height_px};
   EVPOSE_ASSIGN_OR_RETURN(ObjectModel model, SimulatedModel(options));
   recording.model = std::make_shared<const ObjectModel>(std::move(model));
-  const Trajectory truth = SimulatedTruth(options);
-  if (!truth.empty()) recording.initial_camera_from_object = truth.front().camera_from_object;
+  recording.truth = SimulatedTruth(options);
+  if (!recording.truth.empty()) recording.initial_camera_from_object = recording.truth.front().camera_from_object;
   const auto on_events = [&](absl::Span<const Event> events) {
     recording.events.insert(recording.events.end(), events.begin(), events.end());
     const int64_t done_us = events.empty() ? 0 : events.back().t_us - options.t_begin_us;
@@ -61,6 +63,16 @@ absl::StatusOr<SpeedRecording> MakeSpeedRecording(const SpeedScene& scene, int64
   };
   EVPOSE_RETURN_IF_ERROR(Simulate(options, on_events).status());
   return recording;
+}
+
+absl::StatusOr<SpeedRecording> MakeSpeedRecording(const std::string& scene, int64_t duration_us,
+                                                  const std::function<bool(double)>& on_progress) {
+  for (const SpeedScene& known : SpeedScenes()) {
+    if (known.name == scene) return MakeSpeedRecording(known, duration_us, on_progress);
+  }
+  const std::string names = absl::StrJoin(
+      SpeedScenes(), ", ", [](std::string* text, const SpeedScene& known) { absl::StrAppend(text, known.name); });
+  return absl::InvalidArgumentError(absl::StrCat("no scene is called \"", scene, "\"; known are: ", names));
 }
 
 absl::StatusOr<std::vector<uint8_t>> EncodeRecording(const SpeedRecording& recording, Encoding encoding) {

@@ -179,6 +179,14 @@ VisibilityTester::VisibilityTester(VisibilityTester&&) noexcept = default;
 
 std::vector<VisibleSegment> VisibilityTester::VisibleSegments(const CameraModel& camera,
                                                               const RigidTransform& camera_from_object) const {
+  std::vector<VisibleSegment> segments;
+  segments.reserve(impl_->model.lines.size());
+  FindVisibleSegments(camera, camera_from_object, segments);
+  return segments;
+}
+
+void VisibilityTester::FindVisibleSegments(const CameraModel& camera, const RigidTransform& camera_from_object,
+                                           std::vector<VisibleSegment>& segments) const {
   const View view{camera,
                   camera_from_object,
                   impl_->faces,
@@ -187,8 +195,7 @@ std::vector<VisibleSegment> VisibilityTester::VisibleSegments(const CameraModel&
                   camera_from_object.Inverse().translation_m,
                   camera.HasDistortion()};
   const double margin_px = view.has_distortion ? kDistortionMargin * std::max(camera.width_px, camera.height_px) : 0.0;
-  std::vector<VisibleSegment> segments;
-  segments.reserve(impl_->model.lines.size());
+  segments.clear();
   for (size_t i = 0; i < impl_->model.lines.size(); ++i) {
     const ModelLine& line = impl_->model.lines[i];
     const Interval interval =
@@ -199,7 +206,6 @@ std::vector<VisibleSegment> VisibilityTester::VisibleSegments(const CameraModel&
     if (!FindOrigin(view, line, middle, origin)) continue;
     AppendVisibleParts(view, static_cast<int>(i), line, interval, origin, segments);
   }
-  return segments;
 }
 
 bool VisibilityTester::IsPointVisible(const Eigen::Vector3d& origin_object, const Eigen::Vector3d& point_object) const {

@@ -39,6 +39,9 @@ class VisibilityTester {
   // Segments in order of line index, then begin.
   std::vector<VisibleSegment> VisibleSegments(const CameraModel& camera,
                                               const RigidTransform& camera_from_object) const;
+  // The same in place of what `segments` holds, whose memory is used again.
+  void FindVisibleSegments(const CameraModel& camera, const RigidTransform& camera_from_object,
+                           std::vector<VisibleSegment>& segments) const;
   // True when the segment from `origin_object` to `point_object` meets no face before the point.
   bool IsPointVisible(const Eigen::Vector3d& origin_object, const Eigen::Vector3d& point_object) const;
 

@@ -4,6 +4,8 @@
 #include <cmath>
 #include <utility>
 
+#include "core/base/refill.h"
+
 namespace evpose {
 namespace {
 
@@ -25,7 +27,7 @@ void Restrict(double offset, double slope, double lower, double upper, double& l
 
 void ProjectLines(const CameraModel& camera, const MotionState& state, absl::Span<const TrackedLine> lines,
                   std::vector<ImageLine>& image_lines) {
-  image_lines.assign(lines.size(), ImageLine());
+  Refill(lines.size(), image_lines);
   for (size_t k = 0; k < lines.size(); ++k) {
     const std::optional<ProjectedLine> projected =
         ProjectLine(camera, state.camera_from_object, lines[k].p1, lines[k].p2);

@@ -18,7 +18,7 @@ class ErrorStateFilter : public WindowEstimator {
     return 2.0 * options_.gate_px * gate_factor;
   }
   int MaxEvents() const override { return options_.max_events; }
-  WindowFit Fit(const MotionState& predicted, const WindowInput& input, double gate_factor) override;
+  void Fit(const MotionState& predicted, const WindowInput& input, double gate_factor, WindowFit& fit) override;
   // All that it knows is in the state.
   void Accept(const WindowFit&, const WindowInput&) override {}
   void Reset() override {}
@@ -51,8 +51,8 @@ void ErrorStateFilter::Take(const Observation& event, double gate_factor, ErrorS
   error.Update(near.distance_px[0], row, noise_px2 * options_.events_per_information);
 }
 
-WindowFit ErrorStateFilter::Fit(const MotionState& predicted, const WindowInput& input, double gate_factor) {
-  WindowFit fit;
+void ErrorStateFilter::Fit(const MotionState& predicted, const WindowInput& input, double gate_factor, WindowFit& fit) {
+  fit.Clear();
   ErrorState error(predicted);
   ProjectLines(camera_, predicted, input.lines, lines_);
   double lines_of_s = input.events.empty() ? 0.0 : input.events.front().tau_s;
@@ -67,7 +67,6 @@ WindowFit ErrorStateFilter::Fit(const MotionState& predicted, const WindowInput&
   error.Inject();
   fit.state = error.state();
   if (fit.num_explained > 0.0) fit.residual_rms_px = std::sqrt(fit.residual_rms_px / fit.num_explained);
-  return fit;
 }
 
 }  // namespace

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <array>
 #include <memory>
+#include <utility>
 #include <vector>
 
 #include "absl/types/span.h"
@@ -65,6 +66,13 @@ struct WindowFit {
   // Events in the gates that something in the scene must have made, and the explained share of these.
   double num_signal() const { return std::max(0.0, num_gated - num_background); }
   double explained_signal_ratio() const { return num_signal() > 0.0 ? num_explained / num_signal() : 0.0; }
+
+  // As it was made, but for the memory that its lists have.
+  void Clear() {
+    line_events.clear();
+    answers.clear();
+    *this = {.line_events = std::move(line_events), .answers = std::move(answers)};
+  }
 };
 
 class WindowEstimator {
@@ -79,9 +87,9 @@ class WindowEstimator {
   virtual bool UsesVisibility() const { return true; }
   // Whether it starts from the prediction, or from the last pose, at rest.
   virtual bool UsesPrediction() const { return true; }
-  // `predicted` is for mid-window. `gate_factor` widens the gate for a second try (method.md 2.10 (4)). Learns nothing:
-  // Fit may be called twice for a window.
-  virtual WindowFit Fit(const MotionState& predicted, const WindowInput& input, double gate_factor) = 0;
+  // `predicted` is for mid-window. `gate_factor` widens the gate for a second try (method.md 2.10 (4)). `fit` is
+  // overwritten, its memory used again. Learns nothing: Fit may be called twice for a window.
+  virtual void Fit(const MotionState& predicted, const WindowInput& input, double gate_factor, WindowFit& fit) = 0;
   // The last fit stands: what it says of spread and clutter is the next window's start.
   virtual void Accept(const WindowFit& fit, const WindowInput& input) = 0;
   // Another object's pose: forgets what Accept learned.

@@ -88,7 +88,8 @@ TEST_P(Estimators, WithoutEventsThePredictionHolds) {
   predicted.covariance = 1e-6 * Matrix12d::Identity();
   WindowInput input;
   input.duration_s = 0.001;
-  const WindowFit fit = estimator->Fit(predicted, input, 1.0);
+  WindowFit fit;
+  estimator->Fit(predicted, input, 1.0, fit);
   EXPECT_EQ(fit.num_gated, 0.0);
   EXPECT_LT(Difference(fit.state.camera_from_object, predicted.camera_from_object).norm(), 1e-12);
   EXPECT_LT((fit.state.covariance - predicted.covariance).norm(), 1e-12);

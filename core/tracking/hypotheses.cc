@@ -52,7 +52,8 @@ void Hypotheses::OnGap(int64_t gap_us) {
 }
 
 void Hypotheses::Compare(const EventWindow& window, const Competitors* others) {
-  std::vector<WindowEvent> events(window.events.begin(), window.events.end());
+  std::vector<WindowEvent>& events = compared_events_;
+  events.assign(window.events.begin(), window.events.end());
   ThinEvenly(kComparedEvents, events);
   for (Entry& entry : entries_) entry.explains.assign(events.size(), 0.0f);
   for (size_t k = 0; k < events.size(); ++k) {

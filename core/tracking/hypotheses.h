@@ -66,6 +66,7 @@ class Hypotheses {
 
   const TrackContext& context_;
   std::vector<Entry> entries_;
+  std::vector<WindowEvent> compared_events_;
 };
 
 }  // namespace evpose

@@ -4,6 +4,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "core/base/refill.h"
+
 namespace evpose {
 namespace {
 
@@ -35,7 +37,7 @@ class MixtureEstimator : public WindowEstimator {
   }
   int MaxEvents() const override { return options_.max_events; }
 
-  WindowFit Fit(const MotionState& predicted, const WindowInput& input, double gate_factor) override;
+  void Fit(const MotionState& predicted, const WindowInput& input, double gate_factor, WindowFit& fit) override;
 
   void Accept(const WindowFit& fit, const WindowInput& input) override {
     // About ten windows' worth of memory: spread and clutter change with the view, not with the millisecond.
@@ -139,7 +141,7 @@ Matrix12d SymmetricInverse(const Matrix12d& matrix) {
   return 0.5 * (inverse + inverse.transpose());
 }
 
-WindowFit MixtureEstimator::Fit(const MotionState& predicted, const WindowInput& input, double gate_factor) {
+void MixtureEstimator::Fit(const MotionState& predicted, const WindowInput& input, double gate_factor, WindowFit& fit) {
   constexpr double kSettledPx = 0.04;
   // The background's count is not known better.
   constexpr double kMaxBackgroundRatio = 0.99;
@@ -170,7 +172,7 @@ WindowFit MixtureEstimator::Fit(const MotionState& predicted, const WindowInput&
   Matrix12d hessian = Matrix12d::Zero();
   Vector12d gradient = Vector12d::Zero();
   AddPriorEquations(state, predicted, prior_information, hessian, gradient);
-  WindowFit fit;
+  fit.Clear();
   fit.missing_ratio = NormalEquations(state, input, density.sigma_px, hessian, gradient);
   state.covariance = SymmetricInverse(hessian);
 
@@ -182,7 +184,6 @@ WindowFit MixtureEstimator::Fit(const MotionState& predicted, const WindowInput&
   for (const MixtureLine& line : sums_) fit.line_events.push_back(line.half_weight[0] + line.half_weight[1]);
   fit.answers = answers_;
   fit.residual_rms_px = totals.weight > 0.0 ? std::sqrt(totals.weighted_squares_px2 / totals.weight) : sigma_px_;
-  return fit;
 }
 
 double MixtureEstimator::Minimise(const MotionState& predicted, const Matrix12d& prior_information,
@@ -268,7 +269,7 @@ MixtureTotals AccumulateMixture(const WindowInput& input, absl::Span<const Image
                                 const ExpTable& table, std::vector<MixtureLine>& sums) {
   // A copy that no sum can alias: what is the same for all events is computed once.
   const MixtureDensity density = shared_density;
-  sums.assign(lines.size(), MixtureLine());
+  Refill(lines.size(), sums);
   MixtureTotals totals;
   const double beside_px = LineCounts::kBesideRatio * density.gate_px;
   const double inlier_ratio = 1.0 - density.outlier_ratio;
@@ -302,7 +303,7 @@ MixtureTotals AccumulateMixture(const WindowInput& input, absl::Span<const Image
 void CountAnswers(const CameraModel& camera, const WindowInput& input, absl::Span<const ImageLine> lines,
                   absl::Span<const MixtureLine> sums, const Vector6d& twist, double noise_per_px,
                   double min_events_per_px2, std::vector<LineAnswer>& answers) {
-  answers.assign(lines.size(), LineAnswer());
+  Refill(lines.size(), answers);
   for (size_t k = 0; k < lines.size(); ++k) {
     if (!lines[k].in_view()) continue;
     const double half_px = 0.5 * lines[k].length_px;

@@ -227,7 +227,7 @@ class DisplacedLines : public ::testing::Test {
     const std::unique_ptr<WindowEstimator> estimator = MakeMixtureEstimator(options, camera_);
     WindowFit fit;
     for (int window = 0; window < 200; ++window) {
-      fit = estimator->Fit(state_, input, 1.0);
+      estimator->Fit(state_, input, 1.0, fit);
       estimator->Accept(fit, input);
     }
     return std::sqrt(fit.state.covariance(0, 0));

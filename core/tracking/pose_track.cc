@@ -2,8 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
-
-#include "core/base/thin.h"
+#include <utility>
 
 namespace evpose {
 namespace {
@@ -44,15 +43,21 @@ PoseTrack::PoseTrack(const TrackContext& context, const MotionState& start)
       health_(context.options.health, context.options.mixture.min_events_per_px2,
               static_cast<int>(context.model->lines.size())),
       motion_(start),
-      answers_(context.model->lines.size()) {
+      answers_(context.model->lines.size()),
+      near_events_(context.camera, *context.undistortion, *context.pixel_tiles) {
   const std::vector<ModelLine>& lines = context.model->lines;
   for (size_t k = 0; k < lines.size(); ++k) all_lines_.push_back({static_cast<int>(k), lines[k].p1, lines[k].p2});
+  // The second one is seldom used, and perhaps late.
+  for (WindowFit* const fit : {&fit_, &second_fit_}) {
+    fit->line_events.reserve(lines.size());
+    fit->answers.reserve(lines.size());
+  }
 }
 
 std::optional<PoseEstimate> PoseTrack::OnWindow(const EventWindow& window, const Competitors* others) {
   if (others != nullptr && others->empty()) others = nullptr;
   WindowInput input;
-  const WindowFit fit = FitWindow(window, others, input);
+  const WindowFit& fit = FitWindow(window, others, input);
   lines_ = input.lines;
   if (is_hidden_) return Hold(window);
   const bool usable = !input.lines.empty() && fit.state.covariance.allFinite() &&
@@ -122,39 +127,41 @@ double PoseTrack::Explains(Observation observation, const Competitors* others) c
   return explains * OwnShare(distance, CompetingFor(observation, *others, rates_));
 }
 
-WindowFit PoseTrack::FitWindow(const EventWindow& window, const Competitors* others, WindowInput& input) {
+const WindowFit& PoseTrack::FitWindow(const EventWindow& window, const Competitors* others, WindowInput& input) {
   constexpr double kFallenRatio = 0.6;  // of the running mean: method.md 2.10 (4)
   constexpr double kForget = 0.05;      // the mean is over about 20 windows
   const MotionState predicted = Predicted(window.t_mid_us(), 1.0);
   input = Gather(window, others, predicted, 1.0);
-  if (input.lines.empty()) return WindowFit();
-  WindowFit fit = estimator_->Fit(predicted, input, 1.0);
-  if (IsSilent(fit) || (fit.missing_ratio > kMostMissing && IsSlow(input))) {
+  fit_.Clear();
+  if (input.lines.empty()) return fit_;
+  estimator_->Fit(predicted, input, 1.0, fit_);
+  if (IsSilent(fit_) || (fit_.missing_ratio > kMostMissing && IsSlow(input))) {
     // Noise is no measurement of the pose, and neither is what passes by an object at rest; that its lines are silent
     // is one of their motion.
     WindowInput silence = input;
     silence.events = {};
     silence.past_answers = {};
     silence.background_per_px2 = 0.0;
-    fit.state = estimator_->Fit(predicted, silence, 1.0).state;
-    return fit;
+    estimator_->Fit(predicted, silence, 1.0, second_fit_);
+    fit_.state = second_fit_.state;
+    return fit_;
   }
   // Of what comes anywhere on the sensor there is nothing to learn, and nothing to find.
-  if (!HasSignal(fit)) return fit;
-  if (fit.explained_signal_ratio() < kFallenRatio * usual_explained_ratio_) {
+  if (!HasSignal(fit_)) return fit_;
+  if (fit_.explained_signal_ratio() < kFallenRatio * usual_explained_ratio_) {
     const MotionState agile = Predicted(window.t_mid_us(), context_.options.motion.retry_noise_factor);
     const WindowInput wide_input = Gather(window, others, agile, context_.options.mixture.retry_gate_factor);
-    const WindowFit wide = estimator_->Fit(agile, wide_input, context_.options.mixture.retry_gate_factor);
+    estimator_->Fit(agile, wide_input, context_.options.mixture.retry_gate_factor, second_fit_);
     input = wide_input;
-    if (!IsBetter(wide, fit, image_lines_)) return fit;
-    fit = wide;
+    if (!IsBetter(second_fit_, fit_, image_lines_)) return fit_;
+    std::swap(fit_, second_fit_);
   }
-  estimator_->Accept(fit, input);
-  if (HasSignal(fit)) {
+  estimator_->Accept(fit_, input);
+  if (HasSignal(fit_)) {
     usual_explained_ratio_ +=
-        (usual_explained_ratio_ == 0.0 ? 1.0 : kForget) * (fit.explained_signal_ratio() - usual_explained_ratio_);
+        (usual_explained_ratio_ == 0.0 ? 1.0 : kForget) * (fit_.explained_signal_ratio() - usual_explained_ratio_);
   }
-  return fit;
+  return fit_;
 }
 
 bool PoseTrack::IsSilent(const WindowFit& fit) {
@@ -201,36 +208,6 @@ double PoseTrack::CompetingFor(const Observation& event, const Competitors& othe
   return near.count == 0 ? density : density / rates[near.line[0]];
 }
 
-void PoseTrack::FindEventsNearLines(const EventWindow& window) {
-  const CameraModel& camera = context_.camera;
-  const PixelTiles& tiles = *context_.pixel_tiles;
-  near_events_.clear();
-  for (size_t i = 0; i < window.events.size(); ++i) {
-    const WindowEvent& event = window.events[i];
-    if (event.x >= camera.width_px || event.y >= camera.height_px) continue;
-    const uint32_t tile = tiles.At(event.x, event.y);
-    if (tile == TileGrid::kNoTile) continue;
-    if (grid_.has_lines(tile)) {
-      near_events_.push_back({static_cast<uint32_t>(i), tile});
-    } else {
-      background_.Count(tile);
-    }
-  }
-}
-
-void PoseTrack::ObserveNearEvents(const EventWindow& window, const Competitors* others, int64_t t_us, double reach_px) {
-  observations_.clear();
-  for (const NearEvent& near : near_events_) {
-    std::optional<Observation> observation =
-        Observe(context_.camera, *context_.undistortion, window.events[near.index], t_us);
-    if (!observation) continue;  // found on the sensor
-    grid_.GiveLines(near.tile, *observation);
-    if (others != nullptr) observation->competing = static_cast<float>(CompetingFor(*observation, *others, rates_));
-    KeepLinesWithin(reach_px, image_lines_.data(), *observation);
-    if (observation->num_lines > 0) observations_.push_back(*observation);
-  }
-}
-
 WindowInput PoseTrack::Gather(const EventWindow& window, const Competitors* others, const MotionState& predicted,
                               double gate_factor) {
   WindowInput input;
@@ -257,24 +234,21 @@ WindowInput PoseTrack::Gather(const EventWindow& window, const Competitors* othe
   constexpr double kMaxReachPx = 128.0;
   grid_.Build(image_lines_, std::min(reach_px + motion_px, kMaxReachPx));
 
-  FindEventsNearLines(window);
+  input.events_per_observation = window.events_per_sample();
+  input.events_per_observation *= near_events_.Find(window, grid_, estimator_->MaxEvents(), background_);
   background_.CloseWindow(grid_, input.duration_s, window.events_per_sample());
   input.background_per_px2 = background_.hz_per_px() * input.duration_s;
   rates_.clear();
   if (others != nullptr) {
     for (const ImageLine& line : image_lines_) rates_.push_back(EventRate(context_.camera, predicted, line));
   }
-  input.events_per_observation = window.events_per_sample();
-  const size_t found = near_events_.size();
-  ThinEvenly(static_cast<size_t>(estimator_->MaxEvents()), near_events_);
-  if (!near_events_.empty()) {
-    input.events_per_observation *= static_cast<double>(found) / static_cast<double>(near_events_.size());
-  }
-  ObserveNearEvents(window, others, predicted.t_us, reach_px);
+  const auto competing = [&](const Observation& event) {
+    return others == nullptr ? 0.0f : static_cast<float>(CompetingFor(event, *others, rates_));
+  };
+  input.events = near_events_.Observe(window, grid_, image_lines_, predicted.t_us, reach_px, competing);
   past_answers_.clear();
   for (const TrackedLine& line : input.lines) past_answers_.push_back(answers_[line.model_line]);
   input.past_answers = past_answers_;
-  input.events = observations_;
   return input;
 }
 
@@ -337,7 +311,7 @@ void PoseTrack::VisitState(auto& archive, auto& self) {
   auto& [context, visible_lines, all_lines, grid, background, estimator, health, state, motion, usual_explained_ratio,
          recent_signal, recent_background, answers, unconfirmed_verdicts, followed_since_us, on_trial, supported_at_us,
          unsupported_since_us, unsupported, in_doubt, lines, unhidden_lines, is_hidden, is_partly_hidden, image_lines,
-         rates, near_events, observations, past_answers] = self;
+         rates, near_events, past_answers, fit, second_fit] = self;
   constexpr int64_t kMax_us = kMaxStateTime_us;
   constexpr int kMaxVerdicts = 1 << 20;
   archive(visible_lines, background, *estimator, health, AtMost(state, TrackState::kLost), motion,

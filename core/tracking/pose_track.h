@@ -14,6 +14,7 @@
 #include "core/tracking/estimator.h"
 #include "core/tracking/health.h"
 #include "core/tracking/motion_prior.h"
+#include "core/tracking/near_events.h"
 #include "core/tracking/tracker.h"
 #include "core/tracking/tracker_options.h"
 #include "core/tracking/visible_lines.h"
@@ -65,15 +66,12 @@ class PoseTrack {
   // Turns the window's events near the lines at `predicted` into observations.
   WindowInput Gather(const EventWindow& window, const Competitors* others, const MotionState& predicted,
                      double gate_factor);
-  // The window's events near lines; the others are counted as background.
-  void FindEventsNearLines(const EventWindow& window);
-  // Those that the estimator is given, as observations at `t_us`: within reach_px of a line, at their own times.
-  void ObserveNearEvents(const EventWindow& window, const Competitors* others, int64_t t_us, double reach_px);
   // What the others claim of the events, by image_lines_ with these event rates.
   double CompetingFor(const Observation& event, const Competitors& others, absl::Span<const double> rates) const;
   // The state that the estimator starts from.
   MotionState Predicted(int64_t t_us, double noise_factor) const;
-  WindowFit FitWindow(const EventWindow& window, const Competitors* others, WindowInput& input);
+  // Valid until the next window.
+  const WindowFit& FitWindow(const EventWindow& window, const Competitors* others, WindowInput& input);
   // Too slow, as predicted, for its lines' silence to be a surprise.
   bool IsSlow(const WindowInput& input) const;
   // More events near the lines than come anywhere on the sensor.
@@ -114,13 +112,10 @@ class PoseTrack {
   bool is_partly_hidden_ = false;  // or less than shows otherwise
   std::vector<ImageLine> image_lines_;
   std::vector<double> rates_;  // EventRate of image_lines_; empty without others
-  struct NearEvent {
-    uint32_t index;  // into the window's events
-    uint32_t tile;
-  };
-  std::vector<NearEvent> near_events_;
-  std::vector<Observation> observations_;
+  NearEvents near_events_;
   std::vector<LineAnswer> past_answers_;  // the same, by the window's lines
+  WindowFit fit_;
+  WindowFit second_fit_;
 };
 
 }  // namespace evpose

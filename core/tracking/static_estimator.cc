@@ -47,7 +47,7 @@ class StaticEstimator : public WindowEstimator {
   int MaxEvents() const override { return options_.max_events; }
   bool UsesVisibility() const override { return !is_released_; }
   bool UsesPrediction() const override { return !is_released_; }
-  WindowFit Fit(const MotionState& predicted, const WindowInput& input, double gate_factor) override;
+  void Fit(const MotionState& predicted, const WindowInput& input, double gate_factor, WindowFit& fit) override;
   void Accept(const WindowFit& fit, const WindowInput&) override {
     last_ = fit.state;
     has_last_ = true;
@@ -99,17 +99,17 @@ void StaticEstimator::Associate(const MotionState& predicted, const WindowInput&
   }
 }
 
-WindowFit StaticEstimator::Fit(const MotionState& predicted, const WindowInput& input, double gate_factor) {
+void StaticEstimator::Fit(const MotionState& predicted, const WindowInput& input, double gate_factor, WindowFit& fit) {
   constexpr size_t kMinEvents = 12;  // twice the unknowns
-  WindowFit fit;
+  fit.Clear();
   fit.state = predicted;
   Associate(predicted, input, gate_factor);
   fit.num_gated = static_cast<double>(events_.size());
-  if (events_.size() < kMinEvents) return fit;
+  if (events_.size() < kMinEvents) return;
   // Where the events do not determine the pose, the prediction holds.
   const absl::StatusOr<LineFit> pose =
       FitPoseToLines(camera_, ends_, events_, predicted.camera_from_object, fit_options_);
-  if (!pose.ok()) return fit;
+  if (!pose.ok()) return;
 
   for (const double weight : pose->weights) fit.num_explained += weight;
   fit.residual_rms_px = pose->residual_rms_px;
@@ -119,7 +119,6 @@ WindowFit StaticEstimator::Fit(const MotionState& predicted, const WindowInput& 
   // Constant twist from the last two poses (the paper's eqs. (eqd-3), (eqd-4)).
   const double dt = has_last_ ? static_cast<double>(fit.state.t_us - last_.t_us) * 1e-6 : 0.0;
   if (dt > 0.0) fit.state.twist = Difference(fit.state.camera_from_object, last_.camera_from_object) / dt;
-  return fit;
 }
 
 }  // namespace

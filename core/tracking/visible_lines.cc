@@ -42,7 +42,8 @@ absl::Span<const TrackedLine> VisibleLines::At(const RigidTransform& camera_from
 void VisibleLines::LookFrom(const RigidTransform& camera_from_object) {
   looked_from_ = camera_from_object;
   lines_.clear();
-  for (const VisibleSegment& segment : tester_.VisibleSegments(camera_, camera_from_object)) {
+  tester_.FindVisibleSegments(camera_, camera_from_object, segments_);
+  for (const VisibleSegment& segment : segments_) {
     const ModelLine& line = model_.lines[segment.line];
     const Eigen::Vector3d extent = line.p2 - line.p1;
     lines_.push_back({segment.line, line.p1 + segment.begin * extent, line.p1 + segment.end * extent});

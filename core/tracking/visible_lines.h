@@ -37,6 +37,7 @@ class VisibleLines {
   std::optional<RigidTransform> looked_from_;
   std::vector<bool> facing_;
   std::vector<bool> facing_now_;
+  std::vector<VisibleSegment> segments_;
   std::vector<TrackedLine> lines_;
 };
 
