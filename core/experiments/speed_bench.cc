@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <cstring>
-#include <ctime>
 #include <limits>
 #include <memory>
 #include <utility>
@@ -12,6 +11,8 @@
 #include "absl/strings/str_join.h"
 #include "core/base/status_macros.h"
 #include "core/events/decoder.h"
+#include "core/experiments/processor_time.h"
+#include "core/experiments/speed_windows.h"
 #include "core/tracking/tracker.h"
 #include "core/tracking/tracker_options.h"
 #include "core/windows/event_window.h"
@@ -22,19 +23,8 @@ namespace {
 // As the server gets them: a full chunk.
 constexpr size_t kPieceBytes = 256 * 1024;
 
-// Of this thread: other programs on the machine do not count.
-double ProcessorSeconds() {
-  timespec now = {};
-  clock_gettime(CLOCK_THREAD_CPUTIME_ID, &now);
-  return static_cast<double>(now.tv_sec) + 1e-9 * static_cast<double>(now.tv_nsec);
-}
-
-template <typename Work>
-double SecondsOf(const Work& work) {
-  const double begin_s = ProcessorSeconds();
-  work();
-  return ProcessorSeconds() - begin_s;
-}
+// As many times the lines for the same events.
+constexpr int kCuts[] = {1, 16};
 
 class SpeedBench {
  public:
@@ -87,6 +77,8 @@ class SpeedBench {
       return absl::OkStatus();
     }
     if (part == "windows") return Windows(recording);
+    if (part == "associate") return Associate(recording);
+    if (part == "estimate") return Estimate(recording);
     if (part == "track") return Track(recording);
     return Initialize(recording);
   }
@@ -112,11 +104,11 @@ class SpeedBench {
     row.num_bytes = bytes.size();
     double copy_s = std::numeric_limits<double>::infinity();
     for (int i = 0; i < options_.num_repetitions; ++i) {
-      copy_s = std::min(copy_s, SecondsOf([&] { std::memcpy(copy.data(), bytes.data(), bytes.size()); }));
+      copy_s = std::min(copy_s, ProcessorSecondsOf([&] { std::memcpy(copy.data(), bytes.data(), bytes.size()); }));
       EVPOSE_ASSIGN_OR_RETURN(const std::unique_ptr<EventDecoder> decoder,
                               MakeEventDecoder(encoding, recording.geometry));
       const absl::Span<const uint8_t> all = bytes;
-      row.seconds = std::min(row.seconds, SecondsOf([&] {
+      row.seconds = std::min(row.seconds, ProcessorSecondsOf([&] {
                                for (size_t begin = 0; begin < all.size(); begin += kPieceBytes) {
                                  decoded.events.clear();
                                  decoded.time_marks.clear();
@@ -139,7 +131,7 @@ class SpeedBench {
       EventWindower windower(WindowOptions(), recording.geometry);
       uint64_t num_events = 0;
       const auto on_window = [&](const EventWindow& window) { num_events += window.num_events; };
-      row.seconds = std::min(row.seconds, SecondsOf([&] {
+      row.seconds = std::min(row.seconds, ProcessorSecondsOf([&] {
                                windower.Add(recording.events, on_window);
                                windower.Finish(on_window);
                              }));
@@ -147,6 +139,66 @@ class SpeedBench {
     }
     on_row_(row);
     return absl::OkStatus();
+  }
+
+  // Measures on each of kCuts: `measure` takes the windows and returns the least time.
+  absl::Status OnCutLines(const std::string& part, const SpeedRecording& recording,
+                          const std::function<double(const SpeedWindows&, SpeedRow&)>& measure) {
+    EVPOSE_ASSIGN_OR_RETURN(SpeedWindows made, MakeSpeedWindows(recording));
+    const std::vector<SpeedWindow> whole = made.windows;
+    SpeedRow first;
+    for (const int num_pieces : kCuts) {
+      made.windows = WithCutLines(whole, num_pieces);
+      SpeedRow row = Row(part, recording);
+      row.what = absl::StrCat("lines x", num_pieces);
+      row.num_events = 0;
+      row.num_windows = whole.size();
+      row.sensor_seconds = 0.0;
+      for (const SpeedWindow& window : made.windows) {
+        row.num_events += window.num_events;
+        row.num_window_lines += window.lines.size();
+        row.sensor_seconds += 1e-6 * static_cast<double>(window.t_end_us - window.t_begin_us);
+      }
+      row.seconds = measure(made, row);
+      if (first.num_windows == 0) first = row;
+      row.lines_ratio = static_cast<double>(row.num_window_lines) / static_cast<double>(first.num_window_lines);
+      row.cost_ratio = row.seconds / first.seconds;
+      on_row_(row);
+    }
+    return absl::OkStatus();
+  }
+
+  absl::Status Associate(const SpeedRecording& recording) {
+    return OnCutLines("associate", recording, [this](const SpeedWindows& made, SpeedRow&) {
+      double seconds = std::numeric_limits<double>::infinity();
+      for (int i = 0; i < options_.num_repetitions; ++i) {
+        WindowAssociation association(*made.context);
+        seconds = std::min(seconds, ProcessorSecondsOf([&] {
+                             for (const SpeedWindow& window : made.windows) association.Associate(window);
+                           }));
+      }
+      return seconds;
+    });
+  }
+
+  absl::Status Estimate(const SpeedRecording& recording) {
+    return OnCutLines("estimate", recording, [this](const SpeedWindows& made, SpeedRow& row) {
+      const std::vector<EstimationInput> inputs = MakeEstimationInputs(*made.context, made.windows);
+      row.num_events = 0;
+      for (const EstimationInput& window : inputs) row.num_events += window.events.size();
+      double seconds = std::numeric_limits<double>::infinity();
+      for (int i = 0; i < options_.num_repetitions; ++i) {
+        const auto estimator = MakeWindowEstimator(made.context->options, made.context->camera);
+        WindowFit fit;
+        seconds = std::min(seconds, ProcessorSecondsOf([&] {
+                             for (const EstimationInput& window : inputs) {
+                               estimator->Fit(window.predicted, window.input, 1.0, fit);
+                               estimator->Accept(fit, window.input);
+                             }
+                           }));
+      }
+      return seconds;
+    });
   }
 
   absl::Status Track(const SpeedRecording& recording) {
@@ -158,7 +210,7 @@ class SpeedBench {
           const std::unique_ptr<Tracker> tracker,
           Tracker::Create(recording.model, recording.camera, TrackerOptions(), recording.initial_camera_from_object));
       poses.clear();
-      row.seconds = std::min(row.seconds, SecondsOf([&] {
+      row.seconds = std::min(row.seconds, ProcessorSecondsOf([&] {
                                tracker->AddEvents(recording.events, poses);
                                tracker->Finish(poses);
                              }));
@@ -181,7 +233,7 @@ class SpeedBench {
       const absl::Span<const Event> events = recording.events;
       poses.clear();
       size_t begin = 0;
-      const double seconds = SecondsOf([&] {
+      const double seconds = ProcessorSecondsOf([&] {
         for (; begin < events.size() && poses.empty(); begin += kPieceEvents) {
           tracker->AddEvents(events.subspan(begin, kPieceEvents), poses);
         }
@@ -204,7 +256,7 @@ class SpeedBench {
 
 const std::vector<std::string>& SpeedParts() {
   static const std::vector<std::string>* const parts =
-      new std::vector<std::string>{"decode", "windows", "track", "initialize"};
+      new std::vector<std::string>{"decode", "windows", "associate", "estimate", "track", "initialize"};
   return *parts;
 }
 

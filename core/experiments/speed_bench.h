@@ -22,25 +22,33 @@ struct SpeedBenchOptions {
   absl::Status Validate() const;
 };
 
-// "decode", "windows", "track", "initialize".
+// "decode", "windows", "associate", "estimate", "track", "initialize".
 const std::vector<std::string>& SpeedParts();
 
 // One measurement.
 struct SpeedRow {
   std::string part;
-  std::string what;             // the encoding; otherwise as the part
-  std::string scene;            // SpeedScene::name
-  double rate_mev_per_s = 0.0;  // of the recording, by the sensor's clock
-  uint64_t num_events = 0;
+  std::string what;                    // the encoding, "lines x1" or "lines x16"; otherwise as the part
+  std::string scene;                   // SpeedScene::name
+  double rate_mev_per_s = 0.0;         // of the recording, by the sensor's clock
+  uint64_t num_events = 0;             // estimate: those that the estimator is given
   uint64_t num_bytes = 0;              // decode
   double seconds = 0.0;                // processor time of one thread, the least
   std::optional<double> memcpy_ratio;  // decode: to the time of copying the same bytes, whole, measured alternately
   uint64_t num_poses = 0;              // track
   int num_lines = 0;                   // track: of the model
-  double sensor_seconds = 0.0;         // that `seconds` went through; initialize: until the first pose
+  // associate and estimate: windows, and the lines that each had, summed up.
+  uint64_t num_windows = 0;
+  uint64_t num_window_lines = 0;
+  // The same: to "lines x1".
+  std::optional<double> lines_ratio;
+  std::optional<double> cost_ratio;
+  double sensor_seconds = 0.0;  // that `seconds` went through; initialize: until the first pose
 
   double NsPerEvent() const { return 1e9 * seconds / static_cast<double>(num_events); }
   double MevPerS() const { return 1e-6 * static_cast<double>(num_events) / seconds; }
+  // Of a line in a window; infinite where lines were not counted.
+  double NsPerLine() const { return 1e9 * seconds / static_cast<double>(num_window_lines); }
   // Below one: faster than the sensor.
   double RealTimeRatio() const { return seconds / sensor_seconds; }
 };

@@ -1,0 +1,30 @@
+// What the benchmarks run on: short recordings of `evpose bench speed`'s scenes, made once.
+#pragma once
+
+#include <map>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "core/experiments/speed_recordings.h"
+
+namespace evpose::bench {
+
+constexpr int64_t kBenchmarkDuration_us = 50'000;
+
+inline const SpeedRecording& RecordingOf(const std::string& scene) {
+  static std::map<std::string, SpeedRecording>* const all = new std::map<std::string, SpeedRecording>();
+  const auto [found, is_new] = all->try_emplace(scene);
+  if (is_new) found->second = MakeSpeedRecording(scene, kBenchmarkDuration_us).value();
+  return found->second;
+}
+
+inline const std::vector<uint8_t>& BytesOf(const std::string& scene, Encoding encoding) {
+  static std::map<std::pair<std::string, Encoding>, std::vector<uint8_t>>* const all =
+      new std::map<std::pair<std::string, Encoding>, std::vector<uint8_t>>();
+  const auto [found, is_new] = all->try_emplace({scene, encoding});
+  if (is_new) found->second = EncodeRecording(RecordingOf(scene), encoding).value();
+  return found->second;
+}
+
+}  // namespace evpose::bench
