@@ -9,7 +9,8 @@ void AddBenchCommands(CLI::App& app, CliContext& context, CommandRunners& runner
     runners.emplace_back(command, add_command(*command, context));
   };
   add("initialization", "First poses from lines, ours and published methods", AddBenchInitializationCommand);
-  add("speed", "Decoding, tracking and first poses: how long they take", AddBenchSpeedCommand);
+  add("speed", "Decoding, tracking, first poses and the way through a server: how long they take",
+      AddBenchSpeedCommand);
   add("synthetic", "Poses from labelled events, ours and published estimators, and the Cramer-Rao bound",
       AddBenchSyntheticCommand);
   add("tracking", "Trackers on simulated recordings, against the truth", AddBenchTrackingCommand);

@@ -33,7 +33,7 @@ int main(int argc, char** argv) {
   const std::string command = argc > 1 ? argv[1] : "";
   const std::string bench = command == "bench" && argc > 2 ? argv[2] : "";
   const std::set<std::string> clean = {"render", "replay", "simulate", "stream", "watch"};
-  if (clean.count(command) > 0 || bench == "synthetic") {
+  if (clean.count(command) > 0 || bench == "speed" || bench == "synthetic") {
     std::signal(SIGINT, HandleInterrupt);
     std::signal(SIGTERM, HandleInterrupt);
   }

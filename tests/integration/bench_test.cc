@@ -225,6 +225,28 @@ TEST_F(CliTest, BenchSpeedTableAndJsonHoldEveryFormat) {
   EXPECT_THAT(decoded, ::testing::ElementsAre("EVT3", "EVT2.1", "EVT2", "EVT3", "EVT2.1", "EVT2"));
 }
 
+TEST_F(CliTest, BenchSpeedTellsWhatSixteenTimesTheLinesCost) {
+  const CliResult result = Run(SpeedArguments({"--parts", "associate,estimate", "--json", Path("speed.json")}));
+  ASSERT_EQ(result.status, 0) << result.err;
+  EXPECT_THAT(result.out, HasSubstr("16 times the lines cost"));
+  const nlohmann::json rows = nlohmann::json::parse(ReadText("speed.json"))["rows"];
+  ASSERT_EQ(rows.size(), 3u * 2u * 2u) << "three scenes";
+  for (size_t i = 0; i < rows.size(); ++i) {
+    const nlohmann::json& row = rows[i];
+    const bool is_cut = i % 2 != 0;
+    EXPECT_EQ(row["part"], i / 2 % 2 == 0 ? "associate" : "estimate");
+    EXPECT_EQ(row["what"], is_cut ? "lines x16" : "lines x1");
+    EXPECT_EQ(row["lines_ratio"], is_cut ? 16.0 : 1.0);
+    EXPECT_EQ(row["windows"], rows[i - i % 2]["windows"]);
+    EXPECT_GT(row["lines_per_window"], is_cut ? 100.0 : 10.0);
+    EXPECT_NEAR(row["ns_per_line"].get<double>() * row["lines_per_window"].get<double>() * row["windows"].get<double>(),
+                1e9 * row["seconds"].get<double>(), 1.0);
+    if (!is_cut) continue;
+    EXPECT_NEAR(row["cost_ratio"].get<double>(), row["seconds"].get<double>() / rows[i - 1]["seconds"].get<double>(),
+                1e-9);
+  }
+}
+
 TEST_F(CliTest, BenchSpeedSaysWhatItKnows) {
   const auto fails = [&](const std::vector<std::string>& more, int status) {
     const CliResult result = Run(SpeedArguments(more));
