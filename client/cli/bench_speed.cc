@@ -212,7 +212,8 @@ std::string About() {
       "  latency     at the sensor's pace in chunks of 1 ms: until a pose is here, from the end of the chunk that\n"
       "              completes its window, from the window's end, and of that what the server takes\n"
       "  sessions    1, 4, 16 and 64 at once: the server's processor time for one, and its ratio to one alone\n"
-      "  memory      of a session: by how much the server grows while 4 are fed at once, at most\n"
+      "  memory      by how much the server grows, at most, while one session is fed, and then for each of 8 more at "
+      "once\n"
       "\nScenes of the simulator, by their million events per second:\n";
   for (const SpeedScene& scene : SpeedScenes()) {
     absl::StrAppend(&text, absl::StrFormat("  %-4s %s\n", scene.name, scene.description));
