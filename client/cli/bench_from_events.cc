@@ -7,6 +7,7 @@
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 #include "client/cli/progress.h"
+#include "client/cli/table_cell.h"
 #include "core/base/status_macros.h"
 #include "core/experiments/event_trials.h"
 #include "core/simulation/simulator.h"
@@ -83,15 +84,11 @@ absl::StatusOr<ObjectResult> RunObject(const FromEventsArguments& arguments, con
   return result;
 }
 
-constexpr char kHeader[] =
+constexpr char kFromEventsHeader[] =
     "                                       first pose  reprojection    longest  back in 100 ms  after a second's "
     "absence\n"
     "object      starts  right %  wrong  none  median ms   px of right   wrong ms   of returns     median ms   worst "
     "ms\n";
-
-std::string Cell(double value, int decimals) {
-  return std::isfinite(value) ? absl::StrFormat("%.*f", decimals, value) : "-";
-}
 
 void PrintResult(const ObjectResult& result, std::ostream& out) {
   const EventTrialSummary& summary = result.summary;
@@ -170,7 +167,7 @@ absl::Status RunFromEvents(const FromEventsArguments& arguments, const std::vect
   json["speed"] = arguments.speed_scale;
   json["seed"] = seed;
   json["rows"] = Json::array();
-  if (!is_json) context.out << kHeader << std::flush;
+  if (!is_json) context.out << kFromEventsHeader << std::flush;
   for (const std::string& name : names) {
     EVPOSE_ASSIGN_OR_RETURN(const ObjectResult result, RunObject(arguments, name, seed, context));
     if (is_json) {

@@ -88,7 +88,7 @@ Json RowJson(const InitializationBenchRow& row) {
 
 std::string PixelCell(double value) { return std::isnan(value) ? "-" : absl::StrFormat("%.2f", value); }
 
-constexpr char kHeader[] =
+constexpr char kInitializationHeader[] =
     "object      clutter  method         trials  right %   reprojection px: right  median   mean    median ms  worst "
     "ms";
 constexpr char kCertificateHeader[] = "   certified: maximum   not  unknown  median ms";
@@ -116,7 +116,7 @@ absl::Status RunInitialization(const InitializationArguments& arguments, CliCont
     return RunFromEvents(arguments.from_events, arguments.objects, arguments.seed, arguments.is_json, context);
   }
   EVPOSE_ASSIGN_OR_RETURN(const InitializationBenchOptions options, MakeOptions(arguments));
-  if (!arguments.is_json) context.out << kHeader << (options.certifies ? kCertificateHeader : "") << "\n";
+  if (!arguments.is_json) context.out << kInitializationHeader << (options.certifies ? kCertificateHeader : "") << "\n";
   const auto on_row = [&](const InitializationBenchRow& row) {
     if (!arguments.is_json) PrintRow(row, options.certifies, context.out);
     return !context.IsInterrupted();
@@ -145,7 +145,7 @@ std::string ToldText(PriorKnowledge told) {
   return "";
 }
 
-std::string MethodList() {
+std::string InitializationMethodList() {
   std::string text;
   for (const InitializationMethod& method : InitializationMethods()) {
     absl::StrAppend(&text, absl::StrFormat("  %-14s %s%s\n", method.name, method.description, ToldText(method.told)));
@@ -197,7 +197,7 @@ CommandRunner AddBenchInitializationCommand(CLI::App& app, CliContext& context) 
                                           "From the events of simulated recordings, not from lines");
   AddLineOptions(app, *arguments, from_events);
   arguments->from_events.AddTo(app, from_events);
-  app.footer(absl::StrCat(kAboutLines, kAboutEvents, "\nMethods:\n", MethodList(),
+  app.footer(absl::StrCat(kAboutLines, kAboutEvents, "\nMethods:\n", InitializationMethodList(),
                           "\nExample:\n"
                           "  evpose bench initialization --trials 5 --objects cube,planar --methods sqpnp,evpose "
                           "--certify\n"

@@ -71,7 +71,7 @@ absl::StatusOr<Plan> MakePlan(const SpeedArguments& arguments) {
   return plan;
 }
 
-constexpr char kHeader[] =
+constexpr char kSpeedHeader[] =
     "part        what        scene   Mev/s     events  ns/event   Mev/s   memcpy  ns/line  real time  poses/s\n";
 
 void PrintRow(const SpeedRow& row, std::ostream& out) {
@@ -158,7 +158,7 @@ absl::Status Measure(const Plan& plan, CliContext& context, Json& rows) {
     return !context.IsInterrupted();
   };
   if (!plan.speed.parts.empty()) {
-    context.out << kHeader;
+    context.out << kSpeedHeader;
     const auto on_row = [&](const SpeedRow& row) {
       progress.Clear();
       PrintRow(row, context.out);

@@ -39,7 +39,7 @@ std::string ValueText(SyntheticSweep sweep, double value) {
   return "";
 }
 
-constexpr char kHeader[] =
+constexpr char kSyntheticHeader[] =
     "                           Err_R, deg                Err_T                  to the bound\n"
     "sweep      value  method        median       mean    median       mean        R        T   none  median ms\n";
 
@@ -230,7 +230,7 @@ absl::StatusOr<std::vector<SyntheticBenchRow>> RunTrials(const SyntheticBenchOpt
                                                          CliContext& context) {
   ProgressLine progress(context);
   std::optional<SyntheticBenchRow> last;
-  if (prints) context.out << kHeader;
+  if (prints) context.out << kSyntheticHeader;
   const auto on_row = [&](const SyntheticBenchRow& row) {
     if (!prints) return;
     progress.Clear();
@@ -287,7 +287,7 @@ constexpr char kAbout[] =
     "noise when it is told which events are outliers; ratios are of medians. none: fits that gave no pose, and count\n"
     "as the start.\n";
 
-std::string MethodList() {
+std::string SyntheticMethodList() {
   std::string text;
   for (const SyntheticMethod& method : SyntheticMethods()) {
     absl::StrAppend(&text, absl::StrFormat("  %-12s %s\n", method.name, method.description));
@@ -315,7 +315,7 @@ CommandRunner AddBenchSyntheticCommand(CLI::App& app, CliContext& context) {
   app.add_option("--picture", arguments->picture, "The errors drawn: .png or .svg; needs the program gnuplot")
       ->type_name("FILE");
   app.add_flag("--json", arguments->is_json, "One JSON object on standard output");
-  app.footer(absl::StrCat(kAbout, "\nMethods:\n", MethodList(),
+  app.footer(absl::StrCat(kAbout, "\nMethods:\n", SyntheticMethodList(),
                           "\nExample:\n"
                           "  evpose bench synthetic --trials 10 --methods mixture,mm,ls --csv synthetic.csv --picture "
                           "synthetic.png"));

@@ -12,11 +12,11 @@
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 #include "core/base/status_macros.h"
+#include "core/base/units.h"
 
 namespace evpose::client {
 namespace {
 
-constexpr double kDegreesPerRadian = 180.0 / std::numbers::pi;
 constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
 constexpr size_t kPoints = 1200;           // of a curve: more than the picture has pixels
 constexpr int64_t kLongestGapUs = 20'000;  // a curve is broken where there is no pose for longer

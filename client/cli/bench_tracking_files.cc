@@ -6,11 +6,10 @@
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
+#include "core/base/units.h"
 
 namespace evpose::client {
 namespace {
-
-constexpr double kDegreesPerRadian = 180.0 / std::numbers::pi;
 
 // A run in numbers, in the order of the CSV's columns.
 std::vector<std::pair<const char*, double>> RunNumbers(const TrackingScore& score) {

@@ -8,13 +8,10 @@
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 #include "absl/strings/str_join.h"
+#include "client/cli/table_cell.h"
 
 namespace evpose::client {
 namespace {
-
-std::string Cell(double value, int decimals) {
-  return std::isfinite(value) ? absl::StrFormat("%.*f", decimals, value) : "-";
-}
 
 std::string PerCent(double ratio, int decimals) { return Cell(100.0 * ratio, decimals); }
 

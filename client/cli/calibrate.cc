@@ -23,7 +23,7 @@
 namespace evpose::client {
 namespace {
 
-constexpr size_t kReadBytes = 1 << 20;
+constexpr size_t kCalibrateReadBytes = 1 << 20;
 
 struct CalibrateArguments {
   std::vector<std::string> recordings;
@@ -84,7 +84,7 @@ absl::StatusOr<std::vector<EdgePassage>> CollectPassages(const CalibrateArgument
   RecordingReader& reader = *input.reader;
   EVPOSE_ASSIGN_OR_RETURN(const std::unique_ptr<EventDecoder> decoder,
                           MakeEventDecoder(reader.header().encoding, reader.header().geometry));
-  std::vector<uint8_t> bytes(kReadBytes);
+  std::vector<uint8_t> bytes(kCalibrateReadBytes);
   DecodedEvents decoded;
   std::optional<int64_t> first_us;
   int64_t last_us = 0;

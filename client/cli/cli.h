@@ -6,9 +6,13 @@
 #include <string>
 #include <vector>
 
+#include "absl/time/time.h"
 #include "client/lib/clock.h"
 
 namespace evpose::client {
+
+// How long what waits goes without looking for an interrupt.
+inline constexpr absl::Duration kInterruptPeriod = absl::Milliseconds(50);
 
 struct CliContext {
   std::ostream& out;

@@ -12,15 +12,15 @@
 #include "absl/strings/str_format.h"
 #include "client/cli/command.h"
 #include "client/cli/pose_reader.h"
+#include "client/cli/table_cell.h"
 #include "core/base/status_macros.h"
+#include "core/base/units.h"
 #include "core/evaluation/consistency.h"
 #include "core/geometry/trajectory.h"
 #include "core/models/object_model.h"
 
 namespace evpose::client {
 namespace {
-
-constexpr double kDegreesPerRadian = 180.0 / M_PI;
 
 struct EvaluateArguments {
   std::string truth;
@@ -116,10 +116,6 @@ Json RowJson(const Row& row) {
   json["nees_p95"] = row.consistency->p95;
   json["poses_without_covariance"] = row.consistency->num_without;
   return json;
-}
-
-std::string Cell(double value, int decimals) {
-  return std::isnan(value) ? "-" : absl::StrFormat("%.*f", decimals, value);
 }
 
 std::vector<std::string> RowCells(const Row& row) {

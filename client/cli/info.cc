@@ -14,8 +14,8 @@
 namespace evpose::client {
 namespace {
 
-constexpr size_t kReadBytes = 256 * 1024;  // bounds memory, whatever the recording's size
-constexpr size_t kPackedEventBytes = 13;   // t u64, x u16, y u16, p u8, little-endian
+constexpr size_t kInfoReadBytes = 256 * 1024;  // bounds memory, whatever the recording's size
+constexpr size_t kPackedEventBytes = 13;       // t u64, x u16, y u16, p u8, little-endian
 
 struct InfoArguments {
   std::string recording;
@@ -53,7 +53,7 @@ absl::StatusOr<RecordingInfo> ReadInfo(const std::string& path, const std::funct
                           MakeEventDecoder(info.header.encoding, info.header.geometry, OutsideSensor::kKeep));
   Sha256 digest;
   DecodedEvents decoded;
-  std::vector<uint8_t> bytes(kReadBytes);
+  std::vector<uint8_t> bytes(kInfoReadBytes);
   std::vector<uint8_t> packed;
   uint64_t events = 0;
   while (true) {

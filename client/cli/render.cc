@@ -22,7 +22,7 @@
 namespace evpose::client {
 namespace {
 
-constexpr size_t kReadBytes = 64 * 1024;
+constexpr size_t kRenderReadBytes = 64 * 1024;
 // Poses further apart than this are not bridged: the object was lost between them.
 constexpr int64_t kMaxPoseGapUs = 50'000;
 constexpr int64_t kMaxFrames = 200'000;  // a clock that jumps must not fill the disk
@@ -89,7 +89,7 @@ absl::Status ForEachEvent(RenderInputs& inputs, const std::function<absl::Status
   RecordingReader& reader = *inputs.reader;
   EVPOSE_ASSIGN_OR_RETURN(const std::unique_ptr<EventDecoder> decoder,
                           MakeEventDecoder(reader.header().encoding, reader.header().geometry));
-  std::vector<uint8_t> bytes(kReadBytes);
+  std::vector<uint8_t> bytes(kRenderReadBytes);
   while (true) {
     EVPOSE_RETURN_IF_ERROR(CheckNotInterrupted(inputs));
     EVPOSE_ASSIGN_OR_RETURN(const size_t size, reader.Read(absl::MakeSpan(bytes)));

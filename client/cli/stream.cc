@@ -20,7 +20,6 @@
 namespace evpose::client {
 namespace {
 
-constexpr absl::Duration kInterruptPeriod = absl::Milliseconds(50);
 // Of one of the tries to connect, between which an interrupt is looked for.
 constexpr absl::Duration kConnectSlice = absl::Seconds(3);
 

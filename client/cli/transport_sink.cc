@@ -49,7 +49,7 @@ class SinkService final : public v1::SessionService::Service {
 }  // namespace
 
 struct TransportSink::Impl {
-  SinkService service;
+  std::unique_ptr<grpc::Service> service = std::make_unique<SinkService>();
   std::unique_ptr<grpc::Server> server;
 };
 
@@ -65,7 +65,7 @@ absl::StatusOr<std::unique_ptr<TransportSink>> TransportSink::Start() {
   int port = 0;
   grpc::ServerBuilder builder;
   builder.AddListeningPort("127.0.0.1:0", grpc::InsecureServerCredentials(), &port);
-  builder.RegisterService(&sink->impl_->service);
+  builder.RegisterService(sink->impl_->service.get());
   sink->impl_->server = builder.BuildAndStart();
   if (sink->impl_->server == nullptr || port == 0) return absl::UnavailableError("no port of 127.0.0.1 can be had");
   const std::string address = absl::StrCat("127.0.0.1:", port);

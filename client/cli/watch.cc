@@ -11,7 +11,6 @@
 namespace evpose::client {
 namespace {
 
-constexpr absl::Duration kInterruptPeriod = absl::Milliseconds(50);
 constexpr absl::Duration kHealthPeriod = absl::Seconds(1);
 
 struct WatchArguments {

@@ -7,6 +7,7 @@
 
 #include "absl/strings/str_format.h"
 #include "core/base/status_macros.h"
+#include "core/base/tukey.h"
 #include "core/detection/event_grid.h"
 
 namespace evpose {
@@ -15,7 +16,6 @@ namespace {
 // Speeds that are tried, as multiples of the stretch's own: the fit starts from the one with most events.
 constexpr int kMaxSpeedSteps = 8;
 constexpr double kSpeedStep = 0.25;
-constexpr double kTukey = 4.685;
 constexpr double kSigmaPx = 0.6;
 constexpr int kPasses = 4;
 // Two segments are sides of one streak when they overlap by more than this share of the shorter, and are this parallel.
@@ -112,7 +112,7 @@ class MotionMeter {
       double n = 1e-9, t = 0.0, tt = 0.0, y = 0.0, ty = 0.0;
       for (const Distance& distance : distances) {
         const double u =
-            (distance.y_px - motion.offset_px - motion.speed_px_per_s * distance.tau_s) / (kTukey * kSigmaPx);
+            (distance.y_px - motion.offset_px - motion.speed_px_per_s * distance.tau_s) / (kTukeyEfficient * kSigmaPx);
         if (std::abs(u) >= 1.0) continue;
         const double weight = (1.0 - u * u) * (1.0 - u * u);
         n += weight;

@@ -5,12 +5,12 @@
 #include <cmath>
 
 #include "absl/strings/str_format.h"
+#include "core/base/tukey.h"
 
 namespace evpose {
 namespace {
 
 // Tukey's bisquare (method.md 2.6).
-constexpr double kTukey = 4.685;
 constexpr double kCorrelatedEvents = 20.0;  // count as one (method.md 2.10, 8)
 constexpr double kMinSigmaPx = 0.25;
 constexpr double kMaxSigmaPx = 0.7;
@@ -199,7 +199,7 @@ void LineFitter::SolveRobustly(MovingLine& line, int passes, size_t max_events) 
     LineMoments moments;
     for (size_t i = 0; i < samples_.size(); i += stride) {
       const Sample& sample = samples_[i];
-      const double u = sample.residual / (kTukey * sigma);
+      const double u = sample.residual / (kTukeyEfficient * sigma);
       if (std::abs(u) >= 1.0) continue;
       const double weight = (1.0 - u * u) * (1.0 - u * u);
       moments.Add(weight, (sample.s - middle) / scale, sample.tau_s / half_s, sample.y);

@@ -5,18 +5,10 @@
 
 #include "core/events/sensor_clock.h"
 #include "core/events/word_decoder.h"
+#include "core/events/word_types.h"
 
 namespace evpose {
 namespace {
-
-enum Evt21Type : uint32_t {
-  kCdOff = 0x0,
-  kCdOn = 0x1,
-  kTimeHigh = 0x8,
-  kExtTrigger = 0xA,
-  kOthers = 0xE,
-  kContinued = 0xF,
-};
 
 class Evt21Decoder final : public WordDecoder {
  public:
@@ -41,7 +33,7 @@ class Evt21Decoder final : public WordDecoder {
       const uint64_t word = LoadWord<uint64_t>(words + 8 * index);
       const auto upper = static_cast<uint32_t>(word >> 32);
       const uint32_t type = upper >> 28;
-      if (type <= kCdOn) [[likely]] {
+      if (type <= evt2::kCdOn) [[likely]] {
         cursor = DecodeVector(type, upper, static_cast<uint32_t>(word), clock, cursor);
       } else {
         cursor = DecodeRareWord(type, upper & 0xfffffff, clock, cursor);
@@ -87,7 +79,7 @@ class Evt21Decoder final : public WordDecoder {
 
   Event* DecodeRareWord(uint32_t type, uint32_t content, Evt2Clock& clock, Event* cursor) {
     switch (type) {
-      case kTimeHigh: {
+      case evt2::kTimeHigh: {
         const bool was_started = clock.started();
         has_time_ = true;
         if (!clock.SetHigh(content) || !was_started) {
@@ -97,7 +89,7 @@ class Evt21Decoder final : public WordDecoder {
         }
         return cursor;
       }
-      case kExtTrigger:
+      case evt2::kExtTrigger:
         if (!has_time_) {
           ++counts_.dropped_before_time;
           return cursor;
@@ -107,8 +99,8 @@ class Evt21Decoder final : public WordDecoder {
             {clock.now_us(), static_cast<uint8_t>((content >> 8) & 0x1f), static_cast<uint8_t>(content & 1)});
         ++counts_.triggers;
         return cursor;
-      case kOthers:
-      case kContinued:
+      case evt2::kOthers:
+      case evt2::kContinued:
         return cursor;
       default:
         ++counts_.unknown_words;

@@ -4,18 +4,10 @@
 #include "core/events/sensor_clock.h"
 #include "core/events/word_decoder.h"
 #include "core/events/word_runs.h"
+#include "core/events/word_types.h"
 
 namespace evpose {
 namespace {
-
-enum Evt2Type : uint32_t {
-  kCdOff = 0x0,
-  kCdOn = 0x1,
-  kTimeHigh = 0x8,
-  kExtTrigger = 0xA,
-  kOthers = 0xE,
-  kContinued = 0xF,
-};
 
 class Evt2Decoder final : public WordDecoder {
  public:
@@ -47,7 +39,7 @@ class Evt2Decoder final : public WordDecoder {
       }
       const uint32_t word = LoadWord<uint32_t>(words + 4 * index++);
       const uint32_t type = word >> 28;
-      if (type <= kCdOn && has_time_) [[likely]] {
+      if (type <= evt2::kCdOn && has_time_) [[likely]] {
         if (!clock.SetLow((word >> 22) & 0x3f)) [[unlikely]]
           sink_.RestartMarks(cursor, clock.now_us());
         const uint32_t x = (word >> 11) & 0x7ff;
@@ -83,7 +75,7 @@ class Evt2Decoder final : public WordDecoder {
 
   Event* DecodeRareWord(uint32_t type, uint32_t content, Evt2Clock& clock, Event* cursor) {
     switch (type) {
-      case kTimeHigh: {
+      case evt2::kTimeHigh: {
         const bool was_started = clock.started();
         has_time_ = true;
         if (!clock.SetHigh(content) || !was_started) {
@@ -93,11 +85,11 @@ class Evt2Decoder final : public WordDecoder {
         }
         return cursor;
       }
-      case kCdOff:
-      case kCdOn:  // only before the first TIME_HIGH
+      case evt2::kCdOff:
+      case evt2::kCdOn:  // only before the first TIME_HIGH
         ++counts_.dropped_before_time;
         return cursor;
-      case kExtTrigger:
+      case evt2::kExtTrigger:
         if (!has_time_) {
           ++counts_.dropped_before_time;
           return cursor;
@@ -107,8 +99,8 @@ class Evt2Decoder final : public WordDecoder {
             {clock.now_us(), static_cast<uint8_t>((content >> 8) & 0x1f), static_cast<uint8_t>(content & 1)});
         ++counts_.triggers;
         return cursor;
-      case kOthers:
-      case kContinued:
+      case evt2::kOthers:
+      case evt2::kContinued:
         return cursor;
       default:
         ++counts_.unknown_words;

@@ -2,11 +2,11 @@
 #include <cstdint>
 
 #include "core/events/word_encoder.h"
+#include "core/events/word_types.h"
 
 namespace evpose {
 namespace {
 
-constexpr uint32_t kTimeHigh = 0x8;
 constexpr int64_t kHighRange = int64_t{1} << 28;
 
 template <typename Word>
@@ -39,10 +39,10 @@ class Evt2Encoder final : public WordEncoder {
     const int64_t high = t_us >> 6;
     // A wrap is a step back of nearly the whole range: over a gap it needs the last word before it and the first after.
     for (int64_t wraps = t_us_ < 0 ? 0 : (t_us_ >> 6) / kHighRange; wraps < high / kHighRange; ++wraps) {
-      Append(kTimeHigh, static_cast<uint32_t>(kHighRange - 1), 0, out);
-      Append(kTimeHigh, 0, 0, out);
+      Append(evt2::kTimeHigh, static_cast<uint32_t>(kHighRange - 1), 0, out);
+      Append(evt2::kTimeHigh, 0, 0, out);
     }
-    Append(kTimeHigh, static_cast<uint32_t>(high % kHighRange), 0, out);
+    Append(evt2::kTimeHigh, static_cast<uint32_t>(high % kHighRange), 0, out);
   }
 
   static void Append(uint32_t type, uint32_t content, uint32_t mask, std::vector<uint8_t>& out) {

@@ -5,24 +5,10 @@
 #include "core/events/sensor_clock.h"
 #include "core/events/word_decoder.h"
 #include "core/events/word_runs.h"
+#include "core/events/word_types.h"
 
 namespace evpose {
 namespace {
-
-enum Evt3Type : uint32_t {
-  kAddrY = 0x0,
-  kReservedRow = 0x1,
-  kAddrX = 0x2,
-  kVectBaseX = 0x3,
-  kVect12 = 0x4,
-  kVect8 = 0x5,
-  kTimeLow = 0x6,
-  kContinued4 = 0x7,
-  kTimeHigh = 0x8,
-  kExtTrigger = 0xA,
-  kOthers = 0xE,
-  kContinued12 = 0xF,
-};
 
 // Rows and columns are most of a recording, in an order that no branch predictor learns: these two types, and only
 // these, have none of these bits, and they take one path without a branch.
@@ -92,7 +78,7 @@ class Evt3Decoder final : public WordDecoder {
   void WaitForTime(uint32_t word) {
     const uint32_t content = word & 0xfff;
     switch (word >> 12) {
-      case kTimeHigh:
+      case evt3::kTimeHigh:
         if (state_.clock.started()) {
           TimeIsSet(state_.clock.SetHigh(content), sink_.begin());
         } else {
@@ -101,26 +87,26 @@ class Evt3Decoder final : public WordDecoder {
         }
         wait_ = needs_time_low_ ? Wait::kTimeLow : Wait::kNothing;
         return;
-      case kTimeLow:
+      case evt3::kTimeLow:
         if (wait_ != Wait::kTimeLow) return;
         TimeIsSet(state_.clock.SetLow(content), sink_.begin());
         wait_ = Wait::kNothing;
         return;
-      case kAddrX:
-      case kExtTrigger:
+      case evt3::kAddrX:
+      case evt3::kExtTrigger:
         ++counts_.dropped_before_time;
         return;
-      case kVect12:
+      case evt3::kVect12:
         counts_.dropped_before_time += static_cast<uint64_t>(std::popcount(content));
         return;
-      case kVect8:
+      case evt3::kVect8:
         counts_.dropped_before_time += static_cast<uint64_t>(std::popcount(content & 0xff));
         return;
-      case kAddrY:
-      case kVectBaseX:
-      case kContinued4:
-      case kOthers:
-      case kContinued12:
+      case evt3::kAddrY:
+      case evt3::kVectBaseX:
+      case evt3::kContinued4:
+      case evt3::kOthers:
+      case evt3::kContinued12:
         return;
       default:
         ++counts_.unknown_words;
@@ -152,20 +138,20 @@ class Evt3Decoder final : public WordDecoder {
       if ((word & kNotAddress) != 0) {
         const uint32_t type = word >> 12;
         const int64_t low_time_us = state_.clock.base_us() + (word & 0xfff);
-        if (type == kTimeLow && low_time_us >= t_us && low_time_us < mark_due_us) [[likely]] {
+        if (type == evt3::kTimeLow && low_time_us >= t_us && low_time_us < mark_due_us) [[likely]] {
           t_us = low_time_us;
           ++index;
           continue;
         }
-        if (type == kVect12 && count - index < kTripleWords) break;
+        if (type == evt3::kVect12 && count - index < kTripleWords) break;
         state_.row = row;
         state_.clock.SetLow(t_us - state_.clock.base_us());
-        cursor =
-            type == kVect12 ? DecodeTriple(words + 2 * index, cursor) : DecodeOtherWord(type, word & 0xfff, cursor);
+        cursor = type == evt3::kVect12 ? DecodeTriple(words + 2 * index, cursor)
+                                       : DecodeOtherWord(type, word & 0xfff, cursor);
         row = state_.row;
         t_us = state_.clock.now_us();
         mark_due_us = sink_.mark_due_us();
-        index += type == kVect12 ? kTripleWords : 1;
+        index += type == evt3::kVect12 ? kTripleWords : 1;
         continue;
       }
       ++index;
@@ -200,7 +186,7 @@ class Evt3Decoder final : public WordDecoder {
     const uint32_t second = LoadWord<uint16_t>(words + 2);
     const uint32_t third = LoadWord<uint16_t>(words + 4);
     uint32_t mask = (first & 0xfff) | (second & 0xfff) << 12 | (third & 0xff) << 24;
-    const bool broken = second >> 12 != kVect12 || third >> 12 != kVect8;
+    const bool broken = second >> 12 != evt3::kVect12 || third >> 12 != evt3::kVect8;
     counts_.broken_vectors += broken || (state_.row < height_ && !state_.has_base);
     if (state_.row >= height_) {
       (has_row_ ? counts_.dropped_outside_sensor : counts_.dropped_before_time) +=
@@ -225,28 +211,28 @@ class Evt3Decoder final : public WordDecoder {
 
   Event* DecodeOtherWord(uint32_t type, uint32_t content, Event* cursor) {
     switch (type) {
-      case kTimeHigh:
+      case evt3::kTimeHigh:
         return TimeIsSet(state_.clock.SetHigh(content), cursor);
-      case kTimeLow:
+      case evt3::kTimeLow:
         return TimeIsSet(state_.clock.SetLow(content), cursor);
-      case kVectBaseX:
+      case evt3::kVectBaseX:
         state_.vector_base = content & 0x7ff;
         state_.vector_polarity = static_cast<uint8_t>(content >> 11);
         state_.has_base = true;
         return cursor;
-      case kExtTrigger:
+      case evt3::kExtTrigger:
         sink_.AddTrigger(
             {state_.clock.now_us(), static_cast<uint8_t>(content >> 8), static_cast<uint8_t>(content & 1)});
         ++counts_.triggers;
         return cursor;
-      case kVect8:  // the end of a triple whose beginning is missing
+      case evt3::kVect8:  // the end of a triple whose beginning is missing
         ++counts_.broken_vectors;
         return cursor;
-      case kOthers:
-      case kContinued4:
-      case kContinued12:
+      case evt3::kOthers:
+      case evt3::kContinued4:
+      case evt3::kContinued12:
         return cursor;
-      case kReservedRow:  // addresses of another kind follow, until the next row
+      case evt3::kReservedRow:  // addresses of another kind follow, until the next row
         state_.row = kNoRow;
         [[fallthrough]];
       default:

@@ -2,17 +2,10 @@
 #include <cstdint>
 
 #include "core/events/word_encoder.h"
+#include "core/events/word_types.h"
 
 namespace evpose {
 namespace {
-
-constexpr uint32_t kAddrY = 0x0;
-constexpr uint32_t kAddrX = 0x2;
-constexpr uint32_t kVectBaseX = 0x3;
-constexpr uint32_t kVect12 = 0x4;
-constexpr uint32_t kVect8 = 0x5;
-constexpr uint32_t kTimeLow = 0x6;
-constexpr uint32_t kTimeHigh = 0x8;
 
 constexpr int64_t kHighRange = 4096;
 // A wrap is a step back of half the counter or more, so that steps forward of a quarter are never ambiguous.
@@ -29,12 +22,12 @@ class Evt3Encoder final : public WordEncoder {
       if (first.t_us != t_us_) WriteTime(first.t_us, out);
       if (first.y != row_) {
         row_ = first.y;
-        Append(kAddrY, first.y, out);
+        Append(evt3::kAddrY, first.y, out);
       }
       const size_t length = VectorRunLength(events);
       if (!WriteVector(events.subspan(0, length), out)) {
         for (const Event& event : events.subspan(0, length)) {
-          Append(kAddrX, static_cast<uint32_t>(event.polarity) << 11 | event.x, out);
+          Append(evt3::kAddrX, static_cast<uint32_t>(event.polarity) << 11 | event.x, out);
         }
       }
       events.remove_prefix(length);
@@ -53,16 +46,16 @@ class Evt3Encoder final : public WordEncoder {
     if (t_us_ < 0 && high >= kHighRange) {
       // Readers begin without a wrap: a first time beyond one has to be led up to.
       written = 0;
-      Append(kTimeHigh, 0, out);
+      Append(evt3::kTimeHigh, 0, out);
     }
     while (high - written > kMaxHighStep) {
       written += kMaxHighStep;
-      Append(kTimeHigh, static_cast<uint32_t>(written & 0xfff), out);
+      Append(evt3::kTimeHigh, static_cast<uint32_t>(written & 0xfff), out);
     }
     if (t_us_ < 0 || t_us / kTimeWordPeriod_us != t_us_ / kTimeWordPeriod_us) {
-      Append(kTimeHigh, static_cast<uint32_t>(high & 0xfff), out);
+      Append(evt3::kTimeHigh, static_cast<uint32_t>(high & 0xfff), out);
     }
-    Append(kTimeLow, static_cast<uint32_t>(t_us & 0xfff), out);
+    Append(evt3::kTimeLow, static_cast<uint32_t>(t_us & 0xfff), out);
     t_us_ = t_us;
     row_ = -1;
     vector_end_ = -1;
@@ -76,11 +69,12 @@ class Evt3Encoder final : public WordEncoder {
     const bool continues = vector_end_ == base && vector_row_ == first.y && vector_polarity_ == first.polarity;
     const size_t num_words = continues ? 3 : 4;
     if (run.size() <= num_words || base + kVectorPixels > geometry_.width_px) return false;
-    if (!continues) Append(kVectBaseX, static_cast<uint32_t>(first.polarity) << 11 | static_cast<uint32_t>(base), out);
+    if (!continues)
+      Append(evt3::kVectBaseX, static_cast<uint32_t>(first.polarity) << 11 | static_cast<uint32_t>(base), out);
     const uint32_t mask = VectorMask(run);
-    Append(kVect12, mask & 0xfff, out);
-    Append(kVect12, mask >> 12 & 0xfff, out);
-    Append(kVect8, mask >> 24, out);
+    Append(evt3::kVect12, mask & 0xfff, out);
+    Append(evt3::kVect12, mask >> 12 & 0xfff, out);
+    Append(evt3::kVect8, mask >> 24, out);
     vector_end_ = base + kVectorPixels;
     vector_row_ = first.y;
     vector_polarity_ = first.polarity;

@@ -3,14 +3,9 @@
 #include <algorithm>
 
 #include "core/events/word_decoder.h"
+#include "core/events/word_types.h"
 
 namespace evpose {
-namespace {
-
-constexpr uint32_t kTimeHigh = 0x8;
-
-}  // namespace
-
 bool TimeScanner::TimeIs(int64_t now_us, int64_t max_duration_us) {
   now_us_ = now_us;
   // A step back starts the duration again.
@@ -35,18 +30,16 @@ TimeScanner::Result TimeScanner::Scan(const uint8_t* words, size_t num_words, in
 }
 
 TimeScanner::Result TimeScanner::ScanEvt3(const uint8_t* words, size_t num_words, int64_t max_duration_us) {
-  constexpr uint32_t kVect12 = 0x4;
-  constexpr uint32_t kTimeLow = 0x6;
   for (size_t i = 0; i < num_words; ++i) {
     const uint32_t word = LoadWord<uint16_t>(words + 2 * i);
     const uint32_t type = word >> 12;
     if (vector_words_to_skip_ > 0) {
       --vector_words_to_skip_;
-    } else if (type == kVect12) {
+    } else if (type == evt3::kVect12) {
       vector_words_to_skip_ = evt3_clock_.started() ? 2 : 0;
-    } else if (type == kTimeHigh || (type == kTimeLow && evt3_clock_.started())) {
+    } else if (type == evt3::kTimeHigh || (type == evt3::kTimeLow && evt3_clock_.started())) {
       const uint32_t content = word & 0xfff;
-      type == kTimeHigh ? evt3_clock_.SetHigh(content) : evt3_clock_.SetLow(content);
+      type == evt3::kTimeHigh ? evt3_clock_.SetHigh(content) : evt3_clock_.SetLow(content);
       if (TimeIs(evt3_clock_.now_us(), max_duration_us)) return {i + 1, true};
     }
   }
@@ -55,7 +48,6 @@ TimeScanner::Result TimeScanner::ScanEvt3(const uint8_t* words, size_t num_words
 
 template <typename Word>
 TimeScanner::Result TimeScanner::ScanEvt2(const uint8_t* words, size_t num_words, int64_t max_duration_us) {
-  constexpr uint32_t kExtTrigger = 0xA;
   // The low bits of the last event; they matter before another TIME_HIGH and at the end.
   int64_t low_us = -1;
   const auto apply_low = [&] {
@@ -68,9 +60,9 @@ TimeScanner::Result TimeScanner::ScanEvt2(const uint8_t* words, size_t num_words
   for (size_t i = 0; i < num_words; ++i) {
     const auto word = static_cast<uint32_t>(LoadWord<Word>(words + sizeof(Word) * i) >> (8 * sizeof(Word) - 32));
     const uint32_t type = word >> 28;
-    if (type <= 1 || type == kExtTrigger) {
+    if (type <= 1 || type == evt2::kExtTrigger) {
       low_us = (word >> 22) & 0x3f;
-    } else if (type == kTimeHigh) {
+    } else if (type == evt2::kTimeHigh) {
       apply_low();
       evt2_clock_.SetHigh(word & 0xfffffff);
       if (TimeIs(evt2_clock_.now_us(), max_duration_us)) return {i + 1, true};

@@ -17,8 +17,6 @@
 namespace evpose {
 namespace {
 
-constexpr int kMinInliers = 4;  // three always fit
-
 // A Gaussian over poses: the tangent of Perturb() at its middle.
 struct Belief {
   RigidTransform pose;

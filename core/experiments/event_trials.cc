@@ -6,6 +6,7 @@
 #include <utility>
 
 #include "absl/strings/str_cat.h"
+#include "core/base/check_range.h"
 #include "core/base/random.h"
 #include "core/base/status_macros.h"
 #include "core/experiments/pose_comparison.h"
@@ -21,12 +22,6 @@ constexpr int64_t kBudgetUs = 50'000;
 constexpr int64_t kStepUs = 1000;  // events are handed over in pieces of this length
 // A recording takes longer to make than its starts to follow.
 constexpr double kSimulationShare = 0.6;
-
-absl::Status CheckRange(const char* field, double value, double low, double high) {
-  if (value >= low && value <= high) return absl::OkStatus();  // also false for NaN
-  return absl::InvalidArgumentError(
-      absl::StrCat("EventTrialOptions.", field, " is ", value, "; it must lie in [", low, ", ", high, "]"));
-}
 
 absl::StatusOr<SimulationOptions> MakeScene(const EventTrialOptions& options, int64_t duration_us, uint64_t seed) {
   EVPOSE_ASSIGN_OR_RETURN(SimulationOptions scene,
@@ -192,8 +187,8 @@ void FollowReturn(const Recording& after, int64_t watch_us, int64_t shift_us, Tr
 bool EventTrial::is_right_in_time() const { return is_first_right && t_first_pose_us <= kBudgetUs; }
 
 absl::Status EventTrialOptions::Validate() const {
-  EVPOSE_RETURN_IF_ERROR(CheckRange("num_starts", num_starts, 1, 1'000'000));
-  EVPOSE_RETURN_IF_ERROR(CheckRange("noise_ratio", noise_ratio, 0.0, 0.9));
+  EVPOSE_RETURN_IF_ERROR(CheckRange("EventTrialOptions.num_starts", num_starts, 1, 1'000'000));
+  EVPOSE_RETURN_IF_ERROR(CheckRange("EventTrialOptions.noise_ratio", noise_ratio, 0.0, 0.9));
   if (watch_us < kStepUs || recording_us < watch_us) {
     return absl::InvalidArgumentError(absl::StrCat("EventTrialOptions.watch_us (", watch_us, ") must be at least ",
                                                    kStepUs, " and at most recording_us (", recording_us, ")"));

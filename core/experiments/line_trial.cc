@@ -9,6 +9,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
+#include "core/base/check_range.h"
 #include "core/base/random.h"
 #include "core/base/status_macros.h"
 #include "core/experiments/pose_determinacy.h"
@@ -29,12 +30,6 @@ constexpr double kNumSigmas = 3.0;
 constexpr double kMinBoundNoisePx = 0.1;
 constexpr size_t kMinLinesLeft = 4;
 constexpr int kMaxDraws = 100'000;
-
-absl::Status CheckRange(const char* field, double value, double low, double high) {
-  if (value >= low && value <= high) return absl::OkStatus();  // also false for NaN
-  return absl::InvalidArgumentError(
-      absl::StrFormat("LineTrialOptions.%s is %g; it must lie in [%g, %g]", field, value, low, high));
-}
 
 VisibilityOptions TrialVisibility() {
   VisibilityOptions options;
@@ -201,9 +196,9 @@ class Generator : public LineTrialGenerator {
 }  // namespace
 
 absl::Status LineTrialOptions::Validate() const {
-  EVPOSE_RETURN_IF_ERROR(CheckRange("noise_px", noise_px, 0.0, 10.0));
-  EVPOSE_RETURN_IF_ERROR(CheckRange("num_spurious", num_spurious, 0, 100));
-  return CheckRange("num_missing", num_missing, 0, 20);
+  EVPOSE_RETURN_IF_ERROR(CheckRange("LineTrialOptions.noise_px", noise_px, 0.0, 10.0));
+  EVPOSE_RETURN_IF_ERROR(CheckRange("LineTrialOptions.num_spurious", num_spurious, 0, 100));
+  return CheckRange("LineTrialOptions.num_missing", num_missing, 0, 20);
 }
 
 absl::StatusOr<std::unique_ptr<LineTrialGenerator>> LineTrialGenerator::Create(const LineTrialOptions& options) {

@@ -14,6 +14,9 @@
 
 namespace evpose {
 
+// A pose that explains fewer segments is none: three always fit.
+inline constexpr int kMinInliers = 4;
+
 struct PoseScore {
   int inliers = 0;  // segments that lie on a projected line
   double cost_px2 =

@@ -16,8 +16,6 @@
 namespace evpose {
 namespace {
 
-constexpr int kMinInliers = 4;  // three always fit
-
 struct Triple {
   std::array<int, 3> segments;
   double weight = 0.0;

@@ -17,8 +17,6 @@
 namespace evpose {
 namespace {
 
-constexpr int kMinInliers = 4;  // three always fit
-
 // Three different numbers below `bound`, which is at least three.
 std::array<size_t, 3> DrawThree(Random& random, size_t bound) {
   std::array<size_t, 3> drawn;

@@ -17,7 +17,6 @@
 namespace evpose {
 namespace {
 
-constexpr int kMinInliers = 4;  // what a wrong pose explains easily
 // Smallest over largest eigenvalue of the points' second moments below which they lie in a plane.
 constexpr double kPlanar = 1e-9;
 

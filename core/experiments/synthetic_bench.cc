@@ -8,11 +8,11 @@
 #include "absl/strings/str_join.h"
 #include "core/base/random.h"
 #include "core/base/status_macros.h"
+#include "core/base/units.h"
 
 namespace evpose {
 namespace {
 
-constexpr double kDegreesPerRadian = 180.0 / M_PI;
 // A standard deviation of zero is none.
 constexpr double kMinFilterSigmaPx = 0.2;
 

@@ -8,8 +8,10 @@
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
+#include "core/base/check_range.h"
 #include "core/base/random.h"
 #include "core/base/status_macros.h"
+#include "core/base/units.h"
 #include "core/geometry/projected_line.h"
 
 namespace evpose {
@@ -20,13 +22,6 @@ constexpr double kMaxDepthM = 10.0;
 constexpr double kMinOriginDepthM = 6.5;
 constexpr double kMaxOriginDepthM = 8.5;
 constexpr double kMinLinePx = 50.0;
-constexpr double kDegreesPerRadian = 180.0 / M_PI;
-
-absl::Status CheckRange(const char* field, double value, double low, double high) {
-  if (value >= low && value <= high) return absl::OkStatus();  // also false for NaN
-  return absl::InvalidArgumentError(
-      absl::StrFormat("SyntheticTrialOptions.%s is %g; it must lie in [%g, %g]", field, value, low, high));
-}
 
 CameraModel SyntheticCamera() {
   CameraModel camera;
@@ -126,12 +121,12 @@ void MislabelEvents(const SyntheticTrialOptions& options, Random& random, Synthe
 }  // namespace
 
 absl::Status SyntheticTrialOptions::Validate() const {
-  EVPOSE_RETURN_IF_ERROR(CheckRange("num_lines", num_lines, 4, 1000));
-  EVPOSE_RETURN_IF_ERROR(CheckRange("events_per_line", events_per_line, 1, 10'000));
-  EVPOSE_RETURN_IF_ERROR(CheckRange("noise_px", noise_px, 0.0, 100.0));
-  EVPOSE_RETURN_IF_ERROR(CheckRange("outlier_ratio", outlier_ratio, 0.0, 1.0));
-  EVPOSE_RETURN_IF_ERROR(CheckRange("start_rotation_rad", start_rotation_rad, 0.0, 3.0));
-  return CheckRange("start_translation_ratio", start_translation_ratio, 0.0, 1.0);
+  EVPOSE_RETURN_IF_ERROR(CheckRange("SyntheticTrialOptions.num_lines", num_lines, 4, 1000));
+  EVPOSE_RETURN_IF_ERROR(CheckRange("SyntheticTrialOptions.events_per_line", events_per_line, 1, 10'000));
+  EVPOSE_RETURN_IF_ERROR(CheckRange("SyntheticTrialOptions.noise_px", noise_px, 0.0, 100.0));
+  EVPOSE_RETURN_IF_ERROR(CheckRange("SyntheticTrialOptions.outlier_ratio", outlier_ratio, 0.0, 1.0));
+  EVPOSE_RETURN_IF_ERROR(CheckRange("SyntheticTrialOptions.start_rotation_rad", start_rotation_rad, 0.0, 3.0));
+  return CheckRange("SyntheticTrialOptions.start_translation_ratio", start_translation_ratio, 0.0, 1.0);
 }
 
 SyntheticTrial MakeSyntheticTrial(const SyntheticTrialOptions& options, uint64_t seed) {

@@ -10,18 +10,12 @@
 #include "absl/strings/str_format.h"
 #include "absl/strings/str_join.h"
 #include "core/base/status_macros.h"
+#include "core/experiments/processor_time.h"
 #include "core/experiments/tracking_oracle.h"
 #include "core/experiments/tracking_recordings.h"
 
 namespace evpose {
 namespace {
-
-// Of this thread: other programs on the machine do not count.
-double ProcessorSeconds() {
-  timespec now = {};
-  clock_gettime(CLOCK_THREAD_CPUTIME_ID, &now);
-  return static_cast<double>(now.tv_sec) + 1e-9 * static_cast<double>(now.tv_nsec);
-}
 
 // What a run is tracked with, and checked against.
 struct RunScene {
@@ -52,13 +46,13 @@ class Contestant {
   }
 
   void AddEvents(absl::Span<const Event> events) {
-    const double begin_s = ProcessorSeconds();
+    const double begin_s = SecondsOfClock(CLOCK_THREAD_CPUTIME_ID);
     if (tracker_ != nullptr) {
       tracker_->AddEvents(events, output_.poses);
     } else {
       oracle_->AddEvents(events, output_.poses);
     }
-    output_.compute_s += ProcessorSeconds() - begin_s;
+    output_.compute_s += SecondsOfClock(CLOCK_THREAD_CPUTIME_ID) - begin_s;
   }
   TrackingOutput Finish() {
     if (tracker_ == nullptr) {

@@ -6,12 +6,12 @@
 #include <numbers>
 
 #include "core/base/status_macros.h"
+#include "core/base/units.h"
 #include "core/geometry/trajectory.h"
 
 namespace evpose {
 namespace {
 
-constexpr double kDegreesPerRadian = 180.0 / std::numbers::pi;
 constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
 constexpr double kBusyHz = 0.3e6;
 constexpr double kFullRateHz = 1000.0;

@@ -4,6 +4,7 @@
 #include <cmath>
 
 #include "absl/strings/str_format.h"
+#include "core/base/check_range.h"
 #include "core/base/status_macros.h"
 #include "core/initialization/pose_judge.h"
 #include "core/initialization/position_search.h"
@@ -25,14 +26,8 @@ constexpr size_t kRotationsAtOnce = 4;
 constexpr int kScoredAtOnce = 200;
 constexpr size_t kPolished = 2;
 constexpr int kMinMatched = 3;
-constexpr double kSameRotationRad = 0.02;
-constexpr double kSamePositionRatio = 0.01;  // of the distance
-
-absl::Status CheckRange(const char* field, double value, double low, double high) {
-  if (value >= low && value <= high) return absl::OkStatus();  // also false for NaN
-  return absl::InvalidArgumentError(
-      absl::StrFormat("PoseSearchOptions.%s is %g; it must lie in [%g, %g]", field, value, low, high));
-}
+constexpr double kSamePoseRad = 0.02;
+constexpr double kSamePoseRatio = 0.01;  // of the distance
 
 class LinePoseSearch : public PoseSearch {
  public:
@@ -111,8 +106,8 @@ class LinePoseSearch : public PoseSearch {
 
   bool AreSame(const RigidTransform& a, const RigidTransform& b) const {
     const auto near = [&](const RigidTransform& c) {
-      return RotationAngle(a.rotation, c.rotation) < kSameRotationRad &&
-             (a.translation_m - c.translation_m).norm() < kSamePositionRatio * a.translation_m.norm();
+      return RotationAngle(a.rotation, c.rotation) < kSamePoseRad &&
+             (a.translation_m - c.translation_m).norm() < kSamePoseRatio * a.translation_m.norm();
     };
     return near(b) || std::any_of(model_->symmetries.begin(), model_->symmetries.end(),
                                   [&](const RigidTransform& symmetry) { return near(b * symmetry); });
@@ -139,15 +134,17 @@ class LinePoseSearch : public PoseSearch {
 }  // namespace
 
 absl::Status PoseSearchOptions::Validate() const {
-  EVPOSE_RETURN_IF_ERROR(CheckRange("end_point_sigma_px", end_point_sigma_px, 0.01, 100.0));
-  EVPOSE_RETURN_IF_ERROR(CheckRange("end_point_along_sigma_px", end_point_along_sigma_px, 0.01, 1000.0));
-  EVPOSE_RETURN_IF_ERROR(CheckRange("short_cost", short_cost, 0.1, 1000.0));
-  EVPOSE_RETURN_IF_ERROR(CheckRange("unexplained_cost", unexplained_cost, 2.0 * short_cost + 1.0, 10000.0));
-  EVPOSE_RETURN_IF_ERROR(CheckRange("missing_cost", missing_cost, 0.0, 1000.0));
-  EVPOSE_RETURN_IF_ERROR(CheckRange("max_hypotheses", max_hypotheses, 1, 100));
-  EVPOSE_RETURN_IF_ERROR(CheckRange("max_segments", max_segments, 3, 64));
-  EVPOSE_RETURN_IF_ERROR(CheckRange("max_rotations", max_rotations, 1000, 100'000'000));
-  return CheckRange("max_votes", max_votes, 1000, 100'000'000);
+  EVPOSE_RETURN_IF_ERROR(CheckRange("PoseSearchOptions.end_point_sigma_px", end_point_sigma_px, 0.01, 100.0));
+  EVPOSE_RETURN_IF_ERROR(
+      CheckRange("PoseSearchOptions.end_point_along_sigma_px", end_point_along_sigma_px, 0.01, 1000.0));
+  EVPOSE_RETURN_IF_ERROR(CheckRange("PoseSearchOptions.short_cost", short_cost, 0.1, 1000.0));
+  EVPOSE_RETURN_IF_ERROR(
+      CheckRange("PoseSearchOptions.unexplained_cost", unexplained_cost, 2.0 * short_cost + 1.0, 10000.0));
+  EVPOSE_RETURN_IF_ERROR(CheckRange("PoseSearchOptions.missing_cost", missing_cost, 0.0, 1000.0));
+  EVPOSE_RETURN_IF_ERROR(CheckRange("PoseSearchOptions.max_hypotheses", max_hypotheses, 1, 100));
+  EVPOSE_RETURN_IF_ERROR(CheckRange("PoseSearchOptions.max_segments", max_segments, 3, 64));
+  EVPOSE_RETURN_IF_ERROR(CheckRange("PoseSearchOptions.max_rotations", max_rotations, 1000, 100'000'000));
+  return CheckRange("PoseSearchOptions.max_votes", max_votes, 1000, 100'000'000);
 }
 
 absl::StatusOr<std::unique_ptr<PoseSearch>> MakePoseSearch(std::shared_ptr<const ObjectModel> model,

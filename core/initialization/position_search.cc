@@ -28,8 +28,8 @@ constexpr double kVoteLateralOfRadius = 0.05;
 constexpr size_t kPairsPerVote = 32;
 // Places that are kept for one rotation, the best supported.
 constexpr int kPlacesPerRotation = 4;
-constexpr double kSameRotationRad = 0.03;
-constexpr double kSamePositionRatio = 0.02;  // of the distance
+constexpr double kSamePlaceRad = 0.03;
+constexpr double kSamePlaceRatio = 0.02;  // of the distance
 
 }  // namespace
 
@@ -39,8 +39,8 @@ void BestCandidates::Add(const PoseCandidate& candidate) {
     const Matrix3d between = candidate.camera_from_object.rotation.transpose() * other.camera_from_object.rotation;
     const double distance_m =
         (candidate.camera_from_object.translation_m - other.camera_from_object.translation_m).norm();
-    return distance_m < kSamePositionRatio * other.camera_from_object.translation_m.norm() &&
-           between.trace() > 3.0 - kSameRotationRad * kSameRotationRad;
+    return distance_m < kSamePlaceRatio * other.camera_from_object.translation_m.norm() &&
+           between.trace() > 3.0 - kSamePlaceRad * kSamePlaceRad;
   };
   const auto cheaper = [](const PoseCandidate& a, const PoseCandidate& b) { return a.cost < b.cost; };
   const auto same = std::find_if(candidates_.begin(), candidates_.end(), is_same);

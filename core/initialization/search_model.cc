@@ -19,7 +19,7 @@ constexpr size_t kMaxLines = 256;
 // Directions within this of each other are one to the search, below what a segment of 100 px can tell.
 constexpr double kSameDirectionRad = 0.01;
 constexpr size_t kMaxDirections = 64;
-constexpr double kSameRotationRad = 0.02;
+constexpr double kSameLabellingRad = 0.02;
 // Views are seen from this far, in radii: perspective changes what shows beyond a few degrees only when much nearer.
 constexpr double kViewDistanceOfRadius = 6.0;
 constexpr int kMaxCellsPerSide = 8;  // cells of 11 degrees
@@ -92,7 +92,7 @@ void SearchModel::FindLabellings(const ObjectModel& model) {
   }
   for (const Matrix3d& rotation : direction_symmetries_) {
     const auto equals = [&](const Matrix3d& other) {
-      const auto same = [&](const Matrix3d& q) { return RotationAngle(other * q, rotation) < kSameRotationRad; };
+      const auto same = [&](const Matrix3d& q) { return RotationAngle(other * q, rotation) < kSameLabellingRad; };
       return same(Matrix3d::Identity()) ||
              std::any_of(model.symmetries.begin(), model.symmetries.end(),
                          [&](const RigidTransform& symmetry) { return same(symmetry.rotation); });

@@ -14,8 +14,6 @@ namespace {
 // Directions that may belong to one straight line; the tolerance decides.
 constexpr double kNearlyParallelCosine = 0.999;
 constexpr double kSameWayCosine = 0.9;
-// Normals that count as one in a line's list. 0.1 degree.
-constexpr double kSameNormalCosine = 0.9999985;
 
 bool HasItsLike(const Eigen::Vector3d& normal, absl::Span<const Eigen::Vector3d> normals, double cosine) {
   return std::any_of(normals.begin(), normals.end(),

@@ -14,6 +14,8 @@ namespace evpose {
 
 // Lines within this of one straight line are parts of it, of the model's size: as edges of a mesh are joined.
 inline constexpr double kCollinearTolerance = 1e-5;
+// Normals that count as one in a line's list. 0.1 degree.
+inline constexpr double kSameNormalCosine = 0.9999985;
 
 // Whether each normal of either has its like, within 25 degrees, in the other: the faces of a noisy model are rough,
 // and creases turn by more.

@@ -23,8 +23,6 @@ constexpr size_t kEdgesPerLine = 64;
 constexpr double kCollinearAngle = 2e-3;
 // Normals of faces that count as one plane when edges are joined: slivers have rough normals. 1 degree.
 constexpr double kSameFaceCosine = 0.99985;
-// Normals that count as one in a line's list. 0.1 degree.
-constexpr double kSameNormalCosine = 0.9999985;
 
 struct Edge {
   std::array<uint32_t, 2> ends;

@@ -5,6 +5,7 @@
 #include <numbers>
 
 #include "absl/strings/str_format.h"
+#include "core/base/check_range.h"
 #include "core/base/math.h"
 #include "core/base/random.h"
 #include "core/base/status_macros.h"
@@ -14,12 +15,6 @@ namespace {
 
 constexpr double kTwoPi = 2.0 * std::numbers::pi;
 constexpr std::array<double, 3> kWeights = {0.55, 0.3, 0.15};
-
-absl::Status CheckRange(const char* field, double value, double low, double high) {
-  if (value >= low && value <= high) return absl::OkStatus();  // also false for NaN
-  return absl::InvalidArgumentError(
-      absl::StrFormat("MotionOptions.%s is %g; it must lie in [%g, %g]", field, value, low, high));
-}
 
 // Mean of |d/ds f(s)| over many periods.
 template <typename Function>
@@ -51,12 +46,12 @@ double BumpIntegral(double t, double ramp, double width) {
 }  // namespace
 
 absl::Status MotionOptions::Validate() const {
-  EVPOSE_RETURN_IF_ERROR(CheckRange("depth_m", depth_m, 0.01, 1e4));
-  EVPOSE_RETURN_IF_ERROR(CheckRange("depth_swing_ratio", depth_swing_ratio, 0.0, 0.9));
-  EVPOSE_RETURN_IF_ERROR(CheckRange("extent_ratio", extent_ratio, 0.0, 1.0));
-  EVPOSE_RETURN_IF_ERROR(CheckRange("rotation_swing_rad", rotation_swing_rad, 0.0, 1.5));
-  EVPOSE_RETURN_IF_ERROR(CheckRange("speed_m_per_s", speed_m_per_s, 0.0, 100.0));
-  return CheckRange("angular_speed_rad_per_s", angular_speed_rad_per_s, 0.0, 100.0);
+  EVPOSE_RETURN_IF_ERROR(CheckRange("MotionOptions.depth_m", depth_m, 0.01, 1e4));
+  EVPOSE_RETURN_IF_ERROR(CheckRange("MotionOptions.depth_swing_ratio", depth_swing_ratio, 0.0, 0.9));
+  EVPOSE_RETURN_IF_ERROR(CheckRange("MotionOptions.extent_ratio", extent_ratio, 0.0, 1.0));
+  EVPOSE_RETURN_IF_ERROR(CheckRange("MotionOptions.rotation_swing_rad", rotation_swing_rad, 0.0, 1.5));
+  EVPOSE_RETURN_IF_ERROR(CheckRange("MotionOptions.speed_m_per_s", speed_m_per_s, 0.0, 100.0));
+  return CheckRange("MotionOptions.angular_speed_rad_per_s", angular_speed_rad_per_s, 0.0, 100.0);
 }
 
 double MotionPath::Wave::Value(double s) const {

@@ -6,6 +6,7 @@
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 #include "absl/strings/str_join.h"
+#include "core/base/check_range.h"
 #include "core/base/status_macros.h"
 
 namespace evpose {
@@ -18,11 +19,6 @@ constexpr std::array<std::pair<SimulatedObject, std::string_view>, 5> kObjectNam
     {SimulatedObject::kBook, "book"},
     {SimulatedObject::kSpacecraft, "spacecraft"},
 }};
-
-absl::Status CheckRange(const char* field, double value, double low, double high) {
-  if (value >= low && value <= high) return absl::OkStatus();  // also false for NaN
-  return absl::InvalidArgumentError(absl::StrFormat("%s is %g; it must lie in [%g, %g]", field, value, low, high));
-}
 
 }  // namespace
 

@@ -4,6 +4,7 @@
 #include <cmath>
 
 #include "absl/strings/str_format.h"
+#include "core/base/check_range.h"
 #include "core/base/random.h"
 #include "core/base/status_macros.h"
 
@@ -15,12 +16,6 @@ constexpr float kLightTolerance = 1e-3f;
 constexpr float kSmallestThresholdShare = 0.3f;  // of the nominal one, whatever the mismatch
 constexpr double kShotNoiseFallInLight = 0.75;
 constexpr int kBlock = 16;
-
-absl::Status CheckRange(const char* field, double value, double low, double high) {
-  if (value >= low && value <= high) return absl::OkStatus();  // also false for NaN
-  return absl::InvalidArgumentError(
-      absl::StrFormat("SensorOptions.%s is %g; it must lie in [%g, %g]", field, value, low, high));
-}
 
 // Packed so that order of numbers is order of time, row, polarity, column.
 uint64_t Pack(int64_t t_in_step_us, uint32_t x, uint32_t y, bool on, bool is_noise) {
@@ -44,21 +39,21 @@ PixelState RandomPixel(const SensorOptions& options, double input, Random& rando
 }  // namespace
 
 absl::Status SensorOptions::Validate() const {
-  EVPOSE_RETURN_IF_ERROR(CheckRange("threshold_on", threshold_on, 0.01, 5.0));
-  EVPOSE_RETURN_IF_ERROR(CheckRange("threshold_off", threshold_off, 0.01, 5.0));
-  EVPOSE_RETURN_IF_ERROR(CheckRange("threshold_mismatch_ratio", threshold_mismatch_ratio, 0.0, 0.5));
-  EVPOSE_RETURN_IF_ERROR(CheckRange("dark_light", dark_light, 1e-4, 1.0));
-  EVPOSE_RETURN_IF_ERROR(CheckRange("bandwidth_hz", bandwidth_hz, 0.0, 1e6));
-  EVPOSE_RETURN_IF_ERROR(CheckRange("dark_bandwidth_ratio", dark_bandwidth_ratio, 0.01, 1.0));
-  EVPOSE_RETURN_IF_ERROR(CheckRange("refractory_us", refractory_us, 0.0, 1e5));
-  EVPOSE_RETURN_IF_ERROR(CheckRange("leak_hz", leak_hz, 0.0, 1e3));
-  EVPOSE_RETURN_IF_ERROR(CheckRange("shot_noise_hz", shot_noise_hz, 0.0, 1e3));
-  EVPOSE_RETURN_IF_ERROR(CheckRange("hot_pixel_ratio", hot_pixel_ratio, 0.0, 1.0));
-  EVPOSE_RETURN_IF_ERROR(CheckRange("hot_pixel_hz", hot_pixel_hz, 0.0, 1e5));
-  EVPOSE_RETURN_IF_ERROR(CheckRange("noise_ratio", noise_ratio, 0.0, 0.9));
-  EVPOSE_RETURN_IF_ERROR(CheckRange("flood_hz", flood_hz, 0.0, 1e8));
-  EVPOSE_RETURN_IF_ERROR(CheckRange("flood_period_s", flood_period_s, 1e-3, 1e4));
-  return CheckRange("flood_s", flood_s, 0.0, 0.5 * flood_period_s);
+  EVPOSE_RETURN_IF_ERROR(CheckRange("SensorOptions.threshold_on", threshold_on, 0.01, 5.0));
+  EVPOSE_RETURN_IF_ERROR(CheckRange("SensorOptions.threshold_off", threshold_off, 0.01, 5.0));
+  EVPOSE_RETURN_IF_ERROR(CheckRange("SensorOptions.threshold_mismatch_ratio", threshold_mismatch_ratio, 0.0, 0.5));
+  EVPOSE_RETURN_IF_ERROR(CheckRange("SensorOptions.dark_light", dark_light, 1e-4, 1.0));
+  EVPOSE_RETURN_IF_ERROR(CheckRange("SensorOptions.bandwidth_hz", bandwidth_hz, 0.0, 1e6));
+  EVPOSE_RETURN_IF_ERROR(CheckRange("SensorOptions.dark_bandwidth_ratio", dark_bandwidth_ratio, 0.01, 1.0));
+  EVPOSE_RETURN_IF_ERROR(CheckRange("SensorOptions.refractory_us", refractory_us, 0.0, 1e5));
+  EVPOSE_RETURN_IF_ERROR(CheckRange("SensorOptions.leak_hz", leak_hz, 0.0, 1e3));
+  EVPOSE_RETURN_IF_ERROR(CheckRange("SensorOptions.shot_noise_hz", shot_noise_hz, 0.0, 1e3));
+  EVPOSE_RETURN_IF_ERROR(CheckRange("SensorOptions.hot_pixel_ratio", hot_pixel_ratio, 0.0, 1.0));
+  EVPOSE_RETURN_IF_ERROR(CheckRange("SensorOptions.hot_pixel_hz", hot_pixel_hz, 0.0, 1e5));
+  EVPOSE_RETURN_IF_ERROR(CheckRange("SensorOptions.noise_ratio", noise_ratio, 0.0, 0.9));
+  EVPOSE_RETURN_IF_ERROR(CheckRange("SensorOptions.flood_hz", flood_hz, 0.0, 1e8));
+  EVPOSE_RETURN_IF_ERROR(CheckRange("SensorOptions.flood_period_s", flood_period_s, 1e-3, 1e4));
+  return CheckRange("SensorOptions.flood_s", flood_s, 0.0, 0.5 * flood_period_s);
 }
 
 EventSensor::EventSensor(const SensorOptions& options, SensorGeometry geometry, const std::vector<float>& picture,

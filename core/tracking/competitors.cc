@@ -52,7 +52,7 @@ bool MayOverlap(const CameraModel& camera, const BoundingSphere& a, const Boundi
   return distance.norm() * focal_px <= reach_px;
 }
 
-double EventRate(const CameraModel& camera, const MotionState& state, const ImageLine& line) {
+double RelativeEventRate(const CameraModel& camera, const MotionState& state, const ImageLine& line) {
   const Eigen::Vector3d middle = BearingOf(camera, line.PointAt(0.5));
   const Vector6d row = line.jacobian.transpose() * middle;
   const double speed = middle.dot(line.a_dot);
@@ -88,7 +88,7 @@ void Competitors::Add(const MotionState& state, absl::Span<const TrackedLine> li
     const Vector6d row = line.jacobian.transpose() * BearingOf(camera_, line.PointAt(0.5));
     const double variance = std::max(0.0, row.dot(state.covariance.topLeftCorner<6, 6>() * row));
     lines_.push_back(line);
-    rates_.push_back(EventRate(camera_, state, line));
+    rates_.push_back(RelativeEventRate(camera_, state, line));
     sigmas_.push_back(std::sqrt(sigma_px * sigma_px + variance));
   }
 }

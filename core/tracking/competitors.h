@@ -29,7 +29,7 @@ bool MayOverlap(const CameraModel& camera, const BoundingSphere& a, const Boundi
 
 // How many events per second a line makes, relative to others: the speed across itself at its middle, px/s, as far as
 // it is known, sqrt(mean^2 + variance). The contrast is left out: of the other object's nothing is known here.
-double EventRate(const CameraModel& camera, const MotionState& state, const ImageLine& line);
+double RelativeEventRate(const CameraModel& camera, const MotionState& state, const ImageLine& line);
 
 // The share of an event at this distance from its object's line that is the object's own; the rest is its competitors',
 // whose density `competing` is Observation::competing.
@@ -48,8 +48,8 @@ class Competitors {
   void Build();
 
   bool empty() const { return bodies_.empty(); }
-  // Sum over the lines near the event of EventRate times the density across the line, events / (s px^2) but for the
-  // contrast.
+  // Sum over the lines near the event of RelativeEventRate times the density across the line, events / (s px^2) but for
+  // the contrast.
   double DensityAt(const Observation& event) const;
   // Whether a line of theirs is so near that the event is most likely theirs, if only they and clutter are asked.
   bool Explain(const Observation& event) const;

@@ -240,7 +240,7 @@ WindowInput PoseTrack::Gather(const EventWindow& window, const Competitors* othe
   input.background_per_px2 = background_.hz_per_px() * input.duration_s;
   rates_.clear();
   if (others != nullptr) {
-    for (const ImageLine& line : image_lines_) rates_.push_back(EventRate(context_.camera, predicted, line));
+    for (const ImageLine& line : image_lines_) rates_.push_back(RelativeEventRate(context_.camera, predicted, line));
   }
   const auto competing = [&](const Observation& event) {
     return others == nullptr ? 0.0f : static_cast<float>(CompetingFor(event, *others, rates_));

@@ -111,7 +111,7 @@ class PoseTrack {
   bool is_hidden_ = false;         // the others leave nothing of it to be seen
   bool is_partly_hidden_ = false;  // or less than shows otherwise
   std::vector<ImageLine> image_lines_;
-  std::vector<double> rates_;  // EventRate of image_lines_; empty without others
+  std::vector<double> rates_;  // RelativeEventRate of image_lines_; empty without others
   NearEvents near_events_;
   std::vector<LineAnswer> past_answers_;  // the same, by the window's lines
   WindowFit fit_;

@@ -5,11 +5,11 @@
 #include <vector>
 
 #include "absl/types/span.h"
+#include "core/base/tukey.h"
 
 namespace evpose {
 
-// Tukey's bisquare, u = d / sigma.
-inline constexpr double kTukeyEfficient = 4.685;  // c of M and MM: 95 % efficiency under the normal
+// Tukey's bisquare, u = d / sigma. c of M and MM is kTukeyEfficient.
 inline constexpr double kTukeyBreakdown = 1.547;  // c of S: 50 % breakdown
 // E[rho(u)] under the normal at c = 1.547, and half of rho's largest value. The printed 0.199 is this, cut short: with
 // it the scale is a little too large, and breaks down a little before half of the events are outliers.

@@ -14,10 +14,10 @@
 namespace evpose::server {
 namespace {
 
-constexpr size_t kMaxFileBytes = 4u << 20;  // a bundle of all public authorities has 0.2 MB
+constexpr size_t kMaxTlsFileBytes = 4u << 20;  // a bundle of all public authorities has 0.2 MB
 
 absl::StatusOr<PemFile> ReadPem(const std::string& path) {
-  EVPOSE_ASSIGN_OR_RETURN(std::string contents, ReadFile(path, kMaxFileBytes));
+  EVPOSE_ASSIGN_OR_RETURN(std::string contents, ReadFile(path, kMaxTlsFileBytes));
   return PemFile{path, std::move(contents)};
 }
 

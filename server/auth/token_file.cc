@@ -19,7 +19,7 @@
 namespace evpose::server {
 namespace {
 
-constexpr size_t kMaxFileBytes = 1u << 20;
+constexpr size_t kMaxTokenFileBytes = 1u << 20;
 constexpr size_t kMaxTenantBytes = 63;
 constexpr size_t kDigestHexDigits = 64;
 constexpr absl::string_view kTokenPrefix = "evpose_";
@@ -73,7 +73,7 @@ absl::Status AppendTokenLine(const std::string& path, const std::string& line) {
   std::string text;
   const bool is_new = !StampOf(path).exists;
   if (!is_new) {
-    EVPOSE_ASSIGN_OR_RETURN(text, ReadFile(path, kMaxFileBytes));
+    EVPOSE_ASSIGN_OR_RETURN(text, ReadFile(path, kMaxTokenFileBytes));
     if (!text.empty() && text.back() != '\n') text += '\n';
   }
   absl::StrAppend(&text, line, "\n");
@@ -153,7 +153,7 @@ absl::StatusOr<std::unique_ptr<TokenFile>> TokenFile::Open(const std::string& pa
 }
 
 absl::StatusOr<TokenTable> TokenFile::Read() const {
-  EVPOSE_ASSIGN_OR_RETURN(const std::string text, ReadFile(path_, kMaxFileBytes));
+  EVPOSE_ASSIGN_OR_RETURN(const std::string text, ReadFile(path_, kMaxTokenFileBytes));
   return TokenTable::Parse(text, path_);
 }
 

@@ -25,7 +25,7 @@ constexpr std::pair<LogLevel, v1::LogLevel> kLogLevels[] = {
     {LogLevel::kOff, v1::LOG_LEVEL_OFF},
 };
 
-absl::StatusOr<LogLevel> FromProto(v1::LogLevel level) {
+absl::StatusOr<LogLevel> LogLevelFromProto(v1::LogLevel level) {
   for (const auto& [ours, theirs] : kLogLevels) {
     if (theirs == level) return ours;
   }
@@ -89,7 +89,7 @@ grpc::ServerUnaryReactor* AdminServiceImpl::SetLogLevel(grpc::CallbackServerCont
                                                         v1::SetLogLevelResponse* response) {
   return AnswerUnary(services_.authenticator, context, [request, response](const Caller& caller) -> absl::Status {
     EVPOSE_RETURN_IF_ERROR(CheckIsOperator(caller, "change the log's level"));
-    EVPOSE_ASSIGN_OR_RETURN(const LogLevel level, FromProto(request->level()));
+    EVPOSE_ASSIGN_OR_RETURN(const LogLevel level, LogLevelFromProto(request->level()));
     const LogLevel before = CurrentLogLevel();
     response->set_previous_level(ToProto(before));
     ChangeLogLevel(caller, before, level);

@@ -15,7 +15,7 @@
 namespace evpose::server {
 namespace {
 
-absl::StatusOr<Encoding> FromProto(v1::EventEncoding encoding) {
+absl::StatusOr<Encoding> FieldFromProto(v1::EventEncoding encoding) {
   switch (encoding) {
     case v1::EVENT_ENCODING_EVT3:
       return Encoding::kEvt3;
@@ -61,7 +61,7 @@ constexpr std::pair<Estimator, v1::Estimator> kEstimators[] = {
     {Estimator::kReleasedMm, v1::ESTIMATOR_RELEASED_MM},
 };
 
-absl::StatusOr<Estimator> FromProto(v1::Estimator estimator) {
+absl::StatusOr<Estimator> FieldFromProto(v1::Estimator estimator) {
   if (estimator == v1::ESTIMATOR_UNSPECIFIED) return Estimator::kMixture;
   for (const auto& [ours, theirs] : kEstimators) {
     if (theirs == estimator) return ours;
@@ -77,7 +77,7 @@ v1::Estimator ToProto(Estimator estimator) {
   return v1::ESTIMATOR_UNSPECIFIED;
 }
 
-absl::StatusOr<OverloadPolicy> FromProto(v1::OverloadPolicy policy) {
+absl::StatusOr<OverloadPolicy> FieldFromProto(v1::OverloadPolicy policy) {
   switch (policy) {
     case v1::OVERLOAD_POLICY_UNSPECIFIED:
     case v1::OVERLOAD_POLICY_BLOCK:
@@ -112,7 +112,7 @@ v1::DropReason ToProto(DropReason reason) {
   return v1::DROP_REASON_UNSPECIFIED;
 }
 
-SensorProfile FromProto(const v1::SensorProfile& sensor) {
+SensorProfile FieldFromProto(const v1::SensorProfile& sensor) {
   SensorProfile out;
   if (sensor.has_pixel_noise_px()) out.pixel_noise_px = sensor.pixel_noise_px();
   if (sensor.has_blur_px()) out.blur_px = sensor.blur_px();
@@ -198,7 +198,7 @@ v1::SessionState ToProto(SessionState state) {
   return v1::SESSION_STATE_UNSPECIFIED;
 }
 
-absl::StatusOr<CameraModel> FromProto(const v1::CameraModel& camera) {
+absl::StatusOr<CameraModel> FieldFromProto(const v1::CameraModel& camera) {
   constexpr uint32_t kMaxSize = std::numeric_limits<uint16_t>::max();
   if (camera.width_px() > kMaxSize || camera.height_px() > kMaxSize) {
     return InvalidField("config.camera", absl::StrCat("is ", camera.width_px(), "x", camera.height_px(),
@@ -280,7 +280,7 @@ google::protobuf::Timestamp ToProto(absl::Time time) {
   return out;
 }
 
-absl::StatusOr<Eigen::Matrix3d> FromProto(const v1::Quaternion& rotation, const std::string& field) {
+absl::StatusOr<Eigen::Matrix3d> FieldFromProto(const v1::Quaternion& rotation, const std::string& field) {
   const auto transform =
       MakeRigidTransform(Eigen::Vector3d::Zero(), {rotation.w(), rotation.x(), rotation.y(), rotation.z()});
   if (!transform.ok()) return InvalidField(field, transform.status().message());
@@ -298,23 +298,23 @@ absl::StatusOr<RigidTransform> FromProto(const v1::RigidTransform& transform, co
   if (!std::isfinite(translation.x()) || !std::isfinite(translation.y()) || !std::isfinite(translation.z())) {
     return InvalidField(field + ".translation_m", "must be finite");
   }
-  EVPOSE_ASSIGN_OR_RETURN(const Eigen::Matrix3d rotation, FromProto(transform.rotation(), field + ".rotation"));
+  EVPOSE_ASSIGN_OR_RETURN(const Eigen::Matrix3d rotation, FieldFromProto(transform.rotation(), field + ".rotation"));
   return RigidTransform{rotation, {translation.x(), translation.y(), translation.z()}};
 }
 
 absl::StatusOr<SessionConfig> FromProto(const v1::SessionConfig& config) {
   SessionConfig out;
-  EVPOSE_ASSIGN_OR_RETURN(out.encoding, FromProto(config.encoding()));
-  EVPOSE_ASSIGN_OR_RETURN(out.estimator, FromProto(config.tracker().estimator()));
-  out.sensor = FromProto(config.tracker().sensor());
-  EVPOSE_ASSIGN_OR_RETURN(out.overload_policy, FromProto(config.overload_policy()));
+  EVPOSE_ASSIGN_OR_RETURN(out.encoding, FieldFromProto(config.encoding()));
+  EVPOSE_ASSIGN_OR_RETURN(out.estimator, FieldFromProto(config.tracker().estimator()));
+  out.sensor = FieldFromProto(config.tracker().sensor());
+  EVPOSE_ASSIGN_OR_RETURN(out.overload_policy, FieldFromProto(config.overload_policy()));
   if (config.has_max_lag()) {
     out.max_lag = FromProto(config.max_lag());
   } else if (out.overload_policy == OverloadPolicy::kLatest) {
     out.max_lag = kDefaultMaxLag;
   }
   if (!config.has_camera()) return InvalidField("config.camera", "is missing");
-  EVPOSE_ASSIGN_OR_RETURN(out.camera, FromProto(config.camera()));
+  EVPOSE_ASSIGN_OR_RETURN(out.camera, FieldFromProto(config.camera()));
   for (int i = 0; i < config.objects_size(); ++i) {
     const v1::TrackedObject& object = config.objects(i);
     const std::string field = absl::StrCat("config.objects[", i, "].");
@@ -326,7 +326,7 @@ absl::StatusOr<SessionConfig> FromProto(const v1::SessionConfig& config) {
     }
     if (object.has_reference_rotation()) {
       EVPOSE_ASSIGN_OR_RETURN(added.reference_rotation,
-                              FromProto(object.reference_rotation(), absl::StrCat(field, "reference_rotation")));
+                              FieldFromProto(object.reference_rotation(), absl::StrCat(field, "reference_rotation")));
     }
     out.objects.push_back(std::move(added));
   }

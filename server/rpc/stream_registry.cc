@@ -10,7 +10,6 @@ namespace evpose::server {
 namespace {
 
 // When one will end is not known; clients ask again after this.
-constexpr absl::Duration kRetryDelay = absl::Seconds(5);
 
 }  // namespace
 

@@ -20,6 +20,9 @@ absl::Status InvalidField(absl::string_view field, absl::string_view description
 absl::Status WithReason(absl::Status status, absl::string_view reason,
                         std::initializer_list<std::pair<absl::string_view, std::string>> metadata = {});
 
+// When others may have gone.
+inline constexpr absl::Duration kRetryDelay = absl::Seconds(5);
+
 // RESOURCE_EXHAUSTED: `subject` is the limit's name; retry_after zero: waiting does not help.
 absl::Status LimitReached(absl::string_view reason, absl::string_view subject, absl::string_view description,
                           absl::Duration retry_after);

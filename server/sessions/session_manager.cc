@@ -16,7 +16,6 @@ namespace evpose::server {
 namespace {
 
 // When a slot may be free again is not known; clients ask again after this.
-constexpr absl::Duration kRetryDelay = absl::Seconds(5);
 // Checkpoints, by which a mirror learns something, are some tenth of a second apart or more.
 constexpr absl::Duration kMirrorPeriod = absl::Milliseconds(100);
 

@@ -17,7 +17,7 @@ namespace {
 constexpr int64_t kSliceUs = 1000;
 
 // What a saved state begins with. The version is raised with every change of what is saved, or of what it means.
-constexpr absl::string_view kMagic = "evpose session";
+constexpr absl::string_view kStateMagic = "evpose session";
 constexpr uint32_t kStateVersion = 2;
 
 void WriteModel(const ObjectModel* model, StateWriter& writer) {
@@ -153,15 +153,16 @@ void SessionPipeline::VisitState(auto& archive, auto& self) {
 
 std::string SessionPipeline::SaveState() const {
   StateWriter writer;
-  writer.Raw(kMagic.data(), kMagic.size());
+  writer.Raw(kStateMagic.data(), kStateMagic.size());
   writer(kStateVersion, configuration_);
   VisitState(writer, *this);
   return writer.Take();
 }
 
 absl::Status SessionPipeline::LoadState(absl::string_view state) {
-  if (state.substr(0, kMagic.size()) != kMagic) return absl::DataLossError("the saved state is none of a session");
-  StateReader reader(state.substr(kMagic.size()));
+  if (state.substr(0, kStateMagic.size()) != kStateMagic)
+    return absl::DataLossError("the saved state is none of a session");
+  StateReader reader(state.substr(kStateMagic.size()));
   uint32_t version = 0;
   reader(version);
   if (reader.ok() && version != kStateVersion) {

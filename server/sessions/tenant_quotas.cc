@@ -10,7 +10,6 @@ namespace evpose::server {
 namespace {
 
 // When a place may be free again is not known; clients ask again after this.
-constexpr absl::Duration kRetryDelay = absl::Seconds(5);
 
 }  // namespace
 

@@ -24,11 +24,13 @@ std::vector<std::string> SessionKeys(absl::string_view name, const char* last) {
 
 std::string ModelMember(absl::string_view tenant, absl::string_view name) { return absl::StrCat(name, "\n", tenant); }
 
-absl::Status Damaged(absl::string_view what) { return absl::DataLossError(absl::StrCat(what, " is damaged in Redis")); }
+absl::Status DamagedInRedis(absl::string_view what) {
+  return absl::DataLossError(absl::StrCat(what, " is damaged in Redis"));
+}
 
 absl::StatusOr<uint64_t> Number(const redisReply* reply, absl::string_view what) {
   uint64_t number = 0;
-  if (!absl::SimpleAtoi(RedisText(reply), &number)) return Damaged(what);
+  if (!absl::SimpleAtoi(RedisText(reply), &number)) return DamagedInRedis(what);
   return number;
 }
 
@@ -47,7 +49,7 @@ absl::StatusOr<PoseSegment> ReadSegment(absl::string_view session, const redisRe
       absl::StrSplit(has_parts ? RedisText(entry->element[0]) : std::string(), '-');
   if (numbers.size() != 2 || !absl::SimpleAtoi(numbers[0], &segment.first_pose_seq) ||
       !absl::SimpleAtoi(numbers[1], &segment.last_pose_seq)) {
-    return Damaged(absl::StrCat("the list of poses of ", session));
+    return DamagedInRedis(absl::StrCat("the list of poses of ", session));
   }
   EVPOSE_ASSIGN_OR_RETURN(segment.bytes, Unseal(PosesOf(session, segment.first_pose_seq, segment.last_pose_seq),
                                                 RedisText(entry->element[1]->element[1])));
@@ -64,7 +66,7 @@ struct RedisSession {
 absl::StatusOr<RedisSession> ReadAnswer(absl::string_view name, uint64_t after_pose_seq, const redisReply* reply) {
   if (reply->type == REDIS_REPLY_NIL) return SessionNotFoundError(name);
   const std::string state = absl::StrCat("the state of ", name);
-  if (reply->elements != 7) return Damaged(state);
+  if (reply->elements != 7) return DamagedInRedis(state);
   RedisSession session;
   EVPOSE_ASSIGN_OR_RETURN(session.fencing_number, Number(reply->element[0], state));
   EVPOSE_ASSIGN_OR_RETURN(session.next_pose_seq, Number(reply->element[1], state));

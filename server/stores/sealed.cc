@@ -24,7 +24,7 @@ uint32_t SealFor(absl::string_view what, absl::string_view bytes) {
   return Crc(writer.Take());
 }
 
-absl::Status Damaged(absl::string_view what) {
+absl::Status DamagedChecksum(absl::string_view what) {
   return absl::DataLossError(absl::StrCat(what, " is damaged: its checksum does not match"));
 }
 
@@ -43,10 +43,10 @@ std::string Seal(absl::string_view what, std::string bytes) {
 }
 
 absl::StatusOr<std::string> Unseal(absl::string_view what, std::string sealed) {
-  if (sealed.size() < kSealBytes) return Damaged(what);
+  if (sealed.size() < kSealBytes) return DamagedChecksum(what);
   const uint32_t seal = SealOf(sealed);
   sealed.resize(sealed.size() - kSealBytes);
-  if (seal != SealFor(what, sealed)) return Damaged(what);
+  if (seal != SealFor(what, sealed)) return DamagedChecksum(what);
   return sealed;
 }
 
@@ -77,7 +77,7 @@ absl::StatusOr<SessionRecord> UnsealRecord(absl::string_view session, std::strin
   int64_t create_time_ns = 0;
   StateReader reader(bytes);
   reader(record.tenant, record.request_id, create_time_ns, record.config);
-  if (!reader.Finish().ok()) return Damaged(RecordOf(session));
+  if (!reader.Finish().ok()) return DamagedChecksum(RecordOf(session));
   record.create_time = absl::FromUnixNanos(create_time_ns);
   return record;
 }
@@ -99,7 +99,7 @@ absl::StatusOr<ModelRecord> UnsealModelHeader(absl::string_view tenant, absl::st
   StateReader reader(bytes);
   reader(AtMost(format, static_cast<uint8_t>(ModelFormat::kStl)), model.metres_per_unit, model.crease_angle_deg,
          create_time_ns);
-  if (!reader.Finish().ok()) return Damaged(ModelHeaderOf(tenant, name));
+  if (!reader.Finish().ok()) return DamagedChecksum(ModelHeaderOf(tenant, name));
   model.format = static_cast<ModelFormat>(format);
   model.create_time = absl::FromUnixNanos(create_time_ns);
   return model;

@@ -23,7 +23,7 @@ namespace {
 constexpr int64_t kApplicationId = 0x4556504F;  // "EVPO", in the file's header
 constexpr int64_t kSchemaVersion = 1;
 constexpr uint64_t kMaxPages = 4294967294;  // SQLite's own limit
-constexpr absl::string_view kMagic("SQLite format 3\0", 16);
+constexpr absl::string_view kFileMagic("SQLite format 3\0", 16);
 
 // Larger pages than SQLite's 4096 bytes: checkpoints have megabytes.
 const char* const kNewFileSettings = "PRAGMA page_size=16384; PRAGMA journal_mode=WAL";
@@ -43,10 +43,10 @@ uint64_t SizeBytes(const std::string& path) {
 absl::Status CheckMagic(const std::string& path) {
   std::ifstream file(path, std::ios::binary);
   if (!file) return absl::PermissionDeniedError(absl::StrCat(path, ": the server's user cannot read it"));
-  std::string magic(kMagic.size(), '\0');
+  std::string magic(kFileMagic.size(), '\0');
   file.read(magic.data(), static_cast<std::streamsize>(magic.size()));
   magic.resize(static_cast<size_t>(file.gcount()));
-  if (absl::StartsWith(kMagic, magic)) return absl::OkStatus();
+  if (absl::StartsWith(kFileMagic, magic)) return absl::OkStatus();
   return absl::FailedPreconditionError(
       absl::StrCat(path, " is no SQLite database: move it away, or choose another --data-dir"));
 }

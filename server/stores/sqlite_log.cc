@@ -12,7 +12,7 @@ namespace {
 
 constexpr size_t kHeaderBytes = 32;
 constexpr size_t kFrameHeaderBytes = 24;
-constexpr uint32_t kMagic = 0x377f0682;  // the last bit: the checksums' words are big-endian
+constexpr uint32_t kLogMagic = 0x377f0682;  // the last bit: the checksums' words are big-endian
 constexpr uint32_t kMaxPageBytes = 65536;
 
 uint32_t BigEndian(const uint8_t* bytes) {
@@ -52,7 +52,7 @@ std::string FindDamageOfSqliteLog(const std::string& path) {
   Checksum checksum = {.is_big_endian = (BigEndian(header.data()) & 1) != 0};
   checksum.Add(header.data(), 24);
   const uint32_t page_bytes = BigEndian(header.data() + 8);
-  if ((BigEndian(header.data()) & ~1u) != kMagic || !checksum.Is(header.data() + 24) || page_bytes == 0 ||
+  if ((BigEndian(header.data()) & ~1u) != kLogMagic || !checksum.Is(header.data() + 24) || page_bytes == 0 ||
       page_bytes > kMaxPageBytes) {
     return absl::StrCat("the head of the log ", path, ": what was committed last may be missing");
   }

@@ -1,0 +1,16 @@
+// The check that every options struct makes of its numbers.
+#pragma once
+
+#include "absl/status/status.h"
+#include "absl/strings/str_format.h"
+
+namespace evpose {
+
+// INVALID_ARGUMENT with the field's name ("MotionOptions.depth_m"), its value and the range, unless low <= value <=
+// high; also for NaN.
+inline absl::Status CheckRange(const char* field, double value, double low, double high) {
+  if (value >= low && value <= high) return absl::OkStatus();
+  return absl::InvalidArgumentError(absl::StrFormat("%s is %g; it must lie in [%g, %g]", field, value, low, high));
+}
+
+}  // namespace evpose

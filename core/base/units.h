@@ -1,0 +1,9 @@
+#pragma once
+
+#include <numbers>
+
+namespace evpose {
+
+inline constexpr double kDegreesPerRadian = 180.0 / std::numbers::pi;
+
+}  // namespace evpose
