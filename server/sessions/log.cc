@@ -38,10 +38,11 @@ const LevelName& Find(LogLevel level) {
 std::atomic<LogFormat> current_format = LogFormat::kText;
 
 spdlog::logger& Logger() {
-  static const std::shared_ptr<spdlog::logger> logger = [] {
+  // Never destroyed: a thread may write its last line while the program ends.
+  static const auto& logger = *new std::shared_ptr<spdlog::logger>([] {
     auto made = spdlog::get(kLogName);
     return made != nullptr ? made : spdlog::create<spdlog::sinks::null_sink_mt>(kLogName);
-  }();
+  }());
   return *logger;
 }
 
