@@ -13,12 +13,10 @@ namespace evpose {
 namespace {
 
 absl::StatusOr<std::unique_ptr<const TrackContext>> MakeContext(const SpeedRecording& recording) {
-  EVPOSE_ASSIGN_OR_RETURN(UndistortionTable table, UndistortionTable::Create(recording.camera));
+  EVPOSE_ASSIGN_OR_RETURN(auto tables, MakeCameraTables(recording.camera));
   const TrackerOptions options;
-  auto undistortion = std::make_shared<const UndistortionTable>(std::move(table));
-  auto pixel_tiles = std::make_shared<const PixelTiles>(recording.camera, *undistortion);
-  return std::make_unique<const TrackContext>(TrackContext{recording.model, recording.camera, std::move(undistortion),
-                                                           std::move(pixel_tiles), options,
+  return std::make_unique<const TrackContext>(TrackContext{recording.model, recording.camera, std::move(tables),
+                                                           options,
                                                            VisibilityTester(*recording.model, options.visibility)});
 }
 
@@ -96,7 +94,7 @@ WindowAssociation::WindowAssociation(const TrackContext& context)
       estimator_(MakeWindowEstimator(context.options, context.camera)),
       grid_(context.camera),
       background_(context.camera),
-      near_events_(context.camera, *context.undistortion, *context.pixel_tiles) {}
+      near_events_(context.camera, context.tables->undistortion, context.tables->pixel_tiles) {}
 
 WindowInput WindowAssociation::Associate(const SpeedWindow& window) {
   const CameraModel& camera = context_.camera;

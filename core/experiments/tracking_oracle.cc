@@ -82,12 +82,9 @@ absl::StatusOr<std::unique_ptr<TrackingOracle>> TrackingOracle::Create(std::shar
                                                                        const Trajectory& truth) {
   // What a tracker refuses, the oracle refuses.
   EVPOSE_RETURN_IF_ERROR(Tracker::Create(model, camera, options, std::nullopt).status());
-  EVPOSE_ASSIGN_OR_RETURN(UndistortionTable table, UndistortionTable::Create(camera));
-  const auto undistortion = std::make_shared<const UndistortionTable>(std::move(table));
+  EVPOSE_ASSIGN_OR_RETURN(auto tables, MakeCameraTables(camera));
   return std::make_unique<WindowOracle>(
-      TrackContext{model, camera, undistortion, std::make_shared<const PixelTiles>(camera, *undistortion), options,
-                   VisibilityTester(*model, options.visibility)},
-      truth);
+      TrackContext{model, camera, std::move(tables), options, VisibilityTester(*model, options.visibility)}, truth);
 }
 
 }  // namespace evpose

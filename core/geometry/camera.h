@@ -20,6 +20,8 @@ struct CameraModel {
   double cy_px = 0.0;
   std::array<double, 5> distortion = {};  // k1 k2 p1 p2 k3
 
+  bool operator==(const CameraModel&) const = default;
+
   // INVALID_ARGUMENT naming the field that is wrong.
   absl::Status Validate() const;
 

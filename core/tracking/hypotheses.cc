@@ -58,7 +58,7 @@ void Hypotheses::Compare(const EventWindow& window, const Competitors* others) {
   for (Entry& entry : entries_) entry.explains.assign(events.size(), 0.0f);
   for (size_t k = 0; k < events.size(); ++k) {
     const std::optional<Observation> event =
-        Observe(context_.camera, *context_.undistortion, events[k], window.t_mid_us());
+        Observe(context_.camera, context_.tables->undistortion, events[k], window.t_mid_us());
     if (!event) continue;
     for (Entry& entry : entries_) entry.explains[k] = static_cast<float>(entry.track->Explains(*event, others));
   }

@@ -34,10 +34,7 @@ TrackContext MakeContext() {
   auto model = std::make_shared<ObjectModel>(*MakeCube(0.15));
   model->symmetries = FindSymmetries(*model);
   VisibilityTester visibility(*model, options.visibility);
-  const auto undistortion = std::make_shared<const UndistortionTable>(UndistortionTable::Create(kCamera).value());
-  return {model,        kCamera,
-          undistortion, std::make_shared<const PixelTiles>(kCamera, *undistortion),
-          options,      std::move(visibility)};
+  return {model, kCamera, MakeCameraTables(kCamera).value(), options, std::move(visibility)};
 }
 
 MotionState Start(const TrackContext& context, const RigidTransform& pose) {

@@ -224,7 +224,7 @@ void ObjectTracker::CollectEvents() {
     const Competitors* others = OthersAt(window, nullptr);
     for (const WindowEvent& event : window.events) {
       const std::optional<Observation> observation =
-          Observe(context_.camera, *context_.undistortion, event, window.t_mid_us());
+          Observe(context_.camera, context_.tables->undistortion, event, window.t_mid_us());
       if (!observation) continue;
       if (others != nullptr && others->Explain(*observation)) continue;
       pixel_events_.push_back(

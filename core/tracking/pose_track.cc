@@ -44,7 +44,7 @@ PoseTrack::PoseTrack(const TrackContext& context, const MotionState& start)
               static_cast<int>(context.model->lines.size())),
       motion_(start),
       answers_(context.model->lines.size()),
-      near_events_(context.camera, *context.undistortion, *context.pixel_tiles) {
+      near_events_(context.camera, context.tables->undistortion, context.tables->pixel_tiles) {
   const std::vector<ModelLine>& lines = context.model->lines;
   for (size_t k = 0; k < lines.size(); ++k) all_lines_.push_back({static_cast<int>(k), lines[k].p1, lines[k].p2});
   // The second one is seldom used, and perhaps late.

@@ -10,6 +10,7 @@
 #include "core/models/visibility.h"
 #include "core/tracking/association.h"
 #include "core/tracking/background.h"
+#include "core/tracking/camera_tables.h"
 #include "core/tracking/competitors.h"
 #include "core/tracking/estimator.h"
 #include "core/tracking/health.h"
@@ -26,9 +27,7 @@ namespace evpose {
 struct TrackContext {
   std::shared_ptr<const ObjectModel> model;
   CameraModel camera;
-  // Shared by the objects of a stream.
-  std::shared_ptr<const UndistortionTable> undistortion;
-  std::shared_ptr<const PixelTiles> pixel_tiles;
+  std::shared_ptr<const CameraTables> tables;
   TrackerOptions options;
   VisibilityTester visibility;
 };

@@ -144,7 +144,8 @@ absl::Status ObjectToTrack::Validate() const {
 }
 
 absl::StatusOr<std::unique_ptr<Tracker>> Tracker::Create(std::vector<ObjectToTrack> objects, const CameraModel& camera,
-                                                         const TrackerOptions& options) {
+                                                         const TrackerOptions& options,
+                                                         std::shared_ptr<const CameraTables> tables) {
   EVPOSE_RETURN_IF_ERROR(options.Validate());
   EVPOSE_RETURN_IF_ERROR(camera.Validate());
   if (objects.empty()) return absl::InvalidArgumentError("objects: there is nothing to track");
@@ -152,17 +153,16 @@ absl::StatusOr<std::unique_ptr<Tracker>> Tracker::Create(std::vector<ObjectToTra
     const absl::Status status = objects[i].Validate();
     if (!status.ok()) return absl::Status(status.code(), absl::StrCat("objects[", i, "]: ", status.message()));
   }
-  EVPOSE_ASSIGN_OR_RETURN(UndistortionTable table, UndistortionTable::Create(camera));
-  const auto undistortion = std::make_shared<const UndistortionTable>(std::move(table));
-  const auto pixel_tiles = std::make_shared<const PixelTiles>(camera, *undistortion);
+  if (tables == nullptr) {
+    EVPOSE_ASSIGN_OR_RETURN(tables, MakeCameraTables(camera));
+  }
   std::vector<std::unique_ptr<ObjectTracker>> trackers;
   for (const ObjectToTrack& object : objects) {
     std::unique_ptr<PoseInitializer> initializer;
     if (options.initialization.is_automatic) {
       EVPOSE_ASSIGN_OR_RETURN(initializer, MakeInitializer(object.model, camera));
     }
-    TrackContext context{object.model, camera,  undistortion,
-                         pixel_tiles,  options, VisibilityTester(*object.model, options.visibility)};
+    TrackContext context{object.model, camera, tables, options, VisibilityTester(*object.model, options.visibility)};
     trackers.push_back(std::make_unique<ObjectTracker>(std::move(context), std::move(initializer), object));
   }
   for (const auto& tracker : trackers) {

@@ -20,6 +20,8 @@
 
 namespace evpose {
 
+struct CameraTables;
+
 enum class TrackState { kInitializing, kTracking, kDegraded, kLost };
 std::string_view TrackStateName(TrackState state);  // "INITIALIZING", "TRACKING", "DEGRADED", "LOST"
 
@@ -108,9 +110,10 @@ struct PoseEstimate {
 class Tracker {
  public:
   // 1 or more objects; PoseEstimate::object_index counts them from 0. Errors: INVALID_ARGUMENT naming the field of
-  // options, camera or object that is wrong.
+  // options, camera or object that is wrong. `tables` are those of the camera; null: made here.
   static absl::StatusOr<std::unique_ptr<Tracker>> Create(std::vector<ObjectToTrack> objects, const CameraModel& camera,
-                                                         const TrackerOptions& options);
+                                                         const TrackerOptions& options,
+                                                         std::shared_ptr<const CameraTables> tables = nullptr);
   // Of one object.
   static absl::StatusOr<std::unique_ptr<Tracker>> Create(
       std::shared_ptr<const ObjectModel> model, const CameraModel& camera, const TrackerOptions& options,

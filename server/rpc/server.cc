@@ -15,7 +15,6 @@
 
 #include "absl/strings/str_cat.h"
 #include "core/base/status_macros.h"
-#include "core/tracking/tracker_options.h"
 #include "server/auth/authenticator.h"
 #include "server/auth/server_credentials.h"
 #include "server/rpc/admin_service.h"
@@ -30,6 +29,7 @@
 #include "server/sessions/log.h"
 #include "server/sessions/model_registry.h"
 #include "server/sessions/session_manager.h"
+#include "server/sessions/tracker_factory.h"
 #include "server/sessions/worker_pool.h"
 #include "server/stores/open_store.h"
 
@@ -54,23 +54,6 @@ constexpr int kMaxConnectionIdleMs = 300'000;
 int NumWorkers(const ServerOptions& options) {
   if (options.worker_threads > 0) return options.worker_threads;
   return std::max(1, static_cast<int>(std::thread::hardware_concurrency()));
-}
-
-absl::StatusOr<std::unique_ptr<Tracker>> MakeTracker(const SessionConfig& config,
-                                                     const std::vector<std::shared_ptr<const ObjectModel>>& models) {
-  std::vector<ObjectToTrack> objects;
-  for (size_t i = 0; i < models.size(); ++i) {
-    const ObjectConfig& object = config.objects[i];
-    objects.push_back({models[i], object.initial_camera_from_object, object.reference_rotation});
-    const absl::Status status = objects.back().Validate();
-    if (!status.ok()) return InvalidField(absl::StrCat("config.objects[", i, "]"), status.message());
-  }
-  TrackerOptions options;
-  options.estimator = config.estimator;
-  options.sensor = config.sensor;
-  absl::StatusOr<std::unique_ptr<Tracker>> tracker = Tracker::Create(std::move(objects), config.camera, options);
-  if (!tracker.ok()) return InvalidField("config", tracker.status().message());
-  return tracker;
 }
 
 // Deletes expired sessions now and then, so that they go even when nobody asks for any.
@@ -420,7 +403,7 @@ absl::StatusOr<std::unique_ptr<Server>> StartServer(const ServerOptions& options
 }
 
 absl::StatusOr<std::unique_ptr<Server>> Server::Start(const ServerOptions& options) {
-  return StartServer(options, MakeTracker);
+  return StartServer(options, MakeTrackerFactory());
 }
 
 }  // namespace evpose::server
