@@ -89,13 +89,20 @@ void PrintRow(const SpeedRow& row, std::ostream& out) {
   out.flush();
 }
 
-Json RowJson(const SpeedRow& row) {
+// What rows of both kinds have.
+template <typename Row>
+Json RowHead(const Row& row) {
   Json json;
   json["part"] = row.part;
   json["what"] = row.what;
   json["scene"] = row.scene;
   json["rate_mev_per_s"] = row.rate_mev_per_s;
   json["events"] = row.num_events;
+  return json;
+}
+
+Json RowJson(const SpeedRow& row) {
+  Json json = RowHead(row);
   if (row.num_bytes > 0) json["bytes"] = row.num_bytes;
   json["seconds"] = row.seconds;
   json["ns_per_event"] = row.NsPerEvent();
@@ -138,12 +145,7 @@ void PrintRow(const ServiceRow& row, std::ostream& out) {
 }
 
 Json RowJson(const ServiceRow& row) {
-  Json json;
-  json["part"] = row.part;
-  json["what"] = row.what;
-  json["scene"] = row.scene;
-  json["rate_mev_per_s"] = row.rate_mev_per_s;
-  json["events"] = row.num_events;
+  Json json = RowHead(row);
   for (const NamedNumber& number : row.numbers) json[number.name] = number.value;
   json["measure"] = row.measure;
   if (row.more_is_better) json["more_is_better"] = true;

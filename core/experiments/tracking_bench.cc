@@ -46,13 +46,13 @@ class Contestant {
   }
 
   void AddEvents(absl::Span<const Event> events) {
-    const double begin_s = SecondsOfClock(CLOCK_THREAD_CPUTIME_ID);
-    if (tracker_ != nullptr) {
-      tracker_->AddEvents(events, output_.poses);
-    } else {
-      oracle_->AddEvents(events, output_.poses);
-    }
-    output_.compute_s += SecondsOfClock(CLOCK_THREAD_CPUTIME_ID) - begin_s;
+    output_.compute_s += ProcessorSecondsOf([&] {
+      if (tracker_ != nullptr) {
+        tracker_->AddEvents(events, output_.poses);
+      } else {
+        oracle_->AddEvents(events, output_.poses);
+      }
+    });
   }
   TrackingOutput Finish() {
     if (tracker_ == nullptr) {
