@@ -11,6 +11,7 @@
 #include <utility>
 
 #include "absl/strings/str_format.h"
+#include "core/base/check_range.h"
 #include "core/base/status_macros.h"
 
 namespace evpose {
@@ -216,16 +217,11 @@ absl::Status CheckDetermined(const char* field, double value, double error, cons
 
 absl::Status SensorCalibrationOptions::Validate() const {
   EVPOSE_RETURN_IF_ERROR(initial.Validate());
-  const auto check = [](const char* field, double value, double low, double high) {
-    if (value >= low && value <= high) return absl::OkStatus();
-    return absl::InvalidArgumentError(
-        absl::StrFormat("SensorCalibrationOptions.%s is %g; it must lie in [%g, %g]", field, value, low, high));
-  };
-  EVPOSE_RETURN_IF_ERROR(check("min_kappa", min_kappa, 0.0, 1.0));
-  EVPOSE_RETURN_IF_ERROR(check("min_groups", min_groups, kNumConstants + 1, 1e6));
-  EVPOSE_RETURN_IF_ERROR(check("min_passages", min_passages, kNumConstants + 1, 1e6));
-  EVPOSE_RETURN_IF_ERROR(check("min_speed_ratio", min_speed_ratio, 1.0, 1e3));
-  return check("max_relative_error", max_relative_error, 0.0, 10.0);
+  EVPOSE_RETURN_IF_ERROR(CheckRange("SensorCalibrationOptions.min_kappa", min_kappa, 0.0, 1.0));
+  EVPOSE_RETURN_IF_ERROR(CheckRange("SensorCalibrationOptions.min_groups", min_groups, kNumConstants + 1, 1e6));
+  EVPOSE_RETURN_IF_ERROR(CheckRange("SensorCalibrationOptions.min_passages", min_passages, kNumConstants + 1, 1e6));
+  EVPOSE_RETURN_IF_ERROR(CheckRange("SensorCalibrationOptions.min_speed_ratio", min_speed_ratio, 1.0, 1e3));
+  return CheckRange("SensorCalibrationOptions.max_relative_error", max_relative_error, 0.0, 10.0);
 }
 
 std::vector<EdgePassage> StepEdges(absl::Span<const EdgePassage> passages, const SensorCalibrationOptions& options) {

@@ -4,7 +4,7 @@
 #include <cmath>
 #include <optional>
 
-#include "absl/strings/str_format.h"
+#include "core/base/check_range.h"
 
 namespace evpose {
 namespace {
@@ -225,18 +225,14 @@ void PutEndsInCorners(std::vector<DetectedLine>& lines, double corner_px) {
 }  // namespace
 
 absl::Status LineSetOptions::Validate() const {
-  const auto check = [](const char* name, double value, double low, double high) {
-    if (value >= low && value <= high) return absl::OkStatus();
-    return absl::InvalidArgumentError(absl::StrFormat("%s is %g; it must lie in [%g, %g]", name, value, low, high));
-  };
   absl::Status status = fit.Validate();
-  status.Update(check("min_events", min_events, 8, 1e6));
-  status.Update(check("min_length_px", min_length_px, 1.0, 1e4));
-  status.Update(check("max_rms_px", max_rms_px, 0.1, 100.0));
-  status.Update(check("min_events_per_px", min_events_per_px, 0.0, 1e3));
-  status.Update(check("merge_px", merge_px, 0.0, 100.0));
-  status.Update(check("stripe_px", stripe_px, 0.0, 100.0));
-  status.Update(check("corner_px", corner_px, 0.0, 100.0));
+  status.Update(CheckRange("min_events", min_events, 8, 1e6));
+  status.Update(CheckRange("min_length_px", min_length_px, 1.0, 1e4));
+  status.Update(CheckRange("max_rms_px", max_rms_px, 0.1, 100.0));
+  status.Update(CheckRange("min_events_per_px", min_events_per_px, 0.0, 1e3));
+  status.Update(CheckRange("merge_px", merge_px, 0.0, 100.0));
+  status.Update(CheckRange("stripe_px", stripe_px, 0.0, 100.0));
+  status.Update(CheckRange("corner_px", corner_px, 0.0, 100.0));
   return status;
 }
 

@@ -6,6 +6,7 @@
 #include <optional>
 
 #include "absl/strings/str_format.h"
+#include "core/base/check_range.h"
 #include "core/base/status_macros.h"
 #include "core/base/tukey.h"
 #include "core/detection/event_grid.h"
@@ -207,17 +208,13 @@ class LsdLineDetector : public LineDetector {
 }  // namespace
 
 absl::Status LsdDetectorOptions::Validate() const {
-  const auto check = [](const char* name, double value, double low, double high) {
-    if (value >= low && value <= high) return absl::OkStatus();
-    return absl::InvalidArgumentError(absl::StrFormat("%s is %g; it must lie in [%g, %g]", name, value, low, high));
-  };
   absl::Status status = stretch.Validate();
-  status.Update(check("white_events", white_events, 1, 255));
-  status.Update(check("blur_px", blur_px, 0.0, 20.0));
-  status.Update(check("min_length_px", min_length_px, 1.0, 1e4));
-  status.Update(check("min_events", min_events, 2, 1e6));
-  status.Update(check("gate_px", gate_px, 0.5, 50.0));
-  status.Update(check("duplicate_px", duplicate_px, 0.0, 50.0));
+  status.Update(CheckRange("white_events", white_events, 1, 255));
+  status.Update(CheckRange("blur_px", blur_px, 0.0, 20.0));
+  status.Update(CheckRange("min_length_px", min_length_px, 1.0, 1e4));
+  status.Update(CheckRange("min_events", min_events, 2, 1e6));
+  status.Update(CheckRange("gate_px", gate_px, 0.5, 50.0));
+  status.Update(CheckRange("duplicate_px", duplicate_px, 0.0, 50.0));
   return status;
 }
 

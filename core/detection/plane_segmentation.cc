@@ -14,7 +14,7 @@
 #include <iterator>
 #include <numbers>
 
-#include "absl/strings/str_format.h"
+#include "core/base/check_range.h"
 #include "core/detection/space_time_cloud.h"
 
 namespace evpose {
@@ -157,19 +157,15 @@ void SegmentPolarity(const EventStretch& stretch, uint8_t polarity, const PlaneS
 }  // namespace
 
 absl::Status PlaneSegmentationOptions::Validate() const {
-  const auto check = [](const char* name, double value, double low, double high) {
-    if (value >= low && value <= high) return absl::OkStatus();
-    return absl::InvalidArgumentError(absl::StrFormat("%s is %g; it must lie in [%g, %g]", name, value, low, high));
-  };
-  absl::Status status = check("cell_px", cell_px, 0.5, 20.0);
-  status.Update(check("max_points", max_points, 100, 1e6));
-  status.Update(check("neighbour_radius_px", neighbour_radius_px, cell_px, 100.0));
-  status.Update(check("max_neighbours", max_neighbours, 4, 1000));
-  status.Update(check("min_neighbours", min_neighbours, 0, max_neighbours));
-  status.Update(check("smoothness_deg", smoothness_deg, 0.1, 90.0));
-  status.Update(check("max_curvature", max_curvature, 1e-6, 1.0 / 3.0));
-  status.Update(check("min_plane_points", min_plane_points, 4, 1e6));
-  status.Update(check("inlier_px", inlier_px, 0.01, 100.0));
+  absl::Status status = CheckRange("cell_px", cell_px, 0.5, 20.0);
+  status.Update(CheckRange("max_points", max_points, 100, 1e6));
+  status.Update(CheckRange("neighbour_radius_px", neighbour_radius_px, cell_px, 100.0));
+  status.Update(CheckRange("max_neighbours", max_neighbours, 4, 1000));
+  status.Update(CheckRange("min_neighbours", min_neighbours, 0, max_neighbours));
+  status.Update(CheckRange("smoothness_deg", smoothness_deg, 0.1, 90.0));
+  status.Update(CheckRange("max_curvature", max_curvature, 1e-6, 1.0 / 3.0));
+  status.Update(CheckRange("min_plane_points", min_plane_points, 4, 1e6));
+  status.Update(CheckRange("inlier_px", inlier_px, 0.01, 100.0));
   return status;
 }
 

@@ -7,7 +7,7 @@
 #include <optional>
 #include <vector>
 
-#include "absl/strings/str_cat.h"
+#include "core/base/check_range.h"
 #include "core/base/random.h"
 #include "core/base/status_macros.h"
 #include "core/experiments/line_match.h"
@@ -193,19 +193,14 @@ Belief MakeBelief(const RigidTransform& pose, const PosePrior& prior, double sca
 }  // namespace
 
 absl::Status BlindPnpOptions::Validate() const {
-  const auto check = [](const char* field, double value, double low, double high) {
-    if (value >= low && value <= high) return absl::OkStatus();
-    return absl::InvalidArgumentError(
-        absl::StrCat("BlindPnpOptions.", field, " is ", value, "; it must lie in [", low, ", ", high, "]"));
-  };
-  EVPOSE_RETURN_IF_ERROR(check("num_components", num_components, 1, 10'000));
-  EVPOSE_RETURN_IF_ERROR(check("component_scale", component_scale, 0.01, 1.0));
-  EVPOSE_RETURN_IF_ERROR(check("sigma_px", sigma_px, 0.01, 100.0));
-  EVPOSE_RETURN_IF_ERROR(check("gate", gate, 0.1, 1000.0));
-  EVPOSE_RETURN_IF_ERROR(check("matches_per_hypothesis", matches_per_hypothesis, 1, 10));
-  EVPOSE_RETURN_IF_ERROR(check("max_hypotheses", max_hypotheses, 1, 100'000'000));
-  EVPOSE_RETURN_IF_ERROR(check("good_ratio", good_ratio, 0.0, 1.0));
-  return check("threshold_px", threshold_px, 0.01, 1000.0);
+  EVPOSE_RETURN_IF_ERROR(CheckRange("BlindPnpOptions.num_components", num_components, 1, 10'000));
+  EVPOSE_RETURN_IF_ERROR(CheckRange("BlindPnpOptions.component_scale", component_scale, 0.01, 1.0));
+  EVPOSE_RETURN_IF_ERROR(CheckRange("BlindPnpOptions.sigma_px", sigma_px, 0.01, 100.0));
+  EVPOSE_RETURN_IF_ERROR(CheckRange("BlindPnpOptions.gate", gate, 0.1, 1000.0));
+  EVPOSE_RETURN_IF_ERROR(CheckRange("BlindPnpOptions.matches_per_hypothesis", matches_per_hypothesis, 1, 10));
+  EVPOSE_RETURN_IF_ERROR(CheckRange("BlindPnpOptions.max_hypotheses", max_hypotheses, 1, 100'000'000));
+  EVPOSE_RETURN_IF_ERROR(CheckRange("BlindPnpOptions.good_ratio", good_ratio, 0.0, 1.0));
+  return CheckRange("BlindPnpOptions.threshold_px", threshold_px, 0.01, 1000.0);
 }
 
 absl::StatusOr<RigidTransform> EstimatePoseByBlindPnp(const ObjectModel& model, const CameraModel& camera,

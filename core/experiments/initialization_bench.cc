@@ -8,8 +8,8 @@
 #include <memory>
 #include <utility>
 
-#include "absl/strings/str_cat.h"
 #include "absl/types/span.h"
+#include "core/base/check_range.h"
 #include "core/base/random.h"
 #include "core/base/status_macros.h"
 #include "core/experiments/initialization_methods.h"
@@ -214,16 +214,14 @@ absl::Status RunScenario(const InitializationBenchOptions& options, SimulatedObj
 }  // namespace
 
 absl::Status InitializationBenchOptions::Validate() const {
-  const auto check = [](const char* field, double value, double low, double high) {
-    if (value >= low && value <= high) return absl::OkStatus();
-    return absl::InvalidArgumentError(
-        absl::StrCat("InitializationBenchOptions.", field, " is ", value, "; it must lie in [", low, ", ", high, "]"));
-  };
-  EVPOSE_RETURN_IF_ERROR(check("num_trials", num_trials, 1, 1'000'000));
-  EVPOSE_RETURN_IF_ERROR(check("prior_rotation_rad", prior_rotation_rad, 0.0, 1.0));
-  EVPOSE_RETURN_IF_ERROR(check("prior_translation_ratio", prior_translation_ratio, 0.0, 0.3));
-  EVPOSE_RETURN_IF_ERROR(check("objects.size", static_cast<double>(objects.size()), 1, 100));
-  EVPOSE_RETURN_IF_ERROR(check("clutter.size", static_cast<double>(clutter.size()), 1, 100));
+  EVPOSE_RETURN_IF_ERROR(CheckRange("InitializationBenchOptions.num_trials", num_trials, 1, 1'000'000));
+  EVPOSE_RETURN_IF_ERROR(CheckRange("InitializationBenchOptions.prior_rotation_rad", prior_rotation_rad, 0.0, 1.0));
+  EVPOSE_RETURN_IF_ERROR(
+      CheckRange("InitializationBenchOptions.prior_translation_ratio", prior_translation_ratio, 0.0, 0.3));
+  EVPOSE_RETURN_IF_ERROR(
+      CheckRange("InitializationBenchOptions.objects.size", static_cast<double>(objects.size()), 1, 100));
+  EVPOSE_RETURN_IF_ERROR(
+      CheckRange("InitializationBenchOptions.clutter.size", static_cast<double>(clutter.size()), 1, 100));
   for (const BenchClutter& c : clutter) {
     const LineTrialOptions trial = {SimulatedObject::kCube, noise_px, c.num_spurious, c.num_missing};
     EVPOSE_RETURN_IF_ERROR(trial.Validate());

@@ -8,7 +8,7 @@
 #include <optional>
 #include <vector>
 
-#include "absl/strings/str_cat.h"
+#include "core/base/check_range.h"
 #include "core/base/random.h"
 #include "core/base/status_macros.h"
 #include "core/experiments/line_match.h"
@@ -168,18 +168,14 @@ std::optional<RigidTransform> SoftPosit::Run(const RigidTransform& start) const 
 }  // namespace
 
 absl::Status SoftPositOptions::Validate() const {
-  const auto check = [](const char* field, double value, double low, double high) {
-    if (value >= low && value <= high) return absl::OkStatus();
-    return absl::InvalidArgumentError(
-        absl::StrCat("SoftPositOptions.", field, " is ", value, "; it must lie in [", low, ", ", high, "]"));
-  };
-  EVPOSE_RETURN_IF_ERROR(check("max_starts", max_starts, 1, 1'000'000));
-  EVPOSE_RETURN_IF_ERROR(check("good_ratio", good_ratio, 0.0, 1.0));
-  EVPOSE_RETURN_IF_ERROR(check("initial_beta_per_px2", initial_beta_per_px2, 1e-9, 1.0));
-  EVPOSE_RETURN_IF_ERROR(check("final_beta_per_px2", final_beta_per_px2, initial_beta_per_px2, 1e3));
-  EVPOSE_RETURN_IF_ERROR(check("beta_factor", beta_factor, 1.001, 10.0));
-  EVPOSE_RETURN_IF_ERROR(check("max_distance_px", max_distance_px, 0.01, 1000.0));
-  return check("threshold_px", threshold_px, 0.01, 1000.0);
+  EVPOSE_RETURN_IF_ERROR(CheckRange("SoftPositOptions.max_starts", max_starts, 1, 1'000'000));
+  EVPOSE_RETURN_IF_ERROR(CheckRange("SoftPositOptions.good_ratio", good_ratio, 0.0, 1.0));
+  EVPOSE_RETURN_IF_ERROR(CheckRange("SoftPositOptions.initial_beta_per_px2", initial_beta_per_px2, 1e-9, 1.0));
+  EVPOSE_RETURN_IF_ERROR(
+      CheckRange("SoftPositOptions.final_beta_per_px2", final_beta_per_px2, initial_beta_per_px2, 1e3));
+  EVPOSE_RETURN_IF_ERROR(CheckRange("SoftPositOptions.beta_factor", beta_factor, 1.001, 10.0));
+  EVPOSE_RETURN_IF_ERROR(CheckRange("SoftPositOptions.max_distance_px", max_distance_px, 0.01, 1000.0));
+  return CheckRange("SoftPositOptions.threshold_px", threshold_px, 0.01, 1000.0);
 }
 
 absl::StatusOr<RigidTransform> EstimatePoseBySoftPosit(const ObjectModel& model, const CameraModel& camera,
