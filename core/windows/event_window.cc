@@ -45,17 +45,18 @@ absl::Status WindowOptions::Validate() const {
 }
 
 EventWindower::EventWindower(const WindowOptions& options, SensorGeometry sensor)
-    : options_(options), interval_us_(options.interval_us), history_(sensor) {
-  kept_.reserve(options_.max_events);
-  indices_.reserve(options_.max_events);
-}
+    : options_(options),
+      interval_us_(options.interval_us),
+      history_(sensor),
+      kept_(options_.max_events + 1),
+      indices_(options_.max_events + 1) {}
 
 void EventWindower::Add(absl::Span<const Event> events, OnWindow on_window) {
-  for (const Event& event : events) {
-    if (!started_) Start(event.t_us);
-    if (event.t_us >= boundary_us_) CloseUntil(event.t_us, on_window);
-    now_us_ = std::max(now_us_, event.t_us);
-    Keep(history_.Next(event));
+  while (!events.empty()) {
+    const int64_t t_us = events.front().t_us;
+    if (!started_) Start(t_us);
+    if (t_us >= boundary_us_) CloseUntil(t_us, on_window);
+    events.remove_prefix(Keep(events));
   }
 }
 
@@ -70,7 +71,7 @@ EventGap EventWindower::Skip(absl::Span<const Event> events, int64_t t_us) {
   now_us_ = std::max(now_us_, t_us);
   for (const Event& event : events) {
     now_us_ = std::max(now_us_, event.t_us);
-    history_.Next(event);
+    history_.Exchange(event);
   }
   stream_index_ += events.size();
   const EventGap gap = {begin_us_, std::max(begin_us_, now_us_), count_ + events.size()};
@@ -115,7 +116,7 @@ void EventWindower::Close(int64_t t_end_us, OnWindow on_window) {
   EventWindow window;
   window.t_begin_us = begin_us_;
   window.t_end_us = t_end_us;
-  window.events = kept_;
+  window.events = absl::MakeConstSpan(kept_).first(num_kept_);
   window.num_events = count_;
   window.closed_on_time = count_ < static_cast<uint64_t>(options_.min_events);
   on_window(window);
@@ -127,22 +128,44 @@ void EventWindower::Open(int64_t t_begin_us) {
   boundary_us_ = t_begin_us + interval_us_;
   count_ = 0;
   sample_mask_ = 0;
-  kept_.clear();
-  indices_.clear();
+  num_kept_ = 0;
 }
 
-void EventWindower::Keep(const WindowEvent& event) {
-  ++count_;
-  const uint64_t index = stream_index_++;
-  // Below the flood no event is asked for its hash.
-  if (sample_mask_ != 0 && (HashIndex(index) & sample_mask_) != 0) return;
-  if (kept_.size() == static_cast<size_t>(options_.max_events)) {
-    Thin();
-    if ((HashIndex(index) & sample_mask_) != 0) return;
+size_t EventWindower::Keep(absl::Span<const Event> events) {
+  // Every event is written, and counts when it is to stay: in a flood nobody can foretell which. In locals, for what a
+  // pixel's history is written to might be any member.
+  const int64_t begin_us = begin_us_;
+  const int64_t boundary_us = boundary_us_;
+  WindowEvent* const kept = kept_.data();
+  uint64_t* const indices = indices_.data();
+  int64_t now_us = now_us_;
+  uint64_t mask = sample_mask_;
+  size_t num_kept = num_kept_;
+  size_t count = 0;
+  for (; count < events.size() && events[count].t_us < boundary_us; ++count) {
+    const Event& event = events[count];
+    const uint64_t index = stream_index_ + count;
+    now_us = std::max(now_us, event.t_us);
+    WindowEvent& next = kept[num_kept];
+    next.t_us = std::max(event.t_us, begin_us);
+    next.x = event.x;
+    next.y = event.y;
+    next.polarity = event.polarity;
+    next.previous = history_.Exchange(event);
+    indices[num_kept] = index;
+    num_kept += mask == 0 || (HashIndex(index) & mask) == 0 ? 1 : 0;
+    if (num_kept == kept_.size()) {
+      num_kept_ = num_kept;
+      Thin();
+      num_kept = num_kept_;
+      mask = sample_mask_;
+    }
   }
-  kept_.push_back(event);
-  kept_.back().t_us = std::max(event.t_us, begin_us_);
-  indices_.push_back(index);
+  now_us_ = now_us;
+  num_kept_ = num_kept;
+  stream_index_ += count;
+  count_ += count;
+  return count;
 }
 
 // Halves the sample. A hash decides for each event by itself, so the sample is what it would have been had the final
@@ -151,20 +174,19 @@ void EventWindower::Thin() {
   do {
     sample_mask_ = (sample_mask_ << 1) | 1;
     size_t write = 0;
-    for (size_t read = 0; read < kept_.size(); ++read) {
-      if ((HashIndex(indices_[read]) & sample_mask_) != 0) continue;
+    for (size_t read = 0; read < num_kept_; ++read) {
+      const bool stays = (HashIndex(indices_[read]) & sample_mask_) == 0;
       kept_[write] = kept_[read];
       indices_[write] = indices_[read];
-      ++write;
+      write += stays ? 1 : 0;
     }
-    kept_.resize(write);
-    indices_.resize(write);
-  } while (kept_.size() == static_cast<size_t>(options_.max_events));
+    num_kept_ = write;
+  } while (num_kept_ > static_cast<size_t>(options_.max_events));
 }
 
 void EventWindower::VisitState(auto& archive, auto& self) {
   auto& [options, interval_us, started, now_us, begin_us, boundary_us, stream_index, count, sample_mask, history, kept,
-         indices] = self;
+         indices, num_kept] = self;
   constexpr int64_t kMax_us = kMaxStateTime_us;
   archive(InRange(interval_us, options.min_interval_us, options.interval_us), started,
           InRange(begin_us, -kMax_us, kMax_us), InRange(now_us, -kMax_us, kMax_us),
@@ -180,36 +202,38 @@ void EventWindower::VisitState(auto& archive, auto& self) {
 
 void EventWindower::SaveState(StateWriter& writer) const {
   VisitState(writer, *this);
-  SaveWindowEvents(writer, begin_us_, kept_);
+  SaveWindowEvents(writer, begin_us_, absl::MakeConstSpan(kept_).first(num_kept_));
   SaveIndices(writer);
 }
 
 void EventWindower::LoadState(StateReader& reader) {
   VisitState(reader, *this);
-  LoadWindowEvents(reader, begin_us_, boundary_us_, static_cast<size_t>(options_.max_events), kept_);
+  std::vector<WindowEvent> kept;
+  LoadWindowEvents(reader, begin_us_, boundary_us_, static_cast<size_t>(options_.max_events), kept);
+  std::copy(kept.begin(), kept.end(), kept_.begin());
+  num_kept_ = kept.size();
   LoadIndices(reader);
 }
 
 void EventWindower::SaveIndices(StateWriter& writer) const {
   if (sample_mask_ == 0) return;  // all of the window's
   uint64_t next = stream_index_ - count_;
-  for (const uint64_t index : indices_) {
+  for (const uint64_t index : absl::MakeConstSpan(indices_).first(num_kept_)) {
     writer.Varint(index - next);
     next = index + 1;
   }
 }
 
 void EventWindower::LoadIndices(StateReader& reader) {
-  reader.Check(sample_mask_ == 0 ? kept_.size() == count_ : kept_.size() <= count_, "a window with other events");
-  indices_.clear();
+  reader.Check(sample_mask_ == 0 ? num_kept_ == count_ : num_kept_ <= count_, "a window with other events");
   uint64_t next = stream_index_ - count_;
-  for (size_t i = 0; i < kept_.size() && reader.ok(); ++i) {
+  for (size_t i = 0; i < num_kept_ && reader.ok(); ++i) {
     uint64_t skipped = 0;
     if (sample_mask_ != 0) reader.Varint(skipped);
     // Each but once, and each one that is kept: else thinning them might not end.
     reader.Check(skipped < stream_index_ - next, "an event that is not the window's");
     reader.Check((HashIndex(next + skipped) & sample_mask_) == 0, "an event that is not kept");
-    indices_.push_back(next + skipped);
+    indices_[i] = next + skipped;
     next += skipped + 1;
   }
 }

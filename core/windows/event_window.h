@@ -111,7 +111,8 @@ class EventWindower {
   void CloseUntil(int64_t t_us, OnWindow on_window);
   void Close(int64_t t_end_us, OnWindow on_window);
   void Open(int64_t t_begin_us);
-  void Keep(const WindowEvent& event);
+  // Those before the boundary, from the first on; returns how many.
+  size_t Keep(absl::Span<const Event> events);
   void Thin();
 
   const WindowOptions options_;
@@ -124,8 +125,10 @@ class EventWindower {
   uint64_t count_ = 0;
   uint64_t sample_mask_ = 0;  // an event stays when its hash has none of these bits
   PixelHistory history_;      // of all events, those that are not kept too
+  // Of the open window, num_kept_ of max_events + 1.
   std::vector<WindowEvent> kept_;
   std::vector<uint64_t> indices_;  // of the events kept, in the stream
+  size_t num_kept_ = 0;
 };
 
 }  // namespace evpose

@@ -23,16 +23,20 @@ class PixelHistory {
   explicit PixelHistory(SensorGeometry sensor)
       : sensor_(sensor), last_(static_cast<size_t>(sensor.width_px) * sensor.height_px, kNothing) {}
 
-  // The event with what its pixel sent before it, which is forgotten for it. Events outside the sensor: kUnknown.
-  WindowEvent Next(const Event& event) {
-    WindowEvent next{event};
-    if (event.x >= sensor_.width_px || event.y >= sensor_.height_px) return next;
+  // What the event's pixel sent before it, which is forgotten for it. Events outside the sensor: kUnknown.
+  PreviousPolarity Exchange(const Event& event) {
+    using enum PreviousPolarity;
+    // From a table: what comes next no branch can foretell.
+    static constexpr PreviousPolarity kPrevious[][2] = {{kSame, kOther}, {kOther, kSame}, {kUnknown, kUnknown}};
+    if (event.x >= sensor_.width_px || event.y >= sensor_.height_px) return kUnknown;
     uint8_t& last = last_[static_cast<size_t>(event.y) * sensor_.width_px + event.x];
     const uint8_t polarity = event.polarity != 0 ? 1 : 0;
-    if (last != kNothing) next.previous = last == polarity ? PreviousPolarity::kSame : PreviousPolarity::kOther;
+    const PreviousPolarity previous = kPrevious[last][polarity];
     last = polarity;
-    return next;
+    return previous;
   }
+  // The event with that.
+  WindowEvent Next(const Event& event) { return {event, Exchange(event)}; }
 
   // Into a history of the same sensor; after a failure (reader.status()) it must not be used.
   void SaveState(StateWriter& writer) const;

@@ -15,7 +15,7 @@ constexpr uint64_t kPreviousMask = 3;
 
 }  // namespace
 
-void SaveWindowEvents(StateWriter& writer, int64_t t_begin_us, const std::vector<WindowEvent>& events) {
+void SaveWindowEvents(StateWriter& writer, int64_t t_begin_us, absl::Span<const WindowEvent> events) {
   writer.Count(events.size());
   int64_t t_us = t_begin_us;
   for (const WindowEvent& event : events) {
