@@ -16,8 +16,8 @@ constexpr double kTestableEvents = 20.0;
 void LineEvidence::Add(const LineEvidence& other) {
   gated += other.gated;
   along += other.along;
-  near += other.near;
-  chance += other.chance;
+  excess += other.excess;
+  variance += other.variance;
   noise += other.noise;
   expected += other.expected;
   length_px += other.length_px;
@@ -26,8 +26,8 @@ void LineEvidence::Add(const LineEvidence& other) {
 void LineEvidence::Fade(double factor) {
   gated *= factor;
   along *= factor;
-  near *= factor;
-  chance *= factor;
+  excess *= factor;
+  variance *= factor;
   noise *= factor;
   expected *= factor;
   length_px *= factor;
@@ -53,24 +53,28 @@ void TrackHealth::Reset() {
 
 void TrackHealth::AddWindow(const CameraModel& camera, const WindowInput& input, absl::Span<const ImageLine> lines,
                             const Vector6d& twist) {
-  const double near_share = options_.near_px / options_.gate_px;
   window_lines_.clear();
   for (size_t k = 0; k < lines.size(); ++k) {
     LineEvidence& evidence = evidence_[input.lines[k].model_line];
-    window_lines_.push_back({&evidence, static_cast<double>(evidence.along.size()) / lines[k].length_px});
+    window_lines_.push_back({&evidence, static_cast<double>(evidence.along.size()) / lines[k].length_px, {}, {}});
   }
   for (const Observation& event : input.events) {
     const NearLines near = FindNearLines(event, lines.data(), options_.gate_px, 0.0);
     if (near.count == 0) continue;
-    const WindowLine& line = window_lines_[near.line[0]];
+    WindowLine& line = window_lines_[near.line[0]];
     LineEvidence& evidence = *line.evidence;
     const double share = OwnShare(near.distance_px[0], event.competing);
     evidence.gated += share;
     const double place = lines[near.line[0]].AlongPx(event.u_px, event.v_px) * line.places_per_px;
     evidence.along[static_cast<int>(std::clamp(place, 0.0, evidence.along.size() - 1.0))] += share;
-    evidence.near += std::abs(near.distance_px[0]) <= options_.near_px ? share : 0.0;
-    evidence.chance += share * near_share;
+    line.gated_of[event.polarity] += share;
+    line.near_of[event.polarity] += std::abs(near.distance_px[0]) <= options_.near_px ? share : 0.0;
     gated_ += share;
+  }
+  for (const WindowLine& line : window_lines_) {
+    for (int polarity = 0; polarity < 2; ++polarity) {
+      AddExcess(line.gated_of[polarity], line.near_of[polarity], *line.evidence);
+    }
   }
   for (size_t k = 0; k < lines.size(); ++k) {
     if (!lines[k].in_view()) continue;
@@ -127,14 +131,22 @@ bool TrackHealth::IsQuiet() const {
   return gated_ <= noise + options_.significance_sigma * std::sqrt(noise * options_.dispersion);
 }
 
-double TrackHealth::ExcessSigma(double gated, double near, double chance) const {
-  if (gated <= 0.0) return 0.0;
-  const double share = chance / gated;
-  return (near - chance) / std::sqrt(gated * share * (1.0 - share) * options_.dispersion);
+void TrackHealth::AddExcess(double gated, double near, LineEvidence& evidence) const {
+  // As many others beside the events of a line say little against it.
+  constexpr double kFewEvents = 4.0;
+  const double share = options_.near_px / options_.gate_px;
+  const double weight = kFewEvents / (kFewEvents + gated - near);
+  evidence.excess += weight * (near - share * gated);
+  evidence.variance += weight * weight * gated * share * (1.0 - share);
+}
+
+double TrackHealth::ExcessSigma(const LineEvidence& line) const {
+  if (line.variance <= 0.0) return 0.0;
+  return line.excess / std::sqrt(line.variance * options_.dispersion);
 }
 
 bool TrackHealth::IsSupported(const LineEvidence& line) const {
-  return ExcessSigma(line.gated, line.near, line.chance) >= options_.significance_sigma;
+  return ExcessSigma(line) >= options_.significance_sigma;
 }
 
 bool TrackHealth::IsExpected(const LineEvidence& line, double noise) const {
@@ -172,7 +184,7 @@ HealthVerdict TrackHealth::Weigh(double min_support_ratio, double sure_support_r
     ++verdict.supported_lines;
     supported_length += length_px;
   }
-  verdict.sigma = ExcessSigma(total.gated, total.near, total.chance);
+  verdict.sigma = ExcessSigma(total);
   verdict.present_ratio = total.length_px > 0.0 ? present_length / total.length_px : 0.0;
   verdict.testable_ratio = total.length_px > 0.0 ? testable_length / total.length_px : 0.0;
   verdict.support_ratio = testable_length > 0.0 ? supported_length / testable_length : 0.0;

@@ -3,6 +3,7 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <array>
 #include <cstdint>
 #include <vector>
 
@@ -15,10 +16,13 @@ namespace evpose {
 
 // What the windows since the last verdict say of one model line.
 struct LineEvidence {
-  double gated = 0.0;     // events within gate_px of it, nearest to it
-  double near = 0.0;      // of them, within near_px
-  double chance = 0.0;    // of them, near by chance: their number times the near share of the gate's area
-  double noise = 0.0;     // of them, those that come anywhere on the sensor
+  double gated = 0.0;  // events within gate_px of it, nearest to it
+  // Of them those within near_px, less their number times the near share of the gate's area, and the variance of that
+  // by chance. Each window's events of each polarity weigh the less the more are not near: while a lamp grows brighter
+  // its ON events are everywhere, and what the OFF events say is not to drown in them.
+  double excess = 0.0;
+  double variance = 0.0;
+  double noise = 0.0;     // of the gated, those that come anywhere on the sensor
   double expected = 0.0;  // events that its motion should have made at the least
   // Of the gated ones, by their place along it: a line's own come all along it, those of what crosses it at one place.
   Eigen::Matrix<double, 8, 1> along = Eigen::Matrix<double, 8, 1>::Zero();
@@ -29,11 +33,11 @@ struct LineEvidence {
 
   // Of most lines of a large model there is nothing to be kept.
   static void VisitState(auto& archive, auto& self) {
-    auto& [gated, near, chance, noise, expected, along, length_px] = self;
-    bool is_empty = gated == 0 && near == 0 && chance == 0 && noise == 0 && expected == 0 && length_px == 0;
+    auto& [gated, excess, variance, noise, expected, along, length_px] = self;
+    bool is_empty = gated == 0 && excess == 0 && variance == 0 && noise == 0 && expected == 0 && length_px == 0;
     archive(is_empty);
     if (is_empty) return;
-    archive(Finite(gated), Finite(near), Finite(chance), Finite(noise), Finite(expected), Finite(along),
+    archive(Finite(gated), Finite(excess), Finite(variance), Finite(noise), Finite(expected), Finite(along),
             Finite(length_px));
   }
 };
@@ -94,7 +98,8 @@ class TrackHealth {
   // The share of the background noise that a verdict reckons with.
   double CreditedNoiseRatio() const;
   bool IsQuiet() const;
-  double ExcessSigma(double gated, double near, double chance) const;
+  void AddExcess(double gated, double near, LineEvidence& evidence) const;
+  double ExcessSigma(const LineEvidence& line) const;
 
   const HealthOptions options_;
   const double min_events_per_px2_;
@@ -108,7 +113,8 @@ class TrackHealth {
   bool was_quiet_ = false;   // the last verdict was kFewEvents
   struct WindowLine {
     LineEvidence* evidence;
-    double places_per_px;  // of LineEvidence::along
+    double places_per_px;                               // of LineEvidence::along
+    std::array<double, 2> gated_of = {}, near_of = {};  // by polarity
   };
   std::vector<WindowLine> window_lines_;
 };

@@ -32,7 +32,8 @@ class HealthTest : public ::testing::Test {
   }
 
   // `count` events evenly over a strip about a line, or about a part of it, in fractions of its length.
-  void AddEvents(int line, int count, double half_width_px, double along_begin = 0.0, double along_end = 1.0) {
+  void AddEvents(int line, int count, double half_width_px, double along_begin = 0.0, double along_end = 1.0,
+                 uint8_t polarity = 0) {
     for (int i = 0; i < count; ++i) {
       Observation event;
       const Eigen::Vector2d pixel = lines_[line].PointAt(random_.Uniform(along_begin, along_end));
@@ -41,6 +42,7 @@ class HealthTest : public ::testing::Test {
       const Eigen::Vector3d bearing = BearingOf(camera_, {event.u_px, event.v_px});
       event.bx = bearing.x();
       event.by = bearing.y();
+      event.polarity = polarity;
       grid_.GiveLines(event);
       events_.push_back(event);
     }
@@ -89,6 +91,25 @@ TEST_F(HealthTest, HalfOfAPoseIsInDoubtAfterSomePatience) {
 TEST_F(HealthTest, AFifthOfAPoseDoesNotSupportIt) {
   for (int i = 0; i < 4; ++i) EXPECT_EQ(WindowWithOwn(2).kind, Kind::kOpen) << i;
   EXPECT_EQ(WindowWithOwn(2).kind, Kind::kUnsupported);
+}
+
+TEST_F(HealthTest, AFewEventsOfOnePolarityAreHeardAmongManyOfTheOther) {
+  // As while a lamp grows brighter: a line's own 20 are OFF, those of the lit surface about it are ON. Weighed alike
+  // the own ones would be 20 more than chance gives, of 420 near and beside, and that is within its spread.
+  const auto judge = [&](double own_half_width_px) {
+    HealthVerdict verdict;
+    for (int i = 0; i < 10 && verdict.kind == Kind::kOpen; ++i) {
+      for (int k = 0; k < kNumLines; ++k) {
+        AddEvents(k, 400, 8.0, 0.0, 1.0, 1);
+        AddEvents(k, 20, own_half_width_px, 0.0, 1.0, 0);
+      }
+      CloseWindow();
+      verdict = Judge();
+    }
+    return verdict.kind;
+  };
+  EXPECT_EQ(judge(1.0), Kind::kSupported);
+  EXPECT_EQ(judge(8.0), Kind::kUnsupported);
 }
 
 TEST_F(HealthTest, EventsAsDenseAsElsewhereSayNothing) {
