@@ -25,9 +25,10 @@ class LineClutterTest : public ::testing::Test {
     ProjectLines(camera_, state, tracked_, lines_);
   }
   void Learn(const std::vector<LineCounts>& counts) { clutter_.Learn(tracked_, lines_, counts, kDensity.gate_px); }
-  std::vector<SideDensities> Densities() const {
-    std::vector<SideDensities> densities;
-    clutter_.Densities(tracked_, lines_, kDensity, densities);
+  // `counts`: of the window itself.
+  std::vector<LineDensities> Densities(const std::vector<LineCounts>& counts = {}) const {
+    std::vector<LineDensities> densities;
+    clutter_.Densities(tracked_, lines_, counts, kDensity.gate_px, kDensity, densities);
     return densities;
   }
 
@@ -37,41 +38,74 @@ class LineClutterTest : public ::testing::Test {
   std::vector<ImageLine> lines_;
   LineClutter clutter_{camera_};
   // As of a line that nothing is known of.
-  const SideDensities shared_ = {kDensity.Outlier(), kDensity.Outlier()};
+  const LineDensities shared_ = LineDensities::Of(kDensity);
 };
 
+// 80 events of its own and 4 in each pixel beside it, half of them of either polarity: gates of 6 px leave strips of 2.
+const LineCounts kBelow = {{40.0, 40.0}, {{{4.0, 4.0}, {0.0, 0.0}}}};
+const LineCounts kAbove = {{40.0, 40.0}, {{{0.0, 0.0}, {4.0, 4.0}}}};
+const LineCounts kAlone = {{40.0, 40.0}, {}};
+// What makes events of both polarities as dense as they are.
+constexpr double kDense = (1.0 - 0.2) * 4.0 / 80.0;
+
 TEST_F(LineClutterTest, EachSideOfEachLineHasItsOwn) {
-  EXPECT_EQ(Densities(), (std::vector<SideDensities>{shared_, shared_}));
-  // 80 events of its own, and 4 in each pixel on one side: gates of 6 px leave strips of 2.
-  for (int i = 0; i < 50; ++i) Learn({{80.0, {8.0, 0.0}}, {80.0, {0.0, 0.0}}});
-  const std::vector<SideDensities> densities = Densities();
-  const double expected = (1.0 - kDensity.outlier_ratio) * 4.0 / 80.0;
-  EXPECT_NEAR(densities[0][0], expected, 0.1 * expected);
-  EXPECT_EQ(densities[0][1], kDensity.Outlier());
+  EXPECT_EQ(Densities(), (std::vector<LineDensities>{shared_, shared_}));
+  for (int i = 0; i < 50; ++i) Learn({kBelow, kAlone});
+  const std::vector<LineDensities> densities = Densities();
+  for (int polarity = 0; polarity < 2; ++polarity) {
+    EXPECT_NEAR(densities[0].beside[0][polarity], kDense, 0.1 * kDense);
+    EXPECT_EQ(densities[0].beside[1][polarity], kDensity.Outlier());
+    EXPECT_DOUBLE_EQ(densities[0].own[polarity], 1.0);
+  }
   EXPECT_EQ(densities[1], shared_);
 }
 
+TEST_F(LineClutterTest, EachPolarityHasItsOwn) {
+  // OFF is the lamp's, ON the first line's.
+  for (int i = 0; i < 50; ++i) Learn({{{0.0, 80.0}, {{{8.0, 0.0}, {0.0, 0.0}}}}, kAlone});
+  const LineDensities line = Densities()[0];
+  EXPECT_NEAR(line.beside[0][0], 2.0 * kDense, 0.2 * kDense);
+  EXPECT_EQ(line.beside[0][1], kDensity.Outlier());
+  EXPECT_LT(line.own[0], 0.2);
+  EXPECT_NEAR(line.own[0] + line.own[1], 2.0, 1e-12);
+  // The other way the edge makes the other one; what the lamp makes is the same.
+  Move(-0.5);
+  const LineDensities back = Densities()[0];
+  EXPECT_DOUBLE_EQ(back.own[0], line.own[1]);
+  EXPECT_DOUBLE_EQ(back.own[1], line.own[0]);
+  EXPECT_EQ(back.beside, line.beside);
+}
+
+TEST_F(LineClutterTest, AWindowsOwnCountsAreNotLate) {
+  for (int i = 0; i < 50; ++i) Learn({kAlone, kAlone});
+  const LineCounts burst = {{40.0, 40.0}, {{{400.0, 0.0}, {0.0, 0.0}}}};
+  const std::vector<LineDensities> densities = Densities({burst, kAlone});
+  EXPECT_GT(densities[0].beside[0][0], 50.0 * kDensity.Outlier());
+  EXPECT_EQ(densities[1], shared_);
+  EXPECT_EQ(Densities()[0], shared_) << "it is not learned by being used";
+}
+
 TEST_F(LineClutterTest, IsForgottenAfterAsManyEventsWithoutIt) {
-  for (int i = 0; i < 50; ++i) Learn({{80.0, {8.0, 0.0}}, {80.0, {0.0, 8.0}}});
-  for (int i = 0; i < 20; ++i) Learn({{80.0, {0.0, 0.0}}, {80.0, {0.0, 0.0}}});
-  EXPECT_EQ(Densities(), (std::vector<SideDensities>{shared_, shared_}));
-  Learn({{80.0, {80.0, 0.0}}, {80.0, {0.0, 0.0}}});
+  for (int i = 0; i < 50; ++i) Learn({kBelow, kAbove});
+  for (int i = 0; i < 20; ++i) Learn({kAlone, kAlone});
+  EXPECT_EQ(Densities(), (std::vector<LineDensities>{shared_, shared_}));
+  Learn({{{40.0, 40.0}, {{{40.0, 40.0}, {0.0, 0.0}}}}, kAlone});
   EXPECT_NE(Densities()[0], shared_);
   clutter_.Reset();
   EXPECT_EQ(Densities()[0], shared_);
 }
 
-TEST_F(LineClutterTest, NothingIsLearnedOfALineAtRestNorSaid) {
-  const std::vector<LineCounts> counts = {{80.0, {80.0, 0.0}}, {80.0, {0.0, 80.0}}};
+TEST_F(LineClutterTest, OfALineAtRestBothSidesAreAsDense) {
   Move(0.0);
-  for (int i = 0; i < 50; ++i) Learn(counts);
-  EXPECT_EQ(Densities(), (std::vector<SideDensities>{shared_, shared_}));
+  for (int i = 0; i < 50; ++i) Learn({{{0.0, 80.0}, kBelow.beside}, kAbove});
+  for (const LineDensities& line : Densities()) {
+    EXPECT_EQ(line.beside[0], line.beside[1]);
+    EXPECT_NEAR(line.beside[0][0], kDense, 0.1 * kDense);
+    EXPECT_EQ(line.own, shared_.own) << "it has no events of its own";
+  }
   Move(0.5);
-  Learn(counts);
-  EXPECT_NE(Densities()[0], shared_);
-  EXPECT_NE(Densities()[1], shared_);
-  Move(0.0);
-  EXPECT_EQ(Densities(), (std::vector<SideDensities>{shared_, shared_}));
+  EXPECT_EQ(Densities()[0].own, shared_.own) << "nor are those that it had at rest told by their polarity";
+  EXPECT_EQ(Densities()[0].beside[1], shared_.beside[1]);
 }
 
 // Events of an outline, and as many again on its inner side, as a flickering lamp makes them there.
@@ -98,7 +132,7 @@ class OneSidedClutter : public ::testing::Test {
     events_.push_back(event);
   }
   // Of the events that the line explains, px.
-  double MeanDistance(const std::vector<SideDensities>& clutter) {
+  double MeanDistance(const std::vector<LineDensities>& clutter) {
     WindowInput input;
     input.events = events_;
     input.lines = tracked_;
@@ -116,14 +150,14 @@ class OneSidedClutter : public ::testing::Test {
 };
 
 TEST_F(OneSidedClutter, NoLongerDrawsTheLineOnceItIsKnown) {
-  const std::vector<SideDensities> even = {{kDensity.Outlier(), kDensity.Outlier()}};
+  const std::vector<LineDensities> even = {LineDensities::Of(kDensity)};
   EXPECT_GT(std::abs(MeanDistance(even)), 0.1);
   LineClutter clutter(camera_);
-  std::vector<SideDensities> learned = even;
+  std::vector<LineDensities> learned = even;
   for (int i = 0; i < 5; ++i) {
     MeanDistance(learned);
-    clutter.Learn(tracked_, lines_, {{sums_[0].sums.weight(), sums_[0].beside}}, kDensity.gate_px);
-    clutter.Densities(tracked_, lines_, kDensity, learned);
+    clutter.Learn(tracked_, lines_, {{sums_[0].counts.polarity, sums_[0].beside}}, kDensity.gate_px);
+    clutter.Densities(tracked_, lines_, {}, 0.0, kDensity, learned);
   }
   EXPECT_LT(std::abs(MeanDistance(learned)), 0.02);
   EXPECT_NEAR(sums_[0].sums.weight(), 20'000.0, 1000.0);

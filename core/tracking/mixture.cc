@@ -53,11 +53,8 @@ class MixtureEstimator : public WindowEstimator {
     }
     LearnDisplacement();
     counts_.clear();
-    line_counts_.clear();
-    for (const MixtureLine& line : sums_) {
-      counts_.push_back(line.counts);
-      line_counts_.push_back({line.sums.weight(), line.beside});
-    }
+    for (const MixtureLine& line : sums_) counts_.push_back(line.counts);
+    CountLines();
     clutter_.Learn(input.lines, lines_, line_counts_, final_gate_px_);
     edge_bias_.Learn(input.lines, lines_, counts_, input.duration_s, input.events_per_observation);
   }
@@ -75,12 +72,16 @@ class MixtureEstimator : public WindowEstimator {
   void LoadState(StateReader& reader) override { VisitState(reader, *this); }
   static void VisitState(auto& archive, auto& self) {
     auto& [options, sensor, camera, table, sigma_px, outlier_ratio, displacement_px2, displacement_factor, noise_per_px,
-           final_gate_px, lines, sums, counts, line_counts, side_densities, answers, edge_bias, clutter] = self;
+           final_gate_px, lines, sums, counts, line_counts, densities, answers, edge_bias, clutter] = self;
     archive(InRange(sigma_px, 1e-6, 1e6), AtMost(outlier_ratio, 1.0), Finite(displacement_px2),
             InRange(displacement_factor, 1.0, 1e6), edge_bias, clutter);
   }
 
  private:
+  void CountLines() {
+    line_counts_.clear();
+    for (const MixtureLine& line : sums_) line_counts_.push_back({line.counts.polarity, line.beside});
+  }
   // What the lines' events have in common is seen in what the fit leaves of it: the lines' mean residuals.
   void LearnDisplacement();
   double FirstGatePx(double spread_px, double gate_factor) const {
@@ -95,9 +96,11 @@ class MixtureEstimator : public WindowEstimator {
   // Moves `state` to the minimum for the present sums; returns the largest movement of a line's middle, pixels.
   double Minimise(const MotionState& predicted, const Matrix12d& prior_information, const WindowInput& input,
                   double sigma_px, MotionState& state);
-  // Counts the lines' answers; returns the share of them that is missing.
-  double NormalEquations(const MotionState& state, const WindowInput& input, double sigma_px, Matrix12d& hessian,
-                         Vector12d& gradient);
+  // Counts the lines' answers; returns the share of them that is missing. kComplete: as if it were known whose the
+  // events are, for a step of expectation-maximisation; kObserved: what they tell without, for the covariance.
+  enum class Information { kComplete, kObserved };
+  double NormalEquations(const MotionState& state, const WindowInput& input, double sigma_px, Information information,
+                         Matrix12d& hessian, Vector12d& gradient);
   double MovementPx(const Vector12d& dx, double duration_s) const;
   // Events in the gates that come as anywhere on the sensor. A line that rests has only those, and must not be fitted
   // to them.
@@ -117,7 +120,7 @@ class MixtureEstimator : public WindowEstimator {
   std::vector<MixtureLine> sums_;
   std::vector<EdgeCounts> counts_;
   std::vector<LineCounts> line_counts_;
-  std::vector<SideDensities> side_densities_;
+  std::vector<LineDensities> densities_;
   std::vector<LineAnswer> answers_;
   EdgeBias edge_bias_;
   LineClutter clutter_;
@@ -153,14 +156,18 @@ void MixtureEstimator::Fit(const MotionState& predicted, const WindowInput& inpu
   MixtureDensity density{sigma_px_, outlier_ratio_, FirstGatePx(spread_px, gate_factor)};
   double annealed_px2 = spread_px * spread_px;
   MixtureTotals totals;
+  double counts_gate_px = 0.0;  // of line_counts_
+  line_counts_.clear();
   for (int pass = 0; pass < options_.max_passes; ++pass) {
     const bool last = pass + 1 == options_.max_passes;
     // The gate and the spread shrink to their final values: what is uncertain at first is the prediction.
     if (last) annealed_px2 = 0.0;
     density.sigma_px = std::sqrt(sigma_px_ * sigma_px_ + annealed_px2);
     density.gate_px = std::max(options_.gate_px, std::min(density.gate_px, 4.0 * density.sigma_px * gate_factor));
-    clutter_.Densities(input.lines, lines_, density, side_densities_);
-    totals = AccumulateMixture(input, lines_, density, side_densities_, table_, sums_);
+    clutter_.Densities(input.lines, lines_, line_counts_, counts_gate_px, density, densities_);
+    counts_gate_px = density.gate_px;
+    totals = AccumulateMixture(input, lines_, density, densities_, table_, sums_);
+    CountLines();
     const double background = Background(input, density.gate_px) / std::max(totals.num_gated, 1.0);
     density.outlier_ratio = std::clamp(background, outlier_ratio_, std::max(outlier_ratio_, kMaxBackgroundRatio));
     noise_per_px_ = input.background_per_px2 * density.OwnWidthPx(table_);
@@ -173,7 +180,7 @@ void MixtureEstimator::Fit(const MotionState& predicted, const WindowInput& inpu
   Vector12d gradient = Vector12d::Zero();
   AddPriorEquations(state, predicted, prior_information, hessian, gradient);
   fit.Clear();
-  fit.missing_ratio = NormalEquations(state, input, density.sigma_px, hessian, gradient);
+  fit.missing_ratio = NormalEquations(state, input, density.sigma_px, Information::kObserved, hessian, gradient);
   state.covariance = SymmetricInverse(hessian);
 
   final_gate_px_ = density.gate_px;
@@ -195,7 +202,7 @@ double MixtureEstimator::Minimise(const MotionState& predicted, const Matrix12d&
     Matrix12d hessian = Matrix12d::Zero();
     Vector12d gradient = Vector12d::Zero();
     AddPriorEquations(state, predicted, prior_information, hessian, gradient);
-    NormalEquations(state, input, sigma_px, hessian, gradient);
+    NormalEquations(state, input, sigma_px, Information::kComplete, hessian, gradient);
     const Vector12d dx = -hessian.ldlt().solve(gradient);
     if (!dx.allFinite()) break;
     const double step_px = MovementPx(dx, input.duration_s);
@@ -208,12 +215,14 @@ double MixtureEstimator::Minimise(const MotionState& predicted, const Matrix12d&
 }
 
 double MixtureEstimator::NormalEquations(const MotionState& state, const WindowInput& input, double sigma_px,
-                                         Matrix12d& hessian, Vector12d& gradient) {
-  const double scale = 1.0 / (sigma_px * sigma_px * options_.events_per_information);
+                                         Information information, Matrix12d& hessian, Vector12d& gradient) {
+  const double event_scale = 1.0 / (sigma_px * sigma_px * options_.events_per_information);
   const double displacement_px =
       options_.edge_noise_px_sqrt_s * std::sqrt(displacement_factor_ / std::max(input.duration_s, 1e-6));
   for (size_t k = 0; k < lines_.size(); ++k) {
     if (!lines_[k].in_view() || sums_[k].sums.weight() <= 0.0) continue;
+    const double scale =
+        information == Information::kObserved ? sums_[k].ObservedRatio(sigma_px) * event_scale : event_scale;
     AddNormalEquations(sums_[k].sums, lines_[k], scale, hessian, gradient);
     if (displacement_px <= 0.0) continue;
     MarginaliseDisplacement(sums_[k].sums, lines_[k], scale, {AlongLine(camera_, lines_[k]), displacement_px}, hessian,
@@ -264,8 +273,15 @@ double MixtureEstimator::MovementPx(const Vector12d& dx, double duration_s) cons
 
 }  // namespace
 
+double MixtureLine::ObservedRatio(double sigma_px) const {
+  // Where the line's events are few among many, their spread is not known well enough to tell more.
+  constexpr double kLeast = 0.1;
+  if (sums.weight() <= 0.0) return kLeast;
+  return std::clamp(1.0 - doubtful_px2 / (sigma_px * sigma_px * sums.weight()), kLeast, 1.0);
+}
+
 MixtureTotals AccumulateMixture(const WindowInput& input, absl::Span<const ImageLine> lines,
-                                const MixtureDensity& shared_density, absl::Span<const SideDensities> clutter,
+                                const MixtureDensity& shared_density, absl::Span<const LineDensities> densities,
                                 const ExpTable& table, std::vector<MixtureLine>& sums) {
   // A copy that no sum can alias: what is the same for all events is computed once.
   const MixtureDensity density = shared_density;
@@ -276,13 +292,15 @@ MixtureTotals AccumulateMixture(const WindowInput& input, absl::Span<const Image
   for (const Observation& event : input.events) {
     const NearLines near = FindNearLines(event, lines.data(), density.gate_px, kEndMarginPx);
     if (near.count == 0) continue;
-    double likelihood[2] = {density.Line(near.distance_px[0], table), 0.0};
-    if (near.count == 2) likelihood[1] = density.Line(near.distance_px[1], table);
+    double likelihood[2] = {};
+    for (int k = 0; k < near.count; ++k) {
+      likelihood[k] = densities[near.line[k]].own[event.polarity] * density.Line(near.distance_px[k], table);
+    }
     const double competing = inlier_ratio * event.competing;
     const int side = near.distance_px[0] > 0.0 ? 1 : 0;
-    const double outlier = clutter[near.line[0]][side];
+    const double outlier = densities[near.line[0]].beside[side][event.polarity];
     const double inverse = 1.0 / (likelihood[0] + likelihood[1] + outlier + competing);
-    if (std::abs(near.distance_px[0]) > beside_px) sums[near.line[0]].beside[side] += outlier * inverse;
+    if (std::abs(near.distance_px[0]) > beside_px) sums[near.line[0]].beside[side][event.polarity] += outlier * inverse;
     totals.num_gated += 1.0 - competing * inverse;
     for (int k = 0; k < near.count; ++k) {
       const double weight = likelihood[k] * inverse;
@@ -293,6 +311,7 @@ MixtureTotals AccumulateMixture(const WindowInput& input, absl::Span<const Image
       const int half = line.AlongPx(event.u_px, event.v_px) < 0.5 * line.length_px ? 0 : 1;
       sum.counts.Add(event, half, weight);
       sum.half_weight[half] += weight;
+      sum.doubtful_px2 += weight * (1.0 - weight) * near.distance_px[k] * near.distance_px[k];
       totals.weight += weight;
       totals.weighted_squares_px2 += weight * near.distance_px[k] * near.distance_px[k];
     }

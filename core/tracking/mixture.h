@@ -19,7 +19,11 @@ struct MixtureLine {
   LineSums sums;
   EdgeCounts counts;
   std::array<double, 2> half_weight = {};  // explained events of its first and its second half
-  std::array<double, 2> beside = {};       // LineCounts::beside
+  std::array<ByPolarity, 2> beside = {};   // LineCounts::beside
+  double doubtful_px2 = 0.0;               // sum of w (1 - w) d^2
+  // What the events tell of where the line is, as a share of what they would, were it known which are the line's: the
+  // missing information principle (Louis, "Finding the observed information matrix when using the EM algorithm", 1982).
+  double ObservedRatio(double sigma_px) const;
 };
 
 struct MixtureTotals {
@@ -29,9 +33,9 @@ struct MixtureTotals {
 };
 
 // One pass: shares every event between its two nearest lines, other objects and the clutter beside the nearest line
-// (one entry of `clutter` for each), and sums by line. `sums` has one entry per image line and is overwritten.
+// (one entry of `densities` for each line), and sums by line. `sums` has one entry per image line and is overwritten.
 MixtureTotals AccumulateMixture(const WindowInput& input, absl::Span<const ImageLine> lines,
-                                const MixtureDensity& density, absl::Span<const SideDensities> clutter,
+                                const MixtureDensity& density, absl::Span<const LineDensities> densities,
                                 const ExpTable& table, std::vector<MixtureLine>& sums);
 
 // What the lines should have made and made in a window, by this twist. Of the events explained, `noise_per_px` for each

@@ -149,9 +149,9 @@ TEST_P(MixtureReference, MinimumAndCovarianceEqualCeresOverAllEvents) {
   WindowInput input;
   input.events = events_;
   input.lines = tracked_;
-  const std::vector<SideDensities> clutter(lines_.size(), {density_.Outlier(), density_.Outlier()});
+  const std::vector<LineDensities> even(lines_.size(), LineDensities::Of(density_));
   std::vector<MixtureLine> sums;
-  const MixtureTotals totals = AccumulateMixture(input, lines_, density_, clutter, table_, sums);
+  const MixtureTotals totals = AccumulateMixture(input, lines_, density_, even, table_, sums);
   ASSERT_GT(totals.weight, 600.0);
 
   Vector12d x = Vector12d::Zero();
@@ -160,7 +160,7 @@ TEST_P(MixtureReference, MinimumAndCovarianceEqualCeresOverAllEvents) {
   std::vector<MixtureLine> of_event;
   for (const Observation& event : events_) {
     input.events = absl::MakeConstSpan(&event, 1);
-    AccumulateMixture(input, lines_, density_, clutter, table_, of_event);
+    AccumulateMixture(input, lines_, density_, even, table_, of_event);
     for (size_t k = 0; k < of_event.size(); ++k) {
       const double weight = of_event[k].sums.weight();
       if (weight <= 0.0) continue;

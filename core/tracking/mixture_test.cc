@@ -2,7 +2,7 @@
 
 #include <gtest/gtest.h>
 
-#include <vector>
+#include <cmath>
 
 #include "core/base/random.h"
 #include "core/tracking/ideal_events.h"
@@ -38,7 +38,7 @@ class MixtureTest : public ::testing::Test {
     input.events = events;
     input.duration_s = 0.001;
     input.lines = tracked_;
-    const std::vector<SideDensities> even(lines_.size(), {density.Outlier(), density.Outlier()});
+    const std::vector<LineDensities> even(lines_.size(), LineDensities::Of(density));
     return AccumulateMixture(input, lines_, density, even, table_, sums_);
   }
   // The missing share of what Accumulate's events leave, as from a window of 10 ms.
@@ -70,6 +70,51 @@ TEST_F(MixtureTest, AnEventBetweenTwoLinesIsShared) {
   Accumulate({At(0.5, 10.0)}, density);
   // exp(-(0.5^2 - 2.5^2) / 2) = e^3 to one.
   EXPECT_NEAR(Weight(sums_[0]) / Weight(sums_[1]), 20.0855, 0.02);
+}
+
+TEST_F(MixtureTest, DoubtWhoseEventsAreCostsAsMuchInformationAsTheLikelihoodSays) {
+  for (const double outlier_ratio : {0.05, 0.5, 0.9}) {
+    const MixtureDensity density = {0.5, outlier_ratio, 1.4};  // the other line is out of reach
+    Random random(3);
+    std::vector<Observation> events;
+    std::vector<double> distances_px;
+    for (int i = 0; i < 20'000; ++i) {
+      const double du_px =
+          random.Uniform() < outlier_ratio ? random.Uniform(-1.4, 1.4) : density.sigma_px * random.Normal();
+      if (std::abs(du_px) >= 1.4) continue;
+      distances_px.push_back(du_px);
+      events.push_back(At(du_px, 0.0));
+    }
+    Accumulate(events, density);
+    const double claimed = sums_[0].ObservedRatio(density.sigma_px) * Weight(sums_[0]) / std::pow(density.sigma_px, 2);
+    const auto log_likelihood = [&](double shift_px) {
+      double sum = 0.0;
+      for (const double d_px : distances_px) {
+        const double u = (d_px - shift_px) / density.sigma_px;
+        const double line = (1.0 - outlier_ratio) * std::exp(-0.5 * u * u) / (density.sigma_px * std::sqrt(2.0 * M_PI));
+        sum += std::log(line + density.Outlier());
+      }
+      return sum;
+    };
+    constexpr double kStepPx = 0.02;
+    const double curvature =
+        (log_likelihood(kStepPx) - 2.0 * log_likelihood(0.0) + log_likelihood(-kStepPx)) / (kStepPx * kStepPx);
+    EXPECT_NEAR(claimed, -curvature, 0.02 * Weight(sums_[0]) / std::pow(density.sigma_px, 2)) << outlier_ratio;
+  }
+}
+
+TEST_F(MixtureTest, AnEventOfTheWrongPolarityIsLessTheLines) {
+  const MixtureDensity density = {0.5, 0.2, 1.4};
+  WindowInput input;
+  const std::vector<Observation> events = {At(0.0, 0.0, 0), At(0.0, 0.0, 1)};
+  input.events = events;
+  input.lines = tracked_;
+  std::vector<LineDensities> densities(lines_.size(), LineDensities::Of(density));
+  densities[0].own = {0.1, 1.9};
+  AccumulateMixture(input, lines_, density, densities, table_, sums_);
+  const double line = density.Line(0.0, table_);
+  EXPECT_NEAR(sums_[0].counts.polarity[0], 0.1 * line / (0.1 * line + density.Outlier()), 1e-12);
+  EXPECT_NEAR(sums_[0].counts.polarity[1], 1.9 * line / (1.9 * line + density.Outlier()), 1e-12);
 }
 
 TEST_F(MixtureTest, SumsAreByLineHalfAndPolarity) {
