@@ -241,16 +241,20 @@ void MixtureEstimator::LearnDisplacement() {
   constexpr double kMaxFactor = 30.0;
   double count = 0.0;
   double squares_px2 = 0.0;
+  double observed_squares = 0.0;
   for (size_t k = 0; k < lines_.size(); ++k) {
     const LineSums& sums = sums_[k].sums;
     if (sums.weight() < kMinWeight || !lines_[k].in_view()) continue;
     const double mean_px = sums.Sum(0).dot(lines_[k].a_expected) + sums.Sum(1).dot(lines_[k].a_dot);
     const double w = sums.weight();
-    squares_px2 += mean_px * mean_px / (w * w) - sigma_px_ * sigma_px_ * options_.events_per_information / w;
+    const double observed = sums_[k].ObservedRatio(sigma_px_);
+    squares_px2 += mean_px * mean_px / (w * w) - observed * sigma_px_ * sigma_px_ * options_.events_per_information / w;
+    observed_squares += observed * observed;
     count += 1.0;
   }
   if (count <= kLinesOfAPose) return;
-  displacement_px2_ += kForget * (squares_px2 / (count - kLinesOfAPose) - displacement_px2_);
+  const double mean_px2 = squares_px2 / (observed_squares * (1.0 - kLinesOfAPose / count));
+  displacement_px2_ += kForget * (mean_px2 - displacement_px2_);
   const double usual_px = options_.usual_displacement_px;
   displacement_factor_ = std::clamp(displacement_px2_ / (usual_px * usual_px), 1.0, kMaxFactor);
 }
