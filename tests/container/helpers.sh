@@ -134,6 +134,12 @@ check_files() {
   for file in compose compose.cluster; do
     docker compose --file "deploy/$file.yaml" --file "deploy/$file.tls.yaml" config --quiet || fail "deploy/$file.tls.yaml is not valid on top of $file.yaml"
   done
+  # A command of the file on top replaces all of that below.
+  docker compose --file deploy/compose.cluster.yaml --file deploy/compose.cluster.tls.yaml config --format json | python3 -c '
+import json, sys
+commands = [service["command"] for name, service in json.load(sys.stdin)["services"].items() if name.startswith("server-")]
+sys.exit(len(commands) != 3 or not all("--shutdown-notice" in command for command in commands))' ||
+    fail "with deploy/compose.cluster.tls.yaml the servers leave without a notice"
   openssl req -x509 -newkey ec -pkeyopt ec_paramgen_curve:P-256 -nodes -days 1 -subj "/CN=cluster" -keyout "$EVPOSE_SECRETS/server.crt.key" \
     -out "$EVPOSE_SECRETS/server.crt" 2>/dev/null
   chmod 755 "$EVPOSE_SECRETS" && chmod 444 "$EVPOSE_SECRETS"/server.crt*
