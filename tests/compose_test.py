@@ -2,6 +2,7 @@
 """The compose files against each other, without a container engine, which tests/container/run.sh brings."""
 
 import pathlib
+import re
 import sys
 
 import yaml
@@ -46,7 +47,16 @@ def check_tls(below, on_top):
             check(encrypted.get(option, "") == value, name, "of", on_top, "has not", option, value or "", "of", below)
 
 
+def check_versions():
+    """What the images are called, and say they are, when nobody names a version: that of the project."""
+    version = re.search(r"^project\(evpose VERSION ([\d.]+)", (ROOT / "CMakeLists.txt").read_text(), re.M)[1]
+    for name in ("Dockerfile", "compose.yaml", "compose.cluster.yaml"):
+        said = re.findall(r"VERSION(?:=|:-)([^}\s]*)", (ROOT / "deploy" / name).read_text())
+        check(said and set(said) == {version}, name, "says", said, "and not", version)
+
+
 def main():
+    check_versions()
     check_tls("compose.yaml", "compose.tls.yaml")
     check_tls("compose.cluster.yaml", "compose.cluster.tls.yaml")
 
