@@ -266,6 +266,7 @@ def main():
         objects = render(folder)
         given = {name: document for part in needed for name, document in secrets[part].items()}
         pod = Pod(folder, objects, given)
+        check(pod.container["terminationMessagePolicy"] == "FallbackToLogsOnError", folder, "hides why a server does not start")
         check(pod.container["image"] == f"evpose-server:{version}", folder, pod.container["image"], "is not", version)
         check_security(folder, objects)
         check_references(pod, objects)
