@@ -1,12 +1,12 @@
 #!/usr/bin/env bash
-# Alerts and dashboard: Prometheus takes them, each alert fires when it should, and they ask for nothing that the server
-# does not tell.
+# Alerts, metrics and dashboard: Prometheus takes them, Grafana finds what it is given, each alert fires when it should,
+# and nothing is asked for that the server does not tell.
 #   tests/monitoring_test.sh EVPOSE_SERVER
 set -euo pipefail
 server=$(realpath "${1:?usage: $0 EVPOSE_SERVER}")
 cd "$(dirname "${BASH_SOURCE[0]}")/../deploy"
 
-promtool check config prometheus/prometheus.yml
+for file in prometheus cluster; do promtool check config "prometheus/$file.yml"; done
 promtool test rules prometheus/alerts_test.yml
 
 coproc evpose { exec "$server" --store memory --listen 127.0.0.1:0 --metrics-listen 127.0.0.1:0 --log-level off; }
@@ -17,7 +17,11 @@ read -r _ _ address <&"${evpose[0]}"
 python3 - "$address" <<'PYTHON'
 import json, pathlib, re, subprocess, sys, tempfile, urllib.request
 
+import yaml
+
 page = urllib.request.urlopen(f"http://{sys.argv[1]}/metrics").read().decode()
+# How Prometheus wants metrics to be named and told.
+subprocess.run(["promtool", "check", "metrics"], input=page, text=True, check=True)
 told = set()
 for name, kind in re.findall(r"^# TYPE (\w+) (\w+)$", page, re.M):
     told |= {f"{name}_{part}" for part in ("bucket", "sum", "count")} if kind == "histogram" else {name}
@@ -41,6 +45,20 @@ for panel in dashboard["panels"]:
     mine = {(place["x"] + i, place["y"] + j) for i in range(place["w"]) for j in range(place["h"])}
     assert place["x"] + place["w"] <= 24 and not mine & cells, f"{panel['title']} lies over another panel"
     cells |= mine
+
+# What Grafana is given: the dashboard stands where the provider looks, its panels ask the one data source.
+provisioning = pathlib.Path("grafana/provisioning")
+[source] = yaml.safe_load((provisioning / "datasources/prometheus.yml").read_text())["datasources"]
+[provider] = yaml.safe_load((provisioning / "dashboards/evpose.yml").read_text())["providers"]
+services = yaml.safe_load(pathlib.Path("compose.yaml").read_text())["services"]
+mounts = dict(volume.split(":")[:2] for volume in services["grafana"]["volumes"])
+assert mounts["./grafana/provisioning"] == "/etc/grafana/provisioning", "Grafana does not find what provisions it"
+assert mounts["./grafana/evpose.json"] == provider["options"]["path"] + "/evpose.json", "the provider looks elsewhere"
+assert source["url"] == "http://prometheus:9090" and "prometheus" in services, "the data source is at no service"
+who_ask = charts + [target for panel in charts for target in panel["targets"]] + dashboard["templating"]["list"]
+for asker in who_ask:
+    name = asker.get("title") or asker.get("refId") or asker["name"]
+    assert asker["datasource"] == {"type": source["type"], "uid": source["uid"]}, f"{name} asks {asker['datasource']}"
 
 # What Prometheus thinks of the expressions.
 rules = [{"record": f"chart:{i}", "expr": text.replace("$instance", ".*")} for i, text in enumerate(expressions)]
