@@ -43,6 +43,34 @@ class TrackTest : public RpcTest {
     poses += response.pose().SerializeAsString();
   }
 
+  // A server whose log holds 4096 poses, and a session on it with three objects.
+  v1::Session ThreeObjectsAndASmallLog(v1::OverloadPolicy policy) {
+    ServerOptions options = Options();
+    options.pose_log_capacity = 4096;
+    Connect(options);
+    v1::CreateSessionRequest request = CreateRequest();
+    v1::SessionConfig& config = *request.mutable_config();
+    config.set_overload_policy(policy);
+    if (policy == v1::OVERLOAD_POLICY_LATEST) config.mutable_max_lag()->set_seconds(10);
+    for (int i = 1; i < 3; ++i) {
+      *config.add_objects() = config.objects(0);
+      config.mutable_objects(i)->set_object_id(absl::StrCat("cube", i));
+    }
+    v1::Session session;
+    EXPECT_EQ(Describe(Create(request, &session)), "OK");
+    return session;
+  }
+  // A chunk that is worked on at once and makes more poses than that log holds: 6141, and three more at the end.
+  static std::string ManyPoses() { return Flat64(SomeEvents(1, 2049, 1)); }
+  // Reads the poses with these numbers, each once and in order.
+  static void ExpectPoses(RawTrack& track, uint64_t first, uint64_t last) {
+    v1::TrackResponse response;
+    for (uint64_t seq = first; seq <= last; ++seq) {
+      ASSERT_TRUE(track.ReadUntil(Kind::kPose, response)) << seq << ": " << Describe(track.Finish());
+      ASSERT_EQ(response.pose().pose_seq(), seq);
+    }
+  }
+
   // Attaches, sends `request`, and gives how the call ended.
   grpc::Status AfterAttach(const v1::Session& session, const v1::TrackRequest& request) {
     const auto track = Attached(session);
@@ -255,6 +283,53 @@ TEST_F(TrackTest, TakesUpABrokenStreamWithoutLosingOrRepeatingAPose) {
   }
   EXPECT_EQ(expected, 21u);
   EXPECT_EQ(Describe(track.Finish()), "OK");
+}
+
+TEST_F(TrackTest, AStreamWithBlockGetsMorePosesAtOnceThanTheLogHolds) {
+  const auto track = Attached(ThreeObjectsAndASmallLog(v1::OVERLOAD_POLICY_BLOCK));
+  ASSERT_TRUE(track->Events(1, ManyPoses()));
+  ASSERT_TRUE(track->End());
+  ExpectPoses(*track, 1, 6144);
+  v1::TrackResponse response;
+  ASSERT_TRUE(track->ReadUntil(Kind::kSummary, response));
+  EXPECT_EQ(response.summary().health().poses(), 6144u);
+  EXPECT_EQ(Describe(track->Finish()), "OK");
+}
+
+TEST_F(TrackTest, WhoAttachesBeforeTheyAreMadeGetsThemToo) {
+  v1::Session session = ThreeObjectsAndASmallLog(v1::OVERLOAD_POLICY_BLOCK);
+  v1::Attached attached;
+  gate_->Close();
+  {
+    const auto track = Attached(session, &attached);
+    ASSERT_TRUE(track->Events(1, ManyPoses()));
+    v1::Session seen;
+    while (seen.health().received_bytes() == 0) Get(session.name(), &seen);
+    track->Cancel();
+    EXPECT_EQ(Describe(track->Finish()), "CANCELLED");
+  }
+  session.set_resume_token(attached.resume_token());
+  const auto track = Attached(session, &attached);
+  EXPECT_EQ(attached.first_pose_seq(), 1u);
+  gate_->Open();
+  ExpectPoses(*track, 1, 6141);
+}
+
+TEST_F(TrackTest, WithLatestAStreamIsToldOfPosesThatWereForgotten) {
+  v1::Session session = ThreeObjectsAndASmallLog(v1::OVERLOAD_POLICY_LATEST);
+  v1::Attached attached;
+  {
+    const auto track = Attached(session, &attached);
+    ASSERT_TRUE(track->Events(1, ManyPoses()));
+    const grpc::Status status = track->Finish();
+    EXPECT_EQ(Describe(status), "ABORTED POSES_FORGOTTEN");
+    EXPECT_THAT(status.error_message(), testing::HasSubstr("pose 1 is no longer stored"));
+  }
+  session.set_resume_token(attached.resume_token());
+  const auto track = Attached(session, &attached);
+  EXPECT_EQ(attached.next_seq(), 2u);
+  EXPECT_EQ(attached.first_pose_seq(), 6141u - 4096 + 1) << "it goes on after the gap";
+  ExpectPoses(*track, attached.first_pose_seq(), 6141);
 }
 
 TEST_F(TrackTest, ALaterAttachFencesTheOlderStream) {

@@ -444,11 +444,11 @@ void Session::Publish(bool item_is_done) {
   const uint64_t first_pose_seq = next_pose_seq_;
   const std::vector<StoredPose> poses = NumberPoses();
   LogWork(item_is_done);
-  pose_log_.Append(poses, FirstUncommittedPoseSeq());
   std::shared_ptr<SessionListener> stream_listener;
   std::unique_ptr<SessionPipeline> ended_pipeline;  // its memory goes after the lock
   {
     const std::lock_guard lock(mutex_);
+    pose_log_.Append(poses, FirstPoseSeqKept());  // under the lock: who attaches meanwhile is to have them, too
     CountWork(poses);
     for (const StoredPose& pose : poses) latencies_.Add(pose.latency_us);
     health_.poses = next_pose_seq_ - 1;

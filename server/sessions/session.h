@@ -268,7 +268,7 @@ class Session : public WatchedSession, public std::enable_shared_from_this<Sessi
   bool TakeItem();
   bool WriteDueCheckpoint();
   void WriteCheckpoint();
-  uint64_t FirstUncommittedPoseSeq() const;
+  uint64_t FirstPoseSeqKept() const ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   bool WorkOnItem();
   bool WorkOnEvents(const EventChunk& chunk);
   void SkipOrTrack(absl::Span<const uint8_t> slice);

@@ -193,11 +193,13 @@ uint64_t Session::LastPoseSeqToSend() const {
   return std::min(health_.poses, committer_->progress().last_pose_seq + kMaxPosesBeyondStore);
 }
 
-// The poses that wait for it stay in the log.
-uint64_t Session::FirstUncommittedPoseSeq() const {
-  if (!limits_.writes_checkpoints) return UINT64_MAX;
-  const std::lock_guard lock(mutex_);
-  return checkpoint_pose_seq_ + 1;
+// The poses that wait for the store stay in the log, and with kBlock those that wait for their reader: a slice may make
+// more of them than the log holds.
+uint64_t Session::FirstPoseSeqKept() const {
+  uint64_t first = UINT64_MAX;
+  if (limits_.writes_checkpoints) first = checkpoint_pose_seq_ + 1;
+  if (is_attached_ && config_.overload_policy == OverloadPolicy::kBlock) first = std::min(first, sent_pose_seq_ + 1);
+  return first;
 }
 
 bool Session::WriteDueCheckpoint() {
