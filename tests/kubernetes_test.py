@@ -171,6 +171,9 @@ def check_cluster(objects, pod, metrics):
     check(adapter["name"]["as"] == pods["metric"]["name"], "the adapter and the autoscaler name different metrics")
     check(adapter["seriesQuery"].split("{")[0] in metrics, "the adapter asks for what evpose-server does not tell")
     check('evpose_sessions{state="closed"}' in metrics, "there is no state closed")
+    alerts = pathlib.Path("deploy/prometheus/alerts.yml").read_text()
+    check('state!="closed"' in adapter["metricsQuery"] and '(evpose_sessions{state!="closed"})' in alerts,
+          "the autoscaler and the alert EvposeCapacity count different sessions")
     host, port = pod.environment["EVPOSE_STORE"].removeprefix("redis://").split(":")
     redis = objects["Service", host]
     check(redis["spec"]["ports"][0]["port"] == int(port), "Redis listens elsewhere")

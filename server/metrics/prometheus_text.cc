@@ -103,7 +103,7 @@ void AddState(const ServerState& state, const BuildVersion& build, Families& fam
   families.Value(sessions.detached, {{"state", "detached"}});
   families.Value(sessions.ended, {{"state", "ended"}});
   families.Value(sessions.closed, {{"state", "closed"}});
-  families.AddGauge("evpose_max_sessions", "Sessions that this server takes at a time, whatever their states.",
+  families.AddGauge("evpose_max_sessions", "Sessions that this server takes at a time: attached, detached and ended.",
                     state.max_sessions);
   families.AddByKind("evpose_objects", MetricType::Gauge, "Objects of sessions that have not ended.", "state",
                      kTrackStates, [&sessions](TrackState track_state) {
