@@ -18,12 +18,25 @@ namespace {
 std::atomic<int> g_interrupts = 0;
 static_assert(std::atomic<int>::is_always_lock_free, "a signal handler must not lock");
 
+// Process 1 of a container is left alone by a signal's usual effect.
+void EndAtOnce(int signal) {
+  sigset_t signals;
+  sigemptyset(&signals);
+  sigaddset(&signals, signal);
+  std::signal(signal, SIG_DFL);
+  pthread_sigmask(SIG_UNBLOCK, &signals, nullptr);
+  raise(signal);
+  _exit(128 + signal);
+}
+
 // The first asks for a clean end: what was tracked so far is written. The second ends the process.
 void HandleInterrupt(int signal) {
-  if (++g_interrupts > 1) {
-    std::signal(signal, SIG_DFL);
-    raise(signal);
-  }
+  if (++g_interrupts > 1) EndAtOnce(signal);
+}
+
+void HandleEndSignals(void (*handle)(int)) {
+  std::signal(SIGINT, handle);
+  std::signal(SIGTERM, handle);
 }
 
 }  // namespace
@@ -34,8 +47,9 @@ int main(int argc, char** argv) {
   const std::string bench = command == "bench" && argc > 2 ? argv[2] : "";
   const std::set<std::string> clean = {"render", "replay", "simulate", "stream", "watch"};
   if (clean.count(command) > 0 || bench == "speed" || bench == "synthetic") {
-    std::signal(SIGINT, HandleInterrupt);
-    std::signal(SIGTERM, HandleInterrupt);
+    HandleEndSignals(HandleInterrupt);
+  } else if (getpid() == 1) {
+    HandleEndSignals(EndAtOnce);
   }
   // What gRPC's log says of a connection that fails, several times, is in our one line; whoever wants it sets this.
   setenv("GRPC_VERBOSITY", "NONE", 0);

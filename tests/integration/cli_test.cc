@@ -5,6 +5,7 @@
 #include <gtest/gtest.h>
 
 #include <atomic>
+#include <csignal>
 #include <filesystem>
 #include <future>
 #include <memory>
@@ -270,6 +271,31 @@ TEST_F(CliTest, AnInterruptLeavesNoHalfRecording) {
   EXPECT_EQ(result.status, 1);
   EXPECT_THAT(result.err, HasSubstr("evpose simulate: interrupted"));
   EXPECT_THAT(FilesBeginning("long"), IsEmpty());
+}
+
+// The shell's words for: `evpose ...` as process 1 of a container, whose number outside is $pid; `wait $outside` has
+// its exit status.
+std::string AsProcess1(const std::string& evpose) {
+  return "unshare --pid --fork --kill-child " + evpose +
+         " & outside=$!\n"
+         "until read pid </proc/$outside/task/$outside/children || test \"$pid\"; do test -e /proc/$outside/exe; "
+         "done\n";
+}
+
+// Which a signal's usual effect leaves alone.
+TEST_F(CliTest, Process1EndsAtASignal) {
+  if (RunShell("unshare --pid --fork true").status != 0) GTEST_SKIP() << "this kernel or user makes no process 1";
+  const CliResult command = RunShell("mkfifo pipe; exec 3<>pipe; rm pipe\n" + AsProcess1("evpose info - <&3") +
+                                     kUntilItCatchesInterrupts + "kill -TERM $pid\nwait $outside");
+  EXPECT_EQ(command.status, 128 + SIGTERM) << command.err;
+  EXPECT_EQ(command.err, "");
+
+  // One signal asks for a clean end. Both are there when it goes on, and the last that it handles is the first.
+  const CliResult twice =
+      RunShell(AsProcess1("evpose simulate --object cube --camera vga --duration 600 --out long") +
+               "until ls long/.simulation-in-progress 2>ignored | grep -q partial; do test -e /proc/$pid/exe; done\n"
+               "kill -STOP $pid; kill -INT $pid; kill -TERM $pid; kill -CONT $pid\nwait $outside");
+  EXPECT_EQ(twice.status, 128 + SIGINT) << twice.err;
 }
 
 TEST_F(CliTest, AnInterruptEndsAnOutage) {
