@@ -101,7 +101,7 @@ class RawClient {
     while (!summary && !is_enough()) {
       if (!stream->Read(&response)) {
         const grpc::Status status = stream->Finish();
-        ADD_FAILURE() << status.error_code() << " " << status.error_message();
+        EXPECT_NE(on_go_away_, nullptr) << status.error_code() << " " << status.error_message();
         return false;
       }
       if (response.has_attached()) {
@@ -117,6 +117,7 @@ class RawClient {
         processed_seq = std::max(processed_seq, response.ack().processed_seq());
         durable_seq_ = std::max(durable_seq_, response.ack().durable_seq());
       }
+      if (response.notice().has_go_away() && on_go_away_ != nullptr) on_go_away_();
       summary = response.has_summary();
       if (summary) {
         EXPECT_EQ(response.summary().health().poses(), poses_.size());
@@ -142,6 +143,8 @@ class RawClient {
 
   // Called with the number of poses so far, between two of them.
   void OnPose(std::function<void(size_t)> on_pose) { on_pose_ = std::move(on_pose); }
+  // Called when the server says that it leaves; with this, a stream may break.
+  void OnGoAway(std::function<void()> on_go_away) { on_go_away_ = std::move(on_go_away); }
 
   const std::string& session() const { return session_.name(); }
   const std::vector<std::string>& poses() const { return poses_; }
@@ -160,6 +163,7 @@ class RawClient {
   std::vector<std::string> poses_;  // but for what depends on the clock
   uint64_t durable_seq_ = 0;
   std::function<void(size_t)> on_pose_;
+  std::function<void()> on_go_away_;
 };
 
 // The session and the bytes of the largest piece of any session's poses.
@@ -274,9 +278,9 @@ TEST_F(SurvivalTest, ASessionMovesBetweenServersOnOneRedis) {
   RunningServer one(OnRedis(redis));
   RunningServer two(OnRedis(redis));
   RawClient client = MakeClient(one);
-  const auto moves = static_cast<size_t>(std::max(NumKills() / 5, 3));
-  for (size_t i = 1; i <= moves; ++i) {
-    EXPECT_FALSE(client.Stream(i % 2 == 0 ? one : two, i * expected.size() / (moves + 1)));
+  constexpr size_t kMoves = 10;
+  for (size_t i = 1; i <= kMoves; ++i) {
+    EXPECT_FALSE(client.Stream(i % 2 == 0 ? one : two, i * expected.size() / (kMoves + 1)));
   }
   EXPECT_TRUE(client.Stream(one, SIZE_MAX));
   EXPECT_TRUE(client.poses() == expected);
@@ -320,6 +324,29 @@ TEST_F(SurvivalTest, AServerThatLeavesKeepsWhatWasProcessed) {
   EXPECT_FALSE(client.Stream(*server, expected.size() / 2));
   server->program().Signal(SIGTERM);
   EXPECT_EQ(server->program().Wait(), 0);
+  server = std::make_unique<RunningServer>(arguments);
+  EXPECT_TRUE(client.Stream(*server, SIZE_MAX));
+  EXPECT_TRUE(client.poses() == expected);
+}
+
+TEST_F(SurvivalTest, AServerThatIsToldTwiceToLeaveLosesNothingEither) {
+  const std::vector<std::string> expected = Undisturbed();
+  const std::vector<std::string> arguments = Sqlite("data");
+  auto server = std::make_unique<RunningServer>(arguments);
+  RawClient client = MakeClient(*server);
+  client.OnPose([&](size_t poses) {
+    if (poses == expected.size() / 2) server->program().Signal(SIGTERM);
+  });
+  int status = 0;
+  client.OnGoAway([&] {  // it waits for this stream, which does not end
+    server->program().Signal(SIGTERM);
+    status = server->program().Wait();
+  });
+  EXPECT_FALSE(client.Stream(*server, SIZE_MAX));
+  EXPECT_EQ(status, -SIGTERM) << "at once";
+  EXPECT_LT(client.poses().size(), expected.size());
+  client.OnPose(nullptr);
+  client.OnGoAway(nullptr);
   server = std::make_unique<RunningServer>(arguments);
   EXPECT_TRUE(client.Stream(*server, SIZE_MAX));
   EXPECT_TRUE(client.poses() == expected);
