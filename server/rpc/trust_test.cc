@@ -12,6 +12,7 @@
 #include "server/auth/token_file.h"
 #include "server/rpc/testing.h"
 #include "server/sessions/log_testing.h"
+#include "server/stores/memory_store.h"
 
 namespace evpose::server {
 namespace {
@@ -256,6 +257,34 @@ TEST_F(TokensTest, AnotherTenantsSessionsAndModelsAreNotThere) {
   EXPECT_EQ(server.active_sessions(), 1u);
 }
 
+TEST_F(TokensTest, AnotherTenantsDamagedSessionIsNotThereEither) {
+  const std::string name = "sessions/0123456789abcdef0123456789abcdef";
+  std::unique_ptr<Store> store = MakeMemoryStore();
+  ASSERT_TRUE(store->CreateSession({.name = name, .tenant = "lab", .config = "no configuration"}, "no lifecycle").ok());
+  ServerOptions options = Options();
+  options.listen_address = "127.0.0.1:0";
+  options.token_file = files_.Path("tokens");
+  server_ = StartServer(options, FakeTrackers(gate_), std::move(store)).value();
+  const auto errors = [&](const NewToken& token) {
+    Use(OpenChannel(server_->port(), token.token));
+    v1::Session session;
+    const std::string error = Describe(Get(name, &session));
+    RawTrack track(*sessions_);
+    track.Attach(name, "token");
+    EXPECT_EQ(Describe(track.Finish()), error);
+    grpc::ClientContext context;
+    v1::WatchPosesRequest request;
+    request.set_session(name);
+    EXPECT_EQ(Describe(sessions_->WatchPoses(&context, request)->Finish()), error);
+    return error;
+  };
+  EXPECT_EQ(errors(field_), "NOT_FOUND SESSION_NOT_FOUND");
+  EXPECT_EQ(Describe(Delete(name)), "OK") << "as what never was";
+  EXPECT_EQ(errors(lab_), "DATA_LOSS SESSION_DAMAGED") << "it is there still";
+  EXPECT_EQ(Describe(Delete(name)), "OK");
+  EXPECT_EQ(errors(lab_), "NOT_FOUND SESSION_NOT_FOUND");
+}
+
 TEST_F(TokensTest, EachTenantHasItsShare) {
   ServerOptions options = Options();
   options.listen_address = "127.0.0.1:0";
@@ -280,6 +309,12 @@ TEST_F(TokensTest, EachTenantHasItsShare) {
     const auto first = watch(first_context);
     EXPECT_TRUE(first->Read(&health));
     EXPECT_EQ(Describe(watch(second_context)->Finish()), "RESOURCE_EXHAUSTED TENANT_QUOTA");
+    grpc::ClientContext poses_context;
+    v1::WatchPosesRequest poses;
+    poses.set_session(session.name());
+    const grpc::Status refused = sessions_->WatchPoses(&poses_context, poses)->Finish();
+    EXPECT_EQ(Describe(refused), "RESOURCE_EXHAUSTED TENANT_QUOTA");
+    EXPECT_EQ(DetailOf<google::rpc::QuotaFailure>(refused).violations(0).subject(), "tenant_watchers");
     EXPECT_EQ(Describe(Delete(session.name())), "OK");
     while (first->Read(&health)) continue;
     EXPECT_EQ(Describe(first->Finish()), "NOT_FOUND SESSION_DELETED");
@@ -332,6 +367,15 @@ TEST_F(IdleTest, AStreamTooManyIsTurnedAway) {
     const grpc::Status status = RawTrack(*sessions_).Finish();
     EXPECT_EQ(Describe(status), "RESOURCE_EXHAUSTED TOO_MANY_STREAMS");
     EXPECT_EQ(DetailOf<google::rpc::QuotaFailure>(status).violations(0).subject(), "max_streams");
+    EXPECT_GT(DetailOf<google::rpc::RetryInfo>(status).retry_delay().seconds(), 0);
+    grpc::ClientContext poses_context, health_context;
+    v1::WatchPosesRequest poses;
+    poses.set_session(session.name());
+    EXPECT_EQ(Describe(sessions_->WatchPoses(&poses_context, poses)->Finish()), "RESOURCE_EXHAUSTED TOO_MANY_STREAMS");
+    v1::WatchHealthRequest health;
+    health.set_session(session.name());
+    EXPECT_EQ(Describe(sessions_->WatchHealth(&health_context, health)->Finish()),
+              "RESOURCE_EXHAUSTED TOO_MANY_STREAMS");
     EXPECT_TRUE(track->End());
     v1::TrackResponse response;
     EXPECT_TRUE(track->ReadUntil(v1::TrackResponse::kSummary, response));

@@ -212,8 +212,8 @@ std::shared_ptr<SessionMirror> SessionManager::FindMirror(const std::string& ten
 absl::StatusOr<std::shared_ptr<WatchedSession>> SessionManager::Mirror(const std::string& tenant,
                                                                        const std::string& name) {
   if (auto mirror = FindMirror(tenant, name); mirror != nullptr && mirror->Watch().status.ok()) return mirror;
-  EVPOSE_ASSIGN_OR_RETURN(SessionFactory::Stored stored, factory_.Read(name));
-  if (stored.record.tenant != tenant || !options_.shares_store) return SessionNotFound(name);
+  EVPOSE_ASSIGN_OR_RETURN(SessionFactory::Stored stored, ReadOwn(tenant, name));
+  if (!options_.shares_store) return SessionNotFound(name);
   const auto read = [this, name](uint64_t after_pose_seq) { return factory_.Read(name, after_pose_seq); };
   auto mirror = SessionMirror::Start(std::move(stored), read, options_.limits.pose_log_capacity, kMirrorPeriod, pool_);
   const std::lock_guard lock(mutex_);
@@ -236,8 +236,7 @@ absl::StatusOr<std::shared_ptr<Session>> SessionManager::TakeForAttach(const std
   std::shared_ptr<Session> here = FindOpen(tenant, name);
   if (here != nullptr && here->IsTokenGood(resume_token)) return here;
   if (here != nullptr && !options_.shares_store) return WrongToken(name);
-  EVPOSE_ASSIGN_OR_RETURN(const SessionFactory::Stored stored, factory_.Read(name));
-  if (stored.record.tenant != tenant) return SessionNotFound(name);
+  EVPOSE_ASSIGN_OR_RETURN(const SessionFactory::Stored stored, ReadOwn(tenant, name));
   if (!IsDigestGood(TokenDigest(resume_token), stored.lifecycle)) return WrongToken(name);
   if (here == nullptr) {
     const std::lock_guard lock(mutex_);
@@ -256,9 +255,22 @@ absl::StatusOr<std::shared_ptr<Session>> SessionManager::TakeForAttach(const std
 absl::StatusOr<SessionInfo> SessionManager::Describe(const std::string& tenant, const std::string& name) {
   DeleteExpired();
   if (const auto session = FindOpen(tenant, name); session != nullptr) return session->Describe();
-  EVPOSE_ASSIGN_OR_RETURN(SessionFactory::Stored stored, factory_.Read(name));
-  if (stored.record.tenant != tenant) return SessionNotFound(name);
+  EVPOSE_ASSIGN_OR_RETURN(SessionFactory::Stored stored, ReadOwn(tenant, name));
   return std::move(stored.info);
+}
+
+absl::StatusOr<SessionFactory::Stored> SessionManager::ReadOwn(const std::string& tenant,
+                                                               const std::string& name) const {
+  auto stored = factory_.Read(name);
+  if (stored.ok() && stored->record.tenant != tenant) return SessionNotFound(name);
+  if (!absl::IsDataLoss(stored.status())) return stored;
+  // Whose it is may be readable still. Where it is not, who knows the name, which nobody can guess, is the owner.
+  const auto records = store_.ListSessions();
+  if (!records.ok()) return FromStore(records.status());
+  const auto record =
+      std::find_if(records->begin(), records->end(), [&name](const auto& listed) { return listed.name == name; });
+  if (record != records->end() && record->tenant != tenant) return SessionNotFound(name);
+  return stored;
 }
 
 absl::StatusOr<std::vector<SessionInfo>> SessionManager::List(const std::string& tenant, absl::string_view after_name,
@@ -306,9 +318,8 @@ absl::Status SessionManager::Delete(const std::string& tenant, const std::string
 }
 
 absl::Status SessionManager::DeleteStored(const std::string& tenant, const std::string& name, const std::string& peer) {
-  const auto stored = factory_.Read(name);
-  if (absl::IsNotFound(stored.status()) || (stored.ok() && stored->record.tenant != tenant)) return absl::OkStatus();
-  // Whose a damaged one is cannot be told; who knows its name, which nobody can guess, may delete it.
+  const auto stored = ReadOwn(tenant, name);
+  if (absl::IsNotFound(stored.status())) return absl::OkStatus();
   if (!stored.ok() && !absl::IsDataLoss(stored.status())) return stored.status();
   const absl::Status deleted = FromStore(store_.DeleteSession(name));
   if (deleted.ok()) {

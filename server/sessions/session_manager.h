@@ -125,6 +125,8 @@ class SessionManager {
   std::vector<std::shared_ptr<Session>> Sessions() const;
   // Null when nobody watches it yet.
   std::shared_ptr<SessionMirror> FindMirror(const std::string& tenant, const std::string& name);
+  // From the store, if it is this tenant's: to others it is not there. Errors: as Describe.
+  absl::StatusOr<SessionFactory::Stored> ReadOwn(const std::string& tenant, const std::string& name) const;
   absl::Status DeleteStored(const std::string& tenant, const std::string& name, const std::string& peer);
   absl::StatusOr<std::shared_ptr<Session>> Take(const std::string& name);
   void Insert(const std::shared_ptr<Session>& session, const Request& request) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
