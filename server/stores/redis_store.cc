@@ -160,7 +160,8 @@ class RedisStore : public Store {
   absl::Status Check() {
     EVPOSE_RETURN_IF_ERROR(CheckServer());
     EVPOSE_ASSIGN_OR_RETURN(const std::vector<std::string> sessions, Members(kRedisSessionsKey));
-    for (const std::string& name : sessions) NoteDamage(absl::StrCat("session ", name), ReadRecord(name).status());
+    // The whole of each: what is damaged is told now, not when its client comes back.
+    for (const std::string& name : sessions) NoteDamage(absl::StrCat("session ", name), ReadSession(name, 0).status());
     EVPOSE_ASSIGN_OR_RETURN(const std::vector<std::string> models, Members(kRedisModelsKey));
     for (const std::string& member : models) {
       const auto model = ReadMember(member);

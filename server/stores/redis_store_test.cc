@@ -216,6 +216,7 @@ TEST_F(RedisStoreFixture, NamesWhatWasTamperedWith) {
     const absl::Status status = store_->TakeSession("sessions/a").status();
     EXPECT_EQ(status.code(), StatusCode::kDataLoss) << words;
     EXPECT_THAT(std::string(status.message()), HasSubstr(words));
+    EXPECT_THAT(Open()->damage(), testing::ElementsAre(AllOf(HasSubstr("session sessions/a: "), HasSubstr(words))));
   }
   ASSERT_TRUE(store_->DeleteSession("sessions/a").ok());
   ASSERT_TRUE(store_->CreateSession(Record("sessions/b"), "").ok());
