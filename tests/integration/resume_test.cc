@@ -156,7 +156,10 @@ TEST_F(ResumeTest, ConnectionCutAtRandomPlaces) {
   SimulateCube(0.3);
   const std::string expected = Undisturbed();
   const uint64_t size = std::filesystem::file_size(Path("cube/recording.raw"));
-  for (const int num_cuts : {3, 25, 25}) {
+  constexpr int kCuts = 50;
+  // Of those that are planned some come too late, behind the end.
+  for (int num_cuts = 3; proxy_.num_cut() < kCuts;
+       num_cuts = std::clamp(2 * (kCuts - proxy_.num_cut()), 3, kCuts / 2)) {
     // The first one after the session was created: what precedes it is not repeated.
     std::vector<uint64_t> limits = {30'000};
     const uint64_t mean = size / static_cast<uint64_t>(num_cuts);
@@ -167,7 +170,7 @@ TEST_F(ResumeTest, ConnectionCutAtRandomPlaces) {
     ASSERT_EQ(result.status, 0) << result.err;
     EXPECT_TRUE(ReadText("cut.csv") == expected);
     const nlohmann::json report = result.Json();
-    EXPECT_GE(proxy_.num_cut() - before, num_cuts / 3);
+    ASSERT_GE(proxy_.num_cut() - before, num_cuts / 3);
     // What is cut behind the summary is no outage.
     EXPECT_LE(report["outages"], proxy_.num_cut() - before);
     EXPECT_GE(report["outages"], proxy_.num_cut() - before - 1);
@@ -182,9 +185,10 @@ TEST_F(ResumeTest, ClientKilledAtRandomMoments) {
   const std::vector<std::string> arguments =
       ReplayArguments("poses.csv", {"--server", address_, "--resume", Path("state"), "--rate", "1"});
   const int null = open("/dev/null", O_RDONLY | O_CLOEXEC);
+  constexpr int kKills = 20;
   int num_killed = 0;
-  for (int round = 0; round < 7; ++round) {
-    for (int life = 0; life < 3; ++life) {
+  for (int round = 0; round < 3 * kKills && num_killed < kKills; ++round) {
+    for (int life = 0; life < 3 && num_killed < kKills; ++life) {
       const uint64_t wanted = SizeOf("poses.csv.partial") + random_() % (expected.size() / 2);
       Program program = Start(arguments, null);
       while (program.IsRunning() && SizeOf("poses.csv.partial") < wanted) std::this_thread::yield();
@@ -205,7 +209,7 @@ TEST_F(ResumeTest, ClientKilledAtRandomMoments) {
     std::filesystem::remove(Path("poses.csv"));
   }
   close(null);
-  EXPECT_GE(num_killed, 10);
+  EXPECT_EQ(num_killed, kKills);
 }
 
 TEST_F(ResumeTest, StreamFromAPipeWhileTheServerIsNotThereYet) {
