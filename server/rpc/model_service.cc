@@ -143,7 +143,8 @@ class UploadReactor : public grpc::ServerReadReactor<v1::UploadModelRequest>,
                               absl::StrCat("is ", size_bytes_, ", but only ", received_bytes_, " bytes came")));
     }
     if (known_ != nullptr) return AnswerKnown();
-    services_.pool.PostSlow([this] {
+    // Held, here and below: OnDone may come on another thread before the lock is given back.
+    services_.pool.PostSlow([this, self = shared_from_this()] {
       const std::lock_guard lock(mutex_);
       const auto model = services_.models.Upload(caller_->tenant, reading_, sha256_hex_,
                                                  std::make_shared<const std::vector<uint8_t>>(std::move(bytes_)));
@@ -155,7 +156,7 @@ class UploadReactor : public grpc::ServerReadReactor<v1::UploadModelRequest>,
   void AnswerKnown() {
     const absl::Status status = CheckSha256(sha256_hex_, known_->digest.FinishHex(), size_bytes_);
     if (!status.ok()) return End(status);
-    services_.pool.PostSlow([this] {
+    services_.pool.PostSlow([this, self = shared_from_this()] {
       const std::lock_guard lock(mutex_);
       const ModelInfo& info = known_->model.info;
       const absl::Status stored = services_.models.CheckStored(caller_->tenant, info.name);
