@@ -96,7 +96,16 @@ TEST_F(ServerTest, NamesTheFieldOfABadConfiguration) {
        }},
       {"config.camera.distortion", [](auto& config) { config.mutable_camera()->add_distortion(0.1); }},
       {"config.objects", [](auto& config) { config.clear_objects(); }},
+      {"config.objects",
+       [](auto& config) {
+         for (int i = 1; i < 17; ++i) {
+           *config.add_objects() = config.objects(0);
+           config.mutable_objects(i)->set_object_id(absl::StrCat("cube", i));
+         }
+       }},
       {"config.objects[0].object_id", [](auto& config) { config.mutable_objects(0)->clear_object_id(); }},
+      {"config.objects[0].object_id",
+       [](auto& config) { config.mutable_objects(0)->set_object_id(std::string(65, 'x')); }},
       {"config.objects[0].model", [](auto& config) { config.mutable_objects(0)->clear_model(); }},
       {"config.objects[1].object_id", [](auto& config) { *config.add_objects() = config.objects(0); }},
       {"config.objects[0].initial_camera_from_object.rotation",
@@ -225,6 +234,41 @@ TEST_F(ServerTest, ListsSessionsInPages) {
   EXPECT_EQ(Describe(sessions_->ListSessions(&strange, request, &response)), "INVALID_ARGUMENT page_token");
 }
 
+TEST_F(ServerTest, RefusesStrangePagesOfModels) {
+  const auto list = [this](int32_t page_size, const std::string& page_token) {
+    grpc::ClientContext context;
+    v1::ListModelsRequest request;
+    request.set_page_size(page_size);
+    request.set_page_token(page_token);
+    v1::ListModelsResponse response;
+    return Describe(models_->ListModels(&context, request, &response));
+  };
+  EXPECT_EQ(list(-1, ""), "INVALID_ARGUMENT page_size");
+  EXPECT_EQ(list(1, "sessions/1"), "INVALID_ARGUMENT page_token");
+  EXPECT_EQ(list(1, UploadCube()), "OK");
+}
+
+TEST_F(ServerTest, NothingNewBeginsAfterADrain) {
+  const v1::Session session = CreateSession();
+  const v1::CreateSessionRequest request = CreateRequest();
+  grpc::ClientContext drain_context, poses_context, health_context;
+  v1::DrainResponse drained;
+  ASSERT_EQ(Describe(admin_->Drain(&drain_context, {}, &drained)), "OK");
+  v1::Session refused;
+  EXPECT_EQ(Describe(Create(request, &refused)), "UNAVAILABLE DRAINING");
+  v1::Model model;
+  EXPECT_EQ(Describe(Upload(UploadRequests(kCubeObj), &model)), "UNAVAILABLE DRAINING");
+  RawTrack track(*sessions_);
+  track.Attach(session.name(), session.resume_token());
+  EXPECT_EQ(Describe(track.Finish()), "UNAVAILABLE DRAINING");
+  v1::WatchPosesRequest poses;
+  poses.set_session(session.name());
+  EXPECT_EQ(Describe(sessions_->WatchPoses(&poses_context, poses)->Finish()), "UNAVAILABLE DRAINING");
+  v1::WatchHealthRequest health;
+  health.set_session(session.name());
+  EXPECT_EQ(Describe(sessions_->WatchHealth(&health_context, health)->Finish()), "UNAVAILABLE DRAINING");
+}
+
 TEST_F(ServerTest, UploadsAModelInPiecesOnce) {
   const std::string file = kCubeObj;
   std::vector<v1::UploadModelRequest> requests = UploadRequests(file);
@@ -315,6 +359,19 @@ TEST_F(ServerTest, AFullModelStoreSaysSo) {
   EXPECT_EQ(Describe(Upload(known, &model)), "INVALID_ARGUMENT header.size_bytes");
   known[0].mutable_header()->set_crease_angle_deg(20.0);
   EXPECT_EQ(Describe(Upload(known, &model)), "RESOURCE_EXHAUSTED MODEL_STORE_FULL") << "read otherwise it is another";
+}
+
+TEST_F(ServerTest, ATenantsShareOfTheModelStoreIsItsOwnLimit) {
+  const std::string file = kCubeObj;
+  const std::string other = "# other\n" + file;
+  ServerOptions options = Options();
+  options.max_model_bytes = options.tenant.max_model_bytes = other.size();  // of one model
+  Connect(options);
+  v1::Model model;
+  ASSERT_EQ(Describe(Upload(UploadRequests(file), &model)), "OK");
+  const grpc::Status status = Upload(UploadRequests(other), &model);
+  EXPECT_EQ(Describe(status), "RESOURCE_EXHAUSTED TENANT_QUOTA");
+  EXPECT_EQ(DetailOf<google::rpc::QuotaFailure>(status).violations(0).subject(), "tenant_model_bytes");
 }
 
 TEST_F(ServerTest, DeletesModelsThatNobodyUses) {

@@ -3,6 +3,8 @@
 #include <numeric>
 #include <thread>
 
+#include "absl/strings/escaping.h"
+#include "core/base/hash.h"
 #include "grpc/health/v1/health.grpc.pb.h"
 #include "server/rpc/testing.h"
 #include "server/sessions/store_testing.h"
@@ -60,9 +62,9 @@ class StoreErrorsTest : public RpcTest {
     return options;
   }
   // Another server on the same store; the one before goes on.
-  std::shared_ptr<grpc::Channel> StartOnStore() {
+  std::shared_ptr<grpc::Channel> StartOnStore(const ServerOptions& options = StoreOptions()) {
     servers_.push_back(
-        StartServer(StoreOptions(), FakeTrackers(gate_), std::make_unique<TroubledStore>(store_, trouble_)).value());
+        StartServer(options, FakeTrackers(gate_), std::make_unique<TroubledStore>(store_, trouble_)).value());
     return servers_.back()->InProcessChannel();
   }
   std::string GetError(const std::string& name) {
@@ -303,6 +305,39 @@ TEST_F(StoreErrorsTest, ASessionThatComesNeedsASlot) {
   (void)Attached(session);
 }
 
+TEST_F(StoreErrorsTest, ASessionThatComesNeedsItsTenantsShare) {
+  const v1::Session session = CreateSession();
+  ServerOptions options = StoreOptions();
+  options.tenant.max_sessions = 1;
+  Use(StartOnStore(options));
+  const std::string only = CreateSession().name();
+  const grpc::Status status = AttachError(session.name(), session.resume_token());
+  EXPECT_EQ(Describe(status), "RESOURCE_EXHAUSTED TENANT_QUOTA");
+  EXPECT_EQ(DetailOf<google::rpc::QuotaFailure>(status).violations(0).subject(), "tenant_sessions");
+  EXPECT_GT(DetailOf<google::rpc::RetryInfo>(status).retry_delay().seconds(), 0);
+  ASSERT_EQ(Describe(Delete(only)), "OK");
+  (void)Attached(session);
+}
+
+TEST_F(StoreErrorsTest, AnUploadOfWhatAnotherServerHasDeletedIsToldSo) {
+  const std::string file = kCubeObj;
+  std::vector<v1::UploadModelRequest> requests = UploadRequests(file);
+  requests[0].mutable_header()->set_sha256(
+      absl::HexStringToBytes(Sha256Hex({reinterpret_cast<const uint8_t*>(file.data()), file.size()})));
+  v1::Model model;
+  ASSERT_EQ(Describe(Upload(requests, &model)), "OK");
+  const auto here = channel_;
+  Use(StartOnStore());
+  ASSERT_EQ(DeleteModelError(model.name()), "OK");
+  Use(here);
+  const std::string name = model.name();
+  const grpc::Status status = Upload(requests, &model);
+  EXPECT_EQ(Describe(status), "ABORTED MODEL_DELETED");
+  EXPECT_EQ(DetailOf<google::rpc::ErrorInfo>(status).metadata().at("model"), name);
+  EXPECT_EQ(Describe(Upload(requests, &model)), "OK") << "once more, as it says";
+  EXPECT_EQ(model.name(), name);
+}
+
 TEST_F(StoreErrorsTest, AFullStoreEndsTheStreamAndTheSessionGoesOnLater) {
   const v1::CreateSessionRequest request = CreateRequest();
   v1::Session session = CreateSession();
@@ -403,6 +438,13 @@ TEST_F(StoreErrorsTest, WatchersAtAnotherServerAreToldWhatIsWrong) {
   EXPECT_EQ(WatchError("sessions/unknown"), "NOT_FOUND SESSION_NOT_FOUND");
   trouble_->Set(absl::UnavailableError("gone"));
   EXPECT_EQ(WatchError(session.name()), "UNAVAILABLE STORE_AWAY");
+  // The second is what the store says when it is asked whose the damaged session is, too.
+  for (const absl::Status& answer : {absl::InternalError("bad page"), absl::DataLossError("bad page")}) {
+    trouble_->Set(answer);
+    EXPECT_EQ(WatchError(session.name()), "INTERNAL STORE_FAILED");
+    EXPECT_EQ(GetError(session.name()), "INTERNAL STORE_FAILED");
+    EXPECT_EQ(ListError(), "INTERNAL STORE_FAILED");
+  }
   trouble_->Set(absl::OkStatus());
   const Watchers watchers(*sessions_, session.name());
   trouble_->Set(absl::UnavailableError("gone"));

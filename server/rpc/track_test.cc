@@ -70,13 +70,6 @@ class TrackTest : public RpcTest {
       ASSERT_EQ(response.pose().pose_seq(), seq);
     }
   }
-
-  // Attaches, sends `request`, and gives how the call ended.
-  grpc::Status AfterAttach(const v1::Session& session, const v1::TrackRequest& request) {
-    const auto track = Attached(session);
-    EXPECT_TRUE(track->Write(request));
-    return track->Finish();
-  }
 };
 
 TEST_F(TrackTest, GivesPosesAcksAndASummary) {
@@ -358,9 +351,18 @@ TEST_F(TrackTest, AfterTheEndOnlyTheSummaryCanBeHadAgain) {
     EXPECT_EQ(response.summary().health().poses(), 10u);
     EXPECT_EQ(std::count_if(before.begin(), before.end(), [](const auto& message) { return message.has_pose(); }), 10);
   }
-  v1::TrackRequest events;
-  events.mutable_events()->set_seq(2);
-  EXPECT_EQ(Describe(AfterAttach(session, events)), "FAILED_PRECONDITION SESSION_ENDED");
+  v1::TrackRequest more[2];
+  more[0].mutable_events()->set_seq(2);
+  more[1].mutable_reset_pose()->set_seq(2);
+  more[1].mutable_reset_pose()->set_object_id("cube");
+  more[1].mutable_reset_pose()->mutable_camera_from_object()->mutable_rotation()->set_w(1.0);
+  for (const v1::TrackRequest& request : more) {
+    v1::Attached attached;
+    const auto track = Attached(session, &attached);
+    session.set_resume_token(attached.resume_token());
+    EXPECT_TRUE(track->Write(request));
+    EXPECT_EQ(Describe(track->Finish()), "FAILED_PRECONDITION SESSION_ENDED");
+  }
 }
 
 TEST_F(TrackTest, HalfCloseWithoutEndDrainsAndLeavesTheSession) {
