@@ -13,6 +13,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "absl/time/time.h"
+#include "core/base/end_at_once.h"
 #include "core/base/output_file.h"
 #include "core/base/version.h"
 #include "server/auth/token_file.h"
@@ -63,15 +64,6 @@ void BlockSignals() {
   sigset_t signals = EndSignals();
   sigaddset(&signals, DrainSignal());
   pthread_sigmask(SIG_BLOCK, &signals, nullptr);
-}
-
-// Process 1 of a container is left alone by a signal's usual effect.
-void EndAtOnce(int signal_number) {
-  const sigset_t signals = EndSignals();
-  std::signal(signal_number, SIG_DFL);
-  pthread_sigmask(SIG_UNBLOCK, &signals, nullptr);
-  raise(signal_number);
-  _exit(128 + signal_number);
 }
 
 // Waits for the first signal or Drain; a signal then is the end, at once.

@@ -11,6 +11,7 @@
 #include <vector>
 
 #include "client/cli/cli.h"
+#include "core/base/end_at_once.h"
 
 namespace {
 
@@ -18,20 +19,9 @@ namespace {
 std::atomic<int> g_interrupts = 0;
 static_assert(std::atomic<int>::is_always_lock_free, "a signal handler must not lock");
 
-// Process 1 of a container is left alone by a signal's usual effect.
-void EndAtOnce(int signal) {
-  sigset_t signals;
-  sigemptyset(&signals);
-  sigaddset(&signals, signal);
-  std::signal(signal, SIG_DFL);
-  pthread_sigmask(SIG_UNBLOCK, &signals, nullptr);
-  raise(signal);
-  _exit(128 + signal);
-}
-
 // The first asks for a clean end: what was tracked so far is written. The second ends the process.
 void HandleInterrupt(int signal) {
-  if (++g_interrupts > 1) EndAtOnce(signal);
+  if (++g_interrupts > 1) evpose::EndAtOnce(signal);
 }
 
 void HandleEndSignals(void (*handle)(int)) {
@@ -49,7 +39,7 @@ int main(int argc, char** argv) {
   if (clean.count(command) > 0 || bench == "speed" || bench == "synthetic") {
     HandleEndSignals(HandleInterrupt);
   } else if (getpid() == 1) {
-    HandleEndSignals(EndAtOnce);
+    HandleEndSignals(evpose::EndAtOnce);
   }
   // What gRPC's log says of a connection that fails, several times, is in our one line; whoever wants it sets this.
   setenv("GRPC_VERBOSITY", "NONE", 0);

@@ -54,7 +54,6 @@ class MixtureEstimator : public WindowEstimator {
     LearnDisplacement();
     counts_.clear();
     for (const MixtureLine& line : sums_) counts_.push_back(line.counts);
-    CountLines();
     clutter_.Learn(input.lines, lines_, line_counts_, final_gate_px_);
     edge_bias_.Learn(input.lines, lines_, counts_, input.duration_s, input.events_per_observation);
   }
@@ -119,7 +118,7 @@ class MixtureEstimator : public WindowEstimator {
   std::vector<ImageLine> lines_;
   std::vector<MixtureLine> sums_;
   std::vector<EdgeCounts> counts_;
-  std::vector<LineCounts> line_counts_;
+  std::vector<LineCounts> line_counts_;  // of the last pass
   std::vector<LineDensities> densities_;
   std::vector<LineAnswer> answers_;
   EdgeBias edge_bias_;
