@@ -91,6 +91,10 @@ INSTANTIATE_TEST_SUITE_P(
         BadModel{ModelFormat::kPly, EVPOSE_PLY "0 0 0\n1 0 0\n1 1 0\n3 0 1 -1\n", "line 13: vertex index -1"},
         BadModel{ModelFormat::kPly, EVPOSE_PLY "0 0 0\n1 0 0\n1 1 0\n-3 0 1 2\n", "line 13: a list of negative length"},
         BadModel{ModelFormat::kPly, EVPOSE_PLY "0 0 0\n1 0 0\n1 1 0\n0\n", "line 13: a face has 0 corners"},
+        BadModel{ModelFormat::kPly, EVPOSE_PLY "0 0 0\n1 0 0\n1 1 0\n+3 0 1 2\n",
+                 "line 13: '+3' is not a whole number"},
+        BadModel{ModelFormat::kPly, EVPOSE_PLY "0 0 0\n1 0 0\n1 1 0\n3 0 +1 2\n",
+                 "line 13: '+1' is not a whole number"},
         BadModel{ModelFormat::kPly, EVPOSE_PLY "0 0 0\n1 nan 0\n1 1 0\n3 0 1 2\n", "line 11: y is not a finite"},
         BadModel{ModelFormat::kPly, EVPOSE_PLY "0 0 0\n1 a 0\n1 1 0\n3 0 1 2\n", "line 11: 'a' is not a number"},
         BadModel{ModelFormat::kPly, EVPOSE_PLY "0 0 0\n1 0 0\n1 1 0\n3 0 1 2\n3 0 1 2\n", "line 14: more lines"}));

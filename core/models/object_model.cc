@@ -78,6 +78,7 @@ absl::Status CheckIndices(const aiScene& scene) {
   for (unsigned m = 0; m < scene.mNumMeshes; ++m) {
     const aiMesh& mesh = *scene.mMeshes[m];
     for (unsigned f = 0; f < mesh.mNumFaces; ++f) {
+      if (mesh.mFaces[f].mNumIndices == 0) return absl::InvalidArgumentError("a face has no corner");
       for (unsigned i = 0; i < mesh.mFaces[f].mNumIndices; ++i) {
         if (mesh.mFaces[f].mIndices[i] >= mesh.mNumVertices)
           return absl::InvalidArgumentError("an index is out of range");

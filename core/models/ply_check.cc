@@ -204,7 +204,9 @@ class PlyBody {
     const absl::string_view word = words_[next_word_++];
     double value = 0.0;
     int64_t integer = 0;
-    const bool is_number = IsFloat(type) ? absl::SimpleAtod(word, &value) : absl::SimpleAtoi(word, &integer);
+    // Assimp reads "+3" as 0, and a face of no corner ends its process.
+    const bool is_number =
+        IsFloat(type) ? absl::SimpleAtod(word, &value) : word[0] != '+' && absl::SimpleAtoi(word, &integer);
     if (!is_number) {
       return Error(absl::StrCat("'", word.substr(0, 40), "' is not ", IsFloat(type) ? "a number" : "a whole number"));
     }
