@@ -1,25 +1,20 @@
 // The end of a stream on a store that takes its time.
-#include <filesystem>
+#include <string>
 
+#include "core/base/temporary_directory.h"
 #include "server/rpc/testing.h"
 
 namespace evpose::server {
 namespace {
 
-class DurableEndTest : public RpcTest {
+class DurableEndTest : private TemporaryDirectory, public RpcTest {  // the server ends before its directory
  protected:
-  DurableEndTest() : RpcTest(OnSqlite()) {}
-  ~DurableEndTest() override {
-    server_.reset();
-    std::filesystem::remove_all(Directory());
-  }
+  DurableEndTest() : RpcTest(OnSqlite(path())) {}
 
-  static std::string Directory() { return (std::filesystem::path(testing::TempDir()) / "evpose_durable_end").string(); }
-  static ServerOptions OnSqlite() {
-    std::filesystem::remove_all(Directory());
+  static ServerOptions OnSqlite(const std::string& directory) {
     ServerOptions options = Options();
     options.store.store = "sqlite";
-    options.store.data_dir = Directory();
+    options.store.data_dir = directory;
     return options;
   }
 };
