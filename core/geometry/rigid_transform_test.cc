@@ -9,6 +9,7 @@
 #include <limits>
 #include <numbers>
 #include <random>
+#include <string>
 
 namespace evpose {
 namespace {
@@ -191,6 +192,24 @@ TEST(RigidTransformTest, MakeRigidTransformRefusesWhatIsNoRotation) {
   EXPECT_EQ(code({0, 0, 0}, {0, infinity, 0, 1}), absl::StatusCode::kInvalidArgument);
   EXPECT_EQ(code({nan, 0, 0}, unit), absl::StatusCode::kInvalidArgument);
   EXPECT_EQ(code({0, infinity, 0}, unit), absl::StatusCode::kInvalidArgument);
+}
+
+TEST(RigidTransformTest, StateThatIsNoTransformIsRefused) {
+  const auto status_of = [](const RigidTransform& transform) {
+    StateWriter writer;
+    writer(transform);
+    const std::string state = writer.Take();
+    StateReader reader(state);
+    RigidTransform loaded;
+    reader(loaded);
+    return reader.Finish();
+  };
+  RigidTransform transform;
+  EXPECT_TRUE(status_of(transform).ok());
+  transform.rotation(1, 2) = -1e200;
+  EXPECT_NE(status_of(transform).message().find("a matrix that is no rotation"), absl::string_view::npos);
+  transform.rotation(1, 2) = std::numeric_limits<double>::infinity();
+  EXPECT_NE(status_of(transform).message().find("a number is infinite or none"), absl::string_view::npos);
 }
 
 TEST(RigidTransformTest, RotationAngle) {
