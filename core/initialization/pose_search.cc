@@ -31,14 +31,18 @@ constexpr double kSamePoseRatio = 0.01;  // of the distance
 
 class LinePoseSearch : public PoseSearch {
  public:
-  LinePoseSearch(std::shared_ptr<const ObjectModel> model, const CameraModel& camera, const PoseSearchOptions& options)
-      : model_(std::move(model)), camera_(Undistorted(camera)), options_(options), search_model_(*model_) {}
+  LinePoseSearch(std::shared_ptr<const ObjectModel> model, const CameraModel& camera, const PoseSearchOptions& options,
+                 std::shared_ptr<const SearchModel> search_model)
+      : model_(std::move(model)),
+        camera_(Undistorted(camera)),
+        options_(options),
+        search_model_(std::move(search_model)) {}
 
   std::vector<PoseHypothesis> Search(absl::Span<const ImageSegment> segments) const override {
     const std::vector<SearchSegment> lines =
         MakeSearchSegments(camera_, segments, options_.end_point_sigma_px, options_.max_segments);
     if (lines.size() < kMinSegments) return {};
-    const PoseJudge judge(search_model_, camera_, lines, options_);
+    const PoseJudge judge(*search_model_, camera_, lines, options_);
     const double cost_of_nothing = options_.unexplained_cost * static_cast<double>(lines.size());
     std::vector<PoseHypothesis> hypotheses;
     const auto finish = [&](const RigidTransform& pose) {
@@ -70,8 +74,8 @@ class LinePoseSearch : public PoseSearch {
   }
 
   std::vector<PoseCandidate> FindCandidates(const std::vector<SearchSegment>& lines) const {
-    const std::vector<Eigen::Matrix3d>& labellings = search_model_.labellings();
-    PositionSearch positions(search_model_, camera_, lines, options_);
+    const std::vector<Eigen::Matrix3d>& labellings = search_model_->labellings();
+    PositionSearch positions(*search_model_, camera_, lines, options_);
     RotationSearchOptions rotation_options;
     rotation_options.max_line_cost = options_.max_across_cost();
     rotation_options.unexplained_cost = options_.unexplained_cost;
@@ -79,7 +83,7 @@ class LinePoseSearch : public PoseSearch {
     const double votes_per_candidate = positions.ExpectedVotes() * static_cast<double>(labellings.size());
     rotation_options.max_candidates =
         static_cast<int>(std::clamp(options_.max_votes / votes_per_candidate, kMinRotations, kMaxRotations));
-    const std::vector<RotationCandidate> rotations = FindRotations(search_model_, lines, rotation_options);
+    const std::vector<RotationCandidate> rotations = FindRotations(*search_model_, lines, rotation_options);
     BestCandidates best(kCandidates, kMarginOfUnexplained * options_.unexplained_cost);
     // A few rotations at a time: what they find spares most of the rest.
     for (size_t i = 0; i < rotations.size() && positions.num_votes() < options_.max_votes;) {
@@ -128,7 +132,7 @@ class LinePoseSearch : public PoseSearch {
   const std::shared_ptr<const ObjectModel> model_;
   const CameraModel camera_;
   const PoseSearchOptions options_;
-  const SearchModel search_model_;
+  const std::shared_ptr<const SearchModel> search_model_;
 };
 
 }  // namespace
@@ -148,12 +152,14 @@ absl::Status PoseSearchOptions::Validate() const {
 }
 
 absl::StatusOr<std::unique_ptr<PoseSearch>> MakePoseSearch(std::shared_ptr<const ObjectModel> model,
-                                                           const CameraModel& camera,
-                                                           const PoseSearchOptions& options) {
+                                                           const CameraModel& camera, const PoseSearchOptions& options,
+                                                           std::shared_ptr<const SearchModel> search_model) {
   EVPOSE_RETURN_IF_ERROR(options.Validate());
   EVPOSE_RETURN_IF_ERROR(camera.Validate());
-  EVPOSE_RETURN_IF_ERROR(CheckLinesDeterminePose(*model));
-  return std::make_unique<LinePoseSearch>(std::move(model), camera, options);
+  if (search_model == nullptr) {
+    EVPOSE_ASSIGN_OR_RETURN(search_model, MakeSearchModel(model));
+  }
+  return std::make_unique<LinePoseSearch>(std::move(model), camera, options, std::move(search_model));
 }
 
 }  // namespace evpose

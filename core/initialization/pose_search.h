@@ -14,6 +14,8 @@
 
 namespace evpose {
 
+class SearchModel;
+
 // One way in which the segments can be the object's.
 struct PoseHypothesis {
   RigidTransform camera_from_object;
@@ -68,10 +70,11 @@ struct PoseSearchOptions {
 };
 
 // `camera`'s distortion plays no part: segments are undistorted. Errors, INVALID_ARGUMENT: options; a model from whose
-// lines no pose can follow (CheckLinesDeterminePose).
+// lines no pose can follow (CheckLinesDeterminePose). `search_model` is that of the model; null: made here.
 absl::StatusOr<std::unique_ptr<PoseSearch>> MakePoseSearch(std::shared_ptr<const ObjectModel> model,
                                                            const CameraModel& camera,
-                                                           const PoseSearchOptions& options = {});
+                                                           const PoseSearchOptions& options = {},
+                                                           std::shared_ptr<const SearchModel> search_model = nullptr);
 
 // Why no pose can follow from the model's lines: fewer than three (collinear pieces count as one), all parallel, or all
 // through one point. OK when one can.

@@ -5,7 +5,10 @@
 #include <array>
 #include <cmath>
 #include <numeric>
+#include <utility>
 
+#include "core/base/status_macros.h"
+#include "core/initialization/pose_search.h"
 #include "core/initialization/rotation_count.h"
 
 namespace evpose {
@@ -209,6 +212,17 @@ std::vector<ViewLine> SearchModel::MakeView(int cell) const {
 std::vector<VisibleSegment> SearchModel::VisibleParts(const CameraModel& camera,
                                                       const RigidTransform& camera_from_object) const {
   return visibility_->VisibleSegments(camera, camera_from_object);
+}
+
+absl::StatusOr<std::shared_ptr<const SearchModel>> MakeSearchModel(std::shared_ptr<const ObjectModel> model) {
+  EVPOSE_RETURN_IF_ERROR(CheckLinesDeterminePose(*model));
+  struct Both {
+    explicit Both(std::shared_ptr<const ObjectModel> of) : model(std::move(of)), search_model(*model) {}
+    const std::shared_ptr<const ObjectModel> model;
+    const SearchModel search_model;
+  };
+  const auto both = std::make_shared<const Both>(std::move(model));
+  return std::shared_ptr<const SearchModel>(both, &both->search_model);
 }
 
 }  // namespace evpose

@@ -5,6 +5,7 @@
 #include <memory>
 #include <vector>
 
+#include "absl/status/statusor.h"
 #include "core/models/object_model.h"
 #include "core/models/visibility.h"
 
@@ -34,6 +35,7 @@ struct ViewLine {
   double certain_ratio = 0.0;
 };
 
+// Immutable after construction.
 class SearchModel {
  public:
   // Keeps copies of what it needs.
@@ -79,5 +81,8 @@ class SearchModel {
   double mean_view_size_ = 0.0;
   std::vector<std::vector<ViewLine>> views_;  // by cell
 };
+
+// Keeps the model. Errors: those of CheckLinesDeterminePose.
+absl::StatusOr<std::shared_ptr<const SearchModel>> MakeSearchModel(std::shared_ptr<const ObjectModel> model);
 
 }  // namespace evpose

@@ -87,12 +87,13 @@ absl::Status CheckModel(const ObjectModel* model) {
   return absl::OkStatus();
 }
 
-absl::StatusOr<std::unique_ptr<PoseInitializer>> MakeInitializer(std::shared_ptr<const ObjectModel> model,
+absl::StatusOr<std::unique_ptr<PoseInitializer>> MakeInitializer(const ObjectToTrack& object,
                                                                  const CameraModel& camera) {
   const SensorGeometry sensor = {camera.width_px, camera.height_px};
   EVPOSE_ASSIGN_OR_RETURN(std::unique_ptr<LineDetector> detector, MakePlaneLineDetector({}, sensor));
-  EVPOSE_ASSIGN_OR_RETURN(std::unique_ptr<PoseSearch> search, MakePoseSearch(model, camera));
-  return std::make_unique<PoseInitializer>(std::move(model), camera, std::move(detector), std::move(search));
+  EVPOSE_ASSIGN_OR_RETURN(std::unique_ptr<PoseSearch> search,
+                          MakePoseSearch(object.model, camera, {}, object.search_model));
+  return std::make_unique<PoseInitializer>(object.model, camera, std::move(detector), std::move(search));
 }
 
 }  // namespace
@@ -160,7 +161,7 @@ absl::StatusOr<std::unique_ptr<Tracker>> Tracker::Create(std::vector<ObjectToTra
   for (const ObjectToTrack& object : objects) {
     std::unique_ptr<PoseInitializer> initializer;
     if (options.initialization.is_automatic) {
-      EVPOSE_ASSIGN_OR_RETURN(initializer, MakeInitializer(object.model, camera));
+      EVPOSE_ASSIGN_OR_RETURN(initializer, MakeInitializer(object, camera));
     }
     TrackContext context{object.model, camera, tables, options, VisibilityTester(*object.model, options.visibility)};
     trackers.push_back(std::make_unique<ObjectTracker>(std::move(context), std::move(initializer), object));

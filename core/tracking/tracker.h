@@ -21,6 +21,7 @@
 namespace evpose {
 
 struct CameraTables;
+class SearchModel;
 
 enum class TrackState { kInitializing, kTracking, kDegraded, kLost };
 std::string_view TrackStateName(TrackState state);  // "INITIALIZING", "TRACKING", "DEGRADED", "LOST"
@@ -80,6 +81,7 @@ struct ObjectToTrack {
   std::optional<RigidTransform> initial_camera_from_object;
   // camera_from_object. Of the poses that a symmetric object cannot tell apart, the one nearest to this is reported.
   Eigen::Matrix3d reference_rotation = Eigen::Matrix3d::Identity();
+  std::shared_ptr<const SearchModel> search_model;  // of the model; null: made when it is needed
 
   // INVALID_ARGUMENT saying what is wrong with the model, or naming the field.
   absl::Status Validate() const;

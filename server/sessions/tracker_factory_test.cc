@@ -2,62 +2,62 @@
 
 #include <gtest/gtest.h>
 
-#include <thread>
+#include <memory>
 #include <vector>
 
+#include "core/tracking/tracker.h"
 #include "server/sessions/testing.h"
 
 namespace evpose::server {
 namespace {
 
-CameraModel SomeCamera() { return SomeConfig().camera; }
+std::shared_ptr<const ObjectModel> Cube() {
+  return std::make_shared<const ObjectModel>(
+      ParseObjectModel({reinterpret_cast<const uint8_t*>(kCubeObj), sizeof(kCubeObj) - 1}, ModelFormat::kObj, {})
+          .value());
+}
 
-TEST(SharedCameraTablesTest, OneCameraHasOneTable) {
-  SharedCameraTables shared;
-  const auto first = shared.Get(SomeCamera());
+SessionConfig CubeConfig() {
+  SessionConfig config = SomeConfig();
+  config.objects[0].initial_camera_from_object->translation_m.z() = 0.5;
+  return config;
+}
+
+TEST(TrackerFactoryTest, TrackersOfOneModelShareWhatIsKnownOfIt) {
+  const TrackerFactory make_tracker = MakeTrackerFactory();
+  const auto model = Cube();
+  const auto first = make_tracker(CubeConfig(), {model});
   ASSERT_TRUE(first.ok()) << first.status();
-  EXPECT_EQ(*shared.Get(SomeCamera()), *first);
+  const long uses_of_first = model.use_count() - 1;
+  const auto second = make_tracker(CubeConfig(), {model});
+  ASSERT_TRUE(second.ok()) << second.status();
+  EXPECT_EQ(model.use_count(), 1 + uses_of_first + uses_of_first - 1);  // what they share keeps the model, too
 }
 
-TEST(SharedCameraTablesTest, AnotherCameraHasAnother) {
-  SharedCameraTables shared;
-  const auto first = shared.Get(SomeCamera()).value();
-  CameraModel turned = SomeCamera();
-  turned.distortion[3] = 1e-3;
-  const auto second = shared.Get(turned).value();
-  EXPECT_NE(second, first);
-  EXPECT_NE(second->undistortion.Bearing(0, 0), first->undistortion.Bearing(0, 0));
+TEST(TrackerFactoryTest, NothingIsKeptOfAModelThatNobodyTracks) {
+  const TrackerFactory make_tracker = MakeTrackerFactory();
+  const auto model = Cube();
+  ASSERT_TRUE(make_tracker(CubeConfig(), {model}).ok());
+  EXPECT_EQ(model.use_count(), 1);
 }
 
-TEST(SharedCameraTablesTest, TablesGoWithTheLastThatUsesThem) {
-  SharedCameraTables shared;
-  std::weak_ptr<const CameraTables> watched;
-  {
-    const auto first = shared.Get(SomeCamera()).value();
-    const auto second = shared.Get(SomeCamera()).value();
-    watched = first;
-    EXPECT_EQ(first.use_count(), 2);
-  }
-  EXPECT_TRUE(watched.expired());
-  EXPECT_TRUE(shared.Get(SomeCamera()).ok());  // made anew
+TEST(TrackerFactoryTest, AModelFromWhichNoPoseFollowsIsNamed) {
+  ObjectModel two_lines;
+  two_lines.diameter_m = 1.0;
+  two_lines.lines = {{{0, 0, 0}, {1, 0, 0}, {}}, {{0, 0, 0}, {0, 1, 0}, {}}};
+  const auto tracker = MakeTrackerFactory()(CubeConfig(), {std::make_shared<const ObjectModel>(two_lines)});
+  EXPECT_EQ(tracker.status().code(), absl::StatusCode::kInvalidArgument);
+  EXPECT_NE(tracker.status().message().find("config.objects[0].model: the model has 2 distinct lines"),
+            absl::string_view::npos)
+      << tracker.status();
 }
 
-TEST(SharedCameraTablesTest, ACameraThatIsWrongIsNamedAndNotKept) {
-  SharedCameraTables shared;
-  CameraModel wrong = SomeCamera();
-  wrong.fx_px = 0.0;
-  EXPECT_EQ(shared.Get(wrong).status().code(), absl::StatusCode::kInvalidArgument);
-  EXPECT_NE(shared.Get(wrong).status().message().find("camera_matrix"), absl::string_view::npos)
-      << shared.Get(wrong).status();
-}
-
-TEST(SharedCameraTablesTest, ManyThreadsGetTheSame) {
-  SharedCameraTables shared;
-  std::vector<std::shared_ptr<const CameraTables>> got(8);
-  std::vector<std::thread> threads;
-  for (auto& tables : got) threads.emplace_back([&] { tables = shared.Get(SomeCamera()).value(); });
-  for (std::thread& thread : threads) thread.join();
-  for (const auto& tables : got) EXPECT_EQ(tables, got.front());
+TEST(TrackerFactoryTest, ACameraThatIsWrongIsNamed) {
+  SessionConfig config = CubeConfig();
+  config.camera.fx_px = 0.0;
+  const auto tracker = MakeTrackerFactory()(config, {Cube()});
+  EXPECT_EQ(tracker.status().code(), absl::StatusCode::kInvalidArgument);
+  EXPECT_NE(tracker.status().message().find("camera_matrix"), absl::string_view::npos) << tracker.status();
 }
 
 }  // namespace

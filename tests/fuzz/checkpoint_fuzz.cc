@@ -3,12 +3,13 @@
 #include <iterator>
 #include <memory>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "core/models/object_model.h"
-#include "core/tracking/tracker_options.h"
 #include "server/sessions/session_pipeline.h"
 #include "server/sessions/testing.h"
+#include "server/sessions/tracker_factory.h"
 #include "tests/fuzz/fuzz_input.h"
 #include "tests/fuzz/require.h"
 
@@ -29,12 +30,7 @@ std::unique_ptr<server::SessionPipeline> MakePipeline(const server::SessionConfi
       ParseObjectModel({reinterpret_cast<const uint8_t*>(server::kCubeObj), sizeof(server::kCubeObj) - 1},
                        ModelFormat::kObj, {})
           .value());
-  const auto make_tracker = [](const server::SessionConfig& of,
-                               const std::vector<std::shared_ptr<const ObjectModel>>& models) {
-    TrackerOptions options;
-    options.estimator = of.estimator;
-    return Tracker::Create(models[0], of.camera, options, of.objects[0].initial_camera_from_object);
-  };
+  static const server::TrackerFactory make_tracker = server::MakeTrackerFactory();
   return server::SessionPipeline::Create(config, {model}, make_tracker).value();
 }
 
@@ -55,6 +51,7 @@ absl::Span<const uint8_t> AsBytes(const std::string& text) {
 
 struct Base {
   server::SessionConfig config;
+  std::unique_ptr<server::SessionPipeline> pipeline;  // keeps what all trackers of the model share
   std::string state;
 };
 
@@ -63,10 +60,11 @@ std::vector<Base> MakeBases() {
   for (const Estimator estimator : {Estimator::kMixture, Estimator::kErrorStateFilter}) {
     for (const int64_t num_ms : {1, 30}) {
       const server::SessionConfig config = Config(Encoding::kFlat64, estimator);
-      const auto pipeline = MakePipeline(config);
+      auto pipeline = MakePipeline(config);
       server::PipelineOutput output;
       pipeline->Process(AsBytes(SomeBytes(0, num_ms)), output);
-      bases.push_back({config, pipeline->SaveState()});
+      const std::string state = pipeline->SaveState();
+      bases.push_back({config, std::move(pipeline), state});
     }
   }
   return bases;
