@@ -1,5 +1,6 @@
-// Sessions survive a server that is killed: kill -9 at random numbers of poses, and every pose comes once, with the
-// bits of the undisturbed run. EVPOSE_KILLS says how often it is killed (tests/bench/survival.sh: 50).
+// Sessions survive a server that is killed: kill -9 at random numbers of poses, in the midst of a stream, and every
+// pose comes once, with the bits of the undisturbed run. EVPOSE_KILLS says how often it is killed
+// (tests/bench/survival.sh: 50).
 #include <gmock/gmock.h>
 #include <grpcpp/grpcpp.h>
 #include <sqlite3.h>
@@ -80,9 +81,8 @@ class RawClient {
   RawClient(std::vector<std::string> chunks, v1::Session session)
       : chunks_(std::move(chunks)), session_(std::move(session)) {}
 
-  // Streams until it has so many poses, and something is durable if `awaits_durable`, or to the end and the summary:
-  // true.
-  bool Stream(RunningServer& server, size_t stop_at_poses, bool awaits_durable = false) {
+  // Streams until it has so many poses, or it breaks if it may, or to the end and the summary: true.
+  bool Stream(RunningServer& server, size_t stop_at_poses) {
     grpc::ClientContext context;
     const auto stream = server.sessions().Track(&context);
     v1::TrackRequest request;
@@ -95,13 +95,10 @@ class RawClient {
     uint64_t next_seq = 0;
     uint64_t processed_seq = 0;
     bool end_was_sent = false;
-    const auto is_enough = [&] {
-      return next_seq > 0 && poses_.size() >= stop_at_poses && (durable_seq_ > 0 || !awaits_durable);
-    };
-    while (!summary && !is_enough()) {
+    while (!summary && (next_seq == 0 || poses_.size() < stop_at_poses)) {
       if (!stream->Read(&response)) {
         const grpc::Status status = stream->Finish();
-        EXPECT_NE(on_go_away_, nullptr) << status.error_code() << " " << status.error_message();
+        EXPECT_TRUE(may_break_) << status.error_code() << " " << status.error_message();
         return false;
       }
       if (response.has_attached()) {
@@ -143,8 +140,10 @@ class RawClient {
 
   // Called with the number of poses so far, between two of them.
   void OnPose(std::function<void(size_t)> on_pose) { on_pose_ = std::move(on_pose); }
-  // Called when the server says that it leaves; with this, a stream may break.
+  // Called when the server says that it leaves.
   void OnGoAway(std::function<void()> on_go_away) { on_go_away_ = std::move(on_go_away); }
+
+  void MayBreak(bool may_break) { may_break_ = may_break; }
 
   const std::string& session() const { return session_.name(); }
   const std::vector<std::string>& poses() const { return poses_; }
@@ -164,6 +163,7 @@ class RawClient {
   uint64_t durable_seq_ = 0;
   std::function<void(size_t)> on_pose_;
   std::function<void()> on_go_away_;
+  bool may_break_ = false;
 };
 
 // The session and the bytes of the largest piece of any session's poses.
@@ -228,6 +228,23 @@ class SurvivalTest : public CliTest {
     return client.poses();
   }
 
+  // Streams until the server is killed at so many poses, or later if nothing is durable yet and `awaits_durable`, with
+  // chunks and poses on their way: true. False when it came to the end first.
+  static bool StreamUntilKilled(RunningServer& server, size_t kill_at, bool awaits_durable, RawClient& client) {
+    bool is_killed = false;
+    client.OnPose([&](size_t poses) {  // some come yet that were on their way
+      if (is_killed || poses < kill_at || (awaits_durable && client.durable_seq() == 0)) return;
+      server.Kill();
+      is_killed = true;
+    });
+    client.MayBreak(true);
+    const bool is_finished = client.Stream(server, SIZE_MAX);
+    client.MayBreak(false);
+    client.OnPose(nullptr);
+    EXPECT_TRUE(is_finished || is_killed);
+    return is_killed;
+  }
+
   // Servers of `arguments(run)` are killed, each run in its turn up to three times.
   void KillAtRandom(const std::function<std::vector<std::string>(int run)>& arguments) {
     const std::vector<std::string> expected = Undisturbed();
@@ -238,12 +255,10 @@ class SurvivalTest : public CliTest {
     for (int run = 0; kills < NumKills(); ++run) {
       auto server = std::make_unique<RunningServer>(arguments(run));
       RawClient client = MakeClient(*server);
-      size_t stop_at = 0;
       for (int i = 0; i < 3 && kills < NumKills(); ++i, ++kills) {
-        stop_at += 1 + random() % (expected.size() / 4);
+        const size_t kill_at = client.poses().size() + 1 + random() % (expected.size() / 4);
         // A machine may be too fast for a checkpoint in some hundred poses; there is one in a thousand on any.
-        if (client.Stream(*server, stop_at, i == 2)) break;
-        server->Kill();
+        if (!StreamUntilKilled(*server, kill_at, i == 2, client)) break;
         server = std::make_unique<RunningServer>(arguments(run));
         kills_after_a_checkpoint += client.durable_seq() > 0;
       }
@@ -342,9 +357,11 @@ TEST_F(SurvivalTest, AServerThatIsToldTwiceToLeaveLosesNothingEither) {
     server->program().Signal(SIGTERM);
     status = server->program().Wait();
   });
+  client.MayBreak(true);
   EXPECT_FALSE(client.Stream(*server, SIZE_MAX));
   EXPECT_EQ(status, -SIGTERM) << "at once";
   EXPECT_LT(client.poses().size(), expected.size());
+  client.MayBreak(false);
   client.OnPose(nullptr);
   client.OnGoAway(nullptr);
   server = std::make_unique<RunningServer>(arguments);
