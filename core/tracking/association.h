@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <array>
 #include <cstdint>
+#include <limits>
 #include <optional>
 #include <vector>
 
@@ -23,10 +24,12 @@ struct TrackedLine {
   int model_line = 0;  // index into ObjectModel::lines
   Eigen::Vector3d p1;
   Eigen::Vector3d p2;
+  // How wide the narrowest of its faces can look, pixels: seen edge on, its two edges cannot be told apart.
+  double narrowest_face_px = std::numeric_limits<double>::infinity();
 
-  // `model_line` is for the reader to check.
+  // `model_line` is for the reader to check. The face is of the view, not of the line.
   static void VisitState(auto& archive, auto& self) {
-    auto& [model_line, p1, p2] = self;
+    auto& [model_line, p1, p2, narrowest_face_px] = self;
     archive(model_line, Finite(p1), Finite(p2));
   }
 };

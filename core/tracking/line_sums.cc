@@ -19,44 +19,42 @@ Eigen::Matrix3d LineSums::Moment(int n) const {
   return moment;
 }
 
-void AddNormalEquations(const LineSums& sums, const ImageLine& line, double scale, Matrix12d& hessian,
-                        Vector12d& gradient) {
-  const Eigen::Matrix3d m0 = scale * sums.Moment(0);
-  const Eigen::Matrix3d m1 = scale * sums.Moment(1);
-  const Eigen::Matrix3d m2 = scale * sums.Moment(2);
-  const PoseRows a = line.jacobian.transpose();
-  const PoseRows b = line.a_dot_jacobian.transpose();
-  const PoseRows a_m1 = a * m1;
-  const PoseRows pose_m0 = a * m0 + b * m1;
-  const PoseRows pose_m1 = a_m1 + b * m2;
+LineEquations::LineEquations(const LineSums& sums, const ImageLine& line, double scale)
+    : line_(line), m00_(scale * sums.Moment(0)), m01_(scale * sums.Moment(1)), m11_(scale * sums.Moment(2)) {
+  d0_ = m00_ * line.a_expected + m01_ * line.a_dot;
+  d1_ = m01_ * line.a_expected + m11_ * line.a_dot;
+}
+
+void LineEquations::Marginalise(const LineDisplacement& displacement) {
+  const Eigen::Matrix<double, 3, 2>& basis = displacement.basis;
+  const Eigen::Matrix<double, 3, 2> m00_basis = m00_ * basis;
+  const Eigen::Matrix<double, 3, 2> m10_basis = m01_ * basis;  // symmetric until now
+  // Ends that are displaced independently displace the middle, and tilt, by half of the variance each.
+  Eigen::Matrix2d information = basis.transpose() * m00_basis;
+  information.diagonal().array() += 2.0 / (displacement.sigma_px * displacement.sigma_px);
+  const Eigen::Matrix2d inverse = information.inverse();
+  const Eigen::Matrix<double, 3, 2> weighted0 = m00_basis * inverse;
+  const Eigen::Matrix<double, 3, 2> weighted1 = m10_basis * inverse;
+  const Eigen::Vector2d residual = basis.transpose() * d0_;
+  d0_ -= weighted0 * residual;
+  d1_ -= weighted1 * residual;
+  m00_ -= weighted0 * m00_basis.transpose();
+  m01_ -= weighted0 * m10_basis.transpose();
+  m11_ -= weighted1 * m10_basis.transpose();
+}
+
+void LineEquations::AddTo(Matrix12d& hessian, Vector12d& gradient) const {
+  const PoseRows a = line_.jacobian.transpose();
+  const PoseRows b = line_.a_dot_jacobian.transpose();
+  const PoseRows pose_m0 = a * m00_ + b * m01_.transpose();
+  const PoseRows pose_m1 = a * m01_ + b * m11_;
   const Matrix6d cross = pose_m1 * a.transpose();
   hessian.topLeftCorner<6, 6>() += pose_m0 * a.transpose() + pose_m1 * b.transpose();
   hessian.topRightCorner<6, 6>() += cross;
   hessian.bottomLeftCorner<6, 6>() += cross.transpose();
-  hessian.bottomRightCorner<6, 6>() += PoseRows(a * m2) * a.transpose();
-  const Eigen::Vector3d d0 = m0 * line.a_expected + m1 * line.a_dot;
-  const Eigen::Vector3d d1 = m1 * line.a_expected + m2 * line.a_dot;
-  gradient.head<6>() += a * d0 + b * d1;
-  gradient.tail<6>() += a * d1;
-}
-
-void MarginaliseDisplacement(const LineSums& sums, const ImageLine& line, double scale,
-                             const LineDisplacement& displacement, Matrix12d& hessian, Vector12d& gradient) {
-  const Eigen::Matrix<double, 3, 2>& basis = displacement.basis;
-  const Eigen::Matrix3d m0 = scale * sums.Moment(0);
-  const Eigen::Matrix3d m1 = scale * sums.Moment(1);
-  const Eigen::Matrix<double, 3, 2> m0_basis = m0 * basis;
-  const Eigen::Matrix<double, 3, 2> m1_basis = m1 * basis;
-  const PoseRows a = line.jacobian.transpose();
-  Eigen::Matrix<double, 12, 2> cross;
-  cross.topRows<6>() = a * m0_basis + line.a_dot_jacobian.transpose() * m1_basis;
-  cross.bottomRows<6>() = a * m1_basis;
-  // Ends that are displaced independently displace the middle, and tilt, by half of the variance each.
-  Eigen::Matrix2d information = basis.transpose() * m0_basis;
-  information.diagonal().array() += 2.0 / (displacement.sigma_px * displacement.sigma_px);
-  const Eigen::Matrix<double, 12, 2> weighted = cross * information.inverse();
-  for (int k = 0; k < 12; ++k) hessian.col(k) -= weighted * cross.row(k).transpose();
-  gradient -= weighted * (m0_basis.transpose() * line.a_expected + m1_basis.transpose() * line.a_dot);
+  hessian.bottomRightCorner<6, 6>() += PoseRows(a * m11_) * a.transpose();
+  gradient.head<6>() += a * d0_ + b * d1_;
+  gradient.tail<6>() += a * d1_;
 }
 
 }  // namespace evpose

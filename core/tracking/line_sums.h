@@ -34,12 +34,6 @@ class LineSums {
   std::array<Products, 3> sums_ = {Products::Zero(), Products::Zero(), Products::Zero()};
 };
 
-// Adds a line's share of H = sum w J^T J and g = sum w J^T d, where d = (a_expected + tau a_dot) . b and
-// J = [(A + tau B)^T b, tau A^T b] with respect to pose and twist: a_dot = A V, and B is its derivative by the pose.
-// Exactly the derivatives of d while a_expected differs from a by a constant. Pixels^2 per tangent unit.
-void AddNormalEquations(const LineSums& sums, const ImageLine& line, double scale, Matrix12d& hessian,
-                        Vector12d& gradient);
-
 // What the events of a line have in common: they all lie off it by a displacement that is linear along the line, of
 // which nothing is known but its size. `basis`: (displacement at the middle, and from there to the second end) =
 // basis^T b in pixels per unit.
@@ -48,10 +42,23 @@ struct LineDisplacement {
   double sigma_px = 0.0;  // of each end by itself
 };
 
-// Takes out of H and g, as AddNormalEquations left them with the same arguments, what the displacement may be instead
-// (Schur complement): however many the events, the line's place is known no better than the displacement is. Its motion
-// within the window is not affected.
-void MarginaliseDisplacement(const LineSums& sums, const ImageLine& line, double scale,
-                             const LineDisplacement& displacement, Matrix12d& hessian, Vector12d& gradient);
+// A line's share of H = sum w J^T J and g = sum w J^T d, where d = (a_expected + tau a_dot) . b and
+// J = [(A + tau B)^T b, tau A^T b] with respect to pose and twist: a_dot = A V, and B is its derivative by the pose.
+// Exactly the derivatives of d while a_expected differs from a by a constant. Pixels^2 per tangent unit.
+class LineEquations {
+ public:
+  LineEquations(const LineSums& sums, const ImageLine& line, double scale);
+  // Takes out what the displacement may be instead (Schur complement): however many the events, the line's place is
+  // known no better than the displacement is. Its motion within the window is not affected. At most once.
+  void Marginalise(const LineDisplacement& displacement);
+  void AddTo(Matrix12d& hessian, Vector12d& gradient) const;
+
+ private:
+  const ImageLine& line_;
+  // Blocks of the moment of (b, tau b), and of its product with d: what is taken out of six by six numbers need not be
+  // of twelve by twelve.
+  Eigen::Matrix3d m00_, m01_, m11_;
+  Eigen::Vector3d d0_, d1_;
+};
 
 }  // namespace evpose

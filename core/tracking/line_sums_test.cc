@@ -69,7 +69,7 @@ TEST(LineSums, NormalEquationsEqualAutomaticDifferentiation) {
   }
   Matrix12d hessian = Matrix12d::Zero();
   Vector12d gradient = Vector12d::Zero();
-  AddNormalEquations(sums, image[0], 1.0, hessian, gradient);
+  LineEquations(sums, image[0], 1.0).AddTo(hessian, gradient);
 
   Matrix12d expected_hessian = Matrix12d::Zero();
   Vector12d expected_gradient = Vector12d::Zero();
@@ -126,9 +126,12 @@ TEST(LineSums, ADisplacementIsMarginalised) {
 
   Matrix12d hessian = Matrix12d::Zero();
   Vector12d gradient = Vector12d::Zero();
-  AddNormalEquations(sums, line, kScale, hessian, gradient);
-  const Matrix12d before = hessian;
-  MarginaliseDisplacement(sums, line, kScale, displacement, hessian, gradient);
+  LineEquations equations(sums, line, kScale);
+  Matrix12d before = Matrix12d::Zero();
+  equations.AddTo(before, gradient);
+  gradient.setZero();
+  equations.Marginalise(displacement);
+  equations.AddTo(hessian, gradient);
   EXPECT_LT((hessian - expected).norm(), 1e-9 * expected.norm());
   EXPECT_LT((gradient - expected_gradient).norm(), 1e-9 * joint_gradient.norm());
   const double left = (hessian.topLeftCorner<6, 6>()).trace() / (before.topLeftCorner<6, 6>()).trace();

@@ -192,7 +192,9 @@ TEST_P(MixtureReference, MinimumAndCovarianceEqualCeresOverAllEvents) {
     hessian.setZero();
     Vector12d gradient = Vector12d::Zero();
     AddPriorEquations(state, predicted_, information, hessian, gradient);
-    for (size_t k = 0; k < lines_.size(); ++k) AddNormalEquations(sums[k].sums, lines_[k], kScale, hessian, gradient);
+    for (size_t k = 0; k < lines_.size(); ++k) {
+      LineEquations(sums[k].sums, lines_[k], kScale).AddTo(hessian, gradient);
+    }
     state = Plus(state, -hessian.ldlt().solve(gradient));
   }
   const Vector12d found = Minus(state, predicted_);

@@ -260,8 +260,8 @@ class DisplacedLines : public ::testing::Test {
     }
     return events;
   }
-  // Standard deviation of the sideways position after many windows of the same.
-  double LateralSigma(double displacement_px) {
+  // Standard deviation of the sideways position after so many windows of the same.
+  double LateralSigma(double displacement_px, int num_windows = 200) {
     const std::vector<Observation> events = MakeEvents(displacement_px);
     WindowInput input;
     input.events = events;
@@ -271,7 +271,7 @@ class DisplacedLines : public ::testing::Test {
     options.sensor = testing::UnbiasedSensor();
     const std::unique_ptr<WindowEstimator> estimator = MakeMixtureEstimator(options, camera_);
     WindowFit fit;
-    for (int window = 0; window < 200; ++window) {
+    for (int window = 0; window < num_windows; ++window) {
       estimator->Fit(state_, input, 1.0, fit);
       estimator->Accept(fit, input);
     }
@@ -289,6 +289,18 @@ TEST_F(DisplacedLines, MakeThePoseLessCertain) {
   const double known = LateralSigma(0.0);
   EXPECT_NEAR(LateralSigma(0.03), known, 0.1 * known) << "within what the profile leaves open";
   EXPECT_GT(LateralSigma(0.3), 2.0 * known);
+}
+
+TEST_F(DisplacedLines, OfAFaceSeenEdgeOnSayLittleOfWhereTheyAre) {
+  const double known = LateralSigma(0.0, 1);
+  // Those that run up and down, which tell of the sideways position.
+  const auto with_faces_of = [&](double width_px) {
+    for (size_t k = 0; k < tracked_.size(); k += 2) tracked_[k].narrowest_face_px = width_px;
+    return LateralSigma(0.0, 1);
+  };
+  EXPECT_EQ(with_faces_of(10.0), known) << "wide enough for its edges to be told apart";
+  EXPECT_GT(with_faces_of(0.5), 3.0 * known);
+  EXPECT_GT(with_faces_of(0.0), with_faces_of(0.5));
 }
 
 }  // namespace

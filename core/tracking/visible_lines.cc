@@ -1,6 +1,8 @@
 #include "core/tracking/visible_lines.h"
 
 #include <algorithm>
+#include <cmath>
+#include <limits>
 
 namespace evpose {
 namespace {
@@ -33,10 +35,25 @@ void VisibleLines::FacingFaces(const RigidTransform& camera_from_object, std::ve
 
 absl::Span<const TrackedLine> VisibleLines::At(const RigidTransform& camera_from_object) {
   FacingFaces(camera_from_object, facing_now_);
-  if (facing_now_ == facing_ && !ViewChanged(camera_from_object)) return lines_;
-  facing_.swap(facing_now_);
-  LookFrom(camera_from_object);
+  if (facing_now_ != facing_ || ViewChanged(camera_from_object)) {
+    facing_.swap(facing_now_);
+    LookFrom(camera_from_object);
+  }
+  MeasureFaces(camera_from_object);
   return lines_;
+}
+
+void VisibleLines::MeasureFaces(const RigidTransform& camera_from_object) {
+  const Eigen::Vector3d eye = -(camera_from_object.rotation.transpose() * camera_from_object.translation_m);
+  const double focal_px = std::max(camera_.fx_px, camera_.fy_px);
+  for (TrackedLine& line : lines_) {
+    const Eigen::Vector3d to_eye = eye - 0.5 * (line.p1 + line.p2);
+    const double width_px = focal_px * model_.diameter_m / to_eye.squaredNorm();
+    line.narrowest_face_px = std::numeric_limits<double>::infinity();
+    for (const Eigen::Vector3d& normal : model_.lines[line.model_line].face_normals) {
+      line.narrowest_face_px = std::min(line.narrowest_face_px, width_px * std::abs(normal.dot(to_eye)));
+    }
+  }
 }
 
 void VisibleLines::LookFrom(const RigidTransform& camera_from_object) {

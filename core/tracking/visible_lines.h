@@ -24,6 +24,8 @@ class VisibleLines {
   void LoadState(StateReader& reader);
 
  private:
+  // TrackedLine::narrowest_face_px; no face is wider than the object.
+  void MeasureFaces(const RigidTransform& camera_from_object);
   void LookFrom(const RigidTransform& camera_from_object);
   bool ViewChanged(const RigidTransform& camera_from_object) const;
   // For each face of each line, whether it is turned to the camera. It decides which lines show, and matters to the
