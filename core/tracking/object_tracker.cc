@@ -82,6 +82,7 @@ void ObjectTracker::OnWindow(const EventWindow& window, std::vector<PoseEstimate
   if (initializer_ != nullptr) {
     if (is_claimed_ && reviews_left_ == 0 && state() == TrackState::kTracking) {
       memory_.Clear();
+      retry_us_ = context_.options.initialization.review_us;
     } else {
       memory_.Add(window);
     }
@@ -155,8 +156,8 @@ void ObjectTracker::Claim(const EventWindow& window) {
   is_claimed_ = true;
   reviews_left_ = is_given_ ? 0 : options.num_reviews;
   is_given_ = false;
+  retry_us_ = options.review_us;
   next_search_us_ = window.t_end_us + options.review_us;
-  retry_us_ = options.retry_us;
 }
 
 void ObjectTracker::Search(const EventWindow& window, std::vector<PoseEstimate>& estimates) {
@@ -191,8 +192,17 @@ bool ObjectTracker::MayReview() const {
 }
 
 void ObjectTracker::Review(const EventWindow& window) {
-  next_search_us_ = window.t_end_us + context_.options.initialization.review_us;
-  if (is_claimed_ && reviews_left_ > 0) --reviews_left_;
+  const InitializationOptions& options = context_.options.initialization;
+  int64_t wait_us = options.review_us;
+  if (is_claimed_ && reviews_left_ > 0) {
+    --reviews_left_;
+  } else if (is_claimed_) {
+    // In flicker or clutter a right pose is in doubt for long: another is looked for less often, but as often as an
+    // object that is gone must be found when it returns.
+    wait_us = retry_us_;
+    retry_us_ = std::min(options.max_retry_us, retry_us_ + retry_us_ / 2);
+  }
+  next_search_us_ = window.t_end_us + wait_us;
   Hypotheses challengers(context_);
   FindHypotheses(challengers);
   const int64_t since_us = challengers.empty() ? 0 : challengers.first().motion().t_us;
@@ -343,6 +353,7 @@ void ObjectTracker::CountLoss() {
   is_decided_ = false;
   is_given_ = false;
   idle_state_ = TrackState::kLost;
+  retry_us_ = context_.options.initialization.retry_us;
   ++losses_;
 }
 
