@@ -3,12 +3,6 @@
 #include <Eigen/LU>
 
 namespace evpose {
-namespace {
-
-// Derivatives by the pose, one parameter a row: stored by columns of six, which take few instructions to multiply.
-using PoseRows = Eigen::Matrix<double, 6, 3>;
-
-}  // namespace
 
 Eigen::Matrix3d LineSums::Moment(int n) const {
   const Products& s = sums_[n];
@@ -20,7 +14,11 @@ Eigen::Matrix3d LineSums::Moment(int n) const {
 }
 
 LineEquations::LineEquations(const LineSums& sums, const ImageLine& line, double scale)
-    : line_(line), m00_(scale * sums.Moment(0)), m01_(scale * sums.Moment(1)), m11_(scale * sums.Moment(2)) {
+    : a_(line.jacobian.transpose()),
+      b_(line.a_dot_jacobian.transpose()),
+      m00_(scale * sums.Moment(0)),
+      m01_(scale * sums.Moment(1)),
+      m11_(scale * sums.Moment(2)) {
   d0_ = m00_ * line.a_expected + m01_ * line.a_dot;
   d1_ = m01_ * line.a_expected + m11_ * line.a_dot;
 }
@@ -44,17 +42,15 @@ void LineEquations::Marginalise(const LineDisplacement& displacement) {
 }
 
 void LineEquations::AddTo(Matrix12d& hessian, Vector12d& gradient) const {
-  const PoseRows a = line_.jacobian.transpose();
-  const PoseRows b = line_.a_dot_jacobian.transpose();
-  const PoseRows pose_m0 = a * m00_ + b * m01_.transpose();
-  const PoseRows pose_m1 = a * m01_ + b * m11_;
-  const Matrix6d cross = pose_m1 * a.transpose();
-  hessian.topLeftCorner<6, 6>() += pose_m0 * a.transpose() + pose_m1 * b.transpose();
+  const PoseRows pose_m0 = a_ * m00_ + b_ * m01_.transpose();
+  const PoseRows pose_m1 = a_ * m01_ + b_ * m11_;
+  const Matrix6d cross = pose_m1 * a_.transpose();
+  hessian.topLeftCorner<6, 6>() += pose_m0 * a_.transpose() + pose_m1 * b_.transpose();
   hessian.topRightCorner<6, 6>() += cross;
   hessian.bottomLeftCorner<6, 6>() += cross.transpose();
-  hessian.bottomRightCorner<6, 6>() += PoseRows(a * m11_) * a.transpose();
-  gradient.head<6>() += a * d0_ + b * d1_;
-  gradient.tail<6>() += a * d1_;
+  hessian.bottomRightCorner<6, 6>() += PoseRows(a_ * m11_) * a_.transpose();
+  gradient.head<6>() += a_ * d0_ + b_ * d1_;
+  gradient.tail<6>() += a_ * d1_;
 }
 
 }  // namespace evpose

@@ -54,7 +54,10 @@ class LineEquations {
   void AddTo(Matrix12d& hessian, Vector12d& gradient) const;
 
  private:
-  const ImageLine& line_;
+  // Derivatives by the pose, A and B, one parameter a row: stored by columns of six, which take few instructions to
+  // multiply.
+  using PoseRows = Eigen::Matrix<double, 6, 3>;
+  PoseRows a_, b_;
   // Blocks of the moment of (b, tau b), and of its product with d: what is taken out of six by six numbers need not be
   // of twelve by twelve.
   Eigen::Matrix3d m00_, m01_, m11_;
