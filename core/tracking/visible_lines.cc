@@ -25,8 +25,7 @@ bool VisibleLines::ViewChanged(const RigidTransform& camera_from_object) const {
   return change.head<3>().norm() * focal_px > kChangePx * depth_m || change.tail<3>().norm() > kChangeRad;
 }
 
-void VisibleLines::FacingFaces(const RigidTransform& camera_from_object, std::vector<bool>& facing) const {
-  const Eigen::Vector3d eye = -(camera_from_object.rotation.transpose() * camera_from_object.translation_m);
+void VisibleLines::FacingFaces(const Eigen::Vector3d& eye, std::vector<bool>& facing) const {
   facing.clear();
   for (const ModelLine& line : model_.lines) {
     for (const Eigen::Vector3d& normal : line.face_normals) facing.push_back(normal.dot(eye - line.p1) > 0.0);
@@ -34,17 +33,17 @@ void VisibleLines::FacingFaces(const RigidTransform& camera_from_object, std::ve
 }
 
 absl::Span<const TrackedLine> VisibleLines::At(const RigidTransform& camera_from_object) {
-  FacingFaces(camera_from_object, facing_now_);
+  const Eigen::Vector3d eye = camera_from_object.Inverse().translation_m;
+  FacingFaces(eye, facing_now_);
   if (facing_now_ != facing_ || ViewChanged(camera_from_object)) {
     facing_.swap(facing_now_);
     LookFrom(camera_from_object);
   }
-  MeasureFaces(camera_from_object);
+  MeasureFaces(eye);
   return lines_;
 }
 
-void VisibleLines::MeasureFaces(const RigidTransform& camera_from_object) {
-  const Eigen::Vector3d eye = -(camera_from_object.rotation.transpose() * camera_from_object.translation_m);
+void VisibleLines::MeasureFaces(const Eigen::Vector3d& eye) {
   const double focal_px = std::max(camera_.fx_px, camera_.fy_px);
   for (TrackedLine& line : lines_) {
     const Eigen::Vector3d to_eye = eye - 0.5 * (line.p1 + line.p2);
@@ -75,7 +74,7 @@ void VisibleLines::LoadState(StateReader& reader) {
   reader(looked_from_);
   if (!reader.ok() || !looked_from_) return;
   const RigidTransform pose = *looked_from_;
-  FacingFaces(pose, facing_);
+  FacingFaces(pose.Inverse().translation_m, facing_);
   LookFrom(pose);
 }
 

@@ -24,14 +24,14 @@ class VisibleLines {
   void LoadState(StateReader& reader);
 
  private:
-  // TrackedLine::narrowest_face_px; no face is wider than the object.
-  void MeasureFaces(const RigidTransform& camera_from_object);
+  // TrackedLine::narrowest_face_px, from the camera's centre in the object frame; no face is wider than the object.
+  void MeasureFaces(const Eigen::Vector3d& eye);
   void LookFrom(const RigidTransform& camera_from_object);
   bool ViewChanged(const RigidTransform& camera_from_object) const;
   // For each face of each line, whether it is turned to the camera. It decides which lines show, and matters to the
   // last tenth of a degree: a line kept too long on a face that has turned away holds the pose there, and one missed
   // too long gives its events to its neighbour (method.md 2.10 (7)).
-  void FacingFaces(const RigidTransform& camera_from_object, std::vector<bool>& facing) const;
+  void FacingFaces(const Eigen::Vector3d& eye, std::vector<bool>& facing) const;
 
   const ObjectModel& model_;
   const CameraModel camera_;

@@ -40,7 +40,7 @@ weighs_rare() {
 
 deploy/install-dependencies.sh --test
 # What is freed is kept from use for a while, by default for 256 MB and a multiple in a heap full of holes: text_files
-# grew beyond a gigabyte, and keeps to 161 MB like this.
+# grew beyond a gigabyte, and keeps below 300 MB like this.
 export ASAN_OPTIONS=quarantine_size_mb=8
 export UBSAN_OPTIONS=print_stacktrace=1
 export LSAN_OPTIONS=suppressions=$PWD/tests/lsan_suppressions.txt:print_suppressions=0
