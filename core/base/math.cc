@@ -24,8 +24,12 @@ constexpr double kHalfPi = 0x1.921fb54442d18p0;
 
 double PowerOfTwo(int64_t exponent) { return std::bit_cast<double>(static_cast<uint64_t>(exponent + 1023) << 52); }
 
-// Nearest integer, ties away from zero, without the processor's rounding instructions.
-int64_t NearestInteger(double x) { return static_cast<int64_t>(x + (x < 0.0 ? -0.5 : 0.5)); }
+// Nearest integer, ties away from zero, without the processor's rounding instructions. 0 for what is none and for what
+// no integer reaches: what is computed with it then is no finite number either.
+int64_t NearestInteger(double x) {
+  constexpr double kTooMuch = 0x1p62;
+  return std::abs(x) < kTooMuch ? static_cast<int64_t>(x + (x < 0.0 ? -0.5 : 0.5)) : 0;
+}
 
 // sin(r) for |r| <= pi/4.
 double SinPolynomial(double r) {

@@ -43,6 +43,19 @@ TEST(DeterministicMathTest, SinCosIsCloseToTheLibrary) {
   }
 }
 
+TEST(DeterministicMathTest, WhatIsNoNumberStaysNone) {
+  const double infinity = std::numeric_limits<double>::infinity();
+  const double none = std::numeric_limits<double>::quiet_NaN();
+  for (const double angle_rad : {none, infinity, -infinity, 1.5e76, -1e300}) {
+    const SinCos sin_cos = DeterministicSinCos(angle_rad);
+    EXPECT_FALSE(std::isfinite(sin_cos.sin) || std::isfinite(sin_cos.cos)) << angle_rad;
+  }
+  EXPECT_TRUE(std::isnan(DeterministicExp(none)));
+  EXPECT_TRUE(std::isnan(DeterministicAtan2(none, 1.0)));
+  EXPECT_TRUE(std::isnan(DeterministicAtan2(1.0, none)));
+  EXPECT_TRUE(std::isnan(DeterministicAtan2(infinity, infinity)));
+}
+
 TEST(DeterministicMathTest, SmallAnglesKeepTheirRelativePrecision) {
   for (double angle : {1e-3, 1e-8, 1e-300}) EXPECT_EQ(DeterministicSinCos(angle).sin / std::sin(angle), 1.0);
 }

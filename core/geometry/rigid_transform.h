@@ -31,8 +31,8 @@ struct RigidTransform {
   static void VisitState(auto& archive, auto& self) {
     auto& [rotation, translation_m] = self;
     archive(Finite(rotation), Finite(translation_m));
-    // What follows from such numbers does not overflow.
-    archive.Check(rotation.cwiseAbs().maxCoeff() < 2.0, "a matrix that is no rotation");
+    // What is far from one grows when it is made one again, until its numbers overflow.
+    archive.Check(rotation.isUnitary(1e-3), "a matrix that is no rotation");
   }
 };
 

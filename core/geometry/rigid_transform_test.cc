@@ -206,6 +206,8 @@ TEST(RigidTransformTest, StateThatIsNoTransformIsRefused) {
   };
   RigidTransform transform;
   EXPECT_TRUE(status_of(transform).ok());
+  transform.rotation(1, 2) = 1.9;
+  EXPECT_NE(status_of(transform).message().find("a matrix that is no rotation"), absl::string_view::npos);
   transform.rotation(1, 2) = -1e200;
   EXPECT_NE(status_of(transform).message().find("a matrix that is no rotation"), absl::string_view::npos);
   transform.rotation(1, 2) = std::numeric_limits<double>::infinity();

@@ -221,8 +221,8 @@ class TrackReactor : public grpc::ServerBidiReactor<v1::TrackRequest, v1::TrackR
     alarm_ = std::make_unique<grpc::Alarm>();
     alarm_->Set(std::chrono::system_clock::now() + absl::ToChronoMicroseconds(std::min(duration, kLongestHold)),
                 [weak = weak_from_this()](bool has_fired) {
-                  const auto self = weak.lock();
-                  if (self != nullptr && has_fired) self->OnAlarm();
+                  if (!has_fired) return;  // the stream may be over, and is not held up
+                  if (const auto self = weak.lock()) self->OnAlarm();
                 });
   }
 

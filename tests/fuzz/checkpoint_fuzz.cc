@@ -1,48 +1,90 @@
-// Damaged checkpoints: each is refused in words, or makes a session that goes on without a fault. An input is what is
-// done to a true one: bytes changed, its end cut off.
-#include <iterator>
+// Damaged checkpoints: each is refused in words, or makes a session that goes on without a fault, to its end or not. An
+// input is what is done to a true one: bytes changed, its end cut off.
 #include <memory>
 #include <string>
 #include <utility>
 #include <vector>
 
+#include "core/initialization/search_model.h"
 #include "core/models/object_model.h"
+#include "core/tracking/camera_tables.h"
+#include "core/tracking/ideal_events.h"
+#include "core/tracking/tracker_options.h"
 #include "server/sessions/session_pipeline.h"
 #include "server/sessions/testing.h"
-#include "server/sessions/tracker_factory.h"
 #include "tests/fuzz/fuzz_input.h"
 #include "tests/fuzz/require.h"
 
 namespace evpose {
 namespace {
 
-server::SessionConfig Config(Encoding encoding, Estimator estimator) {
-  server::SessionConfig config = server::SomeConfig();
-  config.encoding = encoding;
-  config.estimator = estimator;
-  config.camera = {.width_px = 64, .height_px = 48, .fx_px = 60, .fy_px = 60, .cx_px = 32, .cy_px = 24};
-  config.objects[0].initial_camera_from_object->translation_m.z() = 0.5;
-  return config;
+// A small picture, and everything that is counted or waited for in proportion: a session comes to all its states within
+// few events.
+const CameraModel kCamera = testing::MakeCamera(48, 36, 48);
+constexpr int64_t kBeforeUs = 24'000;
+constexpr int64_t kAfterUs = 1'000;
+constexpr double kDensity = 3.0;  // events per square pixel that the lines sweep
+constexpr double kNoise = 300.0;  // events per second over the picture
+
+TrackerOptions Options(Estimator estimator) {
+  TrackerOptions options;
+  options.estimator = estimator;
+  options.sensor = testing::UnbiasedSensor();
+  options.windows.min_events = 10;
+  options.windows.max_events = 100;
+  options.mixture.max_passes = 2;
+  options.health.min_events = 60;
+  options.health.min_span_us = 1000;
+  options.health.memory_us = 10'000;
+  options.health.max_hold_us = 2000;
+  options.health.patience_us = 3000;
+  options.health.lost_after_us = 5000;
+  options.initialization.memory_us = 10'000;
+  options.initialization.max_window_events = 100;
+  options.initialization.max_events = 200;
+  options.initialization.min_events = 60;
+  options.initialization.retry_us = 3000;
+  options.initialization.max_retry_us = 6000;
+  options.initialization.max_vain_retry_us = 10'000;
+  options.initialization.review_us = 5000;
+  return options;
+}
+
+absl::StatusOr<std::unique_ptr<Tracker>> MakeTracker(const server::SessionConfig& config,
+                                                     const std::vector<std::shared_ptr<const ObjectModel>>& models) {
+  static const auto tables = MakeCameraTables(kCamera).value();
+  static const auto search_model = MakeSearchModel(models[0]).value();
+  std::vector<ObjectToTrack> objects;
+  for (const server::ObjectConfig& object : config.objects) {
+    objects.push_back({models[0], object.initial_camera_from_object, object.reference_rotation, search_model});
+  }
+  return Tracker::Create(std::move(objects), config.camera, Options(config.estimator), tables);
+}
+
+// Of half as many lines as a cube.
+std::shared_ptr<const ObjectModel> Tetrahedron() {
+  static const std::string file =
+      "v 0.1 0.1 0.1\nv 0.1 -0.1 -0.1\nv -0.1 0.1 -0.1\nv -0.1 -0.1 0.1\nf 1 2 3\nf 1 4 2\nf 1 3 4\nf 2 4 3\n";
+  static const auto model = std::make_shared<const ObjectModel>(
+      ParseObjectModel({reinterpret_cast<const uint8_t*>(file.data()), file.size()}, ModelFormat::kObj, {}).value());
+  return model;
 }
 
 std::unique_ptr<server::SessionPipeline> MakePipeline(const server::SessionConfig& config) {
-  static const auto model = std::make_shared<const ObjectModel>(
-      ParseObjectModel({reinterpret_cast<const uint8_t*>(server::kCubeObj), sizeof(server::kCubeObj) - 1},
-                       ModelFormat::kObj, {})
-          .value());
-  static const server::TrackerFactory make_tracker = server::MakeTrackerFactory();
-  return server::SessionPipeline::Create(config, {model}, make_tracker).value();
+  return server::SessionPipeline::Create(config, {config.objects.size(), Tetrahedron()}, MakeTracker).value();
 }
 
-// Events all over the small sensor, `num_ms` of them from `begin_ms` on.
-std::string SomeBytes(int64_t begin_ms, int64_t num_ms) {
-  std::vector<Event> events;
-  for (Event event : server::SomeEvents(begin_ms, begin_ms + num_ms, 40)) {
-    event.x %= 64;
-    event.y %= 48;
-    events.push_back(event);
-  }
-  return server::Flat64(events);
+RigidTransform PoseAt(double t_s) {
+  return testing::MakePose({0.8 * t_s - 0.02, 0.4 * t_s, 0.5}, {0.6 + 4.0 * t_s, 0.5 + 2.0 * t_s, 0.2});
+}
+
+std::string EventsOf(double events_per_px2, double clutter_per_s, int64_t t_begin_us, int64_t duration_us) {
+  testing::IdealEventOptions options;
+  options.events_per_px2 = events_per_px2;
+  options.clutter_per_s = clutter_per_s;
+  options.t_begin_us = t_begin_us;
+  options.duration_us = duration_us;
+  return server::Flat64(testing::MakeIdealEvents(*Tetrahedron(), kCamera, PoseAt, options));
 }
 
 absl::Span<const uint8_t> AsBytes(const std::string& text) {
@@ -51,22 +93,37 @@ absl::Span<const uint8_t> AsBytes(const std::string& text) {
 
 struct Base {
   server::SessionConfig config;
-  std::unique_ptr<server::SessionPipeline> pipeline;  // keeps what all trackers of the model share
   std::string state;
 };
 
+server::SessionConfig Config(Estimator estimator, std::vector<std::string> objects = {"cube"}) {
+  server::SessionConfig config = server::SomeConfig(objects);
+  config.estimator = estimator;
+  config.camera = kCamera;
+  config.sensor = testing::UnbiasedSensor();
+  for (server::ObjectConfig& object : config.objects) object.initial_camera_from_object = std::nullopt;
+  config.objects[0].initial_camera_from_object = PoseAt(0.0);
+  return config;
+}
+
+Base MakeBase(const server::SessionConfig& config, const std::string& bytes) {
+  const auto pipeline = MakePipeline(config);
+  server::PipelineOutput output;
+  pipeline->Process(AsBytes(bytes), output);
+  return {config, pipeline->SaveState()};
+}
+
+// At the start, tracking, searching after a loss, and with a second object that is not there.
 std::vector<Base> MakeBases() {
+  const std::string few = EventsOf(kDensity, kNoise, 0, 1000);
+  const std::string enough = EventsOf(kDensity, kNoise, 0, kBeforeUs);
   std::vector<Base> bases;
   for (const Estimator estimator : {Estimator::kMixture, Estimator::kErrorStateFilter}) {
-    for (const int64_t num_ms : {1, 30}) {
-      const server::SessionConfig config = Config(Encoding::kFlat64, estimator);
-      auto pipeline = MakePipeline(config);
-      server::PipelineOutput output;
-      pipeline->Process(AsBytes(SomeBytes(0, num_ms)), output);
-      const std::string state = pipeline->SaveState();
-      bases.push_back({config, std::move(pipeline), state});
-    }
+    const server::SessionConfig config = Config(estimator);
+    for (const std::string& bytes : {few, enough}) bases.push_back(MakeBase(config, bytes));
   }
+  bases.push_back(MakeBase(Config(Estimator::kMixture), EventsOf(0.0, 20'000.0, 0, kBeforeUs)));
+  bases.push_back(MakeBase(Config(Estimator::kMixture, {"cube", "another"}), EventsOf(kDensity, kNoise, 0, 8'000)));
   return bases;
 }
 
@@ -89,14 +146,17 @@ extern "C" int LLVMFuzzerTestOneInput(const uint8_t* data, size_t size) {
   using namespace evpose;
   static const std::vector<Base>& bases = *new std::vector<Base>(MakeBases());
   FuzzInput input(data, size);
-  const Base& base = bases[static_cast<size_t>(input.Choice(static_cast<int>(bases.size())))];
+  const uint8_t choice = input.Byte();
+  const Base& base = bases[choice % bases.size()];
+  const bool comes_to_its_end = choice / bases.size() % 4 == 0;
   const std::string state = Damage(base.state, input);
   const auto pipeline = MakePipeline(base.config);
   const absl::Status loaded = pipeline->LoadState(state);
   EVPOSE_FUZZ_REQUIRE(loaded.ok() || !loaded.message().empty());
   if (!loaded.ok()) return 0;
+  static const std::string& after = *new std::string(EventsOf(kDensity, kNoise, kBeforeUs, kAfterUs));
   server::PipelineOutput output;
-  pipeline->Process(AsBytes(SomeBytes(30, 3)), output);
-  pipeline->Finish(output);
+  pipeline->Process(AsBytes(after), output);
+  if (comes_to_its_end) pipeline->Finish(output);
   return 0;
 }

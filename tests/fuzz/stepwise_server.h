@@ -1,0 +1,188 @@
+// What stands behind a Track stream, without a thread: whatever the server would do on threads of its own waits until
+// it is told to take a step. So one input is always the same sequence of steps, and an input can choose any order of
+// them.
+#pragma once
+
+#include <array>
+#include <boost/asio/executor_work_guard.hpp>
+#include <boost/asio/io_context.hpp>
+#include <boost/asio/post.hpp>
+#include <chrono>
+#include <memory>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "core/base/status_macros.h"
+#include "server/auth/authenticator.h"
+#include "server/rpc/service_context.h"
+#include "server/sessions/testing.h"
+#include "server/stores/checked_lease.h"
+#include "server/stores/memory_sessions.h"
+#include "server/stores/memory_store.h"
+#include "tests/fuzz/require.h"
+
+namespace evpose {
+
+// In the place of a thread.
+class Worker {
+ public:
+  boost::asio::io_context::executor_type executor() { return context_.get_executor(); }
+  // False: nothing waits.
+  bool Step() { return context_.poll_one() > 0; }
+
+ private:
+  boost::asio::io_context context_{1};
+  const boost::asio::executor_work_guard<boost::asio::io_context::executor_type> open_{executor()};
+};
+
+class StepwiseLease : public server::CheckedLease {
+ public:
+  StepwiseLease(server::MemorySessions& sessions, Worker& committer, absl::string_view name, uint64_t fencing_number,
+                uint64_t next_pose_seq)
+      : CheckedLease(fencing_number, next_pose_seq), sessions_(sessions), committer_(committer), name_(name) {}
+
+ private:
+  void Write(server::SessionCommit commit, uint64_t next_pose_seq, Done done) override {
+    boost::asio::post(
+        committer_.executor(),
+        [&sessions = sessions_, name = name_, number = fencing_number(), next_pose_seq, commit = std::move(commit),
+         done = std::move(done)]() mutable { done(sessions.Commit(name, number, next_pose_seq, std::move(commit))); });
+  }
+  void Refuse(absl::Status status, Done done) override {
+    boost::asio::post(committer_.executor(),
+                      [status = std::move(status), done = std::move(done)]() mutable { done(status); });
+  }
+
+  server::MemorySessions& sessions_;
+  Worker& committer_;
+  const std::string name_;
+};
+
+// The memory store with another thread for its commits; the models are not its business.
+class StepwiseStore : public server::Store {
+ public:
+  explicit StepwiseStore(Worker& committer) : committer_(committer) {}
+
+  absl::string_view kind() const override { return "memory"; }
+  absl::Status CheckHealth() override { return absl::OkStatus(); }
+  std::vector<std::string> damage() const override { return {}; }
+  absl::StatusOr<std::vector<server::ModelRecord>> ReadModels() const override { return models_->ReadModels(); }
+  absl::StatusOr<server::ModelRecord> ReadModel(absl::string_view tenant, absl::string_view name) const override {
+    return models_->ReadModel(tenant, name);
+  }
+  absl::Status PutModel(const server::ModelRecord& model) override { return models_->PutModel(model); }
+  absl::Status DeleteModel(absl::string_view tenant, absl::string_view name) override {
+    return models_->DeleteModel(tenant, name);
+  }
+  absl::StatusOr<std::unique_ptr<server::SessionLease>> CreateSession(const server::SessionRecord& record,
+                                                                      const std::string& lifecycle) override {
+    EVPOSE_ASSIGN_OR_RETURN(const uint64_t number, sessions_.Create(record, lifecycle));
+    return std::make_unique<StepwiseLease>(sessions_, committer_, record.name, number, /*next_pose_seq=*/1);
+  }
+  absl::StatusOr<Taken> TakeSession(absl::string_view name) override {
+    EVPOSE_ASSIGN_OR_RETURN(server::MemorySession taken, sessions_.Take(name));
+    return Taken{.session = std::move(taken.stored),
+                 .lease = std::make_unique<StepwiseLease>(sessions_, committer_, name, taken.fencing_number,
+                                                          taken.next_pose_seq)};
+  }
+  absl::StatusOr<server::StoredSession> ReadSession(absl::string_view name, uint64_t after_pose_seq) const override {
+    return sessions_.Read(name, after_pose_seq);
+  }
+  absl::StatusOr<std::vector<server::SessionRecord>> ListSessions() const override { return sessions_.List(); }
+  absl::StatusOr<std::vector<server::StoredLifecycle>> ReadLifecycles() const override {
+    return sessions_.ReadLifecycles();
+  }
+  absl::Status DeleteSession(absl::string_view name) override {
+    sessions_.Delete(name);
+    return absl::OkStatus();
+  }
+  absl::Status DeleteHeldSession(absl::string_view name, uint64_t fencing_number) override {
+    return sessions_.DeleteHeld(name, fencing_number);
+  }
+  absl::StatusOr<std::vector<std::string>> DeleteEnded(absl::Time ended_before) override {
+    return sessions_.DeleteEnded(ended_before);
+  }
+
+ private:
+  Worker& committer_;
+  server::MemorySessions sessions_{UINT64_MAX};
+  const std::unique_ptr<server::Store> models_ = server::MakeMemoryStore();
+};
+
+// All that a TrackReactor uses, with trackers that cost nothing, small limits, and a clock that stands.
+class StepwiseServer : private server::Drainer {
+ public:
+  static constexpr size_t kNumWorkers = 4;
+
+  explicit StepwiseServer(bool writes_checkpoints)
+      : sessions_(ManagerOptions(writes_checkpoints), store_, *models_, pool_) {
+    const std::string_view file = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n";
+    const auto model =
+        models_->Upload(tenant(), {}, "", std::make_shared<std::vector<uint8_t>>(file.begin(), file.end()));
+    config_ = server::SomeConfig({"cube"}, model.value().name);
+  }
+
+  const server::ServiceContext& context() const { return context_; }
+  std::shared_ptr<server::Session> CreateSession() { return sessions_.Create(tenant(), config_, "").value(); }
+  void DeleteSession(const std::string& name) { EVPOSE_FUZZ_REQUIRE(sessions_.Delete(tenant(), name).ok()); }
+  void LetTimePass(absl::Duration duration) { now_ += duration; }
+  // What one thread would do next; false: it has nothing to do.
+  bool Step(size_t worker) { return workers_[worker].Step(); }
+  bool StepAny() {
+    for (Worker& worker : workers_) {
+      if (worker.Step()) return true;
+    }
+    return false;
+  }
+  void RequireEmpty() {
+    EVPOSE_FUZZ_REQUIRE(sessions_.num_sessions() == 0);
+    EVPOSE_FUZZ_REQUIRE(store_.ListSessions().value().empty());
+  }
+
+ private:
+  static std::string tenant() { return ""; }
+
+  server::SessionManager::Options ManagerOptions(bool writes_checkpoints) {
+    server::SessionManager::Options options;
+    options.limits = {.credit_bytes = 512,
+                      .max_chunk_bytes = 128,
+                      .pose_log_capacity = 16,  // so that poses are forgotten
+                      .writes_checkpoints = writes_checkpoints};
+    options.make_tracker = server::FakeTrackers();
+    options.now = [this] { return now_; };
+    // Every look takes its time, so that a checkpoint is due now and then.
+    options.steady_now = [this] { return steady_now_ += std::chrono::milliseconds(10); };
+    return options;
+  }
+
+  void Drain(absl::Duration) override { std::abort(); }
+
+  absl::Time now_ = absl::FromUnixSeconds(1'700'000'000);
+  server::Session::SteadyTime steady_now_;
+  std::array<Worker, kNumWorkers> workers_;  // of sessions, of the store, the slow one, the one aside
+  server::WorkerPool pool_{
+      server::WorkerPool::Executors{workers_[0].executor(), workers_[2].executor(), workers_[3].executor()}};
+  StepwiseStore store_{workers_[1]};
+  const std::unique_ptr<server::ModelRegistry> models_ = server::ModelRegistry::Create({}, store_).value();
+  server::SessionManager sessions_;
+  const std::shared_ptr<server::ServerMetrics> metrics_ = std::make_shared<server::ServerMetrics>();
+  server::StreamRegistry streams_{/*max_streams=*/16, metrics_};
+  const std::unique_ptr<server::Authenticator> authenticator_ = server::Authenticator::Create({}).value();
+  server::TenantQuotas quotas_{{.now = [this] { return now_; }}};
+  const server::ServiceContext context_{.store = store_,
+                                        .models = *models_,
+                                        .sessions = sessions_,
+                                        .pool = pool_,
+                                        .streams = streams_,
+                                        .authenticator = *authenticator_,
+                                        .quotas = quotas_,
+                                        .drainer = *this,
+                                        .attach_timeout = absl::Hours(1),
+                                        .max_model_bytes = 0,
+                                        .drain_timeout = absl::ZeroDuration(),
+                                        .metrics = *metrics_};
+  server::SessionConfig config_;
+};
+
+}  // namespace evpose
