@@ -17,4 +17,14 @@ void Refill(size_t count, std::vector<T>& items) {
   items.assign(count, T());
 }
 
+// The same, with room for so many from the first call on.
+template <typename T>
+void Refill(size_t count, size_t room, std::vector<T>& items) {
+  if (items.capacity() < room) {
+    items.clear();
+    items.reserve(room);
+  }
+  Refill(count, items);
+}
+
 }  // namespace evpose

@@ -117,6 +117,8 @@ WindowInput WindowAssociation::Associate(const SpeedWindow& window) {
   input.background_per_px2 = background_.hz_per_px() * input.duration_s;
   input.events = near_events_.Observe(events, grid_, image_lines_, window.predicted.t_us, reach_px,
                                       [](const Observation&) { return 0.0f; });
+  line_events_.Sort(input.events, input.lines.size());
+  input.sorted = &line_events_;
   return input;
 }
 
@@ -130,6 +132,8 @@ std::vector<EstimationInput> MakeEstimationInputs(const TrackContext& context,
     made.input = association.Associate(windows[i]);
     made.events.assign(made.input.events.begin(), made.input.events.end());
     made.input.events = made.events;
+    made.sorted.Sort(made.events, made.input.lines.size());
+    made.input.sorted = &made.sorted;
   }
   return inputs;
 }

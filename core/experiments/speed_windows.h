@@ -54,6 +54,7 @@ class WindowAssociation {
   TileGrid grid_;
   BackgroundRate background_;
   NearEvents near_events_;
+  LineEvents line_events_;
   std::vector<ImageLine> image_lines_;
 };
 
@@ -61,6 +62,7 @@ class WindowAssociation {
 struct EstimationInput {
   MotionState predicted;
   std::vector<Observation> events;
+  LineEvents sorted;
   WindowInput input;  // of `events`, and of the lines of its SpeedWindow
 };
 // One for each window, which must be there as long.

@@ -8,6 +8,7 @@
 
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
+#include "core/base/prefetch.h"
 
 namespace evpose {
 
@@ -50,6 +51,8 @@ class UndistortionTable {
 
   // b = (x, y, 1) of the pixel; x and y inside the sensor.
   const Eigen::Vector2f& Bearing(int x, int y) const { return bearings_[static_cast<size_t>(y) * width_px_ + x]; }
+  // Bearing(x, y) is about to be asked for.
+  void Prefetch(int x, int y) const { PrefetchEntry(bearings_, static_cast<size_t>(y) * width_px_ + x); }
 
  private:
   int width_px_ = 0;

@@ -11,6 +11,7 @@
 #include <vector>
 
 #include "absl/types/span.h"
+#include "core/base/prefetch.h"
 #include "core/geometry/camera.h"
 #include "core/geometry/projected_line.h"
 #include "core/models/visibility.h"
@@ -156,6 +157,8 @@ class PixelTiles {
 
   // TileGrid::kNoTile outside the grid. x and y inside the sensor.
   uint32_t At(int x, int y) const { return tiles_[static_cast<size_t>(y) * width_px_ + x]; }
+  // At(x, y) is about to be asked for, if there is such a pixel.
+  void Prefetch(int x, int y) const { PrefetchEntry(tiles_, static_cast<size_t>(y) * width_px_ + x); }
 
  private:
   int width_px_;

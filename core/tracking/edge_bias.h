@@ -24,10 +24,13 @@ struct EdgeCounts {
   // After an event of the other polarity, half where nobody knows; on the line's first half and on its second.
   std::array<double, 2> turns = {};
 
+  static double TurnRatio(const Observation& event) {
+    constexpr double kRatio[] = {0.5, 0.0, 1.0};  // by PreviousPolarity
+    return kRatio[static_cast<int>(event.previous)];
+  }
   void Add(const Observation& event, int half, double weight) {
-    constexpr double kTurnRatio[] = {0.5, 0.0, 1.0};  // by PreviousPolarity
     polarity[event.polarity] += weight;
-    turns[half] += kTurnRatio[static_cast<int>(event.previous)] * weight;
+    turns[half] += TurnRatio(event) * weight;
   }
 };
 

@@ -10,6 +10,7 @@
 #include "absl/types/span.h"
 #include "core/base/state_io.h"
 #include "core/tracking/association.h"
+#include "core/tracking/line_events.h"
 #include "core/tracking/motion_prior.h"
 #include "core/tracking/tracker_options.h"
 
@@ -43,6 +44,7 @@ struct LineAnswer {
 // A window's events near the predicted lines. Everything is valid during the call only.
 struct WindowInput {
   absl::Span<const Observation> events;
+  const LineEvents* sorted = nullptr;   // the same, by `lines`; never null when it is handed on
   double events_per_observation = 1.0;  // > 1 when events were sampled
   double duration_s = 0.0;
   double background_per_px2 = 0.0;  // events that came anywhere, lines or not, in this time

@@ -86,7 +86,9 @@ TEST_P(Estimators, WithoutEventsThePredictionHolds) {
   predicted.t_us = 1000;
   predicted.camera_from_object = Drift()(0.0);
   predicted.covariance = 1e-6 * Matrix12d::Identity();
+  const LineEvents nothing;
   WindowInput input;
+  input.sorted = &nothing;
   input.duration_s = 0.001;
   WindowFit fit;
   estimator->Fit(predicted, input, 1.0, fit);

@@ -2,7 +2,9 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 
+#include "core/base/refill.h"
 #include "core/tracking/competitors.h"
 
 namespace evpose {
@@ -58,19 +60,7 @@ void TrackHealth::AddWindow(const CameraModel& camera, const WindowInput& input,
     LineEvidence& evidence = evidence_[input.lines[k].model_line];
     window_lines_.push_back({&evidence, static_cast<double>(evidence.along.size()) / lines[k].length_px, {}, {}});
   }
-  for (const Observation& event : input.events) {
-    const NearLines near = FindNearLines(event, lines.data(), options_.gate_px, 0.0);
-    if (near.count == 0) continue;
-    WindowLine& line = window_lines_[near.line[0]];
-    LineEvidence& evidence = *line.evidence;
-    const double share = OwnShare(near.distance_px[0], event.competing);
-    evidence.gated += share;
-    const double place = lines[near.line[0]].AlongPx(event.u_px, event.v_px) * line.places_per_px;
-    evidence.along[static_cast<int>(std::clamp(place, 0.0, evidence.along.size() - 1.0))] += share;
-    line.gated_of[event.polarity] += share;
-    line.near_of[event.polarity] += std::abs(near.distance_px[0]) <= options_.near_px ? share : 0.0;
-    gated_ += share;
-  }
+  AddEvents(*input.sorted, lines);
   for (const WindowLine& line : window_lines_) {
     for (int polarity = 0; polarity < 2; ++polarity) {
       AddExcess(line.gated_of[polarity], line.near_of[polarity], *line.evidence);
@@ -89,6 +79,66 @@ void TrackHealth::AddWindow(const CameraModel& camera, const WindowInput& input,
     }
   }
   span_s_ += input.duration_s;
+}
+
+void TrackHealth::AddEvents(const LineEvents& events, absl::Span<const ImageLine> lines) {
+  FindNearest(events, lines);
+  const Lanes gate_px = AllLanes(options_.gate_px);
+  for (const LineGroup& group : events.groups()) {
+    if (!lines[group.line].in_view()) continue;
+    const GroupLine line(group, lines[group.line]);
+    for (size_t i = 0; i < group.events.size(); ++i) {
+      const EventLanes& event = group.events[i];
+      const Lanes distance_px = line.DistancePx(event);
+      const Lanes along_px = line.AlongPx(event);
+      const LaneMask is_own = group.is_shared ? is_nearest_[group.first + i] : kAllLanes;
+      const LaneMask counts = is_own & line.IsGated(event, distance_px, along_px, gate_px);
+      for (int lane = 0; lane < kNumLanes; ++lane) {
+        if (counts[lane] == 0) continue;
+        AddEvent(distance_px[lane], along_px[lane], event.competing[lane], group.polarity, window_lines_[group.line]);
+      }
+    }
+  }
+}
+
+void TrackHealth::AddEvent(double distance_px, double along_px, double competing, uint8_t polarity, WindowLine& line) {
+  LineEvidence& evidence = *line.evidence;
+  const double share = OwnShare(distance_px, competing);
+  evidence.gated += share;
+  const double place = std::clamp(along_px * line.places_per_px, 0.0, evidence.along.size() - 1.0);
+  evidence.along[static_cast<int>(place)] += share;
+  line.gated_of[polarity] += share;
+  line.near_of[polarity] += std::abs(distance_px) <= options_.near_px ? share : 0.0;
+  gated_ += share;
+}
+
+void TrackHealth::FindNearest(const LineEvents& events, absl::Span<const ImageLine> lines) {
+  constexpr float kBeyond = std::numeric_limits<float>::infinity();
+  const Lanes gate_px = AllLanes(options_.gate_px);
+  Refill(events.num_shared_lanes(), events.max_lanes(), distance_px_);
+  Refill(events.num_shared_lanes(), events.max_lanes(), is_nearest_);
+  std::fill(distance_px_.begin(), distance_px_.end(), AllLanes(kBeyond));
+  for (const LineGroup& group : events.groups()) {
+    if (!group.is_shared || !lines[group.line].in_view()) continue;
+    const GroupLine line(group, lines[group.line]);
+    for (size_t i = 0; i < group.events.size(); ++i) {
+      const EventLanes& event = group.events[i];
+      const Lanes distance_px = line.DistancePx(event);
+      const LaneMask is_gated = line.IsGated(event, distance_px, line.AlongPx(event), gate_px);
+      distance_px_[group.first + i] = Select(is_gated, Abs(distance_px), AllLanes(kBeyond));
+    }
+  }
+  for (const LineEvents::Shared& event : events.shared()) {
+    float least_px = kBeyond;
+    uint32_t nearest = 0;
+    for (const uint32_t place : event.Places()) {
+      const float distance_px = distance_px_[place / kNumLanes][place % kNumLanes];
+      if (distance_px >= least_px) continue;
+      least_px = distance_px;
+      nearest = place;
+    }
+    if (least_px < kBeyond) is_nearest_[nearest / kNumLanes][nearest % kNumLanes] = -1;
+  }
 }
 
 HealthVerdict TrackHealth::Judge(double min_support_ratio, double sure_support_ratio, int min_supported_lines,

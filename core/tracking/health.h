@@ -79,7 +79,8 @@ class TrackHealth {
                       int64_t patience_us);
 
   static void VisitState(auto& archive, auto& self) {
-    auto& [options, min_events_per_px2, evidence, memory, span_s, gated, gate_px2_s, was_quiet, window_lines] = self;
+    auto& [options, min_events_per_px2, evidence, memory, span_s, gated, gate_px2_s, was_quiet, window_lines,
+           distance_px, is_nearest] = self;
     for (auto& line : evidence) archive(line);
     for (auto& line : memory) archive(line);
     archive(Finite(span_s), Finite(gated), Finite(gate_px2_s), was_quiet);
@@ -87,6 +88,9 @@ class TrackHealth {
 
  private:
   void Reset();
+  void AddEvents(const LineEvents& events, absl::Span<const ImageLine> lines);
+  // Of the shared groups, which events are nearest to their line, of those whose gates they are in.
+  void FindNearest(const LineEvents& events, absl::Span<const ImageLine> lines);
   HealthVerdict Weigh(double min_support_ratio, double sure_support_ratio, int min_supported_lines) const;
   bool IsSupported(const LineEvidence& line) const;
   // Whether a line of the right pose would be supported: it has, or should have made, enough beyond the background.
@@ -116,7 +120,10 @@ class TrackHealth {
     double places_per_px;                               // of LineEvidence::along
     std::array<double, 2> gated_of = {}, near_of = {};  // by polarity
   };
+  void AddEvent(double distance_px, double along_px, double competing, uint8_t polarity, WindowLine& line);
   std::vector<WindowLine> window_lines_;
+  std::vector<Lanes> distance_px_;    // of the shared groups; infinite beyond the gates
+  std::vector<LaneMask> is_nearest_;  // likewise
 };
 
 }  // namespace evpose

@@ -49,7 +49,9 @@ class HealthTest : public ::testing::Test {
   }
   void CloseWindow(double background_per_px2 = 0.0) {
     WindowInput input;
+    const LineEvents sorted(events_, tracked_.size());
     input.events = events_;
+    input.sorted = &sorted;
     input.duration_s = kWindowS;
     input.background_per_px2 = background_per_px2;
     input.lines = tracked_;

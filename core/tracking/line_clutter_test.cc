@@ -133,16 +133,13 @@ class OneSidedClutter : public ::testing::Test {
   }
   // Of the events that the line explains, px.
   double MeanDistance(const std::vector<LineDensities>& clutter) {
-    WindowInput input;
-    input.events = events_;
-    input.lines = tracked_;
-    AccumulateMixture(input, lines_, kDensity, clutter, table_, sums_);
+    pass_.Accumulate({events_, lines_.size()}, lines_, kDensity, clutter, sums_);
     return sums_[0].sums.Sum(0).dot(lines_[0].a) / sums_[0].sums.weight();
   }
 
   const CameraModel camera_ = MakeCamera(1280, 720, 1000.0);
   const std::vector<TrackedLine> tracked_ = {{0, {0.0, -0.05, 0.0}, {0.0, 0.05, 0.0}}};
-  const ExpTable table_;
+  MixturePass pass_;
   TileGrid grid_;
   std::vector<ImageLine> lines_;
   std::vector<Observation> events_;

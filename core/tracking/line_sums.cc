@@ -4,6 +4,21 @@
 
 namespace evpose {
 
+void LineSums::Add(const std::array<LaneProducts, 3>& sums, const Eigen::Vector2d& origin) {
+  const double ox = origin.x();
+  const double oy = origin.y();
+  for (int n = 0; n < 3; ++n) {
+    const LaneProducts& lanes = sums[n];
+    const double x = SumOf(lanes[3]);
+    const double y = SumOf(lanes[4]);
+    const double one = SumOf(lanes[5]);
+    Products products;
+    products << SumOf(lanes[0]) + ox * (2.0 * x + ox * one), SumOf(lanes[1]) + ox * y + oy * (x + ox * one),
+        SumOf(lanes[2]) + oy * (2.0 * y + oy * one), x + ox * one, y + oy * one, one;
+    sums_[n] += products;
+  }
+}
+
 Eigen::Matrix3d LineSums::Moment(int n) const {
   const Products& s = sums_[n];
   Eigen::Matrix3d moment;

@@ -5,6 +5,7 @@
 #include <Eigen/Core>
 #include <array>
 
+#include "core/base/lanes.h"
 #include "core/tracking/association.h"
 #include "core/tracking/motion_prior.h"
 
@@ -23,6 +24,10 @@ class LineSums {
     sums_[1] += first;
     sums_[2] += first * tau_s;
   }
+
+  // w tau^n times (x^2, x y, y^2, x, y, 1) of events side by side, b = (x, y, 1) + origin.
+  using LaneProducts = std::array<Lanes, 6>;
+  void Add(const std::array<LaneProducts, 3>& sums, const Eigen::Vector2d& origin);
 
   double weight() const { return sums_[0][5]; }
   Eigen::Matrix3d Moment(int n) const;

@@ -9,9 +9,6 @@
 namespace evpose {
 namespace {
 
-// No event beyond a line's end is the line's: those of a corner, which the blur rounds off, would pull it inwards.
-constexpr double kEndMarginPx = 0.0;
-
 // Below this speed the Poisson Hessian of absence would grow without bound; nothing is told apart there anyway.
 constexpr double kMinSpeedPxPerS = 5.0;
 
@@ -71,7 +68,7 @@ class MixtureEstimator : public WindowEstimator {
   void LoadState(StateReader& reader) override { VisitState(reader, *this); }
   static void VisitState(auto& archive, auto& self) {
     auto& [options, sensor, camera, table, sigma_px, outlier_ratio, displacement_px2, displacement_factor, noise_per_px,
-           final_gate_px, lines, sums, counts, line_counts, densities, answers, edge_bias, clutter] = self;
+           final_gate_px, pass, lines, sums, counts, line_counts, densities, answers, edge_bias, clutter] = self;
     archive(InRange(sigma_px, 1e-6, 1e6), AtMost(outlier_ratio, 1.0), Finite(displacement_px2),
             InRange(displacement_factor, 1.0, 1e6), edge_bias, clutter);
   }
@@ -122,6 +119,7 @@ class MixtureEstimator : public WindowEstimator {
   double displacement_factor_ = 1.0;
   double noise_per_px_ = 0.0;   // of the window: background events that count as a line's, per pixel of its length
   double final_gate_px_ = 0.0;  // of the last fit's last pass
+  MixturePass pass_;
   std::vector<ImageLine> lines_;
   std::vector<MixtureLine> sums_;
   std::vector<EdgeCounts> counts_;
@@ -172,7 +170,7 @@ void MixtureEstimator::Fit(const MotionState& predicted, const WindowInput& inpu
     density.gate_px = std::max(options_.gate_px, std::min(density.gate_px, 4.0 * density.sigma_px * gate_factor));
     clutter_.Densities(input.lines, lines_, line_counts_, counts_gate_px, density, densities_);
     counts_gate_px = density.gate_px;
-    totals = AccumulateMixture(input, lines_, density, densities_, table_, sums_);
+    totals = pass_.Accumulate(*input.sorted, lines_, density, densities_, sums_);
     CountLines();
     const double background = Background(input, density.gate_px) / std::max(totals.num_gated, 1.0);
     density.outlier_ratio = std::clamp(background, outlier_ratio_, std::max(outlier_ratio_, kMaxBackgroundRatio));
@@ -282,52 +280,6 @@ double MixtureEstimator::MovementPx(const Vector12d& dx, double duration_s) cons
 }
 
 }  // namespace
-
-double MixtureLine::ObservedRatio(double sigma_px) const {
-  // Where the line's events are few among many, their spread is not known well enough to tell more.
-  constexpr double kLeast = 0.1;
-  if (sums.weight() <= 0.0) return kLeast;
-  return std::clamp(1.0 - doubtful_px2 / (sigma_px * sigma_px * sums.weight()), kLeast, 1.0);
-}
-
-MixtureTotals AccumulateMixture(const WindowInput& input, absl::Span<const ImageLine> lines,
-                                const MixtureDensity& shared_density, absl::Span<const LineDensities> densities,
-                                const ExpTable& table, std::vector<MixtureLine>& sums) {
-  // A copy that no sum can alias: what is the same for all events is computed once.
-  const MixtureDensity density = shared_density;
-  Refill(lines.size(), sums);
-  MixtureTotals totals;
-  const double beside_px = LineCounts::kBesideRatio * density.gate_px;
-  const double inlier_ratio = 1.0 - density.outlier_ratio;
-  for (const Observation& event : input.events) {
-    const NearLines near = FindNearLines(event, lines.data(), density.gate_px, kEndMarginPx);
-    if (near.count == 0) continue;
-    double likelihood[2] = {};
-    for (int k = 0; k < near.count; ++k) {
-      likelihood[k] = densities[near.line[k]].own[event.polarity] * density.Line(near.distance_px[k], table);
-    }
-    const double competing = inlier_ratio * event.competing;
-    const int side = near.distance_px[0] > 0.0 ? 1 : 0;
-    const double outlier = densities[near.line[0]].beside[side][event.polarity];
-    const double inverse = 1.0 / (likelihood[0] + likelihood[1] + outlier + competing);
-    if (std::abs(near.distance_px[0]) > beside_px) sums[near.line[0]].beside[side][event.polarity] += outlier * inverse;
-    totals.num_gated += 1.0 - competing * inverse;
-    for (int k = 0; k < near.count; ++k) {
-      const double weight = likelihood[k] * inverse;
-      if (weight < 1e-4) continue;
-      const ImageLine& line = lines[near.line[k]];
-      MixtureLine& sum = sums[near.line[k]];
-      sum.sums.Add(event.bx, event.by, event.tau_s, weight);
-      const int half = line.AlongPx(event.u_px, event.v_px) < 0.5 * line.length_px ? 0 : 1;
-      sum.counts.Add(event, half, weight);
-      sum.half_weight[half] += weight;
-      sum.doubtful_px2 += weight * (1.0 - weight) * near.distance_px[k] * near.distance_px[k];
-      totals.weight += weight;
-      totals.weighted_squares_px2 += weight * near.distance_px[k] * near.distance_px[k];
-    }
-  }
-  return totals;
-}
 
 void CountAnswers(const CameraModel& camera, const WindowInput& input, absl::Span<const ImageLine> lines,
                   absl::Span<const MixtureLine> sums, const Vector6d& twist, double noise_per_px,

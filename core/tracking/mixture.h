@@ -2,41 +2,13 @@
 // (method.md 2.6 to 2.8).
 #pragma once
 
-#include <array>
 #include <memory>
 #include <vector>
 
-#include "core/tracking/edge_bias.h"
 #include "core/tracking/estimator.h"
-#include "core/tracking/line_clutter.h"
-#include "core/tracking/line_sums.h"
-#include "core/tracking/robust.h"
+#include "core/tracking/mixture_pass.h"
 
 namespace evpose {
-
-// What a pass over the events leaves of one line.
-struct MixtureLine {
-  LineSums sums;
-  EdgeCounts counts;
-  std::array<double, 2> half_weight = {};  // explained events of its first and its second half
-  std::array<ByPolarity, 2> beside = {};   // LineCounts::beside
-  double doubtful_px2 = 0.0;               // sum of w (1 - w) d^2
-  // What the events tell of where the line is, as a share of what they would, were it known which are the line's: the
-  // missing information principle (Louis, "Finding the observed information matrix when using the EM algorithm", 1982).
-  double ObservedRatio(double sigma_px) const;
-};
-
-struct MixtureTotals {
-  double num_gated = 0.0;
-  double weight = 0.0;
-  double weighted_squares_px2 = 0.0;
-};
-
-// One pass: shares every event between its two nearest lines, other objects and the clutter beside the nearest line
-// (one entry of `densities` for each line), and sums by line. `sums` has one entry per image line and is overwritten.
-MixtureTotals AccumulateMixture(const WindowInput& input, absl::Span<const ImageLine> lines,
-                                const MixtureDensity& density, absl::Span<const LineDensities> densities,
-                                const ExpTable& table, std::vector<MixtureLine>& sums);
 
 // What the lines should have made and made in a window, by this twist. Of the events explained, `noise_per_px` for each
 // pixel of a line's length come from the background, moving or not.

@@ -130,7 +130,6 @@ class MixtureReference : public ::testing::TestWithParam<int> {
 
   const CameraModel camera_ = testing::MakeCamera(1280, 720, 1000.0);
   const std::shared_ptr<const ObjectModel> cube_ = testing::MakeCube(0.15);
-  const ExpTable table_;
   const MixtureDensity density_{kSigmaPx, 0.2, 6.0};
   std::vector<TrackedLine> tracked_;
   MotionState predicted_;
@@ -146,12 +145,10 @@ TEST_P(MixtureReference, MinimumAndCovarianceEqualCeresOverAllEvents) {
   // The weights, at the prediction: summed by line, and of each event alone for Ceres.
   ProjectLines(camera_, predicted_, tracked_, lines_);
   ProjectVelocityJacobians(camera_, predicted_, tracked_, absl::MakeSpan(lines_));
-  WindowInput input;
-  input.events = events_;
-  input.lines = tracked_;
+  MixturePass pass;
   const std::vector<LineDensities> even(lines_.size(), LineDensities::Of(density_));
   std::vector<MixtureLine> sums;
-  const MixtureTotals totals = AccumulateMixture(input, lines_, density_, even, table_, sums);
+  const MixtureTotals totals = pass.Accumulate({events_, lines_.size()}, lines_, density_, even, sums);
   ASSERT_GT(totals.weight, 600.0);
 
   Vector12d x = Vector12d::Zero();
@@ -159,8 +156,7 @@ TEST_P(MixtureReference, MinimumAndCovarianceEqualCeresOverAllEvents) {
   double weight_sum = 0.0;
   std::vector<MixtureLine> of_event;
   for (const Observation& event : events_) {
-    input.events = absl::MakeConstSpan(&event, 1);
-    AccumulateMixture(input, lines_, density_, even, table_, of_event);
+    pass.Accumulate({{&event, 1}, lines_.size()}, lines_, density_, even, of_event);
     for (size_t k = 0; k < of_event.size(); ++k) {
       const double weight = of_event[k].sums.weight();
       if (weight <= 0.0) continue;
@@ -170,7 +166,7 @@ TEST_P(MixtureReference, MinimumAndCovarianceEqualCeresOverAllEvents) {
                                nullptr, x.data());
     }
   }
-  EXPECT_NEAR(weight_sum, totals.weight, 1e-9);
+  EXPECT_NEAR(weight_sum, totals.weight, 1e-6 * totals.weight);
   const Matrix12d root = information.llt().matrixU();
   problem.AddResidualBlock(new ceres::AutoDiffCostFunction<PriorResidual, 12, 12>(new PriorResidual{root}), nullptr,
                            x.data());
@@ -199,8 +195,9 @@ TEST_P(MixtureReference, MinimumAndCovarianceEqualCeresOverAllEvents) {
   }
   const Vector12d found = Minus(state, predicted_);
   EXPECT_GT(found.norm(), 1e-3) << "there must be something to find";
-  // Metres, radians, metres and radians per second.
-  EXPECT_LT((found - x).cwiseAbs().maxCoeff(), 1e-8);
+  // What single precision leaves, as a share of what the events leave.
+  const Vector12d sigmas_found = hessian.inverse().diagonal().cwiseSqrt();
+  EXPECT_LT((found - x).cwiseQuotient(sigmas_found).cwiseAbs().maxCoeff(), 1e-3);
 
   ceres::CRSMatrix sparse;
   problem.Evaluate({}, nullptr, nullptr, nullptr, &sparse);
@@ -213,7 +210,7 @@ TEST_P(MixtureReference, MinimumAndCovarianceEqualCeresOverAllEvents) {
       left_from_difference * (rows.transpose() * rows).inverse() * left_from_difference.transpose();
   const Vector12d sigmas = expected.diagonal().cwiseSqrt().cwiseInverse();
   const Matrix12d difference = sigmas.asDiagonal() * (hessian.inverse() - expected) * sigmas.asDiagonal();
-  EXPECT_LT(difference.cwiseAbs().maxCoeff(), 1e-8);
+  EXPECT_LT(difference.cwiseAbs().maxCoeff(), 1e-5);
 }
 
 }  // namespace

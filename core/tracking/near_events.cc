@@ -5,6 +5,10 @@ namespace evpose {
 double NearEvents::Find(const EventWindow& window, const TileGrid& grid, int max_events, BackgroundRate& background) {
   events_.clear();
   for (size_t i = 0; i < window.events.size(); ++i) {
+    if (i + kPrefetchAhead < window.events.size()) {
+      const WindowEvent& ahead = window.events[i + kPrefetchAhead];
+      pixel_tiles_.Prefetch(ahead.x, ahead.y);
+    }
     const WindowEvent& event = window.events[i];
     if (event.x >= camera_.width_px || event.y >= camera_.height_px) continue;
     const uint32_t tile = pixel_tiles_.At(event.x, event.y);

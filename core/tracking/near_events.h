@@ -33,7 +33,12 @@ class NearEvents {
                                         absl::Span<const ImageLine> lines, int64_t t_us, double reach_px,
                                         const Competing& competing) {
     observations_.clear();
-    for (const NearEvent& near : events_) {
+    for (size_t i = 0; i < events_.size(); ++i) {
+      if (i + kPrefetchAhead < events_.size()) {
+        const WindowEvent& ahead = window.events[events_[i + kPrefetchAhead].index];
+        undistortion_.Prefetch(ahead.x, ahead.y);
+      }
+      const NearEvent& near = events_[i];
       std::optional<Observation> observation = evpose::Observe(camera_, undistortion_, window.events[near.index], t_us);
       if (!observation) continue;  // found on the sensor
       grid.GiveLines(near.tile, *observation);

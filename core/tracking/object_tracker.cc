@@ -232,7 +232,12 @@ void ObjectTracker::CollectEvents() {
   for (size_t i = 0; i < memory_.size(); ++i) {
     const EventWindow window = memory_.At(i);
     const Competitors* others = OthersAt(window, nullptr);
-    for (const WindowEvent& event : window.events) {
+    for (size_t k = 0; k < window.events.size(); ++k) {
+      if (k + kPrefetchAhead < window.events.size()) {
+        const WindowEvent& ahead = window.events[k + kPrefetchAhead];
+        context_.tables->undistortion.Prefetch(ahead.x, ahead.y);
+      }
+      const WindowEvent& event = window.events[k];
       const std::optional<Observation> observation =
           Observe(context_.camera, context_.tables->undistortion, event, window.t_mid_us());
       if (!observation) continue;

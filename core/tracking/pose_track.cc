@@ -60,8 +60,9 @@ std::optional<PoseEstimate> PoseTrack::OnWindow(const EventWindow& window, const
   const WindowFit& fit = FitWindow(window, others, input);
   lines_ = input.lines;
   if (is_hidden_) return Hold(window);
-  const bool usable = !input.lines.empty() && fit.state.covariance.allFinite() &&
-                      fit.state.camera_from_object.translation_m.allFinite() && fit.state.twist.allFinite();
+  const RigidTransform& pose = fit.state.camera_from_object;
+  const bool usable = !input.lines.empty() && fit.state.covariance.allFinite() && pose.rotation.allFinite() &&
+                      pose.translation_m.allFinite() && fit.state.twist.allFinite();
   if (!usable) {
     state_ = TrackState::kLost;
     return std::nullopt;
@@ -138,8 +139,10 @@ const WindowFit& PoseTrack::FitWindow(const EventWindow& window, const Competito
   if (IsSilent(fit_) || (fit_.missing_ratio > kMostMissing && IsSlow(input))) {
     // Noise is no measurement of the pose, and neither is what passes by an object at rest; that its lines are silent
     // is one of their motion.
+    const LineEvents nothing;
     WindowInput silence = input;
     silence.events = {};
+    silence.sorted = &nothing;
     silence.past_answers = {};
     silence.background_per_px2 = 0.0;
     estimator_->Fit(predicted, silence, 1.0, second_fit_);
@@ -246,6 +249,8 @@ WindowInput PoseTrack::Gather(const EventWindow& window, const Competitors* othe
     return others == nullptr ? 0.0f : static_cast<float>(CompetingFor(event, *others, rates_));
   };
   input.events = near_events_.Observe(window, grid_, image_lines_, predicted.t_us, reach_px, competing);
+  line_events_.Sort(input.events, input.lines.size());
+  input.sorted = &line_events_;
   past_answers_.clear();
   for (const TrackedLine& line : input.lines) past_answers_.push_back(answers_[line.model_line]);
   input.past_answers = past_answers_;
@@ -311,7 +316,7 @@ void PoseTrack::VisitState(auto& archive, auto& self) {
   auto& [context, visible_lines, all_lines, grid, background, estimator, health, state, motion, usual_explained_ratio,
          recent_signal, recent_background, answers, unconfirmed_verdicts, followed_since_us, on_trial, supported_at_us,
          unsupported_since_us, unsupported, in_doubt, lines, unhidden_lines, is_hidden, is_partly_hidden, image_lines,
-         rates, near_events, past_answers, fit, second_fit] = self;
+         rates, near_events, line_events, past_answers, fit, second_fit] = self;
   constexpr int64_t kMax_us = kMaxStateTime_us;
   constexpr int kMaxVerdicts = 1 << 20;
   archive(visible_lines, background, *estimator, health, AtMost(state, TrackState::kLost), motion,

@@ -112,6 +112,7 @@ class PoseTrack {
   std::vector<ImageLine> image_lines_;
   std::vector<double> rates_;  // RelativeEventRate of image_lines_; empty without others
   NearEvents near_events_;
+  LineEvents line_events_;
   std::vector<LineAnswer> past_answers_;  // the same, by the window's lines
   WindowFit fit_;
   WindowFit second_fit_;

@@ -61,9 +61,9 @@ struct MixtureDensity {
   // Density of the events of one line at distance d, and of the rest; per pixel.
   double Line(double d_px, const ExpTable& table) const {
     const double inverse = 1.0 / sigma_px;
-    return (1.0 - outlier_ratio) * kInverseSqrt2Pi * inverse *
-           table.NegativeExp(0.5 * inverse * inverse * (d_px * d_px));
+    return Peak() * table.NegativeExp(0.5 * inverse * inverse * (d_px * d_px));
   }
+  double Peak() const { return (1.0 - outlier_ratio) * kInverseSqrt2Pi / sigma_px; }
   double Outlier() const { return outlier_ratio / (2.0 * gate_px); }
   // The integral of the line's share over the gate: how wide a strip of evenly spread events it takes for its own.
   double OwnWidthPx(const ExpTable& table) const {

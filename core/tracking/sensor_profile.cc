@@ -2,6 +2,7 @@
 
 #include <yaml-cpp/yaml.h>
 
+#include <algorithm>
 #include <array>
 #include <cstddef>
 #include <exception>
@@ -43,7 +44,10 @@ std::string QuotedName(const std::string& name) {
   return out.c_str();
 }
 
-bool IsText(const std::string& name) { return YAML::Load(QuotedName(name)).Scalar() == name; }
+bool IsText(const std::string& name) {
+  const bool is_plain = std::all_of(name.begin(), name.end(), [](char c) { return c >= ' ' && c <= '~'; });
+  return is_plain || YAML::Load(QuotedName(name)).Scalar() == name;  // which takes as long as making a session
+}
 
 std::string KnownKeys() {
   return absl::StrCat(kNameKey, ", ", absl::StrJoin(kNumbers, ", ", [](std::string* out, const NumberField& field) {

@@ -143,6 +143,7 @@ size_t EventWindower::Keep(absl::Span<const Event> events) {
   size_t num_kept = num_kept_;
   size_t count = 0;
   for (; count < events.size() && events[count].t_us < boundary_us; ++count) {
+    if (count + kPrefetchAhead < events.size()) history_.Prefetch(events[count + kPrefetchAhead]);
     const Event& event = events[count];
     const uint64_t index = stream_index_ + count;
     now_us = std::max(now_us, event.t_us);

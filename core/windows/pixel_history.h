@@ -5,6 +5,7 @@
 #include <cstdint>
 #include <vector>
 
+#include "core/base/prefetch.h"
 #include "core/base/state_io.h"
 #include "core/events/event.h"
 
@@ -34,6 +35,10 @@ class PixelHistory {
     const PreviousPolarity previous = kPrevious[last][polarity];
     last = polarity;
     return previous;
+  }
+  // Exchange(event) is about to be called.
+  void Prefetch(const Event& event) const {
+    PrefetchEntry(last_, static_cast<size_t>(event.y) * sensor_.width_px + event.x);
   }
   // The event with that.
   WindowEvent Next(const Event& event) { return {event, Exchange(event)}; }
