@@ -4,6 +4,7 @@
 #include <gtest/gtest.h>
 
 #include <functional>
+#include <future>
 #include <memory>
 #include <mutex>
 #include <string>
@@ -334,17 +335,17 @@ TEST_F(TrackResumeTest, NewTokenIsKeptBeforeItIsUsed) {
   EXPECT_FALSE(was_used_before);
 
   ClearStreams();
-  bool has_come = false;
-  scripts_ = {[&](const v1::Attach&, ServerStream& stream) {
+  const auto has_come = std::make_shared<std::promise<bool>>();
+  scripts_ = {[has_come](const v1::Attach&, ServerStream& stream) {
     stream.Write(AttachedAt(1, 1, "T1"));
     v1::TrackRequest request;
-    has_come = stream.Read(&request);
+    has_come->set_value(stream.Read(&request));
     return grpc::Status::OK;
   }};
   callbacks.on_position = [](const TrackPosition&, bool) { return absl::ResourceExhaustedError("disk full"); };
   ExpectError(client_->Track(session_, Source({8}), callbacks, options_), absl::StatusCode::kResourceExhausted,
               "disk full");
-  EXPECT_FALSE(has_come) << "a token that is not kept must not be used";
+  EXPECT_FALSE(has_come->get_future().get()) << "a token that is not kept must not be used";
 }
 
 TEST_F(TrackResumeTest, ServerOfSmallerChunksIsToldInWords) {
