@@ -45,8 +45,13 @@ StretchSelector::StretchSelector(const StretchOptions& options, int width_px, in
       margin_x_(width_px / 4 + kPatchRadius),
       margin_y_(height_px / 4 + kPatchRadius),
       map_width_(width_px + 2 * margin_x_),
-      map_height_(height_px + 2 * margin_y_) {
-  for (std::vector<int32_t>& map : last_us_) map.assign(static_cast<size_t>(map_width_) * map_height_, -1);
+      map_height_(height_px + 2 * margin_y_),
+      tick_us_(1 + options.max_duration_us / kNever) {
+  for (std::vector<uint16_t>& map : last_) map.assign(static_cast<size_t>(map_width_) * map_height_, kNever);
+}
+
+uint16_t StretchSelector::Ticks(const PixelEvent& event, int64_t t_origin_us) const {
+  return static_cast<uint16_t>(std::clamp<int64_t>((event.t_us - t_origin_us) / tick_us_, 0, kNever - 1));
 }
 
 int StretchSelector::PixelIndex(const PixelEvent& event) const {
@@ -59,18 +64,18 @@ int StretchSelector::PixelIndex(const PixelEvent& event) const {
 }
 
 double StretchSelector::SweepTime(const PixelEvent& event, int pixel, int64_t t_origin_us) {
-  const std::vector<int32_t>& last_us = last_us_[event.polarity != 0];
-  const auto now_us = static_cast<int32_t>(event.t_us - t_origin_us);
+  const std::vector<uint16_t>& last = last_[event.polarity != 0];
+  const uint16_t now = Ticks(event, t_origin_us);
   ages_.clear();
   for (int dy = -kPatchRadius; dy <= kPatchRadius; ++dy) {
-    const int32_t* row = &last_us[pixel + dy * map_width_];
+    const uint16_t* row = &last[pixel + dy * map_width_];
     for (int dx = -kPatchRadius; dx <= kPatchRadius; ++dx) {
-      if (row[dx] >= 0 && row[dx] <= now_us) ages_.push_back(now_us - row[dx]);
+      if (row[dx] <= now) ages_.push_back(static_cast<uint16_t>(now - row[dx]));
     }
   }
   if (ages_.size() <= static_cast<size_t>(kSweptPixels)) return -1.0;
   std::nth_element(ages_.begin(), ages_.begin() + kSweptPixels, ages_.end());
-  return ages_[kSweptPixels];
+  return static_cast<double>(tick_us_ * ages_[kSweptPixels]);
 }
 
 double StretchSelector::MedianSpeed(absl::Span<const PixelEvent> events) {
@@ -78,7 +83,7 @@ double StretchSelector::MedianSpeed(absl::Span<const PixelEvent> events) {
   const int64_t t_origin_us = events.front().t_us;
   for (const PixelEvent& event : events) {
     const int pixel = PixelIndex(event);
-    if (pixel >= 0) last_us_[event.polarity != 0][pixel] = static_cast<int32_t>(event.t_us - t_origin_us);
+    if (pixel >= 0) last_[event.polarity != 0][pixel] = Ticks(event, t_origin_us);
   }
   std::vector<double> times_us;
   const size_t stride = std::max<size_t>(1, events.size() / kMaxSeeds);
@@ -90,7 +95,7 @@ double StretchSelector::MedianSpeed(absl::Span<const PixelEvent> events) {
   }
   for (const PixelEvent& event : events) {
     const int pixel = PixelIndex(event);
-    if (pixel >= 0) last_us_[event.polarity != 0][pixel] = -1;
+    if (pixel >= 0) last_[event.polarity != 0][pixel] = kNever;
   }
   if (times_us.empty()) return 0.0;
   std::nth_element(times_us.begin(), times_us.begin() + times_us.size() / 2, times_us.end());

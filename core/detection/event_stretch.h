@@ -57,6 +57,7 @@ class StretchSelector {
   // nothing moves.
   double MedianSpeed(absl::Span<const PixelEvent> events);
   double SweepTime(const PixelEvent& event, int pixel, int64_t t_origin_us);
+  uint16_t Ticks(const PixelEvent& event, int64_t t_origin_us) const;
   void DropLonely(std::vector<StretchEvent>& events, double px_per_s);
 
   StretchOptions options_;
@@ -64,8 +65,10 @@ class StretchSelector {
   int margin_y_;
   int map_width_;
   int map_height_;
-  std::vector<int32_t> last_us_[2];  // by polarity: when each pixel last fired, from the origin; -1: never
-  std::vector<int32_t> ages_;
+  static constexpr uint16_t kNever = 0xffff;
+  int64_t tick_us_;                // 1 unless more than kNever of them are looked at
+  std::vector<uint16_t> last_[2];  // by polarity: ticks from the origin when each pixel last fired, or kNever
+  std::vector<uint16_t> ages_;
   std::vector<uint8_t> crowds_;  // events in each cell of space and time, hashed
 };
 

@@ -49,6 +49,20 @@ TEST(StretchSelector, TakesAllThereIsOfASlowObject) {
   EXPECT_NEAR(static_cast<double>(stretch.t_end_us - stretch.t_begin_us), 50'000.0, 1000.0);
 }
 
+TEST(StretchSelector, FollowsSlowSpeedsOverLongTimes) {
+  // Over more microseconds than two bytes count.
+  const double speed = 40.0;
+  const std::vector<PixelEvent> events =
+      MakeEdgeEvents({MovingEdge{{200.0, 100.0}, {230.0, 300.0}, {speed, 0.0}}}, EdgeEventOptions{.duration_s = 0.8});
+  StretchOptions options;
+  options.max_duration_us = 1'000'000;
+  StretchSelector selector(options, 640, 480);
+  const EventStretch first = selector.Select(events);
+  EXPECT_GT(first.speed_px_per_s, 0.6 * speed);
+  EXPECT_LT(first.speed_px_per_s, 1.6 * speed);
+  EXPECT_EQ(selector.Select(events).speed_px_per_s, first.speed_px_per_s);
+}
+
 TEST(StretchSelector, ThinsEvenlyToItsBound) {
   const std::vector<PixelEvent> events = MakeEdgeEvents({MovingEdge{{100.0, 100.0}, {500.0, 300.0}, {300.0, -100.0}}},
                                                         EdgeEventOptions{.events_per_px2 = 20.0});
