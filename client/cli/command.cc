@@ -4,6 +4,8 @@
 
 #include <cmath>
 #include <cstdlib>
+#include <filesystem>
+#include <system_error>
 #include <vector>
 
 #include "absl/strings/ascii.h"
@@ -102,7 +104,8 @@ void ServerArguments::AddTo(CLI::App& app, bool is_required) {
       app.add_option(
              "--token-file", token_file,
              "File with the token that says who you are, as evpose-server --new-token makes it; nobody else may "
-             "read it (chmod 600). Without it the variable EVPOSE_TOKEN is used")
+             "read it (chmod 600). Read again before every call and reconnection. Without it the variable EVPOSE_TOKEN "
+             "is used")
           ->type_name("FILE"),
       app.add_option("--connect-timeout", connect_timeout_s, "Seconds to wait for a server that does not answer yet")
           ->check(CLI::Range(0.001, 86400.0))
@@ -123,6 +126,10 @@ absl::StatusOr<std::unique_ptr<Client>> ServerArguments::Connect(const CliContex
     return UsageError("--tls-cert and --tls-key belong together: give both");
   }
   EVPOSE_ASSIGN_OR_RETURN(options.token, ReadToken(token_file));
+  // What is no file, a pipe say, cannot be read twice.
+  if (std::error_code error; std::filesystem::is_regular_file(token_file, error)) {
+    options.renew_token = [path = token_file] { return ReadToken(path); };
+  }
   options.connect_timeout = absl::Seconds(connect_timeout_s);
   options.is_cancelled = context.is_interrupted;
   return Client::Connect(address, options);

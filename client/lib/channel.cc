@@ -5,6 +5,10 @@
 #include <grpcpp/security/credentials.h>
 #include <grpcpp/support/client_interceptor.h>
 
+#include <functional>
+#include <memory>
+#include <mutex>
+#include <string>
 #include <utility>
 #include <vector>
 
@@ -39,13 +43,22 @@ class TokenInterceptor : public grpc::experimental::Interceptor {
 };
 class TokenInterceptorFactory : public grpc::experimental::ClientInterceptorFactoryInterface {
  public:
-  explicit TokenInterceptorFactory(const std::string& token) : authorization_("Bearer " + token) {}
+  explicit TokenInterceptorFactory(const ClientOptions& options) : renew_(options.renew_token), token_(options.token) {}
   grpc::experimental::Interceptor* CreateClientInterceptor(grpc::experimental::ClientRpcInfo*) override {
-    return new TokenInterceptor(authorization_);
+    return new TokenInterceptor("Bearer " + TokenOfNow());
   }
 
  private:
-  const std::string authorization_;
+  std::string TokenOfNow() {
+    absl::StatusOr<std::string> renewed = renew_ ? renew_() : absl::StatusOr<std::string>(std::string());
+    const std::lock_guard lock(mutex_);
+    if (renewed.ok() && !renewed->empty() && IsToken(*renewed)) token_ = *std::move(renewed);
+    return token_;
+  }
+
+  const std::function<absl::StatusOr<std::string>()> renew_;
+  std::mutex mutex_;
+  std::string token_;  // guarded by mutex_
 };
 
 absl::StatusOr<PemFile> ReadPem(const std::string& path) {
@@ -109,7 +122,7 @@ absl::StatusOr<std::shared_ptr<grpc::Channel>> MakeChannel(const std::string& ad
   arguments.SetInt(GRPC_ARG_KEEPALIVE_TIME_MS, 20'000);
   arguments.SetInt(GRPC_ARG_KEEPALIVE_TIMEOUT_MS, 10'000);
   std::vector<std::unique_ptr<grpc::experimental::ClientInterceptorFactoryInterface>> interceptors;
-  if (!options.token.empty()) interceptors.push_back(std::make_unique<TokenInterceptorFactory>(options.token));
+  if (!options.token.empty()) interceptors.push_back(std::make_unique<TokenInterceptorFactory>(options));
   return grpc::experimental::CreateCustomChannelWithInterceptors(address, credentials, arguments,
                                                                  std::move(interceptors));
 }

@@ -41,7 +41,6 @@ std::chrono::system_clock::time_point DeadlineIn(absl::Duration duration) {
 constexpr absl::Duration kFirstWait = absl::Seconds(1);
 
 // What metadata can carry.
-bool IsToken(absl::string_view text) { return std::all_of(text.begin(), text.end(), absl::ascii_isgraph); }
 
 }  // namespace
 
@@ -89,6 +88,8 @@ struct Client::Impl {
     return absl::OkStatus();
   }
 };
+
+bool IsToken(absl::string_view text) { return std::all_of(text.begin(), text.end(), absl::ascii_isgraph); }
 
 absl::Status ClientOptions::Validate() const {
   if (connect_timeout <= absl::ZeroDuration()) return absl::InvalidArgumentError("connect_timeout must be positive");

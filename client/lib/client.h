@@ -13,6 +13,7 @@
 
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
+#include "absl/strings/string_view.h"
 #include "absl/time/time.h"
 #include "absl/types/span.h"
 #include "client/lib/track.h"
@@ -34,11 +35,17 @@ struct ClientOptions {
   TlsOptions tls;
   // Says to the server who calls; a secret. Empty: none. Never sent in clear to another machine.
   std::string token;
+  // The token of now, for streams that break long after Connect(). Asked before every call, by several threads at once;
+  // while it fails, or says what is no token, the last one serves. Empty: `token` for good.
+  std::function<absl::StatusOr<std::string>()> renew_token;
   std::function<bool()> is_cancelled;  // asked while no server answers yet; true: Connect() gives up
 
   // INVALID_ARGUMENT naming the field.
   absl::Status Validate() const;
 };
+
+// Characters that a token may have; also of none.
+bool IsToken(absl::string_view text);
 
 struct UploadOptions {
   ModelFormat format = ModelFormat::kObj;

@@ -94,6 +94,27 @@ TEST_F(SecurityTest, ATokenGoesWithEveryCall) {
   EXPECT_EQ(admin_.authorization, "");
 }
 
+TEST_F(SecurityTest, ATokenIsRenewedBeforeEveryCall) {
+  Start(grpc::InsecureServerCredentials());
+  options_.tls = {};
+  options_.token = "evpose_first";
+  absl::StatusOr<std::string> now = std::string("evpose_second");
+  options_.renew_token = [&now] { return now; };
+  const auto client = Client::Connect("127.0.0.1:" + std::to_string(port_), options_);
+  ASSERT_TRUE(client.ok()) << client.status();
+  EXPECT_EQ(admin_.authorization, "Bearer evpose_second");
+  now = std::string("evpose_third");
+  EXPECT_TRUE((*client)->GetServerInfo().ok());
+  EXPECT_EQ(admin_.authorization, "Bearer evpose_third");
+  for (const absl::StatusOr<std::string>& none :
+       {absl::StatusOr<std::string>(absl::NotFoundError("gone")), absl::StatusOr<std::string>(""),
+        absl::StatusOr<std::string>("two words")}) {
+    now = none;
+    EXPECT_TRUE((*client)->GetServerInfo().ok());
+    EXPECT_EQ(admin_.authorization, "Bearer evpose_third");
+  }
+}
+
 TEST_F(SecurityTest, ATokenInClearStaysOnThisMachine) {
   Start(grpc::InsecureServerCredentials());
   options_.tls = {};

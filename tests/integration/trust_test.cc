@@ -6,6 +6,7 @@
 #include <filesystem>
 #include <memory>
 #include <string>
+#include <thread>
 #include <vector>
 
 #include "absl/strings/str_cat.h"
@@ -16,6 +17,7 @@
 #include "server/auth/token_file.h"
 #include "server/rpc/server.h"
 #include "tests/integration/cli_fixture.h"
+#include "tests/integration/cutting_proxy.h"
 
 namespace evpose {
 namespace {
@@ -165,6 +167,31 @@ TEST_F(TrustTest, AReplayThroughTlsGivesTheSamePoses) {
   ASSERT_EQ(result.status, 0) << result.err;
   EXPECT_FALSE(ReadText("tls.tum").empty());
   EXPECT_EQ(ReadText("tls.tum"), ReadText("inside.tum"));
+}
+
+TEST_F(TrustTest, AStreamThatBreaksGoesOnWithTheTokenOfThen) {
+  SimulateCube(0.3);
+  ASSERT_EQ(Run(ReplayArguments("inside.tum")).status, 0);
+  CuttingProxy proxy;
+  proxy.SetTarget(plain_->port());
+  proxy.CutAfter(std::vector<uint64_t>(10, 50'000));
+  const std::jthread renewal([&] {
+    while (proxy.num_cut() == 0) std::this_thread::yield();
+    proxy.SetTarget(0);
+    while (proxy.num_refused() == 0) std::this_thread::yield();
+    // Nobody is connected: from here on nothing works with the first token.
+    const server::NewToken renewed = server::MakeToken("lab", false).value();
+    WriteText("tokens", renewed.line + "\n");
+    std::filesystem::permissions(Path("lab.token"), std::filesystem::perms::owner_write,
+                                 std::filesystem::perm_options::add);
+    WriteText("lab.token", renewed.token + "\n");
+    proxy.SetTarget(plain_->port());
+  });
+  const CliResult result =
+      Run(ReplayArguments("renewed.tum", {"--server", "localhost" + proxy.address().substr(proxy.address().find(':')),
+                                          "--chunk-bytes", "4096", "--token-file", Path("lab.token")}));
+  ASSERT_EQ(result.status, 0) << result.err;
+  EXPECT_EQ(ReadText("renewed.tum"), ReadText("inside.tum"));
 }
 
 TEST_F(TrustTest, TheNameInACertificateIsTheTenant) {
