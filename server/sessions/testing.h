@@ -31,12 +31,21 @@ class FakeTrackerGate {
   }
   void Pass() {
     std::unique_lock lock(mutex_);
+    ++num_waiting_;
+    came_.notify_all();
     opened_.wait(lock, [this] { return is_open_; });
+    --num_waiting_;
+  }
+  // Returns when a tracker stands before it.
+  void AwaitTracker() {
+    std::unique_lock lock(mutex_);
+    came_.wait(lock, [this] { return num_waiting_ > 0; });
   }
 
  private:
   std::mutex mutex_;
-  std::condition_variable opened_;
+  std::condition_variable came_, opened_;
+  int num_waiting_ = 0;
   bool is_open_ = true;
 };
 
