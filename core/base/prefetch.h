@@ -3,6 +3,7 @@
 #pragma once
 
 #include <cstddef>
+#include <cstdint>
 #include <vector>
 
 namespace evpose {
@@ -14,6 +15,13 @@ inline constexpr size_t kPrefetchAhead = 16;
 template <typename T>
 void PrefetchEntry(const std::vector<T>& table, size_t index) {
   if (index < table.size()) __builtin_prefetch(&table[index]);
+}
+
+// What lies so many items beyond this one, if anything does: for a long list that is read once, in order.
+template <typename T>
+void PrefetchBeyond(const T& item, size_t count) {
+  // A number: there need be no item to point to.
+  __builtin_prefetch(reinterpret_cast<const void*>(reinterpret_cast<uintptr_t>(&item) + count * sizeof(T)));
 }
 
 }  // namespace evpose

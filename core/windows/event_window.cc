@@ -1,20 +1,18 @@
 #include "core/windows/event_window.h"
 
 #include <algorithm>
+#include <array>
 
 #include "absl/strings/str_cat.h"
+#include "core/base/prefetch.h"
+#include "core/windows/event_sample.h"
 #include "core/windows/window_event_state.h"
 
 namespace evpose {
 namespace {
 
-// SplitMix64's finaliser: a bijection whose low bits look random for consecutive inputs.
-uint64_t HashIndex(uint64_t index) {
-  uint64_t z = index + 0x9e3779b97f4a7c15ull;
-  z = (z ^ (z >> 30)) * 0xbf58476d1ce4e5b9ull;
-  z = (z ^ (z >> 27)) * 0x94d049bb133111ebull;
-  return z ^ (z >> 31);
-}
+// So many events are looked at together: their hashes take vector instructions, and they stay in the nearest cache.
+constexpr size_t kBatch = 256;
 
 }  // namespace
 
@@ -48,8 +46,8 @@ EventWindower::EventWindower(const WindowOptions& options, SensorGeometry sensor
     : options_(options),
       interval_us_(options.interval_us),
       history_(sensor),
-      kept_(options_.max_events + 1),
-      indices_(options_.max_events + 1) {}
+      kept_(options_.max_events + kBatch),
+      indices_(options_.max_events + kBatch) {}
 
 void EventWindower::Add(absl::Span<const Event> events, OnWindow on_window) {
   while (!events.empty()) {
@@ -132,57 +130,62 @@ void EventWindower::Open(int64_t t_begin_us) {
 }
 
 size_t EventWindower::Keep(absl::Span<const Event> events) {
-  // Every event is written, and counts when it is to stay: in a flood nobody can foretell which. In locals, for what a
-  // pixel's history is written to might be any member.
+  events = events.first(std::min(events.size(), kBatch));
+  std::array<uint8_t, kBatch> stays;
+  MarkSample(stream_index_, sample_mask_, absl::MakeSpan(stays).first(events.size()));
+  const size_t count = Take(events, stays);
+  stream_index_ += count;
+  count_ += count;
+  while (num_kept_ > static_cast<size_t>(options_.max_events)) Thin();
+  return count;
+}
+
+size_t EventWindower::Take(absl::Span<const Event> events, absl::Span<const uint8_t> stays) {
+  // Every event is written, and counts when it is to stay. In locals, for what a pixel's history is written to might be
+  // any member.
   const int64_t begin_us = begin_us_;
   const int64_t boundary_us = boundary_us_;
+  const uint64_t stream_index = stream_index_;
   WindowEvent* const kept = kept_.data();
   uint64_t* const indices = indices_.data();
+  PixelHistory::Writer history(history_);
   int64_t now_us = now_us_;
-  uint64_t mask = sample_mask_;
   size_t num_kept = num_kept_;
   size_t count = 0;
   for (; count < events.size() && events[count].t_us < boundary_us; ++count) {
-    if (count + kPrefetchAhead < events.size()) history_.Prefetch(events[count + kPrefetchAhead]);
     const Event& event = events[count];
-    const uint64_t index = stream_index_ + count;
+    PrefetchBeyond(event, kBatch);
     now_us = std::max(now_us, event.t_us);
     WindowEvent& next = kept[num_kept];
     next.t_us = std::max(event.t_us, begin_us);
     next.x = event.x;
     next.y = event.y;
     next.polarity = event.polarity;
-    next.previous = history_.Exchange(event);
-    indices[num_kept] = index;
-    num_kept += mask == 0 || (HashIndex(index) & mask) == 0 ? 1 : 0;
-    if (num_kept == kept_.size()) {
-      num_kept_ = num_kept;
-      Thin();
-      num_kept = num_kept_;
-      mask = sample_mask_;
-    }
+    next.previous = history.Exchange(event);
+    indices[num_kept] = stream_index + count;
+    num_kept += stays[count];
   }
   now_us_ = now_us;
   num_kept_ = num_kept;
-  stream_index_ += count;
-  count_ += count;
   return count;
 }
 
 // Halves the sample. A hash decides for each event by itself, so the sample is what it would have been had the final
 // rate been known from the start.
 void EventWindower::Thin() {
-  do {
-    sample_mask_ = (sample_mask_ << 1) | 1;
-    size_t write = 0;
-    for (size_t read = 0; read < num_kept_; ++read) {
-      const bool stays = (HashIndex(indices_[read]) & sample_mask_) == 0;
-      kept_[write] = kept_[read];
-      indices_[write] = indices_[read];
-      write += stays ? 1 : 0;
+  sample_mask_ = (sample_mask_ << 1) | 1;
+  std::array<uint8_t, kBatch> stays;
+  size_t write = 0;
+  for (size_t begin = 0; begin < num_kept_; begin += kBatch) {
+    const size_t count = std::min(kBatch, num_kept_ - begin);
+    MarkSample(absl::MakeConstSpan(indices_).subspan(begin, count), sample_mask_, absl::MakeSpan(stays));
+    for (size_t i = 0; i < count; ++i) {
+      kept_[write] = kept_[begin + i];
+      indices_[write] = indices_[begin + i];
+      write += stays[i];
     }
-    num_kept_ = write;
-  } while (num_kept_ > static_cast<size_t>(options_.max_events));
+  }
+  num_kept_ = write;
 }
 
 void EventWindower::VisitState(auto& archive, auto& self) {
@@ -233,7 +236,7 @@ void EventWindower::LoadIndices(StateReader& reader) {
     if (sample_mask_ != 0) reader.Varint(skipped);
     // Each but once, and each one that is kept: else thinning them might not end.
     reader.Check(skipped < stream_index_ - next, "an event that is not the window's");
-    reader.Check((HashIndex(next + skipped) & sample_mask_) == 0, "an event that is not kept");
+    reader.Check(IsInSample(next + skipped, sample_mask_), "an event that is not kept");
     indices_[i] = next + skipped;
     next += skipped + 1;
   }

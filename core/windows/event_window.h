@@ -111,8 +111,10 @@ class EventWindower {
   void CloseUntil(int64_t t_us, OnWindow on_window);
   void Close(int64_t t_end_us, OnWindow on_window);
   void Open(int64_t t_begin_us);
-  // Those before the boundary, from the first on; returns how many.
+  // Those before the boundary, from the first on and a batch at most; returns how many.
   size_t Keep(absl::Span<const Event> events);
+  // The same of a batch, of which those marked stay.
+  size_t Take(absl::Span<const Event> events, absl::Span<const uint8_t> stays);
   void Thin();
 
   const WindowOptions options_;
@@ -125,7 +127,7 @@ class EventWindower {
   uint64_t count_ = 0;
   uint64_t sample_mask_ = 0;  // an event stays when its hash has none of these bits
   PixelHistory history_;      // of all events, those that are not kept too
-  // Of the open window, num_kept_ of max_events + 1.
+  // Of the open window, num_kept_ of max_events and a batch.
   std::vector<WindowEvent> kept_;
   std::vector<uint64_t> indices_;  // of the events kept, in the stream
   size_t num_kept_ = 0;

@@ -5,7 +5,6 @@
 #include <cstdint>
 #include <vector>
 
-#include "core/base/prefetch.h"
 #include "core/base/state_io.h"
 #include "core/events/event.h"
 
@@ -24,22 +23,31 @@ class PixelHistory {
   explicit PixelHistory(SensorGeometry sensor)
       : sensor_(sensor), last_(static_cast<size_t>(sensor.width_px) * sensor.height_px, kNothing) {}
 
-  // What the event's pixel sent before it, which is forgotten for it. Events outside the sensor: kUnknown.
-  PreviousPolarity Exchange(const Event& event) {
-    using enum PreviousPolarity;
-    // From a table: what comes next no branch can foretell.
-    static constexpr PreviousPolarity kPrevious[][2] = {{kSame, kOther}, {kOther, kSame}, {kUnknown, kUnknown}};
-    if (event.x >= sensor_.width_px || event.y >= sensor_.height_px) return kUnknown;
-    uint8_t& last = last_[static_cast<size_t>(event.y) * sensor_.width_px + event.x];
-    const uint8_t polarity = event.polarity != 0 ? 1 : 0;
-    const PreviousPolarity previous = kPrevious[last][polarity];
-    last = polarity;
-    return previous;
-  }
-  // Exchange(event) is about to be called.
-  void Prefetch(const Event& event) const {
-    PrefetchEntry(last_, static_cast<size_t>(event.y) * sensor_.width_px + event.x);
-  }
+  // In a loop, whose memory it keeps at hand. The history must outlive it.
+  class Writer {
+   public:
+    explicit Writer(PixelHistory& history)
+        : width_px_(history.sensor_.width_px), height_px_(history.sensor_.height_px), last_(history.last_.data()) {}
+
+    // What the event's pixel sent before it, which is forgotten for it. Events outside the sensor: kUnknown.
+    PreviousPolarity Exchange(const Event& event) {
+      using enum PreviousPolarity;
+      // From a table: what comes next no branch can foretell.
+      static constexpr PreviousPolarity kPrevious[] = {kSame, kOther, kOther, kSame, kUnknown, kUnknown};
+      if (event.x >= width_px_ || event.y >= height_px_) return kUnknown;
+      uint8_t& last = last_[event.y * width_px_ + event.x];
+      const uint8_t polarity = event.polarity != 0 ? 1 : 0;
+      const PreviousPolarity previous = kPrevious[2u * last + polarity];
+      last = polarity;
+      return previous;
+    }
+
+   private:
+    const uint32_t width_px_;
+    const uint32_t height_px_;
+    uint8_t* const last_;
+  };
+  PreviousPolarity Exchange(const Event& event) { return Writer(*this).Exchange(event); }
   // The event with that.
   WindowEvent Next(const Event& event) { return {event, Exchange(event)}; }
 
