@@ -302,13 +302,26 @@ uint16_t MostlyPlainEvt3(Random& random, uint32_t& low) {
   return kind == 98 ? Evt3(0x8, (any % 16) / 15) : static_cast<uint16_t>(any);
 }
 
-uint32_t MostlyPlainEvt2(Random& random, uint32_t& low) {
+// Of EVT2, or the upper half of one of EVT2.1; the TIME_HIGH mostly comes again, or is one of the next.
+uint32_t MostlyPlainEvt2(Random& random, uint32_t& high, uint32_t& low) {
   const auto any = static_cast<uint32_t>(random.NextU64());
   const uint64_t kind = random.UniformInt(100);
-  if (kind < 2) return kind == 0 ? any : Evt2(0x8, any % 8);
-  low = kind == 2 ? any % 64 : std::min(low + any % 2, 63u);
-  return Evt2Cd(any & 1, low, (any >> 1 & 0x7ff) % (kind == 3 ? 0x800 : 640),
-                (any >> 12 & 0x7ff) % (kind == 4 ? 0x800 : 480));
+  if (kind == 0) return any;
+  if (kind < 5) {
+    if (kind < 3) high = kind == 1 ? any % 1000 : high + any % 20;
+    return Evt2(0x8, high);
+  }
+  low = kind == 5 ? any % 64 : std::min(low + any % 2, 63u);
+  if (kind == 6) return Evt2(0xa, low << 22 | (any & 0x1f01));
+  return Evt2Cd(any & 1, low, (any >> 1 & 0x7ff) % (kind == 7 ? 0x800 : 640),
+                (any >> 12 & 0x7ff) % (kind == 8 ? 0x800 : 480));
+}
+
+uint64_t MostlyPlainEvt21(Random& random, uint32_t& high, uint32_t& low) {
+  const auto any = static_cast<uint32_t>(random.NextU64());
+  const uint64_t kind = random.UniformInt(50);
+  const uint32_t mask = kind == 0 ? any : kind == 1 ? 3u << any % 32 : 1u << any % 32;
+  return Evt21(MostlyPlainEvt2(random, high, low), mask);
 }
 
 // In one piece the words are decoded several at a time, in pieces of a word one by one.
@@ -317,10 +330,12 @@ TEST(DecoderTest, RunsOfWordsGiveWhatSingleWordsGive) {
   for (int round = 0; round < 100; ++round) {
     std::vector<uint16_t> evt3 = {Evt3(0x8, 0), Evt3(0x0, 1)};
     std::vector<uint32_t> evt2 = {Evt2(0x8, 0)};
-    uint32_t low3 = 0, low2 = 0;
+    std::vector<uint64_t> evt21 = {Evt21(Evt2(0x8, 0))};
+    uint32_t low3 = 0, low2 = 0, low21 = 0, high2 = 0, high21 = 0;
     for (int i = 0; i < 1000; ++i) {
       evt3.push_back(MostlyPlainEvt3(random, low3));
-      evt2.push_back(MostlyPlainEvt2(random, low2));
+      evt2.push_back(MostlyPlainEvt2(random, high2, low2));
+      evt21.push_back(MostlyPlainEvt21(random, high21, low21));
     }
     const OutsideSensor outside = round % 2 == 0 ? OutsideSensor::kDrop : OutsideSensor::kKeep;
     const auto check = [&](Encoding encoding, const std::vector<uint8_t>& bytes) {
@@ -332,6 +347,7 @@ TEST(DecoderTest, RunsOfWordsGiveWhatSingleWordsGive) {
     };
     check(Encoding::kEvt3, BytesOf(evt3));
     check(Encoding::kEvt2, BytesOf(evt2));
+    check(Encoding::kEvt21, BytesOf(evt21));
   }
 }
 

@@ -38,6 +38,8 @@ struct Evt3State {
 
 template <bool kKeepOutside>
 class Evt3Decoder final : public WordDecoder {
+  static_assert(kMaxRunBlock <= EventSink::kMaxEventsOfWord);
+
  public:
   explicit Evt3Decoder(SensorGeometry geometry)
       : WordDecoder(2),
@@ -126,9 +128,9 @@ class Evt3Decoder final : public WordDecoder {
     uint32_t row = state_.row;
     while (index < count) {
       const uint32_t word = LoadWord<uint16_t>(words + 2 * index);
-      if (kHasRow && has_runs_ && (word & kNotAddress) == 0 && row < height) {
+      if (kHasRow && runs_ != nullptr && (word & kNotAddress) == 0 && row < height) {
         Evt3Run run = {width, height, state_.clock.base_us(), mark_due_us, t_us - state_.clock.base_us(), row};
-        const size_t num_words = DecodeEvt3Run(words + 2 * index, count - index, run, cursor, sink_.limit());
+        const size_t num_words = runs_->evt3(words + 2 * index, count - index, run, cursor, sink_.limit());
         index += num_words;
         row = run.row;
         t_us = run.base_us + run.low_us;
@@ -253,7 +255,7 @@ class Evt3Decoder final : public WordDecoder {
 
   const uint32_t width_;
   const uint32_t height_;
-  const bool has_runs_ = HasWordRuns();
+  const WordRuns* const runs_ = Avx2WordRuns();
   Evt3State state_;
   Wait wait_ = Wait::kTimeHigh;
   bool needs_time_low_ = false;

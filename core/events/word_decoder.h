@@ -131,6 +131,8 @@ class WordDecoder : public EventDecoder {
  protected:
   explicit WordDecoder(int word_bytes) : word_bytes_(static_cast<size_t>(word_bytes)) {}
 
+  size_t word_bytes() const { return word_bytes_; }
+
   // Decodes `count` words; returns how many it used. Less than `count` only for words that belong to one that has not
   // come yet, two at most, which are offered again together with it.
   virtual size_t DecodeWords(const uint8_t* words, size_t count) = 0;

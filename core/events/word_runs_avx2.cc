@@ -1,8 +1,9 @@
-#include "core/events/word_runs.h"
-
+// Runs with AVX2: eight words at a time, four of EVT2.1.
 #include <algorithm>
 #include <array>
 #include <bit>
+
+#include "core/events/word_runs.h"
 
 #if defined(__x86_64__)
 #include <immintrin.h>
@@ -14,7 +15,7 @@ namespace evpose {
 
 namespace {
 
-constexpr int kLanes = kWordRun;
+constexpr int kLanes = 8;
 
 // Bytes for a shuffle of lanes of 16 bits.
 struct alignas(16) LaneShuffle {
@@ -131,15 +132,8 @@ struct Evt3Limits {
   return sets;
 }
 
-}  // namespace
-
-bool HasWordRuns() {
-  static const bool has = __builtin_cpu_supports("avx2") != 0 && __builtin_cpu_supports("popcnt") != 0;
-  return has;
-}
-
-[[gnu::target("avx2,popcnt")]] size_t DecodeEvt3Run(const uint8_t* words, size_t count, Evt3Run& run, Event*& cursor,
-                                                    const Event* limit) {
+[[gnu::target("avx2,popcnt")]] size_t DecodeEvt3Run256(const uint8_t* words, size_t count, Evt3Run& run, Event*& cursor,
+                                                       const Event* limit) {
   const Evt3Limits limits = {_mm_set1_epi16(static_cast<int16_t>(run.width_px - 1)),
                              _mm_set1_epi16(static_cast<int16_t>(run.height_px - 1)),
                              _mm_set1_epi16(static_cast<int16_t>(0x8000 | ((run.base_us >> 12) & 0xfff)))};
@@ -150,7 +144,7 @@ bool HasWordRuns() {
   __m128i low = _mm_set1_epi16(static_cast<int16_t>(run.low_us));
   Event* next = cursor;
   size_t index = 0;
-  while (count - index >= kWordRun && next < limit) {
+  while (count - index >= kLanes && next < limit) {
     const __m128i block = _mm_loadu_si128(reinterpret_cast<const __m128i*>(words + 2 * index));
     const Evt3Sets sets = Classify(block, limits);
     const __m128i content = _mm_and_si128(block, _mm_set1_epi16(0xfff));
@@ -174,7 +168,7 @@ bool HasWordRuns() {
       break;
     }
     // A constant: the next block need not wait for what this one is.
-    index += kWordRun;
+    index += kLanes;
   }
   cursor = next;
   run.row = static_cast<uint32_t>(_mm_extract_epi16(row, 0));
@@ -182,8 +176,8 @@ bool HasWordRuns() {
   return index;
 }
 
-[[gnu::target("avx2,popcnt")]] size_t DecodeEvt2Run(const uint8_t* words, size_t count, Evt2Run& run, Event*& cursor,
-                                                    const Event* limit) {
+[[gnu::target("avx2,popcnt")]] size_t DecodeEvt2Run256(const uint8_t* words, size_t count, Evt2Run& run, Event*& cursor,
+                                                       const Event* limit) {
   const __m256i last_column = _mm256_set1_epi32(static_cast<int32_t>(run.width_px - 1));
   const __m256i last_row = _mm256_set1_epi32(static_cast<int32_t>(run.height_px - 1));
   const __m256i base_us = _mm256_set1_epi64x(run.base_us);
@@ -192,7 +186,7 @@ bool HasWordRuns() {
   __m256i low = _mm256_set1_epi32(static_cast<int32_t>(run.low_us));
   Event* next = cursor;
   size_t index = 0;
-  while (count - index >= kWordRun && next < limit) {
+  while (count - index >= kLanes && next < limit) {
     const __m256i block = _mm256_loadu_si256(reinterpret_cast<const __m256i*>(words + 4 * index));
     const __m256i lows = _mm256_and_si256(_mm256_srli_epi32(block, 22), _mm256_set1_epi32(0x3f));
     const __m256i x = _mm256_and_si256(_mm256_srli_epi32(block, 11), eleven_bits);
@@ -228,8 +222,8 @@ bool HasWordRuns() {
       break;
     }
     // Constants: the next block need not wait for what this one is.
-    next += kWordRun;
-    index += kWordRun;
+    next += kLanes;
+    index += kLanes;
     low = _mm256_permutevar8x32_epi32(lows, _mm256_set1_epi32(kLanes - 1));
   }
   if (next != cursor) run.low_us = next[-1].t_us - run.base_us;
@@ -237,11 +231,78 @@ bool HasWordRuns() {
   return index;
 }
 
+// Of EVT2.1 words, a lane of 64 bits each.
+struct Evt21Fields {
+  __m256i low;
+  __m256i x;  // of the only pixel
+  __m256i y;
+  __m256i type;
+  __m256i has_one_pixel;
+};
+
+[[gnu::target("avx2"), gnu::always_inline]] inline Evt21Fields Fields(__m256i block) {
+  const __m256i eleven_bits = _mm256_set1_epi64x(0x7ff);
+  const __m256i zero = _mm256_setzero_si256();
+  const __m256i mask = _mm256_and_si256(block, _mm256_set1_epi64x(0xffffffff));
+  const __m256i more = _mm256_and_si256(mask, _mm256_sub_epi64(mask, _mm256_set1_epi64x(1)));
+  // A power of two is its exponent as a float; the sign of the highest bit is cut off.
+  const __m256i exponents = _mm256_srli_epi32(_mm256_castps_si256(_mm256_cvtepi32_ps(mask)), 23);
+  const __m256i pixel =
+      _mm256_sub_epi64(_mm256_and_si256(exponents, _mm256_set1_epi64x(0xff)), _mm256_set1_epi64x(127));
+  return {_mm256_and_si256(_mm256_srli_epi64(block, 32 + 22), _mm256_set1_epi64x(0x3f)),
+          _mm256_add_epi64(_mm256_and_si256(_mm256_srli_epi64(block, 32 + 11), eleven_bits), pixel),
+          _mm256_and_si256(_mm256_srli_epi64(block, 32), eleven_bits), _mm256_srli_epi64(block, 32 + 28),
+          _mm256_andnot_si256(_mm256_cmpeq_epi64(mask, zero), _mm256_cmpeq_epi64(more, zero))};
+}
+
+[[gnu::target("avx2,popcnt")]] size_t DecodeEvt21Run256(const uint8_t* words, size_t count, Evt2Run& run,
+                                                        Event*& cursor, const Event* limit) {
+  constexpr int kWords = 4;
+  const __m256i last_column = _mm256_set1_epi64x(run.width_px - 1);
+  const __m256i last_row = _mm256_set1_epi64x(run.height_px - 1);
+  const __m256i base_us = _mm256_set1_epi64x(run.base_us);
+  __m256i low = _mm256_set1_epi64x(run.low_us);
+  Event* next = cursor;
+  size_t index = 0;
+  while (count - index >= kWords && next < limit) {
+    const Evt21Fields fields = Fields(_mm256_loadu_si256(reinterpret_cast<const __m256i*>(words + 8 * index)));
+    const __m256i lows_before =
+        _mm256_blend_epi32(_mm256_permute4x64_epi64(fields.low, _MM_SHUFFLE(2, 1, 0, 0)), low, 3);
+    const __m256i outside =
+        _mm256_or_si256(_mm256_cmpgt_epi64(fields.x, last_column), _mm256_cmpgt_epi64(fields.y, last_row));
+    const __m256i special = _mm256_or_si256(_mm256_cmpgt_epi64(lows_before, fields.low),
+                                            _mm256_cmpgt_epi64(fields.type, _mm256_set1_epi64x(1)));
+    const __m256i plain = _mm256_andnot_si256(_mm256_or_si256(outside, special), fields.has_one_pixel);
+    const __m256i xy = _mm256_or_si256(fields.x, _mm256_slli_epi64(fields.y, 16));
+    StoreFour(next, _mm256_add_epi64(fields.low, base_us), _mm256_or_si256(xy, _mm256_slli_epi64(fields.type, 32)));
+    const int num_plain = std::countr_one(static_cast<uint32_t>(_mm256_movemask_pd(_mm256_castsi256_pd(plain))));
+    if (num_plain < kWords) {
+      next += num_plain;
+      index += static_cast<size_t>(num_plain);
+      break;
+    }
+    // Constants: the next block need not wait for what this one is.
+    next += kWords;
+    index += kWords;
+    low = _mm256_permute4x64_epi64(fields.low, _MM_SHUFFLE(3, 3, 3, 3));
+  }
+  if (next != cursor) run.low_us = next[-1].t_us - run.base_us;
+  cursor = next;
+  return index;
+}
+
+constexpr WordRuns kAvx2WordRuns = {DecodeEvt3Run256, DecodeEvt2Run256, DecodeEvt21Run256};
+
+}  // namespace
+
+const WordRuns* Avx2WordRuns() {
+  static const bool has = __builtin_cpu_supports("avx2") != 0 && __builtin_cpu_supports("popcnt") != 0;
+  return has ? &kAvx2WordRuns : nullptr;
+}
+
 #else
 
-bool HasWordRuns() { return false; }
-size_t DecodeEvt3Run(const uint8_t*, size_t, Evt3Run&, Event*&, const Event*) { return 0; }
-size_t DecodeEvt2Run(const uint8_t*, size_t, Evt2Run&, Event*&, const Event*) { return 0; }
+const WordRuns* Avx2WordRuns() { return nullptr; }
 
 #endif
 

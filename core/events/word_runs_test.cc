@@ -1,0 +1,195 @@
+// Each set of instructions gives what the rules give word by word, and stops where they say.
+#include "core/events/word_runs.h"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <bit>
+
+#include "core/events/test_events.h"
+
+namespace evpose {
+namespace {
+
+constexpr uint32_t kWidth_px = 640;
+constexpr uint32_t kHeight_px = 480;
+
+// The rules of one word: false when it is not plain, and true with `run` and `events` moved when it is.
+bool Step(uint16_t word, Evt3Run& run, std::vector<Event>& events) {
+  const uint32_t content = word & 0xfff;
+  switch (word >> 12) {
+    case 0x0:
+      if (content >= run.height_px) return false;
+      run.row = content;
+      return true;
+    case 0x2: {
+      const auto x = static_cast<uint16_t>(content & 0x7ff);
+      if (x >= run.width_px) return false;
+      events.push_back(
+          {run.base_us + run.low_us, x, static_cast<uint16_t>(run.row), static_cast<uint8_t>(content >> 11)});
+      return true;
+    }
+    case 0x6:
+      if (content < run.low_us || run.base_us + content >= run.mark_due_us) return false;
+      run.low_us = content;
+      return true;
+    case 0x8:
+      return content == ((run.base_us >> 12) & 0xfff);
+    default:
+      return false;
+  }
+}
+
+bool StepEvt2(uint32_t word, uint32_t mask, Evt2Run& run, std::vector<Event>& events) {
+  const uint32_t type = word >> 28;
+  if (type == 8) return (word & 0xfffffff) == ((run.base_us >> 6) & 0xfffffff) && run.base_us + 63 < run.mark_due_us;
+  const int64_t low_us = word >> 22 & 0x3f;
+  if (type > 1 || low_us < run.low_us || std::popcount(mask) != 1) return false;
+  const uint32_t x = (word >> 11 & 0x7ff) + static_cast<uint32_t>(std::countr_zero(mask));
+  const uint32_t y = word & 0x7ff;
+  if (x >= run.width_px || y >= run.height_px) return false;
+  run.low_us = low_us;
+  events.push_back(
+      {run.base_us + low_us, static_cast<uint16_t>(x), static_cast<uint16_t>(y), static_cast<uint8_t>(type)});
+  return true;
+}
+bool Step(uint32_t word, Evt2Run& run, std::vector<Event>& events) { return StepEvt2(word, 1, run, events); }
+bool Step(uint64_t word, Evt2Run& run, std::vector<Event>& events) {
+  return StepEvt2(static_cast<uint32_t>(word >> 32), static_cast<uint32_t>(word), run, events);
+}
+
+// One in `rarity` of the random words is of any type.
+bool IsAny(Random& random, uint64_t rarity) { return random.UniformInt(rarity) == 0; }
+
+void Draw(Random& random, uint64_t rarity, const Evt3Run& run, int64_t& low_us, uint16_t& word) {
+  const auto any = static_cast<uint32_t>(random.NextU64());
+  low_us = std::min<int64_t>(low_us + (any >> 30), 0xfff);
+  const uint64_t kind = random.UniformInt(20);
+  word = static_cast<uint16_t>(any);
+  if (IsAny(random, rarity)) return;
+  if (kind < 9) word = Evt3(0x0, any % run.height_px);
+  if (kind >= 9) word = Evt3(0x2, (any & 0x800) | (any & 0x7ff) % run.width_px);
+  if (kind == 18) word = Evt3(0x6, static_cast<uint32_t>(low_us));
+  if (kind == 19) word = Evt3(0x8, static_cast<uint32_t>(run.base_us >> 12) & 0xfff);
+}
+
+void Draw(Random& random, uint64_t rarity, const Evt2Run& run, int64_t& low_us, uint32_t& word) {
+  const auto any = static_cast<uint32_t>(random.NextU64());
+  low_us = std::min<int64_t>(low_us + (any >> 31), 63);
+  word = Evt2Cd(any & 1, static_cast<uint32_t>(low_us), (any >> 1 & 0x7ff) % run.width_px,
+                (any >> 12 & 0x7ff) % run.height_px);
+  if (random.UniformInt(20) == 0) word = Evt2(0x8, static_cast<uint32_t>(run.base_us >> 6) & 0xfffffff);
+  if (IsAny(random, rarity)) word = any;
+}
+
+void Draw(Random& random, uint64_t rarity, const Evt2Run& run, int64_t& low_us, uint64_t& word) {
+  uint32_t upper = 0;
+  Draw(random, rarity, run, low_us, upper);
+  auto mask = static_cast<uint32_t>(random.NextU64());
+  if (!IsAny(random, rarity)) mask = 1u << mask % std::min(32u, run.width_px - (upper >> 11 & 0x7ff) % run.width_px);
+  if (IsAny(random, rarity)) mask = 0;
+  word = static_cast<uint64_t>(upper) << 32 | mask;
+}
+
+Evt3Run RandomRun(Random& random, Evt3Run) {
+  Evt3Run run = {kWidth_px, kHeight_px, static_cast<int64_t>(random.UniformInt(1 << 20)) << 12};
+  if (random.UniformInt(4) == 0) run.width_px = run.height_px = 1 << 11;
+  run.low_us = static_cast<int64_t>(random.UniformInt(0x1000));
+  run.mark_due_us = run.base_us + run.low_us + 1 + static_cast<int64_t>(random.UniformInt(1000));
+  run.row = static_cast<uint32_t>(random.UniformInt(run.height_px));
+  return run;
+}
+
+Evt2Run RandomRun(Random& random, Evt2Run) {
+  Evt2Run run = {kWidth_px, kHeight_px, static_cast<int64_t>(random.UniformInt(uint64_t{1} << 40)) << 6};
+  if (random.UniformInt(4) == 0) run.width_px = run.height_px = 1 << 11;
+  run.low_us = static_cast<int64_t>(random.UniformInt(64));
+  run.mark_due_us = run.base_us + static_cast<int64_t>(random.UniformInt(1000));
+  return run;
+}
+
+bool SameState(const Evt3Run& a, const Evt3Run& b) { return a.low_us == b.low_us && a.row == b.row; }
+bool SameState(const Evt2Run& a, const Evt2Run& b) { return a.low_us == b.low_us; }
+
+// Whether one of the words that come first ends the run, or makes no event: only such a block may be left.
+template <typename Word, typename Run>
+bool MayStopBefore(absl::Span<const Word> words, Run run, bool only_events) {
+  std::vector<Event> events;
+  for (const Word word : words.subspan(0, kMaxRunBlock)) {
+    const size_t num_before = events.size();
+    if (!Step(word, run, events) || (only_events && events.size() == num_before)) return true;
+  }
+  return words.size() < kMaxRunBlock;
+}
+
+// Returns how many words were a run.
+template <typename Word, typename Run>
+size_t CheckRun(DecodeRunOf<Run> decode, const std::vector<Word>& words, const Run& before, size_t max_events) {
+  const Event unwritten = {-1, 1, 2, 3};
+  std::vector<Event> out(max_events + 2 * kMaxRunBlock, unwritten);
+  Run run = before;
+  Event* cursor = out.data();
+  const size_t num_words =
+      decode(reinterpret_cast<const uint8_t*>(words.data()), words.size(), run, cursor, out.data() + max_events);
+  EXPECT_LE(num_words, words.size());
+  Run expected_run = before;
+  std::vector<Event> expected;
+  for (size_t i = 0; i < num_words; ++i) EXPECT_TRUE(Step(words[i], expected_run, expected)) << "word " << i;
+  EXPECT_TRUE(SameState(run, expected_run));
+  const auto num_events = static_cast<size_t>(cursor - out.data());
+  EXPECT_EQ(std::vector<Event>(out.data(), out.data() + num_events), expected);
+  if (num_events < max_events) {
+    EXPECT_TRUE(MayStopBefore(absl::MakeConstSpan(words).subspan(num_words), run, sizeof(Word) > 2));
+  }
+  // Not more than a block's events beyond the cursor.
+  for (size_t i = num_events + kMaxRunBlock; i < out.size(); ++i) EXPECT_EQ(out[i], unwritten);
+  return num_words;
+}
+
+template <typename Word, typename Run>
+void CheckRuns(DecodeRunOf<Run> decode) {
+  Random random(17);
+  size_t longest = 0;
+  for (int round = 0; round < 3000; ++round) {
+    const Run run = RandomRun(random, Run());
+    const uint64_t rarity = uint64_t{1} << (1 + random.UniformInt(12));
+    std::vector<Word> words(random.UniformInt(200));
+    int64_t low_us = run.low_us;
+    for (Word& word : words) Draw(random, rarity, run, low_us, word);
+    longest = std::max(longest, CheckRun(decode, words, run, 1 + random.UniformInt(200)));
+    ASSERT_FALSE(testing::Test::HasFailure()) << "round " << round;
+  }
+  EXPECT_GT(longest, 4 * kMaxRunBlock);
+}
+
+class WordRunsTest : public testing::TestWithParam<const WordRuns* (*)()> {
+ protected:
+  void SetUp() override {
+    if (GetParam()() == nullptr) GTEST_SKIP() << "the processor does not have the instructions";
+  }
+  const WordRuns& runs() const { return *GetParam()(); }
+};
+
+TEST_P(WordRunsTest, Evt3) { CheckRuns<uint16_t>(runs().evt3); }
+TEST_P(WordRunsTest, Evt2) { CheckRuns<uint32_t>(runs().evt2); }
+TEST_P(WordRunsTest, Evt21) { CheckRuns<uint64_t>(runs().evt21); }
+
+INSTANTIATE_TEST_SUITE_P(Instructions, WordRunsTest, testing::Values(&Avx2WordRuns),
+                         [](const auto&) { return "Avx2"; });
+
+TEST(RunPauseTest, LongRunsPayForShortOnes) {
+  RunPause pause;
+  EXPECT_EQ(pause.WordsAfter(1000), 1u);
+  size_t last = 1;
+  for (int i = 0; i < 30; ++i) {
+    const size_t words = pause.WordsAfter(3);
+    EXPECT_TRUE(words > last || words == 257) << words;
+    last = words;
+  }
+  EXPECT_EQ(last, 257u);
+  EXPECT_LT(pause.WordsAfter(100), 200u);
+  EXPECT_EQ(pause.WordsAfter(1000), 1u);
+}
+
+}  // namespace
+}  // namespace evpose
