@@ -11,7 +11,7 @@ namespace {
 class Evt21Decoder final : public Evt2WordDecoder {
  public:
   Evt21Decoder(SensorGeometry geometry, OutsideSensor outside)
-      : Evt2WordDecoder(8, geometry, outside, Avx2WordRuns() != nullptr ? Avx2WordRuns()->evt21 : nullptr) {}
+      : Evt2WordDecoder(8, geometry, outside, BestWordRuns() != nullptr ? BestWordRuns()->evt21 : nullptr) {}
 
  private:
   size_t DecodeWords(const uint8_t* words, size_t count) override {

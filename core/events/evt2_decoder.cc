@@ -9,7 +9,7 @@ namespace {
 class Evt2Decoder final : public Evt2WordDecoder {
  public:
   Evt2Decoder(SensorGeometry geometry, OutsideSensor outside)
-      : Evt2WordDecoder(4, geometry, outside, Avx2WordRuns() != nullptr ? Avx2WordRuns()->evt2 : nullptr) {}
+      : Evt2WordDecoder(4, geometry, outside, BestWordRuns() != nullptr ? BestWordRuns()->evt2 : nullptr) {}
 
  private:
   size_t DecodeWords(const uint8_t* words, size_t count) override {

@@ -255,7 +255,7 @@ class Evt3Decoder final : public WordDecoder {
 
   const uint32_t width_;
   const uint32_t height_;
-  const WordRuns* const runs_ = Avx2WordRuns();
+  const WordRuns* const runs_ = BestWordRuns();
   Evt3State state_;
   Wait wait_ = Wait::kTimeHigh;
   bool needs_time_low_ = false;

@@ -46,6 +46,13 @@ struct WordRuns {
 
 // Null when the processor does not have the instructions.
 const WordRuns* Avx2WordRuns();
+const WordRuns* Avx512WordRuns();  // as of Ice Lake and Zen 4
+
+// The fastest that the processor has, or null.
+inline const WordRuns* BestWordRuns() {
+  static const WordRuns* const best = Avx512WordRuns() != nullptr ? Avx512WordRuns() : Avx2WordRuns();
+  return best;
+}
 
 // Looking for a run takes as long as decoding some words one by one. Where the runs are shorter, because many words are
 // not plain, it does not pay: each look is a debt that the words of its run pay off, and what is still owed is waited

@@ -58,38 +58,55 @@ bool Step(uint64_t word, Evt2Run& run, std::vector<Event>& events) {
   return StepEvt2(static_cast<uint32_t>(word >> 32), static_cast<uint32_t>(word), run, events);
 }
 
-// One in `rarity` of the random words is of any type.
-bool IsAny(Random& random, uint64_t rarity) { return random.UniformInt(rarity) == 0; }
+// Random words that are plain but for one in `rarity`, in this or that.
+class RandomWords {
+ public:
+  RandomWords(Random& random, uint64_t rarity) : random_(random), rarity_(rarity) {}
 
-void Draw(Random& random, uint64_t rarity, const Evt3Run& run, int64_t& low_us, uint16_t& word) {
-  const auto any = static_cast<uint32_t>(random.NextU64());
-  low_us = std::min<int64_t>(low_us + (any >> 30), 0xfff);
-  const uint64_t kind = random.UniformInt(20);
-  word = static_cast<uint16_t>(any);
-  if (IsAny(random, rarity)) return;
-  if (kind < 9) word = Evt3(0x0, any % run.height_px);
-  if (kind >= 9) word = Evt3(0x2, (any & 0x800) | (any & 0x7ff) % run.width_px);
-  if (kind == 18) word = Evt3(0x6, static_cast<uint32_t>(low_us));
-  if (kind == 19) word = Evt3(0x8, static_cast<uint32_t>(run.base_us >> 12) & 0xfff);
-}
+  uint16_t Next(const Evt3Run& run, uint16_t) {
+    const uint64_t kind = random_.UniformInt(20);
+    if (IsOdd()) return static_cast<uint16_t>(Any());
+    if (kind < 9) return Evt3(0x0, Coordinate(run.height_px));
+    if (kind < 18) return Evt3(0x2, (Any() & 0x800) | Coordinate(run.width_px));
+    if (kind < 19) return Evt3(0x6, NextLow(run.low_us, 0xfff));
+    return Evt3(0x8, static_cast<uint32_t>(run.base_us >> 12) & 0xfff);
+  }
 
-void Draw(Random& random, uint64_t rarity, const Evt2Run& run, int64_t& low_us, uint32_t& word) {
-  const auto any = static_cast<uint32_t>(random.NextU64());
-  low_us = std::min<int64_t>(low_us + (any >> 31), 63);
-  word = Evt2Cd(any & 1, static_cast<uint32_t>(low_us), (any >> 1 & 0x7ff) % run.width_px,
-                (any >> 12 & 0x7ff) % run.height_px);
-  if (random.UniformInt(20) == 0) word = Evt2(0x8, static_cast<uint32_t>(run.base_us >> 6) & 0xfffffff);
-  if (IsAny(random, rarity)) word = any;
-}
+  uint32_t Next(const Evt2Run& run, uint32_t) {
+    if (IsOdd()) return Any();
+    if (random_.UniformInt(20) == 0) return Evt2(0x8, static_cast<uint32_t>(run.base_us >> 6) & 0xfffffff);
+    return Evt2Cd(Any() & 1, NextLow(run.low_us, 63), Coordinate(run.width_px), Coordinate(run.height_px));
+  }
 
-void Draw(Random& random, uint64_t rarity, const Evt2Run& run, int64_t& low_us, uint64_t& word) {
-  uint32_t upper = 0;
-  Draw(random, rarity, run, low_us, upper);
-  auto mask = static_cast<uint32_t>(random.NextU64());
-  if (!IsAny(random, rarity)) mask = 1u << mask % std::min(32u, run.width_px - (upper >> 11 & 0x7ff) % run.width_px);
-  if (IsAny(random, rarity)) mask = 0;
-  word = static_cast<uint64_t>(upper) << 32 | mask;
-}
+  uint64_t Next(const Evt2Run& run, uint64_t) {
+    const uint32_t upper = Next(run, uint32_t{});
+    const uint32_t to_the_edge = run.width_px - std::min(upper >> 11 & 0x7ff, run.width_px - 1);
+    const uint32_t num_pixels = std::min(IsOdd() ? to_the_edge + 1 : to_the_edge, 32u);
+    uint32_t mask = 1u << random_.UniformInt(num_pixels);
+    if (IsOdd()) mask = random_.UniformInt(2) == 0 ? 0 : Any();
+    return static_cast<uint64_t>(upper) << 32 | mask;
+  }
+
+ private:
+  uint32_t Any() { return static_cast<uint32_t>(random_.NextU64()); }
+  bool IsOdd() { return random_.UniformInt(rarity_) == 0; }
+
+  // 11 bits below `size`; or the last below it, or the first that is not.
+  uint32_t Coordinate(uint32_t size) {
+    if (IsOdd()) return (size - static_cast<uint32_t>(random_.UniformInt(2))) & 0x7ff;
+    return static_cast<uint32_t>(random_.UniformInt(size));
+  }
+
+  uint32_t NextLow(int64_t first_us, uint32_t max) {
+    if (IsOdd()) return static_cast<uint32_t>(random_.UniformInt(max + 1));
+    low_us_ = std::min(std::max(low_us_, static_cast<uint32_t>(first_us)) + Any() % 2, max);
+    return low_us_;
+  }
+
+  Random& random_;
+  const uint64_t rarity_;
+  uint32_t low_us_ = 0;
+};
 
 Evt3Run RandomRun(Random& random, Evt3Run) {
   Evt3Run run = {kWidth_px, kHeight_px, static_cast<int64_t>(random.UniformInt(1 << 20)) << 12};
@@ -154,8 +171,8 @@ void CheckRuns(DecodeRunOf<Run> decode) {
     const Run run = RandomRun(random, Run());
     const uint64_t rarity = uint64_t{1} << (1 + random.UniformInt(12));
     std::vector<Word> words(random.UniformInt(200));
-    int64_t low_us = run.low_us;
-    for (Word& word : words) Draw(random, rarity, run, low_us, word);
+    RandomWords random_words(random, rarity);
+    for (Word& word : words) word = random_words.Next(run, Word{});
     longest = std::max(longest, CheckRun(decode, words, run, 1 + random.UniformInt(200)));
     ASSERT_FALSE(testing::Test::HasFailure()) << "round " << round;
   }
@@ -174,8 +191,8 @@ TEST_P(WordRunsTest, Evt3) { CheckRuns<uint16_t>(runs().evt3); }
 TEST_P(WordRunsTest, Evt2) { CheckRuns<uint32_t>(runs().evt2); }
 TEST_P(WordRunsTest, Evt21) { CheckRuns<uint64_t>(runs().evt21); }
 
-INSTANTIATE_TEST_SUITE_P(Instructions, WordRunsTest, testing::Values(&Avx2WordRuns),
-                         [](const auto&) { return "Avx2"; });
+INSTANTIATE_TEST_SUITE_P(Instructions, WordRunsTest, testing::Values(&Avx2WordRuns, &Avx512WordRuns),
+                         [](const auto& test) { return test.param == &Avx2WordRuns ? "Avx2" : "Avx512"; });
 
 TEST(RunPauseTest, LongRunsPayForShortOnes) {
   RunPause pause;
