@@ -1,5 +1,5 @@
-// Hot loops compiled for several instruction sets, of which each processor takes its best. For whole numbers, and where
-// the bits are the same whatever the set.
+// Hot loops compiled for several instruction sets, of which each processor takes its best. Products and sums are never
+// fused, and lanes are rounded one by one: the bits are the same whatever the set.
 #pragma once
 
 // Not under a sanitizer: the choice is made before its runtime is there.

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <limits>
 
+#include "core/base/clones.h"
 #include "core/base/refill.h"
 
 namespace evpose {
@@ -117,9 +118,10 @@ void MixturePass::GroupSums::AddTo(const LineGroup& group, MixtureLine& line, Mi
   totals.weighted_squares_px2 += SumOf(squares_px2);
 }
 
-MixtureTotals MixturePass::Accumulate(const LineEvents& events, absl::Span<const ImageLine> lines,
-                                      const MixtureDensity& density, absl::Span<const LineDensities> densities,
-                                      std::vector<MixtureLine>& sums) {
+EVPOSE_CLONES MixtureTotals MixturePass::Accumulate(const LineEvents& events, absl::Span<const ImageLine> lines,
+                                                    const MixtureDensity& density,
+                                                    absl::Span<const LineDensities> densities,
+                                                    std::vector<MixtureLine>& sums) {
   const auto terms_of = [&](const LineGroup& group) {
     return GroupTerms(group, lines[group.line], density, densities[group.line]);
   };
