@@ -28,13 +28,14 @@ struct alignas(16) LaneShuffle {
 };
 using LaneShuffles = std::array<LaneShuffle, 1 << kLanes>;  // one for each set of lanes
 
-// Puts the lanes of the set first, in their order.
+// Puts the lanes of the set first, in the order that StoreFourInTurn() wants.
 constexpr LaneShuffles MakeCompress() {
+  constexpr int kPlace[] = {0, 2, 1, 3, 4, 6, 5, 7};
   LaneShuffles shuffles = {};
   for (size_t set = 0; set < shuffles.size(); ++set) {
     int count = 0;
     for (int lane = 0; lane < kLanes; ++lane) {
-      if ((set >> lane & 1) != 0) shuffles[set].Set(count++, lane);
+      if ((set >> lane & 1) != 0) shuffles[set].Set(kPlace[count++], lane);
     }
   }
   return shuffles;
@@ -84,95 +85,122 @@ constexpr LaneShuffles kSpread = MakeSpread();
   _mm256_storeu_si256(out + 1, _mm256_permute2x128_si256(even, odd, 0x31));
 }
 
-// Of the first four lanes: ADDR_X words, their rows and TIME_LOWs.
-[[gnu::target("avx2"), gnu::always_inline]] inline void StoreFourEvt3(Event* events, __m128i words, __m128i rows,
-                                                                      __m128i lows, __m256i base_us) {
-  const __m128i x = _mm_and_si128(words, _mm_set1_epi16(0x7ff));
-  const __m256i xy = _mm256_cvtepu32_epi64(_mm_unpacklo_epi16(x, rows));
-  const __m256i polarity = _mm256_cvtepu16_epi64(_mm_and_si128(words, _mm_set1_epi16(0x800)));
-  const __m256i rest = _mm256_or_si256(xy, _mm256_slli_epi64(polarity, 32 - 11));
-  StoreFour(events, _mm256_add_epi64(_mm256_cvtepu16_epi64(lows), base_us), rest);
+// As StoreFour(), of the first, third, second and fourth event: one step less.
+[[gnu::target("avx2"), gnu::always_inline]] inline void StoreFourInTurn(Event* events, __m256i t_us, __m256i rest) {
+  auto* const out = reinterpret_cast<__m256i*>(events);
+  _mm256_storeu_si256(out, _mm256_unpacklo_epi64(t_us, rest));
+  _mm256_storeu_si256(out + 1, _mm256_unpackhi_epi64(t_us, rest));
 }
 
-// Of eight words, a bit for each: which are columns, rows and times, and how many are plain before the first that is
-// not.
+[[gnu::target("avx2"), gnu::always_inline]] inline __m128i Fill16(int64_t value) {
+  return _mm_set1_epi16(static_cast<int16_t>(value));
+}
+
+// There are comparisons of signed numbers only: with the highest bit turned they are in the order of unsigned ones.
+constexpr int64_t kTurned = 0x8000;
+
+struct Evt3Ends {
+  __m128i x;  // turned, as the next two
+  __m128i y;
+  __m128i low;
+  __m128i same_high;
+};
+
+[[gnu::target("avx2"), gnu::always_inline]] inline Evt3Ends EndsOf(const Evt3Run& run) {
+  const int64_t until_mark_us = std::clamp<int64_t>(run.mark_due_us - run.base_us, 0, 0x1000);
+  return {Fill16(run.width_px ^ kTurned), Fill16(run.height_px ^ kTurned), Fill16(until_mark_us ^ kTurned),
+          Fill16(0x8000 | ((run.base_us >> 12) & 0xfff))};
+}
+
+// Of eight words, a bit for each: which are columns, rows and times, and which are plain.
 struct Evt3Sets {
   uint32_t columns = 0;
   uint32_t rows = 0;
   uint32_t lows = 0;
-  int num_plain = 0;
+  uint32_t plain = 0;
 };
 
-// What a word is compared with.
-struct Evt3Limits {
-  __m128i last_column;
-  __m128i last_row;
-  __m128i same_high;
+// A word as TIME_LOW, turned: with another type it is beyond the end.
+[[gnu::target("avx2"), gnu::always_inline]] inline __m128i TurnedLows(__m128i words) {
+  return _mm_xor_si128(words, Fill16(0x6000 ^ kTurned));
+}
+
+[[gnu::target("avx2"), gnu::always_inline]] inline Evt3Sets Classify(__m128i words, const Evt3Ends& ends) {
+  const __m128i turned_x = _mm_and_si128(_mm_xor_si128(words, Fill16(0x2000 ^ kTurned)), Fill16(0xf7ff));
+  const __m128i turned_y = _mm_xor_si128(words, Fill16(kTurned));
+  const __m128i columns = _mm_cmpgt_epi16(ends.x, turned_x);
+  const __m128i rows = _mm_cmpgt_epi16(ends.y, turned_y);
+  const __m128i lows = _mm_cmpgt_epi16(ends.low, TurnedLows(words));
+  const __m128i highs = _mm_cmpeq_epi16(words, ends.same_high);
+  const __m128i plain = _mm_or_si128(_mm_or_si128(columns, rows), _mm_or_si128(lows, highs));
+  const auto addresses = static_cast<uint32_t>(_mm_movemask_epi8(_mm_packs_epi16(columns, rows)));
+  const auto others = static_cast<uint32_t>(_mm_movemask_epi8(_mm_packs_epi16(lows, plain)));
+  return {addresses & 0xff, addresses >> kLanes, others & 0xff, others >> kLanes};
+}
+
+// Of four lanes: columns; rows, with the polarity as the highest bit; turned TIME_LOWs.
+[[gnu::target("avx2"), gnu::always_inline]] inline void StoreFourEvt3(Event* events, __m128i xy, __m128i lows,
+                                                                      __m256i base_us) {
+  const __m256i fields = _mm256_cvtepu32_epi64(xy);
+  // Added to itself the polarity moves on by a bit, to where it belongs.
+  const __m256i polarity = _mm256_and_si256(fields, _mm256_set1_epi64x(int64_t{1} << 31));
+  StoreFourInTurn(events, _mm256_add_epi64(_mm256_cvtepu16_epi64(lows), base_us), _mm256_add_epi64(fields, polarity));
+}
+
+struct Evt3State256 {
+  __m128i row;  // in all lanes, that of the last word
+  __m128i low;  // likewise, turned
+  __m256i base_us;
+  Event* next;
 };
 
-[[gnu::target("avx2"), gnu::always_inline]] inline Evt3Sets Classify(__m128i words, const Evt3Limits& limits) {
-  const __m128i types = _mm_and_si128(words, _mm_set1_epi16(static_cast<int16_t>(0xf000)));
-  const __m128i content = _mm_and_si128(words, _mm_set1_epi16(0xfff));
-  const __m128i is_row = _mm_cmpeq_epi16(types, _mm_setzero_si128());
-  const __m128i is_column = _mm_cmpeq_epi16(types, _mm_set1_epi16(0x2000));
-  const __m128i is_low = _mm_cmpeq_epi16(types, _mm_set1_epi16(0x6000));
-  const __m128i is_high = _mm_cmpeq_epi16(words, limits.same_high);
-  const __m128i x = _mm_and_si128(words, _mm_set1_epi16(0x7ff));
-  const __m128i good_column = _mm_andnot_si128(_mm_cmpgt_epi16(x, limits.last_column), is_column);
-  const __m128i good_row = _mm_andnot_si128(_mm_cmpgt_epi16(content, limits.last_row), is_row);
-  const __m128i plain = _mm_or_si128(_mm_or_si128(good_column, good_row), _mm_or_si128(is_low, is_high));
-  const auto addresses = static_cast<uint32_t>(_mm_movemask_epi8(_mm_packs_epi16(good_column, good_row)));
-  const auto others = static_cast<uint32_t>(_mm_movemask_epi8(_mm_packs_epi16(is_low, plain)));
-  Evt3Sets sets;
-  sets.num_plain = std::countr_one(others >> kLanes);
-  const uint32_t used = (1u << sets.num_plain) - 1;
-  sets.columns = addresses & used;
-  sets.rows = (addresses >> kLanes) & used;
-  sets.lows = others & used;
-  return sets;
+// Stores the events among the words of the sets, each with the time and the row that it has. False, and nothing is
+// done, when the time steps back.
+[[gnu::target("avx2,popcnt"), gnu::always_inline]] inline bool AppendEvt3(__m128i words, const Evt3Sets& sets,
+                                                                          Evt3State256& state) {
+  const __m128i lows = Spread(TurnedLows(words), sets.lows, state.low);
+  const __m128i steps_back = _mm_cmpgt_epi16(_mm_alignr_epi8(lows, state.low, 14), lows);
+  if (_mm_testz_si128(steps_back, steps_back) == 0) [[unlikely]]
+    return false;
+  const __m128i rows = Spread(words, sets.rows, state.row);
+  const __m128i polarity = _mm_and_si128(_mm_slli_epi16(words, 15 - 11), Fill16(0x8000));
+  const __m128i compress = Load(kCompress[sets.columns]);
+  const __m128i x = _mm_shuffle_epi8(_mm_and_si128(words, Fill16(0x7ff)), compress);
+  const __m128i y = _mm_shuffle_epi8(_mm_or_si128(rows, polarity), compress);
+  const __m128i event_lows = _mm_shuffle_epi8(lows, compress);
+  StoreFourEvt3(state.next, _mm_unpacklo_epi16(x, y), event_lows, state.base_us);
+  StoreFourEvt3(state.next + 4, _mm_unpackhi_epi16(x, y), _mm_srli_si128(event_lows, 8), state.base_us);
+  state.row = BroadcastLast(rows);
+  state.low = BroadcastLast(lows);
+  state.next += std::popcount(sets.columns);
+  return true;
 }
 
 [[gnu::target("avx2,popcnt")]] size_t DecodeEvt3Run256(const uint8_t* words, size_t count, Evt3Run& run, Event*& cursor,
                                                        const Event* limit) {
-  const Evt3Limits limits = {_mm_set1_epi16(static_cast<int16_t>(run.width_px - 1)),
-                             _mm_set1_epi16(static_cast<int16_t>(run.height_px - 1)),
-                             _mm_set1_epi16(static_cast<int16_t>(0x8000 | ((run.base_us >> 12) & 0xfff)))};
-  const __m128i before_due =
-      _mm_set1_epi16(static_cast<int16_t>(std::clamp<int64_t>(run.mark_due_us - run.base_us, 0, 0x1000) - 1));
-  const __m256i base_us = _mm256_set1_epi64x(run.base_us);
-  __m128i row = _mm_set1_epi16(static_cast<int16_t>(run.row));
-  __m128i low = _mm_set1_epi16(static_cast<int16_t>(run.low_us));
-  Event* next = cursor;
+  const Evt3Ends ends = EndsOf(run);
+  Evt3State256 state = {Fill16(run.row), Fill16(run.low_us ^ kTurned), _mm256_set1_epi64x(run.base_us - kTurned),
+                        cursor};
   size_t index = 0;
-  while (count - index >= kLanes && next < limit) {
+  while (count - index >= kLanes && state.next < limit) {
     const __m128i block = _mm_loadu_si128(reinterpret_cast<const __m128i*>(words + 2 * index));
-    const Evt3Sets sets = Classify(block, limits);
-    const __m128i content = _mm_and_si128(block, _mm_set1_epi16(0xfff));
-    const __m128i lows = Spread(content, sets.lows, low);
-    const __m128i lows_before = _mm_alignr_epi8(lows, low, 14);
-    const __m128i special = _mm_or_si128(_mm_cmpgt_epi16(lows_before, lows), _mm_cmpgt_epi16(lows, before_due));
-    if (_mm_testz_si128(special, special) == 0) break;
-    const __m128i rows = Spread(content, sets.rows, row);
-    const __m128i compress = Load(kCompress[sets.columns]);
-    const __m128i event_words = _mm_shuffle_epi8(block, compress);
-    const __m128i event_rows = _mm_shuffle_epi8(rows, compress);
-    const __m128i event_lows = _mm_shuffle_epi8(lows, compress);
-    StoreFourEvt3(next, event_words, event_rows, event_lows, base_us);
-    StoreFourEvt3(next + 4, _mm_srli_si128(event_words, 8), _mm_srli_si128(event_rows, 8),
-                  _mm_srli_si128(event_lows, 8), base_us);
-    next += std::popcount(sets.columns);
-    row = BroadcastLast(rows);
-    low = BroadcastLast(lows);
-    if (sets.num_plain < kLanes) {
-      index += static_cast<size_t>(sets.num_plain);
+    const Evt3Sets sets = Classify(block, ends);
+    if (sets.plain != 0xff) [[unlikely]] {
+      const int num_leading = std::countr_one(sets.plain);
+      const uint32_t leading = (1u << num_leading) - 1;
+      if (AppendEvt3(block, {sets.columns & leading, sets.rows & leading, sets.lows & leading, leading}, state)) {
+        index += static_cast<size_t>(num_leading);
+      }
       break;
     }
+    if (!AppendEvt3(block, sets, state)) [[unlikely]]
+      break;
     // A constant: the next block need not wait for what this one is.
     index += kLanes;
   }
-  cursor = next;
-  run.row = static_cast<uint32_t>(_mm_extract_epi16(row, 0));
-  run.low_us = _mm_extract_epi16(low, 0);
+  cursor = state.next;
+  run.row = static_cast<uint32_t>(_mm_extract_epi16(state.row, 0));
+  run.low_us = _mm_extract_epi16(state.low, 0) ^ kTurned;
   return index;
 }
 
