@@ -162,20 +162,20 @@ void MixturePass::ShareEvents(const LineEvents& events, const MixtureDensity& de
   for (const LineEvents::Shared& event : events.shared()) {
     // The nearest two that have it in their gates.
     constexpr uint32_t kNone = std::numeric_limits<uint32_t>::max();
+    constexpr float kFar = std::numeric_limits<float>::infinity();
     uint32_t near[2] = {kNone, kNone};
-    float off_px[2] = {std::numeric_limits<float>::infinity(), std::numeric_limits<float>::infinity()};
+    float off_px[2] = {kFar, kFar};
     for (const uint32_t place : event.Places()) {
       const Terms& terms = terms_[place / kNumLanes];
       const uint32_t lane = place % kNumLanes;
-      const float distance_px = std::abs(terms.distance_px[lane]);
-      if (terms.is_gated[lane] == 0 || distance_px >= off_px[1]) continue;
-      const int slot = distance_px < off_px[0] ? 0 : 1;
-      if (slot == 0) {
-        near[1] = near[0];
-        off_px[1] = off_px[0];
-      }
-      near[slot] = place;
-      off_px[slot] = distance_px;
+      // Selected, not branched on: which lines are near no branch can foretell.
+      const float distance_px = terms.is_gated[lane] != 0 ? std::abs(terms.distance_px[lane]) : kFar;
+      const bool is_first = distance_px < off_px[0];
+      const bool is_second = distance_px < off_px[1];
+      near[1] = is_first ? near[0] : is_second ? place : near[1];
+      off_px[1] = is_first ? off_px[0] : is_second ? distance_px : off_px[1];
+      near[0] = is_first ? place : near[0];
+      off_px[0] = is_first ? distance_px : off_px[0];
     }
     if (near[0] == kNone) continue;
     float sum = inlier_ratio * event.competing + terms_[near[0] / kNumLanes].outlier[near[0] % kNumLanes];
