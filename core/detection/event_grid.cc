@@ -18,7 +18,7 @@ double DistanceToSegment(const Eigen::Vector2d& point, const Eigen::Vector2d& p1
 
 }  // namespace
 
-EventGrid::EventGrid(const std::vector<StretchEvent>& events) {
+EventGrid::EventGrid(const std::vector<StretchEvent>& events, std::array<bool, 2> is_polarity) {
   if (events.empty()) return;
   double high_u = low_u_px_ = events[0].u_px, high_v = low_v_px_ = events[0].v_px;
   for (const StretchEvent& event : events) {
@@ -31,11 +31,13 @@ EventGrid::EventGrid(const std::vector<StretchEvent>& events) {
   rows_ = static_cast<int>((high_v - low_v_px_) / kCellPx) + 1;
   const auto cell = [this](const StretchEvent& event) { return Row(event.v_px) * columns_ + Column(event.u_px); };
   begin_.assign(static_cast<size_t>(columns_) * rows_ + 1, 0);
-  for (const StretchEvent& event : events) ++begin_[cell(event) + 1];
+  for (const StretchEvent& event : events) begin_[cell(event) + 1] += is_polarity[event.polarity] ? 1 : 0;
   for (size_t i = 1; i < begin_.size(); ++i) begin_[i] += begin_[i - 1];
   std::vector<int32_t> next(begin_.begin(), begin_.end() - 1);
-  sorted_.resize(events.size());
-  for (size_t i = 0; i < events.size(); ++i) sorted_[next[cell(events[i])]++] = static_cast<int32_t>(i);
+  sorted_.resize(begin_.back());
+  for (size_t i = 0; i < events.size(); ++i) {
+    if (is_polarity[events[i].polarity]) sorted_[next[cell(events[i])]++] = static_cast<int32_t>(i);
+  }
 }
 
 int EventGrid::Column(double u_px) const {

@@ -1,6 +1,7 @@
 // The events of a stretch by their place in the image.
 #pragma once
 
+#include <array>
 #include <cstdint>
 #include <vector>
 
@@ -10,8 +11,8 @@ namespace evpose {
 
 class EventGrid {
  public:
-  // `events` must outlive it.
-  explicit EventGrid(const std::vector<StretchEvent>& events);
+  // Of those polarities. Of whichever they are, they come in the same order.
+  explicit EventGrid(const std::vector<StretchEvent>& events, std::array<bool, 2> is_polarity = {true, true});
 
   // Appends the indices of all events within `reach_px` of the segment, and some that are a cell farther.
   void Near(const Eigen::Vector2d& p1_px, const Eigen::Vector2d& p2_px, double reach_px,

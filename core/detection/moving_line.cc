@@ -164,7 +164,10 @@ DetectedLine ToDetectedLine(const MovingLine& line, double half_duration_s) {
 }
 
 LineFitter::LineFitter(const EventStretch& stretch, const MovingLineOptions& options)
-    : stretch_(stretch), options_(options), grid_(stretch.events) {}
+    : stretch_(stretch),
+      options_(options),
+      grids_{EventGrid(stretch.events, {false, false}), EventGrid(stretch.events, {true, false}),
+             EventGrid(stretch.events, {false, true}), EventGrid(stretch.events, {true, true})} {}
 
 void LineFitter::Collect(const MovingLine& line, double margin_px, double reach_px) {
   const double half_s = stretch_.half_duration_s();
@@ -172,12 +175,13 @@ void LineFitter::Collect(const MovingLine& line, double margin_px, double reach_
   const double sweep = half_s * (std::abs(line.speed_px_per_s) + 0.5 * std::abs(line.acceleration_px_per_s2) * half_s +
                                  std::abs(line.slope_rate_per_s) * std::max(std::abs(begin), std::abs(end)));
   indices_.clear();
-  grid_.Near(line.PointAt(begin, 0.0), line.PointAt(end, 0.0), reach_px + sweep, indices_);
+  const EventGrid& grid = grids_[(line.is_polarity[0] ? 1 : 0) + (line.is_polarity[1] ? 2 : 0)];
+  grid.Near(line.PointAt(begin, 0.0), line.PointAt(end, 0.0), reach_px + sweep, indices_);
   samples_.clear();
   size_t kept = 0;
   for (const int32_t index : indices_) {
     const StretchEvent& event = stretch_.events[index];
-    if (!line.is_polarity[event.polarity] || (owner_ != nullptr && (*owner_)[index] != own_)) continue;
+    if (owner_ != nullptr && (*owner_)[index] != own_) continue;
     const double s = line.S(event);
     if (!line.IsAlong(s, event.tau_s, margin_px)) continue;
     const double residual = line.Residual(event, s);

@@ -109,7 +109,7 @@ class LineFitter {
 
   const EventStretch& stretch_;
   MovingLineOptions options_;
-  EventGrid grid_;
+  std::array<EventGrid, 4> grids_;  // by polarities: those of a line alone are looked at
   std::vector<int32_t> indices_;
   std::vector<Sample> samples_;
   std::vector<float> along_;
