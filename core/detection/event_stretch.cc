@@ -26,6 +26,12 @@ constexpr double kCrowdPx = 3.0;
 constexpr uint8_t kCrowd = 3;
 constexpr size_t kCrowdSlots = 1u << 20;
 
+absl::Span<const PixelEvent> From(int64_t t_us, absl::Span<const PixelEvent> events) {
+  const auto first = std::lower_bound(events.begin(), events.end(), t_us,
+                                      [](const PixelEvent& event, int64_t t) { return event.t_us < t; });
+  return events.subspan(first - events.begin());
+}
+
 }  // namespace
 
 absl::Status StretchOptions::Validate() const {
@@ -124,20 +130,17 @@ void StretchSelector::DropLonely(std::vector<StretchEvent>& events, double px_pe
 EventStretch StretchSelector::Select(absl::Span<const PixelEvent> events) {
   EventStretch stretch;
   if (events.empty()) return stretch;
-  const auto from = [&events](int64_t t_us) {
-    const auto first = std::lower_bound(events.begin(), events.end(), t_us,
-                                        [](const PixelEvent& event, int64_t t) { return event.t_us < t; });
-    return events.subspan(first - events.begin());
-  };
   stretch.t_end_us = events.back().t_us;
-  const absl::Span<const PixelEvent> usable = from(stretch.t_end_us - options_.max_duration_us);
+  absl::Span<const PixelEvent> usable = From(stretch.t_end_us - options_.max_duration_us, events);
+  // Not before there are more than can be used: what a flicker sends is little then.
+  if (usable.size() > 2 * static_cast<size_t>(options_.max_events)) usable = flicker_.Remove(usable);
   stretch.speed_px_per_s = MedianSpeed(usable);
   const double duration_us = options_.motion_px * 1e6 / std::max(stretch.speed_px_per_s, 1e-3);
   stretch.t_begin_us =
       std::max(usable.front().t_us, stretch.t_end_us - static_cast<int64_t>(std::min(duration_us, 1e9)));
   stretch.time_scale_px_per_s =
       options_.motion_px * 1e6 / static_cast<double>(std::max<int64_t>(1, stretch.t_end_us - stretch.t_begin_us));
-  const absl::Span<const PixelEvent> taken = from(stretch.t_begin_us);
+  const absl::Span<const PixelEvent> taken = From(stretch.t_begin_us, usable);
   EvenSample bounded(taken.size(), kMaxThinnedRatio * static_cast<size_t>(options_.max_events));
   for (const PixelEvent& event : taken) {
     if (!bounded.Takes() || PixelIndex(event) < 0) continue;

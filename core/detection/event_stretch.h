@@ -6,6 +6,7 @@
 
 #include "absl/status/status.h"
 #include "absl/types/span.h"
+#include "core/detection/flicker_filter.h"
 #include "core/detection/line_detector.h"
 
 namespace evpose {
@@ -61,6 +62,7 @@ class StretchSelector {
   void DropLonely(std::vector<StretchEvent>& events, double px_per_s);
 
   StretchOptions options_;
+  FlickerFilter flicker_;
   int margin_x_;
   int margin_y_;
   int map_width_;

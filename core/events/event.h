@@ -1,6 +1,7 @@
 // What an event camera says: a change of brightness at a pixel, or an edge on a trigger input.
 #pragma once
 
+#include <array>
 #include <cstddef>
 #include <cstdint>
 #include <new>
@@ -24,6 +25,9 @@ struct Event {
 
   friend bool operator==(const Event&, const Event&) = default;
 };
+
+// Something of OFF events, and of ON events.
+using ByPolarity = std::array<double, 2>;
 
 // An edge on an external trigger input.
 struct Trigger {

@@ -111,9 +111,8 @@ WindowInput WindowAssociation::Associate(const SpeedWindow& window) {
   }
   const double reach_px = std::max(estimator_->ReachPx(spread_px, 1.0), TrackHealth::ReachPx(context_.options.health));
   grid_.Build(image_lines_, reach_px + motion_px);
-  input.events_per_observation = events.events_per_sample();
-  input.events_per_observation *= near_events_.Find(events, grid_, estimator_->MaxEvents(), background_);
-  background_.CloseWindow(grid_, input.duration_s, events.events_per_sample());
+  input.shares = near_events_.Find(events, grid_, estimator_->MaxEvents(), background_);
+  background_.CloseWindow(grid_, input.duration_s);
   input.background_per_px2 = background_.hz_per_px() * input.duration_s;
   input.events = near_events_.Observe(events, grid_, image_lines_, window.predicted.t_us, reach_px,
                                       [](const Observation&) { return 0.0f; });

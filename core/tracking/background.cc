@@ -26,7 +26,7 @@ BackgroundRate::BackgroundRate(const CameraModel& camera) {
   }
 }
 
-void BackgroundRate::CloseWindow(const TileGrid& grid, double duration_s, double events_per_sample) {
+void BackgroundRate::CloseWindow(const TileGrid& grid, double duration_s) {
   constexpr double kMemoryEventsPerCell = 10.0;
   std::fill(line_tiles_.begin(), line_tiles_.end(), 0);
   for (const uint32_t tile : grid.tiles_with_lines()) ++line_tiles_[cell_of_tile_[tile]];
@@ -34,16 +34,16 @@ void BackgroundRate::CloseWindow(const TileGrid& grid, double duration_s, double
   double remembered = 0.0, counted = 0.0;
   for (size_t i = 0; i < cells_.size(); ++i) {
     remembered += cells_[i].events;
-    counted += events_per_sample * cell_events_[i];
+    counted += cell_events_[i];
   }
   const double memory = kMemoryEventsPerCell * static_cast<double>(cells_.size());
   const double keep = remembered > 0.0 ? std::clamp((memory - counted) / remembered, 0.0, 1.0) : 1.0;
   for (size_t i = 0; i < cells_.size(); ++i) {
     const double px2 = (kCellTiles * kCellTiles - line_tiles_[i]) * TileGrid::kTilePx * TileGrid::kTilePx;
-    cells_[i].events = keep * cells_[i].events + events_per_sample * cell_events_[i];
+    cells_[i].events = keep * cells_[i].events + cell_events_[i];
     cells_[i].px2_s = keep * cells_[i].px2_s + px2 * duration_s;
   }
-  std::fill(cell_events_.begin(), cell_events_.end(), 0);
+  std::fill(cell_events_.begin(), cell_events_.end(), 0.0);
   hz_per_px_ = Median();
 }
 

@@ -15,11 +15,10 @@ class BackgroundRate {
  public:
   explicit BackgroundRate(const CameraModel& camera);
 
-  // For each event of a window, the index of its tile.
-  void Count(uint32_t tile) { ++cell_events_[cell_of_tile_[tile]]; }
-  // Closes the window: `grid` knows its lines, and each event counted stands for `events_per_sample`. Events in tiles
-  // near lines must not have been counted.
-  void CloseWindow(const TileGrid& grid, double duration_s, double events_per_sample);
+  // For each event of a window, the index of its tile, and how many events it stands for.
+  void Count(uint32_t tile, double events) { cell_events_[cell_of_tile_[tile]] += events; }
+  // Closes the window: `grid` knows its lines. Events in tiles near lines must not have been counted.
+  void CloseWindow(const TileGrid& grid, double duration_s);
 
   // Events per second and pixel, of the last windows: as many of them as make about ten events in a cell, and of those
   // that are longer the last alone. 0 before the first, and in an image full of lines.
@@ -48,7 +47,7 @@ class BackgroundRate {
 
   std::vector<uint32_t> cell_of_tile_;
   std::vector<bool> on_sensor_;  // cells that lie on the sensor as a whole
-  std::vector<uint32_t> cell_events_;
+  std::vector<double> cell_events_;
   std::vector<uint32_t> line_tiles_;
   std::vector<Cell> cells_;
   std::vector<double> rates_;

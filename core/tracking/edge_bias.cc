@@ -74,7 +74,7 @@ void EdgeBias::Correct(absl::Span<const TrackedLine> tracked, absl::Span<ImageLi
 }
 
 void EdgeBias::Learn(absl::Span<const TrackedLine> tracked, absl::Span<const ImageLine> lines,
-                     absl::Span<const EdgeCounts> counts, double duration_s, double events_per_observation) {
+                     absl::Span<const EdgeCounts> counts, double duration_s) {
   // Slower lines make too few events to tell from noise, and their direction may be wrong.
   constexpr double kMinSpeedPxPerS = 20.0;
   constexpr double kMinLengthPx = 10.0;
@@ -89,20 +89,20 @@ void EdgeBias::Learn(absl::Span<const TrackedLine> tracked, absl::Span<const Ima
     const double half_px_s = 0.5 * line.length_px * duration_s;
     const std::array<double, 2> swept_px2 = {half_px_s * std::abs(NormalSpeedPxPerS(camera_, line, 0.25)),
                                              half_px_s * std::abs(NormalSpeedPxPerS(camera_, line, 0.75))};
-    Add(counts[k], 0.5 * (first + last), swept_px2, events_per_observation, profiles_[index]);
+    Add(counts[k], 0.5 * (first + last), swept_px2, profiles_[index]);
   }
 }
 
 void EdgeBias::Add(const EdgeCounts& counts, double velocity_px_per_s, const std::array<double, 2>& swept_px2,
-                   double events_per_observation, Profile& profile) const {
+                   Profile& profile) const {
   const double direction = velocity_px_per_s > 0.0 ? 1.0 : -1.0;
-  const double events = (counts.polarity[0] + counts.polarity[1]) * events_per_observation;
+  const double events = counts.polarity[0] + counts.polarity[1];
   const double both_px2 = swept_px2[0] + swept_px2[1];
   profile.events += events;
   profile.swept_px2 += both_px2;
   profile.live_px2 += LiveAreaPx2(sensor_, both_px2, events, std::abs(velocity_px_per_s));
-  profile.polarity_motion += direction * (counts.polarity[1] - counts.polarity[0]) * events_per_observation;
-  profile.turns += (counts.turns[0] + counts.turns[1]) * events_per_observation;
+  profile.polarity_motion += direction * (counts.polarity[1] - counts.polarity[0]);
+  profile.turns += counts.turns[0] + counts.turns[1];
   const double keep = std::min(1.0, options_.memory_events / std::max(profile.events, 1.0));
   profile.events *= keep;
   profile.swept_px2 *= keep;
@@ -110,7 +110,7 @@ void EdgeBias::Add(const EdgeCounts& counts, double velocity_px_per_s, const std
   profile.polarity_motion *= keep;
   profile.turns *= keep;
   for (int half = 0; half < 2; ++half) {
-    profile.recent_turns[half] += counts.turns[half] * events_per_observation;
+    profile.recent_turns[half] += counts.turns[half];
     profile.recent_swept_px2[half] += swept_px2[half];
     const double keep_recent = std::min(1.0, options_.turn_memory_px2 / std::max(profile.recent_swept_px2[half], 1.0));
     profile.recent_turns[half] *= keep_recent;

@@ -18,7 +18,7 @@
 
 namespace evpose {
 
-// Events of a line that a window's fit explains, weighted.
+// Events of a line that a window's fit explains, weighted, those that were not kept with them.
 struct EdgeCounts {
   std::array<double, 2> polarity = {};  // OFF and ON
   // After an event of the other polarity, half where nobody knows; on the line's first half and on its second.
@@ -59,7 +59,7 @@ class EdgeBias {
   void Correct(absl::Span<const TrackedLine> tracked, absl::Span<ImageLine> lines) const;
   // Learns the lines' contrast from a window that has been accepted; one entry of `counts` per line.
   void Learn(absl::Span<const TrackedLine> tracked, absl::Span<const ImageLine> lines,
-             absl::Span<const EdgeCounts> counts, double duration_s, double events_per_observation);
+             absl::Span<const EdgeCounts> counts, double duration_s);
   void Reset() { profiles_.clear(); }
 
   static void VisitState(auto& archive, auto& self) {
@@ -93,7 +93,7 @@ class EdgeBias {
   };
   // `velocity`: normal to the line.
   void Add(const EdgeCounts& counts, double velocity_px_per_s, const std::array<double, 2>& swept_px2,
-           double events_per_observation, Profile& profile) const;
+           Profile& profile) const;
   // Expected distance of its events along the line's normal, `motion` the smoothed sign of its velocity.
   double ExpectedPx(const Profile& profile, int half, double motion) const;
 

@@ -28,7 +28,7 @@ class EdgeBiasTest : public ::testing::Test {
   // A window of 10 ms: the line, 100 px long, sweeps 200 px^2.
   void Learn(EdgeBias& bias, double off, double on, double turns = 0.0) {
     const std::vector<EdgeCounts> counts = {{{off, on}, {0.5 * turns, 0.5 * turns}}};
-    bias.Learn(tracked_, lines_, counts, 0.01, 1.0);
+    bias.Learn(tracked_, lines_, counts, 0.01);
   }
   void MoveBack() {
     state_.twist[0] = -0.2;
@@ -86,7 +86,7 @@ TEST_F(EdgeBiasTest, PixelsThatTurnRoundLag) {
 
 TEST_F(EdgeBiasTest, ALineMayLagOnOneOfItsHalvesOnly) {
   EdgeBias bias(options_, sensor_, camera_);
-  bias.Learn(tracked_, lines_, std::vector<EdgeCounts>{{{0.0, 700.0}, {100.0, 0.0}}}, 0.01, 1.0);
+  bias.Learn(tracked_, lines_, std::vector<EdgeCounts>{{{0.0, 700.0}, {100.0, 0.0}}}, 0.01);
   bias.Correct(tracked_, absl::MakeSpan(lines_));
   const auto expected_px = [&](double fraction) {
     return (lines_[0].a - lines_[0].a_expected).dot(BearingOf(camera_, lines_[0].PointAt(fraction)));

@@ -12,6 +12,7 @@
 #include "core/tracking/association.h"
 #include "core/tracking/line_events.h"
 #include "core/tracking/motion_prior.h"
+#include "core/tracking/near_events.h"
 #include "core/tracking/tracker_options.h"
 
 namespace evpose {
@@ -44,8 +45,8 @@ struct LineAnswer {
 // A window's events near the predicted lines. Everything is valid during the call only.
 struct WindowInput {
   absl::Span<const Observation> events;
-  const LineEvents* sorted = nullptr;   // the same, by `lines`; never null when it is handed on
-  double events_per_observation = 1.0;  // > 1 when events were sampled
+  const LineEvents* sorted = nullptr;  // the same, by `lines`; never null when it is handed on
+  NearShares shares;                   // other than one when events were sampled
   double duration_s = 0.0;
   double background_per_px2 = 0.0;  // events that came anywhere, lines or not, in this time
   absl::Span<const TrackedLine> lines;

@@ -69,9 +69,10 @@ void TrackHealth::AddWindow(const CameraModel& camera, const WindowInput& input,
   for (size_t k = 0; k < lines.size(); ++k) {
     if (!lines[k].in_view()) continue;
     const double gate_px2 = 2.0 * options_.gate_px * lines[k].length_px;
-    gate_px2_s_ += gate_px2 * input.duration_s / input.events_per_observation;
+    const double observed_ratio = input.shares.observations_per_background_event;
+    gate_px2_s_ += gate_px2 * input.duration_s * observed_ratio;
     LineEvidence& evidence = evidence_[input.lines[k].model_line];
-    evidence.noise += input.background_per_px2 * gate_px2 / input.events_per_observation;
+    evidence.noise += input.background_per_px2 * gate_px2 * observed_ratio;
     evidence.length_px += lines[k].length_px * input.duration_s;
     for (const double fraction : {0.25, 0.75}) {
       const double speed = std::abs(BearingOf(camera, lines[k].PointAt(fraction)).dot(lines[k].jacobian * twist));

@@ -53,8 +53,8 @@ void Hypotheses::OnGap(int64_t gap_us) {
 
 void Hypotheses::Compare(const EventWindow& window, const Competitors* others) {
   std::vector<WindowEvent>& events = compared_events_;
-  events.assign(window.events.begin(), window.events.end());
-  ThinEvenly(kComparedEvents, events);
+  ThinEvenlyByKind(
+      kComparedEvents, {0.5, 0.5}, window.events, [](const WindowEvent& event) { return event.polarity; }, events);
   for (Entry& entry : entries_) entry.explains.assign(events.size(), 0.0f);
   for (size_t k = 0; k < events.size(); ++k) {
     const std::optional<Observation> event =

@@ -14,8 +14,6 @@
 
 namespace evpose {
 
-using ByPolarity = std::array<double, 2>;  // OFF, ON
-
 // What an event's likelihood is made of, near a line.
 struct LineDensities {
   ByPolarity own = {1.0, 1.0};            // factors on MixtureDensity::Line(), of mean 1

@@ -153,7 +153,7 @@ TEST_F(OneSidedClutter, NoLongerDrawsTheLineOnceItIsKnown) {
   std::vector<LineDensities> learned = even;
   for (int i = 0; i < 5; ++i) {
     MeanDistance(learned);
-    clutter.Learn(tracked_, lines_, {{sums_[0].counts.polarity, sums_[0].beside}}, kDensity.gate_px);
+    clutter.Learn(tracked_, lines_, {{sums_[0].weight(), sums_[0].beside}}, kDensity.gate_px);
     clutter.Densities(tracked_, lines_, {}, 0.0, kDensity, learned);
   }
   EXPECT_LT(std::abs(MeanDistance(learned)), 0.02);

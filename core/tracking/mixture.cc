@@ -50,9 +50,9 @@ class MixtureEstimator : public WindowEstimator {
     }
     LearnDisplacement();
     counts_.clear();
-    for (const MixtureLine& line : sums_) counts_.push_back(line.counts);
+    for (const MixtureLine& line : sums_) counts_.push_back(line.Counts(input.shares.events_per_observation));
     clutter_.Learn(input.lines, lines_, line_counts_, final_gate_px_);
-    edge_bias_.Learn(input.lines, lines_, counts_, input.duration_s, input.events_per_observation);
+    edge_bias_.Learn(input.lines, lines_, counts_, input.duration_s);
   }
 
   void Reset() override {
@@ -76,7 +76,7 @@ class MixtureEstimator : public WindowEstimator {
  private:
   void CountLines() {
     line_counts_.clear();
-    for (const MixtureLine& line : sums_) line_counts_.push_back({line.counts.polarity, line.beside});
+    for (const MixtureLine& line : sums_) line_counts_.push_back({line.weight(), line.beside});
   }
   // What the lines' events have in common is seen in what the fit leaves of it: the lines' mean residuals.
   void LearnDisplacement();
@@ -192,7 +192,7 @@ void MixtureEstimator::Fit(const MotionState& predicted, const WindowInput& inpu
   fit.num_gated = totals.num_gated;
   fit.num_background = Background(input, density.gate_px);
   fit.num_explained = totals.weight;
-  for (const MixtureLine& line : sums_) fit.line_events.push_back(line.half_weight[0] + line.half_weight[1]);
+  for (const MixtureLine& line : sums_) fit.line_events.push_back(line.weight()[0] + line.weight()[1]);
   fit.answers = answers_;
   fit.residual_rms_px = totals.weight > 0.0 ? std::sqrt(totals.weighted_squares_px2 / totals.weight) : sigma_px_;
 }
@@ -266,7 +266,7 @@ void MixtureEstimator::LearnDisplacement() {
 double MixtureEstimator::Background(const WindowInput& input, double gate_px) const {
   double length_px = 0.0;
   for (const ImageLine& line : lines_) length_px += line.length_px;
-  return input.background_per_px2 * 2.0 * gate_px * length_px / input.events_per_observation;
+  return input.background_per_px2 * 2.0 * gate_px * length_px * input.shares.observations_per_background_event;
 }
 
 double MixtureEstimator::MovementPx(const Vector12d& dx, double duration_s) const {
@@ -291,7 +291,9 @@ void CountAnswers(const CameraModel& camera, const WindowInput& input, absl::Spa
     for (int half = 0; half < 2; ++half) {
       const double speed = std::max(std::abs(HalfSpeedRow(camera, lines[k], half).dot(twist)), kMinSpeedPxPerS);
       answers[k].expected[half] = min_events_per_px2 * half_px * speed * input.duration_s;
-      answers[k].observed[half] = sums[k].half_weight[half] * input.events_per_observation - noise_per_px * half_px;
+      const double events = sums[k].half_weight[half][0] * input.shares.events_per_observation[0] +
+                            sums[k].half_weight[half][1] * input.shares.events_per_observation[1];
+      answers[k].observed[half] = events - noise_per_px * half_px;
     }
   }
 }

@@ -106,11 +106,10 @@ void MixturePass::GroupSums::AddTo(const LineGroup& group, MixtureLine& line, Mi
   const double weight = SumOf(half_weight[0]);
   const double second_weight = SumOf(half_weight[1]);
   const double second_turns = SumOf(turns[1]);
-  line.half_weight[0] += weight - second_weight;
-  line.half_weight[1] += second_weight;
-  line.counts.polarity[group.polarity] += weight;
-  line.counts.turns[0] += SumOf(turns[0]) - second_turns;
-  line.counts.turns[1] += second_turns;
+  line.half_weight[0][group.polarity] += weight - second_weight;
+  line.half_weight[1][group.polarity] += second_weight;
+  line.half_turns[0][group.polarity] += SumOf(turns[0]) - second_turns;
+  line.half_turns[1][group.polarity] += second_turns;
   for (int side = 0; side < 2; ++side) line.beside[side][group.polarity] += SumOf(beside[side]);
   line.doubtful_px2 += SumOf(doubtful_px2);
   totals.num_gated += SumOf(num_gated);
@@ -187,6 +186,17 @@ void MixturePass::ShareEvents(const LineEvents& events, const MixtureDensity& de
     }
     is_nearest_[near[0] / kNumLanes][near[0] % kNumLanes] = -1;
   }
+}
+
+EdgeCounts MixtureLine::Counts(const ByPolarity& events_per_observation) const {
+  EdgeCounts counts;
+  for (int polarity = 0; polarity < 2; ++polarity) {
+    counts.polarity[polarity] = weight()[polarity] * events_per_observation[polarity];
+    for (int half = 0; half < 2; ++half) {
+      counts.turns[half] += half_turns[half][polarity] * events_per_observation[polarity];
+    }
+  }
+  return counts;
 }
 
 double MixtureLine::ObservedRatio(double sigma_px) const {

@@ -16,13 +16,16 @@ namespace evpose {
 // What a pass over the events leaves of one line.
 struct MixtureLine {
   LineSums sums;
-  EdgeCounts counts;
-  std::array<double, 2> half_weight = {};  // explained events of its first and its second half
-  std::array<ByPolarity, 2> beside = {};   // LineCounts::beside
-  double doubtful_px2 = 0.0;               // sum of w (1 - w) d^2
+  std::array<ByPolarity, 2> half_weight = {};  // explained observations of its first and its second half
+  std::array<ByPolarity, 2> half_turns = {};   // of them, EdgeCounts::turns
+  std::array<ByPolarity, 2> beside = {};       // LineCounts::beside
+  double doubtful_px2 = 0.0;                   // sum of w (1 - w) d^2
   // What the events tell of where the line is, as a share of what they would, were it known which are the line's: the
   // missing information principle (Louis, "Finding the observed information matrix when using the EM algorithm", 1982).
   double ObservedRatio(double sigma_px) const;
+  ByPolarity weight() const { return {half_weight[0][0] + half_weight[1][0], half_weight[0][1] + half_weight[1][1]}; }
+  // As many events as each observation stands for.
+  EdgeCounts Counts(const ByPolarity& events_per_observation) const;
 };
 
 struct MixtureTotals {

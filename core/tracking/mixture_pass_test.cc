@@ -141,9 +141,9 @@ TEST_P(MixturePassTest, GivesWhatAPlainLoopGives) {
     }
     EXPECT_NEAR(sums[k].doubtful_px2, plain[k].doubtful_px2, 10.0 * kEvents);
     for (int i = 0; i < 2; ++i) {
-      EXPECT_NEAR(sums[k].half_weight[i], plain[k].half_weight[i], kEvents);
-      EXPECT_NEAR(sums[k].counts.polarity[i], plain[k].counts.polarity[i], kEvents);
-      EXPECT_NEAR(sums[k].counts.turns[i], plain[k].counts.turns[i], kEvents);
+      EXPECT_NEAR(sums[k].half_weight[i][0] + sums[k].half_weight[i][1], plain[k].half_weight[i], kEvents);
+      EXPECT_NEAR(sums[k].weight()[i], plain[k].counts.polarity[i], kEvents);
+      EXPECT_NEAR(sums[k].Counts({1.0, 1.0}).turns[i], plain[k].counts.turns[i], kEvents);
       for (int j = 0; j < 2; ++j) EXPECT_NEAR(sums[k].beside[i][j], plain[k].beside[i][j], kEvents);
     }
   }

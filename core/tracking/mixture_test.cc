@@ -106,8 +106,8 @@ TEST_F(MixtureTest, AnEventOfTheWrongPolarityIsLessTheLines) {
   densities[0].own = {0.1, 1.9};
   pass_.Accumulate({events, lines_.size()}, lines_, density, densities, sums_);
   const double line = density.Peak();
-  EXPECT_NEAR(sums_[0].counts.polarity[0], 0.1 * line / (0.1 * line + density.Outlier()), 1e-5);
-  EXPECT_NEAR(sums_[0].counts.polarity[1], 1.9 * line / (1.9 * line + density.Outlier()), 1e-5);
+  EXPECT_NEAR(sums_[0].weight()[0], 0.1 * line / (0.1 * line + density.Outlier()), 1e-5);
+  EXPECT_NEAR(sums_[0].weight()[1], 1.9 * line / (1.9 * line + density.Outlier()), 1e-5);
 }
 
 TEST_F(MixtureTest, SumsAreByLineHalfAndPolarity) {
@@ -115,11 +115,22 @@ TEST_F(MixtureTest, SumsAreByLineHalfAndPolarity) {
   const MixtureTotals totals =
       Accumulate({At(-0.2, -20.0, 0), At(0.1, 20.0, 1), At(-5.5, 0.0), At(200.0, 0.0)}, density);
   EXPECT_EQ(totals.num_gated, 3.0);
-  EXPECT_GT(sums_[0].half_weight[0], 0.9);
-  EXPECT_GT(sums_[0].half_weight[1], 0.9);
-  EXPECT_GT(sums_[0].counts.polarity[0], 0.9);
-  EXPECT_GT(sums_[0].counts.polarity[1], 0.9);
+  EXPECT_GT(sums_[0].half_weight[0][0], 0.9);
+  EXPECT_GT(sums_[0].half_weight[1][1], 0.9);
+  EXPECT_EQ(sums_[0].half_weight[0][1], 0.0);
+  EXPECT_EQ(sums_[0].half_weight[1][0], 0.0);
   EXPECT_NEAR(totals.weight, Weight(sums_[0]) + Weight(sums_[1]), 1e-6);
+}
+
+TEST_F(MixtureTest, WhatIsNotKeptCountsForEachPolarity) {
+  MixtureLine line;
+  line.half_weight = {{{4.0, 1.0}, {2.0, 3.0}}};
+  line.half_turns = {{{2.0, 1.0}, {0.0, 3.0}}};
+  const EdgeCounts counts = line.Counts({2.0, 10.0});
+  EXPECT_EQ(counts.polarity[0], 12.0);
+  EXPECT_EQ(counts.polarity[1], 40.0);
+  EXPECT_EQ(counts.turns[0], 14.0);
+  EXPECT_EQ(counts.turns[1], 30.0);
 }
 
 TEST_F(MixtureTest, SilenceBrakesTheTwist) {

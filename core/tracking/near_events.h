@@ -14,6 +14,13 @@
 
 namespace evpose {
 
+// How many events of a window each one kept stands for.
+struct NearShares {
+  ByPolarity events_per_observation = {1.0, 1.0};
+  double mean_events_per_observation = 1.0;        // of those kept
+  double observations_per_background_event = 1.0;  // of those elsewhere, had they been thinned like those that are near
+};
+
 // Used again for every window: what it allocates, it keeps.
 class NearEvents {
  public:
@@ -22,8 +29,9 @@ class NearEvents {
       : camera_(camera), undistortion_(undistortion), pixel_tiles_(pixel_tiles) {}
 
   // The window's events in tiles of `grid` with lines; those elsewhere are counted as background. At most `max_events`
-  // of them are kept, evenly drawn. Returns how many of those found each one kept stands for, 1 or more.
-  double Find(const EventWindow& window, const TileGrid& grid, int max_events, BackgroundRate& background);
+  // of them are kept, evenly drawn of each polarity, and of both as is usual: while a lamp grows brighter or darker, a
+  // flood of one polarity comes from everywhere, and the few events of the other are the edges'.
+  NearShares Find(const EventWindow& window, const TileGrid& grid, int max_events, BackgroundRate& background);
 
   // Of those that Find() kept of the same window and grid the ones within reach_px of a line at their own times, as
   // observations at `t_us`. `lines`: those of the grid. `competing` is asked for Observation::competing. Valid until
@@ -49,17 +57,29 @@ class NearEvents {
     return observations_;
   }
 
+  static void VisitState(auto& archive, auto& self) {
+    auto& [camera, undistortion, pixel_tiles, events, observations, usual_events] = self;
+    constexpr double kMax = 1e18;
+    archive(InRange(usual_events[0], kFewEvents, kMax), InRange(usual_events[1], kFewEvents, kMax));
+  }
+
  private:
+  static constexpr double kFewEvents = 1.0;  // ratio of so many events is none
   struct NearEvent {
     uint32_t index;  // into the window's events
-    uint32_t tile;
+    uint32_t tile : 31;
+    uint32_t polarity : 1;
   };
+  void LearnUsual(const ByPolarity& near_events);
+  // By polarity, of what is to be kept of those found.
+  ByPolarity WantedShares(const ByPolarity& found) const;
 
   const CameraModel camera_;
   const UndistortionTable& undistortion_;
   const PixelTiles& pixel_tiles_;
   std::vector<NearEvent> events_;
   std::vector<Observation> observations_;
+  ByPolarity usual_events_ = {kFewEvents, kFewEvents};  // of the last windows
 };
 
 }  // namespace evpose

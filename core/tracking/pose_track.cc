@@ -237,9 +237,8 @@ WindowInput PoseTrack::Gather(const EventWindow& window, const Competitors* othe
   constexpr double kMaxReachPx = 128.0;
   grid_.Build(image_lines_, std::min(reach_px + motion_px, kMaxReachPx));
 
-  input.events_per_observation = window.events_per_sample();
-  input.events_per_observation *= near_events_.Find(window, grid_, estimator_->MaxEvents(), background_);
-  background_.CloseWindow(grid_, input.duration_s, window.events_per_sample());
+  input.shares = near_events_.Find(window, grid_, estimator_->MaxEvents(), background_);
+  background_.CloseWindow(grid_, input.duration_s);
   input.background_per_px2 = background_.hz_per_px() * input.duration_s;
   rates_.clear();
   if (others != nullptr) {
@@ -324,6 +323,7 @@ void PoseTrack::VisitState(auto& archive, auto& self) {
           AtMost(unconfirmed_verdicts, kMaxVerdicts), InRange(followed_since_us, -kMax_us, kMax_us), on_trial,
           InRange(supported_at_us, -kMax_us, kMax_us), InRange(unsupported_since_us, -kMax_us, kMax_us), unsupported,
           in_doubt);
+  archive(near_events);
   for (auto& answer : answers) archive(answer);
 }
 
@@ -338,7 +338,7 @@ PoseEstimate PoseTrack::MakeEstimate(const WindowFit& fit, const WindowInput& in
   estimate.covariance = PublishedCovariance(fit.state);
   estimate.twist = fit.state.twist;
   estimate.state = state_;
-  estimate.num_events = static_cast<uint32_t>(std::lround(fit.num_gated * input.events_per_observation));
+  estimate.num_events = static_cast<uint32_t>(std::lround(fit.num_gated * input.shares.mean_events_per_observation));
   estimate.explained_ratio = static_cast<float>(fit.explained_ratio());
   estimate.residual_rms_px = static_cast<float>(fit.residual_rms_px);
   return estimate;

@@ -160,7 +160,7 @@ struct InitializationOptions {
   // Microseconds of events that a search may look back on: what a slow object needs to move by a few pixels.
   int64_t memory_us = 200'000;
   // Events kept, of a window and in all: bounds memory and time in a flood.
-  int max_window_events = 16'384;
+  int max_window_events = 4096;
   int max_events = 200'000;
   // Events that a search needs: three lines of a hundred pixels that moved by one make as many.
   int min_events = 400;

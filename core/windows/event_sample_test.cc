@@ -3,6 +3,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <numeric>
 #include <vector>
 
@@ -18,17 +19,19 @@ std::vector<uint64_t> NumbersFrom(uint64_t first, size_t count) {
 TEST(EventSample, TheSameWhetherAskedForOneByOneOrTogether) {
   // Lengths that no number of lanes divides; numbers that 32 bits do not hold, and the last before they begin anew.
   for (const uint64_t first : {uint64_t{0}, uint64_t{1} << 40, ~uint64_t{0} - 7}) {
-    for (const uint64_t mask : {0x0ull, 0x1ull, 0x7ull, 0xffull}) {
+    for (const SampleMasks& masks : {SampleMasks{0, 0}, SampleMasks{0, 1}, SampleMasks{7, 0}, SampleMasks{0xff, 3}}) {
       for (const size_t count : {1u, 9u, 100u, 1001u}) {
         const std::vector<uint64_t> numbers = NumbersFrom(first, count);
         std::vector<uint8_t> expected;
-        for (const uint64_t number : numbers) expected.push_back(IsInSample(number, mask) ? 1 : 0);
-        std::vector<uint8_t> stays(count, 2);
-        MarkSample(first, mask, absl::MakeSpan(stays));
-        EXPECT_EQ(stays, expected) << first << " " << mask;
-        stays.assign(count, 2);
-        MarkSample(numbers, mask, absl::MakeSpan(stays));
-        EXPECT_EQ(stays, expected) << first << " " << mask;
+        for (const uint64_t number : numbers) {
+          expected.push_back((IsInSample(number, masks[0]) ? 1 : 0) + (IsInSample(number, masks[1]) ? 2 : 0));
+        }
+        std::vector<uint8_t> marks(count, 4);
+        MarkSample(first, masks, absl::MakeSpan(marks));
+        EXPECT_EQ(marks, expected) << first << " " << masks[0] << " " << masks[1];
+        marks.assign(count, 4);
+        MarkSample(numbers, masks, absl::MakeSpan(marks));
+        EXPECT_EQ(marks, expected) << first << " " << masks[0] << " " << masks[1];
       }
     }
   }
@@ -43,12 +46,12 @@ TEST(EventSample, IsTheSameOnEveryMachine) {
 }
 
 TEST(EventSample, EveryBitOfTheMaskHalvesIt) {
-  std::vector<uint8_t> stays(1 << 16);
+  std::vector<uint8_t> marks(1 << 16);
   double share = 1.0;
   for (uint64_t mask = 0; mask < 64; mask = 2 * mask + 1, share /= 2.0) {
-    MarkSample(12345, mask, absl::MakeSpan(stays));
-    const double count = std::accumulate(stays.begin(), stays.end(), 0.0);
-    EXPECT_NEAR(count / static_cast<double>(stays.size()), share, 0.01) << mask;
+    MarkSample(12345, {0, mask}, absl::MakeSpan(marks));
+    const double count = static_cast<double>(std::count(marks.begin(), marks.end(), 3));
+    EXPECT_NEAR(count / static_cast<double>(marks.size()), share, 0.01) << mask;
   }
 }
 

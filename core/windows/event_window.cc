@@ -14,6 +14,8 @@ namespace {
 // So many events are looked at together: their hashes take vector instructions, and they stay in the nearest cache.
 constexpr size_t kBatch = 256;
 
+constexpr auto PolarityOf = [](const Event& event) -> size_t { return event.polarity != 0 ? 1 : 0; };
+
 }  // namespace
 
 absl::Status WindowOptions::Validate() const {
@@ -117,6 +119,9 @@ void EventWindower::Close(int64_t t_end_us, OnWindow on_window) {
   window.events = absl::MakeConstSpan(kept_).first(num_kept_);
   window.num_events = count_;
   window.closed_on_time = count_ < static_cast<uint64_t>(options_.min_events);
+  for (int polarity = 0; polarity < 2; ++polarity) {
+    window.events_per_sample[polarity] = static_cast<double>(sample_masks_[polarity]) + 1.0;
+  }
   on_window(window);
   Open(t_end_us);
 }
@@ -125,22 +130,22 @@ void EventWindower::Open(int64_t t_begin_us) {
   begin_us_ = t_begin_us;
   boundary_us_ = t_begin_us + interval_us_;
   count_ = 0;
-  sample_mask_ = 0;
+  sample_masks_ = {};
   num_kept_ = 0;
 }
 
 size_t EventWindower::Keep(absl::Span<const Event> events) {
   events = events.first(std::min(events.size(), kBatch));
-  std::array<uint8_t, kBatch> stays;
-  MarkSample(stream_index_, sample_mask_, absl::MakeSpan(stays).first(events.size()));
-  const size_t count = Take(events, stays);
+  std::array<uint8_t, kBatch> marks;
+  MarkSample(stream_index_, sample_masks_, absl::MakeSpan(marks).first(events.size()));
+  const size_t count = Take(events, marks);
   stream_index_ += count;
   count_ += count;
   while (num_kept_ > static_cast<size_t>(options_.max_events)) Thin();
   return count;
 }
 
-size_t EventWindower::Take(absl::Span<const Event> events, absl::Span<const uint8_t> stays) {
+size_t EventWindower::Take(absl::Span<const Event> events, absl::Span<const uint8_t> marks) {
   // Every event is written, and counts when it is to stay. In locals, for what a pixel's history is written to might be
   // any member.
   const int64_t begin_us = begin_us_;
@@ -163,45 +168,51 @@ size_t EventWindower::Take(absl::Span<const Event> events, absl::Span<const uint
     next.polarity = event.polarity;
     next.previous = history.Exchange(event);
     indices[num_kept] = stream_index + count;
-    num_kept += stays[count];
+    num_kept += marks[count] >> PolarityOf(event) & 1;
   }
   now_us_ = now_us;
   num_kept_ = num_kept;
   return count;
 }
 
-// Halves the sample. A hash decides for each event by itself, so the sample is what it would have been had the final
-// rate been known from the start.
+// Halves the sample of the polarity that has more, of the first events that are too many: however the stream is cut
+// into batches, and as if each event beyond had come with the halved sample.
 void EventWindower::Thin() {
-  sample_mask_ = (sample_mask_ << 1) | 1;
-  std::array<uint8_t, kBatch> stays;
+  const auto first_too_many = kept_.begin() + options_.max_events + 1;
+  const auto num_on = std::count_if(kept_.begin(), first_too_many, PolarityOf);
+  uint64_t& mask = sample_masks_[2 * num_on > options_.max_events + 1 ? 1 : 0];
+  mask = (mask << 1) | 1;
+  std::array<uint8_t, kBatch> marks;
   size_t write = 0;
   for (size_t begin = 0; begin < num_kept_; begin += kBatch) {
-    const size_t count = std::min(kBatch, num_kept_ - begin);
-    MarkSample(absl::MakeConstSpan(indices_).subspan(begin, count), sample_mask_, absl::MakeSpan(stays));
-    for (size_t i = 0; i < count; ++i) {
-      kept_[write] = kept_[begin + i];
-      indices_[write] = indices_[begin + i];
-      write += stays[i];
+    const auto numbers = absl::MakeConstSpan(indices_).subspan(begin, std::min(kBatch, num_kept_ - begin));
+    MarkSample(numbers, sample_masks_, absl::MakeSpan(marks));
+    for (size_t i = 0; i < numbers.size(); ++i) {
+      const WindowEvent event = kept_[begin + i];
+      kept_[write] = event;
+      indices_[write] = numbers[i];
+      write += marks[i] >> PolarityOf(event) & 1;
     }
   }
   num_kept_ = write;
 }
 
 void EventWindower::VisitState(auto& archive, auto& self) {
-  auto& [options, interval_us, started, now_us, begin_us, boundary_us, stream_index, count, sample_mask, history, kept,
+  auto& [options, interval_us, started, now_us, begin_us, boundary_us, stream_index, count, sample_masks, history, kept,
          indices, num_kept] = self;
   constexpr int64_t kMax_us = kMaxStateTime_us;
   archive(InRange(interval_us, options.min_interval_us, options.interval_us), started,
           InRange(begin_us, -kMax_us, kMax_us), InRange(now_us, -kMax_us, kMax_us),
-          InRange(boundary_us, -kMax_us, kMax_us), stream_index, count, sample_mask, history);
+          InRange(boundary_us, -kMax_us, kMax_us), stream_index, count, sample_masks[0], sample_masks[1], history);
   if (started) {
     // Finish() leaves the time just before the next window.
     archive.Check(now_us >= begin_us - 1 && now_us < boundary_us, "a time outside the open window");
     archive.Check(boundary_us > begin_us && boundary_us - begin_us <= options.max_duration_us, "a window too long");
   }
   archive.Check(count <= stream_index && (started || count == 0), "events before the first");
-  archive.Check((sample_mask & (sample_mask + 1)) == 0, "a share of events that no window keeps");
+  for (const uint64_t mask : sample_masks) {
+    archive.Check((mask & (mask + 1)) == 0, "a share of events that no window keeps");
+  }
 }
 
 void EventWindower::SaveState(StateWriter& writer) const {
@@ -220,7 +231,7 @@ void EventWindower::LoadState(StateReader& reader) {
 }
 
 void EventWindower::SaveIndices(StateWriter& writer) const {
-  if (sample_mask_ == 0) return;  // all of the window's
+  if (!is_sampled()) return;  // all of the window's
   uint64_t next = stream_index_ - count_;
   for (const uint64_t index : absl::MakeConstSpan(indices_).first(num_kept_)) {
     writer.Varint(index - next);
@@ -229,14 +240,14 @@ void EventWindower::SaveIndices(StateWriter& writer) const {
 }
 
 void EventWindower::LoadIndices(StateReader& reader) {
-  reader.Check(sample_mask_ == 0 ? num_kept_ == count_ : num_kept_ <= count_, "a window with other events");
+  reader.Check(is_sampled() ? num_kept_ <= count_ : num_kept_ == count_, "a window with other events");
   uint64_t next = stream_index_ - count_;
   for (size_t i = 0; i < num_kept_ && reader.ok(); ++i) {
     uint64_t skipped = 0;
-    if (sample_mask_ != 0) reader.Varint(skipped);
+    if (is_sampled()) reader.Varint(skipped);
     // Each but once, and each one that is kept: else thinning them might not end.
     reader.Check(skipped < stream_index_ - next, "an event that is not the window's");
-    reader.Check(IsInSample(next + skipped, sample_mask_), "an event that is not kept");
+    reader.Check(IsInSample(next + skipped, sample_masks_[PolarityOf(kept_[i])]), "an event that is not kept");
     indices_[i] = next + skipped;
     next += skipped + 1;
   }

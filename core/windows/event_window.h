@@ -12,6 +12,8 @@
 // 3. Too many events: an even sample of the whole window stays, drawn by a hash of the event's number in the stream.
 //    Neither a span of time nor a place is dropped. (The paper keeps the N events nearest to the middle, which loses
 //    the velocity; every second event would favour one side of an edge, because rows are read out from left to right.)
+//    It is drawn of ON and OFF events by themselves, of both about as many as far as they came: while a lamp grows
+//    brighter or darker, a flood of one polarity comes from everywhere, and the few of the other are the edges'.
 // 4. An event before the window's begin (the clock stepped back) joins the open window, at its begin.
 // 5. Windows do not overlap: every event is used once, so that the motion prior may carry the information on.
 #pragma once
@@ -24,6 +26,7 @@
 #include "absl/types/span.h"
 #include "core/base/state_io.h"
 #include "core/events/event.h"
+#include "core/windows/event_sample.h"
 #include "core/windows/pixel_history.h"
 
 namespace evpose {
@@ -56,12 +59,9 @@ struct EventWindow {
   absl::Span<const WindowEvent> events;  // in order of arrival, times inside the window; valid during the call only
   uint64_t num_events = 0;               // before sampling
   bool closed_on_time = false;           // fewer than min_events came
+  ByPolarity events_per_sample = {1.0, 1.0};  // how many each kept one stands for; 1 unless sampled
 
   int64_t t_mid_us() const { return t_begin_us + (t_end_us - t_begin_us) / 2; }
-  // How many events each kept one stands for; 1 unless sampled.
-  double events_per_sample() const {
-    return events.empty() ? 1.0 : static_cast<double>(num_events) / static_cast<double>(events.size());
-  }
 };
 
 // A stretch of the stream that is in no window.
@@ -113,9 +113,10 @@ class EventWindower {
   void Open(int64_t t_begin_us);
   // Those before the boundary, from the first on and a batch at most; returns how many.
   size_t Keep(absl::Span<const Event> events);
-  // The same of a batch, of which those marked stay.
-  size_t Take(absl::Span<const Event> events, absl::Span<const uint8_t> stays);
+  // The same of a batch, of which those marked stay (event_sample.h).
+  size_t Take(absl::Span<const Event> events, absl::Span<const uint8_t> marks);
   void Thin();
+  bool is_sampled() const { return sample_masks_ != SampleMasks(); }
 
   const WindowOptions options_;
   int64_t interval_us_;
@@ -125,8 +126,8 @@ class EventWindower {
   int64_t boundary_us_ = 0;  // the next interval boundary
   uint64_t stream_index_ = 0;
   uint64_t count_ = 0;
-  uint64_t sample_mask_ = 0;  // an event stays when its hash has none of these bits
-  PixelHistory history_;      // of all events, those that are not kept too
+  SampleMasks sample_masks_ = {};  // by polarity: an event stays when its hash has none of these bits
+  PixelHistory history_;           // of all events, those that are not kept too
   // Of the open window, num_kept_ of max_events and a batch.
   std::vector<WindowEvent> kept_;
   std::vector<uint64_t> indices_;  // of the events kept, in the stream

@@ -4,6 +4,7 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <cmath>
 #include <functional>
 #include <vector>
 
@@ -20,6 +21,7 @@ struct SeenWindow {
   std::vector<Event> events;
   uint64_t num_events;
   bool closed_on_time;
+  ByPolarity events_per_sample = {1.0, 1.0};
 
   friend bool operator==(const SeenWindow&, const SeenWindow&) = default;
 };
@@ -42,7 +44,8 @@ class Recorder {
                         window.t_end_us,
                         {window.events.begin(), window.events.end()},
                         window.num_events,
-                        window.closed_on_time});
+                        window.closed_on_time,
+                        window.events_per_sample});
   };
 };
 
@@ -177,6 +180,26 @@ TEST(EventWindower, FloodIsSampledEvenlyAndKeepsItsDuration) {
   };
   EXPECT_NEAR(count_if([](const Event& e) { return e.x == 0; }), 0.5, 0.15);
   EXPECT_NEAR(count_if([](const Event& e) { return e.t_us < 50; }), 0.5, 0.15);
+}
+
+TEST(EventWindower, AFloodOfOnePolarityLeavesTheOther) {
+  WindowOptions options = SmallOptions();
+  options.max_events = 400;
+  Recorder recorder(options);
+  std::vector<Event> flood;
+  for (int i = 0; i < 20'000; ++i) flood.push_back({i / 200, static_cast<uint16_t>(i % 500), 0, i % 100 == 0});
+  recorder.Add(flood);
+  recorder.AdvanceTime(100);
+  ASSERT_EQ(recorder.windows().size(), 1u);
+  const SeenWindow& window = recorder.windows()[0];
+  const auto num_on =
+      std::count_if(window.events.begin(), window.events.end(), [](const Event& e) { return e.polarity; });
+  EXPECT_EQ(num_on, 200);  // all there were
+  EXPECT_EQ(window.events_per_sample[1], 1.0);
+  const double num_off = static_cast<double>(window.events.size()) - 200.0;
+  EXPECT_GE(num_off, 80.0);
+  EXPECT_LE(num_off, 200.0);
+  EXPECT_NEAR(num_off * window.events_per_sample[0], 19'800.0, 4.0 * std::sqrt(num_off) * window.events_per_sample[0]);
 }
 
 TEST(EventWindower, LateEventsJoinTheOpenWindow) {

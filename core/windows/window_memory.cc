@@ -13,12 +13,12 @@ WindowMemory::WindowMemory(int64_t memory_us, int max_window_events, int max_eve
       max_events_(static_cast<size_t>(max_events)) {}
 
 void WindowMemory::Add(const EventWindow& window) {
-  Stored stored{window.t_begin_us,
-                window.t_end_us,
-                {window.events.begin(), window.events.end()},
-                window.num_events,
-                window.closed_on_time};
-  ThinEvenly(max_window_events_, stored.events);
+  Stored stored{window.t_begin_us, window.t_end_us,       {},
+                window.num_events, window.closed_on_time, window.events_per_sample};
+  const ByPolarity samples_per_kept = ThinEvenlyByKind(
+      max_window_events_, {0.5, 0.5}, window.events, [](const WindowEvent& event) { return event.polarity; },
+      stored.events);
+  for (int polarity = 0; polarity < 2; ++polarity) stored.events_per_sample[polarity] *= samples_per_kept[polarity];
   stored.events.shrink_to_fit();
   num_events_ += stored.events.size();
   windows_.push_back(std::move(stored));
@@ -41,7 +41,8 @@ void WindowMemory::Forget() {
 void WindowMemory::SaveState(StateWriter& writer) const {
   writer.Count(windows_.size());
   for (const Stored& window : windows_) {
-    writer(window.t_begin_us, window.t_end_us, window.num_events, window.closed_on_time);
+    writer(window.t_begin_us, window.t_end_us, window.num_events, window.closed_on_time, window.events_per_sample[0],
+           window.events_per_sample[1]);
     SaveWindowEvents(writer, window.t_begin_us, window.events);
   }
 }
@@ -49,6 +50,7 @@ void WindowMemory::SaveState(StateWriter& writer) const {
 void WindowMemory::LoadState(StateReader& reader) {
   // A window with events is far shorter; detectors count microseconds in 32 bits.
   constexpr int64_t kMaxDuration_us = int64_t{1} << 30;
+  constexpr double kMaxEventsPerSample = 1e18;
   Clear();
   size_t count = 0;
   reader.Count(count);
@@ -56,7 +58,9 @@ void WindowMemory::LoadState(StateReader& reader) {
     Stored window;
     const int64_t earliest_us = windows_.empty() ? -kMaxStateTime_us : windows_.back().t_end_us;
     reader(InRange(window.t_begin_us, earliest_us, kMaxStateTime_us));
-    reader(InRange(window.t_end_us, window.t_begin_us + 1, kMaxStateTime_us), window.num_events, window.closed_on_time);
+    reader(InRange(window.t_end_us, window.t_begin_us + 1, kMaxStateTime_us), window.num_events, window.closed_on_time,
+           InRange(window.events_per_sample[0], 1.0, kMaxEventsPerSample),
+           InRange(window.events_per_sample[1], 1.0, kMaxEventsPerSample));
     LoadWindowEvents(reader, window.t_begin_us, window.t_end_us, max_window_events_, window.events);
     reader.Check(window.events.empty() || window.t_end_us - window.t_begin_us <= kMaxDuration_us, "a window too long");
     reader.Check(window.events.size() <= window.num_events, "more events in a window than came");
@@ -71,7 +75,8 @@ void WindowMemory::LoadState(StateReader& reader) {
 
 EventWindow WindowMemory::At(size_t index) const {
   const Stored& stored = windows_[index];
-  return {stored.t_begin_us, stored.t_end_us, stored.events, stored.num_events, stored.closed_on_time};
+  return {stored.t_begin_us, stored.t_end_us,       stored.events,
+          stored.num_events, stored.closed_on_time, stored.events_per_sample};
 }
 
 }  // namespace evpose

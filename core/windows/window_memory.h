@@ -12,7 +12,7 @@ namespace evpose {
 class WindowMemory {
  public:
   // Keeps windows that end later than `memory_us` before the latest one's end, and of each at most `max_window_events`
-  // events, evenly drawn. The oldest go early when there would be more than `max_events` events in all.
+  // events, evenly drawn by polarity. The oldest go early when there would be more than `max_events` events in all.
   WindowMemory(int64_t memory_us, int max_window_events, int max_events);
 
   void Add(const EventWindow& window);
@@ -36,6 +36,7 @@ class WindowMemory {
     std::vector<WindowEvent> events;
     uint64_t num_events = 0;
     bool closed_on_time = false;
+    ByPolarity events_per_sample = {1.0, 1.0};
   };
 
   const int64_t memory_us_;

@@ -12,7 +12,7 @@ std::vector<WindowEvent> MakeEvents(size_t count, int64_t t_us) {
 }
 
 EventWindow MakeWindow(int64_t begin_us, int64_t end_us, const std::vector<WindowEvent>& events) {
-  return {begin_us, end_us, events, 2 * events.size(), true};
+  return {begin_us, end_us, events, 2 * events.size(), true, {3.0, 2.0}};
 }
 
 TEST(WindowMemory, KeepsWindowsAsTheyWere) {
@@ -25,6 +25,7 @@ TEST(WindowMemory, KeepsWindowsAsTheyWere) {
   EXPECT_EQ(window.t_end_us, 2000);
   EXPECT_EQ(window.num_events, 60u);
   EXPECT_TRUE(window.closed_on_time);
+  EXPECT_EQ(window.events_per_sample, (ByPolarity{3.0, 2.0}));
   ASSERT_EQ(window.events.size(), 30u);
   EXPECT_EQ(window.events[29].x, 29);
 }
@@ -51,6 +52,8 @@ TEST(WindowMemory, ThinsAFloodEvenly) {
   int first_half = 0;
   for (const Event& event : window.events) first_half += event.x < 500;
   EXPECT_NEAR(first_half, 50, 2);
+  EXPECT_EQ(window.events_per_sample[0], 3.0);
+  EXPECT_DOUBLE_EQ(window.events_per_sample[1], 2000.0 / static_cast<double>(window.events.size()));
 }
 
 TEST(WindowMemory, ForgetsEarlyWhatWouldBeTooMuch) {

@@ -166,7 +166,7 @@ TEST(WindowStateTest, ALoadedMemoryHoldsTheSameWindows) {
     PixelHistory history(kSensor);
     std::vector<WindowEvent> events;
     for (uint64_t k = random.UniformInt(90); k > 0; --k) events.push_back(history.Next(RandomEvent(t_us + 5, random)));
-    const EventWindow window{t_us, t_us + 700, events, 2 * events.size(), false};
+    const EventWindow window{t_us, t_us + 700, events, 2 * events.size(), false, {2.0, 2.5}};
     const std::string state = Save(memory);
     WindowMemory loaded(5000, 50, 300);
     ASSERT_EQ(Load(state, loaded), absl::OkStatus());

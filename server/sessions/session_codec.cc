@@ -10,7 +10,7 @@ namespace evpose::server {
 namespace {
 
 // Of everything below. Higher whenever the meaning of the bytes changes.
-constexpr uint32_t kVersion = 4;
+constexpr uint32_t kVersion = 5;
 
 constexpr size_t kDigestBytes = 64;  // hex
 

@@ -94,6 +94,24 @@ TEST(TrackingAccuracy, TheCubeIsTrackedWithinTheGoalAndBetterThanByTheStaticFit)
   EXPECT_LT(mixture->position_rmse_of_depth, static_mm->position_rmse_of_depth);
 }
 
+TEST(TrackingAccuracy, TheCubeIsFoundAndTrackedUnderALampThatSwingsByTwoFifths) {
+  // Without a first pose, among some ten events of the surfaces for one of the edges.
+  SimulationOptions options = VgaScene("cube", 2.0, 2, 150'000);
+  options.scene.light.flicker_depth = 0.4;
+  const Recording recording = Record(options);
+  auto tracker = Tracker::Create(recording.model, recording.camera, {}, std::nullopt).value();
+  std::vector<PoseEstimate> estimates;
+  tracker->AddEvents(recording.events, estimates);
+  EXPECT_EQ(tracker->losses(), 0u);
+  ASSERT_GT(estimates.size(), 100u);  // found within 50 ms
+  Trajectory poses;
+  for (const PoseEstimate& estimate : estimates) poses.push_back({estimate.t_us, estimate.camera_from_object});
+  const auto evaluation = Evaluate(recording.truth, poses, {.symmetries = recording.model->symmetries});
+  ASSERT_TRUE(evaluation.ok()) << evaluation.status();
+  EXPECT_LT(evaluation->position_rmse_of_depth, 4e-3);
+  EXPECT_LT(evaluation->rotation_median_rad, 0.0087);
+}
+
 TEST(TrackingAccuracy, RestsAreHeld) {
   SimulationOptions options = VgaScene("cube", 1.0, 73, 1'100'000);
   options.scene.motion.profile = MotionProfile::kRests;

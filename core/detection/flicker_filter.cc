@@ -1,0 +1,58 @@
+#include "core/detection/flicker_filter.h"
+
+#include <algorithm>
+#include <cstdint>
+
+namespace evpose {
+namespace {
+
+// Microseconds: short against the 5 ms of a mains lamp's flank, long enough for the events of a few edges.
+constexpr int64_t kSliceUs = 500;
+// By so much the polarities' ratio wavers in a steady light.
+constexpr double kMostUnusual = 1.5;
+// As many more or less say nothing of a ratio.
+constexpr double kFewEvents = 10.0;
+
+size_t SliceOf(const PixelEvent& event, int64_t t_begin_us) {
+  return static_cast<size_t>((event.t_us - t_begin_us) / kSliceUs);
+}
+
+// How many of `own` events of one polarity stay, when `other` came of the other, and usually `ratio` for each of them.
+size_t NumKept(size_t own, size_t other, double ratio) {
+  const double expected = kMostUnusual * ratio * (static_cast<double>(other) + kFewEvents);
+  const double count = static_cast<double>(own);
+  if (count <= expected) return own;
+  // The share of edges among them, once for those that are expected, and once for how much they are worth.
+  return static_cast<size_t>(expected * expected / count);
+}
+
+}  // namespace
+
+void FlickerFilter::CountSlices(absl::Span<const PixelEvent> events) {
+  const int64_t t_begin_us = events.front().t_us;
+  slices_.assign(SliceOf(events.back(), t_begin_us) + 1, Counts{});
+  for (const PixelEvent& event : events) ++slices_[SliceOf(event, t_begin_us)][event.polarity != 0];
+}
+
+absl::Span<const PixelEvent> FlickerFilter::Remove(absl::Span<const PixelEvent> events) {
+  kept_.clear();
+  if (events.empty()) return kept_;
+  CountSlices(events);
+  std::array<double, 2> total = {kFewEvents, kFewEvents};
+  for (const Counts& slice : slices_) {
+    for (int polarity = 0; polarity < 2; ++polarity) total[polarity] += static_cast<double>(slice[polarity]);
+  }
+  samples_.clear();
+  for (const Counts& slice : slices_) {
+    samples_.emplace_back(slice[0], NumKept(slice[0], slice[1], total[0] / total[1]));
+    samples_.emplace_back(slice[1], NumKept(slice[1], slice[0], total[1] / total[0]));
+  }
+  const int64_t t_begin_us = events.front().t_us;
+  for (const PixelEvent& event : events) {
+    const size_t sample = 2 * SliceOf(event, t_begin_us) + (event.polarity != 0 ? 1 : 0);
+    if (samples_[sample].Takes()) kept_.push_back(event);
+  }
+  return kept_;
+}
+
+}  // namespace evpose
