@@ -9,7 +9,7 @@
 namespace evpose {
 
 // So many items ahead: as long as a load from memory takes.
-inline constexpr size_t kPrefetchAhead = 16;
+inline constexpr size_t kPrefetchAhead = 32;
 
 // Nothing beyond the table's end.
 template <typename T>

@@ -19,21 +19,26 @@ NearShares NearEvents::Find(const EventWindow& window, const TileGrid& grid, int
                             BackgroundRate& background) {
   events_.clear();
   ByPolarity background_events = {};
-  for (size_t i = 0; i < window.events.size(); ++i) {
-    if (i + kPrefetchAhead < window.events.size()) {
-      const WindowEvent& ahead = window.events[i + kPrefetchAhead];
+  // In locals, for what is counted might be any member.
+  const absl::Span<const WindowEvent> events = window.events;
+  const ByPolarity events_per_sample = window.events_per_sample;
+  const int width_px = camera_.width_px;
+  const int height_px = camera_.height_px;
+  for (size_t i = 0; i < events.size(); ++i) {
+    if (i + kPrefetchAhead < events.size()) {
+      const WindowEvent& ahead = events[i + kPrefetchAhead];
       pixel_tiles_.Prefetch(ahead.x, ahead.y);
     }
-    const WindowEvent& event = window.events[i];
-    if (event.x >= camera_.width_px || event.y >= camera_.height_px) continue;
+    const WindowEvent& event = events[i];
+    if (event.x >= width_px || event.y >= height_px) continue;
     const uint32_t tile = pixel_tiles_.At(event.x, event.y);
     if (tile == TileGrid::kNoTile) continue;
     if (grid.has_lines(tile)) {
       events_.push_back({static_cast<uint32_t>(i), tile, event.polarity});
     } else {
-      const double events = window.events_per_sample[event.polarity];
-      background_events[event.polarity] += events;
-      background.Count(tile, events);
+      const double stands_for = events_per_sample[event.polarity];
+      background_events[event.polarity] += stands_for;
+      background.Count(tile, stands_for);
     }
   }
   const auto is_on = [](const NearEvent& near) { return near.polarity; };

@@ -188,10 +188,10 @@ void EventWindower::Thin() {
     const auto numbers = absl::MakeConstSpan(indices_).subspan(begin, std::min(kBatch, num_kept_ - begin));
     MarkSample(numbers, sample_masks_, absl::MakeSpan(marks));
     for (size_t i = 0; i < numbers.size(); ++i) {
-      const WindowEvent event = kept_[begin + i];
-      kept_[write] = event;
+      const unsigned stays = marks[i] >> PolarityOf(kept_[begin + i]) & 1;
+      kept_[write] = kept_[begin + i];
       indices_[write] = numbers[i];
-      write += marks[i] >> PolarityOf(event) & 1;
+      write += stays;
     }
   }
   num_kept_ = write;
