@@ -63,6 +63,7 @@ void TrackHealth::AddWindow(const CameraModel& camera, const WindowInput& input,
   AddEvents(*input.sorted, lines);
   for (const WindowLine& line : window_lines_) {
     for (int polarity = 0; polarity < 2; ++polarity) {
+      line.evidence->gated += input.shares.telling[polarity] * line.gated_of[polarity];
       AddExcess(line.gated_of[polarity], line.near_of[polarity], *line.evidence);
     }
   }
@@ -105,7 +106,6 @@ void TrackHealth::AddEvents(const LineEvents& events, absl::Span<const ImageLine
 void TrackHealth::AddEvent(double distance_px, double along_px, double competing, uint8_t polarity, WindowLine& line) {
   LineEvidence& evidence = *line.evidence;
   const double share = OwnShare(distance_px, competing);
-  evidence.gated += share;
   const double place = std::clamp(along_px * line.places_per_px, 0.0, evidence.along.size() - 1.0);
   evidence.along[static_cast<int>(place)] += share;
   line.gated_of[polarity] += share;

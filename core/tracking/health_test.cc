@@ -47,8 +47,9 @@ class HealthTest : public ::testing::Test {
       events_.push_back(event);
     }
   }
-  void CloseWindow(double background_per_px2 = 0.0) {
+  void CloseWindow(double background_per_px2 = 0.0, ByPolarity telling = {1.0, 1.0}) {
     WindowInput input;
+    input.shares.telling = telling;
     const LineEvents sorted(events_, tracked_.size());
     input.events = events_;
     input.sorted = &sorted;
@@ -112,6 +113,28 @@ TEST_F(HealthTest, AFewEventsOfOnePolarityAreHeardAmongManyOfTheOther) {
   };
   EXPECT_EQ(judge(1.0), Kind::kSupported);
   EXPECT_EQ(judge(8.0), Kind::kUnsupported);
+}
+
+TEST_F(HealthTest, WhatALampFloodsIsNotHeldAgainstALine) {
+  // While it grows brighter, lines whose own events are ON are drowned for a while; half of them send OFF events. They
+  // are slow: their motion does not say that each must have answered.
+  state_.twist[0] = 0.02;
+  const auto judge = [&](ByPolarity telling) {
+    HealthVerdict verdict;
+    for (int i = 0; i < 10 && verdict.kind == Kind::kOpen; ++i) {
+      for (int k = 0; k < kNumLines; ++k) {
+        AddEvents(k, 60, 8.0, 0.0, 1.0, 1);
+        if (k % 2 == 0) AddEvents(k, 20, 1.0, 0.0, 1.0, 0);
+      }
+      CloseWindow(0.0, telling);
+      verdict = Judge();
+    }
+    return verdict;
+  };
+  const HealthVerdict verdict = judge({1.0, 0.01});
+  EXPECT_EQ(verdict.kind, Kind::kSupported);
+  EXPECT_EQ(verdict.testable_lines, kNumLines / 2);
+  EXPECT_EQ(judge({1.0, 1.0}).kind, Kind::kDoubtful);
 }
 
 TEST_F(HealthTest, EventsAsDenseAsElsewhereSayNothing) {

@@ -5,6 +5,9 @@
 namespace evpose {
 namespace {
 
+// A polarity of which more come than so many times the usual is a flood, of which the less is wanted the more it is.
+constexpr double kFlood = 2.0;
+
 double SumOf(const ByPolarity& both) { return both[0] + both[1]; }
 
 // The share of `events` that is observed, each observation standing for so many; 1 of none.
@@ -52,6 +55,10 @@ NearShares NearEvents::Find(const EventWindow& window, const TileGrid& grid, int
   for (int polarity = 0; polarity < 2; ++polarity) {
     shares.events_per_observation[polarity] = window.events_per_sample[polarity] * samples_per_observation[polarity];
   }
+  const ByPolarity excess = Excess(found);
+  for (int polarity = 0; polarity < 2; ++polarity) {
+    shares.telling[polarity] = std::min(1.0, kFlood / excess[polarity]);
+  }
   shares.mean_events_per_observation = 1.0 / ObservedRatio(shares.events_per_observation, near_events);
   // Where none are elsewhere, they would be as those that are near.
   shares.observations_per_background_event =
@@ -67,13 +74,17 @@ void NearEvents::LearnUsual(const ByPolarity& near_events) {
   }
 }
 
-ByPolarity NearEvents::WantedShares(const ByPolarity& found) const {
-  // A polarity of which more come than so many times the usual is a flood, of which the less is wanted the more it is.
-  constexpr double kFlood = 2.0;
+ByPolarity NearEvents::Excess(const ByPolarity& found) const {
   const double on_excess = (found[1] + kFewEvents) / usual_events_[1] * usual_events_[0] / (found[0] + kFewEvents);
-  const double excess = std::max(on_excess, 1.0 / on_excess);
+  return {std::max(1.0, 1.0 / on_excess), std::max(1.0, on_excess)};
+}
+
+ByPolarity NearEvents::WantedShares(const ByPolarity& found) const {
+  const ByPolarity excess = Excess(found);
   ByPolarity share = usual_events_;
-  share[on_excess > 1.0 ? 1 : 0] *= std::max(1.0, std::min(excess, kFlood * kFlood / excess));
+  for (int polarity = 0; polarity < 2; ++polarity) {
+    share[polarity] *= std::max(1.0, std::min(excess[polarity], kFlood * kFlood / excess[polarity]));
+  }
   const double all = SumOf(share);
   return {share[0] / all, share[1] / all};
 }

@@ -18,6 +18,7 @@ namespace evpose {
 struct NearShares {
   ByPolarity events_per_observation = {1.0, 1.0};
   double mean_events_per_observation = 1.0;        // of those kept
+  ByPolarity telling = {1.0, 1.0};                 // less while a lamp's change floods the image with this polarity
   double observations_per_background_event = 1.0;  // of those elsewhere, had they been thinned like those that are near
 };
 
@@ -73,6 +74,8 @@ class NearEvents {
   void LearnUsual(const ByPolarity& near_events);
   // By polarity, of what is to be kept of those found.
   ByPolarity WantedShares(const ByPolarity& found) const;
+  // By how much more than the usual share of both there is of each polarity; one of them, at least, 1.
+  ByPolarity Excess(const ByPolarity& found) const;
 
   const CameraModel camera_;
   const UndistortionTable& undistortion_;

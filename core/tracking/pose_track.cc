@@ -77,6 +77,8 @@ std::optional<PoseEstimate> PoseTrack::OnWindow(const EventWindow& window, const
     state_ = TrackState::kLost;
     return std::nullopt;
   }
+  // Before a pose is believed, every event has to speak for it.
+  if (state_ == TrackState::kInitializing || on_trial_) input.shares.telling = {1.0, 1.0};
   health_.AddWindow(camera, input, image_lines_, motion_.twist);
   const bool confirming = state_ == TrackState::kInitializing;
   const double support = on_trial_ ? health.confirm_support_ratio : health.keep_support_ratio;
