@@ -57,6 +57,7 @@ Json ReplayReport::ObjectsJson() const {
     json["detail"] = object.detail;
     json["model_notices"] = i < models.size() ? models[i].notices : std::vector<std::string>();
     json["symmetries"] = i < models.size() ? models[i].num_symmetries : 1;
+    json["model_diameter_m"] = i < models.size() ? models[i].diameter_m : 0.0;
     objects.push_back(std::move(json));
   }
   return objects;
@@ -92,9 +93,12 @@ void ReplayReport::Print(std::ostream& stream) const {
     stream << "decoder: skipped " << decode_faults_ << " words or events, the first in " << first_decode_fault_ << "\n";
   }
   for (const Model& model : models) {
-    if (model.num_symmetries < 2) continue;
-    stream << NameOf(model.object_id) << "model: looks the same in " << model.num_symmetries
-           << " orientations; a pose stands for all of them\n";
+    // A camera does not see whether a model is in metres or in millimetres: its poses are as large as it is.
+    stream << NameOf(model.object_id) << absl::StrFormat("model: %.4g m across", model.diameter_m);
+    if (model.num_symmetries > 1) {
+      stream << "; looks the same in " << model.num_symmetries << " orientations, and a pose stands for all of them";
+    }
+    stream << "\n";
   }
   for (const ObjectHealth& object : health.objects) {
     if (models.size() > 1) {

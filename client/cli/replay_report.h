@@ -29,6 +29,7 @@ struct ReplayReport {
     std::string object_id;
     std::vector<std::string> notices;
     uint32_t num_symmetries = 1;
+    double diameter_m = 0.0;
   };
   std::vector<Model> models;  // of the objects, in their order
 

@@ -148,7 +148,7 @@ absl::StatusOr<SessionConfig> UploadModels(Client& client, const TrackArguments&
                                           input.model_bytes.size());
     absl::StatusOr<ModelInfo> model = client.UploadModel(bytes, input.upload);
     if (!model.ok()) return ModelError(input.model_path, model.status());
-    report.models.push_back({input.id, model->notices, model->num_symmetries});
+    report.models.push_back({input.id, model->notices, model->num_symmetries, model->diameter_m});
     TrackedObject object;
     object.object_id = input.id;
     object.model = model->name;

@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <cmath>
 #include <filesystem>
 #include <fstream>
 #include <memory>
@@ -108,6 +109,7 @@ TEST_F(ReplayTest, FindsTheFirstPoseByItself) {
   EXPECT_EQ(report["initialization"], "NOT_NEEDED");
   EXPECT_EQ(report["detail"], "");
   EXPECT_EQ(report["symmetries"], 24);
+  EXPECT_NEAR(report["model_diameter_m"], 0.2 * std::sqrt(3.0), 1e-6);
   const CliResult evaluation =
       Run({"evaluate", "--truth", Path("cube/truth.tum"), "--estimate", "evpose=" + Path("poses.tum"), "--model",
            Path("cube/model.obj"), "--camera", Path("cube/camera.yaml"), "--symmetric", "--json"});
