@@ -18,6 +18,7 @@
 // 5. Windows do not overlap: every event is used once, so that the motion prior may carry the information on.
 #pragma once
 
+#include <array>
 #include <cstdint>
 #include <vector>
 
@@ -26,7 +27,6 @@
 #include "absl/types/span.h"
 #include "core/base/state_io.h"
 #include "core/events/event.h"
-#include "core/windows/event_sample.h"
 #include "core/windows/pixel_history.h"
 
 namespace evpose {
@@ -116,7 +116,7 @@ class EventWindower {
   // The same of a batch, of which those marked stay (event_sample.h).
   size_t Take(absl::Span<const Event> events, absl::Span<const uint8_t> marks);
   void Thin();
-  bool is_sampled() const { return sample_masks_ != SampleMasks(); }
+  bool is_sampled() const { return sample_masks_ != std::array<uint64_t, 2>(); }
 
   const WindowOptions options_;
   int64_t interval_us_;
@@ -126,8 +126,8 @@ class EventWindower {
   int64_t boundary_us_ = 0;  // the next interval boundary
   uint64_t stream_index_ = 0;
   uint64_t count_ = 0;
-  SampleMasks sample_masks_ = {};  // by polarity: an event stays when its hash has none of these bits
-  PixelHistory history_;           // of all events, those that are not kept too
+  std::array<uint64_t, 2> sample_masks_ = {};  // by polarity: an event stays when its hash has none of these bits
+  PixelHistory history_;                       // of all events, those that are not kept too
   // Of the open window, num_kept_ of max_events and a batch.
   std::vector<WindowEvent> kept_;
   std::vector<uint64_t> indices_;  // of the events kept, in the stream
