@@ -7,6 +7,7 @@
 #include "absl/strings/numbers.h"
 #include "absl/strings/str_cat.h"
 #include "client/cli/command.h"
+#include "client/cli/connect_and_begin.h"
 #include "client/cli/track_inputs.h"
 #include "client/cli/track_run.h"
 #include "core/base/status_macros.h"
@@ -36,16 +37,24 @@ struct ServerHandle {
   std::unique_ptr<Client> client;
 };
 
-absl::StatusOr<ServerHandle> ConnectOrStart(const ServerArguments& arguments, const CliContext& context) {
-  ServerHandle handle;
-  if (!arguments.address.empty()) {
-    EVPOSE_ASSIGN_OR_RETURN(handle.client, arguments.Connect(context));
-    return handle;
-  }
+absl::StatusOr<ServerHandle> StartAndBegin(TrackRun& run) {
   server::ServerOptions options;
   options.listen_address.clear();
+  ServerHandle handle;
   EVPOSE_ASSIGN_OR_RETURN(handle.own, server::Server::Start(options));
   handle.client = Client::OverChannel(handle.own->InProcessChannel(), "server in this process");
+  EVPOSE_RETURN_IF_ERROR(run.Begin(
+      *handle.client, [](SessionConfig&) {}, ""));
+  return handle;
+}
+
+absl::StatusOr<ServerHandle> BeginSession(const RetryOptions& retry, TrackRun& run, const TrackArguments& arguments,
+                                          const CliContext& context) {
+  if (arguments.server.address.empty()) return StartAndBegin(run);
+  BeginOptions options;
+  options.retry = retry;
+  ServerHandle handle;
+  EVPOSE_ASSIGN_OR_RETURN(handle.client, ConnectAndBegin(options, run, arguments, context));
   return handle;
 }
 
@@ -78,9 +87,7 @@ absl::Status RunReplay(const ReplayArguments& arguments, CliContext& context) {
   feed_options.clock = context.clock;
   feed_options.skip = run.position().durable;
   EVPOSE_RETURN_IF_ERROR(run.MakeFeed(feed_options, false));
-  EVPOSE_ASSIGN_OR_RETURN(const ServerHandle server, ConnectOrStart(arguments.track.server, context));
-  EVPOSE_RETURN_IF_ERROR(run.Begin(
-      *server.client, [](SessionConfig&) {}, ""));
+  EVPOSE_ASSIGN_OR_RETURN(const ServerHandle server, BeginSession(options.retry, run, arguments.track, context));
   return run.Track(*server.client, options);
 }
 

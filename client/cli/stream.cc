@@ -1,27 +1,20 @@
 // evpose stream: a camera's events to a server as they come, and their poses.
-#include <algorithm>
 #include <cstdlib>
 #include <filesystem>
-#include <functional>
 #include <limits>
 #include <memory>
-#include <random>
 #include <string>
 #include <utility>
 
 #include "absl/strings/str_cat.h"
-#include "absl/strings/str_format.h"
 #include "client/cli/command.h"
+#include "client/cli/connect_and_begin.h"
 #include "client/cli/track_inputs.h"
 #include "client/cli/track_run.h"
-#include "client/lib/retry.h"
 #include "core/base/status_macros.h"
 
 namespace evpose::client {
 namespace {
-
-// Of one of the tries to connect, between which an interrupt is looked for.
-constexpr absl::Duration kConnectSlice = absl::Seconds(3);
 
 struct StreamArguments {
   TrackArguments track;
@@ -33,8 +26,6 @@ struct StreamArguments {
 
   bool is_pipe() const { return track.recording == "-"; }
 };
-
-Clock& ClockOf(const CliContext& context) { return context.clock == nullptr ? SystemClock() : *context.clock; }
 
 std::string SpoolDirectory(const StreamArguments& arguments) {
   if (!arguments.spool.empty()) return arguments.spool;
@@ -76,46 +67,6 @@ absl::Status CheckSpool(const StreamArguments& arguments, TrackRun& run) {
                                           "; remove that to begin a new session"));
 }
 
-absl::Status Interrupted(const StreamArguments& arguments, const absl::Status& cause) {
-  return absl::CancelledError(absl::StrCat("interrupted before a server took what was read: ", cause.message(),
-                                           arguments.track.resume.empty()
-                                               ? "; with --resume FILE it would have been kept"
-                                               : "; it is kept: the same command goes on from there"));
-}
-
-// Calls `call` until it succeeds, fails for good, or the server is away for longer than `retry` says.
-absl::Status Patiently(const RetryOptions& retry, TrackRun& run, const StreamArguments& arguments,
-                       const CliContext& context, const std::function<absl::Status()>& call) {
-  const std::string& server = arguments.track.server.address;
-  Clock& clock = ClockOf(context);
-  const absl::Time begin = clock.Now();
-  Backoff backoff(retry);
-  for (bool was_away = false;; was_away = true) {
-    const absl::Status status = call();
-    const absl::Duration away_for = clock.Now() - begin;
-    const OutboxState state = run.feed().outbox().state();
-    if (status.ok() && was_away) {
-      run.Say(run.connection().Describe({false, server, status, away_for, {}, state.kept_bytes, state.is_waiting}));
-    }
-    if (status.ok() || AdviseOn(status) != RetryAdvice::kTryAgain) return status;
-    if (context.IsInterrupted()) return Interrupted(arguments, status);
-    const absl::Duration delay = backoff.Next();
-    if (away_for + delay > retry.max_outage) return status;
-    run.Say(run.connection().Describe({true, server, status, away_for, delay, state.kept_bytes, state.is_waiting}));
-    for (const absl::Time due = clock.Now() + delay; clock.Now() < due;) {
-      if (context.IsInterrupted()) return Interrupted(arguments, status);
-      clock.SleepUntil(std::min(due, clock.Now() + kInterruptPeriod), {});
-    }
-  }
-}
-
-std::string RandomId() {
-  std::random_device random;
-  std::string id;
-  for (int i = 0; i < 4; ++i) absl::StrAppendFormat(&id, "%08x", random());
-  return id;
-}
-
 // A source that waits for a pipe gives up when this goes out of scope.
 class StopAtEnd {
  public:
@@ -145,20 +96,14 @@ absl::Status RunStream(const StreamArguments& arguments, CliContext& context) {
   // The camera does not wait for the server.
   if (arguments.is_pipe()) run.feed().Start(MakeChunkerOptions(arguments.track).max_bytes);
 
-  std::unique_ptr<Client> client;
-  const std::string request_id = RandomId();
-  const auto complete = [&arguments](SessionConfig& config) {
+  BeginOptions begin;
+  begin.retry = options.retry;
+  begin.waits_for_first_server = true;
+  begin.complete = [&arguments](SessionConfig& config) {
     if (arguments.overload == "latest") config.overload_policy = OverloadPolicy::kLatest;
     if (arguments.max_lag_s > 0.0) config.max_lag = absl::Seconds(arguments.max_lag_s);
   };
-  EVPOSE_RETURN_IF_ERROR(Patiently(options.retry, run, arguments, context, [&]() -> absl::Status {
-    if (client == nullptr) {
-      ServerArguments slice = arguments.track.server;
-      slice.connect_timeout_s = std::min(slice.connect_timeout_s, absl::ToDoubleSeconds(kConnectSlice));
-      EVPOSE_ASSIGN_OR_RETURN(client, slice.Connect(context));
-    }
-    return run.Begin(*client, complete, request_id);
-  }));
+  EVPOSE_ASSIGN_OR_RETURN(const std::unique_ptr<Client> client, ConnectAndBegin(begin, run, arguments.track, context));
   EVPOSE_RETURN_IF_ERROR(run.Track(*client, options));
   std::error_code error;
   // Made by the spool, and empty now.

@@ -40,8 +40,6 @@ std::chrono::system_clock::time_point DeadlineIn(absl::Duration duration) {
 // The longest that a connection which TLS prevents is waited for.
 constexpr absl::Duration kFirstWait = absl::Seconds(1);
 
-// What metadata can carry.
-
 }  // namespace
 
 // One of the servers.
@@ -89,6 +87,7 @@ struct Client::Impl {
   }
 };
 
+// What metadata can carry.
 bool IsToken(absl::string_view text) { return std::all_of(text.begin(), text.end(), absl::ascii_isgraph); }
 
 absl::Status ClientOptions::Validate() const {
@@ -114,12 +113,18 @@ absl::StatusOr<std::unique_ptr<Client>> Client::Connect(const std::string& addre
     EVPOSE_ASSIGN_OR_RETURN(std::shared_ptr<grpc::Channel> channel, MakeChannel(address, options));
     client->AddEndpoint(std::move(channel), address);
   }
-  EVPOSE_ASSIGN_OR_RETURN(const bool is_connected, client->WaitForServer());
+  const absl::Time deadline = absl::Now() + options.connect_timeout;
+  EVPOSE_ASSIGN_OR_RETURN(bool is_connected, client->WaitForServer());
+  absl::StatusOr<ServerInfo> info = client->GetServerInfo();
+  // One that ends, or whose connection breaks, before it has answered: the next one that is there.
+  while (is_connected && absl::IsUnavailable(info.status()) && absl::Now() < deadline) {
+    absl::SleepFor(std::min(kConnectSlice, deadline - absl::Now()));
+    is_connected = client->WaitForServerUntil(deadline);
+    info = client->GetServerInfo();  // also when it is not connected: the call then tells why
+  }
   if (!is_connected && client->impl_->IsCancelled()) {
     return absl::CancelledError(absl::StrCat("interrupted before a server answered at ", addresses));
   }
-  // Also when it is not connected: the call then tells why.
-  const absl::StatusOr<ServerInfo> info = client->GetServerInfo();
   if (info.ok()) {
     client->impl_->sessions_outlive_server = info->store != kMemoryStore;
     return client;

@@ -160,8 +160,7 @@ TEST_F(ResumeTest, ConnectionCutAtRandomPlaces) {
   // Of those that are planned some come too late, behind the end.
   for (int num_cuts = 3; proxy_.num_cut() < kCuts;
        num_cuts = std::clamp(2 * (kCuts - proxy_.num_cut()), 3, kCuts / 2)) {
-    // The first one after the session was created: what precedes it is not repeated.
-    std::vector<uint64_t> limits = {30'000};
+    std::vector<uint64_t> limits = {30'000};  // the first one in the stream: those before it have a test of their own
     const uint64_t mean = size / static_cast<uint64_t>(num_cuts);
     while (limits.size() < static_cast<size_t>(num_cuts)) limits.push_back(2'000 + random_() % (2 * mean));
     proxy_.CutAfter(limits);
@@ -177,6 +176,35 @@ TEST_F(ResumeTest, ConnectionCutAtRandomPlaces) {
     EXPECT_EQ(report["lost_poses"], 0);
     EXPECT_THAT(result.err, AllOf(HasSubstr("server away for 0.0 s ("), HasSubstr("back after")));
   }
+}
+
+TEST_F(ResumeTest, AReplayWhoseConnectionBreaksBeforeItsSessionIsThereBeginsAgain) {
+  SimulateCube(0.1);
+  const std::string expected = Undisturbed();
+  // From the first words of HTTP/2 on, through the model's upload, to behind the session's making.
+  for (uint64_t limit = 50; limit < 12'000; limit += 150 + limit / 2) {
+    const int before = proxy_.num_cut();
+    proxy_.CutAfter({limit, limit, limit + 1'000});
+    const CliResult result = Run(ReplayArguments("cut.csv", {"--server", proxy_.address()}));
+    ASSERT_EQ(result.status, 0) << limit << ": " << result.err;
+    EXPECT_TRUE(ReadText("cut.csv") == expected) << limit;
+    EXPECT_EQ(proxy_.num_cut() - before, 3) << limit;
+    const CliResult sessions = Run({"sessions", "list", "--server", address_, "--json"});
+    EXPECT_TRUE(sessions.Json().empty()) << limit << ": " << sessions.out;
+  }
+}
+
+TEST_F(ResumeTest, AServerThatIsAnotherOneBeforeTheSessionIsThereGetsTheModelAgain) {
+  SimulateCube(0.1);
+  const std::string expected = Undisturbed();
+  proxy_.CutAfter({3'000});
+  CliResult result;
+  std::thread replay([&] { result = Run(ReplayArguments("poses.csv", {"--server", proxy_.address()})); });
+  while (proxy_.num_cut() == 0) std::this_thread::yield();
+  StartServer();
+  replay.join();
+  EXPECT_EQ(result.status, 0) << result.err;
+  EXPECT_TRUE(ReadText("poses.csv") == expected);
 }
 
 TEST_F(ResumeTest, ClientKilledAtRandomMoments) {
@@ -419,6 +447,18 @@ TEST_F(ResumeBadInputTest, SpoolThatCannotBeWritten) {
   EXPECT_THAT(stream(Path("no/such")), HasSubstr(Path("no/such") + ": the spool's directory cannot be made"));
   WriteText("file", "");
   EXPECT_THAT(stream(Path("file")), HasSubstr(Path("file")));
+}
+
+TEST_F(ResumeBadInputTest, ServerThatStaysAwayBeforeTheSessionIsThereIsGivenUp) {
+  SimulateCube(0.1);
+  std::vector<uint64_t> limits(10'000, 0);  // more than it tries in that time
+  limits.front() = 3'000;
+  proxy_.CutAfter(limits);
+  const CliResult result = Run(
+      ReplayArguments("poses.csv", {"--server", proxy_.address(), "--max-outage", "0.3", "--connect-timeout", "0.2"}));
+  EXPECT_EQ(result.status, 1);
+  EXPECT_THAT(result.err, AllOf(HasSubstr("server away for 0.0 s ("), HasSubstr("no server at " + proxy_.address())));
+  EXPECT_THAT(FilesBeginning("poses"), IsEmpty());
 }
 
 TEST_F(ResumeBadInputTest, ServerThatStaysAwayIsGivenUp) {
