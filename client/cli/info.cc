@@ -127,7 +127,7 @@ void PrintInfo(const std::string& path, const RecordingInfo& info, std::ostream&
   out << absl::StrFormat("clock      %d wraps, %d steps back\n", counts.clock_wraps, counts.time_backsteps);
   out << absl::StrFormat("invalid    %d words (%d unknown, %d broken vectors)\n", counts.invalid_words(),
                          counts.unknown_words, counts.broken_vectors);
-  out << absl::StrFormat("dropped    %d events (%d before the first time stamp, %d outside the sensor)\n",
+  out << absl::StrFormat("dropped    %d events (%d before the first time stamp, %d with an unreadable address)\n",
                          counts.dropped_events(), counts.dropped_before_time, counts.dropped_outside_sensor);
   if (counts.kept_outside_sensor > 0) {
     out << absl::StrFormat("outside    %d events lie outside the sensor; replay leaves them out\n",
