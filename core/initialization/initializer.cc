@@ -122,8 +122,9 @@ FirstPoses PoseInitializer::Find(absl::Span<const PixelEvent> events) {
   first.motion_px = MotionPx(detection);
   first.has_moved = first.motion_px >= options_.min_motion_px;
   if (!first.has_moved) return first;
-  for (const PoseHypothesis& hypothesis : search_->Search(segments)) {
-    if (!IsPlausible(hypothesis)) continue;
+  const std::vector<PoseHypothesis> hypotheses = search_->Search(segments);
+  for (const PoseHypothesis& hypothesis : hypotheses) {
+    if (!IsPlausible(hypothesis.is_lookalike ? hypotheses.front() : hypothesis)) continue;
     const TwistEstimate motion =
         EstimateTwist(*model_, camera_, hypothesis.camera_from_object, detection, hypothesis.model_line, options_);
     first.poses.push_back({detection.t_begin_us + (detection.t_end_us - detection.t_begin_us) / 2,

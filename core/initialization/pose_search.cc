@@ -45,22 +45,27 @@ class LinePoseSearch : public PoseSearch {
     const PoseJudge judge(*search_model_, camera_, lines, options_);
     const double cost_of_nothing = options_.unexplained_cost * static_cast<double>(lines.size());
     std::vector<PoseHypothesis> hypotheses;
-    const auto finish = [&](const RigidTransform& pose) {
+    const auto finish = [&](const RigidTransform& pose, bool is_lookalike) {
       PoseHypothesis hypothesis = judge.Finish(pose, segments.size());
-      if (hypothesis.num_matched < kMinMatched || !(hypothesis.cost < cost_of_nothing)) return;
+      hypothesis.is_lookalike = is_lookalike;
+      if (hypothesis.num_matched < kMinMatched || !(is_lookalike || hypothesis.cost < cost_of_nothing)) return;
       AddDistinct(std::move(hypothesis), hypotheses);
     };
     for (const PoseHypothesis& settled : Settle(judge, FindCandidates(lines), segments.size())) {
-      finish(settled.camera_from_object);
+      finish(settled.camera_from_object, false);
     }
     if (hypotheses.empty()) return hypotheses;
-    RigidTransform turned_over = hypotheses[0].camera_from_object;
-    if (judge.TurnOver(turned_over)) finish(turned_over);
-    if (hypotheses.size() > static_cast<size_t>(options_.max_hypotheses)) hypotheses.resize(options_.max_hypotheses);
+    const RigidTransform best = hypotheses[0].camera_from_object;
+    for (const RigidTransform& lookalike : search_model_->lookalikes()) finish(best * lookalike, true);
+    RigidTransform turned_over = best;
+    if (judge.TurnOver(turned_over)) finish(turned_over, false);
+    DropDearest(hypotheses);
     // The best, and the one that it might be mistaken for. Polishing may exchange the two.
     const size_t num_polished = std::min<size_t>(kPolished, hypotheses.size());
     for (size_t i = 0; i < num_polished; ++i) {
-      hypotheses[i] = judge.Polish(hypotheses[i].camera_from_object, segments.size());
+      PoseHypothesis polished = judge.Polish(hypotheses[i].camera_from_object, segments.size());
+      polished.is_lookalike = hypotheses[i].is_lookalike;
+      hypotheses[i] = std::move(polished);
     }
     std::stable_sort(hypotheses.begin(), hypotheses.end(),
                      [](const PoseHypothesis& a, const PoseHypothesis& b) { return a.cost < b.cost; });
@@ -117,6 +122,14 @@ class LinePoseSearch : public PoseSearch {
                                   [&](const RigidTransform& symmetry) { return near(b * symmetry); });
   }
 
+  // Down to max_hypotheses; lookalikes, which are few, do not count.
+  void DropDearest(std::vector<PoseHypothesis>& hypotheses) const {
+    int count = 0;
+    std::erase_if(hypotheses, [&](const PoseHypothesis& hypothesis) {
+      return !hypothesis.is_lookalike && ++count > options_.max_hypotheses;
+    });
+  }
+
   // Sorted by cost; of two that are the same the cheaper stays.
   void AddDistinct(PoseHypothesis hypothesis, std::vector<PoseHypothesis>& hypotheses) const {
     const auto place = std::upper_bound(hypotheses.begin(), hypotheses.end(), hypothesis,
@@ -124,7 +137,13 @@ class LinePoseSearch : public PoseSearch {
     const auto is_same = [&](const PoseHypothesis& other) {
       return AreSame(hypothesis.camera_from_object, other.camera_from_object);
     };
-    if (std::any_of(hypotheses.begin(), place, is_same)) return;
+    if (const auto cheaper = std::find_if(hypotheses.begin(), place, is_same); cheaper != place) {
+      cheaper->is_lookalike |= hypothesis.is_lookalike;
+      return;
+    }
+    for (auto dearer = place; dearer != hypotheses.end(); ++dearer) {
+      if (is_same(*dearer)) hypothesis.is_lookalike |= dearer->is_lookalike;
+    }
     const auto dearer = hypotheses.insert(place, hypothesis) + 1;
     hypotheses.erase(std::remove_if(dearer, hypotheses.end(), is_same), hypotheses.end());
   }

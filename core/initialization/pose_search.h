@@ -27,6 +27,9 @@ struct PoseHypothesis {
   std::vector<int> model_line;  // for each segment, index into ObjectModel::lines, or -1: not the object's
   int num_matched = 0;          // segments with a line
   double matched_ratio = 0.0;   // share of the visible model's projected length that the segments cover
+  // What the best of the poses found is mistaken for (lookalikes.h), or the other way round: the few lines by which the
+  // two differ may not have been seen yet, whatever that costs.
+  bool is_lookalike = false;
 };
 
 // Immutable after construction; deterministic. Keeps the model.
@@ -54,7 +57,7 @@ struct PoseSearchOptions {
   double unexplained_cost = 24.0;
   // Twice the log odds that a visible line is detected: 4 is 7 of 8.
   double missing_cost = 4.0;
-  int max_hypotheses = 6;  // more than a caller can follow up; real ambiguities are two to four
+  int max_hypotheses = 6;  // more than a caller can follow up; real ambiguities are two to four; and lookalikes
   // Segments used, the longest first. Time grows with the square; 30 is a dense object's.
   int max_segments = 32;
   // Work before the search takes the best that it has: rotations that are scored, and positions that are voted for. The

@@ -8,6 +8,7 @@
 #include <utility>
 
 #include "core/base/status_macros.h"
+#include "core/initialization/lookalikes.h"
 #include "core/initialization/pose_search.h"
 #include "core/initialization/rotation_count.h"
 
@@ -50,6 +51,7 @@ bool Keeps(const Matrix3d& rotation, const Vector3d& v) { return v.dot(rotation 
 SearchModel::SearchModel(const ObjectModel& model) {
   ChooseLines(model);
   FindLabellings(model);
+  lookalikes_ = FindLookalikes(shape_.lines, labellings_, radius_m_);
   FindPairs();
   visibility_ = std::make_unique<VisibilityTester>(shape_, SearchVisibility(kMinPartPx));
   MakeViews();

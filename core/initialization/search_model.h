@@ -49,6 +49,8 @@ class SearchModel {
   // Rotations Q among the symmetries of the directions, one of each set that the object's own symmetries make equal:
   // a rotation R found from directions alone stands for all R Q.
   const std::vector<Eigen::Matrix3d>& labellings() const { return labellings_; }
+  // Of those the ones that the object's lines nearly repeat, with their shifts: lookalikes.h.
+  const std::vector<RigidTransform>& lookalikes() const { return lookalikes_; }
   // The most telling first: by the length of the lines that have the directions.
   const std::vector<DirectionPair>& pairs() const { return pairs_; }
   const Eigen::Vector3d& centre() const { return centre_; }
@@ -72,6 +74,7 @@ class SearchModel {
   std::vector<Eigen::Vector3d> directions_;
   std::vector<double> direction_lengths_m_;
   std::vector<Eigen::Matrix3d> direction_symmetries_, labellings_;
+  std::vector<RigidTransform> lookalikes_;
   std::vector<DirectionPair> pairs_;
   Eigen::Vector3d centre_ = Eigen::Vector3d::Zero();
   double radius_m_ = 0.0;

@@ -41,6 +41,7 @@ void Hypotheses::Append(Entry entry) {
 void Hypotheses::OnWindow(const EventWindow& window, const Competitors* others) {
   for (Entry& entry : entries_) entry.estimate = entry.track->OnWindow(window, others);
   DropIf([](const PoseTrack& track) { return track.state() == TrackState::kLost; });
+  DropRefused();
   if (entries_.size() < 2) return;
   DropSame();
   Compare(window, others);
@@ -85,6 +86,17 @@ void Hypotheses::DropIf(absl::FunctionRef<bool(const PoseTrack&)> is_wrong) {
   }
 }
 
+void Hypotheses::DropRefused() {
+  // Verdicts for one and against another may be chance, when the two look nearly the same: the comparison decides, if
+  // it can before long.
+  constexpr int kTimesBesideABelieved = 5;
+  const bool has_believed = std::any_of(entries_.begin(), entries_.end(), [](const Entry& entry) {
+    return entry.track->state() != TrackState::kInitializing;
+  });
+  const int times = has_believed ? kTimesBesideABelieved : 1;
+  DropIf([times](const PoseTrack& track) { return track.is_refused(times); });
+}
+
 void Hypotheses::DropSame() {
   // Closer than any line detector tells poses apart: they have converged to one.
   constexpr double kSameRad = 0.02;
@@ -106,6 +118,8 @@ void Hypotheses::DropWorse() {
   for (size_t i = entries_.size(); i-- > 0;) {
     for (size_t j = 0; j < entries_.size(); ++j) {
       if (j == i || Preference(j, i) < context_.options.initialization.decision_sigma) continue;
+      // What is liked better than one that the verdicts were for was refused by chance.
+      if (entries_[i].track->state() != TrackState::kInitializing) entries_[j].track->Reprieve();
       Remove(i);
       break;
     }

@@ -59,6 +59,7 @@ class Hypotheses {
   void Compare(const EventWindow& window, const Competitors* others);
   // Standard deviations by which the events prefer entry i to entry j.
   double Preference(size_t i, size_t j) const;
+  void DropRefused();
   void DropSame();
   void DropWorse();
   void Append(Entry entry);

@@ -187,6 +187,8 @@ void ObjectTracker::Search(const EventWindow& window, std::vector<PoseEstimate>&
 bool ObjectTracker::MayReview() const {
   if (initializer_ == nullptr || hypotheses_.empty()) return false;
   if (memory_.num_events() < static_cast<size_t>(context_.options.initialization.min_events)) return false;
+  // What was turned down would be back, and what the events have said so far is not said of it again.
+  if (!is_claimed_ && report_.status == InitializationStatus::kAmbiguous) return false;
   // Whether an object stands still or is gone, its own lines do not tell: it may be back elsewhere.
   return !is_claimed_ || reviews_left_ > 0 || state() == TrackState::kDegraded;
 }

@@ -290,7 +290,7 @@ void PoseTrack::UpdateState(const HealthVerdict& verdict, int64_t t_us) {
       break;
     case HealthVerdict::Kind::kUnsupported:
       if (state_ == TrackState::kInitializing) {
-        if (++unconfirmed_verdicts_ >= context_.options.health.max_unconfirmed_verdicts) state_ = TrackState::kLost;
+        ++unconfirmed_verdicts_;
         return;
       }
       state_ = TrackState::kDegraded;

@@ -46,6 +46,13 @@ class PoseTrack {
 
   // LOST is final.
   TrackState state() const { return state_; }
+  // INITIALIZING, and the events had the time to speak for it `times` times over, and did not.
+  bool is_refused(int times) const {
+    return state_ == TrackState::kInitializing &&
+           unconfirmed_verdicts_ >= times * context_.options.health.max_unconfirmed_verdicts;
+  }
+  // The verdicts against it are forgotten.
+  void Reprieve() { unconfirmed_verdicts_ = 0; }
   // At the middle of the last window.
   const MotionState& motion() const { return motion_; }
   // The next window is predicted from this instead: for experiments that start every window elsewhere.

@@ -1,0 +1,119 @@
+#include "core/initialization/lookalikes.h"
+
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstdint>
+#include <map>
+
+namespace evpose {
+namespace {
+
+using Eigen::Matrix3d;
+using Eigen::Vector3d;
+
+constexpr double kToleranceOfRadius = 0.02;
+constexpr double kParallelRad = 0.03;
+constexpr double kLeastShare = 0.5;
+constexpr size_t kMost = 7;  // the best of many are as good as all
+
+struct Line {
+  Vector3d middle, along;
+  double length_m = 0.0;
+
+  Vector3d End(double share) const { return middle + share * length_m * along; }
+};
+
+std::vector<Line> MakeLines(absl::Span<const ModelLine> lines) {
+  std::vector<Line> made;
+  for (const ModelLine& line : lines) {
+    const double length_m = (line.p2 - line.p1).norm();
+    if (length_m > 0.0) made.push_back({0.5 * (line.p1 + line.p2), (line.p2 - line.p1) / length_m, length_m});
+  }
+  return made;
+}
+
+Line Turned(const Matrix3d& rotation, const Line& line) {
+  return {rotation * line.middle, rotation * line.along, line.length_m};
+}
+
+bool AreParallel(const Line& a, const Line& b) { return a.along.cross(b.along).norm() < kParallelRad; }
+
+// The shift that most ends of lines of one direction ask for, by the lines' length: turned lines onto `lines`. Ends,
+// for an edge may be drawn in parts.
+Vector3d MostWantedShift(const std::vector<Line>& turned, const std::vector<Line>& lines, double tolerance_m) {
+  struct Votes {
+    double weight = 0.0;
+    Vector3d sum = Vector3d::Zero();
+  };
+  std::map<std::array<int64_t, 3>, Votes> cells;
+  const double cell_m = 2.0 * tolerance_m;
+  Votes most;
+  const auto vote = [&](const Vector3d& shift, double weight) {
+    std::array<int64_t, 3> cell;
+    for (int axis = 0; axis < 3; ++axis) cell[axis] = std::llround(shift[axis] / cell_m);
+    Votes& votes = cells[cell];
+    votes.weight += weight;
+    votes.sum += weight * shift;
+    if (votes.weight > most.weight) most = votes;
+  };
+  for (const Line& from : turned) {
+    for (const Line& to : lines) {
+      if (!AreParallel(from, to)) continue;
+      for (const double from_end : {-0.5, 0.5}) {
+        for (const double to_end : {-0.5, 0.5}) {
+          vote(to.End(to_end) - from.End(from_end), std::min(from.length_m, to.length_m));
+        }
+      }
+    }
+  }
+  return most.weight > 0.0 ? Vector3d(most.sum / most.weight) : Vector3d::Zero();
+}
+
+// Length of `line`, shifted, beside which another one runs.
+double CoveredLength(const Line& line, const Vector3d& shift, const std::vector<Line>& lines, double tolerance_m) {
+  double covered_m = 0.0;
+  for (const Line& other : lines) {
+    if (!AreParallel(line, other)) continue;
+    const Vector3d apart = other.middle - line.middle - shift;
+    const double along_m = std::abs(apart.dot(line.along));
+    if (apart.cross(line.along).norm() > tolerance_m) continue;
+    const double overlap_m = 0.5 * (line.length_m + other.length_m) - along_m;
+    covered_m += std::clamp(overlap_m, 0.0, std::min(line.length_m, other.length_m));
+  }
+  return std::min(covered_m, line.length_m);
+}
+
+}  // namespace
+
+std::vector<RigidTransform> FindLookalikes(absl::Span<const ModelLine> lines, absl::Span<const Matrix3d> rotations,
+                                           double radius_m) {
+  const double tolerance_m = kToleranceOfRadius * radius_m;
+  const std::vector<Line> all = MakeLines(lines);
+  struct Found {
+    double share;
+    RigidTransform motion;
+  };
+  std::vector<Found> found;
+  for (const Matrix3d& rotation : rotations) {
+    if (rotation.isIdentity()) continue;
+    std::vector<Line> turned;
+    for (const Line& line : all) turned.push_back(Turned(rotation, line));
+    const Vector3d shift = MostWantedShift(turned, all, tolerance_m);
+    double covered_m = 0.0, length_m = 0.0;
+    for (const Line& line : turned) {
+      covered_m += CoveredLength(line, shift, all, tolerance_m);
+      length_m += line.length_m;
+    }
+    if (length_m > 0.0 && covered_m >= kLeastShare * length_m)
+      found.push_back({covered_m / length_m, {rotation, shift}});
+  }
+  std::stable_sort(found.begin(), found.end(), [](const Found& a, const Found& b) { return a.share > b.share; });
+  if (found.size() > kMost) found.resize(kMost);
+  std::vector<RigidTransform> lookalikes;
+  for (const Found& each : found) lookalikes.push_back(each.motion);
+  return lookalikes;
+}
+
+}  // namespace evpose

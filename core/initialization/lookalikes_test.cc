@@ -1,0 +1,79 @@
+#include "core/initialization/lookalikes.h"
+
+#include <gtest/gtest.h>
+
+#include <numbers>
+
+#include "core/initialization/rotation_count.h"
+
+namespace evpose {
+namespace {
+
+using Eigen::Matrix3d;
+using Eigen::Vector3d;
+
+constexpr double kRadius_m = 0.2;
+
+void AddBox(const Vector3d& centre, const Vector3d& size, std::vector<ModelLine>& lines) {
+  for (int corner = 0; corner < 8; ++corner) {
+    const auto point = [&](int c) {
+      const Vector3d side((c & 1) - 0.5, (c >> 1 & 1) - 0.5, (c >> 2 & 1) - 0.5);
+      return Vector3d(centre + side.cwiseProduct(size));
+    };
+    for (int axis = 0; axis < 3; ++axis) {
+      if ((corner >> axis & 1) == 0) lines.push_back({point(corner), point(corner | 1 << axis), {}});
+    }
+  }
+}
+
+// A box that is no cube, off the origin, and a smaller one that stands out of one of its sides.
+std::vector<ModelLine> BoxWithMast(double mast_ratio) {
+  std::vector<ModelLine> lines;
+  const Vector3d centre(0.5, -0.3, 0.1), size(0.3, 0.2, 0.12);
+  AddBox(centre, size, lines);
+  AddBox(centre + Vector3d(0.07, 0.12, 0.03), mast_ratio * size, lines);
+  return lines;
+}
+
+std::vector<Matrix3d> Rotations() {
+  return DirectionSymmetries(std::vector<Vector3d>{Vector3d::UnitX(), Vector3d::UnitY(), Vector3d::UnitZ()});
+}
+
+TEST(FindLookalikes, OfABoxWithAMastAreTheBoxsHalfTurns) {
+  const std::vector<RigidTransform> lookalikes = FindLookalikes(BoxWithMast(0.2), Rotations(), kRadius_m);
+  ASSERT_EQ(lookalikes.size(), 3u);
+  const Vector3d centre(0.5, -0.3, 0.1);
+  for (const RigidTransform& lookalike : lookalikes) {
+    EXPECT_NEAR(RotationAngle(lookalike.rotation, Matrix3d::Identity()), std::numbers::pi, 1e-9);
+    EXPECT_LT((lookalike * centre - centre).norm(), 1e-9) << "it turns about the box's centre";
+  }
+}
+
+TEST(FindLookalikes, LessThanHalfOfTheLinesIsNotEnough) {
+  std::vector<ModelLine> lines = BoxWithMast(0.2);
+  // A comb beside it, which nothing maps onto itself, longer than the box's lines.
+  double z_m = 0.0;
+  for (int i = 1; i <= 12; ++i) {
+    z_m += 0.02 + 0.001 * i * i;
+    lines.push_back({{0.8, -0.3, z_m}, {0.8 + 0.2 + 0.013 * i, -0.3, z_m}, {}});
+  }
+  EXPECT_TRUE(FindLookalikes(lines, Rotations(), 2.0 * kRadius_m).empty());
+}
+
+TEST(FindLookalikes, AnEdgeInTwoPartsIsTheEdge) {
+  std::vector<ModelLine> lines = BoxWithMast(0.2);
+  for (size_t i = 0; i < 6; ++i) {
+    const Vector3d middle = 0.3 * lines[i].p1 + 0.7 * lines[i].p2;
+    lines.push_back({middle, lines[i].p2, {}});
+    lines[i].p2 = middle;
+  }
+  EXPECT_EQ(FindLookalikes(lines, Rotations(), kRadius_m).size(), 3u);
+}
+
+TEST(FindLookalikes, TheIdentityIsNone) {
+  EXPECT_TRUE(FindLookalikes(BoxWithMast(0.2), std::vector<Matrix3d>{Matrix3d::Identity()}, kRadius_m).empty());
+  EXPECT_TRUE(FindLookalikes({}, std::vector<Matrix3d>{Rotations().back()}, kRadius_m).empty());
+}
+
+}  // namespace
+}  // namespace evpose
