@@ -3,6 +3,8 @@
 #include <gtest/gtest.h>
 
 #include <memory>
+#include <ostream>
+#include <string>
 #include <vector>
 
 #include "core/evaluation/evaluate.h"
@@ -118,6 +120,10 @@ TEST(TrackingAccuracy, TheCubeIsFoundAndTrackedUnderALampThatSwingsByTwoFifths) 
 struct LookalikeCase {
   uint64_t path, seed;
   int64_t duration_us;
+
+  friend void PrintTo(const LookalikeCase& each, std::ostream* out) {
+    *out << "path " << each.path << ", seed " << each.seed;
+  }
 };
 class Lookalikes : public ::testing::TestWithParam<LookalikeCase> {};
 
