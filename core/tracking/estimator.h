@@ -49,6 +49,7 @@ struct WindowInput {
   NearShares shares;                   // other than one when events were sampled
   double duration_s = 0.0;
   double background_per_px2 = 0.0;  // events that came anywhere, lines or not, in this time
+  bool is_believed = false;         // the pose before it; one that is not has to explain the events as they are
   absl::Span<const TrackedLine> lines;
   absl::Span<const LineAnswer> past_answers;  // of the lines, before this window; empty: nothing is known
 };

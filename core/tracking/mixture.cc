@@ -5,6 +5,7 @@
 #include <cmath>
 
 #include "core/base/refill.h"
+#include "core/tracking/flood_shift.h"
 
 namespace evpose {
 namespace {
@@ -68,7 +69,8 @@ class MixtureEstimator : public WindowEstimator {
   void LoadState(StateReader& reader) override { VisitState(reader, *this); }
   static void VisitState(auto& archive, auto& self) {
     auto& [options, sensor, camera, table, sigma_px, outlier_ratio, displacement_px2, displacement_factor, noise_per_px,
-           final_gate_px, pass, lines, sums, counts, line_counts, densities, answers, edge_bias, clutter] = self;
+           final_gate_px, pass, lines, sums, counts, line_counts, flood_shifts_px, densities, answers, edge_bias,
+           clutter] = self;
     archive(InRange(sigma_px, 1e-6, 1e6), AtMost(outlier_ratio, 1.0), Finite(displacement_px2),
             InRange(displacement_factor, 1.0, 1e6), edge_bias, clutter);
   }
@@ -78,6 +80,8 @@ class MixtureEstimator : public WindowEstimator {
     line_counts_.clear();
     for (const MixtureLine& line : sums_) line_counts_.push_back({line.weight(), line.beside});
   }
+  // Displaces the lines to where the last pass's counts say that their events are.
+  void ShiftByFlood(const ByPolarity& events_per_observation, double gate_px);
   // What the lines' events have in common is seen in what the fit leaves of it: the lines' mean residuals.
   void LearnDisplacement();
   double FirstGatePx(double spread_px, double gate_factor) const {
@@ -88,6 +92,7 @@ class MixtureEstimator : public WindowEstimator {
     ProjectLines(camera_, state, input.lines, lines_);
     ProjectVelocityJacobians(camera_, state, input.lines, absl::MakeSpan(lines_));
     edge_bias_.Correct(input.lines, absl::MakeSpan(lines_));
+    for (size_t k = 0; k < lines_.size(); ++k) lines_[k].a_expected.z() -= flood_shifts_px_[k];
   }
   // Moves `state` to the minimum for the present sums; returns the largest movement of a line's middle, pixels.
   double Minimise(const MotionState& predicted, const Matrix12d& prior_information, const WindowInput& input,
@@ -124,6 +129,7 @@ class MixtureEstimator : public WindowEstimator {
   std::vector<MixtureLine> sums_;
   std::vector<EdgeCounts> counts_;
   std::vector<LineCounts> line_counts_;  // of the last pass
+  std::vector<double> flood_shifts_px_;  // by which lines_ are displaced, flood_shift.h
   std::vector<LineDensities> densities_;
   std::vector<LineAnswer> answers_;
   EdgeBias edge_bias_;
@@ -155,6 +161,7 @@ void MixtureEstimator::Fit(const MotionState& predicted, const WindowInput& inpu
   const Matrix12d prior_information = SymmetricInverse(predicted.covariance);
 
   MotionState state = predicted;
+  Refill(input.lines.size(), flood_shifts_px_);
   Project(state, input);
   const double spread_px = PredictedSpreadPx(camera_, predicted, lines_);
   MixtureDensity density{sigma_px_, outlier_ratio_, FirstGatePx(spread_px, gate_factor)};
@@ -175,6 +182,7 @@ void MixtureEstimator::Fit(const MotionState& predicted, const WindowInput& inpu
     const double background = Background(input, density.gate_px) / std::max(totals.num_gated, 1.0);
     density.outlier_ratio = std::clamp(background, outlier_ratio_, std::max(outlier_ratio_, kMaxBackgroundRatio));
     noise_per_px_ = input.background_per_px2 * density.OwnWidthPx(table_);
+    if (input.is_believed) ShiftByFlood(input.shares.events_per_observation, density.gate_px);
     const double moved_px = Minimise(predicted, prior_information, input, density.sigma_px, state);
     if (pass > 0 && moved_px < kSettledPx && annealed_px2 < 0.01 * sigma_px_ * sigma_px_) break;
     annealed_px2 *= 0.1;
@@ -235,6 +243,14 @@ double MixtureEstimator::NormalEquations(const MotionState& state, const WindowI
   CountAnswers(camera_, input, lines_, sums_, state.twist, noise_per_px_, options_.min_events_per_px2, answers_);
   return AddAbsence(camera_, lines_, answers_, input.past_answers, state.twist, 1.0 / options_.events_per_information,
                     hessian, gradient);
+}
+
+void MixtureEstimator::ShiftByFlood(const ByPolarity& events_per_observation, double gate_px) {
+  for (size_t k = 0; k < lines_.size(); ++k) {
+    const double shift_px = FloodShiftPx(line_counts_[k], events_per_observation, gate_px, sigma_px_);
+    lines_[k].a_expected.z() -= shift_px - flood_shifts_px_[k];
+    flood_shifts_px_[k] = shift_px;
+  }
 }
 
 void MixtureEstimator::LearnDisplacement() {

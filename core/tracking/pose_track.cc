@@ -78,7 +78,7 @@ std::optional<PoseEstimate> PoseTrack::OnWindow(const EventWindow& window, const
     return std::nullopt;
   }
   // Before a pose is believed, every event has to speak for it.
-  if (state_ == TrackState::kInitializing || on_trial_) input.shares.telling = {1.0, 1.0};
+  if (!input.is_believed) input.shares.telling = {1.0, 1.0};
   health_.AddWindow(camera, input, image_lines_, motion_.twist);
   const bool confirming = state_ == TrackState::kInitializing;
   const double support = on_trial_ ? health.confirm_support_ratio : health.keep_support_ratio;
@@ -217,6 +217,7 @@ WindowInput PoseTrack::Gather(const EventWindow& window, const Competitors* othe
                               double gate_factor) {
   WindowInput input;
   input.duration_s = static_cast<double>(window.t_end_us - window.t_begin_us) * 1e-6;
+  input.is_believed = state_ != TrackState::kInitializing && !on_trial_;
   input.lines = estimator_->UsesVisibility() ? visible_lines_.At(predicted.camera_from_object) : all_lines_;
   is_hidden_ = is_partly_hidden_ = false;
   if (others != nullptr && estimator_->UsesVisibility() && !input.lines.empty()) {

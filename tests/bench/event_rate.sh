@@ -1,0 +1,56 @@
+#!/usr/bin/env bash
+# Accuracy of one sensor at several event rates: with low thresholds, calibrated, its edges alone make some 5 Mev/s,
+# and noise in every pixel, a lamp's flicker or haste bring that to tens of Mev/s.
+#   tests/bench/event_rate.sh [--objects "cube book"] [--seeds "31 32 33"]
+# Needs a release build. Recordings of 0.5 s, from the true first pose. About 20 s for each object and seed.
+set -euo pipefail
+cd "$(dirname "${BASH_SOURCE[0]}")/../.."
+evpose=build/release/client/cli/evpose
+[[ -x $evpose ]] || { echo "$0: build first: cmake --preset release && cmake --build --preset release" >&2; exit 1; }
+
+objects="cube cuboid book spacecraft" seeds="31 32 33"
+while (($#)); do
+  case "$1" in
+    --objects) objects=$2 ;;
+    --seeds) seeds=$2 ;;
+    *) sed -n '2,5s/^# //p' "$0" >&2; exit 2 ;;
+  esac
+  shift 2
+done
+
+work=$(mktemp -d)
+trap 'rm -rf "$work"' EXIT
+simulate() {  # directory, options
+  "$evpose" simulate --threshold 0.03 --duration 0.5 --out "$@" >/dev/null 2>&1
+}
+
+# Other objects, paths and pixels than those that are measured.
+simulate "$work/1" --object cube --speed 4 --seed 11
+simulate "$work/2" --object cube --speed 4 --seed 12
+simulate "$work/3" --object cuboid --seed 21
+simulate "$work/4" --object cuboid --seed 22
+"$evpose" calibrate "$work"/[1-4]/recording.raw --truth "$work"/[1-4]/truth.tum --model "$work"/[1-4]/model.obj \
+  --camera "$work/1/camera.yaml" --out "$work/sensor.yaml"
+rm -rf "$work"/[1-4]
+
+declare -A conditions=(
+  [alone]="" [noise]="--background-activity 47" [flicker]="--flicker 0.15" [haste]="--speed 8")
+for object in $objects; do
+  for seed in $seeds; do
+    for condition in alone noise flicker haste; do
+      scene=$work/scene
+      # shellcheck disable=SC2086
+      simulate "$scene" --object "$object" --seed "$seed" ${conditions[$condition]}
+      inputs=(--model "$scene/model.obj" --camera "$scene/camera.yaml")
+      "$evpose" replay "$scene/recording.raw" "${inputs[@]}" --sensor "$work/sensor.yaml" --out "$work/poses.tum" \
+        --init-pose "$(head -n 1 "$scene/truth.tum" | cut -d ' ' -f 2-)" >/dev/null 2>&1
+      rate=$("$evpose" info "$scene/recording.raw" | grep -oE '[0-9.]+ Mev/s')
+      name="$condition, ${rate% *}"
+      "$evpose" evaluate --truth "$scene/truth.tum" "${inputs[@]}" --symmetric --estimate "$name=$work/poses.tum" \
+        >"$work/table" || { echo "$name: no poses"; continue; }
+      [[ $condition != alone ]] || printf '== %s, seed %s; Mev/s\n%s\n' "$object" "$seed" "$(head -n 2 "$work/table")"
+      tail -n 1 "$work/table"
+      rm -rf "$scene"
+    done
+  done
+done
