@@ -145,8 +145,10 @@ void TileGrid::EnterRow(int row, absl::Span<const ImageLine> lines, size_t index
   Restrict(across, normal.x(), -reach, reach, low, high);
   Restrict(along, line.direction.x(), -reach, line.length_px + reach, low, high);
   // Tiles whose centre (column + 0.5) kTilePx - kMarginPx lies in [low, high].
-  const int first = std::max(0, static_cast<int>(std::ceil((low + kMarginPx) / kTilePx - 0.5)));
-  const int last = std::min(columns_ - 1, static_cast<int>(std::floor((high + kMarginPx) / kTilePx - 0.5)));
+  const double first_centre = std::ceil((low + kMarginPx) / kTilePx - 0.5);
+  const double last_centre = std::floor((high + kMarginPx) / kTilePx - 0.5);
+  const int first = static_cast<int>(std::clamp(first_centre, 0.0, columns_ + 0.0));
+  const int last = static_cast<int>(std::clamp(last_centre, -1.0, columns_ - 1.0));
   const uint32_t row_begin = static_cast<uint32_t>(row) * columns_;
   for (int column = first; column <= last; ++column) {
     Tile& tile = tiles_[row_begin + column];
