@@ -1,4 +1,5 @@
 #!/usr/bin/env bash
+# SPDX-License-Identifier: Apache-2.0
 # The main job, from a bare Debian 12 machine to poses: installs, builds, simulates five seconds of a cube seen by an
 # EVK4, replays the recording through a server over the network, which finds the cube by itself and tracks it, and
 # compares the poses with the truth.

@@ -1,4 +1,5 @@
 #!/usr/bin/env bash
+# SPDX-License-Identifier: Apache-2.0
 # Installs what evpose needs from Debian 12's own packages.
 #   deploy/install-dependencies.sh            to build and run
 #   deploy/install-dependencies.sh --package  also what making Debian packages of it needs

@@ -1,4 +1,5 @@
 #!/usr/bin/env bash
+# SPDX-License-Identifier: Apache-2.0
 # What the servers of compose.cluster.yaml and their Redis know of each other: a password for the servers, and for Redis who
 # may do what, with the password's digest. Leaves alone what is there.
 #   deploy/make-secrets.sh DIRECTORY

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // evpose-health-check: see --help.
 #include <grpcpp/grpcpp.h>
 

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // evpose-health-check as container engines and scripts meet it: exit status and the one line.
 #include <arpa/inet.h>
 #include <gmock/gmock.h>

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // What connections cost that do nothing: evpose-server as a process, a thousand of them, and one client that works.
 #include <arpa/inet.h>
 #include <grpcpp/grpcpp.h>

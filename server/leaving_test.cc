@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // How evpose-server leaves while clients are attached that do not do their part.
 #include <gmock/gmock.h>
 #include <grpcpp/grpcpp.h>

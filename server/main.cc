@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // evpose-server: see --help.
 #include <grpc/support/log.h>
 #include <sys/resource.h>

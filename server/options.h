@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // What evpose-server is told on its command line and in its environment: definition, defaults and validation.
 #pragma once
 

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // evpose-server as its users meet it: what it prints, its exit statuses, its signals.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>

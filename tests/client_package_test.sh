@@ -1,4 +1,5 @@
 #!/usr/bin/env bash
+# SPDX-License-Identifier: Apache-2.0
 # deploy/example builds against an installation of the client library, outside the project's tree, and gets from a server
 # the poses that evpose replay gets.
 #   tests/client_package_test.sh BUILD_DIRECTORY

@@ -1,4 +1,5 @@
 #!/usr/bin/env python3
+# SPDX-License-Identifier: Apache-2.0
 """The compose files against each other, without a container engine, which tests/container/run.sh brings."""
 
 import pathlib

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The second half of kubernetes_test.sh, which prepares what this reads."""
 
 import base64

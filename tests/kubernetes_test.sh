@@ -1,4 +1,5 @@
 #!/usr/bin/env bash
+# SPDX-License-Identifier: Apache-2.0
 # The manifests of deploy/kubernetes: each overlay renders, what refers to something refers to what is there, and the
 # server starts with the very options, ConfigMap and Secrets that a pod would give it.
 #   tests/kubernetes_test.sh EVPOSE_SERVER [KUBECTL]

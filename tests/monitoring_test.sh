@@ -1,4 +1,5 @@
 #!/usr/bin/env bash
+# SPDX-License-Identifier: Apache-2.0
 # Alerts, metrics and dashboard: Prometheus takes them, Grafana finds what it is given, each alert fires when it should,
 # and nothing is asked for that the server does not tell.
 #   tests/monitoring_test.sh EVPOSE_SERVER

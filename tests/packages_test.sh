@@ -1,4 +1,5 @@
 #!/usr/bin/env bash
+# SPDX-License-Identifier: Apache-2.0
 # The Debian packages of a build have what they need, and the unit file is one that systemd takes.
 #   tests/packages_test.sh BUILD_DIRECTORY
 set -euo pipefail

@@ -1,4 +1,5 @@
 #!/usr/bin/env bash
+# SPDX-License-Identifier: Apache-2.0
 # Everything that has to pass: installs what is missing, checks the sources, builds and runs the tests as they are
 # and under the sanitizers.
 #   tests/run.sh                    all of it; under a sanitizer, of what reads others' bytes or has threads

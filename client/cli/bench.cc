@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // evpose bench: the methods against others, on trials and recordings that it makes itself.
 #include "client/cli/bench.h"
 

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // The commands below `evpose bench`. Each is one file with one function that adds it to the parser.
 #pragma once
 

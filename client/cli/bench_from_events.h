@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // evpose bench initialization --from-events: first poses from simulated recordings instead of from lines.
 #pragma once
 

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // evpose bench initialization: first poses, ours and published methods, on trials that it makes itself.
 #include <cmath>
 #include <sstream>

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // Sessions fed from memory, for benchmarks.
 #pragma once
 

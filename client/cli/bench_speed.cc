@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // evpose bench speed: how long decoding, tracking, the search for a first pose and the way through a server take on
 // this machine.
 #include <algorithm>

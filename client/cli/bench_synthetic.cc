@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // evpose bench synthetic: the paper's synthetic experiment, as a table, CSV, JSON and a picture.
 #include <algorithm>
 #include <cmath>

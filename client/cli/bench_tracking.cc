@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // evpose bench tracking: the tracker and the published estimators on simulated recordings.
 #include <cmath>
 #include <optional>

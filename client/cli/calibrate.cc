@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // evpose calibrate: a sensor's profile from recordings whose poses are known.
 #include <algorithm>
 #include <cmath>

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // Pages of charts, drawn by the gnuplot program.
 #pragma once
 

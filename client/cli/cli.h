@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // `evpose`: the command line as a function, so that tests run it without a process.
 #pragma once
 

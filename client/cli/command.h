@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // What the commands share. Each command is one file with one function that adds it to the parser.
 #pragma once
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 #include "client/cli/connect_and_begin.h"
 
 #include <algorithm>

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // From an address to a session that takes events, through outages: what replay and stream share.
 #pragma once
 

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // evpose evaluate: trajectories against the truth, one row each.
 #include "core/evaluation/evaluate.h"
 

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // One picture: the events of a window, and the model where a pose says it is.
 #pragma once
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 #include "client/cli/gnuplot.h"
 
 #include <fcntl.h>

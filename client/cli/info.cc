@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // evpose info: what a recording holds.
 #include <algorithm>
 #include <cstdint>

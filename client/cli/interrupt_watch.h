@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // An interrupt while nothing of what was begun can be finished.
 #pragma once
 

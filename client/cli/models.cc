@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // evpose models: list, upload, get, delete.
 #include <string>
 

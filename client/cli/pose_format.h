@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // Poses as text, and as files in the format of their ending.
 #pragma once
 

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // Poses back from the files that PoseFile writes.
 #pragma once
 

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // What a process of this machine has used: from the kernel, so that it may be any program.
 #pragma once
 

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // Progress on standard error: a bar that is redrawn on a terminal, now and then a line elsewhere.
 #pragma once
 

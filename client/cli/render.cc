@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // evpose render: events with the projected model over them, as a picture or a film.
 #include <unistd.h>
 

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // evpose replay: a recording through a server, and the poses that come back.
 #include <algorithm>
 #include <memory>

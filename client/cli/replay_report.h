@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // What replay and stream say at their end.
 #pragma once
 

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // How far a session is, in a file: what a client that was killed goes on from.
 #pragma once
 

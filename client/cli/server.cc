@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // evpose server: info, log-level.
 #include <memory>
 #include <string>

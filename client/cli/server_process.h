@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // An evpose-server as a process of its own, for as long as somebody needs it.
 #pragma once
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 #include "client/cli/service_bench.h"
 
 #include <unistd.h>

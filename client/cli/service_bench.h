@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // How fast a recording comes through a server: transport, the whole path, latency, many sessions, memory.
 #pragma once
 

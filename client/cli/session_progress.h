@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // The progress of a replay: how much was sent, and what the server makes of it.
 #pragma once
 

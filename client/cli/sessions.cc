@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // evpose sessions: list, get, delete, drain.
 #include <memory>
 #include <optional>

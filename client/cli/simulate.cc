@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // evpose simulate: a recording with its truth.
 #include <algorithm>
 #include <cmath>

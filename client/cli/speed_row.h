@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // One line of the table of `evpose bench speed` whose numbers depend on what is measured.
 #pragma once
 

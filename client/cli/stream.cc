@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // evpose stream: a camera's events to a server as they come, and their poses.
 #include <cstdlib>
 #include <filesystem>

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // What replay and stream are given, and what they make of it before a server is asked.
 #pragma once
 

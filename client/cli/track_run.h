@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // One run of a session from beginning to end: what replay and stream share.
 #pragma once
 

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // The other end of a stream of events that does nothing with them: what is left is the transport.
 #pragma once
 

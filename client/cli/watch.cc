@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // evpose watch: the poses of a session as they come.
 #include <map>
 #include <mutex>

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // Connections to a server: keepalive, TLS, the caller's token. Internal: it includes gRPC's headers.
 #pragma once
 

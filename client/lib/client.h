@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // A connection to evpose servers: models, sessions, and the stream of events and poses.
 #pragma once
 

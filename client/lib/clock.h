@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // Time as the client library sees it, so that tests need not wait.
 #pragma once
 

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // Between the API's messages and the library's types. Internal: it includes generated headers.
 #pragma once
 

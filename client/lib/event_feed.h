@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // What a session is fed with: a source's chunks, numbered, paced, and kept until the server needs them no more.
 #pragma once
 

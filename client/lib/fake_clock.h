@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // A clock for tests: sleeping takes no time and is written down.
 #pragma once
 

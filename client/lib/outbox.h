@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // The chunks that the server may still ask for: in memory up to a bound, then in a spool.
 #pragma once
 

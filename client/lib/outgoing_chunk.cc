@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 #include "client/lib/outgoing_chunk.h"
 
 #include <utility>

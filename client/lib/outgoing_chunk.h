@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // A chunk on its way to the server: numbered, with what tells it from another of the same number.
 #pragma once
 

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // Keeps the pace of the recording: what the sensor saw at t is not sent before its time has come.
 #pragma once
 

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // When a stream that broke is tried again, and when that has no use.
 #pragma once
 

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // TLS and tokens, as a client meets them.
 #include <gmock/gmock.h>
 #include <grpcpp/server.h>

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // HOST:PORT, as users write it. Internal.
 #pragma once
 

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // Chunks in files of a directory: those for which there is no room in memory, or which must outlive the process.
 #pragma once
 

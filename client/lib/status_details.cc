@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 #include "client/lib/status_details.h"
 
 #include "absl/strings/cord.h"

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // What a server says beside an error's code and words, kept in the status.
 #pragma once
 

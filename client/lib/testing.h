@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // A server that does what each test tells it to, for the tests of the stream.
 #pragma once
 

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // Why a connection does not come about. gRPC says of every failed handshake that it failed; this makes one more, with
 // OpenSSL's own functions, and says in words what was wrong. Internal.
 #pragma once

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // The data plane: events up, poses down, over streams that may break and are taken up again.
 #pragma once
 

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // One Track stream, from attach to its end. Internal: it includes generated headers.
 #pragma once
 

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // A session's streams, one after the other, until its summary. Internal: it includes generated headers.
 #pragma once
 

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // Streams that break and are taken up again, against servers that do what each test tells them to. No test waits: the
 // clock is a fake one.
 #include <gmock/gmock.h>

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // The stream against a server that does what each test tells it to, wrong things above all.
 #include "client/lib/track.h"
 

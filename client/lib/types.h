@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // What the client library takes and gives: plain types, so that no generated header reaches its users.
 // Each stands for the message of the same name in proto/evpose/v1, where the fields are described.
 #pragma once

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // The sending half of a Track stream: a thread that takes chunks from the outbox, keeps to its credit, and writes.
 // Internal: it includes generated headers.
 #pragma once

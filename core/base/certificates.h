@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // Checks of X.509 certificates and their keys in PEM, so that a mistake in a file is told in words before TLS fails
 // over it in codes.
 #pragma once

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // Authorities and certificates that tests make for themselves.
 #pragma once
 

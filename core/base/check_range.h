@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // The check that every options struct makes of its numbers.
 #pragma once
 

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // Hot loops compiled for several instruction sets, of which each processor takes its best. Products and sums are never
 // fused, and lanes are rounded one by one: the bits are the same whatever the set.
 #pragma once

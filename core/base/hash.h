@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // Digests: SHA-256 names models and compares recordings, CRC-32C guards chunks on the wire.
 #pragma once
 

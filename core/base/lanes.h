@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // Four numbers side by side. The compiler makes vector instructions of them where the processor has some; every lane is
 // rounded as a number by itself, so that the bits are the same on every machine.
 #pragma once

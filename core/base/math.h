@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // Elementary functions that give the same bits on every machine. The C library's own choose between variants by
 // processor and differ in the last bit; a session's poses must not (design: a session is a function of its bytes).
 // Everything between the decoder and a pose uses these; sqrt and the four operations are exact by IEEE 754 anyway.

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // Tables with an entry for each pixel are larger than the caches near the processor, and events come from anywhere: a
 // loop that asks early for what it will read does not wait for it.
 #pragma once

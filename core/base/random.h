@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // A small generator with a fixed algorithm: the same seed gives the same numbers with every standard library.
 #pragma once
 

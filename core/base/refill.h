@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // Lists that are filled anew all the time.
 #pragma once
 

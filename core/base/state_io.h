@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // State as bytes, bit for bit, and back: checkpoints and the records beside them.
 //
 // One function names the fields for both directions:

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // Early return for absl::Status and absl::StatusOr: no exception leaves a function of ours.
 #pragma once
 

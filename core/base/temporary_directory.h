@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // An empty directory for tests and benches, which goes with them.
 #pragma once
 

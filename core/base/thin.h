@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // Even samples of a list.
 #pragma once
 

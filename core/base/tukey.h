@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // What detection and tracking share of Tukey's bisquare.
 #pragma once
 

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // Fits a sensor's profile to the passages of edges at known poses (method.md 2.10 (2)).
 #pragma once
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 #include "core/calibration/sensor_calibration.h"
 
 #include <gmock/gmock.h>

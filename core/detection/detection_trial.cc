@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 #include "core/detection/detection_trial.h"
 
 #include <algorithm>

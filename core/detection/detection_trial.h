@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // For tests: lines found in the events of a simulated object, against what the model should show.
 #pragma once
 

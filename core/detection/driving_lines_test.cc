@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // A real street scene from a moving car: buildings, lamp posts, lane markings.
 #include <gtest/gtest.h>
 

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // Which of many to take when only so many can be: chosen at random, always in the same way.
 #pragma once
 

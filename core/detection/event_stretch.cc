@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 #include "core/detection/event_stretch.h"
 
 #include <algorithm>

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // The stretch of the latest events in which an object moves far enough to show its lines, and no farther.
 #pragma once
 

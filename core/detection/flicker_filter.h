@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // Events without those of a lamp's flicker. While a lamp grows brighter or darker, surfaces send a flood of one
 // polarity, and the few events of the other are the moving edges'; over the lamp's period, and in a steady light, a
 // scene's ON and OFF events come in about the same ratio in every millisecond.

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // Lines of moving edges from events (method.md 2.2).
 #pragma once
 

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // From candidates to the lines of one stretch: each event to one line, one line for each edge, corners where they meet.
 #pragma once
 

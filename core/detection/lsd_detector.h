@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // Lines by LSD on the image of accumulated events, the usual way and the comparison in the paper (Liu et al., IEEE TIP
 // 2024, its Fig. 8).
 #pragma once

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // For tests: events of straight edges in exact motion.
 #pragma once
 

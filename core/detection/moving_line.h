@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // A straight edge that moves and turns, and its robust fit to events.
 #pragma once
 

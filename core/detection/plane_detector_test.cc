@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // Planes of edges in exact motion, and input that holds no edge.
 #include "core/detection/plane_detector.h"
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 #include "core/detection/plane_segmentation.h"
 
 #include <pcl/console/print.h>

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // Both detectors on simulated recordings of the five objects, 5 % of the events noise, against what the model shows.
 #include <gtest/gtest.h>
 

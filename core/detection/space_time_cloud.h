@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // Events of one polarity as points (u, v, c t), and which of them are neighbours.
 #pragma once
 

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // Whether an estimator's covariance is what its errors are: the normalised estimation error squared (NEES), Bar-Shalom,
 // Li and Kirubarajan, "Estimation with Applications to Tracking and Navigation", 2001, Sec. 5.4.
 #pragma once

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // An estimated trajectory against the truth. No alignment: both are camera_from_object on the sensor's clock.
 #pragma once
 

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // Event streams to events. A decoder never fails: what it cannot read it skips, and what it skips it counts by kind.
 // The rules, and where they depart from OpenEB on purpose, are in core/events/README.md.
 #pragma once

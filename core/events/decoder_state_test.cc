@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // A decoder that is saved and loaded goes on as if nothing had been.
 #include <gtest/gtest.h>
 

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // What an event camera says: a change of brightness at a pixel, or an edge on a trigger input.
 #pragma once
 

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // EVT 2.1: 64-bit words, the upper half as in EVT 2.0, the lower half a mask of 32 pixels from the column on.
 #include <algorithm>
 #include <bit>

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // EVT 2.0: 32-bit words; an event carries row, column and the lowest 6 bits of the time.
 #include <cstdint>
 

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // EVT 2.0 and EVT 2.1, which differ in the width of their words and in the mask of 32 pixels.
 #include <cstdint>
 

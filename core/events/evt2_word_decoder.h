@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // What decoders of EVT 2.0 and EVT 2.1 have in common: the clock, the words that are no events, runs of those that are.
 #pragma once
 

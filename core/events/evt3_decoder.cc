@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // EVT 3.0: 16-bit words of a 4-bit type and 12 bits of content; time, row and vector base hold until another comes.
 #include <bit>
 #include <cstdint>

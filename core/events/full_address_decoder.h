@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // Decoding of words that each hold a whole event: DAT and FLAT64.
 #pragma once
 

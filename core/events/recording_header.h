@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // The ASCII header of Prophesee RAW and DAT files, in every shape that cameras and tools have written.
 #pragma once
 

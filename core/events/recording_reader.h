@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // The camera's bytes as they are: from a file, from standard input, from a file that still grows.
 #pragma once
 

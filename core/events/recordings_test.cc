@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // Real recordings and OpenEB's answers; they stand beside the project and are skipped where they are missing.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // The clocks of the encodings, unwrapped. Decoders and the chunker share them, so that both tell the same time.
 #pragma once
 

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // Follows the time of a stream of words without decoding its events.
 #pragma once
 

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // What the decoders have in common: words cut by calls, a small buffer of events, time marks.
 #pragma once
 

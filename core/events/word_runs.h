@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // Runs of the words that nearly all of a recording is made of, several at a time, with vector instructions. What is not
 // plain there, a word of another type, a time that steps back, an address outside the sensor, ends the run and is left
 // to the decoder's own loop, which knows all rules: the events are the same with and without. Cut into calls of a few

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // Runs with AVX2: eight words at a time, four of EVT2.1.
 #include <algorithm>
 #include <array>

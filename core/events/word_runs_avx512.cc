@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // Runs with AVX-512: sixteen words at a time, eight of EVT2.1. A word is a lane, a set of words a mask.
 #include <algorithm>
 #include <array>

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // Each set of instructions gives what the rules give word by word, and stops where they say.
 #include "core/events/word_runs.h"
 

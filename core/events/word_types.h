@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // The types of words in Prophesee's raw formats: the top four bits of each word.
 #pragma once
 

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // Baseline with known correspondences, of lines.
 #pragma once
 

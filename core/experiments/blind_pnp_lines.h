@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // Baseline without correspondences, with a first guess: BlindPnP, for lines.
 #pragma once
 

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // The first pose from raw events: a tracker that is told nothing is started at random times of simulated recordings.
 #pragma once
 

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // Methods of the first pose against each other: the same segments for all.
 #pragma once
 

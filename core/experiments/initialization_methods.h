@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // The methods that find a first pose, ours and the published ones, behind one call.
 #pragma once
 

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // What the baselines with known correspondences are given, and the linear and least-squares steps that several share.
 #pragma once
 

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // Random trials of the first pose: what a line detector might see of an object, and the truth.
 #pragma once
 

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // Rotations from three lines with known correspondences.
 #pragma once
 

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // An estimated pose against the true one, as every experiment with first poses counts it.
 #pragma once
 

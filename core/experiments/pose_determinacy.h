@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // Whether what is seen of an object tells its pose at all. Judged from the truth alone, without any estimator.
 #pragma once
 

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // What the baselines that need a first guess are told of the pose.
 #pragma once
 

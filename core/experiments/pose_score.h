@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // How well a pose explains segments of which nobody knows whose they are: what the baselines without correspondences
 // choose by.
 #pragma once

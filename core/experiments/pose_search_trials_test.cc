@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // The pose search on random trials: how often it is right, and how it bears what detectors do to segments.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>

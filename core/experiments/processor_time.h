@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // Time that a processor spent on something: other programs on the machine do not count.
 #pragma once
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 #include "core/experiments/published_bnb.h"
 
 #include <Eigen/LU>

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // Baseline without correspondences: the source paper's own initialisation.
 #pragma once
 

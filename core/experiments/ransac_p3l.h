@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // Baseline without correspondences: RANSAC with a minimal line solver.
 #pragma once
 

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // How long decoding, tracking and the search for a first pose take, on recordings of the project's simulator. Times are
 // of one thread, and the least of several repetitions: other programs on the machine only ever add to them.
 #pragma once

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // What the speed is measured on: recordings of the project's simulator at the rates of a quiet scene, of a fast one,
 // and of all that a camera's interface carries.
 #pragma once

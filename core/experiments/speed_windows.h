@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // The windows of a recording with what the tracker knew before each: association and estimation can be run on them by
 // themselves.
 #pragma once

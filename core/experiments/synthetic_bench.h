@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // The source paper's synthetic experiment (Sec. IV-A, Fig. 6): estimators of the pose on labelled events, under growing
 // noise, with growing shares of outliers, with more and more lines; beside them the Cramer-Rao bound.
 #pragma once

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // The source paper's synthetic experiment (Sec. IV-A, Fig. 6; method.md 3): events about random lines of which it is
 // known, rightly or wrongly, which line each belongs to.
 #pragma once

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // The tracker and the published estimators on the scenarios: accuracy, losses, honesty, speed.
 #pragma once
 

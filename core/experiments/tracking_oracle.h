@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // The floor of what a window's events allow: every window fitted from the truth.
 #pragma once
 

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // The events of a simulation: made at once, or kept in a directory and read again.
 #pragma once
 

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // What the tracker is measured on: the paper's scenarios with the project's simulator, and hard ones.
 #pragma once
 

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // What an estimator made of a recording, in numbers.
 #pragma once
 

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // Line trials as the tests of the baselines want them.
 #pragma once
 

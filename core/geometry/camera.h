@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // Pinhole camera with plumb-bob distortion. Pixel (0, 0) is the centre of the top-left pixel.
 #pragma once
 

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // Rigid transforms and their tangent space.
 //
 // target_from_source: x_target = rotation * x_source + translation. The tangent is

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // Trajectories as files: TUM, `timestamp tx ty tz qx qy qz qw`, seconds on the sensor's clock, camera_from_object.
 #pragma once
 

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // The published objective as a witness for a pose that was found otherwise.
 #pragma once
 

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // Whether a pose can follow from a model's lines at all.
 #include <Eigen/Cholesky>
 #include <algorithm>

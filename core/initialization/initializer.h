@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // From events alone to first poses: lines, poses that explain them, and the motion that the lines' own motion tells.
 #pragma once
 

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // Motions after which an object looks nearly as before: by them a pose is mistaken for another.
 #pragma once
 

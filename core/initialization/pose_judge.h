@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // Whole segments against the projected model at a pose: which are whose, what that costs, and the pose that fits best.
 #pragma once
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 #include "core/initialization/pose_refinement.h"
 
 #include <ceres/autodiff_cost_function.h>

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // The pose at which matched segments cost least, by Ceres.
 #pragma once
 

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // The pose search's own steps against Ceres and automatic differentiation.
 #include "core/initialization/pose_refinement.h"
 

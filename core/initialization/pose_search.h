@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // The pose of an object from image segments of which nobody knows whose they are (method.md 2.3).
 #pragma once
 

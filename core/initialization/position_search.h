@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // Positions of the object for a known rotation: which of the parallel lines is which (method.md 2.3).
 #pragma once
 

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // Bounds over a cube of axis-angle vectors r = r_0 + d, |d_i| <= h, with u = R_0 v, c = u x n.
 //
 // Published (LOPET, eq. (eq1-13), after Hartley and Kahl 2009): angle(R_r v, R_0 v) <= |d| <= sqrt(3) h = mu, so that a

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // The globally best rotation of an object whose image lines are not known by name: the branch and bound of the source
 // paper (LOPET, Sec. III-B "Initial Pose Estimation"; method.md 2.3), with a proof in hand: equal bounds.
 //

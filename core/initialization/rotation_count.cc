@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 #include "core/initialization/rotation_count.h"
 
 #include <Eigen/Geometry>

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // How many image lines a rotation explains: the objective of the published initialisation, and what it is blind to.
 #pragma once
 

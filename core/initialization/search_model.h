@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // What the pose search knows of a model beforehand: all that does not depend on an image.
 #pragma once
 

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // A detected segment as the pose search uses it.
 #pragma once
 

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // How an image segment fits a projected model line.
 #pragma once
 

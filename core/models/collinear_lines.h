@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // Lines that are parts of one straight line.
 #pragma once
 

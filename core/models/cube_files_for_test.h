@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // The unit cube in every format, and how tests read it.
 #pragma once
 

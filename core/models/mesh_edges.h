@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // The edges of a mesh with shared vertices, each with the triangles that meet in it.
 #pragma once
 

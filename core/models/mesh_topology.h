@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // From triangles as a file has them to a mesh with shared vertices and one winding.
 #pragma once
 

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // Strict checks of model files before Assimp reads them.
 //
 // Assimp 5.2 never ends on a PLY header that is cut off, reads cut vertices as zeros, writes past its buffers for some

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 #include "core/models/model_lines.h"
 
 #include <Eigen/Geometry>

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // The lines of a model: from the edges of its mesh, or from its line elements.
 #pragma once
 

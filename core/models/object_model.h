@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // What is tracked: a mesh that hides, and the lines that show.
 #pragma once
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 #include "core/models/object_model.h"
 
 #include <gmock/gmock.h>

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // The rigid motions that map an object onto itself.
 #pragma once
 

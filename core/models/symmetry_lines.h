@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // The lines of a model about its centre, as the search for symmetries compares them.
 #pragma once
 

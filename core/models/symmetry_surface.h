@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // The surface of a model as the search for symmetries compares it: by what lies on it, not by its triangles.
 #pragma once
 

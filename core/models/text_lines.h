@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // Lines and words of a text held in memory, for the checks of model files.
 #pragma once
 

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // Bounding volume hierarchy over triangles: what hides a point, and which faces a point lies on.
 #pragma once
 

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // Which parts of which lines the camera sees: field of view, faces turned away, lines hidden by other faces.
 #pragma once
 

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // A simulation's options as text: what tells whether a recording is that of the same simulation.
 #pragma once
 

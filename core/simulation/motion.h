@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // How the simulated object moves: a smooth path on SE(3) that stays in view.
 #pragma once
 

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // The simulated objects: what they are (model) and how they look (surfaces and paint).
 #pragma once
 

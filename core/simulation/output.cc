@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // A simulation as a directory of files.
 #include <filesystem>
 #include <memory>

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // The files of a simulation, read back by those who will read them.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // One pixel of an event camera over one straight piece of its input: exact times of its events.
 #pragma once
 

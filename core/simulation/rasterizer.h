@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // Polygons to pixels with exact area coverage: an edge that moves by any fraction of a pixel changes the picture by
 // just that, so no quantisation of the anti-aliasing shows in the times of events.
 #pragma once

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // The picture that the sensor's pixels integrate: linear light, exact in area, through the lens.
 #pragma once
 

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // What the simulated camera looks at: an object, its motion, the background, the light, an occluder.
 #pragma once
 

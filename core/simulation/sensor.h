@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // The pixels of an event camera: light to events.
 //
 // Each pixel (the usual model, Lichtsteiner et al. 2008; v2e, Hu et al. 2021): the logarithm of its light passes a

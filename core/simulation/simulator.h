@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // An event camera looking at a moving object: the project's own truth.
 #pragma once
 

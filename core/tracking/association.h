@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // Which events may belong to which lines (method.md 2.5): lines as the image shows them, and a grid of tiles that knows
 // the lines near each.
 #pragma once

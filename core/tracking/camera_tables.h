@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // What trackers look up of a camera for each event.
 #pragma once
 

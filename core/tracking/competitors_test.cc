@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // What objects of one stream take from each other: events, and the sight of their lines.
 #include "core/tracking/competitors.h"
 

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // A real street scene in which there is no cube: no pose may be claimed, whatever pose it is told.
 #include <gtest/gtest.h>
 

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // Where events lie about a moving edge, which is not on it (method.md 2.10 (2), (3)).
 //
 // A line that moves across itself makes n events per square pixel that it sweeps; in a share h of the swept pixels the

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // Where a pixel that answers to the logarithm of its light, in steps of a threshold, puts the events of a moving edge
 // (method.md 2.10 (2); the pixel model of Lichtsteiner et al. 2008).
 //

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // The line-SLAM style estimator that the published ones are compared with: an error-state Kalman filter on
 // event-to-line distances, event by event, after Chamorro, Sola, Andrade-Cetto, "High-Speed Event Camera Tracking",
 // BMVC 2020, and "Event-Based Line SLAM in Real Time", RA-L 2022, with a map that is known: the model.

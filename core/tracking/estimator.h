@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // What the tracker asks of an estimator: the state at mid-window from the predicted one and the window's events.
 #pragma once
 

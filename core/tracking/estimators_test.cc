@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // Every estimator behind the one interface, on ideal events of a cube.
 #include <gtest/gtest.h>
 

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // Where a line's events lie while a lamp's change floods what is beside it with events of the other polarity.
 //
 // A pixel answers to the sum of what the edge and what the lamp do to the logarithm of its light. While a lamp grows

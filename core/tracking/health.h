@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // Whether the events speak for the pose (method.md 2.9). Counts of events near the lines, against what clutter would
 // give.
 #pragma once

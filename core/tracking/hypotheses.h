@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // Poses that the events have to decide between (method.md 2.3: a second mode is a hypothesis until the cost decides).
 #pragma once
 

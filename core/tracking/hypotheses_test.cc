@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // Poses that compete, on ideal events of a cube.
 #include "core/tracking/hypotheses.h"
 

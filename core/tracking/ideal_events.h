@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // For tests: events as the tracker's own model of them says, without a simulator. Each event lies on a visible line at
 // its own time, but for a normal error and the rounding to pixels; clutter is uniform over the sensor.
 #pragma once

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // The weighted squares of event-to-line distances as Ceres minimises them. A distance is linear in its event (method.md
 // 2.7), so three residuals per line hold what all of its events say of a pose, exactly.
 #pragma once

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // A window's events sorted by the lines that they may be of, four side by side: passes over them ask no event for its
 // lines, and take vector instructions.
 #pragma once

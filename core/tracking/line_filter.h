@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // The error-state filter's sweep over labelled events; FitPoseToLines is the way to call it.
 #pragma once
 

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // Pose from events whose lines are known: the published estimators under one interface, served by Ceres (the paper's
 // Sec. III-D; method.md 2.6), and the filter they are compared with. What the static window estimators and the
 // synthetic experiment share.

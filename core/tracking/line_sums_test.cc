@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // The sums must give what a plain loop over the events with automatic differentiation gives.
 #include "core/tracking/line_sums.h"
 

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // Pose and twist of a window by expectation-maximisation over a normal + uniform mixture, under the motion prior
 // (method.md 2.6 to 2.8).
 #pragma once

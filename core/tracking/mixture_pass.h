@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // The expectation step of the mixture (method.md 2.6): whose the events of a window are, by where the lines are now.
 #pragma once
 

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // What is computed four events at a time, in single precision, must be what a plain loop gives.
 #include "core/tracking/mixture_pass.h"
 

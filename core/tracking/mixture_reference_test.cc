@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // What the mixture minimises once its weights are given, solved twice: by the hot path's sums by line, and by Ceres
 // over all events with automatic differentiation. They must agree.
 #include <ceres/autodiff_cost_function.h>

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // The constant-velocity prior: where the object is expected, and how surely (method.md 2.4, 2.8).
 #pragma once
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 #include "core/tracking/motion_prior.h"
 
 #include <gtest/gtest.h>

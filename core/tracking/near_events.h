@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // The events of a window that may be of the lines, as the estimators see them (method.md 2.5).
 #pragma once
 

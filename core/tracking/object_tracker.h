@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // One object in the windows of a stream: searched for, followed, lost and found again (method.md 2.3 to 2.9).
 #pragma once
 

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // What the Validate() of this folder's options say of a field.
 #pragma once
 

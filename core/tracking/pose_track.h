@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // One hypothesis about where the object is, followed from window to window (method.md 2.4 to 2.9).
 #pragma once
 

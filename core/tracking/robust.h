@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // Robust weights and scales (method.md 2.6, where the published formulas are corrected).
 #pragma once
 

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // How a sensor answers to a moving edge: calibrated once with known poses (`evpose calibrate`), never fitted to the
 // recording at hand (method.md 2.10 (2)). A YAML file beside the camera's.
 #pragma once

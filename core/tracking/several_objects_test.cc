@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // Several objects in one stream, on ideal events: they cross, hide and are searched for beside each other.
 #include <gtest/gtest.h>
 

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // The tracker with stretches of its events that nobody looks at.
 #include <gtest/gtest.h>
 

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // Events in, poses of one object or several out: windows, prediction, association, estimation, health (method.md 2).
 #pragma once
 

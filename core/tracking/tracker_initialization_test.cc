@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // The first pose and the way back after a loss, on ideal events: nobody says where the object is.
 #include <gtest/gtest.h>
 

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // What the tracker can be told, with units, defaults and the reason for each.
 #pragma once
 

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // A tracker that is saved and loaded, at whatever time, goes on as if nothing had been: every bit of every estimate.
 #include <gtest/gtest.h>
 

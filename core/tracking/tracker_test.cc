@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // The tracker on ideal events of a cube: each of them on a line at its own time, but for noise.
 #include "core/tracking/tracker.h"
 

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // The lines that take part: what is visible at the present pose, looked up again only when the view has changed.
 #pragma once
 

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // Which events of a stream are an even sample of it: a hash of an event's number decides for it by itself.
 #pragma once
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 #include "core/windows/event_sample.h"
 
 #include <gmock/gmock.h>

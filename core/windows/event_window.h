@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // Hybrid event clustering: the stream cut into windows by sensor time and by count (method.md 2.1, the paper's Fig. 2).
 //
 // The rules:

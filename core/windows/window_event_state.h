@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // Windows' events as a part of a saved state, in some six bytes each.
 #pragma once
 

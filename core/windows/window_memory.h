@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // The latest windows, kept for whoever has to look back.
 #pragma once
 

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // Windows, pixels and the memory of windows go on as if nothing had been when they are saved and loaded.
 #include <gtest/gtest.h>
 

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // Sends a recording through a server and prints a line for each pose: sensor time, position.
 //   track_recording RECORDING.raw MODEL.obj CAMERA.yaml HOST:PORT
 #include <cstdlib>

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // Says who a call comes from. No gRPC type in here: server/rpc/authentication.h takes from a call what this needs.
 #pragma once
 

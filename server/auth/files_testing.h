@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // Files for tests, in a directory of their own.
 #pragma once
 

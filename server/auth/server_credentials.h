@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // TLS for a gRPC server. The one file of server/auth that sees gRPC.
 #pragma once
 

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // The server's certificate, its key and the authorities of its clients, read again when they change.
 #pragma once
 

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // Bearer tokens: a file that maps the digest of each to a tenant.
 //
 //   # tenant  SHA-256 of the token, in hex                                      role

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // Asks an HTTP server, for tests.
 #pragma once
 

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // A small HTTP server for pages that are made when they are asked for. Only the .cc file knows civetweb.
 #pragma once
 

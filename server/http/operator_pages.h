@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // What those who operate a server ask for over HTTP: /metrics, /healthz, /readyz. It tells no secrets, and asks nobody
 // who they are.
 #pragma once

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // The pages of a server with fake trackers that raw stubs feed.
 #include "server/http/operator_pages.h"
 

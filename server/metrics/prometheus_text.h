@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // A server's metrics in Prometheus's text format. Only the .cc file knows Prometheus's library.
 #pragma once
 

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // Reads Prometheus's text format as strictly as its own parser does, for tests.
 #pragma once
 

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // Who a gRPC call comes from. Every method of every service asks first; rpc_test calls each method that the API
 // declares without a token, so one that forgets is found.
 #pragma once

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // Between the API's messages and the server's own types. Errors are INVALID_ARGUMENT with the field's path.
 #pragma once
 

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // The end of a stream on a store that takes its time.
 #include <string>
 

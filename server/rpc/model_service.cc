@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 #include "server/rpc/model_service.h"
 
 #include <grpcpp/alarm.h>

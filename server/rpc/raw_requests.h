@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // What raw stubs send before they can track, for tests, benches and fuzz targets.
 #pragma once
 

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // The whole server in one object: stores, sessions and services behind a listening address, an in-process channel,
 // or both. evpose-server and `evpose replay` without --server run the same code.
 #pragma once

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // Server with the trackers that its sessions use, and its store, given from outside: for tests.
 #pragma once
 

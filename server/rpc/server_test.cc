@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // The server as a whole: its addresses, its unary calls and what they promise.
 #include "server/rpc/server.h"
 

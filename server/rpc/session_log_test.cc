@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // The life of a session in the server's log.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // The one place where our errors become gRPC's, with google.rpc details in grpc-status-details-bin.
 #pragma once
 

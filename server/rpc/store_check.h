@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // Asks the store now and then whether it answers: a server without its store is not ready.
 #pragma once
 

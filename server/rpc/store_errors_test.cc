@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // What clients see of a store that is away, full, broken or damaged, through the raw stub; and several servers on one.
 #include <future>
 #include <numeric>

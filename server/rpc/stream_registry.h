@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // The streams that are open, so that a server that leaves can tell them, wait for them and end them.
 #pragma once
 

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // A running server with fake trackers and raw stubs to send it what a typed client never would.
 #pragma once
 

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // SessionService.Track: one stream between a client and a session.
 #pragma once
 

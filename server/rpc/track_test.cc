@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // Track, through the raw stub against the real server.
 #include <thread>
 

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // Who may call: tokens, certificates, and what each may see.
 #include <gmock/gmock.h>
 #include <grpcpp/generic/generic_stub.h>

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // SessionService.WatchPoses and WatchHealth: readers of a session.
 #pragma once
 

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // WatchPoses and WatchHealth, through the raw stub against the real server.
 #include <cmath>
 

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // Errors with what a program needs to know of them. The details travel as payloads of absl::Status, so that nothing
 // below server/rpc knows how gRPC spells them; server/rpc/status_mapping.h turns them into google.rpc messages.
 #pragma once

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // Counts latencies in buckets whose bounds grow by 5 %: percentiles within 5 % from 1 us to 100 s, in fixed memory.
 #pragma once
 

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // The server's log: one line per event, as text or as JSON, no secrets. Silent unless SetUpLog was called: a server
 // inside another program does not write into that program's output.
 #pragma once

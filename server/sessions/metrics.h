@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // What a server counts of its work, for those who operate it; server/metrics writes it down for them. Counting takes no
 // lock and no memory, and nothing that is counted comes back into a pose.
 #pragma once

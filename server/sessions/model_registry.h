@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // The models that sessions may track: loaded once, shared by all sessions of a tenant. What one tenant has is nothing
 // to another: the same file of two is two models, of the same name, each with its own life.
 #pragma once

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // Sessions that are in the store alone, because their server died, or the store had no room for them: nobody's timer
 // expires them.
 #pragma once

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // What a session with OverloadPolicy::kLatest does not track because it has fallen behind.
 #pragma once
 

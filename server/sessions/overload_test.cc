@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // Sessions whose tracker is slower than their events come, on a clock that goes on by what tracking takes.
 #include "server/sessions/overload.h"
 

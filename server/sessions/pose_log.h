@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // The latest poses of one session, in memory: what streams and watchers read. Poses wait here for the store, too.
 #pragma once
 

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // Names that cannot be guessed: sessions and their tokens.
 #pragma once
 

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // A session: a bounded queue of what its client sent, a strand that works it off, a log of the poses, and those who
 // listen. No gRPC type is in here: server/rpc translates.
 #pragma once

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // What a session keeps, when it keeps it, and how it goes on from there.
 #include <algorithm>
 #include <iterator>

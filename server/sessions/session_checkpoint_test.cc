@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // What a session hands to its store, when, and how it goes on from there.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>

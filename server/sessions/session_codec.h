@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // What of a session goes to the store, as bytes: its configuration, its lifecycle, its checkpoints, its poses. Bit for
 // bit, with a version before each; what is damaged or was written by another version is DATA_LOSS saying what.
 #pragma once

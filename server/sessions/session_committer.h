@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // Hands what a session wants to have kept to its lease: one commit at a time, in order, again and again while the store
 // is away. Knows nothing of tracking.
 #pragma once

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // What a session is told at its creation, and what may be wrong with it.
 #pragma once
 

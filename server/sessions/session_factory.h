@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // Makes sessions: new ones, and those that the store keeps.
 #pragma once
 

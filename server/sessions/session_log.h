@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // The lines of the log that tell a session's life, each with session, tenant and peer.
 #pragma once
 

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // All sessions of a server: making, finding, taking up, expiring, deleting them. Each belongs to a tenant; to any other
 // it is as if it were not there.
 #pragma once

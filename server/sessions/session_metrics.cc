@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // What a session counts and logs of its work, and what it adds to the totals of its server.
 #include <algorithm>
 #include <mutex>

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // What sessions count, beside what they tell of themselves.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>

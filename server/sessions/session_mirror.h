@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // A session that another server holds, as their common store shows it: what its watchers at this server see.
 #pragma once
 

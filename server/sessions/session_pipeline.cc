@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 #include "server/sessions/session_pipeline.h"
 
 #include <algorithm>

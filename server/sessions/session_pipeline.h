@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // A session's science, without its threads: bytes in, poses and changes of state out. What comes out is a function of
 // the configuration and of the bytes, resets and losses in their order, never of how the bytes are cut into calls.
 #pragma once

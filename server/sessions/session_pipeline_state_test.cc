@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // A pipeline that is saved and loaded between any two chunks puts out the same bits as one that is not.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // Sessions that outlive the server that made them, and move between servers.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>

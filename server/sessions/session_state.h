@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // What there is to know of a session from outside, and what of it survives its process.
 #pragma once
 

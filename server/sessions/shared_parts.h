@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // What several sessions look up and none changes.
 #pragma once
 

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // Takes the time of what a pipeline does, for those who operate the server. Nothing that it measures comes back into
 // the pipeline.
 #pragma once

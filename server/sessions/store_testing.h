@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // A store that answers what a test wants it to.
 #pragma once
 

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // What a tenant may use at a time besides sessions and models: watchers, and payload bytes per second. The shares are
 // the same for all tenants.
 #pragma once

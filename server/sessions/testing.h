@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // What tests of sessions and services share: a tracker whose poses are a plain function of its events, events as
 // FLAT64 bytes, a model, a listener to wait with.
 #pragma once

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // A session as those see it who look on: one of this server (Session), or one that another server holds
 // (SessionMirror).
 #pragma once

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // Those who look on at a session beside its stream, and how they learn that something has changed.
 #pragma once
 

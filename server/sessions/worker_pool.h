@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // The threads that decode and track, shared by all sessions, and two for what must not take their place.
 #pragma once
 

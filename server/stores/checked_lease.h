@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // What every store's lease has to check before it writes.
 #pragma once
 

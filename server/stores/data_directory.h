@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // The directory that a server keeps its data in, for itself.
 #pragma once
 

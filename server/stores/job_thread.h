@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // A thread of a store, and what waits for it.
 #pragma once
 

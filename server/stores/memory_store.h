@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // Everything in the server's own memory: nothing outlives the process.
 #pragma once
 

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // Which store: the server's options in one place.
 #pragma once
 

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // Where a Redis server is, and who asks.
 #pragma once
 

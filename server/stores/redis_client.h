@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // The one thread that talks to Redis for a store.
 #pragma once
 

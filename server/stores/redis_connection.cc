@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 #include "server/stores/redis_connection.h"
 
 #include <sys/time.h>

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // hiredis as values and statuses.
 #pragma once
 

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // What a store does in Redis, each at once and wholly: Lua, run there.
 //
 // Keys, all beginning with "evpose:":

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // Sessions in Redis: any of several servers can take one up.
 #pragma once
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 #include "server/stores/redis_store.h"
 
 #include <gmock/gmock.h>

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // A Redis server for tests, which goes with them.
 #pragma once
 

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // Records as bytes, sealed by a checksum: what comes back from a disk or another machine is what went there.
 #pragma once
 

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // The process dies at any moment: what was acknowledged is there, and every commit is there wholly or not at all.
 #include <gtest/gtest.h>
 #include <signal.h>

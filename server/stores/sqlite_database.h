@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // SQLite's C interface as values and statuses.
 #pragma once
 

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // The store's file: made, checked, and when it is damaged, set aside for what of it is whole.
 #pragma once
 

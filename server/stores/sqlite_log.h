@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // Whether SQLite's log (the write-ahead log beside the file) was damaged after it was written.
 #pragma once
 

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // Models and sessions as rows. Who calls holds a transaction where several calls belong together. Errors of all: those
 // of SqliteDatabase; DATA_LOSS naming what does not match its checksum, or is missing beside the rest.
 #pragma once

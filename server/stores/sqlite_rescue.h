@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // What of a store's file is whole, and how that is saved from a damaged one.
 #pragma once
 

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // One file in a directory of the server's own: what was committed survives the process and the machine's power.
 #pragma once
 

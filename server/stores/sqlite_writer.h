@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // The one thread that writes to the store's file.
 #pragma once
 

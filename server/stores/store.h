@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // Where models, sessions and poses are kept. Sessions and services see this interface only; each kind of store is one
 // class, and all pass store_suite_test.cc.
 #pragma once

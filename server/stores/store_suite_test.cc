@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // What every store has to do.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>

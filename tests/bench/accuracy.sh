@@ -1,4 +1,5 @@
 #!/usr/bin/env bash
+# SPDX-License-Identifier: Apache-2.0
 # Accuracy against simulated truth over several seeds, which are also several paths: the figures of the README.
 #   tests/bench/accuracy.sh [--objects "cube book"] [--seeds "1 2 3 4 5"] [--speed FACTOR] [--camera evk4|vga]
 #     [--estimators "mixture static-mm"]    any that evpose replay --estimator knows

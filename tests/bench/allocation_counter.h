@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // Counts what a program allocates: malloc and all that ends there (operator new, Eigen, the standard library), of every
 // thread. For programs without sanitizers, which have an allocator of their own.
 #pragma once

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // Memory for a window is there once the first windows have been: after them neither decoding nor tracking allocates.
 #include <gtest/gtest.h>
 

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // What the benchmarks run on: short recordings of `evpose bench speed`'s scenes, made once.
 #pragma once
 

@@ -1,4 +1,5 @@
 #!/usr/bin/env python3
+# SPDX-License-Identifier: Apache-2.0
 """Compares two files of `evpose bench speed --json FILE` row by row: how much worse the second is than the first.
 
   tests/bench/compare.py BEFORE.json AFTER.json [--worst RATIO]

@@ -1,4 +1,5 @@
 #!/usr/bin/env python3
+# SPDX-License-Identifier: Apache-2.0
 """compare.py on tables that are good, worse, short, broken, or none."""
 import json
 import pathlib

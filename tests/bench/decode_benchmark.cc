@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // Decoding of each format that can be written, and copying of the same bytes: what the ratio of `evpose bench speed`
 // is of, for a profiler.
 //   build/release/tests/bench/decode_benchmark --benchmark_filter=EVT3

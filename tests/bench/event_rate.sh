@@ -1,4 +1,5 @@
 #!/usr/bin/env bash
+# SPDX-License-Identifier: Apache-2.0
 # Accuracy of one sensor at several event rates: with low thresholds, calibrated, its edges alone make some 5 Mev/s,
 # and noise in every pixel, a lamp's flicker or haste bring that to tens of Mev/s.
 #   tests/bench/event_rate.sh [--objects "cube book"] [--seeds "31 32 33"]

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // Many clients on one server: a load with stalled clients in it, and a soak that looks for what is not given back.
 #include <grpcpp/grpcpp.h>
 

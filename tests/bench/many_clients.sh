@@ -1,4 +1,5 @@
 #!/usr/bin/env bash
+# SPDX-License-Identifier: Apache-2.0
 # Many clients on one server: 64 sessions, 1000 watchers, 200 of them stalled; what is lost, what it costs, who waits.
 #   tests/bench/many_clients.sh                   the load
 #   tests/bench/many_clients.sh --minutes 60      create, stream, delete for so long: memory and descriptors

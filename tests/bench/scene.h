@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // What every client of the load sends: the same events of a cube, as FLAT64 chunks of a millisecond.
 #pragma once
 

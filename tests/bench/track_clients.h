@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // The clients of the load: those that stream, those that watch, and those that stall.
 #pragma once
 

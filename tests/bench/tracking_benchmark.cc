@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // Association and estimation by themselves, with the lines of a model and with 16 times as many, for a profiler.
 //   build/release/tests/bench/tracking_benchmark --benchmark_filter=Estimate
 #include <benchmark/benchmark.h>

@@ -1,4 +1,5 @@
 #!/usr/bin/env bash
+# SPDX-License-Identifier: Apache-2.0
 # compose.cluster.yaml. To be sourced by run.sh.
 compose_file=deploy/compose.cluster.yaml
 project=evpose-cluster

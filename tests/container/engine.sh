@@ -1,4 +1,5 @@
 #!/usr/bin/env bash
+# SPDX-License-Identifier: Apache-2.0
 # A Docker engine of our own, with Compose, for the container tests: neither systemd nor a registry is needed, nothing is
 # installed, and all of it is below one directory. To be sourced with ENGINE_DIR set to one that is not there yet; then
 #   engine_fetch               takes engine, Compose and what they need out of Debian's packages

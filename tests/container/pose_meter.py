@@ -1,4 +1,5 @@
 #!/usr/bin/env python3
+# SPDX-License-Identifier: Apache-2.0
 """Reads the poses of several clients as they come, each through a pipe with a name, and says how long the longest wait was.
 
 usage: pose_meter.py DIRECTORY NAME...

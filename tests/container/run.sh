@@ -1,4 +1,5 @@
 #!/usr/bin/env bash
+# SPDX-License-Identifier: Apache-2.0
 # The images and the two compose files, as users get them, through what happens to containers: kills, networks that are
 # taken away, restarts. Every trajectory must be that of a replay without containers, byte for byte.
 #   tests/container/run.sh            all of it; says so and leaves where no container engine can run

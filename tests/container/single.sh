@@ -1,4 +1,5 @@
 #!/usr/bin/env bash
+# SPDX-License-Identifier: Apache-2.0
 # compose.yaml. To be sourced by run.sh.
 compose_file=deploy/compose.yaml
 project=evpose

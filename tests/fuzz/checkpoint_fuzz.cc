@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // Damaged checkpoints: each is refused in words, or makes a session that goes on without a fault, to its end or not. An
 // input is what is done to a true one: bytes changed, its end cut off.
 #include <memory>

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // Every decoder, on any bytes: events lie inside the sensor, time marks are in order of the events, and a stream cut
 // anywhere, or after a loss, decodes as it does in one piece.
 #include <iterator>

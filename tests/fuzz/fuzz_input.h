@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // A fuzzer's bytes, taken from the front as numbers, choices and strings. Past the end everything is zero or empty.
 #pragma once
 

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // One large block of memory, kept between executions. Assimp makes a buffer of 16 MB for every OBJ file;
 // AddressSanitizer fetches such a block from the system and gives it back each time: 4096 page faults, which took three
 // quarters of the target's time. The kept block has the sanitizer's zones around it while it is used and may not be

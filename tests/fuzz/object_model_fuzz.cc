@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // A model file, on any bytes: it is refused in words, or makes a model whose indices and numbers can be relied on.
 #include <cmath>
 #include <iterator>

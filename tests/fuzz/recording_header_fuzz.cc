@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // The header of a recording, on any bytes: it is read, refused in words, or said to go on; never one way for the whole
 // file and another for a prefix that holds all of it.
 #include <optional>

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // Gives the files of folders to a fuzz target, one by one: how seeds and findings are checked by compilers without a
 // fuzzer, and how a finding is looked at.
 //   fuzz_TARGET FILE_OR_FOLDER...

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // What a fuzz target claims: a claim that does not hold ends the program, which is a finding.
 #pragma once
 

@@ -1,4 +1,5 @@
 #!/usr/bin/env bash
+# SPDX-License-Identifier: Apache-2.0
 # Runs every fuzz target, one after the other, under address and undefined sanitizers; stops at the first finding.
 #   tests/fuzz/run.sh SECONDS [TARGET...]         each for so long
 #   tests/fuzz/run.sh --runs COUNT [TARGET...]    each for so many inputs

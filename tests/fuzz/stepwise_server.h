@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // What stands behind a Track stream, without a thread: whatever the server would do on threads of its own waits until
 // it is told to take a step. So one input is always the same sequence of steps, and an input can choose any order of
 // them.

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // The text files that users bring: camera, sensor profile, trajectory; and a pose as an argument. What is accepted is
 // valid, and reads back from what is written to the same values.
 #include "core/geometry/camera.h"

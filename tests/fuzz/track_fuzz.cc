@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // Track streams of one session, sent any sequence of messages in any order of events: each stream hears poses, acks and
 // notices in their order, ends with a status that the API promises, never waits for what will not come, and the session
 // goes on serving. The reactor is the server's; the calls that gRPC would make to it are made here, one after the

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // Bad input: status 1, one line that names the file and the place, nothing half-written.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // evpose bench speed through a server: few repetitions of short recordings, for what the rows say and how it fails.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>

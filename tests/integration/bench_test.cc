@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // evpose bench: few trials, for what the command says and how it fails.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>

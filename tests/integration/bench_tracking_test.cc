@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // evpose bench tracking: short recordings, for what the command says, writes and keeps; and NEES by evpose evaluate.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>

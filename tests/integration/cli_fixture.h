@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // What the end-to-end tests share: a directory of their own, the command line as a function and as a program, a short
 // recording with its truth.
 #pragma once

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // The program itself: its help is true, its pictures show something.
 #include "client/cli/cli.h"
 

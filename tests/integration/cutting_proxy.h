@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // A TCP proxy that cuts connections after so many bytes: a network that is not perfect, at places of the test's choice.
 #pragma once
 

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // evpose info against recordings that nobody here made.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // A recording through client and server and back, in every way that must not matter.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>

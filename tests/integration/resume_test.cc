@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // Sessions over a network that breaks, with clients that are killed: the poses are, byte for byte, those of a replay
 // that nothing happened to.
 #include <fcntl.h>

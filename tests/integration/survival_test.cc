@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // Sessions survive a server that is killed: kill -9 at random numbers of poses, in the midst of a stream, and every
 // pose comes once, with the bits of the undisturbed run. EVPOSE_KILLS says how often it is killed
 // (tests/bench/survival.sh: 50).

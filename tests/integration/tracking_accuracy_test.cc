@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // The tracker on simulated recordings with truth, from the true first pose. What is asked is well above what is
 // measured (README): a test that fails says that something broke, not that a number moved.
 #include <gtest/gtest.h>

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: Apache-2.0
+
 // Tokens and TLS from the command line to the server and back.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>

@@ -1,4 +1,5 @@
 #!/usr/bin/env bash
+# SPDX-License-Identifier: Apache-2.0
 # Writes prometheusrule.yaml: the alerts of deploy/prometheus/alerts.yml as the Prometheus operator takes them.
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")"
