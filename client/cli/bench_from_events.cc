@@ -10,7 +10,7 @@
 #include "client/cli/progress.h"
 #include "client/cli/table_cell.h"
 #include "core/base/status_macros.h"
-#include "core/experiments/event_trials.h"
+#include "core/experiments/first_pose/event_trials.h"
 #include "core/simulation/simulator.h"
 
 namespace evpose::client {

@@ -12,8 +12,8 @@
 #include "client/cli/bench.h"
 #include "client/cli/bench_from_events.h"
 #include "core/base/status_macros.h"
-#include "core/experiments/initialization_bench.h"
-#include "core/experiments/initialization_methods.h"
+#include "core/experiments/first_pose/initialization_bench.h"
+#include "core/experiments/first_pose/initialization_methods.h"
 
 namespace evpose::client {
 namespace {

@@ -14,7 +14,7 @@
 #include "absl/time/time.h"
 #include "client/lib/client.h"
 #include "core/events/recording_reader.h"
-#include "core/experiments/speed_recordings.h"
+#include "core/experiments/speed/speed_recordings.h"
 
 namespace evpose::client {
 

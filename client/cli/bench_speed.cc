@@ -17,7 +17,7 @@
 #include "client/cli/service_bench.h"
 #include "core/base/output_file.h"
 #include "core/base/status_macros.h"
-#include "core/experiments/speed_bench.h"
+#include "core/experiments/speed/speed_bench.h"
 
 namespace evpose::client {
 namespace {

@@ -16,7 +16,7 @@
 #include "client/cli/progress.h"
 #include "core/base/output_file.h"
 #include "core/base/status_macros.h"
-#include "core/experiments/synthetic_bench.h"
+#include "core/experiments/synthetic/synthetic_bench.h"
 
 namespace evpose::client {
 namespace {

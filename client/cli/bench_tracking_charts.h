@@ -9,7 +9,7 @@
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
 #include "client/cli/chart.h"
-#include "core/experiments/tracking_bench.h"
+#include "core/experiments/tracking/tracking_bench.h"
 
 namespace evpose::client {
 

@@ -7,7 +7,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
-#include "core/base/units.h"
+#include "core/numerics/math.h"
 
 namespace evpose::client {
 namespace {

@@ -7,7 +7,7 @@
 #include <vector>
 
 #include "client/cli/command.h"
-#include "core/experiments/tracking_bench.h"
+#include "core/experiments/tracking/tracking_bench.h"
 
 namespace evpose::client {
 

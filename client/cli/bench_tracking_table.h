@@ -5,7 +5,7 @@
 
 #include <ostream>
 
-#include "core/experiments/tracking_bench.h"
+#include "core/experiments/tracking/tracking_bench.h"
 
 namespace evpose::client {
 

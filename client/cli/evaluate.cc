@@ -16,10 +16,10 @@
 #include "client/cli/pose_reader.h"
 #include "client/cli/table_cell.h"
 #include "core/base/status_macros.h"
-#include "core/base/units.h"
 #include "core/evaluation/consistency.h"
 #include "core/geometry/trajectory.h"
 #include "core/models/object_model.h"
+#include "core/numerics/math.h"
 
 namespace evpose::client {
 namespace {

@@ -8,10 +8,10 @@
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 #include "client/cli/command.h"
-#include "core/base/hash.h"
 #include "core/base/status_macros.h"
 #include "core/events/decoder.h"
 #include "core/events/recording_reader.h"
+#include "core/numerics/hash.h"
 
 namespace evpose::client {
 namespace {

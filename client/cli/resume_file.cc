@@ -13,9 +13,9 @@
 #include <utility>
 
 #include "absl/strings/str_cat.h"
-#include "core/base/hash.h"
 #include "core/base/output_file.h"
 #include "core/base/status_macros.h"
+#include "core/numerics/hash.h"
 
 namespace evpose::client {
 namespace {

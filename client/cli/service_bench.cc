@@ -17,7 +17,7 @@
 #include "client/cli/server_process.h"
 #include "client/cli/transport_sink.h"
 #include "core/base/status_macros.h"
-#include "core/experiments/processor_time.h"
+#include "core/experiments/speed/processor_time.h"
 #include "core/tracking/tracker.h"
 #include "core/tracking/tracker_options.h"
 

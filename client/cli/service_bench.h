@@ -12,7 +12,7 @@
 #include "absl/status/status.h"
 #include "client/cli/command.h"
 #include "client/cli/speed_row.h"
-#include "core/experiments/speed_bench.h"
+#include "core/experiments/speed/speed_bench.h"
 
 namespace evpose::client {
 

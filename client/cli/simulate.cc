@@ -11,7 +11,7 @@
 #include "client/cli/command.h"
 #include "client/cli/progress.h"
 #include "core/base/status_macros.h"
-#include "core/experiments/tracking_scenarios.h"
+#include "core/experiments/tracking/tracking_scenarios.h"
 #include "core/simulation/simulator.h"
 
 namespace evpose::client {

@@ -7,8 +7,8 @@
 
 #include "absl/strings/str_cat.h"
 #include "client/cli/interrupt_watch.h"
-#include "core/base/hash.h"
 #include "core/base/status_macros.h"
+#include "core/numerics/hash.h"
 
 namespace evpose::client {
 namespace {

@@ -12,7 +12,7 @@
 #include <string>
 
 #include "absl/strings/escaping.h"
-#include "core/base/hash.h"
+#include "core/numerics/hash.h"
 #include "evpose/v1/admin.grpc.pb.h"
 #include "evpose/v1/models.grpc.pb.h"
 #include "evpose/v1/sessions.grpc.pb.h"

@@ -3,7 +3,7 @@
 
 #include <utility>
 
-#include "core/base/hash.h"
+#include "core/numerics/hash.h"
 
 namespace evpose::client {
 

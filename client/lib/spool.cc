@@ -15,8 +15,8 @@
 #include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
-#include "core/base/hash.h"
 #include "core/base/status_macros.h"
+#include "core/numerics/hash.h"
 
 namespace evpose::client {
 namespace {

@@ -13,7 +13,7 @@
 #include "client/lib/client.h"
 #include "client/lib/fake_clock.h"
 #include "client/lib/testing.h"
-#include "core/base/hash.h"
+#include "core/numerics/hash.h"
 
 namespace evpose::client {
 namespace {

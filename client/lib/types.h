@@ -11,11 +11,12 @@
 #include <vector>
 
 #include "absl/time/time.h"
+#include "core/baselines/estimators/estimator_kind.h"
+#include "core/estimation/sensor_profile.h"
 #include "core/events/decoder.h"
 #include "core/geometry/camera.h"
 #include "core/geometry/rigid_transform.h"
 #include "core/models/object_model.h"
-#include "core/tracking/sensor_profile.h"
 #include "core/tracking/tracker.h"
 
 namespace evpose::client {

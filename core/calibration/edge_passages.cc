@@ -7,10 +7,10 @@
 #include <utility>
 
 #include "absl/strings/str_cat.h"
+#include "core/association/association.h"
+#include "core/association/visible_lines.h"
 #include "core/base/status_macros.h"
-#include "core/tracking/association.h"
-#include "core/tracking/robust.h"
-#include "core/tracking/visible_lines.h"
+#include "core/numerics/robust.h"
 #include "core/windows/pixel_history.h"
 
 namespace evpose {

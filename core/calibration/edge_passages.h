@@ -10,11 +10,11 @@
 
 #include "absl/status/statusor.h"
 #include "absl/types/span.h"
+#include "core/estimation/edge_bias.h"
 #include "core/events/event.h"
 #include "core/geometry/camera.h"
 #include "core/geometry/trajectory.h"
 #include "core/models/object_model.h"
-#include "core/tracking/edge_bias.h"
 
 namespace evpose {
 

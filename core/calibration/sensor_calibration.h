@@ -9,7 +9,7 @@
 #include "absl/status/statusor.h"
 #include "absl/types/span.h"
 #include "core/calibration/edge_passages.h"
-#include "core/tracking/sensor_profile.h"
+#include "core/estimation/sensor_profile.h"
 
 namespace evpose {
 

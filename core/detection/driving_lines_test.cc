@@ -8,7 +8,7 @@
 #include <string>
 #include <vector>
 
-#include "core/detection/lsd_detector.h"
+#include "core/baselines/first_pose/lsd_detector.h"
 #include "core/detection/plane_detector.h"
 #include "core/events/decoder.h"
 #include "core/events/recording_reader.h"

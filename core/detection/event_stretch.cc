@@ -5,7 +5,7 @@
 #include <cmath>
 
 #include "absl/strings/str_format.h"
-#include "core/detection/even_sample.h"
+#include "core/numerics/even_sample.h"
 
 namespace evpose {
 namespace {

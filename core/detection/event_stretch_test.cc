@@ -8,7 +8,7 @@
 #include <limits>
 #include <string>
 
-#include "core/detection/moving_edges.h"
+#include "core/detection/moving_edges_testing.h"
 
 namespace evpose {
 namespace {

@@ -10,8 +10,8 @@
 #include <vector>
 
 #include "absl/types/span.h"
-#include "core/detection/even_sample.h"
 #include "core/detection/line_detector.h"
+#include "core/numerics/even_sample.h"
 
 namespace evpose {
 

@@ -6,7 +6,7 @@
 #include <cmath>
 
 #include "absl/strings/str_format.h"
-#include "core/base/tukey.h"
+#include "core/numerics/robust.h"
 
 namespace evpose {
 namespace {

@@ -11,7 +11,7 @@
 #include <limits>
 #include <string>
 
-#include "core/detection/moving_edges.h"
+#include "core/detection/moving_edges_testing.h"
 
 namespace evpose {
 namespace {

@@ -8,10 +8,10 @@
 #include <string>
 #include <tuple>
 
-#include "core/base/random.h"
-#include "core/detection/detection_trial.h"
-#include "core/detection/lsd_detector.h"
+#include "core/baselines/first_pose/lsd_detector.h"
+#include "core/detection/detection_trial_testing.h"
 #include "core/detection/plane_detector.h"
+#include "core/numerics/random.h"
 
 namespace evpose {
 namespace {

@@ -4,7 +4,7 @@
 #include <algorithm>
 #include <cmath>
 
-#include "core/detection/even_sample.h"
+#include "core/numerics/even_sample.h"
 
 namespace evpose {
 namespace {

@@ -7,7 +7,7 @@
 #include <cmath>
 #include <limits>
 
-#include "core/base/random.h"
+#include "core/numerics/random.h"
 
 namespace evpose {
 namespace {

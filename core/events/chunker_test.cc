@@ -5,8 +5,8 @@
 #include <algorithm>
 
 #include "core/events/encoder.h"
+#include "core/events/events_testing.h"
 #include "core/events/recording_reader.h"
-#include "core/events/test_events.h"
 
 namespace evpose {
 namespace {

@@ -3,7 +3,7 @@
 // A decoder that is saved and loaded goes on as if nothing had been.
 #include <gtest/gtest.h>
 
-#include "core/events/test_events.h"
+#include "core/events/events_testing.h"
 
 namespace evpose {
 namespace {

@@ -7,7 +7,7 @@
 #include <algorithm>
 #include <numeric>
 
-#include "core/events/test_events.h"
+#include "core/events/events_testing.h"
 
 namespace evpose {
 namespace {

@@ -6,7 +6,7 @@
 
 #include <algorithm>
 
-#include "core/events/test_events.h"
+#include "core/events/events_testing.h"
 
 namespace evpose {
 namespace {

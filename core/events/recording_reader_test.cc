@@ -13,7 +13,7 @@
 #include <utility>
 
 #include "core/events/encoder.h"
-#include "core/events/test_events.h"
+#include "core/events/events_testing.h"
 
 namespace evpose {
 namespace {

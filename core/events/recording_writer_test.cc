@@ -10,8 +10,8 @@
 #include <filesystem>
 #include <fstream>
 
+#include "core/events/events_testing.h"
 #include "core/events/recording_reader.h"
-#include "core/events/test_events.h"
 
 namespace evpose {
 namespace {

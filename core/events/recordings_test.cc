@@ -11,10 +11,10 @@
 #include <string>
 #include <vector>
 
-#include "core/base/hash.h"
+#include "core/events/events_testing.h"
 #include "core/events/recording_header.h"
 #include "core/events/recording_reader.h"
-#include "core/events/test_events.h"
+#include "core/numerics/hash.h"
 
 namespace evpose {
 namespace {

@@ -8,7 +8,7 @@
 #include <algorithm>
 #include <bit>
 
-#include "core/events/test_events.h"
+#include "core/events/events_testing.h"
 
 namespace evpose {
 namespace {

@@ -10,7 +10,7 @@
 
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
-#include "core/base/prefetch.h"
+#include "core/numerics/prefetch.h"
 
 namespace evpose {
 

@@ -5,7 +5,7 @@
 
 #include "absl/status/status.h"
 #include "absl/strings/str_format.h"
-#include "core/base/math.h"
+#include "core/numerics/math.h"
 
 namespace evpose {
 namespace {

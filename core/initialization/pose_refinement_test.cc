@@ -10,10 +10,10 @@
 #include <memory>
 #include <string>
 
-#include "core/base/random.h"
-#include "core/experiments/line_trial.h"
+#include "core/experiments/first_pose/line_trial.h"
 #include "core/initialization/pose_judge.h"
 #include "core/initialization/pose_search.h"
+#include "core/numerics/random.h"
 
 namespace evpose {
 namespace {

@@ -9,9 +9,9 @@
 #include <fstream>
 #include <nlohmann/json.hpp>
 
-#include "core/base/random.h"
 #include "core/models/symmetry.h"
 #include "core/models/visibility.h"
+#include "core/numerics/random.h"
 
 namespace evpose {
 namespace {

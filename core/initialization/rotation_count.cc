@@ -5,7 +5,7 @@
 #include <algorithm>
 #include <cmath>
 
-#include "core/base/math.h"
+#include "core/numerics/math.h"
 
 namespace evpose {
 namespace {

@@ -7,7 +7,7 @@
 #include <array>
 #include <cmath>
 
-#include "core/base/math.h"
+#include "core/numerics/math.h"
 
 namespace evpose {
 namespace {

@@ -10,9 +10,9 @@
 #include <utility>
 
 #include "absl/strings/str_format.h"
-#include "core/base/math.h"
 #include "core/models/collinear_lines.h"
 #include "core/models/mesh_edges.h"
+#include "core/numerics/math.h"
 
 namespace evpose {
 namespace {

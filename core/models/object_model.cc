@@ -20,7 +20,6 @@
 #include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
-#include "core/base/math.h"
 #include "core/base/status_macros.h"
 #include "core/models/collinear_lines.h"
 #include "core/models/mesh_topology.h"
@@ -28,6 +27,7 @@
 #include "core/models/model_lines.h"
 #include "core/models/symmetry.h"
 #include "core/models/triangle_bvh.h"
+#include "core/numerics/math.h"
 
 namespace evpose {
 namespace {

@@ -10,8 +10,8 @@
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 #include "absl/strings/str_replace.h"
-#include "core/base/random.h"
 #include "core/models/cube_files_for_test.h"
+#include "core/numerics/random.h"
 
 namespace evpose {
 namespace {

@@ -7,9 +7,9 @@
 
 #include "absl/strings/str_format.h"
 #include "core/base/check_range.h"
-#include "core/base/math.h"
-#include "core/base/random.h"
 #include "core/base/status_macros.h"
+#include "core/numerics/math.h"
+#include "core/numerics/random.h"
 
 namespace evpose {
 namespace {

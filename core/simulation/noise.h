@@ -9,7 +9,7 @@
 #include <utility>
 #include <vector>
 
-#include "core/base/random.h"
+#include "core/numerics/random.h"
 
 namespace evpose {
 

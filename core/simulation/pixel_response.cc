@@ -7,7 +7,7 @@
 #include <limits>
 #include <numbers>
 
-#include "core/base/math.h"
+#include "core/numerics/math.h"
 
 namespace evpose {
 namespace {

@@ -8,7 +8,7 @@
 #include <numbers>
 #include <vector>
 
-#include "core/base/random.h"
+#include "core/numerics/random.h"
 
 namespace evpose {
 namespace {

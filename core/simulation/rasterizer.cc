@@ -3,7 +3,7 @@
 
 #include <cmath>
 
-#include "core/base/math.h"
+#include "core/numerics/math.h"
 
 namespace evpose {
 

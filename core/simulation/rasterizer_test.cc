@@ -6,7 +6,7 @@
 #include <numeric>
 #include <vector>
 
-#include "core/base/random.h"
+#include "core/numerics/random.h"
 
 namespace evpose {
 namespace {

@@ -5,8 +5,8 @@
 #include <cmath>
 #include <numbers>
 
-#include "core/base/math.h"
-#include "core/base/random.h"
+#include "core/numerics/math.h"
+#include "core/numerics/random.h"
 
 namespace evpose {
 namespace {

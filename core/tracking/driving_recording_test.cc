@@ -6,10 +6,11 @@
 #include <filesystem>
 #include <vector>
 
-#include "core/base/random.h"
+#include "core/baselines/estimators/estimator_factory.h"
+#include "core/estimation/ideal_events_testing.h"
 #include "core/events/decoder.h"
 #include "core/events/recording_reader.h"
-#include "core/tracking/ideal_events.h"
+#include "core/numerics/random.h"
 #include "core/tracking/tracker.h"
 #include "core/tracking/tracker_options.h"
 
@@ -42,7 +43,7 @@ TEST(DrivingRecording, NoCubeIsClaimed) {
                         .normalized()
                         .toRotationMatrix();
     TrackerOptions options;
-    options.estimator = k % 3 == 2 ? Estimator::kStaticMm : Estimator::kMixture;
+    options.estimator_factory = EstimatorFactoryOf(k % 3 == 2 ? Estimator::kStaticMm : Estimator::kMixture);
     auto tracker = Tracker::Create(cube, camera, options, pose).value();
     std::vector<PoseEstimate> estimates;
     tracker->AddEvents(events, estimates);

@@ -9,12 +9,55 @@
 #include <cstdint>
 #include <vector>
 
+#include "absl/status/status.h"
 #include "absl/types/span.h"
-#include "core/tracking/association.h"
-#include "core/tracking/estimator.h"
-#include "core/tracking/tracker_options.h"
+#include "core/association/association.h"
+#include "core/estimation/estimator.h"
 
 namespace evpose {
+
+// Track health (method.md 2.9): tests with stated false alarm rates, all on the same count of events.
+struct HealthOptions {
+  // Pixels: events this near to their line count as its own, of those within gate_px of it. Where nothing is, the share
+  // of the near ones is that of the areas.
+  double near_px = 2.0;
+  double gate_px = 8.0;
+  // Standard deviations by which the near events must exceed chance: 1e-3 one-sided under the normal.
+  double significance_sigma = 3.1;
+  // Variance of counts relative to independent events: they come in groups (see events_per_information).
+  double dispersion = 5.0;
+  // Events per second and pixel of background in which a moving object may come to rest: an EVK4 in dim light makes 1
+  // to 3, with sensitive biases 10. Up to so many, and no denser than elsewhere on the sensor, the events near the
+  // lines say nothing against a still object.
+  double max_noise_hz_per_px = 10.0;
+  // Events in the gate that a verdict needs.
+  int min_events = 150;
+  // Microseconds: a verdict is taken over at least this much.
+  int64_t min_span_us = 2000;
+  // Share of the testable length of lines that must be supported: a wrong pose can be fitted to about three lines'
+  // worth of clutter (6 unknowns, 2 per line); a right one has nearly all, less what is hidden.
+  double confirm_support_ratio = 0.6;
+  double keep_support_ratio = 0.35;
+  // Microseconds over which the evidence of a line that is short or slow is summed.
+  int64_t memory_us = 100'000;
+  // Share of the visible lines' length that must have had the time to answer before the first verdict for a pose is
+  // believed, and until when a pose stays on trial: part of an object may be all of another one.
+  double min_tested_ratio = 0.9;
+  // Microseconds that the first verdict is held back for it, at most: a line along its motion never answers.
+  int64_t max_hold_us = 15'000;
+  // Microseconds after which a tracked pose that the events have not supported counts as unsupported: ten poses at 1
+  // kHz.
+  int64_t patience_us = 10'000;
+  // Microseconds of plentiful but unexplained events, from the first such verdict on, after which the pose is LOST.
+  // With the patience before it, a lost object is known as such within 50 ms.
+  int64_t lost_after_us = 25'000;
+  // Verdicts with plenty of events that a first pose gets.
+  int max_unconfirmed_verdicts = 3;
+  // Pixels: a pose that is less certain than the gate is wide cannot be told from a wrong one.
+  double max_uncertainty_px = 12.0;
+
+  absl::Status Validate() const;
+};
 
 // What the windows since the last verdict say of one model line.
 struct LineEvidence {

@@ -5,8 +5,8 @@
 
 #include <vector>
 
-#include "core/base/random.h"
-#include "core/tracking/ideal_events.h"
+#include "core/estimation/ideal_events_testing.h"
+#include "core/numerics/random.h"
 
 namespace evpose {
 namespace {

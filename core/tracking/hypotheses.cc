@@ -5,8 +5,8 @@
 #include <cmath>
 #include <utility>
 
-#include "core/base/thin.h"
 #include "core/models/symmetry.h"
+#include "core/numerics/thin.h"
 
 namespace evpose {
 namespace {

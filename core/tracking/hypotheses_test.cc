@@ -7,8 +7,8 @@
 
 #include <utility>
 
+#include "core/estimation/ideal_events_testing.h"
 #include "core/models/symmetry.h"
-#include "core/tracking/ideal_events.h"
 
 namespace evpose {
 namespace {

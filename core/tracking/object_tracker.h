@@ -10,8 +10,8 @@
 #include <optional>
 #include <vector>
 
+#include "core/association/competitors.h"
 #include "core/initialization/initializer.h"
-#include "core/tracking/competitors.h"
 #include "core/tracking/hypotheses.h"
 #include "core/tracking/tracker.h"
 #include "core/windows/event_window.h"

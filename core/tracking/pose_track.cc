@@ -40,7 +40,7 @@ PoseTrack::PoseTrack(const TrackContext& context, const MotionState& start)
       visible_lines_(*context.model, context.camera, context.visibility),
       grid_(context.camera),
       background_(context.camera),
-      estimator_(MakeWindowEstimator(context.options, context.camera)),
+      estimator_(context.options.MakeEstimator(context.camera)),
       health_(context.options.health, context.options.mixture.min_events_per_px2,
               static_cast<int>(context.model->lines.size())),
       motion_(start),

@@ -8,19 +8,19 @@
 #include <optional>
 #include <vector>
 
+#include "core/association/association.h"
+#include "core/association/background.h"
+#include "core/association/camera_tables.h"
+#include "core/association/competitors.h"
+#include "core/association/near_events.h"
+#include "core/association/visible_lines.h"
+#include "core/estimation/estimator.h"
 #include "core/geometry/camera.h"
+#include "core/geometry/motion_prior.h"
 #include "core/models/visibility.h"
-#include "core/tracking/association.h"
-#include "core/tracking/background.h"
-#include "core/tracking/camera_tables.h"
-#include "core/tracking/competitors.h"
-#include "core/tracking/estimator.h"
 #include "core/tracking/health.h"
-#include "core/tracking/motion_prior.h"
-#include "core/tracking/near_events.h"
 #include "core/tracking/tracker.h"
 #include "core/tracking/tracker_options.h"
-#include "core/tracking/visible_lines.h"
 #include "core/windows/event_window.h"
 
 namespace evpose {

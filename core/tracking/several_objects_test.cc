@@ -8,8 +8,8 @@
 #include <memory>
 #include <vector>
 
+#include "core/estimation/ideal_events_testing.h"
 #include "core/models/symmetry.h"
-#include "core/tracking/ideal_events.h"
 #include "core/tracking/tracker.h"
 #include "core/tracking/tracker_options.h"
 

@@ -6,7 +6,7 @@
 #include <algorithm>
 #include <vector>
 
-#include "core/tracking/ideal_events.h"
+#include "core/estimation/ideal_events_testing.h"
 #include "core/tracking/tracker.h"
 #include "core/tracking/tracker_options.h"
 

@@ -6,8 +6,6 @@
 #include <cstdint>
 #include <memory>
 #include <optional>
-#include <string_view>
-#include <utility>
 #include <vector>
 
 #include "absl/status/status.h"
@@ -18,60 +16,13 @@
 #include "core/geometry/camera.h"
 #include "core/geometry/rigid_transform.h"
 #include "core/models/object_model.h"
+#include "core/tracking/pose_estimate.h"
 #include "core/windows/event_window.h"
 
 namespace evpose {
 
 struct CameraTables;
 class SearchModel;
-
-enum class TrackState { kInitializing, kTracking, kDegraded, kLost };
-std::string_view TrackStateName(TrackState state);  // "INITIALIZING", "TRACKING", "DEGRADED", "LOST"
-
-enum class Estimator {
-  kMixture,  // pose and twist in the window, normal + uniform mixture, soft association, motion prior
-  // For comparison. The paper's: one pose per window, hard association with its gates; its formulas corrected.
-  kStaticLs,
-  kStaticM,
-  kStaticS,
-  kStaticMm,
-  kErrorStateFilter,  // event by event, with the motion prior, as line-SLAM with events does
-  // The static ones as the paper's released code computes: no visibility, no prediction (method.md 2.6).
-  kReleasedLs,
-  kReleasedM,
-  kReleasedS,
-  kReleasedMm,
-};
-// Every estimator and what it is called where people choose one.
-inline constexpr std::pair<Estimator, std::string_view> kEstimatorNames[] = {
-    {Estimator::kMixture, "mixture"},        {Estimator::kStaticLs, "static-ls"},
-    {Estimator::kStaticM, "static-m"},       {Estimator::kStaticS, "static-s"},
-    {Estimator::kStaticMm, "static-mm"},     {Estimator::kErrorStateFilter, "error-state-filter"},
-    {Estimator::kReleasedLs, "released-ls"}, {Estimator::kReleasedM, "released-m"},
-    {Estimator::kReleasedS, "released-s"},   {Estimator::kReleasedMm, "released-mm"},
-};
-
-// Why there is no pose yet.
-enum class InitializationStatus {
-  kNotNeeded,         // a pose is tracked
-  kWaitingForEvents,  // too few: nothing is in view, or what is there stands still
-  kTooFewLines,       // events, but fewer than three lines in them
-  kNoPoseFits,        // lines, but the model fits them in no pose that the events support
-  kVerifying,         // the events are being asked about a pose, found or given
-  kAmbiguous,         // two poses explain the events equally well so far
-};
-std::string_view InitializationStatusName(InitializationStatus status);  // "NOT_NEEDED", "WAITING_FOR_EVENTS", ...
-
-struct InitializationReport {
-  InitializationStatus status = InitializationStatus::kWaitingForEvents;
-  uint64_t attempts = 0;  // searches for the pose so far
-  int num_lines = 0;      // that the last of them saw
-
-  static void VisitState(auto& archive, auto& self) {
-    auto& [status, attempts, num_lines] = self;
-    archive(AtMost(status, InitializationStatus::kAmbiguous), attempts, num_lines);
-  }
-};
 
 // Every field of it is in tracker_options.h with unit, default and reason.
 struct TrackerOptions;
@@ -87,25 +38,6 @@ struct ObjectToTrack {
 
   // INVALID_ARGUMENT saying what is wrong with the model, or naming the field.
   absl::Status Validate() const;
-};
-
-// One estimate, in the notation of the API's Pose message.
-struct PoseEstimate {
-  uint32_t object_index = 0;
-  int64_t t_us = 0;  // the time the pose is for: the events' mid-window, where it is best known (method.md 2.8)
-  RigidTransform camera_from_object;
-  Matrix6d covariance = Matrix6d::Zero();  // of [tx ty tz rx ry rz], m and rad, left perturbation
-  Vector6d twist = Vector6d::Zero();       // [vx vy vz wx wy wz]: dT/dt = v, dR/dt = w^ R, m/s and rad/s
-  TrackState state = TrackState::kInitializing;
-  uint32_t num_events = 0;       // in the gate
-  float explained_ratio = 0.0f;  // share of the gated events that the lines explain
-  float residual_rms_px = 0.0f;
-
-  static void VisitState(auto& archive, auto& self) {
-    auto& [object_index, t_us, pose, covariance, twist, state, num_events, explained_ratio, residual_rms_px] = self;
-    archive(object_index, t_us, pose, covariance, twist, AtMost(state, TrackState::kLost), num_events, explained_ratio,
-            residual_rms_px);
-  }
 };
 
 // Tracks the objects of one stream of events side by side, window by window: they share its windows (EventWindower) and

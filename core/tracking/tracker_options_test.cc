@@ -7,7 +7,8 @@
 #include <limits>
 #include <string>
 
-#include "core/tracking/ideal_events.h"
+#include "core/estimation/ideal_events_testing.h"
+#include "core/tracking/tracker.h"
 
 namespace evpose {
 namespace {
@@ -41,14 +42,6 @@ TEST(TrackerOptions, ValidateNamesGroupAndField) {
   EXPECT_THAT(MessageAfter([](O& o) { o.edge.memory_events = 0.0; }), HasSubstr("edge.memory_events"));
   EXPECT_THAT(MessageAfter([](O& o) { o.mixture.max_gate_px = 1.0; }), HasSubstr("mixture.max_gate_px"));
   EXPECT_THAT(MessageAfter([](O& o) { o.mixture.max_passes = 0; }), HasSubstr("mixture.max_passes"));
-  EXPECT_THAT(MessageAfter([](O& o) { o.static_fit.two_lines_px = 9.0; }), HasSubstr("static_fit.two_lines_px"));
-  EXPECT_THAT(MessageAfter([](O& o) { o.static_fit.max_iterations = 0; }), HasSubstr("static_fit.max_iterations"));
-  EXPECT_THAT(MessageAfter([](O& o) { o.static_fit.released_distance_px = 0.0; }),
-              HasSubstr("static_fit.released_distance_px"));
-  EXPECT_THAT(MessageAfter([](O& o) { o.error_state_filter.gate_chi2 = 0.0; }),
-              HasSubstr("error_state_filter.gate_chi2"));
-  EXPECT_THAT(MessageAfter([](O& o) { o.error_state_filter.injection_s = 0.0; }),
-              HasSubstr("error_state_filter.injection_s"));
   EXPECT_THAT(MessageAfter([](O& o) { o.health.near_px = 7.0; }), HasSubstr("health.near_px"));
   EXPECT_THAT(MessageAfter([](O& o) { o.health.lost_after_us = 0; }), HasSubstr("health.lost_after_us"));
   EXPECT_THAT(MessageAfter([](O& o) { o.visibility.samples_per_line = 0; }), HasSubstr("visibility."));

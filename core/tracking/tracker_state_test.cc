@@ -10,9 +10,10 @@
 #include <string>
 #include <vector>
 
-#include "core/base/random.h"
+#include "core/baselines/estimators/estimator_factory.h"
+#include "core/estimation/ideal_events_testing.h"
 #include "core/models/symmetry.h"
-#include "core/tracking/ideal_events.h"
+#include "core/numerics/random.h"
 #include "core/tracking/tracker.h"
 #include "core/tracking/tracker_options.h"
 
@@ -206,7 +207,7 @@ TEST(TrackerState, EveryEstimatorGoesOnWhereItWas) {
   for (const auto& [estimator, name] : kEstimatorNames) {
     SCOPED_TRACE(std::string(name));
     Scene scene = OneCube(60'000, Tumbling(), true);
-    scene.options.estimator = estimator;
+    scene.options.estimator_factory = EstimatorFactoryOf(estimator);
     EXPECT_GT(RunMoved(scene, 1).estimates.size(), 20u);
   }
 }

@@ -9,8 +9,9 @@
 #include <cmath>
 #include <vector>
 
-#include "core/base/random.h"
-#include "core/tracking/ideal_events.h"
+#include "core/baselines/estimators/estimator_factory.h"
+#include "core/estimation/ideal_events_testing.h"
+#include "core/numerics/random.h"
 #include "core/tracking/tracker_options.h"
 
 namespace evpose {
@@ -162,7 +163,7 @@ TEST(Tracker, TumblingCubeAndTheStaticFitBesideIt) {
   EXPECT_LT(mixture.rotation_median_rad, 1.5e-3);
 
   TrackerOptions published = IdealSensor();
-  published.estimator = Estimator::kStaticMm;
+  published.estimator_factory = EstimatorFactoryOf(Estimator::kStaticMm);
   const TrackRun baseline = Track(events, motion(0.0), published);
   EXPECT_GT(baseline.estimates.size(), run.estimates.size() / 2);
   const Errors static_mm = Compare(baseline.estimates, motion);
@@ -194,7 +195,7 @@ TEST(Tracker, EstimatesDoNotDependOnTheCutOfCalls) {
   const std::vector<Event> events = MakeIdealEvents(*MakeCube(0.15), kCamera, motion, options);
   for (const Estimator estimator : {Estimator::kMixture, Estimator::kStaticMm, Estimator::kErrorStateFilter}) {
     TrackerOptions tracker_options = IdealSensor();
-    tracker_options.estimator = estimator;
+    tracker_options.estimator_factory = EstimatorFactoryOf(estimator);
     const TrackRun whole = Track(events, kStart, tracker_options);
     for (const size_t step : {1u, 13u, 4096u}) {
       auto tracker = Tracker::Create(MakeCube(0.15), kCamera, tracker_options, kStart).value();

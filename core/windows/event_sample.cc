@@ -3,7 +3,7 @@
 
 #include <algorithm>
 
-#include "core/base/clones.h"
+#include "core/numerics/clones.h"
 
 namespace evpose {
 namespace {

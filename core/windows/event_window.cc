@@ -5,7 +5,7 @@
 #include <array>
 
 #include "absl/strings/str_cat.h"
-#include "core/base/prefetch.h"
+#include "core/numerics/prefetch.h"
 #include "core/windows/event_sample.h"
 #include "core/windows/window_event_state.h"
 

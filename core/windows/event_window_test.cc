@@ -9,7 +9,7 @@
 #include <functional>
 #include <vector>
 
-#include "core/base/random.h"
+#include "core/numerics/random.h"
 
 namespace evpose {
 namespace {

@@ -3,7 +3,7 @@
 
 #include <utility>
 
-#include "core/base/thin.h"
+#include "core/numerics/thin.h"
 #include "core/windows/window_event_state.h"
 
 namespace evpose {

@@ -6,7 +6,7 @@
 #include <algorithm>
 #include <vector>
 
-#include "core/base/random.h"
+#include "core/numerics/random.h"
 #include "core/windows/event_window.h"
 #include "core/windows/pixel_history.h"
 #include "core/windows/window_memory.h"

@@ -11,9 +11,9 @@
 #include "absl/strings/escaping.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_split.h"
-#include "core/base/hash.h"
 #include "core/base/output_file.h"
 #include "core/base/status_macros.h"
+#include "core/numerics/hash.h"
 #include "server/sessions/log.h"
 #include "server/sessions/random_name.h"
 

@@ -8,8 +8,8 @@
 #include <limits>
 
 #include "absl/strings/escaping.h"
-#include "core/base/hash.h"
 #include "core/base/version.h"
+#include "core/numerics/hash.h"
 #include "grpc/health/v1/health.grpc.pb.h"
 #include "server/rpc/listen_address.h"
 #include "server/rpc/testing.h"

@@ -6,7 +6,7 @@
 #include <thread>
 
 #include "absl/strings/escaping.h"
-#include "core/base/hash.h"
+#include "core/numerics/hash.h"
 #include "grpc/health/v1/health.grpc.pb.h"
 #include "server/rpc/testing.h"
 #include "server/sessions/store_testing.h"

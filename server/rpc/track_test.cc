@@ -3,7 +3,7 @@
 // Track, through the raw stub against the real server.
 #include <thread>
 
-#include "core/base/hash.h"
+#include "core/numerics/hash.h"
 #include "server/rpc/testing.h"
 
 namespace evpose::server {

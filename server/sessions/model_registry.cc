@@ -8,8 +8,8 @@
 
 #include "absl/strings/ascii.h"
 #include "absl/strings/str_cat.h"
-#include "core/base/hash.h"
 #include "core/base/status_macros.h"
+#include "core/numerics/hash.h"
 #include "server/sessions/errors.h"
 #include "server/sessions/log.h"
 #include "server/sessions/session_codec.h"

@@ -8,8 +8,8 @@
 #include "absl/cleanup/cleanup.h"
 #include "absl/strings/str_cat.h"
 #include "absl/types/span.h"
-#include "core/base/hash.h"
 #include "core/base/status_macros.h"
+#include "core/numerics/hash.h"
 #include "server/sessions/errors.h"
 #include "server/sessions/random_name.h"
 

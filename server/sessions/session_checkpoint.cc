@@ -6,7 +6,7 @@
 #include <mutex>
 #include <utility>
 
-#include "core/base/hash.h"
+#include "core/numerics/hash.h"
 #include "server/sessions/random_name.h"
 #include "server/sessions/session.h"
 #include "server/sessions/session_codec.h"

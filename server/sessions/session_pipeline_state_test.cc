@@ -8,10 +8,11 @@
 #include <functional>
 #include <iostream>
 
-#include "core/base/random.h"
 #include "core/base/state_io.h"
+#include "core/baselines/estimators/estimator_factory.h"
 #include "core/events/encoder.h"
 #include "core/models/symmetry.h"
+#include "core/numerics/random.h"
 #include "core/simulation/simulator.h"
 #include "core/tracking/tracker_options.h"
 #include "server/sessions/session_pipeline.h"
@@ -29,7 +30,7 @@ absl::StatusOr<std::unique_ptr<Tracker>> MakeTracker(const SessionConfig& config
     objects.push_back({models[i], config.objects[i].initial_camera_from_object, config.objects[i].reference_rotation});
   }
   TrackerOptions options;
-  options.estimator = config.estimator;
+  options.estimator_factory = EstimatorFactoryOf(config.estimator);
   options.sensor = config.sensor;
   return Tracker::Create(objects, config.camera, options);
 }

@@ -6,7 +6,7 @@
 
 #include <semaphore>
 
-#include "core/base/hash.h"
+#include "core/numerics/hash.h"
 #include "server/sessions/errors.h"
 #include "server/sessions/testing.h"
 #include "server/stores/memory_store.h"

@@ -6,8 +6,9 @@
 #include <vector>
 
 #include "absl/strings/str_cat.h"
+#include "core/association/camera_tables.h"
+#include "core/baselines/estimators/estimator_factory.h"
 #include "core/initialization/search_model.h"
-#include "core/tracking/camera_tables.h"
 #include "core/tracking/tracker.h"
 #include "core/tracking/tracker_options.h"
 #include "server/sessions/errors.h"
@@ -38,7 +39,7 @@ absl::StatusOr<std::unique_ptr<Tracker>> MakeTracker(const SessionConfig& config
   auto tables = shared.camera_tables.Get(config.camera, [&] { return MakeCameraTables(config.camera); });
   if (!tables.ok()) return InvalidField("config", tables.status().message());
   TrackerOptions options;
-  options.estimator = config.estimator;
+  options.estimator_factory = EstimatorFactoryOf(config.estimator);
   options.sensor = config.sensor;
   auto tracker = Tracker::Create(std::move(objects), config.camera, options, *std::move(tables));
   if (!tracker.ok()) return InvalidField("config", tracker.status().message());

@@ -6,9 +6,9 @@
 #include <utility>
 
 #include "absl/strings/str_cat.h"
-#include "core/base/hash.h"
 #include "core/base/state_io.h"
 #include "core/base/status_macros.h"
+#include "core/numerics/hash.h"
 
 namespace evpose::server {
 namespace {

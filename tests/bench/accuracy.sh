@@ -17,7 +17,7 @@ while (($#)); do
     --speed) speed=$2 ;;
     --camera) camera=$2 ;;
     --estimators) estimators=$2 ;;
-    *) sed -n '2,5s/^# //p' "$0" >&2; exit 2 ;;
+    *) sed -n '3,6s/^# //p' "$0" >&2; exit 2 ;;
   esac
   shift 2
 done

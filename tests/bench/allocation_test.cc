@@ -11,7 +11,7 @@
 #include <vector>
 
 #include "core/events/decoder.h"
-#include "core/experiments/speed_recordings.h"
+#include "core/experiments/speed/speed_recordings.h"
 #include "core/tracking/tracker.h"
 #include "core/tracking/tracker_options.h"
 #include "tests/bench/allocation_counter.h"

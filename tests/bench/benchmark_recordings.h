@@ -8,7 +8,7 @@
 #include <utility>
 #include <vector>
 
-#include "core/experiments/speed_recordings.h"
+#include "core/experiments/speed/speed_recordings.h"
 
 namespace evpose::bench {
 

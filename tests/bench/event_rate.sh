@@ -14,7 +14,7 @@ while (($#)); do
   case "$1" in
     --objects) objects=$2 ;;
     --seeds) seeds=$2 ;;
-    *) sed -n '2,5s/^# //p' "$0" >&2; exit 2 ;;
+    *) sed -n '3,6s/^# //p' "$0" >&2; exit 2 ;;
   esac
   shift 2
 done

@@ -5,7 +5,7 @@
 #include <cmath>
 
 #include "client/lib/conversion.h"
-#include "core/tracking/ideal_events.h"
+#include "core/estimation/ideal_events_testing.h"
 #include "server/sessions/testing.h"
 
 namespace evpose::bench {

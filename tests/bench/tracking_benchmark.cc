@@ -9,7 +9,7 @@
 #include <utility>
 #include <vector>
 
-#include "core/experiments/speed_windows.h"
+#include "core/experiments/speed/speed_windows.h"
 #include "tests/bench/benchmark_recordings.h"
 
 namespace evpose::bench {
@@ -51,7 +51,7 @@ void Estimate(benchmark::State& state, const std::string& scene, int num_pieces)
   WindowFit fit;
   double num_explained = 0.0;
   for (auto _ : state) {
-    const auto estimator = MakeWindowEstimator(made.context->options, made.context->camera);
+    const auto estimator = made.context->options.MakeEstimator(made.context->camera);
     for (const EstimationInput& window : inputs) {
       estimator->Fit(window.predicted, window.input, 1.0, fit);
       estimator->Accept(fit, window.input);

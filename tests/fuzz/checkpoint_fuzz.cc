@@ -7,10 +7,11 @@
 #include <utility>
 #include <vector>
 
+#include "core/association/camera_tables.h"
+#include "core/baselines/estimators/estimator_factory.h"
+#include "core/estimation/ideal_events_testing.h"
 #include "core/initialization/search_model.h"
 #include "core/models/object_model.h"
-#include "core/tracking/camera_tables.h"
-#include "core/tracking/ideal_events.h"
 #include "core/tracking/tracker_options.h"
 #include "server/sessions/session_pipeline.h"
 #include "server/sessions/testing.h"
@@ -30,7 +31,7 @@ constexpr double kNoise = 300.0;  // events per second over the picture
 
 TrackerOptions Options(Estimator estimator) {
   TrackerOptions options;
-  options.estimator = estimator;
+  options.estimator_factory = EstimatorFactoryOf(estimator);
   options.sensor = testing::UnbiasedSensor();
   options.windows.min_events = 10;
   options.windows.max_events = 100;

@@ -2,9 +2,9 @@
 
 // The text files that users bring: camera, sensor profile, trajectory; and a pose as an argument. What is accepted is
 // valid, and reads back from what is written to the same values.
+#include "core/estimation/sensor_profile.h"
 #include "core/geometry/camera.h"
 #include "core/geometry/trajectory.h"
-#include "core/tracking/sensor_profile.h"
 #include "tests/fuzz/fuzz_input.h"
 #include "tests/fuzz/require.h"
 

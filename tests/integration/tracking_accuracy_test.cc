@@ -9,6 +9,7 @@
 #include <string>
 #include <vector>
 
+#include "core/baselines/estimators/estimator_factory.h"
 #include "core/evaluation/evaluate.h"
 #include "core/models/symmetry.h"
 #include "core/simulation/simulator.h"
@@ -88,7 +89,7 @@ TEST(TrackingAccuracy, TheCubeIsTrackedWithinTheGoalAndBetterThanByTheStaticFit)
   const Recording recording = Record(VgaScene("cube", 2.0, 72, 1'000'000));
   const auto mixture = Evaluate(recording.truth, Track(recording).estimates, {});
   TrackerOptions static_options;
-  static_options.estimator = Estimator::kStaticMm;
+  static_options.estimator_factory = EstimatorFactoryOf(Estimator::kStaticMm);
   const auto static_mm = Evaluate(recording.truth, Track(recording, static_options).estimates, {});
   ASSERT_TRUE(mixture.ok()) << mixture.status();
   ASSERT_TRUE(static_mm.ok()) << static_mm.status();

@@ -1,0 +1,190 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "core/association/association.h"
+
+#include <algorithm>
+#include <cmath>
+#include <utility>
+
+#include "core/numerics/refill.h"
+
+namespace evpose {
+namespace {
+
+// Narrows [low, high] to where lower <= offset + slope x <= upper.
+void Restrict(double offset, double slope, double lower, double upper, double& low, double& high) {
+  constexpr double kFlat = 1e-9;
+  if (std::abs(slope) < kFlat) {
+    if (offset < lower || offset > upper) high = low - 1.0;
+    return;
+  }
+  double first = (lower - offset) / slope;
+  double last = (upper - offset) / slope;
+  if (first > last) std::swap(first, last);
+  low = std::max(low, first);
+  high = std::min(high, last);
+}
+
+}  // namespace
+
+void ProjectLines(const CameraModel& camera, const MotionState& state, absl::Span<const TrackedLine> lines,
+                  std::vector<ImageLine>& image_lines) {
+  Refill(lines.size(), image_lines);
+  for (size_t k = 0; k < lines.size(); ++k) {
+    const std::optional<ProjectedLine> projected =
+        ProjectLine(camera, state.camera_from_object, lines[k].p1, lines[k].p2);
+    if (!projected) continue;
+    ImageLine& line = image_lines[k];
+    const Eigen::Vector2d extent = projected->p2_px - projected->p1_px;
+    const double length_px = extent.norm();
+    if (!(length_px > 1e-6) || !std::isfinite(length_px)) continue;
+    line.a = projected->a;
+    line.a_expected = projected->a;
+    line.jacobian = projected->jacobian;
+    line.a_dot = projected->jacobian * state.twist;
+    line.p1_px = projected->p1_px;
+    line.direction = extent / length_px;
+    line.length_px = length_px;
+  }
+}
+
+void ProjectVelocityJacobians(const CameraModel& camera, const MotionState& state, absl::Span<const TrackedLine> lines,
+                              absl::Span<ImageLine> image_lines) {
+  for (size_t k = 0; k < lines.size(); ++k) {
+    if (!image_lines[k].in_view()) continue;
+    image_lines[k].a_dot_jacobian =
+        LineVelocityJacobian(camera, state.camera_from_object, lines[k].p1, lines[k].p2, state.twist);
+  }
+}
+
+Eigen::Vector3d BearingOf(const CameraModel& camera, const Eigen::Vector2d& pixel) {
+  return {(pixel.x() - camera.cx_px) / camera.fx_px, (pixel.y() - camera.cy_px) / camera.fy_px, 1.0};
+}
+
+double NormalSpeedPxPerS(const CameraModel& camera, const ImageLine& line, double fraction) {
+  return -BearingOf(camera, line.PointAt(fraction)).dot(line.a_dot);
+}
+
+std::optional<Observation> Observe(const CameraModel& camera, const UndistortionTable& undistortion,
+                                   const WindowEvent& event, int64_t t_us) {
+  if (event.x >= camera.width_px || event.y >= camera.height_px) return std::nullopt;
+  const Eigen::Vector2f& bearing = undistortion.Bearing(event.x, event.y);
+  Observation observation;
+  observation.bx = bearing.x();
+  observation.by = bearing.y();
+  observation.u_px = camera.fx_px * observation.bx + camera.cx_px;
+  observation.v_px = camera.fy_px * observation.by + camera.cy_px;
+  observation.tau_s = static_cast<double>(event.t_us - t_us) * 1e-6;
+  observation.polarity = event.polarity != 0 ? 1 : 0;
+  observation.previous = event.previous;
+  return observation;
+}
+
+double PredictedSpreadPx(const CameraModel& camera, const MotionState& state, absl::Span<const ImageLine> lines) {
+  const Matrix6d covariance = state.covariance.topLeftCorner<6, 6>();
+  double largest = 0.0;
+  for (const ImageLine& line : lines) {
+    if (!line.in_view()) continue;
+    const Vector6d row = line.jacobian.transpose() * BearingOf(camera, line.PointAt(0.5));
+    largest = std::max(largest, row.dot(covariance * row));
+  }
+  return std::sqrt(largest);
+}
+
+void KeepLinesWithin(double reach_px, const ImageLine* lines, Observation& event) {
+  uint8_t count = 0;
+  for (const uint16_t index : event.Lines()) {
+    const ImageLine& line = lines[index];
+    const double along_px = line.AlongPx(event.u_px, event.v_px);
+    const bool is_near =
+        std::abs(DistancePx(event, line)) <= reach_px && along_px >= -reach_px && along_px <= line.length_px + reach_px;
+    event.lines[count] = index;
+    count += is_near ? 1 : 0;
+  }
+  event.num_lines = count;
+}
+
+TileGrid::TileGrid(const CameraModel& camera)
+    : columns_(static_cast<int>((camera.width_px + 2 * kMarginPx) / kTilePx) + 1),
+      rows_(static_cast<int>((camera.height_px + 2 * kMarginPx) / kTilePx) + 1),
+      tiles_(static_cast<size_t>(columns_) * rows_),
+      has_lines_(tiles_.size(), 0) {}
+
+void TileGrid::Build(absl::Span<const ImageLine> lines, double reach_px) {
+  for (const uint32_t tile : touched_) tiles_[tile].count = has_lines_[tile] = 0;
+  touched_.clear();
+  // From a tile's centre, whatever lies in the tile is within half its diagonal.
+  const double reach = reach_px + 0.7072 * kTilePx;
+  for (size_t k = 0; k < lines.size(); ++k) {
+    const ImageLine& line = lines[k];
+    if (!line.in_view()) continue;
+    const double y1 = line.p1_px.y();
+    const double y2 = line.PointAt(1.0).y();
+    const double first = (std::min(y1, y2) - reach + kMarginPx) / kTilePx;
+    const double last = (std::max(y1, y2) + reach + kMarginPx) / kTilePx;
+    const int first_row = static_cast<int>(std::clamp(first, 0.0, rows_ - 1.0));
+    const int last_row = static_cast<int>(std::clamp(last, -1.0, rows_ - 1.0));
+    for (int row = first_row; row <= last_row; ++row) EnterRow(row, lines, k, reach);
+  }
+}
+
+bool TileGrid::GiveLines(Observation& event) const {
+  const uint32_t tile = TileOf(event.u_px, event.v_px);
+  event.num_lines = 0;
+  if (tile == kNoTile) return false;
+  GiveLines(tile, event);
+  return true;
+}
+
+void TileGrid::EnterRow(int row, absl::Span<const ImageLine> lines, size_t index, double reach) {
+  const ImageLine& line = lines[index];
+  const double y = (row + 0.5) * kTilePx - kMarginPx;
+  const Eigen::Vector2d normal(-line.direction.y(), line.direction.x());
+  const double across = normal.y() * (y - line.p1_px.y()) - normal.x() * line.p1_px.x();
+  const double along = line.direction.y() * (y - line.p1_px.y()) - line.direction.x() * line.p1_px.x();
+  double low = -kMarginPx;
+  double high = columns_ * kTilePx - kMarginPx;
+  Restrict(across, normal.x(), -reach, reach, low, high);
+  Restrict(along, line.direction.x(), -reach, line.length_px + reach, low, high);
+  // Tiles whose centre (column + 0.5) kTilePx - kMarginPx lies in [low, high].
+  const double first_centre = std::ceil((low + kMarginPx) / kTilePx - 0.5);
+  const double last_centre = std::floor((high + kMarginPx) / kTilePx - 0.5);
+  const int first = static_cast<int>(std::clamp(first_centre, 0.0, columns_ + 0.0));
+  const int last = static_cast<int>(std::clamp(last_centre, -1.0, columns_ - 1.0));
+  const uint32_t row_begin = static_cast<uint32_t>(row) * columns_;
+  for (int column = first; column <= last; ++column) {
+    Tile& tile = tiles_[row_begin + column];
+    if (tile.count == kSlots) {
+      Replace(lines, index, {(column + 0.5) * kTilePx - kMarginPx, y}, tile);
+      continue;
+    }
+    if (tile.count == 0) {
+      touched_.push_back(row_begin + column);
+      has_lines_[row_begin + column] = 1;
+    }
+    tile.lines[tile.count++] = static_cast<uint16_t>(index);
+  }
+}
+
+void TileGrid::Replace(absl::Span<const ImageLine> lines, size_t index, const Eigen::Vector2d& centre_px, Tile& tile) {
+  const auto distance_px = [&](size_t k) {
+    const Eigen::Vector2d from_p1 = centre_px - lines[k].p1_px;
+    return std::abs(lines[k].direction.x() * from_p1.y() - lines[k].direction.y() * from_p1.x());
+  };
+  const auto is_nearer = [&](uint16_t a, uint16_t b) { return distance_px(a) < distance_px(b); };
+  uint16_t* const farthest = std::max_element(tile.lines, tile.lines + kSlots, is_nearer);
+  if (distance_px(index) < distance_px(*farthest)) *farthest = static_cast<uint16_t>(index);
+}
+
+PixelTiles::PixelTiles(const CameraModel& camera, const UndistortionTable& undistortion) : width_px_(camera.width_px) {
+  const TileGrid grid(camera);
+  tiles_.reserve(static_cast<size_t>(camera.width_px) * camera.height_px);
+  for (int y = 0; y < camera.height_px; ++y) {
+    for (int x = 0; x < camera.width_px; ++x) {
+      const Eigen::Vector2d bearing = undistortion.Bearing(x, y).cast<double>();
+      tiles_.push_back(
+          grid.TileOf(camera.fx_px * bearing.x() + camera.cx_px, camera.fy_px * bearing.y() + camera.cy_px));
+    }
+  }
+}
+
+}  // namespace evpose

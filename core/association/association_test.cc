@@ -1,0 +1,202 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "core/association/association.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+#include <vector>
+
+#include "core/estimation/ideal_events_testing.h"
+#include "core/numerics/random.h"
+#include "core/numerics/thin.h"
+
+namespace evpose {
+namespace {
+
+using testing::MakeCamera;
+using testing::MakeCube;
+using testing::MakePose;
+
+std::vector<TrackedLine> AllLines(const ObjectModel& model) {
+  std::vector<TrackedLine> lines;
+  for (size_t k = 0; k < model.lines.size(); ++k) {
+    lines.push_back({static_cast<int>(k), model.lines[k].p1, model.lines[k].p2});
+  }
+  return lines;
+}
+
+Observation ObservationAt(const CameraModel& camera, double u_px, double v_px, double tau_s, const TileGrid& grid) {
+  Observation event;
+  const Eigen::Vector3d bearing = BearingOf(camera, {u_px, v_px});
+  event.bx = bearing.x();
+  event.by = bearing.y();
+  event.u_px = u_px;
+  event.v_px = v_px;
+  event.tau_s = tau_s;
+  grid.GiveLines(event);
+  return event;
+}
+
+TEST(TileGrid, FindsTheSameLinesAsLookingAtAll) {
+  const CameraModel camera = MakeCamera(640, 480, 600.0);
+  const auto cube = MakeCube(0.2);
+  MotionState state;
+  state.camera_from_object = MakePose({0.02, 0.01, 0.7}, {0.5, 0.4, 0.1});
+  state.twist << 0.2, 0.1, -0.1, 1.0, 0.5, -1.0;
+  std::vector<ImageLine> lines;
+  const std::vector<TrackedLine> tracked = AllLines(*cube);
+  ProjectLines(camera, state, tracked, lines);
+  std::vector<uint16_t> all;
+  for (size_t k = 0; k < lines.size(); ++k) all.push_back(static_cast<uint16_t>(k));
+
+  constexpr double kGatePx = 5.0;
+  TileGrid grid(camera);
+  grid.Build(lines, kGatePx + 3.0);
+  Random random(2);
+  int found = 0;
+  for (int i = 0; i < 20'000; ++i) {
+    const Observation event =
+        ObservationAt(camera, random.Uniform(-20, 660), random.Uniform(-20, 500), random.Uniform(-1e-3, 1e-3), grid);
+    ASSERT_NE(grid.TileOf(event.u_px, event.v_px), TileGrid::kNoTile);
+    const NearLines near = FindNearLines(event, lines.data(), kGatePx, 2.0);
+    const NearLines reference = FindNearLines(event, all, lines.data(), kGatePx, 2.0);
+    ASSERT_EQ(near.count, reference.count) << event.u_px << " " << event.v_px;
+    for (int k = 0; k < near.count; ++k) {
+      EXPECT_EQ(near.distance_px[k], reference.distance_px[k]);
+    }
+    found += near.count;
+  }
+  EXPECT_GT(found, 500);
+}
+
+TEST(TileGrid, RebuildingForgetsTheOldLines) {
+  const CameraModel camera = MakeCamera(640, 480, 600.0);
+  const auto cube = MakeCube(0.2);
+  MotionState state;
+  state.camera_from_object = MakePose({0.0, 0.0, 0.7}, {0.5, 0.4, 0.1});
+  std::vector<ImageLine> lines;
+  ProjectLines(camera, state, AllLines(*cube), lines);
+  TileGrid grid(camera);
+  grid.Build(lines, 8.0);
+  grid.Build({}, 8.0);
+  for (double v = 0.0; v < 480.0; v += 8.0) {
+    for (double u = 0.0; u < 640.0; u += 8.0) EXPECT_TRUE(grid.Lines(grid.TileOf(u, v)).empty());
+  }
+  EXPECT_EQ(grid.TileOf(-1000.0, 0.0), TileGrid::kNoTile);
+  EXPECT_EQ(grid.TileOf(std::nan(""), 0.0), TileGrid::kNoTile);
+}
+
+TEST(FindNearLines, GivesTheNearestTwoInOrder) {
+  const CameraModel camera = MakeCamera(640, 480, 600.0);
+  MotionState state;
+  state.camera_from_object = MakePose({0.0, 0.0, 1.0}, {0.0, 0.0, 0.0});
+  // Three vertical lines, at u = c, c + 3 and c + 6 pixels.
+  std::vector<TrackedLine> tracked;
+  for (int k = 0; k < 3; ++k) tracked.push_back({k, {k * 3.0 / 600.0, -0.1, 0.0}, {k * 3.0 / 600.0, 0.1, 0.0}});
+  std::vector<ImageLine> lines;
+  ProjectLines(camera, state, tracked, lines);
+  TileGrid grid(camera);
+  grid.Build(lines, 10.0);
+  const Observation event = ObservationAt(camera, camera.cx_px + 2.0, camera.cy_px, 0.0, grid);
+  const NearLines near = FindNearLines(event, lines.data(), 8.0, 2.0);
+  ASSERT_EQ(near.count, 2);
+  EXPECT_EQ(near.line[0], 1);
+  EXPECT_EQ(near.line[1], 0);
+  EXPECT_NEAR(std::abs(near.distance_px[0]), 1.0, 1e-9);
+  EXPECT_NEAR(std::abs(near.distance_px[1]), 2.0, 1e-9);
+  // Beyond the ends, 60 px from the middle, there is no line.
+  const Observation beyond = ObservationAt(camera, camera.cx_px, camera.cy_px + 63.0, 0.0, grid);
+  EXPECT_EQ(FindNearLines(beyond, lines.data(), 8.0, 2.0).count, 0);
+}
+
+TEST(FindNearLines, FollowsTheMotionWithinTheWindow) {
+  const CameraModel camera = MakeCamera(640, 480, 600.0);
+  MotionState state;
+  state.camera_from_object = MakePose({0.0, 0.0, 1.0}, {0.0, 0.0, 0.0});
+  state.twist[0] = 2.0;  // 1200 px/s to the right
+  const std::vector<TrackedLine> tracked = {{0, {0.0, -0.1, 0.0}, {0.0, 0.1, 0.0}}};
+  std::vector<ImageLine> lines;
+  ProjectLines(camera, state, tracked, lines);
+  TileGrid grid(camera);
+  grid.Build(lines, 10.0);
+  const Observation event = ObservationAt(camera, camera.cx_px + 2.4, camera.cy_px, 2e-3, grid);
+  const NearLines near = FindNearLines(event, lines.data(), 5.0, 2.0);
+  ASSERT_EQ(near.count, 1);
+  EXPECT_NEAR(near.distance_px[0], 0.0, 1e-9);
+}
+
+TEST(KeepLinesWithin, LeavesWhatTheGatesCanReachAtTheEventsTime) {
+  const CameraModel camera = MakeCamera(640, 480, 600.0);
+  MotionState state;
+  state.camera_from_object = MakePose({0.0, 0.0, 1.0}, {0.0, 0.0, 0.0});
+  state.twist[0] = 2.0;  // 1200 px/s to the right
+  std::vector<TrackedLine> tracked;
+  for (int k = 0; k < 3; ++k) tracked.push_back({k, {k * 4.0 / 600.0, -0.1, 0.0}, {k * 4.0 / 600.0, 0.1, 0.0}});
+  std::vector<ImageLine> lines;
+  ProjectLines(camera, state, tracked, lines);
+  TileGrid grid(camera);
+  grid.Build(lines, 20.0);
+  // 2 ms later the lines are at 2.4, 6.4 and 10.4 px.
+  Observation event = ObservationAt(camera, camera.cx_px + 5.0, camera.cy_px, 2e-3, grid);
+  ASSERT_EQ(event.num_lines, 3);
+  KeepLinesWithin(5.0, lines.data(), event);
+  EXPECT_THAT(event.Lines(), ::testing::UnorderedElementsAre(0, 1));
+  KeepLinesWithin(2.0, lines.data(), event);
+  EXPECT_THAT(event.Lines(), ::testing::ElementsAre(1));
+  // Beyond the end, 60 px from the middle, it is near while it is within as much.
+  Observation beyond = ObservationAt(camera, camera.cx_px, camera.cy_px + 65.0, 0.0, grid);
+  ASSERT_GT(beyond.num_lines, 0);
+  KeepLinesWithin(4.9, lines.data(), beyond);
+  EXPECT_EQ(beyond.num_lines, 0);
+}
+
+TEST(ThinEvenlyByKind, KeepsAnEvenShare) {
+  std::vector<Observation> observations(10'000);
+  for (size_t i = 0; i < observations.size(); ++i) observations[i].u_px = static_cast<double>(i);
+  const auto polarity_of = [](const Observation& event) { return event.polarity; };
+  ThinEvenlyByKind(1000, {0.5, 0.5}, absl::MakeConstSpan(observations), polarity_of, observations);
+  ASSERT_LE(observations.size(), 1000u);
+  ASSERT_GE(observations.size(), 990u);
+  int odd = 0;
+  int first_half = 0;
+  for (const Observation& observation : observations) {
+    odd += static_cast<int>(observation.u_px) % 2;
+    first_half += observation.u_px < 5000.0 ? 1 : 0;
+  }
+  EXPECT_NEAR(odd, 500, 50);
+  EXPECT_NEAR(first_half, 500, 10);
+  ThinEvenlyByKind(2000, {0.5, 0.5}, absl::MakeConstSpan(observations), polarity_of, observations);
+  EXPECT_GE(observations.size(), 990u);
+}
+
+TEST(ThinEvenlyByKind, TheRarerStays) {
+  const auto thin = [](size_t num_off, size_t num_on, double share_off = 0.5) {
+    std::vector<Observation> all(num_off + num_on);
+    for (size_t i = 0; i < num_on; ++i) all[i].polarity = 1;
+    std::vector<Observation> observations;
+    const std::array<double, 2> per_kept = ThinEvenlyByKind(
+        1000, {share_off, 1.0 - share_off}, absl::MakeConstSpan(all),
+        [](const Observation& event) { return event.polarity; }, observations);
+    const auto on = static_cast<double>(std::count_if(observations.begin(), observations.end(),
+                                                      [](const Observation& event) { return event.polarity == 1; }));
+    const auto off = static_cast<double>(observations.size()) - on;
+    EXPECT_LE(observations.size(), 1000u);
+    EXPECT_NEAR(per_kept[0] * off, static_cast<double>(num_off), 1e-9);
+    EXPECT_NEAR(per_kept[1] * on, static_cast<double>(num_on), 1e-9);
+    return std::array<double, 2>{off, on};
+  };
+  EXPECT_EQ(thin(100, 900), (std::array<double, 2>{100, 900}));
+  EXPECT_NEAR(thin(100, 9900)[0], 100.0, 2.0);
+  EXPECT_NEAR(thin(100, 9900)[1], 900.0, 2.0);
+  EXPECT_NEAR(thin(2000, 50'000)[0], 500.0, 2.0);
+  EXPECT_NEAR(thin(50'000, 2000)[0], 500.0, 2.0);
+  EXPECT_EQ(thin(0, 5000)[0], 0.0);
+  EXPECT_NEAR(thin(2000, 8000, 0.2)[0], 200.0, 2.0);
+  EXPECT_NEAR(thin(2000, 50'000, 0.2)[0], 200.0, 2.0);
+  EXPECT_NEAR(thin(50'000, 2000, 0.2)[1], 800.0, 2.0);
+}
+
+}  // namespace
+}  // namespace evpose

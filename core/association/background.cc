@@ -1,0 +1,62 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "core/association/background.h"
+
+#include <algorithm>
+
+namespace evpose {
+
+BackgroundRate::BackgroundRate(const CameraModel& camera) {
+  const TileGrid grid(camera);
+  const int cell_columns = (grid.columns() + kCellTiles - 1) / kCellTiles;
+  const int cell_rows = (grid.rows() + kCellTiles - 1) / kCellTiles;
+  const size_t num_cells = static_cast<size_t>(cell_columns) * cell_rows;
+  for (int row = 0; row < grid.rows(); ++row) {
+    for (int column = 0; column < grid.columns(); ++column) {
+      cell_of_tile_.push_back(static_cast<uint32_t>(row / kCellTiles * cell_columns + column / kCellTiles));
+    }
+  }
+  cell_events_.resize(num_cells);
+  line_tiles_.resize(num_cells);
+  cells_.resize(num_cells);
+  on_sensor_.resize(num_cells);
+  constexpr double kCellPx = kCellTiles * TileGrid::kTilePx;
+  for (size_t i = 0; i < num_cells; ++i) {
+    const double left = static_cast<double>(i % cell_columns) * kCellPx - TileGrid::kMarginPx;
+    const double top = static_cast<double>(i / cell_columns) * kCellPx - TileGrid::kMarginPx;
+    on_sensor_[i] = left >= 0.0 && top >= 0.0 && left + kCellPx <= camera.width_px && top + kCellPx <= camera.height_px;
+  }
+}
+
+void BackgroundRate::CloseWindow(const TileGrid& grid, double duration_s) {
+  constexpr double kMemoryEventsPerCell = 10.0;
+  std::fill(line_tiles_.begin(), line_tiles_.end(), 0);
+  for (const uint32_t tile : grid.tiles_with_lines()) ++line_tiles_[cell_of_tile_[tile]];
+
+  double remembered = 0.0, counted = 0.0;
+  for (size_t i = 0; i < cells_.size(); ++i) {
+    remembered += cells_[i].events;
+    counted += cell_events_[i];
+  }
+  const double memory = kMemoryEventsPerCell * static_cast<double>(cells_.size());
+  const double keep = remembered > 0.0 ? std::clamp((memory - counted) / remembered, 0.0, 1.0) : 1.0;
+  for (size_t i = 0; i < cells_.size(); ++i) {
+    const double px2 = (kCellTiles * kCellTiles - line_tiles_[i]) * TileGrid::kTilePx * TileGrid::kTilePx;
+    cells_[i].events = keep * cells_[i].events + cell_events_[i];
+    cells_[i].px2_s = keep * cells_[i].px2_s + px2 * duration_s;
+  }
+  std::fill(cell_events_.begin(), cell_events_.end(), 0.0);
+  hz_per_px_ = Median();
+}
+
+double BackgroundRate::Median() {
+  rates_.clear();
+  for (size_t i = 0; i < cells_.size(); ++i) {
+    if (on_sensor_[i] && cells_[i].px2_s > 0.0) rates_.push_back(cells_[i].events / cells_[i].px2_s);
+  }
+  if (rates_.empty()) return 0.0;
+  const auto middle = rates_.begin() + static_cast<std::ptrdiff_t>(rates_.size() / 2);
+  std::nth_element(rates_.begin(), middle, rates_.end());
+  return *middle;
+}
+
+}  // namespace evpose

@@ -1,0 +1,194 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "core/association/competitors.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include "core/numerics/math.h"
+#include "core/numerics/robust.h"
+
+namespace evpose {
+namespace {
+
+// Farther than this from a line, in standard deviations, are none of its events.
+constexpr double kReachSigma = 4.0;
+// Events up to this far beyond a line's end still belong to it: the end points move within the window.
+constexpr double kEndMarginPx = 2.0;
+// A line slower than this makes no events that could be told from noise; keeps rates positive.
+constexpr double kMinRatePxPerS = 1.0;
+
+double NormalDensity(double distance_px, double sigma_px) {
+  const double u = distance_px / sigma_px;
+  return MixtureDensity::kInverseSqrt2Pi / sigma_px * DeterministicExp(-0.5 * u * u);
+}
+
+}  // namespace
+
+BoundingSphere BoundingSphereOf(const ObjectModel& model) {
+  BoundingSphere sphere;
+  for (const ModelLine& line : model.lines) sphere.centre += 0.5 * (line.p1 + line.p2);
+  if (!model.lines.empty()) sphere.centre /= static_cast<double>(model.lines.size());
+  const auto enclose = [&](const Eigen::Vector3d& point) {
+    sphere.radius_m = std::max(sphere.radius_m, (point - sphere.centre).norm());
+  };
+  for (const Eigen::Vector3d& vertex : model.vertices) enclose(vertex);
+  for (const ModelLine& line : model.lines) {
+    enclose(line.p1);
+    enclose(line.p2);
+  }
+  return sphere;
+}
+
+bool MayOverlap(const CameraModel& camera, const BoundingSphere& a, const BoundingSphere& b, double margin_px) {
+  const double focal_px = std::max(camera.fx_px, camera.fy_px);
+  double reach_px = margin_px;
+  for (const BoundingSphere* sphere : {&a, &b}) {
+    const Eigen::Vector3d& c = sphere->centre;
+    if (c.z() <= sphere->radius_m) return true;
+    // Seen aside, a sphere's image is stretched by at most this.
+    const double stretch = 1.0 + (c.x() * c.x() + c.y() * c.y()) / (c.z() * c.z());
+    reach_px += focal_px * sphere->radius_m / (c.z() - sphere->radius_m) * stretch;
+  }
+  const Eigen::Vector2d distance = a.centre.head<2>() / a.centre.z() - b.centre.head<2>() / b.centre.z();
+  return distance.norm() * focal_px <= reach_px;
+}
+
+double RelativeEventRate(const CameraModel& camera, const MotionState& state, const ImageLine& line) {
+  const Eigen::Vector3d middle = BearingOf(camera, line.PointAt(0.5));
+  const Vector6d row = line.jacobian.transpose() * middle;
+  const double speed = middle.dot(line.a_dot);
+  const double variance = row.dot(state.covariance.bottomRightCorner<6, 6>() * row);
+  return std::max(kMinRatePxPerS, std::sqrt(speed * speed + std::max(0.0, variance)));
+}
+
+double OwnShare(double distance_px, double competing) {
+  if (competing <= 0.0) return 1.0;
+  // Rounding and an edge's several events; and what is uniform about a line, a fifth of the events over some 12 px.
+  constexpr double kSigmaPx = 0.8;
+  constexpr double kClutterPerPx = 0.02;
+  const double own = NormalDensity(distance_px, kSigmaPx) + kClutterPerPx;
+  return own / (own + competing);
+}
+
+Competitors::Competitors(const CameraModel& camera) : camera_(camera), grid_(camera) {}
+
+void Competitors::Clear() {
+  bodies_.clear();
+  lines_.clear();
+  rates_.clear();
+  sigmas_.clear();
+}
+
+void Competitors::Add(const MotionState& state, absl::Span<const TrackedLine> lines, const VisibilityTester& visibility,
+                      const BoundingSphere& sphere, double sigma_px) {
+  const RigidTransform& pose = state.camera_from_object;
+  bodies_.push_back({&visibility, pose.Inverse(), {pose * sphere.centre, sphere.radius_m}});
+  ProjectLines(camera_, state, lines, added_);
+  for (const ImageLine& line : added_) {
+    if (!line.in_view()) continue;
+    const Vector6d row = line.jacobian.transpose() * BearingOf(camera_, line.PointAt(0.5));
+    const double variance = std::max(0.0, row.dot(state.covariance.topLeftCorner<6, 6>() * row));
+    lines_.push_back(line);
+    rates_.push_back(RelativeEventRate(camera_, state, line));
+    sigmas_.push_back(std::sqrt(sigma_px * sigma_px + variance));
+  }
+}
+
+void Competitors::Build() {
+  // Wider than this a line is too uncertain to claim events.
+  constexpr double kMaxReachPx = 32.0;
+  double reach_px = 0.0;
+  for (const double sigma_px : sigmas_) reach_px = std::max(reach_px, kReachSigma * sigma_px);
+  grid_.Build(lines_, std::min(reach_px, kMaxReachPx));
+}
+
+double Competitors::DensityAt(const Observation& event) const {
+  const uint32_t tile = grid_.TileOf(event.u_px, event.v_px);
+  if (tile == TileGrid::kNoTile) return 0.0;
+  double density = 0.0;
+  for (const uint16_t index : grid_.Lines(tile)) {
+    const double reach_px = kReachSigma * sigmas_[index];
+    const NearLines near = FindNearLines(event, {&index, 1}, lines_.data(), reach_px, kEndMarginPx);
+    if (near.count == 0) continue;
+    density += rates_[index] * NormalDensity(near.distance_px[0], sigmas_[index]);
+  }
+  return density;
+}
+
+bool Competitors::Explain(const Observation& event) const {
+  constexpr double kOwnSigma = 2.5;
+  const uint32_t tile = grid_.TileOf(event.u_px, event.v_px);
+  if (tile == TileGrid::kNoTile) return false;
+  for (const uint16_t index : grid_.Lines(tile)) {
+    const double reach_px = kOwnSigma * sigmas_[index];
+    if (FindNearLines(event, {&index, 1}, lines_.data(), reach_px, kEndMarginPx).count > 0) return true;
+  }
+  return false;
+}
+
+bool Competitors::RemoveHidden(const RigidTransform& camera_from_object, std::vector<TrackedLine>& lines) const {
+  std::vector<TrackedLine> visible;
+  std::vector<const Body*> before;
+  bool hides = false;
+  for (const TrackedLine& line : lines) {
+    const Eigen::Vector3d p1 = camera_from_object * line.p1;
+    const Eigen::Vector3d p2 = camera_from_object * line.p2;
+    const BoundingSphere segment{0.5 * (p1 + p2), 0.5 * (p2 - p1).norm()};
+    before.clear();
+    for (const Body& body : bodies_) {
+      const bool is_behind_all = body.sphere.centre.norm() - body.sphere.radius_m > std::max(p1.norm(), p2.norm());
+      if (!is_behind_all && MayOverlap(camera_, segment, body.sphere, 0.0)) before.push_back(&body);
+    }
+    if (before.empty()) {
+      visible.push_back(line);
+    } else {
+      hides |= AppendVisibleParts(camera_from_object, line, before, visible);
+    }
+  }
+  lines.swap(visible);
+  return hides;
+}
+
+bool Competitors::IsHidden(const Eigen::Vector3d& point_camera, absl::Span<const Body* const> bodies) const {
+  return std::any_of(bodies.begin(), bodies.end(), [&](const Body* body) {
+    const Eigen::Vector3d eye = body->object_from_camera.translation_m;
+    return !body->visibility->IsPointVisible(eye, body->object_from_camera * point_camera);
+  });
+}
+
+bool Competitors::AppendVisibleParts(const RigidTransform& camera_from_object, const TrackedLine& line,
+                                     absl::Span<const Body* const> bodies, std::vector<TrackedLine>& visible) const {
+  // A part of a line shorter than a step may be missed; the end of a part is found to a fraction of a pixel.
+  constexpr double kStepPx = 12.0;
+  constexpr int kMaxSteps = 32;
+  constexpr int kBisections = 5;
+  const std::optional<ProjectedLine> projected = ProjectLine(camera_, camera_from_object, line.p1, line.p2);
+  if (!projected) return false;
+  const double length_px = (projected->p2_px - projected->p1_px).norm();
+  const int steps = static_cast<int>(std::clamp(length_px / kStepPx, 2.0, static_cast<double>(kMaxSteps)));
+  const auto at = [&](double s) -> Eigen::Vector3d { return line.p1 + s * (line.p2 - line.p1); };
+  const auto is_hidden = [&](double s) { return IsHidden(camera_from_object * at(s), bodies); };
+  const auto boundary = [&](double seen, double hidden) {
+    for (int i = 0; i < kBisections; ++i) {
+      const double middle = 0.5 * (seen + hidden);
+      (is_hidden(middle) ? hidden : seen) = middle;
+    }
+    return seen;
+  };
+  double begin = 0.0;
+  bool was_hidden = true;
+  bool hides = false;
+  for (int i = 0; i <= steps; ++i) {
+    const double s = static_cast<double>(i) / steps;
+    const double previous = static_cast<double>(i - 1) / steps;
+    const bool now_hidden = is_hidden(s);
+    if (!now_hidden && was_hidden) begin = i == 0 ? 0.0 : boundary(s, previous);
+    if (now_hidden && !was_hidden) visible.push_back({line.model_line, at(begin), at(boundary(previous, s))});
+    hides |= now_hidden;
+    was_hidden = now_hidden;
+  }
+  if (!was_hidden) visible.push_back({line.model_line, at(begin), line.p2});
+  return hides;
+}
+
+}  // namespace evpose

@@ -1,0 +1,169 @@
+// SPDX-License-Identifier: Apache-2.0
+
+// What objects of one stream take from each other: events, and the sight of their lines.
+#include "core/association/competitors.h"
+
+#include <gtest/gtest.h>
+
+#include "core/estimation/ideal_events_testing.h"
+#include "core/numerics/random.h"
+
+namespace evpose {
+namespace {
+
+using testing::MakeCamera;
+using testing::MakeCube;
+using testing::MakePose;
+
+const CameraModel kCamera = MakeCamera(640, 480, 600.0);
+
+MotionState StateAt(const RigidTransform& pose, double vx_m_per_s = 0.0) {
+  MotionState state;
+  state.camera_from_object = pose;
+  state.twist[0] = vx_m_per_s;
+  state.covariance = 1e-10 * Matrix12d::Identity();
+  return state;
+}
+
+std::vector<TrackedLine> LinesOf(const ObjectModel& model, const VisibilityTester& tester, const RigidTransform& pose) {
+  std::vector<TrackedLine> lines;
+  for (const VisibleSegment& segment : tester.VisibleSegments(kCamera, pose)) {
+    const ModelLine& line = model.lines[segment.line];
+    lines.push_back(
+        {segment.line, line.p1 + segment.begin * (line.p2 - line.p1), line.p1 + segment.end * (line.p2 - line.p1)});
+  }
+  return lines;
+}
+
+Observation At(const Eigen::Vector2d& pixel) {
+  const Eigen::Vector3d bearing = BearingOf(kCamera, pixel);
+  Observation event;
+  event.bx = bearing.x();
+  event.by = bearing.y();
+  event.u_px = pixel.x();
+  event.v_px = pixel.y();
+  return event;
+}
+
+double TotalLength(const std::vector<TrackedLine>& lines, const RigidTransform& pose) {
+  double length_px = 0.0;
+  for (const TrackedLine& line : lines) {
+    length_px += (kCamera.Project(pose * line.p2) - kCamera.Project(pose * line.p1)).norm();
+  }
+  return length_px;
+}
+
+class CompetitorsTest : public ::testing::Test {
+ protected:
+  // A cube of 15 cm seen face on: its front face spans 210 to 430 px across at 0.485 m.
+  void AddCube(const RigidTransform& pose, double vx_m_per_s = 0.0) {
+    competitors_.Add(StateAt(pose, vx_m_per_s), LinesOf(*cube_, tester_, pose), tester_, BoundingSphereOf(*cube_), 0.8);
+    competitors_.Build();
+  }
+
+  const std::shared_ptr<const ObjectModel> cube_ = MakeCube(0.15);
+  const VisibilityTester tester_{*cube_, VisibilityOptions()};
+  const RigidTransform front_ = MakePose({0.0, 0.0, 0.56}, {0.0, 0.0, 0.0});
+  Competitors competitors_{kCamera};
+};
+
+TEST_F(CompetitorsTest, ALineClaimsTheEventsOnItAsFarAsItMovesAcross) {
+  AddCube(front_, 0.1);
+  const Eigen::Vector2d corner = kCamera.Project(front_ * Eigen::Vector3d(0.075, 0.075, -0.075));
+  const Observation on_upright = At(corner - Eigen::Vector2d(0.0, 50.0));
+  const Observation on_level = At(corner - Eigen::Vector2d(50.0, 0.0));
+  const double speed_px_per_s = 0.1 * 600.0 / 0.485;
+  EXPECT_NEAR(competitors_.DensityAt(on_upright), speed_px_per_s * 0.3989 / 0.8, 0.02 * speed_px_per_s);
+  EXPECT_LT(competitors_.DensityAt(on_level), 0.02 * competitors_.DensityAt(on_upright))
+      << "a line that slides along itself makes no events";
+  EXPECT_EQ(competitors_.DensityAt(At(corner - Eigen::Vector2d(20.0, 50.0))), 0.0);
+  EXPECT_TRUE(competitors_.Explain(on_upright));
+  EXPECT_FALSE(competitors_.Explain(At(corner - Eigen::Vector2d(20.0, 50.0))));
+  EXPECT_FALSE(competitors_.Explain(At(corner + Eigen::Vector2d(0.0, 5.0)))) << "beyond the line's end";
+}
+
+TEST_F(CompetitorsTest, ClearForgets) {
+  AddCube(front_, 0.1);
+  EXPECT_FALSE(competitors_.empty());
+  competitors_.Clear();
+  competitors_.Build();
+  EXPECT_TRUE(competitors_.empty());
+  const Eigen::Vector2d corner = kCamera.Project(front_ * Eigen::Vector3d(0.075, 0.075, -0.075));
+  EXPECT_EQ(competitors_.DensityAt(At(corner - Eigen::Vector2d(0.0, 50.0))), 0.0);
+}
+
+TEST_F(CompetitorsTest, WhatIsBehindIsHiddenAndWhatIsBeforeIsNot) {
+  AddCube(front_);
+  for (const double z_m : {0.3, 1.2}) {
+    const RigidTransform pose = MakePose({0.0, 0.0, z_m}, {0.1, 0.1, 0.0});
+    ObjectModel small = *MakeCube(0.02);
+    std::vector<TrackedLine> lines = LinesOf(small, VisibilityTester(small, VisibilityOptions()), pose);
+    const size_t count = lines.size();
+    ASSERT_GT(count, 0u);
+    competitors_.RemoveHidden(pose, lines);
+    EXPECT_EQ(lines.size(), z_m < 0.5 ? count : 0u) << z_m;
+  }
+}
+
+TEST_F(CompetitorsTest, ALineIsCutWhereItDisappears) {
+  AddCube(front_);
+  // A level line behind the cube, from 100 to 540 px: it shows on both sides of the silhouette.
+  const RigidTransform pose = MakePose({0.0, 0.0, 1.2}, {0.0, 0.0, 0.0});
+  std::vector<TrackedLine> lines = {{7, {-0.44, 0.0, 0.0}, {0.44, 0.0, 0.0}}};
+  competitors_.RemoveHidden(pose, lines);
+  ASSERT_EQ(lines.size(), 2u);
+  const double edge_px = 0.075 * 600.0 / 0.485;
+  EXPECT_NEAR(kCamera.Project(pose * lines[0].p2).x(), kCamera.cx_px - edge_px, 1.0);
+  EXPECT_NEAR(kCamera.Project(pose * lines[1].p1).x(), kCamera.cx_px + edge_px, 1.0);
+  EXPECT_EQ(lines[0].p1.x(), -0.44);
+  EXPECT_EQ(lines[1].p2.x(), 0.44);
+  EXPECT_EQ(lines[0].model_line, 7);
+  EXPECT_EQ(lines[1].model_line, 7);
+}
+
+TEST_F(CompetitorsTest, AnObjectAsideHidesNothing) {
+  AddCube(front_);
+  const RigidTransform pose = MakePose({0.45, 0.0, 1.2}, {0.1, 0.2, 0.0});
+  std::vector<TrackedLine> lines = LinesOf(*cube_, tester_, pose);
+  const double before_px = TotalLength(lines, pose);
+  competitors_.RemoveHidden(pose, lines);
+  EXPECT_EQ(TotalLength(lines, pose), before_px);
+}
+
+TEST(OwnShare, IsThatOfTheNearerLine) {
+  EXPECT_EQ(OwnShare(0.0, 0.0), 1.0);
+  EXPECT_EQ(OwnShare(8.0, 0.0), 1.0);
+  EXPECT_NEAR(OwnShare(0.0, 0.3989 / 0.8), 0.5, 0.02);  // a line of the other's in the same place
+  EXPECT_LT(OwnShare(5.0, 0.3989 / 0.8), 0.05);         // on the other's line
+  EXPECT_GT(OwnShare(0.0, 0.3989 / 0.8 * 0.01), 0.97);  // of a hundredth of the own rate
+}
+
+TEST(BoundingSphere, HoldsTheObject) {
+  const BoundingSphere sphere = BoundingSphereOf(*MakeCube(0.2));
+  EXPECT_LT(sphere.centre.norm(), 1e-12);
+  EXPECT_NEAR(sphere.radius_m, 0.1 * std::sqrt(3.0), 1e-12);
+}
+
+TEST(MayOverlap, NeverMissesAnOverlap) {
+  Random random(3);
+  int overlaps = 0, claims = 0;
+  for (int trial = 0; trial < 3000; ++trial) {
+    const auto place = [&] {
+      return BoundingSphere{{random.Uniform(-0.6, 0.6), random.Uniform(-0.5, 0.5), random.Uniform(0.5, 1.5)},
+                            random.Uniform(0.02, 0.2)};
+    };
+    const BoundingSphere a = place(), b = place();
+    // The angle between the centres against the spheres' angular radii.
+    const double angle = std::acos(a.centre.normalized().dot(b.centre.normalized()));
+    const bool overlap = angle < std::asin(a.radius_m / a.centre.norm()) + std::asin(b.radius_m / b.centre.norm());
+    const bool claim = MayOverlap(kCamera, a, b, 0.0);
+    EXPECT_TRUE(claim || !overlap) << trial;
+    overlaps += overlap;
+    claims += claim;
+  }
+  EXPECT_GT(overlaps, 300);
+  EXPECT_LT(claims, 3 * overlaps) << "a test that always says yes costs time";
+}
+
+}  // namespace
+}  // namespace evpose

@@ -1,0 +1,86 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "core/association/line_events.h"
+
+#include "core/numerics/refill.h"
+
+namespace evpose {
+
+void LineEvents::Sort(absl::Span<const Observation> events, size_t num_lines) {
+  num_lines_ = num_lines;
+  TakeRoom(events.size());
+  Refill(4 * num_lines, counts_);
+  for (const Observation& event : events) {
+    for (const uint16_t line : event.Lines()) ++counts_[KeyOf(event, line)];
+  }
+  MakeGroups();
+  shared_.clear();
+  for (const Observation& event : events) {
+    if (event.num_lines == 1) {
+      Place(event, event.lines[0]);
+    } else if (event.num_lines > 1) {
+      Shared& shared = shared_.emplace_back();
+      shared.num_places = event.num_lines;
+      shared.competing = event.competing;
+      for (int i = 0; i < event.num_lines; ++i) shared.places[i] = Place(event, event.lines[i]);
+    }
+  }
+}
+
+void LineEvents::TakeRoom(size_t num_events) {
+  if (num_events <= room_) return;
+  room_ = 2 * num_events;
+  shared_.reserve(room_);
+  // Each event may be by itself at each of its lines.
+  lanes_.reserve(room_ * Observation::kMaxLines);
+}
+
+void LineEvents::MakeGroups() {
+  groups_.clear();
+  groups_.reserve(counts_.capacity());
+  next_.clear();
+  next_.reserve(counts_.capacity());
+  size_t num_lanes = 0;
+  for (size_t key = 0; key < counts_.size(); ++key) {
+    if (key == 2 * num_lines_) first_shared_ = num_lanes;
+    if (counts_[key] == 0) continue;
+    LineGroup& group = groups_.emplace_back();
+    group.is_shared = key >= 2 * num_lines_;
+    group.line = static_cast<uint16_t>(key / 2 % num_lines_);
+    group.polarity = key % 2;
+    group.first = static_cast<uint32_t>(num_lanes - (group.is_shared ? first_shared_ : 0));
+    next_.push_back(group.first * kNumLanes);
+    num_lanes += (counts_[key] + kNumLanes - 1) / kNumLanes;
+    counts_[key] = static_cast<uint32_t>(groups_.size() - 1);
+  }
+  lanes_.assign(num_lanes, EventLanes());
+  size_t begin = 0;
+  for (size_t i = 0; i < groups_.size(); ++i) {
+    const bool is_last = i + 1 == groups_.size();
+    const size_t end = is_last ? num_lanes : groups_[i + 1].first + (groups_[i + 1].is_shared ? first_shared_ : 0);
+    groups_[i].events = absl::MakeConstSpan(lanes_).subspan(begin, end - begin);
+    begin = end;
+  }
+}
+
+uint32_t LineEvents::Place(const Observation& event, int line) {
+  const uint32_t number = counts_[KeyOf(event, line)];
+  const uint32_t place = next_[number]++;
+  LineGroup& group = groups_[number];
+  if (place == group.first * kNumLanes) {
+    group.origin = {event.bx, event.by};
+    group.origin_px = {event.u_px, event.v_px};
+  }
+  EventLanes& lanes = lanes_[place / kNumLanes + (group.is_shared ? first_shared_ : 0)];
+  const uint32_t lane = place % kNumLanes;
+  lanes.bx[lane] = static_cast<float>(event.bx - group.origin.x());
+  lanes.by[lane] = static_cast<float>(event.by - group.origin.y());
+  lanes.u_px[lane] = static_cast<float>(event.u_px - group.origin_px.x());
+  lanes.v_px[lane] = static_cast<float>(event.v_px - group.origin_px.y());
+  lanes.tau_s[lane] = static_cast<float>(event.tau_s);
+  lanes.competing[lane] = event.competing;
+  lanes.turn[lane] = static_cast<float>(event.TurnRatio());
+  lanes.is_event[lane] = 1.0f;
+  return place;
+}
+
+}  // namespace evpose

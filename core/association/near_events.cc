@@ -1,0 +1,93 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "core/association/near_events.h"
+
+#include <algorithm>
+
+namespace evpose {
+namespace {
+
+// A polarity of which more come than so many times the usual is a flood, of which the less is wanted the more it is.
+constexpr double kFlood = 2.0;
+
+double SumOf(const ByPolarity& both) { return both[0] + both[1]; }
+
+// The share of `events` that is observed, each observation standing for so many; 1 of none.
+double ObservedRatio(const ByPolarity& events_per_observation, const ByPolarity& events) {
+  if (SumOf(events) <= 0.0) return 1.0;
+  return (events[0] / events_per_observation[0] + events[1] / events_per_observation[1]) / SumOf(events);
+}
+
+}  // namespace
+
+NearShares NearEvents::Find(const EventWindow& window, const TileGrid& grid, int max_events,
+                            BackgroundRate& background) {
+  events_.clear();
+  ByPolarity background_events = {};
+  // In locals, for what is counted might be any member.
+  const absl::Span<const WindowEvent> events = window.events;
+  const ByPolarity events_per_sample = window.events_per_sample;
+  const int width_px = camera_.width_px;
+  const int height_px = camera_.height_px;
+  for (size_t i = 0; i < events.size(); ++i) {
+    if (i + kPrefetchAhead < events.size()) {
+      const WindowEvent& ahead = events[i + kPrefetchAhead];
+      pixel_tiles_.Prefetch(ahead.x, ahead.y);
+    }
+    const WindowEvent& event = events[i];
+    if (event.x >= width_px || event.y >= height_px) continue;
+    const uint32_t tile = pixel_tiles_.At(event.x, event.y);
+    if (tile == TileGrid::kNoTile) continue;
+    if (grid.has_lines(tile)) {
+      events_.push_back({static_cast<uint32_t>(i), tile, event.polarity});
+    } else {
+      const double stands_for = events_per_sample[event.polarity];
+      background_events[event.polarity] += stands_for;
+      background.Count(tile, stands_for);
+    }
+  }
+  const auto is_on = [](const NearEvent& near) { return near.polarity; };
+  const auto num_on = static_cast<double>(std::count_if(events_.begin(), events_.end(), is_on));
+  const ByPolarity found = {static_cast<double>(events_.size()) - num_on, num_on};
+  const ByPolarity near_events = {found[0] * window.events_per_sample[0], found[1] * window.events_per_sample[1]};
+  LearnUsual(near_events);
+  const ByPolarity samples_per_observation = ThinEvenlyByKind(static_cast<size_t>(max_events), WantedShares(found),
+                                                              absl::MakeConstSpan(events_), is_on, events_);
+  NearShares shares;
+  for (int polarity = 0; polarity < 2; ++polarity) {
+    shares.events_per_observation[polarity] = window.events_per_sample[polarity] * samples_per_observation[polarity];
+  }
+  const ByPolarity excess = Excess(found);
+  for (int polarity = 0; polarity < 2; ++polarity) {
+    shares.telling[polarity] = std::min(1.0, kFlood / excess[polarity]);
+  }
+  shares.mean_events_per_observation = 1.0 / ObservedRatio(shares.events_per_observation, near_events);
+  // Where none are elsewhere, they would be as those that are near.
+  shares.observations_per_background_event =
+      ObservedRatio(shares.events_per_observation, SumOf(background_events) > 0.0 ? background_events : near_events);
+  return shares;
+}
+
+void NearEvents::LearnUsual(const ByPolarity& near_events) {
+  // Over some periods of a mains lamp, at a window each millisecond.
+  constexpr double kKeep = 0.97;
+  for (int polarity = 0; polarity < 2; ++polarity) {
+    usual_events_[polarity] = std::max(kFewEvents, kKeep * usual_events_[polarity]) + near_events[polarity];
+  }
+}
+
+ByPolarity NearEvents::Excess(const ByPolarity& found) const {
+  const double on_excess = (found[1] + kFewEvents) / usual_events_[1] * usual_events_[0] / (found[0] + kFewEvents);
+  return {std::max(1.0, 1.0 / on_excess), std::max(1.0, on_excess)};
+}
+
+ByPolarity NearEvents::WantedShares(const ByPolarity& found) const {
+  const ByPolarity excess = Excess(found);
+  ByPolarity share = usual_events_;
+  for (int polarity = 0; polarity < 2; ++polarity) {
+    share[polarity] *= std::max(1.0, std::min(excess[polarity], kFlood * kFlood / excess[polarity]));
+  }
+  const double all = SumOf(share);
+  return {share[0] / all, share[1] / all};
+}
+
+}  // namespace evpose

@@ -1,0 +1,135 @@
+// SPDX-License-Identifier: Apache-2.0
+
+// The published static fit (the paper's Sec. III-C and III-D, with the corrections of method.md 2.6): one pose for all
+// events of the window, each event given to one line by fixed gates at the predicted pose, and LS, M, S or MM
+// (line_fit.h). And the same as its released code has it: wider gates, all lines at once, hidden ones too, from the
+// last pose without a prediction.
+#include "core/baselines/estimators/static_estimator.h"
+
+#include <cmath>
+#include <vector>
+
+#include "core/association/competitors.h"
+#include "core/baselines/estimators/line_fit.h"
+#include "core/estimation/estimator.h"
+
+namespace evpose {
+namespace {
+
+LineFitMethod MethodOf(Estimator estimator) {
+  switch (estimator) {
+    case Estimator::kStaticLs:
+    case Estimator::kReleasedLs:
+      return LineFitMethod::kLeastSquares;
+    case Estimator::kStaticM:
+    case Estimator::kReleasedM:
+      return LineFitMethod::kTukeyM;
+    case Estimator::kStaticS:
+    case Estimator::kReleasedS:
+      return LineFitMethod::kTukeyS;
+    default:
+      return LineFitMethod::kTukeyMm;
+  }
+}
+
+bool IsReleased(Estimator estimator) {
+  return estimator == Estimator::kReleasedLs || estimator == Estimator::kReleasedM ||
+         estimator == Estimator::kReleasedS || estimator == Estimator::kReleasedMm;
+}
+
+class StaticEstimator : public WindowEstimator {
+ public:
+  StaticEstimator(Estimator estimator, const StaticOptions& options, const CameraModel& camera)
+      : is_released_(IsReleased(estimator)), options_(options), camera_(camera) {
+    fit_options_.method = MethodOf(estimator);
+    fit_options_.formulas = is_released_ ? LineFitFormulas::kReleasedCode : LineFitFormulas::kCorrected;
+    fit_options_.max_iterations = options.max_iterations;
+    fit_options_.tolerance_px = options.tolerance_px;
+  }
+
+  double ReachPx(double, double gate_factor) const override { return DistancePx(gate_factor); }
+  int MaxEvents() const override { return options_.max_events; }
+  bool UsesVisibility() const override { return !is_released_; }
+  bool UsesPrediction() const override { return !is_released_; }
+  void Fit(const MotionState& predicted, const WindowInput& input, double gate_factor, WindowFit& fit) override;
+  void Accept(const WindowFit& fit, const WindowInput&) override {
+    last_ = fit.state;
+    has_last_ = true;
+  }
+  void Reset() override { has_last_ = false; }
+  void SaveState(StateWriter& writer) const override { VisitState(writer, *this); }
+  void LoadState(StateReader& reader) override { VisitState(reader, *this); }
+  static void VisitState(auto& archive, auto& self) {
+    auto& [is_released, options, camera, fit_options, has_last, last, lines, ends, events] = self;
+    archive(has_last, last);
+  }
+
+ private:
+  // The released code knows no second try: its gate is what it is.
+  double DistancePx(double gate_factor) const {
+    return is_released_ ? options_.released_distance_px : options_.distance_px * gate_factor;
+  }
+  void Associate(const MotionState& predicted, const WindowInput& input, double gate_factor);
+
+  const bool is_released_;
+  const StaticOptions options_;
+  const CameraModel camera_;
+  LineFitOptions fit_options_;
+  bool has_last_ = false;
+  MotionState last_;
+  std::vector<ImageLine> lines_;
+  std::vector<LineEnds> ends_;
+  std::vector<LabelledEvent> events_;
+};
+
+void StaticEstimator::Associate(const MotionState& predicted, const WindowInput& input, double gate_factor) {
+  // "Static": the lines do not move within the window.
+  MotionState still = predicted;
+  still.twist.setZero();
+  ProjectLines(camera_, still, input.lines, lines_);
+  ends_.clear();
+  for (const TrackedLine& line : input.lines) ends_.push_back({line.p1, line.p2});
+  constexpr double kMinOwnShare = 0.5;  // hard association between objects as between lines
+  events_.clear();
+  for (const Observation& event : input.events) {
+    const NearLines near = FindNearLines(event, lines_.data(), DistancePx(gate_factor), 0.0);
+    if (near.count == 0) continue;
+    if (near.count == 2 && std::abs(near.distance_px[1]) < options_.two_lines_px) continue;
+    if (OwnShare(near.distance_px[0], event.competing) < kMinOwnShare) continue;
+    const ImageLine& line = lines_[near.line[0]];
+    const Eigen::Vector2d from_middle = Eigen::Vector2d(event.u_px, event.v_px) - line.PointAt(0.5);
+    if (from_middle.norm() >= options_.midpoint_ratio * line.length_px) continue;
+    events_.push_back({event.bx, event.by, near.line[0]});
+  }
+}
+
+void StaticEstimator::Fit(const MotionState& predicted, const WindowInput& input, double gate_factor, WindowFit& fit) {
+  constexpr size_t kMinFitEvents = 12;  // twice the unknowns
+  fit.Clear();
+  fit.state = predicted;
+  Associate(predicted, input, gate_factor);
+  fit.num_gated = static_cast<double>(events_.size());
+  if (events_.size() < kMinFitEvents) return;
+  // Where the events do not determine the pose, the prediction holds.
+  const absl::StatusOr<LineFit> pose =
+      FitPoseToLines(camera_, ends_, events_, predicted.camera_from_object, fit_options_);
+  if (!pose.ok()) return;
+
+  for (const double weight : pose->weights) fit.num_explained += weight;
+  fit.residual_rms_px = pose->residual_rms_px;
+  fit.state.camera_from_object = pose->camera_from_object;
+  fit.state.covariance.setZero();
+  fit.state.covariance.topLeftCorner<6, 6>() = pose->covariance;
+  // Constant twist from the last two poses (the paper's eqs. (eqd-3), (eqd-4)).
+  const double dt = has_last_ ? static_cast<double>(fit.state.t_us - last_.t_us) * 1e-6 : 0.0;
+  if (dt > 0.0) fit.state.twist = Difference(fit.state.camera_from_object, last_.camera_from_object) / dt;
+}
+
+}  // namespace
+
+std::unique_ptr<WindowEstimator> MakeStaticEstimator(Estimator estimator, const StaticOptions& options,
+                                                     const CameraModel& camera) {
+  return std::make_unique<StaticEstimator>(estimator, options, camera);
+}
+
+}  // namespace evpose

@@ -1,0 +1,220 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "core/baselines/first_pose/blind_pnp_lines.h"
+
+#include <Eigen/LU>
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <optional>
+#include <vector>
+
+#include "core/base/check_range.h"
+#include "core/base/status_macros.h"
+#include "core/baselines/first_pose/line_match.h"
+#include "core/baselines/first_pose/pose_score.h"
+#include "core/geometry/projected_line.h"
+#include "core/numerics/random.h"
+
+namespace evpose {
+namespace {
+
+// A Gaussian over poses: the tangent of Perturb() at its middle.
+struct Belief {
+  RigidTransform pose;
+  Matrix6d covariance;
+};
+
+// A projected line and how uncertain its ends are.
+struct UncertainLine {
+  ProjectedLine line;
+  Eigen::Vector2d along;  // unit vector from p1_px
+  double length_px = 0.0;
+  double reach_px = 0.0;  // three standard deviations of its ends
+};
+
+class BlindPnp {
+ public:
+  BlindPnp(const ObjectModel& model, const CameraModel& camera, absl::Span<const ImageSegment> segments,
+           const BlindPnpOptions& options)
+      : model_(model),
+        camera_(camera),
+        segments_(segments),
+        options_(options),
+        scorer_(model, camera, segments, options.threshold_px),
+        line_used_(model.lines.size(), false),
+        segment_used_(segments.size(), false) {
+    for (const ImageSegment& segment : segments) {
+      bearings_.push_back({BearingOfPixel(camera, segment.p1_px), BearingOfPixel(camera, segment.p2_px)});
+    }
+  }
+
+  // Depth first from a belief that `depth` matches have made.
+  void Search(const Belief& belief, int depth);
+  bool IsDone() const;
+  absl::StatusOr<RigidTransform> Finish() const;
+
+ private:
+  std::optional<UncertainLine> Project(const Belief& belief, const ModelLine& line) const;
+  bool MayMatch(const UncertainLine& line, size_t segment, const Belief& belief) const;
+  std::optional<Belief> Update(const Belief& belief, const ProjectedLine& line, size_t segment) const;
+  void Judge(const RigidTransform& pose);
+
+  const ObjectModel& model_;
+  const CameraModel& camera_;
+  const absl::Span<const ImageSegment> segments_;
+  const BlindPnpOptions& options_;
+  const PoseScorer scorer_;
+  std::vector<std::array<Eigen::Vector3d, 2>> bearings_;
+  std::vector<bool> line_used_;
+  std::vector<bool> segment_used_;
+  int num_judged_ = 0;
+  PoseScore best_;
+  std::optional<RigidTransform> best_pose_;
+};
+
+// Rows of d (distance of either end) / d (pose).
+Eigen::Matrix<double, 2, 6> MeasurementRows(const ProjectedLine& line, const std::array<Eigen::Vector3d, 2>& bearings) {
+  Eigen::Matrix<double, 2, 6> rows;
+  rows << (line.jacobian.transpose() * bearings[0]).transpose(), (line.jacobian.transpose() * bearings[1]).transpose();
+  return rows;
+}
+
+std::optional<UncertainLine> BlindPnp::Project(const Belief& belief, const ModelLine& line) const {
+  const Eigen::Vector3d eye = belief.pose.Inverse().translation_m;
+  const auto faces_camera = [&](const Eigen::Vector3d& normal) { return normal.dot(eye - line.p1) > 0.0; };
+  if (!line.face_normals.empty() && std::none_of(line.face_normals.begin(), line.face_normals.end(), faces_camera)) {
+    return std::nullopt;
+  }
+  const auto projected = ProjectLine(camera_, belief.pose, line.p1, line.p2);
+  if (!projected) return std::nullopt;
+  UncertainLine uncertain{*projected, projected->p2_px - projected->p1_px, 0.0, 0.0};
+  uncertain.length_px = uncertain.along.norm();
+  if (uncertain.length_px < 2.0) return std::nullopt;
+  uncertain.along /= uncertain.length_px;
+  const double focal_px = std::max(camera_.fx_px, camera_.fy_px);
+  // An end moves along its line about as much as sideways: f / z of the uncertainty of its place.
+  double variance_m2 = 0.0;
+  double depth_m = 0.0;
+  for (const Eigen::Vector3d& p : {line.p1, line.p2}) {
+    Eigen::Matrix<double, 3, 6> rows;
+    rows << Eigen::Matrix3d::Identity(), -Hat(belief.pose.rotation * p);
+    const Eigen::Matrix3d place = rows * belief.covariance * rows.transpose();
+    variance_m2 = std::max(variance_m2, place.trace() / 3.0);
+    depth_m = std::max(depth_m, (belief.pose * p).z());
+  }
+  uncertain.reach_px = 3.0 * (focal_px / depth_m * std::sqrt(variance_m2) + options_.sigma_px);
+  return uncertain;
+}
+
+bool BlindPnp::MayMatch(const UncertainLine& line, size_t segment, const Belief& belief) const {
+  const ImageSegment& s = segments_[segment];
+  const double t1 = line.along.dot(s.p1_px - line.line.p1_px), t2 = line.along.dot(s.p2_px - line.line.p1_px);
+  if (std::min(t1, t2) < -line.reach_px || std::max(t1, t2) > line.length_px + line.reach_px) return false;
+  const Eigen::Matrix<double, 2, 6> rows = MeasurementRows(line.line, bearings_[segment]);
+  Eigen::Matrix2d innovation = rows * belief.covariance * rows.transpose();
+  innovation.diagonal().array() += options_.sigma_px * options_.sigma_px;
+  const Eigen::Vector2d d(line.line.a.dot(bearings_[segment][0]), line.line.a.dot(bearings_[segment][1]));
+  return d.dot(innovation.inverse() * d) < options_.gate;
+}
+
+// Iterated Kalman update with both distances measured as 0. `line` is the one at the belief's middle.
+std::optional<Belief> BlindPnp::Update(const Belief& belief, const ProjectedLine& line, size_t segment) const {
+  const Eigen::Matrix<double, 2, 6> rows = MeasurementRows(line, bearings_[segment]);
+  Eigen::Matrix2d innovation = rows * belief.covariance * rows.transpose();
+  innovation.diagonal().array() += options_.sigma_px * options_.sigma_px;
+  const Eigen::Matrix<double, 6, 2> gain = belief.covariance * rows.transpose() * innovation.inverse();
+  const Eigen::Vector2d d(line.a.dot(bearings_[segment][0]), line.a.dot(bearings_[segment][1]));
+  const Vector6d step = -gain * d;
+  const Matrix6d covariance = belief.covariance - gain * rows * belief.covariance;
+  if (!step.allFinite()) return std::nullopt;
+  return Belief{Perturb(belief.pose, step), 0.5 * (covariance + covariance.transpose())};
+}
+
+bool BlindPnp::IsDone() const {
+  return num_judged_ >= options_.max_hypotheses ||
+         best_.inliers >= std::max(options_.good_ratio * static_cast<double>(segments_.size()), 1.0 * kMinInliers);
+}
+
+void BlindPnp::Judge(const RigidTransform& pose) {
+  ++num_judged_;
+  // A first-order pose of a wide prior: one least-squares step or two with what it explains make it fair to judge.
+  RigidTransform judged = pose;
+  const auto refined = RefinePose(scorer_.Matches(scorer_.Score(pose)), camera_, pose, 3);
+  if (refined && scorer_.Score(*refined).IsBetterThan(scorer_.Score(pose))) judged = *refined;
+  const PoseScore score = scorer_.Score(judged);
+  if (score.inliers < kMinInliers || !score.IsBetterThan(best_)) return;
+  best_ = score;
+  best_pose_ = judged;
+}
+
+void BlindPnp::Search(const Belief& belief, int depth) {
+  if (depth == options_.matches_per_hypothesis) return Judge(belief.pose);
+  size_t next_line = model_.lines.size();
+  std::optional<UncertainLine> next;
+  std::vector<size_t> candidates;
+  for (size_t k = 0; k < model_.lines.size(); ++k) {
+    if (line_used_[k]) continue;
+    const auto line = Project(belief, model_.lines[k]);
+    if (!line) continue;
+    std::vector<size_t> found;
+    for (size_t j = 0; j < segments_.size(); ++j) {
+      if (!segment_used_[j] && MayMatch(*line, j, belief)) found.push_back(j);
+    }
+    if (found.empty() || (next && found.size() >= candidates.size())) continue;
+    next_line = k;
+    next = line;
+    candidates = std::move(found);
+  }
+  if (!next) return;
+  line_used_[next_line] = true;
+  for (const size_t j : candidates) {
+    if (IsDone()) break;
+    const auto updated = Update(belief, next->line, j);
+    if (!updated) continue;
+    segment_used_[j] = true;
+    Search(*updated, depth + 1);
+    segment_used_[j] = false;
+  }
+  line_used_[next_line] = false;
+}
+
+absl::StatusOr<RigidTransform> BlindPnp::Finish() const {
+  if (!best_pose_) return absl::NotFoundError("BlindPnP: no hypothesis explains four segments");
+  return RefinePose(scorer_.Matches(best_), camera_, *best_pose_, 10).value_or(*best_pose_);
+}
+
+Belief MakeBelief(const RigidTransform& pose, const PosePrior& prior, double scale) {
+  const double depth_m = prior.camera_from_object.translation_m.z();
+  Vector6d sigma;
+  sigma.head<3>().setConstant(scale * prior.translation_ratio * depth_m);
+  sigma.tail<3>().setConstant(scale * prior.rotation_rad);
+  return {pose, sigma.cwiseAbs2().asDiagonal().toDenseMatrix()};
+}
+
+}  // namespace
+
+absl::Status BlindPnpOptions::Validate() const {
+  EVPOSE_RETURN_IF_ERROR(CheckRange("BlindPnpOptions.num_components", num_components, 1, 10'000));
+  EVPOSE_RETURN_IF_ERROR(CheckRange("BlindPnpOptions.component_scale", component_scale, 0.01, 1.0));
+  EVPOSE_RETURN_IF_ERROR(CheckRange("BlindPnpOptions.sigma_px", sigma_px, 0.01, 100.0));
+  EVPOSE_RETURN_IF_ERROR(CheckRange("BlindPnpOptions.gate", gate, 0.1, 1000.0));
+  EVPOSE_RETURN_IF_ERROR(CheckRange("BlindPnpOptions.matches_per_hypothesis", matches_per_hypothesis, 1, 10));
+  EVPOSE_RETURN_IF_ERROR(CheckRange("BlindPnpOptions.max_hypotheses", max_hypotheses, 1, 100'000'000));
+  EVPOSE_RETURN_IF_ERROR(CheckRange("BlindPnpOptions.good_ratio", good_ratio, 0.0, 1.0));
+  return CheckRange("BlindPnpOptions.threshold_px", threshold_px, 0.01, 1000.0);
+}
+
+absl::StatusOr<RigidTransform> EstimatePoseByBlindPnp(const ObjectModel& model, const CameraModel& camera,
+                                                      absl::Span<const ImageSegment> segments, const PosePrior& prior,
+                                                      const BlindPnpOptions& options, uint64_t seed) {
+  EVPOSE_RETURN_IF_ERROR(options.Validate());
+  BlindPnp search(model, camera, segments, options);
+  Random random(seed);
+  for (int i = 0; i < options.num_components && !search.IsDone(); ++i) {
+    const RigidTransform pose = i == 0 ? prior.camera_from_object : prior.Draw(random);
+    search.Search(MakeBelief(pose, prior, options.component_scale), 0);
+  }
+  return search.Finish();
+}
+
+}  // namespace evpose

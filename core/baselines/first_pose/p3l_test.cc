@@ -1,0 +1,121 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "core/baselines/first_pose/p3l.h"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+
+#include "core/baselines/first_pose/polynomial.h"
+#include "core/geometry/rigid_transform.h"
+#include "core/numerics/random.h"
+
+namespace evpose {
+namespace {
+
+Eigen::Vector3d RandomUnit(Random& random) {
+  return Eigen::Vector3d(random.Normal(), random.Normal(), random.Normal()).normalized();
+}
+
+struct Problem {
+  Eigen::Matrix3d rotation;
+  std::array<Eigen::Vector3d, 3> normals;
+  std::array<Eigen::Vector3d, 3> directions;
+};
+
+Problem MakeProblem(Random& random, const std::array<Eigen::Vector3d, 3>& directions) {
+  Problem problem;
+  problem.rotation = ExpSo3(3.0 * random.Uniform() * RandomUnit(random));
+  problem.directions = directions;
+  for (int i = 0; i < 3; ++i) {
+    problem.normals[i] = (problem.rotation * directions[i]).cross(RandomUnit(random)).normalized();
+  }
+  return problem;
+}
+
+double NearestSolution(const Problem& problem) {
+  double nearest = M_PI;
+  for (const Eigen::Matrix3d& rotation : SolveP3l(problem.normals, problem.directions)) {
+    nearest = std::min(nearest, RotationAngle(rotation, problem.rotation));
+  }
+  return nearest;
+}
+
+TEST(P3l, FindsTheTruthAmongAtMostEightSolutions) {
+  Random random(1);
+  for (int i = 0; i < 200; ++i) {
+    const Problem problem = MakeProblem(random, {RandomUnit(random), RandomUnit(random), RandomUnit(random)});
+    const auto rotations = SolveP3l(problem.normals, problem.directions);
+    EXPECT_LE(rotations.size(), 8u);
+    EXPECT_LT(NearestSolution(problem), 1e-5) << i;
+    for (const Eigen::Matrix3d& rotation : rotations) {
+      EXPECT_NEAR((rotation * rotation.transpose() - Eigen::Matrix3d::Identity()).norm(), 0.0, 1e-12);
+      EXPECT_NEAR(rotation.determinant(), 1.0, 1e-12);
+    }
+  }
+}
+
+TEST(P3l, SolutionsSatisfyTheConstraints) {
+  Random random(2);
+  for (int i = 0; i < 100; ++i) {
+    const Problem problem = MakeProblem(random, {RandomUnit(random), RandomUnit(random), RandomUnit(random)});
+    int exact = 0;
+    for (const Eigen::Matrix3d& rotation : SolveP3l(problem.normals, problem.directions)) {
+      double worst = 0.0;
+      for (int k = 0; k < 3; ++k) {
+        worst = std::max(worst, std::abs(problem.normals[k].dot(rotation * problem.directions[k])));
+      }
+      exact += worst < 1e-6;
+      EXPECT_LT(worst, 1e-2);  // a parted double root
+    }
+    EXPECT_GE(exact, 1);
+  }
+}
+
+TEST(P3l, PolynomialAndFunctionOfTheAngleAgree) {
+  Random random(5);
+  for (int i = 0; i < 20; ++i) {
+    const bool is_box = i % 2 == 1;
+    const Eigen::Vector3d x = Eigen::Vector3d::UnitX(), y = Eigen::Vector3d::UnitY(), z = Eigen::Vector3d::UnitZ();
+    const P3lFrame frame(RandomUnit(random), is_box ? x : RandomUnit(random));
+    const P3lConstraint first(frame, RandomUnit(random), is_box ? y : RandomUnit(random));
+    const P3lConstraint second(frame, RandomUnit(random), is_box ? z : RandomUnit(random));
+    const P3lPolynomial polynomial = EliminateBeta(first, second);
+    EXPECT_EQ(polynomial.is_perpendicular, is_box);
+    const double alpha = random.Uniform(-3.0, 3.0);
+    const double t = std::tan(0.5 * alpha);
+    const double scale = std::pow(1.0 + t * t, is_box ? 2 : 4);
+    EXPECT_NEAR(PolynomialValue(polynomial.coefficients, t) / scale, ConstraintOfAlpha(first, second, alpha), 1e-12);
+  }
+}
+
+TEST(P3l, BoxesAndParallelPairsAreSolved) {
+  const Eigen::Vector3d x = Eigen::Vector3d::UnitX(), y = Eigen::Vector3d::UnitY(), z = Eigen::Vector3d::UnitZ();
+  const Eigen::Vector3d xy = (x + 2.0 * y).normalized();
+  Random random(3);
+  for (const auto& directions : std::vector<std::array<Eigen::Vector3d, 3>>{{x, y, z},
+                                                                            {z, x, y},
+                                                                            {x, x, y},
+                                                                            {x, y, x},
+                                                                            {y, x, x},
+                                                                            {x, y, xy},
+                                                                            {z, x, xy},
+                                                                            {x, z, xy},
+                                                                            {x, Eigen::Vector3d(-x), z}}) {
+    for (int i = 0; i < 50; ++i) {
+      const Problem problem = MakeProblem(random, directions);
+      EXPECT_LT(NearestSolution(problem), 1e-4)
+          << directions[0].transpose() << ", " << directions[1].transpose() << ", " << directions[2].transpose();
+    }
+  }
+}
+
+TEST(P3l, ParallelLinesLeaveTheRotationOpen) {
+  const Eigen::Vector3d x = Eigen::Vector3d::UnitX();
+  Random random(4);
+  const Problem problem = MakeProblem(random, {x, x, x});
+  EXPECT_TRUE(SolveP3l(problem.normals, problem.directions).empty());
+}
+
+}  // namespace
+}  // namespace evpose

@@ -1,0 +1,64 @@
+// SPDX-License-Identifier: Apache-2.0
+
+// How well a pose explains segments of which nobody knows whose they are: what the baselines without correspondences
+// choose by.
+#pragma once
+
+#include <Eigen/Core>
+#include <vector>
+
+#include "absl/types/span.h"
+#include "core/baselines/first_pose/line_match.h"
+#include "core/geometry/camera.h"
+#include "core/geometry/image_segment.h"
+#include "core/geometry/rigid_transform.h"
+#include "core/models/object_model.h"
+
+namespace evpose {
+
+// A pose that explains fewer segments is none: three always fit.
+inline constexpr int kMinInliers = 4;
+
+struct PoseScore {
+  int inliers = 0;  // segments that lie on a projected line
+  double cost_px2 =
+      0.0;  // sum over the segments of the squared distance of their ends, each truncated at the threshold
+  std::vector<int> model_line;  // for each segment, index into ObjectModel::lines, or -1
+
+  bool IsBetterThan(const PoseScore& other) const {
+    return inliers != other.inliers ? inliers > other.inliers : cost_px2 < other.cost_px2;
+  }
+};
+
+// A segment is an inlier when both its ends are within `threshold_px` of the line through a projected edge and within
+// its ends (by `along_px`). Lines whose faces are all turned away do not count; other hiding is not looked at.
+// Keeps references to model and segments.
+class PoseScorer {
+ public:
+  PoseScorer(const ObjectModel& model, const CameraModel& camera, absl::Span<const ImageSegment> segments,
+             double threshold_px, double along_px = 10.0);
+
+  // No inlier when a part of the model lies behind the camera.
+  PoseScore Score(const RigidTransform& camera_from_object) const;
+  // The same without the lines, and given up (INT_MIN inliers) when it cannot reach `needed` inliers.
+  PoseScore QuickScore(const RigidTransform& camera_from_object, int needed) const;
+  std::vector<LineMatch> Matches(const PoseScore& score) const;
+
+ private:
+  struct Projected {
+    Eigen::Vector2d p1_px;
+    Eigen::Vector2d along;  // unit vector
+    double length_px = 0.0;
+    int line = 0;
+  };
+  bool Project(const RigidTransform& pose, std::vector<Projected>& lines) const;
+  PoseScore ScoreProjected(const std::vector<Projected>& lines, int needed, bool with_lines) const;
+
+  const ObjectModel& model_;
+  const CameraModel camera_;
+  const absl::Span<const ImageSegment> segments_;
+  const double threshold_px_;
+  const double along_px_;
+};
+
+}  // namespace evpose

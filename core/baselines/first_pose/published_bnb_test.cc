@@ -1,0 +1,52 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "core/baselines/first_pose/published_bnb.h"
+
+#include <gtest/gtest.h>
+
+#include "core/experiments/first_pose/trials_testing.h"
+
+namespace evpose {
+namespace {
+
+constexpr int kTrials = 20;
+
+int CountRight(SimulatedObject object, double noise_px, int spurious, int missing) {
+  const auto trials = MakeTrials(object, noise_px, spurious, missing);
+  int right = 0;
+  for (int seed = 0; seed < kTrials; ++seed) {
+    const LineTrial trial = trials->Make(seed);
+    const auto pose = EstimatePoseByPublishedBnb(trials->model(), trials->camera(), trial.segments, {});
+    right += pose.ok() && CompareWithTruth(*trials, trial, *pose).is_right();
+  }
+  return right;
+}
+
+TEST(PublishedBnb, IsRightForBoxesThatAreSeenWhole) {
+  EXPECT_EQ(CountRight(SimulatedObject::kCube, 0.0, 0, 0), kTrials);
+  EXPECT_GE(CountRight(SimulatedObject::kCube, 0.8, 0, 0), kTrials - 1);
+  // Which of its sides is which, the directions do not tell: the translations do.
+  EXPECT_GE(CountRight(SimulatedObject::kCuboid, 0.8, 0, 0), kTrials - 2);
+}
+
+TEST(PublishedBnb, CountingIsMisledBySpuriousLines) {
+  const int right = CountRight(SimulatedObject::kCube, 0.8, 4, 2);
+  EXPECT_GE(right, kTrials / 5);
+  EXPECT_LE(right, kTrials * 4 / 5);
+}
+
+TEST(PublishedBnb, SaysWhatIsMissing) {
+  const auto trials = MakeTrials(SimulatedObject::kCube, 0.8);
+  const LineTrial trial = trials->Make(3);
+  EXPECT_EQ(EstimatePoseByPublishedBnb(trials->model(), trials->camera(), {}, {}).status().code(),
+            absl::StatusCode::kInvalidArgument);
+  const auto two = absl::MakeSpan(trial.segments).first(2);
+  EXPECT_EQ(EstimatePoseByPublishedBnb(trials->model(), trials->camera(), two, {}).status().code(),
+            absl::StatusCode::kNotFound);
+  PublishedBnbOptions options;
+  options.max_triples = 0;
+  EXPECT_EQ(EstimatePoseByPublishedBnb(trials->model(), trials->camera(), trial.segments, options).status().code(),
+            absl::StatusCode::kInvalidArgument);
+}
+
+}  // namespace
+}  // namespace evpose

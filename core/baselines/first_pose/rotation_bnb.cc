@@ -1,0 +1,455 @@
+// SPDX-License-Identifier: Apache-2.0
+
+// Bounds over a cube of axis-angle vectors r = r_0 + d, |d_i| <= h, with u = R_0 v, c = u x n.
+//
+// Published (LOPET, eq. (eq1-13), after Hartley and Kahl 2009): angle(R_r v, R_0 v) <= |d| <= sqrt(3) h = mu, so that a
+// pair is possible only if |n . u| <= sin(eps + mu).
+//
+// First order, sharper for small cubes: along d(s) = s d, 0 <= s <= 1, let g(s) = n . R(s) v and w(s) = J(r_0 + s d) d
+// the angular velocity, J the left Jacobian of SO(3). Then g' = w . (R v x n), and with |w| <= |d|,
+//   |g''| <= |w'| + |w|^2 <= |d|^2 / 2 + |d|^2:
+// w(s) = int_0^1 exp(t r) d dt, whose derivative along d is int_0^1 w_t x exp(t r) d dt with |w_t| <= t |d|, hence
+// |w'| <= |d|^2 int t dt = |d|^2 / 2. By Taylor |g(1) - n . u - d . J^T c| <= 3/4 |d|^2 <= 9/4 h^2, and a pair is
+// possible only if |n . u| <= sin(eps) + h |J(r_0)^T c|_1 + 9/4 h^2. The 1-norm lies between h and sqrt(3) h times
+// |J^T c| <= 1: what the ball around the cube gives away is regained.
+//
+// Symmetry: E(RQ) = E(R) for Q in the group of the directions, so the maximum is attained by a rotation whose angle is
+// the smallest of its class. A cube of half-width h whose every rotation has angle >= |r_0| - mu is skipped when some Q
+// has angle(R_0 Q) + mu < |r_0| - mu: each of its rotations R has RQ with a smaller angle. Directions that fall on
+// themselves only nearly are covered by a slack: eps of the upper bound grows by the deviation.
+#include "core/baselines/first_pose/rotation_bnb.h"
+
+#include <Eigen/Cholesky>
+#include <algorithm>
+#include <cmath>
+#include <optional>
+#include <utility>
+
+#include "absl/strings/str_cat.h"
+#include "core/base/status_macros.h"
+#include "core/geometry/rigid_transform.h"
+#include "core/initialization/rotation_count.h"
+#include "core/numerics/math.h"
+
+namespace evpose {
+namespace {
+
+constexpr double kPi = 3.14159265358979323846;
+constexpr double kSqrt3 = 1.7320508075688772;
+// Cubes are halved at most this often: their side is then 2e-5 rad, far below any noise.
+constexpr int kMaxLevel = 18;
+constexpr double kRounding = 1e-12;  // of the sums below
+
+struct Cube {
+  uint32_t x = 0, y = 0, z = 0;  // which of the 2^level cubes of each axis
+  int16_t level = 0;
+  int16_t upper = 0;  // no rotation in it explains more
+};
+
+// The directions that each normal may belong to.
+struct Problem {
+  std::vector<Eigen::Vector3d> normals;
+  std::vector<Eigen::Vector3d> directions;
+  bool is_matched = false;  // normal j belongs to direction j alone
+  std::vector<Eigen::Matrix3d> symmetries = {Eigen::Matrix3d::Identity()};
+  double slack_rad = 0.0;  // how exact the symmetries are
+
+  size_t First(size_t j) const { return is_matched ? j : 0; }
+  size_t Last(size_t j) const { return is_matched ? j + 1 : directions.size(); }
+  int Size() const { return static_cast<int>(normals.size()); }
+};
+
+// The direction nearest to perpendicular, and its |n . R v|.
+struct NearestDirection {
+  size_t index = 0;
+  double cosine = 2.0;
+};
+
+NearestDirection Nearest(const Problem& problem, size_t j, const Eigen::Vector3d& turned_normal) {
+  NearestDirection nearest;
+  for (size_t k = problem.First(j); k < problem.Last(j); ++k) {
+    const double cosine = std::abs(turned_normal.dot(problem.directions[k]));
+    if (cosine < nearest.cosine) nearest = {k, cosine};
+  }
+  return nearest;
+}
+
+int Count(const Problem& problem, const Eigen::Matrix3d& rotation, double max_cosine) {
+  int count = 0;
+  for (size_t j = 0; j < problem.normals.size(); ++j) {
+    count += Nearest(problem, j, rotation.transpose() * problem.normals[j]).cosine <= max_cosine;
+  }
+  return count;
+}
+
+// One Gauss-Newton step on the sum of (n . R v)^2 over the normals within `max_cosine` of perpendicular.
+Eigen::Matrix3d LeastSquaresStep(const Problem& problem, const Eigen::Matrix3d& rotation, double max_cosine) {
+  // Keeps the rotation about an axis that no line tells of; a hundredth of a line's weight.
+  Eigen::Matrix3d hessian = 0.01 * max_cosine * Eigen::Matrix3d::Identity();
+  Eigen::Vector3d gradient = Eigen::Vector3d::Zero();
+  for (size_t j = 0; j < problem.normals.size(); ++j) {
+    const Eigen::Vector3d& normal = problem.normals[j];
+    const NearestDirection nearest = Nearest(problem, j, rotation.transpose() * normal);
+    if (nearest.cosine > max_cosine) continue;
+    const Eigen::Vector3d u = rotation * problem.directions[nearest.index];
+    const Eigen::Vector3d c = u.cross(normal);
+    hessian += c * c.transpose();
+    gradient += normal.dot(u) * c;
+  }
+  return ExpSo3(-hessian.ldlt().solve(gradient)) * rotation;
+}
+
+class BranchAndBound {
+ public:
+  BranchAndBound(const Problem& problem, const RotationBnbOptions& options);
+
+  // The search is over as soon as more than `count` is known to be possible. For certificates.
+  void StopAbove(int count) { stop_above_ = count; }
+  void Offer(const Eigen::Matrix3d& rotation);
+  // Until the bounds are equal or the budget is spent.
+  void Search();
+  // The other rotations that reach the maximum.
+  void ExplorePlateau();
+
+  int lower_bound() const { return best_; }
+  int upper_bound() const;
+  RotationBnbResult Result() const;
+
+ private:
+  struct Level {
+    double half_width;
+    double reach;       // mu: the largest angle between a rotation of the cube and its centre's
+    double ball_limit;  // sin(eps + mu), above 1: everything passes
+  };
+
+  Eigen::Vector3d Centre(const Cube& cube) const;
+  bool IsSkipped(const Eigen::Vector3d& centre, double reach, const Eigen::Matrix3d& rotation) const;
+  bool MayHoldInlier(size_t j, const Eigen::Vector3d& turned_normal, const Eigen::Matrix3d& gradient_map,
+                     const Level& level) const;
+  // E of the centre and the upper bound of the cube; the latter is left unfinished below `needed`.
+  std::pair<int, int> Bounds(const Eigen::Vector3d& centre, const Eigen::Matrix3d& rotation, const Level& level,
+                             int needed) const;
+  void Branch(const Cube& cube);
+  void Consider(const Cube& cube);
+  void Refine(const Eigen::Matrix3d& rotation);
+  bool IsKnown(const Eigen::Matrix3d& rotation, double within_rad) const;
+  void ExploreChildren(const Cube& cube, std::vector<Cube>& queue);
+
+  const Problem& problem_;
+  const RotationBnbOptions& options_;
+  double max_cosine_ = 0.0;    // sin(eps)
+  double upper_cosine_ = 0.0;  // the same with the slack
+  std::vector<Level> levels_;
+  std::vector<std::vector<Cube>> open_;  // by upper bound; the last in is the first out, which keeps it short
+  std::vector<Cube> ties_;               // cubes that can at best equal the incumbent
+  int unresolved_ = 0;                   // the highest upper bound of a cube that is too small to be split
+  int best_ = 0;
+  int stop_above_ = 0;
+  bool has_all_ = false;
+  int64_t branches_ = 0;
+  std::vector<Eigen::Matrix3d> rotations_;
+};
+
+BranchAndBound::BranchAndBound(const Problem& problem, const RotationBnbOptions& options)
+    : problem_(problem), options_(options), open_(problem.normals.size() + 1), stop_above_(problem.Size()) {
+  max_cosine_ = DeterministicSinCos(options.inlier_rad).sin;
+  const double upper_rad = options.inlier_rad + problem.slack_rad;
+  upper_cosine_ = DeterministicSinCos(upper_rad).sin + kRounding;
+  double half_width = kPi;
+  for (int i = 0; i <= kMaxLevel; ++i, half_width *= 0.5) {
+    const double reach = std::min(kSqrt3 * half_width, kPi);
+    const double limit = upper_rad + reach < 0.5 * kPi ? DeterministicSinCos(upper_rad + reach).sin + kRounding : 2.0;
+    levels_.push_back({half_width, reach, limit});
+  }
+  Offer(Eigen::Matrix3d::Identity());
+  open_[problem.normals.size()].push_back({0, 0, 0, 0, static_cast<int16_t>(problem.normals.size())});
+}
+
+Eigen::Vector3d BranchAndBound::Centre(const Cube& cube) const {
+  const double h = levels_[cube.level].half_width;
+  return {(2.0 * cube.x + 1.0) * h - kPi, (2.0 * cube.y + 1.0) * h - kPi, (2.0 * cube.z + 1.0) * h - kPi};
+}
+
+// Outside the ball, or away from the rotations of smallest angle.
+bool BranchAndBound::IsSkipped(const Eigen::Vector3d& centre, double reach, const Eigen::Matrix3d& rotation) const {
+  const double margin = reach + 1e-9 + 4.0 * problem_.slack_rad;
+  const double smallest = centre.norm() - margin;
+  if (smallest > kPi) return true;
+  const double limit = smallest - margin;
+  if (problem_.symmetries.size() < 2 || limit <= 0.0) return false;
+  const double min_trace = 1.0 + 2.0 * DeterministicSinCos(limit).cos;
+  return std::any_of(problem_.symmetries.begin() + 1, problem_.symmetries.end(), [&](const Eigen::Matrix3d& q) {
+    return rotation.cwiseProduct(q.transpose()).sum() > min_trace;  // trace(R Q)
+  });
+}
+
+// `gradient_map` is J^T R_0: J^T (R_0 v x n) = J^T R_0 (v x R_0^T n).
+bool BranchAndBound::MayHoldInlier(size_t j, const Eigen::Vector3d& turned_normal, const Eigen::Matrix3d& gradient_map,
+                                   const Level& level) const {
+  const double h = level.half_width;
+  const double constant = upper_cosine_ + 2.25 * h * h;
+  for (size_t k = problem_.First(j); k < problem_.Last(j); ++k) {
+    const Eigen::Vector3d& v = problem_.directions[k];
+    const double cosine = std::abs(turned_normal.dot(v));
+    if (cosine > level.ball_limit) continue;
+    if (cosine <= constant + h * (gradient_map * v.cross(turned_normal)).lpNorm<1>()) return true;
+  }
+  return false;
+}
+
+std::pair<int, int> BranchAndBound::Bounds(const Eigen::Vector3d& centre, const Eigen::Matrix3d& rotation,
+                                           const Level& level, int needed) const {
+  // Where the remainder alone exceeds what the ball gives, the first order cannot help.
+  const bool is_first_order = options_.use_first_order_bound && level.half_width < 0.25;
+  Eigen::Matrix3d gradient_map = Eigen::Matrix3d::Zero();
+  if (is_first_order) gradient_map = LeftJacobianSo3(centre).transpose() * rotation;
+  int lower = 0;
+  int upper = problem_.Size();
+  for (size_t j = 0; j < problem_.normals.size(); ++j) {
+    const Eigen::Vector3d turned = rotation.transpose() * problem_.normals[j];
+    const double cosine = Nearest(problem_, j, turned).cosine;
+    lower += cosine <= max_cosine_;
+    if (cosine <= upper_cosine_) continue;
+    const bool is_possible =
+        cosine <= level.ball_limit && (!is_first_order || MayHoldInlier(j, turned, gradient_map, level));
+    if (is_possible) continue;
+    if (--upper < needed) return {lower, upper};
+  }
+  return {lower, upper};
+}
+
+bool BranchAndBound::IsKnown(const Eigen::Matrix3d& rotation, double within_rad) const {
+  if (within_rad <= 0.0) return false;
+  const double min_trace = 1.0 + 2.0 * DeterministicSinCos(std::min(within_rad, kPi)).cos;
+  for (const Eigen::Matrix3d& known : rotations_) {
+    const Eigen::Matrix3d between = known.transpose() * rotation;
+    for (const Eigen::Matrix3d& q : problem_.symmetries) {
+      if (between.cwiseProduct(q.transpose()).sum() >= min_trace) return true;
+    }
+  }
+  return false;
+}
+
+void BranchAndBound::Offer(const Eigen::Matrix3d& rotation) {
+  const int count = Count(problem_, rotation, max_cosine_);
+  if (count < best_) return;
+  if (count > best_) {
+    best_ = count;
+    rotations_.clear();
+    ties_.clear();  // of a lower count
+  }
+  if (static_cast<int>(rotations_.size()) >= options_.max_rotations || IsKnown(rotation, options_.distinct_rad)) return;
+  rotations_.push_back(rotation);
+}
+
+// An incumbent from a centre that nearly is one: the least-squares rotation of what it explains.
+void BranchAndBound::Refine(const Eigen::Matrix3d& rotation) {
+  constexpr int kSteps = 8;  // each may bring in more inliers; at rest after two or three with the same
+  Eigen::Matrix3d refined = rotation;
+  for (int i = 0; i < kSteps; ++i) refined = LeastSquaresStep(problem_, refined, 1.5 * max_cosine_);
+  Offer(refined);
+  Offer(rotation);
+}
+
+void BranchAndBound::Consider(const Cube& parent_and_place) {
+  Cube cube = parent_and_place;
+  const Level& level = levels_[cube.level];
+  const Eigen::Vector3d centre = Centre(cube);
+  const Eigen::Matrix3d rotation = ExpSo3(centre);
+  ++branches_;
+  if (IsSkipped(centre, level.reach, rotation)) return;
+  const auto [lower, upper] = Bounds(centre, rotation, level, best_);
+  if (upper < best_) return;
+  // Coarse cubes are few, and near every plateau there is one.
+  constexpr int kCoarseLevel = 6;
+  if (lower > best_ || (lower + 1 >= best_ && cube.level <= kCoarseLevel)) Refine(rotation);
+  cube.upper = static_cast<int16_t>(std::min<int>(upper, cube.upper));
+  if (cube.upper > best_) {
+    open_[cube.upper].push_back(cube);
+  } else if (cube.upper == best_) {
+    ties_.push_back(cube);
+  }
+}
+
+void BranchAndBound::Branch(const Cube& cube) {
+  if (cube.level == kMaxLevel) {
+    unresolved_ = std::max<int>(unresolved_, cube.upper);
+    return;
+  }
+  for (uint32_t child = 0; child < 8; ++child) {
+    Consider({2 * cube.x + (child & 1), 2 * cube.y + (child >> 1 & 1), 2 * cube.z + (child >> 2),
+              static_cast<int16_t>(cube.level + 1), cube.upper});
+  }
+}
+
+void BranchAndBound::Search() {
+  for (int upper = problem_.Size(); upper > best_; --upper) {
+    std::vector<Cube>& open = open_[upper];
+    while (!open.empty() && best_ < upper && best_ <= stop_above_ && branches_ < options_.max_branches) {
+      const Cube cube = open.back();
+      open.pop_back();
+      Branch(cube);
+    }
+    if (!open.empty() && best_ < upper) return;
+  }
+  // What is left can at best equal the incumbent.
+  ties_.insert(ties_.end(), open_[best_].begin(), open_[best_].end());
+  open_[best_].clear();
+}
+
+int BranchAndBound::upper_bound() const {
+  int upper = std::max(best_, unresolved_);
+  for (size_t i = best_ + 1; i < open_.size(); ++i) {
+    if (!open_[i].empty()) upper = std::max(upper, static_cast<int>(i));
+  }
+  return upper;
+}
+
+void BranchAndBound::ExploreChildren(const Cube& cube, std::vector<Cube>& queue) {
+  const Level& level = levels_[cube.level + 1];
+  for (uint32_t child = 0; child < 8; ++child) {
+    const Cube part = {2 * cube.x + (child & 1), 2 * cube.y + (child >> 1 & 1), 2 * cube.z + (child >> 2),
+                       static_cast<int16_t>(cube.level + 1), cube.upper};
+    const Eigen::Vector3d centre = Centre(part);
+    const Eigen::Matrix3d rotation = ExpSo3(centre);
+    ++branches_;
+    if (IsSkipped(centre, level.reach, rotation)) continue;
+    // At twice the distance that keeps two apart: a cube whose centre is one of the known is soon covered.
+    if (IsKnown(rotation, 2.0 * options_.distinct_rad - level.reach)) continue;
+    const auto [lower, upper] = Bounds(centre, rotation, level, best_);
+    if (upper < best_) continue;
+    if (lower >= best_) Refine(rotation);
+    queue.push_back(part);
+  }
+}
+
+// Breadth first: most cubes at the border of a plateau are covered by what their neighbours turn up, and need not be
+// split down to the corner that touches it.
+void BranchAndBound::ExplorePlateau() {
+  std::stable_sort(ties_.begin(), ties_.end(), [](const Cube& a, const Cube& b) { return a.level < b.level; });
+  std::vector<Cube> queue;
+  queue.swap(ties_);
+  const int64_t max_branches = branches_ + options_.max_plateau_branches;
+  for (size_t i = 0; i < queue.size(); ++i) {
+    const Cube cube = queue[i];
+    const bool is_full = static_cast<int>(rotations_.size()) >= options_.max_rotations;
+    if (is_full || branches_ >= max_branches || cube.level == kMaxLevel) return;
+    ExploreChildren(cube, queue);
+  }
+  has_all_ = true;
+}
+
+RotationBnbResult BranchAndBound::Result() const {
+  RotationBnbResult result;
+  result.lower_bound = best_;
+  result.upper_bound = upper_bound();
+  result.rotations = rotations_;
+  result.has_all_rotations = has_all_;
+  result.branches = branches_;
+  return result;
+}
+
+absl::Status CheckUnit(const char* name, absl::Span<const Eigen::Vector3d> vectors) {
+  for (size_t i = 0; i < vectors.size(); ++i) {
+    const double norm = vectors[i].norm();
+    if (std::abs(norm - 1.0) <= 1e-6) continue;
+    return absl::InvalidArgumentError(absl::StrCat(name, "[", i, "] has length ", norm, ", must have 1"));
+  }
+  return absl::OkStatus();
+}
+
+absl::StatusOr<Problem> MakeProblem(absl::Span<const Eigen::Vector3d> normals,
+                                    absl::Span<const Eigen::Vector3d> directions, bool is_matched,
+                                    const RotationBnbOptions& options) {
+  constexpr size_t kMaxNormals = 10'000;  // counts are kept in 16 bits
+  EVPOSE_RETURN_IF_ERROR(options.Validate());
+  EVPOSE_RETURN_IF_ERROR(CheckUnit("normals", normals));
+  EVPOSE_RETURN_IF_ERROR(CheckUnit("directions", directions));
+  if (normals.empty() || normals.size() > kMaxNormals) {
+    return absl::InvalidArgumentError(
+        absl::StrCat("normals: there are ", normals.size(), ", must be 1 to ", kMaxNormals));
+  }
+  if (directions.size() < 2) {
+    return absl::InvalidArgumentError("directions: no rotation follows from fewer than two");
+  }
+  if (is_matched && directions.size() != normals.size()) {
+    return absl::InvalidArgumentError(absl::StrCat("directions: there are ", directions.size(), ", must be ",
+                                                   normals.size(), ", one for each normal"));
+  }
+  Problem problem;
+  problem.normals.assign(normals.begin(), normals.end());
+  problem.directions.assign(directions.begin(), directions.end());
+  problem.is_matched = is_matched;
+  if (options.use_symmetry) {
+    problem.symmetries = is_matched ? SignSymmetries(directions) : DirectionSymmetries(directions);
+    problem.slack_rad = SymmetryDeviation(directions, problem.symmetries);
+  }
+  return problem;
+}
+
+absl::StatusOr<RotationBnbResult> Maximise(absl::Span<const Eigen::Vector3d> normals,
+                                           absl::Span<const Eigen::Vector3d> directions, bool is_matched,
+                                           const RotationBnbOptions& options) {
+  EVPOSE_ASSIGN_OR_RETURN(const Problem problem, MakeProblem(normals, directions, is_matched, options));
+  BranchAndBound search(problem, options);
+  search.Search();
+  if (search.lower_bound() == search.upper_bound()) search.ExplorePlateau();
+  return search.Result();
+}
+
+}  // namespace
+
+absl::Status RotationBnbOptions::Validate() const {
+  const auto wrong = [](const char* field, const char* must, double value) {
+    return absl::InvalidArgumentError(absl::StrCat("rotation_bnb.", field, " must be ", must, ": ", value));
+  };
+  if (!(inlier_rad > 0.0 && inlier_rad < 0.5)) return wrong("inlier_rad", "between 0 and 0.5", inlier_rad);
+  if (max_branches < 1) return wrong("max_branches", "at least 1", static_cast<double>(max_branches));
+  if (max_plateau_branches < 0) {
+    return wrong("max_plateau_branches", "at least 0", static_cast<double>(max_plateau_branches));
+  }
+  if (max_rotations < 1) return wrong("max_rotations", "at least 1", max_rotations);
+  if (!(distinct_rad > 0.0 && distinct_rad < kPi)) return wrong("distinct_rad", "between 0 and pi", distinct_rad);
+  return absl::OkStatus();
+}
+
+absl::StatusOr<RotationBnbResult> MaximisePerpendicular(absl::Span<const Eigen::Vector3d> normals,
+                                                        absl::Span<const Eigen::Vector3d> directions,
+                                                        const RotationBnbOptions& options) {
+  return Maximise(normals, directions, /*is_matched=*/false, options);
+}
+
+absl::StatusOr<RotationBnbResult> MaximisePerpendicularMatches(absl::Span<const Eigen::Vector3d> normals,
+                                                               absl::Span<const Eigen::Vector3d> directions,
+                                                               const RotationBnbOptions& options) {
+  return Maximise(normals, directions, /*is_matched=*/true, options);
+}
+
+absl::StatusOr<RotationCertificate> CertifyRotation(absl::Span<const Eigen::Vector3d> normals,
+                                                    absl::Span<const Eigen::Vector3d> directions,
+                                                    const Eigen::Matrix3d& camera_from_object,
+                                                    const RotationBnbOptions& options) {
+  EVPOSE_ASSIGN_OR_RETURN(const Problem problem, MakeProblem(normals, directions, /*is_matched=*/false, options));
+  const Eigen::Matrix3d error = camera_from_object.transpose() * camera_from_object - Eigen::Matrix3d::Identity();
+  if (!(error.norm() <= 1e-6) || camera_from_object.determinant() < 0.0) {
+    return absl::InvalidArgumentError("camera_from_object: not a rotation matrix");
+  }
+  RotationCertificate certificate;
+  certificate.count = CountPerpendicular(normals, directions, camera_from_object, options.inlier_rad);
+  BranchAndBound search(problem, options);
+  search.Offer(camera_from_object);
+  search.StopAbove(certificate.count);
+  search.Search();
+  const RotationBnbResult result = search.Result();
+  certificate.upper_bound = result.upper_bound;
+  certificate.branches = result.branches;
+  if (result.lower_bound > certificate.count) {
+    certificate.verdict = RotationVerdict::kNotMaximum;
+    certificate.better = result.rotations.front();
+  } else if (result.is_certified()) {
+    certificate.verdict = RotationVerdict::kMaximum;
+  }
+  return certificate;
+}
+
+}  // namespace evpose

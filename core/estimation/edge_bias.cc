@@ -1,0 +1,131 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "core/estimation/edge_bias.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include "core/base/check_range.h"
+#include "core/base/status_macros.h"
+
+namespace evpose {
+namespace {
+
+// The direction of motion, smoothed near rest, where it cannot be known.
+double MotionSign(double speed_px_per_s) {
+  constexpr double kSmoothPxPerS = 15.0;
+  return speed_px_per_s / std::sqrt(speed_px_per_s * speed_px_per_s + kSmoothPxPerS * kSmoothPxPerS);
+}
+
+}  // namespace
+
+absl::Status EdgeOptions::Validate() const {
+  EVPOSE_RETURN_IF_ERROR(CheckPositive("min_events", min_events));
+  EVPOSE_RETURN_IF_ERROR(CheckPositive("memory_events", memory_events));
+  return CheckPositive("turn_memory_px2", turn_memory_px2);
+}
+
+double LiveAreaPx2(const SensorProfile& sensor, double swept_px2, double events, double speed_px_per_s) {
+  // The mean slope over a blurred step's levels, as a share of its height: 1 / (2 sqrt(pi)) for each blur.
+  constexpr double kMeanSlope = 0.28209479177387814;
+  // Beyond, too little is left of the edge to tell.
+  constexpr double kMinLiveRatio = 0.25;
+  if (sensor.blur_px <= 0.0) return swept_px2;
+  const double dead_px2 = events * speed_px_per_s * 1e-6 * sensor.refractory_us * kMeanSlope / sensor.blur_px;
+  return std::max(swept_px2 - dead_px2, kMinLiveRatio * swept_px2);
+}
+
+double ExpectedEdgePx(const SensorProfile& sensor, const EdgeRates& rates, double motion) {
+  const double kappa = std::clamp(rates.kappa, -1.0, 1.0);
+  // Of a stripe's two edges each makes half of the events.
+  const double edge_share = 0.5 * (1.0 + std::abs(kappa));
+  const double thresholds = edge_share * (rates.events_per_px2 + rates.turns_per_px2);
+  const double turn_ratio = std::min(1.0, edge_share * rates.recent_turns_per_px2);
+  const double contrast = thresholds * sensor.contrast_threshold;
+  const double hysteresis = turn_ratio / std::max(thresholds, turn_ratio);
+  const EdgeResponse& response = EdgeResponse::Get();
+  const double brighter_px = sensor.blur_px * response.Brighter(contrast, hysteresis);
+  const double darker_px = sensor.blur_px * response.Darker(contrast, hysteresis);
+  // kappa is the share of ON events less that of OFF ones when the line moves along its normal.
+  const double along_px = 0.5 * ((1.0 + kappa) * brighter_px + (1.0 - kappa) * darker_px);
+  const double against_px = -0.5 * ((1.0 - kappa) * brighter_px + (1.0 + kappa) * darker_px);
+  return 0.5 * ((1.0 + motion) * along_px + (1.0 - motion) * against_px);
+}
+
+double EdgeBias::ExpectedPx(const Profile& profile, int half, double motion) const {
+  if (profile.events < options_.min_events) return 0.0;
+  const EdgeRates rates = {profile.events / std::max(profile.live_px2, 0.25),
+                           profile.turns / std::max(profile.swept_px2, 1.0),
+                           profile.recent_turns[half] / std::max(profile.recent_swept_px2[half], 1.0),
+                           profile.polarity_motion / profile.events};
+  return ExpectedEdgePx(sensor_, rates, motion);
+}
+
+void EdgeBias::Correct(absl::Span<const TrackedLine> tracked, absl::Span<ImageLine> lines) const {
+  for (size_t k = 0; k < lines.size(); ++k) {
+    ImageLine& line = lines[k];
+    const size_t index = static_cast<size_t>(tracked[k].model_line);
+    if (!line.in_view()) continue;
+    // Late time stamps show the line where it was.
+    line.a_expected = line.a - 1e-6 * sensor_.latency_us * line.a_dot;
+    if (index >= profiles_.size()) continue;
+    const double first = ExpectedPx(profiles_[index], 0, MotionSign(NormalSpeedPxPerS(camera_, line, 0.25)));
+    const double last = ExpectedPx(profiles_[index], 1, MotionSign(NormalSpeedPxPerS(camera_, line, 0.75)));
+    // Linear along the line, and so linear in the bearing: offset = at_begin + slope * along.
+    const Eigen::Vector2d focal(camera_.fx_px, camera_.fy_px);
+    const Eigen::Vector2d centre(camera_.cx_px, camera_.cy_px);
+    const double at_begin = 1.5 * first - 0.5 * last;
+    const double slope = 2.0 * (last - first) / line.length_px;
+    const Eigen::Vector2d along = slope * line.direction;
+    Eigen::Vector3d offset;
+    offset.head<2>() = along.cwiseProduct(focal);
+    offset.z() = at_begin + along.dot(centre - line.p1_px);
+    line.a_expected -= offset;
+  }
+}
+
+void EdgeBias::Learn(absl::Span<const TrackedLine> tracked, absl::Span<const ImageLine> lines,
+                     absl::Span<const EdgeCounts> counts, double duration_s) {
+  // Slower lines make too few events to tell from noise, and their direction may be wrong.
+  constexpr double kMinSpeedPxPerS = 20.0;
+  constexpr double kMinLengthPx = 10.0;
+  for (size_t k = 0; k < lines.size(); ++k) {
+    const ImageLine& line = lines[k];
+    if (line.length_px < kMinLengthPx) continue;
+    const double first = NormalSpeedPxPerS(camera_, line, 0.1);
+    const double last = NormalSpeedPxPerS(camera_, line, 0.9);
+    if (first * last < 0.0 || std::min(std::abs(first), std::abs(last)) < kMinSpeedPxPerS) continue;
+    const size_t index = static_cast<size_t>(tracked[k].model_line);
+    if (index >= profiles_.size()) profiles_.resize(index + 1);
+    const double half_px_s = 0.5 * line.length_px * duration_s;
+    const std::array<double, 2> swept_px2 = {half_px_s * std::abs(NormalSpeedPxPerS(camera_, line, 0.25)),
+                                             half_px_s * std::abs(NormalSpeedPxPerS(camera_, line, 0.75))};
+    Add(counts[k], 0.5 * (first + last), swept_px2, profiles_[index]);
+  }
+}
+
+void EdgeBias::Add(const EdgeCounts& counts, double velocity_px_per_s, const std::array<double, 2>& swept_px2,
+                   Profile& profile) const {
+  const double direction = velocity_px_per_s > 0.0 ? 1.0 : -1.0;
+  const double events = counts.polarity[0] + counts.polarity[1];
+  const double both_px2 = swept_px2[0] + swept_px2[1];
+  profile.events += events;
+  profile.swept_px2 += both_px2;
+  profile.live_px2 += LiveAreaPx2(sensor_, both_px2, events, std::abs(velocity_px_per_s));
+  profile.polarity_motion += direction * (counts.polarity[1] - counts.polarity[0]);
+  profile.turns += counts.turns[0] + counts.turns[1];
+  const double keep = std::min(1.0, options_.memory_events / std::max(profile.events, 1.0));
+  profile.events *= keep;
+  profile.swept_px2 *= keep;
+  profile.live_px2 *= keep;
+  profile.polarity_motion *= keep;
+  profile.turns *= keep;
+  for (int half = 0; half < 2; ++half) {
+    profile.recent_turns[half] += counts.turns[half];
+    profile.recent_swept_px2[half] += swept_px2[half];
+    const double keep_recent = std::min(1.0, options_.turn_memory_px2 / std::max(profile.recent_swept_px2[half], 1.0));
+    profile.recent_turns[half] *= keep_recent;
+    profile.recent_swept_px2[half] *= keep_recent;
+  }
+}
+
+}  // namespace evpose

@@ -1,0 +1,115 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "core/estimation/flood_shift.h"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <utility>
+
+namespace evpose {
+namespace {
+
+constexpr double kGatePx = 3.0;
+constexpr double kSpreadPx = 0.8;
+constexpr double kStripPx = (1.0 - LineCounts::kBesideRatio) * kGatePx;
+constexpr ByPolarity kAllKept = {1.0, 1.0};
+
+// What an edge that makes so many ON events beside an OFF flood (events per px) leaves, step by step across it.
+struct Scene {
+  double edge_events = 0.0;
+  ByPolarity off_per_px = {};  // at distances below zero, and above
+
+  LineCounts counts;
+  double mean_px = 0.0;
+
+  Scene(double edge, ByPolarity off) : edge_events(edge), off_per_px(off) {
+    constexpr double kStepPx = 1e-3;
+    double moment = 0.0;
+    for (double x = -6.0 * kSpreadPx; x < 6.0 * kSpreadPx; x += kStepPx) {
+      const double z = x / kSpreadPx;
+      const double density = edge_events / (kSpreadPx * std::sqrt(2.0 * M_PI)) * std::exp(-0.5 * z * z);
+      const double left = std::max(0.0, density - off_per_px[x > 0.0 ? 1 : 0]) * kStepPx;
+      counts.own[1] += left;
+      moment += x * left;
+    }
+    for (int side = 0; side < 2; ++side) counts.beside[side][0] = off_per_px[side] * kStripPx;
+    mean_px = moment / counts.own[1];
+  }
+  double ShiftPx() const { return FloodShiftPx(counts, kAllKept, kGatePx, kSpreadPx); }
+};
+
+TEST(FloodShiftTest, IsTheMeanOfWhatAFloodOnOneSideLeaves) {
+  for (const double flood : {2.0, 10.0, 30.0, 44.0}) {
+    const Scene above(100.0, {0.0, flood});
+    EXPECT_LT(above.mean_px, 0.0);
+    EXPECT_NEAR(above.ShiftPx(), above.mean_px, 2e-3) << flood;
+    const Scene below(100.0, {flood, 0.0});
+    EXPECT_NEAR(below.ShiftPx(), below.mean_px, 2e-3) << flood;
+  }
+}
+
+TEST(FloodShiftTest, OfTwoSidesTheSmallerOneTakesBack) {
+  const Scene scene(100.0, {5.0, 20.0});
+  EXPECT_LT(scene.mean_px, -0.01);
+  EXPECT_NEAR(scene.ShiftPx(), scene.mean_px, 0.1 * std::abs(scene.mean_px));
+  EXPECT_EQ(Scene(100.0, {20.0, 20.0}).ShiftPx(), 0.0);
+}
+
+TEST(FloodShiftTest, IsNoneWithoutAFloodAndInNoiseOfBothPolarities) {
+  EXPECT_EQ(Scene(100.0, {0.0, 0.0}).ShiftPx(), 0.0);
+  EXPECT_EQ(FloodShiftPx({}, kAllKept, kGatePx, kSpreadPx), 0.0);
+  Scene scene(100.0, {0.0, 0.0});
+  scene.counts.beside[1] = {12.0, 12.0};
+  EXPECT_EQ(scene.ShiftPx(), 0.0);
+}
+
+TEST(FloodShiftTest, OfTheEdgesOwnPolarityTakesNothing) {
+  Scene scene(100.0, {0.0, 0.0});
+  scene.counts.beside[1] = {0.0, 30.0};
+  EXPECT_EQ(scene.ShiftPx(), 0.0);
+}
+
+TEST(FloodShiftTest, PolaritiesMirror) {
+  const Scene on(100.0, {0.0, 20.0});
+  LineCounts off = on.counts;
+  std::swap(off.own[0], off.own[1]);
+  for (ByPolarity& side : off.beside) std::swap(side[0], side[1]);
+  EXPECT_EQ(FloodShiftPx(off, kAllKept, kGatePx, kSpreadPx), on.ShiftPx());
+}
+
+TEST(FloodShiftTest, CountsWhatWasNotKept) {
+  const Scene scene(100.0, {0.0, 20.0});
+  LineCounts kept = scene.counts;
+  for (double* off : {&kept.own[0], &kept.beside[0][0], &kept.beside[1][0]}) *off /= 8.0;
+  for (double* on : {&kept.own[1], &kept.beside[0][1], &kept.beside[1][1]}) *on /= 2.0;
+  EXPECT_NEAR(FloodShiftPx(kept, {8.0, 2.0}, kGatePx, kSpreadPx), scene.ShiftPx(), 1e-12);
+}
+
+TEST(FloodShiftTest, OfAStripeEachPolarityHasItsShare) {
+  // The OFF half of its events loses nothing to a flood of OFF events.
+  Scene stripe(100.0, {0.0, 20.0});
+  const double on_px = stripe.ShiftPx();
+  stripe.counts.own[0] = stripe.counts.own[1];
+  EXPECT_NEAR(stripe.ShiftPx(), 0.5 * on_px, 1e-12);
+}
+
+TEST(FloodShiftTest, GrowsWithTheFloodUpToABound) {
+  const FloodShift& shift = FloodShift::Get();
+  EXPECT_EQ(shift.Away(0.0), 0.0);
+  EXPECT_EQ(shift.Away(-1.0), 0.0);
+  for (double ratio = 0.01; ratio <= 0.7; ratio += 0.01)
+    EXPECT_GT(shift.Away(ratio), shift.Away(ratio - 0.01)) << ratio;
+  EXPECT_EQ(shift.Away(1e9), shift.Away(0.7));
+  // Of the half that is left when the other is gone.
+  EXPECT_LT(shift.Away(1e9), std::sqrt(2.0 / M_PI));
+}
+
+TEST(FloodShiftTest, AFewEventsMoveLittle) {
+  Scene scene(100.0, {0.0, 0.0});
+  scene.counts.own[1] = 1.0;
+  scene.counts.beside[1][0] = 1.0;
+  EXPECT_GT(scene.ShiftPx(), -0.25 * kSpreadPx);
+}
+
+}  // namespace
+}  // namespace evpose

@@ -1,0 +1,77 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "core/estimation/line_clutter.h"
+
+#include <algorithm>
+#include <cmath>
+
+namespace evpose {
+
+int LineClutter::Direction(const ImageLine& line) const {
+  // Slower lines make too few events to tell from noise.
+  constexpr double kMinSpeedPxPerS = 20.0;
+  const double speed = NormalSpeedPxPerS(camera_, line, 0.5);
+  if (std::abs(speed) < kMinSpeedPxPerS) return 0;
+  return speed > 0.0 ? 1 : -1;
+}
+
+void LineClutter::Add(const LineCounts& counts, int direction, double gate_px, Memory& memory) {
+  const double strip_px = (1.0 - LineCounts::kBesideRatio) * gate_px;
+  const double all_own = counts.own[0] + counts.own[1];
+  for (int polarity = 0; polarity < 2; ++polarity) {
+    memory.own[polarity] += direction == 0 ? 0.5 * all_own : counts.own[direction > 0 ? polarity : 1 - polarity];
+    for (int side = 0; side < 2; ++side) {
+      memory.beside_per_px[side][polarity] += counts.beside[side][polarity] / strip_px;
+    }
+  }
+}
+
+void LineClutter::Densities(absl::Span<const TrackedLine> tracked, absl::Span<const ImageLine> lines,
+                            absl::Span<const LineCounts> counts, double counts_gate_px, const MixtureDensity& density,
+                            std::vector<LineDensities>& densities) const {
+  // Fewer of its own do not tell how many there are of its own, nor of which polarity.
+  constexpr double kFewEvents = 10.0;
+  const double shared = density.Outlier();
+  densities.clear();
+  for (size_t k = 0; k < tracked.size(); ++k) {
+    LineDensities& line = densities.emplace_back(LineDensities::Of(density));
+    if (!lines[k].in_view()) continue;
+    const auto index = static_cast<size_t>(tracked[k].model_line);
+    const int direction = Direction(lines[k]);
+    Memory memory = index < lines_.size() ? lines_[index] : Memory();
+    if (!counts.empty()) Add(counts[k], direction, counts_gate_px, memory);
+    const double own = memory.own[0] + memory.own[1];
+    // Of both polarities together an event is as likely as without them: they are two halves of it.
+    const double scale = 2.0 * (1.0 - density.outlier_ratio) / std::max(own, kFewEvents);
+    for (int polarity = 0; polarity < 2; ++polarity) {
+      const double of_polarity = memory.own[direction > 0 ? polarity : 1 - polarity];
+      if (direction != 0) line.own[polarity] = (2.0 * of_polarity + kFewEvents) / (own + kFewEvents);
+      const double negative = scale * memory.beside_per_px[0][polarity];
+      const double positive = scale * memory.beside_per_px[1][polarity];
+      const double denser = std::max(negative, positive);
+      line.beside[0][polarity] = std::max(shared, direction == 0 ? denser : negative);
+      line.beside[1][polarity] = std::max(shared, direction == 0 ? denser : positive);
+    }
+  }
+}
+
+void LineClutter::Learn(absl::Span<const TrackedLine> tracked, absl::Span<const ImageLine> lines,
+                        absl::Span<const LineCounts> counts, double gate_px) {
+  constexpr double kMemoryEvents = 100.0;
+  const double strip_px = (1.0 - LineCounts::kBesideRatio) * gate_px;
+  for (size_t k = 0; k < counts.size(); ++k) {
+    if (!lines[k].in_view()) continue;
+    const auto index = static_cast<size_t>(tracked[k].model_line);
+    if (index >= lines_.size()) lines_.resize(index + 1);
+    Memory& memory = lines_[index];
+    Add(counts[k], Direction(lines[k]), gate_px, memory);
+    double all = memory.own[0] + memory.own[1];
+    for (const ByPolarity& side : memory.beside_per_px) all += strip_px * (side[0] + side[1]);
+    const double keep = std::min(1.0, kMemoryEvents / std::max(all, 1.0));
+    for (int polarity = 0; polarity < 2; ++polarity) {
+      memory.own[polarity] *= keep;
+      for (ByPolarity& side : memory.beside_per_px) side[polarity] *= keep;
+    }
+  }
+}
+
+}  // namespace evpose

@@ -1,0 +1,314 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "core/estimation/mixture_estimator.h"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+
+#include "core/estimation/ideal_events_testing.h"
+#include "core/numerics/random.h"
+
+namespace evpose {
+namespace {
+
+using testing::MakeCamera;
+using testing::MakePose;
+
+// Two lines, 3 px apart.
+class MixtureTest : public ::testing::Test {
+ protected:
+  MixtureTest() : grid_(camera_) {
+    state_.camera_from_object = MakePose({0.0, 0.0, 1.0}, {0.0, 0.0, 0.0});
+    state_.twist[0] = 0.2;
+    ProjectLines(camera_, state_, tracked_, lines_);
+    grid_.Build(lines_, 12.0);
+  }
+  Observation At(double du_px, double dv_px, uint8_t polarity = 1) const {
+    Observation event;
+    event.u_px = camera_.cx_px + du_px;
+    event.v_px = camera_.cy_px + dv_px;
+    const Eigen::Vector3d bearing = BearingOf(camera_, {event.u_px, event.v_px});
+    event.bx = bearing.x();
+    event.by = bearing.y();
+    grid_.GiveLines(event);
+    event.polarity = polarity;
+    return event;
+  }
+  MixtureTotals Accumulate(const std::vector<Observation>& events, const MixtureDensity& density) {
+    const std::vector<LineDensities> even(lines_.size(), LineDensities::Of(density));
+    return pass_.Accumulate({events, lines_.size()}, lines_, density, even, sums_);
+  }
+  // The missing share of what Accumulate's events leave, as from a window of 10 ms.
+  double Absence(double noise_per_px, absl::Span<const LineAnswer> past, Matrix12d& hessian, Vector12d& gradient) {
+    WindowInput input;
+    input.duration_s = 0.01;
+    CountAnswers(camera_, input, lines_, sums_, state_.twist, noise_per_px, 0.15, answers_);
+    return AddAbsence(camera_, lines_, answers_, past, state_.twist, 1.0, hessian, gradient);
+  }
+  static double Weight(const MixtureLine& line) { return line.sums.weight(); }
+
+  const CameraModel camera_ = MakeCamera(1280, 720, 1000.0);
+  const std::vector<TrackedLine> tracked_ = {{0, {0.0, -0.05, 0.0}, {0.0, 0.05, 0.0}},
+                                             {1, {0.003, -0.05, 0.0}, {0.003, 0.05, 0.0}}};
+  MotionState state_;
+  std::vector<ImageLine> lines_;
+  TileGrid grid_;
+  MixturePass pass_;
+  std::vector<MixtureLine> sums_;
+  std::vector<LineAnswer> answers_;
+};
+
+TEST_F(MixtureTest, AnEventBetweenTwoLinesIsShared) {
+  const MixtureDensity density{1.0, 0.1, 6.0};
+  Accumulate({At(1.5, 10.0)}, density);
+  EXPECT_NEAR(Weight(sums_[0]), Weight(sums_[1]), 1e-4);
+  EXPECT_GT(Weight(sums_[0]), 0.4);
+  EXPECT_LT(Weight(sums_[0]), 0.5);
+  Accumulate({At(0.5, 10.0)}, density);
+  // exp(-(0.5^2 - 2.5^2) / 2) = e^3 to one.
+  EXPECT_NEAR(Weight(sums_[0]) / Weight(sums_[1]), 20.0855, 0.02);
+}
+
+TEST_F(MixtureTest, DoubtWhoseEventsAreCostsAsMuchInformationAsTheLikelihoodSays) {
+  for (const double outlier_ratio : {0.05, 0.5, 0.9}) {
+    const MixtureDensity density = {0.5, outlier_ratio, 1.4};  // the other line is out of reach
+    Random random(3);
+    std::vector<Observation> events;
+    std::vector<double> distances_px;
+    for (int i = 0; i < 20'000; ++i) {
+      const double du_px =
+          random.Uniform() < outlier_ratio ? random.Uniform(-1.4, 1.4) : density.sigma_px * random.Normal();
+      if (std::abs(du_px) >= 1.4) continue;
+      distances_px.push_back(du_px);
+      events.push_back(At(du_px, 0.0));
+    }
+    Accumulate(events, density);
+    const double claimed = sums_[0].ObservedRatio(density.sigma_px) * Weight(sums_[0]) / std::pow(density.sigma_px, 2);
+    const auto log_likelihood = [&](double shift_px) {
+      double sum = 0.0;
+      for (const double d_px : distances_px) {
+        const double u = (d_px - shift_px) / density.sigma_px;
+        const double line = (1.0 - outlier_ratio) * std::exp(-0.5 * u * u) / (density.sigma_px * std::sqrt(2.0 * M_PI));
+        sum += std::log(line + density.Outlier());
+      }
+      return sum;
+    };
+    constexpr double kStepPx = 0.02;
+    const double curvature =
+        (log_likelihood(kStepPx) - 2.0 * log_likelihood(0.0) + log_likelihood(-kStepPx)) / (kStepPx * kStepPx);
+    EXPECT_NEAR(claimed, -curvature, 0.02 * Weight(sums_[0]) / std::pow(density.sigma_px, 2)) << outlier_ratio;
+  }
+}
+
+TEST_F(MixtureTest, AnEventOfTheWrongPolarityIsLessTheLines) {
+  const MixtureDensity density = {0.5, 0.2, 1.4};
+  const std::vector<Observation> events = {At(0.0, 0.0, 0), At(0.0, 0.0, 1)};
+  std::vector<LineDensities> densities(lines_.size(), LineDensities::Of(density));
+  densities[0].own = {0.1, 1.9};
+  pass_.Accumulate({events, lines_.size()}, lines_, density, densities, sums_);
+  const double line = density.Peak();
+  EXPECT_NEAR(sums_[0].weight()[0], 0.1 * line / (0.1 * line + density.Outlier()), 1e-5);
+  EXPECT_NEAR(sums_[0].weight()[1], 1.9 * line / (1.9 * line + density.Outlier()), 1e-5);
+}
+
+TEST_F(MixtureTest, SumsAreByLineHalfAndPolarity) {
+  const MixtureDensity density{0.5, 0.1, 6.0};
+  const MixtureTotals totals =
+      Accumulate({At(-0.2, -20.0, 0), At(0.1, 20.0, 1), At(-5.5, 0.0), At(200.0, 0.0)}, density);
+  EXPECT_EQ(totals.num_gated, 3.0);
+  EXPECT_GT(sums_[0].half_weight[0][0], 0.9);
+  EXPECT_GT(sums_[0].half_weight[1][1], 0.9);
+  EXPECT_EQ(sums_[0].half_weight[0][1], 0.0);
+  EXPECT_EQ(sums_[0].half_weight[1][0], 0.0);
+  EXPECT_NEAR(totals.weight, Weight(sums_[0]) + Weight(sums_[1]), 1e-6);
+}
+
+TEST_F(MixtureTest, WhatIsNotKeptCountsForEachPolarity) {
+  MixtureLine line;
+  line.half_weight = {{{4.0, 1.0}, {2.0, 3.0}}};
+  line.half_turns = {{{2.0, 1.0}, {0.0, 3.0}}};
+  const EdgeCounts counts = line.Counts({2.0, 10.0});
+  EXPECT_EQ(counts.polarity[0], 12.0);
+  EXPECT_EQ(counts.polarity[1], 40.0);
+  EXPECT_EQ(counts.turns[0], 14.0);
+  EXPECT_EQ(counts.turns[1], 30.0);
+}
+
+TEST_F(MixtureTest, SilenceBrakesTheTwist) {
+  Accumulate({}, MixtureDensity());
+  Matrix12d hessian = Matrix12d::Zero();
+  Vector12d gradient = Vector12d::Zero();
+  Absence(0.0, {}, hessian, gradient);
+  EXPECT_GT(gradient[6], 0.0);  // against the motion to the right
+  EXPECT_GT(hessian(6, 6), 0.0);
+  // The Newton step of the penalty alone stops what moves.
+  EXPECT_NEAR(-gradient[6] / hessian(6, 6), -state_.twist[0], 1e-9);
+  EXPECT_EQ(hessian.topLeftCorner(6, 6).norm(), 0.0);
+}
+
+TEST_F(MixtureTest, TheBackgroundDoesNotSpeakForTheMotion) {
+  // What noise puts on the lines would do for their motion, were it theirs.
+  std::vector<Observation> events;
+  Random random(5);
+  for (int i = 0; i < 600; ++i) events.push_back(At(random.Uniform(-8.0, 11.0), random.Uniform(-50.0, 50.0)));
+  Accumulate(events, {0.8, 0.3, 6.0});
+  const double explained = (Weight(sums_[0]) + Weight(sums_[1])) / 200.0;
+  const auto gradient_with = [&](double noise_per_px) {
+    Matrix12d hessian = Matrix12d::Zero();
+    Vector12d gradient = Vector12d::Zero();
+    Absence(noise_per_px, {}, hessian, gradient);
+    return gradient[6];
+  };
+  EXPECT_EQ(gradient_with(0.0), 0.0);
+  EXPECT_GT(gradient_with(explained), 0.0);
+}
+
+TEST_F(MixtureTest, AHiddenLineDoesNotBrakeWhileOthersSpeak) {
+  std::vector<Observation> events;
+  Random random(4);
+  // Line 0 sweeps 200 px^2 in 10 ms and makes 2 events per px^2; line 1 none.
+  for (int i = 0; i < 400; ++i) events.push_back(At(random.Uniform(-1.0, 0.0), random.Uniform(-48.0, 48.0)));
+  Accumulate(events, {0.5, 0.1, 6.0});
+  Matrix12d hessian = Matrix12d::Zero();
+  Vector12d gradient = Vector12d::Zero();
+  Absence(0.0, {}, hessian, gradient);
+  EXPECT_EQ(gradient.norm(), 0.0);
+  EXPECT_EQ(hessian.norm(), 0.0);
+}
+
+TEST_F(MixtureTest, WhatPassesAtOnePlaceDoesNotSpeakForTheRest) {
+  // All on one half of one line, twenty times what both lines should make.
+  std::vector<Observation> events;
+  Random random(6);
+  for (int i = 0; i < 1200; ++i) events.push_back(At(random.Uniform(-1.0, 0.0), random.Uniform(-48.0, -2.0)));
+  Accumulate(events, {0.5, 0.1, 6.0});
+  Matrix12d hessian = Matrix12d::Zero();
+  Vector12d gradient = Vector12d::Zero();
+  const double missing = Absence(0.0, {}, hessian, gradient);
+  EXPECT_NEAR(missing, 0.75, 0.01);
+  EXPECT_GT(gradient[6], 0.0);
+}
+
+TEST_F(MixtureTest, ASlowLineIsNotSilentBecauseAWindowIsShort) {
+  // At 6 px/s a half of a line sweeps 0.3 px^2 in a millisecond: it should make 0.045 events at the least, and makes
+  // 0.6. Many a window has none on most halves.
+  state_.twist *= 0.03;
+  constexpr int kMovingWindows = 250;
+  constexpr int kStillWindows = 50;
+  Random random(7);
+  std::vector<LineAnswer> past(2);
+  int seem_silent_alone = 0, seem_silent = 0, are_silent = 0;
+  for (int window = 0; window < kMovingWindows + kStillWindows; ++window) {
+    const bool is_moving = window < kMovingWindows;
+    std::vector<LineAnswer> answers(2);
+    for (LineAnswer& answer : answers) {
+      answer.expected = {0.045, 0.045};
+      for (double& observed : answer.observed) observed = is_moving ? random.Poisson(0.6) : 0.0;
+    }
+    Matrix12d hessian = Matrix12d::Zero();
+    Vector12d gradient = Vector12d::Zero();
+    const auto missing = [&](absl::Span<const LineAnswer> before) {
+      return AddAbsence(camera_, lines_, answers, before, state_.twist, 1.0, hessian, gradient);
+    };
+    if (is_moving && missing({}) > 0.5) ++seem_silent_alone;
+    if (missing(past) > 0.5) ++(is_moving ? seem_silent : are_silent);
+    for (size_t k = 0; k < past.size(); ++k) past[k].Add(answers[k]);
+  }
+  EXPECT_GT(seem_silent_alone, 80);
+  EXPECT_LT(seem_silent, 3);
+  // In 12 windows half an event should have come.
+  EXPECT_GE(are_silent, kStillWindows - 12);
+}
+
+TEST_F(MixtureTest, WhatALineMadeTooMuchIsForgotten) {
+  LineAnswer answer, loud, silent;
+  loud.expected = {0.2, 0.2};
+  loud.observed = {100.0, 0.0};
+  silent.expected = {0.2, 0.2};
+  answer.Add(loud);
+  EXPECT_EQ(answer.observed[0], answer.expected[0]);
+  for (int i = 0; i < 20; ++i) answer.Add(silent);
+  EXPECT_NEAR(answer.expected[0], LineAnswer::kEnough, 1e-12);
+  EXPECT_LT(answer.observed[0], 0.01);
+  EXPECT_EQ(answer.observed[1], 0.0);
+}
+
+// Six lines of a plate seen frontally, whose events lie off them, to one side and the other in turn.
+class DisplacedLines : public ::testing::Test {
+ protected:
+  DisplacedLines() : grid_(camera_) {
+    state_ = InitialMotionState(MakePose({0.0, 0.0, 1.0}, {0.0, 0.0, 0.0}), 0, 1000.0, InitialPoseOptions());
+    for (const double at : {-0.08, 0.0, 0.08}) {
+      tracked_.push_back({static_cast<int>(tracked_.size()), {at, -0.1, 0.0}, {at, 0.1, 0.0}});
+      tracked_.push_back({static_cast<int>(tracked_.size()), {-0.1, at, 0.0}, {0.1, at, 0.0}});
+    }
+    ProjectLines(camera_, state_, tracked_, lines_);
+    grid_.Build(lines_, 16.0);
+  }
+  std::vector<Observation> MakeEvents(double displacement_px) {
+    Random random(3);
+    std::vector<Observation> events;
+    for (int i = 0; i < 600; ++i) {
+      const ImageLine& line = lines_[i % lines_.size()];
+      const Eigen::Vector2d normal(-line.direction.y(), line.direction.x());
+      const double sign = (i % lines_.size()) % 4 < 2 ? 1.0 : -1.0;
+      const double off_px = sign * displacement_px + random.Uniform(-1.0, 1.0);
+      const Eigen::Vector2d pixel = line.PointAt(random.Uniform(0.02, 0.98)) + off_px * normal;
+      const Eigen::Vector3d bearing = BearingOf(camera_, pixel);
+      Observation event;
+      event.u_px = pixel.x();
+      event.v_px = pixel.y();
+      event.bx = bearing.x();
+      event.by = bearing.y();
+      grid_.GiveLines(event);
+      events.push_back(event);
+    }
+    return events;
+  }
+  // Standard deviation of the sideways position after so many windows of the same.
+  double LateralSigma(double displacement_px, int num_windows = 200) {
+    const std::vector<Observation> events = MakeEvents(displacement_px);
+    WindowInput input;
+    const LineEvents sorted(events, tracked_.size());
+    input.events = events;
+    input.sorted = &sorted;
+    input.duration_s = 0.001;
+    input.lines = tracked_;
+    EstimatorOptions options;
+    options.sensor = testing::UnbiasedSensor();
+    const std::unique_ptr<WindowEstimator> estimator = MakeMixtureEstimator(options, camera_);
+    WindowFit fit;
+    for (int window = 0; window < num_windows; ++window) {
+      estimator->Fit(state_, input, 1.0, fit);
+      estimator->Accept(fit, input);
+    }
+    return std::sqrt(fit.state.covariance(0, 0));
+  }
+
+  const CameraModel camera_ = MakeCamera(1280, 720, 1000.0);
+  MotionState state_;
+  std::vector<TrackedLine> tracked_;
+  std::vector<ImageLine> lines_;
+  TileGrid grid_;
+};
+
+TEST_F(DisplacedLines, MakeThePoseLessCertain) {
+  const double known = LateralSigma(0.0);
+  EXPECT_NEAR(LateralSigma(0.03), known, 0.1 * known) << "within what the profile leaves open";
+  EXPECT_GT(LateralSigma(0.3), 2.0 * known);
+}
+
+TEST_F(DisplacedLines, OfAFaceSeenEdgeOnSayLittleOfWhereTheyAre) {
+  const double known = LateralSigma(0.0, 1);
+  // Those that run up and down, which tell of the sideways position.
+  const auto with_faces_of = [&](double width_px) {
+    for (size_t k = 0; k < tracked_.size(); k += 2) tracked_[k].narrowest_face_px = width_px;
+    return LateralSigma(0.0, 1);
+  };
+  EXPECT_EQ(with_faces_of(10.0), known) << "wide enough for its edges to be told apart";
+  EXPECT_GT(with_faces_of(0.5), 3.0 * known);
+  EXPECT_GT(with_faces_of(0.0), with_faces_of(0.5));
+}
+
+}  // namespace
+}  // namespace evpose

@@ -1,0 +1,210 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "core/estimation/mixture_pass.h"
+
+#include <algorithm>
+#include <limits>
+
+#include "core/numerics/clones.h"
+#include "core/numerics/refill.h"
+
+namespace evpose {
+namespace {
+
+// An event that is a line's with less than this is none of its.
+constexpr float kLeastWeight = 1e-4f;
+
+}  // namespace
+
+// A line's likelihoods, with what is the same for all events of one polarity computed once.
+class MixturePass::GroupTerms {
+ public:
+  GroupTerms(const LineGroup& group, const ImageLine& line, const MixtureDensity& density,
+             const LineDensities& densities)
+      : line_(group, line),
+        gate_px_(AllLanes(density.gate_px)),
+        half_inverse_variance_(AllLanes(0.5 / (density.sigma_px * density.sigma_px))),
+        peak_(AllLanes(densities.own[group.polarity] * density.Peak())),
+        beside_{AllLanes(densities.beside[0][group.polarity]), AllLanes(densities.beside[1][group.polarity])} {}
+
+  Terms Of(const EventLanes& event) const {
+    Terms terms;
+    terms.distance_px = line_.DistancePx(event);
+    terms.along_px = line_.AlongPx(event);
+    // No event beyond a line's end is the line's: those of a corner, which the blur rounds off, would pull it inwards.
+    terms.is_gated = line_.IsGated(event, terms.distance_px, terms.along_px, gate_px_);
+    terms.likelihood = peak_ * NegativeExp(terms.distance_px * terms.distance_px * half_inverse_variance_);
+    terms.outlier = Select(terms.distance_px > 0.0f, beside_[1], beside_[0]);
+    return terms;
+  }
+  LaneMask IsSecondHalf(const Terms& terms) const { return terms.along_px + terms.along_px >= line_.length_px(); }
+  LaneMask IsBeside(const Terms& terms) const {
+    return Abs(terms.distance_px) > static_cast<float>(LineCounts::kBesideRatio) * gate_px_;
+  }
+
+ private:
+  const GroupLine line_;
+  const Lanes gate_px_;
+  const Lanes half_inverse_variance_;
+  const Lanes peak_;
+  const std::array<Lanes, 2> beside_;
+};
+
+// Over the events of one group.
+struct MixturePass::GroupSums {
+  std::array<LineSums::LaneProducts, 3> products = {};
+  Lanes num_gated = {};
+  std::array<Lanes, 2> beside = {};       // by side
+  std::array<Lanes, 2> half_weight = {};  // of both halves, and of the second
+  std::array<Lanes, 2> turns = {};        // likewise
+  Lanes doubtful_px2 = {};
+  Lanes squares_px2 = {};
+
+  // What is nobody's counts where `is_nearest`, so that it counts once.
+  void Add(const EventLanes& event, const GroupTerms& group, const Terms& terms, Lanes inverse, Lanes inlier_ratio,
+           LaneMask is_nearest);
+  void AddTo(const LineGroup& group, MixtureLine& line, MixtureTotals& totals) const;
+
+ private:
+  void AddProducts(const EventLanes& event, Lanes weight);
+};
+
+inline void MixturePass::GroupSums::Add(const EventLanes& event, const GroupTerms& group, const Terms& terms,
+                                        Lanes inverse, Lanes inlier_ratio, LaneMask is_nearest) {
+  const LaneMask is_counted = terms.is_gated & is_nearest;
+  num_gated += Only(is_counted, 1.0f - inlier_ratio * event.competing * inverse);
+  const Lanes clutter = Only(is_counted & group.IsBeside(terms), terms.outlier * inverse);
+  const Lanes above = Only(terms.distance_px > 0.0f, clutter);
+  beside[0] += clutter - above;
+  beside[1] += above;
+  const Lanes responsibility = terms.likelihood * inverse;
+  const Lanes weight = Only(terms.is_gated & (responsibility >= kLeastWeight), responsibility);
+  const LaneMask is_second = group.IsSecondHalf(terms);
+  const Lanes turned = weight * event.turn;
+  half_weight[0] += weight;
+  half_weight[1] += Only(is_second, weight);
+  turns[0] += turned;
+  turns[1] += Only(is_second, turned);
+  const Lanes squares = weight * (terms.distance_px * terms.distance_px);
+  doubtful_px2 += (1.0f - weight) * squares;
+  squares_px2 += squares;
+  AddProducts(event, weight);
+}
+
+inline void MixturePass::GroupSums::AddProducts(const EventLanes& event, Lanes weight) {
+  const Lanes wx = weight * event.bx;
+  const Lanes wy = weight * event.by;
+  LineSums::LaneProducts power = {wx * event.bx, wx * event.by, wy * event.by, wx, wy, weight};
+  for (int n = 0; n < 3; ++n) {
+    for (int i = 0; i < 6; ++i) {
+      products[n][i] += power[i];
+      power[i] *= event.tau_s;
+    }
+  }
+}
+
+void MixturePass::GroupSums::AddTo(const LineGroup& group, MixtureLine& line, MixtureTotals& totals) const {
+  line.sums.Add(products, group.origin);
+  const double weight = SumOf(half_weight[0]);
+  const double second_weight = SumOf(half_weight[1]);
+  const double second_turns = SumOf(turns[1]);
+  line.half_weight[0][group.polarity] += weight - second_weight;
+  line.half_weight[1][group.polarity] += second_weight;
+  line.half_turns[0][group.polarity] += SumOf(turns[0]) - second_turns;
+  line.half_turns[1][group.polarity] += second_turns;
+  for (int side = 0; side < 2; ++side) line.beside[side][group.polarity] += SumOf(beside[side]);
+  line.doubtful_px2 += SumOf(doubtful_px2);
+  totals.num_gated += SumOf(num_gated);
+  totals.weight += weight;
+  totals.weighted_squares_px2 += SumOf(squares_px2);
+}
+
+EVPOSE_CLONES MixtureTotals MixturePass::Accumulate(const LineEvents& events, absl::Span<const ImageLine> lines,
+                                                    const MixtureDensity& density,
+                                                    absl::Span<const LineDensities> densities,
+                                                    std::vector<MixtureLine>& sums) {
+  const auto terms_of = [&](const LineGroup& group) {
+    return GroupTerms(group, lines[group.line], density, densities[group.line]);
+  };
+  const Lanes inlier_ratio = AllLanes(1.0 - density.outlier_ratio);
+  Refill(lines.size(), sums);
+  Refill(events.num_shared_lanes(), events.max_lanes(), terms_);
+  for (const LineGroup& group : events.groups()) {
+    if (!group.is_shared || !lines[group.line].in_view()) continue;
+    const GroupTerms of_group = terms_of(group);
+    for (size_t i = 0; i < group.events.size(); ++i) terms_[group.first + i] = of_group.Of(group.events[i]);
+  }
+  ShareEvents(events, density);
+  MixtureTotals totals;
+  for (const LineGroup& group : events.groups()) {
+    if (!lines[group.line].in_view()) continue;
+    const GroupTerms of_group = terms_of(group);
+    GroupSums of_events;
+    for (size_t i = 0; i < group.events.size(); ++i) {
+      const EventLanes& event = group.events[i];
+      if (group.is_shared) {
+        const size_t k = group.first + i;
+        of_events.Add(event, of_group, terms_[k], inverse_[k], inlier_ratio, is_nearest_[k]);
+      } else {
+        const Terms terms = of_group.Of(event);
+        const Lanes inverse = 1.0f / (terms.likelihood + terms.outlier + inlier_ratio * event.competing);
+        of_events.Add(event, of_group, terms, inverse, inlier_ratio, kAllLanes);
+      }
+    }
+    of_events.AddTo(group, sums[group.line], totals);
+  }
+  return totals;
+}
+
+void MixturePass::ShareEvents(const LineEvents& events, const MixtureDensity& density) {
+  const auto inlier_ratio = static_cast<float>(1.0 - density.outlier_ratio);
+  Refill(terms_.size(), events.max_lanes(), inverse_);
+  Refill(terms_.size(), events.max_lanes(), is_nearest_);
+  for (const LineEvents::Shared& event : events.shared()) {
+    // The nearest two that have it in their gates.
+    constexpr uint32_t kNone = std::numeric_limits<uint32_t>::max();
+    constexpr float kFar = std::numeric_limits<float>::infinity();
+    uint32_t near[2] = {kNone, kNone};
+    float off_px[2] = {kFar, kFar};
+    for (const uint32_t place : event.Places()) {
+      const Terms& terms = terms_[place / kNumLanes];
+      const uint32_t lane = place % kNumLanes;
+      // Selected, not branched on: which lines are near no branch can foretell.
+      const float distance_px = terms.is_gated[lane] != 0 ? std::abs(terms.distance_px[lane]) : kFar;
+      const bool is_first = distance_px < off_px[0];
+      const bool is_second = distance_px < off_px[1];
+      near[1] = is_first ? near[0] : is_second ? place : near[1];
+      off_px[1] = is_first ? off_px[0] : is_second ? distance_px : off_px[1];
+      near[0] = is_first ? place : near[0];
+      off_px[0] = is_first ? distance_px : off_px[0];
+    }
+    if (near[0] == kNone) continue;
+    float sum = inlier_ratio * event.competing + terms_[near[0] / kNumLanes].outlier[near[0] % kNumLanes];
+    for (const uint32_t place : near) {
+      if (place != kNone) sum += terms_[place / kNumLanes].likelihood[place % kNumLanes];
+    }
+    for (const uint32_t place : near) {
+      if (place != kNone) inverse_[place / kNumLanes][place % kNumLanes] = 1.0f / sum;
+    }
+    is_nearest_[near[0] / kNumLanes][near[0] % kNumLanes] = -1;
+  }
+}
+
+EdgeCounts MixtureLine::Counts(const ByPolarity& events_per_observation) const {
+  EdgeCounts counts;
+  for (int polarity = 0; polarity < 2; ++polarity) {
+    counts.polarity[polarity] = weight()[polarity] * events_per_observation[polarity];
+    for (int half = 0; half < 2; ++half) {
+      counts.turns[half] += half_turns[half][polarity] * events_per_observation[polarity];
+    }
+  }
+  return counts;
+}
+
+double MixtureLine::ObservedRatio(double sigma_px) const {
+  // Where the line's events are few among many, their spread is not known well enough to tell more.
+  constexpr double kLeast = 0.1;
+  if (sums.weight() <= 0.0) return kLeast;
+  return std::clamp(1.0 - doubtful_px2 / (sigma_px * sigma_px * sums.weight()), kLeast, 1.0);
+}
+
+}  // namespace evpose

@@ -1,0 +1,277 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "core/experiments/first_pose/event_trials.h"
+
+#include <algorithm>
+#include <limits>
+#include <memory>
+#include <utility>
+
+#include "absl/strings/str_cat.h"
+#include "core/base/check_range.h"
+#include "core/base/status_macros.h"
+#include "core/experiments/first_pose/pose_comparison.h"
+#include "core/geometry/trajectory.h"
+#include "core/models/visibility.h"
+#include "core/numerics/random.h"
+#include "core/simulation/simulator.h"
+#include "core/tracking/tracker.h"
+
+namespace evpose {
+namespace {
+
+constexpr int64_t kBudgetUs = 50'000;
+constexpr int64_t kStepUs = 1000;  // events are handed over in pieces of this length
+// A recording takes longer to make than its starts to follow.
+constexpr double kSimulationShare = 0.6;
+
+absl::StatusOr<SimulationOptions> MakeScene(const EventTrialOptions& options, int64_t duration_us, uint64_t seed) {
+  EVPOSE_ASSIGN_OR_RETURN(SimulationOptions scene,
+                          SimulationPreset(SimulatedObjectName(options.object), options.camera, options.speed_scale));
+  scene.duration_us = duration_us;
+  scene.sensor.noise_ratio = options.noise_ratio;
+  scene.scene.motion.profile = options.motion_profile;
+  scene.scene.background = options.background;
+  scene.scene.light = options.light;
+  scene.scene.occluder = options.occluder;
+  scene.seed = seed;
+  scene.t_begin_us = 0;
+  EVPOSE_RETURN_IF_ERROR(scene.Validate());
+  return scene;
+}
+
+// Part of the work, from `begin` to `end` of the whole.
+absl::Status Report(const TrialProgress& on_progress, double begin, double end, double ratio) {
+  if (!on_progress || on_progress(begin + (end - begin) * ratio)) return absl::OkStatus();
+  return absl::CancelledError("interrupted");
+}
+
+VisibilityOptions TrueVisibility() {
+  VisibilityOptions options;
+  options.grazing_cosine = 0.0;  // what is turned away does not show
+  return options;
+}
+
+// Simulated events, and what is known of them. Not movable: the visibility tester keeps a reference to the model.
+class Recording {
+ public:
+  static absl::StatusOr<std::unique_ptr<Recording>> Make(const SimulationOptions& scene,
+                                                         const std::function<absl::Status(double)>& on_progress) {
+    EVPOSE_ASSIGN_OR_RETURN(ObjectModel model, SimulatedModel(scene));
+    auto recording = std::make_unique<Recording>(scene, std::move(model));
+    const auto keep = [&](absl::Span<const Event> events) -> absl::Status {
+      recording->events_.insert(recording->events_.end(), events.begin(), events.end());
+      if (events.empty()) return absl::OkStatus();
+      return on_progress(static_cast<double>(events.back().t_us) / static_cast<double>(scene.duration_us));
+    };
+    EVPOSE_RETURN_IF_ERROR(Simulate(scene, keep).status());
+    return recording;
+  }
+
+  Recording(const SimulationOptions& scene, ObjectModel model)
+      : camera_(scene.camera),
+        truth_(SimulatedTruth(scene)),
+        model_(std::make_shared<const ObjectModel>(std::move(model))),
+        visibility_(*model_, TrueVisibility()) {}
+
+  absl::Span<const Event> events() const { return events_; }
+  const CameraModel& camera() const { return camera_; }
+  const std::shared_ptr<const ObjectModel>& model() const { return model_; }
+
+  absl::Span<const Event> Between(int64_t begin_us, int64_t end_us) const {
+    const auto earlier = [](const Event& event, int64_t t_us) { return event.t_us < t_us; };
+    const auto begin = std::lower_bound(events_.begin(), events_.end(), begin_us, earlier);
+    const auto end = std::lower_bound(begin, events_.end(), end_us, earlier);
+    return absl::MakeConstSpan(events_).subspan(begin - events_.begin(), end - begin);
+  }
+
+  // False outside the recording as well.
+  bool IsRight(int64_t t_us, const RigidTransform& estimate) const {
+    const absl::StatusOr<RigidTransform> truth = Interpolate(truth_, t_us);
+    return truth.ok() && ComparePoses(*model_, camera_, {}, *truth, estimate).is_right();
+  }
+  double ReprojectionPx(int64_t t_us, const RigidTransform& estimate) const {
+    const absl::StatusOr<RigidTransform> truth = Interpolate(truth_, t_us);
+    if (!truth.ok()) return std::numeric_limits<double>::quiet_NaN();
+    const std::vector<VisibleSegment> visible = visibility_.VisibleSegments(camera_, *truth);
+    return ComparePoses(*model_, camera_, visible, *truth, estimate).reprojection_px;
+  }
+
+ private:
+  std::vector<Event> events_;
+  const CameraModel camera_;
+  const Trajectory truth_;
+  const std::shared_ptr<const ObjectModel> model_;
+  const VisibilityTester visibility_;
+};
+
+// How long wrong poses were reported without a break.
+class WrongStretch {
+ public:
+  void Add(int64_t t_us, bool is_wrong) {
+    if (!is_wrong) {
+      since_us_ = -1;
+      return;
+    }
+    if (since_us_ < 0) since_us_ = t_us;
+    longest_us_ = std::max(longest_us_, t_us - since_us_);
+  }
+  int64_t longest_us() const { return longest_us_; }
+
+ private:
+  int64_t since_us_ = -1;
+  int64_t longest_us_ = 0;
+};
+
+absl::StatusOr<EventTrial> RunTrial(const Recording& recording, const EventTrialOptions& options, int64_t start_us) {
+  EVPOSE_ASSIGN_OR_RETURN(const std::unique_ptr<Tracker> tracker,
+                          Tracker::Create(recording.model(), recording.camera(), options.tracker, std::nullopt));
+  EventTrial trial;
+  trial.t_start_us = start_us;
+  WrongStretch wrong;
+  for (int64_t t_us = start_us; t_us < start_us + options.watch_us; t_us += kStepUs) {
+    std::vector<PoseEstimate> estimates;
+    tracker->AddEvents(recording.Between(t_us, t_us + kStepUs), estimates);
+    for (const PoseEstimate& estimate : estimates) {
+      if (estimate.state != TrackState::kTracking) continue;
+      const bool is_right = recording.IsRight(estimate.t_us, estimate.camera_from_object);
+      wrong.Add(estimate.t_us, !is_right);
+      if (trial.t_first_pose_us >= 0) continue;
+      trial.t_first_pose_us = t_us + kStepUs - start_us;
+      trial.is_first_right = is_right;
+      trial.reprojection_px = recording.ReprojectionPx(estimate.t_us, estimate.camera_from_object);
+    }
+  }
+  trial.wrong_us = wrong.longest_us();
+  trial.attempts = tracker->initialization().attempts;
+  return trial;
+}
+
+// As much noise as the recording has, spread evenly over the sensor.
+std::vector<Event> MakeNoise(const Recording& recording, double noise_ratio, int64_t begin_us, int64_t duration_us,
+                             uint64_t seed) {
+  Random random(seed);
+  std::vector<Event> noise;
+  const double noise_hz = noise_ratio * static_cast<double>(recording.events().size()) / (begin_us * 1e-6);
+  if (!(noise_hz > 0.0)) return noise;
+  for (double t_s = random.Exponential(noise_hz); t_s * 1e6 < duration_us; t_s += random.Exponential(noise_hz)) {
+    noise.push_back({begin_us + static_cast<int64_t>(t_s * 1e6),
+                     static_cast<uint16_t>(random.UniformInt(recording.camera().width_px)),
+                     static_cast<uint16_t>(random.UniformInt(recording.camera().height_px)),
+                     static_cast<uint8_t>(random.UniformInt(2))});
+  }
+  return noise;
+}
+
+// The object is back: the events of `after`, later by `shift_us`.
+void FollowReturn(const Recording& after, int64_t watch_us, int64_t shift_us, Tracker& tracker, ReturnTrial& trial) {
+  WrongStretch wrong;
+  for (int64_t t_us = 0; t_us < watch_us; t_us += kStepUs) {
+    std::vector<Event> events;
+    for (Event event : after.Between(t_us, t_us + kStepUs)) {
+      event.t_us += shift_us;
+      events.push_back(event);
+    }
+    std::vector<PoseEstimate> estimates;
+    tracker.AddEvents(events, estimates);
+    for (const PoseEstimate& estimate : estimates) {
+      if (estimate.state != TrackState::kTracking || estimate.t_us < shift_us) continue;
+      const bool is_right = after.IsRight(estimate.t_us - shift_us, estimate.camera_from_object);
+      wrong.Add(estimate.t_us, !is_right);
+      if (is_right && trial.tracked_us < 0) trial.tracked_us = t_us + kStepUs;
+    }
+  }
+  trial.wrong_us = wrong.longest_us();
+}
+
+}  // namespace
+
+bool EventTrial::is_right_in_time() const { return is_first_right && t_first_pose_us <= kBudgetUs; }
+
+absl::Status EventTrialOptions::Validate() const {
+  EVPOSE_RETURN_IF_ERROR(CheckRange("EventTrialOptions.num_starts", num_starts, 1, 1'000'000));
+  EVPOSE_RETURN_IF_ERROR(CheckRange("EventTrialOptions.noise_ratio", noise_ratio, 0.0, 0.9));
+  if (watch_us < kStepUs || recording_us < watch_us) {
+    return absl::InvalidArgumentError(absl::StrCat("EventTrialOptions.watch_us (", watch_us, ") must be at least ",
+                                                   kStepUs, " and at most recording_us (", recording_us, ")"));
+  }
+  EVPOSE_RETURN_IF_ERROR(MakeScene(*this, recording_us, seed).status());
+  return tracker.Validate();
+}
+
+absl::StatusOr<std::vector<EventTrial>> RunEventTrials(const EventTrialOptions& options,
+                                                       const TrialProgress& on_progress) {
+  EVPOSE_RETURN_IF_ERROR(options.Validate());
+  EVPOSE_ASSIGN_OR_RETURN(const SimulationOptions scene, MakeScene(options, options.recording_us, options.seed));
+  EVPOSE_ASSIGN_OR_RETURN(const std::unique_ptr<Recording> recording, Recording::Make(scene, [&](double ratio) {
+                            return Report(on_progress, 0.0, kSimulationShare, ratio);
+                          }));
+  Random random(options.seed);
+  std::vector<EventTrial> trials;
+  for (int i = 0; i < options.num_starts; ++i) {
+    const int64_t latest_us = options.recording_us - options.watch_us;
+    const int64_t start_us = static_cast<int64_t>(random.Uniform(0.0, static_cast<double>(latest_us)));
+    EVPOSE_ASSIGN_OR_RETURN(const EventTrial trial, RunTrial(*recording, options, start_us));
+    trials.push_back(trial);
+    EVPOSE_RETURN_IF_ERROR(Report(on_progress, kSimulationShare, 1.0, (i + 1.0) / options.num_starts));
+  }
+  return trials;
+}
+
+EventTrialSummary Summarize(absl::Span<const EventTrial> trials) {
+  EventTrialSummary summary;
+  std::vector<int64_t> times_us;
+  int num_first_right = 0;
+  double sum_px = 0.0;
+  for (const EventTrial& trial : trials) {
+    ++summary.num_starts;
+    summary.longest_wrong_us = std::max(summary.longest_wrong_us, trial.wrong_us);
+    summary.num_right += trial.is_right_in_time();
+    if (trial.t_first_pose_us < 0) {
+      ++summary.num_none;
+      continue;
+    }
+    times_us.push_back(trial.t_first_pose_us);
+    summary.num_wrong += !trial.is_first_right;
+    if (!trial.is_first_right) continue;
+    ++num_first_right;
+    sum_px += trial.reprojection_px;
+  }
+  constexpr double kNone = std::numeric_limits<double>::quiet_NaN();
+  summary.reprojection_mean_px = num_first_right > 0 ? sum_px / num_first_right : kNone;
+  std::sort(times_us.begin(), times_us.end());
+  summary.first_pose_median_ms = times_us.empty() ? kNone : static_cast<double>(times_us[times_us.size() / 2]) * 1e-3;
+  return summary;
+}
+
+absl::StatusOr<ReturnTrial> RunReturnTrial(const EventTrialOptions& options, int64_t absence_us,
+                                           const TrialProgress& on_progress) {
+  constexpr int64_t kBeforeUs = 500'000;
+  constexpr uint64_t kElsewhere = 1000;  // the motion of another seed
+  EVPOSE_RETURN_IF_ERROR(options.Validate());
+  if (absence_us < 0) return absl::InvalidArgumentError(absl::StrCat("absence_us is negative: ", absence_us));
+  EVPOSE_ASSIGN_OR_RETURN(const SimulationOptions first, MakeScene(options, kBeforeUs, options.seed));
+  EVPOSE_ASSIGN_OR_RETURN(const SimulationOptions second,
+                          MakeScene(options, options.watch_us, options.seed + kElsewhere));
+  EVPOSE_ASSIGN_OR_RETURN(const std::unique_ptr<Recording> before,
+                          Recording::Make(first, [&](double ratio) { return Report(on_progress, 0.0, 0.5, ratio); }));
+  EVPOSE_ASSIGN_OR_RETURN(const std::unique_ptr<Recording> after,
+                          Recording::Make(second, [&](double ratio) { return Report(on_progress, 0.5, 0.8, ratio); }));
+  EVPOSE_ASSIGN_OR_RETURN(const std::unique_ptr<Tracker> tracker,
+                          Tracker::Create(before->model(), before->camera(), options.tracker, std::nullopt));
+  ReturnTrial trial;
+  trial.seed = options.seed;
+  std::vector<PoseEstimate> estimates;
+  tracker->AddEvents(before->events(), estimates);
+  trial.was_tracked = !estimates.empty() && estimates.back().state == TrackState::kTracking &&
+                      before->IsRight(estimates.back().t_us, estimates.back().camera_from_object);
+  estimates.clear();
+  tracker->AddEvents(MakeNoise(*before, options.noise_ratio, kBeforeUs, absence_us, options.seed), estimates);
+  for (const PoseEstimate& estimate : estimates) {
+    if (estimate.state == TrackState::kTracking) trial.lingering_us = std::max<int64_t>(0, estimate.t_us - kBeforeUs);
+  }
+  FollowReturn(*after, options.watch_us, kBeforeUs + absence_us, *tracker, trial);
+  EVPOSE_RETURN_IF_ERROR(Report(on_progress, 0.8, 1.0, 1.0));
+  return trial;
+}
+
+}  // namespace evpose

@@ -1,0 +1,249 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "core/experiments/first_pose/pose_determinacy.h"
+
+#include <Eigen/Cholesky>
+#include <Eigen/Eigenvalues>
+#include <Eigen/SVD>
+#include <algorithm>
+#include <array>
+#include <optional>
+#include <set>
+
+#include "core/geometry/projected_line.h"
+
+namespace evpose {
+namespace {
+
+using Eigen::Vector3d;
+
+// Points closer than this, of the model's diameter, are the same.
+constexpr double kSamePointRatio = 1e-3;
+// Two looks are the same when their segments' ends are within so many standard deviations.
+constexpr double kSameLookSigmas = 2.0;
+constexpr int kMirrorIterations = 30;
+
+struct EndPoints {
+  int line = 0;
+  std::array<Vector3d, 2> object;  // of the visible part
+  std::array<Vector3d, 2> bearing;
+};
+
+std::vector<EndPoints> EndPointsOf(const ObjectModel& model, const RigidTransform& pose,
+                                   absl::Span<const VisibleSegment> visible) {
+  std::vector<EndPoints> ends;
+  for (const VisibleSegment& segment : visible) {
+    const ModelLine& line = model.lines[segment.line];
+    EndPoints e{
+        segment.line, {line.p1 + segment.begin * (line.p2 - line.p1), line.p1 + segment.end * (line.p2 - line.p1)}, {}};
+    for (int i = 0; i < 2; ++i) {
+      const Vector3d point = pose * e.object[i];
+      e.bearing[i] = point / point.z();
+    }
+    ends.push_back(e);
+  }
+  return ends;
+}
+
+// Normal equations of the end points' distances (px) from the lines at the pose.
+struct Normal {
+  Matrix6d h = Matrix6d::Zero();
+  Vector6d g = Vector6d::Zero();
+  double cost_px2 = 0.0;
+};
+
+std::optional<Normal> Accumulate(const CameraModel& camera, const RigidTransform& pose,
+                                 const std::vector<EndPoints>& ends) {
+  Normal normal;
+  for (const EndPoints& e : ends) {
+    const auto line = ProjectLine(camera, pose, e.object[0], e.object[1]);
+    if (!line) return std::nullopt;
+    for (const Vector3d& bearing : e.bearing) {
+      const double d_px = line->a.dot(bearing);
+      const Vector6d row = line->jacobian.transpose() * bearing;
+      normal.h += row * row.transpose();
+      normal.g += row * d_px;
+      normal.cost_px2 += d_px * d_px;
+    }
+  }
+  return normal;
+}
+
+// Levenberg-Marquardt to the nearest least sum of squares; its pose and cost.
+std::pair<RigidTransform, double> Refine(const CameraModel& camera, RigidTransform pose,
+                                         const std::vector<EndPoints>& ends) {
+  double damping = 1e-3;
+  std::optional<Normal> normal = Accumulate(camera, pose, ends);
+  for (int i = 0; normal && i < kMirrorIterations; ++i) {
+    Matrix6d h = normal->h;
+    h.diagonal() *= 1.0 + damping;
+    const RigidTransform next = Perturb(pose, -h.ldlt().solve(normal->g));
+    const auto next_normal = Accumulate(camera, next, ends);
+    const bool is_better = next_normal && next_normal->cost_px2 < normal->cost_px2;
+    damping *= is_better ? 0.1 : 10.0;
+    if (!is_better) continue;
+    pose = next;
+    normal = next_normal;
+  }
+  return {pose, normal ? normal->cost_px2 : std::numeric_limits<double>::infinity()};
+}
+
+double LargestSigma(const Eigen::Matrix3d& covariance) {
+  const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> solver(covariance, Eigen::EigenvaluesOnly);
+  return std::sqrt(std::max(0.0, solver.eigenvalues().maxCoeff()));
+}
+
+// The pose whose depths about the middle of the seen points are turned over: the seen points' plane keeps its picture
+// under weak perspective.
+RigidTransform MirrorPose(const RigidTransform& pose, const std::vector<EndPoints>& ends) {
+  Eigen::Matrix3Xd points(3, 2 * ends.size());
+  for (size_t i = 0; i < ends.size(); ++i) {
+    points.col(2 * i) = ends[i].object[0];
+    points.col(2 * i + 1) = ends[i].object[1];
+  }
+  const Vector3d middle = points.rowwise().mean();
+  points.colwise() -= middle;
+  const Eigen::JacobiSVD<Eigen::Matrix3d> svd(points * points.transpose(), Eigen::ComputeFullU);
+  const Vector3d plane_normal = svd.matrixU().col(2);
+  const Vector3d middle_camera = pose * middle;
+  const Vector3d sight = middle_camera.normalized();
+  const Eigen::Matrix3d identity = Eigen::Matrix3d::Identity();
+  const Eigen::Matrix3d rotation = (identity - 2.0 * sight * sight.transpose()) * pose.rotation *
+                                   (identity - 2.0 * plane_normal * plane_normal.transpose());
+  return {rotation, middle_camera - rotation * middle};
+}
+
+bool SamePoint(const Vector3d& a, const Vector3d& b, double tolerance_m) {
+  return (a - b).squaredNorm() < tolerance_m * tolerance_m;
+}
+
+// The rigid motion that takes the line a to c and the line b to d, end by end; nullopt when they do not fit.
+std::optional<RigidTransform> MotionBetween(const std::array<Vector3d, 4>& from, const std::array<Vector3d, 4>& to,
+                                            double tolerance_m) {
+  for (int i = 0; i < 4; ++i) {
+    for (int j = 0; j < i; ++j) {
+      if (std::abs((from[i] - from[j]).norm() - (to[i] - to[j]).norm()) > tolerance_m) return std::nullopt;
+    }
+  }
+  Eigen::Matrix<double, 3, 4> source, target;
+  for (int i = 0; i < 4; ++i) {
+    source.col(i) = from[i];
+    target.col(i) = to[i];
+  }
+  const Eigen::Matrix4d motion = Eigen::umeyama(source, target, /*with_scaling=*/false);
+  const RigidTransform transform{motion.topLeftCorner<3, 3>(), motion.topRightCorner<3, 1>()};
+  for (int i = 0; i < 4; ++i) {
+    if (!SamePoint(transform * from[i], to[i], tolerance_m)) return std::nullopt;
+  }
+  return transform;
+}
+
+bool MapsOntoLine(const ObjectModel& model, const RigidTransform& motion, const ModelLine& line, double tolerance_m) {
+  const Vector3d p1 = motion * line.p1, p2 = motion * line.p2;
+  return std::any_of(model.lines.begin(), model.lines.end(), [&](const ModelLine& other) {
+    return (SamePoint(p1, other.p1, tolerance_m) && SamePoint(p2, other.p2, tolerance_m)) ||
+           (SamePoint(p1, other.p2, tolerance_m) && SamePoint(p2, other.p1, tolerance_m));
+  });
+}
+
+// The longest line, and the one of the others that is least parallel with it and long.
+std::pair<int, int> BaseLines(const ObjectModel& model, const std::set<int>& lines) {
+  const auto extent = [&](int i) -> Vector3d { return model.lines[i].p2 - model.lines[i].p1; };
+  const int first =
+      *std::max_element(lines.begin(), lines.end(), [&](int i, int j) { return extent(i).norm() < extent(j).norm(); });
+  const int second = *std::max_element(lines.begin(), lines.end(), [&](int i, int j) {
+    return extent(first).cross(extent(i)).norm() < extent(first).cross(extent(j)).norm();
+  });
+  return {first, second};
+}
+
+}  // namespace
+
+PoseDeterminacy::PoseDeterminacy(const ObjectModel& model, const CameraModel& camera,
+                                 const VisibilityTester& visibility, const DeterminacyOptions& options)
+    : model_(model), camera_(camera), visibility_(visibility), options_(options) {}
+
+bool PoseDeterminacy::IsDetermined(const RigidTransform& camera_from_object,
+                                   absl::Span<const VisibleSegment> visible) const {
+  if (visible.size() < 3) return false;
+  return BoundAllowsErrors(camera_from_object, visible) && MirrorIsTold(camera_from_object, visible) &&
+         NothingLooksTheSame(camera_from_object, visible);
+}
+
+bool PoseDeterminacy::BoundAllowsErrors(const RigidTransform& pose, absl::Span<const VisibleSegment> visible) const {
+  const auto normal = Accumulate(camera_, pose, EndPointsOf(model_, pose, visible));
+  if (!normal) return false;
+  const Eigen::LDLT<Matrix6d> ldlt(normal->h);
+  if (ldlt.info() != Eigen::Success || !ldlt.isPositive() || ldlt.rcond() < 1e-12) return false;
+  const Matrix6d covariance = options_.noise_px * options_.noise_px * ldlt.solve(Matrix6d::Identity());
+  const double translation_m = options_.num_sigmas * LargestSigma(covariance.topLeftCorner<3, 3>());
+  const double rotation_rad = options_.num_sigmas * LargestSigma(covariance.bottomRightCorner<3, 3>());
+  return translation_m <= options_.max_translation_ratio * pose.translation_m.z() &&
+         rotation_rad <= options_.max_rotation_rad;
+}
+
+bool PoseDeterminacy::IsEquivalent(const RigidTransform& pose, const RigidTransform& truth) const {
+  const auto is_near = [&](const RigidTransform& other) {
+    return RotationAngle(pose.rotation, other.rotation) < options_.max_rotation_rad &&
+           (pose.translation_m - other.translation_m).norm() < options_.max_translation_ratio * truth.translation_m.z();
+  };
+  return is_near(truth) || std::any_of(model_.symmetries.begin(), model_.symmetries.end(),
+                                       [&](const RigidTransform& symmetry) { return is_near(truth * symmetry); });
+}
+
+bool PoseDeterminacy::MirrorIsTold(const RigidTransform& pose, absl::Span<const VisibleSegment> visible) const {
+  const std::vector<EndPoints> ends = EndPointsOf(model_, pose, visible);
+  const auto [mirror, cost_px2] = Refine(camera_, MirrorPose(pose, ends), ends);
+  // The wrong one of two poses that differ by chi^2 is likelier with probability Q(chi / 2).
+  const double needed_px = 2.0 * options_.num_sigmas * options_.noise_px;
+  if (cost_px2 >= needed_px * needed_px || IsEquivalent(mirror, pose)) return true;
+  std::set<int> shown, shown_by_mirror;
+  for (const VisibleSegment& segment : visible) shown.insert(segment.line);
+  for (const VisibleSegment& segment : visibility_.VisibleSegments(camera_, mirror)) {
+    shown_by_mirror.insert(segment.line);
+  }
+  return shown != shown_by_mirror;
+}
+
+bool PoseDeterminacy::LooksTheSame(const RigidTransform& pose, const RigidTransform& truth,
+                                   absl::Span<const VisibleSegment> visible) const {
+  const std::vector<VisibleSegment> other = visibility_.VisibleSegments(camera_, pose);
+  if (other.size() != visible.size()) return false;
+  const std::vector<EndPoints> ours = EndPointsOf(model_, truth, visible);
+  const std::vector<EndPoints> theirs = EndPointsOf(model_, pose, other);
+  const double tolerance = kSameLookSigmas * options_.noise_px / camera_.fx_px;
+  return std::all_of(theirs.begin(), theirs.end(), [&](const EndPoints& their) {
+    return std::any_of(ours.begin(), ours.end(), [&](const EndPoints& our) {
+      return (SamePoint(their.bearing[0], our.bearing[0], tolerance) &&
+              SamePoint(their.bearing[1], our.bearing[1], tolerance)) ||
+             (SamePoint(their.bearing[0], our.bearing[1], tolerance) &&
+              SamePoint(their.bearing[1], our.bearing[0], tolerance));
+    });
+  });
+}
+
+bool PoseDeterminacy::NothingLooksTheSame(const RigidTransform& pose, absl::Span<const VisibleSegment> visible) const {
+  std::set<int> lines;
+  for (const VisibleSegment& segment : visible) lines.insert(segment.line);
+  const auto [first, second] = BaseLines(model_, lines);
+  const ModelLine &a = model_.lines[first], &b = model_.lines[second];
+  const double tolerance_m = kSamePointRatio * model_.diameter_m;
+  for (const ModelLine& c : model_.lines) {
+    if (std::abs((c.p2 - c.p1).norm() - (a.p2 - a.p1).norm()) > tolerance_m) continue;
+    for (const ModelLine& d : model_.lines) {
+      for (int turned = 0; turned < 4; ++turned) {
+        const bool turn_c = (turned & 1) != 0, turn_d = (turned & 2) != 0;
+        const auto motion = MotionBetween(
+            {a.p1, a.p2, b.p1, b.p2},
+            {turn_c ? c.p2 : c.p1, turn_c ? c.p1 : c.p2, turn_d ? d.p2 : d.p1, turn_d ? d.p1 : d.p2}, tolerance_m);
+        if (!motion) continue;
+        const RigidTransform other = pose * motion->Inverse();
+        const auto maps = [&](int i) { return MapsOntoLine(model_, *motion, model_.lines[i], tolerance_m); };
+        if (IsEquivalent(other, pose) || !std::all_of(lines.begin(), lines.end(), maps)) continue;
+        if (LooksTheSame(other, pose, visible)) return false;
+      }
+    }
+  }
+  return true;
+}
+
+}  // namespace evpose

@@ -1,0 +1,141 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "core/experiments/speed/speed_windows.h"
+
+#include <algorithm>
+#include <cmath>
+#include <utility>
+
+#include "absl/strings/str_cat.h"
+#include "core/base/status_macros.h"
+#include "core/geometry/trajectory.h"
+#include "core/tracking/health.h"
+
+namespace evpose {
+namespace {
+
+absl::StatusOr<std::unique_ptr<const TrackContext>> MakeContext(const SpeedRecording& recording) {
+  EVPOSE_ASSIGN_OR_RETURN(auto tables, MakeCameraTables(recording.camera));
+  const TrackerOptions options;
+  return std::make_unique<const TrackContext>(TrackContext{recording.model, recording.camera, std::move(tables),
+                                                           options,
+                                                           VisibilityTester(*recording.model, options.visibility)});
+}
+
+// Follows the object and writes down what it knew before each window.
+class WindowRecorder {
+ public:
+  WindowRecorder(const SpeedRecording& recording, const TrackContext& context)
+      : recording_(recording), context_(context) {}
+
+  void OnWindow(const EventWindow& window) {
+    if (track_ == nullptr || track_->state() == TrackState::kLost) Start(window.t_begin_us);
+    SpeedWindow met;
+    met.t_begin_us = window.t_begin_us;
+    met.t_end_us = window.t_end_us;
+    met.num_events = window.num_events;
+    met.events.assign(window.events.begin(), window.events.end());
+    met.predicted = Predict(track_->motion(), window.t_mid_us(), context_.options.motion);
+    track_->OnWindow(window);
+    met.lines.assign(track_->lines().begin(), track_->lines().end());
+    if (!met.lines.empty()) windows_.push_back(std::move(met));
+  }
+  std::vector<SpeedWindow> Take() { return std::move(windows_); }
+
+ private:
+  void Start(int64_t t_us) {
+    const Trajectory& truth = recording_.truth;
+    const int64_t known_us = std::clamp(t_us, truth.front().t_us, truth.back().t_us);
+    const double focal_px = std::max(recording_.camera.fx_px, recording_.camera.fy_px);
+    // Known at every time between its ends.
+    const RigidTransform pose = *Interpolate(truth, known_us);
+    track_ = std::make_unique<PoseTrack>(context_, InitialMotionState(pose, t_us, focal_px, context_.options.initial));
+  }
+
+  const SpeedRecording& recording_;
+  const TrackContext& context_;
+  std::unique_ptr<PoseTrack> track_;
+  std::vector<SpeedWindow> windows_;
+};
+
+}  // namespace
+
+EventWindow SpeedWindow::AsEventWindow() const { return {t_begin_us, t_end_us, events, num_events, false}; }
+
+absl::StatusOr<SpeedWindows> MakeSpeedWindows(const SpeedRecording& recording) {
+  SpeedWindows made;
+  EVPOSE_ASSIGN_OR_RETURN(made.context, MakeContext(recording));
+  WindowRecorder recorder(recording, *made.context);
+  EventWindower windower(made.context->options.windows, recording.geometry);
+  const auto on_window = [&recorder](const EventWindow& window) { recorder.OnWindow(window); };
+  windower.Add(recording.events, on_window);
+  windower.Finish(on_window);
+  made.windows = recorder.Take();
+  if (made.windows.empty()) {
+    return absl::InternalError(absl::StrCat("no line shows in the scene of ", recording.scene, " Mev/s"));
+  }
+  return made;
+}
+
+std::vector<SpeedWindow> WithCutLines(const std::vector<SpeedWindow>& windows, int num_pieces) {
+  std::vector<SpeedWindow> cut = windows;
+  for (size_t i = 0; i < cut.size(); ++i) {
+    cut[i].lines.clear();
+    for (const TrackedLine& line : windows[i].lines) {
+      const Eigen::Vector3d piece = (line.p2 - line.p1) / num_pieces;
+      for (int k = 0; k < num_pieces; ++k) {
+        cut[i].lines.push_back({line.model_line * num_pieces + k, line.p1 + k * piece, line.p1 + (k + 1) * piece});
+      }
+    }
+  }
+  return cut;
+}
+
+WindowAssociation::WindowAssociation(const TrackContext& context)
+    : context_(context),
+      estimator_(context.options.MakeEstimator(context.camera)),
+      grid_(context.camera),
+      background_(context.camera),
+      near_events_(context.camera, context.tables->undistortion, context.tables->pixel_tiles) {}
+
+WindowInput WindowAssociation::Associate(const SpeedWindow& window) {
+  const CameraModel& camera = context_.camera;
+  const EventWindow events = window.AsEventWindow();
+  WindowInput input;
+  input.duration_s = 1e-6 * static_cast<double>(window.t_end_us - window.t_begin_us);
+  input.lines = window.lines;
+  ProjectLines(camera, window.predicted, input.lines, image_lines_);
+  const double spread_px = PredictedSpreadPx(camera, window.predicted, image_lines_);
+  double motion_px = 0.0;
+  for (const ImageLine& line : image_lines_) {
+    if (!line.in_view()) continue;
+    motion_px = std::max(motion_px, 0.5 * std::abs(NormalSpeedPxPerS(camera, line, 0.5)) * input.duration_s);
+  }
+  const double reach_px = std::max(estimator_->ReachPx(spread_px, 1.0), TrackHealth::ReachPx(context_.options.health));
+  grid_.Build(image_lines_, reach_px + motion_px);
+  input.shares = near_events_.Find(events, grid_, estimator_->MaxEvents(), background_);
+  background_.CloseWindow(grid_, input.duration_s);
+  input.background_per_px2 = background_.hz_per_px() * input.duration_s;
+  input.events = near_events_.Observe(events, grid_, image_lines_, window.predicted.t_us, reach_px,
+                                      [](const Observation&) { return 0.0f; });
+  line_events_.Sort(input.events, input.lines.size());
+  input.sorted = &line_events_;
+  return input;
+}
+
+std::vector<EstimationInput> MakeEstimationInputs(const TrackContext& context,
+                                                  const std::vector<SpeedWindow>& windows) {
+  WindowAssociation association(context);
+  std::vector<EstimationInput> inputs(windows.size());
+  for (size_t i = 0; i < windows.size(); ++i) {
+    EstimationInput& made = inputs[i];
+    made.predicted = windows[i].predicted;
+    made.input = association.Associate(windows[i]);
+    made.events.assign(made.input.events.begin(), made.input.events.end());
+    made.input.events = made.events;
+    made.sorted.Sort(made.events, made.input.lines.size());
+    made.input.sorted = &made.sorted;
+  }
+  return inputs;
+}
+
+}  // namespace evpose

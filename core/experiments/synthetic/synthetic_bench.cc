@@ -1,0 +1,240 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "core/experiments/synthetic/synthetic_bench.h"
+
+#include <algorithm>
+#include <array>
+#include <chrono>
+
+#include "absl/strings/str_cat.h"
+#include "absl/strings/str_join.h"
+#include "core/base/status_macros.h"
+#include "core/numerics/math.h"
+#include "core/numerics/random.h"
+
+namespace evpose {
+namespace {
+
+// A standard deviation of zero is none.
+constexpr double kMinFilterSigmaPx = 0.2;
+
+constexpr std::array kSweeps = {SyntheticSweep::kNoise, SyntheticSweep::kOutliers, SyntheticSweep::kLines};
+// The paper's; it does not say which numbers of lines.
+constexpr std::array<double, 6> kNoisesPx = {0.0, 2.0, 4.0, 6.0, 8.0, 10.0};
+constexpr std::array<double, 6> kOutlierRatios = {0.0, 0.1, 0.2, 0.3, 0.4, 0.5};
+constexpr std::array<double, 10> kLineCounts = {4.0, 6.0, 8.0, 10.0, 15.0, 20.0, 25.0, 30.0, 35.0, 40.0};
+
+constexpr std::array kMethods = {
+    SyntheticMethod{"mixture", "normal about the line, the rest uniform: what evpose tracks with",
+                    LineFitMethod::kMixture, LineFitFormulas::kCorrected},
+    SyntheticMethod{"ls", "least squares", LineFitMethod::kLeastSquares, LineFitFormulas::kCorrected},
+    SyntheticMethod{"m", "the paper's M under its right formulas", LineFitMethod::kTukeyM, LineFitFormulas::kCorrected},
+    SyntheticMethod{"s", "the paper's S under its right formulas", LineFitMethod::kTukeyS, LineFitFormulas::kCorrected},
+    SyntheticMethod{"mm", "the paper's MM under its right formulas", LineFitMethod::kTukeyMm,
+                    LineFitFormulas::kCorrected},
+    SyntheticMethod{"filter", "error-state Kalman filter, as in line-SLAM; told the noise",
+                    LineFitMethod::kErrorStateFilter, LineFitFormulas::kCorrected},
+    SyntheticMethod{"ls-released", "least squares as the paper's released code computes", LineFitMethod::kLeastSquares,
+                    LineFitFormulas::kReleasedCode},
+    SyntheticMethod{"m-released", "M as the paper's released code computes", LineFitMethod::kTukeyM,
+                    LineFitFormulas::kReleasedCode},
+    SyntheticMethod{"s-released", "S as the paper's released code computes", LineFitMethod::kTukeyS,
+                    LineFitFormulas::kReleasedCode},
+    SyntheticMethod{"mm-released", "MM as the paper's released code computes", LineFitMethod::kTukeyMm,
+                    LineFitFormulas::kReleasedCode},
+};
+
+absl::StatusOr<std::vector<SyntheticMethod>> ChosenMethods(const std::vector<std::string>& names) {
+  if (names.empty()) return std::vector<SyntheticMethod>(kMethods.begin(), kMethods.end());
+  std::vector<SyntheticMethod> chosen;
+  for (const std::string& name : names) {
+    const auto method =
+        std::find_if(kMethods.begin(), kMethods.end(), [&](const SyntheticMethod& m) { return name == m.name; });
+    if (method == kMethods.end()) {
+      return absl::InvalidArgumentError(
+          absl::StrCat("SyntheticBenchOptions.methods: there is no ", name,
+                       "; known are: ", absl::StrJoin(kMethods, ", ", [](std::string* out, const SyntheticMethod& m) {
+                         absl::StrAppend(out, m.name);
+                       })));
+    }
+    chosen.push_back(*method);
+  }
+  return chosen;
+}
+
+SyntheticTrialOptions TrialOptions(const SyntheticBenchOptions& options, SyntheticSweep sweep, double value) {
+  SyntheticTrialOptions trial;
+  trial.start_rotation_rad *= options.start_factor;
+  trial.start_translation_ratio *= options.start_factor;
+  if (sweep == SyntheticSweep::kNoise) trial.noise_px = value;
+  if (sweep == SyntheticSweep::kOutliers) trial.outlier_ratio = value;
+  if (sweep == SyntheticSweep::kLines) trial.num_lines = static_cast<int>(value);
+  return trial;
+}
+
+double Median(std::vector<double> values) {
+  const auto middle = values.begin() + static_cast<int64_t>(values.size() / 2);
+  std::nth_element(values.begin(), middle, values.end());
+  return *middle;
+}
+
+double Mean(const std::vector<double>& values) {
+  double sum = 0.0;
+  for (const double value : values) sum += value;
+  return sum / static_cast<double>(values.size());
+}
+
+struct ErrorLists {
+  std::vector<double> rotations_deg;
+  std::vector<double> translation_ratios;
+
+  void Add(const SyntheticError& error) {
+    rotations_deg.push_back(error.rotation_deg);
+    translation_ratios.push_back(error.translation_ratio);
+  }
+  SyntheticErrors Summary() const {
+    return {Median(rotations_deg), Mean(rotations_deg), Median(translation_ratios), Mean(translation_ratios)};
+  }
+};
+
+struct MethodResult {
+  int num_none = 0;
+  ErrorLists errors;
+  std::vector<double> times_ms;
+};
+
+void RunMethod(const SyntheticMethod& method, const SyntheticTrial& trial, MethodResult& result) {
+  LineFitOptions options;
+  options.method = method.method;
+  options.formulas = method.formulas;
+  options.filter_sigma_px = std::max(trial.noise_px, kMinFilterSigmaPx);
+  const auto begin = std::chrono::steady_clock::now();
+  const absl::StatusOr<LineFit> fit = FitPoseToLines(trial.camera, trial.lines, trial.events, trial.start, options);
+  const auto end = std::chrono::steady_clock::now();
+  result.times_ms.push_back(std::chrono::duration<double, std::milli>(end - begin).count());
+  result.num_none += !fit.ok();
+  result.errors.Add(CompareWithTruth(trial, fit.ok() ? fit->camera_from_object : trial.start));
+}
+
+absl::Status AddBound(const SyntheticTrial& trial, ErrorLists& errors) {
+  EVPOSE_ASSIGN_OR_RETURN(const SyntheticBound bound, ComputeSyntheticBound(trial));
+  errors.Add({bound.efficient_error.tail<3>().norm() * kDegreesPerRadian,
+              bound.efficient_error.head<3>().norm() / trial.camera_from_object.translation_m.norm()});
+  return absl::OkStatus();
+}
+
+// All methods at one value; false of `on_trial` stops.
+absl::StatusOr<std::vector<SyntheticBenchRow>> RunValue(const SyntheticBenchOptions& options, SyntheticSweep sweep,
+                                                        double value, absl::Span<const SyntheticMethod> methods,
+                                                        const std::function<bool()>& on_trial) {
+  const SyntheticTrialOptions trial_options = TrialOptions(options, sweep, value);
+  std::vector<MethodResult> results(methods.size());
+  ErrorLists bound;
+  Random seeds(options.seed);
+  for (int i = 0; i < options.num_trials; ++i) {
+    const SyntheticTrial trial = MakeSyntheticTrial(trial_options, seeds.NextU64());
+    if (trial.noise_px > 0.0) EVPOSE_RETURN_IF_ERROR(AddBound(trial, bound));
+    for (size_t m = 0; m < methods.size(); ++m) RunMethod(methods[m], trial, results[m]);
+    if (!on_trial()) return absl::CancelledError("interrupted");
+  }
+  std::vector<SyntheticBenchRow> rows;
+  for (size_t m = 0; m < methods.size(); ++m) {
+    SyntheticBenchRow& row = rows.emplace_back();
+    row.sweep = sweep;
+    row.value = value;
+    row.method = methods[m].name;
+    row.num_trials = options.num_trials;
+    row.num_none = results[m].num_none;
+    row.errors = results[m].errors.Summary();
+    if (!bound.rotations_deg.empty()) row.bound = bound.Summary();
+    row.median_ms = Median(std::move(results[m].times_ms));
+  }
+  return rows;
+}
+
+}  // namespace
+
+absl::Span<const SyntheticSweep> SyntheticSweeps() { return kSweeps; }
+
+std::string_view SyntheticSweepName(SyntheticSweep sweep) {
+  switch (sweep) {
+    case SyntheticSweep::kNoise:
+      return "noise";
+    case SyntheticSweep::kOutliers:
+      return "outliers";
+    case SyntheticSweep::kLines:
+      return "lines";
+  }
+  return "";
+}
+
+absl::StatusOr<SyntheticSweep> ParseSyntheticSweep(std::string_view name) {
+  for (const SyntheticSweep sweep : kSweeps) {
+    if (name == SyntheticSweepName(sweep)) return sweep;
+  }
+  return absl::InvalidArgumentError(
+      absl::StrCat("there is no sweep ", std::string(name), "; known are: noise, outliers, lines"));
+}
+
+absl::Span<const double> SyntheticSweepValues(SyntheticSweep sweep) {
+  switch (sweep) {
+    case SyntheticSweep::kNoise:
+      return kNoisesPx;
+    case SyntheticSweep::kOutliers:
+      return kOutlierRatios;
+    case SyntheticSweep::kLines:
+      return kLineCounts;
+  }
+  return {};
+}
+
+absl::Span<const SyntheticMethod> SyntheticMethods() { return kMethods; }
+
+absl::Status SyntheticBenchOptions::Validate() const {
+  if (num_trials < 1 || num_trials > 1'000'000) {
+    return absl::InvalidArgumentError(
+        absl::StrCat("SyntheticBenchOptions.num_trials is ", num_trials, "; it must lie in [1, 1000000]"));
+  }
+  if (sweeps.empty()) return absl::InvalidArgumentError("SyntheticBenchOptions.sweeps is empty");
+  if (!(start_factor >= 0.0 && start_factor <= 100.0)) {
+    return absl::InvalidArgumentError(
+        absl::StrCat("SyntheticBenchOptions.start_factor is ", start_factor, "; it must lie in [0, 100]"));
+  }
+  return ChosenMethods(methods).status();
+}
+
+std::optional<double> SyntheticBenchRow::RotationRatio() const {
+  if (!bound) return std::nullopt;
+  return errors.rotation_median_deg / bound->rotation_median_deg;
+}
+
+std::optional<double> SyntheticBenchRow::TranslationRatio() const {
+  if (!bound) return std::nullopt;
+  return errors.translation_median_ratio / bound->translation_median_ratio;
+}
+
+absl::StatusOr<std::vector<SyntheticBenchRow>> RunSyntheticBench(
+    const SyntheticBenchOptions& options, const std::function<void(const SyntheticBenchRow&)>& on_row,
+    const std::function<bool(double)>& on_progress) {
+  EVPOSE_RETURN_IF_ERROR(options.Validate());
+  EVPOSE_ASSIGN_OR_RETURN(const std::vector<SyntheticMethod> methods, ChosenMethods(options.methods));
+  double num_trials = 0.0;
+  for (const SyntheticSweep sweep : options.sweeps) {
+    num_trials += options.num_trials * static_cast<double>(SyntheticSweepValues(sweep).size());
+  }
+  double num_done = 0.0;
+  const auto on_trial = [&] { return !on_progress || on_progress(++num_done / num_trials); };
+  std::vector<SyntheticBenchRow> rows;
+  for (const SyntheticSweep sweep : options.sweeps) {
+    for (const double value : SyntheticSweepValues(sweep)) {
+      EVPOSE_ASSIGN_OR_RETURN(const std::vector<SyntheticBenchRow> more,
+                              RunValue(options, sweep, value, methods, on_trial));
+      for (const SyntheticBenchRow& row : more) {
+        rows.push_back(row);
+        if (on_row) on_row(row);
+      }
+    }
+  }
+  return rows;
+}
+
+}  // namespace evpose

@@ -1,0 +1,98 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "core/experiments/tracking/tracking_recordings.h"
+
+#include <cstdint>
+#include <filesystem>
+#include <memory>
+#include <optional>
+#include <system_error>
+#include <vector>
+
+#include "absl/strings/numbers.h"
+#include "absl/strings/str_cat.h"
+#include "core/base/output_file.h"
+#include "core/base/status_macros.h"
+#include "core/events/decoder.h"
+#include "core/events/recording_reader.h"
+#include "core/simulation/describe.h"
+
+namespace evpose {
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr const char* kNoteName = "simulation.txt";
+constexpr const char* kRecordingName = "recording.raw";
+
+// The note of a recording that is whole.
+std::string Note(const SimulationOptions& run, uint64_t num_events, uint64_t num_bytes) {
+  return absl::StrCat(DescribeSimulation(run), "events ", num_events, "\nbytes ", num_bytes, "\n");
+}
+
+// How many events the note promises; nullopt when the recording is missing, of another simulation or cut short.
+std::optional<uint64_t> NumKeptEvents(const SimulationOptions& run, const fs::path& directory) {
+  constexpr size_t kMaxNoteBytes = 1 << 16;
+  const absl::StatusOr<std::string> note = ReadFile((directory / kNoteName).string(), kMaxNoteBytes);
+  if (!note.ok()) return std::nullopt;
+  std::error_code error;
+  const uint64_t num_bytes = fs::file_size(directory / kRecordingName, error);
+  if (error) return std::nullopt;
+  const std::string description = DescribeSimulation(run);
+  uint64_t num_events = 0;
+  const size_t line = note->rfind("\nevents ");
+  if (line == std::string::npos) return std::nullopt;
+  const std::string number = note->substr(line + 8, note->find('\n', line + 1) - line - 8);
+  if (!absl::SimpleAtoi(number, &num_events) || *note != Note(run, num_events, num_bytes)) return std::nullopt;
+  return num_events;
+}
+
+absl::StatusOr<uint64_t> Keep(const SimulationOptions& run, const fs::path& directory,
+                              const std::function<bool(double)>& on_simulated) {
+  std::error_code error;
+  fs::remove(directory / kNoteName, error);  // it speaks of what is about to be replaced
+  double done_ratio = 0.0;
+  EVPOSE_ASSIGN_OR_RETURN(const SimulationReport report,
+                          SimulateToDirectory(
+                              run, directory.string(), [&](double ratio) { done_ratio = ratio; },
+                              [&] { return on_simulated && !on_simulated(done_ratio); }));
+  const uint64_t num_bytes = fs::file_size(directory / kRecordingName, error);
+  if (error) {
+    return absl::UnavailableError(absl::StrCat((directory / kRecordingName).string(), ": ", error.message()));
+  }
+  EVPOSE_RETURN_IF_ERROR(WriteFile((directory / kNoteName).string(), Note(run, report.events, num_bytes)));
+  return report.events;
+}
+
+absl::Status Read(const fs::path& directory, uint64_t num_events, const EventConsumer& on_events) {
+  EVPOSE_ASSIGN_OR_RETURN(const std::unique_ptr<RecordingReader> reader,
+                          RecordingReader::Open((directory / kRecordingName).string()));
+  EVPOSE_ASSIGN_OR_RETURN(const std::unique_ptr<EventDecoder> decoder,
+                          MakeEventDecoder(reader->header().encoding, reader->header().geometry));
+  constexpr size_t kBufferBytes = 1 << 17;
+  std::vector<uint8_t> buffer(kBufferBytes);
+  DecodedEvents decoded;
+  while (true) {
+    EVPOSE_ASSIGN_OR_RETURN(const size_t size, reader->Read(absl::MakeSpan(buffer)));
+    if (size == 0) break;
+    decoded.events.clear();
+    decoder->Decode(absl::MakeConstSpan(buffer.data(), size), decoded);
+    EVPOSE_RETURN_IF_ERROR(on_events(decoded.events));
+  }
+  if (decoder->counts().cd_events == num_events) return absl::OkStatus();
+  return absl::DataLossError(absl::StrCat(directory.string(), ": holds ", decoder->counts().cd_events,
+                                          " events and not ", num_events, ": delete it, and it will be made again"));
+}
+
+}  // namespace
+
+absl::Status PlayRun(const SimulationOptions& run, const std::string& directory, const EventConsumer& on_events,
+                     const std::function<bool(double)>& on_simulated) {
+  if (directory.empty()) return Simulate(run, on_events).status();
+  std::optional<uint64_t> num_events = NumKeptEvents(run, directory);
+  if (!num_events) {
+    EVPOSE_ASSIGN_OR_RETURN(num_events, Keep(run, directory, on_simulated));
+  }
+  return Read(directory, *num_events, on_events);
+}
+
+}  // namespace evpose

@@ -1,0 +1,228 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "core/experiments/tracking/tracking_score.h"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <numbers>
+
+#include "core/base/status_macros.h"
+#include "core/geometry/trajectory.h"
+#include "core/numerics/math.h"
+
+namespace evpose {
+namespace {
+
+constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
+constexpr double kBusyHz = 0.3e6;
+constexpr double kFullRateHz = 1000.0;
+constexpr double kRateTolerance = 0.02;
+constexpr int64_t kStartUs = 50'000;
+constexpr double kInViewRatio = 0.25;
+
+bool IsInView(const ObjectModel& model, const CameraModel& camera, const RigidTransform& camera_from_object) {
+  constexpr int kSamples = 10;
+  double inside_m = 0.0;
+  double all_m = 0.0;
+  for (const ModelLine& line : model.lines) {
+    const double piece_m = (line.p2 - line.p1).norm() / kSamples;
+    for (int i = 0; i < kSamples; ++i) {
+      const Eigen::Vector3d point = camera_from_object * (line.p1 + (line.p2 - line.p1) * ((i + 0.5) / kSamples));
+      all_m += piece_m;
+      if (point.z() <= 0.0) continue;
+      const Eigen::Vector2d pixel = camera.Distort(camera.Project(point));
+      const bool is_inside =
+          pixel.x() >= 0.0 && pixel.y() >= 0.0 && pixel.x() <= camera.width_px - 1 && pixel.y() <= camera.height_px - 1;
+      if (is_inside) inside_m += piece_m;
+    }
+  }
+  return inside_m >= kInViewRatio * all_m;
+}
+
+Trajectory PosesOf(const TrackingOutput& output) {
+  Trajectory trajectory;
+  trajectory.reserve(output.poses.size());
+  for (const PoseEstimate& pose : output.poses) trajectory.push_back({pose.t_us, pose.camera_from_object});
+  return trajectory;
+}
+
+// The poses that TrajectoryErrors took up, in its order.
+void JudgeHealth(const TrackingOutput& output, int64_t end_us, int64_t max_gap_us, TrackingScore& score) {
+  size_t next = 0;
+  double wrong_stretch_s = 0.0;
+  for (size_t i = 0; i < score.errors.size(); ++i) {
+    const TrajectoryError& error = score.errors[i];
+    while (output.poses[next].t_us != error.t_us) ++next;
+    const PoseEstimate& pose = output.poses[next];
+    const int64_t until_us = i + 1 < score.errors.size() ? score.errors[i + 1].t_us : end_us;
+    const double span_s = 1e-6 * static_cast<double>(std::min(until_us - error.t_us, max_gap_us));
+    const bool is_tracking = pose.state == TrackState::kTracking;
+    if (is_tracking && !error.is_good) {
+      score.wrong_tracking_s += span_s;
+      wrong_stretch_s += span_s;
+      score.longest_wrong_tracking_s = std::max(score.longest_wrong_tracking_s, wrong_stretch_s);
+    } else {
+      wrong_stretch_s = 0.0;
+    }
+    if (!is_tracking && error.is_good) score.right_untracked_s += span_s;
+    score.nees.push_back(NormalisedErrorSquared(error.true_pose, pose.camera_from_object, pose.covariance));
+  }
+}
+
+double MeanOver(const std::vector<TrackingScore>& scores, const auto& value) {
+  double sum = 0.0;
+  for (const TrackingScore& score : scores) sum += value(score);
+  return sum / static_cast<double>(scores.size());
+}
+
+// NaN (no pose) is the worst.
+double WorstOver(const std::vector<TrackingScore>& scores, const auto& value) {
+  double worst = -std::numeric_limits<double>::infinity();
+  for (const TrackingScore& score : scores) {
+    const double v = value(score);
+    if (std::isnan(v)) return v;
+    worst = std::max(worst, v);
+  }
+  return worst;
+}
+
+int WorstRun(const std::vector<TrackingScore>& scores) {
+  const auto is_better = [](const TrackingScore& a, const TrackingScore& b) {
+    if (a.losses != b.losses) return a.losses < b.losses;
+    const double a_error = a.evaluation.position_rmse_of_depth;
+    const double b_error = b.evaluation.position_rmse_of_depth;
+    if (std::isnan(b_error)) return !std::isnan(a_error);
+    return a_error < b_error;
+  };
+  return static_cast<int>(std::max_element(scores.begin(), scores.end(), is_better) - scores.begin());
+}
+
+void SetErrors(const std::vector<TrackingScore>& scores, TrackingSummary& summary) {
+  const auto mean = [&](double Evaluation::*member) {
+    return MeanOver(scores, [member](const TrackingScore& score) { return score.evaluation.*member; });
+  };
+  const auto worst = [&](double Evaluation::*member) {
+    return WorstOver(scores, [member](const TrackingScore& score) { return score.evaluation.*member; });
+  };
+  summary.position_rmse_m = mean(&Evaluation::position_rmse_m);
+  summary.position_mean_m = mean(&Evaluation::position_mean_m);
+  summary.position_median_m = mean(&Evaluation::position_median_m);
+  summary.position_std_m = mean(&Evaluation::position_std_m);
+  summary.position_rmse_of_depth = mean(&Evaluation::position_rmse_of_depth);
+  summary.rotation_mean_deg = kDegreesPerRadian * mean(&Evaluation::rotation_mean_rad);
+  summary.rotation_median_deg = kDegreesPerRadian * mean(&Evaluation::rotation_median_rad);
+  summary.rotation_p95_deg = kDegreesPerRadian * mean(&Evaluation::rotation_p95_rad);
+  summary.worst_position_rmse_of_depth = worst(&Evaluation::position_rmse_of_depth);
+  summary.worst_rotation_median_deg = kDegreesPerRadian * worst(&Evaluation::rotation_median_rad);
+  summary.worst_rotation_p95_deg = kDegreesPerRadian * worst(&Evaluation::rotation_p95_rad);
+  summary.rotation_max_deg = kDegreesPerRadian * worst(&Evaluation::rotation_max_rad);
+  summary.coverage_ratio = mean(&Evaluation::coverage_ratio);
+  summary.worst_coverage_ratio =
+      -WorstOver(scores, [](const TrackingScore& score) { return -score.evaluation.coverage_ratio; });
+  summary.pose_rate_hz = mean(&Evaluation::pose_rate_hz);
+}
+
+}  // namespace
+
+void EventRate::Add(absl::Span<const Event> events) {
+  num_events_ += events.size();
+  for (const Event& event : events) {
+    const auto interval = static_cast<size_t>(std::max<int64_t>(0, event.t_us - t_begin_us_) / kIntervalUs);
+    if (interval >= counts_.size()) counts_.resize(interval + 1, 0);
+    ++counts_[interval];
+  }
+}
+
+double EventRate::ShareAtFullPoseRate(const std::vector<PoseEstimate>& poses) const {
+  std::vector<uint32_t> num_poses(counts_.size(), 0);
+  for (const PoseEstimate& pose : poses) {
+    const int64_t since_us = pose.t_us - t_begin_us_;
+    if (since_us < 0) continue;
+    const auto interval = static_cast<size_t>(since_us / kIntervalUs);
+    if (interval < num_poses.size()) ++num_poses[interval];
+  }
+  constexpr double kIntervalS = 1e-6 * kIntervalUs;
+  uint64_t busy = 0;
+  uint64_t full = 0;
+  for (size_t i = kStartUs / kIntervalUs; i + 1 < counts_.size(); ++i) {
+    if (counts_[i] <= kBusyHz * kIntervalS) continue;
+    ++busy;
+    full += num_poses[i] >= (1.0 - kRateTolerance) * kFullRateHz * kIntervalS ? 1 : 0;
+  }
+  return busy == 0 ? kNan : static_cast<double>(full) / static_cast<double>(busy);
+}
+
+absl::StatusOr<TrackingScore> ScoreTracking(const SimulationOptions& run, const ObjectModel& model,
+                                            const Trajectory& truth, const EventRate& rate,
+                                            const TrackingOutput& output) {
+  EvaluationOptions options;
+  options.symmetries = model.symmetries;
+  const Trajectory estimate = PosesOf(output);
+  TrackingScore score;
+  EVPOSE_ASSIGN_OR_RETURN(score.evaluation, Evaluate(truth, estimate, options));
+  EVPOSE_ASSIGN_OR_RETURN(score.errors, TrajectoryErrors(truth, estimate, options));
+  uint64_t in_view = 0;
+  for (const int64_t t_us : score.evaluation.losses_at_us) {
+    EVPOSE_ASSIGN_OR_RETURN(const RigidTransform pose, Interpolate(truth, t_us));
+    in_view += IsInView(model, run.camera, pose) ? 1 : 0;
+  }
+  score.losses = std::max(in_view, output.losses);
+  const auto good = std::find_if(score.errors.begin(), score.errors.end(),
+                                 [](const TrajectoryError& error) { return error.is_good; });
+  score.first_pose_ms = good == score.errors.end() ? kNan : 1e-3 * static_cast<double>(good->t_us - run.t_begin_us);
+  score.full_rate_ratio = rate.ShareAtFullPoseRate(output.poses);
+  JudgeHealth(output, truth.back().t_us, options.max_gap_us, score);
+  score.compute_ratio = output.compute_s / (1e-6 * static_cast<double>(run.duration_us));
+  return score;
+}
+
+TrackingSummary SummariseTracking(const std::vector<TrackingScore>& scores) {
+  TrackingSummary summary;
+  if (scores.empty()) return summary;
+  summary.num_runs = static_cast<int>(scores.size());
+  SetErrors(scores, summary);
+  summary.first_pose_ms = MeanOver(scores, [](const TrackingScore& score) { return score.first_pose_ms; });
+  summary.full_rate_ratio = MeanOver(scores, [](const TrackingScore& score) { return score.full_rate_ratio; });
+  summary.compute_ratio = MeanOver(scores, [](const TrackingScore& score) { return score.compute_ratio; });
+  summary.worst_run = WorstRun(scores);
+  std::vector<double> nees;
+  for (const TrackingScore& score : scores) {
+    summary.losses += score.losses;
+    summary.wrong_tracking_s += score.wrong_tracking_s;
+    summary.longest_wrong_tracking_s = std::max(summary.longest_wrong_tracking_s, score.longest_wrong_tracking_s);
+    summary.right_untracked_s += score.right_untracked_s;
+    nees.insert(nees.end(), score.nees.begin(), score.nees.end());
+  }
+  summary.consistency = SummariseConsistency(std::move(nees));
+  return summary;
+}
+
+std::vector<TrackingVerdict> JudgeTracking(const TrackingSummary& summary, const TrackingTargets& targets) {
+  constexpr double kWorstFactor = 2.0;
+  const double infinity = std::numeric_limits<double>::infinity();
+  const double position = 100.0 * targets.position_rmse_of_depth;
+  const double uncovered = 1.0 - targets.coverage_ratio;
+  std::vector<TrackingVerdict> verdicts = {
+      {"losses", static_cast<double>(summary.losses), 0.0, static_cast<double>(targets.losses), ""},
+      {"coverage", 100.0 * summary.coverage_ratio, 100.0 * targets.coverage_ratio, 100.0, "%"},
+      {"position", 100.0 * summary.position_rmse_of_depth, 0.0, position, "% of depth"},
+      {"rotation median", summary.rotation_median_deg, 0.0, targets.rotation_median_deg, "deg"},
+      {"rotation p95", summary.rotation_p95_deg, 0.0, targets.rotation_p95_deg, "deg"},
+      {"NEES median", summary.consistency.median, targets.nees_median_low, targets.nees_median_high, ""},
+  };
+  if (!std::isnan(summary.full_rate_ratio)) {
+    verdicts.push_back({"1 kHz", 100.0 * summary.full_rate_ratio, 100.0, infinity, "%"});
+  }
+  if (summary.num_runs < 2) return verdicts;
+  verdicts.push_back(
+      {"worst coverage", 100.0 * summary.worst_coverage_ratio, 100.0 * (1.0 - kWorstFactor * uncovered), 100.0, "%"});
+  verdicts.push_back(
+      {"worst position", 100.0 * summary.worst_position_rmse_of_depth, 0.0, kWorstFactor * position, "% of depth"});
+  verdicts.push_back({"worst rotation median", summary.worst_rotation_median_deg, 0.0,
+                      kWorstFactor * targets.rotation_median_deg, "deg"});
+  verdicts.push_back(
+      {"worst rotation p95", summary.worst_rotation_p95_deg, 0.0, kWorstFactor * targets.rotation_p95_deg, "deg"});
+  return verdicts;
+}
+
+}  // namespace evpose

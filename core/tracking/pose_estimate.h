@@ -1,0 +1,58 @@
+// SPDX-License-Identifier: Apache-2.0
+
+// What the tracker reports: the state of an object's track, its pose, and the progress of its initialization.
+#pragma once
+
+#include <cstdint>
+#include <string_view>
+
+#include "core/base/state_io.h"
+#include "core/geometry/rigid_transform.h"
+
+namespace evpose {
+
+enum class TrackState { kInitializing, kTracking, kDegraded, kLost };
+std::string_view TrackStateName(TrackState state);  // "INITIALIZING", "TRACKING", "DEGRADED", "LOST"
+
+// Why there is no pose yet.
+enum class InitializationStatus {
+  kNotNeeded,         // a pose is tracked
+  kWaitingForEvents,  // too few: nothing is in view, or what is there stands still
+  kTooFewLines,       // events, but fewer than three lines in them
+  kNoPoseFits,        // lines, but the model fits them in no pose that the events support
+  kVerifying,         // the events are being asked about a pose, found or given
+  kAmbiguous,         // two poses explain the events equally well so far
+};
+std::string_view InitializationStatusName(InitializationStatus status);  // "NOT_NEEDED", "WAITING_FOR_EVENTS", ...
+
+struct InitializationReport {
+  InitializationStatus status = InitializationStatus::kWaitingForEvents;
+  uint64_t attempts = 0;  // searches for the pose so far
+  int num_lines = 0;      // that the last of them saw
+
+  static void VisitState(auto& archive, auto& self) {
+    auto& [status, attempts, num_lines] = self;
+    archive(AtMost(status, InitializationStatus::kAmbiguous), attempts, num_lines);
+  }
+};
+
+// One estimate, in the notation of the API's Pose message.
+struct PoseEstimate {
+  uint32_t object_index = 0;
+  int64_t t_us = 0;  // the time the pose is for: the events' mid-window, where it is best known (method.md 2.8)
+  RigidTransform camera_from_object;
+  Matrix6d covariance = Matrix6d::Zero();  // of [tx ty tz rx ry rz], m and rad, left perturbation
+  Vector6d twist = Vector6d::Zero();       // [vx vy vz wx wy wz]: dT/dt = v, dR/dt = w^ R, m/s and rad/s
+  TrackState state = TrackState::kInitializing;
+  uint32_t num_events = 0;       // in the gate
+  float explained_ratio = 0.0f;  // share of the gated events that the lines explain
+  float residual_rms_px = 0.0f;
+
+  static void VisitState(auto& archive, auto& self) {
+    auto& [object_index, t_us, pose, covariance, twist, state, num_events, explained_ratio, residual_rms_px] = self;
+    archive(object_index, t_us, pose, covariance, twist, AtMost(state, TrackState::kLost), num_events, explained_ratio,
+            residual_rms_px);
+  }
+};
+
+}  // namespace evpose
