@@ -39,7 +39,7 @@ for preset in "${presets[@]}"; do
     asan)
       # Others' bytes come in there. What the programs make of them is of the same parts.
       $is_whole ||
-        folders=(core/{base,events,geometry,models,windows,detection,initialization,tracking} server client/lib tests/fuzz)
+        folders=(core/{base,numerics,events,geometry,models,windows,detection,association,estimation,initialization,tracking} core/baselines/estimators server client/lib tests/fuzz)
       left_out=(SimulatedLines TheErrorsAreThoseOfTheCovariance TheReleasedCodeIsLessAccurate TracksSimulatedObject
         ManyDirections RotationBnbVariants NoCubeIsClaimed SessionPipelineStateTest.DamagedStates GoesOnWhereItWas
         GoOnWhereTheyWere TrialsTest TrialTest CliTest.Bench BenchServiceTest ExamplesOfEveryHelp
