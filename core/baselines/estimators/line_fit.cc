@@ -6,11 +6,11 @@
 #include <optional>
 
 #include "absl/strings/str_cat.h"
+#include "core/base/check_range.h"
 #include "core/base/status_macros.h"
 #include "core/baselines/estimators/line_filter.h"
 #include "core/numerics/math.h"
 #include "core/numerics/robust.h"
-#include "core/base/check_range.h"
 
 namespace evpose {
 namespace {
