@@ -16,7 +16,7 @@ deploy/kubernetes/monitoring/make-prometheusrule.sh "$work/prometheusrule.yaml"
 cmp "$work/prometheusrule.yaml" deploy/kubernetes/monitoring/prometheusrule.yaml ||
   fail "run deploy/kubernetes/monitoring/make-prometheusrule.sh: the alerts have changed"
 
-# What an operator brings, made as the README says.
+# What an operator brings, made as server/auth/README.md says.
 cp -r deploy/kubernetes "$work/kubernetes"
 secrets=$work/kubernetes/secrets
 openssl req -x509 -newkey ec -pkeyopt ec_paramgen_curve:P-256 -nodes -days 2 -subj "/CN=evpose-server" \

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 
 // The tracker on simulated recordings with truth, from the true first pose. What is asked is well above what is
-// measured (README): a test that fails says that something broke, not that a number moved.
+// measured (core/experiments/RESULTS.md): a test that fails says that something broke, not that a number moved.
 #include <gtest/gtest.h>
 
 #include <memory>
