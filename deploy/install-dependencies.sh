@@ -16,7 +16,7 @@ build_packages=(
   libprotobuf-dev libspdlog-dev libsqlite3-dev libssl-dev libyaml-cpp-dev nlohmann-json3-dev prometheus-cpp-dev protobuf-compiler protobuf-compiler-grpc
 )
 package_packages=(dpkg-dev file)
-test_packages=("${package_packages[@]}" clang clang-format clang-tidy libbenchmark-dev libclang-rt-14-dev libgmock-dev libgtest-dev lld openssl python3 python3-yaml redis-server systemd)
+test_packages=("${package_packages[@]}" clang clang-format clang-tidy codespell libbenchmark-dev libclang-rt-14-dev libgmock-dev libgtest-dev lld openssl python3 python3-yaml redis-server shellcheck systemd)
 
 # The package prometheus would start a service: the tool that checks rules is taken out of it, alone.
 promtool=/usr/local/bin/promtool

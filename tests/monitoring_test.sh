@@ -11,6 +11,7 @@ for file in prometheus cluster; do promtool check config "prometheus/$file.yml";
 promtool test rules prometheus/alerts_test.yml
 
 coproc evpose { exec "$server" --store memory --listen 127.0.0.1:0 --metrics-listen 127.0.0.1:0 --log-level off; }
+# shellcheck disable=SC2154  # coproc sets evpose_PID
 trap 'kill "$evpose_PID"' EXIT
 read -r _ <&"${evpose[0]}"
 read -r _ _ address <&"${evpose[0]}"

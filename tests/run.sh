@@ -21,8 +21,8 @@ esac
 jobs=$(nproc)
 deploy/install-dependencies.sh --test
 
-echo "== $SECONDS s  format"
-git ls-files -z '*.h' '*.cc' | xargs -0 clang-format --dry-run --Werror
+echo "== $SECONDS s  lint"
+tests/lint/run.sh
 
 export ASAN_OPTIONS=detect_stack_use_after_return=1:strict_string_checks=1
 export UBSAN_OPTIONS=print_stacktrace=1

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// Which events may belong to which lines (method.md 2.5): lines as the image shows them, and a grid of tiles that knows
-// the lines near each.
+// Which events may belong to which lines (core/association/README.md, section 2): lines as the image shows them, and a
+// grid of tiles that knows the lines near each.
 #pragma once
 
 #include <Eigen/Core>

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 
 // How many events come from nowhere near the object: the sensor's noise, a flash, a flood. What is near a line is to be
-// judged against that (method.md 2.1, 2.9).
+// judged against that (core/windows/README.md and core/tracking/README.md, section 1).
 #pragma once
 
 #include <vector>

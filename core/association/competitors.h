@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 
 // The other objects of a stream in one window: their lines compete for its events (an event belongs to an object by its
-// responsibility, as it does to a line, method.md 2.5), and their faces hide what lies behind them.
+// responsibility, as it does to a line, core/association/README.md, section 2), and their faces hide what lies behind
+// them.
 #pragma once
 
 #include <memory>

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// The events of a window that may be of the lines, as the estimators see them (method.md 2.5).
+// The events of a window that may be of the lines, as the estimators see them (core/association/README.md, section 2).
 #pragma once
 
 #include <cstdint>

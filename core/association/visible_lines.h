@@ -32,7 +32,7 @@ class VisibleLines {
   bool ViewChanged(const RigidTransform& camera_from_object) const;
   // For each face of each line, whether it is turned to the camera. It decides which lines show, and matters to the
   // last tenth of a degree: a line kept too long on a face that has turned away holds the pose there, and one missed
-  // too long gives its events to its neighbour (method.md 2.10 (7)).
+  // too long gives its events to its neighbour (core/association/README.md, section 3).
   void FacingFaces(const Eigen::Vector3d& eye, std::vector<bool>& facing) const;
 
   const ObjectModel& model_;

@@ -36,7 +36,8 @@ struct Spread {
   double weight = 0.0;
 };
 
-// Mean and spread of the line's part of a mixture with uniform clutter (method.md 2.6), as the tracker's estimate.
+// Mean and spread of the line's part of a mixture with uniform clutter (core/estimation/README.md, section 1), as the
+// tracker's estimate.
 Spread FitMixture(const std::vector<double>& values, const ExpTable& table) {
   constexpr int kIterations = 25;
   constexpr double kMinSigmaPx = 0.2;

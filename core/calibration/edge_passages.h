@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// Where the events of moving edges lie when the pose is known: what a sensor's profile is fitted to (method.md 2.10
-// (2)).
+// Where the events of moving edges lie when the pose is known: what a sensor's profile is fitted to
+// (core/estimation/README.md, section 3).
 #pragma once
 
 #include <cstdint>

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// Fits a sensor's profile to the passages of edges at known poses (method.md 2.10 (2)).
+// Fits a sensor's profile to the passages of edges at known poses (core/estimation/README.md, section 3).
 #pragma once
 
 #include <string>

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// Lines of moving edges from events (method.md 2.2).
+// Lines of moving edges from events (core/detection/README.md, section 1).
 #pragma once
 
 #include <cstdint>

@@ -23,7 +23,7 @@ struct LineSetOptions {
   // Pixels: pieces of one edge lie this close to one line, and become one.
   double merge_px = 2.0;
   // Pixels: two edges of opposite polarity that lie side by side and move together, no farther apart than this, are the
-  // sides of a stripe; the line is between them (method.md 2.10, 3).
+  // sides of a stripe; the line is between them (core/estimation/README.md, section 3).
   double stripe_px = 4.0;
   // Pixels: how far an end may be from the crossing with another line to be taken as the corner there.
   double corner_px = 6.0;

@@ -11,8 +11,8 @@
 namespace evpose {
 namespace {
 
-// Tukey's bisquare (method.md 2.6).
-constexpr double kCorrelatedEvents = 20.0;  // count as one (method.md 2.10, 8)
+// Tukey's bisquare (core/estimation/README.md, section 1).
+constexpr double kCorrelatedEvents = 20.0;  // count as one (core/estimation/README.md, section 7)
 constexpr double kMinSigmaPx = 0.25;
 constexpr double kMaxSigmaPx = 0.7;
 constexpr int kGrowthPasses = 3;

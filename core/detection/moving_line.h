@@ -31,7 +31,8 @@ struct MovingLine {
   struct End {
     double s_px = 0.0;
     double speed_px_per_s = 0.0;
-    // Events near this end came between these times only. An edge that sends none stands (method.md 2.10, 1).
+    // Events near this end came between these times only. An edge that sends none stands (core/detection/README.md,
+    // section 3).
     double first_tau_s = -1e3;
     double last_tau_s = 1e3;
     bool may_grow = true;  // false where the line was cut from another

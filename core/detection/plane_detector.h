@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// Lines as planes in space and time (method.md 2.2; Liu et al., IEEE TIP 2024, Sec. III-A).
+// Lines as planes in space and time (core/detection/README.md, section 1; Liu et al., IEEE TIP 2024, Sec. III-A).
 #pragma once
 
 #include <memory>

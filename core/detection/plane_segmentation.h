@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// Planes in space and time (method.md 2.2; Liu et al., "Line-based 6-DoF Object Pose Estimation and Tracking With an
-// Event Camera", IEEE TIP 2024, Sec. III-A): the events of a straight moving edge lie near a plane in (u, v, c t).
+// Planes in space and time (core/detection/README.md, section 1; Liu et al., "Line-based 6-DoF Object Pose Estimation
+// and Tracking With an Event Camera", IEEE TIP 2024, Sec. III-A): the events of a straight moving edge lie near a plane
+// in (u, v, c t).
 #pragma once
 
 #include <Eigen/Core>

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// Where events lie about a moving edge, which is not on it (method.md 2.10 (2), (3)).
+// Where events lie about a moving edge, which is not on it (core/estimation/README.md, section 3).
 //
 // A line that moves across itself makes n events per square pixel that it sweeps; in a share h of the swept pixels the
 // first of them turns round: the pixel's event before had the other polarity. Turning round costs a threshold c, so

@@ -93,8 +93,8 @@ class WindowEstimator {
   virtual bool UsesVisibility() const { return true; }
   // Whether it starts from the prediction, or from the last pose, at rest.
   virtual bool UsesPrediction() const { return true; }
-  // `predicted` is for mid-window. `gate_factor` widens the gate for a second try (method.md 2.10 (4)). `fit` is
-  // overwritten, its memory used again. Learns nothing: Fit may be called twice for a window.
+  // `predicted` is for mid-window. `gate_factor` widens the gate for a second try (core/estimation/README.md, section
+  // 5). `fit` is overwritten, its memory used again. Learns nothing: Fit may be called twice for a window.
   virtual void Fit(const MotionState& predicted, const WindowInput& input, double gate_factor, WindowFit& fit) = 0;
   // The last fit stands: what it says of spread and clutter is the next window's start.
   virtual void Accept(const WindowFit& fit, const WindowInput& input) = 0;

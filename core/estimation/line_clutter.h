@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 
 // What comes beside a line and is no line's: the object's own surface under a flickering lamp, what it moves in front
-// of. It is seldom the same on both sides, and what is on one side only would draw an outline inwards (method.md 2.6
-// has one density for all lines). Nor is it the same for both polarities: while a lamp grows brighter its events are
-// ON, and a line whose own are OFF stands alone.
+// of. It is seldom the same on both sides, and what is on one side only would draw an outline inwards
+// (core/estimation/README.md, section 1 has one density for all lines). Nor is it the same for both polarities: while a
+// lamp grows brighter its events are ON, and a line whose own are OFF stands alone.
 #pragma once
 
 #include <array>

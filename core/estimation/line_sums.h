@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// Per-line sums that hold all that a least-squares step needs of the events (method.md 2.7, 2.8): a step costs no pass
-// over the events, and a pass costs a few multiplications per event.
+// Per-line sums that hold all that a least-squares step needs of the events (core/estimation/README.md, section 2): a
+// step costs no pass over the events, and a pass costs a few multiplications per event.
 #pragma once
 
 #include <Eigen/Core>

@@ -24,8 +24,8 @@ struct TestEvent {
   double bx, by, tau_s, weight;
 };
 
-// a + tau a_dot of method.md 2.7 and 2.8, by n = P1 x P2 and the end points' velocities, at the left perturbation xi
-// and the twist V: xi to first order, which is all that a derivative at 0 sees.
+// a + tau a_dot of core/estimation/README.md, equation (6), by n = P1 x P2 and the end points' velocities, at the left
+// perturbation xi and the twist V: xi to first order, which is all that a derivative at 0 sees.
 Vector3J LineAt(const CameraModel& camera, const MotionState& state, const TrackedLine& line, double tau_s) {
   Vector3J shift, turn, v, w;
   for (int k = 0; k < 3; ++k) {

@@ -106,9 +106,9 @@ class MixtureEstimator : public WindowEstimator {
   double NormalEquations(const MotionState& state, const WindowInput& input, double sigma_px, Information information,
                          Matrix12d& hessian, Vector12d& gradient);
   double MovementPx(const Vector12d& dx, double duration_s) const;
-  // Whether a face that is seen edge on shows, and of which of its edges an event is, the events do not tell (method.md
-  // 2.5): taken for the wrong one's, they would hold the pose where the face just does, or does not, show. How far from
-  // the middle between them the line may be, pixels.
+  // Additional position uncertainty, in pixels, of a line of a face that is seen nearly edge-on: its two edges are
+  // closer together than the spread of the events, so that an event cannot be assigned to one of them
+  // (core/estimation/README.md, section 6).
   double OfEitherEdgePx(const TrackedLine& line) const {
     constexpr double kTellingSigma = 3.0;
     return 0.5 * std::max(0.0, kTellingSigma * sigma_px_ - line.narrowest_face_px);

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 
 // Pose and twist of a window by expectation-maximisation over a normal + uniform mixture, under the motion prior
-// (method.md 2.6 to 2.8).
+// (core/estimation/README.md, sections 1 and 2).
 #pragma once
 
 #include <memory>
@@ -24,24 +24,27 @@ struct MixtureOptions {
   double gate_px = 6.0;
   // Pixels: the widest gate to start from; it follows the prediction's uncertainty down to gate_px.
   double max_gate_px = 16.0;
-  // The gate of the second try is this many times wider (method.md 2.10 (4)).
+  // The gate of the second try is this many times wider (core/estimation/README.md, section 5).
   double retry_gate_factor = 3.0;
   // Re-weighting passes over the events, at most; two do when the prediction was good, four after a surprise.
   int max_passes = 4;
-  // Events that go into one window's fit: more do not help, the floor is systematic (method.md 2.10 (5)).
+  // Events that go into one window's fit: more do not help, the floor is systematic (core/estimation/README.md, section
+  // 8).
   int max_events = 1200;
   // So many events count as one. Once they are expected where the sensor puts them (edge_bias.h), the means of a line's
   // events scatter from millisecond to millisecond as those of independent events do.
   double events_per_information = 1.1;
   // Pixels, for a window of a second, at each end of a line: what its events have in common that nobody knows, as noise
-  // of the same effect; 0.1 px in a window of a millisecond, 0.02 px over 30 ms. It is what method.md 2.10 (8) divides
-  // the information for, but however many its events are, a line says no more than this; checked by NEES.
+  // of the same effect; 0.1 px in a window of a millisecond, 0.02 px over 30 ms. It is what core/estimation/README.md,
+  // section 7 divides the information for, but however many its events are, a line says no more than this; checked by
+  // NEES.
   double edge_noise_px_sqrt_s = 0.0034;
   // Pixels: where the lines' events lie farther off their lines than this, root mean square over the lines, the edge
   // noise grows with it: flicker, a profile that is not this sensor's. Below it the edges are as the profile says.
   double usual_displacement_px = 0.05;
-  // Events per swept square pixel that every line is expected to make, for the evidence of absence (method.md 2.10
-  // (1)). Well below what sensors give at ordinary contrast (1 to 5), so that faint or hidden lines do not brake.
+  // Events per swept square pixel that every line is expected to make, for the event deficit
+  // (core/estimation/README.md, section 4). Well below what sensors give at ordinary contrast (1 to 5), so that faint
+  // or hidden lines do not brake.
   double min_events_per_px2 = 0.15;
 
   absl::Status Validate() const;
@@ -63,8 +66,8 @@ void CountAnswers(const CameraModel& camera, const WindowInput& input, absl::Spa
                   absl::Span<const MixtureLine> sums, const Vector6d& twist, double noise_per_px,
                   double min_events_per_px2, std::vector<LineAnswer>& answers);
 
-// The evidence of absence (method.md 2.10 (1)): a line that moves across itself makes events. Where fewer came than
-// `answers` expects of the twist, it is braked; a one-sided Poisson penalty, added for the twist alone.
+// The event deficit (core/estimation/README.md, section 4): a line that moves across itself makes events. Where
+// fewer came than `answers` expects of the twist, it is braked; a one-sided Poisson penalty, added for the twist alone.
 // Only as far as more than half of what the object should make is missing: while most of it speaks, silent lines are
 // hidden, and braking them would drag the object away from what is seen. What one line makes too much does not make up
 // for another's silence: it is something else's that passes. In a window, a slow line should make a tenth of an event,

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// The expectation step of the mixture (method.md 2.6): whose the events of a window are, by where the lines are now.
+// The expectation step of the mixture (core/estimation/README.md, section 1): whose the events of a window are, by
+// where the lines are now.
 #pragma once
 
 #include <array>

@@ -18,7 +18,7 @@ struct ImageSegment {
 };
 
 // Unit normal, camera frame, of the plane through the camera's centre and the segment: n = q1 x q2 / |q1 x q2|
-// (method.md 2.3). Zero for a segment without length.
+// (core/initialization/README.md). Zero for a segment without length.
 Eigen::Vector3d BackProjectedNormal(const CameraModel& camera, const ImageSegment& segment);
 
 }  // namespace evpose

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// The constant-velocity prior: where the object is expected, and how surely (method.md 2.4, 2.8).
+// The constant-velocity prior: where the object is expected, and how surely (core/geometry/README.md, section 2).
 #pragma once
 
 #include <cstdint>
@@ -26,7 +26,7 @@ struct InitialPoseOptions {
   absl::Status Validate() const;
 };
 
-// White acceleration (method.md 2.8): the twist does a random walk of this strength.
+// White acceleration (core/geometry/README.md, section 2): the twist does a random walk of this strength.
 struct MotionPriorOptions {
   // Depths per second^1.5: in 10 ms the velocity changes by 0.034 depths/s, 35 px/s at f = 1000 px. Relative to the
   // depth, so that the image motion counts. What is quicker, a second try follows (retry_noise_factor).
@@ -36,7 +36,8 @@ struct MotionPriorOptions {
   // Seconds in which a velocity changes by as much as itself, on top of both: what moves fast within a view turns in
   // it.
   double turn_time_s = 0.5;
-  // Process noise of the second try after a fall of the explained share, as a factor (method.md 2.10 (4)).
+  // Process noise of the second try after a fall of the explained share, as a factor (core/estimation/README.md,
+  // section 5).
   double retry_noise_factor = 250.0;
 
   absl::Status Validate() const;

@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 
 // The image line of a model line, in a form in which the distance of an event is linear in the event.
-// method.md 2.7, with fx != fy: d = a . b in pixels, b = (x, y, 1) the undistorted normalised bearing.
+// core/geometry/README.md, section 3, with fx != fy: d = a . b in pixels, b = (x, y, 1) the undistorted normalised
+// bearing.
 #pragma once
 
 #include <Eigen/Core>

@@ -3,7 +3,7 @@
 // Rigid transforms and their tangent space.
 //
 // target_from_source: x_target = rotation * x_source + translation. The tangent is
-// xi = [translation (m), rotation (rad)], applied on the left as in method.md 2.7:
+// xi = [translation (m), rotation (rad)], applied on the left as in core/geometry/README.md, section 3:
 // R <- exp(dtheta^) R, T <- T + dt. Covariances and twists use the same order and side.
 #pragma once
 
@@ -48,7 +48,8 @@ Eigen::Vector3d LogSo3(const Eigen::Matrix3d& rotation);      // angle in [0, pi
 Eigen::Matrix3d LeftJacobianSo3(const Eigen::Vector3d& rotation_rad);
 Eigen::Matrix3d LeftJacobianInverseSo3(const Eigen::Vector3d& rotation_rad);
 
-// SE(3), tangent ordered [translation, rotation]; the translation part of Exp is J v (method.md 2.4).
+// SE(3), tangent ordered [translation, rotation]; the translation part of Exp is J v (core/geometry/README.md, section
+// 1).
 RigidTransform ExpSe3(const Vector6d& tangent);
 Vector6d LogSe3(const RigidTransform& transform);
 

@@ -53,7 +53,8 @@ struct InitializerOptions {
 };
 
 // The twist at the middle of the time that best explains how the matched lines moved: each end of each line gives its
-// normal velocity (method.md 2.7, 2.8), the prior the rest. `model_line` is PoseHypothesis::model_line.
+// normal velocity (core/estimation/README.md, section 2), the prior the rest. `model_line` is
+// PoseHypothesis::model_line.
 struct TwistEstimate {
   Vector6d twist = Vector6d::Zero();
   Matrix6d covariance = Matrix6d::Zero();

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// The pose of an object from image segments of which nobody knows whose they are (method.md 2.3).
+// The pose of an object from image segments of which nobody knows whose they are (core/initialization/README.md).
 #pragma once
 
 #include <memory>
@@ -47,7 +47,7 @@ class PoseSearch {
 
 struct PoseSearchOptions {
   // Standard deviation of a segment's end point across the segment, pixels. 1: detection noise of 0.8 px, and edges
-  // that the sensor shifts by half a pixel (method.md 2.10, 2).
+  // that the sensor shifts by half a pixel (core/estimation/README.md, section 3).
   double end_point_sigma_px = 1.0;
   // Along the segment its ends are less certain: corners are rounded, and a detector stops early.
   double end_point_along_sigma_px = 3.0;

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// Positions of the object for a known rotation: which of the parallel lines is which (method.md 2.3).
+// Positions of the object for a known rotation: which of the parallel lines is which (core/initialization/README.md).
 #pragma once
 
 #include <Eigen/Core>

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// Rotations under which image lines can be model lines, from directions alone (method.md 2.3): n_j . R v = 0.
+// Rotations under which image lines can be model lines, from directions alone (core/initialization/README.md): n_j . R
+// v = 0.
 #pragma once
 
 #include <Eigen/Core>

@@ -23,8 +23,9 @@ struct VisibilityOptions {
   int samples_per_line = 16;        // a partly visible line is split at this resolution, then bisected
   double surface_tolerance = 1e-3;  // of the model's diameter: a point this close behind a face lies on it
   double min_length_px = 4.0;       // shorter visible pieces are not returned
-  // Faces seen at a cosine below this (negative: turned away by as much) still show their lines. method.md 2.10 (7):
-  // grazing faces are kept, never dropped by a threshold at the predicted pose alone.
+  // Faces seen at a cosine below this (negative: turned away by as much) still show their lines.
+  // core/association/README.md, section 3: grazing faces are kept, never dropped by a threshold at the predicted pose
+  // alone.
   double grazing_cosine = -0.02;
 
   absl::Status Validate() const;

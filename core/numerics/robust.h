@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// Robust weights and scales (method.md 2.6, where the published formulas are corrected).
+// Robust weights and scales (core/estimation/README.md, section 1, which corrects the published formulas).
 #pragma once
 
 #include <array>
@@ -55,7 +55,8 @@ class ExpTable {
   std::array<double, kSize> values_;
 };
 
-// The mixture of method.md 2.6: events of lines are normal about their line, the rest uniform over the gate.
+// The mixture of core/estimation/README.md, section 1: events of lines are normal about their line, the rest uniform
+// over the gate.
 struct MixtureDensity {
   double sigma_px = 1.0;
   double outlier_ratio = 0.1;  // eps

@@ -193,7 +193,7 @@ SceneObject MakeBook(double size) {
   builder.AddPaintWithLines(body, kFront, {0.08, 0.12, 0.26, 0.88}, 0.85, kCover);  // title
   builder.AddPaintWithLines(body, kFront, {0.40, 0.20, 0.78, 0.80}, 0.70, kCover);  // picture
   builder.AddPaintWithLines(body, kFront, {0.48, 0.32, 0.66, 0.60}, 0.17, 0.70);    // in the picture
-  // A rule, about 2 px wide at 1 m: two edges whose line is the centre (method.md 2.10, 3).
+  // A rule, about 2 px wide at 1 m: two edges whose line is the centre (core/estimation/README.md, section 3).
   constexpr double kRuleU = 0.89;
   constexpr double kRuleHalfWidth = 0.005;
   builder.AddPaint(body, kFront, {kRuleU - kRuleHalfWidth, 0.12, kRuleU + kRuleHalfWidth, 0.88}, 0.9, kCover);

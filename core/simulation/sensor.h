@@ -7,9 +7,10 @@
 // threshold the pixel sends an event, is held for the refractory time, and memorises the level it has then.
 //
 // What follows from it, and is not corrected: the logarithm puts ON events ahead of an edge's true place and OFF events
-// behind it by the same distance (bright things look larger, method.md 2.10), 0.13 px for the square pixel alone and
-// 0.23 px with the default lens; the low pass makes both late by about its time constant 1 / (2 pi bandwidth), 53 us by
-// default in full light. With infinite bandwidth and equal thresholds the mean of the two is the edge: no bias.
+// behind it by the same distance (bright things look larger, core/estimation/README.md, section 3), 0.13 px for the
+// square pixel alone and 0.23 px with the default lens; the low pass makes both late by about its time constant 1 / (2
+// pi bandwidth), 53 us by default in full light. With infinite bandwidth and equal thresholds the mean of the two is
+// the edge: no bias.
 #pragma once
 
 #include <cstdint>

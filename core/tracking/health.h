@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// Whether the events speak for the pose (method.md 2.9). Counts of events near the lines, against what clutter would
-// give.
+// Whether the events speak for the pose (core/tracking/README.md, section 1). Counts of events near the lines, against
+// what clutter would give.
 #pragma once
 
 #include <Eigen/Core>
@@ -16,7 +16,8 @@
 
 namespace evpose {
 
-// Track health (method.md 2.9): tests with stated false alarm rates, all on the same count of events.
+// Track health (core/tracking/README.md, section 1): tests with stated false alarm rates, all on the same count of
+// events.
 struct HealthOptions {
   // Pixels: events this near to their line count as its own, of those within gate_px of it. Where nothing is, the share
   // of the near ones is that of the areas.

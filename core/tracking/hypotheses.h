@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// Poses that the events have to decide between (method.md 2.3: a second mode is a hypothesis until the cost decides).
+// Poses that the events have to decide between (core/tracking/README.md, section 2).
 #pragma once
 
 #include <memory>

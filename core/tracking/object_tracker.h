@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// One object in the windows of a stream: searched for, followed, lost and found again (method.md 2.3 to 2.9).
+// One object in the windows of a stream: searched for, followed, lost and found again (core/tracking/README.md).
 #pragma once
 
 #include <cstdint>

@@ -39,7 +39,8 @@ struct InitializationReport {
 // One estimate, in the notation of the API's Pose message.
 struct PoseEstimate {
   uint32_t object_index = 0;
-  int64_t t_us = 0;  // the time the pose is for: the events' mid-window, where it is best known (method.md 2.8)
+  int64_t t_us = 0;  // the time the pose is for: the events' mid-window, where it is best known
+                     // (core/estimation/README.md, section 2)
   RigidTransform camera_from_object;
   Matrix6d covariance = Matrix6d::Zero();  // of [tx ty tz rx ry rz], m and rad, left perturbation
   Vector6d twist = Vector6d::Zero();       // [vx vy vz wx wy wz]: dT/dt = v, dR/dt = w^ R, m/s and rad/s

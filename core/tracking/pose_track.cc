@@ -132,7 +132,7 @@ double PoseTrack::Explains(Observation observation, const Competitors* others) c
 }
 
 const WindowFit& PoseTrack::FitWindow(const EventWindow& window, const Competitors* others, WindowInput& input) {
-  constexpr double kFallenRatio = 0.6;  // of the running mean: method.md 2.10 (4)
+  constexpr double kFallenRatio = 0.6;  // of the running mean: core/estimation/README.md, section 5
   constexpr double kForget = 0.05;      // the mean is over about 20 windows
   const MotionState predicted = Predicted(window.t_mid_us(), 1.0);
   input = Gather(window, others, predicted, 1.0);
@@ -304,8 +304,8 @@ void PoseTrack::UpdateState(const HealthVerdict& verdict, int64_t t_us) {
 }
 
 // While the events do not speak for the pose, the fit's own covariance is that of a wrong association: small, and no
-// sign of health (method.md 2.9). What is known then is the last supported state and how far an object may have got
-// since.
+// sign of health (core/tracking/README.md, section 1). What is known then is the last supported state and how far an
+// object may have got since.
 Matrix6d PoseTrack::PublishedCovariance(const MotionState& state) const {
   if (!unsupported_ && !in_doubt_) return state.covariance.topLeftCorner<6, 6>();
   const int64_t since_us = std::max<int64_t>(0, state.t_us - supported_at_us_);

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// One hypothesis about where the object is, followed from window to window (method.md 2.4 to 2.9).
+// One hypothesis about where the object is, followed from window to window (core/tracking/README.md).
 #pragma once
 
 #include <cstdint>

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// Events in, poses of one object or several out: windows, prediction, association, estimation, health (method.md 2).
+// Events in, poses of one object or several out: windows, prediction, association, estimation, health (core/README.md).
 #pragma once
 
 #include <cstdint>

@@ -12,7 +12,7 @@
 
 namespace evpose {
 
-// The search for the pose, at the start and after a loss (method.md 2.2, 2.3).
+// The search for the pose, at the start and after a loss (core/detection/README.md and core/initialization/README.md).
 struct InitializationOptions {
   // False: the pose is only ever given, as in the published method; what is lost stays lost.
   bool is_automatic = true;

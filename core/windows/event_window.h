@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// Hybrid event clustering: the stream cut into windows by sensor time and by count (method.md 2.1, the paper's Fig. 2).
+// Hybrid event clustering: the stream cut into windows by sensor time and by count (core/windows/README.md, section 1,
+// the paper's Fig. 2).
 //
 // The rules:
 // 1. Time is cut into intervals. A window ends at the first interval boundary at which it holds `min_events`: too few

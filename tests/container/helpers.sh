@@ -101,6 +101,7 @@ build_images() {
   rm -rf "$context"
 }
 
+# shellcheck disable=SC2154  # the scripts that source this file set compose_file and project
 compose() { docker compose --file "$compose_file" --project-name "$project" "$@"; }
 
 # In $work: "cube", the recording of compose.yaml's demo, and "long", and their trajectories without containers.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 # Prometheus, Redis and HAProxy out of Debian's packages, in the place of the images that the compose files name, where no
 # registry is to be had. Programs, users and directories are where those images have them.
 FROM debian:bookworm-slim AS packages

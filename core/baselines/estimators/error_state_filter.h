@@ -19,8 +19,8 @@ struct ErrorStateFilterOptions {
   double two_lines_px = 3.0;    // events this close to two lines are rejected
   double gate_chi2 = 6.63;      // of the squared innovation over its variance: 99 %, one degree of freedom
   double injection_s = 100e-6;  // seconds: the lines are projected anew so often; 10 kHz in the published filter
-  // So many events count as one (method.md 2.10 (8)). The published filter takes each for new, and its covariance
-  // shrinks until the gate holds nothing but the noise.
+  // So many events count as one (core/estimation/README.md, section 7). The published filter takes each for new, and
+  // its covariance shrinks until the gate holds nothing but the noise.
   double events_per_information = 20.0;
   int max_events = 16'384;  // events per window, evenly drawn: all but in a flood
 };

@@ -16,7 +16,8 @@ enum class Estimator {
   kStaticS,
   kStaticMm,
   kErrorStateFilter,  // event by event, with the motion prior, as line-SLAM with events does
-  // The static ones as the paper's released code computes: no visibility, no prediction (method.md 2.6).
+  // The static ones as the paper's released code computes: no visibility, no prediction (core/estimation/README.md,
+  // section 1).
   kReleasedLs,
   kReleasedM,
   kReleasedS,

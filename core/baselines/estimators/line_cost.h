@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// The weighted squares of event-to-line distances as Ceres minimises them. A distance is linear in its event (method.md
-// 2.7), so three residuals per line hold what all of its events say of a pose, exactly.
+// The weighted squares of event-to-line distances as Ceres minimises them. A distance is linear in its event
+// (core/geometry/README.md, section 3), so three residuals per line hold what all of its events say of a pose, exactly.
 #pragma once
 
 #include <ceres/cost_function.h>

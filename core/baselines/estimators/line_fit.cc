@@ -37,7 +37,7 @@ Influence PrintedScaleInfluence(double u) {
   return {rho_ratio, TukeyWeight(u, kTukeyBreakdown) - rho_ratio};
 }
 
-// The residual times w: w^2 in the cost (method.md 2.6 on the released code).
+// The residual times w: w^2 in the cost (core/estimation/README.md, section 1).
 Influence Squared(const Influence& of) {
   const double u_times_derivative = of.slope - of.weight;
   return {of.weight * of.weight, of.weight * of.weight + 2.0 * of.weight * u_times_derivative};

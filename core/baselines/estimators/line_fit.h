@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 
 // Pose from events whose lines are known: the published estimators under one interface, served by Ceres (the paper's
-// Sec. III-D; method.md 2.6), and the filter they are compared with. What the static window estimators and the
-// synthetic experiment share.
+// Sec. III-D; core/estimation/README.md, section 1), and the filter they are compared with. What the static window
+// estimators and the synthetic experiment share.
 #pragma once
 
 #include <vector>
@@ -21,7 +21,8 @@ enum class LineFitMethod {
   kTukeyM,        // scale: MAD about the median of the signed distances, anew at every re-weighting
   kTukeyS,        // the scale that solves mean(rho(d / sigma)) = 0.1995 at c = 1.547, together with the pose
   kTukeyMm,       // S, then M at c = 4.685 with the scale of S, frozen
-  kMixture,       // normal about the line, uniform over the gate; share and spread by EM (method.md 2.6)
+  kMixture,  // normal about the line, uniform over the gate; share and spread by EM (core/estimation/README.md, section
+             // 1)
   // One sweep of an error-state Kalman filter over the events in their order, each a scalar update gated by its
   // chi-square, after Chamorro, Sola, Andrade-Cetto, "High-Speed Event Camera Tracking", BMVC 2020, with a map that is
   // known and no motion. The formulas play no part.
@@ -29,7 +30,7 @@ enum class LineFitMethod {
 };
 
 enum class LineFitFormulas {
-  kCorrected,  // as method.md 2.6 has them
+  kCorrected,  // as core/estimation/README.md, section 1 has them
   // As the paper's released code computes: MAD of |d|, the residual times w (so w squared), w divided by its sum,
   // solver tolerances of 1e-3, at which the re-weighting ends, too; else by the paper's formulas as printed: the scale
   // and weight of S by its eqs. (eqs4), (eqs5), MM with a scale that goes on changing (its Algorithm 1). There is no

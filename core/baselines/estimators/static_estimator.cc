@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// The published static fit (the paper's Sec. III-C and III-D, with the corrections of method.md 2.6): one pose for all
-// events of the window, each event given to one line by fixed gates at the predicted pose, and LS, M, S or MM
-// (line_fit.h). And the same as its released code has it: wider gates, all lines at once, hidden ones too, from the
-// last pose without a prediction.
+// The published static fit (the paper's Sec. III-C and III-D, with the corrections of core/estimation/README.md,
+// section 1): one pose for all events of the window, each event given to one line by fixed gates at the predicted pose,
+// and LS, M, S or MM (line_fit.h). And the same as its released code has it: wider gates, all lines at once, hidden
+// ones too, from the last pose without a prediction.
 #include "core/baselines/estimators/static_estimator.h"
 
 #include <cmath>

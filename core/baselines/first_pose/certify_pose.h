@@ -14,8 +14,8 @@
 namespace evpose {
 
 // Whether the rotation of a pose, of a PoseHypothesis for example, attains the global maximum of the published
-// objective E (CertifyRotation; LOPET, Sec. III-B; method.md 2.3): no rotation makes more of the segments perpendicular
-// to one of the model's directions. Segments without length count for nothing.
+// objective E (CertifyRotation; LOPET, Sec. III-B; core/initialization/README.md): no rotation makes more of the
+// segments perpendicular to one of the model's directions. Segments without length count for nothing.
 //
 // kNotMaximum does not say that the pose is wrong: E sees neither which line is which nor where the lines end, it
 // grants every segment the same angle however short it is, and with spurious segments its maximum is often elsewhere.

@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 
 // The globally best rotation of an object whose image lines are not known by name: the branch and bound of the source
-// paper (LOPET, Sec. III-B "Initial Pose Estimation"; method.md 2.3), with a proof in hand: equal bounds.
+// paper (LOPET, Sec. III-B "Initial Pose Estimation"; core/initialization/README.md), with a proof in hand: equal
+// bounds.
 //
 // It maximises E(R) of CountPerpendicular over all rotations. The objective counts: it has plateaus, and E(RQ) = E(R)
 // for every symmetry Q of the set of directions (24 for a box), so that a rotation alone says neither which of the

@@ -21,7 +21,8 @@ struct DeterminacyOptions {
 };
 
 // Three questions about the visible parts of lines at a true pose, as if every one of them had been found:
-// - Does the Cramer-Rao bound of the distances of the segments' end points from their lines (method.md 3) allow the
+// - Does the Cramer-Rao bound of the distances of the segments' end points from their lines
+// (core/experiments/README.md, section 2) allow the
 //   errors, in rotation and position each, in the worst direction?
 // - Is the other pose of a flat scene (its depths turned over) told apart by the residuals, by `num_sigmas` of the
 //   likelihood ratio, or by the lines that it would show?

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// The source paper's synthetic experiment (Sec. IV-A, Fig. 6; method.md 3): events about random lines of which it is
-// known, rightly or wrongly, which line each belongs to.
+// The source paper's synthetic experiment (Sec. IV-A, Fig. 6; core/experiments/README.md, section 2): events about
+// random lines of which it is known, rightly or wrongly, which line each belongs to.
 #pragma once
 
 #include <cstdint>
@@ -62,8 +62,8 @@ SyntheticError CompareWithTruth(const SyntheticTrial& trial, const RigidTransfor
 // What the events of a trial tell about the pose at the very best.
 struct SyntheticBound {
   // Fisher's information about [translation, rotation], left perturbation, of the events whose line is right:
-  // F = sigma^-2 sum_j A_j^T (sum_i b_i b_i^T) A_j at the truth (method.md 2.7 and 3), with b_i the events' places on
-  // their lines. The covariance of any unbiased estimate is at least F^-1, the Cramer-Rao bound.
+  // F = sigma^-2 sum_j A_j^T (sum_i b_i b_i^T) A_j at the truth (core/experiments/README.md, equation (1)), with b_i
+  // the events' places on their lines. The covariance of any unbiased estimate is at least F^-1, the Cramer-Rao bound.
   Matrix6d information = Matrix6d::Zero();
   // The error of the efficient estimator under this trial's own noise, -F^-1 sum_i A_j^T b_i d_i / sigma^2: a step of
   // maximum likelihood that starts at the truth and is told which events are outliers. Over the noise it is distributed

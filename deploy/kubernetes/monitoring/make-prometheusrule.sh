@@ -5,6 +5,8 @@ set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")"
 {
   cat <<'HEAD'
+# SPDX-License-Identifier: Apache-2.0
+
 # Made by make-prometheusrule.sh of deploy/prometheus/alerts.yml: change that, and run it again.
 apiVersion: monitoring.coreos.com/v1
 kind: PrometheusRule

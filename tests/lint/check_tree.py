@@ -1,0 +1,93 @@
+#!/usr/bin/env python3
+# SPDX-License-Identifier: Apache-2.0
+"""Checks the tree of tracked files: licence lines, sizes of folders and of the README, and whether every document, section
+and equation that is cited exists. Prints each finding as `file:line: text` and exits with status 1 if there is one."""
+
+import collections
+import os
+import re
+import subprocess
+import sys
+
+MAX_FOLDER_FILES = 45
+MAX_README_LINES = 150
+# Folders that are about to be split.
+LARGE_FOLDERS = {"client/cli": 76, "server/sessions": 72, "server/stores": 47}
+LICENCE = "SPDX-License-Identifier: Apache-2.0"
+NEEDS_LICENCE = re.compile(r"(\.(h|cc|proto|sh|py|cmake|yaml|yml)|CMakeLists\.txt|Dockerfile)$")
+DOCUMENT = re.compile(r"(?<![\w/.-])((?:\.\./|[\w-]+/)*[\w-]+\.md)(?:,? sections? (\d+)(?: and (\d+))?|,? equations? \((\d+)\))?")
+LINK = re.compile(r"\]\((?!https?:)([^)#\s]+)")
+
+
+def tracked_files():
+    out = subprocess.run(["git", "ls-files", "-z"], check=True, capture_output=True, text=True).stdout
+    return [f for f in out.split("\0") if f and not f.startswith(("tests/fuzz/seeds/", "tests/fuzz/findings/"))]
+
+
+def resolve(path, from_file):
+    for base in ("", os.path.dirname(from_file)):
+        candidate = os.path.normpath(os.path.join(base, path))
+        if os.path.exists(candidate):
+            return candidate
+    return None
+
+
+def comment_text(text):
+    """Joins comment lines, so that a citation that is broken across two lines is found; keeps positions by line."""
+    return re.sub(r"\n[ \t]*(//|#)[ \t]?", lambda m: " " * len(m.group(0)), text)
+
+
+def check_citations(file, text, findings):
+    flat = comment_text(text)
+    for match in DOCUMENT.finditer(flat):
+        line = text.count("\n", 0, match.start()) + 1
+        target = resolve(match.group(1), file)
+        if target is None:
+            findings.append(f"{file}:{line}: {match.group(1)} does not exist")
+            continue
+        with open(target, encoding="utf-8") as f:
+            document = f.read()
+        for section in filter(None, match.group(2, 3)):
+            if not re.search(rf"^## {section}\.", document, re.M):
+                findings.append(f"{file}:{line}: {target} has no section {section}")
+        equation = match.group(4)
+        if equation and not re.search(rf"\({equation}\)\s*$", document, re.M):
+            findings.append(f"{file}:{line}: {target} has no equation ({equation})")
+    if file.endswith(".md"):
+        for match in LINK.finditer(text):
+            if resolve(match.group(1), file) is None:
+                line = text.count("\n", 0, match.start()) + 1
+                findings.append(f"{file}:{line}: the link to {match.group(1)} leads nowhere")
+
+
+def main():
+    files = tracked_files()
+    findings = []
+    folders = collections.Counter(os.path.dirname(f) for f in files)
+    for folder, count in sorted(folders.items()):
+        limit = LARGE_FOLDERS.get(folder, MAX_FOLDER_FILES)
+        if count > limit:
+            findings.append(f"{folder}: {count} files; at most {limit} are allowed: split the folder")
+    for file in files:
+        if not os.path.isfile(file):
+            continue
+        try:
+            with open(file, encoding="utf-8") as f:
+                text = f.read()
+        except UnicodeDecodeError:
+            continue
+        if NEEDS_LICENCE.search(file) and LICENCE not in text[:400]:
+            findings.append(f"{file}:1: the licence line is missing: {LICENCE}")
+        if not file.startswith("tests/lint/"):
+            check_citations(file, text, findings)
+    with open("README.md", encoding="utf-8") as f:
+        lines = sum(1 for _ in f)
+    if lines > MAX_README_LINES:
+        findings.append(f"README.md: {lines} lines; at most {MAX_README_LINES} are allowed: move details to a folder's README")
+    for finding in findings:
+        print(finding)
+    return 1 if findings else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
