@@ -95,7 +95,7 @@ void Hypotheses::DropRefused() {
     return entry.track->state() != TrackState::kInitializing;
   });
   const int times = has_believed ? kTimesBesideABelieved : 1;
-  DropIf([times](const PoseTrack& track) { return track.is_refused(times); });
+  DropIf([times](const PoseTrack& track) { return track.is_rejected(times); });
 }
 
 void Hypotheses::DropSame() {
@@ -120,7 +120,7 @@ void Hypotheses::DropWorse() {
     for (size_t j = 0; j < entries_.size(); ++j) {
       if (j == i || Preference(j, i) < context_.options.initialization.decision_sigma) continue;
       // What is liked better than one that the verdicts were for was refused by chance.
-      if (entries_[i].track->state() != TrackState::kInitializing) entries_[j].track->Reprieve();
+      if (entries_[i].track->state() != TrackState::kInitializing) entries_[j].track->ClearContradictions();
       Remove(i);
       break;
     }

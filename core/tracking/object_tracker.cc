@@ -34,7 +34,7 @@ void ObjectTracker::SetOthers(std::vector<const ObjectTracker*> others) {
 }
 
 void ObjectTracker::BeginWindow() {
-  is_known_ = is_claimed_;
+  is_known_ = IsPublished(phase_);
   if (hypotheses_.empty()) sightings_.clear();
 }
 
@@ -46,8 +46,8 @@ void ObjectTracker::OnGap(const EventGap& gap) {
 }
 
 void ObjectTracker::Finish() {
-  // The events are over, and never spoke for the pose that was given.
-  if (is_given_ || given_pose_) Lose();
+  // The stream has ended without support for the given pose.
+  if (IsGiven(phase_) || given_pose_) Lose();
 }
 
 void ObjectTracker::ResetPose(const RigidTransform& camera_from_object, std::optional<int64_t> at_us) {
@@ -57,11 +57,11 @@ void ObjectTracker::ResetPose(const RigidTransform& camera_from_object, std::opt
   sightings_.clear();
   idle_state_ = TrackState::kInitializing;
   report_.status = InitializationStatus::kVerifying;
-  is_claimed_ = false;
+  Enter(ObjectInput::kReset);
 }
 
 double ObjectTracker::ImageSpeedPxPerS() const {
-  if (!is_claimed_) return 0.0;
+  if (!IsPublished(phase_)) return 0.0;
   const MotionState& motion = hypotheses_.first().motion();
   const Eigen::Vector3d arm = motion.camera_from_object.rotation * sphere_.centre;
   const Eigen::Vector3d centre = motion.camera_from_object.translation_m + arm;
@@ -74,14 +74,15 @@ double ObjectTracker::ImageSpeedPxPerS() const {
 }
 
 TrackState ObjectTracker::state() const {
-  if (!is_claimed_) return idle_state_;
-  return hypotheses_.size() > 1 && !is_decided_ ? TrackState::kDegraded : hypotheses_.first().state();
+  if (!IsPublished(phase_)) return idle_state_;
+  const bool has_competitors = hypotheses_.size() > 1 && IsCompeting(phase_);
+  return has_competitors ? TrackState::kDegraded : hypotheses_.first().state();
 }
 
 void ObjectTracker::OnWindow(const EventWindow& window, std::vector<PoseEstimate>& estimates) {
   if (given_pose_) StartFromGivenPose(window);
   if (initializer_ != nullptr) {
-    if (is_claimed_ && reviews_left_ == 0 && state() == TrackState::kTracking) {
+    if (IsPublished(phase_) && reviews_left_ == 0 && state() == TrackState::kTracking) {
       memory_.Clear();
       retry_us_ = context_.options.initialization.review_us;
     } else {
@@ -104,8 +105,7 @@ void ObjectTracker::StartFromGivenPose(const EventWindow& window) {
   sightings_.clear();
   hypotheses_.Add(InitialMotionState(pose, t_us, focal_px, context_.options.initial));
   followed_since_us_ = t_us;
-  is_given_ = true;
-  is_decided_ = false;
+  Enter(ObjectInput::kGivenPose);
   memory_.Clear();
   // The events are asked about it first, before the search is.
   next_search_us_ = window.t_end_us + context_.options.initialization.retry_us;
@@ -113,29 +113,35 @@ void ObjectTracker::StartFromGivenPose(const EventWindow& window) {
 }
 
 void ObjectTracker::Follow(const EventWindow& window, std::vector<PoseEstimate>& estimates) {
-  const PoseTrack* believed = is_given_ || (is_claimed_ && is_decided_) ? &hypotheses_.first() : nullptr;
+  // Its rejection is a loss, even if competitors are left.
+  const bool counts_as_loss = IsGiven(phase_) || phase_ == ObjectPhase::kPublished;
+  const PoseTrack* first = &hypotheses_.first();
   hypotheses_.OnWindow(window, OthersAt(window, hypotheses_.size() == 1 ? &hypotheses_.first().motion() : nullptr));
   hypotheses_.DropIf([this](const PoseTrack& track) { return IsTaken(track); });
   if (hypotheses_.empty()) {
-    if (is_claimed_ || is_given_) Lose();
+    if (IsPublished(phase_) || IsGiven(phase_)) CountLoss();
+    Enter(ObjectInput::kAllRejected);
     report_.status = InitializationStatus::kNoPoseFits;
     return;
   }
-  // The pose that was reported, or given, is refuted, and others are left: one of them is reported when it is sure.
-  if (believed != nullptr && believed != &hypotheses_.first()) CountLoss();
-  if (hypotheses_.size() == 1) is_decided_ = true;
-  // Once one is reported, it is left for a likelier one, not for every wavering of the balance.
-  if (!is_decided_ && !is_given_) {
-    hypotheses_.PutBestFirst(is_claimed_ ? 0.5 * context_.options.initialization.decision_sigma : 0.0);
+  if (counts_as_loss && first != &hypotheses_.first()) {
+    // Competitors are left: one of them is reported when it is confirmed.
+    CountLoss();
+    Enter(ObjectInput::kFirstRejected);
+  }
+  if (hypotheses_.size() == 1) Enter(ObjectInput::kSingleLeft);
+  // A published pose is replaced only by one that is significantly more likely.
+  if (IsCompeting(phase_) && !IsGiven(phase_)) {
+    hypotheses_.PutBestFirst(IsPublished(phase_) ? 0.5 * context_.options.initialization.decision_sigma : 0.0);
   }
   Remember(window);
   const std::optional<PoseEstimate>& estimate = hypotheses_.estimate();
-  if (!is_claimed_) {
+  if (!IsPublished(phase_)) {
     report_.status = estimate ? InitializationStatus::kAmbiguous : InitializationStatus::kVerifying;
-    if (!estimate || !MayClaim(window)) return;
-    Claim(window);
+    if (!estimate || !MayPublish(window)) return;
+    StartPublishing(window);
   }
-  report_.status = is_decided_ ? InitializationStatus::kNotNeeded : InitializationStatus::kAmbiguous;
+  report_.status = IsCompeting(phase_) ? InitializationStatus::kAmbiguous : InitializationStatus::kNotNeeded;
   if (estimate) Publish(*estimate, estimates);
 }
 
@@ -148,15 +154,14 @@ void ObjectTracker::Publish(PoseEstimate estimate, std::vector<PoseEstimate>& es
   estimates.push_back(estimate);
 }
 
-bool ObjectTracker::MayClaim(const EventWindow& window) const {
-  return is_decided_ || window.t_end_us - followed_since_us_ >= context_.options.initialization.undecided_us;
+bool ObjectTracker::MayPublish(const EventWindow& window) const {
+  return !IsCompeting(phase_) || window.t_end_us - followed_since_us_ >= context_.options.initialization.undecided_us;
 }
 
-void ObjectTracker::Claim(const EventWindow& window) {
+void ObjectTracker::StartPublishing(const EventWindow& window) {
   const InitializationOptions& options = context_.options.initialization;
-  is_claimed_ = true;
-  reviews_left_ = is_given_ ? 0 : options.num_reviews;
-  is_given_ = false;
+  reviews_left_ = IsGiven(phase_) ? 0 : options.num_reviews;
+  Enter(ObjectInput::kPublication);
   retry_us_ = options.review_us;
   next_search_us_ = window.t_end_us + options.review_us;
 }
@@ -174,7 +179,7 @@ void ObjectTracker::Search(const EventWindow& window, std::vector<PoseEstimate>&
   retry_us_ = std::min(is_vain ? options.max_vain_retry_us : options.max_retry_us, retry_us_ + retry_us_ / 4 + 1);
   next_search_us_ = window.t_end_us + retry_us_;
   if (hypotheses_.empty()) return;
-  is_decided_ = false;
+  Enter(ObjectInput::kPosesFound);
   sightings_.clear();
   followed_since_us_ = hypotheses_.first().motion().t_us;
   // They catch up with the present.
@@ -188,18 +193,19 @@ void ObjectTracker::Search(const EventWindow& window, std::vector<PoseEstimate>&
 bool ObjectTracker::MayReview() const {
   if (initializer_ == nullptr || hypotheses_.empty()) return false;
   if (memory_.num_events() < static_cast<size_t>(context_.options.initialization.min_events)) return false;
-  // What was turned down would be back, and what the events have said so far is not said of it again.
-  if (!is_claimed_ && report_.status == InitializationStatus::kAmbiguous) return false;
-  // Whether an object stands still or is gone, its own lines do not tell: it may be back elsewhere.
-  return !is_claimed_ || reviews_left_ > 0 || state() == TrackState::kDegraded;
+  // While ambiguous, a new search would re-create hypotheses that were already rejected, without the evidence
+  // accumulated against them.
+  if (!IsPublished(phase_) && report_.status == InitializationStatus::kAmbiguous) return false;
+  // Events near its lines do not distinguish an object at rest from one that has gone: it may reappear elsewhere.
+  return !IsPublished(phase_) || reviews_left_ > 0 || state() == TrackState::kDegraded;
 }
 
 void ObjectTracker::Review(const EventWindow& window) {
   const InitializationOptions& options = context_.options.initialization;
   int64_t wait_us = options.review_us;
-  if (is_claimed_ && reviews_left_ > 0) {
+  if (IsPublished(phase_) && reviews_left_ > 0) {
     --reviews_left_;
-  } else if (is_claimed_) {
+  } else if (IsPublished(phase_)) {
     // In flicker or clutter a right pose is in doubt for long: another is looked for less often, but as often as an
     // object that is gone must be found when it returns.
     wait_us = retry_us_;
@@ -213,7 +219,7 @@ void ObjectTracker::Review(const EventWindow& window) {
     const EventWindow past = memory_.At(i);
     if (past.t_mid_us() >= since_us) challengers.OnWindow(past, OthersAt(past, nullptr));
   }
-  if (!challengers.empty()) is_decided_ = is_decided_ && is_claimed_;
+  if (!challengers.empty()) Enter(ObjectInput::kChallengers);
   hypotheses_.Join(std::move(challengers));
 }
 
@@ -304,7 +310,7 @@ bool ObjectTracker::IsTaken(const PoseTrack& track) const {
   constexpr double kSamePlaceRatio = 0.1;  // of the radius
   const Eigen::Vector3d centre = SphereAt(track.motion().camera_from_object).centre;
   return std::any_of(others_.begin(), others_.end(), [&](const ObjectTracker* other) {
-    if (!other->is_claimed_ || other->context_.model != context_.model) return false;
+    if (!IsPublished(other->phase_) || other->context_.model != context_.model) return false;
     const RigidTransform& pose = other->hypotheses_.first().motion().camera_from_object;
     return (other->SphereAt(pose).centre - centre).norm() < kSamePlaceRatio * sphere_.radius_m;
   });
@@ -323,13 +329,13 @@ void ObjectTracker::Remember(const EventWindow& window) {
 void ObjectTracker::VisitState(auto& archive, auto& self) {
   auto& [context, reference_rotation, sphere, memory, initializer, idle_state, report, losses, last_tracked,
          last_published_us, given_pose, given_at_us, next_search_us, retry_us, reviews_left, hypotheses,
-         followed_since_us, is_given, is_claimed, is_decided, others, competitors, sightings, is_known, pixel_events] =
-      self;
+         followed_since_us, phase, others, competitors, sightings, is_known, pixel_events] = self;
   constexpr int64_t kMax_us = kMaxStateTime_us;
   archive(memory, AtMost(idle_state, TrackState::kLost), report, losses, last_tracked, last_published_us, given_pose,
           given_at_us, InRange(next_search_us, -kMax_us, kMax_us), AtMost(retry_us, kMax_us),
           AtMost(reviews_left, context.options.initialization.num_reviews), hypotheses,
-          InRange(followed_since_us, -kMax_us, kMax_us), is_given, is_claimed, is_decided, sightings, is_known);
+          InRange(followed_since_us, -kMax_us, kMax_us), AtMost(phase, ObjectPhase::kPublishedCompeting), sightings,
+          is_known);
 }
 
 void ObjectTracker::SaveState(StateWriter& writer) const { VisitState(writer, *this); }
@@ -340,7 +346,7 @@ void ObjectTracker::LoadState(StateReader& reader) {
 }
 
 bool ObjectTracker::IsConsistent() const {
-  if (is_claimed_ && hypotheses_.empty()) return false;
+  if ((phase_ == ObjectPhase::kSearching) != hypotheses_.empty()) return false;
   if (given_at_us_ && (*given_at_us_ < -kMaxStateTime_us || *given_at_us_ > kMaxStateTime_us)) return false;
   const int num_lines = static_cast<int>(context_.model->lines.size());
   return std::all_of(sightings_.begin(), sightings_.end(), [num_lines](const Sighting& sighting) {
@@ -352,14 +358,14 @@ bool ObjectTracker::IsConsistent() const {
 
 void ObjectTracker::Lose() {
   CountLoss();
+  Enter(ObjectInput::kAllRejected);
   hypotheses_.Clear();
   given_pose_.reset();
 }
 
+void ObjectTracker::Enter(ObjectInput input) { phase_ = NextPhase(phase_, input); }
+
 void ObjectTracker::CountLoss() {
-  is_claimed_ = false;
-  is_decided_ = false;
-  is_given_ = false;
   idle_state_ = TrackState::kLost;
   retry_us_ = context_.options.initialization.retry_us;
   ++losses_;

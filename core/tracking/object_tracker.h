@@ -13,6 +13,7 @@
 #include "core/association/competitors.h"
 #include "core/initialization/initializer.h"
 #include "core/tracking/hypotheses.h"
+#include "core/tracking/track_phase.h"
 #include "core/tracking/tracker.h"
 #include "core/windows/event_window.h"
 #include "core/windows/window_memory.h"
@@ -76,9 +77,9 @@ class ObjectTracker {
   // Whether another object of the same model is reported at this place: it is one and the same.
   bool IsTaken(const PoseTrack& track) const;
   void Remember(const EventWindow& window);
-  // Whether the best hypothesis may be reported now.
-  bool MayClaim(const EventWindow& window) const;
-  void Claim(const EventWindow& window);
+  // Whether the first hypothesis may be reported now.
+  bool MayPublish(const EventWindow& window) const;
+  void StartPublishing(const EventWindow& window);
   void Search(const EventWindow& window, std::vector<PoseEstimate>& estimates);
   // Asks the initializer again, and lets what it finds challenge the pose that is reported.
   bool MayReview() const;
@@ -92,8 +93,10 @@ class ObjectTracker {
   MotionState StartState(const FirstPose& first) const;
   void Publish(PoseEstimate estimate, std::vector<PoseEstimate>& estimates);
   void Lose();
-  // The pose that was reported, or given, is no longer believed.
+  // The pose that was reported, or given, was rejected.
   void CountLoss();
+  // The one place where the phase changes.
+  void Enter(ObjectInput input);
 
   const TrackContext context_;
   const Eigen::Matrix3d reference_rotation_;
@@ -114,9 +117,7 @@ class ObjectTracker {
 
   Hypotheses hypotheses_;
   int64_t followed_since_us_ = 0;
-  bool is_given_ = false;    // the hypothesis is a pose that was given, and the events have not spoken for it yet
-  bool is_claimed_ = false;  // the best hypothesis is reported
-  bool is_decided_ = false;  // there was a time when it was the only one
+  ObjectPhase phase_ = ObjectPhase::kSearching;
 
   std::vector<const ObjectTracker*> others_;
   std::unique_ptr<Competitors> competitors_;  // null without others

@@ -65,7 +65,7 @@ std::optional<PoseEstimate> PoseTrack::OnWindow(const EventWindow& window, const
   const bool usable = !input.lines.empty() && fit.state.covariance.allFinite() && pose.rotation.allFinite() &&
                       pose.translation_m.allFinite() && fit.state.twist.allFinite();
   if (!usable) {
-    state_ = TrackState::kLost;
+    Enter(TrackInput::kFailure, window.t_end_us);
     return std::nullopt;
   }
   motion_ = fit.state;
@@ -75,30 +75,30 @@ std::optional<PoseEstimate> PoseTrack::OnWindow(const EventWindow& window, const
   const HealthOptions& health = context_.options.health;
   ProjectLines(camera, motion_, input.lines, image_lines_);
   if (PredictedSpreadPx(camera, motion_, image_lines_) > health.max_uncertainty_px) {
-    state_ = TrackState::kLost;
+    Enter(TrackInput::kFailure, window.t_end_us);
     return std::nullopt;
   }
   // Before a pose is believed, every event has to speak for it.
   if (!input.is_believed) input.shares.telling = {1.0, 1.0};
   health_.AddWindow(camera, input, image_lines_, motion_.twist);
-  const bool confirming = state_ == TrackState::kInitializing;
-  const double support = on_trial_ ? health.confirm_support_ratio : health.keep_support_ratio;
+  const bool confirming = phase_ == TrackPhase::kTentative;
+  const double support = is_fully_tested_ ? health.keep_support_ratio : health.confirm_support_ratio;
   if (followed_since_us_ < 0) followed_since_us_ = window.t_begin_us;
   const int64_t patience_us = confirming ? health.min_span_us : health.patience_us;
   const HealthVerdict verdict =
       health_.Judge(support, health.confirm_support_ratio, confirming ? kConfirmLines : kKeepLines, patience_us);
   if (is_partly_hidden_ && input.lines.size() < static_cast<size_t>(kConfirmLines)) {
     // So little shows that its silence, or what else is there, is no evidence against the pose.
-    if (state_ == TrackState::kTracking) state_ = TrackState::kDegraded;
+    Enter(TrackInput::kOcclusion, window.t_end_us);
   } else {
-    UpdateState(verdict, window.t_end_us);
+    UpdatePhase(verdict, window.t_end_us);
   }
-  if (state_ != TrackState::kTracking && state_ != TrackState::kDegraded) return std::nullopt;
+  if (phase_ == TrackPhase::kTentative || phase_ == TrackPhase::kLost) return std::nullopt;
   return MakeEstimate(fit, input);
 }
 
 void PoseTrack::OnGap(int64_t gap_us) {
-  // supported_at_us_ stays: what is known of the pose since then has grown old.
+  // supported_at_us_ stays: the knowledge of the pose has aged by the gap.
   unsupported_since_us_ += gap_us;
   if (followed_since_us_ >= 0) followed_since_us_ += gap_us;
 }
@@ -109,9 +109,9 @@ std::optional<PoseEstimate> PoseTrack::Hold(const EventWindow& window) {
   const double spread_px = PredictedSpreadPx(context_.camera, motion_, image_lines_);
   image_lines_.clear();
   grid_.Build(image_lines_, 0.0);
-  if (spread_px > context_.options.health.max_uncertainty_px) state_ = TrackState::kLost;
-  if (state_ == TrackState::kTracking) state_ = TrackState::kDegraded;
-  if (state_ != TrackState::kDegraded) return std::nullopt;
+  const bool is_uncertain = spread_px > context_.options.health.max_uncertainty_px;
+  Enter(is_uncertain ? TrackInput::kFailure : TrackInput::kOcclusion, window.t_end_us);
+  if (phase_ == TrackPhase::kTentative || phase_ == TrackPhase::kLost) return std::nullopt;
   WindowFit fit;
   fit.state = motion_;
   return MakeEstimate(fit, WindowInput());
@@ -218,7 +218,7 @@ WindowInput PoseTrack::Gather(const EventWindow& window, const Competitors* othe
                               double gate_factor) {
   WindowInput input;
   input.duration_s = static_cast<double>(window.t_end_us - window.t_begin_us) * 1e-6;
-  input.is_believed = state_ != TrackState::kInitializing && !on_trial_;
+  input.is_believed = phase_ != TrackPhase::kTentative && is_fully_tested_;
   input.lines = estimator_->UsesVisibility() ? visible_lines_.At(predicted.camera_from_object) : all_lines_;
   is_hidden_ = is_partly_hidden_ = false;
   if (others != nullptr && estimator_->UsesVisibility() && !input.lines.empty()) {
@@ -260,73 +260,71 @@ WindowInput PoseTrack::Gather(const EventWindow& window, const Competitors* othe
   return input;
 }
 
-void PoseTrack::UpdateState(const HealthVerdict& verdict, int64_t t_us) {
-  // An object that stands still makes no events: those about the smaller part of its lines are of what passes there.
+void PoseTrack::UpdatePhase(const HealthVerdict& verdict, int64_t t_us) {
+  // An object at rest produces no events: events near the smaller part of its lines come from something that passes.
   constexpr double kMostLines = 0.5;
-  const bool is_passed = verdict.kind == HealthVerdict::Kind::kUnsupported && state_ != TrackState::kInitializing &&
-                         verdict.present_ratio < kMostLines;
+  const HealthOptions& health = context_.options.health;
+  const bool is_tentative = phase_ == TrackPhase::kTentative;
+  const bool is_passed =
+      verdict.kind == HealthVerdict::Kind::kUnsupported && !is_tentative && verdict.present_ratio < kMostLines;
   switch (is_passed ? HealthVerdict::Kind::kFewEvents : verdict.kind) {
     case HealthVerdict::Kind::kOpen:
       return;
     case HealthVerdict::Kind::kSupported:
-      if (verdict.testable_ratio >= context_.options.health.min_tested_ratio) on_trial_ = false;
-      if (state_ == TrackState::kInitializing && on_trial_ &&
-          t_us - followed_since_us_ < context_.options.health.max_hold_us) {
-        return;
-      }
-      state_ = TrackState::kTracking;
-      unsupported_ = false;
-      in_doubt_ = false;
-      supported_at_us_ = t_us;
+      if (verdict.testable_ratio >= health.min_tested_ratio) is_fully_tested_ = true;
+      // The first confirmation waits until most lines could be tested: a part of an object can equal another object.
+      if (is_tentative && !is_fully_tested_ && t_us - followed_since_us_ < health.max_hold_us) return;
+      Enter(TrackInput::kSupport, t_us);
       return;
     case HealthVerdict::Kind::kDoubtful:
-      // Right and partly hidden, or dragged away by what hides it: it is kept, and another pose may challenge it.
-      state_ = TrackState::kDegraded;
-      unsupported_ = false;
-      in_doubt_ = true;
+      // The pose is right and partly hidden, or attracted by what hides it. It is kept, and other poses may compete.
+      Enter(TrackInput::kPartialSupport, t_us);
       return;
     case HealthVerdict::Kind::kFewEvents:
-      // No events, no evidence either way: a still object makes none. But when the pose was already in doubt, as that
-      // of an object that is being covered, the silence does not speak for it.
-      if (state_ == TrackState::kTracking) state_ = TrackState::kDegraded;
+      // An object at rest makes no events, so that nothing follows; a pose that was doubtful stays so.
+      Enter(TrackInput::kFewEvents, t_us);
       break;
     case HealthVerdict::Kind::kUnsupported:
-      if (state_ == TrackState::kInitializing) {
-        ++unconfirmed_verdicts_;
-        return;
-      }
-      state_ = TrackState::kDegraded;
-      if (!unsupported_) unsupported_since_us_ = t_us;
-      unsupported_ = true;
+      if (is_tentative) ++num_contradictions_;
+      Enter(TrackInput::kContradiction, t_us);
       break;
   }
-  if (unsupported_ && t_us - unsupported_since_us_ >= context_.options.health.lost_after_us) state_ = TrackState::kLost;
+  if (phase_ == TrackPhase::kUnsupported && t_us - unsupported_since_us_ >= health.lost_after_us) {
+    Enter(TrackInput::kTimeout, t_us);
+  }
 }
 
-// While the events do not speak for the pose, the fit's own covariance is that of a wrong association: small, and no
-// sign of health (core/tracking/README.md, section 1). What is known then is the last supported state and how far an
+void PoseTrack::Enter(TrackInput input, int64_t t_us) {
+  const TrackPhase next = NextPhase(phase_, input);
+  if (next == TrackPhase::kConfirmed) supported_at_us_ = t_us;
+  if (next == TrackPhase::kUnsupported && phase_ != TrackPhase::kUnsupported) unsupported_since_us_ = t_us;
+  phase_ = next;
+}
+
+// While the events do not support the pose, the fit's own covariance is that of a wrong association: small, and no sign
+// of health (core/tracking/README.md, section 1). What is known then is the last supported state and how far an
 // object may have got since.
 Matrix6d PoseTrack::PublishedCovariance(const MotionState& state) const {
-  if (!unsupported_ && !in_doubt_) return state.covariance.topLeftCorner<6, 6>();
+  const bool is_unsupported = phase_ == TrackPhase::kUnsupported;
+  if (!is_unsupported && phase_ != TrackPhase::kDoubtful) return state.covariance.topLeftCorner<6, 6>();
   const int64_t since_us = std::max<int64_t>(0, state.t_us - supported_at_us_);
   const MotionPriorOptions& motion = context_.options.motion;
   const MotionState grown =
-      Predict(state, state.t_us + since_us, motion, unsupported_ ? motion.retry_noise_factor : 1.0);
+      Predict(state, state.t_us + since_us, motion, is_unsupported ? motion.retry_noise_factor : 1.0);
   return grown.covariance.topLeftCorner<6, 6>();
 }
 
 void PoseTrack::VisitState(auto& archive, auto& self) {
-  auto& [context, visible_lines, all_lines, grid, background, estimator, health, state, motion, usual_explained_ratio,
-         recent_signal, recent_background, answers, unconfirmed_verdicts, followed_since_us, on_trial, supported_at_us,
-         unsupported_since_us, unsupported, in_doubt, lines, unhidden_lines, is_hidden, is_partly_hidden, image_lines,
-         rates, near_events, line_events, past_answers, fit, second_fit] = self;
+  auto& [context, visible_lines, all_lines, grid, background, estimator, health, phase, motion, usual_explained_ratio,
+         recent_signal, recent_background, answers, num_contradictions, followed_since_us, is_fully_tested,
+         supported_at_us, unsupported_since_us, lines, unhidden_lines, is_hidden, is_partly_hidden, image_lines, rates,
+         near_events, line_events, past_answers, fit, second_fit] = self;
   constexpr int64_t kMax_us = kMaxStateTime_us;
   constexpr int kMaxVerdicts = 1 << 20;
-  archive(visible_lines, background, *estimator, health, AtMost(state, TrackState::kLost), motion,
+  archive(visible_lines, background, *estimator, health, AtMost(phase, TrackPhase::kLost), motion,
           Finite(usual_explained_ratio), Finite(recent_signal), Finite(recent_background),
-          AtMost(unconfirmed_verdicts, kMaxVerdicts), InRange(followed_since_us, -kMax_us, kMax_us), on_trial,
-          InRange(supported_at_us, -kMax_us, kMax_us), InRange(unsupported_since_us, -kMax_us, kMax_us), unsupported,
-          in_doubt);
+          AtMost(num_contradictions, kMaxVerdicts), InRange(followed_since_us, -kMax_us, kMax_us), is_fully_tested,
+          InRange(supported_at_us, -kMax_us, kMax_us), InRange(unsupported_since_us, -kMax_us, kMax_us));
   archive(near_events);
   for (auto& answer : answers) archive(answer);
 }
@@ -341,7 +339,7 @@ PoseEstimate PoseTrack::MakeEstimate(const WindowFit& fit, const WindowInput& in
   estimate.camera_from_object = fit.state.camera_from_object;
   estimate.covariance = PublishedCovariance(fit.state);
   estimate.twist = fit.state.twist;
-  estimate.state = state_;
+  estimate.state = ReportedState(phase_);
   estimate.num_events = static_cast<uint32_t>(std::lround(fit.num_gated * input.shares.mean_events_per_observation));
   estimate.explained_ratio = static_cast<float>(fit.explained_ratio());
   estimate.residual_rms_px = static_cast<float>(fit.residual_rms_px);

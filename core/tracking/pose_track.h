@@ -19,7 +19,8 @@
 #include "core/geometry/motion_prior.h"
 #include "core/models/visibility.h"
 #include "core/tracking/health.h"
-#include "core/tracking/tracker.h"
+#include "core/tracking/pose_estimate.h"
+#include "core/tracking/track_phase.h"
 #include "core/tracking/tracker_options.h"
 #include "core/windows/event_window.h"
 
@@ -36,7 +37,7 @@ struct TrackContext {
 
 class PoseTrack {
  public:
-  // INITIALIZING until the events have spoken for the state. `context` must outlive it.
+  // Tentative until the events support the pose. `context` must outlive it.
   PoseTrack(const TrackContext& context, const MotionState& start);
 
   // Predicts, associates, estimates, judges. The estimate is there while the state is TRACKING or DEGRADED. `others`:
@@ -46,15 +47,15 @@ class PoseTrack {
   // So long nobody looked before the next window: patience with the pose is no shorter for it.
   void OnGap(int64_t gap_us);
 
-  // LOST is final.
-  TrackState state() const { return state_; }
-  // INITIALIZING, and the events had the time to speak for it `times` times over, and did not.
-  bool is_refused(int times) const {
-    return state_ == TrackState::kInitializing &&
-           unconfirmed_verdicts_ >= times * context_.options.health.max_unconfirmed_verdicts;
+  TrackPhase phase() const { return phase_; }
+  TrackState state() const { return ReportedState(phase_); }
+  // Tentative, and contradicted by `times` times HealthOptions::max_unconfirmed_verdicts test results.
+  bool is_rejected(int times) const {
+    return phase_ == TrackPhase::kTentative &&
+           num_contradictions_ >= times * context_.options.health.max_unconfirmed_verdicts;
   }
-  // The verdicts against it are forgotten.
-  void Reprieve() { unconfirmed_verdicts_ = 0; }
+  // Clears the count of contradictions of a tentative track.
+  void ClearContradictions() { num_contradictions_ = 0; }
   // At the middle of the last window.
   const MotionState& motion() const { return motion_; }
   // The next window is predicted from this instead: for experiments that start every window elsewhere.
@@ -88,7 +89,9 @@ class PoseTrack {
   bool IsSilent(const WindowFit& fit);
   // The others hide all of it: it is where it was going to be, as surely as that can be said.
   std::optional<PoseEstimate> Hold(const EventWindow& window);
-  void UpdateState(const HealthVerdict& verdict, int64_t t_us);
+  void UpdatePhase(const HealthVerdict& verdict, int64_t t_us);
+  // The one place where the phase changes; sets what belongs to the new one.
+  void Enter(TrackInput input, int64_t t_us);
   Matrix6d PublishedCovariance(const MotionState& state) const;
   PoseEstimate MakeEstimate(const WindowFit& fit, const WindowInput& input) const;
 
@@ -100,19 +103,17 @@ class PoseTrack {
   std::unique_ptr<WindowEstimator> estimator_;
   TrackHealth health_;
 
-  TrackState state_ = TrackState::kInitializing;
+  TrackPhase phase_ = TrackPhase::kTentative;
   MotionState motion_;
   double usual_explained_ratio_ = 0.0;  // running mean
   double recent_signal_ = 0.0;          // events, fading
   double recent_background_ = 0.0;
-  std::vector<LineAnswer> answers_;  // of the last windows, by model line
-  int unconfirmed_verdicts_ = 0;
-  int64_t followed_since_us_ = -1;
-  bool on_trial_ = true;         // too few of its lines have had the time to answer
-  int64_t supported_at_us_ = 0;  // the last verdict for the pose
-  int64_t unsupported_since_us_ = 0;
-  bool unsupported_ = false;  // by events that there are
-  bool in_doubt_ = false;     // too little of it is supported to be sure
+  std::vector<LineAnswer> answers_;   // of the last windows, by model line
+  int num_contradictions_ = 0;        // while tentative
+  int64_t followed_since_us_ = -1;    // -1 before the first window
+  bool is_fully_tested_ = false;      // once min_tested_ratio of its lines has been testable when it was supported
+  int64_t supported_at_us_ = 0;       // the latest kSupport
+  int64_t unsupported_since_us_ = 0;  // when kUnsupported was entered
 
   absl::Span<const TrackedLine> lines_;
   std::vector<TrackedLine> unhidden_lines_;

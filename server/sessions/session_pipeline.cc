@@ -19,7 +19,7 @@ constexpr int64_t kSliceUs = 1000;
 
 // What a saved state begins with. The version is raised with every change of what is saved, or of what it means.
 constexpr absl::string_view kStateMagic = "evpose session";
-constexpr uint32_t kStateVersion = 2;
+constexpr uint32_t kStateVersion = 3;
 
 void WriteModel(const ObjectModel* model, StateWriter& writer) {
   writer(model != nullptr);

@@ -1,0 +1,142 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "core/tracking/track_phase.h"
+
+namespace evpose {
+
+std::string_view TrackPhaseName(TrackPhase phase) {
+  switch (phase) {
+    case TrackPhase::kTentative:
+      return "TENTATIVE";
+    case TrackPhase::kConfirmed:
+      return "CONFIRMED";
+    case TrackPhase::kCoasting:
+      return "COASTING";
+    case TrackPhase::kOccluded:
+      return "OCCLUDED";
+    case TrackPhase::kDoubtful:
+      return "DOUBTFUL";
+    case TrackPhase::kUnsupported:
+      return "UNSUPPORTED";
+    case TrackPhase::kLost:
+      return "LOST";
+  }
+  return "UNKNOWN";
+}
+
+TrackPhase NextPhase(TrackPhase phase, TrackInput input) {
+  if (phase == TrackPhase::kLost || input == TrackInput::kFailure) return TrackPhase::kLost;
+  const bool is_tentative = phase == TrackPhase::kTentative;
+  // Without new evidence, what the last evidence said stays.
+  const bool was_supported =
+      phase == TrackPhase::kConfirmed || phase == TrackPhase::kCoasting || phase == TrackPhase::kOccluded;
+  switch (input) {
+    case TrackInput::kSupport:
+      return TrackPhase::kConfirmed;
+    case TrackInput::kPartialSupport:
+      return TrackPhase::kDoubtful;
+    case TrackInput::kFewEvents:
+      return was_supported ? TrackPhase::kCoasting : phase;
+    case TrackInput::kOcclusion:
+      return was_supported ? TrackPhase::kOccluded : phase;
+    case TrackInput::kContradiction:
+      return is_tentative ? phase : TrackPhase::kUnsupported;
+    case TrackInput::kTimeout:
+      return phase == TrackPhase::kUnsupported ? TrackPhase::kLost : phase;
+    case TrackInput::kFailure:
+      break;
+  }
+  return TrackPhase::kLost;
+}
+
+TrackState ReportedState(TrackPhase phase) {
+  switch (phase) {
+    case TrackPhase::kTentative:
+      return TrackState::kInitializing;
+    case TrackPhase::kConfirmed:
+      return TrackState::kTracking;
+    case TrackPhase::kCoasting:
+    case TrackPhase::kOccluded:
+    case TrackPhase::kDoubtful:
+    case TrackPhase::kUnsupported:
+      return TrackState::kDegraded;
+    case TrackPhase::kLost:
+      break;
+  }
+  return TrackState::kLost;
+}
+
+std::string_view ObjectPhaseName(ObjectPhase phase) {
+  switch (phase) {
+    case ObjectPhase::kSearching:
+      return "SEARCHING";
+    case ObjectPhase::kVerifyingGiven:
+      return "VERIFYING_GIVEN";
+    case ObjectPhase::kVerifyingGivenCompeting:
+      return "VERIFYING_GIVEN_COMPETING";
+    case ObjectPhase::kVerifying:
+      return "VERIFYING";
+    case ObjectPhase::kVerifyingCompeting:
+      return "VERIFYING_COMPETING";
+    case ObjectPhase::kPublished:
+      return "PUBLISHED";
+    case ObjectPhase::kPublishedCompeting:
+      return "PUBLISHED_COMPETING";
+  }
+  return "UNKNOWN";
+}
+
+namespace {
+
+ObjectPhase WithSingle(ObjectPhase phase) {
+  if (phase == ObjectPhase::kVerifyingGivenCompeting) return ObjectPhase::kVerifyingGiven;
+  if (phase == ObjectPhase::kVerifyingCompeting) return ObjectPhase::kVerifying;
+  if (phase == ObjectPhase::kPublishedCompeting) return ObjectPhase::kPublished;
+  return phase;
+}
+
+// A published pose that was once the only one keeps its precedence.
+ObjectPhase WithChallengers(ObjectPhase phase) {
+  if (phase == ObjectPhase::kVerifyingGiven) return ObjectPhase::kVerifyingGivenCompeting;
+  if (phase == ObjectPhase::kVerifying) return ObjectPhase::kVerifyingCompeting;
+  return phase;
+}
+
+}  // namespace
+
+ObjectPhase NextPhase(ObjectPhase phase, ObjectInput input) {
+  switch (input) {
+    case ObjectInput::kGivenPose:
+      return ObjectPhase::kVerifyingGiven;
+    case ObjectInput::kPosesFound:
+      return phase == ObjectPhase::kSearching ? ObjectPhase::kVerifyingCompeting : phase;
+    case ObjectInput::kChallengers:
+      return WithChallengers(phase);
+    case ObjectInput::kSingleLeft:
+      return WithSingle(phase);
+    case ObjectInput::kPublication:
+      if (phase == ObjectPhase::kSearching) return phase;
+      return IsCompeting(phase) ? ObjectPhase::kPublishedCompeting : ObjectPhase::kPublished;
+    case ObjectInput::kFirstRejected:
+      // Among competitors the next one takes its place.
+      return IsGiven(phase) || phase == ObjectPhase::kPublished ? ObjectPhase::kVerifyingCompeting : phase;
+    case ObjectInput::kAllRejected:
+    case ObjectInput::kReset:
+      break;
+  }
+  return ObjectPhase::kSearching;
+}
+
+bool IsPublished(ObjectPhase phase) {
+  return phase == ObjectPhase::kPublished || phase == ObjectPhase::kPublishedCompeting;
+}
+
+bool IsGiven(ObjectPhase phase) {
+  return phase == ObjectPhase::kVerifyingGiven || phase == ObjectPhase::kVerifyingGivenCompeting;
+}
+
+bool IsCompeting(ObjectPhase phase) {
+  return phase == ObjectPhase::kVerifyingGivenCompeting || phase == ObjectPhase::kVerifyingCompeting ||
+         phase == ObjectPhase::kPublishedCompeting;
+}
+
+}  // namespace evpose

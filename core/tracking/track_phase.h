@@ -1,0 +1,75 @@
+// SPDX-License-Identifier: Apache-2.0
+
+// The phases of one hypothesis (PoseTrack) and of one object (ObjectTracker), with their only transition functions. The
+// tables are in core/tracking/README.md, section 3.
+#pragma once
+
+#include <string_view>
+
+#include "core/tracking/pose_estimate.h"
+
+namespace evpose {
+
+// One hypothesis about the pose.
+enum class TrackPhase {
+  kTentative,    // the events have not supported the pose yet; it is not reported
+  kConfirmed,    // the latest test result is significant support
+  kCoasting,     // supported before, and too few events since
+  kOccluded,     // supported before, and hidden by other tracked objects since
+  kDoubtful,     // part of the object is supported, but too little for a confirmation
+  kUnsupported,  // there are enough events, and they do not support the pose
+  kLost,         // rejected; final
+};
+inline constexpr int kNumTrackPhases = 7;
+std::string_view TrackPhaseName(TrackPhase phase);  // "TENTATIVE", ...
+
+enum class TrackInput {
+  kSupport,         // significant support of enough of the object
+  kPartialSupport,  // significant support of a part of it
+  kFewEvents,       // no more events than the background explains
+  kContradiction,   // enough events, without support
+  kOcclusion,       // other tracked objects hide all of it, or so much that the rest cannot be tested
+  kTimeout,         // contradicted for HealthOptions::lost_after_us
+  kFailure,         // no usable fit, or an uncertainty above HealthOptions::max_uncertainty_px
+};
+inline constexpr int kNumTrackInputs = 7;
+
+TrackPhase NextPhase(TrackPhase phase, TrackInput input);
+
+// The state that is reported while this hypothesis is published.
+TrackState ReportedState(TrackPhase phase);
+
+// One object: what the tracker does with its hypotheses.
+enum class ObjectPhase {
+  kSearching,                // no hypothesis
+  kVerifyingGiven,           // one hypothesis, a pose that the user gave; not reported
+  kVerifyingGivenCompeting,  // the same, beside poses from a search
+  kVerifying,                // one hypothesis from a search; not reported
+  kVerifyingCompeting,       // several; not reported
+  kPublished,                // the first hypothesis is reported; it has been the only one at least once
+  kPublishedCompeting,       // the first hypothesis is reported, and it has always had competitors
+};
+inline constexpr int kNumObjectPhases = 7;
+std::string_view ObjectPhaseName(ObjectPhase phase);  // "SEARCHING", ...
+
+enum class ObjectInput {
+  kGivenPose,      // a pose was given: it becomes the only hypothesis
+  kPosesFound,     // a search found poses
+  kChallengers,    // a search found poses beside the present ones
+  kSingleLeft,     // one hypothesis is left
+  kPublication,    // the first hypothesis is reported from now on
+  kFirstRejected,  // the first hypothesis was rejected, and others are left
+  kAllRejected,    // none is left
+  kReset,          // the user gives up the present pose
+};
+inline constexpr int kNumObjectInputs = 8;
+
+ObjectPhase NextPhase(ObjectPhase phase, ObjectInput input);
+
+bool IsPublished(ObjectPhase phase);
+// The pose that is verified was given by the user.
+bool IsGiven(ObjectPhase phase);
+// Several hypotheses compete and none of them has been the only one.
+bool IsCompeting(ObjectPhase phase);
+
+}  // namespace evpose
