@@ -12,6 +12,7 @@
 #include "core/detection/plane_detector.h"
 #include "core/events/decoder.h"
 #include "core/events/recording_reader.h"
+#include "tests/data/test_data.h"
 
 namespace evpose {
 namespace {
@@ -42,8 +43,8 @@ bool IsInside(const ImageSegment& segment, SensorGeometry geometry) {
 }
 
 TEST(DrivingLines, AreFoundInsideTheImageAndAlwaysTheSame) {
-  const std::string path = std::string(EVPOSE_SHARED_DATA) + "/evt3_driving_gen41/evt3_sample.raw";
-  if (!std::filesystem::exists(path)) GTEST_SKIP() << "no recording at " << path;
+  const std::string path = FindTestData("evt3_driving_gen41/evt3_sample.raw");
+  if (path.empty()) GTEST_SKIP() << "the recording is not in the test data";
   SensorGeometry geometry;
   const std::vector<PixelEvent> events = ReadAll(path, geometry);
   ASSERT_GT(events.size(), 100'000u);

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// Real recordings and OpenEB's answers; they stand beside the project and are skipped where they are missing.
+// Real recordings and OpenEB's answers; those whose licence allows it are in tests/data, the others are skipped where
+// they are missing.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -15,11 +16,10 @@
 #include "core/events/recording_header.h"
 #include "core/events/recording_reader.h"
 #include "core/numerics/hash.h"
+#include "tests/data/test_data.h"
 
 namespace evpose {
 namespace {
-
-const std::string kDirectory = EVPOSE_SHARED_DATA_DIR;
 
 std::string FileText(const std::string& path) {
   std::ifstream file(path, std::ios::binary);
@@ -63,10 +63,10 @@ std::string Sha256OfEvents(absl::Span<const Event> events) {
 class RecordingTest : public testing::TestWithParam<RecordingCase> {
  protected:
   void SetUp() override {
-    if (!std::filesystem::exists(path())) GTEST_SKIP() << path() << " is not here";
+    if (path().empty()) GTEST_SKIP() << GetParam().file << " is not in the test data";
     recording_ = Load(path());
   }
-  static std::string path() { return kDirectory + "/" + GetParam().file; }
+  static std::string path() { return FindTestData(GetParam().file); }
 
   Decoded Decode(const std::vector<size_t>& cuts) const {
     return DecodeInPieces(recording_.header.encoding, recording_.header.geometry, OutsideSensor::kKeep,
@@ -126,17 +126,21 @@ TEST_P(RecordingTest, ChunksHoldItsBytesAndTellItsTime) {
 }
 
 INSTANTIATE_TEST_SUITE_P(
-    Shared, RecordingTest,
+    TestData, RecordingTest,
     testing::Values(RecordingCase{"dat_atis_crop/dat_sample.dat", Encoding::kDat, {1280, 720}},
                     RecordingCase{"evt2_sparklers_gen3/evt2.raw", Encoding::kEvt2, {640, 480}},
                     RecordingCase{"evt3_driving_gen41/evt3_sample.raw", Encoding::kEvt3, {1280, 720}},
                     RecordingCase{"evt3_trigger_vga_640x480/evt3_trigger_vga.raw", Encoding::kEvt3, {640, 480}},
+                    RecordingCase{"evt3_trigger_vga_first_200/evt3_trigger_vga.raw", Encoding::kEvt3, {640, 480}},
                     RecordingCase{"evt21_vendor_testbench/tc_001_in.raw", Encoding::kEvt21, {1280, 720}}),
     [](const auto& test) { return test.param.file.substr(0, test.param.file.find('/')); });
 
-TEST(RecordingsTest, TriggersAreThoseOfTheRecord) {
-  const std::string directory = kDirectory + "/evt3_trigger_vga_640x480";
-  if (!std::filesystem::exists(directory)) GTEST_SKIP() << directory << " is not here";
+class TriggersTest : public testing::TestWithParam<std::pair<std::string, size_t>> {};
+
+TEST_P(TriggersTest, AreThoseOfTheRecord) {
+  const auto& [name, count] = GetParam();
+  const std::string directory = FindTestData(name);
+  if (directory.empty()) GTEST_SKIP() << name << " is not in the test data";
   const Recording recording = Load(directory + "/evt3_trigger_vga.raw");
   const Decoded decoded = DecodeAll(recording.header.encoding, recording.header.geometry, recording.bytes());
   std::vector<Trigger> expected;
@@ -151,13 +155,17 @@ TEST(RecordingsTest, TriggersAreThoseOfTheRecord) {
       expected.push_back({t_us, static_cast<uint8_t>(id), static_cast<uint8_t>(polarity)});
     }
   }
-  EXPECT_EQ(expected.size(), 4157);
+  EXPECT_EQ(expected.size(), count);
   EXPECT_EQ(decoded.out.triggers, expected);
 }
 
+INSTANTIATE_TEST_SUITE_P(TestData, TriggersTest,
+                         testing::Values(std::pair{"evt3_trigger_vga_640x480", 4157},
+                                         std::pair{"evt3_trigger_vga_first_200", 1611}));
+
 TEST(RecordingsTest, StepsBackOfTimeLowAreCountedAndStampNoEvent) {
-  const std::string path = kDirectory + "/evt3_driving_gen41/evt3_sample.raw";
-  if (!std::filesystem::exists(path)) GTEST_SKIP() << path << " is not here";
+  const std::string path = FindTestData("evt3_driving_gen41/evt3_sample.raw");
+  if (path.empty()) GTEST_SKIP() << "the recording is not in the test data";
   const Recording recording = Load(path);
   const Decoded decoded = DecodeAll(recording.header.encoding, recording.header.geometry, recording.bytes());
   EXPECT_EQ(decoded.counts.time_backsteps, 9);
@@ -166,8 +174,8 @@ TEST(RecordingsTest, StepsBackOfTimeLowAreCountedAndStampNoEvent) {
 }
 
 TEST(RecordingsTest, EventsOutsideTheSensorAreDroppedUnlessAskedFor) {
-  const std::string path = kDirectory + "/evt21_vendor_testbench/tc_001_in.raw";
-  if (!std::filesystem::exists(path)) GTEST_SKIP() << path << " is not here";
+  const std::string path = FindTestData("evt21_vendor_testbench/tc_001_in.raw");
+  ASSERT_FALSE(path.empty());
   const Recording recording = Load(path);
   const Decoded dropped = DecodeAll(Encoding::kEvt21, {1280, 720}, recording.bytes());
   const Decoded kept = DecodeInPieces(Encoding::kEvt21, {1280, 720}, OutsideSensor::kKeep, recording.bytes(), {});
@@ -180,8 +188,8 @@ TEST(RecordingsTest, EventsOutsideTheSensorAreDroppedUnlessAskedFor) {
 
 // One test a case would hide how many there are.
 TEST(RecordingsTest, GoldenCasesGiveTheEventsOfOpenEbAtEveryCut) {
-  const std::string directory = kDirectory + "/openeb_golden_vectors";
-  if (!std::filesystem::exists(directory)) GTEST_SKIP() << directory << " is not here";
+  const std::string directory = FindTestData("openeb_golden_vectors");
+  ASSERT_FALSE(directory.empty());
   const auto golden = nlohmann::json::parse(FileText(directory + "/expected.json"));
   int num_cases = 0;
   for (const auto& [name, expected] : golden["cases"].items()) {

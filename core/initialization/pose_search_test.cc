@@ -12,6 +12,7 @@
 #include "core/models/symmetry.h"
 #include "core/models/visibility.h"
 #include "core/numerics/random.h"
+#include "tests/data/test_data.h"
 
 namespace evpose {
 namespace {
@@ -256,8 +257,8 @@ TEST(PoseSearchTest, WrongUseIsRefused) {
 
 // A cube's nine lines as a published implementation lists them (LOPET's line_parameter), exact to 0.08 px.
 TEST(PoseSearchTest, ThePublishedCubesNineLinesFitWithinAPixel) {
-  const std::string path = std::string(EVPOSE_SHARED_DATA_DIR) + "/lopet_cube_line_model/line_parameter.json";
-  if (!std::filesystem::exists(path)) GTEST_SKIP() << path << " is not here";
+  const std::string path = FindTestData("lopet_cube_line_model/line_parameter.json");
+  if (path.empty()) GTEST_SKIP() << "the published lines are not in the test data";
   std::ifstream file(path);
   const auto json = nlohmann::json::parse(file);
   const auto& k = json["K"];

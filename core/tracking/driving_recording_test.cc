@@ -13,6 +13,7 @@
 #include "core/numerics/random.h"
 #include "core/tracking/tracker.h"
 #include "core/tracking/tracker_options.h"
+#include "tests/data/test_data.h"
 
 namespace evpose {
 namespace {
@@ -29,8 +30,8 @@ std::vector<Event> ReadAll(const std::string& path) {
 }
 
 TEST(DrivingRecording, NoCubeIsClaimed) {
-  const std::string path = std::string(EVPOSE_SHARED_DATA) + "/evt3_driving_gen41/evt3_sample.raw";
-  if (!std::filesystem::exists(path)) GTEST_SKIP() << "no recording at " << path;
+  const std::string path = FindTestData("evt3_driving_gen41/evt3_sample.raw");
+  if (path.empty()) GTEST_SKIP() << "the recording is not in the test data";
   const std::vector<Event> events = ReadAll(path);
   const auto cube = testing::MakeCube(0.15);
   const CameraModel camera = testing::MakeCamera(1280, 720, 1000.0);

@@ -105,9 +105,4 @@ std::vector<std::string> CliTest::SearchArguments(const std::string& out, const 
   return arguments;
 }
 
-std::string SharedData(const std::string& name) {
-  const std::string path = std::string(EVPOSE_SHARED_DATA) + "/" + name;
-  return std::filesystem::exists(path) ? path : "";
-}
-
 }  // namespace evpose

@@ -51,7 +51,4 @@ class CliTest : public ::testing::Test {
   std::filesystem::path directory_;
 };
 
-// A recording that stands beside the project, or empty where it is missing.
-std::string SharedData(const std::string& name);
-
 }  // namespace evpose

@@ -6,6 +6,7 @@
 
 #include <fstream>
 
+#include "tests/data/test_data.h"
 #include "tests/integration/cli_fixture.h"
 
 namespace evpose {
@@ -22,8 +23,8 @@ struct Recording {
 class InfoTest : public CliTest, public ::testing::WithParamInterface<Recording> {};
 
 TEST_P(InfoTest, CountsAndDigestAreTheExpectedOnes) {
-  const std::string folder = SharedData(GetParam().folder);
-  if (folder.empty()) GTEST_SKIP() << "../shared/data is not there";
+  const std::string folder = FindTestData(GetParam().folder);
+  if (folder.empty()) GTEST_SKIP() << GetParam().folder << " is not in the test data";
   const nlohmann::json expected = nlohmann::json::parse(std::ifstream(folder + "/expected.json"));
   const CliResult result = Run({"info", folder + "/" + GetParam().file, "--json"});
   ASSERT_EQ(result.status, 0) << result.err;
@@ -38,12 +39,13 @@ TEST_P(InfoTest, CountsAndDigestAreTheExpectedOnes) {
   EXPECT_EQ(info["sha256"], expected["sha256_of_packed_t_u64le_x_u16le_y_u16le_p_u8"]);
 }
 
-INSTANTIATE_TEST_SUITE_P(SharedData, InfoTest,
+INSTANTIATE_TEST_SUITE_P(TestData, InfoTest,
                          ::testing::Values(Recording{"dat_atis_crop", "dat_sample.dat", "DAT"},
                                            Recording{"evt21_vendor_testbench", "tc_001_in.raw", "EVT2.1"},
                                            Recording{"evt2_sparklers_gen3", "evt2.raw", "EVT2"},
                                            Recording{"evt3_driving_gen41", "evt3_sample.raw", "EVT3"},
-                                           Recording{"evt3_trigger_vga_640x480", "evt3_trigger_vga.raw", "EVT3"}),
+                                           Recording{"evt3_trigger_vga_640x480", "evt3_trigger_vga.raw", "EVT3"},
+                                           Recording{"evt3_trigger_vga_first_200", "evt3_trigger_vga.raw", "EVT3"}),
                          [](const auto& test) { return std::string(test.param.folder); });
 
 using InfoOfSimulationTest = CliTest;

@@ -21,6 +21,7 @@
 #include "core/geometry/camera.h"
 #include "core/models/object_model.h"
 #include "server/rpc/server.h"
+#include "tests/data/test_data.h"
 #include "tests/integration/cli_fixture.h"
 
 namespace evpose {
@@ -285,8 +286,8 @@ TEST_F(ReplayTest, StandardInput) {
 }
 
 TEST_F(ReplayTest, AnotherObjectsRecordingEndsLostAndClaimsNoPose) {
-  const std::string recording = SharedData("evt3_driving_gen41/evt3_sample.raw");
-  if (recording.empty()) GTEST_SKIP() << "../shared/data is not there";
+  const std::string recording = FindTestData("evt3_driving_gen41/evt3_sample.raw");
+  if (recording.empty()) GTEST_SKIP() << "the recording is not in the test data";
   ASSERT_EQ(Run({"simulate", "--object", "cube", "--duration", "0.001", "--out", Path("cube")}).status, 0);
   std::vector<std::string> arguments = ReplayArguments("poses.tum");
   arguments[1] = recording;

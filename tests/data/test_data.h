@@ -1,0 +1,17 @@
+// SPDX-License-Identifier: Apache-2.0
+
+#ifndef EVPOSE_TESTS_DATA_TEST_DATA_H_
+#define EVPOSE_TESTS_DATA_TEST_DATA_H_
+
+#include <string>
+
+namespace evpose {
+
+// The path of a file or folder of test data: in tests/data or, when it is not there, in the folder EVPOSE_SHARED_DATA
+// that CMake was given. Empty when neither has it; a test of data whose licence or size allows no copy in the project
+// is then skipped.
+std::string FindTestData(const std::string& name);
+
+}  // namespace evpose
+
+#endif  // EVPOSE_TESTS_DATA_TEST_DATA_H_
