@@ -7,7 +7,7 @@ cd "$(dirname "${BASH_SOURCE[0]}")/../.."
 git ls-files -z '*.h' '*.cc' | xargs -0 clang-format --dry-run --Werror
 python3 tests/lint/check_tree.py
 # "nees" is a statistic, "fro" and "passtime" are parts of names.
-git ls-files -z ':!tests/fuzz/seeds' ':!tests/fuzz/findings' ':!*.png' ':!LICENSE' |
+git ls-files -z ':!tests/fuzz/seeds' ':!tests/fuzz/findings' ':!tests/data/*/*' ':!*.png' ':!LICENSE' |
   xargs -0 codespell --ignore-words-list nees,fro,trough,passtime
 # The scripts in tests/container are parts of its run.sh.
 git ls-files -z '*.sh' .ci/run ':!tests/container' | xargs -0 shellcheck --external-sources --severity warning
