@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 
 // What each pixel sent last. A pixel that answers once more in the same direction needs less of a change than one that
-// turns round, by a whole threshold: where its event lies about an edge depends on it (core/tracking/edge_bias.h).
+// turns round, by a whole threshold: where its event lies about an edge depends on it (core/estimation/edge_bias.h).
 #pragma once
 
 #include <cstdint>

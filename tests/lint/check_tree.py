@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: Apache-2.0
-"""Checks the tree of tracked files: licence lines, sizes of folders and of the README, and whether every document, section
-and equation that is cited exists. Prints each finding as `file:line: text` and exits with status 1 if there is one."""
+"""Checks the tree of tracked files: licence lines, sizes of folders, of files and of the README, and whether every document,
+section, equation and path that is cited exists. Prints each finding as `file:line: text` and exits with status 1 if there is one."""
 
 import collections
 import os
@@ -13,9 +13,16 @@ MAX_FOLDER_FILES = 45
 MAX_README_LINES = 150
 # Folders that are about to be split.
 LARGE_FOLDERS = {"client/cli": 76, "server/sessions": 72, "server/stores": 47}
+MAX_FILE_LINES = 500
+# Tests of one service, with one fixture: their cases are read one by one.
+LARGE_FILES = {"server/rpc/server_test.cc": 560, "server/rpc/trust_test.cc": 550, "server/rpc/track_test.cc": 540}
+SOURCE = re.compile(r"\.(h|cc|proto|sh|py)$")
+SHARED_DATA = "../" + "shared"
+SHARED_DATA_FILE = "CMakeLists.txt"
 LICENCE = "SPDX-License-Identifier: Apache-2.0"
 NEEDS_LICENCE = re.compile(r"(\.(h|cc|proto|sh|py|cmake|yaml|yml)|CMakeLists\.txt|Dockerfile)$")
 DOCUMENT = re.compile(r"(?<![\w/.-])((?:\.\./|[\w-]+/)*[\w-]+\.md)(?:,? sections? (\d+)(?: and (\d+))?|,? equations? \((\d+)\))?")
+PATH = re.compile(r"(?<![\w/.$}{-])((?:core|server|client|proto|deploy|tests)/[\w/.-]*\w\.(?:h|cc|sh|py|proto|yaml|cfg|yml|txt))(?![\w/*])")
 LINK = re.compile(r"\]\((?!https?:)([^)#\s]+)")
 
 
@@ -60,6 +67,20 @@ def check_citations(file, text, findings):
                 findings.append(f"{file}:{line}: the link to {match.group(1)} leads nowhere")
 
 
+def check_paths(file, text, findings):
+    for match in PATH.finditer(text):
+        if not os.path.exists(match.group(1)) and resolve(match.group(1), file) is None:
+            line = text.count("\n", 0, match.start()) + 1
+            findings.append(f"{file}:{line}: {match.group(1)} does not exist")
+
+
+def check_size(file, text, findings):
+    limit = LARGE_FILES.get(file, MAX_FILE_LINES)
+    lines = text.count("\n")
+    if SOURCE.search(file) and lines > limit:
+        findings.append(f"{file}: {lines} lines; at most {limit} are allowed: split the file")
+
+
 def main():
     files = tracked_files()
     findings = []
@@ -80,6 +101,10 @@ def main():
             findings.append(f"{file}:1: the licence line is missing: {LICENCE}")
         if not file.startswith("tests/lint/"):
             check_citations(file, text, findings)
+            check_paths(file, text, findings)
+        check_size(file, text, findings)
+        if SHARED_DATA in text and file != SHARED_DATA_FILE:
+            findings.append(f"{file}:1: only {SHARED_DATA_FILE} names {SHARED_DATA}: use tests/data/test_data.h")
     with open("README.md", encoding="utf-8") as f:
         lines = sum(1 for _ in f)
     if lines > MAX_README_LINES:

@@ -1,11 +1,13 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: Apache-2.0
-# Static checks of the tree, a few seconds: formatting, citations and sizes, spelling, shell scripts.
+# Static checks of the tree, a few seconds: formatting and the order of includes, citations and sizes, layers,
+# spelling, shell scripts. Debian has no linter for Dockerfiles.
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/../.."
 
 git ls-files -z '*.h' '*.cc' | xargs -0 clang-format --dry-run --Werror
 python3 tests/lint/check_tree.py
+python3 tests/lint/check_includes.py
 # "nees" is a statistic, "fro" and "passtime" are parts of names.
 git ls-files -z ':!tests/fuzz/seeds' ':!tests/fuzz/findings' ':!tests/data/*/*' ':!*.png' ':!LICENSE' |
   xargs -0 codespell --ignore-words-list nees,fro,trough,passtime
