@@ -3,7 +3,8 @@
 # Everything that has to pass: installs what is missing, checks the sources, builds and runs the tests as they are
 # and under the sanitizers.
 #   tests/run.sh                    all of it; under a sanitizer, of what reads others' bytes or has threads
-#   tests/run.sh --preset NAME      one preset only, release, debug, asan or tsan, and all of its tests
+#   tests/run.sh --preset NAME      one preset only, release, debug, asan or tsan, and all of its tests but, under a
+#                                   sanitizer, those with the label "long"
 #   tests/run.sh --fuzz SECONDS     every fuzz target for so long, from tests/fuzz/seeds (tests/fuzz/run.sh)
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
@@ -30,34 +31,23 @@ export LSAN_OPTIONS=suppressions=$PWD/tests/lsan_suppressions.txt:print_suppress
 # Debian's libraries are not instrumented: what they allocate and free by themselves is none of our races.
 export TSAN_OPTIONS=second_deadlock_stack=1:ignore_noninstrumented_modules=1:suppressions=$PWD/tests/tsan_suppressions.txt
 for preset in "${presets[@]}"; do
-  folders=(core server client tests)
-  # What takes minutes under a sanitizer and does nothing that other tests do not do, too: statistics over many trials,
-  # accuracies over seconds, bits compared over whole recordings, the examples of the help; under tsan, what has one
-  # thread.
-  left_out=()
+  # Without --preset, what is run under a sanitizer is told by the label of the test (evpose_test in CMakeLists.txt).
+  target=all
+  selection=()
   case $preset in
-    asan)
-      # Others' bytes come in there. What the programs make of them is of the same parts.
-      $is_whole ||
-        folders=(core/{base,numerics,events,geometry,models,windows,detection,association,estimation,initialization,tracking} core/baselines/estimators server client/lib tests/fuzz)
-      left_out=(SimulatedLines TheErrorsAreThoseOfTheCovariance TheReleasedCodeIsLessAccurate TracksSimulatedObject
-        ManyDirections RotationBnbVariants NoCubeIsClaimed SessionPipelineStateTest.DamagedStates GoesOnWhereItWas
-        GoOnWhereTheyWere TrialsTest TrialTest CliTest.Bench BenchServiceTest ExamplesOfEveryHelp
-        ConnectionCutAtRandomPlaces ClientKilledAtRandomMoments)
-      ;;
-    tsan)
-      # Nothing else has threads; what the programs do together, the tests of server/rpc do in one process.
-      folders=(server client/lib)
-      left_out=(SessionPipelineStateTest)
-      ;;
+    asan) label=untrusted_input ;;
+    tsan) label=threads ;;
+    *) label= ;;
   esac
-  export GTEST_FILTER='*'
-  ((${#left_out[@]} == 0)) || GTEST_FILTER+="-$(printf '*%s*:' "${left_out[@]}")"
+  if [[ -n $label ]] && ! $is_whole; then
+    target=evpose_tests_$label
+    selection+=(--label-regex "^$label\$")
+  fi
+  [[ -z $label ]] || selection+=(--label-exclude '^long$')
   echo "== $SECONDS s  $preset: build"
   cmake --preset "$preset" -DEVPOSE_BUILD_TESTS=ON >/dev/null
-  cmake --build --preset "$preset" -j "$jobs" --target "${folders[@]/%//all}"
-  for folder in "${folders[@]}"; do
-    echo "== $SECONDS s  $preset: tests of $folder"
-    ctest --test-dir "build/$preset/$folder" -j "$jobs" --output-on-failure --no-tests=error
-  done
+  cmake --build --preset "$preset" -j "$jobs" --target "$target"
+  echo "== $SECONDS s  $preset: tests"
+  ctest --test-dir "build/$preset" -j "$jobs" --output-on-failure --no-tests=error "${selection[@]}"
 done
+echo "== $SECONDS s  done"

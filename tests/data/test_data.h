@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-#ifndef EVPOSE_TESTS_DATA_TEST_DATA_H_
-#define EVPOSE_TESTS_DATA_TEST_DATA_H_
+#pragma once
 
 #include <string>
 
@@ -13,5 +12,3 @@ namespace evpose {
 std::string FindTestData(const std::string& name);
 
 }  // namespace evpose
-
-#endif  // EVPOSE_TESTS_DATA_TEST_DATA_H_
