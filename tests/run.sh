@@ -5,16 +5,18 @@
 #   tests/run.sh                    all of it; under a sanitizer, of what reads others' bytes or has threads
 #   tests/run.sh --preset NAME      one preset only, release, debug, asan or tsan, and all of its tests but, under a
 #                                   sanitizer, those with the label "long"
+#   tests/run.sh --tidy             clang-tidy on every source file, 10 to 25 s each (tests/lint/tidy.sh: on those that have changed)
 #   tests/run.sh --fuzz SECONDS     every fuzz target for so long, from tests/fuzz/seeds (tests/fuzz/run.sh)
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 
-usage="usage: $0 [--preset release|debug|asan|tsan | --fuzz SECONDS]"
+usage="usage: $0 [--preset release|debug|asan|tsan | --tidy | --fuzz SECONDS]"
 presets=(release asan tsan)
 is_whole=false
 case "${1:-}" in
   "") ;;
   --preset) presets=("${2:?$usage}") && is_whole=true ;;
+  --tidy) exec tests/lint/tidy.sh --all ;;
   --fuzz) exec tests/fuzz/run.sh "${2:?$usage}" ;;
   *) echo "$usage" >&2; exit 2 ;;
 esac
