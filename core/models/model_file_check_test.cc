@@ -11,7 +11,7 @@
 #include <utility>
 
 #include "absl/strings/str_cat.h"
-#include "core/models/cube_files_for_test.h"
+#include "core/models/cube_files_testing.h"
 
 namespace evpose {
 namespace {

@@ -10,7 +10,7 @@
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 #include "absl/strings/str_replace.h"
-#include "core/models/cube_files_for_test.h"
+#include "core/models/cube_files_testing.h"
 #include "core/numerics/random.h"
 
 namespace evpose {
