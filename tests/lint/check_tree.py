@@ -27,7 +27,7 @@ LINK = re.compile(r"\]\((?!https?:)([^)#\s]+)")
 
 
 def tracked_files():
-    out = subprocess.run(["git", "ls-files", "-z"], check=True, capture_output=True, text=True).stdout
+    out = subprocess.run(["git", "ls-files", "-z", "--cached", "--others", "--exclude-standard"], check=True, capture_output=True, text=True).stdout
     return [f for f in out.split("\0") if f and not f.startswith(("tests/fuzz/seeds/", "tests/fuzz/findings/"))]
 
 
