@@ -9,6 +9,7 @@
 #include "core/base/state_io.h"
 #include "core/base/status_macros.h"
 #include "core/numerics/hash.h"
+#include "evpose/storage/v1/store.pb.h"
 
 namespace evpose::server {
 namespace {
@@ -25,8 +26,35 @@ uint32_t SealFor(absl::string_view what, absl::string_view bytes) {
   return Crc(writer.Take());
 }
 
-absl::Status DamagedChecksum(absl::string_view what) {
-  return absl::DataLossError(absl::StrCat(what, " is damaged: its checksum does not match"));
+absl::Status Damaged(absl::string_view what, absl::string_view why) {
+  return absl::DataLossError(absl::StrCat(what, " is damaged: ", why));
+}
+
+absl::Status DamagedChecksum(absl::string_view what) { return Damaged(what, "its checksum does not match"); }
+
+storage::v1::ModelFormat StoredFormat(ModelFormat format) {
+  switch (format) {
+    case ModelFormat::kObj:
+      return storage::v1::MODEL_FORMAT_OBJ;
+    case ModelFormat::kPly:
+      return storage::v1::MODEL_FORMAT_PLY;
+    case ModelFormat::kStl:
+      return storage::v1::MODEL_FORMAT_STL;
+  }
+  return storage::v1::MODEL_FORMAT_UNSPECIFIED;
+}
+
+std::optional<ModelFormat> FormatOf(storage::v1::ModelFormat format) {
+  switch (format) {
+    case storage::v1::MODEL_FORMAT_OBJ:
+      return ModelFormat::kObj;
+    case storage::v1::MODEL_FORMAT_PLY:
+      return ModelFormat::kPly;
+    case storage::v1::MODEL_FORMAT_STL:
+      return ModelFormat::kStl;
+    default:
+      return std::nullopt;
+  }
 }
 
 std::string RecordOf(absl::string_view session) { return absl::StrCat("the record of ", session); }
@@ -66,44 +94,47 @@ std::string PosesOf(absl::string_view session, uint64_t first_pose_seq, uint64_t
 }
 
 std::string SealRecord(const SessionRecord& record) {
-  StateWriter writer;
-  writer(record.tenant, record.request_id, absl::ToUnixNanos(record.create_time), record.config);
-  return Seal(RecordOf(record.name), writer.Take());
+  storage::v1::SessionRecord stored;
+  stored.set_tenant(record.tenant);
+  stored.set_request_id(record.request_id);
+  stored.set_create_time_ns(absl::ToUnixNanos(record.create_time));
+  stored.set_config(record.config);
+  return Seal(RecordOf(record.name), stored.SerializeAsString());
 }
 
 absl::StatusOr<SessionRecord> UnsealRecord(absl::string_view session, std::string sealed) {
   EVPOSE_ASSIGN_OR_RETURN(const std::string bytes, Unseal(RecordOf(session), std::move(sealed)));
-  SessionRecord record;
-  record.name = std::string(session);
-  int64_t create_time_ns = 0;
-  StateReader reader(bytes);
-  reader(record.tenant, record.request_id, create_time_ns, record.config);
-  if (!reader.Finish().ok()) return DamagedChecksum(RecordOf(session));
-  record.create_time = absl::FromUnixNanos(create_time_ns);
-  return record;
+  storage::v1::SessionRecord stored;
+  if (!stored.ParseFromString(bytes)) return Damaged(RecordOf(session), "it cannot be parsed");
+  return SessionRecord{.name = std::string(session),
+                       .tenant = stored.tenant(),
+                       .request_id = stored.request_id(),
+                       .create_time = absl::FromUnixNanos(stored.create_time_ns()),
+                       .config = stored.config()};
 }
 
 std::string SealModelHeader(const ModelRecord& model) {
-  StateWriter writer;
-  writer(static_cast<uint8_t>(model.format), model.metres_per_unit, model.crease_angle_deg,
-         absl::ToUnixNanos(model.create_time));
-  return Seal(ModelHeaderOf(model.tenant, model.name), writer.Take());
+  storage::v1::ModelHeader stored;
+  stored.set_format(StoredFormat(model.format));
+  stored.set_metres_per_unit(model.metres_per_unit);
+  stored.set_crease_angle_deg(model.crease_angle_deg);
+  stored.set_create_time_ns(absl::ToUnixNanos(model.create_time));
+  return Seal(ModelHeaderOf(model.tenant, model.name), stored.SerializeAsString());
 }
 
 absl::StatusOr<ModelRecord> UnsealModelHeader(absl::string_view tenant, absl::string_view name, std::string sealed) {
-  EVPOSE_ASSIGN_OR_RETURN(const std::string bytes, Unseal(ModelHeaderOf(tenant, name), std::move(sealed)));
-  ModelRecord model;
-  model.tenant = std::string(tenant);
-  model.name = std::string(name);
-  uint8_t format = 0;
-  int64_t create_time_ns = 0;
-  StateReader reader(bytes);
-  reader(AtMost(format, static_cast<uint8_t>(ModelFormat::kStl)), model.metres_per_unit, model.crease_angle_deg,
-         create_time_ns);
-  if (!reader.Finish().ok()) return DamagedChecksum(ModelHeaderOf(tenant, name));
-  model.format = static_cast<ModelFormat>(format);
-  model.create_time = absl::FromUnixNanos(create_time_ns);
-  return model;
+  const std::string what = ModelHeaderOf(tenant, name);
+  EVPOSE_ASSIGN_OR_RETURN(const std::string bytes, Unseal(what, std::move(sealed)));
+  storage::v1::ModelHeader stored;
+  if (!stored.ParseFromString(bytes)) return Damaged(what, "it cannot be parsed");
+  const std::optional<ModelFormat> format = FormatOf(stored.format());
+  if (!format.has_value()) return Damaged(what, "the format of the file is unknown");
+  return ModelRecord{.name = std::string(name),
+                     .tenant = std::string(tenant),
+                     .format = *format,
+                     .metres_per_unit = stored.metres_per_unit(),
+                     .crease_angle_deg = stored.crease_angle_deg(),
+                     .create_time = absl::FromUnixNanos(stored.create_time_ns())};
 }
 
 std::string SealModelBytes(const ModelRecord& model) {
