@@ -420,6 +420,8 @@ std::optional<Notice> FromProto(const v1::Notice& message) {
     case v1::Notice::kStateChange:
       return StateChange{message.state_change().object_id(), message.state_change().t_us(),
                          ReverseLookup(kTrackStates, message.state_change().state(), TrackState::kInitializing)};
+    case v1::Notice::kTrackingRestarted:
+      return TrackingRestarted{message.tracking_restarted().after_seq(), message.tracking_restarted().detail()};
     case v1::Notice::KIND_NOT_SET:
       break;
   }

@@ -138,11 +138,16 @@ struct EventsDropped {
   int64_t to_t_us = 0;
   DropReason reason = DropReason::kUnknown;
 };
+// The server took the session up without the state of its tracker: every object is searched for again.
+struct TrackingRestarted {
+  uint64_t after_seq = 0;  // the last chunk that was tracked before
+  std::string detail;      // the reason, for people
+};
 // Of this library: the server no longer had these when the stream was taken up again.
 struct PosesLost {
   uint64_t first_seq = 0;
   uint64_t last_seq = 0;
 };
-using Notice = std::variant<GoAway, DecodeFault, StateChange, EventsDropped, PosesLost>;
+using Notice = std::variant<GoAway, DecodeFault, StateChange, EventsDropped, TrackingRestarted, PosesLost>;
 
 }  // namespace evpose::client

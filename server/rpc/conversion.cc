@@ -418,23 +418,24 @@ v1::SessionHealth ToProto(const SessionHealth& health, const SessionConfig& conf
 v1::Notice ToProto(const SessionNotice& notice, const SessionConfig& config) {
   v1::Notice out;
   if (const auto* fault = std::get_if<DecodeFault>(&notice.what)) {
-    v1::DecodeFault& added = *out.mutable_decode_fault();
-    added.set_seq(fault->seq);
-    added.set_count(fault->count);
-    added.set_detail(fault->detail);
+    out.mutable_decode_fault()->set_seq(fault->seq);
+    out.mutable_decode_fault()->set_count(fault->count);
+    out.mutable_decode_fault()->set_detail(fault->detail);
   }
   if (const auto* dropped = std::get_if<EventsDropped>(&notice.what)) {
-    v1::EventsDropped& added = *out.mutable_dropped();
-    added.set_num_events(dropped->num_events);
-    added.set_from_t_us(dropped->from_t_us);
-    added.set_to_t_us(dropped->to_t_us);
-    added.set_reason(ToProto(dropped->reason));
+    out.mutable_dropped()->set_num_events(dropped->num_events);
+    out.mutable_dropped()->set_from_t_us(dropped->from_t_us);
+    out.mutable_dropped()->set_to_t_us(dropped->to_t_us);
+    out.mutable_dropped()->set_reason(ToProto(dropped->reason));
+  }
+  if (const auto* restarted = std::get_if<TrackingRestarted>(&notice.what)) {
+    out.mutable_tracking_restarted()->set_after_seq(restarted->after_seq);
+    out.mutable_tracking_restarted()->set_detail(restarted->detail);
   }
   if (const auto* change = std::get_if<StateChange>(&notice.what)) {
-    v1::StateChange& added = *out.mutable_state_change();
-    added.set_object_id(config.objects[change->object_index].object_id);
-    added.set_t_us(change->t_us);
-    added.set_state(ToProto(change->state));
+    out.mutable_state_change()->set_object_id(config.objects[change->object_index].object_id);
+    out.mutable_state_change()->set_t_us(change->t_us);
+    out.mutable_state_change()->set_state(ToProto(change->state));
   }
   return out;
 }

@@ -11,6 +11,19 @@ constexpr double kGrowth = 1.05;
 
 }  // namespace
 
+LatencyHistogram::LatencyHistogram(absl::Span<const uint32_t> counts) {
+  for (size_t i = 0; i < counts.size(); ++i) {
+    counts_[std::min<size_t>(i, kBuckets - 1)] += counts[i];
+    total_ += counts[i];
+  }
+}
+
+absl::Span<const uint32_t> LatencyHistogram::counts() const {
+  size_t size = kBuckets;
+  while (size > 0 && counts_[size - 1] == 0) --size;
+  return absl::MakeConstSpan(counts_).first(size);
+}
+
 void LatencyHistogram::Add(int64_t latency_us) {
   const double bucket = std::ceil(std::log(static_cast<double>(std::max<int64_t>(latency_us, 1))) / std::log(kGrowth));
   ++counts_[std::min(static_cast<int>(bucket), kBuckets - 1)];

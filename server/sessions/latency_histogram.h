@@ -6,15 +6,21 @@
 #include <array>
 #include <cstdint>
 
+#include "absl/types/span.h"
+
 namespace evpose::server {
 
 class LatencyHistogram {
  public:
+  LatencyHistogram() = default;
+  // From the counts() of another one, maybe of a version with fewer buckets.
+  explicit LatencyHistogram(absl::Span<const uint32_t> counts);
+
   void Add(int64_t latency_us);
   // The latency that `fraction` (0..1) of all do not exceed, microseconds; 0 when there is none.
   int64_t Percentile(double fraction) const;
-
-  static void VisitState(auto& archive, auto& self) { archive(self.counts_, self.total_); }
+  // By bucket, without the empty ones at the end.
+  absl::Span<const uint32_t> counts() const;
 
  private:
   static constexpr int kBuckets = 380;  // 1.05^378 is 1e8

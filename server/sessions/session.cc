@@ -144,6 +144,7 @@ absl::StatusOr<Attachment> Session::Attach(absl::string_view resume_token, uint6
     foreign_bytes_ = queued_bytes_;
     sent_pose_seq_ = std::max(last_pose_seq, pose_log_.first_pose_seq() - 1);
     notices_.clear();
+    if (restarted_.has_value()) notices_.push_back({sent_pose_seq_, *restarted_});
     fenced = stream_listener_.lock();
     stream_listener_ = std::move(listener);
     attachment = {stream_, next_seq_, resume_token_, SendLimit(), sent_pose_seq_ + 1};
@@ -298,6 +299,7 @@ std::vector<SessionNotice> Session::TakeNotices(uint64_t stream) {
   const std::lock_guard lock(mutex_);
   if (stream != stream_) return {};
   std::vector<SessionNotice> notices = std::exchange(notices_, {});
+  restarted_.reset();
   if (notices.size() >= kMaxUntakenNotices) Schedule();
   return notices;
 }
@@ -459,7 +461,8 @@ void Session::Publish(bool item_is_done) {
     health_.processing_us = std::chrono::duration_cast<std::chrono::microseconds>(processing_time_).count();
     for (size_t i = 0; i < health_.objects.size(); ++i) {
       const Tracker& tracker = pipeline_->tracker();
-      health_.objects[i] = {tracker.state(i), tracker.losses(i), explained_ratios_[i], tracker.initialization(i)};
+      health_.objects[i] = {tracker.state(i), losses_before_[i] + tracker.losses(i), explained_ratios_[i],
+                            tracker.initialization(i)};
     }
     health_.skipped_events += skipped_.num_events;
     health_.skipped_us += std::exchange(skipped_, EventGap()).duration_us();

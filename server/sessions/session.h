@@ -62,9 +62,14 @@ struct StateChange {
   int64_t t_us = 0;
   TrackState state = TrackState::kInitializing;
 };
+// The state of the tracker could not be read when the session was taken up: every object is searched for again.
+struct TrackingRestarted {
+  uint64_t after_seq = 0;  // the last chunk that was tracked before
+  std::string detail;      // why, for people
+};
 struct SessionNotice {
   uint64_t after_pose_seq = 0;  // its place among the poses
-  std::variant<DecodeFault, StateChange, EventsDropped> what;
+  std::variant<DecodeFault, StateChange, EventsDropped, TrackingRestarted> what;
 };
 
 struct SessionAck {
@@ -116,6 +121,7 @@ struct SessionBeginning {
   SessionLifecycle lifecycle;
   std::optional<SessionCheckpoint> checkpoint;
   std::vector<StoredPose> poses;  // in a row; may go on beyond the checkpoint
+  std::optional<TrackingRestarted> restarted;
 };
 
 // As SessionLifecycle keeps it.
@@ -304,6 +310,7 @@ class Session : public WatchedSession, public std::enable_shared_from_this<Sessi
   std::optional<EventsDropped> dropped_;  // before what is published next
   std::chrono::steady_clock::duration processing_time_{0};
   std::vector<float> explained_ratios_;
+  std::vector<uint32_t> losses_before_;  // of the objects, before the tracker was made whose state was read
 
   mutable std::mutex mutex_;
   std::deque<Item> queue_ ABSL_GUARDED_BY(mutex_);
@@ -343,6 +350,7 @@ class Session : public WatchedSession, public std::enable_shared_from_this<Sessi
   bool end_pushed_ ABSL_GUARDED_BY(mutex_) = false;
   bool ended_ ABSL_GUARDED_BY(mutex_) = false;
   std::vector<SessionNotice> notices_ ABSL_GUARDED_BY(mutex_);
+  std::optional<TrackingRestarted> restarted_ ABSL_GUARDED_BY(mutex_);  // until a stream has taken the notice
   SessionHealth health_ ABSL_GUARDED_BY(mutex_);
   LatencyHistogram latencies_ ABSL_GUARDED_BY(mutex_);
   std::weak_ptr<SessionListener> stream_listener_ ABSL_GUARDED_BY(mutex_);

@@ -74,7 +74,12 @@ void Session::TakeUp(SessionBeginning beginning) {
   acked_pose_seq_ = health_.poses;
   next_pose_seq_ = health_.poses + 1;
   processing_time_ = std::chrono::microseconds(health_.processing_us);
-  for (size_t i = 0; i < health_.objects.size(); ++i) explained_ratios_[i] = health_.objects[i].explained_ratio;
+  losses_before_.assign(health_.objects.size(), 0);
+  for (size_t i = 0; i < health_.objects.size(); ++i) {
+    explained_ratios_[i] = health_.objects[i].explained_ratio;
+    if (pipeline_ != nullptr) losses_before_[i] = health_.objects[i].losses - pipeline_->tracker().losses(i);
+  }
+  restarted_ = std::move(beginning.restarted);
   checkpoint_seq_ = processed_seq_;
   checkpoint_is_end_ = ended_;
   checkpoint_processing_us_ = health_.processing_us;

@@ -29,7 +29,7 @@ class SessionCheckpointTest : public testing::Test {
     SessionBeginning beginning;
     beginning.lifecycle = {.token_digest = TokenDigest("first"), .detached_at = now_};
     auto lease = store_->CreateSession({.name = kName}, EncodeLifecycle(beginning.lifecycle)).value();
-    session_ = Start(std::move(beginning), std::move(lease), "");
+    session_ = Start(std::move(beginning), std::move(lease), std::nullopt);
   }
   void CreateAgain() {
     store_->DeleteSession(kName).IgnoreError();
@@ -38,7 +38,7 @@ class SessionCheckpointTest : public testing::Test {
   }
 
   std::shared_ptr<Session> Start(SessionBeginning beginning, std::unique_ptr<SessionLease> lease,
-                                 const std::string& state) {
+                                 const std::optional<PipelineState>& state) {
     Session::Parts parts;
     parts.name = kName;
     parts.config = SomeConfig(objects_);
@@ -46,8 +46,9 @@ class SessionCheckpointTest : public testing::Test {
                     .expiry = absl::Minutes(1),
                     .backoff = {.first = absl::Microseconds(10), .longest = absl::Microseconds(100)}};
     parts.pipeline = SessionPipeline::Create(parts.config, {nullptr}, FakeTrackers()).value();
-    if (!state.empty()) {
-      EXPECT_TRUE(parts.pipeline->LoadState(state).ok());
+    if (state.has_value()) {
+      EXPECT_TRUE(parts.pipeline->LoadPosition(state->position).ok());
+      EXPECT_TRUE(parts.pipeline->LoadTracker(state->tracker).ok());
     }
     parts.create_time = now_;
     parts.now = [this] { return now_; };
@@ -64,7 +65,7 @@ class SessionCheckpointTest : public testing::Test {
     auto taken = store_->TakeSession(kName).value();
     SessionBeginning beginning;
     beginning.lifecycle = DecodeLifecycle(taken.session.lifecycle).value();
-    std::string state;
+    std::optional<PipelineState> state;
     if (!taken.session.checkpoint.empty()) {
       beginning.checkpoint = DecodeCheckpoint(taken.session.checkpoint, 1).value();
       state = beginning.checkpoint->pipeline;

@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// What of a session goes to the store, as bytes: its configuration, its lifecycle, its checkpoints, its poses. Bit for
-// bit, with a version before each; what is damaged or was written by another version is DATA_LOSS saying what.
+// The records of a session as the store keeps them: its configuration, its lifecycle, its checkpoints and its poses, as
+// serialized messages of evpose.storage.v1 (proto/evpose/storage/README.md has the rules of compatibility). Numbers
+// come back to the bit. Errors of all functions that decode: DATA_LOSS with the record and what is wrong with it.
 #pragma once
 
 #include <cstddef>

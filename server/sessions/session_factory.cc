@@ -164,13 +164,8 @@ absl::StatusOr<std::shared_ptr<Session>> SessionFactory::Restore(StoredSession s
   if (!has_ended) {
     if (absl::IsNotFound(models.status())) return Damaged(models.status().message());
     EVPOSE_RETURN_IF_ERROR(models.status());
-    EVPOSE_ASSIGN_OR_RETURN(parts.pipeline,
-                            SessionPipeline::Create(parts.config, models->models, options_.make_tracker));
+    EVPOSE_ASSIGN_OR_RETURN(parts.pipeline, RestorePipeline(parts.config, models->models, parts.beginning));
     parts.model_uses = std::move(models->uses);
-  }
-  if (parts.pipeline != nullptr && parts.beginning.checkpoint.has_value()) {
-    EVPOSE_RETURN_IF_ERROR(parts.pipeline->LoadState(parts.beginning.checkpoint->pipeline));
-    parts.beginning.checkpoint->pipeline.clear();
   }
   parts.name = stored.record.name;
   parts.tenant = stored.record.tenant;
@@ -180,7 +175,31 @@ absl::StatusOr<std::shared_ptr<Session>> SessionFactory::Restore(StoredSession s
   parts.now = options_.now;
   parts.steady_now = options_.steady_now;
   parts.metrics = options_.metrics;
-  return Session::Start(std::move(parts), pool_);
+  const std::optional<TrackingRestarted> restarted = parts.beginning.restarted;
+  std::shared_ptr<Session> session = Session::Start(std::move(parts), pool_);
+  if (restarted.has_value()) {
+    session->log().TrackerStateUnreadable(restarted->detail, restarted->after_seq + 1, session->Watch().last_pose_seq);
+  }
+  return session;
+}
+
+absl::StatusOr<std::unique_ptr<SessionPipeline>> SessionFactory::RestorePipeline(
+    const SessionConfig& config, const std::vector<std::shared_ptr<const ObjectModel>>& models,
+    SessionBeginning& beginning) const {
+  EVPOSE_ASSIGN_OR_RETURN(auto pipeline, SessionPipeline::Create(config, models, options_.make_tracker));
+  if (!beginning.checkpoint.has_value()) return pipeline;
+  SessionCheckpoint& checkpoint = *beginning.checkpoint;
+  const PipelineState state = std::exchange(checkpoint.pipeline, std::nullopt).value_or(PipelineState());
+  if (const absl::Status loaded = pipeline->LoadTracker(state.tracker); !loaded.ok()) {
+    EVPOSE_ASSIGN_OR_RETURN(pipeline, SessionPipeline::CreateSearching(config, models, options_.make_tracker));
+    // The poses behind the checkpoint will not be made again.
+    if (!beginning.poses.empty()) {
+      checkpoint.health.poses = std::max(checkpoint.health.poses, beginning.poses.back().pose_seq);
+    }
+    beginning.restarted = {checkpoint.processed_seq, std::string(loaded.message())};
+  }
+  EVPOSE_RETURN_IF_ERROR(pipeline->LoadPosition(state.position));
+  return pipeline;
 }
 
 absl::StatusOr<SessionFactory::Stored> SessionFactory::Read(absl::string_view name, uint64_t after_pose_seq) const {

@@ -62,6 +62,11 @@ class SessionFactory {
   };
   absl::StatusOr<Models> UseModels(const std::string& tenant, const SessionConfig& config) const;
   absl::Status CheckModelsStored(const std::string& tenant, const SessionConfig& config) const;
+  // In the state of the beginning's checkpoint. When the tracker's state cannot be read, every object is searched for
+  // again from there on, and `beginning` says so.
+  absl::StatusOr<std::unique_ptr<SessionPipeline>> RestorePipeline(
+      const SessionConfig& config, const std::vector<std::shared_ptr<const ObjectModel>>& models,
+      SessionBeginning& beginning) const;
   absl::StatusOr<std::shared_ptr<Session>> Restore(StoredSession stored, std::unique_ptr<SessionLease> lease) const;
 
   const Options options_;

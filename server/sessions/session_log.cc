@@ -41,6 +41,11 @@ void SessionLog::Resumed(uint64_t poses, bool has_ended) const {
   Write(LogLevel::kInfo, "session_resumed", peer(), {{"poses", poses}, {"ended", has_ended}});
 }
 
+void SessionLog::TrackerStateUnreadable(const std::string& why, uint64_t next_chunk, uint64_t poses) const {
+  Write(LogLevel::kWarning, "tracker_state_unreadable", peer(),
+        {{"message", why}, {"next_chunk", next_chunk}, {"poses", poses}});
+}
+
 void SessionLog::NotResumed(const absl::Status& status) const {
   Write(LogLevel::kError, "session_left_out", peer(), Outcome(status));
 }

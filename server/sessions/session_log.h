@@ -26,6 +26,8 @@ class SessionLog {
 
   void Created(const std::string& peer, const SessionConfig& config);
   void Resumed(uint64_t poses, bool has_ended) const;  // taken up from the store
+  // The objects are searched for again from this chunk on; the poses up to this one are stored.
+  void TrackerStateUnreadable(const std::string& why, uint64_t next_chunk, uint64_t poses) const;
   void NotResumed(const absl::Status& status) const;
   // `number` counts a session's streams. Taken over: the one before is there still, and ends.
   void Attached(const std::string& peer, uint64_t number, uint64_t next_chunk, bool is_taken_over);

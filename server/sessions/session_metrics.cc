@@ -50,7 +50,7 @@ void Session::CountWork(const std::vector<StoredPose>& poses) {
   for (const StoredPose& pose : poses) metrics_->pose_latency.Add(std::chrono::microseconds(pose.latency_us));
   const Tracker& tracker = pipeline_->tracker();
   for (size_t i = 0; i < health_.objects.size(); ++i) {
-    metrics_->track_losses.Add(Since(health_.objects[i].losses, tracker.losses(i)));
+    metrics_->track_losses.Add(Since(health_.objects[i].losses, losses_before_[i] + tracker.losses(i)));
   }
   for (const ObjectStateChange& change : output_.state_changes) {
     const bool is_found = HasPose(change.state) && !HasPose(change.state_before);

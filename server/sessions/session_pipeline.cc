@@ -17,9 +17,8 @@ namespace {
 // states are compared.
 constexpr int64_t kSliceUs = 1000;
 
-// What a saved state begins with. The version is raised with every change of what is saved, or of what it means.
-constexpr absl::string_view kStateMagic = "evpose session";
-constexpr uint32_t kStateVersion = 3;
+// Of what Tracker::SaveState writes. It is raised with every change of what is saved, or of what it means.
+constexpr uint32_t kTrackerStateVersion = 1;
 
 void WriteModel(const ObjectModel* model, StateWriter& writer) {
   writer(model != nullptr);
@@ -58,6 +57,17 @@ absl::StatusOr<std::unique_ptr<SessionPipeline>> SessionPipeline::Create(
   for (size_t i = 0; i < pipeline->tracker_->num_objects(); ++i) {
     pipeline->reported_states_.push_back(pipeline->tracker_->state(i));
   }
+  pipeline->configuration_ = ConfigurationDigest(config, models);
+  return pipeline;
+}
+
+absl::StatusOr<std::unique_ptr<SessionPipeline>> SessionPipeline::CreateSearching(
+    const SessionConfig& config, const std::vector<std::shared_ptr<const ObjectModel>>& models,
+    const TrackerFactory& make_tracker) {
+  SessionConfig searching = config;
+  for (ObjectConfig& object : searching.objects) object.initial_camera_from_object.reset();
+  EVPOSE_ASSIGN_OR_RETURN(auto pipeline, Create(searching, models, make_tracker));
+  // The next server loads this tracker's states into one that was made from the session's own configuration.
   pipeline->configuration_ = ConfigurationDigest(config, models);
   return pipeline;
 }
@@ -143,37 +153,43 @@ void SessionPipeline::Finish(PipelineOutput& output) {
   CloseSlice(now_us_, output);
 }
 
-void SessionPipeline::VisitState(auto& archive, auto& self) {
-  auto& [configuration, decoder, tracker, reported_states, decoded, first_t_us, now_us, slice_end_us, clock] = self;
-  archive(*decoder, *tracker);
-  for (auto& state : reported_states) archive(AtMost(state, TrackState::kLost));
-  constexpr int64_t kMax_us = kMaxStateTime_us;
-  archive(InRange(first_t_us, -kMax_us, kMax_us), InRange(now_us, -kMax_us, kMax_us),
-          InRange(slice_end_us, -kMax_us, kMax_us));
+PipelineState SessionPipeline::SaveState() const {
+  StateWriter decoder;
+  decoder_->SaveState(decoder);
+  StateWriter tracker;
+  tracker_->SaveState(tracker);
+  return {.position = {decoder.Take(), reported_states_, first_t_us_, now_us_, slice_end_us_},
+          .tracker = {kTrackerStateVersion, configuration_, tracker.Take()}};
 }
 
-std::string SessionPipeline::SaveState() const {
-  StateWriter writer;
-  writer.Raw(kStateMagic.data(), kStateMagic.size());
-  writer(kStateVersion, configuration_);
-  VisitState(writer, *this);
-  return writer.Take();
+absl::Status SessionPipeline::LoadPosition(const StreamPosition& position) {
+  const auto in_range = [](int64_t t_us) { return t_us >= -kMaxStateTime_us && t_us <= kMaxStateTime_us; };
+  if (!in_range(position.first_t_us) || !in_range(position.now_us) || !in_range(position.slice_end_us)) {
+    return absl::DataLossError("the position in the stream is damaged: a time is outside its range");
+  }
+  if (position.reported_states.size() != reported_states_.size()) {
+    return absl::DataLossError("the position in the stream is damaged: it has another number of objects");
+  }
+  StateReader reader(position.decoder);
+  decoder_->LoadState(reader);
+  EVPOSE_RETURN_IF_ERROR(reader.Finish());
+  reported_states_ = position.reported_states;
+  first_t_us_ = position.first_t_us;
+  now_us_ = position.now_us;
+  slice_end_us_ = position.slice_end_us;
+  return absl::OkStatus();
 }
 
-absl::Status SessionPipeline::LoadState(absl::string_view state) {
-  if (state.substr(0, kStateMagic.size()) != kStateMagic)
-    return absl::DataLossError("the saved state is none of a session");
-  StateReader reader(state.substr(kStateMagic.size()));
-  uint32_t version = 0;
-  reader(version);
-  if (reader.ok() && version != kStateVersion) {
-    return absl::DataLossError(absl::StrCat("the saved state has format ", version, ", this server reads format ",
-                                            kStateVersion, ": the server that wrote it can go on with it"));
+absl::Status SessionPipeline::LoadTracker(const SavedTracker& tracker) {
+  if (tracker.version != kTrackerStateVersion) {
+    return absl::DataLossError(absl::StrCat("the tracker's state has version ", tracker.version,
+                                            ", this server reads version ", kTrackerStateVersion));
   }
-  if (reader.Bytes() != configuration_ && reader.ok()) {
-    return absl::DataLossError("the saved state belongs to another configuration or another model");
+  if (tracker.configuration != configuration_) {
+    return absl::DataLossError("the tracker's state belongs to another configuration or another model");
   }
-  VisitState(reader, *this);
+  StateReader reader(tracker.bytes);
+  tracker_->LoadState(reader);
   return reader.Finish();
 }
 

@@ -18,6 +18,7 @@
 #include "core/events/event.h"
 #include "core/tracking/tracker.h"
 #include "server/sessions/session_config.h"
+#include "server/sessions/session_state.h"
 #include "server/sessions/stage_clock.h"
 
 namespace evpose::server {
@@ -47,6 +48,10 @@ class SessionPipeline {
   static absl::StatusOr<std::unique_ptr<SessionPipeline>> Create(
       const SessionConfig& config, const std::vector<std::shared_ptr<const ObjectModel>>& models,
       const TrackerFactory& make_tracker);
+  // The same, but every object is searched for, whether the configuration has an initial pose for it or not.
+  static absl::StatusOr<std::unique_ptr<SessionPipeline>> CreateSearching(
+      const SessionConfig& config, const std::vector<std::shared_ptr<const ObjectModel>>& models,
+      const TrackerFactory& make_tracker);
 
   // What the stages take is counted from now on.
   void Measure(StageClock clock) { clock_ = std::move(clock); }
@@ -61,11 +66,12 @@ class SessionPipeline {
 
   // All that later output depends on, bit for bit, between calls: some 0.2 MB for a sensor of 1280x720 pixels that is
   // tracked with, up to 1.2 MB for each object that is searched for.
-  std::string SaveState() const;
-  // Into a pipeline of the same configuration and models that has processed nothing; it then goes on where the other
-  // was. DATA_LOSS saying what is wrong when the bytes are damaged, of another format or of another configuration:
-  // this pipeline must not be used then.
-  absl::Status LoadState(absl::string_view state);
+  PipelineState SaveState() const;
+  // Both load into a pipeline of the same configuration and models that has processed nothing. It then goes on where
+  // the other one was. DATA_LOSS with what is wrong when the state is damaged; this pipeline must not be used then.
+  absl::Status LoadPosition(const StreamPosition& position);
+  // DATA_LOSS also when the state is of another version or configuration: see CreateSearching.
+  absl::Status LoadTracker(const SavedTracker& tracker);
 
   const DecodeCounts& counts() const { return decoder_->counts(); }
   int64_t first_t_us() const { return first_t_us_; }  // -1: no time seen yet
@@ -75,7 +81,6 @@ class SessionPipeline {
 
  private:
   SessionPipeline() = default;
-  static void VisitState(auto& archive, auto& self);
   void Decode(absl::Span<const uint8_t> bytes);
   void FeedEvents(absl::Span<const Event> events, PipelineOutput& output);
   void FeedTime(int64_t t_us, PipelineOutput& output);

@@ -9,6 +9,7 @@
 #include <iostream>
 
 #include "core/base/state_io.h"
+#include "core/base/status_macros.h"
 #include "core/baselines/estimators/estimator_factory.h"
 #include "core/events/encoder.h"
 #include "core/models/symmetry.h"
@@ -82,6 +83,11 @@ std::unique_ptr<SessionPipeline> MakePipeline(const Recording& recording) {
   return SessionPipeline::Create(recording.config, recording.models, MakeTracker).value();
 }
 
+absl::Status Load(const PipelineState& state, SessionPipeline& pipeline) {
+  EVPOSE_RETURN_IF_ERROR(pipeline.LoadTracker(state.tracker));
+  return pipeline.LoadPosition(state.position);
+}
+
 // Every bit of the output, and takes it away.
 std::string TakeBytes(PipelineOutput& output) {
   StateWriter writer;
@@ -95,12 +101,12 @@ std::string TakeBytes(PipelineOutput& output) {
 
 // Chunks of random sizes to two pipelines, one of which is saved and loaded between all of them; in some places bytes
 // are lost or a pose is given. Returns some of the states.
-std::vector<std::string> ExpectSameWhenMoved(const Recording& recording, absl::Span<const uint8_t> bytes,
-                                             size_t max_chunk, uint64_t seed) {
+std::vector<PipelineState> ExpectSameWhenMoved(const Recording& recording, absl::Span<const uint8_t> bytes,
+                                               size_t max_chunk, uint64_t seed) {
   Random random(seed);
   const auto whole = MakePipeline(recording);
   auto moved = MakePipeline(recording);
-  std::vector<std::string> states;
+  std::vector<PipelineState> states;
   PipelineOutput output, moved_output;
   for (size_t begin = 0; begin < bytes.size();) {
     const auto chunk = bytes.subspan(begin, 1 + random.UniformInt(max_chunk));
@@ -116,10 +122,10 @@ std::vector<std::string> ExpectSameWhenMoved(const Recording& recording, absl::S
       whole->ResetPose(0, recording.first_pose);
       moved->ResetPose(0, recording.first_pose);
     }
-    const std::string state = moved->SaveState();
+    const PipelineState state = moved->SaveState();
     EXPECT_TRUE(state == whole->SaveState()) << "at byte " << begin;
     moved = MakePipeline(recording);
-    EXPECT_EQ(moved->LoadState(state), absl::OkStatus()) << "at byte " << begin;
+    EXPECT_EQ(Load(state, *moved), absl::OkStatus()) << "at byte " << begin;
     EXPECT_TRUE(moved->SaveState() == state) << "at byte " << begin;
     EXPECT_TRUE(TakeBytes(output) == TakeBytes(moved_output)) << "at byte " << begin;
     EXPECT_EQ(moved->counts(), whole->counts());
@@ -154,18 +160,24 @@ TEST(SessionPipelineStateTest, EveryEncodingGoesOnWhereItWas) {
 TEST(SessionPipelineStateTest, DamagedStatesAreRefusedOrGoOn) {
   const Recording& recording = Vga();
   const std::vector<uint8_t> bytes = Encoded(recording, recording.config.encoding);
-  const std::vector<std::string> states = ExpectSameWhenMoved(recording, bytes, bytes.size() / 8, 9);
+  const std::vector<PipelineState> states = ExpectSameWhenMoved(recording, bytes, bytes.size() / 8, 9);
   ASSERT_FALSE(states.empty());
-  const std::string& last = states.back();
-  for (size_t size = 0; size < last.size(); size += 1 + last.size() / 10) {
-    EXPECT_EQ(MakePipeline(recording)->LoadState(last.substr(0, size)).code(), absl::StatusCode::kDataLoss) << size;
+  PipelineState cut = states.back();
+  for (std::string* part : {&cut.tracker.bytes, &cut.position.decoder}) {
+    const std::string whole = *part;
+    for (size_t size = 0; size < whole.size(); size += 1 + whole.size() / 10) {
+      *part = whole.substr(0, size);
+      EXPECT_EQ(Load(cut, *MakePipeline(recording)).code(), absl::StatusCode::kDataLoss) << size;
+    }
+    *part = whole;
   }
   Random random(10);
   for (int i = 0; i < 40; ++i) {
-    std::string damaged = states[random.UniformInt(states.size())];
-    damaged[random.UniformInt(damaged.size())] ^= static_cast<char>(1 << random.UniformInt(8));
+    PipelineState damaged = states[random.UniformInt(states.size())];
+    std::string& bytes_of_it = i % 8 == 0 ? damaged.position.decoder : damaged.tracker.bytes;
+    bytes_of_it[random.UniformInt(bytes_of_it.size())] ^= static_cast<char>(1 << random.UniformInt(8));
     const auto pipeline = MakePipeline(recording);
-    if (!pipeline->LoadState(damaged).ok()) continue;
+    if (!Load(damaged, *pipeline).ok()) continue;
     PipelineOutput output;
     const auto rest = absl::MakeConstSpan(bytes).subspan(random.UniformInt(bytes.size()), 20'000);
     pipeline->Process(rest, output);
@@ -175,11 +187,11 @@ TEST(SessionPipelineStateTest, DamagedStatesAreRefusedOrGoOn) {
 
 TEST(SessionPipelineStateTest, AStateOfAnotherConfigurationIsRefused) {
   const Recording& recording = Vga();
-  const std::string state = MakePipeline(recording)->SaveState();
+  const PipelineState state = MakePipeline(recording)->SaveState();
   const auto load = [&](const std::function<void(Recording&)>& change) {
     Recording other = recording;
     change(other);
-    return MakePipeline(other)->LoadState(state);
+    return MakePipeline(other)->LoadTracker(state.tracker);
   };
   EXPECT_EQ(load([](Recording&) {}), absl::OkStatus());
   const std::function<void(Recording&)> changes[] = {
@@ -197,20 +209,48 @@ TEST(SessionPipelineStateTest, AStateOfAnotherConfigurationIsRefused) {
         other.models = {model};
       }};
   for (const auto& change : changes) {
-    EXPECT_EQ(load(change), absl::DataLossError("the saved state belongs to another configuration or another model"));
+    EXPECT_EQ(load(change),
+              absl::DataLossError("the tracker's state belongs to another configuration or another model"));
   }
 }
 
-TEST(SessionPipelineStateTest, OtherBytesAndOtherFormatsAreRefusedInWords) {
-  const std::string state = MakePipeline(Vga())->SaveState();
-  EXPECT_THAT(MakePipeline(Vga())->LoadState("").ToString(), HasSubstr("none of a session"));
-  EXPECT_THAT(MakePipeline(Vga())->LoadState("x" + state).ToString(), HasSubstr("none of a session"));
-  std::string other = state;
-  other[14] = 77;  // behind the magic
-  EXPECT_EQ(MakePipeline(Vga())->LoadState(other),
-            absl::DataLossError("the saved state has format 77, this server reads format 2: the server that wrote it "
-                                "can go on with it"));
-  EXPECT_THAT(MakePipeline(Vga())->LoadState(state + "x").ToString(), HasSubstr("1 bytes too many"));
+TEST(SessionPipelineStateTest, AnotherVersionOfTheTrackersStateIsRefused) {
+  PipelineState state = MakePipeline(Vga())->SaveState();
+  const uint32_t version = std::exchange(state.tracker.version, 77);
+  EXPECT_EQ(
+      MakePipeline(Vga())->LoadTracker(state.tracker),
+      absl::DataLossError(absl::StrCat("the tracker's state has version 77, this server reads version ", version)));
+  state.tracker.version = version;
+  state.tracker.bytes += "x";
+  EXPECT_THAT(MakePipeline(Vga())->LoadTracker(state.tracker).ToString(), HasSubstr("1 bytes too many"));
+}
+
+// The decoder and the clock go on, every object is searched for, and the state that is saved then can be read.
+TEST(SessionPipelineStateTest, ASearchGoesOnAtThePosition) {
+  Recording recording = Vga();
+  recording.config.objects[0].initial_camera_from_object = recording.first_pose;
+  const std::vector<uint8_t> bytes = Encoded(recording, recording.config.encoding);
+  const auto first = absl::MakeConstSpan(bytes).first(bytes.size() / 3);
+  const auto whole = MakePipeline(recording);
+  PipelineOutput output;
+  whole->Process(first, output);
+  const auto searching = SessionPipeline::CreateSearching(recording.config, recording.models, MakeTracker).value();
+  ASSERT_EQ(searching->LoadPosition(whole->SaveState().position), absl::OkStatus());
+  EXPECT_EQ(searching->tracker().state(), TrackState::kInitializing);
+  EXPECT_EQ(searching->counts(), whole->counts());
+  EXPECT_EQ(searching->now_us(), whole->now_us());
+  const auto next = MakePipeline(recording);
+  EXPECT_EQ(Load(searching->SaveState(), *next), absl::OkStatus());
+  EXPECT_TRUE(next->SaveState() == searching->SaveState());
+  PipelineOutput searched, next_output;
+  for (SessionPipeline* pipeline : {whole.get(), searching.get(), next.get()}) {
+    output.clear();
+    pipeline->Process(absl::MakeConstSpan(bytes).subspan(first.size()), pipeline == whole.get()  ? output
+                                                                        : pipeline == next.get() ? next_output
+                                                                                                 : searched);
+  }
+  EXPECT_EQ(searching->counts(), whole->counts()) << "not an event is decoded in another way";
+  EXPECT_EQ(TakeBytes(next_output), TakeBytes(searched));
 }
 
 // On the sensor and at the rate that a checkpoint is meant for.
@@ -224,24 +264,24 @@ TEST(SessionPipelineStateTest, ACheckpointIsSmall) {
   for (size_t begin = 0; begin < bytes.size(); begin += 40'000) {
     pipeline->Process(absl::MakeConstSpan(bytes).subspan(begin, 40'000), output);
     const auto start = std::chrono::steady_clock::now();
-    const std::string state = pipeline->SaveState();
+    const PipelineState state = pipeline->SaveState();
     const auto saved = std::chrono::steady_clock::now();
     if (begin % 80'000 == 0) {
       const auto loaded = MakePipeline(recording);
       const auto load_start = std::chrono::steady_clock::now();
-      ASSERT_TRUE(loaded->LoadState(state).ok());
+      ASSERT_TRUE(Load(state, *loaded).ok());
       const std::chrono::duration<double, std::milli> load_ms = std::chrono::steady_clock::now() - load_start;
       longest_load_ms = std::max(longest_load_ms, load_ms.count());
     }
-    largest = std::max(largest, state.size());
+    largest = std::max(largest, state.tracker.bytes.size());
     longest_ms = std::max(longest_ms, std::chrono::duration<double, std::milli>(saved - start).count());
   }
   EXPECT_FALSE(output.poses.empty()) << "searched for and found";
   std::cout << "of " << recording.events.size() << " events in 0.1 s: at most " << largest << " bytes; now "
-            << pipeline->SaveState().size() << "; saved in at most " << longest_ms << " ms, loaded in at most "
-            << longest_load_ms << " ms\n";
+            << pipeline->SaveState().tracker.bytes.size() << "; saved in at most " << longest_ms
+            << " ms, loaded in at most " << longest_load_ms << " ms\n";
   EXPECT_LT(largest, size_t{1} << 20);
-  EXPECT_LT(pipeline->SaveState().size(), 250'000u);
+  EXPECT_LT(pipeline->SaveState().tracker.bytes.size(), 250'000u);
 }
 
 }  // namespace

@@ -9,10 +9,13 @@
 #include <utility>
 
 #include "server/sessions/errors.h"
+#include "server/sessions/log_testing.h"
+#include "server/sessions/session_codec.h"
 #include "server/sessions/session_manager.h"
 #include "server/sessions/store_testing.h"
 #include "server/sessions/testing.h"
 #include "server/stores/memory_store.h"
+#include "server/stores/testing.h"
 
 namespace evpose::server {
 namespace {
@@ -157,6 +160,53 @@ TEST_F(SessionRestoreTest, WhatIsDamagedIsLeftOutAndSaysSo) {
   }
   EXPECT_TRUE(server->Delete(kTenant, name).ok());
   EXPECT_EQ(ReasonOf(server->Describe(kTenant, name).status()), "SESSION_NOT_FOUND");
+}
+
+TEST_F(SessionRestoreTest, ATrackersStateOfAnotherVersionLeadsToANewSearch) {
+  Server server = Open();
+  const auto session = Create(server);
+  const std::string name = session->name();
+  const Attachment attachment = Attach(session, session->resume_token());
+  Track(session, attachment, 1);
+  const SessionHealth before = session->Snapshot().health;
+  ASSERT_GT(before.poses, 0u);
+  Kill(server);
+  {
+    auto taken = store_->TakeSession(name).value();
+    SessionCheckpoint checkpoint = DecodeCheckpoint(taken.session.checkpoint, 1).value();
+    checkpoint.pipeline->tracker.version = 1'000'000;
+    ASSERT_TRUE(CommitNow(*taken.lease, {.checkpoint = EncodeCheckpoint(checkpoint)}).ok());
+  }
+
+  captured_log.Take();
+  server = Open();
+  const auto restored = server->Get(kTenant, name).value();
+  EXPECT_EQ(restored->ReadPoses(0, 100).size(), before.poses);
+  EXPECT_EQ(restored->Snapshot().health.counts, before.counts);
+  EXPECT_THAT(captured_log.Take(),
+              testing::AllOf(testing::HasSubstr("tracker_state_unreadable"), testing::HasSubstr("version 1000000"),
+                             testing::HasSubstr("next_chunk")));
+  const Attachment again = Attach(restored, attachment.resume_token);
+  EXPECT_EQ(again.next_seq, 2u);
+  const std::vector<SessionNotice> notices = restored->TakeNotices(again.stream);
+  ASSERT_EQ(notices.size(), 1u);
+  EXPECT_EQ(std::get<TrackingRestarted>(notices[0].what).after_seq, 1u);
+
+  // The tracker begins without a pose, and what it finds is numbered on.
+  ASSERT_TRUE(restored->PushEvents(again.stream, {.seq = 2, .payload = Flat64(SomeEvents(20, 30))}).ok());
+  Until(restored, [&] { return restored->View(again.stream).ack.processed_seq == 2; });
+  EXPECT_EQ(restored->Snapshot().health.objects[0].state, TrackState::kInitializing);
+  EXPECT_EQ(restored->Snapshot().health.poses, before.poses);
+  ASSERT_TRUE(restored->PushResetPose(again.stream, 3, "cube", RigidTransform()).ok());
+  Track(restored, again, 4);
+  const std::vector<StoredPose> poses = restored->ReadPoses(before.poses, 100);
+  ASSERT_FALSE(poses.empty());
+  EXPECT_EQ(poses.front().pose_seq, before.poses + 1);
+  Kill(server);
+  server = Open();
+  EXPECT_EQ(server->Get(kTenant, name).value()->ReadPoses(before.poses, 100).size(), poses.size())
+      << "the state that was saved since can be read";
+  Kill(server);
 }
 
 TEST_F(SessionRestoreTest, ASessionWhoseModelIsGoneIsDamaged) {

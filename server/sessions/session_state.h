@@ -59,13 +59,40 @@ struct SessionLifecycle {
   uint64_t num_renewals = 0;              // by which its server tells that it lives, while a stream is attached
 };
 
+// Where decoding goes on, and what the writer was told until then.
+struct StreamPosition {
+  std::string decoder;  // EventDecoder::SaveState()
+  std::vector<TrackState> reported_states;
+  int64_t first_t_us = -1;  // -1: no time has been seen
+  int64_t now_us = -1;
+  int64_t slice_end_us = 0;
+
+  friend bool operator==(const StreamPosition&, const StreamPosition&) = default;
+};
+
+// The state of the tracker, which only a server with the same version of the tracker can read.
+struct SavedTracker {
+  uint32_t version = 0;
+  std::string configuration;  // digest of the configuration and the models that the state belongs to
+  std::string bytes;          // Tracker::SaveState()
+
+  friend bool operator==(const SavedTracker&, const SavedTracker&) = default;
+};
+
+struct PipelineState {
+  StreamPosition position;
+  SavedTracker tracker;
+
+  friend bool operator==(const PipelineState&, const PipelineState&) = default;
+};
+
 // Where a session can go on from: between two items.
 struct SessionCheckpoint {
   uint64_t processed_seq = 0;
   bool ended = false;
   SessionHealth health;  // received_bytes are processed_bytes: the rest is sent again
   LatencyHistogram latencies;
-  std::string pipeline;  // SessionPipeline::SaveState(); empty when ended
+  std::optional<PipelineState> pipeline;  // absent when ended
 };
 
 }  // namespace evpose::server

@@ -96,7 +96,8 @@ absl::Span<const uint8_t> AsBytes(const std::string& text) {
 
 struct Base {
   server::SessionConfig config;
-  std::string state;
+  server::StreamPosition position;
+  server::SavedTracker tracker;
 };
 
 server::SessionConfig Config(Estimator estimator, std::vector<std::string> objects = {"cube"}) {
@@ -113,7 +114,8 @@ Base MakeBase(const server::SessionConfig& config, const std::string& bytes) {
   const auto pipeline = MakePipeline(config);
   server::PipelineOutput output;
   pipeline->Process(AsBytes(bytes), output);
-  return {config, pipeline->SaveState()};
+  server::PipelineState state = pipeline->SaveState();
+  return {config, std::move(state.position), std::move(state.tracker)};
 }
 
 // At the start, tracking, searching after a loss, and with a second object that is not there.
@@ -130,7 +132,8 @@ std::vector<Base> MakeBases() {
   return bases;
 }
 
-// Bytes of the pixels' history apart, a state's faults are in its first and last bytes: offsets count from either end.
+// The decoder's state and the tracker's behind it. Bytes of the pixels' history apart, a state's faults are in its
+// first and last bytes: offsets count from either end.
 std::string Damage(std::string state, FuzzInput& input) {
   if (input.Choice(4) == 0) state.resize(input.Word() % state.size());
   while (!input.empty() && !state.empty()) {
@@ -152,9 +155,14 @@ extern "C" int LLVMFuzzerTestOneInput(const uint8_t* data, size_t size) {
   const uint8_t choice = input.Byte();
   const Base& base = bases[choice % bases.size()];
   const bool comes_to_its_end = choice / bases.size() % 4 == 0;
-  const std::string state = Damage(base.state, input);
+  const std::string state = Damage(base.position.decoder + base.tracker.bytes, input);
+  server::StreamPosition position = base.position;
+  server::SavedTracker tracker = base.tracker;
+  position.decoder = state.substr(0, base.position.decoder.size());
+  tracker.bytes = state.substr(position.decoder.size());
   const auto pipeline = MakePipeline(base.config);
-  const absl::Status loaded = pipeline->LoadState(state);
+  absl::Status loaded = pipeline->LoadTracker(tracker);
+  if (loaded.ok()) loaded = pipeline->LoadPosition(position);
   EVPOSE_FUZZ_REQUIRE(loaded.ok() || !loaded.message().empty());
   if (!loaded.ok()) return 0;
   static const std::string& after = *new std::string(EventsOf(kDensity, kNoise, kBeforeUs, kAfterUs));

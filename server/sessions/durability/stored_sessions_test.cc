@@ -1,0 +1,199 @@
+// SPDX-License-Identifier: Apache-2.0
+
+// Stores that earlier versions wrote, in tests/data/storage/: a server opens them, and their sessions go on. With the
+// environment variable EVPOSE_WRITE_STORE naming a new directory, the last test writes one there as this version does:
+//   EVPOSE_WRITE_STORE=tests/data/storage/v1 build/release/server/sessions/sessions_test
+//   --gtest_filter='*AStoreIsWritten'
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <cstdlib>
+#include <filesystem>
+
+#include "absl/strings/str_split.h"
+#include "core/base/temporary_directory.h"
+#include "core/estimation/ideal_events_testing.h"
+#include "server/sessions/log_testing.h"
+#include "server/sessions/session_codec.h"
+#include "server/sessions/session_manager.h"
+#include "server/sessions/testing.h"
+#include "server/sessions/tracker_factory.h"
+#include "server/stores/sqlite_store.h"
+#include "server/stores/testing.h"
+#include "tests/data/test_data.h"
+
+namespace evpose::server {
+namespace {
+
+namespace fs = std::filesystem;
+using ::testing::HasSubstr;
+using ::testing::Not;
+
+// How the store was written. The sessions are known by their request_id: one whose tracker goes on, one whose tracker's
+// state has a version that no server writes, and one that has ended.
+constexpr char kTenant[] = "stored";
+constexpr char kToken[] = "the token of the stored sessions";
+constexpr const char* kRequests[] = {"tracked", "foreign", "ended"};
+constexpr int64_t kChunkUs = 10'000;
+constexpr uint64_t kNumChunks = 4;  // that are durable
+
+RigidTransform PoseAt(double t_s) {
+  return evpose::testing::MakePose({0.3 * t_s, 0.1 * t_s, 0.8}, {0.5 + 1.0 * t_s, 0.4 + 2.0 * t_s, 0.1});
+}
+
+std::string Chunk(uint64_t seq) {
+  const SessionConfig config = SomeConfig();
+  evpose::testing::IdealEventOptions options;
+  options.t_begin_us = static_cast<int64_t>(seq - 1) * kChunkUs;
+  options.duration_us = kChunkUs;
+  options.clutter_per_s = 5'000;
+  options.seed = seq;
+  return Flat64(evpose::testing::MakeIdealEvents(*evpose::testing::MakeCube(0.2), config.camera, PoseAt, options));
+}
+
+class StoredSessionsTest : public ::testing::Test {
+ protected:
+  ~StoredSessionsTest() override {
+    if (sessions_ != nullptr) sessions_->CloseAll(absl::CancelledError("the end of the test"));
+    sessions_.reset();
+    models_.reset();
+    pool_.Join();
+  }
+
+  void Open(const std::string& data_dir) {
+    store_ = OpenSqliteStore({.data_dir = data_dir}).value();
+    ASSERT_TRUE(store_->damage().empty());
+    models_ = ModelRegistry::Create({}, *store_).value();
+    SessionManager::Options options;
+    options.make_tracker = MakeTrackerFactory();
+    options.now = [this] { return now_; };
+    sessions_ = std::make_unique<SessionManager>(options, *store_, *models_, pool_);
+    ASSERT_TRUE(sessions_->RestoreAll().ok());
+  }
+  std::shared_ptr<Session> Find(const std::string& request_id) {
+    const std::vector<SessionRecord> records = store_->ListSessions().value();
+    for (const SessionRecord& record : records) {
+      if (record.request_id == request_id) return sessions_->Get(kTenant, record.name).value();
+    }
+    return nullptr;
+  }
+  void Until(const std::shared_ptr<Session>& session, const std::function<bool()>& is_true) {
+    const auto waiting = std::make_shared<WaitingListener>();
+    session->AddWatcher(waiting);
+    waiting->WaitUntil(is_true);
+  }
+  void Track(const std::shared_ptr<Session>& session, uint64_t stream, uint64_t seq) {
+    ASSERT_TRUE(session->PushEvents(stream, {.seq = seq, .payload = Chunk(seq)}).ok());
+    Until(session, [&] { return session->View(stream).ack.processed_seq == seq; });
+    session->ReportSent(stream, session->Watch().last_pose_seq);
+  }
+  void ExpectPosesAreTrue(const std::shared_ptr<Session>& session, uint64_t first_pose_seq) {
+    uint64_t expected = first_pose_seq;
+    for (const StoredPose& pose : session->ReadPoses(first_pose_seq - 1, SIZE_MAX)) {
+      EXPECT_EQ(pose.pose_seq, expected++);
+      const RigidTransform truth = PoseAt(static_cast<double>(pose.estimate.t_us) * 1e-6);
+      EXPECT_LT((pose.estimate.camera_from_object.translation_m - truth.translation_m).norm(), 0.05);
+    }
+    EXPECT_GT(expected, first_pose_seq);
+  }
+
+  absl::Time now_ = absl::FromUnixSeconds(1'000'000);
+  WorkerPool pool_{2};
+  std::unique_ptr<Store> store_;
+  std::unique_ptr<ModelRegistry> models_;
+  std::unique_ptr<SessionManager> sessions_;
+  const std::shared_ptr<WaitingListener> listener_ = std::make_shared<WaitingListener>();
+};
+
+class EarlierStoreTest : public StoredSessionsTest, public ::testing::WithParamInterface<std::string> {
+ protected:
+  void SetUp() override {
+    fs::copy(FindTestData("storage/" + GetParam()), directory_.path(), fs::copy_options::recursive);
+    for (const auto& entry : fs::recursive_directory_iterator(directory_.path())) {
+      fs::permissions(entry.path(), fs::perms::owner_write, fs::perm_options::add);
+    }
+    captured_log.Take();
+    ASSERT_NO_FATAL_FAILURE(Open(directory_.path()));
+    log_ = captured_log.Take();
+  }
+
+  TemporaryDirectory directory_;
+  std::string log_;
+};
+INSTANTIATE_TEST_SUITE_P(Versions, EarlierStoreTest, ::testing::Values("v1"));
+
+TEST_P(EarlierStoreTest, ItsSessionsAreListedAndTheirPosesAreRead) {
+  EXPECT_EQ(sessions_->List(kTenant, "", 10)->size(), std::size(kRequests));
+  EXPECT_THAT(log_, Not(HasSubstr("session_left_out")));
+  for (const char* request_id : kRequests) {
+    SCOPED_TRACE(request_id);
+    const auto session = Find(request_id);
+    ASSERT_NE(session, nullptr);
+    EXPECT_EQ(session->Watch().ended, request_id == std::string("ended"));
+    EXPECT_GT(session->Snapshot().health.counts.cd_events, 0u);
+    EXPECT_EQ(session->pose_log().last_pose_seq(), session->Snapshot().health.poses);
+    ExpectPosesAreTrue(session, 1);
+  }
+}
+
+TEST_P(EarlierStoreTest, TrackingGoesOn) {
+  int num_searched = 0;
+  for (const char* request_id : {"tracked", "foreign"}) {
+    SCOPED_TRACE(request_id);
+    const auto session = Find(request_id);
+    ASSERT_NE(session, nullptr);
+    const SessionHealth before = session->Snapshot().health;
+    const auto attachment = session->Attach(kToken, before.poses, listener_);
+    ASSERT_TRUE(attachment.ok()) << attachment.status();
+    ASSERT_EQ(attachment->next_seq, kNumChunks + 1);
+    const bool is_searched = !session->TakeNotices(attachment->stream).empty();
+    num_searched += is_searched ? 1 : 0;
+    EXPECT_TRUE(is_searched || request_id != std::string("foreign"));
+    uint64_t seq = kNumChunks;
+    while (session->Snapshot().health.poses == before.poses && seq < 20 * kNumChunks) {
+      Track(session, attachment->stream, ++seq);
+    }
+    ExpectPosesAreTrue(session, before.poses + 1);
+    const SessionHealth after = session->Snapshot().health;
+    EXPECT_GT(after.counts.cd_events, before.counts.cd_events);
+    EXPECT_GT(after.processed_bytes, before.processed_bytes);
+  }
+  const std::vector<std::string> pieces = absl::StrSplit(log_, "tracker_state_unreadable");
+  EXPECT_EQ(pieces.size(), 1u + num_searched) << log_;
+}
+
+TEST_F(StoredSessionsTest, AStoreIsWritten) {
+  const char* directory = std::getenv("EVPOSE_WRITE_STORE");
+  if (directory == nullptr) GTEST_SKIP() << "EVPOSE_WRITE_STORE names no directory";
+  ASSERT_NO_FATAL_FAILURE(Open(directory));
+  const auto cube = std::make_shared<const std::vector<uint8_t>>(kCubeObj, kCubeObj + sizeof(kCubeObj) - 1);
+  SessionConfig config = SomeConfig({"cube"}, models_->Upload(kTenant, {}, "", cube).value().name);
+  config.sensor = evpose::testing::UnbiasedSensor();
+  config.objects[0].initial_camera_from_object = PoseAt(0.0);
+  for (const std::string request_id : kRequests) {
+    const auto session = sessions_->Create(kTenant, config, request_id).value();
+    const uint64_t stream = session->Attach(session->resume_token(), 0, listener_)->stream;
+    for (uint64_t seq = 1; seq <= kNumChunks; ++seq) Track(session, stream, seq);
+    if (request_id == "ended") {
+      ASSERT_TRUE(session->PushEnd(stream).ok());
+      Until(session, [&] { return session->View(stream).ended; });
+    }
+    session->Detach(stream);
+    session->Settle();
+    Until(session, [&] { return session->IsSettled(); });
+  }
+  sessions_->CloseAll(absl::CancelledError("written"));
+  const std::vector<SessionRecord> records = store_->ListSessions().value();
+  for (const SessionRecord& record : records) {
+    auto taken = store_->TakeSession(record.name).value();
+    SessionCheckpoint checkpoint = DecodeCheckpoint(taken.session.checkpoint, 1).value();
+    if (record.request_id == "foreign") checkpoint.pipeline->tracker.version = UINT32_MAX;
+    const SessionLifecycle lifecycle = {.token_digest = TokenDigest(kToken), .num_attaches = 1, .detached_at = now_};
+    ASSERT_TRUE(
+        CommitNow(*taken.lease, {.checkpoint = EncodeCheckpoint(checkpoint), .lifecycle = EncodeLifecycle(lifecycle)})
+            .ok());
+  }
+}
+
+}  // namespace
+}  // namespace evpose::server
