@@ -12,12 +12,14 @@
 #include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
-#include "absl/strings/str_replace.h"
+#include "absl/strings/string_view.h"
+#include "absl/strings/strip.h"
 #include "absl/time/time.h"
 #include "core/base/output_file.h"
 #include "core/base/status_macros.h"
 #include "core/base/version.h"
 #include "server/rpc/listen_address.h"
+#include "server/sessions/errors.h"
 #include "server/stores/redis_address.h"
 
 namespace evpose::server {
@@ -154,23 +156,32 @@ void DefineArguments(CLI::App& app, Arguments& arguments) {
   DefineLimits(app, arguments);
 }
 
-// The words of ServerOptions::Validate() in those of the command line.
-std::string InOptions(absl::string_view message) {
-  return absl::StrReplaceAll(message, {{"listen_address", "--listen"},
-                                       {"tls: ", ""},
-                                       {"worker_threads", "--workers"},
-                                       {"drain_timeout", "--shutdown-timeout"},
-                                       {"session_expiry", "--session-expiry"},
-                                       {"attach_timeout", "--attach-timeout"},
-                                       {"pose_log_capacity", "--pose-log-capacity"},
-                                       {"credit_bytes", "--credit-bytes"},
-                                       {"max_sessions", "--max-sessions"},
-                                       {"max_streams", "--max-streams"},
-                                       {"max_calls_per_connection", "--max-calls-per-connection"},
-                                       {"max_chunk_bytes", "--max-chunk-bytes"},
-                                       {"max_model_bytes", "--max-model-bytes"},
-                                       {"max_model_store_bytes", "--max-model-store-bytes"},
-                                       {"tenant.max_model_bytes", "--tenant-max-model-bytes"}});
+// Describes an error of ServerOptions::Validate() with the command-line option that sets the invalid field. An error of
+// the TLS files names its options itself.
+std::string InOptions(const absl::Status& status) {
+  constexpr std::pair<absl::string_view, absl::string_view> kOptions[] = {
+      {"listen_address", "--listen: "},
+      {"tls", ""},
+      {"worker_threads", "--workers: "},
+      {"drain_timeout", "--shutdown-timeout: "},
+      {"session_expiry", "--session-expiry: "},
+      {"attach_timeout", "--attach-timeout: "},
+      {"pose_log_capacity", "--pose-log-capacity: "},
+      {"credit_bytes", "--credit-bytes: "},
+      {"max_sessions", "--max-sessions: "},
+      {"max_streams", "--max-streams: "},
+      {"max_calls_per_connection", "--max-calls-per-connection: "},
+      {"max_chunk_bytes", "--max-chunk-bytes: "},
+      {"max_model_bytes", "--max-model-bytes: "},
+      {"max_model_store_bytes", "--max-model-store-bytes: "},
+      {"tenant.max_model_bytes", "--tenant-max-model-bytes: "}};
+  const std::string field = GetErrorDetails(status).field;
+  absl::string_view description = status.message();
+  for (const auto& [name, option] : kOptions) {
+    if (field != name || !absl::ConsumePrefix(&description, absl::StrCat(field, ": "))) continue;
+    return absl::StrCat(option, description);
+  }
+  return std::string(description);
 }
 
 // Why this address must not be listened on, empty when it may.
@@ -296,7 +307,7 @@ ParsedOptions ParseOptions(int argc, char** argv) {
 }
 
 std::string WrongUsage(const ProgramOptions& options) {
-  if (const absl::Status status = options.server.Validate(); !status.ok()) return InOptions(status.message());
+  if (const absl::Status status = options.server.Validate(); !status.ok()) return InOptions(status);
   if (const absl::Status status = CheckStore(options.server.store.store); !status.ok()) {
     return absl::StrCat("--store: ", status.message());
   }

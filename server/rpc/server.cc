@@ -335,10 +335,6 @@ class ServerImpl : public Server, public Drainer {
   bool is_shut_down_ = false;
 };
 
-absl::Status Invalid(const char* field, const std::string& why) {
-  return absl::InvalidArgumentError(absl::StrCat(field, ": ", why));
-}
-
 }  // namespace
 
 absl::Status ServerOptions::Validate() const {
@@ -348,37 +344,43 @@ absl::Status ServerOptions::Validate() const {
   constexpr uint32_t kMaxCalls = 1u << 20;
   if (!listen_address.empty()) {
     const auto address = ParseListenAddress(listen_address);
-    if (!address.ok()) return Invalid("listen_address", std::string(address.status().message()));
+    if (!address.ok()) return InvalidField("listen_address", address.status().message());
   }
-  if (const absl::Status status = tls.Validate(); !status.ok()) return Invalid("tls", std::string(status.message()));
+  if (const absl::Status status = tls.Validate(); !status.ok()) return InvalidField("tls", status.message());
   if (worker_threads < 0 || worker_threads > kMaxWorkers) {
-    return Invalid("worker_threads", absl::StrCat("is ", worker_threads, "; 0 (one per core) to ", kMaxWorkers));
+    return InvalidField("worker_threads", absl::StrCat("is ", worker_threads, "; 0 (one per core) to ", kMaxWorkers));
   }
-  if (max_sessions == 0) return Invalid("max_sessions", "is 0; at least 1");
-  if (max_model_bytes == 0) return Invalid("max_model_bytes", "is 0; at least 1");
+  if (max_sessions == 0) return InvalidField("max_sessions", "is 0; at least 1");
+  if (max_model_bytes == 0) return InvalidField("max_model_bytes", "is 0; at least 1");
   if (max_model_store_bytes < max_model_bytes) {
-    return Invalid("max_model_store_bytes", "is below max_model_bytes: no model of that size would fit");
+    return InvalidField("max_model_store_bytes", absl::StrCat("is ", max_model_store_bytes, "; at least ",
+                                                              max_model_bytes, ", the size of the largest model"));
   }
   if (max_chunk_bytes < 8 || max_chunk_bytes > kMaxChunkBytes) {
-    return Invalid("max_chunk_bytes", absl::StrCat("is ", max_chunk_bytes, "; 8 to ", kMaxChunkBytes));
+    return InvalidField("max_chunk_bytes", absl::StrCat("is ", max_chunk_bytes, "; 8 to ", kMaxChunkBytes));
   }
   if (credit_bytes < max_chunk_bytes) {
-    return Invalid("credit_bytes", "is below max_chunk_bytes: such a chunk could never be sent");
+    return InvalidField("credit_bytes", absl::StrCat("is ", credit_bytes, "; at least ", max_chunk_bytes,
+                                                     ", the size of the largest chunk"));
   }
   if (pose_log_capacity < kMinPoseLogCapacity) {
-    return Invalid("pose_log_capacity", absl::StrCat("is ", pose_log_capacity, "; at least ", kMinPoseLogCapacity));
+    return InvalidField("pose_log_capacity",
+                        absl::StrCat("is ", pose_log_capacity, "; at least ", kMinPoseLogCapacity));
   }
   if (tenant.max_model_bytes != 0 && tenant.max_model_bytes < max_model_bytes) {
-    return Invalid("tenant.max_model_bytes", "is below max_model_bytes: no model of that size would fit");
+    return InvalidField("tenant.max_model_bytes",
+                        absl::StrCat("is ", tenant.max_model_bytes, "; 0 (no own limit) or at least ", max_model_bytes,
+                                     ", the size of the largest model"));
   }
-  if (attach_timeout <= absl::ZeroDuration()) return Invalid("attach_timeout", "must be positive");
-  if (max_streams == 0) return Invalid("max_streams", "is 0; at least 1");
+  if (attach_timeout <= absl::ZeroDuration()) return InvalidField("attach_timeout", "must be positive");
+  if (max_streams == 0) return InvalidField("max_streams", "is 0; at least 1");
   if (max_calls_per_connection == 0 || max_calls_per_connection > kMaxCalls) {
-    return Invalid("max_calls_per_connection", absl::StrCat("is ", max_calls_per_connection, "; 1 to ", kMaxCalls));
+    return InvalidField("max_calls_per_connection",
+                        absl::StrCat("is ", max_calls_per_connection, "; 1 to ", kMaxCalls));
   }
-  if (session_expiry <= absl::ZeroDuration()) return Invalid("session_expiry", "must be positive");
-  if (store_check_period <= absl::ZeroDuration()) return Invalid("store_check_period", "must be positive");
-  if (drain_timeout < absl::ZeroDuration()) return Invalid("drain_timeout", "must not be negative");
+  if (session_expiry <= absl::ZeroDuration()) return InvalidField("session_expiry", "must be positive");
+  if (store_check_period <= absl::ZeroDuration()) return InvalidField("store_check_period", "must be positive");
+  if (drain_timeout < absl::ZeroDuration()) return InvalidField("drain_timeout", "must not be negative");
   return absl::OkStatus();
 }
 
