@@ -13,7 +13,7 @@
 namespace evpose {
 namespace {
 
-// Of a line: fewer cannot reach the significance even if all are near.
+// Events of a line: fewer cannot reach the significance even if all are near.
 constexpr double kTestableEvents = 20.0;
 
 }  // namespace
@@ -189,8 +189,8 @@ HealthVerdict TrackHealth::Judge(double min_support_ratio, double sure_support_r
 }
 
 double TrackHealth::CreditedNoiseRatio() const {
-  // In dense noise an object in motion still shows: it does not fall silent in the moment that the noise begins. One
-  // that stands still does not answer to any.
+  // After kFewEvents the object is at rest, and every background rate explains the events. A moving object does not
+  // stop at the moment at which dense noise begins, so that only a limited rate is accepted.
   if (was_quiet_) return 1.0;
   double noise = 0.0;
   for (const LineEvidence& line : evidence_) noise += line.noise;
@@ -205,7 +205,7 @@ bool TrackHealth::IsQuiet() const {
 }
 
 void TrackHealth::AddExcess(double gated, double near, LineEvidence& evidence) const {
-  // As many others beside the events of a line say little against it.
+  // Gated events outside near_px at which a window has half its weight.
   constexpr double kFewEvents = 4.0;
   const double share = options_.near_px / options_.gate_px;
   const double weight = kFewEvents / (kFewEvents + gated - near);

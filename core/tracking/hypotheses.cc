@@ -11,7 +11,7 @@
 namespace evpose {
 namespace {
 
-// Events of a window that two poses are compared on: more are not independent anyway.
+// Events of a window on which two poses are compared: further ones are correlated with these.
 constexpr size_t kComparedEvents = 1000;
 
 }  // namespace
@@ -76,7 +76,7 @@ void Hypotheses::Compare(const EventWindow& window, const Competitors* others) {
 }
 
 double Hypotheses::Preference(size_t i, size_t j) const {
-  // Neighbouring pixels fire together, and one pixel several times: see HealthOptions.dispersion.
+  // Events are correlated between neighbouring pixels and at one pixel: see HealthOptions::dispersion.
   const double variance = entries_[i].squares[j] * context_.options.health.dispersion;
   return variance > 0.0 ? entries_[i].difference[j] / std::sqrt(variance) : 0.0;
 }
@@ -88,8 +88,8 @@ void Hypotheses::DropIf(absl::FunctionRef<bool(const PoseTrack&)> is_wrong) {
 }
 
 void Hypotheses::DropRefused() {
-  // Verdicts for one and against another may be chance, when the two look nearly the same: the comparison decides, if
-  // it can before long.
+  // When two poses look nearly the same, support of one and contradiction of the other can be chance. The sequential
+  // comparison gets the time to decide between them.
   constexpr int kTimesBesideABelieved = 5;
   const bool has_believed = std::any_of(entries_.begin(), entries_.end(), [](const Entry& entry) {
     return entry.track->state() != TrackState::kInitializing;
@@ -99,7 +99,7 @@ void Hypotheses::DropRefused() {
 }
 
 void Hypotheses::DropSame() {
-  // Closer than any line detector tells poses apart: they have converged to one.
+  // Closer than the resolution of any line detector: the two have converged to one pose.
   constexpr double kSameRad = 0.02;
   constexpr double kSameDepthRatio = 0.01;
   for (size_t i = 0; i < entries_.size(); ++i) {
@@ -119,7 +119,7 @@ void Hypotheses::DropWorse() {
   for (size_t i = entries_.size(); i-- > 0;) {
     for (size_t j = 0; j < entries_.size(); ++j) {
       if (j == i || Preference(j, i) < context_.options.initialization.decision_sigma) continue;
-      // What is liked better than one that the verdicts were for was refused by chance.
+      // Entry j is significantly better than a supported pose, so that the contradictions of j were chance.
       if (entries_[i].track->state() != TrackState::kInitializing) entries_[j].track->ClearContradictions();
       Remove(i);
       break;

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// Poses that the events have to decide between (core/tracking/README.md, section 2).
+// Competing hypotheses about the pose of one object (core/tracking/README.md, section 2).
 #pragma once
 
 #include <memory>
@@ -12,37 +12,39 @@
 
 namespace evpose {
 
-// Follows all of them, and drops those that the events turn down: the lost, the same as another, and the worse of two
-// as soon as the difference is significant. Two poses are compared event by event, so that what both explain says
-// nothing; the differences are summed from window to window until they decide (a sequential test).
+// Tracks all hypotheses and removes those that are lost, that have converged to another one, or that are significantly
+// worse than another one. Two poses are compared event by event, so that events that both explain do not count; the
+// differences are summed from window to window until they are significant (a sequential test).
 class Hypotheses {
  public:
   explicit Hypotheses(const TrackContext& context) : context_(context) {}
 
-  // Adds one; earlier ones are better when nothing else tells.
+  // Adds one. Between equally supported hypotheses the earlier one precedes.
   void Add(const MotionState& start);
-  // Takes the other's over, as challengers: they are compared with those here from the next window on. At
-  // most twice InitializationOptions::max_candidates are kept.
+  // Moves the other's hypotheses here; they are compared with the present ones from the next window on. At most twice
+  // InitializationOptions::max_candidates are kept.
   void Join(Hypotheses&& others);
   void Clear() { entries_.clear(); }
 
-  // `others` as PoseTrack::OnWindow takes them.
+  // `others`: see PoseTrack::OnWindow.
   void OnWindow(const EventWindow& window, const Competitors* others = nullptr);
-  // As PoseTrack::OnGap.
+  // See PoseTrack::OnGap.
   void OnGap(int64_t gap_us);
-  // Drops those that the predicate says it of.
+  // Removes those for which the predicate is true.
   void DropIf(absl::FunctionRef<bool(const PoseTrack&)> is_wrong);
-  // Puts the one first that the events prefer most, if they prefer it to the present first by `min_sigma` at least.
+  // Moves the best hypothesis to the front if it is better than the present first one by at least `min_sigma` standard
+  // deviations.
   void PutBestFirst(double min_sigma);
 
   bool empty() const { return entries_.empty(); }
   size_t size() const { return entries_.size(); }
-  // There must be one.
+  // Requires !empty().
   const PoseTrack& first() const { return *entries_.front().track; }
-  // The first one's, of the last window; nullopt while it is INITIALIZING.
+  // That of the first hypothesis in the last window; nullopt while it is tentative. Requires !empty().
   const std::optional<PoseEstimate>& estimate() const { return entries_.front().estimate; }
 
-  // Between windows. Into one of the same context; after a failure (reader.status()) there are none.
+  // To be called between windows. LoadState() requires the same context; after a failure (reader.status()) there are no
+  // hypotheses.
   void SaveState(StateWriter& writer) const;
   void LoadState(StateReader& reader);
 
@@ -52,14 +54,14 @@ class Hypotheses {
     std::unique_ptr<PoseTrack> track;
     std::optional<PoseEstimate> estimate;
     std::vector<float> explains;  // of the window's sampled events
-    // Against each other one, in order of `entries_`: sum of differences of `explains`, and of their squares.
+    // For each other entry, in the order of `entries_`: sum of the differences of `explains`, and of their squares.
     std::vector<double> difference;
     std::vector<double> squares;
     static void VisitState(auto& archive, auto& self);
   };
 
   void Compare(const EventWindow& window, const Competitors* others);
-  // Standard deviations by which the events prefer entry i to entry j.
+  // Standard deviations by which entry i is better supported than entry j.
   double Preference(size_t i, size_t j) const;
   void DropRefused();
   void DropSame();

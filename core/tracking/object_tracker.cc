@@ -11,7 +11,7 @@
 namespace evpose {
 namespace {
 
-// Windows are a millisecond long or longer; were they shorter, memory would still be bounded.
+// Windows last 1 ms or more, so that this is never reached; it bounds the memory in any case.
 constexpr size_t kMaxSightings = 1000;
 
 }  // namespace
@@ -39,7 +39,7 @@ void ObjectTracker::BeginWindow() {
 }
 
 void ObjectTracker::OnGap(const EventGap& gap) {
-  // A pose that was given for the first event has grown old.
+  // The pose was given for the first event: its time is the beginning of the gap.
   if (given_pose_ && !given_at_us_) given_at_us_ = gap.t_begin_us;
   followed_since_us_ += gap.duration_us();
   hypotheses_.OnGap(gap.duration_us());
@@ -107,7 +107,7 @@ void ObjectTracker::StartFromGivenPose(const EventWindow& window) {
   followed_since_us_ = t_us;
   Enter(ObjectInput::kGivenPose);
   memory_.Clear();
-  // The events are asked about it first, before the search is.
+  // The given pose is tested against the events before a search begins.
   next_search_us_ = window.t_end_us + context_.options.initialization.retry_us;
   report_.status = InitializationStatus::kVerifying;
 }
@@ -182,7 +182,7 @@ void ObjectTracker::Search(const EventWindow& window, std::vector<PoseEstimate>&
   Enter(ObjectInput::kPosesFound);
   sightings_.clear();
   followed_since_us_ = hypotheses_.first().motion().t_us;
-  // They catch up with the present.
+  // The new hypotheses process the stored windows up to the present one.
   const size_t num_windows = memory_.size();
   for (size_t i = 0; i < num_windows && !hypotheses_.empty(); ++i) {
     const EventWindow past = memory_.At(i);
@@ -206,8 +206,8 @@ void ObjectTracker::Review(const EventWindow& window) {
   if (IsPublished(phase_) && reviews_left_ > 0) {
     --reviews_left_;
   } else if (IsPublished(phase_)) {
-    // In flicker or clutter a right pose is in doubt for long: another is looked for less often, but as often as an
-    // object that is gone must be found when it returns.
+    // In flicker or clutter a right pose can be doubtful for long: the search interval grows, up to the longest delay
+    // with which a returning object is to be found.
     wait_us = retry_us_;
     retry_us_ = std::min(options.max_retry_us, retry_us_ + retry_us_ / 2);
   }
@@ -259,7 +259,7 @@ void ObjectTracker::CollectEvents() {
 
 RigidTransform ObjectTracker::ReferenceAt(int64_t t_us) const {
   if (!last_tracked_) return {reference_rotation_, Eigen::Vector3d::Zero()};
-  // Longer than this no motion goes on as it was.
+  // The horizon of the motion model: predictions beyond it are not meaningful.
   constexpr int64_t kForesightUs = 100'000;
   const int64_t later_us = std::clamp<int64_t>(t_us - last_tracked_->t_us, 0, kForesightUs);
   return Predict(*last_tracked_, last_tracked_->t_us + later_us, context_.options.motion).camera_from_object;
@@ -287,7 +287,7 @@ const Competitors* ObjectTracker::OthersAt(const EventWindow& window, const Moti
 }
 
 void ObjectTracker::AddTo(int64_t t_us, const std::optional<BoundingSphere>& near, Competitors& competitors) const {
-  // As wide as the gates get, and as far as a fast object moves in a window.
+  // The widest gate plus the motion of a fast object during a window.
   constexpr double kMarginPx = 64.0;
   if (!is_known_) return;
   const auto is_later = [t_us](const Sighting& sighting) { return sighting.motion.t_us >= t_us; };
@@ -305,8 +305,8 @@ BoundingSphere ObjectTracker::SphereAt(const RigidTransform& camera_from_object)
 }
 
 bool ObjectTracker::IsTaken(const PoseTrack& track) const {
-  // Two bodies of one shape are not inside one another; an estimate that has begun to slide onto the other object is
-  // nearer to it than this long before it is the same.
+  // Two bodies cannot occupy the same place. An estimate that drifts onto another object of the same model comes closer
+  // than this well before both coincide.
   constexpr double kSamePlaceRatio = 0.1;  // of the radius
   const Eigen::Vector3d centre = SphereAt(track.motion().camera_from_object).centre;
   return std::any_of(others_.begin(), others_.end(), [&](const ObjectTracker* other) {

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// One object in the windows of a stream: searched for, followed, lost and found again (core/tracking/README.md).
+// One object in the windows of a stream: search, tracking, loss and renewed search (core/tracking/README.md).
 #pragma once
 
 #include <cstdint>
@@ -22,38 +22,39 @@ namespace evpose {
 
 class ObjectTracker {
  public:
-  // `initializer` may be null: the pose is only ever given. The pose in `object` is that at the first event.
+  // `initializer` may be null: every pose is then given. The pose in `object` is that at the first event.
   ObjectTracker(TrackContext context, std::unique_ptr<PoseInitializer> initializer, const ObjectToTrack& object);
 
-  // The other objects of the stream, which must outlive it or be told nothing any more. They are asked where they were
-  // before a window, so that the order in which objects take a window says nothing.
+  // Sets the other objects of the stream, which must be alive whenever this one processes a window. Their positions
+  // before the window are used, so that the results do not depend on the order of the objects.
   void SetOthers(std::vector<const ObjectTracker*> others);
 
-  // Before any object takes the next window: what the others are told of this one until then is settled.
+  // To be called for all objects before any of them processes the next window: fixes what the others see of this one.
   void BeginWindow();
-  // Windows in order. Appends at most one estimate for this window; more when a search has looked back.
+  // Processes windows in order of time. Appends at most one estimate for this window, and those of past windows after a
+  // search.
   void OnWindow(const EventWindow& window, std::vector<PoseEstimate>& estimates);
-  // Between two windows.
+  // To be called between two windows.
   void OnGap(const EventGap& gap);
-  // After the last window.
+  // To be called after the last window.
   void Finish();
-  // Starts again from this pose at `at_us`; at the next window's begin without a time.
+  // Restarts from this pose at `at_us`, or at the beginning of the next window without a time.
   void ResetPose(const RigidTransform& camera_from_object, std::optional<int64_t> at_us);
 
-  // How fast the reported object's image moves at most, anywhere on it; 0 while no pose is reported.
+  // Upper bound of the image speed of any point of the published object; 0 while no pose is published.
   double ImageSpeedPxPerS() const;
 
   TrackState state() const;
   InitializationReport initialization() const { return report_; }
   uint32_t losses() const { return losses_; }
 
-  // Between windows. Into one of the same object, camera and options; after a failure (reader.status()) it must not be
-  // used.
+  // To be called between windows. LoadState() requires the same object, camera and options; after a failure
+  // (reader.status()) the tracker must not be used.
   void SaveState(StateWriter& writer) const;
   void LoadState(StateReader& reader);
 
  private:
-  // Where the reported pose was, and which lines showed it.
+  // A past state of the first hypothesis, and the lines that were visible then.
   struct Sighting {
     MotionState motion;
     std::vector<TrackedLine> lines;
@@ -63,37 +64,37 @@ class ObjectTracker {
     }
   };
   static void VisitState(auto& archive, auto& self);
-  // Whether what was read, each number of it possible, is possible together.
+  // Whether the values that were read, each of them valid, are valid together.
   bool IsConsistent() const;
 
   void StartFromGivenPose(const EventWindow& window);
   void Follow(const EventWindow& window, std::vector<PoseEstimate>& estimates);
-  // What the others lay claim to in a window; null when there is nothing. `near` limits it to those whose image comes
-  // near this object there.
+  // The other published objects in a window; null when there are none. `near` restricts them to those whose image is
+  // near this object in that state.
   const Competitors* OthersAt(const EventWindow& window, const MotionState* near);
-  // This object where it is predicted for t_us from what was known before; not while no pose is reported.
+  // Adds this object at its prediction for t_us from earlier states; adds nothing while no pose is published.
   void AddTo(int64_t t_us, const std::optional<BoundingSphere>& near, Competitors& competitors) const;
   BoundingSphere SphereAt(const RigidTransform& camera_from_object) const;
-  // Whether another object of the same model is reported at this place: it is one and the same.
+  // Whether another object of the same model is published at this place: both would be the same physical object.
   bool IsTaken(const PoseTrack& track) const;
   void Remember(const EventWindow& window);
-  // Whether the first hypothesis may be reported now.
+  // Whether the first hypothesis may be published now.
   bool MayPublish(const EventWindow& window) const;
   void StartPublishing(const EventWindow& window);
   void Search(const EventWindow& window, std::vector<PoseEstimate>& estimates);
-  // Asks the initializer again, and lets what it finds challenge the pose that is reported.
+  // Searches again while a pose is tracked; the poses that are found become competing hypotheses.
   bool MayReview() const;
   void Review(const EventWindow& window);
-  // Adds the hypotheses that the events in memory allow; says why there are none.
+  // Adds the hypotheses that a search in the stored events finds; the result tells why there are none.
   InitializationStatus FindHypotheses(Hypotheses& hypotheses);
-  // The events in memory, undistorted.
+  // Fills pixel_events_ with the stored events, undistorted.
   void CollectEvents();
-  // Of poses that the object's symmetry makes equal, the one whose rotation is nearest to this is found.
+  // Among the poses that are equal by the object's symmetry, the one nearest to this rotation is chosen.
   RigidTransform ReferenceAt(int64_t t_us) const;
   MotionState StartState(const FirstPose& first) const;
   void Publish(PoseEstimate estimate, std::vector<PoseEstimate>& estimates);
   void Lose();
-  // The pose that was reported, or given, was rejected.
+  // To be called when a published or given pose is rejected.
   void CountLoss();
   // The one place where the phase changes.
   void Enter(ObjectInput input);
@@ -102,9 +103,9 @@ class ObjectTracker {
   const Eigen::Matrix3d reference_rotation_;
   const BoundingSphere sphere_;  // object frame
   WindowMemory memory_;
-  const std::unique_ptr<PoseInitializer> initializer_;  // null: the pose is only ever given
+  const std::unique_ptr<PoseInitializer> initializer_;  // null: every pose is given
 
-  TrackState idle_state_ = TrackState::kInitializing;  // while no pose is reported
+  TrackState idle_state_ = TrackState::kInitializing;  // the reported state while no pose is published
   InitializationReport report_;
   uint32_t losses_ = 0;
   std::optional<MotionState> last_tracked_;
@@ -121,9 +122,9 @@ class ObjectTracker {
 
   std::vector<const ObjectTracker*> others_;
   std::unique_ptr<Competitors> competitors_;  // null without others
-  // Of the windows that a search may look back on, in order of time; empty without others.
+  // Those of the stored windows, in order of time; empty without other objects.
   std::deque<Sighting> sightings_;
-  bool is_known_ = false;  // a pose was reported before this window: the others reckon with this object
+  bool is_known_ = false;  // a pose was published before this window, so that the other objects account for this one
 
   std::vector<PixelEvent> pixel_events_;
 };

@@ -17,10 +17,10 @@ std::string_view TrackStateName(TrackState state);  // "INITIALIZING", "TRACKING
 // Why there is no pose yet.
 enum class InitializationStatus {
   kNotNeeded,         // a pose is tracked
-  kWaitingForEvents,  // too few: nothing is in view, or what is there stands still
-  kTooFewLines,       // events, but fewer than three lines in them
-  kNoPoseFits,        // lines, but the model fits them in no pose that the events support
-  kVerifying,         // the events are being asked about a pose, found or given
+  kWaitingForEvents,  // too few events: nothing is in view, or the object is at rest
+  kTooFewLines,       // fewer than three lines were detected
+  kNoPoseFits,        // lines were detected, but no pose of the model fits them and is supported by the events
+  kVerifying,         // a pose, found or given, is being tested against the events
   kAmbiguous,         // two poses explain the events equally well so far
 };
 std::string_view InitializationStatusName(InitializationStatus status);  // "NOT_NEEDED", "WAITING_FOR_EVENTS", ...
@@ -28,7 +28,7 @@ std::string_view InitializationStatusName(InitializationStatus status);  // "NOT
 struct InitializationReport {
   InitializationStatus status = InitializationStatus::kWaitingForEvents;
   uint64_t attempts = 0;  // searches for the pose so far
-  int num_lines = 0;      // that the last of them saw
+  int num_lines = 0;      // detected by the latest search
 
   static void VisitState(auto& archive, auto& self) {
     auto& [status, attempts, num_lines] = self;

@@ -11,13 +11,13 @@ namespace {
 // Lines that must be supported: three determine six unknowns, and two still bind all but a little of the motion.
 constexpr int kConfirmLines = 3;
 constexpr int kKeepLines = 2;
-// While more than this share of what its lines should make is missing, it is not the object that speaks.
+// With a larger event deficit than this share of the expected events, the events near the lines are not the object's.
 constexpr double kMostMissing = 0.5;
-// In a window; with fewer nothing is decided.
+// Per window; with fewer events no decision is made.
 constexpr double kMinSignalEvents = 50.0;
 
-// Whether a second try finds more of the object than the first. Its events decide, and its lines: that it is elsewhere
-// shows on most of those that make events. What passes by has many events, but on few of the lines.
+// Whether a second fit explains the object better than the first: it must explain more events, and gain on most of the
+// lines that have events. Another edge that passes by has many events, but on few of the lines.
 bool IsBetter(const WindowFit& second, const WindowFit& first, absl::Span<const ImageLine> lines) {
   constexpr double kMinEvents = 3.0;
   constexpr double kSigma = 2.0;
@@ -48,7 +48,7 @@ PoseTrack::PoseTrack(const TrackContext& context, const MotionState& start)
       near_events_(context.camera, context.tables->undistortion, context.tables->pixel_tiles) {
   const std::vector<ModelLine>& lines = context.model->lines;
   for (size_t k = 0; k < lines.size(); ++k) all_lines_.push_back({static_cast<int>(k), lines[k].p1, lines[k].p2});
-  // The second one is seldom used, and perhaps late.
+  // Both are reserved here because the second one is seldom used, so that it would allocate while tracking.
   for (WindowFit* const fit : {&fit_, &second_fit_}) {
     fit->line_events.reserve(lines.size());
     fit->answers.reserve(lines.size());
@@ -78,7 +78,7 @@ std::optional<PoseEstimate> PoseTrack::OnWindow(const EventWindow& window, const
     Enter(TrackInput::kFailure, window.t_end_us);
     return std::nullopt;
   }
-  // Before a pose is believed, every event has to speak for it.
+  // Until a pose is confirmed on most of its lines, the events of both polarities have full weight.
   if (!input.is_believed) input.shares.telling = {1.0, 1.0};
   health_.AddWindow(camera, input, image_lines_, motion_.twist);
   const bool confirming = phase_ == TrackPhase::kTentative;
@@ -88,7 +88,7 @@ std::optional<PoseEstimate> PoseTrack::OnWindow(const EventWindow& window, const
   const HealthVerdict verdict =
       health_.Judge(support, health.confirm_support_ratio, confirming ? kConfirmLines : kKeepLines, patience_us);
   if (is_partly_hidden_ && input.lines.size() < static_cast<size_t>(kConfirmLines)) {
-    // So little shows that its silence, or what else is there, is no evidence against the pose.
+    // Too little is visible for an event deficit or foreign events to contradict the pose.
     Enter(TrackInput::kOcclusion, window.t_end_us);
   } else {
     UpdatePhase(verdict, window.t_end_us);
@@ -140,8 +140,8 @@ const WindowFit& PoseTrack::FitWindow(const EventWindow& window, const Competito
   if (input.lines.empty()) return fit_;
   estimator_->Fit(predicted, input, 1.0, fit_);
   if (IsSilent(fit_) || (fit_.missing_ratio > kMostMissing && IsSlow(input))) {
-    // Noise is no measurement of the pose, and neither is what passes by an object at rest; that its lines are silent
-    // is one of their motion.
+    // Noise does not measure the pose, nor do the events of something that passes an object at rest. The event deficit
+    // of the lines does measure their motion.
     const LineEvents nothing;
     WindowInput silence = input;
     silence.events = {};
@@ -152,7 +152,7 @@ const WindowFit& PoseTrack::FitWindow(const EventWindow& window, const Competito
     fit_.state = second_fit_.state;
     return fit_;
   }
-  // Of what comes anywhere on the sensor there is nothing to learn, and nothing to find.
+  // Background events carry no information about the pose, neither for the estimator nor for a second fit.
   if (!HasSignal(fit_)) return fit_;
   if (fit_.explained_signal_ratio() < kFallenRatio * usual_explained_ratio_) {
     const MotionState agile = Predicted(window.t_mid_us(), context_.options.motion.retry_noise_factor);
@@ -171,7 +171,7 @@ const WindowFit& PoseTrack::FitWindow(const EventWindow& window, const Competito
 }
 
 bool PoseTrack::IsSilent(const WindowFit& fit) {
-  // About 20 windows: a slow object makes no more than the noise's fluctuation in a millisecond, but does in 20.
+  // About 20 windows: the events of a slow object are within the fluctuation of the noise in 1 ms, but exceed it in 20.
   constexpr double kKeep = 0.95;
   const HealthOptions& health = context_.options.health;
   recent_signal_ = kKeep * recent_signal_ + fit.num_gated - fit.num_background;
@@ -210,7 +210,7 @@ double PoseTrack::CompetingFor(const Observation& event, const Competitors& othe
   if (density <= 0.0) return 0.0;
   constexpr double kReachPx = 16.0;
   const NearLines near = FindNearLines(event, image_lines_.data(), kReachPx, 0.0);
-  // Near none of the own lines it is nobody's but theirs, whatever the rate.
+  // Away from all own lines the event can only belong to the other objects, whatever their rate.
   return near.count == 0 ? density : density / rates[near.line[0]];
 }
 
@@ -237,7 +237,7 @@ WindowInput PoseTrack::Gather(const EventWindow& window, const Competitors* othe
   }
   const double reach_px =
       std::max(estimator_->ReachPx(spread_px, gate_factor), TrackHealth::ReachPx(context_.options.health));
-  // Farther lines than this are beyond any gate's use; the bound keeps the work bounded.
+  // No gate is wider than this in practice; the bound limits the work.
   constexpr double kMaxReachPx = 128.0;
   grid_.Build(image_lines_, std::min(reach_px + motion_px, kMaxReachPx));
 
@@ -277,11 +277,11 @@ void PoseTrack::UpdatePhase(const HealthVerdict& verdict, int64_t t_us) {
       Enter(TrackInput::kSupport, t_us);
       return;
     case HealthVerdict::Kind::kDoubtful:
-      // The pose is right and partly hidden, or attracted by what hides it. It is kept, and other poses may compete.
+      // The pose is right and partly occluded, or attracted by the occluder. It is kept, and other poses may compete.
       Enter(TrackInput::kPartialSupport, t_us);
       return;
     case HealthVerdict::Kind::kFewEvents:
-      // An object at rest makes no events, so that nothing follows; a pose that was doubtful stays so.
+      // An object at rest produces no events, so that they do not contradict the pose; a doubtful pose stays doubtful.
       Enter(TrackInput::kFewEvents, t_us);
       break;
     case HealthVerdict::Kind::kUnsupported:

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// One hypothesis about where the object is, followed from window to window (core/tracking/README.md).
+// One hypothesis about the pose of an object, tracked from window to window (core/tracking/README.md).
 #pragma once
 
 #include <cstdint>
@@ -26,7 +26,7 @@
 
 namespace evpose {
 
-// What all hypotheses of a tracker look with.
+// What all hypotheses of an object share.
 struct TrackContext {
   std::shared_ptr<const ObjectModel> model;
   CameraModel camera;
@@ -40,11 +40,11 @@ class PoseTrack {
   // Tentative until the events support the pose. `context` must outlive it.
   PoseTrack(const TrackContext& context, const MotionState& start);
 
-  // Predicts, associates, estimates, judges. The estimate is there while the state is TRACKING or DEGRADED. `others`:
+  // Predicts, associates, estimates and tests. Returns an estimate while the state is TRACKING or DEGRADED. `others`:
   // the other objects at mid-window, null or empty when there are none.
   std::optional<PoseEstimate> OnWindow(const EventWindow& window, const Competitors* others = nullptr);
 
-  // So long nobody looked before the next window: patience with the pose is no shorter for it.
+  // No event was processed for `gap_us` before the next window: the timeouts of the phases are extended by it.
   void OnGap(int64_t gap_us);
 
   TrackPhase phase() const { return phase_; }
@@ -58,15 +58,15 @@ class PoseTrack {
   void ClearContradictions() { num_contradictions_ = 0; }
   // At the middle of the last window.
   const MotionState& motion() const { return motion_; }
-  // The next window is predicted from this instead: for experiments that start every window elsewhere.
+  // Replaces the state from which the next window is predicted: for experiments that perturb every start.
   void set_motion(const MotionState& motion) { motion_ = motion; }
-  // That took part in the last window; valid until the next one.
+  // The lines that were associated in the last window; valid until the next one.
   absl::Span<const TrackedLine> lines() const { return lines_; }
-  // How much the lines say about an event of the last window, [-0.5, 1]: high on a line, negative beside one, so that
-  // clutter has no say on average; 0 where no line is near.
+  // Score of an event of the last window in [-0.5, 1]: high on a line, negative beside one, so that the mean over
+  // uniform clutter is zero; 0 where no line is near.
   double Explains(Observation observation, const Competitors* others = nullptr) const;
 
-  // Between windows: what lines() and Explains() say of the last one is gone. Into a track of the same context.
+  // To be called between windows; lines() and Explains() are not restored. LoadState() requires the same context.
   void SaveState(StateWriter& writer) const;
   void LoadState(StateReader& reader);
 
@@ -75,19 +75,20 @@ class PoseTrack {
   // Turns the window's events near the lines at `predicted` into observations.
   WindowInput Gather(const EventWindow& window, const Competitors* others, const MotionState& predicted,
                      double gate_factor);
-  // What the others claim of the events, by image_lines_ with these event rates.
+  // Expected density of the other objects' events at `event`, relative to that of the nearest own line.
   double CompetingFor(const Observation& event, const Competitors& others, absl::Span<const double> rates) const;
   // The state that the estimator starts from.
   MotionState Predicted(int64_t t_us, double noise_factor) const;
   // Valid until the next window.
   const WindowFit& FitWindow(const EventWindow& window, const Competitors* others, WindowInput& input);
-  // Too slow, as predicted, for its lines' silence to be a surprise.
+  // Whether the predicted motion is so slow that an event deficit is not significant.
   bool IsSlow(const WindowInput& input) const;
-  // More events near the lines than come anywhere on the sensor.
+  // Whether there are significantly more events near the lines than the background rate explains.
   bool HasSignal(const WindowFit& fit) const;
-  // The same over the last windows together, this one counted; its answer is to be asked for once per window.
+  // Whether there is no such excess over the last windows either. Adds this window to the running sums: to be called
+  // once per window.
   bool IsSilent(const WindowFit& fit);
-  // The others hide all of it: it is where it was going to be, as surely as that can be said.
+  // The other objects occlude it completely: the estimate is the prediction with its covariance.
   std::optional<PoseEstimate> Hold(const EventWindow& window);
   void UpdatePhase(const HealthVerdict& verdict, int64_t t_us);
   // The one place where the phase changes; sets what belongs to the new one.
@@ -117,8 +118,8 @@ class PoseTrack {
 
   absl::Span<const TrackedLine> lines_;
   std::vector<TrackedLine> unhidden_lines_;
-  bool is_hidden_ = false;         // the others leave nothing of it to be seen
-  bool is_partly_hidden_ = false;  // or less than shows otherwise
+  bool is_hidden_ = false;         // the other objects occlude all visible lines
+  bool is_partly_hidden_ = false;  // the other objects occlude some of them
   std::vector<ImageLine> image_lines_;
   std::vector<double> rates_;  // RelativeEventRate of image_lines_; empty without others
   NearEvents near_events_;

@@ -30,9 +30,9 @@ struct TrackerOptions;
 // What to look for in the events.
 struct ObjectToTrack {
   std::shared_ptr<const ObjectModel> model;  // shared: many sessions, and many objects of one, track the same model
-  // The pose at the first event; without one it is found from the events.
+  // The pose at the first event; without one, a search finds it from the events.
   std::optional<RigidTransform> initial_camera_from_object;
-  // camera_from_object. Of the poses that a symmetric object cannot tell apart, the one nearest to this is reported.
+  // camera_from_object. Among the equivalent poses of a symmetric object, the one nearest to this rotation is reported.
   Eigen::Matrix3d reference_rotation = Eigen::Matrix3d::Identity();
   std::shared_ptr<const SearchModel> search_model;  // of the model; null: made when it is needed
 
@@ -57,19 +57,17 @@ class Tracker {
   virtual ~Tracker() = default;
 
   // Events in order of time (a step back is tolerated: such an event joins the open window). Appends the estimates of
-  // all windows that these events close: by window, then by object. A LOST or INITIALIZING object has none: no pose is
-  // claimed.
+  // all windows that these events close: by window, then by object. A LOST or INITIALIZING object has no estimate.
   virtual void AddEvents(absl::Span<const Event> events, std::vector<PoseEstimate>& estimates) = 0;
   // The sensor's clock has reached t_us without further events (a TimeMark): windows close on time.
   virtual void AdvanceTime(int64_t t_us, std::vector<PoseEstimate>& estimates) = 0;
-  // Time went on to t_us, and these events came meanwhile, but there is no time to look at them. What the open window
-  // has is given up, too; the next one begins at the gap's end. Nothing is concluded from what was not looked at,
-  // neither that an object moved nor that it rested: its uncertainty grows with the time, and it is LOST when that is
-  // too much.
+  // Drops these events and those of the open window; the sensor's clock has reached t_us, and the next window begins at
+  // the end of the gap. Dropped events are no evidence of motion or rest: the uncertainty of each object grows with the
+  // time, and the object is LOST when it exceeds HealthOptions::max_uncertainty_px.
   virtual EventGap Skip(absl::Span<const Event> events, int64_t t_us) = 0;
   // End of the stream: closes what is open.
   virtual void Finish(std::vector<PoseEstimate>& estimates) = 0;
-  // The caller knows better: that object starts again from this pose at the present time.
+  // Restarts the object from this pose at the present time.
   virtual void ResetPose(size_t object_index, const RigidTransform& camera_from_object) = 0;
 
   virtual size_t num_objects() const = 0;

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// What the tracker can be told, with units, defaults and the reason for each.
+// Options of the tracker, with unit, default and reason of each.
 #pragma once
 
 #include "absl/status/status.h"
@@ -14,31 +14,32 @@ namespace evpose {
 
 // The search for the pose, at the start and after a loss (core/detection/README.md and core/initialization/README.md).
 struct InitializationOptions {
-  // False: the pose is only ever given, as in the published method; what is lost stays lost.
+  // False: every pose is given by the caller, as in the published method, and a lost object is not searched for.
   bool is_automatic = true;
-  // Microseconds of events that a search may look back on: what a slow object needs to move by a few pixels.
+  // Microseconds of past events that a search uses: the time in which a slow object moves by a few pixels.
   int64_t memory_us = 200'000;
-  // Events kept, of a window and in all: bounds memory and time in a flood.
+  // Events kept per window and in total: bounds memory and time at any event rate.
   int max_window_events = 4096;
   int max_events = 200'000;
-  // Events that a search needs: three lines of a hundred pixels that moved by one make as many.
+  // Events that a search requires: about as many as three lines of 100 px produce when they move by one pixel.
   int min_events = 400;
-  // Microseconds of sensor time between searches: the first one, and what it grows to while there are too few lines to
-  // search with; a returning object waits no longer than this.
+  // Microseconds of sensor time between searches: the first interval, and the longest one while too few lines are
+  // detected. The longest interval bounds the delay until a returning object is searched for.
   int64_t retry_us = 5000;
   int64_t max_retry_us = 32'000;
-  // The same while there are lines, of something else: a search in vain takes some ten times longer than a look for
-  // lines, and must not keep the events behind it waiting.
+  // The longest interval while lines are detected but no pose fits them: such a search takes about ten times longer
+  // than the line detection, and must not delay the events behind it.
   int64_t max_vain_retry_us = 100'000;
-  // Microseconds after a pose was taken up at which the search is done again, with more events, and its hypotheses
-  // challenge the pose: what the first search had overlooked is then found within 100 ms.
+  // Microseconds after the publication of a pose at which the search is repeated with more events; its poses become
+  // competing hypotheses. A pose that the first search has missed is found within 100 ms.
   int64_t review_us = 20'000;
   int num_reviews = 2;
-  // Hypotheses of a search that the events are asked about.
+  // Poses of one search that become hypotheses, at most.
   int max_candidates = 4;
-  // Standard deviations by which the events must prefer one of two poses: 3e-5 one-sided under the normal.
+  // Standard deviations of the score difference at which the worse of two poses is rejected: a false alarm rate of
+  // 3e-5, one-sided under the normal distribution.
   double decision_sigma = 4.0;
-  // Microseconds after which the better of two poses that cannot be told apart is reported, as DEGRADED.
+  // Microseconds after which the better of several competing hypotheses is published, as DEGRADED.
   int64_t undecided_us = 200'000;
 
   absl::Status Validate() const;
@@ -46,8 +47,8 @@ struct InitializationOptions {
 
 struct TrackerOptions : EstimatorOptions {
   TrackerOptions() {
-    // Exactly what is visible at the predicted pose. On ideal events of a tumbling cube a slack of 0.02 to 0.1 to
-    // either side loses up to a fifth of the runs, none none.
+    // Exactly the lines that are visible at the predicted pose. On ideal events of a tumbling cube a tolerance of 0.02
+    // to 0.1 in either direction loses up to a fifth of the runs; without a tolerance no run is lost.
     visibility.grazing_cosine = 0.0;
   }
 
