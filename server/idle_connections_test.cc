@@ -14,8 +14,8 @@
 #include "absl/strings/numbers.h"
 #include "absl/strings/string_view.h"
 #include "absl/strings/strip.h"
-#include "evpose/v1/models.grpc.pb.h"
-#include "evpose/v1/sessions.grpc.pb.h"
+#include "evpose/v1/model_service.grpc.pb.h"
+#include "evpose/v1/session_service.grpc.pb.h"
 #include "server/program_for_test.h"
 #include "server/rpc/raw_requests.h"
 #include "server/sessions/testing.h"
@@ -89,9 +89,9 @@ class IdleConnectionsTest : public testing::Test {
     const auto sessions = v1::SessionService::NewStub(channel);
     v1::Model model;
     EXPECT_TRUE(UploadModel(*v1::ModelService::NewStub(channel), UploadRequests(kCubeObj), &model).ok());
-    v1::Session session;
+    CreatedSession session;
     grpc::ClientContext create;
-    EXPECT_TRUE(sessions->CreateSession(&create, CubeSessionRequest(model.name()), &session).ok());
+    EXPECT_TRUE(sessions->CreateSession(&create, CubeSessionRequest(model.name()), session.response()).ok());
     grpc::ClientContext context;
     const auto stream = sessions->Track(&context);
     v1::TrackRequest request;

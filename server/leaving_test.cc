@@ -9,9 +9,9 @@
 #include <string>
 
 #include "absl/strings/strip.h"
-#include "evpose/v1/admin.grpc.pb.h"
-#include "evpose/v1/models.grpc.pb.h"
-#include "evpose/v1/sessions.grpc.pb.h"
+#include "evpose/v1/admin_service.grpc.pb.h"
+#include "evpose/v1/model_service.grpc.pb.h"
+#include "evpose/v1/session_service.grpc.pb.h"
 #include "grpc/health/v1/health.grpc.pb.h"
 #include "server/program_for_test.h"
 #include "server/rpc/raw_requests.h"
@@ -56,14 +56,14 @@ class LeavingTest : public testing::Test {
     changes->Finish();
   }
 
-  v1::Session CreateSession() {
-    v1::Session session;
+  CreatedSession CreateSession() {
+    CreatedSession session;
     grpc::ClientContext context;
     v1::Model model;
     EXPECT_TRUE(UploadModel(*models_, UploadRequests(kCubeObj), &model).ok());
     v1::CreateSessionRequest request = CubeSessionRequest(model.name());
     request.mutable_config()->mutable_objects(0)->clear_initial_camera_from_object();
-    EXPECT_TRUE(sessions_->CreateSession(&context, request, &session).ok());
+    EXPECT_TRUE(sessions_->CreateSession(&context, request, session.response()).ok());
     return session;
   }
 
@@ -72,7 +72,7 @@ class LeavingTest : public testing::Test {
     track->stream = sessions_->Track(&track->context);
     return track;
   }
-  std::unique_ptr<StalledTrack> Attach(const v1::Session& session) {
+  std::unique_ptr<StalledTrack> Attach(const CreatedSession& session) {
     auto track = Open();
     v1::TrackRequest request;
     request.mutable_attach()->set_session(session.name());
@@ -83,7 +83,7 @@ class LeavingTest : public testing::Test {
     return track;
   }
   // Makes the server send a notice for each chunk, and more of them than its windows and queues hold.
-  void FillTheWindow(const v1::Session& session, TrackStream& stream) {
+  void FillTheWindow(const CreatedSession& session, TrackStream& stream) {
     constexpr uint64_t kChunks = 6000;
     const std::string outside = Flat64({{1000, 5000, 5000, 1}});
     for (uint64_t seq = 1; seq <= kChunks; ++seq) {
@@ -93,13 +93,13 @@ class LeavingTest : public testing::Test {
       ASSERT_TRUE(stream.Write(request));
     }
     // The session stands still before it is through.
-    v1::Session state;
+    CreatedSession state;
     uint64_t processed = 0, same = 0;
     while (same < 20) {
       grpc::ClientContext context;
       v1::GetSessionRequest request;
       request.set_name(session.name());
-      ASSERT_TRUE(sessions_->GetSession(&context, request, &state).ok());
+      ASSERT_TRUE(sessions_->GetSession(&context, request, state.mutable_session()).ok());
       same = state.health().processed_bytes() == processed && processed >= 1024 * outside.size() ? same + 1 : 0;
       processed = state.health().processed_bytes();
       ASSERT_LT(processed, kChunks * outside.size()) << "the window is too large to be filled";
@@ -140,7 +140,7 @@ TEST_F(LeavingTest, ExitsWithStalledClientsAttached) {
     Start("3");
     const auto unattached = Open();
     const auto silent = Attach(CreateSession());
-    const v1::Session session = CreateSession();
+    const CreatedSession session = CreateSession();
     const auto full = Attach(session);
     FillTheWindow(session, *full->stream);
     grpc::ClientContext watch_context;

@@ -19,6 +19,14 @@ namespace {
 
 constexpr size_t kMaxModelBytes = size_t{64} << 20;  // what a server takes by default
 
+// Servers do not offer the estimators of the published method's released code.
+bool IsOffered(std::string_view estimator) { return !estimator.starts_with("released-"); }
+
+std::string CheckIsOffered(const std::string& estimator) {
+  if (IsOffered(estimator)) return "";
+  return absl::StrCat(estimator, " is not offered by servers: `evpose bench tracking` runs it");
+}
+
 Estimator EstimatorByName(const std::string& name) {
   for (const auto& [estimator, known] : kEstimatorNames) {
     if (name == known) return estimator;
@@ -172,7 +180,9 @@ absl::StatusOr<Session> CreateSession(Client& client, const SessionConfig& confi
 
 void TrackArguments::AddTo(CLI::App& app, bool server_is_required) {
   std::vector<std::string> estimators;
-  for (const auto& known : kEstimatorNames) estimators.emplace_back(known.second);
+  for (const auto& [estimator_kind, name] : kEstimatorNames) {
+    if (IsOffered(name)) estimators.emplace_back(name);
+  }
   app.add_option("recording", recording, "Prophesee RAW or DAT file; - for standard input")->required();
   app.add_option("--model", model, "Object: OBJ, PLY or STL");
   app.add_option("--object", objects, "One of several objects, with a name of its own; once for each")
@@ -192,9 +202,11 @@ void TrackArguments::AddTo(CLI::App& app, bool server_is_required) {
       "-o,--out", out,
       "Poses: .tum, .csv or .jsonl; written whole or not at all. {object} in the name: one file for each, of "
       "that ID");
-  app.add_option("--estimator", estimator,
-                 "mixture; to compare with, the published static ones, corrected or as their code was released, and a "
-                 "filter")
+  app.add_option(
+         "--estimator", estimator,
+         "mixture; for comparison, the published static estimators, corrected, and a filter. Those of the released "
+         "code run in `evpose bench tracking` only")
+      ->check(CheckIsOffered)
       ->check(CLI::IsMember(estimators))
       ->capture_default_str();
   app.add_option("--chunk-bytes", chunk_bytes,

@@ -7,7 +7,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "absl/time/time.h"
-#include "evpose/v1/sessions.grpc.pb.h"
+#include "evpose/v1/session_service.grpc.pb.h"
 
 namespace evpose::client {
 namespace {
@@ -33,7 +33,7 @@ class SinkService final : public v1::SessionService::Service {
     uint64_t received_bytes = 0;
     while (stream->Read(&request) && request.has_events()) {
       received_bytes += request.events().payload().size();
-      v1::Ack& ack = *response.mutable_ack();
+      v1::TrackResponse::Ack& ack = *response.mutable_ack();
       ack.set_processed_seq(request.events().seq());
       ack.set_durable_seq(request.events().seq());
       ack.set_send_limit_bytes(received_bytes + kCreditBytes);

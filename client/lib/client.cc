@@ -15,14 +15,13 @@
 #include "absl/strings/str_split.h"
 #include "client/lib/channel.h"
 #include "client/lib/conversion.h"
-#include "client/lib/status_details.h"
 #include "client/lib/tls_probe.h"
 #include "client/lib/track_loop.h"
 #include "core/base/status_macros.h"
 #include "core/numerics/hash.h"
-#include "evpose/v1/admin.grpc.pb.h"
-#include "evpose/v1/models.grpc.pb.h"
-#include "evpose/v1/sessions.grpc.pb.h"
+#include "evpose/v1/admin_service.grpc.pb.h"
+#include "evpose/v1/model_service.grpc.pb.h"
+#include "evpose/v1/session_service.grpc.pb.h"
 
 namespace evpose::client {
 namespace {
@@ -267,20 +266,22 @@ absl::Status Client::DeleteModel(const std::string& name) {
   v1::DeleteModelRequest request;
   request.set_name(name);
   return impl_
-      ->Unary<v1::DeleteModelResponse>([&](auto* context, auto* response) {
+      ->Unary<google::protobuf::Empty>([&](auto* context, auto* response) {
         return impl_->endpoint().models->DeleteModel(context, request, response);
       })
       .status();
 }
 
 absl::StatusOr<Session> Client::CreateSession(const SessionConfig& config, const std::string& request_id) {
+  EVPOSE_RETURN_IF_ERROR(CheckEstimator(config.estimator));
   v1::CreateSessionRequest request;
   request.set_request_id(request_id);
   *request.mutable_config() = ToProto(config);
-  EVPOSE_ASSIGN_OR_RETURN(const v1::Session session, impl_->Unary<v1::Session>([&](auto* context, auto* response) {
-    return impl_->endpoint().sessions->CreateSession(context, request, response);
-  }));
-  return FromProto(session);
+  EVPOSE_ASSIGN_OR_RETURN(const v1::CreateSessionResponse created,
+                          impl_->Unary<v1::CreateSessionResponse>([&](auto* context, auto* response) {
+                            return impl_->endpoint().sessions->CreateSession(context, request, response);
+                          }));
+  return FromProto(created);
 }
 
 absl::StatusOr<Session> Client::GetSession(const std::string& name) {
@@ -311,8 +312,9 @@ absl::StatusOr<std::vector<Session>> Client::ListSessions() {
 absl::Status Client::DeleteSession(const std::string& name) {
   v1::DeleteSessionRequest request;
   request.set_name(name);
+  request.set_allow_missing(true);
   return impl_
-      ->Unary<v1::DeleteSessionResponse>([&](auto* context, auto* response) {
+      ->Unary<google::protobuf::Empty>([&](auto* context, auto* response) {
         return impl_->endpoint().sessions->DeleteSession(context, request, response);
       })
       .status();
@@ -352,7 +354,7 @@ absl::Status Client::WatchPoses(const std::string& session, uint64_t after_pose_
   absl::Status status;
   do {
     status = WatchUntilEnd(session, after_pose_seq, on_poses, stop);
-  } while (GetDetails(status).reason == "FENCED" && !stop.stop_requested());
+  } while (ReasonOf(status) == v1::FENCED && !stop.stop_requested());
   return status;
 }
 

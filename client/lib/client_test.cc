@@ -13,9 +13,9 @@
 
 #include "absl/strings/escaping.h"
 #include "core/numerics/hash.h"
-#include "evpose/v1/admin.grpc.pb.h"
-#include "evpose/v1/models.grpc.pb.h"
-#include "evpose/v1/sessions.grpc.pb.h"
+#include "evpose/v1/admin_service.grpc.pb.h"
+#include "evpose/v1/model_service.grpc.pb.h"
+#include "evpose/v1/session_service.grpc.pb.h"
 
 namespace evpose::client {
 namespace {
@@ -108,7 +108,7 @@ class FakeModels final : public v1::ModelService::Service {
     if (is_first) response->set_next_page_token("2");
     return grpc::Status::OK;
   }
-  grpc::Status DeleteModel(grpc::ServerContext*, const v1::DeleteModelRequest*, v1::DeleteModelResponse*) override {
+  grpc::Status DeleteModel(grpc::ServerContext*, const v1::DeleteModelRequest*, google::protobuf::Empty*) override {
     return {grpc::StatusCode::FAILED_PRECONDITION, "in use"};
   }
 

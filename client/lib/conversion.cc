@@ -51,17 +51,18 @@ constexpr std::array<std::pair<LogLevel, v1::LogLevel>, 5> kLogLevels = {{
     {LogLevel::kOff, v1::LOG_LEVEL_OFF},
 }};
 
-constexpr std::array<std::pair<Estimator, v1::Estimator>, 10> kEstimators = {{
+constexpr std::array<std::pair<Estimator, v1::Estimator>, 6> kEstimators = {{
     {Estimator::kMixture, v1::ESTIMATOR_MIXTURE},
     {Estimator::kStaticLs, v1::ESTIMATOR_STATIC_LS},
     {Estimator::kStaticM, v1::ESTIMATOR_STATIC_M},
     {Estimator::kStaticS, v1::ESTIMATOR_STATIC_S},
     {Estimator::kStaticMm, v1::ESTIMATOR_STATIC_MM},
     {Estimator::kErrorStateFilter, v1::ESTIMATOR_ERROR_STATE_FILTER},
-    {Estimator::kReleasedLs, v1::ESTIMATOR_RELEASED_LS},
-    {Estimator::kReleasedM, v1::ESTIMATOR_RELEASED_M},
-    {Estimator::kReleasedS, v1::ESTIMATOR_RELEASED_S},
-    {Estimator::kReleasedMm, v1::ESTIMATOR_RELEASED_MM},
+}};
+constexpr std::array<std::pair<absl::string_view, v1::StoreKind>, 3> kStoreKinds = {{
+    {"memory", v1::STORE_KIND_MEMORY},
+    {"sqlite", v1::STORE_KIND_SQLITE},
+    {"redis", v1::STORE_KIND_REDIS},
 }};
 constexpr std::array<std::pair<OverloadPolicy, v1::OverloadPolicy>, 2> kOverloadPolicies = {{
     {OverloadPolicy::kBlock, v1::OVERLOAD_POLICY_BLOCK},
@@ -101,6 +102,8 @@ absl::Time FromProto(const google::protobuf::Timestamp& time) {
 absl::Duration FromProto(const google::protobuf::Duration& duration) {
   return absl::Seconds(duration.seconds()) + absl::Nanoseconds(duration.nanos());
 }
+
+Eigen::Vector3d FromProto(const v1::Vector3& v) { return {v.x(), v.y(), v.z()}; }
 
 absl::StatusOr<Eigen::Matrix3d> FromProto(const v1::Quaternion& q) {
   EVPOSE_ASSIGN_OR_RETURN(const RigidTransform transform,
@@ -243,6 +246,16 @@ StatusDetails DetailsOf(const grpc::Status& status) {
 
 }  // namespace
 
+absl::Status CheckEstimator(Estimator estimator) {
+  if (Lookup(kEstimators, estimator, v1::ESTIMATOR_UNSPECIFIED) != v1::ESTIMATOR_UNSPECIFIED) return absl::OkStatus();
+  return absl::InvalidArgumentError("the estimator runs in `evpose bench` only; servers do not offer it");
+}
+
+v1::ErrorReason ReasonOf(const absl::Status& status) {
+  v1::ErrorReason reason = v1::ERROR_REASON_UNSPECIFIED;
+  return v1::ErrorReason_Parse(GetDetails(status).reason, &reason) ? reason : v1::ERROR_REASON_UNSPECIFIED;
+}
+
 absl::Status FromGrpc(const grpc::Status& status, const std::string& context) {
   if (status.ok()) return absl::OkStatus();
   absl::Status result(static_cast<absl::StatusCode>(status.error_code()),
@@ -309,7 +322,7 @@ ServerInfo FromProto(const v1::ServerInfo& message) {
   ServerInfo info;
   info.version = message.version();
   info.commit = message.commit();
-  info.store = message.store();
+  info.store = std::string(ReverseLookup(kStoreKinds, message.store(), absl::string_view("unknown")));
   info.active_sessions = message.active_sessions();
   info.max_sessions = message.max_sessions();
   info.max_chunk_bytes = message.max_chunk_bytes();
@@ -373,7 +386,6 @@ absl::StatusOr<Session> FromProto(const v1::Session& message) {
   absl::StatusOr<SessionConfig> config = FromProto(message.config());
   if (!config.ok()) return absl::InternalError(absl::StrCat(message.name(), ": config: ", config.status().message()));
   session.config = *std::move(config);
-  session.resume_token = message.resume_token();
   session.state = ReverseLookup(kSessionStates, message.state(), SessionState::kUnknown);
   session.create_time = FromProto(message.create_time());
   if (message.has_expire_time()) session.expire_time = FromProto(message.expire_time());
@@ -381,12 +393,18 @@ absl::StatusOr<Session> FromProto(const v1::Session& message) {
   return session;
 }
 
+absl::StatusOr<Session> FromProto(const v1::CreateSessionResponse& message) {
+  EVPOSE_ASSIGN_OR_RETURN(Session session, FromProto(message.session()));
+  session.resume_token = message.resume_token();
+  return session;
+}
+
 absl::StatusOr<Pose> FromProto(const v1::Pose& message) {
   const auto error = [&message](absl::string_view what) {
     return absl::InternalError(absl::StrCat("pose ", message.pose_seq(), ": ", what));
   };
-  if (message.covariance_size() != 21) return error("covariance has not 21 numbers");
-  if (message.twist_size() != 6) return error("twist has not 6 numbers");
+  if (message.covariance().upper_triangle_size() != 21) return error("covariance does not have 21 numbers");
+  if (!message.has_twist()) return error("twist is missing");
   absl::StatusOr<RigidTransform> transform = FromProto(message.camera_from_object());
   if (!transform.ok()) return error(absl::StrCat("camera_from_object: ", transform.status().message()));
   Pose pose;
@@ -396,8 +414,8 @@ absl::StatusOr<Pose> FromProto(const v1::Pose& message) {
   PoseEstimate& estimate = pose.estimate;
   estimate.t_us = message.t_us();
   estimate.camera_from_object = *transform;
-  estimate.covariance = SymmetricFromUpper(message.covariance());
-  for (int i = 0; i < 6; ++i) estimate.twist[i] = message.twist(i);
+  estimate.covariance = SymmetricFromUpper(message.covariance().upper_triangle());
+  estimate.twist << FromProto(message.twist().linear_m_per_s()), FromProto(message.twist().angular_rad_per_s());
   estimate.state = ReverseLookup(kTrackStates, message.state(), TrackState::kInitializing);
   if (estimate.state != TrackState::kTracking && estimate.state != TrackState::kDegraded) {
     return error(absl::StrCat("state ", static_cast<int>(message.state()), " claims no pose"));
@@ -408,21 +426,21 @@ absl::StatusOr<Pose> FromProto(const v1::Pose& message) {
   return pose;
 }
 
-std::optional<Notice> FromProto(const v1::Notice& message) {
+std::optional<Notice> FromProto(const v1::TrackResponse::Notice& message) {
   switch (message.kind_case()) {
-    case v1::Notice::kDropped:
+    case v1::TrackResponse::Notice::kDropped:
       return EventsDropped{message.dropped().num_events(), message.dropped().from_t_us(), message.dropped().to_t_us(),
                            ReverseLookup(kDropReasons, message.dropped().reason(), DropReason::kUnknown)};
-    case v1::Notice::kGoAway:
+    case v1::TrackResponse::Notice::kGoAway:
       return GoAway{FromProto(message.go_away().deadline())};
-    case v1::Notice::kDecodeFault:
+    case v1::TrackResponse::Notice::kDecodeFault:
       return DecodeFault{message.decode_fault().seq(), message.decode_fault().count(), message.decode_fault().detail()};
-    case v1::Notice::kStateChange:
+    case v1::TrackResponse::Notice::kStateChange:
       return StateChange{message.state_change().object_id(), message.state_change().t_us(),
                          ReverseLookup(kTrackStates, message.state_change().state(), TrackState::kInitializing)};
-    case v1::Notice::kTrackingRestarted:
+    case v1::TrackResponse::Notice::kTrackingRestarted:
       return TrackingRestarted{message.tracking_restarted().after_seq(), message.tracking_restarted().detail()};
-    case v1::Notice::KIND_NOT_SET:
+    case v1::TrackResponse::Notice::KIND_NOT_SET:
       break;
   }
   return std::nullopt;

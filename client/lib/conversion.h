@@ -11,15 +11,22 @@
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
 #include "client/lib/types.h"
-#include "evpose/v1/admin.pb.h"
-#include "evpose/v1/models.pb.h"
-#include "evpose/v1/sessions.pb.h"
+#include "evpose/v1/admin_service.pb.h"
+#include "evpose/v1/error_reason.pb.h"
+#include "evpose/v1/model_service.pb.h"
+#include "evpose/v1/session_service.pb.h"
 
 namespace evpose::client {
 
 // The same code; the message, led by `context`, names the wrong fields where the server does. With the details of
 // client/lib/status_details.h.
 absl::Status FromGrpc(const grpc::Status& status, const std::string& context);
+
+// The reason of `status`; ERROR_REASON_UNSPECIFIED for none, and for one that a later server may have.
+v1::ErrorReason ReasonOf(const absl::Status& status);
+
+// INVALID_ARGUMENT for an estimator that no server offers.
+absl::Status CheckEstimator(Estimator estimator);
 
 v1::ModelFormat ToProto(ModelFormat format);
 v1::SessionConfig ToProto(const SessionConfig& config);
@@ -33,8 +40,9 @@ ModelInfo FromProto(const v1::Model& message);
 SessionHealth FromProto(const v1::SessionHealth& message);
 // Errors: INTERNAL naming the field that no server of ours would send.
 absl::StatusOr<Session> FromProto(const v1::Session& message);
+absl::StatusOr<Session> FromProto(const v1::CreateSessionResponse& message);  // with the resume token
 absl::StatusOr<Pose> FromProto(const v1::Pose& message);
 // nullopt for a kind that a later server may have.
-std::optional<Notice> FromProto(const v1::Notice& message);
+std::optional<Notice> FromProto(const v1::TrackResponse::Notice& message);
 
 }  // namespace evpose::client

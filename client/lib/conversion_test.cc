@@ -5,6 +5,8 @@
 
 #include <utility>
 
+#include "client/lib/status_details.h"
+
 namespace evpose::client {
 namespace {
 
@@ -62,12 +64,32 @@ TEST(ConversionTest, AnOverloadPolicyComesBackWithItsLag) {
   EXPECT_EQ(session->config.max_lag, config.max_lag);
 }
 
+TEST(ConversionTest, EstimatorsThatServersDoNotOfferAreRefused) {
+  int num_refused = 0;
+  for (const auto& [estimator, name] : kEstimatorNames) {
+    const absl::Status status = CheckEstimator(estimator);
+    EXPECT_EQ(!status.ok(), name.starts_with("released-")) << name;
+    if (!status.ok()) ++num_refused;
+  }
+  EXPECT_EQ(num_refused, 4);
+}
+
+TEST(ConversionTest, ReasonsOfLaterServersAreUnspecified) {
+  for (const auto& [name, reason] : {std::pair{"SEQ_GAP", v1::SEQ_GAP},
+                                     {"", v1::ERROR_REASON_UNSPECIFIED},
+                                     {"OF_A_LATER_SERVER", v1::ERROR_REASON_UNSPECIFIED}}) {
+    absl::Status status = absl::InternalError("what");
+    SetDetails(status, {.reason = name});
+    EXPECT_EQ(ReasonOf(status), reason) << name;
+  }
+}
+
 TEST(ConversionTest, ToldOfEventsThatWereDropped) {
   for (const auto& [theirs, ours] : {std::pair{v1::DROP_REASON_LAG, DropReason::kLag},
                                      {v1::DROP_REASON_MEMORY, DropReason::kMemory},
                                      {v1::DROP_REASON_READER, DropReason::kReader},
                                      {v1::DROP_REASON_UNSPECIFIED, DropReason::kUnknown}}) {
-    v1::Notice message;
+    v1::TrackResponse::Notice message;
     message.mutable_dropped()->set_num_events(3);
     message.mutable_dropped()->set_from_t_us(4);
     message.mutable_dropped()->set_to_t_us(5);

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <random>
 
+#include "client/lib/conversion.h"
 #include "client/lib/status_details.h"
 
 namespace evpose::client {
@@ -34,6 +35,7 @@ absl::Duration Backoff::Next() {
 
 RetryAdvice AdviseOn(const absl::Status& status) {
   const StatusDetails details = GetDetails(status);
+  const v1::ErrorReason reason = ReasonOf(status);
   switch (status.code()) {
     case absl::StatusCode::kUnavailable:
     case absl::StatusCode::kDeadlineExceeded:
@@ -44,15 +46,15 @@ RetryAdvice AdviseOn(const absl::Status& status) {
       // The network's, or a proxy's. A server of ours says a reason, and means it.
       return details.reason.empty() ? RetryAdvice::kTryAgain : RetryAdvice::kGiveUp;
     case absl::StatusCode::kAborted:
-      return details.reason == "FENCED" ? RetryAdvice::kGiveUp : RetryAdvice::kTryAgain;
+      return reason == v1::FENCED ? RetryAdvice::kGiveUp : RetryAdvice::kTryAgain;
     case absl::StatusCode::kDataLoss:
-      return details.reason == "CRC_MISMATCH" ? RetryAdvice::kTryAgain : RetryAdvice::kGiveUp;
+      return reason == v1::CRC_MISMATCH ? RetryAdvice::kTryAgain : RetryAdvice::kGiveUp;
     case absl::StatusCode::kResourceExhausted:
       return details.retry_in > absl::ZeroDuration() ? RetryAdvice::kTryAgain : RetryAdvice::kGiveUp;
     case absl::StatusCode::kNotFound:
-      return details.reason == "SESSION_NOT_FOUND" ? RetryAdvice::kTryOtherServer : RetryAdvice::kGiveUp;
+      return reason == v1::SESSION_NOT_FOUND ? RetryAdvice::kTryOtherServer : RetryAdvice::kGiveUp;
     case absl::StatusCode::kPermissionDenied:
-      return details.reason == "WRONG_TOKEN" ? RetryAdvice::kTryOtherToken : RetryAdvice::kGiveUp;
+      return reason == v1::WRONG_TOKEN ? RetryAdvice::kTryOtherToken : RetryAdvice::kGiveUp;
     case absl::StatusCode::kInvalidArgument:
       return details.field == "attach.last_pose_seq" ? RetryAdvice::kTryWithoutCount : RetryAdvice::kGiveUp;
     default:

@@ -17,7 +17,7 @@
 #include "client/lib/server_address.h"
 #include "client/lib/tls_probe.h"
 #include "core/base/certificates_testing.h"
-#include "evpose/v1/admin.grpc.pb.h"
+#include "evpose/v1/admin_service.grpc.pb.h"
 
 namespace evpose::client {
 namespace {

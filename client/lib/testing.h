@@ -15,7 +15,7 @@
 #include <vector>
 
 #include "client/lib/client.h"
-#include "evpose/v1/sessions.grpc.pb.h"
+#include "evpose/v1/session_service.grpc.pb.h"
 
 namespace evpose::client {
 
@@ -51,8 +51,9 @@ inline v1::TrackResponse PoseMessage(uint64_t seq) {
   pose.set_t_us(1000 * static_cast<int64_t>(seq));
   pose.mutable_camera_from_object()->mutable_translation_m()->set_z(1.0);
   pose.mutable_camera_from_object()->mutable_rotation()->set_w(1.0);
-  for (int i = 0; i < 21; ++i) pose.add_covariance(i);
-  for (int i = 0; i < 6; ++i) pose.add_twist(i);
+  for (int i = 0; i < 21; ++i) pose.mutable_covariance()->add_upper_triangle(i);
+  pose.mutable_twist()->mutable_linear_m_per_s()->set_y(1);
+  pose.mutable_twist()->mutable_angular_rad_per_s()->set_z(5);
   pose.set_state(v1::TRACK_STATE_TRACKING);
   return response;
 }
@@ -64,8 +65,8 @@ inline v1::TrackResponse SummaryMessage(uint64_t poses) {
 }
 
 // Reads until `end`; what came.
-inline std::vector<v1::EventChunk> ReadToEnd(ServerStream& stream) {
-  std::vector<v1::EventChunk> chunks;
+inline std::vector<v1::TrackRequest::EventChunk> ReadToEnd(ServerStream& stream) {
+  std::vector<v1::TrackRequest::EventChunk> chunks;
   v1::TrackRequest request;
   while (stream.Read(&request) && !request.has_end()) chunks.push_back(request.events());
   return chunks;

@@ -67,7 +67,7 @@ bool TrackCall::ReadBeforeTimeout(v1::TrackResponse& response) {
   return is_read && !timed_out_;
 }
 
-bool TrackCall::HandleAttached(const v1::Attached& attached) {
+bool TrackCall::HandleAttached(const v1::TrackResponse::Attached& attached) {
   if (attached.next_seq() == 0) return Malformed("it expects chunk 0");
   if (attached.first_pose_seq() == 0) return Malformed("it begins with pose 0");
   if (attached.max_chunk_bytes() < kWordBytes) return Malformed("it gives no room for a single word");
@@ -128,7 +128,7 @@ bool TrackCall::HandlePose(const v1::Pose& message) {
   return true;
 }
 
-bool TrackCall::HandleAck(const v1::Ack& ack) {
+bool TrackCall::HandleAck(const v1::TrackResponse::Ack& ack) {
   uplink_.GrantCredit(ack.send_limit_bytes());
   feed_.outbox().Forget(ack.durable_seq());
   outcome_.made_progress = outcome_.made_progress || ack.processed_seq() > first_processed_seq_;
@@ -138,7 +138,7 @@ bool TrackCall::HandleAck(const v1::Ack& ack) {
   return ReportPosition(false);
 }
 
-bool TrackCall::HandleNotice(const v1::Notice& message) {
+bool TrackCall::HandleNotice(const v1::TrackResponse::Notice& message) {
   const std::optional<Notice> notice = FromProto(message);
   if (!notice) return true;
   if (std::holds_alternative<GoAway>(*notice) && call_options_.leaves_on_go_away) {

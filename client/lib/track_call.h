@@ -12,7 +12,7 @@
 #include "absl/status/status.h"
 #include "client/lib/track.h"
 #include "client/lib/uplink.h"
-#include "evpose/v1/sessions.grpc.pb.h"
+#include "evpose/v1/session_service.grpc.pb.h"
 
 namespace evpose::client {
 
@@ -44,12 +44,12 @@ class TrackCall {
   // Writes `attach` and starts the uplink on `attached`; false when the stream or the server is broken.
   bool Attach();
   bool ReadBeforeTimeout(v1::TrackResponse& response);
-  bool HandleAttached(const v1::Attached& attached);
+  bool HandleAttached(const v1::TrackResponse::Attached& attached);
   // False when the server sent what it never may, or a callback failed; outcome_ says what.
   bool Handle(const v1::TrackResponse& response);
   bool HandlePose(const v1::Pose& message);
-  bool HandleAck(const v1::Ack& ack);
-  bool HandleNotice(const v1::Notice& message);
+  bool HandleAck(const v1::TrackResponse::Ack& ack);
+  bool HandleNotice(const v1::TrackResponse::Notice& message);
   bool ReportPosition(bool has_new_token);
   bool Fail(const absl::Status& status);
   bool Malformed(const std::string& what);

@@ -12,7 +12,7 @@
 #include "absl/status/statusor.h"
 #include "client/lib/track.h"
 #include "client/lib/track_call.h"
-#include "evpose/v1/sessions.grpc.pb.h"
+#include "evpose/v1/session_service.grpc.pb.h"
 
 namespace evpose::client {
 

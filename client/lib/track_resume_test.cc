@@ -16,7 +16,7 @@
 #include "client/lib/client.h"
 #include "client/lib/fake_clock.h"
 #include "client/lib/testing.h"
-#include "evpose/v1/admin.grpc.pb.h"
+#include "evpose/v1/admin_service.grpc.pb.h"
 #include "google/rpc/error_details.pb.h"
 #include "google/rpc/status.pb.h"
 
@@ -66,7 +66,7 @@ v1::TrackResponse GoAwayNotice() {
 }
 
 // A stream as the server sees it: its attach, and what to do then.
-using StreamScript = std::function<grpc::Status(const v1::Attach&, ServerStream&)>;
+using StreamScript = std::function<grpc::Status(const v1::TrackRequest::Attach&, ServerStream&)>;
 
 class TrackResumeTest : public TrackTest {
  protected:
@@ -113,10 +113,10 @@ class TrackResumeTest : public TrackTest {
   // Takes all from `next_seq` on and says the summary.
   static StreamScript FinishFrom(uint64_t next_seq, uint64_t first_pose_seq, uint64_t last_pose_seq,
                                  const std::string& token = "") {
-    return [=](const v1::Attach&, ServerStream& stream) {
+    return [=](const v1::TrackRequest::Attach&, ServerStream& stream) {
       stream.Write(AttachedAt(next_seq, first_pose_seq, token));
       uint64_t expected = next_seq;
-      for (const v1::EventChunk& chunk : ReadToEnd(stream)) {
+      for (const v1::TrackRequest::EventChunk& chunk : ReadToEnd(stream)) {
         if (chunk.seq() != expected || chunk.payload() != std::string(8, static_cast<char>(chunk.seq() - 1))) {
           return grpc::Status(grpc::StatusCode::UNAUTHENTICATED, "not the chunk that was due");
         }
@@ -132,7 +132,7 @@ class TrackResumeTest : public TrackTest {
   // Attaches, takes chunks up to this one, says so, sends these poses, and breaks.
   static StreamScript BreakAfter(uint64_t chunk_seq, uint64_t first_pose_seq, uint64_t last_pose_seq,
                                  const grpc::Status& status, const std::string& token = "", uint64_t next_seq = 1) {
-    return [=](const v1::Attach&, ServerStream& stream) {
+    return [=](const v1::TrackRequest::Attach&, ServerStream& stream) {
       stream.Write(AttachedAt(next_seq, first_pose_seq, token));
       v1::TrackRequest request;
       while (stream.Read(&request) && request.events().seq() < chunk_seq) continue;
@@ -143,7 +143,7 @@ class TrackResumeTest : public TrackTest {
   }
 
   static StreamScript Refuse(const grpc::Status& status) {
-    return [=](const v1::Attach&, ServerStream&) { return status; };
+    return [=](const v1::TrackRequest::Attach&, ServerStream&) { return status; };
   }
 
   FakeClock clock_;
@@ -151,7 +151,7 @@ class TrackResumeTest : public TrackTest {
   std::vector<StreamScript> scripts_;  // of the streams, in their order
   std::vector<TrackPosition> positions_;
   std::mutex mutex_;
-  std::vector<v1::Attach> attaches_;
+  std::vector<v1::TrackRequest::Attach> attaches_;
 };
 
 TEST_F(TrackResumeTest, GoesOnWhereTheServerIsAndDropsThePosesItHas) {
@@ -204,7 +204,7 @@ TEST_F(TrackResumeTest, DelaysDoubleUntilTheServerGetsSomewhere) {
 
 TEST_F(TrackResumeTest, StreamThatLastsIsASuccessAlsoWhenNothingHappensOnIt) {
   options_.retry.max_outage = absl::Seconds(30);
-  const StreamScript idle = [this](const v1::Attach&, ServerStream& stream) {
+  const StreamScript idle = [this](const v1::TrackRequest::Attach&, ServerStream& stream) {
     stream.Write(AttachedAt(1, 1, ""));
     v1::TrackRequest request;
     stream.Read(&request);  // the client has noticed
@@ -300,14 +300,14 @@ TEST_F(TrackResumeTest, ChunkThatArrivesDamagedIsSentAgainButNotForEver) {
 }
 
 TEST_F(TrackResumeTest, ServerThatLostWhatWasDurable) {
-  scripts_ = {[](const v1::Attach&, ServerStream& stream) {
+  scripts_ = {[](const v1::TrackRequest::Attach&, ServerStream& stream) {
                 stream.Write(AttachedAt(1, 1, ""));
                 v1::TrackRequest request;
                 while (stream.Read(&request) && request.events().seq() < 3) continue;
                 stream.Write(AckUpTo(3, 3));
                 return kCut;
               },
-              [](const v1::Attach&, ServerStream& stream) {
+              [](const v1::TrackRequest::Attach&, ServerStream& stream) {
                 stream.Write(AttachedAt(2, 1, ""));
                 v1::TrackRequest request;
                 while (stream.Read(&request)) continue;
@@ -318,7 +318,7 @@ TEST_F(TrackResumeTest, ServerThatLostWhatWasDurable) {
 
 TEST_F(TrackResumeTest, NewTokenIsKeptBeforeItIsUsed) {
   bool was_kept = false, was_used_before = false;
-  scripts_ = {[&](const v1::Attach&, ServerStream& stream) {
+  scripts_ = {[&](const v1::TrackRequest::Attach&, ServerStream& stream) {
     stream.Write(AttachedAt(1, 1, "T1"));
     v1::TrackRequest request;
     stream.Read(&request);
@@ -338,7 +338,7 @@ TEST_F(TrackResumeTest, NewTokenIsKeptBeforeItIsUsed) {
 
   ClearStreams();
   const auto has_come = std::make_shared<std::promise<bool>>();
-  scripts_ = {[has_come](const v1::Attach&, ServerStream& stream) {
+  scripts_ = {[has_come](const v1::TrackRequest::Attach&, ServerStream& stream) {
     stream.Write(AttachedAt(1, 1, "T1"));
     v1::TrackRequest request;
     has_come->set_value(stream.Read(&request));
@@ -351,7 +351,7 @@ TEST_F(TrackResumeTest, NewTokenIsKeptBeforeItIsUsed) {
 }
 
 TEST_F(TrackResumeTest, ServerOfSmallerChunksIsToldInWords) {
-  scripts_ = {BreakAfter(2, 1, 0, kCut), [](const v1::Attach&, ServerStream& stream) {
+  scripts_ = {BreakAfter(2, 1, 0, kCut), [](const v1::TrackRequest::Attach&, ServerStream& stream) {
                 v1::TrackResponse attached = AttachedAt(3, 1, "");
                 attached.mutable_attached()->set_max_chunk_bytes(1 << 10);
                 stream.Write(attached);
@@ -373,7 +373,7 @@ TEST_F(TrackResumeTest, CallerStopsTheWaiting) {
 
 // The server says that it leaves: with one server whose sessions end with it, its client stays to the end.
 TEST_F(TrackResumeTest, GoAwayOfTheOnlyServer) {
-  scripts_ = {[](const v1::Attach&, ServerStream& stream) {
+  scripts_ = {[](const v1::TrackRequest::Attach&, ServerStream& stream) {
     stream.Write(AttachedAt(1, 1, ""));
     stream.Write(GoAwayNotice());
     ReadToEnd(stream);
@@ -417,7 +417,7 @@ class TwoServersTest : public TrackResumeTest {
   class Admin final : public v1::AdminService::Service {
    public:
     grpc::Status GetServerInfo(grpc::ServerContext*, const v1::GetServerInfoRequest*, v1::ServerInfo* info) override {
-      info->set_store("redis");
+      info->set_store(v1::STORE_KIND_REDIS);
       return grpc::Status::OK;
     }
   };
@@ -454,7 +454,7 @@ TEST_F(TwoServersTest, SessionThatNobodyHas) {
 }
 
 TEST_F(TwoServersTest, ServerThatLeavesIsLeft) {
-  scripts_ = {[](const v1::Attach&, ServerStream& stream) {
+  scripts_ = {[](const v1::TrackRequest::Attach&, ServerStream& stream) {
                 stream.Write(AttachedAt(1, 1, ""));
                 v1::TrackRequest request;
                 stream.Read(&request);
@@ -466,7 +466,7 @@ TEST_F(TwoServersTest, ServerThatLeavesIsLeft) {
                 stream.Write(AckUpTo(std::min<uint64_t>(last_seq, 5), 0));
                 return grpc::Status::OK;
               },
-              [](const v1::Attach&, ServerStream& stream) {
+              [](const v1::TrackRequest::Attach&, ServerStream& stream) {
                 stream.Write(AttachedAt(6, 2, ""));
                 ReadToEnd(stream);
                 stream.Write(SummaryMessage(1));

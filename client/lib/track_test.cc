@@ -23,7 +23,7 @@ using ::testing::HasSubstr;
 
 TEST_F(TrackTest, WholeStream) {
   v1::TrackRequest attach;
-  std::vector<v1::EventChunk> chunks;
+  std::vector<v1::TrackRequest::EventChunk> chunks;
   service_.script = [&](ServerStream& stream) {
     stream.Read(&attach);
     stream.Write(Attached(1000));
@@ -91,7 +91,7 @@ TEST_F(TrackTest, LargeChunksAreSplitIntoWhatTheServerTakes) {
     v1::TrackRequest request;
     stream.Read(&request);
     stream.Write(Attached(1000, 20));
-    for (const v1::EventChunk& chunk : ReadToEnd(stream)) sizes.push_back(chunk.payload().size());
+    for (const v1::TrackRequest::EventChunk& chunk : ReadToEnd(stream)) sizes.push_back(chunk.payload().size());
     stream.Write(SummaryMessage(0));
     return grpc::Status::OK;
   };
@@ -223,10 +223,12 @@ INSTANTIATE_TEST_SUITE_P(
         Misbehaviour{"PoseGap", {Attached(1000), PoseMessage(2)}, "pose 2 came where 1 was due"},
         Misbehaviour{"PoseTwice", {Attached(1000), PoseMessage(1), PoseMessage(1)}, "pose 1 came where 2 was due"},
         Misbehaviour{"ShortCovariance",
-                     {Attached(1000), BadPose([](v1::Pose& pose) { pose.mutable_covariance()->RemoveLast(); })},
-                     "covariance has not 21 numbers"},
+                     {Attached(1000), BadPose([](v1::Pose& pose) {
+                        pose.mutable_covariance()->mutable_upper_triangle()->RemoveLast();
+                      })},
+                     "covariance does not have 21 numbers"},
         Misbehaviour{"ShortTwist",
-                     {Attached(1000), BadPose([](v1::Pose& pose) { pose.mutable_twist()->RemoveLast(); })},
+                     {Attached(1000), BadPose([](v1::Pose& pose) { pose.clear_twist(); })},
                      "twist has not 6 numbers"},
         Misbehaviour{"PoseWhileLost",
                      {Attached(1000), BadPose([](v1::Pose& pose) { pose.set_state(v1::TRACK_STATE_LOST); })},

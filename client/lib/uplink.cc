@@ -54,7 +54,7 @@ void Uplink::Run(uint64_t next_seq) {
 bool Uplink::Send(const OutgoingChunk& chunk) {
   if (!WaitForCredit(chunk.payload.size())) return false;
   v1::TrackRequest request;
-  v1::EventChunk& events = *request.mutable_events();
+  v1::TrackRequest::EventChunk& events = *request.mutable_events();
   events.set_seq(chunk.end.seq);
   events.set_discontinuity(chunk.discontinuity);
   events.set_payload(chunk.payload);

@@ -16,7 +16,7 @@
 
 #include "absl/status/status.h"
 #include "client/lib/outbox.h"
-#include "evpose/v1/sessions.pb.h"
+#include "evpose/v1/session_service.pb.h"
 
 namespace evpose::client {
 

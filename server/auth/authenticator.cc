@@ -13,14 +13,14 @@ namespace {
 
 constexpr absl::string_view kScheme = "Bearer ";
 
-absl::Status Unauthenticated(absl::string_view reason, absl::string_view message) {
+absl::Status Unauthenticated(v1::ErrorReason reason, absl::string_view message) {
   return WithReason(absl::UnauthenticatedError(message), reason);
 }
 
 absl::StatusOr<Caller> CallerOfCertificate(const std::optional<absl::string_view>& name) {
-  if (!name.has_value()) return Unauthenticated("BAD_CERTIFICATE", "the client has shown no certificate with a name");
+  if (!name.has_value()) return Unauthenticated(v1::BAD_CERTIFICATE, "the client has shown no certificate with a name");
   if (const absl::Status status = ValidateTenant(*name); !status.ok()) {
-    return Unauthenticated("BAD_CERTIFICATE", absl::StrCat("the certificate's CN: ", status.message()));
+    return Unauthenticated(v1::BAD_CERTIFICATE, absl::StrCat("the certificate's CN: ", status.message()));
   }
   return Caller{std::string(*name), false};
 }
@@ -45,15 +45,15 @@ absl::StatusOr<Caller> Authenticator::Authenticate(const CallCredentials& creden
 absl::StatusOr<Caller> Authenticator::CallerOfToken(const std::vector<absl::string_view>& authorization) {
   if (authorization.empty()) {
     return Unauthenticated(
-        "NO_TOKEN",
+        v1::NO_TOKEN,
         "the server wants a token: metadata authorization, \"Bearer TOKEN\"; evpose takes it with --token-file");
   }
   if (authorization.size() > 1 || !absl::StartsWithIgnoreCase(authorization.front(), kScheme)) {
-    return Unauthenticated("BAD_TOKEN", "the metadata authorization must be there once, as \"Bearer TOKEN\"");
+    return Unauthenticated(v1::BAD_TOKEN, "the metadata authorization must be there once, as \"Bearer TOKEN\"");
   }
   std::optional<Caller> caller = tokens_->Find(authorization.front().substr(kScheme.size()));
   if (!caller.has_value()) {
-    return Unauthenticated("BAD_TOKEN", "the server does not know this token: ask its operator for one");
+    return Unauthenticated(v1::BAD_TOKEN, "the server does not know this token: ask its operator for one");
   }
   return *std::move(caller);
 }

@@ -93,7 +93,7 @@ TEST_F(OperatorPagesTest, NotReadyFromDrainOn) {
 
 // LATEST: what the stream tells is what health and the metrics tell.
 TEST_F(OperatorPagesTest, WhatIsSkippedIsTheSameNumberEverywhere) {
-  v1::Session session;
+  CreatedSession session;
   uint64_t sent_bytes = 0;
   const auto track = OverloadedLatest(&session, &sent_bytes);
   ParsedMetrics waiting = Scrape();
@@ -128,7 +128,7 @@ TEST_F(OperatorPagesTest, WhatIsSkippedIsTheSameNumberEverywhere) {
 }
 
 TEST_F(OperatorPagesTest, StreamsAreCountedByTheirEnds) {
-  const v1::Session session = CreateSession();
+  const CreatedSession session = CreateSession();
   {
     RawTrack wrong(*sessions_);
     wrong.Attach(session.name(), "guess");
@@ -153,9 +153,9 @@ TEST_F(OperatorPagesTest, SessionsAddNoSeries) {
   };
   const std::set<std::string> without = series(Scrape());
   const v1::CreateSessionRequest request = CreateRequest();
-  std::vector<v1::Session> sessions(64);
-  for (v1::Session& session : sessions) ASSERT_EQ(Describe(Create(request, &session)), "OK");
-  v1::Session one_too_many;
+  std::vector<CreatedSession> sessions(64);
+  for (CreatedSession& session : sessions) ASSERT_EQ(Describe(Create(request, &session)), "OK");
+  CreatedSession one_too_many;
   EXPECT_EQ(Describe(Create(request, &one_too_many)), "RESOURCE_EXHAUSTED TOO_MANY_SESSIONS");
   const HttpAnswer answer = Get("/metrics");
   const ParsedMetrics with = ParseMetrics(answer.body);
@@ -163,7 +163,7 @@ TEST_F(OperatorPagesTest, SessionsAddNoSeries) {
   EXPECT_EQ(with.At("evpose_sessions{state=\"detached\"}"), 64.0);
   EXPECT_EQ(with.At("evpose_max_sessions"), 64.0);
   EXPECT_EQ(with.At("evpose_quota_refusals_total{limit=\"max_sessions\"}"), 1.0);
-  for (const v1::Session& session : sessions) {
+  for (const CreatedSession& session : sessions) {
     EXPECT_THAT(answer.body, testing::Not(HasSubstr(session.name())));
     EXPECT_THAT(answer.body, testing::Not(HasSubstr(session.resume_token())));
   }

@@ -17,7 +17,7 @@ namespace {
 
 absl::Status CheckIsOperator(const Caller& caller, absl::string_view deed) {
   if (caller.is_operator) return absl::OkStatus();
-  return WithReason(absl::PermissionDeniedError(absl::StrCat("only an operator's token may ", deed)), "NOT_OPERATOR");
+  return WithReason(absl::PermissionDeniedError(absl::StrCat("only an operator's token may ", deed)), v1::NOT_OPERATOR);
 }
 
 constexpr std::pair<LogLevel, v1::LogLevel> kLogLevels[] = {
@@ -62,7 +62,7 @@ grpc::ServerUnaryReactor* AdminServiceImpl::GetServerInfo(grpc::CallbackServerCo
     response->set_max_sessions(options.max_sessions);
     response->set_draining(!services_.sessions.CheckNotDraining().ok());
     response->set_max_chunk_bytes(options.limits.max_chunk_bytes);
-    response->set_store(std::string(services_.store.kind()));
+    response->set_store(StoreKindToProto(services_.store.kind()));
     response->set_max_model_bytes(services_.max_model_bytes);
     response->set_pose_log_capacity(options.limits.pose_log_capacity);
     *response->mutable_session_expiry() = ToProto(options.limits.expiry);

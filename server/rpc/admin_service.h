@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-#include "evpose/v1/admin.grpc.pb.h"
+#include "evpose/v1/admin_service.grpc.pb.h"
 #include "server/rpc/service_context.h"
 
 namespace evpose::server {

@@ -50,16 +50,9 @@ v1::EventEncoding ToProto(Encoding encoding) {
 }
 
 constexpr std::pair<Estimator, v1::Estimator> kEstimators[] = {
-    {Estimator::kMixture, v1::ESTIMATOR_MIXTURE},
-    {Estimator::kStaticLs, v1::ESTIMATOR_STATIC_LS},
-    {Estimator::kStaticM, v1::ESTIMATOR_STATIC_M},
-    {Estimator::kStaticS, v1::ESTIMATOR_STATIC_S},
-    {Estimator::kStaticMm, v1::ESTIMATOR_STATIC_MM},
-    {Estimator::kErrorStateFilter, v1::ESTIMATOR_ERROR_STATE_FILTER},
-    {Estimator::kReleasedLs, v1::ESTIMATOR_RELEASED_LS},
-    {Estimator::kReleasedM, v1::ESTIMATOR_RELEASED_M},
-    {Estimator::kReleasedS, v1::ESTIMATOR_RELEASED_S},
-    {Estimator::kReleasedMm, v1::ESTIMATOR_RELEASED_MM},
+    {Estimator::kMixture, v1::ESTIMATOR_MIXTURE},    {Estimator::kStaticLs, v1::ESTIMATOR_STATIC_LS},
+    {Estimator::kStaticM, v1::ESTIMATOR_STATIC_M},   {Estimator::kStaticS, v1::ESTIMATOR_STATIC_S},
+    {Estimator::kStaticMm, v1::ESTIMATOR_STATIC_MM}, {Estimator::kErrorStateFilter, v1::ESTIMATOR_ERROR_STATE_FILTER},
 };
 
 absl::StatusOr<Estimator> FieldFromProto(v1::Estimator estimator) {
@@ -175,7 +168,7 @@ std::string WhyThereIsNoPose(const InitializationReport& report) {
       return absl::StrCat("too few lines in the events: ", report.num_lines,
                           ", and three are needed; a still object shows none");
     case InitializationStatus::kNoPoseFits:
-      if (report.attempts == 0) return "the events speak against the pose that was given";
+      if (report.attempts == 0) return "the events do not support the pose that was given";
       return absl::StrCat("no pose fits the ", report.num_lines,
                           " lines in the events (searches so far: ", report.attempts,
                           "); are the model, its scale and the camera the right ones?");
@@ -243,12 +236,17 @@ v1::Quaternion RotationToProto(const Eigen::Matrix3d& rotation) {
   return out;
 }
 
+v1::Vector3 ToProto(const Eigen::Vector3d& vector) {
+  v1::Vector3 out;
+  out.set_x(vector.x());
+  out.set_y(vector.y());
+  out.set_z(vector.z());
+  return out;
+}
+
 v1::RigidTransform ToProto(const RigidTransform& transform) {
   v1::RigidTransform out;
-  v1::Vector3& translation = *out.mutable_translation_m();
-  translation.set_x(transform.translation_m.x());
-  translation.set_y(transform.translation_m.y());
-  translation.set_z(transform.translation_m.z());
+  *out.mutable_translation_m() = ToProto(transform.translation_m);
   *out.mutable_rotation() = RotationToProto(transform.rotation);
   return out;
 }
@@ -415,27 +413,31 @@ v1::SessionHealth ToProto(const SessionHealth& health, const SessionConfig& conf
   return out;
 }
 
-v1::Notice ToProto(const SessionNotice& notice, const SessionConfig& config) {
-  v1::Notice out;
+v1::TrackResponse::Notice ToProto(const SessionNotice& notice, const SessionConfig& config) {
+  v1::TrackResponse::Notice out;
   if (const auto* fault = std::get_if<DecodeFault>(&notice.what)) {
-    out.mutable_decode_fault()->set_seq(fault->seq);
-    out.mutable_decode_fault()->set_count(fault->count);
-    out.mutable_decode_fault()->set_detail(fault->detail);
+    v1::TrackResponse::DecodeFault& added = *out.mutable_decode_fault();
+    added.set_seq(fault->seq);
+    added.set_count(fault->count);
+    added.set_detail(fault->detail);
   }
   if (const auto* dropped = std::get_if<EventsDropped>(&notice.what)) {
-    out.mutable_dropped()->set_num_events(dropped->num_events);
-    out.mutable_dropped()->set_from_t_us(dropped->from_t_us);
-    out.mutable_dropped()->set_to_t_us(dropped->to_t_us);
-    out.mutable_dropped()->set_reason(ToProto(dropped->reason));
+    v1::TrackResponse::EventsDropped& added = *out.mutable_dropped();
+    added.set_num_events(dropped->num_events);
+    added.set_from_t_us(dropped->from_t_us);
+    added.set_to_t_us(dropped->to_t_us);
+    added.set_reason(ToProto(dropped->reason));
   }
   if (const auto* restarted = std::get_if<TrackingRestarted>(&notice.what)) {
-    out.mutable_tracking_restarted()->set_after_seq(restarted->after_seq);
-    out.mutable_tracking_restarted()->set_detail(restarted->detail);
+    v1::TrackResponse::TrackingRestarted& added = *out.mutable_tracking_restarted();
+    added.set_after_seq(restarted->after_seq);
+    added.set_detail(restarted->detail);
   }
   if (const auto* change = std::get_if<StateChange>(&notice.what)) {
-    out.mutable_state_change()->set_object_id(config.objects[change->object_index].object_id);
-    out.mutable_state_change()->set_t_us(change->t_us);
-    out.mutable_state_change()->set_state(ToProto(change->state));
+    v1::TrackResponse::StateChange& added = *out.mutable_state_change();
+    added.set_object_id(config.objects[change->object_index].object_id);
+    added.set_t_us(change->t_us);
+    added.set_state(ToProto(change->state));
   }
   return out;
 }
@@ -447,11 +449,13 @@ v1::Pose ToProto(const StoredPose& pose, const SessionConfig& config) {
   out.set_object_id(config.objects[pose.object_index].object_id);
   out.set_t_us(estimate.t_us);
   *out.mutable_camera_from_object() = ToProto(estimate.camera_from_object);
-  out.mutable_covariance()->Reserve(21);
+  google::protobuf::RepeatedField<double>& upper = *out.mutable_covariance()->mutable_upper_triangle();
+  upper.Reserve(21);
   for (int row = 0; row < 6; ++row) {
-    for (int column = row; column < 6; ++column) out.add_covariance(estimate.covariance(row, column));
+    for (int column = row; column < 6; ++column) upper.Add(estimate.covariance(row, column));
   }
-  for (int i = 0; i < 6; ++i) out.add_twist(estimate.twist(i));
+  *out.mutable_twist()->mutable_linear_m_per_s() = ToProto(Eigen::Vector3d(estimate.twist.head<3>()));
+  *out.mutable_twist()->mutable_angular_rad_per_s() = ToProto(Eigen::Vector3d(estimate.twist.tail<3>()));
   out.set_state(ToProto(estimate.state));
   out.set_num_events(estimate.num_events);
   out.set_explained_ratio(estimate.explained_ratio);
@@ -485,6 +489,17 @@ v1::Model ToProto(const ModelInfo& model) {
   out.set_sha256(absl::HexStringToBytes(model.sha256_hex));
   for (const std::string& notice : model.notices) out.add_notices(notice);
   return out;
+}
+
+v1::StoreKind StoreKindToProto(absl::string_view kind) {
+  if (kind == "memory") return v1::STORE_KIND_MEMORY;
+  if (kind == "sqlite") return v1::STORE_KIND_SQLITE;
+  if (kind == "redis") return v1::STORE_KIND_REDIS;
+  return v1::STORE_KIND_UNSPECIFIED;
+}
+
+absl::Status DeletionStatus(const absl::Status& status, bool allow_missing) {
+  return allow_missing && absl::IsNotFound(status) ? absl::OkStatus() : status;
 }
 
 absl::StatusOr<size_t> PageSize(int32_t page_size) {

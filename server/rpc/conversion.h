@@ -6,10 +6,13 @@
 #include <cstdint>
 #include <string>
 
+#include "absl/status/status.h"
 #include "absl/status/statusor.h"
+#include "absl/strings/string_view.h"
 #include "absl/time/time.h"
-#include "evpose/v1/models.pb.h"
-#include "evpose/v1/sessions.pb.h"
+#include "evpose/v1/admin_service.pb.h"
+#include "evpose/v1/model_service.pb.h"
+#include "evpose/v1/session_service.pb.h"
 #include "server/sessions/model_registry.h"
 #include "server/sessions/session.h"
 #include "server/sessions/session_config.h"
@@ -20,15 +23,20 @@ absl::StatusOr<SessionConfig> FromProto(const v1::SessionConfig& config);
 absl::StatusOr<RigidTransform> FromProto(const v1::RigidTransform& transform, const std::string& field);
 absl::StatusOr<ModelReading> FromProto(const v1::UploadModelRequest::Header& header);
 
-// With the effective configuration; the resume token is left out.
+// With the effective configuration.
 v1::Session ToProto(const SessionInfo& session);
 v1::SessionHealth ToProto(const SessionHealth& health, const SessionConfig& config);
-v1::Notice ToProto(const SessionNotice& notice, const SessionConfig& config);
+v1::TrackResponse::Notice ToProto(const SessionNotice& notice, const SessionConfig& config);
 v1::Pose ToProto(const StoredPose& pose, const SessionConfig& config);
 v1::Model ToProto(const ModelInfo& model);
 google::protobuf::Duration ToProto(absl::Duration duration);
 // Out of range: infinite.
 absl::Duration FromProto(const google::protobuf::Duration& duration);
+
+v1::StoreKind StoreKindToProto(absl::string_view kind);
+
+// The status of a call that deletes (AIP-135): with allow_missing, NOT_FOUND is OK.
+absl::Status DeletionStatus(const absl::Status& status, bool allow_missing);
 
 // What a page request means: 50 for no size, 1000 at most. Errors: a size below 0, a token that no page gave.
 absl::StatusOr<size_t> PageSize(int32_t page_size);

@@ -24,7 +24,7 @@ class DurableEndTest : private TemporaryDirectory, public RpcTest {  // the serv
 // As client libraries do: `end`, and the stream's sending half is closed, long before the store has the last poses.
 TEST_F(DurableEndTest, AClientThatHalfClosesBehindItsEndGetsTheSummary) {
   for (int i = 0; i < 3; ++i) {
-    const v1::Session session = CreateSession();
+    const CreatedSession session = CreateSession();
     const auto track = Attached(session);
     ASSERT_TRUE(track->Events(1, Flat64(SomeEvents(0, 50))));
     ASSERT_TRUE(track->End());

@@ -27,7 +27,7 @@ constexpr size_t kSha256Bytes = 32;
 
 absl::Status ModelWasDeleted(const std::string& name) {
   return WithReason(absl::AbortedError(absl::StrCat(name, " was deleted by another server: upload it once more")),
-                    "MODEL_DELETED", {{"model", name}});
+                    v1::MODEL_DELETED, {{"model", name}});
 }
 
 // Takes the file piece by piece, then loads it on a worker. Its reactions follow one another, a read is started when
@@ -79,7 +79,7 @@ class UploadReactor : public grpc::ServerReadReactor<v1::UploadModelRequest>,
     if (is_finished_ || messages_ != awaited) return;
     End(WithReason(absl::DeadlineExceededError(absl::StrCat("the next message of the upload has not come within ",
                                                             absl::FormatDuration(services_.attach_timeout))),
-                   "UPLOAD_TIMEOUT"));
+                   v1::UPLOAD_TIMEOUT));
   }
 
   void End(const absl::Status& status) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
@@ -228,9 +228,9 @@ grpc::ServerUnaryReactor* ModelServiceImpl::ListModels(grpc::CallbackServerConte
 
 grpc::ServerUnaryReactor* ModelServiceImpl::DeleteModel(grpc::CallbackServerContext* context,
                                                         const v1::DeleteModelRequest* request,
-                                                        v1::DeleteModelResponse*) {
+                                                        google::protobuf::Empty*) {
   return AnswerSlowly(services_.authenticator, services_.pool, context, [this, request](const Caller& caller) {
-    return services_.models.Delete(caller.tenant, request->name());
+    return DeletionStatus(services_.models.Delete(caller.tenant, request->name()), request->allow_missing());
   });
 }
 

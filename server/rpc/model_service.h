@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-#include "evpose/v1/models.grpc.pb.h"
+#include "evpose/v1/model_service.grpc.pb.h"
 #include "server/rpc/service_context.h"
 
 namespace evpose::server {
@@ -17,7 +17,7 @@ class ModelServiceImpl : public v1::ModelService::CallbackService {
   grpc::ServerUnaryReactor* ListModels(grpc::CallbackServerContext* context, const v1::ListModelsRequest* request,
                                        v1::ListModelsResponse* response) override;
   grpc::ServerUnaryReactor* DeleteModel(grpc::CallbackServerContext* context, const v1::DeleteModelRequest* request,
-                                        v1::DeleteModelResponse* response) override;
+                                        google::protobuf::Empty* response) override;
 
  private:
   const ServiceContext services_;

@@ -8,10 +8,29 @@
 #include <string>
 #include <vector>
 
-#include "evpose/v1/models.grpc.pb.h"
-#include "evpose/v1/sessions.pb.h"
+#include "evpose/v1/model_service.grpc.pb.h"
+#include "evpose/v1/session_service.pb.h"
 
 namespace evpose::server {
+
+// A session as its writer knows it: what CreateSession returned, with the newest resume token.
+class CreatedSession {
+ public:
+  const v1::Session& session() const { return response_.session(); }
+  const std::string& name() const { return session().name(); }
+  const v1::SessionConfig& config() const { return session().config(); }
+  const v1::SessionHealth& health() const { return session().health(); }
+  v1::SessionState state() const { return session().state(); }
+  const google::protobuf::Timestamp& create_time() const { return session().create_time(); }
+  const google::protobuf::Timestamp& expire_time() const { return session().expire_time(); }
+  const std::string& resume_token() const { return response_.resume_token(); }
+  void set_resume_token(const std::string& token) { response_.set_resume_token(token); }
+  v1::Session* mutable_session() { return response_.mutable_session(); }
+  v1::CreateSessionResponse* response() { return &response_; }
+
+ private:
+  v1::CreateSessionResponse response_;
+};
 
 // The messages that upload an OBJ file.
 inline std::vector<v1::UploadModelRequest> UploadRequests(const std::string& file) {

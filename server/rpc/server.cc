@@ -276,7 +276,7 @@ class ServerImpl : public Server, public Drainer {
     BeginToLeave(deadline);
     if (server_ != nullptr) streams_.WaitForTracks(end);
     sessions_.SettleAll(absl::Now() + kCallGrace);
-    const absl::Status leaving = WithReason(absl::UnavailableError("the server has left"), "DRAINING");
+    const absl::Status leaving = WithReason(absl::UnavailableError("the server has left"), v1::DRAINING);
     streams_.EndAll(leaving);
     // The streams are over, or are as good as: what was processed is to survive, what was not is sent again.
     if (!sessions_.SettleAll(absl::Now() + kCallGrace)) {

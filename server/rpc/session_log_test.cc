@@ -41,11 +41,11 @@ class SessionLogOfServerTest : public RpcTest {
 };
 
 TEST_F(SessionLogOfServerTest, TellsALifeFromCreationToDeletion) {
-  const v1::Session session = CreateSession();
-  v1::Attached first, second;
+  const CreatedSession session = CreateSession();
+  v1::TrackResponse::Attached first, second;
   const auto track = Attached(session, &first);
-  const v1::Session with_first_token = [&] {
-    v1::Session copy = session;
+  const CreatedSession with_first_token = [&] {
+    CreatedSession copy = session;
     copy.set_resume_token(first.resume_token());
     return copy;
   }();
@@ -79,7 +79,7 @@ TEST_F(SessionLogOfServerTest, TellsALifeFromCreationToDeletion) {
 }
 
 TEST_F(SessionLogOfServerTest, TellsHowStreamsEndAndWhoDrained) {
-  const v1::Session session = CreateSession();
+  const CreatedSession session = CreateSession();
   {
     const auto track = Attached(session);
     track->Cancel();
@@ -94,7 +94,7 @@ TEST_F(SessionLogOfServerTest, TellsHowStreamsEndAndWhoDrained) {
 TEST_F(SessionLogOfServerTest, HostileNamesStayInTheirLine) {
   v1::CreateSessionRequest request = CreateRequest();
   request.mutable_config()->mutable_objects(0)->set_object_id("cube\nerror session=\"x\"");
-  v1::Session session;
+  CreatedSession session;
   const grpc::Status created = Create(request, &session);
   RawTrack track(*sessions_);
   track.Attach("sessions/none\nerror forged", "guess");

@@ -33,10 +33,10 @@ absl::StatusOr<std::shared_ptr<Session>> Create(SessionManager& sessions, const 
 // Ends the call with the session and its token. That of a session which came from the store is known to nobody but its
 // client, and this client has not got it: there is a new one, when it is durable. Without the store that might take
 // forever.
-void AnswerCreated(const absl::StatusOr<std::shared_ptr<Session>>& session, Store& store, v1::Session& response,
-                   grpc::ServerUnaryReactor& reactor) {
+void AnswerCreated(const absl::StatusOr<std::shared_ptr<Session>>& session, Store& store,
+                   v1::CreateSessionResponse& response, grpc::ServerUnaryReactor& reactor) {
   if (!session.ok()) return reactor.Finish(ToGrpcStatus(session.status()));
-  response = ToProto((*session)->Describe());
+  *response.mutable_session() = ToProto((*session)->Describe());
   response.set_resume_token((*session)->resume_token());
   if (!response.resume_token().empty()) return reactor.Finish(grpc::Status::OK);
   if (const absl::Status status = FromStore(store.CheckHealth()); !status.ok()) {
@@ -67,7 +67,7 @@ absl::Status List(SessionManager& sessions, const std::string& tenant, const v1:
 
 grpc::ServerUnaryReactor* SessionServiceImpl::CreateSession(grpc::CallbackServerContext* context,
                                                             const v1::CreateSessionRequest* request,
-                                                            v1::Session* response) {
+                                                            v1::CreateSessionResponse* response) {
   grpc::ServerUnaryReactor* reactor = context->DefaultReactor();
   const absl::StatusOr<Caller> caller = Authenticate(services_.authenticator, *context);
   if (!caller.ok()) {
@@ -106,9 +106,10 @@ grpc::ServerUnaryReactor* SessionServiceImpl::ListSessions(grpc::CallbackServerC
 
 grpc::ServerUnaryReactor* SessionServiceImpl::DeleteSession(grpc::CallbackServerContext* context,
                                                             const v1::DeleteSessionRequest* request,
-                                                            v1::DeleteSessionResponse*) {
+                                                            google::protobuf::Empty*) {
   return AnswerSlowly(services_.authenticator, services_.pool, context, [this, request](const Caller& caller) {
-    return services_.sessions.Delete(caller.tenant, request->name(), caller.peer);
+    return DeletionStatus(services_.sessions.Delete(caller.tenant, request->name(), caller.peer),
+                          request->allow_missing());
   });
 }
 
@@ -122,8 +123,8 @@ grpc::ServerWriteReactor<v1::WatchPosesResponse>* SessionServiceImpl::WatchPoses
   return StartWatchPoses(services_, context, *request);
 }
 
-grpc::ServerWriteReactor<v1::SessionHealth>* SessionServiceImpl::WatchHealth(grpc::CallbackServerContext* context,
-                                                                             const v1::WatchHealthRequest* request) {
+grpc::ServerWriteReactor<v1::WatchHealthResponse>* SessionServiceImpl::WatchHealth(
+    grpc::CallbackServerContext* context, const v1::WatchHealthRequest* request) {
   return StartWatchHealth(services_, context, *request);
 }
 

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-#include "evpose/v1/sessions.grpc.pb.h"
+#include "evpose/v1/session_service.grpc.pb.h"
 #include "server/rpc/service_context.h"
 
 namespace evpose::server {
@@ -11,18 +11,18 @@ class SessionServiceImpl : public v1::SessionService::CallbackService {
   explicit SessionServiceImpl(const ServiceContext& services) : services_(services) {}
 
   grpc::ServerUnaryReactor* CreateSession(grpc::CallbackServerContext* context, const v1::CreateSessionRequest* request,
-                                          v1::Session* response) override;
+                                          v1::CreateSessionResponse* response) override;
   grpc::ServerUnaryReactor* GetSession(grpc::CallbackServerContext* context, const v1::GetSessionRequest* request,
                                        v1::Session* response) override;
   grpc::ServerUnaryReactor* ListSessions(grpc::CallbackServerContext* context, const v1::ListSessionsRequest* request,
                                          v1::ListSessionsResponse* response) override;
   grpc::ServerUnaryReactor* DeleteSession(grpc::CallbackServerContext* context, const v1::DeleteSessionRequest* request,
-                                          v1::DeleteSessionResponse* response) override;
+                                          google::protobuf::Empty* response) override;
   grpc::ServerBidiReactor<v1::TrackRequest, v1::TrackResponse>* Track(grpc::CallbackServerContext* context) override;
   grpc::ServerWriteReactor<v1::WatchPosesResponse>* WatchPoses(grpc::CallbackServerContext* context,
                                                                const v1::WatchPosesRequest* request) override;
-  grpc::ServerWriteReactor<v1::SessionHealth>* WatchHealth(grpc::CallbackServerContext* context,
-                                                           const v1::WatchHealthRequest* request) override;
+  grpc::ServerWriteReactor<v1::WatchHealthResponse>* WatchHealth(grpc::CallbackServerContext* context,
+                                                                 const v1::WatchHealthRequest* request) override;
 
  private:
   const ServiceContext services_;

@@ -30,14 +30,14 @@ class Watchers {
     health_ = stub.WatchHealth(&health_context_, health);
     v1::WatchPosesResponse first_poses;
     EXPECT_TRUE(poses_->Read(&first_poses));
-    v1::SessionHealth first_health;
+    v1::WatchHealthResponse first_health;
     EXPECT_TRUE(health_->Read(&first_health));
   }
   // How they end.
   std::string Errors() const {
     v1::WatchPosesResponse poses;
     while (poses_->Read(&poses)) continue;
-    v1::SessionHealth health;
+    v1::WatchHealthResponse health;
     while (health_->Read(&health)) continue;
     return Describe(poses_->Finish()) + ", " + Describe(health_->Finish());
   }
@@ -45,7 +45,7 @@ class Watchers {
  private:
   grpc::ClientContext poses_context_, health_context_;
   std::unique_ptr<grpc::ClientReader<v1::WatchPosesResponse>> poses_;
-  std::unique_ptr<grpc::ClientReader<v1::SessionHealth>> health_;
+  std::unique_ptr<grpc::ClientReader<v1::WatchHealthResponse>> health_;
 };
 
 // What a store answers, and what clients are told then.
@@ -70,7 +70,7 @@ class StoreErrorsTest : public RpcTest {
     return servers_.back()->InProcessChannel();
   }
   std::string GetError(const std::string& name) {
-    v1::Session session;
+    CreatedSession session;
     return Describe(Get(name, &session));
   }
   std::string ListError() {
@@ -82,7 +82,7 @@ class StoreErrorsTest : public RpcTest {
     grpc::ClientContext context;
     v1::DeleteModelRequest request;
     request.set_name(name);
-    v1::DeleteModelResponse response;
+    google::protobuf::Empty response;
     return Describe(models_->DeleteModel(&context, request, &response));
   }
   // What a watcher of poses is told, which one of health is told, too.
@@ -109,7 +109,7 @@ class StoreErrorsTest : public RpcTest {
   }
   // How a stream ends that works while the store answers this.
   grpc::Status TrackError(const absl::Status& answer) {
-    const v1::Session session = CreateSession();
+    const CreatedSession session = CreateSession();
     const auto track = Attached(session);
     trouble_->Set(answer);
     EXPECT_TRUE(track->Events(1, Flat64(SomeEvents(1, 11))));
@@ -161,7 +161,7 @@ TEST_F(StoreErrorsTest, AServerThatLeavesIsNotReadyAgain) {
 }
 
 TEST_F(StoreErrorsTest, ASessionWaitsWhileTheStoreIsAwayAndLosesNothing) {
-  const v1::Session session = CreateSession();
+  const CreatedSession session = CreateSession();
   const auto track = Attached(session);
   trouble_->Set(absl::UnavailableError("gone"));
   ASSERT_TRUE(track->Events(1, Flat64(SomeEvents(1, 11))));
@@ -189,11 +189,11 @@ TEST_F(StoreErrorsTest, ASessionWaitsWhileTheStoreIsAwayAndLosesNothing) {
 }
 
 TEST_F(StoreErrorsTest, CallsThatNeedAStoreThatIsAway) {
-  const v1::Session here = CreateSession();
+  const CreatedSession here = CreateSession();
   const v1::CreateSessionRequest request = CreateRequest();
   Use(StartOnStore());
   trouble_->Set(absl::UnavailableError("gone"));
-  v1::Session session;
+  CreatedSession session;
   EXPECT_EQ(Describe(Create(request, &session)), "UNAVAILABLE STORE_AWAY");
   v1::CreateSessionRequest again = request;
   again.set_request_id("again");
@@ -219,10 +219,10 @@ TEST_F(StoreErrorsTest, CallsThatNeedAStoreThatIsAway) {
 TEST_F(StoreErrorsTest, ARequestThatIsKnownDoesNotWaitForTheStoreEither) {
   v1::CreateSessionRequest request = CreateRequest();
   request.set_request_id("capture 1");
-  v1::Session made;
+  CreatedSession made;
   ASSERT_EQ(Describe(Create(request, &made)), "OK");
   Use(StartOnStore());
-  v1::Session taken;
+  CreatedSession taken;
   ASSERT_EQ(Describe(Create(request, &taken)), "OK");
   EXPECT_EQ(taken.name(), made.name());
   Use(StartOnStore());
@@ -234,9 +234,9 @@ TEST_F(StoreErrorsTest, ARequestThatIsKnownDoesNotWaitForTheStoreEither) {
 }
 
 TEST_F(StoreErrorsTest, CallsThatNeedAStoreThatIsFullOrFails) {
-  const v1::Session session = CreateSession();
+  const CreatedSession session = CreateSession();
   const v1::CreateSessionRequest request = CreateRequest();
-  v1::Session ignored;
+  CreatedSession ignored;
   v1::Model unused, uploaded;
   ASSERT_EQ(Describe(Upload(UploadRequests(std::string("# unused\n") + kCubeObj), &unused)), "OK");
   for (const auto& [answer, error] : FullAndFailing()) {
@@ -254,7 +254,7 @@ TEST_F(StoreErrorsTest, CallsThatNeedAStoreThatIsFullOrFails) {
 TEST_F(StoreErrorsTest, ARequestWhoseSessionIsDamagedSaysSo) {
   v1::CreateSessionRequest request = CreateRequest();
   request.set_request_id("capture 1");
-  v1::Session session;
+  CreatedSession session;
   ASSERT_EQ(Describe(Create(request, &session)), "OK");
   auto taken = store_->TakeSession(session.name()).value();
   std::promise<absl::Status> done;
@@ -267,13 +267,13 @@ TEST_F(StoreErrorsTest, ARequestWhoseSessionIsDamagedSaysSo) {
 }
 
 TEST_F(StoreErrorsTest, AnotherServerFencesTheStreamAndTheWatchers) {
-  const v1::Session session = CreateSession();
-  v1::Attached attached;
+  const CreatedSession session = CreateSession();
+  v1::TrackResponse::Attached attached;
   const auto track = Attached(session, &attached);
   MakePoses(*track);
   const Watchers watchers(*sessions_, session.name());
   Use(StartOnStore());
-  v1::Session moved = session;
+  CreatedSession moved = session;
   moved.set_resume_token(attached.resume_token());
   const auto elsewhere = Attached(moved);
   ASSERT_TRUE(track->Events(2, Flat64(SomeEvents(11, 1200, 1))));  // enough for a checkpoint
@@ -283,7 +283,7 @@ TEST_F(StoreErrorsTest, AnotherServerFencesTheStreamAndTheWatchers) {
 
 TEST_F(StoreErrorsTest, WatchersAreToldWhatEndsTheirSession) {
   for (const auto& [answer, error] : FullAndFailing()) {
-    const v1::Session session = CreateSession();
+    const CreatedSession session = CreateSession();
     const auto track = Attached(session);
     MakePoses(*track);
     const Watchers watchers(*sessions_, session.name());
@@ -296,7 +296,7 @@ TEST_F(StoreErrorsTest, WatchersAreToldWhatEndsTheirSession) {
 }
 
 TEST_F(StoreErrorsTest, ASessionThatComesNeedsASlot) {
-  v1::Session session = CreateSession();
+  CreatedSession session = CreateSession();
   Use(StartOnStore());
   std::string last;
   for (uint32_t i = 0; i < Options().max_sessions; ++i) last = CreateSession().name();
@@ -308,7 +308,7 @@ TEST_F(StoreErrorsTest, ASessionThatComesNeedsASlot) {
 }
 
 TEST_F(StoreErrorsTest, ASessionThatComesNeedsItsTenantsShare) {
-  const v1::Session session = CreateSession();
+  const CreatedSession session = CreateSession();
   ServerOptions options = StoreOptions();
   options.tenant.max_sessions = 1;
   Use(StartOnStore(options));
@@ -342,15 +342,15 @@ TEST_F(StoreErrorsTest, AnUploadOfWhatAnotherServerHasDeletedIsToldSo) {
 
 TEST_F(StoreErrorsTest, AFullStoreEndsTheStreamAndTheSessionGoesOnLater) {
   const v1::CreateSessionRequest request = CreateRequest();
-  v1::Session session = CreateSession();
-  v1::Attached attached;
+  CreatedSession session = CreateSession();
+  v1::TrackResponse::Attached attached;
   auto track = Attached(session, &attached);
   trouble_->Set(absl::ResourceExhaustedError("disk full"));
   ASSERT_TRUE(track->Events(1, Flat64(SomeEvents(1, 11))));
   const grpc::Status status = track->Finish();
   EXPECT_EQ(Describe(status), "RESOURCE_EXHAUSTED STORE_FULL");
   EXPECT_THAT(status.error_message(), testing::HasSubstr("make room"));
-  v1::Session ignored;
+  CreatedSession ignored;
   EXPECT_EQ(Describe(Create(request, &ignored)), "RESOURCE_EXHAUSTED STORE_FULL");
 
   trouble_->Set(absl::OkStatus());
@@ -366,7 +366,7 @@ TEST_F(StoreErrorsTest, AFullStoreEndsTheStreamAndTheSessionGoesOnLater) {
 }
 
 TEST_F(StoreErrorsTest, APoseThatCannotHaveBeenSentIsRefusedAlsoWhereASessionMovesTo) {
-  const v1::Session session = CreateSession();
+  const CreatedSession session = CreateSession();
   Use(StartOnStore());
   for (const uint64_t last_pose_seq : {uint64_t{10'000}, UINT64_MAX}) {
     RawTrack track(*sessions_);
@@ -382,8 +382,8 @@ TEST_F(StoreErrorsTest, APoseThatCannotHaveBeenSentIsRefusedAlsoWhereASessionMov
 }
 
 TEST_F(StoreErrorsTest, WatchersAtAnotherServerSeeEveryPose) {
-  v1::Session session = CreateSession();
-  v1::Attached attached;
+  CreatedSession session = CreateSession();
+  v1::TrackResponse::Attached attached;
   auto track = Attached(session, &attached);
   const auto elsewhere = v1::SessionService::NewStub(StartOnStore());
   grpc::ClientContext context;
@@ -414,7 +414,7 @@ TEST_F(StoreErrorsTest, WatchersAtAnotherServerSeeEveryPose) {
 }
 
 TEST_F(StoreErrorsTest, WatchersAtAnotherServerSeeHealthUntilTheEnd) {
-  const v1::Session session = CreateSession();
+  const CreatedSession session = CreateSession();
   const auto track = Attached(session);
   const auto elsewhere = v1::SessionService::NewStub(StartOnStore());
   grpc::ClientContext context;
@@ -422,19 +422,19 @@ TEST_F(StoreErrorsTest, WatchersAtAnotherServerSeeHealthUntilTheEnd) {
   request.set_session(session.name());
   request.mutable_period()->set_nanos(10'000'000);
   const auto watcher = elsewhere->WatchHealth(&context, request);
-  v1::SessionHealth health;
-  ASSERT_TRUE(watcher->Read(&health));
-  EXPECT_EQ(health.poses(), 0u);
+  v1::WatchHealthResponse response;
+  ASSERT_TRUE(watcher->Read(&response));
+  EXPECT_EQ(response.health().poses(), 0u);
   MakePoses(*track);
   ASSERT_TRUE(track->End());
   EXPECT_EQ(Describe(track->Finish()), "OK");
-  while (watcher->Read(&health)) continue;
-  EXPECT_EQ(health.poses(), 10u);
+  while (watcher->Read(&response)) continue;
+  EXPECT_EQ(response.health().poses(), 10u);
   EXPECT_EQ(Describe(watcher->Finish()), "OK");
 }
 
 TEST_F(StoreErrorsTest, WatchersAtAnotherServerAreToldWhatIsWrong) {
-  const v1::Session session = CreateSession();
+  const CreatedSession session = CreateSession();
   { MakePoses(*Attached(session)); }
   Use(StartOnStore());
   EXPECT_EQ(WatchError("sessions/unknown"), "NOT_FOUND SESSION_NOT_FOUND");
@@ -464,7 +464,7 @@ TEST_F(StoreErrorsTest, AStoreThatFailsEndsTheStream) {
 TEST_F(StoreErrorsTest, ADamagedSessionIsNamedAndCanBeDeleted) {
   const std::string name = "sessions/0123456789abcdef0123456789abcdef";
   ASSERT_TRUE(store_->CreateSession({.name = name, .config = "no configuration"}, "no lifecycle").ok());
-  v1::Session session;
+  CreatedSession session;
   const grpc::Status status = Get(name, &session);
   EXPECT_EQ(Describe(status), "DATA_LOSS SESSION_DAMAGED");
   EXPECT_EQ(DetailOf<google::rpc::ErrorInfo>(status).metadata().at("session"), name);

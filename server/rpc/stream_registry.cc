@@ -23,7 +23,7 @@ void StreamRegistry::Add(Kind kind, const std::shared_ptr<OpenStream>& stream) {
     ended = ended_;
     if (ended.ok() && entries_.size() > max_streams_) {
       metrics_->quota_refusals[QuotaLimit::kMaxStreams].Add();
-      ended = LimitReached("TOO_MANY_STREAMS", "max_streams",
+      ended = LimitReached(v1::TOO_MANY_STREAMS, "max_streams",
                            absl::StrCat("the server has its ", max_streams_, " streams: try again later"), kRetryDelay);
     }
   }

@@ -12,9 +12,9 @@
 #include <vector>
 
 #include "absl/strings/str_cat.h"
-#include "evpose/v1/admin.grpc.pb.h"
-#include "evpose/v1/models.grpc.pb.h"
-#include "evpose/v1/sessions.grpc.pb.h"
+#include "evpose/v1/admin_service.grpc.pb.h"
+#include "evpose/v1/model_service.grpc.pb.h"
+#include "evpose/v1/session_service.grpc.pb.h"
 #include "google/rpc/error_details.pb.h"
 #include "google/rpc/status.pb.h"
 #include "server/rpc/raw_requests.h"
@@ -150,30 +150,31 @@ class RpcTest : public testing::Test {
   }
 
   v1::CreateSessionRequest CreateRequest() { return CubeSessionRequest(UploadCube()); }
-  grpc::Status Create(const v1::CreateSessionRequest& request, v1::Session* session) {
+  grpc::Status Create(const v1::CreateSessionRequest& request, CreatedSession* session) {
     grpc::ClientContext context;
-    return sessions_->CreateSession(&context, request, session);
+    return sessions_->CreateSession(&context, request, session->response());
   }
-  v1::Session CreateSession() {
-    v1::Session session;
+  CreatedSession CreateSession() {
+    CreatedSession session;
     EXPECT_EQ(Describe(Create(CreateRequest(), &session)), "OK");
     return session;
   }
-  grpc::Status Get(const std::string& name, v1::Session* session) {
+  grpc::Status Get(const std::string& name, CreatedSession* session) {
     grpc::ClientContext context;
     v1::GetSessionRequest request;
     request.set_name(name);
-    return sessions_->GetSession(&context, request, session);
+    return sessions_->GetSession(&context, request, session->mutable_session());
   }
-  grpc::Status Delete(const std::string& name) {
+  grpc::Status Delete(const std::string& name, bool allow_missing = false) {
     grpc::ClientContext context;
     v1::DeleteSessionRequest request;
     request.set_name(name);
-    v1::DeleteSessionResponse response;
+    request.set_allow_missing(allow_missing);
+    google::protobuf::Empty response;
     return sessions_->DeleteSession(&context, request, &response);
   }
   // A stream that is attached to `session`.
-  std::unique_ptr<RawTrack> Attached(const v1::Session& session, v1::Attached* attached = nullptr) {
+  std::unique_ptr<RawTrack> Attached(const CreatedSession& session, v1::TrackResponse::Attached* attached = nullptr) {
     auto track = std::make_unique<RawTrack>(*sessions_);
     EXPECT_TRUE(track->Attach(session.name(), session.resume_token()));
     v1::TrackResponse response;
@@ -185,7 +186,7 @@ class RpcTest : public testing::Test {
 
   // A stream attached to a new session with LATEST, which has sent more than the credit; the tracker stands still with
   // the first chunk until the gate opens.
-  std::unique_ptr<RawTrack> OverloadedLatest(v1::Session* session, uint64_t* sent_bytes) {
+  std::unique_ptr<RawTrack> OverloadedLatest(CreatedSession* session, uint64_t* sent_bytes) {
     v1::CreateSessionRequest request = CreateRequest();
     request.mutable_config()->set_overload_policy(v1::OVERLOAD_POLICY_LATEST);
     request.mutable_config()->mutable_max_lag()->set_seconds(10);

@@ -135,25 +135,25 @@ class TrackReactor : public grpc::ServerBidiReactor<v1::TrackRequest, v1::TrackR
 
   // A session that is not here is taken from the store, which takes too long for gRPC's threads. Nothing is read
   // meanwhile.
-  void StartAttach(const v1::Attach& attach) {
+  void StartAttach(const v1::TrackRequest::Attach& attach) {
     std::shared_ptr<Session> session =
         services_.sessions.FindForAttach(caller_->tenant, attach.session(), attach.resume_token());
     if (session != nullptr) return OnAttached(attach, Join(attach, std::move(session)));
     services_.pool.PostSlow([self = shared_from_this(), attach] { self->TakeAndAttach(attach); });
   }
 
-  void TakeAndAttach(const v1::Attach& attach) {
+  void TakeAndAttach(const v1::TrackRequest::Attach& attach) {
     auto session = TakeSession(attach);
     OnAttached(attach, session.ok() ? Join(attach, *std::move(session)) : session.status());
   }
 
-  absl::StatusOr<std::shared_ptr<Session>> TakeSession(const v1::Attach& attach) {
+  absl::StatusOr<std::shared_ptr<Session>> TakeSession(const v1::TrackRequest::Attach& attach) {
     EVPOSE_RETURN_IF_ERROR(services_.sessions.CheckNotDraining());
     return services_.sessions.TakeForAttach(caller_->tenant, attach.session(), attach.resume_token());
   }
 
   // All at once: what comes in between sees a stream that has not attached yet.
-  void OnAttached(const v1::Attach& attach, absl::StatusOr<Joined> joined) {
+  void OnAttached(const v1::TrackRequest::Attach& attach, absl::StatusOr<Joined> joined) {
     const std::lock_guard lock(mutex_);
     attach_ = attach;
     is_reading_ = false;
@@ -177,7 +177,7 @@ class TrackReactor : public grpc::ServerBidiReactor<v1::TrackRequest, v1::TrackR
     attachment_ = std::move(joined.attachment);
   }
 
-  absl::StatusOr<Joined> Join(const v1::Attach& attach, std::shared_ptr<Session> session) {
+  absl::StatusOr<Joined> Join(const v1::TrackRequest::Attach& attach, std::shared_ptr<Session> session) {
     EVPOSE_RETURN_IF_ERROR(services_.sessions.CheckNotDraining());
     // Without the lock: the stream that this one fences is told, and takes its own.
     EVPOSE_ASSIGN_OR_RETURN(Attachment attachment, session->Attach(attach.resume_token(), attach.last_pose_seq(),
@@ -185,7 +185,7 @@ class TrackReactor : public grpc::ServerBidiReactor<v1::TrackRequest, v1::TrackR
     return Joined{std::move(session), std::move(attachment)};
   }
 
-  absl::Status HandleEvents(v1::EventChunk& events) {
+  absl::Status HandleEvents(v1::TrackRequest::EventChunk& events) {
     Hold(services_.quotas.ChargeBytes(caller_->tenant, events.payload().size()));
     EventChunk chunk;
     chunk.seq = events.seq();
@@ -195,7 +195,7 @@ class TrackReactor : public grpc::ServerBidiReactor<v1::TrackRequest, v1::TrackR
     return session_->PushEvents(stream_, std::move(chunk));
   }
 
-  absl::Status HandleResetPose(const v1::ResetPose& reset) {
+  absl::Status HandleResetPose(const v1::TrackRequest::ResetPose& reset) {
     EVPOSE_ASSIGN_OR_RETURN(const RigidTransform camera_from_object,
                             FromProto(reset.camera_from_object(), "reset_pose.camera_from_object"));
     return session_->PushResetPose(stream_, reset.seq(), reset.object_id(), camera_from_object);
@@ -233,7 +233,7 @@ class TrackReactor : public grpc::ServerBidiReactor<v1::TrackRequest, v1::TrackR
     if (session_ == nullptr) {
       Fail(WithReason(absl::DeadlineExceededError(absl::StrCat("the stream has not attached within ",
                                                                absl::FormatDuration(services_.attach_timeout))),
-                      "ATTACH_TIMEOUT"));
+                      v1::ATTACH_TIMEOUT));
     }
     Pump();
   }
@@ -329,7 +329,7 @@ class TrackReactor : public grpc::ServerBidiReactor<v1::TrackRequest, v1::TrackR
   }
 
   bool PickAttached() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
-    v1::Attached& attached = *response_.mutable_attached();
+    v1::TrackResponse::Attached& attached = *response_.mutable_attached();
     attached.set_next_seq(attachment_->next_seq);
     attached.set_resume_token(attachment_->resume_token);
     attached.set_send_limit_bytes(attachment_->send_limit_bytes);
@@ -347,7 +347,7 @@ class TrackReactor : public grpc::ServerBidiReactor<v1::TrackRequest, v1::TrackR
   }
 
   bool PickAck() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
-    v1::Ack& ack = *response_.mutable_ack();
+    v1::TrackResponse::Ack& ack = *response_.mutable_ack();
     ack.set_processed_seq(ack_->processed_seq);
     ack.set_durable_seq(ack_->durable_seq);
     ack.set_send_limit_bytes(ack_->send_limit_bytes);
@@ -364,7 +364,7 @@ class TrackReactor : public grpc::ServerBidiReactor<v1::TrackRequest, v1::TrackR
     if (page_.empty() || page_.front().pose_seq != sent_pose_seq_ + 1) {
       Fail(WithReason(absl::AbortedError(absl::StrCat("pose ", sent_pose_seq_ + 1,
                                                       " is no longer stored; attach again to go on after the gap")),
-                      "POSES_FORGOTTEN"));
+                      v1::POSES_FORGOTTEN));
       return false;
     }
     *response_.mutable_pose() = ToProto(page_.front(), session_->config());
@@ -399,7 +399,7 @@ class TrackReactor : public grpc::ServerBidiReactor<v1::TrackRequest, v1::TrackR
   bool is_finished_ ABSL_GUARDED_BY(mutex_) = false;
   bool is_attaching_ ABSL_GUARDED_BY(mutex_) = false;  // for the second time
   bool was_taken_back_ ABSL_GUARDED_BY(mutex_) = false;
-  v1::Attach attach_ ABSL_GUARDED_BY(mutex_);
+  v1::TrackRequest::Attach attach_ ABSL_GUARDED_BY(mutex_);
   bool reads_are_done_ ABSL_GUARDED_BY(mutex_) = false;
   bool end_was_asked_ ABSL_GUARDED_BY(mutex_) = false;
   absl::Status failure_ ABSL_GUARDED_BY(mutex_);

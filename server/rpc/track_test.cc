@@ -20,7 +20,7 @@ class TrackTest : public RpcTest {
   // Sends `events` in chunks of so many bytes and `end`; all poses, without what depends on the clock.
   std::string PosesOf(const std::vector<Event>& events, size_t chunk_bytes) {
     const std::string bytes = Flat64(events);
-    const v1::Session session = CreateSession();
+    const CreatedSession session = CreateSession();
     const auto track = Attached(session);
     std::string poses;
     uint64_t seq = 0;
@@ -46,7 +46,7 @@ class TrackTest : public RpcTest {
   }
 
   // A server whose log holds 4096 poses, and a session on it with three objects.
-  v1::Session ThreeObjectsAndASmallLog(v1::OverloadPolicy policy) {
+  CreatedSession ThreeObjectsAndASmallLog(v1::OverloadPolicy policy) {
     ServerOptions options = Options();
     options.pose_log_capacity = 4096;
     Connect(options);
@@ -58,7 +58,7 @@ class TrackTest : public RpcTest {
       *config.add_objects() = config.objects(0);
       config.mutable_objects(i)->set_object_id(absl::StrCat("cube", i));
     }
-    v1::Session session;
+    CreatedSession session;
     EXPECT_EQ(Describe(Create(request, &session)), "OK");
     return session;
   }
@@ -75,8 +75,8 @@ class TrackTest : public RpcTest {
 };
 
 TEST_F(TrackTest, GivesPosesAcksAndASummary) {
-  const v1::Session session = CreateSession();
-  v1::Attached attached;
+  const CreatedSession session = CreateSession();
+  v1::TrackResponse::Attached attached;
   const auto track = Attached(session, &attached);
   EXPECT_EQ(attached.next_seq(), 1u);
   EXPECT_EQ(attached.send_limit_bytes(), 256u * 1024);
@@ -84,10 +84,10 @@ TEST_F(TrackTest, GivesPosesAcksAndASummary) {
   EXPECT_EQ(attached.resume_window().seconds(), 600);
   EXPECT_EQ(attached.first_pose_seq(), 1u);
   EXPECT_NE(attached.resume_token(), session.resume_token());
-  v1::Session seen;
+  CreatedSession seen;
   Get(session.name(), &seen);
   EXPECT_EQ(seen.state(), v1::SESSION_STATE_ATTACHED);
-  EXPECT_FALSE(seen.has_expire_time());
+  EXPECT_FALSE(seen.session().has_expire_time());
 
   const std::string payload = Flat64(SomeEvents(1, 11));
   ASSERT_TRUE(track->Events(1, payload));
@@ -104,11 +104,13 @@ TEST_F(TrackTest, GivesPosesAcksAndASummary) {
   EXPECT_EQ(pose.t_us(), 1500);
   EXPECT_EQ(pose.camera_from_object().translation_m().x(), 3.0);
   EXPECT_EQ(pose.camera_from_object().rotation().w(), 1.0);
-  ASSERT_EQ(pose.covariance_size(), 21);
-  EXPECT_EQ(pose.covariance(1), 1.0) << "row 0, column 1";
-  EXPECT_EQ(pose.covariance(6), 11.0) << "row 1, column 1";
-  EXPECT_EQ(pose.covariance(20), 55.0);
-  EXPECT_THAT(pose.twist(), testing::ElementsAre(1, 2, 3, 4, 5, 6));
+  ASSERT_EQ(pose.covariance().upper_triangle_size(), 21);
+  EXPECT_EQ(pose.covariance().upper_triangle(1), 1.0) << "row 0, column 1";
+  EXPECT_EQ(pose.covariance().upper_triangle(6), 11.0) << "row 1, column 1";
+  EXPECT_EQ(pose.covariance().upper_triangle(20), 55.0);
+  const auto& [linear, angular] = std::pair(pose.twist().linear_m_per_s(), pose.twist().angular_rad_per_s());
+  EXPECT_THAT((std::vector{linear.x(), linear.y(), linear.z(), angular.x(), angular.y(), angular.z()}),
+              testing::ElementsAre(1, 2, 3, 4, 5, 6));
   EXPECT_EQ(pose.state(), v1::TRACK_STATE_TRACKING);
   EXPECT_EQ(pose.num_events(), 3u);
   EXPECT_TRUE(pose.has_latency());
@@ -142,7 +144,7 @@ TEST_F(TrackTest, PosesAreTheSameBytesWhateverTheChunkingAndTheChannel) {
 }
 
 TEST_F(TrackTest, RefusesWhatTheProtocolForbids) {
-  const v1::Session session = CreateSession();
+  const CreatedSession session = CreateSession();
   const auto first_message = [this](const v1::TrackRequest& request) {
     RawTrack track(*sessions_);
     track.Write(request);
@@ -168,7 +170,7 @@ TEST_F(TrackTest, RefusesWhatTheProtocolForbids) {
 }
 
 TEST_F(TrackTest, RefusesBadMessagesAndTheSessionLivesOn) {
-  v1::Session session = CreateSession();
+  CreatedSession session = CreateSession();
   std::vector<std::pair<std::string, v1::TrackRequest>> cases;
   const auto add = [&cases](const std::string& expected) -> v1::TrackRequest& {
     return cases.emplace_back(expected, v1::TrackRequest()).second;
@@ -176,7 +178,7 @@ TEST_F(TrackTest, RefusesBadMessagesAndTheSessionLivesOn) {
   add("INVALID_ARGUMENT message");
   add("INVALID_ARGUMENT attach").mutable_attach()->set_session(session.name());
   add("INVALID_ARGUMENT events.seq").mutable_events();
-  v1::EventChunk* events = add("INVALID_ARGUMENT events.payload").mutable_events();
+  v1::TrackRequest::EventChunk* events = add("INVALID_ARGUMENT events.payload").mutable_events();
   events->set_seq(1);
   events->set_payload("not whole words");
   events = add("INVALID_ARGUMENT events.payload").mutable_events();
@@ -188,11 +190,12 @@ TEST_F(TrackTest, RefusesBadMessagesAndTheSessionLivesOn) {
   events->set_payload(Flat64(SomeEvents(1, 2)));
   events = add("FAILED_PRECONDITION SEQ_GAP").mutable_events();
   events->set_seq(2);
-  v1::ResetPose* reset = add("INVALID_ARGUMENT reset_pose.camera_from_object.rotation").mutable_reset_pose();
+  v1::TrackRequest::ResetPose* reset =
+      add("INVALID_ARGUMENT reset_pose.camera_from_object.rotation").mutable_reset_pose();
   reset->set_object_id("cube");
   reset->mutable_camera_from_object()->mutable_rotation()->set_w(2.0);
   const auto add_reset = [&add](const std::string& expected, uint64_t seq, const std::string& object_id) {
-    v1::ResetPose& added = *add(expected).mutable_reset_pose();
+    v1::TrackRequest::ResetPose& added = *add(expected).mutable_reset_pose();
     added.set_seq(seq);
     added.set_object_id(object_id);
     added.mutable_camera_from_object()->mutable_rotation()->set_w(1.0);
@@ -202,7 +205,7 @@ TEST_F(TrackTest, RefusesBadMessagesAndTheSessionLivesOn) {
   add_reset("FAILED_PRECONDITION SEQ_GAP", 2, "cube");
 
   for (const auto& [expected, request] : cases) {
-    v1::Attached attached;
+    v1::TrackResponse::Attached attached;
     const auto track = Attached(session, &attached);
     EXPECT_EQ(attached.next_seq(), 1u) << expected;
     session.set_resume_token(attached.resume_token());
@@ -253,9 +256,9 @@ TEST_F(TrackTest, IgnoresRepeatedChunksAndTakesADigestThatIsRight) {
 }
 
 TEST_F(TrackTest, TakesUpABrokenStreamWithoutLosingOrRepeatingAPose) {
-  v1::Session session = CreateSession();
+  CreatedSession session = CreateSession();
   v1::TrackResponse response;
-  v1::Attached attached;
+  v1::TrackResponse::Attached attached;
   {
     const auto track = Attached(session, &attached);
     track->Events(1, Flat64(SomeEvents(1, 11)));
@@ -292,13 +295,13 @@ TEST_F(TrackTest, AStreamWithBlockGetsMorePosesAtOnceThanTheLogHolds) {
 }
 
 TEST_F(TrackTest, WhoAttachesBeforeTheyAreMadeGetsThemToo) {
-  v1::Session session = ThreeObjectsAndASmallLog(v1::OVERLOAD_POLICY_BLOCK);
-  v1::Attached attached;
+  CreatedSession session = ThreeObjectsAndASmallLog(v1::OVERLOAD_POLICY_BLOCK);
+  v1::TrackResponse::Attached attached;
   gate_->Close();
   {
     const auto track = Attached(session, &attached);
     ASSERT_TRUE(track->Events(1, ManyPoses()));
-    v1::Session seen;
+    CreatedSession seen;
     while (seen.health().received_bytes() == 0) Get(session.name(), &seen);
     track->Cancel();
     EXPECT_EQ(Describe(track->Finish()), "CANCELLED");
@@ -311,8 +314,8 @@ TEST_F(TrackTest, WhoAttachesBeforeTheyAreMadeGetsThemToo) {
 }
 
 TEST_F(TrackTest, WithLatestAStreamIsToldOfPosesThatWereForgotten) {
-  v1::Session session = ThreeObjectsAndASmallLog(v1::OVERLOAD_POLICY_LATEST);
-  v1::Attached attached;
+  CreatedSession session = ThreeObjectsAndASmallLog(v1::OVERLOAD_POLICY_LATEST);
+  v1::TrackResponse::Attached attached;
   {
     const auto track = Attached(session, &attached);
     ASSERT_TRUE(track->Events(1, ManyPoses()));
@@ -328,8 +331,8 @@ TEST_F(TrackTest, WithLatestAStreamIsToldOfPosesThatWereForgotten) {
 }
 
 TEST_F(TrackTest, ALaterAttachFencesTheOlderStream) {
-  v1::Session session = CreateSession();
-  v1::Attached attached;
+  CreatedSession session = CreateSession();
+  v1::TrackResponse::Attached attached;
   const auto older = Attached(session, &attached);
   session.set_resume_token(attached.resume_token());
   const auto newer = Attached(session, &attached);
@@ -340,10 +343,10 @@ TEST_F(TrackTest, ALaterAttachFencesTheOlderStream) {
 }
 
 TEST_F(TrackTest, AfterTheEndOnlyTheSummaryCanBeHadAgain) {
-  v1::Session session = CreateSession();
+  CreatedSession session = CreateSession();
   v1::TrackResponse response;
   for (int i = 0; i < 2; ++i) {
-    v1::Attached attached;
+    v1::TrackResponse::Attached attached;
     const auto track = Attached(session, &attached);
     session.set_resume_token(attached.resume_token());
     if (i == 0) track->Events(1, Flat64(SomeEvents(1, 11)));
@@ -359,7 +362,7 @@ TEST_F(TrackTest, AfterTheEndOnlyTheSummaryCanBeHadAgain) {
   more[1].mutable_reset_pose()->set_object_id("cube");
   more[1].mutable_reset_pose()->mutable_camera_from_object()->mutable_rotation()->set_w(1.0);
   for (const v1::TrackRequest& request : more) {
-    v1::Attached attached;
+    v1::TrackResponse::Attached attached;
     const auto track = Attached(session, &attached);
     session.set_resume_token(attached.resume_token());
     EXPECT_TRUE(track->Write(request));
@@ -368,7 +371,7 @@ TEST_F(TrackTest, AfterTheEndOnlyTheSummaryCanBeHadAgain) {
 }
 
 TEST_F(TrackTest, HalfCloseWithoutEndDrainsAndLeavesTheSession) {
-  const v1::Session session = CreateSession();
+  const CreatedSession session = CreateSession();
   const auto track = Attached(session);
   track->Events(1, Flat64(SomeEvents(1, 11)));
   track->WritesDone();
@@ -377,7 +380,7 @@ TEST_F(TrackTest, HalfCloseWithoutEndDrainsAndLeavesTheSession) {
   while (track->Read(response)) poses += response.has_pose();
   EXPECT_EQ(poses, 9);
   EXPECT_EQ(Describe(track->Finish()), "OK");
-  v1::Session seen;
+  CreatedSession seen;
   Get(session.name(), &seen);
   EXPECT_EQ(seen.state(), v1::SESSION_STATE_DETACHED);
 }
@@ -385,7 +388,7 @@ TEST_F(TrackTest, HalfCloseWithoutEndDrainsAndLeavesTheSession) {
 TEST_F(TrackTest, NoticesStandAmongThePosesInOrder) {
   v1::CreateSessionRequest request = CreateRequest();
   request.mutable_config()->mutable_objects(0)->clear_initial_camera_from_object();
-  v1::Session session;
+  CreatedSession session;
   ASSERT_EQ(Describe(Create(request, &session)), "OK");
   const auto track = Attached(session);
   std::vector<Event> events = SomeEvents(1, 3);
@@ -423,7 +426,7 @@ TEST_F(TrackTest, ModelsAndSessionsAreMadeWhileAllWorkersTrack) {
   std::vector<std::unique_ptr<RawTrack>> busy;
   gate_->Close();
   for (int i = 0; i < Options().worker_threads; ++i) {
-    v1::Session session = CreateSession();
+    CreatedSession session = CreateSession();
     busy.push_back(Attached(session));
     ASSERT_TRUE(busy.back()->Events(1, Flat64(SomeEvents(1, 11))));
     while (session.health().received_bytes() == 0) Get(session.name(), &session);
@@ -433,7 +436,7 @@ TEST_F(TrackTest, ModelsAndSessionsAreMadeWhileAllWorkersTrack) {
 }
 
 TEST_F(TrackTest, WhatIsDroppedIsToldTheSameWayEverywhere) {
-  v1::Session session;
+  CreatedSession session;
   uint64_t sent_bytes = 0;
   const auto track = OverloadedLatest(&session, &sent_bytes);
   v1::TrackResponse response;
@@ -463,7 +466,7 @@ TEST_F(TrackTest, WhatIsDroppedIsToldTheSameWayEverywhere) {
 }
 
 TEST_F(TrackTest, DeletingASessionEndsItsStreams) {
-  const v1::Session session = CreateSession();
+  const CreatedSession session = CreateSession();
   const auto track = Attached(session);
   track->Events(1, Flat64(SomeEvents(1, 11)));
   v1::TrackResponse response;
@@ -481,8 +484,8 @@ TEST_F(TrackTest, DeletingASessionEndsItsStreams) {
 }
 
 TEST_F(TrackTest, ACancelledStreamLeavesTheSessionDetached) {
-  const v1::Session session = CreateSession();
-  v1::Attached attached;
+  const CreatedSession session = CreateSession();
+  v1::TrackResponse::Attached attached;
   const auto track = Attached(session, &attached);
   gate_->Close();
   track->Events(1, Flat64(SomeEvents(1, 11)));
@@ -501,16 +504,16 @@ TEST_F(TrackTest, ALeavingServerTellsItsStreamsAndLetsThemFinish) {
   options.listen_address = "127.0.0.1:0";
   Connect(options);
   Use(grpc::CreateChannel(absl::StrCat("127.0.0.1:", server_->port()), grpc::InsecureChannelCredentials()));
-  const v1::Session session = CreateSession();
+  const CreatedSession session = CreateSession();
   const auto track = Attached(session);
-  const v1::Session other = CreateSession();
+  const CreatedSession other = CreateSession();
   const auto silent = Attached(other);
   const v1::CreateSessionRequest request = CreateRequest();
   std::thread shutdown([this] { server_->Shutdown(absl::Seconds(4)); });
   v1::TrackResponse response;
   ASSERT_TRUE(track->ReadUntil(Kind::kNotice, response));
   EXPECT_TRUE(response.notice().has_go_away());
-  v1::Session refused;
+  CreatedSession refused;
   EXPECT_EQ(Describe(Create(request, &refused)), "UNAVAILABLE DRAINING");
   track->Events(1, Flat64(SomeEvents(1, 11)));
   track->End();
@@ -522,7 +525,7 @@ TEST_F(TrackTest, ALeavingServerTellsItsStreamsAndLetsThemFinish) {
 }
 
 TEST_F(TrackTest, ShutdownDoesNotWaitForAClientThatReadsNothing) {
-  const v1::Session session = CreateSession();
+  const CreatedSession session = CreateSession();
   const auto track = Attached(session);
   for (uint64_t seq = 1; seq <= 20; ++seq) {
     const auto begin_ms = static_cast<int64_t>(100 * seq);

@@ -183,9 +183,9 @@ TEST_F(TokensTest, OnlyAnOperatorSetsTheLogLevel) {
 }
 
 TEST_F(TokensTest, ATokenThatIsTakenAwayOpensNothingMore) {
-  const v1::Session session = CreateSession();
+  const CreatedSession session = CreateSession();
   const auto track = Attached(session);
-  v1::Session read;
+  CreatedSession read;
   EXPECT_EQ(Describe(Get(session.name(), &read)), "OK");
   WriteTokens({field_});
   EXPECT_EQ(Describe(Get(session.name(), &read)), "UNAUTHENTICATED BAD_TOKEN");
@@ -197,8 +197,8 @@ TEST_F(TokensTest, ATokenThatIsTakenAwayOpensNothingMore) {
 
 TEST_F(TokensTest, NoSecretIsInTheLog) {
   captured_log.Take();
-  const v1::Session session = CreateSession();
-  v1::Attached attached;
+  const CreatedSession session = CreateSession();
+  v1::TrackResponse::Attached attached;
   const auto track = Attached(session, &attached);
   EXPECT_TRUE(track->Attach(session.name(), attached.resume_token()));  // the second one is an error
   const grpc::Status status = track->Finish();
@@ -215,10 +215,10 @@ TEST_F(TokensTest, NoSecretIsInTheLog) {
 }
 
 TEST_F(TokensTest, AnotherTenantsSessionsAndModelsAreNotThere) {
-  const v1::Session session = CreateSession();
+  const CreatedSession session = CreateSession();
   const std::string model = UploadCube();
   Use(OpenChannel(server_->port(), field_.token));
-  v1::Session read;
+  CreatedSession read;
   EXPECT_EQ(Describe(Get(session.name(), &read)), "NOT_FOUND SESSION_NOT_FOUND");
   EXPECT_EQ(Describe(Delete(session.name())), "OK");
   RawTrack track(*sessions_);
@@ -238,7 +238,7 @@ TEST_F(TokensTest, AnotherTenantsSessionsAndModelsAreNotThere) {
   EXPECT_EQ(Describe(models_->GetModel(&get_model, model_request, &read_model)), "NOT_FOUND MODEL_NOT_FOUND");
   v1::DeleteModelRequest delete_request;
   delete_request.set_name(model);
-  v1::DeleteModelResponse deleted;
+  google::protobuf::Empty deleted;
   EXPECT_EQ(Describe(models_->DeleteModel(&delete_model, delete_request, &deleted)), "NOT_FOUND MODEL_NOT_FOUND");
   v1::ListModelsResponse models;
   EXPECT_EQ(Describe(models_->ListModels(&list_models, {}, &models)), "OK");
@@ -269,7 +269,7 @@ TEST_F(TokensTest, AnotherTenantsDamagedSessionIsNotThereEither) {
   server_ = StartServer(options, FakeTrackers(gate_), std::move(store)).value();
   const auto errors = [&](const NewToken& token) {
     Use(OpenChannel(server_->port(), token.token));
-    v1::Session session;
+    CreatedSession session;
     const std::string error = Describe(Get(name, &session));
     RawTrack track(*sessions_);
     track.Attach(name, "token");
@@ -295,8 +295,8 @@ TEST_F(TokensTest, EachTenantHasItsShare) {
   options.tenant.max_watchers = 1;
   server_ = StartServer(options, FakeTrackers(gate_)).value();
   Use(OpenChannel(server_->port(), lab_.token));
-  const v1::Session session = CreateSession();
-  v1::Session second;
+  const CreatedSession session = CreateSession();
+  CreatedSession second;
   const grpc::Status full = Create(CreateRequest(), &second);
   EXPECT_EQ(Describe(full), "RESOURCE_EXHAUSTED TENANT_QUOTA");
   EXPECT_EQ(DetailOf<google::rpc::QuotaFailure>(full).violations(0).subject(), "tenant_sessions");
@@ -305,7 +305,7 @@ TEST_F(TokensTest, EachTenantHasItsShare) {
   v1::WatchHealthRequest request;
   request.set_session(session.name());
   const auto watch = [&](grpc::ClientContext& context) { return sessions_->WatchHealth(&context, request); };
-  v1::SessionHealth health;
+  v1::WatchHealthResponse health;
   {
     grpc::ClientContext first_context, second_context;
     const auto first = watch(first_context);
@@ -363,7 +363,7 @@ TEST_F(IdleTest, AStreamTooManyIsTurnedAway) {
   options.max_streams = 1;
   server_ = StartServer(options, FakeTrackers(gate_)).value();
   Use(server_->InProcessChannel());
-  const v1::Session session = CreateSession();
+  const CreatedSession session = CreateSession();
   {
     const auto track = Attached(session);
     const grpc::Status status = RawTrack(*sessions_).Finish();
@@ -391,7 +391,7 @@ TEST_F(IdleTest, AStreamThatIsTooFastIsReadMoreSlowly) {
   options.credit_bytes = 1 << 20;
   server_ = StartServer(options, FakeTrackers(gate_)).value();
   Use(server_->InProcessChannel());
-  const v1::Session session = CreateSession();
+  const CreatedSession session = CreateSession();
   const auto track = Attached(session);
   constexpr uint64_t kChunks = 400;
   for (uint64_t seq = 1; seq <= kChunks; ++seq) EXPECT_TRUE(track->Events(seq, std::string(64, '\0')));
@@ -409,7 +409,7 @@ TEST_F(IdleTest, AHeldStreamIsNotRead) {
   options.max_chunk_bytes = 64;
   server_ = StartServer(options, FakeTrackers(gate_)).value();
   Use(OpenChannel(server_->port(), ""));
-  const v1::Session session = CreateSession();
+  const CreatedSession session = CreateSession();
   const auto track = Attached(session);
   for (uint64_t seq = 1; seq <= 10; ++seq) EXPECT_TRUE(track->Events(seq, std::string(64, '\0')));
   v1::TrackResponse response;
@@ -419,7 +419,7 @@ TEST_F(IdleTest, AHeldStreamIsNotRead) {
   EXPECT_EQ(response.ack().processed_seq(), 2u) << "the first is within the burst, the second is a minute's debt";
   track->Cancel();
   EXPECT_EQ(Describe(track->Finish()), "CANCELLED");
-  v1::Session read;
+  CreatedSession read;
   EXPECT_EQ(Describe(Get(session.name(), &read)), "OK");
   EXPECT_EQ(read.health().received_bytes(), 128u);
 }
@@ -492,7 +492,7 @@ TEST_F(TlsTest, ClientsShowCertificates) {
 TEST_F(TlsTest, ANewCertificateIsShownToNewConnections) {
   Start(TlsOptions(false));
   Use(ConnectTls());
-  const v1::Session session = CreateSession();
+  const CreatedSession session = CreateSession();
   const auto track = Attached(session);
   const std::string old_pem = certificate_pem_;
   Write(authority_.Issue());

@@ -226,7 +226,7 @@ class WatchPosesReactor : public WatchReactor<v1::WatchPosesResponse> {
   std::vector<int64_t> last_t_us_;
 };
 
-class WatchHealthReactor : public WatchReactor<v1::SessionHealth> {
+class WatchHealthReactor : public WatchReactor<v1::WatchHealthResponse> {
  public:
   using WatchReactor::WatchReactor;
 
@@ -242,13 +242,13 @@ class WatchHealthReactor : public WatchReactor<v1::SessionHealth> {
   }
 
  private:
-  bool PickResponse(const WatchView& view, v1::SessionHealth& response, bool& is_last) override
+  bool PickResponse(const WatchView& view, v1::WatchHealthResponse& response, bool& is_last) override
       ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
     is_last = view.ended && final_was_sent_;
     if (is_last || !(is_due_ || view.ended)) return false;
     is_due_ = false;
     final_was_sent_ = view.ended;
-    response = ToProto(session().health(), session().config());
+    *response.mutable_health() = ToProto(session().health(), session().config());
     if (!view.ended) SetAlarm();
     return true;
   }
@@ -292,9 +292,9 @@ grpc::ServerWriteReactor<v1::WatchPosesResponse>* StartWatchPoses(const ServiceC
   return StartWatch<WatchPosesReactor>(services, context, request);
 }
 
-grpc::ServerWriteReactor<v1::SessionHealth>* StartWatchHealth(const ServiceContext& services,
-                                                              grpc::CallbackServerContext* context,
-                                                              const v1::WatchHealthRequest& request) {
+grpc::ServerWriteReactor<v1::WatchHealthResponse>* StartWatchHealth(const ServiceContext& services,
+                                                                    grpc::CallbackServerContext* context,
+                                                                    const v1::WatchHealthRequest& request) {
   return StartWatch<WatchHealthReactor>(services, context, request);
 }
 

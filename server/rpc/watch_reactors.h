@@ -5,7 +5,7 @@
 
 #include <grpcpp/server_context.h>
 
-#include "evpose/v1/sessions.grpc.pb.h"
+#include "evpose/v1/session_service.grpc.pb.h"
 #include "server/rpc/service_context.h"
 
 namespace evpose::server {
@@ -14,8 +14,8 @@ namespace evpose::server {
 grpc::ServerWriteReactor<v1::WatchPosesResponse>* StartWatchPoses(const ServiceContext& services,
                                                                   grpc::CallbackServerContext* context,
                                                                   const v1::WatchPosesRequest& request);
-grpc::ServerWriteReactor<v1::SessionHealth>* StartWatchHealth(const ServiceContext& services,
-                                                              grpc::CallbackServerContext* context,
-                                                              const v1::WatchHealthRequest& request);
+grpc::ServerWriteReactor<v1::WatchHealthResponse>* StartWatchHealth(const ServiceContext& services,
+                                                                    grpc::CallbackServerContext* context,
+                                                                    const v1::WatchHealthRequest& request);
 
 }  // namespace evpose::server

@@ -13,7 +13,7 @@ using Kind = v1::TrackResponse;
 class WatchTest : public RpcTest {};
 
 TEST_F(WatchTest, WatchersReadWhatIsStoredAndThenWhatComes) {
-  const v1::Session session = CreateSession();
+  const CreatedSession session = CreateSession();
   const auto track = Attached(session);
   track->Events(1, Flat64(SomeEvents(1, 11)));
   v1::TrackResponse response;
@@ -40,7 +40,7 @@ TEST_F(WatchTest, WatchersReadWhatIsStoredAndThenWhatComes) {
 }
 
 TEST_F(WatchTest, ASlowWatcherIsToldWhatItLost) {
-  const v1::Session session = CreateSession();
+  const CreatedSession session = CreateSession();
   grpc::ClientContext context;
   v1::WatchPosesRequest request;
   request.set_session(session.name());
@@ -73,7 +73,7 @@ TEST_F(WatchTest, ASlowWatcherIsToldWhatItLost) {
 }
 
 TEST_F(WatchTest, AWatcherMayWantFewerPoses) {
-  const v1::Session session = CreateSession();
+  const CreatedSession session = CreateSession();
   const auto track = Attached(session);
   track->Events(1, Flat64(SomeEvents(1, 101)));
   track->End();
@@ -95,7 +95,7 @@ TEST_F(WatchTest, AWatcherMayWantFewerPoses) {
 }
 
 TEST_F(WatchTest, WatchersThatCannotBeServedAreTold) {
-  const v1::Session session = CreateSession();
+  const CreatedSession session = CreateSession();
   const auto watch_poses = [this](const v1::WatchPosesRequest& request) {
     grpc::ClientContext context;
     v1::WatchPosesResponse response;
@@ -105,7 +105,7 @@ TEST_F(WatchTest, WatchersThatCannotBeServedAreTold) {
   };
   const auto watch_health = [this](const v1::WatchHealthRequest& request) {
     grpc::ClientContext context;
-    v1::SessionHealth response;
+    v1::WatchHealthResponse response;
     const auto watcher = sessions_->WatchHealth(&context, request);
     EXPECT_FALSE(watcher->Read(&response));
     return Describe(watcher->Finish());
@@ -125,33 +125,33 @@ TEST_F(WatchTest, WatchersThatCannotBeServedAreTold) {
 }
 
 TEST_F(WatchTest, HealthComesAtOnceThenPeriodicallyAndOnceMoreAtTheEnd) {
-  const v1::Session session = CreateSession();
+  const CreatedSession session = CreateSession();
   grpc::ClientContext context;
   v1::WatchHealthRequest request;
   request.set_session(session.name());
   request.mutable_period()->set_nanos(10'000'000);
   const auto watcher = sessions_->WatchHealth(&context, request);
-  v1::SessionHealth health;
-  for (int i = 0; i < 3; ++i) ASSERT_TRUE(watcher->Read(&health));
-  EXPECT_EQ(health.poses(), 0u);
+  v1::WatchHealthResponse response;
+  for (int i = 0; i < 3; ++i) ASSERT_TRUE(watcher->Read(&response));
+  EXPECT_EQ(response.health().poses(), 0u);
   const auto track = Attached(session);
   track->Events(1, Flat64(SomeEvents(1, 11)));
   track->End();
   EXPECT_EQ(Describe(track->Finish()), "OK");
-  while (watcher->Read(&health)) continue;
+  while (watcher->Read(&response)) continue;
   EXPECT_EQ(Describe(watcher->Finish()), "OK");
-  EXPECT_EQ(health.poses(), 10u);
-  EXPECT_EQ(health.objects(0).state(), v1::TRACK_STATE_TRACKING);
+  EXPECT_EQ(response.health().poses(), 10u);
+  EXPECT_EQ(response.health().objects(0).state(), v1::TRACK_STATE_TRACKING);
 }
 
 TEST_F(WatchTest, ACancelledWatcherIsForgotten) {
-  const v1::Session session = CreateSession();
+  const CreatedSession session = CreateSession();
   for (int i = 0; i < 3; ++i) {
     grpc::ClientContext context;
     v1::WatchHealthRequest request;
     request.set_session(session.name());
     const auto watcher = sessions_->WatchHealth(&context, request);
-    v1::SessionHealth health;
+    v1::WatchHealthResponse health;
     ASSERT_TRUE(watcher->Read(&health));
     context.TryCancel();
     EXPECT_EQ(Describe(watcher->Finish()), "CANCELLED");

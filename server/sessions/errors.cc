@@ -35,14 +35,14 @@ absl::Status InvalidField(absl::string_view field, absl::string_view description
   return status;
 }
 
-absl::Status WithReason(absl::Status status, absl::string_view reason,
+absl::Status WithReason(absl::Status status, v1::ErrorReason reason,
                         std::initializer_list<std::pair<absl::string_view, std::string>> metadata) {
-  SetPayload(status, kReason, reason);
+  SetPayload(status, kReason, v1::ErrorReason_Name(reason));
   for (const auto& [key, value] : metadata) SetPayload(status, absl::StrCat(kMetadataPrefix, key), value);
   return status;
 }
 
-absl::Status LimitReached(absl::string_view reason, absl::string_view subject, absl::string_view description,
+absl::Status LimitReached(v1::ErrorReason reason, absl::string_view subject, absl::string_view description,
                           absl::Duration retry_after) {
   absl::Status status = WithReason(absl::ResourceExhaustedError(description), reason);
   SetPayload(status, kQuotaSubject, subject);
@@ -58,12 +58,12 @@ absl::Status FromStore(const absl::Status& status) {
   switch (status.code()) {
     case absl::StatusCode::kUnavailable:
       return WithReason(absl::UnavailableError(absl::StrCat("the store does not answer: ", status.message())),
-                        "STORE_AWAY");
+                        v1::STORE_AWAY);
     case absl::StatusCode::kResourceExhausted:
       return WithReason(absl::ResourceExhaustedError(absl::StrCat("the store has no room: ", status.message())),
-                        "STORE_FULL");
+                        v1::STORE_FULL);
     default:
-      return WithReason(absl::InternalError(absl::StrCat("the store failed: ", status.message())), "STORE_FAILED");
+      return WithReason(absl::InternalError(absl::StrCat("the store failed: ", status.message())), v1::STORE_FAILED);
   }
 }
 

@@ -114,7 +114,7 @@ TEST(SessionLogTest, EachLineNamesSessionTenantAndPeer) {
             "info session_attached session=sessions/1 tenant=lab peer=peer:2 stream=1 next_chunk=1\n"
             "info session_reattached session=sessions/1 tenant=lab peer=peer:2 stream=2 next_chunk=5\n"
             "info session_taken_over session=sessions/1 tenant=lab peer=peer:3 stream=3 next_chunk=7\n");
-  log.StreamEnded("peer:2", 2, WithReason(absl::AbortedError("another stream"), "FENCED"));
+  log.StreamEnded("peer:2", 2, WithReason(absl::AbortedError("another stream"), v1::FENCED));
   EXPECT_EQ(captured_log.Take(),
             "info stream_ended session=sessions/1 tenant=lab peer=peer:2 stream=2 code=ABORTED reason=FENCED "
             "message=\"another stream\"\n");

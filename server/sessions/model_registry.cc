@@ -18,7 +18,6 @@ namespace evpose::server {
 namespace {
 
 // So many are known to have been there: deleting them once more is no mistake, but an answer that was lost.
-constexpr size_t kMaxDeletedRemembered = 1000;
 
 // The byte that stands for a format in a model's name: the API's number of it.
 uint8_t FormatByte(ModelFormat format) {
@@ -40,12 +39,12 @@ void AppendLittleEndian(double value, std::vector<uint8_t>& out) {
 
 absl::Status ModelNotFound(absl::string_view name) {
   return WithReason(absl::NotFoundError(absl::StrCat("there is no model \"", name, "\": upload it first")),
-                    "MODEL_NOT_FOUND", {{"model", std::string(name)}});
+                    v1::MODEL_NOT_FOUND, {{"model", std::string(name)}});
 }
 
 absl::Status ModelInUse(absl::string_view name) {
   return WithReason(absl::FailedPreconditionError(absl::StrCat(name, " is used by a session: delete that first")),
-                    "MODEL_IN_USE", {{"model", std::string(name)}});
+                    v1::MODEL_IN_USE, {{"model", std::string(name)}});
 }
 
 }  // namespace
@@ -124,7 +123,7 @@ absl::StatusOr<std::unique_ptr<ModelRegistry::Reservation>> ModelRegistry::Reser
   // Who has taken how much is not told: others may be among them.
   if (bytes_ + size_bytes > options_.max_store_bytes) {
     options_.metrics->quota_refusals[QuotaLimit::kMaxModelStoreBytes].Add();
-    return LimitReached("MODEL_STORE_FULL", "max_model_store_bytes",
+    return LimitReached(v1::MODEL_STORE_FULL, "max_model_store_bytes",
                         absl::StrCat("no room for a model of ", size_bytes, " bytes: the server's ",
                                      options_.max_store_bytes, " are taken; delete models that are not needed"),
                         absl::ZeroDuration());
@@ -133,7 +132,7 @@ absl::StatusOr<std::unique_ptr<ModelRegistry::Reservation>> ModelRegistry::Reser
   const uint64_t taken = found == bytes_of_tenant_.end() ? 0 : found->second;
   if (taken + size_bytes > options_.max_tenant_bytes) {
     options_.metrics->quota_refusals[QuotaLimit::kTenantModelBytes].Add();
-    return LimitReached("TENANT_QUOTA", "tenant_model_bytes",
+    return LimitReached(v1::TENANT_QUOTA, "tenant_model_bytes",
                         absl::StrCat("no room for a model of ", size_bytes, " bytes: this tenant has taken ", taken,
                                      " of ", options_.max_tenant_bytes, "; delete models that are not needed"),
                         absl::ZeroDuration());
@@ -196,7 +195,6 @@ absl::StatusOr<ModelInfo> ModelRegistry::Upload(const std::string& tenant, const
   if (auto known = Get(tenant, record.name); known.ok()) return known;
   EVPOSE_RETURN_IF_ERROR(FromStore(store_.PutModel(record)));
   const Key key(tenant, record.name);
-  std::erase(deleted_, key);
   const std::lock_guard lock(mutex_);
   AddBytes(tenant, bytes->size());
   return models_.emplace(key, *std::move(entry)).first->second.info;
@@ -268,11 +266,6 @@ absl::Status ModelRegistry::Delete(const std::string& tenant, absl::string_view 
   EVPOSE_ASSIGN_OR_RETURN(const bool was_here, BeginDelete(key));
   const absl::Status status = DeleteStored(key, was_here);
   EndDelete(key, status);
-  if (status.ok()) deleted_.push_back(key);
-  if (deleted_.size() > kMaxDeletedRemembered) deleted_.pop_front();
-  if (absl::IsNotFound(status) && std::find(deleted_.begin(), deleted_.end(), key) != deleted_.end()) {
-    return absl::OkStatus();
-  }
   return status;
 }
 

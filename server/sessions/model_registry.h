@@ -5,7 +5,6 @@
 #pragma once
 
 #include <cstdint>
-#include <deque>
 #include <functional>
 #include <map>
 #include <memory>
@@ -154,7 +153,6 @@ class ModelRegistry {
   Store& store_;
   // Held while the store is asked for one model: what it says stands then. Before mutex_, with which nobody waits.
   std::mutex store_mutex_;
-  std::deque<Key> deleted_ ABSL_GUARDED_BY(store_mutex_);  // the latest
   mutable std::mutex mutex_;
   std::map<Key, Entry> models_ ABSL_GUARDED_BY(mutex_);
   // Of all and of each tenant, stored and reserved; a tenant without any is not in the map.

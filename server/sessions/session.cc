@@ -125,7 +125,7 @@ absl::StatusOr<Attachment> Session::Attach(absl::string_view resume_token, uint6
     if (!IsDigestGood(digest, MakeLifecycle())) {
       return WithReason(absl::PermissionDeniedError(absl::StrCat("the resume token is not that of ", name_,
                                                                  "; each attach gives a new one: use the latest")),
-                        "WRONG_TOKEN");
+                        v1::WRONG_TOKEN);
     }
     if (last_pose_seq > std::max(health_.poses, maybe_seen_pose_seq_)) {
       return InvalidField("attach.last_pose_seq",
@@ -173,7 +173,7 @@ void Session::Detach(uint64_t stream) {
 absl::Status Session::CheckStream(uint64_t stream) const {
   EVPOSE_RETURN_IF_ERROR(closed_);
   if (stream == stream_) return absl::OkStatus();
-  return WithReason(absl::AbortedError(absl::StrCat("another stream has attached to ", name_)), "FENCED");
+  return WithReason(absl::AbortedError(absl::StrCat("another stream has attached to ", name_)), v1::FENCED);
 }
 
 absl::Status Session::CheckPush(uint64_t stream) {
@@ -189,11 +189,11 @@ absl::StatusOr<bool> Session::IsNext(uint64_t seq) const {
   if (seq < next_seq_) return false;
   if (end_pushed_) {
     return WithReason(absl::FailedPreconditionError(absl::StrCat(name_, " has ended: nothing may follow")),
-                      "SESSION_ENDED");
+                      v1::SESSION_ENDED);
   }
   if (seq == next_seq_) return true;
   return WithReason(absl::FailedPreconditionError(absl::StrCat(seq, " came where ", next_seq_, " was expected")),
-                    "SEQ_GAP", {{"expected_seq", absl::StrCat(next_seq_)}, {"seq", absl::StrCat(seq)}});
+                    v1::SEQ_GAP, {{"expected_seq", absl::StrCat(next_seq_)}, {"seq", absl::StrCat(seq)}});
 }
 
 absl::Status Session::CheckPayload(const EventChunk& chunk) const {
@@ -212,7 +212,7 @@ absl::Status Session::CheckPayload(const EventChunk& chunk) const {
     return WithReason(absl::DataLossError(absl::StrCat("chunk ", chunk.seq,
                                                        ": the payload does not match its crc32c; attach again and send "
                                                        "it again")),
-                      "CRC_MISMATCH", {{"seq", absl::StrCat(chunk.seq)}});
+                      v1::CRC_MISMATCH, {{"seq", absl::StrCat(chunk.seq)}});
   }
   return absl::OkStatus();
 }

@@ -169,21 +169,21 @@ absl::Status SessionCommitter::FailureOf(const absl::Status& status) const {
   const std::string& session = log_->session();
   switch (status.code()) {
     case absl::StatusCode::kAborted:
-      return WithReason(absl::AbortedError(absl::StrCat("another server has taken ", session)), "FENCED");
+      return WithReason(absl::AbortedError(absl::StrCat("another server has taken ", session)), v1::FENCED);
     case absl::StatusCode::kNotFound:
-      return WithReason(absl::NotFoundError(absl::StrCat(session, " was deleted")), "SESSION_DELETED",
+      return WithReason(absl::NotFoundError(absl::StrCat(session, " was deleted")), v1::SESSION_DELETED,
                         {{"session", session}});
     case absl::StatusCode::kResourceExhausted:
       return WithReason(absl::ResourceExhaustedError(
                             absl::StrCat("the store has no room for ", session, ": ", status.message(),
                                          "; what was acknowledged as durable is kept: make room, then attach again")),
-                        "STORE_FULL");
+                        v1::STORE_FULL);
     case absl::StatusCode::kCancelled:
-      return WithReason(absl::UnavailableError("the server has left"), "DRAINING");
+      return WithReason(absl::UnavailableError("the server has left"), v1::DRAINING);
     default:
       return WithReason(
           absl::InternalError(absl::StrCat("the store took nothing of ", session, ": ", status.message())),
-          "STORE_FAILED");
+          v1::STORE_FAILED);
   }
 }
 

@@ -26,7 +26,7 @@ absl::Status StoreError(absl::string_view name, const absl::Status& status) {
       return WithReason(
           absl::DataLossError(absl::StrCat(name, " cannot be taken up, what the store has of it is damaged (",
                                            status.message(), "): delete it and create a new one")),
-          "SESSION_DAMAGED", {{"session", std::string(name)}});
+          v1::SESSION_DAMAGED, {{"session", std::string(name)}});
     default:
       return FromStore(status);
   }
@@ -84,7 +84,7 @@ SessionInfo Describe(const SessionRecord& record, SessionConfig config, SessionB
 absl::Status SessionNotFound(absl::string_view name) {
   return WithReason(absl::NotFoundError(absl::StrCat("there is no session \"", name,
                                                      "\": it never was, was deleted, or expired; create a new one")),
-                    "SESSION_NOT_FOUND", {{"session", std::string(name)}});
+                    v1::SESSION_NOT_FOUND, {{"session", std::string(name)}});
 }
 
 absl::StatusOr<SessionFactory::Models> SessionFactory::UseModels(const std::string& tenant,

@@ -23,7 +23,7 @@ constexpr absl::Duration kMirrorPeriod = absl::Milliseconds(100);
 absl::Status RequestIdReused(absl::string_view request_id, absl::string_view session) {
   return WithReason(absl::AlreadyExistsError(absl::StrCat("request_id \"", request_id, "\" made ", session,
                                                           " with another configuration: choose a new one")),
-                    "REQUEST_ID_REUSED", {{"session", std::string(session)}});
+                    v1::REQUEST_ID_REUSED, {{"session", std::string(session)}});
 }
 
 // Waits for what sessions tell of themselves.
@@ -47,7 +47,7 @@ class SettleListener : public SessionListener {
 absl::Status WrongToken(absl::string_view name) {
   return WithReason(absl::PermissionDeniedError(absl::StrCat("the resume token is not that of ", name,
                                                              "; each attach gives a new one: use the latest")),
-                    "WRONG_TOKEN");
+                    v1::WRONG_TOKEN);
 }
 
 }  // namespace
@@ -100,14 +100,14 @@ absl::StatusOr<std::shared_ptr<Session>> SessionManager::FindOrTakeSlot(const Se
 absl::Status SessionManager::CheckSlotIsFree(const std::string& tenant) const {
   if (sessions_.size() + slots_being_filled_ >= options_.max_sessions) {
     options_.metrics->quota_refusals[QuotaLimit::kMaxSessions].Add();
-    return LimitReached("TOO_MANY_SESSIONS", "max_sessions",
+    return LimitReached(v1::TOO_MANY_SESSIONS, "max_sessions",
                         absl::StrCat("all ", options_.max_sessions,
                                      " sessions are taken: delete one that is not needed, or try again later"),
                         kRetryDelay);
   }
   if (CountSessions(tenant) >= options_.max_tenant_sessions) {
     options_.metrics->quota_refusals[QuotaLimit::kTenantSessions].Add();
-    return LimitReached("TENANT_QUOTA", "tenant_sessions",
+    return LimitReached(v1::TENANT_QUOTA, "tenant_sessions",
                         absl::StrCat("this tenant has its ", options_.max_tenant_sessions,
                                      " sessions: delete one that is not needed, or try again later"),
                         kRetryDelay);
@@ -248,7 +248,7 @@ absl::StatusOr<std::shared_ptr<Session>> SessionManager::TakeForAttach(const std
   const WatchView view = (*taken)->Watch();
   (*taken)->log().Resumed(view.last_pose_seq, view.ended);
   if (here != nullptr) {
-    here->Close(WithReason(absl::AbortedError(absl::StrCat("another stream has attached to ", name)), "FENCED"));
+    here->Close(WithReason(absl::AbortedError(absl::StrCat("another stream has attached to ", name)), v1::FENCED));
   }
   return taken;
 }
@@ -320,7 +320,6 @@ absl::Status SessionManager::Delete(const std::string& tenant, const std::string
 
 absl::Status SessionManager::DeleteStored(const std::string& tenant, const std::string& name, const std::string& peer) {
   const auto stored = ReadOwn(tenant, name);
-  if (absl::IsNotFound(stored.status())) return absl::OkStatus();
   if (!stored.ok() && !absl::IsDataLoss(stored.status())) return stored.status();
   const absl::Status deleted = FromStore(store_.DeleteSession(name));
   if (deleted.ok()) {
@@ -403,7 +402,7 @@ bool SessionManager::IsHere(const std::string& name) const {
 uint64_t SessionManager::CloseRemoved(const Entry& entry, const char* reason) {
   const std::string& name = entry.session->name();
   entry.session->Close(
-      WithReason(absl::NotFoundError(absl::StrCat(name, " ", reason)), "SESSION_DELETED", {{"session", name}}));
+      WithReason(absl::NotFoundError(absl::StrCat(name, " ", reason)), v1::SESSION_DELETED, {{"session", name}}));
   return entry.session->Watch().last_pose_seq;
 }
 
@@ -415,7 +414,7 @@ void SessionManager::Drain() {
 absl::Status SessionManager::CheckNotDraining() const {
   const std::lock_guard lock(mutex_);
   if (!draining_) return absl::OkStatus();
-  return WithReason(absl::UnavailableError("the server is leaving: no new sessions and streams"), "DRAINING");
+  return WithReason(absl::UnavailableError("the server is leaving: no new sessions and streams"), v1::DRAINING);
 }
 
 std::vector<std::shared_ptr<Session>> SessionManager::Sessions() const {

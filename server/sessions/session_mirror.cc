@@ -71,7 +71,7 @@ void SessionMirror::Refresh() {
 
 bool SessionMirror::TakeIn(absl::StatusOr<SessionFactory::Stored> stored) {
   if (absl::IsNotFound(stored.status())) {
-    status_ = WithReason(absl::NotFoundError(absl::StrCat(name_, " was deleted, or has expired")), "SESSION_DELETED",
+    status_ = WithReason(absl::NotFoundError(absl::StrCat(name_, " was deleted, or has expired")), v1::SESSION_DELETED,
                          {{"session", name_}});
   } else if (absl::IsDataLoss(stored.status())) {
     status_ = stored.status();

@@ -23,7 +23,7 @@ absl::StatusOr<std::unique_ptr<TenantQuotas::Watcher>> TenantQuotas::AddWatcher(
   }
   if (count == 0) watchers_.erase(tenant);
   options_.metrics->quota_refusals[QuotaLimit::kTenantWatchers].Add();
-  return LimitReached("TENANT_QUOTA", "tenant_watchers",
+  return LimitReached(v1::TENANT_QUOTA, "tenant_watchers",
                       absl::StrCat("this tenant has its ", options_.max_watchers,
                                    " watchers: end one that is not needed, or try again later"),
                       kRetryDelay);

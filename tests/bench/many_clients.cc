@@ -18,8 +18,8 @@
 #include "absl/strings/str_cat.h"
 #include "absl/strings/strip.h"
 #include "core/base/temporary_directory.h"
-#include "evpose/v1/models.grpc.pb.h"
-#include "evpose/v1/sessions.grpc.pb.h"
+#include "evpose/v1/model_service.grpc.pb.h"
+#include "evpose/v1/session_service.grpc.pb.h"
 #include "server/program_for_test.h"
 #include "server/rpc/raw_requests.h"
 #include "tests/bench/scene.h"
@@ -74,21 +74,21 @@ class Bench {
     model_ = is_good ? model.name() : "";
     return !model_.empty();
   }
-  v1::Session CreateSession(size_t i) {
+  server::CreatedSession CreateSession(size_t i) {
     v1::CreateSessionRequest request;
     *request.mutable_config() = scene_.config;
     request.mutable_config()->mutable_objects(0)->set_model(model_);
     grpc::ClientContext context;
-    v1::Session session;
-    const grpc::Status status = stub(i).CreateSession(&context, request, &session);
+    server::CreatedSession session;
+    const grpc::Status status = stub(i).CreateSession(&context, request, session.response());
     if (!status.ok()) std::cerr << "CreateSession: " << status.error_message() << "\n";
     return session;
   }
-  void Delete(const v1::Session& session) {
+  void Delete(const server::CreatedSession& session) {
     v1::DeleteSessionRequest request;
     request.set_name(session.name());
     grpc::ClientContext context;
-    v1::DeleteSessionResponse response;
+    google::protobuf::Empty response;
     stub(0).DeleteSession(&context, request, &response);
   }
 
@@ -141,7 +141,7 @@ double Percentile(std::vector<float>& values, double share) {
 struct StalledStream {
   grpc::ClientContext context;
   std::unique_ptr<grpc::ClientReaderWriter<v1::TrackRequest, v1::TrackResponse>> stream;
-  v1::Session session;
+  server::CreatedSession session;
 };
 
 std::unique_ptr<StalledStream> Stall(Bench& bench, size_t i, const Scene& scene) {
@@ -180,7 +180,7 @@ void AddScrapes(const Bench& bench, std::vector<float> loaded_ms, RoundResult& r
 
 RoundResult RunRound(Bench& bench, const Arguments& arguments, const Scene& scene, bool with_stalled) {
   const auto num_sessions = static_cast<size_t>(arguments.sessions);
-  std::vector<v1::Session> sessions;
+  std::vector<server::CreatedSession> sessions;
   for (size_t i = 0; i < num_sessions; ++i) sessions.push_back(bench.CreateSession(i));
   std::vector<std::unique_ptr<Watcher>> healthy, stalled;
   for (int i = 0; i < arguments.watchers - arguments.stalled; ++i) {
@@ -226,7 +226,7 @@ RoundResult RunRound(Bench& bench, const Arguments& arguments, const Scene& scen
     stream->stream->Finish();
     bench.Delete(stream->session);
   }
-  for (const v1::Session& session : sessions) bench.Delete(session);
+  for (const server::CreatedSession& session : sessions) bench.Delete(session);
   return result;
 }
 

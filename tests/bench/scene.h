@@ -7,7 +7,7 @@
 #include <string>
 #include <vector>
 
-#include "evpose/v1/sessions.pb.h"
+#include "evpose/v1/session_service.pb.h"
 
 namespace evpose::bench {
 

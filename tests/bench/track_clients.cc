@@ -13,7 +13,7 @@ int64_t MicrosecondsSince(Clock::time_point begin) {
 
 }  // namespace
 
-Streamer::Streamer(v1::SessionService::Stub& stub, const v1::Session& session, const Scene& scene,
+Streamer::Streamer(v1::SessionService::Stub& stub, const server::CreatedSession& session, const Scene& scene,
                    Clock::time_point begin)
     : scene_(scene), begin_(begin), stream_(stub.Track(&context_)), sent_at_us_(scene.chunks.size()) {
   reader_ = std::thread([this] { Read(); });
@@ -25,7 +25,7 @@ void Streamer::Join() {
   reader_.join();
 }
 
-void Streamer::Send(const v1::Session& session) {
+void Streamer::Send(const server::CreatedSession& session) {
   v1::TrackRequest request;
   request.mutable_attach()->set_session(session.name());
   request.mutable_attach()->set_resume_token(session.resume_token());

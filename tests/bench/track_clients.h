@@ -15,7 +15,8 @@
 #include <thread>
 #include <vector>
 
-#include "evpose/v1/sessions.grpc.pb.h"
+#include "evpose/v1/session_service.grpc.pb.h"
+#include "server/rpc/raw_requests.h"
 #include "tests/bench/scene.h"
 
 namespace evpose::bench {
@@ -33,7 +34,8 @@ struct PosesSeen {
 class Streamer {
  public:
   // `session` as CreateSession answered it.
-  Streamer(v1::SessionService::Stub& stub, const v1::Session& session, const Scene& scene, Clock::time_point begin);
+  Streamer(v1::SessionService::Stub& stub, const server::CreatedSession& session, const Scene& scene,
+           Clock::time_point begin);
   // When the summary has come or the stream has ended.
   void Join();
 
@@ -43,7 +45,7 @@ class Streamer {
   const v1::SessionHealth& health() const { return health_; }
 
  private:
-  void Send(const v1::Session& session);
+  void Send(const server::CreatedSession& session);
   void Read();
 
   const Scene& scene_;

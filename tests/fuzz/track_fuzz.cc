@@ -16,7 +16,7 @@
 #include <utility>
 #include <vector>
 
-#include "evpose/v1/sessions.pb.h"
+#include "evpose/v1/session_service.pb.h"
 #include "server/rpc/track_reactor.h"
 #include "server/sessions/log.h"
 #include "tests/fuzz/fuzz_input.h"
@@ -34,7 +34,7 @@ struct Shared {
   uint64_t max_seq_sent = 0;
 };
 
-void FillAttach(const Shared& shared, FuzzInput& input, v1::Attach& attach) {
+void FillAttach(const Shared& shared, FuzzInput& input, v1::TrackRequest::Attach& attach) {
   attach.set_session(input.Choice(16) == 0 ? "sessions/none" : shared.session);
   attach.set_resume_token(input.Choice(16) == 0 ? input.Text(32) : shared.token);
   if (input.Choice(8) == 0) attach.set_last_pose_seq(input.Byte());
@@ -55,7 +55,7 @@ std::string SomeEvents(size_t count, FuzzInput& input, int64_t& t_us) {
 }
 
 // Up to the largest payload, or a little beyond.
-void FillEvents(Shared& shared, FuzzInput& input, uint64_t& next_seq, v1::EventChunk& events) {
+void FillEvents(Shared& shared, FuzzInput& input, uint64_t& next_seq, v1::TrackRequest::EventChunk& events) {
   events.set_seq(NextSeq(input, next_seq));
   events.set_discontinuity(input.Choice(8) == 0);
   if (input.Choice(8) == 0) events.set_crc32c(input.Byte());
@@ -72,7 +72,7 @@ void FillEvents(Shared& shared, FuzzInput& input, uint64_t& next_seq, v1::EventC
   }
 }
 
-void FillReset(FuzzInput& input, uint64_t& next_seq, v1::ResetPose& reset) {
+void FillReset(FuzzInput& input, uint64_t& next_seq, v1::TrackRequest::ResetPose& reset) {
   reset.set_seq(NextSeq(input, next_seq));
   reset.set_object_id(input.Choice(4) == 0 ? input.Text(4) : "cube");
   reset.mutable_camera_from_object()->mutable_translation_m()->set_z(input.Byte());
@@ -139,14 +139,14 @@ class Listener {
   bool is_summarised() const { return is_summarised_; }
 
  private:
-  void HearAttached(const v1::Attached& attached) {
+  void HearAttached(const v1::TrackResponse::Attached& attached) {
     is_attached_ = true;
     shared_.token = attached.resume_token();
     next_pose_seq_ = attached.first_pose_seq();
     send_limit_bytes_ = attached.send_limit_bytes();
   }
 
-  void HearAck(const v1::Ack& ack) {
+  void HearAck(const v1::TrackResponse::Ack& ack) {
     EVPOSE_FUZZ_REQUIRE(ack.processed_seq() >= processed_seq_);
     EVPOSE_FUZZ_REQUIRE(ack.processed_seq() <= shared_.max_seq_sent);
     EVPOSE_FUZZ_REQUIRE(ack.durable_seq() >= durable_seq_);

@@ -22,8 +22,8 @@
 #include "client/lib/conversion.h"
 #include "core/events/recording_reader.h"
 #include "core/geometry/camera.h"
-#include "evpose/v1/models.grpc.pb.h"
-#include "evpose/v1/sessions.grpc.pb.h"
+#include "evpose/v1/model_service.grpc.pb.h"
+#include "evpose/v1/session_service.grpc.pb.h"
 #include "server/http/http_client_testing.h"
 #include "server/program_for_test.h"
 #include "server/rpc/raw_requests.h"
@@ -80,7 +80,7 @@ class RunningServer {
 // A client that keeps what it needs to go on at another server, or the same one started again.
 class RawClient {
  public:
-  RawClient(std::vector<std::string> chunks, v1::Session session)
+  RawClient(std::vector<std::string> chunks, server::CreatedSession session)
       : chunks_(std::move(chunks)), session_(std::move(session)) {}
 
   // Streams until it has so many poses, or it breaks if it may, or to the end and the summary: true.
@@ -160,7 +160,7 @@ class RawClient {
   }
 
   const std::vector<std::string> chunks_;
-  v1::Session session_;
+  server::CreatedSession session_;
   std::vector<std::string> poses_;  // but for what depends on the clock
   uint64_t durable_seq_ = 0;
   std::function<void(size_t)> on_pose_;
@@ -208,9 +208,9 @@ class SurvivalTest : public CliTest {
     *request.mutable_config() =
         client::ToProto(client::SessionConfig{.camera = LoadCameraModel(Path("cube/camera.yaml")).value(),
                                               .objects = {{.object_id = "cube", .model = Upload(server)}}});
-    v1::Session session;
+    server::CreatedSession session;
     grpc::ClientContext context;
-    const grpc::Status status = server.sessions().CreateSession(&context, request, &session);
+    const grpc::Status status = server.sessions().CreateSession(&context, request, session.response());
     EXPECT_TRUE(status.ok()) << status.error_message();
     return RawClient(chunks_, session);
   }
