@@ -6,7 +6,7 @@
 #include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
 #include "core/base/status_macros.h"
-#include "server/sessions/errors.h"
+#include "server/runtime/errors.h"
 
 namespace evpose::server {
 namespace {

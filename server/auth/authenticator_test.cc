@@ -6,7 +6,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "server/auth/files_testing.h"
-#include "server/sessions/errors.h"
+#include "server/runtime/errors.h"
 
 namespace evpose::server {
 namespace {

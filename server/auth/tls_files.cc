@@ -10,7 +10,7 @@
 #include "core/base/certificates.h"
 #include "core/base/output_file.h"
 #include "core/base/status_macros.h"
-#include "server/sessions/log.h"
+#include "server/telemetry/log.h"
 
 namespace evpose::server {
 namespace {

@@ -14,8 +14,8 @@
 #include "core/base/output_file.h"
 #include "core/base/status_macros.h"
 #include "core/numerics/hash.h"
-#include "server/sessions/log.h"
-#include "server/sessions/random_name.h"
+#include "server/runtime/random_name.h"
+#include "server/telemetry/log.h"
 
 namespace evpose::server {
 namespace {

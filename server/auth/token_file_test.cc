@@ -8,7 +8,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "server/auth/files_testing.h"
-#include "server/sessions/log_testing.h"
+#include "server/telemetry/log_testing.h"
 
 namespace evpose::server {
 namespace {

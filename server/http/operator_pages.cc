@@ -6,7 +6,7 @@
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_replace.h"
 #include "core/base/status_macros.h"
-#include "server/metrics/prometheus_text.h"
+#include "server/telemetry/prometheus_text.h"
 
 namespace evpose::server {
 namespace {

@@ -7,10 +7,10 @@
 #include <string>
 
 #include "server/http/http_client_testing.h"
-#include "server/metrics/testing.h"
-#include "server/rpc/testing.h"
+#include "server/rpc/server_testing.h"
 #include "server/sessions/store_testing.h"
-#include "server/stores/memory_store.h"
+#include "server/stores/memory/memory_store.h"
+#include "server/telemetry/prometheus_testing.h"
 
 namespace evpose::server {
 namespace {

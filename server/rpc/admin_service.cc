@@ -9,8 +9,8 @@
 #include "core/base/version.h"
 #include "server/rpc/authentication.h"
 #include "server/rpc/conversion.h"
-#include "server/sessions/errors.h"
-#include "server/sessions/log.h"
+#include "server/runtime/errors.h"
+#include "server/telemetry/log.h"
 
 namespace evpose::server {
 namespace {

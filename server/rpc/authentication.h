@@ -11,7 +11,7 @@
 #include "absl/status/statusor.h"
 #include "server/auth/authenticator.h"
 #include "server/rpc/status_mapping.h"
-#include "server/sessions/worker_pool.h"
+#include "server/runtime/worker_pool.h"
 
 namespace evpose::server {
 

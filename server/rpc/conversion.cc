@@ -1,17 +1,15 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "server/rpc/conversion.h"
 
-#include <algorithm>
 #include <cmath>
 #include <limits>
 #include <optional>
 #include <utility>
 
 #include "absl/strings/escaping.h"
-#include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
 #include "core/base/status_macros.h"
-#include "server/sessions/errors.h"
+#include "server/runtime/errors.h"
 
 namespace evpose::server {
 namespace {
@@ -496,20 +494,6 @@ v1::StoreKind StoreKindToProto(absl::string_view kind) {
   if (kind == "sqlite") return v1::STORE_KIND_SQLITE;
   if (kind == "redis") return v1::STORE_KIND_REDIS;
   return v1::STORE_KIND_UNSPECIFIED;
-}
-
-absl::Status DeletionStatus(const absl::Status& status, bool allow_missing) {
-  return allow_missing && absl::IsNotFound(status) ? absl::OkStatus() : status;
-}
-
-absl::StatusOr<size_t> PageSize(int32_t page_size) {
-  if (page_size < 0) return InvalidField("page_size", absl::StrCat("is ", page_size, "; it must not be below 0"));
-  return page_size == 0 ? size_t{50} : std::min<size_t>(static_cast<size_t>(page_size), 1000);
-}
-
-absl::StatusOr<std::string> PageStart(const std::string& page_token, const std::string& prefix) {
-  if (page_token.empty() || absl::StartsWith(page_token, prefix)) return page_token;
-  return InvalidField("page_token", "was not given by an earlier page");
 }
 
 }  // namespace evpose::server

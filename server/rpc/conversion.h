@@ -3,19 +3,17 @@
 // Between the API's messages and the server's own types. Errors are INVALID_ARGUMENT with the field's path.
 #pragma once
 
-#include <cstdint>
 #include <string>
 
-#include "absl/status/status.h"
 #include "absl/status/statusor.h"
 #include "absl/strings/string_view.h"
 #include "absl/time/time.h"
 #include "evpose/v1/admin_service.pb.h"
 #include "evpose/v1/model_service.pb.h"
 #include "evpose/v1/session_service.pb.h"
-#include "server/sessions/model_registry.h"
+#include "server/models/model_registry.h"
 #include "server/sessions/session.h"
-#include "server/sessions/session_config.h"
+#include "server/sessions/types/session_config.h"
 
 namespace evpose::server {
 
@@ -34,12 +32,5 @@ google::protobuf::Duration ToProto(absl::Duration duration);
 absl::Duration FromProto(const google::protobuf::Duration& duration);
 
 v1::StoreKind StoreKindToProto(absl::string_view kind);
-
-// The status of a call that deletes (AIP-135): with allow_missing, NOT_FOUND is OK.
-absl::Status DeletionStatus(const absl::Status& status, bool allow_missing);
-
-// What a page request means: 50 for no size, 1000 at most. Errors: a size below 0, a token that no page gave.
-absl::StatusOr<size_t> PageSize(int32_t page_size);
-absl::StatusOr<std::string> PageStart(const std::string& page_token, const std::string& prefix);
 
 }  // namespace evpose::server

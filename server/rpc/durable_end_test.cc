@@ -4,7 +4,7 @@
 #include <string>
 
 #include "core/base/temporary_directory.h"
-#include "server/rpc/testing.h"
+#include "server/rpc/server_testing.h"
 
 namespace evpose::server {
 namespace {

@@ -17,8 +17,9 @@
 #include "core/numerics/hash.h"
 #include "server/rpc/authentication.h"
 #include "server/rpc/conversion.h"
+#include "server/rpc/standard_methods.h"
 #include "server/rpc/status_mapping.h"
-#include "server/sessions/errors.h"
+#include "server/runtime/errors.h"
 
 namespace evpose::server {
 namespace {

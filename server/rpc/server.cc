@@ -18,6 +18,7 @@
 #include "core/base/status_macros.h"
 #include "server/auth/authenticator.h"
 #include "server/auth/server_credentials.h"
+#include "server/models/model_registry.h"
 #include "server/rpc/admin_service.h"
 #include "server/rpc/listen_address.h"
 #include "server/rpc/model_service.h"
@@ -26,13 +27,12 @@
 #include "server/rpc/session_service.h"
 #include "server/rpc/store_check.h"
 #include "server/rpc/stream_registry.h"
-#include "server/sessions/errors.h"
-#include "server/sessions/log.h"
-#include "server/sessions/model_registry.h"
+#include "server/runtime/errors.h"
+#include "server/runtime/worker_pool.h"
 #include "server/sessions/session_manager.h"
 #include "server/sessions/tracker_factory.h"
-#include "server/sessions/worker_pool.h"
 #include "server/stores/open_store.h"
+#include "server/telemetry/log.h"
 
 namespace evpose::server {
 namespace {

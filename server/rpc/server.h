@@ -15,8 +15,8 @@
 #include "absl/status/statusor.h"
 #include "absl/time/time.h"
 #include "server/auth/tls_files.h"
-#include "server/sessions/metrics.h"
 #include "server/stores/open_store.h"
+#include "server/telemetry/metrics.h"
 
 namespace evpose::server {
 

@@ -7,8 +7,8 @@
 
 #include "absl/status/statusor.h"
 #include "server/rpc/server.h"
-#include "server/sessions/session_config.h"
-#include "server/stores/store.h"
+#include "server/sessions/types/session_config.h"
+#include "server/stores/common/store.h"
 
 namespace evpose::server {
 

@@ -12,7 +12,7 @@
 #include "core/numerics/hash.h"
 #include "grpc/health/v1/health.grpc.pb.h"
 #include "server/rpc/listen_address.h"
-#include "server/rpc/testing.h"
+#include "server/rpc/server_testing.h"
 
 namespace evpose::server {
 namespace {

@@ -5,13 +5,13 @@
 
 #include "absl/time/time.h"
 #include "server/auth/authenticator.h"
+#include "server/models/model_registry.h"
 #include "server/rpc/stream_registry.h"
-#include "server/sessions/metrics.h"
-#include "server/sessions/model_registry.h"
+#include "server/runtime/worker_pool.h"
 #include "server/sessions/session_manager.h"
 #include "server/sessions/tenant_quotas.h"
-#include "server/sessions/worker_pool.h"
-#include "server/stores/store.h"
+#include "server/stores/common/store.h"
+#include "server/telemetry/metrics.h"
 
 namespace evpose::server {
 

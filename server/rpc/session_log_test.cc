@@ -9,8 +9,8 @@
 
 #include "absl/strings/match.h"
 #include "absl/strings/str_split.h"
-#include "server/rpc/testing.h"
-#include "server/sessions/log_testing.h"
+#include "server/rpc/server_testing.h"
+#include "server/telemetry/log_testing.h"
 
 namespace evpose::server {
 namespace {

@@ -10,10 +10,11 @@
 #include "core/base/status_macros.h"
 #include "server/rpc/authentication.h"
 #include "server/rpc/conversion.h"
+#include "server/rpc/standard_methods.h"
 #include "server/rpc/status_mapping.h"
 #include "server/rpc/track_reactor.h"
 #include "server/rpc/watch_reactors.h"
-#include "server/sessions/errors.h"
+#include "server/runtime/errors.h"
 
 namespace evpose::server {
 namespace {

@@ -5,7 +5,7 @@
 #include <utility>
 
 #include "absl/strings/str_cat.h"
-#include "server/sessions/log.h"
+#include "server/telemetry/log.h"
 
 namespace evpose::server {
 

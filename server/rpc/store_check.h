@@ -11,8 +11,8 @@
 #include "absl/base/thread_annotations.h"
 #include "absl/status/status.h"
 #include "absl/time/time.h"
-#include "server/sessions/worker_pool.h"
-#include "server/stores/store.h"
+#include "server/runtime/worker_pool.h"
+#include "server/stores/common/store.h"
 
 namespace evpose::server {
 

@@ -8,9 +8,9 @@
 #include "absl/strings/escaping.h"
 #include "core/numerics/hash.h"
 #include "grpc/health/v1/health.grpc.pb.h"
-#include "server/rpc/testing.h"
+#include "server/rpc/server_testing.h"
 #include "server/sessions/store_testing.h"
-#include "server/stores/memory_store.h"
+#include "server/stores/memory/memory_store.h"
 
 namespace evpose::server {
 namespace {

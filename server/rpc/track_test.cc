@@ -4,7 +4,7 @@
 #include <thread>
 
 #include "core/numerics/hash.h"
-#include "server/rpc/testing.h"
+#include "server/rpc/server_testing.h"
 
 namespace evpose::server {
 namespace {

@@ -12,9 +12,9 @@
 #include "grpc/health/v1/health.grpc.pb.h"
 #include "server/auth/files_testing.h"
 #include "server/auth/token_file.h"
-#include "server/rpc/testing.h"
-#include "server/sessions/log_testing.h"
-#include "server/stores/memory_store.h"
+#include "server/rpc/server_testing.h"
+#include "server/stores/memory/memory_store.h"
+#include "server/telemetry/log_testing.h"
 
 namespace evpose::server {
 namespace {

@@ -20,7 +20,7 @@
 #include "server/rpc/conversion.h"
 #include "server/rpc/status_mapping.h"
 #include "server/rpc/stream_registry.h"
-#include "server/sessions/errors.h"
+#include "server/runtime/errors.h"
 #include "server/sessions/session.h"
 
 namespace evpose::server {

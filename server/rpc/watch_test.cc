@@ -3,7 +3,7 @@
 // WatchPoses and WatchHealth, through the raw stub against the real server.
 #include <cmath>
 
-#include "server/rpc/testing.h"
+#include "server/rpc/server_testing.h"
 
 namespace evpose::server {
 namespace {

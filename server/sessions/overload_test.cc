@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 
 // Sessions whose tracker is slower than their events come, on a clock that goes on by what tracking takes.
-#include "server/sessions/overload.h"
+#include "server/sessions/types/overload.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -13,8 +13,8 @@
 #include <utility>
 
 #include "server/sessions/session.h"
-#include "server/sessions/testing.h"
-#include "server/stores/memory_store.h"
+#include "server/sessions/session_testing.h"
+#include "server/stores/memory/memory_store.h"
 
 namespace evpose::server {
 namespace {

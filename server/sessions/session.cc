@@ -10,8 +10,8 @@
 #include "absl/types/span.h"
 #include "core/base/status_macros.h"
 #include "core/numerics/hash.h"
-#include "server/sessions/errors.h"
-#include "server/sessions/random_name.h"
+#include "server/runtime/errors.h"
+#include "server/runtime/random_name.h"
 
 namespace evpose::server {
 namespace {

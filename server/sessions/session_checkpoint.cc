@@ -7,9 +7,9 @@
 #include <utility>
 
 #include "core/numerics/hash.h"
-#include "server/sessions/random_name.h"
+#include "server/runtime/random_name.h"
+#include "server/sessions/durability/session_codec.h"
 #include "server/sessions/session.h"
-#include "server/sessions/session_codec.h"
 
 namespace evpose::server {
 namespace {

@@ -7,12 +7,12 @@
 #include <atomic>
 #include <future>
 
-#include "server/sessions/errors.h"
+#include "server/runtime/errors.h"
+#include "server/sessions/durability/session_codec.h"
 #include "server/sessions/session.h"
-#include "server/sessions/session_codec.h"
+#include "server/sessions/session_testing.h"
 #include "server/sessions/store_testing.h"
-#include "server/sessions/testing.h"
-#include "server/stores/memory_store.h"
+#include "server/stores/memory/memory_store.h"
 
 namespace evpose::server {
 namespace {

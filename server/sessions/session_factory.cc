@@ -10,9 +10,9 @@
 #include "absl/strings/str_cat.h"
 #include "core/base/status_macros.h"
 #include "core/initialization/pose_search.h"
-#include "server/sessions/errors.h"
-#include "server/sessions/random_name.h"
-#include "server/sessions/session_codec.h"
+#include "server/runtime/errors.h"
+#include "server/runtime/random_name.h"
+#include "server/sessions/durability/session_codec.h"
 
 namespace evpose::server {
 namespace {

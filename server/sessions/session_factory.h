@@ -12,11 +12,11 @@
 #include "absl/status/statusor.h"
 #include "absl/strings/string_view.h"
 #include "absl/time/time.h"
-#include "server/sessions/model_registry.h"
+#include "server/models/model_registry.h"
+#include "server/runtime/worker_pool.h"
 #include "server/sessions/session.h"
-#include "server/sessions/session_config.h"
-#include "server/sessions/worker_pool.h"
-#include "server/stores/store.h"
+#include "server/sessions/types/session_config.h"
+#include "server/stores/common/store.h"
 
 namespace evpose::server {
 

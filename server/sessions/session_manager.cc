@@ -9,9 +9,9 @@
 
 #include "absl/strings/str_cat.h"
 #include "core/base/status_macros.h"
-#include "server/sessions/errors.h"
-#include "server/sessions/log.h"
-#include "server/sessions/session_codec.h"
+#include "server/runtime/errors.h"
+#include "server/sessions/durability/session_codec.h"
+#include "server/telemetry/log.h"
 
 namespace evpose::server {
 namespace {

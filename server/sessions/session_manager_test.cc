@@ -5,11 +5,11 @@
 #include <gtest/gtest.h>
 
 #include "absl/strings/str_replace.h"
-#include "server/sessions/errors.h"
-#include "server/sessions/log_testing.h"
+#include "server/runtime/errors.h"
+#include "server/sessions/session_testing.h"
 #include "server/sessions/store_testing.h"
-#include "server/sessions/testing.h"
-#include "server/stores/memory_store.h"
+#include "server/stores/memory/memory_store.h"
+#include "server/telemetry/log_testing.h"
 
 namespace evpose::server {
 namespace {

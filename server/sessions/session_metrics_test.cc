@@ -7,12 +7,12 @@
 #include <atomic>
 #include <string>
 
-#include "server/sessions/errors.h"
+#include "server/runtime/errors.h"
 #include "server/sessions/session_manager.h"
-#include "server/sessions/stage_clock.h"
+#include "server/sessions/session_testing.h"
 #include "server/sessions/tenant_quotas.h"
-#include "server/sessions/testing.h"
-#include "server/stores/memory_store.h"
+#include "server/stores/memory/memory_store.h"
+#include "server/telemetry/stage_clock.h"
 
 namespace evpose::server {
 namespace {

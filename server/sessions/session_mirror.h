@@ -14,9 +14,9 @@
 #include "absl/functional/any_invocable.h"
 #include "absl/status/statusor.h"
 #include "absl/time/time.h"
+#include "server/runtime/worker_pool.h"
 #include "server/sessions/session_factory.h"
 #include "server/sessions/watched_session.h"
-#include "server/sessions/worker_pool.h"
 
 namespace evpose::server {
 

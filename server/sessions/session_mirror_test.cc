@@ -11,8 +11,8 @@
 #include <vector>
 
 #include "absl/strings/str_cat.h"
-#include "server/sessions/errors.h"
-#include "server/sessions/testing.h"
+#include "server/runtime/errors.h"
+#include "server/sessions/session_testing.h"
 
 namespace evpose::server {
 namespace {
@@ -173,7 +173,7 @@ TEST_F(SessionMirrorTest, EndsWhenTheSessionIsDeleted) {
 
 TEST_F(SessionMirrorTest, EndsWhenTheSessionIsDamaged) {
   Start();
-  other_.SetError(WithReason(absl::DataLossError("bad"), "SESSION_DAMAGED"));
+  other_.SetError(WithReason(absl::DataLossError("bad"), v1::SESSION_DAMAGED));
   WaitForStatus();
   EXPECT_EQ(GetErrorDetails(mirror_->Watch().status).reason, "SESSION_DAMAGED");
 }

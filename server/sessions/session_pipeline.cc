@@ -8,7 +8,7 @@
 #include "core/base/state_io.h"
 #include "core/base/status_macros.h"
 #include "core/numerics/hash.h"
-#include "server/sessions/errors.h"
+#include "server/runtime/errors.h"
 
 namespace evpose::server {
 namespace {

@@ -17,9 +17,9 @@
 #include "core/events/decoder.h"
 #include "core/events/event.h"
 #include "core/tracking/tracker.h"
-#include "server/sessions/session_config.h"
-#include "server/sessions/session_state.h"
-#include "server/sessions/stage_clock.h"
+#include "server/sessions/types/session_config.h"
+#include "server/sessions/types/session_state.h"
+#include "server/telemetry/stage_clock.h"
 
 namespace evpose::server {
 

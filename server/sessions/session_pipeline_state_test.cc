@@ -17,7 +17,7 @@
 #include "core/simulation/simulator.h"
 #include "core/tracking/tracker_options.h"
 #include "server/sessions/session_pipeline.h"
-#include "server/sessions/testing.h"
+#include "server/sessions/session_testing.h"
 
 namespace evpose::server {
 namespace {

@@ -6,8 +6,8 @@
 
 #include <sstream>
 
-#include "server/sessions/errors.h"
-#include "server/sessions/testing.h"
+#include "server/runtime/errors.h"
+#include "server/sessions/session_testing.h"
 
 namespace evpose::server {
 namespace {

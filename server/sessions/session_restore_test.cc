@@ -8,14 +8,14 @@
 #include <future>
 #include <utility>
 
-#include "server/sessions/errors.h"
-#include "server/sessions/log_testing.h"
-#include "server/sessions/session_codec.h"
+#include "server/runtime/errors.h"
+#include "server/sessions/durability/session_codec.h"
 #include "server/sessions/session_manager.h"
+#include "server/sessions/session_testing.h"
 #include "server/sessions/store_testing.h"
-#include "server/sessions/testing.h"
-#include "server/stores/memory_store.h"
-#include "server/stores/testing.h"
+#include "server/stores/memory/memory_store.h"
+#include "server/stores/store_suite_testing.h"
+#include "server/telemetry/log_testing.h"
 
 namespace evpose::server {
 namespace {

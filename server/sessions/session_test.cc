@@ -7,9 +7,9 @@
 #include <semaphore>
 
 #include "core/numerics/hash.h"
-#include "server/sessions/errors.h"
-#include "server/sessions/testing.h"
-#include "server/stores/memory_store.h"
+#include "server/runtime/errors.h"
+#include "server/sessions/session_testing.h"
+#include "server/stores/memory/memory_store.h"
 
 namespace evpose::server {
 namespace {

@@ -11,7 +11,7 @@
 #include <vector>
 
 #include "core/base/status_macros.h"
-#include "server/stores/store.h"
+#include "server/stores/common/store.h"
 
 namespace evpose::server {
 

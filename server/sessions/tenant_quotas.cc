@@ -5,7 +5,7 @@
 #include <utility>
 
 #include "absl/strings/str_cat.h"
-#include "server/sessions/errors.h"
+#include "server/runtime/errors.h"
 
 namespace evpose::server {
 namespace {

@@ -14,7 +14,7 @@
 #include "absl/base/thread_annotations.h"
 #include "absl/status/statusor.h"
 #include "absl/time/time.h"
-#include "server/sessions/metrics.h"
+#include "server/telemetry/metrics.h"
 
 namespace evpose::server {
 

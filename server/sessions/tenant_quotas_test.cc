@@ -5,7 +5,7 @@
 
 #include <vector>
 
-#include "server/sessions/errors.h"
+#include "server/runtime/errors.h"
 
 namespace evpose::server {
 namespace {

@@ -11,8 +11,8 @@
 #include "core/initialization/search_model.h"
 #include "core/tracking/tracker.h"
 #include "core/tracking/tracker_options.h"
-#include "server/sessions/errors.h"
-#include "server/sessions/shared_parts.h"
+#include "server/runtime/errors.h"
+#include "server/runtime/shared_parts.h"
 
 namespace evpose::server {
 namespace {

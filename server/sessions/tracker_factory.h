@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-#include "server/sessions/session_config.h"
+#include "server/sessions/types/session_config.h"
 
 namespace evpose::server {
 

@@ -7,7 +7,7 @@
 #include <vector>
 
 #include "core/tracking/tracker.h"
-#include "server/sessions/testing.h"
+#include "server/sessions/session_testing.h"
 
 namespace evpose::server {
 namespace {

@@ -10,9 +10,9 @@
 #include <vector>
 
 #include "absl/status/status.h"
-#include "server/sessions/pose_log.h"
-#include "server/sessions/session_config.h"
-#include "server/sessions/session_state.h"
+#include "server/sessions/types/pose_log.h"
+#include "server/sessions/types/session_config.h"
+#include "server/sessions/types/session_state.h"
 #include "server/sessions/watchers.h"
 
 namespace evpose::server {

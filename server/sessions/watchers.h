@@ -9,7 +9,7 @@
 #include <vector>
 
 #include "absl/base/thread_annotations.h"
-#include "server/sessions/worker_pool.h"
+#include "server/runtime/worker_pool.h"
 
 namespace evpose::server {
 

@@ -4,9 +4,9 @@
 #include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
 #include "core/base/status_macros.h"
-#include "server/stores/memory_store.h"
-#include "server/stores/redis_store.h"
-#include "server/stores/sqlite_store.h"
+#include "server/stores/memory/memory_store.h"
+#include "server/stores/redis/redis_store.h"
+#include "server/stores/sqlite/sqlite_store.h"
 
 namespace evpose::server {
 

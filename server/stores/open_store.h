@@ -8,7 +8,7 @@
 #include <string>
 
 #include "absl/status/statusor.h"
-#include "server/stores/store.h"
+#include "server/stores/common/store.h"
 
 namespace evpose::server {
 

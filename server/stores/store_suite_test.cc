@@ -9,12 +9,12 @@
 #include <string>
 #include <thread>
 
-#include "server/stores/memory_store.h"
+#include "server/stores/common/store.h"
+#include "server/stores/memory/memory_store.h"
 #include "server/stores/open_store.h"
-#include "server/stores/redis_testing.h"
-#include "server/stores/sqlite_store.h"
-#include "server/stores/store.h"
-#include "server/stores/testing.h"
+#include "server/stores/redis/redis_testing.h"
+#include "server/stores/sqlite/sqlite_store.h"
+#include "server/stores/store_suite_testing.h"
 
 namespace evpose::server {
 namespace {

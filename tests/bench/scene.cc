@@ -6,7 +6,7 @@
 
 #include "client/lib/conversion.h"
 #include "core/estimation/ideal_events_testing.h"
-#include "server/sessions/testing.h"
+#include "server/sessions/session_testing.h"
 
 namespace evpose::bench {
 namespace {

@@ -16,7 +16,7 @@
 #include <vector>
 
 #include "evpose/v1/session_service.grpc.pb.h"
-#include "server/rpc/raw_requests.h"
+#include "server/rpc/raw_requests_testing.h"
 #include "tests/bench/scene.h"
 
 namespace evpose::bench {

@@ -14,7 +14,7 @@
 #include "core/models/object_model.h"
 #include "core/tracking/tracker_options.h"
 #include "server/sessions/session_pipeline.h"
-#include "server/sessions/testing.h"
+#include "server/sessions/session_testing.h"
 #include "tests/fuzz/fuzz_input.h"
 #include "tests/fuzz/require.h"
 

@@ -18,10 +18,10 @@
 #include "core/base/status_macros.h"
 #include "server/auth/authenticator.h"
 #include "server/rpc/service_context.h"
-#include "server/sessions/testing.h"
-#include "server/stores/checked_lease.h"
-#include "server/stores/memory_sessions.h"
-#include "server/stores/memory_store.h"
+#include "server/sessions/session_testing.h"
+#include "server/stores/common/checked_lease.h"
+#include "server/stores/memory/memory_sessions.h"
+#include "server/stores/memory/memory_store.h"
 #include "tests/fuzz/require.h"
 
 namespace evpose {

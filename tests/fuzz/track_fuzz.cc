@@ -18,7 +18,7 @@
 
 #include "evpose/v1/session_service.pb.h"
 #include "server/rpc/track_reactor.h"
-#include "server/sessions/log.h"
+#include "server/telemetry/log.h"
 #include "tests/fuzz/fuzz_input.h"
 #include "tests/fuzz/require.h"
 #include "tests/fuzz/stepwise_server.h"

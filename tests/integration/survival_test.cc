@@ -25,9 +25,9 @@
 #include "evpose/v1/model_service.grpc.pb.h"
 #include "evpose/v1/session_service.grpc.pb.h"
 #include "server/http/http_client_testing.h"
-#include "server/program_for_test.h"
-#include "server/rpc/raw_requests.h"
-#include "server/stores/redis_testing.h"
+#include "server/program/program_testing.h"
+#include "server/rpc/raw_requests_testing.h"
+#include "server/stores/redis/redis_testing.h"
 #include "tests/integration/cli_fixture.h"
 
 namespace evpose {

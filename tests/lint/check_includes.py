@@ -28,12 +28,16 @@ def rank(file):
     """The positions of the file's folders in their lists, from the root on; a file beside subdirectories comes after them."""
     positions = []
     folder = ""
-    for name in os.path.dirname(file).split("/"):
+    parts = os.path.dirname(file).split("/")
+    while parts:
         names = subdirectories(folder)
-        if name not in names:
+        # The longest name first: a list may have both sessions/types and sessions.
+        length = next((n for n in range(len(parts), 0, -1) if "/".join(parts[:n]) in names), 0)
+        if length == 0:
             break
-        positions.append(names.index(name))
-        folder = os.path.join(folder, name)
+        positions.append(names.index("/".join(parts[:length])))
+        folder = os.path.join(folder, *parts[:length])
+        parts = parts[length:]
     return positions + [len(subdirectories(folder))]
 
 

@@ -13,13 +13,13 @@
 #include "absl/strings/str_split.h"
 #include "core/base/temporary_directory.h"
 #include "core/estimation/ideal_events_testing.h"
-#include "server/sessions/log_testing.h"
-#include "server/sessions/session_codec.h"
+#include "server/sessions/durability/session_codec.h"
 #include "server/sessions/session_manager.h"
-#include "server/sessions/testing.h"
+#include "server/sessions/session_testing.h"
 #include "server/sessions/tracker_factory.h"
-#include "server/stores/sqlite_store.h"
-#include "server/stores/testing.h"
+#include "server/stores/sqlite/sqlite_store.h"
+#include "server/stores/store_suite_testing.h"
+#include "server/telemetry/log_testing.h"
 #include "tests/data/test_data.h"
 
 namespace evpose::server {

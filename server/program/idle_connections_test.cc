@@ -1,0 +1,136 @@
+// SPDX-License-Identifier: Apache-2.0
+
+// What connections cost that do nothing: evpose-server as a process, a thousand of them, and one client that works.
+#include <arpa/inet.h>
+#include <grpcpp/grpcpp.h>
+#include <gtest/gtest.h>
+#include <sys/resource.h>
+#include <sys/socket.h>
+
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "absl/strings/numbers.h"
+#include "absl/strings/string_view.h"
+#include "absl/strings/strip.h"
+#include "evpose/v1/model_service.grpc.pb.h"
+#include "evpose/v1/session_service.grpc.pb.h"
+#include "server/program/program_testing.h"
+#include "server/rpc/raw_requests_testing.h"
+#include "server/sessions/session_testing.h"
+
+namespace evpose::server {
+namespace {
+
+// The server's own memory: a sanitizer keeps what was freed, and notes that grow with threads and cores.
+#ifdef EVPOSE_SANITIZED
+constexpr bool kCountsMemory = false;
+#else
+constexpr bool kCountsMemory = true;
+#endif
+constexpr int64_t kMaxBytesPerConnection = 64 * 1024;
+
+// A TCP connection that says nothing, or what HTTP/2 begins with and no more.
+class IdleConnection {
+ public:
+  IdleConnection(int port, bool begins_http2) : socket_(socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC, 0)) {
+    sockaddr_in address = {};
+    address.sin_family = AF_INET;
+    address.sin_port = htons(static_cast<uint16_t>(port));
+    address.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
+    EXPECT_EQ(connect(socket_, reinterpret_cast<const sockaddr*>(&address), sizeof(address)), 0);
+    if (!begins_http2) return;
+    constexpr absl::string_view kPreface("PRI * HTTP/2.0\r\n\r\nSM\r\n\r\n", 24);
+    constexpr absl::string_view kSettings("\0\0\0\4\0\0\0\0\0", 9);  // RFC 9113 6.5, none
+    EXPECT_EQ(send(socket_, kPreface.data(), kPreface.size(), 0), kPreface.size());
+    EXPECT_EQ(send(socket_, kSettings.data(), kSettings.size(), 0), kSettings.size());
+    char settings_of_server[9];
+    EXPECT_EQ(recv(socket_, settings_of_server, sizeof(settings_of_server), MSG_WAITALL), 9);
+  }
+  ~IdleConnection() { close(socket_); }
+  IdleConnection(const IdleConnection&) = delete;
+  IdleConnection& operator=(const IdleConnection&) = delete;
+
+ private:
+  const int socket_;
+};
+
+class IdleConnectionsTest : public testing::Test {
+ protected:
+  // The server begins with a limit of descriptors that is too low for what comes.
+  void SetUp() override {
+    rlimit limit;
+    ASSERT_EQ(getrlimit(RLIMIT_NOFILE, &limit), 0);
+    if (limit.rlim_max < 2500) GTEST_SKIP() << "the limit of open files cannot be raised above " << limit.rlim_max;
+    limit.rlim_cur = 256;
+    ASSERT_EQ(setrlimit(RLIMIT_NOFILE, &limit), 0);
+    program_ = std::make_unique<Program>(std::vector<std::string>{"--listen", "127.0.0.1:0"});
+    limit.rlim_cur = limit.rlim_max;
+    ASSERT_EQ(setrlimit(RLIMIT_NOFILE, &limit), 0);
+    const std::string line = program_->ReadLine();
+    address_ = std::string(absl::StripPrefix(line, "listening on "));
+    ASSERT_TRUE(absl::SimpleAtoi(address_.substr(address_.rfind(':') + 1), &port_)) << line;
+  }
+
+  int64_t ResidentBytes() const {
+    const std::string status = Contents("/proc/" + std::to_string(program_->pid()) + "/status");
+    const size_t begin = status.find("VmRSS:") + 6;
+    int64_t kilobytes = 0;
+    EXPECT_TRUE(absl::SimpleAtoi(status.substr(begin, status.find("kB", begin) - begin), &kilobytes));
+    return kilobytes * 1024;
+  }
+
+  // What a session has at its end that a client with a connection of its own streams.
+  v1::SessionHealth Track() const {
+    grpc::ChannelArguments own;
+    own.SetInt(GRPC_ARG_USE_LOCAL_SUBCHANNEL_POOL, 1);
+    const auto channel = grpc::CreateCustomChannel(address_, grpc::InsecureChannelCredentials(), own);
+    const auto sessions = v1::SessionService::NewStub(channel);
+    v1::Model model;
+    EXPECT_TRUE(UploadModel(*v1::ModelService::NewStub(channel), UploadRequests(kCubeObj), &model).ok());
+    CreatedSession session;
+    grpc::ClientContext create;
+    EXPECT_TRUE(sessions->CreateSession(&create, CubeSessionRequest(model.name()), session.response()).ok());
+    grpc::ClientContext context;
+    const auto stream = sessions->Track(&context);
+    v1::TrackRequest request;
+    request.mutable_attach()->set_session(session.name());
+    request.mutable_attach()->set_resume_token(session.resume_token());
+    stream->Write(request);
+    request.mutable_events()->set_seq(1);
+    request.mutable_events()->set_payload(Flat64(SomeEvents(1, 301, 20)));
+    stream->Write(request);
+    request.mutable_end();
+    stream->Write(request);
+    v1::TrackResponse response;
+    while (stream->Read(&response)) continue;
+    EXPECT_TRUE(stream->Finish().ok());
+    return response.summary().health();
+  }
+
+  std::unique_ptr<Program> program_;
+  std::string address_;
+  int port_ = 0;
+};
+
+TEST_F(IdleConnectionsTest, AThousandCostLittleAndDelayNobody) {
+  constexpr int kConnections = 1000;
+  const uint64_t num_events = Track().decoded_events();
+  EXPECT_EQ(num_events, 6000u);
+  (void)Track();
+  const int64_t before_bytes = ResidentBytes();
+  std::vector<std::unique_ptr<IdleConnection>> connections;
+  for (int i = 0; i < kConnections; ++i) connections.push_back(std::make_unique<IdleConnection>(port_, i % 2 == 0));
+  EXPECT_EQ(Track().decoded_events(), num_events);
+  const int64_t grown_bytes = ResidentBytes() - before_bytes;
+  RecordProperty("bytes_per_connection", std::to_string(grown_bytes / kConnections));
+  if (kCountsMemory) {
+    EXPECT_LT(grown_bytes, kConnections * kMaxBytesPerConnection);
+  }
+  program_->Signal(SIGTERM);
+  EXPECT_EQ(program_->Wait(), 0) << "they do not keep it";
+}
+
+}  // namespace
+}  // namespace evpose::server

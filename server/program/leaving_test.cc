@@ -1,0 +1,244 @@
+// SPDX-License-Identifier: Apache-2.0
+
+// How evpose-server leaves while clients are attached that do not do their part.
+#include <gmock/gmock.h>
+#include <grpcpp/grpcpp.h>
+#include <gtest/gtest.h>
+
+#include <memory>
+#include <string>
+
+#include "absl/strings/strip.h"
+#include "evpose/v1/admin_service.grpc.pb.h"
+#include "evpose/v1/model_service.grpc.pb.h"
+#include "evpose/v1/session_service.grpc.pb.h"
+#include "grpc/health/v1/health.grpc.pb.h"
+#include "server/program/program_testing.h"
+#include "server/rpc/raw_requests_testing.h"
+#include "server/sessions/session_testing.h"
+
+namespace evpose::server {
+namespace {
+
+using TrackStream = grpc::ClientReaderWriter<v1::TrackRequest, v1::TrackResponse>;
+
+struct StalledTrack {
+  grpc::ClientContext context;
+  std::unique_ptr<TrackStream> stream;
+};
+
+class LeavingTest : public testing::Test {
+ protected:
+  void Start(const std::string& shutdown_timeout_s, const std::string& shutdown_notice_s = "0") {
+    program_.reset();  // both write to the same file
+    program_ = std::make_unique<Program>(std::vector<std::string>{
+        "--listen", "127.0.0.1:0", "--shutdown-timeout", shutdown_timeout_s, "--shutdown-notice", shutdown_notice_s});
+    const std::string line = program_->ReadLine();
+    const std::string address(absl::StripPrefix(line, "listening on "));
+    // The windows stay small: gRPC would let them grow to many MB, whether or not anybody reads.
+    grpc::ChannelArguments arguments;
+    arguments.SetInt(GRPC_ARG_HTTP2_BDP_PROBE, 0);
+    arguments.SetInt(GRPC_ARG_HTTP2_STREAM_LOOKAHEAD_BYTES, 16 * 1024);
+    const auto channel = grpc::CreateCustomChannel(address, grpc::InsecureChannelCredentials(), arguments);
+    sessions_ = v1::SessionService::NewStub(channel);
+    models_ = v1::ModelService::NewStub(channel);
+    admin_ = v1::AdminService::NewStub(channel);
+    health_ = grpc::health::v1::Health::NewStub(channel);
+  }
+
+  void AwaitNotServing() {
+    grpc::ClientContext context;
+    const auto changes = health_->Watch(&context, {});
+    grpc::health::v1::HealthCheckResponse health;
+    while (changes->Read(&health) && health.status() == grpc::health::v1::HealthCheckResponse::SERVING) continue;
+    EXPECT_EQ(health.status(), grpc::health::v1::HealthCheckResponse::NOT_SERVING);
+    context.TryCancel();
+    changes->Finish();
+  }
+
+  CreatedSession CreateSession() {
+    CreatedSession session;
+    grpc::ClientContext context;
+    v1::Model model;
+    EXPECT_TRUE(UploadModel(*models_, UploadRequests(kCubeObj), &model).ok());
+    v1::CreateSessionRequest request = CubeSessionRequest(model.name());
+    request.mutable_config()->mutable_objects(0)->clear_initial_camera_from_object();
+    EXPECT_TRUE(sessions_->CreateSession(&context, request, session.response()).ok());
+    return session;
+  }
+
+  std::unique_ptr<StalledTrack> Open() {
+    auto track = std::make_unique<StalledTrack>();
+    track->stream = sessions_->Track(&track->context);
+    return track;
+  }
+  std::unique_ptr<StalledTrack> Attach(const CreatedSession& session) {
+    auto track = Open();
+    v1::TrackRequest request;
+    request.mutable_attach()->set_session(session.name());
+    request.mutable_attach()->set_resume_token(session.resume_token());
+    EXPECT_TRUE(track->stream->Write(request));
+    v1::TrackResponse response;
+    EXPECT_TRUE(track->stream->Read(&response));
+    return track;
+  }
+  // Makes the server send a notice for each chunk, and more of them than its windows and queues hold.
+  void FillTheWindow(const CreatedSession& session, TrackStream& stream) {
+    constexpr uint64_t kChunks = 6000;
+    const std::string outside = Flat64({{1000, 5000, 5000, 1}});
+    for (uint64_t seq = 1; seq <= kChunks; ++seq) {
+      v1::TrackRequest request;
+      request.mutable_events()->set_seq(seq);
+      request.mutable_events()->set_payload(outside);
+      ASSERT_TRUE(stream.Write(request));
+    }
+    // The session stands still before it is through.
+    CreatedSession state;
+    uint64_t processed = 0, same = 0;
+    while (same < 20) {
+      grpc::ClientContext context;
+      v1::GetSessionRequest request;
+      request.set_name(session.name());
+      ASSERT_TRUE(sessions_->GetSession(&context, request, state.mutable_session()).ok());
+      same = state.health().processed_bytes() == processed && processed >= 1024 * outside.size() ? same + 1 : 0;
+      processed = state.health().processed_bytes();
+      ASSERT_LT(processed, kChunks * outside.size()) << "the window is too large to be filled";
+    }
+  }
+
+  void AwaitGoAway(StalledTrack& track) {
+    v1::TrackResponse response;
+    do {
+      ASSERT_TRUE(track.stream->Read(&response));
+    } while (!response.notice().has_go_away());
+  }
+  // Ends the session, whose summary is the last that comes.
+  void End(StalledTrack& track) {
+    v1::TrackRequest end;
+    end.mutable_end();
+    ASSERT_TRUE(track.stream->Write(end));
+    v1::TrackResponse response;
+    while (track.stream->Read(&response)) continue;
+    EXPECT_TRUE(response.has_summary());
+    EXPECT_TRUE(track.stream->Finish().ok());
+  }
+
+  std::unique_ptr<Program> program_;
+  std::unique_ptr<v1::SessionService::Stub> sessions_;
+  std::unique_ptr<v1::ModelService::Stub> models_;
+  std::unique_ptr<v1::AdminService::Stub> admin_;
+  std::unique_ptr<grpc::health::v1::Health::Stub> health_;
+};
+
+void Cancel(StalledTrack& track) {
+  track.context.TryCancel();
+  track.stream->Finish();
+}
+
+TEST_F(LeavingTest, ExitsWithStalledClientsAttached) {
+  for (const bool by_signal : {true, false}) {
+    Start("3");
+    const auto unattached = Open();
+    const auto silent = Attach(CreateSession());
+    const CreatedSession session = CreateSession();
+    const auto full = Attach(session);
+    FillTheWindow(session, *full->stream);
+    grpc::ClientContext watch_context;
+    v1::WatchHealthRequest watch;
+    watch.set_session(session.name());
+    watch.mutable_period()->set_nanos(10'000'000);
+    const auto watcher = sessions_->WatchHealth(&watch_context, watch);  // never read from
+
+    if (by_signal) {
+      program_->Signal(SIGTERM);
+    } else {
+      grpc::ClientContext context;
+      v1::DrainRequest request;
+      request.mutable_timeout()->set_seconds(2);
+      v1::DrainResponse response;
+      ASSERT_TRUE(admin_->Drain(&context, request, &response).ok());
+      EXPECT_EQ(response.remaining_sessions(), 2u);
+    }
+    EXPECT_EQ(unattached->stream->Finish().error_code(), grpc::StatusCode::UNAVAILABLE) << "it has nothing to finish";
+    EXPECT_EQ(program_->Wait(), 0);
+    EXPECT_THAT(program_->Stderr(), testing::HasSubstr("all streams are finished"));
+    Cancel(*silent);
+    Cancel(*full);
+    watch_context.TryCancel();
+  }
+}
+
+TEST_F(LeavingTest, ASecondSignalEndsItAtOnce) {
+  for (const bool is_drained : {false, true}) {
+    Start("100000");
+    const auto silent = Attach(CreateSession());
+    if (is_drained) {
+      grpc::ClientContext context;
+      v1::DrainResponse response;
+      ASSERT_TRUE(admin_->Drain(&context, {}, &response).ok());
+    } else {
+      program_->Signal(SIGTERM);
+    }
+    // It has taken the first: the stream is told.
+    AwaitGoAway(*silent);
+    // The notice may be a moment ahead of the main thread, which takes one signal at a time: it is sent until it
+    // counts.
+    program_->SignalUntilExit(SIGINT);
+    EXPECT_EQ(program_->Wait(), -SIGINT);
+    Cancel(*silent);
+  }
+}
+
+// In its notice it takes and serves whoever comes, and says to balancers that nobody should.
+TEST_F(LeavingTest, ThereIsANoticeBeforeStreamsAreTold) {
+  Start("100000", "100000");
+  program_->Signal(SIGTERM);
+  AwaitNotServing();
+  const auto late = Attach(CreateSession());
+  grpc::ClientContext context;
+  v1::DrainResponse drained;
+  ASSERT_TRUE(admin_->Drain(&context, {}, &drained).ok()) << "whoever asks for it gets it without the notice";
+  EXPECT_EQ(drained.remaining_sessions(), 1u);
+  AwaitGoAway(*late);
+  End(*late);
+  EXPECT_EQ(program_->Wait(), 0);
+  EXPECT_THAT(program_->Stderr(), testing::HasSubstr("server_leaving"));
+}
+
+TEST_F(LeavingTest, ASecondSignalEndsTheNoticeAndTheServer) {
+  Start("100000", "100000");
+  program_->Signal(SIGTERM);
+  AwaitNotServing();
+  const auto late = Attach(CreateSession());
+  program_->SignalUntilExit(SIGTERM);
+  EXPECT_EQ(program_->Wait(), -SIGTERM);
+  Cancel(*late);
+}
+
+TEST_F(LeavingTest, TheNoticeEndsByItself) {
+  Start("100000", "0.01");
+  const auto silent = Attach(CreateSession());
+  program_->Signal(SIGTERM);
+  AwaitGoAway(*silent);
+  program_->SignalUntilExit(SIGINT);
+  EXPECT_EQ(program_->Wait(), -SIGINT);
+  Cancel(*silent);
+}
+
+TEST_F(LeavingTest, ASecondDrainChangesNothing) {
+  Start("100000");
+  auto silent = Attach(CreateSession());
+  v1::DrainRequest request;
+  v1::DrainResponse response;
+  for (int i = 0; i < 3; ++i) {
+    grpc::ClientContext context;
+    ASSERT_TRUE(admin_->Drain(&context, request, &response).ok());
+    request.mutable_timeout()->set_seconds(0);  // not even a shorter one
+  }
+  EXPECT_EQ(response.remaining_sessions(), 1u);
+  End(*silent);
+  EXPECT_EQ(program_->Wait(), 0) << "nobody is left";
+}
+
+}  // namespace
+}  // namespace evpose::server

@@ -1,0 +1,219 @@
+// SPDX-License-Identifier: Apache-2.0
+
+// evpose-server: see --help.
+#include <grpc/support/log.h>
+#include <sys/resource.h>
+#include <unistd.h>
+
+#include <cerrno>
+#include <csignal>
+#include <future>
+#include <iostream>
+#include <memory>
+#include <string>
+#include <utility>
+
+#include "absl/strings/str_cat.h"
+#include "absl/time/time.h"
+#include "core/base/end_at_once.h"
+#include "core/base/output_file.h"
+#include "core/base/version.h"
+#include "server/auth/token_file.h"
+#include "server/http/operator_pages.h"
+#include "server/program/options.h"
+#include "server/rpc/listen_address.h"
+#include "server/rpc/server.h"
+#include "server/telemetry/log.h"
+
+namespace evpose::server {
+namespace {
+
+constexpr int kFailed = 1;
+constexpr int kWrongUsage = 2;
+
+// One line, whatever the log's level; in the log's own form for whoever collects JSON.
+int Fail(int exit_status, const std::string& cause) {
+  if (CurrentLogFormat() == LogFormat::kJson) {
+    SetLogLevel(LogLevel::kError);
+    Log(LogLevel::kError, "server_failed", {{"message", cause}});
+    return exit_status;
+  }
+  std::cerr << "evpose-server: " << cause << std::endl;
+  return exit_status;
+}
+
+// Whether standard output took all of the answer.
+int FinishAnswer() {
+  if (std::cout.flush()) return 0;
+  return Fail(kFailed, "standard output could not be written: the disk is full, or who reads it has gone");
+}
+
+// gRPC's own log would break the rule of one line per event.
+void LogOfGrpc(gpr_log_func_args* args) { Log(LogLevel::kDebug, "grpc", {{"message", args->message}}); }
+
+sigset_t EndSignals() {
+  sigset_t signals;
+  sigemptyset(&signals);
+  sigaddset(&signals, SIGTERM);
+  sigaddset(&signals, SIGINT);
+  return signals;
+}
+
+// What a client's Drain wakes the main thread with. Blocked for ever: it never ends the process.
+int DrainSignal() { return SIGRTMIN; }
+
+void BlockSignals() {
+  sigset_t signals = EndSignals();
+  sigaddset(&signals, DrainSignal());
+  pthread_sigmask(SIG_BLOCK, &signals, nullptr);
+}
+
+// Waits for the first signal or Drain; a signal then is the end, at once.
+int WaitForEndSignal() {
+  const sigset_t signals = EndSignals();
+  sigset_t reasons = signals;
+  sigaddset(&reasons, DrainSignal());
+  int signal_number = 0;
+  sigwait(&reasons, &signal_number);
+  std::signal(SIGTERM, EndAtOnce);
+  std::signal(SIGINT, EndAtOnce);
+  pthread_sigmask(SIG_UNBLOCK, &signals, nullptr);
+  return signal_number;
+}
+
+// Until then nothing changes for clients; a Drain ends it before its time, a signal the server.
+void WaitForBalancers(absl::Duration notice) {
+  sigset_t drain;
+  sigemptyset(&drain);
+  sigaddset(&drain, DrainSignal());
+  const timespec timeout = absl::ToTimespec(notice);
+  while (sigtimedwait(&drain, nullptr, &timeout) < 0 && errno == EINTR) continue;
+}
+
+absl::Status WritePortFile(const std::string& path, int port) { return WriteFile(path, absl::StrCat(port, "\n")); }
+
+// The token on standard output, what to do with it on standard error: so a script can keep the one.
+int PrintNewToken(const ProgramOptions& options) {
+  const auto made = MakeToken(options.new_token, options.is_operator);
+  if (!made.ok()) return Fail(kWrongUsage, absl::StrCat("--new-token: ", made.status().message()));
+  const std::string& path = options.server.token_file;
+  if (!path.empty()) {
+    const absl::Status added = AppendTokenLine(path, made->line);
+    if (!added.ok()) return Fail(kFailed, std::string(added.message()));
+  }
+  std::cerr << "The token, a secret that is told only now; the client reads it with --token-file:\n" << std::flush;
+  std::cout << made->token << std::endl;
+  if (!std::cout) {
+    return Fail(kFailed, absl::StrCat("the token could not be written to standard output, and nobody has it",
+                                      path.empty() ? "" : ": remove its line, the last one, from ", path));
+  }
+  if (path.empty()) {
+    std::cerr << "Its line for the server's --token-file:\n" << made->line << std::endl;
+  } else {
+    std::cerr << "Its line was added to " << path << std::endl;
+  }
+  return 0;
+}
+
+// Null without --metrics-listen.
+absl::StatusOr<std::unique_ptr<OperatorPages>> StartPages(const ProgramOptions& options) {
+  if (options.metrics_listen.empty()) return nullptr;
+  auto pages = OperatorPages::Start(options.metrics_listen, ThisBuild());
+  if (!pages.ok()) return absl::UnavailableError(absl::StrCat("--metrics-listen: ", pages.status().message()));
+  return pages;
+}
+
+// Who starts the server may wait for these lines.
+void Announce(const ProgramOptions& options, const std::string& listening_on, const OperatorPages* pages) {
+  std::cout << "listening on " << listening_on << "\n";
+  if (pages != nullptr) {
+    const ListenAddress address = *ParseListenAddress(options.metrics_listen);
+    const std::string metrics_on = address.WithPort(pages->port());
+    Log(LogLevel::kInfo, "metrics_ready",
+        {{"message", absl::StrCat("http://", metrics_on, "/metrics, /healthz, /readyz")}});
+    std::cout << "metrics on " << metrics_on << "\n";
+  }
+  std::cout << std::flush;
+}
+
+// A connection is a descriptor, and the usual limit of 1024 is meant for programs that use select().
+void AllowAllDescriptors() {
+  rlimit limit;
+  if (getrlimit(RLIMIT_NOFILE, &limit) != 0) return;
+  limit.rlim_cur = limit.rlim_max;
+  setrlimit(RLIMIT_NOFILE, &limit);
+}
+
+int Serve(const ProgramOptions& options) {
+  AllowAllDescriptors();
+  ServerOptions server_options = options.server;
+  std::promise<absl::Duration> drained;
+  server_options.on_drain = [&drained](absl::Duration deadline) {
+    drained.set_value(deadline);
+    kill(getpid(), DrainSignal());
+  };
+  // Before the server, so that its start can be watched, and to be gone before it.
+  absl::StatusOr<std::unique_ptr<Server>> server;
+  const auto pages = StartPages(options);
+  if (!pages.ok()) return Fail(kFailed, std::string(pages.status().message()));
+  server = Server::Start(server_options);
+  if (!server.ok()) return Fail(kFailed, std::string(server.status().message()));
+  if (*pages != nullptr) (*pages)->Show(**server);
+  const ListenAddress address = *ParseListenAddress(server_options.listen_address);
+  const std::string listening_on = address.WithPort((*server)->port());
+  if (!options.port_file.empty()) {
+    const absl::Status written = WritePortFile(options.port_file, (*server)->port());
+    if (!written.ok()) return Fail(kFailed, std::string(written.message()));
+  }
+  const BuildVersion build = ThisBuild();
+  Log(LogLevel::kInfo, "server_ready",
+      {{"address", listening_on},
+       {"store", StoreForLog(server_options.store)},
+       {"version", build.version},
+       {"commit", build.commit}});
+  Announce(options, listening_on, pages->get());
+
+  const int signal_number = WaitForEndSignal();
+  const bool is_asked = signal_number == DrainSignal();
+  if (!is_asked && options.shutdown_notice > absl::ZeroDuration()) {
+    Log(LogLevel::kInfo, "server_leaving",
+        {{"why", absl::StrCat("signal ", signal_number)}, {"notice", absl::FormatDuration(options.shutdown_notice)}});
+    (*server)->AnnounceShutdown();
+    WaitForBalancers(options.shutdown_notice);
+  }
+  const absl::Duration deadline = is_asked ? drained.get_future().get() : server_options.drain_timeout;
+  Log(LogLevel::kInfo, "server_draining",
+      {{"why", is_asked ? "Drain was called" : absl::StrCat("signal ", signal_number)},
+       {"timeout", absl::FormatDuration(deadline)}});
+  (*server)->Shutdown(deadline);
+  Log(LogLevel::kInfo, "server_stopped", {{"message", "all streams are finished"}});
+  return 0;
+}
+
+int Main(int argc, char** argv) {
+  // Before any thread is made: all of them are to leave these to WaitForEndSignal.
+  BlockSignals();
+
+  ParsedOptions parsed = ParseOptions(argc, argv);
+  if (parsed.is_answered) return parsed.is_wrong ? kWrongUsage : FinishAnswer();
+  ProgramOptions& options = parsed.options;
+  if (!options.new_token.empty()) return PrintNewToken(options);
+  if (const std::string wrong = WrongUsage(options); !wrong.empty()) return Fail(kWrongUsage, wrong);
+  SetUpLog(*ParseLogFormat(options.log_format), *ParseLogLevel(options.log_level));
+  gpr_set_log_function(LogOfGrpc);
+  if (const absl::Status completed = CompleteStore(options); !completed.ok()) {
+    return Fail(kFailed, std::string(completed.message()));
+  }
+  return Serve(options);
+}
+
+}  // namespace
+}  // namespace evpose::server
+
+int main(int argc, char** argv) {
+  try {
+    return evpose::server::Main(argc, argv);
+  } catch (const std::exception& error) {
+    return evpose::server::Fail(evpose::server::kFailed, error.what());
+  }
+}

@@ -1,0 +1,342 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "server/program/options.h"
+
+#include <CLI/CLI.hpp>
+#include <cstdlib>
+#include <filesystem>
+#include <iostream>
+#include <system_error>
+#include <utility>
+
+#include "absl/strings/ascii.h"
+#include "absl/strings/match.h"
+#include "absl/strings/str_cat.h"
+#include "absl/strings/str_format.h"
+#include "absl/strings/string_view.h"
+#include "absl/strings/strip.h"
+#include "absl/time/time.h"
+#include "core/base/output_file.h"
+#include "core/base/status_macros.h"
+#include "core/base/version.h"
+#include "server/rpc/listen_address.h"
+#include "server/runtime/errors.h"
+#include "server/stores/redis/redis_address.h"
+
+namespace evpose::server {
+namespace {
+
+constexpr char kExample[] = R"(Example:
+  evpose-server --listen 127.0.0.1:50051
+then, elsewhere on the machine:
+  evpose replay recording.raw --model model.obj --camera camera.yaml --server 127.0.0.1:50051
+For other machines, with a certificate, and a token that is made first:
+  (umask 077; evpose-server --new-token lab --token-file tokens > lab.token)
+  evpose-server --listen 0.0.0.0:50051 --tls-cert server.crt --tls-key server.key --token-file tokens
+  evpose sessions list --server localhost:50051 --tls-ca ca.crt --token-file lab.token
+For several servers that take over each other's sessions, each with
+  evpose-server --listen 127.0.0.1:50051 --store redis://127.0.0.1:6379 --store-password-file redis.password
+or with the whole address, the password in it, in the variable EVPOSE_STORE. On the command line a password is for
+every user of the machine to read.
+
+With port 0 a free port is taken. When the server is ready it prints "listening on HOST:PORT" on standard output and,
+with --metrics-listen, a second line, "metrics on HOST:PORT"; its log goes to standard error. SIGTERM or SIGINT lets
+clients finish for up to --shutdown-timeout, after --shutdown-notice; a second one ends it at once.
+)";
+
+// What CLI11 has no type for, beside what it fills in.
+struct Arguments {
+  ProgramOptions& program;
+  double session_expiry_s = absl::ToDoubleSeconds(ServerOptions().session_expiry);
+  double attach_timeout_s = absl::ToDoubleSeconds(ServerOptions().attach_timeout);
+  double shutdown_timeout_s = absl::ToDoubleSeconds(ServerOptions().drain_timeout);
+  double shutdown_notice_s = 0.0;
+};
+
+void DefineAccess(CLI::App& app, Arguments& arguments) {
+  ServerOptions& options = arguments.program.server;
+  app.option_defaults()->group("Who may use it, files are read again when they change");
+  app.add_option("--tls-cert", options.tls.certificate, "certificate of the server with its chain, PEM")
+      ->type_name("FILE");
+  app.add_option("--tls-key", options.tls.key, "private key of that certificate, PEM")->type_name("FILE");
+  app.add_option("--tls-client-ca", options.tls.client_ca,
+                 "clients must show a certificate signed by one of these authorities, PEM; without --token-file its CN "
+                 "is the client's tenant")
+      ->type_name("FILE");
+  app.add_option("--token-file", options.token_file,
+                 "clients must have one of these tokens; --new-token adds a line for each")
+      ->type_name("FILE");
+  app.add_option("--new-token", arguments.program.new_token,
+                 "make a token for this tenant, print it, and leave; its line is added to --token-file, or printed on "
+                 "standard error without one")
+      ->type_name("TENANT");
+  app.add_flag("--operator", arguments.program.is_operator, "with --new-token: whoever has it may drain the server")
+      ->needs("--new-token");
+  app.add_flag("--insecure", arguments.program.insecure,
+               "listen for other machines although nothing is encrypted, or anybody may use the server");
+}
+
+void DefineSurvival(CLI::App& app, Arguments& arguments) {
+  ServerOptions& options = arguments.program.server;
+  app.option_defaults()->group("What survives");
+  app.add_option(
+         "--store", options.store.store,
+         "where sessions, poses and models live: sqlite, one file in --data-dir; memory, for nothing that has "
+         "to survive; redis://[USER:PASSWORD@]HOST:PORT[/DB], for several servers that take over each other's sessions")
+      ->envname("EVPOSE_STORE");
+  app.add_option("--store-password-file", arguments.program.store_password_file,
+                 "file with the password of a redis:// store whose address has none")
+      ->type_name("FILE");
+  app.add_option("--data-dir", options.store.data_dir,
+                 "directory of --store sqlite, for one server alone; by default $STATE_DIRECTORY as systemd sets it, "
+                 "else $XDG_STATE_HOME/evpose, else ~/.local/state/evpose")
+      ->type_name("DIR");
+  app.add_option("--store-max-bytes", options.store.max_bytes,
+                 "bytes that the store may take, of --store sqlite and memory: sessions that have ended make room, the "
+                 "oldest first, then streams end; Redis has its own limit, maxmemory");
+  app.add_option(
+      "--session-expiry", arguments.session_expiry_s,
+      "seconds after which a session without a stream is deleted; the same at all servers that share a store");
+  app.add_option("--pose-log-capacity", options.pose_log_capacity,
+                 "poses kept per session for readers and for streams that come back; older ones are forgotten");
+}
+
+void DefineLimits(CLI::App& app, Arguments& arguments) {
+  ServerOptions& options = arguments.program.server;
+  app.option_defaults()->group("Limits");
+  app.add_option("--max-sessions", options.max_sessions,
+                 "sessions at a time, ended ones included until they are deleted or expire");
+  app.add_option("--max-streams", options.max_streams, "streams of events, poses and health at a time");
+  app.add_option("--max-calls-per-connection", options.max_calls_per_connection,
+                 "calls at a time on one connection; its client waits with more");
+  app.add_option("--max-model-bytes", options.max_model_bytes, "bytes of one model file");
+  app.add_option("--max-model-store-bytes", options.max_model_store_bytes, "bytes of all model files");
+  app.add_option("--max-chunk-bytes", options.max_chunk_bytes, "bytes of one chunk of events");
+  app.add_option("--credit-bytes", options.credit_bytes, "bytes of events that may wait per session");
+  app.add_option("--attach-timeout", arguments.attach_timeout_s,
+                 "seconds that a new stream gets to attach, and an upload for its next message");
+  app.option_defaults()->group("Limits of each tenant, 0: only those of the server");
+  app.add_option("--tenant-max-sessions", options.tenant.max_sessions, "its sessions at a time");
+  app.add_option("--tenant-max-model-bytes", options.tenant.max_model_bytes, "bytes of all its model files");
+  app.add_option("--tenant-max-watchers", options.tenant.max_watchers, "its readers of poses and health at a time");
+  app.add_option("--tenant-max-bytes-per-s", options.tenant.max_bytes_per_s,
+                 "bytes of events per second; streams that bring more are read more slowly");
+}
+
+void DefineArguments(CLI::App& app, Arguments& arguments) {
+  ServerOptions& options = arguments.program.server;
+  options.listen_address = "127.0.0.1:50051";
+  options.store.store = "sqlite";
+  app.footer(kExample);
+  app.set_version_flag("--version", VersionLine("evpose-server"));
+  app.option_defaults()->always_capture_default();
+  app.add_option("--listen", options.listen_address, "HOST:PORT to listen on; port 0 takes a free one");
+  app.add_option("--port-file", arguments.program.port_file, "write the port to this file when ready")
+      ->type_name("FILE");
+  app.add_option(
+         "--metrics-listen", arguments.program.metrics_listen,
+         "HOST:PORT, IPv4, for whoever operates the server: /metrics (Prometheus), /healthz and /readyz over HTTP, "
+         "for everybody who reaches it; port 0 takes a free one. Without it there is none")
+      ->type_name("HOST:PORT");
+  app.add_option("--workers", options.worker_threads, "threads that decode and track; 0: one per core");
+  app.add_option("--shutdown-timeout", arguments.shutdown_timeout_s,
+                 "seconds that streams get to finish when the server leaves");
+  app.add_option("--shutdown-notice", arguments.shutdown_notice_s,
+                 "seconds from SIGTERM or SIGINT until streams are told to finish, in which only readiness and health "
+                 "change: for a load balancer to notice");
+  app.add_option("--log-level", arguments.program.log_level,
+                 "least level of what goes to the log; `evpose server log-level` changes it while the server runs")
+      ->envname("EVPOSE_LOG_LEVEL")
+      ->check(CLI::IsMember({"debug", "info", "warning", "error", "off"}));
+  app.add_option("--log-format", arguments.program.log_format,
+                 "of the log, a line for each event: text, or a JSON object")
+      ->envname("EVPOSE_LOG_FORMAT")
+      ->check(CLI::IsMember({"text", "json"}));
+  DefineAccess(app, arguments);
+  DefineSurvival(app, arguments);
+  DefineLimits(app, arguments);
+}
+
+// Describes an error of ServerOptions::Validate() with the command-line option that sets the invalid field. An error of
+// the TLS files names its options itself.
+std::string InOptions(const absl::Status& status) {
+  constexpr std::pair<absl::string_view, absl::string_view> kOptions[] = {
+      {"listen_address", "--listen: "},
+      {"tls", ""},
+      {"worker_threads", "--workers: "},
+      {"drain_timeout", "--shutdown-timeout: "},
+      {"session_expiry", "--session-expiry: "},
+      {"attach_timeout", "--attach-timeout: "},
+      {"pose_log_capacity", "--pose-log-capacity: "},
+      {"credit_bytes", "--credit-bytes: "},
+      {"max_sessions", "--max-sessions: "},
+      {"max_streams", "--max-streams: "},
+      {"max_calls_per_connection", "--max-calls-per-connection: "},
+      {"max_chunk_bytes", "--max-chunk-bytes: "},
+      {"max_model_bytes", "--max-model-bytes: "},
+      {"max_model_store_bytes", "--max-model-store-bytes: "},
+      {"tenant.max_model_bytes", "--tenant-max-model-bytes: "}};
+  const std::string field = GetErrorDetails(status).field;
+  absl::string_view description = status.message();
+  for (const auto& [name, option] : kOptions) {
+    if (field != name || !absl::ConsumePrefix(&description, absl::StrCat(field, ": "))) continue;
+    return absl::StrCat(option, description);
+  }
+  return std::string(description);
+}
+
+// Why this address must not be listened on, empty when it may.
+std::string Exposure(const ProgramOptions& program, const ListenAddress& address) {
+  const ServerOptions& options = program.server;
+  if (address.IsLoopback() || program.insecure) return "";
+  const std::string reached = absl::StrCat("other machines can reach ", options.listen_address);
+  if (!options.tls.has_tls()) {
+    return absl::StrCat(reached,
+                        ", and nothing is encrypted: give --tls-cert and --tls-key, listen on 127.0.0.1, or say "
+                        "--insecure");
+  }
+  if (options.token_file.empty() && options.tls.client_ca.empty()) {
+    return absl::StrCat(reached,
+                        ", and anybody may use the server: give --token-file or --tls-client-ca, listen on "
+                        "127.0.0.1, or say --insecure");
+  }
+  return "";
+}
+
+// As the help says.
+std::string DefaultDataDirectory() {
+  constexpr std::pair<const char*, const char*> kPlaces[] = {
+      {"STATE_DIRECTORY", ""}, {"XDG_STATE_HOME", "/evpose"}, {"HOME", "/.local/state/evpose"}};
+  for (const auto& [variable, below] : kPlaces) {
+    const char* directory = std::getenv(variable);
+    if (directory != nullptr && *directory != '\0') return absl::StrCat(directory, below);
+  }
+  return "";
+}
+
+// The directories above the default one may not be there yet; one that the user gave is not made up.
+absl::Status ChooseDataDirectory(StoreOptions& options) {
+  if (options.store != "sqlite" || !options.data_dir.empty()) return absl::OkStatus();
+  options.data_dir = DefaultDataDirectory();
+  if (options.data_dir.empty()) {
+    return absl::InvalidArgumentError(
+        "there is no home directory to keep sessions in: give --data-dir, or --store memory");
+  }
+  std::error_code error;
+  std::filesystem::create_directories(std::filesystem::path(options.data_dir).parent_path(), error);
+  if (!error) return absl::OkStatus();
+  return absl::PermissionDeniedError(absl::StrCat("cannot make the directory for ", options.data_dir, ": ",
+                                                  error.message(), "; give --data-dir, or --store memory"));
+}
+
+// What is wrong with --store before anything is opened. Never shows what may be a password.
+absl::Status CheckStore(const std::string& store) {
+  if (store == "sqlite" || store == "memory") return absl::OkStatus();
+  if (absl::StrContains(store, "://")) return ParseRedisAddress(store).status();
+  return absl::InvalidArgumentError(absl::StrCat("there is no store ",
+                                                 absl::StrContains(store, '@') ? "of this name" : store,
+                                                 ": give memory, sqlite or redis://HOST:PORT"));
+}
+
+// What of --store-password-file does not go together with --store.
+absl::Status CheckStorePassword(const ProgramOptions& options) {
+  if (options.store_password_file.empty()) return absl::OkStatus();
+  const auto address = ParseRedisAddress(options.server.store.store);
+  if (!address.ok()) return absl::InvalidArgumentError("is for --store redis://HOST:PORT");
+  if (address->password.empty()) return absl::OkStatus();
+  return absl::InvalidArgumentError("the address of --store has a password already: give one of them");
+}
+
+absl::Status CheckStoreLimit(const StoreOptions& store) {
+  constexpr uint64_t kMinBytes = 1u << 20;
+  if (store.max_bytes < kMinBytes) {
+    return absl::InvalidArgumentError(absl::StrCat("is ", store.max_bytes, "; at least ", kMinBytes));
+  }
+  if (store.max_bytes == StoreOptions().max_bytes || !absl::StrContains(store.store, "://")) {
+    return absl::OkStatus();
+  }
+  return absl::InvalidArgumentError("is for --store sqlite and memory; set maxmemory in Redis instead");
+}
+
+absl::Status CheckMetricsAddress(const ProgramOptions& options) {
+  if (options.metrics_listen.empty()) return absl::OkStatus();
+  EVPOSE_ASSIGN_OR_RETURN(const ListenAddress address, ParseListenAddress(options.metrics_listen));
+  if (address.port == 0 || options.metrics_listen != options.server.listen_address) return absl::OkStatus();
+  return absl::InvalidArgumentError("is the address of --listen: give another port");
+}
+
+// The store's address with the password of the file, escaped.
+absl::StatusOr<std::string> AddStorePassword(const std::string& store, const std::string& file) {
+  constexpr size_t kMaxPasswordBytes = 4096;
+  EVPOSE_ASSIGN_OR_RETURN(const std::string contents, ReadFile(file, kMaxPasswordBytes));
+  const absl::string_view password = absl::StripAsciiWhitespace(contents);
+  if (password.empty()) return absl::InvalidArgumentError(absl::StrCat(file, ": there is no password in it"));
+  const size_t user = store.find("://") + 3;
+  const size_t at = store.rfind('@');
+  std::string text = at == std::string::npos || at == user ? ":" : "";
+  for (const char c : password) text += absl::StrFormat("%%%02X", static_cast<unsigned char>(c));
+  if (at != std::string::npos) return absl::StrCat(store.substr(0, at), text, store.substr(at));
+  return absl::StrCat(store.substr(0, user), text, "@", store.substr(user));
+}
+
+// The seconds as durations, in their place.
+void TakeSeconds(const Arguments& arguments, ServerOptions& options) {
+  arguments.program.shutdown_notice = absl::Seconds(arguments.shutdown_notice_s);
+  options.attach_timeout = absl::Seconds(arguments.attach_timeout_s);
+  options.session_expiry = absl::Seconds(arguments.session_expiry_s);
+  options.drain_timeout = absl::Seconds(arguments.shutdown_timeout_s);
+}
+
+}  // namespace
+
+ParsedOptions ParseOptions(int argc, char** argv) {
+  ParsedOptions parsed;
+  Arguments arguments = {parsed.options};
+  CLI::App app("Tracks objects in event streams: sessions over gRPC, poses out.", "evpose-server");
+  try {
+    DefineArguments(app, arguments);
+    app.parse(argc, argv);
+  } catch (const CLI::ParseError& error) {
+    parsed.is_answered = true;
+    parsed.is_wrong = error.get_exit_code() != 0;
+    if (!parsed.is_wrong) app.exit(error);  // --help and --version, which it prints
+    if (parsed.is_wrong) std::cerr << "evpose-server: " << error.what() << "; --help lists the options" << std::endl;
+    return parsed;
+  }
+  TakeSeconds(arguments, parsed.options.server);
+  return parsed;
+}
+
+std::string WrongUsage(const ProgramOptions& options) {
+  if (const absl::Status status = options.server.Validate(); !status.ok()) return InOptions(status);
+  if (const absl::Status status = CheckStore(options.server.store.store); !status.ok()) {
+    return absl::StrCat("--store: ", status.message());
+  }
+  if (const absl::Status status = CheckStorePassword(options); !status.ok()) {
+    return absl::StrCat("--store-password-file: ", status.message());
+  }
+  if (const absl::Status status = CheckMetricsAddress(options); !status.ok()) {
+    return absl::StrCat("--metrics-listen: ", status.message());
+  }
+  if (const absl::Status status = CheckStoreLimit(options.server.store); !status.ok()) {
+    return absl::StrCat("--store-max-bytes: ", status.message());
+  }
+  if (options.shutdown_notice < absl::ZeroDuration()) return "--shutdown-notice: must not be negative";
+  const auto address = ParseListenAddress(options.server.listen_address);
+  return address.ok() ? Exposure(options, *address) : std::string(address.status().message());
+}
+
+absl::Status CompleteStore(ProgramOptions& options) {
+  StoreOptions& store = options.server.store;
+  EVPOSE_RETURN_IF_ERROR(ChooseDataDirectory(store));
+  if (options.store_password_file.empty()) return absl::OkStatus();
+  EVPOSE_ASSIGN_OR_RETURN(store.store, AddStorePassword(store.store, options.store_password_file));
+  return absl::OkStatus();
+}
+
+std::string StoreForLog(const StoreOptions& options) {
+  if (options.store == "sqlite") return absl::StrCat("sqlite in ", options.data_dir);
+  const auto address = ParseRedisAddress(options.store);
+  return address.ok() ? address->Printable() : options.store;
+}
+
+}  // namespace evpose::server

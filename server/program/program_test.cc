@@ -1,0 +1,299 @@
+// SPDX-License-Identifier: Apache-2.0
+
+// evpose-server as its users meet it: what it prints, its exit statuses, its signals.
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <unistd.h>
+
+#include <csignal>
+#include <nlohmann/json.hpp>
+#include <string>
+#include <vector>
+
+#include "absl/strings/match.h"
+#include "absl/strings/numbers.h"
+#include "absl/strings/str_split.h"
+#include "server/http/http_client_testing.h"
+#include "server/program/program_testing.h"
+#include "server/stores/redis/redis_testing.h"
+#include "server/telemetry/prometheus_testing.h"
+
+namespace evpose::server {
+namespace {
+
+TEST(ProgramTest, SaysWhereItListensAndLeavesAtASignal) {
+  for (const int number : {SIGTERM, SIGINT}) {
+    const std::string port_file = TemporaryPath("port");
+    Program program({"--listen", "127.0.0.1:0", "--port-file", port_file});
+    const std::string line = program.ReadLine();
+    ASSERT_TRUE(absl::StartsWith(line, "listening on 127.0.0.1:")) << line;
+    int port = 0;
+    ASSERT_TRUE(absl::SimpleAtoi(line.substr(line.rfind(':') + 1), &port));
+    EXPECT_GT(port, 0);
+    EXPECT_EQ(Contents(port_file), std::to_string(port) + "\n");
+    unlink(port_file.c_str());
+
+    Program second({"--listen", "127.0.0.1:" + std::to_string(port)});
+    EXPECT_EQ(second.Wait(), 1);
+    const std::string error = second.Stderr();
+    EXPECT_THAT(
+        error,
+        testing::MatchesRegex(
+            "evpose-server: cannot listen on 127.0.0.1:[0-9]+: .* in use; another program has this port[^\n]*\n"));
+
+    program.Signal(number);
+    EXPECT_EQ(program.Wait(), 0);
+  }
+}
+
+TEST(ProgramTest, TellsWrongUsage) {
+  const std::vector<std::pair<std::vector<std::string>, std::string>> cases = {
+      {{"--no-such-option"}, "--no-such-option"},
+      {{"--listen", "nowhere"}, "has no port"},
+      {{"--listen", "0.0.0.0:0"}, "--insecure"},
+      {{"--workers", "-1"}, "--workers: is -1;"},
+      {{"--tls-cert", "c"}, "--tls-cert needs --tls-key"},
+      {{"--listen", "0.0.0.0:0", "--token-file", "t"}, "nothing is encrypted"},
+      {{"--listen", "0.0.0.0:0", "--tls-cert", "c", "--tls-key", "k"}, "anybody may use the server"},
+      {{"--new-token", "two words"}, "is no tenant's name"},
+      {{"--operator"}, "--new-token"},
+      {{"--max-sessions", "0"}, "--max-sessions: is 0;"},
+      {{"--shutdown-timeout", "-1"}, "--shutdown-timeout: must not be negative"},
+      {{"--shutdown-notice", "-0.1"}, "--shutdown-notice: must not be negative"},
+      {{"--credit-bytes", "8"}, "--credit-bytes: is 8; at least "},
+      {{"--tenant-max-model-bytes", "8"}, "--tenant-max-model-bytes: is 8; 0 (no own limit) or at least "},
+      {{"--store", "foo"}, "--store: there is no store foo: give memory, sqlite or redis://HOST:PORT"},
+      {{"--store", "redis://"}, "--store: the store's address has no host"},
+      {{"--store-max-bytes", "1000"}, "--store-max-bytes: is 1000; at least 1048576"},
+      {{"--store", "redis://localhost", "--store-max-bytes", "2000000"}, "set maxmemory in Redis instead"},
+      {{"--store-password-file", "p"}, "--store-password-file: is for --store redis://HOST:PORT"},
+      {{"--store", "redis://:one@localhost", "--store-password-file", "p"}, "has a password already"},
+      {{"--log-level", "loud"}, "--log-level"},
+      {{"--log-format", "xml"}, "--log-format"},
+      {{"--metrics-listen", "9464"}, "--metrics-listen: address \"9464\" has no port; give HOST:PORT"},
+      {{"--metrics-listen", "localhost:port"},
+       "--metrics-listen: address \"localhost:port\" has a port that is no number"},
+      {{"--listen", "127.0.0.1:9464", "--metrics-listen", "127.0.0.1:9464"},
+       "--metrics-listen: is the address of --listen: give another port"},
+  };
+  for (const auto& [arguments, expected] : cases) {
+    Program program(arguments);
+    EXPECT_EQ(program.Wait(), 2) << expected;
+    const std::string said = program.Stderr();
+    EXPECT_THAT(said, testing::HasSubstr(expected));
+    EXPECT_THAT(said, testing::MatchesRegex("evpose-server: [^\n]*\n")) << "more than a line";
+  }
+}
+
+TEST(ProgramTest, ABadStartIsOneLineWithCauseAndRemedy) {
+  const std::string prose = TemporaryPath("prose");
+  std::ofstream(prose) << "neither key nor certificate, nor token\n";
+  const std::vector<std::pair<std::vector<std::string>, std::string>> cases = {
+      {{"--tls-cert", "/no/such.crt", "--tls-key", "/no/such.key"}, "/no/such.crt[^\n]*"},
+      {{"--tls-cert", prose, "--tls-key", prose}, prose + "[^\n]*certificate[^\n]*"},
+      {{"--token-file", "/no/such/tokens"}, "/no/such/tokens[^\n]*"},
+      {{"--token-file", prose}, prose + ":1: [^\n]*--new-token[^\n]*"},
+      {{"--store", "redis://localhost", "--store-password-file", "/no/such/password"}, "/no/such/password[^\n]*"},
+      {{"--store", "redis://localhost", "--store-password-file", "/dev/null"},
+       "/dev/null[^\n]*there is no password in it"},
+      {{"--store", "redis://127.0.0.1:1"}, "[^\n]*127.0.0.1:1/0 does not answer: [^\n]*start Redis there[^\n]*"},
+      {{"--store", "sqlite", "--data-dir", "/dev/null"}, "data directory /dev/null: [^\n]*another --data-dir"},
+      {{"--store", "sqlite", "--data-dir", "/proc/evpose"}, "data directory /proc/evpose: [^\n]*another --data-dir"},
+      {{"--store", "sqlite", "--data-dir", "/sys/evpose"},
+       "data directory /sys/evpose: [^\n]*let the server's user write there, or choose another --data-dir"},
+      {{"--port-file", "/no/such/directory/port"}, "/no/such/directory/port[^\n]*"},
+  };
+  for (const auto& [arguments, expected] : cases) {
+    std::vector<std::string> all = {"--listen", "127.0.0.1:0", "--log-level", "warning"};
+    all.insert(all.end(), arguments.begin(), arguments.end());
+    Program program(all);
+    EXPECT_EQ(program.Wait(), 1) << expected;
+    EXPECT_THAT(program.Stderr(), testing::MatchesRegex("evpose-server: " + expected + "\n"));
+  }
+  unlink(prose.c_str());
+}
+
+TEST(ProgramTest, ARedisThatCannotBeUsedIsOneLineWithoutItsPassword) {
+  const RedisServer redis({"--requirepass", "right-secret"});
+  // Of an address that is none, and of a server that does not answer or refuses.
+  const std::vector<std::pair<std::string, std::string>> malformed = {
+      {"redis://:wrong-secret@127.0.0.1:none", "port[^\n]*give redis://"},
+      {"redis://user:wrong-secret@127.0.0.1:1/x", "database[^\n]*give redis://"},
+      {"rediss://user:wrong-secret@127.0.0.1", "no TLS; use redis://"},
+      {"http://user:wrong-secret@127.0.0.1", "scheme[^\n]*give redis://"},
+      {"redis:/user:wrong-secret@127.0.0.1", "there is no store of this name: give memory, sqlite or redis://"},
+  };
+  const std::vector<std::pair<std::string, std::string>> cases = {
+      {"redis+unix:///no/such/socket", "/no/such/socket does not answer: No such file[^\n]*start Redis there"},
+      {"redis+unix://user:wrong-secret@/no/such/socket", "/no/such/socket does not answer: [^\n]*start Redis there"},
+      {redis.url(), "NOAUTH[^\n]*check the user and password of --store"},
+      {redis.url(":wrong-secret@"), "WRONGPASS[^\n]*check the user and password of --store"},
+  };
+  const auto expect = [](const std::string& store, int status, const std::string& expected) {
+    Program program({"--listen", "127.0.0.1:0", "--store", store});
+    EXPECT_EQ(program.Wait(), status) << store;
+    const std::string said = program.Stderr();
+    EXPECT_THAT(said, testing::MatchesRegex("evpose-server: [^\n]*" + expected + "[^\n]*\n")) << store;
+    EXPECT_THAT(said, testing::Not(testing::HasSubstr("secret"))) << store;
+  };
+  for (const auto& [store, expected] : malformed) expect(store, 2, expected);
+  for (const auto& [store, expected] : cases) expect(store, 1, expected);
+  Program program({"--listen", "127.0.0.1:0", "--store", redis.url(":right-secret@")});
+  EXPECT_TRUE(absl::StartsWith(program.ReadLine(), "listening on 127.0.0.1:")) << program.Stderr();
+  EXPECT_THAT(program.Stderr(), testing::Not(testing::HasSubstr("secret")));
+}
+
+TEST(ProgramTest, APasswordNeedNotBeInTheArguments) {
+  const std::string password = "right:secret@/% \xc3\xa9";  // what has a meaning in an address
+  const RedisServer redis({"--requirepass", password});
+  const std::string path = TemporaryPath("password");
+  std::ofstream(path) << password << "\n";
+  const auto expect_ready = [](Program& program) {
+    EXPECT_TRUE(absl::StartsWith(program.ReadLine(), "listening on 127.0.0.1:")) << program.Stderr();
+    const std::string said = program.Stderr();
+    EXPECT_THAT(said, testing::HasSubstr(" store=redis+unix:///"));
+    EXPECT_THAT(said, testing::Not(testing::HasSubstr("secret")));
+    program.Signal(SIGTERM);
+    EXPECT_EQ(program.Wait(), 0);
+  };
+  for (const std::string user : {"", "default:@"}) {
+    Program program({"--listen", "127.0.0.1:0", "--store", redis.url(user), "--store-password-file", path});
+    expect_ready(program);
+  }
+  unlink(path.c_str());
+  setenv("EVPOSE_STORE", redis.url(":right%3Asecret%40%2F%25%20%C3%A9@").c_str(), 1);
+  Program program({"--listen", "127.0.0.1:0"});
+  unsetenv("EVPOSE_STORE");
+  expect_ready(program);
+}
+
+TEST(ProgramTest, TheCommandLineGoesBeforeTheEnvironment) {
+  setenv("EVPOSE_STORE", "foo", 1);
+  {
+    Program program({"--listen", "127.0.0.1:0"});
+    EXPECT_EQ(program.Wait(), 2);
+    EXPECT_THAT(program.Stderr(), testing::HasSubstr("there is no store foo"));
+  }
+  Program program({"--listen", "127.0.0.1:0", "--store", "memory"});
+  unsetenv("EVPOSE_STORE");
+  EXPECT_TRUE(absl::StartsWith(program.ReadLine(), "listening on 127.0.0.1:")) << program.Stderr();
+}
+
+TEST(ProgramTest, ATokenThatItMakesIsOneThatItTakes) {
+  Program maker({"--new-token", "lab", "--operator"});
+  const std::string token = maker.ReadLine();
+  EXPECT_EQ(maker.Wait(), 0);
+  EXPECT_TRUE(absl::StartsWith(token, "evpose_")) << token;
+  const std::string said = maker.Stderr();
+  const size_t line = said.find("lab ");
+  ASSERT_NE(line, std::string::npos) << said;
+  const std::string path = TemporaryPath("tokens");
+  std::ofstream(path) << said.substr(line);
+  Program program({"--listen", "127.0.0.1:0", "--token-file", path});
+  EXPECT_TRUE(absl::StartsWith(program.ReadLine(), "listening on 127.0.0.1:"));
+  program.Signal(SIGTERM);
+  EXPECT_EQ(program.Wait(), 0);
+  EXPECT_THAT(program.Stderr(), testing::HasSubstr(" tokens=1\n"));
+  EXPECT_THAT(program.Stderr(), testing::Not(testing::HasSubstr(token)));
+  unlink(path.c_str());
+}
+
+TEST(ProgramTest, TellsItsOperatorsHowItIs) {
+  Program program({"--listen", "127.0.0.1:0", "--metrics-listen", "127.0.0.1:0"});
+  ASSERT_TRUE(absl::StartsWith(program.ReadLine(), "listening on 127.0.0.1:"));
+  const std::string line = program.ReadLine();
+  ASSERT_TRUE(absl::StartsWith(line, "metrics on 127.0.0.1:")) << line;
+  int port = 0;
+  ASSERT_TRUE(absl::SimpleAtoi(line.substr(line.rfind(':') + 1), &port));
+  EXPECT_THAT(program.Stderr(), testing::HasSubstr("http://127.0.0.1:" + std::to_string(port) + "/metrics"));
+  EXPECT_EQ(Ask(port, "/healthz").status, 200);
+  EXPECT_EQ(Ask(port, "/readyz").status, 200);
+  const ParsedMetrics metrics = ParseMetrics(Ask(port, "/metrics").body);
+  EXPECT_EQ(metrics.At("evpose_ready"), 1.0);
+  EXPECT_EQ(metrics.At("evpose_max_sessions"), 64.0);
+  EXPECT_EQ(metrics.types.at("evpose_build_info"), "gauge");
+
+  Program second({"--listen", "127.0.0.1:0", "--metrics-listen", "127.0.0.1:" + std::to_string(port)});
+  EXPECT_EQ(second.Wait(), 1);
+  EXPECT_THAT(
+      second.Stderr(),
+      testing::MatchesRegex("evpose-server: --metrics-listen: cannot listen on 127.0.0.1:[0-9]+: .* in use; another "
+                            "program has this port: give another, or 0 for a free one\n"));
+  program.Signal(SIGTERM);
+  EXPECT_EQ(program.Wait(), 0);
+}
+
+TEST(ProgramTest, AnAddressForMetricsThatIsNotOfThisMachine) {
+  for (const char* address : {"192.0.2.1:0", "no.such.host.invalid:9464"}) {
+    Program program({"--listen", "127.0.0.1:0", "--metrics-listen", address});
+    EXPECT_EQ(program.Wait(), 1);
+    EXPECT_THAT(program.Stderr(), testing::MatchesRegex("evpose-server: --metrics-listen: cannot listen on [^\n]*\n"));
+  }
+}
+
+TEST(ProgramTest, SaysWhatItWasBuiltOf) {
+  Program program({"--version"});
+  EXPECT_THAT(program.ReadLine(),
+              testing::MatchesRegex("evpose-server [0-9]+\\.[0-9]+\\.[0-9]+ \\([0-9A-Za-z._-]+\\)"));
+  EXPECT_EQ(program.Wait(), 0);
+}
+
+// The events of a log of JSON objects, one a line.
+std::vector<std::string> EventsOf(const std::string& log) {
+  std::vector<std::string> events;
+  for (const absl::string_view line : absl::StrSplit(log, '\n', absl::SkipEmpty())) {
+    const auto json = nlohmann::json::parse(std::string(line), nullptr, false);
+    if (!json.is_object()) {
+      ADD_FAILURE() << "no JSON object: " << line;
+      continue;
+    }
+    EXPECT_THAT(json.value("time", ""), testing::MatchesRegex("20[0-9-]+T[0-9:.]+[+-][0-9:]+")) << line;
+    EXPECT_THAT(json.value("level", ""), testing::AnyOf("info", "warning", "error")) << line;
+    events.push_back(json.value("event", ""));
+  }
+  return events;
+}
+
+TEST(ProgramTest, ItsLogMayBeJson) {
+  Program program({"--listen", "127.0.0.1:0", "--log-format", "json"});
+  EXPECT_TRUE(absl::StartsWith(program.ReadLine(), "listening on "));
+  program.Signal(SIGTERM);
+  EXPECT_EQ(program.Wait(), 0);
+  EXPECT_THAT(EventsOf(program.Stderr()), testing::ElementsAre("server_ready", "server_draining", "server_stopped"));
+
+  setenv("EVPOSE_LOG_FORMAT", "json", 1);
+  setenv("EVPOSE_LOG_LEVEL", "off", 1);
+  {
+    Program quiet({"--listen", "127.0.0.1:0"});
+    EXPECT_TRUE(absl::StartsWith(quiet.ReadLine(), "listening on "));
+    quiet.Signal(SIGTERM);
+    EXPECT_EQ(quiet.Wait(), 0);
+    EXPECT_EQ(quiet.Stderr(), "");
+  }
+  Program failing({"--listen", "127.0.0.1:0", "--port-file", "/no/such/directory/port"});
+  unsetenv("EVPOSE_LOG_FORMAT");
+  unsetenv("EVPOSE_LOG_LEVEL");
+  EXPECT_EQ(failing.Wait(), 1);
+  EXPECT_THAT(EventsOf(failing.Stderr()), testing::ElementsAre("server_failed")) << "why it ends is told at any level";
+}
+
+TEST(ProgramTest, HelpShowsAnExample) {
+  Program program({"--help"});
+  std::string text;
+  for (std::string line = program.ReadLine(); !absl::StrContains(line, "ends it at once"); line = program.ReadLine()) {
+    text += line + "\n";
+    ASSERT_LT(text.size(), 100'000u);
+  }
+  EXPECT_EQ(program.Wait(), 0);
+  EXPECT_THAT(text, testing::HasSubstr("evpose-server --listen 127.0.0.1:50051"));
+}
+
+TEST(ProgramTest, ListensForOtherMachinesWhenToldTo) {
+  Program program({"--listen", "0.0.0.0:0", "--insecure"});
+  EXPECT_TRUE(absl::StartsWith(program.ReadLine(), "listening on 0.0.0.0:"));
+  program.Signal(SIGTERM);
+  EXPECT_EQ(program.Wait(), 0);
+}
+
+}  // namespace
+}  // namespace evpose::server

@@ -1,0 +1,107 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "server/sessions/durability/orphan_sweep.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include "server/sessions/store_testing.h"
+#include "server/stores/memory/memory_store.h"
+#include "server/stores/open_store.h"
+#include "server/stores/redis/redis_testing.h"
+#include "server/stores/sqlite/sqlite_store.h"
+#include "server/stores/store_suite_testing.h"
+
+namespace evpose::server {
+namespace {
+
+constexpr absl::Duration kExpiry = absl::Minutes(1);
+
+// Runs `hook`, once, when the lifecycles have been read.
+class HookedStore : public TroubledStore {
+ public:
+  using TroubledStore::TroubledStore;
+  absl::StatusOr<std::vector<StoredLifecycle>> ReadLifecycles() const override {
+    auto lifecycles = TroubledStore::ReadLifecycles();
+    if (const auto once = std::exchange(hook, nullptr)) once();
+    return lifecycles;
+  }
+
+  mutable std::function<void()> hook;
+};
+
+class OrphanSweepTest : public testing::TestWithParam<std::string> {
+ protected:
+  std::shared_ptr<Store> OpenStore() {
+    if (GetParam() == "Memory") return MakeMemoryStore();
+    if (GetParam() == "Sqlite") return OpenSqliteStore({.data_dir = directory_.path() + "/data"}).value();
+    redis_ = std::make_unique<RedisServer>();
+    return server::OpenStore({.store = redis_->url()}).value();
+  }
+  void Sweep(absl::Duration later = kExpiry / 2) {
+    now_ += later;
+    sweep_.Sweep(now_, [](const std::string& name) { return name == "sessions/here"; });
+  }
+  std::vector<std::string> Names() {
+    const std::vector<SessionRecord> records = store_->ListSessions().value();
+    std::vector<std::string> names;
+    for (const SessionRecord& record : records) names.push_back(record.name);
+    return names;
+  }
+
+  const TemporaryDirectory directory_;
+  std::unique_ptr<RedisServer> redis_;
+  absl::Time now_ = absl::FromUnixSeconds(1'000'000);
+  const std::shared_ptr<Trouble> trouble_ = std::make_shared<Trouble>();
+  const std::shared_ptr<Store> store_ = OpenStore();
+  HookedStore hooked_{store_, trouble_};
+  OrphanSweep sweep_{hooked_, kExpiry};
+};
+
+INSTANTIATE_TEST_SUITE_P(Stores, OrphanSweepTest, testing::Values("Memory", "Sqlite", "Redis"),
+                         [](const auto& tested) { return tested.param; });
+
+TEST_P(OrphanSweepTest, DeletesWhatNoServerRenews) {
+  ASSERT_TRUE(store_->CreateSession(Record("sessions/dead"), "attached").ok());
+  ASSERT_TRUE(store_->CreateSession(Record("sessions/here"), "attached").ok());
+  const auto alive = store_->CreateSession(Record("sessions/alive"), "attached").value();
+  for (int i = 0; i < 4; ++i) {
+    Sweep();
+    ASSERT_TRUE(CommitNow(*alive, {.lifecycle = std::to_string(i)}).ok());
+    EXPECT_EQ(Names().size(), 3u) << "it is not long enough ago";
+  }
+  for (int i = 4; i < 10; ++i) {
+    Sweep();
+    ASSERT_TRUE(CommitNow(*alive, {.lifecycle = std::to_string(i)}).ok()) << "nobody has taken it";
+    EXPECT_THAT(Names(), testing::ElementsAre("sessions/alive", "sessions/here"));
+  }
+}
+
+TEST_P(OrphanSweepTest, WhoComesBackJustThenKeepsTheSession) {
+  const auto lease = store_->CreateSession(Record("sessions/late"), "attached").value();
+  for (int i = 0; i < 4; ++i) Sweep();
+  hooked_.hook = [&lease] { ASSERT_TRUE(CommitNow(*lease, {.lifecycle = "attached again"}).ok()); };
+  Sweep();
+  EXPECT_EQ(store_->ReadSession("sessions/late")->lifecycle, "attached again");
+
+  for (int i = 0; i < 4; ++i) Sweep();
+  hooked_.hook = [this] { ASSERT_TRUE(store_->TakeSession("sessions/late").ok()); };
+  Sweep();
+  EXPECT_TRUE(Names().empty()) << "who only takes it has not come back";
+}
+
+TEST_P(OrphanSweepTest, AWhileInWhichNobodyCouldRenewDoesNotCount) {
+  ASSERT_TRUE(store_->CreateSession(Record("sessions/a"), "attached").ok());
+  Sweep();
+  Sweep(10 * kExpiry);
+  EXPECT_EQ(Names().size(), 1u) << "this server stood still";
+  trouble_->Set(absl::UnavailableError("away"));
+  for (int i = 0; i < 10; ++i) Sweep();
+  trouble_->Set(absl::OkStatus());
+  for (int i = 0; i < 4; ++i) Sweep();
+  EXPECT_EQ(Names().size(), 1u) << "the store was away";
+  Sweep();
+  EXPECT_TRUE(Names().empty());
+}
+
+}  // namespace
+}  // namespace evpose::server

@@ -1,0 +1,440 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "server/sessions/durability/session_codec.h"
+
+#include <algorithm>
+#include <optional>
+#include <utility>
+
+#include "absl/strings/str_cat.h"
+#include "core/base/status_macros.h"
+#include "evpose/storage/v1/session.pb.h"
+#include "google/protobuf/arena.h"
+
+namespace evpose::server {
+namespace {
+
+namespace pb = storage::v1;
+
+constexpr int kDigestBytes = 64;  // hexadecimal digits
+// Of EventDecoder::SaveState: raised when its bytes change; the earlier formats are still read then.
+constexpr uint32_t kDecoderFormat = 1;
+
+constexpr std::pair<Encoding, pb::Encoding> kEncodings[] = {{Encoding::kEvt3, pb::ENCODING_EVT3},
+                                                            {Encoding::kEvt21, pb::ENCODING_EVT21},
+                                                            {Encoding::kEvt2, pb::ENCODING_EVT2},
+                                                            {Encoding::kDat, pb::ENCODING_DAT},
+                                                            {Encoding::kFlat64, pb::ENCODING_FLAT64}};
+constexpr std::pair<OverloadPolicy, pb::OverloadPolicy> kOverloadPolicies[] = {
+    {OverloadPolicy::kBlock, pb::OVERLOAD_POLICY_BLOCK}, {OverloadPolicy::kLatest, pb::OVERLOAD_POLICY_LATEST}};
+constexpr std::pair<TrackState, pb::TrackState> kTrackStates[] = {
+    {TrackState::kInitializing, pb::TRACK_STATE_INITIALIZING},
+    {TrackState::kTracking, pb::TRACK_STATE_TRACKING},
+    {TrackState::kDegraded, pb::TRACK_STATE_DEGRADED},
+    {TrackState::kLost, pb::TRACK_STATE_LOST}};
+constexpr std::pair<InitializationStatus, pb::InitializationStatus> kInitializationStatuses[] = {
+    {InitializationStatus::kNotNeeded, pb::INITIALIZATION_STATUS_NOT_NEEDED},
+    {InitializationStatus::kWaitingForEvents, pb::INITIALIZATION_STATUS_WAITING_FOR_EVENTS},
+    {InitializationStatus::kTooFewLines, pb::INITIALIZATION_STATUS_TOO_FEW_LINES},
+    {InitializationStatus::kNoPoseFits, pb::INITIALIZATION_STATUS_NO_POSE_FITS},
+    {InitializationStatus::kVerifying, pb::INITIALIZATION_STATUS_VERIFYING},
+    {InitializationStatus::kAmbiguous, pb::INITIALIZATION_STATUS_AMBIGUOUS}};
+
+template <typename Value, typename Stored, size_t kSize>
+Stored ToStored(const std::pair<Value, Stored> (&table)[kSize], Value value) {
+  for (const auto& [known, stored] : table) {
+    if (known == value) return stored;
+  }
+  return Stored();
+}
+
+// What is wrong with a record first. Reading goes on after it; nothing that was read is used then.
+class RecordCheck {
+ public:
+  void Require(bool good, absl::string_view what) {
+    if (!good && what_.empty()) what_ = std::string(what);
+  }
+  absl::Status Finish(absl::string_view record) const {
+    if (what_.empty()) return absl::OkStatus();
+    return absl::DataLossError(absl::StrCat("the ", record, " is damaged: ", what_));
+  }
+
+ private:
+  std::string what_;
+};
+
+// An enum that is absent keeps the default of `value`.
+template <typename Value, typename Stored, size_t kSize>
+void FromStored(const std::pair<Value, Stored> (&table)[kSize], Stored stored, RecordCheck& check, Value& value) {
+  if (stored == Stored()) return;
+  for (const auto& [known, number] : table) {
+    if (number == stored) {
+      value = known;
+      return;
+    }
+  }
+  check.Require(false, "a choice that this version does not know");
+}
+
+template <typename Message>
+absl::Status Parse(absl::string_view bytes, absl::string_view record, Message& message) {
+  if (message.ParseFromArray(bytes.data(), static_cast<int>(bytes.size()))) return absl::OkStatus();
+  return absl::DataLossError(absl::StrCat("the ", record, " is damaged: it cannot be parsed"));
+}
+
+using Numbers = google::protobuf::RepeatedField<double>;
+
+void SetNumbers(const auto& matrix, Numbers& numbers) { numbers.Assign(matrix.data(), matrix.data() + matrix.size()); }
+
+void GetNumbers(const Numbers& numbers, RecordCheck& check, auto& matrix) {
+  check.Require(static_cast<size_t>(numbers.size()) == static_cast<size_t>(matrix.size()),
+                "a matrix or a vector has another size");
+  if (static_cast<size_t>(numbers.size()) == static_cast<size_t>(matrix.size())) {
+    std::copy(numbers.begin(), numbers.end(), matrix.data());
+  }
+}
+
+void ToStored(const CameraModel& camera, pb::Camera& stored) {
+  const auto& [width_px, height_px, fx_px, fy_px, cx_px, cy_px, distortion] = camera;
+  stored.set_width_px(width_px);
+  stored.set_height_px(height_px);
+  stored.set_fx_px(fx_px);
+  stored.set_fy_px(fy_px);
+  stored.set_cx_px(cx_px);
+  stored.set_cy_px(cy_px);
+  SetNumbers(distortion, *stored.mutable_distortion());
+}
+
+void FromStored(const pb::Camera& stored, RecordCheck& check, CameraModel& camera) {
+  camera.width_px = stored.width_px();
+  camera.height_px = stored.height_px();
+  camera.fx_px = stored.fx_px();
+  camera.fy_px = stored.fy_px();
+  camera.cx_px = stored.cx_px();
+  camera.cy_px = stored.cy_px();
+  GetNumbers(stored.distortion(), check, camera.distortion);
+}
+
+void ToStored(const SensorProfile& sensor, pb::Sensor& stored) {
+  const auto& [name, pixel_noise_px, blur_px, contrast_threshold, refractory_us, latency_us] = sensor;
+  stored.set_name(name);
+  stored.set_pixel_noise_px(pixel_noise_px);
+  stored.set_blur_px(blur_px);
+  stored.set_contrast_threshold(contrast_threshold);
+  stored.set_refractory_us(refractory_us);
+  stored.set_latency_us(latency_us);
+}
+
+void FromStored(const pb::Sensor& stored, SensorProfile& sensor) {
+  sensor.name = stored.name();
+  if (stored.has_pixel_noise_px()) sensor.pixel_noise_px = stored.pixel_noise_px();
+  if (stored.has_blur_px()) sensor.blur_px = stored.blur_px();
+  if (stored.has_contrast_threshold()) sensor.contrast_threshold = stored.contrast_threshold();
+  if (stored.has_refractory_us()) sensor.refractory_us = stored.refractory_us();
+  if (stored.has_latency_us()) sensor.latency_us = stored.latency_us();
+}
+
+void ToStored(const ObjectConfig& object, pb::TrackedObject& stored) {
+  const auto& [object_id, model, initial_camera_from_object, reference_rotation] = object;
+  stored.set_object_id(object_id);
+  stored.set_model(model);
+  if (initial_camera_from_object.has_value()) {
+    pb::RigidTransform& initial = *stored.mutable_initial_camera_from_object();
+    SetNumbers(initial_camera_from_object->rotation, *initial.mutable_rotation());
+    SetNumbers(initial_camera_from_object->translation_m, *initial.mutable_translation_m());
+  }
+  SetNumbers(reference_rotation, *stored.mutable_reference_rotation());
+}
+
+void FromStored(const pb::TrackedObject& stored, RecordCheck& check, ObjectConfig& object) {
+  object.object_id = stored.object_id();
+  object.model = stored.model();
+  if (stored.has_initial_camera_from_object()) {
+    const pb::RigidTransform& initial = stored.initial_camera_from_object();
+    object.initial_camera_from_object.emplace();
+    GetNumbers(initial.rotation(), check, object.initial_camera_from_object->rotation);
+    GetNumbers(initial.translation_m(), check, object.initial_camera_from_object->translation_m);
+  }
+  if (!stored.reference_rotation().empty()) {
+    GetNumbers(stored.reference_rotation(), check, object.reference_rotation);
+  }
+}
+
+std::string NameOf(Estimator estimator) {
+  for (const auto& [known, name] : kEstimatorNames) {
+    if (known == estimator) return std::string(name);
+  }
+  return "";
+}
+
+void FromStored(const std::string& name, RecordCheck& check, Estimator& estimator) {
+  for (const auto& [known, known_name] : kEstimatorNames) {
+    if (known_name != name) continue;
+    estimator = known;
+    return;
+  }
+  check.Require(false, "an estimator that this version does not know");
+}
+
+void ToStored(const DecodeCounts& counts, pb::DecodeCounts& stored) {
+  const auto& [cd_events, triggers, dropped_before_time, dropped_outside_sensor, kept_outside_sensor, unknown_words,
+               broken_vectors, time_backsteps, clock_wraps] = counts;
+  stored.set_cd_events(cd_events);
+  stored.set_triggers(triggers);
+  stored.set_dropped_before_time(dropped_before_time);
+  stored.set_dropped_outside_sensor(dropped_outside_sensor);
+  stored.set_kept_outside_sensor(kept_outside_sensor);
+  stored.set_unknown_words(unknown_words);
+  stored.set_broken_vectors(broken_vectors);
+  stored.set_time_backsteps(time_backsteps);
+  stored.set_clock_wraps(clock_wraps);
+}
+
+DecodeCounts FromStored(const pb::DecodeCounts& stored) {
+  return {.cd_events = stored.cd_events(),
+          .triggers = stored.triggers(),
+          .dropped_before_time = stored.dropped_before_time(),
+          .dropped_outside_sensor = stored.dropped_outside_sensor(),
+          .kept_outside_sensor = stored.kept_outside_sensor(),
+          .unknown_words = stored.unknown_words(),
+          .broken_vectors = stored.broken_vectors(),
+          .time_backsteps = stored.time_backsteps(),
+          .clock_wraps = stored.clock_wraps()};
+}
+
+void ToStored(const ObjectHealth& object, pb::ObjectHealth& stored) {
+  const auto& [state, losses, explained_ratio, initialization] = object;
+  const auto& [status, attempts, num_lines] = initialization;
+  stored.set_state(ToStored(kTrackStates, state));
+  stored.set_losses(losses);
+  stored.set_explained_ratio(explained_ratio);
+  stored.set_initialization(ToStored(kInitializationStatuses, status));
+  stored.set_initialization_attempts(attempts);
+  stored.set_initialization_lines(num_lines);
+}
+
+void FromStored(const pb::ObjectHealth& stored, RecordCheck& check, ObjectHealth& object) {
+  FromStored(kTrackStates, stored.state(), check, object.state);
+  object.losses = stored.losses();
+  object.explained_ratio = stored.explained_ratio();
+  FromStored(kInitializationStatuses, stored.initialization(), check, object.initialization.status);
+  object.initialization.attempts = stored.initialization_attempts();
+  object.initialization.num_lines = stored.initialization_lines();
+}
+
+void ToStored(const SessionHealth& health, pb::SessionHealth& stored) {
+  // What passes is not stored: the bytes received but not processed, the age of the queue, and the percentiles, which
+  // follow from the histogram of latencies.
+  const auto& [t_us, received_bytes, processed_bytes, counts, poses, reattaches, sensor_time_us, processing_us,
+               queue_age_us, skipped_events, skipped_us, latency_p50_us, latency_p99_us, objects] = health;
+  stored.set_t_us(t_us);
+  stored.set_processed_bytes(processed_bytes);
+  ToStored(counts, *stored.mutable_counts());
+  stored.set_poses(poses);
+  stored.set_reattaches(reattaches);
+  stored.set_sensor_time_us(sensor_time_us);
+  stored.set_processing_us(processing_us);
+  stored.set_skipped_events(skipped_events);
+  stored.set_skipped_us(skipped_us);
+  for (const ObjectHealth& object : objects) ToStored(object, *stored.add_objects());
+}
+
+void FromStored(const pb::SessionHealth& stored, RecordCheck& check, SessionHealth& health) {
+  health.t_us = stored.t_us();
+  health.received_bytes = health.processed_bytes = stored.processed_bytes();
+  health.counts = FromStored(stored.counts());
+  health.poses = stored.poses();
+  health.reattaches = stored.reattaches();
+  health.sensor_time_us = stored.sensor_time_us();
+  health.processing_us = stored.processing_us();
+  health.skipped_events = stored.skipped_events();
+  health.skipped_us = stored.skipped_us();
+  for (const pb::ObjectHealth& object : stored.objects()) FromStored(object, check, health.objects.emplace_back());
+}
+
+void ToStored(const StreamPosition& position, pb::StreamPosition& stored) {
+  const auto& [decoder, reported_states, first_t_us, now_us, slice_end_us] = position;
+  stored.set_decoder(decoder);
+  stored.set_decoder_format(kDecoderFormat);
+  for (const TrackState state : reported_states) stored.add_reported_states(ToStored(kTrackStates, state));
+  if (first_t_us >= 0) stored.set_first_t_us(first_t_us);
+  if (now_us >= 0) stored.set_now_us(now_us);
+  stored.set_slice_end_us(slice_end_us);
+}
+
+void FromStored(const pb::StreamPosition& stored, RecordCheck& check, StreamPosition& position) {
+  check.Require(stored.decoder_format() == kDecoderFormat, "the decoder's state has a format that is not known");
+  position.decoder = stored.decoder();
+  for (const int state : stored.reported_states()) {
+    FromStored(kTrackStates, static_cast<pb::TrackState>(state), check, position.reported_states.emplace_back());
+  }
+  if (stored.has_first_t_us()) position.first_t_us = stored.first_t_us();
+  if (stored.has_now_us()) position.now_us = stored.now_us();
+  position.slice_end_us = stored.slice_end_us();
+}
+
+void ToStored(const StoredPose& pose, pb::Pose& stored) {
+  const auto& [pose_seq, object_index, estimate, latency_us] = pose;
+  const auto& [estimate_object, t_us, camera_from_object, covariance, twist, state, num_events, explained_ratio,
+               residual_rms_px] = estimate;
+  stored.set_pose_seq(pose_seq);
+  stored.set_object_index(object_index);
+  stored.set_t_us(t_us);
+  SetNumbers(camera_from_object.rotation, *stored.mutable_rotation());
+  SetNumbers(camera_from_object.translation_m, *stored.mutable_translation_m());
+  SetNumbers(covariance, *stored.mutable_covariance());
+  SetNumbers(twist, *stored.mutable_twist());
+  stored.set_state(ToStored(kTrackStates, state));
+  stored.set_num_events(num_events);
+  stored.set_explained_ratio(explained_ratio);
+  stored.set_residual_rms_px(residual_rms_px);
+  stored.set_latency_us(latency_us);
+}
+
+StoredPose FromStored(const pb::Pose& stored, RecordCheck& check) {
+  StoredPose pose;
+  PoseEstimate& estimate = pose.estimate;
+  pose.pose_seq = stored.pose_seq();
+  pose.object_index = estimate.object_index = stored.object_index();
+  estimate.t_us = stored.t_us();
+  GetNumbers(stored.rotation(), check, estimate.camera_from_object.rotation);
+  GetNumbers(stored.translation_m(), check, estimate.camera_from_object.translation_m);
+  GetNumbers(stored.covariance(), check, estimate.covariance);
+  GetNumbers(stored.twist(), check, estimate.twist);
+  FromStored(kTrackStates, stored.state(), check, estimate.state);
+  estimate.num_events = stored.num_events();
+  estimate.explained_ratio = stored.explained_ratio();
+  estimate.residual_rms_px = stored.residual_rms_px();
+  pose.latency_us = stored.latency_us();
+  return pose;
+}
+
+}  // namespace
+
+std::string EncodeConfig(const SessionConfig& config) {
+  const auto& [encoding, camera, objects, estimator, sensor, overload_policy, max_lag] = config;
+  pb::SessionConfig stored;
+  stored.set_encoding(ToStored(kEncodings, encoding));
+  ToStored(camera, *stored.mutable_camera());
+  for (const ObjectConfig& object : objects) ToStored(object, *stored.add_objects());
+  stored.set_estimator(NameOf(estimator));
+  ToStored(sensor, *stored.mutable_sensor());
+  stored.set_overload_policy(ToStored(kOverloadPolicies, overload_policy));
+  if (max_lag.has_value()) stored.set_max_lag_ns(absl::ToInt64Nanoseconds(*max_lag));
+  return stored.SerializeAsString();
+}
+
+absl::StatusOr<SessionConfig> DecodeConfig(absl::string_view bytes) {
+  constexpr absl::string_view kRecord = "configuration";
+  pb::SessionConfig stored;
+  EVPOSE_RETURN_IF_ERROR(Parse(bytes, kRecord, stored));
+  SessionConfig config;
+  RecordCheck check;
+  check.Require(stored.encoding() != pb::ENCODING_UNSPECIFIED, "the encoding is missing");
+  FromStored(kEncodings, stored.encoding(), check, config.encoding);
+  FromStored(stored.camera(), check, config.camera);
+  for (const pb::TrackedObject& object : stored.objects()) FromStored(object, check, config.objects.emplace_back());
+  FromStored(stored.estimator(), check, config.estimator);
+  FromStored(stored.sensor(), config.sensor);
+  FromStored(kOverloadPolicies, stored.overload_policy(), check, config.overload_policy);
+  if (stored.has_max_lag_ns()) config.max_lag = absl::Nanoseconds(stored.max_lag_ns());
+  if (const absl::Status valid = config.Validate(); !valid.ok()) check.Require(false, valid.message());
+  EVPOSE_RETURN_IF_ERROR(check.Finish(kRecord));
+  return config;
+}
+
+std::string EncodeLifecycle(const SessionLifecycle& lifecycle) {
+  const auto& [token_digest, previous_token_digest, num_attaches, detached_at, num_renewals] = lifecycle;
+  pb::SessionLifecycle stored;
+  stored.set_token_digest(token_digest);
+  stored.set_previous_token_digest(previous_token_digest);
+  stored.set_num_attaches(num_attaches);
+  if (detached_at.has_value()) stored.set_detached_at_ns(absl::ToUnixNanos(*detached_at));
+  stored.set_num_renewals(num_renewals);
+  return stored.SerializeAsString();
+}
+
+absl::StatusOr<SessionLifecycle> DecodeLifecycle(absl::string_view bytes) {
+  constexpr absl::string_view kRecord = "lifecycle";
+  pb::SessionLifecycle stored;
+  EVPOSE_RETURN_IF_ERROR(Parse(bytes, kRecord, stored));
+  SessionLifecycle lifecycle = {.token_digest = stored.token_digest(),
+                                .previous_token_digest = stored.previous_token_digest(),
+                                .num_attaches = stored.num_attaches(),
+                                .num_renewals = stored.num_renewals()};
+  if (stored.has_detached_at_ns()) lifecycle.detached_at = absl::FromUnixNanos(stored.detached_at_ns());
+  RecordCheck check;
+  check.Require(lifecycle.token_digest.size() == kDigestBytes, "the digest of the resume token has another length");
+  check.Require(lifecycle.previous_token_digest.empty() || lifecycle.previous_token_digest.size() == kDigestBytes,
+                "the digest of the previous resume token has another length");
+  EVPOSE_RETURN_IF_ERROR(check.Finish(kRecord));
+  return lifecycle;
+}
+
+std::string EncodeCheckpoint(const SessionCheckpoint& checkpoint) {
+  const auto& [processed_seq, ended, health, latencies, pipeline] = checkpoint;
+  pb::Checkpoint stored;
+  stored.set_processed_seq(processed_seq);
+  stored.set_ended(ended);
+  ToStored(health, *stored.mutable_health());
+  stored.mutable_latency_counts()->Assign(latencies.counts().begin(), latencies.counts().end());
+  if (pipeline.has_value()) {
+    ToStored(pipeline->position, *stored.mutable_position());
+    stored.mutable_tracker()->set_version(pipeline->tracker.version);
+    stored.mutable_tracker()->set_configuration(pipeline->tracker.configuration);
+    stored.mutable_tracker()->set_state(pipeline->tracker.bytes);
+  }
+  return stored.SerializeAsString();
+}
+
+absl::StatusOr<SessionCheckpoint> DecodeCheckpoint(absl::string_view bytes, size_t num_objects) {
+  constexpr absl::string_view kRecord = "checkpoint";
+  pb::Checkpoint stored;
+  EVPOSE_RETURN_IF_ERROR(Parse(bytes, kRecord, stored));
+  SessionCheckpoint checkpoint = {.processed_seq = stored.processed_seq(), .ended = stored.ended()};
+  RecordCheck check;
+  FromStored(stored.health(), check, checkpoint.health);
+  check.Require(checkpoint.health.objects.size() == num_objects, "it has another number of objects");
+  checkpoint.latencies = LatencyHistogram({stored.latency_counts().data(), size_t(stored.latency_counts().size())});
+  check.Require(stored.ended() || stored.has_position(), "it has no position in the stream");
+  if (stored.has_position()) {
+    PipelineState& pipeline = checkpoint.pipeline.emplace();
+    FromStored(stored.position(), check, pipeline.position);
+    check.Require(pipeline.position.reported_states.size() == num_objects, "it has the states of other objects");
+    pipeline.tracker = {.version = stored.tracker().version(),
+                        .configuration = stored.tracker().configuration(),
+                        .bytes = std::move(*stored.mutable_tracker()->mutable_state())};
+  }
+  EVPOSE_RETURN_IF_ERROR(check.Finish(kRecord));
+  return checkpoint;
+}
+
+PoseSegment EncodePoses(absl::Span<const StoredPose> poses) {
+  google::protobuf::Arena arena;
+  auto& stored = *google::protobuf::Arena::CreateMessage<pb::PoseSegment>(&arena);
+  stored.mutable_poses()->Reserve(static_cast<int>(poses.size()));
+  for (const StoredPose& pose : poses) ToStored(pose, *stored.add_poses());
+  return {.first_pose_seq = poses.front().pose_seq,
+          .last_pose_seq = poses.back().pose_seq,
+          .bytes = stored.SerializeAsString()};
+}
+
+absl::StatusOr<std::vector<StoredPose>> DecodePoses(const PoseSegment& segment, size_t num_objects) {
+  const std::string record = absl::StrCat("segment of poses ", segment.first_pose_seq, " to ", segment.last_pose_seq);
+  google::protobuf::Arena arena;
+  auto& stored = *google::protobuf::Arena::CreateMessage<pb::PoseSegment>(&arena);
+  EVPOSE_RETURN_IF_ERROR(Parse(segment.bytes, record, stored));
+  std::vector<StoredPose> poses;
+  poses.reserve(static_cast<size_t>(stored.poses_size()));
+  RecordCheck check;
+  uint64_t expected = segment.first_pose_seq;
+  for (const pb::Pose& pose : stored.poses()) {
+    poses.push_back(FromStored(pose, check));
+    check.Require(pose.pose_seq() == expected++, "the poses are not numbered in a row");
+    check.Require(pose.object_index() < num_objects, "a pose is of an object that the session does not have");
+  }
+  check.Require(!poses.empty() && expected == segment.last_pose_seq + 1, "poses are missing");
+  EVPOSE_RETURN_IF_ERROR(check.Finish(record));
+  return poses;
+}
+
+}  // namespace evpose::server

@@ -1,0 +1,36 @@
+// SPDX-License-Identifier: Apache-2.0
+
+// The records of a session as the store keeps them: its configuration, its lifecycle, its checkpoints and its poses, as
+// serialized messages of evpose.storage.v1 (proto/evpose/storage/README.md has the rules of compatibility). Numbers
+// come back to the bit. Errors of all functions that decode: DATA_LOSS with the record and what is wrong with it.
+#pragma once
+
+#include <cstddef>
+#include <string>
+#include <vector>
+
+#include "absl/status/statusor.h"
+#include "absl/strings/string_view.h"
+#include "absl/types/span.h"
+#include "server/sessions/types/pose_log.h"
+#include "server/sessions/types/session_config.h"
+#include "server/sessions/types/session_state.h"
+#include "server/stores/common/store.h"
+
+namespace evpose::server {
+
+std::string EncodeConfig(const SessionConfig& config);
+absl::StatusOr<SessionConfig> DecodeConfig(absl::string_view bytes);
+
+std::string EncodeLifecycle(const SessionLifecycle& lifecycle);
+absl::StatusOr<SessionLifecycle> DecodeLifecycle(absl::string_view bytes);
+
+std::string EncodeCheckpoint(const SessionCheckpoint& checkpoint);
+// `num_objects` of the session's configuration.
+absl::StatusOr<SessionCheckpoint> DecodeCheckpoint(absl::string_view bytes, size_t num_objects);
+
+// `poses` in a row, at least one.
+PoseSegment EncodePoses(absl::Span<const StoredPose> poses);
+absl::StatusOr<std::vector<StoredPose>> DecodePoses(const PoseSegment& segment, size_t num_objects);
+
+}  // namespace evpose::server

@@ -1,0 +1,190 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "server/sessions/durability/session_committer.h"
+
+#include <algorithm>
+
+#include "absl/strings/str_cat.h"
+#include "server/runtime/errors.h"
+
+namespace evpose::server {
+
+SessionCommitter::SessionCommitter(std::shared_ptr<const SessionLog> log, std::unique_ptr<SessionLease> lease,
+                                   const Progress& durable, WorkerPool& pool, const Backoff& backoff,
+                                   std::shared_ptr<ServerMetrics> metrics)
+    : log_(std::move(log)),
+      lease_(std::move(lease)),
+      pool_(pool),
+      backoff_(backoff),
+      metrics_(std::move(metrics)),
+      progress_(durable),
+      newest_lifecycle_(durable.lifecycle),
+      retry_after_(backoff.first) {}
+
+void SessionCommitter::Batch::Append(Batch later) {
+  if (later.commit.lifecycle.has_value()) {
+    commit.lifecycle = std::move(later.commit.lifecycle);
+    lifecycle = later.lifecycle;
+  }
+  if (later.commit.checkpoint.has_value()) {
+    commit.checkpoint = std::move(later.commit.checkpoint);
+    seq = later.seq;
+  }
+  for (PoseSegment& segment : later.commit.poses) commit.poses.push_back(std::move(segment));
+  commit.first_pose_seq_kept = std::max(commit.first_pose_seq_kept, later.commit.first_pose_seq_kept);
+  if (later.commit.ended_at.has_value()) commit.ended_at = later.commit.ended_at;
+  last_pose_seq = std::max(last_pose_seq, later.last_pose_seq);
+  if (!has_checkpoint) begun_at = later.begun_at;
+  has_checkpoint |= later.has_checkpoint;
+}
+
+void SessionCommitter::CommitLifecycle(uint64_t number, std::string lifecycle) {
+  {
+    const std::lock_guard lock(mutex_);
+    if (number <= newest_lifecycle_) return;
+    newest_lifecycle_ = number;
+    Batch batch;
+    batch.commit.lifecycle = std::move(lifecycle);
+    batch.lifecycle = number;
+    waiting_.Append(std::move(batch));
+  }
+  StartCommit();
+}
+
+void SessionCommitter::CommitCheckpoint(Checkpoint checkpoint) {
+  {
+    const std::lock_guard lock(mutex_);
+    Batch batch;
+    batch.has_checkpoint = true;
+    batch.begun_at = checkpoint.begun_at;
+    if (checkpoint.state.has_value()) batch.commit.checkpoint = *std::move(checkpoint.state);
+    batch.seq = checkpoint.seq;
+    if (checkpoint.poses.has_value()) {
+      batch.last_pose_seq = checkpoint.poses->last_pose_seq;
+      batch.commit.poses.push_back(*std::move(checkpoint.poses));
+    }
+    batch.commit.first_pose_seq_kept = checkpoint.first_pose_seq_kept;
+    batch.commit.ended_at = checkpoint.ended_at;
+    waiting_.Append(std::move(batch));
+  }
+  StartCommit();
+}
+
+SessionCommitter::Progress SessionCommitter::progress() const {
+  const std::lock_guard lock(mutex_);
+  Progress progress = progress_;
+  progress.has_waiting = waiting_.has_checkpoint || in_flight_.has_checkpoint;
+  return progress;
+}
+
+void SessionCommitter::Close() {
+  const std::lock_guard lock(mutex_);
+  is_closed_ = true;
+  waiting_ = Batch();
+  timer_.reset();
+}
+
+void SessionCommitter::StartCommit() {
+  SessionCommit commit;
+  {
+    const std::lock_guard lock(mutex_);
+    // While the store is away, what comes is added to what is sent again then.
+    if (is_closed_ || is_in_flight_ || timer_ != nullptr) return;
+    in_flight_.Append(std::exchange(waiting_, Batch()));
+    if (in_flight_.is_empty()) return;
+    is_in_flight_ = true;
+    commit = in_flight_.commit;
+  }
+  lease_->Commit(std::move(commit), [self = shared_from_this()](const absl::Status& status) { self->OnDone(status); });
+}
+
+void SessionCommitter::OnDone(const absl::Status& status) {
+  {
+    const std::lock_guard lock(mutex_);
+    is_in_flight_ = false;
+    CountFailure(status);
+    if (status.ok()) {
+      RecordDone();
+    } else if (absl::IsUnavailable(status)) {
+      if (!progress_.store_is_away) log_->StoreAway(status);
+      progress_.store_is_away = true;
+      RetryLater();
+    } else if (progress_.failure.ok()) {
+      progress_.failure = FailureOf(status);
+      is_closed_ = true;
+    }
+  }
+  if (listener_ != nullptr) listener_();
+  StartCommit();
+}
+
+void SessionCommitter::RecordDone() {
+  if (progress_.store_is_away) log_->StoreBack();
+  progress_.store_is_away = false;
+  retry_after_ = backoff_.first;
+  progress_.lifecycle = std::max(progress_.lifecycle, in_flight_.lifecycle);
+  progress_.seq = std::max(progress_.seq, in_flight_.seq);
+  progress_.last_pose_seq = std::max(progress_.last_pose_seq, in_flight_.last_pose_seq);
+  progress_.ended |= in_flight_.commit.ended_at.has_value();
+  if (in_flight_.has_checkpoint) {
+    metrics_->checkpoint_time.Add(std::chrono::steady_clock::now() - in_flight_.begun_at);
+  }
+  in_flight_ = Batch();
+}
+
+void SessionCommitter::RetryLater() {
+  if (is_closed_) return;
+  timer_ = pool_.PostAfter(retry_after_, [weak = weak_from_this()] {
+    const auto self = weak.lock();
+    if (self == nullptr) return;
+    {
+      const std::lock_guard lock(self->mutex_);
+      self->timer_.reset();
+    }
+    self->StartCommit();
+  });
+  retry_after_ = std::min(2 * retry_after_, backoff_.longest);
+}
+
+void SessionCommitter::CountFailure(const absl::Status& status) {
+  const auto kind = [&status]() -> std::optional<CheckpointFailure> {
+    switch (status.code()) {
+      case absl::StatusCode::kOk:
+      case absl::StatusCode::kNotFound:   // the session was deleted
+      case absl::StatusCode::kCancelled:  // the server leaves
+        return std::nullopt;
+      case absl::StatusCode::kUnavailable:
+        return CheckpointFailure::kStoreAway;
+      case absl::StatusCode::kResourceExhausted:
+        return CheckpointFailure::kStoreFull;
+      case absl::StatusCode::kAborted:
+        return CheckpointFailure::kFenced;
+      default:
+        return CheckpointFailure::kStoreFailed;
+    }
+  }();
+  if (kind.has_value() && in_flight_.has_checkpoint) metrics_->checkpoint_failures[*kind].Add();
+}
+
+absl::Status SessionCommitter::FailureOf(const absl::Status& status) const {
+  const std::string& session = log_->session();
+  switch (status.code()) {
+    case absl::StatusCode::kAborted:
+      return WithReason(absl::AbortedError(absl::StrCat("another server has taken ", session)), v1::FENCED);
+    case absl::StatusCode::kNotFound:
+      return WithReason(absl::NotFoundError(absl::StrCat(session, " was deleted")), v1::SESSION_DELETED,
+                        {{"session", session}});
+    case absl::StatusCode::kResourceExhausted:
+      return WithReason(absl::ResourceExhaustedError(
+                            absl::StrCat("the store has no room for ", session, ": ", status.message(),
+                                         "; what was acknowledged as durable is kept: make room, then attach again")),
+                        v1::STORE_FULL);
+    case absl::StatusCode::kCancelled:
+      return WithReason(absl::UnavailableError("the server has left"), v1::DRAINING);
+    default:
+      return WithReason(
+          absl::InternalError(absl::StrCat("the store took nothing of ", session, ": ", status.message())),
+          v1::STORE_FAILED);
+  }
+}
+
+}  // namespace evpose::server

@@ -1,0 +1,176 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "server/sessions/durability/session_committer.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <condition_variable>
+#include <deque>
+
+#include "server/runtime/errors.h"
+
+namespace evpose::server {
+namespace {
+
+using Progress = SessionCommitter::Progress;
+
+// A lease whose answers the test gives.
+class TestLease : public SessionLease {
+ public:
+  struct Commits {
+    std::mutex mutex;
+    std::condition_variable came;
+    std::deque<std::pair<SessionCommit, Done>> waiting;
+  };
+  explicit TestLease(std::shared_ptr<Commits> commits) : commits_(std::move(commits)) {}
+
+  void Commit(SessionCommit commit, Done done) override {
+    const std::lock_guard lock(commits_->mutex);
+    commits_->waiting.emplace_back(std::move(commit), std::move(done));
+    commits_->came.notify_all();
+  }
+  uint64_t fencing_number() const override { return 1; }
+
+ private:
+  const std::shared_ptr<Commits> commits_;
+};
+
+class SessionCommitterTest : public testing::Test {
+ protected:
+  SessionCommitterTest() {
+    committer_->SetListener([this] { ++num_changes_; });
+  }
+  ~SessionCommitterTest() override {
+    committer_->Close();
+    pool_.Join();
+    commits_->waiting.clear();  // each keeps the committer, which keeps the lease
+  }
+
+  // Waits for the next commit and answers it.
+  SessionCommit Answer(const absl::Status& status) {
+    std::unique_lock lock(commits_->mutex);
+    commits_->came.wait(lock, [this] { return !commits_->waiting.empty(); });
+    auto [commit, done] = std::move(commits_->waiting.front());
+    commits_->waiting.pop_front();
+    lock.unlock();
+    done(status);
+    return std::move(commit);
+  }
+  size_t NumWaiting() {
+    const std::lock_guard lock(commits_->mutex);
+    return commits_->waiting.size();
+  }
+  static SessionCommitter::Checkpoint State(const std::string& state, uint64_t seq, uint64_t first, uint64_t last) {
+    return {.state = state, .seq = seq, .poses = PoseSegment{first, last, "poses"}, .first_pose_seq_kept = first};
+  }
+
+  const std::shared_ptr<TestLease::Commits> commits_ = std::make_shared<TestLease::Commits>();
+  std::atomic<int> num_changes_ = 0;
+  WorkerPool pool_{1};
+  const std::shared_ptr<ServerMetrics> metrics_ = std::make_shared<ServerMetrics>();
+  const std::shared_ptr<SessionCommitter> committer_ = std::make_shared<SessionCommitter>(
+      std::make_shared<SessionLog>("sessions/test", ""), std::make_unique<TestLease>(commits_), Progress(), pool_,
+      SessionCommitter::Backoff{.first = absl::Microseconds(1), .longest = absl::Microseconds(10)}, metrics_);
+};
+
+TEST_F(SessionCommitterTest, OneCommitAtATimeAndWhatWaitsGoesTogether) {
+  committer_->CommitLifecycle(1, "first");
+  committer_->CommitLifecycle(2, "second");
+  committer_->CommitLifecycle(1, "late");
+  committer_->CommitCheckpoint(State("state", 7, 1, 10));
+  EXPECT_EQ(NumWaiting(), 1u);
+  EXPECT_TRUE(committer_->progress().has_waiting);
+  EXPECT_EQ(Answer(absl::OkStatus()).lifecycle, "first");
+  EXPECT_EQ(committer_->progress().lifecycle, 1u);
+  EXPECT_EQ(committer_->progress().seq, 0u);
+  EXPECT_EQ(metrics_->checkpoint_time.Read().total(), 0u);
+  const SessionCommit second = Answer(absl::OkStatus());
+  EXPECT_EQ(second.lifecycle, "second");
+  EXPECT_EQ(second.checkpoint, "state");
+  const Progress progress = committer_->progress();
+  EXPECT_EQ(progress.lifecycle, 2u);
+  EXPECT_EQ(progress.seq, 7u);
+  EXPECT_EQ(progress.last_pose_seq, 10u);
+  EXPECT_FALSE(progress.has_waiting);
+  EXPECT_FALSE(progress.ended);
+  EXPECT_EQ(metrics_->checkpoint_time.Read().total(), 1u);
+  EXPECT_EQ(NumWaiting(), 0u) << "nothing is committed twice";
+  EXPECT_EQ(num_changes_, 2);
+}
+
+TEST_F(SessionCommitterTest, WhatTheStoreDidNotAnswerIsCommittedAgainWithWhatCameSince) {
+  committer_->CommitCheckpoint(State("one", 1, 1, 10));
+  const SessionCommit first = Answer(absl::UnavailableError("away"));
+  EXPECT_TRUE(committer_->progress().store_is_away);
+  EXPECT_EQ(committer_->progress().seq, 0u);
+  const SessionCommit again = Answer(absl::UnavailableError("away"));
+  EXPECT_EQ(again.checkpoint, "one");
+  EXPECT_EQ(&*again.checkpoint, &*first.checkpoint) << "shared, not copied";
+  SessionCommitter::Checkpoint end = State("two", 2, 11, 20);
+  end.ended_at = absl::UnixEpoch();
+  committer_->CommitCheckpoint(std::move(end));
+  SessionCommit commit = Answer(absl::UnavailableError("away"));
+  uint64_t num_failures = 3;
+  for (; commit.checkpoint == "one"; ++num_failures) commit = Answer(absl::UnavailableError("away"));
+  EXPECT_EQ(commit.checkpoint, "two");
+  ASSERT_EQ(commit.poses.size(), 2u);
+  EXPECT_EQ(commit.poses[0].first_pose_seq, 1u);
+  EXPECT_EQ(commit.poses[1].last_pose_seq, 20u);
+  Answer(absl::OkStatus());
+  const Progress progress = committer_->progress();
+  EXPECT_EQ(progress.seq, 2u);
+  EXPECT_EQ(progress.last_pose_seq, 20u);
+  EXPECT_TRUE(progress.ended);
+  EXPECT_FALSE(progress.store_is_away);
+  EXPECT_EQ(metrics_->checkpoint_failures[CheckpointFailure::kStoreAway].value(), num_failures);
+  EXPECT_EQ(metrics_->checkpoint_time.Read().total(), 1u);
+}
+
+TEST_F(SessionCommitterTest, PosesMayGoAlone) {
+  committer_->CommitCheckpoint(State("one", 1, 1, 10));
+  Answer(absl::OkStatus());
+  committer_->CommitCheckpoint({.poses = PoseSegment{11, 12, "poses"}});
+  EXPECT_FALSE(Answer(absl::OkStatus()).checkpoint.has_value());
+  EXPECT_EQ(committer_->progress().seq, 1u);
+  EXPECT_EQ(committer_->progress().last_pose_seq, 12u);
+}
+
+TEST_F(SessionCommitterTest, EveryEndHasItsReason) {
+  const std::vector<std::pair<absl::Status, std::string>> cases = {
+      {absl::AbortedError("taken"), "FENCED"},
+      {absl::NotFoundError("gone"), "SESSION_DELETED"},
+      {absl::ResourceExhaustedError("disk full"), "STORE_FULL"},
+      {absl::CancelledError("closed"), "DRAINING"},
+      {absl::DataLossError("bad page"), "STORE_FAILED"},
+  };
+  for (const auto& [answer, reason] : cases) {
+    const auto commits = std::make_shared<TestLease::Commits>();
+    const auto committer = std::make_shared<SessionCommitter>(std::make_shared<SessionLog>("sessions/a", ""),
+                                                              std::make_unique<TestLease>(commits), Progress(), pool_,
+                                                              SessionCommitter::Backoff(), metrics_);
+    committer->CommitCheckpoint(State("x", 1, 1, 10));
+    committer->CommitLifecycle(2, "y");
+    SessionLease::Done done = std::move(commits->waiting.front().second);
+    commits->waiting.clear();
+    done(answer);
+    EXPECT_EQ(GetErrorDetails(committer->progress().failure).reason, reason);
+    EXPECT_TRUE(commits->waiting.empty()) << "nothing is begun afterwards";
+  }
+  EXPECT_EQ(metrics_->checkpoint_failures[CheckpointFailure::kFenced].value(), 1u);
+  EXPECT_EQ(metrics_->checkpoint_failures[CheckpointFailure::kStoreFull].value(), 1u);
+  EXPECT_EQ(metrics_->checkpoint_failures[CheckpointFailure::kStoreFailed].value(), 1u);
+  EXPECT_EQ(metrics_->checkpoint_failures[CheckpointFailure::kStoreAway].value(), 0u);
+}
+
+TEST_F(SessionCommitterTest, AClosedOneBeginsNothing) {
+  committer_->CommitLifecycle(1, "x");
+  committer_->CommitLifecycle(2, "y");
+  committer_->Close();
+  Answer(absl::OkStatus());
+  EXPECT_EQ(NumWaiting(), 0u);
+  committer_->CommitLifecycle(3, "z");
+  EXPECT_EQ(NumWaiting(), 0u);
+}
+
+}  // namespace
+}  // namespace evpose::server

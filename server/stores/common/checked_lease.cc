@@ -1,0 +1,68 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "server/stores/common/checked_lease.h"
+
+#include <utility>
+
+#include "absl/strings/str_cat.h"
+
+namespace evpose::server {
+namespace {
+
+// Leaves in `next_pose_seq` what the log continues with.
+absl::Status CheckContinues(const std::vector<PoseSegment>& poses, uint64_t& next_pose_seq) {
+  for (const PoseSegment& segment : poses) {
+    if (segment.first_pose_seq != next_pose_seq || segment.last_pose_seq < segment.first_pose_seq) {
+      return absl::FailedPreconditionError(absl::StrCat("poses ", segment.first_pose_seq, " to ", segment.last_pose_seq,
+                                                        " do not continue the log, which expects ", next_pose_seq));
+    }
+    next_pose_seq = segment.last_pose_seq + 1;
+  }
+  return absl::OkStatus();
+}
+
+}  // namespace
+
+void CheckedLease::Commit(SessionCommit commit, Done done) {
+  uint64_t next_pose_seq = 0;
+  uint64_t next_pose_seq_after = 0;
+  absl::Status refusal;
+  {
+    const std::lock_guard lock(progress_->mutex);
+    next_pose_seq = progress_->next_pose_seq;
+    next_pose_seq_after = next_pose_seq;
+    refusal = progress_->is_writing ? absl::FailedPreconditionError("the last commit is not done yet")
+                                    : CheckContinues(commit.poses, next_pose_seq_after);
+    if (refusal.ok()) progress_->is_writing = true;
+  }
+  if (!refusal.ok()) return Refuse(std::move(refusal), std::move(done));
+  Write(std::move(commit), next_pose_seq,
+        [progress = progress_, next_pose_seq_after, done = std::move(done)](absl::Status status) mutable {
+          {
+            const std::lock_guard lock(progress->mutex);
+            progress->is_writing = false;
+            if (status.ok()) progress->next_pose_seq = next_pose_seq_after;
+          }
+          done(std::move(status));
+        });
+}
+
+absl::Status StoreClosedError() { return absl::CancelledError("the store is closed"); }
+
+absl::Status FencedError(absl::string_view session, uint64_t fencing_number) {
+  return absl::AbortedError(
+      absl::StrCat(session, " was taken by another holder; the lease ", fencing_number, " no longer holds it"));
+}
+
+absl::Status SessionNotFoundError(absl::string_view session) {
+  return absl::NotFoundError(absl::StrCat("there is no session \"", session, "\" in the store"));
+}
+
+absl::Status SessionExistsError(absl::string_view session) {
+  return absl::AlreadyExistsError(absl::StrCat("the store has a session \"", session, "\" already"));
+}
+
+absl::Status ModelNotFoundError(absl::string_view model) {
+  return absl::NotFoundError(absl::StrCat("there is no model \"", model, "\" in the store"));
+}
+
+}  // namespace evpose::server

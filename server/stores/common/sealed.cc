@@ -1,0 +1,164 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "server/stores/common/sealed.h"
+
+#include <array>
+#include <cstring>
+#include <utility>
+
+#include "absl/strings/str_cat.h"
+#include "core/base/state_io.h"
+#include "core/base/status_macros.h"
+#include "core/numerics/hash.h"
+#include "evpose/storage/v1/store.pb.h"
+
+namespace evpose::server {
+namespace {
+
+constexpr size_t kSealBytes = 4;
+
+uint32_t Crc(absl::string_view bytes) { return Crc32c({reinterpret_cast<const uint8_t*>(bytes.data()), bytes.size()}); }
+
+// The bytes may be large and are read once: what is sealed is the checksum of the bytes beside their name.
+uint32_t SealFor(absl::string_view what, absl::string_view bytes) {
+  StateWriter writer;
+  writer.Bytes(what);
+  writer(Crc(bytes));
+  return Crc(writer.Take());
+}
+
+absl::Status Damaged(absl::string_view what, absl::string_view why) {
+  return absl::DataLossError(absl::StrCat(what, " is damaged: ", why));
+}
+
+absl::Status DamagedChecksum(absl::string_view what) { return Damaged(what, "its checksum does not match"); }
+
+storage::v1::ModelFormat StoredFormat(ModelFormat format) {
+  switch (format) {
+    case ModelFormat::kObj:
+      return storage::v1::MODEL_FORMAT_OBJ;
+    case ModelFormat::kPly:
+      return storage::v1::MODEL_FORMAT_PLY;
+    case ModelFormat::kStl:
+      return storage::v1::MODEL_FORMAT_STL;
+  }
+  return storage::v1::MODEL_FORMAT_UNSPECIFIED;
+}
+
+std::optional<ModelFormat> FormatOf(storage::v1::ModelFormat format) {
+  switch (format) {
+    case storage::v1::MODEL_FORMAT_OBJ:
+      return ModelFormat::kObj;
+    case storage::v1::MODEL_FORMAT_PLY:
+      return ModelFormat::kPly;
+    case storage::v1::MODEL_FORMAT_STL:
+      return ModelFormat::kStl;
+    default:
+      return std::nullopt;
+  }
+}
+
+std::string RecordOf(absl::string_view session) { return absl::StrCat("the record of ", session); }
+std::string ModelHeaderOf(absl::string_view tenant, absl::string_view name) {
+  return absl::StrCat("the record of ", name, tenant.empty() ? "" : " of tenant ", tenant);
+}
+std::string ModelBytesOf(absl::string_view name) { return absl::StrCat("the file of ", name); }
+
+}  // namespace
+
+std::string Seal(absl::string_view what, std::string bytes) {
+  const uint32_t seal = SealFor(what, bytes);
+  bytes.append(reinterpret_cast<const char*>(&seal), kSealBytes);
+  return bytes;
+}
+
+absl::StatusOr<std::string> Unseal(absl::string_view what, std::string sealed) {
+  if (sealed.size() < kSealBytes) return DamagedChecksum(what);
+  const uint32_t seal = SealOf(sealed);
+  sealed.resize(sealed.size() - kSealBytes);
+  if (seal != SealFor(what, sealed)) return DamagedChecksum(what);
+  return sealed;
+}
+
+uint32_t SealOf(absl::string_view sealed) {
+  uint32_t seal = 0;
+  if (sealed.size() >= kSealBytes) std::memcpy(&seal, sealed.data() + sealed.size() - kSealBytes, kSealBytes);
+  return seal;
+}
+
+std::string CheckpointOf(absl::string_view session) { return absl::StrCat("the checkpoint of ", session); }
+
+std::string LifecycleOf(absl::string_view session) { return absl::StrCat("the lifecycle of ", session); }
+
+std::string PosesOf(absl::string_view session, uint64_t first_pose_seq, uint64_t last_pose_seq) {
+  return absl::StrCat("the poses ", first_pose_seq, " to ", last_pose_seq, " of ", session);
+}
+
+std::string SealRecord(const SessionRecord& record) {
+  storage::v1::SessionRecord stored;
+  stored.set_tenant(record.tenant);
+  stored.set_request_id(record.request_id);
+  stored.set_create_time_ns(absl::ToUnixNanos(record.create_time));
+  stored.set_config(record.config);
+  return Seal(RecordOf(record.name), stored.SerializeAsString());
+}
+
+absl::StatusOr<SessionRecord> UnsealRecord(absl::string_view session, std::string sealed) {
+  EVPOSE_ASSIGN_OR_RETURN(const std::string bytes, Unseal(RecordOf(session), std::move(sealed)));
+  storage::v1::SessionRecord stored;
+  if (!stored.ParseFromString(bytes)) return Damaged(RecordOf(session), "it cannot be parsed");
+  return SessionRecord{.name = std::string(session),
+                       .tenant = stored.tenant(),
+                       .request_id = stored.request_id(),
+                       .create_time = absl::FromUnixNanos(stored.create_time_ns()),
+                       .config = stored.config()};
+}
+
+std::string SealModelHeader(const ModelRecord& model) {
+  storage::v1::ModelHeader stored;
+  stored.set_format(StoredFormat(model.format));
+  stored.set_metres_per_unit(model.metres_per_unit);
+  stored.set_crease_angle_deg(model.crease_angle_deg);
+  stored.set_create_time_ns(absl::ToUnixNanos(model.create_time));
+  return Seal(ModelHeaderOf(model.tenant, model.name), stored.SerializeAsString());
+}
+
+absl::StatusOr<ModelRecord> UnsealModelHeader(absl::string_view tenant, absl::string_view name, std::string sealed) {
+  const std::string what = ModelHeaderOf(tenant, name);
+  EVPOSE_ASSIGN_OR_RETURN(const std::string bytes, Unseal(what, std::move(sealed)));
+  storage::v1::ModelHeader stored;
+  if (!stored.ParseFromString(bytes)) return Damaged(what, "it cannot be parsed");
+  const std::optional<ModelFormat> format = FormatOf(stored.format());
+  if (!format.has_value()) return Damaged(what, "the format of the file is unknown");
+  return ModelRecord{.name = std::string(name),
+                     .tenant = std::string(tenant),
+                     .format = *format,
+                     .metres_per_unit = stored.metres_per_unit(),
+                     .crease_angle_deg = stored.crease_angle_deg(),
+                     .create_time = absl::FromUnixNanos(stored.create_time_ns())};
+}
+
+std::string SealModelBytes(const ModelRecord& model) {
+  return Seal(ModelBytesOf(model.name),
+              std::string(reinterpret_cast<const char*>(model.bytes->data()), model.bytes->size()));
+}
+
+absl::StatusOr<std::shared_ptr<const std::vector<uint8_t>>> UnsealModelBytes(absl::string_view name,
+                                                                             std::string sealed) {
+  EVPOSE_ASSIGN_OR_RETURN(const std::string bytes, Unseal(ModelBytesOf(name), std::move(sealed)));
+  return std::make_shared<const std::vector<uint8_t>>(bytes.begin(), bytes.end());
+}
+
+absl::Status CheckWhole(absl::string_view session, const std::vector<PoseSegment>& poses, uint64_t first_pose_seq_kept,
+                        uint64_t next_pose_seq) {
+  uint64_t expected = poses.empty() ? next_pose_seq : poses.front().first_pose_seq;
+  bool whole = poses.empty() ? first_pose_seq_kept >= next_pose_seq : expected <= first_pose_seq_kept;
+  for (const PoseSegment& segment : poses) {
+    whole = whole && segment.first_pose_seq == expected;
+    expected = segment.last_pose_seq + 1;
+  }
+  if (whole && expected == next_pose_seq) return absl::OkStatus();
+  return absl::DataLossError(
+      absl::StrCat("poses of ", session, " are missing between ", first_pose_seq_kept, " and ", next_pose_seq - 1));
+}
+
+}  // namespace evpose::server

@@ -1,0 +1,63 @@
+// SPDX-License-Identifier: Apache-2.0
+
+// The sessions of the memory store.
+#pragma once
+
+#include <cstdint>
+#include <functional>
+#include <map>
+#include <mutex>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "absl/base/thread_annotations.h"
+#include "absl/status/status.h"
+#include "absl/status/statusor.h"
+#include "absl/strings/string_view.h"
+#include "server/stores/common/store.h"
+
+namespace evpose::server {
+
+struct MemorySession {
+  StoredSession stored;
+  uint64_t fencing_number = 0;
+  uint64_t next_pose_seq = 1;  // also when the last poses were forgotten
+  uint64_t first_pose_seq_kept = 1;
+  std::optional<absl::Time> ended_at;
+};
+
+// Thread-safe. Errors are those of Store and SessionLease.
+class MemorySessions {
+ public:
+  // `max_bytes` bounds what the callers hand over, of all sessions together.
+  explicit MemorySessions(uint64_t max_bytes) : max_bytes_(max_bytes) {}
+
+  // The fencing number of the lease.
+  absl::StatusOr<uint64_t> Create(const SessionRecord& record, const std::string& lifecycle);
+  absl::StatusOr<MemorySession> Take(absl::string_view name);
+  absl::StatusOr<StoredSession> Read(absl::string_view name, uint64_t after_pose_seq) const;
+  std::vector<SessionRecord> List() const;
+  std::vector<StoredLifecycle> ReadLifecycles() const;
+  void Delete(absl::string_view name);
+  absl::Status DeleteHeld(absl::string_view name, uint64_t fencing_number);
+  std::vector<std::string> DeleteEnded(absl::Time ended_before);
+  // `next_pose_seq` as CheckedLease::Write has it.
+  absl::Status Commit(absl::string_view name, uint64_t fencing_number, uint64_t next_pose_seq, SessionCommit commit);
+
+ private:
+  using Sessions = std::map<std::string, MemorySession, std::less<>>;
+
+  // Forgets ended sessions, oldest end first, until `more_bytes` fit; never `keep`.
+  absl::Status MakeRoom(uint64_t more_bytes, absl::string_view keep) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
+  Sessions::iterator Erase(Sessions::iterator session) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
+
+  const uint64_t max_bytes_;
+  mutable std::mutex mutex_;
+  Sessions sessions_ ABSL_GUARDED_BY(mutex_);
+  uint64_t size_bytes_ ABSL_GUARDED_BY(mutex_) = 0;
+  uint64_t last_fencing_number_ ABSL_GUARDED_BY(mutex_) = 0;
+  std::vector<std::string> deleted_for_room_ ABSL_GUARDED_BY(mutex_);
+};
+
+}  // namespace evpose::server

@@ -1,0 +1,145 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "server/stores/memory/memory_store.h"
+
+#include <map>
+#include <mutex>
+#include <utility>
+
+#include "absl/base/thread_annotations.h"
+#include "absl/functional/any_invocable.h"
+#include "core/base/status_macros.h"
+#include "server/stores/common/checked_lease.h"
+#include "server/stores/common/job_thread.h"
+#include "server/stores/memory/memory_sessions.h"
+
+namespace evpose::server {
+namespace {
+
+// In the order of names, then tenants.
+std::pair<std::string, std::string> ModelKey(absl::string_view name, absl::string_view tenant) {
+  return {std::string(name), std::string(tenant)};
+}
+
+// What waits to be written, and who is told.
+struct CommitJob {
+  absl::AnyInvocable<absl::Status()> write;
+  SessionLease::Done done;
+};
+
+// What the leases share with their store, and may outlive it.
+struct Shared {
+  explicit Shared(uint64_t max_bytes) : sessions(max_bytes) {}
+
+  void Push(CommitJob job) {
+    if (!committer.Push(std::move(job))) job.done(StoreClosedError());
+  }
+
+  MemorySessions sessions;
+  JobThread<CommitJob> committer{[](std::vector<CommitJob> jobs) {
+    for (CommitJob& job : jobs) job.done(job.write());
+  }};
+};
+
+class MemoryLease : public CheckedLease {
+ public:
+  MemoryLease(std::shared_ptr<Shared> shared, absl::string_view name, uint64_t fencing_number, uint64_t next_pose_seq)
+      : CheckedLease(fencing_number, next_pose_seq), shared_(std::move(shared)), name_(name) {}
+
+ private:
+  void Write(SessionCommit commit, uint64_t next_pose_seq, Done done) override {
+    shared_->Push({.write =
+                       [&sessions = shared_->sessions, name = name_, number = fencing_number(), next_pose_seq,
+                        commit = std::move(commit)]() mutable {
+                         return sessions.Commit(name, number, next_pose_seq, std::move(commit));
+                       },
+                   .done = std::move(done)});
+  }
+  void Refuse(absl::Status status, Done done) override {
+    shared_->Push({.write = [status = std::move(status)] { return status; }, .done = std::move(done)});
+  }
+
+  const std::shared_ptr<Shared> shared_;
+  const std::string name_;
+};
+
+class MemoryStore : public Store {
+ public:
+  explicit MemoryStore(uint64_t max_bytes) : shared_(std::make_shared<Shared>(max_bytes)) {}
+  ~MemoryStore() override { shared_->committer.Close(); }
+
+  absl::string_view kind() const override { return "memory"; }
+  absl::Status CheckHealth() override { return absl::OkStatus(); }
+  std::vector<std::string> damage() const override { return {}; }
+
+  absl::StatusOr<std::vector<ModelRecord>> ReadModels() const override {
+    const std::lock_guard lock(mutex_);
+    std::vector<ModelRecord> models;
+    models.reserve(models_.size());
+    for (const auto& [key, model] : models_) models.push_back(model);
+    return models;
+  }
+
+  absl::StatusOr<ModelRecord> ReadModel(absl::string_view tenant, absl::string_view name) const override {
+    const std::lock_guard lock(mutex_);
+    const auto found = models_.find(ModelKey(name, tenant));
+    if (found == models_.end()) return ModelNotFoundError(name);
+    return found->second;
+  }
+
+  absl::Status PutModel(const ModelRecord& model) override {
+    const std::lock_guard lock(mutex_);
+    models_.emplace(ModelKey(model.name, model.tenant), model);
+    return absl::OkStatus();
+  }
+
+  absl::Status DeleteModel(absl::string_view tenant, absl::string_view name) override {
+    const std::lock_guard lock(mutex_);
+    models_.erase(ModelKey(name, tenant));
+    return absl::OkStatus();
+  }
+
+  absl::StatusOr<std::unique_ptr<SessionLease>> CreateSession(const SessionRecord& record,
+                                                              const std::string& lifecycle) override {
+    EVPOSE_ASSIGN_OR_RETURN(const uint64_t fencing_number, shared_->sessions.Create(record, lifecycle));
+    return std::make_unique<MemoryLease>(shared_, record.name, fencing_number, /*next_pose_seq=*/1);
+  }
+
+  absl::StatusOr<Taken> TakeSession(absl::string_view name) override {
+    EVPOSE_ASSIGN_OR_RETURN(MemorySession session, shared_->sessions.Take(name));
+    const uint64_t next_pose_seq = session.next_pose_seq;
+    return Taken{.session = std::move(session.stored),
+                 .lease = std::make_unique<MemoryLease>(shared_, name, session.fencing_number, next_pose_seq)};
+  }
+
+  absl::StatusOr<StoredSession> ReadSession(absl::string_view name, uint64_t after_pose_seq) const override {
+    return shared_->sessions.Read(name, after_pose_seq);
+  }
+  absl::StatusOr<std::vector<SessionRecord>> ListSessions() const override { return shared_->sessions.List(); }
+  absl::StatusOr<std::vector<StoredLifecycle>> ReadLifecycles() const override {
+    return shared_->sessions.ReadLifecycles();
+  }
+
+  absl::Status DeleteSession(absl::string_view name) override {
+    shared_->sessions.Delete(name);
+    return absl::OkStatus();
+  }
+
+  absl::Status DeleteHeldSession(absl::string_view name, uint64_t fencing_number) override {
+    return shared_->sessions.DeleteHeld(name, fencing_number);
+  }
+
+  absl::StatusOr<std::vector<std::string>> DeleteEnded(absl::Time ended_before) override {
+    return shared_->sessions.DeleteEnded(ended_before);
+  }
+
+ private:
+  const std::shared_ptr<Shared> shared_;
+  mutable std::mutex mutex_;
+  std::map<std::pair<std::string, std::string>, ModelRecord> models_ ABSL_GUARDED_BY(mutex_);
+};
+
+}  // namespace
+
+std::unique_ptr<Store> MakeMemoryStore(uint64_t max_bytes) { return std::make_unique<MemoryStore>(max_bytes); }
+
+}  // namespace evpose::server

@@ -1,0 +1,104 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "server/stores/redis/redis_connection.h"
+
+#include <sys/time.h>
+
+#include <utility>
+
+#include "absl/strings/match.h"
+#include "absl/strings/str_cat.h"
+#include "core/base/status_macros.h"
+
+namespace evpose::server {
+namespace {
+
+constexpr absl::string_view kScriptMissing = "NOSCRIPT";
+
+// The first word of an error tells its kind.
+absl::Status MakeError(const std::string& name, absl::string_view words) {
+  const std::string said = absl::StrCat(name, ": ", words);
+  if (absl::StartsWith(words, kScriptMissing)) return absl::FailedPreconditionError(words);
+  if (absl::StartsWith(words, "OOM")) {
+    return absl::ResourceExhaustedError(absl::StrCat(said, ": delete sessions, or give Redis more maxmemory"));
+  }
+  for (const char* const kind :
+       {"NOAUTH", "WRONGPASS", "NOPERM", "ERR invalid password", "ERR AUTH", "ERR Client sent"}) {
+    if (absl::StartsWith(words, kind)) {
+      return absl::PermissionDeniedError(absl::StrCat(said, ": check the user and password of --store"));
+    }
+  }
+  for (const char* const kind :
+       {"LOADING", "BUSY", "MASTERDOWN", "READONLY", "CLUSTERDOWN", "TRYAGAIN", "MISCONF", "NOREPLICAS", "UNBLOCKED"}) {
+    if (absl::StartsWith(words, kind)) return absl::UnavailableError(said);
+  }
+  return absl::InternalError(said);
+}
+
+}  // namespace
+
+std::string RedisText(const redisReply* reply) {
+  return reply->str == nullptr ? std::string() : std::string(reply->str, reply->len);
+}
+
+bool IsRedisScriptMissing(const absl::Status& status) {
+  return absl::IsFailedPrecondition(status) && absl::StartsWith(status.message(), kScriptMissing);
+}
+
+absl::StatusOr<std::unique_ptr<RedisConnection>> RedisConnection::Open(const RedisAddress& address,
+                                                                       absl::Duration timeout) {
+  const timeval limit = absl::ToTimeval(timeout);
+  redisContext* const context = address.host.empty()
+                                    ? redisConnectUnixWithTimeout(address.socket_path.c_str(), limit)
+                                    : redisConnectWithTimeout(address.host.c_str(), address.port, limit);
+  if (context == nullptr) return absl::ResourceExhaustedError("out of memory");
+  std::unique_ptr<RedisConnection> connection(new RedisConnection(address.Printable(), context));
+  if (connection->broken()) return connection->Broken();
+  redisSetTimeout(context, limit);
+  std::vector<RedisCommand> commands;
+  if (!address.user.empty()) {
+    commands.push_back({"AUTH", address.user, address.password});
+  } else if (!address.password.empty()) {
+    commands.push_back({"AUTH", address.password});
+  }
+  commands.push_back({"SELECT", std::to_string(address.database)});
+  for (const auto& reply : connection->Run(commands)) EVPOSE_RETURN_IF_ERROR(reply.status());
+  return connection;
+}
+
+std::vector<absl::StatusOr<RedisReply>> RedisConnection::Run(const std::vector<RedisCommand>& commands) {
+  for (const RedisCommand& command : commands) {
+    std::vector<const char*> arguments;
+    std::vector<size_t> sizes;
+    for (const std::string& argument : command) {
+      arguments.push_back(argument.data());
+      sizes.push_back(argument.size());
+    }
+    redisAppendCommandArgv(context_.get(), static_cast<int>(command.size()), arguments.data(), sizes.data());
+  }
+  std::vector<absl::StatusOr<RedisReply>> replies;
+  for (size_t i = 0; i < commands.size(); ++i) replies.push_back(Read());
+  return replies;
+}
+
+absl::StatusOr<RedisReply> RedisConnection::Run(const RedisCommand& command) {
+  return std::move(Run(std::vector<RedisCommand>{command})[0]);
+}
+
+absl::StatusOr<RedisReply> RedisConnection::Read() {
+  if (broken()) return Broken();
+  void* read = nullptr;
+  if (redisGetReply(context_.get(), &read) != REDIS_OK || read == nullptr) return Broken();
+  RedisReply reply(static_cast<redisReply*>(read));
+  if (reply->type == REDIS_REPLY_ERROR) return MakeError(name_, RedisText(reply.get()));
+  return reply;
+}
+
+absl::Status RedisConnection::Broken() const {
+  const absl::string_view words = context_->errstr;
+  return absl::UnavailableError(absl::StrCat(name_, " does not answer: ",
+                                             words.empty() || absl::StartsWith(words, "Resource temporarily")
+                                                 ? absl::string_view("no answer in time")
+                                                 : words));
+}
+
+}  // namespace evpose::server

@@ -1,0 +1,357 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "server/stores/redis/redis_store.h"
+
+#include <algorithm>
+#include <atomic>
+#include <cstdio>
+#include <utility>
+
+#include "absl/strings/match.h"
+#include "absl/strings/numbers.h"
+#include "absl/strings/str_cat.h"
+#include "absl/strings/str_split.h"
+#include "core/base/status_macros.h"
+#include "server/stores/common/checked_lease.h"
+#include "server/stores/common/sealed.h"
+#include "server/stores/redis/redis_keys.h"
+#include "server/stores/redis/redis_scripts.h"
+
+namespace evpose::server {
+namespace {
+
+std::vector<std::string> SessionKeys(absl::string_view name, const char* last) {
+  return {RedisSessionKey(name), RedisPosesKey(name), last};
+}
+
+std::string ModelMember(absl::string_view tenant, absl::string_view name) { return absl::StrCat(name, "\n", tenant); }
+
+absl::Status DamagedInRedis(absl::string_view what) {
+  return absl::DataLossError(absl::StrCat(what, " is damaged in Redis"));
+}
+
+absl::StatusOr<uint64_t> Number(const redisReply* reply, absl::string_view what) {
+  uint64_t number = 0;
+  if (!absl::SimpleAtoi(RedisText(reply), &number)) return DamagedInRedis(what);
+  return number;
+}
+
+std::vector<std::string> Texts(const redisReply* reply) {
+  std::vector<std::string> texts;
+  for (size_t i = 0; i < reply->elements; ++i) texts.push_back(RedisText(reply->element[i]));
+  std::sort(texts.begin(), texts.end());
+  return texts;
+}
+
+// An entry of the stream: its ID and its fields.
+absl::StatusOr<PoseSegment> ReadSegment(absl::string_view session, const redisReply* entry) {
+  PoseSegment segment;
+  const bool has_parts = entry->elements == 2 && entry->element[1]->elements == 2;
+  const std::vector<std::string> numbers =
+      absl::StrSplit(has_parts ? RedisText(entry->element[0]) : std::string(), '-');
+  if (numbers.size() != 2 || !absl::SimpleAtoi(numbers[0], &segment.first_pose_seq) ||
+      !absl::SimpleAtoi(numbers[1], &segment.last_pose_seq)) {
+    return DamagedInRedis(absl::StrCat("the list of poses of ", session));
+  }
+  EVPOSE_ASSIGN_OR_RETURN(segment.bytes, Unseal(PosesOf(session, segment.first_pose_seq, segment.last_pose_seq),
+                                                RedisText(entry->element[1]->element[1])));
+  return segment;
+}
+
+struct RedisSession {
+  StoredSession stored;
+  uint64_t fencing_number = 0;
+  uint64_t next_pose_seq = 1;
+};
+
+// The answer of kRedisRead.
+absl::StatusOr<RedisSession> ReadAnswer(absl::string_view name, uint64_t after_pose_seq, const redisReply* reply) {
+  if (reply->type == REDIS_REPLY_NIL) return SessionNotFoundError(name);
+  const std::string state = absl::StrCat("the state of ", name);
+  if (reply->elements != 7) return DamagedInRedis(state);
+  RedisSession session;
+  EVPOSE_ASSIGN_OR_RETURN(session.fencing_number, Number(reply->element[0], state));
+  EVPOSE_ASSIGN_OR_RETURN(session.next_pose_seq, Number(reply->element[1], state));
+  EVPOSE_ASSIGN_OR_RETURN(const uint64_t kept, Number(reply->element[2], state));
+  EVPOSE_ASSIGN_OR_RETURN(session.stored.record, UnsealRecord(name, RedisText(reply->element[3])));
+  EVPOSE_ASSIGN_OR_RETURN(session.stored.lifecycle, Unseal(LifecycleOf(name), RedisText(reply->element[4])));
+  if (reply->element[5]->type != REDIS_REPLY_NIL) {
+    EVPOSE_ASSIGN_OR_RETURN(session.stored.checkpoint, Unseal(CheckpointOf(name), RedisText(reply->element[5])));
+  }
+  const redisReply* const entries = reply->element[6];
+  for (size_t i = 0; i < entries->elements; ++i) {
+    EVPOSE_ASSIGN_OR_RETURN(PoseSegment segment, ReadSegment(name, entries->element[i]));
+    session.stored.poses.push_back(std::move(segment));
+  }
+  EVPOSE_RETURN_IF_ERROR(
+      CheckWhole(name, session.stored.poses, std::max(kept, after_pose_seq + 1), session.next_pose_seq));
+  return session;
+}
+
+// What all leases of a store share with it.
+struct Shared {
+  explicit Shared(const RedisStoreOptions& store_options) : options(store_options), client(store_options.client) {}
+  std::string SafetyTtl_ms() const { return std::to_string(absl::ToInt64Milliseconds(options.safety_ttl)); }
+
+  const RedisStoreOptions options;
+  RedisClient client;
+};
+
+absl::Status CommitOutcome(const absl::StatusOr<RedisReply>& reply, absl::string_view name, uint64_t fencing_number) {
+  EVPOSE_RETURN_IF_ERROR(reply.status());
+  const std::string word = RedisText(reply->get());
+  if (word == "OK") return absl::OkStatus();
+  if (word == "NOTFOUND") return SessionNotFoundError(name);
+  if (word == "FENCED") return FencedError(name, fencing_number);
+  return absl::UnavailableError(absl::StrCat("a commit of ", name, " came too late: ", word));
+}
+
+class RedisLease : public CheckedLease {
+ public:
+  RedisLease(std::shared_ptr<Shared> shared, absl::string_view name, uint64_t fencing_number, uint64_t next_pose_seq)
+      : CheckedLease(fencing_number, next_pose_seq), shared_(std::move(shared)), name_(name) {}
+
+ private:
+  void Write(SessionCommit commit, uint64_t next_pose_seq, Done done) override {
+    std::string ended_at_us;
+    if (commit.ended_at.has_value()) ended_at_us = std::to_string(absl::ToUnixMicros(*commit.ended_at));
+    std::string checkpoint;
+    if (commit.checkpoint.has_value()) checkpoint = Seal(CheckpointOf(name_), *commit.checkpoint);
+    std::string lifecycle;
+    if (commit.lifecycle.has_value()) lifecycle = Seal(LifecycleOf(name_), *std::move(commit.lifecycle));
+    std::vector<std::string> arguments = {name_,
+                                          std::to_string(fencing_number()),
+                                          std::to_string(++commits_),
+                                          std::to_string(next_pose_seq),
+                                          std::to_string(commit.first_pose_seq_kept),
+                                          std::move(ended_at_us),
+                                          shared_->SafetyTtl_ms(),
+                                          std::to_string(shared_->options.max_segments),
+                                          std::move(checkpoint),
+                                          std::move(lifecycle)};
+    for (PoseSegment& segment : commit.poses) {
+      arguments.push_back(std::to_string(segment.first_pose_seq));
+      arguments.push_back(std::to_string(segment.last_pose_seq));
+      arguments.push_back(
+          Seal(PosesOf(name_, segment.first_pose_seq, segment.last_pose_seq), std::move(segment.bytes)));
+    }
+    shared_->client.PushScript(
+        kRedisCommit, SessionKeys(name_, kRedisEndedKey), std::move(arguments),
+        [name = name_, number = fencing_number(), done = std::move(done)](absl::StatusOr<RedisReply> reply) mutable {
+          done(CommitOutcome(reply, name, number));
+        });
+  }
+
+  void Refuse(absl::Status status, Done done) override {
+    shared_->client.Push({"PING"}, [status = std::move(status), done = std::move(done)](
+                                       const absl::StatusOr<RedisReply>&) mutable { done(std::move(status)); });
+  }
+
+  const std::shared_ptr<Shared> shared_;
+  const std::string name_;
+  // A commit that a slow network delivers after a later one is told by its number, and not written.
+  std::atomic<uint64_t> commits_ = 0;
+};
+
+class RedisStore : public Store {
+ public:
+  explicit RedisStore(const RedisStoreOptions& options) : shared_(std::make_shared<Shared>(options)) {}
+  ~RedisStore() override { shared_->client.Close(); }
+
+  // Before any other.
+  absl::Status Check() {
+    EVPOSE_RETURN_IF_ERROR(CheckServer());
+    EVPOSE_ASSIGN_OR_RETURN(const std::vector<std::string> sessions, Members(kRedisSessionsKey));
+    // The whole of each: what is damaged is told now, not when its client comes back.
+    for (const std::string& name : sessions) NoteDamage(absl::StrCat("session ", name), ReadSession(name, 0).status());
+    EVPOSE_ASSIGN_OR_RETURN(const std::vector<std::string> models, Members(kRedisModelsKey));
+    for (const std::string& member : models) {
+      const auto model = ReadMember(member);
+      NoteDamage(absl::StrCat("model ", member.substr(0, member.find('\n'))), model.status());
+    }
+    return absl::OkStatus();
+  }
+
+  absl::string_view kind() const override { return "redis"; }
+  absl::Status CheckHealth() override { return shared_->client.Call({"PING"}).status(); }
+  std::vector<std::string> damage() const override { return damage_; }
+
+  absl::StatusOr<std::vector<ModelRecord>> ReadModels() const override {
+    EVPOSE_ASSIGN_OR_RETURN(const std::vector<std::string> members, Members(kRedisModelsKey));
+    std::vector<ModelRecord> models;
+    for (const std::string& member : members) {
+      auto model = ReadMember(member);
+      if (absl::IsNotFound(model.status()) || absl::IsDataLoss(model.status())) continue;
+      EVPOSE_RETURN_IF_ERROR(model.status());
+      models.push_back(*std::move(model));
+    }
+    return models;
+  }
+
+  absl::StatusOr<ModelRecord> ReadModel(absl::string_view tenant, absl::string_view name) const override {
+    return ReadMember(ModelMember(tenant, name));
+  }
+
+  absl::Status PutModel(const ModelRecord& model) override {
+    const std::string member = ModelMember(model.tenant, model.name);
+    return shared_->client
+        .CallScript(kRedisPutModel, {RedisModelKey(member), kRedisModelsKey},
+                    {member, SealModelHeader(model), SealModelBytes(model)})
+        .status();
+  }
+
+  absl::Status DeleteModel(absl::string_view tenant, absl::string_view name) override {
+    const std::string member = ModelMember(tenant, name);
+    return shared_->client.CallScript(kRedisDeleteModel, {RedisModelKey(member), kRedisModelsKey}, {member}).status();
+  }
+
+  absl::StatusOr<std::unique_ptr<SessionLease>> CreateSession(const SessionRecord& record,
+                                                              const std::string& lifecycle) override {
+    EVPOSE_ASSIGN_OR_RETURN(
+        const RedisReply reply,
+        shared_->client.CallScript(
+            kRedisCreate, {RedisSessionKey(record.name), kRedisSessionsKey, kRedisFencingKey},
+            {record.name, SealRecord(record), Seal(LifecycleOf(record.name), lifecycle), shared_->SafetyTtl_ms()}));
+    if (reply->integer == 0) return SessionExistsError(record.name);
+    return std::make_unique<RedisLease>(shared_, record.name, static_cast<uint64_t>(reply->integer),
+                                        /*next_pose_seq=*/1);
+  }
+
+  absl::StatusOr<Taken> TakeSession(absl::string_view name) override {
+    EVPOSE_ASSIGN_OR_RETURN(RedisSession session, Read(name, /*take=*/true, /*after_pose_seq=*/0));
+    return Taken{.session = std::move(session.stored),
+                 .lease = std::make_unique<RedisLease>(shared_, name, session.fencing_number, session.next_pose_seq)};
+  }
+
+  absl::StatusOr<StoredSession> ReadSession(absl::string_view name, uint64_t after_pose_seq) const override {
+    EVPOSE_ASSIGN_OR_RETURN(RedisSession session, Read(name, /*take=*/false, after_pose_seq));
+    return std::move(session.stored);
+  }
+
+  absl::StatusOr<std::vector<SessionRecord>> ListSessions() const override {
+    EVPOSE_ASSIGN_OR_RETURN(const std::vector<std::string> names, Members(kRedisSessionsKey));
+    std::vector<SessionRecord> records;
+    for (const std::string& name : names) {
+      auto record = ReadRecord(name);
+      if (absl::IsNotFound(record.status()) || absl::IsDataLoss(record.status())) continue;
+      EVPOSE_RETURN_IF_ERROR(record.status());
+      records.push_back(*std::move(record));
+    }
+    return records;
+  }
+
+  absl::StatusOr<std::vector<StoredLifecycle>> ReadLifecycles() const override {
+    EVPOSE_ASSIGN_OR_RETURN(const std::vector<std::string> names, Members(kRedisSessionsKey));
+    std::vector<StoredLifecycle> lifecycles;
+    for (const std::string& name : names) {
+      EVPOSE_ASSIGN_OR_RETURN(const RedisReply reply,
+                              shared_->client.Call({"HGET", RedisSessionKey(name), "lifecycle"}));
+      if (reply->type == REDIS_REPLY_NIL) continue;
+      auto lifecycle = Unseal(LifecycleOf(name), RedisText(reply.get()));
+      if (lifecycle.ok()) lifecycles.push_back({.name = name, .lifecycle = *std::move(lifecycle)});
+    }
+    return lifecycles;
+  }
+
+  absl::Status DeleteSession(absl::string_view name) override { return Delete(name, /*holder=*/"").status(); }
+
+  absl::Status DeleteHeldSession(absl::string_view name, uint64_t fencing_number) override {
+    EVPOSE_ASSIGN_OR_RETURN(const RedisReply reply, Delete(name, std::to_string(fencing_number)));
+    return reply->integer == 0 ? FencedError(name, fencing_number) : absl::OkStatus();
+  }
+
+  absl::StatusOr<std::vector<std::string>> DeleteEnded(absl::Time ended_before) override {
+    const std::string limit =
+        ended_before == absl::InfiniteFuture() ? "+inf" : std::to_string(absl::ToUnixMicros(ended_before));
+    EVPOSE_ASSIGN_OR_RETURN(const RedisReply reply,
+                            shared_->client.CallScript(kRedisDeleteEnded, {kRedisEndedKey, kRedisSessionsKey},
+                                                       {limit, "1000000", RedisSessionKey(""), RedisPosesKey("")}));
+    std::vector<std::string> names = shared_->client.TakeDeletedForRoom();
+    for (size_t i = 0; i < reply->elements; ++i) names.push_back(RedisText(reply->element[i]));
+    return names;
+  }
+
+ private:
+  absl::StatusOr<RedisReply> Delete(absl::string_view name, std::string holder) {
+    return shared_->client.CallScript(kRedisDelete,
+                                      {RedisSessionKey(name), RedisPosesKey(name), kRedisEndedKey, kRedisSessionsKey},
+                                      {std::string(name), std::move(holder)});
+  }
+
+  // What INFO may not be asked for is believed to be right.
+  absl::Status CheckServer() {
+    EVPOSE_RETURN_IF_ERROR(CheckHealth());
+    const auto info = shared_->client.Call({"INFO"});
+    if (!info.ok()) return absl::IsUnavailable(info.status()) ? info.status() : absl::OkStatus();
+    const std::string address = shared_->options.client.address.Printable();
+    bool has_limit = false;
+    std::string policy = "noeviction";
+    int major = 7;
+    int minor = 0;
+    for (absl::string_view line : absl::StrSplit(RedisText(info->get()), "\r\n")) {
+      if (absl::ConsumePrefix(&line, "maxmemory:")) has_limit = line != "0";
+      if (absl::ConsumePrefix(&line, "maxmemory_policy:")) policy = std::string(line);
+      if (absl::ConsumePrefix(&line, "redis_version:"))
+        (void)std::sscanf(std::string(line).c_str(), "%d.%d", &major, &minor);
+    }
+    if (std::pair(major, minor) < std::pair(6, 2)) {
+      return absl::FailedPreconditionError(
+          absl::StrCat(address, " is Redis ", major, ".", minor, ": the store needs 6.2 or later"));
+    }
+    if (!has_limit || policy == "noeviction") return absl::OkStatus();
+    return absl::FailedPreconditionError(absl::StrCat(
+        address, " forgets sessions when its memory is full (maxmemory-policy ", policy, "): set it to noeviction"));
+  }
+
+  void NoteDamage(const std::string& what, const absl::Status& status) {
+    if (absl::IsDataLoss(status)) damage_.push_back(absl::StrCat(what, ": ", status.message()));
+  }
+
+  absl::StatusOr<std::vector<std::string>> Members(const char* set) const {
+    EVPOSE_ASSIGN_OR_RETURN(const RedisReply reply, shared_->client.Call({"SMEMBERS", set}));
+    return Texts(reply.get());
+  }
+
+  absl::StatusOr<SessionRecord> ReadRecord(const std::string& name) const {
+    EVPOSE_ASSIGN_OR_RETURN(const RedisReply reply, shared_->client.Call({"HGET", RedisSessionKey(name), "record"}));
+    if (reply->type == REDIS_REPLY_NIL) return SessionNotFoundError(name);
+    return UnsealRecord(name, RedisText(reply.get()));
+  }
+
+  absl::StatusOr<ModelRecord> ReadMember(const std::string& member) const {
+    const size_t newline = std::min(member.find('\n'), member.size());
+    const std::string name = member.substr(0, newline);
+    const std::string tenant = newline < member.size() ? member.substr(newline + 1) : "";
+    EVPOSE_ASSIGN_OR_RETURN(const RedisReply reply,
+                            shared_->client.Call({"HMGET", RedisModelKey(member), "header", "bytes"}));
+    if (reply->elements != 2 || reply->element[0]->type == REDIS_REPLY_NIL) return ModelNotFoundError(name);
+    EVPOSE_ASSIGN_OR_RETURN(ModelRecord model, UnsealModelHeader(tenant, name, RedisText(reply->element[0])));
+    EVPOSE_ASSIGN_OR_RETURN(model.bytes, UnsealModelBytes(name, RedisText(reply->element[1])));
+    return model;
+  }
+
+  absl::StatusOr<RedisSession> Read(absl::string_view name, bool take, uint64_t after_pose_seq) const {
+    EVPOSE_ASSIGN_OR_RETURN(
+        const RedisReply reply,
+        shared_->client.CallScript(kRedisRead, SessionKeys(name, kRedisFencingKey),
+                                   {take ? "1" : "0", shared_->SafetyTtl_ms(), std::to_string(after_pose_seq),
+                                    std::to_string(after_pose_seq + 1)}));
+    return ReadAnswer(name, after_pose_seq, reply.get());
+  }
+
+  const std::shared_ptr<Shared> shared_;
+  std::vector<std::string> damage_;
+};
+
+}  // namespace
+
+absl::StatusOr<std::unique_ptr<Store>> OpenRedisStore(const RedisStoreOptions& options) {
+  auto store = std::make_unique<RedisStore>(options);
+  const absl::Status status = store->Check();
+  if (absl::IsUnavailable(status)) {
+    return absl::UnavailableError(absl::StrCat(status.message(), ": start Redis there, or give --store its address"));
+  }
+  EVPOSE_RETURN_IF_ERROR(status);
+  return store;
+}
+
+}  // namespace evpose::server

@@ -1,0 +1,235 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "server/stores/redis/redis_store.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <csignal>
+#include <functional>
+
+#include "server/stores/open_store.h"
+#include "server/stores/redis/redis_testing.h"
+#include "server/stores/store_suite_testing.h"
+
+namespace evpose::server {
+namespace {
+
+using absl::StatusCode;
+using testing::HasSubstr;
+using testing::Not;
+
+TEST(RedisAddressTest, ReadsAllParts) {
+  const RedisAddress address = ParseRedisAddress("redis://me:p%40ss:word@host:6380/3").value();
+  EXPECT_EQ(address.host, "host");
+  EXPECT_EQ(address.port, 6380);
+  EXPECT_EQ(address.database, 3);
+  EXPECT_EQ(address.user, "me");
+  EXPECT_EQ(address.password, "p@ss:word");
+  EXPECT_EQ(address.Printable(), "redis://host:6380/3");
+  EXPECT_EQ(ParseRedisAddress("redis://host")->port, 6379);
+  EXPECT_EQ(ParseRedisAddress("redis://secret@host")->password, "secret");
+  EXPECT_EQ(ParseRedisAddress("redis://[::1]:7000")->host, "::1");
+  EXPECT_EQ(ParseRedisAddress("redis://[::1]:7000")->port, 7000);
+  EXPECT_EQ(ParseRedisAddress("redis+unix://secret@/run/redis.sock")->socket_path, "/run/redis.sock");
+}
+
+TEST(RedisAddressTest, RefusesInWordsWithoutThePassword) {
+  for (const char* const url : {"redis://me:secret@", "redis://me:secret@host:0", "redis://me:secret@host:70000",
+                                "redis://me:secret@host:x", "redis://me:secret@host/x", "redis://me:secret%4@host",
+                                "redis+unix://me:secret@run", "http://me:secret@host", "redis://me:secret@host/-1"}) {
+    const absl::Status status = ParseRedisAddress(url).status();
+    EXPECT_EQ(status.code(), StatusCode::kInvalidArgument) << url;
+    EXPECT_THAT(std::string(status.message()), AllOf(Not(HasSubstr("secret")), HasSubstr("redis://[USER")));
+    EXPECT_EQ(OpenStore({.store = url}).status(), status);
+  }
+  const absl::Status tls = ParseRedisAddress("rediss://me:secret@host").status();
+  EXPECT_EQ(tls.code(), StatusCode::kUnimplemented);
+  EXPECT_THAT(std::string(tls.message()), AllOf(Not(HasSubstr("secret")), HasSubstr("TLS")));
+}
+
+TEST(RedisStoreTest, WrongPasswordsAndAbsentServersAreRefusedInWords) {
+  RedisServer redis({"--requirepass", "right-secret"});
+  EXPECT_TRUE(OpenStore({.store = redis.url("right-secret@")}).ok());
+  EXPECT_TRUE(OpenStore({.store = redis.url("default:right-secret@")}).ok());
+  for (const char* const user : {"", "wrong-secret@", "default:wrong-secret@"}) {
+    const absl::Status status = OpenStore({.store = redis.url(user)}).status();
+    EXPECT_EQ(status.code(), StatusCode::kPermissionDenied) << status;
+    EXPECT_THAT(std::string(status.message()), AllOf(Not(HasSubstr("secret")), HasSubstr("socket")));
+  }
+  redis.Kill();
+  const absl::Status status = OpenStore({.store = redis.url("right-secret@")}).status();
+  EXPECT_EQ(status.code(), StatusCode::kUnavailable) << status;
+  EXPECT_THAT(std::string(status.message()), AllOf(Not(HasSubstr("secret")), HasSubstr("socket")));
+}
+
+TEST(RedisStoreTest, AServerThatWouldForgetSessionsIsRefused) {
+  RedisServer redis({"--maxmemory", "100mb", "--maxmemory-policy", "allkeys-lru"});
+  const absl::Status status = OpenStore({.store = redis.url()}).status();
+  EXPECT_EQ(status.code(), StatusCode::kFailedPrecondition);
+  EXPECT_THAT(std::string(status.message()), HasSubstr("noeviction"));
+}
+
+class RedisStoreFixture : public testing::Test {
+ protected:
+  std::unique_ptr<Store> Open(absl::Duration timeout = absl::Seconds(60)) {
+    RedisStoreOptions options;
+    options.client.address = ParseRedisAddress(redis_.url()).value();
+    options.client.timeout = timeout;
+    options.client.first_backoff = absl::ZeroDuration();
+    options.max_segments = 4;
+    return OpenRedisStore(options).value();
+  }
+
+  RedisServer redis_;
+  std::unique_ptr<Store> store_ = Open();
+};
+
+TEST_F(RedisStoreFixture, ComesBackWithTheServer) {
+  auto lease = store_->CreateSession(Record("sessions/a"), "").value();
+  ASSERT_TRUE(CommitNow(*lease, {.checkpoint = "1", .poses = {Segment("a", 1, 3)}}).ok());
+  redis_.Kill();
+  EXPECT_EQ(CommitNow(*lease, {.checkpoint = "2", .poses = {Segment("a", 4, 5)}}).code(), StatusCode::kUnavailable);
+  EXPECT_EQ(CommitNow(*lease, {.checkpoint = "2", .poses = {Segment("a", 4, 5)}}).code(), StatusCode::kUnavailable);
+  EXPECT_EQ(store_->ReadSession("sessions/a").status().code(), StatusCode::kUnavailable);
+  EXPECT_EQ(store_->CheckHealth().code(), StatusCode::kUnavailable);
+  redis_.Start();
+  EXPECT_TRUE(CommitNow(*lease, {.checkpoint = "3", .poses = {Segment("a", 4, 5), Segment("a", 6, 6)}}).ok());
+  EXPECT_EQ(Ranges(store_->ReadSession("sessions/a")->poses), "1-3 4-5 6-6");
+}
+
+// The server is stopped while a commit is on its way: whether it was written, nobody knows until it goes on.
+TEST_F(RedisStoreFixture, ACommitThatArrivedWithoutAnAnswerIsNotThereTwice) {
+  store_ = Open(absl::Seconds(2));
+  auto lease = store_->CreateSession(Record("sessions/a"), "").value();
+  ASSERT_TRUE(CommitNow(*lease, {.checkpoint = "1", .poses = {Segment("a", 1, 3)}}).ok());
+  redis_.Signal(SIGSTOP);
+  EXPECT_EQ(CommitNow(*lease, {.checkpoint = "2", .poses = {Segment("a", 4, 5), Segment("a", 6, 9)}}).code(),
+            StatusCode::kUnavailable);
+  redis_.Signal(SIGCONT);
+  // What stood in the connection is read before what comes later.
+  EXPECT_EQ(Ranges(Open()->ReadSession("sessions/a")->poses), "1-3 4-5 6-9") << "it had arrived";
+  EXPECT_EQ(store_->ReadSession("sessions/a")->checkpoint, "2");
+  EXPECT_EQ(CommitNow(*lease, {.poses = {Segment("x", 10, 10)}}).code(), StatusCode::kFailedPrecondition)
+      << "what ended UNAVAILABLE has to come again";
+  EXPECT_TRUE(CommitNow(*lease, {.checkpoint = "3", .poses = {Segment("a", 4, 7), Segment("a", 8, 12)}}).ok());
+  const StoredSession session = store_->ReadSession("sessions/a").value();
+  EXPECT_EQ(Ranges(session.poses), "1-3 4-7 8-12");
+  EXPECT_EQ(session.poses[1].bytes, Segment("a", 4, 7).bytes);
+  EXPECT_EQ(session.checkpoint, "3");
+}
+
+TEST_F(RedisStoreFixture, ACommitThatComesAfterALaterOneIsNotWritten) {
+  auto lease = store_->CreateSession(Record("sessions/a"), "").value();
+  ASSERT_TRUE(CommitNow(*lease, {.checkpoint = "1"}).ok());
+  ASSERT_TRUE(CommitNow(*lease, {.checkpoint = "2"}).ok());
+  // As the first commit would come from a slow connection.
+  const std::string answer =
+      redis_.Text({"EVAL", kRedisCommit.source, "3", "evpose:session:sessions/a", "evpose:poses:sessions/a",
+                   "evpose:ended", "sessions/a", std::to_string(lease->fencing_number()), "1", "1", "1", "", "1000000",
+                   "10", "stale", "", "1", "1", "stale"});
+  EXPECT_EQ(answer, "STALE");
+  EXPECT_EQ(store_->ReadSession("sessions/a")->checkpoint, "2");
+  EXPECT_TRUE(store_->ReadSession("sessions/a")->poses.empty());
+}
+
+TEST_F(RedisStoreFixture, AnotherServersHolderIsShutOut) {
+  const std::unique_ptr<Store> other = Open();
+  auto lease = store_->CreateSession(Record("sessions/a"), "").value();
+  ASSERT_TRUE(CommitNow(*lease, {.checkpoint = "1", .poses = {Segment("a", 1, 3)}}).ok());
+  Store::Taken taken = other->TakeSession("sessions/a").value();
+  EXPECT_EQ(CommitNow(*lease, {.checkpoint = "x", .poses = {Segment("x", 4, 4)}}).code(), StatusCode::kAborted);
+  EXPECT_TRUE(CommitNow(*taken.lease, {.checkpoint = "2", .poses = {Segment("a", 4, 4)}}).ok());
+  Store::Taken back = store_->TakeSession("sessions/a").value();
+  EXPECT_EQ(back.session.checkpoint, "2");
+  EXPECT_EQ(Ranges(back.session.poses), "1-3 4-4");
+  EXPECT_EQ(CommitNow(*taken.lease, {.checkpoint = "x"}).code(), StatusCode::kAborted);
+}
+
+TEST_F(RedisStoreFixture, SendsScriptsThatTheServerForgot) {
+  auto lease = store_->CreateSession(Record("sessions/a"), "").value();
+  redis_.Run({"SCRIPT", "FLUSH"});
+  EXPECT_TRUE(CommitNow(*lease, {.checkpoint = "1"}).ok());
+  EXPECT_EQ(store_->ReadSession("sessions/a")->checkpoint, "1");
+}
+
+TEST_F(RedisStoreFixture, BoundsTheStreamAndTheLifeOfWhatNobodyWrites) {
+  auto lease = store_->CreateSession(Record("sessions/a"), "").value();
+  for (uint64_t i = 0; i < 10; ++i) {
+    ASSERT_TRUE(CommitNow(*lease, {.poses = {Segment("a", 10 * i + 1, 10 * i + 10)}}).ok());
+  }
+  EXPECT_EQ(Ranges(store_->ReadSession("sessions/a")->poses), "61-70 71-80 81-90 91-100");
+  EXPECT_GT(redis_.Run({"PTTL", "evpose:session:sessions/a"})->integer, 0);
+  EXPECT_GT(redis_.Run({"PTTL", "evpose:poses:sessions/a"})->integer, 0);
+}
+
+TEST_F(RedisStoreFixture, LeavesNothingBehind) {
+  auto lease = store_->CreateSession(Record("sessions/a"), "").value();
+  ASSERT_TRUE(
+      CommitNow(*lease,
+                {.checkpoint = "1", .poses = {Segment("a", 1, 1)}, .ended_at = absl::FromUnixSeconds(1'700'000'000)})
+          .ok());
+  ASSERT_TRUE(store_->PutModel(Model("models/a", "tenant", "bytes")).ok());
+  ASSERT_TRUE(store_->DeleteSession("sessions/a").ok());
+  ASSERT_TRUE(store_->DeleteModel("tenant", "models/a").ok());
+  const RedisReply keys = redis_.Run({"KEYS", "*"});
+  ASSERT_EQ(keys->elements, 1u);
+  EXPECT_EQ(RedisText(keys->element[0]), "evpose:fencing");
+}
+
+TEST_F(RedisStoreFixture, NamesWhatWasTamperedWith) {
+  using Tamper = std::function<void()>;
+  const std::string key = "evpose:session:sessions/a";
+  const std::pair<Tamper, const char*> cases[] = {
+      {[&] {
+         redis_.Run({"HSET", key, "checkpoint", "other bytes"});
+       },
+       "checkpoint of sessions/a"},
+      {[&] {
+         redis_.Run({"HSET", key, "lifecycle", ""});
+       },
+       "lifecycle of sessions/a"},
+      {[&] {
+         redis_.Run({"HSET", key, "record", "other"});
+       },
+       "record of sessions/a"},
+      {[&] {
+         redis_.Run({"HSET", key, "next", "x"});
+       },
+       "state of sessions/a"},
+      {[&] {
+         redis_.Run({"XDEL", "evpose:poses:sessions/a", "4-5"});
+       },
+       "poses of sessions/a are missing"},
+      {[&] {
+         redis_.Run({"DEL", "evpose:poses:sessions/a"});
+       },
+       "poses of sessions/a are missing"},
+      {[&] {
+         redis_.Run({"XADD", "evpose:poses:sessions/a", "9-9", "b", "x"});
+       },
+       "poses 9 to 9 of sessions/a"},
+  };
+  for (const auto& [tamper, words] : cases) {
+    ASSERT_TRUE(store_->DeleteSession("sessions/a").ok());
+    auto lease = store_->CreateSession(Record("sessions/a"), "").value();
+    ASSERT_TRUE(CommitNow(*lease, {.checkpoint = "1", .poses = {Segment("a", 1, 3), Segment("a", 4, 5)}}).ok());
+    tamper();
+    const absl::Status status = store_->TakeSession("sessions/a").status();
+    EXPECT_EQ(status.code(), StatusCode::kDataLoss) << words;
+    EXPECT_THAT(std::string(status.message()), HasSubstr(words));
+    EXPECT_THAT(Open()->damage(), testing::ElementsAre(AllOf(HasSubstr("session sessions/a: "), HasSubstr(words))));
+  }
+  ASSERT_TRUE(store_->DeleteSession("sessions/a").ok());
+  ASSERT_TRUE(store_->CreateSession(Record("sessions/b"), "").ok());
+  ASSERT_TRUE(store_->PutModel(Model("models/a", "", "bytes")).ok());
+  ASSERT_TRUE(store_->CreateSession(Record("sessions/whole"), "").ok());
+  redis_.Run({"HSET", "evpose:session:sessions/b", "record", "other"});
+  redis_.Run({"HSET", "evpose:model:models/a\n", "bytes", "other"});
+  store_ = Open();
+  EXPECT_THAT(store_->damage(), testing::ElementsAre(HasSubstr("session sessions/b"), HasSubstr("model models/a")));
+  ASSERT_EQ(store_->ListSessions()->size(), 1u);
+  EXPECT_TRUE(store_->ReadModels()->empty());
+}
+
+}  // namespace
+}  // namespace evpose::server

@@ -1,0 +1,67 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "server/stores/redis/redis_testing.h"
+
+#include <signal.h>
+#include <sys/prctl.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include <cstdio>
+
+#include "absl/strings/match.h"
+
+namespace evpose::server {
+
+RedisServer::RedisServer(const std::vector<std::string>& options) : options_(options) { Start(); }
+
+RedisServer::~RedisServer() { Kill(); }
+
+void RedisServer::Start() {
+  // Commits are in the file when they are answered, as a server that is killed in a test has to have them.
+  std::vector<std::string> words = {"redis-server",    "--port", "0", "--unixsocket", path("socket"), "--dir",
+                                    directory_.path(), "--save", "",  "--appendonly", "yes",          "--appendfsync",
+                                    "always"};
+  words.insert(words.end(), options_.begin(), options_.end());
+  std::vector<char*> arguments;
+  for (std::string& word : words) arguments.push_back(word.data());
+  arguments.push_back(nullptr);
+  int log[2];
+  ASSERT_EQ(pipe(log), 0);
+  process_ = fork();
+  if (process_ == 0) {
+    prctl(PR_SET_PDEATHSIG, SIGKILL);
+    dup2(log[1], STDOUT_FILENO);
+    close(log[0]);
+    close(log[1]);
+    execvp(arguments[0], arguments.data());
+    _exit(127);
+  }
+  close(log[1]);
+  FILE* const lines = fdopen(log[0], "r");
+  char line[1024];
+  bool ready = false;
+  std::string said;
+  while (!ready && std::fgets(line, sizeof(line), lines) != nullptr) {
+    said += line;
+    ready = absl::StrContains(line, "eady to accept connections");
+  }
+  // Read on by nobody: what it says later fits the pipe, or is lost.
+  std::fclose(lines);
+  EXPECT_TRUE(ready) << "redis-server (deploy/install-dependencies.sh --test) did not start: " << said;
+}
+
+void RedisServer::Kill() {
+  if (process_ <= 0) return;
+  kill(process_, SIGKILL);
+  waitpid(process_, nullptr, 0);
+  process_ = -1;
+}
+
+void RedisServer::Signal(int signal) const { kill(process_, signal); }
+
+RedisReply RedisServer::Run(const RedisCommand& command) const {
+  auto connection = RedisConnection::Open(ParseRedisAddress(url()).value(), absl::Seconds(60)).value();
+  return connection->Run(command).value();
+}
+
+}  // namespace evpose::server

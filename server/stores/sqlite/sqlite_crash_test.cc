@@ -1,0 +1,101 @@
+// SPDX-License-Identifier: Apache-2.0
+
+// The process dies at any moment: what was acknowledged is there, and every commit is there wholly or not at all.
+#include <gtest/gtest.h>
+#include <signal.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include <array>
+#include <random>
+#include <thread>
+
+#include "server/stores/sqlite/sqlite_store.h"
+#include "server/stores/store_suite_testing.h"
+
+namespace evpose::server {
+namespace {
+
+constexpr size_t kSessions = 4;
+constexpr int kDeaths = 50;
+
+std::string Name(size_t session) { return "sessions/" + std::to_string(session); }
+
+// The n-th commit of a session, of every size.
+SessionCommit MakeCommit(size_t session, uint64_t n) {
+  return {.checkpoint = Noise(1000 * (n * 37 % 100), n),
+          .lifecycle = std::to_string(n),
+          .poses = {Segment(Name(session), n, n)},
+          .first_pose_seq_kept = n > 20 ? n - 20 : 1};
+}
+
+struct Acknowledged {
+  size_t session;
+  uint64_t commit;
+};
+
+// Commits until it is killed, and tells what was acknowledged.
+[[noreturn]] void CommitForever(const std::string& data_dir, int acknowledged) {
+  const std::unique_ptr<Store> store = OpenSqliteStore({.data_dir = data_dir}).value();
+  std::vector<std::thread> threads;
+  for (size_t session = 0; session < kSessions; ++session) {
+    threads.emplace_back([&store, acknowledged, session] {
+      Store::Taken taken = store->TakeSession(Name(session)).value();
+      const std::string& last = taken.session.lifecycle;
+      for (uint64_t n = std::stoull(last) + 1; CommitNow(*taken.lease, MakeCommit(session, n)).ok(); ++n) {
+        const Acknowledged told = {.session = session, .commit = n};
+        if (write(acknowledged, &told, sizeof(told)) != sizeof(told)) break;
+      }
+      _exit(1);
+    });
+  }
+  for (std::thread& thread : threads) thread.join();
+  _exit(1);
+}
+
+TEST(SqliteCrashTest, WhatWasAcknowledgedSurvivesFiftyDeaths) {
+  const TemporaryDirectory directory;
+  const std::string data_dir = directory.path() + "/data";
+  {
+    const std::unique_ptr<Store> store = OpenSqliteStore({.data_dir = data_dir}).value();
+    for (size_t i = 0; i < kSessions; ++i) ASSERT_TRUE(store->CreateSession(Record(Name(i)), "0").ok());
+  }
+  std::array<uint64_t, kSessions> last_acknowledged = {};
+  std::mt19937_64 random(1);
+  for (int death = 0; death < kDeaths; ++death) {
+    int pipe_ends[2];
+    ASSERT_EQ(pipe(pipe_ends), 0);
+    const pid_t child = fork();
+    if (child == 0) CommitForever(data_dir, pipe_ends[1]);
+    close(pipe_ends[1]);
+    Acknowledged told = {};
+    const uint64_t deadly = 1 + random() % 40;
+    uint64_t count = 0;
+    while (read(pipe_ends[0], &told, sizeof(told)) == sizeof(told)) {
+      last_acknowledged[told.session] = told.commit;
+      if (++count == deadly) kill(child, SIGKILL);
+    }
+    close(pipe_ends[0]);
+    int status = 0;
+    waitpid(child, &status, 0);
+    ASSERT_TRUE(WIFSIGNALED(status)) << "it has failed by itself";
+
+    const std::unique_ptr<Store> store = OpenSqliteStore({.data_dir = data_dir}).value();
+    ASSERT_TRUE(store->damage().empty()) << store->damage()[0];
+    for (size_t i = 0; i < kSessions; ++i) {
+      const StoredSession session = store->ReadSession(Name(i)).value();
+      const uint64_t n = std::stoull(session.lifecycle);
+      EXPECT_GE(n, last_acknowledged[i]);
+      EXPECT_LE(n, last_acknowledged[i] + 1) << "one was on its way";
+      last_acknowledged[i] = n;
+      if (n == 0) continue;
+      EXPECT_TRUE(session.checkpoint == MakeCommit(i, n).checkpoint);
+      ASSERT_FALSE(session.poses.empty());
+      EXPECT_EQ(session.poses.back().bytes, Segment(Name(i), n, n).bytes);
+      EXPECT_EQ(session.poses.size(), std::min<uint64_t>(n, 21));
+    }
+  }
+}
+
+}  // namespace
+}  // namespace evpose::server

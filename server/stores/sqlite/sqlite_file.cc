@@ -1,0 +1,182 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "server/stores/sqlite/sqlite_file.h"
+
+#include <unistd.h>
+
+#include <algorithm>
+#include <cerrno>
+#include <cstdio>
+#include <filesystem>
+#include <fstream>
+#include <system_error>
+#include <utility>
+
+#include "absl/strings/match.h"
+#include "absl/strings/str_cat.h"
+#include "core/base/status_macros.h"
+#include "server/stores/sqlite/data_directory.h"
+#include "server/stores/sqlite/sqlite_log.h"
+#include "server/stores/sqlite/sqlite_records.h"
+
+namespace evpose::server {
+namespace {
+
+constexpr int64_t kApplicationId = 0x4556504F;  // "EVPO", in the file's header
+constexpr int64_t kSchemaVersion = 1;
+constexpr uint64_t kMaxPages = 4294967294;  // SQLite's own limit
+constexpr absl::string_view kFileMagic("SQLite format 3\0", 16);
+
+// Larger pages than SQLite's 4096 bytes: checkpoints have megabytes.
+const char* const kNewFileSettings = "PRAGMA page_size=16384; PRAGMA journal_mode=WAL";
+// FULL: a commit is on the disk when it is done. The log grows to 64 MB before it is copied into the file, so that a
+// checkpoint that is replaced soon is not; it keeps that size, so that a full disk still lets sessions be deleted.
+const char* const kWriterSettings =
+    "PRAGMA synchronous=FULL; PRAGMA wal_autocheckpoint=4096; PRAGMA journal_size_limit=134217728; "
+    "PRAGMA cache_size=-16384";
+
+uint64_t SizeBytes(const std::string& path) {
+  std::error_code error;
+  const uintmax_t size = std::filesystem::file_size(path, error);
+  return error ? 0 : size;
+}
+
+// What SQLite would take for an empty database, or refuse in fewer words.
+absl::Status CheckMagic(const std::string& path) {
+  std::ifstream file(path, std::ios::binary);
+  if (!file) return absl::PermissionDeniedError(absl::StrCat(path, ": the server's user cannot read it"));
+  std::string magic(kFileMagic.size(), '\0');
+  file.read(magic.data(), static_cast<std::streamsize>(magic.size()));
+  magic.resize(static_cast<size_t>(file.gcount()));
+  if (absl::StartsWith(kFileMagic, magic)) return absl::OkStatus();
+  return absl::FailedPreconditionError(
+      absl::StrCat(path, " is no SQLite database: move it away, or choose another --data-dir"));
+}
+
+absl::StatusOr<int64_t> ReadPragma(SqliteDatabase& database, const std::string& name) {
+  SqliteQuery query = database.Query("PRAGMA " + name);
+  const bool found = query.Next();
+  EVPOSE_RETURN_IF_ERROR(query.status());
+  return found ? query.IntegerAt(0) : 0;
+}
+
+// In one transaction: what a crash interrupts is empty.
+absl::Status MakeTables(SqliteDatabase& database) {
+  EVPOSE_RETURN_IF_ERROR(database.Execute(kNewFileSettings));
+  EVPOSE_RETURN_IF_ERROR(database.Execute(kWriterSettings));
+  return database.Execute(absl::StrCat("BEGIN IMMEDIATE;", kSqliteSchema, "PRAGMA application_id=", kApplicationId,
+                                       "; PRAGMA user_version=", kSchemaVersion, "; COMMIT"));
+}
+
+absl::StatusOr<std::unique_ptr<SqliteDatabase>> MakeFile(const std::string& path) {
+  EVPOSE_RETURN_IF_ERROR(MakePrivateFile(path));
+  EVPOSE_ASSIGN_OR_RETURN(std::unique_ptr<SqliteDatabase> database, SqliteDatabase::Open(path));
+  EVPOSE_RETURN_IF_ERROR(MakeTables(*database));
+  return database;
+}
+
+absl::Status CheckVersion(SqliteDatabase& database) {
+  EVPOSE_ASSIGN_OR_RETURN(const int64_t application, ReadPragma(database, "application_id"));
+  EVPOSE_ASSIGN_OR_RETURN(const int64_t version, ReadPragma(database, "user_version"));
+  EVPOSE_ASSIGN_OR_RETURN(const int64_t schema_changes, ReadPragma(database, "schema_version"));
+  if (application == 0 && version == 0 && schema_changes == 0) return MakeTables(database);
+  if (application != kApplicationId) {
+    return absl::FailedPreconditionError(
+        absl::StrCat(database.path(), " is another program's database: move it away, or choose another --data-dir"));
+  }
+  if (version > kSchemaVersion) {
+    return absl::FailedPreconditionError(absl::StrCat(database.path(), " was written by a newer evpose (schema ",
+                                                      version, "; this one knows ", kSchemaVersion,
+                                                      "): run that version, or choose another --data-dir"));
+  }
+  return database.Execute(kWriterSettings);
+}
+
+// The name that a damaged file gets: the first that is free.
+std::string SetAsidePath(const std::string& path) {
+  int number = 1;
+  while (access(absl::StrCat(path, ".damaged-", number).c_str(), F_OK) == 0) ++number;
+  return absl::StrCat(path, ".damaged-", number);
+}
+
+// One step of it: the new file appears under the name as the old one goes. What the old one's log has, SQLite must not
+// take for the new one's.
+absl::Status Exchange(const std::string& rescued, const std::string& path, const std::string& set_aside) {
+  const auto failed = [&] {
+    return absl::PermissionDeniedError(
+        absl::StrCat(path, ": cannot be set aside as ", set_aside, ": ", std::generic_category().message(errno)));
+  };
+  if (link(path.c_str(), set_aside.c_str()) != 0) return failed();
+  const std::string log = path + "-wal";
+  if (rename(log.c_str(), (set_aside + "-wal").c_str()) != 0 && errno != ENOENT) return failed();
+  if (unlink((path + "-shm").c_str()) != 0 && errno != ENOENT) return failed();
+  if (rename(rescued.c_str(), path.c_str()) != 0) return failed();
+  return absl::OkStatus();
+}
+
+absl::StatusOr<SqliteFile> Rescue(const std::string& path) {
+  const std::string rescued_path = path + ".rescued";
+  const std::string set_aside = SetAsidePath(path);
+  for (const char* const suffix : {"", "-wal", "-shm"}) unlink((rescued_path + suffix).c_str());
+  SqliteFile file;
+  {
+    EVPOSE_ASSIGN_OR_RETURN(const std::unique_ptr<SqliteDatabase> damaged, SqliteDatabase::OpenDamaged(path));
+    file.contents = CheckSqliteContents(*damaged);
+    EVPOSE_ASSIGN_OR_RETURN(const std::unique_ptr<SqliteDatabase> rescued, MakeFile(rescued_path));
+    EVPOSE_RETURN_IF_ERROR(CopySqliteContents(*damaged, file.contents, *rescued));
+    // The whole of it in one file, which one name stands for.
+    EVPOSE_RETURN_IF_ERROR(rescued->Execute("PRAGMA wal_checkpoint(TRUNCATE)"));
+  }
+  EVPOSE_RETURN_IF_ERROR(Exchange(rescued_path, path, set_aside));
+  file.contents.damage.push_back(absl::StrCat("what is whole of ", path, ": ", file.contents.sessions.size(),
+                                              " sessions and ", file.contents.models.size(),
+                                              " models, is in a new file; the damaged one is ", set_aside));
+  EVPOSE_ASSIGN_OR_RETURN(file.database, SqliteDatabase::Open(path));
+  EVPOSE_RETURN_IF_ERROR(file.database->Execute(kWriterSettings));
+  return file;
+}
+
+absl::StatusOr<SqliteFile> OpenOrRescue(const std::string& path) {
+  SqliteFile file;
+  {
+    EVPOSE_ASSIGN_OR_RETURN(file.database, SqliteDatabase::Open(path));
+    const absl::Status version = CheckVersion(*file.database);
+    if (!version.ok() && !absl::IsDataLoss(version)) return version;
+    if (version.ok()) file.contents = CheckSqliteContents(*file.database);
+    if (version.ok() && file.contents.damage.empty()) return file;
+  }
+  file.database.reset();
+  return Rescue(path);
+}
+
+}  // namespace
+
+absl::StatusOr<SqliteFile> OpenSqliteFile(const std::string& path) {
+  SqliteFile file;
+  if (SizeBytes(path) == 0 && SizeBytes(path + "-wal") == 0) {
+    EVPOSE_ASSIGN_OR_RETURN(file.database, MakeFile(path));
+    return file;
+  }
+  // SQLite would forget the log of an empty file.
+  if (SizeBytes(path) == 0) {
+    EVPOSE_RETURN_IF_ERROR(MakePrivateFile(path));
+    return Rescue(path);
+  }
+  EVPOSE_RETURN_IF_ERROR(CheckMagic(path));
+  const std::string damage_of_log = FindDamageOfSqliteLog(path + "-wal");
+  EVPOSE_ASSIGN_OR_RETURN(file, OpenOrRescue(path));
+  if (!damage_of_log.empty()) file.contents.damage.push_back(damage_of_log);
+  return file;
+}
+absl::Status LimitSqliteBytes(SqliteDatabase& database, uint64_t max_bytes) {
+  EVPOSE_ASSIGN_OR_RETURN(const int64_t page_bytes, ReadPragma(database, "page_size"));
+  const uint64_t pages = std::clamp<uint64_t>(max_bytes / static_cast<uint64_t>(page_bytes), 1, kMaxPages);
+  return database.Execute(absl::StrCat("PRAGMA max_page_count=", pages));
+}
+
+absl::StatusOr<std::unique_ptr<SqliteDatabase>> OpenSqliteReader(const std::string& path) {
+  EVPOSE_ASSIGN_OR_RETURN(std::unique_ptr<SqliteDatabase> database, SqliteDatabase::Open(path));
+  EVPOSE_RETURN_IF_ERROR(database->Execute("PRAGMA query_only=ON"));
+  return database;
+}
+
+}  // namespace evpose::server

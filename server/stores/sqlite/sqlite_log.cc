@@ -1,0 +1,79 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "server/stores/sqlite/sqlite_log.h"
+
+#include <algorithm>
+#include <cstdint>
+#include <fstream>
+#include <vector>
+
+#include "absl/strings/str_cat.h"
+
+namespace evpose::server {
+namespace {
+
+constexpr size_t kHeaderBytes = 32;
+constexpr size_t kFrameHeaderBytes = 24;
+constexpr uint32_t kLogMagic = 0x377f0682;  // the last bit: the checksums' words are big-endian
+constexpr uint32_t kMaxPageBytes = 65536;
+
+uint32_t BigEndian(const uint8_t* bytes) {
+  return uint32_t{bytes[0]} << 24 | uint32_t{bytes[1]} << 16 | uint32_t{bytes[2]} << 8 | bytes[3];
+}
+
+uint32_t LittleEndian(const uint8_t* bytes) {
+  return uint32_t{bytes[3]} << 24 | uint32_t{bytes[2]} << 16 | uint32_t{bytes[1]} << 8 | bytes[0];
+}
+
+// Runs on from frame to frame.
+struct Checksum {
+  bool is_big_endian = false;
+  uint32_t s0 = 0;
+  uint32_t s1 = 0;
+
+  void Add(const uint8_t* bytes, size_t size) {
+    for (size_t i = 0; i + 8 <= size; i += 8) {
+      s0 += (is_big_endian ? BigEndian(bytes + i) : LittleEndian(bytes + i)) + s1;
+      s1 += (is_big_endian ? BigEndian(bytes + i + 4) : LittleEndian(bytes + i + 4)) + s0;
+    }
+  }
+  bool Is(const uint8_t* bytes) const { return s0 == BigEndian(bytes) && s1 == BigEndian(bytes + 4); }
+};
+
+bool ReadBytes(std::ifstream& file, std::vector<uint8_t>& bytes) {
+  file.read(reinterpret_cast<char*>(bytes.data()), static_cast<std::streamsize>(bytes.size()));
+  return static_cast<size_t>(file.gcount()) == bytes.size();
+}
+
+}  // namespace
+
+std::string FindDamageOfSqliteLog(const std::string& path) {
+  std::ifstream file(path, std::ios::binary);
+  std::vector<uint8_t> header(kHeaderBytes);
+  if (!file || !ReadBytes(file, header)) return "";  // no log, or one that nothing was written to
+  Checksum checksum = {.is_big_endian = (BigEndian(header.data()) & 1) != 0};
+  checksum.Add(header.data(), 24);
+  const uint32_t page_bytes = BigEndian(header.data() + 8);
+  if ((BigEndian(header.data()) & ~1u) != kLogMagic || !checksum.Is(header.data() + 24) || page_bytes == 0 ||
+      page_bytes > kMaxPageBytes) {
+    return absl::StrCat("the head of the log ", path, ": what was committed last may be missing");
+  }
+  std::vector<uint8_t> frame(kFrameHeaderBytes + page_bytes);
+  bool whole = true;
+  int lost_commits = 0;
+  while (ReadBytes(file, frame)) {
+    // Frames of an earlier log stand behind this one's, with another salt.
+    const bool is_ours = std::equal(frame.begin() + 8, frame.begin() + 16, header.begin() + 16);
+    if (is_ours && whole) {
+      checksum.Add(frame.data(), 8);
+      checksum.Add(frame.data() + kFrameHeaderBytes, page_bytes);
+    }
+    whole = whole && is_ours && checksum.Is(frame.data() + 16);
+    const bool ends_transaction = BigEndian(frame.data() + 4) != 0;
+    if (!whole && is_ours && ends_transaction) ++lost_commits;
+  }
+  if (lost_commits < 2) return "";
+  return absl::StrCat("the log ", path, " is damaged in its middle: the last ", lost_commits,
+                      " transactions are lost, and sessions are as they were before");
+}
+
+}  // namespace evpose::server

@@ -1,0 +1,217 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "server/stores/sqlite/sqlite_store.h"
+
+#include <algorithm>
+#include <mutex>
+#include <set>
+#include <utility>
+
+#include "absl/base/thread_annotations.h"
+#include "absl/strings/str_cat.h"
+#include "core/base/status_macros.h"
+#include "server/stores/common/checked_lease.h"
+#include "server/stores/sqlite/data_directory.h"
+#include "server/stores/sqlite/sqlite_file.h"
+#include "server/stores/sqlite/sqlite_records.h"
+#include "server/stores/sqlite/sqlite_writer.h"
+
+namespace evpose::server {
+namespace {
+
+uint64_t SizeBytes(const SessionCommit& commit) {
+  uint64_t bytes = commit.checkpoint.has_value() ? commit.checkpoint->size() : 0;
+  for (const PoseSegment& segment : commit.poses) bytes += segment.bytes.size();
+  return bytes;
+}
+
+absl::Status DamagedSessionError(absl::string_view name) {
+  return absl::DataLossError(
+      absl::StrCat("session ", name, " was found damaged when the store was opened, and is left out"));
+}
+
+class SqliteLease : public CheckedLease {
+ public:
+  SqliteLease(std::shared_ptr<SqliteWriter> writer, absl::string_view name, uint64_t fencing_number,
+              uint64_t next_pose_seq)
+      : CheckedLease(fencing_number, next_pose_seq), writer_(std::move(writer)), name_(name) {}
+
+ private:
+  void Write(SessionCommit commit, uint64_t next_pose_seq, Done done) override {
+    const uint64_t size_bytes = SizeBytes(commit);
+    writer_->Push(
+        [name = name_, number = fencing_number(), next_pose_seq,
+         commit = std::move(commit)](SqliteDatabase& database) -> absl::Status {
+          EVPOSE_ASSIGN_OR_RETURN(SqliteSessionState state, SqliteReadState(database, name));
+          if (state.fencing_number != number) return FencedError(name, number);
+          EVPOSE_RETURN_IF_ERROR(SqliteWriteParts(database, name, commit, next_pose_seq, state));
+          return SqliteWriteState(database, name, state);
+        },
+        size_bytes, std::move(done));
+  }
+
+  void Refuse(absl::Status status, Done done) override {
+    writer_->Push([status = std::move(status)](SqliteDatabase&) { return status; }, 0, std::move(done));
+  }
+
+  const std::shared_ptr<SqliteWriter> writer_;
+  const std::string name_;
+};
+
+class SqliteStore : public Store {
+ public:
+  SqliteStore(std::unique_ptr<DataDirectory> directory, SqliteFile file, std::unique_ptr<SqliteDatabase> reader)
+      : directory_(std::move(directory)),
+        damage_(std::move(file.contents.damage)),
+        writer_(std::make_shared<SqliteWriter>(std::move(file.database))),
+        damaged_sessions_(std::move(file.contents.damaged_sessions)),
+        reader_(std::move(reader)) {}
+
+  // The writer's connection closes last: it copies its log into the file.
+  ~SqliteStore() override {
+    {
+      const std::lock_guard lock(mutex_);
+      reader_.reset();
+    }
+    writer_->Close();
+  }
+
+  absl::string_view kind() const override { return "sqlite"; }
+  std::vector<std::string> damage() const override { return damage_; }
+
+  absl::Status CheckHealth() override {
+    const std::lock_guard lock(mutex_);
+    return SqliteLastFencingNumber(*reader_).status();
+  }
+
+  absl::StatusOr<std::vector<ModelRecord>> ReadModels() const override {
+    const std::lock_guard lock(mutex_);
+    EVPOSE_ASSIGN_OR_RETURN(const std::vector<SqliteModelKey> keys, SqliteListModels(*reader_));
+    std::vector<ModelRecord> models;
+    for (const SqliteModelKey& key : keys) {
+      auto model = SqliteReadModel(*reader_, key.tenant, key.name);
+      if (absl::IsNotFound(model.status())) continue;  // deleted in between
+      EVPOSE_RETURN_IF_ERROR(model.status());
+      models.push_back(*std::move(model));
+    }
+    return models;
+  }
+
+  absl::StatusOr<ModelRecord> ReadModel(absl::string_view tenant, absl::string_view name) const override {
+    const std::lock_guard lock(mutex_);
+    return SqliteReadModel(*reader_, tenant, name);
+  }
+
+  absl::Status PutModel(const ModelRecord& model) override {
+    return writer_->Call([&](SqliteDatabase& database) { return SqlitePutModel(database, model); },
+                         model.bytes->size());
+  }
+
+  absl::Status DeleteModel(absl::string_view tenant, absl::string_view name) override {
+    return writer_->Call([&](SqliteDatabase& database) { return SqliteDeleteModel(database, tenant, name); });
+  }
+
+  absl::StatusOr<std::unique_ptr<SessionLease>> CreateSession(const SessionRecord& record,
+                                                              const std::string& lifecycle) override {
+    if (IsDamaged(record.name)) return SessionExistsError(record.name);
+    SqliteSessionState state;
+    const absl::Status written = writer_->Call([&](SqliteDatabase& database) -> absl::Status {
+      const auto found = SqliteReadState(database, record.name);
+      if (!absl::IsNotFound(found.status())) return SessionExistsError(record.name);
+      EVPOSE_ASSIGN_OR_RETURN(state.fencing_number, SqliteNextFencingNumber(database));
+      return SqliteInsertSession(database, record, lifecycle, state);
+    });
+    EVPOSE_RETURN_IF_ERROR(written);
+    return std::make_unique<SqliteLease>(writer_, record.name, state.fencing_number, state.next_pose_seq);
+  }
+
+  absl::StatusOr<Taken> TakeSession(absl::string_view name) override {
+    if (IsDamaged(name)) return DamagedSessionError(name);
+    SqliteSession session;
+    const absl::Status written = writer_->Call([&](SqliteDatabase& database) -> absl::Status {
+      EVPOSE_ASSIGN_OR_RETURN(session, SqliteReadSession(database, name, /*after_pose_seq=*/0));
+      EVPOSE_ASSIGN_OR_RETURN(session.state.fencing_number, SqliteNextFencingNumber(database));
+      return SqliteWriteState(database, name, session.state);
+    });
+    EVPOSE_RETURN_IF_ERROR(written);
+    return Taken{.session = std::move(session.stored),
+                 .lease = std::make_unique<SqliteLease>(writer_, name, session.state.fencing_number,
+                                                        session.state.next_pose_seq)};
+  }
+
+  absl::StatusOr<StoredSession> ReadSession(absl::string_view name, uint64_t after_pose_seq) const override {
+    if (IsDamaged(name)) return DamagedSessionError(name);
+    const std::lock_guard lock(mutex_);
+    EVPOSE_RETURN_IF_ERROR(reader_->Execute("BEGIN"));  // one moment's rows
+    auto session = SqliteReadSession(*reader_, name, after_pose_seq);
+    EVPOSE_RETURN_IF_ERROR(reader_->Execute("COMMIT"));
+    EVPOSE_RETURN_IF_ERROR(session.status());
+    return std::move(session->stored);
+  }
+
+  absl::StatusOr<std::vector<SessionRecord>> ListSessions() const override {
+    const std::lock_guard lock(mutex_);
+    return SqliteListSessions(*reader_);
+  }
+
+  absl::StatusOr<std::vector<StoredLifecycle>> ReadLifecycles() const override {
+    const std::lock_guard lock(mutex_);
+    return SqliteReadLifecycles(*reader_);
+  }
+
+  absl::Status DeleteSession(absl::string_view name) override {
+    {
+      const std::lock_guard lock(mutex_);
+      if (const auto found = damaged_sessions_.find(name); found != damaged_sessions_.end()) {
+        damaged_sessions_.erase(found);
+      }
+    }
+    return writer_->Call([&](SqliteDatabase& database) { return SqliteDeleteSession(database, name); });
+  }
+
+  absl::Status DeleteHeldSession(absl::string_view name, uint64_t fencing_number) override {
+    return writer_->Call([&](SqliteDatabase& database) -> absl::Status {
+      const auto state = SqliteReadState(database, name);
+      if (state.ok() && state->fencing_number != fencing_number) return FencedError(name, fencing_number);
+      return SqliteDeleteSession(database, name);
+    });
+  }
+
+  absl::StatusOr<std::vector<std::string>> DeleteEnded(absl::Time ended_before) override {
+    std::vector<std::string> ended;
+    const absl::Status written = writer_->Call([&](SqliteDatabase& database) -> absl::Status {
+      EVPOSE_ASSIGN_OR_RETURN(ended, SqliteSessionsEndedBefore(database, ended_before));
+      for (const std::string& name : ended) EVPOSE_RETURN_IF_ERROR(SqliteDeleteSession(database, name));
+      return absl::OkStatus();
+    });
+    EVPOSE_RETURN_IF_ERROR(written);
+    std::vector<std::string> names = writer_->TakeDeletedForRoom();
+    std::move(ended.begin(), ended.end(), std::back_inserter(names));
+    return names;
+  }
+
+ private:
+  bool IsDamaged(absl::string_view name) const {
+    const std::lock_guard lock(mutex_);
+    return damaged_sessions_.contains(name);
+  }
+
+  const std::unique_ptr<DataDirectory> directory_;  // first: given back when the file is closed
+  const std::vector<std::string> damage_;
+  const std::shared_ptr<SqliteWriter> writer_;
+  mutable std::mutex mutex_;
+  std::set<std::string, std::less<>> damaged_sessions_ ABSL_GUARDED_BY(mutex_);
+  std::unique_ptr<SqliteDatabase> reader_ ABSL_GUARDED_BY(mutex_);
+};
+
+}  // namespace
+
+absl::StatusOr<std::unique_ptr<Store>> OpenSqliteStore(const SqliteStoreOptions& options) {
+  EVPOSE_ASSIGN_OR_RETURN(std::unique_ptr<DataDirectory> directory, DataDirectory::Open(options.data_dir));
+  const std::string path = directory->PathOf("evpose.db");
+  EVPOSE_ASSIGN_OR_RETURN(SqliteFile file, OpenSqliteFile(path));
+  EVPOSE_RETURN_IF_ERROR(LimitSqliteBytes(*file.database, options.max_bytes));
+  EVPOSE_ASSIGN_OR_RETURN(std::unique_ptr<SqliteDatabase> reader, OpenSqliteReader(path));
+  return std::make_unique<SqliteStore>(std::move(directory), std::move(file), std::move(reader));
+}
+
+}  // namespace evpose::server

@@ -1,0 +1,94 @@
+// SPDX-License-Identifier: Apache-2.0
+
+// What the tests of stores share.
+#pragma once
+
+#include <gtest/gtest.h>
+
+#include <cstdint>
+#include <filesystem>
+#include <functional>
+#include <future>
+#include <memory>
+#include <ostream>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "absl/status/status.h"
+#include "core/base/temporary_directory.h"
+#include "server/stores/common/store.h"
+
+namespace evpose::server {
+
+// A place where stores of one kind can be opened, one after the other.
+class StoreHouse {
+ public:
+  virtual ~StoreHouse() = default;
+  virtual absl::StatusOr<std::unique_ptr<Store>> Open() = 0;
+  // One that has room for about so many bytes.
+  virtual absl::StatusOr<std::unique_ptr<Store>> OpenSmall(uint64_t max_bytes) = 0;
+  // What is stored outlives the store.
+  virtual bool keeps() const { return true; }
+};
+
+struct StoreKind {
+  std::string name;
+  std::function<std::unique_ptr<StoreHouse>()> build;
+
+  friend void PrintTo(const StoreKind& kind, std::ostream* out) { *out << kind.name; }
+};
+
+inline SessionRecord Record(const std::string& name) {
+  return {.name = name,
+          .tenant = "tenant of " + name,
+          .request_id = "request of " + name,
+          .create_time = absl::FromUnixNanos(1'700'000'000'123'456'789),
+          .config = std::string("config\0of ", 10) + name};
+}
+
+// Bytes that tell the session and their numbers, so that nothing can take another's place.
+inline PoseSegment Segment(const std::string& session, uint64_t first, uint64_t last) {
+  return {.first_pose_seq = first,
+          .last_pose_seq = last,
+          .bytes = session + " poses " + std::to_string(first) + " to " + std::to_string(last)};
+}
+
+// Bytes without a pattern that a store could make smaller.
+inline std::string Noise(size_t size, uint64_t seed) {
+  std::string bytes(size, '\0');
+  for (char& byte : bytes) {
+    seed = seed * 6364136223846793005u + 1442695040888963407u;
+    byte = static_cast<char>(seed >> 56);
+  }
+  return bytes;
+}
+
+inline ModelRecord Model(const std::string& name, const std::string& tenant, const std::string& bytes) {
+  return {.name = name,
+          .tenant = tenant,
+          .format = ModelFormat::kStl,
+          .metres_per_unit = 0.001,
+          .crease_angle_deg = 12.5,
+          .create_time = absl::FromUnixNanos(1'700'000'000'987'654'321),
+          .bytes = std::make_shared<const std::vector<uint8_t>>(bytes.begin(), bytes.end())};
+}
+
+// Commits and waits.
+inline absl::Status CommitNow(SessionLease& lease, SessionCommit commit) {
+  std::promise<absl::Status> done;
+  lease.Commit(std::move(commit), [&done](absl::Status status) { done.set_value(std::move(status)); });
+  return done.get_future().get();
+}
+
+// "1-3 4-9"
+inline std::string Ranges(const std::vector<PoseSegment>& poses) {
+  std::string ranges;
+  for (const PoseSegment& segment : poses) {
+    if (!ranges.empty()) ranges += ' ';
+    ranges += std::to_string(segment.first_pose_seq) + '-' + std::to_string(segment.last_pose_seq);
+  }
+  return ranges;
+}
+
+}  // namespace evpose::server

@@ -1,0 +1,178 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "server/telemetry/prometheus_text.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <chrono>
+#include <string>
+
+#include "absl/strings/match.h"
+#include "absl/strings/str_cat.h"
+#include "server/telemetry/prometheus_testing.h"
+
+namespace evpose::server {
+namespace {
+
+using std::chrono::microseconds;
+
+const BuildVersion kBuild = {"1.2.3", "abc1234"};
+
+// As Prometheus's guide wants them: our prefix, base units, "_total" for counters and for nothing else.
+TEST(PrometheusTextTest, NamesTypesAndHelpsAreInOrder) {
+  const ParsedMetrics parsed = ParseMetrics(PrometheusText(ServerMetrics(), ServerState(), kBuild));
+  EXPECT_GT(parsed.types.size(), 25u);
+  for (const auto& [name, type] : parsed.types) {
+    EXPECT_TRUE(absl::StartsWith(name, "evpose_")) << name;
+    EXPECT_EQ(absl::EndsWith(name, "_total"), type == "counter") << name;
+    EXPECT_THAT(type, testing::AnyOf("counter", "gauge", "histogram")) << name;
+    EXPECT_EQ(parsed.helps.count(name), 1u) << name;
+    EXPECT_TRUE(type != "histogram" || absl::EndsWith(name, "_seconds")) << name;
+    EXPECT_FALSE(absl::StrContains(name, "_us") || absl::StrContains(name, "_ms")) << name;
+  }
+  EXPECT_EQ(parsed.types.size(), parsed.helps.size());
+}
+
+TEST(PrometheusTextTest, AFreshServerHasEverySeriesAtZero) {
+  const ParsedMetrics parsed = ParseMetrics(PrometheusText(ServerMetrics(), ServerState(), kBuild));
+  for (const auto& [series, value] : parsed.values) {
+    const bool is_told = absl::StartsWith(series, "evpose_build_info") || series == "evpose_ready";
+    EXPECT_EQ(value, is_told ? 1.0 : 0.0) << series;
+  }
+  EXPECT_EQ(parsed.At("evpose_build_info{version=\"1.2.3\",commit=\"abc1234\"}"), 1.0);
+}
+
+TEST(PrometheusTextTest, EveryCounterStandsInItsOwnSeries) {
+  ServerMetrics metrics;
+  uint64_t next = 0;
+  std::map<std::string, double> expected;
+  const auto count = [&](Counter& counter, const std::string& series, uint64_t unit = 1) {
+    counter.Add(++next * unit);
+    expected[series] = static_cast<double>(next);
+  };
+  count(metrics.received_bytes, "evpose_received_bytes_total");
+  count(metrics.decoded_events, "evpose_events_decoded_total");
+  count(metrics.skipped_events[DropReason::kLag], "evpose_events_skipped_total{reason=\"lag\"}");
+  count(metrics.skipped_events[DropReason::kMemory], "evpose_events_skipped_total{reason=\"memory\"}");
+  count(metrics.skipped_events[DropReason::kReader], "evpose_events_skipped_total{reason=\"reader\"}");
+  count(metrics.events_before_time, "evpose_events_dropped_total{reason=\"before_time\"}");
+  count(metrics.events_outside_sensor, "evpose_events_dropped_total{reason=\"outside_sensor\"}");
+  count(metrics.unknown_words, "evpose_invalid_words_total{reason=\"unknown\"}");
+  count(metrics.broken_vectors, "evpose_invalid_words_total{reason=\"broken_vector\"}");
+  count(metrics.poses, "evpose_poses_total");
+  count(metrics.track_losses, "evpose_track_losses_total");
+  count(metrics.reinitializations, "evpose_reinitializations_total");
+  count(metrics.reattaches, "evpose_reattaches_total");
+  count(metrics.processing_ns, "evpose_processing_seconds_total", 1'000'000'000);
+  count(metrics.sensor_time_us, "evpose_sensor_seconds_total", 1'000'000);
+  count(metrics.checkpoint_failures[CheckpointFailure::kStoreAway],
+        "evpose_checkpoint_failures_total{reason=\"store_away\"}");
+  count(metrics.checkpoint_failures[CheckpointFailure::kStoreFull],
+        "evpose_checkpoint_failures_total{reason=\"store_full\"}");
+  count(metrics.checkpoint_failures[CheckpointFailure::kFenced], "evpose_checkpoint_failures_total{reason=\"fenced\"}");
+  count(metrics.checkpoint_failures[CheckpointFailure::kStoreFailed],
+        "evpose_checkpoint_failures_total{reason=\"store_failed\"}");
+  for (int i = 0; i <= 16; ++i) {
+    const auto code = static_cast<absl::StatusCode>(i);
+    const std::string label = absl::StrCat("code=\"", absl::StatusCodeToString(code), "\"}");
+    count(metrics.stream_ends[StreamKind::kTrack][code],
+          absl::StrCat("evpose_stream_ends_total{stream=\"track\",", label));
+    count(metrics.stream_ends[StreamKind::kWatch][code],
+          absl::StrCat("evpose_stream_ends_total{stream=\"watch\",", label));
+  }
+  const std::pair<QuotaLimit, const char*> limits[] = {{QuotaLimit::kMaxSessions, "max_sessions"},
+                                                       {QuotaLimit::kMaxStreams, "max_streams"},
+                                                       {QuotaLimit::kMaxModelStoreBytes, "max_model_store_bytes"},
+                                                       {QuotaLimit::kTenantSessions, "tenant_sessions"},
+                                                       {QuotaLimit::kTenantModelBytes, "tenant_model_bytes"},
+                                                       {QuotaLimit::kTenantWatchers, "tenant_watchers"}};
+  for (const auto& [limit, name] : limits) {
+    count(metrics.quota_refusals[limit], absl::StrCat("evpose_quota_refusals_total{limit=\"", name, "\"}"));
+  }
+  count(metrics.quota_delays, "evpose_quota_delays_total");
+
+  const ParsedMetrics parsed = ParseMetrics(PrometheusText(metrics, ServerState(), kBuild));
+  for (const auto& [series, value] : expected) EXPECT_NEAR(parsed.At(series), value, 1e-9 * value) << series;
+  size_t num_counters = 0;
+  for (const auto& [series, value] : parsed.values) {
+    num_counters += parsed.types.count(series.substr(0, series.find('{'))) == 1 &&
+                    parsed.types.at(series.substr(0, series.find('{'))) == "counter";
+  }
+  EXPECT_EQ(num_counters, expected.size()) << "a counter that this test does not know";
+}
+
+TEST(PrometheusTextTest, LargeCountsKeepTheirDigits) {
+  ServerMetrics metrics;
+  metrics.decoded_events.Add(9'007'199'254'740'991);  // the last that a double has
+  EXPECT_THAT(PrometheusText(metrics, ServerState(), kBuild),
+              testing::HasSubstr("\nevpose_events_decoded_total 9007199254740991\n"));
+}
+
+TEST(PrometheusTextTest, HistogramsAreCumulativeAndAddUp) {
+  ServerMetrics metrics;
+  const int64_t durations_us[] = {-3, 10, 11, 250, 251, 999'999, 10'000'000, 10'000'001, 60'000'000};
+  for (const int64_t duration_us : durations_us) metrics.pose_latency.Add(microseconds(duration_us));
+  const ParsedMetrics parsed = ParseMetrics(PrometheusText(metrics, ServerState(), kBuild));
+  const auto bucket = [&parsed](const std::string& bound) {
+    return parsed.At(absl::StrCat("evpose_pose_latency_seconds_bucket{le=\"", bound, "\"}"));
+  };
+  EXPECT_EQ(bucket("1e-05"), 2.0) << "a bound belongs to its bucket";
+  EXPECT_EQ(bucket("0.00025"), 4.0);
+  EXPECT_EQ(bucket("0.0005"), 5.0);
+  EXPECT_EQ(bucket("1"), 6.0);
+  EXPECT_EQ(bucket("10"), 7.0);
+  EXPECT_EQ(bucket("+Inf"), 9.0);
+  EXPECT_EQ(parsed.At("evpose_pose_latency_seconds_count"), 9.0);
+  EXPECT_NEAR(parsed.At("evpose_pose_latency_seconds_sum"), 1e-6 * (10 + 11 + 250 + 251 + 999'999 + 80'000'001), 1e-9);
+}
+
+TEST(PrometheusTextTest, EveryHistogramStandsInItsOwnFamily) {
+  ServerMetrics metrics;
+  const std::pair<DurationHistogram*, const char*> histograms[] = {
+      {&metrics.pose_latency, "evpose_pose_latency_seconds"},
+      {&metrics.decode_time, "evpose_decode_duration_seconds"},
+      {&metrics.track_time, "evpose_track_duration_seconds"},
+      {&metrics.initialization_time, "evpose_initialization_duration_seconds"},
+      {&metrics.checkpoint_time, "evpose_checkpoint_duration_seconds"}};
+  int times = 0;
+  for (const auto& [histogram, name] : histograms) {
+    ++times;
+    for (int i = 0; i < times; ++i) histogram->Add(microseconds(1));
+  }
+  const ParsedMetrics parsed = ParseMetrics(PrometheusText(metrics, ServerState(), kBuild));
+  times = 0;
+  for (const auto& [histogram, name] : histograms) EXPECT_EQ(parsed.At(absl::StrCat(name, "_count")), ++times) << name;
+}
+
+TEST(PrometheusTextTest, GaugesTellTheState) {
+  ServerState state;
+  state.sessions = {.attached = 1,
+                    .detached = 2,
+                    .ended = 3,
+                    .closed = 4,
+                    .objects = {5, 6, 7, 8},
+                    .queued_bytes = 9,
+                    .oldest_queue_age_us = 1'500'000};
+  state.max_sessions = 10;
+  state.num_workers = 11;
+  state.readiness = absl::UnavailableError("secret");
+  const std::string text = PrometheusText(ServerMetrics(), state, kBuild);
+  const ParsedMetrics parsed = ParseMetrics(text);
+  EXPECT_EQ(parsed.At("evpose_sessions{state=\"attached\"}"), 1.0);
+  EXPECT_EQ(parsed.At("evpose_sessions{state=\"detached\"}"), 2.0);
+  EXPECT_EQ(parsed.At("evpose_sessions{state=\"ended\"}"), 3.0);
+  EXPECT_EQ(parsed.At("evpose_sessions{state=\"closed\"}"), 4.0);
+  EXPECT_EQ(parsed.At("evpose_objects{state=\"initializing\"}"), 5.0);
+  EXPECT_EQ(parsed.At("evpose_objects{state=\"tracking\"}"), 6.0);
+  EXPECT_EQ(parsed.At("evpose_objects{state=\"degraded\"}"), 7.0);
+  EXPECT_EQ(parsed.At("evpose_objects{state=\"lost\"}"), 8.0);
+  EXPECT_EQ(parsed.At("evpose_queue_bytes"), 9.0);
+  EXPECT_EQ(parsed.At("evpose_queue_age_seconds"), 1.5);
+  EXPECT_EQ(parsed.At("evpose_max_sessions"), 10.0);
+  EXPECT_EQ(parsed.At("evpose_workers"), 11.0);
+  EXPECT_EQ(parsed.At("evpose_ready"), 0.0);
+  EXPECT_THAT(text, testing::Not(testing::HasSubstr("secret")));
+}
+
+}  // namespace
+}  // namespace evpose::server

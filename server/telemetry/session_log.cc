@@ -1,0 +1,108 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "server/telemetry/session_log.h"
+
+#include "server/runtime/errors.h"
+
+namespace evpose::server {
+namespace {
+
+std::vector<LogField> Outcome(const absl::Status& status) {
+  return {{"code", absl::StatusCodeToString(status.code())},
+          {"reason", GetErrorDetails(status).reason},
+          {"message", status.message()}};
+}
+
+}  // namespace
+
+std::string SessionLog::peer() const {
+  const std::lock_guard lock(mutex_);
+  return peer_;
+}
+
+void SessionLog::Write(LogLevel level, const char* event, const std::string& peer, std::vector<LogField> more) const {
+  std::vector<LogField> fields = {{"session", session_}, {"tenant", tenant_}, {"peer", peer}};
+  fields.insert(fields.end(), std::make_move_iterator(more.begin()), std::make_move_iterator(more.end()));
+  Log(level, event, fields);
+}
+
+void SessionLog::Created(const std::string& peer, const SessionConfig& config) {
+  {
+    const std::lock_guard lock(mutex_);
+    peer_ = peer;
+  }
+  Write(LogLevel::kInfo, "session_created", peer,
+        {{"encoding", EncodingName(config.encoding)},
+         {"width", config.camera.width_px},
+         {"height", config.camera.height_px},
+         {"objects", config.objects.size()}});
+}
+
+void SessionLog::Resumed(uint64_t poses, bool has_ended) const {
+  Write(LogLevel::kInfo, "session_resumed", peer(), {{"poses", poses}, {"ended", has_ended}});
+}
+
+void SessionLog::TrackerStateUnreadable(const std::string& why, uint64_t next_chunk, uint64_t poses) const {
+  Write(LogLevel::kWarning, "tracker_state_unreadable", peer(),
+        {{"message", why}, {"next_chunk", next_chunk}, {"poses", poses}});
+}
+
+void SessionLog::NotResumed(const absl::Status& status) const {
+  Write(LogLevel::kError, "session_left_out", peer(), Outcome(status));
+}
+
+void SessionLog::Attached(const std::string& peer, uint64_t number, uint64_t next_chunk, bool is_taken_over) {
+  {
+    const std::lock_guard lock(mutex_);
+    peer_ = peer;
+  }
+  const char* event = is_taken_over ? "session_taken_over" : number > 1 ? "session_reattached" : "session_attached";
+  Write(LogLevel::kInfo, event, peer, {{"stream", number}, {"next_chunk", next_chunk}});
+}
+
+void SessionLog::NotAttached(const std::string& peer, const absl::Status& status) const {
+  Write(LogLevel::kInfo, "attach_refused", peer, Outcome(status));
+}
+
+void SessionLog::ObjectFound(const std::string& object_id, int64_t t_us, bool is_again) const {
+  Write(LogLevel::kInfo, is_again ? "object_found_again" : "object_initialized", peer(),
+        {{"object", object_id}, {"sensor_time_us", t_us}});
+}
+
+void SessionLog::ObjectLost(const std::string& object_id, int64_t t_us) const {
+  Write(LogLevel::kInfo, "object_lost", peer(), {{"object", object_id}, {"sensor_time_us", t_us}});
+}
+
+void SessionLog::StreamEnded(const std::string& peer, uint64_t number, const absl::Status& status) const {
+  std::vector<LogField> more = {{"stream", number}};
+  for (LogField& field : Outcome(status)) more.push_back(std::move(field));
+  Write(LogLevel::kInfo, "stream_ended", peer, std::move(more));
+}
+
+void SessionLog::Ended(uint64_t poses) const { Write(LogLevel::kInfo, "session_ended", peer(), {{"poses", poses}}); }
+
+void SessionLog::Expired(uint64_t poses) const {
+  Write(LogLevel::kInfo, "session_expired", peer(), {{"poses", poses}});
+}
+
+void SessionLog::Deleted(const std::string& peer, const char* why, uint64_t poses) const {
+  Write(LogLevel::kInfo, "session_deleted", peer, {{"why", why}, {"poses", poses}});
+}
+
+void SessionLog::NotDeleted(const absl::Status& status) const {
+  Write(LogLevel::kWarning, "session_not_deleted", peer(), Outcome(status));
+}
+
+void SessionLog::LivesElsewhere() const { Write(LogLevel::kInfo, "session_lives_elsewhere", peer(), {}); }
+
+void SessionLog::Drained(uint64_t poses, bool is_durable) const {
+  Write(is_durable ? LogLevel::kInfo : LogLevel::kWarning, "session_drained", peer(),
+        {{"poses", poses}, {"durable", is_durable}});
+}
+
+void SessionLog::StoreAway(const absl::Status& status) const {
+  Write(LogLevel::kWarning, "session_waits_for_store", peer(), Outcome(status));
+}
+
+void SessionLog::StoreBack() const { Write(LogLevel::kInfo, "session_store_back", peer(), {}); }
+
+}  // namespace evpose::server

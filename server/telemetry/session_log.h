@@ -1,0 +1,57 @@
+// SPDX-License-Identifier: Apache-2.0
+
+// The lines of the log that tell a session's life, each with session, tenant and peer.
+#pragma once
+
+#include <cstdint>
+#include <mutex>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "absl/base/thread_annotations.h"
+#include "absl/status/status.h"
+#include "server/sessions/types/session_config.h"
+#include "server/telemetry/log.h"
+
+namespace evpose::server {
+
+// Thread-safe. A peer is the address that a call came from, "" where none is known; lines that no call brings about
+// name the peer that attached last.
+class SessionLog {
+ public:
+  SessionLog(std::string session, std::string tenant) : session_(std::move(session)), tenant_(std::move(tenant)) {}
+
+  const std::string& session() const { return session_; }
+
+  void Created(const std::string& peer, const SessionConfig& config);
+  void Resumed(uint64_t poses, bool has_ended) const;  // taken up from the store
+  // The objects are searched for again from this chunk on; the poses up to this one are stored.
+  void TrackerStateUnreadable(const std::string& why, uint64_t next_chunk, uint64_t poses) const;
+  void NotResumed(const absl::Status& status) const;
+  // `number` counts a session's streams. Taken over: the one before is there still, and ends.
+  void Attached(const std::string& peer, uint64_t number, uint64_t next_chunk, bool is_taken_over);
+  void NotAttached(const std::string& peer, const absl::Status& status) const;
+  void ObjectFound(const std::string& object_id, int64_t t_us, bool is_again) const;
+  void ObjectLost(const std::string& object_id, int64_t t_us) const;
+  void StreamEnded(const std::string& peer, uint64_t number, const absl::Status& status) const;
+  void Ended(uint64_t poses) const;
+  void Expired(uint64_t poses) const;
+  void Deleted(const std::string& peer, const char* why, uint64_t poses) const;
+  void NotDeleted(const absl::Status& status) const;
+  void LivesElsewhere() const;
+  void Drained(uint64_t poses, bool is_durable) const;
+  void StoreAway(const absl::Status& status) const;
+  void StoreBack() const;
+
+ private:
+  std::string peer() const;
+  void Write(LogLevel level, const char* event, const std::string& peer, std::vector<LogField> more) const;
+
+  const std::string session_;
+  const std::string tenant_;
+  mutable std::mutex mutex_;
+  std::string peer_ ABSL_GUARDED_BY(mutex_);
+};
+
+}  // namespace evpose::server

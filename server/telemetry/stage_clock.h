@@ -1,0 +1,65 @@
+// SPDX-License-Identifier: Apache-2.0
+
+// Takes the time of what a pipeline does, for those who operate the server. Nothing that it measures comes back into
+// the pipeline.
+#pragma once
+
+#include <chrono>
+#include <functional>
+#include <memory>
+#include <utility>
+
+#include "core/tracking/tracker.h"
+#include "server/telemetry/metrics.h"
+
+namespace evpose::server {
+
+// Not thread-safe.
+class StageClock {
+ public:
+  using Time = std::chrono::steady_clock::time_point;
+
+  StageClock() = default;  // measures nothing
+  StageClock(std::shared_ptr<ServerMetrics> metrics, std::function<Time()> now)
+      : metrics_(std::move(metrics)), now_(std::move(now)) {}
+
+  template <typename Stage>
+  void Decode(const Stage& stage) {
+    if (metrics_ == nullptr) return stage();
+    const Time begin = now_();
+    stage();
+    metrics_->decode_time.Add(now_() - begin);
+  }
+
+  // Steps in which `tracker` searched for a pose count on their own; the others together, until EndTracking.
+  template <typename Stage>
+  void Track(const Tracker& tracker, const Stage& stage) {
+    if (metrics_ == nullptr) return stage();
+    const uint64_t searches = NumSearches(tracker);
+    const Time begin = now_();
+    stage();
+    const auto duration = now_() - begin;
+    if (NumSearches(tracker) == searches) {
+      tracking_ += duration;
+    } else {
+      metrics_->initialization_time.Add(duration);
+    }
+  }
+  void EndTracking() {
+    if (metrics_ == nullptr) return;
+    metrics_->track_time.Add(std::exchange(tracking_, {}));
+  }
+
+ private:
+  static uint64_t NumSearches(const Tracker& tracker) {
+    uint64_t searches = 0;
+    for (size_t i = 0; i < tracker.num_objects(); ++i) searches += tracker.initialization(i).attempts;
+    return searches;
+  }
+
+  std::shared_ptr<ServerMetrics> metrics_;
+  std::function<Time()> now_;
+  std::chrono::steady_clock::duration tracking_{0};
+};
+
+}  // namespace evpose::server
