@@ -17,8 +17,6 @@
 namespace evpose::server {
 namespace {
 
-// So many are known to have been there: deleting them once more is no mistake, but an answer that was lost.
-
 // The byte that stands for a format in a model's name: the API's number of it.
 uint8_t FormatByte(ModelFormat format) {
   switch (format) {

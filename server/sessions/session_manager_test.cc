@@ -61,7 +61,7 @@ TEST_F(SessionManagerTest, MakesFindsListsAndDeletes) {
   EXPECT_THAT(NamesOf(sessions_->List("", "", 1)), testing::ElementsAre(all[0]));
   EXPECT_THAT(NamesOf(sessions_->List("", all[0], 10)), testing::ElementsAre(all[1]));
   EXPECT_TRUE(sessions_->Delete("", a->name()).ok());
-  EXPECT_TRUE(sessions_->Delete("", a->name()).ok());
+  EXPECT_EQ(GetErrorDetails(sessions_->Delete("", a->name())).reason, "SESSION_NOT_FOUND");
   EXPECT_EQ(GetErrorDetails(sessions_->Get("", a->name()).status()).reason, "SESSION_NOT_FOUND");
   EXPECT_EQ(GetErrorDetails(a->Watch().status).reason, "SESSION_DELETED");
   EXPECT_EQ(sessions_->num_sessions(), 1u);
@@ -172,7 +172,7 @@ TEST_F(SessionManagerTest, AModelInUseCannotBeDeleted) {
   EXPECT_EQ(GetErrorDetails(status).reason, "MODEL_IN_USE");
   EXPECT_TRUE(sessions_->Delete("", session->name()).ok());
   EXPECT_TRUE(models_->Delete("", model_).ok());
-  EXPECT_TRUE(models_->Delete("", model_).ok());
+  EXPECT_EQ(GetErrorDetails(models_->Delete("", model_)).reason, "MODEL_NOT_FOUND");
   EXPECT_EQ(models_->Get("", model_).status().code(), absl::StatusCode::kNotFound);
 }
 
@@ -283,7 +283,7 @@ TEST_F(SessionManagerTest, ATenantSeesItsOwnSessionsOnly) {
   };
   EXPECT_EQ(without_name(foreign, own->name()), without_name(unknown, absent));
   EXPECT_EQ(GetErrorDetails(foreign).reason, GetErrorDetails(unknown).reason);
-  EXPECT_TRUE(sessions_->Delete("lab", own->name()).ok());
+  EXPECT_EQ(GetErrorDetails(sessions_->Delete("lab", own->name())).reason, "SESSION_NOT_FOUND");
   EXPECT_EQ(sessions_->Get("", own->name()).value(), own);
 }
 
