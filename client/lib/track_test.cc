@@ -227,9 +227,8 @@ INSTANTIATE_TEST_SUITE_P(
                         pose.mutable_covariance()->mutable_upper_triangle()->RemoveLast();
                       })},
                      "covariance does not have 21 numbers"},
-        Misbehaviour{"NoTwist",
-                     {Attached(1000), BadPose([](v1::Pose& pose) { pose.clear_twist(); })},
-                     "twist is missing"},
+        Misbehaviour{
+            "NoTwist", {Attached(1000), BadPose([](v1::Pose& pose) { pose.clear_twist(); })}, "twist is missing"},
         Misbehaviour{"PoseWhileLost",
                      {Attached(1000), BadPose([](v1::Pose& pose) { pose.set_state(v1::TRACK_STATE_LOST); })},
                      "claims no pose"},
