@@ -6,7 +6,8 @@
 #include <utility>
 
 #include "absl/strings/str_cat.h"
-#include "client/cli/command.h"
+#include "client/bench/bench.h"
+#include "client/cli/commands/commands.h"
 #include "core/base/version.h"
 
 namespace evpose::client {

@@ -13,9 +13,9 @@
 #include <vector>
 
 #include "absl/strings/str_cat.h"
+#include "client/bench/process_usage.h"
 #include "client/cli/cli.h"
-#include "client/cli/process_usage.h"
-#include "client/cli/server_process.h"
+#include "client/cli/common/server_process.h"
 #include "client/lib/client.h"
 #include "tests/integration/cli_fixture.h"
 

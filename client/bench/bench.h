@@ -1,0 +1,16 @@
+// SPDX-License-Identifier: Apache-2.0
+
+// The commands below `evpose bench`. Each is one file with one function that adds it to the parser.
+#pragma once
+
+#include "client/cli/common/command.h"
+
+namespace evpose::client {
+
+void AddBenchCommands(CLI::App& app, CliContext& context, CommandRunners& runners);
+CommandRunner AddBenchInitializationCommand(CLI::App& app, CliContext& context);
+CommandRunner AddBenchSpeedCommand(CLI::App& app, CliContext& context);
+CommandRunner AddBenchSyntheticCommand(CLI::App& app, CliContext& context);
+CommandRunner AddBenchTrackingCommand(CLI::App& app, CliContext& context);
+
+}  // namespace evpose::client

@@ -1,0 +1,31 @@
+// SPDX-License-Identifier: Apache-2.0
+
+// evpose bench initialization --from-events: first poses from simulated recordings instead of from lines.
+#pragma once
+
+#include <cstdint>
+#include <string>
+#include <vector>
+
+#include "absl/status/status.h"
+#include "client/cli/common/command.h"
+
+namespace evpose::client {
+
+struct FromEventsArguments {
+  int num_starts = 200;
+  double duration_s = 5.0;
+  double noise_ratio = 0.05;
+  double speed_scale = 1.0;
+  std::string camera = "evk4";
+  int num_returns = 10;
+
+  // Options of `app` that need `from_events`.
+  void AddTo(CLI::App& app, CLI::Option* from_events);
+};
+
+// `objects`: names; empty: all.
+absl::Status RunFromEvents(const FromEventsArguments& arguments, const std::vector<std::string>& objects, uint64_t seed,
+                           bool is_json, CliContext& context);
+
+}  // namespace evpose::client

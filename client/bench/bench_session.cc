@@ -1,0 +1,117 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "client/bench/bench_session.h"
+
+#include <algorithm>
+#include <optional>
+#include <utility>
+
+#include "absl/strings/str_cat.h"
+#include "core/base/status_macros.h"
+#include "core/models/object_model.h"
+
+namespace evpose::client {
+namespace {
+
+// The machine's clock, which knows when it was asked first: a pacer asks when it sees the first time.
+class FirstAskedClock final : public Clock {
+ public:
+  absl::Time Now() override {
+    const absl::Time now = SystemClock().Now();
+    if (!first_) first_ = now;
+    return now;
+  }
+  bool SleepUntil(absl::Time time, std::stop_token stop) override { return SystemClock().SleepUntil(time, stop); }
+  absl::Time first() const { return first_.value_or(absl::InfinitePast()); }
+
+ private:
+  std::optional<absl::Time> first_;
+};
+
+absl::Status CheckSummary(const TrackSummary& summary, uint64_t num_events) {
+  if (summary.health.decoded_events != num_events) {
+    return absl::InternalError(
+        absl::StrCat("the server decoded ", summary.health.decoded_events, " events and not ", num_events));
+  }
+  if (summary.poses == 0) return absl::InternalError("the server found no pose in the recording");
+  return absl::OkStatus();
+}
+
+}  // namespace
+
+MemoryReader::MemoryReader(const EncodedRecording& recording, int num_times)
+    : recording_(recording), num_times_(num_times) {
+  header_.encoding = recording.encoding;
+  header_.geometry = recording.geometry;
+  header_.geometry_is_stated = header_.geometry_is_known = true;
+}
+
+absl::StatusOr<size_t> MemoryReader::Read(absl::Span<uint8_t> buffer) {
+  if (begin_ == recording_.bytes->size() && time_ + 1 < num_times_) {
+    ++time_;
+    begin_ = 0;
+  }
+  const size_t size = std::min(buffer.size(), recording_.bytes->size() - begin_);
+  std::copy_n(recording_.bytes->data() + begin_, size, buffer.data());
+  begin_ += size;
+  return size;
+}
+
+absl::StatusOr<SessionConfig> UploadSession(Client& client, const SpeedRecording& recording, Encoding encoding) {
+  const std::string obj = ObjectModelToObj(*recording.model);
+  const absl::Span<const uint8_t> bytes(reinterpret_cast<const uint8_t*>(obj.data()), obj.size());
+  EVPOSE_ASSIGN_OR_RETURN(const ModelInfo model, client.UploadModel(bytes, {}));
+  SessionConfig config;
+  config.encoding = encoding;
+  config.camera = recording.camera;
+  TrackedObject object;
+  object.model = model.name;
+  object.initial_camera_from_object = recording.initial_camera_from_object;
+  config.objects.push_back(std::move(object));
+  return config;
+}
+
+absl::StatusOr<std::unique_ptr<BenchSession>> BenchSession::Create(Client& client, const SessionConfig& config) {
+  EVPOSE_ASSIGN_OR_RETURN(Session session, client.CreateSession(config));
+  return std::unique_ptr<BenchSession>(new BenchSession(client, std::move(session)));
+}
+
+// A server that does not answer any more has said so already.
+BenchSession::~BenchSession() { client_.DeleteSession(session_.name).IgnoreError(); }
+
+absl::Status BenchSession::Stream(const EncodedRecording& recording, uint64_t num_events,
+                                  const BenchSessionOptions& options) {
+  MemoryReader reader(recording);
+  Chunker chunker(reader, ChunkerOptions());
+  StreamTimes* const times = options.times;
+  const auto next_chunk = [&]() -> absl::StatusOr<EventChunkBytes> {
+    if (options.is_cancelled && options.is_cancelled()) return absl::CancelledError("interrupted");
+    absl::StatusOr<EventChunkBytes> chunk = chunker.Next();
+    if (times != nullptr && chunk.ok() && !chunk->bytes.empty()) times->chunk_ends_us.push_back(chunk->t_last_us);
+    return chunk;
+  };
+  FirstAskedClock clock;
+  FeedOptions feed_options;
+  feed_options.rate = options.rate;
+  feed_options.clock = &clock;
+  EVPOSE_ASSIGN_OR_RETURN(const std::unique_ptr<EventFeed> feed, EventFeed::Open(next_chunk, feed_options));
+  TrackCallbacks callbacks;
+  if (times != nullptr) {
+    callbacks.on_pose = [times](const Pose& pose) {
+      times->poses.push_back({pose.estimate.t_us, SystemClock().Now(), pose.latency});
+    };
+  }
+  TrackPosition position;
+  position.session = session_.name;
+  position.resume_token = session_.resume_token;
+  TrackOptions track_options;
+  track_options.retry.max_outage = absl::ZeroDuration();
+  const absl::Time begin = SystemClock().Now();
+  EVPOSE_ASSIGN_OR_RETURN(const TrackSummary summary, client_.Track(position, *feed, callbacks, track_options));
+  if (times != nullptr) {
+    times->begin = options.rate > 0.0 ? clock.first() : begin;
+    times->end = SystemClock().Now();
+  }
+  return CheckSummary(summary, num_events);
+}
+
+}  // namespace evpose::client

@@ -1,0 +1,149 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "client/bench/bench_tracking_files.h"
+
+#include <cmath>
+#include <numbers>
+#include <utility>
+
+#include "absl/strings/str_cat.h"
+#include "absl/strings/str_format.h"
+#include "core/numerics/math.h"
+
+namespace evpose::client {
+namespace {
+
+// A run in numbers, in the order of the CSV's columns.
+std::vector<std::pair<const char*, double>> RunNumbers(const TrackingScore& score) {
+  const Evaluation& e = score.evaluation;
+  const Consistency consistency = SummariseConsistency(score.nees);
+  return {{"poses", static_cast<double>(e.num_poses)},
+          {"losses", static_cast<double>(score.losses)},
+          {"coverage_ratio", e.coverage_ratio},
+          {"first_pose_ms", score.first_pose_ms},
+          {"position_rmse_m", e.position_rmse_m},
+          {"position_mean_m", e.position_mean_m},
+          {"position_median_m", e.position_median_m},
+          {"position_std_m", e.position_std_m},
+          {"position_rmse_of_depth", e.position_rmse_of_depth},
+          {"rotation_mean_deg", kDegreesPerRadian * e.rotation_mean_rad},
+          {"rotation_median_deg", kDegreesPerRadian * e.rotation_median_rad},
+          {"rotation_p95_deg", kDegreesPerRadian * e.rotation_p95_rad},
+          {"rotation_max_deg", kDegreesPerRadian * e.rotation_max_rad},
+          {"pose_rate_hz", e.pose_rate_hz},
+          {"full_rate_ratio", score.full_rate_ratio},
+          {"nees_median", consistency.median},
+          {"nees_p5", consistency.p5},
+          {"nees_p95", consistency.p95},
+          {"wrong_tracking_s", score.wrong_tracking_s},
+          {"longest_wrong_tracking_s", score.longest_wrong_tracking_s},
+          {"right_untracked_s", score.right_untracked_s},
+          {"compute_ratio", score.compute_ratio}};
+}
+
+Json Number(double value) { return std::isfinite(value) ? Json(value) : Json(); }
+
+Json RunsJson(const TrackingBenchRow& row, int num_paths) {
+  Json runs = Json::array();
+  for (size_t i = 0; i < row.scores.size(); ++i) {
+    Json run;
+    run["seed"] = 1 + static_cast<int>(i) / num_paths;
+    run["path"] = 1 + static_cast<int>(i) % num_paths;
+    for (const auto& [name, value] : RunNumbers(row.scores[i])) run[name] = Number(value);
+    runs.push_back(std::move(run));
+  }
+  return runs;
+}
+
+Json SummaryJson(const TrackingSummary& s) {
+  Json json;
+  json["runs"] = s.num_runs;
+  json["losses"] = s.losses;
+  json["coverage_ratio"] = Number(s.coverage_ratio);
+  json["first_pose_ms"] = Number(s.first_pose_ms);
+  json["position_rmse_m"] = Number(s.position_rmse_m);
+  json["position_mean_m"] = Number(s.position_mean_m);
+  json["position_median_m"] = Number(s.position_median_m);
+  json["position_std_m"] = Number(s.position_std_m);
+  json["position_rmse_of_depth"] = Number(s.position_rmse_of_depth);
+  json["rotation_mean_deg"] = Number(s.rotation_mean_deg);
+  json["rotation_median_deg"] = Number(s.rotation_median_deg);
+  json["rotation_p95_deg"] = Number(s.rotation_p95_deg);
+  json["rotation_max_deg"] = Number(s.rotation_max_deg);
+  json["pose_rate_hz"] = Number(s.pose_rate_hz);
+  json["full_rate_ratio"] = Number(s.full_rate_ratio);
+  json["nees_median"] = Number(s.consistency.median);
+  json["nees_p5"] = Number(s.consistency.p5);
+  json["nees_p95"] = Number(s.consistency.p95);
+  json["wrong_tracking_s"] = s.wrong_tracking_s;
+  json["longest_wrong_tracking_s"] = s.longest_wrong_tracking_s;
+  json["right_untracked_s"] = s.right_untracked_s;
+  json["compute_ratio"] = Number(s.compute_ratio);
+  json["worst"] = {{"position_rmse_of_depth", Number(s.worst_position_rmse_of_depth)},
+                   {"rotation_median_deg", Number(s.worst_rotation_median_deg)},
+                   {"rotation_p95_deg", Number(s.worst_rotation_p95_deg)},
+                   {"coverage_ratio", Number(s.worst_coverage_ratio)}};
+  return json;
+}
+
+Json VerdictsJson(const std::vector<TrackingVerdict>& verdicts) {
+  Json json = Json::array();
+  for (const TrackingVerdict& verdict : verdicts) {
+    json.push_back({{"name", verdict.name},
+                    {"value", Number(verdict.value)},
+                    {"low", Number(verdict.low)},
+                    {"high", Number(verdict.high)},
+                    {"unit", verdict.unit},
+                    {"is_met", verdict.is_met()}});
+  }
+  return json;
+}
+
+}  // namespace
+
+std::string TrackingCsv(const std::vector<TrackingBenchBlock>& blocks, int num_paths) {
+  std::string text = "scenario,estimator,seed,path";
+  for (const auto& [name, value] : RunNumbers(TrackingScore())) absl::StrAppend(&text, ",", name);
+  text += "\n";
+  for (const TrackingBenchBlock& block : blocks) {
+    for (const TrackingBenchRow& row : block.rows) {
+      for (size_t i = 0; i < row.scores.size(); ++i) {
+        absl::StrAppendFormat(&text, "%s,%s,%d,%d", row.scenario, row.estimator, 1 + static_cast<int>(i) / num_paths,
+                              1 + static_cast<int>(i) % num_paths);
+        for (const auto& [name, value] : RunNumbers(row.scores[i])) {
+          absl::StrAppend(&text, ",", std::isfinite(value) ? absl::StrFormat("%.9g", value) : "");
+        }
+        text += "\n";
+      }
+    }
+  }
+  return text;
+}
+
+Json TrackingJson(const std::vector<TrackingBenchBlock>& blocks, const TrackingBenchOptions& options) {
+  Json json;
+  json["seeds"] = options.num_seeds;
+  json["paths"] = options.num_paths;
+  json["scenarios"] = Json::array();
+  for (const TrackingBenchBlock& block : blocks) {
+    Json scenario;
+    scenario["scenario"] = block.scenario.name;
+    scenario["description"] = block.scenario.description;
+    scenario["duration_s"] = 1e-6 * static_cast<double>(block.duration_us);
+    scenario["mean_event_rate_hz"] = block.mean_event_rate_hz;
+    scenario["estimators"] = Json::array();
+    for (const TrackingBenchRow& row : block.rows) {
+      Json estimator;
+      estimator["name"] = row.estimator;
+      estimator["summary"] = SummaryJson(row.summary);
+      estimator["worst_run"] = {{"seed", 1 + row.summary.worst_run / options.num_paths},
+                                {"path", 1 + row.summary.worst_run % options.num_paths}};
+      estimator["targets"] = VerdictsJson(row.verdicts);
+      estimator["runs"] = RunsJson(row, options.num_paths);
+      scenario["estimators"].push_back(std::move(estimator));
+    }
+    json["scenarios"].push_back(std::move(scenario));
+  }
+  return json;
+}
+
+}  // namespace evpose::client

@@ -1,0 +1,415 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "client/bench/service_bench.h"
+
+#include <unistd.h>
+
+#include <algorithm>
+#include <cstring>
+#include <limits>
+#include <map>
+#include <optional>
+#include <thread>
+#include <utility>
+
+#include "absl/strings/str_cat.h"
+#include "client/bench/bench_session.h"
+#include "client/bench/process_usage.h"
+#include "client/cli/common/server_process.h"
+#include "client/cli/common/transport_sink.h"
+#include "core/base/status_macros.h"
+#include "core/experiments/speed/processor_time.h"
+#include "core/tracking/tracker.h"
+#include "core/tracking/tracker_options.h"
+
+namespace evpose::client {
+namespace {
+
+constexpr double kInfinity = std::numeric_limits<double>::infinity();
+constexpr int kSessionCounts[] = {1, 4, 16, 64};
+constexpr int kMostSessions = 64;
+
+constexpr int kMaxSessions = 128;
+// Beside the first one.
+constexpr int kSessionsInMemory = 8;
+
+double SecondsSince(absl::Time begin) { return absl::ToDoubleSeconds(SystemClock().Now() - begin); }
+
+// Scenes that a part is measured on.
+std::vector<std::string> ScenesOf(const std::string& part) {
+  if (part == "transport") return {"10"};
+  if (part == "path") return {"1", "10", "50"};
+  if (part == "memory") return {"1", "50"};
+  return {"1"};
+}
+
+// Milliseconds at these shares of the sorted values.
+double Percentile(const std::vector<double>& sorted, double share) {
+  return sorted[static_cast<size_t>(share * static_cast<double>(sorted.size() - 1) + 0.5)];
+}
+
+void AddPercentiles(const std::string& name, std::vector<double> values_ms, std::vector<NamedNumber>& numbers) {
+  std::sort(values_ms.begin(), values_ms.end());
+  numbers.push_back({name + "_p50_ms", Percentile(values_ms, 0.5)});
+  numbers.push_back({name + "_p99_ms", Percentile(values_ms, 0.99)});
+  numbers.push_back({name + "_max_ms", values_ms.back()});
+}
+
+// A server, its process where it is known, and a way to it.
+struct BenchServer {
+  std::unique_ptr<ServerProcess> own;
+  std::unique_ptr<Client> client;
+  pid_t pid = 0;
+};
+
+absl::StatusOr<BenchServer> StartServer(const ServiceBenchOptions& options, const CliContext& context) {
+  BenchServer server;
+  ServerArguments arguments = options.server;
+  server.pid = options.server_pid;
+  if (arguments.address.empty()) {
+    EVPOSE_ASSIGN_OR_RETURN(server.own, ServerProcess::Start({"--max-sessions", absl::StrCat(kMaxSessions)}));
+    arguments.address = server.own->address();
+    server.pid = server.own->pid();
+  }
+  EVPOSE_ASSIGN_OR_RETURN(server.client, arguments.Connect(context));
+  return server;
+}
+
+// Latencies of the poses of some streams, milliseconds.
+struct Latencies {
+  std::vector<double> after_chunk_ms;   // from the end of the chunk that completes the pose's window
+  std::vector<double> after_window_ms;  // from the end of the window
+  std::vector<double> of_server_ms;     // from the receipt of that chunk, by the server's clock
+
+  void Add(const StreamTimes& times) {
+    const std::vector<int64_t>& ends_us = times.chunk_ends_us;
+    const auto time_of = [&](int64_t t_us) { return times.begin + absl::Microseconds(t_us - ends_us.front()); };
+    for (size_t i = 0; i + 1 < times.poses.size(); ++i) {
+      const Arrival& pose = times.poses[i];
+      // Poses are for the middles of windows that follow one another: the end is half-way.
+      const int64_t window_end_us = pose.t_us + (times.poses[i + 1].t_us - pose.t_us) / 2;
+      const auto chunk_end = std::lower_bound(ends_us.begin(), ends_us.end(), window_end_us);
+      // The recording's end closes the last one.
+      if (chunk_end == ends_us.end() || window_end_us < ends_us.front()) continue;
+      after_chunk_ms.push_back(absl::ToDoubleMilliseconds(pose.at - time_of(*chunk_end)));
+      after_window_ms.push_back(absl::ToDoubleMilliseconds(pose.at - time_of(window_end_us)));
+      of_server_ms.push_back(absl::ToDoubleMilliseconds(pose.server_latency));
+    }
+  }
+};
+
+struct Input {
+  SpeedRecording recording;
+  EncodedRecording encoded;
+};
+
+class ServiceBench {
+ public:
+  ServiceBench(const ServiceBenchOptions& options, CliContext& context,
+               const std::function<void(const ServiceRow&)>& on_row, const SpeedProgress& on_progress)
+      : options_(options), context_(context), on_row_(on_row), on_progress_(on_progress) {}
+
+  absl::Status Run() {
+    EVPOSE_RETURN_IF_ERROR(CheckParts());
+    for (size_t i = 0; i < options_.parts.size(); ++i) {
+      const std::string& part = options_.parts[i];
+      begin_ratio_ = static_cast<double>(i) / static_cast<double>(options_.parts.size());
+      for (const std::string& scene : ScenesOf(part)) {
+        EVPOSE_ASSIGN_OR_RETURN(input_, InputOf(scene));
+        EVPOSE_RETURN_IF_ERROR(RunPart(part));
+      }
+    }
+    return absl::OkStatus();
+  }
+
+ private:
+  // Simulated once.
+  absl::StatusOr<const Input*> InputOf(const std::string& scene) {
+    const auto [found, is_new] = inputs_.try_emplace(scene);
+    Input& input = found->second;
+    if (!is_new) return &input;
+    const auto on_simulated = [&](double) {
+      return on_progress_(begin_ratio_, absl::StrCat("simulating ", scene, " Mev/s"));
+    };
+    EVPOSE_ASSIGN_OR_RETURN(input.recording, MakeSpeedRecording(scene, options_.duration_us, on_simulated));
+    EVPOSE_ASSIGN_OR_RETURN(std::vector<uint8_t> bytes, EncodeRecording(input.recording, Encoding::kEvt3));
+    input.encoded = {Encoding::kEvt3, input.recording.geometry,
+                     std::make_shared<const std::vector<uint8_t>>(std::move(bytes))};
+    return &input;
+  }
+
+  // Before any work: what cannot be had of a server that somebody else has started.
+  absl::Status CheckParts() const {
+    if (options_.server.address.empty()) return absl::OkStatus();
+    for (const std::string& part : options_.parts) {
+      if (part == "memory") return UsageError("memory: needs a server of its own, which it starts: leave out --server");
+      if (part == "sessions" && options_.server_pid == 0) {
+        return UsageError("sessions: needs the server's processor time: give --server-pid, or leave out --server");
+      }
+    }
+    if (options_.server_pid == 0) return absl::OkStatus();
+    return ProcessorSeconds(options_.server_pid).status();
+  }
+
+  absl::Status RunPart(const std::string& part) {
+    if (!Continues(part)) return absl::CancelledError("interrupted");
+    if (part == "transport") return Transport();
+    if (part == "memory") return Memory();
+    EVPOSE_RETURN_IF_ERROR(Connect());
+    if (part == "path") return Path();
+    if (part == "latency") return Latency();
+    return Sessions();
+  }
+
+  bool Continues(const std::string& what) const {
+    return on_progress_(begin_ratio_, absl::StrCat(what, ", ", recording().scene, " Mev/s"));
+  }
+
+  // The server that all parts but memory share.
+  absl::Status Connect() {
+    if (server_.client == nullptr) {
+      EVPOSE_ASSIGN_OR_RETURN(server_, StartServer(options_, context_));
+    }
+    EVPOSE_ASSIGN_OR_RETURN(config_, UploadSession(*server_.client, recording(), encoded().encoding));
+    return absl::OkStatus();
+  }
+
+  ServiceRow Row(const std::string& part, const std::string& what) const {
+    return {part, what, recording().scene, recording().RateMevPerS(), recording().events.size(), {}, {}, false};
+  }
+  const SpeedRecording& recording() const { return input_->recording; }
+  const EncodedRecording& encoded() const { return input_->encoded; }
+  double SensorSeconds() const { return 1e-6 * static_cast<double>(recording().duration_us); }
+  double GigaEvents() const { return 1e-9 * static_cast<double>(recording().events.size()); }
+
+  BenchSessionOptions SessionOptions() const {
+    BenchSessionOptions options;
+    options.is_cancelled = [this] { return context_.IsInterrupted(); };
+    return options;
+  }
+
+  // Nothing where the server's process is not known.
+  absl::StatusOr<std::optional<double>> ServerSeconds() const {
+    if (server_.pid == 0) return std::nullopt;
+    EVPOSE_ASSIGN_OR_RETURN(const double seconds, ProcessorSeconds(server_.pid));
+    return seconds;
+  }
+
+  // Bytes a second over loopback, both sides in this process, against copying them.
+  absl::Status Transport() {
+    constexpr uint64_t kLeastBytes = 64 << 20;
+    EVPOSE_ASSIGN_OR_RETURN(const std::unique_ptr<TransportSink> sink, TransportSink::Start());
+    const auto num_times = static_cast<int>(1 + kLeastBytes / encoded().bytes->size());
+    const uint64_t num_bytes = encoded().bytes->size() * static_cast<uint64_t>(num_times);
+    std::vector<uint8_t> copy(encoded().bytes->size());
+    double wall_s = kInfinity, processor_s = kInfinity, copy_s = kInfinity;
+    for (int i = 0; i < options_.num_repetitions; ++i) {
+      if (!Continues("transport")) return absl::CancelledError("interrupted");
+      copy_s = std::min(copy_s, ProcessorSecondsOf([&] {
+                          for (int k = 0; k < num_times; ++k) {
+                            std::memcpy(copy.data(), encoded().bytes->data(), copy.size());
+                          }
+                        }));
+      MemoryReader reader(encoded(), num_times);
+      const auto next_chunk = [&]() -> absl::StatusOr<EventChunkBytes> {
+        if (context_.IsInterrupted()) return absl::CancelledError("interrupted");
+        EventChunkBytes chunk;
+        chunk.bytes.resize(ChunkerOptions().max_bytes);
+        EVPOSE_ASSIGN_OR_RETURN(const size_t size, reader.Read(absl::MakeSpan(chunk.bytes)));
+        chunk.bytes.resize(size);
+        return chunk;
+      };
+      TrackOptions track_options;
+      track_options.retry.max_outage = absl::ZeroDuration();
+      EVPOSE_ASSIGN_OR_RETURN(const double begin_s, ProcessorSeconds(getpid()));
+      const absl::Time begin = SystemClock().Now();
+      EVPOSE_ASSIGN_OR_RETURN(const TrackSummary summary,
+                              sink->client().Track(TransportSink::session(), next_chunk, {}, track_options));
+      wall_s = std::min(wall_s, SecondsSince(begin));
+      EVPOSE_ASSIGN_OR_RETURN(const double end_s, ProcessorSeconds(getpid()));
+      processor_s = std::min(processor_s, end_s - begin_s);
+      if (summary.health.received_bytes != num_bytes) return absl::InternalError("transport: bytes are missing");
+    }
+    ServiceRow row = Row("transport", "gRPC");
+    const double giga_bytes = 1e-9 * static_cast<double>(num_bytes);
+    row.numbers = {{"mb_per_s", 1e3 * giga_bytes / wall_s},
+                   {"cpu_s_per_gb", processor_s / giga_bytes},
+                   {"memcpy_ratio", processor_s / copy_s}};
+    row.measure = "memcpy_ratio";
+    on_row_(row);
+    return absl::OkStatus();
+  }
+
+  // Of the tracker alone, in this thread.
+  absl::StatusOr<double> TrackerSeconds() const {
+    EVPOSE_ASSIGN_OR_RETURN(const std::unique_ptr<Tracker> tracker,
+                            Tracker::Create(recording().model, recording().camera, TrackerOptions(),
+                                            recording().initial_camera_from_object));
+    std::vector<PoseEstimate> poses;
+    return ProcessorSecondsOf([&] {
+      tracker->AddEvents(recording().events, poses);
+      tracker->Finish(poses);
+    });
+  }
+
+  absl::Status Path() {
+    double wall_s = kInfinity, tracker_s = kInfinity, client_s = kInfinity, server_s = kInfinity;
+    for (int i = 0; i < options_.num_repetitions; ++i) {
+      if (!Continues("path")) return absl::CancelledError("interrupted");
+      EVPOSE_ASSIGN_OR_RETURN(const double tracker_once_s, TrackerSeconds());
+      tracker_s = std::min(tracker_s, tracker_once_s);
+      StreamTimes times;
+      BenchSessionOptions session_options = SessionOptions();
+      session_options.times = &times;
+      EVPOSE_ASSIGN_OR_RETURN(const auto session, BenchSession::Create(*server_.client, config_));
+      EVPOSE_ASSIGN_OR_RETURN(const double client_begin_s, ProcessorSeconds(getpid()));
+      EVPOSE_ASSIGN_OR_RETURN(const std::optional<double> server_begin_s, ServerSeconds());
+      EVPOSE_RETURN_IF_ERROR(Stream(*session, session_options));
+      wall_s = std::min(wall_s, absl::ToDoubleSeconds(times.end - times.begin));
+      EVPOSE_ASSIGN_OR_RETURN(const double client_end_s, ProcessorSeconds(getpid()));
+      EVPOSE_ASSIGN_OR_RETURN(const std::optional<double> server_end_s, ServerSeconds());
+      client_s = std::min(client_s, client_end_s - client_begin_s);
+      if (server_end_s) server_s = std::min(server_s, *server_end_s - *server_begin_s);
+    }
+    ServiceRow row = Row("path", "EVT3");
+    const double mev = 1e3 * GigaEvents();
+    row.numbers = {{"mev_per_s", mev / wall_s},
+                   {"tracker_mev_per_s", mev / tracker_s},
+                   {"tracker_ratio", tracker_s / wall_s},
+                   {"client_cpu_s_per_gev", client_s / GigaEvents()}};
+    if (server_.pid != 0) row.numbers.push_back({"server_cpu_s_per_gev", server_s / GigaEvents()});
+    row.measure = "tracker_ratio";
+    row.more_is_better = true;
+    on_row_(row);
+    return absl::OkStatus();
+  }
+
+  // At the sensor's pace, in chunks of 1 ms.
+  absl::Status Latency() {
+    Latencies latencies;
+    for (int i = 0; i < options_.num_repetitions; ++i) {
+      if (!Continues("latency")) return absl::CancelledError("interrupted");
+      StreamTimes times;
+      BenchSessionOptions session_options = SessionOptions();
+      session_options.rate = 1.0;
+      session_options.times = &times;
+      EVPOSE_ASSIGN_OR_RETURN(const auto session, BenchSession::Create(*server_.client, config_));
+      EVPOSE_RETURN_IF_ERROR(Stream(*session, session_options));
+      latencies.Add(times);
+    }
+    if (latencies.after_chunk_ms.empty()) {
+      return absl::InternalError("latency: no window was followed by another one: give a longer --duration");
+    }
+    ServiceRow row = Row("latency", "--rate 1");
+    row.numbers.push_back({"poses", static_cast<double>(latencies.after_chunk_ms.size())});
+    AddPercentiles("chunk", std::move(latencies.after_chunk_ms), row.numbers);
+    AddPercentiles("window", std::move(latencies.after_window_ms), row.numbers);
+    AddPercentiles("server", std::move(latencies.of_server_ms), row.numbers);
+    row.measure = "window_p50_ms";
+    on_row_(row);
+    return absl::OkStatus();
+  }
+
+  absl::Status Stream(BenchSession& session, const BenchSessionOptions& options) const {
+    return session.Stream(encoded(), recording().events.size(), options);
+  }
+
+  using ManySessions = std::vector<std::unique_ptr<BenchSession>>;
+  absl::StatusOr<ManySessions> CreateSessions(int num_sessions) {
+    ManySessions sessions;
+    for (int i = 0; i < num_sessions; ++i) {
+      EVPOSE_ASSIGN_OR_RETURN(auto session, BenchSession::Create(*server_.client, config_));
+      sessions.push_back(std::move(session));
+    }
+    return sessions;
+  }
+
+  // At once, each with the whole recording, as fast as they can.
+  absl::Status StreamAll(const ManySessions& sessions) {
+    std::vector<absl::Status> statuses(sessions.size());
+    {
+      std::vector<std::jthread> threads;
+      for (size_t i = 0; i < sessions.size(); ++i) {
+        threads.emplace_back(
+            [this, &session = *sessions[i], &status = statuses[i]] { status = Stream(session, SessionOptions()); });
+      }
+    }
+    for (const absl::Status& status : statuses) EVPOSE_RETURN_IF_ERROR(status);
+    return absl::OkStatus();
+  }
+
+  absl::Status Sessions() {
+    double one_s = 0.0;
+    for (const int num_sessions : kSessionCounts) {
+      double server_s = kInfinity, create_s = kInfinity;
+      // Many are a mean by themselves.
+      const int num_repetitions = std::clamp(kMostSessions / num_sessions, 1, options_.num_repetitions);
+      for (int i = 0; i < num_repetitions; ++i) {
+        if (!Continues(absl::StrCat(num_sessions, " sessions"))) return absl::CancelledError("interrupted");
+        EVPOSE_ASSIGN_OR_RETURN(const double idle_s, ProcessorSeconds(server_.pid));
+        EVPOSE_ASSIGN_OR_RETURN(const ManySessions sessions, CreateSessions(num_sessions));
+        EVPOSE_ASSIGN_OR_RETURN(const double begin_s, ProcessorSeconds(server_.pid));
+        create_s = std::min(create_s, (begin_s - idle_s) / num_sessions);
+        EVPOSE_RETURN_IF_ERROR(StreamAll(sessions));
+        EVPOSE_ASSIGN_OR_RETURN(const double end_s, ProcessorSeconds(server_.pid));
+
+        server_s = std::min(server_s, (end_s - begin_s) / num_sessions);
+      }
+      if (num_sessions == 1) one_s = server_s;
+      ServiceRow row = Row("sessions", absl::StrCat(num_sessions));
+      row.numbers = {{"server_real_time_ratio", server_s / SensorSeconds()},
+                     {"to_one_ratio", server_s / one_s},
+                     {"create_cpu_ms", 1e3 * create_s}};
+
+      row.measure = num_sessions == 1 ? "server_real_time_ratio" : "to_one_ratio";
+      on_row_(row);
+    }
+    return absl::OkStatus();
+  }
+
+  // Of a new server: memory that sessions have left would be used again. What the first one needs beside itself is no
+  // other's.
+  absl::Status Memory() {
+    server_ = {};
+    EVPOSE_RETURN_IF_ERROR(Connect());
+    EVPOSE_ASSIGN_OR_RETURN(const ProcessMemory idle, MemoryOf(server_.pid));
+    EVPOSE_ASSIGN_OR_RETURN(const ManySessions first, CreateSessions(1));
+    EVPOSE_RETURN_IF_ERROR(StreamAll(first));
+    EVPOSE_ASSIGN_OR_RETURN(const ProcessMemory with_first, MemoryOf(server_.pid));
+    EVPOSE_ASSIGN_OR_RETURN(const ManySessions others, CreateSessions(kSessionsInMemory));
+    EVPOSE_RETURN_IF_ERROR(StreamAll(others));
+    EVPOSE_ASSIGN_OR_RETURN(const ProcessMemory with_all, MemoryOf(server_.pid));
+    ServiceRow row = Row("memory", absl::StrCat("1+", kSessionsInMemory));
+    row.numbers = {{"server_mb", idle.resident_mb},
+                   {"first_session_mb", with_first.peak_mb - idle.resident_mb},
+                   {"mb_per_session", (with_all.peak_mb - with_first.peak_mb) / kSessionsInMemory}};
+    row.measure = "mb_per_session";
+    on_row_(row);
+    return absl::OkStatus();
+  }
+
+  const ServiceBenchOptions& options_;
+  CliContext& context_;
+  const std::function<void(const ServiceRow&)>& on_row_;
+  const SpeedProgress& on_progress_;
+  double begin_ratio_ = 0.0;
+  std::map<std::string, Input> inputs_;  // by scene
+  const Input* input_ = nullptr;         // of the present part
+
+  BenchServer server_;
+  SessionConfig config_;
+};
+
+}  // namespace
+
+const std::vector<std::string>& ServiceParts() {
+  static const std::vector<std::string>* const parts =
+      new std::vector<std::string>{"transport", "path", "latency", "sessions", "memory"};
+  return *parts;
+}
+
+absl::Status RunServiceBench(const ServiceBenchOptions& options, CliContext& context,
+                             const std::function<void(const ServiceRow&)>& on_row, const SpeedProgress& on_progress) {
+  return ServiceBench(options, context, on_row, on_progress).Run();
+}
+
+}  // namespace evpose::client

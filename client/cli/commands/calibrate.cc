@@ -1,0 +1,328 @@
+// SPDX-License-Identifier: Apache-2.0
+
+// evpose calibrate: a sensor's profile from recordings whose poses are known.
+#include <algorithm>
+#include <cmath>
+#include <memory>
+#include <optional>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "absl/strings/str_cat.h"
+#include "absl/strings/str_format.h"
+#include "client/bench/chart.h"
+#include "client/cli/commands/commands.h"
+#include "client/cli/common/progress.h"
+#include "core/base/output_file.h"
+#include "core/base/status_macros.h"
+#include "core/calibration/sensor_calibration.h"
+#include "core/events/decoder.h"
+#include "core/events/recording_reader.h"
+#include "core/geometry/trajectory.h"
+#include "core/models/object_model.h"
+
+namespace evpose::client {
+namespace {
+
+constexpr size_t kCalibrateReadBytes = 1 << 20;
+
+struct CalibrateArguments {
+  std::vector<std::string> recordings;
+  std::vector<std::string> truths;
+  std::vector<std::string> models;
+  std::vector<std::string> cameras;
+  std::string start;
+  std::string name;
+  std::string out;
+  std::string picture;
+  double metres_per_unit = 1.0;
+  bool is_json = false;
+};
+
+// The i-th of as many as there are recordings, or the one for all.
+const std::string& Of(const std::vector<std::string>& values, size_t i) {
+  return values.size() == 1 ? values.front() : values[i];
+}
+
+absl::Status CheckCounts(const CalibrateArguments& arguments) {
+  const size_t wanted = arguments.recordings.size();
+  if (arguments.truths.size() != wanted) {
+    return UsageError(absl::StrFormat("--truth is given %d times for %d recordings: one for each, in their order",
+                                      arguments.truths.size(), wanted));
+  }
+  for (const auto& [option, count] :
+       {std::pair{"--model", arguments.models.size()}, {"--camera", arguments.cameras.size()}}) {
+    if (count == 1 || count == wanted) continue;
+    return UsageError(absl::StrFormat("%s is given %d times for %d recordings: once, or one for each in their order",
+                                      option, count, wanted));
+  }
+  return absl::OkStatus();
+}
+
+struct CalibrationInput {
+  std::unique_ptr<RecordingReader> reader;
+  std::unique_ptr<EdgePassageCollector> collector;
+};
+
+absl::StatusOr<CalibrationInput> OpenInput(const CalibrateArguments& arguments, size_t i) {
+  CalibrationInput input;
+  EVPOSE_ASSIGN_OR_RETURN(const CameraModel camera, LoadCameraModel(Of(arguments.cameras, i)));
+  ModelOptions model_options;
+  model_options.metres_per_unit = arguments.metres_per_unit;
+  EVPOSE_ASSIGN_OR_RETURN(ObjectModel model, LoadObjectModel(Of(arguments.models, i), model_options));
+  EVPOSE_ASSIGN_OR_RETURN(Trajectory truth, ReadTumTrajectory(arguments.truths[i]));
+  if (truth.size() < 2) return absl::InvalidArgumentError(absl::StrCat(arguments.truths[i], ": has no two poses"));
+  EVPOSE_ASSIGN_OR_RETURN(input.reader, RecordingReader::Open(arguments.recordings[i]));
+  EVPOSE_RETURN_IF_ERROR(
+      CheckCameraMatches(camera, Of(arguments.cameras, i), input.reader->header(), arguments.recordings[i]));
+  EVPOSE_ASSIGN_OR_RETURN(input.collector, EdgePassageCollector::Create(std::make_shared<ObjectModel>(std::move(model)),
+                                                                        camera, std::move(truth)));
+  return input;
+}
+
+absl::StatusOr<std::vector<EdgePassage>> CollectPassages(const CalibrateArguments& arguments, size_t i,
+                                                         CalibrationInput& input, ProgressLine& progress) {
+  RecordingReader& reader = *input.reader;
+  EVPOSE_ASSIGN_OR_RETURN(const std::unique_ptr<EventDecoder> decoder,
+                          MakeEventDecoder(reader.header().encoding, reader.header().geometry));
+  std::vector<uint8_t> bytes(kCalibrateReadBytes);
+  DecodedEvents decoded;
+  std::optional<int64_t> first_us;
+  int64_t last_us = 0;
+  while (true) {
+    EVPOSE_ASSIGN_OR_RETURN(const size_t size, reader.Read(absl::MakeSpan(bytes)));
+    if (size == 0) break;
+    decoded.events.clear();
+    decoded.triggers.clear();
+    decoded.time_marks.clear();
+    decoder->Decode(absl::MakeConstSpan(bytes).first(size), decoded);
+    if (decoded.events.empty()) continue;
+    if (!first_us) first_us = decoded.events.front().t_us;
+    last_us = decoded.events.back().t_us;
+    input.collector->AddEvents(decoded.events);
+    progress.Show(static_cast<double>(i) / static_cast<double>(arguments.recordings.size()),
+                  absl::StrFormat("%s: %.1f s read", arguments.recordings[i], (last_us - *first_us) * 1e-6));
+  }
+  std::vector<EdgePassage> passages = input.collector->Finish();
+  if (input.collector->num_events_with_truth() == 0) {
+    return absl::FailedPreconditionError(absl::StrFormat(
+        "%s has no events at the times of %s: its events are of %.6f to %.6f s; are both on the sensor's clock?",
+        arguments.recordings[i], arguments.truths[i], first_us.value_or(0) * 1e-6, last_us * 1e-6));
+  }
+  return passages;
+}
+
+// A quantity along the x axis, in bins of as many passages each.
+struct Binned {
+  std::vector<double> x, mean, low, high, fitted, left;
+};
+
+Binned BinBy(std::vector<EdgePassage> passages, const SensorProfile& profile, double (*key)(const EdgePassage&)) {
+  constexpr size_t kBins = 16;
+  constexpr size_t kMinInBin = 8;
+  std::sort(passages.begin(), passages.end(),
+            [key](const EdgePassage& a, const EdgePassage& b) { return key(a) < key(b); });
+  Binned binned;
+  const size_t bins = std::clamp<size_t>(passages.size() / kMinInBin, 1, kBins);
+  for (size_t bin = 0; bin < bins; ++bin) {
+    const size_t begin = bin * passages.size() / bins, end = (bin + 1) * passages.size() / bins;
+    if (end - begin < 2) continue;
+    const double n = static_cast<double>(end - begin);
+    double x = 0.0, mean = 0.0, squares = 0.0, fitted = 0.0;
+    for (size_t i = begin; i < end; ++i) {
+      x += key(passages[i]) / n;
+      mean += passages[i].residual_px / n;
+      squares += passages[i].residual_px * passages[i].residual_px / n;
+      fitted += ExpectedResidualPx(profile, passages[i]) / n;
+    }
+    const double error = std::sqrt(std::max(0.0, squares - mean * mean) / n);
+    binned.x.push_back(x);
+    binned.mean.push_back(mean);
+    binned.low.push_back(mean - 2.0 * error);
+    binned.high.push_back(mean + 2.0 * error);
+    binned.fitted.push_back(fitted);
+    binned.left.push_back(mean - fitted);
+  }
+  return binned;
+}
+
+double SpeedOf(const EdgePassage& passage) { return passage.speed_px_per_s; }
+double DensityOf(const EdgePassage& passage) { return passage.rates.events_per_px2 + passage.rates.turns_per_px2; }
+
+struct Polarity {
+  const char* name;
+  std::vector<EdgePassage> passages;
+  int color;
+};
+
+void AddPanels(const std::vector<Polarity>& polarities, const SensorProfile& profile, const ChartAxis& x_axis,
+               double (*key)(const EdgePassage&), ChartPage& page) {
+  ChartPanel residuals, left;
+  residuals.title = "Where events lie, along the motion";
+  left.title = "What the profile leaves over";
+  residuals.x_axis = left.x_axis = x_axis;
+  residuals.y_axis.label = left.y_axis.label = "residual, px";
+  for (const Polarity& polarity : polarities) {
+    const Binned binned = BinBy(polarity.passages, profile, key);
+    ChartSeries band{absl::StrCat(polarity.name, ", mean +- 2 standard errors"), ChartStyle::kBand};
+    band.x = binned.x;
+    band.low = binned.low;
+    band.high = binned.high;
+    band.color = polarity.color;
+    ChartSeries points{polarity.name, ChartStyle::kPoints};
+    points.x = binned.x;
+    points.y = binned.mean;
+    points.color = polarity.color;
+    ChartSeries fitted{absl::StrCat(polarity.name, ", fitted"), ChartStyle::kLines};
+    fitted.x = binned.x;
+    fitted.y = binned.fitted;
+    fitted.color = polarity.color;
+    ChartSeries rest = points;
+    rest.style = ChartStyle::kLinesAndPoints;
+    rest.y = binned.left;
+    residuals.series.insert(residuals.series.end(), {band, points, fitted});
+    left.series.push_back(std::move(rest));
+  }
+  page.panels.push_back(std::move(residuals));
+  page.panels.push_back(std::move(left));
+}
+
+// Residuals by speed and polarity, and by what tells the contrast.
+ChartPage Picture(const SensorCalibration& calibration, const std::vector<CalibrationRecording>& recordings) {
+  std::vector<Polarity> polarities = {{"ON", {}, 0}, {"OFF", {}, 1}};
+  for (const CalibrationRecording& recording : recordings) {
+    for (const EdgePassage& passage : StepEdges(recording.passages, {})) {
+      polarities[passage.IsBrighter() ? 0 : 1].passages.push_back(passage);
+    }
+  }
+  ChartPage page;
+  page.title = absl::StrFormat("Sensor %s: blur %.3f px, threshold %.3f, latency %.0f us", calibration.profile.name,
+                               calibration.profile.blur_px, calibration.profile.contrast_threshold,
+                               calibration.profile.latency_us);
+  page.num_columns = 2;
+  AddPanels(polarities, calibration.profile, {"speed, px/s"}, SpeedOf, page);
+  AddPanels(polarities, calibration.profile, {"events and turns per swept square pixel"}, DensityOf, page);
+  return page;
+}
+
+Json Constant(double value, double error, bool is_fitted) {
+  Json json;
+  json["value"] = value;
+  json["standard_error"] = is_fitted ? Json(error) : Json(nullptr);
+  return json;
+}
+
+Json CalibrationJson(const SensorCalibration& fit) {
+  Json json;
+  json["name"] = fit.profile.name;
+  json["pixel_noise_px"] = Constant(fit.profile.pixel_noise_px, fit.pixel_noise_error_px, true);
+  json["blur_px"] = Constant(fit.profile.blur_px, fit.blur_error_px, true);
+  json["contrast_threshold"] = Constant(fit.profile.contrast_threshold, fit.contrast_threshold_error, true);
+  json["refractory_us"] = Constant(fit.profile.refractory_us, fit.refractory_error_us, fit.are_times_fitted);
+  json["latency_us"] = Constant(fit.profile.latency_us, fit.latency_error_us, fit.are_times_fitted);
+  json["typical_contrast"] = fit.typical_contrast;
+  json["edge_shift_px"] = fit.edge_shift_px;
+  json["lag_px"] = fit.lag_px;
+  json["passages"] = fit.num_passages;
+  json["edges"] = fit.num_groups;
+  json["events"] = std::llround(fit.num_events);
+  json["speed_p10_px_per_s"] = fit.slowest_px_per_s;
+  json["speed_p90_px_per_s"] = fit.fastest_px_per_s;
+  json["uncorrected_rms_px"] = fit.uncorrected_rms_px;
+  json["start_rms_px"] = fit.initial_rms_px;
+  json["fitted_rms_px"] = fit.fitted_rms_px;
+  json["warnings"] = fit.warnings;
+  return json;
+}
+
+void PrintCalibration(const SensorCalibration& fit, std::ostream& out) {
+  out << absl::StrFormat("%d passages of %d edges and directions, %.0f events, %.0f to %.0f px/s\n", fit.num_passages,
+                         fit.num_groups, fit.num_events, fit.slowest_px_per_s, fit.fastest_px_per_s);
+  const auto line = [&out](const char* name, double value, double error, int digits, bool is_fitted) {
+    out << absl::StrFormat("%-20s %*.*f", name, 9, digits, value)
+        << (is_fitted ? absl::StrFormat(" +- %.*f\n", digits, error) : std::string("  not fitted\n"));
+  };
+  line("blur_px", fit.profile.blur_px, fit.blur_error_px, 3, true);
+  line("contrast_threshold", fit.profile.contrast_threshold, fit.contrast_threshold_error, 3, true);
+  line("refractory_us", fit.profile.refractory_us, fit.refractory_error_us, 0, fit.are_times_fitted);
+  line("latency_us", fit.profile.latency_us, fit.latency_error_us, 0, fit.are_times_fitted);
+  line("pixel_noise_px", fit.profile.pixel_noise_px, fit.pixel_noise_error_px, 3, true);
+  out << absl::StrFormat("an edge of log contrast %.2f: shift to its darker side %.3f px, lag %.3f px\n",
+                         fit.typical_contrast, fit.edge_shift_px, fit.lag_px);
+  out << absl::StrFormat(
+      "residuals, rms: %.3f px uncorrected, %.3f px by the profile at the start, %.3f px by this one\n",
+      fit.uncorrected_rms_px, fit.initial_rms_px, fit.fitted_rms_px);
+}
+
+absl::Status RunCalibrate(const CalibrateArguments& arguments, CliContext& context) {
+  EVPOSE_RETURN_IF_ERROR(CheckCounts(arguments));
+  SensorCalibrationOptions options;
+  if (!arguments.start.empty()) {
+    EVPOSE_ASSIGN_OR_RETURN(options.initial, LoadSensorProfile(arguments.start));
+  }
+  std::vector<CalibrationInput> inputs;
+  for (size_t i = 0; i < arguments.recordings.size(); ++i) {
+    EVPOSE_ASSIGN_OR_RETURN(CalibrationInput input, OpenInput(arguments, i));
+    inputs.push_back(std::move(input));
+  }
+  EVPOSE_ASSIGN_OR_RETURN(OutputFile profile_file, OutputFile::Create(arguments.out));
+  std::optional<ChartFile> chart;
+  if (!arguments.picture.empty()) {
+    EVPOSE_ASSIGN_OR_RETURN(chart, ChartFile::Create(arguments.picture));
+  }
+  ProgressLine progress(context);
+  std::vector<CalibrationRecording> recordings;
+  for (size_t i = 0; i < inputs.size(); ++i) {
+    EVPOSE_ASSIGN_OR_RETURN(std::vector<EdgePassage> passages, CollectPassages(arguments, i, inputs[i], progress));
+    recordings.push_back({arguments.recordings[i], std::move(passages)});
+    inputs[i] = {};
+  }
+  progress.Clear();
+  EVPOSE_ASSIGN_OR_RETURN(SensorCalibration calibration, CalibrateSensor(recordings, options));
+  if (!arguments.name.empty()) calibration.profile.name = arguments.name;
+  if (chart) EVPOSE_RETURN_IF_ERROR(chart->Write(Picture(calibration, recordings)));
+  EVPOSE_RETURN_IF_ERROR(profile_file.Append(SensorProfileToYaml(calibration.profile)));
+  EVPOSE_RETURN_IF_ERROR(profile_file.Commit());
+  for (const std::string& warning : calibration.warnings) context.err << "evpose calibrate: " << warning << "\n";
+  if (arguments.is_json) {
+    context.out << CalibrationJson(calibration).dump(2, ' ', false, Json::error_handler_t::replace) << "\n";
+  } else {
+    PrintCalibration(calibration, context.out);
+  }
+  return absl::OkStatus();
+}
+
+}  // namespace
+
+CommandRunner AddCalibrateCommand(CLI::App& app, CliContext& context) {
+  auto arguments = std::make_shared<CalibrateArguments>();
+  app.add_option("recordings", arguments->recordings, "Prophesee RAW or DAT files of one sensor and lens")->required();
+  app.add_option("--truth", arguments->truths, "Known poses, TUM, on the sensor's clock; one for each recording")
+      ->required();
+  app.add_option("--model", arguments->models, "Object: OBJ, PLY or STL; one for all or one for each")->required();
+  app.add_option("--camera", arguments->cameras, "Camera: ROS camera_info YAML; one for all or one for each")
+      ->required();
+  app.add_option("--scale", arguments->metres_per_unit, "Metres per unit of the model files")
+      ->check(CheckAboveZero, "POSITIVE")
+      ->capture_default_str();
+  app.add_option("--start", arguments->start,
+                 "Profile to begin with, whose constants stay where the recordings do not tell; by default an EVK4's");
+  app.add_option("--name", arguments->name, "Of the sensor, for the profile");
+  app.add_option("-o,--out", arguments->out, "Profile: YAML for evpose replay --sensor; written whole or not at all")
+      ->required();
+  app.add_option("--picture", arguments->picture, "Residuals by speed and polarity, before and after: .png or .svg");
+  app.add_flag("--json", arguments->is_json, "One JSON object on standard output");
+  app.footer(
+      "The object should move to and fro, slowly and fast, with edges of several contrasts. A truth whose clock is "
+      "off\n"
+      "looks like latency. Use the profile for other recordings than those it is fitted to.\n\n"
+      "Example:\n"
+      "  evpose simulate --object cube --duration 2 --motion bursts -o cube\n"
+      "  evpose calibrate cube/recording.raw --truth cube/truth.tum --model cube/model.obj --camera cube/camera.yaml "
+      "\\\n"
+      "      -o sensor.yaml --picture residuals.png");
+  return [arguments, &context] { return RunCalibrate(*arguments, context); };
+}
+
+}  // namespace evpose::client

@@ -1,0 +1,215 @@
+// SPDX-License-Identifier: Apache-2.0
+
+// evpose evaluate: trajectories against the truth, one row each.
+#include "core/evaluation/evaluate.h"
+
+#include <algorithm>
+#include <cmath>
+#include <optional>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "absl/strings/str_cat.h"
+#include "absl/strings/str_format.h"
+#include "client/cli/commands/commands.h"
+#include "client/cli/common/pose_reader.h"
+#include "client/cli/common/table_cell.h"
+#include "core/base/status_macros.h"
+#include "core/evaluation/consistency.h"
+#include "core/geometry/trajectory.h"
+#include "core/models/object_model.h"
+#include "core/numerics/math.h"
+
+namespace evpose::client {
+namespace {
+
+struct EvaluateArguments {
+  std::string truth;
+  std::vector<std::string> estimates;  // FILE or NAME=FILE
+  std::string model;
+  std::string camera;
+  double metres_per_unit = 1.0;
+  double max_gap_ms = 20.0;
+  bool is_symmetric = false;
+  bool is_json = false;
+};
+
+struct Row {
+  std::string name;
+  Evaluation evaluation;
+  std::optional<Consistency> consistency;  // of estimates with covariances
+};
+
+// "NAME=FILE" to both; a FILE alone is its own name.
+std::pair<std::string, std::string> SplitLabel(const std::string& text) {
+  const size_t equals = text.find('=');
+  if (equals == std::string::npos) return {text, text};
+  return {text.substr(0, equals), text.substr(equals + 1)};
+}
+
+// The covariances against the errors; nullopt without covariances.
+absl::StatusOr<std::optional<Consistency>> EvaluateConsistency(const Trajectory& truth, const ReadPoses& estimate,
+                                                               const EvaluationOptions& options) {
+  if (estimate.covariances.empty()) return std::nullopt;
+  EVPOSE_ASSIGN_OR_RETURN(const std::vector<TrajectoryError> errors,
+                          TrajectoryErrors(truth, estimate.trajectory, options));
+  std::vector<double> values;
+  size_t next = 0;
+  for (const TrajectoryError& error : errors) {
+    while (estimate.trajectory[next].t_us != error.t_us) ++next;
+    values.push_back(NormalisedErrorSquared(error.true_pose, error.estimated_pose, estimate.covariances[next]));
+  }
+  return SummariseConsistency(std::move(values));
+}
+
+absl::StatusOr<std::vector<Row>> EvaluateAll(const EvaluateArguments& arguments) {
+  EVPOSE_ASSIGN_OR_RETURN(const Trajectory truth, ReadTumTrajectory(arguments.truth));
+  std::optional<ObjectModel> model;
+  std::optional<CameraModel> camera;
+  if (!arguments.model.empty()) {
+    ModelOptions options;
+    options.metres_per_unit = arguments.metres_per_unit;
+    EVPOSE_ASSIGN_OR_RETURN(model, LoadObjectModel(arguments.model, options));
+    EVPOSE_ASSIGN_OR_RETURN(camera, LoadCameraModel(arguments.camera));
+  }
+  EvaluationOptions options;
+  options.max_gap_us = std::llround(arguments.max_gap_ms * 1e3);
+  if (arguments.is_symmetric) options.symmetries = model->symmetries;
+  std::vector<Row> rows;
+  for (const std::string& text : arguments.estimates) {
+    const auto [name, path] = SplitLabel(text);
+    EVPOSE_ASSIGN_OR_RETURN(const ReadPoses estimate, ReadPoseFile(path));
+    absl::StatusOr<Evaluation> evaluation =
+        Evaluate(truth, estimate.trajectory, options, model ? &*model : nullptr, camera ? &*camera : nullptr);
+    if (!evaluation.ok()) {
+      return absl::Status(evaluation.status().code(),
+                          absl::StrCat(path, " against ", arguments.truth, ": ", evaluation.status().message()));
+    }
+    EVPOSE_ASSIGN_OR_RETURN(const std::optional<Consistency> consistency,
+                            EvaluateConsistency(truth, estimate, options));
+    rows.push_back({name, *evaluation, consistency});
+  }
+  return rows;
+}
+
+Json RowJson(const Row& row) {
+  const Evaluation& e = row.evaluation;
+  Json json;
+  json["name"] = row.name;
+  json["poses"] = e.num_poses;
+  json["coverage_ratio"] = e.coverage_ratio;
+  // Without a pose there is no error: null.
+  json["position_rmse_m"] = e.position_rmse_m;
+  json["position_mean_m"] = e.position_mean_m;
+  json["position_median_m"] = e.position_median_m;
+  json["position_std_m"] = e.position_std_m;
+  json["position_rmse_of_depth"] = e.position_rmse_of_depth;
+  json["rotation_mean_deg"] = e.rotation_mean_rad * kDegreesPerRadian;
+  json["rotation_median_deg"] = e.rotation_median_rad * kDegreesPerRadian;
+  json["rotation_p95_deg"] = e.rotation_p95_rad * kDegreesPerRadian;
+  json["rotation_max_deg"] = e.rotation_max_rad * kDegreesPerRadian;
+  json["reprojection_mean_px"] = e.reprojection_mean_px ? Json(*e.reprojection_mean_px) : Json(nullptr);
+  json["losses"] = e.losses;
+  json["pose_rate_hz"] = e.pose_rate_hz;
+  if (!row.consistency) return json;
+  json["nees_median"] = row.consistency->median;
+  json["nees_p5"] = row.consistency->p5;
+  json["nees_p95"] = row.consistency->p95;
+  json["poses_without_covariance"] = row.consistency->num_without;
+  return json;
+}
+
+std::vector<std::string> RowCells(const Row& row) {
+  const Evaluation& e = row.evaluation;
+  return {row.name,
+          absl::StrCat(e.num_poses),
+          Cell(100.0 * e.coverage_ratio, 1),
+          Cell(1e3 * e.position_rmse_m, 3),
+          Cell(1e3 * e.position_mean_m, 3),
+          Cell(1e3 * e.position_median_m, 3),
+          Cell(1e3 * e.position_std_m, 3),
+          Cell(100.0 * e.position_rmse_of_depth, 3),
+          Cell(kDegreesPerRadian * e.rotation_mean_rad, 3),
+          Cell(kDegreesPerRadian * e.rotation_median_rad, 3),
+          Cell(kDegreesPerRadian * e.rotation_p95_rad, 3),
+          Cell(kDegreesPerRadian * e.rotation_max_rad, 3),
+          e.reprojection_mean_px ? Cell(*e.reprojection_mean_px, 2) : "-",
+          absl::StrCat(e.losses),
+          Cell(e.pose_rate_hz, 1),
+          row.consistency ? Cell(row.consistency->median, 1) : "-",
+          row.consistency ? absl::StrCat(Cell(row.consistency->p5, 1), "-", Cell(row.consistency->p95, 1)) : "-"};
+}
+
+// Columns as wide as their widest cell; the name to the left, numbers to the right.
+void PrintTable(const std::vector<Row>& rows, std::ostream& out) {
+  std::vector<std::vector<std::string>> lines = {
+      {"", "", "cover", "position", "", "", "", "RMSE", "rotation", "", "", "", "reproj", "", "rate", "NEES", "5 to"},
+      {"estimate", "poses", "%", "RMSE mm", "mean", "median", "std", "% depth", "mean deg", "median", "p95", "max",
+       "px", "losses", "Hz", "median", "95 %"}};
+  for (const Row& row : rows) lines.push_back(RowCells(row));
+  std::vector<size_t> widths(lines.front().size(), 0);
+  for (const auto& line : lines) {
+    for (size_t i = 0; i < line.size(); ++i) widths[i] = std::max(widths[i], line[i].size());
+  }
+  for (const auto& line : lines) {
+    out << absl::StrFormat("%-*s", widths[0], line[0]);
+    for (size_t i = 1; i < line.size(); ++i) out << absl::StrFormat("  %*s", widths[i], line[i]);
+    out << "\n";
+  }
+}
+
+absl::Status RunEvaluate(const EvaluateArguments& arguments, CliContext& context) {
+  if (arguments.model.empty() != arguments.camera.empty()) {
+    return UsageError("--model and --camera go together: both are needed for the reprojection error");
+  }
+  if (arguments.is_symmetric && arguments.model.empty()) {
+    return UsageError("--symmetric needs --model and --camera: the symmetries are the model's");
+  }
+  EVPOSE_ASSIGN_OR_RETURN(const std::vector<Row> rows, EvaluateAll(arguments));
+  if (!arguments.is_json) {
+    PrintTable(rows, context.out);
+    return absl::OkStatus();
+  }
+  Json json;
+  json["truth"] = arguments.truth;
+  json["estimates"] = Json::array();
+  for (const Row& row : rows) json["estimates"].push_back(RowJson(row));
+  context.out << json.dump(2, ' ', false, Json::error_handler_t::replace) << "\n";
+  return absl::OkStatus();
+}
+
+}  // namespace
+
+CommandRunner AddEvaluateCommand(CLI::App& app, CliContext& context) {
+  auto arguments = std::make_shared<EvaluateArguments>();
+  app.add_option("--truth", arguments->truth, "The true trajectory, TUM")->required();
+  app.add_option("--estimate", arguments->estimates, "An estimate, TUM or CSV; once for each row of the table")
+      ->type_name("[NAME=]FILE")
+      ->required()
+      ->take_all();
+  app.add_option("--model", arguments->model, "Object model, for the reprojection error");
+  app.add_option("--camera", arguments->camera, "Camera file, for the reprojection error");
+  app.add_option("--scale", arguments->metres_per_unit, "Metres per unit of the model file")
+      ->check(CheckAboveZero, "POSITIVE")
+      ->capture_default_str();
+  app.add_option("--max-gap-ms", arguments->max_gap_ms, "A pose stands for at most so long when coverage is counted")
+      ->check(CLI::Range(0.001, 1e6))
+      ->capture_default_str();
+  app.add_flag("--symmetric", arguments->is_symmetric,
+               "Compare with the nearest of the truths that look the same, by the model's symmetries");
+  app.add_flag("--json", arguments->is_json, "One JSON object on standard output");
+  app.footer(
+      "cover: share of the truth's time with a pose within 5 % of depth and 10 deg. losses: times that this ended.\n"
+      "Position in the camera frame, without alignment.\n"
+      "NEES, of a CSV with covariances: normalised estimation error squared, 6 degrees of freedom. Of an honest\n"
+      "covariance the median is 5.3, and the 5 and 95 % quantiles 1.6 and 12.6.\n\n"
+      "Example:\n"
+      "  evpose simulate --object cube --camera vga --duration 0.5 --out cube\n"
+      "  evpose replay cube/recording.raw --model cube/model.obj --camera cube/camera.yaml --out cube/poses.tum\n"
+      "  evpose evaluate --truth cube/truth.tum --estimate evpose=cube/poses.tum --model cube/model.obj \\\n"
+      "    --camera cube/camera.yaml --symmetric");
+  return [arguments, &context] { return RunEvaluate(*arguments, context); };
+}
+
+}  // namespace evpose::client

@@ -1,0 +1,137 @@
+// SPDX-License-Identifier: Apache-2.0
+
+// evpose models: list, upload, get, delete.
+#include <string>
+
+#include "absl/strings/str_cat.h"
+#include "absl/strings/str_format.h"
+#include "absl/time/time.h"
+#include "client/cli/commands/commands.h"
+#include "core/base/output_file.h"
+#include "core/base/status_macros.h"
+
+namespace evpose::client {
+namespace {
+
+struct ModelArguments {
+  ServerArguments server;
+  std::string name;
+  std::string file;
+  double metres_per_unit = 1.0;
+  bool is_json = false;
+};
+
+Json ModelJson(const ModelInfo& model) {
+  Json json;
+  json["name"] = model.name;
+  json["size_bytes"] = model.size_bytes;
+  json["faces"] = model.num_faces;
+  json["lines"] = model.num_lines;
+  json["symmetries"] = model.num_symmetries;
+  json["diameter_m"] = model.diameter_m;
+  json["metres_per_unit"] = model.metres_per_unit;
+  json["crease_angle_deg"] = model.crease_angle_deg;
+  json["sha256"] = model.sha256_hex;
+  json["create_time"] = absl::FormatTime(model.create_time, absl::UTCTimeZone());
+  json["notices"] = model.notices;
+  return json;
+}
+
+void PrintModel(const ModelInfo& model, std::ostream& out) {
+  out << model.name
+      << absl::StrFormat("  %d lines  %d faces  %d %s  diameter %.4f m\n", model.num_lines, model.num_faces,
+                         model.num_symmetries, model.num_symmetries == 1 ? "symmetry" : "symmetries", model.diameter_m);
+}
+
+void Print(const ModelInfo& model, bool is_json, std::ostream& out) {
+  if (is_json) {
+    out << ModelJson(model).dump(2, ' ', false, Json::error_handler_t::replace) << "\n";
+    return;
+  }
+  PrintModel(model, out);
+  for (const std::string& notice : model.notices) out << "notice: " << notice << "\n";
+}
+
+absl::Status RunList(const ModelArguments& arguments, CliContext& context) {
+  EVPOSE_ASSIGN_OR_RETURN(const std::unique_ptr<Client> client, arguments.server.Connect(context));
+  EVPOSE_ASSIGN_OR_RETURN(const std::vector<ModelInfo> models, client->ListModels());
+  Json json = Json::array();
+  for (const ModelInfo& model : models) {
+    if (arguments.is_json) {
+      json.push_back(ModelJson(model));
+    } else {
+      PrintModel(model, context.out);
+    }
+  }
+  if (arguments.is_json) context.out << json.dump(2, ' ', false, Json::error_handler_t::replace) << "\n";
+  return absl::OkStatus();
+}
+
+absl::Status RunUpload(const ModelArguments& arguments, CliContext& context) {
+  UploadOptions options;
+  options.metres_per_unit = arguments.metres_per_unit;
+  EVPOSE_ASSIGN_OR_RETURN(options.format, ModelFormatFromPath(arguments.file));
+  EVPOSE_ASSIGN_OR_RETURN(const std::string bytes, ReadFile(arguments.file, ModelOptions{}.max_bytes));
+  EVPOSE_ASSIGN_OR_RETURN(const std::unique_ptr<Client> client, arguments.server.Connect(context));
+  const absl::StatusOr<ModelInfo> model =
+      client->UploadModel({reinterpret_cast<const uint8_t*>(bytes.data()), bytes.size()}, options);
+  if (!model.ok()) return ModelError(arguments.file, model.status());
+  Print(*model, arguments.is_json, context.out);
+  return absl::OkStatus();
+}
+
+absl::Status RunGet(const ModelArguments& arguments, CliContext& context) {
+  EVPOSE_ASSIGN_OR_RETURN(const std::unique_ptr<Client> client, arguments.server.Connect(context));
+  EVPOSE_ASSIGN_OR_RETURN(const ModelInfo model, client->GetModel(arguments.name));
+  Print(model, arguments.is_json, context.out);
+  return absl::OkStatus();
+}
+
+absl::Status RunDelete(const ModelArguments& arguments, CliContext& context) {
+  EVPOSE_ASSIGN_OR_RETURN(const std::unique_ptr<Client> client, arguments.server.Connect(context));
+  return client->DeleteModel(arguments.name);
+}
+
+std::string Example(const std::string& command) {
+  std::string text =
+      "Example:\n"
+      "  evpose simulate --object cube --camera vga --duration 0.5 --out cube\n"
+      "  evpose models upload cube/model.obj --server 127.0.0.1:50051";
+  if (command == "list") absl::StrAppend(&text, "\n  evpose models list --server 127.0.0.1:50051");
+  if (command == "get" || command == "delete") {
+    absl::StrAppend(&text, "\n  evpose models ", command,
+                    " \"$(evpose models list --server 127.0.0.1:50051 | head -n 1 | cut -d ' ' -f 1)\" \\\n"
+                    "    --server 127.0.0.1:50051");
+  }
+  return text;
+}
+
+}  // namespace
+
+void AddModelsCommands(CLI::App& app, CliContext& context, CommandRunners& runners) {
+  const auto add = [&](const char* name, const char* description, auto run, auto add_options) {
+    CLI::App* command = app.add_subcommand(name, description);
+    auto arguments = std::make_shared<ModelArguments>();
+    add_options(*command, *arguments);
+    command->footer(Example(name));
+    arguments->server.AddTo(*command, true);
+    command->add_flag("--json", arguments->is_json, "JSON on standard output");
+    runners.emplace_back(command, [arguments, run, &context] { return run(*arguments, context); });
+  };
+  const auto add_name = [](CLI::App& command, ModelArguments& arguments) {
+    command.add_option("model", arguments.name, "models/ID")->required();
+  };
+  add("list", "All models, one on each line", RunList, [](CLI::App&, ModelArguments&) {});
+  add("upload", "Upload an object; the same bytes get the same name", RunUpload,
+      [](CLI::App& command, ModelArguments& arguments) {
+        command.add_option("file", arguments.file, "OBJ, PLY or STL")->required();
+        command.add_option("--scale", arguments.metres_per_unit, "Metres per unit of the file")
+            ->check(CheckAboveZero, "POSITIVE")
+            ->capture_default_str();
+      });
+  add("get", "One model", RunGet, add_name);
+  add("delete", "Delete a model that no session uses", RunDelete, add_name);
+  app.footer(Example("upload"));
+}
+
+}  // namespace evpose::client

@@ -1,0 +1,267 @@
+// SPDX-License-Identifier: Apache-2.0
+
+// evpose render: events with the projected model over them, as a picture or a film.
+#include <unistd.h>
+
+#include <cmath>
+#include <filesystem>
+#include <opencv2/core.hpp>
+#include <opencv2/imgcodecs.hpp>
+#include <opencv2/videoio.hpp>
+#include <string>
+#include <vector>
+
+#include "absl/strings/match.h"
+#include "absl/strings/str_cat.h"
+#include "absl/strings/str_format.h"
+#include "client/cli/commands/commands.h"
+#include "client/cli/common/frame_painter.h"
+#include "core/base/output_file.h"
+#include "core/base/status_macros.h"
+#include "core/events/recording_reader.h"
+#include "core/geometry/trajectory.h"
+
+namespace evpose::client {
+namespace {
+
+constexpr size_t kRenderReadBytes = 64 * 1024;
+// Poses further apart than this are not bridged: the object was lost between them.
+constexpr int64_t kMaxPoseGapUs = 50'000;
+constexpr int64_t kMaxFrames = 200'000;  // a clock that jumps must not fill the disk
+
+struct RenderArguments {
+  std::string recording;
+  std::string poses;
+  std::string model;
+  std::string camera;
+  std::string out;
+  double metres_per_unit = 1.0;
+  std::optional<double> at_s;
+  double window_ms = 10.0;
+  double fps = 30.0;
+};
+
+struct RenderInputs {
+  CameraModel camera;
+  ObjectModel model;
+  Trajectory poses;
+  std::unique_ptr<RecordingReader> reader;
+  const CliContext* context = nullptr;
+};
+
+absl::Status CheckNotInterrupted(const RenderInputs& inputs) {
+  if (!inputs.context->IsInterrupted()) return absl::OkStatus();
+  return absl::CancelledError("interrupted: nothing was written");
+}
+
+absl::StatusOr<RenderInputs> ReadInputs(const RenderArguments& arguments, CliContext& context) {
+  RenderInputs inputs;
+  inputs.context = &context;
+  EVPOSE_ASSIGN_OR_RETURN(inputs.camera, LoadCameraModel(arguments.camera));
+  ModelOptions options;
+  options.metres_per_unit = arguments.metres_per_unit;
+  EVPOSE_ASSIGN_OR_RETURN(inputs.model, LoadObjectModel(arguments.model, options));
+  EVPOSE_ASSIGN_OR_RETURN(inputs.poses, ReadTumTrajectory(arguments.poses));
+  RecordingReaderOptions reader_options;
+  reader_options.stop = context.is_interrupted;
+  EVPOSE_ASSIGN_OR_RETURN(inputs.reader, RecordingReader::Open(arguments.recording, reader_options));
+  EVPOSE_RETURN_IF_ERROR(
+      CheckCameraMatches(inputs.camera, arguments.camera, inputs.reader->header(), arguments.recording));
+  return inputs;
+}
+
+// The pose at t_us, or at the nearest end of the trajectory when that is near.
+std::optional<RigidTransform> PoseAt(const Trajectory& poses, int64_t t_us) {
+  const auto after = std::lower_bound(poses.begin(), poses.end(), t_us,
+                                      [](const StampedPose& pose, int64_t t) { return pose.t_us < t; });
+  const bool is_before_first = after == poses.begin();
+  if (is_before_first || after == poses.end()) {
+    if (poses.empty()) return std::nullopt;
+    const StampedPose& nearest = is_before_first ? poses.front() : poses.back();
+    if (std::abs(nearest.t_us - t_us) > kMaxPoseGapUs) return std::nullopt;
+    return nearest.camera_from_object;
+  }
+  if (after->t_us - (after - 1)->t_us > kMaxPoseGapUs) return std::nullopt;
+  const absl::StatusOr<RigidTransform> pose = Interpolate(poses, t_us);
+  return pose.ok() ? std::optional(*pose) : std::nullopt;
+}
+
+// All events in order, until `on_event` answers false or the recording ends.
+absl::Status ForEachEvent(RenderInputs& inputs, const std::function<absl::StatusOr<bool>(const Event&)>& on_event) {
+  RecordingReader& reader = *inputs.reader;
+  EVPOSE_ASSIGN_OR_RETURN(const std::unique_ptr<EventDecoder> decoder,
+                          MakeEventDecoder(reader.header().encoding, reader.header().geometry));
+  std::vector<uint8_t> bytes(kRenderReadBytes);
+  while (true) {
+    EVPOSE_RETURN_IF_ERROR(CheckNotInterrupted(inputs));
+    EVPOSE_ASSIGN_OR_RETURN(const size_t size, reader.Read(absl::MakeSpan(bytes)));
+    if (size == 0) return CheckNotInterrupted(inputs);  // a live source ends then, too
+    DecodedEvents decoded;
+    decoder->Decode(absl::MakeConstSpan(bytes).first(size), decoded);
+    for (const Event& event : decoded.events) {
+      EVPOSE_ASSIGN_OR_RETURN(const bool goes_on, on_event(event));
+      if (!goes_on) return absl::OkStatus();
+    }
+  }
+}
+
+void FinishFrame(FramePainter& painter, const Trajectory& poses, int64_t t_us, double window_ms) {
+  const std::optional<RigidTransform> pose = PoseAt(poses, t_us);
+  painter.DrawModel(pose);
+  painter.DrawLegend(t_us, window_ms, pose);
+}
+
+absl::Status RenderPicture(const RenderArguments& arguments, RenderInputs& inputs) {
+  if (!arguments.at_s && inputs.poses.empty()) {
+    return absl::InvalidArgumentError(absl::StrCat(arguments.poses, " has no pose: say when with --at SECONDS"));
+  }
+  const int64_t t_us =
+      arguments.at_s ? std::llround(*arguments.at_s * 1e6) : (inputs.poses.front().t_us + inputs.poses.back().t_us) / 2;
+  const int64_t half_window_us = std::llround(arguments.window_ms * 500.0);
+  FramePainter painter(inputs.camera, inputs.model);
+  uint64_t drawn = 0;
+  int64_t last_us = 0;
+  EVPOSE_RETURN_IF_ERROR(ForEachEvent(inputs, [&](const Event& event) -> absl::StatusOr<bool> {
+    last_us = event.t_us;
+    if (event.t_us < t_us - half_window_us) return true;
+    if (event.t_us >= t_us + half_window_us) return false;
+    painter.DrawEvent(event);
+    ++drawn;
+    return true;
+  }));
+  if (drawn == 0) {
+    return absl::OutOfRangeError(
+        absl::StrFormat("%s has no event within %g ms of %.6f s (the last one seen is at %.6f s)", arguments.recording,
+                        arguments.window_ms / 2, t_us * 1e-6, last_us * 1e-6));
+  }
+  FinishFrame(painter, inputs.poses, t_us, arguments.window_ms);
+  std::vector<uint8_t> png;
+  if (!cv::imencode(".png", painter.image(), png)) return absl::InternalError("the picture cannot be encoded");
+  return WriteFile(arguments.out, {reinterpret_cast<const char*>(png.data()), png.size()});
+}
+
+// A film under a name that appears when it is whole.
+class Film {
+ public:
+  static absl::StatusOr<std::unique_ptr<Film>> Create(const std::string& path, double fps, const CameraModel& camera) {
+    std::unique_ptr<Film> film(new Film(path));
+    const bool is_mp4 = absl::EndsWith(path, ".mp4");
+    const int codec =
+        is_mp4 ? cv::VideoWriter::fourcc('m', 'p', '4', 'v') : cv::VideoWriter::fourcc('M', 'J', 'P', 'G');
+    film->writer_.open(film->temporary_path_, codec, fps, {camera.width_px, camera.height_px});
+    if (film->writer_.isOpened()) return film;
+    return absl::UnavailableError(
+        is_mp4 ? absl::StrCat(path, ": cannot be written; OpenCV may lack the MPEG-4 encoder here: try .avi")
+               : absl::StrCat(path, ": cannot be written"));
+  }
+  ~Film() {
+    writer_.release();
+    std::error_code ignored;
+    if (!is_committed_) std::filesystem::remove(temporary_path_, ignored);
+  }
+
+  void Write(const cv::Mat& image) { writer_.write(image); }
+  absl::Status Commit() {
+    writer_.release();
+    std::error_code error;
+    std::filesystem::rename(temporary_path_, path_, error);
+    if (error) return absl::UnavailableError(absl::StrCat(path_, ": ", error.message()));
+    is_committed_ = true;
+    return absl::OkStatus();
+  }
+
+ private:
+  // The ending stays last: the container follows from it.
+  explicit Film(const std::string& path)
+      : path_(path),
+        temporary_path_(absl::StrCat(path, ".partial-", getpid(), std::filesystem::path(path).extension().string())) {}
+
+  const std::string path_;
+  const std::string temporary_path_;
+  cv::VideoWriter writer_;
+  bool is_committed_ = false;
+};
+
+// Frame k shows the middle of [first + k period, first + (k + 1) period).
+absl::Status RenderFilm(const RenderArguments& arguments, RenderInputs& inputs) {
+  const int64_t period_us = std::llround(1e6 / arguments.fps);
+  const int64_t window_us = std::llround(arguments.window_ms * 1e3);
+  if (window_us > period_us) {
+    return UsageError(absl::StrFormat("--window-ms is at most the time from frame to frame, %g ms", period_us * 1e-3));
+  }
+  EVPOSE_ASSIGN_OR_RETURN(const std::unique_ptr<Film> film, Film::Create(arguments.out, arguments.fps, inputs.camera));
+  FramePainter painter(inputs.camera, inputs.model);
+  std::optional<int64_t> first_us;
+  int64_t frame = 0;
+  const auto middle_us = [&] { return *first_us + frame * period_us + period_us / 2; };
+  const auto finish = [&] {
+    FinishFrame(painter, inputs.poses, middle_us(), arguments.window_ms);
+    film->Write(painter.image());
+    painter.Clear();
+    ++frame;
+  };
+  const auto on_event = [&](const Event& event) -> absl::StatusOr<bool> {
+    if (!first_us) first_us = event.t_us;
+    const int64_t event_frame = (event.t_us - *first_us) / period_us;
+    if (event_frame > kMaxFrames) {
+      return absl::OutOfRangeError(absl::StrFormat("%s: at %.6f s the film has more than %d frames",
+                                                   arguments.recording, event.t_us * 1e-6, kMaxFrames));
+    }
+    while (frame < event_frame) {
+      EVPOSE_RETURN_IF_ERROR(CheckNotInterrupted(inputs));
+      finish();
+    }
+    if (std::abs(event.t_us - middle_us()) * 2 <= window_us) painter.DrawEvent(event);
+    return true;
+  };
+  EVPOSE_RETURN_IF_ERROR(ForEachEvent(inputs, on_event));
+  if (!first_us) return absl::OutOfRangeError(absl::StrCat(arguments.recording, " has no event"));
+  finish();
+  return film->Commit();
+}
+
+absl::Status RunRender(const RenderArguments& arguments, CliContext& context) {
+  const bool is_film = absl::EndsWith(arguments.out, ".mp4") || absl::EndsWith(arguments.out, ".avi");
+  if (!is_film && !absl::EndsWith(arguments.out, ".png")) {
+    return UsageError(absl::StrCat("--out ", arguments.out, ": a picture is a .png, a film a .mp4 or .avi"));
+  }
+  if (is_film && arguments.at_s) return UsageError("--at is for pictures; a film shows the whole recording");
+  EVPOSE_ASSIGN_OR_RETURN(RenderInputs inputs, ReadInputs(arguments, context));
+  try {
+    EVPOSE_RETURN_IF_ERROR(is_film ? RenderFilm(arguments, inputs) : RenderPicture(arguments, inputs));
+  } catch (const cv::Exception& error) {
+    return absl::InternalError(absl::StrCat(arguments.out, ": OpenCV: ", error.what()));
+  }
+  context.out << arguments.out << "\n";
+  return absl::OkStatus();
+}
+
+}  // namespace
+
+CommandRunner AddRenderCommand(CLI::App& app, CliContext& context) {
+  auto arguments = std::make_shared<RenderArguments>();
+  app.add_option("recording", arguments->recording, "Prophesee RAW or DAT file; - for standard input")->required();
+  app.add_option("--poses", arguments->poses, "Trajectory, TUM")->required();
+  app.add_option("--model", arguments->model, "Object: OBJ, PLY or STL")->required();
+  app.add_option("--camera", arguments->camera, "Camera: ROS camera_info YAML")->required();
+  app.add_option("-o,--out", arguments->out, "Picture: .png. Film: .mp4 or .avi")->required();
+  app.add_option("--scale", arguments->metres_per_unit, "Metres per unit of the model file")
+      ->check(CheckAboveZero, "POSITIVE")
+      ->capture_default_str();
+  app.add_option("--at", arguments->at_s, "When, seconds on the sensor's clock; by default the middle of the poses");
+  app.add_option("--window-ms", arguments->window_ms, "Events of so many milliseconds around that")
+      ->check(CLI::Range(0.001, 10'000.0))
+      ->capture_default_str();
+  app.add_option("--fps", arguments->fps, "Frames per second of the film, which lasts as long as the recording")
+      ->check(CLI::Range(1.0, 1000.0))
+      ->capture_default_str();
+  app.footer(
+      "ON events are blue, OFF events red, the model's visible lines green.\n\n"
+      "Example:\n"
+      "  evpose simulate --object cube --camera vga --duration 0.5 --out cube\n"
+      "  evpose render cube/recording.raw --poses cube/truth.tum --model cube/model.obj --camera cube/camera.yaml \\\n"
+      "    -o cube/picture.png");
+  return [arguments, &context] { return RunRender(*arguments, context); };
+}
+
+}  // namespace evpose::client

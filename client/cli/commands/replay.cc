@@ -1,0 +1,120 @@
+// SPDX-License-Identifier: Apache-2.0
+
+// evpose replay: a recording through a server, and the poses that come back.
+#include <algorithm>
+#include <memory>
+#include <string>
+#include <utility>
+
+#include "absl/strings/numbers.h"
+#include "absl/strings/str_cat.h"
+#include "client/cli/commands/commands.h"
+#include "client/cli/common/connect_and_begin.h"
+#include "client/cli/common/track_inputs.h"
+#include "client/cli/common/track_run.h"
+#include "core/base/status_macros.h"
+#include "server/rpc/server.h"
+
+namespace evpose::client {
+namespace {
+
+struct ReplayArguments {
+  TrackArguments track;
+  std::string rate = "max";
+  bool is_following = false;
+};
+
+// "max" or a positive factor.
+absl::StatusOr<double> ParseRate(const std::string& text) {
+  if (text == "max") return 0.0;
+  double rate = 0.0;
+  if (absl::SimpleAtod(text, &rate) && rate > 0.0 && rate <= 1e6) return rate;
+  return UsageError(
+      absl::StrCat("--rate: \"", text, "\" is neither max nor a factor above 0, 1 being the sensor's pace"));
+}
+
+// The server that was asked for, or one inside this process: the same calls either way.
+struct ServerHandle {
+  std::unique_ptr<server::Server> own;
+  std::unique_ptr<Client> client;
+};
+
+absl::StatusOr<ServerHandle> StartAndBegin(TrackRun& run) {
+  server::ServerOptions options;
+  options.listen_address.clear();
+  ServerHandle handle;
+  EVPOSE_ASSIGN_OR_RETURN(handle.own, server::Server::Start(options));
+  handle.client = Client::OverChannel(handle.own->InProcessChannel(), "server in this process");
+  EVPOSE_RETURN_IF_ERROR(run.Begin(
+      *handle.client, [](SessionConfig&) {}, ""));
+  return handle;
+}
+
+absl::StatusOr<ServerHandle> BeginSession(const RetryOptions& retry, TrackRun& run, const TrackArguments& arguments,
+                                          const CliContext& context) {
+  if (arguments.server.address.empty()) return StartAndBegin(run);
+  BeginOptions options;
+  options.retry = retry;
+  ServerHandle handle;
+  EVPOSE_ASSIGN_OR_RETURN(handle.client, ConnectAndBegin(options, run, arguments, context));
+  return handle;
+}
+
+absl::Status CheckResume(const TrackArguments& arguments) {
+  if (arguments.resume.empty()) return absl::OkStatus();
+  if (arguments.server.address.empty()) {
+    return UsageError("--resume: give --server, too: a server inside this process ends with it");
+  }
+  if (arguments.recording != "-") return absl::OkStatus();
+  return UsageError("--resume: standard input cannot be read again; evpose stream keeps what it has read");
+}
+
+absl::Status RunReplay(const ReplayArguments& arguments, CliContext& context) {
+  EVPOSE_ASSIGN_OR_RETURN(const double rate, ParseRate(arguments.rate));
+  EVPOSE_RETURN_IF_ERROR(CheckResume(arguments.track));
+  TrackOptions options;
+  options.clock = context.clock;
+  const bool has_server = !arguments.track.server.address.empty();
+  options.retry.max_outage = has_server ? absl::Seconds(arguments.track.max_outage_s) : absl::ZeroDuration();
+  RecordingReaderOptions reader_options;
+  reader_options.follow = arguments.is_following;
+  reader_options.stop = [&context, stop = options.stop.get_token()] {
+    return stop.stop_requested() || context.IsInterrupted();
+  };
+  EVPOSE_ASSIGN_OR_RETURN(TrackInputs inputs, ReadTrackInputs(arguments.track, reader_options));
+  TrackRun run(arguments.track, inputs, context, {});
+  EVPOSE_RETURN_IF_ERROR(run.Open());
+  FeedOptions feed_options;
+  feed_options.rate = rate;
+  feed_options.clock = context.clock;
+  feed_options.skip = run.position().durable;
+  EVPOSE_RETURN_IF_ERROR(run.MakeFeed(feed_options, false));
+  EVPOSE_ASSIGN_OR_RETURN(const ServerHandle server, BeginSession(options.retry, run, arguments.track, context));
+  return run.Track(*server.client, options);
+}
+
+}  // namespace
+
+CommandRunner AddReplayCommand(CLI::App& app, CliContext& context) {
+  auto arguments = std::make_shared<ReplayArguments>();
+  arguments->track.AddTo(app, false);
+  app.add_option("--rate", arguments->rate, "max, or a factor of the sensor's own pace")
+      ->type_name("max|1|X")
+      ->capture_default_str();
+  app.add_flag("--follow", arguments->is_following, "Keep reading as the file grows, until interrupted");
+  app.footer(
+      "Without --server it serves itself, inside the process. Times are those of the sensor's clock. While the object\n"
+      "is not found yet, or lost, no pose is written. An object that maps onto itself is given the pose that is\n"
+      "nearest to no rotation when it is found, and the nearest to the last one from then on. An interrupt ends the\n"
+      "stream cleanly: what was tracked is written. Latencies are from the server's receipt of a chunk to its pose:\n"
+      "with --rate max those of a full queue, with --rate 1 those of a camera.\n"
+      "A connection that breaks is taken up again for as long as --max-outage says. With --resume so is a replay that\n"
+      "was killed, by the same command: its poses are, byte for byte, those of a replay that nothing happened to.\n"
+      "Several objects: --object left=cube.obj --object right=book.obj --out poses-{object}.tum\n\n"
+      "Example:\n"
+      "  evpose simulate --object cube --camera vga --duration 0.5 --out cube\n"
+      "  evpose replay cube/recording.raw --model cube/model.obj --camera cube/camera.yaml --out cube/poses.tum");
+  return [arguments, &context] { return RunReplay(*arguments, context); };
+}
+
+}  // namespace evpose::client

@@ -1,0 +1,93 @@
+// SPDX-License-Identifier: Apache-2.0
+
+// evpose server: info, log-level.
+#include <memory>
+#include <string>
+#include <utility>
+
+#include "absl/strings/str_cat.h"
+#include "client/cli/commands/commands.h"
+#include "core/base/status_macros.h"
+
+namespace evpose::client {
+namespace {
+
+constexpr std::pair<const char*, LogLevel> kLevels[] = {{"debug", LogLevel::kDebug},
+                                                        {"info", LogLevel::kInfo},
+                                                        {"warning", LogLevel::kWarning},
+                                                        {"error", LogLevel::kError},
+                                                        {"off", LogLevel::kOff}};
+
+struct Arguments {
+  ServerArguments server;
+  std::string level;
+  bool is_json = false;
+};
+
+std::string NameOf(LogLevel level) {
+  for (const auto& [name, known] : kLevels) {
+    if (known == level) return name;
+  }
+  return "";
+}
+
+absl::Status RunInfo(const Arguments& arguments, CliContext& context) {
+  EVPOSE_ASSIGN_OR_RETURN(const std::unique_ptr<Client> client, arguments.server.Connect(context));
+  EVPOSE_ASSIGN_OR_RETURN(const ServerInfo info, client->GetServerInfo());
+  if (arguments.is_json) {
+    const Json json = {{"version", info.version},
+                       {"commit", info.commit},
+                       {"store", info.store},
+                       {"active_sessions", info.active_sessions},
+                       {"max_sessions", info.max_sessions},
+                       {"max_chunk_bytes", info.max_chunk_bytes},
+                       {"max_model_bytes", info.max_model_bytes},
+                       {"skipped_events", info.skipped_events},
+                       {"draining", info.is_draining}};
+    context.out << json.dump(2, ' ', false, Json::error_handler_t::replace) << "\n";
+  } else {
+    context.out << "evpose-server " << info.version << " (" << info.commit << "), store: " << info.store << ", "
+                << info.active_sessions << " of " << info.max_sessions << " sessions"
+                << (info.is_draining ? ", leaving" : "") << "\n";
+  }
+  return absl::OkStatus();
+}
+
+absl::Status RunLogLevel(const Arguments& arguments, CliContext& context) {
+  LogLevel level = LogLevel::kInfo;
+  for (const auto& [name, known] : kLevels) {
+    if (arguments.level == name) level = known;
+  }
+  EVPOSE_ASSIGN_OR_RETURN(const std::unique_ptr<Client> client, arguments.server.Connect(context));
+  EVPOSE_ASSIGN_OR_RETURN(const LogLevel before, client->SetLogLevel(level));
+  if (arguments.is_json) {
+    context.out << Json{{"level", arguments.level}, {"previous_level", NameOf(before)}}.dump() << "\n";
+  } else {
+    context.out << "log level: " << arguments.level << ", was " << NameOf(before) << "\n";
+  }
+  return absl::OkStatus();
+}
+
+}  // namespace
+
+void AddServerCommands(CLI::App& app, CliContext& context, CommandRunners& runners) {
+  const auto add = [&](const char* name, const char* description, auto run) {
+    CLI::App* command = app.add_subcommand(name, description);
+    auto arguments = std::make_shared<Arguments>();
+    arguments->server.AddTo(*command, true);
+    command->add_flag("--json", arguments->is_json, "JSON on standard output");
+    runners.emplace_back(command, [arguments, run, &context] { return run(*arguments, context); });
+    return std::pair(command, arguments);
+  };
+  add("info", "What runs there: version, store, sessions", RunInfo)
+      .first->footer("Example:\n  evpose server info --server 127.0.0.1:50051");
+  const auto [command, arguments] = add(
+      "log-level", "What goes to the server's log, until its process ends; with tokens, an operator's", RunLogLevel);
+  command->add_option("level", arguments->level, "least level of what is written")
+      ->required()
+      ->check(CLI::IsMember({"debug", "info", "warning", "error", "off"}));
+  command->footer("Example:\n  evpose server log-level debug --server 127.0.0.1:50051");
+  app.footer("Example:\n  evpose server info --server 127.0.0.1:50051");
+}
+
+}  // namespace evpose::client

@@ -1,0 +1,164 @@
+// SPDX-License-Identifier: Apache-2.0
+
+// evpose sessions: list, get, delete, drain.
+#include <memory>
+#include <optional>
+#include <string>
+#include <utility>
+
+#include "absl/strings/str_cat.h"
+#include "absl/strings/str_format.h"
+#include "absl/time/time.h"
+#include "client/cli/commands/commands.h"
+#include "core/base/status_macros.h"
+
+namespace evpose::client {
+namespace {
+
+struct SessionArguments {
+  ServerArguments server;
+  std::string name;
+  bool is_json = false;
+  std::optional<double> timeout_s;
+};
+
+const char* StateName(SessionState state) {
+  switch (state) {
+    case SessionState::kDetached:
+      return "DETACHED";
+    case SessionState::kAttached:
+      return "ATTACHED";
+    case SessionState::kEnded:
+      return "ENDED";
+    case SessionState::kUnknown:
+      break;
+  }
+  return "UNKNOWN";
+}
+
+Json SessionJson(const Session& session) {
+  Json json;
+  json["name"] = session.name;
+  json["state"] = StateName(session.state);
+  json["create_time"] = absl::FormatTime(session.create_time, absl::UTCTimeZone());
+  json["expire_time"] =
+      session.expire_time ? Json(absl::FormatTime(*session.expire_time, absl::UTCTimeZone())) : Json(nullptr);
+  json["encoding"] = std::string(EncodingName(session.config.encoding));
+  json["width"] = session.config.camera.width_px;
+  json["height"] = session.config.camera.height_px;
+  json["events"] = session.health.decoded_events;
+  json["poses"] = session.health.poses;
+  json["real_time_ratio"] = session.health.real_time_ratio;
+  json["objects"] = Json::array();
+  for (const ObjectHealth& object : session.health.objects) {
+    Json entry;
+    entry["object_id"] = object.object_id;
+    entry["state"] = std::string(TrackStateName(object.state));
+    entry["losses"] = object.losses;
+    entry["initialization"] = std::string(InitializationStatusName(object.initialization));
+    entry["initialization_attempts"] = object.initialization_attempts;
+    entry["detail"] = object.detail;
+    json["objects"].push_back(entry);
+  }
+  return json;
+}
+
+void PrintSession(const Session& session, std::ostream& out) {
+  out << session.name << "  " << StateName(session.state)
+      << absl::StrFormat("  %d events  %d poses", session.health.decoded_events, session.health.poses);
+  for (const ObjectHealth& object : session.health.objects) {
+    out << "  " << object.object_id << " " << DescribeState(object) << ", " << object.losses << " losses";
+  }
+  out << "\n";
+}
+
+absl::Status RunListSessions(const SessionArguments& arguments, CliContext& context) {
+  EVPOSE_ASSIGN_OR_RETURN(const std::unique_ptr<Client> client, arguments.server.Connect(context));
+  EVPOSE_ASSIGN_OR_RETURN(const std::vector<Session> sessions, client->ListSessions());
+  Json json = Json::array();
+  for (const Session& session : sessions) {
+    if (arguments.is_json) {
+      json.push_back(SessionJson(session));
+    } else {
+      PrintSession(session, context.out);
+    }
+  }
+  if (arguments.is_json) context.out << json.dump(2, ' ', false, Json::error_handler_t::replace) << "\n";
+  return absl::OkStatus();
+}
+
+absl::Status RunGetSession(const SessionArguments& arguments, CliContext& context) {
+  EVPOSE_ASSIGN_OR_RETURN(const std::unique_ptr<Client> client, arguments.server.Connect(context));
+  EVPOSE_ASSIGN_OR_RETURN(const Session session, client->GetSession(arguments.name));
+  if (arguments.is_json) {
+    context.out << SessionJson(session).dump(2, ' ', false, Json::error_handler_t::replace) << "\n";
+  } else {
+    PrintSession(session, context.out);
+    for (const ObjectHealth& object : session.health.objects) {
+      if (!object.detail.empty()) context.out << object.object_id << ": " << object.detail << "\n";
+    }
+  }
+  return absl::OkStatus();
+}
+
+absl::Status RunDeleteSession(const SessionArguments& arguments, CliContext& context) {
+  EVPOSE_ASSIGN_OR_RETURN(const std::unique_ptr<Client> client, arguments.server.Connect(context));
+  return client->DeleteSession(arguments.name);
+}
+
+absl::Status RunDrain(const SessionArguments& arguments, CliContext& context) {
+  EVPOSE_ASSIGN_OR_RETURN(const std::unique_ptr<Client> client, arguments.server.Connect(context));
+  std::optional<absl::Duration> timeout;
+  if (arguments.timeout_s) timeout = absl::Seconds(*arguments.timeout_s);
+  EVPOSE_ASSIGN_OR_RETURN(const uint32_t remaining, client->Drain(timeout));
+  if (arguments.is_json) {
+    context.out << Json{{"remaining_sessions", remaining}}.dump() << "\n";
+  } else {
+    context.out << "the server leaves; sessions that a stream is attached to: " << remaining << "\n";
+  }
+  return absl::OkStatus();
+}
+
+// Of the session that a replay leaves there.
+std::string Example(const std::string& command, bool has_name) {
+  const std::string session =
+      has_name ? " \"$(evpose sessions list --server 127.0.0.1:50051 | head -n 1 | cut -d ' ' -f 1)\" \\\n   " : "";
+  return absl::StrCat(
+      "Example:\n"
+      "  evpose simulate --object cube --camera vga --duration 0.5 --out cube\n"
+      "  evpose replay cube/recording.raw --model cube/model.obj --camera cube/camera.yaml \\\n"
+      "    --server 127.0.0.1:50051 --keep-session\n"
+      "  evpose sessions ",
+      command, session, " --server 127.0.0.1:50051");
+}
+
+}  // namespace
+
+void AddSessionsCommands(CLI::App& app, CliContext& context, CommandRunners& runners) {
+  const auto add = [&](const char* name, const char* description, auto run, bool has_name) {
+    CLI::App* command = app.add_subcommand(name, description);
+    command->footer(Example(name, has_name));
+    auto arguments = std::make_shared<SessionArguments>();
+    if (has_name)
+      command->add_option("session", arguments->name, "sessions/ID, as `evpose sessions list` says")->required();
+    arguments->server.AddTo(*command, true);
+    command->add_flag("--json", arguments->is_json, "JSON on standard output, with more in it");
+    runners.emplace_back(command, [arguments, run, &context] { return run(*arguments, context); });
+    return std::pair(command, arguments);
+  };
+  add("list", "All sessions, one on each line", RunListSessions, false);
+  add("get", "One session", RunGetSession, true);
+  add("delete", "Delete a session; its streams end", RunDeleteSession, true);
+  const auto [drain, drain_arguments] = add(
+      "drain", "The server leaves: streams get the time to finish, then its process ends; with tokens, an operator's",
+      RunDrain, false);
+  drain
+      ->add_option("--timeout", drain_arguments->timeout_s,
+                   "Seconds that streams get; otherwise the server's --shutdown-timeout")
+      ->check(CheckNotNegative, "NONNEGATIVE");
+  app.footer(
+      "Example:\n"
+      "  evpose sessions list --server 127.0.0.1:50051");
+}
+
+}  // namespace evpose::client

@@ -1,0 +1,236 @@
+// SPDX-License-Identifier: Apache-2.0
+
+// evpose simulate: a recording with its truth.
+#include <algorithm>
+#include <cmath>
+#include <optional>
+#include <string>
+
+#include "absl/strings/str_cat.h"
+#include "absl/strings/str_format.h"
+#include "client/cli/commands/commands.h"
+#include "client/cli/common/progress.h"
+#include "core/base/status_macros.h"
+#include "core/experiments/tracking/tracking_scenarios.h"
+#include "core/simulation/simulator.h"
+
+namespace evpose::client {
+namespace {
+
+struct SimulateArguments {
+  std::string object = "cube";
+  std::string camera = "evk4";
+  std::string scenario;
+  std::string out;
+  std::string motion = "smooth";
+  std::optional<double> duration_s;
+  double speed_scale = 1.0;
+  double noise_ratio = 0.0;
+  double start_s = 16.0;
+  double threshold = SensorOptions().threshold_on;
+  double bandwidth_hz = SensorOptions().bandwidth_hz;
+  double refractory_us = SensorOptions().refractory_us;
+  double lens_blur_px = SceneOptions().lens_blur_px;
+  double flicker_depth = 0.0;
+  double light_change_ratio = 1.0;
+  bool has_occluder = false;
+  bool has_followed_occluder = false;
+  bool has_moving_edge = false;
+  double background_activity_hz = -1.0;
+  int num_hot_pixels = -1;
+  double flood_mev_per_s = 0.0;
+  bool has_textured_background = false;
+  uint64_t seed = 1;
+  std::optional<uint64_t> path_seed;
+  bool is_json = false;
+};
+
+constexpr std::pair<const char*, MotionProfile> kMotions[] = {{"smooth", MotionProfile::kSmooth},
+                                                              {"rests", MotionProfile::kRests},
+                                                              {"bursts", MotionProfile::kBursts},
+                                                              {"half-out", MotionProfile::kHalfOut}};
+
+// Everything that no edge causes.
+void SetNoise(const SimulateArguments& arguments, SimulationOptions& options) {
+  SensorOptions& sensor = options.sensor;
+  sensor.noise_ratio = arguments.noise_ratio;
+  if (arguments.background_activity_hz >= 0.0) sensor.shot_noise_hz = arguments.background_activity_hz;
+  if (arguments.num_hot_pixels >= 0) {
+    const double num_pixels = 1.0 * options.camera.width_px * options.camera.height_px;
+    sensor.hot_pixel_ratio = std::min(1.0, arguments.num_hot_pixels / num_pixels);
+  }
+  sensor.flood_hz = 1e6 * arguments.flood_mev_per_s;
+}
+
+// Pixels and lens.
+void SetSensor(const SimulateArguments& arguments, SimulationOptions& options) {
+  options.sensor.threshold_on = options.sensor.threshold_off = arguments.threshold;
+  options.sensor.bandwidth_hz = arguments.bandwidth_hz;
+  options.sensor.refractory_us = arguments.refractory_us;
+  options.scene.lens_blur_px = arguments.lens_blur_px;
+}
+
+constexpr double kDurationS = 5.0;
+
+absl::StatusOr<SimulationOptions> MakeScenario(const SimulateArguments& arguments) {
+  EVPOSE_ASSIGN_OR_RETURN(const std::vector<TrackingScenario> scenarios, FindTrackingScenarios({arguments.scenario}));
+  const int64_t max_duration_us = std::llround(arguments.duration_s.value_or(0.0) * 1e6);
+  SimulationOptions options =
+      TrackingRun(scenarios.front(), arguments.seed, arguments.path_seed.value_or(arguments.seed), max_duration_us);
+  options.t_begin_us = std::llround(arguments.start_s * 1e6);
+  return options;
+}
+
+absl::StatusOr<SimulationOptions> MakeOptions(const SimulateArguments& arguments) {
+  if (!arguments.scenario.empty()) return MakeScenario(arguments);
+  EVPOSE_ASSIGN_OR_RETURN(SimulationOptions options,
+                          SimulationPreset(arguments.object, arguments.camera, arguments.speed_scale));
+  options.duration_us = std::llround(arguments.duration_s.value_or(kDurationS) * 1e6);
+  options.t_begin_us = std::llround(arguments.start_s * 1e6);
+  options.seed = arguments.seed;
+  options.path_seed = arguments.path_seed;
+  SetSensor(arguments, options);
+  SetNoise(arguments, options);
+  options.scene.light.flicker_depth = arguments.flicker_depth;
+  options.scene.light.change_ratio = arguments.light_change_ratio;
+  options.scene.occluder.is_present = arguments.has_occluder || arguments.has_followed_occluder;
+  options.scene.occluder.follows_object = arguments.has_followed_occluder;
+  // It swings by a third of the standard objects' width.
+  if (arguments.has_followed_occluder) options.scene.occluder.swing_ratio = 0.06;
+  options.scene.background.has_moving_edge = arguments.has_moving_edge;
+  options.scene.background.is_textured = arguments.has_textured_background;
+  for (const auto& [name, profile] : kMotions) {
+    if (arguments.motion == name) options.scene.motion.profile = profile;
+  }
+  EVPOSE_RETURN_IF_ERROR(options.Validate());
+  return options;
+}
+
+Json ReportJson(const SimulateArguments& arguments, const SimulationReport& report) {
+  Json json;
+  json["directory"] = arguments.out;
+  json["events"] = report.events;
+  json["noise_events"] = report.noise_events;
+  json["rendered_frames"] = report.rendered_frames;
+  json["max_speed_px_per_s"] = report.max_speed_px_per_s;
+  return json;
+}
+
+void PrintReport(const SimulateArguments& arguments, const SimulationReport& report, double duration_s,
+                 std::ostream& out) {
+  const double events = static_cast<double>(report.events);
+  out << arguments.out << ": recording.raw, truth.tum, model.obj, camera.yaml\n";
+  out << absl::StrFormat(
+      "events %d (%.2f Mev/s)  noise %.1f %%  fastest point %.0f px/s\n", report.events, events * 1e-6 / duration_s,
+      events > 0.0 ? 100.0 * static_cast<double>(report.noise_events) / events : 0.0, report.max_speed_px_per_s);
+}
+
+absl::Status RunSimulate(const SimulateArguments& arguments, CliContext& context) {
+  EVPOSE_ASSIGN_OR_RETURN(const SimulationOptions options, MakeOptions(arguments));
+  ProgressLine progress(context);
+  const auto on_progress = [&progress](double ratio) {
+    progress.Show(ratio, absl::StrFormat("simulated %3.0f %%", 100.0 * ratio));
+  };
+  const absl::StatusOr<SimulationReport> report =
+      SimulateToDirectory(options, arguments.out, on_progress, context.is_interrupted);
+  progress.Clear();
+  if (!report.ok()) return report.status();
+  if (arguments.is_json) {
+    context.out << ReportJson(arguments, *report).dump(2) << "\n";
+  } else {
+    PrintReport(arguments, *report, static_cast<double>(options.duration_us) * 1e-6, context.out);
+  }
+  return absl::OkStatus();
+}
+
+void AddNoiseOptions(CLI::App& app, SimulateArguments& arguments) {
+  app.add_option("--noise", arguments.noise_ratio, "Share of all events that are noise")
+      ->check(CLI::Range(0.0, 0.9))
+      ->capture_default_str();
+  app.add_option("--background-activity", arguments.background_activity_hz,
+                 "Noise events per second of a pixel in the dark; a quarter of it on white")
+      ->check(CLI::Range(0.0, 1000.0))
+      ->default_str("0.03");
+  app.add_option("--hot-pixels", arguments.num_hot_pixels, "Pixels that fire by themselves, 200 times a second")
+      ->check(CLI::Range(0, 1'000'000))
+      ->default_str("1 of 100000");
+  app.add_option("--flood", arguments.flood_mev_per_s, "Million events per second anywhere, for 50 ms of every second")
+      ->check(CLI::Range(0.0, 100.0))
+      ->capture_default_str();
+}
+
+void AddOptions(CLI::App& app, SimulateArguments& arguments) {
+  std::vector<std::string> motions;
+  for (const auto& [name, profile] : kMotions) motions.emplace_back(name);
+  app.add_option("-o,--out", arguments.out, "Directory for the files; made when it is missing")->required();
+  std::vector<std::string> scenarios;
+  for (const TrackingScenario& scenario : TrackingScenarios()) scenarios.push_back(scenario.name);
+  app.add_option("--scenario", arguments.scenario, "A scene of `evpose bench tracking`, whole; --duration shortens it")
+      ->check(CLI::IsMember(scenarios));
+  app.add_option("--object", arguments.object, "What is seen")
+      ->check(CLI::IsMember(SimulatedObjectNames()))
+      ->capture_default_str();
+  app.add_option("--camera", arguments.camera, "The sensor and its lens")
+      ->check(CLI::IsMember(SimulatedCameraNames()))
+      ->capture_default_str();
+  app.add_option("--duration", arguments.duration_s, "Seconds")->check(CLI::Range(0.001, 1800.0))->default_str("5");
+  app.add_option("--speed", arguments.speed_scale, "Factor on the speed of the motion")
+      ->check(CLI::Range(0.0, 100.0))
+      ->capture_default_str();
+  app.add_option("--motion", arguments.motion,
+                 "Always moving, with rests, with bursts at four times the speed, or half out of view and back")
+      ->check(CLI::IsMember(motions))
+      ->capture_default_str();
+  app.add_option("--flicker", arguments.flicker_depth, "Depth of the light's 100 Hz flicker, 0 to 0.8")
+      ->check(CLI::Range(0.0, 0.8))
+      ->capture_default_str();
+  app.add_option("--light-change", arguments.light_change_ratio, "The light swings between 1 and 1 / this")
+      ->check(CLI::Range(1.0, 10.0))
+      ->capture_default_str();
+  CLI::Option* occluder = app.add_flag("--occluder", arguments.has_occluder, "A bar that swings before the object");
+  app.add_flag("--occluder-on-object", arguments.has_followed_occluder,
+               "A bar that moves with the object and always hides a part of it")
+      ->excludes(occluder);
+  app.add_flag("--moving-edge", arguments.has_moving_edge, "A straight border that sweeps behind the object");
+  app.add_flag("--textured-background", arguments.has_textured_background, "Rectangles of several shades behind it");
+  AddNoiseOptions(app, arguments);
+  app.add_option("--threshold", arguments.threshold, "Contrast threshold, natural logarithm of light")
+      ->check(CLI::Range(0.01, 5.0))
+      ->capture_default_str();
+  app.add_option("--bandwidth", arguments.bandwidth_hz, "Of the photoreceptor, hertz; 0: infinite")
+      ->check(CLI::Range(0.0, 1e6))
+      ->capture_default_str();
+  app.add_option("--refractory", arguments.refractory_us, "Microseconds a pixel is held for after an event")
+      ->check(CLI::Range(0.0, 1e5))
+      ->capture_default_str();
+  app.add_option("--lens-blur", arguments.lens_blur_px, "Of the lens, pixels, one standard deviation")
+      ->check(CLI::Range(0.0, 2.0))
+      ->capture_default_str();
+  app.add_option("--start", arguments.start_s, "Seconds on the sensor's clock at the beginning")
+      ->check(CLI::Range(0.0, 16.7))
+      ->capture_default_str();
+  app.add_option("--seed", arguments.seed, "The same seed gives the same bytes")->capture_default_str();
+  app.add_option("--path-seed", arguments.path_seed,
+                 "Another motion before the same pixels and noise; default: --seed");
+  app.add_flag("--json", arguments.is_json, "One JSON object on standard output");
+}
+
+}  // namespace
+
+CommandRunner AddSimulateCommand(CLI::App& app, CliContext& context) {
+  auto arguments = std::make_shared<SimulateArguments>();
+  AddOptions(app, *arguments);
+  for (const char* name :
+       {"--object", "--camera", "--speed", "--motion", "--noise", "--background-activity", "--hot-pixels", "--flood",
+        "--flicker", "--light-change", "--occluder", "--occluder-on-object", "--moving-edge", "--textured-background",
+        "--threshold", "--bandwidth", "--refractory", "--lens-blur"}) {
+    app.get_option("--scenario")->excludes(app.get_option(name));
+  }
+  app.footer(
+      "Writes recording.raw (EVT3, as an EVK4 does), truth.tum, model.obj and camera.yaml.\n\n"
+      "Example:\n"
+      "  evpose simulate --object cube --camera vga --duration 0.5 --noise 0.1 --out cube");
+  return [arguments, &context] { return RunSimulate(*arguments, context); };
+}
+
+}  // namespace evpose::client

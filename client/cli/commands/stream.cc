@@ -1,0 +1,173 @@
+// SPDX-License-Identifier: Apache-2.0
+
+// evpose stream: a camera's events to a server as they come, and their poses.
+#include <cstdlib>
+#include <filesystem>
+#include <limits>
+#include <memory>
+#include <string>
+#include <utility>
+
+#include "absl/strings/str_cat.h"
+#include "client/cli/commands/commands.h"
+#include "client/cli/common/connect_and_begin.h"
+#include "client/cli/common/track_inputs.h"
+#include "client/cli/common/track_run.h"
+#include "core/base/status_macros.h"
+
+namespace evpose::client {
+namespace {
+
+struct StreamArguments {
+  TrackArguments track;
+  std::string overload = "block";
+  double max_lag_s = 0.0;
+  std::string spool;
+  uint64_t memory_bytes = OutboxOptions().memory_bytes;
+  uint64_t spool_bytes = SpoolOptions().max_bytes;
+
+  bool is_pipe() const { return track.recording == "-"; }
+};
+
+std::string SpoolDirectory(const StreamArguments& arguments) {
+  if (!arguments.spool.empty()) return arguments.spool;
+  if (!arguments.track.resume.empty()) return arguments.track.resume + ".spool";
+  const char* const temporary = std::getenv("TMPDIR");
+  return temporary != nullptr ? temporary : "/tmp";
+}
+
+// A pipe is read whatever the network does; a file is there to be read when the server is.
+FeedOptions MakeFeedOptions(const StreamArguments& arguments, const TrackRun& run) {
+  FeedOptions options;
+  options.outbox.memory_bytes = arguments.memory_bytes;
+  if (!arguments.is_pipe()) {
+    options.skip = run.position().durable;
+    return options;
+  }
+  options.read_ahead_bytes = std::numeric_limits<uint64_t>::max();
+  SpoolOptions& spool = options.outbox.spool.emplace();
+  spool.max_bytes = arguments.spool_bytes;
+  spool.outlives_process = !arguments.track.resume.empty();
+  spool.directory = SpoolDirectory(arguments);
+  options.begins_after_gap = run.is_resumed();
+  return options;
+}
+
+// The spool and the record of a session that is gone on with must be of the same session.
+absl::Status CheckSpool(const StreamArguments& arguments, TrackRun& run) {
+  if (!arguments.is_pipe() || arguments.track.resume.empty()) return absl::OkStatus();
+  const OutboxState state = run.feed().outbox().state();
+  const std::string directory = SpoolDirectory(arguments);
+  // One that has all from the beginning can be sent to a new session.
+  if (!run.is_resumed() && state.first_seq > 1) {
+    return absl::FailedPreconditionError(absl::StrCat(directory, ": has chunks of a session that ",
+                                                      arguments.track.resume,
+                                                      " says nothing of; remove it to begin a new session"));
+  }
+  if (state.last.seq >= run.position().durable.seq) return absl::OkStatus();
+  return absl::DataLossError(absl::StrCat(directory, ": has not the chunks of the session in ", arguments.track.resume,
+                                          "; remove that to begin a new session"));
+}
+
+// A source that waits for a pipe gives up when this goes out of scope.
+class StopAtEnd {
+ public:
+  explicit StopAtEnd(std::stop_source& stop) : stop_(stop) {}
+  ~StopAtEnd() { stop_.request_stop(); }
+
+ private:
+  std::stop_source& stop_;
+};
+
+absl::Status RunStream(const StreamArguments& arguments, CliContext& context) {
+  TrackOptions options;
+  options.clock = context.clock;
+  options.retry.max_outage = absl::Seconds(arguments.track.max_outage_s);
+  RecordingReaderOptions reader_options;
+  reader_options.follow = true;
+  reader_options.stop = [&context, stop = options.stop.get_token()] {
+    return stop.stop_requested() || context.IsInterrupted();
+  };
+  EVPOSE_ASSIGN_OR_RETURN(TrackInputs inputs, ReadTrackInputs(arguments.track, reader_options));
+  TrackRun run(arguments.track, inputs, context,
+               {{"--overload", arguments.overload}, {"--max-lag", absl::StrCat(arguments.max_lag_s)}});
+  const StopAtEnd stop_at_end(options.stop);
+  EVPOSE_RETURN_IF_ERROR(run.Open());
+  EVPOSE_RETURN_IF_ERROR(run.MakeFeed(MakeFeedOptions(arguments, run), true));
+  EVPOSE_RETURN_IF_ERROR(CheckSpool(arguments, run));
+  // The camera does not wait for the server.
+  if (arguments.is_pipe()) run.feed().Start(MakeChunkerOptions(arguments.track).max_bytes);
+
+  BeginOptions begin;
+  begin.retry = options.retry;
+  begin.waits_for_first_server = true;
+  begin.complete = [&arguments](SessionConfig& config) {
+    if (arguments.overload == "latest") config.overload_policy = OverloadPolicy::kLatest;
+    if (arguments.max_lag_s > 0.0) config.max_lag = absl::Seconds(arguments.max_lag_s);
+  };
+  EVPOSE_ASSIGN_OR_RETURN(const std::unique_ptr<Client> client, ConnectAndBegin(begin, run, arguments.track, context));
+  EVPOSE_RETURN_IF_ERROR(run.Track(*client, options));
+  std::error_code error;
+  // Made by the spool, and empty now.
+  if (arguments.is_pipe() && !arguments.track.resume.empty()) std::filesystem::remove(SpoolDirectory(arguments), error);
+  return absl::OkStatus();
+}
+
+absl::Status CheckUsage(const StreamArguments& arguments) {
+  if (arguments.max_lag_s > 0.0 && arguments.overload != "latest") {
+    return UsageError("--max-lag: is for --overload latest; with block nothing is skipped");
+  }
+  return absl::OkStatus();
+}
+
+void AddSpoolOptions(CLI::App& app, StreamArguments& arguments) {
+  app.add_option("--memory-bytes", arguments.memory_bytes, "Most that is kept of standard input in memory")
+      ->check(CLI::Range(uint64_t{1} << 20, uint64_t{1} << 40))
+      ->capture_default_str()
+      ->group(kAwayGroup);
+  app.add_option("--spool", arguments.spool,
+                 "Directory for what of standard input does not fit into memory; with --resume for all of it that the "
+                 "server has not made durable. By default FILE.spool of --resume, else $TMPDIR or /tmp")
+      ->type_name("DIR")
+      ->group(kAwayGroup);
+  app.add_option("--spool-bytes", arguments.spool_bytes, "Most that is kept in --spool; then standard input waits")
+      ->check(CLI::Range(uint64_t{16} << 20, uint64_t{1} << 50))
+      ->capture_default_str()
+      ->group(kAwayGroup);
+}
+
+}  // namespace
+
+CommandRunner AddStreamCommand(CLI::App& app, CliContext& context) {
+  auto arguments = std::make_shared<StreamArguments>();
+  arguments->track.max_outage_s = std::numeric_limits<double>::infinity();
+  arguments->track.AddTo(app, true);
+  app.add_option("--overload", arguments->overload,
+                 "What happens when the server cannot keep up. block: the camera waits and nothing is skipped; latest: "
+                 "events are skipped and counted")
+      ->check(CLI::IsMember({"block", "latest"}))
+      ->capture_default_str();
+  app.add_option(
+         "--max-lag", arguments->max_lag_s,
+         "With --overload latest: seconds of age at which events are skipped; by default what the server thinks "
+         "right")
+      ->check(CheckAboveZero, "POSITIVE");
+  AddSpoolOptions(app, *arguments);
+  app.footer(
+      "Reads a RAW stream from standard input (-) until it ends, or a RAW file that still grows until an interrupt\n"
+      "(SIGINT, SIGTERM); then what was read is tracked to its end. While the server is away, standard input goes on\n"
+      "being read and is kept; a file is read on when the server is back. An interrupt ends an outage of more than "
+      "two\n"
+      "seconds, and a second one the program at once: with --resume the same command goes on from there. For standard\n"
+      "input it then marks the gap between what was read last and what comes first.\n\n"
+      "Example:\n"
+      "  evpose simulate --object cube --camera vga --duration 0.5 --out cube\n"
+      "  cat cube/recording.raw | evpose stream - --model cube/model.obj --camera cube/camera.yaml \\\n"
+      "    --server 127.0.0.1:50051 --out cube/poses.tum");
+  return [arguments, &context]() -> absl::Status {
+    EVPOSE_RETURN_IF_ERROR(CheckUsage(*arguments));
+    return RunStream(*arguments, context);
+  };
+}
+
+}  // namespace evpose::client

@@ -1,0 +1,156 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "client/cli/common/command.h"
+
+#include <sys/stat.h>
+
+#include <cmath>
+#include <cstdlib>
+#include <filesystem>
+#include <system_error>
+#include <vector>
+
+#include "absl/strings/ascii.h"
+#include "absl/strings/cord.h"
+#include "absl/strings/numbers.h"
+#include "absl/strings/str_cat.h"
+#include "absl/strings/str_replace.h"
+#include "absl/strings/str_split.h"
+#include "client/lib/server_address.h"
+#include "client/lib/status_details.h"
+#include "core/base/output_file.h"
+#include "core/base/status_macros.h"
+
+namespace evpose::client {
+namespace {
+
+constexpr char kUsagePayload[] = "evpose/usage";
+
+// Never from the command line, which other users of a machine can read.
+constexpr char kTokenVariable[] = "EVPOSE_TOKEN";
+constexpr size_t kMaxTokenFileBytes = 4096;
+
+constexpr char kServerGroup[] = "The server";
+
+absl::StatusOr<std::string> ReadToken(const std::string& path) {
+  if (path.empty()) {
+    const char* variable = std::getenv(kTokenVariable);
+    return variable == nullptr ? std::string() : std::string(absl::StripAsciiWhitespace(variable));
+  }
+  EVPOSE_ASSIGN_OR_RETURN(const std::string contents, ReadFile(path, kMaxTokenFileBytes));
+  struct stat info = {};
+  if (stat(path.c_str(), &info) == 0 && S_ISREG(info.st_mode) && (info.st_mode & (S_IRWXG | S_IRWXO)) != 0) {
+    return absl::FailedPreconditionError(
+        absl::StrCat(path, ": others may read this token, or replace it: chmod 600 ", path));
+  }
+  const std::string token(absl::StripAsciiWhitespace(contents));
+  if (token.empty()) return absl::InvalidArgumentError(absl::StrCat(path, ": there is no token in it"));
+  return token;
+}
+
+std::string CheckAddresses(const std::string& text) {
+  for (const absl::string_view address : absl::StrSplit(text, ',')) {
+    const absl::Status status = ParseServerAddress(std::string(address)).status();
+    if (!status.ok()) return std::string(status.message());
+  }
+  return "";
+}
+
+}  // namespace
+
+absl::Status UsageError(const std::string& message) {
+  absl::Status status = absl::InvalidArgumentError(message);
+  status.SetPayload(kUsagePayload, absl::Cord());
+  return status;
+}
+
+bool IsUsageError(const absl::Status& status) { return status.GetPayload(kUsagePayload).has_value(); }
+
+std::string CheckAboveZero(const std::string& text) {
+  double number = 0.0;
+  if (absl::SimpleAtod(text, &number) && number > 0.0 && std::isfinite(number)) return "";
+  return absl::StrCat(text, " is no number above 0");
+}
+
+std::string CheckNotNegative(const std::string& text) {
+  double number = 0.0;
+  if (absl::SimpleAtod(text, &number) && number >= 0.0) return "";
+  return absl::StrCat(text, " is neither 0 nor a number above");
+}
+
+absl::Status ModelError(const std::string& path, const absl::Status& status) {
+  const std::string field = GetDetails(status).field;
+  std::string message(status.message());
+  if (field == "chunk") absl::StrReplaceAll({{": chunk: ", ": "}}, &message);
+  if (field == "header.size_bytes") absl::StrReplaceAll({{": header.size_bytes: ", ": its size "}}, &message);
+  if (field == "header.metres_per_unit") absl::StrReplaceAll({{": header.metres_per_unit: ", ": --scale "}}, &message);
+  return absl::Status(status.code(), absl::StrCat(path, ": ", message));
+}
+
+void ServerArguments::AddTo(CLI::App& app, bool is_required) {
+  CLI::Option* const server =
+      app.add_option("--server", address,
+                     "Address of evpose-server, or of several that share a store, with commas between")
+          ->type_name("HOST:PORT")
+          ->check(CheckAddresses)
+          ->required(is_required);
+  const std::vector<CLI::Option*> ways = {
+      app.add_flag("--tls", tls.is_on, "Encrypt; the server's certificate is checked with the system's authorities"),
+      app.add_option("--tls-ca", tls.ca_file,
+                     "Encrypt; the server's certificate is checked with these authorities, PEM, and no others")
+          ->type_name("FILE"),
+      app.add_option("--tls-cert", tls.certificate_file,
+                     "Encrypt; certificate of this client, PEM, for a server that asks for one (--tls-client-ca)")
+          ->type_name("FILE"),
+      app.add_option("--tls-key", tls.key_file, "Private key of --tls-cert, PEM")->type_name("FILE"),
+      app.add_option(
+             "--token-file", token_file,
+             "File with the token that says who you are, as evpose-server --new-token makes it; nobody else may "
+             "read it (chmod 600). Read again before every call and reconnection. Without it the variable EVPOSE_TOKEN "
+             "is used")
+          ->type_name("FILE"),
+      app.add_option("--connect-timeout", connect_timeout_s, "Seconds to wait for a server that does not answer yet")
+          ->check(CLI::Range(0.001, 86400.0))
+          ->capture_default_str()};
+  server->group(kServerGroup);
+  for (CLI::Option* const way : ways) {
+    way->group(kServerGroup);
+    // Whoever says how to reach a server must not get one inside the process without a word.
+    if (!is_required) way->needs(server);
+  }
+}
+
+absl::StatusOr<std::unique_ptr<Client>> ServerArguments::Connect(const CliContext& context) const {
+  ClientOptions options;
+  options.tls = tls;
+  options.tls.is_on = tls.is_on || !tls.ca_file.empty() || !tls.certificate_file.empty();
+  if (tls.certificate_file.empty() != tls.key_file.empty()) {
+    return UsageError("--tls-cert and --tls-key belong together: give both");
+  }
+  EVPOSE_ASSIGN_OR_RETURN(options.token, ReadToken(token_file));
+  // What is no file, a pipe say, cannot be read twice.
+  if (std::error_code error; std::filesystem::is_regular_file(token_file, error)) {
+    options.renew_token = [path = token_file] { return ReadToken(path); };
+  }
+  options.connect_timeout = absl::Seconds(connect_timeout_s);
+  options.is_cancelled = context.is_interrupted;
+  return Client::Connect(address, options);
+}
+
+std::string DescribeState(const ObjectHealth& object) {
+  std::string text(TrackStateName(object.state));
+  if (object.state != TrackState::kInitializing && object.state != TrackState::kLost) return text;
+  const std::string_view status = InitializationStatusName(object.initialization);
+  return absl::StrCat(text, " (", absl::string_view(status.data(), status.size()), ")");
+}
+
+absl::Status CheckCameraMatches(const CameraModel& camera, const std::string& camera_path,
+                                const RecordingHeader& header, const std::string& recording_path) {
+  const SensorGeometry& sensor = header.geometry;
+  if (!header.geometry_is_known) return absl::OkStatus();
+  if (sensor.width_px == camera.width_px && sensor.height_px == camera.height_px) return absl::OkStatus();
+  return absl::InvalidArgumentError(absl::StrCat(camera_path, " is of ", camera.width_px, "x", camera.height_px,
+                                                 " pixels, but ", recording_path, " of ", sensor.width_px, "x",
+                                                 sensor.height_px, ": the camera file of that sensor is needed"));
+}
+
+}  // namespace evpose::client

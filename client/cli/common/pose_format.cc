@@ -1,0 +1,184 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "client/cli/common/pose_format.h"
+
+#include <array>
+#include <nlohmann/json.hpp>
+#include <utility>
+
+#include "absl/strings/match.h"
+#include "absl/strings/str_cat.h"
+#include "absl/strings/str_format.h"
+#include "absl/strings/str_replace.h"
+#include "core/base/status_macros.h"
+#include "core/geometry/trajectory.h"
+
+namespace evpose::client {
+namespace {
+
+constexpr char kObjectPlaceholder[] = "{object}";
+
+// Upper triangle, row by row.
+template <typename Visit>
+void VisitUpper(const Matrix6d& matrix, const Visit& visit) {
+  for (int row = 0; row < 6; ++row) {
+    for (int column = row; column < 6; ++column) visit(row, column, matrix(row, column));
+  }
+}
+
+std::string StateName(const Pose& pose) { return std::string(TrackStateName(pose.estimate.state)); }
+
+std::string CsvHeader() {
+  std::string line =
+      "pose_seq,object_id,t_us,tx_m,ty_m,tz_m,qx,qy,qz,qw,state,num_events,explained_ratio,residual_rms_px";
+  for (const char* name : {"vx_m_per_s", "vy_m_per_s", "vz_m_per_s", "wx_rad_per_s", "wy_rad_per_s", "wz_rad_per_s"}) {
+    absl::StrAppend(&line, ",", name);
+  }
+  constexpr std::array<const char*, 6> kAxes = {"tx", "ty", "tz", "rx", "ry", "rz"};
+  VisitUpper(Matrix6d::Zero(), [&](int row, int column, double) {
+    absl::StrAppend(&line, ",cov_", kAxes[static_cast<size_t>(row)], "_", kAxes[static_cast<size_t>(column)]);
+  });
+  return line + "\n";
+}
+
+std::string CsvLine(const Pose& pose) {
+  const PoseEstimate& estimate = pose.estimate;
+  const Eigen::Vector3d& t = estimate.camera_from_object.translation_m;
+  const Eigen::Quaterniond q = estimate.camera_from_object.Quaternion();
+  std::string line =
+      absl::StrFormat("%d,%s,%d,%.17g,%.17g,%.17g,%.17g,%.17g,%.17g,%.17g,%s,%d,%.9g,%.9g", pose.seq, pose.object_id,
+                      estimate.t_us, t.x(), t.y(), t.z(), q.x(), q.y(), q.z(), q.w(), StateName(pose),
+                      estimate.num_events, estimate.explained_ratio, estimate.residual_rms_px);
+  for (const double value : estimate.twist) absl::StrAppendFormat(&line, ",%.17g", value);
+  VisitUpper(estimate.covariance, [&](int, int, double value) { absl::StrAppendFormat(&line, ",%.17g", value); });
+  return line + "\n";
+}
+
+std::string JsonLine(const Pose& pose) {
+  const PoseEstimate& estimate = pose.estimate;
+  const Eigen::Vector3d& t = estimate.camera_from_object.translation_m;
+  const Eigen::Quaterniond q = estimate.camera_from_object.Quaternion();
+  nlohmann::ordered_json json;
+  json["pose_seq"] = pose.seq;
+  json["object_id"] = pose.object_id;
+  json["t_us"] = estimate.t_us;
+  json["translation_m"] = {t.x(), t.y(), t.z()};
+  json["quaternion_xyzw"] = {q.x(), q.y(), q.z(), q.w()};
+  json["state"] = StateName(pose);
+  json["num_events"] = estimate.num_events;
+  json["explained_ratio"] = estimate.explained_ratio;
+  json["residual_rms_px"] = estimate.residual_rms_px;
+  json["twist"] = std::vector<double>(estimate.twist.begin(), estimate.twist.end());
+  std::vector<double> upper;
+  VisitUpper(estimate.covariance, [&](int, int, double value) { upper.push_back(value); });
+  json["covariance_upper"] = upper;
+  // An identifier that is no UTF-8 must not stop the output.
+  return json.dump(-1, ' ', false, nlohmann::ordered_json::error_handler_t::replace) + "\n";
+}
+
+}  // namespace
+
+absl::StatusOr<PoseFormat> PoseFormatFromPath(const std::string& path) {
+  if (absl::EndsWith(path, ".tum") || absl::EndsWith(path, ".txt")) return PoseFormat::kTum;
+  if (absl::EndsWith(path, ".csv")) return PoseFormat::kCsv;
+  if (absl::EndsWith(path, ".jsonl")) return PoseFormat::kJsonLines;
+  return absl::InvalidArgumentError(absl::StrCat(path, ": poses are written as .tum, .csv or .jsonl"));
+}
+
+std::string PoseHeader(PoseFormat format) { return format == PoseFormat::kCsv ? CsvHeader() : ""; }
+
+std::string PoseLine(PoseFormat format, const Pose& pose) {
+  switch (format) {
+    case PoseFormat::kTum:
+      return TumLine({pose.estimate.t_us, pose.estimate.camera_from_object}) + "\n";
+    case PoseFormat::kCsv:
+      return CsvLine(pose);
+    case PoseFormat::kJsonLines:
+      return JsonLine(pose);
+  }
+  return "";
+}
+
+absl::StatusOr<PoseFile> PoseFile::Create(const std::string& path) {
+  EVPOSE_ASSIGN_OR_RETURN(const PoseFormat format, PoseFormatFromPath(path));
+  EVPOSE_ASSIGN_OR_RETURN(OutputFile file, OutputFile::Create(path));
+  EVPOSE_RETURN_IF_ERROR(file.Append(PoseHeader(format)));
+  return PoseFile(std::move(file), format);
+}
+
+absl::StatusOr<PoseFile> PoseFile::Continue(const std::string& path, uint64_t kept_bytes) {
+  EVPOSE_ASSIGN_OR_RETURN(const PoseFormat format, PoseFormatFromPath(path));
+  EVPOSE_ASSIGN_OR_RETURN(OutputFile file, OutputFile::Continue(path, kept_bytes));
+  if (kept_bytes == 0) EVPOSE_RETURN_IF_ERROR(file.Append(PoseHeader(format)));
+  return PoseFile(std::move(file), format);
+}
+
+absl::Status PoseFiles::Check(const std::string& path, const std::vector<std::string>& object_ids) {
+  EVPOSE_ASSIGN_OR_RETURN(const PoseFormat format, PoseFormatFromPath(path));
+  if (!absl::StrContains(path, kObjectPlaceholder)) {
+    if (object_ids.size() < 2 || format != PoseFormat::kTum) return absl::OkStatus();
+    return absl::InvalidArgumentError(
+        absl::StrCat(path, ": such a file holds the poses of one object; put ", kObjectPlaceholder,
+                     " in its name for one file each, or write .csv or .jsonl, which name the object in every line"));
+  }
+  for (const std::string& id : object_ids) {
+    if (absl::StrContains(id, '/') || absl::StrContains(id, '\0')) {
+      return absl::InvalidArgumentError(absl::StrCat(path, ": ", id, " cannot be part of a file's name"));
+    }
+  }
+  return absl::OkStatus();
+}
+
+std::map<std::string, std::string> PoseFiles::Paths(const std::string& path,
+                                                    const std::vector<std::string>& object_ids) {
+  if (!absl::StrContains(path, kObjectPlaceholder)) return {{"", path}};
+  std::map<std::string, std::string> paths;
+  for (const std::string& id : object_ids) paths[id] = absl::StrReplaceAll(path, {{kObjectPlaceholder, id}});
+  return paths;
+}
+
+absl::StatusOr<PoseFiles> PoseFiles::Create(const std::string& path, const std::vector<std::string>& object_ids) {
+  EVPOSE_RETURN_IF_ERROR(Check(path, object_ids));
+  PoseFiles files;
+  for (const auto& [id, name] : Paths(path, object_ids)) {
+    EVPOSE_ASSIGN_OR_RETURN(PoseFile file, PoseFile::Create(name));
+    files.files_.emplace(id, std::move(file));
+  }
+  return files;
+}
+
+absl::StatusOr<PoseFiles> PoseFiles::Continue(const std::string& path, const std::vector<std::string>& object_ids,
+                                              const std::map<std::string, uint64_t>& kept_bytes) {
+  EVPOSE_RETURN_IF_ERROR(Check(path, object_ids));
+  PoseFiles files;
+  for (const auto& [id, name] : Paths(path, object_ids)) {
+    const auto kept = kept_bytes.find(id);
+    EVPOSE_ASSIGN_OR_RETURN(PoseFile file, PoseFile::Continue(name, kept == kept_bytes.end() ? 0 : kept->second));
+    files.files_.emplace(id, std::move(file));
+  }
+  return files;
+}
+
+void PoseFiles::Write(const Pose& pose) {
+  auto file = files_.find(pose.object_id);
+  if (file == files_.end()) file = files_.find("");
+  if (file != files_.end()) file->second.Write(pose);
+}
+
+absl::StatusOr<std::map<std::string, uint64_t>> PoseFiles::Sync() {
+  std::map<std::string, uint64_t> sizes;
+  for (auto& [id, file] : files_) {
+    EVPOSE_ASSIGN_OR_RETURN(sizes[id], file.Sync());
+  }
+  return sizes;
+}
+
+absl::Status PoseFiles::Commit() {
+  for (auto& [id, file] : files_) EVPOSE_RETURN_IF_ERROR(file.Commit());
+  return absl::OkStatus();
+}
+
+void PoseFile::Write(const Pose& pose) {
+  file_.Append(PoseLine(format_, pose)).IgnoreError();  // Commit() gives it back
+}
+
+}  // namespace evpose::client

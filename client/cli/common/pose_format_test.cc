@@ -1,0 +1,112 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "client/cli/common/pose_format.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <filesystem>
+#include <nlohmann/json.hpp>
+#include <string>
+#include <vector>
+
+#include "absl/strings/str_split.h"
+
+namespace evpose::client {
+namespace {
+
+using ::testing::HasSubstr;
+
+Pose MakePose() {
+  Pose pose;
+  pose.seq = 7;
+  pose.object_id = "object";
+  pose.latency = absl::Milliseconds(3);
+  PoseEstimate& estimate = pose.estimate;
+  estimate.t_us = 16'000'250;
+  estimate.camera_from_object.translation_m = {0.1, -0.25, 1.5};
+  estimate.state = TrackState::kDegraded;
+  estimate.num_events = 321;
+  estimate.explained_ratio = 0.5f;
+  estimate.residual_rms_px = 0.75f;
+  estimate.twist << 1, 2, 3, 4, 5, 6;
+  for (int row = 0; row < 6; ++row) {
+    for (int column = 0; column < 6; ++column)
+      estimate.covariance(row, column) = 10 * std::min(row, column) + std::max(row, column);
+  }
+  return pose;
+}
+
+TEST(PoseFormat, FollowsFromTheEnding) {
+  EXPECT_EQ(*PoseFormatFromPath("a.tum"), PoseFormat::kTum);
+  EXPECT_EQ(*PoseFormatFromPath("a.b/a.txt"), PoseFormat::kTum);
+  EXPECT_EQ(*PoseFormatFromPath("a.csv"), PoseFormat::kCsv);
+  EXPECT_EQ(*PoseFormatFromPath("a.jsonl"), PoseFormat::kJsonLines);
+  EXPECT_THAT(PoseFormatFromPath("a.json").status().message(), HasSubstr(".tum, .csv or .jsonl"));
+}
+
+TEST(PoseFormat, Tum) {
+  EXPECT_EQ(PoseHeader(PoseFormat::kTum), "");
+  EXPECT_EQ(PoseLine(PoseFormat::kTum, MakePose()), "16.000250 0.10000000000000001 -0.25 1.5 0 0 0 1\n");
+}
+
+TEST(PoseFormat, CsvHasANameForEachNumber) {
+  const std::vector<std::string> names = absl::StrSplit(PoseHeader(PoseFormat::kCsv), ',');
+  const std::vector<std::string> values = absl::StrSplit(PoseLine(PoseFormat::kCsv, MakePose()), ',');
+  ASSERT_EQ(names.size(), values.size());
+  const auto value = [&](const std::string& name) -> std::string {
+    for (size_t i = 0; i < names.size(); ++i) {
+      if (names[i] == name) return values[i];
+    }
+    return "no such column";
+  };
+  EXPECT_EQ(value("pose_seq"), "7");
+  EXPECT_EQ(value("t_us"), "16000250");
+  EXPECT_EQ(value("ty_m"), "-0.25");
+  EXPECT_EQ(value("qw"), "1");
+  EXPECT_EQ(value("state"), "DEGRADED");
+  EXPECT_EQ(value("num_events"), "321");
+  EXPECT_EQ(value("residual_rms_px"), "0.75");
+  EXPECT_EQ(value("wz_rad_per_s"), "6");
+  EXPECT_EQ(value("cov_tx_tx"), "0");
+  EXPECT_EQ(value("cov_ty_rx"), "13");
+  EXPECT_EQ(values.back(), "55\n");
+}
+
+TEST(PoseFormat, JsonLine) {
+  const nlohmann::json json = nlohmann::json::parse(PoseLine(PoseFormat::kJsonLines, MakePose()));
+  EXPECT_EQ(json["pose_seq"], 7);
+  EXPECT_EQ(json["translation_m"], nlohmann::json({0.1, -0.25, 1.5}));
+  EXPECT_EQ(json["quaternion_xyzw"], nlohmann::json({0.0, 0.0, 0.0, 1.0}));
+  EXPECT_EQ(json["state"], "DEGRADED");
+  EXPECT_EQ(json["covariance_upper"].size(), 21u);
+  EXPECT_EQ(json["covariance_upper"][8], 13.0);  // ty rx
+  EXPECT_EQ(json["twist"][5], 6.0);
+  EXPECT_FALSE(json.contains("latency"));  // differs from run to run
+}
+
+TEST(PoseFile, HoldsHeaderAndPosesOnceCommitted) {
+  const std::string path = ::testing::TempDir() + "/pose_format_test.csv";
+  std::filesystem::remove(path);
+  auto file = PoseFile::Create(path);
+  ASSERT_TRUE(file.ok()) << file.status();
+  file->Write(MakePose());
+  EXPECT_FALSE(std::filesystem::exists(path));
+  ASSERT_TRUE(file->Commit().ok());
+  EXPECT_EQ(*ReadFile(path, 10'000), PoseHeader(PoseFormat::kCsv) + PoseLine(PoseFormat::kCsv, MakePose()));
+  std::filesystem::remove(path);
+}
+
+TEST(PoseFile, FullDiskIsToldAtTheEnd) {
+  // /dev/full takes an opened file and refuses every byte.
+  std::filesystem::remove(::testing::TempDir() + "/full.csv");
+  std::filesystem::create_symlink("/dev/full", ::testing::TempDir() + "/full.csv");
+  auto file = PoseFile::Create(::testing::TempDir() + "/full.csv");
+  ASSERT_TRUE(file.ok()) << file.status();
+  for (int i = 0; i < 1000; ++i) file->Write(MakePose());
+  EXPECT_FALSE(file->Commit().ok());
+  std::filesystem::remove(::testing::TempDir() + "/full.csv");
+}
+
+}  // namespace
+}  // namespace evpose::client

@@ -1,0 +1,75 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "client/cli/common/pose_reader.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <filesystem>
+
+#include "absl/strings/str_cat.h"
+#include "client/cli/common/pose_format.h"
+#include "core/base/output_file.h"
+
+namespace evpose::client {
+namespace {
+
+using ::testing::HasSubstr;
+
+Pose SomePose(int64_t t_us, const std::string& object = "cube") {
+  Pose pose;
+  pose.object_id = object;
+  pose.estimate.t_us = t_us;
+  pose.estimate.camera_from_object = {ExpSo3({0.1, -0.2, 0.3}), {0.1, 1.0 / 3.0, 1.5}};
+  for (int i = 0; i < 6; ++i) {
+    for (int k = 0; k < 6; ++k) pose.estimate.covariance(i, k) = 1e-6 * (1 + i + k) / 7.0;
+  }
+  return pose;
+}
+
+std::string Csv(const std::vector<Pose>& poses) {
+  std::string text = PoseHeader(PoseFormat::kCsv);
+  for (const Pose& pose : poses) text += PoseLine(PoseFormat::kCsv, pose);
+  return text;
+}
+
+TEST(PoseReaderTest, ReadsWhatIsWritten) {
+  const std::string path = (std::filesystem::path(::testing::TempDir()) / "evpose_pose_reader.csv").string();
+  ASSERT_TRUE(WriteFile(path, Csv({SomePose(16'000'001), SomePose(16'001'001)})).ok());
+  const auto poses = ReadPoseFile(path);
+  ASSERT_TRUE(poses.ok()) << poses.status();
+  ASSERT_EQ(poses->trajectory.size(), 2u);
+  ASSERT_EQ(poses->covariances.size(), 2u);
+  const PoseEstimate expected = SomePose(0).estimate;
+  EXPECT_EQ(poses->trajectory[1].t_us, 16'001'001);
+  EXPECT_EQ(poses->trajectory[1].camera_from_object.translation_m, expected.camera_from_object.translation_m);
+  EXPECT_LT(RotationAngle(poses->trajectory[1].camera_from_object.rotation, expected.camera_from_object.rotation),
+            1e-7);
+  EXPECT_EQ(poses->covariances[1], expected.covariance);
+}
+
+TEST(PoseReaderTest, ColumnsInAnyOrderAndWithoutCovariance) {
+  const auto poses = ParsePoseCsv("qw,qz,qy,qx,tz_m,ty_m,tx_m,t_us\r\n1,0,0,0,3,2,1,7\r\n", "some.csv");
+  ASSERT_TRUE(poses.ok()) << poses.status();
+  ASSERT_EQ(poses->trajectory.size(), 1u);
+  EXPECT_EQ(poses->trajectory[0].t_us, 7);
+  EXPECT_EQ(poses->trajectory[0].camera_from_object.translation_m, Eigen::Vector3d(1, 2, 3));
+  EXPECT_TRUE(poses->covariances.empty());
+}
+
+TEST(PoseReaderTest, SaysWhatIsWrongAndWhere) {
+  const auto message = [](const std::string& text) {
+    const absl::Status status = ParsePoseCsv(text, "some.csv").status();
+    EXPECT_EQ(status.code(), absl::StatusCode::kInvalidArgument);
+    return std::string(status.message());
+  };
+  EXPECT_THAT(message("a,b\n1,2\n"), HasSubstr("some.csv:1: has no column t_us"));
+  EXPECT_THAT(message(Csv({SomePose(5), SomePose(5)})), HasSubstr("some.csv:3: its time does not increase"));
+  EXPECT_THAT(message(Csv({SomePose(5), SomePose(6, "book")})),
+              HasSubstr("some.csv:3: holds poses of cube and of book"));
+  EXPECT_THAT(message(absl::StrCat(Csv({SomePose(5)}), "1,2\n")), HasSubstr("some.csv:3: has 2 fields"));
+  EXPECT_THAT(message("qw,qz,qy,qx,tz_m,ty_m,tx_m,t_us\n1,0,0,0,3,2,x,7\n"), HasSubstr("\"x\" is no number"));
+  EXPECT_THAT(message("qw,qz,qy,qx,tz_m,ty_m,tx_m,t_us\n1,0,1,0,3,2,1,7\n"), HasSubstr("some.csv:2"));
+}
+
+}  // namespace
+}  // namespace evpose::client

@@ -1,0 +1,151 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "client/cli/common/replay_report.h"
+
+#include "absl/strings/str_cat.h"
+#include "absl/strings/str_format.h"
+#include "absl/strings/str_join.h"
+
+namespace evpose::client {
+namespace {
+
+std::string Milliseconds(const std::optional<absl::Duration>& duration) {
+  return duration ? absl::StrFormat("%.2f ms", absl::ToDoubleMilliseconds(*duration)) : "-";
+}
+
+Json MillisecondsJson(const std::optional<absl::Duration>& duration) {
+  return duration ? Json(absl::ToDoubleMilliseconds(*duration)) : Json(nullptr);
+}
+
+}  // namespace
+
+void ReplayReport::Add(const Notice& notice) {
+  if (const auto* change = std::get_if<StateChange>(&notice)) last_change_us_[change->object_id] = change->t_us;
+  if (const auto* fault = std::get_if<DecodeFault>(&notice)) {
+    if (decode_faults_ == 0) first_decode_fault_ = absl::StrCat("chunk ", fault->chunk_seq, ": ", fault->detail);
+    decode_faults_ += fault->count;
+  }
+}
+
+std::string ReplayReport::NameOf(const std::string& object_id) const {
+  return models.size() > 1 ? object_id + ": " : "";
+}
+
+std::string ReplayReport::WhyNoPose(const ObjectHealth& object) const {
+  if (object.state == TrackState::kInitializing) return absl::StrCat("never found: ", object.detail);
+  if (object.state != TrackState::kLost) return "";
+  const auto change = last_change_us_.find(object.object_id);
+  const int64_t since_us = change == last_change_us_.end() ? 0 : change->second;
+  return absl::StrFormat("LOST: the object is lost since %.6f s; no pose is claimed from then on: %s", since_us * 1e-6,
+                         object.detail);
+}
+
+uint32_t ReplayReport::Losses() const {
+  uint32_t losses = 0;
+  for (const ObjectHealth& object : summary.health.objects) losses += object.losses;
+  return losses;
+}
+
+Json ReplayReport::ObjectsJson() const {
+  Json objects = Json::array();
+  for (size_t i = 0; i < summary.health.objects.size(); ++i) {
+    const ObjectHealth& object = summary.health.objects[i];
+    Json json;
+    json["object_id"] = object.object_id;
+    json["state"] = std::string(TrackStateName(object.state));
+    json["losses"] = object.losses;
+    json["initialization"] = std::string(InitializationStatusName(object.initialization));
+    json["initialization_attempts"] = object.initialization_attempts;
+    json["detail"] = object.detail;
+    json["model_notices"] = i < models.size() ? models[i].notices : std::vector<std::string>();
+    json["symmetries"] = i < models.size() ? models[i].num_symmetries : 1;
+    json["model_diameter_m"] = i < models.size() ? models[i].diameter_m : 0.0;
+    objects.push_back(std::move(json));
+  }
+  return objects;
+}
+
+double ReplayReport::MegaEventsPerSecond() const {
+  const double seconds = absl::ToDoubleSeconds(wall_time);
+  return seconds > 0.0 ? static_cast<double>(summary.health.decoded_events) * 1e-6 / seconds : 0.0;
+}
+
+void ReplayReport::Print(std::ostream& stream) const {
+  const SessionHealth& health = summary.health;
+  stream << recording << ": " << EncodingName(header.encoding) << " " << header.geometry.width_px << "x"
+         << header.geometry.height_px << ", " << summary.sent_bytes << " bytes in " << summary.sent_chunks
+         << " chunks\n";
+  for (const Model& model : models) {
+    for (const std::string& notice : model.notices) stream << NameOf(model.object_id) << "model: " << notice << "\n";
+  }
+  if (is_interrupted) stream << "interrupted: only what was read until then\n";
+  if (outages > 0) {
+    stream << absl::StrFormat(
+        "connection: lost %d times, away for %.1f s in all; %s\n", outages, absl::ToDoubleSeconds(away_for),
+        summary.lost_poses > 0 ? absl::StrCat(summary.lost_poses, " poses are missing") : "nothing was lost");
+  }
+  if (health.skipped_events > 0) {
+    stream << absl::StrFormat("skipped: %d events, %.3f s, that the server could not track in time\n",
+                              health.skipped_events, static_cast<double>(health.skipped_us) * 1e-6);
+  }
+  if (truncated_bytes > 0) {
+    stream << "truncated: the last " << truncated_bytes << " bytes are no whole word; all before them were used\n";
+  }
+  if (decode_faults_ > 0) {
+    stream << "decoder: skipped " << decode_faults_ << " words or events, the first in " << first_decode_fault_ << "\n";
+  }
+  for (const Model& model : models) {
+    // A camera does not see whether a model is in metres or in millimetres: its poses are as large as it is.
+    stream << NameOf(model.object_id) << absl::StrFormat("model: %.4g m across", model.diameter_m);
+    if (model.num_symmetries > 1) {
+      stream << "; looks the same in " << model.num_symmetries << " orientations, and a pose stands for all of them";
+    }
+    stream << "\n";
+  }
+  for (const ObjectHealth& object : health.objects) {
+    if (models.size() > 1) {
+      stream << object.object_id << ": " << TrackStateName(object.state) << "  losses " << object.losses << "\n";
+    }
+    if (const std::string why = WhyNoPose(object); !why.empty()) stream << NameOf(object.object_id) << why << "\n";
+  }
+  if (!session.empty()) stream << "session: " << session << "\n";
+  if (!files.empty()) stream << absl::StrJoin(files, ", ") << ": " << summary.poses << " poses\n";
+  stream << absl::StrFormat("events %d  poses %d  losses %d  %.2f Mev/s  latency p50 %s  p99 %s\n",
+                            health.decoded_events, summary.poses, Losses(), MegaEventsPerSecond(),
+                            Milliseconds(health.latency_p50), Milliseconds(health.latency_p99));
+}
+
+Json ReplayReport::ToJson() const {
+  const SessionHealth& health = summary.health;
+  Json json;
+  json["recording"] = recording;
+  json["out"] = out.empty() ? Json(nullptr) : Json(out);
+  json["files"] = files;
+  json["session"] = session.empty() ? Json(nullptr) : Json(session);
+  json["events"] = health.decoded_events;
+  json["poses"] = summary.poses;
+  json["losses"] = Losses();
+  json["objects"] = ObjectsJson();
+  // Of the only object what is said of it there.
+  if (const Json objects = json["objects"]; objects.size() == 1) {
+    for (const auto& [key, value] : objects[0].items()) json[key] = value;
+  }
+  json["mev_per_s"] = MegaEventsPerSecond();
+  json["latency_p50_ms"] = MillisecondsJson(health.latency_p50);
+  json["latency_p99_ms"] = MillisecondsJson(health.latency_p99);
+  json["wall_time_s"] = absl::ToDoubleSeconds(wall_time);
+  json["t_last_us"] = health.t_us;
+  json["sent_bytes"] = summary.sent_bytes;
+  json["sent_chunks"] = summary.sent_chunks;
+  json["truncated_bytes"] = truncated_bytes;
+  json["dropped_events"] = health.dropped_events;
+  json["invalid_words"] = health.invalid_words;
+  json["time_backsteps"] = health.time_backsteps;
+  json["skipped_events"] = health.skipped_events;
+  json["outages"] = outages;
+  json["away_s"] = absl::ToDoubleSeconds(away_for);
+  json["lost_poses"] = summary.lost_poses;
+  json["interrupted"] = is_interrupted;
+  return json;
+}
+
+}  // namespace evpose::client

@@ -1,0 +1,58 @@
+// SPDX-License-Identifier: Apache-2.0
+
+// What replay and stream say at their end.
+#pragma once
+
+#include <cstdint>
+#include <map>
+#include <ostream>
+#include <string>
+#include <vector>
+
+#include "client/cli/common/command.h"
+#include "client/lib/types.h"
+#include "core/events/recording_header.h"
+
+namespace evpose::client {
+
+struct ReplayReport {
+  std::string recording;
+  std::string out;                 // empty: poses were not written
+  std::vector<std::string> files;  // of poses, whose names `out` may be the pattern of
+  std::string session;             // empty: it is gone
+  RecordingHeader header;
+  TrackSummary summary;
+  absl::Duration wall_time;
+  size_t truncated_bytes = 0;  // at the end of the recording, no whole word
+  bool is_interrupted = false;
+  int outages = 0;  // of the connection
+  absl::Duration away_for;
+  struct Model {
+    std::string object_id;
+    std::vector<std::string> notices;
+    uint32_t num_symmetries = 1;
+    double diameter_m = 0.0;
+  };
+  std::vector<Model> models;  // of the objects, in their order
+
+  void Add(const Notice& notice);
+
+  // The last line has events, poses, losses, Mev/s and latencies.
+  void Print(std::ostream& out_stream) const;
+  Json ToJson() const;
+
+ private:
+  // What it ends without: a line, or empty when the object is tracked at the end.
+  std::string WhyNoPose(const ObjectHealth& object) const;
+  // How a line about one of several objects begins; empty when there is only one.
+  std::string NameOf(const std::string& object_id) const;
+  uint32_t Losses() const;  // of all objects
+  Json ObjectsJson() const;
+  double MegaEventsPerSecond() const;
+
+  std::map<std::string, int64_t> last_change_us_;  // by object
+  uint64_t decode_faults_ = 0;
+  std::string first_decode_fault_;
+};
+
+}  // namespace evpose::client

@@ -1,0 +1,151 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "client/cli/common/resume_file.h"
+
+#include <fcntl.h>
+#include <sys/file.h>
+#include <unistd.h>
+
+#include <cerrno>
+#include <cstdio>
+#include <exception>
+#include <filesystem>
+#include <nlohmann/json.hpp>
+#include <utility>
+
+#include "absl/strings/str_cat.h"
+#include "core/base/output_file.h"
+#include "core/base/status_macros.h"
+#include "core/numerics/hash.h"
+
+namespace evpose::client {
+namespace {
+
+using Json = nlohmann::ordered_json;
+
+constexpr size_t kMaxBytes = 1 << 20;
+constexpr int kVersion = 1;
+
+absl::Status Error(const std::string& path, const char* what) {
+  return absl::ErrnoToStatus(errno, absl::StrCat(path, ": ", what));
+}
+
+uint32_t Checksum(const Json& json) {
+  const std::string text = json.dump();
+  return Crc32c({reinterpret_cast<const uint8_t*>(text.data()), text.size()});
+}
+
+// The file's bytes are on the disk before it takes the name, and the name is when this returns.
+absl::Status WriteDurably(const std::string& path, const std::string& text) {
+  const std::string temporary = path + ".new";
+  const int descriptor = open(temporary.c_str(), O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, 0600);
+  if (descriptor < 0) return Error(path, "cannot be written");
+  size_t done = 0;
+  while (done < text.size()) {
+    const ssize_t size = write(descriptor, text.data() + done, text.size() - done);
+    if (size < 0 && errno == EINTR) continue;
+    if (size < 0) break;
+    done += static_cast<size_t>(size);
+  }
+  const bool is_written = done == text.size() && fsync(descriptor) == 0;
+  absl::Status status = is_written ? absl::OkStatus() : Error(path, "writing failed");
+  close(descriptor);
+  if (status.ok() && rename(temporary.c_str(), path.c_str()) != 0) status = Error(path, "cannot take its name");
+  if (!status.ok()) unlink(temporary.c_str());
+  return status;
+}
+
+}  // namespace
+
+std::string ResumeRecord::ToText() const {
+  Json json;
+  json["evpose_resume"] = kVersion;
+  json["session"] = position.session;
+  json["resume_token"] = position.resume_token;
+  json["previous_token"] = position.previous_token;
+  json["last_pose_seq"] = position.last_pose_seq;
+  json["lost_poses"] = position.lost_poses;
+  json["durable"] = {
+      {"seq", position.durable.seq}, {"bytes", position.durable.bytes}, {"digest", position.durable.digest}};
+  json["max_piece_bytes"] = max_piece_bytes;
+  json["arguments"] = arguments;
+  json["output_bytes"] = output_bytes;
+  json["crc32c"] = Checksum(json);
+  return json.dump(2) + "\n";
+}
+
+absl::StatusOr<ResumeRecord> ResumeRecord::FromText(const std::string& text) {
+  Json json = Json::parse(text, nullptr, false);
+  if (!json.is_object() || !json.contains("evpose_resume")) {
+    return absl::InvalidArgumentError("is no file that --resume has written");
+  }
+  ResumeRecord record;
+  try {
+    if (json.at("evpose_resume").get<int>() != kVersion) {
+      return absl::InvalidArgumentError("was written by another version of evpose");
+    }
+    const auto checksum = json.at("crc32c").get<uint32_t>();
+    json.erase("crc32c");
+    if (checksum != Checksum(json)) return absl::InvalidArgumentError("is damaged: its checksum does not match");
+    record.position.session = json.at("session").get<std::string>();
+    record.position.resume_token = json.at("resume_token").get<std::string>();
+    record.position.previous_token = json.at("previous_token").get<std::string>();
+    record.position.last_pose_seq = json.at("last_pose_seq").get<uint64_t>();
+    record.position.lost_poses = json.at("lost_poses").get<uint64_t>();
+    const Json& durable = json.at("durable");
+    record.position.durable = {durable.at("seq").get<uint64_t>(), durable.at("bytes").get<uint64_t>(),
+                               durable.at("digest").get<uint32_t>()};
+    record.max_piece_bytes = json.at("max_piece_bytes").get<uint64_t>();
+    record.arguments = json.at("arguments").get<std::map<std::string, std::string>>();
+    record.output_bytes = json.at("output_bytes").get<std::map<std::string, uint64_t>>();
+  } catch (const std::exception&) {  // its words would quote the file
+    return absl::InvalidArgumentError("is damaged: a field is missing or of another kind");
+  }
+  return record;
+}
+
+absl::StatusOr<ResumeFile> ResumeFile::Open(const std::string& path) {
+  const std::string lock_path = path + ".lock";
+  const int lock = open(lock_path.c_str(), O_RDWR | O_CREAT | O_CLOEXEC, 0600);
+  if (lock < 0) return Error(path, "cannot be written");
+  ResumeFile file(path, lock);
+  if (flock(lock, LOCK_EX | LOCK_NB) != 0) {
+    return absl::FailedPreconditionError(absl::StrCat(
+        path, ": another evpose is at work on it: wait for its end, or give this one a --resume of its own"));
+  }
+  std::error_code error;
+  if (!std::filesystem::exists(path, error)) return file;
+  EVPOSE_ASSIGN_OR_RETURN(const std::string text, ReadFile(path, kMaxBytes));
+  absl::StatusOr<ResumeRecord> record = ResumeRecord::FromText(text);
+  if (!record.ok()) {
+    return absl::InvalidArgumentError(
+        absl::StrCat(path, ": ", record.status().message(), "; without it a new session begins"));
+  }
+  file.record_ = *std::move(record);
+  return file;
+}
+
+ResumeFile::ResumeFile(ResumeFile&& other) noexcept
+    : path_(std::move(other.path_)), lock_(std::exchange(other.lock_, -1)), record_(std::move(other.record_)) {}
+
+ResumeFile::~ResumeFile() {
+  if (lock_ >= 0) close(lock_);
+}
+
+absl::Status ResumeFile::CheckArguments(const std::map<std::string, std::string>& arguments) const {
+  for (const auto& [name, value] : arguments) {
+    const auto recorded = record_->arguments.find(name);
+    if (recorded != record_->arguments.end() && recorded->second == value) continue;
+    return absl::InvalidArgumentError(absl::StrCat(path_, ": was begun with another ", name,
+                                                   ": give the same as then, or remove it to begin a new session"));
+  }
+  return absl::OkStatus();
+}
+
+absl::Status ResumeFile::Write(const ResumeRecord& record) { return WriteDurably(path_, record.ToText()); }
+
+void ResumeFile::Remove() {
+  unlink(path_.c_str());
+  unlink((path_ + ".lock").c_str());
+}
+
+}  // namespace evpose::client

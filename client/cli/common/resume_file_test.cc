@@ -1,0 +1,107 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "client/cli/common/resume_file.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <sys/stat.h>
+
+#include <filesystem>
+#include <string>
+
+#include "core/base/output_file.h"
+#include "core/base/temporary_directory.h"
+
+namespace evpose::client {
+namespace {
+
+using ::testing::AllOf;
+using ::testing::HasSubstr;
+using ::testing::Not;
+
+class ResumeFileTest : public ::testing::Test {
+ protected:
+  void SetUp() override {
+    record_.position.session = "sessions/1";
+    record_.position.resume_token = "a secret";
+    record_.position.previous_token = "an older one";
+    record_.position.last_pose_seq = (uint64_t{1} << 60) + 1;
+    record_.position.lost_poses = 3;
+    record_.position.durable = {5, 600, 0xffffffffu};
+    record_.max_piece_bytes = 262144;
+    record_.arguments = {{"--camera", "camera.yaml"}, {"recording", "a.raw"}};
+    record_.output_bytes = {{"", 12345}};
+  }
+
+  const TemporaryDirectory directory_;
+  const std::string path_ = directory_.File("state");
+  ResumeRecord record_;
+};
+
+TEST_F(ResumeFileTest, GivesBackWhatWasWrittenLast) {
+  {
+    auto file = ResumeFile::Open(path_);
+    ASSERT_TRUE(file.ok()) << file.status();
+    EXPECT_FALSE(file->record());
+    ASSERT_TRUE(file->Write(ResumeRecord()).ok());
+    ASSERT_TRUE(file->Write(record_).ok());
+    struct stat info;
+    ASSERT_EQ(stat(path_.c_str(), &info), 0);
+    EXPECT_EQ(info.st_mode & 0777, 0600u);
+  }
+  auto file = ResumeFile::Open(path_);
+  ASSERT_TRUE(file.ok() && file->record()) << file.status();
+  const ResumeRecord& read = *file->record();
+  EXPECT_EQ(read.position.session, record_.position.session);
+  EXPECT_EQ(read.position.resume_token, record_.position.resume_token);
+  EXPECT_EQ(read.position.previous_token, record_.position.previous_token);
+  EXPECT_EQ(read.position.last_pose_seq, record_.position.last_pose_seq);
+  EXPECT_EQ(read.position.lost_poses, record_.position.lost_poses);
+  EXPECT_EQ(read.position.durable, record_.position.durable);
+  EXPECT_EQ(read.max_piece_bytes, record_.max_piece_bytes);
+  EXPECT_EQ(read.arguments, record_.arguments);
+  EXPECT_EQ(read.output_bytes, record_.output_bytes);
+  file->Remove();
+  EXPECT_TRUE(std::filesystem::is_empty(directory_.path()));
+}
+
+TEST_F(ResumeFileTest, OneProcessAtATime) {
+  const auto first = ResumeFile::Open(path_);
+  ASSERT_TRUE(first.ok());
+  const auto second = ResumeFile::Open(path_);
+  EXPECT_EQ(second.status().code(), absl::StatusCode::kFailedPrecondition);
+  EXPECT_THAT(second.status().message(), HasSubstr(path_ + ": another evpose is at work on it: wait for its end"));
+}
+
+TEST_F(ResumeFileTest, EveryByteThatChangesIsFound) {
+  const std::string text = record_.ToText();
+  for (size_t i = 0; i + 1 < text.size(); ++i) {
+    std::string damaged = text;
+    damaged[i] = static_cast<char>(damaged[i] ^ 1);
+    const auto record = ResumeRecord::FromText(damaged);
+    EXPECT_FALSE(record.ok()) << i << ": " << damaged.substr(i, 10);
+    EXPECT_THAT(record.status().message(), Not(HasSubstr("secret")));
+  }
+  EXPECT_FALSE(ResumeRecord::FromText(text.substr(0, text.size() / 2)).ok());
+}
+
+TEST_F(ResumeFileTest, WhatIsNoSuchFileIsNamed) {
+  for (const char* text : {"", "1 2 3\n", "{}", "[]", "{\"evpose_resume\": 2}", "{\"evpose_resume\": \"1\"}"}) {
+    ASSERT_TRUE(WriteFile(path_, text).ok());
+    const auto file = ResumeFile::Open(path_);
+    EXPECT_EQ(file.status().code(), absl::StatusCode::kInvalidArgument) << text;
+    EXPECT_THAT(file.status().message(), AllOf(HasSubstr(path_ + ": "), HasSubstr("a new session begins"))) << text;
+  }
+  EXPECT_EQ(ResumeFile::Open(directory_.File("no/such")).status().code(), absl::StatusCode::kNotFound);
+}
+
+TEST_F(ResumeFileTest, OtherArgumentsAreNamed) {
+  ASSERT_TRUE(ResumeFile::Open(path_)->Write(record_).ok());
+  const auto file = ResumeFile::Open(path_);
+  ASSERT_TRUE(file.ok());
+  EXPECT_TRUE(file->CheckArguments(record_.arguments).ok());
+  EXPECT_THAT(file->CheckArguments({{"--camera", "other.yaml"}, {"recording", "a.raw"}}).message(),
+              HasSubstr(path_ + ": was begun with another --camera"));
+}
+
+}  // namespace
+}  // namespace evpose::client

@@ -1,0 +1,125 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "client/cli/common/server_process.h"
+
+#include <fcntl.h>
+#include <sys/prctl.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include <cerrno>
+#include <csignal>
+#include <cstdlib>
+#include <cstring>
+#include <filesystem>
+#include <utility>
+
+#include "absl/strings/match.h"
+#include "absl/strings/str_cat.h"
+#include "absl/strings/str_split.h"
+#include "absl/strings/strip.h"
+#include "core/base/status_macros.h"
+
+extern char** environ;
+
+namespace evpose::client {
+namespace {
+
+constexpr char kProgram[] = "evpose-server";
+
+absl::StatusOr<std::string> FindProgram() {
+  std::error_code error;
+  std::vector<std::filesystem::path> directories;
+  const std::filesystem::path own = std::filesystem::read_symlink("/proc/self/exe", error).parent_path();
+  if (!error) directories = {own, own / "../../server"};  // installed; in a build
+  const char* const path = std::getenv("PATH");
+  for (const absl::string_view directory : absl::StrSplit(path == nullptr ? "" : path, ':', absl::SkipEmpty())) {
+    directories.emplace_back(std::string(directory));
+  }
+  for (const std::filesystem::path& directory : directories) {
+    const std::string program = (directory / kProgram).string();
+    if (std::filesystem::is_regular_file(program, error) && access(program.c_str(), X_OK) == 0) return program;
+  }
+  return absl::NotFoundError(absl::StrCat("there is no ", kProgram, " beside ", own.string(),
+                                          "/evpose nor in the PATH: install it there, or give --server HOST:PORT of "
+                                          "one that runs"));
+}
+
+std::vector<char*> Pointers(std::vector<std::string>& texts) {
+  std::vector<char*> pointers;
+  for (std::string& text : texts) pointers.push_back(text.data());
+  pointers.push_back(nullptr);
+  return pointers;
+}
+
+// What is set for a service of this machine is not meant for it.
+std::vector<std::string> Environment() {
+  std::vector<std::string> variables;
+  for (char** variable = environ; *variable != nullptr; ++variable) {
+    if (!absl::StartsWith(*variable, "EVPOSE_")) variables.emplace_back(*variable);
+  }
+  return variables;
+}
+
+// In the child, where only what a signal handler may do is allowed. An interrupt of the terminal is for the parent
+// alone.
+[[noreturn]] void Execute(const std::string& program, char* const* arguments, char* const* environment, int output,
+                          pid_t parent) {
+  setpgid(0, 0);
+  prctl(PR_SET_PDEATHSIG, SIGKILL);
+  if (getppid() != parent) _exit(1);  // it was gone before
+  dup2(output, STDOUT_FILENO);
+  execve(program.c_str(), arguments, environment);
+  _exit(127);
+}
+
+// Up to the line feed, or what came before the end.
+std::string ReadLine(int descriptor) {
+  std::string line;
+  char next = 0;
+  while (true) {
+    const ssize_t count = read(descriptor, &next, 1);
+    if (count < 0 && errno == EINTR) continue;
+    if (count <= 0 || next == '\n') return line;
+    line.push_back(next);
+  }
+}
+
+}  // namespace
+
+absl::StatusOr<std::unique_ptr<ServerProcess>> ServerProcess::Start(const std::vector<std::string>& arguments) {
+  EVPOSE_ASSIGN_OR_RETURN(const std::string program, FindProgram());
+  std::vector<std::string> words = {program, "--listen", "127.0.0.1:0", "--store", "memory", "--log-level", "error"};
+  words.insert(words.end(), arguments.begin(), arguments.end());
+  std::vector<std::string> variables = Environment();
+  const std::vector<char*> argv = Pointers(words);
+  const std::vector<char*> envp = Pointers(variables);
+  int pipe_ends[2] = {};
+  if (pipe2(pipe_ends, O_CLOEXEC) != 0) return absl::InternalError(absl::StrCat("no pipe: ", std::strerror(errno)));
+  const pid_t parent = getpid();
+  const pid_t pid = fork();
+  if (pid == 0) Execute(program, argv.data(), envp.data(), pipe_ends[1], parent);
+  const int fork_error = errno;
+  close(pipe_ends[1]);
+  if (pid < 0) {
+    close(pipe_ends[0]);
+    return absl::InternalError(absl::StrCat(program, " cannot be started: ", std::strerror(fork_error)));
+  }
+  std::unique_ptr<ServerProcess> process(new ServerProcess(pid, pipe_ends[0]));
+  const std::string line = ReadLine(pipe_ends[0]);
+  absl::string_view address = line;
+  if (!absl::ConsumePrefix(&address, "listening on ")) {
+    return absl::UnavailableError(absl::StrCat(program,
+                                               " has ended before it could be reached; give --server "
+                                               "HOST:PORT of one that runs"));
+  }
+  process->address_ = std::string(address);
+  return process;
+}
+
+ServerProcess::~ServerProcess() {
+  kill(pid_, SIGKILL);
+  while (waitpid(pid_, nullptr, 0) < 0 && errno == EINTR) continue;
+  close(output_);
+}
+
+}  // namespace evpose::client

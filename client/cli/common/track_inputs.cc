@@ -1,0 +1,241 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "client/cli/common/track_inputs.h"
+
+#include <algorithm>
+#include <functional>
+#include <utility>
+
+#include "absl/strings/numbers.h"
+#include "absl/strings/str_cat.h"
+#include "absl/strings/str_join.h"
+#include "client/cli/common/pose_format.h"
+#include "core/base/output_file.h"
+#include "core/base/status_macros.h"
+#include "core/geometry/trajectory.h"
+#include "core/models/object_model.h"
+
+namespace evpose::client {
+namespace {
+
+constexpr size_t kMaxModelBytes = size_t{64} << 20;  // what a server takes by default
+
+// Servers do not offer the estimators of the published method's released code.
+bool IsOffered(std::string_view estimator) { return !estimator.starts_with("released-"); }
+
+std::string CheckIsOffered(const std::string& estimator) {
+  if (IsOffered(estimator)) return "";
+  return absl::StrCat(estimator, " is not offered by servers: `evpose bench tracking` runs it");
+}
+
+Estimator EstimatorByName(const std::string& name) {
+  for (const auto& [estimator, known] : kEstimatorNames) {
+    if (name == known) return estimator;
+  }
+  return Estimator::kMixture;  // the parser takes no other name
+}
+
+// "ID=REST". INVALID_ARGUMENT (usage) otherwise.
+absl::StatusOr<std::pair<std::string, std::string>> SplitId(const std::string& text, const std::string& option) {
+  const size_t sign = text.find('=');
+  if (sign == std::string::npos || sign == 0 || sign + 1 == text.size()) {
+    return UsageError(absl::StrCat(option, ": \"", text, "\" is not ID=", option == "--object" ? "MODEL" : "POSE"));
+  }
+  return std::make_pair(text.substr(0, sign), text.substr(sign + 1));
+}
+
+// The objects' names and files, not read yet.
+absl::StatusOr<std::vector<InputObject>> ParseObjects(const TrackArguments& arguments) {
+  std::vector<InputObject> objects;
+  if (arguments.model.empty() == arguments.objects.empty()) {
+    return UsageError("give --model MODEL, or --object ID=MODEL for each of several objects");
+  }
+  if (!arguments.model.empty()) {
+    objects.push_back({TrackedObject().object_id, arguments.model, {}, {}, {}});
+    return objects;
+  }
+  for (const std::string& text : arguments.objects) {
+    EVPOSE_ASSIGN_OR_RETURN(const auto id_and_model, SplitId(text, "--object"));
+    for (const InputObject& other : objects) {
+      if (other.id == id_and_model.first) return UsageError(absl::StrCat("--object ", other.id, " is there twice"));
+    }
+    objects.push_back({id_and_model.first, id_and_model.second, {}, {}, {}});
+  }
+  return objects;
+}
+
+absl::Status ParseInitialPoses(const TrackArguments& arguments, std::vector<InputObject>& objects) {
+  for (const std::string& text : arguments.init_poses) {
+    std::pair<std::string, std::string> id_and_pose = {objects[0].id, text};
+    if (!arguments.objects.empty()) {
+      EVPOSE_ASSIGN_OR_RETURN(id_and_pose, SplitId(text, "--init-pose"));
+    }
+    const auto object = std::find_if(objects.begin(), objects.end(),
+                                     [&](const InputObject& each) { return each.id == id_and_pose.first; });
+    if (object == objects.end()) return UsageError(absl::StrCat("--init-pose: no --object ", id_and_pose.first));
+    if (object->initial_pose) return UsageError(absl::StrCat("--init-pose of ", object->id, " is there twice"));
+    const absl::StatusOr<RigidTransform> pose = ParsePose(id_and_pose.second);
+    if (!pose.ok()) return UsageError(absl::StrCat("--init-pose: ", pose.status().message()));
+    object->initial_pose = *pose;
+  }
+  return absl::OkStatus();
+}
+
+// Ends when it is told to, not only when it would have to wait: what was read until then is the recording.
+class StoppableReader final : public RecordingReader {
+ public:
+  StoppableReader(std::unique_ptr<RecordingReader> reader, std::function<bool()> stop)
+      : reader_(std::move(reader)), stop_(std::move(stop)) {}
+
+  const RecordingHeader& header() const override { return reader_->header(); }
+  int64_t data_size_bytes() const override { return reader_->data_size_bytes(); }
+  absl::StatusOr<size_t> Read(absl::Span<uint8_t> buffer) override {
+    if (stop_()) return 0;
+    return reader_->Read(buffer);
+  }
+
+ private:
+  const std::unique_ptr<RecordingReader> reader_;
+  const std::function<bool()> stop_;
+};
+
+absl::Status ReadObjects(const TrackArguments& arguments, std::vector<InputObject>& objects) {
+  for (InputObject& object : objects) {
+    EVPOSE_ASSIGN_OR_RETURN(object.upload.format, ModelFormatFromPath(object.model_path));
+    object.upload.metres_per_unit = arguments.metres_per_unit;
+    EVPOSE_ASSIGN_OR_RETURN(object.model_bytes, ReadFile(object.model_path, kMaxModelBytes));
+  }
+  return absl::OkStatus();
+}
+
+}  // namespace
+
+std::vector<std::string> TrackInputs::object_ids() const {
+  std::vector<std::string> ids;
+  for (const InputObject& object : objects) ids.push_back(object.id);
+  return ids;
+}
+
+absl::StatusOr<TrackInputs> ReadTrackInputs(const TrackArguments& arguments,
+                                            const RecordingReaderOptions& reader_options) {
+  TrackInputs inputs;
+  EVPOSE_ASSIGN_OR_RETURN(inputs.objects, ParseObjects(arguments));
+  if (!arguments.out.empty()) {
+    const absl::Status checked = PoseFiles::Check(arguments.out, inputs.object_ids());
+    if (!checked.ok()) return UsageError(absl::StrCat("--out ", checked.message()));
+  }
+  EVPOSE_RETURN_IF_ERROR(ParseInitialPoses(arguments, inputs.objects));
+  EVPOSE_ASSIGN_OR_RETURN(inputs.camera, LoadCameraModel(arguments.camera));
+  if (!arguments.sensor.empty()) {
+    EVPOSE_ASSIGN_OR_RETURN(inputs.sensor, LoadSensorProfile(arguments.sensor));
+  }
+  EVPOSE_RETURN_IF_ERROR(ReadObjects(arguments, inputs.objects));
+  EVPOSE_ASSIGN_OR_RETURN(std::unique_ptr<RecordingReader> reader,
+                          RecordingReader::Open(arguments.recording, reader_options));
+  EVPOSE_RETURN_IF_ERROR(CheckCameraMatches(inputs.camera, arguments.camera, reader->header(), arguments.recording));
+  inputs.reader = std::make_unique<StoppableReader>(std::move(reader), reader_options.stop);
+  return inputs;
+}
+
+ChunkerOptions MakeChunkerOptions(const TrackArguments& arguments) {
+  ChunkerOptions options;
+  if (arguments.chunk_bytes == 0) return options;
+  options.max_bytes = arguments.chunk_bytes;
+  options.max_duration_us = int64_t{1} << 40;  // by size alone
+  return options;
+}
+
+absl::StatusOr<SessionConfig> UploadModels(Client& client, const TrackArguments& arguments, const TrackInputs& inputs,
+                                           ReplayReport& report) {
+  SessionConfig config;
+  config.encoding = inputs.reader->header().encoding;
+  config.camera = inputs.camera;
+  config.estimator = EstimatorByName(arguments.estimator);
+  config.sensor = inputs.sensor;
+  report.models.clear();
+  for (const InputObject& input : inputs.objects) {
+    const absl::Span<const uint8_t> bytes(reinterpret_cast<const uint8_t*>(input.model_bytes.data()),
+                                          input.model_bytes.size());
+    absl::StatusOr<ModelInfo> model = client.UploadModel(bytes, input.upload);
+    if (!model.ok()) return ModelError(input.model_path, model.status());
+    report.models.push_back({input.id, model->notices, model->num_symmetries, model->diameter_m});
+    TrackedObject object;
+    object.object_id = input.id;
+    object.model = model->name;
+    object.initial_camera_from_object = input.initial_pose;
+    config.objects.push_back(std::move(object));
+  }
+  return config;
+}
+
+absl::StatusOr<Session> CreateSession(Client& client, const SessionConfig& config, const TrackArguments& arguments,
+                                      const TrackInputs& inputs, const std::string& request_id) {
+  absl::StatusOr<Session> session = client.CreateSession(config, request_id);
+  if (session.ok()) return session;
+  const std::string models = absl::StrJoin(inputs.objects, ", ", [](std::string* text, const InputObject& object) {
+    absl::StrAppend(text, object.model_path);
+  });
+  return absl::Status(session.status().code(), absl::StrCat("no session for ", models, " seen by ", arguments.camera,
+                                                            ": ", session.status().message()));
+}
+
+void TrackArguments::AddTo(CLI::App& app, bool server_is_required) {
+  std::vector<std::string> estimators;
+  for (const auto& [estimator_kind, name] : kEstimatorNames) {
+    if (IsOffered(name)) estimators.emplace_back(name);
+  }
+  app.add_option("recording", recording, "Prophesee RAW or DAT file; - for standard input")->required();
+  app.add_option("--model", model, "Object: OBJ, PLY or STL");
+  app.add_option("--object", objects, "One of several objects, with a name of its own; once for each")
+      ->type_name("ID=MODEL")
+      ->allow_extra_args(false);
+  app.add_option("--camera", camera, "Camera: ROS camera_info YAML")->required();
+  app.add_option("--sensor", sensor, "Profile of the sensor, as evpose calibrate writes it; by default an EVK4's");
+  app.add_option("--scale", metres_per_unit, "Metres per unit of the model file")
+      ->check(CheckAboveZero, "POSITIVE")
+      ->capture_default_str();
+  app.add_option("--init-pose", init_poses,
+                 "Pose at the first event, camera_from_object; without it the pose is found from the events. With "
+                 "--object: \"ID=tx ...\", once for each object that has one")
+      ->type_name("\"tx ty tz qx qy qz qw\"")
+      ->allow_extra_args(false);
+  app.add_option(
+      "-o,--out", out,
+      "Poses: .tum, .csv or .jsonl; written whole or not at all. {object} in the name: one file for each, of "
+      "that ID");
+  app.add_option(
+         "--estimator", estimator,
+         "mixture; for comparison, the published static estimators, corrected, and a filter. Those of the released "
+         "code run in `evpose bench tracking` only")
+      ->check(CheckIsOffered)
+      ->check(CLI::IsMember(estimators))
+      ->capture_default_str();
+  app.add_option("--chunk-bytes", chunk_bytes,
+                 "Send pieces of this size; by default 1 ms of sensor time or 256 KiB, whichever comes first")
+      ->check(CLI::Range(size_t{8}, size_t{64} << 20))
+      ->check(
+          [](const std::string& text) {
+            size_t bytes = 0;
+            return absl::SimpleAtoi(text, &bytes) && bytes % 8 == 0 ? "" : "must be a multiple of 8, the longest word";
+          },
+          "multiple of 8");
+  server.AddTo(app, server_is_required);
+  app.add_option(
+         "--max-outage", max_outage_s,
+         "Seconds without an answer of --server after which to give up; 0: a stream that breaks is not taken up "
+         "again; inf: never give up")
+      ->check(CheckNotNegative, "NONNEGATIVE")
+      ->capture_default_str()
+      ->needs(app.get_option("--server"))
+      ->group(kAwayGroup);
+  app.add_option("--resume", resume,
+                 "Keeps in this file how far the session is, and goes on from there when the file exists: after a kill "
+                 "give the same command again. It is removed at the end")
+      ->type_name("FILE")
+      ->group(kAwayGroup);
+  app.add_flag("--keep-session", keeps_session,
+               "Leave the session on the server: evpose watch can read its poses again")
+      ->needs(app.get_option("--server"));
+  app.add_flag("--json", is_json, "One JSON object on standard output");
+}
+
+}  // namespace evpose::client
