@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// Whether a pose can follow from a model's lines at all.
+// Checks whether the lines of a model determine a pose at all.
 #include <Eigen/Cholesky>
 #include <algorithm>
 #include <vector>
@@ -13,13 +13,13 @@ namespace {
 
 using Eigen::Vector3d;
 
-// Directions whose sine is below this are parallel, and points closer than this share of the diameter are the same: a
-// pose from lines that differ by less than a thousandth rests on the model's own errors.
+// Two directions whose angle has a sine below this are parallel, and two points closer than this share of the diameter
+// coincide: a pose that depends on a difference of less than a thousandth would depend on errors of the model.
 constexpr double kSame = 1e-3;
 
 struct InfiniteLine {
   Vector3d point;
-  Vector3d direction;  // unit
+  Vector3d direction;  // unit vector
 };
 
 double Distance(const InfiniteLine& line, const Vector3d& point) {
@@ -28,7 +28,7 @@ double Distance(const InfiniteLine& line, const Vector3d& point) {
 
 bool IsParallel(const InfiniteLine& a, const InfiniteLine& b) { return a.direction.cross(b.direction).norm() < kSame; }
 
-// Collinear pieces are one line: they say the same.
+// Collinear pieces are one line, because they constrain a pose in the same way.
 std::vector<InfiniteLine> DistinctLines(const ObjectModel& model) {
   std::vector<InfiniteLine> lines;
   for (const ModelLine& line : model.lines) {
@@ -43,7 +43,7 @@ std::vector<InfiniteLine> DistinctLines(const ObjectModel& model) {
   return lines;
 }
 
-// The point nearest to all lines; they must not all be parallel.
+// The point nearest to all lines in the least-squares sense. The lines must not all be parallel.
 Vector3d NearestPoint(const std::vector<InfiniteLine>& lines) {
   Eigen::Matrix3d h = Eigen::Matrix3d::Zero();
   Vector3d g = Vector3d::Zero();

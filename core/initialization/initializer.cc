@@ -21,14 +21,14 @@ Eigen::Vector3d Bearing(const CameraModel& camera, const Eigen::Vector2d& pixel)
   return {(pixel.x() - camera.cx_px) / camera.fx_px, (pixel.y() - camera.cy_px) / camera.fy_px, 1.0};
 }
 
-// The twist's information from the way from `begin_px` to `end_px` of a point carried along with the line.
+// The information matrix of the twist from the displacement `begin_px` to `end_px` of a point that moves with the line.
 struct TwistEquations {
   Matrix6d information = Matrix6d::Zero();
   Vector6d right_side = Vector6d::Zero();
 
   void Add(const CameraModel& camera, const ProjectedLine& line, const Eigen::Vector2d& begin_px,
            const Eigen::Vector2d& end_px, double duration_s, double sigma_px_per_s) {
-    // d = a . b is positive on the side of this normal.
+    // The distance d = a . b is positive on the side to which this normal points.
     const Eigen::Vector2d normal = Eigen::Vector2d(line.a.x() / camera.fx_px, line.a.y() / camera.fy_px).normalized();
     const double velocity_px_per_s = normal.dot(end_px - begin_px) / duration_s;
     const Eigen::Vector3d bearing = Bearing(camera, 0.5 * (begin_px + end_px));
@@ -39,7 +39,7 @@ struct TwistEquations {
   }
 };
 
-// The upper quartile: edges that slide along themselves do not move, however fast the object is.
+// Returns the upper quartile: an edge that slides along itself has no normal motion, however fast the object is.
 double MotionPx(const LineDetection& detection) {
   const double duration_s = static_cast<double>(detection.t_end_us - detection.t_begin_us) * 1e-6;
   std::vector<double> motion_px;
@@ -86,7 +86,7 @@ TwistEstimate EstimateTwist(const ObjectModel& model, const CameraModel& camera,
     const std::optional<ProjectedLine> projected = ProjectLine(camera, camera_from_object, line.p1, line.p2);
     if (!projected) continue;
     const DetectedLine& detected = detection.lines[j];
-    // Both ends of its time are uncertain, and independent.
+    // The positions at both ends of the interval have independent errors.
     constexpr double kSqrt2 = 1.4142135623730951;
     const double sigma_px_per_s = kSqrt2 * options.line_error_px / duration_s;
     equations.Add(camera, *projected, detected.at_begin.p1_px, detected.at_end.p1_px, duration_s, sigma_px_per_s);
@@ -110,7 +110,7 @@ PoseInitializer::PoseInitializer(std::shared_ptr<const ObjectModel> model, const
 
 bool PoseInitializer::IsPlausible(const PoseHypothesis& hypothesis) const {
   if (hypothesis.evidence < options_.min_evidence) return false;
-  const double all = hypothesis.evidence + hypothesis.cost;  // what all segments cost unexplained
+  const double all = hypothesis.evidence + hypothesis.cost;  // the total cost if no segment is explained
   return hypothesis.evidence >= options_.min_explained_ratio * all || hypothesis.evidence >= options_.sure_evidence;
 }
 

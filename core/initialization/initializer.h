@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// From events alone to first poses: lines, poses that explain them, and the motion that the lines' own motion tells.
+// First poses from events alone: detects lines, searches for the poses that explain them, and estimates the twist from
+// the motion of the lines.
 #pragma once
 
 #include <cstdint>
@@ -17,44 +18,44 @@
 
 namespace evpose {
 
-// A pose that the lines allow, at the middle of their stretch of time.
+// A pose that is consistent with the detected lines, at the middle of their time interval.
 struct FirstPose {
   int64_t t_us = 0;
   RigidTransform camera_from_object;
-  Vector6d twist = Vector6d::Zero();  // dT/dt = v, dR/dt = w^ R; m/s, rad/s
+  Vector6d twist = Vector6d::Zero();  // dT/dt = v in m/s, dR/dt = w^ R with w in rad/s
   Matrix6d twist_covariance = Matrix6d::Zero();
   double cost = 0.0;  // PoseHypothesis::cost
 };
 
 struct FirstPoses {
-  int num_lines = 0;             // that were detected
-  double motion_px = 0.0;        // by which they moved in their stretch of time: upper quartile
-  bool has_moved = false;        // by enough to be searched with
-  std::vector<FirstPose> poses;  // best first; distinct modulo the model's symmetries
+  int num_lines = 0;             // number of detected lines
+  double motion_px = 0.0;        // upper quartile of the displacements of the lines within their interval
+  bool has_moved = false;        // the displacement is large enough for a search
+  std::vector<FirstPose> poses;  // the best one first; distinct modulo the model's symmetries
 };
 
 struct InitializerOptions {
-  // Pixels. Lines that moved by less are not searched with: their events are too few and too near to tell lines from
-  // noise, and which of them continue each other.
+  // Smallest displacement, in pixels, with which a search starts. With a smaller one there are too few events, too
+  // close together, to separate lines from noise and to decide which lines are collinear.
   double min_motion_px = 1.0;
-  // PoseHypothesis::evidence that a pose needs, whatever else: three segments fit in some pose whatever they are, and a
-  // segment is worth at most PoseSearchOptions::unexplained_cost.
+  // Smallest PoseHypothesis::evidence of a pose. Some pose fits any three segments, and a segment contributes at most
+  // PoseSearchOptions::unexplained_cost.
   double min_evidence = 72.0;
-  // A pose also explains most of what there is, as a share of the evidence of all segments, or is worth more than six
-  // segments: on cluttered views chance poses were seen to gather up to four.
+  // Smallest share of the evidence of all segments that a pose must explain, unless its evidence exceeds that of six
+  // segments: in cluttered views, random poses were observed to gather the evidence of up to four.
   double min_explained_ratio = 0.5;
   double sure_evidence = 144.0;
-  // Prior of the twist.
-  double velocity_px_per_s = 2000.0;        // one standard deviation: fast for an object that fills the image
+  // Prior of the twist, one standard deviation per axis.
+  double velocity_px_per_s = 2000.0;        // fast for an object that fills the image
   double angular_velocity_rad_per_s = 6.0;  // about one turn per second
-  double line_error_px = 0.5;               // of a detected line's place at either end of its stretch of time
+  double line_error_px = 0.5;  // standard deviation of the position of a detected line at either end of its interval
 
   absl::Status Validate() const;
 };
 
-// The twist at the middle of the time that best explains how the matched lines moved: each end of each line gives its
-// normal velocity (core/estimation/README.md, section 2), the prior the rest. `model_line` is
-// PoseHypothesis::model_line.
+// Returns the twist at the middle of the interval that best explains the motion of the matched lines. Each end of each
+// line gives its normal velocity (core/estimation/README.md, section 2), and the prior constrains the remaining
+// directions. `model_line` is PoseHypothesis::model_line.
 struct TwistEstimate {
   Vector6d twist = Vector6d::Zero();
   Matrix6d covariance = Matrix6d::Zero();
@@ -63,18 +64,18 @@ TwistEstimate EstimateTwist(const ObjectModel& model, const CameraModel& camera,
                             const RigidTransform& camera_from_object, const LineDetection& detection,
                             absl::Span<const int> model_line, const InitializerOptions& options);
 
-// Deterministic. Not thread-safe.
+// Deterministic; not thread-safe.
 class PoseInitializer {
  public:
   PoseInitializer(std::shared_ptr<const ObjectModel> model, const CameraModel& camera,
                   std::unique_ptr<LineDetector> detector, std::unique_ptr<PoseSearch> search,
                   const InitializerOptions& options = {});
 
-  // `events` as LineDetector::Detect takes them. Only the lines when they have hardly moved.
+  // `events` are as LineDetector::Detect requires. If the lines have hardly moved, the result has lines but no poses.
   FirstPoses Find(absl::Span<const PixelEvent> events);
 
  private:
-  // More than chance would give.
+  // Returns whether a pose has more evidence than random segments would give.
   bool IsPlausible(const PoseHypothesis& hypothesis) const;
 
   const std::shared_ptr<const ObjectModel> model_;

@@ -17,7 +17,7 @@ using Eigen::Vector3d;
 constexpr double kToleranceOfRadius = 0.02;
 constexpr double kParallelRad = 0.03;
 constexpr double kLeastShare = 0.5;
-constexpr size_t kMost = 7;  // the best of many are as good as all
+constexpr size_t kMost = 7;  // further ones are worse than these and only cost time
 
 struct Line {
   Vector3d middle, along;
@@ -41,8 +41,8 @@ Line Turned(const Matrix3d& rotation, const Line& line) {
 
 bool AreParallel(const Line& a, const Line& b) { return a.along.cross(b.along).norm() < kParallelRad; }
 
-// The shift that most ends of lines of one direction ask for, by the lines' length: turned lines onto `lines`. Ends,
-// for an edge may be drawn in parts.
+// Returns the shift that aligns the largest length of line ends of one direction: of the rotated lines to `lines`. Ends
+// are compared, because an edge may be drawn in several parts.
 Vector3d MostWantedShift(const std::vector<Line>& turned, const std::vector<Line>& lines, double tolerance_m) {
   struct Votes {
     double weight = 0.0;
@@ -72,7 +72,7 @@ Vector3d MostWantedShift(const std::vector<Line>& turned, const std::vector<Line
   return most.weight > 0.0 ? Vector3d(most.sum / most.weight) : Vector3d::Zero();
 }
 
-// Length of `line`, shifted, beside which another one runs.
+// Returns the length of the shifted `line` that another line coincides with.
 double CoveredLength(const Line& line, const Vector3d& shift, const std::vector<Line>& lines, double tolerance_m) {
   double covered_m = 0.0;
   for (const Line& other : lines) {

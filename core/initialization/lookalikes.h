@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// Motions after which an object looks nearly as before: by them a pose is mistaken for another.
+// Near symmetries: motions after which an object looks almost as before. A search can confuse the poses that differ by
+// such a motion.
 #pragma once
 
 #include <Eigen/Core>
@@ -12,10 +13,11 @@
 
 namespace evpose {
 
-// For each of `rotations` but the identity the shift that brings most of the lines' length onto lines, where that is
-// the half of it or more: object_from_object, and about as good as an image tells lines apart. Lines that are nearer to
-// each other than 2 % of `radius_m`, half the object's size, are the same. The best first, seven at most. What it finds
-// is a suggestion: of several shifts for one rotation it gives one. Time: rotations times the square of the lines.
+// For each of `rotations` except the identity: the shift that aligns the largest length of the lines with lines, if
+// that is at least half of their length. Returns object_from_object, the best one first, at most seven. Two lines
+// closer than 2 % of `radius_m`, half the object's size, coincide, which is about the resolution of an image. A
+// rotation with several such shifts yields one of them. Time: number of rotations times the square of the number of
+// lines.
 std::vector<RigidTransform> FindLookalikes(absl::Span<const ModelLine> lines,
                                            absl::Span<const Eigen::Matrix3d> rotations, double radius_m);
 

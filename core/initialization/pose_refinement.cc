@@ -13,18 +13,20 @@
 namespace evpose {
 namespace {
 
-// A pose that several segments fix takes 6 to 20; one that still slides after so many is none.
+// A pose that several segments determine converges in 6 to 20 iterations; one that has not converged after this number
+// is rejected.
 constexpr int kMaxIterations = 50;
-// Relative change of the cost: near the minimum, of the square of what the pose is off by.
+// Relative change of the cost at convergence; close to the minimum it is the square of the pose error.
 constexpr double kCostTolerance = 1e-16;
 
-// Rotation by 2 atan(|v| / 2) about v, by the unit quaternion along (1, v / 2): to first order exp(v), and rational.
+// Rotation by 2 atan(|v| / 2) about v, from the unit quaternion along (1, v / 2): equal to exp(v) to first order, and
+// rational.
 template <typename T>
 Eigen::Quaternion<T> RationalRotation(const T* v) {
   return Eigen::Quaternion<T>(T(1.0), 0.5 * v[0], 0.5 * v[1], 0.5 * v[2]).normalized();
 }
 
-// The four residuals of a match: standard deviations, of both ends across and of both along.
+// The four residuals of a match, in standard deviations: both ends across the line and both along it.
 struct MatchResiduals {
   const CameraModel& camera;
   const RigidTransform& start;
@@ -32,7 +34,7 @@ struct MatchResiduals {
   const SegmentMatch& match;
   const FitWeights& weights;
 
-  // `change`: of the start, translation in shares of its distance, then rotation.
+  // `change` is relative to the start: the translation in units of its distance, then the rotation.
   template <typename T>
   bool operator()(const T* change, T* residuals) const {
     using Vector2 = Eigen::Matrix<T, 2, 1>;
@@ -79,7 +81,7 @@ ceres::Solver::Options SolverOptions() {
 
 bool RefineToMinimum(const CameraModel& camera, absl::Span<const SearchSegment> lines,
                      absl::Span<const SegmentMatch> matches, const FitWeights& weights, RigidTransform& pose) {
-  // Ceres would complain of it on standard error.
+  // Ceres would print a warning on standard error.
   const auto is_before = [&](const SegmentMatch& match) {
     return (pose * match.p1).z() > 0.0 && (pose * match.p2).z() > 0.0;
   };

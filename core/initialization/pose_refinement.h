@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// The pose at which matched segments cost least, by Ceres.
+// The pose with the least cost for given matches, by Ceres.
 #pragma once
 
 #include "absl/types/span.h"
@@ -11,13 +11,13 @@
 
 namespace evpose {
 
-// Goes on from `pose` to the minimum of the cost that segment_fit.h gives the matches (ends across: squares; ends
-// along: EndCost), written down here once more by itself, with automatic differentiation: the reference that the steps
-// of PoseJudge must equal, and the last word on the few poses that a search returns. Some tenths of a millisecond.
-// False, `pose` unchanged, when a line reaches behind the camera there or Ceres gives up.
+// Minimises, from `pose`, the cost that segment_fit.h assigns to the matches (across the line: squares; along it:
+// EndCost). The cost is implemented here a second time, with automatic differentiation: it is the reference for the
+// steps of PoseFitter and refines the few poses that a search returns. Takes a few tenths of a millisecond.
+// Returns false and leaves `pose` unchanged if a line extends behind the camera there or if Ceres fails.
 //
-// The same bits on every machine: of Ceres' strategies Powell's dogleg takes no function of the C library but sqrt
-// (Levenberg-Marquardt takes pow), and the pose is turned by rational functions.
+// The result has the same bits on every machine: Powell's dogleg calls no function of the C library except sqrt
+// (Levenberg-Marquardt calls pow), and the pose is rotated by rational functions.
 bool RefineToMinimum(const CameraModel& camera, absl::Span<const SearchSegment> lines,
                      absl::Span<const SegmentMatch> matches, const FitWeights& weights, RigidTransform& pose);
 

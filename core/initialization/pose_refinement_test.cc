@@ -11,7 +11,7 @@
 #include <string>
 
 #include "core/experiments/first_pose/line_trial.h"
-#include "core/initialization/pose_judge.h"
+#include "core/initialization/pose_fitter.h"
 #include "core/initialization/pose_search.h"
 #include "core/numerics/random.h"
 
@@ -43,8 +43,8 @@ class PoseRefinementTest : public testing::TestWithParam<SimulatedObject> {
     const auto hypotheses = search_->Search(trial.segments);
     if (hypotheses.empty()) return matched;
     matched.pose = hypotheses[0].camera_from_object;
-    const PoseJudge judge(*model_, trials_->camera(), matched.segments, options_);
-    matched.matches = judge.Match(judge.VisibleParts(matched.pose), 1.0);
+    const PoseFitter fitter(*model_, trials_->camera(), matched.segments, options_);
+    matched.matches = fitter.Match(fitter.VisibleParts(matched.pose), 1.0);
     return matched;
   }
 
@@ -73,10 +73,10 @@ TEST_P(PoseRefinementTest, OwnStepsGoWhereCeresGoes) {
   for (int seed = 0; seed < kTrials; ++seed) {
     const Matched matched = MakeMatched(seed);
     if (matched.matches.size() < 4) continue;
-    const PoseJudge judge(*model_, trials_->camera(), matched.segments, options_);
+    const PoseFitter fitter(*model_, trials_->camera(), matched.segments, options_);
     const RigidTransform start = Disturbed(matched.pose, random);
     RigidTransform own = start, reference = start;
-    ASSERT_TRUE(judge.Refine(matched.matches, 1.0, 60, own)) << seed;
+    ASSERT_TRUE(fitter.Refine(matched.matches, 1.0, 60, own)) << seed;
     ASSERT_TRUE(RefineToMinimum(trials_->camera(), matched.segments, matched.matches, weights_, reference)) << seed;
     EXPECT_GT(RelativeDifference(start, reference), 1e-4) << seed;
     EXPECT_LT(RelativeDifference(own, reference), 1e-8) << seed;
@@ -92,11 +92,11 @@ TEST_P(PoseRefinementTest, TheBestPoseIsAMinimum) {
   for (int seed = 0; seed < kTrials; ++seed) {
     const Matched matched = MakeMatched(seed);
     if (matched.matches.size() < 4) continue;
-    const PoseJudge judge(*model_, trials_->camera(), matched.segments, options_);
+    const PoseFitter fitter(*model_, trials_->camera(), matched.segments, options_);
     RigidTransform minimum = matched.pose;
-    PoseJudge::Normal normal;
-    ASSERT_TRUE(judge.Refine(matched.matches, 1.0, 60, minimum)) << seed;
-    ASSERT_TRUE(judge.Accumulate(matched.matches, weights_, minimum, normal)) << seed;
+    PoseFitter::Normal normal;
+    ASSERT_TRUE(fitter.Refine(matched.matches, 1.0, 60, minimum)) << seed;
+    ASSERT_TRUE(fitter.Accumulate(matched.matches, weights_, minimum, normal)) << seed;
     const Vector6d off = Difference(matched.pose, minimum);
     num_near += off.dot(normal.h * off) < 0.1 * 0.1;
   }
@@ -158,10 +158,10 @@ TEST_P(PoseRefinementTest, NormalEquationsAreThoseOfAutomaticDifferentiation) {
   for (int seed = 0; seed < kTrials; ++seed) {
     const Matched matched = MakeMatched(seed);
     if (matched.matches.empty()) continue;
-    const PoseJudge judge(*model_, trials_->camera(), matched.segments, options_);
+    const PoseFitter fitter(*model_, trials_->camera(), matched.segments, options_);
     const RigidTransform pose = Disturbed(matched.pose, random);
-    PoseJudge::Normal normal;
-    ASSERT_TRUE(judge.Accumulate(matched.matches, weights_, pose, normal)) << seed;
+    PoseFitter::Normal normal;
+    ASSERT_TRUE(fitter.Accumulate(matched.matches, weights_, pose, normal)) << seed;
     const Reference reference = Differentiate(trials_->camera(), matched, weights_, pose);
     EXPECT_NEAR(normal.cost, reference.cost.a, 1e-9 * normal.cost) << seed;
     // In units of what each component of the pose is known to.

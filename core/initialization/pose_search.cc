@@ -7,7 +7,7 @@
 #include "absl/strings/str_format.h"
 #include "core/base/check_range.h"
 #include "core/base/status_macros.h"
-#include "core/initialization/pose_judge.h"
+#include "core/initialization/pose_fitter.h"
 #include "core/initialization/position_search.h"
 #include "core/initialization/rotation_search.h"
 #include "core/initialization/search_model.h"
@@ -17,18 +17,18 @@ namespace evpose {
 namespace {
 
 constexpr size_t kMinSegments = 3;
-constexpr size_t kCandidates = 48;  // settled
-// Candidates that leave two segments more unexplained than the best are not looked into.
+constexpr size_t kCandidates = 48;  // candidates that are refined
+// A candidate that leaves two more segments unexplained than the best one is discarded.
 constexpr double kMarginOfUnexplained = 2.0;
-constexpr size_t kFinished = 8;  // with ray casting
+constexpr size_t kMaxScored = 8;  // candidates that are scored with ray casting
 constexpr double kMinRotations = 10;
 constexpr double kMaxRotations = 600;
 constexpr size_t kRotationsAtOnce = 4;
 constexpr int kScoredAtOnce = 200;
-constexpr size_t kPolished = 2;
+constexpr size_t kMaxMinimised = 2;
 constexpr int kMinMatched = 3;
 constexpr double kSamePoseRad = 0.02;
-constexpr double kSamePoseRatio = 0.01;  // of the distance
+constexpr double kSamePoseRatio = 0.01;  // as a share of the distance
 
 class LinePoseSearch : public PoseSearch {
  public:
@@ -43,30 +43,30 @@ class LinePoseSearch : public PoseSearch {
     const std::vector<SearchSegment> lines =
         MakeSearchSegments(camera_, segments, options_.end_point_sigma_px, options_.max_segments);
     if (lines.size() < kMinSegments) return {};
-    const PoseJudge judge(*search_model_, camera_, lines, options_);
+    const PoseFitter fitter(*search_model_, camera_, lines, options_);
     const double cost_of_nothing = options_.unexplained_cost * static_cast<double>(lines.size());
     std::vector<PoseHypothesis> hypotheses;
-    const auto finish = [&](const RigidTransform& pose, bool is_lookalike) {
-      PoseHypothesis hypothesis = judge.Finish(pose, segments.size());
+    const auto add_scored = [&](const RigidTransform& pose, bool is_lookalike) {
+      PoseHypothesis hypothesis = fitter.ScoreVisible(pose, segments.size());
       hypothesis.is_lookalike = is_lookalike;
       if (hypothesis.num_matched < kMinMatched || !(is_lookalike || hypothesis.cost < cost_of_nothing)) return;
       AddDistinct(std::move(hypothesis), hypotheses);
     };
-    for (const PoseHypothesis& settled : Settle(judge, FindCandidates(lines), segments.size())) {
-      finish(settled.camera_from_object, false);
+    for (const PoseHypothesis& refined : MatchAndRefine(fitter, FindCandidates(lines), segments.size())) {
+      add_scored(refined.camera_from_object, false);
     }
     if (hypotheses.empty()) return hypotheses;
     const RigidTransform best = hypotheses[0].camera_from_object;
-    for (const RigidTransform& lookalike : search_model_->lookalikes()) finish(best * lookalike, true);
-    RigidTransform turned_over = best;
-    if (judge.TurnOver(turned_over)) finish(turned_over, false);
+    for (const RigidTransform& lookalike : search_model_->lookalikes()) add_scored(best * lookalike, true);
+    RigidTransform reflected = best;
+    if (fitter.ReflectDepths(reflected)) add_scored(reflected, false);
     DropDearest(hypotheses);
-    // The best, and the one that it might be mistaken for. Polishing may exchange the two.
-    const size_t num_polished = std::min<size_t>(kPolished, hypotheses.size());
-    for (size_t i = 0; i < num_polished; ++i) {
-      PoseHypothesis polished = judge.Polish(hypotheses[i].camera_from_object, segments.size());
-      polished.is_lookalike = hypotheses[i].is_lookalike;
-      hypotheses[i] = std::move(polished);
+    // The best pose and its near symmetry. The final refinement may exchange their order.
+    const size_t num_minimised = std::min<size_t>(kMaxMinimised, hypotheses.size());
+    for (size_t i = 0; i < num_minimised; ++i) {
+      PoseHypothesis minimised = fitter.ScoreMinimum(hypotheses[i].camera_from_object, segments.size());
+      minimised.is_lookalike = hypotheses[i].is_lookalike;
+      hypotheses[i] = std::move(minimised);
     }
     std::stable_sort(hypotheses.begin(), hypotheses.end(),
                      [](const PoseHypothesis& a, const PoseHypothesis& b) { return a.cost < b.cost; });
@@ -91,7 +91,7 @@ class LinePoseSearch : public PoseSearch {
         static_cast<int>(std::clamp(options_.max_votes / votes_per_candidate, kMinRotations, kMaxRotations));
     const std::vector<RotationCandidate> rotations = FindRotations(*search_model_, lines, rotation_options);
     BestCandidates best(kCandidates, kMarginOfUnexplained * options_.unexplained_cost);
-    // A few rotations at a time: what they find spares most of the rest.
+    // Rotations are processed in small groups: the candidates of one group let most of the next be discarded early.
     for (size_t i = 0; i < rotations.size() && positions.num_votes() < options_.max_votes;) {
       for (const size_t end = i + kRotationsAtOnce; i < std::min(end, rotations.size()); ++i) {
         if (rotations[i].cost > best.cap()) return best.candidates();
@@ -102,16 +102,16 @@ class LinePoseSearch : public PoseSearch {
     return best.candidates();
   }
 
-  // The best of the candidates after a first refinement.
-  std::vector<PoseHypothesis> Settle(const PoseJudge& judge, absl::Span<const PoseCandidate> candidates,
-                                     size_t num_segments) const {
-    std::vector<PoseHypothesis> settled;
+  // Returns the best candidates after a first refinement.
+  std::vector<PoseHypothesis> MatchAndRefine(const PoseFitter& fitter, absl::Span<const PoseCandidate> candidates,
+                                             size_t num_segments) const {
+    std::vector<PoseHypothesis> refined;
     for (const PoseCandidate& candidate : candidates) {
       RigidTransform pose = candidate.camera_from_object;
-      if (judge.Settle(pose)) AddDistinct(judge.Judge(pose, judge.LikelyParts(pose), num_segments), settled);
+      if (fitter.MatchAndRefine(pose)) AddDistinct(fitter.Score(pose, fitter.LikelyParts(pose), num_segments), refined);
     }
-    if (settled.size() > kFinished) settled.resize(kFinished);
-    return settled;
+    if (refined.size() > kMaxScored) refined.resize(kMaxScored);
+    return refined;
   }
 
   bool AreSame(const RigidTransform& a, const RigidTransform& b) const {
@@ -123,7 +123,7 @@ class LinePoseSearch : public PoseSearch {
                                   [&](const RigidTransform& symmetry) { return near(b * symmetry); });
   }
 
-  // Down to max_hypotheses; lookalikes, which are few, do not count.
+  // Reduces the list to max_hypotheses. Near symmetries do not count, because they are few.
   void DropDearest(std::vector<PoseHypothesis>& hypotheses) const {
     int count = 0;
     std::erase_if(hypotheses, [&](const PoseHypothesis& hypothesis) {
@@ -131,7 +131,7 @@ class LinePoseSearch : public PoseSearch {
     });
   }
 
-  // Sorted by cost; of two that are the same the cheaper stays.
+  // The list is sorted by cost; of two equal poses the cheaper one remains.
   void AddDistinct(PoseHypothesis hypothesis, std::vector<PoseHypothesis>& hypotheses) const {
     const auto place = std::upper_bound(hypotheses.begin(), hypotheses.end(), hypothesis,
                                         [](const auto& a, const auto& b) { return a.cost < b.cost; });

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// The pose of an object from image segments of which nobody knows whose they are (core/initialization/README.md).
+// The pose of an object from image segments without known correspondences (core/initialization/README.md).
 #pragma once
 
 #include <memory>
@@ -18,19 +18,19 @@ namespace evpose {
 
 class SearchModel;
 
-// One way in which the segments can be the object's.
+// A pose with an association of the segments.
 struct PoseHypothesis {
   RigidTransform camera_from_object;
-  // Less is better: what the segments leave unexplained, and what the model should show and no segment does. In units
-  // of squared standard deviations of a segment's end point.
+  // Cost of the unexplained segments and of the visible model lines without a segment, in squared standard deviations
+  // of a segment's end point. Less is better.
   double cost = 0.0;
-  // By how much the segments cost more when none of them is the object's: twice a log likelihood ratio.
+  // The additional cost if no segment belonged to the object: twice a log likelihood ratio.
   double evidence = 0.0;
-  std::vector<int> model_line;  // for each segment, index into ObjectModel::lines, or -1: not the object's
+  std::vector<int> model_line;  // for each segment the index into ObjectModel::lines, or -1 for clutter
   int num_matched = 0;          // segments with a line
-  double matched_ratio = 0.0;   // share of the visible model's projected length that the segments cover
-  // What the best of the poses found is mistaken for (lookalikes.h), or the other way round: the few lines by which the
-  // two differ may not have been seen yet, whatever that costs.
+  double matched_ratio = 0.0;   // share of the visible model's projected length that segments cover
+  // This pose and the best one differ by a near symmetry (lookalikes.h). Such a pose is kept regardless of its cost,
+  // because the few lines by which the two differ may not have been observed yet.
   bool is_lookalike = false;
 };
 
@@ -39,50 +39,52 @@ class PoseSearch {
  public:
   virtual ~PoseSearch() = default;
 
-  // Best first; distinct modulo the model's symmetries, so that a planar object's mirror pose is a second hypothesis.
-  // Empty when nothing fits: too few segments, or none that could be the object's. Time is bounded whatever the
-  // segments are: the longest are used when there are many, and a budget of work, counted in steps, is kept.
+  // Returns the hypotheses, the best one first, distinct modulo the model's symmetries; the mirror pose of a planar
+  // object is therefore a second hypothesis. Empty if no pose fits: too few segments, or only clutter. The time is
+  // bounded for any input: only the longest segments are used, and the number of steps is limited.
   virtual std::vector<PoseHypothesis> Search(absl::Span<const ImageSegment> segments) const = 0;
 };
 
 struct PoseSearchOptions {
-  // Standard deviation of a segment's end point across the segment, pixels. 1: detection noise of 0.8 px, and edges
-  // that the sensor shifts by half a pixel (core/estimation/README.md, section 3).
+  // Standard deviation of a segment's end point across the segment, pixels. 1 px combines 0.8 px of detection noise and
+  // the half pixel by which the sensor shifts edges (core/estimation/README.md, section 3).
   double end_point_sigma_px = 1.0;
-  // Along the segment its ends are less certain: corners are rounded, and a detector stops early.
+  // Standard deviation of an end point along the segment. It is larger, because corners are rounded and a detector
+  // stops early.
   double end_point_along_sigma_px = 3.0;
-  // The most that an end costs which stops before its line does, in squared standard deviations: twice the log odds
-  // that a detector follows a line to its end. 4: 7 of 8.
+  // Upper bound of the cost of an end that stops before its line does, in squared standard deviations: twice the log
+  // odds that a detector follows a line to its end. 4 corresponds to a probability of 7/8.
   double short_cost = 4.0;
-  // What a segment costs that is no line of the object: twice the log likelihood ratio to one that is and fits well.
-  // Beyond twice `short_cost`, 16 is for its distance: a true segment is farther off in 3 of 10000 cases.
+  // Cost of a clutter segment: twice the log likelihood ratio against a well-fitting segment of the object. 16 of it,
+  // after twice `short_cost`, bound the distance: a true segment is farther away in 3 of 10000 cases.
   double unexplained_cost = 24.0;
-  // Twice the log odds that a visible line is detected: 4 is 7 of 8.
+  // Twice the log odds that a visible line is detected: 4 corresponds to a probability of 7/8.
   double missing_cost = 4.0;
-  int max_hypotheses = 6;  // more than a caller can follow up; real ambiguities are two to four; and lookalikes
-  // Segments used, the longest first. Time grows with the square; 30 is a dense object's.
+  int max_hypotheses = 6;  // real ambiguities have two to four poses; near symmetries are additional
+  // Number of segments used, the longest first. Time grows with its square; a detailed object has 30.
   int max_segments = 32;
-  // Work before the search takes the best that it has: rotations that are scored, and positions that are voted for. The
-  // defaults take about 3 and 10 ms on a core of 2020.
+  // Limits of the work after which the search returns its best result: rotations that are scored, and position votes.
+  // The defaults take about 3 ms and 10 ms on a processor core of 2020.
   int max_rotations = 24'000;
   int max_votes = 120'000;
 
-  // The most that the distance of a segment's ends from its line may cost.
+  // Upper bound of the cost of the distance between the segment's ends and its line.
   double max_across_cost() const { return unexplained_cost - 2.0 * short_cost; }
 
-  // INVALID_ARGUMENT naming the field.
+  // Error: INVALID_ARGUMENT naming the field.
   absl::Status Validate() const;
 };
 
-// `camera`'s distortion plays no part: segments are undistorted. Errors, INVALID_ARGUMENT: options; a model from whose
-// lines no pose can follow (CheckLinesDeterminePose). `search_model` is that of the model; null: made here.
+// The distortion of `camera` is not used, because segments are undistorted. `search_model` is the search model of
+// `model`; null: it is computed here. Errors: INVALID_ARGUMENT for options, or for a model whose lines determine no
+// pose (CheckLinesDeterminePose).
 absl::StatusOr<std::unique_ptr<PoseSearch>> MakePoseSearch(std::shared_ptr<const ObjectModel> model,
                                                            const CameraModel& camera,
                                                            const PoseSearchOptions& options = {},
                                                            std::shared_ptr<const SearchModel> search_model = nullptr);
 
-// Why no pose can follow from the model's lines: fewer than three (collinear pieces count as one), all parallel, or all
-// through one point. OK when one can.
+// Error: INVALID_ARGUMENT if the model's lines determine no pose: fewer than three lines (collinear pieces count as
+// one), all parallel, or all through one point.
 absl::Status CheckLinesDeterminePose(const ObjectModel& model);
 
 }  // namespace evpose

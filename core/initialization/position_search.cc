@@ -14,23 +14,23 @@ using Eigen::Matrix3d;
 using Eigen::Vector2d;
 using Eigen::Vector3d;
 
-// What a rotation from directions is off by, rad.
+// Error of a rotation that follows from directions, rad.
 constexpr double kRotationSigmaRad = 0.01;
-// What a position from one segment and that rotation makes of the picture: shares of the object's radius.
+// Resulting error of a position from one segment and that rotation, as shares of the object's radius.
 constexpr double kAcrossSigmaOfRadius = 0.01;
 constexpr double kAlongSigmaOfRadius = 0.02;
-// Segments that give positions. Of the longest ten more than half are whole lines of the object, or there is little
-// hope.
+// Number of segments that vote for positions. If fewer than half of the ten longest show whole lines of the object, the
+// search is unlikely to succeed.
 constexpr size_t kMaxVoters = 10;  // at most 16, the bits of SingleVote::voter
-// Votes closer than this support each other: depths, and lateral distances in radii.
+// Votes closer than this support each other: ratio of depths, and lateral distance in radii.
 constexpr double kVoteDepthRatio = 0.06;
 constexpr double kVoteLateralOfRadius = 0.05;
-// Pairs of votes that take as long as casting a vote; among scattered votes there are fewer for each.
+// Number of pairs of votes that take as long as casting one vote. Among scattered votes fewer pairs are examined.
 constexpr size_t kPairsPerVote = 32;
-// Places that are kept for one rotation, the best supported.
+// Number of positions that are kept for each rotation, the best supported ones.
 constexpr int kPlacesPerRotation = 4;
 constexpr double kSamePlaceRad = 0.03;
-constexpr double kSamePlaceRatio = 0.02;  // of the distance
+constexpr double kSamePlaceRatio = 0.02;  // as a share of the distance
 
 }  // namespace
 
@@ -105,7 +105,7 @@ void PositionSearch::Prepare(const Matrix3d& rotation) {
   }
 }
 
-// With l1 q1 and l2 q2 the ends of a part of unit length: l2 q2 - l1 q1 = +-d, in the segment's plane.
+// With the ends l1 q1 and l2 q2 of a part of unit length: l2 q2 - l1 q1 = +-d, in the segment's plane.
 void PositionSearch::CastVotes() {
   votes_.clear();
   const double least_depth_m = model_.radius_m();
@@ -116,7 +116,7 @@ void PositionSearch::CastVotes() {
     for (const int direction : fitting_[j]) {
       const double l1 = turned_[direction].dot(by_l1), l2 = turned_[direction].dot(by_l2);
       if (!(l1 * l2 > 0.0)) continue;
-      // Both ends must lie before the camera; a negative solution is the line the other way round.
+      // Both ends must lie in front of the camera; a negative solution is the line in the opposite direction.
       const Vector3d middle = (l1 > 0.0 ? 0.5 : -0.5) * (l1 * line.q1 + l2 * line.q2);
       for (int i = first_part_[direction]; i < first_part_[direction + 1]; ++i) {
         const Vector3d position = parts_[i].length_m * middle - parts_[i].middle;
@@ -128,7 +128,7 @@ void PositionSearch::CastVotes() {
     }
   }
   num_votes_ += static_cast<int>(votes_.size());
-  // Equal depths in an order of their own: what is found may not depend on a library's sort.
+  // Ties in depth are broken by a fixed order, so that the result does not depend on a library's sort.
   std::sort(votes_.begin(), votes_.end(), [](const SingleVote& a, const SingleVote& b) {
     return a.z != b.z ? a.z < b.z : std::tie(a.x, a.y, a.voter) < std::tie(b.x, b.y, b.voter);
   });
@@ -144,7 +144,7 @@ void PositionSearch::CountSupport() {
     const float z_max = vote.z * depth_factor;
     size_t k = i + 1;
     for (; k < votes_.size() && votes_[k].z < z_max; ++k) {
-      // Beside each other, at the same depth.
+      // The votes are side by side at the same depth.
       SingleVote& other = votes_[k];
       const float dx = vote.z * other.x - other.z * vote.x, dy = vote.z * other.y - other.z * vote.y;
       if (std::max(std::abs(dx), std::abs(dy)) > lateral_m * other.z) continue;
@@ -153,16 +153,16 @@ void PositionSearch::CountSupport() {
     }
     num_pairs += k - i - 1;
   }
-  // Votes that crowd at one depth are as dear as more votes.
+  // Comparing votes that cluster at one depth takes time, which is counted as additional votes.
   num_votes_ += static_cast<int>(num_pairs / kPairsPerVote);
 }
 
-// The best supported places, each once.
+// Returns the best supported positions without duplicates.
 void PositionSearch::KeepBest(int rotation) {
   const auto lateral_m = static_cast<float>(0.5 * kVoteLateralOfRadius * model_.radius_m());
   const auto depth_ratio = static_cast<float>(0.5 * kVoteDepthRatio);
   for (int taken = 0; taken < kPlacesPerRotation && !votes_.empty(); ++taken) {
-    // The first of equals, so the nearest.
+    // Of equally supported ones the first is the nearest.
     const SingleVote place = *std::max_element(
         votes_.begin(), votes_.end(), [](const SingleVote& a, const SingleVote& b) { return a.support < b.support; });
     if (place.support == 0) return;
@@ -176,7 +176,7 @@ void PositionSearch::KeepBest(int rotation) {
 }
 
 double PositionSearch::ExpectedVotes() const {
-  const double fits_by_chance = 1.3;  // directions that fit a segment, the right one included
+  const double fits_by_chance = 1.3;  // directions that fit a segment by chance, including the right one
   const double voters = static_cast<double>(std::min(lines_.size(), kMaxVoters));
   return 1.0 + fits_by_chance * voters * model_.mean_view_size() / static_cast<double>(model_.directions().size());
 }
@@ -241,7 +241,7 @@ void PositionSearch::Score(int max_scored, BestCandidates& best) {
   std::stable_sort(positions_.begin(), positions_.end(),
                    [](const Position& a, const Position& b) { return a.support > b.support; });
   if (positions_.size() > static_cast<size_t>(max_scored)) positions_.resize(max_scored);
-  // Rotation by rotation within what has the same support, so that few are prepared twice.
+  // Ties in support are processed rotation by rotation, so that a rotation is seldom prepared twice.
   int prepared = -1;
   for (const Position& position : positions_) {
     if (position.rotation != prepared) Prepare(rotations_[position.rotation]);

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// Positions of the object for a known rotation: which of the parallel lines is which (core/initialization/README.md).
+// Positions of the object for a known rotation: associates segments with one of several parallel lines
+// (core/initialization/README.md).
 #pragma once
 
 #include <Eigen/Core>
@@ -18,18 +19,18 @@ namespace evpose {
 
 struct PoseCandidate {
   RigidTransform camera_from_object;
-  double cost = 0.0;  // rough: with widened uncertainties and the lines of a whole cell of views
+  double cost = 0.0;  // approximate: with inflated standard deviations and the lines of a whole cell of views
 };
 
-// The cheapest candidates found so far, in no order, a bounded number; one for each pose up to a few degrees.
+// The cheapest candidates so far: unordered, bounded in number, one for each pose up to a few degrees.
 class BestCandidates {
  public:
-  // A candidate that costs `margin` more than the best is dropped.
+  // A candidate that costs more than the best one by more than `margin` is dropped.
   BestCandidates(size_t capacity, double margin) : capacity_(capacity), margin_(margin) {
     candidates_.reserve(capacity);
   }
   void Add(const PoseCandidate& candidate);
-  double cap() const { return cap_; }  // what a candidate must stay below to be kept
+  double cap() const { return cap_; }  // only a candidate below this cost is kept
   const std::vector<PoseCandidate>& candidates() const { return candidates_; }
 
  private:
@@ -39,34 +40,34 @@ class BestCandidates {
   std::vector<PoseCandidate> candidates_;
 };
 
-// Two stages, because scoring is dear: segments vote for positions, rotation by rotation; then the best supported of
-// all positions are scored.
+// Works in two stages, because scoring is expensive: segments vote for positions, rotation by rotation; then the best
+// supported positions of all rotations are scored.
 class PositionSearch {
  public:
-  // All must outlive it.
+  // All arguments must outlive the object.
   PositionSearch(const SearchModel& model, const CameraModel& camera, absl::Span<const SearchSegment> lines,
                  const PoseSearchOptions& options);
 
-  // Lays each of the long segments on each line that has a fitting direction and may be seen: a segment that shows the
-  // whole line gives the position. Positions that several segments agree on are kept.
+  // Places each of the long segments on each line whose direction fits and which may be visible. A segment that shows
+  // its whole line determines the position. Positions with the support of several segments are kept.
   void Vote(const Eigen::Matrix3d& rotation);
-  // About how many votes a rotation takes, and how many have been cast.
+  // Expected number of votes of a rotation, and the number of votes so far.
   double ExpectedVotes() const;
   int num_votes() const { return num_votes_; }
-  // Scores the `max_scored` best supported positions since the last call.
+  // Scores the `max_scored` best supported positions since the previous call.
   void Score(int max_scored, BestCandidates& best);
 
  private:
-  struct Part {            // of a line that may be seen, turned into the camera's attitude
-    Eigen::Vector3d a, b;  // ends
+  struct Part {            // part of a line that may be visible, rotated into the camera frame
+    Eigen::Vector3d a, b;  // end points
     Eigen::Vector3d middle;
     double length_m = 0.0;
     double certain_ratio = 0.0;
   };
-  struct SingleVote {  // small: they are sorted
+  struct SingleVote {  // compact, because votes are sorted
     float x = 0.0f, y = 0.0f, z = 0.0f;
     uint16_t voter = 0;       // bit of the segment
-    uint16_t supporters = 0;  // bits of the segments that agree, and how many
+    uint16_t supporters = 0;  // bits of the segments that agree
     int support = 0;
 
     void AddSupporter(uint16_t bit) {
@@ -77,7 +78,7 @@ class PositionSearch {
   struct Position {
     Eigen::Vector3d position;
     int rotation = 0;  // index into rotations_
-    int support = 0;   // segments that agree
+    int support = 0;   // number of segments that agree
   };
 
   void Prepare(const Eigen::Matrix3d& rotation);
@@ -91,16 +92,16 @@ class PositionSearch {
   const CameraModel& camera_;
   const absl::Span<const SearchSegment> lines_;
   const PoseSearchOptions& options_;
-  Eigen::Vector3d bearing_ = Eigen::Vector3d::UnitZ();  // to the middle of the segments
+  Eigen::Vector3d bearing_ = Eigen::Vector3d::UnitZ();  // to the centre of the segments
   int num_votes_ = 0;
   std::vector<Eigen::Matrix3d> rotations_;
   std::vector<Position> positions_;
 
-  // For the rotation at hand.
-  std::vector<Part> parts_;      // by direction
-  std::vector<int> first_part_;  // of each direction, and one more
+  // State for the current rotation.
+  std::vector<Part> parts_;      // grouped by direction
+  std::vector<int> first_part_;  // start of each direction in parts_, and the end
   std::vector<int> next_part_;
-  std::vector<Eigen::Vector3d> turned_;    // directions
+  std::vector<Eigen::Vector3d> turned_;    // rotated directions
   std::vector<std::vector<int>> fitting_;  // for each segment the directions that fit
   std::vector<SingleVote> votes_;
   std::vector<Eigen::Vector2d> a_px_, b_px_;

@@ -10,10 +10,10 @@
 namespace evpose {
 namespace {
 
-// Sine of the angle between two unit vectors, signs ignored; for small angles the angle itself.
+// Sine of the angle between two unit vectors up to sign; for small angles it equals the angle.
 double SineBetween(const Eigen::Vector3d& a, const Eigen::Vector3d& b) { return a.cross(b).norm(); }
 
-// Sine of the angle from a vector to the nearest direction of the set.
+// Sine of the angle between a vector and the nearest direction of the set, up to sign.
 double SineToSet(absl::Span<const Eigen::Vector3d> directions, const Eigen::Vector3d& v) {
   double nearest = 1.0;
   for (const Eigen::Vector3d& direction : directions) nearest = std::min(nearest, SineBetween(direction, v));
@@ -26,7 +26,7 @@ double Deviation(absl::Span<const Eigen::Vector3d> directions, const Eigen::Matr
   return worst;
 }
 
-// Right-handed, a first, b in the plane of the first two columns.
+// Right-handed frame: first axis a, second axis in the plane of a and b.
 Eigen::Matrix3d Frame(const Eigen::Vector3d& a, const Eigen::Vector3d& b) {
   Eigen::Matrix3d frame;
   frame.col(0) = a;
@@ -37,11 +37,11 @@ Eigen::Matrix3d Frame(const Eigen::Vector3d& a, const Eigen::Vector3d& b) {
 
 bool Holds(const std::vector<Eigen::Matrix3d>& rotations, const Eigen::Matrix3d& rotation, double tolerance_rad) {
   return std::any_of(rotations.begin(), rotations.end(), [&](const Eigen::Matrix3d& other) {
-    return (other - rotation).norm() < 4.0 * tolerance_rad;  // the norm is about sqrt(2) times the angle
+    return (other - rotation).norm() < 4.0 * tolerance_rad;  // the Frobenius norm is about sqrt(2) times the angle
   });
 }
 
-// The product of any two is one of them. Sets that fall on themselves by the tolerance alone may miss one.
+// Closes the set under products. A set that maps onto itself only within the tolerance may lack an element.
 bool IsClosed(const std::vector<Eigen::Matrix3d>& rotations, double tolerance_rad) {
   for (const Eigen::Matrix3d& a : rotations) {
     for (const Eigen::Matrix3d& b : rotations) {
@@ -67,7 +67,7 @@ std::vector<Eigen::Vector3d> UniqueDirections(const ObjectModel& model, double t
 std::vector<Eigen::Matrix3d> DirectionSymmetries(absl::Span<const Eigen::Vector3d> directions, double tolerance_rad) {
   std::vector<Eigen::Matrix3d> symmetries = {Eigen::Matrix3d::Identity()};
   if (directions.size() < 2) return symmetries;
-  // A rotation is known by where it takes the first two directions; the angle between them stays.
+  // A rotation is determined by the images of the first two directions; their angle is preserved.
   const Eigen::Matrix3d from = Frame(directions[0], directions[1]);
   const double cosine = directions[0].dot(directions[1]);
   for (const Eigen::Vector3d& a : directions) {

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// How many image lines a rotation explains: the objective of the published initialisation, and what it is blind to.
+// The number of image lines that a rotation explains (the objective of the published initialisation), and the
+// symmetries under which it is invariant.
 #pragma once
 
 #include <Eigen/Core>
@@ -11,25 +12,25 @@
 
 namespace evpose {
 
-// Unit directions of the model's lines, each once: v and -v are the same, and so are directions closer than
-// `tolerance_rad` (the first stands for all). In the order of the lines. A cube has three.
+// The unit directions of the model's lines without duplicates: v and -v are equal, and so are directions closer than
+// `tolerance_rad`, of which the first represents all. In the order of the lines. A cube has three.
 std::vector<Eigen::Vector3d> UniqueDirections(const ObjectModel& model, double tolerance_rad = 1e-3);
 
-// The group of proper rotations Q under which a set of unit directions, taken without their signs, falls on itself;
-// the identity first. Three directions at right angles have 24, two 8. The direction that Q maps v to is within
+// The group of proper rotations Q that map a set of unit directions, up to sign, onto itself; the identity comes first.
+// Three orthogonal directions have 24, two orthogonal directions have 8. Q maps each direction to within
 // `tolerance_rad` of a direction of the set.
 std::vector<Eigen::Matrix3d> DirectionSymmetries(absl::Span<const Eigen::Vector3d> directions,
                                                  double tolerance_rad = 1e-4);
 
-// Those of them under which each direction falls on itself or its opposite. A box has four: even with known
-// correspondences its directions leave the choice between four rotations.
+// The subgroup of Q that maps each direction to itself or to its opposite. A box has four elements: even with known
+// correspondences its directions are consistent with four rotations.
 std::vector<Eigen::Matrix3d> SignSymmetries(absl::Span<const Eigen::Vector3d> directions, double tolerance_rad = 1e-4);
 
-// Radians by which the group's worst element misses the set that it should map onto itself.
+// The largest error of the group's elements, in radians, in mapping the set onto itself.
 double SymmetryDeviation(absl::Span<const Eigen::Vector3d> directions, absl::Span<const Eigen::Matrix3d> symmetries);
 
 // E(R) = sum_j max_k [ |angle(n_j, R v_k) - pi/2| <= inlier_rad ] (LOPET, eq. (eq1-2)): the number of normals that are
-// perpendicular to a rotated direction. All vectors of unit length.
+// perpendicular to a rotated direction. All vectors have unit length.
 int CountPerpendicular(absl::Span<const Eigen::Vector3d> normals, absl::Span<const Eigen::Vector3d> directions,
                        const Eigen::Matrix3d& rotation, double inlier_rad);
 

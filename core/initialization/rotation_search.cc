@@ -16,26 +16,27 @@ using Eigen::Matrix3d;
 using Eigen::Vector3d;
 
 constexpr int kHalfCircleSteps = 120;
-// A rotation of the sweep is this far from the best one beside it, rad: half a step, and what the two lines of the pair
-// are off by themselves. Added to what each line is uncertain by.
+// Angular error of a rotation of the sweep against the best one beside it, rad: half a step plus the error of the two
+// lines of the pair. Added to the standard deviation of each line.
 constexpr double kSweepRad = 0.01;
-// The same after refinement. Without it a line seen end on, which tells a rotation to a thousandth, would have no say
-// before all others agree.
+// The same after refinement. Without it, a line parallel to the line of sight, which determines a rotation to a
+// thousandth of a radian, would have no influence until all other lines agree.
 constexpr double kRefinedRad = 0.005;
-// Rotations closer than this are one; a pose is refined from farther away than that.
+// Rotations closer than this are duplicates; the pose refinement converges from a greater distance.
 constexpr double kSameRotationRad = 0.03;
-// Beside the minima of a sweep, every second of its rotations is kept that costs at most so much more than the best
-// one so far, in units of a line's largest cost: where perspective is weak, two directions leave one motion free.
+// Besides the minima of a sweep, every second of its rotations is kept whose cost exceeds the best one by at most this,
+// in units of a line's largest cost: under weak perspective, two directions leave one degree of freedom.
 constexpr int kValleyStride = 2;
 constexpr double kValleyOfLineCost = 1.0;
-constexpr double kFlatValleyOfLineCost = 2.0;  // of a flat object with two directions in all: always free
-// How far one step of the refinement may reasonably go.
+// for a flat object with two directions in all, which always leaves one degree of freedom
+constexpr double kFlatValleyOfLineCost = 2.0;
+// Largest total rotation of the refinement.
 constexpr double kPriorRad = 0.02;
 constexpr int kRefineIterations = 3;
-// Minima of the sweeps that are refined, for each candidate asked for.
+// Number of minima of the sweeps that are refined, for each requested candidate.
 constexpr size_t kRefinedPerCandidate = 3;
 
-// The lines' normals side by side, for many rotations.
+// The normals of the lines as a structure of arrays, to score many rotations.
 class Scorer {
  public:
   static constexpr int kMaxLines = 64;
@@ -58,8 +59,9 @@ class Scorer {
     sight_ = sight.normalized().cast<float>();
   }
 
-  // `directions` in the camera frame. A direction along the line of sight is told by where a line is, not by how it is
-  // turned, and that is known well: the uncertainty of its turn counts by the part of the direction across the sight.
+  // `directions` are in the camera frame. A direction along the line of sight is determined by a line's position
+  // instead of its orientation, and the position is accurate: the angular uncertainty of the line counts only by the
+  // component of the direction across the line of sight.
   float Cost(const std::vector<Eigen::Vector3f>& directions) {
     auto best = best_.head(count_);
     best.setConstant(cap_);
@@ -77,7 +79,7 @@ class Scorer {
   const int count_;
   const float cap_;
   const float sweep_variance_ = static_cast<float>(kSweepRad * kSweepRad);
-  Eigen::Vector3f sight_;  // to the middle of the lines
+  Eigen::Vector3f sight_;  // to the centre of the lines
   Row x_, y_, z_, turn_variance_, best_;
 };
 
@@ -110,14 +112,14 @@ class RotationSearch {
     int i, j, pair;
   };
 
-  // Long lines and telling pairs of directions first. A pair of directions is tried on each pair of lines both ways
-  // round, unless that is the same by symmetry (then it is not among the pairs twice).
+  // Long lines and informative pairs of directions come first. A pair of directions is tried on each pair of lines in
+  // both orders, unless a symmetry makes the orders equal (then the pair is listed once).
   std::vector<Work> Order() const {
     const int count = static_cast<int>(lines_.size());
     const int num_pairs = static_cast<int>(model_.pairs().size());
     std::vector<Work> order;
     const int max_work = options_.max_rotations / kHalfCircleSteps + 1;
-    // By the sum of the ranks: lines' and, in steps of as many, directions'.
+    // Ordered by the sum of the rank of the lines and the rank of the directions, scaled to the same range.
     for (int rank = 1; rank < 2 * count + num_pairs && static_cast<int>(order.size()) < max_work; ++rank) {
       for (int i = 0; i < count; ++i) {
         for (int j = i + 1; j < count && i + j <= rank; ++j) {
@@ -135,7 +137,7 @@ class RotationSearch {
     const double sine = std::sqrt(std::max(0.0, 1.0 - pair.cosine * pair.cosine));
     for (const double sign : {1.0, -1.0}) {
       if (sign < 0.0 && pair.one_solution) break;
-      // The cost two steps ago and one step ago; a minimum is known one step late.
+      // The costs one and two steps ago; a minimum is detected one step late.
       float before = 1e9f, last = 1e9f;
       Matrix3d last_rotation = Matrix3d::Identity();
       for (int step = 0; step < steps; ++step) {
@@ -146,7 +148,7 @@ class RotationSearch {
         float cost = 1e9f;
         Matrix3d rotation = Matrix3d::Identity();
         if (s2 > pair.cosine * pair.cosine && s2 > 1e-6) {
-          // R v_b = x (d in n2's plane) + y (at right angles to it there), so that its angle with d is right.
+          // R v_b = x (d in n2's plane) + y (orthogonal to it), such that its angle with d is right.
           const double x = pair.cosine / s2, y = sign * std::sqrt(1.0 / s2 - x * pair.cosine / s2);
           const Vector3d f = x * (d - d.dot(n2) * n2) + y * p;
           rotation = Rotation(d, (f - pair.cosine * d) / sine, pair);
@@ -189,9 +191,9 @@ class RotationSearch {
 
   static bool Cheaper(const RotationCandidate& a, const RotationCandidate& b) { return a.cost < b.cost; }
 
-  // Gauss-Newton on the truncated cost, with each line's own uncertainty about the direction it is given. A prior keeps
-  // it near where the sweep found it: lines of a flat object leave its tilt almost free, and then all of the valley is
-  // to be looked at, not the place that noise made its lowest.
+  // Gauss-Newton on the truncated cost, with the uncertainty of each line about its assigned direction. A prior keeps
+  // the result close to the rotation of the sweep: the lines of a flat object leave its tilt almost undetermined, and
+  // then all rotations of the flat valley must be examined instead of the minimum that noise selects.
   RotationCandidate Refine(RotationCandidate candidate) const {
     for (int iteration = 0;; ++iteration) {
       Matrix3d h = Matrix3d::Identity() / (kPriorRad * kPriorRad);
@@ -221,8 +223,8 @@ class RotationSearch {
     }
   }
 
-  // Of the quaternions that the directions' symmetries make equal, the one nearest to the identity. Rotations that are
-  // nearly equal may differ in it at a border, then they are tried twice.
+  // Returns the quaternion nearest to the identity among those that the symmetries of the directions make equivalent.
+  // Nearly equal rotations at a border may get different ones; then both are tried.
   Eigen::Vector4d Canonical(const Matrix3d& rotation) const {
     const Eigen::Quaterniond q(rotation);
     Eigen::Vector4d best = q.coeffs();
@@ -233,10 +235,11 @@ class RotationSearch {
     return best.w() < 0.0 ? Eigen::Vector4d(-best) : best;
   }
 
-  // The cheapest of each neighbourhood.
+  // Keeps the cheapest candidate of each neighbourhood.
   std::vector<RotationCandidate> Thin(std::vector<RotationCandidate> candidates, size_t max_count) const {
     std::stable_sort(candidates.begin(), candidates.end(), Cheaper);
-    const double least_dot = 1.0 - kSameRotationRad * kSameRotationRad / 8.0;  // of half the angle
+    // dot product of quaternions is the cosine of half the angle
+    const double least_dot = 1.0 - kSameRotationRad * kSameRotationRad / 8.0;
     std::vector<Eigen::Vector4d> taken;
     std::vector<RotationCandidate> thinned;
     for (const RotationCandidate& candidate : candidates) {
@@ -264,7 +267,7 @@ class RotationSearch {
   float best_ = 1e9f;
   const float valley_ = static_cast<float>(
       options_.max_line_cost * (model_.directions().size() == 2 ? kFlatValleyOfLineCost : kValleyOfLineCost));
-  std::vector<Eigen::Quaterniond> symmetries_;  // of the directions
+  std::vector<Eigen::Quaterniond> symmetries_;  // symmetries of the directions
   std::vector<Eigen::Vector3f> directions_, turned_;
   std::vector<RotationCandidate> kept_;
 };

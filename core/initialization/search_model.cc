@@ -19,16 +19,17 @@ namespace {
 using Eigen::Matrix3d;
 using Eigen::Vector3d;
 
-// Lines searched for, the longest first: enough to know a pose by, and more would only be slower.
+// Number of lines that are searched for, the longest first: enough to determine a pose; more would only cost time.
 constexpr size_t kMaxLines = 256;
-// Directions within this of each other are one to the search, below what a segment of 100 px can tell.
+// Directions closer than this are equal for the search; a segment of 100 px cannot resolve less.
 constexpr double kSameDirectionRad = 0.01;
 constexpr size_t kMaxDirections = 64;
 constexpr double kSameLabellingRad = 0.02;
-// Views are seen from this far, in radii: perspective changes what shows beyond a few degrees only when much nearer.
+// Distance from which the views are rendered, in radii: perspective changes the visible lines by more than a few
+// degrees only at much smaller distances.
 constexpr double kViewDistanceOfRadius = 6.0;
 constexpr int kMaxCellsPerSide = 8;  // cells of 11 degrees
-// Lines times views that are looked at when a model is prepared; a fraction of a second.
+// Limit of the product of lines and views when a model is prepared; takes a fraction of a second.
 constexpr int kMaxViewLines = 100'000;
 constexpr int kSamplesPerLine = 6;
 constexpr double kMinPartPx = 4.0;
@@ -40,8 +41,8 @@ VisibilityOptions SearchVisibility(double min_length_px) {
   return options;
 }
 
-// A camera that holds the object whole at the views' distance. Its pixels only count for what is too short to see:
-// about 1/100 of the radius.
+// A camera that sees the whole object from the distance of the views. Its resolution only determines the shortest part
+// that counts as visible: about 1/100 of the radius.
 CameraModel ViewCamera() { return {2400, 2400, 2400.0, 2400.0, 1200.0, 1200.0, {}}; }
 
 bool TurnsRound(const Matrix3d& rotation, const Vector3d& v) { return v.dot(rotation * v) < -1.0 + kSameDirectionRad; }
@@ -109,7 +110,7 @@ void SearchModel::FindLabellings(const ObjectModel& model) {
 
 void SearchModel::FindPairs() {
   const int count = static_cast<int>(directions_.size());
-  // Whether a pair of directions is new: no symmetry maps one found before onto it.
+  // Returns whether a pair of directions is new: no symmetry maps an earlier pair onto it.
   const auto is_new = [&](int a, int b) {
     return std::none_of(pairs_.begin(), pairs_.end(), [&](const DirectionPair& pair) {
       return std::any_of(direction_symmetries_.begin(), direction_symmetries_.end(), [&](const Matrix3d& q) {

@@ -7,7 +7,7 @@
 namespace evpose {
 namespace {
 
-// A segment shorter than this many standard deviations of its ends has no direction.
+// A segment shorter than this number of standard deviations of its ends has no reliable direction.
 constexpr double kMinLengthSigmas = 4.0;
 
 SearchSegment MakeSearchSegment(const CameraModel& camera, const ImageSegment& segment, int index, double sigma_px) {

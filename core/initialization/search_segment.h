@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// A detected segment as the pose search uses it.
+// A detected segment in the form that the pose search uses.
 #pragma once
 
 #include <Eigen/Core>
@@ -13,16 +13,17 @@
 namespace evpose {
 
 struct SearchSegment {
-  int index = 0;  // of the segment in the caller's list
-  // In the image, undistorted pixels: middle, unit vectors along and across, half the length.
+  int index = 0;  // index in the caller's list
+  // In the image, undistorted pixels: the middle, the unit vectors along and across, and half the length.
   Eigen::Vector2d middle_px, along, across;
   double half_px = 0.0;
-  // In the camera frame: bearings of the end points (z = 1); the back-projected plane's unit normal q1 x q2 / |q1 x
-  // q2|; and in the plane the unit vector to the segment's middle, and the one at right angles to it.
+  // In the camera frame: the bearings q1, q2 of the end points (z = 1); the unit normal q1 x q2 / |q1 x q2| of the
+  // back-projected plane; and, in the plane, the unit vector `sight` to the segment's middle and the orthogonal unit
+  // vector `sideways`.
   Eigen::Vector3d q1, q2, normal, sight, sideways;
-  // How well the plane is known: variances (rad^2) of its turn about `sight` (by the segment's length) and about
-  // `sideways` (the segment's shift). The variance of normal . d for a unit vector d near the plane is
-  // turn (d . sideways)^2 + shift (d . sight)^2.
+  // Uncertainty of the plane: variances (rad^2) of its rotation about `sight` (from the segment's length) and about
+  // `sideways` (from the segment's shift). For a unit vector d close to the plane, the variance of normal . d is turn
+  // (d . sideways)^2 + shift (d . sight)^2.
   double turn_variance = 0.0;
   double shift_variance = 0.0;
 
@@ -32,8 +33,8 @@ struct SearchSegment {
   }
 };
 
-// The `max_lines` longest, the longest first (of equals the first given). Segments without length or with a number
-// that is not finite are left out. `sigma_px`: of each end point, across the segment.
+// Returns the `max_lines` longest segments, the longest first; ties keep their order. Segments of zero length or with a
+// number that is not finite are left out. `sigma_px` is the standard deviation of each end point across the segment.
 std::vector<SearchSegment> MakeSearchSegments(const CameraModel& camera, absl::Span<const ImageSegment> segments,
                                               double sigma_px, int max_lines);
 

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// How an image segment fits a projected model line.
+// The cost of an image segment against a projected model line.
 #pragma once
 
 #include <Eigen/Core>
@@ -12,14 +12,14 @@
 
 namespace evpose {
 
-// One over the variances (1 / px^2) of a segment's ends across and along it, and the bounds of the two costs.
+// Inverse variances (1 / px^2) of a segment's ends across and along it, and the bounds of the two costs.
 struct FitWeights {
   double across = 1.0;
   double along = 1.0;
   double max_across_cost = 16.0;
   double short_cost = 4.0;
 
-  // Standard deviations are `widening` times those of the options.
+  // Standard deviations are those of the options times `widening`.
   static FitWeights Make(const PoseSearchOptions& options, double widening) {
     const auto weight = [widening](double sigma) { return 1.0 / (widening * widening * sigma * sigma); };
     return {weight(options.end_point_sigma_px), weight(options.end_point_along_sigma_px), options.max_across_cost(),
@@ -27,35 +27,35 @@ struct FitWeights {
   }
 };
 
-// An image line and the part of a line that it shows.
+// A match of an image segment and the visible part of a line.
 struct SegmentMatch {
   int segment = 0;         // index into the list of SearchSegments
   int line = 0;            // index into SearchModel::lines
-  Eigen::Vector3d p1, p2;  // the part's ends, object frame; p1 belongs to the segment's first end
+  Eigen::Vector3d p1, p2;  // ends of the part, object frame; p1 corresponds to the segment's first end
 };
 
 struct SegmentFit {
   double cost = 0.0;        // squared standard deviations
-  double overlap_px = 0.0;  // of the segment and the projected line
+  double overlap_px = 0.0;  // overlap of the segment and the projected line
 };
 
-// What an end costs that is `inside_px` before the end of its line (negative: beyond it). Beyond, nothing explains it.
-// Before, either the detector was as accurate as usual, or it lost the line somewhere: the cost is bounded (Geman and
-// McClure's function).
+// Cost of a segment's end that is `inside_px` before the end of its line (negative: beyond it). Beyond the line the
+// cost is quadratic, because no cause explains such an end. Before the end either the detector is as accurate as usual
+// or it lost the line somewhere: the cost is bounded (the function of Geman and McClure).
 inline double EndCost(double inside_px, const FitWeights& weights) {
   const double u2 = inside_px * inside_px * weights.along;
   return inside_px < 0.0 ? u2 : u2 * weights.short_cost / (weights.short_cost + u2);
 }
-// The weight of the squared residual (1 / px^2) whose gradient is that of EndCost.
+// The weight of the squared residual (1 / px^2) whose gradient equals that of EndCost.
 inline double EndWeight(double inside_px, const FitWeights& weights) {
   if (inside_px < 0.0) return weights.along;
   const double share = weights.short_cost / (weights.short_cost + inside_px * inside_px * weights.along);
   return share * share * weights.along;
 }
 
-// Against the part of a line that projects to a--b (pixels): both ends' distance from the line, and where they are
-// along it. Returns false, `fit` undefined, when the cost is `cap` or more, when they do not overlap, or when they are
-// turned by more than 45 degrees.
+// Compares the segment with the part of a line that projects to a--b (pixels): the distances of both ends from the
+// line, and their positions along it. Returns false, and leaves `fit` undefined, if the cost reaches `cap`, if they do
+// not overlap, or if the angle between them exceeds 45 degrees.
 inline bool FitSegment(const SearchSegment& line, const Eigen::Vector2d& a, const Eigen::Vector2d& b,
                        const FitWeights& weights, double cap, SegmentFit& fit) {
   const Eigen::Vector2d to_a = a - line.middle_px, to_b = b - line.middle_px;
@@ -69,14 +69,15 @@ inline bool FitSegment(const SearchSegment& line, const Eigen::Vector2d& a, cons
   if (std::abs(rise) > std::abs(run)) return false;
   const double slope = rise / run;
   const double middle = ya - slope * sa, half_rise = slope * h;
-  // The two ends' distances are middle -+ half_rise.
+  // The distances of the two ends are middle -+ half_rise.
   fit.cost = 2.0 * (middle * middle + half_rise * half_rise) * weights.across;
   if (fit.cost >= weights.max_across_cost) return false;
   fit.cost += EndCost(-h - low, weights) + EndCost(high - h, weights);
   return fit.cost < cap;
 }
 
-// What a visible line costs of which segments cover only so much: short lines are often missed, and ends are uncertain.
+// Cost of a visible line of which segments cover only `covered_px`: short lines are often missed, and ends are
+// uncertain.
 inline double MissingCost(double length_px, double covered_px, const PoseSearchOptions& options) {
   const double slack_px = 2.0 * options.end_point_along_sigma_px;
   const double missing_px = std::max(0.0, length_px - covered_px - slack_px);

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "core/initialization/pose_judge.h"
+#include "core/initialization/pose_fitter.h"
 
 #include <Eigen/Cholesky>
 #include <Eigen/Eigenvalues>
@@ -16,26 +16,27 @@ namespace evpose {
 namespace {
 
 constexpr size_t kMinMatches = 3;
-// Tolerances for matching while the pose improves, in standard deviations' multiples; the first takes in what a pose
-// from one segment is off by.
+// Gates of the successive matchings while the pose converges, in standard deviations. The first gate admits the error
+// of a pose from one segment.
 constexpr std::array<double, 3> kWidenings = {4.0, 2.0, 1.0};
 constexpr int kStepsWhileSettling = 3;
 constexpr int kTurnedOverSteps = 8;
-constexpr int kFinalSteps = 5;  // before the last matching
-// What rounding may make of a cost: a step that raises it by less is taken, and goes on to where the gradient ends.
+constexpr int kFinalSteps = 5;  // steps before the last matching
+// Rounding tolerance of the cost: a step that raises it by less is accepted, and the descent continues until the
+// gradient vanishes.
 constexpr double kCostRounding = 1e-14;
-// No step is left when the damping has grown this far.
+// The refinement ends when the damping has grown to this value.
 constexpr double kMaxDamping = 1e12;
 
 }  // namespace
 
-ImagePart PoseJudge::MakePart(const RigidTransform& pose, int line, double begin, double end) const {
+ImagePart PoseFitter::MakePart(const RigidTransform& pose, int line, double begin, double end) const {
   const SearchLine& l = model_.lines()[line];
   const Eigen::Vector3d a = l.p1 + begin * (l.p2 - l.p1), b = l.p1 + end * (l.p2 - l.p1);
   return {line, a, b, camera_.Project(pose * a), camera_.Project(pose * b)};
 }
 
-std::vector<ImagePart> PoseJudge::LikelyParts(const RigidTransform& pose) const {
+std::vector<ImagePart> PoseFitter::LikelyParts(const RigidTransform& pose) const {
   const Eigen::Vector3d to_camera = -(pose.rotation.transpose() * (pose * model_.centre()));
   std::vector<ImagePart> parts;
   for (const ViewLine& seen : model_.View(to_camera)) {
@@ -46,7 +47,7 @@ std::vector<ImagePart> PoseJudge::LikelyParts(const RigidTransform& pose) const 
   return parts;
 }
 
-std::vector<ImagePart> PoseJudge::VisibleParts(const RigidTransform& pose) const {
+std::vector<ImagePart> PoseFitter::VisibleParts(const RigidTransform& pose) const {
   std::vector<ImagePart> parts;
   for (const VisibleSegment& seen : model_.VisibleParts(camera_, pose)) {
     parts.push_back(MakePart(pose, seen.line, seen.begin, seen.end));
@@ -54,7 +55,7 @@ std::vector<ImagePart> PoseJudge::VisibleParts(const RigidTransform& pose) const
   return parts;
 }
 
-std::vector<SegmentMatch> PoseJudge::Match(absl::Span<const ImagePart> parts, double widening) const {
+std::vector<SegmentMatch> PoseFitter::Match(absl::Span<const ImagePart> parts, double widening) const {
   const FitWeights weights = FitWeights::Make(options_, widening);
   std::vector<SegmentMatch> matches;
   for (size_t j = 0; j < lines_.size(); ++j) {
@@ -73,8 +74,8 @@ std::vector<SegmentMatch> PoseJudge::Match(absl::Span<const ImagePart> parts, do
   return matches;
 }
 
-bool PoseJudge::Accumulate(absl::Span<const SegmentMatch> matches, const FitWeights& weights,
-                           const RigidTransform& pose, Normal& normal) const {
+bool PoseFitter::Accumulate(absl::Span<const SegmentMatch> matches, const FitWeights& weights,
+                            const RigidTransform& pose, Normal& normal) const {
   normal = {};
   for (const SegmentMatch& match : matches) {
     const SearchSegment& seen = lines_[match.segment];
@@ -83,7 +84,7 @@ bool PoseJudge::Accumulate(absl::Span<const SegmentMatch> matches, const FitWeig
     for (const Eigen::Vector3d* q : {&seen.q1, &seen.q2}) {
       normal.Add(projected->jacobian.transpose() * *q, projected->a.dot(*q), weights.across);
     }
-    // Where the ends lie along the segment: positive is the line's end beyond the segment's.
+    // Position of the ends along the segment: positive values are line ends beyond the segment's ends.
     for (const double side : {-1.0, 1.0}) {
       const Eigen::Vector3d turned = pose.rotation * (side < 0.0 ? match.p1 : match.p2);
       const Eigen::Vector3d x = turned + pose.translation_m;
@@ -99,14 +100,14 @@ bool PoseJudge::Accumulate(absl::Span<const SegmentMatch> matches, const FitWeig
   return true;
 }
 
-bool PoseJudge::Refine(absl::Span<const SegmentMatch> matches, double widening, int iterations,
-                       RigidTransform& pose) const {
+bool PoseFitter::Refine(absl::Span<const SegmentMatch> matches, double widening, int iterations,
+                        RigidTransform& pose) const {
   const FitWeights weights = FitWeights::Make(options_, widening);
   Normal normal, next_normal;
   if (!Accumulate(matches, weights, pose, normal)) return false;
   double damping = 1e-4;
   for (int i = 0; i < iterations && damping < kMaxDamping; ++i) {
-    // Translations in units of the object's radius, so that one damping serves both.
+    // Translations are in units of the object's radius, so that one damping constant suits translation and rotation.
     const double unit_m2 = model_.radius_m() * model_.radius_m();
     Matrix6d h = normal.h;
     const double level =
@@ -128,11 +129,11 @@ bool PoseJudge::Refine(absl::Span<const SegmentMatch> matches, double widening, 
   return IsBeforeCamera(pose);
 }
 
-bool PoseJudge::IsBeforeCamera(const RigidTransform& pose) const {
+bool PoseFitter::IsBeforeCamera(const RigidTransform& pose) const {
   return (pose * model_.centre()).z() > 0.5 * model_.radius_m();
 }
 
-bool PoseJudge::Settle(RigidTransform& pose) const {
+bool PoseFitter::MatchAndRefine(RigidTransform& pose) const {
   for (const double widening : kWidenings) {
     const std::vector<SegmentMatch> matches = Match(LikelyParts(pose), widening);
     if (matches.size() < kMinMatches || !Refine(matches, widening, kStepsWhileSettling, pose)) return false;
@@ -140,24 +141,24 @@ bool PoseJudge::Settle(RigidTransform& pose) const {
   return true;
 }
 
-void PoseJudge::Project(const RigidTransform& pose, std::vector<ImagePart>& parts) const {
+void PoseFitter::Project(const RigidTransform& pose, std::vector<ImagePart>& parts) const {
   for (ImagePart& part : parts) {
     part.a_px = camera_.Project(pose * part.a);
     part.b_px = camera_.Project(pose * part.b);
   }
 }
 
-PoseHypothesis PoseJudge::Finish(RigidTransform pose, size_t num_segments) const {
+PoseHypothesis PoseFitter::ScoreVisible(RigidTransform pose, size_t num_segments) const {
   std::vector<ImagePart> parts = VisibleParts(pose);
   RigidTransform refined = pose;
   if (Refine(Match(parts, 1.0), 1.0, kFinalSteps, refined)) {
     pose = refined;
     Project(pose, parts);
   }
-  return Judge(pose, parts, num_segments);
+  return Score(pose, parts, num_segments);
 }
 
-PoseHypothesis PoseJudge::Polish(RigidTransform pose, size_t num_segments) const {
+PoseHypothesis PoseFitter::ScoreMinimum(RigidTransform pose, size_t num_segments) const {
   std::vector<ImagePart> parts = VisibleParts(pose);
   const std::vector<SegmentMatch> matches = Match(parts, 1.0);
   const FitWeights weights = FitWeights::Make(options_, 1.0);
@@ -167,10 +168,10 @@ PoseHypothesis PoseJudge::Polish(RigidTransform pose, size_t num_segments) const
     pose = refined;
     Project(pose, parts);
   }
-  return Judge(pose, parts, num_segments);
+  return Score(pose, parts, num_segments);
 }
 
-bool PoseJudge::TurnOver(RigidTransform& pose) const {
+bool PoseFitter::ReflectDepths(RigidTransform& pose) const {
   const std::vector<SegmentMatch> matches = Match(LikelyParts(pose), 1.0);
   if (matches.size() < kMinMatches) return false;
   Eigen::Vector3d middle = Eigen::Vector3d::Zero();
@@ -191,8 +192,8 @@ bool PoseJudge::TurnOver(RigidTransform& pose) const {
   return Refine(matches, kWidenings.front(), kTurnedOverSteps, pose);
 }
 
-PoseHypothesis PoseJudge::Judge(const RigidTransform& pose, absl::Span<const ImagePart> parts,
-                                size_t num_segments) const {
+PoseHypothesis PoseFitter::Score(const RigidTransform& pose, absl::Span<const ImagePart> parts,
+                                 size_t num_segments) const {
   PoseHypothesis hypothesis;
   hypothesis.camera_from_object = pose;
   hypothesis.model_line.assign(num_segments, -1);
@@ -204,7 +205,7 @@ PoseHypothesis PoseJudge::Judge(const RigidTransform& pose, absl::Span<const Ima
     for (size_t i = 0; i < parts.size(); ++i) {
       SegmentFit fit;
       if (!FitSegment(line, parts[i].a_px, parts[i].b_px, weights, options_.unexplained_cost, fit)) continue;
-      covered_px[i] += fit.overlap_px;  // lines that lie on one another in the image are covered by one segment
+      covered_px[i] += fit.overlap_px;  // one segment covers all lines that coincide in the image
       if (fit.cost >= least) continue;
       least = fit.cost;
       matched = parts[i].line;
