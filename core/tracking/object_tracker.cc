@@ -33,12 +33,17 @@ void ObjectTracker::SetOthers(std::vector<const ObjectTracker*> others) {
   if (!others_.empty()) competitors_ = std::make_unique<Competitors>(context_.camera);
 }
 
+void ObjectTracker::SetPhaseListener(PhaseListener listener) {
+  context_.phase_reporter->listener = std::move(listener);
+}
+
 void ObjectTracker::BeginWindow() {
   is_known_ = IsPublished(phase_);
   if (hypotheses_.empty()) sightings_.clear();
 }
 
 void ObjectTracker::OnGap(const EventGap& gap) {
+  now_us_ = gap.t_end_us;
   // The pose was given for the first event: its time is the beginning of the gap.
   if (given_pose_ && !given_at_us_) given_at_us_ = gap.t_begin_us;
   followed_since_us_ += gap.duration_us();
@@ -80,6 +85,7 @@ TrackState ObjectTracker::state() const {
 }
 
 void ObjectTracker::OnWindow(const EventWindow& window, std::vector<PoseEstimate>& estimates) {
+  now_us_ = window.t_end_us;
   if (given_pose_) StartFromGivenPose(window);
   if (initializer_ != nullptr) {
     if (IsPublished(phase_) && reviews_left_ == 0 && state() == TrackState::kTracking) {
@@ -329,7 +335,7 @@ void ObjectTracker::Remember(const EventWindow& window) {
 void ObjectTracker::VisitState(auto& archive, auto& self) {
   auto& [context, reference_rotation, sphere, memory, initializer, idle_state, report, losses, last_tracked,
          last_published_us, given_pose, given_at_us, next_search_us, retry_us, reviews_left, hypotheses,
-         followed_since_us, phase, others, competitors, sightings, is_known, pixel_events] = self;
+         followed_since_us, phase, now_us, others, competitors, sightings, is_known, pixel_events] = self;
   constexpr int64_t kMax_us = kMaxStateTime_us;
   archive(memory, AtMost(idle_state, TrackState::kLost), report, losses, last_tracked, last_published_us, given_pose,
           given_at_us, InRange(next_search_us, -kMax_us, kMax_us), AtMost(retry_us, kMax_us),
@@ -363,7 +369,11 @@ void ObjectTracker::Lose() {
   given_pose_.reset();
 }
 
-void ObjectTracker::Enter(ObjectInput input) { phase_ = NextPhase(phase_, input); }
+void ObjectTracker::Enter(ObjectInput input) {
+  const ObjectPhase next = NextPhase(phase_, input);
+  context_.phase_reporter->Report(phase_, next, now_us_);
+  phase_ = next;
+}
 
 void ObjectTracker::CountLoss() {
   idle_state_ = TrackState::kLost;

@@ -41,6 +41,9 @@ class ObjectTracker {
   // Restarts from this pose at `at_us`, or at the beginning of the next window without a time.
   void ResetPose(const RigidTransform& camera_from_object, std::optional<int64_t> at_us);
 
+  // Reports the transitions of the object and of its hypotheses from now on.
+  void SetPhaseListener(PhaseListener listener);
+
   // Upper bound of the image speed of any point of the published object; 0 while no pose is published.
   double ImageSpeedPxPerS() const;
 
@@ -119,6 +122,7 @@ class ObjectTracker {
   Hypotheses hypotheses_;
   int64_t followed_since_us_ = 0;
   ObjectPhase phase_ = ObjectPhase::kSearching;
+  int64_t now_us_ = 0;  // end of the latest window or gap, for the reports of transitions only
 
   std::vector<const ObjectTracker*> others_;
   std::unique_ptr<Competitors> competitors_;  // null without others

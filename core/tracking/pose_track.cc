@@ -298,6 +298,7 @@ void PoseTrack::Enter(TrackInput input, int64_t t_us) {
   const TrackPhase next = NextPhase(phase_, input);
   if (next == TrackPhase::kConfirmed) supported_at_us_ = t_us;
   if (next == TrackPhase::kUnsupported && phase_ != TrackPhase::kUnsupported) unsupported_since_us_ = t_us;
+  context_.phase_reporter->Report(phase_, next, t_us);
   phase_ = next;
 }
 

@@ -33,6 +33,7 @@ struct TrackContext {
   std::shared_ptr<const CameraTables> tables;
   TrackerOptions options;
   VisibilityTester visibility;
+  std::shared_ptr<PhaseReporter> phase_reporter = std::make_shared<PhaseReporter>();
 };
 
 class PoseTrack {

@@ -4,7 +4,10 @@
 // tables are in core/tracking/README.md, section 3.
 #pragma once
 
+#include <cstdint>
+#include <functional>
 #include <string_view>
+#include <variant>
 
 #include "core/tracking/pose_estimate.h"
 
@@ -71,5 +74,37 @@ bool IsPublished(ObjectPhase phase);
 bool IsGiven(ObjectPhase phase);
 // Several hypotheses compete and none of them has been the only one.
 bool IsCompeting(ObjectPhase phase);
+
+struct TrackTransition {
+  TrackPhase from = TrackPhase::kTentative;
+  TrackPhase to = TrackPhase::kTentative;
+};
+struct ObjectTransition {
+  ObjectPhase from = ObjectPhase::kSearching;
+  ObjectPhase to = ObjectPhase::kSearching;
+};
+
+// A change of the phase of one object, or of one of its hypotheses, for logs and metrics.
+struct PhaseTransition {
+  uint32_t object_index = 0;
+  int64_t t_us = 0;  // sensor time: the end of the window that caused it
+  std::variant<TrackTransition, ObjectTransition> change;
+};
+
+// Called in the thread that feeds the tracker, in the order of the transitions.
+using PhaseListener = std::function<void(const PhaseTransition&)>;
+
+// Calls a listener with the transitions of one object. Nothing that it does may influence the estimates.
+struct PhaseReporter {
+  uint32_t object_index = 0;
+  PhaseListener listener;  // null: nothing is reported
+
+  void Report(TrackPhase from, TrackPhase to, int64_t t_us) const {
+    if (listener && from != to) listener({object_index, t_us, TrackTransition{from, to}});
+  }
+  void Report(ObjectPhase from, ObjectPhase to, int64_t t_us) const {
+    if (listener && from != to) listener({object_index, t_us, ObjectTransition{from, to}});
+  }
+};
 
 }  // namespace evpose

@@ -39,6 +39,9 @@ class WindowTracker : public Tracker {
     objects_[object_index]->ResetPose(
         camera_from_object, windower_.has_started() ? std::optional<int64_t>(windower_.now_us()) : std::nullopt);
   }
+  void SetPhaseListener(const PhaseListener& listener) override {
+    for (const auto& object : objects_) object->SetPhaseListener(listener);
+  }
   size_t num_objects() const override { return objects_.size(); }
   TrackState state(size_t object_index) const override { return objects_[object_index]->state(); }
   InitializationReport initialization(size_t object_index) const override {
@@ -165,6 +168,7 @@ absl::StatusOr<std::unique_ptr<Tracker>> Tracker::Create(std::vector<ObjectToTra
       EVPOSE_ASSIGN_OR_RETURN(initializer, MakeInitializer(object, camera));
     }
     TrackContext context{object.model, camera, tables, options, VisibilityTester(*object.model, options.visibility)};
+    context.phase_reporter->object_index = static_cast<uint32_t>(trackers.size());
     trackers.push_back(std::make_unique<ObjectTracker>(std::move(context), std::move(initializer), object));
   }
   for (const auto& tracker : trackers) {

@@ -17,6 +17,7 @@
 #include "core/geometry/rigid_transform.h"
 #include "core/models/object_model.h"
 #include "core/tracking/pose_estimate.h"
+#include "core/tracking/track_phase.h"
 #include "core/windows/event_window.h"
 
 namespace evpose {
@@ -69,6 +70,10 @@ class Tracker {
   virtual void Finish(std::vector<PoseEstimate>& estimates) = 0;
   // Restarts the object from this pose at the present time.
   virtual void ResetPose(size_t object_index, const RigidTransform& camera_from_object) = 0;
+
+  // Reports the transitions of all objects and hypotheses (core/tracking/README.md, section 3) from now on; they have
+  // no influence on the estimates. A tracker without phases reports nothing.
+  virtual void SetPhaseListener(const PhaseListener& listener) { (void)listener; }
 
   virtual size_t num_objects() const = 0;
   virtual TrackState state(size_t object_index) const = 0;

@@ -58,6 +58,16 @@ void Session::CountWork(const std::vector<StoredPose>& poses) {
   }
 }
 
+void Session::OnTransition(const PhaseTransition& transition) const {
+  if (const auto* track = std::get_if<TrackTransition>(&transition.change)) {
+    metrics_->track_transitions[track->from][track->to].Add();
+  } else {
+    const auto& object = std::get<ObjectTransition>(transition.change);
+    metrics_->object_transitions[object.from][object.to].Add();
+  }
+  log_->PhaseChanged(config_.objects[transition.object_index].object_id, transition);
+}
+
 void Session::LogWork(bool item_is_done) const {
   for (const ObjectStateChange& change : output_.state_changes) {
     const std::string& object_id = config_.objects[change.object_index].object_id;

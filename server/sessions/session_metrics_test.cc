@@ -98,6 +98,7 @@ TEST_F(SessionMetricsTest, CountsWhatASessionTellsOfItself) {
   EXPECT_EQ(metrics_->pose_latency.Read().total(), health.poses);
   EXPECT_EQ(metrics_->sensor_time_us.value(), static_cast<uint64_t>(health.sensor_time_us));
   EXPECT_EQ(metrics_->track_losses.value(), 1u);
+  EXPECT_EQ((metrics_->object_transitions[ObjectPhase::kPublished][ObjectPhase::kSearching].value()), 1u);
   EXPECT_EQ(metrics_->reinitializations.value(), 1u);
   EXPECT_EQ(metrics_->reattaches.value(), 2u);
   EXPECT_EQ(metrics_->decode_time.Read().total(), 3u) << "one for each chunk of at most 16 KiB";

@@ -53,6 +53,8 @@ class SessionPipeline {
       const SessionConfig& config, const std::vector<std::shared_ptr<const ObjectModel>>& models,
       const TrackerFactory& make_tracker);
 
+  // Reports the phase transitions of the tracker from now on.
+  void SetPhaseListener(const PhaseListener& listener) { tracker_->SetPhaseListener(listener); }
   // What the stages take is counted from now on.
   void Measure(StageClock clock) { clock_ = std::move(clock); }
 

@@ -52,7 +52,8 @@ class FakeTrackerGate {
 };
 
 // One pose per object and millisecond with events: its translation is (number of events, sum of x, sum of y). An event
-// at pixel (0, 0) makes the objects LOST, ResetPose makes one TRACKING; it is INITIALIZING without a first pose.
+// at pixel (0, 0) makes the objects LOST, which is reported as a transition, ResetPose makes one TRACKING; it is
+// INITIALIZING without a first pose.
 class FakeTracker : public Tracker {
  public:
   FakeTracker(std::shared_ptr<FakeTrackerGate> gate, const SessionConfig& config) : gate_(std::move(gate)) {
@@ -67,6 +68,10 @@ class FakeTracker : public Tracker {
       if (event.t_us / 1000 > window_) Close(event.t_us, estimates);
       for (Object& object : objects_) {
         if (event.x == 0 && event.y == 0) {
+          if (object.state != TrackState::kLost && on_transition_) {
+            const auto index = static_cast<uint32_t>(&object - objects_.data());
+            on_transition_({index, event.t_us, ObjectTransition{ObjectPhase::kPublished, ObjectPhase::kSearching}});
+          }
           object.losses += object.state != TrackState::kLost;
           object.state = TrackState::kLost;
         }
@@ -91,6 +96,7 @@ class FakeTracker : public Tracker {
   void ResetPose(size_t object_index, const RigidTransform&) override {
     objects_[object_index].state = TrackState::kTracking;
   }
+  void SetPhaseListener(const PhaseListener& listener) override { on_transition_ = listener; }
   size_t num_objects() const override { return objects_.size(); }
   TrackState state(size_t object_index) const override { return objects_[object_index].state; }
   InitializationReport initialization(size_t object_index) const override {
@@ -114,7 +120,7 @@ class FakeTracker : public Tracker {
   };
 
   static void VisitState(auto& archive, auto& self) {
-    auto& [gate, objects, window, skipped_until_us, num_events, sum] = self;
+    auto& [gate, objects, on_transition, window, skipped_until_us, num_events, sum] = self;
     for (auto& object : objects) archive(object);
     archive(window, skipped_until_us, num_events, sum);
   }
@@ -144,6 +150,7 @@ class FakeTracker : public Tracker {
 
   const std::shared_ptr<FakeTrackerGate> gate_;
   std::vector<Object> objects_;
+  PhaseListener on_transition_;
   int64_t window_ = 0;
   int64_t skipped_until_us_ = 0;
   uint32_t num_events_ = 0;

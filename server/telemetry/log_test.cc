@@ -123,5 +123,23 @@ TEST(SessionLogTest, EachLineNamesSessionTenantAndPeer) {
             "warning session_drained session=sessions/1 tenant=lab peer=peer:3 poses=7 durable=false\n");
 }
 
+TEST(SessionLogTest, PhaseTransitionsAreLoggedAtLevelDebugOnly) {
+  const SessionLog log("sessions/1", "lab");
+  const PhaseTransition object = {0, 1'200, ObjectTransition{ObjectPhase::kVerifying, ObjectPhase::kPublished}};
+  const PhaseTransition track = {0, 1'300, TrackTransition{TrackPhase::kConfirmed, TrackPhase::kCoasting}};
+  captured_log.Take();
+  SetLogLevel(LogLevel::kInfo);
+  log.PhaseChanged("cube", object);
+  EXPECT_EQ(captured_log.Take(), "");
+  SetLogLevel(LogLevel::kDebug);
+  log.PhaseChanged("cube", object);
+  log.PhaseChanged("cube", track);
+  EXPECT_EQ(captured_log.Take(),
+            "debug object_phase session=sessions/1 tenant=lab peer=\"\" object=cube from=VERIFYING to=PUBLISHED "
+            "sensor_time_us=1200\n"
+            "debug track_phase session=sessions/1 tenant=lab peer=\"\" object=cube from=CONFIRMED to=COASTING "
+            "sensor_time_us=1300\n");
+}
+
 }  // namespace
 }  // namespace evpose::server

@@ -12,6 +12,7 @@
 #include <cstdint>
 
 #include "absl/status/status.h"
+#include "core/tracking/track_phase.h"
 #include "server/sessions/types/overload.h"
 #include "server/sessions/types/session_state.h"
 
@@ -98,6 +99,8 @@ struct ServerMetrics {
   Counter poses;
   Counter track_losses;
   Counter reinitializations;  // an object has a pose again that it had lost
+  OneFor<TrackPhase, kNumTrackPhases, OneFor<TrackPhase, kNumTrackPhases>> track_transitions;  // [from][to]
+  OneFor<ObjectPhase, kNumObjectPhases, OneFor<ObjectPhase, kNumObjectPhases>> object_transitions;
   Counter reattaches;
 
   DurationHistogram pose_latency;         // from a chunk's receipt to each of its poses

@@ -6,8 +6,12 @@
 #include <prometheus/text_serializer.h>
 
 #include <limits>
+#include <string>
+#include <string_view>
 #include <utility>
 #include <vector>
+
+#include "absl/strings/ascii.h"
 
 namespace evpose::server {
 namespace {
@@ -141,6 +145,26 @@ void AddEvents(const ServerMetrics& metrics, Families& families) {
   families.Value(metrics.broken_vectors, {{"reason", "broken_vector"}});
 }
 
+// Counters of the transitions that the transition function allows, by the phases before and after.
+template <typename Phase, typename Input, int kNumPhases, int kNumInputs, typename Counters>
+void AddTransitions(const char* name, const char* help, const Counters& counters, std::string_view (*phase_name)(Phase),
+                    Families& families) {
+  families.Begin(name, MetricType::Counter, help);
+  for (int i = 0; i < kNumPhases; ++i) {
+    const auto from = static_cast<Phase>(i);
+    for (int j = 0; j < kNumPhases; ++j) {
+      const auto to = static_cast<Phase>(j);
+      bool is_allowed = false;
+      for (int input = 0; input < kNumInputs && from != to; ++input) {
+        is_allowed = is_allowed || NextPhase(from, static_cast<Input>(input)) == to;
+      }
+      if (!is_allowed) continue;
+      families.Value(counters[from][to], {{"from", absl::AsciiStrToLower(std::string(phase_name(from)))},
+                                          {"to", absl::AsciiStrToLower(std::string(phase_name(to)))}});
+    }
+  }
+}
+
 void AddTracking(const ServerMetrics& metrics, Families& families) {
   families.AddCounter(
       "evpose_poses_total",
@@ -150,6 +174,13 @@ void AddTracking(const ServerMetrics& metrics, Families& families) {
   families.AddCounter("evpose_track_losses_total", "Times that an object was lost.", metrics.track_losses);
   families.AddCounter("evpose_reinitializations_total", "Times that an object has a pose again after it was lost.",
                       metrics.reinitializations);
+  AddTransitions<ObjectPhase, ObjectInput, kNumObjectPhases, kNumObjectInputs>(
+      "evpose_object_transitions_total", "Changes of the phase of objects (core/tracking/README.md, section 3).",
+      metrics.object_transitions, ObjectPhaseName, families);
+  AddTransitions<TrackPhase, TrackInput, kNumTrackPhases, kNumTrackInputs>(
+      "evpose_track_transitions_total",
+      "Changes of the phase of hypotheses, reported or not (core/tracking/README.md, section 3).",
+      metrics.track_transitions, TrackPhaseName, families);
   families.AddHistogram("evpose_pose_latency_seconds", "From the receipt of a chunk to each of its poses.",
                         metrics.pose_latency);
   families.AddHistogram("evpose_decode_duration_seconds", "Decoding of a slice of at most 16 KiB of a chunk.",

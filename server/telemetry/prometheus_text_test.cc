@@ -7,6 +7,7 @@
 #include <chrono>
 #include <string>
 
+#include "absl/strings/ascii.h"
 #include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
 #include "server/telemetry/prometheus_testing.h"
@@ -42,6 +43,20 @@ TEST(PrometheusTextTest, AFreshServerHasEverySeriesAtZero) {
   EXPECT_EQ(parsed.At("evpose_build_info{version=\"1.2.3\",commit=\"abc1234\"}"), 1.0);
 }
 
+template <typename Phase, typename Input>
+bool IsTransition(int from, int to, int num_inputs) {
+  for (int input = 0; input < num_inputs; ++input) {
+    const Phase next = NextPhase(static_cast<Phase>(from), static_cast<Input>(input));
+    if (from != to && next == static_cast<Phase>(to)) return true;
+  }
+  return false;
+}
+
+std::string TransitionSeries(const char* kind, std::string_view from, std::string_view to) {
+  return absl::StrCat("evpose_", kind, "_transitions_total{from=\"", absl::AsciiStrToLower(std::string(from)),
+                      "\",to=\"", absl::AsciiStrToLower(std::string(to)), "\"}");
+}
+
 TEST(PrometheusTextTest, EveryCounterStandsInItsOwnSeries) {
   ServerMetrics metrics;
   uint64_t next = 0;
@@ -62,6 +77,22 @@ TEST(PrometheusTextTest, EveryCounterStandsInItsOwnSeries) {
   count(metrics.poses, "evpose_poses_total");
   count(metrics.track_losses, "evpose_track_losses_total");
   count(metrics.reinitializations, "evpose_reinitializations_total");
+  for (int from = 0; from < kNumObjectPhases; ++from) {
+    for (int to = 0; to < kNumObjectPhases; ++to) {
+      if (!IsTransition<ObjectPhase, ObjectInput>(from, to, kNumObjectInputs)) continue;
+      const auto before = static_cast<ObjectPhase>(from), after = static_cast<ObjectPhase>(to);
+      count(metrics.object_transitions[before][after],
+            TransitionSeries("object", ObjectPhaseName(before), ObjectPhaseName(after)));
+    }
+  }
+  for (int from = 0; from < kNumTrackPhases; ++from) {
+    for (int to = 0; to < kNumTrackPhases; ++to) {
+      if (!IsTransition<TrackPhase, TrackInput>(from, to, kNumTrackInputs)) continue;
+      const auto before = static_cast<TrackPhase>(from), after = static_cast<TrackPhase>(to);
+      count(metrics.track_transitions[before][after],
+            TransitionSeries("track", TrackPhaseName(before), TrackPhaseName(after)));
+    }
+  }
   count(metrics.reattaches, "evpose_reattaches_total");
   count(metrics.processing_ns, "evpose_processing_seconds_total", 1'000'000'000);
   count(metrics.sensor_time_us, "evpose_sensor_seconds_total", 1'000'000);

@@ -72,6 +72,20 @@ void SessionLog::ObjectLost(const std::string& object_id, int64_t t_us) const {
   Write(LogLevel::kInfo, "object_lost", peer(), {{"object", object_id}, {"sensor_time_us", t_us}});
 }
 
+void SessionLog::PhaseChanged(const std::string& object_id, const PhaseTransition& transition) const {
+  if (CurrentLogLevel() > LogLevel::kDebug) return;
+  const auto write = [&](const char* event, std::string_view from, std::string_view to) {
+    Write(LogLevel::kDebug, event, peer(),
+          {{"object", object_id}, {"from", from}, {"to", to}, {"sensor_time_us", transition.t_us}});
+  };
+  if (const auto* track = std::get_if<TrackTransition>(&transition.change)) {
+    write("track_phase", TrackPhaseName(track->from), TrackPhaseName(track->to));
+  } else {
+    const auto& object = std::get<ObjectTransition>(transition.change);
+    write("object_phase", ObjectPhaseName(object.from), ObjectPhaseName(object.to));
+  }
+}
+
 void SessionLog::StreamEnded(const std::string& peer, uint64_t number, const absl::Status& status) const {
   std::vector<LogField> more = {{"stream", number}};
   for (LogField& field : Outcome(status)) more.push_back(std::move(field));

@@ -11,6 +11,7 @@
 
 #include "absl/base/thread_annotations.h"
 #include "absl/status/status.h"
+#include "core/tracking/track_phase.h"
 #include "server/sessions/types/session_config.h"
 #include "server/telemetry/log.h"
 
@@ -34,6 +35,8 @@ class SessionLog {
   void NotAttached(const std::string& peer, const absl::Status& status) const;
   void ObjectFound(const std::string& object_id, int64_t t_us, bool is_again) const;
   void ObjectLost(const std::string& object_id, int64_t t_us) const;
+  // At level debug: an object may change its phase with every millisecond of sensor time.
+  void PhaseChanged(const std::string& object_id, const PhaseTransition& transition) const;
   void StreamEnded(const std::string& peer, uint64_t number, const absl::Status& status) const;
   void Ended(uint64_t poses) const;
   void Expired(uint64_t poses) const;
