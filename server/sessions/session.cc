@@ -59,10 +59,7 @@ Session::Session(Parts parts, WorkerPool& pool)
       explained_ratios_(config_.objects.size(), 0.0f),
       model_uses_(std::move(parts.model_uses)),
       resume_token_(std::move(parts.resume_token)) {
-  if (pipeline_ != nullptr) {
-    pipeline_->Measure({metrics_, [this] { return steady_now_(); }});
-    pipeline_->SetPhaseListener([this](const PhaseTransition& transition) { OnTransition(transition); });
-  }
+  ObservePipeline();
   const std::lock_guard lock(mutex_);
   pose_log_.Append(parts.beginning.poses);
   health_.objects.resize(config_.objects.size());

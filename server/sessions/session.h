@@ -256,6 +256,7 @@ class Session : public WatchedSession, public std::enable_shared_from_this<Sessi
   int64_t QueueAge_us() const ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   // What has come since health_ was brought up to date (session_metrics.cc).
   void CountWork(const std::vector<StoredPose>& poses) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
+  void ObservePipeline();
   void OnTransition(const PhaseTransition& transition) const;  // on the strand
   void LogWork(bool item_is_done) const;                       // on the strand
 

@@ -58,6 +58,12 @@ void Session::CountWork(const std::vector<StoredPose>& poses) {
   }
 }
 
+void Session::ObservePipeline() {
+  if (pipeline_ == nullptr) return;
+  pipeline_->Measure({metrics_, [this] { return steady_now_(); }});
+  pipeline_->SetPhaseListener([this](const PhaseTransition& transition) { OnTransition(transition); });
+}
+
 void Session::OnTransition(const PhaseTransition& transition) const {
   if (const auto* track = std::get_if<TrackTransition>(&transition.change)) {
     metrics_->track_transitions[track->from][track->to].Add();
