@@ -16,16 +16,16 @@
 namespace evpose {
 namespace {
 
-constexpr int64_t kSlotUs = 1000;      // the motion is taken to be even for so long
-constexpr int64_t kMaxGapUs = 20'000;  // of the truth
-constexpr double kGatePx = 4.0;        // events within it are looked at
-constexpr double kOwnPx = 3.0;         // events within it are the line's
-constexpr double kEndPx = 8.0;         // events so near to a line's end may be another edge's
-// Slower lines make too few events to tell from noise.
+constexpr int64_t kSlotUs = 1000;      // interval over which the motion is assumed to be uniform
+constexpr int64_t kMaxGapUs = 20'000;  // longest gap of the truth that is interpolated
+constexpr double kGatePx = 4.0;        // half width of the band about a line whose events are examined
+constexpr double kOwnPx = 3.0;         // distance within which an event is assigned to the line
+constexpr double kEndPx = 8.0;         // an event closer than this to a line's end may belong to another edge
+// Slower lines have too few events to be distinguished from noise.
 constexpr double kMinSpeedPxPerS = 20.0;
 constexpr double kMinLengthPx = 30.0;
-// A passage ends when the line has swept so much: all places of an edge between two pixels, and enough events for its
-// rates; sooner when it turns round.
+// A passage ends when the line has swept this distance, which averages over all positions of an edge between two pixels
+// and gives enough events for its rates; it ends earlier when the direction of the motion reverses.
 constexpr double kPassagePx = 1.5;
 constexpr double kPassagePx2 = 300.0;
 constexpr size_t kMinEvents = 100;
@@ -36,8 +36,8 @@ struct Spread {
   double weight = 0.0;
 };
 
-// Mean and spread of the line's part of a mixture with uniform clutter (core/estimation/README.md, section 1), as the
-// tracker's estimate.
+// Mean and spread of the line's component of a mixture with uniform clutter (core/estimation/README.md, section 1), as
+// the tracker estimates them.
 Spread FitMixture(const std::vector<double>& values, const ExpTable& table) {
   constexpr int kIterations = 25;
   constexpr double kMinSigmaPx = 0.2;
@@ -62,12 +62,12 @@ Spread FitMixture(const std::vector<double>& values, const ExpTable& table) {
   return fit;
 }
 
-// What is known of a model line's passage so far.
+// State of the current passage of a model line.
 struct OpenPassage {
   double direction = 0.0;
   double swept_px = 0.0;
   double swept_px2 = 0.0;
-  double speed_px2 = 0.0;  // speed times swept area
+  double speed_px2 = 0.0;  // sum of speed times swept area
   EdgeCounts counts;
   std::vector<double> residuals_px;
 };
@@ -126,11 +126,11 @@ class Collector : public EdgePassageCollector {
   VisibleLines visible_lines_;
   PixelHistory history_;
   TileGrid grid_;
-  std::vector<OpenPassage> open_;  // by model line
+  std::vector<OpenPassage> open_;  // indexed by model line
   int64_t slot_begin_us_;
   std::vector<WindowEvent> slot_;
   std::vector<ImageLine> lines_;
-  std::vector<double> direction_;  // of each image line; 0: of no use in this slot
+  std::vector<double> direction_;  // of each image line; 0 if the line is not used in this interval
   std::vector<EdgePassage> passages_;
   uint64_t num_events_with_truth_ = 0;
 };

@@ -18,15 +18,16 @@
 namespace evpose {
 namespace {
 
-// What the model leaves over at the best, by which passages are weighted: more events than make up for it do not help.
+// Residual error of the model with the best constants, which limits the weight of a passage: additional events do not
+// reduce it.
 constexpr double kModelErrorPx = 0.05;
-// An edge's events come in groups: so many count as one.
+// The events of an edge are correlated in groups: this number of events counts as one.
 constexpr double kEventsPerInformation = 20.0;
-// Residuals of more than this many standard deviations count less: something else moved there.
+// Residuals above this number of standard deviations have reduced weight, because another object may have moved there.
 constexpr double kRobustSigmas = 2.0;
-// The fit's own unit, in which all its constants are of the order of one.
+// Internal units, in which all constants are of the order of one.
 constexpr double kTimeUnitUs = 100.0;
-// Blur, contrast threshold, latency, refractory time; the times show at several speeds only.
+// Blur, contrast threshold, latency, refractory time. The two times are observable only if the speeds differ.
 constexpr int kNumConstants = 4;
 constexpr int kNumAtAnySpeed = 2;
 
@@ -61,7 +62,7 @@ using Constants = std::array<double, kNumConstants>;
 using Covariance = Eigen::Matrix<double, kNumConstants, kNumConstants>;
 using Row = Eigen::Matrix<double, kNumConstants, 1>;
 
-// The minimum of the robust sum of squares.
+// Minimises the robust sum of squares.
 absl::StatusOr<Constants> Minimise(const std::vector<WeightedPassage>& passages, const SensorProfile& initial,
                                    bool with_times) {
   Constants constants = {initial.blur_px, initial.contrast_threshold, initial.latency_us / kTimeUnitUs,
@@ -93,8 +94,8 @@ absl::StatusOr<Constants> Minimise(const std::vector<WeightedPassage>& passages,
   return constants;
 }
 
-// Covariance of the constants by the sandwich of their curvature and the scatter of the groups' gradients, which are
-// what is independent; Liang and Zeger 1986.
+// Covariance of the constants from the curvature and from the scatter of the gradients of the groups, which are
+// independent (sandwich estimator; Liang and Zeger 1986).
 Covariance GroupedCovariance(const std::vector<WeightedPassage>& passages, const Constants& constants, bool with_times,
                              int num_groups) {
   Covariance curvature = Covariance::Zero();
@@ -118,7 +119,7 @@ Covariance GroupedCovariance(const std::vector<WeightedPassage>& passages, const
   Covariance scatter = Covariance::Zero();
   for (const Row& gradient : gradients) scatter += gradient * gradient.transpose();
   const Covariance inverse = curvature.inverse();
-  // Few groups: their gradients sum to zero at the minimum, one degree of freedom for each constant.
+  // With few groups: the gradients sum to zero at the minimum, which costs one degree of freedom per constant.
   const double groups = num_groups;
   return groups / std::max(1.0, groups - kNumConstants) * inverse * scatter * inverse;
 }
@@ -161,7 +162,7 @@ std::vector<WeightedPassage> Gather(absl::Span<const CalibrationRecording> recor
   return gathered;
 }
 
-// The spread of events about their own passage's mean, and its standard error over the groups.
+// Spread of the events about the mean of their passage, and its standard error over the groups.
 void FitPixelNoise(const std::vector<WeightedPassage>& passages, SensorCalibration& calibration) {
   std::vector<double> squares(calibration.num_groups, 0.0), events(calibration.num_groups, 0.0);
   double all_squares = 0.0, all_events = 0.0;

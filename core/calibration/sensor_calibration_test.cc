@@ -14,8 +14,8 @@ namespace {
 
 using ::testing::HasSubstr;
 
-// Passages as a sensor of this profile makes them, each off by what its events' number leaves open and each line, in
-// each direction, by what the model does not know.
+// Passages of a sensor with this profile, each with the error that its number of events implies, and with an error of
+// the model that each line has in each direction.
 struct Passages {
   SensorProfile sensor;
   double slowest_px_per_s = 50.0;
@@ -40,7 +40,7 @@ CalibrationRecording Make(const Passages& wanted, uint64_t seed) {
       passage.speed_px_per_s =
           wanted.slowest_px_per_s * std::pow(wanted.fastest_px_per_s / wanted.slowest_px_per_s, random.Uniform(0, 1));
       const double turns = random.Uniform(0.0, 1.0);
-      // n' = n / (1 - n x), n the counted, x what each event takes away.
+      // n' = n / (1 - n x): n is the counted number, x the dead time per event.
       const double thresholds = std::max(0.3, contrast / wanted.sensor.contrast_threshold - turns);
       const double taken = 1.0 - LiveAreaPx2(wanted.sensor, 1.0, 1.0, passage.speed_px_per_s);
       passage.rates.events_per_px2 = thresholds / (1.0 + thresholds * taken);
@@ -79,7 +79,7 @@ TEST(SensorCalibration, TheConstantsComeBackWithinTheirStandardErrors) {
     EXPECT_NEAR(fit->profile.pixel_noise_px, 0.5, 1e-9);
     EXPECT_TRUE(fit->warnings.empty());
   }
-  // 68 % of a normal's; the errors are neither boasted of nor exaggerated.
+  // 68 % of a normal distribution: the standard errors are neither too small nor too large.
   EXPECT_GT(within, 4 * kSeeds * 45 / 100);
   EXPECT_LT(within, 4 * kSeeds * 90 / 100);
 }

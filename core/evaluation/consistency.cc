@@ -13,7 +13,7 @@ namespace evpose {
 double NormalisedErrorSquared(const RigidTransform& truth, const RigidTransform& estimate, const Matrix6d& covariance) {
   constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
   if (!covariance.allFinite()) return kNan;
-  // Metres and radians differ by orders of magnitude: scaled to correlations first.
+  // Metres and radians differ by orders of magnitude, so the covariance is scaled to a correlation matrix first.
   const Vector6d variance = covariance.diagonal();
   if (!(variance.minCoeff() > 0.0)) return kNan;
   const Vector6d scale = variance.cwiseSqrt().cwiseInverse();

@@ -14,7 +14,7 @@ namespace {
 
 const RigidTransform kTruth = {ExpSo3({0.3, -0.5, 0.2}), {0.1, -0.2, 1.4}};
 
-// As of a tracker: millimetres and milliradians, depth and tilt correlated.
+// A covariance as a tracker's: millimetres and milliradians, with correlated depth and tilt.
 Matrix6d Covariance() {
   Matrix6d factor = Matrix6d::Zero();
   factor.diagonal() << 2e-4, 3e-4, 2e-3, 4e-3, 1e-3, 5e-4;

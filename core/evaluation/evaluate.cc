@@ -40,7 +40,7 @@ std::string TimeSpan(const Trajectory& trajectory) {
   return absl::StrFormat("%.6f to %.6f s", trajectory.front().t_us * 1e-6, trajectory.back().t_us * 1e-6);
 }
 
-// The pose among truth * symmetry that is nearest to the estimate.
+// Returns the pose of truth * symmetry that is nearest to the estimate.
 RigidTransform NearestEquivalent(const RigidTransform& truth, const RigidTransform& estimate,
                                  const std::vector<RigidTransform>& symmetries) {
   RigidTransform best = truth;
@@ -144,7 +144,7 @@ absl::Status CheckTrajectories(const Trajectory& truth, const Trajectory& estima
   return CheckTimesIncrease(estimate, "estimate");
 }
 
-// Mean over the estimates inside the truth's time span.
+// Mean over the estimates within the truth's time span.
 double MeanReprojectionError(const ObjectModel& model, const CameraModel& camera,
                              const std::vector<TrajectoryError>& errors) {
   double sum_px = 0.0;

@@ -17,7 +17,7 @@ StampedPose Pose(int64_t t_us, const Eigen::Vector3d& t, const Eigen::Vector3d& 
   return {t_us, {ExpSo3(rotation), t}};
 }
 
-// At rest 2 m in front of the camera for 100 ms.
+// The object is at rest 2 m in front of the camera for 100 ms.
 Trajectory TruthAtRest() { return {Pose(0, {0, 0, 2}), Pose(100'000, {0, 0, 2})}; }
 
 Evaluation EvaluateOk(const Trajectory& truth, const Trajectory& estimate, const EvaluationOptions& options = {}) {
@@ -70,7 +70,7 @@ TEST(Evaluate, CoverageAndLosses) {
   const Evaluation e = EvaluateOk(TruthAtRest(), estimate, options);
   EXPECT_NEAR(e.coverage_ratio, 0.35, 1e-12);
   EXPECT_EQ(e.losses, 2u);
-  // The end of the truth ends the last one without a loss; a millisecond less of patience makes it one more.
+  // The end of the truth ends the last good period without a loss; a gap limit that is 1 ms shorter adds a loss.
   options.max_gap_us = 9'000;
   EXPECT_EQ(EvaluateOk(TruthAtRest(), estimate, options).losses, 3u);
 }
@@ -93,16 +93,16 @@ TEST(Evaluate, ReprojectionOfEndPoints) {
   camera.fx_px = camera.fy_px = 1000.0;
   ObjectModel model;
   model.lines.push_back({{0, 0, 0}, {0.1, 0, 0}, {}});
-  model.lines.push_back({{0, 0, 0}, {0, 0, -1}, {}});  // its far end is 1 m away
+  model.lines.push_back({{0, 0, 0}, {0, 0, -1}, {}});  // its far end is at a distance of 1 m
   const auto reprojection = [&](const Trajectory& truth, const StampedPose& pose) {
     return Evaluate(truth, {pose}, {}, &model, &camera)->reprojection_mean_px.value();
   };
-  // 10 mm are 5 px at 2 m and 10 px at 1 m.
+  // 10 mm correspond to 5 px at 2 m and to 10 px at 1 m.
   EXPECT_NEAR(reprojection(TruthAtRest(), Pose(0, {0.01, 0, 2})), (5 + 5 + 5 + 10) / 4.0, 1e-9);
-  // Everything behind the camera: the image's diagonal, as for what is too far off to matter.
+  // A point that only the estimate places behind the camera counts with the image's diagonal.
   EXPECT_NEAR(reprojection(TruthAtRest(), Pose(0, {0, 0, -2})), 500.0, 1e-9);
   EXPECT_NEAR(reprojection(TruthAtRest(), Pose(0, {100, 0, 2})), 500.0, 1e-9);
-  // At half a metre the last point is truly behind the camera, and left out.
+  // At half a metre, the last point is truly behind the camera and is ignored.
   const Trajectory near = {Pose(0, {0, 0, 0.5}), Pose(100'000, {0, 0, 0.5})};
   EXPECT_NEAR(reprojection(near, Pose(0, {0.01, 0, 0.5})), 20.0, 1e-9);
 }
@@ -115,7 +115,7 @@ TEST(Evaluate, SymmetriesGivenByTheCaller) {
   const Evaluation e = EvaluateOk(TruthAtRest(), turned, options);
   EXPECT_NEAR(e.rotation_max_rad, 1 * kDegree, 1e-9);
   EXPECT_NEAR(e.position_rmse_m, 0.02, 1e-12);
-  // Half a turn about (0.1, 0, 0): the object's origin lands at (0.2, 0, 0).
+  // Half a turn about (0.1, 0, 0) maps the object's origin to (0.2, 0, 0).
   options.symmetries = {{ExpSo3({0, 0, M_PI}), {0.2, 0, 0}}};
   const Evaluation half = EvaluateOk(TruthAtRest(), {Pose(0, {0.2, 0, 2}, {0, 0, M_PI})}, options);
   EXPECT_NEAR(half.position_rmse_m, 0.0, 1e-12);

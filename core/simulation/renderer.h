@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// The picture that the sensor's pixels integrate: linear light, exact in area, through the lens.
+// Renders the image that the sensor's pixels integrate: linear light with exact area coverage, through the lens.
 #pragma once
 
 #include <cstdint>
@@ -17,21 +17,21 @@ namespace evpose {
 
 class SceneRenderer {
  public:
-  // Keeps a reference to `object`, which must outlive it. `options` and `camera` must be valid. The seed makes the
-  // background's texture.
+  // Keeps a reference to `object`, which must outlive it. `options` and `camera` must be valid. The seed determines the
+  // texture of the background.
   SceneRenderer(const SceneOptions& options, const SceneObject& object, const CameraModel& camera, uint64_t seed);
 
-  // Renders the scene at `t_s` since the beginning. Returns the pixels that may differ from the last call's picture
-  // (all of them in the first call); the others are unchanged.
+  // Renders the scene at `t_s` since the start. Returns the pixels that may differ from the previous picture (all of
+  // them in the first call); the others are unchanged.
   PixelRect Render(const RigidTransform& camera_from_object, double t_s);
 
   // Light per pixel, row by row: 1 is white paint under full light.
   const std::vector<float>& picture() const { return picture_; }
 
-  // The largest motion in the picture between two moments, pixels: of the object's vertices or of the occluder.
+  // The largest motion in the image between two times, pixels: of the object's vertices or of the occluder.
   double LargestMotionPx(const RigidTransform& pose_a, double t_a_s, const RigidTransform& pose_b, double t_b_s) const;
 
-  // The longest step that still follows the light's changes.
+  // The longest step that resolves the changes of the light.
   double LongestStepS() const;
 
  private:
@@ -49,7 +49,7 @@ class SceneRenderer {
                                               const RigidTransform& camera_from_object) const;
   double OccluderX(const RigidTransform& camera_from_object, double t_s) const;
   double EdgeX(double t_s) const;
-  // Repaints what the moving edge has passed over since the last call; returns it.
+  // Repaints the area that the moving edge has swept since the previous call; returns it.
   PixelRect MoveBackgroundEdge(double t_s);
   void Composite(const std::vector<Shape>& shapes);
 
@@ -60,9 +60,9 @@ class SceneRenderer {
   PixelRect image_;
   CoverageRasterizer rasterizer_;
   GaussianBlur blur_;
-  std::vector<float> background_;  // before the lens, under full light
-  std::vector<float> edgeless_;    // the same without the moving edge; empty when there is none
-  std::vector<float> sharp_;       // the picture before the lens
+  std::vector<float> background_;  // without the lens, under full light
+  std::vector<float> edgeless_;    // the same without the moving edge; empty if there is none
+  std::vector<float> sharp_;       // the image without the lens
   std::vector<float> picture_;
   PixelRect last_rect_;
   double last_background_light_ = -1.0;

@@ -12,13 +12,13 @@
 namespace evpose {
 namespace {
 
-// A pixel is advanced when its light has changed by more than this share since it was last: 0.4 % of a threshold.
+// A pixel is advanced when its light has changed by more than this share since the last time: 0.4 % of a threshold.
 constexpr float kLightTolerance = 1e-3f;
-constexpr float kSmallestThresholdShare = 0.3f;  // of the nominal one, whatever the mismatch
+constexpr float kSmallestThresholdShare = 0.3f;  // of the nominal threshold, whatever the mismatch
 constexpr double kShotNoiseFallInLight = 0.75;
 constexpr int kBlock = 16;
 
-// Packed so that order of numbers is order of time, row, polarity, column.
+// Packed so that the order of the numbers is the order of time, row, polarity, column.
 uint64_t Pack(int64_t t_in_step_us, uint32_t x, uint32_t y, bool on, bool is_noise) {
   return (static_cast<uint64_t>(t_in_step_us) << 30) | (static_cast<uint64_t>(y) << 16) |
          (static_cast<uint64_t>(on) << 15) | (static_cast<uint64_t>(x) << 1) | static_cast<uint64_t>(is_noise);
@@ -104,7 +104,7 @@ void EventSensor::FindChanged(const std::vector<float>& picture, const PixelRect
     const size_t end = row + changed.x1;
     size_t i = row + changed.x0;
     for (; i + kBlock <= end; i += kBlock) {
-      // Most blocks have not changed: one test for all of a block's pixels, which the compiler makes a vector's.
+      // Most blocks have not changed: one test for all pixels of a block, which the compiler vectorises.
       int any = 0;
       for (int k = 0; k < kBlock; ++k) any |= static_cast<int>(differs(i + k));
       if (any == 0) continue;
@@ -170,7 +170,7 @@ void EventSensor::AddNoise() {
 double EventSensor::FloodMean(double begin_us, double end_us) const {
   if (options_.flood_hz <= 0.0) return 0.0;
   const double period_us = options_.flood_period_s * 1e6;
-  // Steps are far shorter than the rests between floods: at most one of them is met.
+  // Steps are much shorter than the intervals between floods, so that a step meets at most one flood.
   const double flood_begin_us = (std::floor(begin_us / period_us) + 0.5) * period_us;
   const double overlap_us =
       std::min(end_us, flood_begin_us + options_.flood_s * 1e6) - std::max(begin_us, flood_begin_us);
@@ -184,7 +184,7 @@ void EventSensor::Emit(uint32_t pixel, double t_us, bool on, bool is_noise) {
   pending_.push_back(Pack(in_step_us, pixel % width, pixel / width, on, is_noise));
 }
 
-// A pixel cannot send again while it is held: noise and signal share its refractory time.
+// A refractory pixel emits no event: noise and signal share its refractory time.
 void EventSensor::TakeEvents(std::vector<Event>& events) {
   std::sort(pending_.begin(), pending_.end());
   const auto refractory_us = static_cast<int64_t>(options_.refractory_us);

@@ -1,16 +1,17 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// The pixels of an event camera: light to events.
+// The pixels of an event camera: converts light to events.
 //
-// Each pixel (the usual model, Lichtsteiner et al. 2008; v2e, Hu et al. 2021): the logarithm of its light passes a
-// first-order low pass (the photoreceptor); when that has moved away from a memorised level by the pixel's ON or OFF
-// threshold the pixel sends an event, is held for the refractory time, and memorises the level it has then.
+// Each pixel follows the usual model (Lichtsteiner et al. 2008; v2e, Hu et al. 2021): the logarithm of its light passes
+// a first-order low pass (the photoreceptor). When the result differs from a memorised level by the pixel's ON or OFF
+// threshold, the pixel emits an event, is inactive for the refractory time, and memorises its level at the end of that
+// time.
 //
-// What follows from it, and is not corrected: the logarithm puts ON events ahead of an edge's true place and OFF events
-// behind it by the same distance (bright things look larger, core/estimation/README.md, section 3), 0.13 px for the
-// square pixel alone and 0.23 px with the default lens; the low pass makes both late by about its time constant 1 / (2
-// pi bandwidth), 53 us by default in full light. With infinite bandwidth and equal thresholds the mean of the two is
-// the edge: no bias.
+// Consequences, which are not corrected: the logarithm places ON events ahead of the true position of an edge and OFF
+// events behind it by the same distance (bright areas appear larger, core/estimation/README.md, section 3), 0.13 px for
+// the square pixel alone and 0.23 px with the default lens; the low pass delays both by about its time constant 1 / (2
+// pi bandwidth), 53 us by default in full light. With infinite bandwidth and equal thresholds, the mean of the two
+// positions is unbiased.
 #pragma once
 
 #include <cstdint>
@@ -25,29 +26,29 @@
 namespace evpose {
 
 struct SensorOptions {
-  // Contrast thresholds, natural logarithm of light: 0.28 is a factor of 1.32, an EVK4 at its default biases (25 to
-  // 30 % contrast). Equal by default, so that a bright and a dark edge send the same number of events.
+  // Contrast thresholds, natural logarithm of light. 0.28 is a factor of 1.32, an EVK4 at its default biases (25 to 30
+  // % contrast). They are equal by default, so that a bright and a dark edge emit the same number of events.
   double threshold_on = 0.28;
   double threshold_off = 0.28;
   double threshold_mismatch_ratio = 0.03;  // standard deviation between pixels, as a share: fixed-pattern noise
 
   double dark_light = 0.01;      // added to the light (white is 1): leakage current; keeps the logarithm finite
-  double bandwidth_hz = 3000.0;  // -3 dB of the photoreceptor in light 1; 0: infinite. An EVK4 indoors: some kHz
-  // The bandwidth grows with the light, between this share of bandwidth_hz in the dark and all of it in light 1.
-  // 1: it does not depend on the light.
+  double bandwidth_hz = 3000.0;  // -3 dB of the photoreceptor in light 1; 0: infinite. An EVK4 indoors has a few kHz
+  // The bandwidth increases with the light, from this share of bandwidth_hz in the dark to all of it in light 1. 1: it
+  // does not depend on the light.
   double dark_bandwidth_ratio = 0.5;
-  double refractory_us = 150.0;  // an EVK4's default is of this order
+  double refractory_us = 150.0;  // the order of an EVK4's default
 
-  // Noise of the sensor itself, per pixel. Together about 0.04 Hz x 921600 pixels = 4e4 events/s at the defaults.
-  double leak_hz = 0.01;          // ON events of a pixel at rest: its memory leaks
+  // Noise of the sensor, per pixel: about 0.04 Hz x 921600 pixels = 4e4 events/s in total at the defaults.
+  double leak_hz = 0.01;          // ON events of a pixel in constant light, because its memory leaks
   double shot_noise_hz = 0.03;    // in the dark; half ON, half OFF, at random times; a quarter of it in light 1
-  double hot_pixel_ratio = 1e-5;  // share of pixels that fire by themselves: 9 on an EVK4
+  double hot_pixel_ratio = 1e-5;  // share of pixels that emit events in constant light: 9 on an EVK4
   double hot_pixel_hz = 200.0;    // mean rate of such a pixel; ON events
-  // Raises noise to this share of all events, with further events anywhere at random times, at a rate that follows the
-  // signal's; the noise above counts towards it. 0: only the noise above.
+  // Raises the noise to this share of all events by further events at random pixels and times, at a rate that follows
+  // that of the signal; the noise above is included. 0: only the noise above.
   double noise_ratio = 0.0;
-  // Floods, as of a flash or of interference: for flood_s in every flood_period_s, from the middle of the period on,
-  // events anywhere on the sensor, this many per second. 0: none. An EVK4's interface carries some 1e8 at the most.
+  // Floods, as of a flash or of interference: for flood_s in each flood_period_s, from the middle of the period on,
+  // events at random pixels at this rate per second. 0: none. The interface of an EVK4 transfers about 1e8 events/s.
   double flood_hz = 0.0;
   double flood_s = 0.05;
   double flood_period_s = 1.0;
@@ -57,20 +58,20 @@ struct SensorOptions {
 
 struct SensorCounts {
   uint64_t events = 0;
-  uint64_t noise_events = 0;  // of them, from leak, shot noise, hot pixels, noise_ratio and floods
+  uint64_t noise_events = 0;  // events of leak, shot noise, hot pixels, noise_ratio and floods among them
 };
 
-// Between two pictures each pixel's light is a straight line; its logarithm is followed in pieces of at most 0.15,
-// straight in turn, over which the low pass is solved exactly. Times are found to a thousandth of a microsecond and
-// rounded down to whole ones.
+// Between two pictures, the light of a pixel changes linearly; its logarithm is approximated by pieces of at most 0.15,
+// each linear in turn, for which the low pass is solved exactly. Times are found to a thousandth of a microsecond and
+// rounded down to whole microseconds.
 class EventSensor {
  public:
-  // `options` must be valid. The pixels have looked at `picture` for long; their memories stand anywhere between their
-  // thresholds. Times are in microseconds since then, below 2^31.
+  // `options` must be valid. The pixels are settled on `picture`, and their memories are uniformly distributed between
+  // their thresholds. Times are in microseconds since then, below 2^31.
   EventSensor(const SensorOptions& options, SensorGeometry geometry, const std::vector<float>& picture, uint64_t seed);
 
-  // The light has become `picture` at `t_us`, changing evenly since the last call, at pixels of `changed` only. Appends
-  // the events of that step, in order of time, row, polarity, column.
+  // The light has changed linearly to `picture` since the previous call, at pixels of `changed` only. Appends the
+  // events of that step, in order of time, row, polarity, column.
   void Advance(int64_t t_us, const std::vector<float>& picture, const PixelRect& changed, std::vector<Event>& events);
 
   const SensorCounts& counts() const { return counts_; }
@@ -80,7 +81,7 @@ class EventSensor {
   void AdvancePixel(uint32_t pixel, float light);
   void AdvanceLeak();
   void AddNoise();
-  // Of the flood: events expected in [begin_us, end_us).
+  // Expected number of flood events in [begin_us, end_us).
   double FloodMean(double begin_us, double end_us) const;
   void Emit(uint32_t pixel, double t_us, bool on, bool is_noise);
   void TakeEvents(std::vector<Event>& events);
@@ -90,15 +91,15 @@ class EventSensor {
   PixelResponse response_;
   NoiseSource noise_;
   std::vector<PixelState> pixels_;
-  std::vector<float> light_;  // what each pixel was last advanced with
+  std::vector<float> light_;  // the light up to which each pixel was advanced
   std::vector<int64_t> last_event_us_;
   std::vector<uint32_t> changed_;       // pixels whose light changed in this step
-  std::vector<uint32_t> unsettled_;     // pixels whose low pass still moves, or that are held
+  std::vector<uint32_t> unsettled_;     // pixels whose low pass has not settled, or that are refractory
   std::vector<uint32_t> still_moving_;  // the same after the last step
   std::vector<Crossing> crossings_;
   std::vector<NoiseEvent> noise_events_;
   LeakSchedule leaks_;
-  std::vector<uint64_t> pending_;  // this step's events, packed so that numbers sort as events do
+  std::vector<uint64_t> pending_;  // events of this step, packed so that sorting numbers sorts events
   int64_t t_us_ = 0;
   int64_t step_begin_us_ = 0;
   uint64_t pending_signal_ = 0;

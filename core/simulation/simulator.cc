@@ -17,7 +17,7 @@ constexpr int64_t kMaxDurationUs = 1'800'000'000;
 constexpr int64_t kTruthStepUs = 1000;
 constexpr size_t kBatchEvents = 1 << 16;
 
-// Independent streams from one seed.
+// Independent random streams from one seed.
 constexpr uint64_t kMotionStream = 0x6d6f74696f6eULL;
 constexpr uint64_t kTextureStream = 0x74657874757265ULL;
 constexpr uint64_t kSensorStream = 0x73656e736f72ULL;
@@ -29,7 +29,7 @@ absl::StatusOr<MotionPath> MakePath(const SimulationOptions& options, const Scen
 
 double Seconds(int64_t t_us) { return static_cast<double>(t_us) * 1e-6; }
 
-// The end of the step that begins at t_us: as long as possible while the image moves by no more than allowed.
+// End of the step that begins at t_us: as long as possible while the image moves by no more than the limit.
 struct Step {
   int64_t end_us;
   RigidTransform pose;
@@ -69,7 +69,7 @@ absl::Status SimulationOptions::Validate() const {
     return absl::InvalidArgumentError(
         absl::StrFormat("SimulationOptions.max_step_px is %g; it must lie in [0.01, 1]", max_step_px));
   }
-  constexpr int kMaxSidePx = 2048;  // what EVT3 can address
+  constexpr int kMaxSidePx = 2048;  // the address range of EVT3
   if (camera.width_px > kMaxSidePx || camera.height_px > kMaxSidePx) {
     return absl::InvalidArgumentError(absl::StrFormat("SimulationOptions.camera is %dx%d; EVT3 addresses %dx%d at most",
                                                       camera.width_px, camera.height_px, kMaxSidePx, kMaxSidePx));
