@@ -23,24 +23,25 @@ CommandRunners AddCommands(CLI::App& app, CliContext& context) {
     CLI::App* command = app.add_subcommand(name, description);
     runners.emplace_back(command, add_command(*command, context));
   };
-  add("replay", "Send a recording through a server and collect the poses", AddReplayCommand);
-  add("stream", "Send a camera's events to a server as they come", AddStreamCommand);
-  add("info", "Say what a recording holds", AddInfoCommand);
-  add("simulate", "Make a recording of a simulated event camera, with its truth", AddSimulateCommand);
-  add("evaluate", "Compare trajectories with the truth", AddEvaluateCommand);
-  add("calibrate", "Fit a sensor's profile to recordings with known poses", AddCalibrateCommand);
-  add("render", "Draw a recording's events with the projected model over them", AddRenderCommand);
-  add("watch", "Follow the poses of a session", AddWatchCommand);
-  AddBenchCommands(*app.add_subcommand("bench", "Compare methods, ours and published ones"), context, runners);
+  add("replay", "Send a recording to a server and write the poses that it returns", AddReplayCommand);
+  add("stream", "Send the events of a live camera to a server", AddStreamCommand);
+  add("info", "Print the contents of a recording", AddInfoCommand);
+  add("simulate", "Simulate an event camera: write a recording and its true poses", AddSimulateCommand);
+  add("evaluate", "Compare estimated trajectories with the truth", AddEvaluateCommand);
+  add("calibrate", "Fit the profile of a sensor to recordings with known poses", AddCalibrateCommand);
+  add("render", "Draw the events of a recording and the projected model", AddRenderCommand);
+  add("watch", "Print the poses of a session as they are computed", AddWatchCommand);
+  AddBenchCommands(*app.add_subcommand("bench", "Compare evpose with published methods, and measure its speed"),
+                   context, runners);
   AddSessionsCommands(*app.add_subcommand("sessions", "List, show, delete and drain the sessions of a server"), context,
                       runners);
-  AddServerCommands(*app.add_subcommand("server", "Ask what a server is, and set the level of its log"), context,
-                    runners);
+  AddServerCommands(*app.add_subcommand("server", "Show the version and load of a server, or set the level of its log"),
+                    context, runners);
   AddModelsCommands(*app.add_subcommand("models", "List, upload, show and delete the models of a server"), context,
                     runners);
   // Last: commands begin with the text of the one above them.
   app.footer(
-      "Each of them has an example in its --help.\n\n"
+      "The --help of each command has an example.\n\n"
       "Example:\n"
       "  evpose simulate --object cube --camera vga --duration 0.5 --out cube\n"
       "  evpose replay cube/recording.raw --model cube/model.obj --camera cube/camera.yaml --out cube/poses.tum");

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// Connections to a server: keepalive, TLS, the caller's token. Internal: it includes gRPC's headers.
+// Connections to a server: keepalive, TLS, authentication token. Internal: it includes headers of gRPC.
 #pragma once
 
 #include <grpcpp/channel.h>
@@ -14,9 +14,8 @@
 
 namespace evpose::client {
 
-// Neither waits for a connection nor makes one. Errors: INVALID_ARGUMENT for an address that is no HOST:PORT; those of
-// reading the files of TLS, and of core/base/certificates.h; FAILED_PRECONDITION for a token that would travel in
-// clear.
+// Does not connect. Errors: INVALID_ARGUMENT for an address that is not HOST:PORT; those of reading the TLS files, and
+// of core/base/certificates.h; FAILED_PRECONDITION for a token that would be sent unencrypted.
 absl::StatusOr<std::shared_ptr<grpc::Channel>> MakeChannel(const std::string& address, const ClientOptions& options);
 
 }  // namespace evpose::client

@@ -23,30 +23,30 @@
 
 namespace evpose::client {
 
-// Encryption. Files are PEM.
+// TLS encryption. The files are PEM.
 struct TlsOptions {
   bool is_on = false;
-  std::string ca_file;           // the authorities that a server's certificate may be signed by; empty: the system's
-  std::string certificate_file;  // shown to servers that ask for one, with its chain; empty: none
-  std::string key_file;          // of that certificate
+  std::string ca_file;           // certificate authorities that are trusted; empty: those of the system
+  std::string certificate_file;  // client certificate with its chain, for servers that require one; empty: none
+  std::string key_file;          // private key of that certificate
 };
 
 struct ClientOptions {
-  absl::Duration connect_timeout = absl::Seconds(10);  // a server may just be starting
-  absl::Duration call_timeout = absl::Seconds(60);     // of a single call; loading a large model takes seconds
+  absl::Duration connect_timeout = absl::Seconds(10);  // the server may be starting
+  absl::Duration call_timeout = absl::Seconds(60);     // of one call; loading a large model takes seconds
   TlsOptions tls;
-  // Says to the server who calls; a secret. Empty: none. Never sent in clear to another machine.
+  // Authentication token; a secret. Empty: none. It is never sent unencrypted to another machine.
   std::string token;
-  // The token of now, for streams that break long after Connect(). Asked before every call, by several threads at once;
-  // while it fails, or says what is no token, the last one serves. Empty: `token` for good.
+  // Returns the current token, for streams that reconnect long after Connect(). Called before every call, from several
+  // threads. If it fails or returns an invalid token, the previous token is used. Empty: `token` is always used.
   std::function<absl::StatusOr<std::string>()> renew_token;
-  std::function<bool()> is_cancelled;  // asked while no server answers yet; true: Connect() gives up
+  std::function<bool()> is_cancelled;  // polled while no server responds; true: Connect() ends with CANCELLED
 
-  // INVALID_ARGUMENT naming the field.
+  // Error: INVALID_ARGUMENT naming the field.
   absl::Status Validate() const;
 };
 
-// Characters that a token may have; also of none.
+// Returns whether all characters are valid in a token; true for an empty text.
 bool IsToken(absl::string_view text);
 
 struct UploadOptions {
@@ -54,27 +54,26 @@ struct UploadOptions {
   double metres_per_unit = 1.0;
 };
 
-// Thread-safe. All calls block; statuses have the server's code and a message that begins with the server's address.
+// Thread-safe. All calls block. A status has the server's code and a message that begins with the server's address.
 class Client {
  public:
-  // `addresses` is HOST:PORT, or several with commas between them: servers that share their sessions. Waits for one of
-  // them to answer, the first in their order that does; calls go to the one that answered last. Errors:
-  // INVALID_ARGUMENT for an address that is none; UNAVAILABLE saying what was tried, for how long, and why it failed;
-  // CANCELLED as the options say; UNIMPLEMENTED when what answers there is another service; UNAUTHENTICATED for a token
-  // that it does not know; FAILED_PRECONDITION saying what is wrong with certificates, and for a token without TLS on
-  // the way to another machine.
+  // `addresses` is HOST:PORT, or several of them, separated by commas, of servers that share their sessions. Waits
+  // until one of them responds, and prefers the first in the list; later calls go to the server that responded last.
+  // Errors: INVALID_ARGUMENT for an invalid address; UNAVAILABLE with the addresses, the duration and the cause;
+  // CANCELLED by the options; UNIMPLEMENTED if the server is another service; UNAUTHENTICATED for an unknown token;
+  // FAILED_PRECONDITION for invalid certificates, and for a token without TLS to another machine.
   static absl::StatusOr<std::unique_ptr<Client>> Connect(const std::string& addresses,
                                                          const ClientOptions& options = {});
-  // Over a channel that exists, that of a server in this process above all. `name` leads the messages of errors.
+  // Uses an existing channel, for example that of a server in this process. `name` is the prefix of error messages.
   static std::unique_ptr<Client> OverChannel(std::shared_ptr<grpc::Channel> channel, const std::string& name,
                                              const ClientOptions& options = {});
   ~Client();
 
   absl::StatusOr<ServerInfo> GetServerInfo();
-  // The server leaves, after `timeout` at the latest; absent: after its own. Answers how many sessions have a stream
-  // attached: those that it waits for.
+  // Shuts the server down when its streams have finished, at the latest after `timeout` (absent: the server's own).
+  // Returns the number of sessions with an attached stream, for which the server waits.
   absl::StatusOr<uint32_t> Drain(std::optional<absl::Duration> timeout = std::nullopt);
-  // Of the server's log, until its process ends. Answers the level before.
+  // Sets the level of the server's log until its process ends. Returns the previous level.
   absl::StatusOr<LogLevel> SetLogLevel(LogLevel level);
 
   absl::StatusOr<ModelInfo> UploadModel(absl::Span<const uint8_t> bytes, const UploadOptions& options);
@@ -82,37 +81,37 @@ class Client {
   absl::StatusOr<std::vector<ModelInfo>> ListModels();
   absl::Status DeleteModel(const std::string& name);
 
-  // Each call makes a session of its own; with a `request_id` calls with the same one answer the same session, so that
-  // one whose answer was lost can be repeated.
+  // Each call creates a session. Calls with the same non-empty `request_id` return the same session, so that a call
+  // without a response can be repeated.
   absl::StatusOr<Session> CreateSession(const SessionConfig& config, const std::string& request_id = "");
   absl::StatusOr<Session> GetSession(const std::string& name);
   absl::StatusOr<std::vector<Session>> ListSessions();
   absl::Status DeleteSession(const std::string& name);
 
-  // Feeds the session and delivers its poses until its summary: see track.h. A stream that breaks is taken up again as
-  // options.retry says; then nothing is lost and no pose comes twice. Errors: what the server or the source said last,
-  // with how far it came.
+  // Sends the events of the session and delivers its poses until the summary: see track.h. A broken stream is
+  // re-established as options.retry specifies; then no event is lost and no pose is delivered twice. Errors: the last
+  // error of the server or of the source, with the position.
   absl::StatusOr<TrackSummary> Track(const Session& session, const ChunkSource& source, const TrackCallbacks& callbacks,
                                      const TrackOptions& options = {});
-  // The same for a feed of the caller's, and from any position of a session that is not new. Stops the feed.
+  // The same with a feed of the caller, from any position of a session. Stops the feed.
   absl::StatusOr<TrackSummary> Track(const TrackPosition& position, EventFeed& feed, const TrackCallbacks& callbacks,
                                      const TrackOptions& options = {});
 
-  // Stored poses after `after_pose_seq`, then live ones, in order; `num_skipped` were lost just before them. Goes on
-  // when the session goes to another server on the same store. Ends OK when the session has ended, and CANCELLED when
-  // `stop` was requested.
+  // Delivers the stored poses after `after_pose_seq`, then live ones, in order; `num_skipped` poses were lost just
+  // before those of a call. Follows the session to another server on the same store. Returns OK when the session has
+  // ended, and CANCELLED after a request of `stop`.
   using PosesCallback = std::function<void(const std::vector<Pose>& poses, uint64_t num_skipped)>;
   absl::Status WatchPoses(const std::string& session, uint64_t after_pose_seq, const PosesCallback& on_poses,
                           std::stop_token stop = {});
 
  private:
   explicit Client(const ClientOptions& options);
-  // Moves `after_pose_seq` on as poses come.
+  // Advances `after_pose_seq` with the delivered poses.
   absl::Status WatchUntilEnd(const std::string& session, uint64_t& after_pose_seq, const PosesCallback& on_poses,
                              const std::stop_token& stop);
   absl::StatusOr<ModelInfo> TryUpload(absl::Span<const uint8_t> bytes, const UploadOptions& options);
   void AddEndpoint(std::shared_ptr<grpc::Channel> channel, const std::string& name);
-  // False when the time is over; FAILED_PRECONDITION saying why TLS prevents it.
+  // Returns false at the timeout; FAILED_PRECONDITION if TLS prevents the connection.
   absl::StatusOr<bool> WaitForServer();
   bool WaitForServerUntil(absl::Time deadline);
 

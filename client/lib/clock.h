@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// Time as the client library sees it, so that tests need not wait.
+// A clock interface, so that tests need not wait.
 #pragma once
 
 #include <stop_token>
@@ -12,13 +12,13 @@ namespace evpose::client {
 class Clock {
  public:
   virtual ~Clock() = default;
-  // Never steps back; its epoch means nothing.
+  // Monotonic; its epoch is arbitrary.
   virtual absl::Time Now() = 0;
-  // False when `stop` was requested before `time`.
+  // Returns false if `stop` was requested before `time`.
   virtual bool SleepUntil(absl::Time time, std::stop_token stop) = 0;
 };
 
-// The machine's monotonic clock.
+// The monotonic clock of the machine.
 Clock& SystemClock();
 
 }  // namespace evpose::client

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// The chunks that the server may still ask for: in memory up to a bound, then in a spool.
+// Chunks that the server may still request: in memory up to a bound, then in a spool.
 #pragma once
 
 #include <condition_variable>
@@ -21,46 +21,47 @@
 namespace evpose::client {
 
 struct OutboxOptions {
-  uint64_t memory_bytes = 64ull << 20;  // of chunks kept
-  // What does not fit into memory goes here; without it, and when it is full, the source waits. One that outlives the
-  // process takes every chunk at once, so that a process that is killed loses none.
+  uint64_t memory_bytes = 64ull << 20;  // limit of the chunks in memory
+  // Receives the chunks that exceed the memory; without it, and when it is full, the source waits. A persistent spool
+  // receives every chunk at once, so that a killed process loses none.
   std::optional<SpoolOptions> spool;
 
-  // INVALID_ARGUMENT naming the field.
+  // Error: INVALID_ARGUMENT naming the field.
   absl::Status Validate() const;
 };
 
 struct OutboxState {
-  uint64_t first_seq = 1;    // of the chunks that are kept
-  FeedPoint last;            // after the last chunk that came
-  uint64_t durable_seq = 0;  // that the server will never ask for again
-  uint64_t kept_bytes = 0;   // of payload above it
-  bool is_waiting = false;   // full: the source waits
+  uint64_t first_seq = 1;    // first stored chunk
+  FeedPoint last;            // after the last appended chunk
+  uint64_t durable_seq = 0;  // the server never requests chunks up to this one again
+  uint64_t kept_bytes = 0;   // payload above durable_seq
+  bool is_waiting = false;   // the outbox is full, and the source waits
 };
 
-// One thread appends, one reads, any may forget.
+// One thread may append, one may read, and any may forget.
 class Outbox {
  public:
-  // Begins after `begin`; a spool that holds chunks of an earlier process goes on after those. Errors: those of
+  // Begins after `begin`; a spool with chunks of an earlier process continues after those. Errors: those of
   // OutboxOptions and of the spool.
   static absl::StatusOr<std::unique_ptr<Outbox>> Open(const OutboxOptions& options, const FeedPoint& begin = {});
 
-  // Waits until less than `bytes` have not been asked for by Get(), or Get() waits; false when `stop` came first.
+  // Waits until Get() has fewer than `bytes` left to return or until Get() waits; returns false if `stop` was requested
+  // first.
   bool WaitForDemand(uint64_t bytes, std::stop_token stop);
-  // Waits while it is full. One whose number is durable already is dropped. CANCELLED when `stop` came first; the
-  // errors of the spool.
+  // Waits while the outbox is full. Drops a chunk whose number is durable already. Errors: CANCELLED if `stop` was
+  // requested first; those of the spool.
   absl::Status Append(OutgoingChunk chunk, std::stop_token stop);
-  // Nothing follows; not OK: why.
+  // Marks the end of the feed; a status other than OK is its cause.
   void Finish(const absl::Status& status);
 
-  // Waits for the chunk of this number; nullptr when the feed ended before it. Errors: what the feed ended with;
-  // CANCELLED when `stop` came first; DATA_LOSS for a chunk that was forgotten, FAILED_PRECONDITION for one beyond the
-  // end.
+  // Waits for the chunk with this number; nullptr if the feed ended before it. Errors: the cause of the feed's end;
+  // CANCELLED if `stop` was requested first; DATA_LOSS for a forgotten chunk; FAILED_PRECONDITION for a number beyond
+  // the end.
   absl::StatusOr<std::shared_ptr<const OutgoingChunk>> Get(uint64_t seq, std::stop_token stop);
   void Forget(uint64_t durable_seq);
-  // The session is over: deletes what the spool has.
+  // Deletes the content of the spool at the end of the session.
   void Clear();
-  // The place after the last durable chunk that came.
+  // The position after the last durable chunk.
   FeedPoint durable() const;
   OutboxState state() const;
 
@@ -74,16 +75,16 @@ class Outbox {
   const OutboxOptions options_;
   mutable std::mutex mutex_;
   std::condition_variable_any changed_;
-  // First what is in memory, then what is in the spool.
+  // Looks in memory first, then in the spool.
   std::deque<std::shared_ptr<const OutgoingChunk>> memory_ ABSL_GUARDED_BY(mutex_);
   std::unique_ptr<Spool> spool_ ABSL_GUARDED_BY(mutex_);
   uint64_t memory_bytes_ ABSL_GUARDED_BY(mutex_) = 0;
-  uint64_t first_seq_ ABSL_GUARDED_BY(mutex_) = 1;  // of those that are kept
+  uint64_t first_seq_ ABSL_GUARDED_BY(mutex_) = 1;  // first stored chunk
   FeedPoint last_ ABSL_GUARDED_BY(mutex_);
   FeedPoint durable_ ABSL_GUARDED_BY(mutex_);
-  uint64_t durable_seq_ ABSL_GUARDED_BY(mutex_) = 0;  // may be ahead of what came
-  uint64_t asked_bytes_ ABSL_GUARDED_BY(mutex_) = 0;  // of the feed, up to the last chunk that Get() gave
-  uint64_t wanted_seq_ ABSL_GUARDED_BY(mutex_) = 0;   // that Get() waits for
+  uint64_t durable_seq_ ABSL_GUARDED_BY(mutex_) = 0;  // may exceed the number of the last appended chunk
+  uint64_t asked_bytes_ ABSL_GUARDED_BY(mutex_) = 0;  // payload up to the last chunk that Get() returned
+  uint64_t wanted_seq_ ABSL_GUARDED_BY(mutex_) = 0;   // number for which Get() waits
   bool is_waiting_ ABSL_GUARDED_BY(mutex_) = false;   // Append() waits
   std::optional<absl::Status> finished_ ABSL_GUARDED_BY(mutex_);
 };

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// Keeps the pace of the recording: what the sensor saw at t is not sent before its time has come.
+// Sends a recording at the rate of real time: delays the data of time t until t has passed.
 #pragma once
 
 #include <cstdint>
@@ -14,11 +14,11 @@ namespace evpose::client {
 // Not thread-safe.
 class Pacer {
  public:
-  // `rate`: seconds of the sensor per second of the clock; 0: as fast as possible. `clock` must outlive it.
+  // `rate`: seconds of sensor time per second of the clock; 0: unlimited. `clock` must outlive it.
   Pacer(Clock& clock, double rate) : clock_(clock), rate_(rate) {}
 
-  // Waits until the time of `t_us`, counted from the first call; returns at once when it has passed, as it has when the
-  // sensor's clock stepped back. -1 stands for a time not known yet and does not wait. False when `stop` came first.
+  // Waits until the time `t_us` relative to the first call. Returns at once if it has passed, for example after a step
+  // back of the sensor's clock, and for -1, an unknown time. Returns false if `stop` was requested first.
   bool Wait(int64_t t_us, std::stop_token stop);
 
  private:

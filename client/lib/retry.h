@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// When a stream that broke is tried again, and when that has no use.
+// Decides when a broken stream is tried again, and which errors are final.
 #pragma once
 
 #include <functional>
@@ -11,21 +11,21 @@
 namespace evpose::client {
 
 struct RetryOptions {
-  // The longest time without a server that takes the stream. Zero: what breaks is not tried again; infinite: for ever.
+  // The longest outage that is tolerated. Zero: a broken stream is not tried again; infinite: unlimited.
   absl::Duration max_outage = absl::Minutes(2);
-  absl::Duration first_delay = absl::Milliseconds(100);  // doubled with each try that fails
+  absl::Duration first_delay = absl::Milliseconds(100);  // doubled after each failed attempt
   absl::Duration max_delay = absl::Seconds(5);
-  std::function<double()> random;  // in [0, 1), for the jitter; empty: the machine's
+  std::function<double()> random;  // in [0, 1), for the jitter; empty: the machine's generator
 
-  // INVALID_ARGUMENT naming the field.
+  // Error: INVALID_ARGUMENT naming the field.
   absl::Status Validate() const;
 };
 
-// Exponential delays with jitter: many clients of a server that went away do not come back all at once.
+// Exponential delays with jitter, so that the clients of a failed server do not reconnect simultaneously.
 class Backoff {
  public:
   explicit Backoff(const RetryOptions& options);
-  // Between half and the whole of first_delay * 2^n, at most max_delay.
+  // Returns a delay between half of first_delay * 2^n and all of it, at most max_delay.
   absl::Duration Next();
   void Reset() { delay_ = options_.first_delay; }
 
@@ -36,12 +36,12 @@ class Backoff {
 
 enum class RetryAdvice {
   kTryAgain,
-  kTryOtherServer,   // this one does not have the session; another one may
-  kTryOtherToken,    // the one before it may be the server's
-  kTryWithoutCount,  // the server has made fewer poses than were received: it starts from a checkpoint
+  kTryOtherServer,   // this server does not have the session; another one may
+  kTryOtherToken,    // the server may know the previous token
+  kTryWithoutCount,  // the server restarted from a checkpoint and has computed fewer poses than were received
   kGiveUp,
 };
-// Of the status that a Track stream ended with, as the server or the network gave it.
+// Classifies the status with which a Track stream ended, from the server or from the network.
 RetryAdvice AdviseOn(const absl::Status& status);
 
 }  // namespace evpose::client

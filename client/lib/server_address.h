@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// HOST:PORT, as users write it. Internal.
+// Parses HOST:PORT. Internal.
 #pragma once
 
 #include <string>
@@ -13,11 +13,11 @@ struct ServerAddress {
   std::string host;  // without the brackets of an IPv6 address
   int port = 0;
 
-  // Whether what is sent there stays on this machine.
+  // Returns whether data for this address stays on this machine.
   bool IsLoopback() const;
 };
 
-// Errors: INVALID_ARGUMENT.
+// Error: INVALID_ARGUMENT.
 absl::StatusOr<ServerAddress> ParseServerAddress(const std::string& text);
 
 }  // namespace evpose::client

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// What a server says beside an error's code and words, kept in the status.
+// The details of a server's error beside its code and message, kept in the status.
 #pragma once
 
 #include <string>
@@ -11,8 +11,8 @@
 namespace evpose::client {
 
 struct StatusDetails {
-  std::string reason;       // of ErrorInfo, "FENCED"; empty: none, as with what the network itself reports
-  std::string field;        // the first of BadRequest, "attach.last_pose_seq"
+  std::string reason;       // of ErrorInfo, for example "FENCED"; empty: none, as for errors of the network
+  std::string field;        // the first one of BadRequest, for example "attach.last_pose_seq"
   absl::Duration retry_in;  // of RetryInfo; zero: none
 };
 

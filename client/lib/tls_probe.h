@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// Why a connection does not come about. gRPC says of every failed handshake that it failed; this makes one more, with
-// OpenSSL's own functions, and says in words what was wrong. Internal.
+// Diagnoses failed TLS connections. gRPC reports every failed handshake in the same way; this module repeats the
+// handshake with OpenSSL and describes the cause. Internal.
 #pragma once
 
 #include <openssl/x509.h>
@@ -13,12 +13,12 @@
 
 namespace evpose::client {
 
-// What is wrong and what to do, empty when TLS is not to blame: nobody answers there, or all went well. Blocks for up
-// to twice `timeout`.
+// Returns the cause and the remedy; empty if TLS is not the cause: no server responds, or the handshake succeeds.
+// Blocks for up to twice `timeout`.
 std::string ExplainTls(const std::string& address, const TlsOptions& tls, absl::Duration timeout);
 
-// The names and addresses that a certificate, whoever made it, is for: "localhost, 10.0.0.1", or "no host". What is no
-// address is left out, control characters are escaped.
+// Returns the names and addresses of a certificate, whoever issued it: "localhost, 10.0.0.1", or "no host". Invalid
+// addresses are left out, and control characters are escaped.
 std::string HostsOf(const X509* certificate);
 
 }  // namespace evpose::client

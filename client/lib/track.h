@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// The data plane: events up, poses down, over streams that may break and are taken up again.
+// The data plane: sends events and receives poses, over streams that may break and are re-established.
 #pragma once
 
 #include <cstdint>
@@ -18,15 +18,16 @@
 
 namespace evpose::client {
 
-// How far a session is: what a client must know to go on with it, in this process or in another one.
+// The position of a session, from which this process or another one can continue it.
 struct TrackPosition {
   std::string session;
-  // A secret, and the one before it, which is good until something was sent on the stream that gave the new one.
+  // Secrets: the current token and the previous one, which is valid until a message was sent on the stream that
+  // returned the current one.
   std::string resume_token;
   std::string previous_token;
-  uint64_t last_pose_seq = 0;  // the last pose that was delivered
-  uint64_t lost_poses = 0;     // of those before it that were not: the server no longer had them
-  FeedPoint durable;           // what precedes it is never asked for again
+  uint64_t last_pose_seq = 0;  // the last delivered pose
+  uint64_t lost_poses = 0;     // earlier poses that were not delivered, because the server no longer stored them
+  FeedPoint durable;           // data before this point is never requested again
 };
 
 struct TrackProgress {
@@ -35,49 +36,48 @@ struct TrackProgress {
   uint64_t poses = 0;
 };
 
-// The stream is gone, or back.
+// The stream has broken, or it is re-established.
 struct ConnectionChange {
   bool is_away = false;
-  std::string server;          // that is to be tried next, or that took the stream
-  absl::Status cause;          // why it is away
-  absl::Duration away_for;     // so far
-  absl::Duration next_try_in;  // while it is away
-  uint64_t kept_bytes = 0;     // of events that wait for the server, or that it may ask for again
-  bool source_waits = false;   // there is no room for more of them
+  std::string server;          // the next server to be tried, or the one that accepted the stream
+  absl::Status cause;          // cause of the outage
+  absl::Duration away_for;     // duration of the outage so far
+  absl::Duration next_try_in;  // time until the next attempt, during an outage
+  uint64_t kept_bytes = 0;     // events that wait for the server, or that it may request again
+  bool source_waits = false;   // the storage for events is full
 };
 
-// Called in the thread that called Track(), in the order in which the server sent. A callback that takes its time
-// slows the stream down and loses nothing.
+// Called in the thread that called Track(), in the order in which the server sent the messages. A slow callback delays
+// the stream and loses no data.
 struct TrackCallbacks {
-  std::function<void(const Pose&)> on_pose;  // each once, in order
+  std::function<void(const Pose&)> on_pose;  // once for each pose, in order
   std::function<void(const Notice&)> on_notice;
-  std::function<void(const TrackProgress&)> on_progress;  // whenever the server has processed more
+  std::function<void(const TrackProgress&)> on_progress;  // after each increase of the processed data
   std::function<void(const ConnectionChange&)> on_connection;
-  // After each ack; and with a new token before anything is sent that makes the one before it void: who keeps it
-  // elsewhere must have done so on return. What it returns ends the stream when it is not OK.
+  // After each ack, and with a new token before a message that invalidates the previous one: a caller that stores the
+  // token elsewhere must have done so on return. A status other than OK ends the stream.
   std::function<absl::Status(const TrackPosition&, bool has_new_token)> on_position;
 };
 
 struct TrackOptions {
-  double rate = 0.0;         // sensor seconds per second; 0: as fast as the server gives credit
-  Clock* clock = nullptr;    // what paces, and what tries are timed by; nullptr: the machine's
-  bool has_checksum = true;  // CRC-32C over each chunk: costs a fraction of a percent and finds a bad link
-  absl::Duration attach_timeout = absl::Seconds(10);  // a server that took the call answers at once or never
+  double rate = 0.0;         // sensor seconds per second; 0: limited by the server's credit only
+  Clock* clock = nullptr;    // for the rate and for the retries; nullptr: the machine's clock
+  bool has_checksum = true;  // CRC-32C of each chunk: costs a fraction of a percent and detects a faulty link
+  absl::Duration attach_timeout = absl::Seconds(10);  // a server that accepts the call responds at once
   RetryOptions retry;
-  // Requested by the caller: cancels the stream. Requested by Track() when the stream has ended, so that the source
-  // gives up.
+  // A request by the caller cancels the stream. Track() requests it at the end of the stream, so that the source stops.
   std::stop_source stop;
 
-  // INVALID_ARGUMENT naming the field.
+  // Error: INVALID_ARGUMENT naming the field.
   absl::Status Validate() const;
 };
 
 struct TrackSummary {
   SessionHealth health;
-  uint64_t sent_bytes = 0;  // of the session, on all streams, each once
+  uint64_t sent_bytes = 0;  // of the session, on all streams, without repetitions
   uint64_t sent_chunks = 0;
   uint64_t poses = 0;       // delivered, on all streams
-  uint64_t lost_poses = 0;  // made by the server, but no longer stored when the stream was taken up again
+  uint64_t lost_poses = 0;  // computed by the server, but no longer stored when the stream was re-established
 };
 
 }  // namespace evpose::client

@@ -17,23 +17,23 @@
 namespace evpose::client {
 
 struct TrackCallOptions {
-  std::string resume_token;        // to attach with
-  uint64_t attach_after_pose = 0;  // poses up to TrackPosition::last_pose_seq that come again are dropped
-  bool leaves_on_go_away = false;  // the session can be taken up elsewhere or later
+  std::string resume_token;        // token of the attach message
+  uint64_t attach_after_pose = 0;  // repeated poses up to TrackPosition::last_pose_seq are dropped
+  bool leaves_on_go_away = false;  // the session can be continued at another server or later
 };
 
 struct TrackOutcome {
-  absl::Status status;    // OK: the summary came, or the server was left
-  bool is_final = false;  // it is of this side, or the server breaks the protocol
+  absl::Status status;    // OK: the summary was received, or the stream was ended because of go_away
+  bool is_final = false;  // the error is on this side, or the server violates the protocol
   bool was_attached = false;
-  bool made_progress = false;            // the server processed something
-  std::optional<SessionHealth> summary;  // the stream has ended as it should
+  bool made_progress = false;            // the server processed data
+  std::optional<SessionHealth> summary;  // the stream ended regularly
 };
 
 // Used once, by one thread.
 class TrackCall {
  public:
-  // `position` follows what comes. The arguments must outlive it.
+  // Updates `position` with the received messages. The arguments must outlive it.
   TrackCall(v1::SessionService::StubInterface& stub, TrackPosition& position, EventFeed& feed,
             const TrackCallbacks& callbacks, const TrackOptions& options, const TrackCallOptions& call_options);
 
@@ -41,11 +41,12 @@ class TrackCall {
   uint64_t fed_bytes() const { return uplink_.fed_bytes(); }
 
  private:
-  // Writes `attach` and starts the uplink on `attached`; false when the stream or the server is broken.
+  // Writes `attach` and starts the uplink after `attached`; returns false if the stream is broken or the server
+  // violates the protocol.
   bool Attach();
   bool ReadBeforeTimeout(v1::TrackResponse& response);
   bool HandleAttached(const v1::TrackResponse::Attached& attached);
-  // False when the server sent what it never may, or a callback failed; outcome_ says what.
+  // Returns false, with the cause in outcome_, if the server violates the protocol or a callback fails.
   bool Handle(const v1::TrackResponse& response);
   bool HandlePose(const v1::Pose& message);
   bool HandleAck(const v1::TrackResponse::Ack& ack);

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// A session's streams, one after the other, until its summary. Internal: it includes generated headers.
+// The successive streams of a session until its summary. Internal: it includes generated headers.
 #pragma once
 
 #include <atomic>
@@ -19,15 +19,15 @@ namespace evpose::client {
 struct TrackServer {
   std::string name;
   v1::SessionService::StubInterface* stub = nullptr;
-  // The channel's own wait after failures is over: the loop has waited. May be empty.
+  // Resets the reconnect delay of the channel, because the loop has waited already. May be empty.
   std::function<void()> connect_now = {};
 };
 
 // Used once, by one thread.
 class TrackLoop {
  public:
-  // `current` is the server to begin with, and then the one that has the stream. `outlives_server`: sessions do, in a
-  // store. The arguments must outlive it.
+  // `current` is the first server to be tried, and then the one with the stream. `outlives_server`: sessions are in a
+  // persistent store. The arguments must outlive it.
   TrackLoop(const std::vector<TrackServer>& servers, std::atomic<size_t>& current, bool outlives_server,
             const TrackPosition& position, EventFeed& feed, const TrackCallbacks& callbacks,
             const TrackOptions& options);
@@ -37,9 +37,9 @@ class TrackLoop {
  private:
   TrackOutcome RunOnce();
   void Observe(const TrackOutcome& outcome);
-  // What the next try does otherwise; false when there is to be none.
+  // Adapts the next attempt to the error; returns false if the error is final.
   bool Plan(const TrackOutcome& outcome);
-  // Waits for the next try; false when there is to be none.
+  // Waits for the next attempt; returns false if there is none.
   bool WaitForNextTry(const absl::Status& cause);
   void ReportAttached();
   const TrackServer& server() const { return servers_[current_]; }
@@ -57,9 +57,9 @@ class TrackLoop {
   uint64_t fed_bytes_ = 0;
   absl::Time attached_at_;
   std::optional<absl::Time> away_since_;
-  size_t tries_ = 0;            // since it is away
-  size_t servers_without_ = 0;  // in a row, that do not have the session
-  size_t damaged_tries_ = 0;    // in a row
+  size_t tries_ = 0;            // in this outage
+  size_t servers_without_ = 0;  // consecutive servers without the session
+  size_t damaged_tries_ = 0;    // consecutive
   bool uses_previous_token_ = false;
   bool attaches_without_count_ = false;
 };

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// What the client library takes and gives: plain types, so that no generated header reaches its users.
-// Each stands for the message of the same name in proto/evpose/v1, where the fields are described.
+// Parameters and results of the client library: plain types without generated headers. Each corresponds to the message
+// of the same name in proto/evpose/v1, which documents the fields.
 #pragma once
 
 #include <cstdint>
@@ -21,12 +21,12 @@
 
 namespace evpose::client {
 
-// The least level of what a server writes into its log.
+// The lowest level that a server writes to its log.
 enum class LogLevel { kDebug, kInfo, kWarning, kError, kOff };
 
 struct ServerInfo {
   std::string version;
-  std::string commit;  // that it was built of
+  std::string commit;  // commit of the build
   std::string store;
   uint32_t active_sessions = 0;
   uint32_t max_sessions = 0;
@@ -54,7 +54,7 @@ struct ModelInfo {
 struct TrackedObject {
   std::string object_id = "object";
   std::string model;                                         // ModelInfo::name
-  std::optional<RigidTransform> initial_camera_from_object;  // absent: found from the events
+  std::optional<RigidTransform> initial_camera_from_object;  // absent: the pose is searched for in the events
   std::optional<Eigen::Matrix3d> reference_rotation;         // absent: the identity
 };
 
@@ -67,7 +67,7 @@ struct SessionConfig {
   Estimator estimator = Estimator::kMixture;
   SensorProfile sensor;
   OverloadPolicy overload_policy = OverloadPolicy::kBlock;
-  std::optional<absl::Duration> max_lag;  // kLatest only; absent: the server's default, which its answer tells
+  std::optional<absl::Duration> max_lag;  // kLatest only; absent: the server's default, which CreateSession returns
 };
 
 struct ObjectHealth {
@@ -104,7 +104,7 @@ enum class SessionState { kUnknown, kDetached, kAttached, kEnded };
 struct Session {
   std::string name;  // "sessions/{id}"
   SessionConfig config;
-  std::string resume_token;  // from CreateSession only; a secret
+  std::string resume_token;  // returned by CreateSession only; a secret
   SessionState state = SessionState::kUnknown;
   absl::Time create_time = absl::InfinitePast();
   std::optional<absl::Time> expire_time;
@@ -138,12 +138,12 @@ struct EventsDropped {
   int64_t to_t_us = 0;
   DropReason reason = DropReason::kUnknown;
 };
-// The server took the session up without the state of its tracker: every object is searched for again.
+// The session was restored without the state of its tracker: every object is searched for again.
 struct TrackingRestarted {
   uint64_t after_seq = 0;  // the last chunk that was tracked before
   std::string detail;      // the reason, for people
 };
-// Of this library: the server no longer had these when the stream was taken up again.
+// Reported by this library: the server no longer stored these poses when the stream was re-established.
 struct PosesLost {
   uint64_t first_seq = 0;
   uint64_t last_seq = 0;

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// The sending half of a Track stream: a thread that takes chunks from the outbox, keeps to its credit, and writes.
+// The sending half of a Track stream: a thread that reads chunks from the outbox, observes its credit, and writes.
 // Internal: it includes generated headers.
 #pragma once
 
@@ -24,26 +24,26 @@ class Uplink {
  public:
   using Stream = grpc::ClientReaderWriterInterface<v1::TrackRequest, v1::TrackResponse>;
 
-  // `cancel` ends the call from any thread: what the uplink does when it cannot go on. The arguments must outlive it.
+  // `cancel` ends the call from any thread; the uplink calls it when it cannot continue. The arguments must outlive it.
   Uplink(Stream& stream, Outbox& outbox, bool has_checksum, std::function<void()> cancel);
-  ~Uplink();  // Stop()
+  ~Uplink();  // calls Stop()
 
-  // Sends the chunks from this one on, `end` after the last. Call once, when the server has answered `attached`.
+  // Sends the chunks from this one on, and `end` after the last. To be called once, after `attached`.
   void Start(uint64_t next_seq, uint64_t send_limit_bytes);
   void GrantCredit(uint64_t send_limit_bytes);
-  // Sends no more and half-closes the stream, without `end`: the server finishes what it has.
+  // Stops sending and half-closes the stream without `end`: the server finishes the received data.
   void Leave();
-  // Wakes the thread wherever it waits and joins it. Idempotent.
+  // Wakes the thread and joins it. Idempotent.
   void Stop();
 
-  // Why it gave up, OK otherwise. After Stop().
+  // The cause of its failure, otherwise OK. Valid after Stop().
   const absl::Status& status() const { return status_; }
-  // Of the feed, up to the last chunk sent.
+  // Position in the feed after the last sent chunk.
   uint64_t fed_bytes() const { return fed_bytes_; }
 
  private:
   void Run(uint64_t next_seq);
-  // False when the stream is over or to be left.
+  // Returns false if the stream is over or must be left.
   bool Send(const OutgoingChunk& chunk);
   bool WaitForCredit(size_t size);
   void Fail(const absl::Status& status);

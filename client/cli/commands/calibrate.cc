@@ -72,7 +72,8 @@ absl::StatusOr<CalibrationInput> OpenInput(const CalibrateArguments& arguments, 
   model_options.metres_per_unit = arguments.metres_per_unit;
   EVPOSE_ASSIGN_OR_RETURN(ObjectModel model, LoadObjectModel(Of(arguments.models, i), model_options));
   EVPOSE_ASSIGN_OR_RETURN(Trajectory truth, ReadTumTrajectory(arguments.truths[i]));
-  if (truth.size() < 2) return absl::InvalidArgumentError(absl::StrCat(arguments.truths[i], ": has no two poses"));
+  if (truth.size() < 2)
+    return absl::InvalidArgumentError(absl::StrCat(arguments.truths[i], ": has fewer than two poses"));
   EVPOSE_ASSIGN_OR_RETURN(input.reader, RecordingReader::Open(arguments.recordings[i]));
   EVPOSE_RETURN_IF_ERROR(
       CheckCameraMatches(camera, Of(arguments.cameras, i), input.reader->header(), arguments.recordings[i]));
@@ -306,17 +307,21 @@ CommandRunner AddCalibrateCommand(CLI::App& app, CliContext& context) {
   app.add_option("--scale", arguments->metres_per_unit, "Metres per unit of the model files")
       ->check(CheckAboveZero, "POSITIVE")
       ->capture_default_str();
-  app.add_option("--start", arguments->start,
-                 "Profile to begin with, whose constants stay where the recordings do not tell; by default an EVK4's");
-  app.add_option("--name", arguments->name, "Of the sensor, for the profile");
-  app.add_option("-o,--out", arguments->out, "Profile: YAML for evpose replay --sensor; written whole or not at all")
+  app.add_option(
+      "--start", arguments->start,
+      "Initial profile; its value is kept for each constant that the recordings do not determine. Default: an EVK4");
+  app.add_option("--name", arguments->name, "Name of the sensor in the profile");
+  app.add_option("-o,--out", arguments->out,
+                 "Profile for evpose replay --sensor, YAML; the file appears only when it is complete")
       ->required();
-  app.add_option("--picture", arguments->picture, "Residuals by speed and polarity, before and after: .png or .svg");
+  app.add_option("--picture", arguments->picture,
+                 "Draw the residuals by speed and polarity, before and after the fit: .png or .svg");
   app.add_flag("--json", arguments->is_json, "One JSON object on standard output");
   app.footer(
-      "The object should move to and fro, slowly and fast, with edges of several contrasts. A truth whose clock is "
-      "off\n"
-      "looks like latency. Use the profile for other recordings than those it is fitted to.\n\n"
+      "The object should move back and forth, slowly and fast, and have edges of several contrasts. An offset between\n"
+      "the clocks of the truth and of the sensor is indistinguishable from latency. Evaluate the profile on "
+      "recordings\n"
+      "to which it was not fitted.\n\n"
       "Example:\n"
       "  evpose simulate --object cube --duration 2 --motion bursts -o cube\n"
       "  evpose calibrate cube/recording.raw --truth cube/truth.tum --model cube/model.obj --camera cube/camera.yaml "

@@ -193,17 +193,19 @@ CommandRunner AddEvaluateCommand(CLI::App& app, CliContext& context) {
   app.add_option("--scale", arguments->metres_per_unit, "Metres per unit of the model file")
       ->check(CheckAboveZero, "POSITIVE")
       ->capture_default_str();
-  app.add_option("--max-gap-ms", arguments->max_gap_ms, "A pose stands for at most so long when coverage is counted")
+  app.add_option("--max-gap-ms", arguments->max_gap_ms,
+                 "A pose counts towards the coverage for at most this time, in milliseconds")
       ->check(CLI::Range(0.001, 1e6))
       ->capture_default_str();
   app.add_flag("--symmetric", arguments->is_symmetric,
-               "Compare with the nearest of the truths that look the same, by the model's symmetries");
+               "Compare with the nearest true pose among those that the symmetries of the model make equivalent");
   app.add_flag("--json", arguments->is_json, "One JSON object on standard output");
   app.footer(
-      "cover: share of the truth's time with a pose within 5 % of depth and 10 deg. losses: times that this ended.\n"
-      "Position in the camera frame, without alignment.\n"
-      "NEES, of a CSV with covariances: normalised estimation error squared, 6 degrees of freedom. Of an honest\n"
-      "covariance the median is 5.3, and the 5 and 95 % quantiles 1.6 and 12.6.\n\n"
+      "cover is the share of the truth's duration with a pose within 5 % of depth and 10 deg of the truth; losses "
+      "counts\n"
+      "how often such a period ended. Positions are compared in the camera frame, without alignment.\n"
+      "NEES is the normalised estimation error squared (6 degrees of freedom) of a CSV with covariances. A consistent\n"
+      "covariance has a median of 5.3 and 5 % and 95 % quantiles of 1.6 and 12.6.\n\n"
       "Example:\n"
       "  evpose simulate --object cube --camera vga --duration 0.5 --out cube\n"
       "  evpose replay cube/recording.raw --model cube/model.obj --camera cube/camera.yaml --out cube/poses.tum\n"

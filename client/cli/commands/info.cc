@@ -146,8 +146,8 @@ CommandRunner AddInfoCommand(CLI::App& app, CliContext& context) {
   app.add_option("recording", arguments->recording, "Prophesee RAW or DAT file; - for standard input")->required();
   app.add_flag("--json", arguments->is_json, "One JSON object on standard output");
   app.footer(
-      "The SHA-256 is that of the events as packed records of t u64 (microseconds, the sensor's clock), x u16, y u16,\n"
-      "p u8, little-endian. Events outside the sensor are in it, as far as their address can be read.\n\n"
+      "The SHA-256 covers the events as packed records of t u64 (microseconds, the sensor's clock), x u16, y u16,\n"
+      "p u8, little-endian. It includes events outside the sensor whose address can be decoded.\n\n"
       "Example:\n"
       "  evpose simulate --object cube --camera vga --duration 0.5 --out cube\n"
       "  evpose info cube/recording.raw --json");

@@ -122,7 +122,7 @@ void AddModelsCommands(CLI::App& app, CliContext& context, CommandRunners& runne
     command.add_option("model", arguments.name, "models/ID")->required();
   };
   add("list", "All models, one on each line", RunList, [](CLI::App&, ModelArguments&) {});
-  add("upload", "Upload an object; the same bytes get the same name", RunUpload,
+  add("upload", "Upload a model; identical files and options get the same name", RunUpload,
       [](CLI::App& command, ModelArguments& arguments) {
         command.add_option("file", arguments.file, "OBJ, PLY or STL")->required();
         command.add_option("--scale", arguments.metres_per_unit, "Metres per unit of the file")

@@ -244,12 +244,13 @@ CommandRunner AddRenderCommand(CLI::App& app, CliContext& context) {
   app.add_option("--poses", arguments->poses, "Trajectory, TUM")->required();
   app.add_option("--model", arguments->model, "Object: OBJ, PLY or STL")->required();
   app.add_option("--camera", arguments->camera, "Camera: ROS camera_info YAML")->required();
-  app.add_option("-o,--out", arguments->out, "Picture: .png. Film: .mp4 or .avi")->required();
+  app.add_option("-o,--out", arguments->out, "Picture (.png) or film (.mp4, .avi)")->required();
   app.add_option("--scale", arguments->metres_per_unit, "Metres per unit of the model file")
       ->check(CheckAboveZero, "POSITIVE")
       ->capture_default_str();
-  app.add_option("--at", arguments->at_s, "When, seconds on the sensor's clock; by default the middle of the poses");
-  app.add_option("--window-ms", arguments->window_ms, "Events of so many milliseconds around that")
+  app.add_option("--at", arguments->at_s,
+                 "Time of the picture, seconds on the sensor's clock; default: the middle of the trajectory");
+  app.add_option("--window-ms", arguments->window_ms, "Duration of the drawn events around that time, in milliseconds")
       ->check(CLI::Range(0.001, 10'000.0))
       ->capture_default_str();
   app.add_option("--fps", arguments->fps, "Frames per second of the film, which lasts as long as the recording")

@@ -98,18 +98,20 @@ absl::Status RunReplay(const ReplayArguments& arguments, CliContext& context) {
 CommandRunner AddReplayCommand(CLI::App& app, CliContext& context) {
   auto arguments = std::make_shared<ReplayArguments>();
   arguments->track.AddTo(app, false);
-  app.add_option("--rate", arguments->rate, "max, or a factor of the sensor's own pace")
+  app.add_option("--rate", arguments->rate, "max, or a multiple of real time")
       ->type_name("max|1|X")
       ->capture_default_str();
   app.add_flag("--follow", arguments->is_following, "Keep reading as the file grows, until interrupted");
   app.footer(
-      "Without --server it serves itself, inside the process. Times are those of the sensor's clock. While the object\n"
-      "is not found yet, or lost, no pose is written. An object that maps onto itself is given the pose that is\n"
-      "nearest to no rotation when it is found, and the nearest to the last one from then on. An interrupt ends the\n"
-      "stream cleanly: what was tracked is written. Latencies are from the server's receipt of a chunk to its pose:\n"
-      "with --rate max those of a full queue, with --rate 1 those of a camera.\n"
-      "A connection that breaks is taken up again for as long as --max-outage says. With --resume so is a replay that\n"
-      "was killed, by the same command: its poses are, byte for byte, those of a replay that nothing happened to.\n"
+      "Without --server, the command runs a server in its own process. Times are on the sensor's clock. No pose is\n"
+      "written until the object is found, and none while it is lost. Among the equivalent poses of a symmetric "
+      "object,\n"
+      "the first reported one is the nearest to the identity rotation, and each later one the nearest to its\n"
+      "predecessor. An interrupt ends the stream, and the poses computed so far are written. Latencies are measured\n"
+      "from the server's receipt of a chunk to its pose: with --rate max for a full queue, with --rate 1 as for a "
+      "camera.\n"
+      "A broken connection is re-established within --max-outage. With --resume, the same command continues a replay\n"
+      "that was killed, and the poses are byte for byte those of an undisturbed replay.\n"
       "Several objects: --object left=cube.obj --object right=book.obj --out poses-{object}.tum\n\n"
       "Example:\n"
       "  evpose simulate --object cube --camera vga --duration 0.5 --out cube\n"

@@ -79,11 +79,13 @@ void AddServerCommands(CLI::App& app, CliContext& context, CommandRunners& runne
     runners.emplace_back(command, [arguments, run, &context] { return run(*arguments, context); });
     return std::pair(command, arguments);
   };
-  add("info", "What runs there: version, store, sessions", RunInfo)
+  add("info", "Version, store and number of sessions", RunInfo)
       .first->footer("Example:\n  evpose server info --server 127.0.0.1:50051");
-  const auto [command, arguments] = add(
-      "log-level", "What goes to the server's log, until its process ends; with tokens, an operator's", RunLogLevel);
-  command->add_option("level", arguments->level, "least level of what is written")
+  const auto [command, arguments] =
+      add("log-level",
+          "Set the level of the server's log until its process ends; a server with tokens requires that of an operator",
+          RunLogLevel);
+  command->add_option("level", arguments->level, "lowest level that is written")
       ->required()
       ->check(CLI::IsMember({"debug", "info", "warning", "error", "off"}));
   command->footer("Example:\n  evpose server log-level debug --server 127.0.0.1:50051");

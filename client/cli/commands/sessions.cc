@@ -140,21 +140,22 @@ void AddSessionsCommands(CLI::App& app, CliContext& context, CommandRunners& run
     command->footer(Example(name, has_name));
     auto arguments = std::make_shared<SessionArguments>();
     if (has_name)
-      command->add_option("session", arguments->name, "sessions/ID, as `evpose sessions list` says")->required();
+      command->add_option("session", arguments->name, "sessions/ID, as `evpose sessions list` prints it")->required();
     arguments->server.AddTo(*command, true);
-    command->add_flag("--json", arguments->is_json, "JSON on standard output, with more in it");
+    command->add_flag("--json", arguments->is_json, "JSON with all fields on standard output");
     runners.emplace_back(command, [arguments, run, &context] { return run(*arguments, context); });
     return std::pair(command, arguments);
   };
   add("list", "All sessions, one on each line", RunListSessions, false);
   add("get", "One session", RunGetSession, true);
   add("delete", "Delete a session; its streams end", RunDeleteSession, true);
-  const auto [drain, drain_arguments] = add(
-      "drain", "The server leaves: streams get the time to finish, then its process ends; with tokens, an operator's",
-      RunDrain, false);
+  const auto [drain, drain_arguments] = add("drain",
+                                            "Shut the server down after its streams have had time to finish; a server "
+                                            "with tokens requires that of an operator",
+                                            RunDrain, false);
   drain
       ->add_option("--timeout", drain_arguments->timeout_s,
-                   "Seconds that streams get; otherwise the server's --shutdown-timeout")
+                   "Seconds that streams have to finish; default: the server's --shutdown-timeout")
       ->check(CheckNotNegative, "NONNEGATIVE");
   app.footer(
       "Example:\n"

@@ -148,13 +148,14 @@ void AddNoiseOptions(CLI::App& app, SimulateArguments& arguments) {
       ->check(CLI::Range(0.0, 0.9))
       ->capture_default_str();
   app.add_option("--background-activity", arguments.background_activity_hz,
-                 "Noise events per second of a pixel in the dark; a quarter of it on white")
+                 "Noise rate of a pixel in the dark, hertz; a pixel that sees white has a quarter of it")
       ->check(CLI::Range(0.0, 1000.0))
       ->default_str("0.03");
-  app.add_option("--hot-pixels", arguments.num_hot_pixels, "Pixels that fire by themselves, 200 times a second")
+  app.add_option("--hot-pixels", arguments.num_hot_pixels, "Number of hot pixels, which emit 200 events per second")
       ->check(CLI::Range(0, 1'000'000))
       ->default_str("1 of 100000");
-  app.add_option("--flood", arguments.flood_mev_per_s, "Million events per second anywhere, for 50 ms of every second")
+  app.add_option("--flood", arguments.flood_mev_per_s,
+                 "Rate of additional random events during 50 ms of every second, Mev/s")
       ->check(CLI::Range(0.0, 100.0))
       ->capture_default_str();
 }
@@ -162,12 +163,13 @@ void AddNoiseOptions(CLI::App& app, SimulateArguments& arguments) {
 void AddOptions(CLI::App& app, SimulateArguments& arguments) {
   std::vector<std::string> motions;
   for (const auto& [name, profile] : kMotions) motions.emplace_back(name);
-  app.add_option("-o,--out", arguments.out, "Directory for the files; made when it is missing")->required();
+  app.add_option("-o,--out", arguments.out, "Directory for the files; it is created if it does not exist")->required();
   std::vector<std::string> scenarios;
   for (const TrackingScenario& scenario : TrackingScenarios()) scenarios.push_back(scenario.name);
-  app.add_option("--scenario", arguments.scenario, "A scene of `evpose bench tracking`, whole; --duration shortens it")
+  app.add_option("--scenario", arguments.scenario,
+                 "A complete scene of `evpose bench tracking`; --duration shortens it")
       ->check(CLI::IsMember(scenarios));
-  app.add_option("--object", arguments.object, "What is seen")
+  app.add_option("--object", arguments.object, "The simulated object")
       ->check(CLI::IsMember(SimulatedObjectNames()))
       ->capture_default_str();
   app.add_option("--camera", arguments.camera, "The sensor and its lens")
@@ -177,41 +179,44 @@ void AddOptions(CLI::App& app, SimulateArguments& arguments) {
   app.add_option("--speed", arguments.speed_scale, "Factor on the speed of the motion")
       ->check(CLI::Range(0.0, 100.0))
       ->capture_default_str();
-  app.add_option("--motion", arguments.motion,
-                 "Always moving, with rests, with bursts at four times the speed, or half out of view and back")
+  app.add_option(
+         "--motion", arguments.motion,
+         "Continuous motion, motion with pauses, bursts at four times the speed, or motion half out of view and back")
       ->check(CLI::IsMember(motions))
       ->capture_default_str();
   app.add_option("--flicker", arguments.flicker_depth, "Depth of the light's 100 Hz flicker, 0 to 0.8")
       ->check(CLI::Range(0.0, 0.8))
       ->capture_default_str();
-  app.add_option("--light-change", arguments.light_change_ratio, "The light swings between 1 and 1 / this")
+  app.add_option("--light-change", arguments.light_change_ratio, "The light oscillates between 1 and 1 / this factor")
       ->check(CLI::Range(1.0, 10.0))
       ->capture_default_str();
-  CLI::Option* occluder = app.add_flag("--occluder", arguments.has_occluder, "A bar that swings before the object");
+  CLI::Option* occluder =
+      app.add_flag("--occluder", arguments.has_occluder, "A bar that oscillates in front of the object");
   app.add_flag("--occluder-on-object", arguments.has_followed_occluder,
                "A bar that moves with the object and always hides a part of it")
       ->excludes(occluder);
-  app.add_flag("--moving-edge", arguments.has_moving_edge, "A straight border that sweeps behind the object");
-  app.add_flag("--textured-background", arguments.has_textured_background, "Rectangles of several shades behind it");
+  app.add_flag("--moving-edge", arguments.has_moving_edge, "A straight edge that moves behind the object");
+  app.add_flag("--textured-background", arguments.has_textured_background,
+               "Background of rectangles of several shades");
   AddNoiseOptions(app, arguments);
   app.add_option("--threshold", arguments.threshold, "Contrast threshold, natural logarithm of light")
       ->check(CLI::Range(0.01, 5.0))
       ->capture_default_str();
-  app.add_option("--bandwidth", arguments.bandwidth_hz, "Of the photoreceptor, hertz; 0: infinite")
+  app.add_option("--bandwidth", arguments.bandwidth_hz, "Bandwidth of the photoreceptor, hertz; 0: infinite")
       ->check(CLI::Range(0.0, 1e6))
       ->capture_default_str();
-  app.add_option("--refractory", arguments.refractory_us, "Microseconds a pixel is held for after an event")
+  app.add_option("--refractory", arguments.refractory_us, "Refractory time of a pixel after an event, microseconds")
       ->check(CLI::Range(0.0, 1e5))
       ->capture_default_str();
-  app.add_option("--lens-blur", arguments.lens_blur_px, "Of the lens, pixels, one standard deviation")
+  app.add_option("--lens-blur", arguments.lens_blur_px, "Standard deviation of the lens's point spread, pixels")
       ->check(CLI::Range(0.0, 2.0))
       ->capture_default_str();
-  app.add_option("--start", arguments.start_s, "Seconds on the sensor's clock at the beginning")
+  app.add_option("--start", arguments.start_s, "Start time on the sensor's clock, seconds")
       ->check(CLI::Range(0.0, 16.7))
       ->capture_default_str();
-  app.add_option("--seed", arguments.seed, "The same seed gives the same bytes")->capture_default_str();
-  app.add_option("--path-seed", arguments.path_seed,
-                 "Another motion before the same pixels and noise; default: --seed");
+  app.add_option("--seed", arguments.seed, "Seed of all random numbers; the same seed gives identical files")
+      ->capture_default_str();
+  app.add_option("--path-seed", arguments.path_seed, "Seed of the motion alone; default: --seed");
   app.add_flag("--json", arguments.is_json, "One JSON object on standard output");
 }
 

@@ -121,16 +121,18 @@ absl::Status CheckUsage(const StreamArguments& arguments) {
 }
 
 void AddSpoolOptions(CLI::App& app, StreamArguments& arguments) {
-  app.add_option("--memory-bytes", arguments.memory_bytes, "Most that is kept of standard input in memory")
+  app.add_option("--memory-bytes", arguments.memory_bytes, "Limit of the data of standard input that is kept in memory")
       ->check(CLI::Range(uint64_t{1} << 20, uint64_t{1} << 40))
       ->capture_default_str()
       ->group(kAwayGroup);
-  app.add_option("--spool", arguments.spool,
-                 "Directory for what of standard input does not fit into memory; with --resume for all of it that the "
-                 "server has not made durable. By default FILE.spool of --resume, else $TMPDIR or /tmp")
+  app.add_option(
+         "--spool", arguments.spool,
+         "Directory for the data of standard input that exceeds --memory-bytes; with --resume, for all data that the "
+         "server has not made durable. Default: FILE.spool of --resume, otherwise $TMPDIR or /tmp")
       ->type_name("DIR")
       ->group(kAwayGroup);
-  app.add_option("--spool-bytes", arguments.spool_bytes, "Most that is kept in --spool; then standard input waits")
+  app.add_option("--spool-bytes", arguments.spool_bytes,
+                 "Limit of the data in --spool; beyond it, standard input is not read")
       ->check(CLI::Range(uint64_t{16} << 20, uint64_t{1} << 50))
       ->capture_default_str()
       ->group(kAwayGroup);
@@ -142,24 +144,23 @@ CommandRunner AddStreamCommand(CLI::App& app, CliContext& context) {
   auto arguments = std::make_shared<StreamArguments>();
   arguments->track.max_outage_s = std::numeric_limits<double>::infinity();
   arguments->track.AddTo(app, true);
-  app.add_option("--overload", arguments->overload,
-                 "What happens when the server cannot keep up. block: the camera waits and nothing is skipped; latest: "
-                 "events are skipped and counted")
+  app.add_option(
+         "--overload", arguments->overload,
+         "Behaviour when the server cannot keep up. block: standard input is read more slowly and no event is skipped; "
+         "latest: old events are skipped and counted")
       ->check(CLI::IsMember({"block", "latest"}))
       ->capture_default_str();
-  app.add_option(
-         "--max-lag", arguments->max_lag_s,
-         "With --overload latest: seconds of age at which events are skipped; by default what the server thinks "
-         "right")
+  app.add_option("--max-lag", arguments->max_lag_s,
+                 "With --overload latest: age in seconds at which events are skipped; default: chosen by the server")
       ->check(CheckAboveZero, "POSITIVE");
   AddSpoolOptions(app, *arguments);
   app.footer(
       "Reads a RAW stream from standard input (-) until it ends, or a RAW file that still grows until an interrupt\n"
-      "(SIGINT, SIGTERM); then what was read is tracked to its end. While the server is away, standard input goes on\n"
-      "being read and is kept; a file is read on when the server is back. An interrupt ends an outage of more than "
-      "two\n"
-      "seconds, and a second one the program at once: with --resume the same command goes on from there. For standard\n"
-      "input it then marks the gap between what was read last and what comes first.\n\n"
+      "(SIGINT, SIGTERM); then all data that was read is tracked. While the server is unreachable, standard input is\n"
+      "read and stored, and a file is read later. If the server has been unreachable for more than two seconds, an\n"
+      "interrupt ends the wait; a second interrupt ends the program at once. With --resume, the same command "
+      "continues\n"
+      "the session; for standard input it marks the gap in the events.\n\n"
       "Example:\n"
       "  evpose simulate --object cube --camera vga --duration 0.5 --out cube\n"
       "  cat cube/recording.raw | evpose stream - --model cube/model.obj --camera cube/camera.yaml \\\n"

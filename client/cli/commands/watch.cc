@@ -82,13 +82,14 @@ absl::Status RunWatch(const WatchArguments& arguments, CliContext& context) {
 
 CommandRunner AddWatchCommand(CLI::App& app, CliContext& context) {
   auto arguments = std::make_shared<WatchArguments>();
-  app.add_option("session", arguments->session, "sessions/ID, as `evpose sessions list` says")->required();
-  app.add_option("--after", arguments->after_pose_seq, "Begin after the pose of this number")->capture_default_str();
+  app.add_option("session", arguments->session, "sessions/ID, as `evpose sessions list` prints it")->required();
+  app.add_option("--after", arguments->after_pose_seq, "Number of the pose after which the output begins")
+      ->capture_default_str();
   arguments->server.AddTo(app, true);
   app.add_flag("--json", arguments->is_json, "One JSON object on each line, instead of TUM");
   app.footer(
-      "Prints stored poses, then live ones, until the session has ended or an interrupt; on standard error how the\n"
-      "objects are, when that changes.\n\n"
+      "Prints the stored poses and then the live ones until the session ends or until an interrupt. Changes of the\n"
+      "objects' states are printed on standard error.\n\n"
       "Example:\n"
       "  evpose watch \"$(evpose sessions list --server 127.0.0.1:50051 | head -n 1 | cut -d ' ' -f 1)\" \\\n"
       "    --server 127.0.0.1:50051");

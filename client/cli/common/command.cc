@@ -89,24 +89,25 @@ absl::Status ModelError(const std::string& path, const absl::Status& status) {
 void ServerArguments::AddTo(CLI::App& app, bool is_required) {
   CLI::Option* const server =
       app.add_option("--server", address,
-                     "Address of evpose-server, or of several that share a store, with commas between")
+                     "Address of evpose-server, or comma-separated addresses of several that share a store")
           ->type_name("HOST:PORT")
           ->check(CheckAddresses)
           ->required(is_required);
   const std::vector<CLI::Option*> ways = {
-      app.add_flag("--tls", tls.is_on, "Encrypt; the server's certificate is checked with the system's authorities"),
+      app.add_flag("--tls", tls.is_on,
+                   "Encrypt, and verify the server's certificate with the certificate authorities of the system"),
       app.add_option("--tls-ca", tls.ca_file,
-                     "Encrypt; the server's certificate is checked with these authorities, PEM, and no others")
+                     "Encrypt, and verify the server's certificate with these certificate authorities only, PEM")
           ->type_name("FILE"),
-      app.add_option("--tls-cert", tls.certificate_file,
-                     "Encrypt; certificate of this client, PEM, for a server that asks for one (--tls-client-ca)")
+      app.add_option(
+             "--tls-cert", tls.certificate_file,
+             "Encrypt, and present this client certificate, PEM, to a server that requires one (--tls-client-ca)")
           ->type_name("FILE"),
       app.add_option("--tls-key", tls.key_file, "Private key of --tls-cert, PEM")->type_name("FILE"),
       app.add_option(
              "--token-file", token_file,
-             "File with the token that says who you are, as evpose-server --new-token makes it; nobody else may "
-             "read it (chmod 600). Read again before every call and reconnection. Without it the variable EVPOSE_TOKEN "
-             "is used")
+             "File with the authentication token from evpose-server --new-token; only its owner may have access "
+             "(chmod 600). It is read again before every call and reconnection. Default: the variable EVPOSE_TOKEN")
           ->type_name("FILE"),
       app.add_option("--connect-timeout", connect_timeout_s, "Seconds to wait for a server that does not answer yet")
           ->check(CLI::Range(0.001, 86400.0))

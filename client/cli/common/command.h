@@ -21,28 +21,28 @@
 
 namespace evpose::client {
 
-// The keys in the order in which they were set.
+// JSON objects that keep the order in which their keys were set.
 using Json = nlohmann::ordered_json;
 
-// How a command runs once its arguments are parsed.
+// Runs a command after its arguments have been parsed.
 using CommandRunner = std::function<absl::Status()>;
 using CommandRunners = std::vector<std::pair<CLI::App*, CommandRunner>>;
 
-// Exit status 2 instead of 1.
+// A failure with exit status 2 instead of 1.
 absl::Status UsageError(const std::string& message);
 bool IsUsageError(const absl::Status& status);
 
-// For CLI::Option::check(): what is wrong with the number, in fewer digits than CLI11's own, or nothing.
+// For CLI::Option::check(): returns a description of an invalid number, shorter than that of CLI11, or an empty string.
 std::string CheckAboveZero(const std::string& text);
-std::string CheckNotNegative(const std::string& text);  // inf is none
+std::string CheckNotNegative(const std::string& text);  // infinity is not valid, either
 
-// The status of a model that a server did not take, in the words of who has the file instead of those of the API.
+// Rewords the status of a model upload, which names fields of the API, for the owner of the file.
 absl::Status ModelError(const std::string& path, const absl::Status& status);
 
-// In --help: the options for the time without a server.
+// Group of --help with the options for outages of the server.
 inline constexpr char kAwayGroup[] = "While the server is away";
 
-// Where the server is, or several that share a store are, and how to reach it, for the commands that need one.
+// Address of a server, or of several servers that share a store, and the credentials, for the commands that need one.
 struct ServerArguments {
   std::string address;
   TlsOptions tls;
@@ -54,12 +54,12 @@ struct ServerArguments {
   absl::StatusOr<std::unique_ptr<Client>> Connect(const CliContext& context) const;
 };
 
-// INVALID_ARGUMENT naming both files and sizes when the recording says its size or its sensor and the camera has
-// another size.
+// Error: INVALID_ARGUMENT naming both files and sizes if the size or the sensor in the header contradicts the size of
+// the camera.
 absl::Status CheckCameraMatches(const CameraModel& camera, const std::string& camera_path,
                                 const RecordingHeader& header, const std::string& recording_path);
 
-// "TRACKING"; while there is no pose with what the search for it says: "INITIALIZING (TOO_FEW_LINES)".
+// "TRACKING"; without a pose also the status of the search: "INITIALIZING (TOO_FEW_LINES)".
 std::string DescribeState(const ObjectHealth& object);
 
 }  // namespace evpose::client

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// From an address to a session that takes events, through outages: what replay and stream share.
+// Connects to a server and begins a session, with retries during outages; used by replay and stream.
 #pragma once
 
 #include <functional>
@@ -16,15 +16,15 @@
 namespace evpose::client {
 
 struct BeginOptions {
-  RetryOptions retry;  // of a server that goes away, though it was there
-  // A server that was never there is waited for as one that went away; otherwise for --connect-timeout.
+  RetryOptions retry;  // retries after a server has become unreachable
+  // Whether a server that has never been reachable is waited for in the same way; otherwise for --connect-timeout.
   bool waits_for_first_server = false;
   std::function<void(SessionConfig&)> complete = [](SessionConfig&) {};
 };
 
-// Connects to --server and calls run.Begin(), both again while that fails for want of a server, and says so: a server
-// that ends between a model's upload and the session costs time, and nothing else. Errors: those of the last try;
-// CANCELLED when it was interrupted while the server was away.
+// Connects to --server and calls run.Begin(). Both are repeated, with messages to the user, while the server is
+// unreachable: an outage between a model's upload and the creation of the session costs only time. Errors: that of the
+// last attempt; CANCELLED after an interrupt while the server was unreachable.
 absl::StatusOr<std::unique_ptr<Client>> ConnectAndBegin(const BeginOptions& options, TrackRun& run,
                                                         const TrackArguments& arguments, const CliContext& context);
 

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// What a user is told while the server is away.
+// The messages to the user during an outage of the server.
 #pragma once
 
 #include <optional>
@@ -11,18 +11,18 @@
 
 namespace evpose::client {
 
-// Counts, and says in words, now and then only while nothing changes.
+// Counts outages and describes them; repeats an unchanged message only from time to time.
 class ConnectionLines {
  public:
-  // What is to be said now; empty: nothing.
+  // Returns the message that is due; empty: none.
   std::string Describe(const ConnectionChange& change);
 
   int outages() const { return outages_; }
-  absl::Duration away_for() const { return away_for_; }  // in all
+  absl::Duration away_for() const { return away_for_; }  // total duration of all outages
 
  private:
   bool is_away_ = false;
-  absl::Duration said_at_;  // since it is away
+  absl::Duration said_at_;  // time since the start of the outage
   int outages_ = 0;
   absl::Duration away_for_;
 };

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// One picture: the events of a window, and the model where a pose says it is.
+// Draws the events of a window and the model projected at a pose.
 #pragma once
 
 #include <opencv2/core/mat.hpp>
@@ -22,9 +22,9 @@ class FramePainter {
 
   // Begins a new picture.
   void Clear();
-  // Events outside the picture are left out.
+  // Events outside the picture are ignored.
   void DrawEvent(const Event& event);
-  // The model's visible lines, with the lens's distortion; nullopt: none.
+  // Draws the visible lines of the model, with the distortion of the lens; nullopt: none.
   void DrawModel(const std::optional<RigidTransform>& camera_from_object);
   void DrawLegend(int64_t t_us, double window_ms, const std::optional<RigidTransform>& camera_from_object);
 

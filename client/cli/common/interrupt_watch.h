@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// An interrupt while nothing of what was begun can be finished.
+// Handles an interrupt while the server is unreachable, so that the work in progress cannot be finished.
 #pragma once
 
 #include <atomic>
@@ -12,8 +12,8 @@
 
 namespace evpose::client {
 
-// Requests `stop` when there has been an interrupt and `is_away` stays set for kGrace after it, until it goes out of
-// scope: what a short outage holds up is still finished.
+// Requests `stop` if an interrupt has occurred and `is_away` remains set for kGrace after it. After a shorter outage
+// the work is finished normally.
 class InterruptWatch {
  public:
   static constexpr absl::Duration kGrace = absl::Seconds(2);

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// Poses as text, and as files in the format of their ending.
+// Writes poses as text, and to files in the format of their extension.
 #pragma once
 
 #include <cstdint>
@@ -16,20 +16,21 @@ namespace evpose::client {
 
 enum class PoseFormat { kTum, kCsv, kJsonLines };
 
-// .tum or .txt, .csv, .jsonl. INVALID_ARGUMENT naming the endings.
+// Parses .tum or .txt, .csv, .jsonl. Error: INVALID_ARGUMENT naming the extensions.
 absl::StatusOr<PoseFormat> PoseFormatFromPath(const std::string& path);
-// The line before the first pose, line feed included; empty for a format without.
+// The header line, line feed included; empty for a format without a header.
 std::string PoseHeader(PoseFormat format);
-// One line, line feed included. A function of the session's bytes: the latency is left out.
+// One line, line feed included. It depends on the bytes of the session only, so that it does not contain the latency.
 std::string PoseLine(PoseFormat format, const Pose& pose);
 
-// Poses as they come, under a name that appears when all are there.
+// Writes poses as they arrive; the file appears under its name when it is complete.
 class PoseFile {
  public:
   static absl::StatusOr<PoseFile> Create(const std::string& path);
-  // Goes on after `kept_bytes` of what an earlier process wrote; the errors of OutputFile::Continue().
+  // Continues after the first `kept_bytes` of the output of an earlier process. Errors: those of
+  // OutputFile::Continue().
   static absl::StatusOr<PoseFile> Continue(const std::string& path, uint64_t kept_bytes);
-  // The first error stays and comes back from Commit().
+  // The first error is kept and returned by Commit().
   void Write(const Pose& pose);
   absl::StatusOr<uint64_t> Sync() { return file_.Sync(); }
   absl::Status Commit() { return file_.Commit(); }
@@ -41,27 +42,28 @@ class PoseFile {
   PoseFormat format_;
 };
 
-// The poses of a session's objects: in one file, or, where the path says "{object}", in one for each.
+// The poses of the objects of a session: in one file or, if the path contains "{object}", in one file for each object.
 class PoseFiles {
  public:
-  // INVALID_ARGUMENT for an ending that is none, a TUM file for several objects, an ID that cannot be in a file's name.
+  // Errors: INVALID_ARGUMENT for an unknown extension, for a TUM file with several objects, and for an ID that cannot
+  // be part of a file name.
   static absl::Status Check(const std::string& path, const std::vector<std::string>& object_ids);
-  // The same, and the errors of PoseFile.
+  // Additional errors: those of PoseFile.
   static absl::StatusOr<PoseFiles> Create(const std::string& path, const std::vector<std::string>& object_ids);
-  // Goes on with what an earlier process wrote: so many bytes of each file, by object as Sync() gave them.
+  // Continues the output of an earlier process, with the number of bytes of each file, by object, that Sync() returned.
   static absl::StatusOr<PoseFiles> Continue(const std::string& path, const std::vector<std::string>& object_ids,
                                             const std::map<std::string, uint64_t>& kept_bytes);
-  // The first error stays and comes back from Commit().
+  // The first error is kept and returned by Commit().
   void Write(const Pose& pose);
-  // What was written is on the disk; the sizes of the files, by object.
+  // Writes all data to the disk; returns the sizes of the files, by object.
   absl::StatusOr<std::map<std::string, uint64_t>> Sync();
   absl::Status Commit();
 
-  // The objects that have files of their own, with the files' names; of one file for all "".
+  // The objects with files of their own, and the names of the files; the key of a single file for all objects is "".
   static std::map<std::string, std::string> Paths(const std::string& path, const std::vector<std::string>& object_ids);
 
  private:
-  std::map<std::string, PoseFile> files_;  // by object; "" for all
+  std::map<std::string, PoseFile> files_;  // by object; "" for a single file
 };
 
 }  // namespace evpose::client

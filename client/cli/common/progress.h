@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// Progress on standard error: a bar that is redrawn on a terminal, now and then a line elsewhere.
+// Progress on standard error: a bar on a terminal, otherwise a line from time to time.
 #pragma once
 
 #include <optional>
@@ -11,14 +11,14 @@
 
 namespace evpose::client {
 
-// One thread at a time.
+// Not thread-safe.
 class ProgressLine {
  public:
   explicit ProgressLine(CliContext& context) : context_(context) {}
   ~ProgressLine() { Clear(); }
 
-  // `ratio` in [0, 1], or negative when the end is not known. Draws at most ten times a second on a terminal and
-  // prints a line every five seconds elsewhere, so that callers need not count.
+  // `ratio` is in [0, 1], or negative if the end is unknown. Draws at most ten times per second on a terminal, and
+  // prints a line every five seconds otherwise, so that callers can call it at any rate.
   void Show(double ratio, const std::string& text);
   // Removes the bar.
   void Clear();

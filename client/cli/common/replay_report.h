@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// What replay and stream say at their end.
+// The final report of replay and stream.
 #pragma once
 
 #include <cstdint>
@@ -18,12 +18,12 @@ namespace evpose::client {
 struct ReplayReport {
   std::string recording;
   std::string out;                 // empty: poses were not written
-  std::vector<std::string> files;  // of poses, whose names `out` may be the pattern of
-  std::string session;             // empty: it is gone
+  std::vector<std::string> files;  // pose files; `out` may be the pattern of their names
+  std::string session;             // empty: the session was deleted
   RecordingHeader header;
   TrackSummary summary;
   absl::Duration wall_time;
-  size_t truncated_bytes = 0;  // at the end of the recording, no whole word
+  size_t truncated_bytes = 0;  // incomplete word at the end of the recording
   bool is_interrupted = false;
   int outages = 0;  // of the connection
   absl::Duration away_for;
@@ -37,14 +37,14 @@ struct ReplayReport {
 
   void Add(const Notice& notice);
 
-  // The last line has events, poses, losses, Mev/s and latencies.
+  // The last line has the numbers of events, poses and losses, the event rate in Mev/s, and latencies.
   void Print(std::ostream& out_stream) const;
   Json ToJson() const;
 
  private:
-  // What it ends without: a line, or empty when the object is tracked at the end.
+  // Returns a line about objects that are not tracked at the end; empty if all are.
   std::string WhyNoPose(const ObjectHealth& object) const;
-  // How a line about one of several objects begins; empty when there is only one.
+  // Returns the prefix of a line about one of several objects; empty for a single object.
   std::string NameOf(const std::string& object_id) const;
   uint32_t Losses() const;  // of all objects
   Json ObjectsJson() const;

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// How far a session is, in a file: what a client that was killed goes on from.
+// A file with the position of a session, from which a client continues after a kill.
 #pragma once
 
 #include <cstdint>
@@ -16,35 +16,35 @@ namespace evpose::client {
 
 struct ResumeRecord {
   TrackPosition position;
-  uint64_t max_piece_bytes = 0;  // by which the chunks were cut
-  // What the run was begun with, by the option's name: the same is needed to go on.
+  uint64_t max_piece_bytes = 0;  // the limit at which chunks were cut
+  // The arguments of the run, by the name of the option: a run that continues needs the same ones.
   std::map<std::string, std::string> arguments;
   std::map<std::string, uint64_t> output_bytes;  // PoseFiles::Sync() at `position`
 
   std::string ToText() const;
-  // INVALID_ARGUMENT saying what is wrong.
+  // Error: INVALID_ARGUMENT describing the invalid content.
   static absl::StatusOr<ResumeRecord> FromText(const std::string& text);
 };
 
-// Holds a lock beside the file for as long as it lives.
+// Holds a lock file beside the file during its lifetime.
 class ResumeFile {
  public:
-  // Errors name the path: INVALID_ARGUMENT for a file that is no such record or was damaged; FAILED_PRECONDITION when
-  // another process has it; NOT_FOUND and the like when it cannot be written there.
+  // Errors name the path: INVALID_ARGUMENT for a file that is not such a record or is damaged; FAILED_PRECONDITION if
+  // another process holds the lock; NOT_FOUND and similar codes if the file cannot be written.
   static absl::StatusOr<ResumeFile> Open(const std::string& path);
   ResumeFile(ResumeFile&& other) noexcept;
   ResumeFile& operator=(ResumeFile&&) = delete;
   ~ResumeFile();
 
   const std::string& path() const { return path_; }
-  const std::optional<ResumeRecord>& record() const { return record_; }  // what was there
-  // INVALID_ARGUMENT naming the first argument that is another than in the record.
+  const std::optional<ResumeRecord>& record() const { return record_; }  // the record at the time of opening
+  // Error: INVALID_ARGUMENT naming the first argument that differs from that of the record.
   absl::Status CheckArguments(const std::map<std::string, std::string>& arguments) const;
 
-  // The file has this record or the one before, whatever happens, and is readable by its owner only: the record has the
-  // session's tokens.
+  // Replaces the record atomically. Only the owner can read the file, because the record contains the tokens of the
+  // session.
   absl::Status Write(const ResumeRecord& record);
-  // The session is done.
+  // Removes the file at the end of the session.
   void Remove();
 
  private:

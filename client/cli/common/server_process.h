@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// An evpose-server as a process of its own, for as long as somebody needs it.
+// Runs evpose-server as a child process.
 #pragma once
 
 #include <sys/types.h>
@@ -13,15 +13,15 @@
 
 namespace evpose::client {
 
-// It keeps nothing (its store is memory), listens on a free port of this machine alone, and ends with this process,
-// however that ends.
+// The server stores its sessions in memory, listens on a free port of the loopback interface, and ends with this
+// process, however that ends.
 class ServerProcess {
  public:
-  // Starts the evpose-server beside this program, else that of the same build, else the one in the PATH, with
-  // `arguments` beside its own, and waits until it listens. Errors: NOT_FOUND when there is none, with what to do;
-  // UNAVAILABLE when it ends before it listens: what it says of that goes to the standard error.
+  // Starts the evpose-server in the directory of this program, otherwise that of the same build, otherwise the one in
+  // PATH, with `arguments` in addition to its own, and waits until it listens. Errors: NOT_FOUND, with advice, if there
+  // is none; UNAVAILABLE if it ends before it listens: its message is on standard error.
   static absl::StatusOr<std::unique_ptr<ServerProcess>> Start(const std::vector<std::string>& arguments);
-  ~ServerProcess();  // ends it
+  ~ServerProcess();  // ends the process
   ServerProcess(const ServerProcess&) = delete;
   ServerProcess& operator=(const ServerProcess&) = delete;
 

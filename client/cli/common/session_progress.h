@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// The progress of a replay: how much was sent, and what the server makes of it.
+// The progress of a replay: the data that was sent, and the health of the session at the server.
 #pragma once
 
 #include <cstdint>
@@ -13,15 +13,15 @@
 
 namespace evpose::client {
 
-// Asks the server for the session's health now and then, in a thread of its own, and shows it.
+// Polls the health of the session in a thread of its own, and displays it.
 class SessionProgress {
  public:
-  // `total_bytes`: of the recording, -1 when not known. The arguments must outlive it.
+  // `total_bytes` is the size of the recording, -1 if unknown. The arguments must outlive it.
   SessionProgress(CliContext& context, Client& client, const std::string& session, int64_t total_bytes, bool is_shown);
   ~SessionProgress() { Stop(); }
 
   void Update(const TrackProgress& progress);
-  // A line of its own, also when the progress is not shown.
+  // Prints a line, even if the progress is not displayed.
   void Say(const std::string& text);
   void Stop();
 
@@ -33,7 +33,7 @@ class SessionProgress {
   const std::string session_;
   const int64_t total_bytes_;
   std::mutex mutex_;
-  TrackProgress progress_;  // guarded by mutex_, as what is shown is
+  TrackProgress progress_;  // guarded by mutex_, as all displayed data is
   ProgressLine line_;
   std::jthread thread_;
 };

@@ -8,7 +8,7 @@
 
 namespace evpose::client {
 
-// A number in a table; "-" where there is none (NaN, infinity).
+// A number in a table; "-" for NaN and infinity.
 inline std::string Cell(double value, int decimals) {
   return std::isfinite(value) ? absl::StrFormat("%.*f", decimals, value) : "-";
 }

@@ -185,32 +185,32 @@ void TrackArguments::AddTo(CLI::App& app, bool server_is_required) {
   }
   app.add_option("recording", recording, "Prophesee RAW or DAT file; - for standard input")->required();
   app.add_option("--model", model, "Object: OBJ, PLY or STL");
-  app.add_option("--object", objects, "One of several objects, with a name of its own; once for each")
+  app.add_option("--object", objects, "One of several objects, ID=FILE; repeat the option for each object")
       ->type_name("ID=MODEL")
       ->allow_extra_args(false);
   app.add_option("--camera", camera, "Camera: ROS camera_info YAML")->required();
-  app.add_option("--sensor", sensor, "Profile of the sensor, as evpose calibrate writes it; by default an EVK4's");
+  app.add_option("--sensor", sensor, "Profile of the sensor, as evpose calibrate writes it; default: an EVK4");
   app.add_option("--scale", metres_per_unit, "Metres per unit of the model file")
       ->check(CheckAboveZero, "POSITIVE")
       ->capture_default_str();
   app.add_option("--init-pose", init_poses,
-                 "Pose at the first event, camera_from_object; without it the pose is found from the events. With "
-                 "--object: \"ID=tx ...\", once for each object that has one")
+                 "Pose camera_from_object at the first event; without it, the pose is searched for in the events. With "
+                 "--object: \"ID=tx ...\", once for each object with a known pose")
       ->type_name("\"tx ty tz qx qy qz qw\"")
       ->allow_extra_args(false);
   app.add_option(
       "-o,--out", out,
-      "Poses: .tum, .csv or .jsonl; written whole or not at all. {object} in the name: one file for each, of "
-      "that ID");
+      "Poses: .tum, .csv or .jsonl; the file appears only when it is complete. {object} in the name is replaced by the "
+      "ID of each object");
   app.add_option(
          "--estimator", estimator,
-         "mixture; for comparison, the published static estimators, corrected, and a filter. Those of the released "
-         "code run in `evpose bench tracking` only")
+         "mixture; for comparison, corrected versions of the published static estimators, and a filter. Those of the "
+         "published code are available in `evpose bench tracking` only")
       ->check(CheckIsOffered)
       ->check(CLI::IsMember(estimators))
       ->capture_default_str();
   app.add_option("--chunk-bytes", chunk_bytes,
-                 "Send pieces of this size; by default 1 ms of sensor time or 256 KiB, whichever comes first")
+                 "Size of a chunk in bytes; default: 1 ms of sensor time or 256 KiB, whichever is less")
       ->check(CLI::Range(size_t{8}, size_t{64} << 20))
       ->check(
           [](const std::string& text) {
@@ -219,21 +219,20 @@ void TrackArguments::AddTo(CLI::App& app, bool server_is_required) {
           },
           "multiple of 8");
   server.AddTo(app, server_is_required);
-  app.add_option(
-         "--max-outage", max_outage_s,
-         "Seconds without an answer of --server after which to give up; 0: a stream that breaks is not taken up "
-         "again; inf: never give up")
+  app.add_option("--max-outage", max_outage_s,
+                 "Seconds without a response of --server after which the command gives up; 0: no reconnection; inf: "
+                 "unlimited")
       ->check(CheckNotNegative, "NONNEGATIVE")
       ->capture_default_str()
       ->needs(app.get_option("--server"))
       ->group(kAwayGroup);
   app.add_option("--resume", resume,
-                 "Keeps in this file how far the session is, and goes on from there when the file exists: after a kill "
-                 "give the same command again. It is removed at the end")
+                 "File with the position of the session. If it exists, the command continues from there: after a kill, "
+                 "run the same command again. The file is removed at the end")
       ->type_name("FILE")
       ->group(kAwayGroup);
   app.add_flag("--keep-session", keeps_session,
-               "Leave the session on the server: evpose watch can read its poses again")
+               "Keep the session on the server, so that evpose watch can read its poses")
       ->needs(app.get_option("--server"));
   app.add_flag("--json", is_json, "One JSON object on standard output");
 }

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// What replay and stream are given, and what they make of it before a server is asked.
+// The inputs of replay and stream, and their validation before a server is contacted.
 #pragma once
 
 #include <memory>
@@ -30,7 +30,7 @@ struct TrackArguments {
   size_t chunk_bytes = 0;
   double metres_per_unit = 1.0;
   double max_outage_s = 120.0;
-  std::string resume;  // empty: cannot be gone on with
+  std::string resume;  // empty: the run cannot be continued
   bool keeps_session = false;
   bool is_json = false;
 
@@ -54,18 +54,18 @@ struct TrackInputs {
   std::vector<std::string> object_ids() const;
 };
 
-// Everything that can be wrong before a server is asked. When `reader_options.stop` says so, what was read until then
-// is the whole recording.
+// Validates all inputs that can be validated without a server. When `reader_options.stop` is requested, the data read
+// until then is the complete recording.
 absl::StatusOr<TrackInputs> ReadTrackInputs(const TrackArguments& arguments,
                                             const RecordingReaderOptions& reader_options);
 
 ChunkerOptions MakeChunkerOptions(const TrackArguments& arguments);
 
-// Uploads the models and says in `report` what the server made of them.
+// Uploads the models and adds the server's description of them to `report`.
 absl::StatusOr<SessionConfig> UploadModels(Client& client, const TrackArguments& arguments, const TrackInputs& inputs,
                                            ReplayReport& report);
 
-// Errors name the files that the session is for.
+// Errors name the input files of the session.
 absl::StatusOr<Session> CreateSession(Client& client, const SessionConfig& config, const TrackArguments& arguments,
                                       const TrackInputs& inputs, const std::string& request_id);
 

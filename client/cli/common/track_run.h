@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// One run of a session from beginning to end: what replay and stream share.
+// A complete run of a session; used by replay and stream.
 #pragma once
 
 #include <atomic>
@@ -23,30 +23,30 @@
 
 namespace evpose::client {
 
-// The steps in their order: Open(), MakeFeed(), then, with a client, Begin() and Track(). Used once.
+// Call order: Open(), MakeFeed(), then, with a client, Begin() and Track(). Used once.
 class TrackRun {
  public:
-  // `own_arguments` are those of the command alone that must stay the same when it is gone on with. All must outlive
-  // it.
+  // `own_arguments` are the arguments of the command that must be the same when a run is continued. All references must
+  // outlive it.
   TrackRun(const TrackArguments& arguments, TrackInputs& inputs, CliContext& context,
            std::map<std::string, std::string> own_arguments);
   ~TrackRun();
 
-  // Reads what --resume has kept and opens the files of poses.
+  // Reads the file of --resume and opens the pose files.
   absl::Status Open();
   bool is_resumed() const { return resume_ && resume_->record(); }
-  // Of a run that is gone on with.
+  // Whether this run continues an earlier one.
   const TrackPosition& position() const { return record_.position; }
 
-  // Chunks of the recording. An error of the source ends the stream; with `ends_on_error` what was read before is
-  // tracked to its end, and the run fails then.
+  // Creates the feed of the recording's chunks. An error of the source ends the stream; with `ends_on_error`, the data
+  // read before the error is tracked, and the run fails afterwards.
   absl::Status MakeFeed(FeedOptions options, bool ends_on_error);
   EventFeed& feed() { return *feed_; }
 
-  // Uploads the models and creates the session, unless the run is gone on with.
+  // Uploads the models and creates the session, unless the run continues an earlier one.
   absl::Status Begin(Client& client, const std::function<void(SessionConfig&)>& complete,
                      const std::string& request_id);
-  // Until the summary; then the report and the files of poses are complete.
+  // Runs until the summary; then the report and the pose files are complete.
   absl::Status Track(Client& client, TrackOptions options);
 
   void Say(const std::string& text);
@@ -56,7 +56,7 @@ class TrackRun {
   absl::StatusOr<EventChunkBytes> NextChunk();
   absl::Status KeepPosition(const TrackPosition& position, bool has_new_token);
   TrackCallbacks MakeCallbacks();
-  // Of a run that failed: with what to do now.
+  // Adds advice to the status of a run that failed.
   absl::Status Explain(Client& client, const absl::Status& status) const;
   absl::Status Finish(Client& client, const TrackSummary& summary, absl::Duration wall_time);
 
@@ -69,10 +69,10 @@ class TrackRun {
   std::optional<PoseFiles> poses_;
   std::unique_ptr<EventFeed> feed_;
   bool ends_on_error_ = false;
-  absl::Status source_status_;  // of a source that ends on errors; of the feed's thread until the summary
+  absl::Status source_status_;  // of a source that ends on errors; owned by the feed's thread until the summary
   std::unique_ptr<SessionProgress> progress_;
   ConnectionLines connection_;
-  std::atomic<bool> is_away_ = false;  // the server, while there is a stream
+  std::atomic<bool> is_away_ = false;  // the server is unreachable while there is a stream
   ReplayReport report_;
   uint64_t kept_pose_seq_ = 0;
   absl::Time kept_at_ = absl::InfinitePast();

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// The other end of a stream of events that does nothing with them: what is left is the transport.
+// A peer of the Track protocol that discards all events: it measures the transport alone.
 #pragma once
 
 #include <memory>
@@ -10,16 +10,16 @@
 
 namespace evpose::client {
 
-// Speaks the Track protocol on a port of this machine: grants credit for all that it gets, makes no poses, and ends
+// Implements the Track protocol on a port of the loopback interface: grants unlimited credit, sends no poses, and ends
 // with a summary of the bytes received.
 class TransportSink {
  public:
-  // Errors: UNAVAILABLE when no port can be had.
+  // Error: UNAVAILABLE if no port is available.
   static absl::StatusOr<std::unique_ptr<TransportSink>> Start();
   ~TransportSink();
 
-  Client& client() { return *client_; }  // of a connection to it
-  static Session session();              // any number of times
+  Client& client() { return *client_; }  // connected to this sink
+  static Session session();              // may be used any number of times
 
  private:
   TransportSink();
