@@ -17,7 +17,7 @@
 #include "core/base/output_file.h"
 #include "core/base/status_macros.h"
 #include "core/calibration/sensor_calibration.h"
-#include "core/events/decoder.h"
+#include "core/events/event_reader.h"
 #include "core/events/recording_reader.h"
 #include "core/geometry/trajectory.h"
 #include "core/models/object_model.h"
@@ -25,7 +25,8 @@
 namespace evpose::client {
 namespace {
 
-constexpr size_t kCalibrateReadBytes = 1 << 20;
+// Pieces of this size: the progress line is drawn once for each.
+constexpr size_t kCalibratePieceBytes = 1 << 20;
 
 struct CalibrateArguments {
   std::vector<std::string> recordings;
@@ -84,24 +85,18 @@ absl::StatusOr<CalibrationInput> OpenInput(const CalibrateArguments& arguments, 
 
 absl::StatusOr<std::vector<EdgePassage>> CollectPassages(const CalibrateArguments& arguments, size_t i,
                                                          CalibrationInput& input, ProgressLine& progress) {
-  RecordingReader& reader = *input.reader;
-  EVPOSE_ASSIGN_OR_RETURN(const std::unique_ptr<EventDecoder> decoder,
-                          MakeEventDecoder(reader.header().encoding, reader.header().geometry));
-  std::vector<uint8_t> bytes(kCalibrateReadBytes);
-  DecodedEvents decoded;
+  EVPOSE_ASSIGN_OR_RETURN(EventReader events,
+                          EventReader::Make(*input.reader, {.max_piece_bytes = kCalibratePieceBytes}));
   std::optional<int64_t> first_us;
   int64_t last_us = 0;
   while (true) {
-    EVPOSE_ASSIGN_OR_RETURN(const size_t size, reader.Read(absl::MakeSpan(bytes)));
-    if (size == 0) break;
-    decoded.events.clear();
-    decoded.triggers.clear();
-    decoded.time_marks.clear();
-    decoder->Decode(absl::MakeConstSpan(bytes).first(size), decoded);
-    if (decoded.events.empty()) continue;
-    if (!first_us) first_us = decoded.events.front().t_us;
-    last_us = decoded.events.back().t_us;
-    input.collector->AddEvents(decoded.events);
+    EVPOSE_ASSIGN_OR_RETURN(const bool has_piece, events.Next());
+    if (!has_piece) break;
+    const auto& piece = events.decoded().events;
+    if (piece.empty()) continue;
+    if (!first_us) first_us = piece.front().t_us;
+    last_us = piece.back().t_us;
+    input.collector->AddEvents(piece);
     progress.Show(static_cast<double>(i) / static_cast<double>(arguments.recordings.size()),
                   absl::StrFormat("%s: %.1f s read", arguments.recordings[i], (last_us - *first_us) * 1e-6));
   }

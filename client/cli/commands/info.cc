@@ -10,14 +10,14 @@
 #include "client/cli/commands/commands.h"
 #include "core/base/status_macros.h"
 #include "core/events/decoder.h"
+#include "core/events/event_reader.h"
 #include "core/events/recording_reader.h"
 #include "core/numerics/hash.h"
 
 namespace evpose::client {
 namespace {
 
-constexpr size_t kInfoReadBytes = 256 * 1024;  // bounds memory, whatever the recording's size
-constexpr size_t kPackedEventBytes = 13;       // t u64, x u16, y u16, p u8, little-endian
+constexpr size_t kPackedEventBytes = 13;  // t u64, x u16, y u16, p u8, little-endian
 
 struct InfoArguments {
   std::string recording;
@@ -51,33 +51,27 @@ absl::StatusOr<RecordingInfo> ReadInfo(const std::string& path, const std::funct
   EVPOSE_ASSIGN_OR_RETURN(const std::unique_ptr<RecordingReader> reader, RecordingReader::Open(path, reader_options));
   RecordingInfo info;
   info.header = reader->header();
-  EVPOSE_ASSIGN_OR_RETURN(const std::unique_ptr<EventDecoder> decoder,
-                          MakeEventDecoder(info.header.encoding, info.header.geometry, OutsideSensor::kKeep));
+  EVPOSE_ASSIGN_OR_RETURN(EventReader events, EventReader::Make(*reader, {.outside_sensor = OutsideSensor::kKeep}));
   Sha256 digest;
-  DecodedEvents decoded;
-  std::vector<uint8_t> bytes(kInfoReadBytes);
   std::vector<uint8_t> packed;
-  uint64_t events = 0;
+  uint64_t num_events = 0;
   while (true) {
-    EVPOSE_ASSIGN_OR_RETURN(const size_t size, reader->Read(absl::MakeSpan(bytes)));
-    if (size == 0) break;
-    info.data_bytes += size;
-    decoded.events.clear();
-    decoded.triggers.clear();
-    decoded.time_marks.clear();
-    decoder->Decode(absl::MakeConstSpan(bytes).first(size), decoded);
+    EVPOSE_ASSIGN_OR_RETURN(const bool has_piece, events.Next());
+    if (!has_piece) break;
+    const auto& piece = events.decoded().events;
     packed.clear();
-    packed.reserve(decoded.events.size() * kPackedEventBytes);
-    for (const Event& event : decoded.events) {
-      if (events++ == 0) info.t_first_us = event.t_us;
+    packed.reserve(piece.size() * kPackedEventBytes);
+    for (const Event& event : piece) {
+      if (num_events++ == 0) info.t_first_us = event.t_us;
       info.on_events += event.polarity;
       Pack(event, packed);
     }
-    if (!decoded.events.empty()) info.t_last_us = decoded.events.back().t_us;
+    if (!piece.empty()) info.t_last_us = piece.back().t_us;
     digest.Update(packed);
   }
-  info.truncated_bytes = decoder->pending_bytes();
-  info.counts = decoder->counts();
+  info.data_bytes = events.data_bytes();
+  info.truncated_bytes = events.pending_bytes();
+  info.counts = events.counts();
   info.sha256 = digest.FinishHex();
   return info;
 }

@@ -18,13 +18,14 @@
 #include "client/cli/common/frame_painter.h"
 #include "core/base/output_file.h"
 #include "core/base/status_macros.h"
+#include "core/events/event_reader.h"
 #include "core/events/recording_reader.h"
 #include "core/geometry/trajectory.h"
 
 namespace evpose::client {
 namespace {
 
-constexpr size_t kRenderReadBytes = 64 * 1024;
+constexpr size_t kRenderPieceBytes = 64 * 1024;  // an interrupt is looked for before each piece
 // Poses further apart than this are not bridged: the object was lost between them.
 constexpr int64_t kMaxPoseGapUs = 50'000;
 constexpr int64_t kMaxFrames = 200'000;  // a clock that jumps must not fill the disk
@@ -88,17 +89,13 @@ std::optional<RigidTransform> PoseAt(const Trajectory& poses, int64_t t_us) {
 
 // All events in order, until `on_event` answers false or the recording ends.
 absl::Status ForEachEvent(RenderInputs& inputs, const std::function<absl::StatusOr<bool>(const Event&)>& on_event) {
-  RecordingReader& reader = *inputs.reader;
-  EVPOSE_ASSIGN_OR_RETURN(const std::unique_ptr<EventDecoder> decoder,
-                          MakeEventDecoder(reader.header().encoding, reader.header().geometry));
-  std::vector<uint8_t> bytes(kRenderReadBytes);
+  EVPOSE_ASSIGN_OR_RETURN(EventReader events,
+                          EventReader::Make(*inputs.reader, {.max_piece_bytes = kRenderPieceBytes}));
   while (true) {
     EVPOSE_RETURN_IF_ERROR(CheckNotInterrupted(inputs));
-    EVPOSE_ASSIGN_OR_RETURN(const size_t size, reader.Read(absl::MakeSpan(bytes)));
-    if (size == 0) return CheckNotInterrupted(inputs);  // a live source ends then, too
-    DecodedEvents decoded;
-    decoder->Decode(absl::MakeConstSpan(bytes).first(size), decoded);
-    for (const Event& event : decoded.events) {
+    EVPOSE_ASSIGN_OR_RETURN(const bool has_piece, events.Next());
+    if (!has_piece) return CheckNotInterrupted(inputs);  // an interrupt ends a live source, too
+    for (const Event& event : events.decoded().events) {
       EVPOSE_ASSIGN_OR_RETURN(const bool goes_on, on_event(event));
       if (!goes_on) return absl::OkStatus();
     }

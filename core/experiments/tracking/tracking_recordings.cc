@@ -12,7 +12,7 @@
 #include "absl/strings/str_cat.h"
 #include "core/base/output_file.h"
 #include "core/base/status_macros.h"
-#include "core/events/decoder.h"
+#include "core/events/event_reader.h"
 #include "core/events/recording_reader.h"
 #include "core/simulation/describe.h"
 
@@ -66,21 +66,16 @@ absl::StatusOr<uint64_t> Keep(const SimulationOptions& run, const fs::path& dire
 absl::Status Read(const fs::path& directory, uint64_t num_events, const EventConsumer& on_events) {
   EVPOSE_ASSIGN_OR_RETURN(const std::unique_ptr<RecordingReader> reader,
                           RecordingReader::Open((directory / kRecordingName).string()));
-  EVPOSE_ASSIGN_OR_RETURN(const std::unique_ptr<EventDecoder> decoder,
-                          MakeEventDecoder(reader->header().encoding, reader->header().geometry));
-  constexpr size_t kBufferBytes = 1 << 17;
-  std::vector<uint8_t> buffer(kBufferBytes);
-  DecodedEvents decoded;
+  constexpr size_t kPieceBytes = 1 << 17;
+  EVPOSE_ASSIGN_OR_RETURN(EventReader events, EventReader::Make(*reader, {.max_piece_bytes = kPieceBytes}));
   while (true) {
-    EVPOSE_ASSIGN_OR_RETURN(const size_t size, reader->Read(absl::MakeSpan(buffer)));
-    if (size == 0) break;
-    decoded.events.clear();
-    decoder->Decode(absl::MakeConstSpan(buffer.data(), size), decoded);
-    EVPOSE_RETURN_IF_ERROR(on_events(decoded.events));
+    EVPOSE_ASSIGN_OR_RETURN(const bool has_piece, events.Next());
+    if (!has_piece) break;
+    EVPOSE_RETURN_IF_ERROR(on_events(events.decoded().events));
   }
-  if (decoder->counts().cd_events == num_events) return absl::OkStatus();
-  return absl::DataLossError(absl::StrCat(directory.string(), ": holds ", decoder->counts().cd_events,
-                                          " events and not ", num_events, ": delete it, and it will be made again"));
+  if (events.counts().cd_events == num_events) return absl::OkStatus();
+  return absl::DataLossError(absl::StrCat(directory.string(), ": holds ", events.counts().cd_events, " events and not ",
+                                          num_events, ": delete it, and it will be made again"));
 }
 
 }  // namespace
