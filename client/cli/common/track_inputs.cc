@@ -27,11 +27,11 @@ std::string CheckIsOffered(const std::string& estimator) {
   return absl::StrCat(estimator, " is not offered by servers: `evpose bench tracking` runs it");
 }
 
-Estimator EstimatorByName(const std::string& name) {
+absl::StatusOr<Estimator> EstimatorByName(const std::string& name) {
   for (const auto& [estimator, known] : kEstimatorNames) {
     if (name == known) return estimator;
   }
-  return Estimator::kMixture;  // the parser takes no other name
+  return UsageError(absl::StrCat("--estimator ", name, ": there is no such estimator"));
 }
 
 // "ID=REST". INVALID_ARGUMENT (usage) otherwise.
@@ -149,7 +149,7 @@ absl::StatusOr<SessionConfig> UploadModels(Client& client, const TrackArguments&
   SessionConfig config;
   config.encoding = inputs.reader->header().encoding;
   config.camera = inputs.camera;
-  config.estimator = EstimatorByName(arguments.estimator);
+  EVPOSE_ASSIGN_OR_RETURN(config.estimator, EstimatorByName(arguments.estimator));
   config.sensor = inputs.sensor;
   report.models.clear();
   for (const InputObject& input : inputs.objects) {
