@@ -3,8 +3,8 @@
 
 #include <algorithm>
 
-#include "core/events/word_decoder.h"
-#include "core/events/word_types.h"
+#include "core/events/formats/word_decoder.h"
+#include "core/events/formats/word_types.h"
 
 namespace evpose {
 bool TimeScanner::TimeIs(int64_t now_us, int64_t max_duration_us) {

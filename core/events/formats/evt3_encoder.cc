@@ -2,8 +2,8 @@
 #include <algorithm>
 #include <cstdint>
 
-#include "core/events/word_encoder.h"
-#include "core/events/word_types.h"
+#include "core/events/formats/word_encoder.h"
+#include "core/events/formats/word_types.h"
 
 namespace evpose {
 namespace {

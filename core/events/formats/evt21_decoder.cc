@@ -5,7 +5,7 @@
 #include <bit>
 #include <cstdint>
 
-#include "core/events/evt2_word_decoder.h"
+#include "core/events/formats/evt2_word_decoder.h"
 
 namespace evpose {
 namespace {

@@ -5,8 +5,8 @@
 #include <array>
 #include <bit>
 
-#include "core/events/word_runs.h"
-#include "core/events/word_types.h"
+#include "core/events/formats/word_runs.h"
+#include "core/events/formats/word_types.h"
 
 #if defined(__x86_64__)
 #include <immintrin.h>

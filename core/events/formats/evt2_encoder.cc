@@ -3,8 +3,8 @@
 // EVT 2.0 and EVT 2.1, which differ in the width of their words and in the mask of 32 pixels.
 #include <cstdint>
 
-#include "core/events/word_encoder.h"
-#include "core/events/word_types.h"
+#include "core/events/formats/word_encoder.h"
+#include "core/events/formats/word_types.h"
 
 namespace evpose {
 namespace {

@@ -5,7 +5,7 @@
 #include <array>
 #include <bit>
 
-#include "core/events/word_runs.h"
+#include "core/events/formats/word_runs.h"
 
 #if defined(__x86_64__)
 #include <immintrin.h>

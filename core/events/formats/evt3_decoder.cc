@@ -4,10 +4,10 @@
 #include <bit>
 #include <cstdint>
 
-#include "core/events/sensor_clock.h"
-#include "core/events/word_decoder.h"
-#include "core/events/word_runs.h"
-#include "core/events/word_types.h"
+#include "core/events/formats/sensor_clock.h"
+#include "core/events/formats/word_decoder.h"
+#include "core/events/formats/word_runs.h"
+#include "core/events/formats/word_types.h"
 
 namespace evpose {
 namespace {

@@ -5,8 +5,8 @@
 
 #include <cstdint>
 
-#include "core/events/sensor_clock.h"
-#include "core/events/word_decoder.h"
+#include "core/events/formats/sensor_clock.h"
+#include "core/events/formats/word_decoder.h"
 
 namespace evpose {
 

@@ -3,7 +3,7 @@
 // EVT 2.0: 32-bit words; an event carries row, column and the lowest 6 bits of the time.
 #include <cstdint>
 
-#include "core/events/evt2_word_decoder.h"
+#include "core/events/formats/evt2_word_decoder.h"
 
 namespace evpose {
 namespace {

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 
 // DAT version 2, 2D events: 32 bits of time, then x:14, y:14 and polarity in 32 bits.
-#include "core/events/full_address_decoder.h"
+#include "core/events/formats/full_address_decoder.h"
 
 namespace evpose {
 namespace {

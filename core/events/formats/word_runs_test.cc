@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 
 // Each set of instructions gives what the rules give word by word, and stops where they say.
-#include "core/events/word_runs.h"
+#include "core/events/formats/word_runs.h"
 
 #include <gtest/gtest.h>
 

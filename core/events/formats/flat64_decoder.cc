@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 
 // FLAT64: from the highest bit t_us:32, x:14, y:14, 0:3, p:1.
-#include "core/events/full_address_decoder.h"
+#include "core/events/formats/full_address_decoder.h"
 
 namespace evpose {
 namespace {

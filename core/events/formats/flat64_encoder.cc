@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <cstdint>
 
-#include "core/events/word_encoder.h"
+#include "core/events/formats/word_encoder.h"
 
 namespace evpose {
 namespace {
