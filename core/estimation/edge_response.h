@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// Where a pixel that answers to the logarithm of its light, in steps of a threshold, puts the events of a moving edge
-// (core/estimation/README.md, section 3; the pixel model of Lichtsteiner et al. 2008).
+// Where a pixel that deficit_counts to the logarithm of its light, in steps of a threshold, puts the events of a moving
+// edge (core/estimation/README.md, section 3; the pixel model of Lichtsteiner et al. 2008).
 //
 // In the image an edge of log contrast L is a blurred step. A level l above its dark side, 0 < l < L, lies where the
 // blurred light reaches it: at x = blur PhiInv((e^l - 1) / (e^L - 1)) from the true edge, towards the bright side: the

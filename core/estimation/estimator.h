@@ -19,19 +19,19 @@
 
 namespace evpose {
 
-// Whether a line answers to its motion: events that each half of it should have made at the least, and those that it
-// made beyond the background's.
-struct LineAnswer {
+// Whether a line deficit_counts to its motion: events that each half of it should have made at the least, and those
+// that it made beyond the background's.
+struct DeficitCounts {
   std::array<double, 2> expected = {};
   std::array<double, 2> observed = {};
 
-  // Adds the next window's. What was before counts on for as long as kEnough events should have taken: a shorter
-  // silence of a slow line says nothing, and a longer one is not needed. What was made beyond the expected is
-  // forgotten: it does not make up for a later silence.
-  void Add(const LineAnswer& window);
+  // Adds the next window's. What was before counts on for as long as kMemoryEvents events should have taken: a shorter
+  // no_events of a slow line says nothing, and a longer one is not needed. What was made beyond the expected is
+  // forgotten: it does not make up for a later no_events.
+  void Add(const DeficitCounts& window);
   // Events at the least rate (MixtureOptions.min_events_per_px2). Sensors make some ten times as many, so that a half
   // that moves is hardly ever silent for so long.
-  static constexpr double kEnough = 0.5;
+  static constexpr double kMemoryEvents = 0.5;
 
   // Of most lines of a large model there is nothing to be kept.
   static void VisitState(auto& archive, auto& self) {
@@ -39,8 +39,8 @@ struct LineAnswer {
     bool is_empty = expected == std::array<double, 2>() && observed == std::array<double, 2>();
     archive(is_empty);
     if (is_empty) return;
-    for (auto& events : expected) archive(AtMost(events, kEnough));
-    for (auto& events : observed) archive(InRange(events, -kEnough, kEnough));
+    for (auto& events : expected) archive(AtMost(events, kMemoryEvents));
+    for (auto& events : observed) archive(InRange(events, -kMemoryEvents, kMemoryEvents));
   }
 };
 
@@ -51,9 +51,9 @@ struct WindowInput {
   NearShares shares;                   // other than one when events were sampled
   double duration_s = 0.0;
   double background_per_px2 = 0.0;  // events that came anywhere, lines or not, in this time
-  bool is_believed = false;         // the pose before it; one that is not has to explain the events as they are
+  bool is_confirmed = false;        // the pose before it; one that is not has to explain the events as they are
   absl::Span<const TrackedLine> lines;
-  absl::Span<const LineAnswer> past_answers;  // of the lines, before this window; empty: nothing is known
+  absl::Span<const DeficitCounts> past_deficit_counts;  // of the lines, before this window; empty: nothing is known
 };
 
 struct WindowFit {
@@ -63,10 +63,11 @@ struct WindowFit {
   double num_background = 0.0;  // of them, expected there as anywhere on the sensor
   double residual_rms_px = 0.0;
   // Of the events that the lines should have made, by the state's twist, those before the window counted.
-  double missing_ratio = 0.0;
+  double deficit_ratio = 0.0;
   // Explained, of those observed, by each of the input's lines; empty when the estimator does not say.
   std::vector<double> line_events;
-  std::vector<LineAnswer> answers;  // of the input's lines in this window, by the state's twist; empty likewise
+  std::vector<DeficitCounts>
+      deficit_counts;  // of the input's lines in this window, by the state's twist; empty likewise
 
   double explained_ratio() const { return num_gated > 0.0 ? num_explained / num_gated : 0.0; }
   // Events in the gates that something in the scene must have made, and the explained share of these.
@@ -76,8 +77,8 @@ struct WindowFit {
   // As it was made, but for the memory that its lists have.
   void Clear() {
     line_events.clear();
-    answers.clear();
-    *this = {.line_events = std::move(line_events), .answers = std::move(answers)};
+    deficit_counts.clear();
+    *this = {.line_events = std::move(line_events), .deficit_counts = std::move(deficit_counts)};
   }
 };
 

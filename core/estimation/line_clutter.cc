@@ -15,7 +15,7 @@ int LineClutter::Direction(const ImageLine& line) const {
 }
 
 void LineClutter::Add(const LineCounts& counts, int direction, double gate_px, Memory& memory) {
-  const double strip_px = (1.0 - LineCounts::kBesideRatio) * gate_px;
+  const double strip_px = (1.0 - LineCounts::kLateralRatio) * gate_px;
   const double all_own = counts.own[0] + counts.own[1];
   for (int polarity = 0; polarity < 2; ++polarity) {
     memory.own[polarity] += direction == 0 ? 0.5 * all_own : counts.own[direction > 0 ? polarity : 1 - polarity];
@@ -57,7 +57,7 @@ void LineClutter::Densities(absl::Span<const TrackedLine> tracked, absl::Span<co
 void LineClutter::Learn(absl::Span<const TrackedLine> tracked, absl::Span<const ImageLine> lines,
                         absl::Span<const LineCounts> counts, double gate_px) {
   constexpr double kMemoryEvents = 100.0;
-  const double strip_px = (1.0 - LineCounts::kBesideRatio) * gate_px;
+  const double strip_px = (1.0 - LineCounts::kLateralRatio) * gate_px;
   for (size_t k = 0; k < counts.size(); ++k) {
     if (!lines[k].in_view()) continue;
     const auto index = static_cast<size_t>(tracked[k].model_line);

@@ -31,8 +31,8 @@ struct LineDensities {
 // What a window's events say of one line.
 struct LineCounts {
   ByPolarity own = {};                    // events that it explains
-  std::array<ByPolarity, 2> beside = {};  // events from kBesideRatio of the gate on that nothing explains, by side
-  static constexpr double kBesideRatio = 2.0 / 3.0;  // no event of the line itself is so far from it
+  std::array<ByPolarity, 2> beside = {};  // events from kLateralRatio of the gate on that nothing explains, by side
+  static constexpr double kLateralRatio = 2.0 / 3.0;  // no event of the line itself is so far from it
 };
 
 // Remembers it for each line of a model, for as long as about a hundred events.

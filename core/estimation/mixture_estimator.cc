@@ -7,7 +7,7 @@
 
 #include "core/base/check_range.h"
 #include "core/base/status_macros.h"
-#include "core/estimation/flood_shift.h"
+#include "core/estimation/flicker_bias.h"
 #include "core/numerics/refill.h"
 
 namespace evpose {
@@ -41,16 +41,15 @@ class MixtureEstimator : public WindowEstimator {
   void Fit(const MotionState& predicted, const WindowInput& input, double gate_factor, WindowFit& fit) override;
 
   void Accept(const WindowFit& fit, const WindowInput& input) override {
-    // About ten windows' worth of memory: spread and clutter change with the view, not with the millisecond.
-    constexpr double kMemoryEvents = 5000.0;
+    const double memory = options_.memory_events;
     const double n = fit.num_explained;
     const double variance =
-        (kMemoryEvents * sigma_px_ * sigma_px_ + n * fit.residual_rms_px * fit.residual_rms_px) / (kMemoryEvents + n);
+        (memory * sigma_px_ * sigma_px_ + n * fit.residual_rms_px * fit.residual_rms_px) / (memory + n);
     sigma_px_ = std::clamp(std::sqrt(variance), options_.sigma_min_factor * sensor_.pixel_noise_px,
                            options_.sigma_max_factor * sensor_.pixel_noise_px);
     const double gated = fit.num_gated;
     if (gated > 0.0) {
-      outlier_ratio_ = (kMemoryEvents * outlier_ratio_ + (gated - n)) / (kMemoryEvents + gated);
+      outlier_ratio_ = (memory * outlier_ratio_ + (gated - n)) / (memory + gated);
     }
     LearnDisplacement();
     counts_.clear();
@@ -61,7 +60,7 @@ class MixtureEstimator : public WindowEstimator {
 
   void Reset() override {
     sigma_px_ = sensor_.pixel_noise_px;
-    outlier_ratio_ = 0.2;
+    outlier_ratio_ = options_.initial_outlier_ratio;
     edge_bias_.Reset();
     clutter_.Reset();
     displacement_px2_ = 0.0;
@@ -72,8 +71,8 @@ class MixtureEstimator : public WindowEstimator {
   void LoadState(StateReader& reader) override { VisitState(reader, *this); }
   static void VisitState(auto& archive, auto& self) {
     auto& [options, sensor, camera, table, sigma_px, outlier_ratio, displacement_px2, displacement_factor, noise_per_px,
-           final_gate_px, pass, lines, sums, counts, line_counts, flood_shifts_px, densities, answers, edge_bias,
-           clutter] = self;
+           final_gate_px, pass, lines, sums, counts, line_counts, flicker_biases_px, densities, deficit_counts,
+           edge_bias, clutter] = self;
     archive(InRange(sigma_px, 1e-6, 1e6), AtMost(outlier_ratio, 1.0), Finite(displacement_px2),
             InRange(displacement_factor, 1.0, 1e6), edge_bias, clutter);
   }
@@ -84,7 +83,7 @@ class MixtureEstimator : public WindowEstimator {
     for (const MixtureLine& line : sums_) line_counts_.push_back({line.weight(), line.beside});
   }
   // Displaces the lines to where the last pass's counts say that their events are.
-  void ShiftByFlood(const ByPolarity& events_per_observation, double gate_px);
+  void CorrectFlickerBias(const ByPolarity& events_per_observation, double gate_px);
   // What the lines' events have in common is seen in what the fit leaves of it: the lines' mean residuals.
   void LearnDisplacement();
   double FirstGatePx(double spread_px, double gate_factor) const {
@@ -95,13 +94,13 @@ class MixtureEstimator : public WindowEstimator {
     ProjectLines(camera_, state, input.lines, lines_);
     ProjectVelocityJacobians(camera_, state, input.lines, absl::MakeSpan(lines_));
     edge_bias_.Correct(input.lines, absl::MakeSpan(lines_));
-    for (size_t k = 0; k < lines_.size(); ++k) lines_[k].a_expected.z() -= flood_shifts_px_[k];
+    for (size_t k = 0; k < lines_.size(); ++k) lines_[k].a_expected.z() -= flicker_biases_px_[k];
   }
   // Moves `state` to the minimum for the present sums; returns the largest movement of a line's middle, pixels.
   double Minimise(const MotionState& predicted, const Matrix12d& prior_information, const WindowInput& input,
                   double sigma_px, MotionState& state);
-  // Counts the lines' answers; returns the share of them that is missing. kComplete: as if it were known whose the
-  // events are, for a step of expectation-maximisation; kObserved: what they tell without, for the covariance.
+  // Counts the lines' deficit_counts; returns the share of them that is missing. kComplete: as if it were known whose
+  // the events are, for a step of expectation-maximisation; kObserved: what they tell without, for the covariance.
   enum class Information { kComplete, kObserved };
   double NormalEquations(const MotionState& state, const WindowInput& input, double sigma_px, Information information,
                          Matrix12d& hessian, Vector12d& gradient);
@@ -109,9 +108,8 @@ class MixtureEstimator : public WindowEstimator {
   // Additional position uncertainty, in pixels, of a line of a face that is seen nearly edge-on: its two edges are
   // closer together than the spread of the events, so that an event cannot be assigned to one of them
   // (core/estimation/README.md, section 6).
-  double OfEitherEdgePx(const TrackedLine& line) const {
-    constexpr double kTellingSigma = 3.0;
-    return 0.5 * std::max(0.0, kTellingSigma * sigma_px_ - line.narrowest_face_px);
+  double NarrowFacePx(const TrackedLine& line) const {
+    return 0.5 * std::max(0.0, options_.narrow_face_sigma * sigma_px_ - line.narrowest_face_px);
   }
   // Events in the gates that come as anywhere on the sensor. A line that rests has only those, and must not be fitted
   // to them.
@@ -131,10 +129,10 @@ class MixtureEstimator : public WindowEstimator {
   std::vector<ImageLine> lines_;
   std::vector<MixtureLine> sums_;
   std::vector<EdgeCounts> counts_;
-  std::vector<LineCounts> line_counts_;  // of the last pass
-  std::vector<double> flood_shifts_px_;  // by which lines_ are displaced, flood_shift.h
+  std::vector<LineCounts> line_counts_;    // of the last pass
+  std::vector<double> flicker_biases_px_;  // by which lines_ are displaced, flicker_bias.h
   std::vector<LineDensities> densities_;
-  std::vector<LineAnswer> answers_;
+  std::vector<DeficitCounts> deficit_counts_;
   EdgeBias edge_bias_;
   LineClutter clutter_;
 };
@@ -164,7 +162,7 @@ void MixtureEstimator::Fit(const MotionState& predicted, const WindowInput& inpu
   const Matrix12d prior_information = SymmetricInverse(predicted.covariance);
 
   MotionState state = predicted;
-  Refill(input.lines.size(), flood_shifts_px_);
+  Refill(input.lines.size(), flicker_biases_px_);
   Project(state, input);
   const double spread_px = PredictedSpreadPx(camera_, predicted, lines_);
   MixtureDensity density{sigma_px_, outlier_ratio_, FirstGatePx(spread_px, gate_factor)};
@@ -185,7 +183,7 @@ void MixtureEstimator::Fit(const MotionState& predicted, const WindowInput& inpu
     const double background = Background(input, density.gate_px) / std::max(totals.num_gated, 1.0);
     density.outlier_ratio = std::clamp(background, outlier_ratio_, std::max(outlier_ratio_, kMaxBackgroundRatio));
     noise_per_px_ = input.background_per_px2 * density.OwnWidthPx(table_);
-    if (input.is_believed) ShiftByFlood(input.shares.events_per_observation, density.gate_px);
+    if (input.is_confirmed) CorrectFlickerBias(input.shares.events_per_observation, density.gate_px);
     const double moved_px = Minimise(predicted, prior_information, input, density.sigma_px, state);
     if (pass > 0 && moved_px < kSettledPx && annealed_px2 < 0.01 * sigma_px_ * sigma_px_) break;
     annealed_px2 *= 0.1;
@@ -195,7 +193,7 @@ void MixtureEstimator::Fit(const MotionState& predicted, const WindowInput& inpu
   Vector12d gradient = Vector12d::Zero();
   AddPriorEquations(state, predicted, prior_information, hessian, gradient);
   fit.Clear();
-  fit.missing_ratio = NormalEquations(state, input, density.sigma_px, Information::kObserved, hessian, gradient);
+  fit.deficit_ratio = NormalEquations(state, input, density.sigma_px, Information::kObserved, hessian, gradient);
   state.covariance = SymmetricInverse(hessian);
 
   final_gate_px_ = density.gate_px;
@@ -204,7 +202,7 @@ void MixtureEstimator::Fit(const MotionState& predicted, const WindowInput& inpu
   fit.num_background = Background(input, density.gate_px);
   fit.num_explained = totals.weight;
   for (const MixtureLine& line : sums_) fit.line_events.push_back(line.weight()[0] + line.weight()[1]);
-  fit.answers = answers_;
+  fit.deficit_counts = deficit_counts_;
   fit.residual_rms_px = totals.weight > 0.0 ? std::sqrt(totals.weighted_squares_px2 / totals.weight) : sigma_px_;
 }
 
@@ -239,20 +237,21 @@ double MixtureEstimator::NormalEquations(const MotionState& state, const WindowI
     const double scale =
         information == Information::kObserved ? sums_[k].ObservedRatio(sigma_px) * event_scale : event_scale;
     LineEquations equations(sums_[k].sums, lines_[k], scale);
-    const double line_px = std::hypot(displacement_px, OfEitherEdgePx(input.lines[k]));
+    const double line_px = std::hypot(displacement_px, NarrowFacePx(input.lines[k]));
     if (line_px > 0.0) equations.Marginalise({AlongLine(camera_, lines_[k]), line_px});
     equations.AddTo(hessian, gradient);
   }
-  CountAnswers(camera_, input, lines_, sums_, state.twist, noise_per_px_, options_.min_events_per_px2, answers_);
-  return AddAbsence(camera_, lines_, answers_, input.past_answers, state.twist, 1.0 / options_.events_per_information,
-                    hessian, gradient);
+  CountForDeficit(camera_, input, lines_, sums_, state.twist, noise_per_px_, options_.min_events_per_px2,
+                  deficit_counts_);
+  return AddEventDeficit(camera_, lines_, deficit_counts_, input.past_deficit_counts, state.twist,
+                         1.0 / options_.events_per_information, hessian, gradient);
 }
 
-void MixtureEstimator::ShiftByFlood(const ByPolarity& events_per_observation, double gate_px) {
+void MixtureEstimator::CorrectFlickerBias(const ByPolarity& events_per_observation, double gate_px) {
   for (size_t k = 0; k < lines_.size(); ++k) {
-    const double shift_px = FloodShiftPx(line_counts_[k], events_per_observation, gate_px, sigma_px_);
-    lines_[k].a_expected.z() -= shift_px - flood_shifts_px_[k];
-    flood_shifts_px_[k] = shift_px;
+    const double shift_px = FlickerBiasPx(line_counts_[k], events_per_observation, gate_px, sigma_px_);
+    lines_[k].a_expected.z() -= shift_px - flicker_biases_px_[k];
+    flicker_biases_px_[k] = shift_px;
   }
 }
 
@@ -311,34 +310,38 @@ absl::Status MixtureOptions::Validate() const {
   EVPOSE_RETURN_IF_ERROR(CheckRange("events_per_information", events_per_information, 1.0, 1000.0));
   EVPOSE_RETURN_IF_ERROR(CheckRange("edge_noise_px_sqrt_s", edge_noise_px_sqrt_s, 0.0, 1.0));
   EVPOSE_RETURN_IF_ERROR(CheckRange("usual_displacement_px", usual_displacement_px, 1e-3, 10.0));
+  EVPOSE_RETURN_IF_ERROR(CheckRange("retry_explained_ratio", retry_explained_ratio, 0.0, 1.0));
+  EVPOSE_RETURN_IF_ERROR(CheckRange("memory_events", memory_events, 1.0, 1e9));
+  EVPOSE_RETURN_IF_ERROR(CheckRange("initial_outlier_ratio", initial_outlier_ratio, 1e-6, 0.99));
+  EVPOSE_RETURN_IF_ERROR(CheckRange("narrow_face_sigma", narrow_face_sigma, 0.0, 10.0));
   return CheckRange("min_events_per_px2", min_events_per_px2, 0.0, 100.0);
 }
 
-void CountAnswers(const CameraModel& camera, const WindowInput& input, absl::Span<const ImageLine> lines,
-                  absl::Span<const MixtureLine> sums, const Vector6d& twist, double noise_per_px,
-                  double min_events_per_px2, std::vector<LineAnswer>& answers) {
-  Refill(lines.size(), answers);
+void CountForDeficit(const CameraModel& camera, const WindowInput& input, absl::Span<const ImageLine> lines,
+                     absl::Span<const MixtureLine> sums, const Vector6d& twist, double noise_per_px,
+                     double min_events_per_px2, std::vector<DeficitCounts>& deficit_counts) {
+  Refill(lines.size(), deficit_counts);
   for (size_t k = 0; k < lines.size(); ++k) {
     if (!lines[k].in_view()) continue;
     const double half_px = 0.5 * lines[k].length_px;
     for (int half = 0; half < 2; ++half) {
       const double speed = std::max(std::abs(HalfSpeedRow(camera, lines[k], half).dot(twist)), kMinSpeedPxPerS);
-      answers[k].expected[half] = min_events_per_px2 * half_px * speed * input.duration_s;
+      deficit_counts[k].expected[half] = min_events_per_px2 * half_px * speed * input.duration_s;
       const double events = sums[k].half_weight[half][0] * input.shares.events_per_observation[0] +
                             sums[k].half_weight[half][1] * input.shares.events_per_observation[1];
-      answers[k].observed[half] = events - noise_per_px * half_px;
+      deficit_counts[k].observed[half] = events - noise_per_px * half_px;
     }
   }
 }
 
-double AddAbsence(const CameraModel& camera, absl::Span<const ImageLine> lines, absl::Span<const LineAnswer> answers,
-                  absl::Span<const LineAnswer> past, const Vector6d& twist, double scale, Matrix12d& hessian,
-                  Vector12d& gradient) {
+double AddEventDeficit(const CameraModel& camera, absl::Span<const ImageLine> lines,
+                       absl::Span<const DeficitCounts> deficit_counts, absl::Span<const DeficitCounts> past,
+                       const Vector6d& twist, double scale, Matrix12d& hessian, Vector12d& gradient) {
   // Events missing of each half line.
   const auto missing_of = [&](size_t k, int half) {
-    const LineAnswer before = past.empty() ? LineAnswer() : past[k];
-    const double observed = std::max(0.0, answers[k].observed[half] + before.observed[half]);
-    const double expected = answers[k].expected[half];
+    const DeficitCounts before = past.empty() ? DeficitCounts() : past[k];
+    const double observed = std::max(0.0, deficit_counts[k].observed[half] + before.observed[half]);
+    const double expected = deficit_counts[k].expected[half];
     return expected * std::max(0.0, 1.0 - observed / (expected + before.expected[half]));
   };
   double all_expected = 0.0;
@@ -346,14 +349,14 @@ double AddAbsence(const CameraModel& camera, absl::Span<const ImageLine> lines, 
   for (size_t k = 0; k < lines.size(); ++k) {
     if (!lines[k].in_view()) continue;
     for (int half = 0; half < 2; ++half) {
-      all_expected += answers[k].expected[half];
+      all_expected += deficit_counts[k].expected[half];
       all_missing += missing_of(k, half);
     }
   }
   if (!(all_missing > 0.0)) return 0.0;
-  const double missing_ratio = all_missing / all_expected;
-  const double factor = scale * (2.0 * missing_ratio - 1.0);
-  if (factor <= 0.0) return missing_ratio;
+  const double deficit_ratio = all_missing / all_expected;
+  const double factor = scale * (2.0 * deficit_ratio - 1.0);
+  if (factor <= 0.0) return deficit_ratio;
   for (size_t k = 0; k < lines.size(); ++k) {
     if (!lines[k].in_view()) continue;
     for (int half = 0; half < 2; ++half) {
@@ -365,7 +368,7 @@ double AddAbsence(const CameraModel& camera, absl::Span<const ImageLine> lines, 
       gradient.tail<6>() += curvature * velocity * row;
     }
   }
-  return missing_ratio;
+  return deficit_ratio;
 }
 
 std::unique_ptr<WindowEstimator> MakeMixtureEstimator(const EstimatorOptions& options, const CameraModel& camera) {

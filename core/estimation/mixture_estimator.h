@@ -26,6 +26,9 @@ struct MixtureOptions {
   double max_gate_px = 16.0;
   // The gate of the second try is this many times wider (core/estimation/README.md, section 5).
   double retry_gate_factor = 3.0;
+  // A second try is made when the explained ratio falls below this fraction of its running mean
+  // (core/estimation/README.md, section 5). Validated on a resting object that accelerates to 0.7 m/s at once.
+  double retry_explained_ratio = 0.6;
   // Re-weighting passes over the events, at most; two do when the prediction was good, four after a surprise.
   int max_passes = 4;
   // Events that go into one window's fit: more do not help, the floor is systematic (core/estimation/README.md, section
@@ -47,6 +50,15 @@ struct MixtureOptions {
   // or hidden lines do not brake.
   double min_events_per_px2 = 0.15;
 
+  // Explained events over which the spread and the outlier ratio are averaged from window to window. They change with
+  // the view and not within milliseconds, so that the average covers some five to ten windows.
+  double memory_events = 5000.0;
+  // Outlier ratio that the first window starts from; later windows start from the average.
+  double initial_outlier_ratio = 0.2;
+  // Width of a face, in standard deviations of the events about a line, from which on its two edges can be separated
+  // (core/estimation/README.md, section 6).
+  double narrow_face_sigma = 3.0;
+
   absl::Status Validate() const;
 };
 
@@ -62,18 +74,19 @@ std::unique_ptr<WindowEstimator> MakeMixtureEstimator(const EstimatorOptions& op
 
 // What the lines should have made and made in a window, by this twist. Of the events explained, `noise_per_px` for each
 // pixel of a line's length come from the background, moving or not.
-void CountAnswers(const CameraModel& camera, const WindowInput& input, absl::Span<const ImageLine> lines,
-                  absl::Span<const MixtureLine> sums, const Vector6d& twist, double noise_per_px,
-                  double min_events_per_px2, std::vector<LineAnswer>& answers);
+void CountForDeficit(const CameraModel& camera, const WindowInput& input, absl::Span<const ImageLine> lines,
+                     absl::Span<const MixtureLine> sums, const Vector6d& twist, double noise_per_px,
+                     double min_events_per_px2, std::vector<DeficitCounts>& deficit_counts);
 
 // The event deficit (core/estimation/README.md, section 4): a line that moves across itself makes events. Where
-// fewer came than `answers` expects of the twist, it is braked; a one-sided Poisson penalty, added for the twist alone.
-// Only as far as more than half of what the object should make is missing: while most of it speaks, silent lines are
-// hidden, and braking them would drag the object away from what is seen. What one line makes too much does not make up
-// for another's silence: it is something else's that passes. In a window, a slow line should make a tenth of an event,
-// and mostly makes none; `past`, of the same lines or empty, tells that from silence. Returns the missing share.
-double AddAbsence(const CameraModel& camera, absl::Span<const ImageLine> lines, absl::Span<const LineAnswer> answers,
-                  absl::Span<const LineAnswer> past, const Vector6d& twist, double scale, Matrix12d& hessian,
-                  Vector12d& gradient);
+// fewer came than `deficit_counts` expects of the twist, it is braked; a one-sided Poisson penalty, added for the twist
+// alone. Only as far as more than half of what the object should make is missing: while most of it speaks, silent lines
+// are hidden, and braking them would drag the object away from what is seen. What one line makes too much does not make
+// up for another's no_events: it is something else's that passes. In a window, a slow line should make a tenth of an
+// event, and mostly makes none; `past`, of the same lines or empty, tells that from no_events. Returns the missing
+// share.
+double AddEventDeficit(const CameraModel& camera, absl::Span<const ImageLine> lines,
+                       absl::Span<const DeficitCounts> deficit_counts, absl::Span<const DeficitCounts> past,
+                       const Vector6d& twist, double scale, Matrix12d& hessian, Vector12d& gradient);
 
 }  // namespace evpose

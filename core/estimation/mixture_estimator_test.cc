@@ -39,11 +39,11 @@ class MixtureTest : public ::testing::Test {
     return pass_.Accumulate({events, lines_.size()}, lines_, density, even, sums_);
   }
   // The missing share of what Accumulate's events leave, as from a window of 10 ms.
-  double Absence(double noise_per_px, absl::Span<const LineAnswer> past, Matrix12d& hessian, Vector12d& gradient) {
+  double Absence(double noise_per_px, absl::Span<const DeficitCounts> past, Matrix12d& hessian, Vector12d& gradient) {
     WindowInput input;
     input.duration_s = 0.01;
-    CountAnswers(camera_, input, lines_, sums_, state_.twist, noise_per_px, 0.15, answers_);
-    return AddAbsence(camera_, lines_, answers_, past, state_.twist, 1.0, hessian, gradient);
+    CountForDeficit(camera_, input, lines_, sums_, state_.twist, noise_per_px, 0.15, deficit_counts_);
+    return AddEventDeficit(camera_, lines_, deficit_counts_, past, state_.twist, 1.0, hessian, gradient);
   }
   static double Weight(const MixtureLine& line) { return line.sums.weight(); }
 
@@ -55,7 +55,7 @@ class MixtureTest : public ::testing::Test {
   TileGrid grid_;
   MixturePass pass_;
   std::vector<MixtureLine> sums_;
-  std::vector<LineAnswer> answers_;
+  std::vector<DeficitCounts> deficit_counts_;
 };
 
 TEST_F(MixtureTest, AnEventBetweenTwoLinesIsShared) {
@@ -196,23 +196,23 @@ TEST_F(MixtureTest, ASlowLineIsNotSilentBecauseAWindowIsShort) {
   constexpr int kMovingWindows = 250;
   constexpr int kStillWindows = 50;
   Random random(7);
-  std::vector<LineAnswer> past(2);
+  std::vector<DeficitCounts> past(2);
   int seem_silent_alone = 0, seem_silent = 0, are_silent = 0;
   for (int window = 0; window < kMovingWindows + kStillWindows; ++window) {
     const bool is_moving = window < kMovingWindows;
-    std::vector<LineAnswer> answers(2);
-    for (LineAnswer& answer : answers) {
+    std::vector<DeficitCounts> deficit_counts(2);
+    for (DeficitCounts& answer : deficit_counts) {
       answer.expected = {0.045, 0.045};
       for (double& observed : answer.observed) observed = is_moving ? random.Poisson(0.6) : 0.0;
     }
     Matrix12d hessian = Matrix12d::Zero();
     Vector12d gradient = Vector12d::Zero();
-    const auto missing = [&](absl::Span<const LineAnswer> before) {
-      return AddAbsence(camera_, lines_, answers, before, state_.twist, 1.0, hessian, gradient);
+    const auto missing = [&](absl::Span<const DeficitCounts> before) {
+      return AddEventDeficit(camera_, lines_, deficit_counts, before, state_.twist, 1.0, hessian, gradient);
     };
     if (is_moving && missing({}) > 0.5) ++seem_silent_alone;
     if (missing(past) > 0.5) ++(is_moving ? seem_silent : are_silent);
-    for (size_t k = 0; k < past.size(); ++k) past[k].Add(answers[k]);
+    for (size_t k = 0; k < past.size(); ++k) past[k].Add(deficit_counts[k]);
   }
   EXPECT_GT(seem_silent_alone, 80);
   EXPECT_LT(seem_silent, 3);
@@ -221,14 +221,14 @@ TEST_F(MixtureTest, ASlowLineIsNotSilentBecauseAWindowIsShort) {
 }
 
 TEST_F(MixtureTest, WhatALineMadeTooMuchIsForgotten) {
-  LineAnswer answer, loud, silent;
+  DeficitCounts answer, loud, silent;
   loud.expected = {0.2, 0.2};
   loud.observed = {100.0, 0.0};
   silent.expected = {0.2, 0.2};
   answer.Add(loud);
   EXPECT_EQ(answer.observed[0], answer.expected[0]);
   for (int i = 0; i < 20; ++i) answer.Add(silent);
-  EXPECT_NEAR(answer.expected[0], LineAnswer::kEnough, 1e-12);
+  EXPECT_NEAR(answer.expected[0], DeficitCounts::kMemoryEvents, 1e-12);
   EXPECT_LT(answer.observed[0], 0.01);
   EXPECT_EQ(answer.observed[1], 0.0);
 }

@@ -38,7 +38,7 @@ class MixturePass::GroupTerms {
   }
   LaneMask IsSecondHalf(const Terms& terms) const { return terms.along_px + terms.along_px >= line_.length_px(); }
   LaneMask IsBeside(const Terms& terms) const {
-    return Abs(terms.distance_px) > static_cast<float>(LineCounts::kBesideRatio) * gate_px_;
+    return Abs(terms.distance_px) > static_cast<float>(LineCounts::kLateralRatio) * gate_px_;
   }
 
  private:
@@ -56,7 +56,7 @@ struct MixturePass::GroupSums {
   std::array<Lanes, 2> beside = {};       // by side
   std::array<Lanes, 2> half_weight = {};  // of both halves, and of the second
   std::array<Lanes, 2> turns = {};        // likewise
-  Lanes doubtful_px2 = {};
+  Lanes ambiguous_px2 = {};
   Lanes squares_px2 = {};
 
   // What is nobody's counts where `is_nearest`, so that it counts once.
@@ -85,7 +85,7 @@ inline void MixturePass::GroupSums::Add(const EventLanes& event, const GroupTerm
   turns[0] += turned;
   turns[1] += Only(is_second, turned);
   const Lanes squares = weight * (terms.distance_px * terms.distance_px);
-  doubtful_px2 += (1.0f - weight) * squares;
+  ambiguous_px2 += (1.0f - weight) * squares;
   squares_px2 += squares;
   AddProducts(event, weight);
 }
@@ -112,7 +112,7 @@ void MixturePass::GroupSums::AddTo(const LineGroup& group, MixtureLine& line, Mi
   line.half_turns[0][group.polarity] += SumOf(turns[0]) - second_turns;
   line.half_turns[1][group.polarity] += second_turns;
   for (int side = 0; side < 2; ++side) line.beside[side][group.polarity] += SumOf(beside[side]);
-  line.doubtful_px2 += SumOf(doubtful_px2);
+  line.ambiguous_px2 += SumOf(ambiguous_px2);
   totals.num_gated += SumOf(num_gated);
   totals.weight += weight;
   totals.weighted_squares_px2 += SumOf(squares_px2);
@@ -204,7 +204,7 @@ double MixtureLine::ObservedRatio(double sigma_px) const {
   // Where the line's events are few among many, their spread is not known well enough to tell more.
   constexpr double kLeast = 0.1;
   if (sums.weight() <= 0.0) return kLeast;
-  return std::clamp(1.0 - doubtful_px2 / (sigma_px * sigma_px * sums.weight()), kLeast, 1.0);
+  return std::clamp(1.0 - ambiguous_px2 / (sigma_px * sigma_px * sums.weight()), kLeast, 1.0);
 }
 
 }  // namespace evpose

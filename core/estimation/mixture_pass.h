@@ -22,7 +22,7 @@ struct MixtureLine {
   std::array<ByPolarity, 2> half_weight = {};  // explained observations of its first and its second half
   std::array<ByPolarity, 2> half_turns = {};   // of them, EdgeCounts::turns
   std::array<ByPolarity, 2> beside = {};       // LineCounts::beside
-  double doubtful_px2 = 0.0;                   // sum of w (1 - w) d^2
+  double ambiguous_px2 = 0.0;                  // sum of w (1 - w) d^2
   // What the events tell of where the line is, as a share of what they would, were it known which are the line's: the
   // missing information principle (Louis, "Finding the observed information matrix when using the EM algorithm", 1982).
   double ObservedRatio(double sigma_px) const;

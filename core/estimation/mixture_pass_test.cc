@@ -22,7 +22,7 @@ struct PlainLine {
   EdgeCounts counts;
   std::array<double, 2> half_weight = {};
   std::array<ByPolarity, 2> beside = {};
-  double doubtful_px2 = 0.0;
+  double ambiguous_px2 = 0.0;
 };
 
 MixtureTotals PlainPass(absl::Span<const Observation> events, absl::Span<const ImageLine> lines,
@@ -42,7 +42,7 @@ MixtureTotals PlainPass(absl::Span<const Observation> events, absl::Span<const I
     const int side = near.distance_px[0] > 0.0 ? 1 : 0;
     const double outlier = densities[near.line[0]].beside[side][event.polarity];
     const double all = likelihood[0] + likelihood[1] + outlier + competing;
-    if (std::abs(near.distance_px[0]) > LineCounts::kBesideRatio * density.gate_px) {
+    if (std::abs(near.distance_px[0]) > LineCounts::kLateralRatio * density.gate_px) {
       sums[near.line[0]].beside[side][event.polarity] += outlier / all;
     }
     totals.num_gated += 1.0 - competing / all;
@@ -57,7 +57,7 @@ MixtureTotals PlainPass(absl::Span<const Observation> events, absl::Span<const I
       sum.counts.Add(event, half, weight);
       sum.half_weight[half] += weight;
       const double squared_px2 = near.distance_px[k] * near.distance_px[k];
-      sum.doubtful_px2 += weight * (1.0 - weight) * squared_px2;
+      sum.ambiguous_px2 += weight * (1.0 - weight) * squared_px2;
       totals.weight += weight;
       totals.weighted_squares_px2 += weight * squared_px2;
     }
@@ -141,7 +141,7 @@ TEST_P(MixturePassTest, GivesWhatAPlainLoopGives) {
     for (int n = 0; n < 3; ++n) {
       EXPECT_LT((sums[k].sums.Moment(n) - plain[k].moments[n]).cwiseAbs().maxCoeff(), kEvents * std::pow(1e-3, n));
     }
-    EXPECT_NEAR(sums[k].doubtful_px2, plain[k].doubtful_px2, 10.0 * kEvents);
+    EXPECT_NEAR(sums[k].ambiguous_px2, plain[k].ambiguous_px2, 10.0 * kEvents);
     for (int i = 0; i < 2; ++i) {
       EXPECT_NEAR(sums[k].half_weight[i][0] + sums[k].half_weight[i][1], plain[k].half_weight[i], kEvents);
       EXPECT_NEAR(sums[k].weight()[i], plain[k].counts.polarity[i], kEvents);

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// How a sensor answers to a moving edge: calibrated once with known poses (`evpose calibrate`), never fitted to the
-// recording at hand (core/estimation/README.md, section 3). A YAML file beside the camera's.
+// How a sensor deficit_counts to a moving edge: calibrated once with known poses (`evpose calibrate`), never fitted to
+// the recording at hand (core/estimation/README.md, section 3). A YAML file beside the camera's.
 #pragma once
 
 #include <string>

@@ -28,16 +28,19 @@ absl::Status HealthOptions::Validate() const {
   EVPOSE_RETURN_IF_ERROR(CheckPositive("min_span_us", static_cast<double>(min_span_us)));
   EVPOSE_RETURN_IF_ERROR(CheckRange("confirm_support_ratio", confirm_support_ratio, 0.0, 1.0));
   EVPOSE_RETURN_IF_ERROR(CheckRange("keep_support_ratio", keep_support_ratio, 0.0, 1.0));
+  EVPOSE_RETURN_IF_ERROR(CheckRange("confirm_lines", confirm_lines, 1, 1000));
+  EVPOSE_RETURN_IF_ERROR(CheckRange("keep_lines", keep_lines, 1, confirm_lines));
+  EVPOSE_RETURN_IF_ERROR(CheckRange("min_signal_events", min_signal_events, 0.0, 1e6));
   EVPOSE_RETURN_IF_ERROR(CheckPositive("memory_us", static_cast<double>(memory_us)));
   EVPOSE_RETURN_IF_ERROR(CheckRange("min_tested_ratio", min_tested_ratio, 0.0, 1.0));
   EVPOSE_RETURN_IF_ERROR(CheckRange("max_hold_us", static_cast<double>(max_hold_us), 0.0, 1e9));
   EVPOSE_RETURN_IF_ERROR(CheckPositive("patience_us", static_cast<double>(patience_us)));
   EVPOSE_RETURN_IF_ERROR(CheckPositive("lost_after_us", static_cast<double>(lost_after_us)));
-  EVPOSE_RETURN_IF_ERROR(CheckRange("max_unconfirmed_verdicts", max_unconfirmed_verdicts, 1, 1000));
+  EVPOSE_RETURN_IF_ERROR(CheckRange("max_contradictions", max_contradictions, 1, 1000));
   return CheckPositive("max_uncertainty_px", max_uncertainty_px);
 }
 
-void LineEvidence::Add(const LineEvidence& other) {
+void LineStatistics::Add(const LineStatistics& other) {
   gated += other.gated;
   along += other.along;
   excess += other.excess;
@@ -47,7 +50,7 @@ void LineEvidence::Add(const LineEvidence& other) {
   length_px += other.length_px;
 }
 
-void LineEvidence::Fade(double factor) {
+void LineStatistics::Fade(double factor) {
   gated *= factor;
   along *= factor;
   excess *= factor;
@@ -60,16 +63,16 @@ void LineEvidence::Fade(double factor) {
 TrackHealth::TrackHealth(const HealthOptions& options, double min_events_per_px2, int num_model_lines)
     : options_(options),
       min_events_per_px2_(min_events_per_px2),
-      evidence_(num_model_lines),
+      statistics_(num_model_lines),
       memory_(num_model_lines) {}
 
 void TrackHealth::Reset() {
   const double left = std::max(0.0, 1.0 - span_s_ * 1e6 / static_cast<double>(options_.memory_us));
-  for (size_t k = 0; k < evidence_.size(); ++k) {
+  for (size_t k = 0; k < statistics_.size(); ++k) {
     memory_[k].Fade(left);
-    memory_[k].Add(evidence_[k]);
+    memory_[k].Add(statistics_[k]);
   }
-  std::fill(evidence_.begin(), evidence_.end(), LineEvidence());
+  std::fill(statistics_.begin(), statistics_.end(), LineStatistics());
   span_s_ = 0.0;
   gated_ = 0.0;
   gate_px2_s_ = 0.0;
@@ -79,7 +82,7 @@ void TrackHealth::AddWindow(const CameraModel& camera, const WindowInput& input,
                             const Vector6d& twist) {
   window_lines_.clear();
   for (size_t k = 0; k < lines.size(); ++k) {
-    LineEvidence& evidence = evidence_[input.lines[k].model_line];
+    LineStatistics& evidence = statistics_[input.lines[k].model_line];
     window_lines_.push_back({&evidence, static_cast<double>(evidence.along.size()) / lines[k].length_px, {}, {}});
   }
   AddEvents(*input.sorted, lines);
@@ -94,7 +97,7 @@ void TrackHealth::AddWindow(const CameraModel& camera, const WindowInput& input,
     const double gate_px2 = 2.0 * options_.gate_px * lines[k].length_px;
     const double observed_ratio = input.shares.observations_per_background_event;
     gate_px2_s_ += gate_px2 * input.duration_s * observed_ratio;
-    LineEvidence& evidence = evidence_[input.lines[k].model_line];
+    LineStatistics& evidence = statistics_[input.lines[k].model_line];
     evidence.noise += input.background_per_px2 * gate_px2 * observed_ratio;
     evidence.length_px += lines[k].length_px * input.duration_s;
     for (const double fraction : {0.25, 0.75}) {
@@ -126,7 +129,7 @@ void TrackHealth::AddEvents(const LineEvents& events, absl::Span<const ImageLine
 }
 
 void TrackHealth::AddEvent(double distance_px, double along_px, double competing, uint8_t polarity, WindowLine& line) {
-  LineEvidence& evidence = *line.evidence;
+  LineStatistics& evidence = *line.evidence;
   const double share = OwnShare(distance_px, competing);
   const double place = std::clamp(along_px * line.places_per_px, 0.0, evidence.along.size() - 1.0);
   evidence.along[static_cast<int>(place)] += share;
@@ -164,28 +167,28 @@ void TrackHealth::FindNearest(const LineEvents& events, absl::Span<const ImageLi
   }
 }
 
-HealthVerdict TrackHealth::Judge(double min_support_ratio, double sure_support_ratio, int min_supported_lines,
-                                 int64_t patience_us) {
+HealthResult TrackHealth::Test(double min_support_ratio, double sure_support_ratio, int min_supported_lines,
+                               int64_t patience_us) {
   constexpr double kLongestSpanS = 0.02;
   constexpr double kHalfMicrosecond = 0.5;
   const double span_us = span_s_ * 1e6 + kHalfMicrosecond;
-  HealthVerdict verdict;
+  HealthResult result;
   if (gated_ >= options_.min_events && span_us >= static_cast<double>(options_.min_span_us)) {
-    verdict = Weigh(min_support_ratio, sure_support_ratio, min_supported_lines);
-    if (verdict.kind != HealthVerdict::Kind::kSupported) {
+    result = Evaluate(min_support_ratio, sure_support_ratio, min_supported_lines);
+    if (result.kind != HealthResult::Kind::kSupported) {
       if (span_us < static_cast<double>(patience_us)) {
-        verdict.kind = HealthVerdict::Kind::kOpen;
+        result.kind = HealthResult::Kind::kOpen;
       } else if (IsQuiet()) {
-        verdict.kind = HealthVerdict::Kind::kFewEvents;
+        result.kind = HealthResult::Kind::kFewEvents;
       }
     }
   } else if (span_s_ >= kLongestSpanS) {
-    verdict.kind = HealthVerdict::Kind::kFewEvents;
+    result.kind = HealthResult::Kind::kFewEvents;
   }
-  if (verdict.kind == HealthVerdict::Kind::kOpen) return verdict;
-  was_quiet_ = verdict.kind == HealthVerdict::Kind::kFewEvents;
+  if (result.kind == HealthResult::Kind::kOpen) return result;
+  was_quiet_ = result.kind == HealthResult::Kind::kFewEvents;
   Reset();
-  return verdict;
+  return result;
 }
 
 double TrackHealth::CreditedNoiseRatio() const {
@@ -193,18 +196,18 @@ double TrackHealth::CreditedNoiseRatio() const {
   // stop at the moment at which dense noise begins, so that only a limited rate is accepted.
   if (was_quiet_) return 1.0;
   double noise = 0.0;
-  for (const LineEvidence& line : evidence_) noise += line.noise;
+  for (const LineStatistics& line : statistics_) noise += line.noise;
   return noise > 0.0 ? std::min(1.0, options_.max_noise_hz_per_px * gate_px2_s_ / noise) : 1.0;
 }
 
 bool TrackHealth::IsQuiet() const {
   double noise = 0.0;
-  for (const LineEvidence& line : evidence_) noise += line.noise;
+  for (const LineStatistics& line : statistics_) noise += line.noise;
   noise *= CreditedNoiseRatio();
   return gated_ <= noise + options_.significance_sigma * std::sqrt(noise * options_.dispersion);
 }
 
-void TrackHealth::AddExcess(double gated, double near, LineEvidence& evidence) const {
+void TrackHealth::AddExcess(double gated, double near, LineStatistics& evidence) const {
   // Gated events outside near_px at which a window has half its weight.
   constexpr double kFewEvents = 4.0;
   const double share = options_.near_px / options_.gate_px;
@@ -213,63 +216,64 @@ void TrackHealth::AddExcess(double gated, double near, LineEvidence& evidence) c
   evidence.variance += weight * weight * gated * share * (1.0 - share);
 }
 
-double TrackHealth::ExcessSigma(const LineEvidence& line) const {
+double TrackHealth::ExcessSigma(const LineStatistics& line) const {
   if (line.variance <= 0.0) return 0.0;
   return line.excess / std::sqrt(line.variance * options_.dispersion);
 }
 
-bool TrackHealth::IsSupported(const LineEvidence& line) const {
+bool TrackHealth::IsSupported(const LineStatistics& line) const {
   return ExcessSigma(line) >= options_.significance_sigma;
 }
 
-bool TrackHealth::IsExpected(const LineEvidence& line, double noise) const {
+bool TrackHealth::IsExpected(const LineStatistics& line, double noise) const {
   const double share = options_.near_px / options_.gate_px;
   const double spread = std::sqrt(noise * share / (1.0 - share) * options_.dispersion);
   return line.expected >= std::max(kTestableEvents, options_.significance_sigma * spread);
 }
 
-bool TrackHealth::IsTestable(const LineEvidence& line) const {
+bool TrackHealth::IsTestable(const LineStatistics& line) const {
   return line.gated - line.noise >= kTestableEvents || IsExpected(line, line.noise);
 }
 
-double TrackHealth::PresentRatio(const LineEvidence& line, double noise) const {
+double TrackHealth::PresentRatio(const LineStatistics& line, double noise) const {
   if (IsExpected(line, noise)) return 1.0;
   const auto places = static_cast<double>(line.along.size());
   const double least = (noise + kTestableEvents) / places;
   return static_cast<double>((line.along.array() >= least).count()) / places;
 }
 
-HealthVerdict TrackHealth::Weigh(double min_support_ratio, double sure_support_ratio, int min_supported_lines) const {
+HealthResult TrackHealth::Evaluate(double min_support_ratio, double sure_support_ratio, int min_supported_lines) const {
   const double credited_ratio = CreditedNoiseRatio();
-  HealthVerdict verdict;
-  LineEvidence total;
+  HealthResult result;
+  LineStatistics total;
   double supported_length = 0.0, testable_length = 0.0, present_length = 0.0;
-  for (size_t k = 0; k < evidence_.size(); ++k) {
-    LineEvidence line = evidence_[k];
+  for (size_t k = 0; k < statistics_.size(); ++k) {
+    LineStatistics line = statistics_[k];
     const double length_px = line.length_px;
     total.Add(line);
     present_length += PresentRatio(line, credited_ratio * line.noise) * length_px;
     if (!IsTestable(line)) line.Add(memory_[k]);
     if (!IsTestable(line)) continue;
-    ++verdict.testable_lines;
+    ++result.testable_lines;
     testable_length += length_px;
     if (!IsSupported(line)) continue;
-    ++verdict.supported_lines;
+    ++result.supported_lines;
     supported_length += length_px;
   }
-  verdict.sigma = ExcessSigma(total);
-  verdict.present_ratio = total.length_px > 0.0 ? present_length / total.length_px : 0.0;
-  verdict.testable_ratio = total.length_px > 0.0 ? testable_length / total.length_px : 0.0;
-  verdict.support_ratio = testable_length > 0.0 ? supported_length / testable_length : 0.0;
-  const bool may_be = verdict.sigma > options_.significance_sigma && verdict.support_ratio >= min_support_ratio &&
-                      verdict.supported_lines >= min_supported_lines;
-  if (!may_be) {
-    verdict.kind = HealthVerdict::Kind::kUnsupported;
+  result.sigma = ExcessSigma(total);
+  result.present_ratio = total.length_px > 0.0 ? present_length / total.length_px : 0.0;
+  result.testable_ratio = total.length_px > 0.0 ? testable_length / total.length_px : 0.0;
+  result.support_ratio = testable_length > 0.0 ? supported_length / testable_length : 0.0;
+  const bool is_partly_supported = result.sigma > options_.significance_sigma &&
+                                   result.support_ratio >= min_support_ratio &&
+                                   result.supported_lines >= min_supported_lines;
+  if (!is_partly_supported) {
+    result.kind = HealthResult::Kind::kUnsupported;
   } else {
-    verdict.kind =
-        verdict.support_ratio >= sure_support_ratio ? HealthVerdict::Kind::kSupported : HealthVerdict::Kind::kDoubtful;
+    result.kind =
+        result.support_ratio >= sure_support_ratio ? HealthResult::Kind::kSupported : HealthResult::Kind::kDoubtful;
   }
-  return verdict;
+  return result;
 }
 
 }  // namespace evpose

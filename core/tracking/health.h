@@ -39,6 +39,13 @@ struct HealthOptions {
   // clutter (6 unknowns, 2 per line); at the right pose nearly all lines that are not occluded are supported.
   double confirm_support_ratio = 0.6;
   double keep_support_ratio = 0.35;
+  // Lines that must be supported to confirm a tentative pose and to keep a confirmed one. Three lines determine the six
+  // unknowns of a pose, and two restrict all but a small part of its motion.
+  int confirm_lines = 3;
+  int keep_lines = 2;
+  // Events per window, above the background, that a decision about the window requires: a second try of the estimate,
+  // and the update of the running means. The relative fluctuation of fewer events exceeds the effects that are tested.
+  double min_signal_events = 50.0;
   // Microseconds over which the counts of a short or slow line are summed.
   int64_t memory_us = 100'000;
   // Share of the visible lines' length that must have been testable before the first support confirms a tentative
@@ -53,7 +60,7 @@ struct HealthOptions {
   // loss is reported within 50 ms.
   int64_t lost_after_us = 25'000;
   // Contradicting test results after which a tentative pose is rejected.
-  int max_unconfirmed_verdicts = 3;
+  int max_contradictions = 3;
   // Pixels. A pose whose projected uncertainty exceeds this is wider than the gate and cannot be distinguished from a
   // wrong one.
   double max_uncertainty_px = 12.0;
@@ -62,7 +69,7 @@ struct HealthOptions {
 };
 
 // The counts of one model line since the last test result.
-struct LineEvidence {
+struct LineStatistics {
   double gated = 0.0;  // events within gate_px of the line for which no other line is nearer
   // Equation (1) of the README: the gated events within near_px minus their expected number under clutter, and the
   // variance of this difference. Each polarity of a window is weighted down as its share of far events grows: while a
@@ -76,7 +83,7 @@ struct LineEvidence {
   Eigen::Matrix<double, 8, 1> along = Eigen::Matrix<double, 8, 1>::Zero();
   double length_px = 0.0;  // mean projected length, weighted by time
 
-  void Add(const LineEvidence& other);
+  void Add(const LineStatistics& other);
   void Fade(double factor);
 
   // Most lines of a large model have no counts; one flag is stored for each of these.
@@ -90,7 +97,7 @@ struct LineEvidence {
   }
 };
 
-struct HealthVerdict {
+struct HealthResult {
   enum class Kind {
     kOpen,         // too few events for a result; counting continues
     kFewEvents,    // no more events than the background rate explains, as for an object at rest
@@ -123,8 +130,7 @@ class TrackHealth {
   // reaches `min_support_ratio`; these and `min_supported_lines` are stricter for confirming a pose than for keeping
   // it. kSupported is returned as soon as the counts allow, kDoubtful and kUnsupported only after `patience_us`,
   // because in flicker or clutter the object's own events are a small share. Every result but kOpen resets the counts.
-  HealthVerdict Judge(double min_support_ratio, double sure_support_ratio, int min_supported_lines,
-                      int64_t patience_us);
+  HealthResult Test(double min_support_ratio, double sure_support_ratio, int min_supported_lines, int64_t patience_us);
 
   static void VisitState(auto& archive, auto& self) {
     auto& [options, min_events_per_px2, evidence, memory, span_s, gated, gate_px2_s, was_quiet, window_lines,
@@ -139,34 +145,34 @@ class TrackHealth {
   void AddEvents(const LineEvents& events, absl::Span<const ImageLine> lines);
   // For each event that lies in the gates of several lines, finds the nearest of these lines.
   void FindNearest(const LineEvents& events, absl::Span<const ImageLine> lines);
-  HealthVerdict Weigh(double min_support_ratio, double sure_support_ratio, int min_supported_lines) const;
-  bool IsSupported(const LineEvidence& line) const;
+  HealthResult Evaluate(double min_support_ratio, double sure_support_ratio, int min_supported_lines) const;
+  bool IsSupported(const LineStatistics& line) const;
   // Whether the line would be supported at the right pose: it has, or should have produced, significantly more events
   // than the background.
-  bool IsTestable(const LineEvidence& line) const;
+  bool IsTestable(const LineStatistics& line) const;
   // Share of the line's length on which events were expected or observed.
-  double PresentRatio(const LineEvidence& line, double noise) const;
+  double PresentRatio(const LineStatistics& line, double noise) const;
   // Whether the line's motion should have produced significantly more events than `noise`.
-  bool IsExpected(const LineEvidence& line, double noise) const;
+  bool IsExpected(const LineStatistics& line, double noise) const;
   // The share of the background events that the test accepts as an explanation (see max_noise_hz_per_px).
   double CreditedNoiseRatio() const;
   bool IsQuiet() const;
-  void AddExcess(double gated, double near, LineEvidence& evidence) const;
-  double ExcessSigma(const LineEvidence& line) const;
+  void AddExcess(double gated, double near, LineStatistics& evidence) const;
+  double ExcessSigma(const LineStatistics& line) const;
 
   const HealthOptions options_;
   const double min_events_per_px2_;
-  std::vector<LineEvidence> evidence_;  // since the last test result
+  std::vector<LineStatistics> statistics_;  // since the last test result
   // The same from earlier test results, fading out over memory_us: the event deficit of a line becomes significant
   // only over many windows, each of which expects too few events.
-  std::vector<LineEvidence> memory_;
+  std::vector<LineStatistics> memory_;
   double span_s_ = 0.0;
   double gated_ = 0.0;
   double gate_px2_s_ = 0.0;  // area of the gates times time
   bool was_quiet_ = false;   // the last test result was kFewEvents
   struct WindowLine {
-    LineEvidence* evidence;
-    double places_per_px;                               // of LineEvidence::along
+    LineStatistics* evidence;
+    double places_per_px;                               // of LineStatistics::along
     std::array<double, 2> gated_of = {}, near_of = {};  // by polarity
   };
   void AddEvent(double distance_px, double along_px, double competing, uint8_t polarity, WindowLine& line);

@@ -11,7 +11,7 @@
 namespace evpose {
 namespace {
 
-using Kind = HealthVerdict::Kind;
+using Kind = HealthResult::Kind;
 
 constexpr int kNumLines = 10;
 constexpr double kLineM = 0.1;  // 100 px
@@ -61,12 +61,12 @@ class HealthTest : public ::testing::Test {
     events_.clear();
   }
   // A window in which so many of the lines have events of their own; near the others there are those of other things.
-  HealthVerdict WindowWithOwn(int num_lines) {
+  HealthResult WindowWithOwn(int num_lines) {
     for (int k = 0; k < kNumLines; ++k) AddEvents(k, 100, k < num_lines ? 1.0 : 8.0);
     CloseWindow();
-    return Judge();
+    return TestNow();
   }
-  HealthVerdict Judge() { return health_.Judge(kKeep, kSure, 2, options_.patience_us); }
+  HealthResult TestNow() { return health_.Test(kKeep, kSure, 2, options_.patience_us); }
 
   const CameraModel camera_ = testing::MakeCamera(1280, 720, 1000.0);
   const HealthOptions options_;
@@ -80,16 +80,16 @@ class HealthTest : public ::testing::Test {
 };
 
 TEST_F(HealthTest, APoseIsSupportedAtOnce) {
-  const HealthVerdict verdict = WindowWithOwn(kNumLines);
-  EXPECT_EQ(verdict.kind, Kind::kSupported);
-  EXPECT_EQ(verdict.supported_lines, kNumLines);
+  const HealthResult result = WindowWithOwn(kNumLines);
+  EXPECT_EQ(result.kind, Kind::kSupported);
+  EXPECT_EQ(result.supported_lines, kNumLines);
 }
 
 TEST_F(HealthTest, HalfOfAPoseIsInDoubtAfterSomePatience) {
   for (int i = 0; i < 4; ++i) EXPECT_EQ(WindowWithOwn(5).kind, Kind::kOpen) << i;
-  const HealthVerdict verdict = WindowWithOwn(5);
-  EXPECT_EQ(verdict.kind, Kind::kDoubtful);
-  EXPECT_NEAR(verdict.support_ratio, 0.5, 0.01);
+  const HealthResult result = WindowWithOwn(5);
+  EXPECT_EQ(result.kind, Kind::kDoubtful);
+  EXPECT_NEAR(result.support_ratio, 0.5, 0.01);
 }
 
 TEST_F(HealthTest, AFifthOfAPoseDoesNotSupportIt) {
@@ -101,16 +101,16 @@ TEST_F(HealthTest, AFewEventsOfOnePolarityAreHeardAmongManyOfTheOther) {
   // As while a lamp grows brighter: a line's own 20 are OFF, those of the lit surface about it are ON. Weighed alike
   // the own ones would be 20 more than chance gives, of 420 near and beside, and that is within its spread.
   const auto judge = [&](double own_half_width_px) {
-    HealthVerdict verdict;
-    for (int i = 0; i < 10 && verdict.kind == Kind::kOpen; ++i) {
+    HealthResult result;
+    for (int i = 0; i < 10 && result.kind == Kind::kOpen; ++i) {
       for (int k = 0; k < kNumLines; ++k) {
         AddEvents(k, 400, 8.0, 0.0, 1.0, 1);
         AddEvents(k, 20, own_half_width_px, 0.0, 1.0, 0);
       }
       CloseWindow();
-      verdict = Judge();
+      result = TestNow();
     }
-    return verdict.kind;
+    return result.kind;
   };
   EXPECT_EQ(judge(1.0), Kind::kSupported);
   EXPECT_EQ(judge(8.0), Kind::kUnsupported);
@@ -121,54 +121,54 @@ TEST_F(HealthTest, WhatALampFloodsIsNotHeldAgainstALine) {
   // are slow: their motion does not say that each must have answered.
   state_.twist[0] = 0.02;
   const auto judge = [&](ByPolarity telling) {
-    HealthVerdict verdict;
-    for (int i = 0; i < 10 && verdict.kind == Kind::kOpen; ++i) {
+    HealthResult result;
+    for (int i = 0; i < 10 && result.kind == Kind::kOpen; ++i) {
       for (int k = 0; k < kNumLines; ++k) {
         AddEvents(k, 60, 8.0, 0.0, 1.0, 1);
         if (k % 2 == 0) AddEvents(k, 20, 1.0, 0.0, 1.0, 0);
       }
       CloseWindow(0.0, telling);
-      verdict = Judge();
+      result = TestNow();
     }
-    return verdict;
+    return result;
   };
-  const HealthVerdict verdict = judge({1.0, 0.01});
-  EXPECT_EQ(verdict.kind, Kind::kSupported);
-  EXPECT_EQ(verdict.testable_lines, kNumLines / 2);
+  const HealthResult result = judge({1.0, 0.01});
+  EXPECT_EQ(result.kind, Kind::kSupported);
+  EXPECT_EQ(result.testable_lines, kNumLines / 2);
   EXPECT_EQ(judge({1.0, 1.0}).kind, Kind::kDoubtful);
 }
 
 TEST_F(HealthTest, EventsAsDenseAsElsewhereSayNothing) {
   // 3 Hz per pixel over 16 px x 100 px, ten lines.
   constexpr double kNoisePerPx2 = 3.0 * kWindowS;
-  HealthVerdict verdict;
-  for (int i = 0; i < 10 && verdict.kind == Kind::kOpen; ++i) {
+  HealthResult result;
+  for (int i = 0; i < 10 && result.kind == Kind::kOpen; ++i) {
     for (int k = 0; k < kNumLines; ++k) AddEvents(k, static_cast<int>(random_.Poisson(kNoisePerPx2 * 1600.0)), 8.0);
     CloseWindow(kNoisePerPx2);
-    verdict = Judge();
+    result = TestNow();
   }
-  EXPECT_EQ(verdict.kind, Kind::kFewEvents);
+  EXPECT_EQ(result.kind, Kind::kFewEvents);
   // The same events, and none elsewhere: something else moves there.
-  verdict = HealthVerdict();
-  for (int i = 0; i < 10 && verdict.kind == Kind::kOpen; ++i) {
+  result = HealthResult();
+  for (int i = 0; i < 10 && result.kind == Kind::kOpen; ++i) {
     for (int k = 0; k < kNumLines; ++k) AddEvents(k, static_cast<int>(random_.Poisson(kNoisePerPx2 * 1600.0)), 8.0);
     CloseWindow();
-    verdict = Judge();
+    result = TestNow();
   }
-  EXPECT_EQ(verdict.kind, Kind::kUnsupported);
+  EXPECT_EQ(result.kind, Kind::kUnsupported);
 }
 
 TEST_F(HealthTest, WhatCrossesTheLinesIsPresentOnAPartOfThem) {
   state_.twist.setZero();
   ProjectLines(camera_, state_, tracked_, lines_);
   const auto judge = [&](double along_begin, double along_end) {
-    HealthVerdict verdict;
-    for (int i = 0; i < 10 && verdict.kind == Kind::kOpen; ++i) {
+    HealthResult result;
+    for (int i = 0; i < 10 && result.kind == Kind::kOpen; ++i) {
       for (int k = 0; k < kNumLines; ++k) AddEvents(k, 20, 8.0, along_begin, along_end);
       CloseWindow();
-      verdict = Judge();
+      result = TestNow();
     }
-    return verdict;
+    return result;
   };
   EXPECT_LT(judge(0.3, 0.45).present_ratio, 0.35);
   // All along them it was the object that moved, and is elsewhere now.
@@ -178,18 +178,18 @@ TEST_F(HealthTest, WhatCrossesTheLinesIsPresentOnAPartOfThem) {
 TEST_F(HealthTest, AnObjectAtRestStaysSilentInAFlood) {
   const auto flood = [&] {
     constexpr double kFloodPerPx2 = 30.0 * kWindowS;
-    HealthVerdict verdict;
-    for (int i = 0; i < 10 && verdict.kind == Kind::kOpen; ++i) {
+    HealthResult result;
+    for (int i = 0; i < 10 && result.kind == Kind::kOpen; ++i) {
       for (int k = 0; k < kNumLines; ++k) AddEvents(k, static_cast<int>(random_.Poisson(kFloodPerPx2 * 1600.0)), 8.0);
       CloseWindow(kFloodPerPx2);
-      verdict = Judge();
+      result = TestNow();
     }
-    return verdict.kind;
+    return result.kind;
   };
   // In motion its own events would show.
   EXPECT_EQ(WindowWithOwn(kNumLines).kind, Kind::kSupported);
   EXPECT_EQ(flood(), Kind::kUnsupported);
-  for (int i = 0; i < 20 && Judge().kind == Kind::kOpen; ++i) CloseWindow();
+  for (int i = 0; i < 20 && TestNow().kind == Kind::kOpen; ++i) CloseWindow();
   EXPECT_EQ(flood(), Kind::kFewEvents);
 }
 

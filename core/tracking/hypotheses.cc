@@ -9,12 +9,6 @@
 #include "core/numerics/thin.h"
 
 namespace evpose {
-namespace {
-
-// Events of a window on which two poses are compared: further ones are correlated with these.
-constexpr size_t kComparedEvents = 1000;
-
-}  // namespace
 
 void Hypotheses::Add(const MotionState& start) {
   Entry entry;
@@ -42,9 +36,9 @@ void Hypotheses::Append(Entry entry) {
 void Hypotheses::OnWindow(const EventWindow& window, const Competitors* others) {
   for (Entry& entry : entries_) entry.estimate = entry.track->OnWindow(window, others);
   DropIf([](const PoseTrack& track) { return track.state() == TrackState::kLost; });
-  DropRefused();
+  DropRejected();
   if (entries_.size() < 2) return;
-  DropSame();
+  DropEqual();
   Compare(window, others);
   DropWorse();
 }
@@ -56,7 +50,8 @@ void Hypotheses::OnGap(int64_t gap_us) {
 void Hypotheses::Compare(const EventWindow& window, const Competitors* others) {
   std::vector<WindowEvent>& events = compared_events_;
   ThinEvenlyByKind(
-      kComparedEvents, {0.5, 0.5}, window.events, [](const WindowEvent& event) { return event.polarity; }, events);
+      static_cast<size_t>(context_.options.initialization.max_compared_events), {0.5, 0.5}, window.events,
+      [](const WindowEvent& event) { return event.polarity; }, events);
   for (Entry& entry : entries_) entry.explains.assign(events.size(), 0.0f);
   for (size_t k = 0; k < events.size(); ++k) {
     const std::optional<Observation> event =
@@ -87,28 +82,26 @@ void Hypotheses::DropIf(absl::FunctionRef<bool(const PoseTrack&)> is_wrong) {
   }
 }
 
-void Hypotheses::DropRefused() {
+void Hypotheses::DropRejected() {
   // When two poses look nearly the same, support of one and contradiction of the other can be chance. The sequential
-  // comparison gets the time to decide between them.
-  constexpr int kTimesBesideABelieved = 5;
-  const bool has_believed = std::any_of(entries_.begin(), entries_.end(), [](const Entry& entry) {
+  // comparison decides within a few windows in most cases, and this factor gives it that time.
+  constexpr int kFactorBesideConfirmed = 5;
+  const bool has_confirmed = std::any_of(entries_.begin(), entries_.end(), [](const Entry& entry) {
     return entry.track->state() != TrackState::kInitializing;
   });
-  const int times = has_believed ? kTimesBesideABelieved : 1;
+  const int times = has_confirmed ? kFactorBesideConfirmed : 1;
   DropIf([times](const PoseTrack& track) { return track.is_rejected(times); });
 }
 
-void Hypotheses::DropSame() {
-  // Closer than the resolution of any line detector: the two have converged to one pose.
-  constexpr double kSameRad = 0.02;
-  constexpr double kSameDepthRatio = 0.01;
+void Hypotheses::DropEqual() {
+  const InitializationOptions& options = context_.options.initialization;
   for (size_t i = 0; i < entries_.size(); ++i) {
     const RigidTransform& kept = entries_[i].track->motion().camera_from_object;
     for (size_t j = entries_.size(); --j > i;) {
       const RigidTransform other =
           NearestEquivalent(entries_[j].track->motion().camera_from_object, context_.model->symmetries, kept);
-      if (RotationAngle(kept.rotation, other.rotation) < kSameRad &&
-          (kept.translation_m - other.translation_m).norm() < kSameDepthRatio * kept.translation_m.norm()) {
+      if (RotationAngle(kept.rotation, other.rotation) < options.merge_rad &&
+          (kept.translation_m - other.translation_m).norm() < options.merge_depth_ratio * kept.translation_m.norm()) {
         Remove(j);
       }
     }

@@ -63,8 +63,8 @@ class Hypotheses {
   void Compare(const EventWindow& window, const Competitors* others);
   // Standard deviations by which entry i is better supported than entry j.
   double Preference(size_t i, size_t j) const;
-  void DropRefused();
-  void DropSame();
+  void DropRejected();
+  void DropEqual();
   void DropWorse();
   void Append(Entry entry);
   void Remove(size_t index);

@@ -12,7 +12,7 @@ namespace evpose {
 namespace {
 
 // Windows last 1 ms or more, so that this is never reached; it bounds the memory in any case.
-constexpr size_t kMaxSightings = 1000;
+constexpr size_t kMaxPastStates = 1000;
 
 }  // namespace
 
@@ -38,8 +38,8 @@ void ObjectTracker::SetPhaseListener(PhaseListener listener) {
 }
 
 void ObjectTracker::BeginWindow() {
-  is_known_ = IsPublished(phase_);
-  if (hypotheses_.empty()) sightings_.clear();
+  was_published_ = IsPublished(phase_);
+  if (hypotheses_.empty()) past_states_.clear();
 }
 
 void ObjectTracker::OnGap(const EventGap& gap) {
@@ -59,8 +59,8 @@ void ObjectTracker::ResetPose(const RigidTransform& camera_from_object, std::opt
   given_pose_ = camera_from_object;
   given_at_us_ = at_us;
   hypotheses_.Clear();
-  sightings_.clear();
-  idle_state_ = TrackState::kInitializing;
+  past_states_.clear();
+  unpublished_state_ = TrackState::kInitializing;
   report_.status = InitializationStatus::kVerifying;
   Enter(ObjectInput::kReset);
 }
@@ -79,7 +79,7 @@ double ObjectTracker::ImageSpeedPxPerS() const {
 }
 
 TrackState ObjectTracker::state() const {
-  if (!IsPublished(phase_)) return idle_state_;
+  if (!IsPublished(phase_)) return unpublished_state_;
   const bool has_competitors = hypotheses_.size() > 1 && IsCompeting(phase_);
   return has_competitors ? TrackState::kDegraded : hypotheses_.first().state();
 }
@@ -108,7 +108,7 @@ void ObjectTracker::StartFromGivenPose(const EventWindow& window) {
   const int64_t t_us = std::min(given_at_us_.value_or(window.t_begin_us), window.t_mid_us());
   const double focal_px = std::max(context_.camera.fx_px, context_.camera.fy_px);
   hypotheses_.Clear();
-  sightings_.clear();
+  past_states_.clear();
   hypotheses_.Add(InitialMotionState(pose, t_us, focal_px, context_.options.initial));
   followed_since_us_ = t_us;
   Enter(ObjectInput::kGivenPose);
@@ -123,7 +123,7 @@ void ObjectTracker::Follow(const EventWindow& window, std::vector<PoseEstimate>&
   const bool counts_as_loss = IsGiven(phase_) || phase_ == ObjectPhase::kPublished;
   const PoseTrack* first = &hypotheses_.first();
   hypotheses_.OnWindow(window, OthersAt(window, hypotheses_.size() == 1 ? &hypotheses_.first().motion() : nullptr));
-  hypotheses_.DropIf([this](const PoseTrack& track) { return IsTaken(track); });
+  hypotheses_.DropIf([this](const PoseTrack& track) { return IsOccupied(track); });
   if (hypotheses_.empty()) {
     if (IsPublished(phase_) || IsGiven(phase_)) CountLoss();
     Enter(ObjectInput::kAllRejected);
@@ -140,7 +140,7 @@ void ObjectTracker::Follow(const EventWindow& window, std::vector<PoseEstimate>&
   if (IsCompeting(phase_) && !IsGiven(phase_)) {
     hypotheses_.PutBestFirst(IsPublished(phase_) ? 0.5 * context_.options.initialization.decision_sigma : 0.0);
   }
-  Remember(window);
+  StorePastState(window);
   const std::optional<PoseEstimate>& estimate = hypotheses_.estimate();
   if (!IsPublished(phase_)) {
     report_.status = estimate ? InitializationStatus::kAmbiguous : InitializationStatus::kVerifying;
@@ -181,12 +181,13 @@ void ObjectTracker::Search(const EventWindow& window, std::vector<PoseEstimate>&
   }
   if (window.t_end_us < next_search_us_) return;
   report_.status = FindHypotheses(hypotheses_);
-  const bool is_vain = report_.status == InitializationStatus::kNoPoseFits;
-  retry_us_ = std::min(is_vain ? options.max_vain_retry_us : options.max_retry_us, retry_us_ + retry_us_ / 4 + 1);
+  const bool is_without_pose = report_.status == InitializationStatus::kNoPoseFits;
+  retry_us_ =
+      std::min(is_without_pose ? options.max_vain_retry_us : options.max_retry_us, retry_us_ + retry_us_ / 4 + 1);
   next_search_us_ = window.t_end_us + retry_us_;
   if (hypotheses_.empty()) return;
   Enter(ObjectInput::kPosesFound);
-  sightings_.clear();
+  past_states_.clear();
   followed_since_us_ = hypotheses_.first().motion().t_us;
   // The new hypotheses process the stored windows up to the present one.
   const size_t num_windows = memory_.size();
@@ -266,8 +267,8 @@ void ObjectTracker::CollectEvents() {
 RigidTransform ObjectTracker::ReferenceAt(int64_t t_us) const {
   if (!last_tracked_) return {reference_rotation_, Eigen::Vector3d::Zero()};
   // The horizon of the motion model: predictions beyond it are not meaningful.
-  constexpr int64_t kForesightUs = 100'000;
-  const int64_t later_us = std::clamp<int64_t>(t_us - last_tracked_->t_us, 0, kForesightUs);
+  constexpr int64_t kMaxExtrapolationUs = 100'000;
+  const int64_t later_us = std::clamp<int64_t>(t_us - last_tracked_->t_us, 0, kMaxExtrapolationUs);
   return Predict(*last_tracked_, last_tracked_->t_us + later_us, context_.options.motion).camera_from_object;
 }
 
@@ -295,11 +296,11 @@ const Competitors* ObjectTracker::OthersAt(const EventWindow& window, const Moti
 void ObjectTracker::AddTo(int64_t t_us, const std::optional<BoundingSphere>& near, Competitors& competitors) const {
   // The widest gate plus the motion of a fast object during a window.
   constexpr double kMarginPx = 64.0;
-  if (!is_known_) return;
-  const auto is_later = [t_us](const Sighting& sighting) { return sighting.motion.t_us >= t_us; };
-  const auto next = std::find_if(sightings_.begin(), sightings_.end(), is_later);
-  if (next == sightings_.begin()) return;
-  const Sighting& before = *std::prev(next);
+  if (!was_published_) return;
+  const auto is_later = [t_us](const PastState& state) { return state.motion.t_us >= t_us; };
+  const auto next = std::find_if(past_states_.begin(), past_states_.end(), is_later);
+  if (next == past_states_.begin()) return;
+  const PastState& before = *std::prev(next);
   const MotionState state = Predict(before.motion, t_us, context_.options.motion);
   const BoundingSphere sphere = SphereAt(state.camera_from_object);
   if (near && !MayOverlap(context_.camera, *near, sphere, kMarginPx)) return;
@@ -310,7 +311,7 @@ BoundingSphere ObjectTracker::SphereAt(const RigidTransform& camera_from_object)
   return {camera_from_object * sphere_.centre, sphere_.radius_m};
 }
 
-bool ObjectTracker::IsTaken(const PoseTrack& track) const {
+bool ObjectTracker::IsOccupied(const PoseTrack& track) const {
   // Two bodies cannot occupy the same place. An estimate that drifts onto another object of the same model comes closer
   // than this well before both coincide.
   constexpr double kSamePlaceRatio = 0.1;  // of the radius
@@ -322,41 +323,42 @@ bool ObjectTracker::IsTaken(const PoseTrack& track) const {
   });
 }
 
-void ObjectTracker::Remember(const EventWindow& window) {
+void ObjectTracker::StorePastState(const EventWindow& window) {
   if (others_.empty() || hypotheses_.empty()) return;
   const PoseTrack& track = hypotheses_.first();
-  sightings_.push_back({track.motion(), {track.lines().begin(), track.lines().end()}});
+  past_states_.push_back({track.motion(), {track.lines().begin(), track.lines().end()}});
   const int64_t oldest_us = window.t_end_us - context_.options.initialization.memory_us;
-  while (sightings_.size() > 1 && (sightings_[1].motion.t_us <= oldest_us || sightings_.size() > kMaxSightings)) {
-    sightings_.pop_front();
+  while (past_states_.size() > 1 &&
+         (past_states_[1].motion.t_us <= oldest_us || past_states_.size() > kMaxPastStates)) {
+    past_states_.pop_front();
   }
 }
 
 void ObjectTracker::VisitState(auto& archive, auto& self) {
-  auto& [context, reference_rotation, sphere, memory, initializer, idle_state, report, losses, last_tracked,
+  auto& [context, reference_rotation, sphere, memory, initializer, unpublished_state, report, losses, last_tracked,
          last_published_us, given_pose, given_at_us, next_search_us, retry_us, reviews_left, hypotheses,
-         followed_since_us, phase, now_us, others, competitors, sightings, is_known, pixel_events] = self;
+         followed_since_us, phase, now_us, others, competitors, past_states, was_published, pixel_events] = self;
   constexpr int64_t kMax_us = kMaxStateTime_us;
-  archive(memory, AtMost(idle_state, TrackState::kLost), report, losses, last_tracked, last_published_us, given_pose,
-          given_at_us, InRange(next_search_us, -kMax_us, kMax_us), AtMost(retry_us, kMax_us),
+  archive(memory, AtMost(unpublished_state, TrackState::kLost), report, losses, last_tracked, last_published_us,
+          given_pose, given_at_us, InRange(next_search_us, -kMax_us, kMax_us), AtMost(retry_us, kMax_us),
           AtMost(reviews_left, context.options.initialization.num_reviews), hypotheses,
-          InRange(followed_since_us, -kMax_us, kMax_us), AtMost(phase, ObjectPhase::kPublishedCompeting), sightings,
-          is_known);
+          InRange(followed_since_us, -kMax_us, kMax_us), AtMost(phase, ObjectPhase::kPublishedCompeting), past_states,
+          was_published);
 }
 
 void ObjectTracker::SaveState(StateWriter& writer) const { VisitState(writer, *this); }
 
 void ObjectTracker::LoadState(StateReader& reader) {
   VisitState(reader, *this);
-  reader.Check(IsConsistent(), "an object that is tracked in no possible way");
+  reader.Check(IsConsistent(), "an object whose phase, hypotheses and past states contradict each other");
 }
 
 bool ObjectTracker::IsConsistent() const {
   if ((phase_ == ObjectPhase::kSearching) != hypotheses_.empty()) return false;
   if (given_at_us_ && (*given_at_us_ < -kMaxStateTime_us || *given_at_us_ > kMaxStateTime_us)) return false;
   const int num_lines = static_cast<int>(context_.model->lines.size());
-  return std::all_of(sightings_.begin(), sightings_.end(), [num_lines](const Sighting& sighting) {
-    return std::all_of(sighting.lines.begin(), sighting.lines.end(), [num_lines](const TrackedLine& line) {
+  return std::all_of(past_states_.begin(), past_states_.end(), [num_lines](const PastState& state) {
+    return std::all_of(state.lines.begin(), state.lines.end(), [num_lines](const TrackedLine& line) {
       return line.model_line >= 0 && line.model_line < num_lines;
     });
   });
@@ -376,7 +378,7 @@ void ObjectTracker::Enter(ObjectInput input) {
 }
 
 void ObjectTracker::CountLoss() {
-  idle_state_ = TrackState::kLost;
+  unpublished_state_ = TrackState::kLost;
   retry_us_ = context_.options.initialization.retry_us;
   ++losses_;
 }

@@ -58,7 +58,7 @@ class ObjectTracker {
 
  private:
   // A past state of the first hypothesis, and the lines that were visible then.
-  struct Sighting {
+  struct PastState {
     MotionState motion;
     std::vector<TrackedLine> lines;
     static void VisitState(auto& archive, auto& self) {
@@ -79,8 +79,8 @@ class ObjectTracker {
   void AddTo(int64_t t_us, const std::optional<BoundingSphere>& near, Competitors& competitors) const;
   BoundingSphere SphereAt(const RigidTransform& camera_from_object) const;
   // Whether another object of the same model is published at this place: both would be the same physical object.
-  bool IsTaken(const PoseTrack& track) const;
-  void Remember(const EventWindow& window);
+  bool IsOccupied(const PoseTrack& track) const;
+  void StorePastState(const EventWindow& window);
   // Whether the first hypothesis may be published now.
   bool MayPublish(const EventWindow& window) const;
   void StartPublishing(const EventWindow& window);
@@ -108,7 +108,7 @@ class ObjectTracker {
   WindowMemory memory_;
   const std::unique_ptr<PoseInitializer> initializer_;  // null: every pose is given
 
-  TrackState idle_state_ = TrackState::kInitializing;  // the reported state while no pose is published
+  TrackState unpublished_state_ = TrackState::kInitializing;  // the reported state while no pose is published
   InitializationReport report_;
   uint32_t losses_ = 0;
   std::optional<MotionState> last_tracked_;
@@ -127,8 +127,9 @@ class ObjectTracker {
   std::vector<const ObjectTracker*> others_;
   std::unique_ptr<Competitors> competitors_;  // null without others
   // Those of the stored windows, in order of time; empty without other objects.
-  std::deque<Sighting> sightings_;
-  bool is_known_ = false;  // a pose was published before this window, so that the other objects account for this one
+  std::deque<PastState> past_states_;
+  bool was_published_ =
+      false;  // a pose was published before this window, so that the other objects account for this one
 
   std::vector<PixelEvent> pixel_events_;
 };

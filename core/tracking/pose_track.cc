@@ -8,13 +8,8 @@
 namespace evpose {
 namespace {
 
-// Lines that must be supported: three determine six unknowns, and two still bind all but a little of the motion.
-constexpr int kConfirmLines = 3;
-constexpr int kKeepLines = 2;
 // With a larger event deficit than this share of the expected events, the events near the lines are not the object's.
-constexpr double kMostMissing = 0.5;
-// Per window; with fewer events no decision is made.
-constexpr double kMinSignalEvents = 50.0;
+constexpr double kMaxDeficitRatio = 0.5;
 
 // Whether a second fit explains the object better than the first: it must explain more events, and gain on most of the
 // lines that have events. Another edge that passes by has many events, but on few of the lines.
@@ -22,15 +17,15 @@ bool IsBetter(const WindowFit& second, const WindowFit& first, absl::Span<const 
   constexpr double kMinEvents = 3.0;
   constexpr double kSigma = 2.0;
   if (second.explained_signal_ratio() <= first.explained_signal_ratio()) return false;
-  if (second.missing_ratio > kMostMissing) return false;
-  double speaking_px = 0.0, gaining_px = 0.0;
+  if (second.deficit_ratio > kMaxDeficitRatio) return false;
+  double active_px = 0.0, improved_px = 0.0;
   for (size_t k = 0; k < second.line_events.size(); ++k) {
     const double both = second.line_events[k] + first.line_events[k];
     if (both < kMinEvents) continue;
-    speaking_px += lines[k].length_px;
-    if (second.line_events[k] - first.line_events[k] > kSigma * std::sqrt(both)) gaining_px += lines[k].length_px;
+    active_px += lines[k].length_px;
+    if (second.line_events[k] - first.line_events[k] > kSigma * std::sqrt(both)) improved_px += lines[k].length_px;
   }
-  return gaining_px >= 0.5 * speaking_px;
+  return improved_px >= 0.5 * active_px;
 }
 
 }  // namespace
@@ -44,14 +39,14 @@ PoseTrack::PoseTrack(const TrackContext& context, const MotionState& start)
       health_(context.options.health, context.options.mixture.min_events_per_px2,
               static_cast<int>(context.model->lines.size())),
       motion_(start),
-      answers_(context.model->lines.size()),
+      deficit_counts_(context.model->lines.size()),
       near_events_(context.camera, context.tables->undistortion, context.tables->pixel_tiles) {
   const std::vector<ModelLine>& lines = context.model->lines;
   for (size_t k = 0; k < lines.size(); ++k) all_lines_.push_back({static_cast<int>(k), lines[k].p1, lines[k].p2});
   // Both are reserved here because the second one is seldom used, so that it would allocate while tracking.
   for (WindowFit* const fit : {&fit_, &second_fit_}) {
     fit->line_events.reserve(lines.size());
-    fit->answers.reserve(lines.size());
+    fit->deficit_counts.reserve(lines.size());
   }
 }
 
@@ -60,7 +55,7 @@ std::optional<PoseEstimate> PoseTrack::OnWindow(const EventWindow& window, const
   WindowInput input;
   const WindowFit& fit = FitWindow(window, others, input);
   lines_ = input.lines;
-  if (is_hidden_) return Hold(window);
+  if (is_occluded_) return Hold(window);
   const RigidTransform& pose = fit.state.camera_from_object;
   const bool usable = !input.lines.empty() && fit.state.covariance.allFinite() && pose.rotation.allFinite() &&
                       pose.translation_m.allFinite() && fit.state.twist.allFinite();
@@ -69,7 +64,8 @@ std::optional<PoseEstimate> PoseTrack::OnWindow(const EventWindow& window, const
     return std::nullopt;
   }
   motion_ = fit.state;
-  for (size_t k = 0; k < fit.answers.size(); ++k) answers_[input.lines[k].model_line].Add(fit.answers[k]);
+  for (size_t k = 0; k < fit.deficit_counts.size(); ++k)
+    deficit_counts_[input.lines[k].model_line].Add(fit.deficit_counts[k]);
 
   const CameraModel& camera = context_.camera;
   const HealthOptions& health = context_.options.health;
@@ -79,19 +75,19 @@ std::optional<PoseEstimate> PoseTrack::OnWindow(const EventWindow& window, const
     return std::nullopt;
   }
   // Until a pose is confirmed on most of its lines, the events of both polarities have full weight.
-  if (!input.is_believed) input.shares.telling = {1.0, 1.0};
+  if (!input.is_confirmed) input.shares.telling = {1.0, 1.0};
   health_.AddWindow(camera, input, image_lines_, motion_.twist);
   const bool confirming = phase_ == TrackPhase::kTentative;
   const double support = is_fully_tested_ ? health.keep_support_ratio : health.confirm_support_ratio;
   if (followed_since_us_ < 0) followed_since_us_ = window.t_begin_us;
   const int64_t patience_us = confirming ? health.min_span_us : health.patience_us;
-  const HealthVerdict verdict =
-      health_.Judge(support, health.confirm_support_ratio, confirming ? kConfirmLines : kKeepLines, patience_us);
-  if (is_partly_hidden_ && input.lines.size() < static_cast<size_t>(kConfirmLines)) {
+  const HealthResult result = health_.Test(support, health.confirm_support_ratio,
+                                           confirming ? health.confirm_lines : health.keep_lines, patience_us);
+  if (is_partly_occluded_ && input.lines.size() < static_cast<size_t>(health.confirm_lines)) {
     // Too little is visible for an event deficit or foreign events to contradict the pose.
     Enter(TrackInput::kOcclusion, window.t_end_us);
   } else {
-    UpdatePhase(verdict, window.t_end_us);
+    UpdatePhase(result, window.t_end_us);
   }
   if (phase_ == TrackPhase::kTentative || phase_ == TrackPhase::kLost) return std::nullopt;
   return MakeEstimate(fit, input);
@@ -120,41 +116,40 @@ std::optional<PoseEstimate> PoseTrack::Hold(const EventWindow& window) {
 double PoseTrack::Explains(Observation observation, const Competitors* others) const {
   // A triangle about the line and a trough beside it, as wide as a line's events spread, of integral zero.
   constexpr double kOwnPx = 3.0;
-  constexpr double kTroughPx = 6.0;
-  constexpr double kTrough = 0.5 * kOwnPx / (kTroughPx - kOwnPx);
+  constexpr double kScoredPx = 6.0;
+  constexpr double kBesideScore = 0.5 * kOwnPx / (kScoredPx - kOwnPx);
   if (!grid_.GiveLines(observation)) return 0.0;
-  const NearLines near = FindNearLines(observation, image_lines_.data(), kTroughPx, 0.0);
+  const NearLines near = FindNearLines(observation, image_lines_.data(), kScoredPx, 0.0);
   if (near.count == 0) return 0.0;
   const double distance = std::abs(near.distance_px[0]);
-  const double explains = distance < kOwnPx ? 1.0 - distance / kOwnPx : -kTrough;
+  const double explains = distance < kOwnPx ? 1.0 - distance / kOwnPx : -kBesideScore;
   if (others == nullptr || rates_.empty()) return explains;
   return explains * OwnShare(distance, CompetingFor(observation, *others, rates_));
 }
 
 const WindowFit& PoseTrack::FitWindow(const EventWindow& window, const Competitors* others, WindowInput& input) {
-  constexpr double kFallenRatio = 0.6;  // of the running mean: core/estimation/README.md, section 5
-  constexpr double kForget = 0.05;      // the mean is over about 20 windows
+  constexpr double kForget = 0.05;  // the running mean covers about 20 windows, 20 to 100 ms
   const MotionState predicted = Predicted(window.t_mid_us(), 1.0);
   input = Gather(window, others, predicted, 1.0);
   fit_.Clear();
   if (input.lines.empty()) return fit_;
   estimator_->Fit(predicted, input, 1.0, fit_);
-  if (IsSilent(fit_) || (fit_.missing_ratio > kMostMissing && IsSlow(input))) {
+  if (IsOnlyBackground(fit_) || (fit_.deficit_ratio > kMaxDeficitRatio && IsSlow(input))) {
     // Noise does not measure the pose, nor do the events of something that passes an object at rest. The event deficit
     // of the lines does measure their motion.
     const LineEvents nothing;
-    WindowInput silence = input;
-    silence.events = {};
-    silence.sorted = &nothing;
-    silence.past_answers = {};
-    silence.background_per_px2 = 0.0;
-    estimator_->Fit(predicted, silence, 1.0, second_fit_);
+    WindowInput no_events = input;
+    no_events.events = {};
+    no_events.sorted = &nothing;
+    no_events.past_deficit_counts = {};
+    no_events.background_per_px2 = 0.0;
+    estimator_->Fit(predicted, no_events, 1.0, second_fit_);
     fit_.state = second_fit_.state;
     return fit_;
   }
   // Background events carry no information about the pose, neither for the estimator nor for a second fit.
   if (!HasSignal(fit_)) return fit_;
-  if (fit_.explained_signal_ratio() < kFallenRatio * usual_explained_ratio_) {
+  if (fit_.explained_signal_ratio() < context_.options.mixture.retry_explained_ratio * usual_explained_ratio_) {
     const MotionState agile = Predicted(window.t_mid_us(), context_.options.motion.retry_noise_factor);
     const WindowInput wide_input = Gather(window, others, agile, context_.options.mixture.retry_gate_factor);
     estimator_->Fit(agile, wide_input, context_.options.mixture.retry_gate_factor, second_fit_);
@@ -170,7 +165,7 @@ const WindowFit& PoseTrack::FitWindow(const EventWindow& window, const Competito
   return fit_;
 }
 
-bool PoseTrack::IsSilent(const WindowFit& fit) {
+bool PoseTrack::IsOnlyBackground(const WindowFit& fit) {
   // About 20 windows: the events of a slow object are within the fluctuation of the noise in 1 ms, but exceed it in 20.
   constexpr double kKeep = 0.95;
   const HealthOptions& health = context_.options.health;
@@ -186,13 +181,13 @@ bool PoseTrack::IsSlow(const WindowInput& input) const {
     if (!line.in_view()) continue;
     swept_px2 += line.length_px * std::abs(NormalSpeedPxPerS(context_.camera, line, 0.5)) * input.duration_s;
   }
-  return context_.options.mixture.min_events_per_px2 * swept_px2 < kMinSignalEvents;
+  return context_.options.mixture.min_events_per_px2 * swept_px2 < context_.options.health.min_signal_events;
 }
 
 bool PoseTrack::HasSignal(const WindowFit& fit) const {
   const HealthOptions& health = context_.options.health;
   const double chance = health.significance_sigma * std::sqrt(fit.num_background * health.dispersion);
-  return fit.num_signal() >= std::max(kMinSignalEvents, chance);
+  return fit.num_signal() >= std::max(health.min_signal_events, chance);
 }
 
 MotionState PoseTrack::Predicted(int64_t t_us, double noise_factor) const {
@@ -218,14 +213,14 @@ WindowInput PoseTrack::Gather(const EventWindow& window, const Competitors* othe
                               double gate_factor) {
   WindowInput input;
   input.duration_s = static_cast<double>(window.t_end_us - window.t_begin_us) * 1e-6;
-  input.is_believed = phase_ != TrackPhase::kTentative && is_fully_tested_;
+  input.is_confirmed = phase_ != TrackPhase::kTentative && is_fully_tested_;
   input.lines = estimator_->UsesVisibility() ? visible_lines_.At(predicted.camera_from_object) : all_lines_;
-  is_hidden_ = is_partly_hidden_ = false;
+  is_occluded_ = is_partly_occluded_ = false;
   if (others != nullptr && estimator_->UsesVisibility() && !input.lines.empty()) {
-    unhidden_lines_.assign(input.lines.begin(), input.lines.end());
-    is_partly_hidden_ = others->RemoveHidden(predicted.camera_from_object, unhidden_lines_);
-    is_hidden_ = unhidden_lines_.empty();
-    input.lines = unhidden_lines_;
+    unoccluded_lines_.assign(input.lines.begin(), input.lines.end());
+    is_partly_occluded_ = others->RemoveHidden(predicted.camera_from_object, unoccluded_lines_);
+    is_occluded_ = unoccluded_lines_.empty();
+    input.lines = unoccluded_lines_;
   }
   ProjectLines(context_.camera, predicted, input.lines, image_lines_);
   const double spread_px = PredictedSpreadPx(context_.camera, predicted, image_lines_);
@@ -254,37 +249,37 @@ WindowInput PoseTrack::Gather(const EventWindow& window, const Competitors* othe
   input.events = near_events_.Observe(window, grid_, image_lines_, predicted.t_us, reach_px, competing);
   line_events_.Sort(input.events, input.lines.size());
   input.sorted = &line_events_;
-  past_answers_.clear();
-  for (const TrackedLine& line : input.lines) past_answers_.push_back(answers_[line.model_line]);
-  input.past_answers = past_answers_;
+  past_deficit_counts_.clear();
+  for (const TrackedLine& line : input.lines) past_deficit_counts_.push_back(deficit_counts_[line.model_line]);
+  input.past_deficit_counts = past_deficit_counts_;
   return input;
 }
 
-void PoseTrack::UpdatePhase(const HealthVerdict& verdict, int64_t t_us) {
+void PoseTrack::UpdatePhase(const HealthResult& result, int64_t t_us) {
   // An object at rest produces no events: events near the smaller part of its lines come from something that passes.
   constexpr double kMostLines = 0.5;
   const HealthOptions& health = context_.options.health;
   const bool is_tentative = phase_ == TrackPhase::kTentative;
   const bool is_passed =
-      verdict.kind == HealthVerdict::Kind::kUnsupported && !is_tentative && verdict.present_ratio < kMostLines;
-  switch (is_passed ? HealthVerdict::Kind::kFewEvents : verdict.kind) {
-    case HealthVerdict::Kind::kOpen:
+      result.kind == HealthResult::Kind::kUnsupported && !is_tentative && result.present_ratio < kMostLines;
+  switch (is_passed ? HealthResult::Kind::kFewEvents : result.kind) {
+    case HealthResult::Kind::kOpen:
       return;
-    case HealthVerdict::Kind::kSupported:
-      if (verdict.testable_ratio >= health.min_tested_ratio) is_fully_tested_ = true;
+    case HealthResult::Kind::kSupported:
+      if (result.testable_ratio >= health.min_tested_ratio) is_fully_tested_ = true;
       // The first confirmation waits until most lines could be tested: a part of an object can equal another object.
       if (is_tentative && !is_fully_tested_ && t_us - followed_since_us_ < health.max_hold_us) return;
       Enter(TrackInput::kSupport, t_us);
       return;
-    case HealthVerdict::Kind::kDoubtful:
+    case HealthResult::Kind::kDoubtful:
       // The pose is right and partly occluded, or attracted by the occluder. It is kept, and other poses may compete.
       Enter(TrackInput::kPartialSupport, t_us);
       return;
-    case HealthVerdict::Kind::kFewEvents:
+    case HealthResult::Kind::kFewEvents:
       // An object at rest produces no events, so that they do not contradict the pose; a doubtful pose stays doubtful.
       Enter(TrackInput::kFewEvents, t_us);
       break;
-    case HealthVerdict::Kind::kUnsupported:
+    case HealthResult::Kind::kUnsupported:
       if (is_tentative) ++num_contradictions_;
       Enter(TrackInput::kContradiction, t_us);
       break;
@@ -317,17 +312,18 @@ Matrix6d PoseTrack::PublishedCovariance(const MotionState& state) const {
 
 void PoseTrack::VisitState(auto& archive, auto& self) {
   auto& [context, visible_lines, all_lines, grid, background, estimator, health, phase, motion, usual_explained_ratio,
-         recent_signal, recent_background, answers, num_contradictions, followed_since_us, is_fully_tested,
-         supported_at_us, unsupported_since_us, lines, unhidden_lines, is_hidden, is_partly_hidden, image_lines, rates,
-         near_events, line_events, past_answers, fit, second_fit] = self;
+         recent_signal, recent_background, deficit_counts, num_contradictions, followed_since_us, is_fully_tested,
+         supported_at_us, unsupported_since_us, lines, unoccluded_lines, is_occluded, is_partly_occluded, image_lines,
+         rates, near_events, line_events, past_deficit_counts, fit, second_fit] = self;
   constexpr int64_t kMax_us = kMaxStateTime_us;
-  constexpr int kMaxVerdicts = 1 << 20;
+  constexpr int kMaxContradictions = 1 << 20;
   archive(visible_lines, background, *estimator, health, AtMost(phase, TrackPhase::kLost), motion,
           Finite(usual_explained_ratio), Finite(recent_signal), Finite(recent_background),
-          AtMost(num_contradictions, kMaxVerdicts), InRange(followed_since_us, -kMax_us, kMax_us), is_fully_tested,
-          InRange(supported_at_us, -kMax_us, kMax_us), InRange(unsupported_since_us, -kMax_us, kMax_us));
+          AtMost(num_contradictions, kMaxContradictions), InRange(followed_since_us, -kMax_us, kMax_us),
+          is_fully_tested, InRange(supported_at_us, -kMax_us, kMax_us),
+          InRange(unsupported_since_us, -kMax_us, kMax_us));
   archive(near_events);
-  for (auto& answer : answers) archive(answer);
+  for (auto& answer : deficit_counts) archive(answer);
 }
 
 void PoseTrack::SaveState(StateWriter& writer) const { VisitState(writer, *this); }

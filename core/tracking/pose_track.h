@@ -50,10 +50,10 @@ class PoseTrack {
 
   TrackPhase phase() const { return phase_; }
   TrackState state() const { return ReportedState(phase_); }
-  // Tentative, and contradicted by `times` times HealthOptions::max_unconfirmed_verdicts test results.
+  // Tentative, and contradicted by `times` times HealthOptions::max_contradictions test results.
   bool is_rejected(int times) const {
     return phase_ == TrackPhase::kTentative &&
-           num_contradictions_ >= times * context_.options.health.max_unconfirmed_verdicts;
+           num_contradictions_ >= times * context_.options.health.max_contradictions;
   }
   // Clears the count of contradictions of a tentative track.
   void ClearContradictions() { num_contradictions_ = 0; }
@@ -88,10 +88,10 @@ class PoseTrack {
   bool HasSignal(const WindowFit& fit) const;
   // Whether there is no such excess over the last windows either. Adds this window to the running sums: to be called
   // once per window.
-  bool IsSilent(const WindowFit& fit);
+  bool IsOnlyBackground(const WindowFit& fit);
   // The other objects occlude it completely: the estimate is the prediction with its covariance.
   std::optional<PoseEstimate> Hold(const EventWindow& window);
-  void UpdatePhase(const HealthVerdict& verdict, int64_t t_us);
+  void UpdatePhase(const HealthResult& result, int64_t t_us);
   // The one place where the phase changes; sets what belongs to the new one.
   void Enter(TrackInput input, int64_t t_us);
   Matrix6d PublishedCovariance(const MotionState& state) const;
@@ -110,22 +110,22 @@ class PoseTrack {
   double usual_explained_ratio_ = 0.0;  // running mean
   double recent_signal_ = 0.0;          // events, fading
   double recent_background_ = 0.0;
-  std::vector<LineAnswer> answers_;   // of the last windows, by model line
-  int num_contradictions_ = 0;        // while tentative
-  int64_t followed_since_us_ = -1;    // -1 before the first window
+  std::vector<DeficitCounts> deficit_counts_;  // of the last windows, by model line
+  int num_contradictions_ = 0;                 // while tentative
+  int64_t followed_since_us_ = -1;             // -1 before the first window
   bool is_fully_tested_ = false;      // once min_tested_ratio of its lines has been testable when it was supported
   int64_t supported_at_us_ = 0;       // the latest kSupport
   int64_t unsupported_since_us_ = 0;  // when kUnsupported was entered
 
   absl::Span<const TrackedLine> lines_;
-  std::vector<TrackedLine> unhidden_lines_;
-  bool is_hidden_ = false;         // the other objects occlude all visible lines
-  bool is_partly_hidden_ = false;  // the other objects occlude some of them
+  std::vector<TrackedLine> unoccluded_lines_;
+  bool is_occluded_ = false;         // the other objects occlude all visible lines
+  bool is_partly_occluded_ = false;  // the other objects occlude some of them
   std::vector<ImageLine> image_lines_;
   std::vector<double> rates_;  // RelativeEventRate of image_lines_; empty without others
   NearEvents near_events_;
   LineEvents line_events_;
-  std::vector<LineAnswer> past_answers_;  // the same, by the window's lines
+  std::vector<DeficitCounts> past_deficit_counts_;  // the same, by the window's lines
   WindowFit fit_;
   WindowFit second_fit_;
 };

@@ -39,6 +39,12 @@ struct InitializationOptions {
   // Standard deviations of the score difference at which the worse of two poses is rejected: a false alarm rate of
   // 3e-5, one-sided under the normal distribution.
   double decision_sigma = 4.0;
+  // Events of a window on which two poses are compared; further ones are correlated with these.
+  int max_compared_events = 1000;
+  // Radians, and ratio of the distance to the camera: hypotheses closer than both are merged, because no line detector
+  // resolves them.
+  double merge_rad = 0.02;
+  double merge_depth_ratio = 0.01;
   // Microseconds after which the better of several competing hypotheses is published, as DEGRADED.
   int64_t undecided_us = 200'000;
 

@@ -118,7 +118,7 @@ TEST(TrackingAccuracy, TheCubeIsFoundAndTrackedUnderALampThatSwingsByTwoFifths) 
 }
 
 TEST(TrackingAccuracy, ALampThatGrowsDarkerDoesNotMakeTheObjectNearer) {
-  // Thresholds so fine that the surfaces make ten times the edges' events: without flood_shift.h it is 0.155 % off,
+  // Thresholds so fine that the surfaces make ten times the edges' events: without flicker_bias.h it is 0.155 % off,
   // nearly all of it depth.
   SimulationOptions options = VgaScene("cuboid", 1.5, 61, 200'000);
   options.sensor.threshold_on = options.sensor.threshold_off = 0.03;

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "core/estimation/flood_shift.h"
+#include "core/estimation/flicker_bias.h"
 
 #include <gtest/gtest.h>
 
@@ -11,7 +11,7 @@ namespace {
 
 constexpr double kGatePx = 3.0;
 constexpr double kSpreadPx = 0.8;
-constexpr double kStripPx = (1.0 - LineCounts::kBesideRatio) * kGatePx;
+constexpr double kStripPx = (1.0 - LineCounts::kLateralRatio) * kGatePx;
 constexpr ByPolarity kAllKept = {1.0, 1.0};
 
 // What an edge that makes so many ON events beside an OFF flood (events per px) leaves, step by step across it.
@@ -35,10 +35,10 @@ struct Scene {
     for (int side = 0; side < 2; ++side) counts.beside[side][0] = off_per_px[side] * kStripPx;
     mean_px = moment / counts.own[1];
   }
-  double ShiftPx() const { return FloodShiftPx(counts, kAllKept, kGatePx, kSpreadPx); }
+  double ShiftPx() const { return FlickerBiasPx(counts, kAllKept, kGatePx, kSpreadPx); }
 };
 
-TEST(FloodShiftTest, IsTheMeanOfWhatAFloodOnOneSideLeaves) {
+TEST(FlickerBiasTest, IsTheMeanOfWhatAFloodOnOneSideLeaves) {
   for (const double flood : {2.0, 10.0, 30.0, 44.0}) {
     const Scene above(100.0, {0.0, flood});
     EXPECT_LT(above.mean_px, 0.0);
@@ -48,44 +48,44 @@ TEST(FloodShiftTest, IsTheMeanOfWhatAFloodOnOneSideLeaves) {
   }
 }
 
-TEST(FloodShiftTest, OfTwoSidesTheSmallerOneTakesBack) {
+TEST(FlickerBiasTest, OfTwoSidesTheSmallerOneTakesBack) {
   const Scene scene(100.0, {5.0, 20.0});
   EXPECT_LT(scene.mean_px, -0.01);
   EXPECT_NEAR(scene.ShiftPx(), scene.mean_px, 0.1 * std::abs(scene.mean_px));
   EXPECT_EQ(Scene(100.0, {20.0, 20.0}).ShiftPx(), 0.0);
 }
 
-TEST(FloodShiftTest, IsNoneWithoutAFloodAndInNoiseOfBothPolarities) {
+TEST(FlickerBiasTest, IsNoneWithoutAFloodAndInNoiseOfBothPolarities) {
   EXPECT_EQ(Scene(100.0, {0.0, 0.0}).ShiftPx(), 0.0);
-  EXPECT_EQ(FloodShiftPx({}, kAllKept, kGatePx, kSpreadPx), 0.0);
+  EXPECT_EQ(FlickerBiasPx({}, kAllKept, kGatePx, kSpreadPx), 0.0);
   Scene scene(100.0, {0.0, 0.0});
   scene.counts.beside[1] = {12.0, 12.0};
   EXPECT_EQ(scene.ShiftPx(), 0.0);
 }
 
-TEST(FloodShiftTest, OfTheEdgesOwnPolarityTakesNothing) {
+TEST(FlickerBiasTest, OfTheEdgesOwnPolarityTakesNothing) {
   Scene scene(100.0, {0.0, 0.0});
   scene.counts.beside[1] = {0.0, 30.0};
   EXPECT_EQ(scene.ShiftPx(), 0.0);
 }
 
-TEST(FloodShiftTest, PolaritiesMirror) {
+TEST(FlickerBiasTest, PolaritiesMirror) {
   const Scene on(100.0, {0.0, 20.0});
   LineCounts off = on.counts;
   std::swap(off.own[0], off.own[1]);
   for (ByPolarity& side : off.beside) std::swap(side[0], side[1]);
-  EXPECT_EQ(FloodShiftPx(off, kAllKept, kGatePx, kSpreadPx), on.ShiftPx());
+  EXPECT_EQ(FlickerBiasPx(off, kAllKept, kGatePx, kSpreadPx), on.ShiftPx());
 }
 
-TEST(FloodShiftTest, CountsWhatWasNotKept) {
+TEST(FlickerBiasTest, CountsWhatWasNotKept) {
   const Scene scene(100.0, {0.0, 20.0});
   LineCounts kept = scene.counts;
   for (double* off : {&kept.own[0], &kept.beside[0][0], &kept.beside[1][0]}) *off /= 8.0;
   for (double* on : {&kept.own[1], &kept.beside[0][1], &kept.beside[1][1]}) *on /= 2.0;
-  EXPECT_NEAR(FloodShiftPx(kept, {8.0, 2.0}, kGatePx, kSpreadPx), scene.ShiftPx(), 1e-12);
+  EXPECT_NEAR(FlickerBiasPx(kept, {8.0, 2.0}, kGatePx, kSpreadPx), scene.ShiftPx(), 1e-12);
 }
 
-TEST(FloodShiftTest, OfAStripeEachPolarityHasItsShare) {
+TEST(FlickerBiasTest, OfAStripeEachPolarityHasItsShare) {
   // The OFF half of its events loses nothing to a flood of OFF events.
   Scene stripe(100.0, {0.0, 20.0});
   const double on_px = stripe.ShiftPx();
@@ -93,8 +93,8 @@ TEST(FloodShiftTest, OfAStripeEachPolarityHasItsShare) {
   EXPECT_NEAR(stripe.ShiftPx(), 0.5 * on_px, 1e-12);
 }
 
-TEST(FloodShiftTest, GrowsWithTheFloodUpToABound) {
-  const FloodShift& shift = FloodShift::Get();
+TEST(FlickerBiasTest, GrowsWithTheFloodUpToABound) {
+  const FlickerBias& shift = FlickerBias::Get();
   EXPECT_EQ(shift.Away(0.0), 0.0);
   EXPECT_EQ(shift.Away(-1.0), 0.0);
   for (double ratio = 0.01; ratio <= 0.7; ratio += 0.01)
@@ -104,7 +104,7 @@ TEST(FloodShiftTest, GrowsWithTheFloodUpToABound) {
   EXPECT_LT(shift.Away(1e9), std::sqrt(2.0 / M_PI));
 }
 
-TEST(FloodShiftTest, AFewEventsMoveLittle) {
+TEST(FlickerBiasTest, AFewEventsMoveLittle) {
   Scene scene(100.0, {0.0, 0.0});
   scene.counts.own[1] = 1.0;
   scene.counts.beside[1][0] = 1.0;

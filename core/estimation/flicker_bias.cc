@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "core/estimation/flood_shift.h"
+#include "core/estimation/flicker_bias.h"
 
 #include <algorithm>
 
@@ -34,12 +34,12 @@ Left LeftBeside(double flood_share) {
 
 }  // namespace
 
-const FloodShift& FloodShift::Get() {
-  static const FloodShift shift;
+const FlickerBias& FlickerBias::Get() {
+  static const FlickerBias shift;
   return shift;
 }
 
-FloodShift::FloodShift() {
+FlickerBias::FlickerBias() {
   constexpr double kShareStep = 0.005;
   Left below;
   double share = 0.0;
@@ -55,17 +55,17 @@ FloodShift::FloodShift() {
   }
 }
 
-double FloodShift::Away(double ratio) const {
+double FlickerBias::Away(double ratio) const {
   const double place = std::clamp(ratio, 0.0, kMaxRatio) * (kSteps / kMaxRatio);
   const int below = std::min(static_cast<int>(place), kSteps - 1);
   return away_[below] + (place - below) * (away_[below + 1] - away_[below]);
 }
 
-double FloodShiftPx(const LineCounts& counts, const ByPolarity& events_per_observation, double gate_px,
-                    double spread_px) {
+double FlickerBiasPx(const LineCounts& counts, const ByPolarity& events_per_observation, double gate_px,
+                     double spread_px) {
   // Fewer of its own do not tell how many there are of its own.
   constexpr double kFewEvents = 10.0;
-  const double strip_px = (1.0 - LineCounts::kBesideRatio) * gate_px;
+  const double strip_px = (1.0 - LineCounts::kLateralRatio) * gate_px;
   // Noise comes in both polarities, and takes nothing away: a lamp's change in one.
   std::array<double, 2> on_excess;
   for (int side = 0; side < 2; ++side) {
@@ -80,7 +80,7 @@ double FloodShiftPx(const LineCounts& counts, const ByPolarity& events_per_obser
     std::array<double, 2> away;
     for (int side = 0; side < 2; ++side) {
       const double flood = polarity == 1 ? -on_excess[side] : on_excess[side];
-      away[side] = flood > 0.0 ? FloodShift::Get().Away(flood * to_ratio) : 0.0;
+      away[side] = flood > 0.0 ? FlickerBias::Get().Away(flood * to_ratio) : 0.0;
     }
     all += own;
     moment += own * (away[0] - away[1]);
