@@ -10,7 +10,7 @@
 namespace evpose {
 namespace {
 
-// The direction of motion, smoothed near rest, where it cannot be known.
+// Sign of the motion, smoothed near zero, where the direction is not known.
 double MotionSign(double speed_px_per_s) {
   constexpr double kSmoothPxPerS = 15.0;
   return speed_px_per_s / std::sqrt(speed_px_per_s * speed_px_per_s + kSmoothPxPerS * kSmoothPxPerS);
@@ -25,9 +25,9 @@ absl::Status EdgeOptions::Validate() const {
 }
 
 double LiveAreaPx2(const SensorProfile& sensor, double swept_px2, double events, double speed_px_per_s) {
-  // The mean slope over a blurred step's levels, as a share of its height: 1 / (2 sqrt(pi)) for each blur.
+  // Mean slope of a Gaussian step over its levels, relative to its height, per unit of the blur: 1 / (2 sqrt(pi)).
   constexpr double kMeanSlope = 0.28209479177387814;
-  // Beyond, too little is left of the edge to tell.
+  // Lower bound of the live share: where pixels miss more, the linear model does not hold.
   constexpr double kMinLiveRatio = 0.25;
   if (sensor.blur_px <= 0.0) return swept_px2;
   const double dead_px2 = events * speed_px_per_s * 1e-6 * sensor.refractory_us * kMeanSlope / sensor.blur_px;
@@ -36,7 +36,7 @@ double LiveAreaPx2(const SensorProfile& sensor, double swept_px2, double events,
 
 double ExpectedEdgePx(const SensorProfile& sensor, const EdgeRates& rates, double motion) {
   const double kappa = std::clamp(rates.kappa, -1.0, 1.0);
-  // Of a stripe's two edges each makes half of the events.
+  // A stripe has two edges, and each produces half of the events.
   const double edge_share = 0.5 * (1.0 + std::abs(kappa));
   const double thresholds = edge_share * (rates.events_per_px2 + rates.turns_per_px2);
   const double turn_ratio = std::min(1.0, edge_share * rates.recent_turns_per_px2);
@@ -45,7 +45,7 @@ double ExpectedEdgePx(const SensorProfile& sensor, const EdgeRates& rates, doubl
   const EdgeResponse& response = EdgeResponse::Get();
   const double brighter_px = sensor.blur_px * response.Brighter(contrast, hysteresis);
   const double darker_px = sensor.blur_px * response.Darker(contrast, hysteresis);
-  // kappa is the share of ON events less that of OFF ones when the line moves along its normal.
+  // kappa is the share of ON events minus the share of OFF events when the line moves along its normal.
   const double along_px = 0.5 * ((1.0 + kappa) * brighter_px + (1.0 - kappa) * darker_px);
   const double against_px = -0.5 * ((1.0 - kappa) * brighter_px + (1.0 + kappa) * darker_px);
   return 0.5 * ((1.0 + motion) * along_px + (1.0 - motion) * against_px);
@@ -65,12 +65,12 @@ void EdgeBias::Correct(absl::Span<const TrackedLine> tracked, absl::Span<ImageLi
     ImageLine& line = lines[k];
     const size_t index = static_cast<size_t>(tracked[k].model_line);
     if (!line.in_view()) continue;
-    // Late time stamps show the line where it was.
+    // Late time stamps displace the events to an earlier position of the line.
     line.a_expected = line.a - 1e-6 * sensor_.latency_us * line.a_dot;
     if (index >= profiles_.size()) continue;
     const double first = ExpectedPx(profiles_[index], 0, MotionSign(NormalSpeedPxPerS(camera_, line, 0.25)));
     const double last = ExpectedPx(profiles_[index], 1, MotionSign(NormalSpeedPxPerS(camera_, line, 0.75)));
-    // Linear along the line, and so linear in the bearing: offset = at_begin + slope * along.
+    // The correction is linear along the line and therefore linear in the bearing: offset = at_begin + slope * along.
     const Eigen::Vector2d focal(camera_.fx_px, camera_.fy_px);
     const Eigen::Vector2d centre(camera_.cx_px, camera_.cy_px);
     const double at_begin = 1.5 * first - 0.5 * last;
@@ -85,7 +85,7 @@ void EdgeBias::Correct(absl::Span<const TrackedLine> tracked, absl::Span<ImageLi
 
 void EdgeBias::Learn(absl::Span<const TrackedLine> tracked, absl::Span<const ImageLine> lines,
                      absl::Span<const EdgeCounts> counts, double duration_s) {
-  // Slower lines make too few events to tell from noise, and their direction may be wrong.
+  // Pixels per second. Slower lines produce too few events compared with noise, and their direction may be wrong.
   constexpr double kMinSpeedPxPerS = 20.0;
   constexpr double kMinLengthPx = 10.0;
   for (size_t k = 0; k < lines.size(); ++k) {

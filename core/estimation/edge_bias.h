@@ -1,13 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// Where events lie about a moving edge, which is not on it (core/estimation/README.md, section 3).
+// Expected distance of the events of a moving edge from the edge (core/estimation/README.md, section 3).
 //
-// A line that moves across itself makes n events per square pixel that it sweeps; in a share h of the swept pixels the
-// first of them turns round: the pixel's event before had the other polarity. Turning round costs a threshold c, so
-// that the edge's log contrast is L = (n + h) c, and the levels at which events come begin h c after its beginning. n
-// and h are counted; with c and the blur, which are the sensor's (sensor_profile.h), edge_response.h then has the
-// events' mean distance from the edge: to its darker side, the more the higher the contrast, and behind its motion, the
-// more the lower it is. Uncorrected, a bright object looks larger and therefore nearer.
+// A line that moves along its normal produces n events per square pixel that it sweeps. At a fraction h of the swept
+// pixels the first of these events reverses the polarity, i.e. the previous event of the pixel had the other one. A
+// reversal costs one threshold c without an event, so that the log contrast of the edge is L = (n + h) c, and the
+// levels at which events occur begin h c above the start of the edge. n and h are counted for each line; c and the blur
+// belong to the sensor profile (sensor_profile.h). From these edge_response.h computes the mean distance of the events
+// from the edge: towards its dark side, the more the higher the contrast, and behind the motion, the more the lower it
+// is. Uncorrected, a bright object appears larger and therefore nearer.
 #pragma once
 
 #include <array>
@@ -21,10 +22,11 @@
 
 namespace evpose {
 
-// Events of a line that a window's fit explains, weighted, those that were not kept with them.
+// Events that the fit of a window attributes to one line: sums of their weights, scaled up by the downsampling.
 struct EdgeCounts {
-  std::array<double, 2> polarity = {};  // OFF and ON
-  // After an event of the other polarity, half where nobody knows; on the line's first half and on its second.
+  std::array<double, 2> polarity = {};  // by polarity: OFF, ON
+  // Events after one of the other polarity, on the first and on the second half of the line. An event with an unknown
+  // predecessor counts one half.
   std::array<double, 2> turns = {};
 
   void Add(const Observation& event, int half, double weight) {
@@ -33,31 +35,35 @@ struct EdgeCounts {
   }
 };
 
-// What a moving line makes of events.
+// Rates of the events of a moving line.
 struct EdgeRates {
-  double events_per_px2 = 0.0;        // of the area that it sweeps while its pixels can answer
-  double turns_per_px2 = 0.0;         // after one of the other polarity; of all the area
-  double recent_turns_per_px2 = 0.0;  // the same, lately
-  double kappa = 0.0;                 // mean of polarity (+-1) times the sign of the normal velocity
+  double events_per_px2 = 0.0;        // per square pixel of LiveAreaPx2()
+  double turns_per_px2 = 0.0;         // events after one of the other polarity, per square pixel of the swept area
+  double recent_turns_per_px2 = 0.0;  // the same over the last milliseconds
+  double kappa = 0.0;                 // mean of the polarity (+-1) times the sign of the normal velocity
 };
 
-// The area that a line sweeps while its pixels can answer. After an event a pixel is held, and misses what the edge
-// does meanwhile: at `speed` it moves on by a part of its width, with as much of its contrast.
+// Area in square pixels that a line sweeps while the pixels are able to respond. After each event a pixel is
+// insensitive for SensorProfile::refractory_us and misses the change of light during this time; at `speed_px_per_s`
+// this corresponds to a share of the width of the blurred edge. `swept_px2` is the whole area swept, `events` the
+// number of events in it.
 double LiveAreaPx2(const SensorProfile& sensor, double swept_px2, double events, double speed_px_per_s);
 
 // Expected distance of its events along the line's normal but for the latency, pixels; `motion` is the sign of its
 // normal velocity, smoothed near rest.
 double ExpectedEdgePx(const SensorProfile& sensor, const EdgeRates& rates, double motion);
 
-// How the lines' contrast, which the correction of the edges' bias needs, is learned (edge_bias.h). What the sensor
-// makes of it is in its profile.
+// Estimation of the contrast of the lines, which the correction of the edge bias requires. The constants of the sensor
+// are in its profile.
 struct EdgeOptions {
-  // Explained events of a line before anything is applied to it.
+  // Explained events of a line before a correction is applied to it: a step correction applied to a stripe locks onto
+  // one of its sides (core/estimation/README.md, section 3).
   double min_events = 200.0;
-  // Explained events that its contrast is the mean of: it changes with the view and the background, within a second or
-  // so.
+  // Explained events over which the contrast is averaged. The contrast changes with the view and the background within
+  // about a second.
   double memory_events = 5000.0;
-  // Square pixels that a half of a line sweeps while what its pixels saw before is learned: some milliseconds.
+  // Square pixels, swept by one half of a line, over which the recent rate of polarity reversals is averaged: some
+  // milliseconds. The previous events of the pixels change as soon as the motion does.
   double turn_memory_px2 = 150.0;
 
   absl::Status Validate() const;
@@ -68,9 +74,11 @@ class EdgeBias {
   EdgeBias(const EdgeOptions& options, const SensorProfile& sensor, const CameraModel& camera)
       : options_(options), sensor_(sensor), camera_(camera) {}
 
-  // Sets line.a_expected: the image line displaced to where its events are expected.
+  // Sets ImageLine::a_expected of each line: the image line displaced to the expected position of its events. `tracked`
+  // and `lines` have the same order and length.
   void Correct(absl::Span<const TrackedLine> tracked, absl::Span<ImageLine> lines) const;
-  // Learns the lines' contrast from a window that has been accepted; one entry of `counts` per line.
+  // Updates the counts of each line after a window was accepted. `counts` has one entry per line; `duration_s` is that
+  // of the window.
   void Learn(absl::Span<const TrackedLine> tracked, absl::Span<const ImageLine> lines,
              absl::Span<const EdgeCounts> counts, double duration_s);
   void Reset() { profiles_.clear(); }
@@ -82,16 +90,16 @@ class EdgeBias {
 
  private:
   struct Profile {
-    double events = 0.0;           // remembered, explained
-    double swept_px2 = 0.0;        // by the line while they came
-    double live_px2 = 0.0;         // of it, while pixels could answer
+    double events = 0.0;           // explained events
+    double swept_px2 = 0.0;        // area that the line swept while it produced them
+    double live_px2 = 0.0;         // share of it by LiveAreaPx2()
     double polarity_motion = 0.0;  // sum of polarity (+-1) times the sign of the normal velocity
-    double turns = 0.0;            // over the whole memory
-    // The same over a few milliseconds: what the pixels saw before changes as soon as the motion does.
+    double turns = 0.0;            // events after one of the other polarity
+    // Reversals and swept area of each half over the last milliseconds (EdgeOptions::turn_memory_px2).
     std::array<double, 2> recent_turns = {};
     std::array<double, 2> recent_swept_px2 = {};
 
-    // Within bounds that no line comes near and no table is left by.
+    // A bound that no line reaches in practice, and at which no index of a table overflows.
     static void VisitState(auto& archive, auto& self) {
       auto& [events, swept_px2, live_px2, polarity_motion, turns, recent_turns, recent_swept_px2] = self;
       constexpr double kMax = 1e15;
@@ -104,16 +112,17 @@ class EdgeBias {
         archive(AtMost(recent_turns[half], kMax), AtMost(recent_swept_px2[half], kMax));
     }
   };
-  // `velocity`: normal to the line.
+  // Adds the counts of one window. The velocity is normal to the line, the swept areas are those of its halves.
   void Add(const EdgeCounts& counts, double velocity_px_per_s, const std::array<double, 2>& swept_px2,
            Profile& profile) const;
-  // Expected distance of its events along the line's normal, `motion` the smoothed sign of its velocity.
+  // ExpectedEdgePx() of one half of a line, in pixels; 0 before EdgeOptions::min_events were counted. `motion` is the
+  // smoothed sign of its normal velocity.
   double ExpectedPx(const Profile& profile, int half, double motion) const;
 
   const EdgeOptions options_;
   const SensorProfile sensor_;
   const CameraModel camera_;
-  std::vector<Profile> profiles_;  // by model line
+  std::vector<Profile> profiles_;  // indexed by model line
 };
 
 }  // namespace evpose

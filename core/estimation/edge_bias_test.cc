@@ -19,14 +19,14 @@ class EdgeBiasTest : public ::testing::Test {
     Project();
   }
   void Project() { ProjectLines(camera_, state_, tracked_, lines_); }
-  // Expected distance of an event at the line's middle, along the motion.
+  // Expected distance of an event at the middle of the line, along the motion, pixels.
   double ExpectedAlongMotion(const EdgeBias& bias) {
     bias.Correct(tracked_, absl::MakeSpan(lines_));
     const Eigen::Vector3d middle = BearingOf(camera_, lines_[0].PointAt(0.5));
     const double sign = -middle.dot(lines_[0].a_dot) > 0.0 ? 1.0 : -1.0;
     return sign * (lines_[0].a - lines_[0].a_expected).dot(middle);
   }
-  // A window of 10 ms: the line, 100 px long, sweeps 200 px^2.
+  // Learns from a window of 10 ms, in which the line of 100 px sweeps 200 px^2.
   void Learn(EdgeBias& bias, double off, double on, double turns = 0.0) {
     const std::vector<EdgeCounts> counts = {{{off, on}, {0.5 * turns, 0.5 * turns}}};
     bias.Learn(tracked_, lines_, counts, 0.01);
@@ -70,17 +70,17 @@ TEST_F(EdgeBiasTest, AnEdgeShiftsToItsDarkerSide) {
   const double contrast = 4.0 * sensor_.contrast_threshold;
   EXPECT_GT(BrighterPx(contrast, 0.0), 0.1);
   EXPECT_NEAR(ExpectedAlongMotion(bias), BrighterPx(contrast, 0.0), 2e-3);
-  MoveBack();  // OFF events, the dark side is behind
+  MoveBack();  // OFF events: the dark side is behind
   EXPECT_NEAR(ExpectedAlongMotion(bias), DarkerPx(contrast, 0.0), 2e-3);
 }
 
-TEST_F(EdgeBiasTest, PixelsThatTurnRoundLag) {
+TEST_F(EdgeBiasTest, EventsAfterAPolarityReversalLag) {
   EdgeBias bias(options_, sensor_, camera_);
-  Learn(bias, 0.0, 600.0, 200.0);  // each pixel 3 events, and what turning round took
+  Learn(bias, 0.0, 600.0, 200.0);  // 3 events per pixel, and one threshold for the reversal
   const double contrast = 4.0 * sensor_.contrast_threshold;
   EXPECT_LT(BrighterPx(contrast, 0.25), BrighterPx(contrast, 0.0) - 0.05);
   EXPECT_NEAR(ExpectedAlongMotion(bias), BrighterPx(contrast, 0.25), 2e-3);
-  // The pixels ahead have seen nothing else for longer than the turns are remembered; the contrast is the same.
+  // Without reversals for longer than they are remembered, the lag disappears; the contrast is unchanged.
   for (int i = 0; i < 20; ++i) Learn(bias, 0.0, 800.0);
   EXPECT_NEAR(ExpectedAlongMotion(bias), BrighterPx(contrast, 0.0), 2e-3);
 }
@@ -97,7 +97,7 @@ TEST_F(EdgeBiasTest, ALineMayLagOnOneOfItsHalvesOnly) {
   EXPECT_NEAR(lag_px, BrighterPx(contrast, 0.0) - BrighterPx(contrast, 0.25), 2e-3);
 }
 
-TEST_F(EdgeBiasTest, WhatIsNotKnownOfAPixelCountsHalf) {
+TEST_F(EdgeBiasTest, AnUnknownPreviousEventCountsHalf) {
   EdgeCounts counts;
   Observation event;
   event.polarity = 1;
@@ -113,7 +113,7 @@ TEST_F(EdgeBiasTest, WhatIsNotKnownOfAPixelCountsHalf) {
 
 TEST_F(EdgeBiasTest, AStripeLagsButIsNotShifted) {
   EdgeBias bias(options_, sensor_, camera_);
-  Learn(bias, 600.0, 600.0, 400.0);  // two edges, each 3 events and a turn
+  Learn(bias, 600.0, 600.0, 400.0);  // two edges, each with 3 events and a reversal per pixel
   const double contrast = 4.0 * sensor_.contrast_threshold;
   const double lag_px = 0.5 * (BrighterPx(contrast, 0.25) + DarkerPx(contrast, 0.25));
   EXPECT_LT(lag_px, -0.05);
@@ -122,21 +122,21 @@ TEST_F(EdgeBiasTest, AStripeLagsButIsNotShifted) {
   EXPECT_NEAR(ExpectedAlongMotion(bias), lag_px, 2e-3);
 }
 
-TEST_F(EdgeBiasTest, WhatPixelsMissWhileTheyAreHeldCounts) {
+TEST_F(EdgeBiasTest, EventsLostInTheRefractoryPeriodAreCorrected) {
   sensor_.refractory_us = 200.0;
   EdgeBias bias(options_, sensor_, camera_);
   Learn(bias, 0.0, 600.0);
-  // Each of the 3 events of a pixel takes 0.04 px of the edge away, which is 2 sqrt(pi) blurs wide.
+  // During the dead time after each of the 3 events the edge moves by 0.04 px; it is 2 sqrt(pi) blurs wide.
   const double missed_ratio = 3.0 * 0.04 / (3.5449 * sensor_.blur_px);
   const double contrast = 3.0 / (1.0 - missed_ratio) * sensor_.contrast_threshold;
   EXPECT_NEAR(ExpectedAlongMotion(bias), BrighterPx(contrast, 0.0), 2e-3);
   EXPECT_GT(LiveAreaPx2(sensor_, 1.0, 1e6, 1e6), 0.0);
 }
 
-TEST_F(EdgeBiasTest, LateTimeStampsShowWhereTheLineWas) {
+TEST_F(EdgeBiasTest, LateTimeStampsDisplaceAgainstTheMotion) {
   sensor_.latency_us = 1000.0;
   EdgeBias bias(options_, sensor_, camera_);
-  EXPECT_NEAR(ExpectedAlongMotion(bias), -0.2, 1e-9);  // 200 px/s for a millisecond, whatever the contrast
+  EXPECT_NEAR(ExpectedAlongMotion(bias), -0.2, 1e-9);  // 200 px/s times one millisecond, for every contrast
 }
 
 TEST_F(EdgeBiasTest, AtRestNothingIsLearnedAndNoLagIsExpected) {
@@ -147,7 +147,7 @@ TEST_F(EdgeBiasTest, AtRestNothingIsLearnedAndNoLagIsExpected) {
   Learn(bias, 5000.0, 0.0);
   const Eigen::Vector3d middle = BearingOf(camera_, lines_[0].PointAt(0.5));
   bias.Correct(tracked_, absl::MakeSpan(lines_));
-  // The shift stays, which does not depend on the direction.
+  // The shift towards the dark side, which does not depend on the direction, remains.
   const double contrast = 4.0 * sensor_.contrast_threshold;
   const double shift_px = 0.5 * (BrighterPx(contrast, 0.0) - DarkerPx(contrast, 0.0));
   EXPECT_NEAR(std::abs((lines_[0].a - lines_[0].a_expected).dot(middle)), shift_px, 1e-9);

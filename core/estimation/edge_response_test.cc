@@ -8,7 +8,7 @@
 namespace evpose {
 namespace {
 
-// Where the blurred step has a share of its height, by bisection.
+// Position at which the blurred step reaches a share of its height, by bisection.
 double PhiInverse(double share) {
   double low = -8.0, high = 8.0;
   for (int i = 0; i < 80; ++i) {
@@ -18,7 +18,7 @@ double PhiInverse(double share) {
   return low;
 }
 
-// The mean place of levels between `first` and `last` on a step of log contrast `contrast`.
+// Mean position of the levels between `first` and `last` on a step of log contrast `contrast`.
 double MeanPlace(double contrast, double first, double last) {
   constexpr int kLevels = 4000;
   double sum = 0.0;
@@ -29,7 +29,7 @@ double MeanPlace(double contrast, double first, double last) {
   return sum / kLevels;
 }
 
-TEST(EdgeResponse, IsTheMeanPlaceOfTheLevelsThatAreCrossed) {
+TEST(EdgeResponse, EqualsTheMeanPositionOfTheCrossedLevels) {
   const EdgeResponse& response = EdgeResponse::Get();
   for (const double contrast : {0.25, 0.5, 1.0, 2.0, 4.0}) {
     for (const double hysteresis : {0.0, 0.1, 0.4, 0.8}) {
@@ -45,7 +45,8 @@ TEST(EdgeResponse, AFaintEdgeOnlyLags) {
   const EdgeResponse& response = EdgeResponse::Get();
   EXPECT_NEAR(response.Brighter(0.0, 0.0), 0.0, 1e-6);
   EXPECT_NEAR(response.Brighter(0.0, 0.5), response.Darker(0.0, 0.5), 1e-3);
-  EXPECT_NEAR(response.Brighter(0.0, 0.5), -std::sqrt(2.0 / 3.14159265358979), 2e-3);  // the mean of half a normal
+  EXPECT_NEAR(response.Brighter(0.0, 0.5), -std::sqrt(2.0 / 3.14159265358979),
+              2e-3);  // mean of a half-normal distribution
 }
 
 TEST(EdgeResponse, ClampsToItsTable) {

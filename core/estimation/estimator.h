@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// What the tracker asks of an estimator: the state at mid-window from the predicted one and the window's events.
+// Interface of the estimators, and their input and output: the state at mid-window, computed from the predicted state
+// and the events of the window (core/estimation/README.md).
 #pragma once
 
 #include <algorithm>
@@ -19,21 +20,22 @@
 
 namespace evpose {
 
-// Whether a line deficit_counts to its motion: events that each half of it should have made at the least, and those
-// that it made beyond the background's.
+// Counts of one line for the event deficit (core/estimation/README.md, section 4), for its first and its second half:
+// the least number of events that the motion should have produced, and the number of observed events beyond those of
+// the background.
 struct DeficitCounts {
   std::array<double, 2> expected = {};
   std::array<double, 2> observed = {};
 
-  // Adds the next window's. What was before counts on for as long as kMemoryEvents events should have taken: a shorter
-  // no_events of a slow line says nothing, and a longer one is not needed. What was made beyond the expected is
-  // forgotten: it does not make up for a later no_events.
+  // Adds the counts of the next window. The sums are scaled down to kMemoryEvents expected events, so that older
+  // windows fade out. An excess of observed over expected events is cut off: it does not compensate for a later
+  // deficit.
   void Add(const DeficitCounts& window);
-  // Events at the least rate (MixtureOptions.min_events_per_px2). Sensors make some ten times as many, so that a half
-  // that moves is hardly ever silent for so long.
+  // Expected events that are remembered, at the lower bound of the event rate (MixtureOptions::min_events_per_px2).
+  // Sensors produce about ten times as many, so that a half line that moves seldom has no event for so long.
   static constexpr double kMemoryEvents = 0.5;
 
-  // Of most lines of a large model there is nothing to be kept.
+  // Most lines of a large model have no counts; one flag is stored for each of these.
   static void VisitState(auto& archive, auto& self) {
     auto& [expected, observed] = self;
     bool is_empty = expected == std::array<double, 2>() && observed == std::array<double, 2>();
@@ -44,37 +46,39 @@ struct DeficitCounts {
   }
 };
 
-// A window's events near the predicted lines. Everything is valid during the call only.
+// The events of a window near the predicted lines. All pointers and spans are valid during the call only.
 struct WindowInput {
   absl::Span<const Observation> events;
-  const LineEvents* sorted = nullptr;  // the same, by `lines`; never null when it is handed on
-  NearShares shares;                   // other than one when events were sampled
+  const LineEvents* sorted = nullptr;  // the same events, sorted by line; never null in a call of WindowEstimator
+  NearShares shares;                   // differs from one when the events were downsampled
   double duration_s = 0.0;
-  double background_per_px2 = 0.0;  // events that came anywhere, lines or not, in this time
-  bool is_confirmed = false;        // the pose before it; one that is not has to explain the events as they are
+  double background_per_px2 = 0.0;  // background events per square pixel during duration_s
+  bool is_confirmed = false;  // the pose before this window is that of a confirmed track; otherwise no correction for
+                              // flicker is applied
   absl::Span<const TrackedLine> lines;
-  absl::Span<const DeficitCounts> past_deficit_counts;  // of the lines, before this window; empty: nothing is known
+  absl::Span<const DeficitCounts> past_deficit_counts;  // of `lines`, from earlier windows; empty: none
 };
 
 struct WindowFit {
-  MotionState state;            // at mid-window
-  double num_gated = 0.0;       // events in the gate of a line, of those observed
-  double num_explained = 0.0;   // of them, expected to be a line's
-  double num_background = 0.0;  // of them, expected there as anywhere on the sensor
+  MotionState state;            // pose, twist and covariance at mid-window
+  double num_gated = 0.0;       // observations in the gate of at least one line
+  double num_explained = 0.0;   // expected number of gated observations that the lines produced
+  double num_background = 0.0;  // expected number of gated observations from the background
   double residual_rms_px = 0.0;
-  // Of the events that the lines should have made, by the state's twist, those before the window counted.
+  // Share of the expected events that is missing, in [0, 1], for the estimated twist and including the counts of
+  // earlier windows (core/estimation/README.md, section 4).
   double deficit_ratio = 0.0;
-  // Explained, of those observed, by each of the input's lines; empty when the estimator does not say.
+  // Expected number of observations that each line of the input produced; empty if the estimator does not compute it.
   std::vector<double> line_events;
   std::vector<DeficitCounts>
-      deficit_counts;  // of the input's lines in this window, by the state's twist; empty likewise
+      deficit_counts;  // of the input's lines in this window, for the estimated twist; empty likewise
 
   double explained_ratio() const { return num_gated > 0.0 ? num_explained / num_gated : 0.0; }
-  // Events in the gates that something in the scene must have made, and the explained share of these.
+  // Gated observations beyond those of the background, and the explained share of these.
   double num_signal() const { return std::max(0.0, num_gated - num_background); }
   double explained_signal_ratio() const { return num_signal() > 0.0 ? num_explained / num_signal() : 0.0; }
 
-  // As it was made, but for the memory that its lists have.
+  // Resets all members; the capacity of the vectors is kept.
   void Clear() {
     line_events.clear();
     deficit_counts.clear();
@@ -86,30 +90,33 @@ class WindowEstimator {
  public:
   virtual ~WindowEstimator() = default;
 
-  // Pixels around the predicted lines from which the estimator wants events.
+  // Distance from the predicted lines, in pixels, within which the estimator needs the events. `predicted_spread_px` is
+  // the standard deviation of the predicted position of the least certain line.
   virtual double ReachPx(double predicted_spread_px, double gate_factor) const = 0;
-  // Observations that it wants per window, at most.
+  // Largest number of observations per window that the estimator uses.
   virtual int MaxEvents() const = 0;
-  // Whether it is given the lines that are visible at the predicted pose, or all of the model's.
+  // True: WindowInput::lines has the lines that are visible at the predicted pose; false: all lines of the model.
   virtual bool UsesVisibility() const { return true; }
-  // Whether it starts from the prediction, or from the last pose, at rest.
+  // True: `predicted` is the prediction of the motion prior; false: it is the last pose, at rest.
   virtual bool UsesPrediction() const { return true; }
-  // `predicted` is for mid-window. `gate_factor` widens the gate for a second try (core/estimation/README.md, section
-  // 5). `fit` is overwritten, its memory used again. Learns nothing: Fit may be called twice for a window.
+  // Estimates the state of a window. `predicted` is the state predicted for mid-window, with covariance. `gate_factor`
+  // (>= 1) widens the gate for a second try (core/estimation/README.md, section 5). `fit` is overwritten and its memory
+  // is reused. Does not change what Accept() has learned, so that Fit() may be called twice for a window.
   virtual void Fit(const MotionState& predicted, const WindowInput& input, double gate_factor, WindowFit& fit) = 0;
-  // The last fit stands: what it says of spread and clutter is the next window's start.
+  // Accepts the last fit: updates the running estimates, such as spread and clutter, with which the next window starts.
   virtual void Accept(const WindowFit& fit, const WindowInput& input) = 0;
-  // Another object's pose: forgets what Accept learned.
+  // Forgets what Accept() has learned, for another pose of the object.
   virtual void Reset() = 0;
 
-  // What it has learned, bit for bit; into an estimator of the same options and camera.
+  // Writes and reads all that Accept() has learned, bit for bit. LoadState() requires an estimator with the same
+  // options and camera; its failure is in reader.status().
   virtual void SaveState(StateWriter& writer) const = 0;
   virtual void LoadState(StateReader& reader) = 0;
 };
 
 struct EstimatorOptions;  // mixture_estimator.h
 
-// Makes an estimator; its arguments are valid.
+// Makes an estimator. Its arguments must be valid.
 using EstimatorFactory =
     std::function<std::unique_ptr<WindowEstimator>(const EstimatorOptions& options, const CameraModel& camera)>;
 

@@ -8,28 +8,30 @@
 namespace evpose {
 namespace {
 
-// Of an edge with one event in all and a spread of one, its flood's density a share of its highest.
-struct Left {
-  double ratio = 0.0;  // of the flood to the events that are left
-  double away = 0.0;   // their mean
+// Result for an edge with one event in total and a standard deviation of one.
+struct Remaining {
+  double ratio = 0.0;  // flicker events per unit length divided by the remaining events
+  double away = 0.0;   // mean position of the remaining events
 };
 
-Left LeftBeside(double flood_share) {
+// `flicker_share`: density of the flicker events, relative to the peak density of the edge.
+Remaining RemainingBeside(double flicker_share) {
+  // Range of the integration in standard deviations, and its steps: the rest is below 1e-6.
   constexpr double kReach = 5.0;
   constexpr int kSteps = 500;
   constexpr double kStep = kReach / kSteps;
   constexpr double kPeak = MixtureDensity::kInverseSqrt2Pi;
-  const double flood = flood_share * kPeak;
-  // On the other side half of the events are, with a mean of 2 * kPeak.
+  const double flicker = flicker_share * kPeak;
+  // The other side of the edge keeps its half of the events, which have a first moment of kPeak.
   double events = 0.5;
   double moment = kPeak;
   for (int i = 0; i < kSteps; ++i) {
     const double x = (i + 0.5) * kStep;
-    const double density = std::max(0.0, kPeak * DeterministicExp(-0.5 * x * x) - flood) * kStep;
+    const double density = std::max(0.0, kPeak * DeterministicExp(-0.5 * x * x) - flicker) * kStep;
     events += density;
     moment -= x * density;
   }
-  return {flood / events, moment / events};
+  return {flicker / events, moment / events};
 }
 
 }  // namespace
@@ -40,16 +42,17 @@ const FlickerBias& FlickerBias::Get() {
 }
 
 FlickerBias::FlickerBias() {
+  // Step of the flicker density, small enough for linear interpolation between the computed points.
   constexpr double kShareStep = 0.005;
-  Left below;
+  Remaining below;
   double share = 0.0;
-  Left above = LeftBeside(share);
+  Remaining above = RemainingBeside(share);
   for (int i = 1; i <= kSteps; ++i) {
     const double ratio = i * kMaxRatio / kSteps;
     while (above.ratio < ratio) {
       below = above;
       share += kShareStep;
-      above = LeftBeside(share);
+      above = RemainingBeside(share);
     }
     away_[i] = below.away + (ratio - below.ratio) / (above.ratio - below.ratio) * (above.away - below.away);
   }
@@ -63,10 +66,11 @@ double FlickerBias::Away(double ratio) const {
 
 double FlickerBiasPx(const LineCounts& counts, const ByPolarity& events_per_observation, double gate_px,
                      double spread_px) {
-  // Fewer of its own do not tell how many there are of its own.
+  // Events of the line, a lower bound for the denominator: fewer are no estimate of the rate.
   constexpr double kFewEvents = 10.0;
   const double strip_px = (1.0 - LineCounts::kLateralRatio) * gate_px;
-  // Noise comes in both polarities, and takes nothing away: a lamp's change in one.
+  // Noise has both polarities and removes no events of the edge; the change of a lamp has one polarity. The excess of
+  // ON over OFF events on each side therefore measures the flicker.
   std::array<double, 2> on_excess;
   for (int side = 0; side < 2; ++side) {
     on_excess[side] =
@@ -79,8 +83,8 @@ double FlickerBiasPx(const LineCounts& counts, const ByPolarity& events_per_obse
     const double to_ratio = spread_px / (strip_px * std::max(own, kFewEvents));
     std::array<double, 2> away;
     for (int side = 0; side < 2; ++side) {
-      const double flood = polarity == 1 ? -on_excess[side] : on_excess[side];
-      away[side] = flood > 0.0 ? FlickerBias::Get().Away(flood * to_ratio) : 0.0;
+      const double flicker = polarity == 1 ? -on_excess[side] : on_excess[side];
+      away[side] = flicker > 0.0 ? FlickerBias::Get().Away(flicker * to_ratio) : 0.0;
     }
     all += own;
     moment += own * (away[0] - away[1]);

@@ -1,16 +1,18 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// Where a line's events lie while a lamp's change floods what is beside it with events of the other polarity.
+// Bias of the events of a line while a lamp changes its brightness (flicker) and produces events of the other polarity
+// beside the line.
 //
-// A pixel deficit_counts to the sum of what the edge and what the lamp do to the logarithm of its light. While a lamp
-// grows darker, an edge that brightens its pixels makes ON events only where it is the faster of the two: of its e(x)
-// events per pixel e(x) - u are left, u being the OFF events per pixel where there is no edge, and none where u is
-// more. So the edge's events are missing in its flanks on the side of the surface that floods, and those that are left
-// have their mean away from it: of a bright object on a dark background outwards, which looks nearer for it. Where the
-// lamp grows brighter, the flood has the edge's own polarity and is clutter beside it (line_clutter.h).
+// A pixel responds to the sum of the changes of log light by the edge and by the lamp. While a lamp becomes darker, an
+// edge that brightens its pixels produces ON events only where its own change is the faster one: of its e(x) events per
+// pixel, e(x) - u remain, where u is the number of OFF events per pixel away from the edge, and none remain where u >
+// e(x). The events of the edge are therefore missing in its flank on the side of the flickering surface, and the mean
+// of the remaining ones is displaced away from this side. For a bright object on a dark background this is outwards, so
+// that the object appears nearer. While the lamp becomes brighter, the events of the surface have the polarity of the
+// edge and are clutter beside it (line_clutter.h).
 //
-// The sum is of a lamp's fine steps; with thresholds so coarse that it makes less than an event while an edge passes,
-// it holds in the mean.
+// The sum holds for fine steps of the lamp. If the thresholds are so coarse that the lamp causes less than one event
+// while the edge passes, it holds in the mean.
 #pragma once
 
 #include <array>
@@ -22,15 +24,18 @@ namespace evpose {
 
 class FlickerBias {
  public:
-  // The same for all sensors; computed once.
+  // The table does not depend on the sensor; it is computed once.
   static const FlickerBias& Get();
 
-  // How far the mean of an edge's events is from where it is without the flood, away from it, in units of the events'
-  // spread. `ratio`: flood per unit of the spread, over the events that are left; clamped to what is tabulated, [0,
-  // 0.7], where the flood is nine tenths of the edge's highest density.
+  // Displacement of the mean of the events of an edge away from the flickering side, in units of their standard
+  // deviation. `ratio` is the number of flicker events per unit of the standard deviation divided by the number of
+  // remaining events of the edge. It is clamped to the tabulated range [0, 0.7], at whose end the density of the
+  // flicker events is nine tenths of the peak density of the edge.
   double Away(double ratio) const;
 
  private:
+  // Steps of the table and the ratio at its end. Beyond it almost no event of the flank remains, and the displacement
+  // changes quickly with the ratio, so that it is bounded instead.
   static constexpr int kSteps = 64;
   static constexpr double kMaxRatio = 0.7;
 
@@ -39,8 +44,9 @@ class FlickerBias {
   std::array<double, kSteps + 1> away_ = {};
 };
 
-// The displacement of a line's events along its normal, pixels, from what came in its gate of `gate_px` in a window;
-// `spread_px` is one standard deviation.
+// Displacement of the events of a line along its normal, in pixels. `counts` are the observations of the window in a
+// gate of half-width `gate_px`, `events_per_observation` the downsampling factor of each polarity, and `spread_px` the
+// standard deviation of the events about the line.
 double FlickerBiasPx(const LineCounts& counts, const ByPolarity& events_per_observation, double gate_px,
                      double spread_px);
 

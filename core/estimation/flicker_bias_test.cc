@@ -14,10 +14,11 @@ constexpr double kSpreadPx = 0.8;
 constexpr double kStripPx = (1.0 - LineCounts::kLateralRatio) * kGatePx;
 constexpr ByPolarity kAllKept = {1.0, 1.0};
 
-// What an edge that makes so many ON events beside an OFF flood (events per px) leaves, step by step across it.
+// Remaining events of an edge with `edge` ON events beside a flickering surface with `off` OFF events per pixel, by
+// numerical integration across the edge.
 struct Scene {
   double edge_events = 0.0;
-  ByPolarity off_per_px = {};  // at distances below zero, and above
+  ByPolarity off_per_px = {};  // OFF events per px at negative and at positive distances
 
   LineCounts counts;
   double mean_px = 0.0;
@@ -38,7 +39,7 @@ struct Scene {
   double ShiftPx() const { return FlickerBiasPx(counts, kAllKept, kGatePx, kSpreadPx); }
 };
 
-TEST(FlickerBiasTest, IsTheMeanOfWhatAFloodOnOneSideLeaves) {
+TEST(FlickerBiasTest, EqualsTheMeanOfTheRemainingEvents) {
   for (const double flood : {2.0, 10.0, 30.0, 44.0}) {
     const Scene above(100.0, {0.0, flood});
     EXPECT_LT(above.mean_px, 0.0);
@@ -48,14 +49,14 @@ TEST(FlickerBiasTest, IsTheMeanOfWhatAFloodOnOneSideLeaves) {
   }
 }
 
-TEST(FlickerBiasTest, OfTwoSidesTheSmallerOneTakesBack) {
+TEST(FlickerBiasTest, FlickerOnBothSidesPartlyCancels) {
   const Scene scene(100.0, {5.0, 20.0});
   EXPECT_LT(scene.mean_px, -0.01);
   EXPECT_NEAR(scene.ShiftPx(), scene.mean_px, 0.1 * std::abs(scene.mean_px));
   EXPECT_EQ(Scene(100.0, {20.0, 20.0}).ShiftPx(), 0.0);
 }
 
-TEST(FlickerBiasTest, IsNoneWithoutAFloodAndInNoiseOfBothPolarities) {
+TEST(FlickerBiasTest, IsZeroWithoutFlickerAndForNoiseOfBothPolarities) {
   EXPECT_EQ(Scene(100.0, {0.0, 0.0}).ShiftPx(), 0.0);
   EXPECT_EQ(FlickerBiasPx({}, kAllKept, kGatePx, kSpreadPx), 0.0);
   Scene scene(100.0, {0.0, 0.0});
@@ -63,13 +64,13 @@ TEST(FlickerBiasTest, IsNoneWithoutAFloodAndInNoiseOfBothPolarities) {
   EXPECT_EQ(scene.ShiftPx(), 0.0);
 }
 
-TEST(FlickerBiasTest, OfTheEdgesOwnPolarityTakesNothing) {
+TEST(FlickerBiasTest, FlickerOfTheSamePolarityHasNoEffect) {
   Scene scene(100.0, {0.0, 0.0});
   scene.counts.beside[1] = {0.0, 30.0};
   EXPECT_EQ(scene.ShiftPx(), 0.0);
 }
 
-TEST(FlickerBiasTest, PolaritiesMirror) {
+TEST(FlickerBiasTest, IsSymmetricInPolarity) {
   const Scene on(100.0, {0.0, 20.0});
   LineCounts off = on.counts;
   std::swap(off.own[0], off.own[1]);
@@ -77,7 +78,7 @@ TEST(FlickerBiasTest, PolaritiesMirror) {
   EXPECT_EQ(FlickerBiasPx(off, kAllKept, kGatePx, kSpreadPx), on.ShiftPx());
 }
 
-TEST(FlickerBiasTest, CountsWhatWasNotKept) {
+TEST(FlickerBiasTest, AccountsForDownsampling) {
   const Scene scene(100.0, {0.0, 20.0});
   LineCounts kept = scene.counts;
   for (double* off : {&kept.own[0], &kept.beside[0][0], &kept.beside[1][0]}) *off /= 8.0;
@@ -85,22 +86,22 @@ TEST(FlickerBiasTest, CountsWhatWasNotKept) {
   EXPECT_NEAR(FlickerBiasPx(kept, {8.0, 2.0}, kGatePx, kSpreadPx), scene.ShiftPx(), 1e-12);
 }
 
-TEST(FlickerBiasTest, OfAStripeEachPolarityHasItsShare) {
-  // The OFF half of its events loses nothing to a flood of OFF events.
+TEST(FlickerBiasTest, AffectsOnePolarityOfAStripe) {
+  // OFF events of the flicker do not remove OFF events of the stripe.
   Scene stripe(100.0, {0.0, 20.0});
   const double on_px = stripe.ShiftPx();
   stripe.counts.own[0] = stripe.counts.own[1];
   EXPECT_NEAR(stripe.ShiftPx(), 0.5 * on_px, 1e-12);
 }
 
-TEST(FlickerBiasTest, GrowsWithTheFloodUpToABound) {
+TEST(FlickerBiasTest, GrowsWithTheRatioUpToABound) {
   const FlickerBias& shift = FlickerBias::Get();
   EXPECT_EQ(shift.Away(0.0), 0.0);
   EXPECT_EQ(shift.Away(-1.0), 0.0);
   for (double ratio = 0.01; ratio <= 0.7; ratio += 0.01)
     EXPECT_GT(shift.Away(ratio), shift.Away(ratio - 0.01)) << ratio;
   EXPECT_EQ(shift.Away(1e9), shift.Away(0.7));
-  // Of the half that is left when the other is gone.
+  // Mean of a half-normal distribution: the whole flank on one side is missing.
   EXPECT_LT(shift.Away(1e9), std::sqrt(2.0 / M_PI));
 }
 

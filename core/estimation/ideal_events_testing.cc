@@ -13,7 +13,7 @@
 namespace evpose::testing {
 namespace {
 
-constexpr int64_t kStepUs = 50;
+constexpr int64_t kStepUs = 50;  // at 10 000 px/s a line moves by half a pixel
 
 bool FacesCamera(const ModelLine& line, const RigidTransform& pose) {
   for (const Eigen::Vector3d& normal : line.face_normals) {
@@ -36,7 +36,7 @@ void AddLineEvents(const ModelLine& line, const CameraModel& camera, const Motio
   const RigidTransform pose = motion(t_s);
   if (!FacesCamera(line, pose)) return;
   const auto now = ProjectLine(camera, pose, line.p1, line.p2);
-  constexpr double kAheadS = 1e-5;
+  constexpr double kAheadS = 1e-5;  // step of the difference quotient of the velocity
   const auto ahead = ProjectLine(camera, motion(t_s + kAheadS), line.p1, line.p2);
   if (!now || !ahead) return;
   const Eigen::Vector2d extent = now->p2_px - now->p1_px;
@@ -93,7 +93,7 @@ std::function<bool(const Eigen::Vector2d& pixel, double t_s)> HiddenBehind(const
                                                                            const CameraModel& camera, Motion motion) {
   auto tester = std::make_shared<const VisibilityTester>(model, VisibilityOptions());
   return [tester, camera, motion = std::move(motion)](const Eigen::Vector2d& pixel, double t_s) {
-    constexpr double kFarM = 100.0;
+    constexpr double kFarM = 100.0;  // behind every object of a test
     const Eigen::Vector3d ray((pixel.x() - camera.cx_px) / camera.fx_px, (pixel.y() - camera.cy_px) / camera.fy_px,
                               1.0);
     const RigidTransform object_from_camera = motion(t_s).Inverse();

@@ -7,7 +7,7 @@
 namespace evpose {
 
 int LineClutter::Direction(const ImageLine& line) const {
-  // Slower lines make too few events to tell from noise.
+  // Pixels per second: slower lines produce too few events compared with noise.
   constexpr double kMinSpeedPxPerS = 20.0;
   const double speed = NormalSpeedPxPerS(camera_, line, 0.5);
   if (std::abs(speed) < kMinSpeedPxPerS) return 0;
@@ -28,7 +28,7 @@ void LineClutter::Add(const LineCounts& counts, int direction, double gate_px, M
 void LineClutter::Densities(absl::Span<const TrackedLine> tracked, absl::Span<const ImageLine> lines,
                             absl::Span<const LineCounts> counts, double counts_gate_px, const MixtureDensity& density,
                             std::vector<LineDensities>& densities) const {
-  // Fewer of its own do not tell how many there are of its own, nor of which polarity.
+  // Events of the line, a lower bound for the denominators: fewer are no estimate of the rate or of the polarity.
   constexpr double kFewEvents = 10.0;
   const double shared = density.Outlier();
   densities.clear();
@@ -40,7 +40,8 @@ void LineClutter::Densities(absl::Span<const TrackedLine> tracked, absl::Span<co
     Memory memory = index < lines_.size() ? lines_[index] : Memory();
     if (!counts.empty()) Add(counts[k], direction, counts_gate_px, memory);
     const double own = memory.own[0] + memory.own[1];
-    // Of both polarities together an event is as likely as without them: they are two halves of it.
+    // The factor 2 drops the probability 1/2 of each polarity, as LineDensities::own does: the mean over both
+    // polarities equals the density without them.
     const double scale = 2.0 * (1.0 - density.outlier_ratio) / std::max(own, kFewEvents);
     for (int polarity = 0; polarity < 2; ++polarity) {
       const double of_polarity = memory.own[direction > 0 ? polarity : 1 - polarity];
@@ -56,6 +57,8 @@ void LineClutter::Densities(absl::Span<const TrackedLine> tracked, absl::Span<co
 
 void LineClutter::Learn(absl::Span<const TrackedLine> tracked, absl::Span<const ImageLine> lines,
                         absl::Span<const LineCounts> counts, double gate_px) {
+  // Events of a line and its clutter over which the counts are averaged: enough for a ratio with 10 % of error, and few
+  // enough to follow a change of the background within tens of milliseconds.
   constexpr double kMemoryEvents = 100.0;
   const double strip_px = (1.0 - LineCounts::kLateralRatio) * gate_px;
   for (size_t k = 0; k < counts.size(); ++k) {

@@ -1,9 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// What comes beside a line and is no line's: the object's own surface under a flickering lamp, what it moves in front
-// of. It is seldom the same on both sides, and what is on one side only would draw an outline inwards
-// (core/estimation/README.md, section 1 has one density for all lines). Nor is it the same for both polarities: while a
-// lamp grows brighter its events are ON, and a line whose own are OFF stands alone.
+// Density of the clutter beside each line, by side and polarity (core/estimation/README.md, section 1).
+//
+// Clutter beside a line is produced by the object's own surface under a flickering lamp, or by the background in front
+// of which the object moves. It is seldom equal on both sides, and a density common to both would displace an outline
+// towards the side with more clutter. It also differs by polarity: while a lamp becomes brighter its events are ON, so
+// that they do not compete with those of a line that are OFF.
 #pragma once
 
 #include <array>
@@ -16,10 +18,11 @@
 
 namespace evpose {
 
-// What an event's likelihood is made of, near a line.
+// Densities that determine the likelihood of an event near one line.
 struct LineDensities {
-  ByPolarity own = {1.0, 1.0};            // factors on MixtureDensity::Line(), of mean 1
-  std::array<ByPolarity, 2> beside = {};  // of distances below zero, and above: in the place of Outlier(), 1/px
+  ByPolarity own = {1.0, 1.0};  // factors on MixtureDensity::Line(), by polarity; their mean is 1
+  // Clutter at negative and at positive distances, by polarity, 1/px; replaces MixtureDensity::Outlier().
+  std::array<ByPolarity, 2> beside = {};
 
   static LineDensities Of(const MixtureDensity& density) {
     const ByPolarity outlier = {density.Outlier(), density.Outlier()};
@@ -28,26 +31,31 @@ struct LineDensities {
   friend bool operator==(const LineDensities&, const LineDensities&) = default;
 };
 
-// What a window's events say of one line.
+// Counts of the observations of one line in a window.
 struct LineCounts {
-  ByPolarity own = {};                    // events that it explains
-  std::array<ByPolarity, 2> beside = {};  // events from kLateralRatio of the gate on that nothing explains, by side
-  static constexpr double kLateralRatio = 2.0 / 3.0;  // no event of the line itself is so far from it
+  ByPolarity own = {};  // observations attributed to the line, by polarity
+  // Clutter farther from the line than kLateralRatio of the gate, by side and polarity.
+  std::array<ByPolarity, 2> beside = {};
+  static constexpr double kLateralRatio = 2.0 / 3.0;  // beyond it the events of the line itself are negligible
 };
 
-// Remembers it for each line of a model, for as long as about a hundred events.
+// Averages the counts of each model line over about the last hundred events.
 class LineClutter {
  public:
   explicit LineClutter(const CameraModel& camera) : camera_(camera) {}
 
-  // One for each of `tracked`, whose images are `lines`. `counts`, of a first look at the window with gates of
-  // `counts_gate_px`, or empty: a lamp's flicker has flanks of a few milliseconds, which memory is late for.
-  // No density is less than density.Outlier(): that nothing was there is no reason to take the first thing that comes
-  // for the line. A line at rest has the denser side's on both: what is on one side may be on its way to the other.
+  // Computes the densities of each line of `tracked`; `lines` are their images in the same order. `counts` are those of
+  // an earlier pass over the same window with gates of half-width `counts_gate_px`, or empty: the flanks of a
+  // flickering lamp last a few milliseconds, and an average over past windows would lag behind them. `density` has the
+  // spread, the outlier ratio and the gate.
+  //
+  // No density is below density.Outlier(): absence of clutter in the past must not make the next clutter event count as
+  // one of the line. For a line at rest both sides get the larger of the two densities, because clutter on one side may
+  // move to the other one.
   void Densities(absl::Span<const TrackedLine> tracked, absl::Span<const ImageLine> lines,
                  absl::Span<const LineCounts> counts, double counts_gate_px, const MixtureDensity& density,
                  std::vector<LineDensities>& densities) const;
-  // From an accepted window, whose gates were so wide at the end.
+  // Adds the counts of an accepted window, of which the last pass had gates of half-width `gate_px`.
   void Learn(absl::Span<const TrackedLine> tracked, absl::Span<const ImageLine> lines,
              absl::Span<const LineCounts> counts, double gate_px);
   void Reset() { lines_.clear(); }
@@ -59,12 +67,13 @@ class LineClutter {
 
  private:
   struct Memory {
-    ByPolarity own = {};  // of a line that moves along its normal; of one that moves against it the other way round
+    // By polarity, for motion along the normal; the polarities of a line that moves against it are exchanged.
+    ByPolarity own = {};
     std::array<ByPolarity, 2> beside_per_px = {};
 
     static void VisitState(auto& archive, auto& self) {
       auto& [own, beside_per_px] = self;
-      constexpr double kMax = 1e6;
+      constexpr double kMax = 1e6;  // events; a bound far above kMemoryEvents of line_clutter.cc
       bool is_empty = own == ByPolarity() && beside_per_px == std::array<ByPolarity, 2>();
       archive(is_empty);
       if (is_empty) return;
@@ -72,12 +81,12 @@ class LineClutter {
       for (auto& side : beside_per_px) archive(AtMost(side[0], kMax), AtMost(side[1], kMax));
     }
   };
-  // +1 or -1 along its normal; 0 when it rests.
+  // +1 or -1 for motion along or against the normal; 0 at rest.
   int Direction(const ImageLine& line) const;
   static void Add(const LineCounts& counts, int direction, double gate_px, Memory& memory);
 
   const CameraModel camera_;
-  std::vector<Memory> lines_;  // by model line
+  std::vector<Memory> lines_;  // indexed by model line
 };
 
 }  // namespace evpose

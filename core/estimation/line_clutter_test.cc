@@ -15,7 +15,7 @@ using testing::MakePose;
 
 const MixtureDensity kDensity = {0.5, 0.2, 6.0};
 
-// Two vertical lines of the model, of these numbers, that move sideways.
+// Two vertical lines, which are the model lines 3 and 1 and move sideways.
 class LineClutterTest : public ::testing::Test {
  protected:
   LineClutterTest() { Move(0.5); }
@@ -26,7 +26,7 @@ class LineClutterTest : public ::testing::Test {
     ProjectLines(camera_, state, tracked_, lines_);
   }
   void Learn(const std::vector<LineCounts>& counts) { clutter_.Learn(tracked_, lines_, counts, kDensity.gate_px); }
-  // `counts`: of the window itself.
+  // `counts`: those of the present window.
   std::vector<LineDensities> Densities(const std::vector<LineCounts>& counts = {}) const {
     std::vector<LineDensities> densities;
     clutter_.Densities(tracked_, lines_, counts, kDensity.gate_px, kDensity, densities);
@@ -38,18 +38,19 @@ class LineClutterTest : public ::testing::Test {
                                              {1, {0.1, -0.05, 0.0}, {0.1, 0.05, 0.0}}};
   std::vector<ImageLine> lines_;
   LineClutter clutter_{camera_};
-  // As of a line that nothing is known of.
+  // Densities of a line without counts.
   const LineDensities shared_ = LineDensities::Of(kDensity);
 };
 
-// 80 events of its own and 4 in each pixel beside it, half of them of either polarity: gates of 6 px leave strips of 2.
+// 80 events of the line, and 4 events per pixel of clutter on one side, half of each polarity. A gate of 6 px has
+// lateral strips of 2 px.
 const LineCounts kBelow = {{40.0, 40.0}, {{{4.0, 4.0}, {0.0, 0.0}}}};
 const LineCounts kAbove = {{40.0, 40.0}, {{{0.0, 0.0}, {4.0, 4.0}}}};
 const LineCounts kAlone = {{40.0, 40.0}, {}};
-// What makes events of both polarities as dense as they are.
+// Expected clutter density of each polarity for these counts, 1/px.
 constexpr double kDense = (1.0 - 0.2) * 4.0 / 80.0;
 
-TEST_F(LineClutterTest, EachSideOfEachLineHasItsOwn) {
+TEST_F(LineClutterTest, EachSideOfEachLineHasItsOwnDensity) {
   EXPECT_EQ(Densities(), (std::vector<LineDensities>{shared_, shared_}));
   for (int i = 0; i < 50; ++i) Learn({kBelow, kAlone});
   const std::vector<LineDensities> densities = Densities();
@@ -61,15 +62,15 @@ TEST_F(LineClutterTest, EachSideOfEachLineHasItsOwn) {
   EXPECT_EQ(densities[1], shared_);
 }
 
-TEST_F(LineClutterTest, EachPolarityHasItsOwn) {
-  // OFF is the lamp's, ON the first line's.
+TEST_F(LineClutterTest, EachPolarityHasItsOwnDensity) {
+  // The OFF events are those of a lamp, the ON events those of the first line.
   for (int i = 0; i < 50; ++i) Learn({{{0.0, 80.0}, {{{8.0, 0.0}, {0.0, 0.0}}}}, kAlone});
   const LineDensities line = Densities()[0];
   EXPECT_NEAR(line.beside[0][0], 2.0 * kDense, 0.2 * kDense);
   EXPECT_EQ(line.beside[0][1], kDensity.Outlier());
   EXPECT_LT(line.own[0], 0.2);
   EXPECT_NEAR(line.own[0] + line.own[1], 2.0, 1e-12);
-  // The other way the edge makes the other one; what the lamp makes is the same.
+  // When the line moves the other way its events change polarity; those of the lamp do not.
   Move(-0.5);
   const LineDensities back = Densities()[0];
   EXPECT_DOUBLE_EQ(back.own[0], line.own[1]);
@@ -77,7 +78,7 @@ TEST_F(LineClutterTest, EachPolarityHasItsOwn) {
   EXPECT_EQ(back.beside, line.beside);
 }
 
-TEST_F(LineClutterTest, AWindowsOwnCountsAreNotLate) {
+TEST_F(LineClutterTest, CountsOfTheWindowActAtOnce) {
   for (int i = 0; i < 50; ++i) Learn({kAlone, kAlone});
   const LineCounts burst = {{40.0, 40.0}, {{{400.0, 0.0}, {0.0, 0.0}}}};
   const std::vector<LineDensities> densities = Densities({burst, kAlone});
@@ -86,7 +87,7 @@ TEST_F(LineClutterTest, AWindowsOwnCountsAreNotLate) {
   EXPECT_EQ(Densities()[0], shared_) << "it is not learned by being used";
 }
 
-TEST_F(LineClutterTest, IsForgottenAfterAsManyEventsWithoutIt) {
+TEST_F(LineClutterTest, ClutterIsForgottenAfterAsManyEventsWithoutIt) {
   for (int i = 0; i < 50; ++i) Learn({kBelow, kAbove});
   for (int i = 0; i < 20; ++i) Learn({kAlone, kAlone});
   EXPECT_EQ(Densities(), (std::vector<LineDensities>{shared_, shared_}));
@@ -96,7 +97,7 @@ TEST_F(LineClutterTest, IsForgottenAfterAsManyEventsWithoutIt) {
   EXPECT_EQ(Densities()[0], shared_);
 }
 
-TEST_F(LineClutterTest, OfALineAtRestBothSidesAreAsDense) {
+TEST_F(LineClutterTest, BothSidesOfALineAtRestAreEquallyDense) {
   Move(0.0);
   for (int i = 0; i < 50; ++i) Learn({{{0.0, 80.0}, kBelow.beside}, kAbove});
   for (const LineDensities& line : Densities()) {
@@ -109,7 +110,7 @@ TEST_F(LineClutterTest, OfALineAtRestBothSidesAreAsDense) {
   EXPECT_EQ(Densities()[0].beside[1], shared_.beside[1]);
 }
 
-// Events of an outline, and as many again on its inner side, as a flickering lamp makes them there.
+// Events of an outline, and as many uniformly distributed ones on its inner side, as under a flickering lamp.
 class OneSidedClutter : public ::testing::Test {
  protected:
   OneSidedClutter() : grid_(camera_) {
@@ -132,7 +133,7 @@ class OneSidedClutter : public ::testing::Test {
     grid_.GiveLines(event);
     events_.push_back(event);
   }
-  // Of the events that the line explains, px.
+  // Mean distance of the events that are attributed to the line, px.
   double MeanDistance(const std::vector<LineDensities>& clutter) {
     pass_.Accumulate({events_, lines_.size()}, lines_, kDensity, clutter, sums_);
     return sums_[0].sums.Sum(0).dot(lines_[0].a) / sums_[0].sums.weight();
@@ -147,7 +148,7 @@ class OneSidedClutter : public ::testing::Test {
   std::vector<MixtureLine> sums_;
 };
 
-TEST_F(OneSidedClutter, NoLongerDrawsTheLineOnceItIsKnown) {
+TEST_F(OneSidedClutter, DoesNotDisplaceTheLineOnceItIsLearned) {
   const std::vector<LineDensities> even = {LineDensities::Of(kDensity)};
   EXPECT_GT(std::abs(MeanDistance(even)), 0.1);
   LineClutter clutter(camera_);

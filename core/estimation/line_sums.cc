@@ -42,8 +42,8 @@ LineEquations::LineEquations(const LineSums& sums, const ImageLine& line, double
 void LineEquations::Marginalise(const LineDisplacement& displacement) {
   const Eigen::Matrix<double, 3, 2>& basis = displacement.basis;
   const Eigen::Matrix<double, 3, 2> m00_basis = m00_ * basis;
-  const Eigen::Matrix<double, 3, 2> m10_basis = m01_ * basis;  // symmetric until now
-  // Ends that are displaced independently displace the middle, and tilt, by half of the variance each.
+  const Eigen::Matrix<double, 3, 2> m10_basis = m01_ * basis;  // symmetric before the marginalisation
+  // With independent displacements of the two ends, the middle and half the difference each have half of the variance.
   Eigen::Matrix2d information = basis.transpose() * m00_basis;
   information.diagonal().array() += 2.0 / (displacement.sigma_px * displacement.sigma_px);
   const Eigen::Matrix2d inverse = information.inverse();

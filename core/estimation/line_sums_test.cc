@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// The sums must give what a plain loop over the events with automatic differentiation gives.
+// Compares the equations from the sums with a plain loop over the events and automatic differentiation.
 #include "core/estimation/line_sums.h"
 
 #include <ceres/jet.h>
@@ -24,8 +24,8 @@ struct TestEvent {
   double bx, by, tau_s, weight;
 };
 
-// a + tau a_dot of core/estimation/README.md, equation (6), by n = P1 x P2 and the end points' velocities, at the left
-// perturbation xi and the twist V: xi to first order, which is all that a derivative at 0 sees.
+// a + tau a_dot of core/estimation/README.md, equation (6), from n = P1 x P2 and the velocities of the end points, at
+// the left perturbation xi and the twist V. xi is included to first order, which suffices for the derivative at 0.
 Vector3J LineAt(const CameraModel& camera, const MotionState& state, const TrackedLine& line, double tau_s) {
   Vector3J shift, turn, v, w;
   for (int k = 0; k < 3; ++k) {
@@ -88,7 +88,7 @@ TEST(LineSums, NormalEquationsEqualAutomaticDifferentiation) {
   EXPECT_NEAR(sums.weight(), sums.Moment(0)(2, 2), 1e-12);
 }
 
-// The same as to estimate the displacement of the line's ends along with the pose, and to forget it.
+// Marginalising equals a joint estimate of pose and displacement of which only the pose is used.
 TEST(LineSums, ADisplacementIsMarginalised) {
   const CameraModel camera = MakeCamera(1280, 720, 1000.0);
   MotionState state;
@@ -119,7 +119,7 @@ TEST(LineSums, ADisplacementIsMarginalised) {
     joint += kScale * weight * row * row.transpose();
     joint_gradient += kScale * weight * (line.a + tau_s * line.a_dot).dot(bearing) * row;
   }
-  // Each end by itself: the prior of (middle, half of the difference).
+  // Independent ends: the prior of (middle, half of the difference).
   joint.bottomRightCorner<2, 2>().diagonal().array() += 2.0 / (0.3 * 0.3);
   const Eigen::Matrix<double, 12, 2> cross = joint.topRightCorner<12, 2>();
   const Eigen::Matrix2d inverse = joint.bottomRightCorner<2, 2>().inverse();

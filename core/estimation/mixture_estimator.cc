@@ -13,10 +13,11 @@
 namespace evpose {
 namespace {
 
-// Below this speed the Poisson Hessian of absence would grow without bound; nothing is told apart there anyway.
+// Pixels per second. Below it the Hessian of the event deficit, which is inversely proportional to the speed, would
+// grow without bound, and the counts do not distinguish motion from rest.
 constexpr double kMinSpeedPxPerS = 5.0;
 
-// The speed across a half of a line, px/s, is its product with the twist.
+// Row whose product with the twist is the normal velocity of the middle of one half of a line, px/s.
 Vector6d HalfSpeedRow(const CameraModel& camera, const ImageLine& line, int half) {
   return line.jacobian.transpose() * BearingOf(camera, line.PointAt(0.25 + 0.5 * half));
 }
@@ -33,7 +34,7 @@ class MixtureEstimator : public WindowEstimator {
   }
 
   double ReachPx(double predicted_spread_px, double gate_factor) const override {
-    // Lines move by as much again before the pose has settled.
+    // The pose, and with it the lines, may move by up to one gate before the passes converge.
     return 2.0 * FirstGatePx(predicted_spread_px, gate_factor);
   }
   int MaxEvents() const override { return options_.max_events; }
@@ -82,9 +83,10 @@ class MixtureEstimator : public WindowEstimator {
     line_counts_.clear();
     for (const MixtureLine& line : sums_) line_counts_.push_back({line.weight(), line.beside});
   }
-  // Displaces the lines to where the last pass's counts say that their events are.
+  // Sets the flicker bias of each line (flicker_bias.h) from the counts of the last pass.
   void CorrectFlickerBias(const ByPolarity& events_per_observation, double gate_px);
-  // What the lines' events have in common is seen in what the fit leaves of it: the lines' mean residuals.
+  // Updates the scale of the common displacement of the events of a line from the mean residuals of the lines
+  // (core/estimation/README.md, section 7).
   void LearnDisplacement();
   double FirstGatePx(double spread_px, double gate_factor) const {
     const double wanted = 3.0 * std::sqrt(sigma_px_ * sigma_px_ + spread_px * spread_px);
@@ -96,11 +98,13 @@ class MixtureEstimator : public WindowEstimator {
     edge_bias_.Correct(input.lines, absl::MakeSpan(lines_));
     for (size_t k = 0; k < lines_.size(); ++k) lines_[k].a_expected.z() -= flicker_biases_px_[k];
   }
-  // Moves `state` to the minimum for the present sums; returns the largest movement of a line's middle, pixels.
+  // Moves `state` to the minimum for the weights of the last pass. Returns the largest movement of the middle of a
+  // line, in pixels.
   double Minimise(const MotionState& predicted, const Matrix12d& prior_information, const WindowInput& input,
                   double sigma_px, MotionState& state);
-  // Counts the lines' deficit_counts; returns the share of them that is missing. kComplete: as if it were known whose
-  // the events are, for a step of expectation-maximisation; kObserved: what they tell without, for the covariance.
+  // Adds the equations of the lines and of the event deficit, and returns the missing share of the expected events.
+  // kComplete: the information as if the assignment of the events were known, for a step of expectation-maximisation;
+  // kObserved: without what is unknown about the assignment, for the covariance.
   enum class Information { kComplete, kObserved };
   double NormalEquations(const MotionState& state, const WindowInput& input, double sigma_px, Information information,
                          Matrix12d& hessian, Vector12d& gradient);
@@ -111,8 +115,8 @@ class MixtureEstimator : public WindowEstimator {
   double NarrowFacePx(const TrackedLine& line) const {
     return 0.5 * std::max(0.0, options_.narrow_face_sigma * sigma_px_ - line.narrowest_face_px);
   }
-  // Events in the gates that come as anywhere on the sensor. A line that rests has only those, and must not be fitted
-  // to them.
+  // Expected number of observations in the gates from the background. A line at rest has only these and must not be
+  // fitted to them.
   double Background(const WindowInput& input, double gate_px) const;
 
   const MixtureOptions options_;
@@ -121,23 +125,24 @@ class MixtureEstimator : public WindowEstimator {
   const ExpTable table_;
   double sigma_px_ = 0.0;
   double outlier_ratio_ = 0.0;
-  double displacement_px2_ = 0.0;  // mean square of the lines' displacements, of the last 100 windows or so
+  double displacement_px2_ = 0.0;  // mean square displacement of the lines over about 100 windows
   double displacement_factor_ = 1.0;
-  double noise_per_px_ = 0.0;   // of the window: background events that count as a line's, per pixel of its length
-  double final_gate_px_ = 0.0;  // of the last fit's last pass
+  // Of the window: background events that are attributed to a line, per pixel of its length.
+  double noise_per_px_ = 0.0;
+  double final_gate_px_ = 0.0;  // of the last pass of the last fit
   MixturePass pass_;
   std::vector<ImageLine> lines_;
   std::vector<MixtureLine> sums_;
   std::vector<EdgeCounts> counts_;
-  std::vector<LineCounts> line_counts_;    // of the last pass
-  std::vector<double> flicker_biases_px_;  // by which lines_ are displaced, flicker_bias.h
+  std::vector<LineCounts> line_counts_;    // observations of each line in the last pass
+  std::vector<double> flicker_biases_px_;  // flicker bias of each of lines_, which are displaced by it
   std::vector<LineDensities> densities_;
   std::vector<DeficitCounts> deficit_counts_;
   EdgeBias edge_bias_;
   LineClutter clutter_;
 };
 
-// The bearings' (1, position along the line from -1 to 1): basis^T b.
+// Basis for which basis^T b = (1, position along the line from -1 to 1), for a bearing b.
 Eigen::Matrix<double, 3, 2> AlongLine(const CameraModel& camera, const ImageLine& line) {
   const Eigen::Vector2d along = 2.0 / line.length_px * line.direction;
   Eigen::Matrix<double, 3, 2> basis;
@@ -147,7 +152,8 @@ Eigen::Matrix<double, 3, 2> AlongLine(const CameraModel& camera, const ImageLine
   return basis;
 }
 
-// Column by column: for all of them at once Eigen would block and pack them as those of large matrices.
+// Solves column by column: for the whole identity matrix Eigen would use the blocked algorithm for large matrices,
+// which is slower here.
 Matrix12d SymmetricInverse(const Matrix12d& matrix) {
   const Eigen::LDLT<Matrix12d> factors(matrix);
   Matrix12d inverse;
@@ -156,8 +162,11 @@ Matrix12d SymmetricInverse(const Matrix12d& matrix) {
 }
 
 void MixtureEstimator::Fit(const MotionState& predicted, const WindowInput& input, double gate_factor, WindowFit& fit) {
+  // Pixels: the passes end when the lines move by less, which is about half of the standard deviation of a line's
+  // position from the events of one window.
   constexpr double kSettledPx = 0.04;
-  // The background's count is not known better.
+  // Upper bound of the outlier ratio from the background: a larger one would leave the line without weight, and the
+  // background rate itself is not known better than this.
   constexpr double kMaxBackgroundRatio = 0.99;
   const Matrix12d prior_information = SymmetricInverse(predicted.covariance);
 
@@ -168,11 +177,11 @@ void MixtureEstimator::Fit(const MotionState& predicted, const WindowInput& inpu
   MixtureDensity density{sigma_px_, outlier_ratio_, FirstGatePx(spread_px, gate_factor)};
   double annealed_px2 = spread_px * spread_px;
   MixtureTotals totals;
-  double counts_gate_px = 0.0;  // of line_counts_
+  double counts_gate_px = 0.0;  // gate to which line_counts_ refer
   line_counts_.clear();
   for (int pass = 0; pass < options_.max_passes; ++pass) {
     const bool last = pass + 1 == options_.max_passes;
-    // The gate and the spread shrink to their final values: what is uncertain at first is the prediction.
+    // The gate and the spread shrink to their final values: at first they cover the uncertainty of the prediction.
     if (last) annealed_px2 = 0.0;
     density.sigma_px = std::sqrt(sigma_px_ * sigma_px_ + annealed_px2);
     density.gate_px = std::max(options_.gate_px, std::min(density.gate_px, 4.0 * density.sigma_px * gate_factor));
@@ -208,8 +217,9 @@ void MixtureEstimator::Fit(const MotionState& predicted, const WindowInput& inpu
 
 double MixtureEstimator::Minimise(const MotionState& predicted, const Matrix12d& prior_information,
                                   const WindowInput& input, double sigma_px, MotionState& state) {
+  // Gauss-Newton steps per pass: the next pass changes the weights anyway.
   constexpr int kSteps = 2;
-  constexpr double kLinearPx = 0.05;  // what a second step would add to such a one is a thousandth of it
+  constexpr double kLinearPx = 0.05;  // pixels; a second step would change the pose by about a thousandth of this
   double moved_px = 0.0;
   for (int step = 0; step < kSteps; ++step) {
     Matrix12d hessian = Matrix12d::Zero();
@@ -256,10 +266,13 @@ void MixtureEstimator::CorrectFlickerBias(const ByPolarity& events_per_observati
 }
 
 void MixtureEstimator::LearnDisplacement() {
+  // Sum of weights of a line that contributes: the mean of fewer events is dominated by their own noise.
   constexpr double kMinWeight = 20.0;
+  // Share of a new window in the running mean, which therefore covers about 100 windows.
   constexpr double kForget = 0.01;
-  // A line has two unknowns, the pose six.
+  // Lines that the fit of a pose uses up: a line gives two equations, and the pose has six unknowns.
   constexpr double kLinesOfAPose = 3.0;
+  // Bound of the growth: a displacement of 0.27 px. A larger one is a wrong pose and not the bias of an edge.
   constexpr double kMaxFactor = 30.0;
   double count = 0.0;
   double squares_px2 = 0.0;
@@ -337,7 +350,7 @@ void CountForDeficit(const CameraModel& camera, const WindowInput& input, absl::
 double AddEventDeficit(const CameraModel& camera, absl::Span<const ImageLine> lines,
                        absl::Span<const DeficitCounts> deficit_counts, absl::Span<const DeficitCounts> past,
                        const Vector6d& twist, double scale, Matrix12d& hessian, Vector12d& gradient) {
-  // Events missing of each half line.
+  // Missing events of one half line.
   const auto missing_of = [&](size_t k, int half) {
     const DeficitCounts before = past.empty() ? DeficitCounts() : past[k];
     const double observed = std::max(0.0, deficit_counts[k].observed[half] + before.observed[half]);

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// Pose and twist of a window by expectation-maximisation over a normal + uniform mixture, under the motion prior
-// (core/estimation/README.md, sections 1 and 2).
+// Estimates pose and twist of a window by expectation-maximisation over a mixture of normal (lines) and uniform
+// (clutter) distances, with the motion prior (core/estimation/README.md, sections 1, 2 and 4 to 8).
 #pragma once
 
 #include <memory>
@@ -16,38 +16,40 @@
 namespace evpose {
 
 struct MixtureOptions {
-  // The estimated spread stays within these factors of the sensor's own (SensorProfile.pixel_noise_px): outside, it
-  // fits clutter or collapses.
+  // The estimated standard deviation of the events about a line stays within these factors of that of the sensor
+  // (SensorProfile::pixel_noise_px). A larger one fits clutter, a smaller one collapses onto few events. README,
+  // equation (4).
   double sigma_min_factor = 0.6;
   double sigma_max_factor = 2.0;
-  // Pixels: half-width of the gate at the end, wide enough that clutter can be told from the line.
+  // Pixels: half-width of the gate in the last pass. It is wide enough that the density of clutter beside the line can
+  // be estimated.
   double gate_px = 6.0;
-  // Pixels: the widest gate to start from; it follows the prediction's uncertainty down to gate_px.
+  // Pixels: largest half-width of the gate in the first pass, which follows the uncertainty of the prediction.
   double max_gate_px = 16.0;
-  // The gate of the second try is this many times wider (core/estimation/README.md, section 5).
+  // Factor by which the gate of a second try is wider (core/estimation/README.md, section 5).
   double retry_gate_factor = 3.0;
   // A second try is made when the explained ratio falls below this fraction of its running mean
   // (core/estimation/README.md, section 5). Validated on a resting object that accelerates to 0.7 m/s at once.
   double retry_explained_ratio = 0.6;
-  // Re-weighting passes over the events, at most; two do when the prediction was good, four after a surprise.
+  // Largest number of passes over the events. Two suffice after a good prediction, four after a sudden acceleration.
   int max_passes = 4;
-  // Events that go into one window's fit: more do not help, the floor is systematic (core/estimation/README.md, section
-  // 8).
+  // Largest number of events per window. More do not improve the estimate, because the remaining error is systematic
+  // (core/estimation/README.md, section 8, with the validation).
   int max_events = 1200;
-  // So many events count as one. Once they are expected where the sensor puts them (edge_bias.h), the means of a line's
-  // events scatter from millisecond to millisecond as those of independent events do.
+  // Number of events that carry the information of one independent event. Once edge_bias.h has corrected their expected
+  // positions, the mean distances of the events of a line fluctuate from millisecond to millisecond nearly as those of
+  // independent events. Validated by the NEES (core/estimation/README.md, section 7).
   double events_per_information = 1.1;
-  // Pixels, for a window of a second, at each end of a line: what its events have in common that nobody knows, as noise
-  // of the same effect; 0.1 px in a window of a millisecond, 0.02 px over 30 ms. It is what core/estimation/README.md,
-  // section 7 divides the information for, but however many its events are, a line says no more than this; checked by
-  // NEES.
+  // Standard deviation, in px sqrt(s), of the displacement that all events of a line in a window share (unmodelled edge
+  // bias), for each end of the line: 0.1 px in a window of 1 ms, 0.02 px in one of 30 ms. It limits the information of
+  // one line regardless of its number of events. Validated by the NEES (core/estimation/README.md, section 7).
   double edge_noise_px_sqrt_s = 0.0034;
-  // Pixels: where the lines' events lie farther off their lines than this, root mean square over the lines, the edge
-  // noise grows with it: flicker, a profile that is not this sensor's. Below it the edges are as the profile says.
+  // Pixels: root mean square displacement of the events of the lines that the calibrated profile leaves. Above it, as
+  // under flicker or with the profile of another sensor, edge_noise_px_sqrt_s grows in proportion.
   double usual_displacement_px = 0.05;
-  // Events per swept square pixel that every line is expected to make, for the event deficit
-  // (core/estimation/README.md, section 4). Well below what sensors give at ordinary contrast (1 to 5), so that faint
-  // or hidden lines do not brake.
+  // Lower bound of the events per swept square pixel of every line, for the event deficit (core/estimation/README.md,
+  // section 4). It is well below what sensors produce at ordinary contrast (1 to 5), so that faint or occluded lines do
+  // not brake the object.
   double min_events_per_px2 = 0.15;
 
   // Explained events over which the spread and the outlier ratio are averaged from window to window. They change with
@@ -62,29 +64,34 @@ struct MixtureOptions {
   absl::Status Validate() const;
 };
 
-// What an estimator of one window's pose and twist is configured with.
+// Configuration of an estimator.
 struct EstimatorOptions {
   SensorProfile sensor;
   MixtureOptions mixture;
   EdgeOptions edge;
 };
 
-// `options` and `camera` must be valid.
+// Makes the mixture estimator. `options` and `camera` must be valid.
 std::unique_ptr<WindowEstimator> MakeMixtureEstimator(const EstimatorOptions& options, const CameraModel& camera);
 
-// What the lines should have made and made in a window, by this twist. Of the events explained, `noise_per_px` for each
-// pixel of a line's length come from the background, moving or not.
+// Computes the expected and the observed events of each half line in a window for `twist`, README section 4. `sums` are
+// those of the last pass. `noise_per_px` of the explained events per pixel of the length of a line are attributed to
+// the background; `min_events_per_px2` is that of MixtureOptions. `deficit_counts` is overwritten with one entry per
+// line.
 void CountForDeficit(const CameraModel& camera, const WindowInput& input, absl::Span<const ImageLine> lines,
                      absl::Span<const MixtureLine> sums, const Vector6d& twist, double noise_per_px,
                      double min_events_per_px2, std::vector<DeficitCounts>& deficit_counts);
 
-// The event deficit (core/estimation/README.md, section 4): a line that moves across itself makes events. Where
-// fewer came than `deficit_counts` expects of the twist, it is braked; a one-sided Poisson penalty, added for the twist
-// alone. Only as far as more than half of what the object should make is missing: while most of it speaks, silent lines
-// are hidden, and braking them would drag the object away from what is seen. What one line makes too much does not make
-// up for another's no_events: it is something else's that passes. In a window, a slow line should make a tenth of an
-// event, and mostly makes none; `past`, of the same lines or empty, tells that from no_events. Returns the missing
-// share.
+// Adds the event deficit (core/estimation/README.md, equation (10)) to the normal equations of the twist and returns
+// the missing share of the expected events, in [0, 1].
+//
+// Where fewer events were observed than `deficit_counts` expects of `twist`, a one-sided Poisson penalty, multiplied by
+// `scale`, brakes the motion of the half line. It is applied only as far as more than half of the expected events of
+// the whole object are missing: otherwise the lines without events are occluded, and braking them would pull the object
+// away from its visible lines. An excess of one line does not compensate for a deficit of another one, because it is
+// caused by something else that passes. In a single window a slow line is expected to produce a tenth of an event and
+// usually produces none; `past`, the counts of earlier windows for the same lines, or empty, distinguishes this from a
+// deficit.
 double AddEventDeficit(const CameraModel& camera, absl::Span<const ImageLine> lines,
                        absl::Span<const DeficitCounts> deficit_counts, absl::Span<const DeficitCounts> past,
                        const Vector6d& twist, double scale, Matrix12d& hessian, Vector12d& gradient);

@@ -14,7 +14,7 @@ namespace {
 using testing::MakeCamera;
 using testing::MakePose;
 
-// Two lines, 3 px apart.
+// Two parallel lines, 3 px apart.
 class MixtureTest : public ::testing::Test {
  protected:
   MixtureTest() : grid_(camera_) {
@@ -38,8 +38,10 @@ class MixtureTest : public ::testing::Test {
     const std::vector<LineDensities> even(lines_.size(), LineDensities::Of(density));
     return pass_.Accumulate({events, lines_.size()}, lines_, density, even, sums_);
   }
-  // The missing share of what Accumulate's events leave, as from a window of 10 ms.
-  double Absence(double noise_per_px, absl::Span<const DeficitCounts> past, Matrix12d& hessian, Vector12d& gradient) {
+  // Returns the missing share of the expected events for the events of the last Accumulate(), as from a window of 10
+  // ms.
+  double EventDeficit(double noise_per_px, absl::Span<const DeficitCounts> past, Matrix12d& hessian,
+                      Vector12d& gradient) {
     WindowInput input;
     input.duration_s = 0.01;
     CountForDeficit(camera_, input, lines_, sums_, state_.twist, noise_per_px, 0.15, deficit_counts_);
@@ -65,13 +67,13 @@ TEST_F(MixtureTest, AnEventBetweenTwoLinesIsShared) {
   EXPECT_GT(Weight(sums_[0]), 0.4);
   EXPECT_LT(Weight(sums_[0]), 0.5);
   Accumulate({At(0.5, 10.0)}, density);
-  // exp(-(0.5^2 - 2.5^2) / 2) = e^3 to one.
+  // exp(-(0.5^2 - 2.5^2) / 2) = e^3.
   EXPECT_NEAR(Weight(sums_[0]) / Weight(sums_[1]), 20.0855, 0.02);
 }
 
-TEST_F(MixtureTest, DoubtWhoseEventsAreCostsAsMuchInformationAsTheLikelihoodSays) {
+TEST_F(MixtureTest, ObservedInformationEqualsTheCurvatureOfTheLikelihood) {
   for (const double outlier_ratio : {0.05, 0.5, 0.9}) {
-    const MixtureDensity density = {0.5, outlier_ratio, 1.4};  // the other line is out of reach
+    const MixtureDensity density = {0.5, outlier_ratio, 1.4};  // the gate excludes the other line
     Random random(3);
     std::vector<Observation> events;
     std::vector<double> distances_px;
@@ -100,7 +102,7 @@ TEST_F(MixtureTest, DoubtWhoseEventsAreCostsAsMuchInformationAsTheLikelihoodSays
   }
 }
 
-TEST_F(MixtureTest, AnEventOfTheWrongPolarityIsLessTheLines) {
+TEST_F(MixtureTest, AnEventOfTheOtherPolarityHasLessWeight) {
   const MixtureDensity density = {0.5, 0.2, 1.4};
   const std::vector<Observation> events = {At(0.0, 0.0, 0), At(0.0, 0.0, 1)};
   std::vector<LineDensities> densities(lines_.size(), LineDensities::Of(density));
@@ -123,7 +125,7 @@ TEST_F(MixtureTest, SumsAreByLineHalfAndPolarity) {
   EXPECT_NEAR(totals.weight, Weight(sums_[0]) + Weight(sums_[1]), 1e-6);
 }
 
-TEST_F(MixtureTest, WhatIsNotKeptCountsForEachPolarity) {
+TEST_F(MixtureTest, CountsAccountForDownsamplingByPolarity) {
   MixtureLine line;
   line.half_weight = {{{4.0, 1.0}, {2.0, 3.0}}};
   line.half_turns = {{{2.0, 1.0}, {0.0, 3.0}}};
@@ -134,20 +136,20 @@ TEST_F(MixtureTest, WhatIsNotKeptCountsForEachPolarity) {
   EXPECT_EQ(counts.turns[1], 30.0);
 }
 
-TEST_F(MixtureTest, SilenceBrakesTheTwist) {
+TEST_F(MixtureTest, AnEventDeficitBrakesTheTwist) {
   Accumulate({}, MixtureDensity());
   Matrix12d hessian = Matrix12d::Zero();
   Vector12d gradient = Vector12d::Zero();
-  Absence(0.0, {}, hessian, gradient);
+  EventDeficit(0.0, {}, hessian, gradient);
   EXPECT_GT(gradient[6], 0.0);  // against the motion to the right
   EXPECT_GT(hessian(6, 6), 0.0);
-  // The Newton step of the penalty alone stops what moves.
+  // The Newton step of the penalty alone stops the motion.
   EXPECT_NEAR(-gradient[6] / hessian(6, 6), -state_.twist[0], 1e-9);
   EXPECT_EQ(hessian.topLeftCorner(6, 6).norm(), 0.0);
 }
 
-TEST_F(MixtureTest, TheBackgroundDoesNotSpeakForTheMotion) {
-  // What noise puts on the lines would do for their motion, were it theirs.
+TEST_F(MixtureTest, BackgroundEventsDoNotSupportTheMotion) {
+  // The background events near the lines are as many as their motion should produce.
   std::vector<Observation> events;
   Random random(5);
   for (int i = 0; i < 600; ++i) events.push_back(At(random.Uniform(-8.0, 11.0), random.Uniform(-50.0, 50.0)));
@@ -156,84 +158,84 @@ TEST_F(MixtureTest, TheBackgroundDoesNotSpeakForTheMotion) {
   const auto gradient_with = [&](double noise_per_px) {
     Matrix12d hessian = Matrix12d::Zero();
     Vector12d gradient = Vector12d::Zero();
-    Absence(noise_per_px, {}, hessian, gradient);
+    EventDeficit(noise_per_px, {}, hessian, gradient);
     return gradient[6];
   };
   EXPECT_EQ(gradient_with(0.0), 0.0);
   EXPECT_GT(gradient_with(explained), 0.0);
 }
 
-TEST_F(MixtureTest, AHiddenLineDoesNotBrakeWhileOthersSpeak) {
+TEST_F(MixtureTest, AnOccludedLineDoesNotBrakeWhileOthersHaveEvents) {
   std::vector<Observation> events;
   Random random(4);
-  // Line 0 sweeps 200 px^2 in 10 ms and makes 2 events per px^2; line 1 none.
+  // Line 0 sweeps 200 px^2 in 10 ms and produces 2 events per px^2; line 1 produces none.
   for (int i = 0; i < 400; ++i) events.push_back(At(random.Uniform(-1.0, 0.0), random.Uniform(-48.0, 48.0)));
   Accumulate(events, {0.5, 0.1, 6.0});
   Matrix12d hessian = Matrix12d::Zero();
   Vector12d gradient = Vector12d::Zero();
-  Absence(0.0, {}, hessian, gradient);
+  EventDeficit(0.0, {}, hessian, gradient);
   EXPECT_EQ(gradient.norm(), 0.0);
   EXPECT_EQ(hessian.norm(), 0.0);
 }
 
-TEST_F(MixtureTest, WhatPassesAtOnePlaceDoesNotSpeakForTheRest) {
-  // All on one half of one line, twenty times what both lines should make.
+TEST_F(MixtureTest, EventsAtOnePlaceDoNotSupportTheOtherLines) {
+  // All events lie on one half of one line, twenty times as many as both lines should produce.
   std::vector<Observation> events;
   Random random(6);
   for (int i = 0; i < 1200; ++i) events.push_back(At(random.Uniform(-1.0, 0.0), random.Uniform(-48.0, -2.0)));
   Accumulate(events, {0.5, 0.1, 6.0});
   Matrix12d hessian = Matrix12d::Zero();
   Vector12d gradient = Vector12d::Zero();
-  const double missing = Absence(0.0, {}, hessian, gradient);
+  const double missing = EventDeficit(0.0, {}, hessian, gradient);
   EXPECT_NEAR(missing, 0.75, 0.01);
   EXPECT_GT(gradient[6], 0.0);
 }
 
-TEST_F(MixtureTest, ASlowLineIsNotSilentBecauseAWindowIsShort) {
-  // At 6 px/s a half of a line sweeps 0.3 px^2 in a millisecond: it should make 0.045 events at the least, and makes
-  // 0.6. Many a window has none on most halves.
+TEST_F(MixtureTest, ASlowLineHasNoDeficitInShortWindows) {
+  // At 6 px/s one half of a line sweeps 0.3 px^2 in a millisecond: at the lower bound of the rate it produces 0.045
+  // events, and in fact 0.6. Many windows have no event on most of the halves.
   state_.twist *= 0.03;
   constexpr int kMovingWindows = 250;
   constexpr int kStillWindows = 50;
   Random random(7);
   std::vector<DeficitCounts> past(2);
-  int seem_silent_alone = 0, seem_silent = 0, are_silent = 0;
+  int deficits_alone = 0, deficits_moving = 0, deficits_at_rest = 0;
   for (int window = 0; window < kMovingWindows + kStillWindows; ++window) {
     const bool is_moving = window < kMovingWindows;
     std::vector<DeficitCounts> deficit_counts(2);
-    for (DeficitCounts& answer : deficit_counts) {
-      answer.expected = {0.045, 0.045};
-      for (double& observed : answer.observed) observed = is_moving ? random.Poisson(0.6) : 0.0;
+    for (DeficitCounts& counts : deficit_counts) {
+      counts.expected = {0.045, 0.045};
+      for (double& observed : counts.observed) observed = is_moving ? random.Poisson(0.6) : 0.0;
     }
     Matrix12d hessian = Matrix12d::Zero();
     Vector12d gradient = Vector12d::Zero();
     const auto missing = [&](absl::Span<const DeficitCounts> before) {
       return AddEventDeficit(camera_, lines_, deficit_counts, before, state_.twist, 1.0, hessian, gradient);
     };
-    if (is_moving && missing({}) > 0.5) ++seem_silent_alone;
-    if (missing(past) > 0.5) ++(is_moving ? seem_silent : are_silent);
+    if (is_moving && missing({}) > 0.5) ++deficits_alone;
+    if (missing(past) > 0.5) ++(is_moving ? deficits_moving : deficits_at_rest);
     for (size_t k = 0; k < past.size(); ++k) past[k].Add(deficit_counts[k]);
   }
-  EXPECT_GT(seem_silent_alone, 80);
-  EXPECT_LT(seem_silent, 3);
-  // In 12 windows half an event should have come.
-  EXPECT_GE(are_silent, kStillWindows - 12);
+  EXPECT_GT(deficits_alone, 80);
+  EXPECT_LT(deficits_moving, 3);
+  // Within 12 windows 0.5 events were expected.
+  EXPECT_GE(deficits_at_rest, kStillWindows - 12);
 }
 
-TEST_F(MixtureTest, WhatALineMadeTooMuchIsForgotten) {
-  DeficitCounts answer, loud, silent;
-  loud.expected = {0.2, 0.2};
-  loud.observed = {100.0, 0.0};
-  silent.expected = {0.2, 0.2};
-  answer.Add(loud);
-  EXPECT_EQ(answer.observed[0], answer.expected[0]);
-  for (int i = 0; i < 20; ++i) answer.Add(silent);
-  EXPECT_NEAR(answer.expected[0], DeficitCounts::kMemoryEvents, 1e-12);
-  EXPECT_LT(answer.observed[0], 0.01);
-  EXPECT_EQ(answer.observed[1], 0.0);
+TEST_F(MixtureTest, AnExcessIsForgotten) {
+  DeficitCounts sum, excess, deficit;
+  excess.expected = {0.2, 0.2};
+  excess.observed = {100.0, 0.0};
+  deficit.expected = {0.2, 0.2};
+  sum.Add(excess);
+  EXPECT_EQ(sum.observed[0], sum.expected[0]);
+  for (int i = 0; i < 20; ++i) sum.Add(deficit);
+  EXPECT_NEAR(sum.expected[0], DeficitCounts::kMemoryEvents, 1e-12);
+  EXPECT_LT(sum.observed[0], 0.01);
+  EXPECT_EQ(sum.observed[1], 0.0);
 }
 
-// Six lines of a plate seen frontally, whose events lie off them, to one side and the other in turn.
+// Six lines of a plate seen frontally, with events displaced alternately to one side and the other.
 class DisplacedLines : public ::testing::Test {
  protected:
   DisplacedLines() : grid_(camera_) {
@@ -265,7 +267,7 @@ class DisplacedLines : public ::testing::Test {
     }
     return events;
   }
-  // Standard deviation of the sideways position after so many windows of the same.
+  // Standard deviation of the lateral position after `num_windows` equal windows, metres.
   double LateralSigma(double displacement_px, int num_windows = 200) {
     const std::vector<Observation> events = MakeEvents(displacement_px);
     WindowInput input;
@@ -298,9 +300,9 @@ TEST_F(DisplacedLines, MakeThePoseLessCertain) {
   EXPECT_GT(LateralSigma(0.3), 2.0 * known);
 }
 
-TEST_F(DisplacedLines, OfAFaceSeenEdgeOnSayLittleOfWhereTheyAre) {
+TEST_F(DisplacedLines, OfANarrowFaceCarryLittleInformation) {
   const double known = LateralSigma(0.0, 1);
-  // Those that run up and down, which tell of the sideways position.
+  // The vertical lines, which determine the lateral position.
   const auto with_faces_of = [&](double width_px) {
     for (size_t k = 0; k < tracked_.size(); k += 2) tracked_[k].narrowest_face_px = width_px;
     return LateralSigma(0.0, 1);

@@ -10,12 +10,12 @@
 namespace evpose {
 namespace {
 
-// An event that is a line's with less than this is none of its.
+// Smaller weights count as zero: they do not affect the sums and only cost numerical range.
 constexpr float kLeastWeight = 1e-4f;
 
 }  // namespace
 
-// A line's likelihoods, with what is the same for all events of one polarity computed once.
+// Likelihoods of one line; the factors that all events of one polarity share are computed once.
 class MixturePass::GroupTerms {
  public:
   GroupTerms(const LineGroup& group, const ImageLine& line, const MixtureDensity& density,
@@ -30,7 +30,8 @@ class MixturePass::GroupTerms {
     Terms terms;
     terms.distance_px = line_.DistancePx(event);
     terms.along_px = line_.AlongPx(event);
-    // No event beyond a line's end is the line's: those of a corner, which the blur rounds off, would pull it inwards.
+    // Events beyond the end of a line are not attributed to it: the blur rounds off the corners, and their events would
+    // displace the line inwards.
     terms.is_gated = line_.IsGated(event, terms.distance_px, terms.along_px, gate_px_);
     terms.likelihood = peak_ * NegativeExp(terms.distance_px * terms.distance_px * half_inverse_variance_);
     terms.outlier = Select(terms.distance_px > 0.0f, beside_[1], beside_[0]);
@@ -49,17 +50,17 @@ class MixturePass::GroupTerms {
   const std::array<Lanes, 2> beside_;
 };
 
-// Over the events of one group.
+// Sums over the events of one group.
 struct MixturePass::GroupSums {
   std::array<LineSums::LaneProducts, 3> products = {};
   Lanes num_gated = {};
-  std::array<Lanes, 2> beside = {};       // by side
-  std::array<Lanes, 2> half_weight = {};  // of both halves, and of the second
+  std::array<Lanes, 2> beside = {};       // clutter, by side
+  std::array<Lanes, 2> half_weight = {};  // of the whole line, and of its second half
   std::array<Lanes, 2> turns = {};        // likewise
   Lanes ambiguous_px2 = {};
   Lanes squares_px2 = {};
 
-  // What is nobody's counts where `is_nearest`, so that it counts once.
+  // Adds one vector of events. Clutter is counted where `is_nearest` is true, so that each event counts once.
   void Add(const EventLanes& event, const GroupTerms& group, const Terms& terms, Lanes inverse, Lanes inlier_ratio,
            LaneMask is_nearest);
   void AddTo(const LineGroup& group, MixtureLine& line, MixtureTotals& totals) const;
@@ -160,7 +161,7 @@ void MixturePass::ShareEvents(const LineEvents& events, const MixtureDensity& de
   Refill(terms_.size(), events.max_lanes(), inverse_);
   Refill(terms_.size(), events.max_lanes(), is_nearest_);
   for (const LineEvents::Shared& event : events.shared()) {
-    // The nearest two that have it in their gates.
+    // The nearest two lines whose gates contain the event.
     constexpr uint32_t kNone = std::numeric_limits<uint32_t>::max();
     constexpr float kFar = std::numeric_limits<float>::infinity();
     uint32_t near[2] = {kNone, kNone};
@@ -168,7 +169,7 @@ void MixturePass::ShareEvents(const LineEvents& events, const MixtureDensity& de
     for (const uint32_t place : event.Places()) {
       const Terms& terms = terms_[place / kNumLanes];
       const uint32_t lane = place % kNumLanes;
-      // Selected, not branched on: which lines are near no branch can foretell.
+      // Selections instead of branches: the order of the lines is random, so that a branch would be mispredicted often.
       const float distance_px = terms.is_gated[lane] != 0 ? std::abs(terms.distance_px[lane]) : kFar;
       const bool is_first = distance_px < off_px[0];
       const bool is_second = distance_px < off_px[1];
@@ -201,7 +202,8 @@ EdgeCounts MixtureLine::Counts(const ByPolarity& events_per_observation) const {
 }
 
 double MixtureLine::ObservedRatio(double sigma_px) const {
-  // Where the line's events are few among many, their spread is not known well enough to tell more.
+  // Lower bound: with few events of the line among many others the estimated spread is too uncertain for a smaller
+  // ratio.
   constexpr double kLeast = 0.1;
   if (sums.weight() <= 0.0) return kLeast;
   return std::clamp(1.0 - ambiguous_px2 / (sigma_px * sigma_px * sums.weight()), kLeast, 1.0);

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// The expectation step of the mixture (core/estimation/README.md, section 1): whose the events of a window are, by
-// where the lines are now.
+// The expectation step of the mixture (core/estimation/README.md, equations (3) and (5)): assigns the events of a
+// window to the lines at their present positions.
 #pragma once
 
 #include <array>
@@ -16,52 +16,57 @@
 
 namespace evpose {
 
-// What a pass over the events leaves of one line.
+// Result of a pass over the events for one line.
 struct MixtureLine {
   LineSums sums;
-  std::array<ByPolarity, 2> half_weight = {};  // explained observations of its first and its second half
-  std::array<ByPolarity, 2> half_turns = {};   // of them, EdgeCounts::turns
-  std::array<ByPolarity, 2> beside = {};       // LineCounts::beside
-  double ambiguous_px2 = 0.0;                  // sum of w (1 - w) d^2
-  // What the events tell of where the line is, as a share of what they would, were it known which are the line's: the
-  // missing information principle (Louis, "Finding the observed information matrix when using the EM algorithm", 1982).
+  // Weights of the observations on the first and the second half, by polarity.
+  std::array<ByPolarity, 2> half_weight = {};
+  // The part of half_weight whose previous event had the other polarity (EdgeCounts::turns).
+  std::array<ByPolarity, 2> half_turns = {};
+  std::array<ByPolarity, 2> beside = {};  // clutter by side and polarity (LineCounts::beside)
+  double ambiguous_px2 = 0.0;             // sum of w (1 - w) d^2, for ObservedRatio()
+  // Observed information about the position of the line divided by the complete one, in [0.1, 1]: the missing
+  // information principle (Louis, "Finding the observed information matrix when using the EM algorithm", 1982).
+  // `sigma_px` is the standard deviation of the events about the line.
   double ObservedRatio(double sigma_px) const;
   ByPolarity weight() const { return {half_weight[0][0] + half_weight[1][0], half_weight[0][1] + half_weight[1][1]}; }
-  // As many events as each observation stands for.
+  // Counts for edge_bias.h. `events_per_observation` is the downsampling factor of each polarity.
   EdgeCounts Counts(const ByPolarity& events_per_observation) const;
 };
 
+// Sums over all lines of a pass.
 struct MixtureTotals {
-  double num_gated = 0.0;
-  double weight = 0.0;
-  double weighted_squares_px2 = 0.0;
+  double num_gated = 0.0;             // observations in a gate, without the share of other objects
+  double weight = 0.0;                // sum of the weights of all lines
+  double weighted_squares_px2 = 0.0;  // sum of weight times squared distance
 };
 
-// Keeps its memory for the next pass.
+// Performs passes over the events; the memory is kept for the next pass.
 class MixturePass {
  public:
-  // Shares every event between its two nearest lines, other objects and the clutter beside the nearest line (one entry
-  // of `densities` for each line), and sums by line. `sums` has one entry per image line and is overwritten.
+  // Computes the weights of every event for its two nearest lines, for other objects (Observation::competing) and for
+  // the clutter beside the nearest line, and sums by line. `densities` has one entry per line of `lines`; `sums`
+  // likewise, and is overwritten. Returns the sums over all lines.
   MixtureTotals Accumulate(const LineEvents& events, absl::Span<const ImageLine> lines, const MixtureDensity& density,
                            absl::Span<const LineDensities> densities, std::vector<MixtureLine>& sums);
 
  private:
-  // Of events near a line, side by side: what their likelihoods are made of.
+  // Terms of the likelihoods of several events near one line, one event per lane.
   struct Terms {
     Lanes distance_px;
     Lanes along_px;
     LaneMask is_gated;
-    Lanes likelihood;  // as one of the line's
-    Lanes outlier;     // as clutter beside it
+    Lanes likelihood;  // density of the line at the event
+    Lanes outlier;     // density of the clutter on this side of the line
   };
   class GroupTerms;
   struct GroupSums;
   void ShareEvents(const LineEvents& events, const MixtureDensity& density);
 
-  // Of the shared groups, by the number of their lanes.
+  // Of the groups with shared events, indexed by LineGroup::first.
   std::vector<Terms> terms_;
-  std::vector<Lanes> inverse_;        // one over the sum of the event's likelihoods
-  std::vector<LaneMask> is_nearest_;  // of the event's lines
+  std::vector<Lanes> inverse_;        // reciprocal of the sum of the likelihoods of the event
+  std::vector<LaneMask> is_nearest_;  // the line is the nearest one of the event
 };
 
 }  // namespace evpose

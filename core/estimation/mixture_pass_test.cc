@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// What is computed four events at a time, in single precision, must be what a plain loop gives.
+// Compares the vectorised computation in single precision with a plain loop in double precision.
 #include "core/estimation/mixture_pass.h"
 
 #include <gtest/gtest.h>
@@ -16,7 +16,7 @@ namespace {
 
 constexpr double kLeastWeight = 1e-4;
 
-// Of one line, summed by a plain loop in double precision.
+// Sums of one line by a plain loop in double precision.
 struct PlainLine {
   std::array<Eigen::Matrix3d, 3> moments = {Eigen::Matrix3d::Zero(), Eigen::Matrix3d::Zero(), Eigen::Matrix3d::Zero()};
   EdgeCounts counts;
@@ -65,7 +65,8 @@ MixtureTotals PlainPass(absl::Span<const Observation> events, absl::Span<const I
   return totals;
 }
 
-// A cube's events, clutter, and other objects' claims; the lines are dense enough for events near several.
+// Events of a cube, clutter, and the densities of other objects. The lines are so dense that many events are near
+// several of them.
 class MixturePassTest : public ::testing::TestWithParam<int> {
  protected:
   MixturePassTest() : grid_(camera_), random_(GetParam()) {
@@ -120,7 +121,7 @@ class MixturePassTest : public ::testing::TestWithParam<int> {
 
 INSTANTIATE_TEST_SUITE_P(Windows, MixturePassTest, ::testing::Range(1, 6));
 
-TEST_P(MixturePassTest, GivesWhatAPlainLoopGives) {
+TEST_P(MixturePassTest, EqualsAPlainLoop) {
   MixturePass pass;
   std::vector<MixtureLine> sums;
   const LineEvents sorted(events_, lines_.size());
@@ -151,8 +152,8 @@ TEST_P(MixturePassTest, GivesWhatAPlainLoopGives) {
   }
 }
 
-// The mean distance of a line's events, which moves the pose, is the same to what no event tells.
-TEST_P(MixturePassTest, MovesLinesAsAPlainLoopDoes) {
+// The mean distance of the events of a line, which moves the pose, agrees to far below what the events can resolve.
+TEST_P(MixturePassTest, MeanDistancesEqualAPlainLoop) {
   MixturePass pass;
   std::vector<MixtureLine> sums;
   pass.Accumulate({events_, lines_.size()}, lines_, density_, densities_, sums);

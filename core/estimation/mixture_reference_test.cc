@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// What the mixture minimises once its weights are given, solved twice: by the hot path's sums by line, and by Ceres
-// over all events with automatic differentiation. They must agree.
+// The minimum of the mixture at given weights, computed by the sums by line and by Ceres over all events with automatic
+// differentiation. Both must agree.
 #include <ceres/autodiff_cost_function.h>
 #include <ceres/problem.h>
 #include <ceres/solver.h>
@@ -23,7 +23,7 @@ constexpr double kSigmaPx = 0.8;
 constexpr double kEventsPerInformation = 20.0;
 constexpr double kScale = 1.0 / (kSigmaPx * kSigmaPx * kEventsPerInformation);
 
-// The root of kScale w times the distance of an event from its line at the event's time. The parameters are
+// Residual: sqrt(kScale w) times the distance of an event from its line at the time of the event. The parameters are
 // Minus(state, predicted).
 struct EventDistance {
   const CameraModel& camera;
@@ -55,7 +55,7 @@ struct EventDistance {
     return true;
   }
 
-  // Rodrigues; near zero, where its quotients are of zeros, their series.
+  // Rotation by the formula of Rodrigues; near zero its quotients are replaced by series.
   template <typename T>
   static Eigen::Matrix<T, 3, 1> Turn(const Eigen::Matrix<T, 3, 1>& by, const Eigen::Matrix<T, 3, 1>& what) {
     const T angle2 = by.squaredNorm();
@@ -71,7 +71,7 @@ struct EventDistance {
   }
 };
 
-// |U x|^2 is the prior's x^T P^-1 x.
+// Residual of the prior: |U x|^2 = x^T P^-1 x.
 struct PriorResidual {
   Matrix12d root_information;
 
@@ -83,7 +83,7 @@ struct PriorResidual {
   }
 };
 
-// A window of a cube that moves fast, with clutter, and a prediction that is off.
+// A window of a cube that moves fast, with clutter, and with a prediction that deviates from the truth.
 class MixtureReference : public ::testing::TestWithParam<int> {
  protected:
   MixtureReference() : grid_(camera_) {
@@ -112,7 +112,7 @@ class MixtureReference : public ::testing::TestWithParam<int> {
     for (int i = 0; i < 1500; ++i) AddEvent(random);
   }
 
-  // On a line at its own time, or anywhere.
+  // Adds an event on a line at its own time, or displaced at random.
   void AddEvent(Random& random) {
     const ImageLine& line = lines_[random.UniformInt(lines_.size())];
     Observation event;
@@ -144,7 +144,7 @@ INSTANTIATE_TEST_SUITE_P(Windows, MixtureReference, ::testing::Range(1, 9));
 
 TEST_P(MixtureReference, MinimumAndCovarianceEqualCeresOverAllEvents) {
   const Matrix12d information = predicted_.covariance.inverse();
-  // The weights, at the prediction: summed by line, and of each event alone for Ceres.
+  // Weights at the prediction: summed by line, and for each event alone for Ceres.
   ProjectLines(camera_, predicted_, tracked_, lines_);
   ProjectVelocityJacobians(camera_, predicted_, tracked_, absl::MakeSpan(lines_));
   MixturePass pass;
@@ -197,7 +197,7 @@ TEST_P(MixtureReference, MinimumAndCovarianceEqualCeresOverAllEvents) {
   }
   const Vector12d found = Minus(state, predicted_);
   EXPECT_GT(found.norm(), 1e-3) << "there must be something to find";
-  // What single precision leaves, as a share of what the events leave.
+  // The rounding of single precision, relative to the standard deviations.
   const Vector12d sigmas_found = hessian.inverse().diagonal().cwiseSqrt();
   EXPECT_LT((found - x).cwiseQuotient(sigmas_found).cwiseAbs().maxCoeff(), 1e-3);
 
@@ -205,7 +205,7 @@ TEST_P(MixtureReference, MinimumAndCovarianceEqualCeresOverAllEvents) {
   problem.Evaluate({}, nullptr, nullptr, nullptr, &sparse);
   const Eigen::Map<Eigen::Matrix<double, Eigen::Dynamic, 12, Eigen::RowMajor>> rows(sparse.values.data(),
                                                                                     sparse.num_rows, 12);
-  // From the difference's own tangent to the left perturbation of the state.
+  // Converts from the tangent space at the difference to the left perturbation of the state.
   Matrix12d left_from_difference = Matrix12d::Identity();
   left_from_difference.block<3, 3>(3, 3) = LeftJacobianSo3(x.segment<3>(3));
   const Matrix12d expected =

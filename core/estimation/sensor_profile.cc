@@ -20,10 +20,10 @@
 namespace evpose {
 namespace {
 
-constexpr size_t kMaxFileBytes = 64 << 10;  // a profile has about 1000
+constexpr size_t kMaxFileBytes = 64 << 10;  // bytes; a profile has about 1000, and a larger file is something else
 constexpr char kNameKey[] = "name";
 
-// A number of the profile, under its name in the file.
+// A number of the profile: its key in the file, its member and its valid range.
 struct NumberField {
   const char* key;
   double SensorProfile::*value;
@@ -38,7 +38,7 @@ constexpr std::array<NumberField, 5> kNumbers = {{
     {"latency_us", &SensorProfile::latency_us, -10'000.0, 10'000.0},
 }};
 
-// What the file holds as a name, escaped; it reads back from that unless it is no text.
+// The name as it is written to a file, in quotes and escaped. It reads back unchanged if it is UTF-8.
 std::string QuotedName(const std::string& name) {
   YAML::Emitter out;
   out << YAML::DoubleQuoted << name;
@@ -47,7 +47,8 @@ std::string QuotedName(const std::string& name) {
 
 bool IsText(const std::string& name) {
   const bool is_plain = std::all_of(name.begin(), name.end(), [](char c) { return c >= ' ' && c <= '~'; });
-  return is_plain || YAML::Load(QuotedName(name)).Scalar() == name;  // which takes as long as making a session
+  // The round trip takes about as long as making a session, and is therefore left out for usual names.
+  return is_plain || YAML::Load(QuotedName(name)).Scalar() == name;
 }
 
 std::string KnownKeys() {
@@ -63,7 +64,7 @@ absl::Status FieldError(const std::string& file, const std::string& key, const s
 absl::Status ReadField(const std::string& file, const std::string& key, const YAML::Node& node,
                        SensorProfile& profile) {
   if (key == kNameKey) {
-    if (!node.IsScalar()) return FieldError(file, key, "is not a word");
+    if (!node.IsScalar()) return FieldError(file, key, "must be a single text");
     profile.name = node.Scalar();
     return absl::OkStatus();
   }
@@ -75,7 +76,7 @@ absl::Status ReadField(const std::string& file, const std::string& key, const YA
     profile.*field.value = value;
     return absl::OkStatus();
   }
-  return FieldError(file, key, absl::StrCat("is no field of a sensor profile; it has ", KnownKeys()));
+  return FieldError(file, key, absl::StrCat("is not a field of a sensor profile; the fields are ", KnownKeys()));
 }
 
 absl::StatusOr<SensorProfile> ReadProfile(const YAML::Node& root, const std::string& file) {
@@ -85,7 +86,7 @@ absl::StatusOr<SensorProfile> ReadProfile(const YAML::Node& root, const std::str
   }
   SensorProfile profile;
   for (const auto& entry : root) {
-    if (!entry.first.IsScalar()) return absl::InvalidArgumentError(absl::StrCat(file, ": a key is not a word"));
+    if (!entry.first.IsScalar()) return absl::InvalidArgumentError(absl::StrCat(file, ": a key must be a single text"));
     EVPOSE_RETURN_IF_ERROR(ReadField(file, entry.first.Scalar(), entry.second, profile));
   }
   if (const absl::Status status = profile.Validate(); !status.ok()) {
@@ -100,7 +101,7 @@ absl::Status SensorProfile::Validate() const {
   if (!IsText(name)) return absl::InvalidArgumentError(absl::StrCat(kNameKey, " must be text in UTF-8"));
   for (const NumberField& field : kNumbers) {
     const double number = this->*field.value;
-    if (number >= field.low && number <= field.high) continue;  // also false for NaN
+    if (number >= field.low && number <= field.high) continue;  // false for NaN, which is thereby rejected
     return absl::InvalidArgumentError(
         absl::StrCat(field.key, " must be between ", field.low, " and ", field.high, ": ", number));
   }
@@ -109,7 +110,8 @@ absl::Status SensorProfile::Validate() const {
 
 absl::StatusOr<SensorProfile> LoadSensorProfile(const std::string& path) {
   std::error_code error;
-  if (!std::filesystem::exists(path, error)) return absl::NotFoundError(absl::StrCat(path, ": no such sensor profile"));
+  if (!std::filesystem::exists(path, error))
+    return absl::NotFoundError(absl::StrCat(path, ": there is no such file; give the path of a sensor profile"));
   if (std::filesystem::is_directory(path, error)) {
     return absl::InvalidArgumentError(absl::StrCat(path, ": is a directory, not a sensor profile"));
   }
@@ -142,7 +144,7 @@ std::string SensorProfileToYaml(const SensorProfile& profile) {
   YAML::Emitter out;
   out << YAML::BeginMap << YAML::Key << kNameKey << YAML::Value << YAML::DoubleQuoted << profile.name;
   for (const NumberField& field : kNumbers) {
-    // 17 significant digits give the same bits back; fewer where they do.
+    // 17 significant digits always give the same bits back; 6 are written where they suffice.
     const double number = profile.*field.value;
     std::string digits = absl::StrFormat("%.6g", number);
     if (std::stod(digits) != number) digits = absl::StrFormat("%.17g", number);

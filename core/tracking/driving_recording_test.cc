@@ -29,7 +29,7 @@ std::vector<Event> ReadAll(const std::string& path) {
   return {decoded.events.begin(), decoded.events.end()};
 }
 
-TEST(DrivingRecording, NoCubeIsClaimed) {
+TEST(DrivingRecording, NoCubeIsReported) {
   const std::string path = FindTestData("evt3_driving_gen41/evt3_sample.raw");
   if (path.empty()) GTEST_SKIP() << "the recording is not in the test data";
   const std::vector<Event> events = ReadAll(path);

@@ -85,7 +85,7 @@ TEST_F(HealthTest, APoseIsSupportedAtOnce) {
   EXPECT_EQ(result.supported_lines, kNumLines);
 }
 
-TEST_F(HealthTest, HalfOfAPoseIsInDoubtAfterSomePatience) {
+TEST_F(HealthTest, HalfOfAPoseIsDoubtfulAfterThePatience) {
   for (int i = 0; i < 4; ++i) EXPECT_EQ(WindowWithOwn(5).kind, Kind::kOpen) << i;
   const HealthResult result = WindowWithOwn(5);
   EXPECT_EQ(result.kind, Kind::kDoubtful);
@@ -97,7 +97,7 @@ TEST_F(HealthTest, AFifthOfAPoseDoesNotSupportIt) {
   EXPECT_EQ(WindowWithOwn(2).kind, Kind::kUnsupported);
 }
 
-TEST_F(HealthTest, AFewEventsOfOnePolarityAreHeardAmongManyOfTheOther) {
+TEST_F(HealthTest, AFewEventsOfOnePolaritySufficeAmongManyOfTheOther) {
   // As while a lamp grows brighter: a line's own 20 are OFF, those of the lit surface about it are ON. Weighed alike
   // the own ones would be 20 more than chance gives, of 420 near and beside, and that is within its spread.
   const auto judge = [&](double own_half_width_px) {
@@ -116,7 +116,7 @@ TEST_F(HealthTest, AFewEventsOfOnePolarityAreHeardAmongManyOfTheOther) {
   EXPECT_EQ(judge(8.0), Kind::kUnsupported);
 }
 
-TEST_F(HealthTest, WhatALampFloodsIsNotHeldAgainstALine) {
+TEST_F(HealthTest, FlickerDoesNotCountAgainstALine) {
   // While it grows brighter, lines whose own events are ON are drowned for a while; half of them send OFF events. They
   // are slow: their motion does not say that each must have answered.
   state_.twist[0] = 0.02;
@@ -138,7 +138,7 @@ TEST_F(HealthTest, WhatALampFloodsIsNotHeldAgainstALine) {
   EXPECT_EQ(judge({1.0, 1.0}).kind, Kind::kDoubtful);
 }
 
-TEST_F(HealthTest, EventsAsDenseAsElsewhereSayNothing) {
+TEST_F(HealthTest, EventsAtTheBackgroundRateAreFewEvents) {
   // 3 Hz per pixel over 16 px x 100 px, ten lines.
   constexpr double kNoisePerPx2 = 3.0 * kWindowS;
   HealthResult result;
@@ -158,7 +158,7 @@ TEST_F(HealthTest, EventsAsDenseAsElsewhereSayNothing) {
   EXPECT_EQ(result.kind, Kind::kUnsupported);
 }
 
-TEST_F(HealthTest, WhatCrossesTheLinesIsPresentOnAPartOfThem) {
+TEST_F(HealthTest, ACrossingEdgeIsPresentOnAPartOfTheLines) {
   state_.twist.setZero();
   ProjectLines(camera_, state_, tracked_, lines_);
   const auto judge = [&](double along_begin, double along_end) {
@@ -175,7 +175,7 @@ TEST_F(HealthTest, WhatCrossesTheLinesIsPresentOnAPartOfThem) {
   EXPECT_GT(judge(0.0, 1.0).present_ratio, 0.9);
 }
 
-TEST_F(HealthTest, AnObjectAtRestStaysSilentInAFlood) {
+TEST_F(HealthTest, AnObjectAtRestStaysQuietInDenseNoise) {
   const auto flood = [&] {
     constexpr double kFloodPerPx2 = 30.0 * kWindowS;
     HealthResult result;

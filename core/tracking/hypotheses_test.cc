@@ -65,7 +65,7 @@ double Angle(const PoseTrack& track, int64_t t_us) {
                        ConstantTwist(kStart, SomeTwist())(static_cast<double>(t_us) * 1e-6).rotation);
 }
 
-TEST(Hypotheses, OneAloneIsJustATrack) {
+TEST(Hypotheses, ASingleHypothesisEqualsATrack) {
   const TrackContext context = MakeContext();
   Hypotheses hypotheses(context);
   hypotheses.Add(Start(context, kStart));
@@ -75,7 +75,7 @@ TEST(Hypotheses, OneAloneIsJustATrack) {
   EXPECT_EQ(hypotheses.size(), 1u);
 }
 
-TEST(Hypotheses, TheEventsChooseTheRightOneWhateverTheOrder) {
+TEST(Hypotheses, TheRightOneIsKeptInEitherOrder) {
   // A cube turned a little is a local optimum's neighbour: many of its lines still meet events.
   const RigidTransform wrong = MakePose({0.02, -0.01, 0.62}, {0.75, 0.5, 0.2});
   for (const bool right_first : {true, false}) {
@@ -90,7 +90,7 @@ TEST(Hypotheses, TheEventsChooseTheRightOneWhateverTheOrder) {
   }
 }
 
-TEST(Hypotheses, TwoThatAreTheSameBecomeOne) {
+TEST(Hypotheses, EqualHypothesesAreMerged) {
   const TrackContext context = MakeContext();
   Hypotheses hypotheses(context);
   hypotheses.Add(Start(context, kStart));
@@ -101,7 +101,7 @@ TEST(Hypotheses, TwoThatAreTheSameBecomeOne) {
   EXPECT_EQ(hypotheses.size(), 1u);
 }
 
-TEST(Hypotheses, NothingIsLeftOfPosesThatNoEventSupports) {
+TEST(Hypotheses, UnsupportedPosesAreRemoved) {
   const TrackContext context = MakeContext();
   Hypotheses hypotheses(context);
   hypotheses.Add(Start(context, MakePose({0.15, 0.1, 0.6}, {0.1, 1.2, 0.3})));

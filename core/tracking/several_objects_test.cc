@@ -147,7 +147,7 @@ TEST(SeveralObjects, AreTrackedWhileOnePassesBeforeTheOther) {
   ExpectTrackedThroughout(Crossing(), *tracker, Track(*tracker, Film(Crossing(), 400'000)));
 }
 
-TEST(SeveralObjects, OfOneModelAreNotTakenForEachOther) {
+TEST(SeveralObjects, OfOneModelAreNotConfused) {
   const auto cube = Cube(0.15);
   const std::vector<Actor> actors = {{cube, Passing(0.45, 0.0, 0.6, 0.2, 1.0)},
                                      {cube, Passing(-0.45, 0.07, 0.85, 0.2, 0.7)}};
@@ -155,7 +155,7 @@ TEST(SeveralObjects, OfOneModelAreNotTakenForEachOther) {
   ExpectTrackedThroughout(actors, *tracker, Track(*tracker, Film(actors, 400'000)));
 }
 
-TEST(SeveralObjects, OneThatIsHiddenForAMomentIsHeldAndGoesOn) {
+TEST(SeveralObjects, AnOccludedOneIsHeldAndContinues) {
   const std::vector<Actor> actors = {{Cube(0.12), Passing(1.5, 0.0, 0.5, 0.2, 1.0)},
                                      {Cube(0.08), Passing(-0.3, 0.0, 1.0, 0.2, -0.8)}};
   const auto tracker = MakeTracker(actors, true);
@@ -204,7 +204,7 @@ TEST(SeveralObjects, PosesDoNotDependOnTheCutOfCallsNorOnTheOrderOfTheObjects) {
   for (size_t k = 0; k < estimates.size(); ++k) ExpectSamePose(estimates[k], expected[k]);
 }
 
-TEST(SeveralObjects, AreBothFoundWhenNobodySaysWhereTheyAre) {
+TEST(SeveralObjects, AreBothFoundWithoutGivenPoses) {
   const auto cube = Cube(0.15);
   const std::vector<Actor> actors = {{cube, Passing(0.4, -0.03, 0.6, 0.45, 1.0)},
                                      {cube, Passing(-0.4, 0.05, 0.8, 0.45, 0.7)}};
@@ -220,7 +220,7 @@ TEST(SeveralObjects, AreBothFoundWhenNobodySaysWhereTheyAre) {
   EXPECT_LT(Compare(estimates, 1, actors[1 - first]).position_max_of_depth, 0.05);
 }
 
-TEST(SeveralObjects, OneThatIsNotThereIsNotFoundInAnother) {
+TEST(SeveralObjects, AnAbsentOneIsNotFoundInAnother) {
   const auto cube = Cube(0.15);
   const std::vector<Actor> actors = {{cube, Passing(0.4, 0.0, 0.6, 0.15, 1.0)}};
   const std::vector<Event> events = Film(actors, 300'000);
@@ -236,7 +236,7 @@ TEST(SeveralObjects, OneThatIsNotThereIsNotFoundInAnother) {
   }
 }
 
-TEST(SeveralObjects, OneFarAsideChangesNothing) {
+TEST(SeveralObjects, ADistantOneHasNoInfluence) {
   const std::vector<Actor> actors = {{Cube(0.10),
                                       [](double t) {
                                         return MakePose({-0.2 + 0.1 * t, 0.0, 0.6}, {0.5 + t, 0.4, 0.2});

@@ -95,7 +95,7 @@ TEST(TrackerSkip, BridgesAGapWithAnUncertaintyThatHasGrown) {
   EXPECT_LT(nees, 4.0 * 6.0);
 }
 
-TEST(TrackerSkip, IsNotTakenForRest) {
+TEST(TrackerSkip, AGapIsNotTreatedAsRest) {
   const Motion motion = Moving(0.5);
   const std::vector<Event> events = EventsOf(motion, 200'000);
   const SkipRun run = Track(events, 100'000, 110'000);

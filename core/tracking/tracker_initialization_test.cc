@@ -196,7 +196,7 @@ TEST(TrackerInitialization, WaitsWhileNothingMoves) {
   EXPECT_TRUE(estimates.empty());
 }
 
-TEST(TrackerInitialization, SaysThatThereAreTooFewLines) {
+TEST(TrackerInitialization, ReportsTooFewLines) {
   auto tracker = MakeTracker(IdealSensor());
   IdealEventOptions options;
   options.duration_us = 200'000;
@@ -287,7 +287,7 @@ TEST(TrackerInitialization, WorksWithoutReviews) {
   EXPECT_LT(first_us, 50'000);
 }
 
-TEST(TrackerInitialization, FindsTheCubeInAFlood) {
+TEST(TrackerInitialization, FindsTheCubeInDenseNoise) {
   const auto cube = Cube();
   IdealEventOptions flood;
   flood.duration_us = 60'000;
@@ -322,7 +322,7 @@ TEST(TrackerInitialization, AGivenPoseEndsTheSearch) {
   EXPECT_LT(RotationAngle(truth.rotation, estimates.front().camera_from_object.rotation), 0.035);
 }
 
-TEST(TrackerInitialization, AWrongPoseGivenDuringTheSearchIsTurnedDownAndTheSearchGoesOn) {
+TEST(TrackerInitialization, AWrongPoseGivenDuringTheSearchIsRejectedAndTheSearchContinues) {
   const auto cube = Cube();
   auto tracker = MakeTracker(IdealSensor(), cube);
   std::vector<PoseEstimate> estimates;
@@ -338,7 +338,7 @@ TEST(TrackerInitialization, AWrongPoseGivenDuringTheSearchIsTurnedDownAndTheSear
 }
 
 // What follows looks at the order of what is published, at a reset, and at an object that vanishes at once.
-TEST(TrackerInitialization, PosesNeverStepBackInTimeWhateverIsSearchedAgain) {
+TEST(TrackerInitialization, PosesNeverStepBackInTime) {
   TrackerOptions options = IdealSensor();
   options.initialization.num_reviews = 100;  // the memory then holds windows whose poses are out
   const RigidTransform elsewhere = MakePose({-0.06, 0.04, 0.7}, {0.2, -0.7, 0.9});

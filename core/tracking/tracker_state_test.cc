@@ -203,7 +203,7 @@ Scene Crossing(bool with_poses) {
   return scene;
 }
 
-TEST(TrackerState, EveryEstimatorGoesOnWhereItWas) {
+TEST(TrackerState, EveryEstimatorContinuesIdentically) {
   for (const auto& [estimator, name] : kEstimatorNames) {
     SCOPED_TRACE(std::string(name));
     Scene scene = OneCube(60'000, Tumbling(), true);
@@ -212,18 +212,18 @@ TEST(TrackerState, EveryEstimatorGoesOnWhereItWas) {
   }
 }
 
-TEST(TrackerState, AStillObjectGoesOnWhereItWas) {
+TEST(TrackerState, AStillObjectContinuesIdentically) {
   EXPECT_GT(RunMoved(OneCube(400'000, RestsForAMoment(), true), 2).estimates.size(), 200u);
 }
 
-TEST(TrackerState, SearchLossAndFindingGoOnWhereTheyWere) {
+TEST(TrackerState, SearchLossAndRecoveryContinueIdentically) {
   const Story story = RunMoved(FoundLostAndFoundAgain(), 3);
   EXPECT_TRUE(story.was_lost);
   EXPECT_TRUE(story.was_found_again);
   EXPECT_GT(story.attempts, 2u);
 }
 
-TEST(TrackerState, SeveralObjectsGoOnWhereTheyWere) {
+TEST(TrackerState, SeveralObjectsContinueIdentically) {
   for (const bool with_poses : {true, false}) {
     const Story story = RunMoved(Crossing(with_poses), 4);
     for (uint32_t i = 0; i < 2; ++i) {
@@ -233,7 +233,7 @@ TEST(TrackerState, SeveralObjectsGoOnWhereTheyWere) {
   }
 }
 
-TEST(TrackerState, APoseThatWasGivenGoesOnWhereItWas) {
+TEST(TrackerState, AGivenPoseContinuesIdentically) {
   Scene scene = OneCube(80'000, Tumbling(), false);
   scene.reset_before = scene.events.size() / 2;
   scene.reset_pose = Tumbling()(0.04);
@@ -259,7 +259,7 @@ void TryDamaged(const Scene& scene, const std::string& damaged, absl::Span<const
   ASSERT_LE(estimates.size(), 1000u);
 }
 
-TEST(TrackerState, DamagedStatesAreRefusedOrTracked) {
+TEST(TrackerState, DamagedStatesAreRejectedOrTracked) {
   Random random(7);
   for (const Scene& scene : {FoundLostAndFoundAgain(), Crossing(true)}) {
     const Story story = RunMoved(scene, 8);
@@ -287,7 +287,7 @@ TEST(TrackerState, DamagedStatesAreRefusedOrTracked) {
   }
 }
 
-TEST(TrackerState, TruncatedStatesAreRefused) {
+TEST(TrackerState, TruncatedStatesAreRejected) {
   const Scene scene = Crossing(true);
   const Story story = RunMoved(scene, 9);
   const std::string& state = story.states.back();

@@ -339,7 +339,7 @@ TEST(Tracker, AFloodIsBoundedAndTracked) {
   EXPECT_LT(Compare(run.estimates, motion).position_rmse_of_depth, 1e-3);
 }
 
-TEST(Tracker, NoPoseIsClaimedOnNoise) {
+TEST(Tracker, NoPoseIsReportedOnNoise) {
   for (const double rate_hz : {50e3, 1e6, 10e6}) {
     const TrackRun run = Track(Noise(rate_hz, 0, 60'000, 5), kStart);
     EXPECT_TRUE(run.estimates.empty()) << rate_hz;
@@ -373,7 +373,7 @@ TEST(Tracker, LosesAnObjectThatLeavesTheImage) {
   EXPECT_LT(run.estimates.back().t_us, 210'000);
 }
 
-TEST(Tracker, WrongFirstPosesAreNeverClaimed) {
+TEST(Tracker, WrongFirstPosesAreNeverReported) {
   const Motion motion = Tumble(1.0);
   IdealEventOptions options;
   options.duration_us = 40'000;
@@ -390,7 +390,7 @@ TEST(Tracker, WrongFirstPosesAreNeverClaimed) {
   }
 }
 
-TEST(Tracker, AFirstPoseThatIsSlightlyOffIsTakenUpAndCorrected) {
+TEST(Tracker, AnInaccurateFirstPoseIsCorrected) {
   const Motion motion = ConstantTwist(kStart, Twist(0.3, 0.2, 0.0, 0.5, 0.5, 0.5));
   IdealEventOptions options;
   options.duration_us = 80'000;
