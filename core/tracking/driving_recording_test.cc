@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// A real street scene in which there is no cube: no pose may be claimed, whatever pose it is told.
+// A real recording of a street without a cube: no pose of a cube may be reported, for any given pose.
 #include <gtest/gtest.h>
 
 #include <filesystem>

@@ -13,7 +13,7 @@
 namespace evpose {
 namespace {
 
-// Events of a line: fewer cannot reach the significance even if all are near.
+// Events of a line: fewer cannot reach the significance, even if all of them are near.
 constexpr double kTestableEvents = 20.0;
 
 }  // namespace
@@ -169,7 +169,10 @@ void TrackHealth::FindNearest(const LineEvents& events, absl::Span<const ImageLi
 
 HealthResult TrackHealth::Test(double min_support_ratio, double sure_support_ratio, int min_supported_lines,
                                int64_t patience_us) {
+  // Seconds without enough events after which the result is kFewEvents: a pose at rest is reported as such within 20
+  // ms.
   constexpr double kLongestSpanS = 0.02;
+  // Added to the span because sums of durations in seconds are rounded, and the options are whole microseconds.
   constexpr double kHalfMicrosecond = 0.5;
   const double span_us = span_s_ * 1e6 + kHalfMicrosecond;
   HealthResult result;
@@ -193,7 +196,7 @@ HealthResult TrackHealth::Test(double min_support_ratio, double sure_support_rat
 
 double TrackHealth::CreditedNoiseRatio() const {
   // After kFewEvents the object is at rest, and every background rate explains the events. A moving object does not
-  // stop at the moment at which dense noise begins, so that only a limited rate is accepted.
+  // stop at the moment at which dense noise begins, so that only a limited rate is accepted as an explanation.
   if (was_quiet_) return 1.0;
   double noise = 0.0;
   for (const LineStatistics& line : statistics_) noise += line.noise;

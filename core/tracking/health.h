@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// Tests whether the events support the pose (core/tracking/README.md, section 1). The test statistic is the number of
+// Tests whether the events support a pose (core/tracking/README.md, section 1). The test statistic is the number of
 // events near the projected lines minus the number that uniform clutter would put there.
 #pragma once
 
@@ -16,11 +16,12 @@
 
 namespace evpose {
 
-// Track health (core/tracking/README.md, section 1): tests with stated false alarm rates, all on the same count of
-// events.
+// Thresholds of the tests of core/tracking/README.md, section 1. All tests use the same event counts and have stated
+// false alarm rates; they were validated on simulated recordings with truth (core/experiments/RESULTS.md) and on the
+// tests of this folder.
 struct HealthOptions {
-  // Pixels. An event within near_px of its line counts as an event of that line; gate_px bounds the events that are
-  // counted at all. Under uniform clutter the near share of the gated events equals the ratio of the areas.
+  // Pixels. An event within near_px of its line counts as an event of that line; events beyond gate_px are not counted.
+  // Under uniform clutter the share of near events among the gated ones equals the ratio of the areas.
   double near_px = 2.0;
   double gate_px = 8.0;
   // Standard deviations by which the near events must exceed chance: 1e-3 one-sided under the normal.
@@ -48,11 +49,11 @@ struct HealthOptions {
   double min_signal_events = 50.0;
   // Microseconds over which the counts of a short or slow line are summed.
   int64_t memory_us = 100'000;
-  // Share of the visible lines' length that must have been testable before the first support confirms a tentative
+  // Share of the length of the visible lines that must have been testable before the first support confirms a tentative
   // track: a part of one object can equal the whole of another.
   double min_tested_ratio = 0.9;
-  // Microseconds for which the first confirmation waits for that at most: a line that moves along itself produces no
-  // events and never becomes testable.
+  // Microseconds after which the first confirmation no longer waits for min_tested_ratio: a line that moves along
+  // itself produces no events and never becomes testable.
   int64_t max_hold_us = 15'000;
   // Microseconds after which a confirmed pose without support counts as unsupported: ten poses at 1 kHz.
   int64_t patience_us = 10'000;
@@ -97,6 +98,7 @@ struct LineStatistics {
   }
 };
 
+// Result of a test, with the statistics that led to it.
 struct HealthResult {
   enum class Kind {
     kOpen,         // too few events for a result; counting continues
@@ -107,15 +109,16 @@ struct HealthResult {
   };
   Kind kind = Kind::kOpen;
   double sigma = 0.0;  // standard deviations by which near events exceed chance
-  // Share of the visible lines' length that should have produced events since the last test result, or that has other
-  // events near it.
+  // Share of the length of the visible lines on which events were expected or observed since the last test result.
   double present_ratio = 0.0;
-  double testable_ratio = 0.0;  // the same, including the counts of the last memory_us
-  double support_ratio = 0.0;   // share of the testable lines' length that is supported
+  // Share of the length of the visible lines that was testable, with the counts of the last memory_us.
+  double testable_ratio = 0.0;
+  double support_ratio = 0.0;  // share of the length of the testable lines that is supported
   int supported_lines = 0;
   int testable_lines = 0;
 };
 
+// Accumulates the event counts of the lines of one hypothesis and tests them.
 class TrackHealth {
  public:
   // Distance in pixels from the lines up to which AddWindow() needs the events.
@@ -123,13 +126,21 @@ class TrackHealth {
 
   TrackHealth(const HealthOptions& options, double min_events_per_px2, int num_model_lines);
 
-  // `lines` are those of `input`, as the fit left them; `twist` is the fit's.
+  // Adds the counts of a window. `lines` are the images of `input.lines` at the estimated state, in the same order;
+  // `twist` is the estimated one (m/s, rad/s).
   void AddWindow(const CameraModel& camera, const WindowInput& input, absl::Span<const ImageLine> lines,
                  const Vector6d& twist);
-  // Returns kSupported when the supported share of the lines' length reaches `sure_support_ratio` and kDoubtful when it
-  // reaches `min_support_ratio`; these and `min_supported_lines` are stricter for confirming a pose than for keeping
-  // it. kSupported is returned as soon as the counts allow, kDoubtful and kUnsupported only after `patience_us`,
-  // because in flicker or clutter the object's own events are a small share. Every result but kOpen resets the counts.
+  // Tests the counts since the last result.
+  //
+  //   kSupported     supported length / testable length >= sure_support_ratio, with min_supported_lines supported lines
+  //   kDoubtful      the same with min_support_ratio
+  //   kUnsupported   enough events near the lines, but neither of the above
+  //   kFewEvents     no more events than the background explains, as for an object at rest
+  //   kOpen          too few events so far; counting continues
+  //
+  // kSupported is returned as soon as the counts reach it, kDoubtful and kUnsupported only after `patience_us`, because
+  // flicker and clutter dilute the events of the object. Every result but kOpen resets the counts. The ratios and the
+  // number of lines are stricter for confirming a pose than for keeping one (HealthOptions).
   HealthResult Test(double min_support_ratio, double sure_support_ratio, int min_supported_lines, int64_t patience_us);
 
   static void VisitState(auto& archive, auto& self) {
@@ -173,12 +184,12 @@ class TrackHealth {
   struct WindowLine {
     LineStatistics* evidence;
     double places_per_px;                               // of LineStatistics::along
-    std::array<double, 2> gated_of = {}, near_of = {};  // by polarity
+    std::array<double, 2> gated_of = {}, near_of = {};  // events in the gate and near the line, by polarity
   };
   void AddEvent(double distance_px, double along_px, double competing, uint8_t polarity, WindowLine& line);
   std::vector<WindowLine> window_lines_;
   std::vector<Lanes> distance_px_;    // of events in several gates; infinite beyond the gates
-  std::vector<LaneMask> is_nearest_;  // likewise
+  std::vector<LaneMask> is_nearest_;  // the line is the nearest one of the event; indexed like distance_px_
 };
 
 }  // namespace evpose

@@ -18,7 +18,7 @@ constexpr double kLineM = 0.1;  // 100 px
 constexpr double kWindowS = 0.002;
 constexpr double kKeep = 0.35, kSure = 0.6;
 
-// Ten upright lines, 40 px apart, that move to the right by 0.4 px in a window.
+// Ten vertical lines, 40 px apart, that move to the right by 0.4 px per window.
 class HealthTest : public ::testing::Test {
  protected:
   HealthTest() {
@@ -32,7 +32,8 @@ class HealthTest : public ::testing::Test {
     grid_.Build(lines_, 12.0);
   }
 
-  // `count` events evenly over a strip about a line, or about a part of it, in fractions of its length.
+  // Adds `count` events, uniformly distributed over a strip about a line, or about a part of it, in fractions of its
+  // length.
   void AddEvents(int line, int count, double half_width_px, double along_begin = 0.0, double along_end = 1.0,
                  uint8_t polarity = 0) {
     for (int i = 0; i < count; ++i) {
@@ -60,7 +61,7 @@ class HealthTest : public ::testing::Test {
     health_.AddWindow(camera_, input, lines_, state_.twist);
     events_.clear();
   }
-  // A window in which so many of the lines have events of their own; near the others there are those of other things.
+  // A window in which `num_lines` lines have events of their own, and the others have unrelated events nearby.
   HealthResult WindowWithOwn(int num_lines) {
     for (int k = 0; k < kNumLines; ++k) AddEvents(k, 100, k < num_lines ? 1.0 : 8.0);
     CloseWindow();
@@ -98,8 +99,8 @@ TEST_F(HealthTest, AFifthOfAPoseDoesNotSupportIt) {
 }
 
 TEST_F(HealthTest, AFewEventsOfOnePolaritySufficeAmongManyOfTheOther) {
-  // As while a lamp grows brighter: a line's own 20 are OFF, those of the lit surface about it are ON. Weighed alike
-  // the own ones would be 20 more than chance gives, of 420 near and beside, and that is within its spread.
+  // Like a lamp that becomes brighter: 20 OFF events of the line among ON events of the lit surface. Without the
+  // weights by polarity, the 20 events are within the fluctuation of the 420 gated ones.
   const auto judge = [&](double own_half_width_px) {
     HealthResult result;
     for (int i = 0; i < 10 && result.kind == Kind::kOpen; ++i) {
@@ -117,8 +118,8 @@ TEST_F(HealthTest, AFewEventsOfOnePolaritySufficeAmongManyOfTheOther) {
 }
 
 TEST_F(HealthTest, FlickerDoesNotCountAgainstALine) {
-  // While it grows brighter, lines whose own events are ON are drowned for a while; half of them send OFF events. They
-  // are slow: their motion does not say that each must have answered.
+  // While the lamp becomes brighter, lines with ON events are masked; half of the lines have OFF events. The motion is
+  // so slow that no event is expected of the masked ones.
   state_.twist[0] = 0.02;
   const auto judge = [&](ByPolarity telling) {
     HealthResult result;
@@ -148,7 +149,7 @@ TEST_F(HealthTest, EventsAtTheBackgroundRateAreFewEvents) {
     result = TestNow();
   }
   EXPECT_EQ(result.kind, Kind::kFewEvents);
-  // The same events, and none elsewhere: something else moves there.
+  // The same events without any elsewhere: something moves there.
   result = HealthResult();
   for (int i = 0; i < 10 && result.kind == Kind::kOpen; ++i) {
     for (int k = 0; k < kNumLines; ++k) AddEvents(k, static_cast<int>(random_.Poisson(kNoisePerPx2 * 1600.0)), 8.0);
@@ -171,7 +172,7 @@ TEST_F(HealthTest, ACrossingEdgeIsPresentOnAPartOfTheLines) {
     return result;
   };
   EXPECT_LT(judge(0.3, 0.45).present_ratio, 0.35);
-  // All along them it was the object that moved, and is elsewhere now.
+  // Events along the whole lines: the object has moved away from this pose.
   EXPECT_GT(judge(0.0, 1.0).present_ratio, 0.9);
 }
 
@@ -186,7 +187,7 @@ TEST_F(HealthTest, AnObjectAtRestStaysQuietInDenseNoise) {
     }
     return result.kind;
   };
-  // In motion its own events would show.
+  // In motion the object would produce events of its own.
   EXPECT_EQ(WindowWithOwn(kNumLines).kind, Kind::kSupported);
   EXPECT_EQ(flood(), Kind::kUnsupported);
   for (int i = 0; i < 20 && TestNow().kind == Kind::kOpen; ++i) CloseWindow();

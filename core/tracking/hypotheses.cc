@@ -136,7 +136,7 @@ void Hypotheses::PutBestFirst(double min_sigma) {
 void Hypotheses::Entry::VisitState(auto& archive, auto& self) {
   auto& [track, estimate, explains, difference, squares] = self;
   archive(*track, estimate);
-  // As many as there are entries.
+  // Both have one element per entry.
   for (auto& value : difference) archive(Finite(value));
   for (auto& value : squares) archive(Finite(value));
 }

@@ -13,16 +13,16 @@
 namespace evpose {
 
 // Tracks all hypotheses and removes those that are lost, that have converged to another one, or that are significantly
-// worse than another one. Two poses are compared event by event, so that events that both explain do not count; the
-// differences are summed from window to window until they are significant (a sequential test).
+// less likely than another one. Two poses are compared event by event, so that events that both explain do not count;
+// the differences are summed from window to window until they are significant (a sequential test).
 class Hypotheses {
  public:
   explicit Hypotheses(const TrackContext& context) : context_(context) {}
 
-  // Adds one. Between equally supported hypotheses the earlier one precedes.
+  // Adds a hypothesis that starts at `start`. Among equally supported hypotheses the earlier one takes precedence.
   void Add(const MotionState& start);
-  // Moves the other's hypotheses here; they are compared with the present ones from the next window on. At most twice
-  // InitializationOptions::max_candidates are kept.
+  // Moves the hypotheses of `others` here; they are compared with the present ones from the next window on. At most
+  // twice InitializationOptions::max_candidates are kept, the earliest ones.
   void Join(Hypotheses&& others);
   void Clear() { entries_.clear(); }
 
@@ -30,9 +30,9 @@ class Hypotheses {
   void OnWindow(const EventWindow& window, const Competitors* others = nullptr);
   // See PoseTrack::OnGap.
   void OnGap(int64_t gap_us);
-  // Removes those for which the predicate is true.
+  // Removes the hypotheses for which `is_wrong` is true.
   void DropIf(absl::FunctionRef<bool(const PoseTrack&)> is_wrong);
-  // Moves the best hypothesis to the front if it is better than the present first one by at least `min_sigma` standard
+  // Moves the best hypothesis to the front if the events prefer it to the first one by at least `min_sigma` standard
   // deviations.
   void PutBestFirst(double min_sigma);
 
@@ -40,7 +40,7 @@ class Hypotheses {
   size_t size() const { return entries_.size(); }
   // Requires !empty().
   const PoseTrack& first() const { return *entries_.front().track; }
-  // That of the first hypothesis in the last window; nullopt while it is tentative. Requires !empty().
+  // Estimate of the first hypothesis for the last window; nullopt while it is tentative. Requires !empty().
   const std::optional<PoseEstimate>& estimate() const { return entries_.front().estimate; }
 
   // To be called between windows. LoadState() requires the same context; after a failure (reader.status()) there are no
@@ -53,7 +53,7 @@ class Hypotheses {
   struct Entry {
     std::unique_ptr<PoseTrack> track;
     std::optional<PoseEstimate> estimate;
-    std::vector<float> explains;  // of the window's sampled events
+    std::vector<float> explains;  // scores of the compared events of the window (PoseTrack::Explains)
     // For each other entry, in the order of `entries_`: sum of the differences of `explains`, and of their squares.
     std::vector<double> difference;
     std::vector<double> squares;

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// Poses that compete, on ideal events of a cube.
+// Competing poses, on ideal events of a cube.
 #include "core/tracking/hypotheses.h"
 
 #include <gtest/gtest.h>
@@ -45,7 +45,7 @@ MotionState Start(const TrackContext& context, const RigidTransform& pose) {
   return state;
 }
 
-// Runs the events of the cube that starts at kStart through the hypotheses.
+// Processes the events of the cube that starts at kStart with the hypotheses.
 std::optional<PoseEstimate> FollowCube(const TrackContext& context, Hypotheses& hypotheses, int64_t duration_us) {
   IdealEventOptions options;
   options.duration_us = duration_us;
@@ -76,7 +76,7 @@ TEST(Hypotheses, ASingleHypothesisEqualsATrack) {
 }
 
 TEST(Hypotheses, TheRightOneIsKeptInEitherOrder) {
-  // A cube turned a little is a local optimum's neighbour: many of its lines still meet events.
+  // A slightly rotated cube: many of its lines still have events, as at a local optimum.
   const RigidTransform wrong = MakePose({0.02, -0.01, 0.62}, {0.75, 0.5, 0.2});
   for (const bool right_first : {true, false}) {
     const TrackContext context = MakeContext();
@@ -95,7 +95,7 @@ TEST(Hypotheses, EqualHypothesesAreMerged) {
   Hypotheses hypotheses(context);
   hypotheses.Add(Start(context, kStart));
   hypotheses.Add(Start(context, kStart));
-  // A quarter turn of the cube is no other pose.
+  // A cube rotated by a quarter turn is the same pose by symmetry.
   hypotheses.Add(Start(context, kStart * RigidTransform{ExpSo3({0.0, 0.0, 1.5707963267948966}), {0.0, 0.0, 0.0}}));
   FollowCube(context, hypotheses, 3'000);
   EXPECT_EQ(hypotheses.size(), 1u);

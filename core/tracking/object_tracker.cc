@@ -154,7 +154,7 @@ void ObjectTracker::Follow(const EventWindow& window, std::vector<PoseEstimate>&
 void ObjectTracker::Publish(PoseEstimate estimate, std::vector<PoseEstimate>& estimates) {
   estimate.state = state();
   if (estimate.state == TrackState::kTracking) last_tracked_ = hypotheses_.first().motion();
-  // A search after a loss looks back on windows whose poses are out already.
+  // A search after a loss processes stored windows again, for some of which poses were published before.
   if (estimate.t_us <= last_published_us_) return;
   last_published_us_ = estimate.t_us;
   estimates.push_back(estimate);
@@ -200,8 +200,8 @@ void ObjectTracker::Search(const EventWindow& window, std::vector<PoseEstimate>&
 bool ObjectTracker::MayReview() const {
   if (initializer_ == nullptr || hypotheses_.empty()) return false;
   if (memory_.num_events() < static_cast<size_t>(context_.options.initialization.min_events)) return false;
-  // While ambiguous, a new search would re-create hypotheses that were already rejected, without the evidence
-  // accumulated against them.
+  // Do not search again while ambiguous: a new search would re-create hypotheses that were already rejected, without
+  // the evidence accumulated against them.
   if (!IsPublished(phase_) && report_.status == InitializationStatus::kAmbiguous) return false;
   // Events near its lines do not distinguish an object at rest from one that has gone: it may reappear elsewhere.
   return !IsPublished(phase_) || reviews_left_ > 0 || state() == TrackState::kDegraded;
@@ -231,7 +231,7 @@ void ObjectTracker::Review(const EventWindow& window) {
 }
 
 InitializationStatus ObjectTracker::FindHypotheses(Hypotheses& hypotheses) {
-  constexpr int kMinLines = 3;
+  constexpr int kMinLines = 3;  // three lines determine the six unknowns of a pose
   CollectEvents();
   const FirstPoses first = initializer_->Find(pixel_events_);
   ++report_.attempts;
@@ -314,7 +314,7 @@ BoundingSphere ObjectTracker::SphereAt(const RigidTransform& camera_from_object)
 bool ObjectTracker::IsOccupied(const PoseTrack& track) const {
   // Two bodies cannot occupy the same place. An estimate that drifts onto another object of the same model comes closer
   // than this well before both coincide.
-  constexpr double kSamePlaceRatio = 0.1;  // of the radius
+  constexpr double kSamePlaceRatio = 0.1;  // relative to the radius of the bounding sphere
   const Eigen::Vector3d centre = SphereAt(track.motion().camera_from_object).centre;
   return std::any_of(others_.begin(), others_.end(), [&](const ObjectTracker* other) {
     if (!IsPublished(other->phase_) || other->context_.model != context_.model) return false;

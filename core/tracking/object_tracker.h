@@ -20,6 +20,7 @@
 
 namespace evpose {
 
+// Follows the hypotheses about one object and publishes at most one pose per window. Not thread-safe.
 class ObjectTracker {
  public:
   // `initializer` may be null: every pose is then given. The pose in `object` is that at the first event.
@@ -29,7 +30,8 @@ class ObjectTracker {
   // before the window are used, so that the results do not depend on the order of the objects.
   void SetOthers(std::vector<const ObjectTracker*> others);
 
-  // To be called for all objects before any of them processes the next window: fixes what the others see of this one.
+  // To be called for all objects before any of them processes the next window: stores the state of this object that the
+  // others use.
   void BeginWindow();
   // Processes windows in order of time. Appends at most one estimate for this window, and those of past windows after a
   // search.
@@ -88,7 +90,8 @@ class ObjectTracker {
   // Searches again while a pose is tracked; the poses that are found become competing hypotheses.
   bool MayReview() const;
   void Review(const EventWindow& window);
-  // Adds the hypotheses that a search in the stored events finds; the result tells why there are none.
+  // Searches in the stored events and adds the poses that are found as hypotheses. Returns the reason if there are
+  // none.
   InitializationStatus FindHypotheses(Hypotheses& hypotheses);
   // Fills pixel_events_ with the stored events, undistorted.
   void CollectEvents();
@@ -99,7 +102,7 @@ class ObjectTracker {
   void Lose();
   // To be called when a published or given pose is rejected.
   void CountLoss();
-  // The one place where the phase changes.
+  // Applies the transition function and reports the transition. No other function changes the phase.
   void Enter(ObjectInput input);
 
   const TrackContext context_;
@@ -126,10 +129,10 @@ class ObjectTracker {
 
   std::vector<const ObjectTracker*> others_;
   std::unique_ptr<Competitors> competitors_;  // null without others
-  // Those of the stored windows, in order of time; empty without other objects.
+  // Past states for the stored windows, in order of time; empty without other objects.
   std::deque<PastState> past_states_;
-  bool was_published_ =
-      false;  // a pose was published before this window, so that the other objects account for this one
+  // A pose was published before this window, so that the other objects take this one into account.
+  bool was_published_ = false;
 
   std::vector<PixelEvent> pixel_events_;
 };

@@ -41,8 +41,7 @@ std::unique_ptr<Tracker> MakeTracker(const std::optional<RigidTransform>& initia
   return Tracker::Create(Cube(), kCamera, options, initial).value();
 }
 
-// A part of a stream, with this density of the cube's events and this rate of clutter. Without events the cube is at
-// rest.
+// A part of a stream with this event density of the cube and this rate of clutter. At density 0 the cube is at rest.
 struct Part {
   int64_t duration_us;
   double events_per_px2;

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// What the tracker reports: the state of an object's track, its pose, and the progress of its initialization.
+// Output of the tracker: the state of the track of an object, its pose, and the progress of its initialization.
 #pragma once
 
 #include <cstdint>
@@ -14,7 +14,7 @@ namespace evpose {
 enum class TrackState { kInitializing, kTracking, kDegraded, kLost };
 std::string_view TrackStateName(TrackState state);  // "INITIALIZING", "TRACKING", "DEGRADED", "LOST"
 
-// Why there is no pose yet.
+// Progress of the initialization, or the reason why there is no pose.
 enum class InitializationStatus {
   kNotNeeded,         // a pose is tracked
   kWaitingForEvents,  // too few events: nothing is in view, or the object is at rest
@@ -36,16 +36,18 @@ struct InitializationReport {
   }
 };
 
-// One estimate, in the notation of the API's Pose message.
+// Pose of one object at one time, in the notation of the Pose message of the API.
 struct PoseEstimate {
   uint32_t object_index = 0;
-  int64_t t_us = 0;  // the time the pose is for: the events' mid-window, where it is best known
-                     // (core/estimation/README.md, section 2)
+  // Sensor time of the pose: the middle of the window, where its uncertainty is smallest (core/estimation/README.md,
+  // section 2).
+  int64_t t_us = 0;
   RigidTransform camera_from_object;
-  Matrix6d covariance = Matrix6d::Zero();  // of [tx ty tz rx ry rz], m and rad, left perturbation
-  Vector6d twist = Vector6d::Zero();       // [vx vy vz wx wy wz]: dT/dt = v, dR/dt = w^ R, m/s and rad/s
+  // Covariance of [tx ty tz rx ry rz], m^2, m rad and rad^2, left perturbation.
+  Matrix6d covariance = Matrix6d::Zero();
+  Vector6d twist = Vector6d::Zero();  // [vx vy vz wx wy wz]: dT/dt = v, dR/dt = w^ R, m/s and rad/s
   TrackState state = TrackState::kInitializing;
-  uint32_t num_events = 0;       // in the gate
+  uint32_t num_events = 0;       // events in the gates of the lines, without downsampling
   float explained_ratio = 0.0f;  // share of the gated events that the lines explain
   float residual_rms_px = 0.0f;
 

@@ -14,7 +14,9 @@ constexpr double kMaxDeficitRatio = 0.5;
 // Whether a second fit explains the object better than the first: it must explain more events, and gain on most of the
 // lines that have events. Another edge that passes by has many events, but on few of the lines.
 bool IsBetter(const WindowFit& second, const WindowFit& first, absl::Span<const ImageLine> lines) {
+  // Events of a line in both fits together: fewer cannot show a difference of kSigma standard deviations.
   constexpr double kMinEvents = 3.0;
+  // Standard deviations for one line; the majority of the lines makes the decision significant.
   constexpr double kSigma = 2.0;
   if (second.explained_signal_ratio() <= first.explained_signal_ratio()) return false;
   if (second.deficit_ratio > kMaxDeficitRatio) return false;
@@ -114,7 +116,8 @@ std::optional<PoseEstimate> PoseTrack::Hold(const EventWindow& window) {
 }
 
 double PoseTrack::Explains(Observation observation, const Competitors* others) const {
-  // A triangle about the line and a trough beside it, as wide as a line's events spread, of integral zero.
+  // A triangle of half-width kOwnPx about the line, which is the spread of its events, and a constant negative value up
+  // to kScoredPx, so that the integral across the line is zero.
   constexpr double kOwnPx = 3.0;
   constexpr double kScoredPx = 6.0;
   constexpr double kBesideScore = 0.5 * kOwnPx / (kScoredPx - kOwnPx);
@@ -166,7 +169,8 @@ const WindowFit& PoseTrack::FitWindow(const EventWindow& window, const Competito
 }
 
 bool PoseTrack::IsOnlyBackground(const WindowFit& fit) {
-  // About 20 windows: the events of a slow object are within the fluctuation of the noise in 1 ms, but exceed it in 20.
+  // Fading factor; the sums cover about 20 windows. The events of a slow object are within the fluctuation of the noise
+  // in 1 ms, but exceed it in 20 ms.
   constexpr double kKeep = 0.95;
   const HealthOptions& health = context_.options.health;
   recent_signal_ = kKeep * recent_signal_ + fit.num_gated - fit.num_background;
@@ -203,7 +207,7 @@ double PoseTrack::CompetingFor(const Observation& event, const Competitors& othe
                                absl::Span<const double> rates) const {
   const double density = others.DensityAt(event);
   if (density <= 0.0) return 0.0;
-  constexpr double kReachPx = 16.0;
+  constexpr double kReachPx = 16.0;  // the widest gate of the first pass, MixtureOptions::max_gate_px
   const NearLines near = FindNearLines(event, image_lines_.data(), kReachPx, 0.0);
   // Away from all own lines the event can only belong to the other objects, whatever their rate.
   return near.count == 0 ? density : density / rates[near.line[0]];
@@ -297,9 +301,9 @@ void PoseTrack::Enter(TrackInput input, int64_t t_us) {
   phase_ = next;
 }
 
-// While the events do not support the pose, the fit's own covariance is that of a wrong association: small, and no sign
-// of health (core/tracking/README.md, section 1). What is known then is the last supported state and how far an
-// object may have got since.
+// While the events do not support the pose, the covariance of the fit is that of a wrong association: it is small and
+// no measure of the error (core/tracking/README.md, section 1). The published covariance is then that of the state
+// predicted over the time since the last support.
 Matrix6d PoseTrack::PublishedCovariance(const MotionState& state) const {
   const bool is_unsupported = phase_ == TrackPhase::kUnsupported;
   if (!is_unsupported && phase_ != TrackPhase::kDoubtful) return state.covariance.topLeftCorner<6, 6>();
@@ -316,7 +320,7 @@ void PoseTrack::VisitState(auto& archive, auto& self) {
          supported_at_us, unsupported_since_us, lines, unoccluded_lines, is_occluded, is_partly_occluded, image_lines,
          rates, near_events, line_events, past_deficit_counts, fit, second_fit] = self;
   constexpr int64_t kMax_us = kMaxStateTime_us;
-  constexpr int kMaxContradictions = 1 << 20;
+  constexpr int kMaxContradictions = 1 << 20;  // more than any track collects before it is rejected
   archive(visible_lines, background, *estimator, health, AtMost(phase, TrackPhase::kLost), motion,
           Finite(usual_explained_ratio), Finite(recent_signal), Finite(recent_background),
           AtMost(num_contradictions, kMaxContradictions), InRange(followed_since_us, -kMax_us, kMax_us),

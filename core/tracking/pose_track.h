@@ -26,7 +26,7 @@
 
 namespace evpose {
 
-// What all hypotheses of an object share.
+// Data that all hypotheses of an object share.
 struct TrackContext {
   std::shared_ptr<const ObjectModel> model;
   CameraModel camera;
@@ -36,13 +36,14 @@ struct TrackContext {
   std::shared_ptr<PhaseReporter> phase_reporter = std::make_shared<PhaseReporter>();
 };
 
+// Tracks one pose with its twist and covariance. Not thread-safe; deterministic.
 class PoseTrack {
  public:
   // Tentative until the events support the pose. `context` must outlive it.
   PoseTrack(const TrackContext& context, const MotionState& start);
 
-  // Predicts, associates, estimates and tests. Returns an estimate while the state is TRACKING or DEGRADED. `others`:
-  // the other objects at mid-window, null or empty when there are none.
+  // Processes a window: prediction, association, estimation, test. Returns an estimate while the state is TRACKING or
+  // DEGRADED. `others` are the other objects at mid-window; null or empty: none.
   std::optional<PoseEstimate> OnWindow(const EventWindow& window, const Competitors* others = nullptr);
 
   // No event was processed for `gap_us` before the next window: the timeouts of the phases are extended by it.
@@ -57,7 +58,7 @@ class PoseTrack {
   }
   // Clears the count of contradictions of a tentative track.
   void ClearContradictions() { num_contradictions_ = 0; }
-  // At the middle of the last window.
+  // State at the middle of the last window.
   const MotionState& motion() const { return motion_; }
   // Replaces the state from which the next window is predicted: for experiments that perturb every start.
   void set_motion(const MotionState& motion) { motion_ = motion; }
@@ -86,13 +87,14 @@ class PoseTrack {
   bool IsSlow(const WindowInput& input) const;
   // Whether there are significantly more events near the lines than the background rate explains.
   bool HasSignal(const WindowFit& fit) const;
-  // Whether there is no such excess over the last windows either. Adds this window to the running sums: to be called
-  // once per window.
+  // Whether there is no such excess over the last windows either. It adds this window to the running sums and is
+  // therefore to be called once per window.
   bool IsOnlyBackground(const WindowFit& fit);
-  // The other objects occlude it completely: the estimate is the prediction with its covariance.
+  // Handles a window in which the other objects occlude all lines: the estimate is the prediction with its covariance.
   std::optional<PoseEstimate> Hold(const EventWindow& window);
   void UpdatePhase(const HealthResult& result, int64_t t_us);
-  // The one place where the phase changes; sets what belongs to the new one.
+  // Applies the transition function, stores the time of the transition and reports it. No other function changes the
+  // phase.
   void Enter(TrackInput input, int64_t t_us);
   Matrix6d PublishedCovariance(const MotionState& state) const;
   PoseEstimate MakeEstimate(const WindowFit& fit, const WindowInput& input) const;
@@ -107,15 +109,15 @@ class PoseTrack {
 
   TrackPhase phase_ = TrackPhase::kTentative;
   MotionState motion_;
-  double usual_explained_ratio_ = 0.0;  // running mean
-  double recent_signal_ = 0.0;          // events, fading
+  double usual_explained_ratio_ = 0.0;  // running mean of the explained ratio of the signal
+  double recent_signal_ = 0.0;          // running sums of the gated events, above the background and of the background
   double recent_background_ = 0.0;
-  std::vector<DeficitCounts> deficit_counts_;  // of the last windows, by model line
-  int num_contradictions_ = 0;                 // while tentative
-  int64_t followed_since_us_ = -1;             // -1 before the first window
-  bool is_fully_tested_ = false;      // once min_tested_ratio of its lines has been testable when it was supported
-  int64_t supported_at_us_ = 0;       // the latest kSupport
-  int64_t unsupported_since_us_ = 0;  // when kUnsupported was entered
+  std::vector<DeficitCounts> deficit_counts_;  // counts of earlier windows, by model line
+  int num_contradictions_ = 0;                 // test results that contradicted the tentative pose
+  int64_t followed_since_us_ = -1;             // begin of the first window, microseconds; -1 before it
+  bool is_fully_tested_ = false;      // min_tested_ratio of its lines was testable in at least one result with support
+  int64_t supported_at_us_ = 0;       // time of the latest kSupport
+  int64_t unsupported_since_us_ = 0;  // time at which kUnsupported was entered
 
   absl::Span<const TrackedLine> lines_;
   std::vector<TrackedLine> unoccluded_lines_;
@@ -125,7 +127,7 @@ class PoseTrack {
   std::vector<double> rates_;  // RelativeEventRate of image_lines_; empty without others
   NearEvents near_events_;
   LineEvents line_events_;
-  std::vector<DeficitCounts> past_deficit_counts_;  // the same, by the window's lines
+  std::vector<DeficitCounts> past_deficit_counts_;  // deficit_counts_ of the lines of the window
   WindowFit fit_;
   WindowFit second_fit_;
 };

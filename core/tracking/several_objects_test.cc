@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// Several objects in one stream, on ideal events: they cross, hide and are searched for beside each other.
+// Several objects in one stream, on ideal events: they pass each other, occlude each other and are searched for
+// together.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -44,7 +45,7 @@ struct Actor {
   Motion motion;
 };
 
-// From side to side at this speed, turning; in the middle of the image at t_middle_s.
+// Moves sideways at this speed while it rotates; it is in the middle of the image at t_middle_s.
 Motion Passing(double vx_m_per_s, double y_m, double z_m, double t_middle_s, double turn_rad_per_s) {
   return [=](double t) {
     return MakePose({vx_m_per_s * (t - t_middle_s), y_m + 0.01 * std::sin(9.0 * t), z_m},
@@ -52,7 +53,7 @@ Motion Passing(double vx_m_per_s, double y_m, double z_m, double t_middle_s, dou
   };
 }
 
-// The first actor stands before the others.
+// The first object occludes the others.
 std::vector<Event> Film(const std::vector<Actor>& actors, int64_t duration_us, double clutter_per_s = 50'000.0) {
   std::vector<std::vector<Event>> streams;
   for (size_t i = 0; i < actors.size(); ++i) {
@@ -135,7 +136,7 @@ void ExpectTrackedThroughout(const std::vector<Actor>& actors, const Tracker& tr
   }
 }
 
-// They meet after 0.2 s: the near one covers most of the far one.
+// They meet after 0.2 s: the near object covers most of the far one.
 const std::vector<Actor>& Crossing() {
   static const std::vector<Actor> actors = {{Cube(0.12), Passing(0.5, 0.0, 0.6, 0.2, 1.0)},
                                             {Cube(0.20), Passing(-0.5, 0.02, 1.0, 0.2, -0.8)}};
@@ -214,7 +215,7 @@ TEST(SeveralObjects, AreBothFoundWithoutGivenPoses) {
     EXPECT_EQ(tracker->state(i), TrackState::kTracking) << i;
     EXPECT_EQ(tracker->losses(i), 0u) << i;
   }
-  // Which is which nobody can say; but each keeps to its own.
+  // The assignment of the two equal objects is arbitrary, but it must not change.
   const uint32_t first = Compare(estimates, 0, actors[0]).position_max_of_depth < 0.05 ? 0 : 1;
   EXPECT_LT(Compare(estimates, 0, actors[first]).position_max_of_depth, 0.05);
   EXPECT_LT(Compare(estimates, 1, actors[1 - first]).position_max_of_depth, 0.05);

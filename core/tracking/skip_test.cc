@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// The tracker with stretches of its events that nobody looks at.
+// Tracking with gaps: events that are discarded by Skip().
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -43,7 +43,7 @@ struct SkipRun {
   EventGap gap;
 };
 
-// The events from `skip_from_us` to `skip_to_us` are not looked at.
+// Discards the events from `skip_from_us` to `skip_to_us`.
 SkipRun Track(const std::vector<Event>& events, int64_t skip_from_us, int64_t skip_to_us) {
   TrackerOptions options;
   options.initialization.is_automatic = false;
@@ -99,7 +99,7 @@ TEST(TrackerSkip, AGapIsNotTreatedAsRest) {
   const Motion motion = Moving(0.5);
   const std::vector<Event> events = EventsOf(motion, 200'000);
   const SkipRun run = Track(events, 100'000, 110'000);
-  // Told that nothing came meanwhile, the tracker concludes that the object stood still, and says where.
+  // After AdvanceTime() instead of Skip() the tracker concludes that the object was at rest and reports its pose.
   const auto in_gap = [](const PoseEstimate& estimate) { return estimate.t_us > 100'000 && estimate.t_us < 110'000; };
   EXPECT_TRUE(std::none_of(run.before.begin(), run.before.end(), in_gap));
   EXPECT_TRUE(std::none_of(run.after.begin(), run.after.end(), in_gap));

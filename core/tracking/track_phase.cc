@@ -26,7 +26,7 @@ std::string_view TrackPhaseName(TrackPhase phase) {
 TrackPhase NextPhase(TrackPhase phase, TrackInput input) {
   if (phase == TrackPhase::kLost || input == TrackInput::kFailure) return TrackPhase::kLost;
   const bool is_tentative = phase == TrackPhase::kTentative;
-  // Without new evidence, what the last evidence said stays.
+  // Few events and occlusion carry no evidence: the result of the last test remains in force.
   const bool was_supported =
       phase == TrackPhase::kConfirmed || phase == TrackPhase::kCoasting || phase == TrackPhase::kOccluded;
   switch (input) {
@@ -94,7 +94,7 @@ ObjectPhase WithSingle(ObjectPhase phase) {
   return phase;
 }
 
-// A published pose that was once the only one keeps its precedence.
+// A published pose that has been the only one keeps its precedence over challengers.
 ObjectPhase WithChallengers(ObjectPhase phase) {
   if (phase == ObjectPhase::kVerifyingGiven) return ObjectPhase::kVerifyingGivenCompeting;
   if (phase == ObjectPhase::kVerifying) return ObjectPhase::kVerifyingCompeting;
@@ -117,7 +117,7 @@ ObjectPhase NextPhase(ObjectPhase phase, ObjectInput input) {
       if (phase == ObjectPhase::kSearching) return phase;
       return IsCompeting(phase) ? ObjectPhase::kPublishedCompeting : ObjectPhase::kPublished;
     case ObjectInput::kFirstRejected:
-      // Among competitors the next one takes its place.
+      // Among competitors the next one takes the place of the first one.
       return IsGiven(phase) || phase == ObjectPhase::kPublished ? ObjectPhase::kVerifyingCompeting : phase;
     case ObjectInput::kAllRejected:
     case ObjectInput::kReset:

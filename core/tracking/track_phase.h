@@ -26,6 +26,7 @@ enum class TrackPhase {
 inline constexpr int kNumTrackPhases = 7;
 std::string_view TrackPhaseName(TrackPhase phase);  // "TENTATIVE", ...
 
+// Events that may change the phase of a hypothesis.
 enum class TrackInput {
   kSupport,         // significant support of enough of the object
   kPartialSupport,  // significant support of a part of it
@@ -37,12 +38,13 @@ enum class TrackInput {
 };
 inline constexpr int kNumTrackInputs = 7;
 
+// Returns the phase after `input`, by the table of the README; `phase` itself if nothing changes.
 TrackPhase NextPhase(TrackPhase phase, TrackInput input);
 
 // The state that is reported while this hypothesis is published.
 TrackState ReportedState(TrackPhase phase);
 
-// One object: what the tracker does with its hypotheses.
+// Phase of one object: the state of the search for its pose and of its publication.
 enum class ObjectPhase {
   kSearching,                // no hypothesis
   kVerifyingGiven,           // one hypothesis, a pose that the user gave; not reported
@@ -55,6 +57,7 @@ enum class ObjectPhase {
 inline constexpr int kNumObjectPhases = 7;
 std::string_view ObjectPhaseName(ObjectPhase phase);  // "SEARCHING", ...
 
+// Events that may change the phase of an object.
 enum class ObjectInput {
   kGivenPose,      // a pose was given: it becomes the only hypothesis
   kPosesFound,     // a search found poses
@@ -67,14 +70,17 @@ enum class ObjectInput {
 };
 inline constexpr int kNumObjectInputs = 8;
 
+// Returns the phase after `input`, by the table of the README; `phase` itself if nothing changes.
 ObjectPhase NextPhase(ObjectPhase phase, ObjectInput input);
 
+// Whether the pose of the first hypothesis is reported.
 bool IsPublished(ObjectPhase phase);
-// The pose that is verified was given by the user.
+// Whether the pose that is being verified was given by the user.
 bool IsGiven(ObjectPhase phase);
-// Several hypotheses compete and none of them has been the only one.
+// Whether several hypotheses compete and none of them has been the only one.
 bool IsCompeting(ObjectPhase phase);
 
+// Change of the phase of a hypothesis, or of an object.
 struct TrackTransition {
   TrackPhase from = TrackPhase::kTentative;
   TrackPhase to = TrackPhase::kTentative;

@@ -75,9 +75,10 @@ class WindowTracker : public Tracker {
 };
 
 absl::Status CheckModel(const ObjectModel* model) {
-  if (model == nullptr) return absl::InvalidArgumentError("the tracker needs a model");
-  if (model->lines.empty()) return absl::InvalidArgumentError("the model has no line: there is nothing to track");
-  // Tiles number lines with 16 bits, and a line may be visible in several parts.
+  if (model == nullptr) return absl::InvalidArgumentError("the model is missing; give a model with lines");
+  if (model->lines.empty())
+    return absl::InvalidArgumentError("the model has no line to track; give a model with edges");
+  // Tiles store 16-bit numbers of lines, and a line may have several visible parts.
   constexpr size_t kMaxLines = 4096;
   if (model->lines.size() > kMaxLines) {
     return absl::InvalidArgumentError(
@@ -139,11 +140,12 @@ absl::Status ObjectToTrack::Validate() const {
   if (initial_camera_from_object &&
       !(initial_camera_from_object->rotation.allFinite() && initial_camera_from_object->translation_m.allFinite() &&
         initial_camera_from_object->translation_m.norm() > 1e-9)) {
-    return absl::InvalidArgumentError("initial_camera_from_object must be finite, and away from the camera's centre");
+    return absl::InvalidArgumentError(
+        "initial_camera_from_object must be finite, and its translation must not be zero");
   }
   if (!reference_rotation.allFinite() || !reference_rotation.isUnitary(1e-3) ||
       reference_rotation.determinant() < 0.0) {
-    return absl::InvalidArgumentError("reference_rotation is not a rotation");
+    return absl::InvalidArgumentError("reference_rotation must be a rotation matrix");
   }
   return absl::OkStatus();
 }
@@ -153,7 +155,7 @@ absl::StatusOr<std::unique_ptr<Tracker>> Tracker::Create(std::vector<ObjectToTra
                                                          std::shared_ptr<const CameraTables> tables) {
   EVPOSE_RETURN_IF_ERROR(options.Validate());
   EVPOSE_RETURN_IF_ERROR(camera.Validate());
-  if (objects.empty()) return absl::InvalidArgumentError("objects: there is nothing to track");
+  if (objects.empty()) return absl::InvalidArgumentError("objects must not be empty");
   for (size_t i = 0; i < objects.size(); ++i) {
     const absl::Status status = objects[i].Validate();
     if (!status.ok()) return absl::Status(status.code(), absl::StrCat("objects[", i, "]: ", status.message()));

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// Events in, poses of one object or several out: windows, prediction, association, estimation, health (core/README.md).
+// Tracks the poses of one or several objects from a stream of events: windows, prediction, association, estimation,
+// health (core/README.md).
 #pragma once
 
 #include <cstdint>
@@ -25,53 +26,55 @@ namespace evpose {
 struct CameraTables;
 class SearchModel;
 
-// Every field of it is in tracker_options.h with unit, default and reason.
+// Declared in tracker_options.h, with unit, default and reason of each field.
 struct TrackerOptions;
 
-// What to look for in the events.
+// An object to be tracked.
 struct ObjectToTrack {
-  std::shared_ptr<const ObjectModel> model;  // shared: many sessions, and many objects of one, track the same model
+  std::shared_ptr<const ObjectModel> model;  // shared by all sessions and objects with the same model
   // The pose at the first event; without one, a search finds it from the events.
   std::optional<RigidTransform> initial_camera_from_object;
   // camera_from_object. Among the equivalent poses of a symmetric object, the one nearest to this rotation is reported.
   Eigen::Matrix3d reference_rotation = Eigen::Matrix3d::Identity();
-  std::shared_ptr<const SearchModel> search_model;  // of the model; null: made when it is needed
+  std::shared_ptr<const SearchModel> search_model;  // search tables of the model; null: computed when they are needed
 
-  // INVALID_ARGUMENT saying what is wrong with the model, or naming the field.
+  // INVALID_ARGUMENT names the field or the defect of the model.
   absl::Status Validate() const;
 };
 
-// Tracks the objects of one stream of events side by side, window by window: they share its windows (EventWindower) and
-// its events. Not thread-safe; deterministic: the estimates depend on the events and options alone, not on how the
-// events are cut into calls. Memory is bounded whatever the event rate.
+// Tracks the objects of one stream of events, window by window; all objects share the windows (EventWindower). Not
+// thread-safe. Deterministic: the estimates depend only on the events and the options and not on how the events are
+// divided into calls. Memory is bounded at any event rate.
 class Tracker {
  public:
-  // 1 or more objects; PoseEstimate::object_index counts them from 0. Errors: INVALID_ARGUMENT naming the field of
-  // options, camera or object that is wrong. `tables` are those of the camera; null: made here.
+  // Creates a tracker of one or more objects; PoseEstimate::object_index is the index in `objects`. `tables` are those
+  // of the camera; null: computed here. INVALID_ARGUMENT names the field of the options, of the camera or of the object
+  // that is wrong.
   static absl::StatusOr<std::unique_ptr<Tracker>> Create(std::vector<ObjectToTrack> objects, const CameraModel& camera,
                                                          const TrackerOptions& options,
                                                          std::shared_ptr<const CameraTables> tables = nullptr);
-  // Of one object.
+  // Creates a tracker of one object.
   static absl::StatusOr<std::unique_ptr<Tracker>> Create(
       std::shared_ptr<const ObjectModel> model, const CameraModel& camera, const TrackerOptions& options,
       const std::optional<RigidTransform>& initial_camera_from_object);
   virtual ~Tracker() = default;
 
-  // Events in order of time (a step back is tolerated: such an event joins the open window). Appends the estimates of
-  // all windows that these events close: by window, then by object. A LOST or INITIALIZING object has no estimate.
+  // Processes events in order of time (a step back is tolerated: such an event belongs to the open window). Appends the
+  // estimates of all windows that these events close, by window, then by object. An object that is LOST or INITIALIZING
+  // has no estimate.
   virtual void AddEvents(absl::Span<const Event> events, std::vector<PoseEstimate>& estimates) = 0;
-  // The sensor's clock has reached t_us without further events (a TimeMark): windows close on time.
+  // Reports that the clock of the sensor has reached t_us without further events (a TimeMark): windows close on time.
   virtual void AdvanceTime(int64_t t_us, std::vector<PoseEstimate>& estimates) = 0;
-  // Drops these events and those of the open window; the sensor's clock has reached t_us, and the next window begins at
-  // the end of the gap. Dropped events are no evidence of motion or rest: the uncertainty of each object grows with the
-  // time, and the object is LOST when it exceeds HealthOptions::max_uncertainty_px.
+  // Discards these events and those of the open window. The clock of the sensor has reached t_us, and the next window
+  // begins at the end of the gap. Discarded events are no evidence of motion or rest: the uncertainty of each object
+  // grows with time, and the object is LOST when it exceeds HealthOptions::max_uncertainty_px.
   virtual EventGap Skip(absl::Span<const Event> events, int64_t t_us) = 0;
-  // End of the stream: closes what is open.
+  // Ends the stream: closes the open window.
   virtual void Finish(std::vector<PoseEstimate>& estimates) = 0;
   // Restarts the object from this pose at the present time.
   virtual void ResetPose(size_t object_index, const RigidTransform& camera_from_object) = 0;
 
-  // Reports the transitions of all objects and hypotheses (core/tracking/README.md, section 3) from now on; they have
+  // Reports the transitions of all objects and hypotheses (core/tracking/README.md, section 3) from now on. They have
   // no influence on the estimates. A tracker without phases reports nothing.
   virtual void SetPhaseListener(const PhaseListener& listener) { (void)listener; }
 
@@ -80,12 +83,12 @@ class Tracker {
   virtual InitializationReport initialization(size_t object_index) const = 0;
   virtual uint32_t losses(size_t object_index) const = 0;  // changes to LOST so far
 
-  // All that later estimates depend on, bit for bit. A state is loaded into a tracker made of the same objects, camera
-  // and options, before anything else; after a failure (reader.status()) the tracker must not be used.
+  // Writes and reads all that later estimates depend on, bit for bit. A state is loaded into a tracker with the same
+  // objects, camera and options, before any other call; after a failure (reader.status()) the tracker must not be used.
   virtual void SaveState(StateWriter& writer) const = 0;
   virtual void LoadState(StateReader& reader) = 0;
 
-  // The same of the first object, which is often the only one.
+  // The same for the first object.
   void ResetPose(const RigidTransform& camera_from_object) { ResetPose(0, camera_from_object); }
   TrackState state() const { return state(0); }
   InitializationReport initialization() const { return initialization(0); }

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// The first pose and the way back after a loss, on ideal events: nobody says where the object is.
+// First poses and recovery after a loss, on ideal events and without given poses.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -34,7 +34,7 @@ Vector6d Twist(double vx, double vy, double vz, double wx, double wy, double wz)
 
 const Vector6d kTwist = Twist(0.3, 0.15, 0.05, 0.5, 0.3, 0.6);
 
-// Ideal events lie on their lines: the sensor neither lags nor shifts.
+// Options for ideal events, which have neither lag nor shift.
 TrackerOptions IdealSensor() {
   TrackerOptions options;
   options.sensor = testing::UnbiasedSensor();
@@ -78,15 +78,15 @@ std::vector<Event> Noise(double rate_hz, int64_t t_begin_us, int64_t duration_us
   return MakeIdealEvents(*MakeCube(0.15), kCamera, ConstantTwist(kStart, kTwist), options);
 }
 
-// Within 2 deg and 2 % of depth, of whatever branch.
+// Whether a pose is right within 2 deg and 2 % of depth, up to the symmetry.
 bool IsRight(const ObjectModel& model, const RigidTransform& truth, const PoseEstimate& estimate) {
   const RigidTransform nearest = NearestEquivalent(truth, model.symmetries, estimate.camera_from_object);
   return RotationAngle(nearest.rotation, estimate.camera_from_object.rotation) < 0.035 &&
          (nearest.translation_m - estimate.camera_from_object.translation_m).norm() < 0.02 * truth.translation_m.z();
 }
 
-// The first TRACKING estimate, and what comes after it; the estimates must be right with respect to `motion`, whose
-// time begins at `t_begin_us`.
+// Returns the first TRACKING estimate and checks all later ones: they must be right with respect to `motion`, with
+// times relative to `t_begin_us`.
 int64_t FirstRightUs(const ObjectModel& model, const std::vector<PoseEstimate>& estimates, const Motion& motion,
                      int64_t t_begin_us) {
   int64_t first_us = -1;
@@ -141,7 +141,7 @@ TEST(TrackerInitialization, IsLostWhenTheObjectVanishesAndTracksWhenItIsBackElse
   tracker->AddEvents(CubeEvents(0, 100'000), estimates);
   ASSERT_EQ(tracker->state(), TrackState::kTracking);
 
-  // Something else fills the image for a moment, and there is nothing but noise for a second.
+  // A flood of unrelated events for a moment, and then only noise for a second.
   tracker->AddEvents(Noise(5e6, 100'000, 60'000), estimates);
   EXPECT_EQ(tracker->state(), TrackState::kLost);
   estimates.clear();
@@ -183,7 +183,7 @@ TEST(TrackerInitialization, WaitsWhileNothingMoves) {
   EXPECT_EQ(tracker->initialization().status, InitializationStatus::kWaitingForEvents);
   EXPECT_EQ(tracker->initialization().attempts, 0u);
 
-  // A cube that creeps by less than a pixel in all the time that is looked back on.
+  // A cube that moves by less than a pixel during the whole memory of the search.
   IdealEventOptions creeping;
   creeping.duration_us = 300'000;
   creeping.events_per_px2 = 10.0;
@@ -228,12 +228,12 @@ TEST(TrackerInitialization, LinesOfSomethingElseAreNoPose) {
   EXPECT_EQ(tracker->state(), TrackState::kInitializing);
   EXPECT_EQ(tracker->losses(), 0u);
   EXPECT_TRUE(estimates.empty());
-  // The pauses grow to max_vain_retry_us.
+  // The interval between searches grows to max_vain_retry_us.
   EXPECT_GT(tracker->initialization().attempts, 10u);
   EXPECT_LT(tracker->initialization().attempts, 25u);
 }
 
-// Far away the two tilts of a plate give the same picture, and a translation moves both alike.
+// At a large distance the two tilts of a plate have the same image, also under translation.
 TEST(TrackerInitialization, AnAmbiguousPlateIsReportedAsDegradedInTheEnd) {
   const CameraModel far_camera = MakeCamera(640, 480, 120'000.0);
   auto plate = std::make_shared<ObjectModel>(
@@ -337,10 +337,11 @@ TEST(TrackerInitialization, AWrongPoseGivenDuringTheSearchIsRejectedAndTheSearch
   EXPECT_LT(first_us, 130'000);
 }
 
-// What follows looks at the order of what is published, at a reset, and at an object that vanishes at once.
+// The following tests concern the order of the published poses, resets, and an object that vanishes at once.
 TEST(TrackerInitialization, PosesNeverStepBackInTime) {
   TrackerOptions options = IdealSensor();
-  options.initialization.num_reviews = 100;  // the memory then holds windows whose poses are out
+  // The memory then contains windows for which poses were published already.
+  options.initialization.num_reviews = 100;
   const RigidTransform elsewhere = MakePose({-0.06, 0.04, 0.7}, {0.2, -0.7, 0.9});
   auto tracker = MakeTracker(options);
   std::vector<PoseEstimate> estimates;
@@ -374,7 +375,7 @@ TEST(TrackerInitialization, AnObjectThatVanishedAtOnceIsFoundElsewhere) {
   std::vector<PoseEstimate> estimates;
   tracker->AddEvents(CubeEvents(0, 100'000), estimates);
   ASSERT_EQ(tracker->state(), TrackState::kTracking);
-  // Nothing tells it from one that stands still.
+  // It cannot be distinguished from an object at rest.
   tracker->AddEvents(Noise(50e3, 100'000, 1'000'000), estimates);
   EXPECT_NE(tracker->state(), TrackState::kTracking);
   estimates.clear();

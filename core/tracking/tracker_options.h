@@ -12,7 +12,7 @@
 
 namespace evpose {
 
-// The search for the pose, at the start and after a loss (core/detection/README.md and core/initialization/README.md).
+// Search for the pose, at the start and after a loss (core/detection/README.md and core/initialization/README.md).
 struct InitializationOptions {
   // False: every pose is given by the caller, as in the published method, and a lost object is not searched for.
   bool is_automatic = true;

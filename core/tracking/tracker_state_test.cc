@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// A tracker that is saved and loaded, at whatever time, goes on as if nothing had been: every bit of every estimate.
+// A tracker that is saved and loaded at any time continues identically, bit for bit.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -42,7 +42,7 @@ struct Scene {
   std::vector<ObjectToTrack> objects;
   TrackerOptions options;
   std::vector<Event> events;
-  // Of the first object, before the event of this number; 0: no reset.
+  // Pose to which the first object is reset before the event with this number; 0: no reset.
   size_t reset_before = 0;
   RigidTransform reset_pose;
 };
@@ -69,18 +69,18 @@ std::string Bytes(const std::vector<PoseEstimate>& estimates) {
   return writer.Take();
 }
 
-// What a run went through.
+// Estimates and states of a run.
 struct Story {
   std::vector<PoseEstimate> estimates;
-  std::vector<std::string> states;  // now and then
+  std::vector<std::string> states;  // saved states at intervals
   uint32_t losses = 0;
   uint64_t attempts = 0;
   bool was_lost = false;
   bool was_found_again = false;
 };
 
-// The stream in calls of random sizes, to one tracker, and to one that is saved and loaded into another between all of
-// them.
+// Processes the stream in calls of random sizes with one tracker, and with another one that is saved and loaded into a
+// new tracker between all calls.
 Story RunMoved(const Scene& scene, uint64_t seed) {
   Story story;
   std::vector<PoseEstimate> moved_estimates;
@@ -130,7 +130,7 @@ Motion Tumbling() {
   return [](double t) { return MakePose({0.3 * t - 0.02, 0.15 * t, 0.6}, {0.6 + 1.5 * t, 0.5 + 0.4 * t, 0.2}); };
 }
 
-// Slows down until it rests after 0.2 s, and goes on: on the way it makes as many events as the noise does.
+// Slows down, is at rest after 0.2 s, and moves on: meanwhile its event rate passes that of the noise.
 Motion RestsForAMoment() {
   return [](double t) {
     const double u = (t - 0.2) / 0.2;
@@ -171,7 +171,7 @@ Scene OneCube(int64_t duration_us, const Motion& motion, bool with_pose) {
   return scene;
 }
 
-// Found, lost in a flood in which windows are sampled, gone, and back.
+// Found, lost in a flood of events in which windows are downsampled, absent, and back.
 Scene FoundLostAndFoundAgain() {
   Scene scene = OneCube(70'000, Tumbling(), false);
   Append(Noise(5e6, 70'000, 60'000), scene.events);
@@ -180,7 +180,7 @@ Scene FoundLostAndFoundAgain() {
   return scene;
 }
 
-// The first passes before the second and hides most of it.
+// The first object passes in front of the second one and occludes most of it.
 Scene Crossing(bool with_poses) {
   const auto near = Cube(0.12), far = Cube(0.2);
   const Motion motions[] = {[](double t) {
@@ -238,11 +238,11 @@ TEST(TrackerState, AGivenPoseContinuesIdentically) {
   scene.reset_before = scene.events.size() / 2;
   scene.reset_pose = Tumbling()(0.04);
   EXPECT_GT(RunMoved(scene, 5).estimates.size(), 30u);
-  scene.reset_pose = MakePose({0.2, 0.1, 0.8}, {0.1, 0.2, 0.3});  // a wrong one
+  scene.reset_pose = MakePose({0.2, 0.1, 0.8}, {0.1, 0.2, 0.3});  // a wrong pose
   EXPECT_GT(RunMoved(scene, 6).losses, 0u);
 }
 
-// The damaged state is refused, or the tracker does something with the events that follow.
+// A damaged state is rejected, or the tracker processes the following events without a failure.
 void TryDamaged(const Scene& scene, const std::string& damaged, absl::Span<const Event> events, int* num_loaded) {
   const auto tracker = MakeTracker(scene);
   const absl::Status status = Load(damaged, *tracker);
@@ -266,7 +266,7 @@ TEST(TrackerState, DamagedStatesAreRejectedOrTracked) {
     int num_loaded = 0;
     for (int i = 0; i < 40; ++i) {
       const std::string& state = story.states[random.UniformInt(story.states.size())];
-      // Any stretch of events: what follows a damaged state is not what would have followed.
+      // Any events will do: the estimates after a damaged state are not compared.
       const auto events =
           absl::MakeConstSpan(scene.events).subspan(random.UniformInt(scene.events.size() - 3000), 3000);
       std::string damaged = state;
@@ -275,7 +275,7 @@ TEST(TrackerState, DamagedStatesAreRejectedOrTracked) {
         TryDamaged(scene, damaged, events, &num_loaded);
         continue;
       }
-      // Events fill the most of it, and matter the least.
+      // Skips most of the stored events, which are the largest and least critical part of the state.
       for (int flips = 1 + i % 3; flips > 0; --flips) {
         const size_t last = i % 2 == 0 ? state.size() : std::min<size_t>(state.size(), 8000);
         damaged[damaged.size() - 1 - random.UniformInt(last)] ^= static_cast<char>(1 << random.UniformInt(8));

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// The tracker on ideal events of a cube: each of them on a line at its own time, but for noise.
+// Tracking on ideal events of a cube: each event lies on a line at its own time, with noise.
 #include "core/tracking/tracker.h"
 
 #include <gtest/gtest.h>
@@ -39,7 +39,7 @@ struct TrackRun {
   std::unique_ptr<Tracker> tracker;
 };
 
-// Ideal events lie on their lines: the sensor neither lags nor shifts. The pose is given, and what is lost stays lost.
+// Options for ideal events, which have neither lag nor shift. Poses are given, and a lost object is not searched for.
 TrackerOptions IdealSensor() {
   TrackerOptions options;
   options.initialization.is_automatic = false;
@@ -99,7 +99,7 @@ Motion Tumble(double speed) {
   };
 }
 
-// Moves for 100 ms, stops within 20 ms, rests, and moves on 420 ms after it began to stop.
+// Moves for 100 ms, stops within 20 ms, rests, and moves on 420 ms after the beginning of the stop.
 Motion StopAndGo() {
   const auto path = [](double t) {
     if (t < 0.1) return t;
@@ -172,7 +172,7 @@ TEST(Tracker, TumblingCubeAndTheStaticFitBesideIt) {
 }
 
 TEST(Tracker, PublishedCovarianceIsHonestForIndependentEvents) {
-  // The events of this test are independent, so that the information may count each of them.
+  // The events of this test are independent, so that each one carries its full information.
   TrackerOptions options = IdealSensor();
   options.mixture.events_per_information = 1.0;
   const Motion motion = Tumble(1.0);
@@ -243,7 +243,7 @@ TEST(Tracker, AStillObjectHoldsItsPoseWithGrowingUncertainty) {
 }
 
 TEST(Tracker, AStillObjectIsHeldInDenseNoise) {
-  // 6 events per second and pixel, and for 50 ms of the rest ten times as many.
+  // 6 events per second and pixel, and ten times as many for 50 ms of the rest.
   IdealEventOptions options;
   options.duration_us = 640'000;
   options.clutter_per_s = 6.0 * 640 * 480;
@@ -264,14 +264,14 @@ TEST(Tracker, AStillObjectIsHeldInDenseNoise) {
     if (estimate.t_us > 480'000 && estimate.t_us < 519'000) late = estimate.covariance.trace();
   }
   EXPECT_GT(degraded, 300);
-  // Noise is no measurement of the pose.
+  // Noise must not change the pose.
   EXPECT_GT(late, 1.5 * early);
   const Errors errors = Compare(run.estimates, motion);
   EXPECT_LT(errors.position_rmse_of_depth, 3e-3);
   EXPECT_LT(errors.rotation_max_rad, 0.02);
 }
 
-// Events of a straight edge from the image's top to its bottom that sweeps to the right, 2 per square pixel.
+// Events of a straight vertical edge over the whole height of the image that moves to the right, 2 per square pixel.
 std::vector<Event> SweepingEdge(double speed_px_per_s, double tilt_ratio, int64_t t_begin_us, int64_t t_end_us) {
   Random random(8);
   std::vector<Event> events;
@@ -292,7 +292,7 @@ TEST(Tracker, AnObjectAtRestIsNotDraggedByAnEdgeThatPasses) {
   options.duration_us = 700'000;
   const std::vector<Event> own = MakeIdealEvents(*MakeCube(0.15), kCamera, motion, options);
   for (const double tilt_ratio : {-0.5, 0.0, 0.25}) {
-    // It crosses the whole image while the object rests, 120 ms to 520 ms.
+    // The edge crosses the whole image while the object is at rest, from 120 ms to 520 ms.
     const std::vector<Event> events =
         testing::MergeEvents({own, SweepingEdge(kCamera.width_px / 0.36, tilt_ratio, 130'000, 490'000)});
     const TrackRun run = Track(events, kStart);
@@ -305,7 +305,7 @@ TEST(Tracker, AnObjectAtRestIsNotDraggedByAnEdgeThatPasses) {
 }
 
 TEST(Tracker, AFaintObjectThatTurnsBackSlowlyIsFollowed) {
-  // About the turn its lines make less than one event each in a millisecond, among as many of noise.
+  // Near the turning point each line produces less than one event per millisecond, among as many of noise.
   const Motion motion = [](double t) {
     return Perturb(kStart, 0.4 * (t - 0.3) * (t - 0.3) * Twist(0.25, 0.15, 0.0, 0.3, 0.2, 0.8));
   };
