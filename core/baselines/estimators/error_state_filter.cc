@@ -13,19 +13,19 @@ class ErrorStateFilter : public WindowEstimator {
       : options_(options), camera_(camera) {}
 
   double ReachPx(double, double gate_factor) const override {
-    // Lines move by as much again while the window's events come in.
+    // The lines may move by up to one gate while the events of the window are processed.
     return 2.0 * options_.gate_px * gate_factor;
   }
   int MaxEvents() const override { return options_.max_events; }
   void Fit(const MotionState& predicted, const WindowInput& input, double gate_factor, WindowFit& fit) override;
-  // All that it knows is in the state.
+  // The filter has no memory apart from the motion state.
   void Accept(const WindowFit&, const WindowInput&) override {}
   void Reset() override {}
   void SaveState(StateWriter&) const override {}
   void LoadState(StateReader&) override {}
 
  private:
-  // One event: its line, the test, the update.
+  // Processes one event: association, test, update.
   void Take(const Observation& event, double gate_factor, ErrorState& error, WindowFit& fit) const;
 
   const ErrorStateFilterOptions options_;
@@ -38,7 +38,7 @@ void ErrorStateFilter::Take(const Observation& event, double gate_factor, ErrorS
   if (near.count == 0) return;
   if (near.count == 2 && std::abs(near.distance_px[1]) < options_.two_lines_px) return;
   fit.num_gated += 1.0;
-  // The state is that of mid-window: an event tells of it through the twist.
+  // The state is that of mid-window; the twist relates it to the time of the event.
   const Vector6d pose_row = lines_[near.line[0]].jacobian.transpose() * Eigen::Vector3d(event.bx, event.by, 1.0);
   Vector12d row;
   row << pose_row, event.tau_s * pose_row;
@@ -80,7 +80,7 @@ void ErrorState::Update(double distance_px, const Vector12d& row, double noise_p
 void ErrorState::Inject() {
   state_ = Plus(state_, error_);
   error_.setZero();
-  // Rounding makes it lopsided, a little with every update.
+  // Rounding would make the covariance asymmetric in the course of many updates.
   state_.covariance = (0.5 * (state_.covariance + state_.covariance.transpose())).eval();
 }
 

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// The line-SLAM style estimator that the published ones are compared with: an error-state Kalman filter on
-// event-to-line distances, event by event, after Chamorro, Sola, Andrade-Cetto, "High-Speed Event Camera Tracking",
-// BMVC 2020, and "Event-Based Line SLAM in Real Time", RA-L 2022, with a map that is known: the model.
+// Event-by-event estimator of line-SLAM: an error-state Kalman filter on event-to-line distances, after Chamorro, Sola,
+// Andrade-Cetto, "High-Speed Event Camera Tracking", BMVC 2020, and "Event-Based Line SLAM in Real Time", RA-L 2022.
+// The map is known here: it is the model.
 #pragma once
 
 #include <memory>
@@ -12,33 +12,35 @@
 
 namespace evpose {
 
-// The filter after Chamorro et al. (error_state_filter.h), for comparison.
+// Options of the filter.
 struct ErrorStateFilterOptions {
-  double sigma_px = 0.8;        // an event's distance to its line: as MixtureOptions' to start with, and not learned
-  double gate_px = 8.0;         // farthest event of a line, before the test
-  double two_lines_px = 3.0;    // events this close to two lines are rejected
-  double gate_chi2 = 6.63;      // of the squared innovation over its variance: 99 %, one degree of freedom
-  double injection_s = 100e-6;  // seconds: the lines are projected anew so often; 10 kHz in the published filter
-  // So many events count as one (core/estimation/README.md, section 7). The published filter takes each for new, and
-  // its covariance shrinks until the gate holds nothing but the noise.
+  double sigma_px = 0.8;      // pixels: standard deviation of the distance of an event from its line; fixed
+  double gate_px = 8.0;       // pixels: largest distance of an event from its line, before the test
+  double two_lines_px = 3.0;  // pixels: an event this close to two lines is rejected
+  double gate_chi2 = 6.63;    // largest squared innovation over its variance: 99 %, one degree of freedom
+  // Seconds between two projections of the lines and injections of the error; the published filter works at 10 kHz.
+  double injection_s = 100e-6;
+  // Number of events that carry the information of one independent event (core/estimation/README.md, section 7). The
+  // published filter treats all events as independent; its covariance then shrinks until the gate contains only noise.
   double events_per_information = 20.0;
-  int max_events = 16'384;  // events per window, evenly drawn: all but in a flood
+  int max_events = 16'384;  // events per window; more are downsampled uniformly
 };
 
-// Mean and covariance of pose and twist, between two injections of the error into the state. A measurement is scalar:
-// the distance of an event to its line, d = d_0 + row . error with noise, which on the line would be zero.
+// Mean and covariance of pose and twist between two injections of the error into the state. A measurement is the scalar
+// distance of an event from its line, d = d_0 + row . error + noise in pixels, and its expected value is zero.
 class ErrorState {
  public:
   explicit ErrorState(const MotionState& state) : state_(state), error_(Vector12d::Zero()) {}
 
-  // Of the distance at the present error, pixels.
+  // Expected distance in pixels at the present error.
   double ExpectedPx(double distance_px, const Vector12d& row) const { return distance_px + row.dot(error_); }
-  // The variance of that distance by the state's, without the event's own, pixels^2.
+  // Variance of this distance due to the state, without the noise of the event, pixels^2.
   double VariancePx2(const Vector12d& row) const { return row.dot(state_.covariance * row); }
-  // One update with the distance at no error, and the variance of the event's noise, pixels^2.
+  // Performs one update. `distance_px` is the distance at zero error, `noise_px2` the variance of the noise of the
+  // event.
   void Update(double distance_px, const Vector12d& row, double noise_px2);
 
-  // Moves the state by the error, which is zero then.
+  // Moves the state by the error and sets the error to zero.
   void Inject();
   const MotionState& state() const { return state_; }
 
@@ -47,6 +49,7 @@ class ErrorState {
   Vector12d error_;
 };
 
+// Makes the filter for a tracker. `options` and `camera` must be valid.
 std::unique_ptr<WindowEstimator> MakeErrorStateFilter(const ErrorStateFilterOptions& options,
                                                       const CameraModel& camera);
 

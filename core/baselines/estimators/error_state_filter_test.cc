@@ -27,7 +27,7 @@ Vector12d Row(Random& random) {
   return row;
 }
 
-// One by one they give what all of them at once give: the minimum of the squares under the prior, and its covariance.
+// Sequential updates give the same result as the batch: the minimum of the squares under the prior, and its covariance.
 TEST(ErrorState, UpdatesEqualTheBatch) {
   constexpr double kNoisePx2 = 0.64;
   Random random(1);

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// Makes any of the estimators for a tracker: TrackerOptions.estimator_factory =
+// Factories of the estimators for a tracker: TrackerOptions.estimator_factory =
 // EstimatorFactoryOf(Estimator::kStaticMm).
 #pragma once
 
@@ -9,7 +9,7 @@
 
 namespace evpose {
 
-// Each with the default options of its own.
+// Returns the factory of an estimator with the default options.
 EstimatorFactory EstimatorFactoryOf(Estimator estimator);
 
 }  // namespace evpose

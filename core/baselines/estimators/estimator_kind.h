@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// The estimators of one window's pose that a tracker can be run with, for comparison with the default one.
+// Estimators with which a tracker can be run, to compare them with the default one.
 #pragma once
 
 #include <string_view>
@@ -10,20 +10,21 @@ namespace evpose {
 
 enum class Estimator {
   kMixture,  // pose and twist in the window, normal + uniform mixture, soft association, motion prior
-  // For comparison. The paper's: one pose per window, hard association with its gates; its formulas corrected.
+  // For comparison. The static estimators of the paper: one pose per window, hard association with its gates, corrected
+  // formulas.
   kStaticLs,
   kStaticM,
   kStaticS,
   kStaticMm,
-  kErrorStateFilter,  // event by event, with the motion prior, as line-SLAM with events does
-  // The static ones as the paper's released code computes: no visibility, no prediction (core/estimation/README.md,
-  // section 1).
+  kErrorStateFilter,  // event by event, with the motion prior (error_state_filter.h)
+  // The static estimators as the released code of the paper computes them: no visibility, no prediction
+  // (core/estimation/README.md, section 1).
   kReleasedLs,
   kReleasedM,
   kReleasedS,
   kReleasedMm,
 };
-// Every estimator and what it is called where people choose one.
+// Every estimator with its name on the command line and in files.
 inline constexpr std::pair<Estimator, std::string_view> kEstimatorNames[] = {
     {Estimator::kMixture, "mixture"},        {Estimator::kStaticLs, "static-ls"},
     {Estimator::kStaticM, "static-m"},       {Estimator::kStaticS, "static-s"},

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// Every estimator behind the one interface, on ideal events of a cube.
+// Every estimator through the common interface, on ideal events of a cube.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -72,7 +72,7 @@ TEST_P(Estimators, FollowsTheCube) {
   EXPECT_LT(MedianError(estimates), 0.02);
 }
 
-TEST_P(Estimators, TheSameBitsEveryTime) {
+TEST_P(Estimators, IsDeterministic) {
   const std::vector<PoseEstimate> first = Track(GetParam().first, 20'000);
   const std::vector<PoseEstimate> second = Track(GetParam().first, 20'000);
   ASSERT_EQ(first.size(), second.size());
@@ -82,8 +82,8 @@ TEST_P(Estimators, TheSameBitsEveryTime) {
   }
 }
 
-// What no events tell stays as it was predicted.
-TEST_P(Estimators, WithoutEventsThePredictionHolds) {
+// Without events the predicted state is kept.
+TEST_P(Estimators, WithoutEventsThePredictionIsKept) {
   const auto estimator = With(GetParam().first).MakeEstimator(kCamera);
   MotionState predicted;
   predicted.t_us = 1000;
@@ -100,7 +100,7 @@ TEST_P(Estimators, WithoutEventsThePredictionHolds) {
   EXPECT_LT((fit.state.covariance - predicted.covariance).norm(), 1e-12);
 }
 
-TEST(EstimatorsTest, RobustOnesBearClutterThatLeastSquaresDoesNot) {
+TEST(EstimatorsTest, RobustOnesTolerateClutter) {
   constexpr double kClutterPerS = 1'000'000;
   const double least_squares = MedianError(Track(Estimator::kStaticLs, kClutterPerS));
   EXPECT_LT(MedianError(Track(Estimator::kStaticM, kClutterPerS)), 0.8 * least_squares);
@@ -108,7 +108,7 @@ TEST(EstimatorsTest, RobustOnesBearClutterThatLeastSquaresDoesNot) {
   EXPECT_LT(MedianError(Track(Estimator::kMixture, kClutterPerS)), 0.8 * least_squares);
 }
 
-TEST(EstimatorsTest, TheReleasedOnesSeeHiddenLinesAndPredictNothing) {
+TEST(EstimatorsTest, TheReleasedOnesUseHiddenLinesAndNoPrediction) {
   for (const auto& [estimator, name] : kEstimatorNames) {
     const bool is_released = name.substr(0, 8) == "released";
     const auto made = With(estimator).MakeEstimator(kCamera);

@@ -16,7 +16,7 @@ namespace {
 
 using RowMajor36d = Eigen::Matrix<double, 3, 6, Eigen::RowMajor>;
 
-// L^T of M = L L^T, also of a singular M: events exactly on a line, or all of them at one place.
+// Returns L^T of M = L L^T, also for a singular M: all events exactly on a line, or all at one place.
 Eigen::Matrix3d SquareRoot(const LineMoment& moment) {
   const Eigen::LDLT<Eigen::Matrix3d> ldlt(moment);
   const Eigen::Vector3d roots = ldlt.vectorD().cwiseMax(0.0).cwiseSqrt();
@@ -56,7 +56,7 @@ LineCost::LineCost(const CameraModel& camera, absl::Span<const LineEnds> lines, 
 bool LineCost::Evaluate(double const* const* parameters, double* residuals, double** jacobians) const {
   const Eigen::Map<const Vector6d> xi(parameters[0]);
   const RigidTransform pose = Perturb(origin_, xi);
-  // A further turn dtheta of the parameter turns the object by J dtheta on the left of what it has been turned by.
+  // A further rotation dtheta of the parameter rotates the object by J dtheta on the left of the present rotation.
   const Eigen::Matrix3d turn = LeftJacobianSo3(xi.tail<3>());
   for (size_t i = 0; i < used_.size(); ++i) {
     const LineEnds& ends = lines_[used_[i]];
@@ -74,7 +74,7 @@ bool LineCost::Evaluate(double const* const* parameters, double* residuals, doub
 absl::StatusOr<RigidTransform> MinimiseLineCost(const CameraModel& camera, absl::Span<const LineEnds> lines,
                                                 absl::Span<const LineMoment> moments, const RigidTransform& initial,
                                                 const LineSolverOptions& options) {
-  // Asked before, because Ceres would complain on standard error.
+  // Checked before, because Ceres would print a message on standard error.
   for (size_t k = 0; k < lines.size(); ++k) {
     if (!(moments[k](2, 2) > 0.0) || ProjectLine(camera, initial, lines[k].p1, lines[k].p2)) continue;
     return absl::FailedPreconditionError(
@@ -107,8 +107,8 @@ Matrix6d LineCostHessian(absl::Span<const std::optional<ProjectedLine>> lines, a
 }
 
 absl::StatusOr<Matrix6d> InvertPoseHessian(const Matrix6d& hessian) {
-  // Of the matrix with a unit diagonal, in which neither metres against radians nor the number of events count. A
-  // degenerate pose leaves rounding, 1e-16; that of an object of a hundredth of its distance, 1e-4.
+  // The criterion applies to the matrix scaled to a unit diagonal, so that neither the units nor the number of events
+  // matter. A degenerate pose leaves rounding, 1e-16; an object of a hundredth of its distance gives 1e-4.
   constexpr double kSingular = 1e-12;
   const Vector6d scale = hessian.diagonal().cwiseSqrt().cwiseInverse();
   const Matrix6d scaled = scale.asDiagonal() * hessian * scale.asDiagonal();

@@ -14,8 +14,9 @@ absl::Status OutOfView(int line) {
   return absl::FailedPreconditionError(absl::StrCat("line ", line, " has events, but is not in view"));
 }
 
-// The covariance that moves the events' lines by filter_initial_px, as a mean square over the events: the shape is
-// what the events can tell, so that neither the object's size nor its distance enters.
+// Initial covariance: the one under which the mean square displacement of the lines at the events is filter_initial_px
+// squared. Its shape is that of the information of the events, so that neither the size of the object nor its distance
+// matters.
 absl::StatusOr<Matrix6d> InitialCovariance(const CameraModel& camera, absl::Span<const LineEnds> lines,
                                            absl::Span<const LabelledEvent> events, const RigidTransform& initial,
                                            double initial_px) {
@@ -47,7 +48,7 @@ absl::StatusOr<LineFit> FilterPose(const CameraModel& camera, absl::Span<const L
   const double variance_px2 = options.filter_sigma_px * options.filter_sigma_px;
   double accepted = 0.0, squares = 0.0;
   for (const LabelledEvent& event : events) {
-    // Linearised anew for every event: the pose has moved.
+    // Linearised again for every event, because the pose has moved.
     const LineEnds& ends = lines[event.line];
     const std::optional<ProjectedLine> line = ProjectLine(camera, fit.camera_from_object, ends.p1, ends.p2);
     if (!line) return OutOfView(event.line);

@@ -15,9 +15,9 @@
 namespace evpose {
 namespace {
 
-constexpr size_t kMinEvents = 6;  // the unknowns
+constexpr size_t kMinEvents = 6;  // as many as unknowns
 
-// What an event at u = d / sigma says: its weight psi(u) / u in the cost, and psi'(u) for the covariance.
+// Influence of an event at u = d / sigma: its weight psi(u) / u in the cost, and psi'(u) for the covariance.
 struct Influence {
   double weight = 1.0;
   double slope = 1.0;
@@ -29,21 +29,21 @@ Influence TukeyInfluence(double u, double c) {
   return {(1.0 - s) * (1.0 - s), (1.0 - s) * (1.0 - 5.0 * s)};
 }
 
-// rho / u^2, the weight of S as the paper prints it (its eq. (eqs5)).
+// rho / u^2, the weight of S as printed in the paper (eqs5).
 Influence PrintedScaleInfluence(double u) {
-  constexpr double kSmall = 1e-6;
+  constexpr double kSmall = 1e-6;  // below it rho / u^2 is 1/2 to rounding
   if (std::abs(u) < kSmall) return {0.5, 0.5};
   const double rho_ratio = TukeyRho(u, kTukeyBreakdown) / (u * u);
   return {rho_ratio, TukeyWeight(u, kTukeyBreakdown) - rho_ratio};
 }
 
-// The residual times w: w^2 in the cost (core/estimation/README.md, section 1).
+// Residuals multiplied by w, hence w^2 in the cost (core/estimation/README.md, section 1).
 Influence Squared(const Influence& of) {
   const double u_times_derivative = of.slope - of.weight;
   return {of.weight * of.weight, of.weight * of.weight + 2.0 * of.weight * u_times_derivative};
 }
 
-// The responsibility of the line for an event of a normal + uniform mixture. psi' = w - w (1 - w) u^2.
+// Probability that an event belongs to the line, core/estimation/README.md, equation (3). psi' = w - w (1 - w) u^2.
 Influence MixtureInfluence(double d_px, const MixtureDensity& density) {
   if (std::abs(d_px) > density.gate_px) return {0.0, 0.0};
   const double u = d_px / density.sigma_px;
@@ -72,19 +72,19 @@ class Fitter {
  private:
   absl::Status FitCorrected();
   absl::Status FitAsReleased();
-  // One stage of re-weighting: `reweight` sets scale and influences from the residuals.
+  // Performs one stage of re-weighting: `reweight` sets scale and influences from the residuals.
   template <typename Reweight>
   absl::Status Iterate(const LineSolverOptions& solver, double tolerance_px, const Reweight& reweight);
   absl::Status FitTukeyM(double tolerance_px);
   absl::Status FitMixture();
 
-  // The scale by MAD, about the median of |d| as the released code has it, or of d.
+  // Scale by MAD: of |d| about its median as in the released code, or of d about its median.
   void SetMadScale(bool of_absolute);
   void SetSigma(double sigma_px) { sigma_px_ = std::max(sigma_px, options_.min_sigma_px); }
   void WeighByTukey(double c);
   void WeighAsReleased(double c);
 
-  // Residuals at the present pose; returns the largest change.
+  // Computes the residuals at the present pose; returns the largest change.
   absl::StatusOr<double> Project();
   void SumMoments();
   absl::StatusOr<LineFit> Report() const;
@@ -101,8 +101,8 @@ class Fitter {
   std::vector<LineMoment> moments_;
   std::vector<double> residuals_;
   std::vector<double> scratch_;
-  std::vector<Influence> influences_;  // as they enter the cost
-  std::vector<double> shown_weights_;  // of the released code, before they are squared and scaled
+  std::vector<Influence> influences_;  // weights as they enter the cost
+  std::vector<double> shown_weights_;  // weights of the released code, before they are squared and scaled
 };
 
 absl::StatusOr<double> Fitter::Project() {
@@ -181,11 +181,11 @@ absl::Status Fitter::FitTukeyM(double tolerance_px) {
 }
 
 absl::Status Fitter::FitMixture() {
-  constexpr double kStartTolerancePx = 0.5;
-  // The normal reaches the gate at so many standard deviations: what is cut off there, 6e-5, does not count.
+  constexpr double kStartTolerancePx = 0.5;  // pixels; the start must only be nearer than the spread
+  // Standard deviations at which the normal density reaches the gate; the share beyond, 6e-5, is negligible.
   constexpr double kGateSigmas = 4.0;
-  // EM finds the nearest maximum only, and an initial pose that is far off has several: Tukey's M, which takes in half
-  // of the events whatever they are, comes down to where there is one.
+  // EM finds only the nearest maximum, and an initial pose far from the truth has several. Tukey's M with a scale that
+  // includes half of the events leads to the neighbourhood of the right one.
   EVPOSE_RETURN_IF_ERROR(FitTukeyM(kStartTolerancePx));
   SetMadScale(false);
   MixtureDensity density{sigma_px_, 0.5, std::max(options_.mixture_gate_px, kGateSigmas * sigma_px_)};
@@ -229,8 +229,8 @@ absl::Status Fitter::FitCorrected() {
 }
 
 absl::Status Fitter::FitAsReleased() {
-  constexpr double kTolerance = 1e-3;
-  constexpr double kPrintedScaleTarget = 0.199;
+  constexpr double kTolerance = 1e-3;            // solver tolerance of the released code
+  constexpr double kPrintedScaleTarget = 0.199;  // the constant of the printed (eqs4)
   const LineSolverOptions solver{50, kTolerance, kTolerance, kTolerance, true};
   const auto fit_s = [&] {
     EVPOSE_RETURN_IF_ERROR(Project().status());
@@ -280,14 +280,15 @@ absl::StatusOr<LineFit> Fitter::Report() const {
   fit.residual_rms_px = std::sqrt(squares / weight);
   fit.sigma_px = options_.method == LineFitMethod::kLeastSquares ? fit.residual_rms_px : sigma_px_;
   EVPOSE_ASSIGN_OR_RETURN(const Matrix6d inverse, InvertPoseHessian(LineCostHessian(projected_, moments_)));
-  // Of a redescending psi the slopes may cancel; then the events say as little as one of them.
+  // For a redescending psi the sum of the slopes may vanish; the information is then bounded below by that of one
+  // event.
   const double information = std::max(slope, weight / static_cast<double>(residuals_.size()));
   fit.covariance = inverse * (weight * psi_squares / (information * information));
   return fit;
 }
 
 absl::StatusOr<LineFit> Fitter::Run() {
-  // Whether the events determine the pose at all, before any of them is turned down.
+  // Checks whether all events together determine the pose, before any of them is rejected.
   EVPOSE_RETURN_IF_ERROR(Project().status());
   SumMoments();
   EVPOSE_RETURN_IF_ERROR(InvertPoseHessian(LineCostHessian(projected_, moments_)).status());

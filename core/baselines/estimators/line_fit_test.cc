@@ -37,7 +37,7 @@ struct Trial {
 
 Eigen::Vector3d NormalVector(Random& random) { return {random.Normal(), random.Normal(), random.Normal()}; }
 
-// Lines across the image at 5 to 10 m; each event is on its line but for a normal error, or labelled wrongly.
+// Lines in the image at a depth of 5 to 10 m; each event lies on its line with a normal error, or has a wrong label.
 Trial MakeTrial(uint64_t seed, double sigma_px, double outlier_ratio, int events_per_line = 60) {
   Random random(seed);
   Trial trial;
@@ -95,7 +95,7 @@ double Median(std::vector<double> values) {
   return values[values.size() / 2];
 }
 
-// One weighted distance, with the exponential map in full, for automatic differentiation.
+// One weighted distance with the full exponential map, for automatic differentiation.
 struct EventDistance {
   const CameraModel& camera;
   const LineEnds& ends;
@@ -108,7 +108,7 @@ struct EventDistance {
     using Vector3 = Eigen::Matrix<T, 3, 1>;
     const Vector3 turn(xi[3], xi[4], xi[5]);
     const T angle2 = turn.squaredNorm();
-    // Rodrigues; the series to fourth order near zero, where derivatives are taken.
+    // Formula of Rodrigues; near zero, where derivatives are computed, its series to fourth order.
     T sinc = 1.0 - angle2 / 6.0 + angle2 * angle2 / 120.0, versine = 0.5 - angle2 / 24.0 + angle2 * angle2 / 720.0;
     if (angle2 > 1e-4) {
       const T angle = sqrt(angle2);
@@ -146,7 +146,7 @@ TEST(LineCost, CostAndGradientEqualAutomaticDifferentiationEventByEvent) {
   for (size_t i = 0; i < trial.events.size(); ++i) weights.push_back(random.Uniform());
   const std::vector<LineMoment> moments = Moments(trial, weights);
   const LineCost cost(trial.camera, trial.lines, moments, trial.start);
-  // Not at the origin: the turn's own Jacobian takes part.
+  // Away from the origin, so that the Jacobian of the rotation parameter matters.
   for (const Vector6d& xi : {Vector6d(Vector6d::Zero()), Vector6d(0.1 * Vector6d::LinSpaced(-1.0, 1.5))}) {
     const double* parameters[] = {xi.data()};
     std::vector<double> residuals(cost.num_residuals()), rows(6 * residuals.size());
@@ -203,13 +203,13 @@ TEST(LineCost, MinimumEqualsCeresOverAllEvents) {
     ceres::Solve(options, &problem, &summary);
     EXPECT_LT(Difference(*pose, Perturb(trial.start, xi)).cwiseAbs().maxCoeff(), 1e-8) << "seed " << seed;
 
-    // The covariance: the inverse of J^T J at the minimum.
+    // Covariance: the inverse of J^T J at the minimum.
     ceres::Problem::EvaluateOptions all;
     ceres::CRSMatrix sparse;
     problem.Evaluate(all, nullptr, nullptr, nullptr, &sparse);
     const Eigen::Map<Eigen::Matrix<double, Eigen::Dynamic, 6, Eigen::RowMajor>> j(sparse.values.data(), sparse.num_rows,
                                                                                   6);
-    // The parameters' own turn: the difference from the left perturbation.
+    // Converts the rotation parameter to the left perturbation.
     Matrix6d left_from_parameters = Matrix6d::Identity();
     left_from_parameters.bottomRightCorner<3, 3>() = LeftJacobianSo3(xi.tail<3>());
     const Matrix6d expected = left_from_parameters * (j.transpose() * j).inverse() * left_from_parameters.transpose();
@@ -229,14 +229,14 @@ INSTANTIATE_TEST_SUITE_P(All, LineFitMethods,
                                            LineFitMethod::kTukeyMm, LineFitMethod::kMixture,
                                            LineFitMethod::kErrorStateFilter));
 
-TEST_P(LineFitMethods, WithoutNoiseTheTruth) {
+TEST_P(LineFitMethods, IsExactWithoutNoise) {
   const LineFit fit = FitOrDie(MakeTrial(4, 0.0, 0.0), With(GetParam()));
-  // The filter keeps what its prior says of the start, and what it linearised away.
+  // The filter retains a share of its prior and a linearisation error.
   const double tolerance = GetParam() == LineFitMethod::kErrorStateFilter ? 2e-3 : 1e-9;
   EXPECT_LT(Difference(fit.camera_from_object, MakeTrial(4, 0.0, 0.0).truth).norm(), tolerance);
 }
 
-TEST_P(LineFitMethods, TheSameBitsEveryTime) {
+TEST_P(LineFitMethods, IsDeterministic) {
   const Trial trial = MakeTrial(5, 2.0, 0.1);
   const LineFit first = FitOrDie(trial, With(GetParam()));
   const LineFit second = FitOrDie(trial, With(GetParam()));
@@ -247,10 +247,10 @@ TEST_P(LineFitMethods, TheSameBitsEveryTime) {
   EXPECT_EQ(first.sigma_px, second.sigma_px);
 }
 
-TEST_P(LineFitMethods, TheErrorsAreThoseOfTheCovariance) {
-  // 150 trials of e^T P^-1 e, chi-square with 6 degrees of freedom: the mean within 4 of its standard deviations.
+TEST_P(LineFitMethods, ErrorsAreConsistentWithTheCovariance) {
+  // 150 trials of e^T P^-1 e, chi-square with 6 degrees of freedom: the mean within 4 standard deviations.
   constexpr int kTrials = 150;
-  // What those two do not turn down is not in their covariance.
+  // The covariance of these two does not include the events that they fail to reject.
   const bool is_robust = GetParam() != LineFitMethod::kLeastSquares && GetParam() != LineFitMethod::kErrorStateFilter;
   const double outlier_ratio = is_robust ? 0.05 : 0.0;
   double sum = 0.0;
@@ -262,13 +262,13 @@ TEST_P(LineFitMethods, TheErrorsAreThoseOfTheCovariance) {
     const Vector6d error = Difference(fit.camera_from_object, trial.truth);
     sum += error.dot(fit.covariance.ldlt().solve(error));
   }
-  // The formula is asymptotic, and S goes by a third of its 720 events.
+  // The formula is asymptotic, and S effectively uses a third of its 720 events.
   const double slack = GetParam() == LineFitMethod::kTukeyS ? 1.0 : 0.0;
   EXPECT_GT(sum / kTrials, 6.0 - 4.0 * std::sqrt(12.0 / kTrials));
   EXPECT_LT(sum / kTrials, 6.0 + 4.0 * std::sqrt(12.0 / kTrials) + slack);
 }
 
-TEST_P(LineFitMethods, WrongLabelsPullLeastSquaresOnly) {
+TEST_P(LineFitMethods, WrongLabelsAffectLeastSquaresOnly) {
   std::vector<double> errors;
   for (int k = 0; k < 20; ++k) {
     const Trial trial = MakeTrial(2000 + k, 1.0, 0.2);
@@ -281,7 +281,7 @@ TEST_P(LineFitMethods, WrongLabelsPullLeastSquaresOnly) {
   }
 }
 
-TEST_P(LineFitMethods, ErrorsSayWhatIsWrong) {
+TEST_P(LineFitMethods, ErrorsNameTheArgument) {
   const Trial trial = MakeTrial(6, 1.0, 0.0);
   const LineFitOptions options = With(GetParam());
   const auto error = [&](const Trial& t) {
@@ -363,7 +363,7 @@ TEST(LineFit, TheScaleOfSSolvesItsEquation) {
   EXPECT_NEAR(sum / static_cast<double>(trial.events.size()), kTukeyScaleTarget, 1e-6);
 }
 
-TEST(LineFit, MmFreezesTheScaleOfSAndIsNotM) {
+TEST(LineFit, MmKeepsTheScaleOfSAndDiffersFromM) {
   const Trial trial = MakeTrial(7, 2.0, 0.1);
   const LineFit s = FitOrDie(trial, With(LineFitMethod::kTukeyS));
   const LineFit m = FitOrDie(trial, With(LineFitMethod::kTukeyM));
@@ -372,7 +372,7 @@ TEST(LineFit, MmFreezesTheScaleOfSAndIsNotM) {
   EXPECT_NE(mm.sigma_px, m.sigma_px);
   EXPECT_GT(Difference(mm.camera_from_object, m.camera_from_object).norm(), 1e-7);
   EXPECT_GT(Difference(mm.camera_from_object, s.camera_from_object).norm(), 1e-7);
-  // Its weights are Tukey's at c = 4.685 with that scale, at its pose.
+  // The weights are those of Tukey at c = 4.685 with this scale, at the estimated pose.
   const std::vector<double> distances = Distances(trial, mm.camera_from_object);
   for (size_t i = 0; i < distances.size(); ++i) {
     ASSERT_NEAR(mm.weights[i], TukeyWeight(distances[i] / s.sigma_px, kTukeyEfficient), 1e-5);
@@ -390,7 +390,7 @@ TEST(LineFit, TheMixtureFindsSpreadAndShareAtAnyNoise) {
   }
 }
 
-TEST(LineFit, TheFilterDependsOnTheOrderAndSaysWhatItTurnedDown) {
+TEST(LineFit, TheFilterDependsOnTheOrderAndReportsRejectedEvents) {
   Trial trial = MakeTrial(9, 1.0, 0.2);
   const LineFit fit = FitOrDie(trial, With(LineFitMethod::kErrorStateFilter));
   double passed = 0.0;
@@ -401,7 +401,7 @@ TEST(LineFit, TheFilterDependsOnTheOrderAndSaysWhatItTurnedDown) {
   EXPECT_NE(fit.camera_from_object.translation_m, reversed.camera_from_object.translation_m);
 }
 
-// The experiment: 2 px, 2 % of wrong labels, 60 trials; the released formulas against the right ones.
+// The synthetic experiment with 2 px and 2 % of wrong labels, 60 trials: released against corrected formulas.
 TEST(LineFit, TheReleasedCodeIsLessAccurate) {
   for (const LineFitMethod method : {LineFitMethod::kTukeyM, LineFitMethod::kTukeyMm}) {
     std::vector<double> corrected, released;

@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// The published static fit (the paper's Sec. III-C and III-D, with the corrections of core/estimation/README.md,
-// section 1): one pose for all events of the window, each event given to one line by fixed gates at the predicted pose,
-// and LS, M, S or MM (line_fit.h). And the same as its released code has it: wider gates, all lines at once, hidden
-// ones too, from the last pose without a prediction.
+// The published static fit (Sec. III-C and III-D of the paper, with the corrections of core/estimation/README.md,
+// section 1): one pose for all events of the window. Each event is assigned to one line by fixed gates at the predicted
+// pose, and the pose is estimated by LS, M, S or MM (line_fit.h). The variant of the released code has wider gates,
+// uses all lines including hidden ones, and starts at the last pose without a prediction.
 #include "core/baselines/estimators/static_estimator.h"
 
 #include <cmath>
@@ -65,7 +65,7 @@ class StaticEstimator : public WindowEstimator {
   }
 
  private:
-  // The released code knows no second try: its gate is what it is.
+  // The released code has no second try; its gate is fixed.
   double DistancePx(double gate_factor) const {
     return is_released_ ? options_.released_distance_px : options_.distance_px * gate_factor;
   }
@@ -83,13 +83,14 @@ class StaticEstimator : public WindowEstimator {
 };
 
 void StaticEstimator::Associate(const MotionState& predicted, const WindowInput& input, double gate_factor) {
-  // "Static": the lines do not move within the window.
+  // Static: the lines do not move within the window.
   MotionState still = predicted;
   still.twist.setZero();
   ProjectLines(camera_, still, input.lines, lines_);
   ends_.clear();
   for (const TrackedLine& line : input.lines) ends_.push_back({line.p1, line.p2});
-  constexpr double kMinOwnShare = 0.5;  // hard association between objects as between lines
+  // An event must belong to this object more likely than to another one: hard association, as between lines.
+  constexpr double kMinOwnShare = 0.5;
   events_.clear();
   for (const Observation& event : input.events) {
     const NearLines near = FindNearLines(event, lines_.data(), DistancePx(gate_factor), 0.0);
@@ -104,13 +105,13 @@ void StaticEstimator::Associate(const MotionState& predicted, const WindowInput&
 }
 
 void StaticEstimator::Fit(const MotionState& predicted, const WindowInput& input, double gate_factor, WindowFit& fit) {
-  constexpr size_t kMinFitEvents = 12;  // twice the unknowns
+  constexpr size_t kMinFitEvents = 12;  // twice the number of unknowns
   fit.Clear();
   fit.state = predicted;
   Associate(predicted, input, gate_factor);
   fit.num_gated = static_cast<double>(events_.size());
   if (events_.size() < kMinFitEvents) return;
-  // Where the events do not determine the pose, the prediction holds.
+  // If the events do not determine the pose, the prediction is kept.
   const absl::StatusOr<LineFit> pose =
       FitPoseToLines(camera_, ends_, events_, predicted.camera_from_object, fit_options_);
   if (!pose.ok()) return;
@@ -120,7 +121,7 @@ void StaticEstimator::Fit(const MotionState& predicted, const WindowInput& input
   fit.state.camera_from_object = pose->camera_from_object;
   fit.state.covariance.setZero();
   fit.state.covariance.topLeftCorner<6, 6>() = pose->covariance;
-  // Constant twist from the last two poses (the paper's eqs. (eqd-3), (eqd-4)).
+  // Twist from the last two poses (eqs. (eqd-3), (eqd-4) of the paper).
   const double dt = has_last_ ? static_cast<double>(fit.state.t_us - last_.t_us) * 1e-6 : 0.0;
   if (dt > 0.0) fit.state.twist = Difference(fit.state.camera_from_object, last_.camera_from_object) / dt;
 }

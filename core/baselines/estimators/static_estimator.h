@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// The published estimator of one static pose per window, for comparison.
+// Published estimator of one static pose per window, for comparison.
 #pragma once
 
 #include <memory>
@@ -10,18 +10,20 @@
 
 namespace evpose {
 
-// The paper's static fits (its Sec. III-C and III-D), for comparison.
+// Options of the static estimators of the paper (Sec. III-C and III-D).
 struct StaticOptions {
-  double distance_px = 8.0;            // d_t: farthest event of a line; the paper's value
-  double released_distance_px = 10.0;  // d_t of its released code
-  double midpoint_ratio = 0.5;         // d_m: distance to the midpoint, of the projected length; the paper's value
-  double two_lines_px = 3.0;           // d_a: events this close to two lines are rejected; the paper gives none
-  int max_iterations = 20;             // re-weightings of S and of M each; both converge in fewer
-  double tolerance_px = 5e-3;          // re-weighting ends when no event's distance changes by more
-  int max_events = 4000;               // events per window, evenly drawn; the error is systematic beyond
+  double distance_px = 8.0;            // pixels, d_t: largest distance of an event from its line; value of the paper
+  double released_distance_px = 10.0;  // pixels, d_t of the released code
+  double midpoint_ratio = 0.5;         // d_m: distance to the midpoint over the projected length; value of the paper
+  double two_lines_px = 3.0;  // pixels, d_a: an event this close to two lines is rejected; the paper gives no value
+  // Re-weighting steps of S and of M, each; both converge in fewer.
+  int max_iterations = 20;
+  double tolerance_px = 5e-3;  // pixels; re-weighting ends when no distance changes by more
+  // Events per window, downsampled uniformly; with more the error is systematic.
+  int max_events = 4000;
 };
 
-// `estimator` is one of the static or released ones.
+// Makes a static estimator. `estimator` must be one of the static or released ones, `options` and `camera` valid.
 std::unique_ptr<WindowEstimator> MakeStaticEstimator(Estimator estimator, const StaticOptions& options,
                                                      const CameraModel& camera);
 

@@ -13,8 +13,9 @@
 namespace evpose {
 namespace {
 
-constexpr int kMaxRefined = 4;  // two for a plane's mirror pose, and as many that look better before refinement
-constexpr int kRefinementIterations = 10;
+// Two for the mirror pose of a plane, and as many that are better before the refinement.
+constexpr int kMaxRefined = 4;
+constexpr int kRefinementIterations = 10;  // Gauss-Newton converges in three to five
 
 struct Candidate {
   RigidTransform pose;
@@ -22,13 +23,15 @@ struct Candidate {
 };
 
 struct PlaneAndDirection {
-  Eigen::Vector3d normal;  // times the segment's length, of the longest: the noise of its direction is inverse to it
+  // Normal times the length of the segment relative to the longest one: the noise of its direction is inverse to it.
+  Eigen::Vector3d normal;
   Eigen::Vector3d direction;
 };
 
-// The longest first; then the longest that is not parallel to it; then the rest. False when all are parallel.
+// Sorts the lines: the longest one, then the longest one that is not parallel to it, then the rest. Returns false if
+// all are parallel.
 bool OrderLines(absl::Span<const LineMatch> matches, const CameraModel& camera, std::vector<PlaneAndDirection>& lines) {
-  constexpr double kParallelSine = 0.02;  // about 1 deg: below, the second line says nothing new
+  constexpr double kParallelSine = 0.02;  // about 1 deg; with less, the second line gives no information
   std::vector<size_t> order(matches.size());
   for (size_t i = 0; i < order.size(); ++i) order[i] = i;
   std::stable_sort(order.begin(), order.end(),
@@ -48,8 +51,7 @@ bool OrderLines(absl::Span<const LineMatch> matches, const CameraModel& camera, 
   return true;
 }
 
-// The sum of the squared polynomials of the triples, divided by the power of 1 + t^2 that makes it a function of the
-// angle.
+// Sum of the squared polynomials of the triples, divided by the power of 1 + t^2 that makes it a function of the angle.
 double Cost(const std::vector<P3lConstraint>& constraints, double alpha_rad) {
   double cost = 0.0;
   for (size_t i = 1; i < constraints.size(); ++i) {
@@ -60,8 +62,8 @@ double Cost(const std::vector<P3lConstraint>& constraints, double alpha_rad) {
 }
 
 // Local minima of the cost. For a box they are multiple roots of its derivative, which a companion matrix of degree 15
-// returns as clusters of complex ones: so they are bracketed by sampling, 20 samples for each of the at most 16 minima,
-// and narrowed by golden section.
+// returns as clusters of complex roots. They are therefore bracketed by sampling, with 20 samples for each of the at
+// most 16 minima, and narrowed by golden section search.
 std::vector<double> MinimaOfCost(const std::vector<P3lConstraint>& constraints) {
   constexpr int kSamples = 320;
   constexpr int kSteps = 30;  // 2e-2 rad times 0.618^30: 1e-8 rad
@@ -86,7 +88,7 @@ std::vector<double> MinimaOfCost(const std::vector<P3lConstraint>& constraints) 
   return minima;
 }
 
-// Where sum_i (a_i cos(beta) + b_i sin(beta) + d_i)^2 is stationary, by u = tan(beta / 2).
+// Angles beta at which sum_i (a_i cos(beta) + b_i sin(beta) + d_i)^2 is stationary, by u = tan(beta / 2).
 std::vector<double> StationaryBetas(const std::vector<P3lConstraint>& constraints, double alpha_rad) {
   const Eigen::Vector3d base(1.0, std::cos(alpha_rad), std::sin(alpha_rad));
   double aa = 0.0, bb = 0.0, ab = 0.0, ad = 0.0, bd = 0.0;

@@ -39,7 +39,7 @@ TEST(Aspnl, IsRightWithNoise) {
   }
 }
 
-TEST(Aspnl, SaysWhatIsMissing) {
+TEST(Aspnl, ReportsErrors) {
   const auto trials = MakeTrials(SimulatedObject::kCube, 0.0);
   std::vector<LineMatch> matches = MatchesOf(*trials, trials->Make(1));
   EXPECT_EQ(EstimatePoseByAspnl(trials->camera(), absl::MakeSpan(matches).first(2)).status().code(),

@@ -18,18 +18,18 @@
 namespace evpose {
 namespace {
 
-// A Gaussian over poses: the tangent of Perturb() at its middle.
+// A Gaussian over poses, in the tangent of Perturb() at its mean.
 struct Belief {
   RigidTransform pose;
   Matrix6d covariance;
 };
 
-// A projected line and how uncertain its ends are.
+// A projected line with the uncertainty of its ends.
 struct UncertainLine {
   ProjectedLine line;
   Eigen::Vector2d along;  // unit vector from p1_px
   double length_px = 0.0;
-  double reach_px = 0.0;  // three standard deviations of its ends
+  double reach_px = 0.0;  // three standard deviations of the ends along the line
 };
 
 class BlindPnp {
@@ -48,7 +48,7 @@ class BlindPnp {
     }
   }
 
-  // Depth first from a belief that `depth` matches have made.
+  // Searches depth first from the distribution after `depth` matches.
   void Search(const Belief& belief, int depth);
   bool IsDone() const;
   absl::StatusOr<RigidTransform> Finish() const;
@@ -72,7 +72,7 @@ class BlindPnp {
   std::optional<RigidTransform> best_pose_;
 };
 
-// Rows of d (distance of either end) / d (pose).
+// Rows: derivatives of the distances of the two ends by the pose.
 Eigen::Matrix<double, 2, 6> MeasurementRows(const ProjectedLine& line, const std::array<Eigen::Vector3d, 2>& bearings) {
   Eigen::Matrix<double, 2, 6> rows;
   rows << (line.jacobian.transpose() * bearings[0]).transpose(), (line.jacobian.transpose() * bearings[1]).transpose();
@@ -92,7 +92,7 @@ std::optional<UncertainLine> BlindPnp::Project(const Belief& belief, const Model
   if (uncertain.length_px < 2.0) return std::nullopt;
   uncertain.along /= uncertain.length_px;
   const double focal_px = std::max(camera_.fx_px, camera_.fy_px);
-  // An end moves along its line about as much as sideways: f / z of the uncertainty of its place.
+  // The uncertainty of an end along its line is about that across it: f / z times that of its position.
   double variance_m2 = 0.0;
   double depth_m = 0.0;
   for (const Eigen::Vector3d& p : {line.p1, line.p2}) {
@@ -117,7 +117,7 @@ bool BlindPnp::MayMatch(const UncertainLine& line, size_t segment, const Belief&
   return d.dot(innovation.inverse() * d) < options_.gate;
 }
 
-// Iterated Kalman update with both distances measured as 0. `line` is the one at the belief's middle.
+// Iterated Kalman update with both distances measured as 0. `line` is the projection at the mean.
 std::optional<Belief> BlindPnp::Update(const Belief& belief, const ProjectedLine& line, size_t segment) const {
   const Eigen::Matrix<double, 2, 6> rows = MeasurementRows(line, bearings_[segment]);
   Eigen::Matrix2d innovation = rows * belief.covariance * rows.transpose();
@@ -137,7 +137,8 @@ bool BlindPnp::IsDone() const {
 
 void BlindPnp::Judge(const RigidTransform& pose) {
   ++num_judged_;
-  // A first-order pose of a wide prior: one least-squares step or two with what it explains make it fair to judge.
+  // The prior is wide and the updates are of first order; one or two least-squares steps with the explained segments
+  // precede the final score.
   RigidTransform judged = pose;
   const auto refined = RefinePose(scorer_.Matches(scorer_.Score(pose)), camera_, pose, 3);
   if (refined && scorer_.Score(*refined).IsBetterThan(scorer_.Score(pose))) judged = *refined;

@@ -37,7 +37,7 @@ TEST(BlindPnp, IsRightFromNearby) {
   }
 }
 
-TEST(BlindPnp, ASeedIsAPose) {
+TEST(BlindPnp, EqualSeedsGiveEqualPoses) {
   const auto trials = MakeTrials(SimulatedObject::kCube, 0.8, 2, 1);
   const LineTrial trial = trials->Make(3);
   const PosePrior prior = PriorOf(trial, 0.1, 0.03, 5);
@@ -48,7 +48,7 @@ TEST(BlindPnp, ASeedIsAPose) {
   EXPECT_EQ(a->translation_m, b->translation_m);
 }
 
-TEST(BlindPnp, SaysWhatIsMissing) {
+TEST(BlindPnp, ReportsErrors) {
   const auto trials = MakeTrials(SimulatedObject::kCube, 0.8);
   const LineTrial trial = trials->Make(3);
   const PosePrior prior = PriorOf(trial, 0.1, 0.03, 5);

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// The published objective as a witness for a pose that was found otherwise.
+// Certifies the rotation of a pose with the objective of the paper.
 #pragma once
 
 #include "absl/status/statusor.h"
@@ -13,16 +13,17 @@
 
 namespace evpose {
 
-// Whether the rotation of a pose, of a PoseHypothesis for example, attains the global maximum of the published
-// objective E (CertifyRotation; LOPET, Sec. III-B; core/initialization/README.md): no rotation makes more of the
-// segments perpendicular to one of the model's directions. Segments without length count for nothing.
+// Tests whether the rotation of a pose, for example of a PoseHypothesis, attains the global maximum of the objective E
+// of the paper (CertifyRotation; LOPET, Sec. III-B; core/initialization/README.md): no rotation makes more of the
+// segments perpendicular to a direction of the model. Segments of zero length are ignored.
 //
-// kNotMaximum does not say that the pose is wrong: E sees neither which line is which nor where the lines end, it
-// grants every segment the same angle however short it is, and with spurious segments its maximum is often elsewhere.
-// kMaximum does not say that the pose is right: it is then one of those that explain the most directions.
+// kNotMaximum does not mean that the pose is wrong: E considers neither which parallel line a segment belongs to nor
+// the ends of the lines, allows the same angle for short and long segments, and with spurious segments its maximum is
+// often at another rotation. kMaximum does not mean that the pose is right: it is one of those that explain the most
+// segments by directions.
 //
-// `camera`'s distortion plays no part: segments are undistorted. Errors, INVALID_ARGUMENT: options; no segment with a
-// length; a model with fewer than two directions; a rotation that is none (to 1e-6).
+// Segments are undistorted, so that the distortion of `camera` is not used. INVALID_ARGUMENT: invalid options, no
+// segment of positive length, a model with fewer than two directions, or a matrix that is not a rotation (to 1e-6).
 absl::StatusOr<RotationCertificate> CertifyPose(const ObjectModel& model, const CameraModel& camera,
                                                 absl::Span<const ImageSegment> segments,
                                                 const RigidTransform& camera_from_object,

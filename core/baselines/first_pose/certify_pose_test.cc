@@ -18,7 +18,7 @@ using ::testing::HasSubstr;
 
 const CameraModel kCamera = {1280, 720, 1030.0, 1030.0, 640.0, 360.0, {}};
 
-// Wires in seven directions, none hidden.
+// Wires in seven directions; none is occluded.
 ObjectModel Wires() {
   ObjectModel model;
   const Vector3d corners[] = {{-0.1, -0.08, 0.03}, {0.1, -0.07, -0.05}, {0.08, 0.1, 0.06}, {-0.09, 0.06, -0.08}};
@@ -70,7 +70,7 @@ TEST(CertifyPose, WrongRotationIsRefutedByABetterOne) {
 }
 
 TEST(CertifyPose, SpentBudgetIsUnknown) {
-  // A line of nothing: an upper bound of all eight has to be refuted first.
+  // One spurious line: an upper bound of all eight lines must be refuted first.
   std::vector<ImageSegment> segments = Project(Wires(), Truth());
   segments.push_back({Vector2d(500.0, 100.0), Vector2d(430.0, 170.0)});
   RotationBnbOptions options;
@@ -81,7 +81,7 @@ TEST(CertifyPose, SpentBudgetIsUnknown) {
   EXPECT_GT(certificate->upper_bound, certificate->count);
 }
 
-TEST(CertifyPose, SegmentsWithoutLengthCountForNothing) {
+TEST(CertifyPose, SegmentsOfZeroLengthAreIgnored) {
   std::vector<ImageSegment> segments = Project(Wires(), Truth());
   segments.push_back({Vector2d(500.0, 100.0), Vector2d(500.0, 100.0)});
   const auto certificate = CertifyPose(Wires(), kCamera, segments, Truth());
@@ -90,7 +90,7 @@ TEST(CertifyPose, SegmentsWithoutLengthCountForNothing) {
   EXPECT_EQ(certificate->verdict, RotationVerdict::kMaximum);
 }
 
-TEST(CertifyPose, RefusesWhatMeansNothing) {
+TEST(CertifyPose, RejectsInvalidArguments) {
   const ObjectModel model = Wires();
   const std::vector<ImageSegment> segments = Project(model, Truth());
   const auto message = [](const auto& certificate) {

@@ -12,7 +12,7 @@
 namespace evpose {
 namespace {
 
-// Squared sine between planes below which their common point is noise: 0.06 deg.
+// Squared sine of the angle between planes (0.06 deg) below which their common point is determined by noise only.
 constexpr double kMinEigenvalue = 1e-6;
 
 struct NormalEquations {
@@ -62,12 +62,12 @@ std::optional<Eigen::Vector3d> SolveTranslation(absl::Span<const LineMatch> matc
 
 std::optional<RigidTransform> RefinePose(absl::Span<const LineMatch> matches, const CameraModel& camera,
                                          const RigidTransform& start, int max_iterations) {
-  constexpr double kAtRest = 1e-10;  // radians and depths: far below any noise
+  constexpr double kAtRest = 1e-10;  // radians, and ratio of the distance; far below any noise
   RigidTransform pose = start;
   for (int i = 0; i < max_iterations; ++i) {
     auto equations = Linearise(matches, camera, pose);
     if (!equations) return std::nullopt;
-    // Against a singular matrix only: a billionth of the curvature that there is.
+    // Prevents a singular matrix: a billionth of the curvature.
     equations->hessian.diagonal() *= 1.0 + 1e-9;
     const Vector6d step = -equations->hessian.ldlt().solve(equations->gradient);
     if (!step.allFinite() || step.tail<3>().norm() > 1.0) return std::nullopt;

@@ -21,10 +21,10 @@ TEST(LineMatch, TranslationFollowsFromTheRotation) {
   }
 }
 
-TEST(LineMatch, PlanesThroughOneLineLeaveTheTranslationOpen) {
+TEST(LineMatch, PlanesThroughOneLineDoNotDetermineTheTranslation) {
   const auto trials = MakeTrials(SimulatedObject::kCube, 0.0);
   std::vector<LineMatch> matches = MatchesOf(*trials, trials->Make(1));
-  for (size_t j = 0; j < matches.size(); ++j) {  // all through one pixel
+  for (size_t j = 0; j < matches.size(); ++j) {  // all pass through one pixel
     matches[j].segment = {{100.0, 100.0}, {200.0, 150.0 + 10.0 * static_cast<double>(j)}};
   }
   EXPECT_FALSE(SolveTranslation(matches, trials->camera(), Eigen::Matrix3d::Identity()));

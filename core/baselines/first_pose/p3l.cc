@@ -10,7 +10,7 @@
 namespace evpose {
 namespace {
 
-// Right-handed with the given first column.
+// Right-handed frame with the given first column.
 Eigen::Matrix3d FrameWithFirst(const Eigen::Vector3d& x) {
   Eigen::Matrix3d frame;
   frame.col(0) = x;
@@ -32,11 +32,11 @@ double At(const Eigen::Vector3d& k, double alpha_rad) {
   return k[0] + k[1] * std::cos(alpha_rad) + k[2] * std::sin(alpha_rad);
 }
 
-// The one or two angles at which both constraints vanish for this alpha.
+// Returns the one or two angles beta at which both constraints vanish for this alpha.
 std::vector<double> SolveBeta(const P3lConstraint& p, const P3lConstraint& q, double alpha_rad, bool is_perpendicular) {
   const double a1 = At(p.a, alpha_rad), b1 = At(p.b, alpha_rad), d1 = At(p.d, alpha_rad);
   const double a2 = At(q.a, alpha_rad), b2 = At(q.b, alpha_rad), d2 = At(q.d, alpha_rad);
-  if (is_perpendicular) {  // a cos + b sin = 0, twice the same: the larger one counts
+  if (is_perpendicular) {  // a cos + b sin = 0, twice the same equation; the one with the larger coefficients is used
     const bool is_first = a1 * a1 + b1 * b1 > a2 * a2 + b2 * b2;
     const double beta = is_first ? std::atan2(-a1, b1) : std::atan2(-a2, b2);
     return {beta, beta + M_PI};
@@ -44,7 +44,7 @@ std::vector<double> SolveBeta(const P3lConstraint& p, const P3lConstraint& q, do
   const double determinant = a1 * b2 - a2 * b1;
   const double x = b1 * d2 - b2 * d1;
   const double y = a2 * d1 - a1 * d2;
-  // Where the two are one equation, it has two solutions.
+  // If both equations are equal, they have two solutions.
   if (determinant * determinant < 1e-12 * (a1 * a1 + b1 * b1) * (a2 * a2 + b2 * b2)) {
     const bool is_first = a1 * a1 + b1 * b1 > a2 * a2 + b2 * b2;
     const double a = is_first ? a1 : a2, b = is_first ? b1 : b2, d = is_first ? d1 : d2;
@@ -57,7 +57,7 @@ std::vector<double> SolveBeta(const P3lConstraint& p, const P3lConstraint& q, do
   return {std::atan2(y / determinant, x / determinant)};
 }
 
-// Both directions are perpendicular to the first line's, but for the rounding of a model's coordinates.
+// Whether both directions are perpendicular to that of the first line, to the rounding of model coordinates.
 bool ArePerpendicular(const P3lConstraint& first, const P3lConstraint& second) {
   constexpr double kSine = 1e-6;
   return first.d.norm() < kSine && second.d.norm() < kSine;
@@ -118,7 +118,7 @@ std::vector<Eigen::Matrix3d> SolveP3l(const std::array<Eigen::Vector3d, 3>& norm
                                       const std::array<Eigen::Vector3d, 3>& directions) {
   constexpr double kParallel = 1e-6;
   const auto are_parallel = [&](int i, int j) { return directions[i].cross(directions[j]).norm() < kParallel; };
-  // The first line must be parallel to neither of the others; those may be parallel to each other.
+  // The first line must be parallel to neither of the others, which may be parallel to each other.
   std::array<int, 3> order = {0, 1, 2};
   if (are_parallel(0, 1)) std::swap(order[0], order[2]);
   if (are_parallel(order[0], order[2])) std::swap(order[0], order[1]);
@@ -128,7 +128,7 @@ std::vector<Eigen::Matrix3d> SolveP3l(const std::array<Eigen::Vector3d, 3>& norm
   const P3lConstraint second(frame, normals[order[2]], directions[order[2]]);
   const P3lPolynomial polynomial = EliminateBeta(first, second);
   std::vector<Eigen::Matrix3d> rotations;
-  // Parted double roots count: the caller judges the rotations.
+  // Double roots that rounding has separated are accepted; the caller selects among the rotations.
   for (const double t : RealRoots(polynomial.coefficients, 1e-3)) {
     const double alpha = 2.0 * std::atan(t);
     for (const double beta : SolveBeta(first, second, alpha, polynomial.is_perpendicular)) {

@@ -9,8 +9,8 @@
 
 namespace evpose {
 
-// Frames in which the first line's constraint is solved: R = camera * Rz(alpha) * Rx(beta) * object takes the direction
-// v_0 into the plane with normal n_0, whatever the two angles are.
+// Frames in which the constraint of the first line is solved: R = camera * Rz(alpha) * Rx(beta) * object rotates the
+// direction v_0 into the plane with normal n_0 for all alpha and beta.
 struct P3lFrame {
   Eigen::Matrix3d camera;
   Eigen::Matrix3d object;
@@ -28,22 +28,22 @@ struct P3lConstraint {
   P3lConstraint(const P3lFrame& frame, const Eigen::Vector3d& normal, const Eigen::Vector3d& direction);
 };
 
-// beta eliminated from two constraints: a polynomial of degree 8 in t = tan(alpha / 2), by rising power, zero where
-// both have a common beta. When both directions are perpendicular to the first (a box), it is the square of one of
-// degree 4; that one is returned, and `is_perpendicular` set.
+// Result of eliminating beta from two constraints: a polynomial of degree 8 in t = tan(alpha / 2), by increasing power,
+// which is zero where both constraints hold for a common beta. If both directions are perpendicular to the first one (a
+// box), it is the square of a polynomial of degree 4, which is returned instead, and `is_perpendicular` is true.
 struct P3lPolynomial {
   Eigen::VectorXd coefficients;
   bool is_perpendicular = false;
 };
 P3lPolynomial EliminateBeta(const P3lConstraint& first, const P3lConstraint& second);
 
-// The polynomial's value at an angle, over the power of 1 + t^2 that keeps it finite.
+// Value of the polynomial at an angle, divided by the power of 1 + t^2 that keeps it finite.
 double ConstraintOfAlpha(const P3lConstraint& first, const P3lConstraint& second, double alpha_rad);
 
-// All rotations with n_i . R v_i = 0, i = 0, 1, 2 (Dhome, Richetin, Lapreste, Rives, "Determination of the attitude of
-// 3-D objects from a single perspective view", PAMI 1989; Chen, "Pose determination from line-to-plane
-// correspondences", PAMI 1991): at most eight, each up to rounding. Empty when there is none or two of the directions
-// leave them open (all three parallel).
+// Returns all rotations with n_i . R v_i = 0, i = 0, 1, 2, to rounding (Dhome, Richetin, Lapreste, Rives,
+// "Determination of the attitude of 3-D objects from a single perspective view", PAMI 1989; Chen, "Pose determination
+// from line-to-plane correspondences", PAMI 1991): at most eight. Empty if there is none, or if the directions do not
+// determine them (all three parallel).
 std::vector<Eigen::Matrix3d> SolveP3l(const std::array<Eigen::Vector3d, 3>& normals,
                                       const std::array<Eigen::Vector3d, 3>& directions);
 

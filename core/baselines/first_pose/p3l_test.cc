@@ -66,7 +66,7 @@ TEST(P3l, SolutionsSatisfyTheConstraints) {
         worst = std::max(worst, std::abs(problem.normals[k].dot(rotation * problem.directions[k])));
       }
       exact += worst < 1e-6;
-      EXPECT_LT(worst, 1e-2);  // a parted double root
+      EXPECT_LT(worst, 1e-2);  // a double root that rounding has separated
     }
     EXPECT_GE(exact, 1);
   }
@@ -110,7 +110,7 @@ TEST(P3l, BoxesAndParallelPairsAreSolved) {
   }
 }
 
-TEST(P3l, ParallelLinesLeaveTheRotationOpen) {
+TEST(P3l, ParallelLinesDoNotDetermineTheRotation) {
   const Eigen::Vector3d x = Eigen::Vector3d::UnitX();
   Random random(4);
   const Problem problem = MakeProblem(random, {x, x, x});

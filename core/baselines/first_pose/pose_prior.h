@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// What the baselines that need a first guess are told of the pose.
+// Prior of the pose for the baselines that require one.
 #pragma once
 
 #include "core/geometry/rigid_transform.h"
@@ -8,13 +8,13 @@
 
 namespace evpose {
 
-// A pose and how far it may be off, one standard deviation each.
+// A pose with one standard deviation of each component.
 struct PosePrior {
   RigidTransform camera_from_object;
-  double rotation_rad = 0.0;       // of each component of the axis-angle vector
-  double translation_ratio = 0.0;  // of each coordinate, of the depth
+  double rotation_rad = 0.0;       // radians, of each component of the axis-angle vector
+  double translation_ratio = 0.0;  // of each coordinate, relative to the depth
 
-  // A pose drawn from it. An offset has the components of Perturb().
+  // Draws a pose. The offset has the components of Perturb().
   RigidTransform Draw(Random& random) const {
     const double depth_m = camera_from_object.translation_m.z();
     Vector6d offset;

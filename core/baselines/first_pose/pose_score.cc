@@ -7,7 +7,8 @@
 namespace evpose {
 namespace {
 
-constexpr double kMinDepthOfDiameter = 0.1;  // a camera this close to the object sees no lines
+// Relative to the diameter of the object; a camera so close sees no lines.
+constexpr double kMinDepthOfDiameter = 0.1;
 
 bool IsTurnedAway(const ModelLine& line, const Eigen::Vector3d& camera_object) {
   if (line.face_normals.empty()) return false;
@@ -22,7 +23,7 @@ PoseScorer::PoseScorer(const ObjectModel& model, const CameraModel& camera, absl
     : model_(model), camera_(camera), segments_(segments), threshold_px_(threshold_px), along_px_(along_px) {}
 
 bool PoseScorer::Project(const RigidTransform& pose, std::vector<Projected>& lines) const {
-  constexpr double kMinLengthPx = 2.0;  // shorter ones have no direction
+  constexpr double kMinLengthPx = 2.0;  // pixels; shorter lines have no direction
   const Eigen::Vector3d camera_object = pose.Inverse().translation_m;
   const double min_depth_m = kMinDepthOfDiameter * model_.diameter_m;
   for (size_t k = 0; k < model_.lines.size(); ++k) {

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// How well a pose explains segments of which nobody knows whose they are: what the baselines without correspondences
-// choose by.
+// Score of a pose by the segments that it explains without known correspondences; the criterion of the baselines that
+// search for correspondences.
 #pragma once
 
 #include <Eigen/Core>
@@ -16,13 +16,14 @@
 
 namespace evpose {
 
-// A pose that explains fewer segments is none: three always fit.
+// A pose that explains fewer segments is rejected: three always fit.
 inline constexpr int kMinInliers = 4;
 
 struct PoseScore {
   int inliers = 0;  // segments that lie on a projected line
   double cost_px2 =
-      0.0;  // sum over the segments of the squared distance of their ends, each truncated at the threshold
+      // Sum over the segments of the squared distances of their ends, pixels^2, each truncated at the threshold.
+      0.0;
   std::vector<int> model_line;  // for each segment, index into ObjectModel::lines, or -1
 
   bool IsBetterThan(const PoseScore& other) const {
@@ -30,17 +31,17 @@ struct PoseScore {
   }
 };
 
-// A segment is an inlier when both its ends are within `threshold_px` of the line through a projected edge and within
-// its ends (by `along_px`). Lines whose faces are all turned away do not count; other hiding is not looked at.
-// Keeps references to model and segments.
+// Scores poses. A segment is an inlier if both its ends are within `threshold_px` of the line through a projected edge
+// and not farther than `along_px` beyond the ends of the edge. Lines are ignored if all their faces are turned away;
+// other occlusion is not considered. The model and the segments must outlive the scorer.
 class PoseScorer {
  public:
   PoseScorer(const ObjectModel& model, const CameraModel& camera, absl::Span<const ImageSegment> segments,
              double threshold_px, double along_px = 10.0);
 
-  // No inlier when a part of the model lies behind the camera.
+  // Scores a pose. No segment is an inlier if a part of the model lies behind the camera.
   PoseScore Score(const RigidTransform& camera_from_object) const;
-  // The same without the lines, and given up (INT_MIN inliers) when it cannot reach `needed` inliers.
+  // The same without model_line. Stops with inliers = INT_MIN as soon as `needed` inliers cannot be reached.
   PoseScore QuickScore(const RigidTransform& camera_from_object, int needed) const;
   std::vector<LineMatch> Matches(const PoseScore& score) const;
 

@@ -10,7 +10,7 @@
 namespace evpose {
 namespace {
 
-TEST(PoseScore, TheTruthExplainsWhatIsTheObjects) {
+TEST(PoseScore, TheTruthExplainsTheSegmentsOfTheObject) {
   for (const SimulatedObject object : {SimulatedObject::kCube, SimulatedObject::kBook, SimulatedObject::kSpacecraft}) {
     const auto trials = MakeTrials(object, 0.0, 3, 1);
     for (int seed = 0; seed < 10; ++seed) {
@@ -22,7 +22,7 @@ TEST(PoseScore, TheTruthExplainsWhatIsTheObjects) {
       }
       const int true_lines = static_cast<int>(trial.segments.size()) - 3;
       EXPECT_GE(score.inliers, true_lines);
-      EXPECT_LE(score.cost_px2, 3 * 2.0 * 4.0 + 1e-9);  // the spurious ones' share
+      EXPECT_LE(score.cost_px2, 3 * 2.0 * 4.0 + 1e-9);  // the share of the spurious segments
       EXPECT_EQ(scorer.Matches(score).size(), static_cast<size_t>(score.inliers));
       const PoseScore quick = scorer.QuickScore(trial.camera_from_object, 0);
       EXPECT_EQ(quick.inliers, score.inliers);
@@ -33,7 +33,7 @@ TEST(PoseScore, TheTruthExplainsWhatIsTheObjects) {
   }
 }
 
-TEST(PoseScore, APoseAsideExplainsLess) {
+TEST(PoseScore, AWrongPoseExplainsLess) {
   const auto trials = MakeTrials(SimulatedObject::kCuboid, 0.0);
   const LineTrial trial = trials->Make(2);
   const PoseScorer scorer(trials->model(), trials->camera(), trial.segments, 2.0);

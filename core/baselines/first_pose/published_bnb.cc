@@ -22,8 +22,8 @@ struct Triple {
   double weight = 0.0;
 };
 
-// The triples whose planes meet best, long segments first, such that no segment stands in much more of them than the
-// others: it may be a spurious one.
+// Selects the triples with the best determined translation, long segments first, such that no segment occurs in many
+// more of them than the others: it may be spurious.
 std::vector<Triple> ChooseTriples(absl::Span<const ImageSegment> segments, const std::vector<Eigen::Vector3d>& normals,
                                   int max_triples) {
   const int n = static_cast<int>(segments.size());
@@ -66,7 +66,7 @@ class TranslationSearch {
   absl::StatusOr<RigidTransform> Finish() const;
 
  private:
-  // A model line that a segment may be, and where its plane then is: n . T = offset.
+  // A model line to which a segment may belong, and the plane of the translation in this case: n . T = offset.
   struct Candidate {
     double offset_m;
     int line;
@@ -100,7 +100,8 @@ void TranslationSearch::Try(const Eigen::Matrix3d& rotation) {
   for (const Triple& triple : triples_) TryTriple(rotation, triple, candidates);
 }
 
-// Before anything is projected: the object's origin in front of the camera, farther than it is large.
+// Test before the projection: the origin of the object lies in front of the camera, farther than the size of the
+// object.
 bool TranslationSearch::IsPlausible(const Eigen::Vector3d& translation_m) const {
   return translation_m.z() > 0.5 * model_.diameter_m && translation_m.z() < 100.0 * model_.diameter_m;
 }
@@ -135,10 +136,10 @@ absl::StatusOr<RigidTransform> TranslationSearch::Finish() const {
   return RigidTransform{best_pose_->rotation, *translation_m};
 }
 
-// One of each class of the directions' symmetries that the model's own do not map onto each other.
+// One symmetry of the directions of each class that the symmetries of the model do not map onto each other.
 std::vector<Eigen::Matrix3d> SymmetriesOfDirectionsAlone(absl::Span<const Eigen::Vector3d> directions,
                                                          const ObjectModel& model) {
-  constexpr double kSame = 1e-3;
+  constexpr double kSame = 1e-3;  // Frobenius norm; two different symmetries differ by far more
   std::vector<Eigen::Matrix3d> chosen;
   for (const Eigen::Matrix3d& q : DirectionSymmetries(directions)) {
     const bool is_known = std::any_of(chosen.begin(), chosen.end(), [&](const Eigen::Matrix3d& other) {

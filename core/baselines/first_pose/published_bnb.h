@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// Baseline without correspondences: the source paper's own initialisation.
+// First pose from lines without correspondences: the initialization of the paper.
 #pragma once
 
 #include "absl/status/status.h"
@@ -16,27 +16,31 @@ namespace evpose {
 
 struct PublishedBnbOptions {
   RotationBnbOptions rotation;
-  // Pixels: an end point this near to a projected line is on it. The rotation may be off by the inlier band of 1.7 deg,
-  // which is 4 px at the end of an object of 250 px.
+  // Pixels: largest distance of an end point from a projected line. The inlier band of 1.7 deg allows an error of the
+  // rotation that displaces the end of an object of 250 px by 4 px.
   double threshold_px = 6.0;
-  // Triples of segments from which translations are computed, at most. Each takes all assignments of model lines with
-  // the right directions: 64 for a box, some thousands for a spacecraft.
+  // Triples of segments from which translations are computed, at most. Each is combined with all assignments of model
+  // lines with the right directions: 64 for a box, some thousands for a spacecraft.
   int max_triples = 20;
 
-  // INVALID_ARGUMENT naming the field.
+  // INVALID_ARGUMENT names the field.
   absl::Status Validate() const;
 };
 
-// LOPET (Liu, Guan, Shang, Yu, Kneip, IEEE TIP 2024), Sec. III-B: the rotation that makes the most image lines
-// perpendicular to a model direction, by branch and bound; then the translation linearly from n_j . (R P_k + T) = 0.
-// The paper takes the correspondences for known after the rotation. They are not: parallel lines share a direction, and
-// the count cannot tell the rotations that map the directions onto themselves. Here each rotation that reaches the
-// maximum (of those that the search returns) is tried with each of those, the translations of triples of segments with
-// every assignment of lines of their directions are enumerated, the one with the most segments on projected lines is
-// kept, and solved again with all of them. The rotation stays what the count made it, the least-squares one of its
-// inliers; nothing is refined together. More than the paper says, so that its objective is what is judged.
-// The search uses the bounds of rotation_bnb.h: the published ones find the same maximum in more time.
-// Errors: INVALID_ARGUMENT for options or a model without two directions; NOT_FOUND when no translation explains four
+// LOPET (Liu, Guan, Shang, Yu, Kneip, IEEE TIP 2024), Sec. III-B: the rotation for which the most image lines are
+// perpendicular to a direction of the model, by branch and bound; then the translation from the linear equations n_j .
+// (R P_k + T) = 0.
+//
+// The paper assumes that the rotation determines the correspondences. It does not: parallel lines share a direction,
+// and the count is equal for rotations that map the set of directions onto itself. Therefore each rotation that reaches
+// the maximum (among those that the search returns) is combined with each of these symmetries; the translations of
+// triples of segments are enumerated for every assignment of lines with their directions; and the translation with the
+// most segments on projected lines is kept and solved again with all of them. The rotation remains the least-squares
+// one of the inliers of the count; pose and translation are not refined together, so that the objective of the paper is
+// what is measured. The search uses the bounds of rotation_bnb.h; the published ones find the same maximum in more
+// time.
+//
+// Errors: INVALID_ARGUMENT for the options or a model without two directions; NOT_FOUND if no translation explains four
 // segments.
 absl::StatusOr<RigidTransform> EstimatePoseByPublishedBnb(const ObjectModel& model, const CameraModel& camera,
                                                           absl::Span<const ImageSegment> segments,

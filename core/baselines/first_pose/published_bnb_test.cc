@@ -24,7 +24,7 @@ int CountRight(SimulatedObject object, double noise_px, int spurious, int missin
 TEST(PublishedBnb, IsRightForBoxesThatAreSeenWhole) {
   EXPECT_EQ(CountRight(SimulatedObject::kCube, 0.0, 0, 0), kTrials);
   EXPECT_GE(CountRight(SimulatedObject::kCube, 0.8, 0, 0), kTrials - 1);
-  // Which of its sides is which, the directions do not tell: the translations do.
+  // The directions do not determine the correspondences of the parallel lines; the translations do.
   EXPECT_GE(CountRight(SimulatedObject::kCuboid, 0.8, 0, 0), kTrials - 2);
 }
 
@@ -34,7 +34,7 @@ TEST(PublishedBnb, CountingIsMisledBySpuriousLines) {
   EXPECT_LE(right, kTrials * 4 / 5);
 }
 
-TEST(PublishedBnb, SaysWhatIsMissing) {
+TEST(PublishedBnb, ReportsErrors) {
   const auto trials = MakeTrials(SimulatedObject::kCube, 0.8);
   const LineTrial trial = trials->Make(3);
   EXPECT_EQ(EstimatePoseByPublishedBnb(trials->model(), trials->camera(), {}, {}).status().code(),

@@ -18,7 +18,7 @@
 namespace evpose {
 namespace {
 
-// Three different numbers below `bound`, which is at least three.
+// Draws three different numbers below `bound`, which is at least three.
 std::array<size_t, 3> DrawThree(Random& random, size_t bound) {
   std::array<size_t, 3> drawn;
   drawn[0] = random.UniformInt(bound);
@@ -68,7 +68,7 @@ void Ransac::Draw(Random& random) {
 void Ransac::TryMatches(const std::array<size_t, 3>& segments, const std::array<size_t, 3>& lines) {
   Eigen::Matrix3d normals;
   for (int i = 0; i < 3; ++i) normals.row(i) = normals_[segments[i]];
-  // Image lines through one point leave the translation open.
+  // Image lines through one point do not determine the translation.
   if (std::abs(normals.determinant()) < 1e-4) return;
   const auto rotations = SolveP3l({normals_[segments[0]], normals_[segments[1]], normals_[segments[2]]},
                                   {directions_[lines[0]], directions_[lines[1]], directions_[lines[2]]});

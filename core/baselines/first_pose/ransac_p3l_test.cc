@@ -28,7 +28,7 @@ TEST(RansacP3l, IsRightForBoxes) {
   EXPECT_GE(CountRight(SimulatedObject::kPlanar, 0.8, 0, 0), kTrials * 6 / 10);
 }
 
-TEST(RansacP3l, ASeedIsAPose) {
+TEST(RansacP3l, EqualSeedsGiveEqualPoses) {
   const auto trials = MakeTrials(SimulatedObject::kCube, 0.8, 2, 1);
   const LineTrial trial = trials->Make(3);
   const auto a = EstimatePoseByRansac(trials->model(), trials->camera(), trial.segments, {}, 7);
@@ -38,7 +38,7 @@ TEST(RansacP3l, ASeedIsAPose) {
   EXPECT_EQ(a->translation_m, b->translation_m);
 }
 
-TEST(RansacP3l, SaysWhatIsMissing) {
+TEST(RansacP3l, ReportsErrors) {
   const auto trials = MakeTrials(SimulatedObject::kCube, 0.8);
   const LineTrial trial = trials->Make(3);
   const auto few = absl::MakeSpan(trial.segments).first(3);

@@ -17,7 +17,7 @@ struct Solution {
   double residual_px = std::numeric_limits<double>::infinity();
 };
 
-// The translation for a rotation, from the matches that it explains.
+// Translation for a rotation, from the matches that the rotation explains.
 Solution SolveFor(const Eigen::Matrix3d& rotation, const CameraModel& camera, absl::Span<const LineMatch> matches,
                   absl::Span<const Eigen::Vector3d> normals, absl::Span<const Eigen::Vector3d> directions,
                   double max_cosine) {

@@ -14,7 +14,7 @@ constexpr int kTrials = 20;
 
 struct Counts {
   int right = 0;
-  int near = 0;  // ends within 6 px of where they are, in the mean
+  int near = 0;  // mean error of the ends within 6 px
 };
 
 Counts RunTrials(SimulatedObject object, double noise_px) {
@@ -47,12 +47,12 @@ TEST(Ropnl, IsMostlyRightWhereNoLineIsShort) {
   EXPECT_GE(RunTrials(SimulatedObject::kCuboid, 0.8).right, kTrials * 17 / 20);
 }
 
-TEST(Ropnl, WrongMatchesAreLeftOut) {
+TEST(Ropnl, WrongMatchesAreRejected) {
   const auto trials = MakeTrials(SimulatedObject::kSpacecraft, 0.5);
   const LineTrial trial = trials->Make(4);
   std::vector<LineMatch> matches = MatchesOf(*trials, trial);
   ASSERT_GE(matches.size(), 10u);
-  for (int i = 0; i < 2; ++i) {  // turned by a right angle in the image
+  for (int i = 0; i < 2; ++i) {  // rotated by a right angle in the image
     ImageSegment& segment = matches[i].segment;
     const Eigen::Vector2d way = segment.p2_px - segment.p1_px;
     segment.p2_px = segment.p1_px + Eigen::Vector2d(-way.y(), way.x());
@@ -62,7 +62,7 @@ TEST(Ropnl, WrongMatchesAreLeftOut) {
   EXPECT_TRUE(CompareWithTruth(*trials, trial, *pose).is_right());
 }
 
-TEST(Ropnl, SaysWhatIsMissing) {
+TEST(Ropnl, ReportsErrors) {
   const auto trials = MakeTrials(SimulatedObject::kCube, 0.0);
   const std::vector<LineMatch> matches = MatchesOf(*trials, trials->Make(1));
   EXPECT_EQ(EstimatePoseByRopnl(trials->camera(), absl::MakeSpan(matches).first(2), {}).status().code(),

@@ -5,18 +5,18 @@
 // Published (LOPET, eq. (eq1-13), after Hartley and Kahl 2009): angle(R_r v, R_0 v) <= |d| <= sqrt(3) h = mu, so that a
 // pair is possible only if |n . u| <= sin(eps + mu).
 //
-// First order, sharper for small cubes: along d(s) = s d, 0 <= s <= 1, let g(s) = n . R(s) v and w(s) = J(r_0 + s d) d
-// the angular velocity, J the left Jacobian of SO(3). Then g' = w . (R v x n), and with |w| <= |d|,
+// First order, sharper for small cubes: along d(s) = s d, 0 <= s <= 1, let g(s) = n . R(s) v and let w(s) = J(r_0 + s
+// d) d be the angular velocity, J the left Jacobian of SO(3). Then g' = w . (R v x n), and with |w| <= |d|,
 //   |g''| <= |w'| + |w|^2 <= |d|^2 / 2 + |d|^2:
-// w(s) = int_0^1 exp(t r) d dt, whose derivative along d is int_0^1 w_t x exp(t r) d dt with |w_t| <= t |d|, hence
-// |w'| <= |d|^2 int t dt = |d|^2 / 2. By Taylor |g(1) - n . u - d . J^T c| <= 3/4 |d|^2 <= 9/4 h^2, and a pair is
-// possible only if |n . u| <= sin(eps) + h |J(r_0)^T c|_1 + 9/4 h^2. The 1-norm lies between h and sqrt(3) h times
-// |J^T c| <= 1: what the ball around the cube gives away is regained.
+// w(s) = int_0^1 exp(t r) d dt has the derivative int_0^1 w_t x exp(t r) d dt along d with |w_t| <= t |d|, hence |w'|
+// <= |d|^2 int t dt = |d|^2 / 2. By Taylor |g(1) - n . u - d . J^T c| <= 3/4 |d|^2 <= 9/4 h^2, and a pair is possible
+// only if |n . u| <= sin(eps) + h |J(r_0)^T c|_1 + 9/4 h^2. The 1-norm is between h and sqrt(3) h times |J^T c| <= 1,
+// so that this bound does not lose the factor between the cube and the ball around it.
 //
-// Symmetry: E(RQ) = E(R) for Q in the group of the directions, so the maximum is attained by a rotation whose angle is
-// the smallest of its class. A cube of half-width h whose every rotation has angle >= |r_0| - mu is skipped when some Q
-// has angle(R_0 Q) + mu < |r_0| - mu: each of its rotations R has RQ with a smaller angle. Directions that fall on
-// themselves only nearly are covered by a slack: eps of the upper bound grows by the deviation.
+// Symmetry: E(RQ) = E(R) for Q in the group of the directions, so that the maximum is attained by the rotation with the
+// smallest angle of its class. A cube of half-width h, in which every rotation has an angle >= |r_0| - mu, is skipped
+// if some Q has angle(R_0 Q) + mu < |r_0| - mu: each of its rotations R has an RQ with a smaller angle. For directions
+// that are mapped onto each other only approximately, eps of the upper bound grows by the deviation.
 #include "core/baselines/first_pose/rotation_bnb.h"
 
 #include <Eigen/Cholesky>
@@ -38,28 +38,28 @@ constexpr double kPi = 3.14159265358979323846;
 constexpr double kSqrt3 = 1.7320508075688772;
 // Cubes are halved at most this often: their side is then 2e-5 rad, far below any noise.
 constexpr int kMaxLevel = 18;
-constexpr double kRounding = 1e-12;  // of the sums below
+constexpr double kRounding = 1e-12;  // bound of the rounding errors of the sums below
 
 struct Cube {
-  uint32_t x = 0, y = 0, z = 0;  // which of the 2^level cubes of each axis
+  uint32_t x = 0, y = 0, z = 0;  // position among the 2^level cubes of each axis
   int16_t level = 0;
-  int16_t upper = 0;  // no rotation in it explains more
+  int16_t upper = 0;  // upper bound of E in the cube
 };
 
-// The directions that each normal may belong to.
+// The candidate directions of each normal.
 struct Problem {
   std::vector<Eigen::Vector3d> normals;
   std::vector<Eigen::Vector3d> directions;
-  bool is_matched = false;  // normal j belongs to direction j alone
+  bool is_matched = false;  // true: normal j belongs to direction j only
   std::vector<Eigen::Matrix3d> symmetries = {Eigen::Matrix3d::Identity()};
-  double slack_rad = 0.0;  // how exact the symmetries are
+  double slack_rad = 0.0;  // largest deviation of the symmetries
 
   size_t First(size_t j) const { return is_matched ? j : 0; }
   size_t Last(size_t j) const { return is_matched ? j + 1 : directions.size(); }
   int Size() const { return static_cast<int>(normals.size()); }
 };
 
-// The direction nearest to perpendicular, and its |n . R v|.
+// The direction nearest to perpendicular, and |n . R v| for it.
 struct NearestDirection {
   size_t index = 0;
   double cosine = 2.0;
@@ -82,9 +82,9 @@ int Count(const Problem& problem, const Eigen::Matrix3d& rotation, double max_co
   return count;
 }
 
-// One Gauss-Newton step on the sum of (n . R v)^2 over the normals within `max_cosine` of perpendicular.
+// Performs one Gauss-Newton step on the sum of (n . R v)^2 over the normals within `max_cosine` of perpendicular.
 Eigen::Matrix3d LeastSquaresStep(const Problem& problem, const Eigen::Matrix3d& rotation, double max_cosine) {
-  // Keeps the rotation about an axis that no line tells of; a hundredth of a line's weight.
+  // Regularises the rotation about an axis that no line determines; a hundredth of the weight of a line.
   Eigen::Matrix3d hessian = 0.01 * max_cosine * Eigen::Matrix3d::Identity();
   Eigen::Vector3d gradient = Eigen::Vector3d::Zero();
   for (size_t j = 0; j < problem.normals.size(); ++j) {
@@ -103,12 +103,12 @@ class BranchAndBound {
  public:
   BranchAndBound(const Problem& problem, const RotationBnbOptions& options);
 
-  // The search is over as soon as more than `count` is known to be possible. For certificates.
+  // For certificates: the search ends as soon as more than `count` is known to be possible.
   void StopAbove(int count) { stop_above_ = count; }
   void Offer(const Eigen::Matrix3d& rotation);
-  // Until the bounds are equal or the budget is spent.
+  // Searches until the bounds are equal or the budget is spent.
   void Search();
-  // The other rotations that reach the maximum.
+  // Finds the other rotations that reach the maximum.
   void ExplorePlateau();
 
   int lower_bound() const { return best_; }
@@ -118,15 +118,15 @@ class BranchAndBound {
  private:
   struct Level {
     double half_width;
-    double reach;       // mu: the largest angle between a rotation of the cube and its centre's
-    double ball_limit;  // sin(eps + mu), above 1: everything passes
+    double reach;       // mu: largest angle between a rotation of the cube and that of its centre
+    double ball_limit;  // sin(eps + mu); above 1 if every pair is possible
   };
 
   Eigen::Vector3d Centre(const Cube& cube) const;
   bool IsSkipped(const Eigen::Vector3d& centre, double reach, const Eigen::Matrix3d& rotation) const;
   bool MayHoldInlier(size_t j, const Eigen::Vector3d& turned_normal, const Eigen::Matrix3d& gradient_map,
                      const Level& level) const;
-  // E of the centre and the upper bound of the cube; the latter is left unfinished below `needed`.
+  // Computes E of the centre and the upper bound of the cube; the latter stops once it is below `needed`.
   std::pair<int, int> Bounds(const Eigen::Vector3d& centre, const Eigen::Matrix3d& rotation, const Level& level,
                              int needed) const;
   void Branch(const Cube& cube);
@@ -138,11 +138,11 @@ class BranchAndBound {
   const Problem& problem_;
   const RotationBnbOptions& options_;
   double max_cosine_ = 0.0;    // sin(eps)
-  double upper_cosine_ = 0.0;  // the same with the slack
+  double upper_cosine_ = 0.0;  // sin(eps + slack)
   std::vector<Level> levels_;
-  std::vector<std::vector<Cube>> open_;  // by upper bound; the last in is the first out, which keeps it short
+  std::vector<std::vector<Cube>> open_;  // by upper bound; last in, first out, which keeps the lists short
   std::vector<Cube> ties_;               // cubes that can at best equal the incumbent
-  int unresolved_ = 0;                   // the highest upper bound of a cube that is too small to be split
+  int unresolved_ = 0;                   // largest upper bound of a cube that is too small to be split
   int best_ = 0;
   int stop_above_ = 0;
   bool has_all_ = false;
@@ -170,7 +170,7 @@ Eigen::Vector3d BranchAndBound::Centre(const Cube& cube) const {
   return {(2.0 * cube.x + 1.0) * h - kPi, (2.0 * cube.y + 1.0) * h - kPi, (2.0 * cube.z + 1.0) * h - kPi};
 }
 
-// Outside the ball, or away from the rotations of smallest angle.
+// Whether a cube lies outside the ball, or contains no rotation with the smallest angle of its class.
 bool BranchAndBound::IsSkipped(const Eigen::Vector3d& centre, double reach, const Eigen::Matrix3d& rotation) const {
   const double margin = reach + 1e-9 + 4.0 * problem_.slack_rad;
   const double smallest = centre.norm() - margin;
@@ -199,7 +199,7 @@ bool BranchAndBound::MayHoldInlier(size_t j, const Eigen::Vector3d& turned_norma
 
 std::pair<int, int> BranchAndBound::Bounds(const Eigen::Vector3d& centre, const Eigen::Matrix3d& rotation,
                                            const Level& level, int needed) const {
-  // Where the remainder alone exceeds what the ball gives, the first order cannot help.
+  // If the remainder alone exceeds the bound of the ball, the first order cannot be sharper.
   const bool is_first_order = options_.use_first_order_bound && level.half_width < 0.25;
   Eigen::Matrix3d gradient_map = Eigen::Matrix3d::Zero();
   if (is_first_order) gradient_map = LeftJacobianSo3(centre).transpose() * rotation;
@@ -236,15 +236,15 @@ void BranchAndBound::Offer(const Eigen::Matrix3d& rotation) {
   if (count > best_) {
     best_ = count;
     rotations_.clear();
-    ties_.clear();  // of a lower count
+    ties_.clear();  // they tied with a lower count
   }
   if (static_cast<int>(rotations_.size()) >= options_.max_rotations || IsKnown(rotation, options_.distinct_rad)) return;
   rotations_.push_back(rotation);
 }
 
-// An incumbent from a centre that nearly is one: the least-squares rotation of what it explains.
+// Derives an incumbent from a centre that is nearly one: the least-squares rotation of its inliers.
 void BranchAndBound::Refine(const Eigen::Matrix3d& rotation) {
-  constexpr int kSteps = 8;  // each may bring in more inliers; at rest after two or three with the same
+  constexpr int kSteps = 8;  // each step may add inliers; with the same inliers two or three converge
   Eigen::Matrix3d refined = rotation;
   for (int i = 0; i < kSteps; ++i) refined = LeastSquaresStep(problem_, refined, 1.5 * max_cosine_);
   Offer(refined);
@@ -260,7 +260,7 @@ void BranchAndBound::Consider(const Cube& parent_and_place) {
   if (IsSkipped(centre, level.reach, rotation)) return;
   const auto [lower, upper] = Bounds(centre, rotation, level, best_);
   if (upper < best_) return;
-  // Coarse cubes are few, and near every plateau there is one.
+  // There are few coarse cubes, and one of them is near every plateau.
   constexpr int kCoarseLevel = 6;
   if (lower > best_ || (lower + 1 >= best_ && cube.level <= kCoarseLevel)) Refine(rotation);
   cube.upper = static_cast<int16_t>(std::min<int>(upper, cube.upper));
@@ -292,7 +292,7 @@ void BranchAndBound::Search() {
     }
     if (!open.empty() && best_ < upper) return;
   }
-  // What is left can at best equal the incumbent.
+  // The remaining cubes can at best equal the incumbent.
   ties_.insert(ties_.end(), open_[best_].begin(), open_[best_].end());
   open_[best_].clear();
 }
@@ -314,7 +314,8 @@ void BranchAndBound::ExploreChildren(const Cube& cube, std::vector<Cube>& queue)
     const Eigen::Matrix3d rotation = ExpSo3(centre);
     ++branches_;
     if (IsSkipped(centre, level.reach, rotation)) continue;
-    // At twice the distance that keeps two apart: a cube whose centre is one of the known is soon covered.
+    // Twice the distance that separates two rotations, so that a cube with a known rotation near its centre is covered
+    // early.
     if (IsKnown(rotation, 2.0 * options_.distinct_rad - level.reach)) continue;
     const auto [lower, upper] = Bounds(centre, rotation, level, best_);
     if (upper < best_) continue;
@@ -323,8 +324,8 @@ void BranchAndBound::ExploreChildren(const Cube& cube, std::vector<Cube>& queue)
   }
 }
 
-// Breadth first: most cubes at the border of a plateau are covered by what their neighbours turn up, and need not be
-// split down to the corner that touches it.
+// Breadth first: most cubes at the border of a plateau are covered by rotations found in their neighbours and need not
+// be split to the smallest size.
 void BranchAndBound::ExplorePlateau() {
   std::stable_sort(ties_.begin(), ties_.end(), [](const Cube& a, const Cube& b) { return a.level < b.level; });
   std::vector<Cube> queue;

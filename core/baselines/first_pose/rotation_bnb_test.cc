@@ -28,7 +28,8 @@ Eigen::Matrix3d RandomRotation(Random& random) {
 
 Directions BoxDirections() { return {Eigen::Vector3d::UnitX(), Eigen::Vector3d::UnitY(), Eigen::Vector3d::UnitZ()}; }
 
-// Normals of planes through lines with directions R v_k, in turn; turned by `noise_rad`, and `num_spurious` of nothing.
+// Normals of planes through lines with directions R v_k, in turn, rotated by `noise_rad`; `num_spurious` of them are
+// random.
 Directions MakeNormals(Random& random, const Directions& directions, const Eigen::Matrix3d& rotation, int num_lines,
                        double noise_rad, int num_spurious) {
   Directions normals;
@@ -41,7 +42,7 @@ Directions MakeNormals(Random& random, const Directions& directions, const Eigen
   return normals;
 }
 
-// The smallest angle to R Q over the symmetries of the directions.
+// Smallest angle to R Q over the symmetries Q of the directions.
 double AngleModuloSymmetry(const Eigen::Matrix3d& a, const Eigen::Matrix3d& b, const Directions& directions) {
   double smallest = M_PI;
   for (const Eigen::Matrix3d& q : DirectionSymmetries(directions)) {
@@ -50,7 +51,7 @@ double AngleModuloSymmetry(const Eigen::Matrix3d& a, const Eigen::Matrix3d& b, c
   return smallest;
 }
 
-// The most on a grid over the ball of axis-angle vectors.
+// Largest count on a grid over the ball of axis-angle vectors.
 int BruteForce(const Directions& normals, const Directions& directions, double inlier_rad, double step_rad) {
   const int n = static_cast<int>(std::ceil(M_PI / step_rad));
   int best = 0;
@@ -70,7 +71,7 @@ class RotationBnbVariants : public ::testing::TestWithParam<RotationBnbOptions> 
 
 TEST_P(RotationBnbVariants, EqualsBruteForceOnSmallProblems) {
   RotationBnbOptions options = GetParam();
-  options.inlier_rad = 0.1;  // so that a grid of 0.07 rad hits the plateaus
+  options.inlier_rad = 0.1;  // large enough for a grid of 0.07 rad to hit the plateaus
   int equal = 0;
   constexpr int kProblems = 12;
   for (int seed = 0; seed < kProblems; ++seed) {
@@ -154,7 +155,7 @@ TEST(RotationBnb, VariantsAgreeAndTheSharperNeedFewerBranches) {
 }
 
 TEST(RotationBnb, ReturnsEveryPlateau) {
-  // Three image lines leave the choice of directions open: many plateaus.
+  // Three image lines do not determine the assignment of directions: there are many plateaus.
   Random random(5);
   const Directions normals = {RandomUnit(random), RandomUnit(random), RandomUnit(random)};
   RotationBnbOptions options;
@@ -171,7 +172,7 @@ TEST(RotationBnb, ReturnsEveryPlateau) {
       EXPECT_GE(apart, options.distinct_rad - 1e-9);
     }
   }
-  // Rotations that reach it, found by throwing: each is near one that was returned.
+  // Random rotations that reach the maximum: each is near one that was returned.
   int hits = 0;
   while (hits < 200) {
     const Eigen::Matrix3d rotation = RandomRotation(random);
@@ -189,7 +190,7 @@ TEST(RotationBnb, ReturnsEveryPlateau) {
   EXPECT_FALSE(few->has_all_rotations);
 }
 
-TEST(RotationBnb, SpentBudgetIsSaid) {
+TEST(RotationBnb, ReportsASpentBudget) {
   Random random(3);
   const Directions normals = MakeNormals(random, BoxDirections(), RandomRotation(random), 8, 0.005, 4);
   RotationBnbOptions options;
@@ -198,7 +199,7 @@ TEST(RotationBnb, SpentBudgetIsSaid) {
   ASSERT_TRUE(result.ok());
   EXPECT_FALSE(result->is_certified());
   EXPECT_FALSE(result->has_all_rotations);
-  EXPECT_LE(result->branches, 107);  // the eight parts of a cube are finished
+  EXPECT_LE(result->branches, 107);  // the eight parts of a cube are completed
   options.max_branches = 2'000'000;
   const auto whole = MaximisePerpendicular(normals, BoxDirections(), options);
   EXPECT_TRUE(whole->is_certified());
@@ -250,7 +251,7 @@ TEST(RotationBnb, MatchesOfABoxLeaveFour) {
   EXPECT_LT(nearest, 1e-4);
 }
 
-TEST(CertifyRotation, SaysWhatItKnows) {
+TEST(CertifyRotation, ReturnsEachVerdict) {
   Random random(7);
   const Eigen::Matrix3d truth = RandomRotation(random);
   const Directions normals = MakeNormals(random, BoxDirections(), truth, 9, 0.0, 1);
@@ -275,7 +276,7 @@ TEST(CertifyRotation, SaysWhatItKnows) {
   EXPECT_GE(unknown->upper_bound, whole->upper_bound);
 }
 
-TEST(RotationBnb, RefusesWhatMeansNothing) {
+TEST(RotationBnb, RejectsInvalidArguments) {
   const Directions normals = BoxDirections();
   const Directions box = BoxDirections();
   const auto message = [&](const Directions& n, const Directions& v, const RotationBnbOptions& options) {
@@ -308,7 +309,7 @@ TEST(RotationCount, SymmetriesOfDirections) {
   Random random(1);
   const Directions any = {RandomUnit(random), RandomUnit(random), RandomUnit(random)};
   EXPECT_EQ(DirectionSymmetries(any).size(), 1u);
-  // Six in a plane, 30 degrees apart: the dihedral group of the regular twelve-gon.
+  // Six directions in a plane, 30 degrees apart: the dihedral group of the regular 12-gon.
   Directions star;
   for (int i = 0; i < 6; ++i) star.push_back(ExpSo3({0.0, 0.0, i * M_PI / 6}) * Eigen::Vector3d::UnitX());
   EXPECT_EQ(DirectionSymmetries(star).size(), 24u);

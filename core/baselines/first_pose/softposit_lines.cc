@@ -18,10 +18,10 @@
 namespace evpose {
 namespace {
 
-// Smallest over largest eigenvalue of the points' second moments below which they lie in a plane.
+// Ratio of the smallest to the largest eigenvalue of the second moments of the points below which they lie in a plane.
 constexpr double kPlanar = 1e-9;
 
-// Distance of a point from a piece of a line.
+// Distance of a point from a line segment.
 double DistanceToPiece(const Eigen::Vector2d& point, const Eigen::Vector2d& a, const Eigen::Vector2d& b) {
   const Eigen::Vector2d way = b - a;
   const double length2 = way.squaredNorm();
@@ -29,7 +29,7 @@ double DistanceToPiece(const Eigen::Vector2d& point, const Eigen::Vector2d& a, c
   return (point - a - s * way).norm();
 }
 
-// Nearest point of the line through a segment.
+// Nearest point on the line through a segment.
 Eigen::Vector2d FootOnLine(const Eigen::Vector2d& point, const ImageSegment& segment) {
   const Eigen::Vector2d along = (segment.p2_px - segment.p1_px).normalized();
   return segment.p1_px + along.dot(point - segment.p1_px) * along;
@@ -45,12 +45,12 @@ class SoftPosit {
     }
   }
 
-  // The model's lines do not lie in a plane.
+  // Whether the lines of the model do not lie in a plane.
   bool IsSolid() const;
   std::optional<RigidTransform> Run(const RigidTransform& start) const;
 
  private:
-  // Ends of the model's lines in the image; of those that may be seen.
+  // End points of the model lines in the image, for the lines that may be visible.
   struct Projection {
     std::vector<std::array<Eigen::Vector2d, 2>> ends_px;
     std::vector<bool> is_seen;
@@ -64,7 +64,7 @@ class SoftPosit {
   const CameraModel& camera_;
   const absl::Span<const ImageSegment> segments_;
   const SoftPositOptions& options_;
-  Eigen::Vector3d centre_ = Eigen::Vector3d::Zero();  // the origin of POSIT's object frame
+  Eigen::Vector3d centre_ = Eigen::Vector3d::Zero();  // origin of the object frame of POSIT
 };
 
 bool SoftPosit::IsSolid() const {
@@ -90,10 +90,10 @@ std::optional<SoftPosit::Projection> SoftPosit::Project(const RigidTransform& po
   return projection;
 }
 
-// Rows: segments and a slack; columns: model lines and a slack. Rows and columns but the slacks' sum to 1.
+// Rows: segments and a slack; columns: model lines and a slack. Except for the slacks, rows and columns sum to 1.
 Eigen::MatrixXd SoftPosit::SoftAssignment(const Projection& projection, double beta) const {
-  constexpr int kMaxSweeps = 30;  // the paper's bound is of this order; later sweeps change nothing
-  constexpr double kConverged = 1e-3;
+  constexpr int kMaxSweeps = 30;       // of the order of the bound of the paper; later sweeps have no effect
+  constexpr double kConverged = 1e-3;  // largest change of an assignment in a sweep
   const Eigen::Index rows = static_cast<Eigen::Index>(segments_.size());
   const Eigen::Index columns = static_cast<Eigen::Index>(model_.lines.size());
   const double alpha_px2 = 2.0 * options_.max_distance_px * options_.max_distance_px;

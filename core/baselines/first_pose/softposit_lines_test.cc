@@ -45,7 +45,7 @@ TEST(SoftPosit, PlanesHaveNoSolution) {
   EXPECT_EQ(pose.status().code(), absl::StatusCode::kNotFound);
 }
 
-TEST(SoftPosit, ASeedIsAPose) {
+TEST(SoftPosit, EqualSeedsGiveEqualPoses) {
   const auto trials = MakeTrials(SimulatedObject::kCube, 0.8);
   const LineTrial trial = trials->Make(3);
   const PosePrior prior = PriorOf(trial, 0.02, 0.01, 5);
@@ -56,7 +56,7 @@ TEST(SoftPosit, ASeedIsAPose) {
   EXPECT_EQ(a->translation_m, b->translation_m);
 }
 
-TEST(SoftPosit, SaysWhatIsMissing) {
+TEST(SoftPosit, ReportsErrors) {
   const auto trials = MakeTrials(SimulatedObject::kCube, 0.8);
   const LineTrial trial = trials->Make(3);
   const PosePrior prior = PriorOf(trial, 0.1, 0.03, 5);

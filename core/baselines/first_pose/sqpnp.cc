@@ -10,7 +10,7 @@
 namespace evpose {
 namespace {
 
-// Mean squared distance, infinite when a point lies behind the camera.
+// Mean squared reprojection error, pixels^2; infinite if a point lies behind the camera.
 double Residual(const CameraModel& camera, absl::Span<const PointMatch> matches, const RigidTransform& pose) {
   double sum = 0.0;
   for (const PointMatch& match : matches) {

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// Baseline with known correspondences, of points.
+// First pose from points with known correspondences: SQPnP.
 #pragma once
 
 #include <Eigen/Core>
@@ -12,18 +12,19 @@
 
 namespace evpose {
 
-// A point of the object and where it was seen, undistorted.
+// A point of the object and its undistorted image.
 struct PointMatch {
   Eigen::Vector3d point;  // object frame, metres
   Eigen::Vector2d pixel;
 };
 
 // SQPnP (Terzakis and Lourakis, "A consistently fast and globally optimal solution to the perspective-n-point problem",
-// ECCV 2020), as OpenCV has it: the successor of OPnP (Zheng et al., ICCV 2013), which the source paper compares with;
-// like it globally optimal, and of points. It is thus told more than a method of lines: which end of a segment is
-// which, and that the segment ends where the line does.
-// Of several solutions the one with the smallest reprojection error that lies in front of the camera.
-// Errors: INVALID_ARGUMENT for fewer than three points; NOT_FOUND when OpenCV finds no pose.
+// ECCV 2020), in the implementation of OpenCV. It is the successor of OPnP (Zheng et al., ICCV 2013), with which the
+// paper compares: like OPnP it is globally optimal and uses points. It has more information than a method for lines:
+// which end of a segment is which, and that the segment ends where the line does. Among several solutions in front of
+// the camera, the one with the smallest reprojection error is returned.
+//
+// Errors: INVALID_ARGUMENT for fewer than three points; NOT_FOUND if OpenCV finds no pose.
 absl::StatusOr<RigidTransform> EstimatePoseBySqpnp(const CameraModel& camera, absl::Span<const PointMatch> matches);
 
 }  // namespace evpose
