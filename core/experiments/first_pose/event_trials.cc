@@ -20,8 +20,8 @@ namespace evpose {
 namespace {
 
 constexpr int64_t kBudgetUs = 50'000;
-constexpr int64_t kStepUs = 1000;  // events are handed over in pieces of this length
-// A recording takes longer to make than its starts to follow.
+constexpr int64_t kStepUs = 1000;  // microseconds of events per call
+// Share of the simulation in the work: it takes longer than the starts.
 constexpr double kSimulationShare = 0.6;
 
 absl::StatusOr<SimulationOptions> MakeScene(const EventTrialOptions& options, int64_t duration_us, uint64_t seed) {
@@ -39,7 +39,7 @@ absl::StatusOr<SimulationOptions> MakeScene(const EventTrialOptions& options, in
   return scene;
 }
 
-// Part of the work, from `begin` to `end` of the whole.
+// Share of the work from `begin` to `end`.
 absl::Status Report(const TrialProgress& on_progress, double begin, double end, double ratio) {
   if (!on_progress || on_progress(begin + (end - begin) * ratio)) return absl::OkStatus();
   return absl::CancelledError("interrupted");
@@ -47,11 +47,11 @@ absl::Status Report(const TrialProgress& on_progress, double begin, double end, 
 
 VisibilityOptions TrueVisibility() {
   VisibilityOptions options;
-  options.grazing_cosine = 0.0;  // what is turned away does not show
+  options.grazing_cosine = 0.0;  // faces that are turned away are invisible
   return options;
 }
 
-// Simulated events, and what is known of them. Not movable: the visibility tester keeps a reference to the model.
+// Simulated events and the truth. Not movable: the visibility tester keeps a reference to the model.
 class Recording {
  public:
   static absl::StatusOr<std::unique_ptr<Recording>> Make(const SimulationOptions& scene,
@@ -84,7 +84,7 @@ class Recording {
     return absl::MakeConstSpan(events_).subspan(begin - events_.begin(), end - begin);
   }
 
-  // False outside the recording as well.
+  // Also false outside the recording.
   bool IsRight(int64_t t_us, const RigidTransform& estimate) const {
     const absl::StatusOr<RigidTransform> truth = Interpolate(truth_, t_us);
     return truth.ok() && ComparePoses(*model_, camera_, {}, *truth, estimate).is_right();
@@ -104,7 +104,7 @@ class Recording {
   const VisibilityTester visibility_;
 };
 
-// How long wrong poses were reported without a break.
+// Longest interval in which wrong poses were reported without a break.
 class WrongStretch {
  public:
   void Add(int64_t t_us, bool is_wrong) {
@@ -146,7 +146,7 @@ absl::StatusOr<EventTrial> RunTrial(const Recording& recording, const EventTrial
   return trial;
 }
 
-// As much noise as the recording has, spread evenly over the sensor.
+// Noise at the rate of that of the recording, uniform over the sensor.
 std::vector<Event> MakeNoise(const Recording& recording, double noise_ratio, int64_t begin_us, int64_t duration_us,
                              uint64_t seed) {
   Random random(seed);
@@ -162,7 +162,7 @@ std::vector<Event> MakeNoise(const Recording& recording, double noise_ratio, int
   return noise;
 }
 
-// The object is back: the events of `after`, later by `shift_us`.
+// After the return of the object: the events of `after`, delayed by `shift_us`.
 void FollowReturn(const Recording& after, int64_t watch_us, int64_t shift_us, Tracker& tracker, ReturnTrial& trial) {
   WrongStretch wrong;
   for (int64_t t_us = 0; t_us < watch_us; t_us += kStepUs) {
@@ -246,7 +246,7 @@ EventTrialSummary Summarize(absl::Span<const EventTrial> trials) {
 absl::StatusOr<ReturnTrial> RunReturnTrial(const EventTrialOptions& options, int64_t absence_us,
                                            const TrialProgress& on_progress) {
   constexpr int64_t kBeforeUs = 500'000;
-  constexpr uint64_t kElsewhere = 1000;  // the motion of another seed
+  constexpr uint64_t kElsewhere = 1000;  // offset of the seed, for another motion
   EVPOSE_RETURN_IF_ERROR(options.Validate());
   if (absence_us < 0) return absl::InvalidArgumentError(absl::StrCat("absence_us is negative: ", absence_us));
   EVPOSE_ASSIGN_OR_RETURN(const SimulationOptions first, MakeScene(options, kBeforeUs, options.seed));

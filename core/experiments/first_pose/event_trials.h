@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// The first pose from raw events: a tracker that is told nothing is started at random times of simulated recordings.
+// First poses from raw events: a tracker without a given pose is started at random times of simulated recordings.
 #pragma once
 
 #include <cstdint>
@@ -18,65 +18,67 @@ namespace evpose {
 
 struct EventTrialOptions {
   SimulatedObject object = SimulatedObject::kCube;
-  std::string camera = "evk4";       // or "vga" (SimulatedCameraNames)
-  int num_starts = 200;              // [1, 1000000]
-  int64_t recording_us = 5'000'000;  // the starts are spread over it
-  double noise_ratio = 0.05;         // of the events, made by nothing, [0, 0.9]
-  double speed_scale = 1.0;          // of the standard scene
-  // The rest of the standard scene: none of these by default.
+  std::string camera = "evk4";       // "evk4" or "vga" (SimulatedCameraNames)
+  int num_starts = 200;              // [1, 1000000] starts
+  int64_t recording_us = 5'000'000;  // microseconds of the recording, over which the starts are distributed
+  double noise_ratio = 0.05;         // share of noise among the events, [0, 0.9]
+  double speed_scale = 1.0;          // factor on the speed of the standard scene
+  // Further parts of the standard scene; none of them by default.
   MotionProfile motion_profile = MotionProfile::kSmooth;
   BackgroundOptions background;
   LightOptions light;
   OccluderOptions occluder;
-  uint64_t seed = 1;           // of the scene and the starts
-  int64_t watch_us = 250'000;  // that each start is followed for, at least 1000
+  uint64_t seed = 1;           // determines the scene and the starts
+  int64_t watch_us = 250'000;  // microseconds for which each start is followed, at least 1000
   TrackerOptions tracker;
 
-  // INVALID_ARGUMENT naming the field.
+  // INVALID_ARGUMENT names the field.
   absl::Status Validate() const;
 };
 
-// Wrong is a pose that is reported as TRACKING and not right (PoseError::is_right).
+// Result of one start. A wrong pose is one that is reported as TRACKING and is not right (PoseError::is_right).
 struct EventTrial {
   int64_t t_start_us = 0;
-  int64_t t_first_pose_us = -1;  // events until the first TRACKING pose was given; -1: none
+  // Time of the last event before the first TRACKING pose was reported; -1: none.
+  int64_t t_first_pose_us = -1;
   bool is_first_right = false;
-  double reprojection_px = 0.0;  // of the first pose: mean over the end points of the lines that are visible
-  int64_t wrong_us = 0;          // the longest stretch of wrong poses
+  double reprojection_px = 0.0;  // of the first pose: mean over the end points of the visible lines, pixels
+  int64_t wrong_us = 0;          // longest interval with wrong poses
   uint64_t attempts = 0;         // searches for the pose
 
-  // Within what counts: right, from at most 50 ms of events.
+  // Whether the first pose is right and needed at most 50 ms of events.
   bool is_right_in_time() const;
 };
 
-// Told how much is done, [0, 1], as the work goes on; returning false ends it, with CANCELLED. May be null.
+// Called with the finished share of the work, in [0, 1]; returning false ends the work with CANCELLED. May be null.
 using TrialProgress = std::function<bool(double done_ratio)>;
 
-// One recording, all its starts. A function of the options. Errors as Validate().
+// Simulates one recording and processes all its starts. A function of the options. Errors: those of Validate().
 absl::StatusOr<std::vector<EventTrial>> RunEventTrials(const EventTrialOptions& options,
                                                        const TrialProgress& on_progress = nullptr);
 
 struct EventTrialSummary {
   int num_starts = 0;
-  int num_right = 0;                  // first pose right and in time
-  int num_wrong = 0;                  // first pose wrong
-  int num_none = 0;                   // no pose while the start was followed
-  double first_pose_median_ms = 0.0;  // of the poses that came; NaN when none did
-  double reprojection_mean_px = 0.0;  // of the right ones, in time or not; NaN when none is
+  int num_right = 0;                  // starts with a right first pose in time
+  int num_wrong = 0;                  // starts with a wrong first pose
+  int num_none = 0;                   // starts without a pose
+  double first_pose_median_ms = 0.0;  // of the reported first poses; NaN if there are none
+  double reprojection_mean_px = 0.0;  // of the right first poses, in time or not; NaN if there are none
   int64_t longest_wrong_us = 0;
 };
 EventTrialSummary Summarize(absl::Span<const EventTrial> trials);
 
 struct ReturnTrial {
   uint64_t seed = 0;
-  bool was_tracked = false;  // a right TRACKING pose was the last before the object left
-  int64_t tracked_us = -1;   // events from its return to the first right TRACKING pose; -1: none within watch_us
-  int64_t lingering_us = 0;  // TRACKING poses went on for so long after it had left
-  int64_t wrong_us = 0;      // the longest stretch of wrong poses from its return on
+  bool was_tracked = false;  // the last pose before the object left was TRACKING and right
+  // Microseconds from its return to the first right TRACKING pose; -1: none within watch_us.
+  int64_t tracked_us = -1;
+  int64_t lingering_us = 0;  // microseconds of TRACKING poses after it had left
+  int64_t wrong_us = 0;      // longest interval with wrong poses after its return
 };
 
-// The object is tracked for half a second, is gone for `absence_us`, with nothing but noise, and is back elsewhere, for
-// watch_us. `num_starts` and `recording_us` play no part. Errors as Validate().
+// The object is tracked for half a second, is absent for `absence_us` with noise only, and returns elsewhere for
+// watch_us. `num_starts` and `recording_us` are ignored. Errors: those of Validate().
 absl::StatusOr<ReturnTrial> RunReturnTrial(const EventTrialOptions& options, int64_t absence_us,
                                            const TrialProgress& on_progress = nullptr);
 

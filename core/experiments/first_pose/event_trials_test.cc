@@ -22,7 +22,7 @@ EventTrialOptions Short(SimulatedObject object = SimulatedObject::kCube) {
   return options;
 }
 
-// For what does not depend on the poses.
+// Options for tests that do not depend on the poses.
 EventTrialOptions Tiny() {
   EventTrialOptions options = Short();
   options.camera = "vga";

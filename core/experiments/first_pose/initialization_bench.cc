@@ -20,7 +20,7 @@
 namespace evpose {
 namespace {
 
-// A trial with all that any method may be told.
+// A trial with all inputs that a method may use.
 struct PreparedTrial {
   uint64_t trial_seed = 0;
   LineTrial trial;
@@ -40,8 +40,8 @@ std::vector<LineMatch> TrueMatches(const LineTrialGenerator& trials, const LineT
   return matches;
 }
 
-// The points of the object whose noisy images a segment's ends are: the ends of that visible part of its line that fits
-// best, in the order that fits best.
+// Points of the object of which the ends of a segment are noisy images: the ends of the visible part of its line that
+// fits best, in the order that fits best.
 std::vector<PointMatch> TruePointMatches(const LineTrialGenerator& trials, const LineTrial& trial) {
   std::vector<PointMatch> matches;
   for (size_t j = 0; j < trial.segments.size(); ++j) {
@@ -68,7 +68,7 @@ std::vector<PointMatch> TruePointMatches(const LineTrialGenerator& trials, const
   return matches;
 }
 
-// The truth is as far from the prior's middle as the prior says.
+// The deviation of the mean of the prior from the truth is drawn from the prior.
 PosePrior DrawPrior(const InitializationBenchOptions& options, const RigidTransform& truth, Random& random) {
   PosePrior prior = {truth, options.prior_rotation_rad, options.prior_translation_ratio};
   prior.camera_from_object = prior.Draw(random);
@@ -90,7 +90,7 @@ std::vector<PreparedTrial> PrepareTrials(const InitializationBenchOptions& optio
   return prepared;
 }
 
-// Nothing but what the method may know.
+// Removes all inputs that the method may not use.
 InitializationProblem ProblemFor(const InitializationMethod& method, const PreparedTrial& prepared) {
   InitializationProblem problem;
   problem.seed = prepared.method_seed;
@@ -115,7 +115,7 @@ double MillisecondsSince(std::chrono::steady_clock::time_point begin) {
   return std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - begin).count();
 }
 
-using FoundPoses = std::vector<absl::StatusOr<RigidTransform>>;  // of each trial
+using FoundPoses = std::vector<absl::StatusOr<RigidTransform>>;  // result of each trial
 
 InitializationBenchRow RunMethod(const InitializationMethod& method, const InitializationFunction& estimate,
                                  const LineTrialGenerator& trials, absl::Span<const PreparedTrial> prepared,
@@ -186,7 +186,7 @@ absl::StatusOr<std::vector<const InitializationMethod*>> ChosenMethods(const Ini
   return chosen;
 }
 
-// All methods on one object with one clutter.
+// Runs all methods on one object with one clutter.
 absl::Status RunScenario(const InitializationBenchOptions& options, SimulatedObject object, const BenchClutter& clutter,
                          absl::Span<const InitializationMethod* const> methods,
                          const std::function<bool(const InitializationBenchRow&)>& on_row,

@@ -72,7 +72,7 @@ TEST(InitializationBench, KnownCorrespondencesAreRight) {
 TEST(InitializationBench, SlowMethodsDoFewerTrialsUnlessAskedTo) {
   InitializationBenchOptions options = Small();
   options.methods = {"sqpnp", "softposit"};
-  options.objects = {SimulatedObject::kPlanar};  // softposit gives up at once
+  options.objects = {SimulatedObject::kPlanar};  // softposit rejects planar models at once
   const int limit = (*FindInitializationMethod("softposit"))->max_trials;
   options.num_trials = limit + 10;
   auto rows = RunInitializationBench(options, nullptr);
@@ -89,7 +89,7 @@ TEST(InitializationBench, SlowMethodsDoFewerTrialsUnlessAskedTo) {
 TEST(InitializationBench, CertifiesWhatWasFound) {
   InitializationBenchOptions options = Small();
   options.num_trials = 20;
-  options.noise_px = 0.0;  // then the true rotation explains every line
+  options.noise_px = 0.0;  // the true rotation then explains every line
   options.methods = {"sqpnp", "published-bnb", "evpose"};
   options.certifies = true;
   auto rows = RunInitializationBench(options, nullptr);
@@ -103,7 +103,7 @@ TEST(InitializationBench, CertifiesWhatWasFound) {
   EXPECT_GT(ours.median_ms, 0.0);
 
   options.methods = {"evpose"};
-  options.clutter = {{4, 2}};  // not every line can be explained, and that takes more than one cube
+  options.clutter = {{4, 2}};  // not every line can be explained, and the search takes more than one cube
   options.certificate.max_branches = 1;
   rows = RunInitializationBench(options, nullptr);
   ASSERT_TRUE(rows.ok()) << rows.status();

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// The methods that find a first pose, ours and the published ones, behind one call.
+// Methods for first poses, of this project and published ones, with a common interface.
 #pragma once
 
 #include <cstdint>
@@ -22,37 +22,38 @@
 
 namespace evpose {
 
-// What a method is told beside the segments.
+// Input of a method beside the segments.
 enum class PriorKnowledge {
   kNothing,
   kPosePrior,        // a pose near the truth: PosePrior
-  kCorrespondences,  // which segment is which line; spurious segments are left out
+  kCorrespondences,  // the line of each segment; spurious segments are removed
 };
 
-// One problem: all methods get the same segments.
+// Input of a method; all methods get the same segments.
 struct InitializationProblem {
   absl::Span<const ImageSegment> segments;
   absl::Span<const LineMatch> matches;         // kCorrespondences
   absl::Span<const PointMatch> point_matches;  // kCorrespondences, for methods of points
   PosePrior prior;                             // kPosePrior
-  uint64_t seed = 0;                           // of the method's own draws
+  uint64_t seed = 0;                           // for the random draws of the method
 };
 
 using InitializationFunction = std::function<absl::StatusOr<RigidTransform>(const InitializationProblem&)>;
 
 struct InitializationMethod {
-  std::string name;  // as on the command line
+  std::string name;  // name on the command line
   std::string description;
   PriorKnowledge told = PriorKnowledge::kNothing;
-  // Trials of each scenario, at most: some published methods take a second for each.
+  // Trials of each scenario, at most: some published methods take a second per trial.
   int max_trials = 0;
-  // For one object and camera; what it keeps is shared by the trials.
+  // Makes the method for one object and camera; its precomputed data are shared by all trials.
   std::function<absl::StatusOr<InitializationFunction>(std::shared_ptr<const ObjectModel>, const CameraModel&)> make;
 };
 
-// In the order of the tables: known correspondences, with a prior, without anything; ours last.
+// Returns the methods in the order of the tables: with correspondences, with a prior, without either; that of this
+// project is last.
 absl::Span<const InitializationMethod> InitializationMethods();
-// INVALID_ARGUMENT listing the known names.
+// Returns a method by name; INVALID_ARGUMENT lists the known names.
 absl::StatusOr<const InitializationMethod*> FindInitializationMethod(const std::string& name);
 
 }  // namespace evpose

@@ -23,11 +23,12 @@ namespace {
 
 constexpr double kMinDistanceOfSize = 3.0;
 constexpr double kMaxDistanceOfSize = 5.0;
-constexpr double kBorderPx = 5.0;  // between the object and the image's border: noisy end points stay inside
+// Pixels between the object and the border of the image: noisy end points stay inside.
+constexpr double kBorderPx = 5.0;
 constexpr double kMinSegmentPx = 12.0;
-constexpr double kSpuriousMargin = 0.2;  // of the bounding box's sides
+constexpr double kSpuriousMargin = 0.2;  // relative to the sides of the bounding box
 constexpr double kNumSigmas = 3.0;
-// The bound is taken for this noise at least: without noise every pose would be determined.
+// Lower bound of the noise for the determinacy: without noise every pose would be determined.
 constexpr double kMinBoundNoisePx = 0.1;
 constexpr size_t kMinLinesLeft = 4;
 constexpr int kMaxDraws = 100'000;
@@ -35,11 +36,11 @@ constexpr int kMaxDraws = 100'000;
 VisibilityOptions TrialVisibility() {
   VisibilityOptions options;
   options.min_length_px = kMinSegmentPx;
-  options.grazing_cosine = 0.0;  // the truth: what is turned away does not show
+  options.grazing_cosine = 0.0;  // for the truth: faces that are turned away are invisible
   return options;
 }
 
-// Uniform over all attitudes (Shoemake, "Uniform random rotations", Graphics Gems III, 1992).
+// Uniform over all rotations (Shoemake, "Uniform random rotations", Graphics Gems III, 1992).
 Eigen::Matrix3d RandomRotation(Random& random) {
   Eigen::Vector4d q;
   do {
@@ -94,7 +95,7 @@ class Generator : public LineTrialGenerator {
     return trial;
   }
 
-  // Whether a pose is found in a share of the draws that Make may need.
+  // Whether a suitable pose is found within a fraction of the draws that Make() may use.
   bool FindsPoses() const {
     Random random(0);
     LineTrial trial;

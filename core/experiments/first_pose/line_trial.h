@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// Random trials of the first pose: what a line detector might see of an object, and the truth.
+// Random trials for first poses: possible output of a line detector, and the truth.
 #pragma once
 
 #include <cstdint>
@@ -22,38 +22,40 @@ namespace evpose {
 struct LineTrialOptions {
   SimulatedObject object = SimulatedObject::kCube;
   double noise_px = 0.8;  // standard deviation of each coordinate of an end point, [0, 10]
-  int num_spurious = 0;   // segments of nothing, among the object's, [0, 100]
-  int num_missing = 0;    // visible lines that were not detected, [0, 20]
+  int num_spurious = 0;   // spurious segments, [0, 100]
+  int num_missing = 0;    // visible lines without a segment, [0, 20]
 
-  // INVALID_ARGUMENT naming the field.
+  // INVALID_ARGUMENT names the field.
   absl::Status Validate() const;
 };
 
 struct LineTrial {
   RigidTransform camera_from_object;    // truth
   std::vector<ImageSegment> segments;   // in random order and direction
-  std::vector<int> model_line;          // truth: index into ObjectModel::lines for each segment, -1: spurious
-  std::vector<VisibleSegment> visible;  // what the camera sees of the object, the missing lines too
+  std::vector<int> model_line;          // index into ObjectModel::lines of each segment; -1: spurious
+  std::vector<VisibleSegment> visible;  // visible parts of the object, including the missing lines
 };
 
-// Poses are drawn at random: uniform attitudes, 3 to 5 times as far away as the object is long (the standard size of
-// SimulationPreset), wherever the whole object is in the image of the simulated EVK4 (without distortion). Of them,
-// those are kept in which at least four lines are left when the missing ones are gone, and the visible lines determine
-// the pose within what counts as right (PoseDeterminacy, 3 sigma at the trial's noise): a planar target's or a book's
-// back, for example, tells nobody which way up it is. No estimator's outcome plays a part, and neither does which
+// Generates trials.
+//
+// Poses are random: uniform rotations at 3 to 5 times the length of the object (the standard size of SimulationPreset),
+// at positions where the whole object is in the image of the simulated EVK4 (without distortion). A pose is used if at
+// least four lines remain without the missing ones, and if the visible lines determine the pose within the tolerance of
+// a right pose (PoseDeterminacy, 3 sigma at the noise of the trial): the back of a planar target or of a book, for
+// example, does not determine which side is up. The choice depends neither on the result of an estimator nor on which
 // lines are missing.
 //
-// A segment is the visible part of a line with Gaussian noise at its end points; parts shorter than 12 px (15 times
-// the usual noise) are not found by a detector and left out. A missing line takes all its parts along. Spurious
-// segments have the length of one of the object's, and their middle in the object's bounding box, which is grown by a
-// fifth; their angle is uniform.
+// A segment is the visible part of a line with Gaussian noise at its end points; parts shorter than 12 px (15 times the
+// usual noise) are removed, because a detector does not find them. A missing line has no segment for any of its parts.
+// A spurious segment has the length of a segment of the object, its middle in the bounding box of the object enlarged
+// by a fifth, and a uniform direction.
 class LineTrialGenerator {
  public:
-  // INVALID_ARGUMENT for options, FAILED_PRECONDITION when hardly any pose of the object would do.
+  // INVALID_ARGUMENT for the options; FAILED_PRECONDITION if hardly any pose of the object is suitable.
   static absl::StatusOr<std::unique_ptr<LineTrialGenerator>> Create(const LineTrialOptions& options);
   virtual ~LineTrialGenerator() = default;
 
-  // The same seed gives the same trial.
+  // Equal seeds give equal trials.
   virtual LineTrial Make(uint64_t seed) const = 0;
   virtual const ObjectModel& model() const = 0;  // with its symmetries
   virtual const CameraModel& camera() const = 0;

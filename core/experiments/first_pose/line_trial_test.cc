@@ -37,7 +37,7 @@ TEST_P(LineTrialTest, WithoutNoiseSegmentsLieOnTheirLines) {
       ASSERT_TRUE(projected);
       const double length_px = (projected->p2_px - projected->p1_px).norm();
       for (const Eigen::Vector2d& end : {trial.segments[i].p1_px, trial.segments[i].p2_px}) {
-        // On the line, and between its ends.
+        // The end points lie on the line and between its ends.
         EXPECT_NEAR((end - projected->p1_px).norm() + (end - projected->p2_px).norm(), length_px, 1e-6);
       }
     }
@@ -136,7 +136,7 @@ TEST(LineTrialGeneratorTest, BacksThatTellNothingAreNotDrawn) {
     const auto trials = Generator(object, 0.8, 0, 0);
     for (int seed = 0; seed < kTrials; ++seed) {
       const RigidTransform pose = trials->Make(seed).camera_from_object;
-      // The front looks towards -z of the object.
+      // The front faces -z of the object.
       EXPECT_GT(pose.Inverse().translation_m.dot(-Eigen::Vector3d::UnitZ()), 0.0);
     }
   }

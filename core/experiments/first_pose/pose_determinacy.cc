@@ -16,15 +16,15 @@ namespace {
 
 using Eigen::Vector3d;
 
-// Points closer than this, of the model's diameter, are the same.
+// Points closer than this, relative to the diameter of the model, are equal.
 constexpr double kSamePointRatio = 1e-3;
-// Two looks are the same when their segments' ends are within so many standard deviations.
+// Two images are equal if the ends of their segments agree within this number of standard deviations.
 constexpr double kSameLookSigmas = 2.0;
 constexpr int kMirrorIterations = 30;
 
 struct EndPoints {
   int line = 0;
-  std::array<Vector3d, 2> object;  // of the visible part
+  std::array<Vector3d, 2> object;  // end points of the visible part
   std::array<Vector3d, 2> bearing;
 };
 
@@ -44,7 +44,7 @@ std::vector<EndPoints> EndPointsOf(const ObjectModel& model, const RigidTransfor
   return ends;
 }
 
-// Normal equations of the end points' distances (px) from the lines at the pose.
+// Normal equations of the distances (px) of the end points from the lines at the pose.
 struct Normal {
   Matrix6d h = Matrix6d::Zero();
   Vector6d g = Vector6d::Zero();
@@ -68,7 +68,7 @@ std::optional<Normal> Accumulate(const CameraModel& camera, const RigidTransform
   return normal;
 }
 
-// Levenberg-Marquardt to the nearest least sum of squares; its pose and cost.
+// Minimises the sum of squares locally by Levenberg-Marquardt; returns pose and cost.
 std::pair<RigidTransform, double> Refine(const CameraModel& camera, RigidTransform pose,
                                          const std::vector<EndPoints>& ends) {
   double damping = 1e-3;
@@ -92,8 +92,8 @@ double LargestSigma(const Eigen::Matrix3d& covariance) {
   return std::sqrt(std::max(0.0, solver.eigenvalues().maxCoeff()));
 }
 
-// The pose whose depths about the middle of the seen points are turned over: the seen points' plane keeps its picture
-// under weak perspective.
+// The pose with inverted depths about the centre of the visible points: the plane of these points keeps its image under
+// weak perspective.
 RigidTransform MirrorPose(const RigidTransform& pose, const std::vector<EndPoints>& ends) {
   Eigen::Matrix3Xd points(3, 2 * ends.size());
   for (size_t i = 0; i < ends.size(); ++i) {
@@ -116,7 +116,7 @@ bool SamePoint(const Vector3d& a, const Vector3d& b, double tolerance_m) {
   return (a - b).squaredNorm() < tolerance_m * tolerance_m;
 }
 
-// The rigid motion that takes the line a to c and the line b to d, end by end; nullopt when they do not fit.
+// Returns the rigid motion that maps line a to c and line b to d, end by end; nullopt if they do not fit.
 std::optional<RigidTransform> MotionBetween(const std::array<Vector3d, 4>& from, const std::array<Vector3d, 4>& to,
                                             double tolerance_m) {
   for (int i = 0; i < 4; ++i) {
@@ -145,7 +145,7 @@ bool MapsOntoLine(const ObjectModel& model, const RigidTransform& motion, const 
   });
 }
 
-// The longest line, and the one of the others that is least parallel with it and long.
+// Returns the longest line, and a long one that is least parallel to it.
 std::pair<int, int> BaseLines(const ObjectModel& model, const std::set<int>& lines) {
   const auto extent = [&](int i) -> Vector3d { return model.lines[i].p2 - model.lines[i].p1; };
   const int first =
@@ -193,7 +193,7 @@ bool PoseDeterminacy::IsEquivalent(const RigidTransform& pose, const RigidTransf
 bool PoseDeterminacy::MirrorIsTold(const RigidTransform& pose, absl::Span<const VisibleSegment> visible) const {
   const std::vector<EndPoints> ends = EndPointsOf(model_, pose, visible);
   const auto [mirror, cost_px2] = Refine(camera_, MirrorPose(pose, ends), ends);
-  // The wrong one of two poses that differ by chi^2 is likelier with probability Q(chi / 2).
+  // Of two poses that differ by chi^2, the wrong one is more likely with probability Q(chi / 2).
   const double needed_px = 2.0 * options_.num_sigmas * options_.noise_px;
   if (cost_px2 >= needed_px * needed_px || IsEquivalent(mirror, pose)) return true;
   std::set<int> shown, shown_by_mirror;

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// Whether what is seen of an object tells its pose at all. Judged from the truth alone, without any estimator.
+// Tests whether the visible parts of an object determine its pose, from the truth alone and without an estimator.
 #pragma once
 
 #include <vector>
@@ -14,23 +14,23 @@
 namespace evpose {
 
 struct DeterminacyOptions {
-  double noise_px = 0.8;                 // standard deviation of each coordinate of a segment's end point
-  double max_rotation_rad = 0.03490659;  // 2 deg: what counts as right
-  double max_translation_ratio = 0.02;   // of the depth
-  double num_sigmas = 3.0;               // the errors allowed must be this many standard deviations
+  double noise_px = 0.8;                 // pixels, standard deviation of each coordinate of an end point of a segment
+  double max_rotation_rad = 0.03490659;  // 2 deg: tolerance of a right pose
+  double max_translation_ratio = 0.02;   // relative to the depth; tolerance of a right pose
+  double num_sigmas = 3.0;               // the tolerances must be at least this many standard deviations
 };
 
-// Three questions about the visible parts of lines at a true pose, as if every one of them had been found:
-// - Does the Cramer-Rao bound of the distances of the segments' end points from their lines
-// (core/experiments/README.md, section 2) allow the
-//   errors, in rotation and position each, in the worst direction?
-// - Is the other pose of a flat scene (its depths turned over) told apart by the residuals, by `num_sigmas` of the
-//   likelihood ratio, or by the lines that it would show?
-// - Is there no rigid motion under which other lines of the model, the symmetries apart, look the same? A book seen
-//   from its back is one: nothing tells its top from its bottom.
+// Makes three tests of the visible parts of the lines at a true pose, as if every one of them had been detected:
+//   - The Cramer-Rao bound of the distances of the end points from their lines (core/experiments/README.md, section 2)
+//     is within the tolerances, for rotation and position each, in the worst direction.
+//   - The other pose of a flat scene (with inverted depths) is distinguished by its residuals, by `num_sigmas` of the
+//     likelihood ratio, or by the lines that would be visible.
+//   - There is no rigid motion, other than the symmetries, under which other lines of the model have the same image.
+//   The
+//     back of a book is an example: its top cannot be distinguished from its bottom.
 class PoseDeterminacy {
  public:
-  // The model must outlive it, with its symmetries. `camera` has no distortion.
+  // The model, with its symmetries, and `visibility` must outlive this object. `camera` has no distortion.
   PoseDeterminacy(const ObjectModel& model, const CameraModel& camera, const VisibilityTester& visibility,
                   const DeterminacyOptions& options);
 

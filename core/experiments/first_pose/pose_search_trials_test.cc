@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// The pose search on random trials: how often it is right, and how it bears what detectors do to segments.
+// The pose search on random trials: its rate of right poses, and its robustness to defects of detected segments.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -19,7 +19,7 @@ struct Setting {
   SimulatedObject object;
   int num_spurious;
   int num_missing;
-  double least_right;  // share of the trials; a little below what 1000 trials gave
+  double least_right;  // share of right poses; slightly below that of 1000 trials
 };
 
 std::string SettingName(const testing::TestParamInfo<Setting>& info) {
@@ -52,7 +52,7 @@ TEST_P(PoseSearchTrialsTest, ThePoseIsRight) {
     ++num_right;
     for (size_t i = 0; i < trial.segments.size(); ++i) {
       ++num_labels;
-      // Lines are known up to the symmetries; what is none of the object's is.
+      // Lines are determined up to the symmetries; spurious segments have none.
       num_right_labels += (hypotheses[0].model_line[i] < 0) == (trial.model_line[i] < 0);
     }
     EXPECT_TRUE(std::is_sorted(hypotheses.begin(), hypotheses.end(),
@@ -76,7 +76,7 @@ INSTANTIATE_TEST_SUITE_P(
                     Setting{SimulatedObject::kSpacecraft, 4, 2, 0.96}),
     SettingName);
 
-// What a detector may do to a segment: shift it, lose its ends, break it in two.
+// Defects of detected segments: shifted, shortened or split in two.
 std::vector<ImageSegment> Degraded(const LineTrial& trial, Random& random) {
   std::vector<ImageSegment> segments;
   for (size_t i = 0; i < trial.segments.size(); ++i) {

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// Line trials as the tests of the baselines want them.
+// Line trials for the tests of the baselines.
 #pragma once
 
 #include <memory>

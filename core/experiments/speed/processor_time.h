@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// Time that a processor spent on something: other programs on the machine do not count.
+// Processor time, which does not include other programs on the machine.
 #pragma once
 
 #include <ctime>
@@ -13,7 +13,7 @@ inline double SecondsOfClock(clockid_t clock) {
   return static_cast<double>(now.tv_sec) + 1e-9 * static_cast<double>(now.tv_nsec);
 }
 
-// That this thread takes for `work`.
+// Returns the processor seconds that this thread takes for `work`.
 template <typename Work>
 double ProcessorSecondsOf(const Work& work) {
   const double begin_s = SecondsOfClock(CLOCK_THREAD_CPUTIME_ID);

@@ -21,10 +21,10 @@
 namespace evpose {
 namespace {
 
-// As the server gets them: a full chunk.
+// Size of a full chunk, as the server receives it.
 constexpr size_t kPieceBytes = 256 * 1024;
 
-// As many times the lines for the same events.
+// Numbers of pieces of each line: more lines for the same events.
 constexpr int kCuts[] = {1, 16};
 
 class SpeedBench {
@@ -57,7 +57,7 @@ class SpeedBench {
   }
 
  private:
-  // That are wanted, and measured on this scene.
+  // Parts that are requested and measured on this scene.
   std::vector<std::string> PartsOf(const std::string& scene) const {
     const bool is_decoded = scene == "4" || scene == "33";
     std::vector<std::string> parts;
@@ -142,7 +142,7 @@ class SpeedBench {
     return absl::OkStatus();
   }
 
-  // Measures on each of kCuts: `measure` takes the windows and returns the least time.
+  // Measures with each of kCuts: `measure` processes the windows and returns the minimum time.
   absl::Status OnCutLines(const std::string& part, const SpeedRecording& recording,
                           const std::function<double(const SpeedWindows&, SpeedRow&)>& measure) {
     EVPOSE_ASSIGN_OR_RETURN(SpeedWindows made, MakeSpeedWindows(recording));
@@ -223,7 +223,7 @@ class SpeedBench {
     return absl::OkStatus();
   }
 
-  // All that is done until the first pose, its search above all.
+  // All processing until the first pose, mainly the search.
   absl::Status Initialize(const SpeedRecording& recording) {
     SpeedRow row = Row("initialize", recording);
     std::vector<PoseEstimate> poses;

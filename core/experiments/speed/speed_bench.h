@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// How long decoding, tracking and the search for a first pose take, on recordings of the project's simulator. Times are
-// of one thread, and the least of several repetitions: other programs on the machine only ever add to them.
+// Benchmark of decoding, tracking and the search for a first pose, on recordings of the simulator of this project.
+// Times are processor times of one thread, the minimum of several repetitions, because other programs on the machine
+// only increase them.
 #pragma once
 
 #include <cstdint>
@@ -17,10 +18,10 @@ namespace evpose {
 
 struct SpeedBenchOptions {
   std::vector<std::string> parts;  // names of SpeedParts(); empty: all
-  int64_t duration_us = 200'000;   // of each recording, [10'000, 10'000'000]
+  int64_t duration_us = 200'000;   // microseconds of each recording, [10'000, 10'000'000]
   int num_repetitions = 7;         // [1, 1000]
 
-  // INVALID_ARGUMENT naming the field, or listing the known parts.
+  // INVALID_ARGUMENT names the field or lists the known parts.
   absl::Status Validate() const;
 };
 
@@ -30,36 +31,38 @@ const std::vector<std::string>& SpeedParts();
 // One measurement.
 struct SpeedRow {
   std::string part;
-  std::string what;                    // the encoding, "lines x1" or "lines x16"; otherwise as the part
-  std::string scene;                   // SpeedScene::name
-  double rate_mev_per_s = 0.0;         // of the recording, by the sensor's clock
-  uint64_t num_events = 0;             // estimate: those that the estimator is given
-  uint64_t num_bytes = 0;              // decode
-  double seconds = 0.0;                // processor time of one thread, the least
-  std::optional<double> memcpy_ratio;  // decode: to the time of copying the same bytes, whole, measured alternately
-  uint64_t num_poses = 0;              // track
-  int num_lines = 0;                   // track: of the model
-  // associate and estimate: windows, and the lines that each had, summed up.
+  std::string what;             // the encoding; "lines x1" or "lines x16"; otherwise equal to `part`
+  std::string scene;            // SpeedScene::name
+  double rate_mev_per_s = 0.0;  // of the recording, million events per second of sensor time
+  uint64_t num_events = 0;      // estimate: events passed to the estimator
+  uint64_t num_bytes = 0;       // decode
+  double seconds = 0.0;         // processor time of one thread, the minimum
+  // Decode: relative to the time of copying the same bytes, measured alternately.
+  std::optional<double> memcpy_ratio;
+  uint64_t num_poses = 0;  // track
+  int num_lines = 0;       // track: lines of the model
+  // associate and estimate: number of windows, and the sum of their lines.
   uint64_t num_windows = 0;
   uint64_t num_window_lines = 0;
-  // The same: to "lines x1".
+  // The same: number of lines and time relative to "lines x1".
   std::optional<double> lines_ratio;
   std::optional<double> cost_ratio;
-  double sensor_seconds = 0.0;  // that `seconds` went through; initialize: until the first pose
+  double sensor_seconds = 0.0;  // sensor time processed in `seconds`; initialize: until the first pose
 
   double NsPerEvent() const { return 1e9 * seconds / static_cast<double>(num_events); }
   double MevPerS() const { return 1e-6 * static_cast<double>(num_events) / seconds; }
-  // Of a line in a window; infinite where lines were not counted.
+  // Nanoseconds per line of a window; infinite if lines were not counted.
   double NsPerLine() const { return 1e9 * seconds / static_cast<double>(num_window_lines); }
-  // Below one: faster than the sensor.
+  // Processing time over sensor time; below one if processing is faster than the sensor.
   double RealTimeRatio() const { return seconds / sensor_seconds; }
 };
 
-// Told how much is done, [0, 1], and what is being done; returning false ends it, with CANCELLED. May be null.
+// Called with the finished share of the work, in [0, 1], and a description of the present step; returning false ends
+// the work with CANCELLED. May be null.
 using SpeedProgress = std::function<bool(double done_ratio, const std::string& text)>;
 
-// `on_row` is told of every row when it is measured. Errors: as Validate(); CANCELLED; INTERNAL when a recording does
-// not come back from its bytes, or the tracker has no pose of it.
+// Runs the benchmark; `on_row` is called after each measurement. Errors: those of Validate(); CANCELLED; INTERNAL if a
+// recording does not decode to its events or the tracker has no pose of it.
 absl::Status RunSpeedBench(const SpeedBenchOptions& options, const std::function<void(const SpeedRow&)>& on_row,
                            const SpeedProgress& on_progress = nullptr);
 

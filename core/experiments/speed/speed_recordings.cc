@@ -13,7 +13,7 @@ namespace {
 
 SpeedScene MakeScene(std::string name, std::string description, double speed) {
   SpeedScene scene = {std::move(name), std::move(description), SimulationPreset("book", "evk4", speed).value()};
-  // No wrap of the clock: what is measured is what comes all the time.
+  // Without wraps of the clock, which are rare events in a stream.
   scene.simulation.t_begin_us = 1'000'000;
   return scene;
 }

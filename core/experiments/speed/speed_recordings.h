@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// What the speed is measured on: recordings of the project's simulator at the rates of a quiet scene, of a fast one,
-// and of all that a camera's interface carries.
+// Recordings of the speed benchmark: simulated at the rates of a quiet scene, of a fast one, and of the full bandwidth
+// of a camera.
 #pragma once
 
 #include <cstdint>
@@ -26,7 +26,8 @@ struct SpeedScene {
   SimulationOptions simulation;
 };
 
-// "1", "4", "10", "33" and "50": their rates, in million events per second. A book, of whose 25 lines some 20 are seen.
+// Returns the scenes "1", "4", "10", "33" and "50", named by their rates in million events per second. The object is a
+// book, of whose 25 lines about 20 are visible.
 const std::vector<SpeedScene>& SpeedScenes();
 
 struct SpeedRecording {
@@ -36,21 +37,22 @@ struct SpeedRecording {
   std::vector<Event> events;
   std::shared_ptr<const ObjectModel> model;
   CameraModel camera;
-  RigidTransform initial_camera_from_object;  // the truth at the beginning
-  Trajectory truth;                           // every millisecond
+  RigidTransform initial_camera_from_object;  // true pose at the beginning
+  Trajectory truth;                           // true trajectory, one pose per millisecond
 
   // Million events per second of sensor time.
   double RateMevPerS() const { return static_cast<double>(events.size()) / static_cast<double>(duration_us); }
 };
 
-// Errors: CANCELLED when `on_progress`, told how much is done, [0, 1], returns false. It may be null.
+// Simulates a scene for `duration_us`. `on_progress` is called with the finished share, in [0, 1], and may be null.
+// Errors: CANCELLED if it returns false.
 absl::StatusOr<SpeedRecording> MakeSpeedRecording(const SpeedScene& scene, int64_t duration_us,
                                                   const std::function<bool(double)>& on_progress = nullptr);
-// By the scene's name. Errors: INVALID_ARGUMENT listing the known ones; as above.
+// The same by the name of the scene. Errors: as above, and INVALID_ARGUMENT lists the known names.
 absl::StatusOr<SpeedRecording> MakeSpeedRecording(const std::string& scene, int64_t duration_us,
                                                   const std::function<bool(double)>& on_progress = nullptr);
 
-// Errors: those of the encoder.
+// Returns the bytes of the events. Errors: those of the encoder.
 absl::StatusOr<std::vector<uint8_t>> EncodeRecording(const SpeedRecording& recording, Encoding encoding);
 
 }  // namespace evpose

@@ -21,7 +21,7 @@ absl::StatusOr<std::unique_ptr<const TrackContext>> MakeContext(const SpeedRecor
                                                            VisibilityTester(*recording.model, options.visibility)});
 }
 
-// Follows the object and writes down what it knew before each window.
+// Tracks the object and stores the predicted state of each window.
 class WindowRecorder {
  public:
   WindowRecorder(const SpeedRecording& recording, const TrackContext& context)
@@ -46,7 +46,7 @@ class WindowRecorder {
     const Trajectory& truth = recording_.truth;
     const int64_t known_us = std::clamp(t_us, truth.front().t_us, truth.back().t_us);
     const double focal_px = std::max(recording_.camera.fx_px, recording_.camera.fy_px);
-    // Known at every time between its ends.
+    // Interpolated; the truth covers the whole recording.
     const RigidTransform pose = *Interpolate(truth, known_us);
     track_ = std::make_unique<PoseTrack>(context_, InitialMotionState(pose, t_us, focal_px, context_.options.initial));
   }

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// The windows of a recording with what the tracker knew before each: association and estimation can be run on them by
-// themselves.
+// Windows of a recording with the predicted states of the tracker, on which association and estimation are measured
+// separately.
 #pragma once
 
 #include <cstdint>
@@ -20,39 +20,38 @@ namespace evpose {
 struct SpeedWindow {
   int64_t t_begin_us = 0;
   int64_t t_end_us = 0;
-  uint64_t num_events = 0;  // before sampling
+  uint64_t num_events = 0;  // number of events before downsampling
   std::vector<WindowEvent> events;
-  MotionState predicted;           // for mid-window
-  std::vector<TrackedLine> lines;  // visible there
+  MotionState predicted;           // predicted state for mid-window
+  std::vector<TrackedLine> lines;  // lines that are visible at the predicted pose
 
-  // Valid as long as this is.
+  // Returns a view, valid as long as this object.
   EventWindow AsEventWindow() const;
 };
 
-// Windows of a millisecond, of a tracker that begins at the truth, and again there when it is lost. `context` is what
-// it tracks with. Errors: those of TrackContext's parts; INTERNAL when no window has a visible line.
+// Windows of 1 ms of a tracker that starts at the true pose, and again after a loss. `context` is that of the tracker.
+// Errors: those of the parts of TrackContext; INTERNAL if no window has a visible line.
 struct SpeedWindows {
   std::unique_ptr<const TrackContext> context;
   std::vector<SpeedWindow> windows;
 };
 absl::StatusOr<SpeedWindows> MakeSpeedWindows(const SpeedRecording& recording);
 
-// The same windows with each line cut into `num_pieces` lines of the same length: as many times the lines for the same
-// events.
+// Returns the same windows with each line cut into `num_pieces` lines of equal length: more lines for the same events.
 std::vector<SpeedWindow> WithCutLines(const std::vector<SpeedWindow>& windows, int num_pieces);
 
-// What PoseTrack does with a window before it estimates, for an object alone: projects the lines, builds the tiles,
-// finds the events near them.
+// Performs the association of PoseTrack for a single object: projects the lines, builds the tiles, finds the events
+// near the lines.
 class WindowAssociation {
  public:
-  // `context` must outlive it.
+  // `context` must outlive this object.
   explicit WindowAssociation(const TrackContext& context);
-  // Valid until the next call; `window` must be there as long.
+  // The result is valid until the next call and as long as `window`.
   WindowInput Associate(const SpeedWindow& window);
 
  private:
   const TrackContext& context_;
-  const std::unique_ptr<WindowEstimator> estimator_;  // asked how far it looks
+  const std::unique_ptr<WindowEstimator> estimator_;  // provides the reach of the gate
   TileGrid grid_;
   BackgroundRate background_;
   NearEvents near_events_;
@@ -60,14 +59,14 @@ class WindowAssociation {
   std::vector<ImageLine> image_lines_;
 };
 
-// What an estimator is given of one window.
+// Input of an estimator for one window.
 struct EstimationInput {
   MotionState predicted;
   std::vector<Observation> events;
   LineEvents sorted;
-  WindowInput input;  // of `events`, and of the lines of its SpeedWindow
+  WindowInput input;  // refers to `events` and to the lines of the SpeedWindow
 };
-// One for each window, which must be there as long.
+// Returns one input for each window; `windows` must outlive the result.
 std::vector<EstimationInput> MakeEstimationInputs(const TrackContext& context, const std::vector<SpeedWindow>& windows);
 
 }  // namespace evpose

@@ -14,11 +14,11 @@
 namespace evpose {
 namespace {
 
-// A standard deviation of zero is none.
+// Pixels: lower bound, because a filter with a standard deviation of zero has no gate.
 constexpr double kMinFilterSigmaPx = 0.2;
 
 constexpr std::array kSweeps = {SyntheticSweep::kNoise, SyntheticSweep::kOutliers, SyntheticSweep::kLines};
-// The paper's; it does not say which numbers of lines.
+// Values of the paper, which does not give the numbers of lines.
 constexpr std::array<double, 6> kNoisesPx = {0.0, 2.0, 4.0, 6.0, 8.0, 10.0};
 constexpr std::array<double, 6> kOutlierRatios = {0.0, 0.1, 0.2, 0.3, 0.4, 0.5};
 constexpr std::array<double, 10> kLineCounts = {4.0, 6.0, 8.0, 10.0, 15.0, 20.0, 25.0, 30.0, 35.0, 40.0};
@@ -122,7 +122,7 @@ absl::Status AddBound(const SyntheticTrial& trial, ErrorLists& errors) {
   return absl::OkStatus();
 }
 
-// All methods at one value; false of `on_trial` stops.
+// Runs all methods at one value; returning false from `on_trial` ends it.
 absl::StatusOr<std::vector<SyntheticBenchRow>> RunValue(const SyntheticBenchOptions& options, SyntheticSweep sweep,
                                                         double value, absl::Span<const SyntheticMethod> methods,
                                                         const std::function<bool()>& on_trial) {

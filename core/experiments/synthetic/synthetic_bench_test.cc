@@ -42,7 +42,7 @@ TEST(SyntheticBenchTest, LeastSquaresAttainsTheBoundWithoutOutliers) {
   const std::vector<SyntheticBenchRow> rows = RunBench(Few(SyntheticSweep::kOutliers, {"ls"}, 60));
   ASSERT_EQ(rows.size(), 6u);
   EXPECT_EQ(rows[0].num_none, 0);
-  // The same noise in both: what is left is curvature.
+  // The noise is equal in both; the difference is due to curvature.
   EXPECT_NEAR(*rows[0].RotationRatio(), 1.0, 0.02);
   EXPECT_NEAR(*rows[0].TranslationRatio(), 1.0, 0.02);
   EXPECT_GT(*rows[5].RotationRatio(), 50.0) << "half of the events have wrong lines";
@@ -65,7 +65,7 @@ TEST(SyntheticBenchTest, ErrorsGrowWithTheBound) {
 }
 
 TEST(SyntheticBenchTest, AFitWithoutAPoseCountsAsTheStart) {
-  // So far from the truth that lines are behind the camera.
+  // Starts so far from the truth that lines are behind the camera.
   SyntheticBenchOptions options = Few(SyntheticSweep::kLines, {"ls"}, 20);
   options.start_factor = 100.0;
   int num_none = 0;

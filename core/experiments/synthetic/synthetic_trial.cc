@@ -29,7 +29,7 @@ CameraModel SyntheticCamera() {
   camera.width_px = 640;
   camera.height_px = 480;
   camera.fx_px = camera.fy_px = 800.0;
-  camera.cx_px = 319.5;  // pixel (0, 0) is the centre of the first one
+  camera.cx_px = 319.5;  // the centre of the first pixel is (0, 0)
   camera.cy_px = 239.5;
   return camera;
 }
@@ -39,13 +39,13 @@ Eigen::Vector3d BackProject(const CameraModel& camera, const Eigen::Vector2d& pi
          Eigen::Vector3d((pixel.x() - camera.cx_px) / camera.fx_px, (pixel.y() - camera.cy_px) / camera.fy_px, 1.0);
 }
 
-// Uniform in the image's part of that share, about its middle.
+// Uniform in the central part of the image with this share of its sides.
 Eigen::Vector2d DrawPixel(const CameraModel& camera, double share, Random& random) {
   return {camera.cx_px + share * random.Uniform(-0.5, 0.5) * (camera.width_px - 1),
           camera.cy_px + share * random.Uniform(-0.5, 0.5) * (camera.height_px - 1)};
 }
 
-// Uniform over all attitudes (Shoemake, "Uniform random rotations", Graphics Gems III, 1992).
+// Uniform over all rotations (Shoemake, "Uniform random rotations", Graphics Gems III, 1992).
 Eigen::Matrix3d DrawRotation(Random& random) {
   Eigen::Vector4d q;
   do {
@@ -98,7 +98,7 @@ void DrawEvents(const SyntheticTrialOptions& options, Random& random, SyntheticT
   }
 }
 
-// Lines move together: their events come in any order.
+// The lines move together, so that their events come in random order.
 void ShuffleEvents(Random& random, SyntheticTrial& trial) {
   for (size_t i = trial.events.size(); i > 1; --i) {
     const size_t other = random.UniformInt(i);
@@ -107,7 +107,7 @@ void ShuffleEvents(Random& random, SyntheticTrial& trial) {
   }
 }
 
-// Gives so many events, chosen at random, another line.
+// Assigns another line to this number of events, chosen at random.
 void MislabelEvents(const SyntheticTrialOptions& options, Random& random, SyntheticTrial& trial) {
   std::vector<size_t> order(trial.events.size());
   std::iota(order.begin(), order.end(), size_t{0});
@@ -131,7 +131,7 @@ absl::Status SyntheticTrialOptions::Validate() const {
 }
 
 SyntheticTrial MakeSyntheticTrial(const SyntheticTrialOptions& options, uint64_t seed) {
-  // Each part has numbers of its own, so that a change of one leaves the others as they are.
+  // Each part has its own random numbers, so that a change of one leaves the others unchanged.
   Random seeds(seed);
   Random poses(seeds.NextU64()), lines(seeds.NextU64()), events(seeds.NextU64()), outliers(seeds.NextU64());
   SyntheticTrial trial;

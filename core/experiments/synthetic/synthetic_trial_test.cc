@@ -52,7 +52,7 @@ TEST(SyntheticTrialTest, NoiseIsNormalAboutTheTrueLines) {
     squares += d * d;
     fourth_powers += d * d * d * d;
   }
-  // Four standard deviations of each.
+  // Four standard deviations of each quantity.
   EXPECT_NEAR(sum / 2500.0, 0.0, 4.0 * 3.0 / 50.0);
   EXPECT_NEAR(std::sqrt(squares / 2500.0), 3.0, 4.0 * 3.0 / std::sqrt(5000.0));
   EXPECT_NEAR(fourth_powers / 2500.0 / 81.0, 3.0, 4.0 * std::sqrt(96.0 / 2500.0));
@@ -117,7 +117,7 @@ TEST(SyntheticTrialTest, InformationIsThatOfTheDistances) {
   options.num_lines = 5;
   options.events_per_line = 8;
   options.outlier_ratio = 0.25;
-  // So little that the places on the lines are the events' own.
+  // The noise is so small that the positions on the lines are those of the events.
   options.noise_px = 1e-4;
   const SyntheticTrial trial = MakeSyntheticTrial(options, 7);
   const absl::StatusOr<SyntheticBound> bound = ComputeSyntheticBound(trial);

@@ -19,7 +19,7 @@
 namespace evpose {
 namespace {
 
-// What a run is tracked with, and checked against.
+// Context of a run: tracker configuration and truth.
 struct RunScene {
   SimulationOptions run;
   std::shared_ptr<const ObjectModel> model;
@@ -69,12 +69,12 @@ class Contestant {
  private:
   Contestant() = default;
 
-  std::unique_ptr<Tracker> tracker_;  // one of the two
+  std::unique_ptr<Tracker> tracker_;  // exactly one of the two is set
   std::unique_ptr<TrackingOracle> oracle_;
   TrackingOutput output_;
 };
 
-// Below `recordings`, for each run one; of a shortened run another.
+// Subdirectory of `recordings` for a run; shortened runs have another one.
 std::string RunDirectory(const std::string& recordings, const std::string& scenario, const SimulationOptions& run,
                          bool is_shortened) {
   if (recordings.empty()) return "";
@@ -99,7 +99,7 @@ absl::StatusOr<std::vector<TrackingSubject>> FindSubjects(const std::vector<std:
   return found;
 }
 
-// One scenario with all its runs and estimators.
+// Runs one scenario with all seeds, paths and estimators.
 class BlockRunner {
  public:
   BlockRunner(const TrackingBenchOptions& options, const TrackingScenario& scenario,
@@ -110,7 +110,7 @@ class BlockRunner {
       block_.rows.push_back({scenario.name, subject.name, {}, subject.kind, {}, {}});
   }
 
-  // From `begin` to `end` of the whole work.
+  // Share of the whole work from `begin` to `end`.
   absl::StatusOr<TrackingBenchBlock> Run(double begin, double end) {
     const int num_runs = options_.num_seeds * options_.num_paths;
     for (int i = 0; i < num_runs; ++i) {
@@ -166,7 +166,7 @@ class BlockRunner {
   }
 
   absl::StatusOr<EventRate> Play(const SimulationOptions& run, std::vector<Contestant>& contestants) {
-    constexpr double kSimulationShare = 0.7;  // of the work, where there is no recording yet
+    constexpr double kSimulationShare = 0.7;  // share of the work, if there is no recording yet
     EventRate rate(run.t_begin_us);
     double simulated = 0.0;
     const auto on_events = [&](absl::Span<const Event> events) -> absl::Status {
@@ -187,7 +187,7 @@ class BlockRunner {
     return rate;
   }
 
-  // Of the present run; false ends the work.
+  // Reports the progress of the present run; false ends the work.
   bool Report(double done_ratio) { return !on_progress_ || on_progress_(begin_ + (end_ - begin_) * done_ratio, text_); }
 
   const TrackingBenchOptions& options_;
@@ -195,7 +195,7 @@ class BlockRunner {
   const TrackingBenchProgress& on_progress_;
   TrackingBenchBlock block_;
   uint64_t num_events_ = 0;
-  double begin_ = 0.0;  // of the present run, in the whole work
+  double begin_ = 0.0;  // of the present run, as shares of the whole work
   double end_ = 0.0;
   std::string text_;
 };

@@ -56,10 +56,10 @@ TEST(TrackingBenchTest, TheOracleIsTheFloor) {
   ASSERT_EQ(oracle.estimator, "oracle");
   EXPECT_EQ(oracle.summary.losses, 0u);
   EXPECT_LT(oracle.summary.rotation_p95_deg, 1.0);
-  // Its windows are the tracker's, but for those before the first pose.
+  // Its windows equal those of the tracker, except before the first pose.
   EXPECT_GE(oracle.scores[0].errors.size(), mixture.scores[0].errors.size());
   EXPECT_GT(oracle.summary.worst_coverage_ratio, 0.95);
-  // It starts at the truth and does not stay there, nor where there are no events to move it.
+  // The estimate differs from the true start, and windows without events have no pose.
   EXPECT_GT(oracle.summary.position_median_m, 1e-5);
   for (const TrajectoryError& error : oracle.scores[0].errors) EXPECT_GT(error.position_m, 1e-9);
 }

@@ -14,8 +14,8 @@
 namespace evpose {
 namespace {
 
-// Whether the events, and not the truth that the window started from, decide the pose: in no direction is more than a
-// quarter of the prior's variance left.
+// Whether the events and not the true start determine the pose: in no direction is more than a quarter of the variance
+// of the prior left.
 bool IsFromEvents(const Matrix6d& covariance, const Matrix6d& prior) {
   constexpr double kMostRatio = 0.25;
   const Eigen::GeneralizedSelfAdjointEigenSolver<Matrix6d> solver(covariance, prior, Eigen::EigenvaluesOnly);
@@ -40,7 +40,7 @@ class WindowOracle : public TrackingOracle {
   void OnWindow(const EventWindow& window, std::vector<PoseEstimate>& estimates) {
     const std::optional<MotionState> start = StateAt(window.t_mid_us());
     if (!start) return;
-    // One track for all windows: it learns the lines' contrasts and the events' spread, as the tracker does.
+    // One track for all windows, which learns the contrast of the lines and the spread of the events as in the tracker.
     if (track_ == nullptr) track_ = std::make_unique<PoseTrack>(context_, *start);
     track_->set_motion(*start);
     track_->OnWindow(window);
@@ -56,7 +56,7 @@ class WindowOracle : public TrackingOracle {
     estimates.push_back(estimate);
   }
 
-  // nullopt at the ends of the truth.
+  // nullopt outside the interval of the truth.
   std::optional<MotionState> StateAt(int64_t t_us) const {
     constexpr int64_t kHalfStepUs = 500;
     const absl::StatusOr<RigidTransform> pose = Interpolate(truth_, t_us);
@@ -81,7 +81,7 @@ absl::StatusOr<std::unique_ptr<TrackingOracle>> TrackingOracle::Create(std::shar
                                                                        const CameraModel& camera,
                                                                        const TrackerOptions& options,
                                                                        const Trajectory& truth) {
-  // What a tracker refuses, the oracle refuses.
+  // Arguments that a tracker rejects are rejected here, too.
   EVPOSE_RETURN_IF_ERROR(Tracker::Create(model, camera, options, std::nullopt).status());
   EVPOSE_ASSIGN_OR_RETURN(auto tables, MakeCameraTables(camera));
   return std::make_unique<WindowOracle>(

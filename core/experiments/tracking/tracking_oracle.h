@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// The floor of what a window's events allow: every window fitted from the truth.
+// Lower bound of the errors for the events of single windows: every window is fitted from the true state.
 #pragma once
 
 #include <cstdint>
@@ -18,23 +18,25 @@
 
 namespace evpose {
 
-// What it is exactly: windows as the tracker's are at ordinary speed (they do not follow the image's), its association,
-// its mixture estimator of pose and twist, its edge correction and its options; but every window starts at the true
-// pose and twist of its middle, with the lines that are visible at the true pose, and under the wide prior of a first
-// pose that somebody gave (InitialPoseOptions: 2 px sideways, 1 % of the depth, 1 deg; 2000 px/s, 6 rad/s) in place of
-// what the windows before it told. So it cannot be lost, and cannot drift; and it does not gain from the windows
-// before: a tracker whose motion prior does may have the smaller noise. What the oracle and the tracker share is what
-// the events, or the model of the sensor, do not tell. A window whose events leave more than a quarter of the prior's
-// variance in any direction has no pose: it would be the truth that the window started from.
+// Estimates every window with the association, the mixture estimator, the edge correction and the options of the
+// tracker, and with windows like those of the tracker at ordinary speed (they do not adapt to the image speed). Every
+// window starts at the true pose and twist of its middle, with the lines that are visible at the true pose, and with
+// the wide prior of a given first pose (InitialPoseOptions: 2 px laterally, 1 % of the depth, 1 deg; 2000 px/s, 6
+// rad/s) instead of the prediction from earlier windows.
+//
+// The oracle can therefore neither lose the object nor drift, and it does not profit from earlier windows: a tracker
+// with a motion prior may have less noise. Errors common to the oracle and the tracker are due to the events or the
+// sensor model, not to the tracking. A window whose events leave more than a quarter of the variance of the prior in
+// any direction has no pose, because its pose would be that of the start.
 class TrackingOracle {
  public:
-  // `truth` must outlive it. Errors: those of Tracker::Create().
+  // `truth` must outlive the oracle. Errors: those of Tracker::Create().
   static absl::StatusOr<std::unique_ptr<TrackingOracle>> Create(std::shared_ptr<const ObjectModel> model,
                                                                 const CameraModel& camera,
                                                                 const TrackerOptions& options, const Trajectory& truth);
   virtual ~TrackingOracle() = default;
 
-  // As Tracker.
+  // The same as the functions of Tracker.
   virtual void AddEvents(absl::Span<const Event> events, std::vector<PoseEstimate>& estimates) = 0;
   virtual void Finish(std::vector<PoseEstimate>& estimates) = 0;
 };

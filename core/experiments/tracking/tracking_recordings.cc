@@ -24,12 +24,13 @@ namespace fs = std::filesystem;
 constexpr const char* kNoteName = "simulation.txt";
 constexpr const char* kRecordingName = "recording.raw";
 
-// The note of a recording that is whole.
+// Text of simulation.txt of a complete recording.
 std::string Note(const SimulationOptions& run, uint64_t num_events, uint64_t num_bytes) {
   return absl::StrCat(DescribeSimulation(run), "events ", num_events, "\nbytes ", num_bytes, "\n");
 }
 
-// How many events the note promises; nullopt when the recording is missing, of another simulation or cut short.
+// Number of events according to simulation.txt; nullopt if the recording is missing, of another simulation or
+// incomplete.
 std::optional<uint64_t> NumKeptEvents(const SimulationOptions& run, const fs::path& directory) {
   constexpr size_t kMaxNoteBytes = 1 << 16;
   const absl::StatusOr<std::string> note = ReadFile((directory / kNoteName).string(), kMaxNoteBytes);
@@ -49,7 +50,7 @@ std::optional<uint64_t> NumKeptEvents(const SimulationOptions& run, const fs::pa
 absl::StatusOr<uint64_t> Keep(const SimulationOptions& run, const fs::path& directory,
                               const std::function<bool(double)>& on_simulated) {
   std::error_code error;
-  fs::remove(directory / kNoteName, error);  // it speaks of what is about to be replaced
+  fs::remove(directory / kNoteName, error);  // it describes the recording that is about to be replaced
   double done_ratio = 0.0;
   EVPOSE_ASSIGN_OR_RETURN(const SimulationReport report,
                           SimulateToDirectory(

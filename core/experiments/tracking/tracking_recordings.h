@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// The events of a simulation: made at once, or kept in a directory and read again.
+// Events of a simulation, generated for each run or stored in a directory and read again.
 #pragma once
 
 #include <functional>
@@ -15,11 +15,11 @@ namespace evpose {
 
 using EventConsumer = std::function<absl::Status(absl::Span<const Event>)>;
 
-// Hands the run's events over, in order of time. With a `directory` they are those of the recording in it
-// (recording.raw, truth.tum, model.obj, camera.yaml, and simulation.txt, which says of which simulation it is and how
-// many events there are). A recording of another simulation, or none, is replaced by a simulation first; `on_simulated`
-// is told how much of that is done, [0, 1], false ends it with CANCELLED. Errors: those of `on_events` and
-// SimulateToDirectory(); DATA_LOSS naming the directory when a recording is not whole.
+// Passes the events of a run to `on_events` in order of time. With a `directory` they are read from its recording
+// (recording.raw, truth.tum, model.obj, camera.yaml, and simulation.txt, which describes the simulation and the number
+// of events). If the directory has no recording, or one of another simulation, it is simulated first; `on_simulated` is
+// called with the finished share, in [0, 1], and ends it with CANCELLED by returning false. Errors: those of
+// `on_events` and of SimulateToDirectory(); DATA_LOSS naming the directory if a recording is incomplete.
 absl::Status PlayRun(const SimulationOptions& run, const std::string& directory, const EventConsumer& on_events,
                      const std::function<bool(double)>& on_simulated = nullptr);
 

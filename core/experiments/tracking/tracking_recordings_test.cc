@@ -22,7 +22,7 @@ class TrackingRecordingsTest : public ::testing::Test {
     fs::remove_all(directory_);
   }
 
-  // The events; whether they were simulated for it.
+  // Returns the events, and whether they were simulated.
   std::vector<Event> Play(bool* is_simulated = nullptr, absl::Status* status = nullptr) {
     std::vector<Event> events;
     bool asked = false;
@@ -79,7 +79,7 @@ TEST_F(TrackingRecordingsTest, ACutRecordingIsMadeAgain) {
 
 TEST_F(TrackingRecordingsTest, ARecordingOfFewerEventsIsAnError) {
   Play();
-  // As long as it was, and no events in its second half.
+  // The file keeps its length, but has no events in its second half.
   const fs::path recording = fs::path(directory_) / "recording.raw";
   const auto size = fs::file_size(recording);
   fs::resize_file(recording, size / 4 * 2);

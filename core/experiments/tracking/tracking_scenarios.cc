@@ -15,7 +15,7 @@ SimulationOptions Standard(std::string_view object, std::string_view camera) {
   return SimulationPreset(object, camera).value_or(SimulationOptions());
 }
 
-// A spacecraft before the VGA sensor, at the paper's speeds.
+// A spacecraft in front of the VGA sensor, at the speeds of the paper.
 struct VgaScene {
   double duration_s;
   double depth_m;
@@ -57,7 +57,7 @@ void AddVga(std::vector<TrackingScenario>& scenarios) {
   scenarios.push_back(changing);
 }
 
-// 10 % noise, the flicker of a bulb, a bar that swings before the object.
+// 10 % noise, the flicker of a bulb, and a bar that swings in front of the object.
 TrackingScenario MakeHd(const std::string& object) {
   TrackingScenario scenario = {
       object, absl::StrCat(object, ", 10 % noise, flicker, occlusion"), Standard(object, "evk4"), {}};
@@ -114,7 +114,7 @@ void AddHard(std::vector<TrackingScenario>& scenarios) {
   TrackingScenario half_out =
       MakeHard("half-out", "a cube, half of it out of view at either side of the image", "cube");
   half_out.simulation.scene.motion.profile = MotionProfile::kHalfOut;
-  // From border to border and back within the recording.
+  // Moves from border to border and back during the recording.
   half_out.simulation.scene.motion.speed_m_per_s = 0.6;
   scenarios.push_back(half_out);
   TrackingScenario uncalibrated =

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// What the tracker is measured on: the paper's scenarios with the project's simulator, and hard ones.
+// Scenarios of the tracking benchmark: those of the paper, with the simulator of this project, and more difficult ones.
 #pragma once
 
 #include <cstdint>
@@ -13,13 +13,13 @@
 
 namespace evpose {
 
-// What the default estimator is to reach, from its own first pose, on the mean of the runs; the worst run may have
-// twice the errors.
+// Targets of the default estimator with its own first pose, for the mean of the runs; the worst run may have twice the
+// errors.
 struct TrackingTargets {
   double position_rmse_of_depth = 0.0008;
   double rotation_median_deg = 0.08;
   double rotation_p95_deg = 0.25;
-  // Of a run's medians of the normalised estimation error squared, six degrees of freedom.
+  // Bounds for the median of the normalised estimation error squared (NEES), six degrees of freedom.
   double nees_median_low = 4.0;
   double nees_median_high = 7.5;
   double coverage_ratio = 0.995;
@@ -29,27 +29,27 @@ struct TrackingTargets {
 struct TrackingScenario {
   std::string name;
   std::string description;
-  SimulationOptions simulation;  // its seeds are the runner's
+  SimulationOptions simulation;  // the benchmark sets its seeds
   TrackingTargets targets;
 };
 
-// All of them, in the order of the table:
-// - 640 x 480, the paper's Table of simulated events: a spacecraft at its speeds, "normal" (20 s, 0.71 m/s, 0.32
-//   rad/s), "fast" (10 s, 1.41, 0.63), "faster" (5 s, 2.83, 1.26), "constant-light" and "changing-light" (10 s, 0.77,
-//   0.18). The paper gives neither depths nor sizes: ours keep the object in view and make about its event rates
-//   (of "faster" a third: nearer, the object could not move as fast and stay in view).
-// - 1280 x 720, its objects with its difficulties all at once, 10 % noise, a flickering lamp and a bar before the
-//   object: "planar", "cube", "book", "spacecraft".
-// - 1280 x 720, one difficulty at a time, each with 5 % noise: "rests", "background-activity", "hot-pixels",
-//   "occlusion-40", "bursts", "background-edge", "half-out", "uncalibrated".
+// Returns all scenarios in the order of the table:
+//   - 640 x 480, the table of simulated events in the paper: a spacecraft at its speeds, "normal" (20 s, 0.71 m/s,
+//     0.32 rad/s), "fast" (10 s, 1.41, 0.63), "faster" (5 s, 2.83, 1.26), "constant-light" and "changing-light" (10 s,
+//     0.77, 0.18). The paper gives neither depths nor sizes: here the object stays in view and produces about the event
+//     rates of the paper (for "faster" a third: at a smaller distance it could not move as fast and stay in view).
+//   - 1280 x 720, objects of the paper with all of its difficulties at once: 10 % noise, a flickering lamp and a bar in
+//     front of the object: "planar", "cube", "book", "spacecraft".
+//   - 1280 x 720, one difficulty at a time, each with 5 % noise: "rests", "background-activity", "hot-pixels",
+//     "occlusion-40", "bursts", "background-edge", "half-out", "uncalibrated".
 std::vector<TrackingScenario> TrackingScenarios();
 
-// Those of these names, in the order of the table; all when `names` is empty. Errors: INVALID_ARGUMENT listing the
-// known names.
+// Returns the scenarios with these names in the order of the table; all if `names` is empty. Errors: INVALID_ARGUMENT
+// lists the known names.
 absl::StatusOr<std::vector<TrackingScenario>> FindTrackingScenarios(const std::vector<std::string>& names);
 
-// One run of it. The path is the motion; the seed is everything else: pixels, noise, textures. At most
-// `max_duration_us` long; 0: as long as the scenario is.
+// Returns the simulation of one run. `path` determines the motion, `seed` pixels, noise and textures. The duration is
+// at most `max_duration_us`; 0: the duration of the scenario.
 SimulationOptions TrackingRun(const TrackingScenario& scenario, uint64_t seed, uint64_t path, int64_t max_duration_us);
 
 }  // namespace evpose

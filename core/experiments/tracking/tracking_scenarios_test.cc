@@ -24,7 +24,7 @@ TEST(TrackingScenariosTest, CanBeSimulatedOnEveryPath) {
   EXPECT_EQ(names.size(), 17u);
 }
 
-// The paper's Table of simulated events.
+// The table of simulated events in the paper.
 TEST(TrackingScenariosTest, SpeedsAreThePapers) {
   const struct {
     const char* name;

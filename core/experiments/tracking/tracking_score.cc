@@ -46,7 +46,7 @@ Trajectory PosesOf(const TrackingOutput& output) {
   return trajectory;
 }
 
-// The poses that TrajectoryErrors took up, in its order.
+// Returns the poses that TrajectoryErrors used, in its order.
 void JudgeHealth(const TrackingOutput& output, int64_t end_us, int64_t max_gap_us, TrackingScore& score) {
   size_t next = 0;
   double wrong_stretch_s = 0.0;
@@ -75,7 +75,7 @@ double MeanOver(const std::vector<TrackingScore>& scores, const auto& value) {
   return sum / static_cast<double>(scores.size());
 }
 
-// NaN (no pose) is the worst.
+// NaN (no pose) counts as the worst value.
 double WorstOver(const std::vector<TrackingScore>& scores, const auto& value) {
   double worst = -std::numeric_limits<double>::infinity();
   for (const TrackingScore& score : scores) {

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// What an estimator made of a recording, in numbers.
+// Scores of an estimator on a recording.
 #pragma once
 
 #include <cstdint>
@@ -15,15 +15,15 @@
 
 namespace evpose {
 
-// Events in intervals of 10 ms from the recording's beginning on.
+// Counts events in intervals of 10 ms from the beginning of the recording on.
 class EventRate {
  public:
   static constexpr int64_t kIntervalUs = 10'000;
 
   explicit EventRate(int64_t t_begin_us) : t_begin_us_(t_begin_us) {}
   void Add(absl::Span<const Event> events);
-  // Of the intervals with more than 0.3 Mev/s, the share in which poses come at 1 kHz, to 2 %. NaN without such an
-  // interval. The first 50 ms, which the first pose may take, and the last interval do not count.
+  // Returns the share of the intervals with more than 0.3 Mev/s in which poses are reported at 1 kHz, to 2 %; NaN
+  // without such an interval. The first 50 ms, which the first pose may take, and the last interval are ignored.
   double ShareAtFullPoseRate(const std::vector<PoseEstimate>& poses) const;
   uint64_t num_events() const { return num_events_; }
 
@@ -35,36 +35,37 @@ class EventRate {
 
 struct TrackingOutput {
   std::vector<PoseEstimate> poses;
-  uint64_t losses = 0;     // that the tracker itself declared
-  double compute_s = 0.0;  // of processor time
+  uint64_t losses = 0;     // losses that the tracker reported
+  double compute_s = 0.0;  // seconds of processor time
 };
 
 struct TrackingScore {
-  // Modulo the object's symmetries. Its coverage counts from the recording's first event on: the time before the first
-  // pose is not covered.
+  // Errors modulo the symmetries of the object. The coverage counts from the first event of the recording on: the time
+  // before the first pose is not covered.
   Evaluation evaluation;
-  // The larger of the losses that the truth shows (Evaluation.losses) while the object is in view, and of those that
-  // the tracker declared. In view: a quarter of the length of its lines, hidden ones included, projects into the image.
+  // The larger of two numbers: the losses that the truth shows (Evaluation.losses) while the object is in view, and
+  // those that the tracker reported. The object is in view if a quarter of the length of its lines, hidden ones
+  // included, is projected into the image.
   uint64_t losses = 0;
-  double first_pose_ms = 0.0;     // of sensor time, to the first good pose; NaN when there is none
+  double first_pose_ms = 0.0;     // sensor time until the first good pose; NaN if there is none
   double full_rate_ratio = 0.0;   // EventRate::ShareAtFullPoseRate
   std::vector<double> nees;       // of all published poses
-  double wrong_tracking_s = 0.0;  // TRACKING was reported while the pose was not good
+  double wrong_tracking_s = 0.0;  // TRACKING was reported without a good pose
   double longest_wrong_tracking_s = 0.0;
-  double right_untracked_s = 0.0;       // a good pose was reported as something else than TRACKING
+  double right_untracked_s = 0.0;       // a good pose was reported with another state than TRACKING
   double compute_ratio = 0.0;           // processor time / sensor time
-  std::vector<TrajectoryError> errors;  // to draw; the bench keeps those of a row's first run alone
+  std::vector<TrajectoryError> errors;  // for charts; the benchmark keeps those of the first run of a row
 };
 
-// `truth` and the model are those of `run`. Errors: those of Evaluate().
+// Scores the poses of a run; `truth` and `model` are those of the run. Errors: those of Evaluate().
 absl::StatusOr<TrackingScore> ScoreTracking(const SimulationOptions& run, const ObjectModel& model,
                                             const Trajectory& truth, const EventRate& rate,
                                             const TrackingOutput& output);
 
-// Over the runs of one scenario.
+// Summary over the runs of one scenario.
 struct TrackingSummary {
   int num_runs = 0;
-  // Means over the runs; NaN when a run has no pose at all.
+  // Means over the runs; NaN if a run has no pose.
   double position_rmse_m = 0.0;
   double position_mean_m = 0.0;
   double position_median_m = 0.0;
@@ -78,14 +79,14 @@ struct TrackingSummary {
   double pose_rate_hz = 0.0;
   double full_rate_ratio = 0.0;
   double compute_ratio = 0.0;
-  // Of the worst run.
+  // Values of the worst run.
   double worst_position_rmse_of_depth = 0.0;
   double worst_rotation_median_deg = 0.0;
   double worst_rotation_p95_deg = 0.0;
   double worst_coverage_ratio = 0.0;
   double rotation_max_deg = 0.0;
   int worst_run = 0;  // index: most losses, then the largest position error
-  // Over all runs together.
+  // Sums over all runs.
   uint64_t losses = 0;
   Consistency consistency;
   double wrong_tracking_s = 0.0;
@@ -94,7 +95,7 @@ struct TrackingSummary {
 };
 TrackingSummary SummariseTracking(const std::vector<TrackingScore>& scores);
 
-// One bound and how it was kept.
+// Comparison of a value with its bounds.
 struct TrackingVerdict {
   std::string name;  // "position", "worst position", ...
   double value = 0.0;
@@ -103,7 +104,7 @@ struct TrackingVerdict {
   std::string unit;
   bool is_met() const { return value >= low && value <= high; }  // false for NaN
 };
-// The worst run may have twice the errors, and twice the time without a good pose.
+// Compares a summary with the targets. The worst run may have twice the errors and twice the time without a good pose.
 std::vector<TrackingVerdict> JudgeTracking(const TrackingSummary& summary, const TrackingTargets& targets);
 
 }  // namespace evpose

@@ -13,7 +13,7 @@ namespace {
 
 constexpr double kDegree = std::numbers::pi / 180.0;
 
-// A cube at rest 1 m before an EVK4 for a second.
+// A cube at rest at 1 m in front of an EVK4, for one second.
 class TrackingScoreTest : public ::testing::Test {
  protected:
   TrackingScoreTest() : run_(*SimulationPreset("cube")), model_(*SimulatedModel(run_)) {
@@ -27,7 +27,7 @@ class TrackingScoreTest : public ::testing::Test {
     truth_ = {{1'000'000, true_pose_}, {2'000'000, true_pose_}};
   }
 
-  // Off by so much, with a covariance that says 1 mm and 1 mrad.
+  // Adds a pose with this error and a covariance of 1 mm and 1 mrad.
   PoseEstimate At(int64_t t_us, double off_m, TrackState state = TrackState::kTracking) const {
     PoseEstimate estimate;
     estimate.t_us = t_us;
@@ -53,7 +53,7 @@ class TrackingScoreTest : public ::testing::Test {
 TEST_F(TrackingScoreTest, HealthAgainstTheTruth) {
   TrackingOutput output;
   output.compute_s = 0.25;
-  // Good from 100 ms on, every 10 ms; wrong from 400 to 450 ms, and said to be TRACKING for 30 ms of it.
+  // Good poses from 100 ms on, every 10 ms; wrong from 400 to 450 ms, with state TRACKING for 30 ms of it.
   for (int i = 10; i < 100; ++i) {
     const bool is_wrong = i >= 40 && i < 45;
     const bool is_unsure = i == 43 || i == 44 || i == 60;
@@ -69,8 +69,8 @@ TEST_F(TrackingScoreTest, HealthAgainstTheTruth) {
   EXPECT_NEAR(score.right_untracked_s, 0.01, 1e-9);
   EXPECT_NEAR(score.compute_ratio, 0.25, 1e-12);
   ASSERT_EQ(score.nees.size(), 90u);
-  EXPECT_NEAR(score.nees[0], 4.0, 1e-6);  // 2 mm at 1 mm
-  output.losses = 3;                      // that the truth does not show
+  EXPECT_NEAR(score.nees[0], 4.0, 1e-6);  // 2 mm with a standard deviation of 1 mm
+  output.losses = 3;                      // losses that the truth does not show
   EXPECT_EQ(Score(output).losses, 3u);
 }
 
@@ -78,7 +78,7 @@ TEST_F(TrackingScoreTest, ALossOutOfViewIsNone) {
   TrackingOutput output;
   for (int i = 0; i < 50; ++i) output.poses.push_back(At(1'000'000 + 10'000 * i, 0.0));
   EXPECT_EQ(Score(output).losses, 1u);
-  SetTruth({0.62, 0.0, 1.0});  // its origin at the border: half of it is in view
+  SetTruth({0.62, 0.0, 1.0});  // the origin of the cube at the border: half of it is in view
   output.poses.clear();
   for (int i = 0; i < 50; ++i) output.poses.push_back(At(1'000'000 + 10'000 * i, 0.0));
   EXPECT_EQ(Score(output).losses, 1u);
@@ -112,12 +112,12 @@ TEST(EventRateTest, BusyIntervalsNeedAPoseAMillisecond) {
   rate.Add(absl::MakeConstSpan(events).subspan(777));
   EXPECT_EQ(rate.num_events(), events.size());
   for (int64_t t_us = 500; t_us < 400'000; t_us += 1000) {
-    if (t_us / 10'000 == 12 && t_us % 10'000 == 500) continue;  // one is missing there
+    if (t_us / 10'000 == 12 && t_us % 10'000 == 500) continue;  // one pose is missing here
     PoseEstimate pose;
     pose.t_us = t_us;
     poses.push_back(pose);
   }
-  // The intervals 5 to 19 are busy, and one of them is not full.
+  // The intervals 5 to 19 are busy, and one of them is incomplete.
   EXPECT_NEAR(rate.ShareAtFullPoseRate(poses), 14.0 / 15.0, 1e-12);
   EXPECT_EQ(rate.ShareAtFullPoseRate({}), 0.0);
   EXPECT_TRUE(std::isnan(EventRate(0).ShareAtFullPoseRate(poses)));
