@@ -12,6 +12,7 @@ namespace {
 
 // Sign of the motion, smoothed near zero, where the direction is not known.
 double MotionSign(double speed_px_per_s) {
+  // Pixels per second at which the sign is 0.7; of the order of the error of the estimated velocity.
   constexpr double kSmoothPxPerS = 15.0;
   return speed_px_per_s / std::sqrt(speed_px_per_s * speed_px_per_s + kSmoothPxPerS * kSmoothPxPerS);
 }
@@ -53,6 +54,7 @@ double ExpectedEdgePx(const SensorProfile& sensor, const EdgeRates& rates, doubl
 
 double EdgeBias::ExpectedPx(const Profile& profile, int half, double motion) const {
   if (profile.events < options_.min_events) return 0.0;
+  // The lower bounds of the areas avoid a division by zero; min_events need far larger areas.
   const EdgeRates rates = {profile.events / std::max(profile.live_px2, 0.25),
                            profile.turns / std::max(profile.swept_px2, 1.0),
                            profile.recent_turns[half] / std::max(profile.recent_swept_px2[half], 1.0),
@@ -87,7 +89,7 @@ void EdgeBias::Learn(absl::Span<const TrackedLine> tracked, absl::Span<const Ima
                      absl::Span<const EdgeCounts> counts, double duration_s) {
   // Pixels per second. Slower lines produce too few events compared with noise, and their direction may be wrong.
   constexpr double kMinSpeedPxPerS = 20.0;
-  constexpr double kMinLengthPx = 10.0;
+  constexpr double kMinLengthPx = 10.0;  // the events at the ends of a shorter line dominate its counts
   for (size_t k = 0; k < lines.size(); ++k) {
     const ImageLine& line = lines[k];
     if (line.length_px < kMinLengthPx) continue;

@@ -103,10 +103,10 @@ TEST_F(LineClutterTest, BothSidesOfALineAtRestAreEquallyDense) {
   for (const LineDensities& line : Densities()) {
     EXPECT_EQ(line.beside[0], line.beside[1]);
     EXPECT_NEAR(line.beside[0][0], kDense, 0.1 * kDense);
-    EXPECT_EQ(line.own, shared_.own) << "it has no events of its own";
+    EXPECT_EQ(line.own, shared_.own) << "a line at rest has no events of its own";
   }
   Move(0.5);
-  EXPECT_EQ(Densities()[0].own, shared_.own) << "nor are those that it had at rest told by their polarity";
+  EXPECT_EQ(Densities()[0].own, shared_.own) << "events of a line at rest do not determine its polarity";
   EXPECT_EQ(Densities()[0].beside[1], shared_.beside[1]);
 }
 

@@ -89,6 +89,7 @@ class MixtureEstimator : public WindowEstimator {
   // (core/estimation/README.md, section 7).
   void LearnDisplacement();
   double FirstGatePx(double spread_px, double gate_factor) const {
+    // Three standard deviations of an event about the predicted line.
     const double wanted = 3.0 * std::sqrt(sigma_px_ * sigma_px_ + spread_px * spread_px);
     return gate_factor * std::clamp(wanted, options_.gate_px, options_.max_gate_px);
   }
@@ -184,6 +185,7 @@ void MixtureEstimator::Fit(const MotionState& predicted, const WindowInput& inpu
     // The gate and the spread shrink to their final values: at first they cover the uncertainty of the prediction.
     if (last) annealed_px2 = 0.0;
     density.sigma_px = std::sqrt(sigma_px_ * sigma_px_ + annealed_px2);
+    // Four standard deviations: the share of the normal beyond the gate, 6e-5, is negligible.
     density.gate_px = std::max(options_.gate_px, std::min(density.gate_px, 4.0 * density.sigma_px * gate_factor));
     clutter_.Densities(input.lines, lines_, line_counts_, counts_gate_px, density, densities_);
     counts_gate_px = density.gate_px;
@@ -194,6 +196,7 @@ void MixtureEstimator::Fit(const MotionState& predicted, const WindowInput& inpu
     noise_per_px_ = input.background_per_px2 * density.OwnWidthPx(table_);
     if (input.is_confirmed) CorrectFlickerBias(input.shares.events_per_observation, density.gate_px);
     const double moved_px = Minimise(predicted, prior_information, input, density.sigma_px, state);
+    // The added variance shrinks by a factor of ten per pass and is negligible below 1 % of that of the events.
     if (pass > 0 && moved_px < kSettledPx && annealed_px2 < 0.01 * sigma_px_ * sigma_px_) break;
     annealed_px2 *= 0.1;
   }

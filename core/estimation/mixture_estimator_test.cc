@@ -296,7 +296,7 @@ class DisplacedLines : public ::testing::Test {
 
 TEST_F(DisplacedLines, MakeThePoseLessCertain) {
   const double known = LateralSigma(0.0);
-  EXPECT_NEAR(LateralSigma(0.03), known, 0.1 * known) << "within what the profile leaves open";
+  EXPECT_NEAR(LateralSigma(0.03), known, 0.1 * known) << "within the usual displacement";
   EXPECT_GT(LateralSigma(0.3), 2.0 * known);
 }
 
@@ -307,7 +307,7 @@ TEST_F(DisplacedLines, OfANarrowFaceCarryLittleInformation) {
     for (size_t k = 0; k < tracked_.size(); k += 2) tracked_[k].narrowest_face_px = width_px;
     return LateralSigma(0.0, 1);
   };
-  EXPECT_EQ(with_faces_of(10.0), known) << "wide enough for its edges to be told apart";
+  EXPECT_EQ(with_faces_of(10.0), known) << "wide enough for its edges to be separated";
   EXPECT_GT(with_faces_of(0.5), 3.0 * known);
   EXPECT_GT(with_faces_of(0.0), with_faces_of(0.5));
 }

@@ -178,7 +178,7 @@ TEST(SeveralObjects, AnOccludedOneIsHeldAndContinues) {
     after = estimate.covariance.trace();
   }
   EXPECT_GT(held, 3u);
-  EXPECT_GT(after, 2.0 * before) << "nothing was seen of it";
+  EXPECT_GT(after, 2.0 * before) << "the object was occluded";
 }
 
 TEST(SeveralObjects, PosesDoNotDependOnTheCutOfCallsNorOnTheOrderOfTheObjects) {

@@ -23,7 +23,7 @@ enum class TrackPhase {
   kUnsupported,  // there are enough events, and they do not support the pose
   kLost,         // rejected; final
 };
-inline constexpr int kNumTrackPhases = 7;
+inline constexpr int kNumTrackPhases = 7;           // number of enumerators; likewise below
 std::string_view TrackPhaseName(TrackPhase phase);  // "TENTATIVE", ...
 
 // Events that may change the phase of a hypothesis.

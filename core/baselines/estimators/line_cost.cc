@@ -81,7 +81,9 @@ absl::StatusOr<RigidTransform> MinimiseLineCost(const CameraModel& camera, absl:
         absl::StrCat("line ", k, " has events, but is not in view at the pose that the fit starts from"));
   }
   LineCost cost(camera, lines, moments, initial);
-  if (cost.num_residuals() == 0) return absl::FailedPreconditionError("no event has a weight: nothing to fit to");
+  if (cost.num_residuals() == 0)
+    return absl::FailedPreconditionError(
+        "no event has a positive weight, so that nothing determines the pose; check the labels and the start");
 
   ceres::Problem::Options problem_options;
   problem_options.cost_function_ownership = ceres::DO_NOT_TAKE_OWNERSHIP;
