@@ -88,16 +88,16 @@ void ObjectTracker::OnWindow(const EventWindow& window, std::vector<PoseEstimate
   now_us_ = window.t_end_us;
   if (given_pose_) StartFromGivenPose(window);
   if (initializer_ != nullptr) {
-    if (IsPublished(phase_) && reviews_left_ == 0 && state() == TrackState::kTracking) {
+    if (IsPublished(phase_) && repeats_left_ == 0 && state() == TrackState::kTracking) {
       memory_.Clear();
-      retry_us_ = context_.options.initialization.review_us;
+      retry_us_ = context_.options.initialization.repeat_us;
     } else {
       memory_.Add(window);
     }
   }
   if (!hypotheses_.empty()) {
     Follow(window, estimates);
-    if (MayReview() && window.t_end_us >= next_search_us_) Review(window);
+    if (MaySearchAgain() && window.t_end_us >= next_search_us_) SearchAgain(window);
   } else if (initializer_ != nullptr) {
     Search(window, estimates);
   }
@@ -166,10 +166,10 @@ bool ObjectTracker::MayPublish(const EventWindow& window) const {
 
 void ObjectTracker::StartPublishing(const EventWindow& window) {
   const InitializationOptions& options = context_.options.initialization;
-  reviews_left_ = IsGiven(phase_) ? 0 : options.num_reviews;
+  repeats_left_ = IsGiven(phase_) ? 0 : options.num_repeats;
   Enter(ObjectInput::kPublication);
-  retry_us_ = options.review_us;
-  next_search_us_ = window.t_end_us + options.review_us;
+  retry_us_ = options.repeat_us;
+  next_search_us_ = window.t_end_us + options.repeat_us;
 }
 
 void ObjectTracker::Search(const EventWindow& window, std::vector<PoseEstimate>& estimates) {
@@ -183,7 +183,7 @@ void ObjectTracker::Search(const EventWindow& window, std::vector<PoseEstimate>&
   report_.status = FindHypotheses(hypotheses_);
   const bool is_without_pose = report_.status == InitializationStatus::kNoPoseFits;
   retry_us_ =
-      std::min(is_without_pose ? options.max_vain_retry_us : options.max_retry_us, retry_us_ + retry_us_ / 4 + 1);
+      std::min(is_without_pose ? options.max_no_pose_retry_us : options.max_retry_us, retry_us_ + retry_us_ / 4 + 1);
   next_search_us_ = window.t_end_us + retry_us_;
   if (hypotheses_.empty()) return;
   Enter(ObjectInput::kPosesFound);
@@ -197,21 +197,21 @@ void ObjectTracker::Search(const EventWindow& window, std::vector<PoseEstimate>&
   }
 }
 
-bool ObjectTracker::MayReview() const {
+bool ObjectTracker::MaySearchAgain() const {
   if (initializer_ == nullptr || hypotheses_.empty()) return false;
   if (memory_.num_events() < static_cast<size_t>(context_.options.initialization.min_events)) return false;
   // Do not search again while ambiguous: a new search would re-create hypotheses that were already rejected, without
   // the evidence accumulated against them.
   if (!IsPublished(phase_) && report_.status == InitializationStatus::kAmbiguous) return false;
   // Events near its lines do not distinguish an object at rest from one that has gone: it may reappear elsewhere.
-  return !IsPublished(phase_) || reviews_left_ > 0 || state() == TrackState::kDegraded;
+  return !IsPublished(phase_) || repeats_left_ > 0 || state() == TrackState::kDegraded;
 }
 
-void ObjectTracker::Review(const EventWindow& window) {
+void ObjectTracker::SearchAgain(const EventWindow& window) {
   const InitializationOptions& options = context_.options.initialization;
-  int64_t wait_us = options.review_us;
-  if (IsPublished(phase_) && reviews_left_ > 0) {
-    --reviews_left_;
+  int64_t wait_us = options.repeat_us;
+  if (IsPublished(phase_) && repeats_left_ > 0) {
+    --repeats_left_;
   } else if (IsPublished(phase_)) {
     // In flicker or clutter a right pose can be doubtful for long: the search interval grows, up to the longest delay
     // with which a returning object is to be found.
@@ -336,12 +336,12 @@ void ObjectTracker::StorePastState(const EventWindow& window) {
 
 void ObjectTracker::VisitState(auto& archive, auto& self) {
   auto& [context, reference_rotation, sphere, memory, initializer, unpublished_state, report, losses, last_tracked,
-         last_published_us, given_pose, given_at_us, next_search_us, retry_us, reviews_left, hypotheses,
+         last_published_us, given_pose, given_at_us, next_search_us, retry_us, repeats_left, hypotheses,
          followed_since_us, phase, now_us, others, competitors, past_states, was_published, pixel_events] = self;
   constexpr int64_t kMax_us = kMaxStateTime_us;
   archive(memory, AtMost(unpublished_state, TrackState::kLost), report, losses, last_tracked, last_published_us,
           given_pose, given_at_us, InRange(next_search_us, -kMax_us, kMax_us), AtMost(retry_us, kMax_us),
-          AtMost(reviews_left, context.options.initialization.num_reviews), hypotheses,
+          AtMost(repeats_left, context.options.initialization.num_repeats), hypotheses,
           InRange(followed_since_us, -kMax_us, kMax_us), AtMost(phase, ObjectPhase::kPublishedCompeting), past_states,
           was_published);
 }

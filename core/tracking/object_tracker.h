@@ -88,8 +88,8 @@ class ObjectTracker {
   void StartPublishing(const EventWindow& window);
   void Search(const EventWindow& window, std::vector<PoseEstimate>& estimates);
   // Searches again while a pose is tracked; the poses that are found become competing hypotheses.
-  bool MayReview() const;
-  void Review(const EventWindow& window);
+  bool MaySearchAgain() const;
+  void SearchAgain(const EventWindow& window);
   // Searches in the stored events and adds the poses that are found as hypotheses. Returns the reason if there are
   // none.
   InitializationStatus FindHypotheses(Hypotheses& hypotheses);
@@ -120,7 +120,7 @@ class ObjectTracker {
   std::optional<int64_t> given_at_us_;
   int64_t next_search_us_ = 0;
   int64_t retry_us_ = 0;
-  int reviews_left_ = 0;
+  int repeats_left_ = 0;
 
   Hypotheses hypotheses_;
   int64_t followed_since_us_ = 0;

@@ -228,7 +228,7 @@ TEST(TrackerInitialization, LinesOfSomethingElseAreNoPose) {
   EXPECT_EQ(tracker->state(), TrackState::kInitializing);
   EXPECT_EQ(tracker->losses(), 0u);
   EXPECT_TRUE(estimates.empty());
-  // The interval between searches grows to max_vain_retry_us.
+  // The interval between searches grows to max_no_pose_retry_us.
   EXPECT_GT(tracker->initialization().attempts, 10u);
   EXPECT_LT(tracker->initialization().attempts, 25u);
 }
@@ -274,10 +274,10 @@ TEST(TrackerInitialization, DoesNotDependOnTheCutOfCalls) {
   }
 }
 
-TEST(TrackerInitialization, WorksWithoutReviews) {
+TEST(TrackerInitialization, WorksWithoutRepeatedSearches) {
   const auto cube = Cube();
   TrackerOptions options = IdealSensor();
-  options.initialization.num_reviews = 0;
+  options.initialization.num_repeats = 0;
   auto tracker = MakeTracker(options, cube);
   std::vector<PoseEstimate> estimates;
   tracker->AddEvents(CubeEvents(0, 100'000), estimates);
@@ -341,7 +341,7 @@ TEST(TrackerInitialization, AWrongPoseGivenDuringTheSearchIsRejectedAndTheSearch
 TEST(TrackerInitialization, PosesNeverStepBackInTime) {
   TrackerOptions options = IdealSensor();
   // The memory then contains windows for which poses were published already.
-  options.initialization.num_reviews = 100;
+  options.initialization.num_repeats = 100;
   const RigidTransform elsewhere = MakePose({-0.06, 0.04, 0.7}, {0.2, -0.7, 0.9});
   auto tracker = MakeTracker(options);
   std::vector<PoseEstimate> estimates;

@@ -24,9 +24,9 @@ absl::Status InitializationOptions::Validate() const {
   EVPOSE_RETURN_IF_ERROR(CheckRange("min_events", min_events, 1, 100'000));
   EVPOSE_RETURN_IF_ERROR(CheckRange("retry_us", retry_us, 1, 10'000'000));
   EVPOSE_RETURN_IF_ERROR(CheckRange("max_retry_us", max_retry_us, retry_us, 10'000'000));
-  EVPOSE_RETURN_IF_ERROR(CheckRange("max_vain_retry_us", max_vain_retry_us, max_retry_us, 10'000'000));
-  EVPOSE_RETURN_IF_ERROR(CheckRange("review_us", review_us, 1, 10'000'000));
-  EVPOSE_RETURN_IF_ERROR(CheckRange("num_reviews", num_reviews, 0, 100));
+  EVPOSE_RETURN_IF_ERROR(CheckRange("max_no_pose_retry_us", max_no_pose_retry_us, max_retry_us, 10'000'000));
+  EVPOSE_RETURN_IF_ERROR(CheckRange("repeat_us", repeat_us, 1, 10'000'000));
+  EVPOSE_RETURN_IF_ERROR(CheckRange("num_repeats", num_repeats, 0, 100));
   EVPOSE_RETURN_IF_ERROR(CheckRange("max_candidates", max_candidates, 1, 100));
   EVPOSE_RETURN_IF_ERROR(CheckPositive("decision_sigma", decision_sigma));
   EVPOSE_RETURN_IF_ERROR(CheckRange("max_compared_events", max_compared_events, 1, 1'000'000));

@@ -29,11 +29,11 @@ struct InitializationOptions {
   int64_t max_retry_us = 32'000;
   // The longest interval while lines are detected but no pose fits them: such a search takes about ten times longer
   // than the line detection, and must not delay the events behind it.
-  int64_t max_vain_retry_us = 100'000;
+  int64_t max_no_pose_retry_us = 100'000;
   // Microseconds after the publication of a pose at which the search is repeated with more events; its poses become
   // competing hypotheses. A pose that the first search has missed is found within 100 ms.
-  int64_t review_us = 20'000;
-  int num_reviews = 2;
+  int64_t repeat_us = 20'000;
+  int num_repeats = 2;
   // Poses of one search that become hypotheses, at most.
   int max_candidates = 4;
   // Standard deviations of the score difference at which the worse of two poses is rejected: a false alarm rate of

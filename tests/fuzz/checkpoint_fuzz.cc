@@ -48,8 +48,8 @@ TrackerOptions Options(Estimator estimator) {
   options.initialization.min_events = 60;
   options.initialization.retry_us = 3000;
   options.initialization.max_retry_us = 6000;
-  options.initialization.max_vain_retry_us = 10'000;
-  options.initialization.review_us = 5000;
+  options.initialization.max_no_pose_retry_us = 10'000;
+  options.initialization.repeat_us = 5000;
   return options;
 }
 
