@@ -87,7 +87,8 @@ class ObjectTracker {
   bool MayPublish(const EventWindow& window) const;
   void StartPublishing(const EventWindow& window);
   void Search(const EventWindow& window, std::vector<PoseEstimate>& estimates);
-  // Searches again while a pose is tracked; the poses that are found become competing hypotheses.
+  // Whether a search is allowed while hypotheses exist, and the search: the poses that are found become competing
+  // hypotheses.
   bool MaySearchAgain() const;
   void SearchAgain(const EventWindow& window);
   // Searches in the stored events and adds the poses that are found as hypotheses. Returns the reason if there are
@@ -95,7 +96,8 @@ class ObjectTracker {
   InitializationStatus FindHypotheses(Hypotheses& hypotheses);
   // Fills pixel_events_ with the stored events, undistorted.
   void CollectEvents();
-  // Among the poses that are equal by the object's symmetry, the one nearest to this rotation is chosen.
+  // Returns the pose to which a found pose is compared: among the poses that are equal by the symmetry of the object,
+  // the one nearest to its rotation is chosen. It is the last tracked pose, predicted, or else the reference rotation.
   RigidTransform ReferenceAt(int64_t t_us) const;
   MotionState StartState(const FirstPose& first) const;
   void Publish(PoseEstimate estimate, std::vector<PoseEstimate>& estimates);
