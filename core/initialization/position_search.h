@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 
 // Positions of the object for a known rotation: associates segments with one of several parallel lines
-// (core/initialization/README.md).
+// (core/initialization/README.md, section 3).
 #pragma once
 
 #include <Eigen/Core>
