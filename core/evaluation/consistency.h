@@ -27,6 +27,7 @@ struct Consistency {
   double p5 = 0.0;
   double p95 = 0.0;
 };
+// Summarises the values of NormalisedErrorSquared(), in any order; NaN counts as a pose without covariance.
 Consistency SummariseConsistency(std::vector<double> normalised_errors_squared);
 
 }  // namespace evpose
