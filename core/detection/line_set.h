@@ -39,7 +39,7 @@ struct LineSetOptions {
 };
 
 // Returns the lines in descending order of the number of events. `candidates` must be in descending order of
-// importance: earlier ones claim events first. `options` must be valid.
+// importance: events are assigned to earlier ones first. `options` must be valid.
 std::vector<DetectedLine> SelectLines(const EventStretch& stretch, const std::vector<MovingLine>& candidates,
                                       const LineSetOptions& options);
 

@@ -86,7 +86,7 @@ class LineMoments {
         t_, st_, tt_, stt_, ttt_,         //
         st_, sst_, stt_, sstt_, sttt_,    //
         tt_, stt_, ttt_, sttt_, tttt_;
-    information.diagonal().array() += 1e-9;
+    information.diagonal().array() += 1e-9;  // keeps the matrix regular if all events have the same s or tau
     information(3, 3) += turn_information;
     information(4, 4) += bend_information;
     return information.ldlt().solve((Vector5d() << y_, sy_, ty_, sty_, tty_).finished());
@@ -242,6 +242,7 @@ void LineFitter::SolveRobustly(MovingLine& line, int passes, size_t max_events) 
     }
     if (along_.empty()) return;
     std::nth_element(along_.begin(), along_.begin() + along_.size() / 2, along_.end());
+    // A normal distribution has its median absolute deviation at 0.6745 standard deviations.
     sigma = std::clamp(along_[along_.size() / 2] / 0.6745, options_.min_sigma_px, options_.max_sigma_px);
   }
 }

@@ -13,8 +13,9 @@ namespace {
 
 using Eigen::Vector3d;
 
-// Two directions whose angle has a sine below this are parallel, and two points closer than this share of the diameter
-// coincide: a pose that depends on a difference of less than a thousandth would depend on errors of the model.
+// Two directions are parallel if the sine of their angle is below this, and two points coincide if their distance is
+// below this share of the diameter. A pose that depends on a difference of less than a thousandth depends on errors of
+// the model.
 constexpr double kSame = 1e-3;
 
 struct InfiniteLine {

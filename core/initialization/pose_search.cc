@@ -19,7 +19,7 @@ namespace {
 constexpr size_t kMinSegments = 3;  // the six unknowns of a pose take two equations from each segment
 // A candidate that leaves two more segments unexplained than the best one is discarded.
 constexpr double kMarginOfUnexplained = 2.0;
-// Bounds of the number of rotations whose positions are searched. Within them the number follows from max_votes: an
+// Bounds of the number of rotations for which positions are searched. Within them the number follows from max_votes: an
 // object with few directions and lines needs few votes per rotation.
 constexpr double kMinRotations = 10;
 constexpr double kMaxRotations = 600;

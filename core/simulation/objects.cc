@@ -141,7 +141,7 @@ class ObjectBuilder {
   // A corner shared by faces is one vertex of the mesh, so that an edge of the mesh has two faces.
   uint32_t AddVertex(const Vector3d& point) {
     std::vector<Vector3d>& vertices = object_.model.vertices;
-    const auto near = [&](const Vector3d& other) { return (other - point).norm() < 1e-9; };
+    const auto near = [&](const Vector3d& other) { return (other - point).norm() < 1e-9; };  // metres; rounding
     const auto found = std::find_if(vertices.begin(), vertices.end(), near);
     if (found != vertices.end()) return static_cast<uint32_t>(found - vertices.begin());
     vertices.push_back(point);

@@ -133,6 +133,7 @@ std::vector<SceneRenderer::Shape> SceneRenderer::BodyShapes(const Body& body, co
 double SceneRenderer::OccluderX(const RigidTransform& camera_from_object, double t_s) const {
   const OccluderOptions& options = options_.occluder;
   const double amplitude_px = options.swing_ratio * camera_.width_px;
+  // The phase of 0.6 cycles places the bar on the left of the centre at the start.
   const double swing_px = amplitude_px * Swing(SwingHz(options.speed_px_per_s, amplitude_px) * t_s + 0.6);
   if (!options.follows_object) return 0.5 * camera_.width_px + swing_px;
   Vector3d origin = camera_from_object.translation_m;

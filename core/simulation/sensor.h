@@ -93,8 +93,8 @@ class EventSensor {
   std::vector<PixelState> pixels_;
   std::vector<float> light_;  // the light up to which each pixel was advanced
   std::vector<int64_t> last_event_us_;
-  std::vector<uint32_t> changed_;       // pixels whose light changed in this step
-  std::vector<uint32_t> unsettled_;     // pixels whose low pass has not settled, or that are refractory
+  std::vector<uint32_t> changed_;       // pixels with a change of the light in this step
+  std::vector<uint32_t> unsettled_;     // pixels with a low pass that has not settled, or in their refractory time
   std::vector<uint32_t> still_moving_;  // the same after the last step
   std::vector<Crossing> crossings_;
   std::vector<NoiseEvent> noise_events_;

@@ -8,7 +8,7 @@ namespace evpose {
 namespace {
 
 // Saved format: a pixel has one of three states, so five pixels fit into one byte with values up to 3^5 - 1 = 242. The
-// byte 255 and a varint n repeat the previous byte n times, because large parts of an image may have sent no event yet.
+// byte 255 and a varint n repeat the previous byte n times, because large parts of an image may have no event yet.
 constexpr size_t kGroup = 5;        // pixels per byte
 constexpr uint32_t kStates = 3;     // states of a pixel: 0, 1, kNothing
 constexpr uint8_t kMaxGroup = 242;  // 3^5 - 1

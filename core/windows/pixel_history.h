@@ -60,8 +60,7 @@ class PixelHistory {
   void LoadState(StateReader& reader);
 
  private:
-  static constexpr uint8_t kNothing =
-      2;  // the pixel has sent no event; polarities are 0 and 1  // the pixel has sent no event; polarities are 0 and 1
+  static constexpr uint8_t kNothing = 2;  // the pixel has produced no event; polarities are 0 and 1
 
   const SensorGeometry sensor_;
   std::vector<uint8_t> last_;  // polarity, or kNothing
