@@ -77,7 +77,7 @@ struct MovingLineOptions {
   double turn_rad_per_s = 2.0;
   // Standard deviation of the acceleration of lines, px/s^2: a prior. 3 m/s^2 of a hand at 1 m, with f = 1000 px.
   double acceleration_px_per_s2 = 3000.0;
-  // Bounds of the estimated standard deviation of the distances, pixels. The lower one is the rounding of pixels
+  // Bounds of the estimated standard deviation of the distances, pixels. The lower one is about the rounding of pixels
   // (0.29), the upper one that of a sharp lens: a larger one would admit the events of neighbouring edges.
   double min_sigma_px = 0.25;
   double max_sigma_px = 0.7;

@@ -35,7 +35,8 @@ class PoseFitter {
   // Returns the visible parts, by ray casting.
   std::vector<ImagePart> VisibleParts(const RigidTransform& pose) const;
 
-  // Associates each image line that fits a part with the best one.
+  // Associates each segment with the part of the lowest cost, if this is below unexplained_cost. `widening` multiplies
+  // the standard deviations.
   std::vector<SegmentMatch> Match(absl::Span<const ImagePart> parts, double widening) const;
 
   // Normal equations of the weighted squares in the tangent space of rigid_transform.h, and the cost.
@@ -50,7 +51,7 @@ class PoseFitter {
       cost += weight * residual * residual;
     }
   };
-  // Computes the equations of the matches at a pose. Returns false if a line extends behind the camera.
+  // Computes the normal equations of the matches at a pose. Returns false if a line extends behind the camera.
   bool Accumulate(absl::Span<const SegmentMatch> matches, const FitWeights& weights, const RigidTransform& pose,
                   Normal& normal) const;
 
