@@ -10,9 +10,9 @@
 namespace evpose {
 namespace {
 
-// Narrows [low, high] to where lower <= offset + slope x <= upper.
+// Restricts [low, high] to the x with lower <= offset + slope x <= upper.
 void Restrict(double offset, double slope, double lower, double upper, double& low, double& high) {
-  constexpr double kFlat = 1e-9;
+  constexpr double kFlat = 1e-9;  // below it, x changes the expression by less than 1e-5 px within an image
   if (std::abs(slope) < kFlat) {
     if (offset < lower || offset > upper) high = low - 1.0;
     return;
@@ -36,7 +36,7 @@ void ProjectLines(const CameraModel& camera, const MotionState& state, absl::Spa
     ImageLine& line = image_lines[k];
     const Eigen::Vector2d extent = projected->p2_px - projected->p1_px;
     const double length_px = extent.norm();
-    if (!(length_px > 1e-6) || !std::isfinite(length_px)) continue;
+    if (!(length_px > 1e-6) || !std::isfinite(length_px)) continue;  // pixels; a shorter line has no direction
     line.a = projected->a;
     line.a_expected = projected->a;
     line.jacobian = projected->jacobian;
@@ -112,7 +112,7 @@ TileGrid::TileGrid(const CameraModel& camera)
 void TileGrid::Build(absl::Span<const ImageLine> lines, double reach_px) {
   for (const uint32_t tile : touched_) tiles_[tile].count = has_lines_[tile] = 0;
   touched_.clear();
-  // From a tile's centre, whatever lies in the tile is within half its diagonal.
+  // All points of a tile lie within half its diagonal, sqrt(2) / 2 of its side, of its centre.
   const double reach = reach_px + 0.7072 * kTilePx;
   for (size_t k = 0; k < lines.size(); ++k) {
     const ImageLine& line = lines[k];

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// Which events may belong to which lines (core/association/README.md, section 2): lines as the image shows them, and a
-// grid of tiles that knows the lines near each.
+// Association of events with lines (core/association/README.md, section 2): moving image lines, a grid of image tiles
+// with the lines near each tile, and the lines nearest to an event.
 #pragma once
 
 #include <Eigen/Core>
@@ -27,96 +27,103 @@ struct TrackedLine {
   int model_line = 0;  // index into ObjectModel::lines
   Eigen::Vector3d p1;
   Eigen::Vector3d p2;
-  // How wide the narrowest of its faces can look, pixels: seen edge on, its two edges cannot be told apart.
+  // Upper bound of the image width of the narrowest adjacent face, pixels. The two edges of a face that is seen nearly
+  // edge-on cannot be distinguished. Infinite for a line without faces.
   double narrowest_face_px = std::numeric_limits<double>::infinity();
 
-  // `model_line` is for the reader to check. The face is of the view, not of the line.
+  // The reader must check the range of `model_line`. The face width depends on the view and is not part of the state.
   static void VisitState(auto& archive, auto& self) {
     auto& [model_line, p1, p2, narrowest_face_px] = self;
     archive(model_line, Finite(p1), Finite(p2));
   }
 };
 
-// Its image, moving: d = (a + tau a_dot) . b, tau in seconds from the state's time.
+// The moving image of a TrackedLine. The signed distance of bearing b from it is d = (a + tau a_dot) . b pixels, where
+// tau is the time in seconds since the time of the state.
 struct ImageLine {
   Eigen::Vector3d a = Eigen::Vector3d::Zero();
-  // The same, displaced to where its events are expected (edge_bias.h); equal to a unless corrected.
+  // The same line displaced by the edge bias, to the expected position of its events (core/estimation/edge_bias.h);
+  // equal to a until the correction is applied.
   Eigen::Vector3d a_expected = Eigen::Vector3d::Zero();
   Eigen::Vector3d a_dot = Eigen::Vector3d::Zero();
-  Eigen::Matrix<double, 3, 6> jacobian = Eigen::Matrix<double, 3, 6>::Zero();
-  Eigen::Matrix<double, 3, 6> a_dot_jacobian = Eigen::Matrix<double, 3, 6>::Zero();  // of a_dot, by the pose
+  Eigen::Matrix<double, 3, 6> jacobian = Eigen::Matrix<double, 3, 6>::Zero();        // d a / d xi of the pose
+  Eigen::Matrix<double, 3, 6> a_dot_jacobian = Eigen::Matrix<double, 3, 6>::Zero();  // d a_dot / d xi of the pose
   Eigen::Vector2d p1_px = Eigen::Vector2d::Zero();
   Eigen::Vector2d direction = Eigen::Vector2d::Zero();  // unit, from p1 to p2
-  double length_px = 0.0;                               // 0: not in view; no event is near it
+  double length_px = 0.0;                               // 0 if the line is not in view; no event is then near it
 
   bool in_view() const { return length_px > 0.0; }
-  // Undistorted pixel at a fraction of the length.
+  // Returns the undistorted pixel at a fraction of the length.
   Eigen::Vector2d PointAt(double fraction) const { return p1_px + fraction * length_px * direction; }
-  // Pixels from p1 along the line to where an undistorted pixel projects onto it.
+  // Returns the coordinate along the line, pixels from p1, of the projection of an undistorted pixel onto it.
   double AlongPx(double u_px, double v_px) const {
     return (u_px - p1_px.x()) * direction.x() + (v_px - p1_px.y()) * direction.y();
   }
 };
 
-// One image line per tracked line, in order, but for a_dot_jacobian.
+// Computes one image line per tracked line, in the same order, without a_dot_jacobian. Lines behind the camera have
+// length 0.
 void ProjectLines(const CameraModel& camera, const MotionState& state, absl::Span<const TrackedLine> lines,
                   std::vector<ImageLine>& image_lines);
 
-// Fills in a_dot_jacobian, of `image_lines` as ProjectLines made them with the same arguments.
+// Computes a_dot_jacobian of the `image_lines` that ProjectLines() returned for the same arguments.
 void ProjectVelocityJacobians(const CameraModel& camera, const MotionState& state, absl::Span<const TrackedLine> lines,
                               absl::Span<ImageLine> image_lines);
 
-// Bearing of an undistorted pixel.
+// Returns the bearing of an undistorted pixel.
 Eigen::Vector3d BearingOf(const CameraModel& camera, const Eigen::Vector2d& pixel);
 
-// Velocity across the line at a fraction of its length, pixels per second along its normal.
+// Returns the normal velocity of the line at a fraction of its length, px/s, positive along the gradient of d.
 double NormalSpeedPxPerS(const CameraModel& camera, const ImageLine& line, double fraction);
 
-// Standard deviation, in pixels, of the least certain line's middle under the state's pose covariance.
+// Returns the largest standard deviation, pixels, of the middle of a line across itself, under the pose covariance of
+// the state.
 double PredictedSpreadPx(const CameraModel& camera, const MotionState& state, absl::Span<const ImageLine> lines);
 
-// An event as the estimators see it.
+// An event in undistorted coordinates, with the lines that may have produced it: the input of the estimators.
 struct Observation {
   double bx = 0.0;  // undistorted bearing (bx, by, 1)
   double by = 0.0;
   double u_px = 0.0;  // undistorted pixel
   double v_px = 0.0;
-  double tau_s = 0.0;  // from mid-window
-  // The lines that it may belong to, by index.
+  double tau_s = 0.0;  // time since the middle of the window
+  // Indices of the candidate lines. Six bound the memory; in a tile with more lines those nearest to its centre stay.
   static constexpr int kMaxLines = 6;
   std::array<uint16_t, kMaxLines> lines = {};
   uint8_t num_lines = 0;
   uint8_t polarity = 0;
   PreviousPolarity previous = PreviousPolarity::kUnknown;
-  // How much other objects claim it: the density of their events here, 1/px, where that of the own nearest line
-  // integrates to one across the line (competitors.h). 0: there are no others.
+  // Density of the events of other objects at this event, 1/px, relative to the event rate of the object's own nearest
+  // line, so that the density of this line integrates to one across it (competitors.h). 0 without other objects.
   float competing = 0.0f;
 
   absl::Span<const uint16_t> Lines() const { return absl::MakeConstSpan(lines.data(), num_lines); }
-  // Probability that the pixel's previous event had the other polarity; 0.5 if the previous event is unknown.
+  // Returns the probability that the previous event of the pixel had the other polarity; 0.5 if it is unknown.
   double TurnRatio() const {
     constexpr double kRatio[] = {0.5, 0.0, 1.0};  // by PreviousPolarity
     return kRatio[static_cast<int>(previous)];
   }
 };
 
-// An event as an observation at `t_us`, without its lines; nullopt when it lies outside the sensor.
+// Converts an event to an observation without candidate lines; tau_s counts from `t_us`. Returns nullopt for an event
+// outside the sensor.
 std::optional<Observation> Observe(const CameraModel& camera, const UndistortionTable& undistortion,
                                    const WindowEvent& event, int64_t t_us);
 
-// Tiles of 8 x 8 undistorted pixels, each with the lines that pass within reach.
+// A grid of tiles of 8 x 8 undistorted pixels. Each tile lists the lines that pass within a given distance.
 class TileGrid {
  public:
+  // Side of a tile, pixels: of the order of a gate's half width, so that tiles list few lines outside the gates.
   static constexpr int kTilePx = 8;
-  static constexpr int kSlots = Observation::kMaxLines;  // lines kept per tile: those nearest to its centre
+  static constexpr int kSlots = Observation::kMaxLines;  // lines per tile; those nearest to its centre are kept
 
   explicit TileGrid(const CameraModel& camera);
 
-  // Enters the lines that come within reach_px of a tile.
+  // Replaces the lines of the grid. Each tile lists the lines within reach_px of one of its points, and some beyond.
   void Build(absl::Span<const ImageLine> lines, double reach_px);
 
   static constexpr uint32_t kNoTile = 0xffffffff;
-  // The tile of an undistorted pixel; kNoTile outside the grid.
+  // Returns the index of the tile of an undistorted pixel; kNoTile outside the grid.
   uint32_t TileOf(double u_px, double v_px) const {
     const double x = (u_px + kMarginPx) / kTilePx;
     const double y = (v_px + kMarginPx) / kTilePx;
@@ -127,18 +134,19 @@ class TileGrid {
   absl::Span<const uint16_t> Lines(uint32_t tile) const {
     return absl::MakeConstSpan(tiles_[tile].lines, tiles_[tile].count);
   }
-  // Gives the event a tile's lines.
+  // Sets the candidate lines of the event to the lines of a tile.
   void GiveLines(uint32_t tile, Observation& event) const {
     std::copy_n(tiles_[tile].lines, kSlots, event.lines.begin());
     event.num_lines = static_cast<uint8_t>(tiles_[tile].count);
   }
-  // Its own tile's; false outside the grid.
+  // Sets them to the lines of the event's own tile. Returns false, without lines, if the event lies outside the grid.
   bool GiveLines(Observation& event) const;
   absl::Span<const uint32_t> tiles_with_lines() const { return touched_; }
-  // Of tiles, row by row; the first one begins kMarginPx beyond the image's corner.
+  // Tiles are numbered row by row. The corner of tile 0 lies at (-kMarginPx, -kMarginPx).
   int columns() const { return columns_; }
   int rows() const { return rows_; }
-  // The undistorted image reaches beyond the sensor's rectangle.
+  // Pixels by which the grid exceeds the sensor's rectangle on each side: undistortion moves pixels outwards. Events
+  // that it moves farther have no tile and are not used.
   static constexpr double kMarginPx = 64.0;
 
  private:
@@ -147,24 +155,26 @@ class TileGrid {
     uint16_t lines[kSlots] = {};
   };
   void EnterRow(int row, absl::Span<const ImageLine> lines, size_t index, double reach_px);
-  // Into a tile that is full: in the place of the line that is farthest from its centre, if that is farther.
+  // Enters a line into a full tile, in place of the line that is farthest from the tile's centre, if the new line is
+  // nearer.
   static void Replace(absl::Span<const ImageLine> lines, size_t index, const Eigen::Vector2d& centre_px, Tile& tile);
 
   int columns_ = 0;
   int rows_ = 0;
   std::vector<Tile> tiles_;
-  std::vector<uint8_t> has_lines_;  // by tile: few bytes, asked about by every event
+  std::vector<uint8_t> has_lines_;  // by tile; a compact table, because it is read for every event
   std::vector<uint32_t> touched_;
 };
 
-// The tile that each pixel of the sensor lies in, undistorted: the same for every TileGrid of a camera.
+// A table of the tile in which each pixel of the sensor lies after undistortion. All TileGrids of a camera have the
+// same tiles.
 class PixelTiles {
  public:
   PixelTiles(const CameraModel& camera, const UndistortionTable& undistortion);
 
-  // TileGrid::kNoTile outside the grid. x and y inside the sensor.
+  // Returns TileGrid::kNoTile if the undistorted pixel lies outside the grid. (x, y) must lie inside the sensor.
   uint32_t At(int x, int y) const { return tiles_[static_cast<size_t>(y) * width_px_ + x]; }
-  // At(x, y) is about to be asked for, if there is such a pixel.
+  // Loads the entry of a pixel into the cache, for a later At(x, y). The pixel may lie outside the sensor.
   void Prefetch(int x, int y) const { PrefetchEntry(tiles_, static_cast<size_t>(y) * width_px_ + x); }
 
  private:
@@ -172,25 +182,25 @@ class PixelTiles {
   std::vector<uint32_t> tiles_;
 };
 
-// The nearest two lines of an event, with signed distances.
+// The one or two lines nearest to an event, the nearest first, with signed distances.
 struct NearLines {
   int count = 0;
   int line[2] = {0, 0};
   double distance_px[2] = {0.0, 0.0};
 };
 
-// Its signed distance from a line, at its own time.
+// Returns the signed distance of an event from the expected position of a line's events at the time of the event.
 inline double DistancePx(const Observation& event, const ImageLine& line) {
   const Eigen::Vector3d& a = line.a_expected;
   return a.x() * event.bx + a.y() * event.by + a.z() +
          event.tau_s * (line.a_dot.x() * event.bx + line.a_dot.y() * event.by + line.a_dot.z());
 }
 
-// Takes away the event's lines that are farther from it than reach_px.
+// Removes the candidate lines that are farther than reach_px from the event, across the line or beyond its ends.
 void KeepLinesWithin(double reach_px, const ImageLine* lines, Observation& event);
 
-// Of `candidates` those whose gate holds the event: |d| <= gate_px, and no farther than end_margin_px beyond an end
-// point.
+// Returns the nearest two of the candidates that have the event in their gate: |d| <= gate_px, and at most
+// end_margin_px beyond an end point.
 inline NearLines FindNearLines(const Observation& event, absl::Span<const uint16_t> candidates, const ImageLine* lines,
                                double gate_px, double end_margin_px) {
   NearLines near;
@@ -215,7 +225,7 @@ inline NearLines FindNearLines(const Observation& event, absl::Span<const uint16
   }
   return near;
 }
-// Of the event's own lines.
+// Does so for the event's own candidate lines.
 inline NearLines FindNearLines(const Observation& event, const ImageLine* lines, double gate_px, double end_margin_px) {
   return FindNearLines(event, event.Lines(), lines, gate_px, end_margin_px);
 }

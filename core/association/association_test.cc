@@ -39,7 +39,7 @@ Observation ObservationAt(const CameraModel& camera, double u_px, double v_px, d
   return event;
 }
 
-TEST(TileGrid, FindsTheSameLinesAsLookingAtAll) {
+TEST(TileGrid, FindsTheSameLinesAsASearchOfAllLines) {
   const CameraModel camera = MakeCamera(640, 480, 600.0);
   const auto cube = MakeCube(0.2);
   MotionState state;
@@ -71,7 +71,7 @@ TEST(TileGrid, FindsTheSameLinesAsLookingAtAll) {
   EXPECT_GT(found, 500);
 }
 
-TEST(TileGrid, RebuildingForgetsTheOldLines) {
+TEST(TileGrid, RebuildingRemovesTheOldLines) {
   const CameraModel camera = MakeCamera(640, 480, 600.0);
   const auto cube = MakeCube(0.2);
   MotionState state;
@@ -106,7 +106,7 @@ TEST(FindNearLines, GivesTheNearestTwoInOrder) {
   EXPECT_EQ(near.line[1], 0);
   EXPECT_NEAR(std::abs(near.distance_px[0]), 1.0, 1e-9);
   EXPECT_NEAR(std::abs(near.distance_px[1]), 2.0, 1e-9);
-  // Beyond the ends, 60 px from the middle, there is no line.
+  // The lines end 60 px from their middle; beyond there is none.
   const Observation beyond = ObservationAt(camera, camera.cx_px, camera.cy_px + 63.0, 0.0, grid);
   EXPECT_EQ(FindNearLines(beyond, lines.data(), 8.0, 2.0).count, 0);
 }
@@ -127,7 +127,7 @@ TEST(FindNearLines, FollowsTheMotionWithinTheWindow) {
   EXPECT_NEAR(near.distance_px[0], 0.0, 1e-9);
 }
 
-TEST(KeepLinesWithin, LeavesWhatTheGatesCanReachAtTheEventsTime) {
+TEST(KeepLinesWithin, KeepsLinesWithinReachAtTheEventsTime) {
   const CameraModel camera = MakeCamera(640, 480, 600.0);
   MotionState state;
   state.camera_from_object = MakePose({0.0, 0.0, 1.0}, {0.0, 0.0, 0.0});
@@ -145,14 +145,14 @@ TEST(KeepLinesWithin, LeavesWhatTheGatesCanReachAtTheEventsTime) {
   EXPECT_THAT(event.Lines(), ::testing::UnorderedElementsAre(0, 1));
   KeepLinesWithin(2.0, lines.data(), event);
   EXPECT_THAT(event.Lines(), ::testing::ElementsAre(1));
-  // Beyond the end, 60 px from the middle, it is near while it is within as much.
+  // The lines end 60 px from their middle. An event 5 px beyond the end is outside a reach of 4.9 px.
   Observation beyond = ObservationAt(camera, camera.cx_px, camera.cy_px + 65.0, 0.0, grid);
   ASSERT_GT(beyond.num_lines, 0);
   KeepLinesWithin(4.9, lines.data(), beyond);
   EXPECT_EQ(beyond.num_lines, 0);
 }
 
-TEST(ThinEvenlyByKind, KeepsAnEvenShare) {
+TEST(ThinEvenlyByKind, SamplesUniformly) {
   std::vector<Observation> observations(10'000);
   for (size_t i = 0; i < observations.size(); ++i) observations[i].u_px = static_cast<double>(i);
   const auto polarity_of = [](const Observation& event) { return event.polarity; };
@@ -171,7 +171,7 @@ TEST(ThinEvenlyByKind, KeepsAnEvenShare) {
   EXPECT_GE(observations.size(), 990u);
 }
 
-TEST(ThinEvenlyByKind, TheRarerStays) {
+TEST(ThinEvenlyByKind, TheRarerClassKeepsItsShare) {
   const auto thin = [](size_t num_off, size_t num_on, double share_off = 0.5) {
     std::vector<Observation> all(num_off + num_on);
     for (size_t i = 0; i < num_on; ++i) all[i].polarity = 1;

@@ -28,6 +28,8 @@ BackgroundRate::BackgroundRate(const CameraModel& camera) {
 }
 
 void BackgroundRate::CloseWindow(const TileGrid& grid, double duration_s) {
+  // Ten events determine a cell's rate to about a third, and the median over the cells much better; the memory is then
+  // as short as possible, so that a sudden change of the rate is followed at once.
   constexpr double kMemoryEventsPerCell = 10.0;
   std::fill(line_tiles_.begin(), line_tiles_.end(), 0);
   for (const uint32_t tile : grid.tiles_with_lines()) ++line_tiles_[cell_of_tile_[tile]];

@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// How many events come from nowhere near the object: the sensor's noise, a flash, a flood. What is near a line is to be
-// judged against that (core/windows/README.md and core/tracking/README.md, section 1).
+// The rate of background events: events away from the object's lines, from sensor noise, flashes or flicker. It
+// determines the number of events that are expected near a line by chance (core/association/README.md, section 4, and
+// core/tracking/README.md, section 1).
 #pragma once
 
 #include <vector>
@@ -11,22 +12,23 @@
 
 namespace evpose {
 
-// The median over cells of the image, so that what moves in some of them does not count. Cells of 64 x 64 undistorted
-// pixels, of which the tiles near lines are left out.
+// Estimates the rate as the median over image cells of 64 x 64 undistorted pixels, without the tiles near lines. Moving
+// objects in less than half of the cells do not affect a median.
 class BackgroundRate {
  public:
   explicit BackgroundRate(const CameraModel& camera);
 
-  // For each event of a window, the index of its tile, and how many events it stands for.
+  // Counts an event of the window. `tile` must have no lines near it; `events` is the number of events of the sensor
+  // that the sampled event represents.
   void Count(uint32_t tile, double events) { cell_events_[cell_of_tile_[tile]] += events; }
-  // Closes the window: `grid` knows its lines. Events in tiles near lines must not have been counted.
+  // Ends the window and updates the rate. `grid` has the lines of the window; `duration_s` is its duration.
   void CloseWindow(const TileGrid& grid, double duration_s);
 
-  // Events per second and pixel, of the last windows: as many of them as make about ten events in a cell, and of those
-  // that are longer the last alone. 0 before the first, and in an image full of lines.
+  // Events per second and pixel. The average covers the latest windows with about ten events per cell in total; a
+  // window with more events replaces all earlier ones. 0 before the first window, and if no cell lies away from lines.
   double hz_per_px() const { return hz_per_px_; }
 
-  // Between windows.
+  // Valid only between windows.
   static void VisitState(auto& archive, auto& self) {
     auto& [cell_of_tile, on_sensor, cell_events, line_tiles, cells, rates, hz_per_px] = self;
     for (auto& cell : cells) archive(cell);
@@ -36,19 +38,20 @@ class BackgroundRate {
  private:
   struct Cell {
     double events = 0.0;
-    double px2_s = 0.0;  // area times time in which they came
+    double px2_s = 0.0;  // area times duration over which the events were counted
     static void VisitState(auto& archive, auto& self) {
       auto& [events, px2_s] = self;
       archive(InRange(events, 0.0, kMaxState), InRange(px2_s, 0.0, kMaxState));
     }
   };
-  // A ratio of such numbers, and of what they become, is one that can be sorted.
+  // Upper bound of loaded numbers: their sums and ratios stay finite, so that rates can be sorted.
   static constexpr double kMaxState = 1e18;
+  // Side of a cell, tiles: 64 px. An image of 640 x 480 pixels then has 70 cells, enough for a median.
   static constexpr int kCellTiles = 8;
   double Median();
 
   std::vector<uint32_t> cell_of_tile_;
-  std::vector<bool> on_sensor_;  // cells that lie on the sensor as a whole
+  std::vector<bool> on_sensor_;  // by cell: lies entirely inside the sensor's rectangle
   std::vector<double> cell_events_;
   std::vector<uint32_t> line_tiles_;
   std::vector<Cell> cells_;

@@ -14,7 +14,7 @@ constexpr double kNoiseHz = 5.0;
 
 class BackgroundTest : public ::testing::Test {
  protected:
-  // Of `per_s` events evenly over a rectangle, those in tiles without lines.
+  // Adds `per_s` events spread evenly over a rectangle, except those in tiles with lines.
   void Add(double per_s, double left, double top, double right, double bottom, double events_per_sample = 1.0) {
     const uint32_t count = random_.Poisson(per_s * kWindowS);
     for (uint32_t i = 0; i < count; ++i) {
@@ -32,7 +32,7 @@ class BackgroundTest : public ::testing::Test {
   Random random_{3};
 };
 
-TEST_F(BackgroundTest, WhatMovesInAPartOfTheImageIsNotBackground) {
+TEST_F(BackgroundTest, MotionInAPartOfTheImageIsNotBackground) {
   for (int i = 0; i < 20; ++i) {
     AddNoise(kNoiseHz);
     Add(2e6, 100.0, 100.0, 300.0, 300.0);  // ten times denser
@@ -42,7 +42,7 @@ TEST_F(BackgroundTest, WhatMovesInAPartOfTheImageIsNotBackground) {
 }
 
 TEST_F(BackgroundTest, TilesNearLinesAreLeftOut) {
-  // Lines from top to bottom, every 32 px: half of the image is near one.
+  // Vertical lines every 32 px: half of the image is near one of them.
   std::vector<ImageLine> lines(20);
   for (size_t k = 0; k < lines.size(); ++k) {
     lines[k].p1_px = {32.0 * static_cast<double>(k) + 4.0, 0.0};
@@ -55,7 +55,7 @@ TEST_F(BackgroundTest, TilesNearLinesAreLeftOut) {
   EXPECT_NEAR(background_.hz_per_px(), kNoiseHz, 0.2 * kNoiseHz);
 }
 
-TEST_F(BackgroundTest, AFloodIsKnownAtOnceAndForgottenSoon) {
+TEST_F(BackgroundTest, FollowsABurstAtOnceAndItsEndSoon) {
   for (int i = 0; i < 50; ++i) {
     AddNoise(0.1);
     background_.CloseWindow(grid_, kWindowS);
@@ -71,7 +71,7 @@ TEST_F(BackgroundTest, AFloodIsKnownAtOnceAndForgottenSoon) {
   EXPECT_NEAR(background_.hz_per_px(), 5.0, 1.0);
 }
 
-TEST_F(BackgroundTest, SampledEventsStandForMany) {
+TEST_F(BackgroundTest, CountsTheEventsThatSamplesRepresent) {
   AddNoise(kNoiseHz, 4.0);
   background_.CloseWindow(grid_, kWindowS);
   EXPECT_NEAR(background_.hz_per_px(), 4.0 * kNoiseHz, kNoiseHz);

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// What trackers look up of a camera for each event.
+// Lookup tables of a camera, which trackers read for each event.
 #pragma once
 
 #include <memory>
@@ -11,14 +11,14 @@
 
 namespace evpose {
 
-// Depends on the camera alone, so trackers of one camera can share it: at 1280x720, 11 MB and a tenth of a second to
-// make.
+// Depends only on the camera, so that all trackers of one camera can share it. At 1280 x 720 pixels it has 11 MB and
+// its construction takes a tenth of a second.
 struct CameraTables {
   UndistortionTable undistortion;
   PixelTiles pixel_tiles;
 };
 
-// Errors: INVALID_ARGUMENT naming the camera's field that is wrong.
+// Errors: INVALID_ARGUMENT naming the field of the camera that is wrong.
 absl::StatusOr<std::shared_ptr<const CameraTables>> MakeCameraTables(const CameraModel& camera);
 
 }  // namespace evpose

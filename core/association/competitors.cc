@@ -10,11 +10,12 @@
 namespace evpose {
 namespace {
 
-// Farther than this from a line, in standard deviations, are none of its events.
+// Half width of the gate of a line, in standard deviations: a normal distribution has 6e-5 of its events outside.
 constexpr double kReachSigma = 4.0;
-// Events up to this far beyond a line's end still belong to it: the end points move within the window.
+// Pixels beyond a line's end within which events still belong to it, because the end points move within the window.
 constexpr double kEndMarginPx = 2.0;
-// A line slower than this makes no events that could be told from noise; keeps rates positive.
+// Lower bound of a rate, px/s: events of a slower line cannot be distinguished from noise. It keeps ratios of rates
+// finite.
 constexpr double kMinRatePxPerS = 1.0;
 
 double NormalDensity(double distance_px, double sigma_px) {
@@ -45,7 +46,7 @@ bool MayOverlap(const CameraModel& camera, const BoundingSphere& a, const Boundi
   for (const BoundingSphere* sphere : {&a, &b}) {
     const Eigen::Vector3d& c = sphere->centre;
     if (c.z() <= sphere->radius_m) return true;
-    // Seen aside, a sphere's image is stretched by at most this.
+    // Upper bound of the factor by which perspective stretches the image of a sphere away from the optical axis.
     const double stretch = 1.0 + (c.x() * c.x() + c.y() * c.y()) / (c.z() * c.z());
     reach_px += focal_px * sphere->radius_m / (c.z() - sphere->radius_m) * stretch;
   }
@@ -63,8 +64,9 @@ double RelativeEventRate(const CameraModel& camera, const MotionState& state, co
 
 double OwnShare(double distance_px, double competing) {
   if (competing <= 0.0) return 1.0;
-  // Rounding and an edge's several events; and what is uniform about a line, a fifth of the events over some 12 px.
+  // Standard deviation of the events about a line, from the rounding of pixels and the several events of an edge.
   constexpr double kSigmaPx = 0.8;
+  // Density of clutter relative to the line's events, 1/px: a fifth of the events, uniform over 12 px.
   constexpr double kClutterPerPx = 0.02;
   const double own = NormalDensity(distance_px, kSigmaPx) + kClutterPerPx;
   return own / (own + competing);
@@ -95,7 +97,8 @@ void Competitors::Add(const MotionState& state, absl::Span<const TrackedLine> li
 }
 
 void Competitors::Build() {
-  // Wider than this a line is too uncertain to claim events.
+  // Limit of the distance, pixels, at which tiles list a line. The position of a line with a wider gate is too
+  // uncertain to attribute events to it.
   constexpr double kMaxReachPx = 32.0;
   double reach_px = 0.0;
   for (const double sigma_px : sigmas_) reach_px = std::max(reach_px, kReachSigma * sigma_px);
@@ -116,6 +119,8 @@ double Competitors::DensityAt(const Observation& event) const {
 }
 
 bool Competitors::Explain(const Observation& event) const {
+  // Distance, in standard deviations, at which the normal density of a line equals that of clutter: 0.02 / px for a
+  // standard deviation of 0.8 px, as in OwnShare().
   constexpr double kOwnSigma = 2.5;
   const uint32_t tile = grid_.TileOf(event.u_px, event.v_px);
   if (tile == TileGrid::kNoTile) return false;
@@ -158,10 +163,10 @@ bool Competitors::IsHidden(const Eigen::Vector3d& point_camera, absl::Span<const
 
 bool Competitors::AppendVisibleParts(const RigidTransform& camera_from_object, const TrackedLine& line,
                                      absl::Span<const Body* const> bodies, std::vector<TrackedLine>& visible) const {
-  // A part of a line shorter than a step may be missed; the end of a part is found to a fraction of a pixel.
+  // Distance of the tested points along the line, pixels. A visible or hidden part shorter than a step may be missed.
   constexpr double kStepPx = 12.0;
-  constexpr int kMaxSteps = 32;
-  constexpr int kBisections = 5;
+  constexpr int kMaxSteps = 32;   // bounds the number of ray casts per line
+  constexpr int kBisections = 5;  // locate the end of a part to 1/32 of a step, below a pixel
   const std::optional<ProjectedLine> projected = ProjectLine(camera_, camera_from_object, line.p1, line.p2);
   if (!projected) return false;
   const double length_px = (projected->p2_px - projected->p1_px).norm();

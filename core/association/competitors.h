@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// The other objects of a stream in one window: their lines compete for its events (an event belongs to an object by its
-// responsibility, as it does to a line, core/association/README.md, section 2), and their faces hide what lies behind
-// them.
+// The other tracked objects of a stream in one window. Their lines compete for the events: an event is shared between
+// objects in proportion to the likelihoods, as it is between lines (core/association/README.md, section 2). Their faces
+// hide lines behind them.
 #pragma once
 
 #include <memory>
@@ -18,45 +18,49 @@
 
 namespace evpose {
 
-// A sphere about an object, object frame, metres. Its centre, the mean of the lines' ends, stays where it is under the
-// object's symmetries.
+// A sphere that contains an object, metres, in the object frame unless stated otherwise. Its centre is the mean of the
+// lines' end points, which is invariant under the object's symmetries.
 struct BoundingSphere {
   Eigen::Vector3d centre = Eigen::Vector3d::Zero();
   double radius_m = 0.0;
 };
 BoundingSphere BoundingSphereOf(const ObjectModel& model);
 
-// Whether the images of two spheres, given in the camera frame, come within `margin_px` of each other. May say so of
-// spheres that do not, never the other way.
+// Returns whether the images of two spheres (camera frame) may come within `margin_px` of each other. Conservative: the
+// result is true whenever they do, and may be true when they do not.
 bool MayOverlap(const CameraModel& camera, const BoundingSphere& a, const BoundingSphere& b, double margin_px);
 
-// How many events per second a line makes, relative to others: the speed across itself at its middle, px/s, as far as
-// it is known, sqrt(mean^2 + variance). The contrast is left out: of the other object's nothing is known here.
+// Returns the expected event rate of a line relative to other lines: the root mean square of the normal speed of its
+// middle, sqrt(mean^2 + variance) in px/s, under the covariance of the twist. The contrast is not included, because it
+// is unknown for the other objects.
 double RelativeEventRate(const CameraModel& camera, const MotionState& state, const ImageLine& line);
 
-// The share of an event at this distance from its object's line that is the object's own; the rest is its competitors',
-// whose density `competing` is Observation::competing.
+// Returns the probability in [0, 1] that an event at this distance from a line of the object was produced by the object
+// and not by another one. `competing` is Observation::competing, 1/px.
 double OwnShare(double distance_px, double competing);
 
 class Competitors {
  public:
   explicit Competitors(const CameraModel& camera);
 
+  // Removes all objects.
   void Clear();
-  // An object with its visible lines, at mid-window; `sigma_px` is the spread of events about a line. `visibility` must
-  // live until the next Clear.
+  // Adds an object with its state at the middle of the window and its visible lines. `sigma_px` is the standard
+  // deviation of events about a line. `visibility` must remain valid until the next Clear().
   void Add(const MotionState& state, absl::Span<const TrackedLine> lines, const VisibilityTester& visibility,
            const BoundingSphere& sphere, double sigma_px);
-  // After the last Add.
+  // Builds the grid of lines. To be called after the last Add() and before DensityAt() or Explain().
   void Build();
 
   bool empty() const { return bodies_.empty(); }
-  // Sum over the lines near the event of RelativeEventRate times the density across the line, events / (s px^2) but for
-  // the contrast.
+  // Returns the density of the other objects' events at this event: the sum over their lines of RelativeEventRate()
+  // times the normal density across the line, events / (s px^2) up to the factor of the contrast.
   double DensityAt(const Observation& event) const;
-  // Whether a line of theirs is so near that the event is most likely theirs, if only they and clutter are asked.
+  // Returns whether the event lies so near to a line of another object that this line is a more likely cause than
+  // clutter.
   bool Explain(const Observation& event) const;
-  // Replaces the lines, of an object at this pose, by the parts of them that no competitor hides; whether one does.
+  // Replaces the lines of an object at this pose by the parts that no other object hides. Returns whether any part is
+  // hidden.
   bool RemoveHidden(const RigidTransform& camera_from_object, std::vector<TrackedLine>& lines) const;
 
  private:
@@ -66,7 +70,7 @@ class Competitors {
     BoundingSphere sphere;  // camera frame
   };
   bool IsHidden(const Eigen::Vector3d& point_camera, absl::Span<const Body* const> bodies) const;
-  // Appends the visible parts of one line; whether something of it is hidden.
+  // Appends the parts of one line that `bodies` do not hide. Returns whether any part is hidden.
   bool AppendVisibleParts(const RigidTransform& camera_from_object, const TrackedLine& line,
                           absl::Span<const Body* const> bodies, std::vector<TrackedLine>& visible) const;
 
@@ -74,9 +78,9 @@ class Competitors {
   TileGrid grid_;
   std::vector<Body> bodies_;
   std::vector<ImageLine> lines_;
-  std::vector<double> rates_;   // of the lines
-  std::vector<double> sigmas_;  // of the lines, px
-  std::vector<ImageLine> added_;
+  std::vector<double> rates_;     // RelativeEventRate() of each line
+  std::vector<double> sigmas_;    // standard deviation of the events of each line, px
+  std::vector<ImageLine> added_;  // temporary of Add()
 };
 
 }  // namespace evpose

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// What objects of one stream take from each other: events, and the sight of their lines.
+// Effects of other objects of a stream: shared events and hidden lines.
 #include "core/association/competitors.h"
 
 #include <gtest/gtest.h>
@@ -67,7 +67,7 @@ class CompetitorsTest : public ::testing::Test {
   Competitors competitors_{kCamera};
 };
 
-TEST_F(CompetitorsTest, ALineClaimsTheEventsOnItAsFarAsItMovesAcross) {
+TEST_F(CompetitorsTest, DensityFollowsTheNormalSpeedOfALine) {
   AddCube(front_, 0.1);
   const Eigen::Vector2d corner = kCamera.Project(front_ * Eigen::Vector3d(0.075, 0.075, -0.075));
   const Observation on_upright = At(corner - Eigen::Vector2d(0.0, 50.0));
@@ -82,7 +82,7 @@ TEST_F(CompetitorsTest, ALineClaimsTheEventsOnItAsFarAsItMovesAcross) {
   EXPECT_FALSE(competitors_.Explain(At(corner + Eigen::Vector2d(0.0, 5.0)))) << "beyond the line's end";
 }
 
-TEST_F(CompetitorsTest, ClearForgets) {
+TEST_F(CompetitorsTest, ClearRemovesAllObjects) {
   AddCube(front_, 0.1);
   EXPECT_FALSE(competitors_.empty());
   competitors_.Clear();
@@ -92,7 +92,7 @@ TEST_F(CompetitorsTest, ClearForgets) {
   EXPECT_EQ(competitors_.DensityAt(At(corner - Eigen::Vector2d(0.0, 50.0))), 0.0);
 }
 
-TEST_F(CompetitorsTest, WhatIsBehindIsHiddenAndWhatIsBeforeIsNot) {
+TEST_F(CompetitorsTest, HidesLinesBehindAndNotBefore) {
   AddCube(front_);
   for (const double z_m : {0.3, 1.2}) {
     const RigidTransform pose = MakePose({0.0, 0.0, z_m}, {0.1, 0.1, 0.0});
@@ -105,9 +105,9 @@ TEST_F(CompetitorsTest, WhatIsBehindIsHiddenAndWhatIsBeforeIsNot) {
   }
 }
 
-TEST_F(CompetitorsTest, ALineIsCutWhereItDisappears) {
+TEST_F(CompetitorsTest, CutsALineWhereItIsHidden) {
   AddCube(front_);
-  // A level line behind the cube, from 100 to 540 px: it shows on both sides of the silhouette.
+  // A horizontal line behind the cube, from 100 to 540 px: it is visible on both sides of the silhouette.
   const RigidTransform pose = MakePose({0.0, 0.0, 1.2}, {0.0, 0.0, 0.0});
   std::vector<TrackedLine> lines = {{7, {-0.44, 0.0, 0.0}, {0.44, 0.0, 0.0}}};
   competitors_.RemoveHidden(pose, lines);
@@ -121,7 +121,7 @@ TEST_F(CompetitorsTest, ALineIsCutWhereItDisappears) {
   EXPECT_EQ(lines[1].model_line, 7);
 }
 
-TEST_F(CompetitorsTest, AnObjectAsideHidesNothing) {
+TEST_F(CompetitorsTest, ADistantObjectHidesNothing) {
   AddCube(front_);
   const RigidTransform pose = MakePose({0.45, 0.0, 1.2}, {0.1, 0.2, 0.0});
   std::vector<TrackedLine> lines = LinesOf(*cube_, tester_, pose);
@@ -130,12 +130,12 @@ TEST_F(CompetitorsTest, AnObjectAsideHidesNothing) {
   EXPECT_EQ(TotalLength(lines, pose), before_px);
 }
 
-TEST(OwnShare, IsThatOfTheNearerLine) {
+TEST(OwnShare, IsLargerForTheNearerLine) {
   EXPECT_EQ(OwnShare(0.0, 0.0), 1.0);
   EXPECT_EQ(OwnShare(8.0, 0.0), 1.0);
-  EXPECT_NEAR(OwnShare(0.0, 0.3989 / 0.8), 0.5, 0.02);  // a line of the other's in the same place
-  EXPECT_LT(OwnShare(5.0, 0.3989 / 0.8), 0.05);         // on the other's line
-  EXPECT_GT(OwnShare(0.0, 0.3989 / 0.8 * 0.01), 0.97);  // of a hundredth of the own rate
+  EXPECT_NEAR(OwnShare(0.0, 0.3989 / 0.8), 0.5, 0.02);  // a line of the other object in the same place
+  EXPECT_LT(OwnShare(5.0, 0.3989 / 0.8), 0.05);         // on the line of the other object
+  EXPECT_GT(OwnShare(0.0, 0.3989 / 0.8 * 0.01), 0.97);  // the other line has a hundredth of the own rate
 }
 
 TEST(BoundingSphere, HoldsTheObject) {
@@ -153,7 +153,7 @@ TEST(MayOverlap, NeverMissesAnOverlap) {
                             random.Uniform(0.02, 0.2)};
     };
     const BoundingSphere a = place(), b = place();
-    // The angle between the centres against the spheres' angular radii.
+    // The exact test compares the angle between the centres with the sum of the spheres' angular radii.
     const double angle = std::acos(a.centre.normalized().dot(b.centre.normalized()));
     const bool overlap = angle < std::asin(a.radius_m / a.centre.norm()) + std::asin(b.radius_m / b.centre.norm());
     const bool claim = MayOverlap(kCamera, a, b, 0.0);

@@ -7,7 +7,7 @@ namespace evpose {
 
 void LineEvents::Sort(absl::Span<const Observation> events, size_t num_lines) {
   num_lines_ = num_lines;
-  TakeRoom(events.size());
+  Reserve(events.size());
   Refill(4 * num_lines, counts_);
   for (const Observation& event : events) {
     for (const uint16_t line : event.Lines()) ++counts_[KeyOf(event, line)];
@@ -26,12 +26,12 @@ void LineEvents::Sort(absl::Span<const Observation> events, size_t num_lines) {
   }
 }
 
-void LineEvents::TakeRoom(size_t num_events) {
-  if (num_events <= room_) return;
-  room_ = 2 * num_events;
-  shared_.reserve(room_);
-  // Each event may be by itself at each of its lines.
-  lanes_.reserve(room_ * Observation::kMaxLines);
+void LineEvents::Reserve(size_t num_events) {
+  if (num_events <= capacity_) return;
+  capacity_ = 2 * num_events;
+  shared_.reserve(capacity_);
+  // In the worst case each candidate of each event needs an EventLanes of its own.
+  lanes_.reserve(capacity_ * Observation::kMaxLines);
 }
 
 void LineEvents::MakeGroups() {

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// A window's events sorted by the lines that they may be of, four side by side: passes over them ask no event for its
-// lines, and take vector instructions.
+// The observations of a window grouped by candidate line and polarity, with four of them in each vector (structure of
+// arrays). The passes of an estimator can then use vector instructions and need no lookup of an event's lines.
 #pragma once
 
 #include <array>
@@ -14,31 +14,33 @@
 
 namespace evpose {
 
-// Events as an estimator sees them (Observation). Single precision is enough for what lies within a sensor's width of a
-// point: 1e-5 px.
+// Observations in vector lanes. Coordinates are relative to an origin in the image, so that single precision suffices:
+// its rounding is 1e-5 px within the width of a sensor.
 struct EventLanes {
-  Lanes bx = {};  // less LineGroup::origin
+  Lanes bx = {};  // bearing minus LineGroup::origin
   Lanes by = {};
-  Lanes u_px = {};  // less LineGroup::origin_px
+  Lanes u_px = {};  // undistorted pixel minus LineGroup::origin_px
   Lanes v_px = {};
-  Lanes tau_s = {};
-  Lanes competing = {};
-  Lanes turn = {};      // 1 after an event of the other polarity, 1/2 where nobody knows
-  Lanes is_event = {};  // 1; 0 where there is none
+  Lanes tau_s = {};      // Observation::tau_s
+  Lanes competing = {};  // Observation::competing
+  Lanes turn = {};       // Observation::TurnRatio()
+  Lanes is_event = {};   // 1 in used lanes, 0 in unused ones
 };
 
-// The events of one polarity that may be of a line: of no other, or of others, too, where they are again.
+// The events of one polarity with the same candidate line. Events with this line as their only candidate and events
+// with several candidates (shared) are in separate groups; a shared event is in one group for each of its candidates.
 struct LineGroup {
-  uint16_t line = 0;
-  uint8_t polarity = 0;
-  bool is_shared = false;
-  uint32_t first = 0;  // number of its first lanes, among those of the groups that are shared, or are not
-  Eigen::Vector2d origin = Eigen::Vector2d::Zero();
-  Eigen::Vector2d origin_px = Eigen::Vector2d::Zero();
+  uint16_t line = 0;       // index of the candidate line
+  uint8_t polarity = 0;    // 0: OFF, 1: ON
+  bool is_shared = false;  // the events have other candidates, too
+  uint32_t first = 0;      // index of the group's first EventLanes, among those of groups with the same is_shared
+  Eigen::Vector2d origin = Eigen::Vector2d::Zero();     // bearing of the group's first event
+  Eigen::Vector2d origin_px = Eigen::Vector2d::Zero();  // its undistorted pixel
   absl::Span<const EventLanes> events;
 };
 
-// Where a group's events are about its line, which has moved since they were sorted.
+// Computes the positions of a group's events relative to its line. The line may have moved since the events were
+// sorted.
 class GroupLine {
  public:
   GroupLine(const LineGroup& group, const ImageLine& line)
@@ -48,13 +50,13 @@ class GroupLine {
                AllLanes(line.AlongPx(group.origin_px.x(), group.origin_px.y()))},
         length_px_(AllLanes(line.length_px)) {}
 
-  // As evpose::DistancePx and ImageLine::AlongPx.
+  // The same quantities as evpose::DistancePx() and ImageLine::AlongPx().
   Lanes DistancePx(const EventLanes& event) const {
     return At(a_, event.bx, event.by) + event.tau_s * At(a_dot_, event.bx, event.by);
   }
   Lanes AlongPx(const EventLanes& event) const { return At(along_, event.u_px, event.v_px); }
   Lanes length_px() const { return length_px_; }
-  // Whether it is an event, in a gate of so many pixels, and not beyond the line's ends.
+  // Returns the mask of the used lanes with |distance| <= gate_px and a position between the line's ends.
   LaneMask IsGated(const EventLanes& event, Lanes distance_px, Lanes along_px, Lanes gate_px) const {
     return (Abs(distance_px) <= gate_px) & (along_px >= 0.0f) & (along_px <= length_px_) & (event.is_event > 0.0f);
   }
@@ -75,43 +77,44 @@ class LineEvents {
   LineEvents() = default;
   LineEvents(absl::Span<const Observation> events, size_t num_lines) { Sort(events, num_lines); }
 
-  // Memory is used again.
+  // Replaces the contents. `num_lines` is the number of lines that the observations' indices refer to. Reuses memory.
   void Sort(absl::Span<const Observation> events, size_t num_lines);
 
-  // All that follows is valid until the next Sort. Groups that are not shared come first.
+  // The results of the accessors below are valid until the next Sort(). Groups that are not shared come first.
   absl::Span<const LineGroup> groups() const { return groups_; }
 
-  // An event that may be of several lines.
+  // An event with several candidate lines.
   struct Shared {
     std::array<uint32_t, Observation::kMaxLines> places;
     uint8_t num_places = 0;
     float competing = 0.0f;
 
-    // Where it is among the shared groups: the number of its lanes times kNumLanes, and its lane.
+    // The positions of the event in the shared groups: index of the EventLanes among all shared ones, times kNumLanes,
+    // plus the lane.
     absl::Span<const uint32_t> Places() const { return absl::MakeConstSpan(places.data(), num_places); }
   };
   absl::Span<const Shared> shared() const { return shared_; }
   size_t num_shared_lanes() const { return lanes_.size() - first_shared_; }
-  // They are no more than that until there are more events than there ever were.
+  // Upper bound of the number of EventLanes, until a Sort() with more events than in any earlier one.
   size_t max_lanes() const { return lanes_.capacity(); }
 
  private:
-  // Groups in the order of groups_, empty ones too.
+  // Returns the group of an event and one of its lines, as an index that counts empty groups, in the order of groups_.
   size_t KeyOf(const Observation& event, int line) const {
     return (event.num_lines > 1 ? 2 * num_lines_ : 0) + 2 * static_cast<size_t>(line) + event.polarity;
   }
-  // For so many events, and twice as many, whatever their lines are.
-  void TakeRoom(size_t num_events);
+  // Reserves memory for twice this number of events with any candidate lines.
+  void Reserve(size_t num_events);
   void MakeGroups();
-  // Returns its place.
+  // Writes the event into the group of one of its lines. Returns its position (Shared::Places).
   uint32_t Place(const Observation& event, int line);
 
   size_t num_lines_ = 0;
-  size_t room_ = 0;               // events that there is room for
-  std::vector<uint32_t> counts_;  // by key; then the groups' numbers
-  std::vector<uint32_t> next_;    // by group: the next event's place
+  size_t capacity_ = 0;           // number of events for which memory is reserved
+  std::vector<uint32_t> counts_;  // by KeyOf(): number of events, later index into groups_
+  std::vector<uint32_t> next_;    // by group: position of the next event
   std::vector<EventLanes> lanes_;
-  size_t first_shared_ = 0;  // of lanes_
+  size_t first_shared_ = 0;  // index into lanes_ of the first shared group's events
   std::vector<LineGroup> groups_;
   std::vector<Shared> shared_;
 };

@@ -43,10 +43,10 @@ bool IsAt(const Observation& event, const LineGroup& group, const EventLanes& la
          lanes.turn[lane] == kTurnRatio[static_cast<int>(event.previous)];
 }
 
-TEST(LineEvents, HaveEveryEventOnceForEachOfItsLines) {
+TEST(LineEvents, ContainEveryEventOnceForEachOfItsLines) {
   const std::vector<Observation> events = SomeEvents(500);
   const LineEvents sorted(events, kNumLines);
-  // How many there are of each line, shared or not.
+  // Number of events of each line, shared or not.
   std::map<std::pair<int, bool>, int> expected, found;
   for (const Observation& event : events) {
     for (const uint16_t line : event.Lines()) ++expected[{line, event.num_lines > 1}];
@@ -68,7 +68,7 @@ TEST(LineEvents, HaveEveryEventOnceForEachOfItsLines) {
   EXPECT_EQ(found, expected);
 }
 
-TEST(LineEvents, KnowWhereTheSharedOnesAre) {
+TEST(LineEvents, LocateTheSharedEvents) {
   const std::vector<Observation> events = SomeEvents(500);
   const LineEvents sorted(events, kNumLines);
   size_t next = 0;
@@ -93,7 +93,7 @@ TEST(LineEvents, KnowWhereTheSharedOnesAre) {
   EXPECT_EQ(next, sorted.shared().size());
 }
 
-TEST(LineEvents, OfNothingAreNone) {
+TEST(LineEvents, AreEmptyWithoutEvents) {
   LineEvents sorted(SomeEvents(50), kNumLines);
   sorted.Sort({}, kNumLines);
   EXPECT_TRUE(sorted.groups().empty());

@@ -6,12 +6,14 @@
 namespace evpose {
 namespace {
 
-// A polarity of which more come than so many times the usual is a flood, of which the less is wanted the more it is.
-constexpr double kFlood = 2.0;
+// Excess of a polarity over the usual ratio above which it counts as a flicker burst. Its weight and its share of the
+// sample then decrease with the excess.
+constexpr double kFlickerExcess = 2.0;
 
 double SumOf(const ByPolarity& both) { return both[0] + both[1]; }
 
-// The share of `events` that is observed, each observation standing for so many; 1 of none.
+// Returns the number of observations per event, given the events of each polarity and the events that each observation
+// represents; 1 without events.
 double ObservedRatio(const ByPolarity& events_per_observation, const ByPolarity& events) {
   if (SumOf(events) <= 0.0) return 1.0;
   return (events[0] / events_per_observation[0] + events[1] / events_per_observation[1]) / SumOf(events);
@@ -23,7 +25,7 @@ NearShares NearEvents::Find(const EventWindow& window, const TileGrid& grid, int
                             BackgroundRate& background) {
   events_.clear();
   ByPolarity background_events = {};
-  // In locals, for what is counted might be any member.
+  // Members are copied to local variables, because the compiler must assume that Count() changes members.
   const absl::Span<const WindowEvent> events = window.events;
   const ByPolarity events_per_sample = window.events_per_sample;
   const int width_px = camera_.width_px;
@@ -49,8 +51,8 @@ NearShares NearEvents::Find(const EventWindow& window, const TileGrid& grid, int
   const auto num_on = static_cast<double>(std::count_if(events_.begin(), events_.end(), is_on));
   const ByPolarity found = {static_cast<double>(events_.size()) - num_on, num_on};
   const ByPolarity near_events = {found[0] * window.events_per_sample[0], found[1] * window.events_per_sample[1]};
-  LearnUsual(near_events);
-  const ByPolarity samples_per_observation = ThinEvenlyByKind(static_cast<size_t>(max_events), WantedShares(found),
+  UpdateUsualEvents(near_events);
+  const ByPolarity samples_per_observation = ThinEvenlyByKind(static_cast<size_t>(max_events), SampleShares(found),
                                                               absl::MakeConstSpan(events_), is_on, events_);
   NearShares shares;
   for (int polarity = 0; polarity < 2; ++polarity) {
@@ -58,17 +60,18 @@ NearShares NearEvents::Find(const EventWindow& window, const TileGrid& grid, int
   }
   const ByPolarity excess = Excess(found);
   for (int polarity = 0; polarity < 2; ++polarity) {
-    shares.telling[polarity] = std::min(1.0, kFlood / excess[polarity]);
+    shares.telling[polarity] = std::min(1.0, kFlickerExcess / excess[polarity]);
   }
   shares.mean_events_per_observation = 1.0 / ObservedRatio(shares.events_per_observation, near_events);
-  // Where none are elsewhere, they would be as those that are near.
+  // Without background events, the ratio of the polarities is assumed to be that of the events near lines.
   shares.observations_per_background_event =
       ObservedRatio(shares.events_per_observation, SumOf(background_events) > 0.0 ? background_events : near_events);
   return shares;
 }
 
-void NearEvents::LearnUsual(const ByPolarity& near_events) {
-  // Over some periods of a mains lamp, at a window each millisecond.
+void NearEvents::UpdateUsualEvents(const ByPolarity& near_events) {
+  // Decay per window: a memory of 33 windows, at one window per millisecond three periods of the light of a lamp on
+  // 50 Hz mains, so that both polarities are averaged.
   constexpr double kKeep = 0.97;
   for (int polarity = 0; polarity < 2; ++polarity) {
     usual_events_[polarity] = std::max(kFewEvents, kKeep * usual_events_[polarity]) + near_events[polarity];
@@ -80,11 +83,11 @@ ByPolarity NearEvents::Excess(const ByPolarity& found) const {
   return {std::max(1.0, 1.0 / on_excess), std::max(1.0, on_excess)};
 }
 
-ByPolarity NearEvents::WantedShares(const ByPolarity& found) const {
+ByPolarity NearEvents::SampleShares(const ByPolarity& found) const {
   const ByPolarity excess = Excess(found);
   ByPolarity share = usual_events_;
   for (int polarity = 0; polarity < 2; ++polarity) {
-    share[polarity] *= std::max(1.0, std::min(excess[polarity], kFlood * kFlood / excess[polarity]));
+    share[polarity] *= std::max(1.0, std::min(excess[polarity], kFlickerExcess * kFlickerExcess / excess[polarity]));
   }
   const double all = SumOf(share);
   return {share[0] / all, share[1] / all};

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// The events of a window that may be of the lines, as the estimators see them (core/association/README.md, section 2).
+// Selects the events of a window that lie near the lines, downsamples them and converts them to observations
+// (core/association/README.md, section 2).
 #pragma once
 
 #include <cstdint>
@@ -16,29 +17,32 @@
 
 namespace evpose {
 
-// How many events of a window each one kept stands for.
+// The ratios between events of the sensor and observations, and the weights of the polarities.
 struct NearShares {
-  ByPolarity events_per_observation = {1.0, 1.0};
-  double mean_events_per_observation = 1.0;        // of those kept
-  ByPolarity telling = {1.0, 1.0};                 // less while a lamp's change floods the image with this polarity
-  double observations_per_background_event = 1.0;  // of those elsewhere, had they been thinned like those that are near
+  ByPolarity events_per_observation = {1.0, 1.0};  // number of events that each observation represents
+  double mean_events_per_observation = 1.0;        // the same over both polarities
+  // Weight of each polarity in tests of the events: below 1 while a flicker burst produces events of this polarity in
+  // the whole image.
+  ByPolarity telling = {1.0, 1.0};
+  // Sampling ratio that the background events of the window would have if they were sampled like the events near lines.
+  double observations_per_background_event = 1.0;
 };
 
-// Used again for every window: what it allocates, it keeps.
+// To be reused for all windows of a track: it keeps the usual event rates of both polarities, and its memory.
 class NearEvents {
  public:
-  // `undistortion` and `pixel_tiles`, which are the camera's, must outlive it.
+  // `undistortion` and `pixel_tiles` must be those of `camera` and outlive the object.
   NearEvents(const CameraModel& camera, const UndistortionTable& undistortion, const PixelTiles& pixel_tiles)
       : camera_(camera), undistortion_(undistortion), pixel_tiles_(pixel_tiles) {}
 
-  // The window's events in tiles of `grid` with lines; those elsewhere are counted as background. At most `max_events`
-  // of them are kept, evenly drawn of each polarity, and of both as is usual: while a lamp grows brighter or darker, a
-  // flood of one polarity comes from everywhere, and the few events of the other are the edges'.
+  // Stores the events of the window that lie in tiles with lines, and counts the others in `background`. At most
+  // `max_events` events are kept by uniform downsampling, in the usual ratio of the polarities: while the brightness of
+  // a lamp changes, the whole image produces events of one polarity, and the few events of the other are due to edges.
   NearShares Find(const EventWindow& window, const TileGrid& grid, int max_events, BackgroundRate& background);
 
-  // Of those that Find() kept of the same window and grid the ones within reach_px of a line at their own times, as
-  // observations at `t_us`. `lines`: those of the grid. `competing` is asked for Observation::competing. Valid until
-  // the next call.
+  // Converts the events that Find() kept, for the same window and grid, to observations relative to time `t_us`, and
+  // returns those within reach_px of a line at the time of the event. `lines` are the lines of the grid;
+  // `competing(observation)` returns Observation::competing. The result is valid until the next call.
   template <typename Competing>
   absl::Span<const Observation> Observe(const EventWindow& window, const TileGrid& grid,
                                         absl::Span<const ImageLine> lines, int64_t t_us, double reach_px,
@@ -51,7 +55,7 @@ class NearEvents {
       }
       const NearEvent& near = events_[i];
       std::optional<Observation> observation = evpose::Observe(camera_, undistortion_, window.events[near.index], t_us);
-      if (!observation) continue;  // found on the sensor
+      if (!observation) continue;  // cannot happen: Find() keeps events inside the sensor only
       grid.GiveLines(near.tile, *observation);
       observation->competing = competing(*observation);
       KeepLinesWithin(reach_px, lines.data(), *observation);
@@ -62,21 +66,22 @@ class NearEvents {
 
   static void VisitState(auto& archive, auto& self) {
     auto& [camera, undistortion, pixel_tiles, events, observations, usual_events] = self;
-    constexpr double kMax = 1e18;
+    constexpr double kMax = 1e18;  // events; keeps sums and ratios finite
     archive(InRange(usual_events[0], kFewEvents, kMax), InRange(usual_events[1], kFewEvents, kMax));
   }
 
  private:
-  static constexpr double kFewEvents = 1.0;  // ratio of so many events is none
+  static constexpr double kFewEvents = 1.0;  // events; lower bound that keeps the ratio of the polarities finite
   struct NearEvent {
     uint32_t index;  // into the window's events
     uint32_t tile : 31;
     uint32_t polarity : 1;
   };
-  void LearnUsual(const ByPolarity& near_events);
-  // By polarity, of what is to be kept of those found.
-  ByPolarity WantedShares(const ByPolarity& found) const;
-  // By how much more than the usual share of both there is of each polarity; one of them, at least, 1.
+  void UpdateUsualEvents(const ByPolarity& near_events);
+  // Returns the shares of OFF and ON events in the sample; their sum is 1. `found`: number of events of each polarity.
+  ByPolarity SampleShares(const ByPolarity& found) const;
+  // Returns, for each polarity, the factor (at least 1) by which its ratio to the other polarity exceeds the usual
+  // ratio. At most one of the two factors is above 1.
   ByPolarity Excess(const ByPolarity& found) const;
 
   const CameraModel camera_;
@@ -84,7 +89,7 @@ class NearEvents {
   const PixelTiles& pixel_tiles_;
   std::vector<NearEvent> events_;
   std::vector<Observation> observations_;
-  ByPolarity usual_events_ = {kFewEvents, kFewEvents};  // of the last windows
+  ByPolarity usual_events_ = {kFewEvents, kFewEvents};  // exponentially weighted sums over the past windows
 };
 
 }  // namespace evpose

@@ -15,7 +15,7 @@ namespace {
 constexpr int kMaxEvents = 200;
 constexpr int64_t kWindowUs = 1000;
 
-// An upright line in the middle of the image; events within 4 px of it, or 100 px beside.
+// A vertical line in the middle of the image; events within 4 px of it, or 100 px away from it.
 class NearEventsTest : public ::testing::Test {
  protected:
   NearEventsTest() {
@@ -64,7 +64,7 @@ class NearEventsTest : public ::testing::Test {
   std::array<int, 2> num_found_ = {};
 };
 
-TEST_F(NearEventsTest, FewAreAllKept) {
+TEST_F(NearEventsTest, KeepsAllOfFewEvents) {
   Add(30, 0);
   Add(100, 1);
   Add(50, 1, false);
@@ -75,9 +75,9 @@ TEST_F(NearEventsTest, FewAreAllKept) {
   EXPECT_EQ(shares.observations_per_background_event, 1.0);
 }
 
-TEST_F(NearEventsTest, AFloodOfOnePolarityIsThinnedMore) {
+TEST_F(NearEventsTest, DownsamplesAFlickerBurstMore) {
   for (int i = 0; i < 40; ++i) {
-    const bool is_on = i / 5 % 2 != 0;  // a lamp's flanks
+    const bool is_on = i / 5 % 2 != 0;  // the rising and falling light of a lamp
     Add(is_on ? 100 : 2000, 0);
     Add(is_on ? 2000 : 100, 1);
     const NearShares shares = Find();
@@ -90,7 +90,7 @@ TEST_F(NearEventsTest, AFloodOfOnePolarityIsThinnedMore) {
   }
 }
 
-TEST_F(NearEventsTest, WhatIsUsuallyOfOnePolarityIsSampledAsItComes) {
+TEST_F(NearEventsTest, AUsualExcessOfOnePolarityIsSampledInItsRatio) {
   for (int i = 0; i < 200; ++i) {
     Add(200, 0);
     Add(1800, 1);
@@ -100,7 +100,7 @@ TEST_F(NearEventsTest, WhatIsUsuallyOfOnePolarityIsSampledAsItComes) {
   EXPECT_NEAR(num_found_[1], 180, 3);
 }
 
-TEST_F(NearEventsTest, SharesAreOfTheEventsOfTheSensor) {
+TEST_F(NearEventsTest, SharesCountTheEventsOfTheSensor) {
   Add(100, 0);
   Add(300, 1);
   Add(10, 0, false);

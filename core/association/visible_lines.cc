@@ -8,8 +8,9 @@
 namespace evpose {
 namespace {
 
-// The image moved by as much as an event is rounded by, or the view turned by a quarter of what the grazing limit
-// allows: less changes nothing that matters.
+// Changes of the view below which the visible parts are not computed again: translation of the image, pixels, which
+// moves the ends of a visible part by little against a line's length; and rotation, radians (0.3 degrees). Faces that
+// turn towards or away from the camera are checked separately, at every pose.
 constexpr double kChangePx = 2.0;
 constexpr double kChangeRad = 0.005;
 
@@ -19,8 +20,8 @@ VisibleLines::VisibleLines(const ObjectModel& model, const CameraModel& camera, 
     : model_(model), camera_(camera), tester_(tester) {}
 
 bool VisibleLines::ViewChanged(const RigidTransform& camera_from_object) const {
-  if (!looked_from_) return true;
-  const Vector6d change = Difference(camera_from_object, *looked_from_);
+  if (!computed_at_) return true;
+  const Vector6d change = Difference(camera_from_object, *computed_at_);
   const double depth_m = camera_from_object.translation_m.norm();
   const double focal_px = std::max(camera_.fx_px, camera_.fy_px);
   return change.head<3>().norm() * focal_px > kChangePx * depth_m || change.tail<3>().norm() > kChangeRad;
@@ -38,7 +39,7 @@ absl::Span<const TrackedLine> VisibleLines::At(const RigidTransform& camera_from
   FacingFaces(eye, facing_now_);
   if (facing_now_ != facing_ || ViewChanged(camera_from_object)) {
     facing_.swap(facing_now_);
-    LookFrom(camera_from_object);
+    ComputeAt(camera_from_object);
   }
   MeasureFaces(eye);
   return lines_;
@@ -56,8 +57,8 @@ void VisibleLines::MeasureFaces(const Eigen::Vector3d& eye) {
   }
 }
 
-void VisibleLines::LookFrom(const RigidTransform& camera_from_object) {
-  looked_from_ = camera_from_object;
+void VisibleLines::ComputeAt(const RigidTransform& camera_from_object) {
+  computed_at_ = camera_from_object;
   lines_.clear();
   tester_.FindVisibleSegments(camera_, camera_from_object, segments_);
   for (const VisibleSegment& segment : segments_) {
@@ -67,16 +68,16 @@ void VisibleLines::LookFrom(const RigidTransform& camera_from_object) {
   }
 }
 
-void VisibleLines::SaveState(StateWriter& writer) const { writer(looked_from_); }
+void VisibleLines::SaveState(StateWriter& writer) const { writer(computed_at_); }
 
 void VisibleLines::LoadState(StateReader& reader) {
   facing_.clear();
   lines_.clear();
-  reader(looked_from_);
-  if (!reader.ok() || !looked_from_) return;
-  const RigidTransform pose = *looked_from_;
+  reader(computed_at_);
+  if (!reader.ok() || !computed_at_) return;
+  const RigidTransform pose = *computed_at_;
   FacingFaces(pose.Inverse().translation_m, facing_);
-  LookFrom(pose);
+  ComputeAt(pose);
 }
 
 }  // namespace evpose

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// The lines that take part: what is visible at the present pose, looked up again only when the view has changed.
+// The visible parts of the model's lines at a pose. They are computed by ray casting, and again only when the view has
+// changed.
 #pragma once
 
 #include <memory>
@@ -15,30 +16,32 @@ namespace evpose {
 
 class VisibleLines {
  public:
-  // `model` and `tester`, which is the model's, must outlive it.
+  // `tester` must be that of `model`; both must outlive the object.
   VisibleLines(const ObjectModel& model, const CameraModel& camera, const VisibilityTester& tester);
 
-  // The visible parts of lines; valid until the next call.
+  // Returns the visible parts of the lines, object frame, metres. Valid until the next call.
   absl::Span<const TrackedLine> At(const RigidTransform& camera_from_object);
 
-  // Where the lines were looked up is all that has to be known of the past.
+  // The state is the pose at which the lines were last computed.
   void SaveState(StateWriter& writer) const;
   void LoadState(StateReader& reader);
 
  private:
-  // TrackedLine::narrowest_face_px, from the camera's centre in the object frame; no face is wider than the object.
+  // Sets TrackedLine::narrowest_face_px for the camera centre `eye` (object frame). The bound assumes faces as wide as
+  // the object's diameter.
   void MeasureFaces(const Eigen::Vector3d& eye);
-  void LookFrom(const RigidTransform& camera_from_object);
+  // Computes the visible parts at the pose.
+  void ComputeAt(const RigidTransform& camera_from_object);
   bool ViewChanged(const RigidTransform& camera_from_object) const;
-  // For each face of each line, whether it is turned to the camera. It decides which lines show, and matters to the
-  // last tenth of a degree: a line kept too long on a face that has turned away holds the pose there, and one missed
-  // too long gives its events to its neighbour (core/association/README.md, section 3).
+  // For each face of each line: whether it faces the camera. This decides about the visibility of lines and must be
+  // exact to a tenth of a degree: a line of a face that has turned away pulls the pose back to where the face was
+  // visible, and the events of a missing line are attributed to its neighbour (core/association/README.md, section 3).
   void FacingFaces(const Eigen::Vector3d& eye, std::vector<bool>& facing) const;
 
   const ObjectModel& model_;
   const CameraModel camera_;
   const VisibilityTester& tester_;
-  std::optional<RigidTransform> looked_from_;
+  std::optional<RigidTransform> computed_at_;
   std::vector<bool> facing_;
   std::vector<bool> facing_now_;
   std::vector<VisibleSegment> segments_;

@@ -20,7 +20,8 @@ class VisibleLinesTest : public ::testing::Test {
  protected:
   VisibleLinesTest() : tester_(*cube_, TrackerOptions().visibility), lines_(*cube_, camera_, tester_) {}
 
-  // Turned about the image's horizontal by so much from where the lower face is seen edge on.
+  // A pose turned about the image's horizontal axis by this angle from the pose in which the lower face is seen
+  // edge-on.
   static RigidTransform TurnedFromEdgeOn(double angle_rad) {
     return MakePose({0.0, 0.0, 1.0}, {std::asin(kHalfEdgeM) + angle_rad, 0.0, 0.0});
   }
@@ -38,9 +39,10 @@ class VisibleLinesTest : public ::testing::Test {
   VisibleLines lines_;
 };
 
-TEST_F(VisibleLinesTest, AFaceLooksAsWideAsItIsTurned) {
+TEST_F(VisibleLinesTest, TheWidthOfAFaceFollowsItsAngle) {
   for (const double angle_rad : {0.003, 0.01, -0.003, -0.01}) {
-    // The camera's height above the face, of lines 0.9 to 1.1 m away, and no face is wider than the cube's diagonal.
+    // The bound: the camera's height above the face, divided by the squared distance of the lines (0.9 to 1.1 m), for a
+    // face as wide as the cube's diagonal.
     const double height_m = std::abs(std::sin(std::asin(kHalfEdgeM) + angle_rad) - kHalfEdgeM);
     const double narrowest_px = NarrowestPx(lines_.At(TurnedFromEdgeOn(angle_rad)));
     EXPECT_GT(narrowest_px, kFocalPx * cube_->diameter_m * height_m / (1.15 * 1.15)) << angle_rad;
@@ -48,8 +50,8 @@ TEST_F(VisibleLinesTest, AFaceLooksAsWideAsItIsTurned) {
   }
 }
 
-TEST_F(VisibleLinesTest, AFaceIsMeasuredAlsoWhereTheLinesAreNotLookedUpAgain) {
-  constexpr double kStepRad = 0.0005;  // too little for another look
+TEST_F(VisibleLinesTest, TheWidthOfAFaceIsUpdatedWithoutANewRayCast) {
+  constexpr double kStepRad = 0.0005;  // below the rotation that causes a new ray cast
   const double before_px = NarrowestPx(lines_.At(TurnedFromEdgeOn(0.002)));
   const double after_px = NarrowestPx(lines_.At(TurnedFromEdgeOn(0.002 + kStepRad)));
   EXPECT_NEAR(after_px / before_px, 1.25, 0.01);

@@ -9,6 +9,7 @@
 #include "absl/strings/str_cat.h"
 #include "core/association/association.h"
 #include "core/association/visible_lines.h"
+#include "core/base/check_range.h"
 #include "core/base/status_macros.h"
 #include "core/numerics/robust.h"
 #include "core/windows/pixel_history.h"
@@ -17,18 +18,8 @@ namespace evpose {
 namespace {
 
 constexpr int64_t kSlotUs = 1000;      // interval over which the motion is assumed to be uniform
-constexpr int64_t kMaxGapUs = 20'000;  // longest gap of the truth that is interpolated
-constexpr double kGatePx = 4.0;        // half width of the band about a line whose events are examined
-constexpr double kOwnPx = 3.0;         // distance within which an event is assigned to the line
-constexpr double kEndPx = 8.0;         // an event closer than this to a line's end may belong to another edge
-// Slower lines have too few events to be distinguished from noise.
-constexpr double kMinSpeedPxPerS = 20.0;
-constexpr double kMinLengthPx = 30.0;
-// A passage ends when the line has swept this distance, which averages over all positions of an edge between two pixels
-// and gives enough events for its rates; it ends earlier when the direction of the motion reverses.
-constexpr double kPassagePx = 1.5;
-constexpr double kPassagePx2 = 300.0;
-constexpr size_t kMinEvents = 100;
+constexpr int64_t kMaxGapUs = 20'000;  // longest gap of the truth that is interpolated; a window lasts as long at most
+constexpr double kGridMarginPx = 2.0;  // by which lines may move within an interval
 
 struct Spread {
   double mean = 0.0;
@@ -36,15 +27,17 @@ struct Spread {
   double weight = 0.0;
 };
 
-// Mean and spread of the line's component of a mixture with uniform clutter (core/estimation/README.md, section 1), as
-// the tracker estimates them.
-Spread FitMixture(const std::vector<double>& values, const ExpTable& table) {
-  constexpr int kIterations = 25;
-  constexpr double kMinSigmaPx = 0.2;
+// Returns mean, standard deviation and number of events of the line's component of a mixture with uniform clutter
+// (core/estimation/README.md, section 1), estimated as in the tracker.
+Spread FitMixture(const std::vector<double>& values, double gate_px, const ExpTable& table) {
+  constexpr int kIterations = 25;      // enough for the convergence of expectation and maximisation
+  constexpr double kMinSigmaPx = 0.2;  // below the rounding of pixels (0.29 px)
+  constexpr double kMinOutlierRatio = 0.01, kMaxOutlierRatio = 0.9;  // keep both components present
+  // Start: a usual standard deviation and share of clutter.
   Spread fit{0.0, 0.8, 0.0};
   double outlier_ratio = 0.2;
   for (int i = 0; i < kIterations; ++i) {
-    const MixtureDensity density{fit.sigma, outlier_ratio, kGatePx};
+    const MixtureDensity density{fit.sigma, outlier_ratio, gate_px};
     double weight = 0.0, sum = 0.0, squares = 0.0;
     for (const double value : values) {
       const double line = density.Line(value - fit.mean, table);
@@ -57,7 +50,7 @@ Spread FitMixture(const std::vector<double>& values, const ExpTable& table) {
     fit.mean = sum / weight;
     fit.sigma = std::max(kMinSigmaPx, std::sqrt(std::max(0.0, squares / weight - fit.mean * fit.mean)));
     fit.weight = weight;
-    outlier_ratio = std::clamp(1.0 - weight / static_cast<double>(values.size()), 0.01, 0.9);
+    outlier_ratio = std::clamp(1.0 - weight / static_cast<double>(values.size()), kMinOutlierRatio, kMaxOutlierRatio);
   }
   return fit;
 }
@@ -75,8 +68,9 @@ struct OpenPassage {
 class Collector : public EdgePassageCollector {
  public:
   Collector(std::shared_ptr<const ObjectModel> model, const CameraModel& camera, UndistortionTable undistortion,
-            Trajectory truth)
-      : model_(std::move(model)),
+            Trajectory truth, const EdgePassageOptions& options)
+      : options_(options),
+        model_(std::move(model)),
         camera_(camera),
         undistortion_(std::move(undistortion)),
         truth_(std::move(truth)),
@@ -117,6 +111,7 @@ class Collector : public EdgePassageCollector {
   void AddSweeps(absl::Span<const TrackedLine> tracked);
   void ClosePassage(int model_line);
 
+  const EdgePassageOptions options_;
   const std::shared_ptr<const ObjectModel> model_;
   const CameraModel camera_;
   const UndistortionTable undistortion_;
@@ -158,11 +153,12 @@ void Collector::CloseSlot() {
     num_events_with_truth_ += slot_.size();
     const absl::Span<const TrackedLine> tracked = visible_lines_.At(truth->camera_from_object);
     ProjectLines(camera_, *truth, tracked, lines_);
-    grid_.Build(lines_, kAlonePx + 2.0);
+    grid_.Build(lines_, kAlonePx + kGridMarginPx);
     AddSweeps(tracked);
     for (const WindowEvent& event : slot_) AddEvent(event, truth->t_us, tracked);
     for (size_t k = 0; k < open_.size(); ++k) {
-      if (open_[k].swept_px >= kPassagePx && open_[k].swept_px2 >= kPassagePx2) ClosePassage(static_cast<int>(k));
+      if (open_[k].swept_px < options_.swept_px || open_[k].swept_px2 < options_.swept_px2) continue;
+      ClosePassage(static_cast<int>(k));
     }
   }
   slot_.clear();
@@ -172,9 +168,9 @@ void Collector::AddSweeps(absl::Span<const TrackedLine> tracked) {
   direction_.assign(lines_.size(), 0.0);
   for (size_t k = 0; k < lines_.size(); ++k) {
     const ImageLine& line = lines_[k];
-    if (line.length_px < kMinLengthPx) continue;
+    if (line.length_px < options_.min_length_px) continue;
     const double first = NormalSpeedPxPerS(camera_, line, 0.0), last = NormalSpeedPxPerS(camera_, line, 1.0);
-    if (first * last < 0.0 || std::min(std::abs(first), std::abs(last)) < kMinSpeedPxPerS) continue;
+    if (first * last < 0.0 || std::min(std::abs(first), std::abs(last)) < options_.min_speed_px_per_s) continue;
     direction_[k] = first > 0.0 ? 1.0 : -1.0;
     OpenPassage& open = open_[tracked[k].model_line];
     if (open.direction != direction_[k]) ClosePassage(tracked[k].model_line);
@@ -198,16 +194,17 @@ void Collector::AddEvent(const WindowEvent& event, int64_t t_mid_us, absl::Span<
   OpenPassage& open = open_[tracked[near.line[0]].model_line];
   const double along = line.AlongPx(seen.u_px, seen.v_px);
   const double distance = near.distance_px[0];
-  if (std::abs(distance) < kOwnPx && along >= 0.0 && along <= line.length_px)
+  if (std::abs(distance) < options_.own_px && along >= 0.0 && along <= line.length_px)
     open.counts.Add(seen, along < 0.5 * line.length_px ? 0 : 1, 1.0);
-  const bool is_alone = near.count == 1 && along > kEndPx && along < line.length_px - kEndPx;
-  if (is_alone && std::abs(distance) < kGatePx) open.residuals_px.push_back(distance * direction_[near.line[0]]);
+  const bool is_alone = near.count == 1 && along > options_.end_px && along < line.length_px - options_.end_px;
+  if (is_alone && std::abs(distance) < options_.gate_px)
+    open.residuals_px.push_back(distance * direction_[near.line[0]]);
 }
 
 void Collector::ClosePassage(int model_line) {
   OpenPassage& open = open_[model_line];
-  if (open.swept_px2 >= kPassagePx2 && open.residuals_px.size() >= kMinEvents) {
-    const Spread spread = FitMixture(open.residuals_px, table_);
+  if (open.swept_px2 >= options_.swept_px2 && open.residuals_px.size() >= static_cast<size_t>(options_.min_events)) {
+    const Spread spread = FitMixture(open.residuals_px, options_.gate_px, table_);
     const double events = open.counts.polarity[0] + open.counts.polarity[1];
     EdgePassage passage;
     passage.model_line = model_line;
@@ -220,20 +217,37 @@ void Collector::ClosePassage(int model_line) {
     passage.residual_px = spread.mean;
     passage.spread_px = spread.sigma;
     passage.num_events = spread.weight;
-    if (spread.weight >= kMinEvents / 2.0) passages_.push_back(passage);
+    if (spread.weight >= options_.min_events / 2.0) passages_.push_back(passage);
   }
   open = OpenPassage();
 }
 
 }  // namespace
 
+absl::Status EdgePassageOptions::Validate() const {
+  EVPOSE_RETURN_IF_ERROR(CheckRange("EdgePassageOptions.gate_px", gate_px, 0.5, kAlonePx));
+  EVPOSE_RETURN_IF_ERROR(CheckRange("EdgePassageOptions.own_px", own_px, 0.5, kAlonePx));
+  EVPOSE_RETURN_IF_ERROR(CheckRange("EdgePassageOptions.end_px", end_px, 0.0, 1e3));
+  EVPOSE_RETURN_IF_ERROR(CheckRange("EdgePassageOptions.min_speed_px_per_s", min_speed_px_per_s, 0.0, 1e5));
+  EVPOSE_RETURN_IF_ERROR(CheckRange("EdgePassageOptions.min_length_px", min_length_px, 1.0, 1e4));
+  EVPOSE_RETURN_IF_ERROR(CheckRange("EdgePassageOptions.swept_px", swept_px, 0.1, 1e3));
+  EVPOSE_RETURN_IF_ERROR(CheckRange("EdgePassageOptions.swept_px2", swept_px2, 1.0, 1e6));
+  return CheckRange("EdgePassageOptions.min_events", min_events, 2, 1e6);
+}
+
 absl::StatusOr<std::unique_ptr<EdgePassageCollector>> EdgePassageCollector::Create(
-    std::shared_ptr<const ObjectModel> model, const CameraModel& camera, Trajectory truth) {
-  if (model == nullptr || model->lines.empty()) return absl::InvalidArgumentError("the model has no lines");
-  if (truth.empty()) return absl::InvalidArgumentError("the truth has no poses");
+    std::shared_ptr<const ObjectModel> model, const CameraModel& camera, Trajectory truth,
+    const EdgePassageOptions& options) {
+  EVPOSE_RETURN_IF_ERROR(options.Validate());
+  if (model == nullptr || model->lines.empty()) {
+    return absl::InvalidArgumentError("the model has no lines; a calibration needs the edges of the object");
+  }
+  if (truth.empty()) {
+    return absl::InvalidArgumentError("the truth has no poses; a calibration needs the poses of the object");
+  }
   EVPOSE_RETURN_IF_ERROR(camera.Validate());
   EVPOSE_ASSIGN_OR_RETURN(UndistortionTable undistortion, UndistortionTable::Create(camera));
-  return std::make_unique<Collector>(std::move(model), camera, std::move(undistortion), std::move(truth));
+  return std::make_unique<Collector>(std::move(model), camera, std::move(undistortion), std::move(truth), options);
 }
 
 }  // namespace evpose

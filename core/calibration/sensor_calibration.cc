@@ -18,18 +18,16 @@
 namespace evpose {
 namespace {
 
-// Residual error of the model with the best constants, which limits the weight of a passage: additional events do not
-// reduce it.
-constexpr double kModelErrorPx = 0.05;
-// The events of an edge are correlated in groups: this number of events counts as one.
-constexpr double kEventsPerInformation = 20.0;
-// Residuals above this number of standard deviations have reduced weight, because another object may have moved there.
-constexpr double kRobustSigmas = 2.0;
-// Internal units, in which all constants are of the order of one.
+// Internal unit of time, in which all constants are of the order of one.
 constexpr double kTimeUnitUs = 100.0;
 // Blur, contrast threshold, latency, refractory time. The two times are observable only if the speeds differ.
 constexpr int kNumConstants = 4;
 constexpr int kNumAtAnySpeed = 2;
+// Bounds of the constants in these units. No sensor is near a bound of blur (px) or threshold (log), so that a fit that
+// reaches one has wrong data.
+constexpr double kLow[] = {0.05, 0.02, -100.0, 0.0};
+constexpr double kHigh[] = {5.0, 2.0, 100.0, 50.0};
+constexpr int kMaxIterations = 100;  // bounds the work of a fit that does not converge
 
 struct WeightedPassage {
   EdgePassage passage;
@@ -62,51 +60,52 @@ using Constants = std::array<double, kNumConstants>;
 using Covariance = Eigen::Matrix<double, kNumConstants, kNumConstants>;
 using Row = Eigen::Matrix<double, kNumConstants, 1>;
 
-// Minimises the robust sum of squares.
-absl::StatusOr<Constants> Minimise(const std::vector<WeightedPassage>& passages, const SensorProfile& initial,
-                                   bool with_times) {
+// Minimises equation (3) of the README.
+absl::StatusOr<Constants> Minimise(const std::vector<WeightedPassage>& passages,
+                                   const SensorCalibrationOptions& calibration_options, bool with_times) {
+  const SensorProfile& initial = calibration_options.initial;
   Constants constants = {initial.blur_px, initial.contrast_threshold, initial.latency_us / kTimeUnitUs,
                          initial.refractory_us / kTimeUnitUs};
   ceres::Problem problem;
   for (const WeightedPassage& weighted : passages) {
     problem.AddResidualBlock(
         new ceres::NumericDiffCostFunction<PassageCost, ceres::CENTRAL, 1, kNumConstants>(new PassageCost{&weighted}),
-        new ceres::HuberLoss(kRobustSigmas), constants.data());
+        new ceres::HuberLoss(calibration_options.robust_sigmas), constants.data());
   }
-  const double low[] = {0.05, 0.02, -100.0, 0.0}, high[] = {5.0, 2.0, 100.0, 50.0};
   for (int i = 0; i < kNumConstants; ++i) {
-    problem.SetParameterLowerBound(constants.data(), i, low[i]);
-    problem.SetParameterUpperBound(constants.data(), i, high[i]);
+    problem.SetParameterLowerBound(constants.data(), i, kLow[i]);
+    problem.SetParameterUpperBound(constants.data(), i, kHigh[i]);
   }
   if (!with_times) problem.SetManifold(constants.data(), new ceres::SubsetManifold(kNumConstants, {2, 3}));
   ceres::Solver::Options options;
   options.logging_type = ceres::SILENT;
-  options.max_num_iterations = 100;
+  options.max_num_iterations = kMaxIterations;
   options.num_threads = 1;
   ceres::Solver::Summary summary;
   ceres::Solve(options, &problem, &summary);
   if (!summary.IsSolutionUsable()) return absl::InternalError("the fit failed: " + summary.message);
   for (int i = 0; i < kNumAtAnySpeed; ++i) {
-    if (constants[i] > low[i] * (1.0 + 1e-6) && constants[i] < high[i] * (1.0 - 1e-6)) continue;
+    if (constants[i] > kLow[i] * (1.0 + 1e-6) && constants[i] < kHigh[i] * (1.0 - 1e-6)) continue;
     return absl::FailedPreconditionError(
-        "no sensor explains the residuals: are the truth, its clock, the model and the camera those of the recording?");
+        "no sensor explains the residuals; check that the truth, its clock, the model and the camera belong to the "
+        "recording");
   }
   return constants;
 }
 
 // Covariance of the constants from the curvature and from the scatter of the gradients of the groups, which are
 // independent (sandwich estimator; Liang and Zeger 1986).
-Covariance GroupedCovariance(const std::vector<WeightedPassage>& passages, const Constants& constants, bool with_times,
-                             int num_groups) {
+Covariance GroupedCovariance(const std::vector<WeightedPassage>& passages, const Constants& constants,
+                             double robust_sigmas, bool with_times, int num_groups) {
   Covariance curvature = Covariance::Zero();
   std::vector<Row> gradients(num_groups, Row::Zero());
   for (const WeightedPassage& weighted : passages) {
     const double residual = Residual(weighted, constants.data());
-    const double weight = std::min(1.0, kRobustSigmas / std::max(std::abs(residual), 1e-9));
+    const double weight = std::min(1.0, robust_sigmas / std::max(std::abs(residual), 1e-9));
     Row row = Row::Zero();
     for (int i = 0; i < kNumConstants; ++i) {
       if (i >= kNumAtAnySpeed && !with_times) continue;
-      constexpr double kStep = 1e-3;
+      constexpr double kStep = 1e-3;  // of constants of the order of one
       Constants up = constants, down = constants;
       up[i] += kStep;
       down[i] -= kStep;
@@ -154,15 +153,17 @@ std::vector<WeightedPassage> Gather(absl::Span<const CalibrationRecording> recor
     for (const EdgePassage& passage : StepEdges(recordings[r].passages, options)) {
       const auto key = std::make_tuple(r, passage.model_line, passage.direction > 0.0);
       const int group = groups.emplace(key, static_cast<int>(groups.size())).first->second;
-      const double counted = passage.spread_px * passage.spread_px * kEventsPerInformation / passage.num_events;
-      gathered.push_back({passage, std::sqrt(counted + kModelErrorPx * kModelErrorPx), group});
+      const double counted =
+          passage.spread_px * passage.spread_px * options.events_per_information / passage.num_events;
+      gathered.push_back({passage, std::sqrt(counted + options.model_error_px * options.model_error_px), group});
     }
   }
   num_groups = static_cast<int>(groups.size());
   return gathered;
 }
 
-// Spread of the events about the mean of their passage, and its standard error over the groups.
+// Computes the standard deviation of the events about the mean of their passage, and its standard error over the
+// groups.
 void FitPixelNoise(const std::vector<WeightedPassage>& passages, SensorCalibration& calibration) {
   std::vector<double> squares(calibration.num_groups, 0.0), events(calibration.num_groups, 0.0);
   double all_squares = 0.0, all_events = 0.0;
@@ -202,17 +203,19 @@ absl::Status CheckEnough(const std::vector<WeightedPassage>& passages, int num_g
     return absl::OkStatus();
   }
   return absl::FailedPreconditionError(absl::StrFormat(
-      "too little to fit a sensor to: %d passages of %d single edges, each direction counted, and %d of %d are needed; "
-      "an edge passes when it stands alone by %.0f px, is in view and moves across itself by some pixels: record more "
-      "motion, to and fro, and nearer",
+      "too little data to fit a sensor profile: %d passages of %d pairs of an edge and a direction; needed are %d of "
+      "%d. "
+      "A passage is a motion of an edge across itself by some pixels, in view and at least %.0f px away from other "
+      "edges; record more motion, in both directions, and nearer to the camera",
       passages.size(), num_groups, options.min_passages, options.min_groups, kAlonePx));
 }
 
 absl::Status CheckDetermined(const char* field, double value, double error, const SensorCalibrationOptions& options) {
   if (error <= options.max_relative_error * value) return absl::OkStatus();  // false for NaN
-  return absl::FailedPreconditionError(absl::StrFormat(
-      "the recordings do not determine %s: %.3g +- %.2g; edges of several contrasts that move to and fro are needed",
-      field, value, error));
+  return absl::FailedPreconditionError(
+      absl::StrFormat("the recordings do not determine %s: %.3g +- %.2g; record edges of several contrasts that move "
+                      "in both directions",
+                      field, value, error));
 }
 
 }  // namespace
@@ -223,7 +226,11 @@ absl::Status SensorCalibrationOptions::Validate() const {
   EVPOSE_RETURN_IF_ERROR(CheckRange("SensorCalibrationOptions.min_groups", min_groups, kNumConstants + 1, 1e6));
   EVPOSE_RETURN_IF_ERROR(CheckRange("SensorCalibrationOptions.min_passages", min_passages, kNumConstants + 1, 1e6));
   EVPOSE_RETURN_IF_ERROR(CheckRange("SensorCalibrationOptions.min_speed_ratio", min_speed_ratio, 1.0, 1e3));
-  return CheckRange("SensorCalibrationOptions.max_relative_error", max_relative_error, 0.0, 10.0);
+  EVPOSE_RETURN_IF_ERROR(CheckRange("SensorCalibrationOptions.max_relative_error", max_relative_error, 0.0, 10.0));
+  EVPOSE_RETURN_IF_ERROR(CheckRange("SensorCalibrationOptions.model_error_px", model_error_px, 1e-4, 10.0));
+  EVPOSE_RETURN_IF_ERROR(
+      CheckRange("SensorCalibrationOptions.events_per_information", events_per_information, 1.0, 1e4));
+  return CheckRange("SensorCalibrationOptions.robust_sigmas", robust_sigmas, 0.1, 100.0);
 }
 
 std::vector<EdgePassage> StepEdges(absl::Span<const EdgePassage> passages, const SensorCalibrationOptions& options) {
@@ -256,13 +263,13 @@ absl::StatusOr<SensorCalibration> CalibrateSensor(absl::Span<const CalibrationRe
   result.are_times_fitted = result.fastest_px_per_s >= options.min_speed_ratio * result.slowest_px_per_s;
   if (!result.are_times_fitted) {
     result.warnings.push_back(
-        absl::StrFormat("latency_us stays at %g: nine tenths of the speeds are about one, %.0f to %.0f px/s, and there "
-                        "it cannot be told "
-                        "from the lag; record slow and fast motion",
+        absl::StrFormat("latency_us stays at %g: most speeds are nearly equal, %.0f to %.0f px/s, so that the latency "
+                        "cannot be distinguished from the lag; record slow and fast motion",
                         options.initial.latency_us, result.slowest_px_per_s, result.fastest_px_per_s));
   }
-  EVPOSE_ASSIGN_OR_RETURN(const Constants constants, Minimise(passages, options.initial, result.are_times_fitted));
-  const Covariance covariance = GroupedCovariance(passages, constants, result.are_times_fitted, result.num_groups);
+  EVPOSE_ASSIGN_OR_RETURN(const Constants constants, Minimise(passages, options, result.are_times_fitted));
+  const Covariance covariance =
+      GroupedCovariance(passages, constants, options.robust_sigmas, result.are_times_fitted, result.num_groups);
   result.profile = WithConstants(options.initial, constants.data());
   if (!result.are_times_fitted) {
     result.profile.latency_us = options.initial.latency_us;

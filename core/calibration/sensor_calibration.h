@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// Fits the profile of a sensor to the passages of edges at known poses (core/estimation/README.md, section 3).
+// Fits the profile of a sensor to the passages of edges at known poses (core/calibration/README.md, section 2).
 #pragma once
 
 #include <string>
@@ -18,7 +18,8 @@ struct SensorCalibrationOptions {
   SensorProfile initial;
   // Smallest |kappa| of a passage of a single edge. The passage of a stripe carries no information about the constants.
   double min_kappa = 0.9;
-  // Smallest number of lines and directions, and of their passages, for a fit of five constants; includes a margin.
+  // Smallest number of pairs of a line and a direction, and of their passages, for a fit of five constants; both
+  // include a margin.
   int min_groups = 8;
   int min_passages = 100;
   // Smallest ratio of the 90th to the 10th percentile of the speeds at which the latency is distinguishable from the
@@ -26,7 +27,16 @@ struct SensorCalibrationOptions {
   double min_speed_ratio = 2.0;
   // Standard error, as a share of the constant, above which the constant counts as not determined.
   double max_relative_error = 0.25;
+  // Residual error of the model with the best constants, pixels. It limits the weight of a passage: additional events
+  // do not reduce it.
+  double model_error_px = 0.05;
+  // Number of correlated events of an edge that count as one (core/estimation/README.md, section 7).
+  double events_per_information = 20.0;
+  // Number of standard deviations above which the weight of a residual is reduced (Huber), because another object may
+  // have moved there.
+  double robust_sigmas = 2.0;
 
+  // Error: INVALID_ARGUMENT naming the field.
   absl::Status Validate() const;
 };
 
@@ -44,7 +54,7 @@ struct SensorCalibration {
   double contrast_threshold_error = 0.0;
   double latency_error_us = 0.0;
   double refractory_error_us = 0.0;
-  // whether latency and refractory time were fitted; otherwise they have their initial values
+  // True if latency and refractory time were fitted; otherwise they have their initial values.
   bool are_times_fitted = true;
   double pixel_noise_error_px = 0.0;
 
@@ -69,11 +79,12 @@ struct SensorCalibration {
 // Returns the passages that a fit may use: those of single edges.
 std::vector<EdgePassage> StepEdges(absl::Span<const EdgePassage> passages, const SensorCalibrationOptions& options);
 
-// Displacement of a passage's events along its motion that the profile predicts, pixels.
+// Returns the displacement of a passage's events along its motion that the profile predicts, pixels.
 double ExpectedResidualPx(const SensorProfile& profile, const EdgePassage& passage);
 
-// Errors: INVALID_ARGUMENT for options; FAILED_PRECONDITION, naming the missing data, if the recordings do not
-// determine the constants. Times that they do not determine keep their values, with a warning.
+// Fits the profile. Errors: INVALID_ARGUMENT for options; FAILED_PRECONDITION, naming the missing data, if the
+// recordings do not determine the constants; INTERNAL if the solver fails. Times that they do not determine keep their
+// initial values, with a warning.
 absl::StatusOr<SensorCalibration> CalibrateSensor(absl::Span<const CalibrationRecording> recordings,
                                                   const SensorCalibrationOptions& options);
 

@@ -14,8 +14,8 @@ namespace {
 
 using ::testing::HasSubstr;
 
-// Passages of a sensor with this profile, each with the error that its number of events implies, and with an error of
-// the model that each line has in each direction.
+// Passages of a sensor with this profile. Each has the error that its number of events implies, and the model error of
+// its line and direction.
 struct Passages {
   SensorProfile sensor;
   double slowest_px_per_s = 50.0;
@@ -56,7 +56,7 @@ CalibrationRecording Make(const Passages& wanted, uint64_t seed) {
   return recording;
 }
 
-TEST(SensorCalibration, TheConstantsComeBackWithinTheirStandardErrors) {
+TEST(SensorCalibration, FindsTheConstantsWithinTheirStandardErrors) {
   Passages wanted;
   wanted.sensor = {"other", 0.5, 0.9, 0.18, 100.0, 300.0};
   int within = 0;
@@ -84,7 +84,7 @@ TEST(SensorCalibration, TheConstantsComeBackWithinTheirStandardErrors) {
   EXPECT_LT(within, 4 * kSeeds * 90 / 100);
 }
 
-TEST(SensorCalibration, ALatencyAtOneSpeedStaysAndIsWarnedOf) {
+TEST(SensorCalibration, KeepsTheLatencyAtOneSpeedWithAWarning) {
   Passages wanted;
   wanted.slowest_px_per_s = 280.0;
   wanted.fastest_px_per_s = 320.0;
@@ -102,7 +102,7 @@ TEST(SensorCalibration, ALatencyAtOneSpeedStaysAndIsWarnedOf) {
   EXPECT_NEAR(fit->profile.blur_px, 0.7, 0.1);
 }
 
-TEST(SensorCalibration, RefusesWhatCannotDetermineTheConstants) {
+TEST(SensorCalibration, RejectsDataThatDoNotDetermineTheConstants) {
   const auto message = [](const Passages& wanted) {
     const CalibrationRecording recording = Make(wanted, 1);
     const auto fit = CalibrateSensor({&recording, 1}, {});

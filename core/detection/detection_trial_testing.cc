@@ -20,12 +20,12 @@ constexpr double kMinOverlapRatio = 0.7;
 
 struct VisibleEdge {
   ImageSegment segment;
-  double motion_px = 0.0;  // since the beginning
+  double motion_px = 0.0;  // motion since the beginning
 };
 
 Eigen::Vector2d Direction(const ImageSegment& segment) { return (segment.p2_px - segment.p1_px).normalized(); }
 
-// To the side (-dy, dx) of the direction.
+// The unit normal (-dy, dx) of the direction (dx, dy).
 double SignedDistance(const ImageSegment& line, const Eigen::Vector2d& point) {
   const Eigen::Vector2d d = Direction(line), r = point - line.p1_px;
   return d.x() * r.y() - d.y() * r.x();
@@ -51,7 +51,7 @@ std::vector<VisibleEdge> VisibleEdges(const ObjectRecording& recording, int64_t 
   return edges;
 }
 
-// The stretch of `edge`, along it from its first end, that `line` covers when it lies on it; empty else.
+// Returns the range along `edge`, from its first end, that `line` covers; empty if `line` does not lie on `edge`.
 std::pair<double, double> Covered(const ImageSegment& edge, const ImageSegment& line) {
   const Eigen::Vector2d along = Direction(edge), d = Direction(line);
   if (std::abs(along.x() * d.y() - along.y() * d.x()) > std::sin(kMaxAngleRad)) return {0.0, 0.0};

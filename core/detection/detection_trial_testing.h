@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// For tests: lines found in the events of a simulated object, against what the model should show.
+// For tests: compares the lines detected in the events of a simulated object with the visible lines of its model.
 #pragma once
 
 #include <cstdint>
@@ -14,30 +14,30 @@
 
 namespace evpose::testing {
 
-// What a camera saw of an object for a short while.
+// A short simulated recording of an object.
 struct ObjectRecording {
   CameraModel camera;
   ObjectModel model;
-  Trajectory truth;                // every millisecond
+  Trajectory truth;                // one pose per millisecond
   std::vector<PixelEvent> events;  // undistorted, with 5 % of noise
 };
 ObjectRecording RecordObject(const std::string& object, double speed_scale, int64_t duration_us, uint64_t seed);
 
-// The last `max_events` up to a time.
+// Returns the last `max_events` events up to a time.
 absl::Span<const PixelEvent> EventsUntil(const ObjectRecording& recording, int64_t t_us, size_t max_events);
 
 struct DetectionScore {
-  // Length of visible model lines that moved by 3 px or more since the beginning, and how much of it has a line
-  // detected within 1.5 px and 2 deg.
+  // Length of the visible model lines that have moved by at least 3 px since the beginning, and the part of this length
+  // with a detected line within 1.5 px and 2 degrees.
   double visible_px = 0.0;
   double covered_px = 0.0;
   int num_detected = 0;
-  int num_right = 0;  // of them within the same limits of visible model lines over 0.7 of their length
-  // Of the right ones: signed distance of the detected line's middle from the model line along its motion, and root
+  int num_right = 0;  // detected lines within the same limits of visible model lines over 0.7 of their length
+  // For each of these: signed distance of the detected line's middle from the model line along its motion, and root
   // mean square distance of its two ends from it.
   std::vector<double> offset_px;
   std::vector<double> error_px;
-  // Of the right ones: how far each end lies outside (positive) or inside the end of the visible model line.
+  // For each of these and each end: its distance beyond the end of the visible model line (negative: inside).
   std::vector<double> beyond_end_px;
 
   double recall() const { return visible_px > 0.0 ? covered_px / visible_px : 1.0; }
@@ -45,7 +45,7 @@ struct DetectionScore {
   void Add(const DetectionScore& other);
 };
 
-// Against the model at the end of the stretch. `t_begin_us`: lines count that have moved since then.
+// Compares the lines at the end of the stretch with the model. Motion counts from `t_begin_us` on.
 DetectionScore Score(const ObjectRecording& recording, const LineDetection& detection, int64_t t_begin_us);
 
 double Median(std::vector<double> values);

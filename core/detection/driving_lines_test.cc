@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// A real street scene from a moving car: buildings, lamp posts, lane markings.
+// Detection in a recording of a street from a moving car: buildings, lamp posts, lane markings.
 #include <gtest/gtest.h>
 
 #include <filesystem>
@@ -34,7 +34,7 @@ std::vector<PixelEvent> ReadAll(const std::string& path, SensorGeometry& geometr
 }
 
 bool IsInside(const ImageSegment& segment, SensorGeometry geometry) {
-  const double margin_px = 25.0;  // an end is carried along with its line
+  const double margin_px = 25.0;  // an end may move out of the image with its line
   for (const Eigen::Vector2d& p : {segment.p1_px, segment.p2_px}) {
     if (!(p.x() > -margin_px && p.x() < geometry.width_px + margin_px)) return false;
     if (!(p.y() > -margin_px && p.y() < geometry.height_px + margin_px)) return false;

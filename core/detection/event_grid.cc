@@ -7,6 +7,7 @@
 namespace evpose {
 namespace {
 
+// Side of a cell, pixels: of the order of the queries' reach, so that few events outside the reach are returned.
 constexpr double kCellPx = 8.0;
 const double kCellRadiusPx = kCellPx * std::sqrt(0.5);
 

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// The events of a stretch by their place in the image.
+// A spatial index of the events of a stretch.
 #pragma once
 
 #include <array>
@@ -13,10 +13,11 @@ namespace evpose {
 
 class EventGrid {
  public:
-  // Of those polarities. Of whichever they are, they come in the same order.
+  // Indexes the events of the selected polarities (OFF, ON). The order in which Near() returns events does not depend
+  // on the selection.
   explicit EventGrid(const std::vector<StretchEvent>& events, std::array<bool, 2> is_polarity = {true, true});
 
-  // Appends the indices of all events within `reach_px` of the segment, and some that are a cell farther.
+  // Appends the indices of all events within `reach_px` of the segment, and of some events up to a cell (8 px) farther.
   void Near(const Eigen::Vector2d& p1_px, const Eigen::Vector2d& p2_px, double reach_px,
             std::vector<int32_t>& indices) const;
 
@@ -28,7 +29,7 @@ class EventGrid {
   double low_v_px_ = 0.0;
   int columns_ = 0;
   int rows_ = 0;
-  std::vector<int32_t> begin_;   // of each cell in indices_, row by row
+  std::vector<int32_t> begin_;   // start of each cell in sorted_, row by row, and the end
   std::vector<int32_t> sorted_;  // indices of events, cell by cell
 };
 

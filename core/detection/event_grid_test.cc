@@ -15,7 +15,7 @@ std::vector<int32_t> Near(const EventGrid& grid) {
   return indices;
 }
 
-TEST(EventGrid, OnePolarityComesInTheOrderOfBoth) {
+TEST(EventGrid, TheOrderDoesNotDependOnTheSelectedPolarities) {
   Random random(5);
   std::vector<StretchEvent> events;
   for (int i = 0; i < 2000; ++i) {
@@ -33,7 +33,7 @@ TEST(EventGrid, OnePolarityComesInTheOrderOfBoth) {
   EXPECT_THAT(Near(EventGrid(events, {false, false})), ::testing::IsEmpty());
 }
 
-TEST(EventGrid, OfNothingNothingIsNear) { EXPECT_THAT(Near(EventGrid({})), ::testing::IsEmpty()); }
+TEST(EventGrid, IsEmptyWithoutEvents) { EXPECT_THAT(Near(EventGrid({})), ::testing::IsEmpty()); }
 
 }  // namespace
 }  // namespace evpose

@@ -10,22 +10,25 @@
 namespace evpose {
 namespace {
 
-// A patch of 7 x 7 pixels behind a moving edge; the edge has swept kSweptPx of it when kSweptPixels of them have fired.
+// The speed of an edge is measured in a patch of 7 x 7 pixels about an event: the edge has swept kSweptPx pixels of the
+// patch (about two rows of seven) when kSweptPixels of its pixels have produced events.
 constexpr int kPatchRadius = 3;
 constexpr int kSweptPixels = 16;
 constexpr double kSweptPx = 2.0;
-// More do not change a median.
-constexpr size_t kMaxSeeds = 600;
-// Latest events that the speed is told from: several passes of several edges.
+// Number of events at which the speed is measured; more do not change the median.
+constexpr size_t kMaxSpeedSamples = 600;
+// Number of latest events that the measurement reads: several passages of several edges.
 constexpr size_t kMaxSpeedEvents = 60'000;
 
-// Events beyond this many times max_events are not even looked at.
-constexpr size_t kMaxThinnedRatio = 8;
-// An event is lonely when its cell of this side, in space and time, holds fewer than so many. Cells that share a slot
-// of the table count as one: a few lonely events stay.
-constexpr double kCrowdPx = 3.0;
-constexpr uint8_t kCrowd = 3;
-constexpr size_t kCrowdSlots = 1u << 20;
+// Events beyond this multiple of max_events are removed by uniform downsampling before any other step, which bounds the
+// work.
+constexpr size_t kMaxInputRatio = 8;
+// An event is isolated if its cell of space and time, with this side in pixels, has fewer than kMinCellEvents events.
+// The cells share the slots of a hash table; a collision keeps a few isolated events.
+constexpr double kIsolationCellPx = 3.0;
+constexpr uint8_t kMinCellEvents = 3;
+constexpr size_t kCellSlots = 1u << 20;   // 1 MB, several times the number of occupied cells
+constexpr double kMinSpeedPxPerS = 1e-3;  // avoids a division by zero; the duration is limited anyway
 
 absl::Span<const PixelEvent> From(int64_t t_us, absl::Span<const PixelEvent> events) {
   const auto first = std::lower_bound(events.begin(), events.end(), t_us,
@@ -62,7 +65,7 @@ uint16_t StretchSelector::Ticks(const PixelEvent& event, int64_t t_origin_us) co
 }
 
 int StretchSelector::PixelIndex(const PixelEvent& event) const {
-  // Compared as floats first: a wild number must not become an undefined integer.
+  // The comparison precedes the conversion, because the conversion of a float out of range is undefined.
   const float x = event.u_px + static_cast<float>(margin_x_) + 0.5f;
   const float y = event.v_px + static_cast<float>(margin_y_) + 0.5f;
   const bool inside = x >= kPatchRadius && y >= kPatchRadius && x < static_cast<float>(map_width_ - kPatchRadius) &&
@@ -93,7 +96,7 @@ double StretchSelector::MedianSpeed(absl::Span<const PixelEvent> events) {
     if (pixel >= 0) last_[event.polarity != 0][pixel] = Ticks(event, t_origin_us);
   }
   std::vector<double> times_us;
-  const size_t stride = std::max<size_t>(1, events.size() / kMaxSeeds);
+  const size_t stride = std::max<size_t>(1, events.size() / kMaxSpeedSamples);
   for (size_t i = events.size() % stride; i < events.size(); i += stride) {
     const int pixel = PixelIndex(events[i]);
     if (pixel < 0) continue;
@@ -109,23 +112,23 @@ double StretchSelector::MedianSpeed(absl::Span<const PixelEvent> events) {
   return kSweptPx * 1e6 / times_us[times_us.size() / 2];
 }
 
-void StretchSelector::DropLonely(std::vector<StretchEvent>& events, double px_per_s) {
-  crowds_.assign(kCrowdSlots, 0);
+void StretchSelector::RemoveIsolated(std::vector<StretchEvent>& events, double px_per_s) {
+  cell_counts_.assign(kCellSlots, 0);
   const auto slot = [px_per_s](const StretchEvent& event) {
     uint64_t key = event.polarity;
     for (const double coordinate :
          {static_cast<double>(event.u_px), static_cast<double>(event.v_px), px_per_s * event.tau_s}) {
-      key =
-          (key ^ static_cast<uint64_t>(static_cast<int64_t>(std::floor(coordinate / kCrowdPx)))) * 0x9e3779b97f4a7c15u;
+      key = (key ^ static_cast<uint64_t>(static_cast<int64_t>(std::floor(coordinate / kIsolationCellPx)))) *
+            0x9e3779b97f4a7c15u;
       key ^= key >> 29;
     }
-    return static_cast<size_t>(key % kCrowdSlots);
+    return static_cast<size_t>(key % kCellSlots);
   };
   for (const StretchEvent& event : events) {
-    uint8_t& crowd = crowds_[slot(event)];
-    if (crowd < kCrowd) ++crowd;
+    uint8_t& count = cell_counts_[slot(event)];
+    if (count < kMinCellEvents) ++count;
   }
-  std::erase_if(events, [&](const StretchEvent& event) { return crowds_[slot(event)] < kCrowd; });
+  std::erase_if(events, [&](const StretchEvent& event) { return cell_counts_[slot(event)] < kMinCellEvents; });
 }
 
 EventStretch StretchSelector::Select(absl::Span<const PixelEvent> events) {
@@ -133,16 +136,16 @@ EventStretch StretchSelector::Select(absl::Span<const PixelEvent> events) {
   if (events.empty()) return stretch;
   stretch.t_end_us = events.back().t_us;
   absl::Span<const PixelEvent> usable = From(stretch.t_end_us - options_.max_duration_us, events);
-  // Not before there are more than can be used: what a flicker sends is little then.
+  // With fewer events than this, flicker cannot displace the events of edges.
   if (usable.size() > 2 * static_cast<size_t>(options_.max_events)) usable = flicker_.Remove(usable);
   stretch.speed_px_per_s = MedianSpeed(usable);
-  const double duration_us = options_.motion_px * 1e6 / std::max(stretch.speed_px_per_s, 1e-3);
+  const double duration_us = options_.motion_px * 1e6 / std::max(stretch.speed_px_per_s, kMinSpeedPxPerS);
   stretch.t_begin_us =
       std::max(usable.front().t_us, stretch.t_end_us - static_cast<int64_t>(std::min(duration_us, 1e9)));
   stretch.time_scale_px_per_s =
       options_.motion_px * 1e6 / static_cast<double>(std::max<int64_t>(1, stretch.t_end_us - stretch.t_begin_us));
   const absl::Span<const PixelEvent> taken = From(stretch.t_begin_us, usable);
-  EvenSample bounded(taken.size(), kMaxThinnedRatio * static_cast<size_t>(options_.max_events));
+  EvenSample bounded(taken.size(), kMaxInputRatio * static_cast<size_t>(options_.max_events));
   for (const PixelEvent& event : taken) {
     if (!bounded.Takes() || PixelIndex(event) < 0) continue;
     stretch.events.push_back(
@@ -151,9 +154,9 @@ EventStretch StretchSelector::Select(absl::Span<const PixelEvent> events) {
          static_cast<uint8_t>(event.polarity != 0)});
   }
   if (stretch.events.size() > static_cast<size_t>(options_.max_events)) {
-    // Not before it must be: faint and slow edges are lonely, too.
+    // Only if necessary, because events of faint and slow edges are isolated, too.
     if (stretch.events.size() > 2 * static_cast<size_t>(options_.max_events)) {
-      DropLonely(stretch.events, stretch.time_scale_px_per_s);
+      RemoveIsolated(stretch.events, stretch.time_scale_px_per_s);
     }
     EvenSample sample(stretch.events.size(), options_.max_events);
     std::erase_if(stretch.events, [&sample](const StretchEvent&) { return !sample.Takes(); });

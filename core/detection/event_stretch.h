@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// The stretch of the latest events in which an object moves far enough to show its lines, and no farther.
+// Selects the stretch: the latest events, over a time span in which the object moves far enough for the detection of
+// its lines, and no farther.
 #pragma once
 
 #include <cstdint>
@@ -14,54 +15,57 @@
 namespace evpose {
 
 struct StretchOptions {
-  // Pixels that edges move in the stretch: enough to tell a plane in space and time from a line that stands, less than
-  // the distance between parallel lines of dense objects.
+  // Motion of the edges within the stretch, pixels: enough to distinguish a plane in space and time from a line at
+  // rest, and less than the distance between parallel lines of dense objects.
   double motion_px = 6.0;
-  // Microseconds. A slower object moves by less than motion_px: later events than these say little of where it is now.
+  // Maximum duration of the stretch, microseconds. A slower object moves by less than motion_px in it. Earlier events
+  // contribute little information on the present position.
   int64_t max_duration_us = 50'000;
-  // Events that are used: bounds the work. More are evenly thinned; when there are more than twice as many, those that
-  // have no other near them in space and time go first.
+  // Maximum number of events, which bounds the work. More events are downsampled uniformly; if there are more than
+  // twice as many, isolated events (without neighbours in space and time) are removed first.
   int max_events = 20'000;
 
-  // INVALID_ARGUMENT naming the field.
+  // Error: INVALID_ARGUMENT naming the field.
   absl::Status Validate() const;
 };
 
 struct StretchEvent {
   float u_px = 0.0f;
   float v_px = 0.0f;
-  float tau_s = 0.0f;  // since the middle of the stretch
+  float tau_s = 0.0f;  // time since the middle of the stretch
   uint8_t polarity = 0;
 };
 
 struct EventStretch {
   int64_t t_begin_us = 0;
   int64_t t_end_us = 0;
-  double speed_px_per_s = 0.0;       // of the edges that made the events, a median
-  double time_scale_px_per_s = 1.0;  // c of (u, v, c t): the stretch is as long as edges move in it, or longer
+  double speed_px_per_s = 0.0;  // median normal speed of the edges; 0 if nothing moves
+  // The factor c of (u, v, c t): motion_px per duration of the stretch. With it a stretch has the length motion_px.
+  double time_scale_px_per_s = 1.0;
   std::vector<StretchEvent> events;
 
   double half_duration_s() const { return 0.5e-6 * static_cast<double>(t_end_us - t_begin_us); }
 };
 
-// Keeps memory between calls, but no state.
+// Deterministic. Reuses memory, but keeps no state between calls.
 class StretchSelector {
  public:
-  // Undistorted pixels may lie beyond the sensor's width and height, by up to a quarter of them; events farther out (or
-  // not finite) are ignored. `options` must be valid.
+  // Undistorted pixels may lie outside the sensor by up to a quarter of its width and height; events farther outside,
+  // or with coordinates that are not finite, are ignored. `options` must be valid.
   StretchSelector(const StretchOptions& options, int width_px, int height_px);
 
-  // `events` in order of time.
+  // Selects from `events`, which must be in order of time. Without events the stretch is empty.
   EventStretch Select(absl::Span<const PixelEvent> events);
 
  private:
-  int PixelIndex(const PixelEvent& event) const;  // -1: outside
-  // Median normal speed of edges, pixels per second, from the times at which neighbouring pixels last fired; 0 when
+  int PixelIndex(const PixelEvent& event) const;  // -1 outside the map
+  // Returns the median normal speed of the edges, px/s, from the times of the last events of neighbouring pixels; 0 if
   // nothing moves.
   double MedianSpeed(absl::Span<const PixelEvent> events);
+  // Returns the time in which the edge that produced the event swept 2 px before it, microseconds; -1 if unknown.
   double SweepTime(const PixelEvent& event, int pixel, int64_t t_origin_us);
   uint16_t Ticks(const PixelEvent& event, int64_t t_origin_us) const;
-  void DropLonely(std::vector<StretchEvent>& events, double px_per_s);
+  void RemoveIsolated(std::vector<StretchEvent>& events, double px_per_s);
 
   StretchOptions options_;
   FlickerFilter flicker_;
@@ -70,10 +74,10 @@ class StretchSelector {
   int map_width_;
   int map_height_;
   static constexpr uint16_t kNever = 0xffff;
-  int64_t tick_us_;                // 1 unless more than kNever of them are looked at
-  std::vector<uint16_t> last_[2];  // by polarity: ticks from the origin when each pixel last fired, or kNever
+  int64_t tick_us_;                // unit of last_, so that max_duration_us fits into 16 bits; usually 1
+  std::vector<uint16_t> last_[2];  // by polarity: time of the last event of each pixel, in ticks, or kNever
   std::vector<uint16_t> ages_;
-  std::vector<uint8_t> crowds_;  // events in each cell of space and time, hashed
+  std::vector<uint8_t> cell_counts_;  // hash table of the number of events in each cell of space and time
 };
 
 }  // namespace evpose

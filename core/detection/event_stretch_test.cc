@@ -42,7 +42,7 @@ TEST_P(StretchFollowsSpeed, InAnyDirection) {
 INSTANTIATE_TEST_SUITE_P(Speeds, StretchFollowsSpeed, ::testing::Values(200.0, 800.0, 3000.0),
                          [](const auto& speed) { return "PxPerS" + std::to_string(static_cast<int>(speed.param)); });
 
-TEST(StretchSelector, TakesAllThereIsOfASlowObject) {
+TEST(StretchSelector, TakesTheMaximumDurationForASlowObject) {
   const std::vector<PixelEvent> events =
       MakeEdgeEvents({MovingEdge{{200.0, 100.0}, {230.0, 300.0}, {40.0, 0.0}}}, EdgeEventOptions{.duration_s = 0.2});
   StretchSelector selector({}, 640, 480);
@@ -51,7 +51,7 @@ TEST(StretchSelector, TakesAllThereIsOfASlowObject) {
 }
 
 TEST(StretchSelector, FollowsSlowSpeedsOverLongTimes) {
-  // Over more microseconds than two bytes count.
+  // The duration exceeds 65535 microseconds, the range of 16 bits.
   const double speed = 40.0;
   const std::vector<PixelEvent> events =
       MakeEdgeEvents({MovingEdge{{200.0, 100.0}, {230.0, 300.0}, {speed, 0.0}}}, EdgeEventOptions{.duration_s = 0.8});
@@ -64,7 +64,7 @@ TEST(StretchSelector, FollowsSlowSpeedsOverLongTimes) {
   EXPECT_EQ(selector.Select(events).speed_px_per_s, first.speed_px_per_s);
 }
 
-TEST(StretchSelector, ThinsEvenlyToItsBound) {
+TEST(StretchSelector, DownsamplesUniformlyToItsBound) {
   const std::vector<PixelEvent> events = MakeEdgeEvents({MovingEdge{{100.0, 100.0}, {500.0, 300.0}, {300.0, -100.0}}},
                                                         EdgeEventOptions{.events_per_px2 = 20.0});
   StretchOptions options;
@@ -77,7 +77,7 @@ TEST(StretchSelector, ThinsEvenlyToItsBound) {
   EXPECT_NEAR(late, 1000, 150);
 }
 
-TEST(StretchSelector, IgnoresEventsThatAreNowhere) {
+TEST(StretchSelector, IgnoresEventsOutsideTheMap) {
   const float nan = std::numeric_limits<float>::quiet_NaN(), infinity = std::numeric_limits<float>::infinity();
   std::vector<PixelEvent> events;
   for (const float u : {nan, infinity, -infinity, 1e30f, -1e30f, -161.0f, 801.0f}) {

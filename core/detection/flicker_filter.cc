@@ -7,23 +7,25 @@
 namespace evpose {
 namespace {
 
-// Microseconds: short against the 5 ms of a mains lamp's flank, long enough for the events of a few edges.
+// Duration of a slice, microseconds: short compared with the 5 ms in which a lamp on 50 Hz mains rises or falls, and
+// long enough for the events of a few edges.
 constexpr int64_t kSliceUs = 500;
-// By so much the polarities' ratio wavers in a steady light.
-constexpr double kMostUnusual = 1.5;
-// As many more or less say nothing of a ratio.
+// Factor by which the ratio of the polarities varies in steady light; a smaller excess is no flicker.
+constexpr double kSteadyExcess = 1.5;
+// Number of events added to each count: a ratio of smaller numbers is not significant.
 constexpr double kFewEvents = 10.0;
 
 size_t SliceOf(const PixelEvent& event, int64_t t_begin_us) {
   return static_cast<size_t>((event.t_us - t_begin_us) / kSliceUs);
 }
 
-// How many of `own` events of one polarity stay, when `other` came of the other, and usually `ratio` for each of them.
+// Returns the number of kept events of a slice with `own` events of this polarity and `other` of the other one. `ratio`
+// is the usual number of own events per other event.
 size_t NumKept(size_t own, size_t other, double ratio) {
-  const double expected = kMostUnusual * ratio * (static_cast<double>(other) + kFewEvents);
+  const double expected = kSteadyExcess * ratio * (static_cast<double>(other) + kFewEvents);
   const double count = static_cast<double>(own);
   if (count <= expected) return own;
-  // The share of edges among them, once for those that are expected, and once for how much they are worth.
+  // The square of the share of edge events: an edge event among flicker events also carries less information.
   return static_cast<size_t>(expected * expected / count);
 }
 

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// Events without those of a lamp's flicker. While a lamp grows brighter or darker, surfaces send a flood of one
-// polarity, and the few events of the other are the moving edges'; over the lamp's period, and in a steady light, a
-// scene's ON and OFF events come in about the same ratio in every millisecond.
+// Removes most of the events that a flickering light causes. While the brightness of a lamp changes, all surfaces
+// produce events of one polarity, and the few events of the other polarity are caused by moving edges. In steady light,
+// and on average over the period of the lamp, the ratio of ON and OFF events is nearly constant.
 #pragma once
 
 #include <array>
@@ -15,13 +15,13 @@
 
 namespace evpose {
 
-// Keeps memory between calls, but no state. Deterministic.
+// Deterministic. Reuses memory, but keeps no state between calls.
 class FlickerFilter {
  public:
-  // Thins `events`, in order of time, in each slice of time by how much more of their polarity come in it than the
-  // usual ratio and the events of the other lead to expect: the less of them are edges', the fewer of them stay. What
-  // edges that begin or cease to move send stays, as it is of both polarities, and what comes of one polarity all the
-  // time. Valid until the next call.
+  // Downsamples `events`, which must be in order of time. In each slice of 0.5 ms the number of events of one polarity
+  // that edges may have produced is estimated from the events of the other polarity and the usual ratio; the larger the
+  // excess over it, the fewer events are kept. A change in the motion of edges causes no excess, because edges produce
+  // both polarities; neither does a constant excess of one polarity. The result is valid until the next call.
   absl::Span<const PixelEvent> Remove(absl::Span<const PixelEvent> events);
 
  private:
@@ -29,7 +29,7 @@ class FlickerFilter {
   void CountSlices(absl::Span<const PixelEvent> events);
 
   std::vector<Counts> slices_;
-  std::vector<EvenSample> samples_;  // of each slice, OFF and ON
+  std::vector<EvenSample> samples_;  // two for each slice: OFF and ON
   std::vector<PixelEvent> kept_;
 };
 

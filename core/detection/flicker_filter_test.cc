@@ -12,12 +12,12 @@
 namespace evpose {
 namespace {
 
-constexpr float kEdge = 1.0f;     // PixelEvent::u_px of what edges send
-constexpr float kSurface = 2.0f;  // and of what a lamp makes the surfaces send
+constexpr float kEdge = 1.0f;     // PixelEvent::u_px of the events of edges
+constexpr float kSurface = 2.0f;  // PixelEvent::u_px of the events that a lamp causes on surfaces
 
 class FlickerFilterTest : public ::testing::Test {
  protected:
-  // In each millisecond from the first on so many events of each polarity.
+  // Adds these numbers of events of each polarity in each millisecond of [begin_ms, end_ms).
   void Add(int begin_ms, int end_ms, double num_off, double num_on, float u_px = kEdge) {
     for (int ms = begin_ms; ms < end_ms; ++ms) {
       for (int polarity = 0; polarity < 2; ++polarity) {
@@ -42,28 +42,28 @@ class FlickerFilterTest : public ::testing::Test {
   FlickerFilter filter_;
 };
 
-TEST_F(FlickerFilterTest, TheLightsFlanksGoAndEdgesStay) {
+TEST_F(FlickerFilterTest, RemovesFlickerAndKeepsEdges) {
   Add(0, 25, 300.0, 200.0);
   for (int ms = 0; ms < 25; ++ms) {
     const double flood = 6000.0 * std::sin(2.0 * std::numbers::pi * ms / 10.0);
     Add(ms, ms + 1, std::max(0.0, -flood), std::max(0.0, flood), kSurface);
   }
   EXPECT_LT(KeptRatio(kSurface), 0.02);
-  EXPECT_GT(KeptRatio(kEdge), 0.5);  // those against the light's change
+  EXPECT_GT(KeptRatio(kEdge), 0.5);  // the edge events with the polarity opposite to the change of the light
 }
 
-TEST_F(FlickerFilterTest, AnObjectThatSetsOutKeepsItsEvents) {
+TEST_F(FlickerFilterTest, KeepsTheEventsOfAnObjectThatStartsToMove) {
   Add(0, 10, 20.0, 30.0);
   Add(10, 20, 1500.0, 2000.0);
   EXPECT_EQ(KeptRatio(kEdge), 1.0);
 }
 
-TEST_F(FlickerFilterTest, WhatIsOfOnePolarityAllTheTimeStays) {
+TEST_F(FlickerFilterTest, KeepsAConstantExcessOfOnePolarity) {
   Add(0, 20, 30.0, 3000.0);
   EXPECT_GT(KeptRatio(kEdge), 0.95);
 }
 
-TEST_F(FlickerFilterTest, NothingIsNothing) { EXPECT_TRUE(filter_.Remove({}).empty()); }
+TEST_F(FlickerFilterTest, IsEmptyWithoutEvents) { EXPECT_TRUE(filter_.Remove({}).empty()); }
 
 }  // namespace
 }  // namespace evpose

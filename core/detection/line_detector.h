@@ -13,28 +13,29 @@
 
 namespace evpose {
 
-// An event with the lens's distortion removed.
+// An event after undistortion.
 struct PixelEvent {
   int64_t t_us = 0;
-  float u_px = 0.0f;
+  float u_px = 0.0f;  // undistorted pixel
   float v_px = 0.0f;
   uint8_t polarity = 0;
 };
 
-// An edge that moved through a stretch of time. Its end points are the extent of its events, carried along with the
-// line, so that at_begin and at_end correspond end by end.
+// An edge that moved during the stretch. The end points are the extent of its events and move with the line: p1 of
+// at_begin and of at_end are the same end. Undistorted pixels.
 struct DetectedLine {
   ImageSegment at_begin;
   ImageSegment at_end;
-  double normal_velocity_px_per_s = 0.0;  // along (-dy, dx) of the direction from p1 to p2 at the middle of the time
-  int num_events = 0;                     // on the line
-  double rms_px = 0.0;                    // of their distances to it
+  // Normal velocity of the middle of the line, positive along (-dy, dx) of the direction (dx, dy) from p1 to p2.
+  double normal_velocity_px_per_s = 0.0;
+  int num_events = 0;   // number of events of the line
+  double rms_px = 0.0;  // root mean square of their distances from the line
 };
 
 struct LineDetection {
-  int64_t t_begin_us = 0;  // the stretch of time that was used, ending with the last event given
+  int64_t t_begin_us = 0;  // the stretch; it ends with the last event
   int64_t t_end_us = 0;
-  std::vector<DetectedLine> lines;  // by falling number of events
+  std::vector<DetectedLine> lines;  // in descending order of the number of events
 };
 
 // Deterministic; keeps no state between calls. Not thread-safe.
@@ -42,8 +43,9 @@ class LineDetector {
  public:
   virtual ~LineDetector() = default;
 
-  // `events` in order of time, of a bounded number (the caller's buffer); the detector takes as many of the latest as
-  // the speed of the object asks for. The work is bounded whatever they are. No line is an empty answer, no error.
+  // Detects the lines in the latest of `events`, which must be in order of time; the detector chooses the time span
+  // from the speed of the object. The work is bounded for any content of the events. If there is no line, the list is
+  // empty.
   virtual LineDetection Detect(absl::Span<const PixelEvent> events) = 0;
 };
 

@@ -22,7 +22,8 @@ std::vector<PixelEvent> MakeEdgeEvents(const std::vector<MovingEdge>& edges, con
                       static_cast<float>(point.y()), polarity});
   };
   for (const MovingEdge& edge : edges) {
-    // An event at a random place and time is kept as often as the edge moves there: swept area.
+    // An event at a random place and time is kept with a probability proportional to the edge's speed there, so that
+    // the density is constant over the swept area.
     const double length = (edge.p2_px - edge.p1_px).norm();
     const double fastest = edge.velocity_px_per_s.norm() + std::abs(edge.turn_rad_per_s) * 0.5 * length;
     const double moving_s = std::min(options.duration_s, edge.stops_at_s);

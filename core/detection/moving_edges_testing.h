@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// For tests: events of straight edges in exact motion.
+// For tests: simulates the events of straight edges with a given motion.
 #pragma once
 
 #include <Eigen/Core>
@@ -25,16 +25,16 @@ struct MovingEdge {
 
 struct EdgeEventOptions {
   double duration_s = 0.03;
-  double events_per_px2 = 2.0;    // of swept area
+  double events_per_px2 = 2.0;    // events per swept area
   double noise_px = 0.4;          // standard deviation across the edge
-  double clutter_per_px2 = 1e-3;  // anywhere in the image, in the whole time
+  double clutter_per_px2 = 1e-3;  // uniform events per image area, over the whole duration
   int width_px = 640;
   int height_px = 480;
   int64_t t_begin_us = 1'000'000;
   uint64_t seed = 1;
 };
 
-// In order of time.
+// Returns the events in order of time.
 std::vector<PixelEvent> MakeEdgeEvents(const std::vector<MovingEdge>& edges, const EdgeEventOptions& options);
 
 }  // namespace evpose::testing

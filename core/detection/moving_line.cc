@@ -6,45 +6,55 @@
 #include <cmath>
 
 #include "absl/strings/str_format.h"
+#include "core/base/check_range.h"
 #include "core/numerics/robust.h"
 
 namespace evpose {
 namespace {
 
-// Tukey's bisquare (core/estimation/README.md, section 1).
-constexpr double kCorrelatedEvents = 20.0;  // count as one (core/estimation/README.md, section 7)
-constexpr double kMinSigmaPx = 0.25;
-constexpr double kMaxSigmaPx = 0.7;
+// Number of correlated events that count as one independent measurement (core/estimation/README.md, section 7).
+constexpr double kCorrelatedEvents = 20.0;
+// Passes of reweighted least squares, while the extent grows and in the final fit. The start is within a pixel.
 constexpr int kGrowthPasses = 3;
-constexpr int kLastPasses = 4;
-// Growth along the edge: how far events are looked for beyond the ends, and how often.
+constexpr int kFinalPasses = 4;
+// Distance beyond the ends, pixels, within which events are added in one step of growth, and number of steps: a line of
+// up to 600 px.
 constexpr double kGrowthPx = 24.0;
 constexpr int kMaxGrowths = 12;
-// An edge ends where its events stop for as long as chance would hardly make them: this many times their mean
-// distance, within limits.
-constexpr double kGapSpacings = 10.0;
-constexpr double kMinGapPx = 4.0;
-constexpr double kMaxGapPx = 12.0;
-// The last pixels of an edge hold at least this share of its mean density: else they are noise beyond its end.
+// Growth ends when a step lengthens the line by less than half of kGrowthPx and by less than this share of its length:
+// the ends were within the search, and most of the line was fitted.
+constexpr double kSmallGrowthRatio = 0.2;
+// The outermost kEndPx pixels of an edge have at least this share of its mean density of events; fewer events are noise
+// beyond its end. The required number is limited, because the contrast may decrease along an edge.
 constexpr double kEndPx = 6.0;
 constexpr double kEndDensityRatio = 0.35;
-constexpr size_t kMaxEndEvents = 5;  // an edge whose contrast falls along its way still goes on
-// Solving needs no more events than these: the floor is systematic, not noise.
+constexpr size_t kMaxEndEvents = 5;
+constexpr std::ptrdiff_t kMinCoreEvents = 8;  // events within the old extent; fewer give no density
+// Numbers of events used in a fit, while the extent grows and in the final fit. More do not improve it, because the
+// remaining error is systematic.
 constexpr size_t kGrowthEvents = 250;
-constexpr size_t kLastEvents = 800;
-// An edge that sends no more events stands: its line is carried on by at most this beyond the last of them.
-constexpr double kSilentMotionPx = 0.6;
+constexpr size_t kFinalEvents = 800;
+// An edge without events is at rest: beyond the time range of its events an end moves on by at most this.
+constexpr double kRestMotionPx = 0.6;
+// The gate of a fit and of its scale, as multiples of gate_px: wider, because the line is not yet accurate.
+constexpr double kFitGate = 2.0;
+constexpr double kScaleGate = 1.5;
+constexpr double kEndMarginPx = 2.0;  // events beyond an end that still belong to the line
+// Limit of the speed of an end along the line, as a multiple of the time scale of the stretch.
+constexpr double kMaxEndSpeedRatio = 1.5;
+constexpr size_t kEventsPerOutlier = 50;  // one of so many events at an end may be noise outside its time range
 
-// A line is bent when the means of its parts scatter by this about one straight line, and hardly about two.
-constexpr double kBentPx = 0.3;
+// Split(): the shortest line that is split, pixels, so that each piece is long enough to be a line; the number of parts
+// along the line; and the share of the squared scatter that may remain about two straight lines.
 constexpr double kMinSplitPx = 32.0;
 constexpr int kBins = 8;
+constexpr double kSplitRemainder = 0.3;
 
 using Matrix5d = Eigen::Matrix<double, 5, 5>;
 using Vector5d = Eigen::Matrix<double, 5, 1>;
 
-// The normal equations of y = x . (1, s, tau, s tau, tau^2): their entries are sums of s^i tau^j, most of them several
-// times there.
+// The normal equations of y = x . (1, s, tau, s tau, tau^2). Their entries are weighted sums of s^i tau^j, most of
+// which occur several times.
 class LineMoments {
  public:
   void Add(double weight, double s, double tau, double y) {
@@ -68,7 +78,7 @@ class LineMoments {
     tty_ += wtt * y;
   }
 
-  // With what is known beforehand of the last two: inverse variances.
+  // Solves them with a prior on the last two unknowns: inverse variances about zero.
   Vector5d Solve(double turn_information, double bend_information) const {
     Matrix5d information;
     information << n_, s_, t_, st_, tt_,  //
@@ -76,7 +86,7 @@ class LineMoments {
         t_, st_, tt_, stt_, ttt_,         //
         st_, sst_, stt_, sstt_, sttt_,    //
         tt_, stt_, ttt_, sttt_, tttt_;
-    information.diagonal().array() += 1e-9;
+    information.diagonal().array() += 1e-9;  // keeps the matrix regular if all events have the same s or tau
     information(3, 3) += turn_information;
     information(4, 4) += bend_information;
     return information.ldlt().solve((Vector5d() << y_, sy_, ty_, sty_, tty_).finished());
@@ -93,7 +103,8 @@ struct Bin {
   double mean = 0.0;
 };
 
-// Sum of the squares that a straight line leaves of the means of the bins in [begin, end).
+// Returns the weighted sum of squared deviations of the means of the bins in [begin, end) from their best straight
+// line.
 double StraightSquares(const std::array<Bin, kBins>& bins, int begin, int end) {
   double n = 0.0, x = 0.0, y = 0.0, xx = 0.0, xy = 0.0, yy = 0.0;
   for (int k = begin; k < end; ++k) {
@@ -124,20 +135,26 @@ absl::Status MovingLineOptions::Validate() const {
     return absl::InvalidArgumentError(
         absl::StrFormat("acceleration_px_per_s2 is %g; it must lie in (0, 1e9]", acceleration_px_per_s2));
   }
-  return absl::OkStatus();
+  absl::Status status = CheckRange("min_sigma_px", min_sigma_px, 0.01, 10.0);
+  status.Update(CheckRange("max_sigma_px", max_sigma_px, min_sigma_px, 50.0));
+  status.Update(CheckRange("gap_spacings", gap_spacings, 1.0, 1000.0));
+  status.Update(CheckRange("min_gap_px", min_gap_px, 0.1, 1000.0));
+  status.Update(CheckRange("max_gap_px", max_gap_px, min_gap_px, 1000.0));
+  status.Update(CheckRange("bent_px", bent_px, 0.01, 100.0));
+  return status;
 }
 
 void MovingLine::Recentre() {
   const double middle = 0.5 * (ends[0].s_px + ends[1].s_px);
   const Eigen::Vector2d new_origin = PointAt(middle, 0.0);
   speed_px_per_s += slope_rate_per_s * middle;
-  const double stretch = std::sqrt(1.0 + slope * slope);  // the slanted line is longer than its s
+  const double stretch = std::sqrt(1.0 + slope * slope);  // length along the slanted line per unit of s
   const Eigen::Vector2d new_direction = (direction + slope * normal()) / stretch;
   for (End& end : ends) {
     end.s_px = (end.s_px - middle) * stretch;
     end.speed_px_per_s *= stretch;
   }
-  // Distances across the turned line are shorter by 1 / stretch.
+  // Distances across the rotated line are shorter by the factor 1 / stretch.
   speed_px_per_s /= stretch;
   acceleration_px_per_s2 /= stretch;
   slope_rate_per_s /= stretch * stretch;
@@ -148,7 +165,7 @@ void MovingLine::Recentre() {
 
 Eigen::Vector2d MovingLine::EndAt(int end, double tau_s) const {
   const End& at = ends[end];
-  const double slack_s = kSilentMotionPx / std::max(std::abs(speed_px_per_s + slope_rate_per_s * at.s_px), 1e-3);
+  const double slack_s = kRestMotionPx / std::max(std::abs(speed_px_per_s + slope_rate_per_s * at.s_px), 1e-3);
   const double tau = std::clamp(tau_s, std::min(at.first_tau_s - slack_s, 0.0), std::max(at.last_tau_s + slack_s, 0.0));
   return PointAt(at.s_px + at.speed_px_per_s * tau, tau);
 }
@@ -199,7 +216,7 @@ void LineFitter::SolveRobustly(MovingLine& line, int passes, size_t max_events) 
   const double middle = 0.5 * (line.ends[0].s_px + line.ends[1].s_px);
   const double scale = std::max(0.5 * line.length_px(), 1.0);
   const size_t stride = 1 + samples_.size() / max_events;
-  double sigma = kMaxSigmaPx;
+  double sigma = options_.max_sigma_px;
   for (int pass = 0; pass < passes; ++pass) {
     LineMoments moments;
     for (size_t i = 0; i < samples_.size(); i += stride) {
@@ -221,11 +238,12 @@ void LineFitter::SolveRobustly(MovingLine& line, int passes, size_t max_events) 
     for (size_t i = 0; i < samples_.size(); i += stride) {
       Sample& sample = samples_[i];
       sample.residual = static_cast<float>(sample.y - line.Y(sample.s, sample.tau_s));
-      if (std::abs(sample.residual) < 1.5 * options_.gate_px) along_.push_back(std::abs(sample.residual));
+      if (std::abs(sample.residual) < kScaleGate * options_.gate_px) along_.push_back(std::abs(sample.residual));
     }
     if (along_.empty()) return;
     std::nth_element(along_.begin(), along_.begin() + along_.size() / 2, along_.end());
-    sigma = std::clamp(along_[along_.size() / 2] / 0.6745, kMinSigmaPx, kMaxSigmaPx);
+    // A normal distribution has its median absolute deviation at 0.6745 standard deviations.
+    sigma = std::clamp(along_[along_.size() / 2] / 0.6745, options_.min_sigma_px, options_.max_sigma_px);
   }
 }
 
@@ -237,10 +255,10 @@ bool LineFitter::FindExtent(MovingLine& line) {
   std::sort(along_.begin(), along_.end());
   const auto core_begin = std::lower_bound(along_.begin(), along_.end(), line.ends[0].s_px);
   const auto core_end = std::upper_bound(core_begin, along_.end(), line.ends[1].s_px);
-  if (core_end - core_begin < 8) return false;
+  if (core_end - core_begin < kMinCoreEvents) return false;
   const double density = static_cast<double>(core_end - core_begin) / std::max(line.length_px(), 1.0);
-  const double max_gap = std::clamp(kGapSpacings / density, kMinGapPx, kMaxGapPx);
-  // The run without gaps that holds most of the core.
+  const double max_gap = std::clamp(options_.gap_spacings / density, options_.min_gap_px, options_.max_gap_px);
+  // The range without gaps that has most of the events of the old extent.
   size_t best_begin = 0, best_end = 0, best_in_core = 0;
   const size_t core_first = core_begin - along_.begin(), core_last = core_end - along_.begin();
   for (size_t begin = 0; begin < along_.size();) {
@@ -267,7 +285,8 @@ bool LineFitter::FindExtent(MovingLine& line) {
 }
 
 void LineFitter::FindEndSpeeds(MovingLine& line) {
-  // Where each end lies in the first and in the second half: the k-th event from outside, and k spacings further out.
+  // The position of each end in the first and in the second half of the stretch: that of the k-th event from outside,
+  // moved outwards by k spacings.
   const double half_s = stretch_.half_duration_s();
   double end_of_half[2][2] = {};
   for (const int half : {0, 1}) {
@@ -278,17 +297,18 @@ void LineFitter::FindEndSpeeds(MovingLine& line) {
         along_.push_back(sample.s);
       }
     }
-    constexpr size_t k = 4;
+    constexpr size_t k = 4;  // ignores up to three outliers at each end
     const size_t n = along_.size();
     if (n < 8 * k) return;
     std::sort(along_.begin(), along_.end());
-    // Spacing from the events just inside: an edge that turns sends fewer towards its slow end.
+    // The spacing is that of the events just inside the end: a rotating edge produces fewer events towards its slow
+    // end.
     const double low_spacing = (along_[3 * k] - along_[k]) / (2.0 * k);
     const double high_spacing = (along_[n - 1 - k] - along_[n - 1 - 3 * k]) / (2.0 * k);
     end_of_half[half][0] = std::max(along_[k] - k * low_spacing, line.ends[0].s_px);
     end_of_half[half][1] = std::min(along_[n - 1 - k] + k * high_spacing, line.ends[1].s_px);
   }
-  const double fastest = 1.5 * stretch_.time_scale_px_per_s;
+  const double fastest = kMaxEndSpeedRatio * stretch_.time_scale_px_per_s;
   for (const int end : {0, 1}) {
     line.ends[end].speed_px_per_s = std::clamp((end_of_half[1][end] - end_of_half[0][end]) / half_s, -fastest, fastest);
     line.ends[end].s_px = 0.5 * (end_of_half[0][end] + end_of_half[1][end]);
@@ -296,14 +316,14 @@ void LineFitter::FindEndSpeeds(MovingLine& line) {
 }
 
 void LineFitter::FindEndTimes(MovingLine& line) {
-  const double third = std::max(line.length_px() / 3.0, 10.0);
+  const double third = std::max(line.length_px() / 3.0, 10.0);  // pixels, enough for several events
   for (MovingLine::End& end : line.ends) {
     along_.clear();
     for (const Sample& sample : samples_) {
       if (std::abs(sample.s - end.s_px) <= third) along_.push_back(sample.tau_s);
     }
     if (along_.size() < 4) continue;
-    const size_t k = along_.size() / 50;  // single events of noise do not count
+    const size_t k = along_.size() / kEventsPerOutlier;
     std::nth_element(along_.begin(), along_.begin() + k, along_.end());
     end.first_tau_s = along_[k];
     std::nth_element(along_.begin(), along_.end() - 1 - k, along_.end());
@@ -315,18 +335,17 @@ bool LineFitter::Fit(MovingLine& line) {
   for (int growth = 0; growth < kMaxGrowths; ++growth) {
     for (MovingLine::End& end : line.ends) end.speed_px_per_s = 0.0;
     const double length = line.length_px();
-    Collect(line, 0.0, 2.0 * options_.gate_px);
+    Collect(line, 0.0, kFitGate * options_.gate_px);
     SolveRobustly(line, kGrowthPasses, kGrowthEvents);
     Collect(line, kGrowthPx, options_.gate_px);
     if (!FindExtent(line)) return false;
     line.Recentre();
-    // Its ends were in sight, and what was fitted is most of it.
-    if (line.length_px() < length + std::min(0.5 * kGrowthPx, 0.2 * length)) break;
+    if (line.length_px() < length + std::min(0.5 * kGrowthPx, kSmallGrowthRatio * length)) break;
   }
-  Collect(line, 0.0, 2.0 * options_.gate_px);
-  SolveRobustly(line, kLastPasses, kLastEvents);
+  Collect(line, 0.0, kFitGate * options_.gate_px);
+  SolveRobustly(line, kFinalPasses, kFinalEvents);
   line.Recentre();
-  Collect(line, 2.0, options_.gate_px);
+  Collect(line, kEndMarginPx, options_.gate_px);
   if (samples_.empty()) return false;
   FindEndSpeeds(line);
   FindEndTimes(line);
@@ -366,7 +385,9 @@ std::optional<std::array<MovingLine, 2>> LineFitter::Split(const MovingLine& lin
     cut = k;
   }
   const double count = static_cast<double>(samples_.size());
-  if (cut == 0 || whole < kBentPx * kBentPx * count || best > 0.3 * whole) return std::nullopt;
+  if (cut == 0 || whole < options_.bent_px * options_.bent_px * count || best > kSplitRemainder * whole) {
+    return std::nullopt;
+  }
   std::array<MovingLine, 2> pieces = {line, line};
   const double s = line.ends[0].s_px + line.length_px() * cut / kBins;
   for (const int piece : {0, 1}) {
@@ -379,7 +400,7 @@ std::optional<std::array<MovingLine, 2>> LineFitter::Split(const MovingLine& lin
 }
 
 const std::vector<int32_t>& LineFitter::EventsOf(const MovingLine& line) {
-  Collect(line, 2.0, options_.gate_px);
+  Collect(line, kEndMarginPx, options_.gate_px);
   return indices_;
 }
 

@@ -11,7 +11,7 @@ namespace {
 
 MovingLine LineOf(const SpaceTimePlane& plane) {
   MovingLine line;
-  line.direction = {plane.normal.y(), -plane.normal.x()};  // whose (-y, x) is the normal
+  line.direction = {plane.normal.y(), -plane.normal.x()};  // rotated by 90 degrees, (-y, x), it is the normal
   line.offset_px = plane.offset_px;
   line.speed_px_per_s = plane.speed_px_per_s;
   line.ends[0].s_px = -plane.s_end_px;

@@ -19,14 +19,15 @@ struct PlaneDetectorOptions {
   PlaneSegmentationOptions segmentation;
   LineSetOptions lines;
 
-  // INVALID_ARGUMENT naming the field.
+  // Error: INVALID_ARGUMENT naming the field.
   absl::Status Validate() const;
 };
 
-// The paper finds the planes and takes their intersections with t = begin and t = end. Here the planes are where a
-// robust fit to all events begins, which follows an edge's turning as well, gives each event to one line, ends lines
-// where their events end or where two lines meet, and joins the pieces of an edge and the two sides of a stripe.
-// Errors: INVALID_ARGUMENT.
+// Creates the detector with the stages of core/detection/README.md. The paper intersects the planes with t = begin and
+// t = end. Here the planes are the start of a robust fit to all events, which includes the rotation and acceleration of
+// an edge; each event belongs to one line, lines end where their events end or where two lines meet, and the pieces of
+// an edge and the two sides of a stripe are merged.
+// Errors: INVALID_ARGUMENT for options, naming the field, or for a sensor without pixels.
 absl::StatusOr<std::unique_ptr<LineDetector>> MakePlaneLineDetector(const PlaneDetectorOptions& options,
                                                                     SensorGeometry geometry);
 

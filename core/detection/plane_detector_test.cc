@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// Planes of edges in exact motion, and input that holds no edge.
+// Detection of edges with exact motion, and input without edges.
 #include "core/detection/plane_detector.h"
 
 #include <gtest/gtest.h>
@@ -31,7 +31,7 @@ double Distance(const ImageSegment& line, const Eigen::Vector2d& point) {
   return std::abs(d.x() * r.y() - d.y() * r.x());
 }
 
-// Both ends within these distances of the truth's, across the line and along it.
+// Expects both ends within these distances of the true ones, across the line and along it.
 void ExpectSegment(const ImageSegment& found, const ImageSegment& truth, double across_px, double along_px) {
   const bool same_way = (found.p2_px - found.p1_px).dot(truth.p2_px - truth.p1_px) > 0.0;
   const Eigen::Vector2d p1 = same_way ? found.p1_px : found.p2_px, p2 = same_way ? found.p2_px : found.p1_px;
@@ -72,7 +72,7 @@ TEST_P(OneEdge, IsFoundAtBothEndsOfTheStretch) {
 INSTANTIATE_TEST_SUITE_P(Angles, OneEdge, ::testing::Values(0.0, 0.3, 0.785398, 1.2, 1.570796, 2.2, 2.9, 3.5, 5.0),
                          [](const auto& angle) { return "MilliRad" + std::to_string(std::lround(angle.param * 1e3)); });
 
-TEST(PlaneDetector, FollowsAnEdgeThatTurns) {
+TEST(PlaneDetector, FollowsARotatingEdge) {
   const MovingEdge edge = {{200.0, 150.0}, {440.0, 250.0}, {50.0, 300.0}, 1.5};
   const EdgeEventOptions options;
   const LineDetection detection = DetectLines(MakeEdgeEvents({edge}, options));
@@ -80,12 +80,12 @@ TEST(PlaneDetector, FollowsAnEdgeThatTurns) {
   ExpectEdge(detection, detection.lines[0], edge, options, 0.3, 4.0);
 }
 
-TEST(PlaneDetector, LeavesAnEdgeThatStoppedWhereItStands) {
+TEST(PlaneDetector, FindsAStoppedEdgeAtItsPosition) {
   const MovingEdge stopping = {{200.0, 100.0}, {200.0, 300.0}, {300.0, 0.0}, 0.0, 1, 0.02};
   const MovingEdge going = {{400.0, 100.0}, {420.0, 300.0}, {300.0, 0.0}};
   const EdgeEventOptions options = {.duration_s = 0.03};
   PlaneDetectorOptions detector;
-  detector.stretch.motion_px = 9.0;  // all of the 0.03 s
+  detector.stretch.motion_px = 9.0;  // the stretch has the whole duration of 0.03 s
   const LineDetection detection = DetectLines(MakeEdgeEvents({stopping, going}, options), detector);
   ASSERT_EQ(detection.lines.size(), 2u);
   for (const DetectedLine& line : detection.lines) {
@@ -94,7 +94,7 @@ TEST(PlaneDetector, LeavesAnEdgeThatStoppedWhereItStands) {
   }
 }
 
-TEST(PlaneDetector, TellsCloseEdgesApart) {
+TEST(PlaneDetector, SeparatesCloseEdges) {
   const MovingEdge first = {{200.0, 100.0}, {200.0, 300.0}, {300.0, 30.0}};
   for (const uint8_t polarity : {0, 1}) {
     const MovingEdge second = {{208.0, 100.0}, {208.0, 300.0}, {300.0, 30.0}, 0.0, polarity};
@@ -107,7 +107,7 @@ TEST(PlaneDetector, TellsCloseEdgesApart) {
   }
 }
 
-TEST(PlaneDetector, TakesTheTwoSidesOfAStripeForOneLine) {
+TEST(PlaneDetector, MergesTheTwoSidesOfAStripe) {
   const MovingEdge left = {{200.0, 100.0}, {230.0, 300.0}, {300.0, 30.0}, 0.0, 1};
   const MovingEdge right = {{203.0, 100.0}, {233.0, 300.0}, {300.0, 30.0}, 0.0, 0};
   const MovingEdge middle = {{201.5, 100.0}, {231.5, 300.0}, {300.0, 30.0}};
@@ -116,7 +116,7 @@ TEST(PlaneDetector, TakesTheTwoSidesOfAStripeForOneLine) {
   ExpectEdge(detection, detection.lines[0], middle, {});
 }
 
-TEST(PlaneDetector, JoinsAnEdgeWhoseContrastTurnsRound) {
+TEST(PlaneDetector, MergesAnEdgeAcrossAReversalOfContrast) {
   const MovingEdge bright = {{150.0, 100.0}, {250.0, 140.0}, {-60.0, 300.0}, 0.0, 1};
   const MovingEdge dark = {{250.0, 140.0}, {350.0, 180.0}, {-60.0, 300.0}, 0.0, 0};
   const MovingEdge whole = {{150.0, 100.0}, {350.0, 180.0}, {-60.0, 300.0}};
@@ -135,17 +135,17 @@ TEST(PlaneDetector, SplitsWhereAnEdgeBends) {
     ASSERT_EQ(detection.lines.size(), 2u) << bend_deg;
     for (const DetectedLine& line : detection.lines) {
       const bool is_first = std::min(line.at_end.p1_px.x(), line.at_end.p2_px.x()) < 250.0;
-      // A slight bend is seen where the lines are a pixel apart.
-      const double along_px = bend_deg < 20.0 ? 20.0 : 3.0;  // within the gate of both for so long
+      // At a small angle the gates of both lines overlap over a long distance, so that the corner is less accurate.
+      const double along_px = bend_deg < 20.0 ? 20.0 : 3.0;
       ExpectEdge(detection, line, is_first ? first : second, {}, 0.8, along_px);
     }
   }
 }
 
-TEST(PlaneDetector, EndsAreNotLengthenedByLonelyEvents) {
+TEST(PlaneDetector, IsolatedEventsDoNotLengthenALine) {
   const MovingEdge edge = {{200.0, 200.0}, {320.0, 210.0}, {0.0, 300.0}};
   std::vector<PixelEvent> events = MakeEdgeEvents({edge}, {});
-  for (PixelEvent& event : events) {  // some of the noise moves on the line, behind its end
+  for (PixelEvent& event : events) {  // some of the noise is moved onto the line, beyond its end
     if (event.u_px > 500.0f && event.u_px < 530.0f) {
       const double t = 1e-6 * static_cast<double>(event.t_us - 1'000'000);
       const double share = (event.u_px - 500.0) / 120.0 + 1.03;
@@ -161,11 +161,11 @@ TEST(PlaneDetector, EndsAreNotLengthenedByLonelyEvents) {
   ExpectEdge(detection, detection.lines[0], edge, {}, 0.3, 3.0);
 }
 
-TEST(PlaneDetector, FindsAnEdgeInAFloodOfClutter) {
+TEST(PlaneDetector, FindsAnEdgeInDenseClutter) {
   const MovingEdge edge = {{150.0, 100.0}, {400.0, 330.0}, {250.0, -250.0}};
   const EdgeEventOptions options = {.events_per_px2 = 3.0, .clutter_per_px2 = 0.5};
   const std::vector<PixelEvent> events = MakeEdgeEvents({edge}, options);
-  ASSERT_GT(events.size(), 150'000u);  // of which the edge has about one in ten
+  ASSERT_GT(events.size(), 150'000u);  // about one in ten is an event of the edge
   const LineDetection detection = DetectLines(events);
   ASSERT_FALSE(detection.lines.empty());
   const DetectedLine& line = detection.lines[0];
@@ -175,7 +175,7 @@ TEST(PlaneDetector, FindsAnEdgeInAFloodOfClutter) {
   EXPECT_GT(line.at_end.length_px(), 0.5 * truth.length_px());
 }
 
-TEST(PlaneDetector, CornersAreWhereLinesMeet) {
+TEST(PlaneDetector, LinesEndInTheirCommonCorners) {
   const Eigen::Vector2d velocity(260.0, 220.0);
   const Eigen::Vector2d a(200.0, 150.0), b(330.0, 190.0), c(250.0, 300.0);
   const std::vector<MovingEdge> edges = {{a, b, velocity}, {b, c, velocity}, {c, a, velocity}};
@@ -221,11 +221,11 @@ TEST(PlaneDetector, TheSameEventsGiveTheSameBits) {
   const std::string first = Bytes(detector->Detect(events));
   EXPECT_GT(first.size(), 3 * sizeof(DetectedLine) / 2);
   EXPECT_NE(Bytes(detector->Detect(others)), first);
-  EXPECT_EQ(Bytes(detector->Detect(events)), first);  // nothing stays of a call
+  EXPECT_EQ(Bytes(detector->Detect(events)), first);  // a call leaves no state
   EXPECT_EQ(Bytes(DetectLines(events)), first);
 }
 
-TEST(PlaneDetector, NoEdgeNoLine) {
+TEST(PlaneDetector, ReturnsNoLineWithoutAnEdge) {
   EXPECT_TRUE(DetectLines({}).lines.empty());
   EXPECT_TRUE(DetectLines({{5, 100.0f, 100.0f, 1}}).lines.empty());
   const float nan = std::numeric_limits<float>::quiet_NaN();
@@ -259,7 +259,7 @@ TEST(PlaneDetector, ALineOfEventsAtOneTimeIsFinite) {
   }
 }
 
-TEST(PlaneDetector, RefusesOptionsThatCannotBe) {
+TEST(PlaneDetector, RejectsInvalidOptions) {
   const auto message = [](auto change) {
     PlaneDetectorOptions options;
     change(options);

@@ -23,14 +23,18 @@ namespace {
 
 using Cloud = pcl::PointCloud<pcl::PointXYZ>;
 
-// A plane this flat in time is a flash of light, not an edge: it would move this many times faster than the others.
+// Maximum speed of an edge relative to the time scale of the stretch. A faster plane, nearly one of constant time, is a
+// flash of light.
 constexpr double kMaxSpeedRatio = 8.0;
+// With half of the points in the plane, 40 samples of three points miss it with a probability of 0.5 %.
 constexpr int kRansacIterations = 40;
-constexpr int kMaxPlanesPerRegion = 8;
-// Share of inliers cut off at each end: single events beyond an edge's end must not lengthen it.
+constexpr int kMaxPlanesPerRegion = 8;  // bounds the work; edges that meet at a flat angle are few
+// Share of the inliers ignored at each end of a plane, so that single events beyond the end of an edge do not lengthen
+// it.
 constexpr double kTrimmedRatio = 0.01;
 
-// PCL's algorithms ask for neighbours of the cloud's own points only, and each of them again. The table knows them all.
+// Gives PCL's algorithms the precomputed neighbours. They query each of the cloud's own points several times, and no
+// other position.
 class TableSearch : public pcl::search::Search<pcl::PointXYZ> {
  public:
   explicit TableSearch(const NeighbourTable& table) : Search("TableSearch", true), table_(table) {}
@@ -38,7 +42,7 @@ class TableSearch : public pcl::search::Search<pcl::PointXYZ> {
   int nearestKSearch(const pcl::PointXYZ&, int, pcl::Indices& indices, std::vector<float>& distances) const override {
     indices.clear();
     distances.clear();
-    return 0;  // a place that is no point of the cloud: never asked for
+    return 0;  // a query of a position that is no point of the cloud; does not occur
   }
   int nearestKSearch(const Cloud&, pcl::index_t index, int k, pcl::Indices& indices,
                      std::vector<float>& distances) const override {
@@ -47,7 +51,7 @@ class TableSearch : public pcl::search::Search<pcl::PointXYZ> {
   int nearestKSearch(pcl::index_t index, int k, pcl::Indices& indices, std::vector<float>& distances) const override {
     const absl::Span<const int32_t> neighbours = table_.Of(index).subspan(0, k);
     indices.assign(neighbours.begin(), neighbours.end());
-    distances.clear();  // nobody here asks how far
+    distances.clear();  // the algorithms used here do not read them
     return static_cast<int>(indices.size());
   }
   int radiusSearch(const pcl::PointXYZ&, double, pcl::Indices& indices, std::vector<float>& distances,
@@ -76,7 +80,8 @@ std::vector<pcl::PointIndices> GrowRegions(const Cloud::Ptr& cloud, const Neighb
   growing.setInputNormals(normals);
   growing.setSearchMethod(search);
   growing.setNumberOfNeighbours(options.max_neighbours);
-  // Against the region's first point, which lies where the plane is cleanest: else regions creep around bends.
+  // Normals are compared with that of the region's first point, which has the smallest curvature. A comparison of
+  // neighbours would let regions grow around bends.
   growing.setSmoothModeFlag(false);
   growing.setSmoothnessThreshold(static_cast<float>(options.smoothness_deg * std::numbers::pi / 180.0));
   growing.setCurvatureThreshold(static_cast<float>(options.max_curvature));
@@ -86,7 +91,8 @@ std::vector<pcl::PointIndices> GrowRegions(const Cloud::Ptr& cloud, const Neighb
   return regions;
 }
 
-// Length of the image part of a plane's normal; std::hypot need not give the same bits everywhere.
+// Returns the length of the image components of a plane's normal. std::hypot is avoided, because its result depends on
+// the C library.
 double InImage(const Eigen::VectorXf& coefficients) { return coefficients.head<2>().cast<double>().norm(); }
 
 SpaceTimePlane PlaneOf(const Cloud& cloud, const Eigen::VectorXf& coefficients, const pcl::Indices& inliers,
@@ -108,12 +114,12 @@ SpaceTimePlane PlaneOf(const Cloud& cloud, const Eigen::VectorXf& coefficients, 
   return plane;
 }
 
-// The planes of one region, the largest first: edges that meet at a flat angle grow into one region.
+// Appends the planes of one region, the largest first. Edges that meet at a flat angle grow into one region.
 void FitPlanes(const Cloud::Ptr& cloud, pcl::Indices region, uint8_t polarity, double px_per_s,
                const PlaneSegmentationOptions& options, std::vector<SpaceTimePlane>& planes) {
   for (int k = 0; k < kMaxPlanesPerRegion && region.size() >= static_cast<size_t>(options.min_plane_points); ++k) {
     const pcl::SampleConsensusModelPlane<pcl::PointXYZ>::Ptr model(
-        new pcl::SampleConsensusModelPlane<pcl::PointXYZ>(cloud, region, false));  // false: the same choices every time
+        new pcl::SampleConsensusModelPlane<pcl::PointXYZ>(cloud, region, false));  // false: a fixed seed
     pcl::RandomSampleConsensus<pcl::PointXYZ> ransac(model, options.inlier_px);
     ransac.setMaxIterations(kRansacIterations);
     if (!ransac.computeModel(0)) return;
@@ -141,7 +147,7 @@ void SegmentPolarity(const EventStretch& stretch, uint8_t polarity, const PlaneS
   const std::vector<Eigen::Vector3f> points =
       SpaceTimePoints(stretch, polarity, px_per_s, options.cell_px, options.max_points);
   const NeighbourTable all(points, options.neighbour_radius_px, options.max_neighbours);
-  // Points with few neighbours are noise. PCL's radius filter would find the neighbours once more.
+  // Points with few neighbours are noise. PCL's radius filter would compute the neighbours again.
   std::vector<bool> is_kept(points.size());
   const Cloud::Ptr cloud(new Cloud);
   for (size_t i = 0; i < points.size(); ++i) {
@@ -171,7 +177,7 @@ absl::Status PlaneSegmentationOptions::Validate() const {
 }
 
 std::vector<SpaceTimePlane> SegmentPlanes(const EventStretch& stretch, const PlaneSegmentationOptions& options) {
-  // PCL writes to standard error about every unlucky sample; what matters is what it returns.
+  // PCL would write a message to standard error for each degenerate sample; its return values are checked instead.
   static const bool is_quiet = (pcl::console::setVerbosityLevel(pcl::console::L_ALWAYS), true);
   static_cast<void>(is_quiet);
   std::vector<SpaceTimePlane> planes;

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// Planes in space and time (core/detection/README.md, section 1; Liu et al., "Line-based 6-DoF Object Pose Estimation
-// and Tracking With an Event Camera", IEEE TIP 2024, Sec. III-A): the events of a straight moving edge lie near a plane
-// in (u, v, c t).
+// Segments the events into planes in space and time (core/detection/README.md, section 1; Liu et al., "Line-based 6-DoF
+// Object Pose Estimation and Tracking With an Event Camera", IEEE TIP 2024, Sec. III-A): the events of a straight
+// moving edge lie near a plane in (u, v, c t).
 #pragma once
 
 #include <Eigen/Core>
@@ -14,33 +14,35 @@
 namespace evpose {
 
 struct PlaneSegmentationOptions {
-  // Pixels: side of the cells of (u, v, c t) whose events make one point, their mean. Halves the noise of pixels and
-  // of several events of one edge at a pixel, and bounds the number of points.
+  // Side of the cells of (u, v, c t), pixels. The mean of the events of a cell is one point, which halves the noise of
+  // pixels and of the several events of an edge at a pixel, and bounds the number of points. All values of this struct
+  // are validated by simulated_lines_test and driving_lines_test.
   double cell_px = 2.0;
-  // Points of one polarity, at most; thinned evenly beyond.
+  // Maximum number of points of one polarity; more are downsampled uniformly.
   int max_points = 5000;
-  // Pixels: points within it are neighbours. An edge's points lie one or two cells apart.
+  // Maximum distance of neighbours, pixels. The points of an edge are one or two cells apart.
   double neighbour_radius_px = 5.0;
-  // Nearest of them that the normal is taken from.
+  // Number of nearest neighbours from which the normal of a point is computed.
   int max_neighbours = 16;
-  // A point with fewer is noise and removed.
+  // A point with fewer neighbours is noise and is removed.
   int min_neighbours = 5;
-  // Normals of neighbours in one plane differ by less; above their own scatter, below the angles between edges.
+  // Maximum angle between the normals in one plane, degrees: above their noise, below the angles between edges.
   double smoothness_deg = 18.0;
-  // Share of the smallest eigenvalue in the sum: a point in a corner or a clutter of edges starts or spreads no plane.
+  // Maximum ratio of the smallest eigenvalue of the neighbours' covariance to the sum of all. A point with a larger
+  // one, in a corner or among many edges, does not extend a region.
   double max_curvature = 0.06;
-  // Points: smaller planes are not told from chance.
+  // Minimum number of points of a plane; chance produces smaller ones.
   int min_plane_points = 10;
-  // Pixels: farthest inlier of the plane fit.
+  // Maximum distance of the inliers of a plane, pixels.
   double inlier_px = 1.0;
 
-  // INVALID_ARGUMENT naming the field.
+  // Error: INVALID_ARGUMENT naming the field.
   absl::Status Validate() const;
 };
 
-// A plane as what it says of an edge: normal . (u, v) = offset + speed * tau.
+// A plane in the form of a moving edge: normal . (u, v) = offset + speed * tau (README, equation (1)).
 struct SpaceTimePlane {
-  Eigen::Vector2d normal = Eigen::Vector2d::UnitX();  // unit, in the image
+  Eigen::Vector2d normal = Eigen::Vector2d::UnitX();  // unit vector in the image
   double offset_px = 0.0;
   double speed_px_per_s = 0.0;
   // Extent of the inliers along (-normal.y, normal.x).
@@ -50,7 +52,8 @@ struct SpaceTimePlane {
   int num_points = 0;
 };
 
-// By falling number of points. `options` must be valid. An exception of PCL is no plane.
+// Returns the planes in descending order of the number of points. `options` must be valid. If PCL throws an exception,
+// the list is empty.
 std::vector<SpaceTimePlane> SegmentPlanes(const EventStretch& stretch, const PlaneSegmentationOptions& options);
 
 }  // namespace evpose

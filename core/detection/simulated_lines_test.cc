@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// Both detectors on simulated recordings of the five objects, 5 % of the events noise, against what the model shows.
+// Compares both detectors with the visible model lines, on simulated recordings of the five objects with 5 % noise
+// events.
 #include <gtest/gtest.h>
 
 #include <cmath>
@@ -34,8 +35,8 @@ struct BothScores {
   DetectionScore lsd;
 };
 
-// At random times of recordings that differ in path and attitude. The motion that a line must show counts from the
-// beginning of the planes' stretch for both.
+// Scores both detectors at random times of recordings with different paths and attitudes. For both, the required motion
+// of a line counts from the beginning of the plane detector's stretch.
 BothScores ScoreObject(const std::string& object, double speed_scale) {
   const auto planes = MakePlaneLineDetector({}, kSensor).value();
   const auto lsd = MakeLsdLineDetector({}, kSensor).value();
@@ -74,13 +75,13 @@ TEST_P(SimulatedLines, PlanesFindTheObject) {
   RecordProperty("lsd_precision", std::to_string(scores.lsd.precision()));
   RecordProperty("lsd_median_error_px", std::to_string(Median(scores.lsd.error_px)));
 
-  EXPECT_GT(planes.visible_px, 10'000.0);  // there was something to find
+  EXPECT_GT(planes.visible_px, 10'000.0);  // the trial has visible lines
   EXPECT_GE(planes.recall(), 0.88);
   EXPECT_GE(planes.precision(), 0.90);
   EXPECT_LE(Median(planes.error_px), 0.45);
   EXPECT_LE(std::abs(Median(planes.offset_px)), 0.3);
-  EXPECT_LE(ShareBeyond(planes, 5.0), 0.05);  // too long, across a corner
-  // The comparison: planes find more, and more precisely, and lines end where edges end.
+  EXPECT_LE(ShareBeyond(planes, 5.0), 0.05);  // lines that extend beyond a corner
+  // The plane detector finds more lines than LSD, more precisely, and with more accurate ends.
   EXPECT_GT(planes.recall(), scores.lsd.recall());
   EXPECT_GT(planes.precision(), scores.lsd.precision());
   EXPECT_LT(Median(planes.error_px), Median(scores.lsd.error_px));

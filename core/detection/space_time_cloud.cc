@@ -9,7 +9,7 @@
 namespace evpose {
 namespace {
 
-// Cells are packed as 21 bits each of t, v, u, offset so that they are positive.
+// A cell is packed into 3 x 21 bits for t, v and u. The offset makes its coordinates positive.
 constexpr int64_t kCellOffset = 1 << 20;
 
 uint64_t CellKey(const Eigen::Vector3f& point, double cell_px) {
@@ -51,7 +51,8 @@ std::vector<Eigen::Vector3f> SpaceTimePoints(const EventStretch& stretch, uint8_
 NeighbourTable::NeighbourTable(const std::vector<Eigen::Vector3f>& points, double radius, int max_neighbours) {
   begin_.assign(points.size() + 1, 0);
   if (points.empty()) return;
-  // Sorted into squares of the image; time is short, so that a square holds few points.
+  // Points are sorted into squares of the image with the side `radius`. The stretch is short in time (a few pixels in
+  // c t), so that a square has few points.
   Eigen::Vector2f low = points[0].head<2>(), high = low;
   for (const Eigen::Vector3f& point : points) {
     low = low.cwiseMin(point.head<2>());

@@ -20,13 +20,14 @@ inline constexpr double kNeesMedian = 5.348;
 double NormalisedErrorSquared(const RigidTransform& truth, const RigidTransform& estimate, const Matrix6d& covariance);
 
 struct Consistency {
-  uint64_t num_poses = 0;    // poses whose covariance is positive definite
-  uint64_t num_without = 0;  // poses without such a covariance
+  uint64_t num_poses = 0;    // number of poses with a positive definite covariance
+  uint64_t num_without = 0;  // number of poses without one
   // Quantiles of the NEES; NaN without any pose.
   double median = 0.0;
   double p5 = 0.0;
   double p95 = 0.0;
 };
+// Summarises the values of NormalisedErrorSquared(), in any order; NaN counts as a pose without covariance.
 Consistency SummariseConsistency(std::vector<double> normalised_errors_squared);
 
 }  // namespace evpose

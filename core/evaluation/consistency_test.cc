@@ -14,7 +14,7 @@ namespace {
 
 const RigidTransform kTruth = {ExpSo3({0.3, -0.5, 0.2}), {0.1, -0.2, 1.4}};
 
-// A covariance as a tracker's: millimetres and milliradians, with correlated depth and tilt.
+// A covariance like that of a tracker: millimetres and milliradians, with correlated depth and tilt.
 Matrix6d Covariance() {
   Matrix6d factor = Matrix6d::Zero();
   factor.diagonal() << 2e-4, 3e-4, 2e-3, 4e-3, 1e-3, 5e-4;
@@ -33,7 +33,7 @@ RigidTransform Draw(const Matrix6d& covariance, Random& random) {
   return estimate;
 }
 
-TEST(ConsistencyTest, AnHonestCovarianceHasTheQuantilesOfChiSquare) {
+TEST(ConsistencyTest, AConsistentCovarianceHasTheQuantilesOfChiSquare) {
   Random random(3);
   std::vector<double> values;
   for (int i = 0; i < 40'000; ++i) {
@@ -47,7 +47,7 @@ TEST(ConsistencyTest, AnHonestCovarianceHasTheQuantilesOfChiSquare) {
   EXPECT_NEAR(consistency.p95, 12.592, 0.2);
 }
 
-TEST(ConsistencyTest, TooSmallACovarianceShows) {
+TEST(ConsistencyTest, DetectsACovarianceThatIsTooSmall) {
   Random random(3);
   std::vector<double> values;
   for (int i = 0; i < 10'000; ++i) {
@@ -67,7 +67,7 @@ TEST(ConsistencyTest, ByHand) {
   EXPECT_NEAR(NormalisedErrorSquared(kTruth, estimate, covariance), 4.0 + 9.0, 1e-6);
 }
 
-TEST(ConsistencyTest, NoCovarianceIsCounted) {
+TEST(ConsistencyTest, CountsPosesWithoutCovariance) {
   Matrix6d singular = Matrix6d::Identity();
   singular(2, 2) = 0.0;
   Matrix6d infinite = Matrix6d::Identity();

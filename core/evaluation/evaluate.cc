@@ -16,7 +16,8 @@ namespace {
 absl::Status CheckTimesIncrease(const Trajectory& trajectory, absl::string_view name) {
   for (size_t i = 1; i < trajectory.size(); ++i) {
     if (trajectory[i].t_us <= trajectory[i - 1].t_us) {
-      return absl::InvalidArgumentError(absl::StrCat("the ", name, "'s times do not increase at pose ", i + 1));
+      return absl::InvalidArgumentError(absl::StrCat("the ", name, "'s times do not increase at pose ", i + 1,
+                                                     "; sort the poses by time and remove duplicates"));
     }
   }
   return absl::OkStatus();
@@ -24,13 +25,13 @@ absl::Status CheckTimesIncrease(const Trajectory& trajectory, absl::string_view 
 
 absl::Status CheckTruth(const Trajectory& truth) {
   if (truth.size() < 2) {
-    return absl::InvalidArgumentError(absl::StrCat("the truth has ", truth.size(), " poses; 2 are needed at least"));
+    return absl::InvalidArgumentError(absl::StrCat("the truth has ", truth.size(), " poses; at least 2 are needed"));
   }
   for (const StampedPose& pose : truth) {
     if (!(pose.camera_from_object.translation_m.z() > 0.0)) {
-      return absl::InvalidArgumentError(
-          absl::StrFormat("the truth at %.6f s has the object's origin behind the camera: is it camera_from_object?",
-                          pose.t_us * 1e-6));
+      return absl::InvalidArgumentError(absl::StrFormat(
+          "the truth at %.6f s has the object's origin behind the camera; give camera_from_object poses",
+          pose.t_us * 1e-6));
     }
   }
   return CheckTimesIncrease(truth, "truth");
@@ -203,7 +204,7 @@ absl::StatusOr<Evaluation> Evaluate(const Trajectory& truth, const Trajectory& e
     if (!estimate.empty()) {
       return absl::InvalidArgumentError(absl::StrCat("the estimate (", TimeSpan(estimate),
                                                      ") lies outside the truth's time span (", TimeSpan(truth),
-                                                     "): are both on the sensor's clock?"));
+                                                     "); give both on the sensor's clock"));
     }
     SetErrorsNan(result);
     return result;

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// Compares an estimated trajectory with the truth. Both are camera_from_object on the sensor's clock; no alignment is
-// applied.
+// Compares an estimated trajectory with the truth (core/evaluation/README.md, section 1). Both are camera_from_object
+// on the sensor's clock; no alignment is applied.
 #pragma once
 
 #include <cstdint>
@@ -79,9 +79,10 @@ struct Evaluation {
   double pose_rate_hz = 0.0;  // (num_poses - 1) / time between the first and the last of them; 0 for fewer than 2
 };
 
-// An estimate without any pose is valid input (a tracker that lost the object at once): its coverage is 0.
-// Errors: INVALID_ARGUMENT for options, a truth of fewer than 2 poses or with the object not in front of the camera,
-// times that do not increase, or an estimate that lies entirely outside the truth's time span (naming both).
+// Evaluates `estimate`. An estimate without any pose is valid input (a tracker that lost the object at once): its
+// coverage is 0. The reprojection error needs both `model` and `camera`. Errors: INVALID_ARGUMENT for options, a truth
+// of fewer than 2 poses or with the object not in front of the camera, times that do not increase, or an estimate that
+// lies entirely outside the truth's time span (naming both).
 absl::StatusOr<Evaluation> Evaluate(const Trajectory& truth, const Trajectory& estimate,
                                     const EvaluationOptions& options = {}, const ObjectModel* model = nullptr,
                                     const CameraModel* camera = nullptr);

@@ -26,7 +26,7 @@ Evaluation EvaluateOk(const Trajectory& truth, const Trajectory& estimate, const
   return evaluation.value_or(Evaluation{});
 }
 
-TEST(Evaluate, StatisticsByHand) {
+TEST(Evaluate, StatisticsEqualThoseComputedByHand) {
   Trajectory estimate;
   const double degrees[] = {0, 1, 2, 3, 10};
   for (int i = 0; i < 5; ++i) {
@@ -122,7 +122,7 @@ TEST(Evaluate, SymmetriesGivenByTheCaller) {
   EXPECT_NEAR(half.rotation_max_rad, 0.0, 1e-7);
 }
 
-TEST(Evaluate, EstimatesOutsideTheTruthAreLeftOut) {
+TEST(Evaluate, IgnoresEstimatesOutsideTheTruth) {
   const Evaluation e =
       EvaluateOk(TruthAtRest(), {Pose(-1, {9, 9, 9}), Pose(50'000, {0, 0, 2}), Pose(100'001, {9, 9, 9})});
   EXPECT_EQ(e.num_poses, 1u);
@@ -130,7 +130,7 @@ TEST(Evaluate, EstimatesOutsideTheTruthAreLeftOut) {
   EXPECT_EQ(e.pose_rate_hz, 0.0);
 }
 
-TEST(Evaluate, NoPoseAtAllIsAResult) {
+TEST(Evaluate, AnEstimateWithoutPosesHasNoCoverage) {
   const Evaluation e = EvaluateOk(TruthAtRest(), {});
   EXPECT_EQ(e.num_poses, 0u);
   EXPECT_EQ(e.coverage_ratio, 0.0);
@@ -139,7 +139,7 @@ TEST(Evaluate, NoPoseAtAllIsAResult) {
   EXPECT_TRUE(std::isnan(e.rotation_max_rad));
 }
 
-TEST(Evaluate, ErrorsSayWhatIsWrong) {
+TEST(Evaluate, ErrorsNameTheWrongInput) {
   const Trajectory good = {Pose(0, {0, 0, 2})};
   const auto message = [](const Trajectory& truth, const Trajectory& estimate, const EvaluationOptions& options = {}) {
     const absl::Status status = Evaluate(truth, estimate, options).status();

@@ -13,8 +13,9 @@ namespace {
 
 using Eigen::Vector3d;
 
-// Two directions whose angle has a sine below this are parallel, and two points closer than this share of the diameter
-// coincide: a pose that depends on a difference of less than a thousandth would depend on errors of the model.
+// Two directions are parallel if the sine of their angle is below this, and two points coincide if their distance is
+// below this share of the diameter. A pose that depends on a difference of less than a thousandth depends on errors of
+// the model.
 constexpr double kSame = 1e-3;
 
 struct InfiniteLine {
@@ -62,22 +63,22 @@ absl::Status CheckLinesDeterminePose(const ObjectModel& model) {
   if (lines.size() < 3) {
     return absl::InvalidArgumentError(absl::StrCat(
         "the model has ", lines.size(), " distinct lines (of ", model.lines.size(),
-        "; collinear ones are one), and a pose needs at least 3: its six unknowns take two equations from each; give "
-        "the model more lines"));
+        "; collinear lines count as one), and a pose needs at least 3, because each gives two equations for its six "
+        "unknowns; add lines to the model"));
   }
   if (std::all_of(lines.begin(), lines.end(), [&](const auto& line) { return IsParallel(line, lines[0]); })) {
     return absl::InvalidArgumentError(absl::StrCat(
         "all ", lines.size(),
-        " lines of the model are parallel: it can slide along them and its picture stays the same, so no pose follows; "
-        "give the model lines in another direction"));
+        " lines of the model are parallel, so the pose is undetermined: a translation along them does not change the "
+        "image; add lines in another direction to the model"));
   }
   const Vector3d point = NearestPoint(lines);
   const auto meets = [&](const InfiniteLine& line) { return Distance(line, point) < kSame * model.diameter_m; };
   if (std::all_of(lines.begin(), lines.end(), meets)) {
     return absl::InvalidArgumentError(absl::StrCat(
         "all ", lines.size(),
-        " lines of the model meet in one point: nearer or farther, their image lines are the same, so no distance "
-        "follows; give the model a line that passes that point by"));
+        " lines of the model meet in one point, so the distance is undetermined: it does not change the image lines; "
+        "add a line that does not pass through this point to the model"));
   }
   return absl::OkStatus();
 }

@@ -125,7 +125,7 @@ FirstPoses PoseInitializer::Find(absl::Span<const PixelEvent> events) {
   if (!first.has_moved) return first;
   const std::vector<PoseHypothesis> hypotheses = search_->Search(segments);
   for (const PoseHypothesis& hypothesis : hypotheses) {
-    if (!IsPlausible(hypothesis.is_lookalike ? hypotheses.front() : hypothesis)) continue;
+    if (!IsPlausible(hypothesis.is_near_symmetric ? hypotheses.front() : hypothesis)) continue;
     const TwistEstimate motion =
         EstimateTwist(*model_, camera_, hypothesis.camera_from_object, detection, hypothesis.model_line, options_);
     first.poses.push_back({detection.t_begin_us + (detection.t_end_us - detection.t_begin_us) / 2,

@@ -44,8 +44,8 @@ struct InitializerOptions {
   // Smallest share of the evidence of all segments that a pose must explain, unless its evidence exceeds that of six
   // segments: in cluttered views, random poses were observed to gather the evidence of up to four.
   double min_explained_ratio = 0.5;
-  double sure_evidence = 144.0;
-  // Prior of the twist, one standard deviation per axis.
+  double sure_evidence = 144.0;  // PoseSearchOptions::unexplained_cost of six segments
+  // Prior of the twist: standard deviation per axis.
   double velocity_px_per_s = 2000.0;        // fast for an object that fills the image
   double angular_velocity_rad_per_s = 6.0;  // about one turn per second
   double line_error_px = 0.5;  // standard deviation of the position of a detected line at either end of its interval
@@ -53,9 +53,9 @@ struct InitializerOptions {
   absl::Status Validate() const;
 };
 
-// Returns the twist at the middle of the interval that best explains the motion of the matched lines. Each end of each
-// line gives its normal velocity (core/estimation/README.md, section 2), and the prior constrains the remaining
-// directions. `model_line` is PoseHypothesis::model_line.
+// Returns the twist at the middle of the interval that best explains the motion of the matched lines, and its
+// covariance (README, equation (9)). Each end of each line gives its normal velocity, and the prior constrains the
+// remaining directions. `model_line` is PoseHypothesis::model_line.
 struct TwistEstimate {
   Vector6d twist = Vector6d::Zero();
   Matrix6d covariance = Matrix6d::Zero();

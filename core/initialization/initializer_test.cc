@@ -30,7 +30,7 @@ Vector6d SomeTwist() {
   return twist;
 }
 
-// The model's lines as a detector would see them between -half and +half of the duration.
+// The model's lines as a detector would return them at both ends of an interval centred at the pose's time.
 LineDetection Moving(const ObjectModel& model, const Vector6d& twist, int64_t duration_us) {
   const double half_s = 0.5e-6 * static_cast<double>(duration_us);
   LineDetection detection{0, duration_us, {}};
@@ -74,7 +74,7 @@ TEST(EstimateTwist, IsTheSameWhicheverWayTheSegmentsRun) {
   EXPECT_LT((forward.twist - backward.twist).norm(), 1e-9);
 }
 
-TEST(EstimateTwist, FallsBackOnThePriorWhereNothingTells) {
+TEST(EstimateTwist, EqualsThePriorInUnobservedDirections) {
   const ObjectModel model = Wires();
   const LineDetection detection = Moving(model, SomeTwist(), 10'000);
   std::vector<int> numbers(model.lines.size(), -1);
@@ -91,7 +91,7 @@ TEST(EstimateTwist, FallsBackOnThePriorWhereNothingTells) {
   EXPECT_GT(little.covariance.trace(), 0.1 * nothing.covariance.trace());
 }
 
-TEST(EstimateTwist, ADetectionWithoutDurationTellsNothing) {
+TEST(EstimateTwist, ADetectionWithoutDurationGivesThePrior) {
   const ObjectModel model = Wires();
   LineDetection detection = Moving(model, SomeTwist(), 10'000);
   detection.t_end_us = detection.t_begin_us;
@@ -116,7 +116,7 @@ class FixedDetector : public LineDetector {
   LineDetection detection_;
 };
 
-// Answers one hypothesis, and keeps what it was asked.
+// A search that returns one given hypothesis and stores the segments that it received.
 class FixedSearch : public PoseSearch {
  public:
   FixedSearch(PoseHypothesis hypothesis, std::vector<ImageSegment>& asked)
@@ -152,7 +152,7 @@ TEST(PoseInitializer, SearchesWithTheLinesAtTheMiddleOfTheirTime) {
   }
 }
 
-TEST(PoseInitializer, TurnsDownPosesThatAnyLinesMightFit) {
+TEST(PoseInitializer, RejectsPosesWithTheEvidenceOfRandomSegments) {
   auto model = std::make_shared<const ObjectModel>(Wires());
   const LineDetection detection = Moving(*model, SomeTwist(), 10'000);
   std::vector<ImageSegment> asked;
@@ -160,7 +160,7 @@ TEST(PoseInitializer, TurnsDownPosesThatAnyLinesMightFit) {
     double cost, evidence;
     bool is_plausible;
   };
-  // Worth three lines; four of many; four of six; eight of twenty.
+  // Evidence of three segments; of four out of many; of four out of six; of eight out of twenty.
   for (const Case& c : {Case{20.0, 65.0, false}, {300.0, 96.0, false}, {50.0, 90.0, true}, {300.0, 180.0, true}}) {
     const PoseHypothesis hypothesis{kPose, c.cost, c.evidence, InOrder(model->lines.size()), 3, 0.3};
     PoseInitializer initializer(model, kCamera, std::make_unique<FixedDetector>(detection),

@@ -15,13 +15,19 @@
 namespace evpose {
 namespace {
 
-constexpr size_t kMinMatches = 3;
-// Gates of the successive matchings while the pose converges, in standard deviations. The first gate admits the error
-// of a pose from one segment.
+constexpr size_t kMinMatches = 3;  // the six unknowns of a pose take two equations from each match
+// Factors of the gates of the successive matchings in MatchAndRefine(). The first one admits the error of a pose from
+// one segment.
 constexpr std::array<double, 3> kWidenings = {4.0, 2.0, 1.0};
-constexpr int kStepsWhileSettling = 3;
-constexpr int kTurnedOverSteps = 8;
-constexpr int kFinalSteps = 5;  // steps before the last matching
+// Numbers of Levenberg-Marquardt steps. After each matching few steps suffice, because the matches change anyway; a
+// reflected pose starts farther away from its minimum.
+constexpr int kStepsPerMatching = 3;
+constexpr int kReflectionSteps = 8;
+constexpr int kVisibleSteps = 5;
+constexpr double kFirstDamping = 1e-4;  // share of the mean diagonal of the normal equations
+// Factors of the damping after a step that lowers the cost and after one that does not.
+constexpr double kDampingAfterSuccess = 0.1;
+constexpr double kDampingAfterFailure = 20.0;
 // Rounding tolerance of the cost: a step that raises it by less is accepted, and the descent continues until the
 // gradient vanishes.
 constexpr double kCostRounding = 1e-14;
@@ -105,7 +111,7 @@ bool PoseFitter::Refine(absl::Span<const SegmentMatch> matches, double widening,
   const FitWeights weights = FitWeights::Make(options_, widening);
   Normal normal, next_normal;
   if (!Accumulate(matches, weights, pose, normal)) return false;
-  double damping = 1e-4;
+  double damping = kFirstDamping;
   for (int i = 0; i < iterations && damping < kMaxDamping; ++i) {
     // Translations are in units of the object's radius, so that one damping constant suits translation and rotation.
     const double unit_m2 = model_.radius_m() * model_.radius_m();
@@ -121,7 +127,7 @@ bool PoseFitter::Refine(absl::Span<const SegmentMatch> matches, double widening,
     const RigidTransform next = Perturb(pose, step);
     const bool is_better =
         Accumulate(matches, weights, next, next_normal) && next_normal.cost <= (1.0 + kCostRounding) * normal.cost;
-    damping *= is_better ? 0.1 : 20.0;
+    damping *= is_better ? kDampingAfterSuccess : kDampingAfterFailure;
     if (!is_better) continue;
     pose = next;
     std::swap(normal, next_normal);
@@ -136,7 +142,7 @@ bool PoseFitter::IsBeforeCamera(const RigidTransform& pose) const {
 bool PoseFitter::MatchAndRefine(RigidTransform& pose) const {
   for (const double widening : kWidenings) {
     const std::vector<SegmentMatch> matches = Match(LikelyParts(pose), widening);
-    if (matches.size() < kMinMatches || !Refine(matches, widening, kStepsWhileSettling, pose)) return false;
+    if (matches.size() < kMinMatches || !Refine(matches, widening, kStepsPerMatching, pose)) return false;
   }
   return true;
 }
@@ -151,7 +157,7 @@ void PoseFitter::Project(const RigidTransform& pose, std::vector<ImagePart>& par
 PoseHypothesis PoseFitter::ScoreVisible(RigidTransform pose, size_t num_segments) const {
   std::vector<ImagePart> parts = VisibleParts(pose);
   RigidTransform refined = pose;
-  if (Refine(Match(parts, 1.0), 1.0, kFinalSteps, refined)) {
+  if (Refine(Match(parts, 1.0), 1.0, kVisibleSteps, refined)) {
     pose = refined;
     Project(pose, parts);
   }
@@ -189,7 +195,7 @@ bool PoseFitter::ReflectDepths(RigidTransform& pose) const {
   pose.rotation = (identity - 2.0 * sight * sight.transpose()) * pose.rotation *
                   (identity - 2.0 * plane_normal * plane_normal.transpose());
   pose.translation_m = middle_camera - pose.rotation * middle;
-  return Refine(matches, kWidenings.front(), kTurnedOverSteps, pose);
+  return Refine(matches, kWidenings.front(), kReflectionSteps, pose);
 }
 
 PoseHypothesis PoseFitter::Score(const RigidTransform& pose, absl::Span<const ImagePart> parts,

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// Scores a pose against image segments: associates the segments with the projected model, computes the cost, and
-// refines the pose.
+// Refines and scores poses against image segments (stages 4 to 7 of pose_search.h): associates the segments with the
+// projected model, minimises the cost of the matches, and computes the final cost.
 #pragma once
 
 #include <vector>
@@ -35,7 +35,8 @@ class PoseFitter {
   // Returns the visible parts, by ray casting.
   std::vector<ImagePart> VisibleParts(const RigidTransform& pose) const;
 
-  // Associates each image line that fits a part with the best one.
+  // Associates each segment with the part of the lowest cost, if this is below unexplained_cost. `widening` multiplies
+  // the standard deviations.
   std::vector<SegmentMatch> Match(absl::Span<const ImagePart> parts, double widening) const;
 
   // Normal equations of the weighted squares in the tangent space of rigid_transform.h, and the cost.
@@ -50,7 +51,7 @@ class PoseFitter {
       cost += weight * residual * residual;
     }
   };
-  // Computes the equations of the matches at a pose. Returns false if a line extends behind the camera.
+  // Computes the normal equations of the matches at a pose. Returns false if a line extends behind the camera.
   bool Accumulate(absl::Span<const SegmentMatch> matches, const FitWeights& weights, const RigidTransform& pose,
                   Normal& normal) const;
 
@@ -58,16 +59,17 @@ class PoseFitter {
   // if the object leaves the space in front of the camera.
   bool Refine(absl::Span<const SegmentMatch> matches, double widening, int iterations, RigidTransform& pose) const;
 
-  // Alternates matching, with ever narrower gates, and refinement, on the superset of the visible parts. Returns false
-  // if fewer than three segments are associated or if the pose is not determined.
+  // Stage 4: alternates matching, with gates that narrow, and refinement, on the superset of the visible parts. Returns
+  // false if fewer than three segments are associated or if the pose is not determined.
   bool MatchAndRefine(RigidTransform& pose) const;
   // Computes the cost of a pose, given the visible parts; `model_line` has `num_segments` entries.
   PoseHypothesis Score(const RigidTransform& pose, absl::Span<const ImagePart> parts, size_t num_segments) const;
-  // Refines and scores the pose with the parts that ray casting finds visible.
+  // Stages 5 and 6: refines and scores the pose with the parts that ray casting finds visible.
   PoseHypothesis ScoreVisible(RigidTransform pose, size_t num_segments) const;
-  // Does the same with Ceres, to the minimum (RefineToMinimum): for the few poses that a search returns.
+  // Stage 7: does the same with Ceres, to the minimum (RefineToMinimum), for the few poses that a search returns.
   PoseHypothesis ScoreMinimum(RigidTransform pose, size_t num_segments) const;
-  // Computes the second pose of a flat object: reflects the depths of the matched lines about their mean, and refines.
+  // Stage 6: computes the second pose of a flat object by reflecting the depths of the matched lines about their mean
+  // (README, equation (8)), and refines it.
   // Under weak perspective both poses have the same image. Returns false if the lines do not permit it.
   bool ReflectDepths(RigidTransform& pose) const;
 

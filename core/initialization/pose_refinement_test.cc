@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// The pose search's own steps against Ceres and automatic differentiation.
+// Compares the steps of PoseFitter with Ceres and automatic differentiation.
 #include "core/initialization/pose_refinement.h"
 
 #include <ceres/jet.h>
@@ -20,7 +20,7 @@ namespace {
 
 constexpr int kTrials = 25;
 
-// Segments of a trial, and what the search's best pose takes them for.
+// Segments of a trial and their matches at the best pose of a search.
 struct Matched {
   std::vector<SearchSegment> segments;
   std::vector<SegmentMatch> matches;
@@ -67,7 +67,7 @@ double RelativeDifference(const RigidTransform& a, const RigidTransform& b) {
                   (a.translation_m - b.translation_m).norm() / b.translation_m.norm());
 }
 
-TEST_P(PoseRefinementTest, OwnStepsGoWhereCeresGoes) {
+TEST_P(PoseRefinementTest, StepsConvergeToTheResultOfCeres) {
   Random random(1);
   int num_compared = 0;
   for (int seed = 0; seed < kTrials; ++seed) {
@@ -85,8 +85,8 @@ TEST_P(PoseRefinementTest, OwnStepsGoWhereCeresGoes) {
   EXPECT_GE(num_compared, kTrials - 3);
 }
 
-// What a search returns lies at the minimum. What is visible, and so where lines end, is as the refinement began: the
-// new ends may move it by a small share of its standard deviation.
+// The pose that a search returns lies at the minimum. The visible parts are those at the start of the refinement; the
+// ends of the lines at the refined pose may move the minimum by a small share of its standard deviation.
 TEST_P(PoseRefinementTest, TheBestPoseIsAMinimum) {
   int num_near = 0;
   for (int seed = 0; seed < kTrials; ++seed) {
@@ -164,7 +164,7 @@ TEST_P(PoseRefinementTest, NormalEquationsAreThoseOfAutomaticDifferentiation) {
     ASSERT_TRUE(fitter.Accumulate(matched.matches, weights_, pose, normal)) << seed;
     const Reference reference = Differentiate(trials_->camera(), matched, weights_, pose);
     EXPECT_NEAR(normal.cost, reference.cost.a, 1e-9 * normal.cost) << seed;
-    // In units of what each component of the pose is known to.
+    // In units of the standard deviation of each component of the pose.
     const Vector6d scale = normal.h.diagonal().cwiseSqrt().cwiseInverse();
     const Vector6d gradient = scale.cwiseProduct(normal.g - 0.5 * reference.cost.v);
     EXPECT_LT(gradient.norm(), 1e-8 * (1.0 + scale.cwiseProduct(normal.g).norm())) << seed;
@@ -174,7 +174,7 @@ TEST_P(PoseRefinementTest, NormalEquationsAreThoseOfAutomaticDifferentiation) {
   EXPECT_GE(num_compared, kTrials - 3);
 }
 
-TEST(RefineToMinimumTest, ALineBehindTheCameraIsRefused) {
+TEST(RefineToMinimumTest, ALineBehindTheCameraIsRejected) {
   const CameraModel camera = {640, 480, 500.0, 500.0, 320.0, 240.0, {}};
   const std::vector<ImageSegment> seen = {{{100.0, 100.0}, {400.0, 120.0}}};
   const auto segments = MakeSearchSegments(camera, seen, 1.0, 1);

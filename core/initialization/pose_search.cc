@@ -16,19 +16,25 @@
 namespace evpose {
 namespace {
 
-constexpr size_t kMinSegments = 3;
-constexpr size_t kCandidates = 48;  // candidates that are refined
+constexpr size_t kMinSegments = 3;  // the six unknowns of a pose take two equations from each segment
 // A candidate that leaves two more segments unexplained than the best one is discarded.
 constexpr double kMarginOfUnexplained = 2.0;
-constexpr size_t kMaxScored = 8;  // candidates that are scored with ray casting
+// Bounds of the number of rotations for which positions are searched. Within them the number follows from max_votes: an
+// object with few directions and lines needs few votes per rotation.
 constexpr double kMinRotations = 10;
 constexpr double kMaxRotations = 600;
+// Number of rotations that vote before their positions are scored, and number of positions scored for them. The
+// candidates of one group bound the cost of the next, so that most positions are discarded early.
 constexpr size_t kRotationsAtOnce = 4;
 constexpr int kScoredAtOnce = 200;
+// Number of hypotheses refined to the minimum: the best pose and the next one, often its near-symmetry. Each takes a
+// few tenths of a millisecond.
 constexpr size_t kMaxMinimised = 2;
-constexpr int kMinMatched = 3;
+constexpr int kMinMatched = 3;  // matched segments of a hypothesis, as for kMinSegments
+// Poses closer than this are duplicates: rotation in radians, distance as a share of the distance from the camera.
+// Poses that refinement leaves farther apart than this have different minima.
 constexpr double kSamePoseRad = 0.02;
-constexpr double kSamePoseRatio = 0.01;  // as a share of the distance
+constexpr double kSamePoseRatio = 0.01;
 
 class LinePoseSearch : public PoseSearch {
  public:
@@ -39,33 +45,37 @@ class LinePoseSearch : public PoseSearch {
         options_(options),
         search_model_(std::move(search_model)) {}
 
+  // The numbers are those of the stages in pose_search.h.
   std::vector<PoseHypothesis> Search(absl::Span<const ImageSegment> segments) const override {
+    // 1.
     const std::vector<SearchSegment> lines =
         MakeSearchSegments(camera_, segments, options_.end_point_sigma_px, options_.max_segments);
     if (lines.size() < kMinSegments) return {};
     const PoseFitter fitter(*search_model_, camera_, lines, options_);
     const double cost_of_nothing = options_.unexplained_cost * static_cast<double>(lines.size());
     std::vector<PoseHypothesis> hypotheses;
-    const auto add_scored = [&](const RigidTransform& pose, bool is_lookalike) {
+    const auto add_scored = [&](const RigidTransform& pose, bool is_near_symmetric) {
       PoseHypothesis hypothesis = fitter.ScoreVisible(pose, segments.size());
-      hypothesis.is_lookalike = is_lookalike;
-      if (hypothesis.num_matched < kMinMatched || !(is_lookalike || hypothesis.cost < cost_of_nothing)) return;
+      hypothesis.is_near_symmetric = is_near_symmetric;
+      if (hypothesis.num_matched < kMinMatched || !(is_near_symmetric || hypothesis.cost < cost_of_nothing)) return;
       AddDistinct(std::move(hypothesis), hypotheses);
     };
-    for (const PoseHypothesis& refined : MatchAndRefine(fitter, FindCandidates(lines), segments.size())) {
+    // 2 to 5.
+    for (const PoseHypothesis& refined : RefineCandidates(fitter, FindCandidates(lines), segments.size())) {
       add_scored(refined.camera_from_object, false);
     }
     if (hypotheses.empty()) return hypotheses;
+    // 6.
     const RigidTransform best = hypotheses[0].camera_from_object;
-    for (const RigidTransform& lookalike : search_model_->lookalikes()) add_scored(best * lookalike, true);
+    for (const RigidTransform& near_symmetry : search_model_->near_symmetries()) add_scored(best * near_symmetry, true);
     RigidTransform reflected = best;
     if (fitter.ReflectDepths(reflected)) add_scored(reflected, false);
-    DropDearest(hypotheses);
-    // The best pose and its near symmetry. The final refinement may exchange their order.
+    LimitNumber(hypotheses);
+    // 7. The refinement may exchange the order of the hypotheses.
     const size_t num_minimised = std::min<size_t>(kMaxMinimised, hypotheses.size());
     for (size_t i = 0; i < num_minimised; ++i) {
       PoseHypothesis minimised = fitter.ScoreMinimum(hypotheses[i].camera_from_object, segments.size());
-      minimised.is_lookalike = hypotheses[i].is_lookalike;
+      minimised.is_near_symmetric = hypotheses[i].is_near_symmetric;
       hypotheses[i] = std::move(minimised);
     }
     std::stable_sort(hypotheses.begin(), hypotheses.end(),
@@ -79,6 +89,7 @@ class LinePoseSearch : public PoseSearch {
     return camera;
   }
 
+  // Stages 2 and 3. Returns the poses with the lowest approximate cost.
   std::vector<PoseCandidate> FindCandidates(const std::vector<SearchSegment>& lines) const {
     const std::vector<Eigen::Matrix3d>& labellings = search_model_->labellings();
     PositionSearch positions(*search_model_, camera_, lines, options_);
@@ -90,8 +101,7 @@ class LinePoseSearch : public PoseSearch {
     rotation_options.max_candidates =
         static_cast<int>(std::clamp(options_.max_votes / votes_per_candidate, kMinRotations, kMaxRotations));
     const std::vector<RotationCandidate> rotations = FindRotations(*search_model_, lines, rotation_options);
-    BestCandidates best(kCandidates, kMarginOfUnexplained * options_.unexplained_cost);
-    // Rotations are processed in small groups: the candidates of one group let most of the next be discarded early.
+    BestCandidates best(static_cast<size_t>(options_.max_candidates), kMarginOfUnexplained * options_.unexplained_cost);
     for (size_t i = 0; i < rotations.size() && positions.num_votes() < options_.max_votes;) {
       for (const size_t end = i + kRotationsAtOnce; i < std::min(end, rotations.size()); ++i) {
         if (rotations[i].cost > best.cap()) return best.candidates();
@@ -102,18 +112,19 @@ class LinePoseSearch : public PoseSearch {
     return best.candidates();
   }
 
-  // Returns the best candidates after a first refinement.
-  std::vector<PoseHypothesis> MatchAndRefine(const PoseFitter& fitter, absl::Span<const PoseCandidate> candidates,
-                                             size_t num_segments) const {
+  // Stage 4. Returns the refined candidates with the lowest cost, at most max_ray_cast.
+  std::vector<PoseHypothesis> RefineCandidates(const PoseFitter& fitter, absl::Span<const PoseCandidate> candidates,
+                                               size_t num_segments) const {
     std::vector<PoseHypothesis> refined;
     for (const PoseCandidate& candidate : candidates) {
       RigidTransform pose = candidate.camera_from_object;
       if (fitter.MatchAndRefine(pose)) AddDistinct(fitter.Score(pose, fitter.LikelyParts(pose), num_segments), refined);
     }
-    if (refined.size() > kMaxScored) refined.resize(kMaxScored);
+    if (refined.size() > static_cast<size_t>(options_.max_ray_cast)) refined.resize(options_.max_ray_cast);
     return refined;
   }
 
+  // Returns whether two poses are equal modulo the model's symmetries.
   bool AreSame(const RigidTransform& a, const RigidTransform& b) const {
     const auto near = [&](const RigidTransform& c) {
       return RotationAngle(a.rotation, c.rotation) < kSamePoseRad &&
@@ -123,15 +134,16 @@ class LinePoseSearch : public PoseSearch {
                                   [&](const RigidTransform& symmetry) { return near(b * symmetry); });
   }
 
-  // Reduces the list to max_hypotheses. Near symmetries do not count, because they are few.
-  void DropDearest(std::vector<PoseHypothesis>& hypotheses) const {
+  // Removes the hypotheses with the highest costs beyond max_hypotheses. Near-symmetric ones do not count, because they
+  // are few.
+  void LimitNumber(std::vector<PoseHypothesis>& hypotheses) const {
     int count = 0;
     std::erase_if(hypotheses, [&](const PoseHypothesis& hypothesis) {
-      return !hypothesis.is_lookalike && ++count > options_.max_hypotheses;
+      return !hypothesis.is_near_symmetric && ++count > options_.max_hypotheses;
     });
   }
 
-  // The list is sorted by cost; of two equal poses the cheaper one remains.
+  // Inserts a hypothesis into the list, which is sorted by cost. Of two equal poses the cheaper one remains.
   void AddDistinct(PoseHypothesis hypothesis, std::vector<PoseHypothesis>& hypotheses) const {
     const auto place = std::upper_bound(hypotheses.begin(), hypotheses.end(), hypothesis,
                                         [](const auto& a, const auto& b) { return a.cost < b.cost; });
@@ -139,11 +151,11 @@ class LinePoseSearch : public PoseSearch {
       return AreSame(hypothesis.camera_from_object, other.camera_from_object);
     };
     if (const auto cheaper = std::find_if(hypotheses.begin(), place, is_same); cheaper != place) {
-      cheaper->is_lookalike |= hypothesis.is_lookalike;
+      cheaper->is_near_symmetric |= hypothesis.is_near_symmetric;
       return;
     }
     for (auto dearer = place; dearer != hypotheses.end(); ++dearer) {
-      if (is_same(*dearer)) hypothesis.is_lookalike |= dearer->is_lookalike;
+      if (is_same(*dearer)) hypothesis.is_near_symmetric |= dearer->is_near_symmetric;
     }
     const auto dearer = hypotheses.insert(place, hypothesis) + 1;
     hypotheses.erase(std::remove_if(dearer, hypotheses.end(), is_same), hypotheses.end());
@@ -168,7 +180,13 @@ absl::Status PoseSearchOptions::Validate() const {
   EVPOSE_RETURN_IF_ERROR(CheckRange("PoseSearchOptions.max_hypotheses", max_hypotheses, 1, 100));
   EVPOSE_RETURN_IF_ERROR(CheckRange("PoseSearchOptions.max_segments", max_segments, 3, 64));
   EVPOSE_RETURN_IF_ERROR(CheckRange("PoseSearchOptions.max_rotations", max_rotations, 1000, 100'000'000));
-  return CheckRange("PoseSearchOptions.max_votes", max_votes, 1000, 100'000'000);
+  EVPOSE_RETURN_IF_ERROR(CheckRange("PoseSearchOptions.max_votes", max_votes, 1000, 100'000'000));
+  EVPOSE_RETURN_IF_ERROR(CheckRange("PoseSearchOptions.rotation_sigma_rad", rotation_sigma_rad, 0.0, 0.5));
+  EVPOSE_RETURN_IF_ERROR(CheckRange("PoseSearchOptions.max_voters", max_voters, 1, 16));
+  EVPOSE_RETURN_IF_ERROR(CheckRange("PoseSearchOptions.vote_depth_ratio", vote_depth_ratio, 1e-3, 1.0));
+  EVPOSE_RETURN_IF_ERROR(CheckRange("PoseSearchOptions.vote_lateral_of_radius", vote_lateral_of_radius, 1e-3, 10.0));
+  EVPOSE_RETURN_IF_ERROR(CheckRange("PoseSearchOptions.max_candidates", max_candidates, 1, 10'000));
+  return CheckRange("PoseSearchOptions.max_ray_cast", max_ray_cast, 1, 10'000);
 }
 
 absl::StatusOr<std::unique_ptr<PoseSearch>> MakePoseSearch(std::shared_ptr<const ObjectModel> model,

@@ -1,6 +1,22 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// The pose of an object from image segments without known correspondences (core/initialization/README.md).
+// The pose of an object from image segments without known correspondences (core/initialization/README.md). The stages
+// of a search, in order:
+//
+// 1. MakeSearchSegments(): the longest segments, as interpretation planes with uncertainties (search_segment.h).
+// 2. FindRotations(): rotations under which the segments can be model lines, from directions alone
+//    (rotation_search.h).
+// 3. PositionSearch::Vote(): positions for each rotation, by votes of segments. PositionSearch::Score(): their
+//    approximate cost. The cheapest poses are the candidates (position_search.h).
+// 4. PoseFitter::MatchAndRefine(): each candidate is matched with the segments and refined, with gates that narrow; the
+//    lines that may be visible come from a table of views (pose_fitter.h).
+// 5. PoseFitter::ScoreVisible(): the cheapest ones become hypotheses, with the visible lines found by ray casting and
+//    the final cost.
+// 6. The near-symmetric poses of the best hypothesis (near_symmetries.h) and its depth reflection are refined and
+//    scored in the same way and added.
+// 7. PoseFitter::ScoreMinimum(): the best hypotheses are refined to the minimum of their cost (pose_refinement.h).
+//
+// The SearchModel (search_model.h) has what all searches for one object share.
 #pragma once
 
 #include <memory>
@@ -27,11 +43,11 @@ struct PoseHypothesis {
   // The additional cost if no segment belonged to the object: twice a log likelihood ratio.
   double evidence = 0.0;
   std::vector<int> model_line;  // for each segment the index into ObjectModel::lines, or -1 for clutter
-  int num_matched = 0;          // segments with a line
+  int num_matched = 0;          // number of segments with a model line
   double matched_ratio = 0.0;   // share of the visible model's projected length that segments cover
-  // This pose and the best one differ by a near symmetry (lookalikes.h). Such a pose is kept regardless of its cost,
-  // because the few lines by which the two differ may not have been observed yet.
-  bool is_lookalike = false;
+  // True if this pose and the best one differ by a near-symmetry (near_symmetries.h). Such a pose is kept regardless of
+  // its cost, because the few lines by which the two differ may not have produced events yet.
+  bool is_near_symmetric = false;
 };
 
 // Immutable after construction; deterministic. Keeps the model.
@@ -39,9 +55,10 @@ class PoseSearch {
  public:
   virtual ~PoseSearch() = default;
 
-  // Returns the hypotheses, the best one first, distinct modulo the model's symmetries; the mirror pose of a planar
-  // object is therefore a second hypothesis. Empty if no pose fits: too few segments, or only clutter. The time is
-  // bounded for any input: only the longest segments are used, and the number of steps is limited.
+  // `segments` are in undistorted pixels. Returns the hypotheses, the one with the lowest cost first, distinct modulo
+  // the model's symmetries; the depth reflection of a planar object is therefore a second hypothesis. Empty if no pose
+  // fits: too few segments, or only clutter. The time is bounded for any input: only the longest segments are used, and
+  // the number of steps is limited.
   virtual std::vector<PoseHypothesis> Search(absl::Span<const ImageSegment> segments) const = 0;
 };
 
@@ -60,9 +77,26 @@ struct PoseSearchOptions {
   double unexplained_cost = 24.0;
   // Twice the log odds that a visible line is detected: 4 corresponds to a probability of 7/8.
   double missing_cost = 4.0;
-  int max_hypotheses = 6;  // real ambiguities have two to four poses; near symmetries are additional
+  // Number of returned hypotheses. Real ambiguities have two to four poses; near-symmetric poses are additional.
+  int max_hypotheses = 6;
   // Number of segments used, the longest first. Time grows with its square; a detailed object has 30.
   int max_segments = 32;
+  // Standard deviation of the error of a rotation from directions alone, radians. Added to that of each segment when
+  // directions are assigned to segments. Like the fields below it is validated by the trials of
+  // core/experiments/first_pose.
+  double rotation_sigma_rad = 0.01;
+  // Number of segments that vote for positions, the longest first; at most 16. If fewer than half of ten segments show
+  // whole lines of the object, the search is unlikely to succeed.
+  int max_voters = 10;
+  // Largest relative difference in depth, and largest lateral distance as a share of the object's radius, of two votes
+  // that support each other: the error of a position from one segment and a rotation with an error of 0.01 rad.
+  double vote_depth_ratio = 0.06;
+  double vote_lateral_of_radius = 0.05;
+  // Number of candidates that are refined. The cheapest one before refinement need not be the cheapest one after it,
+  // because the approximate cost has inflated standard deviations.
+  int max_candidates = 48;
+  // Number of refined candidates that are scored with ray casting. The others are scored only with the table of views.
+  int max_ray_cast = 8;
   // Limits of the work after which the search returns its best result: rotations that are scored, and position votes.
   // The defaults take about 3 ms and 10 ms on a processor core of 2020.
   int max_rotations = 24'000;

@@ -49,7 +49,7 @@ ObjectModel Box(const Vector3d& size) {
   return model;
 }
 
-// Wires in all directions, none hidden.
+// Lines in all directions, without faces that could hide them.
 ObjectModel Wires(int count, uint64_t seed) {
   Random random(seed);
   ObjectModel model;
@@ -149,8 +149,8 @@ TEST(PoseSearchTest, HypothesesAreDistinctModuloSymmetries) {
   }
 }
 
-// Far away a flat object and the same with its depths turned over look nearly the same.
-TEST(PoseSearchTest, AFlatObjectsOtherPoseIsAHypothesis) {
+// At a great distance the images of a flat object and of its depth reflection are nearly equal.
+TEST(PoseSearchTest, TheDepthReflectionOfAFlatObjectIsAHypothesis) {
   ObjectModel plate;
   const auto add = [&](double x1, double y1, double x2, double y2) {
     plate.lines.push_back({Vector3d(x1, y1, 0.0), Vector3d(x2, y2, 0.0), {}});
@@ -171,10 +171,10 @@ TEST(PoseSearchTest, AFlatObjectsOtherPoseIsAHypothesis) {
     }
     num_both += has_truth && has_other;
   }
-  EXPECT_GE(num_both, 17);  // noise turns a few farther than 11 degrees
+  EXPECT_GE(num_both, 17);  // noise rotates a few poses by more than 11 degrees
 }
 
-TEST(PoseSearchTest, TooLittleGivesNothing) {
+TEST(PoseSearchTest, TooFewSegmentsGiveNoPose) {
   const ObjectModel box = Box({0.2, 0.14, 0.09});
   const auto search = Make(box);
   EXPECT_TRUE(search->Search({}).empty());
@@ -188,7 +188,7 @@ TEST(PoseSearchTest, TooLittleGivesNothing) {
   EXPECT_TRUE(search->Search(segments).empty());
 }
 
-TEST(PoseSearchTest, SegmentsOfNothingAreNotTheObject) {
+TEST(PoseSearchTest, ClutterGivesNoPose) {
   const ObjectModel box = Box({0.2, 0.14, 0.09});
   const auto search = Make(box);
   Random random(5);
@@ -234,7 +234,7 @@ TEST(PoseSearchTest, ThousandsOfLinesAreBounded) {
   EXPECT_LE(search->Search(segments).size(), 6);
 }
 
-TEST(PoseSearchTest, WrongUseIsRefused) {
+TEST(PoseSearchTest, InvalidArgumentsAreRejected) {
   const auto box = std::make_shared<ObjectModel>(Box({0.2, 0.14, 0.09}));
   const auto refusal = [&](const PoseSearchOptions& options) {
     const auto search = MakePoseSearch(box, Camera(), options);
@@ -255,7 +255,7 @@ TEST(PoseSearchTest, WrongUseIsRefused) {
   EXPECT_EQ(MakePoseSearch(two_lines, Camera()).status().code(), absl::StatusCode::kInvalidArgument);
 }
 
-// A cube's nine lines as a published implementation lists them (LOPET's line_parameter), exact to 0.08 px.
+// The nine lines of a cube in the published implementation of LOPET (line_parameter), exact to 0.08 px.
 TEST(PoseSearchTest, ThePublishedCubesNineLinesFitWithinAPixel) {
   const std::string path = FindTestData("lopet_cube_line_model/line_parameter.json");
   if (path.empty()) GTEST_SKIP() << "the published lines are not in the test data";
@@ -265,7 +265,7 @@ TEST(PoseSearchTest, ThePublishedCubesNineLinesFitWithinAPixel) {
   const CameraModel camera{1280, 720, k[0][0], k[1][1], k[0][2], k[1][2], {}};
   std::vector<ImageSegment> segments;
   std::vector<std::array<Vector3d, 2>> lines;
-  const size_t count = json["x_c_normalised_xy"].size() / 2;  // all first ends, then all second ends
+  const size_t count = json["x_c_normalised_xy"].size() / 2;  // the list has all first ends, then all second ends
   for (size_t i = 0; i < count; ++i) {
     const auto pixel = [&](size_t j) -> Vector2d {
       const auto& x = json["x_c_normalised_xy"][j];
@@ -291,7 +291,7 @@ TEST(PoseSearchTest, ThePublishedCubesNineLinesFitWithinAPixel) {
     const auto hypotheses = search->Search(shuffled);
     ASSERT_FALSE(hypotheses.empty());
     EXPECT_EQ(hypotheses[0].num_matched, 9);
-    // One of the cube's 24 equal poses puts every listed point onto its image.
+    // One of the 24 equivalent poses of the cube projects every listed point onto its image.
     double best_px = 1e9;
     for (const RigidTransform& symmetry : cube.symmetries) {
       const RigidTransform pose = hypotheses[0].camera_from_object * symmetry;

@@ -14,23 +14,23 @@ using Eigen::Matrix3d;
 using Eigen::Vector2d;
 using Eigen::Vector3d;
 
-// Error of a rotation that follows from directions, rad.
-constexpr double kRotationSigmaRad = 0.01;
-// Resulting error of a position from one segment and that rotation, as shares of the object's radius.
+// Standard deviations of the projected lines at a position from one segment and one rotation from directions, as shares
+// of the object's radius: across the lines that of the rotation, 0.01 rad times the radius; along them twice as much,
+// because the segment's ends are less certain. They inflate the cost of stage 3.
 constexpr double kAcrossSigmaOfRadius = 0.01;
 constexpr double kAlongSigmaOfRadius = 0.02;
-// Number of segments that vote for positions. If fewer than half of the ten longest show whole lines of the object, the
-// search is unlikely to succeed.
-constexpr size_t kMaxVoters = 10;  // at most 16, the bits of SingleVote::voter
-// Votes closer than this support each other: ratio of depths, and lateral distance in radii.
-constexpr double kVoteDepthRatio = 0.06;
-constexpr double kVoteLateralOfRadius = 0.05;
 // Number of pairs of votes that take as long as casting one vote. Among scattered votes fewer pairs are examined.
 constexpr size_t kPairsPerVote = 32;
-// Number of positions that are kept for each rotation, the best supported ones.
-constexpr int kPlacesPerRotation = 4;
-constexpr double kSamePlaceRad = 0.03;
-constexpr double kSamePlaceRatio = 0.02;  // as a share of the distance
+// Number of positions that are kept for each rotation, the best supported ones: parallel lines give several.
+constexpr int kPositionsPerRotation = 4;
+// Candidates closer than this are duplicates, because the refinement converges to the same pose: rotation in radians,
+// distance as a share of the distance from the camera.
+constexpr double kSameCandidateRad = 0.03;
+constexpr double kSameCandidateRatio = 0.02;
+// Mean number of directions that fit a segment, including the correct one. It only scales the expected number of votes.
+constexpr double kFittingDirections = 1.3;
+// Smallest depth of a line's end, as a share of the object's radius: nearer points project too far outside.
+constexpr double kMinDepthOfRadius = 0.1;
 
 }  // namespace
 
@@ -40,8 +40,8 @@ void BestCandidates::Add(const PoseCandidate& candidate) {
     const Matrix3d between = candidate.camera_from_object.rotation.transpose() * other.camera_from_object.rotation;
     const double distance_m =
         (candidate.camera_from_object.translation_m - other.camera_from_object.translation_m).norm();
-    return distance_m < kSamePlaceRatio * other.camera_from_object.translation_m.norm() &&
-           between.trace() > 3.0 - kSamePlaceRad * kSamePlaceRad;
+    return distance_m < kSameCandidateRatio * other.camera_from_object.translation_m.norm() &&
+           between.trace() > 3.0 - kSameCandidateRad * kSameCandidateRad;
   };
   const auto cheaper = [](const PoseCandidate& a, const PoseCandidate& b) { return a.cost < b.cost; };
   const auto same = std::find_if(candidates_.begin(), candidates_.end(), is_same);
@@ -92,7 +92,7 @@ void PositionSearch::Prepare(const Matrix3d& rotation) {
 
   turned_.resize(num_directions);
   for (size_t d = 0; d < num_directions; ++d) turned_[d] = rotation * model_.directions()[d];
-  const double variance = kRotationSigmaRad * kRotationSigmaRad;
+  const double variance = options_.rotation_sigma_rad * options_.rotation_sigma_rad;
   for (size_t j = 0; j < lines_.size(); ++j) {
     fitting_[j].clear();
     for (size_t d = 0; d < num_directions; ++d) {
@@ -105,11 +105,12 @@ void PositionSearch::Prepare(const Matrix3d& rotation) {
   }
 }
 
-// With the ends l1 q1 and l2 q2 of a part of unit length: l2 q2 - l1 q1 = +-d, in the segment's plane.
+// Equation (6) of the README: l2 q2 - l1 q1 = +-d in the segment's plane, for the ends l1 q1 and l2 q2 of a part of
+// unit length with direction d.
 void PositionSearch::CastVotes() {
   votes_.clear();
-  const double least_depth_m = model_.radius_m();
-  for (size_t j = 0; j < std::min(lines_.size(), kMaxVoters); ++j) {
+  const double least_depth_m = model_.radius_m();  // the whole object must lie in front of the camera
+  for (size_t j = 0; j < std::min(lines_.size(), static_cast<size_t>(options_.max_voters)); ++j) {
     const SearchSegment& line = lines_[j];
     const double scale = -1.0 / line.normal.dot(line.q1.cross(line.q2));
     const Vector3d by_l1 = scale * line.q2.cross(line.normal), by_l2 = scale * line.q1.cross(line.normal);
@@ -134,17 +135,17 @@ void PositionSearch::CastVotes() {
   });
 }
 
-// Votes of different segments that agree support each other.
+// Counts, for each vote, the segments with a vote for the same position.
 void PositionSearch::CountSupport() {
-  const auto lateral_m = static_cast<float>(kVoteLateralOfRadius * model_.radius_m());
-  const auto depth_factor = static_cast<float>(1.0 + kVoteDepthRatio);
+  const auto lateral_m = static_cast<float>(options_.vote_lateral_of_radius * model_.radius_m());
+  const auto depth_factor = static_cast<float>(1.0 + options_.vote_depth_ratio);
   size_t num_pairs = 0;
   for (size_t i = 0; i < votes_.size(); ++i) {
     SingleVote& vote = votes_[i];
     const float z_max = vote.z * depth_factor;
     size_t k = i + 1;
     for (; k < votes_.size() && votes_[k].z < z_max; ++k) {
-      // The votes are side by side at the same depth.
+      // The depths agree. The lateral distance is that of the two lines of sight at the depth of the first vote.
       SingleVote& other = votes_[k];
       const float dx = vote.z * other.x - other.z * vote.x, dy = vote.z * other.y - other.z * vote.y;
       if (std::max(std::abs(dx), std::abs(dy)) > lateral_m * other.z) continue;
@@ -157,12 +158,13 @@ void PositionSearch::CountSupport() {
   num_votes_ += static_cast<int>(num_pairs / kPairsPerVote);
 }
 
-// Returns the best supported positions without duplicates.
+// Stores the best supported positions. Votes within half the agreement limits of a stored position are duplicates of
+// it.
 void PositionSearch::KeepBest(int rotation) {
-  const auto lateral_m = static_cast<float>(0.5 * kVoteLateralOfRadius * model_.radius_m());
-  const auto depth_ratio = static_cast<float>(0.5 * kVoteDepthRatio);
-  for (int taken = 0; taken < kPlacesPerRotation && !votes_.empty(); ++taken) {
-    // Of equally supported ones the first is the nearest.
+  const auto lateral_m = static_cast<float>(0.5 * options_.vote_lateral_of_radius * model_.radius_m());
+  const auto depth_ratio = static_cast<float>(0.5 * options_.vote_depth_ratio);
+  for (int taken = 0; taken < kPositionsPerRotation && !votes_.empty(); ++taken) {
+    // Of equally supported votes the first one, which is the nearest to the camera, is taken.
     const SingleVote place = *std::max_element(
         votes_.begin(), votes_.end(), [](const SingleVote& a, const SingleVote& b) { return a.support < b.support; });
     if (place.support == 0) return;
@@ -176,9 +178,8 @@ void PositionSearch::KeepBest(int rotation) {
 }
 
 double PositionSearch::ExpectedVotes() const {
-  const double fits_by_chance = 1.3;  // directions that fit a segment by chance, including the right one
-  const double voters = static_cast<double>(std::min(lines_.size(), kMaxVoters));
-  return 1.0 + fits_by_chance * voters * model_.mean_view_size() / static_cast<double>(model_.directions().size());
+  const double voters = static_cast<double>(std::min(lines_.size(), static_cast<size_t>(options_.max_voters)));
+  return 1.0 + kFittingDirections * voters * model_.mean_view_size() / static_cast<double>(model_.directions().size());
 }
 
 void PositionSearch::Vote(const Matrix3d& rotation) {
@@ -190,7 +191,7 @@ void PositionSearch::Vote(const Matrix3d& rotation) {
 }
 
 bool PositionSearch::Project(const Vector3d& position) {
-  const double near_m = 0.1 * model_.radius_m();
+  const double near_m = kMinDepthOfRadius * model_.radius_m();
   const auto project = [&](const Vector3d& x) -> Vector2d {
     const double inverse = 1.0 / x.z();
     return {camera_.fx_px * x.x() * inverse + camera_.cx_px, camera_.fy_px * x.y() * inverse + camera_.cy_px};

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 
 // Positions of the object for a known rotation: associates segments with one of several parallel lines
-// (core/initialization/README.md).
+// (core/initialization/README.md, section 3).
 #pragma once
 
 #include <Eigen/Core>
@@ -48,8 +48,8 @@ class PositionSearch {
   PositionSearch(const SearchModel& model, const CameraModel& camera, absl::Span<const SearchSegment> lines,
                  const PoseSearchOptions& options);
 
-  // Places each of the long segments on each line whose direction fits and which may be visible. A segment that shows
-  // its whole line determines the position. Positions with the support of several segments are kept.
+  // Matches each of the longest segments with each line that may be visible and has a fitting direction. A segment that
+  // shows its whole line determines the position. Positions with the votes of several segments are kept.
   void Vote(const Eigen::Matrix3d& rotation);
   // Expected number of votes of a rotation, and the number of votes so far.
   double ExpectedVotes() const;

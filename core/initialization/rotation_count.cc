@@ -41,7 +41,8 @@ bool Holds(const std::vector<Eigen::Matrix3d>& rotations, const Eigen::Matrix3d&
   });
 }
 
-// Closes the set under products. A set that maps onto itself only within the tolerance may lack an element.
+// Returns whether the set is closed under products. Rotations that map the directions onto themselves only within the
+// tolerance need not form a group.
 bool IsClosed(const std::vector<Eigen::Matrix3d>& rotations, double tolerance_rad) {
   for (const Eigen::Matrix3d& a : rotations) {
     for (const Eigen::Matrix3d& b : rotations) {

@@ -12,8 +12,8 @@
 
 namespace evpose {
 
-// The unit directions of the model's lines without duplicates: v and -v are equal, and so are directions closer than
-// `tolerance_rad`, of which the first represents all. In the order of the lines. A cube has three.
+// Returns the unit directions of the model's lines without duplicates, in the order of the lines: v and -v are equal,
+// and the first of several directions closer than `tolerance_rad` represents all of them. A cube has three directions.
 std::vector<Eigen::Vector3d> UniqueDirections(const ObjectModel& model, double tolerance_rad = 1e-3);
 
 // The group of proper rotations Q that map a set of unit directions, up to sign, onto itself; the identity comes first.

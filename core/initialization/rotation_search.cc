@@ -15,35 +15,30 @@ namespace {
 using Eigen::Matrix3d;
 using Eigen::Vector3d;
 
+// Number of rotations in half a turn of the sweep: steps of 1.5 degrees, half of which is 0.013 rad
+// (RotationSearchOptions::sweep_sigma_rad).
 constexpr int kHalfCircleSteps = 120;
-// Angular error of a rotation of the sweep against the best one beside it, rad: half a step plus the error of the two
-// lines of the pair. Added to the standard deviation of each line.
-constexpr double kSweepRad = 0.01;
-// The same after refinement. Without it, a line parallel to the line of sight, which determines a rotation to a
-// thousandth of a radian, would have no influence until all other lines agree.
-constexpr double kRefinedRad = 0.005;
-// Rotations closer than this are duplicates; the pose refinement converges from a greater distance.
-constexpr double kSameRotationRad = 0.03;
-// Besides the minima of a sweep, every second of its rotations is kept whose cost exceeds the best one by at most this,
-// in units of a line's largest cost: under weak perspective, two directions leave one degree of freedom.
+// Every second rotation of a flat valley is kept (RotationSearchOptions::valley_of_line_cost); the steps between them
+// are within the range of the refinement.
 constexpr int kValleyStride = 2;
-constexpr double kValleyOfLineCost = 1.0;
-// for a flat object with two directions in all, which always leaves one degree of freedom
-constexpr double kFlatValleyOfLineCost = 2.0;
-// Largest total rotation of the refinement.
-constexpr double kPriorRad = 0.02;
+// Gauss-Newton steps. The start is within 0.01 rad, where the cost is nearly quadratic.
 constexpr int kRefineIterations = 3;
-// Number of minima of the sweeps that are refined, for each requested candidate.
+// Number of minima of the sweeps that are refined for each requested candidate: refinement makes many of them equal.
 constexpr size_t kRefinedPerCandidate = 3;
+// Smallest squared sine of the angle between the first direction and the second segment's normal; below it the second
+// direction is not determined.
+constexpr double kMinSine2 = 1e-6;
+constexpr float kNoCost = 1e9f;  // above any cost of up to 64 segments
 
 // The normals of the lines as a structure of arrays, to score many rotations.
 class Scorer {
  public:
-  static constexpr int kMaxLines = 64;
+  static constexpr int kMaxLines = 64;  // the largest PoseSearchOptions::max_segments
 
-  Scorer(absl::Span<const SearchSegment> lines, double max_line_cost)
+  Scorer(absl::Span<const SearchSegment> lines, const RotationSearchOptions& options)
       : count_(static_cast<int>((std::min<size_t>(lines.size(), kMaxLines) + 3) / 4 * 4)),
-        cap_(static_cast<float>(max_line_cost)) {
+        cap_(static_cast<float>(options.max_line_cost)),
+        sweep_variance_(static_cast<float>(options.sweep_sigma_rad * options.sweep_sigma_rad)) {
     turn_variance_.setConstant(1.0f);
     Vector3d sight = Vector3d::Zero();
     x_.setZero();
@@ -78,11 +73,12 @@ class Scorer {
   using Row = Eigen::Array<float, kMaxLines, 1>;
   const int count_;
   const float cap_;
-  const float sweep_variance_ = static_cast<float>(kSweepRad * kSweepRad);
+  const float sweep_variance_;
   Eigen::Vector3f sight_;  // to the centre of the lines
   Row x_, y_, z_, turn_variance_, best_;
 };
 
+// Sine and cosine of the angles of a sweep.
 struct Sweep {
   std::array<SinCos, 2 * kHalfCircleSteps> angles;
   Sweep() {
@@ -93,18 +89,18 @@ struct Sweep {
 class RotationSearch {
  public:
   RotationSearch(const SearchModel& model, absl::Span<const SearchSegment> lines, const RotationSearchOptions& options)
-      : model_(model), lines_(lines), options_(options), scorer_(lines, options.max_line_cost) {
+      : model_(model), lines_(lines), options_(options), scorer_(lines, options) {
     for (const Vector3d& v : model.directions()) directions_.push_back(v.cast<float>());
     turned_.resize(directions_.size());
     for (const Matrix3d& q : model.direction_symmetries()) symmetries_.emplace_back(q);
   }
 
   std::vector<RotationCandidate> Run() {
-    for (const auto& [i, j, pair] : Order()) {
+    for (const auto& [i, j, pair] : SweepOrder()) {
       if (budget_ <= 0) break;
       SweepPair(lines_[i].normal, lines_[j].normal, model_.pairs()[pair]);
     }
-    return Distinct();
+    return RefineBest();
   }
 
  private:
@@ -112,9 +108,10 @@ class RotationSearch {
     int i, j, pair;
   };
 
-  // Long lines and informative pairs of directions come first. A pair of directions is tried on each pair of lines in
-  // both orders, unless a symmetry makes the orders equal (then the pair is listed once).
-  std::vector<Work> Order() const {
+  // Returns the pairs of segments and of directions to be swept. Long segments and informative pairs of directions come
+  // first. A pair of directions is tried on each pair of segments in both orders, unless a symmetry makes the orders
+  // equal (the pair is then listed once).
+  std::vector<Work> SweepOrder() const {
     const int count = static_cast<int>(lines_.size());
     const int num_pairs = static_cast<int>(model_.pairs().size());
     std::vector<Work> order;
@@ -131,6 +128,8 @@ class RotationSearch {
     return order;
   }
 
+  // Scores the rotations that map direction a of the pair into the plane of the first segment and direction b into that
+  // of the second one, and keeps the minima.
   void SweepPair(const Vector3d& n1, const Vector3d& n2, const DirectionPair& pair) {
     const Vector3d e1 = n1.unitOrthogonal(), e2 = n1.cross(e1);
     const int steps = pair.half_circle ? kHalfCircleSteps : 2 * kHalfCircleSteps;
@@ -138,16 +137,16 @@ class RotationSearch {
     for (const double sign : {1.0, -1.0}) {
       if (sign < 0.0 && pair.one_solution) break;
       // The costs one and two steps ago; a minimum is detected one step late.
-      float before = 1e9f, last = 1e9f;
+      float before = kNoCost, last = kNoCost;
       Matrix3d last_rotation = Matrix3d::Identity();
       for (int step = 0; step < steps; ++step) {
         const auto& [sin, cos] = sweep().angles[step];
         const Vector3d d = cos * e1 + sin * e2;
         const Vector3d p = n2.cross(d);
         const double s2 = p.squaredNorm();
-        float cost = 1e9f;
+        float cost = kNoCost;
         Matrix3d rotation = Matrix3d::Identity();
-        if (s2 > pair.cosine * pair.cosine && s2 > 1e-6) {
+        if (s2 > pair.cosine * pair.cosine && s2 > kMinSine2) {
           // R v_b = x (d in n2's plane) + y (orthogonal to it), such that its angle with d is right.
           const double x = pair.cosine / s2, y = sign * std::sqrt(1.0 / s2 - x * pair.cosine / s2);
           const Vector3d f = x * (d - d.dot(n2) * n2) + y * p;
@@ -194,12 +193,13 @@ class RotationSearch {
   // Gauss-Newton on the truncated cost, with the uncertainty of each line about its assigned direction. A prior keeps
   // the result close to the rotation of the sweep: the lines of a flat object leave its tilt almost undetermined, and
   // then all rotations of the flat valley must be examined instead of the minimum that noise selects.
-  RotationCandidate Refine(RotationCandidate candidate) const {
+  RotationCandidate RefineRotation(RotationCandidate candidate) const {
     for (int iteration = 0;; ++iteration) {
-      Matrix3d h = Matrix3d::Identity() / (kPriorRad * kPriorRad);
+      Matrix3d h = Matrix3d::Identity() / (options_.prior_rad * options_.prior_rad);
       Vector3d g = Vector3d::Zero();
       candidate.cost = 0.0;
-      const double sweep_variance = iteration == 0 ? kSweepRad * kSweepRad : kRefinedRad * kRefinedRad;
+      const double sigma_rad = iteration == 0 ? options_.sweep_sigma_rad : options_.refined_sigma_rad;
+      const double sweep_variance = sigma_rad * sigma_rad;
       for (const SearchSegment& line : lines_) {
         double least = options_.max_line_cost;
         Vector3d row = Vector3d::Zero();
@@ -235,28 +235,29 @@ class RotationSearch {
     return best.w() < 0.0 ? Eigen::Vector4d(-best) : best;
   }
 
-  // Keeps the cheapest candidate of each neighbourhood.
-  std::vector<RotationCandidate> Thin(std::vector<RotationCandidate> candidates, size_t max_count) const {
+  // Returns the candidates without duplicates, the cheapest one of each, in order of cost and at most `max_count`.
+  std::vector<RotationCandidate> CheapestDistinct(std::vector<RotationCandidate> candidates, size_t max_count) const {
     std::stable_sort(candidates.begin(), candidates.end(), Cheaper);
-    // dot product of quaternions is the cosine of half the angle
-    const double least_dot = 1.0 - kSameRotationRad * kSameRotationRad / 8.0;
+    // The dot product of two quaternions is the cosine of half the angle.
+    const double least_dot = 1.0 - options_.same_rotation_rad * options_.same_rotation_rad / 8.0;
     std::vector<Eigen::Vector4d> taken;
-    std::vector<RotationCandidate> thinned;
+    std::vector<RotationCandidate> distinct;
     for (const RotationCandidate& candidate : candidates) {
-      if (thinned.size() >= max_count) break;
+      if (distinct.size() >= max_count) break;
       const Eigen::Vector4d q = Canonical(candidate.rotation);
       const auto is_near = [&](const Eigen::Vector4d& other) { return std::abs(other.dot(q)) > least_dot; };
       if (std::any_of(taken.begin(), taken.end(), is_near)) continue;
       taken.push_back(q);
-      thinned.push_back(candidate);
+      distinct.push_back(candidate);
     }
-    return thinned;
+    return distinct;
   }
 
-  std::vector<RotationCandidate> Distinct() const {
-    std::vector<RotationCandidate> refined = Thin(kept_, kRefinedPerCandidate * options_.max_candidates);
-    for (RotationCandidate& candidate : refined) candidate = Refine(candidate);
-    return Thin(std::move(refined), options_.max_candidates);
+  // Refines the cheapest rotations of all sweeps.
+  std::vector<RotationCandidate> RefineBest() const {
+    std::vector<RotationCandidate> refined = CheapestDistinct(kept_, kRefinedPerCandidate * options_.max_candidates);
+    for (RotationCandidate& candidate : refined) candidate = RefineRotation(candidate);
+    return CheapestDistinct(std::move(refined), options_.max_candidates);
   }
 
   const SearchModel& model_;
@@ -264,9 +265,10 @@ class RotationSearch {
   const RotationSearchOptions& options_;
   Scorer scorer_;
   int budget_ = options_.max_rotations;
-  float best_ = 1e9f;
-  const float valley_ = static_cast<float>(
-      options_.max_line_cost * (model_.directions().size() == 2 ? kFlatValleyOfLineCost : kValleyOfLineCost));
+  float best_ = kNoCost;
+  const float valley_ =
+      static_cast<float>(options_.max_line_cost * (model_.directions().size() == 2 ? options_.flat_valley_of_line_cost
+                                                                                   : options_.valley_of_line_cost));
   std::vector<Eigen::Quaterniond> symmetries_;  // symmetries of the directions
   std::vector<Eigen::Vector3f> directions_, turned_;
   std::vector<RotationCandidate> kept_;

@@ -9,7 +9,7 @@
 #include <utility>
 
 #include "core/base/status_macros.h"
-#include "core/initialization/lookalikes.h"
+#include "core/initialization/near_symmetries.h"
 #include "core/initialization/pose_search.h"
 #include "core/initialization/rotation_count.h"
 
@@ -23,7 +23,10 @@ using Eigen::Vector3d;
 constexpr size_t kMaxLines = 256;
 // Directions closer than this are equal for the search; a segment of 100 px cannot resolve less.
 constexpr double kSameDirectionRad = 0.01;
+// Number of directions up to which their symmetries are computed. The time grows with its fourth power, and an object
+// with more directions has hardly any.
 constexpr size_t kMaxDirections = 64;
+// Angle below which two labellings are equal, radians: twice the tolerance of a direction.
 constexpr double kSameLabellingRad = 0.02;
 // Distance from which the views are rendered, in radii: perspective changes the visible lines by more than a few
 // degrees only at much smaller distances.
@@ -31,8 +34,12 @@ constexpr double kViewDistanceOfRadius = 6.0;
 constexpr int kMaxCellsPerSide = 8;  // cells of 11 degrees
 // Limit of the product of lines and views when a model is prepared; takes a fraction of a second.
 constexpr int kMaxViewLines = 100'000;
+// Rays per line for the visibility of its parts; fewer than in tracking, because a search tests many lines and poses.
 constexpr int kSamplesPerLine = 6;
+// Shortest visible part, pixels: a shorter one gives no segment.
 constexpr double kMinPartPx = 4.0;
+// Number of pairs of directions; the search sweeps fewer than this in its budget of rotations.
+constexpr size_t kMaxPairs = 4096;
 
 VisibilityOptions SearchVisibility(double min_length_px) {
   VisibilityOptions options;
@@ -45,15 +52,16 @@ VisibilityOptions SearchVisibility(double min_length_px) {
 // that counts as visible: about 1/100 of the radius.
 CameraModel ViewCamera() { return {2400, 2400, 2400.0, 2400.0, 1200.0, 1200.0, {}}; }
 
-bool TurnsRound(const Matrix3d& rotation, const Vector3d& v) { return v.dot(rotation * v) < -1.0 + kSameDirectionRad; }
-bool Keeps(const Matrix3d& rotation, const Vector3d& v) { return v.dot(rotation * v) > 1.0 - kSameDirectionRad; }
+// Return whether a rotation reverses a unit vector, and whether it preserves it.
+bool Reverses(const Matrix3d& rotation, const Vector3d& v) { return v.dot(rotation * v) < -1.0 + kSameDirectionRad; }
+bool Preserves(const Matrix3d& rotation, const Vector3d& v) { return v.dot(rotation * v) > 1.0 - kSameDirectionRad; }
 
 }  // namespace
 
 SearchModel::SearchModel(const ObjectModel& model) {
   ChooseLines(model);
   FindLabellings(model);
-  lookalikes_ = FindLookalikes(shape_.lines, labellings_, radius_m_);
+  near_symmetries_ = FindNearSymmetries(shape_.lines, labellings_, radius_m_);
   FindPairs();
   visibility_ = std::make_unique<VisibilityTester>(shape_, SearchVisibility(kMinPartPx));
   MakeViews();
@@ -129,7 +137,6 @@ void SearchModel::FindPairs() {
     return direction_lengths_m_[p.first] * direction_lengths_m_[p.second];
   };
   std::stable_sort(order.begin(), order.end(), [&](const auto& p, const auto& q) { return weight(p) > weight(q); });
-  constexpr size_t kMaxPairs = 4096;
   for (const auto& [a, b] : order) {
     if (pairs_.size() >= kMaxPairs) break;
     if (direction_symmetries_.size() > 1 && !is_new(a, b)) continue;
@@ -138,9 +145,9 @@ void SearchModel::FindPairs() {
     pair.frame.col(1) = (directions_[b] - pair.cosine * directions_[a]).normalized();
     pair.frame.col(2) = pair.frame.col(0).cross(pair.frame.col(1));
     for (const Matrix3d& q : direction_symmetries_) {
-      const bool turns_a = TurnsRound(q, directions_[a]), turns_b = TurnsRound(q, directions_[b]);
-      pair.half_circle |= turns_a && (turns_b || Keeps(q, directions_[b]));
-      pair.one_solution |= Keeps(q, directions_[a]) && turns_b;
+      const bool reverses_a = Reverses(q, directions_[a]), reverses_b = Reverses(q, directions_[b]);
+      pair.half_circle |= reverses_a && (reverses_b || Preserves(q, directions_[b]));
+      pair.one_solution |= Preserves(q, directions_[a]) && reverses_b;
     }
     pairs_.push_back(pair);
   }
@@ -180,6 +187,7 @@ void SearchModel::MakeViews() {
 }
 
 std::vector<ViewLine> SearchModel::MakeView(int cell) const {
+  // The directions at which a cell is sampled: its centre and points near its corners.
   constexpr std::array<std::array<double, 2>, 5> kPlaces = {
       {{0.5, 0.5}, {0.05, 0.05}, {0.05, 0.95}, {0.95, 0.05}, {0.95, 0.95}}};
   struct Seen {

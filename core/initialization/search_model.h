@@ -50,11 +50,11 @@ class SearchModel {
   const std::vector<SearchLine>& lines() const { return lines_; }
   const std::vector<Eigen::Vector3d>& directions() const { return directions_; }
   const std::vector<Eigen::Matrix3d>& direction_symmetries() const { return direction_symmetries_; }
-  // Symmetry rotations Q of the directions, one of each set that the object's own symmetries make equivalent: a
-  // rotation R from directions alone represents all R Q.
+  // The assignments of directions to each other: symmetry rotations Q of the set of directions, one of each set that
+  // the object's own symmetries make equivalent. A rotation R that follows from directions alone represents all R Q.
   const std::vector<Eigen::Matrix3d>& labellings() const { return labellings_; }
-  // The near symmetries among them, with their shifts: lookalikes.h.
-  const std::vector<RigidTransform>& lookalikes() const { return lookalikes_; }
+  // The near-symmetries among the labellings, with their shifts (near_symmetries.h).
+  const std::vector<RigidTransform>& near_symmetries() const { return near_symmetries_; }
   // The most informative pair first, by the length of the lines that have the directions.
   const std::vector<DirectionPair>& pairs() const { return pairs_; }
   const Eigen::Vector3d& centre() const { return centre_; }
@@ -78,7 +78,7 @@ class SearchModel {
   std::vector<Eigen::Vector3d> directions_;
   std::vector<double> direction_lengths_m_;
   std::vector<Eigen::Matrix3d> direction_symmetries_, labellings_;
-  std::vector<RigidTransform> lookalikes_;
+  std::vector<RigidTransform> near_symmetries_;
   std::vector<DirectionPair> pairs_;
   Eigen::Vector3d centre_ = Eigen::Vector3d::Zero();
   double radius_m_ = 0.0;

@@ -33,8 +33,9 @@ struct SearchSegment {
   }
 };
 
-// Returns the `max_lines` longest segments, the longest first; ties keep their order. Segments of zero length or with a
-// number that is not finite are left out. `sigma_px` is the standard deviation of each end point across the segment.
+// Returns the `max_lines` longest segments, the longest first; ties keep their order. Segments shorter than 4
+// `sigma_px` or with a number that is not finite are left out. `sigma_px` is the standard deviation of each end point
+// across the segment.
 std::vector<SearchSegment> MakeSearchSegments(const CameraModel& camera, absl::Span<const ImageSegment> segments,
                                               double sigma_px, int max_lines);
 

@@ -46,7 +46,7 @@ inline double EndCost(double inside_px, const FitWeights& weights) {
   const double u2 = inside_px * inside_px * weights.along;
   return inside_px < 0.0 ? u2 : u2 * weights.short_cost / (weights.short_cost + u2);
 }
-// The weight of the squared residual (1 / px^2) whose gradient equals that of EndCost.
+// Returns the weight (1 / px^2) with which the squared residual has the gradient of EndCost.
 inline double EndWeight(double inside_px, const FitWeights& weights) {
   if (inside_px < 0.0) return weights.along;
   const double share = weights.short_cost / (weights.short_cost + inside_px * inside_px * weights.along);
@@ -76,8 +76,8 @@ inline bool FitSegment(const SearchSegment& line, const Eigen::Vector2d& a, cons
   return fit.cost < cap;
 }
 
-// Cost of a visible line of which segments cover only `covered_px`: short lines are often missed, and ends are
-// uncertain.
+// Returns the cost of a visible line with the length `length_px` if segments cover only `covered_px` of it. Short lines
+// are often not detected, and ends are uncertain.
 inline double MissingCost(double length_px, double covered_px, const PoseSearchOptions& options) {
   const double slack_px = 2.0 * options.end_point_along_sigma_px;
   const double missing_px = std::max(0.0, length_px - covered_px - slack_px);

@@ -9,7 +9,7 @@
 namespace evpose {
 namespace {
 
-// Structures are taken apart by structured bindings: a field that is added and not described here does not compile.
+// The structures are decomposed by structured bindings, so that a new field without a description does not compile.
 class Description {
  public:
   void Add(const char* name, double value) { absl::StrAppendFormat(&text_, "%s %.17g\n", name, value); }

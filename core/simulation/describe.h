@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// A simulation's options as text: what tells whether a recording is that of the same simulation.
+// The options of a simulation as text. Recordings with equal texts are from the same simulation.
 #pragma once
 
 #include <string>
@@ -9,8 +9,8 @@
 
 namespace evpose {
 
-// Every option on a line of its own, "scene.motion.depth_m 1", numbers with all their digits: equal texts, equal
-// options.
+// Returns one line for each option, as in "scene.motion.depth_m 1", with all digits of a number. The texts of two
+// simulations are equal if and only if their options are.
 std::string DescribeSimulation(const SimulationOptions& options);
 
 }  // namespace evpose

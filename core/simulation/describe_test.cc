@@ -10,14 +10,14 @@
 namespace evpose {
 namespace {
 
-TEST(DescribeSimulationTest, EqualOptionsEqualTexts) {
+TEST(DescribeSimulationTest, EqualOptionsHaveEqualTexts) {
   SimulationOptions options;
   EXPECT_EQ(DescribeSimulation(options), DescribeSimulation(SimulationOptions()));
-  options.path_seed = options.seed;  // what it is without
+  options.path_seed = options.seed;  // the default
   EXPECT_EQ(DescribeSimulation(options), DescribeSimulation(SimulationOptions()));
 }
 
-TEST(DescribeSimulationTest, EveryChangeShows) {
+TEST(DescribeSimulationTest, EveryChangeChangesTheText) {
   const std::vector<std::function<void(SimulationOptions&)>> changes = {
       [](auto& o) { o.scene.object = SimulatedObject::kBook; },
       [](auto& o) { o.scene.motion.speed_m_per_s += 1e-15; },

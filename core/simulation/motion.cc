@@ -15,9 +15,10 @@ namespace evpose {
 namespace {
 
 constexpr double kTwoPi = 2.0 * std::numbers::pi;
+// Weights of the three sinusoids of a coordinate. Their sum is 1, so that the coordinate stays within [-1, 1].
 constexpr std::array<double, 3> kWeights = {0.55, 0.3, 0.15};
 
-// Mean of |d/ds f(s)| over many periods.
+// Returns the mean of |d/ds f(s)| over 40 periods of the slowest sinusoid, in steps of 1/100 of it.
 template <typename Function>
 double MeanPathSpeed(const Function& f) {
   constexpr int kSteps = 4000;
@@ -32,7 +33,8 @@ double MeanPathSpeed(const Function& f) {
   return length / (kSteps * kStep);
 }
 
-// Integral over [0, t] of a bump that rises from 0 to 1 in `ramp`, stays, and falls again at `width`; raised cosines.
+// Returns the integral over [0, t] of a function that rises from 0 to 1 within `ramp` (raised cosine), is constant, and
+// falls to 0 until `width`.
 double BumpIntegral(double t, double ramp, double width) {
   const auto rise = [ramp](double u) {  // integral of (1 - cos(pi u / ramp)) / 2
     return 0.5 * (u - ramp / std::numbers::pi * DeterministicSinCos(std::numbers::pi * u / ramp).sin);
@@ -58,7 +60,7 @@ absl::Status MotionOptions::Validate() const {
 double MotionPath::Wave::Value(double s) const {
   double sum = 0.0;
   for (size_t i = 0; i < kWeights.size(); ++i) {
-    // Whole cycles are taken off first, so that the angle stays small however long the recording.
+    // Whole cycles are subtracted first, so that the angle stays small in long recordings.
     const double cycles = frequency[i] * s;
     sum += kWeights[i] * DeterministicSinCos(kTwoPi * (cycles - std::floor(cycles)) + phase_rad[i]).sin;
   }
@@ -71,7 +73,7 @@ absl::StatusOr<MotionPath> MotionPath::Create(const MotionOptions& options, cons
   const double nearest_m = options.depth_m * (1.0 - options.depth_swing_ratio);
   const double half_width_ratio = std::min(camera.cx_px, camera.width_px - 1 - camera.cx_px) / camera.fx_px;
   const double half_height_ratio = std::min(camera.cy_px, camera.height_px - 1 - camera.cy_px) / camera.fy_px;
-  // Measured where the object comes nearest, at its front.
+  // The free distances at the nearest point of the object.
   const double front_m = nearest_m - radius_m;
   const Eigen::Vector2d room_m(half_width_ratio * front_m - radius_m, half_height_ratio * front_m - radius_m);
   if (front_m <= 0.0 || room_m.minCoeff() < 0.0) {
@@ -90,6 +92,8 @@ absl::StatusOr<MotionPath> MotionPath::Create(const MotionOptions& options, cons
   path.border_left_ = -camera.cx_px / camera.fx_px;
   path.border_right_ = (camera.width_px - 1 - camera.cx_px) / camera.fx_px;
   Random random(seed);
+  // Frequencies without a common period: factors of the coordinates, and of the three sinusoids of one (golden ratio,
+  // 1 + sqrt(2)).
   constexpr std::array<double, 6> kAxisFrequency = {1.0, 1.171, 0.837, 1.093, 0.911, 1.257};
   for (size_t axis = 0; axis < path.waves_.size(); ++axis) {
     constexpr std::array<double, 3> kHarmonics = {1.0, 1.618, 2.414};
@@ -98,7 +102,7 @@ absl::StatusOr<MotionPath> MotionPath::Create(const MotionOptions& options, cons
       path.waves_[axis].phase_rad[i] = random.Uniform(0.0, kTwoPi);
     }
   }
-  // From about the middle, to either side.
+  // The phase is moved near 0 or pi: the path starts near the middle of the image, towards either side.
   if (options.profile == MotionProfile::kHalfOut) {
     double& phase_rad = path.waves_[0].phase_rad[0];
     phase_rad = 0.2 * phase_rad + (phase_rad > std::numbers::pi ? 0.8 * std::numbers::pi : 0.0) - 0.1;
@@ -134,12 +138,13 @@ double MotionPath::ProfileTime(double t_s) const {
   if (profile_ == MotionProfile::kSmooth || profile_ == MotionProfile::kHalfOut) return t_s;
   const double whole = std::floor(t_s);
   const double within = t_s - whole;
-  constexpr double kRamp = 0.05;
+  constexpr double kRamp = 0.05;  // seconds
   if (profile_ == MotionProfile::kRests) {
-    constexpr double kMoving = 0.7;
-    // Faster while it moves, so that the mean speed over a whole second is the one asked for.
+    constexpr double kMoving = 0.7;  // seconds of motion in every second (MotionProfile::kRests)
+    // The speed during the motion is higher, so that the mean over a whole second is that of the options.
     return (whole * (kMoving - kRamp) + BumpIntegral(within, kRamp, kMoving)) / (kMoving - kRamp);
   }
+  // MotionProfile::kBursts: begin and duration in every second, and additional speed relative to the mean speed.
   constexpr double kBurstBegin = 0.6;
   constexpr double kBurst = 0.15;
   constexpr double kExtraSpeed = 3.0;

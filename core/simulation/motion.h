@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// How the simulated object moves: a smooth path on SE(3) that stays in view.
+// The motion of the simulated object: a smooth path on SE(3) that stays in view (core/simulation/README.md, section 1).
 #pragma once
 
 #include <array>
@@ -15,37 +15,40 @@ namespace evpose {
 
 enum class MotionProfile {
   kSmooth,  // always moving
-  kRests,   // moves for 0.7 s, stands still for 0.3 s, and so on, with soft starts and stops
-  kBursts,  // every second 0.15 s at about four times the speed
-  // From one side of the image to the other, as far as the object's origin reaches the image's border: half of the
-  // object is out of view there.
+  kRests,   // alternately moves for 0.7 s and rests for 0.3 s, with smooth starts and stops
+  kBursts,  // moves for 0.15 s of every second at about four times the speed
+  // Moves from one side of the image to the other. The object's origin reaches the image's borders, where half of the
+  // object is out of view.
   kHalfOut,
 };
 
 struct MotionOptions {
   double depth_m = 1.0;             // mean distance from the camera: a table-top scene, the usual use of an EVK4
-  double depth_swing_ratio = 0.15;  // the depth stays within depth_m (1 +- this): scale changes visibly
-  // Share of the free room between the object and the image's border that the path uses: below 1 stays in view.
+  double depth_swing_ratio = 0.15;  // the depth stays within depth_m (1 +- this), so that the scale changes visibly
+  // Share of the free distance between the object and the image's border that the path uses. Below 1 the object stays
+  // in view.
   double extent_ratio = 0.8;
   double rotation_swing_rad = 0.5;       // each component of the rotation vector stays within +- this
   double speed_m_per_s = 0.35;           // mean along the path: about 350 px/s at 1 m with f = 1000 px
-  double angular_speed_rad_per_s = 0.8;  // mean: of the order of a hand's
+  double angular_speed_rad_per_s = 0.8;  // mean; of the order of that of a hand
   MotionProfile profile = MotionProfile::kSmooth;
 
+  // Error: INVALID_ARGUMENT naming the field.
   absl::Status Validate() const;
 };
 
-// camera_from_object over time. Each of the six coordinates is a sum of three sinusoids whose frequencies have no
-// common period; their phases follow from the seed. All derivatives are continuous (of kRests and kBursts: the first
-// one). kHalfOut: the way across the image is one sine instead, which reaches its end on every swing.
+// camera_from_object as a function of time. Each of the six coordinates is a sum of three sinusoids without a common
+// period; their phases follow from the seed. All derivatives are continuous (of kRests and kBursts: the first one).
+// With kHalfOut, the coordinate across the image is one sine instead, which reaches both borders in every period.
 class MotionPath {
  public:
-  // `radius_m`: of a sphere about the object's origin that holds it. `view_from_object`: orientation that the
-  // rotation swings about. Errors: INVALID_ARGUMENT naming the field, or saying that the object does not fit in view.
+  // `radius_m` is the radius of a sphere about the object's origin that contains the object; `view_from_object` is the
+  // mean orientation. Errors: INVALID_ARGUMENT naming the field, or stating that the object does not fit into the
+  // image.
   static absl::StatusOr<MotionPath> Create(const MotionOptions& options, const CameraModel& camera, double radius_m,
                                            const Eigen::Matrix3d& view_from_object, uint64_t seed);
 
-  // Seconds since the beginning, not negative.
+  // Returns the pose at a time in seconds since the beginning, not negative.
   RigidTransform CameraFromObject(double t_s) const;
 
  private:
@@ -68,7 +71,7 @@ class MotionPath {
   std::array<Wave, 6> waves_ = {};
   double translation_rate_ = 0.0;  // path parameter per second
   double rotation_rate_ = 0.0;
-  double border_left_ = 0.0;  // of the image, x / z
+  double border_left_ = 0.0;  // x / z at the left border of the image
   double border_right_ = 0.0;
 };
 

@@ -39,7 +39,7 @@ TEST(MotionPathTest, StaysInViewAndInDepth) {
   }
 }
 
-TEST(MotionPathTest, MeanSpeedsAreThoseAskedFor) {
+TEST(MotionPathTest, MeanSpeedsAreThoseOfTheOptions) {
   for (const MotionProfile profile : {MotionProfile::kSmooth, MotionProfile::kRests}) {
     MotionOptions options;
     options.speed_m_per_s = 0.6;
@@ -71,7 +71,7 @@ TEST(MotionPathTest, IsSmooth) {
           path.CameraFromObject(t).translation_m - path.CameraFromObject(t - kDt).translation_m;
       const Eigen::Vector3d after =
           path.CameraFromObject(t + kDt).translation_m - path.CameraFromObject(t).translation_m;
-      // The velocity changes by less than 200 m/s^2 over a tenth of a millisecond.
+      // The acceleration, over a tenth of a millisecond, is below 200 m/s^2.
       EXPECT_LT((after - before).norm() / kDt, 0.02) << t;
     }
   }
@@ -134,7 +134,7 @@ TEST(MotionPathTest, NoSpeedStandsStill) {
   EXPECT_EQ(PathOf(options).CameraFromObject(0.0).translation_m, PathOf(options).CameraFromObject(9.0).translation_m);
 }
 
-TEST(MotionPathTest, SaysWhatIsWrong) {
+TEST(MotionPathTest, ErrorsNameTheField) {
   MotionOptions options;
   options.depth_m = 0.3;
   const auto path = MotionPath::Create(options, kCamera, kRadiusM, Eigen::Matrix3d::Identity(), 1);

@@ -14,7 +14,7 @@ NoiseSource::NoiseSource(uint32_t num_pixels, double shot_noise_hz, double hot_p
   double sum_hz = 0.0;
   for (uint32_t i = 0; i < num_hot; ++i) {
     hot_pixels_.push_back(static_cast<uint32_t>(random_.UniformInt(num_pixels)));
-    sum_hz += hot_pixel_hz * random_.Uniform(0.5, 1.5);
+    sum_hz += hot_pixel_hz * random_.Uniform(0.5, 1.5);  // the rates of hot pixels differ; their mean is hot_pixel_hz
     hot_rate_sums_hz_.push_back(sum_hz);
   }
 }
@@ -64,7 +64,7 @@ bool LeakSchedule::TakeDue(double t_us, uint32_t& pixel) {
   while (!queue_.empty() && queue_.top().first < t_us) {
     const Entry entry = queue_.top();
     queue_.pop();
-    if (due_us_[entry.second] != entry.first) continue;  // an earlier entry of this pixel came before
+    if (due_us_[entry.second] != entry.first) continue;  // replaced by an earlier entry of this pixel
     due_us_[entry.second] = std::numeric_limits<double>::infinity();
     pixel = entry.second;
     return true;

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// Events that no edge causes.
+// Noise events, which no edge causes.
 #pragma once
 
 #include <cstdint>
@@ -19,16 +19,18 @@ struct NoiseEvent {
   bool on;
 };
 
-// Poisson processes over all pixels at once: the cost follows the number of events, not of pixels.
+// Poisson processes over all pixels at once. The time is proportional to the number of events and does not depend on
+// the number of pixels.
 class NoiseSource {
  public:
   NoiseSource(uint32_t num_pixels, double shot_noise_hz, double hot_pixel_ratio, double hot_pixel_hz, uint64_t seed);
 
-  // Candidates for shot noise in [begin, end), at the rate of the dark. `accept_share` of a pixel in [0, 1] thins them.
+  // Appends events of shot noise in [begin, end), unordered. `accept_share` returns the rate of a pixel in its present
+  // light relative to that in the dark, in [0, 1].
   void AddShotNoise(double begin_us, double end_us, const std::function<double(uint32_t pixel)>& accept_share,
                     std::vector<NoiseEvent>& events);
   void AddHotPixels(double begin_us, double end_us, std::vector<NoiseEvent>& events);
-  // About `mean` events anywhere, of either polarity.
+  // Appends events at random pixels, with random polarities; their expected number is `mean`.
   void AddUniform(double begin_us, double end_us, double mean, std::vector<NoiseEvent>& events);
 
  private:
@@ -39,20 +41,20 @@ class NoiseSource {
   Random random_;
 };
 
-// When which pixel at rest is due for an event by leakage. A pixel has one valid entry at most.
+// The times of the next leak events of the settled pixels. A pixel has at most one valid entry.
 class LeakSchedule {
  public:
   explicit LeakSchedule(uint32_t num_pixels);
 
-  // The pixel is due at t_us, unless an earlier time stands already (at which it is asked again).
+  // Schedules the pixel at t_us, unless an earlier time is scheduled already; it is then examined at that time.
   void Add(uint32_t pixel, double t_us);
-  // Takes the earliest pixel that is due before t_us; false when there is none.
+  // Removes the earliest pixel that is scheduled before t_us. Returns false if there is none.
   bool TakeDue(double t_us, uint32_t& pixel);
 
  private:
   using Entry = std::pair<double, uint32_t>;
   std::priority_queue<Entry, std::vector<Entry>, std::greater<Entry>> queue_;
-  std::vector<double> due_us_;  // per pixel; infinity: none
+  std::vector<double> due_us_;  // by pixel; infinity if the pixel is not scheduled
 };
 
 }  // namespace evpose

@@ -17,7 +17,7 @@ using Eigen::Vector3d;
 using BoxShades = std::array<double, 6>;
 constexpr BoxShades kBoxShades = {0.25, 0.28, 0.48, 0.53, 0.95, 0.90};
 
-// A rectangle of a surface in shares of its sides, [0, 1].
+// A rectangle on a surface; coordinates are shares of the surface's sides, in [0, 1].
 struct Patch {
   double u0, v0, u1, v1;
 };
@@ -43,12 +43,12 @@ class ObjectBuilder {
     return static_cast<int>(object_.bodies[body].surfaces.size()) - 1;
   }
 
-  // Six faces, in the order of BoxShades. Lines are added apart.
+  // Adds six faces, in the order of BoxShades, without lines.
   void AddBoxFaces(int body, const Vector3d& centre, const Vector3d& size, const BoxShades& shades) {
     for (int axis = 0; axis < 3; ++axis) {
       for (int side = 0; side < 2; ++side) {
         const Vector3d normal = Vector3d::Unit(axis) * (side == 0 ? -1.0 : 1.0);
-        // u x v points along +axis; swapped, along -axis.
+        // u x v points along +axis, and v x u along -axis.
         Vector3d u = Vector3d::Unit((axis + 1) % 3).cwiseProduct(size);
         Vector3d v = Vector3d::Unit((axis + 2) % 3).cwiseProduct(size);
         const Vector3d corner = centre + 0.5 * normal.cwiseProduct(size) - 0.5 * (u + v);
@@ -58,7 +58,8 @@ class ObjectBuilder {
     }
   }
 
-  // The twelve edges, but those in the plane of the face `without_face` (index as in BoxShades; -1: all twelve).
+  // Adds the twelve edges as lines, except those in the plane of the face `without_face` (index as in BoxShades; -1:
+  // adds all twelve).
   void AddBoxLines(const Vector3d& centre, const Vector3d& size, int without_face = -1) {
     for (int axis = 0; axis < 3; ++axis) {
       for (int corner = 0; corner < 4; ++corner) {
@@ -94,7 +95,7 @@ class ObjectBuilder {
             {object_.bodies[body].surfaces[surface].normal});
   }
 
-  // Paint with its four sides as lines.
+  // Adds paint, and its four sides as lines.
   void AddPaintWithLines(int body, int surface, const Patch& patch, double reflectance, double under) {
     AddPaint(body, surface, patch, reflectance, under);
     AddPaintedLine(body, surface, patch.u0, patch.v0, patch.u1, patch.v0);
@@ -103,14 +104,15 @@ class ObjectBuilder {
     AddPaintedLine(body, surface, patch.u0, patch.v1, patch.u0, patch.v0);
   }
 
-  // A plate without thickness: two surfaces back to back, the front one's normal is u x v. Returns the front surface.
+  // Adds a plate without thickness: two surfaces back to back. Returns the index of the front surface, with normal u x
+  // v.
   int AddPlate(int body, const Vector3d& corner, const Vector3d& u, const Vector3d& v, double front, double back) {
     const int surface = AddRectangle(body, corner, u, v, front);
     AddRectangle(body, corner, v, u, back);
     return surface;
   }
 
-  // The four sides of a plate: boundary of both its surfaces.
+  // Adds the four sides of a plate as lines; they are the boundary of both its surfaces.
   void AddPlateLines(const Vector3d& corner, const Vector3d& u, const Vector3d& v) {
     const Vector3d normal = u.cross(v).normalized();
     AddLine(corner, corner + u, {normal, -normal});
@@ -136,10 +138,10 @@ class ObjectBuilder {
   }
 
  private:
-  // Corners that faces share are one vertex of the mesh, so that its edges have two faces.
+  // A corner shared by faces is one vertex of the mesh, so that an edge of the mesh has two faces.
   uint32_t AddVertex(const Vector3d& point) {
     std::vector<Vector3d>& vertices = object_.model.vertices;
-    const auto near = [&](const Vector3d& other) { return (other - point).norm() < 1e-9; };
+    const auto near = [&](const Vector3d& other) { return (other - point).norm() < 1e-9; };  // metres; rounding
     const auto found = std::find_if(vertices.begin(), vertices.end(), near);
     if (found != vertices.end()) return static_cast<uint32_t>(found - vertices.begin());
     vertices.push_back(point);
@@ -149,7 +151,7 @@ class ObjectBuilder {
   SceneObject object_;
 };
 
-// Turns the object by `pitch_rad` about x after `yaw_rad` about y: shows a front, a side and a top.
+// Returns the rotation by `pitch_rad` about x after `yaw_rad` about y: an attitude that shows front, side and top.
 Eigen::Matrix3d View(double pitch_rad, double yaw_rad) {
   return ExpSo3({pitch_rad, 0.0, 0.0}) * ExpSo3({0.0, yaw_rad, 0.0});
 }
@@ -162,7 +164,7 @@ SceneObject MakeBox(const Vector3d& size) {
   return builder.Finish(View(0.6, 0.7));
 }
 
-// Border and two painted steps: six lines, the number on the paper's planar target.
+// A plate with six lines, the number on the paper's planar target: its border and two painted steps.
 SceneObject MakePlanar(double size) {
   ObjectBuilder builder;
   const int body = builder.AddBody(Vector3d::UnitZ(), 0.0);
@@ -171,7 +173,8 @@ SceneObject MakePlanar(double size) {
   const Vector3d corner = -0.5 * (side_u + side_v);
   const int front = builder.AddPlate(body, corner, side_u, side_v, 0.85, 0.5);  // front towards -z, the camera
   builder.AddPlateLines(corner, side_u, side_v);
-  // u runs along y, v along x. A dark part on one side, and across the bright rest a grey one: no symmetry.
+  // u is along y, v along x. A dark area on one side and a grey one across the bright rest, so that there is no
+  // symmetry.
   constexpr double kStepAcross = 0.35;
   constexpr double kStepAlong = 0.6;
   builder.AddPaint(body, front, {0.0, 0.0, 1.0, kStepAcross}, 0.22, 0.85);
@@ -186,7 +189,7 @@ SceneObject MakeBook(double size) {
   const int body = builder.AddBody(Vector3d::UnitZ(), 0.0);
   const Vector3d extent(0.7 * size, size, 0.1 * size);
   constexpr double kCover = 0.28;
-  // Spine and covers of one shade would hide the edges between them: the pages are bright, the spine is grey.
+  // The pages are bright and the spine is grey, because edges between faces of equal shade would be invisible.
   builder.AddBoxFaces(body, Vector3d::Zero(), extent, {0.50, 0.9, 0.8, 0.85, kCover, 0.5});
   builder.AddBoxLines(Vector3d::Zero(), extent);
   constexpr int kFront = 4;                                                         // towards -z; u along y, v along x
@@ -201,7 +204,7 @@ SceneObject MakeBook(double size) {
   return builder.Finish(View(0.35, 0.4));
 }
 
-// A panel of 2 x 4 cells, front towards -z. The cells' paint alternates, so each border between cells is a step.
+// A panel of 2 x 4 cells, front towards -z. The cells' shades alternate, so that each border between cells is a step.
 void AddPanel(ObjectBuilder& builder, int body, const Vector3d& corner, const Vector3d& u, const Vector3d& v) {
   constexpr double kDarkCell = 0.22;
   constexpr double kBrightCell = 0.45;
@@ -225,13 +228,13 @@ void AddPanel(ObjectBuilder& builder, int body, const Vector3d& corner, const Ve
 SceneObject MakeSpacecraft(double size) {
   ObjectBuilder builder;
   const Vector3d bus(0.26 * size, 0.26 * size, 0.32 * size);
-  const double panel_inner = 0.19 * size;  // from the centre
+  const double panel_inner = 0.19 * size;  // distance of a panel's inner side from the centre
   const double strut_inner = 0.5 * bus.x();
   const Vector3d panel_u(0.0, 0.26 * size, 0.0);
   const Vector3d panel_v((0.5 - 0.19) * size, 0.0, 0.0);
   const Vector3d strut_u(0.0, 0.04 * size, 0.0);
   const Vector3d strut_v(panel_inner - strut_inner, 0.0, 0.0);
-  // Bodies from the tips inwards, so that one plane parts each from all that follow.
+  // Bodies from the tips inwards, so that one plane separates each body from all later ones.
   for (const double side : {-1.0, 1.0}) {
     const int panel = builder.AddBody(side * Vector3d::UnitX(), panel_inner);
     const double left_x = side < 0.0 ? -0.5 * size : panel_inner;
@@ -246,7 +249,7 @@ SceneObject MakeSpacecraft(double size) {
     builder.AddLine(corner + strut_u, corner + strut_u + strut_v, {normal, -normal});
   }
   const Vector3d mast(0.05 * size, 0.16 * size, 0.05 * size);
-  const Vector3d mast_centre(0.06 * size, -0.5 * (bus.y() + mast.y()), -0.08 * size);  // on top: y points down
+  const Vector3d mast_centre(0.06 * size, -0.5 * (bus.y() + mast.y()), -0.08 * size);  // on top, because y points down
   const int mast_body = builder.AddBody(-Vector3d::UnitY(), 0.5 * bus.y());
   builder.AddBoxFaces(mast_body, mast_centre, mast, {0.3, 0.3, 0.9, 0.9, 0.6, 0.6});
   builder.AddBoxLines(mast_centre, mast, /*without_face=*/3);
@@ -276,7 +279,7 @@ SceneObject MakeSceneObject(SimulatedObject object, double size_m) {
 
 std::vector<int> PaintersOrder(const std::vector<Body>& bodies, const Vector3d& camera_object) {
   std::vector<int> order;
-  std::vector<int> nearer;  // nearer than all bodies after them; the outermost comes last
+  std::vector<int> nearer;  // bodies that are nearer than all later bodies; the outermost comes last
   for (size_t i = 0; i < bodies.size(); ++i) {
     const bool camera_on_its_side = bodies[i].separator_normal.dot(camera_object) > bodies[i].separator_offset_m;
     const bool is_last = i + 1 == bodies.size();

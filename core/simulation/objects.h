@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// The simulated objects: what they are (model) and how they look (surfaces and paint).
+// The simulated objects: their models for the tracker, and their surfaces and paint for the renderer.
 #pragma once
 
 #include <Eigen/Core>
@@ -12,10 +12,10 @@
 
 namespace evpose {
 
-// A flat polygon painted on a surface. `under` is the reflectance of what it covers: pictures are sums, so paint adds
-// the difference.
+// A flat polygon painted on a surface. `under` is the reflectance of the covered paint: the renderer adds polygons, so
+// that paint contributes the difference.
 struct Paint {
-  std::vector<Eigen::Vector3d> outline;  // object frame, metres; wound like its surface
+  std::vector<Eigen::Vector3d> outline;  // object frame, metres; the winding of its surface
   double reflectance = 0.0;
   double under = 0.0;
 };
@@ -27,11 +27,11 @@ struct Surface {
   std::vector<Paint> paints;
 };
 
-// A convex solid, or a plate: of its surfaces, those that face the camera never hide one another.
+// A convex solid, or a plate: its surfaces that face the camera never hide one another.
 struct Body {
   std::vector<Surface> surfaces;
-  // This body lies where normal . X > offset, every later body of the object where it is less: the painter's order
-  // follows from the side that the camera is on. Unused in the last body.
+  // This body lies in the half space normal . X > offset, and every later body of the object in the other one. The side
+  // of the camera determines the order of painting. Not used in the last body.
   Eigen::Vector3d separator_normal = Eigen::Vector3d::UnitZ();
   double separator_offset_m = 0.0;
 };
@@ -39,14 +39,14 @@ struct Body {
 struct SceneObject {
   ObjectModel model;
   std::vector<Body> bodies;
-  double radius_m = 0.0;  // of the sphere about the origin that holds the object
-  Eigen::Matrix3d view_from_object = Eigen::Matrix3d::Identity();  // an attitude that shows it well
+  double radius_m = 0.0;  // radius of the sphere about the origin that contains the object
+  Eigen::Matrix3d view_from_object = Eigen::Matrix3d::Identity();  // an attitude in which most faces are visible
 };
 
-// `size_m`: its longest side, positive.
+// Makes an object with the longest side `size_m`, positive.
 SceneObject MakeSceneObject(SimulatedObject object, double size_m);
 
-// Indices of the bodies from the farthest to the nearest, for a camera at this place in the object frame.
+// Returns the indices of the bodies from the farthest to the nearest, for a camera position in the object frame.
 std::vector<int> PaintersOrder(const std::vector<Body>& bodies, const Eigen::Vector3d& camera_object);
 
 }  // namespace evpose

@@ -11,7 +11,7 @@
 namespace evpose {
 namespace {
 
-// What can be told apart by lines: the shades of a cube's faces cannot.
+// Symmetries of the lines. The shades of a cube's faces, which would break them, are not part of the model.
 TEST(SceneObjectTest, Symmetries) {
   for (const auto& [object, count] : {std::pair<SimulatedObject, size_t>{SimulatedObject::kCube, 24},
                                       {SimulatedObject::kCuboid, 4},

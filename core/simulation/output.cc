@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// A simulation as a directory of files.
+// Writes a simulation as a directory of files.
 #include <filesystem>
 #include <memory>
 #include <system_error>
@@ -22,7 +22,7 @@ absl::Status FileError(const char* what, const fs::path& path, const std::error_
   return absl::UnavailableError(absl::StrCat(path.string(), ": ", what, ": ", error.message()));
 }
 
-// Files are made in a directory inside the target and moved out of it when all are whole.
+// A temporary directory inside the target. Files are written there and moved to the target when all are complete.
 class StagingDirectory {
  public:
   static absl::StatusOr<std::unique_ptr<StagingDirectory>> Create(const fs::path& target) {
@@ -30,14 +30,14 @@ class StagingDirectory {
     const bool made_target = fs::create_directories(target, error);
     if (error) return FileError("cannot make this directory", target, error);
     for (const char* name : kFileNames) {
-      // Found now rather than after the simulation, with some files replaced and others not.
+      // Checked before the simulation, because a failure at its end would leave some files replaced and others not.
       if (fs::is_directory(target / name, error)) {
-        return absl::InvalidArgumentError(
-            absl::StrCat((target / name).string(), ": is a directory where a file is to be written; move it away"));
+        return absl::InvalidArgumentError(absl::StrCat(
+            (target / name).string(), ": is a directory, but a file must be written here; move the directory"));
       }
     }
     auto staging = std::unique_ptr<StagingDirectory>(new StagingDirectory(target, made_target));
-    fs::remove_all(staging->path_, error);  // of a run that was killed
+    fs::remove_all(staging->path_, error);  // left by a run that was killed
     fs::create_directory(staging->path_, error);
     if (error) return FileError("cannot make this directory", staging->path_, error);
     return staging;

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// The files of a simulation, read back by those who will read them.
+// The files of a simulation, read by the readers of the project.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -20,7 +20,7 @@ namespace {
 namespace fs = std::filesystem;
 using ::testing::HasSubstr;
 
-// An empty directory of the running test's own.
+// An empty directory for the running test.
 fs::path TestDirectory() {
   const auto* info = ::testing::UnitTest::GetInstance()->current_test_info();
   const fs::path path = fs::path(::testing::TempDir()) / (std::string("evpose_simulation_") + info->name());
@@ -29,7 +29,7 @@ fs::path TestDirectory() {
   return path;
 }
 
-// 60 ms of a small scene, across the wrap of EVT3's clock.
+// 60 ms of a small scene, with the wrap of EVT3's clock.
 SimulationOptions AcrossTheWrap() {
   SimulationOptions options = *SimulationPreset("cube", "vga", 2.0);
   options.duration_us = 60'000;
@@ -87,7 +87,7 @@ TEST(SimulateToDirectoryTest, TruthModelAndCameraReadBackAsSimulated) {
   for (const std::string& name : SimulatedObjectNames()) {
     SimulationOptions options = *SimulationPreset(name, "vga");
     options.duration_us = 5000;
-    const auto report = SimulateToDirectory(options, directory.string());  // replaces what the last one left
+    const auto report = SimulateToDirectory(options, directory.string());  // replaces the files of the last iteration
     ASSERT_TRUE(report.ok()) << report.status();
 
     const auto truth = ReadTumTrajectory((directory / "truth.tum").string());
@@ -119,7 +119,7 @@ TEST(SimulateToDirectoryTest, DefaultRecordingContainsTheWrap) {
   EXPECT_GT(options.t_begin_us + options.duration_us, 1 << 24);
 }
 
-TEST(SimulateToDirectoryTest, LeavesNothingWhenOptionsAreWrong) {
+TEST(SimulateToDirectoryTest, WritesNothingForInvalidOptions) {
   const fs::path directory = TestDirectory() / "new";
   SimulationOptions options = AcrossTheWrap();
   options.sensor.threshold_off = -1.0;
@@ -127,7 +127,7 @@ TEST(SimulateToDirectoryTest, LeavesNothingWhenOptionsAreWrong) {
   EXPECT_FALSE(fs::exists(directory));
 }
 
-TEST(SimulateToDirectoryTest, NamesADirectoryThatCannotBeMade) {
+TEST(SimulateToDirectoryTest, NamesADirectoryThatCannotBeCreated) {
   const fs::path file = TestDirectory() / "file";
   std::ofstream(file) << "in the way";
   const auto report = SimulateToDirectory(AcrossTheWrap(), (file / "inside").string());
@@ -137,7 +137,7 @@ TEST(SimulateToDirectoryTest, NamesADirectoryThatCannotBeMade) {
   EXPECT_EQ(*ReadFile(file.string(), 100), "in the way");
 }
 
-TEST(SimulateToDirectoryTest, LeavesOldFilesWhenANewOneCannotTakeItsPlace) {
+TEST(SimulateToDirectoryTest, KeepsOldFilesWhenOneCannotBeReplaced) {
   const fs::path directory = TestDirectory();
   std::ofstream(directory / "recording.raw") << "old";
   fs::create_directories(directory / "truth.tum" / "a directory in the way");
@@ -147,7 +147,7 @@ TEST(SimulateToDirectoryTest, LeavesOldFilesWhenANewOneCannotTakeItsPlace) {
   EXPECT_EQ(*ReadFile((directory / "recording.raw").string(), 100), "old");
   size_t entries = 0;
   for (const auto& entry : fs::directory_iterator(directory)) entries += entry.exists() ? 1 : 0;
-  EXPECT_EQ(entries, 2u);  // nothing half-done beside them
+  EXPECT_EQ(entries, 2u);  // no temporary files
 }
 
 }  // namespace

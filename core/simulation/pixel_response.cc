@@ -12,10 +12,15 @@
 namespace evpose {
 namespace {
 
-// The light between two pictures is straight, its logarithm is not: pieces of at most this change, over which the
-// logarithm differs by less than 0.003, 1 % of a usual threshold, from a straight line.
+// The light changes linearly between two pictures, but its logarithm does not. It is divided into pieces of at most
+// this change, over which the logarithm differs from a straight line by less than 0.003, 1 % of a usual threshold.
 constexpr double kMaxLogStep = 0.15;
-constexpr double kSettled = 1e-3;  // of the logarithm: 0.4 % of a usual threshold
+// Difference of output and input, in logarithm, of a settled pixel: 0.4 % of a usual threshold.
+constexpr double kSettled = 1e-3;
+// Accuracy of the time of a crossing, microseconds. Times are rounded to whole microseconds later.
+constexpr double kTimeTolerance_us = 1e-4;
+// Bisection halves the interval in each iteration: 60 reduce any step of a recording to the tolerance.
+constexpr int kMaxSolverIterations = 60;
 
 }  // namespace
 
@@ -27,7 +32,7 @@ double DeterministicLog(double x) {
     mantissa *= 0.5;
     ++exponent;
   }
-  // log m = 2 artanh((m - 1) / (m + 1)), |s| <= 0.172.
+  // log m = 2 artanh(s), s = (m - 1) / (m + 1), |s| <= 0.172.
   const double s = (mantissa - 1.0) / (mantissa + 1.0);
   const double s2 = s * s;
   const double series =
@@ -35,14 +40,16 @@ double DeterministicLog(double x) {
   return exponent * std::numbers::ln2 + 2.0 * s * series;
 }
 
+// A time interval in which the input (logarithm of light) is linear in time.
 struct PixelResponse::Piece {
   double begin_us;
   double length_us;
-  double input;  // at its beginning
-  double slope;  // of the input, per microsecond
-  double tau_us;
+  double input;   // input at the beginning
+  double slope;   // change of the input per microsecond
+  double tau_us;  // time constant of the low pass
 
-  // The output at t, from `output0` at t0, both from the piece's beginning; `decay` is e^(-(t - t0) / tau_us).
+  // Returns the output at t, given the output `output0` at t0; times count from the beginning of the piece. `decay` is
+  // e^(-(t - t0) / tau_us).
   double OutputAt(double t, double t0, double output0, double decay) const {
     if (tau_us <= 0.0) return input + slope * t;
     const double away = output0 - (input + slope * (t0 - tau_us));
@@ -66,25 +73,26 @@ struct Course {
     return decay == 0.0 ? level + slope * u : level + slope * u + decay * DeterministicExp(-u / tau);
   }
 
-  // Where it turns, or infinity: there is at most one such place.
+  // Returns the position of the extremum; infinity if there is none. There is at most one.
   double Turn() const {
     const double ratio = decay == 0.0 ? 0.0 : slope * tau / decay;  // = e^(-u / tau) at the turn
     if (ratio <= 1e-300 || ratio >= 1.0) return std::numeric_limits<double>::infinity();
     return -tau * DeterministicLog(ratio);
   }
 
-  // The u in [low, high] with f(u) = target, where f is monotone and passes it. Newton's steps inside a bracket.
+  // Returns the u in [low, high] with f(u) = target. f must be monotone in this interval and reach the target. Newton's
+  // method with bisection.
   double Solve(double low, double high, double target) const {
     if (decay == 0.0) return std::clamp((target - level) / slope, low, high);
     const bool rising = At(high) > At(low);
     double u = 0.5 * (low + high);
-    for (int i = 0; i < 60 && high - low > 1e-4; ++i) {
+    for (int i = 0; i < kMaxSolverIterations && high - low > kTimeTolerance_us; ++i) {
       const double e = decay * DeterministicExp(-u / tau);
       const double f = level + slope * u + e - target;
       ((f > 0.0) == rising ? high : low) = u;
       const double step = f / (slope - e / tau);
       const double newton = u - step;
-      if (std::abs(step) < 1e-4 && newton > low && newton < high) return newton;
+      if (std::abs(step) < kTimeTolerance_us && newton > low && newton < high) return newton;
       u = newton > low && newton < high ? newton : 0.5 * (low + high);
     }
     return u;
@@ -93,7 +101,7 @@ struct Course {
 
 constexpr double kNever = std::numeric_limits<double>::infinity();
 
-// The first u in [0, end] at which f reaches `on` from below or -off from above; kNever when it does not.
+// Returns the first u in [0, end] at which f reaches `on` from below or -off from above; kNever if there is none.
 double FirstCrossing(const Course& f, double end, double on, double off, double f_end) {
   const double turn = f.Turn();
   double low = 0.0;
@@ -119,7 +127,7 @@ PixelResponse::PixelResponse(double bandwidth_hz, double dark_bandwidth_ratio, d
       leak_per_us_(leak_per_us),
       last_log_(LogLight(last_light_)) {}
 
-// Neighbours on one face share their light, so that the last result often serves again.
+// Neighbouring pixels of one face have the same light, so that the last result is often valid again.
 double PixelResponse::Decay(const Piece& piece) {
   if (piece.tau_us <= 0.0) return 0.0;
   const double exponent = -piece.length_us / piece.tau_us;
@@ -139,7 +147,7 @@ double PixelResponse::LogLightOnce(float light) {
 }
 
 double PixelResponse::LogLight(float light) const {
-  // Sums of coverage leave rounding errors of 1e-7 below zero.
+  // The rounding of sums of coverage can yield light down to -1e-7.
   return DeterministicLog(std::max<double>(light, 0.0) + dark_light_);
 }
 
@@ -158,7 +166,8 @@ void PixelResponse::Advance(PixelState& state, float light_from, float light_to,
   const int pieces = 1 + static_cast<int>(std::abs(change) / kMaxLogStep);
   Piece piece = {begin_us, length_us, input_from, change / length_us, TimeConstantUs(light_to)};
   if (pieces > 1) {
-    // Equal pieces of the logarithm: the light at their ends is a geometric series, and reaches them in proportion.
+    // Pieces of equal change of the logarithm: the light at their ends is a geometric series, and the times follow from
+    // the linear change of the light.
     const double ratio = DeterministicExp(change / pieces);
     const double from = std::max<double>(light_from, 0.0) + dark_light_;
     const double us_per_light = length_us / (static_cast<double>(light_to) - light_from);
@@ -184,12 +193,12 @@ void PixelResponse::Advance(PixelState& state, float light_from, float light_to,
 }
 
 void PixelResponse::AdvancePiece(PixelState& state, const Piece& piece, std::vector<Crossing>& crossings) {
-  double t = 0.0;  // from the piece's beginning
+  double t = 0.0;  // time since the beginning of the piece
   double output = state.output;
   double memory = state.memory;
   const double end_output = piece.OutputAt(piece.length_us, 0.0, output, Decay(piece));
   const double end_input = piece.input + piece.slope * piece.length_us;
-  // The low pass never leaves the range of what it was and what it gets.
+  // The output of a low pass stays in the range of its initial output and its input.
   const double highest = std::max({output, piece.input, end_input});
   const double lowest = std::min({output, piece.input, end_input});
   while (true) {
@@ -205,7 +214,7 @@ void PixelResponse::AdvancePiece(PixelState& state, const Piece& piece, std::vec
       memory -= leak_per_us_ * left;
       break;
     }
-    // output - memory from here on, the leak included.
+    // The further course of output - memory, including the leak.
     const double steady = piece.input + piece.slope * (t - piece.tau_us);
     Course course = {steady - memory, piece.slope + leak_per_us_, output - steady, piece.tau_us};
     if (piece.tau_us <= 0.0) course = {output - memory, piece.slope + leak_per_us_, 0.0, 0.0};

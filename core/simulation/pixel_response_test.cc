@@ -22,11 +22,11 @@ PixelState StateAt(const PixelResponse& response, float light, float threshold) 
   return state;
 }
 
-TEST(DeterministicLogTest, EqualsTheLibrarys) {
+TEST(DeterministicLogTest, EqualsTheStandardLibrary) {
   for (double x = 1e-6; x < 1e6; x *= 1.0173) EXPECT_NEAR(DeterministicLog(x), std::log(x), 1e-12 + 1e-15 * x) << x;
 }
 
-TEST(PixelResponseTest, WithoutLowPassEventsComeWhereTheLogarithmCrosses) {
+TEST(PixelResponseTest, WithoutLowPassEventsAreAtTheCrossingsOfTheLogarithm) {
   PixelResponse response(0.0, 1.0, kDark, 0.0, 0.0);
   PixelState state = StateAt(response, 0.1f, 0.25f);
   std::vector<Crossing> crossings;
@@ -34,7 +34,7 @@ TEST(PixelResponseTest, WithoutLowPassEventsComeWhereTheLogarithmCrosses) {
   ASSERT_EQ(crossings.size(), 8u);  // log(0.91 / 0.11) / 0.25 = 8.45
   for (size_t k = 0; k < crossings.size(); ++k) {
     const double light = 0.11 * std::exp(0.25 * static_cast<double>(k + 1)) - kDark;
-    // 0.003 of the logarithm, times the light, over the light's slope.
+    // Time error: 0.003 of the logarithm, times the light, divided by the slope of the light.
     EXPECT_NEAR(crossings[k].t_us, 10'000 * (light - 0.1) / 0.8, 0.003 * (light + kDark) * 10'000 / 0.8) << k;
     EXPECT_TRUE(crossings[k].on);
   }
@@ -46,7 +46,7 @@ TEST(PixelResponseTest, StepThroughTheLowPassIsTimedExactly) {
   const double tau_us = 1e6 / (2.0 * std::numbers::pi * kBandwidthHz);
   PixelResponse response(kBandwidthHz, 1.0, kDark, 0.0, 0.0);
   PixelState state = StateAt(response, 0.8f, 0.3f);
-  state.input = static_cast<float>(response.LogLight(0.2f));  // the light fell at this very moment
+  state.input = static_cast<float>(response.LogLight(0.2f));  // the light decreases at this time
   const double step = state.output - state.input;
   std::vector<Crossing> crossings;
   response.Advance(state, 0.2f, 0.2f, 5000, crossings);
@@ -57,7 +57,7 @@ TEST(PixelResponseTest, StepThroughTheLowPassIsTimedExactly) {
   }
 }
 
-// The same pixel in steps of 1/50 us.
+// Numerical integration of the same pixel in steps of 1/50 us.
 struct SteppedPixel {
   double output, memory, held_us;
   void Run(const PixelResponse& response, double light_from, double light_to, double begin_us, double length_us,
@@ -84,7 +84,7 @@ struct SteppedPixel {
 TEST(PixelResponseTest, EqualsABruteForceIntegration) {
   constexpr double kBandwidthHz = 800.0;
   constexpr double kRefractoryUs = 120.0;
-  constexpr double kLeakPerUs = 1e-4;  // far more than real, to be seen
+  constexpr double kLeakPerUs = 1e-4;  // much more than that of a sensor, so that it has an effect within the test
   constexpr float kThreshold = 0.2f;
   PixelResponse response(kBandwidthHz, 1.0, kDark, kRefractoryUs, kLeakPerUs);
   const double tau_us = 1e6 / (2.0 * std::numbers::pi * kBandwidthHz);
@@ -110,7 +110,7 @@ TEST(PixelResponseTest, EqualsABruteForceIntegration) {
   }
 }
 
-TEST(PixelResponseTest, IsDarkSlowerThanLight) {
+TEST(PixelResponseTest, IsSlowerInTheDark) {
   PixelResponse response(1000.0, 0.1, kDark, 0.0, 0.0);
   const auto first_us = [&response](float from, float to) {
     PixelState state = StateAt(response, from, 0.3f);
@@ -123,7 +123,7 @@ TEST(PixelResponseTest, IsDarkSlowerThanLight) {
   EXPECT_GT(first_us(0.01f, 0.03f), 4.0 * first_us(0.49f, 0.99f));
 }
 
-TEST(PixelResponseTest, RefractoryTimeHoldsAndMemorisesAtItsEnd) {
+TEST(PixelResponseTest, IsInactiveInTheRefractoryTimeAndMemorisesAtItsEnd) {
   PixelResponse response(0.0, 1.0, kDark, 2000.0, 0.0);
   PixelState state = StateAt(response, 0.1f, 0.25f);
   std::vector<Crossing> crossings;
@@ -138,7 +138,7 @@ TEST(PixelResponseTest, RefractoryTimeHoldsAndMemorisesAtItsEnd) {
   }
 }
 
-TEST(PixelResponseTest, LeakReachesTheThresholdWhenItSays) {
+TEST(PixelResponseTest, LeakReachesTheThresholdAtTheComputedTime) {
   PixelResponse response(1000.0, 1.0, kDark, 0.0, 0.25 * 2e-6);
   PixelState state = StateAt(response, 0.5f, 0.25f);
   EXPECT_NEAR(response.NextLeakUs(state), 500'000.0, 1.0);

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// The standard scenes.
+// The standard scenes and cameras.
 #include <array>
 #include <string>
 
@@ -20,7 +20,8 @@ struct ObjectPreset {
   double angular_speed_rad_per_s;
 };
 
-// Speeds chosen so that an EVK4 at the default thresholds sends about 1e6 events/s.
+// Object, size in metres, speed in m/s and angular speed in rad/s: an EVK4 at the default thresholds produces about 1e6
+// events/s.
 constexpr std::array<ObjectPreset, 5> kObjectPresets = {{
     {SimulatedObject::kCube, 0.20, 0.31, 0.8},
     {SimulatedObject::kCuboid, 0.26, 0.31, 0.8},

@@ -15,7 +15,7 @@ PixelRect BoundingRect(absl::Span<const Eigen::Vector2d> points_px) {
     low = low.cwiseMin(p);
     high = high.cwiseMax(p);
   }
-  // Far outside the image the numbers would not fit an int.
+  // Coordinates far outside the image would not fit into an int.
   constexpr double kFar = 1e6;
   const auto pixel = [kFar](double v) { return static_cast<int>(std::floor(std::clamp(v, -kFar, kFar) + 0.5)); };
   return {pixel(low.x()), pixel(low.y()), pixel(high.x()) + 1, pixel(high.y()) + 1};
@@ -48,7 +48,8 @@ void CoverageRasterizer::AddPolygon(absl::Span<const Eigen::Vector2d> points_px,
   }
 }
 
-// Cuts the edge at the borders of rect_. What lies left of it covers all pixels of its rows; what lies right, none.
+// Clips the edge at the borders of rect_. A part to the left of rect_ covers all pixels of its rows; a part to the
+// right covers none.
 void CoverageRasterizer::AddEdge(Eigen::Vector2d a, Eigen::Vector2d b, double value, double alpha) {
   if (a.y() == b.y()) return;
   // A downward edge has its polygon on the right when the winding is counter-clockwise on the screen.
@@ -72,7 +73,7 @@ void CoverageRasterizer::AddEdge(Eigen::Vector2d a, Eigen::Vector2d b, double va
   };
   double y0 = a.y();
   double x0 = a.x();
-  // The places where it crosses the left and the right border, in order of y.
+  // The crossings of the edge with the left and the right border, in order of y.
   double cuts[3];
   int num_cuts = 0;
   if ((a.x() < left) != (b.x() < left)) cuts[num_cuts++] = y_at(left);
@@ -93,7 +94,7 @@ void CoverageRasterizer::AddEdge(Eigen::Vector2d a, Eigen::Vector2d b, double va
   }
 }
 
-// y0 <= y1, inside rect_.
+// Adds an edge inside rect_, with y0 <= y1.
 void CoverageRasterizer::AddEdgeInside(double x0, double y0, double x1, double y1, double value, double alpha) {
   if (y1 <= y0) return;
   const double slope = (x1 - x0) / (y1 - y0);
@@ -111,7 +112,7 @@ void CoverageRasterizer::AddEdgeInside(double x0, double y0, double x1, double y
   }
 }
 
-// A piece of an edge inside one row, from xa to xb; value and alpha are already times its height.
+// Adds a piece of an edge inside one row, from xa to xb. `value` and `alpha` are multiplied by its height already.
 void CoverageRasterizer::AddRowPiece(int row, double xa, double xb, double value, double alpha) {
   if (xa > xb) std::swap(xa, xb);
   float* values = value_.data() + row * stride_;
@@ -122,20 +123,21 @@ void CoverageRasterizer::AddRowPiece(int row, double xa, double xb, double value
   };
   const int first = static_cast<int>(xa);
   if (xb <= first + 1) {
-    // Within one pixel: it is covered from the edge's mean to its right border, every later one wholly.
+    // Within one pixel: the pixel is covered from the mean of the edge to its right border, and all later ones
+    // entirely.
     const double uncovered = 0.5 * (xa + xb) - first;
     add(first, 1.0 - uncovered);
     add(first + 1, uncovered);
     return;
   }
   const int last = static_cast<int>(std::ceil(xb)) - 1;
-  // Over several pixels: `covered` runs through the mean covered share of each pixel, and its differences are stored.
+  // Over several pixels: `covered` is the mean covered share of each pixel in turn; its differences are stored.
   const double per_pixel = 1.0 / (xb - xa);
   double stored = 0.0;
   for (int column = first; column <= last; ++column) {
     const double from = std::max<double>(xa, column);
     const double to = std::min<double>(xb, column + 1);
-    // Share of the piece's height that lies in this column, and before it.
+    // The share of the piece's height that lies in this column, and in the columns before it.
     const double here = (to - from) * per_pixel;
     const double before = (from - xa) * per_pixel;
     const double covered = before + here * (column + 1 - 0.5 * (from + to));
@@ -165,7 +167,7 @@ GaussianBlur::GaussianBlur(double sigma_px) {
     taps_ = {1.0f};
     return;
   }
-  const int radius = static_cast<int>(std::ceil(3.0 * sigma_px));
+  const int radius = static_cast<int>(std::ceil(3.0 * sigma_px));  // 0.3 % of a normal distribution lies beyond
   std::vector<double> taps(radius + 1);
   double sum = 0.0;
   for (int i = 0; i <= radius; ++i) {

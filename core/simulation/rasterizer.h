@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// Polygons to pixels with exact area coverage: an edge that moves by any fraction of a pixel changes the picture by
-// just that, so no quantisation of the anti-aliasing shows in the times of events.
+// Renders polygons with the exact area of their coverage of each pixel. The picture is a continuous function of the
+// position of an edge, so that the times of events have no quantisation by anti-aliasing.
 #pragma once
 
 #include <Eigen/Core>
@@ -12,7 +12,7 @@
 
 namespace evpose {
 
-// Pixels x0 <= x < x1, y0 <= y < y1.
+// A rectangle of pixels: x0 <= x < x1, y0 <= y < y1.
 struct PixelRect {
   int x0 = 0;
   int y0 = 0;
@@ -33,24 +33,25 @@ struct PixelRect {
   friend bool operator==(const PixelRect&, const PixelRect&) = default;
 };
 
-// Pixels that a polygon may touch; pixel (0, 0) reaches from -0.5 to 0.5.
+// Returns the pixels that a polygon may touch. Pixel (0, 0) extends from -0.5 to 0.5.
 PixelRect BoundingRect(absl::Span<const Eigen::Vector2d> points_px);
 
-// Sums of weight times covered area, over polygons that may have any shape. Each pixel's area is integrated exactly:
-// the signed area to the right of every edge is accumulated as differences along the row, summed up at the end.
+// Accumulates, for each pixel, the sum of weight times covered area over polygons of any shape. Areas are exact: the
+// signed area to the right of every edge is accumulated as differences along the row, which are summed at the end.
 class CoverageRasterizer {
  public:
   CoverageRasterizer(int width_px, int height_px);
 
-  // Forgets everything and clears the accumulators in `rect`, which must lie inside the image and hold all polygons
-  // that follow, as far as they lie inside the image.
+  // Begins a new sum over `rect`, which must lie inside the image and contain all later polygons, as far as they lie
+  // inside the image.
   void Begin(const PixelRect& rect);
 
-  // Adds a polygon, vertices in pixels, wound counter-clockwise on the screen (x right, y down: a model's face seen
-  // from outside). Wound the other way it subtracts.
+  // Adds a polygon with vertices in pixels, counter-clockwise on the screen (x right, y down; a model's face seen from
+  // outside). A clockwise polygon is subtracted.
   void AddPolygon(absl::Span<const Eigen::Vector2d> points_px, double value, double alpha);
 
-  // Over `rect`: picture = picture (1 - sum of alpha) + sum of value. `picture` has the image's width as stride.
+  // Computes picture = picture (1 - sum of alpha) + sum of value over `rect`. The stride of `picture` is the image's
+  // width.
   void CompositeOnto(std::vector<float>& picture) const;
 
  private:
@@ -62,12 +63,12 @@ class CoverageRasterizer {
   int height_px_;
   PixelRect rect_;
   size_t stride_;
-  std::vector<float> value_;  // two columns more than the image
+  std::vector<float> value_;  // with two columns more than the image
   std::vector<float> alpha_;
 };
 
-// Gaussian blur of `source` into `target` over `rect`, borders repeated. Both have `width_px` as stride. A sigma of 0
-// copies.
+// Gaussian blur with a standard deviation in pixels; 0 copies. Apply() writes the pixels of `rect` in `target`;
+// `source` is extended beyond its borders by their values. The stride of both is `width_px`.
 class GaussianBlur {
  public:
   explicit GaussianBlur(double sigma_px);
@@ -79,8 +80,8 @@ class GaussianBlur {
  private:
   void BlurRow(const float* source, int width_px, int x0, int x1, float* target) const;
 
-  std::vector<float> taps_;  // centre first
-  std::vector<float> rows_;  // blurred along x
+  std::vector<float> taps_;  // half of the symmetric filter, the centre first
+  std::vector<float> rows_;  // the source blurred along x
 };
 
 }  // namespace evpose

@@ -27,7 +27,7 @@ std::vector<float> Rasterize(const std::vector<Vector2d>& polygon, double value 
   return picture;
 }
 
-// Twice the signed area on which side of a-b the point is.
+// Twice the signed area of the triangle of the edge a-b and a point; its sign is the side of the point.
 double Side(const Vector2d& a, const Vector2d& b, const Vector2d& p) {
   return (b.x() - a.x()) * (p.y() - a.y()) - (b.y() - a.y()) * (p.x() - a.x());
 }
@@ -48,7 +48,7 @@ TEST(CoverageRasterizerTest, TrianglesEqualSuperSampling) {
   Random random(3);
   for (int trial = 0; trial < 60; ++trial) {
     std::vector<Vector2d> triangle;
-    // Beyond every border, too.
+    // The triangles extend beyond every border.
     for (int k = 0; k < 3; ++k)
       triangle.push_back({random.Uniform(-15, kWidth + 15), random.Uniform(-15, kHeight + 15)});
     if (Side(triangle[0], triangle[1], triangle[2]) > 0.0) std::swap(triangle[1], triangle[2]);
@@ -81,7 +81,7 @@ TEST(CoverageRasterizerTest, AnEdgeThatMovesByAnyFractionChangesThePictureByIt) 
   }
 }
 
-TEST(CoverageRasterizerTest, NeighboursLeaveNoSeam) {
+TEST(CoverageRasterizerTest, AdjacentPolygonsLeaveNoGap) {
   CoverageRasterizer rasterizer(kWidth, kHeight);
   std::vector<float> picture(kWidth * kHeight, 9.0f);
   rasterizer.Begin(kImage);
@@ -94,7 +94,7 @@ TEST(CoverageRasterizerTest, NeighboursLeaveNoSeam) {
   }
 }
 
-TEST(CoverageRasterizerTest, CompositesOverWhatIsThere) {
+TEST(CoverageRasterizerTest, CompositesOntoThePicture) {
   const std::vector<float> picture = Rasterize({{4.0, 4.0}, {4.0, 9.0}, {10.0, 9.0}, {10.0, 4.0}}, 0.8, 1.0, 0.2f);
   EXPECT_NEAR(picture[6 * kWidth + 7], 0.8, 1e-6);
   EXPECT_NEAR(picture[6 * kWidth + 4], 0.5, 1e-6);  // half covered
@@ -134,7 +134,7 @@ TEST(GaussianBlurTest, KeepsAnEvenPictureUpToTheBorders) {
   for (const float value : target) EXPECT_NEAR(value, 0.37f, 1e-6);
 }
 
-TEST(GaussianBlurTest, OfNothingCopies) {
+TEST(GaussianBlurTest, ASigmaOfZeroCopies) {
   std::vector<float> source(kWidth * kHeight);
   for (size_t i = 0; i < source.size(); ++i) source[i] = static_cast<float>(i);
   std::vector<float> target(source.size());

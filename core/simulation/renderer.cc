@@ -14,17 +14,17 @@ namespace {
 using Eigen::Vector2d;
 using Eigen::Vector3d;
 
-// Towards the light that comes from one side: from above, left, and the camera's side.
+// Unit vector towards the light, camera frame: above, to the left, and on the side of the camera.
 const Vector3d kLightDirectionCamera = Vector3d(-0.4, -0.6, -0.7).normalized();
-// Straight edges bend in a lens: they are cut into pieces of about this length, over which the bend is far below
-// a hundredth of a pixel for the lenses that plumb-bob describes.
+// Length of the pieces, pixels, into which edges are divided, because distortion bends them. Over one piece the
+// deviation from a straight line is far below 0.01 px for usual lenses (plumb-bob model).
 constexpr double kPiecePx = 12.0;
-constexpr double kNearM = 1e-3;
+constexpr double kNearM = 1e-3;  // metres; smallest depth of a projected point
 
-// A full swing of the light or of the occluder, in [-1, 1].
+// Returns the value of an oscillation, in [-1, 1].
 double Swing(double cycles) { return DeterministicSinCos(2.0 * std::numbers::pi * (cycles - std::floor(cycles))).sin; }
 
-// A sine of this amplitude covers four of them in a period: the frequency that gives its mean speed.
+// Returns the frequency of a sine with this amplitude and mean speed; it covers four amplitudes in a period.
 double SwingHz(double speed_px_per_s, double amplitude_px) { return speed_px_per_s / (4.0 * amplitude_px); }
 
 PixelRect ShapesRect(const auto& shapes) {
@@ -58,7 +58,7 @@ void SceneRenderer::PaintBackground(uint64_t seed) {
   if (!options.is_textured) return;
   sharp_ = background_;
   Random random(seed);
-  constexpr int kRectangles = 160;
+  constexpr int kRectangles = 160;  // covers most of the image with rectangles of 2 to 16 % of its width
   for (int i = 0; i < kRectangles; ++i) {
     const Vector2d centre(random.Uniform(0.0, image_.x1), random.Uniform(0.0, image_.y1));
     const SinCos turn = DeterministicSinCos(random.Uniform(0.0, std::numbers::pi));
@@ -74,17 +74,17 @@ void SceneRenderer::PaintBackground(uint64_t seed) {
 double SceneRenderer::LightAt(double t_s) const {
   const LightOptions& light = options_.light;
   const double flicker = 1.0 + light.flicker_depth * Swing(light.flicker_hz * t_s);
-  // Begins at 1, at its darkest after half a period.
+  // The light starts at 1 and is darkest after half a period.
   const double darkness = 0.5 * (1.0 - Swing(t_s / light.change_period_s + 0.25));
   return flicker / (1.0 + (light.change_ratio - 1.0) * darkness);
 }
 
 double SceneRenderer::LongestStepS() const {
-  constexpr double kAtRestS = 2e-3;  // at rest a step costs next to nothing
+  constexpr double kAtRestS = 2e-3;  // without motion and changes of the light; such a step takes little time
   double longest = kAtRestS;
   if (options_.light.flicker_depth > 0.0) {
-    // Between n pictures in a cycle a sine is straight to (2 pi / n)^2 / 8 of its amplitude: 0.15 % of the light,
-    // half a per cent of a usual threshold.
+    // With n pictures per cycle, linear interpolation of a sine has an error of (2 pi / n)^2 / 8 of its amplitude. The
+    // tolerance is 0.15 % of the light, half a per cent of a usual threshold.
     constexpr double kTolerance = 0.0015;
     const double steps = 2.0 * std::numbers::pi * std::sqrt(options_.light.flicker_depth / (8.0 * kTolerance));
     longest = std::min(longest, 1.0 / (std::max(steps, 8.0) * options_.light.flicker_hz));
@@ -98,7 +98,7 @@ std::vector<Vector2d> SceneRenderer::ProjectOutline(const std::vector<Vector3d>&
   std::vector<Vector2d> corners;
   for (const Vector3d& p : outline_object) {
     Vector3d point = camera_from_object * p;
-    point.z() = std::max(point.z(), kNearM);  // MotionPath keeps objects in front; guards the division alone
+    point.z() = std::max(point.z(), kNearM);  // protects the division; MotionPath keeps objects in front of the camera
     corners.push_back(camera_.Project(point));
   }
   if (!has_distortion_) return corners;
@@ -118,7 +118,7 @@ std::vector<SceneRenderer::Shape> SceneRenderer::BodyShapes(const Body& body, co
   const double diffuse_ratio = options_.light.diffuse_ratio;
   for (const Surface& surface : body.surfaces) {
     const Vector3d normal = camera_from_object.rotation * surface.normal;
-    if (normal.dot(camera_from_object * surface.outline[0]) >= 0.0) continue;  // turned away
+    if (normal.dot(camera_from_object * surface.outline[0]) >= 0.0) continue;  // faces away from the camera
     const double lit = std::max(0.0, normal.dot(kLightDirectionCamera));
     const double shade = light * (1.0 - diffuse_ratio + diffuse_ratio * lit);
     shapes.push_back({ProjectOutline(surface.outline, camera_from_object), shade * surface.reflectance, 1.0});
@@ -133,12 +133,13 @@ std::vector<SceneRenderer::Shape> SceneRenderer::BodyShapes(const Body& body, co
 double SceneRenderer::OccluderX(const RigidTransform& camera_from_object, double t_s) const {
   const OccluderOptions& options = options_.occluder;
   const double amplitude_px = options.swing_ratio * camera_.width_px;
+  // The phase of 0.6 cycles places the bar on the left of the centre at the start.
   const double swing_px = amplitude_px * Swing(SwingHz(options.speed_px_per_s, amplitude_px) * t_s + 0.6);
   if (!options.follows_object) return 0.5 * camera_.width_px + swing_px;
   Vector3d origin = camera_from_object.translation_m;
   origin.z() = std::max(origin.z(), kNearM);
   const Vector2d place = camera_.Distort(camera_.Project(origin));
-  // The bar leans: where it crosses the object's row.
+  // The bar is tilted; this is its position in the row of the image's centre.
   return place.x() - options.tilt_ratio * (place.y() - 0.5 * camera_.height_px) + swing_px;
 }
 
@@ -152,7 +153,7 @@ PixelRect SceneRenderer::MoveBackgroundEdge(double t_s) {
   if (edgeless_.empty()) return {};
   const double x = EdgeX(t_s);
   const double middle_y = 0.5 * camera_.height_px;
-  const double half_height = middle_y + 8.0;  // ends beyond the image
+  const double half_height = middle_y + 8.0;  // the polygon ends outside the image
   const double lean = options_.background.edge_tilt_ratio * half_height;
   const double far_x = 2.0 * camera_.width_px + std::abs(lean);
   const Shape shape = {{{x - lean, middle_y - half_height},
@@ -185,7 +186,7 @@ std::vector<SceneRenderer::Shape> SceneRenderer::OccluderShapes(const RigidTrans
   const OccluderOptions& options = options_.occluder;
   if (!options.is_present) return {};
   const double x = OccluderX(camera_from_object, t_s);
-  const double half_height = 0.5 * camera_.height_px + 8.0;  // ends beyond the image
+  const double half_height = 0.5 * camera_.height_px + 8.0;  // the polygon ends outside the image
   const double lean = options.tilt_ratio * half_height;
   const double middle_y = 0.5 * camera_.height_px;
   const Vector2d top(x - lean, middle_y - half_height);

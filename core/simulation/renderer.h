@@ -28,10 +28,11 @@ class SceneRenderer {
   // Light per pixel, row by row: 1 is white paint under full light.
   const std::vector<float>& picture() const { return picture_; }
 
-  // The largest motion in the image between two times, pixels: of the object's vertices or of the occluder.
+  // Returns the largest motion in the image between two times, pixels, of the object's vertices, the occluder and the
+  // moving edge of the background.
   double LargestMotionPx(const RigidTransform& pose_a, double t_a_s, const RigidTransform& pose_b, double t_b_s) const;
 
-  // The longest step that resolves the changes of the light.
+  // Returns the longest step that resolves the changes of the light, seconds.
   double LongestStepS() const;
 
  private:

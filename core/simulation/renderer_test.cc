@@ -36,7 +36,7 @@ TEST(SceneRendererTest, FacesHaveTheirShadeWhereTheCameraModelSays) {
       if ((pose.rotation * surface.normal).dot(middle) >= 0.0) continue;
       ++seen;
       EXPECT_NEAR(At(renderer, camera, camera.Distort(camera.Project(middle))), surface.reflectance, 1e-4);
-      // The corners of the face as the distorted camera sees them: inside them its shade, outside not.
+      // The corners of the face in the distorted image: its shade is inside them and not outside.
       const Eigen::Vector3d inside = pose * (0.93 * surface.outline[0] + 0.07 * surface.outline[2]);
       EXPECT_NEAR(At(renderer, camera, camera.Distort(camera.Project(inside))), surface.reflectance, 1e-4);
     }
@@ -48,13 +48,13 @@ TEST(SceneRendererTest, FacesHaveTheirShadeWhereTheCameraModelSays) {
   }
 }
 
-// What was rendered step by step, only where it may have changed, against the same moment rendered afresh.
+// Compares incremental rendering, only of the pixels that may have changed, with complete rendering at the same time.
 void ExpectStepsEqualFresh(const SceneOptions& options, const CameraModel& camera) {
   const SceneObject object = MakeSceneObject(options.object, 0.25);
   SceneRenderer stepped(options, object, camera, 7);
   for (int i = 0; i <= 12; ++i) {
     const double t = 0.003 * i;
-    // From inside the image across its border.
+    // The object moves from inside the image across its border.
     const RigidTransform pose = PoseAt(object, 0.2 + 0.03 * i, -0.1 - 0.01 * i, 0.8, 0.1 * i);
     const std::vector<float> before = stepped.picture();
     const PixelRect changed = stepped.Render(pose, t);
@@ -119,7 +119,7 @@ TEST(SceneRendererTest, LightSwingsByItsRatio) {
   const float bright = renderer.picture()[118 * 320 + 160];
   renderer.Render(pose, 0.5);
   EXPECT_NEAR(renderer.picture()[118 * 320 + 160], bright / 4.0f, 1e-4);
-  EXPECT_NEAR(renderer.picture()[0], options.background.reflectance, 1e-6);  // the background is far
+  EXPECT_NEAR(renderer.picture()[0], options.background.reflectance, 1e-6);  // the light does not reach the background
 }
 
 TEST(SceneRendererTest, OccluderHides) {
@@ -132,7 +132,7 @@ TEST(SceneRendererTest, OccluderHides) {
   for (const float light : renderer.picture()) ASSERT_NEAR(light, options.occluder.reflectance, 1e-5);
 }
 
-TEST(SceneRendererTest, AnOccluderThatFollowsTheObjectStaysBeforeIt) {
+TEST(SceneRendererTest, AnOccluderThatFollowsTheObjectStaysInFrontOfIt) {
   SceneOptions options;
   options.occluder.is_present = true;
   options.occluder.follows_object = true;
@@ -164,7 +164,7 @@ TEST(SceneRendererTest, TheMovingEdgeSweepsBehindTheObject) {
     const float* row = renderer.picture().data() + 5 * 320;  // above the object
     const auto bright = static_cast<int>(std::count_if(row, row + 320, [](float v) { return v > 0.39f; }));
     const auto dark = static_cast<int>(std::count_if(row, row + 320, [](float v) { return v < 0.13f; }));
-    EXPECT_GE(bright + dark, 310);  // an edge, and nothing beside it
+    EXPECT_GE(bright + dark, 310);  // one edge, and no other shades
     least = std::min(least, bright);
     most = std::max(most, bright);
     EXPECT_NEAR(At(renderer, kCamera, {160, 118}), At(still, kCamera, {160, 118}), 1e-5);
@@ -177,7 +177,7 @@ TEST(SceneRendererTest, NearerBodiesHideFartherOnes) {
   SceneOptions options;
   const SceneObject object = MakeSceneObject(SimulatedObject::kSpacecraft, 0.4);
   SceneRenderer renderer(options, object, kCamera, 1);
-  // From its right and from its left: the panel on that side is before the bus.
+  // Seen from the right and from the left, the panel on that side is in front of the bus.
   for (const double side : {-1.0, 1.0}) {
     const Eigen::Matrix3d turn = ExpSo3({0.0, side * 1.45, 0.0});
     const RigidTransform pose = {turn, {0.0, 0.0, 0.9}};
@@ -202,7 +202,8 @@ TEST(SceneRendererTest, MotionIsThatOfTheFastestVertex) {
   EXPECT_NEAR(renderer.LargestMotionPx(a, 0.0, b, 0.001), 2.6, 1e-9);
 }
 
-// Outward normals, lines on the surface, every vertex inside the radius; and a closed or two-sided mesh.
+// Normals point outwards, lines lie on the surface, every vertex lies inside the radius, and the mesh is closed or
+// two-sided.
 TEST(SceneObjectTest, ModelsAreSound) {
   for (const std::string& name : SimulatedObjectNames()) {
     const SceneObject object = MakeSceneObject(*ParseSimulatedObject(name), 0.3);
@@ -236,7 +237,7 @@ TEST(SceneObjectTest, ModelsAreSound) {
   EXPECT_EQ(MakeSceneObject(SimulatedObject::kPlanar, 0.2).model.lines.size(), 6u);
 }
 
-TEST(SceneObjectTest, SeparatorsPartTheBodies) {
+TEST(SceneObjectTest, SeparatorsSeparateTheBodies) {
   const SceneObject object = MakeSceneObject(SimulatedObject::kSpacecraft, 0.4);
   for (size_t i = 0; i < object.bodies.size(); ++i) {
     const Body& body = object.bodies[i];

@@ -17,7 +17,7 @@ enum class SimulatedObject {
   kCube,        // six plain faces; all 12 edges show a contrast
   kCuboid,      // 1 : 0.7 : 0.45, six plain faces
   kPlanar,      // a plate with six lines: its border and two painted steps
-  kBook,        // a flat box whose cover carries painted rectangles and a thin rule
+  kBook,        // a flat box with painted rectangles and a thin rule on its cover
   kSpacecraft,  // a bus with two solar panels of painted cells, and a mast
 };
 

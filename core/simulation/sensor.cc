@@ -12,13 +12,15 @@
 namespace evpose {
 namespace {
 
-// A pixel is advanced when its light has changed by more than this share since the last time: 0.4 % of a threshold.
+// A pixel is advanced if its light has changed by more than this share since its last advance: 0.4 % of a threshold.
 constexpr float kLightTolerance = 1e-3f;
-constexpr float kSmallestThresholdShare = 0.3f;  // of the nominal threshold, whatever the mismatch
+// Smallest threshold relative to the nominal one, with any mismatch: keeps thresholds positive.
+constexpr float kSmallestThresholdShare = 0.3f;
+// Decrease of the rate of shot noise from the dark to light 1, as a share (SensorOptions::shot_noise_hz).
 constexpr double kShotNoiseFallInLight = 0.75;
-constexpr int kBlock = 16;
+constexpr int kBlock = 16;  // pixels per block, a multiple of the lanes of vector instructions
 
-// Packed so that the order of the numbers is the order of time, row, polarity, column.
+// Packs an event so that the order of the numbers is the order of time, row, polarity, column.
 uint64_t Pack(int64_t t_in_step_us, uint32_t x, uint32_t y, bool on, bool is_noise) {
   return (static_cast<uint64_t>(t_in_step_us) << 30) | (static_cast<uint64_t>(y) << 16) |
          (static_cast<uint64_t>(on) << 15) | (static_cast<uint64_t>(x) << 1) | static_cast<uint64_t>(is_noise);
@@ -90,7 +92,7 @@ void EventSensor::Advance(int64_t t_us, const std::vector<float>& picture, const
   }
   AdvanceLeak();
   AddNoise();
-  TakeEvents(events);
+  AppendEvents(events);
 }
 
 void EventSensor::FindChanged(const std::vector<float>& picture, const PixelRect& changed) {
@@ -185,7 +187,7 @@ void EventSensor::Emit(uint32_t pixel, double t_us, bool on, bool is_noise) {
 }
 
 // A refractory pixel emits no event: noise and signal share its refractory time.
-void EventSensor::TakeEvents(std::vector<Event>& events) {
+void EventSensor::AppendEvents(std::vector<Event>& events) {
   std::sort(pending_.begin(), pending_.end());
   const auto refractory_us = static_cast<int64_t>(options_.refractory_us);
   for (const uint64_t packed : pending_) {

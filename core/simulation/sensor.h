@@ -41,7 +41,7 @@ struct SensorOptions {
 
   // Noise of the sensor, per pixel: about 0.04 Hz x 921600 pixels = 4e4 events/s in total at the defaults.
   double leak_hz = 0.01;          // ON events of a pixel in constant light, because its memory leaks
-  double shot_noise_hz = 0.03;    // in the dark; half ON, half OFF, at random times; a quarter of it in light 1
+  double shot_noise_hz = 0.03;    // in the dark; half ON, half OFF, at random times; a quarter of this in light 1
   double hot_pixel_ratio = 1e-5;  // share of pixels that emit events in constant light: 9 on an EVK4
   double hot_pixel_hz = 200.0;    // mean rate of such a pixel; ON events
   // Raises the noise to this share of all events by further events at random pixels and times, at a rate that follows
@@ -70,8 +70,8 @@ class EventSensor {
   // their thresholds. Times are in microseconds since then, below 2^31.
   EventSensor(const SensorOptions& options, SensorGeometry geometry, const std::vector<float>& picture, uint64_t seed);
 
-  // The light has changed linearly to `picture` since the previous call, at pixels of `changed` only. Appends the
-  // events of that step, in order of time, row, polarity, column.
+  // Advances the sensor to t_us. The light has changed linearly to `picture` since the previous call, only at pixels of
+  // `changed`. Appends the events of the step in order of time, row, polarity, column.
   void Advance(int64_t t_us, const std::vector<float>& picture, const PixelRect& changed, std::vector<Event>& events);
 
   const SensorCounts& counts() const { return counts_; }
@@ -84,7 +84,7 @@ class EventSensor {
   // Expected number of flood events in [begin_us, end_us).
   double FloodMean(double begin_us, double end_us) const;
   void Emit(uint32_t pixel, double t_us, bool on, bool is_noise);
-  void TakeEvents(std::vector<Event>& events);
+  void AppendEvents(std::vector<Event>& events);
 
   SensorOptions options_;
   SensorGeometry geometry_;
@@ -93,8 +93,8 @@ class EventSensor {
   std::vector<PixelState> pixels_;
   std::vector<float> light_;  // the light up to which each pixel was advanced
   std::vector<int64_t> last_event_us_;
-  std::vector<uint32_t> changed_;       // pixels whose light changed in this step
-  std::vector<uint32_t> unsettled_;     // pixels whose low pass has not settled, or that are refractory
+  std::vector<uint32_t> changed_;       // pixels with a change of the light in this step
+  std::vector<uint32_t> unsettled_;     // pixels with a low pass that has not settled, or in their refractory time
   std::vector<uint32_t> still_moving_;  // the same after the last step
   std::vector<Crossing> crossings_;
   std::vector<NoiseEvent> noise_events_;

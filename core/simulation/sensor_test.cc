@@ -23,7 +23,7 @@ SensorOptions Quiet() {
   return options;
 }
 
-// Light 0.9 where a bar from x0 to x1 covers the pixel, 0.1 elsewhere.
+// A picture with light 0.9 in a bar from x0 to x1 and 0.1 elsewhere.
 std::vector<float> Bar(double x0, double x1) {
   std::vector<float> picture(kWidth * kHeight);
   for (int y = 0; y < kHeight; ++y) {
@@ -50,7 +50,7 @@ std::vector<Event> MovingBar(const SensorOptions& options, double px, uint64_t s
   return events;
 }
 
-// A still picture for `seconds`.
+// The events of a constant picture during `seconds`.
 std::vector<Event> Still(const SensorOptions& options, double seconds, float light, SensorCounts* counts = nullptr) {
   const std::vector<float> picture(kWidth * kHeight, light);
   EventSensor sensor(options, kGeometry, picture, 9);
@@ -73,13 +73,13 @@ TEST(EventSensorTest, ABrightBarIsOnInFrontAndOffBehind) {
     EXPECT_NEAR(event.x, edge, 1.6) << event.t_us;
     ++per_polarity[event.polarity];
   }
-  // log(0.91 / 0.11) / 0.28 = 7.5 events per pixel that an edge passes.
+  // An edge produces log(0.91 / 0.11) / 0.28 = 7.5 events per pixel.
   const double swept = 30.0 * kHeight;
   EXPECT_NEAR(per_polarity[1], 7.5 * swept, 1.0 * swept);
   EXPECT_NEAR(per_polarity[0], 7.5 * swept, 1.0 * swept);
 }
 
-TEST(EventSensorTest, UnequalThresholdsSendUnequalNumbers) {
+TEST(EventSensorTest, UnequalThresholdsGiveUnequalNumbers) {
   SensorOptions options = Quiet();
   options.threshold_off = 2.0 * options.threshold_on;
   options.refractory_us = 0.0;
@@ -115,7 +115,7 @@ TEST(EventSensorTest, LeakRateIsTheNominalOne) {
   SensorCounts counts;
   const std::vector<Event> events = Still(options, 3.0, 0.3f, &counts);
   EXPECT_EQ(counts.noise_events, events.size());
-  double number = 0.0;  // in the last two seconds: the memories begin anywhere, down to a whole threshold too low
+  double number = 0.0;  // number in the last two seconds, because the memories start at random levels
   for (const Event& event : events) {
     ASSERT_EQ(event.polarity, 1);
     number += event.t_us >= 1'000'000 ? 1.0 : 0.0;
@@ -143,16 +143,16 @@ TEST(EventSensorTest, HotPixelsAreFewAndFast) {
   std::map<std::pair<int, int>, int> per_pixel;
   const std::vector<Event> events = Still(options, 4.0, 0.3f);
   for (const Event& event : events) ++per_pixel[{event.x, event.y}];
-  const double number = 0.005 * kWidth * kHeight;  // 20
+  const double number = 0.005 * kWidth * kHeight;  // 20 hot pixels
   EXPECT_LE(static_cast<double>(per_pixel.size()), number);
   EXPECT_GE(static_cast<double>(per_pixel.size()), 0.8 * number);
   EXPECT_NEAR(static_cast<double>(events.size()), number * 100.0 * 4.0, 0.15 * number * 100.0 * 4.0);
 }
 
-TEST(EventSensorTest, NoiseShareIsTheOneAskedFor) {
+TEST(EventSensorTest, NoiseShareIsThatOfTheOptions) {
   for (const double ratio : {0.1, 0.4}) {
     SensorOptions options = Quiet();
-    options.shot_noise_hz = 2.0;  // counts towards it
+    options.shot_noise_hz = 2.0;  // included in the noise share
     options.noise_ratio = ratio;
     SensorCounts counts;
     const std::vector<Event> events = MovingBar(options, 30.0, 1, &counts);
@@ -168,7 +168,7 @@ TEST(EventSensorTest, FloodsComeInTheMiddleOfTheirPeriodAtTheirRate) {
   options.flood_period_s = 0.4;
   SensorCounts counts;
   const std::vector<Event> events = Still(options, 1.2, 0.3f, &counts);
-  // Three floods of 10000 events, a few of them at pixels that are held.
+  // Three floods of 10000 events; a few of them are suppressed by refractory pixels.
   EXPECT_NEAR(static_cast<double>(events.size()), 30'000.0, 1500.0);
   EXPECT_EQ(counts.noise_events, events.size());
   for (const Event& event : events) {
@@ -196,7 +196,7 @@ TEST(EventSensorTest, ThresholdMismatchSpreadsTheNumberOfEventsPerPixel) {
     const double mean = sum / kHeight;
     return std::sqrt(squares / kHeight - mean * mean);
   };
-  EXPECT_LT(spread(0.0), 0.8);  // 20 to 22 of them
+  EXPECT_LT(spread(0.0), 0.8);  // 20 to 22 events per pixel
   EXPECT_GT(spread(0.15), 2.0);
 }
 
@@ -207,7 +207,7 @@ TEST(EventSensorTest, IsDeterministicBySeed) {
 }
 
 TEST(EventSensorTest, PixelsBehindTheChangeSettle) {
-  // The light changes once, in one step; a slow low pass goes on for long after, although nothing changes any more.
+  // The light changes in one step; the output of a slow low pass continues to change for a long time.
   SensorOptions options = Quiet();
   options.bandwidth_hz = 50.0;  // a time constant of 3.2 ms
   options.dark_bandwidth_ratio = 1.0;
@@ -219,7 +219,8 @@ TEST(EventSensorTest, PixelsBehindTheChangeSettle) {
   const size_t at_once = events.size();
   for (int i = 1; i <= 60; ++i) sensor.Advance(100 + 1000 * i, brighter, kNothing, events);
   EXPECT_GT(events.size(), 5 * at_once);
-  // Half an event less than the contrast has thresholds: the rest that remains is anywhere within one.
+  // On average half an event less than the contrast divided by the threshold, because the remainder is uniformly
+  // distributed.
   EXPECT_NEAR(static_cast<double>(events.size()) / (kWidth * kHeight), std::log(0.91 / 0.11) / 0.28 - 0.5, 0.1);
 }
 

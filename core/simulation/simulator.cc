@@ -12,10 +12,13 @@
 namespace evpose {
 namespace {
 
-constexpr int64_t kClockWrapUs = int64_t{1} << 24;
-constexpr int64_t kMaxDurationUs = 1'800'000'000;
-constexpr int64_t kTruthStepUs = 1000;
-constexpr size_t kBatchEvents = 1 << 16;
+constexpr int64_t kClockWrapUs = int64_t{1} << 24;  // period of the 24-bit clock of EVT3
+constexpr int64_t kMaxDurationUs = 1'800'000'000;   // half an hour: times of pixels stay below 2^31 microseconds
+constexpr int64_t kTruthStepUs = 1000;              // the interpolation error of the truth is then micrometres at most
+constexpr size_t kBatchEvents = 1 << 16;            // events per delivery, about 1 MB
+// Factor by which a step that moves the image too far is shortened below the proportional length, so that the next
+// attempt usually succeeds.
+constexpr double kStepSafety = 0.95;
 
 // Independent random streams from one seed.
 constexpr uint64_t kMotionStream = 0x6d6f74696f6eULL;
@@ -29,13 +32,15 @@ absl::StatusOr<MotionPath> MakePath(const SimulationOptions& options, const Scen
 
 double Seconds(int64_t t_us) { return static_cast<double>(t_us) * 1e-6; }
 
-// End of the step that begins at t_us: as long as possible while the image moves by no more than the limit.
+// The end of a step of the simulation.
 struct Step {
   int64_t end_us;
   RigidTransform pose;
   double motion_px;
 };
 
+// Returns the longest step from t_us on in which the image moves by at most max_step_px, and at most twice as long as
+// the last step.
 Step ChooseStep(const SimulationOptions& options, const MotionPath& path, const SceneRenderer& renderer, int64_t t_us,
                 const RigidTransform& pose, int64_t last_length_us) {
   const auto longest_us = static_cast<int64_t>(renderer.LongestStepS() * 1e6);
@@ -46,7 +51,7 @@ Step ChooseStep(const SimulationOptions& options, const MotionPath& path, const 
     const RigidTransform end_pose = path.CameraFromObject(Seconds(end_us));
     const double motion_px = renderer.LargestMotionPx(pose, Seconds(t_us), end_pose, Seconds(end_us));
     if (motion_px <= options.max_step_px || length_us == 1) return {end_us, end_pose, motion_px};
-    const double shrink = 0.95 * options.max_step_px / motion_px;
+    const double shrink = kStepSafety * options.max_step_px / motion_px;
     length_us = std::clamp<int64_t>(static_cast<int64_t>(static_cast<double>(length_us) * shrink), 1, length_us - 1);
   }
 }

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// Simulates an event camera that looks at a moving object.
+// Simulates an event camera in front of a moving object (core/simulation/README.md).
 #pragma once
 
 #include <cstdint>
@@ -31,7 +31,7 @@ struct SimulationOptions {
   int64_t t_begin_us = 16'000'000;
   int64_t duration_us = 5'000'000;  // at most half an hour
   double max_step_px = 0.4;         // largest motion of the image between two renderings
-  uint64_t seed = 1;                // of the motion, the texture, the pixels and the noise
+  uint64_t seed = 1;                // seed of the motion, the texture, the pixels and the noise
   // Seed of the motion alone, to combine one path with different pixels, noise and textures. Default: `seed`.
   std::optional<uint64_t> path_seed;
 
@@ -53,8 +53,8 @@ std::vector<std::string> SimulatedCameraNames();
 struct SimulationReport {
   uint64_t events = 0;
   uint64_t noise_events = 0;  // events of leak, shot noise, hot pixels, SensorOptions.noise_ratio and floods among them
-  int64_t rendered_frames = 0;
-  double max_speed_px_per_s = 0.0;
+  int64_t rendered_frames = 0;      // number of rendered pictures
+  double max_speed_px_per_s = 0.0;  // largest image speed of the object, the occluder or the moving edge
 };
 
 // Runs the simulation; events are delivered in order of time, in batches. An error of `on_events` ends the simulation
@@ -63,8 +63,9 @@ absl::StatusOr<SimulationReport> Simulate(const SimulationOptions& options,
                                           const std::function<absl::Status(absl::Span<const Event>)>& on_events,
                                           const std::function<void(double progress_ratio)>& on_progress = nullptr);
 
-// camera_from_object every millisecond from the start to the end, both included. Empty for invalid options.
+// Returns camera_from_object for every millisecond from the start to the end, both included. Empty for invalid options.
 Trajectory SimulatedTruth(const SimulationOptions& options);
+// Returns the model of the simulated object. Error: that of SimulationOptions::Validate().
 absl::StatusOr<ObjectModel> SimulatedModel(const SimulationOptions& options);
 
 // Writes recording.raw (EVT3 as an EVK4 writes it), truth.tum, model.obj and camera.yaml into `directory`, which is

@@ -37,7 +37,7 @@ SimulationOptions SmallScene(const std::string& object, int64_t duration_us = 20
   return options;
 }
 
-// Without any noise and, but for the lens, ideal.
+// Options of an ideal sensor without noise, behind the default lens.
 SimulationOptions IdealScene(const std::string& object, int64_t duration_us) {
   SimulationOptions options = SmallScene(object, duration_us);
   options.sensor.leak_hz = options.sensor.shot_noise_hz = options.sensor.hot_pixel_ratio = 0.0;
@@ -46,11 +46,11 @@ SimulationOptions IdealScene(const std::string& object, int64_t duration_us) {
   return options;
 }
 
-// An event beside the nearest line of the model, at the event's own time.
+// The position of an event relative to the nearest line of the model at the time of the event.
 struct LineDistance {
   int line = -1;
   double px = 0.0;              // signed: positive ahead of the moving line
-  double speed_px_per_s = 0.0;  // of the line, along its normal
+  double speed_px_per_s = 0.0;  // normal speed of the line
   bool on = false;
 };
 
@@ -98,7 +98,7 @@ class LineMatcher {
                        [&](const Eigen::Vector3d& normal) { return (pose.rotation * normal).dot(view) < 0.0; });
   }
 
-  // Between its end points, and 3 px away from them: corners belong to several lines.
+  // The event lies between the end points and at least 3 px away from them, because corners belong to several lines.
   bool IsBeside(const ProjectedLine& line, const Eigen::Vector3d& bearing) const {
     const Eigen::Vector2d pixel = camera_.Project(bearing);
     const Eigen::Vector2d along = line.p2_px - line.p1_px;
@@ -145,7 +145,7 @@ DistanceSummary Summarize(const SimulationOptions& options) {
   summary.median_px = distances[distances.size() / 2];
   summary.mean_on_px = sums[1] / counts[1];
   summary.mean_off_px = sums[0] / counts[0];
-  summary.mean_px = 0.5 * (summary.mean_on_px + summary.mean_off_px);  // as if both were as many
+  summary.mean_px = 0.5 * (summary.mean_on_px + summary.mean_off_px);  // equal weights for both polarities
   summary.mean_speed_px_per_s /= summary.num;
   return summary;
 }
@@ -157,7 +157,8 @@ TEST(SimulatorTest, EventsLieOnTheProjectedLinesAtTheirOwnTime) {
   RecordProperty("mean_off_px", std::to_string(ideal.mean_off_px));
   EXPECT_LT(ideal.median_px, 0.5);
   EXPECT_NEAR(ideal.mean_px, 0.0, 0.03);
-  // The logarithm makes bright things larger: ON events ahead of the edge, OFF events behind it, by the same.
+  // The logarithm makes bright areas larger: ON events are ahead of the edge and OFF events behind it, by the same
+  // distance.
   EXPECT_GT(ideal.mean_on_px, 0.02);
   EXPECT_LT(ideal.mean_on_px, 0.4);
   EXPECT_NEAR(ideal.mean_off_px, -ideal.mean_on_px, 0.06);
@@ -171,7 +172,7 @@ TEST(SimulatorTest, FiniteBandwidthLagsByItsTimeConstant) {
   options.sensor.dark_bandwidth_ratio = 1.0;
   const DistanceSummary slow = Summarize(options);
   const double lag_px = slow.mean_speed_px_per_s / (2.0 * std::numbers::pi * 500.0);
-  EXPECT_GT(lag_px, 0.04);  // the scene is fast enough to tell
+  EXPECT_GT(lag_px, 0.04);  // the scene is fast enough for a significant lag
   EXPECT_NEAR(slow.mean_px - ideal.mean_px, -lag_px, 0.35 * lag_px);
 }
 
@@ -185,11 +186,12 @@ TEST(SimulatorTest, TheStepHardlyMatters) {
   EXPECT_NEAR(static_cast<double>(usual.num), static_cast<double>(fine.num), 0.02 * fine.num);
 }
 
-TEST(SimulatorTest, EveryObjectSendsEventsOnMostOfItsVisibleLines) {
+TEST(SimulatorTest, EveryObjectProducesEventsOnMostOfItsVisibleLines) {
   const std::vector<std::string> names = SimulatedObjectNames();
   ASSERT_EQ(names.size(), 5u);
-  // Of a cube and a cuboid 9 of 12 edges show at a time, of the planar target all six, of a book at least its cover's
-  // four and 13 painted lines, of the spacecraft two panels with eight each and most of the bus.
+  // Visible at a time are 9 of 12 edges of a cube or cuboid, all six lines of the planar target, at least the four
+  // edges of the book's cover and its 13 painted lines, and of the spacecraft two panels with eight lines each and most
+  // of the bus.
   const std::vector<size_t> least = {9, 9, 6, 17, 34};
   for (size_t i = 0; i < names.size(); ++i) {
     const SimulationOptions options = IdealScene(names[i], 250'000);
@@ -217,13 +219,13 @@ TEST(SimulatorTest, IsDeterministicBySeed) {
   options.scene.background.is_textured = true;
   const std::vector<Event> events = EventsOf(options);
   EXPECT_EQ(events, EventsOf(options));
-  options.path_seed = 1;  // what the seed was
+  options.path_seed = 1;  // the previous seed
   EXPECT_EQ(events, EventsOf(options));
   options.seed = 2;
   EXPECT_NE(events, EventsOf(options));
 }
 
-TEST(SimulatorTest, ThePathSeedIsOfTheMotionAlone) {
+TEST(SimulatorTest, ThePathSeedOnlyDeterminesTheMotion) {
   SimulationOptions options = SmallScene("cube", 30'000);
   const auto end_of = [](const SimulationOptions& o) { return SimulatedTruth(o).back().camera_from_object; };
   const Eigen::Vector3d end = end_of(options).translation_m;
@@ -267,7 +269,7 @@ TEST(SimulatorTest, LightOccluderAndShadingAddEvents) {
   const size_t base = EventsOf(plain).size();
   SimulationOptions flicker = plain;
   flicker.scene.light.flicker_depth = 0.5;
-  EXPECT_GT(EventsOf(flicker).size(), 3 * base);  // the faces fire at 100 Hz
+  EXPECT_GT(EventsOf(flicker).size(), 3 * base);  // the faces produce events at 100 Hz
   SimulationOptions occluder = plain;
   occluder.scene.occluder.is_present = true;
   EXPECT_GT(EventsOf(occluder).size(), base + 2000);

@@ -17,8 +17,8 @@ std::vector<uint64_t> NumbersFrom(uint64_t first, size_t count) {
   return numbers;
 }
 
-TEST(EventSample, TheSameWhetherAskedForOneByOneOrTogether) {
-  // Lengths that no number of lanes divides; numbers that 32 bits do not hold, and the last before they begin anew.
+TEST(EventSample, MarksOfBatchesEqualThoseOfSingleNumbers) {
+  // Lengths that are no multiple of a vector's lanes; numbers above 32 bits, and the last ones before the wrap.
   for (const uint64_t first : {uint64_t{0}, uint64_t{1} << 40, ~uint64_t{0} - 7}) {
     for (const SampleMasks& masks : {SampleMasks{0, 0}, SampleMasks{0, 1}, SampleMasks{7, 0}, SampleMasks{0xff, 3}}) {
       for (const size_t count : {1u, 9u, 100u, 1001u}) {

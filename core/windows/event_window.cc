@@ -12,7 +12,8 @@
 namespace evpose {
 namespace {
 
-// So many events are looked at together: their hashes take vector instructions, and they stay in the nearest cache.
+// Number of events processed together: enough for vector instructions in the hash, and few enough to stay in the L1
+// cache.
 constexpr size_t kBatch = 256;
 
 constexpr auto PolarityOf = [](const Event& event) -> size_t { return event.polarity != 0 ? 1 : 0; };
@@ -57,7 +58,7 @@ void EventWindower::Add(absl::Span<const Event> events, OnWindow on_window) {
     const int64_t t_us = events.front().t_us;
     if (!started_) Start(t_us);
     if (t_us >= boundary_us_) CloseUntil(t_us, on_window);
-    events.remove_prefix(Keep(events));
+    events.remove_prefix(AddBatch(events));
   }
 }
 
@@ -135,20 +136,20 @@ void EventWindower::Open(int64_t t_begin_us) {
   num_kept_ = 0;
 }
 
-size_t EventWindower::Keep(absl::Span<const Event> events) {
+size_t EventWindower::AddBatch(absl::Span<const Event> events) {
   events = events.first(std::min(events.size(), kBatch));
   std::array<uint8_t, kBatch> marks;
   MarkSample(stream_index_, sample_masks_, absl::MakeSpan(marks).first(events.size()));
-  const size_t count = Take(events, marks);
+  const size_t count = AddSampled(events, marks);
   stream_index_ += count;
   count_ += count;
-  while (num_kept_ > static_cast<size_t>(options_.max_events)) Thin();
+  while (num_kept_ > static_cast<size_t>(options_.max_events)) HalveSample();
   return count;
 }
 
-size_t EventWindower::Take(absl::Span<const Event> events, absl::Span<const uint8_t> marks) {
-  // Every event is written, and counts when it is to stay. In locals, for what a pixel's history is written to might be
-  // any member.
+size_t EventWindower::AddSampled(absl::Span<const Event> events, absl::Span<const uint8_t> marks) {
+  // Each event is written, and only the write position depends on whether it is kept: no branch. Members are copied to
+  // local variables, because the compiler must assume that writing bytes of the history changes members.
   const int64_t begin_us = begin_us_;
   const int64_t boundary_us = boundary_us_;
   const uint64_t stream_index = stream_index_;
@@ -176,9 +177,9 @@ size_t EventWindower::Take(absl::Span<const Event> events, absl::Span<const uint
   return count;
 }
 
-// Halves the sample of the polarity that has more, of the first events that are too many: however the stream is cut
-// into batches, and as if each event beyond had come with the halved sample.
-void EventWindower::Thin() {
+// The polarity is chosen from the first max_events + 1 kept events. The result therefore does not depend on the
+// division of the stream into batches.
+void EventWindower::HalveSample() {
   const auto first_too_many = kept_.begin() + options_.max_events + 1;
   const auto num_on = std::count_if(kept_.begin(), first_too_many, PolarityOf);
   uint64_t& mask = sample_masks_[2 * num_on > options_.max_events + 1 ? 1 : 0];
@@ -207,12 +208,13 @@ void EventWindower::VisitState(auto& archive, auto& self) {
           InRange(boundary_us, -kMax_us, kMax_us), stream_index, count, sample_masks[0], sample_masks[1], history);
   if (started) {
     // Finish() leaves the time just before the next window.
-    archive.Check(now_us >= begin_us - 1 && now_us < boundary_us, "a time outside the open window");
-    archive.Check(boundary_us > begin_us && boundary_us - begin_us <= options.max_duration_us, "a window too long");
+    archive.Check(now_us >= begin_us - 1 && now_us < boundary_us, "the time lies outside the open window");
+    archive.Check(boundary_us > begin_us && boundary_us - begin_us <= options.max_duration_us,
+                  "the open window is longer than max_duration_us");
   }
-  archive.Check(count <= stream_index && (started || count == 0), "events before the first");
+  archive.Check(count <= stream_index && (started || count == 0), "the open window has more events than the stream");
   for (const uint64_t mask : sample_masks) {
-    archive.Check((mask & (mask + 1)) == 0, "a share of events that no window keeps");
+    archive.Check((mask & (mask + 1)) == 0, "the sampling mask of a window is not of the form 2^k - 1");
   }
 }
 
@@ -232,7 +234,7 @@ void EventWindower::LoadState(StateReader& reader) {
 }
 
 void EventWindower::SaveIndices(StateWriter& writer) const {
-  if (!is_sampled()) return;  // all of the window's
+  if (!is_sampled()) return;  // all events of the window are kept: their numbers are consecutive
   uint64_t next = stream_index_ - count_;
   for (const uint64_t index : absl::MakeConstSpan(indices_).first(num_kept_)) {
     writer.Varint(index - next);
@@ -241,14 +243,16 @@ void EventWindower::SaveIndices(StateWriter& writer) const {
 }
 
 void EventWindower::LoadIndices(StateReader& reader) {
-  reader.Check(is_sampled() ? num_kept_ <= count_ : num_kept_ == count_, "a window with other events");
+  reader.Check(is_sampled() ? num_kept_ <= count_ : num_kept_ == count_,
+               "the number of kept events contradicts the number of events in the window");
   uint64_t next = stream_index_ - count_;
   for (size_t i = 0; i < num_kept_ && reader.ok(); ++i) {
     uint64_t skipped = 0;
     if (is_sampled()) reader.Varint(skipped);
-    // Each but once, and each one that is kept: else thinning them might not end.
-    reader.Check(skipped < stream_index_ - next, "an event that is not the window's");
-    reader.Check(IsInSample(next + skipped, sample_masks_[PolarityOf(kept_[i])]), "an event that is not kept");
+    // The numbers must increase and be in the sample; otherwise HalveSample() might be repeated without end.
+    reader.Check(skipped < stream_index_ - next, "the number of a kept event lies outside its window");
+    reader.Check(IsInSample(next + skipped, sample_masks_[PolarityOf(kept_[i])]),
+                 "a kept event is not in the window's sample");
     indices_[i] = next + skipped;
     next += skipped + 1;
   }

@@ -61,7 +61,7 @@ WindowOptions SmallOptions() {
   return options;
 }
 
-// Events every `period_us`, `count` of them; x counts.
+// `count` events, one every `period_us`; x is the event's index.
 std::vector<Event> Regular(int64_t t_us, int64_t period_us, int count) {
   std::vector<Event> events;
   for (int i = 0; i < count; ++i) {
@@ -79,7 +79,7 @@ TEST(EventWindower, ClosesAtTheIntervalWhenThereAreEnoughEvents) {
   EXPECT_EQ(recorder.windows()[0].num_events, 10u);
   EXPECT_FALSE(recorder.windows()[0].closed_on_time);
   EXPECT_EQ(recorder.windows()[1].t_begin_us, 1100);
-  EXPECT_EQ(recorder.windows()[1].events.front().t_us, 1100);  // an event at the boundary is the next window's
+  EXPECT_EQ(recorder.windows()[1].events.front().t_us, 1100);  // an event at the boundary belongs to the next window
 }
 
 TEST(EventWindower, MergesIntervalsWithTooFewEvents) {
@@ -91,7 +91,7 @@ TEST(EventWindower, MergesIntervalsWithTooFewEvents) {
   EXPECT_FALSE(recorder.windows()[0].closed_on_time);
 }
 
-TEST(EventWindower, IntervalsAreAsLongAsTheImageTakesToMove) {
+TEST(EventWindower, IntervalLengthFollowsTheImageSpeed) {
   Recorder recorder(SmallOptions());
   auto next_duration_us = [&, t_us = int64_t{0}](double speed_px_per_s) mutable {
     recorder.SetImageSpeed(speed_px_per_s);
@@ -110,7 +110,7 @@ TEST(EventWindower, IntervalsAreAsLongAsTheImageTakesToMove) {
 TEST(EventWindower, AFastImageDoesNotMakeWindowsOfTooFewEvents) {
   Recorder recorder(SmallOptions());
   recorder.SetImageSpeed(1e9);
-  recorder.Add(Regular(0, 30, 20));  // one or two in each interval of 40 us
+  recorder.Add(Regular(0, 30, 20));  // one or two events in each interval of 40 us
   ASSERT_GE(recorder.windows().size(), 2u);
   for (const SeenWindow& window : recorder.windows()) EXPECT_GE(window.num_events, 5u);
 }
@@ -120,14 +120,14 @@ TEST(EventWindower, AbovePointThreeMillionEventsPerSecondThereIsAWindowEveryMill
   Recorder recorder(WindowOptions{});
   std::vector<Event> events;
   for (int64_t t_us = 0; t_us < 200'000; t_us += 10) {
-    // In groups of four, as an edge that passes a pixel makes them.
+    // In groups of four, as an edge that passes a pixel produces them.
     for (uint32_t k = 4 * random.Poisson(0.3 * 10 / 4); k > 0; --k) events.push_back({t_us, 5, 7, 1});
   }
   recorder.Add(events);
   EXPECT_GE(recorder.windows().size(), 198u);
 }
 
-TEST(EventWindower, ClosesOnTimeWhenStillAndSaysSo) {
+TEST(EventWindower, ClosesOnTimeWithoutMotionAndReportsIt) {
   Recorder recorder(SmallOptions());
   recorder.Add(Regular(0, 1, 1));
   recorder.AdvanceTime(999);
@@ -164,7 +164,7 @@ TEST(EventWindower, FloodIsSampledEvenlyAndKeepsItsDuration) {
   options.max_events = 400;
   Recorder recorder(options);
   std::vector<Event> flood;
-  for (int i = 0; i < 100'000; ++i) {  // pairs of neighbours, as a row read out across an edge gives them
+  for (int i = 0; i < 100'000; ++i) {  // pairs of neighbours, as the readout of a row across an edge produces them
     flood.push_back({i / 1000, static_cast<uint16_t>(i % 2), 0, 1});
   }
   recorder.Add(flood);
@@ -183,7 +183,7 @@ TEST(EventWindower, FloodIsSampledEvenlyAndKeepsItsDuration) {
   EXPECT_NEAR(count_if([](const Event& e) { return e.t_us < 50; }), 0.5, 0.15);
 }
 
-TEST(EventWindower, AFloodOfOnePolarityLeavesTheOther) {
+TEST(EventWindower, AFlickerBurstOfOnePolarityKeepsTheOther) {
   WindowOptions options = SmallOptions();
   options.max_events = 400;
   Recorder recorder(options);
@@ -195,7 +195,7 @@ TEST(EventWindower, AFloodOfOnePolarityLeavesTheOther) {
   const SeenWindow& window = recorder.windows()[0];
   const auto num_on =
       std::count_if(window.events.begin(), window.events.end(), [](const Event& e) { return e.polarity; });
-  EXPECT_EQ(num_on, 200);  // all there were
+  EXPECT_EQ(num_on, 200);  // all ON events
   EXPECT_EQ(window.events_per_sample[1], 1.0);
   const double num_off = static_cast<double>(window.events.size()) - 200.0;
   EXPECT_GE(num_off, 80.0);
@@ -216,7 +216,7 @@ TEST(EventWindower, LateEventsJoinTheOpenWindow) {
   for (const Event& event : window.events) EXPECT_EQ(event.t_us, 100);
 }
 
-TEST(EventWindower, ALongSilenceIsOneWindow) {
+TEST(EventWindower, ALongTimeWithoutEventsIsOneWindow) {
   Recorder recorder(SmallOptions());
   recorder.Add(Regular(0, 10, 3));
   const int64_t far_us = int64_t{1} << 50;
@@ -229,7 +229,7 @@ TEST(EventWindower, ALongSilenceIsOneWindow) {
   EXPECT_EQ(recorder.windows().size(), 3u);
 }
 
-TEST(EventWindower, TheCutOfCallsDoesNotMatter) {
+TEST(EventWindower, TheDivisionIntoCallsDoesNotMatter) {
   std::vector<Event> events = Regular(0, 3, 2000);
   for (size_t i = 50; i < events.size(); i += 97) events[i].t_us -= 40;
   for (size_t i = 1500; i < events.size(); ++i) events[i].t_us = 4500 + static_cast<int64_t>(i - 1500) / 50;
@@ -246,7 +246,7 @@ TEST(EventWindower, TheCutOfCallsDoesNotMatter) {
   }
 }
 
-TEST(EventWindower, FinishClosesWhatIsOpenOnce) {
+TEST(EventWindower, FinishClosesTheOpenWindowOnce) {
   Recorder recorder(SmallOptions());
   recorder.Finish();
   EXPECT_TRUE(recorder.windows().empty());
@@ -273,7 +273,7 @@ TEST(WindowOptions, ValidateNamesTheField) {
   EXPECT_THAT(message([](WindowOptions& o) { o.max_gap_us = 1; }), HasSubstr("max_gap_us"));
 }
 
-TEST(EventWindower, SkippedEventsAreInNoWindowButTheirPixelsRemember) {
+TEST(EventWindower, SkippedEventsAreInNoWindowButInThePixelHistory) {
   EventWindower windower(SmallOptions(), {1280, 720});
   std::vector<SeenWindow> windows;
   std::vector<PreviousPolarity> previous;

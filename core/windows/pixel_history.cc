@@ -7,13 +7,13 @@
 namespace evpose {
 namespace {
 
-// A pixel is one of three things: five pixels make a byte up to 242. What is left tells that the byte before it comes
-// again, so many times: large parts of an image may have sent nothing yet.
-constexpr size_t kGroup = 5;
-constexpr uint32_t kStates = 3;
-constexpr uint8_t kMaxGroup = 242;
-constexpr uint8_t kRepeat = 255;
-constexpr size_t kMinRun = 3;  // shorter ones take as much room
+// Saved format: a pixel has one of three states, so five pixels fit into one byte with values up to 3^5 - 1 = 242. The
+// byte 255 and a varint n repeat the previous byte n times, because large parts of an image may have no event yet.
+constexpr size_t kGroup = 5;        // pixels per byte
+constexpr uint32_t kStates = 3;     // states of a pixel: 0, 1, kNothing
+constexpr uint8_t kMaxGroup = 242;  // 3^5 - 1
+constexpr uint8_t kRepeat = 255;    // the marker of a repetition, which is no group
+constexpr size_t kMinRun = 3;       // repetitions; shorter runs need as many bytes without the marker
 
 uint8_t PackGroup(const uint8_t* pixels, size_t count) {
   uint32_t group = 0;
@@ -21,7 +21,7 @@ uint8_t PackGroup(const uint8_t* pixels, size_t count) {
   return static_cast<uint8_t>(group);
 }
 
-// False when that many pixels do not make such a group.
+// Unpacks a group of `count` pixels. Returns false if the byte is no such group.
 bool UnpackGroup(uint8_t group, uint8_t* pixels, size_t count) {
   for (size_t i = count; i-- > 0; group /= kStates) pixels[i] = group % kStates;
   return group == 0;
@@ -30,7 +30,7 @@ bool UnpackGroup(uint8_t group, uint8_t* pixels, size_t count) {
 }  // namespace
 
 void PixelHistory::SaveState(StateWriter& writer) const {
-  size_t run = 0;  // of groups like the last, beyond it
+  size_t run = 0;  // number of further groups equal to the last one written
   uint8_t last = kRepeat;
   const auto end_run = [&] {
     if (run >= kMinRun) {
@@ -65,16 +65,16 @@ void PixelHistory::LoadState(StateReader& reader) {
       reader.Raw(&byte, 1);
       if (byte == kRepeat) {
         reader.Varint(run);
-        reader.Check(last <= kMaxGroup && run > 0, "pixels that repeat nothing");
+        reader.Check(last <= kMaxGroup && run > 0, "a repetition of pixel states follows no group");
         --run;
       } else {
         last = byte;
       }
     }
     const bool is_good = UnpackGroup(last, &last_[begin], std::min(kGroup, last_.size() - begin));
-    reader.Check(is_good, "pixels that are in no state");
+    reader.Check(is_good, "a group of pixel states is invalid");
   }
-  reader.Check(run == 0, "more pixels than the sensor has");
+  reader.Check(run == 0, "there are more pixel states than the sensor has pixels");
 }
 
 }  // namespace evpose

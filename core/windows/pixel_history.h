@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// What each pixel sent last. A pixel that answers once more in the same direction needs less of a change than one that
-// turns round, by a whole threshold: where its event lies about an edge depends on it (core/estimation/edge_bias.h).
+// The polarity of the last event of each pixel. A second event of the same polarity needs a smaller brightness change
+// than an event of the other polarity, by one contrast threshold. The distance between an event and its edge therefore
+// depends on the previous polarity (core/estimation/edge_bias.h).
 #pragma once
 
 #include <cstdint>
@@ -12,29 +13,30 @@
 
 namespace evpose {
 
-// An event's polarity against that of the event before it at the same pixel, however long ago.
+// The polarity of the previous event of a pixel, however old, relative to that of the current event.
 enum class PreviousPolarity : uint8_t { kUnknown, kSame, kOther };
 
 struct WindowEvent : Event {
   PreviousPolarity previous = PreviousPolarity::kUnknown;
 };
 
-// One byte per pixel.
+// Memory: one byte per pixel.
 class PixelHistory {
  public:
   explicit PixelHistory(SensorGeometry sensor)
       : sensor_(sensor), last_(static_cast<size_t>(sensor.width_px) * sensor.height_px, kNothing) {}
 
-  // In a loop, whose memory it keeps at hand. The history must outlive it.
+  // Fast access for loops: holds the history's address and size in local variables. The history must outlive it.
   class Writer {
    public:
     explicit Writer(PixelHistory& history)
         : width_px_(history.sensor_.width_px), height_px_(history.sensor_.height_px), last_(history.last_.data()) {}
 
-    // What the event's pixel sent before it, which is forgotten for it. Events outside the sensor: kUnknown.
+    // Stores the event's polarity and returns the relation to the previous event of its pixel. Events outside the
+    // sensor are not stored and yield kUnknown.
     PreviousPolarity Exchange(const Event& event) {
       using enum PreviousPolarity;
-      // From a table: what comes next no branch can foretell.
+      // A table instead of branches, which the processor could not predict. Index: 2 * stored state + polarity.
       static constexpr PreviousPolarity kPrevious[] = {kSame, kOther, kOther, kSame, kUnknown, kUnknown};
       if (event.x >= width_px_ || event.y >= height_px_) return kUnknown;
       uint8_t& last = last_[event.y * width_px_ + event.x];
@@ -50,15 +52,15 @@ class PixelHistory {
     uint8_t* const last_;
   };
   PreviousPolarity Exchange(const Event& event) { return Writer(*this).Exchange(event); }
-  // The event with that.
+  // Returns the event with its previous polarity, and stores its polarity.
   WindowEvent Next(const Event& event) { return {event, Exchange(event)}; }
 
-  // Into a history of the same sensor; after a failure (reader.status()) it must not be used.
+  // LoadState() requires a history of the same sensor. After a failure (reader.status()) the object must not be used.
   void SaveState(StateWriter& writer) const;
   void LoadState(StateReader& reader);
 
  private:
-  static constexpr uint8_t kNothing = 2;
+  static constexpr uint8_t kNothing = 2;  // the pixel has produced no event; polarities are 0 and 1
 
   const SensorGeometry sensor_;
   std::vector<uint8_t> last_;  // polarity, or kNothing

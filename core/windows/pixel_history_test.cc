@@ -6,7 +6,7 @@
 namespace evpose {
 namespace {
 
-TEST(PixelHistory, TellsWhatThePixelSentBefore) {
+TEST(PixelHistory, ReturnsThePreviousPolarity) {
   PixelHistory history({4, 3});
   EXPECT_EQ(history.Next({10, 3, 2, 1}).previous, PreviousPolarity::kUnknown);
   EXPECT_EQ(history.Next({20, 3, 2, 1}).previous, PreviousPolarity::kSame);
@@ -17,7 +17,7 @@ TEST(PixelHistory, TellsWhatThePixelSentBefore) {
   EXPECT_EQ(history.Next({50, 3, 2, 0}).previous, PreviousPolarity::kSame);
 }
 
-TEST(PixelHistory, KnowsNothingOutsideTheSensor) {
+TEST(PixelHistory, IsUnknownOutsideTheSensor) {
   PixelHistory history({4, 3});
   for (int i = 0; i < 2; ++i) {
     EXPECT_EQ(history.Next({10, 4, 0, 1}).previous, PreviousPolarity::kUnknown);

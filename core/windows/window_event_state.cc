@@ -4,11 +4,11 @@
 namespace evpose {
 namespace {
 
-// Small numbers of either sign as small numbers.
+// Map signed numbers of small magnitude to small unsigned numbers, and back.
 uint64_t ZigZag(int64_t number) { return static_cast<uint64_t>(number) << 1 ^ static_cast<uint64_t>(number >> 63); }
 int64_t UnZigZag(uint64_t number) { return static_cast<int64_t>(number >> 1 ^ (0 - (number & 1))); }
 
-// The first varint of an event: the time since the one before, and these bits below it.
+// The first varint of an event: the time since the previous event (zigzag, microseconds) above these three flag bits.
 constexpr int kFlagBits = 3;
 constexpr uint64_t kPolarityBit = 1;
 constexpr int kPreviousShift = 1;
@@ -32,7 +32,7 @@ void LoadWindowEvents(StateReader& reader, int64_t t_begin_us, int64_t t_end_us,
                       std::vector<WindowEvent>& events) {
   size_t count = 0;
   reader.Count(count);
-  reader.Check(count <= max_events, "more events than a window keeps");
+  reader.Check(count <= max_events, "a window has more events than it may keep");
   events.clear();
   int64_t t_us = t_begin_us;
   for (size_t i = 0; i < count && reader.ok(); ++i) {
@@ -40,11 +40,12 @@ void LoadWindowEvents(StateReader& reader, int64_t t_begin_us, int64_t t_end_us,
     WindowEvent event;
     reader.Varint(first);
     reader(event.x, event.y);
-    // The step is less than 2^61: no sum of it with the time of a window overflows.
+    // The magnitude of the step is below 2^61, so its sum with a window's time does not overflow.
     t_us += UnZigZag(first >> kFlagBits);
     const uint64_t previous = first >> kPreviousShift & kPreviousMask;
-    reader.Check(t_us >= t_begin_us && t_us < t_end_us, "an event outside its window");
-    reader.Check(previous <= static_cast<uint64_t>(PreviousPolarity::kOther), "an event with an unknown past");
+    reader.Check(t_us >= t_begin_us && t_us < t_end_us, "an event lies outside its window");
+    reader.Check(previous <= static_cast<uint64_t>(PreviousPolarity::kOther),
+                 "an event has an invalid previous polarity");
     event.t_us = t_us;
     event.polarity = first & kPolarityBit;
     event.previous = static_cast<PreviousPolarity>(previous);

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// Windows' events as a part of a saved state, in some six bytes each.
+// Serialization of the events of a window, in about six bytes per event.
 #pragma once
 
 #include <cstdint>
@@ -12,9 +12,10 @@
 
 namespace evpose {
 
-// Of a window that begins at `t_begin_us`. Of a polarity it is kept whether it is 0.
+// Saves the events of a window that begins at `t_begin_us`. Polarities other than 0 are saved as 1.
 void SaveWindowEvents(StateWriter& writer, int64_t t_begin_us, absl::Span<const WindowEvent> events);
-// `events` is empty after a failure; else all of [t_begin_us, t_end_us), and at most `max_events`.
+// Loads them. Fails (reader.status()) if there are more than `max_events` events or if an event lies outside
+// [t_begin_us, t_end_us); `events` is then empty.
 void LoadWindowEvents(StateReader& reader, int64_t t_begin_us, int64_t t_end_us, size_t max_events,
                       std::vector<WindowEvent>& events);
 

@@ -25,7 +25,7 @@ void WindowMemory::Add(const EventWindow& window) {
   windows_.push_back(std::move(stored));
   while (windows_.size() > 1 &&
          (num_events_ > max_events_ || windows_.front().t_end_us <= window.t_end_us - memory_us_)) {
-    Forget();
+    RemoveOldest();
   }
 }
 
@@ -34,7 +34,7 @@ void WindowMemory::Clear() {
   num_events_ = 0;
 }
 
-void WindowMemory::Forget() {
+void WindowMemory::RemoveOldest() {
   num_events_ -= windows_.front().events.size();
   windows_.pop_front();
 }
@@ -49,9 +49,9 @@ void WindowMemory::SaveState(StateWriter& writer) const {
 }
 
 void WindowMemory::LoadState(StateReader& reader) {
-  // A window with events is far shorter; detectors count microseconds in 32 bits.
+  // 18 minutes: a window with events is far shorter, and detectors count microseconds in 32 bits.
   constexpr int64_t kMaxDuration_us = int64_t{1} << 30;
-  constexpr double kMaxEventsPerSample = 1e18;
+  constexpr double kMaxEventsPerSample = 1e18;  // products with numbers of events stay finite
   Clear();
   size_t count = 0;
   reader.Count(count);
@@ -63,14 +63,15 @@ void WindowMemory::LoadState(StateReader& reader) {
            InRange(window.events_per_sample[0], 1.0, kMaxEventsPerSample),
            InRange(window.events_per_sample[1], 1.0, kMaxEventsPerSample));
     LoadWindowEvents(reader, window.t_begin_us, window.t_end_us, max_window_events_, window.events);
-    reader.Check(window.events.empty() || window.t_end_us - window.t_begin_us <= kMaxDuration_us, "a window too long");
-    reader.Check(window.events.size() <= window.num_events, "more events in a window than came");
+    reader.Check(window.events.empty() || window.t_end_us - window.t_begin_us <= kMaxDuration_us,
+                 "a window with events is too long");
+    reader.Check(window.events.size() <= window.num_events, "a window keeps more events than it had");
     num_events_ += window.events.size();
     windows_.push_back(std::move(window));
   }
   const bool is_bounded = windows_.size() <= 1 || (num_events_ <= max_events_ &&
                                                    windows_.front().t_end_us > windows_.back().t_end_us - memory_us_);
-  reader.Check(is_bounded, "more windows than are remembered");
+  reader.Check(is_bounded, "the windows exceed the bounds of the memory");
   if (!reader.ok()) Clear();
 }
 

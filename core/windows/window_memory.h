@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// The latest windows, kept for whoever has to look back.
+// Stores the latest windows. The search of the first pose replays them.
 #pragma once
 
 #include <cstdint>
@@ -13,24 +13,25 @@ namespace evpose {
 
 class WindowMemory {
  public:
-  // Keeps windows that end later than `memory_us` before the latest one's end, and of each at most `max_window_events`
-  // events, evenly drawn by polarity. The oldest go early when there would be more than `max_events` events in all.
+  // Keeps the windows that end less than `memory_us` before the end of the latest one. Each window is downsampled to at
+  // most `max_window_events` events, half of them for each polarity. The oldest windows are removed while the windows
+  // hold more than `max_events` events in total; the latest window is always kept.
   WindowMemory(int64_t memory_us, int max_window_events, int max_events);
 
   void Add(const EventWindow& window);
   void Clear();
 
   size_t size() const { return windows_.size(); }
-  // The oldest is number 0. Valid until the next Add.
+  // Index 0 is the oldest window. The result is valid until the next Add() or Clear().
   EventWindow At(size_t index) const;
-  size_t num_events() const { return num_events_; }  // kept
+  size_t num_events() const { return num_events_; }  // number of stored events, after downsampling
 
-  // Into a memory of the same bounds; after a failure (reader.status()) it must not be used.
+  // LoadState() requires a memory with the same bounds. After a failure (reader.status()) the object must not be used.
   void SaveState(StateWriter& writer) const;
   void LoadState(StateReader& reader);
 
  private:
-  void Forget();
+  void RemoveOldest();
 
   struct Stored {
     int64_t t_begin_us = 0;

@@ -16,7 +16,7 @@ EventWindow MakeWindow(int64_t begin_us, int64_t end_us, const std::vector<Windo
   return {begin_us, end_us, events, 2 * events.size(), true, {3.0, 2.0}};
 }
 
-TEST(WindowMemory, KeepsWindowsAsTheyWere) {
+TEST(WindowMemory, KeepsWindowsUnchanged) {
   WindowMemory memory(10'000, 100, 1000);
   const std::vector<WindowEvent> events = MakeEvents(30, 1500);
   memory.Add(MakeWindow(1000, 2000, events));
@@ -31,7 +31,7 @@ TEST(WindowMemory, KeepsWindowsAsTheyWere) {
   EXPECT_EQ(window.events[29].x, 29);
 }
 
-TEST(WindowMemory, ForgetsWhatIsOlderThanItsMemory) {
+TEST(WindowMemory, RemovesWindowsOlderThanItsMemory) {
   WindowMemory memory(3000, 100, 1000);
   for (int64_t t_us = 0; t_us < 10'000; t_us += 1000) {
     memory.Add(MakeWindow(t_us, t_us + 1000, MakeEvents(5, t_us)));
@@ -43,7 +43,7 @@ TEST(WindowMemory, ForgetsWhatIsOlderThanItsMemory) {
   EXPECT_EQ(memory.size(), 1u);
 }
 
-TEST(WindowMemory, ThinsAFloodEvenly) {
+TEST(WindowMemory, DownsamplesUniformly) {
   WindowMemory memory(10'000, 100, 1000);
   memory.Add(MakeWindow(0, 1000, MakeEvents(1000, 10)));
   const EventWindow window = memory.At(0);
@@ -57,7 +57,7 @@ TEST(WindowMemory, ThinsAFloodEvenly) {
   EXPECT_DOUBLE_EQ(window.events_per_sample[1], 2000.0 / static_cast<double>(window.events.size()));
 }
 
-TEST(WindowMemory, ForgetsEarlyWhatWouldBeTooMuch) {
+TEST(WindowMemory, RemovesOldWindowsAboveTheEventLimit) {
   WindowMemory memory(1'000'000, 100, 250);
   for (int64_t t_us = 0; t_us < 5000; t_us += 1000) memory.Add(MakeWindow(t_us, t_us + 1000, MakeEvents(100, t_us)));
   EXPECT_EQ(memory.size(), 2u);

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// Windows, pixels and the memory of windows go on as if nothing had been when they are saved and loaded.
+// A windower, a pixel history and a window memory continue identically after they are saved and loaded.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -37,7 +37,7 @@ std::string Damaged(const std::string& state, Random& random) {
 }
 
 Event RandomEvent(int64_t t_us, Random& random) {
-  // Now and then beyond the sensor.
+  // Some events lie outside the sensor.
   return {t_us, static_cast<uint16_t>(random.UniformInt(kSensor.width_px + 1)),
           static_cast<uint16_t>(random.UniformInt(kSensor.height_px + 1)), static_cast<uint8_t>(random.UniformInt(2))};
 }
@@ -53,7 +53,7 @@ WindowOptions SmallOptions() {
   return options;
 }
 
-// Quiet and floods in turn, steps back and long silences.
+// Alternates low and high event rates, with steps back in time and long times without events.
 std::vector<Event> Stream(size_t count, uint64_t seed) {
   Random random(seed);
   std::vector<Event> events;
@@ -102,7 +102,7 @@ std::vector<Seen> Windows(const std::vector<Event>& events, bool is_moved) {
   return seen;
 }
 
-TEST(WindowStateTest, ALoadedWindowerGoesOnWhereItWas) {
+TEST(WindowStateTest, ALoadedWindowerContinuesIdentically) {
   const std::vector<Event> events = Stream(20'000, 1);
   const std::vector<Seen> expected = Windows(events, false);
   EXPECT_TRUE(Windows(events, true) == expected);
@@ -111,7 +111,7 @@ TEST(WindowStateTest, ALoadedWindowerGoesOnWhereItWas) {
   EXPECT_TRUE(std::any_of(expected.begin(), expected.end(), [](const Seen& window) { return window.closed_on_time; }));
 }
 
-TEST(WindowStateTest, DamagedWindowersAreRefusedOrGoOn) {
+TEST(WindowStateTest, DamagedWindowersAreRejectedOrUsable) {
   const std::vector<Event> events = Stream(3000, 2);
   Random random(3);
   for (const size_t count : {0u, 100u, 1500u, 2900u}) {
@@ -134,7 +134,7 @@ TEST(WindowStateTest, DamagedWindowersAreRefusedOrGoOn) {
   }
 }
 
-TEST(WindowStateTest, PixelsTakeAFifthOfAByteOrNothing) {
+TEST(WindowStateTest, PixelsTakeAtMostAFifthOfAByte) {
   PixelHistory history({1280, 720});
   EXPECT_LT(Save(history).size(), 20u) << "nothing was sent yet";
   Random random(4);
@@ -144,7 +144,7 @@ TEST(WindowStateTest, PixelsTakeAFifthOfAByteOrNothing) {
   EXPECT_LE(Save(history).size(), 1280u * 720 / 5 + 20);
 }
 
-TEST(WindowStateTest, DamagedPixelsAreRefusedOrThoseOfTheSensor) {
+TEST(WindowStateTest, DamagedPixelsAreRejectedOrValid) {
   Random random(5);
   PixelHistory history(kSensor);
   for (int i = 0; i < 200; ++i) history.Next(RandomEvent(i, random));

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "core/initialization/lookalikes.h"
+#include "core/initialization/near_symmetries.h"
 
 #include <gtest/gtest.h>
 
@@ -27,7 +27,7 @@ void AddBox(const Vector3d& centre, const Vector3d& size, std::vector<ModelLine>
   }
 }
 
-// A box that is no cube, off the origin, and a smaller one that stands out of one of its sides.
+// A box that is no cube and not centred at the origin, with a smaller box (the mast) on one of its sides.
 std::vector<ModelLine> BoxWithMast(double mast_ratio) {
   std::vector<ModelLine> lines;
   const Vector3d centre(0.5, -0.3, 0.1), size(0.3, 0.2, 0.12);
@@ -40,40 +40,40 @@ std::vector<Matrix3d> Rotations() {
   return DirectionSymmetries(std::vector<Vector3d>{Vector3d::UnitX(), Vector3d::UnitY(), Vector3d::UnitZ()});
 }
 
-TEST(FindLookalikes, OfABoxWithAMastAreTheBoxsHalfTurns) {
-  const std::vector<RigidTransform> lookalikes = FindLookalikes(BoxWithMast(0.2), Rotations(), kRadius_m);
-  ASSERT_EQ(lookalikes.size(), 3u);
+TEST(FindNearSymmetries, AreTheHalfTurnsOfABoxWithAMast) {
+  const std::vector<RigidTransform> near_symmetries = FindNearSymmetries(BoxWithMast(0.2), Rotations(), kRadius_m);
+  ASSERT_EQ(near_symmetries.size(), 3u);
   const Vector3d centre(0.5, -0.3, 0.1);
-  for (const RigidTransform& lookalike : lookalikes) {
-    EXPECT_NEAR(RotationAngle(lookalike.rotation, Matrix3d::Identity()), std::numbers::pi, 1e-9);
-    EXPECT_LT((lookalike * centre - centre).norm(), 1e-9) << "it turns about the box's centre";
+  for (const RigidTransform& near_symmetry : near_symmetries) {
+    EXPECT_NEAR(RotationAngle(near_symmetry.rotation, Matrix3d::Identity()), std::numbers::pi, 1e-9);
+    EXPECT_LT((near_symmetry * centre - centre).norm(), 1e-9) << "it turns about the box's centre";
   }
 }
 
-TEST(FindLookalikes, LessThanHalfOfTheLinesIsNotEnough) {
+TEST(FindNearSymmetries, LessThanHalfOfTheLinesIsNotEnough) {
   std::vector<ModelLine> lines = BoxWithMast(0.2);
-  // A comb beside it, which nothing maps onto itself, longer than the box's lines.
+  // A comb beside the box, without any symmetry, with a larger total length than the box's lines.
   double z_m = 0.0;
   for (int i = 1; i <= 12; ++i) {
     z_m += 0.02 + 0.001 * i * i;
     lines.push_back({{0.8, -0.3, z_m}, {0.8 + 0.2 + 0.013 * i, -0.3, z_m}, {}});
   }
-  EXPECT_TRUE(FindLookalikes(lines, Rotations(), 2.0 * kRadius_m).empty());
+  EXPECT_TRUE(FindNearSymmetries(lines, Rotations(), 2.0 * kRadius_m).empty());
 }
 
-TEST(FindLookalikes, AnEdgeInTwoPartsIsTheEdge) {
+TEST(FindNearSymmetries, AnEdgeInTwoPartsIsTheEdge) {
   std::vector<ModelLine> lines = BoxWithMast(0.2);
   for (size_t i = 0; i < 6; ++i) {
     const Vector3d middle = 0.3 * lines[i].p1 + 0.7 * lines[i].p2;
     lines.push_back({middle, lines[i].p2, {}});
     lines[i].p2 = middle;
   }
-  EXPECT_EQ(FindLookalikes(lines, Rotations(), kRadius_m).size(), 3u);
+  EXPECT_EQ(FindNearSymmetries(lines, Rotations(), kRadius_m).size(), 3u);
 }
 
-TEST(FindLookalikes, TheIdentityIsNone) {
-  EXPECT_TRUE(FindLookalikes(BoxWithMast(0.2), std::vector<Matrix3d>{Matrix3d::Identity()}, kRadius_m).empty());
-  EXPECT_TRUE(FindLookalikes({}, std::vector<Matrix3d>{Rotations().back()}, kRadius_m).empty());
+TEST(FindNearSymmetries, TheIdentityIsNone) {
+  EXPECT_TRUE(FindNearSymmetries(BoxWithMast(0.2), std::vector<Matrix3d>{Matrix3d::Identity()}, kRadius_m).empty());
+  EXPECT_TRUE(FindNearSymmetries({}, std::vector<Matrix3d>{Rotations().back()}, kRadius_m).empty());
 }
 
 }  // namespace

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "core/initialization/lookalikes.h"
+#include "core/initialization/near_symmetries.h"
 
 #include <Eigen/Geometry>
 #include <algorithm>
@@ -14,10 +14,14 @@ namespace {
 using Eigen::Matrix3d;
 using Eigen::Vector3d;
 
+// Distance below which lines coincide, as a share of the radius: about the resolution of an image of 100 px.
 constexpr double kToleranceOfRadius = 0.02;
+// Angle below which lines are parallel: the tolerance over a line as long as two thirds of the radius.
 constexpr double kParallelRad = 0.03;
-constexpr double kLeastShare = 0.5;
-constexpr size_t kMost = 7;  // further ones are worse than these and only cost time
+// Smallest share of the lines' length that a near-symmetry aligns. With less, the segments of the other lines decide.
+constexpr double kMinAlignedRatio = 0.5;
+// Number of near-symmetries: further ones align less and only take time.
+constexpr size_t kMaxMotions = 7;
 
 struct Line {
   Vector3d middle, along;
@@ -43,7 +47,7 @@ bool AreParallel(const Line& a, const Line& b) { return a.along.cross(b.along).n
 
 // Returns the shift that aligns the largest length of line ends of one direction: of the rotated lines to `lines`. Ends
 // are compared, because an edge may be drawn in several parts.
-Vector3d MostWantedShift(const std::vector<Line>& turned, const std::vector<Line>& lines, double tolerance_m) {
+Vector3d BestShift(const std::vector<Line>& turned, const std::vector<Line>& lines, double tolerance_m) {
   struct Votes {
     double weight = 0.0;
     Vector3d sum = Vector3d::Zero();
@@ -88,8 +92,8 @@ double CoveredLength(const Line& line, const Vector3d& shift, const std::vector<
 
 }  // namespace
 
-std::vector<RigidTransform> FindLookalikes(absl::Span<const ModelLine> lines, absl::Span<const Matrix3d> rotations,
-                                           double radius_m) {
+std::vector<RigidTransform> FindNearSymmetries(absl::Span<const ModelLine> lines, absl::Span<const Matrix3d> rotations,
+                                               double radius_m) {
   const double tolerance_m = kToleranceOfRadius * radius_m;
   const std::vector<Line> all = MakeLines(lines);
   struct Found {
@@ -101,20 +105,20 @@ std::vector<RigidTransform> FindLookalikes(absl::Span<const ModelLine> lines, ab
     if (rotation.isIdentity()) continue;
     std::vector<Line> turned;
     for (const Line& line : all) turned.push_back(Turned(rotation, line));
-    const Vector3d shift = MostWantedShift(turned, all, tolerance_m);
+    const Vector3d shift = BestShift(turned, all, tolerance_m);
     double covered_m = 0.0, length_m = 0.0;
     for (const Line& line : turned) {
       covered_m += CoveredLength(line, shift, all, tolerance_m);
       length_m += line.length_m;
     }
-    if (length_m > 0.0 && covered_m >= kLeastShare * length_m)
+    if (length_m > 0.0 && covered_m >= kMinAlignedRatio * length_m)
       found.push_back({covered_m / length_m, {rotation, shift}});
   }
   std::stable_sort(found.begin(), found.end(), [](const Found& a, const Found& b) { return a.share > b.share; });
-  if (found.size() > kMost) found.resize(kMost);
-  std::vector<RigidTransform> lookalikes;
-  for (const Found& each : found) lookalikes.push_back(each.motion);
-  return lookalikes;
+  if (found.size() > kMaxMotions) found.resize(kMaxMotions);
+  std::vector<RigidTransform> near_symmetries;
+  for (const Found& each : found) near_symmetries.push_back(each.motion);
+  return near_symmetries;
 }
 
 }  // namespace evpose
