@@ -77,7 +77,7 @@ TEST_F(TrustTest, WhereATokenComesFrom) {
   setenv("EVPOSE_TOKEN", "evpose_wrong", 1);
   const CliResult wrong = List(*plain_, {});
   EXPECT_EQ(wrong.status, 1);
-  EXPECT_THAT(wrong.err, AllOf(HasSubstr("does not know this token"), Not(HasSubstr("evpose_wrong"))));
+  EXPECT_THAT(wrong.err, AllOf(HasSubstr("this token is not valid"), Not(HasSubstr("evpose_wrong"))));
   EXPECT_EQ(List(*plain_, {"--token-file", Path("lab.token")}).status, 0) << "the file counts";
 }
 
