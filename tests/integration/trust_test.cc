@@ -153,7 +153,7 @@ TEST_F(TrustTest, DrainAndLogLevelAreAnOperators) {
   EXPECT_THAT(drain.err, HasSubstr("only an operator's token may drain the server"));
   const CliResult level = run({"server", "log-level", "debug"});
   EXPECT_EQ(level.status, 1);
-  EXPECT_THAT(level.err, HasSubstr("only an operator's token may change the log's level"));
+  EXPECT_THAT(level.err, HasSubstr("only an operator's token may set the log level"));
   EXPECT_EQ(run({"server", "log-level", "loud"}).status, 2);
   const CliResult info = run({"server", "info", "--json"});
   EXPECT_EQ(info.status, 0) << info.err;
