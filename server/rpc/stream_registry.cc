@@ -8,6 +8,7 @@
 #include "server/runtime/errors.h"
 
 namespace evpose::server {
+
 void StreamRegistry::Add(Kind kind, const std::shared_ptr<OpenStream>& stream) {
   absl::Status ended;
   {

@@ -499,8 +499,7 @@ TEST_F(TrackTest, ACancelledStreamLeavesTheSessionDetached) {
 }
 
 TEST_F(TrackTest, ALeavingServerTellsItsStreamsAndLetsThemFinish) {
-  // Uses a socket, because gRPC's in-process channel may drop a final status that was not read before the server
-  // closed.
+  // A socket, because gRPC's in-process channel may drop a final status that was not read before the server closed.
   ServerOptions options = Options();
   options.listen_address = "127.0.0.1:0";
   Connect(options);
@@ -521,8 +520,7 @@ TEST_F(TrackTest, ALeavingServerTellsItsStreamsAndLetsThemFinish) {
   ASSERT_TRUE(track->ReadUntil(Kind::kSummary, response));
   EXPECT_EQ(response.summary().health().poses(), 10u);
   EXPECT_EQ(Describe(track->Finish()), "OK");
-  EXPECT_EQ(Describe(silent->Finish()), "UNAVAILABLE DRAINING")
-      << "a stream that does not finish is ended at the deadline";
+  EXPECT_EQ(Describe(silent->Finish()), "UNAVAILABLE DRAINING") << "a stream that is open at the deadline is ended";
   shutdown.join();
 }
 
