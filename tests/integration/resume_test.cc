@@ -54,7 +54,7 @@ class Program {
   }
 
   void Signal(int number) const {
-    if (pid_ > 0) kill(pid_, number);  // 0 stands for this process and its relatives
+    if (pid_ > 0) kill(pid_, number);  // pid 0 would signal this process and its group
   }
   bool IsRunning() {
     if (pid_ != 0 && waitpid(pid_, &status_, WNOHANG) == pid_) pid_ = 0;

@@ -102,7 +102,7 @@ absl::Status CommitOutcome(const absl::StatusOr<RedisReply>& reply, absl::string
   if (word == "OK") return absl::OkStatus();
   if (word == "NOTFOUND") return SessionNotFoundError(name);
   if (word == "FENCED") return FencedError(name, fencing_number);
-  return absl::UnavailableError(absl::StrCat("a commit of ", name, " came too late: ", word));
+  return absl::UnavailableError(absl::StrCat("a commit of ", name, " arrived after a later one: ", word));
 }
 
 class RedisLease : public CheckedLease {
@@ -299,7 +299,7 @@ class RedisStore : public Store {
     }
     if (!has_limit || policy == "noeviction") return absl::OkStatus();
     return absl::FailedPreconditionError(absl::StrCat(
-        address, " forgets sessions when its memory is full (maxmemory-policy ", policy, "): set it to noeviction"));
+        address, " evicts sessions when its memory is full (maxmemory-policy ", policy, "): set it to noeviction"));
   }
 
   void NoteDamage(const std::string& what, const absl::Status& status) {

@@ -20,7 +20,7 @@ absl::Status MakeError(const std::string& path, int extended_code, const char* w
       return absl::ResourceExhaustedError(
           absl::StrCat(said, ": free space on its disk, or delete sessions (or raise the quota)"));
     case SQLITE_IOERR_FSYNC:
-      return absl::UnavailableError(absl::StrCat(said, ": the disk did not confirm what was written"));
+      return absl::UnavailableError(absl::StrCat(said, ": the disk did not confirm a write"));
     default:
       break;
   }
@@ -30,7 +30,8 @@ absl::Status MakeError(const std::string& path, int extended_code, const char* w
           absl::StrCat(said, ": free space on its disk, delete sessions, or allow the store more bytes"));
     case SQLITE_CORRUPT:
     case SQLITE_NOTADB:
-      return absl::DataLossError(absl::StrCat(said, ": the file is damaged; restart the server to save what can be"));
+      return absl::DataLossError(absl::StrCat(
+          said, ": the file is damaged; restart the server, which copies the intact records to a new file"));
     case SQLITE_BUSY:
     case SQLITE_LOCKED:
       return absl::UnavailableError(absl::StrCat(said, ": another process locks it"));

@@ -87,7 +87,7 @@ absl::Status CheckVersion(SqliteDatabase& database) {
   }
   if (version > kSchemaVersion) {
     return absl::FailedPreconditionError(absl::StrCat(database.path(), " was written by a newer evpose (schema ",
-                                                      version, "; this one knows ", kSchemaVersion,
+                                                      version, "; this one supports ", kSchemaVersion,
                                                       "): run that version, or choose another --data-dir"));
   }
   return database.Execute(kWriterSettings);
@@ -129,9 +129,9 @@ absl::StatusOr<SqliteFile> Rescue(const std::string& path) {
     EVPOSE_RETURN_IF_ERROR(rescued->Execute("PRAGMA wal_checkpoint(TRUNCATE)"));
   }
   EVPOSE_RETURN_IF_ERROR(Exchange(rescued_path, path, set_aside));
-  file.contents.damage.push_back(absl::StrCat("what is whole of ", path, ": ", file.contents.sessions.size(),
+  file.contents.damage.push_back(absl::StrCat("the intact records of ", path, ": ", file.contents.sessions.size(),
                                               " sessions and ", file.contents.models.size(),
-                                              " models, is in a new file; the damaged one is ", set_aside));
+                                              " models, are in a new file; the damaged one is ", set_aside));
   EVPOSE_ASSIGN_OR_RETURN(file.database, SqliteDatabase::Open(path));
   EVPOSE_RETURN_IF_ERROR(file.database->Execute(kWriterSettings));
   return file;

@@ -55,7 +55,7 @@ std::string FindDamageOfSqliteLog(const std::string& path) {
   const uint32_t page_bytes = BigEndian(header.data() + 8);
   if ((BigEndian(header.data()) & ~1u) != kLogMagic || !checksum.Is(header.data() + 24) || page_bytes == 0 ||
       page_bytes > kMaxPageBytes) {
-    return absl::StrCat("the head of the log ", path, ": what was committed last may be missing");
+    return absl::StrCat("the header of the log ", path, " is damaged: the last commits may be missing");
   }
   std::vector<uint8_t> frame(kFrameHeaderBytes + page_bytes);
   bool whole = true;

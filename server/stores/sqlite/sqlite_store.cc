@@ -26,7 +26,7 @@ uint64_t SizeBytes(const SessionCommit& commit) {
 
 absl::Status DamagedSessionError(absl::string_view name) {
   return absl::DataLossError(
-      absl::StrCat("session ", name, " was found damaged when the store was opened, and is left out"));
+      absl::StrCat("session ", name, " was found damaged when the store was opened, and is skipped: delete it"));
 }
 
 class SqliteLease : public CheckedLease {

@@ -266,7 +266,7 @@ TEST_F(SqliteStoreTest, ALogThatWasTamperedWithIsNamed) {
   EXPECT_EQ(damage_with(log.substr(0, log.size() - 100)), "") << "as a crash leaves it";
   EXPECT_EQ(damage_with(with_byte_changed(log.size() - 100)), "") << "as a crash may leave it";
   EXPECT_THAT(damage_with(with_byte_changed(log.size() / 2)), HasSubstr("damaged in its middle"));
-  EXPECT_THAT(damage_with(with_byte_changed(20)), HasSubstr("head of the log"));
+  EXPECT_THAT(damage_with(with_byte_changed(20)), HasSubstr("header of the log"));
 }
 
 // Simulates a full disk with a limit on the size of files.
