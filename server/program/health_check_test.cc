@@ -134,8 +134,8 @@ TEST(HealthCheckTest, OfAServerWithTls) {
       absl::StrCat(shown, "--tls-ca ", ca, " ", address),                                 // another name
       absl::StrCat(shown, "--tls-ca ", other_ca, " --tls-name tracker.test ", address),   // another authority
       absl::StrCat("--tls-ca ", ca, " --tls-name tracker.test --timeout 30 ", address)};  // shows no certificate
-  for (const std::string& arguments : refused) ExpectOneLine(Check(arguments), 1, "are the certificates right?");
-  ExpectOneLine(Check(address), 1, "With TLS, give --tls-ca");
+  for (const std::string& arguments : refused) ExpectOneLine(Check(arguments), 1, "that the certificates are right");
+  ExpectOneLine(Check(address), 1, "for a server with TLS give --tls-ca");
   ExpectOneLine(Check(absl::StrCat("--tls-ca ", key, " ", address)), 1, key);
   ExpectOneLine(Check("--tls-ca /no/such.crt " + address), 1, "/no/such.crt");
   ExpectOneLine(Check(absl::StrCat("--tls-cert ", ca, " --tls-key ", key, " ", address)), 1, key);

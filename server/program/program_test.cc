@@ -281,7 +281,7 @@ TEST(ProgramTest, ItsLogMayBeJson) {
 TEST(ProgramTest, HelpShowsAnExample) {
   Program program({"--help"});
   std::string text;
-  for (std::string line = program.ReadLine(); !absl::StrContains(line, "ends it at once"); line = program.ReadLine()) {
+  for (std::string line = program.ReadLine(); !absl::StrContains(line, "it immediately."); line = program.ReadLine()) {
     text += line + "\n";
     ASSERT_LT(text.size(), 100'000u);
   }
