@@ -1,9 +1,9 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: Apache-2.0
-# The main job, from a bare Debian 12 machine to poses: installs, builds, simulates five seconds of a cube seen by an
-# EVK4, replays the recording through a server over the network, which finds the cube by itself and tracks it, and
-# compares the poses with the truth.
-#   deploy/demo.sh [DIRECTORY]      where recording, trajectories and picture go; build/demo by default
+# The demonstration, from a bare Debian 12 machine to poses: installs, builds, simulates five seconds of a cube seen by an
+# EVK4, replays the recording through a server over the network, which finds the cube without an initial pose and tracks
+# it, and compares the poses with the truth.
+#   deploy/demo.sh [DIRECTORY]      directory of recording, trajectories and picture; build/demo by default
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 out=${1:-build/demo}
@@ -13,7 +13,7 @@ server_pid=
 child_pid=
 scratch=$(mktemp -d)
 clean_up() {
-  # The server last, so that a client sees it until its end; a second signal ends it at once.
+  # The server is stopped last, so that the client can finish.
   [[ -z $child_pid ]] || kill -TERM "$child_pid" 2>/dev/null || true
   if [[ -n $server_pid ]]; then
     kill -TERM "$server_pid" 2>/dev/null || true
@@ -24,7 +24,7 @@ clean_up() {
 trap clean_up EXIT
 trap 'exit 130' INT
 trap 'exit 143' TERM
-# In the background, because bash hears a signal only when no foreground program runs.
+# Runs a command in the background and waits, because bash handles a signal only while no foreground program runs.
 run() {
   "$@" &
   child_pid=$!
@@ -55,7 +55,7 @@ for estimator in mixture static-mm; do
     --estimator "$estimator" --out "$out/$estimator.tum"
 done
 
-# A cube looks the same in 24 orientations: each pose is compared with the nearest of them.
+# A cube has 24 equivalent orientations: each pose is compared with the nearest of them.
 echo "== evaluate"
 run "$bin/client/cli/evpose" evaluate --symmetric --truth "$out/cube/truth.tum" "${inputs[@]}" \
   --estimate "evpose=$out/mixture.tum" --estimate "paper's static MM=$out/static-mm.tum"

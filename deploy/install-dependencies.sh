@@ -1,10 +1,10 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: Apache-2.0
-# Installs what evpose needs from Debian 12's own packages.
-#   deploy/install-dependencies.sh            to build and run
-#   deploy/install-dependencies.sh --package  also what making Debian packages of it needs
-#   deploy/install-dependencies.sh --test     also what the tests and linters need
-# Needs root, or sudo. Does nothing when everything is there already.
+# Installs the dependencies of evpose from Debian 12's packages.
+#   deploy/install-dependencies.sh            for building and running
+#   deploy/install-dependencies.sh --package  also for making Debian packages
+#   deploy/install-dependencies.sh --test     also for tests and linters
+# Needs root or sudo. Does nothing if everything is installed.
 set -euo pipefail
 
 build_packages=(
@@ -18,9 +18,9 @@ build_packages=(
 package_packages=(dpkg-dev file)
 test_packages=("${package_packages[@]}" clang clang-format clang-tidy codespell libbenchmark-dev libclang-rt-14-dev libgmock-dev libgtest-dev lld openssl python3 python3-yaml redis-server shellcheck systemd)
 
-# The package prometheus would start a service: the tool that checks rules is taken out of it, alone.
+# Installing the package prometheus would start a service; so only promtool, which checks rules, is extracted from it.
 promtool=/usr/local/bin/promtool
-# Debian's kubectl, to render manifests with, and another vendor's package of it would not be there together.
+# kubectl renders the manifests. It is extracted from Debian's package, because that conflicts with other vendors' packages.
 kubectl=/usr/local/bin/kubectl
 
 wanted=("${build_packages[@]}")
@@ -32,8 +32,8 @@ case "${1:-}" in
   *) echo "usage: $0 [--package | --test]" >&2; exit 2 ;;
 esac
 
-# libpcl-dev draws in VTK, Java and Qt, libflann-dev MPI and HDF5: 3 GB for headers of 12 MB. The headers alone are taken
-# out of the two packages, to a place that compilers and CMake search by themselves.
+# libpcl-dev depends on VTK, Java and Qt, libflann-dev on MPI and HDF5: 3 GB for 12 MB of headers. Only the headers are
+# extracted from the two packages, to a directory that compilers and CMake search by default.
 header_packages=(libpcl-dev libflann-dev)
 header_dir=/usr/local/include/pcl-1.13
 
@@ -71,7 +71,7 @@ fi
 
 scratch=$(mktemp -d)
 trap 'rm -rf "$scratch"' EXIT
-# take_out PACKAGE...: what is in these packages, below $scratch.
+# take_out PACKAGE...: downloads these packages and extracts them below $scratch.
 take_out() {
   (cd "$scratch" && apt-get download -qq -o APT::Sandbox::User=root "$@" && for file in ./*.deb; do dpkg -x "$file" .; done)
 }
@@ -80,7 +80,7 @@ if ((${#needs_headers[@]} > 0)); then
   echo "install-dependencies: taking the headers of ${needs_headers[*]} to $header_dir"
   take_out "${needs_headers[@]}"
   mv "$scratch/usr/include/flann" "$scratch/usr/include/pcl-1.13/"
-  # One rename at the end: an interrupted run leaves nothing that looks complete.
+  # Copied to a temporary name and renamed at the end, so that an interrupted run leaves no incomplete directory.
   "${as_root[@]}" rm -rf "$header_dir.partial"
   "${as_root[@]}" cp -r "$scratch/usr/include/pcl-1.13" "$header_dir.partial"
   "${as_root[@]}" chown -R root:root "$header_dir.partial"

@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: Apache-2.0
-# deploy/example builds against an installation of the client library, outside the project's tree, and gets from a server
-# the poses that evpose replay gets.
+# Tests the installed client library: deploy/example builds against it outside the project's tree, and receives the same poses
+# from a server as evpose replay.
 #   tests/client_package_test.sh BUILD_DIRECTORY
 set -euo pipefail
 build=$(realpath "${1:?usage: $0 BUILD_DIRECTORY}")
@@ -13,7 +13,7 @@ fail() { echo "client_package_test: $*" >&2; exit 1; }
 
 cmake --install "$build" --component dev --prefix "$work/prefix" >"$work/log"
 cp -r "$source/deploy/example" "$work/example"
-# A prefix that moved: nothing may point back at the build.
+# The prefix is moved, to test that no installed file refers to the build.
 mv "$work/prefix" "$work/moved"
 ! grep -rqF -e "$source" -e "$build" "$work/moved/lib/cmake" || fail "the CMake package names paths of the build"
 { cmake -S "$work/example" -B "$work/built" -DCMAKE_BUILD_TYPE=Release -DCMAKE_PREFIX_PATH="$work/moved" &&

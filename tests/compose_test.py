@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: Apache-2.0
-"""The compose files against each other, without a container engine, which tests/container/run.sh brings."""
+"""Checks that the compose files are consistent, without a container engine (tests/container/run.sh runs them)."""
 
 import pathlib
 import re
@@ -17,7 +17,7 @@ def check(condition, *words):
 
 
 class Loader(yaml.SafeLoader):
-    """Knows what Compose adds to YAML."""
+    """Loads YAML with the tag !override of Compose."""
 
 
 Loader.add_constructor("!override", lambda loader, node: loader.construct_sequence(node))
@@ -28,7 +28,7 @@ def services(name):
 
 
 def options(command):
-    """By name; what has no value, None."""
+    """Returns the values of the options by name; None for an option without a value."""
     found = {}
     for word, following in zip(command, command[1:] + ["--"]):
         if word.startswith("--"):
@@ -37,7 +37,7 @@ def options(command):
 
 
 def check_tls(below, on_top):
-    """A command on top replaces the whole of that below: what it does not repeat is lost."""
+    """Checks that a command in `on_top`, which replaces that in `below`, repeats all of its options."""
     for name, service in services(on_top).items():
         if not name.startswith("server"):
             continue
@@ -49,7 +49,7 @@ def check_tls(below, on_top):
 
 
 def check_versions():
-    """What the images are called, and say they are, when nobody names a version: that of the project."""
+    """Checks that the default version of the images is that of the project."""
     version = re.search(r"^project\(evpose VERSION ([\d.]+)", (ROOT / "CMakeLists.txt").read_text(), re.M)[1]
     for name in ("Dockerfile", "compose.yaml", "compose.cluster.yaml"):
         said = re.findall(r"VERSION(?:=|:-)([^}\s]*)", (ROOT / "deploy" / name).read_text())

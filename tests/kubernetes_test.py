@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The second half of kubernetes_test.sh, which prepares what this reads."""
+"""The second part of kubernetes_test.sh, which prepares the files for this script."""
 
 import base64
 import json
@@ -26,7 +26,7 @@ def check(condition, *words):
 
 
 def write_for_old_kustomize():
-    """Debian 12's kubectl has the kustomize of 2018, which knows the same under other names."""
+    """Renames fields for Debian 12's kubectl, whose kustomize of 2018 has other names for them."""
     for path in MANIFESTS.rglob("kustomization.yaml"):
         content = yaml.safe_load(path.read_text())
         resources = content.pop("resources", [])
@@ -68,7 +68,7 @@ def selects(selector, labels):
 
 
 class Pod:
-    """The pod of evpose-server, and what it would be given."""
+    """The pod of evpose-server with its options, variables and files."""
 
     def __init__(self, folder, objects, secrets):
         self.folder = folder
@@ -96,7 +96,7 @@ class Pod:
         return [re.sub(r"\$\((\w+)\)", value, argument) for argument in self.container["args"]]
 
     def mount(self, root):
-        """Makes the pod's files below `root`, and says which directory stands where."""
+        """Writes the pod's files below `root`, and returns the directory of each mount path."""
         places = {}
         for mount in self.container["volumeMounts"]:
             check(mount["name"] in self.volumes, self.folder, "mounts no volume:", mount)
@@ -140,7 +140,7 @@ def check_security(folder, objects):
 
 
 def check_references(pod, objects):
-    """Selectors select, ports have names and numbers of the pod."""
+    """Checks that selectors match the pod, and that ports have its names and numbers."""
     numbers = {port["name"]: port["containerPort"] for port in pod.container["ports"]}
     said = dict(argument[2:].split("=", 1) for argument in pod.arguments())
     check(int(said["listen"].rpartition(":")[2]) == numbers["grpc"], "the port of gRPC differs from --listen")
@@ -198,7 +198,7 @@ def check_monitoring(pod, objects):
 
 
 class Redis:
-    """A Redis as the overlay's, with its options, at a socket."""
+    """Starts a Redis with the options of the overlay, at a socket."""
 
     def __init__(self, objects, secrets, root):
         container = objects["StatefulSet", "evpose-redis"]["spec"]["template"]["spec"]["containers"][0]
@@ -229,7 +229,7 @@ def get(address, path):
 
 
 def run_server(pod, root, redis):
-    """Starts the server as the pod would, asks what the kubelet asks, ends it as the kubelet does; returns /metrics."""
+    """Starts the server as in the pod, runs the probes, and ends it, as the kubelet does; returns /metrics."""
     places = pod.mount(root)
 
     def here(text):
@@ -296,7 +296,7 @@ def main():
             check(pod.deployment["spec"]["replicas"] == 1, "more than one writer")
             check((root / "var/lib/evpose/evpose.db").exists(), "sessions are not on the volume")
         check_monitoring(pod, objects)
-    print("deploy/kubernetes: what", len(OVERLAYS), "overlays say is so")
+    print("deploy/kubernetes:", len(OVERLAYS), "overlays are consistent")
 
 
 main()

@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: Apache-2.0
-# The manifests of deploy/kubernetes: each overlay renders, what refers to something refers to what is there, and the
-# server starts with the very options, ConfigMap and Secrets that a pod would give it.
+# Tests the manifests of deploy/kubernetes: each overlay renders, references are valid, and the server starts with the options,
+# ConfigMap and Secrets of the pod.
 #   tests/kubernetes_test.sh EVPOSE_SERVER [KUBECTL]
 set -euo pipefail
 server=$(realpath "${1:?usage: $0 EVPOSE_SERVER [KUBECTL]}")
@@ -16,7 +16,7 @@ deploy/kubernetes/monitoring/make-prometheusrule.sh "$work/prometheusrule.yaml"
 cmp "$work/prometheusrule.yaml" deploy/kubernetes/monitoring/prometheusrule.yaml ||
   fail "run deploy/kubernetes/monitoring/make-prometheusrule.sh: the alerts have changed"
 
-# What an operator brings, made as server/auth/README.md says.
+# The files that an operator provides, made as in server/auth/README.md.
 cp -r deploy/kubernetes "$work/kubernetes"
 secrets=$work/kubernetes/secrets
 openssl req -x509 -newkey ec -pkeyopt ec_paramgen_curve:P-256 -nodes -days 2 -subj "/CN=evpose-server" \

@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: Apache-2.0
-# Alerts, metrics and dashboard: Prometheus takes them, Grafana finds what it is given, each alert fires when it should,
-# and nothing is asked for that the server does not tell.
+# Tests alerts, metrics and dashboard: Prometheus accepts them, Grafana's files are consistent, each alert fires when it should, and
+# alerts and panels use only metrics that the server has.
 #   tests/monitoring_test.sh EVPOSE_SERVER
 set -euo pipefail
 server=$(realpath "${1:?usage: $0 EVPOSE_SERVER}")
@@ -22,7 +22,7 @@ import json, pathlib, re, subprocess, sys, tempfile, urllib.request
 import yaml
 
 page = urllib.request.urlopen(f"http://{sys.argv[1]}/metrics").read().decode()
-# How Prometheus wants metrics to be named and told.
+# Checks names and help texts against Prometheus's rules.
 subprocess.run(["promtool", "check", "metrics"], input=page, text=True, check=True)
 told = set()
 for name, kind in re.findall(r"^# TYPE (\w+) (\w+)$", page, re.M):
@@ -31,7 +31,7 @@ for name, kind in re.findall(r"^# TYPE (\w+) (\w+)$", page, re.M):
 def check(where, asked):
     unknown = sorted(set(asked) - told)
     if unknown:
-        sys.exit(f"{where} asks for {', '.join(unknown)}, which evpose-server does not tell")
+        sys.exit(f"{where} uses {', '.join(unknown)}, which evpose-server does not have")
 
 check("prometheus/alerts.yml", re.findall(r"\bevpose_\w+", pathlib.Path("prometheus/alerts.yml").read_text()))
 dashboard = json.loads(pathlib.Path("grafana/evpose.json").read_text())
@@ -48,21 +48,21 @@ for panel in dashboard["panels"]:
     assert place["x"] + place["w"] <= 24 and not mine & cells, f"{panel['title']} lies over another panel"
     cells |= mine
 
-# What Grafana is given: the dashboard stands where the provider looks, its panels ask the one data source.
+# Grafana's files: the dashboard is in the provider's directory, and its panels use the provisioned data source.
 provisioning = pathlib.Path("grafana/provisioning")
 [source] = yaml.safe_load((provisioning / "datasources/prometheus.yml").read_text())["datasources"]
 [provider] = yaml.safe_load((provisioning / "dashboards/evpose.yml").read_text())["providers"]
 services = yaml.safe_load(pathlib.Path("compose.yaml").read_text())["services"]
 mounts = dict(volume.split(":")[:2] for volume in services["grafana"]["volumes"])
-assert mounts["./grafana/provisioning"] == "/etc/grafana/provisioning", "Grafana does not find what provisions it"
-assert mounts["./grafana/evpose.json"] == provider["options"]["path"] + "/evpose.json", "the provider looks elsewhere"
-assert source["url"] == "http://prometheus:9090" and "prometheus" in services, "the data source is at no service"
+assert mounts["./grafana/provisioning"] == "/etc/grafana/provisioning", "the provisioning files are not mounted"
+assert mounts["./grafana/evpose.json"] == provider["options"]["path"] + "/evpose.json", "the dashboard is not mounted in the provider's directory"
+assert source["url"] == "http://prometheus:9090" and "prometheus" in services, "the data source has not the address of a service"
 who_ask = charts + [target for panel in charts for target in panel["targets"]] + dashboard["templating"]["list"]
 for asker in who_ask:
     name = asker.get("title") or asker.get("refId") or asker["name"]
-    assert asker["datasource"] == {"type": source["type"], "uid": source["uid"]}, f"{name} asks {asker['datasource']}"
+    assert asker["datasource"] == {"type": source["type"], "uid": source["uid"]}, f"{name} uses {asker['datasource']}"
 
-# What Prometheus thinks of the expressions.
+# Prometheus parses the expressions.
 rules = [{"record": f"chart:{i}", "expr": text.replace("$instance", ".*")} for i, text in enumerate(expressions)]
 with tempfile.NamedTemporaryFile("w", suffix=".yml") as file:
     json.dump({"groups": [{"name": "charts", "rules": rules}]}, file)

@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: Apache-2.0
-# The Debian packages of a build have what they need, and the unit file is one that systemd takes.
+# Tests that the Debian packages of a build are complete, and that systemd accepts the unit file.
 #   tests/packages_test.sh BUILD_DIRECTORY
 set -euo pipefail
 build=$(realpath "${1:?usage: $0 BUILD_DIRECTORY}")
@@ -25,7 +25,7 @@ for program in evpose evpose-server; do
 done
 cmp "$work/root/usr/share/evpose/sensors/evk4.yaml" "$source/deploy/sensors/evk4.yaml"
 
-# The unit names the program where the package puts it; systemd looks whether it is there.
+# The unit must name the installed path of the program; systemd-analyze checks that the program exists.
 unit=$work/root/usr/lib/systemd/system/evpose-server.service
 [[ -f $unit ]] || fail "the unit file is not in the package"
 grep -q '^ExecStart=/usr/bin/evpose-server ' "$unit" || fail "the unit starts something else"

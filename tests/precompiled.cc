@@ -1,3 +1,3 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// A library needs a source: this one has precompiled headers for the tests.
+// Empty source of the library that has the precompiled headers of the tests.

@@ -1,12 +1,12 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: Apache-2.0
-# Everything that has to pass: installs what is missing, checks the sources, builds and runs the tests as they are
+# All checks that must pass: installs missing packages, runs the static checks, builds and runs the tests in the release preset
 # and under the sanitizers.
-#   tests/run.sh                    all of it; under a sanitizer, of what reads others' bytes or has threads
-#   tests/run.sh --preset NAME      one preset only, release, debug, asan or tsan, and all of its tests but, under a
-#                                   sanitizer, those with the label "long"
-#   tests/run.sh --tidy             clang-tidy on every source file, 10 to 25 s each (tests/lint/tidy.sh: on those that have changed)
-#   tests/run.sh --fuzz SECONDS     every fuzz target for so long, from tests/fuzz/seeds (tests/fuzz/run.sh)
+#   tests/run.sh                    everything; under a sanitizer, tests that read untrusted bytes or have threads
+#   tests/run.sh --preset NAME      one preset (release, debug, asan or tsan) with all of its tests; under a sanitizer without
+#                                   those with the label "long"
+#   tests/run.sh --tidy             clang-tidy on every source file, 10 to 25 s each (tests/lint/tidy.sh: on the changed files)
+#   tests/run.sh --fuzz SECONDS     every fuzz target for this time, from tests/fuzz/seeds (tests/fuzz/run.sh)
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 
@@ -30,10 +30,10 @@ tests/lint/run.sh
 export ASAN_OPTIONS=detect_stack_use_after_return=1:strict_string_checks=1
 export UBSAN_OPTIONS=print_stacktrace=1
 export LSAN_OPTIONS=suppressions=$PWD/tests/lsan_suppressions.txt:print_suppressions=0
-# Debian's libraries are not instrumented: what they allocate and free by themselves is none of our races.
+# Debian's libraries are not instrumented, so races inside them would be reported falsely.
 export TSAN_OPTIONS=second_deadlock_stack=1:ignore_noninstrumented_modules=1:suppressions=$PWD/tests/tsan_suppressions.txt
 for preset in "${presets[@]}"; do
-  # Without --preset, what is run under a sanitizer is told by the label of the test (evpose_test in CMakeLists.txt).
+  # Without --preset, the labels of the tests select those for a sanitizer (evpose_test in CMakeLists.txt).
   target=all
   selection=()
   case $preset in

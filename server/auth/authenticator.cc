@@ -18,7 +18,8 @@ absl::Status Unauthenticated(v1::ErrorReason reason, absl::string_view message) 
 }
 
 absl::StatusOr<Caller> CallerOfCertificate(const std::optional<absl::string_view>& name) {
-  if (!name.has_value()) return Unauthenticated(v1::BAD_CERTIFICATE, "the client has shown no certificate with a name");
+  if (!name.has_value())
+    return Unauthenticated(v1::BAD_CERTIFICATE, "the client's certificate has no common name (CN)");
   if (const absl::Status status = ValidateTenant(*name); !status.ok()) {
     return Unauthenticated(v1::BAD_CERTIFICATE, absl::StrCat("the certificate's CN: ", status.message()));
   }
@@ -46,14 +47,15 @@ absl::StatusOr<Caller> Authenticator::CallerOfToken(const std::vector<absl::stri
   if (authorization.empty()) {
     return Unauthenticated(
         v1::NO_TOKEN,
-        "the server wants a token: metadata authorization, \"Bearer TOKEN\"; evpose takes it with --token-file");
+        "the server requires a token: send the metadata authorization, \"Bearer TOKEN\"; evpose reads it from "
+        "--token-file");
   }
   if (authorization.size() > 1 || !absl::StartsWithIgnoreCase(authorization.front(), kScheme)) {
-    return Unauthenticated(v1::BAD_TOKEN, "the metadata authorization must be there once, as \"Bearer TOKEN\"");
+    return Unauthenticated(v1::BAD_TOKEN, "the metadata authorization must have exactly one value, \"Bearer TOKEN\"");
   }
   std::optional<Caller> caller = tokens_->Find(authorization.front().substr(kScheme.size()));
   if (!caller.has_value()) {
-    return Unauthenticated(v1::BAD_TOKEN, "the server does not know this token: ask its operator for one");
+    return Unauthenticated(v1::BAD_TOKEN, "this token is not valid at this server: ask its operator for one");
   }
   return *std::move(caller);
 }

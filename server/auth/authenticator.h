@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// Says who a call comes from. No gRPC type in here: server/rpc/authentication.h takes from a call what this needs.
+// Determines the caller of a call. Without gRPC types: server/rpc/authentication.h extracts the credentials from a
+// call.
 #pragma once
 
 #include <memory>
@@ -16,10 +17,10 @@
 
 namespace evpose::server {
 
-// What a call shows. The views live as long as the call.
+// The credentials of a call. The views are valid as long as the call.
 struct CallCredentials {
-  std::vector<absl::string_view> authorization;  // all values of the metadata of this name
-  // CN of the certificate that the client has shown and TLS has verified.
+  std::vector<absl::string_view> authorization;  // all values of the metadata `authorization`
+  // CN of the client's certificate, which TLS has verified.
   std::optional<absl::string_view> certificate_name;
 };
 
@@ -28,16 +29,17 @@ class Authenticator {
  public:
   struct Options {
     std::string token_file;  // empty: no tokens
-    // Whether clients must show a certificate. Without a token file its CN is the tenant.
+    // Clients must present a certificate. Without a token file its CN is the tenant.
     bool has_client_certificates = false;
   };
   // Errors: those of TokenFile::Open.
   static absl::StatusOr<std::unique_ptr<Authenticator>> Create(const Options& options);
 
-  // Without tokens and certificates everybody is the tenant "" and an operator. Errors: UNAUTHENTICATED (NO_TOKEN,
-  // BAD_TOKEN, BAD_CERTIFICATE).
+  // Returns the caller without `peer`. Without tokens and client certificates, every caller is the tenant "" and an
+  // operator. Errors: UNAUTHENTICATED (NO_TOKEN, BAD_TOKEN, BAD_CERTIFICATE).
   absl::StatusOr<Caller> Authenticate(const CallCredentials& credentials);
 
+  // True if neither tokens nor client certificates are configured.
   bool is_open() const { return tokens_ == nullptr && !has_client_certificates_; }
 
  private:

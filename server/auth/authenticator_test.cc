@@ -11,7 +11,7 @@
 namespace evpose::server {
 namespace {
 
-// The tenant, or code and reason.
+// Returns the tenant, or code and reason of the error.
 std::string Describe(const absl::StatusOr<Caller>& caller) {
   if (caller.ok()) return absl::StrCat(caller->tenant, caller->is_operator ? " operator" : "");
   return absl::StrCat(absl::StatusCodeToString(caller.status().code()), " ", GetErrorDetails(caller.status()).reason);

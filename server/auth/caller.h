@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// Who calls.
+// The caller of a call.
 #pragma once
 
 #include <string>
@@ -8,9 +8,9 @@
 namespace evpose::server {
 
 struct Caller {
-  std::string tenant;        // whose sessions and models the call may see; "" where nobody says who they are
-  bool is_operator = false;  // may drain the server, and is told of all tenants together
-  std::string peer;          // the address that the call comes from, for the log
+  std::string tenant;        // the call may access sessions and models of this tenant; "" without authentication
+  bool is_operator = false;  // may drain the server, set its log level, and read totals over all tenants
+  std::string peer;          // address of the client, for the log
 
   friend bool operator==(const Caller&, const Caller&) = default;
 };

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// Whether a file has changed since it was read last.
+// Detects that a file has changed since it was last read.
 #pragma once
 
 #include <sys/types.h>
@@ -10,7 +10,8 @@
 
 namespace evpose::server {
 
-// Follows symbolic links: a directory that is swapped by a link, as Kubernetes does with secrets, shows as a change.
+// Identity and times of a file. Symbolic links are followed, so that a change of a link to a directory, as Kubernetes
+// uses for secrets, is detected.
 struct FileStamp {
   bool exists = false;
   dev_t device = 0;

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// Files for tests, in a directory of their own.
+// Files for tests, in a temporary directory.
 #pragma once
 
 #include <gtest/gtest.h>
@@ -22,7 +22,7 @@ class TestFiles {
   ~TestFiles() { std::filesystem::remove_all(directory_); }
 
   std::string Path(const std::string& name) const { return (directory_ / name).string(); }
-  // As a whole, for its owner only; the path.
+  // Writes the file atomically, with access for its owner only, and returns its path.
   std::string Write(const std::string& name, const std::string& contents) const {
     EXPECT_TRUE(WriteFile(Path(name), contents).ok());
     EXPECT_EQ(chmod(Path(name).c_str(), 0600), 0);

@@ -24,7 +24,7 @@ class TlsServerCredentials : public grpc::ServerCredentials {
   TlsServerCredentials(const TlsServerCredentials&) = delete;
   TlsServerCredentials& operator=(const TlsServerCredentials&) = delete;
 
-  // Calls are authenticated by the services, whose errors carry details; a processor's cannot.
+  // Not supported: the services authenticate calls, because their errors carry details and those of a processor cannot.
   void SetAuthMetadataProcessor(const std::shared_ptr<grpc::AuthMetadataProcessor>&) override {}
 
  private:
@@ -32,7 +32,7 @@ class TlsServerCredentials : public grpc::ServerCredentials {
     return grpc_server_add_http2_port(server, address.c_str(), credentials_);
   }
 
-  // gRPC calls it under a lock of its own, one call at a time, first when the port is added.
+  // gRPC calls this function under a lock, so one call at a time; the first call is made when the port is added.
   static grpc_ssl_certificate_config_reload_status Fetch(void* self, grpc_ssl_server_certificate_config** config) {
     return static_cast<TlsServerCredentials*>(self)->FetchConfig(config);
   }
@@ -40,8 +40,8 @@ class TlsServerCredentials : public grpc::ServerCredentials {
     std::shared_ptr<const TlsMaterial> material = files_->Current();
     if (material == material_in_use_) return GRPC_SSL_CERTIFICATE_CONFIG_RELOAD_UNCHANGED;
     const grpc_ssl_pem_key_cert_pair pair = {material->key_pem.c_str(), material->certificate_pem.c_str()};
-    // gRPC 1.51 asserts that there are authorities, also where no client is asked for a certificate and nobody uses
-    // them.
+    // gRPC 1.51 asserts that authorities are given, even when client certificates are not requested and the authorities
+    // are not used.
     const std::string& authorities =
         material->client_ca_pem.empty() ? material->certificate_pem : material->client_ca_pem;
     *config = grpc_ssl_server_certificate_config_create(authorities.c_str(), &pair, 1);

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// TLS for a gRPC server. The one file of server/auth that sees gRPC.
+// TLS credentials of a gRPC server. The only file of server/auth that uses gRPC.
 #pragma once
 
 #include <grpcpp/security/server_credentials.h>
@@ -11,11 +11,11 @@
 
 namespace evpose::server {
 
-// Asks `files` at every handshake, so that a new connection sees a new certificate and those that stand go on. Must
-// outlive the server.
+// Reads `files` at every handshake: new connections get a renewed certificate, and existing connections continue. The
+// result must outlive the server.
 //
-// grpc::experimental::FileWatcherCertificateProvider would poll, and hand a key and a certificate that do not match, or
-// half a file, to the handshakes that follow.
+// grpc::experimental::FileWatcherCertificateProvider is not used, because it polls, and because a mismatch of key and
+// certificate or a partly written file would break later handshakes.
 std::shared_ptr<grpc::ServerCredentials> MakeTlsServerCredentials(std::unique_ptr<TlsFiles> files,
                                                                   bool has_client_certificates);
 

@@ -42,7 +42,7 @@ absl::StatusOr<std::unique_ptr<TlsFiles>> TlsFiles::Open(const TlsPaths& paths) 
   EVPOSE_ASSIGN_OR_RETURN(auto material, files->Read());
   if ((StampOf(paths.key).mode & (S_IRWXG | S_IRWXO) & ~S_IRGRP) != 0) {
     Log(LogLevel::kWarning, "key_exposed",
-        {{"file", paths.key}, {"message", "it can be read by others: chmod 600 it"}});
+        {{"file", paths.key}, {"message", "other users can access this private key: run chmod 600 on it"}});
   }
   const std::lock_guard lock(files->mutex_);
   files->stamps_ = stamps;
@@ -69,7 +69,7 @@ absl::StatusOr<std::shared_ptr<const TlsMaterial>> TlsFiles::Read() const {
 
 std::shared_ptr<const TlsMaterial> TlsFiles::Current() {
   const std::lock_guard lock(mutex_);
-  // Before the reading: a change during it is seen the next time.
+  // The stamps are taken before the files are read, so that a change in the meantime is detected by the next call.
   const Stamps stamps = ReadStamps();
   if (stamps == stamps_) return material_;
   stamps_ = stamps;
@@ -79,7 +79,7 @@ std::shared_ptr<const TlsMaterial> TlsFiles::Current() {
     material_ = *std::move(material);
   } else {
     Log(LogLevel::kError, "certificates_not_read",
-        {{"message", absl::StrCat("the old ones stay in use: ", material.status().message())}});
+        {{"message", absl::StrCat("the previous certificates stay in use: ", material.status().message())}});
   }
   return material_;
 }

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// The server's certificate, its key and the authorities of its clients, read again when they change.
+// The server's certificate, its key and the authorities for client certificates. The files are read again when they
+// change.
 #pragma once
 
 #include <array>
@@ -20,10 +21,10 @@ namespace evpose::server {
 struct TlsPaths {
   std::string certificate;  // the server's, with its chain
   std::string key;
-  std::string client_ca;  // clients must show a certificate signed by one of these; empty: they show none
+  std::string client_ca;  // authorities of client certificates, which are then required; empty: none are requested
 
   bool has_tls() const { return !certificate.empty(); }
-  // INVALID_ARGUMENT naming the option that is missing.
+  // Errors: INVALID_ARGUMENT naming the missing option.
   absl::Status Validate() const;
 };
 
@@ -36,12 +37,13 @@ struct TlsMaterial {
 // Thread-safe.
 class TlsFiles {
  public:
-  // Errors name the file and say what to do: those of reading, and of core/base/certificates.h. A key that others may
-  // read is warned about in the log.
+  // Errors, which name the file and the remedy: those of reading, and of core/base/certificates.h. A key file that
+  // other users can access is reported in the log.
   static absl::StatusOr<std::unique_ptr<TlsFiles>> Open(const TlsPaths& paths);
 
-  // What the files hold now; the same pointer while they do not change. New files that do not belong together, or are
-  // damaged or expired, are refused in the log, and the old ones stay: so the order in which they are replaced is free.
+  // Returns the contents of the files; the same pointer while they do not change. When the new files do not match each
+  // other, are damaged or have expired, the log has an error and the previous contents stay in use; so the files may be
+  // replaced in any order.
   std::shared_ptr<const TlsMaterial> Current();
 
  private:

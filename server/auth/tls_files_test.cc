@@ -57,7 +57,7 @@ TEST_F(TlsFilesTest, NewFilesAreTakenWhenTheyBelongTogether) {
 
   const TestCertificate new_pair = authority_.Issue();
   files_.Write("server.crt", new_pair.certificate_pem);
-  EXPECT_EQ(files->Current(), old_material) << "its key is still the old one";
+  EXPECT_EQ(files->Current(), old_material) << "the key file is still the previous one";
   files_.Write("server.key", new_pair.key_pem);
   EXPECT_EQ(files->Current()->certificate_pem, new_pair.certificate_pem);
   EXPECT_EQ(files->Current()->key_pem, new_pair.key_pem);

@@ -79,7 +79,7 @@ absl::Status AppendTokenLine(const std::string& path, const std::string& line) {
   }
   absl::StrAppend(&text, line, "\n");
   EVPOSE_RETURN_IF_ERROR(TokenTable::Parse(text, path).status());
-  // Whole, as a server may be reading it; the mode of a file that was there stays.
+  // The file is replaced atomically, because a server may be reading it. An existing file keeps its mode.
   const mode_t mode = is_new ? S_IRUSR | S_IWUSR : StampOf(path).mode & 0777;
   EVPOSE_RETURN_IF_ERROR(WriteFile(path, View(text)));
   if (chmod(path.c_str(), mode) == 0) return absl::OkStatus();
@@ -96,7 +96,8 @@ absl::StatusOr<TokenTable> TokenTable::Parse(absl::string_view text, const std::
   }
   if (table.entries_.empty()) {
     return absl::InvalidArgumentError(absl::StrCat(
-        path, ": no token in it: nobody could use the server; evpose-server --new-token TENANT makes one"));
+        path,
+        ": the file has no token, so no client could use the server; evpose-server --new-token TENANT makes one"));
   }
   return table;
 }
@@ -112,8 +113,8 @@ absl::Status TokenTable::AddLine(absl::string_view line) {
   }
   if (!IsHexDigest(fields[1])) {
     return absl::InvalidArgumentError(
-        "the second field is no SHA-256 in hex. If it is the token itself: that is known to whoever could read this "
-        "file, make another with evpose-server --new-token TENANT; the digest of one is "
+        "the second field is no SHA-256 in hex. If it is the token itself, it is no longer secret: "
+        "make another one with evpose-server --new-token TENANT. The digest of a token is "
         "printf %s \"$TOKEN\" | sha256sum");
   }
   if (fields.size() > 3 || (fields.size() == 3 && fields[2] != kOperator)) {
@@ -144,7 +145,7 @@ absl::StatusOr<std::unique_ptr<TokenFile>> TokenFile::Open(const std::string& pa
   EVPOSE_ASSIGN_OR_RETURN(TokenTable table, file->Read());
   if ((stamp.mode & (S_IWGRP | S_IROTH | S_IWOTH)) != 0) {
     Log(LogLevel::kWarning, "token_file_exposed",
-        {{"file", path}, {"message", "others can read it, or more than its owner write it: chmod 600 it"}});
+        {{"file", path}, {"message", "other users can read or write the file: run chmod 600 on it"}});
   }
   Log(LogLevel::kInfo, "tokens_read", {{"file", path}, {"tokens", table.size()}});
   const std::lock_guard lock(file->mutex_);
@@ -159,14 +160,14 @@ absl::StatusOr<TokenTable> TokenFile::Read() const {
 }
 
 void TokenFile::Refresh() {
-  // Before the reading: a change during it is seen the next time.
+  // The stamp is taken before the file is read, so that a change in the meantime is detected by the next call.
   const FileStamp stamp = StampOf(path_);
   if (stamp == stamp_) return;
   stamp_ = stamp;
   absl::StatusOr<TokenTable> table = Read();
   if (!table.ok()) {
     Log(LogLevel::kError, "tokens_not_read",
-        {{"message", absl::StrCat("the old ones stay in force: ", table.status().message())}});
+        {{"message", absl::StrCat("the previous tokens stay valid: ", table.status().message())}});
     return;
   }
   Log(LogLevel::kInfo, "tokens_read", {{"file", path_}, {"tokens", table->size()}});

@@ -1,13 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// Bearer tokens: a file that maps the digest of each to a tenant.
+// Bearer tokens: a file that maps the digests of tokens to tenants.
 //
 //   # tenant  SHA-256 of the token, in hex                                      role
 //   lab       9f86d081884c7d659a2feaa0c55ad015a3bf4f1b2b0b822cd15d6c15b0f00a08
 //   admin     60303ae22b998861bce3b28f33eec1be758a213c86c93c076dbe9f558c11c752  operator
 //
-// A tenant may have several tokens: a new one is added before the old one goes. The tokens themselves are random
-// numbers of 256 bits (NewToken), so their digests give nothing away; the file is still nobody else's business.
+// A tenant may have several tokens, so that a new one can be added before the old one is removed. Tokens are random
+// numbers of 256 bits (NewToken), so they cannot be derived from their digests. The file should be readable by its
+// owner only, because it lists the tenants.
 #pragma once
 
 #include <array>
@@ -27,28 +28,30 @@
 
 namespace evpose::server {
 
-// 1 to 63 letters, digits, '.', '_' and '-', the first a letter or digit. INVALID_ARGUMENT otherwise.
+// Checks the name of a tenant: 1 to 63 letters, digits, '.', '_' and '-', the first a letter or digit. Errors:
+// INVALID_ARGUMENT.
 absl::Status ValidateTenant(absl::string_view tenant);
 
 struct NewToken {
   std::string token;  // a secret: "evpose_" and 64 hex digits
   std::string line;   // for the token file
 };
-// Errors: INVALID_ARGUMENT for the tenant's name, INTERNAL when the system gives no random numbers.
+// Makes a random token. Errors: INVALID_ARGUMENT for the tenant's name, INTERNAL when the system's random source fails.
 absl::StatusOr<NewToken> MakeToken(absl::string_view tenant, bool is_operator);
 
-// Adds a line to the file at `path`; makes the file, for its owner only, when there is none. Errors: INVALID_ARGUMENT
-// naming path and line for a file that is no token file; those of writing, naming the path.
+// Appends a line to the file at `path`, or creates the file with access for its owner only. Errors: INVALID_ARGUMENT,
+// naming path and line, when the file is not a valid token file; those of writing, naming the path.
 absl::Status AppendTokenLine(const std::string& path, const std::string& line);
 
+// The parsed contents of a token file.
 class TokenTable {
  public:
-  // `path` is for the messages. Errors: INVALID_ARGUMENT naming path and line; never a word of the line's second
-  // field, which may be a token that was put there by mistake.
+  // `path` is used in messages. Errors: INVALID_ARGUMENT naming path and line. A message never contains the second
+  // field of a line, which may be a token that was entered by mistake.
   static absl::StatusOr<TokenTable> Parse(absl::string_view text, const std::string& path);
 
-  // Looks at every entry, each in constant time: how long it takes says nothing about the token or the place of its
-  // entry. Absent: nobody has this token.
+  // Returns the caller with this token, if any. Compares with every entry in constant time, so that the duration
+  // reveals neither the token nor the position of its entry.
   std::optional<Caller> Find(absl::string_view token) const;
 
   size_t size() const { return entries_.size(); }
@@ -64,15 +67,15 @@ class TokenTable {
   std::vector<Entry> entries_;
 };
 
-// The file, read again when it changes. Thread-safe.
+// A token file that is read again when it changes. Thread-safe.
 class TokenFile {
  public:
-  // Errors: those of reading, and of TokenTable::Parse; INVALID_ARGUMENT for a file without any token. A file that
-  // others may read is warned about in the log.
+  // Errors: those of reading, and of TokenTable::Parse; INVALID_ARGUMENT for a file without tokens. A file that other
+  // users can access is reported in the log.
   static absl::StatusOr<std::unique_ptr<TokenFile>> Open(const std::string& path);
 
-  // As TokenTable::Find, in the file as it is now. A new version with a mistake in it, or none at all, is refused in
-  // the log and the old one stays.
+  // As TokenTable::Find(), with the current contents of the file. When a new version cannot be read or parsed, the log
+  // has an error and the previous tokens stay valid.
   std::optional<Caller> Find(absl::string_view token);
 
  private:

@@ -32,7 +32,7 @@ TEST(TokenTableTest, TenantAndRole) {
   EXPECT_EQ(table->Find("abc"), (Caller{"lab", false}));
   EXPECT_EQ(table->Find(""), (Caller{"admin", true}));
   EXPECT_EQ(table->Find("abd"), std::nullopt);
-  EXPECT_EQ(table->Find(kAbc), std::nullopt) << "who has read the file has no token";
+  EXPECT_EQ(table->Find(kAbc), std::nullopt) << "a digest from the file is not a token";
 }
 
 TEST(TokenTableTest, MistakesAreToldWithTheirLine) {
@@ -77,7 +77,8 @@ TEST(TokenFileTest, LinesAreAdded) {
   ASSERT_EQ(chmod(path.c_str(), 0640), 0);
   EXPECT_TRUE(AppendTokenLine(path, admin.line).ok());
   EXPECT_EQ(StampOf(path).mode & 0777, 0640u);
-  EXPECT_EQ(AppendTokenLine(path, lab.line).code(), absl::StatusCode::kInvalidArgument) << "it is there";
+  EXPECT_EQ(AppendTokenLine(path, lab.line).code(), absl::StatusCode::kInvalidArgument)
+      << "the token is in the file already";
   const auto file = TokenFile::Open(path).value();
   EXPECT_EQ(file->Find(lab.token), (Caller{"lab", false}));
   EXPECT_EQ(file->Find(admin.token), (Caller{"admin", true}));
@@ -117,7 +118,7 @@ TEST(TokenFileTest, ABrokenNewVersionIsRefusedInTheLog) {
     const std::string log = captured_log.Take();
     EXPECT_THAT(log, AllOf(HasSubstr("error"), HasSubstr(path), Not(HasSubstr("secret"))));
     file->Find("abc");
-    EXPECT_EQ(captured_log.Take(), "") << "it is told once";
+    EXPECT_EQ(captured_log.Take(), "") << "the error is logged once";
   }
 }
 
@@ -135,7 +136,7 @@ TEST(TokenFileTest, OthersWhoMayReadItAreWarnedAbout) {
   captured_log.Take();
   EXPECT_TRUE(TokenFile::Open(path).ok());
   EXPECT_THAT(captured_log.Take(), AllOf(HasSubstr("warning"), HasSubstr("chmod 600")));
-  // A group of the operator's choice, as a service or a pod gets it.
+  // Readable by a group, as for the account of a service or a pod.
   ASSERT_EQ(chmod(path.c_str(), 0440), 0);
   EXPECT_TRUE(TokenFile::Open(path).ok());
   EXPECT_THAT(captured_log.Take(), Not(HasSubstr("warning")));

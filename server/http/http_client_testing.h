@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// Asks an HTTP server, for tests.
+// A minimal HTTP client for tests.
 #pragma once
 
 #include <gtest/gtest.h>
@@ -17,13 +17,13 @@
 
 namespace evpose::server {
 
-// One connection, to a port of this machine.
+// One connection to a port of this machine.
 class HttpConnection {
  public:
   explicit HttpConnection(int port) {
     socket_.connect({boost::asio::ip::address_v4::loopback(), static_cast<uint16_t>(port)});
   }
-  // The server may have enough, and close, before it has all of it.
+  // Errors are ignored, because the server may close the connection before it has read everything.
   void Write(const std::string& bytes) {
     boost::system::error_code ignored;
     boost::asio::write(socket_, boost::asio::buffer(bytes), ignored);
@@ -46,6 +46,7 @@ struct HttpAnswer {
   std::string body;
 };
 
+// Sends one request and returns the response.
 inline HttpAnswer Ask(int port, const std::string& path, const std::string& method = "GET",
                       const std::string& sent_body = "") {
   HttpConnection connection(port);
@@ -55,7 +56,7 @@ inline HttpAnswer Ask(int port, const std::string& path, const std::string& meth
   HttpAnswer answer;
   const size_t end = bytes.find("\r\n\r\n");
   if (end == std::string::npos || !absl::SimpleAtoi(bytes.substr(std::string("HTTP/1.1 ").size(), 3), &answer.status)) {
-    ADD_FAILURE() << "no answer of HTTP: " << bytes;
+    ADD_FAILURE() << "not an HTTP response: " << bytes;
     return answer;
   }
   answer.head = bytes.substr(0, end + 2);

@@ -16,10 +16,10 @@
 namespace evpose::server {
 namespace {
 
-// A scraper, two probes and somebody who looks; more wait.
+// Enough for a Prometheus scraper, two probes and one person at the same time; further requests wait.
 constexpr char kNumThreads[] = "4";
-constexpr char kRequestTimeoutMs[] = "5000";
-constexpr char kMaxRequestBytes[] = "8192";
+constexpr char kRequestTimeoutMs[] = "5000";  // a stalled client must not occupy a thread for long
+constexpr char kMaxRequestBytes[] = "8192";   // request line and headers; bodies are not read
 
 const char* Reason(int status) {
   switch (status) {
@@ -48,7 +48,9 @@ class CivetwebServer : public HttpServer {
       const mg_request_info& request = *mg_get_request_info(connection);
       return static_cast<const CivetwebServer*>(request.user_data)->Answer(*connection, request);
     };
-    callbacks.log_message = [](const mg_connection*, const char*) { return 1; };  // what clients do wrong is theirs
+    callbacks.log_message = [](const mg_connection*, const char*) {
+      return 1;
+    };  // no log: errors of clients are not ours
     host_ = address.host;
     const std::string listening = address.WithPort(address.port);
     const char* options[] = {"listening_ports", listening.c_str(),  "num_threads",    kNumThreads, "request_timeout_ms",
@@ -67,7 +69,8 @@ class CivetwebServer : public HttpServer {
   int port() const override { return port_; }
 
  private:
-  // Waits for civetweb's threads. They look whether they are to stop every two seconds, and when somebody connects.
+  // Stops civetweb and waits for its threads. They check the stop flag every two seconds and at each new connection;
+  // connecting therefore makes the shutdown fast.
   void Stop() {
     const std::future<void> stopped = std::async(std::launch::async, mg_stop, context_);
     while (stopped.wait_for(std::chrono::milliseconds(5)) != std::future_status::ready) {
@@ -77,7 +80,7 @@ class CivetwebServer : public HttpServer {
     }
   }
 
-  // The status that was sent: nothing is left to be done.
+  // Sends the page. Returns its status, which tells civetweb that the request has been handled.
   int Answer(mg_connection& connection, const mg_request_info& request) const {
     const HttpPage page = MakePage(request);
     const std::string head =
@@ -92,7 +95,8 @@ class CivetwebServer : public HttpServer {
 
   HttpPage MakePage(const mg_request_info& request) const {
     const auto page = pages_.find(request.local_uri);
-    if (page == pages_.end()) return {.status = 404, .body = absl::StrCat("not here; there are: ", Paths(), "\n")};
+    if (page == pages_.end())
+      return {.status = 404, .body = absl::StrCat("there is no such page; the pages are: ", Paths(), "\n")};
     const absl::string_view method = request.request_method;
     if (method != "GET" && method != "HEAD") return {.status = 405, .body = "only GET and HEAD\n"};
     return page->second();

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// A small HTTP server for pages that are made when they are asked for. Only the .cc file knows civetweb.
+// A small HTTP server for generated pages. Only the .cc file uses civetweb.
 #pragma once
 
 #include <functional>
@@ -18,17 +18,18 @@ struct HttpPage {
   std::string body;
 };
 
-// Answers GET and HEAD of the pages it has, 404 for other paths, 405 for other methods. Reads no bodies, keeps no
-// connection, and gives up on a client that takes its time.
+// Serves GET and HEAD requests for a fixed set of paths; other paths get 404, other methods 405. It reads no request
+// bodies, closes the connection after each response, and disconnects slow clients.
 class HttpServer {
  public:
-  // Made by any of the server's threads, several at once; must not throw.
-  using Pages = std::map<std::string, std::function<HttpPage()>>;  // by path: "/metrics"
+  // The functions that generate the pages, by path ("/metrics"). They are called from several threads of the server at
+  // the same time and must not throw.
+  using Pages = std::map<std::string, std::function<HttpPage()>>;
 
-  // HOST:PORT, IPv4 or a name that has such an address; port 0 takes a free one. Errors: INVALID_ARGUMENT for an
-  // address that is none; UNAVAILABLE naming the address that cannot be listened on, why, and what to do.
+  // `listen_address` is HOST:PORT with an IPv4 address or a name that has one; port 0 chooses a free port. Errors:
+  // INVALID_ARGUMENT for a malformed address; UNAVAILABLE, with cause and remedy, when the server cannot listen on it.
   static absl::StatusOr<std::unique_ptr<HttpServer>> Start(const std::string& listen_address, Pages pages);
-  // No page is made afterwards.
+  // No page is generated afterwards.
   virtual ~HttpServer() = default;
 
   virtual int port() const = 0;

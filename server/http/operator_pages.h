@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// What those who operate a server ask for over HTTP: /metrics, /healthz, /readyz. It tells no secrets, and asks nobody
-// who they are.
+// The HTTP pages for the operator of a server: /metrics, /healthz, /readyz. They contain no secrets and need no
+// authentication.
 #pragma once
 
 #include <memory>
@@ -18,11 +18,11 @@ namespace evpose::server {
 
 class OperatorPages {
  public:
-  // Before there is a server, so that its start can be watched: until Show, it is not ready. Errors: those of
-  // HttpServer::Start.
+  // Starts the HTTP server before the gRPC server exists, so that probes can observe the start: until Show(), /readyz
+  // returns 503. Errors: those of HttpServer::Start().
   static absl::StatusOr<std::unique_ptr<OperatorPages>> Start(const std::string& listen_address, BuildVersion build);
 
-  // Of this server the pages tell from now on; it outlives them.
+  // From now on the pages show the state of `server`, which must outlive them.
   void Show(const Server& server);
   int port() const { return http_->port(); }
 
@@ -35,7 +35,7 @@ class OperatorPages {
   const BuildVersion build_;
   mutable std::mutex mutex_;
   const Server* server_ ABSL_GUARDED_BY(mutex_) = nullptr;
-  std::unique_ptr<HttpServer> http_;  // last: it ends first
+  std::unique_ptr<HttpServer> http_;  // the last member, so that it is destroyed first
 };
 
 }  // namespace evpose::server

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// The pages of a server with fake trackers that raw stubs feed.
+// Tests the pages of a server with fake trackers, to which raw stubs send events.
 #include "server/http/operator_pages.h"
 
 #include <set>
@@ -29,7 +29,7 @@ class OperatorPagesTest : public RpcTest {
     pages_ = OperatorPages::Start("127.0.0.1:0", {"1.2.3", "abc1234"}).value();
     pages_->Show(*server_);
   }
-  ~OperatorPagesTest() override { pages_.reset(); }  // before the server
+  ~OperatorPagesTest() override { pages_.reset(); }  // the pages must be destroyed before the server
 
   HttpAnswer Get(const std::string& path) const { return Ask(pages_->port(), path); }
   ParsedMetrics Scrape() const {
@@ -68,7 +68,7 @@ TEST_F(OperatorPagesTest, ReadyWhileTheStoreAnswers) {
     const HttpAnswer answer = WaitUntilReadyIs(503);
     EXPECT_THAT(answer.body, testing::MatchesRegex("the store does not answer: gone for lunch\n"));
     EXPECT_EQ(Scrape().At("evpose_ready"), 0.0);
-    EXPECT_EQ(Get("/healthz").status, 200) << "another process would not help";
+    EXPECT_EQ(Get("/healthz").status, 200) << "restarting the process would not help";
     trouble_->Set(absl::OkStatus());
     WaitUntilReadyIs(200);
   }
@@ -91,7 +91,7 @@ TEST_F(OperatorPagesTest, NotReadyFromDrainOn) {
   EXPECT_EQ(Scrape().At("evpose_stream_ends_total{stream=\"track\",code=\"UNAVAILABLE\"}"), 1.0);
 }
 
-// LATEST: what the stream tells is what health and the metrics tell.
+// With LATEST, the notices of the stream, the session's health and the metrics have the same counts.
 TEST_F(OperatorPagesTest, WhatIsSkippedIsTheSameNumberEverywhere) {
   CreatedSession session;
   uint64_t sent_bytes = 0;
@@ -144,7 +144,7 @@ TEST_F(OperatorPagesTest, StreamsAreCountedByTheirEnds) {
   EXPECT_EQ(metrics.At("evpose_stream_ends_total{stream=\"track\",code=\"OK\"}"), 0.0);
 }
 
-// The size of the page does not depend on who uses the server, and nothing in it tells who that is.
+// The size of the page does not depend on the number of tenants and sessions, and the page does not name them.
 TEST_F(OperatorPagesTest, SessionsAddNoSeries) {
   const auto series = [](const ParsedMetrics& metrics) {
     std::set<std::string> names;

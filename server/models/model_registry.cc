@@ -17,7 +17,7 @@
 namespace evpose::server {
 namespace {
 
-// The byte that stands for a format in a model's name: the API's number of it.
+// The byte that represents a format in a model's name: its number in the API.
 uint8_t FormatByte(ModelFormat format) {
   switch (format) {
     case ModelFormat::kObj:
@@ -71,7 +71,7 @@ absl::StatusOr<std::unique_ptr<ModelRegistry>> ModelRegistry::Create(const Optio
     auto entry =
         Load(record, registry->LoadingOptions({record.format, record.metres_per_unit, record.crease_angle_deg}));
     if (!entry.ok()) {
-      Log(LogLevel::kError, "model_left_out",
+      Log(LogLevel::kError, "model_not_loaded",
           {{"model", record.name}, {"tenant", record.tenant}, {"message", entry.status().message()}});
       continue;
     }
@@ -81,7 +81,7 @@ absl::StatusOr<std::unique_ptr<ModelRegistry>> ModelRegistry::Create(const Optio
   return registry;
 }
 
-// As in Session: shows to tools that all calls are over.
+// Locks, so that ThreadSanitizer sees that all calls precede the destruction.
 ModelRegistry::~ModelRegistry() { const std::lock_guard lock(mutex_); }
 
 ModelOptions ModelRegistry::LoadingOptions(const ModelReading& reading) const {
@@ -118,7 +118,7 @@ absl::StatusOr<std::unique_ptr<ModelRegistry::Reservation>> ModelRegistry::Reser
     return InvalidField("header.size_bytes",
                         absl::StrCat("is ", size_bytes, "; a model has 1 to ", options_.max_model_bytes, " bytes"));
   }
-  // Who has taken how much is not told: others may be among them.
+  // The message has no usage by tenant, because other tenants must not be visible.
   if (bytes_ + size_bytes > options_.max_store_bytes) {
     options_.metrics->quota_refusals[QuotaLimit::kMaxModelStoreBytes].Add();
     return LimitReached(v1::MODEL_STORE_FULL, "max_model_store_bytes",
@@ -230,7 +230,7 @@ absl::StatusOr<ModelUse> ModelRegistry::UseStored(const std::string& tenant, abs
   if (known.ok()) return known;
   const absl::StatusOr<ModelRecord> record = store_.ReadModel(tenant, name);
   if (absl::IsNotFound(record.status())) return known;
-  // A damaged model is the session's damage, in its factory's words.
+  // DATA_LOSS is returned unchanged: the session factory reports a damaged model as damage of the session.
   if (!record.ok()) return absl::IsDataLoss(record.status()) ? record.status() : FromStore(record.status());
   EVPOSE_ASSIGN_OR_RETURN(
       Entry entry, Load(*record, LoadingOptions({record->format, record->metres_per_unit, record->crease_angle_deg})));
@@ -271,7 +271,7 @@ absl::StatusOr<bool> ModelRegistry::BeginDelete(const Key& key) {
   const std::lock_guard lock(mutex_);
   const auto found = models_.find(key);
   if (found == models_.end()) return false;
-  // Uses are given out under the lock only, so the count cannot rise now.
+  // Copies of `use` are made under the lock only, so the count cannot rise now.
   if (found->second.use.use.use_count() > 1) return ModelInUse(key.second);
   found->second.is_going = true;
   return true;
@@ -287,7 +287,7 @@ void ModelRegistry::EndDelete(const Key& key, const absl::Status& status) {
 absl::Status ModelRegistry::DeleteStored(const Key& key, bool was_here) {
   const auto& [tenant, name] = key;
   if (!was_here) {
-    // Put there by another server, or not loadable: then nobody has it here.
+    // Another server has stored the model, or it could not be loaded; in both cases no session here uses it.
     const absl::Status stored = store_.ReadModel(tenant, name).status();
     if (absl::IsNotFound(stored)) return ModelNotFound(name);
     if (!stored.ok() && !absl::IsDataLoss(stored)) return FromStore(stored);
@@ -297,8 +297,8 @@ absl::Status ModelRegistry::DeleteStored(const Key& key, bool was_here) {
   const absl::StatusOr<ModelRecord> record = store_.ReadModel(tenant, name);
   EVPOSE_RETURN_IF_ERROR(FromStore(store_.DeleteModel(tenant, name)));
   if (!record.ok()) return absl::OkStatus();
-  // Another server may just have made a session with it. It looks for the model after that, as this one looks for
-  // sessions after deleting it: whoever is second sees the other.
+  // Another server may have created a session with the model at the same time. It reads the model after storing the
+  // session, and this server lists the sessions after deleting the model; so at least one of them sees the conflict.
   const absl::Status unused = CheckUnusedInStore(key);
   if (!absl::IsFailedPrecondition(unused)) return absl::OkStatus();
   EVPOSE_RETURN_IF_ERROR(FromStore(store_.PutModel(*record)));
@@ -311,7 +311,7 @@ absl::Status ModelRegistry::CheckUnusedInStore(const Key& key) const {
   for (const SessionRecord& record : *records) {
     if (record.tenant != key.first) continue;
     const auto config = DecodeConfig(record.config);
-    if (!config.ok()) continue;  // nobody can take it up
+    if (!config.ok()) continue;  // a session with an unreadable configuration cannot be resumed
     for (const ObjectConfig& object : config->objects) {
       if (object.model == key.second) return ModelInUse(key.second);
     }

@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// The models that sessions may track: loaded once, shared by all sessions of a tenant. What one tenant has is nothing
-// to another: the same file of two is two models, of the same name, each with its own life.
+// The object models of all tenants. A model is loaded once and shared by all sessions of its tenant. Tenants are
+// independent: the same file uploaded by two tenants is two models, which have the same name and are deleted
+// separately.
 #pragma once
 
 #include <cstdint>
@@ -40,7 +41,7 @@ struct ModelInfo {
   absl::Time create_time;
 };
 
-// How a model is to be read; part of what its name is made from.
+// The parameters for parsing a model file. They are part of the digest that is the model's name.
 struct ModelReading {
   ModelFormat format = ModelFormat::kObj;
   double metres_per_unit = 1.0;
@@ -49,13 +50,14 @@ struct ModelReading {
   friend bool operator==(const ModelReading&, const ModelReading&) = default;
 };
 
-// "models/{id}", id as the API's Model.name says.
+// Returns "models/{id}"; the id is defined at Model.name in the API.
 std::string ModelName(const ModelReading& reading, absl::Span<const uint8_t> bytes);
 
-// INVALID_ARGUMENT (header.sha256) when a digest was expected (hex, not empty) that is not that of the bytes.
+// Returns INVALID_ARGUMENT (header.sha256) when the expected digest (hexadecimal) is not empty and differs from the
+// actual one.
 absl::Status CheckSha256(absl::string_view expected_hex, absl::string_view actual_hex, uint64_t num_bytes);
 
-// A model in use: it cannot be deleted while one of these lives.
+// A reference to a model in use. The model cannot be deleted while `use` or a copy of it exists.
 struct ModelUse {
   std::shared_ptr<const ObjectModel> model;
   std::shared_ptr<const void> use;
@@ -66,18 +68,18 @@ class ModelRegistry {
  public:
   struct Options {
     uint64_t max_model_bytes = 64ull << 20;
-    uint64_t max_store_bytes = 512ull << 20;   // of all files, those on their way included
-    uint64_t max_tenant_bytes = 512ull << 20;  // of those of one tenant
-    bool shares_store = false;                 // other servers put models into it, and delete them
+    uint64_t max_store_bytes = 512ull << 20;   // of all files, including uploads in progress
+    uint64_t max_tenant_bytes = 512ull << 20;  // of the files of one tenant, including uploads in progress
+    bool shares_store = false;                 // other servers add and delete models in the same store
     std::shared_ptr<ServerMetrics> metrics = std::make_shared<ServerMetrics>();
   };
 
-  // Loads what the store has; what can no longer be loaded is named in the log and left out. Errors: those of the
-  // store.
+  // Loads all models of the store. A model that cannot be loaded is reported in the log and skipped. Errors: those of
+  // the store.
   static absl::StatusOr<std::unique_ptr<ModelRegistry>> Create(const Options& options, Store& store);
   ~ModelRegistry();
 
-  // Room for a file on its way; given back at destruction.
+  // Bytes reserved for an upload in progress; released by the destructor.
   class Reservation {
    public:
     Reservation(ModelRegistry& registry, const std::string& tenant, uint64_t size_bytes)
@@ -91,12 +93,12 @@ class ModelRegistry {
     const std::string tenant_;
     const uint64_t size_bytes_;
   };
-  // Errors: INVALID_ARGUMENT with the field (header.size_bytes) for nothing or more than a model may have;
-  // RESOURCE_EXHAUSTED (MODEL_STORE_FULL; TENANT_QUOTA when it is the tenant's share that is full).
+  // Reserves bytes for an upload. Errors: INVALID_ARGUMENT (header.size_bytes) for a size of 0 or above
+  // max_model_bytes; RESOURCE_EXHAUSTED (MODEL_STORE_FULL, or TENANT_QUOTA when the tenant's own limit is reached).
   absl::StatusOr<std::unique_ptr<Reservation>> Reserve(const std::string& tenant, uint64_t size_bytes);
 
-  // A file that is there already, read the same way: uploading it again takes no room. It cannot be deleted while one
-  // of these lives.
+  // Finds a file that has been uploaded before with the same parameters, so that a repeated upload needs no space. The
+  // model cannot be deleted while the result exists.
   struct Known {
     ModelInfo info;
     ModelUse use;
@@ -104,28 +106,28 @@ class ModelRegistry {
   std::optional<Known> FindFile(const std::string& tenant, const ModelReading& reading, uint64_t size_bytes,
                                 absl::string_view sha256_hex) const;
 
-  // Loads and stores a file; the caller holds a reservation of its size. What is there already stays as it is. Slow for
-  // large models. Errors: INVALID_ARGUMENT with the field: as CheckSha256, header.* for readings out of range, chunk
-  // with the loader's words.
+  // Loads and stores a file, for which the caller holds a reservation. A model that exists is returned unchanged. Takes
+  // seconds for large models. Errors: INVALID_ARGUMENT with the field (header.sha256 as CheckSha256(), header for
+  // parameters out of range, chunk for a file that cannot be parsed); those of the store.
   absl::StatusOr<ModelInfo> Upload(const std::string& tenant, const ModelReading& reading,
                                    absl::string_view expected_sha256_hex,
                                    std::shared_ptr<const std::vector<uint8_t>> bytes);
 
-  // For one that is known: OK when it is in the store. One that another server has deleted is forgotten. Waits for the
-  // store when it is shared. Errors: NOT_FOUND (MODEL_NOT_FOUND), those of the store.
+  // Checks that a loaded model is still in the store. A model that another server has deleted is unloaded. Waits for
+  // the store if it is shared. Errors: NOT_FOUND (MODEL_NOT_FOUND); those of the store.
   absl::Status CheckStored(const std::string& tenant, const std::string& name);
 
-  // Errors of both: NOT_FOUND (MODEL_NOT_FOUND).
+  // Return a loaded model. Errors: NOT_FOUND (MODEL_NOT_FOUND).
   absl::StatusOr<ModelInfo> Get(const std::string& tenant, absl::string_view name) const;
   absl::StatusOr<ModelUse> Use(const std::string& tenant, absl::string_view name) const;
-  // The same, also of a model that another server has put into the store since. Waits for the store. Errors beside
-  // those of Use: those of the store.
+  // As Use(), but also loads a model that another server has added to the store. Waits for the store. Errors: those of
+  // Use(); those of the store.
   absl::StatusOr<ModelUse> UseStored(const std::string& tenant, absl::string_view name);
-  // At most `max_models` whose names come after `after_name`.
+  // Returns at most `max_models` models with names after `after_name`, sorted by name.
   std::vector<ModelInfo> List(const std::string& tenant, absl::string_view after_name, size_t max_models) const;
-  // Waits for the store. Deleting again is OK, as long as it is remembered. Errors: FAILED_PRECONDITION (MODEL_IN_USE)
-  // while there is a session that uses it, ended or not, on a shared store also at another server; NOT_FOUND
-  // (MODEL_NOT_FOUND); those of the store.
+  // Deletes a model. Waits for the store. Errors: FAILED_PRECONDITION (MODEL_IN_USE) while a session uses it, including
+  // ended sessions and, with a shared store, sessions of other servers; NOT_FOUND (MODEL_NOT_FOUND); those of the
+  // store.
   absl::Status Delete(const std::string& tenant, absl::string_view name);
 
  private:
@@ -133,12 +135,12 @@ class ModelRegistry {
   struct Entry {
     ModelInfo info;
     ModelUse use;
-    bool is_going = false;  // the store is about to delete it: it is given to nobody
+    bool is_going = false;  // Delete() is in progress: no new use is allowed
   };
 
   ModelRegistry(const Options& options, Store& store) : options_(options), store_(store) {}
   static absl::StatusOr<Entry> Load(const ModelRecord& record, const ModelOptions& options);
-  // False: it is not here. Nobody gets it from now on.
+  // Blocks new uses of the model. Returns false when it is not loaded. Errors: FAILED_PRECONDITION (MODEL_IN_USE).
   absl::StatusOr<bool> BeginDelete(const Key& key);
   void EndDelete(const Key& key, const absl::Status& status);
   absl::Status DeleteStored(const Key& key, bool was_here);
@@ -151,11 +153,12 @@ class ModelRegistry {
 
   const Options options_;
   Store& store_;
-  // Held while the store is asked for one model: what it says stands then. Before mutex_, with which nobody waits.
+  // Held during calls of the store about one model, so that store and models_ stay consistent. Locked before mutex_,
+  // which is never held while waiting.
   std::mutex store_mutex_;
   mutable std::mutex mutex_;
   std::map<Key, Entry> models_ ABSL_GUARDED_BY(mutex_);
-  // Of all and of each tenant, stored and reserved; a tenant without any is not in the map.
+  // Stored and reserved bytes, of all tenants and by tenant. A tenant without bytes is not in the map.
   uint64_t bytes_ ABSL_GUARDED_BY(mutex_) = 0;
   std::map<std::string, uint64_t> bytes_of_tenant_ ABSL_GUARDED_BY(mutex_);
 };

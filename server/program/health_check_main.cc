@@ -33,7 +33,7 @@ constexpr size_t kMaxPemBytes = size_t{4} << 20;
 constexpr char kExample[] = R"(Example:
   evpose-health-check 127.0.0.1:50051
   evpose-health-check --tls-ca ca.crt --tls-name tracker.example.org 127.0.0.1:50051
-Exit status 0: it takes sessions; 1: it does not, and one line on standard error says why; 2: wrong usage.
+Exit status 0: the server accepts sessions; 1: it does not, and a line on standard error has the reason; 2: wrong usage.
 )";
 
 struct Arguments {
@@ -50,28 +50,30 @@ void DefineArguments(CLI::App& app, Arguments& arguments) {
   app.footer(kExample);
   app.option_defaults()->always_capture_default();
   app.add_option("address", arguments.address, "where the server listens")->type_name("HOST:PORT");
-  app.add_option("--timeout", arguments.timeout_s, "seconds that it gets to answer")->check(CLI::Range(0.001, 3600.0));
-  app.option_defaults()->group("Of a server with TLS");
-  app.add_option("--tls-ca", arguments.ca_file, "authorities that its certificate may be signed by, PEM")
+  app.add_option("--timeout", arguments.timeout_s, "seconds to wait for a response")->check(CLI::Range(0.001, 3600.0));
+  app.option_defaults()->group("For a server with TLS");
+  app.add_option("--tls-ca", arguments.ca_file, "authorities that may have signed the server's certificate, PEM")
       ->type_name("FILE")
       ->envname("EVPOSE_HEALTH_TLS_CA");
   app.add_option("--tls-cert", arguments.certificate_file,
-                 "certificate to show, PEM, to a server that asks for one (--tls-client-ca)")
+                 "client certificate, PEM, for a server that requires one (--tls-client-ca)")
       ->type_name("FILE")
       ->envname("EVPOSE_HEALTH_TLS_CERT");
   app.add_option("--tls-key", arguments.key_file, "private key of that certificate, PEM")
       ->type_name("FILE")
       ->envname("EVPOSE_HEALTH_TLS_KEY");
-  app.add_option("--tls-name", arguments.tls_name, "name that its certificate is for, when that is not HOST")
+  app.add_option("--tls-name", arguments.tls_name, "name in the server's certificate if it is not HOST")
       ->type_name("NAME")
       ->envname("EVPOSE_HEALTH_TLS_NAME");
 }
 
-// What is wrong before anything is opened; empty: nothing.
+// Checks the arguments without opening files. Returns the error, or an empty string.
 std::string WrongUsage(const Arguments& arguments) {
   const auto address = evpose::server::ParseListenAddress(arguments.address);
   if (!address.ok()) return std::string(address.status().message());
-  if (address->port == 0) return absl::StrCat(arguments.address, ": nobody listens on port 0; give the server's");
+  if (address->port == 0)
+    return absl::StrCat(arguments.address,
+                        ": port 0 is not a server's port; give the port on which the server listens");
   if (arguments.certificate_file.empty() == arguments.key_file.empty()) return "";
   return "--tls-cert and --tls-key belong together: give both";
 }
@@ -105,17 +107,17 @@ std::string WhyNoAnswer(const Arguments& arguments, const grpc::Status& status) 
     case grpc::StatusCode::DEADLINE_EXCEEDED:
       return absl::StrCat("did not answer within ", arguments.timeout_s, " s");
     case grpc::StatusCode::UNIMPLEMENTED:
-      return "is no server with the health service of gRPC: is this evpose-server's port?";
+      return "has no gRPC health service: is this evpose-server's port?";
     case grpc::StatusCode::UNAVAILABLE:
-      return absl::StrCat("cannot be reached (", what, "): does it run",
-                          arguments.has_tls() ? ", has it TLS, and are the certificates right?"
-                                              : ", and without TLS? With TLS, give --tls-ca");
+      return absl::StrCat("cannot be reached (", what, "): check that the server runs",
+                          arguments.has_tls() ? ", uses TLS, and that the certificates are right"
+                                              : " without TLS; for a server with TLS give --tls-ca");
     default:
       return absl::StrCat("failed: ", what);
   }
 }
 
-// Why the server takes no sessions.
+// Asks the server for its health. An error explains why the server accepts no sessions.
 absl::Status Check(const Arguments& arguments) {
   EVPOSE_ASSIGN_OR_RETURN(const auto credentials, MakeCredentials(arguments));
   grpc::ChannelArguments channel_arguments;
@@ -133,20 +135,20 @@ absl::Status Check(const Arguments& arguments) {
   if (response.status() == HealthCheckResponse::SERVING) return absl::OkStatus();
   return absl::UnavailableError(
       absl::StrCat(arguments.address, " is ", HealthCheckResponse::ServingStatus_Name(response.status()),
-                   ": it leaves, or its store does not answer; its log and /readyz (--metrics-listen) say which"));
+                   ": it is shutting down, or its store does not respond; see its log or /readyz (--metrics-listen)"));
 }
 
 int Fail(int exit_status, const std::string& cause) {
-  // A message of gRPC may have lines.
+  // A message of gRPC may have several lines.
   std::cerr << "evpose-health-check: " << absl::StrReplaceAll(absl::StripAsciiWhitespace(cause), {{"\n", " "}})
             << std::endl;
   return exit_status;
 }
 
 int Main(int argc, char** argv) {
-  setenv("GRPC_VERBOSITY", "NONE", 0);  // what its log says of a failed connection is in our one line
+  setenv("GRPC_VERBOSITY", "NONE", 0);  // our line of output has the reason of a failed connection already
   Arguments arguments;
-  CLI::App app("Asks an evpose-server whether it takes sessions.", "evpose-health-check");
+  CLI::App app("Checks whether an evpose-server accepts sessions.", "evpose-health-check");
   try {
     DefineArguments(app, arguments);
     app.parse(argc, argv);

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// evpose-health-check as container engines and scripts meet it: exit status and the one line.
+// Tests exit status and output of evpose-health-check, which container engines and scripts use.
 #include <arpa/inet.h>
 #include <gmock/gmock.h>
 #include <grpcpp/grpcpp.h>
@@ -31,7 +31,7 @@ struct Answer {
   std::string text;  // standard output and error
 };
 
-// `environment` as a shell takes it before a command.
+// `environment`: assignments as before a command in a shell.
 Answer Check(const std::string& arguments, const std::string& environment = "") {
   FILE* const pipe = popen((environment + " " + EVPOSE_HEALTH_CHECK + " " + arguments + " 2>&1").c_str(), "r");
   Answer answer;
@@ -56,7 +56,7 @@ void ExpectOneLine(const Answer& answer, int status, const std::string& expected
 
 std::string AddressOf(Program& program) { return std::string(absl::StripPrefix(program.ReadLine(), "listening on ")); }
 
-// Answers as it is told.
+// A server whose health service is `service`.
 class ScriptedHealth final : public grpc::health::v1::Health::Service {
  public:
   explicit ScriptedHealth(HealthCheckResponse::ServingStatus status) : status_(status) {}
@@ -89,7 +89,7 @@ TEST(HealthCheckTest, AServerThatTakesSessionsIsHealthy) {
 TEST(HealthCheckTest, SaysWhatIsNotWell) {
   ScriptedHealth not_serving(HealthCheckResponse::NOT_SERVING);
   const ScriptedServer leaving(not_serving);
-  ExpectOneLine(Check(leaving.address()), 1, "is NOT_SERVING: it leaves, or its store does not answer");
+  ExpectOneLine(Check(leaving.address()), 1, "is NOT_SERVING: it is shutting down, or its store does not respond");
 
   ScriptedHealth unknown(HealthCheckResponse::UNKNOWN);
   const ScriptedServer starting(unknown);
@@ -110,7 +110,7 @@ TEST(HealthCheckTest, NobodyAnswers) {
   ASSERT_EQ(getsockname(listener, reinterpret_cast<sockaddr*>(&address), &size), 0);
   const std::string target = absl::StrCat("127.0.0.1:", ntohs(address.sin_port));
   ExpectOneLine(Check(target), 1, target + " cannot be reached");
-  ASSERT_EQ(listen(listener, 1), 0);  // takes connections, and says nothing on them
+  ASSERT_EQ(listen(listener, 1), 0);  // accepts connections and sends nothing
   ExpectOneLine(Check("--timeout 0.2 " + target), 1, target + " did not answer within 0.2 s");
   close(listener);
 }
@@ -134,8 +134,8 @@ TEST(HealthCheckTest, OfAServerWithTls) {
       absl::StrCat(shown, "--tls-ca ", ca, " ", address),                                 // another name
       absl::StrCat(shown, "--tls-ca ", other_ca, " --tls-name tracker.test ", address),   // another authority
       absl::StrCat("--tls-ca ", ca, " --tls-name tracker.test --timeout 30 ", address)};  // shows no certificate
-  for (const std::string& arguments : refused) ExpectOneLine(Check(arguments), 1, "are the certificates right?");
-  ExpectOneLine(Check(address), 1, "With TLS, give --tls-ca");
+  for (const std::string& arguments : refused) ExpectOneLine(Check(arguments), 1, "that the certificates are right");
+  ExpectOneLine(Check(address), 1, "for a server with TLS give --tls-ca");
   ExpectOneLine(Check(absl::StrCat("--tls-ca ", key, " ", address)), 1, key);
   ExpectOneLine(Check("--tls-ca /no/such.crt " + address), 1, "/no/such.crt");
   ExpectOneLine(Check(absl::StrCat("--tls-cert ", ca, " --tls-key ", key, " ", address)), 1, key);
@@ -143,7 +143,7 @@ TEST(HealthCheckTest, OfAServerWithTls) {
 
 TEST(HealthCheckTest, WrongUsage) {
   ExpectOneLine(Check("nowhere"), 2, "has no port");
-  ExpectOneLine(Check("127.0.0.1:0"), 2, "nobody listens on port 0");
+  ExpectOneLine(Check("127.0.0.1:0"), 2, "port 0 is not a server's port");
   ExpectOneLine(Check("--tls-cert c 127.0.0.1:1"), 2, "--tls-cert and --tls-key belong together");
   EXPECT_EQ(Check("--timeout 0 127.0.0.1:1").status, 2);
   EXPECT_EQ(Check("--no-such-option").status, 2);

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// What connections cost that do nothing: evpose-server as a process, a thousand of them, and one client that works.
+// Measures the cost of idle connections: evpose-server as a process, a thousand idle connections, and one active
+// client.
 #include <arpa/inet.h>
 #include <grpcpp/grpcpp.h>
 #include <gtest/gtest.h>
@@ -23,7 +24,8 @@
 namespace evpose::server {
 namespace {
 
-// The server's own memory: a sanitizer keeps what was freed, and notes that grow with threads and cores.
+// The memory of the server is checked without sanitizers only: they delay the reuse of freed memory, and their own
+// memory grows with threads and cores.
 #ifdef EVPOSE_SANITIZED
 constexpr bool kCountsMemory = false;
 #else
@@ -31,7 +33,7 @@ constexpr bool kCountsMemory = true;
 #endif
 constexpr int64_t kMaxBytesPerConnection = 64 * 1024;
 
-// A TCP connection that says nothing, or what HTTP/2 begins with and no more.
+// A TCP connection that sends nothing, or only the connection preface of HTTP/2.
 class IdleConnection {
  public:
   IdleConnection(int port, bool begins_http2) : socket_(socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC, 0)) {
@@ -42,7 +44,7 @@ class IdleConnection {
     EXPECT_EQ(connect(socket_, reinterpret_cast<const sockaddr*>(&address), sizeof(address)), 0);
     if (!begins_http2) return;
     constexpr absl::string_view kPreface("PRI * HTTP/2.0\r\n\r\nSM\r\n\r\n", 24);
-    constexpr absl::string_view kSettings("\0\0\0\4\0\0\0\0\0", 9);  // RFC 9113 6.5, none
+    constexpr absl::string_view kSettings("\0\0\0\4\0\0\0\0\0", 9);  // an empty SETTINGS frame, RFC 9113 6.5
     EXPECT_EQ(send(socket_, kPreface.data(), kPreface.size(), 0), kPreface.size());
     EXPECT_EQ(send(socket_, kSettings.data(), kSettings.size(), 0), kSettings.size());
     char settings_of_server[9];
@@ -58,7 +60,7 @@ class IdleConnection {
 
 class IdleConnectionsTest : public testing::Test {
  protected:
-  // The server begins with a limit of descriptors that is too low for what comes.
+  // The server starts with a soft limit of descriptors that is below the number of connections.
   void SetUp() override {
     rlimit limit;
     ASSERT_EQ(getrlimit(RLIMIT_NOFILE, &limit), 0);
@@ -81,7 +83,7 @@ class IdleConnectionsTest : public testing::Test {
     return kilobytes * 1024;
   }
 
-  // What a session has at its end that a client with a connection of its own streams.
+  // Streams a session on a new connection and returns its state at the end.
   v1::SessionHealth Track() const {
     grpc::ChannelArguments own;
     own.SetInt(GRPC_ARG_USE_LOCAL_SUBCHANNEL_POOL, 1);
@@ -129,7 +131,7 @@ TEST_F(IdleConnectionsTest, AThousandCostLittleAndDelayNobody) {
     EXPECT_LT(grown_bytes, kConnections * kMaxBytesPerConnection);
   }
   program_->Signal(SIGTERM);
-  EXPECT_EQ(program_->Wait(), 0) << "they do not keep it";
+  EXPECT_EQ(program_->Wait(), 0) << "idle connections do not delay the shutdown";
 }
 
 }  // namespace

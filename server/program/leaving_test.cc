@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// How evpose-server leaves while clients are attached that do not do their part.
+// Tests the shutdown of evpose-server while unresponsive clients are attached.
 #include <gmock/gmock.h>
 #include <grpcpp/grpcpp.h>
 #include <gtest/gtest.h>
@@ -30,12 +30,12 @@ struct StalledTrack {
 class LeavingTest : public testing::Test {
  protected:
   void Start(const std::string& shutdown_timeout_s, const std::string& shutdown_notice_s = "0") {
-    program_.reset();  // both write to the same file
+    program_.reset();  // both programs write their log to the same file
     program_ = std::make_unique<Program>(std::vector<std::string>{
         "--listen", "127.0.0.1:0", "--shutdown-timeout", shutdown_timeout_s, "--shutdown-notice", shutdown_notice_s});
     const std::string line = program_->ReadLine();
     const std::string address(absl::StripPrefix(line, "listening on "));
-    // The windows stay small: gRPC would let them grow to many MB, whether or not anybody reads.
+    // Keeps the flow-control windows small: gRPC would let them grow to many MB, even when the client does not read.
     grpc::ChannelArguments arguments;
     arguments.SetInt(GRPC_ARG_HTTP2_BDP_PROBE, 0);
     arguments.SetInt(GRPC_ARG_HTTP2_STREAM_LOOKAHEAD_BYTES, 16 * 1024);
@@ -82,7 +82,7 @@ class LeavingTest : public testing::Test {
     EXPECT_TRUE(track->stream->Read(&response));
     return track;
   }
-  // Makes the server send a notice for each chunk, and more of them than its windows and queues hold.
+  // Makes the server send one notice for each chunk, more than windows and queues hold.
   void FillTheWindow(const CreatedSession& session, TrackStream& stream) {
     constexpr uint64_t kChunks = 6000;
     const std::string outside = Flat64({{1000, 5000, 5000, 1}});
@@ -92,7 +92,7 @@ class LeavingTest : public testing::Test {
       request.mutable_events()->set_payload(outside);
       ASSERT_TRUE(stream.Write(request));
     }
-    // The session stands still before it is through.
+    // The session stops processing before the last chunk.
     CreatedSession state;
     uint64_t processed = 0, same = 0;
     while (same < 20) {
@@ -102,7 +102,7 @@ class LeavingTest : public testing::Test {
       ASSERT_TRUE(sessions_->GetSession(&context, request, state.mutable_session()).ok());
       same = state.health().processed_bytes() == processed && processed >= 1024 * outside.size() ? same + 1 : 0;
       processed = state.health().processed_bytes();
-      ASSERT_LT(processed, kChunks * outside.size()) << "the window is too large to be filled";
+      ASSERT_LT(processed, kChunks * outside.size()) << "the window is too large to be filled by the notices";
     }
   }
 
@@ -112,7 +112,7 @@ class LeavingTest : public testing::Test {
       ASSERT_TRUE(track.stream->Read(&response));
     } while (!response.notice().has_go_away());
   }
-  // Ends the session, whose summary is the last that comes.
+  // Ends the session; its summary is the last message.
   void End(StalledTrack& track) {
     v1::TrackRequest end;
     end.mutable_end();
@@ -159,7 +159,8 @@ TEST_F(LeavingTest, ExitsWithStalledClientsAttached) {
       ASSERT_TRUE(admin_->Drain(&context, request, &response).ok());
       EXPECT_EQ(response.remaining_sessions(), 2u);
     }
-    EXPECT_EQ(unattached->stream->Finish().error_code(), grpc::StatusCode::UNAVAILABLE) << "it has nothing to finish";
+    EXPECT_EQ(unattached->stream->Finish().error_code(), grpc::StatusCode::UNAVAILABLE)
+        << "a stream that has not attached has nothing to finish";
     EXPECT_EQ(program_->Wait(), 0);
     EXPECT_THAT(program_->Stderr(), testing::HasSubstr("all streams are finished"));
     Cancel(*silent);
@@ -179,17 +180,18 @@ TEST_F(LeavingTest, ASecondSignalEndsItAtOnce) {
     } else {
       program_->Signal(SIGTERM);
     }
-    // It has taken the first: the stream is told.
+    // The GoAway shows that the server has received the first signal.
     AwaitGoAway(*silent);
-    // The notice may be a moment ahead of the main thread, which takes one signal at a time: it is sent until it
-    // counts.
+    // The GoAway may arrive before the main thread can take a second signal; so the signal is repeated until the
+    // process ends.
     program_->SignalUntilExit(SIGINT);
     EXPECT_EQ(program_->Wait(), -SIGINT);
     Cancel(*silent);
   }
 }
 
-// In its notice it takes and serves whoever comes, and says to balancers that nobody should.
+// During the shutdown notice the server accepts and serves new clients, and its health tells load balancers to send
+// none.
 TEST_F(LeavingTest, ThereIsANoticeBeforeStreamsAreTold) {
   Start("100000", "100000");
   program_->Signal(SIGTERM);
@@ -197,7 +199,7 @@ TEST_F(LeavingTest, ThereIsANoticeBeforeStreamsAreTold) {
   const auto late = Attach(CreateSession());
   grpc::ClientContext context;
   v1::DrainResponse drained;
-  ASSERT_TRUE(admin_->Drain(&context, {}, &drained).ok()) << "whoever asks for it gets it without the notice";
+  ASSERT_TRUE(admin_->Drain(&context, {}, &drained).ok()) << "a Drain call skips the notice";
   EXPECT_EQ(drained.remaining_sessions(), 1u);
   AwaitGoAway(*late);
   End(*late);
@@ -233,11 +235,11 @@ TEST_F(LeavingTest, ASecondDrainChangesNothing) {
   for (int i = 0; i < 3; ++i) {
     grpc::ClientContext context;
     ASSERT_TRUE(admin_->Drain(&context, request, &response).ok());
-    request.mutable_timeout()->set_seconds(0);  // not even a shorter one
+    request.mutable_timeout()->set_seconds(0);  // a later Drain call changes nothing, also with a shorter timeout
   }
   EXPECT_EQ(response.remaining_sessions(), 1u);
   End(*silent);
-  EXPECT_EQ(program_->Wait(), 0) << "nobody is left";
+  EXPECT_EQ(program_->Wait(), 0) << "no stream is left";
 }
 
 }  // namespace

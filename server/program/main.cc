@@ -31,7 +31,8 @@ namespace {
 constexpr int kFailed = 1;
 constexpr int kWrongUsage = 2;
 
-// One line, whatever the log's level; in the log's own form for whoever collects JSON.
+// Writes one line with the cause at every log level; as a JSON object if the log is JSON, so that a collector can parse
+// it.
 int Fail(int exit_status, const std::string& cause) {
   if (CurrentLogFormat() == LogFormat::kJson) {
     SetLogLevel(LogLevel::kError);
@@ -42,13 +43,13 @@ int Fail(int exit_status, const std::string& cause) {
   return exit_status;
 }
 
-// Whether standard output took all of the answer.
+// Flushes standard output, and returns the exit status.
 int FinishAnswer() {
   if (std::cout.flush()) return 0;
-  return Fail(kFailed, "standard output could not be written: the disk is full, or who reads it has gone");
+  return Fail(kFailed, "standard output could not be written: the disk is full, or the reader has closed the pipe");
 }
 
-// gRPC's own log would break the rule of one line per event.
+// Redirects the log of gRPC, whose own output has another format, to the server's log.
 void LogOfGrpc(gpr_log_func_args* args) { Log(LogLevel::kDebug, "grpc", {{"message", args->message}}); }
 
 sigset_t EndSignals() {
@@ -59,7 +60,7 @@ sigset_t EndSignals() {
   return signals;
 }
 
-// What a client's Drain wakes the main thread with. Blocked for ever: it never ends the process.
+// The signal with which a Drain call wakes the main thread. It stays blocked, so it never ends the process.
 int DrainSignal() { return SIGRTMIN; }
 
 void BlockSignals() {
@@ -68,7 +69,7 @@ void BlockSignals() {
   pthread_sigmask(SIG_BLOCK, &signals, nullptr);
 }
 
-// Waits for the first signal or Drain; a signal then is the end, at once.
+// Waits for the first signal or Drain call. Afterwards a further signal ends the process immediately.
 int WaitForEndSignal() {
   const sigset_t signals = EndSignals();
   sigset_t reasons = signals;
@@ -81,7 +82,8 @@ int WaitForEndSignal() {
   return signal_number;
 }
 
-// Until then nothing changes for clients; a Drain ends it before its time, a signal the server.
+// Waits for the shutdown notice, in which load balancers detect that the server is leaving; clients are served as
+// before. A Drain call ends the wait early; a signal ends the process.
 void WaitForBalancers(absl::Duration notice) {
   sigset_t drain;
   sigemptyset(&drain);
@@ -92,7 +94,7 @@ void WaitForBalancers(absl::Duration notice) {
 
 absl::Status WritePortFile(const std::string& path, int port) { return WriteFile(path, absl::StrCat(port, "\n")); }
 
-// The token on standard output, what to do with it on standard error: so a script can keep the one.
+// Prints the token on standard output and the instructions on standard error, so that a script can redirect the token.
 int PrintNewToken(const ProgramOptions& options) {
   const auto made = MakeToken(options.new_token, options.is_operator);
   if (!made.ok()) return Fail(kWrongUsage, absl::StrCat("--new-token: ", made.status().message()));
@@ -101,10 +103,10 @@ int PrintNewToken(const ProgramOptions& options) {
     const absl::Status added = AppendTokenLine(path, made->line);
     if (!added.ok()) return Fail(kFailed, std::string(added.message()));
   }
-  std::cerr << "The token, a secret that is told only now; the client reads it with --token-file:\n" << std::flush;
+  std::cerr << "The token, a secret that is shown only once; clients read it with --token-file:\n" << std::flush;
   std::cout << made->token << std::endl;
   if (!std::cout) {
-    return Fail(kFailed, absl::StrCat("the token could not be written to standard output, and nobody has it",
+    return Fail(kFailed, absl::StrCat("the token could not be written to standard output and is lost",
                                       path.empty() ? "" : ": remove its line, the last one, from ", path));
   }
   if (path.empty()) {
@@ -123,7 +125,7 @@ absl::StatusOr<std::unique_ptr<OperatorPages>> StartPages(const ProgramOptions& 
   return pages;
 }
 
-// Who starts the server may wait for these lines.
+// Prints the addresses on standard output. A program that starts the server may wait for these lines.
 void Announce(const ProgramOptions& options, const std::string& listening_on, const OperatorPages* pages) {
   std::cout << "listening on " << listening_on << "\n";
   if (pages != nullptr) {
@@ -136,7 +138,8 @@ void Announce(const ProgramOptions& options, const std::string& listening_on, co
   std::cout << std::flush;
 }
 
-// A connection is a descriptor, and the usual limit of 1024 is meant for programs that use select().
+// Raises the limit of open files to its maximum. Each connection needs a descriptor, and the usual limit of 1024 exists
+// for programs that use select().
 void AllowAllDescriptors() {
   rlimit limit;
   if (getrlimit(RLIMIT_NOFILE, &limit) != 0) return;
@@ -152,7 +155,7 @@ int Serve(const ProgramOptions& options) {
     drained.set_value(deadline);
     kill(getpid(), DrainSignal());
   };
-  // Before the server, so that its start can be watched, and to be gone before it.
+  // The pages are started before the server, so that its start can be observed, and are destroyed before it.
   absl::StatusOr<std::unique_ptr<Server>> server;
   const auto pages = StartPages(options);
   if (!pages.ok()) return Fail(kFailed, std::string(pages.status().message()));
@@ -191,7 +194,7 @@ int Serve(const ProgramOptions& options) {
 }
 
 int Main(int argc, char** argv) {
-  // Before any thread is made: all of them are to leave these to WaitForEndSignal.
+  // Before any thread is created, because all threads must leave these signals to WaitForEndSignal().
   BlockSignals();
 
   ParsedOptions parsed = ParseOptions(argc, argv);

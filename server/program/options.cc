@@ -27,23 +27,24 @@ namespace {
 
 constexpr char kExample[] = R"(Example:
   evpose-server --listen 127.0.0.1:50051
-then, elsewhere on the machine:
+then, in another shell of the same machine:
   evpose replay recording.raw --model model.obj --camera camera.yaml --server 127.0.0.1:50051
-For other machines, with a certificate, and a token that is made first:
+For other machines, with a certificate and a token:
   (umask 077; evpose-server --new-token lab --token-file tokens > lab.token)
   evpose-server --listen 0.0.0.0:50051 --tls-cert server.crt --tls-key server.key --token-file tokens
   evpose sessions list --server localhost:50051 --tls-ca ca.crt --token-file lab.token
 For several servers that take over each other's sessions, each with
   evpose-server --listen 127.0.0.1:50051 --store redis://127.0.0.1:6379 --store-password-file redis.password
-or with the whole address, the password in it, in the variable EVPOSE_STORE. On the command line a password is for
-every user of the machine to read.
+or with the whole address, including the password, in the environment variable EVPOSE_STORE. Every user of the machine
+can read a password on the command line.
 
-With port 0 a free port is taken. When the server is ready it prints "listening on HOST:PORT" on standard output and,
-with --metrics-listen, a second line, "metrics on HOST:PORT"; its log goes to standard error. SIGTERM or SIGINT lets
-clients finish for up to --shutdown-timeout, after --shutdown-notice; a second one ends it at once.
+With port 0 a free port is chosen. When the server is ready it prints "listening on HOST:PORT" on standard output and,
+with --metrics-listen, a second line, "metrics on HOST:PORT"; its log goes to standard error. After SIGTERM or SIGINT
+the server waits for --shutdown-notice, lets clients finish for up to --shutdown-timeout, and ends; a second signal ends
+it immediately.
 )";
 
-// What CLI11 has no type for, beside what it fills in.
+// The options, and the values for which CLI11 has no type: durations in seconds.
 struct Arguments {
   ProgramOptions& program;
   double session_expiry_s = absl::ToDoubleSeconds(ServerOptions().session_expiry);
@@ -54,72 +55,74 @@ struct Arguments {
 
 void DefineAccess(CLI::App& app, Arguments& arguments) {
   ServerOptions& options = arguments.program.server;
-  app.option_defaults()->group("Who may use it, files are read again when they change");
+  app.option_defaults()->group("Access; files are read again when they change");
   app.add_option("--tls-cert", options.tls.certificate, "certificate of the server with its chain, PEM")
       ->type_name("FILE");
   app.add_option("--tls-key", options.tls.key, "private key of that certificate, PEM")->type_name("FILE");
   app.add_option("--tls-client-ca", options.tls.client_ca,
-                 "clients must show a certificate signed by one of these authorities, PEM; without --token-file its CN "
-                 "is the client's tenant")
+                 "clients must present a certificate signed by one of these authorities, PEM; without --token-file its "
+                 "CN is the client's tenant")
       ->type_name("FILE");
-  app.add_option("--token-file", options.token_file,
-                 "clients must have one of these tokens; --new-token adds a line for each")
+  app.add_option("--token-file", options.token_file, "clients must send one of these tokens; --new-token adds a line")
       ->type_name("FILE");
   app.add_option("--new-token", arguments.program.new_token,
-                 "make a token for this tenant, print it, and leave; its line is added to --token-file, or printed on "
-                 "standard error without one")
+                 "make a token for this tenant, print it, and exit; its line is added to --token-file or, without one, "
+                 "printed on standard error")
       ->type_name("TENANT");
-  app.add_flag("--operator", arguments.program.is_operator, "with --new-token: whoever has it may drain the server")
+  app.add_flag("--operator", arguments.program.is_operator,
+               "with --new-token: the token allows its holder to drain the server and to set its log level")
       ->needs("--new-token");
   app.add_flag("--insecure", arguments.program.insecure,
-               "listen for other machines although nothing is encrypted, or anybody may use the server");
+               "accept other machines although nothing is encrypted, or anybody may use the server");
 }
 
 void DefineSurvival(CLI::App& app, Arguments& arguments) {
   ServerOptions& options = arguments.program.server;
-  app.option_defaults()->group("What survives");
+  app.option_defaults()->group("Storage");
   app.add_option(
          "--store", options.store.store,
-         "where sessions, poses and models live: sqlite, one file in --data-dir; memory, for nothing that has "
-         "to survive; redis://[USER:PASSWORD@]HOST:PORT[/DB], for several servers that take over each other's sessions")
+         "store of sessions, poses and models: sqlite, one file in --data-dir; memory, lost when the server ends; "
+         "redis://[USER:PASSWORD@]HOST:PORT[/DB], for several servers that take over each other's sessions")
       ->envname("EVPOSE_STORE");
   app.add_option("--store-password-file", arguments.program.store_password_file,
-                 "file with the password of a redis:// store whose address has none")
+                 "file with the password of a redis:// store if its address has none")
       ->type_name("FILE");
-  app.add_option("--data-dir", options.store.data_dir,
-                 "directory of --store sqlite, for one server alone; by default $STATE_DIRECTORY as systemd sets it, "
-                 "else $XDG_STATE_HOME/evpose, else ~/.local/state/evpose")
+  app.add_option(
+         "--data-dir", options.store.data_dir,
+         "directory of --store sqlite, used by one server only; by default $STATE_DIRECTORY, which systemd sets, "
+         "else $XDG_STATE_HOME/evpose, else ~/.local/state/evpose")
       ->type_name("DIR");
-  app.add_option("--store-max-bytes", options.store.max_bytes,
-                 "bytes that the store may take, of --store sqlite and memory: sessions that have ended make room, the "
-                 "oldest first, then streams end; Redis has its own limit, maxmemory");
+  app.add_option(
+      "--store-max-bytes", options.store.max_bytes,
+      "maximum bytes of --store sqlite and memory; when it is reached, ended sessions are deleted, the oldest "
+      "first, and then streams end with an error; Redis has its own limit, maxmemory");
   app.add_option(
       "--session-expiry", arguments.session_expiry_s,
-      "seconds after which a session without a stream is deleted; the same at all servers that share a store");
+      "seconds after which a session without a stream is deleted; must be equal at all servers that share a store");
   app.add_option("--pose-log-capacity", options.pose_log_capacity,
-                 "poses kept per session for readers and for streams that come back; older ones are forgotten");
+                 "poses kept per session for readers and reconnecting streams; older ones are deleted");
 }
 
 void DefineLimits(CLI::App& app, Arguments& arguments) {
   ServerOptions& options = arguments.program.server;
   app.option_defaults()->group("Limits");
   app.add_option("--max-sessions", options.max_sessions,
-                 "sessions at a time, ended ones included until they are deleted or expire");
+                 "sessions at a time, including ended ones until they are deleted or expire");
   app.add_option("--max-streams", options.max_streams, "streams of events, poses and health at a time");
   app.add_option("--max-calls-per-connection", options.max_calls_per_connection,
-                 "calls at a time on one connection; its client waits with more");
+                 "calls at a time on one connection; further calls wait at the client");
   app.add_option("--max-model-bytes", options.max_model_bytes, "bytes of one model file");
   app.add_option("--max-model-store-bytes", options.max_model_store_bytes, "bytes of all model files");
   app.add_option("--max-chunk-bytes", options.max_chunk_bytes, "bytes of one chunk of events");
   app.add_option("--credit-bytes", options.credit_bytes, "bytes of events that may wait per session");
   app.add_option("--attach-timeout", arguments.attach_timeout_s,
-                 "seconds that a new stream gets to attach, and an upload for its next message");
-  app.option_defaults()->group("Limits of each tenant, 0: only those of the server");
-  app.add_option("--tenant-max-sessions", options.tenant.max_sessions, "its sessions at a time");
-  app.add_option("--tenant-max-model-bytes", options.tenant.max_model_bytes, "bytes of all its model files");
-  app.add_option("--tenant-max-watchers", options.tenant.max_watchers, "its readers of poses and health at a time");
+                 "seconds within which a new stream must attach, and an upload must send its next message");
+  app.option_defaults()->group("Limits of each tenant; 0: only the limits of the server apply");
+  app.add_option("--tenant-max-sessions", options.tenant.max_sessions, "sessions at a time");
+  app.add_option("--tenant-max-model-bytes", options.tenant.max_model_bytes, "bytes of all model files of the tenant");
+  app.add_option("--tenant-max-watchers", options.tenant.max_watchers, "readers of poses and health at a time");
   app.add_option("--tenant-max-bytes-per-s", options.tenant.max_bytes_per_s,
-                 "bytes of events per second; streams that bring more are read more slowly");
+                 "bytes of events per second; the server reads faster streams more slowly");
 }
 
 void DefineArguments(CLI::App& app, Arguments& arguments) {
@@ -129,26 +132,27 @@ void DefineArguments(CLI::App& app, Arguments& arguments) {
   app.footer(kExample);
   app.set_version_flag("--version", VersionLine("evpose-server"));
   app.option_defaults()->always_capture_default();
-  app.add_option("--listen", options.listen_address, "HOST:PORT to listen on; port 0 takes a free one");
+  app.add_option("--listen", options.listen_address, "HOST:PORT to listen on; port 0 chooses a free port");
   app.add_option("--port-file", arguments.program.port_file, "write the port to this file when ready")
       ->type_name("FILE");
-  app.add_option(
-         "--metrics-listen", arguments.program.metrics_listen,
-         "HOST:PORT, IPv4, for whoever operates the server: /metrics (Prometheus), /healthz and /readyz over HTTP, "
-         "for everybody who reaches it; port 0 takes a free one. Without it there is none")
+  app.add_option("--metrics-listen", arguments.program.metrics_listen,
+                 "HOST:PORT, IPv4, of the HTTP pages /metrics (Prometheus), /healthz and /readyz, which need no "
+                 "authentication; "
+                 "port 0 chooses a free port; without this option there are no pages")
       ->type_name("HOST:PORT");
   app.add_option("--workers", options.worker_threads, "threads that decode and track; 0: one per core");
   app.add_option("--shutdown-timeout", arguments.shutdown_timeout_s,
-                 "seconds that streams get to finish when the server leaves");
-  app.add_option("--shutdown-notice", arguments.shutdown_notice_s,
-                 "seconds from SIGTERM or SIGINT until streams are told to finish, in which only readiness and health "
-                 "change: for a load balancer to notice");
+                 "seconds within which streams must finish when the server shuts down");
+  app.add_option(
+      "--shutdown-notice", arguments.shutdown_notice_s,
+      "seconds from SIGTERM or SIGINT until streams are asked to finish; meanwhile only readiness and health "
+      "change, so that a load balancer stops sending new clients");
   app.add_option("--log-level", arguments.program.log_level,
-                 "least level of what goes to the log; `evpose server log-level` changes it while the server runs")
+                 "minimum level of the log; `evpose server log-level` changes it while the server runs")
       ->envname("EVPOSE_LOG_LEVEL")
       ->check(CLI::IsMember({"debug", "info", "warning", "error", "off"}));
   app.add_option("--log-format", arguments.program.log_format,
-                 "of the log, a line for each event: text, or a JSON object")
+                 "format of the log, which has one line for each event: text, or a JSON object")
       ->envname("EVPOSE_LOG_FORMAT")
       ->check(CLI::IsMember({"text", "json"}));
   DefineAccess(app, arguments);
@@ -184,7 +188,7 @@ std::string InOptions(const absl::Status& status) {
   return std::string(description);
 }
 
-// Why this address must not be listened on, empty when it may.
+// Returns the reason for which the server must not listen on this address, or an empty string.
 std::string Exposure(const ProgramOptions& program, const ListenAddress& address) {
   const ServerOptions& options = program.server;
   if (address.IsLoopback() || program.insecure) return "";
@@ -202,7 +206,7 @@ std::string Exposure(const ProgramOptions& program, const ListenAddress& address
   return "";
 }
 
-// As the help says.
+// The default of --data-dir.
 std::string DefaultDataDirectory() {
   constexpr std::pair<const char*, const char*> kPlaces[] = {
       {"STATE_DIRECTORY", ""}, {"XDG_STATE_HOME", "/evpose"}, {"HOME", "/.local/state/evpose"}};
@@ -213,7 +217,8 @@ std::string DefaultDataDirectory() {
   return "";
 }
 
-// The directories above the default one may not be there yet; one that the user gave is not made up.
+// Chooses the default data directory and creates its parents. The parent of a directory given by the user must exist,
+// so that a misspelled path is an error.
 absl::Status ChooseDataDirectory(StoreOptions& options) {
   if (options.store != "sqlite" || !options.data_dir.empty()) return absl::OkStatus();
   options.data_dir = DefaultDataDirectory();
@@ -228,7 +233,7 @@ absl::Status ChooseDataDirectory(StoreOptions& options) {
                                                   error.message(), "; give --data-dir, or --store memory"));
 }
 
-// What is wrong with --store before anything is opened. Never shows what may be a password.
+// Checks --store without opening the store. The error never contains a possible password.
 absl::Status CheckStore(const std::string& store) {
   if (store == "sqlite" || store == "memory") return absl::OkStatus();
   if (absl::StrContains(store, "://")) return ParseRedisAddress(store).status();
@@ -237,7 +242,7 @@ absl::Status CheckStore(const std::string& store) {
                                                  ": give memory, sqlite or redis://HOST:PORT"));
 }
 
-// What of --store-password-file does not go together with --store.
+// Checks that --store-password-file and --store are consistent.
 absl::Status CheckStorePassword(const ProgramOptions& options) {
   if (options.store_password_file.empty()) return absl::OkStatus();
   const auto address = ParseRedisAddress(options.server.store.store);
@@ -264,7 +269,7 @@ absl::Status CheckMetricsAddress(const ProgramOptions& options) {
   return absl::InvalidArgumentError("is the address of --listen: give another port");
 }
 
-// The store's address with the password of the file, escaped.
+// Returns the store's address with the password from the file, escaped with %XX.
 absl::StatusOr<std::string> AddStorePassword(const std::string& store, const std::string& file) {
   constexpr size_t kMaxPasswordBytes = 4096;
   EVPOSE_ASSIGN_OR_RETURN(const std::string contents, ReadFile(file, kMaxPasswordBytes));
@@ -278,7 +283,7 @@ absl::StatusOr<std::string> AddStorePassword(const std::string& store, const std
   return absl::StrCat(store.substr(0, user), text, "@", store.substr(user));
 }
 
-// The seconds as durations, in their place.
+// Copies the seconds of the command line to the durations of the options.
 void TakeSeconds(const Arguments& arguments, ServerOptions& options) {
   arguments.program.shutdown_notice = absl::Seconds(arguments.shutdown_notice_s);
   options.attach_timeout = absl::Seconds(arguments.attach_timeout_s);
@@ -291,7 +296,7 @@ void TakeSeconds(const Arguments& arguments, ServerOptions& options) {
 ParsedOptions ParseOptions(int argc, char** argv) {
   ParsedOptions parsed;
   Arguments arguments = {parsed.options};
-  CLI::App app("Tracks objects in event streams: sessions over gRPC, poses out.", "evpose-server");
+  CLI::App app("Tracks objects in streams of events: receives events and sends poses over gRPC.", "evpose-server");
   try {
     DefineArguments(app, arguments);
     app.parse(argc, argv);

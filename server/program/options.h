@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// What evpose-server is told on its command line and in its environment: definition, defaults and validation.
+// The options of evpose-server on its command line and in its environment: definition, defaults and validation.
 #pragma once
 
 #include <string>
@@ -16,34 +16,34 @@ namespace evpose::server {
 struct ProgramOptions {
   ServerOptions server;
   std::string port_file;            // empty: none
-  std::string metrics_listen;       // HOST:PORT; empty: nowhere
+  std::string metrics_listen;       // HOST:PORT; empty: no HTTP pages
   std::string store_password_file;  // empty: none
-  absl::Duration shutdown_notice;   // from a signal until streams are told
+  absl::Duration shutdown_notice;   // from a signal until streams are asked to finish
   bool insecure = false;
-  std::string new_token;            // the tenant that a token is to be made for; empty: the server is to serve
-  bool is_operator = false;         // of new_token
-  std::string log_level = "info";   // of ParseLogLevel
-  std::string log_format = "text";  // of ParseLogFormat
+  std::string new_token;            // tenant for which a token is made; empty: the server is started
+  bool is_operator = false;         // the new token is an operator's
+  std::string log_level = "info";   // a name of ParseLogLevel()
+  std::string log_format = "text";  // a name of ParseLogFormat()
 };
 
-// What is left to do when the command line has been read.
+// The result of parsing the command line.
 struct ParsedOptions {
   ProgramOptions options;
-  // Help, version or what is wrong has been printed, on standard output or standard error.
+  // Help or version (standard output) or an error (standard error, is_wrong) has been printed; the program ends.
   bool is_answered = false;
   bool is_wrong = false;
 };
 
 ParsedOptions ParseOptions(int argc, char** argv);
 
-// What is wrong before anything is opened, in the words of the command line; empty: nothing.
+// Checks the options without opening anything. Returns an error that names the command-line option, or an empty string.
 std::string WrongUsage(const ProgramOptions& options);
 
-// Fills server.store in from files and the environment: where the store is, and with which password. Errors:
-// INVALID_ARGUMENT, PERMISSION_DENIED and those of ReadFile, with the file and what to do.
+// Completes server.store from files and the environment: the data directory and the password. Errors: INVALID_ARGUMENT,
+// PERMISSION_DENIED and those of ReadFile(), with file and remedy.
 absl::Status CompleteStore(ProgramOptions& options);
 
-// The store in a few words. Passwords in an address are for nobody's eyes.
+// Describes the store for the log, without user and password.
 std::string StoreForLog(const StoreOptions& options);
 
 }  // namespace evpose::server

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// evpose-server as its users meet it: what it prints, its exit statuses, its signals.
+// Tests evpose-server as a process: output, exit statuses and signals.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <unistd.h>
@@ -81,7 +81,7 @@ TEST(ProgramTest, TellsWrongUsage) {
     EXPECT_EQ(program.Wait(), 2) << expected;
     const std::string said = program.Stderr();
     EXPECT_THAT(said, testing::HasSubstr(expected));
-    EXPECT_THAT(said, testing::MatchesRegex("evpose-server: [^\n]*\n")) << "more than a line";
+    EXPECT_THAT(said, testing::MatchesRegex("evpose-server: [^\n]*\n")) << "more than one line";
   }
 }
 
@@ -115,7 +115,7 @@ TEST(ProgramTest, ABadStartIsOneLineWithCauseAndRemedy) {
 
 TEST(ProgramTest, ARedisThatCannotBeUsedIsOneLineWithoutItsPassword) {
   const RedisServer redis({"--requirepass", "right-secret"});
-  // Of an address that is none, and of a server that does not answer or refuses.
+  // Malformed addresses, and servers that do not respond or reject the password.
   const std::vector<std::pair<std::string, std::string>> malformed = {
       {"redis://:wrong-secret@127.0.0.1:none", "port[^\n]*give redis://"},
       {"redis://user:wrong-secret@127.0.0.1:1/x", "database[^\n]*give redis://"},
@@ -144,7 +144,7 @@ TEST(ProgramTest, ARedisThatCannotBeUsedIsOneLineWithoutItsPassword) {
 }
 
 TEST(ProgramTest, APasswordNeedNotBeInTheArguments) {
-  const std::string password = "right:secret@/% \xc3\xa9";  // what has a meaning in an address
+  const std::string password = "right:secret@/% \xc3\xa9";  // characters that are reserved in an address
   const RedisServer redis({"--requirepass", password});
   const std::string path = TemporaryPath("password");
   std::ofstream(path) << password << "\n";
@@ -238,7 +238,7 @@ TEST(ProgramTest, SaysWhatItWasBuiltOf) {
   EXPECT_EQ(program.Wait(), 0);
 }
 
-// The events of a log of JSON objects, one a line.
+// The events of a log with one JSON object in each line.
 std::vector<std::string> EventsOf(const std::string& log) {
   std::vector<std::string> events;
   for (const absl::string_view line : absl::StrSplit(log, '\n', absl::SkipEmpty())) {
@@ -274,13 +274,14 @@ TEST(ProgramTest, ItsLogMayBeJson) {
   unsetenv("EVPOSE_LOG_FORMAT");
   unsetenv("EVPOSE_LOG_LEVEL");
   EXPECT_EQ(failing.Wait(), 1);
-  EXPECT_THAT(EventsOf(failing.Stderr()), testing::ElementsAre("server_failed")) << "why it ends is told at any level";
+  EXPECT_THAT(EventsOf(failing.Stderr()), testing::ElementsAre("server_failed"))
+      << "the cause of the end is written at every level";
 }
 
 TEST(ProgramTest, HelpShowsAnExample) {
   Program program({"--help"});
   std::string text;
-  for (std::string line = program.ReadLine(); !absl::StrContains(line, "ends it at once"); line = program.ReadLine()) {
+  for (std::string line = program.ReadLine(); !absl::StrContains(line, "it immediately."); line = program.ReadLine()) {
     text += line + "\n";
     ASSERT_LT(text.size(), 100'000u);
   }

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// evpose-server as a process, for tests.
+// Runs evpose-server as a process in tests.
 #pragma once
 
 #include <fcntl.h>
@@ -36,7 +36,7 @@ inline std::string TemporaryPath(const std::string& name) {
 class Program {
  public:
   explicit Program(std::vector<std::string> arguments) : stderr_path_(TemporaryPath("stderr")) {
-    // A test's server leaves nothing behind, and shares nothing with others.
+    // By default the server stores in memory, so that it leaves no files and shares nothing with other tests.
     const bool has_store = std::find(arguments.begin(), arguments.end(), "--store") != arguments.end();
     if (!has_store && std::getenv("EVPOSE_STORE") == nullptr) {
       arguments.insert(arguments.begin(), {"--store", "memory"});
@@ -73,7 +73,7 @@ class Program {
     return line;
   }
   void Signal(int number) const { kill(pid_, number); }
-  // Signals a process that may not be ready to die of it, until it is dead.
+  // Repeats the signal until the process has ended, because the process may not have installed its handler yet.
   void SignalUntilExit(int number) const {
     siginfo_t info = {};
     while (info.si_pid == 0) {
@@ -81,7 +81,7 @@ class Program {
       waitid(P_PID, static_cast<id_t>(pid_), &info, WEXITED | WNOHANG | WNOWAIT);
     }
   }
-  // The exit status, or minus the number of the signal that ended it.
+  // Waits for the end. Returns the exit status, or minus the number of the signal that ended the process.
   int Wait() {
     int status = 0;
     waitpid(pid_, &status, 0);

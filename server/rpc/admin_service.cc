@@ -40,7 +40,7 @@ v1::LogLevel ToProto(LogLevel level) {
   return v1::LOG_LEVEL_UNSPECIFIED;
 }
 
-// The line stands in the log whichever of the two levels is the higher one.
+// Writes the line at the more verbose of the two levels, so that it is in the log in both directions.
 void ChangeLogLevel(const Caller& caller, LogLevel before, LogLevel after) {
   if (after < before) SetLogLevel(after);
   Log(LogLevel::kInfo, "log_level_changed",
@@ -89,7 +89,7 @@ grpc::ServerUnaryReactor* AdminServiceImpl::SetLogLevel(grpc::CallbackServerCont
                                                         const v1::SetLogLevelRequest* request,
                                                         v1::SetLogLevelResponse* response) {
   return AnswerUnary(services_.authenticator, context, [request, response](const Caller& caller) -> absl::Status {
-    EVPOSE_RETURN_IF_ERROR(CheckIsOperator(caller, "change the log's level"));
+    EVPOSE_RETURN_IF_ERROR(CheckIsOperator(caller, "set the log level"));
     EVPOSE_ASSIGN_OR_RETURN(const LogLevel level, LogLevelFromProto(request->level()));
     const LogLevel before = CurrentLogLevel();
     response->set_previous_level(ToProto(before));

@@ -6,6 +6,7 @@
 
 namespace evpose::server {
 
+// Implements AdminService; errors are documented in proto/evpose/v1/admin_service.proto.
 class AdminServiceImpl : public v1::AdminService::CallbackService {
  public:
   explicit AdminServiceImpl(const ServiceContext& services) : services_(services) {}

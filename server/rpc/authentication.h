@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// Who a gRPC call comes from. Every method of every service asks first; rpc_test calls each method that the API
-// declares without a token, so one that forgets is found.
+// Authentication of gRPC calls. Every method of every service authenticates first. rpc_test calls each method of the
+// API without a token, so that a method without authentication fails the test.
 #pragma once
 
 #include <grpcpp/server_context.h>
@@ -15,10 +15,10 @@
 
 namespace evpose::server {
 
-// Errors: those of Authenticator::Authenticate.
+// Returns the caller, including the address of the client. Errors: those of Authenticator::Authenticate().
 absl::StatusOr<Caller> Authenticate(Authenticator& authenticator, const grpc::ServerContextBase& context);
 
-// Ends a call of one request and one response, at once: with what `answer(caller)` says, an absl::Status.
+// Authenticates a unary call and finishes it immediately with the absl::Status that `answer(caller)` returns.
 template <typename Answer>
 grpc::ServerUnaryReactor* AnswerUnary(Authenticator& authenticator, grpc::CallbackServerContext* context,
                                       const Answer& answer) {
@@ -28,7 +28,8 @@ grpc::ServerUnaryReactor* AnswerUnary(Authenticator& authenticator, grpc::Callba
   return reactor;
 }
 
-// The same for an answer that may wait for the store: too long for gRPC's threads, and for those that track.
+// As AnswerUnary(), but runs `answer` on the pool's thread for slow work, because it may wait for the store and must
+// block neither gRPC's threads nor the workers.
 template <typename Answer>
 grpc::ServerUnaryReactor* AnswerSlowly(Authenticator& authenticator, WorkerPool& pool,
                                        grpc::CallbackServerContext* context, Answer answer) {

@@ -27,7 +27,7 @@ absl::StatusOr<Encoding> FieldFromProto(v1::EventEncoding encoding) {
     case v1::EVENT_ENCODING_FLAT64:
       return Encoding::kFlat64;
     default:
-      return InvalidField("config.encoding", absl::StrCat("is ", encoding, ", which is no encoding this server knows"));
+      return InvalidField("config.encoding", absl::StrCat("is ", encoding, ", which this server does not support"));
   }
 }
 
@@ -59,7 +59,7 @@ absl::StatusOr<Estimator> FieldFromProto(v1::Estimator estimator) {
     if (theirs == estimator) return ours;
   }
   return InvalidField("config.tracker.estimator",
-                      absl::StrCat("is ", estimator, ", which is no estimator this server knows"));
+                      absl::StrCat("is ", estimator, ", which this server does not support"));
 }
 
 v1::Estimator ToProto(Estimator estimator) {
@@ -78,7 +78,7 @@ absl::StatusOr<OverloadPolicy> FieldFromProto(v1::OverloadPolicy policy) {
       return OverloadPolicy::kLatest;
     default:
       return InvalidField("config.overload_policy",
-                          absl::StrCat("is ", policy, ", which is no policy this server knows"));
+                          absl::StrCat("is ", policy, ", which this server does not support"));
   }
 }
 
@@ -156,15 +156,16 @@ v1::InitializationStatus ToProto(InitializationStatus status) {
   return v1::INITIALIZATION_STATUS_UNSPECIFIED;
 }
 
+// Explains, for people, why an object has no confirmed pose (ObjectHealth.detail).
 std::string WhyThereIsNoPose(const InitializationReport& report) {
   switch (report.status) {
     case InitializationStatus::kNotNeeded:
       break;
     case InitializationStatus::kWaitingForEvents:
-      return "too few events: nothing is in view, or what is there stands still";
+      return "too few events: no object is in view, or it does not move";
     case InitializationStatus::kTooFewLines:
       return absl::StrCat("too few lines in the events: ", report.num_lines,
-                          ", and three are needed; a still object shows none");
+                          ", and three are needed; an object at rest produces none");
     case InitializationStatus::kNoPoseFits:
       if (report.attempts == 0) return "the events do not support the pose that was given";
       return absl::StrCat("no pose fits the ", report.num_lines,
@@ -344,7 +345,7 @@ absl::StatusOr<ModelReading> FromProto(const v1::UploadModelRequest::Header& hea
       break;
     default:
       return InvalidField("header.format",
-                          absl::StrCat("is ", header.format(), ", which is no format this server knows"));
+                          absl::StrCat("is ", header.format(), ", which this server does not support"));
   }
   if (header.has_metres_per_unit()) out.metres_per_unit = header.metres_per_unit();
   if (header.has_crease_angle_deg()) out.crease_angle_deg = header.crease_angle_deg();

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// Between the API's messages and the server's own types. Errors are INVALID_ARGUMENT with the field's path.
+// Conversions between the messages of the API and the types of the server. Errors: INVALID_ARGUMENT with the path of
+// the field.
 #pragma once
 
 #include <string>
@@ -21,14 +22,14 @@ absl::StatusOr<SessionConfig> FromProto(const v1::SessionConfig& config);
 absl::StatusOr<RigidTransform> FromProto(const v1::RigidTransform& transform, const std::string& field);
 absl::StatusOr<ModelReading> FromProto(const v1::UploadModelRequest::Header& header);
 
-// With the effective configuration.
+// The result has the effective configuration, with defaults filled in.
 v1::Session ToProto(const SessionInfo& session);
 v1::SessionHealth ToProto(const SessionHealth& health, const SessionConfig& config);
 v1::TrackResponse::Notice ToProto(const SessionNotice& notice, const SessionConfig& config);
 v1::Pose ToProto(const StoredPose& pose, const SessionConfig& config);
 v1::Model ToProto(const ModelInfo& model);
 google::protobuf::Duration ToProto(absl::Duration duration);
-// Out of range: infinite.
+// A duration that is out of absl::Duration's range becomes infinite.
 absl::Duration FromProto(const google::protobuf::Duration& duration);
 
 v1::StoreKind StoreKindToProto(absl::string_view kind);

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// The end of a stream on a store that takes its time.
+// Tests the end of a stream with a slow store.
 #include <string>
 
 #include "core/base/temporary_directory.h"
@@ -9,7 +9,7 @@
 namespace evpose::server {
 namespace {
 
-class DurableEndTest : private TemporaryDirectory, public RpcTest {  // the server ends before its directory
+class DurableEndTest : private TemporaryDirectory, public RpcTest {  // the server is destroyed before its directory
  protected:
   DurableEndTest() : RpcTest(OnSqlite(path())) {}
 
@@ -21,7 +21,8 @@ class DurableEndTest : private TemporaryDirectory, public RpcTest {  // the serv
   }
 };
 
-// As client libraries do: `end`, and the stream's sending half is closed, long before the store has the last poses.
+// The client sends `end` and closes its half of the stream, as client libraries do, long before the last poses are
+// stored.
 TEST_F(DurableEndTest, AClientThatHalfClosesBehindItsEndGetsTheSummary) {
   for (int i = 0; i < 3; ++i) {
     const CreatedSession session = CreateSession();

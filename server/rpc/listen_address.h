@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// HOST:PORT, as users write it.
+// Addresses to listen on, written as HOST:PORT.
 #pragma once
 
 #include <string>
@@ -14,15 +14,16 @@ struct ListenAddress {
   std::string host;  // without the brackets of an IPv6 address
   int port = 0;
 
-  std::string WithPort(int actual_port) const;  // HOST:PORT again, brackets included
-  // Whether only this machine can reach it.
+  std::string WithPort(int actual_port) const;  // HOST:PORT, with brackets around an IPv6 address
+  // True if only processes of this machine can reach the address.
   bool IsLoopback() const;
 };
 
-// Errors: INVALID_ARGUMENT naming what is wrong.
+// Parses HOST:PORT or [IPV6]:PORT. Errors: INVALID_ARGUMENT with the part that is wrong.
 absl::StatusOr<ListenAddress> ParseListenAddress(const std::string& text);
 
-// Why nobody can listen there: resolves and binds it for a moment. OK when it could be done now.
+// Resolves and binds the address for a moment, to find out why a server could not listen on it. Errors: UNAVAILABLE
+// with cause and advice; OK when binding succeeds now.
 absl::Status ProbeListenAddress(const ListenAddress& address);
 
 }  // namespace evpose::server

@@ -31,8 +31,9 @@ absl::Status ModelWasDeleted(const std::string& name) {
                     v1::MODEL_DELETED, {{"model", name}});
 }
 
-// Takes the file piece by piece, then loads it on a worker. Its reactions follow one another, a read is started when
-// the one before was handled. Only the alarm comes when it will: it ends the call when the next message does not come.
+// Receives the chunks of a file, then loads it on the pool's thread for slow work. Reads are sequential: a read is
+// started after the previous message has been handled. Only the alarm is asynchronous; it ends the call when the next
+// message does not arrive in time.
 class UploadReactor : public grpc::ServerReadReactor<v1::UploadModelRequest>,
                       public std::enable_shared_from_this<UploadReactor> {
  public:
@@ -65,7 +66,7 @@ class UploadReactor : public grpc::ServerReadReactor<v1::UploadModelRequest>,
   };
 
   void Read() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
-    // Weak, because an alarm keeps its function.
+    // A weak reference, because the alarm holds its function until it is destroyed.
     alarm_ = std::make_unique<grpc::Alarm>();
     alarm_->Set(std::chrono::system_clock::now() + absl::ToChronoMicroseconds(services_.attach_timeout),
                 [weak = weak_from_this(), awaited = messages_](bool has_fired) {
@@ -78,7 +79,7 @@ class UploadReactor : public grpc::ServerReadReactor<v1::UploadModelRequest>,
   void OnAlarm(uint64_t awaited) {
     const std::lock_guard lock(mutex_);
     if (is_finished_ || messages_ != awaited) return;
-    End(WithReason(absl::DeadlineExceededError(absl::StrCat("the next message of the upload has not come within ",
+    End(WithReason(absl::DeadlineExceededError(absl::StrCat("the next message of the upload did not arrive within ",
                                                             absl::FormatDuration(services_.attach_timeout))),
                    v1::UPLOAD_TIMEOUT));
   }
@@ -126,11 +127,11 @@ class UploadReactor : public grpc::ServerReadReactor<v1::UploadModelRequest>,
   absl::Status HandleChunk(const std::string& chunk) {
     if (!has_header_) return InvalidField("header", "must be the first message of the stream");
     if (chunk.size() > size_bytes_ - received_bytes_) {
-      return InvalidField("header.size_bytes", absl::StrCat("is ", size_bytes_, ", but more bytes came"));
+      return InvalidField("header.size_bytes", absl::StrCat("is ", size_bytes_, ", but more bytes were received"));
     }
     received_bytes_ += chunk.size();
     if (known_ != nullptr) {
-      // What is there already need not be kept a second time.
+      // The server has the file already; only the digest of the received bytes is needed.
       known_->digest.Update({reinterpret_cast<const uint8_t*>(chunk.data()), chunk.size()});
     } else {
       bytes_.insert(bytes_.end(), chunk.begin(), chunk.end());
@@ -141,11 +142,12 @@ class UploadReactor : public grpc::ServerReadReactor<v1::UploadModelRequest>,
   void Load() {
     if (!has_header_) return End(InvalidField("header", "must be the first message of the stream"));
     if (received_bytes_ != size_bytes_) {
-      return End(InvalidField("header.size_bytes",
-                              absl::StrCat("is ", size_bytes_, ", but only ", received_bytes_, " bytes came")));
+      return End(InvalidField("header.size_bytes", absl::StrCat("is ", size_bytes_, ", but only ", received_bytes_,
+                                                                " bytes were received")));
     }
     if (known_ != nullptr) return AnswerKnown();
-    // Held, here and below: OnDone may come on another thread before the lock is given back.
+    // The task holds a reference, here and below, because OnDone() may run on another thread before the lock is
+    // released.
     services_.pool.PostSlow([this, self = shared_from_this()] {
       const std::lock_guard lock(mutex_);
       const auto model = services_.models.Upload(caller_->tenant, reading_, sha256_hex_,
@@ -173,7 +175,7 @@ class UploadReactor : public grpc::ServerReadReactor<v1::UploadModelRequest>,
   std::shared_ptr<UploadReactor> self_;  // until OnDone
   std::mutex mutex_;
   std::unique_ptr<grpc::Alarm> alarm_;
-  uint64_t messages_ = 0;  // that have come
+  uint64_t messages_ = 0;  // completed reads, so that an alarm of an earlier read is recognized
   bool is_finished_ = false;
   v1::UploadModelRequest request_;
   ModelReading reading_;
@@ -181,9 +183,9 @@ class UploadReactor : public grpc::ServerReadReactor<v1::UploadModelRequest>,
   bool has_header_ = false;
   uint64_t size_bytes_ = 0;
   uint64_t received_bytes_ = 0;
-  std::unique_ptr<ModelRegistry::Reservation> reservation_;  // for bytes_
+  std::unique_ptr<ModelRegistry::Reservation> reservation_;  // of the size of bytes_
   std::vector<uint8_t> bytes_;
-  std::unique_ptr<KnownFile> known_;  // then only the digest of the bytes is needed
+  std::unique_ptr<KnownFile> known_;  // not null: the file is known, and bytes_ stays empty
 };
 
 absl::Status List(const ModelRegistry& models, const std::string& tenant, const v1::ListModelsRequest& request,

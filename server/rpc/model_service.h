@@ -6,6 +6,7 @@
 
 namespace evpose::server {
 
+// Implements ModelService; errors are documented in proto/evpose/v1/model_service.proto.
 class ModelServiceImpl : public v1::ModelService::CallbackService {
  public:
   explicit ModelServiceImpl(const ServiceContext& services) : services_(services) {}

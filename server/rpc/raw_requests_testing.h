@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// What raw stubs send before they can track, for tests, benches and fuzz targets.
+// The requests that create a session with raw stubs, for tests, benchmarks and fuzz targets.
 #pragma once
 
 #include <grpcpp/grpcpp.h>
@@ -13,7 +13,7 @@
 
 namespace evpose::server {
 
-// A session as its writer knows it: what CreateSession returned, with the newest resume token.
+// A session with its newest resume token: the response of CreateSession.
 class CreatedSession {
  public:
   const v1::Session& session() const { return response_.session(); }
@@ -52,7 +52,7 @@ inline grpc::Status UploadModel(v1::ModelService::Stub& models, const std::vecto
   return stream->Finish();
 }
 
-// A cube a meter before a small camera, in FLAT64.
+// The request for a session with a cube one metre in front of a small camera, encoding FLAT64.
 inline v1::CreateSessionRequest CubeSessionRequest(const std::string& model) {
   v1::CreateSessionRequest request;
   v1::SessionConfig& config = *request.mutable_config();

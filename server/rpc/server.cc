@@ -38,18 +38,18 @@ namespace evpose::server {
 namespace {
 
 constexpr absl::Duration kDestructorDeadline = absl::Seconds(1);
-constexpr absl::Duration kLongestDeadline = absl::Hours(24 * 365);  // the clock's arithmetic ends somewhere
-// After the deadline: for the last status of a stream to get out, and for calls that are still under way (an upload
-// that is being loaded) to end.
+constexpr absl::Duration kLongestDeadline = absl::Hours(24 * 365);  // keeps the arithmetic of time points in range
+// Time after the deadline for sending the last status of a stream, and for calls in progress, such as the loading of an
+// uploaded model.
 constexpr absl::Duration kCallGrace = absl::Milliseconds(500);
-// A message is a chunk and a few fields around it.
+// Upper bound of the size of the other fields of a message with a chunk.
 constexpr uint32_t kMessageOverheadBytes = 64 * 1024;
 
-// Clients ping every 20 s, also without calls; half of that is still no abuse. The server asks as often whether a
-// silent client lives.
+// Clients send a ping every 20 s, also without calls. The server tolerates pings at half that interval, and itself
+// pings a silent client every 20 s.
 constexpr int kMinPingIntervalMs = 10'000;
 constexpr int kKeepaliveMs = 20'000;
-// A connection without a call is closed; clients make a new one by themselves.
+// A connection without calls is closed after this time; gRPC clients reconnect automatically.
 constexpr int kMaxConnectionIdleMs = 300'000;
 
 int NumWorkers(const ServerOptions& options) {
@@ -57,7 +57,7 @@ int NumWorkers(const ServerOptions& options) {
   return std::max(1, static_cast<int>(std::thread::hardware_concurrency()));
 }
 
-// Deletes expired sessions now and then, so that they go even when nobody asks for any.
+// Deletes expired sessions periodically, so that they are deleted also when no client calls.
 class ExpiryTimer {
  public:
   ExpiryTimer(SessionManager& sessions, WorkerPool& pool, absl::Duration expiry)
@@ -68,7 +68,7 @@ class ExpiryTimer {
     Arm();
   }
 
-  // No deletion starts after this.
+  // No deletion starts after Stop().
   void Stop() {
     const std::lock_guard lock(mutex_);
     is_stopped_ = true;
@@ -117,14 +117,14 @@ SessionManager::Options ManagerOptions(const ServerOptions& options, TrackerFact
   return out;
 }
 
-// Reflection is a service of gRPC's own that asks nobody who they are, and each of its streams holds a thread: it is
-// there where everybody may call. What it tells is public; proto/ tells it, too.
+// Enables server reflection only if the server has no authentication: reflection is a service of gRPC without
+// authentication, and each of its streams occupies a thread. Its contents, the definitions in proto/, are public.
 class ReflectionOption : public grpc::ServerBuilderOption {
  public:
   explicit ReflectionOption(bool is_on) : is_on_(is_on) {}
   void UpdateArguments(grpc::ChannelArguments*) override {}
   void UpdatePlugins(std::vector<std::unique_ptr<grpc::ServerBuilderPlugin>>* plugins) override {
-    // Linked in, it adds itself to every server.
+    // When linked, the reflection plugin adds itself to every server.
     const std::string name = grpc::reflection::ProtoServerReflectionPlugin().name();
     if (!is_on_) std::erase_if(*plugins, [&name](const auto& plugin) { return plugin->name() == name; });
   }
@@ -133,7 +133,7 @@ class ReflectionOption : public grpc::ServerBuilderOption {
   const bool is_on_;
 };
 
-// Who may reach the server, and how.
+// Authentication and transport security of the server.
 struct Access {
   std::unique_ptr<Authenticator> authenticator;
   std::shared_ptr<grpc::ServerCredentials> credentials;
@@ -169,7 +169,7 @@ TenantQuotas::Options QuotaOptions(const ServerOptions& options, std::shared_ptr
   out.metrics = std::move(metrics);
   out.max_watchers = options.tenant.max_watchers == 0 ? options.max_streams : options.tenant.max_watchers;
   out.max_bytes_per_s = options.tenant.max_bytes_per_s;
-  // A second's worth, or a chunk.
+  // The bytes of one second, but at least one chunk.
   out.burst_bytes = std::max<uint64_t>(options.tenant.max_bytes_per_s, options.max_chunk_bytes);
   out.now = absl::Now;
   return out;
@@ -224,7 +224,8 @@ class ServerImpl : public Server, public Drainer {
     builder.AddChannelArgument(GRPC_ARG_MAX_CONNECTION_IDLE_MS, kMaxConnectionIdleMs);
     builder.AddChannelArgument(GRPC_ARG_MAX_CONCURRENT_STREAMS, static_cast<int>(options.max_calls_per_connection));
     builder.AddChannelArgument(GRPC_ARG_HTTP2_MIN_RECV_PING_INTERVAL_WITHOUT_DATA_MS, kMinPingIntervalMs);
-    // Two servers on one port would share its clients between them without a word.
+    // Without SO_REUSEPORT the second server on a port fails to start; otherwise the kernel would distribute the
+    // clients.
     builder.AddChannelArgument(GRPC_ARG_ALLOW_REUSEPORT, 0);
     if (!options.listen_address.empty()) {
       builder.AddListeningPort(options.listen_address, access_.credentials, &port_);
@@ -255,7 +256,7 @@ class ServerImpl : public Server, public Drainer {
                          .num_workers = static_cast<uint32_t>(num_workers_),
                          .readiness = sessions_.CheckNotDraining()};
     state.readiness.Update(FromStore(store_check_.answer()));
-    if (is_announced_) state.readiness.Update(absl::UnavailableError("the server is about to leave"));
+    if (is_announced_) state.readiness.Update(absl::UnavailableError("the server is about to shut down"));
     return state;
   }
 
@@ -276,12 +277,12 @@ class ServerImpl : public Server, public Drainer {
     BeginToLeave(deadline);
     if (server_ != nullptr) streams_.WaitForTracks(end);
     sessions_.SettleAll(absl::Now() + kCallGrace);
-    const absl::Status leaving = WithReason(absl::UnavailableError("the server has left"), v1::DRAINING);
+    const absl::Status leaving = WithReason(absl::UnavailableError("the server has shut down"), v1::DRAINING);
     streams_.EndAll(leaving);
-    // The streams are over, or are as good as: what was processed is to survive, what was not is sent again.
+    // All streams have ended or are ending. Processed chunks are stored now; clients send the others again.
     if (!sessions_.SettleAll(absl::Now() + kCallGrace)) {
-      Log(LogLevel::kWarning, "not_all_durable",
-          {{"message", "not all that was processed could be stored; clients that attach again send it again"}});
+      Log(LogLevel::kWarning, "shutdown_not_durable",
+          {{"message", "not all processed chunks could be stored; clients that attach again send them again"}});
     }
     sessions_.CloseAll(leaving);
     if (server_ != nullptr) {
@@ -293,13 +294,13 @@ class ServerImpl : public Server, public Drainer {
   }
 
  private:
-  // Once it is about to leave it never serves again, whatever the store does.
+  // After AnnounceShutdown() the health stays NOT_SERVING, independent of the store.
   void SetHealth(bool serves) {
     const std::lock_guard lock(health_mutex_);
     server_->GetHealthCheckService()->SetServingStatus(serves && !is_announced_);
   }
 
-  // False: it has begun before.
+  // Starts draining. Returns false if it has started before.
   bool BeginToLeave(absl::Duration deadline) {
     if (is_leaving_.exchange(true)) return false;
     sessions_.Drain();
@@ -314,7 +315,7 @@ class ServerImpl : public Server, public Drainer {
   const std::shared_ptr<ServerMetrics> metrics_;
   const Access access_;
   const int num_workers_;
-  WorkerPool pool_;  // outlives the store, whose last word may come to a session's strand
+  WorkerPool pool_;  // outlives the store, whose last callback may post to the strand of a session
   const std::unique_ptr<Store> store_;
   const std::unique_ptr<ModelRegistry> models_;
   SessionManager sessions_;

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// The whole server in one object: stores, sessions and services behind a listening address, an in-process channel,
-// or both. evpose-server and `evpose replay` without --server run the same code.
+// The complete server: store, models, sessions and services behind a listening address, an in-process channel, or both.
+// evpose-server and `evpose replay` without --server run the same code.
 #pragma once
 
 #include <grpcpp/channel.h>
@@ -21,82 +21,84 @@
 namespace evpose::server {
 
 struct ServerOptions {
-  // HOST:PORT; port 0 takes a free one. Empty: no socket, the in-process channel only.
+  // HOST:PORT; port 0 chooses a free port. Empty: no socket, only the in-process channel.
   std::string listen_address = "127.0.0.1:0";
-  // Of the socket; the files are read again when they change. None: nothing is encrypted.
+  // Certificate files for the socket, read again when they change. Empty: no encryption.
   TlsPaths tls;
-  // Who may call, as server/auth/token_file.h describes it; read again when it changes. Holds for the in-process
-  // channel, too. Empty: with tls.client_ca the CN of a client's certificate is its tenant, otherwise everybody may
-  // call.
+  // File of tokens (server/auth/token_file.h), read again when it changes. Calls on the in-process channel need a
+  // token, too. Empty: with tls.client_ca the CN of a client's certificate is its tenant, otherwise every caller is
+  // accepted.
   std::string token_file;
-  // Where sessions and models live; an in-process server needs none that outlives it.
+  // The store of sessions and models. The default, in memory, is enough for an in-process server.
   StoreOptions store;
-  // Threads that decode and track; 0: one per core. Sessions share them.
+  // Number of threads that decode and track, shared by all sessions; 0: one per core.
   int worker_threads = 0;
-  // Sessions at a time, ended ones included until they are deleted or expire. Each takes at worst credit_bytes plus
-  // about 500 bytes for each pose of its log, besides its trackers.
+  // Maximum number of sessions, including ended ones until they are deleted or expire. Each takes at most credit_bytes
+  // plus about 500 bytes for each pose of its log, besides its trackers.
   uint32_t max_sessions = 64;
-  // Of one model file.
+  // Maximum size of a model file, bytes.
   uint64_t max_model_bytes = 64ull << 20;
-  // Of all model files together, those on their way included: bounds memory.
+  // Maximum size of all model files together, including uploads in progress, bytes. Bounds memory.
   uint64_t max_model_store_bytes = 512ull << 20;
-  // Of one chunk of events; larger ones only delay acks and poses.
+  // Maximum size of a chunk of events, bytes. Larger chunks would only delay acks and poses.
   uint32_t max_chunk_bytes = 1u << 20;
-  // Undecoded bytes a session may have outstanding: a second of a busy EVK4; at least max_chunk_bytes.
+  // Maximum number of received but undecoded bytes of a session: one second of a busy EVK4. At least max_chunk_bytes.
   uint64_t credit_bytes = 4ull << 20;
-  // Poses kept per session for readers and re-attaching streams, about 16 s at 1 kHz; older ones are forgotten. At
-  // least 4096: a stream may be 1024 poses behind before its session waits.
+  // Number of poses kept for readers and streams that attach again, about 16 s at 1 kHz; older ones are deleted. At
+  // least 4096, because a stream may be 1024 poses behind before its session waits.
   uint32_t pose_log_capacity = 16'384;
-  // A session without a stream is deleted after so long: a client that died holds no slot for ever.
+  // A session without a stream is deleted after this time, so that a client that has crashed does not occupy a slot
+  // forever.
   absl::Duration session_expiry = absl::Minutes(10);
-  // For streams to finish after AdminService.Drain, when its caller gives no time.
+  // Time for streams to finish after AdminService.Drain, unless the request has a timeout.
   absl::Duration drain_timeout = absl::Seconds(10);
-  // The store is asked so often whether it answers; while it does not, health is NOT_SERVING.
+  // Interval of the health checks of the store. While the store does not respond, the server's health is NOT_SERVING.
   absl::Duration store_check_period = absl::Seconds(1);
-  // Called once, by a thread of gRPC, when a client has asked the server to leave: Shutdown is to be called with this
-  // time. It must not block, and not call it itself.
+  // Called once, by a thread of gRPC, after a call of AdminService.Drain. The program must then call Shutdown() with
+  // this duration, but from another thread; the callback must not block.
   std::function<void(absl::Duration)> on_drain;
 
-  // Of each tenant; 0: no other limit than the server's own.
+  // Limits of each tenant; 0: only the limits of the server apply.
   struct TenantLimits {
     uint32_t max_sessions = 0;
     uint64_t max_model_bytes = 0;
     uint32_t max_watchers = 0;
-    // Payload of all its Track streams together, over the seconds. A stream that is too fast is read more slowly.
+    // Payload of all Track streams of the tenant together, bytes per second. The server reads faster streams more
+    // slowly.
     uint64_t max_bytes_per_s = 0;
   } tenant;
-  // A Track stream that has not attached, and an upload whose next message has not come, ends after so long.
+  // Time within which a Track stream must attach, and within which the next message of an upload must arrive.
   absl::Duration attach_timeout = absl::Seconds(30);
-  // Track and Watch streams at a time, each of some 50 kB.
+  // Maximum number of Track and Watch streams; each takes about 50 kB.
   uint32_t max_streams = 8192;
-  // Calls at a time on one connection; a client waits with more.
+  // Maximum number of concurrent calls of a connection; further calls wait at the client.
   uint32_t max_calls_per_connection = 2048;
 
-  // INVALID_ARGUMENT naming the field.
+  // Errors: INVALID_ARGUMENT naming the field.
   absl::Status Validate() const;
 };
 
 class Server {
  public:
-  // Takes up the sessions that the store has. Errors: INVALID_ARGUMENT for options; those of OpenStore; those of
-  // TlsFiles and TokenFile; UNAVAILABLE naming the address that cannot be listened on and why.
+  // Starts a server and loads the sessions of its store. Errors: INVALID_ARGUMENT for the options; those of
+  // OpenStore(), TlsFiles and TokenFile; UNAVAILABLE with address and cause when the server cannot listen.
   static absl::StatusOr<std::unique_ptr<Server>> Start(const ServerOptions& options);
   virtual ~Server() = default;  // Shutdown(1 s)
 
   virtual int port() const = 0;  // 0 without a socket
   virtual std::shared_ptr<grpc::Channel> InProcessChannel() = 0;
 
-  // For those who operate it; at any time, from any thread.
+  // For the operator; may be called at any time from any thread.
   virtual const ServerMetrics& metrics() const = 0;
   virtual ServerState state() const = 0;
 
-  // Readiness and health turn false, and nothing else changes: whoever shares clients out among servers sends no more
-  // here, before Shutdown sends away those that are here.
+  // Makes the server not ready and its health NOT_SERVING, and changes nothing else, so that load balancers stop
+  // sending clients before Shutdown().
   virtual void AnnounceShutdown() = 0;
-  // Health turns NOT_SERVING, new sessions and streams are refused and every Track stream gets GoAway; streams still
-  // open shortly before the deadline end UNAVAILABLE, watchers as soon as no Track stream is left. Returns when every
-  // reactor has finished, by the deadline or, if that is less than 3 s away, at most 1.5 s after it; whatever
-  // clients do or do not do. Idempotent. Call it from one thread at a time.
+  // Shuts the server down: health becomes NOT_SERVING, new sessions and streams are rejected, and every Track stream
+  // receives GoAway. Streams that are still open shortly before the deadline end with UNAVAILABLE, watchers as soon as
+  // no Track stream is left. Returns when all calls have finished: by the deadline or, if it is less than 3 s away, at
+  // most 1.5 s after it, independent of the clients. Idempotent. To be called from one thread at a time.
   virtual void Shutdown(absl::Duration deadline) = 0;
 };
 

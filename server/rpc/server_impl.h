@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// Server with the trackers that its sessions use, and its store, given from outside: for tests.
+// Starting a server with a given factory of trackers and a given store, for tests.
 #pragma once
 
 #include <memory>
@@ -13,7 +13,7 @@
 namespace evpose::server {
 
 absl::StatusOr<std::unique_ptr<Server>> StartServer(const ServerOptions& options, TrackerFactory make_tracker);
-// On `store` instead of one that the options describe.
+// Uses `store` instead of options.store.
 absl::StatusOr<std::unique_ptr<Server>> StartServer(const ServerOptions& options, TrackerFactory make_tracker,
                                                     std::unique_ptr<Store> store);
 

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// The server as a whole: its addresses, its unary calls and what they promise.
+// Tests the addresses and the unary calls of a server.
 #include "server/rpc/server.h"
 
 #include <grpcpp/generic/generic_stub.h>
@@ -143,7 +143,7 @@ TEST_F(ServerTest, KeepsTheReferenceRotation) {
   CreatedSession session;
   ASSERT_EQ(Describe(Create(request, &session)), "OK");
   const v1::Quaternion& kept = session.config().objects(0).reference_rotation();
-  // The same rotation: a quaternion and its negative are one.
+  // A quaternion and its negative are the same rotation.
   EXPECT_NEAR(std::abs(kept.x() * 0.6 - kept.z() * 0.8), 1.0, 1e-12);
 }
 
@@ -343,7 +343,7 @@ TEST_F(ServerTest, AFullModelStoreSaysSo) {
   EXPECT_EQ(Describe(status), "RESOURCE_EXHAUSTED MODEL_STORE_FULL");
   EXPECT_EQ(DetailOf<google::rpc::QuotaFailure>(status).violations(0).subject(), "max_model_store_bytes");
 
-  // What it has takes no room, if it is told in time that it has it.
+  // A repeated upload needs no space if its header has the digest.
   EXPECT_EQ(Describe(Upload(UploadRequests(file), &model)), "RESOURCE_EXHAUSTED MODEL_STORE_FULL");
   const std::string digest = Sha256Hex({reinterpret_cast<const uint8_t*>(file.data()), file.size()});
   std::vector<v1::UploadModelRequest> known = UploadRequests(file);
@@ -359,7 +359,8 @@ TEST_F(ServerTest, AFullModelStoreSaysSo) {
   known[1].set_chunk(file + " ");
   EXPECT_EQ(Describe(Upload(known, &model)), "INVALID_ARGUMENT header.size_bytes");
   known[0].mutable_header()->set_crease_angle_deg(20.0);
-  EXPECT_EQ(Describe(Upload(known, &model)), "RESOURCE_EXHAUSTED MODEL_STORE_FULL") << "read otherwise it is another";
+  EXPECT_EQ(Describe(Upload(known, &model)), "RESOURCE_EXHAUSTED MODEL_STORE_FULL")
+      << "other parameters make another model";
 }
 
 TEST_F(ServerTest, ATenantsShareOfTheModelStoreIsItsOwnLimit) {
@@ -389,7 +390,7 @@ TEST_F(ServerTest, DeletesModelsThatNobodyUses) {
   EXPECT_EQ(delete_model(), "OK");
   EXPECT_EQ(delete_model(), "NOT_FOUND MODEL_NOT_FOUND");
   request.set_allow_missing(true);
-  EXPECT_EQ(delete_model(), "OK") << "the first answer may have been lost";
+  EXPECT_EQ(delete_model(), "OK") << "the first response may have been lost";
   request.set_allow_missing(false);
   grpc::ClientContext context;
   v1::GetModelRequest get;
@@ -437,7 +438,7 @@ TEST_F(ServerTest, DrainTellsTheStreamsAndWhoeverOwnsTheServer) {
   EXPECT_EQ(drain(), "OK");
   EXPECT_EQ(response.remaining_sessions(), 1u);
   EXPECT_EQ(drain(), "OK");
-  EXPECT_THAT(told, testing::ElementsAre(absl::Seconds(7))) << "once";
+  EXPECT_THAT(told, testing::ElementsAre(absl::Seconds(7))) << "the callback runs once";
   EXPECT_EQ(Describe(unattached.Finish()), "UNAVAILABLE DRAINING");
   v1::TrackResponse answer;
   ASSERT_TRUE(track->ReadUntil(v1::TrackResponse::kNotice, answer));
@@ -469,7 +470,7 @@ TEST_F(ServerTest, ServesHealthAndMoreThanOneAddress) {
   EXPECT_EQ(Get(session.name(), &found).error_code(), grpc::StatusCode::UNAVAILABLE);
 }
 
-// The answer of the reflection service to "which services are there", as it is on the wire.
+// Returns the serialized response of the reflection service to a request for the list of services.
 std::string ListServicesByReflection(const std::shared_ptr<grpc::Channel>& channel) {
   grpc::GenericStub stub(channel);
   grpc::ClientContext context;

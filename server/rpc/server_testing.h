@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// A running server with fake trackers and raw stubs to send it what a typed client never would.
+// A fixture with a running server, fake trackers and raw stubs, which can send requests that the client library never
+// sends.
 #pragma once
 
 #include <gmock/gmock.h>
@@ -23,7 +24,7 @@
 
 namespace evpose::server {
 
-// The first detail of this type; empty when there is none.
+// Returns the first error detail of this type; empty if there is none.
 template <typename Detail>
 Detail DetailOf(const grpc::Status& status) {
   google::rpc::Status details;
@@ -44,7 +45,7 @@ inline std::string ReasonOf(const grpc::Status& status) {
   return info.domain() == "evpose.v1" ? info.reason() : "";
 }
 
-// Status code and, after a space, the reason or the field.
+// Returns the status code followed by a space and the field or the reason, for example "NOT_FOUND SESSION_NOT_FOUND".
 inline std::string Describe(const grpc::Status& status) {
   static constexpr const char* kNames[] = {
       "OK",        "CANCELLED",      "UNKNOWN",           "INVALID_ARGUMENT",   "DEADLINE_EXCEEDED",
@@ -59,7 +60,7 @@ inline std::string Describe(const grpc::Status& status) {
 class RawTrack {
  public:
   explicit RawTrack(v1::SessionService::Stub& stub) : stream_(stub.Track(&context_)) {}
-  // A call that nobody finished would never be over.
+  // Cancels and finishes the call, because gRPC requires every call to be finished.
   ~RawTrack() {
     context_.TryCancel();
     if (!is_finished_) Finish();
@@ -89,7 +90,7 @@ class RawTrack {
   }
 
   bool Read(v1::TrackResponse& response) { return stream_->Read(&response); }
-  // Reads up to the first response of this kind; what came before goes to `before`.
+  // Reads up to the first response of this kind; the earlier ones are appended to `before`.
   bool ReadUntil(v1::TrackResponse::MessageCase kind, v1::TrackResponse& response,
                  std::vector<v1::TrackResponse>* before = nullptr) {
     while (Read(response)) {
@@ -98,7 +99,7 @@ class RawTrack {
     }
     return false;
   }
-  // Reads what is left; the status that the call ended with.
+  // Reads the remaining responses and returns the final status.
   grpc::Status Finish() {
     v1::TrackResponse response;
     while (Read(response)) continue;
@@ -173,7 +174,7 @@ class RpcTest : public testing::Test {
     google::protobuf::Empty response;
     return sessions_->DeleteSession(&context, request, &response);
   }
-  // A stream that is attached to `session`.
+  // Opens a stream and attaches it to `session`.
   std::unique_ptr<RawTrack> Attached(const CreatedSession& session, v1::TrackResponse::Attached* attached = nullptr) {
     auto track = std::make_unique<RawTrack>(*sessions_);
     EXPECT_TRUE(track->Attach(session.name(), session.resume_token()));
@@ -184,8 +185,8 @@ class RpcTest : public testing::Test {
     return track;
   }
 
-  // A stream attached to a new session with LATEST, which has sent more than the credit; the tracker stands still with
-  // the first chunk until the gate opens.
+  // Creates a session with LATEST and sends more than the credit on a new stream. The tracker blocks at the first chunk
+  // until the gate is opened.
   std::unique_ptr<RawTrack> OverloadedLatest(CreatedSession* session, uint64_t* sent_bytes) {
     v1::CreateSessionRequest request = CreateRequest();
     request.mutable_config()->set_overload_policy(v1::OVERLOAD_POLICY_LATEST);
@@ -198,7 +199,8 @@ class RpcTest : public testing::Test {
       const std::string payload = Flat64(SomeEvents(begin_ms, begin_ms + 10, 300));
       EXPECT_TRUE(track->Events(seq, payload));
       *sent_bytes += payload.size();
-      // With a queue that is short: a tracker that comes late would find it too long already.
+      // Waits until the tracker has the first chunk, while the queue is short; otherwise it would start by dropping
+      // events.
       if (seq == 1) gate_->AwaitTracker();
     }
     return track;

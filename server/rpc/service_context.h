@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// What the services share. Everything in it outlives them.
+// The parts of the server that the services use. All of them outlive the services.
 #pragma once
 
 #include "absl/time/time.h"
@@ -15,11 +15,11 @@
 
 namespace evpose::server {
 
-// Who makes the server leave.
+// Starts the shutdown of the server.
 class Drainer {
  public:
   virtual ~Drainer() = default;
-  // Must not block. The first one counts.
+  // Does not block. Only the first call has an effect.
   virtual void Drain(absl::Duration deadline) = 0;
 };
 
@@ -34,7 +34,7 @@ struct ServiceContext {
   Drainer& drainer;
   absl::Duration attach_timeout;
   uint64_t max_model_bytes;
-  absl::Duration drain_timeout;  // when the caller of Drain gives none
+  absl::Duration drain_timeout;  // default of DrainRequest.timeout
   ServerMetrics& metrics;
 };
 

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// The life of a session in the server's log.
+// Tests the log events of a session.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -20,14 +20,14 @@ using testing::ElementsAre;
 using testing::HasSubstr;
 using Kind = v1::TrackResponse;
 
-// The first of them is FakeTracker's way to lose its objects; the others end the slice that it is in.
+// Events of which the first makes FakeTracker lose its objects; the others complete the slice.
 std::vector<Event> LosingEvents() { return {{4000, 0, 0, 1}, {5000, 3, 4, 1}, {6000, 3, 4, 1}}; }
 
 class SessionLogOfServerTest : public RpcTest {
  protected:
   SessionLogOfServerTest() { captured_log.Take(); }
 
-  // The lines of a session, without what all of them have.
+  // The lines of a session, without the fields that all lines have.
   static std::vector<std::string> LinesOf(const std::string& session) {
     const std::string place = " session=" + session + " tenant=\"\" peer=";
     std::vector<std::string> lines;
@@ -66,7 +66,7 @@ TEST_F(SessionLogOfServerTest, TellsALifeFromCreationToDeletion) {
   wrong.Attach(session.name(), "guess");
   EXPECT_EQ(Describe(wrong.Finish()), "PERMISSION_DENIED WRONG_TOKEN");
   EXPECT_EQ(Describe(Delete(session.name())), "OK");
-  server_.reset();  // the last word of a stream may come after its client's
+  server_.reset();  // the server may log the end of a stream after the client has seen it
   std::vector<std::string> events;
   for (const std::string& line : LinesOf(session.name())) {
     const std::vector<std::string> words = absl::StrSplit(line, ' ');

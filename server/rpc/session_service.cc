@@ -31,9 +31,9 @@ absl::StatusOr<std::shared_ptr<Session>> Create(SessionManager& sessions, const 
   return sessions.Create(caller.tenant, config, request.request_id(), caller.peer);
 }
 
-// Ends the call with the session and its token. That of a session which came from the store is known to nobody but its
-// client, and this client has not got it: there is a new one, when it is durable. Without the store that might take
-// forever.
+// Finishes the call with the session and its resume token. For a session that was loaded from the store, the server has
+// only the digest of the token, and the client did not receive the token; so a new token is issued and sent when it is
+// durable. If the store does not respond, the call fails instead of waiting without limit.
 void AnswerCreated(const absl::StatusOr<std::shared_ptr<Session>>& session, Store& store,
                    v1::CreateSessionResponse& response, grpc::ServerUnaryReactor& reactor) {
   if (!session.ok()) return reactor.Finish(ToGrpcStatus(session.status()));
@@ -75,7 +75,7 @@ grpc::ServerUnaryReactor* SessionServiceImpl::CreateSession(grpc::CallbackServer
     reactor->Finish(ToGrpcStatus(caller.status()));
     return reactor;
   }
-  // Making trackers takes too long for gRPC's threads, and for those that track.
+  // Creating trackers takes too long for gRPC's threads and for the workers.
   services_.pool.PostSlow([this, request, response, reactor, asking = *caller] {
     AnswerCreated(Create(services_.sessions, asking, *request), services_.store, *response, *reactor);
   });

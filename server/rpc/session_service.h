@@ -6,6 +6,7 @@
 
 namespace evpose::server {
 
+// Implements SessionService; errors are documented in proto/evpose/v1/session_service.proto.
 class SessionServiceImpl : public v1::SessionService::CallbackService {
  public:
   explicit SessionServiceImpl(const ServiceContext& services) : services_(services) {}

@@ -11,7 +11,7 @@ namespace evpose::server {
 namespace {
 
 constexpr size_t kDefaultPageSize = 50;
-constexpr size_t kMaxPageSize = 1000;  // bounds the memory of one answer
+constexpr size_t kMaxPageSize = 1000;  // bounds the memory of one response
 
 }  // namespace
 

@@ -45,7 +45,7 @@ void AddDetails(const ErrorDetails& details, const std::string& message, google:
 
 grpc::Status ToGrpcStatus(const absl::Status& status) {
   if (status.ok()) return grpc::Status::OK;
-  // Both enumerations are the canonical codes.
+  // Both enumerations have the same canonical values.
   const auto code = static_cast<grpc::StatusCode>(status.code());
   const std::string message(status.message());
   google::rpc::Status details;

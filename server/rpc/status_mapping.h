@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// The one place where our errors become gRPC's, with google.rpc details in grpc-status-details-bin.
+// Converts absl::Status to grpc::Status, with google.rpc details in grpc-status-details-bin. No other file does.
 #pragma once
 
 #include <grpcpp/support/status.h>
@@ -9,7 +9,8 @@
 
 namespace evpose::server {
 
-// BadRequest for a field that is to blame, else ErrorInfo with the reason; QuotaFailure and RetryInfo for limits.
+// Adds the details that the status has (server/runtime/errors.h): BadRequest with the invalid field, ErrorInfo with the
+// reason, QuotaFailure and RetryInfo for limits.
 grpc::Status ToGrpcStatus(const absl::Status& status);
 
 }  // namespace evpose::server

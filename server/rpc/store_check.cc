@@ -49,10 +49,10 @@ void StoreCheck::Ask() {
   answer_ = health;
   if (has_changed) {
     if (health.ok()) {
-      Log(LogLevel::kInfo, "store_back", {{"message", "the store answers again: health is SERVING"}});
+      Log(LogLevel::kInfo, "store_back", {{"message", "the store responds again: health is SERVING"}});
     } else {
       Log(LogLevel::kWarning, "store_away",
-          {{"message", absl::StrCat("health is NOT_SERVING until the store answers: ", health.message())}});
+          {{"message", absl::StrCat("health is NOT_SERVING until the store responds: ", health.message())}});
     }
     listener_(health.ok());
   }

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// Asks the store now and then whether it answers: a server without its store is not ready.
+// Periodic health check of the store: a server whose store does not respond is not ready.
 #pragma once
 
 #include <boost/asio/steady_timer.hpp>
@@ -19,19 +19,19 @@ namespace evpose::server {
 // Thread-safe.
 class StoreCheck {
  public:
-  // Told of every change, of which the first can only be to false; must not block, nor call back.
+  // Called at every change; the initial state is true. It must not block or call the StoreCheck.
   using Listener = std::function<void(bool answers)>;
 
-  // The store is asked `period` after its last answer, by the pool's slow thread: an answer may take seconds. All that
-  // is given outlives the pool's Join().
+  // Checks the store `period` after its last response, on the pool's thread for slow work, because a response may take
+  // seconds. The arguments must live until the pool's Join() has returned.
   StoreCheck(Store& store, WorkerPool& pool, absl::Duration period, Listener listener);
-  // The lock shows to tools that all calls are over.
+  // Locks, so that ThreadSanitizer sees that all calls precede the destruction.
   ~StoreCheck() { const std::lock_guard lock(mutex_); }
 
   void Start();
-  // The listener is not called afterwards, and the store not asked again, whether it was started or not.
+  // Afterwards the listener is not called and the store is not checked. May be called before Start().
   void Stop();
-  // Its last one; UNAVAILABLE saying why it does not.
+  // The result of the last check; OK before the first one.
   absl::Status answer() const;
 
  private:

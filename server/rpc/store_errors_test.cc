@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// What clients see of a store that is away, full, broken or damaged, through the raw stub; and several servers on one.
+// Tests, through raw stubs, the errors of an unreachable, full, failing or damaged store, and several servers with one
+// store.
 #include <future>
 #include <numeric>
 #include <thread>
@@ -18,7 +19,7 @@ namespace {
 using Health = grpc::health::v1::HealthCheckResponse;
 using Kind = v1::TrackResponse;
 
-// One of poses and one of health of a session with poses; both have begun.
+// Two readers of a session that has poses, one of poses and one of health; both have received their first response.
 class Watchers {
  public:
   Watchers(v1::SessionService::Stub& stub, const std::string& session) {
@@ -33,7 +34,7 @@ class Watchers {
     v1::WatchHealthResponse first_health;
     EXPECT_TRUE(health_->Read(&first_health));
   }
-  // How they end.
+  // The final status of both.
   std::string Errors() const {
     v1::WatchPosesResponse poses;
     while (poses_->Read(&poses)) continue;
@@ -48,7 +49,7 @@ class Watchers {
   std::unique_ptr<grpc::ClientReader<v1::WatchHealthResponse>> health_;
 };
 
-// What a store answers, and what clients are told then.
+// An error of the store and the error that clients receive for it.
 std::vector<std::pair<absl::Status, std::string>> FullAndFailing() {
   return {{absl::ResourceExhaustedError("disk full"), "RESOURCE_EXHAUSTED STORE_FULL"},
           {absl::InternalError("bad page"), "INTERNAL STORE_FAILED"}};
@@ -63,7 +64,7 @@ class StoreErrorsTest : public RpcTest {
     options.store_check_period = absl::Milliseconds(1);
     return options;
   }
-  // Another server on the same store; the one before goes on.
+  // Starts another server with the same store; the first one continues.
   std::shared_ptr<grpc::Channel> StartOnStore(const ServerOptions& options = StoreOptions()) {
     servers_.push_back(
         StartServer(options, FakeTrackers(gate_), std::make_unique<TroubledStore>(store_, trouble_)).value());
@@ -85,7 +86,7 @@ class StoreErrorsTest : public RpcTest {
     google::protobuf::Empty response;
     return Describe(models_->DeleteModel(&context, request, &response));
   }
-  // What a watcher of poses is told, which one of health is told, too.
+  // The error of a reader of poses, which must equal that of a reader of health.
   std::string WatchError(const std::string& name) {
     grpc::ClientContext context;
     v1::WatchPosesRequest poses;
@@ -107,7 +108,7 @@ class StoreErrorsTest : public RpcTest {
     v1::TrackResponse response;
     ASSERT_TRUE(track.ReadUntil(Kind::kAck, response));
   }
-  // How a stream ends that works while the store answers this.
+  // The final status of a stream that is open while the store returns this error.
   grpc::Status TrackError(const absl::Status& answer) {
     const CreatedSession session = CreateSession();
     const auto track = Attached(session);
@@ -170,7 +171,7 @@ TEST_F(StoreErrorsTest, ASessionWaitsWhileTheStoreIsAwayAndLosesNothing) {
   ASSERT_TRUE(track->ReadUntil(Kind::kAck, response, &before));
   EXPECT_EQ(response.ack().processed_seq(), 1u);
   EXPECT_EQ(response.ack().durable_seq(), 0u);
-  EXPECT_EQ(before.size(), 9u) << "poses come at once";
+  EXPECT_EQ(before.size(), 9u) << "poses do not wait for the store";
   ASSERT_TRUE(track->Events(2, Flat64(SomeEvents(11, 21))));
   ASSERT_TRUE(track->End());
   before.clear();
@@ -213,7 +214,7 @@ TEST_F(StoreErrorsTest, CallsThatNeedAStoreThatIsAway) {
   trouble_->Set(absl::OkStatus());
   EXPECT_EQ(DeleteModelError(here.config().objects(0).model()), "FAILED_PRECONDITION MODEL_IN_USE");
   EXPECT_EQ(Describe(Create(request, &session)), "OK");
-  EXPECT_EQ(GetError(here.name()), "OK") << "nothing is lost";
+  EXPECT_EQ(GetError(here.name()), "OK") << "no session is lost";
 }
 
 TEST_F(StoreErrorsTest, ARequestThatIsKnownDoesNotWaitForTheStoreEither) {
@@ -336,7 +337,7 @@ TEST_F(StoreErrorsTest, AnUploadOfWhatAnotherServerHasDeletedIsToldSo) {
   const grpc::Status status = Upload(requests, &model);
   EXPECT_EQ(Describe(status), "ABORTED MODEL_DELETED");
   EXPECT_EQ(DetailOf<google::rpc::ErrorInfo>(status).metadata().at("model"), name);
-  EXPECT_EQ(Describe(Upload(requests, &model)), "OK") << "once more, as it says";
+  EXPECT_EQ(Describe(Upload(requests, &model)), "OK") << "the error advises to upload again";
   EXPECT_EQ(model.name(), name);
 }
 
@@ -399,7 +400,7 @@ TEST_F(StoreErrorsTest, WatchersAtAnotherServerSeeEveryPose) {
     }
   };
   MakePoses(*track);
-  track.reset();  // with what it made in the store
+  track.reset();  // its session stays in the store
   read_until(1);
   session.set_resume_token(attached.resume_token());
   track = Attached(session);
@@ -440,7 +441,7 @@ TEST_F(StoreErrorsTest, WatchersAtAnotherServerAreToldWhatIsWrong) {
   EXPECT_EQ(WatchError("sessions/unknown"), "NOT_FOUND SESSION_NOT_FOUND");
   trouble_->Set(absl::UnavailableError("gone"));
   EXPECT_EQ(WatchError(session.name()), "UNAVAILABLE STORE_AWAY");
-  // The second is what the store says when it is asked whose the damaged session is, too.
+  // In the second case the store also fails when the server asks for the tenant of the damaged session.
   for (const absl::Status& answer : {absl::InternalError("bad page"), absl::DataLossError("bad page")}) {
     trouble_->Set(answer);
     EXPECT_EQ(WatchError(session.name()), "INTERNAL STORE_FAILED");
@@ -470,7 +471,7 @@ TEST_F(StoreErrorsTest, ADamagedSessionIsNamedAndCanBeDeleted) {
   EXPECT_EQ(DetailOf<google::rpc::ErrorInfo>(status).metadata().at("session"), name);
   EXPECT_EQ(Describe(AttachError(name, "token")), "DATA_LOSS SESSION_DAMAGED");
   EXPECT_EQ(WatchError(name), "DATA_LOSS SESSION_DAMAGED");
-  EXPECT_EQ(ListError(), "OK") << "the others are there";
+  EXPECT_EQ(ListError(), "OK") << "the other sessions are listed";
   EXPECT_EQ(Describe(Delete(name)), "OK");
   EXPECT_EQ(GetError(name), "NOT_FOUND SESSION_NOT_FOUND");
 }

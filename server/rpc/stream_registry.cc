@@ -8,11 +8,6 @@
 #include "server/runtime/errors.h"
 
 namespace evpose::server {
-namespace {
-
-// When one will end is not known; clients ask again after this.
-
-}  // namespace
 
 void StreamRegistry::Add(Kind kind, const std::shared_ptr<OpenStream>& stream) {
   absl::Status ended;

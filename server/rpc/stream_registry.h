@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// The streams that are open, so that a server that leaves can tell them, wait for them and end them.
+// The open streams of a server, which notifies, awaits and ends them when it shuts down.
 #pragma once
 
 #include <condition_variable>
@@ -20,8 +20,9 @@ namespace evpose::server {
 class OpenStream {
  public:
   virtual ~OpenStream() = default;
+  // Sends the notice GoAway.
   virtual void GoAway(absl::Duration deadline) = 0;
-  // Ends the stream with this status, which is not OK.
+  // Ends the stream with this error.
   virtual void End(const absl::Status& status) = 0;
 };
 
@@ -33,15 +34,15 @@ class StreamRegistry {
   StreamRegistry(size_t max_streams, std::shared_ptr<ServerMetrics> metrics)
       : max_streams_(max_streams), metrics_(std::move(metrics)) {}
 
-  // One stream too many is ended at once, RESOURCE_EXHAUSTED (TOO_MANY_STREAMS).
+  // Adds a stream. A stream beyond the maximum is ended immediately with RESOURCE_EXHAUSTED (TOO_MANY_STREAMS).
   void Add(Kind kind, const std::shared_ptr<OpenStream>& stream);
   void Remove(const OpenStream* stream);
 
-  // Tells the Track streams.
+  // Sends GoAway to all Track streams.
   void GoAway(absl::Duration deadline);
   // Returns when no Track stream is left, or at the deadline.
   void WaitForTracks(absl::Time deadline);
-  // Returns when no stream at all is left, or at the deadline.
+  // Returns when no stream of any kind is left, or at the deadline.
   void WaitForAll(absl::Time deadline);
   // Ends all streams, also those that are added later.
   void EndAll(const absl::Status& status);

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// Track, through the raw stub against the real server.
+// Tests SessionService.Track through a raw stub.
 #include <thread>
 
 #include "core/numerics/hash.h"
@@ -17,7 +17,7 @@ uint32_t CrcOf(const std::string& payload) {
 
 class TrackTest : public RpcTest {
  protected:
-  // Sends `events` in chunks of so many bytes and `end`; all poses, without what depends on the clock.
+  // Sends `events` in chunks of this size and `end`. Returns all poses, without the fields that depend on the clock.
   std::string PosesOf(const std::vector<Event>& events, size_t chunk_bytes) {
     const std::string bytes = Flat64(events);
     const CreatedSession session = CreateSession();
@@ -45,7 +45,7 @@ class TrackTest : public RpcTest {
     poses += response.pose().SerializeAsString();
   }
 
-  // A server whose log holds 4096 poses, and a session on it with three objects.
+  // Starts a server with a log of 4096 poses, and creates a session with three objects.
   CreatedSession ThreeObjectsAndASmallLog(v1::OverloadPolicy policy) {
     ServerOptions options = Options();
     options.pose_log_capacity = 4096;
@@ -62,9 +62,9 @@ class TrackTest : public RpcTest {
     EXPECT_EQ(Describe(Create(request, &session)), "OK");
     return session;
   }
-  // A chunk that is worked on at once and makes more poses than that log holds: 6141, and three more at the end.
+  // A chunk that produces 6141 poses, more than the log holds; three more follow at the end of the session.
   static std::string ManyPoses() { return Flat64(SomeEvents(1, 2049, 1)); }
-  // Reads the poses with these numbers, each once and in order.
+  // Expects the poses with these numbers, each once and in order.
   static void ExpectPoses(RawTrack& track, uint64_t first, uint64_t last) {
     v1::TrackResponse response;
     for (uint64_t seq = first; seq <= last; ++seq) {
@@ -326,7 +326,7 @@ TEST_F(TrackTest, WithLatestAStreamIsToldOfPosesThatWereForgotten) {
   session.set_resume_token(attached.resume_token());
   const auto track = Attached(session, &attached);
   EXPECT_EQ(attached.next_seq(), 2u);
-  EXPECT_EQ(attached.first_pose_seq(), 6141u - 4096 + 1) << "it goes on after the gap";
+  EXPECT_EQ(attached.first_pose_seq(), 6141u - 4096 + 1) << "the poses continue after the gap";
   ExpectPoses(*track, attached.first_pose_seq(), 6141);
 }
 
@@ -402,7 +402,7 @@ TEST_F(TrackTest, NoticesStandAmongThePosesInOrder) {
   events = SomeEvents(3, 5);
   events.push_back({5100, 0, 0, 1});  // lost
   events.push_back({6100, 9, 9, 1});
-  track->Write(reset);  // again: ignored, or the object would be found again below
+  track->Write(reset);  // a repetition is ignored; otherwise the object would be found again below
   track->Events(3, Flat64(events));
   track->Write(reset);
   track->End();
@@ -431,7 +431,7 @@ TEST_F(TrackTest, ModelsAndSessionsAreMadeWhileAllWorkersTrack) {
     ASSERT_TRUE(busy.back()->Events(1, Flat64(SomeEvents(1, 11))));
     while (session.health().received_bytes() == 0) Get(session.name(), &session);
   }
-  CreateSession();  // and uploads a model
+  CreateSession();  // also uploads a model
   gate_->Open();
 }
 
@@ -441,7 +441,7 @@ TEST_F(TrackTest, WhatIsDroppedIsToldTheSameWayEverywhere) {
   const auto track = OverloadedLatest(&session, &sent_bytes);
   v1::TrackResponse response;
   while (response.ack().send_limit_bytes() < sent_bytes + 256 * 1024) {
-    ASSERT_TRUE(track->ReadUntil(Kind::kAck, response)) << "credit comes although nothing is tracked";
+    ASSERT_TRUE(track->ReadUntil(Kind::kAck, response)) << "credit is granted although no events are tracked";
   }
   gate_->Open();
   ASSERT_TRUE(track->End());
@@ -495,11 +495,11 @@ TEST_F(TrackTest, ACancelledStreamLeavesTheSessionDetached) {
   RawTrack next(*sessions_);
   next.Attach(session.name(), attached.resume_token());
   v1::TrackResponse response;
-  EXPECT_TRUE(next.Read(response)) << "it can be taken up";
+  EXPECT_TRUE(next.Read(response)) << "the session can be resumed";
 }
 
 TEST_F(TrackTest, ALeavingServerTellsItsStreamsAndLetsThemFinish) {
-  // Over a socket: gRPC's channel inside a process may drop a last status that was not read before the server closed.
+  // A socket, because gRPC's in-process channel may drop a final status that was not read before the server closed.
   ServerOptions options = Options();
   options.listen_address = "127.0.0.1:0";
   Connect(options);
@@ -520,7 +520,7 @@ TEST_F(TrackTest, ALeavingServerTellsItsStreamsAndLetsThemFinish) {
   ASSERT_TRUE(track->ReadUntil(Kind::kSummary, response));
   EXPECT_EQ(response.summary().health().poses(), 10u);
   EXPECT_EQ(Describe(track->Finish()), "OK");
-  EXPECT_EQ(Describe(silent->Finish()), "UNAVAILABLE DRAINING") << "who does not finish is ended at the deadline";
+  EXPECT_EQ(Describe(silent->Finish()), "UNAVAILABLE DRAINING") << "a stream that is open at the deadline is ended";
   shutdown.join();
 }
 

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// Who may call: tokens, certificates, and what each may see.
+// Tests authentication with tokens and certificates, and the separation of tenants.
 #include <gmock/gmock.h>
 #include <grpcpp/generic/generic_stub.h>
 #include <grpcpp/support/client_interceptor.h>
@@ -23,7 +23,7 @@ namespace {
 using ::testing::HasSubstr;
 using ::testing::Not;
 
-// Adds "authorization" to every call of a channel.
+// Adds the metadata "authorization" to every call of a channel.
 class TokenInterceptor : public grpc::experimental::Interceptor {
  public:
   explicit TokenInterceptor(const std::string& value) : value_(value) {}
@@ -49,7 +49,7 @@ class TokenInterceptorFactory : public grpc::experimental::ClientInterceptorFact
   const std::string value_;
 };
 
-// A connection of its own. `token` empty: none.
+// Opens a new connection. `token` empty: without a token.
 std::shared_ptr<grpc::Channel> OpenChannel(int port, const std::string& token,
                                            const std::shared_ptr<grpc::ChannelCredentials>& credentials) {
   grpc::ChannelArguments arguments;
@@ -67,7 +67,7 @@ std::shared_ptr<grpc::ChannelCredentials> Tls(const std::string& ca_pem, const T
   return grpc::SslCredentials({ca_pem, own.key_pem, own.certificate_pem});
 }
 
-// A call of any method with an empty message, then the end of the client's messages.
+// Calls any method with one empty message, and closes the client's half.
 grpc::Status CallWithEmptyMessage(const std::shared_ptr<grpc::Channel>& channel, const std::string& method) {
   grpc::GenericStub stub(channel);
   grpc::ClientContext context;
@@ -151,7 +151,7 @@ TEST_F(TokensTest, OnlyAnOperatorDrains) {
   };
   EXPECT_EQ(drain(lab_), "PERMISSION_DENIED NOT_OPERATOR");
   EXPECT_EQ(Health(channel_), "OK");
-  (void)CreateSession();  // nothing has begun to leave
+  (void)CreateSession();  // succeeds, because the server is not draining
   EXPECT_EQ(drain(operator_), "OK");
 }
 
@@ -190,7 +190,7 @@ TEST_F(TokensTest, ATokenThatIsTakenAwayOpensNothingMore) {
   EXPECT_EQ(Describe(Get(session.name(), &read)), "UNAUTHENTICATED BAD_TOKEN");
   EXPECT_TRUE(track->End());
   v1::TrackResponse response;
-  EXPECT_TRUE(track->ReadUntil(v1::TrackResponse::kSummary, response)) << "a stream goes on";
+  EXPECT_TRUE(track->ReadUntil(v1::TrackResponse::kSummary, response)) << "an open stream continues";
   EXPECT_EQ(Describe(track->Finish()), "OK");
 }
 
@@ -222,7 +222,7 @@ TEST_F(TokensTest, AnotherTenantsSessionsAndModelsAreNotThere) {
   EXPECT_EQ(Describe(Delete(session.name())), "NOT_FOUND SESSION_NOT_FOUND");
   RawTrack track(*sessions_);
   track.Attach(session.name(), session.resume_token());
-  EXPECT_EQ(Describe(track.Finish()), "NOT_FOUND SESSION_NOT_FOUND") << "even with its resume token";
+  EXPECT_EQ(Describe(track.Finish()), "NOT_FOUND SESSION_NOT_FOUND") << "also with the session's resume token";
 
   grpc::ClientContext watch_poses, watch_health, get_model, delete_model, list_models, list_sessions, info;
   v1::WatchPosesRequest poses_request;
@@ -252,7 +252,8 @@ TEST_F(TokensTest, AnotherTenantsSessionsAndModelsAreNotThere) {
   Use(OpenChannel(server_->port(), lab_.token));
   EXPECT_EQ(Describe(Get(session.name(), &read)), "OK");
   Use(OpenChannel(server_->port(), operator_.token));
-  EXPECT_EQ(Describe(Get(session.name(), &read)), "NOT_FOUND SESSION_NOT_FOUND") << "an operator is no other tenant";
+  EXPECT_EQ(Describe(Get(session.name(), &read)), "NOT_FOUND SESSION_NOT_FOUND")
+      << "an operator does not have access to other tenants";
   grpc::ClientContext operator_info;
   EXPECT_EQ(Describe(admin_->GetServerInfo(&operator_info, {}, &server)), "OK");
   EXPECT_EQ(server.active_sessions(), 1u);
@@ -281,7 +282,7 @@ TEST_F(TokensTest, AnotherTenantsDamagedSessionIsNotThereEither) {
   };
   EXPECT_EQ(errors(field_), "NOT_FOUND SESSION_NOT_FOUND");
   EXPECT_EQ(Describe(Delete(name)), "NOT_FOUND SESSION_NOT_FOUND");
-  EXPECT_EQ(errors(lab_), "DATA_LOSS SESSION_DAMAGED") << "it is there still";
+  EXPECT_EQ(errors(lab_), "DATA_LOSS SESSION_DAMAGED") << "the session still exists";
   EXPECT_EQ(Describe(Delete(name)), "OK");
   EXPECT_EQ(errors(lab_), "NOT_FOUND SESSION_NOT_FOUND");
 }
@@ -324,7 +325,7 @@ TEST_F(TokensTest, EachTenantHasItsShare) {
   EXPECT_EQ(Describe(Create(CreateRequest(), &second)), "OK");
 }
 
-// Connections that do nothing.
+// Idle connections.
 class IdleTest : public RpcTest {
  protected:
   static ServerOptions Impatient() {
@@ -385,7 +386,7 @@ TEST_F(IdleTest, AStreamTooManyIsTurnedAway) {
 
 TEST_F(IdleTest, AStreamThatIsTooFastIsReadMoreSlowly) {
   ServerOptions options = Options();
-  options.tenant.max_bytes_per_s = 20'000;  // a second's worth may come at once
+  options.tenant.max_bytes_per_s = 20'000;  // the bytes of one second may arrive in a burst
   options.max_chunk_bytes = 64;
   options.credit_bytes = 1 << 20;
   server_ = StartServer(options, FakeTrackers(gate_)).value();
@@ -403,7 +404,7 @@ TEST_F(IdleTest, AStreamThatIsTooFastIsReadMoreSlowly) {
 
 TEST_F(IdleTest, AHeldStreamIsNotRead) {
   ServerOptions options = Options();
-  options.listen_address = "127.0.0.1:0";  // a socket takes what is not read yet
+  options.listen_address = "127.0.0.1:0";  // a socket buffers the bytes that the server has not read
   options.tenant.max_bytes_per_s = 1;
   options.max_chunk_bytes = 64;
   server_ = StartServer(options, FakeTrackers(gate_)).value();
@@ -415,7 +416,8 @@ TEST_F(IdleTest, AHeldStreamIsNotRead) {
   do {
     ASSERT_TRUE(track->ReadUntil(v1::TrackResponse::kAck, response));
   } while (response.ack().processed_seq() < 2);
-  EXPECT_EQ(response.ack().processed_seq(), 2u) << "the first is within the burst, the second is a minute's debt";
+  EXPECT_EQ(response.ack().processed_seq(), 2u)
+      << "the first chunk is within the burst; the second exceeds the limit by the bytes of a minute";
   track->Cancel();
   EXPECT_EQ(Describe(track->Finish()), "CANCELLED");
   CreatedSession read;
@@ -442,7 +444,7 @@ class TlsTest : public RpcTest {
   std::shared_ptr<grpc::Channel> ConnectTls(const std::string& token = "", const TestCertificate& own = {}) {
     return OpenChannel(server_->port(), token, Tls(authority_.pem(), own));
   }
-  // Of a call of GetServerInfo; the certificate that the server showed goes to `shown_pem`.
+  // Calls GetServerInfo and returns the status. `shown_pem` receives the certificate of the server.
   static std::string Call(const std::shared_ptr<grpc::Channel>& channel, std::string* shown_pem = nullptr) {
     grpc::ClientContext context;
     v1::ServerInfo info;
@@ -483,7 +485,8 @@ TEST_F(TlsTest, ClientsShowCertificates) {
   EXPECT_EQ(Call(ConnectTls("", clients_.Issue({.common_name = "lab", .alternative_names = ""}))), "OK");
   EXPECT_EQ(Call(ConnectTls("", clients_.Issue({.common_name = "John Doe"}))), "UNAUTHENTICATED BAD_CERTIFICATE");
   EXPECT_EQ(Call(ConnectTls()), "UNAVAILABLE");
-  EXPECT_EQ(Call(ConnectTls("", authority_.Issue({.common_name = "lab"}))), "UNAVAILABLE") << "of another authority";
+  EXPECT_EQ(Call(ConnectTls("", authority_.Issue({.common_name = "lab"}))), "UNAVAILABLE")
+      << "a certificate of another authority";
   const TestCertificateOptions old = {.common_name = "lab", .not_after = absl::Now() - absl::Minutes(1)};
   EXPECT_EQ(Call(ConnectTls("", clients_.Issue(old))), "UNAVAILABLE") << "expired";
 }
@@ -499,14 +502,14 @@ TEST_F(TlsTest, ANewCertificateIsShownToNewConnections) {
   EXPECT_EQ(Call(ConnectTls(), &shown_pem), "OK");
   EXPECT_EQ(shown_pem, certificate_pem_);
   EXPECT_NE(shown_pem, old_pem);
-  // One of another authority, and clients that still know the first.
+  // The server gets a certificate of another authority; the clients still trust only the first one.
   Write(clients_.Issue());
   EXPECT_EQ(Call(ConnectTls()), "UNAVAILABLE");
   EXPECT_EQ(Call(OpenChannel(server_->port(), "", Tls(clients_.pem()))), "OK");
 
   EXPECT_TRUE(track->End());
   v1::TrackResponse response;
-  EXPECT_TRUE(track->ReadUntil(v1::TrackResponse::kSummary, response)) << "the stream goes on";
+  EXPECT_TRUE(track->ReadUntil(v1::TrackResponse::kSummary, response)) << "the stream continues";
   EXPECT_EQ(Describe(track->Finish()), "OK");
 }
 

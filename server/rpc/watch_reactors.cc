@@ -26,12 +26,13 @@
 namespace evpose::server {
 namespace {
 
-// In one response: about 40 KB in memory, which is what a reader that stalls costs.
+// Maximum number of poses in a response: about 40 KB, which bounds the memory of a stalled reader.
 constexpr size_t kPosesPerResponse = 64;
 constexpr absl::Duration kDefaultPeriod = absl::Seconds(1);
 constexpr absl::Duration kMinPeriod = absl::Milliseconds(10);
 
-// What both readers do: as in the Track reactor, every event ends in Pump.
+// The common part of both readers. As in the Track reactor, every callback changes the state and then calls Pump(),
+// which starts the next operation.
 template <typename Response>
 class WatchReactor : public grpc::ServerWriteReactor<Response>,
                      public SessionListener,
@@ -41,7 +42,7 @@ class WatchReactor : public grpc::ServerWriteReactor<Response>,
   WatchReactor(const ServiceContext& services, grpc::CallbackServerContext* context)
       : services_(services), context_(context) {}
 
-  // `begun`: whether the request is in order.
+  // `begun` is the result of checking the request.
   void Start(const absl::Status& begun) {
     self_ = this->shared_from_this();
     services_.streams.Add(StreamRegistry::Kind::kWatch, self_);
@@ -54,8 +55,8 @@ class WatchReactor : public grpc::ServerWriteReactor<Response>,
   void OnWriteDone(bool ok) override {
     const std::lock_guard lock(mutex_);
     is_writing_ = false;
-    response_ = Response();  // Clear() would keep the memory of its poses while nothing happens
-    if (!ok) Fail(absl::CancelledError("the client is gone"));
+    response_ = Response();  // releases the memory of the poses, which Clear() would keep
+    if (!ok) Fail(absl::CancelledError("the client has disconnected"));
     Pump();
   }
 
@@ -98,11 +99,11 @@ class WatchReactor : public grpc::ServerWriteReactor<Response>,
   }
 
   const WatchedSession& session() const { return *session_; }
-  // Before the first PickResponse.
+  // Called when the session has been found, before the first PickResponse().
   virtual void OnFound() {}
   void Fail(const absl::Status& status) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) { failure_.Update(status); }
 
-  // Fills `response` with what is next, if anything; `is_last`: nothing will come after it.
+  // Fills `response` and returns true if there is something to send. Sets `is_last` if nothing will follow.
   virtual bool PickResponse(const WatchView& view, Response& response, bool& is_last)
       ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) = 0;
   virtual void OnFinish() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {}
@@ -130,7 +131,7 @@ class WatchReactor : public grpc::ServerWriteReactor<Response>,
     std::string name;
   };
 
-  // The store takes too long for gRPC's threads.
+  // Runs on the pool's thread for slow work, because reading the store takes too long for gRPC's threads.
   void LookInStore() {
     auto mirror = services_.sessions.Mirror(missing_->tenant, missing_->name);
     if (mirror.ok()) session_ = *std::move(mirror);
@@ -158,7 +159,7 @@ class WatchReactor : public grpc::ServerWriteReactor<Response>,
   grpc::CallbackServerContext* const context_;
   std::shared_ptr<WatchReactor> self_;       // until OnDone
   std::shared_ptr<WatchedSession> session_;  // null until it is found
-  std::optional<Missing> missing_;           // what was asked for, when it is not here
+  std::optional<Missing> missing_;           // the requested session, if it is not loaded at this server
   std::unique_ptr<TenantQuotas::Watcher> place_;
   Response response_ ABSL_GUARDED_BY(mutex_);
   bool is_writing_ ABSL_GUARDED_BY(mutex_) = false;
@@ -166,7 +167,8 @@ class WatchReactor : public grpc::ServerWriteReactor<Response>,
   absl::Status failure_ ABSL_GUARDED_BY(mutex_);
 };
 
-// Reads the session's log at its own pace: a slow reader costs one response, not a queue.
+// Reads the session's log at the pace of the client, so that a slow reader needs the memory of one response and no
+// queue.
 class WatchPosesReactor : public WatchReactor<v1::WatchPosesResponse> {
  public:
   using WatchReactor::WatchReactor;
@@ -221,8 +223,8 @@ class WatchPosesReactor : public WatchReactor<v1::WatchPosesResponse> {
   }
 
   double min_interval_us_ = 0.0;
-  uint64_t cursor_ = 0;     // the last pose that was looked at
-  uint64_t live_from_ = 0;  // poses up to it were stored before the reader came
+  uint64_t cursor_ = 0;     // number of the last pose that was sent or left out
+  uint64_t live_from_ = 0;  // number of the last pose that existed when the reader started
   std::vector<int64_t> last_t_us_;
 };
 
@@ -235,7 +237,7 @@ class WatchHealthReactor : public WatchReactor<v1::WatchHealthResponse> {
       period_ = FromProto(request.period());
       if (period_ < kMinPeriod) {
         return InvalidField("period", absl::StrCat("is ", absl::FormatDuration(period_), "; at least ",
-                                                   absl::FormatDuration(kMinPeriod), " must lie between two answers"));
+                                                   absl::FormatDuration(kMinPeriod), " is required"));
       }
     }
     return FindSession(caller, request.session());
@@ -254,7 +256,8 @@ class WatchHealthReactor : public WatchReactor<v1::WatchHealthResponse> {
   }
 
   void SetAlarm() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
-    // A new one each time: the old one's function may still be running. Weak, because an alarm keeps its function.
+    // A new alarm each time, because the function of the previous one may still be running. A weak reference, because
+    // an alarm holds its function until it is destroyed.
     alarm_ = std::make_unique<grpc::Alarm>();
     alarm_->Set(std::chrono::system_clock::now() + absl::ToChronoMicroseconds(period_),
                 [weak = weak_from_this()](bool) {

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// SessionService.WatchPoses and WatchHealth: readers of a session.
+// The methods SessionService.WatchPoses and WatchHealth.
 #pragma once
 
 #include <grpcpp/server_context.h>
@@ -10,7 +10,7 @@
 
 namespace evpose::server {
 
-// Reactors that delete themselves when the call is over.
+// Start the reactor of a call. It deletes itself when the call has ended.
 grpc::ServerWriteReactor<v1::WatchPosesResponse>* StartWatchPoses(const ServiceContext& services,
                                                                   grpc::CallbackServerContext* context,
                                                                   const v1::WatchPosesRequest& request);

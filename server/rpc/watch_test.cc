@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// WatchPoses and WatchHealth, through the raw stub against the real server.
+// Tests SessionService.WatchPoses and WatchHealth through raw stubs.
 #include <cmath>
 
 #include "server/rpc/server_testing.h"
@@ -156,7 +156,7 @@ TEST_F(WatchTest, ACancelledWatcherIsForgotten) {
     context.TryCancel();
     EXPECT_EQ(Describe(watcher->Finish()), "CANCELLED");
   }
-  server_->Shutdown(absl::InfiniteDuration());  // returns: nobody is left
+  server_->Shutdown(absl::InfiniteDuration());  // returns, because no stream is left
 }
 
 }  // namespace

@@ -16,31 +16,36 @@
 
 namespace evpose::server {
 
-// INVALID_ARGUMENT: `field` is the path in the request (config.camera.width_px), `description` what is wrong with it.
+// Returns INVALID_ARGUMENT. `field` is the path in the request (config.camera.width_px), `description` says what is
+// wrong with its value.
 absl::Status InvalidField(absl::string_view field, absl::string_view description);
 
 // Adds a reason that a program may test, and its metadata.
 absl::Status WithReason(absl::Status status, v1::ErrorReason reason,
                         std::initializer_list<std::pair<absl::string_view, std::string>> metadata = {});
 
-// When others may have gone.
+// The delay that RetryInfo suggests to a client when the server is full: other sessions or streams may have ended by
+// then.
 inline constexpr absl::Duration kRetryDelay = absl::Seconds(5);
 
-// RESOURCE_EXHAUSTED: `subject` is the limit's name; retry_after zero: waiting does not help.
+// Returns RESOURCE_EXHAUSTED. `subject` is the name of the limit. A `retry_after` of zero means that waiting does not
+// help; then no RetryInfo is sent.
 absl::Status LimitReached(v1::ErrorReason reason, absl::string_view subject, absl::string_view description,
                           absl::Duration retry_after);
 
-// What a store answered, for its clients: UNAVAILABLE (STORE_AWAY), RESOURCE_EXHAUSTED (STORE_FULL), else INTERNAL
-// (STORE_FAILED). OK, and what has a reason or a field already, as it is.
+// Translates a status of a store into the status that clients see: UNAVAILABLE gets the reason STORE_AWAY,
+// RESOURCE_EXHAUSTED gets STORE_FULL, every other error becomes INTERNAL with STORE_FAILED. OK, and a status that
+// already has a reason or a field, is returned unchanged.
 absl::Status FromStore(const absl::Status& status);
 
 struct ErrorDetails {
-  std::string field;                                          // empty: no field is to blame
+  std::string field;                                          // empty: the error is not about a field
   std::string reason;                                         // name of a v1::ErrorReason; empty: none
-  std::vector<std::pair<std::string, std::string>> metadata;  // in the order of the keys
+  std::vector<std::pair<std::string, std::string>> metadata;  // sorted by key
   std::string quota_subject;
   absl::Duration retry_after;
 };
+// Reads the details that the functions above have attached; members without a detail are empty.
 ErrorDetails GetErrorDetails(const absl::Status& status);
 
 }  // namespace evpose::server

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// Counts latencies in buckets whose bounds grow by 5 %: percentiles within 5 % from 1 us to 100 s, in fixed memory.
+// A histogram of latencies with geometric buckets: percentiles are accurate to 5 % from 1 us to 100 s, in fixed memory.
 #pragma once
 
 #include <array>
@@ -13,13 +13,13 @@ namespace evpose::server {
 class LatencyHistogram {
  public:
   LatencyHistogram() = default;
-  // From the counts() of another one, maybe of a version with fewer buckets.
+  // Restores a histogram from counts(), which an earlier version with fewer buckets may have written.
   explicit LatencyHistogram(absl::Span<const uint32_t> counts);
 
   void Add(int64_t latency_us);
-  // The latency that `fraction` (0..1) of all do not exceed, microseconds; 0 when there is none.
+  // The quantile `fraction` (0..1) of the latencies, microseconds; 0 when none was added.
   int64_t Percentile(double fraction) const;
-  // By bucket, without the empty ones at the end.
+  // The number of latencies in each bucket, without the empty buckets at the end.
   absl::Span<const uint32_t> counts() const;
 
  private:

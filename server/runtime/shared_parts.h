@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// What several sessions look up and none changes.
+// A cache of immutable objects that several sessions share, for example lookup tables of a camera.
 #pragma once
 
 #include <algorithm>
@@ -13,18 +13,20 @@
 
 namespace evpose::server {
 
-// The part that belongs to each key, for all who use it. It goes with the last of them. Thread-safe.
+// Holds one part for each key. A part lives as long as a caller holds it: the cache has weak references. Thread-safe.
 template <typename Key, typename Part>
 class SharedParts {
  public:
-  // `make()`, an absl::StatusOr<std::shared_ptr<const Part>>, when nobody has the key's part. Errors are those of it.
+  // Returns the part of `key`. When no caller holds it, `make()` creates it; `make` returns
+  // absl::StatusOr<std::shared_ptr<const Part>>. Errors: those of `make`.
   template <typename Make>
   absl::StatusOr<std::shared_ptr<const Part>> Get(const Key& key, const Make& make) {
     {
       const std::lock_guard lock(mutex_);
       if (auto part = Find(key); part != nullptr) return part;
     }
-    // Without the lock: others need not wait. Who makes the same at the same time uses what was there first.
+    // `make` runs without the lock, so that calls for other keys do not wait. When two threads create the same part at
+    // the same time, both use the one that was stored first.
     absl::StatusOr<std::shared_ptr<const Part>> made = make();
     if (!made.ok()) return made.status();
     const std::lock_guard lock(mutex_);

@@ -42,7 +42,7 @@ TEST_F(SharedPartsTest, APartGoesWithTheLastThatUsesIt) {
     EXPECT_EQ(first.use_count(), 2);
   }
   EXPECT_TRUE(watched.expired());
-  EXPECT_EQ(*Get(1), "1");  // made anew
+  EXPECT_EQ(*Get(1), "1");  // created again
 }
 
 TEST_F(SharedPartsTest, WhatCannotBeMadeIsNotKept) {

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// The threads that decode and track, shared by all sessions, and two for what must not take their place.
+// The threads that decode and track for all sessions, and two more threads: one for slow work, one for low-priority
+// work.
 #pragma once
 
 #include <boost/asio/any_io_executor.hpp>
@@ -15,31 +16,31 @@
 
 namespace evpose::server {
 
-// Posts in order, never two at once. Between two of its own, what others have posted to the pool has its turn.
+// Runs its tasks in order and never two at a time. Between two tasks of a strand, tasks of other strands may run.
 using Strand = boost::asio::strand<boost::asio::any_io_executor>;
 
 using PoolTimer = boost::asio::steady_timer;
 
-// Outlives the sessions and their store, whose thread may be the last to let go of a session: its strand and its timers
-// belong to the pool.
+// Must outlive the sessions and their store: a session's strand and timers belong to the pool, and the store's thread
+// may hold the last reference to a session.
 class WorkerPool {
  public:
-  // Who runs what is posted.
+  // The executors that run the posted work.
   struct Executors {
-    boost::asio::any_io_executor work;
-    boost::asio::any_io_executor slow;
-    boost::asio::any_io_executor aside;
+    boost::asio::any_io_executor work;   // Post(), PostAfter() and strands
+    boost::asio::any_io_executor slow;   // PostSlow()
+    boost::asio::any_io_executor aside;  // PostAside()
   };
 
   explicit WorkerPool(int num_threads) : threads_(std::make_unique<Threads>(num_threads)), on_(threads_->executors()) {}
-  // On threads of the caller's, who keeps what runs there beyond this.
+  // Uses the caller's executors. The caller keeps them running until all work posted here has finished.
   explicit WorkerPool(Executors executors) : on_(std::move(executors)) {}
 
   template <typename Work>
   void Post(Work&& work) {
     boost::asio::post(on_.work, std::forward<Work>(work));
   }
-  // After `delay`, unless the timer is destroyed or cancelled before.
+  // Runs `work` after `delay`, unless the returned timer is destroyed or cancelled before.
   template <typename Work>
   std::unique_ptr<PoolTimer> PostAfter(absl::Duration delay, Work&& work) {
     auto timer = std::make_unique<PoolTimer>(on_.work, absl::ToChronoNanoseconds(delay));
@@ -48,12 +49,12 @@ class WorkerPool {
     });
     return timer;
   }
-  // For what takes seconds: loading models, making trackers. One after the other.
+  // For work that takes seconds, such as loading models and creating trackers. One thread runs it, one task at a time.
   template <typename Work>
   void PostSlow(Work&& work) {
     boost::asio::post(on_.slow, std::forward<Work>(work));
   }
-  // For what is short, but much: telling the watchers.
+  // For many short tasks of low priority, such as sending poses to watchers. One thread runs them.
   template <typename Work>
   void PostAside(Work&& work) {
     boost::asio::post(on_.aside, std::forward<Work>(work));
@@ -61,7 +62,8 @@ class WorkerPool {
   Strand MakeStrand() { return Strand(on_.work); }
   const boost::asio::any_io_executor& executor() { return on_.work; }
 
-  // Returns when everything that was posted to the pool's own threads is done. Nothing may be posted afterwards.
+  // Returns when all work posted to the pool's own threads has finished. Nothing may be posted afterwards. Does nothing
+  // with the caller's executors.
   void Join() {
     if (threads_ != nullptr) threads_->Join();
   }
@@ -81,7 +83,7 @@ class WorkerPool {
     boost::asio::thread_pool aside;
   };
 
-  const std::unique_ptr<Threads> threads_;  // null: the caller's
+  const std::unique_ptr<Threads> threads_;  // null: the caller's executors are used
   const Executors on_;
 };
 

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// Which store: the server's options in one place.
+// Opens the store that the server's options name.
 #pragma once
 
 #include <cstdint>
@@ -13,15 +13,15 @@
 namespace evpose::server {
 
 struct StoreOptions {
-  // "memory": nothing outlives the process. "sqlite": one file in `data_dir`. Or where a Redis server is, as
-  // ParseRedisAddress() has it.
+  // "memory": nothing outlives the process. "sqlite": one file in `data_dir`. Otherwise the address of a Redis server,
+  // in the form of ParseRedisAddress().
   std::string store = "memory";
-  std::string data_dir;              // of "sqlite"
-  uint64_t max_bytes = 64ull << 30;  // of sessions in memory, or of the file; Redis has its own limit
+  std::string data_dir;              // used by "sqlite"
+  uint64_t max_bytes = 64ull << 30;  // of sessions in memory, or of the SQLite file; Redis has a limit of its own
 };
 
-// Errors: INVALID_ARGUMENT for a store of no kind there is; those of OpenSqliteStore(),
-// ParseRedisAddress() and OpenRedisStore(). None shows a password.
+// Errors: INVALID_ARGUMENT for an unknown kind of store; those of OpenSqliteStore(), ParseRedisAddress() and
+// OpenRedisStore(). No error contains a password.
 absl::StatusOr<std::unique_ptr<Store>> OpenStore(const StoreOptions& options);
 
 }  // namespace evpose::server

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// What every store has to do.
+// The tests that every kind of store passes.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -48,7 +48,7 @@ class RedisHouse : public StoreHouse {
   absl::StatusOr<std::unique_ptr<Store>> OpenSmall(uint64_t max_bytes) override {
     const std::string memory = redis_.Text({"INFO", "memory"});
     const size_t used = memory.find("used_memory:") + sizeof("used_memory:") - 1;
-    // What is on its way counts as used, several times over.
+    // Redis counts the buffers of commands in transit as used memory, several times.
     const uint64_t limit = std::stoull(memory.substr(used)) + max_bytes + (8u << 20);
     redis_.Run({"CONFIG", "SET", "maxmemory", std::to_string(limit)});
     return Open();
@@ -139,7 +139,7 @@ TEST_P(StoreSuite, ADeletedSessionIsGone) {
   EXPECT_EQ(store_->CreateSession(Record("sessions/a"), "").status().code(), StatusCode::kAlreadyExists);
   ASSERT_TRUE(CommitNow(*lease, {.checkpoint = "1", .poses = {Segment("a", 1, 3)}}).ok());
   EXPECT_TRUE(store_->DeleteSession("sessions/a").ok());
-  EXPECT_TRUE(store_->DeleteSession("sessions/a").ok()) << "deleting what is not there is OK";
+  EXPECT_TRUE(store_->DeleteSession("sessions/a").ok()) << "deleting a session that does not exist is OK";
   EXPECT_EQ(CommitNow(*lease, {.checkpoint = "x"}).code(), StatusCode::kNotFound);
   EXPECT_EQ(store_->ReadSession("sessions/a").status().code(), StatusCode::kNotFound);
   EXPECT_EQ(store_->TakeSession("sessions/a").status().code(), StatusCode::kNotFound);
@@ -147,7 +147,7 @@ TEST_P(StoreSuite, ADeletedSessionIsGone) {
 
   auto again = store_->CreateSession(Record("sessions/a"), "life").value();
   EXPECT_GT(again->fencing_number(), lease->fencing_number());
-  EXPECT_EQ(CommitNow(*lease, {.checkpoint = "x"}).code(), StatusCode::kAborted) << "the name is another's now";
+  EXPECT_EQ(CommitNow(*lease, {.checkpoint = "x"}).code(), StatusCode::kAborted) << "the name belongs to a new session";
   const StoredSession session = store_->ReadSession("sessions/a").value();
   EXPECT_EQ(session.checkpoint, "");
   EXPECT_TRUE(session.poses.empty());
@@ -160,7 +160,7 @@ TEST_P(StoreSuite, WhoHeldASessionDoesNotDeleteItForAnother) {
   EXPECT_TRUE(CommitNow(*second, {.checkpoint = "1"}).ok());
   EXPECT_TRUE(store_->DeleteHeldSession("sessions/a", second->fencing_number()).ok());
   EXPECT_EQ(store_->ReadSession("sessions/a").status().code(), StatusCode::kNotFound);
-  EXPECT_TRUE(store_->DeleteHeldSession("sessions/a", second->fencing_number()).ok()) << "it is not there";
+  EXPECT_TRUE(store_->DeleteHeldSession("sessions/a", second->fencing_number()).ok()) << "the session does not exist";
   EXPECT_TRUE(store_->ListSessions()->empty());
 }
 
@@ -294,7 +294,7 @@ TEST_P(StoreSuite, CommitsOfOneSessionComeOneByOne) {
   auto lease = store_->CreateSession(Record("sessions/a"), "").value();
   std::promise<absl::Status> inner;
   std::promise<absl::Status> second;
-  // Within `done` the commit is over: the next may come, and one more at the same time may not.
+  // Within `done` the commit is complete: one further commit is accepted, a second one at the same time is not.
   lease->Commit({.checkpoint = "1"}, [&](absl::Status) {
     lease->Commit({.checkpoint = "2"}, [&](absl::Status status) { inner.set_value(std::move(status)); });
     lease->Commit({.checkpoint = "3"}, [&](absl::Status status) { second.set_value(std::move(status)); });
@@ -304,7 +304,7 @@ TEST_P(StoreSuite, CommitsOfOneSessionComeOneByOne) {
   EXPECT_EQ(store_->ReadSession("sessions/a")->checkpoint, "2");
 }
 
-// Every session commits in its own chain: the next when the last is done.
+// Each session commits in a chain: `done` of a commit starts the next one.
 class Chain {
  public:
   Chain(std::unique_ptr<SessionLease> lease, std::string session, uint64_t length)
@@ -401,7 +401,7 @@ TEST_P(StoreSuite, EveryCommitIsDoneWhenTheStoreIsGone) {
   for (int i = 0; i < kSessions; ++i) {
     leases[i]->Commit({.checkpoint = Noise(100'000, static_cast<uint64_t>(i))},
                       [&outcomes, i](absl::Status status) { outcomes[i].push_back(std::move(status)); });
-    if (i % 2 == 0) leases[i].reset();  // a lease need not outlive its commit
+    if (i % 2 == 0) leases[i].reset();  // a lease may be destroyed before its commit is complete
   }
   store_.reset();
   for (int i = 0; i < kSessions; ++i) {

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// What the tests of stores share.
+// Helpers of the tests of stores.
 #pragma once
 
 #include <gtest/gtest.h>
@@ -21,14 +21,14 @@
 
 namespace evpose::server {
 
-// A place where stores of one kind can be opened, one after the other.
+// Opens stores of one kind on the same data, one after the other.
 class StoreHouse {
  public:
   virtual ~StoreHouse() = default;
   virtual absl::StatusOr<std::unique_ptr<Store>> Open() = 0;
-  // One that has room for about so many bytes.
+  // Opens a store with space for about `max_bytes`.
   virtual absl::StatusOr<std::unique_ptr<Store>> OpenSmall(uint64_t max_bytes) = 0;
-  // What is stored outlives the store.
+  // True if the data outlive the store object.
   virtual bool keeps() const { return true; }
 };
 
@@ -47,14 +47,14 @@ inline SessionRecord Record(const std::string& name) {
           .config = std::string("config\0of ", 10) + name};
 }
 
-// Bytes that tell the session and their numbers, so that nothing can take another's place.
+// A segment whose bytes contain the session and the numbers of the poses, so that a test detects exchanged segments.
 inline PoseSegment Segment(const std::string& session, uint64_t first, uint64_t last) {
   return {.first_pose_seq = first,
           .last_pose_seq = last,
           .bytes = session + " poses " + std::to_string(first) + " to " + std::to_string(last)};
 }
 
-// Bytes without a pattern that a store could make smaller.
+// Pseudo-random bytes, which a store cannot compress.
 inline std::string Noise(size_t size, uint64_t seed) {
   std::string bytes(size, '\0');
   for (char& byte : bytes) {
@@ -74,14 +74,14 @@ inline ModelRecord Model(const std::string& name, const std::string& tenant, con
           .bytes = std::make_shared<const std::vector<uint8_t>>(bytes.begin(), bytes.end())};
 }
 
-// Commits and waits.
+// Commits and waits for the result.
 inline absl::Status CommitNow(SessionLease& lease, SessionCommit commit) {
   std::promise<absl::Status> done;
   lease.Commit(std::move(commit), [&done](absl::Status status) { done.set_value(std::move(status)); });
   return done.get_future().get();
 }
 
-// "1-3 4-9"
+// The ranges of the segments as text, for example "1-3 4-9".
 inline std::string Ranges(const std::vector<PoseSegment>& poses) {
   std::string ranges;
   for (const PoseSegment& segment : poses) {

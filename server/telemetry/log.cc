@@ -16,7 +16,7 @@
 namespace evpose::server {
 namespace {
 
-constexpr size_t kMaxValueBytes = 2048;
+constexpr size_t kMaxValueBytes = 2048;  // longer values, which clients may send, are cut: they would bury other lines
 constexpr char kTextPattern[] = "%Y-%m-%dT%H:%M:%S.%e%z %l %v";
 constexpr char kJsonPattern[] = R"({"time":"%Y-%m-%dT%H:%M:%S.%e%z","level":"%l",%v})";
 
@@ -39,7 +39,7 @@ const LevelName& Find(LogLevel level) {
 std::atomic<LogFormat> current_format = LogFormat::kText;
 
 spdlog::logger& Logger() {
-  // Never destroyed: a thread may write its last line while the program ends.
+  // Never destroyed, because a thread may write to the log while the program exits.
   static const auto& logger = *new std::shared_ptr<spdlog::logger>([] {
     auto made = spdlog::get(kLogName);
     return made != nullptr ? made : spdlog::create<spdlog::sinks::null_sink_mt>(kLogName);
@@ -47,7 +47,7 @@ spdlog::logger& Logger() {
   return *logger;
 }
 
-// In quotes, escaped, ASCII alone.
+// Returns the text in quotes, escaped to ASCII, and cut at kMaxValueBytes.
 std::string Quoted(const std::string& text) {
   const bool is_long = text.size() > kMaxValueBytes;
   const nlohmann::json json = is_long ? text.substr(0, kMaxValueBytes) + "..." : text;

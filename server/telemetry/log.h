@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// The server's log: one line per event, as text or as JSON, no secrets. Silent unless SetUpLog was called: a server
-// inside another program does not write into that program's output.
+// The server's log: one line for each event, as text or JSON, without secrets. Nothing is written before SetUpLog(), so
+// that a server inside another program does not write to that program's output.
 #pragma once
 
 #include <concepts>
@@ -20,19 +20,19 @@ inline constexpr char kLogName[] = "evpose-server";
 enum class LogLevel { kDebug, kInfo, kWarning, kError, kOff };
 enum class LogFormat { kText, kJson };
 
-// "debug", "info", "warning", "error", "off"; nothing for another word.
+// Parses "debug", "info", "warning", "error" or "off"; nullopt for every other word.
 std::optional<LogLevel> ParseLogLevel(absl::string_view name);
 const char* LogLevelName(LogLevel level);
 std::optional<LogFormat> ParseLogFormat(absl::string_view name);  // "text", "json"
 
-// To standard error, from this level on. Before the first line.
+// Directs the log to standard error, at this level and above. To be called before the first line is written.
 void SetUpLog(LogFormat format, LogLevel level);
-// At any time, from any thread.
+// May be called at any time from any thread.
 void SetLogLevel(LogLevel level);
 LogLevel CurrentLogLevel();
 LogFormat CurrentLogFormat();
 
-// A value may be anything that a client sends.
+// A named value. Text may contain arbitrary bytes from a client; LogText() escapes them.
 struct LogField {
   template <std::integral Number>
   LogField(const char* field, Number number) : name(field), value(static_cast<int64_t>(number)) {}
@@ -46,11 +46,11 @@ struct LogField {
   std::variant<std::string, int64_t, uint64_t, bool> value;
 };
 
-// `event` is a word of ours, as session_attached, by which a program tells lines apart.
+// Writes a line. `event` is a constant identifier such as session_attached, by which programs distinguish lines.
 void Log(LogLevel level, const char* event, const std::vector<LogField>& fields);
 
-// What follows time and level in a line: event and fields. Bytes that are no printable ASCII, quotes and backslashes
-// are escaped as in JSON, and what is too long is cut: a line is a line whatever is in it.
+// Returns the part of a line after time and level: event and fields. Bytes other than printable ASCII, quotes and
+// backslashes are escaped as in JSON, and long values are cut, so that every event is exactly one line.
 std::string LogText(LogFormat format, const char* event, const std::vector<LogField>& fields);
 
 }  // namespace evpose::server

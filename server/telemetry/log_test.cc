@@ -17,7 +17,7 @@ namespace {
 
 using testing::HasSubstr;
 
-// Names of objects, models and peers as a client may choose them.
+// Difficult names of objects, models and peers that a client may choose.
 const std::string kHostile[] = {
     "",
     "two words",

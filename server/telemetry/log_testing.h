@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// What the server's log says, for tests.
+// Captures the server's log in tests.
 #pragma once
 
 #include <spdlog/sinks/ostream_sink.h>
@@ -15,7 +15,7 @@
 
 namespace evpose::server {
 
-// Takes the place of the log when it is made before the first line is written, once in a program.
+// Replaces the log of the program. Must be created before the first line is written, once in a program.
 class CapturedLog {
  public:
   CapturedLog() {
@@ -27,7 +27,7 @@ class CapturedLog {
     sink_ = sink;
   }
 
-  // What was written since the last call.
+  // Returns the lines written since the last call.
   std::string Take() {
     sink_->flush();
     std::string text = text_.str();

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// What a server counts of its work, for those who operate it; server/metrics writes it down for them. Counting takes no
-// lock and no memory, and nothing that is counted comes back into a pose.
+// The counters and histograms of a server; prometheus_text.h formats them. Counting takes no lock and allocates no
+// memory, and no pose depends on a counter.
 #pragma once
 
 #include <algorithm>
@@ -18,7 +18,7 @@
 
 namespace evpose::server {
 
-// Thread-safe. Goes up from 0, where it is when the process starts.
+// A counter that starts at 0 and only rises. Thread-safe.
 class Counter {
  public:
   void Add(uint64_t count = 1) { value_.fetch_add(count, std::memory_order_relaxed); }
@@ -28,7 +28,7 @@ class Counter {
   std::atomic<uint64_t> value_ = 0;
 };
 
-// One for each value of an enumeration whose values are 0 to kNumKinds - 1.
+// An array with one element for each value of an enumeration with the values 0 to kNumKinds - 1.
 template <typename Kind, size_t kNumKinds, typename What = Counter>
 class OneFor {
  public:
@@ -39,13 +39,13 @@ class OneFor {
   std::array<What, kNumKinds> all_;
 };
 
-// How often something took how long. Thread-safe.
+// A histogram of durations. Thread-safe.
 class DurationHistogram {
  public:
   using Duration = std::chrono::steady_clock::duration;
 
-  // What takes up to so long, and longer than the bound before, is in the bucket of a bound; what takes longer than all
-  // of them in one more. From the decoding of a small chunk to a pose that nobody wants any more.
+  // Inclusive upper bounds of the buckets; one more bucket has the longer durations. They range from the decoding of a
+  // small chunk to a latency at which a pose is no longer useful.
   static constexpr std::array<int64_t, 19> kUpperBounds_us = {
       10,     25,     50,      100,     250,     500,       1000,      2500,      5000,      10'000,
       25'000, 50'000, 100'000, 250'000, 500'000, 1'000'000, 2'500'000, 5'000'000, 10'000'000};
@@ -59,7 +59,7 @@ class DurationHistogram {
   }
 
   struct Reading {
-    std::array<uint64_t, kUpperBounds_us.size() + 1> counts = {};  // of the buckets
+    std::array<uint64_t, kUpperBounds_us.size() + 1> counts = {};  // by bucket, not cumulative
     double sum_s = 0.0;
 
     uint64_t total() const;
@@ -73,7 +73,7 @@ class DurationHistogram {
 
 enum class StreamKind { kTrack, kWatch };
 
-// Why something is refused, RESOURCE_EXHAUSTED.
+// The limits that a call can exceed (RESOURCE_EXHAUSTED).
 enum class QuotaLimit {
   kMaxSessions,
   kMaxStreams,
@@ -83,39 +83,39 @@ enum class QuotaLimit {
   kTenantWatchers,
 };
 
-// Why the store has not taken a checkpoint.
+// Reasons for which the store has not accepted a checkpoint.
 enum class CheckpointFailure { kStoreAway, kStoreFull, kFenced, kStoreFailed };
 
-// Of all sessions that there ever were in this process. What is processed again, after a restart or a move, counts
-// again.
+// Sums over all sessions since the process started. Events and poses that are processed again after a restart or a move
+// count again.
 struct ServerMetrics {
-  Counter received_bytes;  // of chunks, those that a session has already excepted
+  Counter received_bytes;  // of chunks, without those that the session already had
   Counter decoded_events;
-  OneFor<DropReason, 3> skipped_events;  // the sums of SessionHealth::skipped_events
-  Counter events_before_time;            // as DecodeCounts
+  OneFor<DropReason, 3> skipped_events;  // as SessionHealth::skipped_events
+  Counter events_before_time;            // this one and the next three: as DecodeCounts
   Counter events_outside_sensor;
   Counter unknown_words;
   Counter broken_vectors;
   Counter poses;
   Counter track_losses;
-  Counter reinitializations;  // an object has a pose again that it had lost
+  Counter reinitializations;  // of objects that were lost before
   OneFor<TrackPhase, kNumTrackPhases, OneFor<TrackPhase, kNumTrackPhases>> track_transitions;  // [from][to]
   OneFor<ObjectPhase, kNumObjectPhases, OneFor<ObjectPhase, kNumObjectPhases>> object_transitions;
   Counter reattaches;
 
   DurationHistogram pose_latency;         // from a chunk's receipt to each of its poses
   DurationHistogram decode_time;          // of a slice of a chunk
-  DurationHistogram track_time;           // of a slice of a chunk, initialization excepted
-  DurationHistogram initialization_time;  // of a step in which poses are searched for
-  Counter processing_ns;
-  Counter sensor_time_us;  // that was processed
+  DurationHistogram track_time;           // of a slice of a chunk, without initialization
+  DurationHistogram initialization_time;  // of a step with a search for poses
+  Counter processing_ns;                  // time of workers for decoding and tracking
+  Counter sensor_time_us;                 // processed sensor time
 
-  DurationHistogram checkpoint_time;  // from its making until it is durable
+  DurationHistogram checkpoint_time;  // from the serialization until the checkpoint is durable
   OneFor<CheckpointFailure, 4> checkpoint_failures;
 
   OneFor<StreamKind, 2, OneFor<absl::StatusCode, 17>> stream_ends;
   OneFor<QuotaLimit, 6> quota_refusals;
-  Counter quota_delays;  // a stream was not read for a while: its tenant has sent too many bytes
+  Counter quota_delays;  // times that a stream was paused because its tenant exceeded its byte rate
 
   uint64_t all_skipped_events() const {
     return skipped_events[DropReason::kLag].value() + skipped_events[DropReason::kMemory].value() +
@@ -123,12 +123,12 @@ struct ServerMetrics {
   }
 };
 
-// How a server is at a moment.
+// The state of a server at one time, for gauges.
 struct ServerState {
   SessionTotals sessions;
   uint32_t max_sessions = 0;
   uint32_t num_workers = 0;
-  absl::Status readiness;  // not OK: why it takes no sessions
+  absl::Status readiness;  // an error explains why the server accepts no sessions
 };
 
 }  // namespace evpose::server

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// Reads Prometheus's text format as strictly as its own parser does, for tests.
+// A parser of Prometheus's text format for tests, as strict as that of Prometheus.
 #pragma once
 
 #include <gtest/gtest.h>
@@ -19,7 +19,8 @@ namespace evpose::server {
 struct ParsedMetrics {
   std::map<std::string, std::string> types;  // by family
   std::map<std::string, std::string> helps;
-  std::map<std::string, double> values;  // by series: name{label="value",...}, as they were written
+  std::map<std::string, double>
+      values;  // by series, name{label="value",...}, with the labels in their order in the text
 
   double At(const std::string& series) const {
     const auto found = values.find(series);
@@ -28,7 +29,7 @@ struct ParsedMetrics {
   }
 };
 
-// Each line that is none, a family or a series that comes twice, a series outside its family: a failure of the test.
+// Parses `text`. An invalid line, a duplicate family or series, and a series outside its family fail the test.
 inline ParsedMetrics ParseMetrics(const std::string& text) {
   static const std::regex kComment(R"re(# (HELP|TYPE) ([a-zA-Z_:][a-zA-Z0-9_:]*) (.+))re");
   static const std::regex kSample(

@@ -43,7 +43,7 @@ constexpr std::pair<TrackState, const char*> kTrackStates[] = {{TrackState::kIni
                                                                {TrackState::kLost, "lost"}};
 constexpr int kNumStatusCodes = 17;
 
-// The families in the order in which they are added.
+// A list of metric families, in the order in which they are added.
 class Families {
  public:
   void Begin(const char* name, MetricType type, const char* help) {
@@ -67,7 +67,7 @@ class Families {
     Begin(name, MetricType::Gauge, help);
     Value(value);
   }
-  // One value for each kind; `read(kind)` is it.
+  // Adds one value for each kind, returned by `read(kind)`.
   template <typename Kinds, typename Read>
   void AddByKind(const char* name, MetricType type, const char* help, const char* label, const Kinds& kinds,
                  const Read& read) {
@@ -96,51 +96,57 @@ class Families {
 };
 
 void AddState(const ServerState& state, const BuildVersion& build, Families& families) {
-  families.Begin("evpose_build_info", MetricType::Gauge, "1; what runs here is in the labels.");
+  families.Begin("evpose_build_info", MetricType::Gauge,
+                 "Always 1; the labels have the version and commit of the server.");
   families.Value(1.0, {{"version", build.version}, {"commit", build.commit}});
-  families.AddGauge("evpose_ready", "1 while the server takes sessions, as /readyz says; else 0.",
+  families.AddGauge("evpose_ready", "1 while the server accepts sessions (/readyz is 200), else 0.",
                     state.readiness.ok() ? 1.0 : 0.0);
   families.AddGauge("evpose_workers", "Threads that decode and track.", state.num_workers);
   const SessionTotals& sessions = state.sessions;
-  families.Begin("evpose_sessions", MetricType::Gauge,
-                 "Sessions at this server. closed: another server has taken it, or the store had no room for it.");
+  families.Begin(
+      "evpose_sessions", MetricType::Gauge,
+      "Sessions at this server, by state. closed: another server has taken the session, or the store was full.");
   families.Value(sessions.attached, {{"state", "attached"}});
   families.Value(sessions.detached, {{"state", "detached"}});
   families.Value(sessions.ended, {{"state", "ended"}});
   families.Value(sessions.closed, {{"state", "closed"}});
-  families.AddGauge("evpose_max_sessions", "Sessions that this server takes at a time: attached, detached and ended.",
+  families.AddGauge("evpose_max_sessions",
+                    "Maximum number of sessions at this server: attached, detached and ended together.",
                     state.max_sessions);
-  families.AddByKind("evpose_objects", MetricType::Gauge, "Objects of sessions that have not ended.", "state",
-                     kTrackStates, [&sessions](TrackState track_state) {
+  families.AddByKind("evpose_objects", MetricType::Gauge,
+                     "Objects of sessions that have not ended, by state of the track.", "state", kTrackStates,
+                     [&sessions](TrackState track_state) {
                        return static_cast<double>(sessions.objects[static_cast<size_t>(track_state)]);
                      });
-  families.AddGauge("evpose_queue_bytes", "Bytes of chunks that have come and are not worked off, of all sessions.",
+  families.AddGauge("evpose_queue_bytes", "Bytes of received chunks that wait to be processed, of all sessions.",
                     static_cast<double>(sessions.queued_bytes));
-  families.AddGauge("evpose_queue_age_seconds", "Age of the oldest chunk that has come and is not worked off.",
+  families.AddGauge("evpose_queue_age_seconds", "Age of the oldest received chunk that waits to be processed.",
                     static_cast<double>(sessions.oldest_queue_age_us) / 1e6);
 }
 
 void AddEvents(const ServerMetrics& metrics, Families& families) {
-  families.AddCounter("evpose_received_bytes_total",
-                      "Bytes of event chunks that sessions have taken. What is sent again after a restart, a move or a "
-                      "lost connection counts again, unless the session still had it.",
-                      metrics.received_bytes);
+  families.AddCounter(
+      "evpose_received_bytes_total",
+      "Bytes of event chunks that sessions have accepted. Chunks that are sent again after a restart, a "
+      "move or a lost connection count again, unless the session still had them.",
+      metrics.received_bytes);
   families.AddCounter(
       "evpose_events_decoded_total",
-      "Events decoded, those that were skipped included. A chunk that is processed again after a restart "
+      "Decoded events, including those that were not tracked. A chunk that is processed again after a restart "
       "or a move counts again.",
       metrics.decoded_events);
   families.AddByKind("evpose_events_skipped_total", MetricType::Counter,
-                     "Events that sessions with overload policy LATEST did not track: for their age (lag), for want of "
-                     "room (memory), or because the client takes no poses (reader).",
+                     "Events that sessions with overload policy LATEST did not track, because they were too old (lag), "
+                     "too many bytes were waiting (memory), or the client does not read its poses (reader).",
                      "reason", kDropReasons,
                      [&metrics](DropReason reason) -> const Counter& { return metrics.skipped_events[reason]; });
   families.Begin("evpose_events_dropped_total", MetricType::Counter,
-                 "Events that came before the first time stamp, or whose address the sensor does not have.");
+                 "Events before the first time stamp (before_time) or with an address outside the sensor "
+                 "(outside_sensor).");
   families.Value(metrics.events_before_time, {{"reason", "before_time"}});
   families.Value(metrics.events_outside_sensor, {{"reason", "outside_sensor"}});
   families.Begin("evpose_invalid_words_total", MetricType::Counter,
-                 "Words of the event stream that mean nothing: bytes were lost or damaged, or have another encoding.");
+                 "Invalid words of event streams: bytes were lost or damaged, or the encoding is another one.");
   families.Value(metrics.unknown_words, {{"reason", "unknown"}});
   families.Value(metrics.broken_vectors, {{"reason", "broken_vector"}});
 }
@@ -168,11 +174,13 @@ void AddTransitions(const char* name, const char* help, const Counters& counters
 void AddTracking(const ServerMetrics& metrics, Families& families) {
   families.AddCounter(
       "evpose_poses_total",
-      "Poses made. One that is made again after a restart or a move counts again, though its client gets "
-      "it once.",
+      "Computed poses. A pose that is computed again after a restart or a move counts again, although its client "
+      "receives it once.",
       metrics.poses);
-  families.AddCounter("evpose_track_losses_total", "Times that an object was lost.", metrics.track_losses);
-  families.AddCounter("evpose_reinitializations_total", "Times that an object has a pose again after it was lost.",
+  families.AddCounter("evpose_track_losses_total", "Number of times that the track of an object was lost.",
+                      metrics.track_losses);
+  families.AddCounter("evpose_reinitializations_total",
+                      "Number of times that an object was found again after its track was lost.",
                       metrics.reinitializations);
   AddTransitions<ObjectPhase, ObjectInput, kNumObjectPhases, kNumObjectInputs>(
       "evpose_object_transitions_total", "Changes of the phase of objects (core/tracking/README.md, section 3).",
@@ -181,41 +189,43 @@ void AddTracking(const ServerMetrics& metrics, Families& families) {
       "evpose_track_transitions_total",
       "Changes of the phase of hypotheses, reported or not (core/tracking/README.md, section 3).",
       metrics.track_transitions, TrackPhaseName, families);
-  families.AddHistogram("evpose_pose_latency_seconds", "From the receipt of a chunk to each of its poses.",
+  families.AddHistogram("evpose_pose_latency_seconds", "Time from the receipt of a chunk to each of its poses.",
                         metrics.pose_latency);
-  families.AddHistogram("evpose_decode_duration_seconds", "Decoding of a slice of at most 16 KiB of a chunk.",
+  families.AddHistogram("evpose_decode_duration_seconds", "Time to decode a slice of a chunk, at most 16 KiB.",
                         metrics.decode_time);
   families.AddHistogram("evpose_track_duration_seconds",
-                        "Tracking in a slice of at most 16 KiB of a chunk, initialization excepted.",
+                        "Time to track the events of a slice of a chunk, at most 16 KiB, without initialization.",
                         metrics.track_time);
   families.AddHistogram("evpose_initialization_duration_seconds",
-                        "A step of at most 1 ms of sensor time in which an object's pose was searched for.",
+                        "Time of a step of at most 1 ms of sensor time that contains a search for an object's pose.",
                         metrics.initialization_time);
   families.AddCounter(
       "evpose_processing_seconds_total",
-      "Time that workers spent on events. Its rate over that of evpose_sensor_seconds_total is the "
-      "real-time ratio, the mean of the sessions: above 1 they fall behind. Its rate over evpose_workers "
-      "is the share of the workers that is busy.",
+      "Time that workers spent on events. Its rate divided by that of evpose_sensor_seconds_total is the "
+      "mean real-time ratio of the sessions: above 1 they fall behind. Its rate divided by evpose_workers "
+      "is the utilization of the workers.",
       metrics.processing_ns, 1e-9);
-  families.AddCounter("evpose_sensor_seconds_total",
-                      "Sensor time of the events that were processed, summed over sessions; again when they are "
-                      "processed again.",
-                      metrics.sensor_time_us, 1e-6);
+  families.AddCounter(
+      "evpose_sensor_seconds_total",
+      "Sensor time of the processed events, summed over sessions. Events that are processed again count "
+      "again.",
+      metrics.sensor_time_us, 1e-6);
 }
 
 void AddCalls(const ServerMetrics& metrics, Families& families) {
-  families.AddCounter("evpose_reattaches_total", "Streams that took a session up again.", metrics.reattaches);
+  families.AddCounter("evpose_reattaches_total", "Streams that attached to a session which had been attached before.",
+                      metrics.reattaches);
   families.AddHistogram("evpose_checkpoint_duration_seconds",
-                        "From the making of a checkpoint until the store has it, tries included.",
+                        "Time from the serialization of a checkpoint until it is durable, including retries.",
                         metrics.checkpoint_time);
   families.AddByKind(
       "evpose_checkpoint_failures_total", MetricType::Counter,
-      "Checkpoints that the store did not take. store_away: it is tried again; store_full, store_failed: "
-      "the session ended; fenced: another server has the session.",
+      "Checkpoints that the store did not accept. store_away: the server tries again; store_full, store_failed: "
+      "the session was closed; fenced: another server has taken the session.",
       "reason", kCheckpointFailures,
       [&metrics](CheckpointFailure reason) -> const Counter& { return metrics.checkpoint_failures[reason]; });
   families.Begin("evpose_stream_ends_total", MetricType::Counter,
-                 "Streams that have ended, by status code: of events (track), of poses or health (watch).");
+                 "Streams that have ended, by kind and status code. track: events; watch: poses or health.");
   for (const auto& [kind, name] : kStreamKinds) {
     for (int i = 0; i < kNumStatusCodes; ++i) {
       const auto code = static_cast<absl::StatusCode>(i);
@@ -223,12 +233,12 @@ void AddCalls(const ServerMetrics& metrics, Families& families) {
     }
   }
   families.AddByKind("evpose_quota_refusals_total", MetricType::Counter,
-                     "What was refused with RESOURCE_EXHAUSTED, by the limit that was reached.", "limit", kQuotaLimits,
+                     "Calls that were rejected with RESOURCE_EXHAUSTED, by limit.", "limit", kQuotaLimits,
                      [&metrics](QuotaLimit limit) -> const Counter& { return metrics.quota_refusals[limit]; });
   families.AddCounter(
       "evpose_quota_delays_total",
-      "Times that a stream was not read for a while because its tenant sends more bytes per second than "
-      "it may.",
+      "Number of times that the server paused reading a stream because its tenant exceeded its limit of bytes "
+      "per second.",
       metrics.quota_delays);
 }
 

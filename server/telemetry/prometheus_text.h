@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// A server's metrics in Prometheus's text format. Only the .cc file knows Prometheus's library.
+// Formats the metrics of a server in Prometheus's text format. Only the .cc file uses Prometheus's library.
 #pragma once
 
 #include <string>
@@ -12,7 +12,7 @@ namespace evpose::server {
 
 inline constexpr char kPrometheusContentType[] = "text/plain; version=0.0.4; charset=utf-8";
 
-// No label is of sessions, tenants or peers: the number of lines does not depend on who uses the server.
+// Labels never contain sessions, tenants or client addresses, so that the number of series is constant.
 std::string PrometheusText(const ServerMetrics& metrics, const ServerState& state, const BuildVersion& build);
 
 }  // namespace evpose::server

@@ -19,7 +19,7 @@ using std::chrono::microseconds;
 
 const BuildVersion kBuild = {"1.2.3", "abc1234"};
 
-// As Prometheus's guide wants them: our prefix, base units, "_total" for counters and for nothing else.
+// Names follow Prometheus's guidelines: the prefix evpose_, base units, and "_total" for counters only.
 TEST(PrometheusTextTest, NamesTypesAndHelpsAreInOrder) {
   const ParsedMetrics parsed = ParseMetrics(PrometheusText(ServerMetrics(), ServerState(), kBuild));
   EXPECT_GT(parsed.types.size(), 25u);
@@ -129,12 +129,12 @@ TEST(PrometheusTextTest, EveryCounterStandsInItsOwnSeries) {
     num_counters += parsed.types.count(series.substr(0, series.find('{'))) == 1 &&
                     parsed.types.at(series.substr(0, series.find('{'))) == "counter";
   }
-  EXPECT_EQ(num_counters, expected.size()) << "a counter that this test does not know";
+  EXPECT_EQ(num_counters, expected.size()) << "this test does not cover a counter";
 }
 
 TEST(PrometheusTextTest, LargeCountsKeepTheirDigits) {
   ServerMetrics metrics;
-  metrics.decoded_events.Add(9'007'199'254'740'991);  // the last that a double has
+  metrics.decoded_events.Add(9'007'199'254'740'991);  // 2^53 - 1: doubles represent every integer up to it
   EXPECT_THAT(PrometheusText(metrics, ServerState(), kBuild),
               testing::HasSubstr("\nevpose_events_decoded_total 9007199254740991\n"));
 }

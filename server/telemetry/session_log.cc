@@ -47,7 +47,7 @@ void SessionLog::TrackerStateUnreadable(const std::string& why, uint64_t next_ch
 }
 
 void SessionLog::NotResumed(const absl::Status& status) const {
-  Write(LogLevel::kError, "session_left_out", peer(), Outcome(status));
+  Write(LogLevel::kError, "session_not_resumed", peer(), Outcome(status));
 }
 
 void SessionLog::Attached(const std::string& peer, uint64_t number, uint64_t next_chunk, bool is_taken_over) {
@@ -106,7 +106,7 @@ void SessionLog::NotDeleted(const absl::Status& status) const {
   Write(LogLevel::kWarning, "session_not_deleted", peer(), Outcome(status));
 }
 
-void SessionLog::LivesElsewhere() const { Write(LogLevel::kInfo, "session_lives_elsewhere", peer(), {}); }
+void SessionLog::LivesElsewhere() const { Write(LogLevel::kInfo, "session_held_by_other_server", peer(), {}); }
 
 void SessionLog::Drained(uint64_t poses, bool is_durable) const {
   Write(is_durable ? LogLevel::kInfo : LogLevel::kWarning, "session_drained", peer(),

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// The lines of the log that tell a session's life, each with session, tenant and peer.
+// The log events of a session's life, each with the fields session, tenant and peer.
 #pragma once
 
 #include <cstdint>
@@ -17,8 +17,8 @@
 
 namespace evpose::server {
 
-// Thread-safe. A peer is the address that a call came from, "" where none is known; lines that no call brings about
-// name the peer that attached last.
+// One function for each event. A peer is the address of the client of a call, "" if unknown. Events without a call have
+// the peer that attached last. Thread-safe.
 class SessionLog {
  public:
   SessionLog(std::string session, std::string tenant) : session_(std::move(session)), tenant_(std::move(tenant)) {}
@@ -26,16 +26,16 @@ class SessionLog {
   const std::string& session() const { return session_; }
 
   void Created(const std::string& peer, const SessionConfig& config);
-  void Resumed(uint64_t poses, bool has_ended) const;  // taken up from the store
-  // The objects are searched for again from this chunk on; the poses up to this one are stored.
+  void Resumed(uint64_t poses, bool has_ended) const;  // the session was loaded from the store
+  // The objects are searched for again from `next_chunk` on; the poses up to number `poses` are stored.
   void TrackerStateUnreadable(const std::string& why, uint64_t next_chunk, uint64_t poses) const;
   void NotResumed(const absl::Status& status) const;
-  // `number` counts a session's streams. Taken over: the one before is there still, and ends.
+  // `number` counts the streams of the session. `is_taken_over`: the previous stream was still open and is ended.
   void Attached(const std::string& peer, uint64_t number, uint64_t next_chunk, bool is_taken_over);
   void NotAttached(const std::string& peer, const absl::Status& status) const;
   void ObjectFound(const std::string& object_id, int64_t t_us, bool is_again) const;
   void ObjectLost(const std::string& object_id, int64_t t_us) const;
-  // At level debug: an object may change its phase with every millisecond of sensor time.
+  // Level debug, because the phase of an object may change at every millisecond of sensor time.
   void PhaseChanged(const std::string& object_id, const PhaseTransition& transition) const;
   void StreamEnded(const std::string& peer, uint64_t number, const absl::Status& status) const;
   void Ended(uint64_t poses) const;

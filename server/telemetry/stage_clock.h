@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// Takes the time of what a pipeline does, for those who operate the server. Nothing that it measures comes back into
-// the pipeline.
+// Measures the durations of the stages of a session's pipeline for the metrics. No result of the pipeline depends on
+// them.
 #pragma once
 
 #include <chrono>
@@ -19,7 +19,7 @@ class StageClock {
  public:
   using Time = std::chrono::steady_clock::time_point;
 
-  StageClock() = default;  // measures nothing
+  StageClock() = default;  // runs the stages without measuring
   StageClock(std::shared_ptr<ServerMetrics> metrics, std::function<Time()> now)
       : metrics_(std::move(metrics)), now_(std::move(now)) {}
 
@@ -31,7 +31,8 @@ class StageClock {
     metrics_->decode_time.Add(now_() - begin);
   }
 
-  // Steps in which `tracker` searched for a pose count on their own; the others together, until EndTracking.
+  // Runs a step of tracking. A step in which `tracker` searches for a pose is one sample of initialization_time; the
+  // durations of the other steps are summed until EndTracking(), which adds the sum to track_time.
   template <typename Stage>
   void Track(const Tracker& tracker, const Stage& stage) {
     if (metrics_ == nullptr) return stage();

@@ -1,8 +1,8 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: Apache-2.0
-# Accuracy against simulated truth over several seeds, which are also several paths: the figures of core/experiments/RESULTS.md.
+# Accuracy against simulated truth over several seeds, each with another path: the figures of core/experiments/RESULTS.md.
 #   tests/bench/accuracy.sh [--objects "cube book"] [--seeds "1 2 3 4 5"] [--speed FACTOR] [--camera evk4|vga]
-#     [--estimators "mixture static-mm"]    any that evpose replay --estimator knows
+#     [--estimators "mixture static-mm"]    any of evpose replay --estimator
 # Needs a release build. Recordings of 5 s with 10 % noise, from the true first pose. About a minute for each.
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/../.."

@@ -9,7 +9,7 @@
 #include <cerrno>
 #include <cstdlib>
 
-// glibc's own, beside which it lets a program define the public ones.
+// The functions of glibc itself; a program may define the public ones.
 extern "C" {
 void* __libc_malloc(size_t size);
 void* __libc_calloc(size_t count, size_t size);
@@ -36,7 +36,7 @@ void Count() {
 }  // namespace
 
 AllocationCounter::AllocationCounter() {
-  // Its first call loads a library, which allocates.
+  // The first call of backtrace() loads a library, which allocates; so it is made here, before counting.
   backtrace(g_origin.data(), kMaxFrames);
   g_count = 0;
   g_origin_frames = 0;

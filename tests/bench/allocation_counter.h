@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// Counts what a program allocates: malloc and all that ends there (operator new, Eigen, the standard library), of every
-// thread. For programs without sanitizers, which have an allocator of their own.
+// Counts the allocations of a program in all threads: malloc and everything that calls it (operator new, Eigen, the
+// standard library). For programs without sanitizers, because those replace the allocator.
 #pragma once
 
 #include <cstddef>
@@ -9,14 +9,14 @@
 
 namespace evpose::bench {
 
-// Counts from its beginning on. One at a time.
+// Counts from its construction on. At most one may exist at a time.
 class AllocationCounter {
  public:
   AllocationCounter();
   ~AllocationCounter();
 
   size_t count() const;
-  // The calls that led to the first of them, for addr2line; empty without any.
+  // The stack of the first allocation, for addr2line; empty if there was none.
   std::string FirstOrigin() const;
 };
 

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// Memory for a window is there once the first windows have been: after them neither decoding nor tracking allocates.
+// Tests that decoding and tracking allocate no memory after the first windows.
 #include <gtest/gtest.h>
 
 #include <Eigen/Core>
@@ -19,7 +19,7 @@
 namespace evpose::bench {
 namespace {
 
-// Keeps the compiler from leaving an allocation out whose result nobody reads.
+// Prevents the compiler from removing an allocation whose result is not used.
 void Use(const void* memory) { asm volatile("" : : "g"(memory) : "memory"); }
 
 TEST(AllocationCounterTest, CountsEveryWay) {
@@ -48,7 +48,7 @@ TEST(AllocationCounterTest, CountsEveryWay) {
   EXPECT_TRUE(counts(counter)) << "a list";
   list.clear();
   list.resize(1000);
-  EXPECT_FALSE(counts(counter)) << "what is there already";
+  EXPECT_FALSE(counts(counter)) << "existing capacity is reused";
   EXPECT_NE(counter.FirstOrigin(), "");
 }
 
@@ -68,7 +68,7 @@ TEST_P(TrackingAllocations, NoneForAWindow) {
           .value();
   const int64_t warm_us = recording.events.front().t_us + kWarmUp_us;
   DecodedEvents decoded;
-  // More than there are windows.
+  // More than the number of windows.
   std::vector<PoseEstimate> poses;
   poses.reserve(2 * kDuration_us / WindowOptions().min_interval_us);
   std::unique_ptr<AllocationCounter> counter;

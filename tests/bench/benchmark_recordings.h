@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// What the benchmarks run on: short recordings of `evpose bench speed`'s scenes, made once.
+// The input of the benchmarks: short recordings of the scenes of `evpose bench speed`, simulated once.
 #pragma once
 
 #include <map>

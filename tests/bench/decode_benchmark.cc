@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// Decoding of each format that can be written, and copying of the same bytes: what the ratio of `evpose bench speed`
-// is of, for a profiler.
+// Benchmarks, for use with a profiler, of decoding each format that can be written, and of copying the same bytes: the
+// two terms of the ratio in `evpose bench speed`.
 //   build/release/tests/bench/decode_benchmark --benchmark_filter=EVT3
 #include <benchmark/benchmark.h>
 

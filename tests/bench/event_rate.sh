@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: Apache-2.0
-# Accuracy of one sensor at several event rates: with low thresholds, calibrated, its edges alone make some 5 Mev/s,
-# and noise in every pixel, a lamp's flicker or haste bring that to tens of Mev/s.
+# Accuracy of one calibrated sensor at several event rates: with low thresholds its edges alone produce about 5 Mev/s; noise in
+# every pixel, a flickering lamp or fast motion raise that to tens of Mev/s.
 #   tests/bench/event_rate.sh [--objects "cube book"] [--seeds "31 32 33"]
 # Needs a release build. Recordings of 0.5 s, from the true first pose. About 20 s for each object and seed.
 set -euo pipefail
@@ -25,7 +25,7 @@ simulate() {  # directory, options
   "$evpose" simulate --threshold 0.03 --duration 0.5 --out "$@" >/dev/null 2>&1
 }
 
-# Other objects, paths and pixels than those that are measured.
+# The calibration uses other objects, paths and pixels than the measurement.
 simulate "$work/1" --object cube --speed 4 --seed 11
 simulate "$work/2" --object cube --speed 4 --seed 12
 simulate "$work/3" --object cuboid --seed 21

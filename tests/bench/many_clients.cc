@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// Many clients on one server: a load with stalled clients in it, and a soak that looks for what is not given back.
+// Many clients on one server: a load test with stalled clients, and a soak test that detects leaks of memory and
+// descriptors.
 #include <grpcpp/grpcpp.h>
 
 #include <CLI/CLI.hpp>
@@ -42,7 +43,7 @@ struct Arguments {
   std::string store = "sqlite";
 };
 
-// A server in a process of its own, and ways to it.
+// A server in a separate process, and channels to it.
 class Bench {
  public:
   Bench(const Arguments& arguments, const Scene& scene)
@@ -57,7 +58,7 @@ class Bench {
     }
     for (int i = 0; i < arguments.channels; ++i) {
       grpc::ChannelArguments options;
-      options.SetInt(GRPC_ARG_USE_LOCAL_SUBCHANNEL_POOL, 1);  // a connection each
+      options.SetInt(GRPC_ARG_USE_LOCAL_SUBCHANNEL_POOL, 1);  // one connection for each channel
       channels_.push_back(grpc::CreateCustomChannel(std::string(absl::StripPrefix(line, "listening on ")),
                                                     grpc::InsecureChannelCredentials(), options));
       stubs_.push_back(v1::SessionService::NewStub(channels_.back()));
@@ -98,7 +99,7 @@ class Bench {
     statm >> pages >> resident;
     return resident * static_cast<double>(sysconf(_SC_PAGESIZE)) / (1 << 20);
   }
-  // The most that it had at any time: a session that has ended has given its memory back.
+  // The maximum resident memory so far: a session that has ended has released its memory.
   double PeakMb() const {
     std::ifstream status(absl::StrCat("/proc/", program_.pid(), "/status"));
     double kilobytes = 0.0;
@@ -114,7 +115,7 @@ class Bench {
 
  private:
   const Scene& scene_;
-  const TemporaryDirectory data_;  // of the server
+  const TemporaryDirectory data_;  // the server's --data-dir
   server::Program program_;
   int metrics_port_ = 0;
   std::vector<std::shared_ptr<grpc::Channel>> channels_;
@@ -126,7 +127,7 @@ struct RoundResult {
   double p50_ms = 0.0, p99_ms = 0.0;
   uint64_t poses = 0, lost = 0, watched = 0;
   double peak_mb = 0.0;
-  double scrape_ms = 0.0, idle_scrape_ms = 0.0;  // median while the sessions are streamed to, and after
+  double scrape_ms = 0.0, idle_scrape_ms = 0.0;  // median during the streams, and after them
   bool is_good = true;
 };
 
@@ -137,7 +138,7 @@ double Percentile(std::vector<float>& values, double share) {
   return *nth;
 }
 
-// A stream that is written to and never read from, its poses waiting for it.
+// A stream whose client writes events and never reads the poses.
 struct StalledStream {
   grpc::ClientContext context;
   std::unique_ptr<grpc::ClientReaderWriter<v1::TrackRequest, v1::TrackResponse>> stream;
@@ -152,7 +153,7 @@ std::unique_ptr<StalledStream> Stall(Bench& bench, size_t i, const Scene& scene)
   request.mutable_attach()->set_session(stalled->session.name());
   request.mutable_attach()->set_resume_token(stalled->session.resume_token());
   stalled->stream->Write(request);
-  const size_t count = std::min<size_t>(scene.chunks.size(), 50);  // fits into what the connection buffers
+  const size_t count = std::min<size_t>(scene.chunks.size(), 50);  // fits into the buffers of the connection
   for (size_t k = 0; k < count; ++k) {
     request.mutable_events()->set_seq(k + 1);
     request.mutable_events()->set_payload(scene.chunks[k]);
@@ -245,7 +246,7 @@ int RunLoad(const Arguments& arguments) {
   double most_mb = 0.0, scrape_ms = 0.0, idle_scrape_ms = 0.0;
   for (int round = 0; round < arguments.rounds; ++round) {
     RoundResult results[2];
-    // The order changes, so that what comes first has no advantage.
+    // The order alternates, so that no variant has the advantage of being first.
     for (const bool with_stalled : {round % 2 != 0, round % 2 == 0}) {
       RoundResult& result = results[with_stalled];
       result = RunRound(bench, arguments, scene, with_stalled);
@@ -273,7 +274,7 @@ int RunLoad(const Arguments& arguments) {
   return is_good && ratio <= 2.0 && mb_per_session <= 32.0 && std::max(scrape_ms, idle_scrape_ms) <= 10.0 ? 0 : 1;
 }
 
-// Create, stream, watch, delete, again and again.
+// The soak test: repeatedly creates, streams, watches and deletes sessions.
 int RunSoak(const Arguments& arguments) {
   constexpr int kAtOnce = 4;
   const Scene scene = MakeScene(0.5, 1e6 * arguments.rate_mev_s);
@@ -281,7 +282,7 @@ int RunSoak(const Arguments& arguments) {
   if (!bench.Upload()) return 1;
   const auto end = Clock::now() + std::chrono::duration_cast<Clock::duration>(
                                       std::chrono::duration<double, std::ratio<60>>(arguments.minutes));
-  // An hour's first ten minutes.
+  // The baseline is measured after a sixth of the time, ten minutes of an hour.
   const auto settled = Clock::now() + (end - Clock::now()) / 6;
   double settled_mb = 0.0, mb = 0.0, most_mb = 0.0;
   long settled_descriptors = 0, descriptors = 0;
@@ -328,7 +329,7 @@ int Main(int argc, char** argv) {
   app.add_option("--seconds", arguments.seconds, "of a round")->check(CLI::PositiveNumber);
   app.add_option("--rounds", arguments.rounds, "each without the stalled and with them")->check(CLI::PositiveNumber);
   app.add_option("--watch-hz", arguments.watch_hz, "poses per second of a watcher")->check(CLI::PositiveNumber);
-  app.add_option("--store", arguments.store, "of the server: sqlite, memory or redis://HOST:PORT");
+  app.add_option("--store", arguments.store, "--store of the server: sqlite, memory or redis://HOST:PORT");
   app.add_option("--minutes", arguments.minutes, "of the soak, instead of the load")->check(CLI::NonNegativeNumber);
   CLI11_PARSE(app, argc, argv);
   return arguments.minutes > 0.0 ? RunSoak(arguments) : RunLoad(arguments);

@@ -1,8 +1,8 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: Apache-2.0
-# Many clients on one server: 64 sessions, 1000 watchers, 200 of them stalled; what is lost, what it costs, who waits.
-#   tests/bench/many_clients.sh                   the load
-#   tests/bench/many_clients.sh --minutes 60      create, stream, delete for so long: memory and descriptors
+# Load test of one server with 64 sessions and 1000 watchers, 200 of them stalled: measures losses, cost and latency.
+#   tests/bench/many_clients.sh                   the load test
+#   tests/bench/many_clients.sh --minutes 60      creates, streams and deletes for this time: leaks of memory and descriptors
 # Further options: --help.
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/../.."

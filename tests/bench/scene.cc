@@ -14,7 +14,7 @@ namespace {
 constexpr double kCubeEdgeM = 0.2;  // of server::kCubeObj
 
 RigidTransform CubeAt(double t_s) {
-  // Swings back and forth, so that it may be watched for as long as one likes.
+  // The cube swings back and forth, so that the scene may have any duration.
   const double phase = 2.0 * std::sin(1.1 * t_s);
   return testing::MakePose({0.03 * std::sin(1.7 * t_s), 0.02 * std::sin(2.3 * t_s), 0.8},
                            {0.6 + 0.2 * std::sin(1.3 * t_s), 0.5 + 0.1 * phase, 0.2});

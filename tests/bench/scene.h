@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// What every client of the load sends: the same events of a cube, as FLAT64 chunks of a millisecond.
+// The events that every client of the load test sends: a cube, as FLAT64 chunks of a millisecond.
 #pragma once
 
 #include <cstdint>
@@ -18,7 +18,8 @@ struct Scene {
   v1::SessionConfig config;  // without the model's name
 };
 
-// `rate_hz` events per second for so long: about half of them of the cube's lines, the rest noise.
+// Simulates `rate_hz` events per second for the given duration; about half of them from the cube's lines, the rest
+// noise.
 Scene MakeScene(double duration_s, double rate_hz);
 
 }  // namespace evpose::bench

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// Prometheus, as the server sees it.
+// Scrapes /metrics as Prometheus does.
 #pragma once
 
 #include <condition_variable>
@@ -10,15 +10,15 @@
 
 namespace evpose::bench {
 
-// Milliseconds from asking the server at `port` of this machine for /metrics to its whole answer; 0 for a bad one.
+// The time to get /metrics of the server at `port` of this machine, milliseconds; 0 for an invalid response.
 double ScrapeMs(int port);
 
-// Scrapes ten times a second, in a thread of its own, until it is told to stop.
+// Scrapes ten times per second, in a thread, until Stop().
 class Scraper {
  public:
   explicit Scraper(int port);
   ~Scraper() { Stop(); }
-  // What each scrape took, in ms.
+  // Stops the thread, and returns the duration of each scrape, milliseconds.
   std::vector<float> Stop();
 
  private:

@@ -78,7 +78,7 @@ void Streamer::Read() {
 
 Watcher::Watcher(v1::SessionService::Stub& stub, const std::string& session, double max_rate_hz, bool is_stalled) {
   request_.set_session(session);
-  // A stalled one asks for all poses: the most that it can cost.
+  // A stalled reader requests all poses, which is the worst case.
   if (!is_stalled) request_.set_max_rate_hz(max_rate_hz);
   stub.async()->WatchPoses(&context_, &request_, this);
   if (!is_stalled) StartRead(&response_);

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// The clients of the load: those that stream, those that watch, and those that stall.
+// The clients of the load test: writers, readers, and stalled readers.
 #pragma once
 
 #include <grpcpp/grpcpp.h>
@@ -23,20 +23,21 @@ namespace evpose::bench {
 
 using Clock = std::chrono::steady_clock;
 
-// The poses that a stream got, and how long after the sending of the chunk with their time.
+// The poses that a stream received, and their latencies since the sending of the chunk with their time.
 struct PosesSeen {
   uint64_t poses = 0;
-  uint64_t lost = 0;  // numbers that did not come, or that the server says were skipped
+  uint64_t lost = 0;  // missing numbers, and poses that the server reported as skipped
   std::vector<float> latencies_ms;
 };
 
-// Sends a scene in real time, chunk k at `begin` + k ms, as far as credit allows, and reads what comes. In two threads.
+// Sends a scene in real time, chunk k at `begin` + k ms as far as credit allows, and reads the responses. Uses two
+// threads.
 class Streamer {
  public:
-  // `session` as CreateSession answered it.
+  // `session` is the response of CreateSession.
   Streamer(v1::SessionService::Stub& stub, const server::CreatedSession& session, const Scene& scene,
            Clock::time_point begin);
-  // When the summary has come or the stream has ended.
+  // Returns when the summary has been received or the stream has ended.
   void Join();
 
   bool is_ok() const { return status_.ok() && has_summary_; }
@@ -66,7 +67,7 @@ class Streamer {
   std::thread sender_, reader_;
 };
 
-// A reader of WatchPoses; a stalled one begins and never reads.
+// A reader of WatchPoses. A stalled reader starts the call and never reads.
 class Watcher : public grpc::ClientReadReactor<v1::WatchPosesResponse> {
  public:
   Watcher(v1::SessionService::Stub& stub, const std::string& session, double max_rate_hz, bool is_stalled);
@@ -74,7 +75,7 @@ class Watcher : public grpc::ClientReadReactor<v1::WatchPosesResponse> {
   void OnDone(const grpc::Status& status) override;
 
   void Cancel() { context_.TryCancel(); }
-  void Join();  // healthy ones end with their session, stalled ones when they are cancelled
+  void Join();  // healthy readers end with their session, stalled ones when they are cancelled
   uint64_t poses() const { return poses_; }
   uint64_t skipped() const { return skipped_; }
   const grpc::Status& status() const { return status_; }

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// Association and estimation by themselves, with the lines of a model and with 16 times as many, for a profiler.
+// Benchmarks, for use with a profiler, of association and estimation, with the lines of a model and with 16 times as
+// many.
 //   build/release/tests/bench/tracking_benchmark --benchmark_filter=Estimate
 #include <benchmark/benchmark.h>
 
@@ -15,7 +16,7 @@
 namespace evpose::bench {
 namespace {
 
-// With each line in so many pieces.
+// Splits each line into `pieces` lines.
 const SpeedWindows& WindowsOf(const std::string& scene, int num_pieces) {
   static std::map<std::pair<std::string, int>, SpeedWindows>* const all =
       new std::map<std::pair<std::string, int>, SpeedWindows>();

@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: Apache-2.0
-# compose.cluster.yaml. To be sourced by run.sh.
+# Tests compose.cluster.yaml. To be sourced by run.sh.
 compose_file=deploy/compose.cluster.yaml
 project=evpose-cluster
 servers=(evpose-cluster-server-{1,2,3}-1)
@@ -8,16 +8,16 @@ longest_wait_ms=0
 clients=(client-{1..6})
 reference=$work/long/reference.tum
 
-# Six clients through HAProxy, each at its camera's pace, watched by the meter.
+# Starts six clients through HAProxy, each at the rate of its camera, and the meter that reads their poses.
 start_clients() {
   rm -f "$data"/*.tum "$data"/*.copy "$data/counts"
   coproc meter { exec python3 "$here/pose_meter.py" "$data" "${clients[@]}"; }
   # shellcheck disable=SC2154  # coproc sets it
   background=("$meter_PID")
-  exec {meter_says}<&"${meter[0]}"  # still there when it has ended
+  exec {meter_says}<&"${meter[0]}"  # can be read also after the meter has ended
   read -r _ <&"$meter_says"
   local name start starts=()
-  # All at once: on a slow machine the first would be far when the last begins.
+  # All clients start at once; otherwise, on a slow machine, the first would be far ahead of the last.
   for name in "${clients[@]}"; do
     docker run --detach --init --read-only --cap-drop ALL --name "$name" --network "${project}_outside" --volume "${project}_demo:/data" \
       "evpose-client:$version" replay /data/long/recording.raw --model /data/long/model.obj --camera /data/long/camera.yaml \
@@ -32,14 +32,15 @@ are_all_above() {
   local count
   for count in $(counts); do ((count > $1)) || return 1; done
 }
-# Until each of the six has got so many poses more.
+# Waits until each of the six clients has received this number of further poses.
 await_poses_each() {
   local most
   most=$(counts | tr ' ' '\n' | sort -n | tail -n 1)
   await "poses of all six" are_all_above $((most + $1))
 }
 all_are_streaming() { [[ $(docker inspect --format '{{.State.Running}}' "${clients[@]}" | grep -c true) == "${#clients[@]}" ]]; }
-# Whatever comes next meets six streams in their middle. On a slow machine their recording may be over: then anew.
+# Makes sure that the next fault occurs in the middle of six streams. On a slow machine a recording may have ended; then the
+# clients are started again.
 begin_fault() {
   local tries
   for tries in 1 2 3; do
@@ -52,10 +53,10 @@ begin_fault() {
   done
   fail "$1: all $tries times a client was at its end before anything had happened to it"
 }
-# Of the one that is furthest, less what the fault may take.
+# The number of poses that the client that is furthest has left, less a reserve for the duration of the fault.
 poses_left() { echo $(($(wc -l <"$reference") - 6000 - $(counts | tr ' ' '\n' | sort -n | tail -n 1))); }
 
-# Everything came, and nothing else. Prints the longest wait of each.
+# Checks that the six trajectories are identical to the reference. Prints the longest wait for a pose.
 finish_clients() {
   local name longest_ms worst_ms=0
   for name in "${clients[@]}"; do [[ $(docker wait "$name") == 0 ]] || fail "$1: the client $name failed"; done
@@ -108,7 +109,7 @@ for number in 1 2 3; do
   await_rotation "server-$number"
 done
 finish_clients "rolling restart"
-# Asked are 2 s; a machine that does much else gets more.
+# The target is 2 s; a busy machine is allowed more.
 ((longest_wait_ms < 10000)) || fail "poses stayed away for $longest_wait_ms ms"
 
 say "the cluster without its Redis says so"

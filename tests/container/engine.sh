@@ -1,21 +1,21 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: Apache-2.0
-# A Docker engine of our own, with Compose, for the container tests: neither systemd nor a registry is needed, nothing is
-# installed, and all of it is below one directory. To be sourced with ENGINE_DIR set to one that is not there yet; then
-#   engine_fetch               takes engine, Compose and what they need out of Debian's packages
-#   engine_start [NAMESPACE]   with a network namespace: an engine that has no way out of the machine
+# A private Docker engine with Compose for the container tests. It needs neither systemd nor a registry, installs nothing, and has
+# all of its files below one directory. To be sourced with ENGINE_DIR set to a directory that does not exist; then
+#   engine_fetch               extracts the engine, Compose and their dependencies from Debian's packages
+#   engine_start [NAMESPACE]   with a network namespace, the engine has no access to other machines
 #   engine_base_image          debian:bookworm-slim, from this machine's Debian mirror
 #   engine_stop, engine_remove
-# Needs root. Each step says on standard error why it cannot be done.
+# Needs root. A step that fails writes the reason to standard error.
 engine_root=$ENGINE_DIR/root
 export DOCKER_HOST=unix://$ENGINE_DIR/docker.sock DOCKER_CONFIG=$ENGINE_DIR/config DOCKER_BUILDKIT=1
 engine_pid=
 engine_namespace=
-engine_key=/etc/docker/key.json  # the one file that it puts elsewhere
+engine_key=/etc/docker/key.json  # the only file outside ENGINE_DIR
 engine_made_key=
 engine_cgroup=$(basename "$ENGINE_DIR")
 
-# What this kernel or this user cannot do for an engine; empty: nothing.
+# Prints the reason for which this kernel or user cannot run an engine, or nothing.
 engine_obstacle() {
   ((EUID == 0)) || { echo "only root can start a container engine"; return; }
   command -v apt-get >/dev/null || { echo "the engine comes from Debian's packages, and there is no apt-get"; return; }
@@ -25,7 +25,7 @@ engine_obstacle() {
     echo "this kernel mounts no overlay file systems here"
 }
 
-# engine_unpack DIRECTORY APT_OPTIONS... -- PACKAGE...: the packages, and those of what they need that this machine has not.
+# engine_unpack DIRECTORY APT_OPTIONS... -- PACKAGE...: extracts the packages and those of their dependencies that are not installed.
 engine_unpack() {
   local directory=$1 options=()
   shift
@@ -41,7 +41,7 @@ engine_fetch() {
   local sources=/etc/apt/sources.list.d/debian.sources mirror trixie=$ENGINE_DIR/trixie
   apt-get -qq -o DPkg::Lock::Timeout=600 update
   engine_unpack "$ENGINE_DIR/packages" -- docker.io containerd runc tini mmdebstrap iptables iproute2
-  # Debian 12 has no Compose v2; Debian 13's is one file that needs no library but libc.
+  # Debian 12 has no Compose v2. That of Debian 13 is one file that needs only libc.
   mirror=$(sed -n 's/^URIs: *//p' "$sources" | head -n 1)
   mkdir -p "$trixie/lists/partial" "$trixie/archives/partial"
   echo "deb [signed-by=/usr/share/keyrings/debian-archive-keyring.gpg] $mirror trixie main" >"$trixie/sources.list"
@@ -52,11 +52,11 @@ engine_fetch() {
   mkdir -p "$DOCKER_CONFIG/cli-plugins"
   ln -sf "$engine_root"/usr/libexec/docker/cli-plugins/* "$DOCKER_CONFIG/cli-plugins/"
   echo '{}' >"$DOCKER_CONFIG/config.json"
-  # What the packages' scripts would have linked.
+  # The symbolic links that the packages' scripts would create.
   for tool in iptables ip6tables; do ln -sf xtables-nft-multi "$engine_root/usr/sbin/$tool"; done
 }
 
-# engine_run COMMAND...: with the programs and libraries that were taken out of the packages.
+# engine_run COMMAND...: runs a command with the programs and libraries that were extracted.
 engine_run() { env "${engine_environment[@]}" "$@"; }
 engine_environment=(
   "PATH=$engine_root/usr/sbin:$engine_root/usr/bin:$engine_root/sbin:$engine_root/bin:$PATH"
@@ -74,7 +74,7 @@ engine_start() {
     enter=(nsenter "--net=/run/netns/$engine_namespace")  # `ip netns exec` would hide the cgroups
     network=(--bip 10.99.0.1/24 --default-address-pool "base=10.99.128.0/17,size=24")
   else
-    # Builds with the machine's own network and changes nothing of it.
+    # Uses the network of the machine for builds, without changing its configuration.
     network=(--bridge none --iptables=false --ip6tables=false --ip-forward=false --ip-masq=false)
   fi
   env "${engine_environment[@]}" "${enter[@]}" dockerd --host "$DOCKER_HOST" --data-root "$ENGINE_DIR/data" --exec-root "$ENGINE_DIR/exec" \
@@ -127,7 +127,7 @@ engine_stop() {
   engine_namespace=
 }
 
-# Everything, whatever state it is in.
+# Removes everything, in any state.
 engine_remove() {
   local containers mount
   if [[ -n $engine_pid ]]; then
@@ -135,7 +135,7 @@ engine_remove() {
     ((${#containers[@]} == 0)) || docker rm --force --volumes "${containers[@]}" >/dev/null 2>&1 || true
   fi
   engine_stop
-  # Deepest first.
+  # Unmounts the deepest mount points first.
   while read -r mount; do umount --lazy "$mount" || true; done < <(awk -v top="$ENGINE_DIR/" 'index($2, top) == 1 {print $2}' /proc/mounts | sort -r)
   find /sys/fs/cgroup -depth -type d -path "*/$engine_cgroup*" -exec rmdir {} + 2>/dev/null || true
   [[ -z $engine_made_key ]] || { rm -f "$engine_key" && rmdir --ignore-fail-on-non-empty "${engine_key%/*}"; }

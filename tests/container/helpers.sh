@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: Apache-2.0
-# What the container tests share. To be sourced by run.sh.
+# Functions of the container tests. To be sourced by run.sh.
 version=$(sed -n 's/^project(evpose VERSION \([0-9.]*\).*/\1/p' CMakeLists.txt)
 revision=$(git rev-parse HEAD)
 bin=build/release
@@ -22,8 +22,8 @@ show_what_is_there() {
   done
 }
 
-# await WHAT COMMAND...: until it succeeds. The limit is there for what never will. Asked more often, what is asked would
-# take the processor from what it waits for.
+# await WHAT COMMAND...: repeats a command until it succeeds, for at most 90 s. The interval of half a second keeps the load of the
+# command itself low.
 await() {
   local what=$1 end=$((SECONDS + 90))
   shift
@@ -33,7 +33,7 @@ await() {
   done
 }
 
-# page PORT/PATH [PARAMETERS...]: of what listens on 127.0.0.1 where the engine is; nothing and false when it does not answer.
+# page PORT/PATH [PARAMETERS...]: prints a page from 127.0.0.1 in the engine's network namespace; fails when there is no response.
 page() {
   nsenter "--net=/run/netns/$engine_namespace" python3 -c '
 import sys, urllib.parse, urllib.request
@@ -41,7 +41,7 @@ parameters = urllib.parse.urlencode([tuple(text.split("=", 1)) for text in sys.a
 sys.stdout.write(urllib.request.urlopen(f"http://127.0.0.1:{sys.argv[1]}?{parameters}", timeout=5).read().decode())' "$@" 2>/dev/null
 }
 
-# The sum of a metric's series at the port of a server, 0 when it does not answer.
+# metric PORT NAME: prints the sum of a metric's series at a server, 0 when it does not respond.
 metric() { page "$1/metrics" | awk -v name="$2" '$1 == name || index($1, name "{") == 1 {sum += $2} END {printf "%.0f\n", sum}' || echo 0; }
 
 is_above() { (($("${@:2}") > $1)); }
@@ -51,7 +51,7 @@ directory_of_volume() { docker volume inspect --format '{{.Mountpoint}}' "$1"; }
 pid_of() { docker inspect --format '{{.State.Pid}}' "$1"; }
 has_started_again() { (($(docker inspect --format '{{.RestartCount}}' "$1") > $2)); }
 
-# Kills a container's program as the kernel would, so that the engine starts it again.
+# Kills the program of a container from outside, and waits until the engine has restarted it.
 kill_and_await() {
   local restarts
   restarts=$(docker inspect --format '{{.RestartCount}}' "$1")
@@ -59,7 +59,7 @@ kill_and_await() {
   await "$1 to be started again" has_started_again "$1" "$restarts"
 }
 
-# What the builds that ran just before have compiled, to save the image's build the same work.
+# Copies recent objects of ccache, so that the image's build does not compile them again.
 copy_ccache() {
   local cache
   cache=$(ccache --get-config cache_dir 2>/dev/null) && [[ -d $cache ]] || return 0
@@ -67,7 +67,7 @@ copy_ccache() {
   (cd "$cache" && find . -type f -mmin -240 -print0 | tar --create --null --files-from -) | tar --extract --directory "$1"
 }
 
-# build_image TARGET TAG DOCKER_BUILD_ARGUMENTS...: in the background; its output to $work/build-TARGET.
+# build_image TARGET TAG DOCKER_BUILD_ARGUMENTS...: builds in the background, with its output in $work/build-TARGET.
 build_image() {
   docker build --progress plain --network host --target "$1" --tag "$2" "${@:3}" >"$work/build-$1" 2>&1 &
   background+=($!)
@@ -86,7 +86,7 @@ build_images() {
   local arguments=(--file "$context/deploy/Dockerfile" --build-arg "VERSION=$version" --build-arg "REVISION=$revision"
     ${LANG+--build-arg "LANG=$LANG"} "$context")
   mkdir "$context"
-  # What is in the work tree, as it is: the Dockerfile, too.
+  # The files of the work tree with uncommitted changes, including the Dockerfile.
   git ls-files -co --exclude-standard -z | tar --create --null --files-from - | tar --extract --directory "$context"
   copy_ccache "$context/.ccache"
   for target in server client; do build_image "$target" "evpose-$target:$version" "${arguments[@]}"; done
@@ -104,7 +104,7 @@ build_images() {
 # shellcheck disable=SC2154  # the scripts that source this file set compose_file and project
 compose() { docker compose --file "$compose_file" --project-name "$project" "$@"; }
 
-# In $work: "cube", the recording of compose.yaml's demo, and "long", and their trajectories without containers.
+# Makes two recordings in $work, "cube" as in the demo of compose.yaml and "long", and their trajectories without containers.
 make_references() {
   make_reference cube --object cube --duration 5 --noise 0.1 --seed 1
   make_reference long --object cube --camera vga --duration 40 --speed 0.5 --seed 1
@@ -118,7 +118,7 @@ make_reference() {
 
 same() { cmp "$1" "$2" || fail "$3: the trajectory is another than without containers"; }
 
-# one_line STATUS TEXT DOCKER_RUN_ARGUMENTS...: the server ends so, and says only this.
+# one_line STATUS TEXT DOCKER_RUN_ARGUMENTS...: checks the exit status and that the only output is a line with this text.
 one_line() {
   local status=0
   docker run --rm --read-only "${@:3}" >"$work/said" 2>&1 || status=$?
@@ -126,7 +126,7 @@ one_line() {
     fail "docker run ${*:3}: exit status $status, saying: $(<"$work/said")"
 }
 
-# What the files say, before anything is started.
+# Checks the files before anything is started.
 check_files() {
   local file
   make_secrets
@@ -136,7 +136,7 @@ check_files() {
   for file in compose compose.cluster; do
     docker compose --file "deploy/$file.yaml" --file "deploy/$file.tls.yaml" config --quiet || fail "deploy/$file.tls.yaml is not valid on top of $file.yaml"
   done
-  # A command of the file on top replaces all of that below.
+  # A command in the upper file replaces that in the lower file completely.
   docker compose --file deploy/compose.cluster.yaml --file deploy/compose.cluster.tls.yaml config --format json | python3 -c '
 import json, sys
 commands = [service["command"] for name, service in json.load(sys.stdin)["services"].items() if name.startswith("server-")]
@@ -145,7 +145,7 @@ sys.exit(len(commands) != 3 or not all("--shutdown-notice" in command for comman
   openssl req -x509 -newkey ec -pkeyopt ec_paramgen_curve:P-256 -nodes -days 1 -subj "/CN=cluster" -keyout "$EVPOSE_SECRETS/server.crt.key" \
     -out "$EVPOSE_SECRETS/server.crt" 2>/dev/null
   chmod 755 "$EVPOSE_SECRETS" && chmod 444 "$EVPOSE_SECRETS"/server.crt*
-  # Names of other machines are not known here; it takes them as servers that are down.
+  # The names of the servers cannot be resolved here; HAProxy treats them as servers that are down.
   docker run --rm --network none --volume "$PWD/deploy/haproxy:/cfg:ro" --volume "$EVPOSE_SECRETS:/run/secrets:ro" haproxy:2.6-bookworm \
     haproxy -c -q -f /cfg/haproxy.cfg -f /cfg/tls.cfg || fail "haproxy refuses what is in deploy/haproxy"
   rm "$EVPOSE_SECRETS"/server.crt*

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-# Prometheus, Redis and HAProxy out of Debian's packages, in the place of the images that the compose files name, where no
-# registry is to be had. Programs, users and directories are where those images have them.
+# Images of Prometheus, Redis and HAProxy made from Debian's packages. They replace the images of the compose files where no registry
+# can be reached, with the same programs, users and directories.
 FROM debian:bookworm-slim AS packages
 RUN apt-get update -qq
 

@@ -1,12 +1,12 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: Apache-2.0
-"""Reads the poses of several clients as they come, each through a pipe with a name, and says how long the longest wait was.
+"""Reads the poses of several clients through named pipes, and prints the longest wait for a pose.
 
 usage: pose_meter.py DIRECTORY NAME...
 
-Reads DIRECTORY/NAME.tum, a FIFO made here, until its client has closed it, and writes what came to DIRECTORY/NAME.copy.
-DIRECTORY/counts has the poses of each so far, in the order of the names, and is replaced ten times a second. At the end
-prints, for each name, the poses and the longest time between two reads in milliseconds.
+Creates the FIFO DIRECTORY/NAME.tum, reads it until its client has closed it, and copies the bytes to DIRECTORY/NAME.copy.
+DIRECTORY/counts has the number of poses of each so far, in the order of the names, and is replaced ten times a second. At the
+end prints, for each name, the number of poses and the longest time between two reads in milliseconds.
 """
 import os
 import pathlib

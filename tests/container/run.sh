@@ -1,10 +1,10 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: Apache-2.0
-# The images and the two compose files, as users get them, through what happens to containers: kills, networks that are
-# taken away, restarts. Every trajectory must be that of a replay without containers, byte for byte.
-#   tests/container/run.sh            all of it; says so and leaves where no container engine can run
+# Tests the images and the two compose files under faults: killed containers, disconnected networks, restarts. Every trajectory
+# must be identical to that of a replay without containers.
+#   tests/container/run.sh            all tests; prints SKIPPED where no container engine can run
 #   tests/container/run.sh single     compose.yaml only; or cluster: compose.cluster.yaml
-# It brings an engine of its own, which has no way out of the machine once the images are built, and leaves nothing behind.
+# Uses a private engine, which cannot reach other machines once the images are built, and removes everything at the end.
 set -euo pipefail
 here=$(cd "$(dirname "${BASH_SOURCE[0]}")" && pwd)
 cd "$here/../.."

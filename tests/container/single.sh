@@ -1,18 +1,18 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: Apache-2.0
-# compose.yaml. To be sourced by run.sh.
+# Tests compose.yaml. To be sourced by run.sh.
 compose_file=deploy/compose.yaml
 project=evpose
 server=evpose-server-1
 reference=$work/cube/reference.tum
 
-# The replay of the demo, at the camera's pace, with poses in /data/NAME.tum: start_replay NAME.
+# start_replay NAME: starts the replay of the demo at the rate of the camera, with poses in /data/NAME.tum.
 start_replay() {
   compose run --detach --no-deps --name "$1" client replay /data/cube/recording.raw --model /data/cube/model.obj \
     --camera /data/cube/camera.yaml --server server:50051 --rate 1 --out "/data/$1.tum" >/dev/null
 }
 poses() { metric 9464 evpose_poses_total; }
-# Until so many poses have come since the count that is given.
+# await_poses NAME COUNT: waits until 800 poses more than COUNT have been received.
 await_poses() { await "poses of $1" is_above "$(($2 + 800))" poses; }
 finish_replay() {
   [[ $(docker wait "$1") == 0 ]] || fail "$1: the client failed"
@@ -46,7 +46,7 @@ check_confinement() {
   [[ $(awk '/^CapBnd:/ {print $2}' "$status") =~ ^0+$ ]] || fail "the server may get capabilities"
   [[ $(awk '/^NoNewPrivs:/ {print $2}' "$status") == 1 ]] || fail "the server may get privileges"
   ! docker exec "$server" touch /tmp/written 2>/dev/null || fail "the server's root can be written to"
-  # A health check each 10 s, and none of them stays as a zombie.
+  # A health check runs every 10 s and must not leave a zombie process.
   docker exec "$server" evpose-health-check || fail "the health check in the image fails"
   [[ -z $(docker top "$server" -o pid,stat | awk '$2 ~ /^Z/') ]] || fail "there are zombies in the server's container"
 }
@@ -61,7 +61,7 @@ check_bad_starts() {
   one_line 1 "cannot be reached" --entrypoint evpose-health-check "$image"
 }
 
-# asked EXPRESSION: what Prometheus says, the sum of it; nothing when it says nothing.
+# asked EXPRESSION: prints the sum of an expression in Prometheus, or nothing if it has no value.
 asked() {
   page 9090/api/v1/query "query=$1" | python3 -c '
 import json, sys
@@ -125,7 +125,7 @@ finish_replay drained
 say "the server's network is taken away in the middle"
 network_cut
 
-# As process 1, which a signal's usual effect leaves alone, under a client that does not leave.
+# The server runs as process 1, for which the default action of signals is disabled, with a client that does not disconnect.
 say "the server is told to leave twice"
 before=$(received)
 compose run --detach --no-deps --name stubborn client replay /data/cube/recording.raw --model /data/cube/model.obj \

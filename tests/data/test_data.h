@@ -6,9 +6,8 @@
 
 namespace evpose {
 
-// The path of a file or folder of test data: in tests/data or, when it is not there, in the folder EVPOSE_SHARED_DATA
-// that CMake was given. Empty when neither has it; a test of data whose licence or size allows no copy in the project
-// is then skipped.
+// Returns the path of a file or folder of test data: in tests/data or else in the folder EVPOSE_SHARED_DATA of CMake.
+// Empty if neither has it; then a test skips data that cannot be in the project because of licence or size.
 std::string FindTestData(const std::string& name);
 
 }  // namespace evpose

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// Damaged checkpoints: each is refused in words, or makes a session that goes on without a fault, to its end or not. An
-// input is what is done to a true one: bytes changed, its end cut off.
+// Fuzz target for damaged checkpoints. Each is either rejected with an error, or restores a session that continues
+// without a fault. The input describes the damage to a valid checkpoint: changed bytes, a truncated end.
 #include <memory>
 #include <string>
 #include <utility>
@@ -21,13 +21,13 @@
 namespace evpose {
 namespace {
 
-// A small picture, and everything that is counted or waited for in proportion: a session comes to all its states within
-// few events.
+// A small image with proportionally small counts and times, so that a session reaches all of its states within few
+// events.
 const CameraModel kCamera = testing::MakeCamera(48, 36, 48);
 constexpr int64_t kBeforeUs = 24'000;
 constexpr int64_t kAfterUs = 1'000;
 constexpr double kDensity = 3.0;  // events per square pixel that the lines sweep
-constexpr double kNoise = 300.0;  // events per second over the picture
+constexpr double kNoise = 300.0;  // events per second over the image
 
 TrackerOptions Options(Estimator estimator) {
   TrackerOptions options;
@@ -64,7 +64,7 @@ absl::StatusOr<std::unique_ptr<Tracker>> MakeTracker(const server::SessionConfig
   return Tracker::Create(std::move(objects), config.camera, Options(config.estimator), tables);
 }
 
-// Of half as many lines as a cube.
+// An object with half as many lines as a cube.
 std::shared_ptr<const ObjectModel> Tetrahedron() {
   static const std::string file =
       "v 0.1 0.1 0.1\nv 0.1 -0.1 -0.1\nv -0.1 0.1 -0.1\nv -0.1 -0.1 0.1\nf 1 2 3\nf 1 4 2\nf 1 3 4\nf 2 4 3\n";
@@ -118,7 +118,7 @@ Base MakeBase(const server::SessionConfig& config, const std::string& bytes) {
   return {config, std::move(state.position), std::move(state.tracker)};
 }
 
-// At the start, tracking, searching after a loss, and with a second object that is not there.
+// Checkpoints at the start, while tracking, while searching after a loss, and with a second object that is not in view.
 std::vector<Base> MakeBases() {
   const std::string few = EventsOf(kDensity, kNoise, 0, 1000);
   const std::string enough = EventsOf(kDensity, kNoise, 0, kBeforeUs);
@@ -132,8 +132,8 @@ std::vector<Base> MakeBases() {
   return bases;
 }
 
-// The decoder's state and the tracker's behind it. Bytes of the pixels' history apart, a state's faults are in its
-// first and last bytes: offsets count from either end.
+// The state of the decoder, followed by that of the tracker. Between them is the large history of the pixels; so
+// offsets count from either end.
 std::string Damage(std::string state, FuzzInput& input) {
   if (input.Choice(4) == 0) state.resize(input.Word() % state.size());
   while (!input.empty() && !state.empty()) {

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// Every decoder, on any bytes: events lie inside the sensor, time marks are in order of the events, and a stream cut
-// anywhere, or after a loss, decodes as it does in one piece.
+// Fuzz target for all decoders with arbitrary bytes: events are inside the sensor, time marks are in the order of the
+// events, and a stream that is split anywhere, or after a loss, decodes as in one piece.
 #include <iterator>
 #include <memory>
 

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// A fuzzer's bytes, taken from the front as numbers, choices and strings. Past the end everything is zero or empty.
+// Reads the bytes of a fuzzer from the front as numbers, choices and strings. After the end all values are zero or
+// empty.
 #pragma once
 
 #include <algorithm>
@@ -27,7 +28,7 @@ class FuzzInput {
     const uint16_t low = Byte();
     return static_cast<uint16_t>(low | Byte() << 8);
   }
-  // Below `count`, which is at most 256.
+  // Returns a value from 0 to `count` - 1; `count` is at most 256.
   int Choice(int count) { return Byte() % count; }
   absl::Span<const uint8_t> Bytes(size_t size) {
     const absl::Span<const uint8_t> bytes = rest_.subspan(0, size);

@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// One large block of memory, kept between executions. Assimp makes a buffer of 16 MB for every OBJ file;
-// AddressSanitizer fetches such a block from the system and gives it back each time: 4096 page faults, which took three
-// quarters of the target's time. The kept block has the sanitizer's zones around it while it is used and may not be
-// touched while it is free; every other block is the sanitizer's own as before.
+// Keeps one large block of memory between executions. Assimp allocates a buffer of 16 MB for every OBJ file, and
+// AddressSanitizer requests such a block from the system and returns it each time: 4096 page faults, which took three
+// quarters of the target's time. The kept block has the sanitizer's redzones while it is used and is poisoned while it
+// is free; all other blocks are allocated by the sanitizer.
 #include <sanitizer/asan_interface.h>
 
 #include <cstddef>
@@ -16,7 +16,7 @@ namespace {
 
 constexpr std::size_t kKeptBytes = 4096 * 4096;
 
-// The target has one thread.
+// Not synchronized, because the target has one thread.
 constinit void* kept_block = nullptr;
 constinit bool kept_block_is_used = false;
 
@@ -38,8 +38,8 @@ void GiveKeptBlockBack() {
 
 void operator delete(void* block, std::size_t size, std::align_val_t alignment) noexcept;  // not declared by clang 14
 
-// What is passed on goes to the sanitizer's operators of the same kind with one more argument, so that it finds what is
-// freed in a wrong way or with a wrong size.
+// Other requests are forwarded to the sanitizer's operators of the same kind with one more argument, so that it still
+// detects mismatched deallocation and wrong sizes.
 void* operator new(std::size_t size) {
   if (size == evpose::kKeptBytes && !evpose::kept_block_is_used) return evpose::TakeKeptBlock();
   return ::operator new(size, std::nothrow);

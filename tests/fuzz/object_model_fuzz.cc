@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// A model file, on any bytes: it is refused in words, or makes a model whose indices and numbers can be relied on.
+// Fuzz target for model files with arbitrary bytes: a file is rejected with an error, or gives a model with valid
+// indices and numbers.
 #include <cmath>
 #include <iterator>
 

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// The header of a recording, on any bytes: it is read, refused in words, or said to go on; never one way for the whole
-// file and another for a prefix that holds all of it.
+// Fuzz target for headers of recordings with arbitrary bytes: a header is read, rejected with an error, or reported as
+// incomplete, with the same result for the whole file and for every prefix that contains the header.
 #include <optional>
 
 #include "core/events/recording_header.h"

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// Gives the files of folders to a fuzz target, one by one: how seeds and findings are checked by compilers without a
-// fuzzer, and how a finding is looked at.
+// Runs a fuzz target on files and on the files of folders, one by one: to check seeds and findings without a fuzzer,
+// and to reproduce a finding.
 //   fuzz_TARGET FILE_OR_FOLDER...
 #include <cstdint>
 #include <cstdio>
@@ -42,7 +42,7 @@ int main(int argc, char** argv) {
   for (int i = 1; i < argc; ++i) {
     for (const fs::path& path : FilesIn(argv[i])) {
       std::printf("%s\n", path.c_str());
-      std::fflush(stdout);  // the last line names the one that ended the program
+      std::fflush(stdout);  // the last line names the file that ended the program
       if (!Replay(path)) return 1;
       ++num_files;
     }

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// What a fuzz target claims: a claim that does not hold ends the program, which is a finding.
+// Assertions of the fuzz targets. An assertion that fails aborts the program, which the fuzzer reports as a finding.
 #pragma once
 
 #include <cstdio>

@@ -1,10 +1,10 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: Apache-2.0
 # Runs every fuzz target, one after the other, under address and undefined sanitizers; stops at the first finding.
-#   tests/fuzz/run.sh SECONDS [TARGET...]         each for so long
-#   tests/fuzz/run.sh --runs COUNT [TARGET...]    each for so many inputs
-# What it learns stays in build/fuzz/corpus/TARGET, where the next run goes on. A finding is a file in
-# build/fuzz/findings/TARGET; once mended it belongs into tests/fuzz/findings/TARGET, where ordinary tests look at it.
+#   tests/fuzz/run.sh SECONDS [TARGET...]         each for this time
+#   tests/fuzz/run.sh --runs COUNT [TARGET...]    each for this number of inputs
+# The corpus stays in build/fuzz/corpus/TARGET, from which the next run continues. A finding is a file in
+# build/fuzz/findings/TARGET; when it is fixed, copy it to tests/fuzz/findings/TARGET, which ordinary tests read.
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/../.."
 
@@ -22,7 +22,7 @@ if ((${#targets[@]} == 0)); then
   for source in tests/fuzz/*_fuzz.cc; do targets+=("$(basename "$source" _fuzz.cc)"); done
 fi
 
-# Bytes of an input, at most: what it takes to reach everything a target has.
+# The maximum length of an input, bytes: enough to reach all code of a target.
 longest() {
   case $1 in
     track) echo 256 ;;
@@ -31,7 +31,7 @@ longest() {
   esac
 }
 
-# Whether inputs that reach what few others reach are tried more, which takes `track` a tenth of its time.
+# Entropic scheduling, which prefers inputs that reach rare code; off for `track`, where it takes a tenth of the time.
 weighs_rare() {
   case $1 in
     track) echo 0 ;;
@@ -39,9 +39,9 @@ weighs_rare() {
   esac
 }
 
-# Megabytes of what was freed that are kept from use for a while; by default 256 and a multiple in a heap full of holes:
-# text_files grew beyond a gigabyte, and keeps below 300 MB like this. An input of `track` uses a tenth of a megabyte in
-# all, and the memory is warm again when it comes back.
+# AddressSanitizer's quarantine of freed memory, MB. With the default of 256 the heap of text_files grew beyond a gigabyte; with
+# this value it stays below 300 MB. An input of `track` uses a tenth of a megabyte; a small quarantine keeps the memory in the
+# cache.
 quarantine_mb() {
   case $1 in
     track) echo 1 ;;
@@ -61,7 +61,7 @@ for target in "${targets[@]}"; do
   done
   mkdir -p "build/fuzz/corpus/$target" "build/fuzz/findings/$target"
   echo "== fuzz $target"
-  # A finding shows where its memory came from when it is run again by itself.
+  # Short allocation stacks (malloc_context_size) save time; reproduce a finding without it to see the full stacks.
   ASAN_OPTIONS=quarantine_size_mb=$(quarantine_mb "$target"):malloc_context_size=4
   export ASAN_OPTIONS
   "build/fuzz/tests/fuzz/fuzz_$target" "$limit" -max_len="$(longest "$target")" -timeout=20 -rss_limit_mb=4096 \

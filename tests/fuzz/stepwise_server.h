@@ -1,8 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// What stands behind a Track stream, without a thread: whatever the server would do on threads of its own waits until
-// it is told to take a step. So one input is always the same sequence of steps, and an input can choose any order of
-// them.
+// The parts of a server behind a Track stream, without threads: the work of each of the server's threads waits for
+// Step(). So an input always gives the same sequence of steps, and inputs can choose any order of them.
 #pragma once
 
 #include <array>
@@ -26,11 +25,11 @@
 
 namespace evpose {
 
-// In the place of a thread.
+// Replaces a thread.
 class Worker {
  public:
   boost::asio::io_context::executor_type executor() { return context_.get_executor(); }
-  // False: nothing waits.
+  // Runs one waiting task. Returns false if none waits.
   bool Step() { return context_.poll_one() > 0; }
 
  private:
@@ -61,7 +60,7 @@ class StepwiseLease : public server::CheckedLease {
   const std::string name_;
 };
 
-// The memory store with another thread for its commits; the models are not its business.
+// The memory store with a Worker instead of its thread. Models are delegated to an ordinary memory store.
 class StepwiseStore : public server::Store {
  public:
   explicit StepwiseStore(Worker& committer) : committer_(committer) {}
@@ -112,7 +111,7 @@ class StepwiseStore : public server::Store {
   const std::unique_ptr<server::Store> models_ = server::MakeMemoryStore();
 };
 
-// All that a TrackReactor uses, with trackers that cost nothing, small limits, and a clock that stands.
+// The parts of a server that a TrackReactor uses, with fake trackers, small limits, and a clock that the test controls.
 class StepwiseServer : private server::Drainer {
  public:
   static constexpr size_t kNumWorkers = 4;
@@ -132,7 +131,7 @@ class StepwiseServer : private server::Drainer {
     EVPOSE_FUZZ_REQUIRE(status.ok() || absl::IsNotFound(status));
   }
   void LetTimePass(absl::Duration duration) { now_ += duration; }
-  // What one thread would do next; false: it has nothing to do.
+  // Runs the next task of one worker. Returns false if it has none.
   bool Step(size_t worker) { return workers_[worker].Step(); }
   bool StepAny() {
     for (Worker& worker : workers_) {
@@ -152,11 +151,11 @@ class StepwiseServer : private server::Drainer {
     server::SessionManager::Options options;
     options.limits = {.credit_bytes = 512,
                       .max_chunk_bytes = 128,
-                      .pose_log_capacity = 16,  // so that poses are forgotten
+                      .pose_log_capacity = 16,  // small, so that poses are deleted
                       .writes_checkpoints = writes_checkpoints};
     options.make_tracker = server::FakeTrackers();
     options.now = [this] { return now_; };
-    // Every look takes its time, so that a checkpoint is due now and then.
+    // The clock advances at every reading, so that checkpoints become due.
     options.steady_now = [this] { return steady_now_ += std::chrono::milliseconds(10); };
     return options;
   }
@@ -165,7 +164,7 @@ class StepwiseServer : private server::Drainer {
 
   absl::Time now_ = absl::FromUnixSeconds(1'700'000'000);
   server::Session::SteadyTime steady_now_;
-  std::array<Worker, kNumWorkers> workers_;  // of sessions, of the store, the slow one, the one aside
+  std::array<Worker, kNumWorkers> workers_;  // workers of the pool, store, slow work, low-priority work
   server::WorkerPool pool_{
       server::WorkerPool::Executors{workers_[0].executor(), workers_[2].executor(), workers_[3].executor()}};
   StepwiseStore store_{workers_[1]};

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// The text files that users bring: camera, sensor profile, trajectory; and a pose as an argument. What is accepted is
-// valid, and reads back from what is written to the same values.
+// Fuzz target for the text files of users (camera, sensor profile, trajectory) and for a pose as an argument. Accepted
+// values are valid, and writing and reading them again gives the same values.
 #include "core/estimation/sensor_profile.h"
 #include "core/geometry/camera.h"
 #include "core/geometry/trajectory.h"

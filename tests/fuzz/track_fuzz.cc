@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// Track streams of one session, sent any sequence of messages in any order of events: each stream hears poses, acks and
-// notices in their order, ends with a status that the API promises, never waits for what will not come, and the session
-// goes on serving. The reactor is the server's; the calls that gRPC would make to it are made here, one after the
-// other.
+// Fuzz target for the Track streams of one session, with any sequence of messages and any order of callbacks. Each
+// stream receives poses, acks and notices in order, ends with a documented status and never waits forever, and the
+// session remains usable. The reactor is that of the server; its callbacks, which gRPC would call, are called here one
+// after the other.
 #include <google/protobuf/stubs/logging.h>
 #include <grpc/grpc.h>
 #include <grpcpp/grpcpp.h>
@@ -26,7 +26,7 @@
 namespace evpose {
 namespace {
 
-// What the streams of a session have heard and said, together.
+// The state that the streams of a session share.
 struct Shared {
   std::string session;
   std::string token;  // the newest
@@ -42,7 +42,8 @@ void FillAttach(const Shared& shared, FuzzInput& input, v1::TrackRequest::Attach
 
 uint64_t NextSeq(FuzzInput& input, uint64_t& next_seq) { return input.Choice(8) == 0 ? input.Byte() : next_seq++; }
 
-// A byte each: how much later than the one before, and where; in the corner, which loses the object, when that is 0.
+// Events made from one byte each, which determines the time since the previous event and the place; 0 is the corner of
+// the image, where FakeTracker loses the object.
 std::string SomeEvents(size_t count, FuzzInput& input, int64_t& t_us) {
   std::vector<Event> events;
   for (size_t i = 0; i < count; ++i) {
@@ -54,7 +55,7 @@ std::string SomeEvents(size_t count, FuzzInput& input, int64_t& t_us) {
   return server::Flat64(events);
 }
 
-// Up to the largest payload, or a little beyond.
+// Payloads up to the maximum, or slightly larger.
 void FillEvents(Shared& shared, FuzzInput& input, uint64_t& next_seq, v1::TrackRequest::EventChunk& events) {
   events.set_seq(NextSeq(input, next_seq));
   events.set_discontinuity(input.Choice(8) == 0);
@@ -108,8 +109,7 @@ bool IsPromised(grpc::StatusCode code) {
   return kPromised.count(code) > 0;
 }
 
-// What a client hears on one stream: `attached` first, poses that continue each other, acks that never fall, `summary`
-// last.
+// Checks the responses of one stream: `attached` first, consecutive poses, acks that never decrease, `summary` last.
 class Listener {
  public:
   explicit Listener(Shared& shared) : shared_(shared) {}
@@ -166,7 +166,7 @@ class Listener {
   uint64_t send_limit_bytes_ = 0;
 };
 
-// In the place of gRPC and of the client behind it. What the reactor starts is under way until a step completes it.
+// Replaces gRPC and its client. An operation that the reactor starts is in progress until a step completes it.
 class Stream : private grpc::ServerCallbackReaderWriter<v1::TrackRequest, v1::TrackResponse> {
  public:
   Stream(const server::ServiceContext& services, Shared& shared, FuzzInput& input)
@@ -179,10 +179,10 @@ class Stream : private grpc::ServerCallbackReaderWriter<v1::TrackRequest, v1::Tr
   }
 
   bool is_done() const { return reactor_ == nullptr; }
-  // From now on nothing comes or arrives.
+  // Breaks the connection: all further operations fail.
   void Break() { is_broken_ = true; }
 
-  // Each is false when there is nothing of its kind to complete.
+  // Each completes an operation of its kind, and returns false if none is in progress.
   bool CompleteWrite() {
     if (written_ == nullptr) return false;
     EVPOSE_FUZZ_REQUIRE(std::exchange(written_, nullptr)->SerializeAsString() == written_bytes_);
@@ -197,7 +197,7 @@ class Stream : private grpc::ServerCallbackReaderWriter<v1::TrackRequest, v1::Tr
     reactor_->OnReadDone(!has_read_all_);
     return true;
   }
-  // Says that the stream is broken, or that the call is over.
+  // Calls OnCancel() for a broken stream, or OnDone() for a finished one.
   bool CompleteCall() {
     if (is_done()) return false;
     if (is_broken_ && !std::exchange(is_cancelled_, true)) {
@@ -211,7 +211,8 @@ class Stream : private grpc::ServerCallbackReaderWriter<v1::TrackRequest, v1::Tr
   }
 
  private:
-  // Messages come and go as bytes. False for what is none, as text that is not UTF-8: to gRPC that is the last.
+  // Serializes and parses the message, as the transport does. False if it cannot be parsed, for example because of text
+  // that is not UTF-8; gRPC treats this as the end of the stream.
   bool Receive(v1::TrackRequest& request) {
     const v1::TrackRequest next = NextRequest(shared_, input_, next_seq_);
     shared_.max_seq_sent = std::max({shared_.max_seq_sent, next.events().seq(), next.reset_pose().seq()});
@@ -233,8 +234,8 @@ class Stream : private grpc::ServerCallbackReaderWriter<v1::TrackRequest, v1::Tr
     EVPOSE_FUZZ_REQUIRE(!status_->ok() || listener_.is_summarised() || has_read_all_);
   }
 
-  // What the reactor asks for, some of it with a lock of its own that it takes again when it is answered: so nothing is
-  // answered here. One read and one write at a time, and nothing after the end.
+  // The operations that the reactor starts. It may hold its lock, which its callbacks take; so no callback is called
+  // here. At most one read and one write are in progress, and none starts after the end.
   void Read(v1::TrackRequest* request) override {
     EVPOSE_FUZZ_REQUIRE(to_read_ == nullptr && !status_.has_value());
     EVPOSE_FUZZ_REQUIRE(!has_read_all_);
@@ -261,7 +262,7 @@ class Stream : private grpc::ServerCallbackReaderWriter<v1::TrackRequest, v1::Tr
 
   Shared& shared_;
   FuzzInput& input_;
-  int num_messages_;  // still to come
+  int num_messages_;  // remaining messages of the client
   uint64_t next_seq_ = 1;
   Listener listener_;
   v1::TrackRequest* to_read_ = nullptr;
@@ -272,11 +273,11 @@ class Stream : private grpc::ServerCallbackReaderWriter<v1::TrackRequest, v1::Tr
   bool is_cancelled_ = false;
   bool has_read_all_ = false;
   grpc::CallbackServerContext context_;
-  grpc::ServerBidiReactor<v1::TrackRequest, v1::TrackResponse>* reactor_;  // null when the call is over
+  grpc::ServerBidiReactor<v1::TrackRequest, v1::TrackResponse>* reactor_;  // null when the call has ended
 };
 
-// A session and up to three streams. A byte of the schedule says which of the things that can happen happens next;
-// behind its end, they happen in the order in which they are asked for.
+// A session and up to three streams. Each byte of the schedule chooses the next step among the possible ones; after the
+// end of the schedule the first possible step is taken.
 class Conversation {
  public:
   Conversation(StepwiseServer& server, FuzzInput schedule, FuzzInput& input)
@@ -290,7 +291,7 @@ class Conversation {
     while (OpenNext()) {
       while (Happens(schedule_.Byte())) {
       }
-      EVPOSE_FUZZ_REQUIRE(AllAreDone());  // else a stream waits for what will not come
+      EVPOSE_FUZZ_REQUIRE(AllAreDone());  // otherwise a stream would wait forever
     }
     server_.DeleteSession(shared_.session);
     while (server_.StepAny()) {
@@ -303,7 +304,7 @@ class Conversation {
   static constexpr size_t kMaxStreams = 3;
   static constexpr size_t kNumKinds = StepwiseServer::kNumWorkers + 3;
 
-  // Rare ones. Any other byte is for what is under way anyway.
+  // Bytes for rare incidents. Every other byte chooses an operation in progress.
   enum Incident : uint8_t { kOpen = 255, kBreak = 254, kGoAway = 253, kDelete = 252, kExpire = 251 };
 
   bool OpenNext() {
@@ -316,7 +317,7 @@ class Conversation {
     return std::all_of(streams_.begin(), streams_.end(), [](const auto& stream) { return stream->is_done(); });
   }
 
-  // False when nothing is left that can happen.
+  // Takes the step that `byte` chooses. Returns false if no step is possible.
   bool Happens(uint8_t byte) {
     switch (byte) {
       case kOpen:
@@ -373,13 +374,13 @@ class Conversation {
   std::vector<std::unique_ptr<Stream>> streams_;
 };
 
-// Those of a memory store, of which all that is processed counts as durable, and of one that checkpoints are written
-// to.
+// Two servers: one without checkpoints, for which every processed chunk counts as durable, and one that writes
+// checkpoints.
 StepwiseServer& ServerFor(bool writes_checkpoints) {
   static const struct Libraries {
     Libraries() {
-      grpc_init();                               // for the reactor's alarms, which would start and end it each time
-      google::protobuf::SetLogHandler(nullptr);  // a line for every text that is not UTF-8
+      grpc_init();                               // keeps gRPC initialized between the reactor's alarms, to save time
+      google::protobuf::SetLogHandler(nullptr);  // would log a line for every text that is not UTF-8
     }
   } libraries;
   static StepwiseServer* const servers[] = {new StepwiseServer(false), new StepwiseServer(true)};
@@ -394,7 +395,8 @@ extern "C" int LLVMFuzzerTestOneInput(const uint8_t* data, size_t size) {
   FuzzInput input(data, size);
   const uint8_t flags = input.Byte();
   StepwiseServer& server = ServerFor(flags % 2 == 1);
-  // What the log says is made, and thrown away; not always, for that takes a sixth of the time.
+  // For some inputs, lines of the log are formatted and discarded, to test that code; for all inputs it would take a
+  // sixth of the time.
   server::SetLogLevel(flags / 2 % 8 == 7 ? server::LogLevel::kDebug : server::LogLevel::kOff);
   const absl::Span<const uint8_t> schedule = input.Bytes(input.Byte());
   Conversation(server, FuzzInput(schedule.data(), schedule.size()), input).Run();

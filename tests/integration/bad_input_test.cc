@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// Bad input: status 1, one line that names the file and the place, nothing half-written.
+// Tests invalid input: exit status 1, one line that names the file and the place, and no incomplete output files.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -29,7 +29,7 @@ class BadInputTest : public CliTest {
     SimulateCube(0.002);
   }
 
-  // A replay with one thing wrong; the error.
+  // Runs a replay with one invalid argument or file, and returns the error.
   std::string ReplayError(const std::vector<std::string>& more = {}, int status = 1) {
     const CliResult result = Run(ReplayArguments("poses.tum", more));
     EXPECT_EQ(result.status, status) << result.out;
@@ -128,7 +128,7 @@ TEST_F(BadInputTest, ModelWithNothingInIt) {
   EXPECT_THAT(ReplayError(), HasSubstr(Path("cube/model.obj")));
 }
 
-// A closed surface without an edge: faces meet at less than the crease angle.
+// A closed surface without edges: all faces meet at less than the crease angle.
 std::string SphereObj() {
   constexpr int kRings = 18, kSectors = 36;
   std::string obj;
@@ -225,7 +225,7 @@ TEST_F(BadInputTest, ObjectThatNoPoseCanFollowFrom) {
 }
 
 TEST_F(BadInputTest, LinesOfNoUseAreSaidToBeLeftOut) {
-  // Of length zero, twice, backwards, and a part of an edge.
+  // Lines of length zero, repeated, reversed, and a part of an edge.
   WriteText("cube/model.obj", ReadText("cube/model.obj") + "l 1 1\n");
   std::string model = ReadText("cube/model.obj");
   const size_t line = model.find("\nl ") + 1;
@@ -277,7 +277,7 @@ TEST_F(BadInputTest, OutputThatCannotBeWritten) {
 }
 
 TEST_F(BadInputTest, AbsentServer) {
-  // Port 1 is nobody's.
+  // No server listens on port 1.
   const std::string error = ReplayError({"--server", "127.0.0.1:1", "--connect-timeout", "0.2"});
   EXPECT_THAT(error, AllOf(HasSubstr("no server at 127.0.0.1:1"), HasSubstr("for 200ms")));
   for (const char* command : {"sessions", "models"}) {

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// evpose bench speed through a server: few repetitions of short recordings, for what the rows say and how it fails.
+// Tests the rows and the errors of evpose bench speed with a server, with few repetitions of short recordings.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <sys/wait.h>
@@ -27,7 +27,7 @@ using client::ServerProcess;
 using ::testing::ElementsAre;
 using ::testing::HasSubstr;
 
-// One that this process has started: anything that it has left behind.
+// Returns a remaining child process of this process, if any.
 bool HasChildren() { return waitpid(-1, nullptr, WNOHANG) >= 0 || errno != ECHILD; }
 
 class BenchServiceTest : public CliTest {
@@ -37,7 +37,7 @@ class BenchServiceTest : public CliTest {
     arguments.insert(arguments.end(), more.begin(), more.end());
     return Run(arguments);
   }
-  // The rows of the table that `more` makes.
+  // Runs the bench with the options `more` and returns the rows of its table.
   nlohmann::json Rows(std::vector<std::string> more) const {
     more.insert(more.end(), {"--json", Path("speed.json")});
     const CliResult result = RunSpeed(more);
@@ -84,7 +84,7 @@ TEST_F(BenchServiceTest, TransportMovesTheBytesAndLatencyIsInOrder) {
   EXPECT_GT(latency["chunk_p50_ms"], latency["server_p50_ms"]);
   EXPECT_GT(latency["server_p50_ms"], 0.0);
   EXPECT_GT(rows[0]["mb_per_s"], 0.0);
-  EXPECT_GT(rows[0]["memcpy_ratio"], 1.0) << "it copies, too";
+  EXPECT_GT(rows[0]["memcpy_ratio"], 1.0) << "decoding also copies";
 }
 
 TEST_F(BenchServiceTest, SessionsAndMemoryAreThoseOfAProcessOfItsOwn) {
@@ -110,7 +110,7 @@ TEST_F(BenchServiceTest, AServerThatRunsIsUsed) {
   const CliResult result = RunSpeed(arguments);
   ASSERT_EQ(result.status, 0) << result.err;
   EXPECT_FALSE(nlohmann::json::parse(ReadText("a.json"))["rows"][0].contains("server_cpu_s_per_gev"))
-      << "nobody knows its process";
+      << "the process of the server is unknown";
   std::vector<std::string> with_pid = arguments;
   with_pid.back() = Path("b.json");
   with_pid.insert(with_pid.end(), {"--server-pid", std::to_string((*server)->pid())});
@@ -118,7 +118,7 @@ TEST_F(BenchServiceTest, AServerThatRunsIsUsed) {
   EXPECT_GT(nlohmann::json::parse(ReadText("b.json"))["rows"][0]["server_cpu_s_per_gev"], 0.0);
   const auto client = Client::Connect((*server)->address());
   ASSERT_TRUE(client.ok()) << client.status();
-  EXPECT_EQ((*client)->ListSessions()->size(), 0u) << "it leaves none behind";
+  EXPECT_EQ((*client)->ListSessions()->size(), 0u) << "the bench deletes its sessions";
 }
 
 TEST_F(BenchServiceTest, SaysWhatAServerElsewhereDoesNotTell) {
@@ -149,7 +149,7 @@ TEST_F(BenchServiceTest, WithoutAnyServerItSaysWhereItLooked) {
 TEST_F(BenchServiceTest, AnInterruptEndsTheServerToo) {
   std::ostringstream out, err;
   client::CliContext context{out, err};
-  // After the first row, while its server runs.
+  // The signal arrives after the first row, while the server runs.
   context.is_interrupted = [&out] { return out.str().find("\npath") != std::string::npos; };
   const std::vector<std::string> arguments = {"bench", "speed",         "--parts", "path",   "--duration",
                                               "0.02",  "--repetitions", "1",       "--json", Path("speed.json")};
@@ -174,7 +174,7 @@ TEST(ServerProcessTest, EndsWithItsOwner) {
 }
 
 TEST(ServerProcessTest, EndsWhenItsOwnersProcessIsKilled) {
-  // Who has it open: the owner's process and its server.
+  // The processes that have it open: the bench and its server.
   int alive[2];
   ASSERT_EQ(pipe(alive), 0);
   const pid_t owner = fork();
@@ -189,7 +189,7 @@ TEST(ServerProcessTest, EndsWhenItsOwnersProcessIsKilled) {
   EXPECT_EQ(answer, 'y');
   kill(owner, SIGKILL);
   waitpid(owner, nullptr, 0);
-  EXPECT_EQ(read(alive[0], &answer, 1), 0) << "nobody is left";
+  EXPECT_EQ(read(alive[0], &answer, 1), 0) << "no process is left";
   close(alive[0]);
 }
 

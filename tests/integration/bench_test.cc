@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// evpose bench: few trials, for what the command says and how it fails.
+// Tests the output and the errors of evpose bench, with few trials.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -153,7 +153,7 @@ TEST_F(CliTest, BenchSyntheticTableCsvAndPicture) {
       Run(SyntheticArguments({"--trials", "3", "--methods", "mm,mixture", "--sweeps", "noise,outliers", "--csv",
                               Path("table.csv"), "--picture", Path("picture.svg")}));
   ASSERT_EQ(result.status, 0) << result.err;
-  // Two lines of header; twelve values of two methods, and the bound where there is noise.
+  // Two lines of header; twelve rows for each of two methods, and the bound for rows with noise.
   EXPECT_EQ(std::count(result.out.begin(), result.out.end(), '\n'), 2 + 12 * 2 + 11);
   for (const char* row : {"\nnoise       0 px  mm ", "\nnoise      10 px  bound ", "\noutliers    50 %  mixture "}) {
     EXPECT_THAT(result.out, HasSubstr(row));

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// evpose bench tracking: short recordings, for what the command says, writes and keeps; and NEES by evpose evaluate.
+// Tests the output and the files of evpose bench tracking with short recordings, and the NEES of evpose evaluate.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -89,7 +89,7 @@ TEST_F(CliTest, SimulateMakesAScenariosRecording) {
   EXPECT_EQ(Run({"simulate", "--scenario", "half-out", "--object", "book", "--out", Path("book")}).status, 2);
 }
 
-// A pose 3 mm off whose covariance says 1 mm.
+// A pose with an error of 3 mm and a standard deviation of 1 mm.
 TEST_F(CliTest, EvaluatePrintsTheNeesOfACsv) {
   ASSERT_TRUE(WriteFile(Path("truth.tum"), "1 0 0 1 0 0 0 1\n2 0 0 1 0 0 0 1\n").ok());
   std::string csv = "t_us,tx_m,ty_m,tz_m,qx,qy,qz,qw";

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// What the end-to-end tests share: a directory of their own, the command line as a function and as a program, a short
-// recording with its truth.
+// The fixture of the end-to-end tests: a temporary directory, the command line as a function and as a program, and a
+// short recording with its truth.
 #pragma once
 
 #include <gtest/gtest.h>
@@ -32,19 +32,19 @@ class CliTest : public ::testing::Test {
   std::string Path(const std::string& name) const { return (directory_ / name).string(); }
   void WriteText(const std::string& name, const std::string& text) const;
   std::string ReadText(const std::string& name) const;
-  // The files of the test's directory whose names begin so, whole or half-written.
+  // The files of the test's directory with names that begin with this, complete or temporary.
   std::vector<std::string> FilesBeginning(const std::string& prefix) const;
 
-  // RunCli() in this process; `clock` paces a replay.
+  // Calls RunCli() in this process; `clock` sets the pace of a replay.
   CliResult Run(const std::vector<std::string>& arguments, client::Clock* clock = nullptr) const;
-  // A shell in the test's directory that finds `evpose` and `evpose-server` by name.
+  // Runs a shell in the test's directory, with `evpose` and `evpose-server` in its PATH.
   CliResult RunShell(const std::string& script) const;
 
-  // cube/recording.raw, truth.tum, model.obj and camera.yaml: `duration_s` of a cube before a VGA camera.
+  // Writes cube/recording.raw, truth.tum, model.obj and camera.yaml: a cube in front of a VGA camera for `duration_s`.
   void SimulateCube(double duration_s) const;
-  // The pose of the truth's first line, as --init-pose takes it.
+  // The pose of the truth's first line, in the format of --init-pose.
   std::string FirstPose() const;
-  // The arguments of a replay of that recording, from that pose or from the events alone.
+  // The arguments of a replay of that recording, with that pose or without an initial pose.
   std::vector<std::string> ReplayArguments(const std::string& out, const std::vector<std::string>& more = {}) const;
   std::vector<std::string> SearchArguments(const std::string& out, const std::vector<std::string>& more = {}) const;
 

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// The program itself: its help is true, its pictures show something.
+// Tests the program: the examples of its help, signals, and rendered images.
 #include "client/cli/cli.h"
 
 #include <gmock/gmock.h>
@@ -30,7 +30,7 @@ using ::testing::IsEmpty;
 
 constexpr char kDefaultAddress[] = "127.0.0.1:50051";
 
-// The commands below "Example:", with lines that go on joined.
+// Returns the commands below "Example:", with continued lines joined.
 std::vector<std::string> Examples(const std::string& help) {
   const size_t begin = help.find("Example:\n");
   EXPECT_NE(begin, std::string::npos) << help;
@@ -50,7 +50,7 @@ TEST_F(CliTest, ExamplesOfEveryHelpWorkAsPrinted) {
   ASSERT_TRUE(server.ok()) << server.status();
   const std::string address = "127.0.0.1:" + std::to_string((*server)->port());
   std::set<std::string> done;  // most begin with the same simulation
-  // What deletes comes after what needs it, and last the one after which the server leaves.
+  // Commands that delete run after those that need the data, and the one that drains the server runs last.
   for (const char* command : {"",
                               "simulate",
                               "replay",
@@ -113,7 +113,7 @@ TEST_F(CliTest, ProgramFailsWithOneLine) {
 
 TEST_F(CliTest, InterruptEndsAFollowedRecordingCleanly) {
   SimulateCube(0.02);
-  // It may come before the first event was sent or after the last: it must be obeyed whenever it comes.
+  // The signal may arrive before the first event is sent or after the last one, and must always be handled.
   const CliResult result = RunShell(
       "evpose replay cube/recording.raw --follow --model cube/model.obj --camera cube/camera.yaml --out poses.tum "
       "--json --init-pose '" +
@@ -159,7 +159,7 @@ TEST_F(CliTest, MalformedValuesAreWrongUsage) {
     EXPECT_LT(result.err.size(), 250u) << result.err;
   }
   EXPECT_EQ(Run({"sessions", "list", "--server", "localhost"}).status, 2);
-  // As the help says.
+  // According to the help.
   const CliResult for_ever = Run({"stream", "-", "--server", "localhost:1", "--max-outage", "inf", "--camera", "none",
                                   "--model", Path("cube/model.obj")});
   EXPECT_EQ(for_ever.status, 1) << for_ever.err;
@@ -217,8 +217,8 @@ TEST_F(CliTest, TheReportNamesTheFilesOfPoses) {
   EXPECT_EQ(replay({"--json"}).Json()["files"], nlohmann::json({Path("poses-left.tum"), Path("poses-right.tum")}));
 }
 
-// The shell's words for: until process $pid would be told of an interrupt. Before it is evpose it is a shell, which
-// catches them, too; one that has ended has no executable.
+// Shell code that waits until process $pid is evpose and handles SIGINT. Before, the process is a shell, which also
+// catches SIGINT; a process that has ended has no executable.
 constexpr char kUntilItCatchesInterrupts[] =
     "until grep -qx evpose /proc/$pid/comm && grep -q '^SigCgt:.*[2367abef]$' /proc/$pid/status; do\n"
     "  test -e /proc/$pid/exe\n"
@@ -230,7 +230,7 @@ TEST_F(CliTest, AnInterruptEndsTheWaitForAServer) {
        {std::string("replay cube/recording.raw --model cube/model.obj --camera cube/camera.yaml"),
         std::string("stream cube/recording.raw --model cube/model.obj --camera cube/camera.yaml"),
         std::string("watch sessions/a")}) {
-    // Long enough for nobody to wait for.
+    // Longer than any test would wait.
     const CliResult result = RunShell("evpose " + command + " --server 127.0.0.1:1 --connect-timeout 86400 & pid=$!\n" +
                                       kUntilItCatchesInterrupts + "kill -INT $pid\nwait $pid");
     EXPECT_EQ(result.status, 1) << command;
@@ -275,8 +275,8 @@ TEST_F(CliTest, AnInterruptLeavesNoHalfRecording) {
   EXPECT_THAT(FilesBeginning("long"), IsEmpty());
 }
 
-// The shell's words for: `evpose ...` as process 1 of a container, whose number outside is $pid; `wait $outside` has
-// its exit status.
+// Shell code that runs `evpose ...` as process 1 of a process namespace. Its number outside is $pid; `wait $outside`
+// returns its exit status.
 std::string AsProcess1(const std::string& evpose) {
   return "unshare --pid --fork --kill-child " + evpose +
          " & outside=$!\n"
@@ -284,7 +284,7 @@ std::string AsProcess1(const std::string& evpose) {
          "done\n";
 }
 
-// Which a signal's usual effect leaves alone.
+// For process 1 the default action of signals is disabled.
 TEST_F(CliTest, Process1EndsAtASignal) {
   if (RunShell("unshare --pid --fork true").status != 0) GTEST_SKIP() << "this kernel or user makes no process 1";
   const CliResult command = RunShell("mkfifo pipe; exec 3<>pipe; rm pipe\n" + AsProcess1("evpose info - <&3") +
@@ -292,7 +292,8 @@ TEST_F(CliTest, Process1EndsAtASignal) {
   EXPECT_EQ(command.status, 128 + SIGTERM) << command.err;
   EXPECT_EQ(command.err, "");
 
-  // One signal asks for a clean end. Both are there when it goes on, and the last that it handles is the first.
+  // One signal requests a clean end. Both signals are pending when the process continues, and it handles the first one
+  // last.
   const CliResult twice =
       RunShell(AsProcess1("evpose simulate --object cube --camera vga --duration 600 --out long") +
                "until ls long/.simulation-in-progress 2>ignored | grep -q partial; do test -e /proc/$pid/exe; done\n"
@@ -314,7 +315,7 @@ TEST_F(CliTest, AnInterruptEndsAnOutage) {
     client::CliContext context{out, err};
     context.is_interrupted = [&] { return is_interrupted.load(); };
     auto status = std::async(std::launch::async, [&] { return client::RunCli(arguments, context); });
-    // It follows a file that does not grow: it ends only as it is told to.
+    // The program follows a file that does not grow, so that only the signal ends it.
     for (nlohmann::json list; list.empty() || list[0]["poses"] == 0;) {
       ASSERT_NE(status.wait_for(std::chrono::seconds(0)), std::future_status::ready) << err.str();
       list = Run({"sessions", "list", "--server", address, "--json"}).Json();
@@ -325,11 +326,11 @@ TEST_F(CliTest, AnInterruptEndsAnOutage) {
     EXPECT_THAT(err.str(), HasSubstr("interrupted while the server was away: "));
     EXPECT_THAT(err.str(), HasSubstr(resumes ? "; the same command goes on from there\n"
                                              : "; with --resume FILE it could be gone on with\n"));
-    EXPECT_EQ(FilesBeginning("poses.tum").size(), resumes ? 1u : 0u) << "what goes on needs what is there";
+    EXPECT_EQ(FilesBeginning("poses.tum").size(), resumes ? 1u : 0u) << "a resumed run needs the existing file";
   }
 }
 
-// Pixels of a colour near (b, g, r).
+// Counts the pixels with a colour near (b, g, r).
 int CountColour(const cv::Mat& image, int b, int g, int r) {
   int count = 0;
   for (int y = 0; y < image.rows; ++y) {

@@ -14,7 +14,7 @@
 namespace evpose {
 namespace {
 
-constexpr int kLook_ms = 20;  // at whether the proxy is to end
+constexpr int kLook_ms = 20;  // interval of checks whether the proxy is to end
 
 sockaddr_in Loopback(int port) {
   sockaddr_in address = {};
@@ -24,7 +24,7 @@ sockaddr_in Loopback(int port) {
   return address;
 }
 
-// As a cable that is pulled: the other side gets a reset, and what was on its way is gone.
+// Closes a connection with a reset; data in transit are lost.
 void Cut(int descriptor) {
   const linger hard = {1, 0};
   setsockopt(descriptor, SOL_SOCKET, SO_LINGER, &hard, sizeof(hard));

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// A TCP proxy that cuts connections after so many bytes: a network that is not perfect, at places of the test's choice.
+// A TCP proxy that cuts connections after a given number of bytes, to simulate network failures.
 #pragma once
 
 #include <atomic>
@@ -20,10 +20,10 @@ class CuttingProxy {
 
   std::string address() const { return "127.0.0.1:" + std::to_string(port_); }
   void SetTarget(int port) { target_port_ = port; }
-  // The next connections are cut after so many bytes from the client, one after the other; those after them are not.
+  // Cuts the next connections, each after the given number of bytes from the client; later connections are not cut.
   void CutAfter(const std::vector<uint64_t>& client_bytes);
   int num_cut() const { return num_cut_; }
-  int num_refused() const { return num_refused_; }  // for want of a target
+  int num_refused() const { return num_refused_; }  // connections that were closed because there was no target
 
  private:
   void Accept();
@@ -38,7 +38,7 @@ class CuttingProxy {
   std::atomic<bool> is_stopped_ = false;
   std::mutex mutex_;
   std::deque<uint64_t> limits_;            // guarded by mutex_
-  std::vector<std::jthread> connections_;  // of the accepting thread
+  std::vector<std::jthread> connections_;  // used by the accepting thread only
   std::jthread acceptor_;
 };
 

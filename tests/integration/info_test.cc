@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// evpose info against recordings that nobody here made.
+// Tests evpose info on recordings from other sources.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 

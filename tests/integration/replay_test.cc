@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// A recording through client and server and back, in every way that must not matter.
+// Tests replays through client and server with options that must not change the poses.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -73,7 +73,7 @@ TEST_F(ReplayTest, SameBytesAtAnyRateOnAnyChunkingInProcessAndOverASocket) {
       EXPECT_GE(clock.Now() - begin, absl::Milliseconds(245));
     }
   }
-  // Each replay freed its session.
+  // Each replay has deleted its session.
   EXPECT_EQ(Run({"sessions", "list", "--server", address_}).out, "");
 }
 
@@ -100,7 +100,7 @@ TEST_F(ReplayTest, PosesFollowTheTruth) {
   EXPECT_LT(row["reprojection_mean_px"], 3.0);
 }
 
-// Without a pose to begin with.
+// Without an initial pose.
 TEST_F(ReplayTest, FindsTheFirstPoseByItself) {
   SimulateCube(0.25);
   StartServer();
@@ -152,7 +152,7 @@ TEST_F(ReplayTest, SeveralObjectsHavePosesOfTheirOwn) {
   EXPECT_EQ(report["objects"][0]["object_id"], "near");
   EXPECT_EQ(report["objects"][0]["state"], "TRACKING");
   EXPECT_EQ(report["objects"][1]["object_id"], "missing");
-  EXPECT_EQ(report["objects"][1]["state"], "INITIALIZING") << "the only cube is the other one";
+  EXPECT_EQ(report["objects"][1]["state"], "INITIALIZING") << "the only cube in view is tracked as the other object";
   EXPECT_EQ(report["losses"], 0);
   const std::string near = ReadText("near.tum");
   EXPECT_EQ(std::count(near.begin(), near.end(), '\n'), report["poses"]);
@@ -170,7 +170,7 @@ TEST_F(ReplayTest, SeveralObjectsHavePosesOfTheirOwn) {
   EXPECT_EQ(Run(arguments("a.csv", {"--model", Path("cube/model.obj")})).status, 2);
 }
 
-// The first pose that a session of its own finds in the cube's recording, with this reference.
+// Returns the first pose that a new session finds in the cube's recording, with this reference rotation.
 absl::StatusOr<RigidTransform> FirstPoseFound(client::Client& client, const std::string& recording,
                                               client::SessionConfig config,
                                               const std::optional<Eigen::Matrix3d>& reference) {
@@ -212,7 +212,7 @@ TEST_F(ReplayTest, OfEquivalentPosesTheOneNearestToTheReferenceIsFound) {
     EXPECT_GE(RotationAngle((*plain * symmetry).rotation, Eigen::Matrix3d::Identity()),
               RotationAngle(plain->rotation, Eigen::Matrix3d::Identity()) - 1e-9);
   }
-  // Each orientation can be asked for; three of them do.
+  // Each orientation can be selected; three of them suffice here.
   for (const size_t wanted : {1, 7, 23}) {
     const RigidTransform expected = *plain * model->symmetries[wanted];
     const auto found = find(expected.rotation);
@@ -309,7 +309,7 @@ TEST_F(ReplayTest, ServerThatDiesLeavesAnErrorAndNoFile) {
   SimulateCube(0.1);
   StartServer();
   CliResult result;
-  // A recording that goes on: the stream stays open until the server has gone.
+  // The recording is followed without end, so that the stream is open until the server ends.
   std::thread replay([&] {
     result = Run(ReplayArguments("poses.tum", {"--server", address_, "--follow", "--max-outage", "0"}));
   });
@@ -342,7 +342,7 @@ TEST_F(ReplayTest, SessionThatIsKeptCanBeWatchedListedAndDeleted) {
   EXPECT_THAT(Run({"sessions", "list", "--server", address_}).out, HasSubstr(session + "  ENDED"));
   const nlohmann::json health = Run({"sessions", "get", session, "--server", address_, "--json"}).Json();
   EXPECT_EQ(health["poses"], replay.Json()["poses"]);
-  // The model is in use as long as the session lives.
+  // The model is in use as long as the session exists.
   const std::string model = Run({"models", "list", "--server", address_, "--json"}).Json()[0]["name"];
   EXPECT_EQ(Run({"models", "delete", model, "--server", address_}).status, 1);
   EXPECT_EQ(Run({"sessions", "delete", session, "--server", address_}).status, 0);

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// Sessions over a network that breaks, with clients that are killed: the poses are, byte for byte, those of a replay
-// that nothing happened to.
+// Tests sessions with network failures and killed clients: the poses are identical to those of an undisturbed replay.
 #include <fcntl.h>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -55,13 +54,13 @@ class Program {
   }
 
   void Signal(int number) const {
-    if (pid_ > 0) kill(pid_, number);  // 0 stands for this process and its relatives
+    if (pid_ > 0) kill(pid_, number);  // pid 0 would signal this process and its group
   }
   bool IsRunning() {
     if (pid_ != 0 && waitpid(pid_, &status_, WNOHANG) == pid_) pid_ = 0;
     return pid_ != 0;
   }
-  // The exit status, or minus the number of the signal that ended it.
+  // Waits for the end. Returns the exit status, or minus the number of the signal that ended the process.
   int Wait() {
     if (pid_ != 0) waitpid(pid_, &status_, 0);
     pid_ = 0;
@@ -88,7 +87,7 @@ class ResumeTest : public CliTest {
     proxy_.SetTarget(server_->port());
   }
 
-  // The poses that nothing happened to.
+  // The poses of an undisturbed replay.
   std::string Undisturbed() {
     const CliResult result = Run(ReplayArguments("undisturbed.csv"));
     EXPECT_EQ(result.status, 0) << result.err;
@@ -128,7 +127,7 @@ class ResumeTest : public CliTest {
     EXPECT_GT(expected_seq, 1u);
   }
 
-  // A pipe's writing end; the reading end goes to a program.
+  // The writing end of a pipe; a program has the reading end.
   struct Pipe {
     Pipe() { EXPECT_EQ(pipe2(ends, O_CLOEXEC), 0); }
     ~Pipe() {
@@ -159,10 +158,10 @@ TEST_F(ResumeTest, ConnectionCutAtRandomPlaces) {
   const std::string expected = Undisturbed();
   const uint64_t size = std::filesystem::file_size(Path("cube/recording.raw"));
   constexpr int kCuts = 50;
-  // Of those that are planned some come too late, behind the end.
+  // Some of the planned cuts are beyond the end of the stream.
   for (int num_cuts = 3; proxy_.num_cut() < kCuts;
        num_cuts = std::clamp(2 * (kCuts - proxy_.num_cut()), 3, kCuts / 2)) {
-    std::vector<uint64_t> limits = {30'000};  // the first one in the stream: those before it have a test of their own
+    std::vector<uint64_t> limits = {30'000};  // the first cut is in the stream; another test covers earlier ones
     const uint64_t mean = size / static_cast<uint64_t>(num_cuts);
     while (limits.size() < static_cast<size_t>(num_cuts)) limits.push_back(2'000 + random_() % (2 * mean));
     proxy_.CutAfter(limits);
@@ -172,7 +171,7 @@ TEST_F(ResumeTest, ConnectionCutAtRandomPlaces) {
     EXPECT_TRUE(ReadText("cut.csv") == expected);
     const nlohmann::json report = result.Json();
     ASSERT_GE(proxy_.num_cut() - before, num_cuts / 3);
-    // What is cut behind the summary is no outage.
+    // A cut after the summary is not an outage.
     EXPECT_LE(report["outages"], proxy_.num_cut() - before);
     EXPECT_GE(report["outages"], proxy_.num_cut() - before - 1);
     EXPECT_EQ(report["lost_poses"], 0);
@@ -183,7 +182,7 @@ TEST_F(ResumeTest, ConnectionCutAtRandomPlaces) {
 TEST_F(ResumeTest, AReplayWhoseConnectionBreaksBeforeItsSessionIsThereBeginsAgain) {
   SimulateCube(0.1);
   const std::string expected = Undisturbed();
-  // From the first words of HTTP/2 on, through the model's upload, to behind the session's making.
+  // From the connection preface of HTTP/2, through the upload of the model, until after the creation of the session.
   for (uint64_t limit = 50; limit < 12'000; limit += 150 + limit / 2) {
     const int before = proxy_.num_cut();
     proxy_.CutAfter({limit, limit, limit + 1'000});
@@ -248,7 +247,7 @@ TEST_F(ResumeTest, StreamFromAPipeWhileTheServerIsNotThereYet) {
   proxy_.SetTarget(0);
   Pipe pipe;
   Program program = Start(StreamArguments("poses.csv", {"--server", proxy_.address()}), pipe.ends[0]);
-  // Taken though there is no server: it is more than a pipe holds.
+  // The client accepts the data although there is no server; it is more than a pipe holds.
   ASSERT_TRUE(pipe.Write(ReadText("cube/recording.raw")));
   pipe.CloseWriter();
   while (program.IsRunning() && proxy_.num_refused() < 2) std::this_thread::yield();
@@ -283,7 +282,7 @@ TEST_F(ResumeTest, StreamEndsCleanlyOnASignal) {
     Program program = Start(StreamArguments("poses.csv", {"--server", address_}), pipe.ends[0]);
     ASSERT_TRUE(pipe.Write(ReadText("cube/recording.raw")));
     while (program.IsRunning() && SizeOf("program.out") == 0 && SizeOf("poses.csv") == 0) {
-      // Some poses are there: the stream is under way. The pipe stays open, as a camera's does.
+      // The stream has delivered some poses. The pipe stays open, as that of a camera.
       const CliResult list = Run({"sessions", "list", "--server", address_, "--json"});
       if (!list.Json().empty() && list.Json()[0]["poses"] > 10) break;
     }
@@ -300,8 +299,8 @@ TEST_F(ResumeTest, StreamEndsCleanlyOnASignal) {
   }
 }
 
-// What it had read is in its spool, whether a server was there or not; what a camera sends while nobody reads is lost,
-// and the server is told.
+// The data that the client had read are in its spool, with or without a server. Data that a camera sends while no
+// client reads are lost, and the server is notified of the gap.
 TEST_F(ResumeTest, StreamThatWasKilledSendsWhatItHadRead) {
   constexpr uint64_t kLastChunk = 8'192;
   SimulateCube(0.3);
@@ -317,7 +316,7 @@ TEST_F(ResumeTest, StreamThatWasKilledSendsWhatItHadRead) {
       Pipe pipe;
       Program program = Start(arguments, pipe.ends[0]);
       ASSERT_TRUE(pipe.Write(recording.substr(0, half)));
-      // The last chunk is not whole yet.
+      // The last chunk is still incomplete.
       while (program.IsRunning() && SizeOfSpool() + kLastChunk < half) std::this_thread::yield();
       while (program.IsRunning() && server_is_there && SizeOf("poses.csv.partial") < 10'000) std::this_thread::yield();
       program.Signal(SIGKILL);
@@ -355,7 +354,7 @@ TEST_F(ResumeTest, StreamOfAFileIsThatOfAReplay) {
     const nlohmann::json list = Run({"sessions", "list", "--server", address_, "--json"}).Json();
     if (!list.empty()) processed = list[0]["events"];
   }
-  program.Signal(SIGTERM);  // it waits for the file to grow
+  program.Signal(SIGTERM);  // the program waits for the file to grow
   ASSERT_EQ(program.Wait(), 0) << ReadText("program.err");
   const size_t begin = expected.size() / 5 * 4;
   EXPECT_EQ(ReadText("poses.csv").substr(0, begin), expected.substr(0, begin));
@@ -364,7 +363,7 @@ TEST_F(ResumeTest, StreamOfAFileIsThatOfAReplay) {
 
 class ResumeBadInputTest : public ResumeTest {
  protected:
-  // Leaves a record behind, of a replay that was killed.
+  // A killed replay leaves a resume file.
   void KillOne() {
     SimulateCube(0.3);
     const int null = open("/dev/null", O_RDONLY | O_CLOEXEC);
@@ -404,10 +403,10 @@ TEST_F(ResumeBadInputTest, RecordThatDoesNotFit) {
   EXPECT_THAT(Error(Arguments()), HasSubstr("poses.csv.partial: cannot be written"));
   std::filesystem::rename(Path("moved"), Path("poses.csv.partial"));
 
-  // Other events under the same name.
+  // The file now has other events under the same name.
   std::string recording = ReadText("cube/recording.raw");
   const std::string whole = recording;
-  recording[recording.find("% end\n") + 8] ^= 1;  // in the first chunk, which the record knows
+  recording[recording.find("% end\n") + 8] ^= 1;  // in the first chunk, whose digest is in the resume file
   WriteText("cube/recording.raw", recording);
   EXPECT_THAT(Error(Arguments()), HasSubstr("differ from those that the session was fed with"));
   WriteText("cube/recording.raw", whole);

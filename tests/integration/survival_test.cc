@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// Sessions survive a server that is killed: kill -9 at random numbers of poses, in the midst of a stream, and every
-// pose comes once, with the bits of the undisturbed run. EVPOSE_KILLS says how often it is killed
+// Tests that sessions survive a killed server: SIGKILL at random numbers of poses in the middle of a stream; every pose
+// is delivered once, with the bits of the undisturbed run. EVPOSE_KILLS sets the number of kills
 // (tests/bench/survival.sh: 50).
 #include <gmock/gmock.h>
 #include <grpcpp/grpcpp.h>
@@ -35,7 +35,7 @@ namespace {
 
 using server::Program;
 
-// So many chunks are on their way at a time: what a kill catches half done.
+// The number of chunks in transit, which a kill interrupts.
 constexpr uint64_t kChunksAhead = 16;
 
 int NumKills() {
@@ -43,7 +43,7 @@ int NumKills() {
   return kills == nullptr ? 4 : std::atoi(kills);
 }
 
-// A server and the stubs to talk to it.
+// A server process and stubs connected to it.
 class RunningServer {
  public:
   explicit RunningServer(std::vector<std::string> arguments) : program_(WithAddress(std::move(arguments))) {
@@ -77,13 +77,14 @@ class RunningServer {
   std::unique_ptr<v1::ModelService::Stub> models_;
 };
 
-// A client that keeps what it needs to go on at another server, or the same one started again.
+// A client that keeps the state for continuing at another server, or at the same one after a restart.
 class RawClient {
  public:
   RawClient(std::vector<std::string> chunks, server::CreatedSession session)
       : chunks_(std::move(chunks)), session_(std::move(session)) {}
 
-  // Streams until it has so many poses, or it breaks if it may, or to the end and the summary: true.
+  // Streams until the client has this number of poses, or until the stream breaks (if allowed), or to the end; returns
+  // true if the summary was received.
   bool Stream(RunningServer& server, size_t stop_at_poses) {
     grpc::ClientContext context;
     const auto stream = server.sessions().Track(&context);
@@ -107,7 +108,7 @@ class RawClient {
         next_seq = response.attached().next_seq();
         processed_seq = next_seq - 1;
         session_.set_resume_token(response.attached().resume_token());
-        // Of what is not durable nothing is forgotten, and nothing that is has to be sent again.
+        // Chunks that are not durable are kept; durable ones are never sent again.
         EXPECT_GE(next_seq, durable_seq_ + 1);
         EXPECT_EQ(response.attached().first_pose_seq(), poses_.size() + 1);
       }
@@ -140,9 +141,9 @@ class RawClient {
     return summary;
   }
 
-  // Called with the number of poses so far, between two of them.
+  // Sets a callback that is called after each pose, with the number of poses so far.
   void OnPose(std::function<void(size_t)> on_pose) { on_pose_ = std::move(on_pose); }
-  // Called when the server says that it leaves.
+  // Sets a callback for GoAway.
   void OnGoAway(std::function<void()> on_go_away) { on_go_away_ = std::move(on_go_away); }
 
   void MayBreak(bool may_break) { may_break_ = may_break; }
@@ -161,14 +162,14 @@ class RawClient {
 
   const std::vector<std::string> chunks_;
   server::CreatedSession session_;
-  std::vector<std::string> poses_;  // but for what depends on the clock
+  std::vector<std::string> poses_;  // without the fields that depend on the clock
   uint64_t durable_seq_ = 0;
   std::function<void(size_t)> on_pose_;
   std::function<void()> on_go_away_;
   bool may_break_ = false;
 };
 
-// The session and the bytes of the largest piece of any session's poses.
+// Returns the session and the bytes of the largest pose segment of all sessions.
 std::pair<std::string, std::string> LargestPoses(const std::string& file) {
   sqlite3* database = nullptr;
   sqlite3_stmt* statement = nullptr;
@@ -202,7 +203,7 @@ class SurvivalTest : public CliTest {
     return {"--store", "sqlite", "--data-dir", Path(name), "--log-level", "warning"};
   }
 
-  // A session of the recording's cube, found from the events alone.
+  // Creates a session that tracks the recording's cube without an initial pose.
   RawClient MakeClient(RunningServer& server) {
     v1::CreateSessionRequest request;
     *request.mutable_config() =
@@ -230,11 +231,11 @@ class SurvivalTest : public CliTest {
     return client.poses();
   }
 
-  // Streams until the server is killed at so many poses, or later if nothing is durable yet and `awaits_durable`, with
-  // chunks and poses on their way: true. False when it came to the end first.
+  // Streams until the server is killed at this number of poses, or later if `awaits_durable` and nothing is durable
+  // yet, with chunks and poses in transit; then returns true. Returns false if the stream ended first.
   static bool StreamUntilKilled(RunningServer& server, size_t kill_at, bool awaits_durable, RawClient& client) {
     bool is_killed = false;
-    client.OnPose([&](size_t poses) {  // some come yet that were on their way
+    client.OnPose([&](size_t poses) {  // poses in transit may follow
       if (is_killed || poses < kill_at || (awaits_durable && client.durable_seq() == 0)) return;
       server.Kill();
       is_killed = true;
@@ -247,7 +248,7 @@ class SurvivalTest : public CliTest {
     return is_killed;
   }
 
-  // Servers of `arguments(run)` are killed, each run in its turn up to three times.
+  // Kills servers started with `arguments(run)`, in each run up to three times.
   void KillAtRandom(const std::function<std::vector<std::string>(int run)>& arguments) {
     const std::vector<std::string> expected = Undisturbed();
     ASSERT_GT(expected.size(), 100u);
@@ -259,7 +260,7 @@ class SurvivalTest : public CliTest {
       RawClient client = MakeClient(*server);
       for (int i = 0; i < 3 && kills < NumKills(); ++i, ++kills) {
         const size_t kill_at = client.poses().size() + 1 + random() % (expected.size() / 4);
-        // A machine may be too fast for a checkpoint in some hundred poses; there is one in a thousand on any.
+        // On a fast machine a few hundred poses may not need a checkpoint; a thousand poses do on every machine.
         if (!StreamUntilKilled(*server, kill_at, i == 2, client)) break;
         server = std::make_unique<RunningServer>(arguments(run));
         kills_after_a_checkpoint += client.durable_seq() > 0;
@@ -270,7 +271,7 @@ class SurvivalTest : public CliTest {
       server->program().Signal(SIGTERM);
       EXPECT_EQ(server->program().Wait(), 0);
     }
-    EXPECT_GT(kills_after_a_checkpoint, 0) << "what survives has to be in use";
+    EXPECT_GT(kills_after_a_checkpoint, 0) << "at least one kill must occur after a checkpoint";
   }
 
   static std::vector<std::string> OnRedis(const server::RedisServer& redis) {
@@ -322,7 +323,7 @@ TEST_F(SurvivalTest, WhileRedisIsAwayTheServerIsNotReadyAndNothingIsLost) {
       redis.Kill();
       wait_until_ready_is(503);
     }
-    if (poses == expected.size()) {  // the summary waits for the store
+    if (poses == expected.size()) {  // the summary is sent after the store has responded
       was_away_at_the_end = server::Ask(port, "/readyz").status == 503 && server::Ask(port, "/healthz").status == 200;
       redis.Start();
     }
@@ -355,13 +356,13 @@ TEST_F(SurvivalTest, AServerThatIsToldTwiceToLeaveLosesNothingEither) {
     if (poses == expected.size() / 2) server->program().Signal(SIGTERM);
   });
   int status = 0;
-  client.OnGoAway([&] {  // it waits for this stream, which does not end
+  client.OnGoAway([&] {  // the server waits for this stream, which does not end
     server->program().Signal(SIGTERM);
     status = server->program().Wait();
   });
   client.MayBreak(true);
   EXPECT_FALSE(client.Stream(*server, SIZE_MAX));
-  EXPECT_EQ(status, -SIGTERM) << "at once";
+  EXPECT_EQ(status, -SIGTERM) << "the second signal ends the server immediately";
   EXPECT_LT(client.poses().size(), expected.size());
   client.MayBreak(false);
   client.OnPose(nullptr);

@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// The tracker on simulated recordings with truth, from the true first pose. What is asked is well above what is
-// measured (core/experiments/RESULTS.md): a test that fails says that something broke, not that a number moved.
+// Tests the accuracy of the tracker on simulated recordings with truth, from the true first pose. The limits are well
+// above the measured values (core/experiments/RESULTS.md), so that a failure indicates a defect and not a small change
+// of accuracy.
 #include <gtest/gtest.h>
 
 #include <memory>
@@ -78,7 +79,8 @@ TEST_P(TracksSimulatedObject, ToTheEnd) {
   ASSERT_TRUE(evaluation.ok()) << evaluation.status();
   EXPECT_GT(evaluation->coverage_ratio, 0.9);
   EXPECT_LT(evaluation->position_rmse_of_depth, 3e-3);
-  EXPECT_LT(evaluation->rotation_median_rad, 0.0087);  // 0.5 deg: at VGA a planar object's tilt is weakly seen
+  EXPECT_LT(evaluation->rotation_median_rad,
+            0.0087);  // 0.5 deg: at VGA the tilt of a planar object is weakly observable
 }
 
 INSTANTIATE_TEST_SUITE_P(Objects, TracksSimulatedObject,
@@ -100,7 +102,7 @@ TEST(TrackingAccuracy, TheCubeIsTrackedWithinTheGoalAndBetterThanByTheStaticFit)
 }
 
 TEST(TrackingAccuracy, TheCubeIsFoundAndTrackedUnderALampThatSwingsByTwoFifths) {
-  // Without a first pose, among some ten events of the surfaces for one of the edges.
+  // Without an initial pose, with about ten events of the surfaces for each event of an edge.
   SimulationOptions options = VgaScene("cube", 2.0, 2, 150'000);
   options.scene.light.flicker_depth = 0.4;
   const Recording recording = Record(options);
@@ -118,8 +120,8 @@ TEST(TrackingAccuracy, TheCubeIsFoundAndTrackedUnderALampThatSwingsByTwoFifths) 
 }
 
 TEST(TrackingAccuracy, ALampThatGrowsDarkerDoesNotMakeTheObjectNearer) {
-  // Thresholds so fine that the surfaces make ten times the edges' events: without flicker_bias.h it is 0.155 % off,
-  // nearly all of it depth.
+  // With thresholds so low that the surfaces produce ten times as many events as the edges. Without flicker_bias.h the
+  // error is 0.155 %, nearly all of it in depth.
   SimulationOptions options = VgaScene("cuboid", 1.5, 61, 200'000);
   options.sensor.threshold_on = options.sensor.threshold_off = 0.03;
   options.scene.light.flicker_depth = 0.15;
@@ -137,9 +139,9 @@ TEST(TrackingAccuracy, ALampThatGrowsDarkerDoesNotMakeTheObjectNearer) {
   EXPECT_LT(evaluation->position_rmse_of_depth, 1e-3);
 }
 
-// A spacecraft that half a turn about any of its axes leaves as it is, but for its mast and what its panels show. Of
-// path and sensor, of each pair one, in which a search saw too little of those, or the right pose was refused by
-// chance.
+// A spacecraft that is symmetric under half turns about its axes, except for its mast and the texture of its panels.
+// One case of each combination of path and sensor in which a search saw too few of these lines, or the right pose was
+// rejected by chance.
 struct LookalikeCase {
   uint64_t path, seed;
   int64_t duration_us;
@@ -193,7 +195,7 @@ TEST(TrackingAccuracy, AWrongFirstPoseIsNotClaimed) {
   Vector6d off = Vector6d::Zero();
   off << 0.05, 0.02, 0.0, 0.3, -0.4, 0.2;
   wrong.truth.front().camera_from_object = Perturb(recording.truth.front().camera_from_object, off);
-  // The given pose is turned down, and the object found where it is, in one of its equivalent orientations.
+  // The given pose is rejected, and the object is found in one of its equivalent orientations.
   const Outcome outcome = Track(wrong);
   EXPECT_FALSE(outcome.estimates.empty());
   for (const StampedPose& estimate : outcome.estimates) {

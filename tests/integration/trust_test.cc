@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// Tokens and TLS from the command line to the server and back.
+// Tests tokens and TLS with the command-line client and a server.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <stdlib.h>
@@ -77,8 +77,8 @@ TEST_F(TrustTest, WhereATokenComesFrom) {
   setenv("EVPOSE_TOKEN", "evpose_wrong", 1);
   const CliResult wrong = List(*plain_, {});
   EXPECT_EQ(wrong.status, 1);
-  EXPECT_THAT(wrong.err, AllOf(HasSubstr("does not know this token"), Not(HasSubstr("evpose_wrong"))));
-  EXPECT_EQ(List(*plain_, {"--token-file", Path("lab.token")}).status, 0) << "the file counts";
+  EXPECT_THAT(wrong.err, AllOf(HasSubstr("this token is not valid"), Not(HasSubstr("evpose_wrong"))));
+  EXPECT_EQ(List(*plain_, {"--token-file", Path("lab.token")}).status, 0) << "the file takes precedence";
 }
 
 TEST_F(TrustTest, TokenFilesThatCannotBeUsed) {
@@ -153,7 +153,7 @@ TEST_F(TrustTest, DrainAndLogLevelAreAnOperators) {
   EXPECT_THAT(drain.err, HasSubstr("only an operator's token may drain the server"));
   const CliResult level = run({"server", "log-level", "debug"});
   EXPECT_EQ(level.status, 1);
-  EXPECT_THAT(level.err, HasSubstr("only an operator's token may change the log's level"));
+  EXPECT_THAT(level.err, HasSubstr("only an operator's token may set the log level"));
   EXPECT_EQ(run({"server", "log-level", "loud"}).status, 2);
   const CliResult info = run({"server", "info", "--json"});
   EXPECT_EQ(info.status, 0) << info.err;
@@ -181,7 +181,7 @@ TEST_F(TrustTest, AStreamThatBreaksGoesOnWithTheTokenOfThen) {
     while (proxy.num_cut() == 0) std::this_thread::yield();
     proxy.SetTarget(0);
     while (proxy.num_refused() == 0) std::this_thread::yield();
-    // Nobody is connected: from here on nothing works with the first token.
+    // No client is connected: from now on every call with the first token fails.
     const server::NewToken renewed = server::MakeToken("lab", false).value();
     WriteText("tokens", renewed.line + "\n");
     std::filesystem::permissions(Path("lab.token"), std::filesystem::perms::owner_write,
@@ -237,7 +237,7 @@ TEST_F(TrustTest, TheCommandsOfTheReadmeWorkAsPrinted) {
   ASSERT_NE(begin, std::string::npos);
   std::string script = readme.substr(begin + marker.size());
   script = script.substr(0, script.find("```"));
-  // A free port instead of the usual one, and the server is waited for and ended.
+  // The commands of the README with a free port, and with code that waits for the server and ends it.
   const std::string original = script;
   script = absl::StrReplaceAll(script, {{"0.0.0.0:50051", "0.0.0.0:0 --port-file port"},
                                         {"localhost:50051", "localhost:$(cat port)"},
@@ -248,7 +248,7 @@ TEST_F(TrustTest, TheCommandsOfTheReadmeWorkAsPrinted) {
   std::filesystem::create_directories(Path("readme"));
   const CliResult result = RunShell("cd readme\n" + script);
   EXPECT_EQ(result.status, 0) << script << result.err;
-  EXPECT_THAT(result.err, Not(HasSubstr("warning"))) << "the keys that openssl makes are their owner's alone";
+  EXPECT_THAT(result.err, Not(HasSubstr("warning"))) << "openssl makes keys with access for their owner only";
   EXPECT_THAT(ReadText("readme/lab.token"), StartsWith("evpose_"));
   EXPECT_THAT(result.err, Not(HasSubstr(ReadText("readme/lab.token").substr(0, 20))));
 }

@@ -11,10 +11,10 @@ import sys
 
 MAX_FOLDER_FILES = 45
 MAX_README_LINES = 150
-# Folders that are about to be split.
+# Exceptions, with their own maximum: {folder: number of files}.
 LARGE_FOLDERS = {}
 MAX_FILE_LINES = 500
-# Tests of one service, with one fixture: their cases are read one by one.
+# Exceptions, with their own maximum: tests of one service with one fixture, whose cases are read one by one.
 LARGE_FILES = {"server/rpc/server_test.cc": 560, "server/rpc/trust_test.cc": 550, "server/rpc/track_test.cc": 540}
 SOURCE = re.compile(r"\.(h|cc|proto|sh|py)$")
 SHARED_DATA = "../" + "shared"

@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: Apache-2.0
-# Static checks of the tree, a few seconds: formatting and the order of includes, citations and sizes, layers,
+# Static checks of the tree, a few seconds: format and order of includes, citations and sizes, layers, style of the API,
 # spelling, shell scripts. Debian has no linter for Dockerfiles.
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/../.."
@@ -8,9 +8,10 @@ cd "$(dirname "${BASH_SOURCE[0]}")/../.."
 git ls-files -z '*.h' '*.cc' | xargs -0 clang-format --dry-run --Werror
 python3 tests/lint/check_tree.py
 python3 tests/lint/check_includes.py
-# "nees" is a statistic, "fro" and "passtime" are parts of names.
+python3 tests/lint/proto_lint.py
+# Words that codespell would change: "nees" is a statistic, "fro" and "passtime" are parts of names.
 git ls-files -z ':!tests/fuzz/seeds' ':!tests/fuzz/findings' ':!tests/data/*/*' ':!*.png' ':!LICENSE' |
   xargs -0 codespell --ignore-words-list nees,fro,trough,passtime
-# The scripts in tests/container are parts of its run.sh.
+# The scripts in tests/container are sourced by its run.sh and are checked together with it.
 git ls-files -z '*.sh' .ci/run ':!tests/container' | xargs -0 shellcheck --external-sources --severity warning
 (cd tests/container && shellcheck --check-sourced --external-sources --source-path SCRIPTDIR --severity warning run.sh)

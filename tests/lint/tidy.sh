@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: Apache-2.0
-# clang-tidy with the checks of .clang-tidy, on two files at a time for two cores. It compiles each file by itself: some 10 to 25 s each.
+# Runs clang-tidy with the checks of .clang-tidy, on one file per core at a time. It compiles each file separately: about 10 to 25 s each.
 #   tests/lint/tidy.sh              the files that differ from the merge base with origin/main, and files that are not committed yet
 #   tests/lint/tidy.sh --all        every source file
 #   tests/lint/tidy.sh FILE.cc ...  these
@@ -18,10 +18,10 @@ case "${1:-}" in
 esac
 ((${#files[@]} > 0)) || { echo "tidy: no source file has changed"; exit 0; }
 
-# Neither several files at once nor precompiled headers, as in the debug preset; headers that protoc makes have to be there.
+# As in the debug preset, without unity builds and precompiled headers. The headers that protoc generates must exist.
 cmake --preset debug -B build/tidy -DEVPOSE_BUILD_TESTS=ON >/dev/null
 cmake --build build/tidy --target evpose_proto >/dev/null
 echo "tidy: ${#files[@]} files"
-# Options of g++ that clang does not know are no findings.
+# Unknown options of g++ are not reported.
 printf '%s\0' "${files[@]}" | xargs -0 -n 1 -P "$(nproc)" clang-tidy --quiet -p build/tidy \
   --extra-arg=-Wno-unknown-warning-option --extra-arg=-Wno-ignored-optimization-argument

@@ -124,7 +124,7 @@ INSTANTIATE_TEST_SUITE_P(Versions, EarlierStoreTest, ::testing::Values("v1"));
 
 TEST_P(EarlierStoreTest, ItsSessionsAreListedAndTheirPosesAreRead) {
   EXPECT_EQ(sessions_->List(kTenant, "", 10)->size(), std::size(kRequests));
-  EXPECT_THAT(log_, Not(HasSubstr("session_left_out")));
+  EXPECT_THAT(log_, Not(HasSubstr("session_not_resumed")));
   for (const char* request_id : kRequests) {
     SCOPED_TRACE(request_id);
     const auto session = Find(request_id);

@@ -8,7 +8,7 @@
 namespace evpose::server {
 namespace {
 
-// Leaves in `next_pose_seq` what the log continues with.
+// Checks that `poses` continue the log at `next_pose_seq`, and advances it beyond them.
 absl::Status CheckContinues(const std::vector<PoseSegment>& poses, uint64_t& next_pose_seq) {
   for (const PoseSegment& segment : poses) {
     if (segment.first_pose_seq != next_pose_seq || segment.last_pose_seq < segment.first_pose_seq) {

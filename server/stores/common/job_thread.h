@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// A thread of a store, and what waits for it.
+// A thread with a queue of jobs.
 #pragma once
 
 #include <condition_variable>
@@ -15,18 +15,19 @@
 
 namespace evpose::server {
 
-// Hands over all that waits at once, in order. Thread-safe.
+// Passes all waiting jobs to `process` at once, in the order of their arrival, so that a store can write them in one
+// batch. Thread-safe.
 template <typename Job>
 class JobThread {
  public:
-  // `process` runs on the thread and gets at least one job.
+  // `process` runs on the thread and receives at least one job.
   explicit JobThread(std::function<void(std::vector<Job>)> process)
       : process_(std::move(process)), thread_([this] { Run(); }) {}
   ~JobThread() { Close(); }
   JobThread(const JobThread&) = delete;
   JobThread& operator=(const JobThread&) = delete;
 
-  // False after Close(): the job was not taken, nor touched.
+  // Returns false after Close(); then `job` has not been moved from.
   bool Push(Job&& job) {
     {
       const std::lock_guard lock(mutex_);
@@ -37,7 +38,7 @@ class JobThread {
     return true;
   }
 
-  // What waits is still processed. By one thread, which is not this one.
+  // Processes the jobs that wait and stops the thread. To be called by one thread, other than the job thread.
   void Close() {
     {
       const std::lock_guard lock(mutex_);
@@ -56,7 +57,7 @@ class JobThread {
     }
   }
 
-  // Empty: closed, and nothing waits.
+  // Blocks until jobs wait. An empty result means that the queue is closed and drained.
   std::vector<Job> TakeAll() {
     std::unique_lock lock(mutex_);
     changed_.wait(lock, [this]() ABSL_NO_THREAD_SAFETY_ANALYSIS { return closed_ || !waiting_.empty(); });
@@ -68,7 +69,7 @@ class JobThread {
   std::condition_variable changed_;
   bool closed_ ABSL_GUARDED_BY(mutex_) = false;
   std::vector<Job> waiting_ ABSL_GUARDED_BY(mutex_);
-  std::thread thread_;  // last: it uses what stands above
+  std::thread thread_;  // the last member, because it uses the others
 };
 
 }  // namespace evpose::server

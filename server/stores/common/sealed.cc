@@ -18,7 +18,7 @@ constexpr size_t kSealBytes = 4;
 
 uint32_t Crc(absl::string_view bytes) { return Crc32c({reinterpret_cast<const uint8_t*>(bytes.data()), bytes.size()}); }
 
-// The bytes may be large and are read once: what is sealed is the checksum of the bytes beside their name.
+// The checksum covers the name and the checksum of the bytes, so that large bytes need not be copied behind the name.
 uint32_t SealFor(absl::string_view what, absl::string_view bytes) {
   StateWriter writer;
   writer.Bytes(what);

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// Records as bytes, sealed by a checksum: what comes back from a disk or another machine is what went there.
+// Records with a checksum ("sealed"), which detects damage on a disk or on the way to another machine.
 #pragma once
 
 #include <cstdint>
@@ -14,31 +14,32 @@
 
 namespace evpose::server {
 
-// `what` names the bytes, as in "the checkpoint of sessions/a": bytes that stand in the place of others fail, too.
-// Appends the CRC-32C of both, 4 bytes.
+// Appends a CRC-32C of `what` and `bytes`, 4 bytes. `what` names the record ("the checkpoint of sessions/a") and is
+// part of the checksum, so that an intact record in the place of another one is detected, too.
 std::string Seal(absl::string_view what, std::string bytes);
-// Errors: DATA_LOSS naming `what`.
+// Checks and removes the checksum. Errors: DATA_LOSS naming `what`.
 absl::StatusOr<std::string> Unseal(absl::string_view what, std::string sealed);
-// The checksum that Seal() has appended.
+// Returns the checksum that Seal() has appended; 0 when there are fewer than 4 bytes.
 uint32_t SealOf(absl::string_view sealed);
 
-// The names of what is sealed.
+// The names of records, for Seal() and Unseal().
 std::string CheckpointOf(absl::string_view session);
 std::string LifecycleOf(absl::string_view session);
 std::string PosesOf(absl::string_view session, uint64_t first_pose_seq, uint64_t last_pose_seq);
 
-// Errors of all Unseal...: DATA_LOSS naming what is damaged.
+// The records of proto/evpose/storage/v1. Errors of all Unseal functions: DATA_LOSS naming the damaged record.
 std::string SealRecord(const SessionRecord& record);
 absl::StatusOr<SessionRecord> UnsealRecord(absl::string_view session, std::string sealed);
 
-// All but the bytes.
+// The header is the model's record without the bytes of the file.
 std::string SealModelHeader(const ModelRecord& model);
 absl::StatusOr<ModelRecord> UnsealModelHeader(absl::string_view tenant, absl::string_view name, std::string sealed);
 std::string SealModelBytes(const ModelRecord& model);
 absl::StatusOr<std::shared_ptr<const std::vector<uint8_t>>> UnsealModelBytes(absl::string_view name,
                                                                              std::string sealed);
 
-// Of the poses of a session, in order: a gap, or the wrong first or last one. Errors: DATA_LOSS naming the session.
+// Checks that the pose segments of a session cover `first_pose_seq_kept` to `next_pose_seq` - 1 without a gap. Errors:
+// DATA_LOSS naming the session.
 absl::Status CheckWhole(absl::string_view session, const std::vector<PoseSegment>& poses, uint64_t first_pose_seq_kept,
                         uint64_t next_pose_seq);
 

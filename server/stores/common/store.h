@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// Where models, sessions and poses are kept. Sessions and services see this interface only; each kind of store is one
-// class, and all pass store_suite_test.cc.
+// The interface of a store of models, sessions and poses (server/stores/README.md). The rest of the server sees only
+// this interface. Each kind of store is one class, and all kinds pass store_suite_test.cc.
 #pragma once
 
 #include <cstdint>
@@ -20,7 +20,7 @@
 
 namespace evpose::server {
 
-// A model's file and how it is to be read. Told apart by tenant and name.
+// A model's file and the parameters for parsing it. Tenant and name together are the key.
 struct ModelRecord {
   std::string name;  // "models/{id}"
   std::string tenant;
@@ -31,23 +31,23 @@ struct ModelRecord {
   std::shared_ptr<const std::vector<uint8_t>> bytes;
 };
 
-// What never changes about a session.
+// The immutable part of a session.
 struct SessionRecord {
   std::string name;  // "sessions/{id}"
   std::string tenant;
   std::string request_id;
   absl::Time create_time;
-  std::string config;  // opaque
+  std::string config;  // serialized configuration; opaque to the store
 };
 
-// Poses in a row, opaque: the store keeps and forgets them as one.
+// Consecutive poses, serialized. The store keeps and deletes a segment as a whole.
 struct PoseSegment {
   uint64_t first_pose_seq = 0;
   uint64_t last_pose_seq = 0;
   std::string bytes;
 };
 
-// Bytes, or none; copies share them.
+// An optional immutable string; copies share the bytes.
 class SharedBytes {
  public:
   SharedBytes() = default;
@@ -67,84 +67,90 @@ class SharedBytes {
   std::shared_ptr<const std::string> bytes_;
 };
 
-// What is written together, wholly or not at all.
+// The changes of one atomic write.
 struct SessionCommit {
-  SharedBytes checkpoint;                // replaces the last one; large
-  std::optional<std::string> lifecycle;  // replaces the last one
-  // Continue the log without a gap: the first has the number after the last pose of the last commit that ended OK,
-  // or 1. So what was in a commit that ended UNAVAILABLE is committed again, alone or with more behind it, whether it
-  // arrived or not: nothing is there twice.
+  SharedBytes checkpoint;                // replaces the previous one; several megabytes
+  std::optional<std::string> lifecycle;  // replaces the previous one
+  // The segments continue the log without a gap: the first pose is the one after the last pose of the last commit that
+  // ended with OK, or 1. After UNAVAILABLE it is unknown whether a commit was written; the caller commits its poses
+  // again, with or without later ones, and the store replaces poses that it already has.
   std::vector<PoseSegment> poses;
-  uint64_t first_pose_seq_kept = 1;  // segments wholly below are forgotten; a lower number than before changes nothing
-  // Once set, retention may delete the session, oldest end first. It stays set.
+  // Segments that end before this pose are deleted. A lower number than in an earlier commit has no effect.
+  uint64_t first_pose_seq_kept = 1;
+  // Once set, retention may delete the session, beginning with the earliest end. It cannot be unset.
   std::optional<absl::Time> ended_at;
 };
 
 struct StoredSession {
   SessionRecord record;
   std::string lifecycle;
-  std::string checkpoint;  // empty before the first
+  std::string checkpoint;  // empty before the first one
   std::vector<PoseSegment> poses;
 };
 
-// What tells whether a session is needed still.
+// The lifecycle record of a session, from which a server sees whether the session has expired.
 struct StoredLifecycle {
   std::string name;
   std::string lifecycle;
 };
 
-// The right to write a session: one holder, told apart from those before by a fencing number. Thread-safe. May outlive
-// its store, whose end it sees as CANCELLED.
+// The right to write to a session. A session has one holder; its fencing number distinguishes it from earlier holders.
+// Thread-safe. A lease may outlive its store; then Commit() ends with CANCELLED.
 class SessionLease {
  public:
   virtual ~SessionLease() = default;
 
-  // Called exactly once, from a thread of the store, after Commit has returned or before; from within Commit when the
-  // store is closed. It must not block nor call the store, but may Commit. OK: the commit is as durable as the store
-  // is. Errors, of which all but UNAVAILABLE mean that nothing was written:
+  // The completion callback of Commit(). It is called exactly once from a thread of the store, before or after Commit()
+  // has returned; from within Commit() when the store is closed. It must not block or call the store, but it may call
+  // Commit(). OK means that the commit is as durable as the store is. After every error but UNAVAILABLE nothing has
+  // been written:
   // - ABORTED: another holder has taken the session.
   // - NOT_FOUND: the session was deleted.
-  // - RESOURCE_EXHAUSTED: disk or quota full; later commits succeed when there is room again.
-  // - UNAVAILABLE: the store does not answer. It may have been written; see SessionCommit::poses.
-  // - FAILED_PRECONDITION: the last commit is not done yet, or the poses do not continue the log.
-  // - DATA_LOSS, INTERNAL: the store is damaged, in its own words.
+  // - RESOURCE_EXHAUSTED: the disk or the quota is full; later commits succeed when space is available again.
+  // - UNAVAILABLE: the store does not respond. The commit may have been written; see SessionCommit::poses.
+  // - FAILED_PRECONDITION: the previous commit is in progress, or the poses do not continue the log.
+  // - DATA_LOSS, INTERNAL: the store is damaged; the message is that of the database.
   // - CANCELLED: the store was closed.
   using Done = absl::AnyInvocable<void(absl::Status)>;
 
-  // At most one commit at a time.
+  // Writes `commit` atomically. At most one commit may be in progress.
   virtual void Commit(SessionCommit commit, Done done) = 0;
 
-  // Higher than that of every lease before on any session of this name.
+  // The fencing number: higher than that of every earlier lease on a session of this name.
   virtual uint64_t fencing_number() const = 0;
 };
 
-// Knows bytes, not tracking. Thread-safe. All functions but Commit block until the store has answered, for a bounded
-// time. Errors of all of them, beside those they name: UNAVAILABLE the store does not answer (may be tried again, also
-// when it has an effect), RESOURCE_EXHAUSTED disk or quota full, DATA_LOSS or INTERNAL in the store's own words.
-// Destroying it finishes what was asked for, or ends it with CANCELLED; every `done` has been called then.
+// Stores bytes without interpreting them. Thread-safe. All functions but SessionLease::Commit block until the store has
+// responded, for a bounded time. Errors of all functions, beside those that they name:
+// - UNAVAILABLE: the store does not respond. Every call may be repeated, also one with an effect.
+// - RESOURCE_EXHAUSTED: the disk or the quota is full.
+// - DATA_LOSS, INTERNAL: the message is that of the database.
+// The destructor completes all requests or ends them with CANCELLED; afterwards every completion callback has been
+// called.
 class Store {
  public:
   virtual ~Store() = default;
 
   virtual absl::string_view kind() const = 0;  // "memory", "sqlite", "redis"
 
-  // OK when the store answers.
+  // Returns OK when the store responds.
   virtual absl::Status CheckHealth() = 0;
 
-  // What was found damaged at opening and is left out, one line each, naming the session or model.
+  // The damaged records that were found when the store was opened and are skipped. One line for each, naming the
+  // session or model.
   virtual std::vector<std::string> damage() const = 0;
 
-  // All undamaged models, in the order of their names, then tenants.
+  // All undamaged models, sorted by name, then tenant.
   virtual absl::StatusOr<std::vector<ModelRecord>> ReadModels() const = 0;
   // Errors: NOT_FOUND, DATA_LOSS naming the model.
   virtual absl::StatusOr<ModelRecord> ReadModel(absl::string_view tenant, absl::string_view name) const = 0;
-  // Putting a name of a tenant again changes nothing.
+  // Adds a model. When the tenant has a model of this name, the call has no effect.
   virtual absl::Status PutModel(const ModelRecord& model) = 0;
-  // Deleting what is not there is OK.
+  // Returns OK also when the model does not exist.
   virtual absl::Status DeleteModel(absl::string_view tenant, absl::string_view name) = 0;
 
-  // Errors: ALREADY_EXISTS for a name that is taken, also by a call that ended UNAVAILABLE. Whether a request_id is
-  // known is the caller's business.
+  // Creates a session and takes it. Errors: ALREADY_EXISTS when the name exists, also from an earlier call that ended
+  // with UNAVAILABLE. The caller, not the store, checks that request_ids are unique.
   virtual absl::StatusOr<std::unique_ptr<SessionLease>> CreateSession(const SessionRecord& record,
                                                                       const std::string& lifecycle) = 0;
 
@@ -152,23 +158,25 @@ class Store {
     StoredSession session;
     std::unique_ptr<SessionLease> lease;
   };
-  // With a higher fencing number: from now on whoever held the session is refused. Errors: NOT_FOUND, DATA_LOSS naming
-  // the session and what of it is damaged.
+  // Reads a session and takes it with a higher fencing number: from now on commits of earlier holders fail with
+  // ABORTED. Errors: NOT_FOUND; DATA_LOSS naming the session and the damaged part.
   virtual absl::StatusOr<Taken> TakeSession(absl::string_view name) = 0;
-  // Without taking it, and without the segments that have no pose after this one. Errors: as TakeSession.
+  // Reads a session without taking it. Segments without a pose after `after_pose_seq` are omitted. Errors: those of
+  // TakeSession().
   virtual absl::StatusOr<StoredSession> ReadSession(absl::string_view name, uint64_t after_pose_seq) const = 0;
   absl::StatusOr<StoredSession> ReadSession(absl::string_view name) const { return ReadSession(name, 0); }
-  // All undamaged sessions, in the order of their names.
+  // All undamaged sessions, sorted by name.
   virtual absl::StatusOr<std::vector<SessionRecord>> ListSessions() const = 0;
-  // Of all sessions, but those of which it is damaged, in the order of their names.
+  // The lifecycle records of all sessions, sorted by name, without damaged ones.
   virtual absl::StatusOr<std::vector<StoredLifecycle>> ReadLifecycles() const = 0;
-  // Deleting what is not there is OK. Also deletes what is damaged.
+  // Returns OK also when the session does not exist. Damaged sessions are deleted, too.
   virtual absl::Status DeleteSession(absl::string_view name) = 0;
-  // The same, unless another holder than the lease with this fencing number has taken it: ABORTED, and it stays.
+  // As DeleteSession(), but only if the lease with this fencing number holds the session. Errors: ABORTED when another
+  // holder has taken it; the session is kept.
   virtual absl::Status DeleteHeldSession(absl::string_view name, uint64_t fencing_number) = 0;
 
-  // Retention. Deletes the sessions that ended before `ended_before` and, oldest end first, those that had or have to
-  // go for room, also since the last call: a full store does not wait for one. Returns the names of all of them.
+  // Retention: deletes the sessions that ended before `ended_before`. A full store deletes ended sessions by itself,
+  // beginning with the earliest end. Returns the names of all sessions deleted in either way since the last call.
   virtual absl::StatusOr<std::vector<std::string>> DeleteEnded(absl::Time ended_before) = 0;
 };
 

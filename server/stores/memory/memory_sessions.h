@@ -22,18 +22,18 @@ namespace evpose::server {
 struct MemorySession {
   StoredSession stored;
   uint64_t fencing_number = 0;
-  uint64_t next_pose_seq = 1;  // also when the last poses were forgotten
+  uint64_t next_pose_seq = 1;  // kept also when all poses have been deleted
   uint64_t first_pose_seq_kept = 1;
   std::optional<absl::Time> ended_at;
 };
 
-// Thread-safe. Errors are those of Store and SessionLease.
+// Sessions by name. Thread-safe. Errors are those of Store and SessionLease.
 class MemorySessions {
  public:
-  // `max_bytes` bounds what the callers hand over, of all sessions together.
+  // `max_bytes` bounds the bytes of all sessions together: configurations, lifecycles, checkpoints and poses.
   explicit MemorySessions(uint64_t max_bytes) : max_bytes_(max_bytes) {}
 
-  // The fencing number of the lease.
+  // Returns the fencing number of the lease.
   absl::StatusOr<uint64_t> Create(const SessionRecord& record, const std::string& lifecycle);
   absl::StatusOr<MemorySession> Take(absl::string_view name);
   absl::StatusOr<StoredSession> Read(absl::string_view name, uint64_t after_pose_seq) const;
@@ -42,13 +42,14 @@ class MemorySessions {
   void Delete(absl::string_view name);
   absl::Status DeleteHeld(absl::string_view name, uint64_t fencing_number);
   std::vector<std::string> DeleteEnded(absl::Time ended_before);
-  // `next_pose_seq` as CheckedLease::Write has it.
+  // `next_pose_seq`: as in CheckedLease::Write().
   absl::Status Commit(absl::string_view name, uint64_t fencing_number, uint64_t next_pose_seq, SessionCommit commit);
 
  private:
   using Sessions = std::map<std::string, MemorySession, std::less<>>;
 
-  // Forgets ended sessions, oldest end first, until `more_bytes` fit; never `keep`.
+  // Deletes ended sessions, beginning with the earliest end, until `more_bytes` fit. Never deletes the session `keep`.
+  // Errors: RESOURCE_EXHAUSTED.
   absl::Status MakeRoom(uint64_t more_bytes, absl::string_view keep) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   Sessions::iterator Erase(Sessions::iterator session) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
 

@@ -15,18 +15,18 @@
 namespace evpose::server {
 namespace {
 
-// In the order of names, then tenants.
+// Sorts by name, then tenant.
 std::pair<std::string, std::string> ModelKey(absl::string_view name, absl::string_view tenant) {
   return {std::string(name), std::string(tenant)};
 }
 
-// What waits to be written, and who is told.
+// A commit that waits to be written, and its completion callback.
 struct CommitJob {
   absl::AnyInvocable<absl::Status()> write;
   SessionLease::Done done;
 };
 
-// What the leases share with their store, and may outlive it.
+// The state that the leases share with their store. It lives until the last lease is destroyed.
 struct Shared {
   explicit Shared(uint64_t max_bytes) : sessions(max_bytes) {}
 

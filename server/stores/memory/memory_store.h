@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// Everything in the server's own memory: nothing outlives the process.
+// A store in the memory of the server: nothing outlives the process.
 #pragma once
 
 #include <cstdint>
@@ -10,7 +10,7 @@
 
 namespace evpose::server {
 
-// `max_bytes` bounds what the sessions hand over; models are bounded by who puts them.
+// `max_bytes` bounds the bytes of all sessions together. The caller bounds the bytes of the models.
 std::unique_ptr<Store> MakeMemoryStore(uint64_t max_bytes = UINT64_MAX);
 
 }  // namespace evpose::server

@@ -35,7 +35,7 @@ absl::StatusOr<std::string> Unescape(absl::string_view text) {
   return plain;
 }
 
-// Takes what stands before the @ from `rest`.
+// Parses [USER:]PASSWORD@ and removes it from `rest`; without an @, does nothing.
 absl::Status ParseUser(absl::string_view& rest, RedisAddress& address) {
   const size_t at = rest.rfind('@');
   if (at == absl::string_view::npos) return absl::OkStatus();

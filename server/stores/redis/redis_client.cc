@@ -15,7 +15,8 @@
 namespace evpose::server {
 namespace {
 
-// What is on its way at once; hiredis copies it.
+// The maximum size of the commands that are sent before their replies are read. hiredis copies them, so that this
+// bounds memory.
 constexpr size_t kMaxBatchBytes = 64u << 20;
 
 size_t SizeBytes(const RedisCommand& command) {
@@ -24,7 +25,7 @@ size_t SizeBytes(const RedisCommand& command) {
   return bytes;
 }
 
-// hiredis writes to connections that may have been closed; that is an error here, not the process's end.
+// hiredis writes to connections that the server may have closed. That must be an error and not end the process.
 void BlockSigpipe() {
   sigset_t signals;
   sigemptyset(&signals);

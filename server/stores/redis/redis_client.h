@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// The one thread that talks to Redis for a store.
+// The client of a store: one thread with one connection to Redis.
 #pragma once
 
 #include <chrono>
@@ -24,41 +24,42 @@ namespace evpose::server {
 
 struct RedisClientOptions {
   RedisAddress address;
-  // Of every single wait: for a connection, and for bytes of an answer.
+  // The limit of each wait: for a connection, and for the next bytes of a reply.
   absl::Duration timeout = absl::Seconds(5);
-  // After a failure no new connection is tried for so long, doubled up to the longest: what is asked for meanwhile
-  // fails at once.
+  // After a failure no new connection is tried for this time, doubled for each further failure up to `longest_backoff`.
+  // Commands in the meantime fail immediately.
   absl::Duration first_backoff = absl::Milliseconds(50);
   absl::Duration longest_backoff = absl::Seconds(2);
 };
 
-// What waits is sent together, and the answers read after it. Thread-safe. Outlives its store, closed.
+// Sends all waiting commands together and then reads the replies (pipelining). Thread-safe. Leases may hold the client
+// after its store has closed it.
 class RedisClient {
  public:
-  // With the answer, or: UNAVAILABLE; CANCELLED closed; RESOURCE_EXHAUSTED the server's memory is full, though no ended
-  // session is left to delete; what RedisConnection says.
+  // Receives the reply or an error: UNAVAILABLE; CANCELLED when the client is closed; RESOURCE_EXHAUSTED when the
+  // memory of Redis is full and no ended session is left to delete; those of RedisConnection.
   using Done = absl::AnyInvocable<void(absl::StatusOr<RedisReply>)>;
 
   explicit RedisClient(const RedisClientOptions& options);
 
-  // `done` is called once, on the thread; within Push when it is closed.
+  // Queues a command. `done` is called once, on the client's thread; within Push() when the client is closed.
   void Push(RedisCommand command, Done done);
   void PushScript(const RedisScript& script, const std::vector<std::string>& keys, std::vector<std::string> arguments,
                   Done done);
-  // Wait; not from the thread.
+  // As Push() and PushScript(), but wait for the reply. Not to be called from the client's thread.
   absl::StatusOr<RedisReply> Call(RedisCommand command);
   absl::StatusOr<RedisReply> CallScript(const RedisScript& script, const std::vector<std::string>& keys,
                                         std::vector<std::string> arguments);
 
-  // What waits is still tried, each wait bounded. Once.
+  // Processes the waiting commands, each with the bounded wait, and closes the connection. To be called once.
   void Close();
 
-  // The names of sessions that had to go for room, since the last call.
+  // Returns the names of the sessions that were deleted since the last call because the memory of Redis was full.
   std::vector<std::string> TakeDeletedForRoom();
 
  private:
   struct Job {
-    const RedisScript* script = nullptr;  // the command's second word is to be its digest
+    const RedisScript* script = nullptr;  // not null: the digest of the script is inserted as the second word
     RedisCommand command;
     Done done;
   };
@@ -70,15 +71,15 @@ class RedisClient {
   bool DeleteOldestEnded();
 
   const RedisClientOptions options_;
-  // Of the thread.
+  // Used by the client's thread only.
   std::unique_ptr<RedisConnection> connection_;
-  std::map<const RedisScript*, std::string> digests_;  // that this connection's server has given
+  std::map<const RedisScript*, std::string> digests_;  // from SCRIPT LOAD on this connection
   absl::Duration backoff_;
   std::chrono::steady_clock::time_point next_connection_;
 
   std::mutex mutex_;
   std::vector<std::string> deleted_for_room_ ABSL_GUARDED_BY(mutex_);
-  JobThread<Job> thread_;  // last: it uses what stands above
+  JobThread<Job> thread_;  // the last member, because it uses the others
 };
 
 }  // namespace evpose::server

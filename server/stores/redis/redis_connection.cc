@@ -14,7 +14,7 @@ namespace {
 
 constexpr absl::string_view kScriptMissing = "NOSCRIPT";
 
-// The first word of an error tells its kind.
+// Maps an error reply of Redis, whose first word names its kind, to a status.
 absl::Status MakeError(const std::string& name, absl::string_view words) {
   const std::string said = absl::StrCat(name, ": ", words);
   if (absl::StartsWith(words, kScriptMissing)) return absl::FailedPreconditionError(words);

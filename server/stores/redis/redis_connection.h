@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// hiredis as values and statuses.
+// A C++ interface to hiredis with owned values and absl::Status.
 #pragma once
 
 #include <hiredis/hiredis.h>
@@ -23,18 +23,19 @@ using RedisReply = std::unique_ptr<redisReply, RedisReplyDeleter>;
 
 using RedisCommand = std::vector<std::string>;
 
-// The bytes of a string, a status or an error; empty for everything else.
+// Returns the bytes of a string, status or error reply; empty for every other type.
 std::string RedisText(const redisReply* reply);
 
-// One connection, which is never used again after an error of its own. For one thread, in which SIGPIPE is blocked.
+// One connection. After an error of the connection itself (broken()) it cannot be used any more. For one thread, in
+// which SIGPIPE is blocked.
 class RedisConnection {
  public:
-  // Logs in and chooses the database. `timeout` bounds this and every wait later. Errors: UNAVAILABLE;
+  // Connects, authenticates and selects the database. `timeout` bounds each wait, here and later. Errors: UNAVAILABLE;
   // PERMISSION_DENIED for a wrong password.
   static absl::StatusOr<std::unique_ptr<RedisConnection>> Open(const RedisAddress& address, absl::Duration timeout);
 
-  // Sends commands and reads an answer for each, in order; what the server answers with an error is that, as a status.
-  // After an answer that does not come, the rest is UNAVAILABLE, and broken() true.
+  // Sends the commands and reads one reply for each, in order. An error reply is returned as a status. When a reply
+  // does not arrive, it and all later ones are UNAVAILABLE, and broken() is true.
   std::vector<absl::StatusOr<RedisReply>> Run(const std::vector<RedisCommand>& commands);
   absl::StatusOr<RedisReply> Run(const RedisCommand& command);
   bool broken() const { return context_->err != 0; }
@@ -51,7 +52,7 @@ class RedisConnection {
   const std::unique_ptr<redisContext, ContextDeleter> context_;
 };
 
-// The server has forgotten the script: to be sent whole.
+// True if Redis no longer has the script in its cache, so that its source must be sent again.
 bool IsRedisScriptMissing(const absl::Status& status);
 
 }  // namespace evpose::server

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// The names of what the store keeps in Redis (redis_scripts.h).
+// The keys of the store in Redis; redis_scripts.h describes their values.
 #pragma once
 
 #include <string>

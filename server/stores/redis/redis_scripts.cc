@@ -3,8 +3,8 @@
 
 namespace evpose::server {
 
-// Redis refuses a script's first write when its memory is full, and none after it: in each script the first write is
-// one that may be refused, so that nothing is written by halves.
+// When its memory is full, Redis rejects the first write of a script, but no later one. In each script the first write
+// is a command that Redis may reject, so that a script is never executed in part.
 
 const RedisScript kRedisCreate = {R"lua(
 if redis.call('EXISTS', KEYS[1]) == 1 then return 0 end

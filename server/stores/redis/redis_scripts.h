@@ -1,13 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// What a store does in Redis, each at once and wholly: Lua, run there.
+// The operations of the Redis store as Lua scripts, which Redis executes atomically.
 //
-// Keys, all beginning with "evpose:":
+// Keys, all with the prefix "evpose:":
 //   fencing         the last fencing number
-//   sessions        a set of names
-//   ended           a sorted set of the names of those that have ended, by microseconds since 1970
+//   sessions        a set of the names of all sessions
+//   ended           a sorted set of the names of ended sessions, by microseconds since 1970
 //   session:NAME    a hash: fencing, commit, next, kept (numbers); record, lifecycle, checkpoint (sealed)
-//   poses:NAME      a stream; an entry's ID is FIRST-LAST of its poses, its only field `b` their bytes (sealed)
+//   poses:NAME      a stream; the ID of an entry is FIRST-LAST of its poses, its only field `b` their bytes (sealed)
 //   models          a set of NAME\nTENANT
 //   model:NAME\nTENANT   a hash: header, bytes (sealed)
 #pragma once
@@ -18,24 +18,27 @@ struct RedisScript {
   const char* source;
 };
 
-// KEYS session, sessions, fencing. ARGV name, record, lifecycle, safety_ttl_ms. The fencing number; 0 when it exists.
+// Creates a session. KEYS: session, sessions, fencing. ARGV: name, record, lifecycle, safety_ttl_ms. Returns the
+// fencing number, or 0 when the session exists.
 extern const RedisScript kRedisCreate;
-// KEYS session, poses, fencing. ARGV "1" to take it, else only to read, safety_ttl_ms, a pose, the one after it. Nil
-// when it does not exist, else fencing, next, kept, record, lifecycle, checkpoint, the entries of the stream with poses
-// after that one.
+// Reads a session, and takes it if asked. KEYS: session, poses, fencing. ARGV: "1" to take the session or "0",
+// safety_ttl_ms, the number of a pose, that number + 1. Returns nil when the session does not exist, else fencing,
+// next, kept, record, lifecycle, checkpoint and the entries of the stream that have a later pose.
 extern const RedisScript kRedisRead;
-// KEYS session, poses, ended. ARGV name, fencing, commit number, first pose to replace, kept, ended_at_us or "",
-// safety_ttl_ms, max_segments, checkpoint or "", lifecycle or "" (sealed ones are never empty), then first, last, bytes
-// of each segment. OK, NOTFOUND, FENCED, or STALE when a later commit was written.
+// Writes a commit. KEYS: session, poses, ended. ARGV: name, fencing, commit number, first pose to replace, kept,
+// ended_at_us or "", safety_ttl_ms, max_segments, checkpoint or "", lifecycle or "" (a sealed record is never empty),
+// then first, last, bytes of each segment. Returns OK, NOTFOUND, FENCED, or STALE when a later commit has been written.
 extern const RedisScript kRedisCommit;
-// KEYS session, poses, ended, sessions. ARGV name, fencing or "" for whoever holds it. 0 when another holds it, else 1.
+// Deletes a session. KEYS: session, poses, ended, sessions. ARGV: name, fencing or "" for any holder. Returns 0 when
+// another holder has the session, else 1.
 extern const RedisScript kRedisDelete;
-// KEYS ended, sessions. ARGV microseconds or "+inf", how many at most, "evpose:session:", "evpose:poses:". Deletes
-// those that ended before, oldest first. Their names.
+// Deletes the sessions that ended before a time, beginning with the earliest end. KEYS: ended, sessions. ARGV:
+// microseconds or "+inf", maximum number, "evpose:session:", "evpose:poses:". Returns their names.
 extern const RedisScript kRedisDeleteEnded;
-// KEYS model, models. ARGV member, header, bytes.
+// Adds a model unless it exists. KEYS: model, models. ARGV: member of the set, header, bytes. Returns 1 if it was
+// added.
 extern const RedisScript kRedisPutModel;
-// KEYS model, models. ARGV member.
+// Deletes a model. KEYS: model, models. ARGV: member of the set. Returns 1 if it existed.
 extern const RedisScript kRedisDeleteModel;
 
 }  // namespace evpose::server

@@ -42,7 +42,7 @@ std::vector<std::string> Texts(const redisReply* reply) {
   return texts;
 }
 
-// An entry of the stream: its ID and its fields.
+// Parses an entry of the stream of poses: its ID and its fields.
 absl::StatusOr<PoseSegment> ReadSegment(absl::string_view session, const redisReply* entry) {
   PoseSegment segment;
   const bool has_parts = entry->elements == 2 && entry->element[1]->elements == 2;
@@ -63,7 +63,7 @@ struct RedisSession {
   uint64_t next_pose_seq = 1;
 };
 
-// The answer of kRedisRead.
+// Parses the reply of kRedisRead.
 absl::StatusOr<RedisSession> ReadAnswer(absl::string_view name, uint64_t after_pose_seq, const redisReply* reply) {
   if (reply->type == REDIS_REPLY_NIL) return SessionNotFoundError(name);
   const std::string state = absl::StrCat("the state of ", name);
@@ -87,7 +87,7 @@ absl::StatusOr<RedisSession> ReadAnswer(absl::string_view name, uint64_t after_p
   return session;
 }
 
-// What all leases of a store share with it.
+// The state that the leases share with their store. It lives until the last lease is destroyed.
 struct Shared {
   explicit Shared(const RedisStoreOptions& store_options) : options(store_options), client(store_options.client) {}
   std::string SafetyTtl_ms() const { return std::to_string(absl::ToInt64Milliseconds(options.safety_ttl)); }
@@ -102,7 +102,7 @@ absl::Status CommitOutcome(const absl::StatusOr<RedisReply>& reply, absl::string
   if (word == "OK") return absl::OkStatus();
   if (word == "NOTFOUND") return SessionNotFoundError(name);
   if (word == "FENCED") return FencedError(name, fencing_number);
-  return absl::UnavailableError(absl::StrCat("a commit of ", name, " came too late: ", word));
+  return absl::UnavailableError(absl::StrCat("a commit of ", name, " arrived after a later one: ", word));
 }
 
 class RedisLease : public CheckedLease {
@@ -148,7 +148,7 @@ class RedisLease : public CheckedLease {
 
   const std::shared_ptr<Shared> shared_;
   const std::string name_;
-  // A commit that a slow network delivers after a later one is told by its number, and not written.
+  // Number of the last commit. The script rejects a commit that a slow connection delivers after a later one.
   std::atomic<uint64_t> commits_ = 0;
 };
 
@@ -157,11 +157,11 @@ class RedisStore : public Store {
   explicit RedisStore(const RedisStoreOptions& options) : shared_(std::make_shared<Shared>(options)) {}
   ~RedisStore() override { shared_->client.Close(); }
 
-  // Before any other.
+  // Checks the server and all records. To be called before every other function.
   absl::Status Check() {
     EVPOSE_RETURN_IF_ERROR(CheckServer());
     EVPOSE_ASSIGN_OR_RETURN(const std::vector<std::string> sessions, Members(kRedisSessionsKey));
-    // The whole of each: what is damaged is told now, not when its client comes back.
+    // Reads all parts of each session, so that damage is reported at the start and not when a client attaches again.
     for (const std::string& name : sessions) NoteDamage(absl::StrCat("session ", name), ReadSession(name, 0).status());
     EVPOSE_ASSIGN_OR_RETURN(const std::vector<std::string> models, Members(kRedisModelsKey));
     for (const std::string& member : models) {
@@ -277,7 +277,7 @@ class RedisStore : public Store {
                                       {std::string(name), std::move(holder)});
   }
 
-  // What INFO may not be asked for is believed to be right.
+  // Checks the version and the eviction policy of Redis. Without permission for INFO both are assumed to be right.
   absl::Status CheckServer() {
     EVPOSE_RETURN_IF_ERROR(CheckHealth());
     const auto info = shared_->client.Call({"INFO"});
@@ -299,7 +299,7 @@ class RedisStore : public Store {
     }
     if (!has_limit || policy == "noeviction") return absl::OkStatus();
     return absl::FailedPreconditionError(absl::StrCat(
-        address, " forgets sessions when its memory is full (maxmemory-policy ", policy, "): set it to noeviction"));
+        address, " evicts sessions when its memory is full (maxmemory-policy ", policy, "): set it to noeviction"));
   }
 
   void NoteDamage(const std::string& what, const absl::Status& status) {

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// Sessions in Redis: any of several servers can take one up.
+// A store in Redis, which several servers share: each of them can take any session.
 #pragma once
 
 #include <cstdint>
@@ -15,16 +15,18 @@ namespace evpose::server {
 
 struct RedisStoreOptions {
   RedisClientOptions client;
-  // A session that no server has written nor taken for so long goes, whatever became of the servers.
+  // Redis deletes a session that no server has written or taken for this time, so that nothing is left behind when all
+  // servers are gone.
   absl::Duration safety_ttl = absl::Hours(24 * 30);
-  // Of one session: beyond, the oldest go. Bounds the stream when nobody says what is to be forgotten.
+  // The maximum number of pose segments of a session; the oldest are deleted beyond it. Bounds the stream when commits
+  // do not raise first_pose_seq_kept.
   uint64_t max_segments = 65536;
 };
 
-// As durable as Redis is set up to be: with `appendonly yes` and `appendfsync always` like a file, else a crash of
-// Redis may lose the last second. Models and the records of sessions are read at opening; the rest of a session is
-// checked when it is read. Errors: UNAVAILABLE; PERMISSION_DENIED; FAILED_PRECONDITION for a Redis before 6.2, and for
-// one that would forget what it has when its memory is full.
+// Opens the store and reads all models and sessions once, to find damaged ones. The store is as durable as Redis is
+// configured to be: with `appendonly yes` and `appendfsync always` like a file; otherwise a crash of Redis may lose the
+// last second. Errors: UNAVAILABLE; PERMISSION_DENIED; FAILED_PRECONDITION for a Redis before 6.2 and for one that
+// evicts keys when its memory is full.
 absl::StatusOr<std::unique_ptr<Store>> OpenRedisStore(const RedisStoreOptions& options);
 
 }  // namespace evpose::server

@@ -97,7 +97,7 @@ TEST_F(RedisStoreFixture, ComesBackWithTheServer) {
   EXPECT_EQ(Ranges(store_->ReadSession("sessions/a")->poses), "1-3 4-5 6-6");
 }
 
-// The server is stopped while a commit is on its way: whether it was written, nobody knows until it goes on.
+// Redis is stopped while a commit is in progress, so that the client cannot see whether the commit was written.
 TEST_F(RedisStoreFixture, ACommitThatArrivedWithoutAnAnswerIsNotThereTwice) {
   store_ = Open(absl::Seconds(2));
   auto lease = store_->CreateSession(Record("sessions/a"), "").value();
@@ -106,11 +106,11 @@ TEST_F(RedisStoreFixture, ACommitThatArrivedWithoutAnAnswerIsNotThereTwice) {
   EXPECT_EQ(CommitNow(*lease, {.checkpoint = "2", .poses = {Segment("a", 4, 5), Segment("a", 6, 9)}}).code(),
             StatusCode::kUnavailable);
   redis_.Signal(SIGCONT);
-  // What stood in the connection is read before what comes later.
+  // Redis reads the bytes that wait in the first connection before those of the second one.
   EXPECT_EQ(Ranges(Open()->ReadSession("sessions/a")->poses), "1-3 4-5 6-9") << "it had arrived";
   EXPECT_EQ(store_->ReadSession("sessions/a")->checkpoint, "2");
   EXPECT_EQ(CommitNow(*lease, {.poses = {Segment("x", 10, 10)}}).code(), StatusCode::kFailedPrecondition)
-      << "what ended UNAVAILABLE has to come again";
+      << "the poses of the commit that ended with UNAVAILABLE must be committed again";
   EXPECT_TRUE(CommitNow(*lease, {.checkpoint = "3", .poses = {Segment("a", 4, 7), Segment("a", 8, 12)}}).ok());
   const StoredSession session = store_->ReadSession("sessions/a").value();
   EXPECT_EQ(Ranges(session.poses), "1-3 4-7 8-12");
@@ -122,7 +122,7 @@ TEST_F(RedisStoreFixture, ACommitThatComesAfterALaterOneIsNotWritten) {
   auto lease = store_->CreateSession(Record("sessions/a"), "").value();
   ASSERT_TRUE(CommitNow(*lease, {.checkpoint = "1"}).ok());
   ASSERT_TRUE(CommitNow(*lease, {.checkpoint = "2"}).ok());
-  // As the first commit would come from a slow connection.
+  // The first commit once more, as a slow connection would deliver it.
   const std::string answer =
       redis_.Text({"EVAL", kRedisCommit.source, "3", "evpose:session:sessions/a", "evpose:poses:sessions/a",
                    "evpose:ended", "sessions/a", std::to_string(lease->fencing_number()), "1", "1", "1", "", "1000000",

@@ -17,7 +17,7 @@ RedisServer::RedisServer(const std::vector<std::string>& options) : options_(opt
 RedisServer::~RedisServer() { Kill(); }
 
 void RedisServer::Start() {
-  // Commits are in the file when they are answered, as a server that is killed in a test has to have them.
+  // Replies are sent after the commit is in the file, because tests kill the server and expect its data.
   std::vector<std::string> words = {"redis-server",    "--port", "0", "--unixsocket", path("socket"), "--dir",
                                     directory_.path(), "--save", "",  "--appendonly", "yes",          "--appendfsync",
                                     "always"};
@@ -45,7 +45,7 @@ void RedisServer::Start() {
     said += line;
     ready = absl::StrContains(line, "eady to accept connections");
   }
-  // Read on by nobody: what it says later fits the pipe, or is lost.
+  // Later output is not read: it fits into the buffer of the pipe or is lost.
   std::fclose(lines);
   EXPECT_TRUE(ready) << "redis-server (deploy/install-dependencies.sh --test) did not start: " << said;
 }

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// A Redis server for tests, which goes with them.
+// A Redis server for tests.
 #pragma once
 
 #include <sys/types.h>
@@ -15,9 +15,10 @@
 
 namespace evpose::server {
 
+// Runs redis-server in a temporary directory until it is destroyed, or until the test program ends.
 class RedisServer {
  public:
-  // Waits until it is ready. `options` as on redis-server's command line.
+  // Starts the server and waits until it is ready. `options` are added to the command line of redis-server.
   explicit RedisServer(const std::vector<std::string>& options = {});
   ~RedisServer();
   RedisServer(const RedisServer&) = delete;
@@ -26,13 +27,13 @@ class RedisServer {
   std::string url(const std::string& user = "") const { return "redis+unix://" + user + directory_.path() + "/socket"; }
   std::string path(const std::string& file) const { return directory_.path() + "/" + file; }
 
-  // SIGKILL, and again on the same data.
+  // Kill() sends SIGKILL; Start() starts the server again on the same data.
   void Kill();
   void Start();
-  // SIGSTOP and SIGCONT.
+  // Sends a signal, for example SIGSTOP or SIGCONT.
   void Signal(int signal) const;
 
-  // Runs a command on a connection of its own.
+  // Runs a command on a new connection.
   RedisReply Run(const RedisCommand& command) const;
   std::string Text(const RedisCommand& command) const { return RedisText(Run(command).get()); }
 

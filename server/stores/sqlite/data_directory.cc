@@ -18,7 +18,7 @@ namespace {
 constexpr mode_t kOwnerOnlyDirectory = 0700;
 constexpr mode_t kOwnerOnlyFile = 0600;
 
-// Thread-safe, which strerror() is not.
+// Thread-safe, unlike strerror().
 std::string Words(int error) { return std::generic_category().message(error); }
 
 absl::Status PathError(const std::string& path, int error) {
@@ -51,7 +51,7 @@ absl::Status MakeDirectory(const std::string& path) {
 absl::StatusOr<std::unique_ptr<DataDirectory>> DataDirectory::Open(const std::string& path) {
   if (path.empty()) return absl::InvalidArgumentError("the SQLite store needs a directory: give --data-dir");
   EVPOSE_RETURN_IF_ERROR(MakeDirectory(path));
-  // A file of its own: SQLite's file may be set aside while the lock is held.
+  // The lock is on a separate file, because SQLite's file may be renamed while the lock is held.
   const std::string lock_path = path + "/evpose.lock";
   const int descriptor = open(lock_path.c_str(), O_RDWR | O_CREAT | O_CLOEXEC | O_NOFOLLOW, kOwnerOnlyFile);
   if (descriptor < 0) return PathError(path, errno);

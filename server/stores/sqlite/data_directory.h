@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// The directory that a server keeps its data in, for itself.
+// The data directory of a server, locked against other servers.
 #pragma once
 
 #include <memory>
@@ -11,12 +11,13 @@
 
 namespace evpose::server {
 
-// Held by one process at a time, until it is destroyed or the process dies.
+// Holds an exclusive lock on the directory until it is destroyed or the process ends.
 class DataDirectory {
  public:
-  // Makes the directory, for its owner only, when it is not there; the one above it has to be. Errors name the path:
-  // INVALID_ARGUMENT for no path, NOT_FOUND for a missing directory above, PERMISSION_DENIED for one that cannot be
-  // written, FAILED_PRECONDITION for what is no directory and for one that another server holds.
+  // Creates the directory with access for its owner only, unless it exists, and locks it. The parent directory must
+  // exist. Errors name the path: INVALID_ARGUMENT for an empty path, NOT_FOUND when the parent is missing,
+  // PERMISSION_DENIED when the directory cannot be written, RESOURCE_EXHAUSTED for a full disk, FAILED_PRECONDITION
+  // when the path is not a directory or another server holds the lock.
   static absl::StatusOr<std::unique_ptr<DataDirectory>> Open(const std::string& path);
   ~DataDirectory();
   DataDirectory(const DataDirectory&) = delete;
@@ -31,7 +32,7 @@ class DataDirectory {
   const int lock_descriptor_;
 };
 
-// Makes an empty file that its owner alone may read, when there is none. Errors: PERMISSION_DENIED, naming the path.
+// Creates an empty file with access for its owner only, unless it exists. Errors: PERMISSION_DENIED, naming the path.
 absl::Status MakePrivateFile(const std::string& path);
 
 }  // namespace evpose::server

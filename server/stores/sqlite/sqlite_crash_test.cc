@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// The process dies at any moment: what was acknowledged is there, and every commit is there wholly or not at all.
+// Kills the process at random moments and checks that every acknowledged commit is stored and that no commit is stored
+// in part.
 #include <gtest/gtest.h>
 #include <signal.h>
 #include <sys/wait.h>
@@ -21,7 +22,7 @@ constexpr int kDeaths = 50;
 
 std::string Name(size_t session) { return "sessions/" + std::to_string(session); }
 
-// The n-th commit of a session, of every size.
+// The n-th commit of a session. The size of the checkpoint varies with n.
 SessionCommit MakeCommit(size_t session, uint64_t n) {
   return {.checkpoint = Noise(1000 * (n * 37 % 100), n),
           .lifecycle = std::to_string(n),
@@ -34,7 +35,7 @@ struct Acknowledged {
   uint64_t commit;
 };
 
-// Commits until it is killed, and tells what was acknowledged.
+// Commits until the process is killed, and writes each acknowledged commit to the pipe.
 [[noreturn]] void CommitForever(const std::string& data_dir, int acknowledged) {
   const std::unique_ptr<Store> store = OpenSqliteStore({.data_dir = data_dir}).value();
   std::vector<std::thread> threads;
@@ -78,7 +79,7 @@ TEST(SqliteCrashTest, WhatWasAcknowledgedSurvivesFiftyDeaths) {
     close(pipe_ends[0]);
     int status = 0;
     waitpid(child, &status, 0);
-    ASSERT_TRUE(WIFSIGNALED(status)) << "it has failed by itself";
+    ASSERT_TRUE(WIFSIGNALED(status)) << "the child process failed before it was killed";
 
     const std::unique_ptr<Store> store = OpenSqliteStore({.data_dir = data_dir}).value();
     ASSERT_TRUE(store->damage().empty()) << store->damage()[0];
@@ -86,7 +87,7 @@ TEST(SqliteCrashTest, WhatWasAcknowledgedSurvivesFiftyDeaths) {
       const StoredSession session = store->ReadSession(Name(i)).value();
       const uint64_t n = std::stoull(session.lifecycle);
       EXPECT_GE(n, last_acknowledged[i]);
-      EXPECT_LE(n, last_acknowledged[i] + 1) << "one was on its way";
+      EXPECT_LE(n, last_acknowledged[i] + 1) << "only one commit was in progress";
       last_acknowledged[i] = n;
       if (n == 0) continue;
       EXPECT_TRUE(session.checkpoint == MakeCommit(i, n).checkpoint);

@@ -9,7 +9,7 @@
 namespace evpose::server {
 namespace {
 
-// A process that copies or inspects the file locks it for moments.
+// Maximum wait for a lock: a process that copies or inspects the file locks it for a moment.
 constexpr int kBusyTimeout_ms = 5000;
 
 absl::Status MakeError(const std::string& path, int extended_code, const char* words) {
@@ -20,7 +20,7 @@ absl::Status MakeError(const std::string& path, int extended_code, const char* w
       return absl::ResourceExhaustedError(
           absl::StrCat(said, ": free space on its disk, or delete sessions (or raise the quota)"));
     case SQLITE_IOERR_FSYNC:
-      return absl::UnavailableError(absl::StrCat(said, ": the disk did not confirm what was written"));
+      return absl::UnavailableError(absl::StrCat(said, ": the disk did not confirm a write"));
     default:
       break;
   }
@@ -30,7 +30,8 @@ absl::Status MakeError(const std::string& path, int extended_code, const char* w
           absl::StrCat(said, ": free space on its disk, delete sessions, or allow the store more bytes"));
     case SQLITE_CORRUPT:
     case SQLITE_NOTADB:
-      return absl::DataLossError(absl::StrCat(said, ": the file is damaged; restart the server to save what can be"));
+      return absl::DataLossError(absl::StrCat(
+          said, ": the file is damaged; restart the server, which copies the intact records to a new file"));
     case SQLITE_BUSY:
     case SQLITE_LOCKED:
       return absl::UnavailableError(absl::StrCat(said, ": another process locks it"));
@@ -57,13 +58,13 @@ absl::StatusOr<std::unique_ptr<SqliteDatabase>> SqliteDatabase::Connect(const st
   }
   sqlite3_extended_result_codes(connection, 1);
   sqlite3_busy_timeout(connection, kBusyTimeout_ms);
-  // The file may be damaged or hostile: what it says is checked, and no code in its schema runs.
+  // The file may be damaged or malicious: no code in its schema is executed, and the structure of its pages is checked.
   sqlite3_db_config(connection, SQLITE_DBCONFIG_TRUSTED_SCHEMA, 0, nullptr);
   sqlite3_db_config(connection, SQLITE_DBCONFIG_ENABLE_TRIGGER, 0, nullptr);
   sqlite3_db_config(connection, SQLITE_DBCONFIG_ENABLE_VIEW, 0, nullptr);
   std::unique_ptr<SqliteDatabase> database(new SqliteDatabase(path, connection));
   EVPOSE_RETURN_IF_ERROR(database->Execute("PRAGMA cell_size_check=ON"));
-  // A file that is cut short while it is mapped would end the process.
+  // Without memory mapping: truncating a mapped file would end the process with SIGBUS.
   EVPOSE_RETURN_IF_ERROR(database->Execute("PRAGMA mmap_size=0"));
   return database;
 }
@@ -76,7 +77,7 @@ absl::StatusOr<std::unique_ptr<SqliteDatabase>> SqliteDatabase::Open(const std::
 
 absl::StatusOr<std::unique_ptr<SqliteDatabase>> SqliteDatabase::OpenDamaged(const std::string& path) {
   EVPOSE_ASSIGN_OR_RETURN(std::unique_ptr<SqliteDatabase> database, Connect(path));
-  // SQLite's own way to read a file that is shorter than it says. Nothing is written.
+  // With writable_schema, SQLite reads also a file that is shorter than its header says. query_only prevents writes.
   EVPOSE_RETURN_IF_ERROR(database->Execute("PRAGMA writable_schema=ON"));
   EVPOSE_RETURN_IF_ERROR(database->Execute("PRAGMA query_only=ON"));
   return database;

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// SQLite's C interface as values and statuses.
+// A C++ interface to SQLite with owned values and absl::Status.
 #pragma once
 
 #include <sqlite3.h>
@@ -18,12 +18,12 @@ namespace evpose::server {
 
 class SqliteQuery;
 
-// One connection, with the statements it has prepared. For one thread at a time.
+// One connection with its prepared statements. For one thread at a time.
 class SqliteDatabase {
  public:
-  // Makes the file when it is not there. Errors name the path.
+  // Opens the file, or creates it. Errors name the path.
   static absl::StatusOr<std::unique_ptr<SqliteDatabase>> Open(const std::string& path);
-  // To read what can be read of a file that Open() finds damaged.
+  // Opens a damaged file for reading, so that intact records can be copied.
   static absl::StatusOr<std::unique_ptr<SqliteDatabase>> OpenDamaged(const std::string& path);
   ~SqliteDatabase();
   SqliteDatabase(const SqliteDatabase&) = delete;
@@ -31,15 +31,16 @@ class SqliteDatabase {
 
   const std::string& path() const { return path_; }
 
-  // Statements without values. Errors: RESOURCE_EXHAUSTED for a full disk or quota, DATA_LOSS for a damaged file,
-  // UNAVAILABLE while another process locks it, PERMISSION_DENIED, INTERNAL; all in SQLite's words, with path and
-  // advice.
+  // Executes one or more statements without parameters. Errors: RESOURCE_EXHAUSTED for a full disk or quota, DATA_LOSS
+  // for a damaged file, UNAVAILABLE while another process locks it, PERMISSION_DENIED, INTERNAL. The message has the
+  // path, SQLite's text, and advice.
   absl::Status Execute(const std::string& sql);
-  // The statement is prepared once and kept. Errors show when the query runs.
+  // Returns a query with parameters. The statement is prepared once and cached. Errors are returned when the query
+  // runs.
   SqliteQuery Query(const std::string& sql);
 
   bool InTransaction() const { return sqlite3_get_autocommit(connection_) == 0; }
-  // Rows changed since opening.
+  // The number of rows that this connection has changed.
   int64_t total_changes() const { return sqlite3_total_changes64(connection_); }
 
  private:
@@ -53,26 +54,26 @@ class SqliteDatabase {
   std::map<std::string, sqlite3_stmt*> statements_;
 };
 
-// A statement with its values, ready to run. One at a time of each statement.
+// A prepared statement with its parameters. At most one query of each statement may exist at a time.
 class SqliteQuery {
  public:
   ~SqliteQuery();
   SqliteQuery(const SqliteQuery&) = delete;
   SqliteQuery& operator=(const SqliteQuery&) = delete;
 
-  // In the order of the statement's `?`. Strings and blobs must live until the query has run.
+  // Bind the next parameter, in the order of the statement's `?`. Strings and blobs must live until the query has run.
   SqliteQuery& Text(absl::string_view value);
   SqliteQuery& Blob(absl::string_view value);
   SqliteQuery& Integer(int64_t value);
   SqliteQuery& Null();
 
-  // For statements without rows.
+  // Runs a statement to its end and ignores its rows.
   absl::Status Run();
-  // True: there is a (further) row. False: no more, or an error, which status() has.
+  // Advances to the first or next row. False: there is no further row, or an error occurred, which status() returns.
   bool Next();
   const absl::Status& status() const { return status_; }
 
-  // Columns of the row, from 0.
+  // Read a column of the current row, numbered from 0.
   std::string TextAt(int column) const { return BlobAt(column); }
   std::string BlobAt(int column) const;
   int64_t IntegerAt(int column) const { return sqlite3_column_int64(statement_, column); }

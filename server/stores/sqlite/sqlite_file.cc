@@ -26,10 +26,11 @@ constexpr int64_t kSchemaVersion = 1;
 constexpr uint64_t kMaxPages = 4294967294;  // SQLite's own limit
 constexpr absl::string_view kFileMagic("SQLite format 3\0", 16);
 
-// Larger pages than SQLite's 4096 bytes: checkpoints have megabytes.
+// Pages are larger than SQLite's default of 4096 bytes, because checkpoints have megabytes.
 const char* const kNewFileSettings = "PRAGMA page_size=16384; PRAGMA journal_mode=WAL";
-// FULL: a commit is on the disk when it is done. The log grows to 64 MB before it is copied into the file, so that a
-// checkpoint that is replaced soon is not; it keeps that size, so that a full disk still lets sessions be deleted.
+// synchronous=FULL: a commit is on the disk when it is complete. The write-ahead log grows to 64 MB before it is copied
+// into the file, so that checkpoints which are replaced soon are not copied. The log file is not truncated below 128
+// MB, so that sessions can be deleted also when the disk is full.
 const char* const kWriterSettings =
     "PRAGMA synchronous=FULL; PRAGMA wal_autocheckpoint=4096; PRAGMA journal_size_limit=134217728; "
     "PRAGMA cache_size=-16384";
@@ -40,7 +41,8 @@ uint64_t SizeBytes(const std::string& path) {
   return error ? 0 : size;
 }
 
-// What SQLite would take for an empty database, or refuse in fewer words.
+// Rejects a file that is not a SQLite database, with advice that SQLite's own error does not have. A beginning of the
+// magic string is accepted, because a truncated store may be repaired.
 absl::Status CheckMagic(const std::string& path) {
   std::ifstream file(path, std::ios::binary);
   if (!file) return absl::PermissionDeniedError(absl::StrCat(path, ": the server's user cannot read it"));
@@ -59,7 +61,7 @@ absl::StatusOr<int64_t> ReadPragma(SqliteDatabase& database, const std::string& 
   return found ? query.IntegerAt(0) : 0;
 }
 
-// In one transaction: what a crash interrupts is empty.
+// Creates the tables in one transaction, so that a crash leaves an empty database.
 absl::Status MakeTables(SqliteDatabase& database) {
   EVPOSE_RETURN_IF_ERROR(database.Execute(kNewFileSettings));
   EVPOSE_RETURN_IF_ERROR(database.Execute(kWriterSettings));
@@ -85,21 +87,21 @@ absl::Status CheckVersion(SqliteDatabase& database) {
   }
   if (version > kSchemaVersion) {
     return absl::FailedPreconditionError(absl::StrCat(database.path(), " was written by a newer evpose (schema ",
-                                                      version, "; this one knows ", kSchemaVersion,
+                                                      version, "; this one supports ", kSchemaVersion,
                                                       "): run that version, or choose another --data-dir"));
   }
   return database.Execute(kWriterSettings);
 }
 
-// The name that a damaged file gets: the first that is free.
+// The new name of a damaged file: the first free number.
 std::string SetAsidePath(const std::string& path) {
   int number = 1;
   while (access(absl::StrCat(path, ".damaged-", number).c_str(), F_OK) == 0) ++number;
   return absl::StrCat(path, ".damaged-", number);
 }
 
-// One step of it: the new file appears under the name as the old one goes. What the old one's log has, SQLite must not
-// take for the new one's.
+// Renames the damaged file to `set_aside` and the rescued one to `path`. The last rename replaces `path` atomically.
+// The log of the damaged file is moved before, because SQLite would apply it to the new file.
 absl::Status Exchange(const std::string& rescued, const std::string& path, const std::string& set_aside) {
   const auto failed = [&] {
     return absl::PermissionDeniedError(
@@ -123,13 +125,13 @@ absl::StatusOr<SqliteFile> Rescue(const std::string& path) {
     file.contents = CheckSqliteContents(*damaged);
     EVPOSE_ASSIGN_OR_RETURN(const std::unique_ptr<SqliteDatabase> rescued, MakeFile(rescued_path));
     EVPOSE_RETURN_IF_ERROR(CopySqliteContents(*damaged, file.contents, *rescued));
-    // The whole of it in one file, which one name stands for.
+    // Copies the log into the file, so that a single rename moves everything.
     EVPOSE_RETURN_IF_ERROR(rescued->Execute("PRAGMA wal_checkpoint(TRUNCATE)"));
   }
   EVPOSE_RETURN_IF_ERROR(Exchange(rescued_path, path, set_aside));
-  file.contents.damage.push_back(absl::StrCat("what is whole of ", path, ": ", file.contents.sessions.size(),
+  file.contents.damage.push_back(absl::StrCat("the intact records of ", path, ": ", file.contents.sessions.size(),
                                               " sessions and ", file.contents.models.size(),
-                                              " models, is in a new file; the damaged one is ", set_aside));
+                                              " models, are in a new file; the damaged one is ", set_aside));
   EVPOSE_ASSIGN_OR_RETURN(file.database, SqliteDatabase::Open(path));
   EVPOSE_RETURN_IF_ERROR(file.database->Execute(kWriterSettings));
   return file;
@@ -156,7 +158,7 @@ absl::StatusOr<SqliteFile> OpenSqliteFile(const std::string& path) {
     EVPOSE_ASSIGN_OR_RETURN(file.database, MakeFile(path));
     return file;
   }
-  // SQLite would forget the log of an empty file.
+  // SQLite would delete the log of an empty file, and the sessions in it.
   if (SizeBytes(path) == 0) {
     EVPOSE_RETURN_IF_ERROR(MakePrivateFile(path));
     return Rescue(path);

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// The store's file: made, checked, and when it is damaged, set aside for what of it is whole.
+// Opening the file of the store: creates it, checks it, and rescues the intact records of a damaged one.
 #pragma once
 
 #include <cstdint>
@@ -18,16 +18,16 @@ struct SqliteFile {
   SqliteContents contents;
 };
 
-// Opens the file for writing, or makes it, and reads all of it. When anything is damaged, what is whole goes to a new
-// file, and the old one is set aside beside it, as PATH.damaged-1 and so on: nothing is ever written to a damaged file.
-// Errors: FAILED_PRECONDITION for a file that is no evpose store, or a newer one's; DATA_LOSS for one of which nothing
-// can be read; PERMISSION_DENIED; RESOURCE_EXHAUSTED.
+// Opens the file for writing, or creates it, and checks all records. When a record is damaged, the intact ones are
+// copied to a new file, and the damaged file is renamed to PATH.damaged-1, -2 and so on; a damaged file is never
+// written to. Errors: FAILED_PRECONDITION for a file that is not a store of evpose or was written by a newer version;
+// DATA_LOSS when nothing can be read; PERMISSION_DENIED; RESOURCE_EXHAUSTED.
 absl::StatusOr<SqliteFile> OpenSqliteFile(const std::string& path);
 
-// What would make the file larger fails with RESOURCE_EXHAUSTED. For the writing connection.
+// Limits the size of the file: writes beyond it fail with RESOURCE_EXHAUSTED. For the writing connection.
 absl::Status LimitSqliteBytes(SqliteDatabase& database, uint64_t max_bytes);
 
-// Another connection to the same file, for reading.
+// Opens another connection to the same file, for reading only.
 absl::StatusOr<std::unique_ptr<SqliteDatabase>> OpenSqliteReader(const std::string& path);
 
 }  // namespace evpose::server

@@ -13,7 +13,7 @@ namespace {
 
 constexpr size_t kHeaderBytes = 32;
 constexpr size_t kFrameHeaderBytes = 24;
-constexpr uint32_t kLogMagic = 0x377f0682;  // the last bit: the checksums' words are big-endian
+constexpr uint32_t kLogMagic = 0x377f0682;  // with the lowest bit set: the words of the checksums are big-endian
 constexpr uint32_t kMaxPageBytes = 65536;
 
 uint32_t BigEndian(const uint8_t* bytes) {
@@ -24,7 +24,7 @@ uint32_t LittleEndian(const uint8_t* bytes) {
   return uint32_t{bytes[3]} << 24 | uint32_t{bytes[2]} << 16 | uint32_t{bytes[1]} << 8 | bytes[0];
 }
 
-// Runs on from frame to frame.
+// The checksum of the log, which is cumulative: that of a frame covers all earlier frames.
 struct Checksum {
   bool is_big_endian = false;
   uint32_t s0 = 0;
@@ -49,19 +49,19 @@ bool ReadBytes(std::ifstream& file, std::vector<uint8_t>& bytes) {
 std::string FindDamageOfSqliteLog(const std::string& path) {
   std::ifstream file(path, std::ios::binary);
   std::vector<uint8_t> header(kHeaderBytes);
-  if (!file || !ReadBytes(file, header)) return "";  // no log, or one that nothing was written to
+  if (!file || !ReadBytes(file, header)) return "";  // there is no log, or it is empty
   Checksum checksum = {.is_big_endian = (BigEndian(header.data()) & 1) != 0};
   checksum.Add(header.data(), 24);
   const uint32_t page_bytes = BigEndian(header.data() + 8);
   if ((BigEndian(header.data()) & ~1u) != kLogMagic || !checksum.Is(header.data() + 24) || page_bytes == 0 ||
       page_bytes > kMaxPageBytes) {
-    return absl::StrCat("the head of the log ", path, ": what was committed last may be missing");
+    return absl::StrCat("the header of the log ", path, " is damaged: the last commits may be missing");
   }
   std::vector<uint8_t> frame(kFrameHeaderBytes + page_bytes);
   bool whole = true;
   int lost_commits = 0;
   while (ReadBytes(file, frame)) {
-    // Frames of an earlier log stand behind this one's, with another salt.
+    // Behind the frames of this log there may be frames of an earlier one, which have another salt.
     const bool is_ours = std::equal(frame.begin() + 8, frame.begin() + 16, header.begin() + 16);
     if (is_ours && whole) {
       checksum.Add(frame.data(), 8);

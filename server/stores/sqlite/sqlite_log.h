@@ -1,15 +1,16 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// Whether SQLite's log (the write-ahead log beside the file) was damaged after it was written.
+// Detects damage of SQLite's write-ahead log, the file beside the database.
 #pragma once
 
 #include <string>
 
 namespace evpose::server {
 
-// What is wrong with the log at `path`, or empty. SQLite itself ends at the first frame that is damaged and says
-// nothing, since a crash may leave the last transaction in pieces; but not more than that one, for every transaction is
-// on the disk before the next begins. The format: https://www.sqlite.org/fileformat2.html#walformat
+// Returns a description of the damage of the log at `path`, or empty. SQLite stops at the first damaged frame without
+// an error, because a crash may leave the last transaction incomplete. Only the last one, however: every transaction is
+// on the disk before the next begins, so more than one lost transaction means damage. The format:
+// https://www.sqlite.org/fileformat2.html#walformat
 std::string FindDamageOfSqliteLog(const std::string& path);
 
 }  // namespace evpose::server

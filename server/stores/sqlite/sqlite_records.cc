@@ -11,7 +11,7 @@
 
 namespace evpose::server {
 
-// Every blob is sealed (sealed.h). `ended_at_ns` repeats what the state has, to search by.
+// Every blob is sealed (sealed.h). `ended_at_ns` is a copy of the value in the state, for the index.
 const char* const kSqliteSchema = R"sql(
 CREATE TABLE fencing (last INTEGER NOT NULL);
 INSERT INTO fencing VALUES (0);
@@ -215,7 +215,7 @@ absl::StatusOr<std::vector<SessionRecord>> SqliteListSessions(SqliteDatabase& da
   std::vector<SessionRecord> records;
   SqliteQuery query = database.Query("SELECT name, record FROM sessions ORDER BY name");
   while (query.Next()) {
-    // What was damaged since the store was opened is found by who reads it.
+    // A record that was damaged after the store was opened is skipped here; reading the session reports it.
     auto record = UnsealRecord(query.TextAt(0), query.BlobAt(1));
     if (record.ok()) records.push_back(*std::move(record));
   }

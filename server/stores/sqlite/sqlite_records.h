@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// Models and sessions as rows. Who calls holds a transaction where several calls belong together. Errors of all: those
-// of SqliteDatabase; DATA_LOSS naming what does not match its checksum, or is missing beside the rest.
+// Models and sessions as rows of tables. The caller opens a transaction where several calls belong together. Errors of
+// all functions: those of SqliteDatabase; DATA_LOSS naming a record that does not match its checksum or is missing.
 #pragma once
 
 #include <cstdint>
@@ -18,10 +18,10 @@
 
 namespace evpose::server {
 
-// The statements that make the tables of an empty database.
+// The statements that create the tables of an empty database.
 extern const char* const kSqliteSchema;
 
-// What changes about a session, beside its bytes.
+// The small mutable values of a session, beside lifecycle, checkpoint and poses.
 struct SqliteSessionState {
   uint64_t fencing_number = 0;
   uint64_t next_pose_seq = 1;
@@ -40,33 +40,34 @@ struct SqliteSession {
   SqliteSessionState state;
 };
 
-// A number above all that were given before.
+// Increments the last fencing number and returns it.
 absl::StatusOr<uint64_t> SqliteNextFencingNumber(SqliteDatabase& database);
 absl::Status SqliteSetLastFencingNumber(SqliteDatabase& database, uint64_t number);
 absl::StatusOr<uint64_t> SqliteLastFencingNumber(SqliteDatabase& database);
 
-// Errors: ALREADY_EXISTS.
+// Adds a session without checkpoint and poses. Errors: ALREADY_EXISTS.
 absl::Status SqliteInsertSession(SqliteDatabase& database, const SessionRecord& record, absl::string_view lifecycle,
                                  const SqliteSessionState& state);
 // Errors: NOT_FOUND.
 absl::StatusOr<SqliteSessionState> SqliteReadState(SqliteDatabase& database, absl::string_view session);
 absl::Status SqliteWriteState(SqliteDatabase& database, absl::string_view session, const SqliteSessionState& state);
-// Writes the parts that the commit has, and changes `state` as they say. Poses from `next_pose_seq` on are replaced.
+// Writes the parts of the commit and updates `state`, which the caller then writes. Poses from `next_pose_seq` on are
+// replaced.
 absl::Status SqliteWriteParts(SqliteDatabase& database, absl::string_view session, const SessionCommit& commit,
                               uint64_t next_pose_seq, SqliteSessionState& state);
-// Without the segments that have no pose after this one. Errors: NOT_FOUND.
+// Reads a session; segments without a pose after `after_pose_seq` are omitted. Errors: NOT_FOUND.
 absl::StatusOr<SqliteSession> SqliteReadSession(SqliteDatabase& database, absl::string_view session,
                                                 uint64_t after_pose_seq);
 absl::Status SqliteDeleteSession(SqliteDatabase& database, absl::string_view session);
-// In their order.
+// Sorted by name, without damaged records.
 absl::StatusOr<std::vector<SessionRecord>> SqliteListSessions(SqliteDatabase& database);
-// In the order of their names.
+// Sorted by name, without damaged records.
 absl::StatusOr<std::vector<StoredLifecycle>> SqliteReadLifecycles(SqliteDatabase& database);
-// The one that ended first; empty when none has.
+// The name of the session with the earliest end; empty when no session has ended.
 absl::StatusOr<std::string> SqliteOldestEndedSession(SqliteDatabase& database);
 absl::StatusOr<std::vector<std::string>> SqliteSessionsEndedBefore(SqliteDatabase& database, absl::Time time);
 
-// Putting a name of a tenant again changes nothing.
+// Adds a model. When the tenant has a model of this name, the call has no effect.
 absl::Status SqlitePutModel(SqliteDatabase& database, const ModelRecord& model);
 // Errors: NOT_FOUND.
 absl::StatusOr<ModelRecord> SqliteReadModel(SqliteDatabase& database, absl::string_view tenant, absl::string_view name);
@@ -76,7 +77,7 @@ struct SqliteModelKey {
   std::string name;
   auto operator<=>(const SqliteModelKey&) const = default;
 };
-// In the order of names, then tenants.
+// Sorted by name, then tenant.
 absl::StatusOr<std::vector<SqliteModelKey>> SqliteListModels(SqliteDatabase& database);
 
 }  // namespace evpose::server

@@ -11,7 +11,8 @@
 namespace evpose::server {
 namespace {
 
-// Reads a list from both ends, and its index: what is damaged in the middle hides less. False when they disagree.
+// Collects the keys of a table with several queries: in both directions and by table and index, so that a damaged page
+// hides fewer rows. Returns false when a query fails or the results differ.
 template <typename Key, typename ReadKey>
 bool CollectKeys(SqliteDatabase& database, const std::vector<std::string>& lists, const ReadKey& read_key,
                  std::set<Key>& keys) {
@@ -31,7 +32,7 @@ bool CollectKeys(SqliteDatabase& database, const std::vector<std::string>& lists
 
 std::string FirstText(SqliteQuery& query) { return query.TextAt(0); }
 
-// Names are hostile here: what is printed has no control characters.
+// Names in a damaged file may be arbitrary bytes; control characters are escaped.
 std::string Printable(absl::string_view name) { return absl::CHexEscape(name); }
 
 std::string Why(const absl::Status& status) {
@@ -86,7 +87,7 @@ void CheckSessions(SqliteDatabase& database, SqliteContents& contents) {
   if (!whole) {
     contents.damage.push_back(absl::StrCat("the list of sessions in ", database.path(), ": some may be missing"));
   }
-  // A session whose record is lost may still be named beside its checkpoint and poses.
+  // The name of a session with a lost record may still be found in the tables of checkpoints and poses.
   CollectKeys(database, {"SELECT session FROM checkpoints", "SELECT session FROM checkpoints ORDER BY session DESC"},
               FirstText, names);
   CollectKeys(database,

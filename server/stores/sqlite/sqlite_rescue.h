@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// What of a store's file is whole, and how that is saved from a damaged one.
+// Finds the intact records of a store's file and copies them out of a damaged one.
 #pragma once
 
 #include <cstdint>
@@ -16,20 +16,22 @@
 namespace evpose::server {
 
 struct SqliteContents {
+  // The intact records.
   std::vector<SqliteModelKey> models;
   std::vector<std::string> sessions;
-  uint64_t last_fencing_number = 0;
+  uint64_t last_fencing_number = 0;  // the highest number found
 
-  // One line each, and the sessions and models among it.
+  // A description of each damage, and the sessions and models that are damaged.
   std::vector<std::string> damage;
   std::set<std::string, std::less<>> damaged_sessions;
   std::set<SqliteModelKey> damaged_models;
 };
 
-// Reads everything. Never fails: what cannot be read is damaged.
+// Reads all records. Never fails: a record that cannot be read is listed as damaged.
 SqliteContents CheckSqliteContents(SqliteDatabase& database);
 
-// Copies what is whole to a new file, in one transaction. Errors: those of `to`, RESOURCE_EXHAUSTED above all.
+// Copies the intact records to a new file, in one transaction. Errors: those of writing `to`, mainly
+// RESOURCE_EXHAUSTED.
 absl::Status CopySqliteContents(SqliteDatabase& from, const SqliteContents& contents, SqliteDatabase& to);
 
 }  // namespace evpose::server

@@ -26,7 +26,7 @@ uint64_t SizeBytes(const SessionCommit& commit) {
 
 absl::Status DamagedSessionError(absl::string_view name) {
   return absl::DataLossError(
-      absl::StrCat("session ", name, " was found damaged when the store was opened, and is left out"));
+      absl::StrCat("session ", name, " was found damaged when the store was opened, and is skipped: delete it"));
 }
 
 class SqliteLease : public CheckedLease {
@@ -66,7 +66,7 @@ class SqliteStore : public Store {
         damaged_sessions_(std::move(file.contents.damaged_sessions)),
         reader_(std::move(reader)) {}
 
-  // The writer's connection closes last: it copies its log into the file.
+  // The writer's connection is closed last, because closing the last connection copies the log into the file.
   ~SqliteStore() override {
     {
       const std::lock_guard lock(mutex_);
@@ -141,7 +141,7 @@ class SqliteStore : public Store {
   absl::StatusOr<StoredSession> ReadSession(absl::string_view name, uint64_t after_pose_seq) const override {
     if (IsDamaged(name)) return DamagedSessionError(name);
     const std::lock_guard lock(mutex_);
-    EVPOSE_RETURN_IF_ERROR(reader_->Execute("BEGIN"));  // one moment's rows
+    EVPOSE_RETURN_IF_ERROR(reader_->Execute("BEGIN"));  // all queries read one snapshot
     auto session = SqliteReadSession(*reader_, name, after_pose_seq);
     EVPOSE_RETURN_IF_ERROR(reader_->Execute("COMMIT"));
     EVPOSE_RETURN_IF_ERROR(session.status());
@@ -195,7 +195,7 @@ class SqliteStore : public Store {
     return damaged_sessions_.contains(name);
   }
 
-  const std::unique_ptr<DataDirectory> directory_;  // first: given back when the file is closed
+  const std::unique_ptr<DataDirectory> directory_;  // the first member: unlocked after the file is closed
   const std::vector<std::string> damage_;
   const std::shared_ptr<SqliteWriter> writer_;
   mutable std::mutex mutex_;

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// One file in a directory of the server's own: what was committed survives the process and the machine's power.
+// A store in one SQLite file in the data directory of a server. Commits survive a crash of the process and a power
+// loss.
 #pragma once
 
 #include <cstdint>
@@ -13,12 +14,12 @@
 namespace evpose::server {
 
 struct SqliteStoreOptions {
-  std::string data_dir;              // made, for its owner only, when the directory above it is there
-  uint64_t max_bytes = 64ull << 30;  // of the file; its log has up to 128 MB beside it
+  std::string data_dir;              // created for its owner only; the parent directory must exist
+  uint64_t max_bytes = 64ull << 30;  // of the file; the log beside it has up to 128 MB more
 };
 
-// Reads all that is there, and says in damage() what is left out of it. Errors: those of DataDirectory and of
-// OpenSqliteFile(), in words for who starts the server.
+// Opens the store and checks all records; damage() lists those that are skipped. Errors: those of DataDirectory::Open()
+// and OpenSqliteFile(), written for the operator of the server.
 absl::StatusOr<std::unique_ptr<Store>> OpenSqliteStore(const SqliteStoreOptions& options);
 
 }  // namespace evpose::server

@@ -98,7 +98,7 @@ TEST_F(SqliteStoreTest, DirectoriesThatCannotBeUsedAreRefusedInWords) {
   const absl::Status file = TryOpen().status();
   EXPECT_EQ(file.code(), StatusCode::kFailedPrecondition);
   EXPECT_THAT(std::string(file.message()), AllOf(HasSubstr(DataDir()), HasSubstr("--data-dir")));
-  // Nobody makes directories here, root neither.
+  // No user can create a directory in /sys, not even root.
   const absl::Status denied = OpenStore({.store = "sqlite", .data_dir = "/sys/evpose"}).status();
   EXPECT_EQ(denied.code(), StatusCode::kPermissionDenied) << denied;
   EXPECT_THAT(std::string(denied.message()), AllOf(HasSubstr("/sys/evpose"), HasSubstr("--data-dir")));
@@ -167,7 +167,7 @@ TEST_F(SqliteStoreTest, NamesWhatWasTamperedWithAndSavesTheRest) {
     EXPECT_TRUE(store->DeleteSession("sessions/2").ok());
     EXPECT_TRUE(store->CreateSession(Record("sessions/2"), "").ok());
     store.reset();
-    EXPECT_THAT(Open()->damage(), testing::IsEmpty()) << "what is left is whole";
+    EXPECT_THAT(Open()->damage(), testing::IsEmpty()) << "the rescued file is intact";
   }
 }
 
@@ -189,7 +189,8 @@ TEST_F(SqliteStoreTest, ADamagedModelIsNamedAndLeftOut) {
   EXPECT_EQ(store->ListSessions()->size(), static_cast<size_t>(kSessions));
 }
 
-// One byte, a block of zeros, or the end: whatever is hit, nothing crashes, and no session is other than it was.
+// Changes one byte, zeroes a block, or truncates the file, at random places. Nothing crashes, and every session that
+// can be read is unchanged.
 TEST_F(SqliteStoreTest, WhateverIsHitNoSessionIsAnother) {
   Fill();
   const std::string whole_file = ReadAll(File());
@@ -208,7 +209,7 @@ TEST_F(SqliteStoreTest, WhateverIsHitNoSessionIsAnother) {
     WriteAll(File(), bytes);
     const auto store = TryOpen();
     if (!store.ok()) {
-      EXPECT_LT(at, 4096u) << "only a file without its head is refused: " << store.status();
+      EXPECT_LT(at, 4096u) << "only a file without its header is rejected: " << store.status();
       continue;
     }
     const std::string damage = absl::StrJoin((*store)->damage(), "\n");
@@ -241,7 +242,7 @@ TEST_F(SqliteStoreTest, AnEmptiedFileWithALogIsNotTakenForANewOne) {
   EXPECT_THAT(absl::StrJoin(Open()->damage(), "\n"), HasSubstr("list of sessions"));
 }
 
-// What a process that died has left: its log, not yet copied into the file.
+// The state after a crash: the log has not been copied into the file.
 TEST_F(SqliteStoreTest, ALogThatWasTamperedWithIsNamed) {
   std::unique_ptr<Store> store = Open();
   auto lease = store->CreateSession(Record("sessions/a"), "").value();
@@ -265,10 +266,10 @@ TEST_F(SqliteStoreTest, ALogThatWasTamperedWithIsNamed) {
   EXPECT_EQ(damage_with(log.substr(0, log.size() - 100)), "") << "as a crash leaves it";
   EXPECT_EQ(damage_with(with_byte_changed(log.size() - 100)), "") << "as a crash may leave it";
   EXPECT_THAT(damage_with(with_byte_changed(log.size() / 2)), HasSubstr("damaged in its middle"));
-  EXPECT_THAT(damage_with(with_byte_changed(20)), HasSubstr("head of the log"));
+  EXPECT_THAT(damage_with(with_byte_changed(20)), HasSubstr("header of the log"));
 }
 
-// A disk that takes no more bytes, as far as a process can make one.
+// Simulates a full disk with a limit on the size of files.
 TEST_F(SqliteStoreTest, ADiskThatTakesNoMoreRefusesTheCommitAndNothingElse) {
   const std::unique_ptr<Store> store = Open();
   auto lease = store->CreateSession(Record("sessions/a"), "").value();

@@ -11,10 +11,10 @@
 namespace evpose::server {
 namespace {
 
-// A transaction is not to keep many megabytes of others waiting.
+// Bounds the size of a transaction, so that the first commits of a group do not wait for many megabytes of others.
 constexpr uint64_t kMaxGroupBytes = 64u << 20;
 
-// What was found out before anything was written.
+// True for the errors that a write returns before it has changed the database.
 bool IsRefusal(const absl::Status& status) {
   return absl::IsAborted(status) || absl::IsNotFound(status) || absl::IsAlreadyExists(status) ||
          absl::IsFailedPrecondition(status);
@@ -111,7 +111,7 @@ bool SqliteWriter::DeleteOldestEnded() {
 }
 
 void SqliteWriter::Rollback() {
-  // SQLite has done it itself after some errors, a full disk among them.
+  // After some errors, for example a full disk, SQLite has already rolled back.
   if (database_->InTransaction()) (void)database_->Execute("ROLLBACK");
 }
 

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// The one thread that writes to the store's file.
+// The thread that writes to the store's file.
 #pragma once
 
 #include <cstdint>
@@ -18,24 +18,26 @@
 
 namespace evpose::server {
 
-// What waits is written in one transaction: a hundred sessions cost one wait for the disk. What fails there is tried
-// again on its own, so that it fails for nobody else. Thread-safe. Outlives its store, closed.
+// Combines all waiting writes in one transaction, so that a hundred sessions cost one fsync. When a transaction fails,
+// its writes are repeated one by one, so that one failing write does not affect the others. Thread-safe. Leases may
+// hold the writer after its store has closed it.
 class SqliteWriter {
  public:
-  // Inside a transaction, perhaps several times until one succeeds. An error undoes it.
+  // Runs inside a transaction, possibly several times until one succeeds. An error rolls the transaction back.
   using Write = absl::AnyInvocable<absl::Status(SqliteDatabase&)>;
 
   explicit SqliteWriter(std::unique_ptr<SqliteDatabase> database);
 
-  // `done` as SessionLease has it. `size_bytes`: about what is written.
+  // Queues a write. `done`: see SessionLease::Done. `size_bytes`: approximate number of bytes written.
   void Push(Write write, uint64_t size_bytes, SessionLease::Done done);
-  // Waits; not from a thread of the store. Errors: CANCELLED, beside those of `write` and of the disk.
+  // As Push(), but waits for the outcome. Not to be called from a thread of the store. Errors: CANCELLED when the
+  // writer is closed; those of `write` and of the transaction.
   absl::Status Call(Write write, uint64_t size_bytes = 0);
 
-  // What waits is written, and the file closed. Once.
+  // Processes the waiting writes and closes the file. To be called once.
   void Close();
 
-  // The names of sessions that had to go for room, since the last call.
+  // Returns the names of the sessions that were deleted since the last call because the file was full.
   std::vector<std::string> TakeDeletedForRoom();
 
  private:
@@ -47,17 +49,17 @@ class SqliteWriter {
 
   void Process(std::vector<Job> jobs);
   void ProcessGroup(absl::Span<Job> group);
-  // False: nothing of it was written.
+  // Writes the group in one transaction. False: the transaction failed and nothing was written.
   bool WriteTogether(absl::Span<Job> group, std::vector<absl::Status>& outcomes);
   absl::Status WriteAlone(Job& job);
   absl::Status Transact(Write& write);
   bool DeleteOldestEnded();
   void Rollback();
 
-  std::unique_ptr<SqliteDatabase> database_;  // of the thread, until it is closed
+  std::unique_ptr<SqliteDatabase> database_;  // used by the thread only, until Close()
   std::mutex mutex_;
   std::vector<std::string> deleted_for_room_ ABSL_GUARDED_BY(mutex_);
-  JobThread<Job> thread_;  // last: it uses what stands above
+  JobThread<Job> thread_;  // the last member, because it uses the others
 };
 
 }  // namespace evpose::server
