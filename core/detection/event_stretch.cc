@@ -6,6 +6,7 @@
 
 #include "absl/strings/str_format.h"
 #include "core/numerics/even_sample.h"
+#include "core/numerics/statistics.h"
 
 namespace evpose {
 namespace {
@@ -81,8 +82,7 @@ double StretchSelector::SweepTime(const PixelEvent& event, int pixel, int64_t t_
     }
   }
   if (ages_.size() <= static_cast<size_t>(kSweptPixels)) return -1.0;
-  std::nth_element(ages_.begin(), ages_.begin() + kSweptPixels, ages_.end());
-  return static_cast<double>(tick_us_ * ages_[kSweptPixels]);
+  return static_cast<double>(tick_us_ * SelectNth(ages_, kSweptPixels));
 }
 
 double StretchSelector::MedianSpeed(absl::Span<const PixelEvent> events) {
@@ -105,8 +105,7 @@ double StretchSelector::MedianSpeed(absl::Span<const PixelEvent> events) {
     if (pixel >= 0) last_[event.polarity != 0][pixel] = kNever;
   }
   if (times_us.empty()) return 0.0;
-  std::nth_element(times_us.begin(), times_us.begin() + times_us.size() / 2, times_us.end());
-  return kSweptPx * 1e6 / times_us[times_us.size() / 2];
+  return kSweptPx * 1e6 / UpperMedian(times_us);
 }
 
 void StretchSelector::DropLonely(std::vector<StretchEvent>& events, double px_per_s) {

@@ -7,6 +7,7 @@
 
 #include "absl/strings/str_format.h"
 #include "core/numerics/robust.h"
+#include "core/numerics/statistics.h"
 
 namespace evpose {
 namespace {
@@ -224,8 +225,7 @@ void LineFitter::SolveRobustly(MovingLine& line, int passes, size_t max_events) 
       if (std::abs(sample.residual) < 1.5 * options_.gate_px) along_.push_back(std::abs(sample.residual));
     }
     if (along_.empty()) return;
-    std::nth_element(along_.begin(), along_.begin() + along_.size() / 2, along_.end());
-    sigma = std::clamp(along_[along_.size() / 2] / 0.6745, kMinSigmaPx, kMaxSigmaPx);
+    sigma = std::clamp(UpperMedian(along_) / kNormalMad, kMinSigmaPx, kMaxSigmaPx);
   }
 }
 
@@ -304,10 +304,8 @@ void LineFitter::FindEndTimes(MovingLine& line) {
     }
     if (along_.size() < 4) continue;
     const size_t k = along_.size() / 50;  // single events of noise do not count
-    std::nth_element(along_.begin(), along_.begin() + k, along_.end());
-    end.first_tau_s = along_[k];
-    std::nth_element(along_.begin(), along_.end() - 1 - k, along_.end());
-    end.last_tau_s = along_[along_.size() - 1 - k];
+    end.first_tau_s = SelectNth(along_, k);
+    end.last_tau_s = SelectNth(along_, along_.size() - 1 - k);
   }
 }
 

@@ -8,7 +8,7 @@
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 #include "core/base/status_macros.h"
-#include "core/evaluation/quantile.h"
+#include "core/numerics/statistics.h"
 
 namespace evpose {
 namespace {
@@ -107,7 +107,7 @@ void SummarisePosition(const std::vector<TrajectoryError>& errors, Evaluation& r
   for (double& deviation : deviations) deviation -= result.position_mean_m;
   result.position_std_m = RootMeanSquare(deviations);
   std::sort(distances.begin(), distances.end());
-  result.position_median_m = Quantile(distances, 0.5);
+  result.position_median_m = InterpolatedQuantile(distances, 0.5);
   result.position_rmse_of_depth = RootMeanSquare(Values(errors, &TrajectoryError::position_of_depth));
 }
 
@@ -115,8 +115,8 @@ void SummariseRotation(const std::vector<TrajectoryError>& errors, Evaluation& r
   std::vector<double> angles = Values(errors, &TrajectoryError::rotation_rad);
   result.rotation_mean_rad = Mean(angles);
   std::sort(angles.begin(), angles.end());
-  result.rotation_median_rad = Quantile(angles, 0.5);
-  result.rotation_p95_rad = Quantile(angles, 0.95);
+  result.rotation_median_rad = InterpolatedQuantile(angles, 0.5);
+  result.rotation_p95_rad = InterpolatedQuantile(angles, 0.95);
   result.rotation_max_rad = angles.back();
 }
 

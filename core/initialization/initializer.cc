@@ -2,13 +2,13 @@
 #include "core/initialization/initializer.h"
 
 #include <Eigen/Cholesky>
-#include <algorithm>
 #include <cmath>
 #include <optional>
 #include <utility>
 
 #include "absl/strings/str_cat.h"
 #include "core/geometry/projected_line.h"
+#include "core/numerics/statistics.h"
 
 namespace evpose {
 namespace {
@@ -47,9 +47,7 @@ double MotionPx(const LineDetection& detection) {
     motion_px.push_back(std::abs(line.normal_velocity_px_per_s) * duration_s);
   }
   if (motion_px.empty()) return 0.0;
-  const auto quartile = motion_px.begin() + static_cast<std::ptrdiff_t>(motion_px.size() * 3 / 4);
-  std::nth_element(motion_px.begin(), quartile, motion_px.end());
-  return *quartile;
+  return UpperQuantile(motion_px, 0.75);
 }
 
 }  // namespace

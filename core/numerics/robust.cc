@@ -1,28 +1,19 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "core/numerics/robust.h"
 
-#include <algorithm>
 #include <cmath>
 #include <limits>
 
 #include "core/numerics/math.h"
+#include "core/numerics/statistics.h"
 
 namespace evpose {
-namespace {
-
-double Median(std::vector<double>& values) {
-  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
-  std::nth_element(values.begin(), middle, values.end());
-  return *middle;
-}
-
-}  // namespace
 
 double MadScale(std::vector<double>& values) {
   if (values.empty()) return 0.0;
-  const double median = Median(values);
+  const double median = UpperMedian(values);
   for (double& value : values) value = std::abs(value - median);
-  return Median(values) / 0.6745;
+  return UpperMedian(values) / kNormalMad;
 }
 
 double TukeyScale(absl::Span<const double> residuals, double start) {

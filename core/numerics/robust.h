@@ -29,7 +29,10 @@ inline double TukeyWeight(double u, double c) {
   return s <= 0.0 ? 0.0 : s * s;
 }
 
-// Median of |d - median(d)| over 0.6745: sigma under the normal. 0 for no values. `values` gets reordered.
+// Median of |u| under the standard normal distribution: the upper quartile of u.
+inline constexpr double kNormalMad = 0.6745;
+// The median of |d - median(d)| over kNormalMad, which is sigma for normal residuals. 0 without values. Overwrites
+// `values`.
 double MadScale(std::vector<double>& values);
 
 // The S scale: mean(rho(d / sigma)) = 0.1995 at c = 1.547, solved from `start` by Newton's steps, and where they would

@@ -10,6 +10,7 @@
 #include "core/base/status_macros.h"
 #include "core/numerics/math.h"
 #include "core/numerics/random.h"
+#include "core/numerics/statistics.h"
 
 namespace evpose {
 namespace {
@@ -71,12 +72,6 @@ SyntheticTrialOptions TrialOptions(const SyntheticBenchOptions& options, Synthet
   return trial;
 }
 
-double Median(std::vector<double> values) {
-  const auto middle = values.begin() + static_cast<int64_t>(values.size() / 2);
-  std::nth_element(values.begin(), middle, values.end());
-  return *middle;
-}
-
 double Mean(const std::vector<double>& values) {
   double sum = 0.0;
   for (const double value : values) sum += value;
@@ -92,7 +87,9 @@ struct ErrorLists {
     translation_ratios.push_back(error.translation_ratio);
   }
   SyntheticErrors Summary() const {
-    return {Median(rotations_deg), Mean(rotations_deg), Median(translation_ratios), Mean(translation_ratios)};
+    std::vector<double> rotations = rotations_deg;  // the medians reorder the copies
+    std::vector<double> translations = translation_ratios;
+    return {UpperMedian(rotations), Mean(rotations_deg), UpperMedian(translations), Mean(translation_ratios)};
   }
 };
 
@@ -146,7 +143,7 @@ absl::StatusOr<std::vector<SyntheticBenchRow>> RunValue(const SyntheticBenchOpti
     row.num_none = results[m].num_none;
     row.errors = results[m].errors.Summary();
     if (!bound.rotations_deg.empty()) row.bound = bound.Summary();
-    row.median_ms = Median(std::move(results[m].times_ms));
+    row.median_ms = UpperMedian(results[m].times_ms);
   }
   return rows;
 }
