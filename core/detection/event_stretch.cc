@@ -5,7 +5,7 @@
 #include <cmath>
 
 #include "absl/strings/str_format.h"
-#include "core/numerics/even_sample.h"
+#include "core/numerics/sampling.h"
 #include "core/numerics/statistics.h"
 
 namespace evpose {
@@ -141,9 +141,9 @@ EventStretch StretchSelector::Select(absl::Span<const PixelEvent> events) {
   stretch.time_scale_px_per_s =
       options_.motion_px * 1e6 / static_cast<double>(std::max<int64_t>(1, stretch.t_end_us - stretch.t_begin_us));
   const absl::Span<const PixelEvent> taken = From(stretch.t_begin_us, usable);
-  EvenSample bounded(taken.size(), kMaxThinnedRatio * static_cast<size_t>(options_.max_events));
+  SelectionSampler bounded(taken.size(), kMaxThinnedRatio * static_cast<size_t>(options_.max_events));
   for (const PixelEvent& event : taken) {
-    if (!bounded.Takes() || PixelIndex(event) < 0) continue;
+    if (!bounded.TakesNext() || PixelIndex(event) < 0) continue;
     stretch.events.push_back(
         {event.u_px, event.v_px,
          static_cast<float>(1e-6 * static_cast<double>(event.t_us - stretch.t_begin_us) - stretch.half_duration_s()),
@@ -154,8 +154,8 @@ EventStretch StretchSelector::Select(absl::Span<const PixelEvent> events) {
     if (stretch.events.size() > 2 * static_cast<size_t>(options_.max_events)) {
       DropLonely(stretch.events, stretch.time_scale_px_per_s);
     }
-    EvenSample sample(stretch.events.size(), options_.max_events);
-    std::erase_if(stretch.events, [&sample](const StretchEvent&) { return !sample.Takes(); });
+    SelectionSampler sample(stretch.events.size(), options_.max_events);
+    std::erase_if(stretch.events, [&sample](const StretchEvent&) { return !sample.TakesNext(); });
   }
   return stretch;
 }

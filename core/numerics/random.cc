@@ -6,19 +6,12 @@
 #include <cmath>
 
 namespace evpose {
-namespace {
-
-uint64_t SplitMix64(uint64_t& state) {
-  uint64_t z = (state += 0x9E3779B97F4A7C15ull);
-  z = (z ^ (z >> 30)) * 0xBF58476D1CE4E5B9ull;
-  z = (z ^ (z >> 27)) * 0x94D049BB133111EBull;
-  return z ^ (z >> 31);
-}
-
-}  // namespace
 
 Random::Random(uint64_t seed) {
-  for (uint64_t& word : state_) word = SplitMix64(seed);
+  for (uint64_t& word : state_) {
+    word = HashNumber(seed);
+    seed += kSplitMix64Increment;
+  }
 }
 
 uint64_t Random::NextU64() {

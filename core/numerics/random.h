@@ -8,6 +8,16 @@
 
 namespace evpose {
 
+// SplitMix64's increment and output function (Steele, Lea and Flood, "Fast splittable pseudorandom number generators",
+// OOPSLA 2014): a bijection whose bits look random for consecutive numbers.
+inline constexpr uint64_t kSplitMix64Increment = 0x9e3779b97f4a7c15ull;
+inline uint64_t HashNumber(uint64_t number) {
+  uint64_t z = number + kSplitMix64Increment;
+  z = (z ^ (z >> 30)) * 0xbf58476d1ce4e5b9ull;
+  z = (z ^ (z >> 27)) * 0x94d049bb133111ebull;
+  return z ^ (z >> 31);
+}
+
 // xoshiro256** (Blackman and Vigna, 2018), seeded by SplitMix64.
 class Random {
  public:

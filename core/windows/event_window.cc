@@ -6,7 +6,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "core/numerics/prefetch.h"
-#include "core/windows/event_sample.h"
+#include "core/numerics/sampling.h"
 #include "core/windows/window_event_state.h"
 
 namespace evpose {
@@ -138,7 +138,7 @@ void EventWindower::Open(int64_t t_begin_us) {
 size_t EventWindower::Keep(absl::Span<const Event> events) {
   events = events.first(std::min(events.size(), kBatch));
   std::array<uint8_t, kBatch> marks;
-  MarkSample(stream_index_, sample_masks_, absl::MakeSpan(marks).first(events.size()));
+  MarkHashSample(stream_index_, sample_masks_, absl::MakeSpan(marks).first(events.size()));
   const size_t count = Take(events, marks);
   stream_index_ += count;
   count_ += count;
@@ -187,7 +187,7 @@ void EventWindower::Thin() {
   size_t write = 0;
   for (size_t begin = 0; begin < num_kept_; begin += kBatch) {
     const auto numbers = absl::MakeConstSpan(indices_).subspan(begin, std::min(kBatch, num_kept_ - begin));
-    MarkSample(numbers, sample_masks_, absl::MakeSpan(marks));
+    MarkHashSample(numbers, sample_masks_, absl::MakeSpan(marks));
     for (size_t i = 0; i < numbers.size(); ++i) {
       const unsigned stays = marks[i] >> PolarityOf(kept_[begin + i]) & 1;
       kept_[write] = kept_[begin + i];
@@ -248,7 +248,7 @@ void EventWindower::LoadIndices(StateReader& reader) {
     if (is_sampled()) reader.Varint(skipped);
     // Each but once, and each one that is kept: else thinning them might not end.
     reader.Check(skipped < stream_index_ - next, "an event that is not the window's");
-    reader.Check(IsInSample(next + skipped, sample_masks_[PolarityOf(kept_[i])]), "an event that is not kept");
+    reader.Check(IsInHashSample(next + skipped, sample_masks_[PolarityOf(kept_[i])]), "an event that is not kept");
     indices_[i] = next + skipped;
     next += skipped + 1;
   }

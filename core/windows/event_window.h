@@ -116,7 +116,7 @@ class EventWindower {
   void Open(int64_t t_begin_us);
   // Those before the boundary, from the first on and a batch at most; returns how many.
   size_t Keep(absl::Span<const Event> events);
-  // The same of a batch, of which those marked stay (event_sample.h).
+  // The same of a batch, of which those marked stay (core/numerics/sampling.h).
   size_t Take(absl::Span<const Event> events, absl::Span<const uint8_t> marks);
   void Thin();
   bool is_sampled() const { return sample_masks_ != std::array<uint64_t, 2>(); }
