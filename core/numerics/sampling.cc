@@ -3,7 +3,7 @@
 
 #include <algorithm>
 
-#include "core/numerics/clones.h"
+#include "core/numerics/target_clones.h"
 
 namespace evpose {
 namespace {
