@@ -4,7 +4,8 @@
 #include <algorithm>
 #include <cmath>
 
-#include "absl/strings/str_format.h"
+#include "core/base/check_range.h"
+#include "core/base/status_macros.h"
 #include "core/numerics/sampling.h"
 #include "core/numerics/statistics.h"
 
@@ -37,15 +38,9 @@ absl::Span<const PixelEvent> From(int64_t t_us, absl::Span<const PixelEvent> eve
 }  // namespace
 
 absl::Status StretchOptions::Validate() const {
-  const auto wrong = [](const char* name, double value, const char* range) {
-    return absl::InvalidArgumentError(absl::StrFormat("%s is %g; it must lie in %s", name, value, range));
-  };
-  if (!(motion_px >= 1.0 && motion_px <= 100.0)) return wrong("motion_px", motion_px, "[1, 100]");
-  if (!(max_duration_us >= 100 && max_duration_us <= 1'000'000)) {
-    return wrong("max_duration_us", static_cast<double>(max_duration_us), "[100, 1000000]");
-  }
-  if (!(max_events >= 100 && max_events <= 1'000'000)) return wrong("max_events", max_events, "[100, 1000000]");
-  return absl::OkStatus();
+  EVPOSE_RETURN_IF_ERROR(CheckRange("motion_px", motion_px, 1.0, 100.0));
+  EVPOSE_RETURN_IF_ERROR(CheckRange("max_duration_us", static_cast<double>(max_duration_us), 100, 1'000'000));
+  return CheckRange("max_events", max_events, 100, 1'000'000);
 }
 
 StretchSelector::StretchSelector(const StretchOptions& options, int width_px, int height_px)

@@ -5,7 +5,8 @@
 #include <algorithm>
 #include <cmath>
 
-#include "absl/strings/str_format.h"
+#include "core/base/check_range.h"
+#include "core/base/status_macros.h"
 #include "core/numerics/robust.h"
 #include "core/numerics/statistics.h"
 
@@ -114,18 +115,9 @@ double StraightSquares(const std::array<Bin, kBins>& bins, int begin, int end) {
 }  // namespace
 
 absl::Status MovingLineOptions::Validate() const {
-  if (!(gate_px >= 0.5 && gate_px <= 50.0)) {
-    return absl::InvalidArgumentError(absl::StrFormat("gate_px is %g; it must lie in [0.5, 50]", gate_px));
-  }
-  if (!(turn_rad_per_s > 0.0 && turn_rad_per_s <= 1000.0)) {
-    return absl::InvalidArgumentError(
-        absl::StrFormat("turn_rad_per_s is %g; it must lie in (0, 1000]", turn_rad_per_s));
-  }
-  if (!(acceleration_px_per_s2 > 0.0 && acceleration_px_per_s2 <= 1e9)) {
-    return absl::InvalidArgumentError(
-        absl::StrFormat("acceleration_px_per_s2 is %g; it must lie in (0, 1e9]", acceleration_px_per_s2));
-  }
-  return absl::OkStatus();
+  EVPOSE_RETURN_IF_ERROR(CheckRange("gate_px", gate_px, 0.5, 50.0));
+  EVPOSE_RETURN_IF_ERROR(CheckRange("turn_rad_per_s", turn_rad_per_s, 0.0, 1000.0, OpenEnds::kLow));
+  return CheckRange("acceleration_px_per_s2", acceleration_px_per_s2, 0.0, 1e9, OpenEnds::kLow);
 }
 
 void MovingLine::Recentre() {

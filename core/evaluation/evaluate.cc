@@ -7,6 +7,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
+#include "core/base/check_range.h"
 #include "core/base/status_macros.h"
 #include "core/numerics/statistics.h"
 
@@ -166,10 +167,9 @@ void SetErrorsNan(Evaluation& result) {
 }  // namespace
 
 absl::Status EvaluationOptions::Validate() const {
-  if (!(good_position_ratio > 0.0)) return absl::InvalidArgumentError("good_position_ratio must be positive");
-  if (!(good_rotation_rad > 0.0)) return absl::InvalidArgumentError("good_rotation_rad must be positive");
-  if (max_gap_us <= 0) return absl::InvalidArgumentError("max_gap_us must be positive");
-  return absl::OkStatus();
+  EVPOSE_RETURN_IF_ERROR(CheckPositive("good_position_ratio", good_position_ratio));
+  EVPOSE_RETURN_IF_ERROR(CheckPositive("good_rotation_rad", good_rotation_rad));
+  return CheckPositive("max_gap_us", static_cast<double>(max_gap_us));
 }
 
 absl::StatusOr<std::vector<TrajectoryError>> TrajectoryErrors(const Trajectory& truth, const Trajectory& estimate,

@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "absl/strings/str_cat.h"
+#include "core/base/check_range.h"
 #include "core/base/status_macros.h"
 #include "core/events/recording_reader.h"
 #include "core/events/time_scanner.h"
@@ -18,12 +19,10 @@ constexpr size_t kReadBytes = 64 * 1024;
 }  // namespace
 
 absl::Status ChunkerOptions::Validate() const {
-  if (max_duration_us < 1) {
-    return absl::InvalidArgumentError(absl::StrCat("max_duration_us is ", max_duration_us, ": it must be positive"));
-  }
+  EVPOSE_RETURN_IF_ERROR(CheckPositive("max_duration_us", static_cast<double>(max_duration_us)));
   if (max_bytes < 8 || max_bytes % 8 != 0) {
     return absl::InvalidArgumentError(
-        absl::StrCat("max_bytes is ", max_bytes, ": it must be a multiple of 8, at least 8"));
+        absl::StrCat("max_bytes is ", max_bytes, "; it must be a multiple of 8, at least 8"));
   }
   return absl::OkStatus();
 }

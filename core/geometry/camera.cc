@@ -16,6 +16,7 @@
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 #include "absl/strings/str_join.h"
+#include "core/base/check_range.h"
 #include "core/base/status_macros.h"
 
 namespace evpose {
@@ -138,11 +139,6 @@ absl::StatusOr<CameraModel> ReadCamera(const YAML::Node& root, const std::string
   return camera;
 }
 
-absl::Status CheckFocalLength(double value_px, const char* field) {
-  if (std::isfinite(value_px) && value_px > 0.0) return absl::OkStatus();
-  return absl::InvalidArgumentError(absl::StrFormat("%s is %g, but must be a positive number", field, value_px));
-}
-
 Eigen::Vector2d Normalised(const CameraModel& camera, double u_px, double v_px) {
   return {(u_px - camera.cx_px) / camera.fx_px, (v_px - camera.cy_px) / camera.fy_px};
 }
@@ -196,14 +192,10 @@ bool IsInverse(const CameraModel& camera, const Eigen::Vector2d& bearing, int u,
 }  // namespace
 
 absl::Status CameraModel::Validate() const {
-  const auto check_side = [](int value, const char* field) {
-    if (value >= 1 && value <= kMaxSidePx) return absl::OkStatus();
-    return absl::InvalidArgumentError(absl::StrFormat("%s is %d, but must be 1 to %d", field, value, kMaxSidePx));
-  };
-  EVPOSE_RETURN_IF_ERROR(check_side(width_px, "image_width"));
-  EVPOSE_RETURN_IF_ERROR(check_side(height_px, "image_height"));
-  EVPOSE_RETURN_IF_ERROR(CheckFocalLength(fx_px, "camera_matrix: fx"));
-  EVPOSE_RETURN_IF_ERROR(CheckFocalLength(fy_px, "camera_matrix: fy"));
+  EVPOSE_RETURN_IF_ERROR(CheckRange("image_width", width_px, 1, kMaxSidePx));
+  EVPOSE_RETURN_IF_ERROR(CheckRange("image_height", height_px, 1, kMaxSidePx));
+  EVPOSE_RETURN_IF_ERROR(CheckPositive("camera_matrix: fx", fx_px));
+  EVPOSE_RETURN_IF_ERROR(CheckPositive("camera_matrix: fy", fy_px));
   if (!std::isfinite(cx_px)) return absl::InvalidArgumentError("camera_matrix: cx is not a finite number");
   if (!std::isfinite(cy_px)) return absl::InvalidArgumentError("camera_matrix: cy is not a finite number");
   for (const double coefficient : distortion) {

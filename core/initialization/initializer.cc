@@ -6,7 +6,8 @@
 #include <optional>
 #include <utility>
 
-#include "absl/strings/str_cat.h"
+#include "core/base/check_range.h"
+#include "core/base/status_macros.h"
 #include "core/geometry/projected_line.h"
 #include "core/numerics/statistics.h"
 
@@ -61,9 +62,7 @@ absl::Status InitializerOptions::Validate() const {
                                                    {"angular_velocity_rad_per_s", angular_velocity_rad_per_s},
                                                    {"line_error_px", line_error_px}};
   for (const auto& [name, value] : fields) {
-    if (!(value > 0.0 && value < 1e9)) {
-      return absl::InvalidArgumentError(absl::StrCat(name, " must be positive: ", value));
-    }
+    EVPOSE_RETURN_IF_ERROR(CheckRange(name, value, 0.0, 1e9, OpenEnds::kBoth));
   }
   return absl::OkStatus();
 }

@@ -5,6 +5,8 @@
 #include <array>
 
 #include "absl/strings/str_cat.h"
+#include "core/base/check_range.h"
+#include "core/base/status_macros.h"
 #include "core/numerics/prefetch.h"
 #include "core/numerics/sampling.h"
 #include "core/windows/window_event_state.h"
@@ -20,20 +22,15 @@ constexpr auto PolarityOf = [](const Event& event) -> size_t { return event.pola
 }  // namespace
 
 absl::Status WindowOptions::Validate() const {
-  if (interval_us < 1) return absl::InvalidArgumentError(absl::StrCat("interval_us must be positive: ", interval_us));
-  if (min_interval_us < 1 || min_interval_us > interval_us) {
-    return absl::InvalidArgumentError(absl::StrCat("min_interval_us (", min_interval_us,
-                                                   ") must be positive and not longer than interval_us (", interval_us,
-                                                   ")"));
-  }
-  if (!(max_motion_px > 0.0)) {
-    return absl::InvalidArgumentError(absl::StrCat("max_motion_px must be positive: ", max_motion_px));
-  }
+  EVPOSE_RETURN_IF_ERROR(CheckPositive("interval_us", static_cast<double>(interval_us)));
+  EVPOSE_RETURN_IF_ERROR(
+      CheckRange("min_interval_us", static_cast<double>(min_interval_us), 1, static_cast<double>(interval_us)));
+  EVPOSE_RETURN_IF_ERROR(CheckPositive("max_motion_px", max_motion_px));
   if (max_duration_us < interval_us) {
     return absl::InvalidArgumentError(absl::StrCat("max_duration_us (", max_duration_us,
                                                    ") must not be shorter than interval_us (", interval_us, ")"));
   }
-  if (min_events < 1) return absl::InvalidArgumentError(absl::StrCat("min_events must be positive: ", min_events));
+  EVPOSE_RETURN_IF_ERROR(CheckPositive("min_events", static_cast<double>(min_events)));
   if (max_events < 2 || max_events < min_events) {
     return absl::InvalidArgumentError(
         absl::StrCat("max_events (", max_events, ") must be at least 2 and at least min_events (", min_events, ")"));

@@ -7,6 +7,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_join.h"
+#include "core/base/check_range.h"
 #include "core/base/status_macros.h"
 #include "core/numerics/math.h"
 #include "core/numerics/random.h"
@@ -187,15 +188,9 @@ absl::Span<const double> SyntheticSweepValues(SyntheticSweep sweep) {
 absl::Span<const SyntheticMethod> SyntheticMethods() { return kMethods; }
 
 absl::Status SyntheticBenchOptions::Validate() const {
-  if (num_trials < 1 || num_trials > 1'000'000) {
-    return absl::InvalidArgumentError(
-        absl::StrCat("SyntheticBenchOptions.num_trials is ", num_trials, "; it must lie in [1, 1000000]"));
-  }
+  EVPOSE_RETURN_IF_ERROR(CheckRange("SyntheticBenchOptions.num_trials", num_trials, 1, 1'000'000));
   if (sweeps.empty()) return absl::InvalidArgumentError("SyntheticBenchOptions.sweeps is empty");
-  if (!(start_factor >= 0.0 && start_factor <= 100.0)) {
-    return absl::InvalidArgumentError(
-        absl::StrCat("SyntheticBenchOptions.start_factor is ", start_factor, "; it must lie in [0, 100]"));
-  }
+  EVPOSE_RETURN_IF_ERROR(CheckRange("SyntheticBenchOptions.start_factor", start_factor, 0.0, 100.0));
   return ChosenMethods(methods).status();
 }
 
