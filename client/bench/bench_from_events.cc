@@ -11,6 +11,7 @@
 #include "client/cli/common/table_cell.h"
 #include "core/base/status_macros.h"
 #include "core/experiments/first_pose/event_trials.h"
+#include "core/numerics/statistics.h"
 #include "core/simulation/simulator.h"
 
 namespace evpose::client {
@@ -93,9 +94,9 @@ constexpr char kFromEventsHeader[] =
 
 void PrintResult(const ObjectResult& result, std::ostream& out) {
   const EventTrialSummary& summary = result.summary;
-  const std::vector<double> times_ms = ReturnTimesMs(result);
-  const double median_ms = times_ms.empty() ? std::nan("") : times_ms[times_ms.size() / 2];
+  std::vector<double> times_ms = ReturnTimesMs(result);
   const double worst_ms = times_ms.empty() ? std::nan("") : times_ms.back();
+  const double median_ms = times_ms.empty() ? std::nan("") : UpperMedian(times_ms);
   out << absl::StrFormat("%-11s %6d  %7.1f  %5d  %4d %10s %13s %10.1f %12s %13s %10s\n", result.object,
                          summary.num_starts, 100.0 * summary.num_right / summary.num_starts, summary.num_wrong,
                          summary.num_none, Cell(summary.first_pose_median_ms, 1), Cell(summary.reprojection_mean_px, 2),

@@ -18,6 +18,7 @@
 #include "client/cli/common/transport_sink.h"
 #include "core/base/status_macros.h"
 #include "core/experiments/speed/processor_time.h"
+#include "core/numerics/statistics.h"
 #include "core/tracking/tracker.h"
 #include "core/tracking/tracker_options.h"
 
@@ -42,15 +43,10 @@ std::vector<std::string> ScenesOf(const std::string& part) {
   return {"1"};
 }
 
-// Milliseconds at these shares of the sorted values.
-double Percentile(const std::vector<double>& sorted, double share) {
-  return sorted[static_cast<size_t>(share * static_cast<double>(sorted.size() - 1) + 0.5)];
-}
-
 void AddPercentiles(const std::string& name, std::vector<double> values_ms, std::vector<NamedNumber>& numbers) {
   std::sort(values_ms.begin(), values_ms.end());
-  numbers.push_back({name + "_p50_ms", Percentile(values_ms, 0.5)});
-  numbers.push_back({name + "_p99_ms", Percentile(values_ms, 0.99)});
+  numbers.push_back({name + "_p50_ms", NearestQuantile(values_ms, 0.5)});
+  numbers.push_back({name + "_p99_ms", NearestQuantile(values_ms, 0.99)});
   numbers.push_back({name + "_max_ms", values_ms.back()});
 }
 

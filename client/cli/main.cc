@@ -12,7 +12,7 @@
 #include <vector>
 
 #include "client/cli/cli.h"
-#include "core/base/end_at_once.h"
+#include "core/base/terminate_by_signal.h"
 
 namespace {
 
@@ -22,7 +22,7 @@ static_assert(std::atomic<int>::is_always_lock_free, "a signal handler must not 
 
 // The first asks for a clean end: what was tracked so far is written. The second ends the process.
 void HandleInterrupt(int signal) {
-  if (++g_interrupts > 1) evpose::EndAtOnce(signal);
+  if (++g_interrupts > 1) evpose::TerminateBySignal(signal);
 }
 
 void HandleEndSignals(void (*handle)(int)) {
@@ -40,7 +40,7 @@ int main(int argc, char** argv) {
   if (clean.count(command) > 0 || bench == "speed" || bench == "synthetic") {
     HandleEndSignals(HandleInterrupt);
   } else if (getpid() == 1) {
-    HandleEndSignals(evpose::EndAtOnce);
+    HandleEndSignals(evpose::TerminateBySignal);
   }
   // What gRPC's log says of a connection that fails, several times, is in our one line; whoever wants it sets this.
   setenv("GRPC_VERBOSITY", "NONE", 0);

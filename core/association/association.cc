@@ -5,7 +5,7 @@
 #include <cmath>
 #include <utility>
 
-#include "core/numerics/refill.h"
+#include "core/numerics/reusable_vector.h"
 
 namespace evpose {
 namespace {
@@ -28,7 +28,7 @@ void Restrict(double offset, double slope, double lower, double upper, double& l
 
 void ProjectLines(const CameraModel& camera, const MotionState& state, absl::Span<const TrackedLine> lines,
                   std::vector<ImageLine>& image_lines) {
-  Refill(lines.size(), image_lines);
+  AssignDefaults(lines.size(), image_lines);
   for (size_t k = 0; k < lines.size(); ++k) {
     const std::optional<ProjectedLine> projected =
         ProjectLine(camera, state.camera_from_object, lines[k].p1, lines[k].p2);

@@ -10,7 +10,6 @@
 
 #include "core/estimation/ideal_events_testing.h"
 #include "core/numerics/random.h"
-#include "core/numerics/thin.h"
 
 namespace evpose {
 namespace {
@@ -150,52 +149,6 @@ TEST(KeepLinesWithin, KeepsLinesWithinReachAtTheEventsTime) {
   ASSERT_GT(beyond.num_lines, 0);
   KeepLinesWithin(4.9, lines.data(), beyond);
   EXPECT_EQ(beyond.num_lines, 0);
-}
-
-TEST(ThinEvenlyByKind, SamplesUniformly) {
-  std::vector<Observation> observations(10'000);
-  for (size_t i = 0; i < observations.size(); ++i) observations[i].u_px = static_cast<double>(i);
-  const auto polarity_of = [](const Observation& event) { return event.polarity; };
-  ThinEvenlyByKind(1000, {0.5, 0.5}, absl::MakeConstSpan(observations), polarity_of, observations);
-  ASSERT_LE(observations.size(), 1000u);
-  ASSERT_GE(observations.size(), 990u);
-  int odd = 0;
-  int first_half = 0;
-  for (const Observation& observation : observations) {
-    odd += static_cast<int>(observation.u_px) % 2;
-    first_half += observation.u_px < 5000.0 ? 1 : 0;
-  }
-  EXPECT_NEAR(odd, 500, 50);
-  EXPECT_NEAR(first_half, 500, 10);
-  ThinEvenlyByKind(2000, {0.5, 0.5}, absl::MakeConstSpan(observations), polarity_of, observations);
-  EXPECT_GE(observations.size(), 990u);
-}
-
-TEST(ThinEvenlyByKind, TheRarerClassKeepsItsShare) {
-  const auto thin = [](size_t num_off, size_t num_on, double share_off = 0.5) {
-    std::vector<Observation> all(num_off + num_on);
-    for (size_t i = 0; i < num_on; ++i) all[i].polarity = 1;
-    std::vector<Observation> observations;
-    const std::array<double, 2> per_kept = ThinEvenlyByKind(
-        1000, {share_off, 1.0 - share_off}, absl::MakeConstSpan(all),
-        [](const Observation& event) { return event.polarity; }, observations);
-    const auto on = static_cast<double>(std::count_if(observations.begin(), observations.end(),
-                                                      [](const Observation& event) { return event.polarity == 1; }));
-    const auto off = static_cast<double>(observations.size()) - on;
-    EXPECT_LE(observations.size(), 1000u);
-    EXPECT_NEAR(per_kept[0] * off, static_cast<double>(num_off), 1e-9);
-    EXPECT_NEAR(per_kept[1] * on, static_cast<double>(num_on), 1e-9);
-    return std::array<double, 2>{off, on};
-  };
-  EXPECT_EQ(thin(100, 900), (std::array<double, 2>{100, 900}));
-  EXPECT_NEAR(thin(100, 9900)[0], 100.0, 2.0);
-  EXPECT_NEAR(thin(100, 9900)[1], 900.0, 2.0);
-  EXPECT_NEAR(thin(2000, 50'000)[0], 500.0, 2.0);
-  EXPECT_NEAR(thin(50'000, 2000)[0], 500.0, 2.0);
-  EXPECT_EQ(thin(0, 5000)[0], 0.0);
-  EXPECT_NEAR(thin(2000, 8000, 0.2)[0], 200.0, 2.0);
-  EXPECT_NEAR(thin(2000, 50'000, 0.2)[0], 200.0, 2.0);
-  EXPECT_NEAR(thin(50'000, 2000, 0.2)[1], 800.0, 2.0);
 }
 
 }  // namespace

@@ -3,6 +3,8 @@
 
 #include <algorithm>
 
+#include "core/numerics/statistics.h"
+
 namespace evpose {
 
 BackgroundRate::BackgroundRate(const CameraModel& camera) {
@@ -56,9 +58,7 @@ double BackgroundRate::Median() {
     if (on_sensor_[i] && cells_[i].px2_s > 0.0) rates_.push_back(cells_[i].events / cells_[i].px2_s);
   }
   if (rates_.empty()) return 0.0;
-  const auto middle = rates_.begin() + static_cast<std::ptrdiff_t>(rates_.size() / 2);
-  std::nth_element(rates_.begin(), middle, rates_.end());
-  return *middle;
+  return UpperMedian(rates_);
 }
 
 }  // namespace evpose

@@ -1,14 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "core/association/line_events.h"
 
-#include "core/numerics/refill.h"
+#include "core/numerics/reusable_vector.h"
 
 namespace evpose {
 
 void LineEvents::Sort(absl::Span<const Observation> events, size_t num_lines) {
   num_lines_ = num_lines;
   Reserve(events.size());
-  Refill(4 * num_lines, counts_);
+  AssignDefaults(4 * num_lines, counts_);
   for (const Observation& event : events) {
     for (const uint16_t line : event.Lines()) ++counts_[KeyOf(event, line)];
   }

@@ -12,7 +12,7 @@
 #include "core/association/association.h"
 #include "core/association/background.h"
 #include "core/geometry/camera.h"
-#include "core/numerics/thin.h"
+#include "core/numerics/sampling.h"
 #include "core/windows/event_window.h"
 
 namespace evpose {

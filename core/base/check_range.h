@@ -1,26 +1,25 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// The check that every options struct makes of its numbers.
+// The checks that the Validate() of every options struct makes of its numbers.
 #pragma once
 
-#include <cmath>
-
 #include "absl/status/status.h"
-#include "absl/strings/str_format.h"
 
 namespace evpose {
 
-// INVALID_ARGUMENT with the field's name ("MotionOptions.depth_m"), its value and the range, unless low <= value <=
-// high; also for NaN.
-inline absl::Status CheckRange(const char* field, double value, double low, double high) {
-  if (value >= low && value <= high) return absl::OkStatus();
-  return absl::InvalidArgumentError(absl::StrFormat("%s is %g; it must lie in [%g, %g]", field, value, low, high));
-}
+// The limits that do not belong to a range themselves.
+enum class OpenEnds {
+  kNone,  // [low, high]
+  kLow,   // (low, high]
+  kHigh,  // [low, high)
+  kBoth,  // (low, high)
+};
+
+// INVALID_ARGUMENT unless the value lies in the range, also for NaN. The error has the field's name, its value and the
+// range: "MotionOptions.depth_m is 0; it must lie in [0.01, 10000]". Integers up to 2^53 are exact.
+absl::Status CheckRange(const char* field, double value, double low, double high, OpenEnds open = OpenEnds::kNone);
 
 // INVALID_ARGUMENT with the field's name and its value unless the value is finite and above zero.
-inline absl::Status CheckPositive(const char* field, double value) {
-  if (std::isfinite(value) && value > 0.0) return absl::OkStatus();
-  return absl::InvalidArgumentError(absl::StrFormat("%s is %g; it must be positive", field, value));
-}
+absl::Status CheckPositive(const char* field, double value);
 
 }  // namespace evpose

@@ -14,6 +14,7 @@
 #include "absl/strings/str_format.h"
 #include "core/base/check_range.h"
 #include "core/base/status_macros.h"
+#include "core/numerics/statistics.h"
 
 namespace evpose {
 namespace {
@@ -123,17 +124,11 @@ Covariance GroupedCovariance(const std::vector<WeightedPassage>& passages, const
   return groups / std::max(1.0, groups - kNumConstants) * inverse * scatter * inverse;
 }
 
-double Percentile(std::vector<double> values, double ratio) {
-  const size_t index = std::min(values.size() - 1, static_cast<size_t>(ratio * static_cast<double>(values.size())));
-  std::nth_element(values.begin(), values.begin() + static_cast<std::ptrdiff_t>(index), values.end());
-  return values[index];
-}
-
 template <typename Value>
-double PercentileOf(const std::vector<WeightedPassage>& passages, double ratio, Value value) {
+double QuantileOf(const std::vector<WeightedPassage>& passages, double ratio, Value value) {
   std::vector<double> values;
   for (const WeightedPassage& weighted : passages) values.push_back(value(weighted.passage));
-  return Percentile(std::move(values), ratio);
+  return UpperQuantile(values, ratio);
 }
 
 double RmsPx(const std::vector<WeightedPassage>& passages, const SensorProfile* profile) {
@@ -186,8 +181,8 @@ void FitPixelNoise(const std::vector<WeightedPassage>& passages, SensorCalibrati
 void DescribeTypicalEdge(const std::vector<WeightedPassage>& passages, SensorCalibration& calibration) {
   const SensorProfile& profile = calibration.profile;
   EdgeRates typical;
-  typical.events_per_px2 = PercentileOf(passages, 0.5, [](const EdgePassage& p) { return p.rates.events_per_px2; });
-  typical.turns_per_px2 = PercentileOf(passages, 0.5, [](const EdgePassage& p) { return p.rates.turns_per_px2; });
+  typical.events_per_px2 = QuantileOf(passages, 0.5, [](const EdgePassage& p) { return p.rates.events_per_px2; });
+  typical.turns_per_px2 = QuantileOf(passages, 0.5, [](const EdgePassage& p) { return p.rates.turns_per_px2; });
   typical.recent_turns_per_px2 = typical.turns_per_px2;
   typical.kappa = 1.0;
   const double brighter = ExpectedEdgePx(profile, typical, 1.0);
@@ -257,8 +252,8 @@ absl::StatusOr<SensorCalibration> CalibrateSensor(absl::Span<const CalibrationRe
   result.num_passages = static_cast<int>(passages.size());
   for (const WeightedPassage& weighted : passages) result.num_events += weighted.passage.num_events;
   const auto speed = [](const EdgePassage& passage) { return passage.speed_px_per_s; };
-  result.slowest_px_per_s = PercentileOf(passages, 0.1, speed);
-  result.fastest_px_per_s = PercentileOf(passages, 0.9, speed);
+  result.slowest_px_per_s = QuantileOf(passages, 0.1, speed);
+  result.fastest_px_per_s = QuantileOf(passages, 0.9, speed);
 
   result.are_times_fitted = result.fastest_px_per_s >= options.min_speed_ratio * result.slowest_px_per_s;
   if (!result.are_times_fitted) {

@@ -7,6 +7,7 @@
 
 #include "core/geometry/projected_line.h"
 #include "core/models/visibility.h"
+#include "core/numerics/statistics.h"
 #include "core/simulation/simulator.h"
 
 namespace evpose::testing {
@@ -162,10 +163,6 @@ DetectionScore Score(const ObjectRecording& recording, const LineDetection& dete
   return score;
 }
 
-double Median(std::vector<double> values) {
-  if (values.empty()) return 0.0;
-  std::nth_element(values.begin(), values.begin() + values.size() / 2, values.end());
-  return values[values.size() / 2];
-}
+double Median(std::vector<double> values) { return values.empty() ? 0.0 : UpperMedian(values); }
 
 }  // namespace evpose::testing

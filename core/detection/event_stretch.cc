@@ -4,8 +4,10 @@
 #include <algorithm>
 #include <cmath>
 
-#include "absl/strings/str_format.h"
-#include "core/numerics/even_sample.h"
+#include "core/base/check_range.h"
+#include "core/base/status_macros.h"
+#include "core/numerics/sampling.h"
+#include "core/numerics/statistics.h"
 
 namespace evpose {
 namespace {
@@ -39,15 +41,9 @@ absl::Span<const PixelEvent> From(int64_t t_us, absl::Span<const PixelEvent> eve
 }  // namespace
 
 absl::Status StretchOptions::Validate() const {
-  const auto wrong = [](const char* name, double value, const char* range) {
-    return absl::InvalidArgumentError(absl::StrFormat("%s is %g; it must lie in %s", name, value, range));
-  };
-  if (!(motion_px >= 1.0 && motion_px <= 100.0)) return wrong("motion_px", motion_px, "[1, 100]");
-  if (!(max_duration_us >= 100 && max_duration_us <= 1'000'000)) {
-    return wrong("max_duration_us", static_cast<double>(max_duration_us), "[100, 1000000]");
-  }
-  if (!(max_events >= 100 && max_events <= 1'000'000)) return wrong("max_events", max_events, "[100, 1000000]");
-  return absl::OkStatus();
+  EVPOSE_RETURN_IF_ERROR(CheckRange("motion_px", motion_px, 1.0, 100.0));
+  EVPOSE_RETURN_IF_ERROR(CheckRange("max_duration_us", static_cast<double>(max_duration_us), 100, 1'000'000));
+  return CheckRange("max_events", max_events, 100, 1'000'000);
 }
 
 StretchSelector::StretchSelector(const StretchOptions& options, int width_px, int height_px)
@@ -84,8 +80,7 @@ double StretchSelector::SweepTime(const PixelEvent& event, int pixel, int64_t t_
     }
   }
   if (ages_.size() <= static_cast<size_t>(kSweptPixels)) return -1.0;
-  std::nth_element(ages_.begin(), ages_.begin() + kSweptPixels, ages_.end());
-  return static_cast<double>(tick_us_ * ages_[kSweptPixels]);
+  return static_cast<double>(tick_us_ * SelectNth(ages_, kSweptPixels));
 }
 
 double StretchSelector::MedianSpeed(absl::Span<const PixelEvent> events) {
@@ -108,8 +103,7 @@ double StretchSelector::MedianSpeed(absl::Span<const PixelEvent> events) {
     if (pixel >= 0) last_[event.polarity != 0][pixel] = kNever;
   }
   if (times_us.empty()) return 0.0;
-  std::nth_element(times_us.begin(), times_us.begin() + times_us.size() / 2, times_us.end());
-  return kSweptPx * 1e6 / times_us[times_us.size() / 2];
+  return kSweptPx * 1e6 / UpperMedian(times_us);
 }
 
 void StretchSelector::RemoveIsolated(std::vector<StretchEvent>& events, double px_per_s) {
@@ -145,9 +139,9 @@ EventStretch StretchSelector::Select(absl::Span<const PixelEvent> events) {
   stretch.time_scale_px_per_s =
       options_.motion_px * 1e6 / static_cast<double>(std::max<int64_t>(1, stretch.t_end_us - stretch.t_begin_us));
   const absl::Span<const PixelEvent> taken = From(stretch.t_begin_us, usable);
-  EvenSample bounded(taken.size(), kMaxInputRatio * static_cast<size_t>(options_.max_events));
+  SelectionSampler bounded(taken.size(), kMaxInputRatio * static_cast<size_t>(options_.max_events));
   for (const PixelEvent& event : taken) {
-    if (!bounded.Takes() || PixelIndex(event) < 0) continue;
+    if (!bounded.TakesNext() || PixelIndex(event) < 0) continue;
     stretch.events.push_back(
         {event.u_px, event.v_px,
          static_cast<float>(1e-6 * static_cast<double>(event.t_us - stretch.t_begin_us) - stretch.half_duration_s()),
@@ -158,8 +152,8 @@ EventStretch StretchSelector::Select(absl::Span<const PixelEvent> events) {
     if (stretch.events.size() > 2 * static_cast<size_t>(options_.max_events)) {
       RemoveIsolated(stretch.events, stretch.time_scale_px_per_s);
     }
-    EvenSample sample(stretch.events.size(), options_.max_events);
-    std::erase_if(stretch.events, [&sample](const StretchEvent&) { return !sample.Takes(); });
+    SelectionSampler sample(stretch.events.size(), options_.max_events);
+    std::erase_if(stretch.events, [&sample](const StretchEvent&) { return !sample.TakesNext(); });
   }
   return stretch;
 }

@@ -53,7 +53,7 @@ absl::Span<const PixelEvent> FlickerFilter::Remove(absl::Span<const PixelEvent> 
   const int64_t t_begin_us = events.front().t_us;
   for (const PixelEvent& event : events) {
     const size_t sample = 2 * SliceOf(event, t_begin_us) + (event.polarity != 0 ? 1 : 0);
-    if (samples_[sample].Takes()) kept_.push_back(event);
+    if (samples_[sample].TakesNext()) kept_.push_back(event);
   }
   return kept_;
 }

@@ -11,7 +11,7 @@
 
 #include "absl/types/span.h"
 #include "core/detection/line_detector.h"
-#include "core/numerics/even_sample.h"
+#include "core/numerics/sampling.h"
 
 namespace evpose {
 
@@ -29,7 +29,7 @@ class FlickerFilter {
   void CountSlices(absl::Span<const PixelEvent> events);
 
   std::vector<Counts> slices_;
-  std::vector<EvenSample> samples_;  // two for each slice: OFF and ON
+  std::vector<SelectionSampler> samples_;  // two for each slice: OFF and ON
   std::vector<PixelEvent> kept_;
 };
 

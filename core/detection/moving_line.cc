@@ -5,9 +5,10 @@
 #include <algorithm>
 #include <cmath>
 
-#include "absl/strings/str_format.h"
 #include "core/base/check_range.h"
+#include "core/base/status_macros.h"
 #include "core/numerics/robust.h"
+#include "core/numerics/statistics.h"
 
 namespace evpose {
 namespace {
@@ -124,24 +125,15 @@ double StraightSquares(const std::array<Bin, kBins>& bins, int begin, int end) {
 }  // namespace
 
 absl::Status MovingLineOptions::Validate() const {
-  if (!(gate_px >= 0.5 && gate_px <= 50.0)) {
-    return absl::InvalidArgumentError(absl::StrFormat("gate_px is %g; it must lie in [0.5, 50]", gate_px));
-  }
-  if (!(turn_rad_per_s > 0.0 && turn_rad_per_s <= 1000.0)) {
-    return absl::InvalidArgumentError(
-        absl::StrFormat("turn_rad_per_s is %g; it must lie in (0, 1000]", turn_rad_per_s));
-  }
-  if (!(acceleration_px_per_s2 > 0.0 && acceleration_px_per_s2 <= 1e9)) {
-    return absl::InvalidArgumentError(
-        absl::StrFormat("acceleration_px_per_s2 is %g; it must lie in (0, 1e9]", acceleration_px_per_s2));
-  }
-  absl::Status status = CheckRange("min_sigma_px", min_sigma_px, 0.01, 10.0);
-  status.Update(CheckRange("max_sigma_px", max_sigma_px, min_sigma_px, 50.0));
-  status.Update(CheckRange("gap_spacings", gap_spacings, 1.0, 1000.0));
-  status.Update(CheckRange("min_gap_px", min_gap_px, 0.1, 1000.0));
-  status.Update(CheckRange("max_gap_px", max_gap_px, min_gap_px, 1000.0));
-  status.Update(CheckRange("bent_px", bent_px, 0.01, 100.0));
-  return status;
+  EVPOSE_RETURN_IF_ERROR(CheckRange("gate_px", gate_px, 0.5, 50.0));
+  EVPOSE_RETURN_IF_ERROR(CheckRange("turn_rad_per_s", turn_rad_per_s, 0.0, 1000.0, OpenEnds::kLow));
+  EVPOSE_RETURN_IF_ERROR(CheckRange("acceleration_px_per_s2", acceleration_px_per_s2, 0.0, 1e9, OpenEnds::kLow));
+  EVPOSE_RETURN_IF_ERROR(CheckRange("min_sigma_px", min_sigma_px, 0.01, 10.0));
+  EVPOSE_RETURN_IF_ERROR(CheckRange("max_sigma_px", max_sigma_px, min_sigma_px, 50.0));
+  EVPOSE_RETURN_IF_ERROR(CheckRange("gap_spacings", gap_spacings, 1.0, 1000.0));
+  EVPOSE_RETURN_IF_ERROR(CheckRange("min_gap_px", min_gap_px, 0.1, 1000.0));
+  EVPOSE_RETURN_IF_ERROR(CheckRange("max_gap_px", max_gap_px, min_gap_px, 1000.0));
+  return CheckRange("bent_px", bent_px, 0.01, 100.0);
 }
 
 void MovingLine::Recentre() {
@@ -241,9 +233,7 @@ void LineFitter::SolveRobustly(MovingLine& line, int passes, size_t max_events) 
       if (std::abs(sample.residual) < kScaleGate * options_.gate_px) along_.push_back(std::abs(sample.residual));
     }
     if (along_.empty()) return;
-    std::nth_element(along_.begin(), along_.begin() + along_.size() / 2, along_.end());
-    // A normal distribution has its median absolute deviation at 0.6745 standard deviations.
-    sigma = std::clamp(along_[along_.size() / 2] / 0.6745, options_.min_sigma_px, options_.max_sigma_px);
+    sigma = std::clamp(UpperMedian(along_) / kNormalMad, options_.min_sigma_px, options_.max_sigma_px);
   }
 }
 
@@ -324,10 +314,8 @@ void LineFitter::FindEndTimes(MovingLine& line) {
     }
     if (along_.size() < 4) continue;
     const size_t k = along_.size() / kEventsPerOutlier;
-    std::nth_element(along_.begin(), along_.begin() + k, along_.end());
-    end.first_tau_s = along_[k];
-    std::nth_element(along_.begin(), along_.end() - 1 - k, along_.end());
-    end.last_tau_s = along_[along_.size() - 1 - k];
+    end.first_tau_s = SelectNth(along_, k);
+    end.last_tau_s = SelectNth(along_, along_.size() - 1 - k);
   }
 }
 

@@ -4,7 +4,7 @@
 #include <algorithm>
 #include <cmath>
 
-#include "core/numerics/even_sample.h"
+#include "core/numerics/sampling.h"
 
 namespace evpose {
 namespace {
@@ -40,10 +40,10 @@ std::vector<Eigen::Vector3f> SpaceTimePoints(const EventStretch& stretch, uint8_
     means.push_back(sum / static_cast<float>(end - i));
     i = end;
   }
-  EvenSample sample(means.size(), max_points);
+  SelectionSampler sample(means.size(), max_points);
   std::vector<Eigen::Vector3f> points;
   for (const Eigen::Vector3f& mean : means) {
-    if (sample.Takes()) points.push_back(mean);
+    if (sample.TakesNext()) points.push_back(mean);
   }
   return points;
 }

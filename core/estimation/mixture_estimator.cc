@@ -8,7 +8,7 @@
 #include "core/base/check_range.h"
 #include "core/base/status_macros.h"
 #include "core/estimation/flicker_bias.h"
-#include "core/numerics/refill.h"
+#include "core/numerics/reusable_vector.h"
 
 namespace evpose {
 namespace {
@@ -172,7 +172,7 @@ void MixtureEstimator::Fit(const MotionState& predicted, const WindowInput& inpu
   const Matrix12d prior_information = SymmetricInverse(predicted.covariance);
 
   MotionState state = predicted;
-  Refill(input.lines.size(), flicker_biases_px_);
+  AssignDefaults(input.lines.size(), flicker_biases_px_);
   Project(state, input);
   const double spread_px = PredictedSpreadPx(camera_, predicted, lines_);
   MixtureDensity density{sigma_px_, outlier_ratio_, FirstGatePx(spread_px, gate_factor)};
@@ -336,7 +336,7 @@ absl::Status MixtureOptions::Validate() const {
 void CountForDeficit(const CameraModel& camera, const WindowInput& input, absl::Span<const ImageLine> lines,
                      absl::Span<const MixtureLine> sums, const Vector6d& twist, double noise_per_px,
                      double min_events_per_px2, std::vector<DeficitCounts>& deficit_counts) {
-  Refill(lines.size(), deficit_counts);
+  AssignDefaults(lines.size(), deficit_counts);
   for (size_t k = 0; k < lines.size(); ++k) {
     if (!lines[k].in_view()) continue;
     const double half_px = 0.5 * lines[k].length_px;

@@ -4,8 +4,8 @@
 #include <algorithm>
 #include <limits>
 
-#include "core/numerics/clones.h"
-#include "core/numerics/refill.h"
+#include "core/numerics/reusable_vector.h"
+#include "core/numerics/target_clones.h"
 
 namespace evpose {
 namespace {
@@ -127,8 +127,8 @@ EVPOSE_CLONES MixtureTotals MixturePass::Accumulate(const LineEvents& events, ab
     return GroupTerms(group, lines[group.line], density, densities[group.line]);
   };
   const Lanes inlier_ratio = AllLanes(1.0 - density.outlier_ratio);
-  Refill(lines.size(), sums);
-  Refill(events.num_shared_lanes(), events.max_lanes(), terms_);
+  AssignDefaults(lines.size(), sums);
+  AssignDefaults(events.num_shared_lanes(), events.max_lanes(), terms_);
   for (const LineGroup& group : events.groups()) {
     if (!group.is_shared || !lines[group.line].in_view()) continue;
     const GroupTerms of_group = terms_of(group);
@@ -158,8 +158,8 @@ EVPOSE_CLONES MixtureTotals MixturePass::Accumulate(const LineEvents& events, ab
 
 void MixturePass::ShareEvents(const LineEvents& events, const MixtureDensity& density) {
   const auto inlier_ratio = static_cast<float>(1.0 - density.outlier_ratio);
-  Refill(terms_.size(), events.max_lanes(), inverse_);
-  Refill(terms_.size(), events.max_lanes(), is_nearest_);
+  AssignDefaults(terms_.size(), events.max_lanes(), inverse_);
+  AssignDefaults(terms_.size(), events.max_lanes(), is_nearest_);
   for (const LineEvents::Shared& event : events.shared()) {
     // The nearest two lines whose gates contain the event.
     constexpr uint32_t kNone = std::numeric_limits<uint32_t>::max();

@@ -15,6 +15,7 @@
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 #include "absl/strings/str_join.h"
+#include "core/base/check_range.h"
 #include "core/base/status_macros.h"
 
 namespace evpose {
@@ -100,10 +101,7 @@ absl::StatusOr<SensorProfile> ReadProfile(const YAML::Node& root, const std::str
 absl::Status SensorProfile::Validate() const {
   if (!IsText(name)) return absl::InvalidArgumentError(absl::StrCat(kNameKey, " must be text in UTF-8"));
   for (const NumberField& field : kNumbers) {
-    const double number = this->*field.value;
-    if (number >= field.low && number <= field.high) continue;  // false for NaN, which is thereby rejected
-    return absl::InvalidArgumentError(
-        absl::StrCat(field.key, " must be between ", field.low, " and ", field.high, ": ", number));
+    EVPOSE_RETURN_IF_ERROR(CheckRange(field.key, this->*field.value, field.low, field.high));
   }
   return absl::OkStatus();
 }

@@ -6,7 +6,7 @@
 #include <cmath>
 #include <limits>
 
-#include "core/evaluation/quantile.h"
+#include "core/numerics/statistics.h"
 
 namespace evpose {
 
@@ -35,9 +35,9 @@ Consistency SummariseConsistency(std::vector<double> normalised_errors_squared) 
     return result;
   }
   std::sort(values.begin(), values.end());
-  result.median = Quantile(values, 0.5);
-  result.p5 = Quantile(values, 0.05);
-  result.p95 = Quantile(values, 0.95);
+  result.median = InterpolatedQuantile(values, 0.5);
+  result.p5 = InterpolatedQuantile(values, 0.05);
+  result.p95 = InterpolatedQuantile(values, 0.95);
   return result;
 }
 

@@ -7,8 +7,9 @@
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
+#include "core/base/check_range.h"
 #include "core/base/status_macros.h"
-#include "core/evaluation/quantile.h"
+#include "core/numerics/statistics.h"
 
 namespace evpose {
 namespace {
@@ -108,7 +109,7 @@ void SummarisePosition(const std::vector<TrajectoryError>& errors, Evaluation& r
   for (double& deviation : deviations) deviation -= result.position_mean_m;
   result.position_std_m = RootMeanSquare(deviations);
   std::sort(distances.begin(), distances.end());
-  result.position_median_m = Quantile(distances, 0.5);
+  result.position_median_m = InterpolatedQuantile(distances, 0.5);
   result.position_rmse_of_depth = RootMeanSquare(Values(errors, &TrajectoryError::position_of_depth));
 }
 
@@ -116,8 +117,8 @@ void SummariseRotation(const std::vector<TrajectoryError>& errors, Evaluation& r
   std::vector<double> angles = Values(errors, &TrajectoryError::rotation_rad);
   result.rotation_mean_rad = Mean(angles);
   std::sort(angles.begin(), angles.end());
-  result.rotation_median_rad = Quantile(angles, 0.5);
-  result.rotation_p95_rad = Quantile(angles, 0.95);
+  result.rotation_median_rad = InterpolatedQuantile(angles, 0.5);
+  result.rotation_p95_rad = InterpolatedQuantile(angles, 0.95);
   result.rotation_max_rad = angles.back();
 }
 
@@ -167,10 +168,9 @@ void SetErrorsNan(Evaluation& result) {
 }  // namespace
 
 absl::Status EvaluationOptions::Validate() const {
-  if (!(good_position_ratio > 0.0)) return absl::InvalidArgumentError("good_position_ratio must be positive");
-  if (!(good_rotation_rad > 0.0)) return absl::InvalidArgumentError("good_rotation_rad must be positive");
-  if (max_gap_us <= 0) return absl::InvalidArgumentError("max_gap_us must be positive");
-  return absl::OkStatus();
+  EVPOSE_RETURN_IF_ERROR(CheckPositive("good_position_ratio", good_position_ratio));
+  EVPOSE_RETURN_IF_ERROR(CheckPositive("good_rotation_rad", good_rotation_rad));
+  return CheckPositive("max_gap_us", static_cast<double>(max_gap_us));
 }
 
 absl::StatusOr<std::vector<TrajectoryError>> TrajectoryErrors(const Trajectory& truth, const Trajectory& estimate,

@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "absl/strings/str_cat.h"
+#include "core/base/check_range.h"
 #include "core/base/status_macros.h"
 #include "core/events/recording_reader.h"
 #include "core/events/time_scanner.h"
@@ -13,17 +14,15 @@
 namespace evpose {
 namespace {
 
-constexpr size_t kReadBytes = 64 * 1024;
+constexpr size_t kReadBytes = 64 * 1024;  // the capacity of a pipe
 
 }  // namespace
 
 absl::Status ChunkerOptions::Validate() const {
-  if (max_duration_us < 1) {
-    return absl::InvalidArgumentError(absl::StrCat("max_duration_us is ", max_duration_us, ": it must be positive"));
-  }
+  EVPOSE_RETURN_IF_ERROR(CheckPositive("max_duration_us", static_cast<double>(max_duration_us)));
   if (max_bytes < 8 || max_bytes % 8 != 0) {
     return absl::InvalidArgumentError(
-        absl::StrCat("max_bytes is ", max_bytes, ": it must be a multiple of 8, at least 8"));
+        absl::StrCat("max_bytes is ", max_bytes, "; it must be a multiple of 8, at least 8"));
   }
   return absl::OkStatus();
 }
@@ -36,7 +35,7 @@ struct Chunker::State {
         scanner(reader_in.header().encoding),
         buffer(kReadBytes) {}
 
-  // Moves whole words from the buffer to the chunk; true when they complete it.
+  // Moves whole words from the buffer to the chunk; true if they complete it.
   bool TakeWords(EventChunkBytes& chunk) {
     const size_t room = options.max_bytes - chunk.bytes.size();
     const size_t num_words = std::min(room, end - begin) / word_bytes;
@@ -47,7 +46,7 @@ struct Chunker::State {
     return scan.duration_passed || chunk.bytes.size() + word_bytes > options.max_bytes;
   }
 
-  // Reads more; false at the end.
+  // Reads more bytes into the buffer; false at the end.
   absl::StatusOr<bool> Refill() {
     std::memmove(buffer.data(), buffer.data() + begin, end - begin);
     end -= std::exchange(begin, 0);
@@ -61,7 +60,7 @@ struct Chunker::State {
   const size_t word_bytes;
   TimeScanner scanner;
   std::vector<uint8_t> buffer;
-  size_t begin = 0;  // of what no chunk has
+  size_t begin = 0;  // of the bytes that belong to no chunk yet
   size_t end = 0;
   bool at_end = false;
 };

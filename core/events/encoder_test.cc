@@ -24,7 +24,7 @@ std::vector<uint8_t> EncodeAll(Encoding encoding, SensorGeometry geometry, absl:
   return bytes;
 }
 
-// Rows with neighbours, pauses of every length up to `max_gap_us`, and bursts at one time.
+// Random events: rows with neighbours, pauses up to `max_gap_us`, and several events at one time.
 std::vector<Event> RandomEvents(SensorGeometry geometry, int64_t first_us, int64_t max_gap_us, size_t count,
                                 Random& random) {
   std::vector<Event> events;
@@ -51,7 +51,7 @@ struct RoundTripCase {
 
 class RoundTripTest : public testing::TestWithParam<RoundTripCase> {};
 
-TEST_P(RoundTripTest, EventsComeBackAsTheyWere) {
+TEST_P(RoundTripTest, EventsAreUnchanged) {
   const auto [encoding, geometry] = GetParam();
   const bool is_flat = encoding == Encoding::kFlat64;
   Random random(static_cast<uint64_t>(geometry.width_px));
@@ -82,7 +82,7 @@ TEST_P(RoundTripTest, CallsDoNotMatter) {
   EXPECT_THAT(DecodeAll(encoding, geometry, bytes).out.events, ::testing::ElementsAreArray(events));
 }
 
-TEST_P(RoundTripTest, TimeWordsPassTheTime) {
+TEST_P(RoundTripTest, TimeWordsAdvanceTheTime) {
   const auto [encoding, geometry] = GetParam();
   const auto encoder = MakeEventEncoder(encoding, geometry).value();
   std::vector<uint8_t> bytes;
@@ -141,7 +141,7 @@ TEST(Evt3EncoderTest, VectorsWhenTheyAreShorter) {
   EXPECT_THAT(Evt3Words(events), ElementsAre(Evt3(8, 1), Evt3(6, 0), Evt3(0, 9), Evt3(2, 0x840), Evt3(2, 0x841),
                                              Evt3(2, 0x842), Evt3(2, 0x843)));
   for (uint16_t x = 95; x < 100; ++x) events.push_back({4096, x, 9, 1});
-  // The second vector goes on where the first ended: it needs no base.
+  // The second vector continues where the first one ends: it needs no base.
   EXPECT_THAT(Evt3Words(events), ElementsAre(Evt3(8, 1), Evt3(6, 0), Evt3(0, 9), Evt3(3, 0x840), Evt3(4, 0xf),
                                              Evt3(4, 0), Evt3(5, 0x80), Evt3(4, 0xf), Evt3(4, 0), Evt3(5, 0)));
 }
@@ -169,13 +169,13 @@ TEST_P(EncoderErrorTest, NamesTheFirstWrongEventAndWritesNothing) {
     std::string message;
   };
   const std::vector<Case> cases = {
-      {{{-1, 0, 0, 0}}, "the time of event 0 is -1 us: it must not be negative"},
-      {{{5, 0, 0, 0}, {4, 0, 0, 0}}, "the time of event 1 is 4 us, before the 5 us"},
+      {{{-1, 0, 0, 0}}, "the time of event 0 is -1 us; it must not be negative"},
+      {{{5, 0, 0, 0}, {4, 0, 0, 0}}, "the time of event 1 is 4 us after 5 us"},
       {{{5, 639, 479, 1}, {5, 640, 0, 0}}, "event 1 at x 640, y 0 lies outside the sensor of 640x480 pixels"},
       {{{5, 0, 480, 0}}, "event 0 at x 0, y 480 lies outside"},
-      {{{5, 0, 0, 2}}, "event 0 has polarity 2: it must be 0 or 1"},
+      {{{5, 0, 0, 2}}, "event 0 has polarity 2; it must be 0 or 1"},
       {{{5, 0, 0, 0}, {int64_t{1} << 50, 0, 0, 0}}, "the time of event 1 is 1125899906842624 us"},
-      {{{int64_t{1} << 50, 0, 0, 0}}, "after the clock's zero: at most"},
+      {{{int64_t{1} << 50, 0, 0, 0}}, "after the zero of the clock; at most"},
   };
   for (const Case& wrong : cases) {
     std::vector<uint8_t> bytes;
@@ -191,25 +191,25 @@ TEST_P(EncoderErrorTest, TimesMustNotDecreaseAcrossCalls) {
   std::vector<uint8_t> bytes;
   const Event event{1000, 0, 0, 0};
   ASSERT_TRUE(encoder->Encode({&event, 1}, bytes).ok());
-  EXPECT_THAT(encoder->EncodeTime(999, bytes).message(), HasSubstr("the time is 999 us, before the 1000 us"));
+  EXPECT_THAT(encoder->EncodeTime(999, bytes).message(), HasSubstr("the time is 999 us after 1000 us"));
   ASSERT_TRUE(encoder->EncodeTime(2000, bytes).ok());
   const size_t size = bytes.size();
-  EXPECT_THAT(encoder->Encode({&event, 1}, bytes).message(), HasSubstr("is 1000 us, before the 2000 us"));
+  EXPECT_THAT(encoder->Encode({&event, 1}, bytes).message(), HasSubstr("is 1000 us after 2000 us"));
   EXPECT_EQ(bytes.size(), size);
 }
 
 INSTANTIATE_TEST_SUITE_P(Encodings, EncoderErrorTest,
                          testing::Values(Encoding::kEvt3, Encoding::kEvt21, Encoding::kEvt2, Encoding::kFlat64));
 
-TEST(Flat64EncoderTest, GapsThatNoWordCanTellAreErrors) {
+TEST(Flat64EncoderTest, GapsBeyondHalfTheClockAreErrors) {
   const auto encoder = MakeEventEncoder(Encoding::kFlat64, kVga).value();
   std::vector<uint8_t> bytes;
   Event event{(int64_t{1} << 32) - 1, 0, 0, 0};
   ASSERT_TRUE(encoder->Encode({&event, 1}, bytes).ok());
-  // The time alone is not written, so it bridges nothing.
+  // FLAT64 has no time words, so that EncodeTime() does not shorten the gap.
   ASSERT_TRUE(encoder->EncodeTime(event.t_us + 2000000000, bytes).ok());
   event.t_us += 2200000000;
-  EXPECT_THAT(encoder->Encode({&event, 1}, bytes).message(), HasSubstr("at most 2147483647 us can be told"));
+  EXPECT_THAT(encoder->Encode({&event, 1}, bytes).message(), HasSubstr("at most 2147483647 us can be encoded"));
 }
 
 TEST(EncoderTest, DatIsReadOnlyAndGeometriesAreChecked) {

@@ -35,7 +35,7 @@ std::vector<Event> SomeEvents(size_t count) {
   return events;
 }
 
-TEST(RecordingWriterTest, WhatIsWrittenReadsBack) {
+TEST(RecordingWriterTest, ARecordingReadsBack) {
   const TemporaryDirectory directory;
   const std::vector<Event> events = SomeEvents(10000);
   for (const Encoding encoding : {Encoding::kEvt3, Encoding::kEvt21, Encoding::kEvt2, Encoding::kFlat64}) {
@@ -93,14 +93,14 @@ TEST(RecordingWriterTest, WrongEventsNameThePathAndAreNotWritten) {
   const absl::Status status = (*writer)->Write({&outside, 1});
   EXPECT_EQ(status.code(), absl::StatusCode::kInvalidArgument);
   EXPECT_EQ(status.message(), path + ": event 0 at x 640, y 0 lies outside the sensor of 640x480 pixels");
-  EXPECT_EQ((*writer)->WriteTime(-1).message(), path + ": the time is -1 us: it must not be negative");
+  EXPECT_EQ((*writer)->WriteTime(-1).message(), path + ": the time is -1 us; it must not be negative");
   ASSERT_TRUE((*writer)->Close().ok());
   EXPECT_EQ(std::filesystem::file_size(path), MakeRawHeader(Encoding::kEvt3, kVga).size());
   EXPECT_EQ((*writer)->Write({}).code(), absl::StatusCode::kFailedPrecondition);
   EXPECT_EQ((*writer)->Close().code(), absl::StatusCode::kFailedPrecondition);
 }
 
-// A limit on the size of files fails as a full disk does.
+// A limit on the size of files has the same effect as a full disk.
 TEST(RecordingWriterTest, AFullDiskIsReportedAndLeavesNothing) {
   const TemporaryDirectory directory;
   const std::string path = directory.File("a.raw");

@@ -18,7 +18,7 @@ namespace {
 
 using ::testing::HasSubstr;
 
-// As the ROS calibrator writes it.
+// A file of the ROS calibrator.
 constexpr char kYaml[] = R"(image_width: 1280
 image_height: 720
 camera_name: evk4
@@ -122,8 +122,8 @@ TEST_P(BadCameraFileTest, NamesTheFileAndTheField) {
 INSTANTIATE_TEST_SUITE_P(
     All, BadCameraFileTest,
     ::testing::Values(
-        BadFile{"image_width: 1280\n", "", "image_width: missing"},
-        BadFile{"image_width: 1280\n", "image_width:\n", "image_width: missing"},
+        BadFile{"image_width: 1280\n", "", "image_width: is missing"},
+        BadFile{"image_width: 1280\n", "image_width:\n", "image_width: is missing"},
         BadFile{"image_width: 1280", "image_width: wide", "image_width: is not a whole number"},
         BadFile{"image_width: 1280", "image_width: 1280.5", "image_width: is not a whole number"},
         BadFile{"image_width: 1280", "image_width: [1280]", "image_width: is not a whole number"},
@@ -131,12 +131,12 @@ INSTANTIATE_TEST_SUITE_P(
         BadFile{"image_height: 720", "image_height: -720", "image_height is -720"},
         BadFile{"image_height: 720", "image_height: 1000000", "image_height is 1000000"},
         BadFile{"image_height: 720", "image_height: 99999999999", "image_height: is not a whole number"},
-        BadFile{"camera_matrix", "projection", "camera_matrix: missing"},
+        BadFile{"camera_matrix", "projection", "camera_matrix: is missing"},
         BadFile{"camera_matrix:\n  rows: 3\n  cols: 3\n  data: [1021.5,", "camera_matrix: [1021.5,",
                 "camera_matrix: is not a map"},
         BadFile{"rows: 3\n  cols: 3\n  data: [1021.5,", "rows: 2\n  cols: 3\n  data: [1021.5,",
                 "camera_matrix: has 2 rows and 3 cols, but 9 numbers"},
-        BadFile{"rows: 3\n  cols: 3\n  data: [1021.5,", "cols: 3\n  data: [1021.5,", "camera_matrix.rows: missing"},
+        BadFile{"rows: 3\n  cols: 3\n  data: [1021.5,", "cols: 3\n  data: [1021.5,", "camera_matrix.rows: is missing"},
         BadFile{"data: [1021.5, 0.0, 640.25, 0.0, 1019.75, 355.5, 0.0, 0.0, 1.0]", "data: 5", "camera_matrix.data"},
         BadFile{"355.5, 0.0, 0.0, 1.0]", "355.5, 0.0, 0.0]", "camera_matrix: has 3 rows"},
         BadFile{"rows: 3\n  cols: 3\n  data: [1021.5, 0.0, 640.25, 0.0, 1019.75, 355.5, 0.0, 0.0, 1.0]",
@@ -149,16 +149,16 @@ INSTANTIATE_TEST_SUITE_P(
         BadFile{"distortion_model: plumb_bob", "distortion_model: equidistant", "'equidistant' is not supported"},
         BadFile{"distortion_model: plumb_bob", "distortion_model: fisheye", "'fisheye' is not supported"},
         BadFile{"distortion_model: plumb_bob", "distortion_model: [a]", "distortion_model: is not a word"},
-        BadFile{"distortion_model: plumb_bob", "distortion_model: none", "say plumb_bob"},
-        BadFile{"distortion_model: plumb_bob\n", "", "say plumb_bob"},
-        BadFile{"distortion_coefficients", "coefficients", "distortion_coefficients: missing"},
+        BadFile{"distortion_model: plumb_bob", "distortion_model: none", "set it to plumb_bob"},
+        BadFile{"distortion_model: plumb_bob\n", "", "set it to plumb_bob"},
+        BadFile{"distortion_coefficients", "coefficients", "distortion_coefficients: is missing"},
         BadFile{"cols: 5\n  data: [-0.1, 0.08, 0.001, -0.0005, -0.02]", "cols: 3\n  data: [1, 2, 3]",
                 "distortion_coefficients: has 3 numbers"},
         BadFile{"0.08", ".nan", "distortion_coefficients: every number must be finite"},
         BadFile{"0.08", "x", "distortion_coefficients.data[1]: is not a number"},
         BadFile{"camera_name: evk4", "camera_name: [evk4", "line "}));
 
-TEST(CameraTest, WhatIsNoCameraFile) {
+TEST(CameraTest, FilesThatAreNotCameraFiles) {
   for (const std::string& text : {std::string(), std::string("just words"), std::string("- 1\n- 2\n"),
                                   std::string("\0\x01\xff\xfe", 4), std::string("&a [*a, *a]"), std::string(50000, '['),
                                   std::string(50000, '{'), std::string("%EVT 3.0\n"), std::string(100000, 'a')}) {

@@ -2,13 +2,14 @@
 #include "core/initialization/initializer.h"
 
 #include <Eigen/Cholesky>
-#include <algorithm>
 #include <cmath>
 #include <optional>
 #include <utility>
 
-#include "absl/strings/str_cat.h"
+#include "core/base/check_range.h"
+#include "core/base/status_macros.h"
 #include "core/geometry/projected_line.h"
+#include "core/numerics/statistics.h"
 
 namespace evpose {
 namespace {
@@ -47,9 +48,7 @@ double MotionPx(const LineDetection& detection) {
     motion_px.push_back(std::abs(line.normal_velocity_px_per_s) * duration_s);
   }
   if (motion_px.empty()) return 0.0;
-  const auto quartile = motion_px.begin() + static_cast<std::ptrdiff_t>(motion_px.size() * 3 / 4);
-  std::nth_element(motion_px.begin(), quartile, motion_px.end());
-  return *quartile;
+  return UpperQuantile(motion_px, 0.75);
 }
 
 }  // namespace
@@ -63,9 +62,7 @@ absl::Status InitializerOptions::Validate() const {
                                                    {"angular_velocity_rad_per_s", angular_velocity_rad_per_s},
                                                    {"line_error_px", line_error_px}};
   for (const auto& [name, value] : fields) {
-    if (!(value > 0.0 && value < 1e9)) {
-      return absl::InvalidArgumentError(absl::StrCat(name, " must be positive: ", value));
-    }
+    EVPOSE_RETURN_IF_ERROR(CheckRange(name, value, 0.0, 1e9, OpenEnds::kBoth));
   }
   return absl::OkStatus();
 }

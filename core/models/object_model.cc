@@ -20,6 +20,7 @@
 #include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
+#include "core/base/check_range.h"
 #include "core/base/status_macros.h"
 #include "core/models/collinear_lines.h"
 #include "core/models/mesh_topology.h"
@@ -229,23 +230,12 @@ absl::StatusOr<ObjectModel> BuildModel(RawModel raw, const ModelOptions& options
 }  // namespace
 
 absl::Status ModelOptions::Validate() const {
-  if (!(std::isfinite(metres_per_unit) && metres_per_unit > 0.0)) {
-    return absl::InvalidArgumentError(
-        absl::StrFormat("metres_per_unit is %g, but must be a positive number", metres_per_unit));
-  }
-  if (!(crease_angle_deg > 0.0 && crease_angle_deg < 180.0)) {
-    return absl::InvalidArgumentError(
-        absl::StrFormat("crease_angle_deg is %g, but must lie between 0 and 180", crease_angle_deg));
-  }
   // Indices have 32 bits, and a polygon's corners are counted three to a triangle.
-  if (max_triangles > 100'000'000) {
-    return absl::InvalidArgumentError(
-        absl::StrFormat("max_triangles is %d, but at most 1e8 are possible", max_triangles));
-  }
-  if (max_lines > 100'000'000) {
-    return absl::InvalidArgumentError(absl::StrFormat("max_lines is %d, but at most 1e8 are possible", max_lines));
-  }
-  return absl::OkStatus();
+  constexpr double kMaxCount = 1e8;
+  EVPOSE_RETURN_IF_ERROR(CheckPositive("metres_per_unit", metres_per_unit));
+  EVPOSE_RETURN_IF_ERROR(CheckRange("crease_angle_deg", crease_angle_deg, 0.0, 180.0, OpenEnds::kBoth));
+  EVPOSE_RETURN_IF_ERROR(CheckRange("max_triangles", static_cast<double>(max_triangles), 0.0, kMaxCount));
+  return CheckRange("max_lines", static_cast<double>(max_lines), 0.0, kMaxCount);
 }
 
 absl::StatusOr<ObjectModel> ParseObjectModel(absl::Span<const uint8_t> bytes, ModelFormat format,

@@ -2,9 +2,10 @@
 #include "core/models/visibility.h"
 
 #include <algorithm>
-#include <cmath>
+#include <limits>
 
-#include "absl/strings/str_format.h"
+#include "core/base/check_range.h"
+#include "core/base/status_macros.h"
 #include "core/models/triangle_bvh.h"
 
 namespace evpose {
@@ -63,18 +64,11 @@ Interval ClipToImage(const CameraModel& camera, const Eigen::Vector3d& p1, const
 }  // namespace
 
 absl::Status VisibilityOptions::Validate() const {
-  const auto error = [](const char* field, double value, const char* bound) {
-    return absl::InvalidArgumentError(absl::StrFormat("%s is %g, but must be %s", field, value, bound));
-  };
-  if (samples_per_line < 2 || samples_per_line > 10000)
-    return error("samples_per_line", samples_per_line, "2 to 10000");
-  if (!(surface_tolerance > 0.0 && surface_tolerance < 0.1)) {
-    return error("surface_tolerance", surface_tolerance, "above 0 and below 0.1");
-  }
-  if (!(min_length_px >= 0.0 && std::isfinite(min_length_px)))
-    return error("min_length_px", min_length_px, "0 or more");
-  if (!(grazing_cosine >= -1.0 && grazing_cosine <= 1.0)) return error("grazing_cosine", grazing_cosine, "-1 to 1");
-  return absl::OkStatus();
+  constexpr double kInfinity = std::numeric_limits<double>::infinity();
+  EVPOSE_RETURN_IF_ERROR(CheckRange("samples_per_line", samples_per_line, 2, 10'000));
+  EVPOSE_RETURN_IF_ERROR(CheckRange("surface_tolerance", surface_tolerance, 0.0, 0.1, OpenEnds::kBoth));
+  EVPOSE_RETURN_IF_ERROR(CheckRange("min_length_px", min_length_px, 0.0, kInfinity, OpenEnds::kHigh));
+  return CheckRange("grazing_cosine", grazing_cosine, -1.0, 1.0);
 }
 
 struct VisibilityTester::Impl {

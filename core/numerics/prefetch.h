@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// Tables with an entry for each pixel are larger than the caches near the processor, and events come from anywhere: a
-// loop that asks early for what it will read does not wait for it.
+// Prefetching for loops over events. Tables with an entry for each pixel are larger than the first caches, and
+// consecutive events lie in unrelated pixels: a loop that requests its entries early does not wait for memory.
 #pragma once
 
 #include <cstddef>
@@ -10,19 +10,20 @@
 
 namespace evpose {
 
-// So many items ahead: as long as a load from memory takes.
+// Distance in items between the prefetch and its use: in that time of the loop a load from main memory completes.
 inline constexpr size_t kPrefetchAhead = 32;
 
-// Nothing beyond the table's end.
+// Requests one entry of a table; does nothing for an index beyond its end.
 template <typename T>
 void PrefetchEntry(const std::vector<T>& table, size_t index) {
   if (index < table.size()) __builtin_prefetch(&table[index]);
 }
 
-// What lies so many items beyond this one, if anything does: for a long list that is read once, in order.
+// Requests the item that lies `count` items after `item`: for a long array that is read once, in order. There need be
+// no such item.
 template <typename T>
 void PrefetchBeyond(const T& item, size_t count) {
-  // A number: there need be no item to point to.
+  // Computed as a number, because a pointer beyond the array's end would be undefined.
   __builtin_prefetch(reinterpret_cast<const void*>(reinterpret_cast<uintptr_t>(&item) + count * sizeof(T)));
 }
 

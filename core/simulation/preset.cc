@@ -5,8 +5,8 @@
 #include <string>
 
 #include "absl/strings/str_cat.h"
-#include "absl/strings/str_format.h"
 #include "absl/strings/str_join.h"
+#include "core/base/check_range.h"
 #include "core/base/status_macros.h"
 #include "core/simulation/simulator.h"
 
@@ -52,9 +52,7 @@ absl::StatusOr<SimulationOptions> SimulationPreset(std::string_view object_name,
     return absl::InvalidArgumentError(absl::StrCat("no simulated camera is called \"", std::string(camera_name),
                                                    "\"; known are: ", absl::StrJoin(SimulatedCameraNames(), ", ")));
   }
-  if (!(speed_scale >= 0.0 && speed_scale <= 100.0)) {
-    return absl::InvalidArgumentError(absl::StrFormat("speed_scale is %g; it must lie in [0, 100]", speed_scale));
-  }
+  EVPOSE_RETURN_IF_ERROR(CheckRange("speed_scale", speed_scale, 0.0, 100.0));
   for (const ObjectPreset& preset : kObjectPresets) {
     if (preset.object != options.scene.object) continue;
     options.scene.object_size_m = preset.size_m;

@@ -4,6 +4,7 @@
 #include <algorithm>
 
 #include "absl/strings/str_format.h"
+#include "core/base/check_range.h"
 #include "core/base/status_macros.h"
 #include "core/simulation/motion.h"
 #include "core/simulation/objects.h"
@@ -62,18 +63,11 @@ absl::Status SimulationOptions::Validate() const {
   EVPOSE_RETURN_IF_ERROR(scene.Validate());
   EVPOSE_RETURN_IF_ERROR(sensor.Validate());
   EVPOSE_RETURN_IF_ERROR(camera.Validate());
-  if (t_begin_us < 0 || t_begin_us >= kClockWrapUs) {
-    return absl::InvalidArgumentError(
-        absl::StrFormat("SimulationOptions.t_begin_us is %d; it must lie in [0, %d)", t_begin_us, kClockWrapUs));
-  }
-  if (duration_us < 1 || duration_us > kMaxDurationUs) {
-    return absl::InvalidArgumentError(
-        absl::StrFormat("SimulationOptions.duration_us is %d; it must lie in [1, %d]", duration_us, kMaxDurationUs));
-  }
-  if (!(max_step_px >= 0.01 && max_step_px <= 1.0)) {
-    return absl::InvalidArgumentError(
-        absl::StrFormat("SimulationOptions.max_step_px is %g; it must lie in [0.01, 1]", max_step_px));
-  }
+  EVPOSE_RETURN_IF_ERROR(CheckRange("SimulationOptions.t_begin_us", static_cast<double>(t_begin_us), 0,
+                                    static_cast<double>(kClockWrapUs), OpenEnds::kHigh));
+  EVPOSE_RETURN_IF_ERROR(CheckRange("SimulationOptions.duration_us", static_cast<double>(duration_us), 1,
+                                    static_cast<double>(kMaxDurationUs)));
+  EVPOSE_RETURN_IF_ERROR(CheckRange("SimulationOptions.max_step_px", max_step_px, 0.01, 1.0));
   constexpr int kMaxSidePx = 2048;  // the address range of EVT3
   if (camera.width_px > kMaxSidePx || camera.height_px > kMaxSidePx) {
     return absl::InvalidArgumentError(absl::StrFormat("SimulationOptions.camera is %dx%d; EVT3 addresses %dx%d at most",

@@ -14,6 +14,7 @@
 #include <vector>
 
 #include "core/geometry/projected_line.h"
+#include "core/numerics/statistics.h"
 
 namespace evpose {
 namespace {
@@ -141,8 +142,7 @@ DistanceSummary Summarize(const SimulationOptions& options) {
   }
   EXPECT_GT(distances.size(), 1000u);
   summary.num = distances.size();
-  std::nth_element(distances.begin(), distances.begin() + distances.size() / 2, distances.end());
-  summary.median_px = distances[distances.size() / 2];
+  summary.median_px = UpperMedian(distances);
   summary.mean_on_px = sums[1] / counts[1];
   summary.mean_off_px = sums[0] / counts[0];
   summary.mean_px = 0.5 * (summary.mean_on_px + summary.mean_off_px);  // equal weights for both polarities

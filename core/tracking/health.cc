@@ -8,7 +8,7 @@
 #include "core/association/competitors.h"
 #include "core/base/check_range.h"
 #include "core/base/status_macros.h"
-#include "core/numerics/refill.h"
+#include "core/numerics/reusable_vector.h"
 
 namespace evpose {
 namespace {
@@ -141,8 +141,8 @@ void TrackHealth::AddEvent(double distance_px, double along_px, double competing
 void TrackHealth::FindNearest(const LineEvents& events, absl::Span<const ImageLine> lines) {
   constexpr float kBeyond = std::numeric_limits<float>::infinity();
   const Lanes gate_px = AllLanes(options_.gate_px);
-  Refill(events.num_shared_lanes(), events.max_lanes(), distance_px_);
-  Refill(events.num_shared_lanes(), events.max_lanes(), is_nearest_);
+  AssignDefaults(events.num_shared_lanes(), events.max_lanes(), distance_px_);
+  AssignDefaults(events.num_shared_lanes(), events.max_lanes(), is_nearest_);
   std::fill(distance_px_.begin(), distance_px_.end(), AllLanes(kBeyond));
   for (const LineGroup& group : events.groups()) {
     if (!group.is_shared || !lines[group.line].in_view()) continue;

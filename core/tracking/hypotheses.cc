@@ -6,7 +6,7 @@
 #include <utility>
 
 #include "core/models/symmetry.h"
-#include "core/numerics/thin.h"
+#include "core/numerics/sampling.h"
 
 namespace evpose {
 
@@ -49,7 +49,7 @@ void Hypotheses::OnGap(int64_t gap_us) {
 
 void Hypotheses::Compare(const EventWindow& window, const Competitors* others) {
   std::vector<WindowEvent>& events = compared_events_;
-  ThinEvenlyByKind(
+  DownsampleByClass(
       static_cast<size_t>(context_.options.initialization.max_compared_events), {0.5, 0.5}, window.events,
       [](const WindowEvent& event) { return event.polarity; }, events);
   for (Entry& entry : entries_) entry.explains.assign(events.size(), 0.0f);

@@ -5,8 +5,10 @@
 #include <array>
 
 #include "absl/strings/str_cat.h"
+#include "core/base/check_range.h"
+#include "core/base/status_macros.h"
 #include "core/numerics/prefetch.h"
-#include "core/windows/event_sample.h"
+#include "core/numerics/sampling.h"
 #include "core/windows/window_event_state.h"
 
 namespace evpose {
@@ -21,20 +23,15 @@ constexpr auto PolarityOf = [](const Event& event) -> size_t { return event.pola
 }  // namespace
 
 absl::Status WindowOptions::Validate() const {
-  if (interval_us < 1) return absl::InvalidArgumentError(absl::StrCat("interval_us must be positive: ", interval_us));
-  if (min_interval_us < 1 || min_interval_us > interval_us) {
-    return absl::InvalidArgumentError(absl::StrCat("min_interval_us (", min_interval_us,
-                                                   ") must be positive and not longer than interval_us (", interval_us,
-                                                   ")"));
-  }
-  if (!(max_motion_px > 0.0)) {
-    return absl::InvalidArgumentError(absl::StrCat("max_motion_px must be positive: ", max_motion_px));
-  }
+  EVPOSE_RETURN_IF_ERROR(CheckPositive("interval_us", static_cast<double>(interval_us)));
+  EVPOSE_RETURN_IF_ERROR(
+      CheckRange("min_interval_us", static_cast<double>(min_interval_us), 1, static_cast<double>(interval_us)));
+  EVPOSE_RETURN_IF_ERROR(CheckPositive("max_motion_px", max_motion_px));
   if (max_duration_us < interval_us) {
     return absl::InvalidArgumentError(absl::StrCat("max_duration_us (", max_duration_us,
                                                    ") must not be shorter than interval_us (", interval_us, ")"));
   }
-  if (min_events < 1) return absl::InvalidArgumentError(absl::StrCat("min_events must be positive: ", min_events));
+  EVPOSE_RETURN_IF_ERROR(CheckPositive("min_events", static_cast<double>(min_events)));
   if (max_events < 2 || max_events < min_events) {
     return absl::InvalidArgumentError(
         absl::StrCat("max_events (", max_events, ") must be at least 2 and at least min_events (", min_events, ")"));
@@ -139,7 +136,7 @@ void EventWindower::Open(int64_t t_begin_us) {
 size_t EventWindower::AddBatch(absl::Span<const Event> events) {
   events = events.first(std::min(events.size(), kBatch));
   std::array<uint8_t, kBatch> marks;
-  MarkSample(stream_index_, sample_masks_, absl::MakeSpan(marks).first(events.size()));
+  MarkHashSample(stream_index_, sample_masks_, absl::MakeSpan(marks).first(events.size()));
   const size_t count = AddSampled(events, marks);
   stream_index_ += count;
   count_ += count;
@@ -188,7 +185,7 @@ void EventWindower::HalveSample() {
   size_t write = 0;
   for (size_t begin = 0; begin < num_kept_; begin += kBatch) {
     const auto numbers = absl::MakeConstSpan(indices_).subspan(begin, std::min(kBatch, num_kept_ - begin));
-    MarkSample(numbers, sample_masks_, absl::MakeSpan(marks));
+    MarkHashSample(numbers, sample_masks_, absl::MakeSpan(marks));
     for (size_t i = 0; i < numbers.size(); ++i) {
       const unsigned stays = marks[i] >> PolarityOf(kept_[begin + i]) & 1;
       kept_[write] = kept_[begin + i];
@@ -251,7 +248,7 @@ void EventWindower::LoadIndices(StateReader& reader) {
     if (is_sampled()) reader.Varint(skipped);
     // The numbers must increase and be in the sample; otherwise HalveSample() might be repeated without end.
     reader.Check(skipped < stream_index_ - next, "the number of a kept event lies outside its window");
-    reader.Check(IsInSample(next + skipped, sample_masks_[PolarityOf(kept_[i])]),
+    reader.Check(IsInHashSample(next + skipped, sample_masks_[PolarityOf(kept_[i])]),
                  "a kept event is not in the window's sample");
     indices_[i] = next + skipped;
     next += skipped + 1;

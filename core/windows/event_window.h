@@ -127,7 +127,7 @@ class EventWindower {
   void Open(int64_t t_begin_us);
   // Adds the first events to the open window, up to the interval boundary and at most one batch. Returns their number.
   size_t AddBatch(absl::Span<const Event> events);
-  // Does so for one batch and keeps the events that `marks` selects (event_sample.h).
+  // Does so for one batch and keeps the events that `marks` selects (core/numerics/sampling.h).
   size_t AddSampled(absl::Span<const Event> events, absl::Span<const uint8_t> marks);
   // Halves the sampling rate of the polarity with more kept events, and removes the events that it excludes.
   void HalveSample();
@@ -141,7 +141,7 @@ class EventWindower {
   int64_t boundary_us_ = 0;  // the next interval boundary
   uint64_t stream_index_ = 0;
   uint64_t count_ = 0;
-  std::array<uint64_t, 2> sample_masks_ = {};  // by polarity; see event_sample.h
+  std::array<uint64_t, 2> sample_masks_ = {};  // by polarity; see core/numerics/sampling.h
   PixelHistory history_;                       // includes the events that are not kept
   // The events that the open window keeps: the first num_kept_ elements. Capacity: max_events and one batch.
   std::vector<WindowEvent> kept_;

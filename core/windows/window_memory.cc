@@ -3,7 +3,7 @@
 
 #include <utility>
 
-#include "core/numerics/thin.h"
+#include "core/numerics/sampling.h"
 #include "core/windows/window_event_state.h"
 
 namespace evpose {
@@ -16,7 +16,7 @@ WindowMemory::WindowMemory(int64_t memory_us, int max_window_events, int max_eve
 void WindowMemory::Add(const EventWindow& window) {
   Stored stored{window.t_begin_us, window.t_end_us,       {},
                 window.num_events, window.closed_on_time, window.events_per_sample};
-  const ByPolarity samples_per_kept = ThinEvenlyByKind(
+  const ByPolarity samples_per_kept = DownsampleByClass(
       max_window_events_, {0.5, 0.5}, window.events, [](const WindowEvent& event) { return event.polarity; },
       stored.events);
   for (int polarity = 0; polarity < 2; ++polarity) stored.events_per_sample[polarity] *= samples_per_kept[polarity];

@@ -15,8 +15,8 @@
 
 #include "absl/strings/str_cat.h"
 #include "absl/time/time.h"
-#include "core/base/end_at_once.h"
 #include "core/base/output_file.h"
+#include "core/base/terminate_by_signal.h"
 #include "core/base/version.h"
 #include "server/auth/token_file.h"
 #include "server/http/operator_pages.h"
@@ -76,8 +76,8 @@ int WaitForEndSignal() {
   sigaddset(&reasons, DrainSignal());
   int signal_number = 0;
   sigwait(&reasons, &signal_number);
-  std::signal(SIGTERM, EndAtOnce);
-  std::signal(SIGINT, EndAtOnce);
+  std::signal(SIGTERM, TerminateBySignal);
+  std::signal(SIGINT, TerminateBySignal);
   pthread_sigmask(SIG_UNBLOCK, &signals, nullptr);
   return signal_number;
 }

@@ -19,6 +19,7 @@
 #include "absl/strings/str_cat.h"
 #include "absl/strings/strip.h"
 #include "core/base/temporary_directory.h"
+#include "core/numerics/statistics.h"
 #include "evpose/v1/model_service.grpc.pb.h"
 #include "evpose/v1/session_service.grpc.pb.h"
 #include "server/program/program_testing.h"
@@ -132,10 +133,7 @@ struct RoundResult {
 };
 
 double Percentile(std::vector<float>& values, double share) {
-  if (values.empty()) return 0.0;
-  const auto nth = values.begin() + static_cast<std::ptrdiff_t>(share * static_cast<double>(values.size() - 1));
-  std::nth_element(values.begin(), nth, values.end());
-  return *nth;
+  return values.empty() ? 0.0 : LowerQuantile(values, share);
 }
 
 // A stream whose client writes events and never reads the poses.
@@ -262,8 +260,7 @@ int RunLoad(const Arguments& arguments) {
     }
     ratios.push_back(results[1].p99_ms / results[0].p99_ms);
   }
-  std::sort(ratios.begin(), ratios.end());
-  const double ratio = ratios[ratios.size() / 2];
+  const double ratio = UpperMedian(ratios);
   const double mb_per_session = (most_mb - before_mb) / arguments.sessions;
   std::printf("p99 with the stalled over without them: %.2f (at most 2)\n", ratio);
   std::printf("memory per session at the peak: %.1f MB (at most 32), above %.1f MB without any\n", mb_per_session,

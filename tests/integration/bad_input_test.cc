@@ -62,7 +62,7 @@ TEST_F(BadInputTest, SensorProfiles) {
   EXPECT_THAT(ReplayError({"--sensor", Path("none.yaml")}), HasSubstr(Path("none.yaml")));
   WriteText("sensor.yaml", "blur_px: 99\n");
   EXPECT_THAT(ReplayError({"--sensor", Path("sensor.yaml")}),
-              AllOf(HasSubstr(Path("sensor.yaml")), HasSubstr("blur_px must be between")));
+              AllOf(HasSubstr(Path("sensor.yaml")), HasSubstr("it must lie in")));
 }
 
 TEST_F(BadInputTest, CalibrationThatTheRecordingDoesNotAllow) {

@@ -3,7 +3,6 @@
 // Every estimator through the common interface, on ideal events of a cube.
 #include <gtest/gtest.h>
 
-#include <algorithm>
 #include <memory>
 #include <string>
 #include <vector>
@@ -11,6 +10,7 @@
 #include "core/baselines/estimators/estimator_factory.h"
 #include "core/estimation/estimator.h"
 #include "core/estimation/ideal_events_testing.h"
+#include "core/numerics/statistics.h"
 #include "core/tracking/tracker.h"
 #include "core/tracking/tracker_options.h"
 
@@ -54,8 +54,7 @@ double MedianError(const std::vector<PoseEstimate>& estimates) {
     const Vector6d error = Difference(estimate.camera_from_object, Drift()(static_cast<double>(estimate.t_us) * 1e-6));
     errors.push_back(error.tail<3>().norm());
   }
-  std::nth_element(errors.begin(), errors.begin() + errors.size() / 2, errors.end());
-  return errors[errors.size() / 2];
+  return UpperMedian(errors);
 }
 
 class Estimators : public ::testing::TestWithParam<std::pair<Estimator, std::string_view>> {};

@@ -18,6 +18,7 @@
 #include "core/estimation/ideal_events_testing.h"
 #include "core/numerics/random.h"
 #include "core/numerics/robust.h"
+#include "core/numerics/statistics.h"
 
 namespace evpose {
 namespace {
@@ -90,10 +91,7 @@ std::vector<double> Distances(const Trial& trial, const RigidTransform& pose) {
   return distances;
 }
 
-double Median(std::vector<double> values) {
-  std::nth_element(values.begin(), values.begin() + values.size() / 2, values.end());
-  return values[values.size() / 2];
-}
+double Median(std::vector<double> values) { return UpperMedian(values); }
 
 // One weighted distance with the full exponential map, for automatic differentiation.
 struct EventDistance {

@@ -8,7 +8,7 @@
 #include <optional>
 #include <vector>
 
-#include "absl/strings/str_cat.h"
+#include "core/base/check_range.h"
 #include "core/base/status_macros.h"
 #include "core/baselines/first_pose/line_match.h"
 #include "core/baselines/first_pose/pose_score.h"
@@ -155,15 +155,8 @@ std::vector<Eigen::Matrix3d> SymmetriesOfDirectionsAlone(absl::Span<const Eigen:
 
 absl::Status PublishedBnbOptions::Validate() const {
   EVPOSE_RETURN_IF_ERROR(rotation.Validate());
-  if (!(threshold_px > 0.0 && threshold_px <= 1000.0)) {
-    return absl::InvalidArgumentError(
-        absl::StrCat("PublishedBnbOptions.threshold_px must lie in (0, 1000]: ", threshold_px));
-  }
-  if (max_triples < 1 || max_triples > 100'000) {
-    return absl::InvalidArgumentError(
-        absl::StrCat("PublishedBnbOptions.max_triples must be 1 to 100000: ", max_triples));
-  }
-  return absl::OkStatus();
+  EVPOSE_RETURN_IF_ERROR(CheckRange("PublishedBnbOptions.threshold_px", threshold_px, 0.0, 1000.0, OpenEnds::kLow));
+  return CheckRange("PublishedBnbOptions.max_triples", static_cast<double>(max_triples), 1, 100'000);
 }
 
 absl::StatusOr<RigidTransform> EstimatePoseByPublishedBnb(const ObjectModel& model, const CameraModel& camera,

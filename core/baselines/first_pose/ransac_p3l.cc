@@ -8,7 +8,7 @@
 #include <optional>
 #include <vector>
 
-#include "absl/strings/str_cat.h"
+#include "core/base/check_range.h"
 #include "core/base/status_macros.h"
 #include "core/baselines/first_pose/line_match.h"
 #include "core/baselines/first_pose/p3l.h"
@@ -99,18 +99,9 @@ absl::StatusOr<RigidTransform> Ransac::Finish() const {
 }  // namespace
 
 absl::Status RansacP3lOptions::Validate() const {
-  if (num_draws < 1 || num_draws > 100'000'000) {
-    return absl::InvalidArgumentError(absl::StrCat("RansacP3lOptions.num_draws must be 1 to 1e8: ", num_draws));
-  }
-  if (!(threshold_px > 0.0 && threshold_px <= 1000.0)) {
-    return absl::InvalidArgumentError(
-        absl::StrCat("RansacP3lOptions.threshold_px must lie in (0, 1000]: ", threshold_px));
-  }
-  if (refinement_iterations < 0 || refinement_iterations > 1000) {
-    return absl::InvalidArgumentError(
-        absl::StrCat("RansacP3lOptions.refinement_iterations must be 0 to 1000: ", refinement_iterations));
-  }
-  return absl::OkStatus();
+  EVPOSE_RETURN_IF_ERROR(CheckRange("RansacP3lOptions.num_draws", num_draws, 1, 100'000'000));
+  EVPOSE_RETURN_IF_ERROR(CheckRange("RansacP3lOptions.threshold_px", threshold_px, 0.0, 1000.0, OpenEnds::kLow));
+  return CheckRange("RansacP3lOptions.refinement_iterations", refinement_iterations, 0, 1000);
 }
 
 absl::StatusOr<RigidTransform> EstimatePoseByRansac(const ObjectModel& model, const CameraModel& camera,

@@ -22,10 +22,12 @@
 #include <Eigen/Cholesky>
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <optional>
 #include <utility>
 
 #include "absl/strings/str_cat.h"
+#include "core/base/check_range.h"
 #include "core/base/status_macros.h"
 #include "core/geometry/rigid_transform.h"
 #include "core/initialization/rotation_count.h"
@@ -401,17 +403,15 @@ absl::StatusOr<RotationBnbResult> Maximise(absl::Span<const Eigen::Vector3d> nor
 }  // namespace
 
 absl::Status RotationBnbOptions::Validate() const {
-  const auto wrong = [](const char* field, const char* must, double value) {
-    return absl::InvalidArgumentError(absl::StrCat("rotation_bnb.", field, " must be ", must, ": ", value));
+  const auto check_least = [](const char* field, double value, double least) {
+    return CheckRange(field, value, least, std::numeric_limits<double>::infinity(), OpenEnds::kHigh);
   };
-  if (!(inlier_rad > 0.0 && inlier_rad < 0.5)) return wrong("inlier_rad", "between 0 and 0.5", inlier_rad);
-  if (max_branches < 1) return wrong("max_branches", "at least 1", static_cast<double>(max_branches));
-  if (max_plateau_branches < 0) {
-    return wrong("max_plateau_branches", "at least 0", static_cast<double>(max_plateau_branches));
-  }
-  if (max_rotations < 1) return wrong("max_rotations", "at least 1", max_rotations);
-  if (!(distinct_rad > 0.0 && distinct_rad < kPi)) return wrong("distinct_rad", "between 0 and pi", distinct_rad);
-  return absl::OkStatus();
+  EVPOSE_RETURN_IF_ERROR(CheckRange("rotation_bnb.inlier_rad", inlier_rad, 0.0, 0.5, OpenEnds::kBoth));
+  EVPOSE_RETURN_IF_ERROR(check_least("rotation_bnb.max_branches", static_cast<double>(max_branches), 1));
+  EVPOSE_RETURN_IF_ERROR(
+      check_least("rotation_bnb.max_plateau_branches", static_cast<double>(max_plateau_branches), 0));
+  EVPOSE_RETURN_IF_ERROR(check_least("rotation_bnb.max_rotations", max_rotations, 1));
+  return CheckRange("rotation_bnb.distinct_rad", distinct_rad, 0.0, kPi, OpenEnds::kBoth);
 }
 
 absl::StatusOr<RotationBnbResult> MaximisePerpendicular(absl::Span<const Eigen::Vector3d> normals,

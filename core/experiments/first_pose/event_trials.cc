@@ -13,6 +13,7 @@
 #include "core/geometry/trajectory.h"
 #include "core/models/visibility.h"
 #include "core/numerics/random.h"
+#include "core/numerics/statistics.h"
 #include "core/simulation/simulator.h"
 #include "core/tracking/tracker.h"
 
@@ -238,8 +239,7 @@ EventTrialSummary Summarize(absl::Span<const EventTrial> trials) {
   }
   constexpr double kNone = std::numeric_limits<double>::quiet_NaN();
   summary.reprojection_mean_px = num_first_right > 0 ? sum_px / num_first_right : kNone;
-  std::sort(times_us.begin(), times_us.end());
-  summary.first_pose_median_ms = times_us.empty() ? kNone : static_cast<double>(times_us[times_us.size() / 2]) * 1e-3;
+  summary.first_pose_median_ms = times_us.empty() ? kNone : static_cast<double>(UpperMedian(times_us)) * 1e-3;
   return summary;
 }
 

@@ -16,6 +16,7 @@
 #include "core/experiments/first_pose/initialization_methods.h"
 #include "core/experiments/first_pose/line_trial.h"
 #include "core/numerics/random.h"
+#include "core/numerics/statistics.h"
 
 namespace evpose {
 namespace {
@@ -104,11 +105,8 @@ InitializationProblem ProblemFor(const InitializationMethod& method, const Prepa
   return problem;
 }
 
-double Median(std::vector<double> values) {
-  if (values.empty()) return std::numeric_limits<double>::quiet_NaN();
-  const auto middle = values.begin() + static_cast<int64_t>(values.size() / 2);
-  std::nth_element(values.begin(), middle, values.end());
-  return *middle;
+double MedianOrNan(std::vector<double>& values) {
+  return values.empty() ? std::numeric_limits<double>::quiet_NaN() : UpperMedian(values);
 }
 
 double MillisecondsSince(std::chrono::steady_clock::time_point begin) {
@@ -147,11 +145,11 @@ InitializationBenchRow RunMethod(const InitializationMethod& method, const Initi
   double sum_px = 0.0;
   for (const double error : errors_px) sum_px += error;
   row.reprojection_mean_px = sum_px / row.num_trials;
-  row.reprojection_median_px = Median(errors_px);
+  row.reprojection_median_px = MedianOrNan(errors_px);
   row.reprojection_mean_right_px =
       row.num_right > 0 ? sum_right_px / row.num_right : std::numeric_limits<double>::quiet_NaN();
   row.worst_ms = *std::max_element(times_ms.begin(), times_ms.end());
-  row.median_ms = Median(std::move(times_ms));
+  row.median_ms = MedianOrNan(times_ms);
   return row;
 }
 
@@ -170,7 +168,7 @@ absl::StatusOr<CertificateCounts> Certify(const LineTrialGenerator& trials, absl
     counts.num_not_maximum += certificate.verdict == RotationVerdict::kNotMaximum;
     counts.num_unknown += certificate.verdict == RotationVerdict::kUnknown;
   }
-  counts.median_ms = Median(std::move(times_ms));
+  counts.median_ms = MedianOrNan(times_ms);
   return counts;
 }
 

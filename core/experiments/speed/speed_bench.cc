@@ -10,6 +10,7 @@
 #include "absl/algorithm/container.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_join.h"
+#include "core/base/check_range.h"
 #include "core/base/status_macros.h"
 #include "core/events/decoder.h"
 #include "core/experiments/speed/processor_time.h"
@@ -267,13 +268,8 @@ absl::Status SpeedBenchOptions::Validate() const {
     return absl::InvalidArgumentError(
         absl::StrCat("parts: no part is called \"", part, "\"; known are: ", absl::StrJoin(SpeedParts(), ", ")));
   }
-  if (duration_us < 10'000 || duration_us > 10'000'000) {
-    return absl::InvalidArgumentError(absl::StrCat("duration_us must lie in [10000, 10000000]: ", duration_us));
-  }
-  if (num_repetitions < 1 || num_repetitions > 1000) {
-    return absl::InvalidArgumentError(absl::StrCat("num_repetitions must lie in [1, 1000]: ", num_repetitions));
-  }
-  return absl::OkStatus();
+  EVPOSE_RETURN_IF_ERROR(CheckRange("duration_us", static_cast<double>(duration_us), 10'000, 10'000'000));
+  return CheckRange("num_repetitions", num_repetitions, 1, 1000);
 }
 
 absl::Status RunSpeedBench(const SpeedBenchOptions& options, const std::function<void(const SpeedRow&)>& on_row,

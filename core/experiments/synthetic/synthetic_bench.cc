@@ -7,9 +7,11 @@
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_join.h"
+#include "core/base/check_range.h"
 #include "core/base/status_macros.h"
 #include "core/numerics/math.h"
 #include "core/numerics/random.h"
+#include "core/numerics/statistics.h"
 
 namespace evpose {
 namespace {
@@ -71,12 +73,6 @@ SyntheticTrialOptions TrialOptions(const SyntheticBenchOptions& options, Synthet
   return trial;
 }
 
-double Median(std::vector<double> values) {
-  const auto middle = values.begin() + static_cast<int64_t>(values.size() / 2);
-  std::nth_element(values.begin(), middle, values.end());
-  return *middle;
-}
-
 double Mean(const std::vector<double>& values) {
   double sum = 0.0;
   for (const double value : values) sum += value;
@@ -92,7 +88,9 @@ struct ErrorLists {
     translation_ratios.push_back(error.translation_ratio);
   }
   SyntheticErrors Summary() const {
-    return {Median(rotations_deg), Mean(rotations_deg), Median(translation_ratios), Mean(translation_ratios)};
+    std::vector<double> rotations = rotations_deg;  // the medians reorder the copies
+    std::vector<double> translations = translation_ratios;
+    return {UpperMedian(rotations), Mean(rotations_deg), UpperMedian(translations), Mean(translation_ratios)};
   }
 };
 
@@ -146,7 +144,7 @@ absl::StatusOr<std::vector<SyntheticBenchRow>> RunValue(const SyntheticBenchOpti
     row.num_none = results[m].num_none;
     row.errors = results[m].errors.Summary();
     if (!bound.rotations_deg.empty()) row.bound = bound.Summary();
-    row.median_ms = Median(std::move(results[m].times_ms));
+    row.median_ms = UpperMedian(results[m].times_ms);
   }
   return rows;
 }
@@ -190,15 +188,9 @@ absl::Span<const double> SyntheticSweepValues(SyntheticSweep sweep) {
 absl::Span<const SyntheticMethod> SyntheticMethods() { return kMethods; }
 
 absl::Status SyntheticBenchOptions::Validate() const {
-  if (num_trials < 1 || num_trials > 1'000'000) {
-    return absl::InvalidArgumentError(
-        absl::StrCat("SyntheticBenchOptions.num_trials is ", num_trials, "; it must lie in [1, 1000000]"));
-  }
+  EVPOSE_RETURN_IF_ERROR(CheckRange("SyntheticBenchOptions.num_trials", num_trials, 1, 1'000'000));
   if (sweeps.empty()) return absl::InvalidArgumentError("SyntheticBenchOptions.sweeps is empty");
-  if (!(start_factor >= 0.0 && start_factor <= 100.0)) {
-    return absl::InvalidArgumentError(
-        absl::StrCat("SyntheticBenchOptions.start_factor is ", start_factor, "; it must lie in [0, 100]"));
-  }
+  EVPOSE_RETURN_IF_ERROR(CheckRange("SyntheticBenchOptions.start_factor", start_factor, 0.0, 100.0));
   return ChosenMethods(methods).status();
 }
 

@@ -10,6 +10,7 @@
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 #include "absl/strings/str_join.h"
+#include "core/base/check_range.h"
 #include "core/base/status_macros.h"
 #include "core/baselines/estimators/estimator_factory.h"
 #include "core/experiments/speed/processor_time.h"
@@ -200,13 +201,6 @@ class BlockRunner {
   std::string text_;
 };
 
-absl::Status CheckCount(const char* field, int value) {
-  constexpr int kMost = 1000;
-  if (value >= 1 && value <= kMost) return absl::OkStatus();
-  return absl::InvalidArgumentError(
-      absl::StrFormat("TrackingBenchOptions.%s is %d; it must lie in [1, %d]", field, value, kMost));
-}
-
 }  // namespace
 
 std::vector<TrackingSubject> TrackingSubjects() {
@@ -227,8 +221,8 @@ std::vector<TrackingSubject> TrackingSubjects() {
 absl::Status TrackingBenchOptions::Validate() const {
   EVPOSE_RETURN_IF_ERROR(FindTrackingScenarios(scenarios).status());
   EVPOSE_RETURN_IF_ERROR(FindSubjects(estimators).status());
-  EVPOSE_RETURN_IF_ERROR(CheckCount("num_seeds", num_seeds));
-  EVPOSE_RETURN_IF_ERROR(CheckCount("num_paths", num_paths));
+  EVPOSE_RETURN_IF_ERROR(CheckRange("TrackingBenchOptions.num_seeds", num_seeds, 1, 1000));
+  EVPOSE_RETURN_IF_ERROR(CheckRange("TrackingBenchOptions.num_paths", num_paths, 1, 1000));
   if (max_duration_us < 0) {
     return absl::InvalidArgumentError(
         absl::StrFormat("TrackingBenchOptions.max_duration_us is %d; it must not be negative", max_duration_us));

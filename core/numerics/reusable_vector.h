@@ -1,0 +1,32 @@
+// SPDX-License-Identifier: Apache-2.0
+
+// Scratch vectors that are filled again in every window and keep their memory.
+#pragma once
+
+#include <cstddef>
+#include <vector>
+
+namespace evpose {
+
+// Sets `items` to `count` value-initialised elements. If the capacity is too small, it becomes twice `count`: a vector
+// whose length varies a little from call to call soon allocates no more.
+template <typename T>
+void AssignDefaults(size_t count, std::vector<T>& items) {
+  if (items.capacity() < count) {
+    items.clear();
+    items.reserve(2 * count);
+  }
+  items.assign(count, T());
+}
+
+// The same with a capacity of at least `min_capacity` from the first call on, for a caller that has a bound of `count`.
+template <typename T>
+void AssignDefaults(size_t count, size_t min_capacity, std::vector<T>& items) {
+  if (items.capacity() < min_capacity) {
+    items.clear();
+    items.reserve(min_capacity);
+  }
+  AssignDefaults(count, items);
+}
+
+}  // namespace evpose
