@@ -4,6 +4,7 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <algorithm>
 #include <array>
 #include <string>
 #include <vector>
@@ -27,6 +28,9 @@ struct CameraModel {
 
   // INVALID_ARGUMENT naming the field that is wrong.
   absl::Status Validate() const;
+
+  // The larger of the two focal lengths: pixels per radian near the optical axis, at most.
+  double MaxFocalPx() const { return std::max(fx_px, fy_px); }
 
   // Undistorted pixel of a point in the camera frame, metres; z must be positive.
   Eigen::Vector2d Project(const Eigen::Vector3d& point_camera) const {

@@ -91,7 +91,7 @@ std::optional<UncertainLine> BlindPnp::Project(const Belief& belief, const Model
   uncertain.length_px = uncertain.along.norm();
   if (uncertain.length_px < 2.0) return std::nullopt;
   uncertain.along /= uncertain.length_px;
-  const double focal_px = std::max(camera_.fx_px, camera_.fy_px);
+  const double focal_px = camera_.MaxFocalPx();
   // An end moves along its line about as much as sideways: f / z of the uncertainty of its place.
   double variance_m2 = 0.0;
   double depth_m = 0.0;

@@ -45,7 +45,7 @@ class WindowRecorder {
   void Start(int64_t t_us) {
     const Trajectory& truth = recording_.truth;
     const int64_t known_us = std::clamp(t_us, truth.front().t_us, truth.back().t_us);
-    const double focal_px = std::max(recording_.camera.fx_px, recording_.camera.fy_px);
+    const double focal_px = recording_.camera.MaxFocalPx();
     // Known at every time between its ends.
     const RigidTransform pose = *Interpolate(truth, known_us);
     track_ = std::make_unique<PoseTrack>(context_, InitialMotionState(pose, t_us, focal_px, context_.options.initial));

@@ -2,7 +2,6 @@
 #include "core/experiments/tracking/tracking_oracle.h"
 
 #include <Eigen/Eigenvalues>
-#include <algorithm>
 #include <optional>
 #include <utility>
 
@@ -63,7 +62,7 @@ class WindowOracle : public TrackingOracle {
     const absl::StatusOr<RigidTransform> before = Interpolate(truth_, t_us - kHalfStepUs);
     const absl::StatusOr<RigidTransform> after = Interpolate(truth_, t_us + kHalfStepUs);
     if (!pose.ok() || !before.ok() || !after.ok()) return std::nullopt;
-    const double focal_px = std::max(context_.camera.fx_px, context_.camera.fy_px);
+    const double focal_px = context_.camera.MaxFocalPx();
     MotionState state = InitialMotionState(*pose, t_us, focal_px, context_.options.initial);
     state.twist = Difference(*after, *before) / (2e-6 * kHalfStepUs);
     return state;
