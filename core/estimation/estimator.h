@@ -14,6 +14,7 @@
 #include "core/association/association.h"
 #include "core/association/line_events.h"
 #include "core/association/near_events.h"
+#include "core/association/window_associator.h"
 #include "core/base/state_io.h"
 #include "core/geometry/motion_prior.h"
 
@@ -45,13 +46,8 @@ struct LineAnswer {
 };
 
 // A window's events near the predicted lines. Everything is valid during the call only.
-struct WindowInput {
-  absl::Span<const Observation> events;
-  const LineEvents* sorted = nullptr;  // the same, by `lines`; never null when it is handed on
-  NearShares shares;                   // other than one when events were sampled
-  double duration_s = 0.0;
-  double background_per_px2 = 0.0;  // events that came anywhere, lines or not, in this time
-  bool is_believed = false;         // the pose before it; one that is not has to explain the events as they are
+struct WindowInput : AssociatedEvents {
+  bool is_believed = false;  // the pose before it; one that is not has to explain the events as they are
   absl::Span<const TrackedLine> lines;
   absl::Span<const LineAnswer> past_answers;  // of the lines, before this window; empty: nothing is known
 };

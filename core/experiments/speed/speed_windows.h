@@ -9,7 +9,7 @@
 #include <vector>
 
 #include "absl/status/statusor.h"
-#include "core/association/near_events.h"
+#include "core/association/window_associator.h"
 #include "core/estimation/estimator.h"
 #include "core/experiments/speed/speed_recordings.h"
 #include "core/tracking/pose_track.h"
@@ -41,22 +41,18 @@ absl::StatusOr<SpeedWindows> MakeSpeedWindows(const SpeedRecording& recording);
 // events.
 std::vector<SpeedWindow> WithCutLines(const std::vector<SpeedWindow>& windows, int num_pieces);
 
-// What PoseTrack does with a window before it estimates, for an object alone: projects the lines, builds the tiles,
-// finds the events near them.
+// The association of a single object's window with the reach that PoseTrack uses.
 class WindowAssociation {
  public:
   // `context` must outlive it.
   explicit WindowAssociation(const TrackContext& context);
-  // Valid until the next call; `window` must be there as long.
+  // The result refers to `window` and is valid until the next call.
   WindowInput Associate(const SpeedWindow& window);
 
  private:
   const TrackContext& context_;
-  const std::unique_ptr<WindowEstimator> estimator_;  // asked how far it looks
-  TileGrid grid_;
-  BackgroundRate background_;
-  NearEvents near_events_;
-  LineEvents line_events_;
+  const std::unique_ptr<WindowEstimator> estimator_;  // determines the reach and the number of events
+  WindowAssociator associator_;
   std::vector<ImageLine> image_lines_;
 };
 
