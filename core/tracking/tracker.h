@@ -41,10 +41,22 @@ struct ObjectToTrack {
   absl::Status Validate() const;
 };
 
+// Turns a stream of events into pose estimates.
+class PoseSource {
+ public:
+  virtual ~PoseSource() = default;
+
+  // Events in order of time (a step back is tolerated: such an event joins the open window). Appends the estimates of
+  // all windows that these events close: by window, then by object. A LOST or INITIALIZING object has no estimate.
+  virtual void AddEvents(absl::Span<const Event> events, std::vector<PoseEstimate>& estimates) = 0;
+  // End of the stream: closes what is open.
+  virtual void Finish(std::vector<PoseEstimate>& estimates) = 0;
+};
+
 // Tracks the objects of one stream of events side by side, window by window: they share its windows (EventWindower) and
 // its events. Not thread-safe; deterministic: the estimates depend on the events and options alone, not on how the
 // events are cut into calls. Memory is bounded whatever the event rate.
-class Tracker {
+class Tracker : public PoseSource {
  public:
   // 1 or more objects; PoseEstimate::object_index counts them from 0. Errors: INVALID_ARGUMENT naming the field of
   // options, camera or object that is wrong. `tables` are those of the camera; null: made here.
@@ -55,19 +67,13 @@ class Tracker {
   static absl::StatusOr<std::unique_ptr<Tracker>> Create(
       std::shared_ptr<const ObjectModel> model, const CameraModel& camera, const TrackerOptions& options,
       const std::optional<RigidTransform>& initial_camera_from_object);
-  virtual ~Tracker() = default;
 
-  // Events in order of time (a step back is tolerated: such an event joins the open window). Appends the estimates of
-  // all windows that these events close: by window, then by object. A LOST or INITIALIZING object has no estimate.
-  virtual void AddEvents(absl::Span<const Event> events, std::vector<PoseEstimate>& estimates) = 0;
   // The sensor's clock has reached t_us without further events (a TimeMark): windows close on time.
   virtual void AdvanceTime(int64_t t_us, std::vector<PoseEstimate>& estimates) = 0;
   // Drops these events and those of the open window; the sensor's clock has reached t_us, and the next window begins at
   // the end of the gap. Dropped events are no evidence of motion or rest: the uncertainty of each object grows with the
   // time, and the object is LOST when it exceeds HealthOptions::max_uncertainty_px.
   virtual EventGap Skip(absl::Span<const Event> events, int64_t t_us) = 0;
-  // End of the stream: closes what is open.
-  virtual void Finish(std::vector<PoseEstimate>& estimates) = 0;
   // Restarts the object from this pose at the present time.
   virtual void ResetPose(size_t object_index, const RigidTransform& camera_from_object) = 0;
 

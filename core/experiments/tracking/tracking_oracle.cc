@@ -21,9 +21,9 @@ bool IsFromEvents(const Matrix6d& covariance, const Matrix6d& prior) {
   return solver.info() == Eigen::Success && solver.eigenvalues().maxCoeff() <= kMostRatio;
 }
 
-class WindowOracle : public TrackingOracle {
+class TrackingOracle final : public PoseSource {
  public:
-  WindowOracle(TrackContext context, const Trajectory& truth)
+  TrackingOracle(TrackContext context, const Trajectory& truth)
       : context_(std::move(context)),
         truth_(truth),
         windower_(context_.options.windows, {context_.camera.width_px, context_.camera.height_px}) {}
@@ -76,14 +76,13 @@ class WindowOracle : public TrackingOracle {
 
 }  // namespace
 
-absl::StatusOr<std::unique_ptr<TrackingOracle>> TrackingOracle::Create(std::shared_ptr<const ObjectModel> model,
-                                                                       const CameraModel& camera,
-                                                                       const TrackerOptions& options,
-                                                                       const Trajectory& truth) {
-  // What a tracker refuses, the oracle refuses.
+absl::StatusOr<std::unique_ptr<PoseSource>> MakeTrackingOracle(std::shared_ptr<const ObjectModel> model,
+                                                               const CameraModel& camera, const TrackerOptions& options,
+                                                               const Trajectory& truth) {
+  // The oracle refuses the same arguments as a tracker.
   EVPOSE_RETURN_IF_ERROR(Tracker::Create(model, camera, options, std::nullopt).status());
   EVPOSE_ASSIGN_OR_RETURN(auto tables, MakeCameraTables(camera));
-  return std::make_unique<WindowOracle>(
+  return std::make_unique<TrackingOracle>(
       TrackContext{model, camera, std::move(tables), options, VisibilityTester(*model, options.visibility)}, truth);
 }
 
