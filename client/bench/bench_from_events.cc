@@ -54,6 +54,7 @@ EventTrialOptions MakeTrialOptions(const FromEventsArguments& arguments, Simulat
   EventTrialOptions options;
   options.object = object;
   options.camera = arguments.camera;
+  options.detector = arguments.detector;
   options.num_starts = arguments.num_starts;
   options.recording_us = std::llround(arguments.duration_s * 1e6);
   options.noise_ratio = arguments.noise_ratio;
@@ -86,17 +87,17 @@ absl::StatusOr<ObjectResult> RunObject(const FromEventsArguments& arguments, con
 }
 
 constexpr char kFromEventsHeader[] =
-    "                                       first pose  reprojection    longest  back in 100 ms  after a second's "
-    "absence\n"
-    "object      starts  right %  wrong  none  median ms   px of right   wrong ms   of returns     median ms   worst "
-    "ms\n";
+    "                                                 first pose  reprojection    longest  back in 100 ms  after a "
+    "second's absence\n"
+    "object      detector  starts  right %  wrong  none  median ms   px of right   wrong ms   of returns     median ms "
+    "  worst ms\n";
 
-void PrintResult(const ObjectResult& result, std::ostream& out) {
+void PrintResult(const ObjectResult& result, const std::string& detector, std::ostream& out) {
   const EventTrialSummary& summary = result.summary;
   const std::vector<double> times_ms = ReturnTimesMs(result);
   const double median_ms = times_ms.empty() ? std::nan("") : times_ms[times_ms.size() / 2];
   const double worst_ms = times_ms.empty() ? std::nan("") : times_ms.back();
-  out << absl::StrFormat("%-11s %6d  %7.1f  %5d  %4d %10s %13s %10.1f %12s %13s %10s\n", result.object,
+  out << absl::StrFormat("%-11s %-8s  %6d  %7.1f  %5d  %4d %10s %13s %10.1f %12s %13s %10s\n", result.object, detector,
                          summary.num_starts, 100.0 * summary.num_right / summary.num_starts, summary.num_wrong,
                          summary.num_none, Cell(summary.first_pose_median_ms, 1), Cell(summary.reprojection_mean_px, 2),
                          LongestWrongMs(result), absl::StrCat(NumBackInTime(result), "/", result.returns.size()),
@@ -107,10 +108,11 @@ void PrintResult(const ObjectResult& result, std::ostream& out) {
 // null: none.
 Json TimeJson(int64_t t_us) { return t_us < 0 ? Json() : Json(t_us); }
 
-Json ResultJson(const ObjectResult& result) {
+Json ResultJson(const ObjectResult& result, const std::string& detector) {
   const EventTrialSummary& summary = result.summary;
   Json json;
   json["object"] = result.object;
+  json["detector"] = detector;
   json["starts"] = summary.num_starts;
   json["right"] = summary.num_right;
   json["wrong"] = summary.num_wrong;
@@ -150,6 +152,8 @@ void FromEventsArguments::AddTo(CLI::App& app, CLI::Option* from_events) {
   add("--noise", noise_ratio, "Share of all events that are noise")->check(CLI::Range(0.0, 0.9));
   add("--speed", speed_scale, "Factor on the speed of the motion")->check(CLI::Range(0.01, 100.0));
   add("--camera", camera, "The sensor and its lens")->check(CLI::IsMember(SimulatedCameraNames()));
+  add("--detector", detector, "Lines from events: space-time planes as in the source paper, or LSD on an event image")
+      ->check(CLI::IsMember(LineDetectorNames()));
   add("--returns", num_returns, "Seeds with which the object leaves for a second and is back elsewhere")
       ->check(CLI::Range(0, 10'000));
 }
@@ -163,6 +167,7 @@ absl::Status RunFromEvents(const FromEventsArguments& arguments, const std::vect
   }
   Json json;
   json["camera"] = arguments.camera;
+  json["detector"] = arguments.detector;
   json["duration_s"] = arguments.duration_s;
   json["noise_ratio"] = arguments.noise_ratio;
   json["speed"] = arguments.speed_scale;
@@ -172,9 +177,9 @@ absl::Status RunFromEvents(const FromEventsArguments& arguments, const std::vect
   for (const std::string& name : names) {
     EVPOSE_ASSIGN_OR_RETURN(const ObjectResult result, RunObject(arguments, name, seed, context));
     if (is_json) {
-      json["rows"].push_back(ResultJson(result));
+      json["rows"].push_back(ResultJson(result, arguments.detector));
     } else {
-      PrintResult(result, context.out);
+      PrintResult(result, arguments.detector, context.out);
     }
   }
   if (is_json) context.out << json.dump(2) << "\n";

@@ -18,6 +18,7 @@ struct FromEventsArguments {
   double noise_ratio = 0.05;
   double speed_scale = 1.0;
   std::string camera = "evk4";
+  std::string detector = "planes";
   int num_returns = 10;
 
   // Options of `app` that need `from_events`.
