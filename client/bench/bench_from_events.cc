@@ -16,7 +16,9 @@
 namespace evpose::client {
 namespace {
 
+// The object is out of view for this long: far longer than a track survives without support.
 constexpr int64_t kAbsenceUs = 1'000'000;
+// A return counts as in time if the object is tracked again from this much of events.
 constexpr int64_t kReturnBudgetUs = 100'000;
 
 struct ObjectResult {
@@ -26,7 +28,7 @@ struct ObjectResult {
   std::vector<ReturnTrial> returns;
 };
 
-// Milliseconds of the returns, none as infinite: in order.
+// Sorted times until the object is tracked again, milliseconds; infinity if it is not.
 std::vector<double> ReturnTimesMs(const ObjectResult& result) {
   std::vector<double> times_ms;
   for (const ReturnTrial& trial : result.returns) {
@@ -43,7 +45,7 @@ int NumBackInTime(const ObjectResult& result) {
   }));
 }
 
-// How long wrong poses were reported at the worst, at the starts and after returns.
+// Longest time of wrong poses, after starts and after returns.
 double LongestWrongMs(const ObjectResult& result) {
   int64_t longest_us = result.summary.longest_wrong_us;
   for (const ReturnTrial& trial : result.returns) longest_us = std::max(longest_us, trial.wrong_us);
@@ -105,7 +107,7 @@ void PrintResult(const ObjectResult& result, const std::string& detector, std::o
   out.flush();
 }
 
-// null: none.
+// null if there is none.
 Json TimeJson(int64_t t_us) { return t_us < 0 ? Json() : Json(t_us); }
 
 Json ResultJson(const ObjectResult& result, const std::string& detector) {
@@ -147,14 +149,16 @@ void FromEventsArguments::AddTo(CLI::App& app, CLI::Option* from_events) {
   const auto add = [&](const char* name, auto& value, const char* description) {
     return app.add_option(name, value, description)->needs(from_events)->capture_default_str();
   };
-  add("--starts", num_starts, "Starts of the tracker in each object's recording")->check(CLI::Range(1, 100'000));
-  add("--duration", duration_s, "Seconds of each recording")->check(CLI::Range(0.25, 1800.0));
-  add("--noise", noise_ratio, "Share of all events that are noise")->check(CLI::Range(0.0, 0.9));
+  add("--starts", num_starts, "Number of starts of the tracker in the recording of each object")
+      ->check(CLI::Range(1, 100'000));
+  add("--duration", duration_s, "Length of each recording, seconds")->check(CLI::Range(0.25, 1800.0));
+  add("--noise", noise_ratio, "Share of noise among all events")->check(CLI::Range(0.0, 0.9));
   add("--speed", speed_scale, "Factor on the speed of the motion")->check(CLI::Range(0.01, 100.0));
-  add("--camera", camera, "The sensor and its lens")->check(CLI::IsMember(SimulatedCameraNames()));
+  add("--camera", camera, "Sensor and lens")->check(CLI::IsMember(SimulatedCameraNames()));
   add("--detector", detector, "Lines from events: space-time planes as in the source paper, or LSD on an event image")
       ->check(CLI::IsMember(LineDetectorNames()));
-  add("--returns", num_returns, "Seeds with which the object leaves for a second and is back elsewhere")
+  add("--returns", num_returns,
+      "Number of recordings in which the object leaves for a second and returns at another place")
       ->check(CLI::Range(0, 10'000));
 }
 

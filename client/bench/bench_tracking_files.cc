@@ -12,7 +12,7 @@
 namespace evpose::client {
 namespace {
 
-// A run in numbers, in the order of the CSV's columns.
+// The numbers of a run, in the order of the columns of the CSV file.
 std::vector<std::pair<const char*, double>> RunNumbers(const TrackingScore& score) {
   const Evaluation& e = score.evaluation;
   const Consistency consistency = SummariseConsistency(score.nees);

@@ -154,7 +154,7 @@ TEST_F(CliTest, BenchHelpListsTheMethods) {
   const CliResult result = Run(Arguments({"--help"}));
   ASSERT_EQ(result.status, 0) << result.err;
   EXPECT_THAT(result.out, HasSubstr("published-bnb"));
-  EXPECT_THAT(result.out, HasSubstr("told which line is which"));
+  EXPECT_THAT(result.out, HasSubstr("given the correspondences"));
 }
 
 std::vector<std::string> SyntheticArguments(const std::vector<std::string>& more) {
