@@ -117,9 +117,8 @@ TEST_F(CliTest, BenchFromEventsHasARowForEachObject) {
 }
 
 TEST_F(CliTest, BenchFromEventsWithLsd) {
-  const CliResult result =
-      Run(Arguments({"--from-events", "--detector", "lsd", "--objects", "cube", "--camera", "vga", "--starts", "2",
-                     "--duration", "0.4", "--returns", "0", "--json"}));
+  const CliResult result = Run(Arguments({"--from-events", "--detector", "lsd", "--objects", "cube", "--camera", "vga",
+                                          "--starts", "2", "--duration", "0.4", "--returns", "0", "--json"}));
   ASSERT_EQ(result.status, 0) << result.err;
   const nlohmann::json json = result.Json();
   EXPECT_EQ(json["detector"], "lsd");
