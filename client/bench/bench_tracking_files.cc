@@ -7,6 +7,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
+#include "core/evaluation/consistency.h"
 #include "core/numerics/math.h"
 
 namespace evpose::client {
@@ -89,6 +90,7 @@ Json TargetsJson(const TrackingTargets& targets) {
   return {{"position_rmse_of_depth", targets.position_rmse_of_depth},
           {"rotation_median_deg", targets.rotation_median_deg},
           {"rotation_p95_deg", targets.rotation_p95_deg},
+          {"nees_median", kNeesMedian},
           {"nees_median_low", targets.nees_median_low},
           {"nees_median_high", targets.nees_median_high},
           {"coverage_ratio", targets.coverage_ratio},

@@ -33,10 +33,4 @@ Eigen::Matrix<double, 3, 6> LineVelocityJacobian(const CameraModel& camera, cons
                                                  const Eigen::Vector3d& p1_object, const Eigen::Vector3d& p2_object,
                                                  const Vector6d& twist);
 
-// Speed, pixels per second, at which the line passes the bearing b = (x, y, 1) under the twist [v (m/s), w (rad/s)]
-// (dT/dt = v, dR/dt = w^ R), along its image normal: positive when it moves to the side where d = a . b is positive.
-// For a b on the line this is the normal component of the image velocity of the line's point there: a . b stays 0 on
-// the moving line, so the point's speed is a . b_dot = -a_dot . b.
-double NormalVelocity(const ProjectedLine& line, const Vector6d& twist, const Eigen::Vector3d& bearing);
-
 }  // namespace evpose
