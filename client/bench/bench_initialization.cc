@@ -207,7 +207,9 @@ CommandRunner AddBenchInitializationCommand(CLI::App& app, CliContext& context) 
                           "  evpose bench initialization --trials 5 --objects cube,planar --methods sqpnp,evpose "
                           "--certify\n"
                           "  evpose bench initialization --from-events --objects cube --camera vga --starts 3 "
-                          "--duration 0.4 --returns 1"));
+                          "--duration 0.4 --returns 1\n"
+                          "  evpose bench initialization --from-events --detector lsd --objects cube --camera vga "
+                          "--starts 2 --duration 0.4 --returns 0"));
   return [arguments, &context] { return RunInitialization(*arguments, context); };
 }
 
