@@ -17,7 +17,9 @@
 namespace evpose::client {
 namespace {
 
+// The object is out of view for this long: far longer than a track survives without support.
 constexpr int64_t kAbsenceUs = 1'000'000;
+// A return counts as in time if the object is tracked again from this much of events.
 constexpr int64_t kReturnBudgetUs = 100'000;
 
 struct ObjectResult {
@@ -27,7 +29,7 @@ struct ObjectResult {
   std::vector<ReturnTrial> returns;
 };
 
-// Milliseconds of the returns, none as infinite: in order.
+// Sorted times until the object is tracked again, milliseconds; infinity if it is not.
 std::vector<double> ReturnTimesMs(const ObjectResult& result) {
   std::vector<double> times_ms;
   for (const ReturnTrial& trial : result.returns) {
@@ -44,7 +46,7 @@ int NumBackInTime(const ObjectResult& result) {
   }));
 }
 
-// How long wrong poses were reported at the worst, at the starts and after returns.
+// Longest time of wrong poses, after starts and after returns.
 double LongestWrongMs(const ObjectResult& result) {
   int64_t longest_us = result.summary.longest_wrong_us;
   for (const ReturnTrial& trial : result.returns) longest_us = std::max(longest_us, trial.wrong_us);
@@ -55,6 +57,7 @@ EventTrialOptions MakeTrialOptions(const FromEventsArguments& arguments, Simulat
   EventTrialOptions options;
   options.object = object;
   options.camera = arguments.camera;
+  options.detector = arguments.detector;
   options.num_starts = arguments.num_starts;
   options.recording_us = std::llround(arguments.duration_s * 1e6);
   options.noise_ratio = arguments.noise_ratio;
@@ -87,17 +90,17 @@ absl::StatusOr<ObjectResult> RunObject(const FromEventsArguments& arguments, con
 }
 
 constexpr char kFromEventsHeader[] =
-    "                                       first pose  reprojection    longest  back in 100 ms  after a second's "
-    "absence\n"
-    "object      starts  right %  wrong  none  median ms   px of right   wrong ms   of returns     median ms   worst "
-    "ms\n";
+    "                                                 first pose  reprojection    longest  back in 100 ms  after a "
+    "second's absence\n"
+    "object      detector  starts  right %  wrong  none  median ms   px of right   wrong ms   of returns     median ms "
+    "  worst ms\n";
 
-void PrintResult(const ObjectResult& result, std::ostream& out) {
+void PrintResult(const ObjectResult& result, const std::string& detector, std::ostream& out) {
   const EventTrialSummary& summary = result.summary;
   std::vector<double> times_ms = ReturnTimesMs(result);
   const double worst_ms = times_ms.empty() ? std::nan("") : times_ms.back();
   const double median_ms = times_ms.empty() ? std::nan("") : UpperMedian(times_ms);
-  out << absl::StrFormat("%-11s %6d  %7.1f  %5d  %4d %10s %13s %10.1f %12s %13s %10s\n", result.object,
+  out << absl::StrFormat("%-11s %-8s  %6d  %7.1f  %5d  %4d %10s %13s %10.1f %12s %13s %10s\n", result.object, detector,
                          summary.num_starts, 100.0 * summary.num_right / summary.num_starts, summary.num_wrong,
                          summary.num_none, Cell(summary.first_pose_median_ms, 1), Cell(summary.reprojection_mean_px, 2),
                          LongestWrongMs(result), absl::StrCat(NumBackInTime(result), "/", result.returns.size()),
@@ -105,13 +108,14 @@ void PrintResult(const ObjectResult& result, std::ostream& out) {
   out.flush();
 }
 
-// null: none.
+// null if there is none.
 Json TimeJson(int64_t t_us) { return t_us < 0 ? Json() : Json(t_us); }
 
-Json ResultJson(const ObjectResult& result) {
+Json ResultJson(const ObjectResult& result, const std::string& detector) {
   const EventTrialSummary& summary = result.summary;
   Json json;
   json["object"] = result.object;
+  json["detector"] = detector;
   json["starts"] = summary.num_starts;
   json["right"] = summary.num_right;
   json["wrong"] = summary.num_wrong;
@@ -146,12 +150,16 @@ void FromEventsArguments::AddTo(CLI::App& app, CLI::Option* from_events) {
   const auto add = [&](const char* name, auto& value, const char* description) {
     return app.add_option(name, value, description)->needs(from_events)->capture_default_str();
   };
-  add("--starts", num_starts, "Starts of the tracker in each object's recording")->check(CLI::Range(1, 100'000));
-  add("--duration", duration_s, "Seconds of each recording")->check(CLI::Range(0.25, 1800.0));
-  add("--noise", noise_ratio, "Share of all events that are noise")->check(CLI::Range(0.0, 0.9));
+  add("--starts", num_starts, "Number of starts of the tracker in the recording of each object")
+      ->check(CLI::Range(1, 100'000));
+  add("--duration", duration_s, "Length of each recording, seconds")->check(CLI::Range(0.25, 1800.0));
+  add("--noise", noise_ratio, "Share of noise among all events")->check(CLI::Range(0.0, 0.9));
   add("--speed", speed_scale, "Factor on the speed of the motion")->check(CLI::Range(0.01, 100.0));
-  add("--camera", camera, "The sensor and its lens")->check(CLI::IsMember(SimulatedCameraNames()));
-  add("--returns", num_returns, "Seeds with which the object leaves for a second and is back elsewhere")
+  add("--camera", camera, "Sensor and lens")->check(CLI::IsMember(SimulatedCameraNames()));
+  add("--detector", detector, "Lines from events: space-time planes as in the source paper, or LSD on an event image")
+      ->check(CLI::IsMember(LineDetectorNames()));
+  add("--returns", num_returns,
+      "Number of recordings in which the object leaves for a second and returns at another place")
       ->check(CLI::Range(0, 10'000));
 }
 
@@ -164,6 +172,7 @@ absl::Status RunFromEvents(const FromEventsArguments& arguments, const std::vect
   }
   Json json;
   json["camera"] = arguments.camera;
+  json["detector"] = arguments.detector;
   json["duration_s"] = arguments.duration_s;
   json["noise_ratio"] = arguments.noise_ratio;
   json["speed"] = arguments.speed_scale;
@@ -173,9 +182,9 @@ absl::Status RunFromEvents(const FromEventsArguments& arguments, const std::vect
   for (const std::string& name : names) {
     EVPOSE_ASSIGN_OR_RETURN(const ObjectResult result, RunObject(arguments, name, seed, context));
     if (is_json) {
-      json["rows"].push_back(ResultJson(result));
+      json["rows"].push_back(ResultJson(result, arguments.detector));
     } else {
-      PrintResult(result, context.out);
+      PrintResult(result, arguments.detector, context.out);
     }
   }
   if (is_json) context.out << json.dump(2) << "\n";

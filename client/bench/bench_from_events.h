@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// evpose bench initialization --from-events: first poses from simulated recordings instead of from lines.
+// evpose bench initialization --from-events: first poses from the events of simulated recordings.
 #pragma once
 
 #include <cstdint>
@@ -18,13 +18,14 @@ struct FromEventsArguments {
   double noise_ratio = 0.05;
   double speed_scale = 1.0;
   std::string camera = "evk4";
+  std::string detector = "planes";
   int num_returns = 10;
 
-  // Options of `app` that need `from_events`.
+  // Adds the options, which are valid only together with `from_events`.
   void AddTo(CLI::App& app, CLI::Option* from_events);
 };
 
-// `objects`: names; empty: all.
+// `objects` are names; all objects if it is empty.
 absl::Status RunFromEvents(const FromEventsArguments& arguments, const std::vector<std::string>& objects, uint64_t seed,
                            bool is_json, CliContext& context);
 

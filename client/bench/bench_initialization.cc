@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// evpose bench initialization: first poses, ours and published methods, on trials that it makes itself.
+// evpose bench initialization: first poses by evpose and by published methods, on random trials.
 #include <cmath>
 #include <sstream>
 #include <string>
@@ -31,7 +31,7 @@ struct InitializationArguments {
   FromEventsArguments from_events;
 };
 
-// "2/1": spurious and missing lines.
+// Parses "2/1": two spurious lines and one missing line.
 absl::StatusOr<BenchClutter> ParseClutter(const std::string& text) {
   BenchClutter clutter;
   char slash = 0;
@@ -72,7 +72,7 @@ Json RowJson(const InitializationBenchRow& row) {
   json["right"] = row.num_right;
   json["none"] = row.num_none;
   json["success_ratio"] = static_cast<double>(row.num_right) / row.num_trials;
-  // Without a right pose there is none: null.
+  // null without a right pose.
   json["reprojection_mean_right_px"] = row.reprojection_mean_right_px;
   json["reprojection_median_px"] = row.reprojection_median_px;
   json["reprojection_mean_px"] = row.reprojection_mean_px;
@@ -135,14 +135,14 @@ absl::Status RunInitialization(const InitializationArguments& arguments, CliCont
   return absl::OkStatus();
 }
 
-std::string ToldText(PriorKnowledge told) {
-  switch (told) {
+std::string PriorText(PriorKnowledge prior) {
+  switch (prior) {
     case PriorKnowledge::kNothing:
       return "";
     case PriorKnowledge::kPosePrior:
-      return "; told a pose nearby";
+      return "; given a pose nearby";
     case PriorKnowledge::kCorrespondences:
-      return "; told which line is which";
+      return "; given the correspondences";
   }
   return "";
 }
@@ -150,39 +150,41 @@ std::string ToldText(PriorKnowledge told) {
 std::string InitializationMethodList() {
   std::string text;
   for (const InitializationMethod& method : InitializationMethods()) {
-    absl::StrAppend(&text, absl::StrFormat("  %-14s %s%s\n", method.name, method.description, ToldText(method.told)));
+    absl::StrAppend(&text, absl::StrFormat("  %-14s %s%s\n", method.name, method.description, PriorText(method.told)));
   }
   return text;
 }
 
 constexpr char kAboutLines[] =
-    "First poses from the lines of an object, with 0.8 px noise at their ends: every method gets the same lines.\n"
-    "Right is a pose within 2 degrees and 2 % of the depth, modulo the object's symmetries. Reprojection errors are\n"
-    "of the ends of the visible lines: mean of the right poses, median and mean of all. --certify asks the branch and\n"
-    "bound whether a better rotation exists, of the poses of the methods that are not told which line is which:\n"
-    "maximum means proved that none makes more lines fit in direction alone.\n";
+    "First poses from the lines of an object, with 0.8 px of noise at their end points. Every method gets the same\n"
+    "lines. A pose is right within 2 degrees and 2 % of the depth, modulo the object's symmetries. Reprojection "
+    "errors\n"
+    "are those of the end points of the visible lines: mean of the right poses, median and mean of all poses.\n"
+    "--certify searches by branch and bound for a better rotation than each pose of a method without given\n"
+    "correspondences: maximum means a proof that no rotation matches more lines by direction.\n";
 constexpr char kAboutEvents[] =
-    "With --from-events the tracker is started at random times of a simulated recording of each object, and told\n"
-    "nothing. Right are first poses that are, from at most 50 ms of events; wrong ones may be early or late. The\n"
-    "longest wrong is how long wrong poses were reported as TRACKING without a break.\n";
+    "With --from-events the tracker is started at random times of a simulated recording of each object, without prior\n"
+    "knowledge. A first pose counts as right if it is right and needs at most 50 ms of events, and as wrong at any "
+    "time.\n"
+    "The longest wrong is the longest time for which wrong poses were reported as TRACKING without a break.\n";
 
 void AddLineOptions(CLI::App& app, InitializationArguments& arguments, CLI::Option* from_events) {
-  app.add_option("--trials", arguments.num_trials, "Poses of each object and clutter")
+  app.add_option("--trials", arguments.num_trials, "Number of random poses of each object and clutter")
       ->check(CLI::Range(1, 1'000'000))
       ->excludes(from_events)
       ->capture_default_str();
-  app.add_option("--methods", arguments.methods, "Some of the methods below")
+  app.add_option("--methods", arguments.methods, "Run only these methods")
       ->delimiter(',')
       ->excludes(from_events)
       ->type_name("NAME,...");
-  app.add_option("--clutter", arguments.clutter, "Spurious and missing lines: by default 0/0, 2/1 and 4/2")
+  app.add_option("--clutter", arguments.clutter, "Numbers of spurious and missing lines; default: 0/0, 2/1 and 4/2")
       ->delimiter(',')
       ->excludes(from_events)
       ->type_name("S/M,...");
-  app.add_flag("--all-trials", arguments.is_unlimited, "Slow methods do every trial, too, not only the first of them")
+  app.add_flag("--all-trials", arguments.is_unlimited, "Run slow methods on all trials, not only on the first 100")
       ->excludes(from_events);
   app.add_flag("--certify", arguments.certifies,
-               "Prove by branch and bound which rotations attain the published objective's maximum")
+               "Prove by branch and bound which rotations attain the maximum of the published objective")
       ->excludes(from_events);
 }
 
@@ -191,12 +193,13 @@ void AddLineOptions(CLI::App& app, InitializationArguments& arguments, CLI::Opti
 CommandRunner AddBenchInitializationCommand(CLI::App& app, CliContext& context) {
   auto arguments = std::make_shared<InitializationArguments>();
   app.add_option("--seed", arguments->seed, "The same seed gives the same trials")->capture_default_str();
-  app.add_option("--objects", arguments->objects, "Some of " + absl::StrJoin(SimulatedObjectNames(), ", "))
+  app.add_option("--objects", arguments->objects,
+                 "Use only these objects: " + absl::StrJoin(SimulatedObjectNames(), ", "))
       ->delimiter(',')
       ->type_name("NAME,...");
-  app.add_flag("--json", arguments->is_json, "One JSON object on standard output");
+  app.add_flag("--json", arguments->is_json, "Print one JSON object on standard output");
   CLI::Option* from_events = app.add_flag("--from-events", arguments->is_from_events,
-                                          "From the events of simulated recordings, not from lines");
+                                          "Use the events of simulated recordings instead of lines");
   AddLineOptions(app, *arguments, from_events);
   arguments->from_events.AddTo(app, from_events);
   app.footer(absl::StrCat(kAboutLines, kAboutEvents, "\nMethods:\n", InitializationMethodList(),
@@ -204,7 +207,9 @@ CommandRunner AddBenchInitializationCommand(CLI::App& app, CliContext& context) 
                           "  evpose bench initialization --trials 5 --objects cube,planar --methods sqpnp,evpose "
                           "--certify\n"
                           "  evpose bench initialization --from-events --objects cube --camera vga --starts 3 "
-                          "--duration 0.4 --returns 1"));
+                          "--duration 0.4 --returns 1\n"
+                          "  evpose bench initialization --from-events --detector lsd --objects cube --camera vga "
+                          "--starts 2 --duration 0.4 --returns 0"));
   return [arguments, &context] { return RunInitialization(*arguments, context); };
 }
 

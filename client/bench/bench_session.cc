@@ -12,7 +12,7 @@
 namespace evpose::client {
 namespace {
 
-// The machine's clock, which knows when it was asked first: a pacer asks when it sees the first time.
+// The system clock; it keeps the time of the first call, which a pacer makes at the first time stamp.
 class FirstAskedClock final : public Clock {
  public:
   absl::Time Now() override {
@@ -75,7 +75,7 @@ absl::StatusOr<std::unique_ptr<BenchSession>> BenchSession::Create(Client& clien
   return std::unique_ptr<BenchSession>(new BenchSession(client, std::move(session)));
 }
 
-// A server that does not answer any more has said so already.
+// An unreachable server has been reported by Stream() already.
 BenchSession::~BenchSession() { client_.DeleteSession(session_.name).IgnoreError(); }
 
 absl::Status BenchSession::Stream(const EncodedRecording& recording, uint64_t num_events,

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// Sessions fed from memory, for benchmarks.
+// Sessions that stream a recording from memory, for benchmarks.
 #pragma once
 
 #include <cstdint>
@@ -18,14 +18,14 @@
 
 namespace evpose::client {
 
-// A recording as its file has it. Copies share the bytes.
+// The encoded bytes of a recording. Copies share them.
 struct EncodedRecording {
   Encoding encoding = Encoding::kEvt3;
   SensorGeometry geometry;
   std::shared_ptr<const std::vector<uint8_t>> bytes;
 };
 
-// The bytes in memory, as often as they are to come.
+// Reads the bytes from memory, `num_times` times one after the other.
 class MemoryReader final : public RecordingReader {
  public:
   MemoryReader(const EncodedRecording& recording, int num_times = 1);
@@ -42,42 +42,44 @@ class MemoryReader final : public RecordingReader {
   size_t begin_ = 0;
 };
 
-// When a pose came.
+// The arrival of a pose at the client.
 struct Arrival {
-  int64_t t_us = 0;  // that it is for
-  absl::Time at;     // by SystemClock()
+  int64_t t_us = 0;  // time of the pose on the sensor's clock
+  absl::Time at;     // time of arrival by SystemClock()
   absl::Duration server_latency;
 };
 
-// A stream's chunks and poses in time.
+// Times of the chunks and poses of a stream.
 struct StreamTimes {
-  absl::Time begin;                    // when the first chunk could be sent; with a pace: the time of its end
-  absl::Time end;                      // when the summary had come
-  std::vector<int64_t> chunk_ends_us;  // the sensor's time at the end of each chunk
+  absl::Time begin;                    // start of the stream; with a rate, the time of the end of the first chunk
+  absl::Time end;                      // arrival of the summary
+  std::vector<int64_t> chunk_ends_us;  // sensor time at the end of each chunk
   std::vector<Arrival> poses;
 };
 
 struct BenchSessionOptions {
   double rate = 0.0;                   // as FeedOptions::rate
-  std::function<bool()> is_cancelled;  // asked before each chunk; may be null
-  StreamTimes* times = nullptr;        // filled in when it is there
+  std::function<bool()> is_cancelled;  // called before each chunk; may be null
+  StreamTimes* times = nullptr;        // receives the times; may be null
 };
 
-// The configuration in which a server tracks the recording's object from its true first pose. Uploads the model.
+// Uploads the model and returns the configuration of a session that tracks the object of the recording from its true
+// first pose.
 absl::StatusOr<SessionConfig> UploadSession(Client& client, const SpeedRecording& recording, Encoding encoding);
 
-// A session on a server, for as long as this lives. It is made before a measurement begins, because that takes longer
-// than a short recording.
+// A session on a server, deleted by the destructor. It is created before a measurement starts, because its creation
+// takes longer than a short recording.
 class BenchSession {
  public:
   // Errors: those of Client::CreateSession.
   static absl::StatusOr<std::unique_ptr<BenchSession>> Create(Client& client, const SessionConfig& config);
-  ~BenchSession();  // deletes it
+  ~BenchSession();
   BenchSession(const BenchSession&) = delete;
   BenchSession& operator=(const BenchSession&) = delete;
 
-  // Once: the recording in chunks of 1 ms or 256 KiB, as evpose replay sends it, to the summary. A break of the stream
-  // is an error. Errors: the server's; CANCELLED; INTERNAL when not `num_events` were decoded, or no pose came.
+  // Streams the recording in chunks of 1 ms or 256 KiB, as evpose replay does, and waits for the summary. To be called
+  // once. Does not reconnect. Errors: those of the server; CANCELLED; INTERNAL if the server did not decode
+  // `num_events` events or returned no pose.
   absl::Status Stream(const EncodedRecording& recording, uint64_t num_events, const BenchSessionOptions& options);
 
  private:

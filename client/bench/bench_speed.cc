@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// evpose bench speed: how long decoding, tracking, the search for a first pose and the way through a server take on
+// evpose bench speed: time of decoding, of tracking, of the search for a first pose and of the path through a server on
 // this machine.
 #include <algorithm>
 #include <cmath>
@@ -38,11 +38,11 @@ std::vector<std::string> AllParts() {
 }
 
 struct Plan {
-  SpeedBenchOptions speed;  // without parts: nothing
+  SpeedBenchOptions speed;  // not run if it has no parts
   ServiceBenchOptions service;
 };
 
-// Of those that nobody asked for by name, the ones that a server somewhere else cannot be asked for are left out.
+// The parts that are run without --parts: all that can be measured with the server given.
 std::vector<std::string> PartsByDefault(const SpeedArguments& arguments) {
   std::vector<std::string> parts = AllParts();
   if (arguments.server.address.empty()) return parts;
@@ -91,7 +91,7 @@ void PrintRow(const SpeedRow& row, std::ostream& out) {
   out.flush();
 }
 
-// What rows of both kinds have.
+// The fields that rows of both kinds have.
 template <typename Row>
 Json RowHead(const Row& row) {
   Json json;
@@ -128,7 +128,7 @@ Json RowJson(const SpeedRow& row) {
   return json;
 }
 
-// The names of the numbers, each as wide as its column.
+// Prints the names of the numbers, each as wide as its column.
 void PrintHeader(const ServiceRow& row, std::ostream& out) {
   out << absl::StrFormat("\n%-11s %-11s %5s  %6s %10s", "part", "what", "scene", "Mev/s", "events");
   for (const NamedNumber& number : row.numbers) out << "  " << absl::StrFormat("%10s", number.name);
@@ -154,7 +154,7 @@ Json RowJson(const ServiceRow& row) {
   return json;
 }
 
-// Runs what is planned; the rows are printed as they come.
+// Runs the plan and prints each row when it is measured.
 absl::Status Measure(const Plan& plan, CliContext& context, Json& rows) {
   ProgressLine progress(context);
   const auto on_progress = [&](double ratio, const std::string& text) {
@@ -184,7 +184,7 @@ absl::Status Measure(const Plan& plan, CliContext& context, Json& rows) {
 
 absl::Status RunSpeed(const SpeedArguments& arguments, CliContext& context) {
   EVPOSE_ASSIGN_OR_RETURN(const Plan plan, MakePlan(arguments));
-  // What cannot be written is said before the work, not after it.
+  // A file that cannot be written is reported before the work, not after it.
   std::optional<OutputFile> file;
   if (!arguments.json.empty()) {
     EVPOSE_ASSIGN_OR_RETURN(file, OutputFile::Create(arguments.json));
@@ -202,23 +202,25 @@ absl::Status RunSpeed(const SpeedArguments& arguments, CliContext& context) {
 
 std::string About() {
   std::string text =
-      "One thread, its processor time, the least of the repetitions.\n"
-      "  decode      bytes to events, in pieces of 256 KiB; memcpy: ratio to copying the same bytes, alternately\n"
-      "  windows     events to windows\n"
-      "  associate   events to the lines that they may be of; with 16 times the lines, too: each one cut into 16\n"
-      "  estimate    associated events, at most 1200 of a window, to a pose; likewise\n"
+      "Processor time of one thread; the minimum over the repetitions.\n"
+      "  decode      decode bytes to events, in pieces of 256 KiB; memcpy: ratio to copying the same bytes\n"
+      "  windows     cut events into windows\n"
+      "  associate   find the events near the predicted lines; also with each line cut into 16 pieces\n"
+      "  estimate    estimate a pose from the associated events, at most 1200 per window; also with 16 pieces\n"
       "  track       events to poses, from the true first pose; real time: processor time per sensor time\n"
-      "  initialize  events to the first pose, of which nothing is known\n"
-      "\nThrough gRPC on this machine; an evpose-server is started for it, and stopped, unless there is --server.\n"
-      "  transport   chunks of 256 KiB to a server in this process that does nothing with them; memcpy: as above\n"
-      "  path        EVT3 to poses, as fast as may be; ratio to the tracker alone in the same run, processor time of\n"
+      "  initialize  events to the first pose, without prior knowledge\n"
+      "\nThrough gRPC on this machine. Without --server, an evpose-server is started and stopped again.\n"
+      "  transport   chunks of 256 KiB to a server in this process that discards them; memcpy: as above\n"
+      "  path        EVT3 to poses, as fast as possible; ratio to the tracker alone in the same run; processor time "
+      "of\n"
       "              both sides, seconds for 10^9 events\n"
-      "  latency     at the sensor's pace in chunks of 1 ms: until a pose is here, from the end of the chunk that\n"
-      "              completes its window, from the window's end, and of that what the server takes\n"
-      "  sessions    1, 4, 16 and 64 at once: the server's processor time for one, and its ratio to one alone\n"
-      "  memory      by how much the server grows, at most, while one session is fed, and then for each of 8 more at "
-      "once\n"
-      "\nScenes of the simulator, by their million events per second:\n";
+      "  latency     in real time in chunks of 1 ms: until a pose arrives, from the end of the chunk that completes "
+      "its\n"
+      "              window, from the end of the window, and the part of it within the server\n"
+      "  sessions    1, 4, 16 and 64 concurrent sessions: processor time of the server per session, and its ratio to\n"
+      "              that of a single session\n"
+      "  memory      growth of the server's memory, at its peak, by a first session, and per session by 8 more\n"
+      "\nSimulated scenes, named by their million events per second:\n";
   for (const SpeedScene& scene : SpeedScenes()) {
     absl::StrAppend(&text, absl::StrFormat("  %-4s %s\n", scene.name, scene.description));
   }
@@ -229,21 +231,22 @@ std::string About() {
 
 CommandRunner AddBenchSpeedCommand(CLI::App& app, CliContext& context) {
   auto arguments = std::make_shared<SpeedArguments>();
-  app.add_option("--parts", arguments->parts, "Some of " + absl::StrJoin(AllParts(), ", "))
+  app.add_option("--parts", arguments->parts, "Run only these parts: " + absl::StrJoin(AllParts(), ", "))
       ->delimiter(',')
       ->type_name("NAME,...");
-  app.add_option("--duration", arguments->duration_s, "Seconds of each recording")
+  app.add_option("--duration", arguments->duration_s, "Length of each recording, seconds")
       ->check(CLI::Range(0.01, 10.0))
       ->capture_default_str();
-  app.add_option("--repetitions", arguments->num_repetitions, "The least time of so many counts")
+  app.add_option("--repetitions", arguments->num_repetitions,
+                 "Number of repetitions, of which the shortest time counts")
       ->check(CLI::Range(1, 1000))
       ->capture_default_str();
   app.add_option("--json", arguments->json,
-                 "The table as a file, for tests/bench/compare.py; written whole or not at all")
+                 "JSON file with the table, for tests/bench/compare.py; it appears only when it is complete")
       ->type_name("FILE");
   arguments->server.AddTo(app, false);
   app.add_option("--server-pid", arguments->server_pid,
-                 "Process of --server on this machine: its processor time is that of the server's side")
+                 "Process of --server on this machine, for the processor time of the server")
       ->type_name("PID")
       ->check(CLI::Range(1, 1 << 22))
       ->needs(app.get_option("--server"))

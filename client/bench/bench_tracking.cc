@@ -10,9 +10,9 @@
 #include "absl/strings/str_format.h"
 #include "absl/strings/str_join.h"
 #include "client/bench/bench.h"
-#include "client/bench/bench_tracking_charts.h"
 #include "client/bench/bench_tracking_files.h"
 #include "client/bench/bench_tracking_table.h"
+#include "client/bench/bench_tracking_traces.h"
 #include "client/cli/common/progress.h"
 #include "core/base/output_file.h"
 #include "core/base/status_macros.h"
@@ -29,7 +29,7 @@ struct TrackingArguments {
   double duration_s = 0.0;
   std::string recordings;
   std::string csv;
-  std::string charts;
+  std::string traces;
   bool is_json = false;
   bool is_list = false;
 };
@@ -61,32 +61,33 @@ absl::Status RunTracking(const TrackingArguments& arguments, CliContext& context
     return absl::OkStatus();
   }
   EVPOSE_ASSIGN_OR_RETURN(const TrackingBenchOptions options, MakeOptions(arguments));
-  // What cannot be written is said before the work, not after it.
+  // A file that cannot be written is reported before the work, not after it.
   std::optional<OutputFile> csv;
-  std::optional<TrackingCharts> charts;
+  std::optional<OutputFile> traces;
   if (!arguments.csv.empty()) {
     EVPOSE_ASSIGN_OR_RETURN(csv, OutputFile::Create(arguments.csv));
   }
-  if (!arguments.charts.empty()) {
-    EVPOSE_ASSIGN_OR_RETURN(charts, TrackingCharts::Create(arguments.charts));
+  if (!arguments.traces.empty()) {
+    EVPOSE_ASSIGN_OR_RETURN(traces, OutputFile::Create(arguments.traces));
+    EVPOSE_RETURN_IF_ERROR(traces->Append(TrackingTraceHeader()));
   }
   ProgressLine progress(context);
   std::vector<TrackingBenchBlock> blocks;
-  absl::Status chart_status;
+  absl::Status trace_status;
   const auto on_block = [&](const TrackingBenchBlock& block) {
     progress.Clear();
     if (!arguments.is_json) PrintTrackingBlock(block, options.num_paths, context.out);
-    if (charts) chart_status.Update(charts->Write(block));
+    if (traces) trace_status.Update(traces->Append(TrackingTraces(block)));
     blocks.push_back(block);
-    for (TrackingBenchRow& row : blocks.back().rows) row.scores.front().errors = {};  // drawn
+    for (TrackingBenchRow& row : blocks.back().rows) row.scores.front().errors = {};
   };
   const auto on_progress = [&](double ratio, const std::string& text) {
     progress.Show(ratio, absl::StrFormat("%3.0f %%  %s", 100.0 * ratio, text));
     return !context.IsInterrupted();
   };
   EVPOSE_RETURN_IF_ERROR(RunTrackingBench(options, on_block, on_progress));
-  EVPOSE_RETURN_IF_ERROR(chart_status);
-  if (charts) EVPOSE_RETURN_IF_ERROR(charts->WriteSummary(blocks));
+  EVPOSE_RETURN_IF_ERROR(trace_status);
+  if (traces) EVPOSE_RETURN_IF_ERROR(traces->Commit());
   if (csv) {
     EVPOSE_RETURN_IF_ERROR(csv->Append(TrackingCsv(blocks, options.num_paths)));
     EVPOSE_RETURN_IF_ERROR(csv->Commit());
@@ -107,28 +108,35 @@ std::string EstimatorList() {
 
 CommandRunner AddBenchTrackingCommand(CLI::App& app, CliContext& context) {
   auto arguments = std::make_shared<TrackingArguments>();
-  app.add_flag("--list", arguments->is_list, "The scenarios, one a line");
-  app.add_option("--scenarios", arguments->scenarios, "Some of them")->delimiter(',')->type_name("NAME,...");
-  app.add_option("--estimators", arguments->estimators, "Some of those below")->delimiter(',')->type_name("NAME,...");
-  app.add_option("--seeds", arguments->num_seeds, "Sensors, noises and textures of each scenario")
+  app.add_flag("--list", arguments->is_list, "Print the scenarios, one per line");
+  app.add_option("--scenarios", arguments->scenarios, "Run only these scenarios")
+      ->delimiter(',')
+      ->type_name("NAME,...");
+  app.add_option("--estimators", arguments->estimators, "Run only these estimators")
+      ->delimiter(',')
+      ->type_name("NAME,...");
+  app.add_option("--seeds", arguments->num_seeds,
+                 "Number of seeds of the sensor, the noise and the textures of each scenario")
       ->check(CLI::Range(1, 1000))
       ->capture_default_str();
-  app.add_option("--paths", arguments->num_paths, "Motions; each seed is run on each of them")
+  app.add_option("--paths", arguments->num_paths, "Number of motions; each seed is run on each of them")
       ->check(CLI::Range(1, 1000))
       ->capture_default_str();
-  app.add_option("--duration", arguments->duration_s, "Seconds that a recording has at most; 0: the scenario's own")
+  app.add_option("--duration", arguments->duration_s,
+                 "Maximum length of a recording, seconds; 0: as long as the scenario is")
       ->check(CLI::Range(0.0, 1800.0))
       ->capture_default_str();
-  app.add_option("--recordings", arguments->recordings,
-                 "Keeps the recordings below this directory, and uses those that are there again")
+  app.add_option("--recordings", arguments->recordings, "Directory where the simulated recordings are kept and reused")
       ->type_name("DIR");
-  app.add_option("--csv", arguments->csv, "A line for each run as a file; written whole or not at all")
+  app.add_option("--csv", arguments->csv, "CSV file with a line for each run; it appears only when it is complete")
       ->type_name("FILE");
-  app.add_option("--plots", arguments->charts,
-                 "Draws each scenario's first run and a summary of all into this directory; needs the program gnuplot")
-      ->type_name("DIR");
-  app.add_flag("--json", arguments->is_json, "One JSON object on standard output, at the end");
-  app.footer(absl::StrCat(kTrackingTableHelp, "\nEstimators:\n", EstimatorList(),
+  app.add_option("--traces", arguments->traces,
+                 "CSV file with poses and errors over time, of the first run of each scenario")
+      ->type_name("FILE");
+  app.add_flag("--json", arguments->is_json, "Print one JSON object on standard output, at the end");
+  app.footer(absl::StrCat(kTrackingTableHelp,
+                          "tests/bench/plot.py draws the files of --json and --traces.\n\nEstimators:\n",
+                          EstimatorList(),
                           "\nExample:\n"
                           "  evpose bench tracking --scenarios normal,half-out --seeds 1 --paths 1 --duration 0.2"));
   return [arguments, &context] { return RunTracking(*arguments, context); };

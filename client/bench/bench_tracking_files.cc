@@ -7,12 +7,13 @@
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
+#include "core/evaluation/consistency.h"
 #include "core/numerics/math.h"
 
 namespace evpose::client {
 namespace {
 
-// A run in numbers, in the order of the CSV's columns.
+// The numbers of a run, in the order of the columns of the CSV file.
 std::vector<std::pair<const char*, double>> RunNumbers(const TrackingScore& score) {
   const Evaluation& e = score.evaluation;
   const Consistency consistency = SummariseConsistency(score.nees);
@@ -85,6 +86,17 @@ Json SummaryJson(const TrackingSummary& s) {
   return json;
 }
 
+Json TargetsJson(const TrackingTargets& targets) {
+  return {{"position_rmse_of_depth", targets.position_rmse_of_depth},
+          {"rotation_median_deg", targets.rotation_median_deg},
+          {"rotation_p95_deg", targets.rotation_p95_deg},
+          {"nees_median", kNeesMedian},
+          {"nees_median_low", targets.nees_median_low},
+          {"nees_median_high", targets.nees_median_high},
+          {"coverage_ratio", targets.coverage_ratio},
+          {"losses", targets.losses}};
+}
+
 Json VerdictsJson(const std::vector<TrackingVerdict>& verdicts) {
   Json json = Json::array();
   for (const TrackingVerdict& verdict : verdicts) {
@@ -130,6 +142,7 @@ Json TrackingJson(const std::vector<TrackingBenchBlock>& blocks, const TrackingB
     scenario["description"] = block.scenario.description;
     scenario["duration_s"] = 1e-6 * static_cast<double>(block.duration_us);
     scenario["mean_event_rate_hz"] = block.mean_event_rate_hz;
+    scenario["targets"] = TargetsJson(block.scenario.targets);
     scenario["estimators"] = Json::array();
     for (const TrackingBenchRow& row : block.rows) {
       Json estimator;

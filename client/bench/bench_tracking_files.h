@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// The results of `evpose bench tracking` for programs.
+// The results of `evpose bench tracking` as CSV and JSON.
 #pragma once
 
 #include <string>
@@ -11,10 +11,10 @@
 
 namespace evpose::client {
 
-// A header, and a line for each run of each row.
+// Returns a header and a line for each run of each row.
 std::string TrackingCsv(const std::vector<TrackingBenchBlock>& blocks, int num_paths);
 
-// The summaries with their verdicts, and the runs. What there is none of (no pose, no busy interval) is null.
+// Returns the summaries with the targets, and the runs. Values that do not exist (no pose, no busy interval) are null.
 Json TrackingJson(const std::vector<TrackingBenchBlock>& blocks, const TrackingBenchOptions& options);
 
 }  // namespace evpose::client

@@ -42,7 +42,7 @@ std::vector<std::string> RowCells(const TrackingBenchRow& row) {
           Cell(s.compute_ratio, 2)};
 }
 
-// Columns as wide as their widest cell; the first to the left, numbers to the right.
+// Prints columns as wide as their widest cells; the first one is left-aligned, numbers are right-aligned.
 void PrintTable(const std::vector<std::vector<std::string>>& lines, std::ostream& out) {
   std::vector<size_t> widths(lines.front().size(), 0);
   for (const auto& line : lines) {
@@ -72,7 +72,7 @@ void PrintVerdicts(const TrackingBenchRow& row, std::ostream& out) {
       met.push_back(verdict.name);
       continue;
     }
-    out << absl::StrFormat("  %s: MISSED %s: %s, is to be %s\n", row.estimator, verdict.name, Cell(verdict.value, 3),
+    out << absl::StrFormat("  %s: MISSED %s: %s, target %s\n", row.estimator, verdict.name, Cell(verdict.value, 3),
                            Bound(verdict));
   }
   if (!met.empty()) out << absl::StrFormat("  %s: met %s\n", row.estimator, absl::StrJoin(met, ", "));
@@ -90,21 +90,24 @@ std::string WorstText(const TrackingBenchBlock& block, int num_paths) {
 }  // namespace
 
 const char kTrackingTableHelp[] =
-    "Every estimator gets the same events. Ours finds its first pose itself; the published ones are given the true\n"
-    "one, and what they lose stays lost. Errors are against the truth without alignment, modulo the object's\n"
-    "symmetries: means over the runs; worst: of the worst run.\n"
-    "  losses      a pose within 5 % of depth and 10 deg was followed by one that is not, or by none for 20 ms, while\n"
-    "              the object was in view; or the tracker declared the object lost, whichever is more\n"
-    "  cover       share of the time, from the first event on, with a pose that good\n"
-    "  1st ms      sensor time to the first good pose\n"
+    "Every estimator gets the same events. The mixture estimator (evpose) finds its first pose by itself and recovers\n"
+    "after a loss; published estimators get the true first pose and do not recover. Errors are relative to the truth,\n"
+    "without alignment, modulo the object's symmetries: means over the runs; worst: of the worst run.\n"
+    "  losses      number of times that a pose within 5 % of the depth and 10 deg was followed by a worse one, or by "
+    "none\n"
+    "              for 20 ms, while the object was in view; or of losses that the tracker reported, if there are more\n"
+    "  cover       share of the time, from the first event on, with a pose within these bounds\n"
+    "  1st ms      sensor time until the first such pose\n"
     "  RMSE ...    of the position; also in % of the depth\n"
     "  kHz         share of the 10 ms intervals with more than 0.3 Mev/s in which poses come at 1 kHz\n"
     "  NEES        normalised estimation error squared of the published covariance: median, and 5 and 95 % quantiles;\n"
-    "              of an honest covariance 5.3, and 1.6 to 12.6\n"
-    "  wrong       ms for which TRACKING was reported while the pose was not good, in all and without a break\n"
-    "  unsure      ms for which a good pose was reported as DEGRADED\n"
-    "  CPU         processor time / sensor time\n"
-    "Below a scenario stand the targets of ours: the means within the bounds, the worst run within twice of them.\n";
+    "              of a consistent covariance 5.3, and 1.6 to 12.6\n"
+    "  wrong       time in ms for which TRACKING was reported while the pose was not good: total, and longest\n"
+    "  unsure      time in ms for which a good pose was reported as DEGRADED\n"
+    "  CPU         processor time per sensor time\n"
+    "The targets of the mixture estimator follow each scenario: bounds of the means, and twice the bounds for the "
+    "worst\n"
+    "run.\n";
 
 void PrintTrackingBlock(const TrackingBenchBlock& block, int num_paths, std::ostream& out) {
   const CameraModel& camera = block.scenario.simulation.camera;

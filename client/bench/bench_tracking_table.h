@@ -9,7 +9,7 @@
 
 namespace evpose::client {
 
-// What the columns mean.
+// Explains the columns, for the help text.
 extern const char kTrackingTableHelp[];
 
 void PrintTrackingBlock(const TrackingBenchBlock& block, int num_paths, std::ostream& out);

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// What a process of this machine has used: from the kernel, so that it may be any program.
+// Processor time and memory of a process on this machine, as the kernel counts them.
 #pragma once
 
 #include <sys/types.h>
@@ -9,15 +9,15 @@
 
 namespace evpose::client {
 
-// Seconds that processors have spent on it since it began, all of its threads, those that have ended included. Errors:
-// NOT_FOUND when there is no such process.
+// Processor time in seconds since the start of the process, of all its threads including those that have ended. Errors:
+// NOT_FOUND if there is no such process.
 absl::StatusOr<double> ProcessorSeconds(pid_t pid);
 
 struct ProcessMemory {
-  double resident_mb = 0.0;  // now; MB of 2^20 bytes
-  double peak_mb = 0.0;      // the most there ever was
+  double resident_mb = 0.0;  // now; 1 MB is 2^20 bytes
+  double peak_mb = 0.0;      // largest resident memory since the start
 };
-// Errors: NOT_FOUND.
+// Errors: NOT_FOUND if there is no such process.
 absl::StatusOr<ProcessMemory> MemoryOf(pid_t pid);
 
 }  // namespace evpose::client

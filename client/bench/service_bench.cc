@@ -27,15 +27,17 @@ namespace {
 
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
 constexpr int kSessionCounts[] = {1, 4, 16, 64};
+// Sessions of a measurement in all its repetitions, at most.
 constexpr int kMostSessions = 64;
 
+// Limit of the server that is started: above the number of concurrent sessions.
 constexpr int kMaxSessions = 128;
-// Beside the first one.
+// Number of sessions after the first one, over which the growth of memory is averaged.
 constexpr int kSessionsInMemory = 8;
 
 double SecondsSince(absl::Time begin) { return absl::ToDoubleSeconds(SystemClock().Now() - begin); }
 
-// Scenes that a part is measured on.
+// The scenes on which a part is measured.
 std::vector<std::string> ScenesOf(const std::string& part) {
   if (part == "transport") return {"10"};
   if (part == "path") return {"1", "10", "50"};
@@ -50,7 +52,7 @@ void AddPercentiles(const std::string& name, std::vector<double> values_ms, std:
   numbers.push_back({name + "_max_ms", values_ms.back()});
 }
 
-// A server, its process where it is known, and a way to it.
+// A server, its process if it is known, and a client.
 struct BenchServer {
   std::unique_ptr<ServerProcess> own;
   std::unique_ptr<Client> client;
@@ -81,10 +83,10 @@ struct Latencies {
     const auto time_of = [&](int64_t t_us) { return times.begin + absl::Microseconds(t_us - ends_us.front()); };
     for (size_t i = 0; i + 1 < times.poses.size(); ++i) {
       const Arrival& pose = times.poses[i];
-      // Poses are for the middles of windows that follow one another: the end is half-way.
+      // Consecutive poses belong to the middles of adjacent windows: the windows meet half-way.
       const int64_t window_end_us = pose.t_us + (times.poses[i + 1].t_us - pose.t_us) / 2;
       const auto chunk_end = std::lower_bound(ends_us.begin(), ends_us.end(), window_end_us);
-      // The recording's end closes the last one.
+      // The end of the recording closes the last window, not a chunk.
       if (chunk_end == ends_us.end() || window_end_us < ends_us.front()) continue;
       after_chunk_ms.push_back(absl::ToDoubleMilliseconds(pose.at - time_of(*chunk_end)));
       after_window_ms.push_back(absl::ToDoubleMilliseconds(pose.at - time_of(window_end_us)));
@@ -118,7 +120,7 @@ class ServiceBench {
   }
 
  private:
-  // Simulated once.
+  // Simulates the scene at the first call.
   absl::StatusOr<const Input*> InputOf(const std::string& scene) {
     const auto [found, is_new] = inputs_.try_emplace(scene);
     Input& input = found->second;
@@ -133,13 +135,15 @@ class ServiceBench {
     return &input;
   }
 
-  // Before any work: what cannot be had of a server that somebody else has started.
+  // Refuses, before any work, the parts that cannot be measured with the server given.
   absl::Status CheckParts() const {
     if (options_.server.address.empty()) return absl::OkStatus();
     for (const std::string& part : options_.parts) {
-      if (part == "memory") return UsageError("memory: needs a server of its own, which it starts: leave out --server");
+      if (part == "memory")
+        return UsageError("--parts memory needs a new server, which the benchmark starts: leave out --server");
       if (part == "sessions" && options_.server_pid == 0) {
-        return UsageError("sessions: needs the server's processor time: give --server-pid, or leave out --server");
+        return UsageError(
+            "--parts sessions needs the processor time of the server: give --server-pid, or leave out --server");
       }
     }
     if (options_.server_pid == 0) return absl::OkStatus();
@@ -160,7 +164,7 @@ class ServiceBench {
     return on_progress_(begin_ratio_, absl::StrCat(what, ", ", recording().scene, " Mev/s"));
   }
 
-  // The server that all parts but memory share.
+  // Connects to the server that all parts except memory share.
   absl::Status Connect() {
     if (server_.client == nullptr) {
       EVPOSE_ASSIGN_OR_RETURN(server_, StartServer(options_, context_));
@@ -183,16 +187,17 @@ class ServiceBench {
     return options;
   }
 
-  // Nothing where the server's process is not known.
+  // nullopt if the process of the server is unknown.
   absl::StatusOr<std::optional<double>> ServerSeconds() const {
     if (server_.pid == 0) return std::nullopt;
     EVPOSE_ASSIGN_OR_RETURN(const double seconds, ProcessorSeconds(server_.pid));
     return seconds;
   }
 
-  // Bytes a second over loopback, both sides in this process, against copying them.
+  // Bytes per second over loopback with both sides in this process, and the ratio to copying the bytes.
   absl::Status Transport() {
-    constexpr uint64_t kLeastBytes = 64 << 20;
+    constexpr uint64_t kLeastBytes =
+        64 << 20;  // some tens of milliseconds, so that the start of a stream is negligible
     EVPOSE_ASSIGN_OR_RETURN(const std::unique_ptr<TransportSink> sink, TransportSink::Start());
     const auto num_times = static_cast<int>(1 + kLeastBytes / encoded().bytes->size());
     const uint64_t num_bytes = encoded().bytes->size() * static_cast<uint64_t>(num_times);
@@ -235,7 +240,7 @@ class ServiceBench {
     return absl::OkStatus();
   }
 
-  // Of the tracker alone, in this thread.
+  // Processor time of the tracker without a server, in this thread.
   absl::StatusOr<double> TrackerSeconds() const {
     EVPOSE_ASSIGN_OR_RETURN(const std::unique_ptr<Tracker> tracker,
                             Tracker::Create(recording().model, recording().camera, TrackerOptions(),
@@ -279,7 +284,7 @@ class ServiceBench {
     return absl::OkStatus();
   }
 
-  // At the sensor's pace, in chunks of 1 ms.
+  // Streams in real time, in chunks of 1 ms.
   absl::Status Latency() {
     Latencies latencies;
     for (int i = 0; i < options_.num_repetitions; ++i) {
@@ -293,7 +298,7 @@ class ServiceBench {
       latencies.Add(times);
     }
     if (latencies.after_chunk_ms.empty()) {
-      return absl::InternalError("latency: no window was followed by another one: give a longer --duration");
+      return absl::InternalError("latency: the recording has only one window: give a longer --duration");
     }
     ServiceRow row = Row("latency", "--rate 1");
     row.numbers.push_back({"poses", static_cast<double>(latencies.after_chunk_ms.size())});
@@ -319,7 +324,7 @@ class ServiceBench {
     return sessions;
   }
 
-  // At once, each with the whole recording, as fast as they can.
+  // Streams the whole recording to all sessions concurrently, as fast as possible.
   absl::Status StreamAll(const ManySessions& sessions) {
     std::vector<absl::Status> statuses(sessions.size());
     {
@@ -337,7 +342,7 @@ class ServiceBench {
     double one_s = 0.0;
     for (const int num_sessions : kSessionCounts) {
       double server_s = kInfinity, create_s = kInfinity;
-      // Many are a mean by themselves.
+      // A measurement of many sessions is an average already and needs fewer repetitions.
       const int num_repetitions = std::clamp(kMostSessions / num_sessions, 1, options_.num_repetitions);
       for (int i = 0; i < num_repetitions; ++i) {
         if (!Continues(absl::StrCat(num_sessions, " sessions"))) return absl::CancelledError("interrupted");
@@ -362,8 +367,8 @@ class ServiceBench {
     return absl::OkStatus();
   }
 
-  // Of a new server: memory that sessions have left would be used again. What the first one needs beside itself is no
-  // other's.
+  // Measures a new server, because memory of earlier sessions would be reused. Data that the first session allocates
+  // for all sessions are not counted for the others.
   absl::Status Memory() {
     server_ = {};
     EVPOSE_RETURN_IF_ERROR(Connect());
@@ -389,7 +394,7 @@ class ServiceBench {
   const SpeedProgress& on_progress_;
   double begin_ratio_ = 0.0;
   std::map<std::string, Input> inputs_;  // by scene
-  const Input* input_ = nullptr;         // of the present part
+  const Input* input_ = nullptr;         // of the current part
 
   BenchServer server_;
   SessionConfig config_;

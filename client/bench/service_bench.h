@@ -17,19 +17,19 @@
 namespace evpose::client {
 
 struct ServiceBenchOptions {
-  std::vector<std::string> parts;  // of ServiceParts()
-  int64_t duration_us = 200'000;   // of each recording
+  std::vector<std::string> parts;  // some of ServiceParts()
+  int64_t duration_us = 200'000;   // length of each recording
   int num_repetitions = 7;
-  ServerArguments server;  // without an address: a process that it starts
-  pid_t server_pid = 0;    // of that server, on this machine; 0: not known
+  ServerArguments server;  // without an address, the benchmark starts a server process
+  pid_t server_pid = 0;    // process of `server` on this machine; 0 if it is unknown
 };
 
 // "transport", "path", "latency", "sessions", "memory".
 const std::vector<std::string>& ServiceParts();
 
-// `on_row` is told of every row when it is measured, `on_progress` as by RunSpeedBench. Errors: those of reaching or
-// starting a server, and of sessions; INVALID_ARGUMENT (usage) for parts that need what a server somewhere else does
-// not tell; CANCELLED.
+// Calls `on_row` after each measurement, and `on_progress` as RunSpeedBench does. Errors: those of connecting to a
+// server, of starting one, and of sessions; INVALID_ARGUMENT (usage) for parts that cannot be measured with the server
+// given; CANCELLED.
 absl::Status RunServiceBench(const ServiceBenchOptions& options, CliContext& context,
                              const std::function<void(const ServiceRow&)>& on_row, const SpeedProgress& on_progress);
 

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// One line of the table of `evpose bench speed` whose numbers depend on what is measured.
+// A line of the table of `evpose bench speed`, for parts that have columns of their own.
 #pragma once
 
 #include <cstdint>
@@ -11,7 +11,7 @@
 namespace evpose::client {
 
 struct NamedNumber {
-  std::string name;  // with its unit; the key in JSON
+  std::string name;  // with the unit; also the key in JSON
   double value = 0.0;
 };
 
@@ -19,10 +19,10 @@ struct ServiceRow {
   std::string part;
   std::string what;
   std::string scene;            // SpeedScene::name
-  double rate_mev_per_s = 0.0;  // of the recording, by the sensor's clock
-  uint64_t num_events = 0;      // of a session
+  double rate_mev_per_s = 0.0;  // event rate of the recording in sensor time
+  uint64_t num_events = 0;      // per session
   std::vector<NamedNumber> numbers;
-  std::string measure;  // the one that tables are compared by
+  std::string measure;  // name of the number by which tests/bench/compare.py compares two tables
   bool more_is_better = false;
 };
 

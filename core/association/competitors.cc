@@ -41,7 +41,7 @@ BoundingSphere BoundingSphereOf(const ObjectModel& model) {
 }
 
 bool MayOverlap(const CameraModel& camera, const BoundingSphere& a, const BoundingSphere& b, double margin_px) {
-  const double focal_px = std::max(camera.fx_px, camera.fy_px);
+  const double focal_px = camera.MaxFocalPx();
   double reach_px = margin_px;
   for (const BoundingSphere* sphere : {&a, &b}) {
     const Eigen::Vector3d& c = sphere->centre;

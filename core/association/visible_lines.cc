@@ -23,7 +23,7 @@ bool VisibleLines::ViewChanged(const RigidTransform& camera_from_object) const {
   if (!computed_at_) return true;
   const Vector6d change = Difference(camera_from_object, *computed_at_);
   const double depth_m = camera_from_object.translation_m.norm();
-  const double focal_px = std::max(camera_.fx_px, camera_.fy_px);
+  const double focal_px = camera_.MaxFocalPx();
   return change.head<3>().norm() * focal_px > kChangePx * depth_m || change.tail<3>().norm() > kChangeRad;
 }
 
@@ -46,7 +46,7 @@ absl::Span<const TrackedLine> VisibleLines::At(const RigidTransform& camera_from
 }
 
 void VisibleLines::MeasureFaces(const Eigen::Vector3d& eye) {
-  const double focal_px = std::max(camera_.fx_px, camera_.fy_px);
+  const double focal_px = camera_.MaxFocalPx();
   for (TrackedLine& line : lines_) {
     const Eigen::Vector3d to_eye = eye - 0.5 * (line.p1 + line.p2);
     const double width_px = focal_px * model_.diameter_m / to_eye.squaredNorm();

@@ -4,11 +4,13 @@
 #pragma once
 
 #include <cstdint>
+#include <functional>
 #include <memory>
 #include <vector>
 
-#include "absl/status/status.h"
+#include "absl/status/statusor.h"
 #include "absl/types/span.h"
+#include "core/events/event.h"
 #include "core/geometry/image_segment.h"
 
 namespace evpose {
@@ -48,5 +50,8 @@ class LineDetector {
   // empty.
   virtual LineDetection Detect(absl::Span<const PixelEvent> events) = 0;
 };
+
+// Makes a detector for a sensor. Errors: INVALID_ARGUMENT.
+using LineDetectorFactory = std::function<absl::StatusOr<std::unique_ptr<LineDetector>>(SensorGeometry geometry)>;
 
 }  // namespace evpose

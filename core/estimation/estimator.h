@@ -15,6 +15,7 @@
 #include "core/association/association.h"
 #include "core/association/line_events.h"
 #include "core/association/near_events.h"
+#include "core/association/window_associator.h"
 #include "core/base/state_io.h"
 #include "core/geometry/motion_prior.h"
 
@@ -47,12 +48,7 @@ struct DeficitCounts {
 };
 
 // The events of a window near the predicted lines. All pointers and spans are valid during the call only.
-struct WindowInput {
-  absl::Span<const Observation> events;
-  const LineEvents* sorted = nullptr;  // the same events, sorted by line; never null in a call of WindowEstimator
-  NearShares shares;                   // differs from one when the events were downsampled
-  double duration_s = 0.0;
-  double background_per_px2 = 0.0;  // background events per square pixel during duration_s
+struct WindowInput : AssociatedEvents {
   bool is_confirmed = false;  // the pose before this window is that of a confirmed track; otherwise no correction for
                               // flicker is applied
   absl::Span<const TrackedLine> lines;

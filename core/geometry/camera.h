@@ -4,6 +4,7 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <algorithm>
 #include <array>
 #include <string>
 #include <vector>
@@ -27,6 +28,9 @@ struct CameraModel {
 
   // INVALID_ARGUMENT with the name of the first invalid field, as it is called in the camera file.
   absl::Status Validate() const;
+
+  // The larger of the two focal lengths (px): the largest image displacement per radian near the optical axis.
+  double MaxFocalPx() const { return std::max(fx_px, fy_px); }
 
   // The undistorted pixel of a point in the camera frame (metres), whose z must be positive.
   Eigen::Vector2d Project(const Eigen::Vector3d& point_camera) const {

@@ -101,8 +101,4 @@ Eigen::Matrix<double, 3, 6> LineVelocityJacobian(const CameraModel& camera, cons
   return (dn_dot - along * dn - (n_dot * by_n_w + n * by_both) / rho2) / std::sqrt(rho2);
 }
 
-double NormalVelocity(const ProjectedLine& line, const Vector6d& twist, const Eigen::Vector3d& bearing) {
-  return -bearing.dot(line.jacobian * twist);
-}
-
 }  // namespace evpose

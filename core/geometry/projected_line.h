@@ -32,9 +32,4 @@ Eigen::Matrix<double, 3, 6> LineVelocityJacobian(const CameraModel& camera, cons
                                                  const Eigen::Vector3d& p1_object, const Eigen::Vector3d& p2_object,
                                                  const Vector6d& twist);
 
-// Speed (px/s) of the line along its image normal at the bearing b = (x, y, 1) under the twist [v (m/s), w (rad/s)];
-// positive towards the side where d = a . b is positive. For b on the line it is the normal component of the image
-// velocity of that point of the line: a . b remains 0 on the moving line, so that a . b_dot = -a_dot . b.
-double NormalVelocity(const ProjectedLine& line, const Vector6d& twist, const Eigen::Vector3d& bearing);
-
 }  // namespace evpose

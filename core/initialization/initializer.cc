@@ -33,7 +33,7 @@ struct TwistEquations {
     const Eigen::Vector2d normal = Eigen::Vector2d(line.a.x() / camera.fx_px, line.a.y() / camera.fy_px).normalized();
     const double velocity_px_per_s = normal.dot(end_px - begin_px) / duration_s;
     const Eigen::Vector3d bearing = Bearing(camera, 0.5 * (begin_px + end_px));
-    const Vector6d row = -(line.jacobian.transpose() * bearing);  // NormalVelocity is linear in the twist
+    const Vector6d row = -(line.jacobian.transpose() * bearing);  // a . b_dot = -a_dot . b on the line, by the twist
     const double weight = 1.0 / (sigma_px_per_s * sigma_px_per_s);
     information += weight * row * row.transpose();
     right_side += weight * velocity_px_per_s * row;

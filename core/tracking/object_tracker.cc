@@ -75,7 +75,7 @@ double ObjectTracker::ImageSpeedPxPerS() const {
   const double depth_m = std::max(centre.z(), sphere_.radius_m);
   const Eigen::Vector2d sideways = velocity.head<2>() - velocity.z() / depth_m * centre.head<2>();
   const double about_centre = sphere_.radius_m * (angular.norm() + std::abs(velocity.z()) / depth_m);
-  return std::max(context_.camera.fx_px, context_.camera.fy_px) / depth_m * (sideways.norm() + about_centre);
+  return context_.camera.MaxFocalPx() / depth_m * (sideways.norm() + about_centre);
 }
 
 TrackState ObjectTracker::state() const {
@@ -106,7 +106,7 @@ void ObjectTracker::OnWindow(const EventWindow& window, std::vector<PoseEstimate
 void ObjectTracker::StartFromGivenPose(const EventWindow& window) {
   const RigidTransform pose = *std::exchange(given_pose_, std::nullopt);
   const int64_t t_us = std::min(given_at_us_.value_or(window.t_begin_us), window.t_mid_us());
-  const double focal_px = std::max(context_.camera.fx_px, context_.camera.fy_px);
+  const double focal_px = context_.camera.MaxFocalPx();
   hypotheses_.Clear();
   past_states_.clear();
   hypotheses_.Add(InitialMotionState(pose, t_us, focal_px, context_.options.initial));
@@ -275,7 +275,7 @@ RigidTransform ObjectTracker::ReferenceAt(int64_t t_us) const {
 MotionState ObjectTracker::StartState(const FirstPose& first) const {
   const RigidTransform pose =
       NearestEquivalent(first.camera_from_object, context_.model->symmetries, ReferenceAt(first.t_us));
-  const double focal_px = std::max(context_.camera.fx_px, context_.camera.fy_px);
+  const double focal_px = context_.camera.MaxFocalPx();
   MotionState state = InitialMotionState(pose, first.t_us, focal_px, context_.options.initial);
   state.twist = first.twist;
   state.covariance.bottomRightCorner<6, 6>() = first.twist_covariance;

@@ -35,14 +35,12 @@ bool IsBetter(const WindowFit& second, const WindowFit& first, absl::Span<const 
 PoseTrack::PoseTrack(const TrackContext& context, const MotionState& start)
     : context_(context),
       visible_lines_(*context.model, context.camera, context.visibility),
-      grid_(context.camera),
-      background_(context.camera),
+      associator_(context.camera, *context.tables),
       estimator_(context.options.MakeEstimator(context.camera)),
       health_(context.options.health, context.options.mixture.min_events_per_px2,
               static_cast<int>(context.model->lines.size())),
       motion_(start),
-      deficit_counts_(context.model->lines.size()),
-      near_events_(context.camera, context.tables->undistortion, context.tables->pixel_tiles) {
+      deficit_counts_(context.model->lines.size()) {
   const std::vector<ModelLine>& lines = context.model->lines;
   for (size_t k = 0; k < lines.size(); ++k) all_lines_.push_back({static_cast<int>(k), lines[k].p1, lines[k].p2});
   // Both are reserved here because the second one is seldom used, so that it would allocate while tracking.
@@ -106,7 +104,7 @@ std::optional<PoseEstimate> PoseTrack::Hold(const EventWindow& window) {
   ProjectLines(context_.camera, motion_, visible_lines_.At(motion_.camera_from_object), image_lines_);
   const double spread_px = PredictedSpreadPx(context_.camera, motion_, image_lines_);
   image_lines_.clear();
-  grid_.Build(image_lines_, 0.0);
+  associator_.ClearLines();
   const bool is_uncertain = spread_px > context_.options.health.max_uncertainty_px;
   Enter(is_uncertain ? TrackInput::kFailure : TrackInput::kOcclusion, window.t_end_us);
   if (phase_ == TrackPhase::kTentative || phase_ == TrackPhase::kLost) return std::nullopt;
@@ -121,7 +119,7 @@ double PoseTrack::Explains(Observation observation, const Competitors* others) c
   constexpr double kOwnPx = 3.0;
   constexpr double kScoredPx = 6.0;
   constexpr double kBesideScore = 0.5 * kOwnPx / (kScoredPx - kOwnPx);
-  if (!grid_.GiveLines(observation)) return 0.0;
+  if (!associator_.grid().GiveLines(observation)) return 0.0;
   const NearLines near = FindNearLines(observation, image_lines_.data(), kScoredPx, 0.0);
   if (near.count == 0) return 0.0;
   const double distance = std::abs(near.distance_px[0]);
@@ -216,7 +214,6 @@ double PoseTrack::CompetingFor(const Observation& event, const Competitors& othe
 WindowInput PoseTrack::Gather(const EventWindow& window, const Competitors* others, const MotionState& predicted,
                               double gate_factor) {
   WindowInput input;
-  input.duration_s = static_cast<double>(window.t_end_us - window.t_begin_us) * 1e-6;
   input.is_confirmed = phase_ != TrackPhase::kTentative && is_fully_tested_;
   input.lines = estimator_->UsesVisibility() ? visible_lines_.At(predicted.camera_from_object) : all_lines_;
   is_occluded_ = is_partly_occluded_ = false;
@@ -228,21 +225,8 @@ WindowInput PoseTrack::Gather(const EventWindow& window, const Competitors* othe
   }
   ProjectLines(context_.camera, predicted, input.lines, image_lines_);
   const double spread_px = PredictedSpreadPx(context_.camera, predicted, image_lines_);
-  double motion_px = 0.0;
-  for (const ImageLine& line : image_lines_) {
-    if (!line.in_view()) continue;
-    const double speed = std::abs(NormalSpeedPxPerS(context_.camera, line, 0.5));
-    motion_px = std::max(motion_px, 0.5 * speed * input.duration_s);
-  }
   const double reach_px =
       std::max(estimator_->ReachPx(spread_px, gate_factor), TrackHealth::ReachPx(context_.options.health));
-  // No gate is wider than this in practice; the bound limits the work.
-  constexpr double kMaxReachPx = 128.0;
-  grid_.Build(image_lines_, std::min(reach_px + motion_px, kMaxReachPx));
-
-  input.shares = near_events_.Find(window, grid_, estimator_->MaxEvents(), background_);
-  background_.CloseWindow(grid_, input.duration_s);
-  input.background_per_px2 = background_.hz_per_px() * input.duration_s;
   rates_.clear();
   if (others != nullptr) {
     for (const ImageLine& line : image_lines_) rates_.push_back(RelativeEventRate(context_.camera, predicted, line));
@@ -250,9 +234,8 @@ WindowInput PoseTrack::Gather(const EventWindow& window, const Competitors* othe
   const auto competing = [&](const Observation& event) {
     return others == nullptr ? 0.0f : static_cast<float>(CompetingFor(event, *others, rates_));
   };
-  input.events = near_events_.Observe(window, grid_, image_lines_, predicted.t_us, reach_px, competing);
-  line_events_.Sort(input.events, input.lines.size());
-  input.sorted = &line_events_;
+  static_cast<AssociatedEvents&>(input) =
+      associator_.Associate(window, image_lines_, predicted.t_us, reach_px, estimator_->MaxEvents(), competing);
   past_deficit_counts_.clear();
   for (const TrackedLine& line : input.lines) past_deficit_counts_.push_back(deficit_counts_[line.model_line]);
   input.past_deficit_counts = past_deficit_counts_;
@@ -315,19 +298,19 @@ Matrix6d PoseTrack::PublishedCovariance(const MotionState& state) const {
 }
 
 void PoseTrack::VisitState(auto& archive, auto& self) {
-  auto& [context, visible_lines, all_lines, grid, background, estimator, health, phase, motion, usual_explained_ratio,
+  auto& [context, visible_lines, all_lines, associator, estimator, health, phase, motion, usual_explained_ratio,
          recent_signal, recent_background, deficit_counts, num_contradictions, followed_since_us, is_fully_tested,
          supported_at_us, unsupported_since_us, lines, unoccluded_lines, is_occluded, is_partly_occluded, image_lines,
-         rates, near_events, line_events, past_deficit_counts, fit, second_fit] = self;
+         rates, past_deficit_counts, fit, second_fit] = self;
   constexpr int64_t kMax_us = kMaxStateTime_us;
   constexpr int kMaxContradictions = 1 << 20;  // more than any track collects before it is rejected
-  archive(visible_lines, background, *estimator, health, AtMost(phase, TrackPhase::kLost), motion,
+  archive(visible_lines, associator.background(), *estimator, health, AtMost(phase, TrackPhase::kLost), motion,
           Finite(usual_explained_ratio), Finite(recent_signal), Finite(recent_background),
           AtMost(num_contradictions, kMaxContradictions), InRange(followed_since_us, -kMax_us, kMax_us),
           is_fully_tested, InRange(supported_at_us, -kMax_us, kMax_us),
           InRange(unsupported_since_us, -kMax_us, kMax_us));
-  archive(near_events);
-  for (auto& answer : deficit_counts) archive(answer);
+  archive(associator.near_events());
+  for (auto& counts : deficit_counts) archive(counts);
 }
 
 void PoseTrack::SaveState(StateWriter& writer) const { VisitState(writer, *this); }

@@ -9,11 +9,10 @@
 #include <vector>
 
 #include "core/association/association.h"
-#include "core/association/background.h"
 #include "core/association/camera_tables.h"
 #include "core/association/competitors.h"
-#include "core/association/near_events.h"
 #include "core/association/visible_lines.h"
+#include "core/association/window_associator.h"
 #include "core/estimation/estimator.h"
 #include "core/geometry/camera.h"
 #include "core/geometry/motion_prior.h"
@@ -102,8 +101,7 @@ class PoseTrack {
   const TrackContext& context_;
   VisibleLines visible_lines_;
   std::vector<TrackedLine> all_lines_;
-  TileGrid grid_;
-  BackgroundRate background_;
+  WindowAssociator associator_;
   std::unique_ptr<WindowEstimator> estimator_;
   TrackHealth health_;
 
@@ -124,9 +122,7 @@ class PoseTrack {
   bool is_occluded_ = false;         // the other objects occlude all visible lines
   bool is_partly_occluded_ = false;  // the other objects occlude some of them
   std::vector<ImageLine> image_lines_;
-  std::vector<double> rates_;  // RelativeEventRate of image_lines_; empty without others
-  NearEvents near_events_;
-  LineEvents line_events_;
+  std::vector<double> rates_;                       // RelativeEventRate of image_lines_; empty without others
   std::vector<DeficitCounts> past_deficit_counts_;  // deficit_counts_ of the lines of the window
   WindowFit fit_;
   WindowFit second_fit_;

@@ -92,10 +92,11 @@ absl::Status CheckModel(const ObjectModel* model) {
   return absl::OkStatus();
 }
 
-absl::StatusOr<std::unique_ptr<PoseInitializer>> MakeInitializer(const ObjectToTrack& object,
-                                                                 const CameraModel& camera) {
+absl::StatusOr<std::unique_ptr<PoseInitializer>> MakeInitializer(const ObjectToTrack& object, const CameraModel& camera,
+                                                                 const LineDetectorFactory& detector_factory) {
   const SensorGeometry sensor = {camera.width_px, camera.height_px};
-  EVPOSE_ASSIGN_OR_RETURN(std::unique_ptr<LineDetector> detector, MakePlaneLineDetector({}, sensor));
+  EVPOSE_ASSIGN_OR_RETURN(std::unique_ptr<LineDetector> detector,
+                          detector_factory ? detector_factory(sensor) : MakePlaneLineDetector({}, sensor));
   EVPOSE_ASSIGN_OR_RETURN(std::unique_ptr<PoseSearch> search,
                           MakePoseSearch(object.model, camera, {}, object.search_model));
   return std::make_unique<PoseInitializer>(object.model, camera, std::move(detector), std::move(search));
@@ -167,7 +168,7 @@ absl::StatusOr<std::unique_ptr<Tracker>> Tracker::Create(std::vector<ObjectToTra
   for (const ObjectToTrack& object : objects) {
     std::unique_ptr<PoseInitializer> initializer;
     if (options.initialization.is_automatic) {
-      EVPOSE_ASSIGN_OR_RETURN(initializer, MakeInitializer(object, camera));
+      EVPOSE_ASSIGN_OR_RETURN(initializer, MakeInitializer(object, camera, options.initialization.detector_factory));
     }
     TrackContext context{object.model, camera, tables, options, VisibilityTester(*object.model, options.visibility)};
     context.phase_reporter->object_index = static_cast<uint32_t>(trackers.size());

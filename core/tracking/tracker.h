@@ -42,10 +42,23 @@ struct ObjectToTrack {
   absl::Status Validate() const;
 };
 
+// Turns a stream of events into pose estimates.
+class PoseSource {
+ public:
+  virtual ~PoseSource() = default;
+
+  // Processes events in order of time (a step back is tolerated: such an event belongs to the open window). Appends the
+  // estimates of all windows that these events close, by window, then by object. An object that is LOST or INITIALIZING
+  // has no estimate.
+  virtual void AddEvents(absl::Span<const Event> events, std::vector<PoseEstimate>& estimates) = 0;
+  // Ends the stream: closes the open window.
+  virtual void Finish(std::vector<PoseEstimate>& estimates) = 0;
+};
+
 // Tracks the objects of one stream of events, window by window; all objects share the windows (EventWindower). Not
 // thread-safe. Deterministic: the estimates depend only on the events and the options and not on how the events are
 // divided into calls. Memory is bounded at any event rate.
-class Tracker {
+class Tracker : public PoseSource {
  public:
   // Creates a tracker of one or more objects; PoseEstimate::object_index is the index in `objects`. `tables` are those
   // of the camera; null: computed here. INVALID_ARGUMENT names the field of the options, of the camera or of the object
@@ -57,20 +70,13 @@ class Tracker {
   static absl::StatusOr<std::unique_ptr<Tracker>> Create(
       std::shared_ptr<const ObjectModel> model, const CameraModel& camera, const TrackerOptions& options,
       const std::optional<RigidTransform>& initial_camera_from_object);
-  virtual ~Tracker() = default;
 
-  // Processes events in order of time (a step back is tolerated: such an event belongs to the open window). Appends the
-  // estimates of all windows that these events close, by window, then by object. An object that is LOST or INITIALIZING
-  // has no estimate.
-  virtual void AddEvents(absl::Span<const Event> events, std::vector<PoseEstimate>& estimates) = 0;
   // Reports that the clock of the sensor has reached t_us without further events (a TimeMark): windows close on time.
   virtual void AdvanceTime(int64_t t_us, std::vector<PoseEstimate>& estimates) = 0;
   // Discards these events and those of the open window. The clock of the sensor has reached t_us, and the next window
   // begins at the end of the gap. Discarded events are no evidence of motion or rest: the uncertainty of each object
   // grows with time, and the object is LOST when it exceeds HealthOptions::max_uncertainty_px.
   virtual EventGap Skip(absl::Span<const Event> events, int64_t t_us) = 0;
-  // Ends the stream: closes the open window.
-  virtual void Finish(std::vector<PoseEstimate>& estimates) = 0;
   // Restarts the object from this pose at the present time.
   virtual void ResetPose(size_t object_index, const RigidTransform& camera_from_object) = 0;
 

@@ -4,6 +4,7 @@
 #pragma once
 
 #include "absl/status/status.h"
+#include "core/detection/line_detector.h"
 #include "core/estimation/mixture_estimator.h"
 #include "core/geometry/motion_prior.h"
 #include "core/models/visibility.h"
@@ -16,6 +17,8 @@ namespace evpose {
 struct InitializationOptions {
   // False: every pose is given by the caller, as in the published method, and a lost object is not searched for.
   bool is_automatic = true;
+  // Makes the line detector; empty: planes in space and time (plane_detector.h). core/baselines/first_pose has LSD.
+  LineDetectorFactory detector_factory;
   // Microseconds of past events that a search uses: the time in which a slow object moves by a few pixels.
   int64_t memory_us = 200'000;
   // Events kept per window and in total: bounds memory and time at any event rate.

@@ -5,13 +5,15 @@
   tests/bench/results.py [SECTION ...]          prints to standard output
   tests/bench/results.py --update [SECTION ...] replaces the sections between their marks in core/experiments/RESULTS.md
 
-Without --quick, a run takes hours; with it, minutes, of few trials and short recordings, and the tables say so. Needs a release build.
-Sections of the page that were not run keep their text.
+Without SECTION all tables of the page are measured: hours, or with --quick minutes, of few trials and short recordings, and the tables
+say so. Needs a release build and a machine that does nothing else. Sections that were not run keep their text. --check compares the
+page with the sections without running anything: each table of the page must stand between the marks of a section.
 """
 import argparse
 import json
 import os
 import re
+import statistics
 import subprocess
 import sys
 import tempfile
@@ -19,6 +21,8 @@ import tempfile
 ROOT = os.path.dirname(os.path.dirname(os.path.dirname(os.path.abspath(__file__))))
 PAGE = os.path.join(ROOT, "core/experiments/RESULTS.md")
 EVPOSE = os.path.join(ROOT, "build/release/client/cli/evpose")
+MARK = "<!-- results: %s -->\n"
+END = "<!-- end -->"
 
 
 def table(header, rows):
@@ -26,58 +30,204 @@ def table(header, rows):
     return "\n".join("| " + " | ".join(line) + " |" for line in lines)
 
 
+def distinct(values):
+    """Without repetitions, in order."""
+    return list(dict.fromkeys(values))
+
+
+def cell(value, decimals):
+    """NaN stands for a figure that no run has."""
+    return "-" if value != value else f"{value:.{decimals}f}"
+
+
 def tracking(result):
     rows = []
     for scenario in result["scenarios"]:
-        for estimator in scenario["estimators"]:
-            summary = estimator["summary"]
-            rows.append([
-                scenario["scenario"], estimator["name"], f"{100 * summary['position_rmse_of_depth']:.3f}",
-                f"{summary['rotation_median_deg']:.2f} / {summary['rotation_p95_deg']:.2f}",
-                f"{100 * summary['coverage_ratio']:.2f}", f"{summary['losses']:.0f}", f"{summary['nees_median']:.1f}",
-            ])
-    return table(["scenario", "estimator", "position RMSE, % of depth", "rotation median / p95, deg", "good poses, % of the time",
-                  "losses", "NEES, median"], rows)
+        summaries = {estimator["name"]: estimator["summary"] for estimator in scenario["estimators"]}
+        ours, published = summaries["mixture"], summaries["static-mm"]
+        lost = f"lost, {100 * published['coverage_ratio']:.0f} %"
+        rows.append([
+            f"{scenario['scenario']}: {scenario['description']}", f"**{cell(100 * ours['position_rmse_of_depth'], 3)}**",
+            f"**{cell(ours['rotation_median_deg'], 2)} / {cell(ours['rotation_p95_deg'], 2)}**",
+            f"{cell(100 * ours['coverage_ratio'], 2)} %", f"{ours['losses']:.0f}", cell(ours["nees_median"], 1),
+            lost if published["losses"] else cell(100 * published["position_rmse_of_depth"], 3),
+        ])
+    return table(["scenario", "position RMSE, % of depth", "rotation median / p95, deg", "good poses", "losses", "NEES, median",
+                  "paper's MM, position"], rows)
 
 
 def first_pose(result):
-    rows = [[row["object"], f"{row['spurious']} / {row['missing']}", row["method"], str(row["trials"]),
-             f"{100 * row['success_ratio']:.1f}", f"{row['median_ms']:.1f} / {row['worst_ms']:.1f}"] for row in result["rows"]]
-    return table(["object", "spurious / missing lines", "method", "trials", "right, %", "time median / worst, ms"], rows)
+    rows = result["rows"]
+    objects = distinct(row["object"] for row in rows)
+    lines = []
+    for method in distinct(row["method"] for row in rows):
+        cells, times, trials = [], [], set()
+        for name in objects:
+            found = [row for row in rows if row["object"] == name and row["method"] == method]
+            cells.append(", ".join(f"{100 * row['success_ratio']:.1f}".removesuffix(".0") for row in found) or "-")
+            times.append(f"{cell(found[-1]['median_ms'], 1)} / {cell(found[-1]['worst_ms'], 1)}" if found else "-")
+            trials.update(row["trials"] for row in found)
+        lines.append([method, " or ".join(str(count) for count in sorted(trials))] + cells)
+        if method == "evpose":
+            clutter = f"{rows[-1]['spurious']}/{rows[-1]['missing']}"
+            lines.append([f"its time, median / worst, ms, at {clutter}", ""] + times)
+    return table(["method", "trials"] + objects, lines)
 
 
 def from_events(result):
-    rows = [[row["object"], str(row["starts"]), str(row["right"]), str(row["wrong"]), str(row["none"]),
-             f"{row['first_pose_median_ms']:.1f}", f"{row['longest_wrong_ms']:.0f}"] for row in result["rows"]]
-    return table(["object", "starts", "right from 50 ms of events", "wrong", "none", "events until the pose, median, ms",
-                  "longest wrong, ms"], rows)
+    rows = result["rows"]
+    returns = [[entry["tracked_us"] for entry in row["returns"]] for row in rows]
+    worst_ms = [cell(max(times) / 1000, 0) if times and not any(t != t for t in times) else "-" for times in returns]
+    return table([""] + [row["object"] for row in rows], [
+        ["right pose from at most 50 ms of events"] + [f"{row['right']} of {row['starts']}" for row in rows],
+        ["wrong first poses"] + [str(row["wrong"]) for row in rows],
+        ["no pose within 250 ms"] + [str(row["none"]) for row in rows],
+        ["events until the first pose, median, ms"] + [cell(row["first_pose_median_ms"], 1) for row in rows],
+        ["its reprojection error, px"] + [cell(row["reprojection_mean_right_px"], 2) for row in rows],
+        ["longest time of wrong poses, ms"] + [cell(row["longest_wrong_ms"], 0) for row in rows],
+        [f"tracked again after a second of absence, worst of {len(returns[0])}, ms"] + worst_ms,
+    ])
 
 
 def synthetic(result):
-    rows = [[row["sweep"], f"{row['value']:g}", row["method"], str(row["trials"]),
-             f"{row['rotation_to_bound']:.2f} / {row['translation_to_bound']:.2f}"] for row in result["rows"]]
-    return table(["sweep", "value", "method", "trials", "rotation / translation error over the Cramer-Rao bound"], rows)
+    values = distinct(row["value"] for row in result["rows"])
+    lines = []
+    for method in distinct(row["method"] for row in result["rows"]):
+        found = {row["value"]: row for row in result["rows"] if row["method"] == method}
+        lines.append([method] + [f"{found[v]['rotation_to_bound']:.2f} / {found[v]['translation_to_bound']:.2f}" for v in values])
+    return table(["outliers"] + [f"{100 * value:g} %" for value in values], lines)
 
 
-def speed(result):
-    rows = [[row["part"], row["what"], str(row["scene"]), row["measure"], f"{row[row['measure']]:.3f}"] for row in result["rows"]]
-    return table(["part", "what", "scene", "measure", "value"], rows)
+def part(result, name):
+    return [row for row in result["rows"] if row["part"] == name]
 
 
-# name: (what prints it, arguments, arguments of --quick)
-SECTIONS = {
-    "tracking": (tracking, ["bench", "tracking", "--seeds", "1", "--paths", "1", "--estimators", "mixture,static-mm"],
-                 ["--duration", "0.2"]),
-    "first-pose": (first_pose, ["bench", "initialization"], ["--trials", "10", "--methods", "evpose,ransac"]),
-    "from-events": (from_events, ["bench", "initialization", "--from-events"], ["--starts", "5", "--duration", "0.5", "--returns", "0"]),
-    "synthetic": (synthetic, ["bench", "synthetic", "--sweeps", "outliers"], ["--trials", "20"]),
-    "speed": (speed, ["bench", "speed", "--parts", "decode,windows,associate,estimate,track"], ["--duration", "0.05"]),
-}
+def by_scene(rows, lines):
+    """A column for each scene of the rows; a line for each (title, text of a row)."""
+    scenes = distinct(row["scene"] for row in rows)
+    return [f"{scene} Mev/s" for scene in scenes], [
+        [title] + [next((text(row) for row in rows if row["scene"] == scene and wanted(row)), "-") for scene in scenes]
+        for title, wanted, text in lines]
 
 
-def without_null(pairs):
-    """A benchmark writes null for a figure that no run has."""
-    return {key: float("nan") if value is None else value for key, value in pairs}
+def decoding(result):
+    rows = part(result, "decode")
+    scenes = distinct(row["scene"] for row in rows)
+    lines = []
+    for what in distinct(row["what"] for row in rows):
+        found = {row["scene"]: row for row in rows if row["what"] == what}
+        lines.append([what] + [f"{found[s]['ns_per_event']:.2f} / {found[s]['memcpy_ratio']:.1f}" for s in scenes])
+    return table(["ns per event / times memcpy of the same bytes"] + [f"{scene} Mev/s" for scene in scenes], lines)
+
+
+def tracking_speed(result):
+    def line(title, name, text, what=None):
+        return title, lambda row: row["part"] == name and (what is None or row["what"] == what), text
+
+    def real_time(row):
+        return f"{row['real_time_ratio']:.3f}"
+
+    def cost(row):
+        return f"{row['cost_ratio']:.1f}"
+
+    rows = [row for name in ("track", "windows", "associate", "estimate") for row in part(result, name)]
+    scenes, lines = by_scene(rows, [
+        line("processor time per sensor time", "track", real_time),
+        line("windows alone", "windows", real_time),
+        line("association alone", "associate", real_time, "lines x1"),
+        line("estimation alone", "estimate", real_time, "lines x1"),
+        line("cost factor of association with 16 times the lines", "associate", cost, "lines x16"),
+        line("cost factor of estimation with 16 times the lines", "estimate", cost, "lines x16"),
+    ])
+    return table(["tracking"] + scenes, lines)
+
+
+def service_path(result):
+    def line(title, key, decimals, name="path"):
+        return title, lambda row: row["part"] == name, lambda row: cell(row.get(key, float("nan")), decimals)
+
+    scenes, lines = by_scene(part(result, "path") + part(result, "memory"), [
+        line("throughput, Mev/s", "mev_per_s", 1),
+        line("throughput over that of the tracker alone", "tracker_ratio", 2),
+        line("processor time of the client for 10^9 events, s", "client_cpu_s_per_gev", 0),
+        line("processor time of the server for 10^9 events, s", "server_cpu_s_per_gev", 0),
+        line("memory of a session, MB", "mb_per_session", 1, "memory"),
+    ])
+    return table(["from EVT3 to poses at the client"] + scenes, lines)
+
+
+def service_latency(result):
+    row = part(result, "latency")[0]
+    return table(["pose at the client, ms, at the sensor's pace", "median", "99 %"], [
+        [title, cell(row[f"{key}_p50_ms"], 2), cell(row[f"{key}_p99_ms"], 2)] for title, key in (
+            ("after the end of the chunk that completes the window", "chunk"), ("after the end of the window", "window"),
+            ("thereof within the server", "server"))])
+
+
+def service_sessions(result):
+    rows = part(result, "sessions")
+    return table(["concurrent sessions"] + [row["what"] for row in rows],
+                 [["processor time of the server per session, over that of a single one"] +
+                  [cell(row["to_one_ratio"], 2) for row in rows]])
+
+
+def event_rates(output):
+    """`output` of event_rate.sh --json: a JSON object per line."""
+    rows = [json.loads(line) for line in output.splitlines()]
+    conditions = distinct(row["condition"] for row in rows)
+    lines = []
+    for name in distinct(row["object"] for row in rows):
+        cells = []
+        for condition in conditions:
+            found = [100 * row["position_rmse_of_depth"] for row in rows if row["object"] == name and row["condition"] == condition]
+            cells.append(f"{statistics.mean(found):.3f}, {max(found):.3f}")
+        lines.append([name] + cells)
+    header = []
+    for condition in conditions:
+        rates = [row["mev_per_s"] for row in rows if row["condition"] == condition]
+        header.append(f"{condition}, {min(rates):.0f} to {max(rates):.0f} Mev/s")
+    return table(["position RMSE, % of depth: mean, worst"] + header, lines)
+
+
+def read_json(text):
+    # A benchmark writes null for a figure that no run has.
+    return json.loads(text, object_pairs_hook=lambda pairs: {k: float("nan") if v is None else v for k, v in pairs})
+
+
+class Run:
+    """A command, and the sections of the page that its output fills."""
+
+    def __init__(self, command, quick, sections, read=read_json):
+        self.command, self.quick, self.sections, self.read = command, quick, sections, read
+
+    def arguments(self, is_quick):
+        """Of --quick, the options replace those of the same name."""
+        command = list(self.command)
+        for option, value in self.quick if is_quick else ():
+            if option in command:
+                command[command.index(option) + 1] = value
+            else:
+                command += [option, value]
+        return command
+
+
+BENCH = ["evpose", "bench"]
+RUNS = [
+    Run(BENCH + ["tracking", "--seeds", "1", "--paths", "1", "--estimators", "mixture,static-mm"], [("--duration", "0.2")],
+        {"tracking": tracking}),
+    Run(["tests/bench/event_rate.sh"], [("--objects", "cube"), ("--seeds", "31")], {"event-rate": event_rates}, read=str),
+    Run(BENCH + ["initialization"], [("--trials", "10"), ("--methods", "evpose,ransac")], {"first-pose": first_pose}),
+    Run(BENCH + ["initialization", "--from-events"], [("--starts", "5"), ("--duration", "0.5"), ("--returns", "1")],
+        {"from-events": from_events}),
+    Run(BENCH + ["initialization", "--from-events", "--detector", "lsd", "--returns", "0"],
+        [("--starts", "5"), ("--duration", "0.5")], {"from-events-lsd": from_events}),
+    Run(BENCH + ["synthetic", "--sweeps", "outliers"], [("--trials", "20")], {"synthetic": synthetic}),
+    Run(BENCH + ["speed", "--parts", "decode,windows,associate,estimate,track"],
+        [("--duration", "0.05"), ("--repetitions", "1")], {"speed": decoding, "tracking-speed": tracking_speed}),
+    Run(BENCH + ["speed", "--parts", "path,latency,sessions,memory"], [("--duration", "0.05"), ("--repetitions", "1")],
+        {"service-path": service_path, "service-latency": service_latency, "service-sessions": service_sessions}),
+]
+SECTIONS = [name for run in RUNS for name in run.sections]
 
 
 def fail(message):
@@ -91,36 +241,60 @@ def machine():
     return f"{model.group(1) if model else 'unknown processor'}, {os.cpu_count()} cores"
 
 
-def run(name, is_quick):
-    to_table, arguments, quick = SECTIONS[name]
-    arguments = arguments + (quick if is_quick else [])
+def output_of(arguments):
+    """What the command prints as JSON. `bench speed` writes it to a file."""
+    program = EVPOSE if arguments[0] == "evpose" else os.path.join(ROOT, arguments[0])
     with tempfile.TemporaryDirectory() as folder:
         path = os.path.join(folder, "table.json")
-        json_arguments = ["--json", path] if name == "speed" else ["--json"]
-        done = subprocess.run([EVPOSE] + arguments + json_arguments, stdout=subprocess.PIPE, text=True, check=False)
+        writes_file = arguments[1:3] == ["bench", "speed"]
+        done = subprocess.run([program] + arguments[1:] + (["--json", path] if writes_file else ["--json"]),
+                              stdout=subprocess.PIPE, text=True, check=False)
         if done.returncode != 0:
-            fail(f"evpose {' '.join(arguments)} ended with status {done.returncode}")
-        if name == "speed":
-            with open(path, encoding="utf-8") as file:
-                result = json.load(file, object_pairs_hook=without_null)
-        else:
-            result = json.loads(done.stdout, object_pairs_hook=without_null)
+            fail(f"{' '.join(arguments)} ended with status {done.returncode}")
+        if not writes_file:
+            return done.stdout
+        with open(path, encoding="utf-8") as file:
+            return file.read()
+
+
+def measure(run, sections, is_quick):
+    arguments = run.arguments(is_quick)
+    result = run.read(output_of(arguments))
     version = subprocess.run([EVPOSE, "--version"], stdout=subprocess.PIPE, text=True, check=True).stdout.strip()
     kind = "A quick run, for the order of magnitude only: measured" if is_quick else "Measured"
-    return f"{kind} with `evpose {' '.join(arguments)}`, {version}, on {machine()}.\n\n{to_table(result)}\n"
+    source = f"{kind} with `{' '.join(arguments)}`, {version}, on {machine()}."
+    return {name: f"{source}\n\n{run.sections[name](result)}\n" for name in sections}
+
+
+def read_page():
+    with open(PAGE, encoding="utf-8") as file:
+        return file.read()
+
+
+def check(page):
+    """Each section has its mark once, and no table stands outside."""
+    for name in SECTIONS:
+        if page.count(MARK % name) != 1:
+            fail(f"{PAGE} must have the mark {(MARK % name).strip()} once")
+    outside = re.sub(r"<!-- results: .*?<!-- end -->", "", page, flags=re.S)
+    lines = [line for line in outside.splitlines() if line.startswith("|")]
+    if lines:
+        fail(f"{PAGE} has a table outside the marks: {lines[0]}")
+    unknown = set(re.findall(r"<!-- results: (\S+) -->", page)) - set(SECTIONS)
+    if unknown:
+        fail(f"{PAGE} has marks of unknown sections: {', '.join(sorted(unknown))}")
+
+
+def replace(page, texts):
+    for name, text in texts.items():
+        begin = page.index(MARK % name) + len(MARK % name)
+        page = page[:begin] + text + page[page.index(END, begin):]
+    return page
 
 
 def update(texts):
-    with open(PAGE, encoding="utf-8") as file:
-        page = file.read()
-    for name, text in texts.items():
-        mark = f"<!-- results: {name} -->\n"
-        if page.count(mark) != 1:
-            fail(f"{PAGE} must have the mark {mark.strip()} once")
-        begin = page.index(mark) + len(mark)
-        page = page[:begin] + text + page[page.index("<!-- end -->", begin):]
     with open(PAGE + ".new", "w", encoding="utf-8") as file:
-        file.write(page)
+        file.write(replace(read_page(), texts))
     os.replace(PAGE + ".new", PAGE)
 
 
@@ -129,18 +303,27 @@ def main():
     parser.add_argument("sections", nargs="*", metavar="SECTION", help=", ".join(SECTIONS))
     parser.add_argument("--quick", action="store_true", help="few trials, short recordings")
     parser.add_argument("--update", action="store_true", help="write into core/experiments/RESULTS.md")
+    parser.add_argument("--check", action="store_true", help="check the marks of the page and measure nothing")
     arguments = parser.parse_args()
     unknown = [name for name in arguments.sections if name not in SECTIONS]
     if unknown:
         parser.error(f"no section {', '.join(unknown)}; there are {', '.join(SECTIONS)}")
-    if not os.access(EVPOSE, os.X_OK):
-        fail("build first: cmake --preset release && cmake --build --preset release --target evpose")
-    texts = {name: run(name, arguments.quick) for name in arguments.sections or SECTIONS}
-    if arguments.update:
-        update(texts)
+    check(read_page())
+    if arguments.check:
         return
-    for name, text in texts.items():
-        print(f"## {name}\n\n{text}")
+    if not os.access(EVPOSE, os.X_OK):
+        fail("build first: cmake --preset release && cmake --build --preset release")
+    for run in RUNS:
+        wanted = [name for name in run.sections if name in (arguments.sections or SECTIONS)]
+        if not wanted:
+            continue
+        # Each run is written when it is done: the next ones take hours.
+        texts = measure(run, wanted, arguments.quick)
+        if arguments.update:
+            update(texts)
+        else:
+            for name, text in texts.items():
+                print(f"## {name}\n\n{text}", flush=True)
 
 
 if __name__ == "__main__":

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
 // evpose calibrate: a sensor's profile from recordings whose poses are known.
-#include <algorithm>
 #include <cmath>
 #include <memory>
 #include <optional>
@@ -9,9 +8,10 @@
 #include <utility>
 #include <vector>
 
+#include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
-#include "client/bench/chart.h"
+#include "client/cli/commands/calibration_picture.h"
 #include "client/cli/commands/commands.h"
 #include "client/cli/common/progress.h"
 #include "core/base/output_file.h"
@@ -109,99 +109,6 @@ absl::StatusOr<std::vector<EdgePassage>> CollectPassages(const CalibrateArgument
   return passages;
 }
 
-// A quantity along the x axis, in bins of as many passages each.
-struct Binned {
-  std::vector<double> x, mean, low, high, fitted, left;
-};
-
-Binned BinBy(std::vector<EdgePassage> passages, const SensorProfile& profile, double (*key)(const EdgePassage&)) {
-  constexpr size_t kBins = 16;
-  constexpr size_t kMinInBin = 8;
-  std::sort(passages.begin(), passages.end(),
-            [key](const EdgePassage& a, const EdgePassage& b) { return key(a) < key(b); });
-  Binned binned;
-  const size_t bins = std::clamp<size_t>(passages.size() / kMinInBin, 1, kBins);
-  for (size_t bin = 0; bin < bins; ++bin) {
-    const size_t begin = bin * passages.size() / bins, end = (bin + 1) * passages.size() / bins;
-    if (end - begin < 2) continue;
-    const double n = static_cast<double>(end - begin);
-    double x = 0.0, mean = 0.0, squares = 0.0, fitted = 0.0;
-    for (size_t i = begin; i < end; ++i) {
-      x += key(passages[i]) / n;
-      mean += passages[i].residual_px / n;
-      squares += passages[i].residual_px * passages[i].residual_px / n;
-      fitted += ExpectedResidualPx(profile, passages[i]) / n;
-    }
-    const double error = std::sqrt(std::max(0.0, squares - mean * mean) / n);
-    binned.x.push_back(x);
-    binned.mean.push_back(mean);
-    binned.low.push_back(mean - 2.0 * error);
-    binned.high.push_back(mean + 2.0 * error);
-    binned.fitted.push_back(fitted);
-    binned.left.push_back(mean - fitted);
-  }
-  return binned;
-}
-
-double SpeedOf(const EdgePassage& passage) { return passage.speed_px_per_s; }
-double DensityOf(const EdgePassage& passage) { return passage.rates.events_per_px2 + passage.rates.turns_per_px2; }
-
-struct Polarity {
-  const char* name;
-  std::vector<EdgePassage> passages;
-  int color;
-};
-
-void AddPanels(const std::vector<Polarity>& polarities, const SensorProfile& profile, const ChartAxis& x_axis,
-               double (*key)(const EdgePassage&), ChartPage& page) {
-  ChartPanel residuals, left;
-  residuals.title = "Where events lie, along the motion";
-  left.title = "What the profile leaves over";
-  residuals.x_axis = left.x_axis = x_axis;
-  residuals.y_axis.label = left.y_axis.label = "residual, px";
-  for (const Polarity& polarity : polarities) {
-    const Binned binned = BinBy(polarity.passages, profile, key);
-    ChartSeries band{absl::StrCat(polarity.name, ", mean +- 2 standard errors"), ChartStyle::kBand};
-    band.x = binned.x;
-    band.low = binned.low;
-    band.high = binned.high;
-    band.color = polarity.color;
-    ChartSeries points{polarity.name, ChartStyle::kPoints};
-    points.x = binned.x;
-    points.y = binned.mean;
-    points.color = polarity.color;
-    ChartSeries fitted{absl::StrCat(polarity.name, ", fitted"), ChartStyle::kLines};
-    fitted.x = binned.x;
-    fitted.y = binned.fitted;
-    fitted.color = polarity.color;
-    ChartSeries rest = points;
-    rest.style = ChartStyle::kLinesAndPoints;
-    rest.y = binned.left;
-    residuals.series.insert(residuals.series.end(), {band, points, fitted});
-    left.series.push_back(std::move(rest));
-  }
-  page.panels.push_back(std::move(residuals));
-  page.panels.push_back(std::move(left));
-}
-
-// Residuals by speed and polarity, and by what tells the contrast.
-ChartPage Picture(const SensorCalibration& calibration, const std::vector<CalibrationRecording>& recordings) {
-  std::vector<Polarity> polarities = {{"ON", {}, 0}, {"OFF", {}, 1}};
-  for (const CalibrationRecording& recording : recordings) {
-    for (const EdgePassage& passage : StepEdges(recording.passages, {})) {
-      polarities[passage.IsBrighter() ? 0 : 1].passages.push_back(passage);
-    }
-  }
-  ChartPage page;
-  page.title = absl::StrFormat("Sensor %s: blur %.3f px, threshold %.3f, latency %.0f us", calibration.profile.name,
-                               calibration.profile.blur_px, calibration.profile.contrast_threshold,
-                               calibration.profile.latency_us);
-  page.num_columns = 2;
-  AddPanels(polarities, calibration.profile, {"speed, px/s"}, SpeedOf, page);
-  AddPanels(polarities, calibration.profile, {"events and turns per swept square pixel"}, DensityOf, page);
-  return page;
-}
-
 Json Constant(double value, double error, bool is_fitted) {
   Json json;
   json["value"] = value;
@@ -253,6 +160,9 @@ void PrintCalibration(const SensorCalibration& fit, std::ostream& out) {
 
 absl::Status RunCalibrate(const CalibrateArguments& arguments, CliContext& context) {
   EVPOSE_RETURN_IF_ERROR(CheckCounts(arguments));
+  if (!arguments.picture.empty() && !absl::EndsWith(arguments.picture, ".png")) {
+    return UsageError(absl::StrCat("--picture ", arguments.picture, ": the name of a picture ends in .png"));
+  }
   SensorCalibrationOptions options;
   if (!arguments.start.empty()) {
     EVPOSE_ASSIGN_OR_RETURN(options.initial, LoadSensorProfile(arguments.start));
@@ -263,9 +173,9 @@ absl::Status RunCalibrate(const CalibrateArguments& arguments, CliContext& conte
     inputs.push_back(std::move(input));
   }
   EVPOSE_ASSIGN_OR_RETURN(OutputFile profile_file, OutputFile::Create(arguments.out));
-  std::optional<ChartFile> chart;
+  std::optional<OutputFile> picture;
   if (!arguments.picture.empty()) {
-    EVPOSE_ASSIGN_OR_RETURN(chart, ChartFile::Create(arguments.picture));
+    EVPOSE_ASSIGN_OR_RETURN(picture, OutputFile::Create(arguments.picture));
   }
   ProgressLine progress(context);
   std::vector<CalibrationRecording> recordings;
@@ -277,7 +187,11 @@ absl::Status RunCalibrate(const CalibrateArguments& arguments, CliContext& conte
   progress.Clear();
   EVPOSE_ASSIGN_OR_RETURN(SensorCalibration calibration, CalibrateSensor(recordings, options));
   if (!arguments.name.empty()) calibration.profile.name = arguments.name;
-  if (chart) EVPOSE_RETURN_IF_ERROR(chart->Write(Picture(calibration, recordings)));
+  if (picture) {
+    EVPOSE_ASSIGN_OR_RETURN(const std::vector<uint8_t> png, DrawCalibration(calibration, recordings));
+    EVPOSE_RETURN_IF_ERROR(picture->Append({reinterpret_cast<const char*>(png.data()), png.size()}));
+    EVPOSE_RETURN_IF_ERROR(picture->Commit());
+  }
   EVPOSE_RETURN_IF_ERROR(profile_file.Append(SensorProfileToYaml(calibration.profile)));
   EVPOSE_RETURN_IF_ERROR(profile_file.Commit());
   for (const std::string& warning : calibration.warnings) context.err << "evpose calibrate: " << warning << "\n";
@@ -310,7 +224,7 @@ CommandRunner AddCalibrateCommand(CLI::App& app, CliContext& context) {
                  "Profile for evpose replay --sensor, YAML; the file appears only when it is complete")
       ->required();
   app.add_option("--picture", arguments->picture,
-                 "Draw the residuals by speed and polarity, before and after the fit: .png or .svg");
+                 "Draw the residuals by speed and by event density, before and after the fit: .png");
   app.add_flag("--json", arguments->is_json, "One JSON object on standard output");
   app.footer(
       "The object should move back and forth, slowly and fast, and have edges of several contrasts. An offset between\n"

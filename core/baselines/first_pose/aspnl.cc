@@ -8,7 +8,6 @@
 
 #include "absl/strings/str_cat.h"
 #include "core/baselines/first_pose/p3l.h"
-#include "core/baselines/first_pose/polynomial.h"
 
 namespace evpose {
 namespace {

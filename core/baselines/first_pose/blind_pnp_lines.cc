@@ -91,7 +91,7 @@ std::optional<UncertainLine> BlindPnp::Project(const Belief& belief, const Model
   uncertain.length_px = uncertain.along.norm();
   if (uncertain.length_px < 2.0) return std::nullopt;
   uncertain.along /= uncertain.length_px;
-  const double focal_px = std::max(camera_.fx_px, camera_.fy_px);
+  const double focal_px = camera_.MaxFocalPx();
   // The uncertainty of an end along its line is about that across it: f / z times that of its position.
   double variance_m2 = 0.0;
   double depth_m = 0.0;

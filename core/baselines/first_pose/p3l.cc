@@ -2,10 +2,10 @@
 #include "core/baselines/first_pose/p3l.h"
 
 #include <Eigen/Geometry>
+#include <algorithm>
 #include <cmath>
+#include <unsupported/Eigen/Polynomials>
 #include <utility>
-
-#include "core/baselines/first_pose/polynomial.h"
 
 namespace evpose {
 namespace {
@@ -21,6 +21,12 @@ Eigen::Matrix3d FrameWithFirst(const Eigen::Vector3d& x) {
 
 // k . (1, cos, sin) times (1 + t^2).
 Eigen::VectorXd InTangent(const Eigen::Vector3d& k) { return Eigen::Vector3d(k[0] + k[1], 2.0 * k[2], k[0] - k[1]); }
+
+Eigen::VectorXd PolynomialProduct(const Eigen::VectorXd& a, const Eigen::VectorXd& b) {
+  Eigen::VectorXd product = Eigen::VectorXd::Zero(a.size() + b.size() - 1);
+  for (Eigen::Index i = 0; i < a.size(); ++i) product.segment(i, b.size()) += a[i] * b;
+  return product;
+}
 
 // p q' - p' q.
 Eigen::VectorXd Determinant(const Eigen::VectorXd& p, const Eigen::VectorXd& q, const Eigen::VectorXd& p2,
@@ -112,6 +118,23 @@ double ConstraintOfAlpha(const P3lConstraint& first, const P3lConstraint& second
   const double x = b1 * d2 - b2 * d1;
   const double y = a1 * d2 - a2 * d1;
   return x * x + y * y - determinant * determinant;
+}
+
+std::vector<double> RealRoots(const Eigen::VectorXd& coefficients, double imaginary_ratio) {
+  constexpr double kVanishes = 1e-13;  // of the largest coefficient: some hundred roundings
+  Eigen::Index degree = coefficients.size() - 1;
+  const double largest = coefficients.cwiseAbs().maxCoeff();
+  while (degree > 0 && !(std::abs(coefficients[degree]) > kVanishes * largest)) --degree;
+  if (degree < 1) return {};
+  const Eigen::PolynomialSolver<double, Eigen::Dynamic> solver(coefficients.head(degree + 1));
+  std::vector<double> roots;
+  for (const auto& root : solver.roots()) {
+    // Of a conjugate pair one root counts.
+    if (root.imag() < 0.0 || root.imag() > imaginary_ratio * (1.0 + std::abs(root.real()))) continue;
+    roots.push_back(root.real());
+  }
+  std::sort(roots.begin(), roots.end());
+  return roots;
 }
 
 std::vector<Eigen::Matrix3d> SolveP3l(const std::array<Eigen::Vector3d, 3>& normals,

@@ -40,6 +40,11 @@ P3lPolynomial EliminateBeta(const P3lConstraint& first, const P3lConstraint& sec
 // Value of the polynomial at an angle, divided by the power of 1 + t^2 that keeps it finite.
 double ConstraintOfAlpha(const P3lConstraint& first, const P3lConstraint& second, double alpha_rad);
 
+// Real roots of a polynomial with coefficients by rising power, in rising order. A root counts as real if its imaginary
+// part is at most `imaginary_ratio` of 1 + |real part|, so that a double root that noise has split is not lost. Leading
+// coefficients that vanish are left out.
+std::vector<double> RealRoots(const Eigen::VectorXd& coefficients, double imaginary_ratio);
+
 // Returns all rotations with n_i . R v_i = 0, i = 0, 1, 2, to rounding (Dhome, Richetin, Lapreste, Rives,
 // "Determination of the attitude of 3-D objects from a single perspective view", PAMI 1989; Chen, "Pose determination
 // from line-to-plane correspondences", PAMI 1991): at most eight. Empty if there is none, or if the directions do not

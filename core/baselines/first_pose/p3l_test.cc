@@ -1,17 +1,22 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "core/baselines/first_pose/p3l.h"
 
+#include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
 #include <algorithm>
 #include <cmath>
+#include <unsupported/Eigen/Polynomials>
 
-#include "core/baselines/first_pose/polynomial.h"
 #include "core/geometry/rigid_transform.h"
 #include "core/numerics/random.h"
 
 namespace evpose {
 namespace {
+
+using ::testing::DoubleNear;
+using ::testing::ElementsAre;
+using ::testing::IsEmpty;
 
 Eigen::Vector3d RandomUnit(Random& random) {
   return Eigen::Vector3d(random.Normal(), random.Normal(), random.Normal()).normalized();
@@ -85,7 +90,7 @@ TEST(P3l, PolynomialAndFunctionOfTheAngleAgree) {
     const double alpha = random.Uniform(-3.0, 3.0);
     const double t = std::tan(0.5 * alpha);
     const double scale = std::pow(1.0 + t * t, is_box ? 2 : 4);
-    EXPECT_NEAR(PolynomialValue(polynomial.coefficients, t) / scale, ConstraintOfAlpha(first, second, alpha), 1e-12);
+    EXPECT_NEAR(Eigen::poly_eval(polynomial.coefficients, t) / scale, ConstraintOfAlpha(first, second, alpha), 1e-12);
   }
 }
 
@@ -108,6 +113,29 @@ TEST(P3l, BoxesAndParallelPairsAreSolved) {
           << directions[0].transpose() << ", " << directions[1].transpose() << ", " << directions[2].transpose();
     }
   }
+}
+
+TEST(RealRoots, AreThoseOfTheFactors) {
+  Eigen::VectorXd roots(5), coefficients(6);
+  roots << 3.0, -1.0, 0.5, 20.0, -7.0;
+  Eigen::roots_to_monicPolynomial(roots, coefficients);
+  EXPECT_THAT(RealRoots(coefficients, 1e-6),
+              ElementsAre(DoubleNear(-7.0, 1e-11), DoubleNear(-1.0, 1e-11), DoubleNear(0.5, 1e-11),
+                          DoubleNear(3.0, 1e-11), DoubleNear(20.0, 1e-10)));
+}
+
+TEST(RealRoots, ASplitDoubleRootCountsWithinTheImaginaryRatio) {
+  EXPECT_THAT(RealRoots(Eigen::Vector3d(1.0, 0.0, 1.0), 1e-3), IsEmpty());
+  // (x - 1)^2 + 1e-8: two roots 1e-4 from the real axis.
+  const Eigen::VectorXd split = Eigen::Vector3d(1.0 + 1e-8, -2.0, 1.0);
+  EXPECT_THAT(RealRoots(split, 1e-6), IsEmpty());
+  EXPECT_THAT(RealRoots(split, 1e-3), ElementsAre(DoubleNear(1.0, 1e-6)));
+}
+
+TEST(RealRoots, VanishingLeadingCoefficientsLowerTheDegree) {
+  EXPECT_THAT(RealRoots(Eigen::Vector4d(2.0, -1.0, 1e-20, 0.0), 1e-6), ElementsAre(DoubleNear(2.0, 1e-12)));
+  EXPECT_THAT(RealRoots(Eigen::VectorXd::Constant(1, 3.0), 1e-6), IsEmpty());
+  EXPECT_THAT(RealRoots(Eigen::VectorXd::Zero(4), 1e-6), IsEmpty());
 }
 
 TEST(P3l, ParallelLinesDoNotDetermineTheRotation) {

@@ -7,8 +7,10 @@
 #include <utility>
 
 #include "absl/strings/str_cat.h"
+#include "absl/strings/str_join.h"
 #include "core/base/check_range.h"
 #include "core/base/status_macros.h"
+#include "core/baselines/first_pose/lsd_detector.h"
 #include "core/experiments/first_pose/pose_comparison.h"
 #include "core/geometry/trajectory.h"
 #include "core/models/visibility.h"
@@ -44,6 +46,22 @@ absl::StatusOr<SimulationOptions> MakeScene(const EventTrialOptions& options, in
 absl::Status Report(const TrialProgress& on_progress, double begin, double end, double ratio) {
   if (!on_progress || on_progress(begin + (end - begin) * ratio)) return absl::OkStatus();
   return absl::CancelledError("interrupted");
+}
+
+// Errors: INVALID_ARGUMENT for an unknown name.
+absl::StatusOr<LineDetectorFactory> FindLineDetector(const std::string& name) {
+  if (name == "planes") return LineDetectorFactory();
+  if (name == "lsd") {
+    return LineDetectorFactory([](SensorGeometry geometry) { return MakeLsdLineDetector({}, geometry); });
+  }
+  return absl::InvalidArgumentError(absl::StrCat("EventTrialOptions.detector is \"", name, "\"; known are ",
+                                                 absl::StrJoin(LineDetectorNames(), ", ")));
+}
+
+absl::StatusOr<TrackerOptions> MakeTrackerOptions(const EventTrialOptions& options) {
+  TrackerOptions tracker = options.tracker;
+  EVPOSE_ASSIGN_OR_RETURN(tracker.initialization.detector_factory, FindLineDetector(options.detector));
+  return tracker;
 }
 
 VisibilityOptions TrueVisibility() {
@@ -124,8 +142,9 @@ class WrongStretch {
 };
 
 absl::StatusOr<EventTrial> RunTrial(const Recording& recording, const EventTrialOptions& options, int64_t start_us) {
+  EVPOSE_ASSIGN_OR_RETURN(const TrackerOptions tracker_options, MakeTrackerOptions(options));
   EVPOSE_ASSIGN_OR_RETURN(const std::unique_ptr<Tracker> tracker,
-                          Tracker::Create(recording.model(), recording.camera(), options.tracker, std::nullopt));
+                          Tracker::Create(recording.model(), recording.camera(), tracker_options, std::nullopt));
   EventTrial trial;
   trial.t_start_us = start_us;
   WrongStretch wrong;
@@ -186,6 +205,8 @@ void FollowReturn(const Recording& after, int64_t watch_us, int64_t shift_us, Tr
 
 }  // namespace
 
+std::vector<std::string> LineDetectorNames() { return {"planes", "lsd"}; }
+
 bool EventTrial::is_right_in_time() const { return is_first_right && t_first_pose_us <= kBudgetUs; }
 
 absl::Status EventTrialOptions::Validate() const {
@@ -196,6 +217,7 @@ absl::Status EventTrialOptions::Validate() const {
                                                    kStepUs, " and at most recording_us (", recording_us, ")"));
   }
   EVPOSE_RETURN_IF_ERROR(MakeScene(*this, recording_us, seed).status());
+  EVPOSE_RETURN_IF_ERROR(FindLineDetector(detector).status());
   return tracker.Validate();
 }
 
@@ -256,8 +278,9 @@ absl::StatusOr<ReturnTrial> RunReturnTrial(const EventTrialOptions& options, int
                           Recording::Make(first, [&](double ratio) { return Report(on_progress, 0.0, 0.5, ratio); }));
   EVPOSE_ASSIGN_OR_RETURN(const std::unique_ptr<Recording> after,
                           Recording::Make(second, [&](double ratio) { return Report(on_progress, 0.5, 0.8, ratio); }));
+  EVPOSE_ASSIGN_OR_RETURN(const TrackerOptions tracker_options, MakeTrackerOptions(options));
   EVPOSE_ASSIGN_OR_RETURN(const std::unique_ptr<Tracker> tracker,
-                          Tracker::Create(before->model(), before->camera(), options.tracker, std::nullopt));
+                          Tracker::Create(before->model(), before->camera(), tracker_options, std::nullopt));
   ReturnTrial trial;
   trial.seed = options.seed;
   std::vector<PoseEstimate> estimates;

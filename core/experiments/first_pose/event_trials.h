@@ -16,6 +16,10 @@
 
 namespace evpose {
 
+// The detectors that turn events into lines: "planes", the space-time planes of the paper's Sec. III-A, which the
+// tracker uses by default, and "lsd", LSD on an image of accumulated events (core/baselines/first_pose/lsd_detector.h).
+std::vector<std::string> LineDetectorNames();
+
 struct EventTrialOptions {
   SimulatedObject object = SimulatedObject::kCube;
   std::string camera = "evk4";       // "evk4" or "vga" (SimulatedCameraNames)
@@ -28,9 +32,10 @@ struct EventTrialOptions {
   BackgroundOptions background;
   LightOptions light;
   OccluderOptions occluder;
-  uint64_t seed = 1;           // determines the scene and the starts
-  int64_t watch_us = 250'000;  // microseconds for which each start is followed, at least 1000
-  TrackerOptions tracker;
+  uint64_t seed = 1;                // determines the scene and the starts
+  int64_t watch_us = 250'000;       // microseconds for which each start is followed, at least 1000
+  std::string detector = "planes";  // line detector, one of LineDetectorNames()
+  TrackerOptions tracker;           // its line detector is replaced by `detector`
 
   // INVALID_ARGUMENT names the field.
   absl::Status Validate() const;

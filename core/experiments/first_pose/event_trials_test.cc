@@ -84,6 +84,20 @@ TEST(EventTrials, AreAFunctionOfTheOptions) {
   }
 }
 
+TEST(EventTrials, TheDetectorChangesWhatIsFound) {
+  EventTrialOptions options = Tiny();
+  const auto planes = RunEventTrials(options);
+  options.detector = "lsd";
+  const auto lsd = RunEventTrials(options);
+  ASSERT_TRUE(planes.ok() && lsd.ok());
+  ASSERT_EQ(lsd->size(), planes->size());
+  for (size_t i = 0; i < lsd->size(); ++i) {
+    EXPECT_EQ((*lsd)[i].t_start_us, (*planes)[i].t_start_us);
+    EXPECT_GT((*lsd)[i].attempts, 0u);
+    EXPECT_NE((*lsd)[i].reprojection_px, (*planes)[i].reprojection_px);
+  }
+}
+
 TEST(EventTrials, ProgressRisesAndEndsTheWork) {
   double last = 0.0;
   const auto all = RunEventTrials(Tiny(), [&](double ratio) {
@@ -111,6 +125,7 @@ TEST(EventTrials, OptionsAreChecked) {
   EXPECT_THAT(message([](auto& o) { o.noise_ratio = -0.1; }), HasSubstr("noise_ratio"));
   EXPECT_THAT(message([](auto& o) { o.watch_us = 300'000; }), HasSubstr("recording_us"));
   EXPECT_THAT(message([](auto& o) { o.camera = "mp4"; }), HasSubstr("evk4"));
+  EXPECT_THAT(message([](auto& o) { o.detector = "hough"; }), HasSubstr("planes, lsd"));
   EXPECT_THAT(message([](auto& o) { o.light.flicker_depth = 2.0; }), HasSubstr("flicker_depth"));
   EXPECT_THAT(message([](auto& o) { o.tracker.initialization.min_events = -1; }), HasSubstr("min_events"));
   EXPECT_EQ(RunReturnTrial(Tiny(), -1).status().code(), absl::StatusCode::kInvalidArgument);

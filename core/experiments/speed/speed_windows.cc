@@ -2,7 +2,6 @@
 #include "core/experiments/speed/speed_windows.h"
 
 #include <algorithm>
-#include <cmath>
 #include <utility>
 
 #include "absl/strings/str_cat.h"
@@ -45,7 +44,7 @@ class WindowRecorder {
   void Start(int64_t t_us) {
     const Trajectory& truth = recording_.truth;
     const int64_t known_us = std::clamp(t_us, truth.front().t_us, truth.back().t_us);
-    const double focal_px = std::max(recording_.camera.fx_px, recording_.camera.fy_px);
+    const double focal_px = recording_.camera.MaxFocalPx();
     // Interpolated; the truth covers the whole recording.
     const RigidTransform pose = *Interpolate(truth, known_us);
     track_ = std::make_unique<PoseTrack>(context_, InitialMotionState(pose, t_us, focal_px, context_.options.initial));
@@ -93,32 +92,17 @@ std::vector<SpeedWindow> WithCutLines(const std::vector<SpeedWindow>& windows, i
 WindowAssociation::WindowAssociation(const TrackContext& context)
     : context_(context),
       estimator_(context.options.MakeEstimator(context.camera)),
-      grid_(context.camera),
-      background_(context.camera),
-      near_events_(context.camera, context.tables->undistortion, context.tables->pixel_tiles) {}
+      associator_(context.camera, *context.tables) {}
 
 WindowInput WindowAssociation::Associate(const SpeedWindow& window) {
-  const CameraModel& camera = context_.camera;
-  const EventWindow events = window.AsEventWindow();
   WindowInput input;
-  input.duration_s = 1e-6 * static_cast<double>(window.t_end_us - window.t_begin_us);
   input.lines = window.lines;
-  ProjectLines(camera, window.predicted, input.lines, image_lines_);
-  const double spread_px = PredictedSpreadPx(camera, window.predicted, image_lines_);
-  double motion_px = 0.0;
-  for (const ImageLine& line : image_lines_) {
-    if (!line.in_view()) continue;
-    motion_px = std::max(motion_px, 0.5 * std::abs(NormalSpeedPxPerS(camera, line, 0.5)) * input.duration_s);
-  }
+  ProjectLines(context_.camera, window.predicted, input.lines, image_lines_);
+  const double spread_px = PredictedSpreadPx(context_.camera, window.predicted, image_lines_);
   const double reach_px = std::max(estimator_->ReachPx(spread_px, 1.0), TrackHealth::ReachPx(context_.options.health));
-  grid_.Build(image_lines_, reach_px + motion_px);
-  input.shares = near_events_.Find(events, grid_, estimator_->MaxEvents(), background_);
-  background_.CloseWindow(grid_, input.duration_s);
-  input.background_per_px2 = background_.hz_per_px() * input.duration_s;
-  input.events = near_events_.Observe(events, grid_, image_lines_, window.predicted.t_us, reach_px,
-                                      [](const Observation&) { return 0.0f; });
-  line_events_.Sort(input.events, input.lines.size());
-  input.sorted = &line_events_;
+  static_cast<AssociatedEvents&>(input) =
+      associator_.Associate(window.AsEventWindow(), image_lines_, window.predicted.t_us, reach_px,
+                            estimator_->MaxEvents(), [](const Observation&) { return 0.0f; });
   return input;
 }
 

@@ -9,7 +9,7 @@
 #include <vector>
 
 #include "absl/status/statusor.h"
-#include "core/association/near_events.h"
+#include "core/association/window_associator.h"
 #include "core/estimation/estimator.h"
 #include "core/experiments/speed/speed_recordings.h"
 #include "core/tracking/pose_track.h"
@@ -40,8 +40,7 @@ absl::StatusOr<SpeedWindows> MakeSpeedWindows(const SpeedRecording& recording);
 // Returns the same windows with each line cut into `num_pieces` lines of equal length: more lines for the same events.
 std::vector<SpeedWindow> WithCutLines(const std::vector<SpeedWindow>& windows, int num_pieces);
 
-// Performs the association of PoseTrack for a single object: projects the lines, builds the tiles, finds the events
-// near the lines.
+// Associates the window of a single object with the reach that PoseTrack uses.
 class WindowAssociation {
  public:
   // `context` must outlive this object.
@@ -51,11 +50,8 @@ class WindowAssociation {
 
  private:
   const TrackContext& context_;
-  const std::unique_ptr<WindowEstimator> estimator_;  // provides the reach of the gate
-  TileGrid grid_;
-  BackgroundRate background_;
-  NearEvents near_events_;
-  LineEvents line_events_;
+  const std::unique_ptr<WindowEstimator> estimator_;  // determines the reach and the number of events
+  WindowAssociator associator_;
   std::vector<ImageLine> image_lines_;
 };
 

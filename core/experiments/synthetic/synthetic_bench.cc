@@ -151,8 +151,6 @@ absl::StatusOr<std::vector<SyntheticBenchRow>> RunValue(const SyntheticBenchOpti
 
 }  // namespace
 
-absl::Span<const SyntheticSweep> SyntheticSweeps() { return kSweeps; }
-
 std::string_view SyntheticSweepName(SyntheticSweep sweep) {
   switch (sweep) {
     case SyntheticSweep::kNoise:

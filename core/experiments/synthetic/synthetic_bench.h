@@ -22,7 +22,6 @@ namespace evpose {
 // The parameter that varies; the others are those of SyntheticTrialOptions: 2 px, 2 %, 25 lines.
 enum class SyntheticSweep { kNoise, kOutliers, kLines };
 
-absl::Span<const SyntheticSweep> SyntheticSweeps();
 std::string_view SyntheticSweepName(SyntheticSweep sweep);  // noise, outliers, lines
 // INVALID_ARGUMENT lists the names.
 absl::StatusOr<SyntheticSweep> ParseSyntheticSweep(std::string_view name);

@@ -99,7 +99,7 @@ TEST(SyntheticBenchTest, EveryMethodIsKnownByName) {
     options.methods = {method.name};
     EXPECT_TRUE(options.Validate().ok()) << method.name;
   }
-  for (const SyntheticSweep sweep : SyntheticSweeps()) {
+  for (const SyntheticSweep sweep : SyntheticBenchOptions().sweeps) {
     EXPECT_EQ(*ParseSyntheticSweep(SyntheticSweepName(sweep)), sweep);
   }
   EXPECT_THAT(ParseSyntheticSweep("speed").status().message(), HasSubstr("noise, outliers, lines"));

@@ -36,7 +36,7 @@ class Contestant {
     const CameraModel& camera = scene.run.camera;
     Contestant contestant;
     if (subject.kind == TrackingSubject::Kind::kOracle) {
-      EVPOSE_ASSIGN_OR_RETURN(contestant.oracle_, TrackingOracle::Create(scene.model, camera, options, scene.truth));
+      EVPOSE_ASSIGN_OR_RETURN(contestant.source_, MakeTrackingOracle(scene.model, camera, options, scene.truth));
       return contestant;
     }
     std::optional<RigidTransform> first;
@@ -44,34 +44,26 @@ class Contestant {
       options.initialization.is_automatic = false;
       first = scene.truth.front().camera_from_object;
     }
-    EVPOSE_ASSIGN_OR_RETURN(contestant.tracker_, Tracker::Create(scene.model, camera, options, first));
+    EVPOSE_ASSIGN_OR_RETURN(std::unique_ptr<Tracker> tracker, Tracker::Create(scene.model, camera, options, first));
+    contestant.tracker_ = tracker.get();
+    contestant.source_ = std::move(tracker);
     return contestant;
   }
 
   void AddEvents(absl::Span<const Event> events) {
-    output_.compute_s += ProcessorSecondsOf([&] {
-      if (tracker_ != nullptr) {
-        tracker_->AddEvents(events, output_.poses);
-      } else {
-        oracle_->AddEvents(events, output_.poses);
-      }
-    });
+    output_.compute_s += ProcessorSecondsOf([&] { source_->AddEvents(events, output_.poses); });
   }
   TrackingOutput Finish() {
-    if (tracker_ == nullptr) {
-      oracle_->Finish(output_.poses);
-      return std::move(output_);
-    }
-    tracker_->Finish(output_.poses);
-    output_.losses = tracker_->losses();
+    source_->Finish(output_.poses);
+    if (tracker_ != nullptr) output_.losses = tracker_->losses();
     return std::move(output_);
   }
 
  private:
   Contestant() = default;
 
-  std::unique_ptr<Tracker> tracker_;  // exactly one of the two is set
-  std::unique_ptr<TrackingOracle> oracle_;
+  std::unique_ptr<PoseSource> source_;
+  const Tracker* tracker_ = nullptr;  // source_ if it is a tracker
   TrackingOutput output_;
 };
 

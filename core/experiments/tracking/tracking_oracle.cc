@@ -2,7 +2,6 @@
 #include "core/experiments/tracking/tracking_oracle.h"
 
 #include <Eigen/Eigenvalues>
-#include <algorithm>
 #include <optional>
 #include <utility>
 
@@ -22,9 +21,9 @@ bool IsFromEvents(const Matrix6d& covariance, const Matrix6d& prior) {
   return solver.info() == Eigen::Success && solver.eigenvalues().maxCoeff() <= kMostRatio;
 }
 
-class WindowOracle : public TrackingOracle {
+class TrackingOracle final : public PoseSource {
  public:
-  WindowOracle(TrackContext context, const Trajectory& truth)
+  TrackingOracle(TrackContext context, const Trajectory& truth)
       : context_(std::move(context)),
         truth_(truth),
         windower_(context_.options.windows, {context_.camera.width_px, context_.camera.height_px}) {}
@@ -63,7 +62,7 @@ class WindowOracle : public TrackingOracle {
     const absl::StatusOr<RigidTransform> before = Interpolate(truth_, t_us - kHalfStepUs);
     const absl::StatusOr<RigidTransform> after = Interpolate(truth_, t_us + kHalfStepUs);
     if (!pose.ok() || !before.ok() || !after.ok()) return std::nullopt;
-    const double focal_px = std::max(context_.camera.fx_px, context_.camera.fy_px);
+    const double focal_px = context_.camera.MaxFocalPx();
     MotionState state = InitialMotionState(*pose, t_us, focal_px, context_.options.initial);
     state.twist = Difference(*after, *before) / (2e-6 * kHalfStepUs);
     return state;
@@ -77,14 +76,13 @@ class WindowOracle : public TrackingOracle {
 
 }  // namespace
 
-absl::StatusOr<std::unique_ptr<TrackingOracle>> TrackingOracle::Create(std::shared_ptr<const ObjectModel> model,
-                                                                       const CameraModel& camera,
-                                                                       const TrackerOptions& options,
-                                                                       const Trajectory& truth) {
+absl::StatusOr<std::unique_ptr<PoseSource>> MakeTrackingOracle(std::shared_ptr<const ObjectModel> model,
+                                                               const CameraModel& camera, const TrackerOptions& options,
+                                                               const Trajectory& truth) {
   // Arguments that a tracker rejects are rejected here, too.
   EVPOSE_RETURN_IF_ERROR(Tracker::Create(model, camera, options, std::nullopt).status());
   EVPOSE_ASSIGN_OR_RETURN(auto tables, MakeCameraTables(camera));
-  return std::make_unique<WindowOracle>(
+  return std::make_unique<TrackingOracle>(
       TrackContext{model, camera, std::move(tables), options, VisibilityTester(*model, options.visibility)}, truth);
 }
 

@@ -3,13 +3,9 @@
 // Lower bound of the errors for the events of single windows: every window is fitted from the true state.
 #pragma once
 
-#include <cstdint>
 #include <memory>
-#include <vector>
 
 #include "absl/status/statusor.h"
-#include "absl/types/span.h"
-#include "core/events/event.h"
 #include "core/geometry/camera.h"
 #include "core/geometry/trajectory.h"
 #include "core/models/object_model.h"
@@ -18,27 +14,20 @@
 
 namespace evpose {
 
-// Estimates every window with the association, the mixture estimator, the edge correction and the options of the
-// tracker, and with windows like those of the tracker at ordinary speed (they do not adapt to the image speed). Every
-// window starts at the true pose and twist of its middle, with the lines that are visible at the true pose, and with
-// the wide prior of a given first pose (InitialPoseOptions: 2 px laterally, 1 % of the depth, 1 deg; 2000 px/s, 6
-// rad/s) instead of the prediction from earlier windows.
+// Creates an oracle. It estimates every window with the association, the mixture estimator, the edge correction and the
+// options of the tracker, and with windows like those of the tracker at ordinary speed (they do not adapt to the image
+// speed). Every window starts at the true pose and twist of its middle, with the lines that are visible at the true
+// pose, and with the wide prior of a given first pose (InitialPoseOptions: 2 px laterally, 1 % of the depth, 1 deg;
+// 2000 px/s, 6 rad/s) instead of the prediction from earlier windows.
 //
 // The oracle can therefore neither lose the object nor drift, and it does not profit from earlier windows: a tracker
 // with a motion prior may have less noise. Errors common to the oracle and the tracker are due to the events or the
 // sensor model, not to the tracking. A window whose events leave more than a quarter of the variance of the prior in
 // any direction has no pose, because its pose would be that of the start.
-class TrackingOracle {
- public:
-  // `truth` must outlive the oracle. Errors: those of Tracker::Create().
-  static absl::StatusOr<std::unique_ptr<TrackingOracle>> Create(std::shared_ptr<const ObjectModel> model,
-                                                                const CameraModel& camera,
-                                                                const TrackerOptions& options, const Trajectory& truth);
-  virtual ~TrackingOracle() = default;
-
-  // The same as the functions of Tracker.
-  virtual void AddEvents(absl::Span<const Event> events, std::vector<PoseEstimate>& estimates) = 0;
-  virtual void Finish(std::vector<PoseEstimate>& estimates) = 0;
-};
+//
+// `truth` must outlive the oracle. Errors: those of Tracker::Create().
+absl::StatusOr<std::unique_ptr<PoseSource>> MakeTrackingOracle(std::shared_ptr<const ObjectModel> model,
+                                                               const CameraModel& camera, const TrackerOptions& options,
+                                                               const Trajectory& truth);
 
 }  // namespace evpose
