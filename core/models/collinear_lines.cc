@@ -16,11 +16,6 @@ namespace {
 constexpr double kNearlyParallelCosine = 0.999;
 constexpr double kSameWayCosine = 0.9;
 
-bool HasItsLike(const Eigen::Vector3d& normal, absl::Span<const Eigen::Vector3d> normals, double cosine) {
-  return std::any_of(normals.begin(), normals.end(),
-                     [&](const Eigen::Vector3d& other) { return other.dot(normal) > cosine; });
-}
-
 struct Straight {
   Eigen::Vector3d p1, direction;
   double length_m;
@@ -40,6 +35,11 @@ bool IsPartOf(const ModelLine& line, const Straight& longer, double tolerance_m,
 }
 
 }  // namespace
+
+bool HasItsLike(const Eigen::Vector3d& normal, absl::Span<const Eigen::Vector3d> normals, double cosine) {
+  return std::any_of(normals.begin(), normals.end(),
+                     [&](const Eigen::Vector3d& other) { return other.dot(normal) > cosine; });
+}
 
 bool LookTheSameWay(absl::Span<const Eigen::Vector3d> a, absl::Span<const Eigen::Vector3d> b) {
   const auto each_has_its_like = [](absl::Span<const Eigen::Vector3d> from, absl::Span<const Eigen::Vector3d> to) {

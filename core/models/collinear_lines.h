@@ -19,6 +19,8 @@ inline constexpr double kCollinearTolerance = 1e-5;
 // Normals that count as one in a line's list. 0.1 degree.
 inline constexpr double kSameNormalCosine = 0.9999985;
 
+bool HasItsLike(const Eigen::Vector3d& normal, absl::Span<const Eigen::Vector3d> normals, double cosine);
+
 // Whether each normal of either has its like, within 25 degrees, in the other: the faces of a noisy model are rough,
 // and creases turn by more.
 bool LookTheSameWay(absl::Span<const Eigen::Vector3d> a, absl::Span<const Eigen::Vector3d> b);

@@ -75,7 +75,7 @@ class PointGrid {
   std::vector<uint32_t> next_in_cell_;
 };
 
-bool HasArea(const RawModel& model, const std::array<uint32_t, 3>& triangle, double min_height_m) {
+bool HasArea(const RawMesh& model, const std::array<uint32_t, 3>& triangle, double min_height_m) {
   const auto& [i, j, k] = triangle;
   if (i == j || j == k || k == i) return false;
   const Eigen::Vector3d ab = model.points[j] - model.points[i], ac = model.points[k] - model.points[i];
@@ -118,7 +118,7 @@ struct Neighbour {
 
 class Orienter {
  public:
-  explicit Orienter(RawModel& model) : model_(model), neighbours_(model.triangles.size()) {
+  explicit Orienter(RawMesh& model) : model_(model), neighbours_(model.triangles.size()) {
     ForEachEdge(SortedEdgeUses(model.triangles), [this](absl::Span<const EdgeUse> uses) {
       if (uses.size() != 2) return;
       const bool same = uses[0].is_forward != uses[1].is_forward;
@@ -195,7 +195,7 @@ class Orienter {
     return std::abs(volume) > 1e-9 * magnitude ? volume : 0.0;
   }
 
-  RawModel& model_;
+  RawMesh& model_;
   std::vector<std::array<Neighbour, 3>> neighbours_;
   std::vector<State> state_;
 };
@@ -217,13 +217,13 @@ std::vector<EdgeUse> SortedEdgeUses(absl::Span<const std::array<uint32_t, 3>> tr
   return uses;
 }
 
-double BoundingBoxDiagonal(const RawModel& model) {
+double BoundingBoxDiagonal(const RawMesh& model) {
   Eigen::AlignedBox3d box;
   for (const Eigen::Vector3d& point : model.points) box.extend(point);
   return box.isEmpty() ? 0.0 : box.diagonal().norm();
 }
 
-void Weld(double tolerance_m, RawModel& model, std::vector<std::string>& notices) {
+void Weld(double tolerance_m, RawMesh& model, std::vector<std::string>& notices) {
   PointGrid grid(tolerance_m);
   std::vector<Eigen::Vector3d> kept;
   std::vector<uint32_t> index(model.points.size());
@@ -255,7 +255,7 @@ void Weld(double tolerance_m, RawModel& model, std::vector<std::string>& notices
             "lines dropped that stand there twice", notices);
 }
 
-void OrientTriangles(RawModel& model, std::vector<std::string>& notices) {
+void OrientTriangles(RawMesh& model, std::vector<std::string>& notices) {
   AddNotice(Orienter(model).Orient(), "triangles turned: their winding was not that of their neighbours, or inward",
             notices);
 }

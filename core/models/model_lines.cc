@@ -31,28 +31,25 @@ struct Edge {
 };
 
 void AddDistinct(const Eigen::Vector3d& normal, std::vector<Eigen::Vector3d>& normals) {
-  for (const Eigen::Vector3d& other : normals) {
-    if (other.dot(normal) > kSameNormalCosine) return;
-  }
-  normals.push_back(normal);
+  if (!HasItsLike(normal, normals, kSameNormalCosine)) normals.push_back(normal);
 }
 
 // Direction, square to the edge, in which a face leaves it.
-Eigen::Vector3d Wing(const RawModel& model, const EdgeUse& use) {
+Eigen::Vector3d Wing(const RawMesh& model, const EdgeUse& use) {
   const Eigen::Vector3d edge = (model.points[use.high] - model.points[use.low]).normalized();
   const Eigen::Vector3d across =
       model.points[model.triangles[use.triangle][(use.side + 2) % 3]] - model.points[use.low];
   return (across - across.dot(edge) * edge).normalized();
 }
 
-Eigen::Vector3d Normal(const RawModel& model, uint32_t triangle) {
+Eigen::Vector3d Normal(const RawMesh& model, uint32_t triangle) {
   const auto& [i, j, k] = model.triangles[triangle];
   return (model.points[j] - model.points[i]).cross(model.points[k] - model.points[i]).normalized();
 }
 
 // Faces on both sides that go on without a crease. By wings rather than normals: right for any winding, and for any
 // number of faces.
-bool IsSmooth(const RawModel& model, absl::Span<const EdgeUse> uses, double crease_cosine) {
+bool IsSmooth(const RawMesh& model, absl::Span<const EdgeUse> uses, double crease_cosine) {
   const Eigen::Vector3d first = Wing(model, uses[0]);
   bool has_opposite = false;
   for (const EdgeUse& use : uses.subspan(1)) {
@@ -66,7 +63,7 @@ bool IsSmooth(const RawModel& model, absl::Span<const EdgeUse> uses, double crea
 // Links the ends of edges that continue each other and walks the chains.
 class EdgeJoiner {
  public:
-  EdgeJoiner(const RawModel& model, const std::vector<Edge>& edges, double tolerance_m)
+  EdgeJoiner(const RawMesh& model, const std::vector<Edge>& edges, double tolerance_m)
       : model_(model), edges_(edges), tolerance_m_(tolerance_m), links_(edges.size(), {kNone, kNone}) {}
 
   std::vector<ModelLine> Join() {
@@ -101,14 +98,9 @@ class EdgeJoiner {
   }
 
   bool HaveSameFaces(const Edge& a, const Edge& b) const {
-    if (a.normals.size() != b.normals.size()) return false;
-    for (const Eigen::Vector3d& normal : a.normals) {
-      if (std::none_of(b.normals.begin(), b.normals.end(),
-                       [&](const Eigen::Vector3d& other) { return other.dot(normal) > kSameFaceCosine; })) {
-        return false;
-      }
-    }
-    return true;
+    return a.normals.size() == b.normals.size() &&
+           std::all_of(a.normals.begin(), a.normals.end(),
+                       [&](const Eigen::Vector3d& n) { return HasItsLike(n, b.normals, kSameFaceCosine); });
   }
 
   void LinkEnds() {
@@ -187,7 +179,7 @@ class EdgeJoiner {
     }
   }
 
-  const RawModel& model_;
+  const RawMesh& model_;
   const std::vector<Edge>& edges_;
   const double tolerance_m_;
   std::vector<std::array<uint32_t, 2>> links_;  // the edge that continues each end
@@ -214,7 +206,7 @@ void AddNormalsAt(const Eigen::Vector3d& point, const Eigen::Vector3d& direction
 
 }  // namespace
 
-absl::StatusOr<std::vector<ModelLine>> CreaseLines(const RawModel& model, double crease_angle_deg, size_t max_lines) {
+absl::StatusOr<std::vector<ModelLine>> CreaseLines(const RawMesh& model, double crease_angle_deg, size_t max_lines) {
   const double crease_cosine = DeterministicSinCos(crease_angle_deg * std::numbers::pi / 180.0).cos;
   std::vector<Edge> edges;
   ForEachEdge(SortedEdgeUses(model.triangles), [&](absl::Span<const EdgeUse> uses) {
@@ -235,7 +227,7 @@ absl::StatusOr<std::vector<ModelLine>> CreaseLines(const RawModel& model, double
   return lines;
 }
 
-std::vector<ModelLine> PaintedLines(const RawModel& model, const TriangleBvh& faces, double diameter_m) {
+std::vector<ModelLine> PaintedLines(const RawMesh& model, const TriangleBvh& faces, double diameter_m) {
   // Away from the ends, where other faces begin. A face counts from two points on: one may be chance.
   constexpr double kSamples[] = {0.13, 0.31, 0.5, 0.71, 0.87};
   constexpr int kMinSamples = 2;

@@ -1,15 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "core/models/object_model.h"
 
-#include <assimp/postprocess.h>
-#include <assimp/scene.h>
-
 #include <Eigen/Geometry>
 #include <algorithm>
-#include <assimp/IOSystem.hpp>
-#include <assimp/Importer.hpp>
 #include <cmath>
-#include <exception>
 #include <filesystem>
 #include <fstream>
 #include <numbers>
@@ -23,8 +17,8 @@
 #include "core/base/check_range.h"
 #include "core/base/status_macros.h"
 #include "core/models/collinear_lines.h"
+#include "core/models/loading/model_readers.h"
 #include "core/models/mesh_topology.h"
-#include "core/models/model_file_check.h"
 #include "core/models/model_lines.h"
 #include "core/models/symmetry.h"
 #include "core/models/triangle_bvh.h"
@@ -41,102 +35,15 @@ constexpr double kMaxRelativeOffset = 1e5;
 constexpr double kSymmetryTolerance = 1e-3;
 constexpr size_t kMaxExactDiameterPoints = 2048;
 
-const char* Hint(ModelFormat format) {
-  switch (format) {
-    case ModelFormat::kObj:
-      return "obj";
-    case ModelFormat::kPly:
-      return "ply";
-    case ModelFormat::kStl:
-      return "stl";
-  }
-  return "";
-}
-
-// A model may come from anybody: whatever other file it names is not there.
-class NoFiles : public Assimp::IOSystem {
- public:
-  bool Exists(const char*) const override { return false; }
-  char getOsSeparator() const override { return '/'; }
-  Assimp::IOStream* Open(const char*, const char*) override { return nullptr; }
-  void Close(Assimp::IOStream*) override {}
-};
-
-absl::StatusOr<CheckedModelFile> CheckFile(absl::Span<const uint8_t> bytes, ModelFormat format,
-                                           const ModelOptions& options) {
-  const ModelFileLimits limits{options.max_lines, options.max_triangles};
-  switch (format) {
-    case ModelFormat::kObj:
-      return CheckObj(bytes, limits);
-    case ModelFormat::kPly:
-      return CheckPly(bytes, limits);
-    case ModelFormat::kStl:
-      return CheckStl(bytes, limits);
-  }
-  return absl::InvalidArgumentError("unknown model format");
-}
-
-absl::Status CheckIndices(const aiScene& scene) {
-  for (unsigned m = 0; m < scene.mNumMeshes; ++m) {
-    const aiMesh& mesh = *scene.mMeshes[m];
-    for (unsigned f = 0; f < mesh.mNumFaces; ++f) {
-      if (mesh.mFaces[f].mNumIndices == 0) return absl::InvalidArgumentError("a face has no corner");
-      for (unsigned i = 0; i < mesh.mFaces[f].mNumIndices; ++i) {
-        if (mesh.mFaces[f].mIndices[i] >= mesh.mNumVertices)
-          return absl::InvalidArgumentError("an index is out of range");
-      }
-    }
-  }
-  return absl::OkStatus();
-}
-
-void AppendMesh(const aiMesh& mesh, double metres_per_unit, RawModel& raw) {
-  const uint32_t first = static_cast<uint32_t>(raw.points.size());
-  for (unsigned i = 0; i < mesh.mNumVertices; ++i) {
-    const aiVector3D& v = mesh.mVertices[i];
-    raw.points.push_back(metres_per_unit * Eigen::Vector3d(v.x, v.y, v.z));
-  }
-  for (unsigned i = 0; i < mesh.mNumFaces; ++i) {
-    const aiFace& face = mesh.mFaces[i];
-    if (face.mNumIndices == 2) raw.lines.push_back({first + face.mIndices[0], first + face.mIndices[1]});
-    if (face.mNumIndices == 3) {
-      raw.triangles.push_back({first + face.mIndices[0], first + face.mIndices[1], first + face.mIndices[2]});
-    }
-  }
-}
-
 // Points, triangles and lines in metres, as the file has them.
-absl::StatusOr<RawModel> Import(absl::Span<const uint8_t> bytes, const CheckedModelFile& checked, ModelFormat format,
-                                double metres_per_unit) {
-  if (!checked.content.empty()) {
-    bytes = absl::MakeConstSpan(reinterpret_cast<const uint8_t*>(checked.content.data()), checked.content.size());
-  }
-  RawModel raw;
-  try {
-    Assimp::Importer importer;
-    importer.SetIOHandler(new NoFiles);  // the importer owns it
-    const aiScene* scene = importer.ReadFileFromMemory(bytes.data(), bytes.size(), 0, Hint(format));
-    if (scene == nullptr) return absl::InvalidArgumentError(absl::StrCat("Assimp: ", importer.GetErrorString()));
-    size_t elements = 0;
-    for (unsigned m = 0; m < scene->mNumMeshes; ++m) elements += scene->mMeshes[m]->mNumFaces;
-    if (elements != checked.faces + checked.lines) {
-      return absl::InvalidArgumentError(
-          absl::StrFormat("Assimp found %d faces and lines where the file has %d; save it "
-                          "in another format",
-                          elements, checked.faces + checked.lines));
-    }
-    EVPOSE_RETURN_IF_ERROR(CheckIndices(*scene));
-    scene = importer.ApplyPostProcessing(aiProcess_Triangulate);
-    if (scene == nullptr) return absl::InvalidArgumentError(absl::StrCat("Assimp: ", importer.GetErrorString()));
-    EVPOSE_RETURN_IF_ERROR(CheckIndices(*scene));
-    for (unsigned m = 0; m < scene->mNumMeshes; ++m) AppendMesh(*scene->mMeshes[m], metres_per_unit, raw);
-  } catch (const std::exception& e) {
-    return absl::InvalidArgumentError(absl::StrCat("Assimp: ", e.what()));
-  }
-  return raw;
+absl::StatusOr<RawMesh> ReadMesh(absl::Span<const uint8_t> bytes, ModelFormat format, const ModelOptions& options) {
+  const auto read = format == ModelFormat::kObj ? ReadObj : format == ModelFormat::kPly ? ReadPly : ReadStl;
+  EVPOSE_ASSIGN_OR_RETURN(RawMesh mesh, read(bytes, {options.max_lines, options.max_triangles}));
+  for (Eigen::Vector3d& point : mesh.points) point *= options.metres_per_unit;
+  return mesh;
 }
 
-absl::Status CheckExtent(const RawModel& raw) {
+absl::Status CheckExtent(const RawMesh& raw) {
   const double diagonal_m = BoundingBoxDiagonal(raw);
   double offset_m = 0.0;
   for (const Eigen::Vector3d& point : raw.points) {
@@ -183,7 +90,7 @@ double Diameter(absl::Span<const Eigen::Vector3d> points) {
 }
 
 // Keeps the points that triangles use, in their order.
-void TakeTriangles(RawModel raw, ObjectModel& model) {
+void TakeTriangles(RawMesh raw, ObjectModel& model) {
   constexpr uint32_t kUnused = ~0u;
   std::vector<uint32_t> index(raw.points.size(), kUnused);
   for (const auto& triangle : raw.triangles) {
@@ -200,7 +107,7 @@ void TakeTriangles(RawModel raw, ObjectModel& model) {
   model.triangles = std::move(raw.triangles);
 }
 
-absl::StatusOr<ObjectModel> BuildModel(RawModel raw, const ModelOptions& options) {
+absl::StatusOr<ObjectModel> BuildModel(RawMesh raw, const ModelOptions& options) {
   if (raw.triangles.empty() && raw.lines.empty()) return absl::InvalidArgumentError("has no line and no face");
   EVPOSE_RETURN_IF_ERROR(CheckExtent(raw));
   const bool has_line_elements = !raw.lines.empty();
@@ -246,10 +153,8 @@ absl::StatusOr<ObjectModel> ParseObjectModel(absl::Span<const uint8_t> bytes, Mo
     return absl::InvalidArgumentError(
         absl::StrFormat("the model has %d bytes, more than the limit of %d", bytes.size(), options.max_bytes));
   }
-  EVPOSE_ASSIGN_OR_RETURN(const CheckedModelFile checked, CheckFile(bytes, format, options));
-  if (checked.faces + checked.lines == 0) return absl::InvalidArgumentError("has no line and no face");
-  EVPOSE_ASSIGN_OR_RETURN(RawModel raw, Import(bytes, checked, format, options.metres_per_unit));
-  return BuildModel(std::move(raw), options);
+  EVPOSE_ASSIGN_OR_RETURN(RawMesh mesh, ReadMesh(bytes, format, options));
+  return BuildModel(std::move(mesh), options);
 }
 
 absl::StatusOr<ModelFormat> ModelFormatFromPath(const std::string& path) {

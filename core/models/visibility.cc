@@ -6,7 +6,6 @@
 
 #include "core/base/check_range.h"
 #include "core/base/status_macros.h"
-#include "core/models/triangle_bvh.h"
 
 namespace evpose {
 namespace {
@@ -70,19 +69,6 @@ absl::Status VisibilityOptions::Validate() const {
   EVPOSE_RETURN_IF_ERROR(CheckRange("min_length_px", min_length_px, 0.0, kInfinity, OpenEnds::kHigh));
   return CheckRange("grazing_cosine", grazing_cosine, -1.0, 1.0);
 }
-
-struct VisibilityTester::Impl {
-  Impl(const ObjectModel& object_model, const VisibilityOptions& visibility_options)
-      : model(object_model),
-        options(visibility_options),
-        faces(object_model.vertices, object_model.triangles),
-        tolerance_m(visibility_options.surface_tolerance * object_model.diameter_m) {}
-
-  const ObjectModel& model;
-  const VisibilityOptions options;
-  const TriangleBvh faces;
-  const double tolerance_m;
-};
 
 namespace {
 
@@ -168,14 +154,15 @@ void AppendVisibleParts(const View& view, int index, const ModelLine& line, cons
 }  // namespace
 
 VisibilityTester::VisibilityTester(const ObjectModel& model, const VisibilityOptions& options)
-    : impl_(std::make_unique<Impl>(model, options)) {}
-VisibilityTester::~VisibilityTester() = default;
-VisibilityTester::VisibilityTester(VisibilityTester&&) noexcept = default;
+    : model_(&model),
+      options_(options),
+      faces_(model.vertices, model.triangles),
+      tolerance_m_(options.surface_tolerance * model.diameter_m) {}
 
 std::vector<VisibleSegment> VisibilityTester::VisibleSegments(const CameraModel& camera,
                                                               const RigidTransform& camera_from_object) const {
   std::vector<VisibleSegment> segments;
-  segments.reserve(impl_->model.lines.size());
+  segments.reserve(model_->lines.size());
   FindVisibleSegments(camera, camera_from_object, segments);
   return segments;
 }
@@ -184,15 +171,15 @@ void VisibilityTester::FindVisibleSegments(const CameraModel& camera, const Rigi
                                            std::vector<VisibleSegment>& segments) const {
   const View view{camera,
                   camera_from_object,
-                  impl_->faces,
-                  impl_->options,
-                  impl_->tolerance_m,
+                  faces_,
+                  options_,
+                  tolerance_m_,
                   camera_from_object.Inverse().translation_m,
                   camera.HasDistortion()};
   const double margin_px = view.has_distortion ? kDistortionMargin * std::max(camera.width_px, camera.height_px) : 0.0;
   segments.clear();
-  for (size_t i = 0; i < impl_->model.lines.size(); ++i) {
-    const ModelLine& line = impl_->model.lines[i];
+  for (size_t i = 0; i < model_->lines.size(); ++i) {
+    const ModelLine& line = model_->lines[i];
     const Interval interval =
         ClipToImage(camera, camera_from_object * line.p1, camera_from_object * line.p2, margin_px);
     if (interval.empty()) continue;
@@ -204,7 +191,7 @@ void VisibilityTester::FindVisibleSegments(const CameraModel& camera, const Rigi
 }
 
 bool VisibilityTester::IsPointVisible(const Eigen::Vector3d& origin_object, const Eigen::Vector3d& point_object) const {
-  return !impl_->faces.IsOccluded(origin_object, point_object, impl_->tolerance_m);
+  return !faces_.IsOccluded(origin_object, point_object, tolerance_m_);
 }
 
 }  // namespace evpose

@@ -3,12 +3,12 @@
 // Which parts of which lines the camera sees: field of view, faces turned away, lines hidden by other faces.
 #pragma once
 
-#include <memory>
 #include <vector>
 
 #include "core/geometry/camera.h"
 #include "core/geometry/rigid_transform.h"
 #include "core/models/object_model.h"
+#include "core/models/triangle_bvh.h"
 
 namespace evpose {
 
@@ -36,8 +36,6 @@ struct VisibilityOptions {
 class VisibilityTester {
  public:
   VisibilityTester(const ObjectModel& model, const VisibilityOptions& options);
-  ~VisibilityTester();
-  VisibilityTester(VisibilityTester&&) noexcept;
 
   // Segments in order of line index, then begin.
   std::vector<VisibleSegment> VisibleSegments(const CameraModel& camera,
@@ -49,8 +47,10 @@ class VisibilityTester {
   bool IsPointVisible(const Eigen::Vector3d& origin_object, const Eigen::Vector3d& point_object) const;
 
  private:
-  struct Impl;
-  std::unique_ptr<Impl> impl_;
+  const ObjectModel* model_;
+  VisibilityOptions options_;
+  TriangleBvh faces_;
+  double tolerance_m_;
 };
 
 }  // namespace evpose

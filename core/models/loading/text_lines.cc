@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "core/models/text_lines.h"
+#include "core/models/loading/text_lines.h"
 
+#include <algorithm>
 #include <cmath>
 
 #include "absl/strings/numbers.h"
@@ -9,7 +10,7 @@
 namespace evpose {
 namespace {
 
-// Words are quoted in errors up to this length: a hostile file may have a word of megabytes.
+// Characters of a word that an error repeats: a hostile file may have a word of megabytes.
 constexpr size_t kMaxQuoted = 40;
 
 }  // namespace
@@ -40,6 +41,8 @@ void SplitWords(absl::string_view line, std::vector<absl::string_view>& words) {
   }
 }
 
+std::string Quoted(absl::string_view word) { return absl::StrCat("'", word.substr(0, kMaxQuoted), "'"); }
+
 absl::Status LineError(int64_t line_number, absl::string_view what) {
   return absl::InvalidArgumentError(absl::StrCat("line ", line_number, ": ", what));
 }
@@ -50,13 +53,10 @@ absl::Status LineError(int64_t line_number, const absl::Status& status) {
 
 absl::StatusOr<float> ReadCoordinate(absl::string_view word, int64_t line_number) {
   double value;
-  if (!absl::SimpleAtod(word, &value)) {
-    return LineError(line_number, absl::StrCat("'", word.substr(0, kMaxQuoted), "' is not a number"));
-  }
-  if (!std::isfinite(static_cast<float>(value))) {
-    return LineError(line_number, absl::StrCat("'", word.substr(0, kMaxQuoted), "' is not a finite coordinate"));
-  }
-  return static_cast<float>(value);
+  if (!absl::SimpleAtod(word, &value)) return LineError(line_number, Quoted(word) + " is not a number");
+  // By way of double precision: the 17 digits of a double that is nearly halfway between two floats decide correctly.
+  if (std::isfinite(static_cast<float>(value))) return static_cast<float>(value);
+  return LineError(line_number, Quoted(word) + " is not a finite coordinate");
 }
 
 }  // namespace evpose

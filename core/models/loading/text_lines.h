@@ -1,11 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// Lines and words of a text held in memory, for the checks of model files.
+// Lines, words and numbers of a text in memory, for the readers of model files.
 #pragma once
 
 #include <cstddef>
 #include <cstdint>
 #include <optional>
+#include <string>
 #include <vector>
 
 #include "absl/status/status.h"
@@ -19,14 +20,14 @@ inline absl::string_view AsText(absl::Span<const uint8_t> bytes) {
   return {reinterpret_cast<const char*>(bytes.data()), bytes.size()};
 }
 
-// Line by line, without line ends (\n, \r\n or \r).
+// Returns a text line by line, without the line ends (\n, \r\n or \r).
 class LineReader {
  public:
   explicit LineReader(absl::string_view text) : text_(text) {}
 
   // nullopt at the end. A line feed at the very end starts no further line.
   std::optional<absl::string_view> Next();
-  int64_t line_number() const { return line_number_; }  // of the line last returned, from 1
+  int64_t line_number() const { return line_number_; }  // number of the line returned last; the first is 1
   size_t offset() const { return offset_; }             // of the first byte not yet returned
 
  private:
@@ -35,15 +36,18 @@ class LineReader {
   int64_t line_number_ = 0;
 };
 
-// The words of a line: what spaces and tabs separate. Reuses `words`.
+// Replaces `words` by the words of a line, which spaces and tabs separate.
 void SplitWords(absl::string_view line, std::vector<absl::string_view>& words);
+
+// The word in single quotes, shortened for an error text.
+std::string Quoted(absl::string_view word);
 
 // INVALID_ARGUMENT: "line 12: <what>".
 absl::Status LineError(int64_t line_number, absl::string_view what);
-// The same for an error without its place; OK stays OK.
+// Adds the line to an error; OK stays OK.
 absl::Status LineError(int64_t line_number, const absl::Status& status);
 
-// A coordinate, which must be finite in single precision. The error says what is wrong with which word.
+// A coordinate, which must be finite in single precision. The error names the line and the word.
 absl::StatusOr<float> ReadCoordinate(absl::string_view word, int64_t line_number);
 
 }  // namespace evpose

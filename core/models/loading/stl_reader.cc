@@ -8,33 +8,47 @@
 #include "absl/strings/match.h"
 #include "absl/strings/str_format.h"
 #include "core/base/status_macros.h"
-#include "core/models/model_file_check.h"
-#include "core/models/text_lines.h"
+#include "core/models/loading/model_readers.h"
+#include "core/models/loading/text_lines.h"
 
 namespace evpose {
 namespace {
 
+// The format: 80 bytes of text and a 32-bit facet count; a facet has a normal, three vertices (each three 32-bit
+// floats) and a 16-bit attribute. Little endian.
 constexpr size_t kStlHeaderBytes = 84;
 constexpr size_t kStlFacetBytes = 50;
+constexpr size_t kStlNormalBytes = 12;
+constexpr size_t kStlVertexBytes = 12;
 
 uint32_t LittleEndian32(const uint8_t* bytes) {
   return bytes[0] | bytes[1] << 8 | bytes[2] << 16 | static_cast<uint32_t>(bytes[3]) << 24;
 }
 
-absl::StatusOr<CheckedModelFile> CheckBinaryStl(absl::Span<const uint8_t> bytes, ModelFileCounter counter) {
+// Adds the triangle of the three points appended last.
+void AppendFacet(RawMesh& mesh) {
+  const uint32_t end = static_cast<uint32_t>(mesh.points.size());
+  mesh.triangles.push_back({end - 3, end - 2, end - 1});
+}
+
+absl::StatusOr<RawMesh> ReadBinaryStl(absl::Span<const uint8_t> bytes, ElementCounter counter) {
+  RawMesh mesh;
   const size_t facets = (bytes.size() - kStlHeaderBytes) / kStlFacetBytes;
   for (size_t facet = 0; facet < facets; ++facet) {
-    const uint8_t* vertices = bytes.data() + kStlHeaderBytes + facet * kStlFacetBytes + 12;
-    for (int i = 0; i < 9; ++i) {
-      if (std::isfinite(std::bit_cast<float>(LittleEndian32(vertices + 4 * i)))) continue;
+    const uint8_t* vertex = bytes.data() + kStlHeaderBytes + facet * kStlFacetBytes + kStlNormalBytes;
+    for (int corner = 0; corner < 3; ++corner, vertex += kStlVertexBytes) {
+      Eigen::Vector3d& point = mesh.points.emplace_back();
+      for (int i = 0; i < 3; ++i) point[i] = std::bit_cast<float>(LittleEndian32(vertex + 4 * i));
+      if (point.allFinite()) continue;
       return absl::InvalidArgumentError(absl::StrFormat("facet %d: a coordinate is not a finite number", facet + 1));
     }
     EVPOSE_RETURN_IF_ERROR(counter.AddFace(3));
+    AppendFacet(mesh);
   }
-  return CheckedModelFile{{}, counter.faces(), 0};
+  return mesh;
 }
 
-// A line of an ASCII facet: its words, and how many coordinates follow them.
+// A line of an ASCII facet: its words, and how many numbers follow them.
 struct StlStatement {
   const char* words[2];
   size_t word_count;
@@ -44,8 +58,8 @@ constexpr StlStatement kStlFacet[] = {{{"facet", "normal"}, 2, 3}, {{"outer", "l
                                       {{"vertex", ""}, 1, 3},      {{"vertex", ""}, 1, 3},    {{"endloop", ""}, 1, 0},
                                       {{"endfacet", ""}, 1, 0}};
 
-absl::Status CheckStlStatement(const StlStatement& expected, const std::vector<absl::string_view>& words,
-                               int64_t line_number) {
+absl::Status ReadStlStatement(const StlStatement& expected, const std::vector<absl::string_view>& words,
+                              int64_t line_number, RawMesh& mesh) {
   bool matches = words.size() == expected.word_count + expected.numbers;
   for (size_t i = 0; matches && i < expected.word_count; ++i) matches = words[i] == expected.words[i];
   if (!matches) {
@@ -53,19 +67,21 @@ absl::Status CheckStlStatement(const StlStatement& expected, const std::vector<a
                      absl::StrFormat("STL: expected '%s%s%s'%s", expected.words[0], expected.word_count > 1 ? " " : "",
                                      expected.words[1], expected.numbers > 0 ? " and 3 numbers" : ""));
   }
-  // The normal is not used; some writers leave NaN there.
-  if (expected.word_count == 2) return absl::OkStatus();
-  for (size_t i = expected.word_count; i < words.size(); ++i) {
-    EVPOSE_RETURN_IF_ERROR(ReadCoordinate(words[i], line_number).status());
+  // The numbers of a facet's first line are its normal, which is ignored; some writers leave NaN there.
+  if (expected.word_count == 2 || expected.numbers == 0) return absl::OkStatus();
+  Eigen::Vector3d& point = mesh.points.emplace_back();
+  for (int i = 0; i < 3; ++i) {
+    EVPOSE_ASSIGN_OR_RETURN(point[i], ReadCoordinate(words[i + 1], line_number));
   }
   return absl::OkStatus();
 }
 
-absl::StatusOr<CheckedModelFile> CheckAsciiStl(absl::string_view text, ModelFileCounter counter) {
+absl::StatusOr<RawMesh> ReadAsciiStl(absl::string_view text, ElementCounter counter) {
+  RawMesh mesh;
   LineReader lines(text);
   std::vector<absl::string_view> words;
   bool in_solid = false;
-  size_t step = 0;  // within a facet
+  size_t step = 0;  // of the lines of a facet
   while (const std::optional<absl::string_view> line = lines.Next()) {
     SplitWords(*line, words);
     if (words.empty()) continue;
@@ -74,23 +90,24 @@ absl::StatusOr<CheckedModelFile> CheckAsciiStl(absl::string_view text, ModelFile
       continue;
     }
     if (!in_solid) return LineError(lines.line_number(), "STL: expected 'solid'");
-    EVPOSE_RETURN_IF_ERROR(CheckStlStatement(kStlFacet[step], words, lines.line_number()));
+    EVPOSE_RETURN_IF_ERROR(ReadStlStatement(kStlFacet[step], words, lines.line_number(), mesh));
     if (++step < std::size(kStlFacet)) continue;
     step = 0;
     EVPOSE_RETURN_IF_ERROR(LineError(lines.line_number(), counter.AddFace(3)));
+    AppendFacet(mesh);
   }
   if (in_solid) return absl::InvalidArgumentError("STL: ends without 'endsolid'; the file is cut off");
-  return CheckedModelFile{{}, counter.faces(), 0};
+  return mesh;
 }
 
 }  // namespace
 
-absl::StatusOr<CheckedModelFile> CheckStl(absl::Span<const uint8_t> bytes, const ModelFileLimits& limits) {
+absl::StatusOr<RawMesh> ReadStl(absl::Span<const uint8_t> bytes, const MeshLimits& limits) {
   const bool has_binary_size =
       bytes.size() >= kStlHeaderBytes &&
       bytes.size() == kStlHeaderBytes + kStlFacetBytes * static_cast<size_t>(LittleEndian32(bytes.data() + 80));
-  if (has_binary_size) return CheckBinaryStl(bytes, ModelFileCounter(limits));
-  if (absl::StartsWith(AsText(bytes), "solid")) return CheckAsciiStl(AsText(bytes), ModelFileCounter(limits));
+  if (has_binary_size) return ReadBinaryStl(bytes, ElementCounter(limits));
+  if (absl::StartsWith(AsText(bytes), "solid")) return ReadAsciiStl(AsText(bytes), ElementCounter(limits));
   return absl::InvalidArgumentError(
       "not an STL file: it neither begins with 'solid' nor has the size that its binary header gives");
 }

@@ -1,6 +1,4 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "core/models/model_file_check.h"
-
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -84,6 +82,14 @@ INSTANTIATE_TEST_SUITE_P(
         BadModel{ModelFormat::kPly, EVPOSE_PLY_TOP EVPOSE_PLY_XYZ "element edge 1\nend_header\n", "element edge: only"},
         BadModel{ModelFormat::kPly, EVPOSE_PLY_TOP EVPOSE_PLY_XYZ "element face 1\nproperty int a\nend_header\n",
                  "needs the list vertex_indices"},
+        BadModel{ModelFormat::kPly,
+                 EVPOSE_PLY_TOP EVPOSE_PLY_XYZ "element face 1\nproperty list uchar float vertex_index\nend_header\n",
+                 "needs the list vertex_indices, of integers"},
+        BadModel{ModelFormat::kPly,
+                 EVPOSE_PLY_TOP EVPOSE_PLY_XYZ
+                 "element face 1\nproperty list uchar int vertex_index\nproperty list uchar int vertex_indices\n"
+                 "end_header\n",
+                 "exactly once"},
         BadModel{ModelFormat::kPly, "ply\nformat ascii 1.0\nend_header\n", "element vertex: missing"},
         BadModel{ModelFormat::kPly, EVPOSE_PLY "0 0 0\n1 0 0\n", "the file ends before"},
         BadModel{ModelFormat::kPly, EVPOSE_PLY "0 0 0\n1 0 0\n1 1\n3 0 1 2\n", "line 12: fewer numbers"},

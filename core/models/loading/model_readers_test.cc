@@ -1,0 +1,112 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "core/models/loading/model_readers.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <array>
+#include <cstdint>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "absl/strings/str_cat.h"
+#include "core/models/loading/raw_mesh.h"
+
+namespace evpose {
+namespace {
+
+using ::testing::ElementsAre;
+using ::testing::SizeIs;
+using Triangle = std::array<uint32_t, 3>;
+using Line = std::array<uint32_t, 2>;
+
+template <typename Reader>
+RawMesh MustRead(const Reader& reader, const std::string& text) {
+  absl::StatusOr<RawMesh> mesh = reader({reinterpret_cast<const uint8_t*>(text.data()), text.size()}, {100, 100});
+  EXPECT_TRUE(mesh.ok()) << mesh.status();
+  return mesh.ok() ? *std::move(mesh) : RawMesh();
+}
+
+TEST(ObjReaderTest, VerticesAreThoseInUseInTheOrderOfFirstUse) {
+  const RawMesh mesh = MustRead(ReadObj,
+                                "v 9 9 9\nv 1 0 0\nv 2 0 0\nl 3 2\no a\ng b\nf 4 2 3\nv 3 1 0\nv 4 1 0 # comment\n"
+                                "f -1/7/-2 \\\n -3 -2\n");
+  EXPECT_THAT(mesh.points, ElementsAre(Eigen::Vector3d(2, 0, 0), Eigen::Vector3d(1, 0, 0), Eigen::Vector3d(3, 1, 0),
+                                       Eigen::Vector3d(4, 1, 0)));
+  EXPECT_THAT(mesh.lines, ElementsAre(Line{0, 1}));
+  EXPECT_THAT(mesh.triangles, ElementsAre(Triangle{2, 1, 0}, Triangle{3, 0, 2}));
+}
+
+TEST(ReadersTest, CoordinatesAreCorrectlyRounded) {
+  // The third has the 17 digits of a double that is halfway between two floats: the even one is nearest.
+  const std::string point = "0.440789347 1.23456789e+01 -1.0000000596046448";
+  const Eigen::Vector3d expected(0x1.c35e48p-2, 0x1.8b0fcep+3, -1.0);
+  const std::string facet = absl::StrCat("facet normal 0 0 nan\nouter loop\nvertex ", point,
+                                         "\nvertex 0 0 0\nvertex 1 0 0\nendloop\nendfacet\n");
+  EXPECT_EQ(MustRead(ReadStl, absl::StrCat("solid\n", facet, "endsolid\n")).points.at(0), expected);
+  EXPECT_EQ(MustRead(ReadObj, absl::StrCat("v ", point, "\nv 0 0 0\nl 1 2\n")).points.at(0), expected);
+  for (const char* type : {"float", "double"}) {
+    const std::string ply = absl::StrCat("ply\nformat ascii 1.0\nelement vertex 1\nproperty ", type, " x\nproperty ",
+                                         type, " y\nproperty ", type, " z\nend_header\n", point, "\n");
+    EXPECT_EQ(MustRead(ReadPly, ply).points.at(0), expected);
+  }
+}
+
+RawMesh Polygon(const std::vector<Eigen::Vector2d>& outline) {
+  RawMesh mesh;
+  std::vector<uint32_t> corners;
+  for (const Eigen::Vector2d& corner : outline) {
+    corners.push_back(static_cast<uint32_t>(corners.size()));
+    mesh.points.push_back({corner.x(), corner.y(), 0.5});
+  }
+  AppendPolygon(corners, mesh);
+  return mesh;
+}
+
+// Of the triangles, positive when they are counter-clockwise.
+double SmallestArea(const RawMesh& mesh, double& sum) {
+  double smallest = 1e9;
+  sum = 0.0;
+  for (const auto& [i, j, k] : mesh.triangles) {
+    const double area =
+        0.5 * (mesh.points[j] - mesh.points[i]).cross(mesh.points[k] - mesh.points[i]).dot(Eigen::Vector3d::UnitZ());
+    smallest = std::min(smallest, area);
+    sum += area;
+  }
+  return smallest;
+}
+
+TEST(AppendPolygonTest, DiagonalOfAQuadrilateralBeginsAtItsConcaveCorner) {
+  EXPECT_THAT(Polygon({{0, 0}, {2, 0}, {2, 1}, {0, 1}}).triangles, ElementsAre(Triangle{0, 1, 2}, Triangle{0, 2, 3}));
+  // An arrowhead whose corner 3 is concave.
+  EXPECT_THAT(Polygon({{0, 0}, {4, 1}, {0, 2}, {1, 1}}).triangles, ElementsAre(Triangle{3, 0, 1}, Triangle{3, 1, 2}));
+}
+
+TEST(AppendPolygonTest, TrianglesCoverTheConcavePolygonOnce) {
+  const std::vector<Eigen::Vector2d> u_shape = {{0, 0}, {3, 0}, {3, 2}, {2, 2}, {2, 1}, {1, 1}, {1, 2}, {0, 2}};
+  // A square with a square hole, which two edges in the same place connect to the outline.
+  const std::vector<Eigen::Vector2d> with_hole = {{0, 0}, {4, 0}, {4, 4}, {0, 4}, {0, 0},
+                                                  {1, 1}, {1, 3}, {3, 3}, {3, 1}, {1, 1}};
+  for (const auto& [outline, area] : {std::make_pair(u_shape, 5.0), std::make_pair(with_hole, 12.0)}) {
+    for (size_t turn = 0; turn < outline.size(); ++turn) {
+      std::vector<Eigen::Vector2d> turned(outline.begin() + turn, outline.end());
+      turned.insert(turned.end(), outline.begin(), outline.begin() + turn);
+      double sum;
+      const RawMesh mesh = Polygon(turned);
+      EXPECT_GE(SmallestArea(mesh, sum), 0.0);
+      EXPECT_NEAR(sum, area, 1e-9);
+      EXPECT_THAT(mesh.triangles, SizeIs(outline.size() - 2));
+    }
+  }
+}
+
+TEST(AppendPolygonTest, PolygonThatCrossesItselfEnds) {
+  // A star drawn in one stroke has no ear at all.
+  EXPECT_THAT(Polygon({{0, 3}, {2, -3}, {-3, 1}, {3, 1}, {-2, -3}}).triangles, SizeIs(testing::Le(3u)));
+}
+
+}  // namespace
+}  // namespace evpose

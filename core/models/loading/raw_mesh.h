@@ -1,0 +1,50 @@
+// SPDX-License-Identifier: Apache-2.0
+
+// The mesh of a model file as its reader returns it, and the limits on its size.
+#pragma once
+
+#include <Eigen/Core>
+#include <array>
+#include <cstddef>
+#include <cstdint>
+#include <vector>
+
+#include "absl/status/status.h"
+#include "absl/types/span.h"
+
+namespace evpose {
+
+struct RawMesh {
+  // Readers return coordinates in the unit of the file, rounded to single precision, which is that of a binary STL.
+  std::vector<Eigen::Vector3d> points;
+  std::vector<std::array<uint32_t, 3>> triangles;  // indices of points
+  std::vector<std::array<uint32_t, 2>> lines;      // indices of points
+};
+
+struct MeshLimits {
+  size_t max_lines = 0;
+  size_t max_triangles = 0;  // a polygon counts as the triangles into which it is cut
+};
+
+// Counts the elements of a file while it is read, so that a file beyond the limits takes no further memory.
+// Errors: INVALID_ARGUMENT, without the place in the file.
+class ElementCounter {
+ public:
+  explicit ElementCounter(const MeshLimits& limits) : limits_(limits) {}
+
+  // A face needs 3 to 512 corners.
+  absl::Status AddFace(size_t corners);
+  absl::Status AddLines(size_t count);
+
+ private:
+  MeshLimits limits_;
+  size_t lines_ = 0;
+  size_t triangles_ = 0;
+};
+
+// Cuts a polygon of at least 3 corners, which are indices of `mesh.points`, into triangles with the winding of the
+// polygon and appends them. The polygon may be concave and should be nearly flat.
+// Of a polygon that crosses itself, parts may be left out.
+void AppendPolygon(absl::Span<const uint32_t> corners, RawMesh& mesh);
+
+}  // namespace evpose
