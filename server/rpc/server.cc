@@ -86,7 +86,7 @@ class ExpiryTimer {
   void OnTimer() {
     sessions_.DeleteExpired();
     sessions_.DeleteEnded();
-    sessions_.TendStore();
+    sessions_.MaintainStore();
     const std::lock_guard lock(mutex_);
     if (!is_stopped_) Arm();
   }
@@ -275,11 +275,11 @@ class ServerImpl : public Server, public Drainer {
     const absl::Time end = absl::Now() + deadline - std::min(3 * kCallGrace, deadline / 2);
     BeginToLeave(deadline);
     if (server_ != nullptr) streams_.WaitForTracks(end);
-    sessions_.SettleAll(absl::Now() + kCallGrace);
+    sessions_.FlushAll(absl::Now() + kCallGrace);
     const absl::Status leaving = WithReason(absl::UnavailableError("the server has left"), v1::DRAINING);
     streams_.EndAll(leaving);
     // The streams are over, or are as good as: what was processed is to survive, what was not is sent again.
-    if (!sessions_.SettleAll(absl::Now() + kCallGrace)) {
+    if (!sessions_.FlushAll(absl::Now() + kCallGrace)) {
       Log(LogLevel::kWarning, "not_all_durable",
           {{"message", "not all that was processed could be stored; clients that attach again send it again"}});
     }

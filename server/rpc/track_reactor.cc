@@ -149,7 +149,7 @@ class TrackReactor : public grpc::ServerBidiReactor<v1::TrackRequest, v1::TrackR
 
   absl::StatusOr<std::shared_ptr<Session>> TakeSession(const v1::TrackRequest::Attach& attach) {
     EVPOSE_RETURN_IF_ERROR(services_.sessions.CheckNotDraining());
-    return services_.sessions.TakeForAttach(caller_->tenant, attach.session(), attach.resume_token());
+    return services_.sessions.ResumeForAttach(caller_->tenant, attach.session(), attach.resume_token());
   }
 
   // All at once: what comes in between sees a stream that has not attached yet.
