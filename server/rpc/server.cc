@@ -86,7 +86,7 @@ class ExpiryTimer {
   void OnTimer() {
     sessions_.DeleteExpired();
     sessions_.DeleteEnded();
-    sessions_.TendStore();
+    sessions_.MaintainStore();
     const std::lock_guard lock(mutex_);
     if (!is_stopped_) Arm();
   }
@@ -276,11 +276,11 @@ class ServerImpl : public Server, public Drainer {
     const absl::Time end = absl::Now() + deadline - std::min(3 * kCallGrace, deadline / 2);
     BeginToLeave(deadline);
     if (server_ != nullptr) streams_.WaitForTracks(end);
-    sessions_.SettleAll(absl::Now() + kCallGrace);
+    sessions_.FlushAll(absl::Now() + kCallGrace);
     const absl::Status leaving = WithReason(absl::UnavailableError("the server has shut down"), v1::DRAINING);
     streams_.EndAll(leaving);
     // All streams have ended or are ending. Processed chunks are stored now; clients send the others again.
-    if (!sessions_.SettleAll(absl::Now() + kCallGrace)) {
+    if (!sessions_.FlushAll(absl::Now() + kCallGrace)) {
       Log(LogLevel::kWarning, "shutdown_not_durable",
           {{"message", "not all processed chunks could be stored; clients that attach again send them again"}});
     }

@@ -20,6 +20,7 @@
 #include "server/rpc/conversion.h"
 #include "server/rpc/status_mapping.h"
 #include "server/rpc/stream_registry.h"
+#include "server/rpc/track_reactor_phase.h"
 #include "server/runtime/errors.h"
 #include "server/sessions/session.h"
 
@@ -27,11 +28,11 @@ namespace evpose::server {
 namespace {
 
 constexpr size_t kPosesPerPage = 64;
-constexpr absl::Duration kLongestHold = absl::Hours(1);  // the clock's arithmetic ends somewhere
+constexpr absl::Duration kLongestHold = absl::Hours(1);  // so that the sum with the present time does not overflow
 
-// Every event (a message read or written, a change of the session, a cancellation) ends in Pump, which looks at the
-// whole state and starts what can be started. So no wake-up is ever lost: an ack that could not be written because a
-// write was under way is seen when that write is done.
+// Every event (a message read or written, a change of the session, a cancellation) ends in Pump, which examines the
+// whole state and starts the reads and writes that are possible now. No wake-up is lost: an ack that could not be
+// written because a write was in flight is written when that write is done.
 class TrackReactor : public grpc::ServerBidiReactor<v1::TrackRequest, v1::TrackResponse>,
                      public SessionListener,
                      public OpenStream,
@@ -53,15 +54,16 @@ class TrackReactor : public grpc::ServerBidiReactor<v1::TrackRequest, v1::TrackR
   void OnReadDone(bool ok) override {
     if (!ok) {
       const std::lock_guard lock(mutex_);
-      reads_are_done_ = true;
+      read_ = ReadState::kHalfClosed;
+      ChangePhase(StreamInput::kHalfClosed);
     } else if (request_.has_attach() && session_ == nullptr) {
       return StartAttach(request_.attach());
     }
-    // The request belongs to the reading side alone: it is handled without the lock, the digest of its payload
-    // included.
+    // Only the reading side uses the request: it is handled, and the checksum of its payload computed, without the
+    // lock.
     const absl::Status handled = ok ? HandleRequest() : absl::OkStatus();
     const std::lock_guard lock(mutex_);
-    is_reading_ = false;
+    OnReadHandled();
     Fail(handled);
     Pump();
   }
@@ -93,7 +95,7 @@ class TrackReactor : public grpc::ServerBidiReactor<v1::TrackRequest, v1::TrackR
 
   void GoAway(absl::Duration deadline) override {
     const std::lock_guard lock(mutex_);
-    // Who has not attached has nothing to finish.
+    // A stream that has not attached has nothing to finish.
     if (session_ == nullptr) Fail(services_.sessions.CheckNotDraining());
     go_away_ = deadline;
     Pump();
@@ -103,11 +105,12 @@ class TrackReactor : public grpc::ServerBidiReactor<v1::TrackRequest, v1::TrackR
     const std::lock_guard lock(mutex_);
     Fail(status);
     Pump();
-    // A client that does not read would hold its last message for ever.
-    if (!is_finished_) context_->TryCancel();
+    // A write in flight to a client that does not read would never be done.
+    if (phase_ != StreamPhase::kFinished) context_->TryCancel();
   }
 
  private:
+  enum class ReadState { kIdle, kReading, kHalfClosed };  // kReading until the message has been handled
   struct Joined {
     std::shared_ptr<Session> session;
     Attachment attachment;
@@ -133,33 +136,43 @@ class TrackReactor : public grpc::ServerBidiReactor<v1::TrackRequest, v1::TrackR
     }
   }
 
-  // A session that is not here is taken from the store, which takes too long for gRPC's threads. Nothing is read
-  // meanwhile.
+  // The only function that changes the phase.
+  void ChangePhase(StreamInput input) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) { phase_ = NextPhase(phase_, input); }
+
+  void OnReadHandled() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
+    if (read_ == ReadState::kReading) read_ = ReadState::kIdle;
+  }
+
+  // A session that this server does not have is resumed from the store, which blocks too long for gRPC's threads.
+  // Nothing is read meanwhile.
   void StartAttach(const v1::TrackRequest::Attach& attach) {
+    {
+      const std::lock_guard lock(mutex_);
+      ChangePhase(StreamInput::kAttachReceived);
+    }
     std::shared_ptr<Session> session =
         services_.sessions.FindForAttach(caller_->tenant, attach.session(), attach.resume_token());
     if (session != nullptr) return OnAttached(attach, Join(attach, std::move(session)));
-    services_.pool.PostSlow([self = shared_from_this(), attach] { self->TakeAndAttach(attach); });
+    services_.pool.PostSlow([self = shared_from_this(), attach] { self->ResumeAndAttach(attach); });
   }
 
-  void TakeAndAttach(const v1::TrackRequest::Attach& attach) {
-    auto session = TakeSession(attach);
+  void ResumeAndAttach(const v1::TrackRequest::Attach& attach) {
+    auto session = ResumeSession(attach);
     OnAttached(attach, session.ok() ? Join(attach, *std::move(session)) : session.status());
   }
 
-  absl::StatusOr<std::shared_ptr<Session>> TakeSession(const v1::TrackRequest::Attach& attach) {
+  absl::StatusOr<std::shared_ptr<Session>> ResumeSession(const v1::TrackRequest::Attach& attach) {
     EVPOSE_RETURN_IF_ERROR(services_.sessions.CheckNotDraining());
-    return services_.sessions.TakeForAttach(caller_->tenant, attach.session(), attach.resume_token());
+    return services_.sessions.ResumeForAttach(caller_->tenant, attach.session(), attach.resume_token());
   }
 
-  // All at once: what comes in between sees a stream that has not attached yet.
+  // Under one lock: events in between find a stream that has not attached yet.
   void OnAttached(const v1::TrackRequest::Attach& attach, absl::StatusOr<Joined> joined) {
     const std::lock_guard lock(mutex_);
     attach_ = attach;
-    is_reading_ = false;
-    is_attaching_ = false;
+    OnReadHandled();
     if (joined.ok()) {
-      TakeUp(*std::move(joined));
+      SetSession(*std::move(joined));
     } else {
       SessionLog(attach.session(), caller_->tenant).NotAttached(caller_->peer, joined.status());
     }
@@ -167,11 +180,12 @@ class TrackReactor : public grpc::ServerBidiReactor<v1::TrackRequest, v1::TrackR
     Pump();
   }
 
-  void TakeUp(Joined joined) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
+  void SetSession(Joined joined) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
     alarm_.reset();
     session_ = std::move(joined.session);
     stream_ = joined.attachment.stream;
-    if (is_finished_) session_->Detach(stream_);  // cancelled meanwhile
+    ChangePhase(StreamInput::kAttached);
+    if (phase_ == StreamPhase::kFinished) session_->Detach(stream_);  // cancelled meanwhile
     sent_pose_seq_ = joined.attachment.first_pose_seq - 1;
     sent_ack_.send_limit_bytes = joined.attachment.send_limit_bytes;
     attachment_ = std::move(joined.attachment);
@@ -179,7 +193,7 @@ class TrackReactor : public grpc::ServerBidiReactor<v1::TrackRequest, v1::TrackR
 
   absl::StatusOr<Joined> Join(const v1::TrackRequest::Attach& attach, std::shared_ptr<Session> session) {
     EVPOSE_RETURN_IF_ERROR(services_.sessions.CheckNotDraining());
-    // Without the lock: the stream that this one fences is told, and takes its own.
+    // Without the lock: Attach notifies the stream that this one fences, and that stream takes its own lock.
     EVPOSE_ASSIGN_OR_RETURN(Attachment attachment, session->Attach(attach.resume_token(), attach.last_pose_seq(),
                                                                    weak_from_this(), caller_->peer));
     return Joined{std::move(session), std::move(attachment)};
@@ -204,11 +218,11 @@ class TrackReactor : public grpc::ServerBidiReactor<v1::TrackRequest, v1::TrackR
   absl::Status HandleEnd() {
     EVPOSE_RETURN_IF_ERROR(session_->PushEnd(stream_));
     const std::lock_guard lock(mutex_);
-    end_was_asked_ = true;
+    ChangePhase(StreamInput::kEndReceived);
     return absl::OkStatus();
   }
 
-  // Reads nothing for so long: the tenant sends more than its share.
+  // Stops reading for this time: the tenant has exceeded its byte rate.
   void Hold(absl::Duration duration) {
     if (duration == absl::ZeroDuration()) return;
     const std::lock_guard lock(mutex_);
@@ -217,12 +231,13 @@ class TrackReactor : public grpc::ServerBidiReactor<v1::TrackRequest, v1::TrackR
   }
 
   void SetAlarm(absl::Duration duration) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
-    if (is_finished_) return;
-    // A new one each time: the old one's function may still be running. Weak, because an alarm keeps its function.
+    if (phase_ == StreamPhase::kFinished) return;
+    // A new alarm each time: the callback of the old one may still be running. The callback holds a weak pointer,
+    // because the alarm, a member, keeps it.
     alarm_ = std::make_unique<grpc::Alarm>();
     alarm_->Set(std::chrono::system_clock::now() + absl::ToChronoMicroseconds(std::min(duration, kLongestHold)),
                 [weak = weak_from_this()](bool has_fired) {
-                  if (!has_fired) return;  // the stream may be over, and is not held up
+                  if (!has_fired) return;  // cancelled: the stream may have ended
                   if (const auto self = weak.lock()) self->OnAlarm();
                 });
   }
@@ -238,63 +253,68 @@ class TrackReactor : public grpc::ServerBidiReactor<v1::TrackRequest, v1::TrackR
     Pump();
   }
 
-  // An attach that came too late may still be under way on another thread.
+  // With the lock: an attach that was too late may still be running on another thread.
   void LogOutcome() {
     const std::lock_guard lock(mutex_);
     if (session_ == nullptr) return;
     session_->log().StreamEnded(caller_->peer, stream_, failure_);
   }
 
-  // The first failure counts.
-  void Fail(const absl::Status& status) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) { failure_.Update(status); }
+  // The first failure counts. OK changes nothing.
+  void Fail(const absl::Status& status) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
+    failure_.Update(status);
+    if (!failure_.ok()) ChangePhase(StreamInput::kFailure);
+  }
 
   void Finish(const absl::Status& status) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
-    is_finished_ = true;
+    ChangePhase(StreamInput::kFinish);
     services_.metrics.stream_ends[StreamKind::kTrack][status.code()].Add();
     alarm_.reset();
     if (session_ != nullptr) session_->Detach(stream_);
     grpc::ServerBidiReactor<v1::TrackRequest, v1::TrackResponse>::Finish(ToGrpcStatus(status));
   }
 
-  // The session turned out to be another server's while it was attached to here: it is taken back, once.
-  bool MustTakeBack(const StreamView& view) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
-    if (!attachment_.has_value() || was_taken_back_ || !services_.sessions.options().shares_store) return false;
+  // Another server on the same store had fenced the session before this stream attached to it here: it is reclaimed
+  // once.
+  bool MustReclaim(const StreamView& view) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
+    if (phase_ != StreamPhase::kConfirming || was_reclaimed_ || !services_.sessions.options().shares_store)
+      return false;
     return !view.status.ok() && absl::IsAborted(session_->Watch().status);
   }
 
-  void TakeBack() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
-    was_taken_back_ = true;
-    is_attaching_ = true;
+  void Reclaim() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
+    was_reclaimed_ = true;
+    ChangePhase(StreamInput::kOwnershipLost);
     attachment_.reset();
     session_.reset();
-    services_.pool.PostSlow([self = shared_from_this(), attach = attach_] { self->TakeAndAttach(attach); });
+    services_.pool.PostSlow([self = shared_from_this(), attach = attach_] { self->ResumeAndAttach(attach); });
   }
 
   void Pump() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
-    if (is_finished_) return;
+    if (phase_ == StreamPhase::kFinished) return;
     StreamView view;
     view.has_room = true;
     if (session_ != nullptr) {
       view = session_->View(stream_);
-      if (MustTakeBack(view)) return TakeBack();
+      if (MustReclaim(view)) return Reclaim();
       Fail(view.status);
     }
-    if (!failure_.ok()) {
+    if (phase_ == StreamPhase::kFailing) {
       if (!is_writing_) Finish(failure_);
       return;
     }
-    // The client sends when it has read `attached`, and that waits for the store.
-    if (!is_reading_ && !is_held_ && !reads_are_done_ && view.has_room && !attachment_.has_value() && !is_attaching_) {
-      is_reading_ = true;
+    // Not before `attached` has been written: the client sends when it has read it.
+    if (MayRead(phase_) && read_ == ReadState::kIdle && !is_held_ && view.has_room) {
+      read_ = ReadState::kReading;
       StartRead(&request_);
     }
     if (!is_writing_) Write(view);
   }
 
   void Write(const StreamView& view) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
-    if (session_ == nullptr) {
-      if (is_attaching_) return;
-      if (reads_are_done_) Finish(InvalidField("attach", "must be the first message of the stream"));
+    if (phase_ == StreamPhase::kAttaching) return;
+    if (phase_ == StreamPhase::kAwaitingAttach) {
+      if (read_ == ReadState::kHalfClosed) Finish(InvalidField("attach", "must be the first message of the stream"));
       return;
     }
     response_.Clear();
@@ -303,16 +323,15 @@ class TrackReactor : public grpc::ServerBidiReactor<v1::TrackRequest, v1::TrackR
       StartWrite(&response_);
       return;
     }
-    if (!failure_.ok()) return Finish(failure_);
-    if (end_was_asked_ && view.ended) return WriteSummary();
-    // Half-closed without `end`: the session stays, its client has all there is.
-    if (reads_are_done_ && !end_was_asked_ && view.is_idle) Finish(absl::OkStatus());
+    if (phase_ == StreamPhase::kFailing) return Finish(failure_);
+    if (phase_ == StreamPhase::kEnding && view.ended) return WriteSummary();
+    if (phase_ == StreamPhase::kDraining && view.is_idle) Finish(absl::OkStatus());
   }
 
-  // Fills response_ with what is next, if anything. Poses come before the ack of their chunk, notices at their place
-  // among the poses.
+  // Fills response_ with the next response, if there is one. Poses precede the ack of their chunk, and notices have
+  // their place among the poses.
   bool PickResponse(const StreamView& view) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
-    if (attachment_.has_value()) return view.attached && PickAttached();
+    if (phase_ == StreamPhase::kConfirming) return view.attached && PickAttached();
     if (go_away_.has_value()) return PickGoAway();
     if (notices_.empty()) {
       for (SessionNotice& notice : session_->TakeNotices(stream_)) notices_.push_back(std::move(notice));
@@ -322,7 +341,7 @@ class TrackReactor : public grpc::ServerBidiReactor<v1::TrackRequest, v1::TrackR
       notices_.pop_front();
       return true;
     }
-    // An ack is kept until the poses that belong before it are sent; later ones do not push it back.
+    // An ack is kept until the poses that precede it have been sent; a later ack does not replace it.
     if (!ack_.has_value() && view.ack != sent_ack_) ack_ = view.ack;
     if (ack_.has_value() && ack_->last_pose_seq <= sent_pose_seq_) return PickAck();
     return view.last_pose_seq > sent_pose_seq_ && PickPose();
@@ -337,6 +356,7 @@ class TrackReactor : public grpc::ServerBidiReactor<v1::TrackRequest, v1::TrackR
     attached.set_max_chunk_bytes(session_->limits().max_chunk_bytes);
     attached.set_first_pose_seq(attachment_->first_pose_seq);
     attachment_.reset();
+    ChangePhase(StreamInput::kConfirmed);
     return true;
   }
 
@@ -375,7 +395,7 @@ class TrackReactor : public grpc::ServerBidiReactor<v1::TrackRequest, v1::TrackR
 
   void WriteSummary() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
     *response_.mutable_summary()->mutable_health() = ToProto(session_->Snapshot().health, session_->config());
-    is_finished_ = true;
+    ChangePhase(StreamInput::kFinish);
     services_.metrics.stream_ends[StreamKind::kTrack][absl::StatusCode::kOk].Add();
     session_->Detach(stream_);
     StartWriteAndFinish(&response_, grpc::WriteOptions(), grpc::Status::OK);
@@ -386,30 +406,29 @@ class TrackReactor : public grpc::ServerBidiReactor<v1::TrackRequest, v1::TrackR
   const absl::StatusOr<Caller> caller_;
   std::shared_ptr<TrackReactor> self_;  // until OnDone
 
-  // Of the reading side; the session and the stream are set once, by attach.
+  // Used by the reading side without the lock. The session and the stream change only while nothing is read.
   v1::TrackRequest request_;
   std::shared_ptr<Session> session_;
   uint64_t stream_ = 0;
 
   std::mutex mutex_;
-  v1::TrackResponse response_ ABSL_GUARDED_BY(mutex_);
-  bool is_reading_ ABSL_GUARDED_BY(mutex_) = false;
-  bool is_held_ ABSL_GUARDED_BY(mutex_) = false;  // by the tenant's quota
-  bool is_writing_ ABSL_GUARDED_BY(mutex_) = false;
-  bool is_finished_ ABSL_GUARDED_BY(mutex_) = false;
-  bool is_attaching_ ABSL_GUARDED_BY(mutex_) = false;  // for the second time
-  bool was_taken_back_ ABSL_GUARDED_BY(mutex_) = false;
-  v1::TrackRequest::Attach attach_ ABSL_GUARDED_BY(mutex_);
-  bool reads_are_done_ ABSL_GUARDED_BY(mutex_) = false;
-  bool end_was_asked_ ABSL_GUARDED_BY(mutex_) = false;
+  StreamPhase phase_ ABSL_GUARDED_BY(mutex_) = StreamPhase::kAwaitingAttach;
+  ReadState read_ ABSL_GUARDED_BY(mutex_) = ReadState::kIdle;
+  bool is_writing_ ABSL_GUARDED_BY(mutex_) = false;  // a write is in flight
+  bool is_held_ ABSL_GUARDED_BY(mutex_) = false;     // the tenant has exceeded its byte rate
+  bool was_reclaimed_ ABSL_GUARDED_BY(mutex_) = false;
   absl::Status failure_ ABSL_GUARDED_BY(mutex_);
-  std::unique_ptr<grpc::Alarm> alarm_ ABSL_GUARDED_BY(mutex_);     // until it attaches, then while it is held
-  std::optional<Attachment> attachment_ ABSL_GUARDED_BY(mutex_);   // to be sent
-  std::optional<absl::Duration> go_away_ ABSL_GUARDED_BY(mutex_);  // to be sent
+  v1::TrackRequest::Attach attach_ ABSL_GUARDED_BY(mutex_);
+  std::unique_ptr<grpc::Alarm> alarm_ ABSL_GUARDED_BY(mutex_);  // until the stream attaches, then while it is held
+  // To be sent:
+  v1::TrackResponse response_ ABSL_GUARDED_BY(mutex_);
+  std::optional<Attachment> attachment_ ABSL_GUARDED_BY(mutex_);
+  std::optional<absl::Duration> go_away_ ABSL_GUARDED_BY(mutex_);
   std::deque<SessionNotice> notices_ ABSL_GUARDED_BY(mutex_);
   std::deque<StoredPose> page_ ABSL_GUARDED_BY(mutex_);
+  std::optional<SessionAck> ack_ ABSL_GUARDED_BY(mutex_);
+  // Sent:
   uint64_t sent_pose_seq_ ABSL_GUARDED_BY(mutex_) = 0;
-  std::optional<SessionAck> ack_ ABSL_GUARDED_BY(mutex_);  // to be sent
   SessionAck sent_ack_ ABSL_GUARDED_BY(mutex_);
 };
 

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// Sessions whose tracker is slower than their events come, on a clock that goes on by what tracking takes.
+// Sessions with a tracker that is slower than the arrival of events. The clock advances by the simulated tracking time.
 #include "server/sessions/types/overload.h"
 
 #include <gmock/gmock.h>
@@ -34,18 +34,18 @@ TEST(OverloadGateTest, SkipsFromTooMuchUntilHalfOfIt) {
   OverloadGate gate(LatestConfig());
   EXPECT_FALSE(gate.MustSkip({.age_ratio = 1.0}));
   EXPECT_TRUE(gate.MustSkip({.age_ratio = 1.01}));
-  gate.AddSkipped({100, 200, 7});
+  gate.AddDropped({100, 200, 7});
   EXPECT_TRUE(gate.MustSkip({.age_ratio = 0.51}));
-  gate.AddSkipped({200, 250, 3});
+  gate.AddDropped({200, 250, 3});
   EXPECT_FALSE(gate.MustSkip({.age_ratio = 0.5}));
-  const std::optional<EventsDropped> dropped = gate.EndStretch();
+  const std::optional<EventsDropped> dropped = gate.EndGap();
   ASSERT_TRUE(dropped.has_value());
   EXPECT_EQ(dropped->num_events, 10u);
   EXPECT_EQ(dropped->from_t_us, 100);
   EXPECT_EQ(dropped->to_t_us, 250);
   EXPECT_EQ(dropped->reason, DropReason::kLag);
-  EXPECT_FALSE(gate.EndStretch().has_value()) << "told once";
-  EXPECT_FALSE(gate.MustSkip({.age_ratio = 0.9})) << "young is at most half of it only after a stretch";
+  EXPECT_FALSE(gate.EndGap().has_value()) << "reported once";
+  EXPECT_FALSE(gate.MustSkip({.age_ratio = 0.9})) << "the lower limit applies only after a gap";
 }
 
 TEST(OverloadGateTest, TellsTheReasonThatAStretchBeganWith) {
@@ -56,9 +56,9 @@ TEST(OverloadGateTest, TellsTheReasonThatAStretchBeganWith) {
   for (const auto& [backlog, reason] : cases) {
     EXPECT_TRUE(gate.MustSkip(backlog));
     EXPECT_TRUE(gate.MustSkip({.age_ratio = 0.7}));
-    gate.AddSkipped({1, 2, 3});
+    gate.AddDropped({1, 2, 3});
     EXPECT_FALSE(gate.MustSkip({}));
-    EXPECT_EQ(gate.EndStretch()->reason, reason);
+    EXPECT_EQ(gate.EndGap()->reason, reason);
   }
 }
 
@@ -118,10 +118,10 @@ class LiveTest : public testing::Test {
     };
     parts.pipeline = SessionPipeline::Create(parts.config, {nullptr}, make_tracker).value();
     parts.resume_token = "first";
-    parts.now = [] { return absl::UnixEpoch(); };
+    parts.clocks.wall = [] { return absl::UnixEpoch(); };
     parts.beginning.lifecycle = {.token_digest = TokenDigest("first"), .detached_at = absl::UnixEpoch()};
     parts.lease = store_->CreateSession({.name = parts.name}, "").value();
-    parts.steady_now = [this] { return Session::SteadyTime(std::chrono::microseconds(load_.now_us)); };
+    parts.clocks.steady = [this] { return SteadyTime(std::chrono::microseconds(load_.now_us)); };
     parts.metrics = metrics_;
     session_ = Session::Start(std::move(parts), pool_);
     stream_ = session_->Attach("first", 0, listener_).value().stream;
@@ -186,7 +186,7 @@ class LiveTest : public testing::Test {
   Load load_;
   const std::shared_ptr<ServerMetrics> metrics_ = std::make_shared<ServerMetrics>();
   const std::shared_ptr<WaitingListener> listener_ = std::make_shared<WaitingListener>();
-  WorkerPool pool_{1};  // outlives the store, whose thread may be the last to let go of a session
+  WorkerPool pool_{1};  // outlives the store: its thread may release the last reference to a session
   const std::unique_ptr<Store> store_ = MakeMemoryStore();
   std::shared_ptr<Session> session_;
   uint64_t stream_ = 0;
@@ -219,15 +219,15 @@ TEST_F(LiveTest, ASlowTrackerSkipsAndItsPosesStayYoung) {
   const std::vector<EventsDropped> dropped = Dropped();
   EXPECT_GT(dropped.size(), 10u);
   const std::vector<StoredPose> poses = Poses();
-  for (const EventsDropped& stretch : dropped) {
-    EXPECT_EQ(stretch.reason, DropReason::kLag);
-    EXPECT_GE(stretch.from_t_us, end_us) << "stretches do not overlap";
-    end_us = stretch.to_t_us;
-    EXPECT_GT(stretch.to_t_us, stretch.from_t_us);
-    num_dropped += stretch.num_events;
-    dropped_us += stretch.to_t_us - stretch.from_t_us;
+  for (const EventsDropped& gap : dropped) {
+    EXPECT_EQ(gap.reason, DropReason::kLag);
+    EXPECT_GE(gap.from_t_us, end_us) << "gaps do not overlap";
+    end_us = gap.to_t_us;
+    EXPECT_GT(gap.to_t_us, gap.from_t_us);
+    num_dropped += gap.num_events;
+    dropped_us += gap.to_t_us - gap.from_t_us;
     for (const StoredPose& pose : poses) {
-      EXPECT_FALSE(pose.estimate.t_us > stretch.from_t_us && pose.estimate.t_us < stretch.to_t_us / 1000 * 1000);
+      EXPECT_FALSE(pose.estimate.t_us > gap.from_t_us && pose.estimate.t_us < gap.to_t_us / 1000 * 1000);
     }
   }
   // The stream, health and the server's total agree, and nothing is counted twice or not at all.
@@ -291,14 +291,14 @@ TEST_F(LiveTest, MoreBytesThanTheCreditAreSkippedYoungOrNot) {
 TEST_F(LiveTest, AReaderThatTakesNoPosesStopsThePosesNotTheCamera) {
   Start(LatestConfig(), 0);
   reads_poses_ = false;
-  StreamUntil(3000);  // returns: nobody waits for the reader
-  EXPECT_EQ(session_->Snapshot().health.poses, Session::kMaxUnsentPoses + 1);
-  EXPECT_TRUE(Dropped().empty()) << "told when tracking goes on";
+  StreamUntil(3000);  // returns: the session does not wait for its reader
+  EXPECT_EQ(session_->Snapshot().health.poses, kMaxUnsentPoses + 1);
+  EXPECT_TRUE(Dropped().empty()) << "reported when tracking continues";
   reads_poses_ = true;
-  session_->ReportSent(stream_, Session::kMaxUnsentPoses + 1);
+  session_->ReportSent(stream_, kMaxUnsentPoses + 1);
   StreamUntil(3100);
   const SessionHealth health = End();
-  EXPECT_GE(health.poses, Session::kMaxUnsentPoses + 100);
+  EXPECT_GE(health.poses, kMaxUnsentPoses + 100);
   const std::vector<EventsDropped> dropped = Dropped();
   ASSERT_EQ(dropped.size(), 1u);
   EXPECT_EQ(dropped[0].reason, DropReason::kReader);
@@ -320,9 +320,9 @@ TEST_F(LiveTest, TheLastStretchIsToldBeforeTheEnd) {
 // Eight sessions with full queues and one with a single slice, on one thread.
 TEST(WorkerFairnessTest, ALightSessionWaitsForOneSliceOfEachBusyOne) {
   constexpr int kBusy = 8;
-  std::vector<int> slices;  // of which session, in their order
+  std::vector<int> slices;  // the session of each slice, in their order
   std::vector<std::unique_ptr<Load>> loads;
-  WorkerPool pool(1);  // outlives the store, whose thread may be the last to let go of a session
+  WorkerPool pool(1);  // outlives the store: its thread may release the last reference to a session
   const std::unique_ptr<Store> store = MakeMemoryStore();
   std::vector<std::shared_ptr<Session>> sessions;
   const auto add_session = [&](int index) {
@@ -337,7 +337,7 @@ TEST(WorkerFairnessTest, ALightSessionWaitsForOneSliceOfEachBusyOne) {
     };
     parts.pipeline = SessionPipeline::Create(parts.config, {nullptr}, make_tracker).value();
     parts.resume_token = "first";
-    parts.now = [] { return absl::UnixEpoch(); };
+    parts.clocks.wall = [] { return absl::UnixEpoch(); };
     parts.beginning.lifecycle = {.token_digest = TokenDigest("first"), .detached_at = absl::UnixEpoch()};
     parts.lease = store->CreateSession({.name = parts.name}, "").value();
     sessions.push_back(Session::Start(std::move(parts), pool));

@@ -2,114 +2,135 @@
 #include "server/sessions/session.h"
 
 #include <algorithm>
-#include <mutex>
 #include <utility>
 
 #include "absl/cleanup/cleanup.h"
 #include "absl/strings/str_cat.h"
-#include "absl/types/span.h"
 #include "core/base/status_macros.h"
-#include "core/numerics/hash.h"
 #include "server/runtime/errors.h"
 #include "server/runtime/random_name.h"
+#include "server/sessions/durability/session_codec.h"
+#include "server/sessions/session_beginning.h"
+#include "server/sessions/stream/chunk_check.h"
 
 namespace evpose::server {
 namespace {
 
-// What the strand does at a time, before other sessions have their turn and readers their poses: at most about 6 MB
-// of decoded events, whatever the encoding.
-constexpr size_t kSliceBytes = 16 * 1024;
-// Empty chunks and resets cost no credit; they are bounded by number.
-constexpr size_t kMaxQueuedItems = 4096;
-constexpr size_t kMaxUntakenNotices = 1024;
-
-absl::Span<const uint8_t> AsBytes(const std::string& text) {
-  return {reinterpret_cast<const uint8_t*>(text.data()), text.size()};
+StreamGate::Options GateOptions(const SessionConfig& config, const SessionLimits& limits,
+                                const std::shared_ptr<SessionLog>& log) {
+  const auto describe = [](const GateState& state) {
+    return std::string(WriterStateName(state.writer)) + " " + std::string(InputStateName(state.input));
+  };
+  return {.session = log->session(),
+          .credit_bytes = limits.credit_bytes,
+          .overload_policy = config.overload_policy,
+          .on_transition = [log, describe](const GateTransition& transition) {
+            log->StateChanged(std::string(GateEventName(transition.event)), describe(transition.from),
+                              describe(transition.to));
+          }};
 }
 
 }  // namespace
 
-uint64_t Session::Item::bytes() const {
-  const auto* chunk = std::get_if<EventChunk>(&what);
-  return chunk == nullptr ? 0 : chunk->payload.size();
-}
-
-uint64_t Session::Item::seq() const {
-  if (const auto* chunk = std::get_if<EventChunk>(&what)) return chunk->seq;
-  if (const auto* reset = std::get_if<PoseReset>(&what)) return reset->seq;
-  return 0;
-}
-
 Session::Session(Parts parts, WorkerPool& pool)
-    : name_(std::move(parts.name)),
-      log_(std::make_shared<SessionLog>(name_, std::move(parts.tenant))),
+    : log_(std::make_shared<SessionLog>(std::move(parts.name), std::move(parts.tenant))),
       config_(std::move(parts.config)),
       limits_(parts.limits),
-      committer_(std::make_shared<SessionCommitter>(log_, std::move(parts.lease), DurableAtBeginning(parts.beginning),
-                                                    pool, limits_.backoff, parts.metrics)),
-      pose_log_(limits_.pose_log_capacity, FirstPoseSeq(parts.beginning)),
-      now_(std::move(parts.now)),
-      steady_now_(std::move(parts.steady_now)),
-      metrics_(std::move(parts.metrics)),
-      watchers_(std::make_shared<Watchers>(pool)),
       create_time_(parts.create_time),
+      clocks_(std::move(parts.clocks)),
+      metrics_(std::move(parts.metrics)),
+      committer_(std::make_shared<SessionCommitter>(log_, std::move(parts.lease), PersistedAt(parts.beginning), pool,
+                                                    limits_.backoff, metrics_)),
+      watchers_(std::make_shared<Watchers>(pool)),
+      pose_log_(limits_.pose_log_capacity, FirstPoseSeq(parts.beginning)),
       strand_(pool.MakeStrand()),
-      pipeline_(std::move(parts.pipeline)),
-      overload_(config_),
-      explained_ratios_(config_.objects.size(), 0.0f),
-      model_uses_(std::move(parts.model_uses)),
-      resume_token_(std::move(parts.resume_token)) {
-  ObservePipeline();
+      worker_(config_, {clocks_.steady, metrics_, log_}, std::move(parts.pipeline), HealthAt(parts.beginning)),
+      gate_(GateOptions(config_, limits_, log_),
+            GateStart(parts.beginning, std::move(parts.resume_token), clocks_.wall())),
+      report_(parts.beginning, worker_.Objects()),
+      checkpoints_(limits_.writes_checkpoints, LastCheckpoint(parts.beginning), LastPoseSeq(parts.beginning)),
+      model_uses_(std::move(parts.model_uses)) {
+  // Makes the initialization visible, for race detectors, to the threads that take the lock later.
   const std::lock_guard lock(mutex_);
   pose_log_.Append(parts.beginning.poses);
-  health_.objects.resize(config_.objects.size());
-  for (size_t i = 0; i < health_.objects.size() && pipeline_ != nullptr; ++i) {
-    health_.objects[i].state = pipeline_->tracker().state(i);
-    health_.objects[i].initialization = pipeline_->tracker().initialization(i);
-  }
-  TakeUp(std::move(parts.beginning));
 }
 
-// The last to let go may be a thread of gRPC, whose counting of references tools cannot see: the lock shows that the
-// others are done.
+// The last reference may be released by a thread of gRPC. Race detectors do not see its reference counting: the lock
+// orders the destruction after the calls of the other threads.
 Session::~Session() { const std::lock_guard lock(mutex_); }
+
+std::shared_ptr<Session> Session::Start(Parts parts, WorkerPool& pool) {
+  const std::shared_ptr<Session> session(new Session(std::move(parts), pool));
+  session->committer_->SetListener([weak = session->weak_from_this()] {
+    if (const auto self = weak.lock()) self->OnCommitProgress();
+  });
+  return session;
+}
 
 std::string Session::resume_token() const {
   const std::lock_guard lock(mutex_);
-  return resume_token_;
+  return gate_.resume_token();
+}
+
+bool Session::IsTokenGood(absl::string_view resume_token) const {
+  const std::string digest = TokenDigest(resume_token);
+  const std::lock_guard lock(mutex_);
+  return IsDigestGood(digest, gate_.lifecycle());
 }
 
 std::optional<absl::Time> Session::expire_time() const {
   const std::lock_guard lock(mutex_);
-  if (is_attached_) return std::nullopt;
-  return detached_at_ + limits_.expiry;
+  const std::optional<absl::Time> detached_at = gate_.detached_at();
+  if (!detached_at.has_value()) return std::nullopt;
+  return *detached_at + limits_.expiry;
 }
 
 WatchView Session::Watch() const {
   const std::lock_guard lock(mutex_);
-  return {closed_, ended_, health_.poses};
+  return {gate_.closed(), gate_.has_ended(), report_.poses()};
 }
 
 SessionSnapshot Session::Snapshot() const {
   const std::lock_guard lock(mutex_);
   SessionSnapshot snapshot;
-  snapshot.closed = closed_;
-  snapshot.state = ended_ ? SessionState::kEnded : is_attached_ ? SessionState::kAttached : SessionState::kDetached;
-  if (!is_attached_) snapshot.expire_time = detached_at_ + limits_.expiry;
-  snapshot.health = health_;
-  snapshot.health.latency_p50_us = latencies_.Percentile(0.5);
-  snapshot.health.latency_p99_us = latencies_.Percentile(0.99);
-  snapshot.health.queue_age_us = QueueAge_us();
+  snapshot.closed = gate_.closed();
+  snapshot.state = gate_.has_ended()     ? SessionState::kEnded
+                   : gate_.is_attached() ? SessionState::kAttached
+                                         : SessionState::kDetached;
+  if (!gate_.is_attached()) snapshot.expire_time = *gate_.detached_at() + limits_.expiry;
+  snapshot.health = report_.HealthWithLatencies();
+  snapshot.health.queue_age_us = QueueAgeUs();
   return snapshot;
+}
+
+void Session::AddTo(SessionTotals& totals) const {
+  const std::lock_guard lock(mutex_);
+  if (!gate_.closed().ok()) {
+    ++totals.closed;
+    return;
+  }
+  totals.queued_bytes += queue_.bytes();
+  totals.oldest_queue_age_us = std::max(totals.oldest_queue_age_us, QueueAgeUs());
+  if (gate_.has_ended()) {
+    ++totals.ended;
+    return;
+  }
+  ++(gate_.is_attached() ? totals.attached : totals.detached);
+  for (const ObjectHealth& object : report_.health().objects) ++totals.objects[static_cast<size_t>(object.state)];
+}
+
+int64_t Session::MicrosecondsSince(SteadyTime begin) const {
+  return std::chrono::duration_cast<std::chrono::microseconds>(clocks_.steady() - begin).count();
+}
+
+int64_t Session::QueueAgeUs() const {
+  const std::optional<SteadyTime> oldest = queue_.oldest_received_at();
+  return oldest.has_value() ? MicrosecondsSince(*oldest) : 0;
 }
 
 void Session::NotifyListeners(const std::shared_ptr<SessionListener>& stream_listener) {
   if (stream_listener != nullptr) stream_listener->OnSessionChanged();
   watchers_->Notify();
-}
-
-int64_t Session::MicrosecondsSince(SteadyTime begin) const {
-  return std::chrono::duration_cast<std::chrono::microseconds>(steady_now_() - begin).count();
 }
 
 absl::StatusOr<Attachment> Session::Attach(absl::string_view resume_token, uint64_t last_pose_seq,
@@ -121,33 +142,18 @@ absl::StatusOr<Attachment> Session::Attach(absl::string_view resume_token, uint6
   bool is_taken_over = false;
   {
     const std::lock_guard lock(mutex_);
-    EVPOSE_RETURN_IF_ERROR(closed_);
-    if (!IsDigestGood(digest, MakeLifecycle())) {
-      return WithReason(absl::PermissionDeniedError(absl::StrCat("the resume token is not that of ", name_,
-                                                                 "; each attach gives a new one: use the latest")),
-                        v1::WRONG_TOKEN);
-    }
-    if (last_pose_seq > std::max(health_.poses, maybe_seen_pose_seq_)) {
-      return InvalidField("attach.last_pose_seq",
-                          absl::StrCat("is ", last_pose_seq, ", but the session has made ", health_.poses, " poses"));
-    }
-    if (stream_ > 0) {
-      ++health_.reattaches;
+    EVPOSE_RETURN_IF_ERROR(gate_.CheckAttach(digest, last_pose_seq, report_.poses()));
+    if (gate_.stream() > 0) {
+      report_.AddReattach();
       metrics_->reattaches.Add();
     }
-    ReplaceToken(std::move(new_token), std::move(digest));
-    attach_lifecycle_ = lifecycle_number_;
-    ++stream_;
-    is_taken_over = std::exchange(is_attached_, true);
-    consumed_bytes_ = 0;
-    received_bytes_ = 0;
-    foreign_bytes_ = queued_bytes_;
-    sent_pose_seq_ = std::max(last_pose_seq, pose_log_.first_pose_seq() - 1);
-    notices_.clear();
-    if (restarted_.has_value()) notices_.push_back({sent_pose_seq_, *restarted_});
+    is_taken_over = gate_.is_attached();
+    const uint64_t sent_pose_seq = std::max(last_pose_seq, pose_log_.first_pose_seq() - 1);
+    const uint64_t stream = gate_.Attach(std::move(new_token), std::move(digest), queue_.bytes(), sent_pose_seq);
+    report_.StartNotices(sent_pose_seq);
     fenced = stream_listener_.lock();
     stream_listener_ = std::move(listener);
-    attachment = {stream_, next_seq_, resume_token_, SendLimit(), sent_pose_seq_ + 1};
+    attachment = {stream, gate_.next_seq(), gate_.resume_token(), gate_.SendLimit(), sent_pose_seq + 1};
     Schedule();
   }
   log_->Attached(peer, attachment.stream, attachment.next_seq, is_taken_over);
@@ -159,81 +165,27 @@ absl::StatusOr<Attachment> Session::Attach(absl::string_view resume_token, uint6
 void Session::Detach(uint64_t stream) {
   {
     const std::lock_guard lock(mutex_);
-    if (stream != stream_ || !is_attached_) return;
-    is_attached_ = false;
-    detached_at_ = now_();
-    ++lifecycle_number_;
+    if (!gate_.Detach(stream, clocks_.wall())) return;
     stream_listener_.reset();
-    notices_.clear();
-    Schedule();  // nobody's reading is waited for any more
+    report_.ClearNotices();
+    Schedule();  // the session no longer waits for a reader
   }
   CommitLifecycle();
-}
-
-absl::Status Session::CheckStream(uint64_t stream) const {
-  EVPOSE_RETURN_IF_ERROR(closed_);
-  if (stream == stream_) return absl::OkStatus();
-  return WithReason(absl::AbortedError(absl::StrCat("another stream has attached to ", name_)), v1::FENCED);
-}
-
-absl::Status Session::CheckPush(uint64_t stream) {
-  EVPOSE_RETURN_IF_ERROR(CheckStream(stream));
-  if (!previous_token_digest_.empty()) {  // whoever sends this has read the new one
-    previous_token_digest_.clear();
-    ++lifecycle_number_;
-  }
-  return absl::OkStatus();
-}
-
-absl::StatusOr<bool> Session::IsNext(uint64_t seq) const {
-  if (seq < next_seq_) return false;
-  if (end_pushed_) {
-    return WithReason(absl::FailedPreconditionError(absl::StrCat(name_, " has ended: nothing may follow")),
-                      v1::SESSION_ENDED);
-  }
-  if (seq == next_seq_) return true;
-  return WithReason(absl::FailedPreconditionError(absl::StrCat(seq, " came where ", next_seq_, " was expected")),
-                    v1::SEQ_GAP, {{"expected_seq", absl::StrCat(next_seq_)}, {"seq", absl::StrCat(seq)}});
-}
-
-absl::Status Session::CheckPayload(const EventChunk& chunk) const {
-  if (chunk.seq == 0) return InvalidField("events.seq", "is 0 or missing; chunks are numbered from 1");
-  if (chunk.payload.size() > limits_.max_chunk_bytes) {
-    return InvalidField("events.payload", absl::StrCat("has ", chunk.payload.size(), " bytes; at most ",
-                                                       limits_.max_chunk_bytes, " go into one chunk"));
-  }
-  const int word = WordBytes(config_.encoding);
-  if (chunk.payload.size() % static_cast<size_t>(word) != 0) {
-    return InvalidField("events.payload",
-                        absl::StrCat("has ", chunk.payload.size(), " bytes, which is not whole ",
-                                     std::string(EncodingName(config_.encoding)), " words of ", word, " bytes"));
-  }
-  if (chunk.crc32c.has_value() && *chunk.crc32c != Crc32c(AsBytes(chunk.payload))) {
-    return WithReason(absl::DataLossError(absl::StrCat("chunk ", chunk.seq,
-                                                       ": the payload does not match its crc32c; attach again and send "
-                                                       "it again")),
-                      v1::CRC_MISMATCH, {{"seq", absl::StrCat(chunk.seq)}});
-  }
-  return absl::OkStatus();
 }
 
 absl::Status Session::PushEvents(uint64_t stream, EventChunk chunk) {
   {
     const std::lock_guard lock(mutex_);
-    EVPOSE_RETURN_IF_ERROR(CheckStream(stream));
+    EVPOSE_RETURN_IF_ERROR(gate_.CheckStream(stream));
   }
-  EVPOSE_RETURN_IF_ERROR(CheckPayload(chunk));  // without the lock: it reads every byte
+  // Without the lock: it reads every byte.
+  EVPOSE_RETURN_IF_ERROR(CheckChunk(chunk, config_.encoding, limits_.max_chunk_bytes));
   const absl::Cleanup commit = [this] { CommitLifecycle(); };
   const std::lock_guard lock(mutex_);
-  EVPOSE_RETURN_IF_ERROR(CheckPush(stream));
-  EVPOSE_ASSIGN_OR_RETURN(const bool is_next, IsNext(chunk.seq));
-  received_bytes_ += chunk.payload.size();
-  if (!is_next) {
-    consumed_bytes_ += chunk.payload.size();
-    return absl::OkStatus();
-  }
-  ++next_seq_;
-  health_.received_bytes += chunk.payload.size();
+  EVPOSE_RETURN_IF_ERROR(gate_.CheckPush(stream));
+  EVPOSE_ASSIGN_OR_RETURN(const bool is_new, gate_.AcceptChunk(chunk.seq, chunk.payload.size()));
+  if (!is_new) return absl::OkStatus();
+  report_.AddReceived(chunk.payload.size());
   metrics_->received_bytes.Add(chunk.payload.size());
   Enqueue(stream, std::move(chunk));
   return absl::OkStatus();
@@ -244,12 +196,12 @@ absl::Status Session::PushResetPose(uint64_t stream, uint64_t seq, absl::string_
   if (seq == 0) return InvalidField("reset_pose.seq", "is 0 or missing; resets are numbered along with the chunks");
   const absl::Cleanup commit = [this] { CommitLifecycle(); };
   const std::lock_guard lock(mutex_);
-  EVPOSE_RETURN_IF_ERROR(CheckPush(stream));
-  EVPOSE_ASSIGN_OR_RETURN(const bool is_next, IsNext(seq));
-  if (!is_next) return absl::OkStatus();
+  EVPOSE_RETURN_IF_ERROR(gate_.CheckPush(stream));
+  EVPOSE_ASSIGN_OR_RETURN(const bool is_new, gate_.IsNext(seq));
+  if (!is_new) return absl::OkStatus();
   for (size_t i = 0; i < config_.objects.size(); ++i) {
     if (config_.objects[i].object_id != object_id) continue;
-    ++next_seq_;
+    gate_.Accept();
     Enqueue(stream, PoseReset{seq, static_cast<uint32_t>(i), camera_from_object});
     return absl::OkStatus();
   }
@@ -259,55 +211,49 @@ absl::Status Session::PushResetPose(uint64_t stream, uint64_t seq, absl::string_
 absl::Status Session::PushEnd(uint64_t stream) {
   const absl::Cleanup commit = [this] { CommitLifecycle(); };
   const std::lock_guard lock(mutex_);
-  EVPOSE_RETURN_IF_ERROR(CheckPush(stream));
-  if (end_pushed_) return absl::OkStatus();
-  end_pushed_ = true;
-  Enqueue(stream, End{});
+  EVPOSE_RETURN_IF_ERROR(gate_.CheckPush(stream));
+  if (gate_.AcceptEnd()) Enqueue(stream, EndOfInput{});
   return absl::OkStatus();
 }
 
-void Session::Enqueue(uint64_t stream, std::variant<EventChunk, PoseReset, End> what) {
-  queue_.push_back({stream, steady_now_(), std::move(what)});
-  queued_bytes_ += queue_.back().bytes();
+void Session::Enqueue(uint64_t stream, std::variant<EventChunk, PoseReset, EndOfInput> what) {
+  queue_.Push({stream, clocks_.steady(), std::move(what)});
   Schedule();
 }
 
-uint64_t Session::SendLimit() const {
-  // A camera does not wait. What has arrived is off the network, and View() bounds it.
-  if (config_.overload_policy == OverloadPolicy::kLatest) return received_bytes_ + limits_.credit_bytes;
-  return consumed_bytes_ + limits_.credit_bytes - std::min(foreign_bytes_, limits_.credit_bytes);
+SessionAck Session::MakeAck() const {
+  return {report_.processed_seq(), checkpoints_.PersistedSeq(report_.processed_seq(), committer_->progress()),
+          gate_.SendLimit(), report_.acked_pose_seq()};
 }
-
-SessionAck Session::MakeAck() const { return {processed_seq_, DurableSeq(), SendLimit(), acked_pose_seq_}; }
 
 StreamView Session::View(uint64_t stream) const {
   const std::lock_guard lock(mutex_);
   StreamView view;
-  view.status = CheckStream(stream);
-  // With kLatest too much is skipped, which is fast: until that has happened, as much again may come.
-  const uint64_t times = config_.overload_policy == OverloadPolicy::kLatest ? 2 : 1;
-  view.has_room = queued_bytes_ < times * limits_.credit_bytes && queue_.size() < times * kMaxQueuedItems;
-  view.attached = committer_->progress().lifecycle >= attach_lifecycle_;
-  view.ended = IsEndDurable();  // before what may be sent: then that is all
-  view.last_pose_seq = LastPoseSeqToSend();
-  view.is_idle = queue_.empty() && !in_work_since_.has_value() && view.last_pose_seq == health_.poses;
+  view.status = gate_.CheckStream(stream);
+  // With kLatest an overloaded session drops events, which is fast: until it does, twice as much may wait.
+  const uint64_t factor = config_.overload_policy == OverloadPolicy::kLatest ? 2 : 1;
+  view.has_room = queue_.bytes() < factor * limits_.credit_bytes && queue_.num_items() < factor * kMaxQueuedItems;
+  view.attached = gate_.state().writer == WriterState::kAttached;
+  // Read before the poses that may be sent: when the end has been persisted, all of them may be.
+  view.ended = checkpoints_.IsEndPersisted(gate_.has_ended(), committer_->progress());
+  view.last_pose_seq = checkpoints_.LastPoseSeqToSend(report_.poses(), committer_->progress());
+  view.is_idle = !queue_.has_items() && !queue_.is_working() && view.last_pose_seq == report_.poses();
   view.ack = MakeAck();
   return view;
 }
 
 std::vector<SessionNotice> Session::TakeNotices(uint64_t stream) {
   const std::lock_guard lock(mutex_);
-  if (stream != stream_) return {};
-  std::vector<SessionNotice> notices = std::exchange(notices_, {});
-  restarted_.reset();
+  if (stream != gate_.stream()) return {};
+  std::vector<SessionNotice> notices = report_.TakeNotices();
   if (notices.size() >= kMaxUntakenNotices) Schedule();
   return notices;
 }
 
 void Session::ReportSent(uint64_t stream, uint64_t pose_seq) {
   const std::lock_guard lock(mutex_);
-  if (stream != stream_) return;
-  sent_pose_seq_ = pose_seq;
+  if (stream != gate_.stream()) return;
+  gate_.ReportSent(pose_seq);
   Schedule();
 }
 
@@ -315,11 +261,9 @@ void Session::Close(const absl::Status& status) {
   std::shared_ptr<SessionListener> stream_listener;
   {
     const std::lock_guard lock(mutex_);
-    if (!closed_.ok()) return;
-    closed_ = status;
-    queue_.clear();
+    if (!gate_.Close(status)) return;
+    queue_.Clear();
     model_uses_.clear();
-    is_attached_ = false;
     stream_listener = stream_listener_.lock();
   }
   committer_->Close();
@@ -327,30 +271,43 @@ void Session::Close(const absl::Status& status) {
   NotifyListeners(stream_listener);
 }
 
-bool Session::IsRunnable() const { return closed_.ok() && (IsCheckpointDue() || HasWork()); }
+bool Session::IsRunnable() const {
+  return gate_.closed().ok() && (checkpoints_.IsDue(MakeCounters(), committer_->progress()) || HasWork());
+}
 
 bool Session::HasWork() const {
-  if (!in_work_since_.has_value() && (queue_.empty() || is_settling_)) return false;
-  if (MustWaitForStore()) return false;
-  if (!is_attached_) return true;
+  if (!queue_.is_working() && (!queue_.has_items() || checkpoints_.is_flushing())) return false;
+  if (checkpoints_.MustWait(report_.poses(), committer_->progress())) return false;
+  if (!gate_.is_attached()) return true;
   const bool may_make_poses =
-      config_.overload_policy == OverloadPolicy::kLatest || health_.poses <= sent_pose_seq_ + kMaxUnsentPoses;
-  return may_make_poses && notices_.size() < kMaxUntakenNotices;
+      config_.overload_policy == OverloadPolicy::kLatest || report_.poses() <= gate_.sent_pose_seq() + kMaxUnsentPoses;
+  return may_make_poses && report_.num_notices() < kMaxUntakenNotices;
 }
 
 Backlog Session::MakeBacklog() const {
   Backlog backlog;
   if (config_.overload_policy == OverloadPolicy::kBlock) return backlog;
-  const auto share = [](uint64_t used, uint64_t allowed) {
+  const auto ratio = [](uint64_t used, uint64_t allowed) {
     return static_cast<double>(used) / static_cast<double>(allowed);
   };
-  backlog.age_ratio = static_cast<double>(MicrosecondsSince(*in_work_since_)) /
-                      static_cast<double>(absl::ToInt64Microseconds(*config_.max_lag));
-  backlog.bytes_ratio = std::max(share(queued_bytes_, limits_.credit_bytes), share(queue_.size(), kMaxQueuedItems));
-  if (is_attached_ && health_.poses > sent_pose_seq_) {
-    backlog.reader_ratio = share(health_.poses - sent_pose_seq_, kMaxUnsentPoses);
+  backlog.age_ratio =
+      static_cast<double>(QueueAgeUs()) / static_cast<double>(absl::ToInt64Microseconds(*config_.max_lag));
+  backlog.bytes_ratio =
+      std::max(ratio(queue_.bytes(), limits_.credit_bytes), ratio(queue_.num_items(), kMaxQueuedItems));
+  if (gate_.is_attached() && report_.poses() > gate_.sent_pose_seq()) {
+    backlog.reader_ratio = ratio(report_.poses() - gate_.sent_pose_seq(), kMaxUnsentPoses);
   }
   return backlog;
+}
+
+CheckpointPolicy::Counters Session::MakeCounters() const {
+  return {.processed_seq = report_.processed_seq(),
+          .has_ended = gate_.has_ended(),
+          .poses = report_.poses(),
+          .processing_us = report_.health().processing_us,
+          .is_working = queue_.is_working(),
+          .has_waiting = queue_.has_items(),
+          .is_attached = gate_.is_attached()};
 }
 
 void Session::Schedule() {
@@ -360,141 +317,173 @@ void Session::Schedule() {
 }
 
 void Session::Run() {
-  if (WriteDueCheckpoint() || !TakeItem()) return;
-  const SteadyTime begin = steady_now_();
-  output_.clear();
-  const bool item_is_done = WorkOnItem();
-  const auto duration = steady_now_() - begin;
-  processing_time_ += duration;
-  metrics_->processing_ns.Add(static_cast<uint64_t>(std::chrono::nanoseconds(duration).count()));
-  Publish(item_is_done);
+  if (WriteDueCheckpoint()) return;
+  if (const std::optional<Backlog> backlog = StartWork()) Publish(worker_.Work(*backlog));
 }
 
-bool Session::TakeItem() {
+std::optional<Backlog> Session::StartWork() {
   const std::lock_guard lock(mutex_);
   if (!IsRunnable()) {
     is_scheduled_ = false;
-    return false;
+    return std::nullopt;
   }
-  if (!in_work_since_.has_value()) {
-    item_ = std::move(queue_.front());
-    queue_.pop_front();
-    in_work_since_ = item_->received_at;
-    item_offset_ = 0;
-  }
-  must_skip_ = std::holds_alternative<EventChunk>(item_->what) && overload_.MustSkip(MakeBacklog());
-  return true;
+  if (!queue_.is_working()) worker_.Start(queue_.StartNext());
+  return worker_.is_events() ? MakeBacklog() : Backlog();
 }
 
-bool Session::WorkOnItem() {
-  if (const auto* chunk = std::get_if<EventChunk>(&item_->what)) return WorkOnEvents(*chunk);
-  if (const auto* reset = std::get_if<PoseReset>(&item_->what)) {
-    pipeline_->ResetPose(reset->object_index, reset->camera_from_object);
-  } else {
-    dropped_ = overload_.EndStretch();
-    pipeline_->Finish(output_);
-  }
-  return true;
+// Poses that wait for the store stay in memory, and with kBlock those that wait for their reader: one slice may produce
+// more poses than the log holds.
+uint64_t Session::FirstPoseSeqToKeep() const {
+  const uint64_t first = checkpoints_.FirstPoseSeqToKeep();
+  if (!gate_.is_attached() || config_.overload_policy != OverloadPolicy::kBlock) return first;
+  return std::min(first, gate_.sent_pose_seq() + 1);
 }
 
-bool Session::WorkOnEvents(const EventChunk& chunk) {
-  if (item_offset_ == 0) {
-    counts_before_item_ = pipeline_->counts();
-    if (chunk.discontinuity) pipeline_->ResetAfterLoss();
-  }
-  const absl::Span<const uint8_t> slice = AsBytes(chunk.payload).subspan(item_offset_, kSliceBytes);
-  SkipOrTrack(slice);
-  item_offset_ += slice.size();
-  return item_offset_ == chunk.payload.size();
-}
-
-void Session::SkipOrTrack(absl::Span<const uint8_t> slice) {
-  if (!must_skip_) {
-    dropped_ = overload_.EndStretch();
-    pipeline_->Process(slice, output_);
-    return;
-  }
-  skipped_ = pipeline_->Skip(slice, output_);
-  overload_.AddSkipped(skipped_);
-  metrics_->skipped_events[overload_.reason()].Add(skipped_.num_events);
-}
-
-std::vector<StoredPose> Session::NumberPoses() {
-  const int64_t latency_us = MicrosecondsSince(item_->received_at);
-  std::vector<StoredPose> poses;
-  poses.reserve(output_.poses.size());
-  for (const PoseEstimate& estimate : output_.poses) {
-    explained_ratios_[estimate.object_index] = estimate.explained_ratio;
-    poses.push_back({next_pose_seq_++, estimate.object_index, estimate, latency_us});
-  }
-  return poses;
-}
-
-std::optional<DecodeFault> Session::FindDecodeFault() const {
-  const auto* chunk = std::get_if<EventChunk>(&item_->what);
-  if (chunk == nullptr) return std::nullopt;
-  const DecodeCounts& now = pipeline_->counts();
-  const uint64_t unknown = now.unknown_words - counts_before_item_.unknown_words;
-  const uint64_t broken = now.broken_vectors - counts_before_item_.broken_vectors;
-  const uint64_t outside = now.dropped_outside_sensor - counts_before_item_.dropped_outside_sensor;
-  if (unknown + broken + outside == 0) return std::nullopt;
-  return DecodeFault{chunk->seq, unknown + broken + outside,
-                     absl::StrCat("skipped ", unknown, " unknown words, ", broken, " broken vectors, ", outside,
-                                  " events outside the sensor")};
-}
-
-void Session::Publish(bool item_is_done) {
-  const uint64_t first_pose_seq = next_pose_seq_;
-  const std::vector<StoredPose> poses = NumberPoses();
-  LogWork(item_is_done);
+void Session::Publish(const WorkResult& result) {
   std::shared_ptr<SessionListener> stream_listener;
-  std::unique_ptr<SessionPipeline> ended_pipeline;  // its memory goes after the lock
+  const bool has_ended = result.finished.has_value() && result.finished->is_end;
   {
     const std::lock_guard lock(mutex_);
-    pose_log_.Append(poses, FirstPoseSeqKept());  // under the lock: who attaches meanwhile is to have them, too
-    CountWork(poses);
-    for (const StoredPose& pose : poses) latencies_.Add(pose.latency_us);
-    health_.poses = next_pose_seq_ - 1;
-    health_.counts = pipeline_->counts();
-    health_.t_us = std::max<int64_t>(pipeline_->now_us(), 0);
-    health_.sensor_time_us = pipeline_->sensor_time_us();
-    health_.processing_us = std::chrono::duration_cast<std::chrono::microseconds>(processing_time_).count();
-    for (size_t i = 0; i < health_.objects.size(); ++i) {
-      const Tracker& tracker = pipeline_->tracker();
-      health_.objects[i] = {tracker.state(i), losses_before_[i] + tracker.losses(i), explained_ratios_[i],
-                            tracker.initialization(i)};
-    }
-    health_.skipped_events += skipped_.num_events;
-    health_.skipped_us += std::exchange(skipped_, EventGap()).duration_us();
-    const auto dropped = std::exchange(dropped_, std::nullopt);
-    if (is_attached_) {
-      if (dropped.has_value()) notices_.push_back({first_pose_seq - 1, *dropped});
-      for (const ObjectStateChange& change : output_.state_changes) {
-        notices_.push_back({first_pose_seq - 1 + change.num_poses_before,
-                            StateChange{change.object_index, change.t_us, change.state}});
-      }
-    }
-    if (item_is_done) {
-      if (const auto fault = FindDecodeFault(); fault.has_value() && is_attached_) {
-        notices_.push_back({health_.poses, *fault});
-      }
-      const uint64_t bytes = item_->bytes();
-      queued_bytes_ -= bytes;
-      (item_->stream == stream_ ? consumed_bytes_ += bytes : foreign_bytes_ -= bytes);
-      health_.processed_bytes += bytes;
-      processed_seq_ = std::max(processed_seq_, item_->seq());
-      if (std::holds_alternative<End>(item_->what)) {
-        ended_ = true;
-        ended_pipeline = std::move(pipeline_);
-      }
-      acked_pose_seq_ = health_.poses;
-      in_work_since_.reset();
+    pose_log_.Append(result.poses, FirstPoseSeqToKeep());  // under the lock: a stream that attaches now reads them
+    report_.Add(result, gate_.is_attached(), *metrics_);
+    if (result.finished.has_value()) {
+      queue_.FinishCurrent();
+      gate_.OnProcessed(result.finished->stream, result.finished->bytes);
+      if (has_ended) gate_.OnEndProcessed();
     }
     is_scheduled_ = false;
     Schedule();
     stream_listener = stream_listener_.lock();
   }
   NotifyListeners(stream_listener);
+  if (has_ended) worker_.ReleasePipeline();  // without the lock: it frees much memory
+}
+
+bool Session::WriteDueCheckpoint() {
+  {
+    const std::lock_guard lock(mutex_);
+    if (!gate_.closed().ok() || !checkpoints_.IsDue(MakeCounters(), committer_->progress())) return false;
+  }
+  WriteCheckpoint();
+  const std::lock_guard lock(mutex_);
+  is_scheduled_ = false;
+  Schedule();
+  return true;
+}
+
+void Session::WriteCheckpoint() {
+  const auto begin = std::chrono::steady_clock::now();
+  SessionCommitter::Checkpoint out = {.begun_at = begin};
+  SessionCheckpoint state;
+  bool is_whole = false;  // between two items; otherwise only the poses are written
+  uint64_t after_pose_seq = 0;
+  {
+    const std::lock_guard lock(mutex_);
+    is_whole = !queue_.is_working();
+    after_pose_seq = checkpoints_.last_pose_seq();
+    state = {.processed_seq = report_.processed_seq(),
+             .ended = gate_.has_ended(),
+             .health = report_.health(),
+             .latencies = report_.latencies()};
+    if (state.ended) out.ended_at = clocks_.wall();
+  }
+  state.health.received_bytes = state.health.processed_bytes;
+  const std::vector<StoredPose> poses = pose_log_.Read(after_pose_seq, SIZE_MAX);
+  if (!poses.empty()) out.poses = EncodePoses(poses);
+  out.first_pose_seq_kept = pose_log_.first_pose_seq();
+  if (is_whole) {
+    if (worker_.has_pipeline()) state.pipeline = worker_.SaveState();
+    out.state = EncodeCheckpoint(state);
+    out.seq = state.processed_seq;
+  }
+  const int64_t cost_us =
+      std::chrono::duration_cast<std::chrono::microseconds>(std::chrono::steady_clock::now() - begin).count();
+  {
+    const std::lock_guard lock(mutex_);
+    checkpoints_.RecordPoses(std::max(after_pose_seq, pose_log_.last_pose_seq()));
+    if (is_whole)
+      checkpoints_.RecordCheckpoint({state.processed_seq, state.ended, state.health.processing_us, cost_us});
+  }
+  committer_->CommitCheckpoint(std::move(out));
+}
+
+void Session::RenewOwnership() {
+  {
+    const std::lock_guard lock(mutex_);
+    if (!gate_.RenewOwnership()) return;
+  }
+  CommitLifecycle();
+}
+
+void Session::RenewToken(absl::AnyInvocable<void(absl::StatusOr<std::string>)> done) {
+  absl::StatusOr<std::string> token = RandomHex128();
+  {
+    const std::lock_guard lock(mutex_);
+    if (token.ok() && !gate_.closed().ok()) token = gate_.closed();
+    if (token.ok()) {
+      gate_.ReplaceToken(*token);
+      token_requests_.Add({gate_.lifecycle_number(), *std::move(token), std::move(done)});
+    }
+  }
+  if (!token.ok()) return done(token.status());
+  CommitLifecycle();
+}
+
+void Session::AnswerTokenRequests() {
+  std::vector<TokenRequest> answerable;
+  absl::Status closed;
+  {
+    const std::lock_guard lock(mutex_);
+    closed = gate_.closed();
+    answerable = token_requests_.TakeAnswerable(committer_->progress().lifecycle, !closed.ok());
+  }
+  for (TokenRequest& request : answerable) {
+    if (closed.ok()) {
+      request.done(std::move(request.token));
+    } else {
+      request.done(closed);
+    }
+  }
+}
+
+void Session::CommitLifecycle() {
+  SessionLifecycle lifecycle;
+  std::optional<uint64_t> number;
+  {
+    const std::lock_guard lock(mutex_);
+    if (!gate_.closed().ok()) return;
+    number = gate_.TakeChangedLifecycle();
+    if (!number.has_value()) return;
+    lifecycle = gate_.lifecycle();
+  }
+  committer_->CommitLifecycle(*number, EncodeLifecycle(lifecycle));
+}
+
+void Session::OnCommitProgress() {
+  const absl::Status failure = committer_->progress().failure;
+  if (!failure.ok()) Close(failure);
+  std::shared_ptr<SessionListener> stream_listener;
+  {
+    const std::lock_guard lock(mutex_);
+    gate_.OnLifecyclePersisted(committer_->progress().lifecycle);
+    Schedule();
+    stream_listener = stream_listener_.lock();
+  }
+  AnswerTokenRequests();
+  NotifyListeners(stream_listener);
+}
+
+void Session::Flush() {
+  const std::lock_guard lock(mutex_);
+  checkpoints_.RequestFlush();
+  Schedule();
+}
+
+bool Session::IsFlushed() const {
+  const std::lock_guard lock(mutex_);
+  if (!gate_.closed().ok()) return true;
+  const SessionCommitter::Progress progress = committer_->progress();
+  return progress.lifecycle >= gate_.lifecycle_number() && checkpoints_.IsFlushed(MakeCounters(), progress);
 }
 
 }  // namespace evpose::server

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// What a session hands to its store, when, and how it goes on from there.
+// Checkpoints of a session: their contents and times, and how a session is resumed from them.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -51,14 +51,14 @@ class SessionCheckpointTest : public testing::Test {
       EXPECT_TRUE(parts.pipeline->LoadTracker(state->tracker).ok());
     }
     parts.create_time = now_;
-    parts.now = [this] { return now_; };
-    parts.steady_now = [] { return Session::SteadyTime(); };  // no work takes time: that alone makes no checkpoint due
+    parts.clocks.wall = [this] { return now_; };
+    parts.clocks.steady = [] { return SteadyTime(); };  // no work takes time: that alone makes no checkpoint due
     parts.beginning = std::move(beginning);
     parts.lease = std::make_unique<TroubledLease>(std::move(lease), trouble_);
     return Session::Start(std::move(parts), pool_);
   }
 
-  // As a server does that was started again: what was not committed is gone.
+  // Replaces the session as a restart of the server does: uncommitted data are lost.
   void TakeUpAgain() {
     session_->Close(absl::CancelledError("killed"));
     trouble_->Set(absl::OkStatus());
@@ -104,7 +104,7 @@ class SessionCheckpointTest : public testing::Test {
   std::vector<std::string> objects_ = {"cube"};
   const std::shared_ptr<Trouble> trouble_ = std::make_shared<Trouble>();
   const std::shared_ptr<WaitingListener> listener_ = std::make_shared<WaitingListener>();
-  WorkerPool pool_{1};  // outlives the store, whose thread may be the last to let go of a session
+  WorkerPool pool_{1};  // outlives the store: its thread may release the last reference to a session
   const std::unique_ptr<Store> store_ = MakeMemoryStore();
   std::shared_ptr<Session> session_;
 };
@@ -123,8 +123,8 @@ TEST_F(SessionCheckpointTest, DurableIsWhatWasCommitted) {
   EXPECT_EQ(store_->ReadSession(kName)->poses.back().last_pose_seq, 19u);
   const auto waiting = std::make_shared<WaitingListener>();
   session_->AddWatcher(waiting);
-  session_->Settle();
-  waiting->WaitUntil([this] { return session_->IsSettled(); });
+  session_->Flush();
+  waiting->WaitUntil([this] { return session_->IsFlushed(); });
   EXPECT_EQ(DecodeLifecycle(store_->ReadSession(kName)->lifecycle)->detached_at, now_);
 }
 
@@ -249,8 +249,8 @@ TEST_F(SessionCheckpointTest, ExpiryGoesOnFromWhenTheStreamLeft) {
   session_->Detach(attachment.stream);
   const auto waiting = std::make_shared<WaitingListener>();
   session_->AddWatcher(waiting);
-  session_->Settle();
-  waiting->WaitUntil([this] { return session_->IsSettled(); });
+  session_->Flush();
+  waiting->WaitUntil([this] { return session_->IsFlushed(); });
   const absl::Time left = now_;
   now_ += absl::Seconds(30);
   TakeUpAgain();
@@ -266,15 +266,15 @@ TEST_F(SessionCheckpointTest, WaitsWhileTheStoreIsAwayAndLosesNothing) {
   session_->ReportSent(stream, 1'000'000);
   trouble_->Set(absl::UnavailableError("away"));
   uint64_t seq = 0;
-  while (session_->Watch().last_pose_seq < Session::kMaxUncommittedPoses) {
+  while (session_->Watch().last_pose_seq < kMaxUncommittedPoses) {
     Push(stream, ++seq, 40);
     const uint64_t pushed = seq;
     Until(stream, [&](const StreamView& view) {
-      return view.ack.processed_seq == pushed || session_->Watch().last_pose_seq >= Session::kMaxUncommittedPoses;
+      return view.ack.processed_seq == pushed || session_->Watch().last_pose_seq >= kMaxUncommittedPoses;
     });
   }
   const uint64_t stopped_at = session_->Watch().last_pose_seq;
-  EXPECT_LT(stopped_at, Session::kMaxUncommittedPoses + 100);
+  EXPECT_LT(stopped_at, kMaxUncommittedPoses + 100);
   Push(stream, ++seq, 40);
   const int asked = trouble_->NumAsked();
   const auto waiting = std::make_shared<WaitingListener>();
@@ -305,7 +305,7 @@ TEST_F(SessionCheckpointTest, NoPoseIsSentThatIsTooFarBeyondTheStore) {
   ASSERT_TRUE(session_->PushEvents(stream, {.seq = 1, .payload = Flat64(events)}).ok());
   Until(stream, [](const StreamView& view) { return view.ack.processed_seq == 1; });
   EXPECT_EQ(session_->Watch().last_pose_seq, 2047u * 5);
-  EXPECT_EQ(session_->View(stream).last_pose_seq, Session::kMaxPosesBeyondStore);
+  EXPECT_EQ(session_->View(stream).last_pose_seq, kMaxPosesBeyondStore);
   EXPECT_FALSE(session_->View(stream).is_idle) << "there is more to be sent";
   trouble_->Set(absl::OkStatus());
   Until(stream, [](const StreamView& view) { return view.is_idle; });
@@ -319,7 +319,7 @@ TEST_F(SessionCheckpointTest, AClientIsBelievedWhatItCanHaveSeenBeforeACrash) {
   UntilDurable(first.stream, 1);
   ASSERT_EQ(store_->ReadSession(kName)->poses.back().last_pose_seq, 9u);
   TakeUpAgain();
-  constexpr uint64_t kMost = 9 + Session::kMaxPosesBeyondStore;
+  constexpr uint64_t kMost = 9 + kMaxPosesBeyondStore;
   for (const uint64_t beyond : {kMost + 1, uint64_t{1} << 50, UINT64_MAX}) {
     const absl::Status refused = session_->Attach(first.resume_token, beyond, listener_).status();
     EXPECT_EQ(refused.code(), absl::StatusCode::kInvalidArgument) << beyond;
@@ -358,8 +358,8 @@ TEST_F(SessionCheckpointTest, SettlingStopsAtTheNextItemAndKeepsIt) {
   Until(stream, [](const StreamView& view) { return view.ack.processed_seq > 0; });
   const auto waiting = std::make_shared<WaitingListener>();
   session_->AddWatcher(waiting);
-  session_->Settle();
-  waiting->WaitUntil([this] { return session_->IsSettled(); });
+  session_->Flush();
+  waiting->WaitUntil([this] { return session_->IsFlushed(); });
   EXPECT_EQ(session_->View(stream).ack.durable_seq, session_->View(stream).ack.processed_seq);
   EXPECT_EQ(Stored().processed_seq, session_->View(stream).ack.processed_seq);
 }

@@ -17,14 +17,14 @@
 namespace evpose::server {
 namespace {
 
-// The store's words for those who asked for a session.
+// The error for a client, from an error of the store.
 absl::Status StoreError(absl::string_view name, const absl::Status& status) {
   switch (status.code()) {
     case absl::StatusCode::kNotFound:
       return SessionNotFound(name);
     case absl::StatusCode::kDataLoss:
       return WithReason(
-          absl::DataLossError(absl::StrCat(name, " cannot be taken up, what the store has of it is damaged (",
+          absl::DataLossError(absl::StrCat(name, " cannot be resumed because its stored state is damaged (",
                                            status.message(), "): delete it and create a new one")),
           v1::SESSION_DAMAGED, {{"session", std::string(name)}});
     default:
@@ -46,7 +46,7 @@ absl::StatusOr<std::vector<StoredPose>> DecodeLog(const std::vector<PoseSegment>
   return poses;
 }
 
-// `after_pose_seq`: the poses up to it were not asked for.
+// `after_pose_seq`: `stored` has only the poses after this one.
 absl::StatusOr<SessionBeginning> DecodeBeginning(const StoredSession& stored, size_t num_objects,
                                                  uint64_t after_pose_seq = 0) {
   SessionBeginning beginning;
@@ -82,9 +82,10 @@ SessionInfo Describe(const SessionRecord& record, SessionConfig config, SessionB
 }  // namespace
 
 absl::Status SessionNotFound(absl::string_view name) {
-  return WithReason(absl::NotFoundError(absl::StrCat("there is no session \"", name,
-                                                     "\": it never was, was deleted, or expired; create a new one")),
-                    v1::SESSION_NOT_FOUND, {{"session", std::string(name)}});
+  return WithReason(
+      absl::NotFoundError(absl::StrCat("there is no session \"", name,
+                                       "\": it was never created, was deleted, or expired; create a new one")),
+      v1::SESSION_NOT_FOUND, {{"session", std::string(name)}});
 }
 
 absl::StatusOr<SessionFactory::Models> SessionFactory::UseModels(const std::string& tenant,
@@ -114,8 +115,8 @@ absl::StatusOr<std::shared_ptr<Session>> SessionFactory::MakeNew(const std::stri
   parts.config = config;
   parts.limits = options_.limits;
   parts.model_uses = std::move(models->uses);
-  parts.now = options_.now;
-  parts.steady_now = options_.steady_now;
+  parts.clocks.wall = options_.now;
+  parts.clocks.steady = options_.steady_now;
   parts.metrics = options_.metrics;
   parts.create_time = options_.now();
   parts.beginning.lifecycle = {.token_digest = TokenDigest(parts.resume_token), .detached_at = parts.create_time};
@@ -127,14 +128,14 @@ absl::StatusOr<std::shared_ptr<Session>> SessionFactory::MakeNew(const std::stri
   auto lease = store_.CreateSession(record, EncodeLifecycle(parts.beginning.lifecycle));
   if (!lease.ok()) return StoreError(parts.name, lease.status());
   if (const absl::Status status = CheckModelsStored(tenant, config); !status.ok()) {
-    (void)store_.DeleteSession(parts.name);  // nobody knows its name; if it stays, it expires
+    (void)store_.DeleteSession(parts.name);  // no client has its name; if the deletion fails, it expires
     return status;
   }
   parts.lease = *std::move(lease);
   return Session::Start(std::move(parts), pool_);
 }
 
-// Only now: a server that deletes a model looks for sessions after that.
+// After the session has been stored: a server that deletes a model searches for sessions afterwards.
 absl::Status SessionFactory::CheckModelsStored(const std::string& tenant, const SessionConfig& config) const {
   for (const ObjectConfig& object : config.objects) {
     EVPOSE_RETURN_IF_ERROR(models_.CheckStored(tenant, object.model));
@@ -142,10 +143,10 @@ absl::Status SessionFactory::CheckModelsStored(const std::string& tenant, const 
   return absl::OkStatus();
 }
 
-absl::StatusOr<SessionFactory::Taken> SessionFactory::Take(absl::string_view name) const {
+absl::StatusOr<SessionFactory::Resumed> SessionFactory::Resume(absl::string_view name) const {
   auto taken = store_.TakeSession(name);
   if (!taken.ok()) return StoreError(name, taken.status());
-  Taken out = {.record = taken->session.record};
+  Resumed out = {.record = taken->session.record};
   auto session = Restore(std::move(taken->session), std::move(taken->lease));
   if (!session.ok()) return StoreError(name, session.status());
   out.session = *std::move(session);
@@ -159,7 +160,7 @@ absl::StatusOr<std::shared_ptr<Session>> SessionFactory::Restore(StoredSession s
   EVPOSE_ASSIGN_OR_RETURN(parts.beginning, DecodeBeginning(stored, parts.config.objects.size()));
   const bool has_ended = parts.beginning.checkpoint.has_value() && parts.beginning.checkpoint->ended;
   auto models = UseModels(stored.record.tenant, parts.config);
-  // Of one that has ended, the poses can be read without its models.
+  // An ended session is readable without its models.
   if (has_ended && models.ok()) parts.model_uses = std::move(models->uses);
   if (!has_ended) {
     if (absl::IsNotFound(models.status())) return Damaged(models.status().message());
@@ -172,8 +173,8 @@ absl::StatusOr<std::shared_ptr<Session>> SessionFactory::Restore(StoredSession s
   parts.limits = options_.limits;
   parts.lease = std::move(lease);
   parts.create_time = stored.record.create_time;
-  parts.now = options_.now;
-  parts.steady_now = options_.steady_now;
+  parts.clocks.wall = options_.now;
+  parts.clocks.steady = options_.steady_now;
   parts.metrics = options_.metrics;
   const std::optional<TrackingRestarted> restarted = parts.beginning.restarted;
   std::shared_ptr<Session> session = Session::Start(std::move(parts), pool_);
@@ -192,7 +193,7 @@ absl::StatusOr<std::unique_ptr<SessionPipeline>> SessionFactory::RestorePipeline
   const PipelineState state = std::exchange(checkpoint.pipeline, std::nullopt).value_or(PipelineState());
   if (const absl::Status loaded = pipeline->LoadTracker(state.tracker); !loaded.ok()) {
     EVPOSE_ASSIGN_OR_RETURN(pipeline, SessionPipeline::CreateSearching(config, models, options_.make_tracker));
-    // The poses behind the checkpoint will not be made again.
+    // The new tracker does not reproduce the stored poses after the checkpoint.
     if (!beginning.poses.empty()) {
       checkpoint.health.poses = std::max(checkpoint.health.poses, beginning.poses.back().pose_seq);
     }

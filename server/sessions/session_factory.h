@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// Makes sessions: new ones, and those that the store keeps.
+// Creates new sessions, and resumes stored ones.
 #pragma once
 
 #include <functional>
@@ -20,31 +20,32 @@
 
 namespace evpose::server {
 
-// Thread-safe. All functions but the constructor wait for the store.
+// Thread-safe. All functions except the constructor wait for the store.
 class SessionFactory {
  public:
   struct Options {
     SessionLimits limits;
     TrackerFactory make_tracker;
     std::function<absl::Time()> now;
-    std::function<Session::SteadyTime()> steady_now;
+    std::function<SteadyTime()> steady_now;
     std::shared_ptr<ServerMetrics> metrics;
   };
   SessionFactory(Options options, Store& store, ModelRegistry& models, WorkerPool& pool)
       : options_(std::move(options)), store_(store), models_(models), pool_(pool) {}
 
-  // Durable when it returns. Errors: INVALID_ARGUMENT with the field, NOT_FOUND (MODEL_NOT_FOUND), those of the store.
+  // The session has been persisted when this returns. Errors: INVALID_ARGUMENT with the field, NOT_FOUND
+  // (MODEL_NOT_FOUND), those of the store.
   absl::StatusOr<std::shared_ptr<Session>> MakeNew(const std::string& tenant, const SessionConfig& config,
                                                    const std::string& request_id) const;
 
-  struct Taken {
+  struct Resumed {
     std::shared_ptr<Session> session;
     SessionRecord record;
   };
-  // Takes a session from whoever holds it, and goes on from its last checkpoint. Errors: as Read.
-  absl::StatusOr<Taken> Take(absl::string_view name) const;
+  // Fences the server that has the session, and resumes the session from its last checkpoint. Errors: as Read.
+  absl::StatusOr<Resumed> Resume(absl::string_view name) const;
 
-  // What the store knows of a session, its poses after this one among it, without taking it. Errors: NOT_FOUND
+  // The stored state of a session, with its poses after `after_pose_seq`; fences no server. Errors: NOT_FOUND
   // (SESSION_NOT_FOUND), DATA_LOSS (SESSION_DAMAGED), UNAVAILABLE (STORE_AWAY).
   struct Stored {
     SessionRecord record;
@@ -55,15 +56,15 @@ class SessionFactory {
   absl::StatusOr<Stored> Read(absl::string_view name, uint64_t after_pose_seq = 0) const;
 
  private:
-  // The models of a session's objects, and that they are in use.
+  // The models of a session's objects, and the handles that protect them from deletion.
   struct Models {
     std::vector<std::shared_ptr<const ObjectModel>> models;
     std::vector<std::shared_ptr<const void>> uses;
   };
   absl::StatusOr<Models> UseModels(const std::string& tenant, const SessionConfig& config) const;
   absl::Status CheckModelsStored(const std::string& tenant, const SessionConfig& config) const;
-  // In the state of the beginning's checkpoint. When the tracker's state cannot be read, every object is searched for
-  // again from there on, and `beginning` says so.
+  // A pipeline in the state of the beginning's checkpoint. If the tracker's state is unreadable, the pipeline searches
+  // for every object, and `beginning.restarted` is set.
   absl::StatusOr<std::unique_ptr<SessionPipeline>> RestorePipeline(
       const SessionConfig& config, const std::vector<std::shared_ptr<const ObjectModel>>& models,
       SessionBeginning& beginning) const;
@@ -75,7 +76,7 @@ class SessionFactory {
   WorkerPool& pool_;
 };
 
-// For a session that is not there.
+// NOT_FOUND (SESSION_NOT_FOUND).
 absl::Status SessionNotFound(absl::string_view name);
 
 }  // namespace evpose::server

@@ -16,8 +16,7 @@
 namespace evpose::server {
 namespace {
 
-// When a slot may be free again is not known; clients ask again after this.
-// Checkpoints, by which a mirror learns something, are some tenth of a second apart or more.
+// A replica changes only with a checkpoint, and checkpoints are 0.1 s of processing time or more apart.
 constexpr absl::Duration kMirrorPeriod = absl::Milliseconds(100);
 
 absl::Status RequestIdReused(absl::string_view request_id, absl::string_view session) {
@@ -26,8 +25,8 @@ absl::Status RequestIdReused(absl::string_view request_id, absl::string_view ses
                     v1::REQUEST_ID_REUSED, {{"session", std::string(session)}});
 }
 
-// Waits for what sessions tell of themselves.
-class SettleListener : public SessionListener {
+// Waits for a condition that changes of sessions may fulfil.
+class FlushListener : public SessionListener {
  public:
   void OnSessionChanged() override {
     const std::lock_guard lock(mutex_);
@@ -44,12 +43,6 @@ class SettleListener : public SessionListener {
   std::condition_variable changed_;
 };
 
-absl::Status WrongToken(absl::string_view name) {
-  return WithReason(absl::PermissionDeniedError(absl::StrCat("the resume token is not that of ", name,
-                                                             "; each attach gives a new one: use the latest")),
-                    v1::WRONG_TOKEN);
-}
-
 }  // namespace
 
 SessionManager::SessionManager(const Options& options, Store& store, ModelRegistry& models, WorkerPool& pool)
@@ -59,7 +52,7 @@ SessionManager::SessionManager(const Options& options, Store& store, ModelRegist
       factory_({options.limits, options.make_tracker, options.now, options.steady_now, options.metrics}, store, models,
                pool),
       orphans_(store, options.limits.expiry) {
-  // The calls come on threads of gRPC: the lock, here and in the destructor, orders them in a way that tools can see.
+  // Threads of gRPC call this class: the lock, here and in the destructor, shows the order to race detectors.
   const std::lock_guard lock(mutex_);
 }
 
@@ -71,34 +64,34 @@ absl::StatusOr<std::shared_ptr<Session>> SessionManager::Create(const std::strin
   EVPOSE_RETURN_IF_ERROR(config.Validate());
   DeleteExpired();
   const Request request(tenant, request_id);
-  std::unique_lock<std::mutex> one_at_a_time(take_mutex_, std::defer_lock);
-  if (!request_id.empty()) one_at_a_time.lock();  // the same request may come twice at once
-  EVPOSE_ASSIGN_OR_RETURN(std::shared_ptr<Session> known, FindOrTakeSlot(config, request));
+  std::unique_lock<std::mutex> one_at_a_time(resume_mutex_, std::defer_lock);
+  if (!request_id.empty()) one_at_a_time.lock();  // the same request may arrive twice at the same time
+  EVPOSE_ASSIGN_OR_RETURN(std::shared_ptr<Session> known, FindOrReserveSlot(config, request));
   if (known != nullptr) return known;
-  auto session = TakeRequest(config, request);
+  auto session = ResumeRequest(config, request);
   if (session.ok() && *session == nullptr) session = factory_.MakeNew(tenant, config, request_id);
   const std::lock_guard lock(mutex_);
-  GiveSlotBack(tenant);
+  ReleaseSlot(tenant);
   if (!session.ok()) return session.status();
   Insert(*session, request);
   (*session)->log().Created(peer, config);
   return session;
 }
 
-absl::StatusOr<std::shared_ptr<Session>> SessionManager::FindOrTakeSlot(const SessionConfig& config,
-                                                                        const Request& request) {
+absl::StatusOr<std::shared_ptr<Session>> SessionManager::FindOrReserveSlot(const SessionConfig& config,
+                                                                           const Request& request) {
   EVPOSE_RETURN_IF_ERROR(CheckNotDraining());
   const std::lock_guard lock(mutex_);
   EVPOSE_ASSIGN_OR_RETURN(std::shared_ptr<Session> known, FindRequest(config, request));
   if (known != nullptr) return known;
   EVPOSE_RETURN_IF_ERROR(CheckSlotIsFree(request.first));
-  ++slots_being_filled_;
-  ++slots_being_filled_by_[request.first];
+  ++reserved_slots_;
+  ++reserved_slots_by_[request.first];
   return nullptr;
 }
 
 absl::Status SessionManager::CheckSlotIsFree(const std::string& tenant) const {
-  if (sessions_.size() + slots_being_filled_ >= options_.max_sessions) {
+  if (sessions_.size() + reserved_slots_ >= options_.max_sessions) {
     options_.metrics->quota_refusals[QuotaLimit::kMaxSessions].Add();
     return LimitReached(v1::TOO_MANY_SESSIONS, "max_sessions",
                         absl::StrCat("all ", options_.max_sessions,
@@ -115,8 +108,8 @@ absl::Status SessionManager::CheckSlotIsFree(const std::string& tenant) const {
   return absl::OkStatus();
 }
 
-absl::StatusOr<std::shared_ptr<Session>> SessionManager::TakeRequest(const SessionConfig& config,
-                                                                     const Request& request) {
+absl::StatusOr<std::shared_ptr<Session>> SessionManager::ResumeRequest(const SessionConfig& config,
+                                                                       const Request& request) {
   if (request.second.empty()) return nullptr;
   const auto records = store_.ListSessions();
   if (!records.ok()) return FromStore(records.status());
@@ -125,21 +118,21 @@ absl::StatusOr<std::shared_ptr<Session>> SessionManager::TakeRequest(const Sessi
   });
   if (record == records->end()) return nullptr;
   if (record->config != EncodeConfig(config)) return RequestIdReused(request.second, record->name);
-  EVPOSE_ASSIGN_OR_RETURN(SessionFactory::Taken taken, factory_.Take(record->name));
+  EVPOSE_ASSIGN_OR_RETURN(SessionFactory::Resumed taken, factory_.Resume(record->name));
   return std::move(taken.session);
 }
 
 uint32_t SessionManager::CountSessions(const std::string& tenant) const {
-  const auto filling = slots_being_filled_by_.find(tenant);
-  uint32_t count = filling == slots_being_filled_by_.end() ? 0 : filling->second;
+  const auto filling = reserved_slots_by_.find(tenant);
+  uint32_t count = filling == reserved_slots_by_.end() ? 0 : filling->second;
   for (const auto& [name, entry] : sessions_) count += entry.tenant() == tenant ? 1 : 0;
   return count;
 }
 
-void SessionManager::GiveSlotBack(const std::string& tenant) {
-  --slots_being_filled_;
-  const auto filling = slots_being_filled_by_.find(tenant);
-  if (--filling->second == 0) slots_being_filled_by_.erase(filling);
+void SessionManager::ReleaseSlot(const std::string& tenant) {
+  --reserved_slots_;
+  const auto filling = reserved_slots_by_.find(tenant);
+  if (--filling->second == 0) reserved_slots_by_.erase(filling);
 }
 
 absl::StatusOr<std::shared_ptr<Session>> SessionManager::FindRequest(const SessionConfig& config,
@@ -163,7 +156,7 @@ absl::Status SessionManager::RestoreAll() {
   if (options_.shares_store) return absl::OkStatus();
   EVPOSE_ASSIGN_OR_RETURN(const std::vector<SessionRecord> records, store_.ListSessions());
   for (const SessionRecord& record : records) {
-    const auto session = Take(record.name);
+    const auto session = Resume(record.name);
     if (session.ok()) {
       const WatchView view = (*session)->Watch();
       (*session)->log().Resumed(view.last_pose_seq, view.ended);
@@ -176,8 +169,8 @@ absl::Status SessionManager::RestoreAll() {
   return absl::OkStatus();
 }
 
-absl::StatusOr<std::shared_ptr<Session>> SessionManager::Take(const std::string& name) {
-  EVPOSE_ASSIGN_OR_RETURN(SessionFactory::Taken taken, factory_.Take(name));
+absl::StatusOr<std::shared_ptr<Session>> SessionManager::Resume(const std::string& name) {
+  EVPOSE_ASSIGN_OR_RETURN(SessionFactory::Resumed taken, factory_.Resume(name));
   const Request request(taken.record.tenant, taken.record.request_id);
   const std::lock_guard lock(mutex_);
   Insert(taken.session, request);
@@ -185,7 +178,7 @@ absl::StatusOr<std::shared_ptr<Session>> SessionManager::Take(const std::string&
 }
 
 std::shared_ptr<Session> SessionManager::FindOpen(const std::string& tenant, absl::string_view name) {
-  std::shared_ptr<Session> closed;  // goes after the lock
+  std::shared_ptr<Session> closed;  // is destroyed after the lock has been released
   const std::lock_guard lock(mutex_);
   const auto found = sessions_.find(name);
   if (found == sessions_.end() || found->second.tenant() != tenant) return nullptr;
@@ -230,10 +223,10 @@ std::shared_ptr<Session> SessionManager::FindForAttach(const std::string& tenant
   return session;
 }
 
-absl::StatusOr<std::shared_ptr<Session>> SessionManager::TakeForAttach(const std::string& tenant,
-                                                                       const std::string& name,
-                                                                       absl::string_view resume_token) {
-  const std::lock_guard take_lock(take_mutex_);
+absl::StatusOr<std::shared_ptr<Session>> SessionManager::ResumeForAttach(const std::string& tenant,
+                                                                         const std::string& name,
+                                                                         absl::string_view resume_token) {
+  const std::lock_guard take_lock(resume_mutex_);
   std::shared_ptr<Session> here = FindOpen(tenant, name);
   if (here != nullptr && here->IsTokenGood(resume_token)) return here;
   if (here != nullptr && !options_.shares_store) return WrongToken(name);
@@ -243,7 +236,7 @@ absl::StatusOr<std::shared_ptr<Session>> SessionManager::TakeForAttach(const std
     const std::lock_guard lock(mutex_);
     EVPOSE_RETURN_IF_ERROR(CheckSlotIsFree(tenant));
   }
-  auto taken = Take(name);
+  auto taken = Resume(name);
   if (!taken.ok()) return taken;
   const WatchView view = (*taken)->Watch();
   (*taken)->log().Resumed(view.last_pose_seq, view.ended);
@@ -265,7 +258,7 @@ absl::StatusOr<SessionFactory::Stored> SessionManager::ReadOwn(const std::string
   auto stored = factory_.Read(name);
   if (stored.ok() && stored->record.tenant != tenant) return SessionNotFound(name);
   if (!absl::IsDataLoss(stored.status())) return stored;
-  // Whose it is may be readable still. Where it is not, who knows the name, which nobody can guess, is the owner.
+  // The tenant may still be readable. If it is not, a caller with the name is the owner: names cannot be guessed.
   const auto records = store_.ListSessions();
   if (!records.ok()) return FromStore(records.status());
   const auto record =
@@ -330,7 +323,7 @@ absl::Status SessionManager::DeleteStored(const std::string& tenant, const std::
 
 void SessionManager::DeleteExpired() {
   std::vector<Entry> expired;
-  std::vector<Entry> closed;  // fenced, or without room in the store, which keeps them
+  std::vector<Entry> closed;  // fenced, or without space in the store; they stay in the store
   {
     const std::lock_guard lock(mutex_);
     const absl::Time now = options_.now();
@@ -348,8 +341,8 @@ void SessionManager::DeleteExpired() {
   }
   for (const Entry& entry : expired) {
     entry.session->log().Expired(CloseRemoved(entry, "expired"));
-    // Not here: callers may not wait for the store. Its client may be at another server, of which nothing is heard here
-    // as long as nothing is written: there it lives on.
+    // On another thread, because callers must not wait for the store. The client may use the session at another server,
+    // which this server detects only when it writes: the session then continues there.
     pool_.PostSlow([this, name = entry.session->name(), tenant = entry.tenant(),
                     fencing_number = entry.session->fencing_number()] {
       const absl::Status status = store_.DeleteHeldSession(name, fencing_number);
@@ -367,7 +360,8 @@ void SessionManager::DeleteEnded() {
 }
 
 void SessionManager::DeleteEndedNow() {
-  // Those of this server go when they expire: this is for what no server has, and for what had to make room.
+  // Sessions of this server are deleted when they expire. This deletes sessions that no server has, and ended sessions
+  // that must make room.
   const auto names = store_.DeleteEnded(options_.now() - 2 * options_.limits.expiry);
   if (!names.ok()) {
     Log(LogLevel::kWarning, "ended_sessions_not_deleted", {{"message", names.status().message()}});
@@ -387,11 +381,12 @@ void SessionManager::DeleteEndedNow() {
   }
 }
 
-void SessionManager::TendStore() {
+void SessionManager::MaintainStore() {
   if (options_.shares_store) {
-    for (const auto& session : Sessions()) session->Renew();
+    for (const auto& session : Sessions()) session->RenewOwnership();
   }
-  pool_.PostSlow([this] { orphans_.Sweep(options_.now(), [this](const std::string& name) { return IsHere(name); }); });
+  pool_.PostSlow(
+      [this] { orphans_.Collect(options_.now(), [this](const std::string& name) { return IsHere(name); }); });
 }
 
 bool SessionManager::IsHere(const std::string& name) const {
@@ -424,21 +419,21 @@ std::vector<std::shared_ptr<Session>> SessionManager::Sessions() const {
   return sessions;
 }
 
-bool SessionManager::SettleAll(absl::Time deadline) {
-  const auto listener = std::make_shared<SettleListener>();
+bool SessionManager::FlushAll(absl::Time deadline) {
+  const auto listener = std::make_shared<FlushListener>();
   const std::vector<std::shared_ptr<Session>> sessions = Sessions();
   for (const auto& session : sessions) {
     session->AddWatcher(listener);
-    session->Settle();
+    session->Flush();
   }
   return listener->WaitUntil(deadline, [&sessions] {
-    return std::all_of(sessions.begin(), sessions.end(), [](const auto& session) { return session->IsSettled(); });
+    return std::all_of(sessions.begin(), sessions.end(), [](const auto& session) { return session->IsFlushed(); });
   });
 }
 
 void SessionManager::CloseAll(const absl::Status& status) {
   for (const auto& session : Sessions()) {
-    session->log().Drained(session->Watch().last_pose_seq, session->IsSettled());
+    session->log().Drained(session->Watch().last_pose_seq, session->IsFlushed());
     session->Close(status);
   }
 }

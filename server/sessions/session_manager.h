@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// All sessions of a server: making, finding, taking up, expiring, deleting them. Each belongs to a tenant; to any other
-// it is as if it were not there.
+// All sessions of a server: creates, finds, resumes, expires and deletes them. Each session belongs to one tenant and
+// is not visible to others.
 #pragma once
 
 #include <chrono>
@@ -21,7 +21,7 @@
 #include "absl/time/time.h"
 #include "server/models/model_registry.h"
 #include "server/runtime/worker_pool.h"
-#include "server/sessions/durability/orphan_sweep.h"
+#include "server/sessions/durability/orphan_collector.h"
 #include "server/sessions/session.h"
 #include "server/sessions/session_factory.h"
 #include "server/sessions/session_mirror.h"
@@ -35,68 +35,68 @@ class SessionManager {
  public:
   struct Options {
     uint32_t max_sessions = 64;
-    uint32_t max_tenant_sessions = 64;  // of one tenant
+    uint32_t max_tenant_sessions = 64;  // sessions of one tenant
     SessionLimits limits;
     TrackerFactory make_tracker;
-    // Other servers use the same store: a session is taken from it when a client attaches to it here, not before.
+    // Other servers use the same store: a session is resumed from it only when a client attaches to it here.
     bool shares_store = false;
-    std::function<absl::Time()> now;  // for life spans only, never for results
-    std::function<Session::SteadyTime()> steady_now = std::chrono::steady_clock::now;  // as Session::Parts::steady_now
+    std::function<absl::Time()> now;                                          // for expiry only, never for results
+    std::function<SteadyTime()> steady_now = std::chrono::steady_clock::now;  // as Session::Clocks::steady
     std::shared_ptr<ServerMetrics> metrics = std::make_shared<ServerMetrics>();
   };
 
   SessionManager(const Options& options, Store& store, ModelRegistry& models, WorkerPool& pool);
   ~SessionManager();
 
-  // Idempotent per tenant and `request_id` unless that is empty. Peers are for the log. Slow: makes the trackers.
+  // Idempotent per tenant and `request_id`, unless it is empty. `peer` is for the log. Slow: creates the trackers.
   // Errors: INVALID_ARGUMENT with the field, NOT_FOUND (MODEL_NOT_FOUND), ALREADY_EXISTS (REQUEST_ID_REUSED),
   // RESOURCE_EXHAUSTED (TOO_MANY_SESSIONS, TENANT_QUOTA), UNAVAILABLE (DRAINING).
   absl::StatusOr<std::shared_ptr<Session>> Create(const std::string& tenant, const SessionConfig& config,
                                                   const std::string& request_id, const std::string& peer = "");
-  // Takes up all sessions that the store has, unless it is shared; names in the log those that are damaged, which stay
-  // in the store. Before anything else. Errors: those of the store.
+  // Resumes all sessions of the store, unless the store is shared. Damaged sessions are reported in the log and stay in
+  // the store. Must be called before the other functions. Errors: those of the store.
   absl::Status RestoreAll();
 
-  // Of this server. Errors: NOT_FOUND (SESSION_NOT_FOUND).
+  // A session of this server. Errors: NOT_FOUND (SESSION_NOT_FOUND).
   absl::StatusOr<std::shared_ptr<Session>> Get(const std::string& tenant, absl::string_view name);
-  // What Get does not find: a session of another server on the same store, for those who look on; one mirror serves all
-  // of them. Waits for the store. Errors: NOT_FOUND (SESSION_NOT_FOUND), DATA_LOSS (SESSION_DAMAGED), UNAVAILABLE
-  // (STORE_AWAY).
+  // A read-only replica of a session that another server on the same store has. All its watchers share one replica.
+  // Waits for the store. Errors: NOT_FOUND (SESSION_NOT_FOUND), DATA_LOSS (SESSION_DAMAGED), UNAVAILABLE (STORE_AWAY).
   absl::StatusOr<std::shared_ptr<WatchedSession>> Mirror(const std::string& tenant, const std::string& name);
-  // The session, when it is here and takes this token; else null, and TakeForAttach has to be asked.
+  // The session, if this server has it and the token is valid; otherwise null: the caller must use ResumeForAttach.
   std::shared_ptr<Session> FindForAttach(const std::string& tenant, absl::string_view name,
                                          absl::string_view resume_token);
-  // Waits for the store, from which it takes a session that is not here, and that closed here: fenced by another server
-  // or for want of room. Errors: NOT_FOUND (SESSION_NOT_FOUND), PERMISSION_DENIED (WRONG_TOKEN), DATA_LOSS
-  // (SESSION_DAMAGED), RESOURCE_EXHAUSTED (TOO_MANY_SESSIONS, TENANT_QUOTA), UNAVAILABLE (STORE_AWAY).
-  absl::StatusOr<std::shared_ptr<Session>> TakeForAttach(const std::string& tenant, const std::string& name,
-                                                         absl::string_view resume_token);
-  // The next three know the sessions of other servers, too, and wait for the store where they have to.
+  // As FindForAttach, but resumes the session from the store when this server does not have it, or has closed it
+  // (another server fenced it, or the store was full). Waits for the store. Errors: NOT_FOUND (SESSION_NOT_FOUND),
+  // PERMISSION_DENIED (WRONG_TOKEN), DATA_LOSS (SESSION_DAMAGED), RESOURCE_EXHAUSTED (TOO_MANY_SESSIONS, TENANT_QUOTA),
+  // UNAVAILABLE (STORE_AWAY).
+  absl::StatusOr<std::shared_ptr<Session>> ResumeForAttach(const std::string& tenant, const std::string& name,
+                                                           absl::string_view resume_token);
+  // The next three functions include the sessions of other servers, and wait for the store where they need it.
   // Errors: NOT_FOUND (SESSION_NOT_FOUND), DATA_LOSS (SESSION_DAMAGED), UNAVAILABLE (STORE_AWAY).
   absl::StatusOr<SessionInfo> Describe(const std::string& tenant, const std::string& name);
-  // At most `max_sessions` whose names come after `after_name`, in their order.
+  // At most `max_sessions` sessions, in the order of their names, from the first name after `after_name`.
   absl::StatusOr<std::vector<SessionInfo>> List(const std::string& tenant, absl::string_view after_name,
                                                 size_t max_sessions);
-  // Deleting what is not there is OK.
+  // OK if there is no such session.
   absl::Status Delete(const std::string& tenant, const std::string& name, const std::string& peer = "");
-  // Deletes the sessions whose time is over. The other calls do so, too, before they look.
+  // Deletes the expired sessions of this server. The other functions call it first.
   void DeleteExpired();
-  // Has the store delete what ended long ago, and what must make room, some time soon.
+  // Starts the deletion of sessions in the store that ended long ago, and of ended sessions that must make room.
   void DeleteEnded();
-  // Has the sessions deleted, some time soon, that are in the store alone and whose time is over: their server died, or
-  // the store had no room for them. On a shared store it first shows that this server has those that streams are
-  // attached to.
-  void TendStore();
+  // Starts the deletion of expired sessions that are only in the store, because their server died or the store was
+  // full. With a shared store it first renews the ownership records of the sessions with an attached stream.
+  void MaintainStore();
 
-  // From now on Create and CheckNotDraining fail.
+  // From now on Create and CheckNotDraining return UNAVAILABLE (DRAINING).
   void Drain();
   absl::Status CheckNotDraining() const;
-  // Has every session stop where it is, and waits until all of that is durable, until the deadline. False: it is not.
-  bool SettleAll(absl::Time deadline);
+  // Stops every session after its item in work and waits until everything processed has been persisted. False: it had
+  // not been at the deadline.
+  bool FlushAll(absl::Time deadline);
   // Ends every session.
   void CloseAll(const absl::Status& status);
 
-  // By all sessions there ever were: the sum of SessionHealth::skipped_events, that of deleted ones included.
+  // Sum of SessionHealth::skipped_events over all sessions since the start of the process, deleted ones included.
   uint64_t skipped_events() const { return options_.metrics->all_skipped_events(); }
   uint32_t num_sessions() const;
   uint32_t num_sessions_of(const std::string& tenant) const;
@@ -114,42 +114,43 @@ class SessionManager {
   };
   using Entries = std::map<std::string, Entry, std::less<>>;
 
-  // The session of an earlier request, or null after taking a slot.
-  absl::StatusOr<std::shared_ptr<Session>> FindOrTakeSlot(const SessionConfig& config, const Request& request);
+  // The session of an earlier request with the same id, or null after it has reserved a slot for a new session.
+  absl::StatusOr<std::shared_ptr<Session>> FindOrReserveSlot(const SessionConfig& config, const Request& request);
   absl::Status CheckSlotIsFree(const std::string& tenant) const ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
-  // The same that another server made, taken from it; null when there is none.
-  absl::StatusOr<std::shared_ptr<Session>> TakeRequest(const SessionConfig& config, const Request& request);
+  // The session that another server created for the same request, resumed here; null when there is none.
+  absl::StatusOr<std::shared_ptr<Session>> ResumeRequest(const SessionConfig& config, const Request& request);
   absl::StatusOr<std::shared_ptr<Session>> FindRequest(const SessionConfig& config, const Request& request)
       ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   bool IsHere(const std::string& name) const;
-  // Null when it is not here, or is closed.
+  // Null when this server does not have the session, or it is closed.
   std::shared_ptr<Session> FindOpen(const std::string& tenant, absl::string_view name);
   std::vector<std::shared_ptr<Session>> Sessions() const;
-  // Null when nobody watches it yet.
+  // Null when there is no replica yet.
   std::shared_ptr<SessionMirror> FindMirror(const std::string& tenant, const std::string& name);
-  // From the store, if it is this tenant's: to others it is not there. Errors: as Describe.
+  // Reads a session of this tenant from the store. Errors: as Describe.
   absl::StatusOr<SessionFactory::Stored> ReadOwn(const std::string& tenant, const std::string& name) const;
   absl::Status DeleteStored(const std::string& tenant, const std::string& name, const std::string& peer);
-  absl::StatusOr<std::shared_ptr<Session>> Take(const std::string& name);
+  absl::StatusOr<std::shared_ptr<Session>> Resume(const std::string& name);
   void Insert(const std::shared_ptr<Session>& session, const Request& request) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   uint32_t CountSessions(const std::string& tenant) const ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
-  void GiveSlotBack(const std::string& tenant) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
+  void ReleaseSlot(const std::string& tenant) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   void DeleteEndedNow();
-  static uint64_t CloseRemoved(const Entry& entry, const char* reason);  // how many poses it made
+  static uint64_t CloseRemoved(const Entry& entry, const char* reason);  // returns its number of poses
 
   const Options options_;
   Store& store_;
   WorkerPool& pool_;
   const SessionFactory factory_;
-  OrphanSweep orphans_;    // of the pool's slow thread
-  std::mutex take_mutex_;  // one at a time is taken, or made for a request; before mutex_
+  OrphanCollector orphans_;  // used on the pool's slow thread only
+  // Held while a session is resumed, or created for a request id: one at a time. Locked before mutex_.
+  std::mutex resume_mutex_;
   mutable std::mutex mutex_;
   Entries sessions_ ABSL_GUARDED_BY(mutex_);
   std::map<Request, std::string> name_of_request_ ABSL_GUARDED_BY(mutex_);
-  uint32_t slots_being_filled_ ABSL_GUARDED_BY(mutex_) = 0;
-  std::map<std::string, uint32_t> slots_being_filled_by_ ABSL_GUARDED_BY(mutex_);  // tenant; no zeros
+  uint32_t reserved_slots_ ABSL_GUARDED_BY(mutex_) = 0;
+  std::map<std::string, uint32_t> reserved_slots_by_ ABSL_GUARDED_BY(mutex_);  // tenant; no zeros
   std::map<std::pair<std::string, std::string>, std::weak_ptr<SessionMirror>> mirrors_
-      ABSL_GUARDED_BY(mutex_);  // by tenant and name; those that nobody watches any more are left out, some time
+      ABSL_GUARDED_BY(mutex_);  // by tenant and name; replicas without watchers are removed by the next search
   bool draining_ ABSL_GUARDED_BY(mutex_) = false;
 };
 

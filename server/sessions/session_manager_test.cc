@@ -42,7 +42,7 @@ class SessionManagerTest : public testing::Test {
   SessionConfig Config() const { return SomeConfig({"cube"}, model_); }
 
   absl::Time now_ = absl::UnixEpoch();
-  WorkerPool pool_{1};  // outlives the store, whose thread may be the last to let go of a session
+  WorkerPool pool_{1};  // outlives the store: its thread may release the last reference to a session
   const std::unique_ptr<Store> store_;
   const std::unique_ptr<ModelRegistry> models_;
   const std::string model_;
@@ -68,7 +68,7 @@ TEST_F(SessionManagerTest, MakesFindsListsAndDeletes) {
 }
 
 TEST_F(SessionManagerTest, RefusesObjectsThatNoPoseCanFollowFrom) {
-  // Two lines, three pieces of two, parallel ones; what is one line only after merging.
+  // Two lines, three pieces of two, parallel lines, and pieces that merging makes one line.
   for (const char* obj :
        {"v 0 0 0\nv 1 0 0\nv 0 1 0\nl 1 2\nl 1 3\n", "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 2 0 0\nl 1 2\nl 1 3\nl 2 4\n",
         "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 1 1 0\nv 0 0 1\nv 1 0 1\nl 1 2\nl 3 4\nl 5 6\n"}) {

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// What sessions count, beside what they tell of themselves.
+// Metrics of sessions, compared with their health.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -29,7 +29,7 @@ class SessionMetricsTest : public testing::Test {
     pool_.Join();
   }
 
-  // A server on what the store has; what was not committed is lost.
+  // A server that starts on the store; uncommitted data are lost.
   void Restart() {
     if (sessions_ != nullptr) sessions_->CloseAll(absl::CancelledError("killed"));
     sessions_.reset();
@@ -40,7 +40,7 @@ class SessionMetricsTest : public testing::Test {
     options.max_tenant_sessions = 2;
     options.make_tracker = FakeTrackers(gate_);
     options.now = [] { return absl::UnixEpoch(); };
-    options.steady_now = [this] { return Session::SteadyTime(microseconds(now_us_)); };
+    options.steady_now = [this] { return SteadyTime(microseconds(now_us_)); };
     options.metrics = metrics_;
     sessions_ = std::make_unique<SessionManager>(options, *store_, *models_, pool_);
     EXPECT_TRUE(sessions_->RestoreAll().ok());
@@ -57,7 +57,7 @@ class SessionMetricsTest : public testing::Test {
     session.AddWatcher(waiting);
     waiting->WaitUntil(is_true);
   }
-  // Attaches, pushes a chunk and leaves; waits until all of that is durable. The token for the next time.
+  // Attaches, pushes a chunk and detaches; waits until all of it has been persisted. Returns the next token.
   std::string Track(Session& session, const std::string& token, uint64_t seq, const std::vector<Event>& events) {
     const Attachment attachment = session.Attach(token, 0, listener_).value();
     EXPECT_TRUE(session.PushEvents(attachment.stream, {.seq = seq, .payload = Flat64(events)}).ok());
@@ -69,7 +69,7 @@ class SessionMetricsTest : public testing::Test {
   std::atomic<int64_t> now_us_ = 0;
   const std::shared_ptr<FakeTrackerGate> gate_ = std::make_shared<FakeTrackerGate>();
   const std::shared_ptr<WaitingListener> listener_ = std::make_shared<WaitingListener>();
-  WorkerPool pool_{1};  // outlives the store, whose thread may be the last to let go of a session
+  WorkerPool pool_{1};  // outlives the store: its thread may release the last reference to a session
   const std::unique_ptr<Store> store_ = MakeMemoryStore();
   std::shared_ptr<ServerMetrics> metrics_;
   std::unique_ptr<ModelRegistry> models_;

@@ -12,7 +12,7 @@ std::shared_ptr<SessionMirror> SessionMirror::Start(SessionFactory::Stored store
                                                     absl::Duration period, WorkerPool& pool) {
   std::shared_ptr<SessionMirror> mirror(new SessionMirror(stored, std::move(read), capacity, period, pool));
   const std::lock_guard lock(mirror->mutex_);
-  mirror->TakeIn(std::move(stored));
+  mirror->Update(std::move(stored));
   mirror->Schedule();
   return mirror;
 }
@@ -28,7 +28,7 @@ SessionMirror::SessionMirror(const SessionFactory::Stored& stored, ReadStored re
       watchers_(std::make_shared<Watchers>(pool)),
       pose_log_(std::make_unique<PoseLog>(capacity, stored.info.snapshot.health.poses + 1)) {}
 
-// The last watcher may let go on a thread of gRPC: the lock shows to tools that all calls are over.
+// The last reference may be released on a thread of gRPC: the lock shows to race detectors that all calls have ended.
 SessionMirror::~SessionMirror() {
   const std::lock_guard lock(mutex_);
   timer_.reset();
@@ -63,13 +63,13 @@ void SessionMirror::Refresh() {
   bool is_news = false;
   {
     const std::lock_guard lock(mutex_);
-    is_news = TakeIn(std::move(stored));
+    is_news = Update(std::move(stored));
     Schedule();
   }
   if (is_news) watchers_->Notify();
 }
 
-bool SessionMirror::TakeIn(absl::StatusOr<SessionFactory::Stored> stored) {
+bool SessionMirror::Update(absl::StatusOr<SessionFactory::Stored> stored) {
   if (absl::IsNotFound(stored.status())) {
     status_ = WithReason(absl::NotFoundError(absl::StrCat(name_, " was deleted, or has expired")), v1::SESSION_DELETED,
                          {{"session", name_}});

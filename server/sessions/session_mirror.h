@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// A session that another server holds, as their common store shows it: what its watchers at this server see.
+// Read-only replica, for watchers, of a session that another server on the same store has.
 #pragma once
 
 #include <cstddef>
@@ -20,21 +20,22 @@
 
 namespace evpose::server {
 
-// Asks the store now and then while anybody holds it; so its poses come some checkpoint late, many at once.
-// Thread-safe.
+// Thread-safe. Reads the store periodically as long as it is referenced. Its poses therefore arrive in groups, one
+// checkpoint late or more.
 class SessionMirror : public WatchedSession, public std::enable_shared_from_this<SessionMirror> {
  public:
-  // The session with its poses after this one. Waits for the store; errors as SessionFactory::Read.
+  // Reads the session and its poses after `after_pose_seq`. Waits for the store. Errors: those of SessionFactory::Read.
   using ReadStored = absl::AnyInvocable<absl::StatusOr<SessionFactory::Stored>(uint64_t after_pose_seq) const>;
 
-  // `stored`: what the store has now. Keeps the last `capacity` poses; asks again a `period` after each answer.
+  // `stored`: the present state in the store. Keeps the last `capacity` poses. The next read starts a `period` after
+  // the end of the previous one.
   static std::shared_ptr<SessionMirror> Start(SessionFactory::Stored stored, ReadStored read, size_t capacity,
                                               absl::Duration period, WorkerPool& pool);
   ~SessionMirror() override;
 
   const SessionConfig& config() const override { return config_; }
-  // NOT_FOUND (SESSION_DELETED) when it is in the store no more, DATA_LOSS (SESSION_DAMAGED). A store that is away
-  // changes nothing.
+  // Its status is NOT_FOUND (SESSION_DELETED) when the store no longer has the session, or DATA_LOSS (SESSION_DAMAGED).
+  // An unreachable store changes nothing.
   WatchView Watch() const override;
   std::vector<StoredPose> ReadPoses(uint64_t after_pose_seq, size_t max_poses) const override;
   uint64_t max_poses_behind() const override { return capacity_; }
@@ -46,8 +47,8 @@ class SessionMirror : public WatchedSession, public std::enable_shared_from_this
                 WorkerPool& pool);
   void Schedule() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   void Refresh();
-  // Whether watchers see anything new.
-  bool TakeIn(absl::StatusOr<SessionFactory::Stored> stored) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
+  // True if there is something new for watchers.
+  bool Update(absl::StatusOr<SessionFactory::Stored> stored) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
 
   const std::string name_;
   const SessionConfig config_;
@@ -57,7 +58,7 @@ class SessionMirror : public WatchedSession, public std::enable_shared_from_this
   WorkerPool& pool_;
   const std::shared_ptr<Watchers> watchers_;
   mutable std::mutex mutex_;
-  std::unique_ptr<PoseLog> pose_log_ ABSL_GUARDED_BY(mutex_);  // another one after poses that were forgotten unseen
+  std::unique_ptr<PoseLog> pose_log_ ABSL_GUARDED_BY(mutex_);  // replaced after a gap: poses deleted before a read
   SessionHealth health_ ABSL_GUARDED_BY(mutex_);
   absl::Status status_ ABSL_GUARDED_BY(mutex_);
   bool ended_ ABSL_GUARDED_BY(mutex_) = false;

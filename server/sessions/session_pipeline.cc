@@ -13,11 +13,11 @@
 namespace evpose::server {
 namespace {
 
-// Sensor time is fed in slices of this length, counted from 0. At their ends, which depend on the stream alone, the
-// states are compared.
+// The stream is divided into slices of this sensor time, counted from 0. State changes are detected at their ends,
+// which depend on the stream only.
 constexpr int64_t kSliceUs = 1000;
 
-// Of what Tracker::SaveState writes. It is raised with every change of what is saved, or of what it means.
+// Version of the output of Tracker::SaveState. Incremented with every change of its contents or their meaning.
 constexpr uint32_t kTrackerStateVersion = 1;
 
 void WriteModel(const ObjectModel* model, StateWriter& writer) {
@@ -67,7 +67,7 @@ absl::StatusOr<std::unique_ptr<SessionPipeline>> SessionPipeline::CreateSearchin
   SessionConfig searching = config;
   for (ObjectConfig& object : searching.objects) object.initial_camera_from_object.reset();
   EVPOSE_ASSIGN_OR_RETURN(auto pipeline, Create(searching, models, make_tracker));
-  // The next server loads this tracker's states into one that was made from the session's own configuration.
+  // Its states are loaded into trackers that are created from the session's own configuration.
   pipeline->configuration_ = ConfigurationDigest(config, models);
   return pipeline;
 }
@@ -82,8 +82,8 @@ void SessionPipeline::Decode(absl::Span<const uint8_t> bytes) {
 EventGap SessionPipeline::Skip(absl::Span<const uint8_t> bytes, PipelineOutput& output) {
   Decode(bytes);
   if (decoded_.events.empty() && decoded_.time_marks.empty()) return EventGap();
-  for (const Event& event : decoded_.events) SeeTime(event.t_us);
-  for (const TimeMark& mark : decoded_.time_marks) SeeTime(mark.t_us);
+  for (const Event& event : decoded_.events) AdvanceTime(event.t_us);
+  for (const TimeMark& mark : decoded_.time_marks) AdvanceTime(mark.t_us);
   const EventGap gap = tracker_->Skip(decoded_.events, now_us_);
   CloseSlice(now_us_, output);
   return gap;
@@ -114,7 +114,7 @@ void SessionPipeline::FeedEvents(absl::Span<const Event> events, PipelineOutput&
     TrackEvents(events.subspan(begin, i - begin), output);
     begin = i;
     CloseSlice(slice_end_us_, output);
-    SeeTime(events[i].t_us);
+    AdvanceTime(events[i].t_us);
   }
   TrackEvents(events.subspan(begin), output);
 }
@@ -122,11 +122,11 @@ void SessionPipeline::FeedEvents(absl::Span<const Event> events, PipelineOutput&
 void SessionPipeline::FeedTime(int64_t t_us, PipelineOutput& output) {
   clock_.Track(*tracker_, [&] { tracker_->AdvanceTime(t_us, output.poses); });
   const bool slice_is_over = t_us >= slice_end_us_;
-  SeeTime(t_us);
+  AdvanceTime(t_us);
   if (slice_is_over) CloseSlice(t_us, output);
 }
 
-void SessionPipeline::SeeTime(int64_t t_us) {
+void SessionPipeline::AdvanceTime(int64_t t_us) {
   if (first_t_us_ < 0) first_t_us_ = t_us;
   now_us_ = std::max(now_us_, t_us);
   slice_end_us_ = std::max(slice_end_us_, (t_us / kSliceUs + 1) * kSliceUs);

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// A session's science, without its threads: bytes in, poses and changes of state out. What comes out is a function of
-// the configuration and of the bytes, resets and losses in their order, never of how the bytes are cut into calls.
+// From a session's bytes to poses and state changes, without threads. The output is a function of the configuration and
+// of the sequence of bytes, resets and losses. It does not depend on the division of the bytes into calls.
 #pragma once
 
 #include <cstdint>
@@ -28,7 +28,7 @@ struct ObjectStateChange {
   int64_t t_us = 0;
   TrackState state = TrackState::kInitializing;
   TrackState state_before = TrackState::kInitializing;
-  size_t num_poses_before = 0;  // of PipelineOutput::poses
+  size_t num_poses_before = 0;  // its place in PipelineOutput::poses
 };
 
 struct PipelineOutput {
@@ -44,35 +44,35 @@ struct PipelineOutput {
 // Not thread-safe.
 class SessionPipeline {
  public:
-  // `models` are those of config.objects, in their order. Errors: INVALID_ARGUMENT with the field of `config`.
+  // `models`: one for each of config.objects, in the same order. Errors: INVALID_ARGUMENT with the field of `config`.
   static absl::StatusOr<std::unique_ptr<SessionPipeline>> Create(
       const SessionConfig& config, const std::vector<std::shared_ptr<const ObjectModel>>& models,
       const TrackerFactory& make_tracker);
-  // The same, but every object is searched for, whether the configuration has an initial pose for it or not.
+  // As Create, but without the initial poses of the configuration: the tracker searches for every object.
   static absl::StatusOr<std::unique_ptr<SessionPipeline>> CreateSearching(
       const SessionConfig& config, const std::vector<std::shared_ptr<const ObjectModel>>& models,
       const TrackerFactory& make_tracker);
 
   // Reports the phase transitions of the tracker from now on.
   void SetPhaseListener(const PhaseListener& listener) { tracker_->SetPhaseListener(listener); }
-  // What the stages take is counted from now on.
+  // Measures the durations of the stages from now on.
   void Measure(StageClock clock) { clock_ = std::move(clock); }
 
   // Each appends to `output`.
   void Process(absl::Span<const uint8_t> bytes, PipelineOutput& output);
-  // As Process, but what is decoded is not tracked (Tracker::Skip); that it is not depends on no bytes.
+  // As Process, but drops the events after decoding (Tracker::Skip).
   EventGap Skip(absl::Span<const uint8_t> bytes, PipelineOutput& output);
   void ResetAfterLoss();
   void ResetPose(uint32_t object_index, const RigidTransform& camera_from_object);
   void Finish(PipelineOutput& output);
 
-  // All that later output depends on, bit for bit, between calls: some 0.2 MB for a sensor of 1280x720 pixels that is
-  // tracked with, up to 1.2 MB for each object that is searched for.
+  // The whole state on which later output depends, to the bit. Size for a sensor of 1280x720 pixels: about 0.2 MB while
+  // tracking, up to 1.2 MB for each object that is searched for.
   PipelineState SaveState() const;
-  // Both load into a pipeline of the same configuration and models that has processed nothing. It then goes on where
-  // the other one was. DATA_LOSS with what is wrong when the state is damaged; this pipeline must not be used then.
+  // Both load into a pipeline with the same configuration and models that has processed nothing; it then continues from
+  // that state. DATA_LOSS with the reason if the state is damaged: the pipeline must not be used then.
   absl::Status LoadPosition(const StreamPosition& position);
-  // DATA_LOSS also when the state is of another version or configuration: see CreateSearching.
+  // DATA_LOSS also for a state of another version or configuration: use CreateSearching then.
   absl::Status LoadTracker(const SavedTracker& tracker);
 
   const DecodeCounts& counts() const { return decoder_->counts(); }
@@ -86,15 +86,15 @@ class SessionPipeline {
   void Decode(absl::Span<const uint8_t> bytes);
   void FeedEvents(absl::Span<const Event> events, PipelineOutput& output);
   void FeedTime(int64_t t_us, PipelineOutput& output);
-  void SeeTime(int64_t t_us);
+  void AdvanceTime(int64_t t_us);
   void CloseSlice(int64_t t_us, PipelineOutput& output);
   void TrackEvents(absl::Span<const Event> events, PipelineOutput& output);
 
-  std::string configuration_;  // digest of all that a state means nothing without
+  std::string configuration_;  // digest of the configuration and models to which a state belongs
   std::unique_ptr<EventDecoder> decoder_;
   std::unique_ptr<Tracker> tracker_;
   std::vector<TrackState> reported_states_;  // of the objects
-  DecodedEvents decoded_;                    // kept for its memory
+  DecodedEvents decoded_;                    // a member so that its memory is reused
   int64_t first_t_us_ = -1;
   int64_t now_us_ = -1;
   int64_t slice_end_us_ = 0;

@@ -88,7 +88,7 @@ absl::Status Load(const PipelineState& state, SessionPipeline& pipeline) {
   return pipeline.LoadPosition(state.position);
 }
 
-// Every bit of the output, and takes it away.
+// Returns all bytes of the output, and clears it.
 std::string TakeBytes(PipelineOutput& output) {
   StateWriter writer;
   writer(output.poses);
@@ -99,8 +99,8 @@ std::string TakeBytes(PipelineOutput& output) {
   return writer.Take();
 }
 
-// Chunks of random sizes to two pipelines, one of which is saved and loaded between all of them; in some places bytes
-// are lost or a pose is given. Returns some of the states.
+// Feeds two pipelines with chunks of random sizes. One pipeline is saved and loaded between all chunks. In some places
+// bytes are lost or a pose is given. Returns some of the states.
 std::vector<PipelineState> ExpectSameWhenMoved(const Recording& recording, absl::Span<const uint8_t> bytes,
                                                size_t max_chunk, uint64_t seed) {
   Random random(seed);
@@ -226,7 +226,7 @@ TEST(SessionPipelineStateTest, AnotherVersionOfTheTrackersStateIsRefused) {
               HasSubstr("1 bytes remain after the last field"));
 }
 
-// The decoder and the clock go on, every object is searched for, and the state that is saved then can be read.
+// Decoder and clock continue, the tracker searches for every object, and its state is readable.
 TEST(SessionPipelineStateTest, ASearchGoesOnAtThePosition) {
   Recording recording = Vga();
   recording.config.objects[0].initial_camera_from_object = recording.first_pose;

@@ -45,9 +45,7 @@ class SessionRestoreTest : public testing::Test {
     options.make_tracker = FakeTrackers();
     options.shares_store = shares_store;
     options.now = [this] { return now_; };
-    options.steady_now = [] {
-      return Session::SteadyTime();
-    };  // no work takes time: that alone makes no checkpoint due
+    options.steady_now = [] { return SteadyTime(); };  // no work takes time: that alone makes no checkpoint due
     server.sessions = std::make_unique<SessionManager>(options, *store_, *server.models, pool_);
     EXPECT_TRUE(server->RestoreAll().ok());
     return server;
@@ -78,7 +76,7 @@ class SessionRestoreTest : public testing::Test {
     Until(session, [&] { return session->View(attachment.stream).attached; });
     return attachment;
   }
-  // Chunk `seq` with the events of [10 * seq, 10 * seq + 10) ms, and until it is durable.
+  // Pushes chunk `seq` with the events of [10 * seq, 10 * seq + 10) ms, and waits until it has been persisted.
   void Track(const std::shared_ptr<Session>& session, const Attachment& attachment, uint64_t seq) {
     const auto begin_ms = static_cast<int64_t>(10 * seq);
     ASSERT_TRUE(
@@ -95,7 +93,7 @@ class SessionRestoreTest : public testing::Test {
   }
 
   absl::Time now_ = absl::FromUnixSeconds(1'000'000);
-  WorkerPool pool_{2};  // outlives the store, whose thread may be the last to let go of a session
+  WorkerPool pool_{2};  // outlives the store: its thread may release the last reference to a session
   const std::shared_ptr<Store> store_ = MakeMemoryStore();
   const std::shared_ptr<WaitingListener> listener_ = std::make_shared<WaitingListener>();
 };
@@ -153,7 +151,7 @@ TEST_F(SessionRestoreTest, WhatIsDamagedIsLeftOutAndSaysSo) {
   Server server = Open();
   EXPECT_EQ(ReasonOf(server->Get(kTenant, name).status()), "SESSION_NOT_FOUND");
   for (const absl::Status& status :
-       {server->Describe(kTenant, name).status(), server->TakeForAttach(kTenant, name, "token").status()}) {
+       {server->Describe(kTenant, name).status(), server->ResumeForAttach(kTenant, name, "token").status()}) {
     EXPECT_EQ(status.code(), absl::StatusCode::kDataLoss);
     EXPECT_EQ(ReasonOf(status), "SESSION_DAMAGED");
     EXPECT_THAT(std::string(status.message()), testing::HasSubstr("configuration"));
@@ -216,7 +214,7 @@ TEST_F(SessionRestoreTest, ASessionWhoseModelIsGoneIsDamaged) {
   const std::string model = session->config().objects[0].model;
   ASSERT_TRUE(store_->DeleteModel(kTenant, model).ok());
   server = Open();
-  const absl::Status status = server->TakeForAttach(kTenant, session->name(), session->resume_token()).status();
+  const absl::Status status = server->ResumeForAttach(kTenant, session->name(), session->resume_token()).status();
   EXPECT_EQ(ReasonOf(status), "SESSION_DAMAGED");
   EXPECT_THAT(std::string(status.message()), testing::HasSubstr(model));
 }
@@ -239,17 +237,18 @@ TEST_F(SessionRestoreTest, AClientMovesItsSessionToAnotherServer) {
   Server two = Open(/*shares_store=*/true);
   EXPECT_EQ(two->num_sessions(), 0u) << "not before a client attaches";
   EXPECT_EQ(two->FindForAttach(kTenant, name, first.resume_token), nullptr);
-  EXPECT_EQ(ReasonOf(two->TakeForAttach(kTenant, name, "guess").status()), "WRONG_TOKEN");
-  EXPECT_EQ(ReasonOf(two->TakeForAttach("other", name, first.resume_token).status()), "SESSION_NOT_FOUND");
-  const auto at_two = two->TakeForAttach(kTenant, name, first.resume_token).value();
+  EXPECT_EQ(ReasonOf(two->ResumeForAttach(kTenant, name, "guess").status()), "WRONG_TOKEN");
+  EXPECT_EQ(ReasonOf(two->ResumeForAttach("other", name, first.resume_token).status()), "SESSION_NOT_FOUND");
+  const auto at_two = two->ResumeForAttach(kTenant, name, first.resume_token).value();
   const Attachment second = Attach(at_two, first.resume_token);
   EXPECT_EQ(second.next_seq, 2u);
   Track(at_two, second, 2);
 
-  // Who comes back to the first server with the token of the second: it knows neither the token nor that it is fenced.
+  // A client returns to the first server with the token of the second: this server has not received the token, and has
+  // not detected that it is fenced.
   EXPECT_TRUE(at_one->Watch().status.ok());
   EXPECT_EQ(one->FindForAttach(kTenant, name, second.resume_token), nullptr);
-  const auto back = one->TakeForAttach(kTenant, name, second.resume_token).value();
+  const auto back = one->ResumeForAttach(kTenant, name, second.resume_token).value();
   EXPECT_EQ(ReasonOf(at_one->Watch().status), "FENCED");
   const Attachment third = Attach(back, second.resume_token);
   EXPECT_EQ(third.next_seq, 3u);
@@ -274,7 +273,7 @@ TEST_F(SessionRestoreTest, WhatExpiresHereLivesOnWhereItsClientWent) {
   const Attachment first = Attach(at_one, at_one->resume_token());
   Track(at_one, first, 1);
   Server two = Open(/*shares_store=*/true);
-  const auto at_two = two->TakeForAttach(kTenant, name, first.resume_token).value();
+  const auto at_two = two->ResumeForAttach(kTenant, name, first.resume_token).value();
   const Attachment second = Attach(at_two, first.resume_token);
 
   // The first server has heard nothing of that: to it the session was left a minute ago.
@@ -306,9 +305,9 @@ TEST_F(SessionRestoreTest, WhatADeadServerLeftIsDeletedByAnother) {
   Server other = Open(/*shares_store=*/true);
   const auto tend = [&] {
     now_ += absl::Seconds(30);
-    busy->TendStore();
-    Until(session, [&session] { return session->IsSettled(); });
-    other->TendStore();
+    busy->MaintainStore();
+    Until(session, [&session] { return session->IsFlushed(); });
+    other->MaintainStore();
     SlowWorkIsDone();
   };
   for (int i = 0; i < 4; ++i) tend();
@@ -401,7 +400,7 @@ TEST_F(SessionRestoreTest, ASessionThatIsOnlyInTheStoreIsListedKeepsItsModelsAnd
   const auto tend = [&](int times) {
     for (int i = 0; i < times; ++i) {
       now_ += absl::Seconds(30);
-      server->TendStore();
+      server->MaintainStore();
       SlowWorkIsDone();
     }
   };
@@ -467,7 +466,7 @@ TEST_F(SessionRestoreTest, WhatHasNoSlotIsNotTaken) {
   Server two = Open(/*shares_store=*/true);
   for (int i = 0; i < 3; ++i) (void)Create(two);
   const auto take = [&] {
-    return ReasonOf(two->TakeForAttach(kTenant, session->name(), session->resume_token()).status());
+    return ReasonOf(two->ResumeForAttach(kTenant, session->name(), session->resume_token()).status());
   };
   EXPECT_EQ(take(), "TENANT_QUOTA");
   two.models->Upload("lab", {}, "", CubeBytes()).value();
@@ -485,7 +484,7 @@ TEST_F(SessionRestoreTest, SettlingAllWaitsUntilEverythingIsDurable) {
   ASSERT_TRUE(session->PushEvents(attachment.stream, {.seq = 1, .payload = Flat64(SomeEvents(1, 11))}).ok());
   Until(session, [&] { return session->View(attachment.stream).is_idle; });
   EXPECT_EQ(session->View(attachment.stream).ack.durable_seq, 0u);
-  EXPECT_TRUE(server->SettleAll(absl::Now() + absl::Hours(1)));
+  EXPECT_TRUE(server->FlushAll(absl::Now() + absl::Hours(1)));
   EXPECT_EQ(session->View(attachment.stream).ack.durable_seq, 1u);
 }
 

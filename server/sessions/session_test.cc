@@ -29,7 +29,7 @@ class SessionTest : public testing::Test {
     parts.pipeline = SessionPipeline::Create(parts.config, {nullptr, nullptr}, FakeTrackers(gate_)).value();
     parts.resume_token = "first";
     parts.create_time = now_;
-    parts.now = [this] { return now_; };
+    parts.clocks.wall = [this] { return now_; };
     parts.beginning.lifecycle = {.token_digest = TokenDigest("first"), .detached_at = now_};
     parts.lease = store_->CreateSession({.name = parts.name}, "").value();
     session_ = Session::Start(std::move(parts), pool_);
@@ -47,7 +47,7 @@ class SessionTest : public testing::Test {
   void WaitUntilIdle(uint64_t stream) {
     listener_->WaitUntil([&] { return session_->View(stream).is_idle; });
   }
-  // The pool has one thread: what was posted before is done.
+  // Returns when all work posted before is done: the pool has one thread.
   void PassThroughPool() {
     std::binary_semaphore done(0);
     pool_.Post([&done] { done.release(); });
@@ -58,7 +58,7 @@ class SessionTest : public testing::Test {
   const std::shared_ptr<const int> model_use_ = std::make_shared<const int>(1);
   const std::shared_ptr<FakeTrackerGate> gate_ = std::make_shared<FakeTrackerGate>();
   const std::shared_ptr<WaitingListener> listener_ = std::make_shared<WaitingListener>();
-  WorkerPool pool_{1};  // outlives the store, whose thread may be the last to let go of a session
+  WorkerPool pool_{1};  // outlives the store: its thread may release the last reference to a session
   const std::unique_ptr<Store> store_ = MakeMemoryStore();
   std::shared_ptr<Session> session_;
 };
@@ -203,8 +203,8 @@ TEST_F(SessionTest, WaitsForAReaderThatIsFarBehindAndForNobodyElse) {
   }
   for (int i = 0; i < 100; ++i) PassThroughPool();
   const uint64_t poses = session_->Watch().last_pose_seq;
-  EXPECT_GT(poses, Session::kMaxUnsentPoses);
-  EXPECT_LT(poses, Session::kMaxUnsentPoses + 100) << "at most one chunk more";
+  EXPECT_GT(poses, kMaxUnsentPoses);
+  EXPECT_LT(poses, kMaxUnsentPoses + 100) << "at most one chunk more";
   EXPECT_FALSE(session_->View(attachment.stream).is_idle);
 
   session_->ReportSent(attachment.stream, 100);

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// What tests of sessions and services share: a tracker whose poses are a plain function of its events, events as
-// FLAT64 bytes, a model, a listener to wait with.
+// Shared helpers for tests of sessions and services: a tracker with poses that are a simple function of its events,
+// events as FLAT64 bytes, a model, a waiting listener.
 #pragma once
 
 #include <condition_variable>
@@ -19,7 +19,7 @@
 
 namespace evpose::server {
 
-// Lets a test stop all fake trackers.
+// Stops all fake trackers while it is closed.
 class FakeTrackerGate {
  public:
   void Close() {
@@ -38,7 +38,7 @@ class FakeTrackerGate {
     opened_.wait(lock, [this] { return is_open_; });
     --num_waiting_;
   }
-  // Returns when a tracker stands before it.
+  // Returns when a tracker waits at the gate.
   void AwaitTracker() {
     std::unique_lock lock(mutex_);
     came_.wait(lock, [this] { return num_waiting_ > 0; });
@@ -51,9 +51,9 @@ class FakeTrackerGate {
   bool is_open_ = true;
 };
 
-// One pose per object and millisecond with events: its translation is (number of events, sum of x, sum of y). An event
-// at pixel (0, 0) makes the objects LOST, which is reported as a transition, ResetPose makes one TRACKING; it is
-// INITIALIZING without a first pose.
+// Produces one pose per object and per millisecond with events: its translation is (number of events, sum of x, sum of
+// y). An event at pixel (0, 0) makes all objects LOST and reports a phase transition; ResetPose makes one object
+// TRACKING. An object without a first pose is INITIALIZING.
 class FakeTracker : public Tracker {
  public:
   FakeTracker(std::shared_ptr<FakeTrackerGate> gate, const SessionConfig& config) : gate_(std::move(gate)) {
@@ -164,7 +164,7 @@ inline TrackerFactory FakeTrackers(std::shared_ptr<FakeTrackerGate> gate = std::
   };
 }
 
-// As core/events/decoder.h lays FLAT64 out.
+// Encodes events as FLAT64 (core/events/decoder.h).
 inline std::string Flat64(const std::vector<Event>& events) {
   std::string bytes;
   for (const Event& event : events) {
@@ -202,7 +202,7 @@ inline SessionConfig SomeConfig(const std::vector<std::string>& object_ids = {"c
   return config;
 }
 
-// Waits for what a session's changes bring about.
+// Waits until a condition on the session is fulfilled.
 class WaitingListener : public SessionListener {
  public:
   void OnSessionChanged() override {

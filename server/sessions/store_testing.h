@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// A store that answers what a test wants it to.
+// Stores for tests of errors: failing, blocking and shared ones.
 #pragma once
 
 #include <condition_variable>
@@ -15,7 +15,7 @@
 
 namespace evpose::server {
 
-// What the store answers instead of doing anything, while it is not OK.
+// The status that the store returns for every call while it is not OK.
 struct Trouble {
   std::mutex mutex;
   absl::Status answer;
@@ -37,7 +37,7 @@ struct Trouble {
   }
 };
 
-// The commits that a store has begun and not ended.
+// Commits that a store has started and not finished.
 class PendingCommits {
  public:
   void Begin() {
@@ -70,7 +70,7 @@ class TroubledLease : public SessionLease {
     pending_->Begin();
     lease_->Commit(std::move(commit), [done = std::move(done), pending = pending_](absl::Status status) mutable {
       std::exchange(done, nullptr)(std::move(status));
-      pending->End();  // nothing of the caller is held any more
+      pending->End();  // all references of the caller have been released
     });
   }
   uint64_t fencing_number() const override { return lease_->fencing_number(); }
@@ -81,12 +81,12 @@ class TroubledLease : public SessionLease {
   const std::shared_ptr<PendingCommits> pending_;
 };
 
-// As a Redis that several servers share: any number of these stand before one store.
+// Behaves as a Redis that several servers share: any number of these objects use one store.
 class TroubledStore : public Store {
  public:
   TroubledStore(std::shared_ptr<Store> store, std::shared_ptr<Trouble> trouble)
       : store_(std::move(store)), trouble_(std::move(trouble)) {}
-  // As any store: what was asked for is over, although the store behind it goes on.
+  // As for any store: all calls have ended when it is destroyed, although the common store continues.
   ~TroubledStore() override { pending_->WaitForAll(); }
 
   absl::string_view kind() const override { return "redis"; }

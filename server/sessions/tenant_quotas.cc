@@ -8,12 +8,6 @@
 #include "server/runtime/errors.h"
 
 namespace evpose::server {
-namespace {
-
-// When a place may be free again is not known; clients ask again after this.
-
-}  // namespace
-
 absl::StatusOr<std::unique_ptr<TenantQuotas::Watcher>> TenantQuotas::AddWatcher(const std::string& tenant) {
   const std::lock_guard lock(mutex_);
   uint32_t& count = watchers_[tenant];
@@ -49,7 +43,7 @@ absl::Duration TenantQuotas::ChargeBytes(const std::string& tenant, uint64_t byt
 }
 
 double TenantQuotas::BytesAt(const Bucket& bucket, absl::Time now) const {
-  // A clock that is set back gives nothing, and takes nothing.
+  // A clock that is set back changes nothing.
   const absl::Duration since = std::max(now - bucket.filled_at, absl::ZeroDuration());
   const double filled = bucket.bytes + absl::ToDoubleSeconds(since) * static_cast<double>(options_.max_bytes_per_s);
   return std::min(filled, static_cast<double>(options_.burst_bytes));

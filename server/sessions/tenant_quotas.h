@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// What a tenant may use at a time besides sessions and models: watchers, and payload bytes per second. The shares are
-// the same for all tenants.
+// Quotas of a tenant besides those of sessions and models: watchers, and payload bytes per second. They are the same
+// for all tenants.
 #pragma once
 
 #include <cstdint>
@@ -23,15 +23,15 @@ class TenantQuotas {
  public:
   struct Options {
     uint32_t max_watchers = 4096;
-    uint64_t max_bytes_per_s = 0;  // of all Track streams of a tenant together; 0: no limit
-    // May come at once after a pause; at least a chunk, so that one never waits for itself.
+    uint64_t max_bytes_per_s = 0;  // sum over all Track streams of a tenant; 0: no limit
+    // Bytes that may arrive at once after a pause; at least one chunk, so that a chunk never waits for itself.
     uint64_t burst_bytes = 4u << 20;
     std::function<absl::Time()> now;
     std::shared_ptr<ServerMetrics> metrics = std::make_shared<ServerMetrics>();
   };
   explicit TenantQuotas(Options options) : options_(std::move(options)) {}
 
-  // A place among the tenant's watchers, given back at destruction.
+  // One of the tenant's watchers; its destruction frees the place.
   class Watcher {
    public:
     Watcher(TenantQuotas& quotas, const std::string& tenant) : quotas_(quotas), tenant_(tenant) {}
@@ -46,13 +46,13 @@ class TenantQuotas {
   // Errors: RESOURCE_EXHAUSTED (TENANT_QUOTA).
   absl::StatusOr<std::unique_ptr<Watcher>> AddWatcher(const std::string& tenant);
 
-  // Counts bytes that have come. For how long the stream that they came on must not be read: zero within the limit. Who
-  // waits so keeps it, whatever the number of streams, except for one message of each.
+  // Counts received bytes, and returns the time for which the stream must not be read: zero within the limit. If each
+  // stream waits so long, the tenant exceeds the limit by at most one message of each stream, however many there are.
   absl::Duration ChargeBytes(const std::string& tenant, uint64_t bytes);
 
  private:
   struct Bucket {
-    double bytes = 0.0;  // that may come now; below zero: a debt
+    double bytes = 0.0;  // that may arrive now; negative: excess to be waited for
     absl::Time filled_at;
   };
   void RemoveWatcher(const std::string& tenant);
@@ -61,7 +61,7 @@ class TenantQuotas {
   const Options options_;
   std::mutex mutex_;
   std::map<std::string, uint32_t> watchers_ ABSL_GUARDED_BY(mutex_);  // no zeros
-  std::map<std::string, Bucket> buckets_ ABSL_GUARDED_BY(mutex_);     // of the tenants that have sent
+  std::map<std::string, Bucket> buckets_ ABSL_GUARDED_BY(mutex_);     // tenants that have sent bytes
 };
 
 }  // namespace evpose::server

@@ -19,7 +19,7 @@ namespace {
 
 struct Shared {
   SharedParts<CameraModel, CameraTables> camera_tables;
-  SharedParts<const ObjectModel*, SearchModel> search_models;  // which keep their models: no other gets the address
+  SharedParts<const ObjectModel*, SearchModel> search_models;  // they own their models: an address is not reused
 };
 
 absl::StatusOr<std::unique_ptr<Tracker>> MakeTracker(const SessionConfig& config,

@@ -5,8 +5,9 @@
 
 namespace evpose::server {
 
-// Trackers as a session's config asks for them. Those of one camera share what they look up of it, and those of one
-// model what is known of it beforehand. Errors: INVALID_ARGUMENT with the field of the config.
+// Creates the tracker that a session's configuration describes. Trackers with the same camera share its lookup tables;
+// trackers with the same model share the data precomputed for the search. Errors: INVALID_ARGUMENT with the field of
+// the configuration.
 TrackerFactory MakeTrackerFactory();
 
 }  // namespace evpose::server

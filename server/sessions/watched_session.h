@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// A session as those see it who look on: one of this server (Session), or one that another server holds
-// (SessionMirror).
+// Interface of a session for watchers: a session of this server (Session), or a read-only replica of a session of
+// another server (SessionMirror).
 #pragma once
 
 #include <cstddef>
@@ -17,10 +17,10 @@
 
 namespace evpose::server {
 
-// What a reader must know to go on.
+// State of the session from which a watcher decides its next action.
 struct WatchView {
-  absl::Status status;  // not OK: the session is no more
-  bool ended = false;   // no more poses will come
+  absl::Status status;  // not OK: the session no longer exists
+  bool ended = false;   // there will be no more poses
   uint64_t last_pose_seq = 0;
 };
 
@@ -33,7 +33,7 @@ class WatchedSession {
   virtual WatchView Watch() const = 0;
   // As PoseLog::Read.
   virtual std::vector<StoredPose> ReadPoses(uint64_t after_pose_seq, size_t max_poses) const = 0;
-  // A reader of what is new that is further behind loses the oldest.
+  // Number of poses by which a live watcher may lag; beyond it, it loses the oldest.
   virtual uint64_t max_poses_behind() const = 0;
   virtual SessionHealth health() const = 0;
   virtual void AddWatcher(std::weak_ptr<SessionListener> watcher) = 0;

@@ -7,16 +7,16 @@
 namespace evpose::server {
 namespace {
 
-// Told in one turn of the side thread: each may serialise a page of poses.
+// Watchers that are called in one task of the low-priority thread: each may serialize a page of poses.
 constexpr size_t kWatchersPerTurn = 16;
 
 }  // namespace
 
 void Watchers::Add(std::weak_ptr<SessionListener> watcher) {
   const std::lock_guard lock(mutex_);
-  // Nothing may change for long, while watchers come and go.
-  if (!is_under_way_ && watchers_.size() == watchers_.capacity()) {
-    ForgetGone();
+  // A session may not change for a long time while watchers come and go.
+  if (!is_in_round_ && watchers_.size() == watchers_.capacity()) {
+    RemoveDestroyed();
     watchers_.reserve(2 * watchers_.size() + 1);
   }
   watchers_.push_back(std::move(watcher));
@@ -24,10 +24,10 @@ void Watchers::Add(std::weak_ptr<SessionListener> watcher) {
 
 void Watchers::Notify() {
   const std::lock_guard lock(mutex_);
-  if (is_under_way_) {
+  if (is_in_round_) {
     has_changed_again_ = true;
   } else if (!watchers_.empty()) {
-    is_under_way_ = true;
+    is_in_round_ = true;
     Post();
   }
 }
@@ -37,32 +37,32 @@ size_t Watchers::size() const {
   return watchers_.size();
 }
 
-void Watchers::ForgetGone() {
+void Watchers::RemoveDestroyed() {
   std::erase_if(watchers_, [](const std::weak_ptr<SessionListener>& watcher) { return watcher.expired(); });
 }
 
 void Watchers::Post() {
-  pool_.PostAside([self = shared_from_this()] { self->Turn(); });
+  pool_.PostAside([self = shared_from_this()] { self->CallSome(); });
 }
 
-void Watchers::Turn() {
-  for (const auto& watcher : NextFew()) watcher->OnSessionChanged();
+void Watchers::CallSome() {
+  for (const auto& watcher : NextOnes()) watcher->OnSessionChanged();
   const std::lock_guard lock(mutex_);
   if (next_ < watchers_.size()) return Post();
   next_ = 0;
-  ForgetGone();
-  is_under_way_ = std::exchange(has_changed_again_, false) && !watchers_.empty();
-  if (is_under_way_) Post();
+  RemoveDestroyed();
+  is_in_round_ = std::exchange(has_changed_again_, false) && !watchers_.empty();
+  if (is_in_round_) Post();
 }
 
-std::vector<std::shared_ptr<SessionListener>> Watchers::NextFew() {
+std::vector<std::shared_ptr<SessionListener>> Watchers::NextOnes() {
   const std::lock_guard lock(mutex_);
-  std::vector<std::shared_ptr<SessionListener>> few;
+  std::vector<std::shared_ptr<SessionListener>> ones;
   const size_t end = std::min(next_ + kWatchersPerTurn, watchers_.size());
   for (; next_ < end; ++next_) {
-    if (auto watcher = watchers_[next_].lock()) few.push_back(std::move(watcher));
+    if (auto watcher = watchers_[next_].lock()) ones.push_back(std::move(watcher));
   }
-  return few;
+  return ones;
 }
 
 }  // namespace evpose::server

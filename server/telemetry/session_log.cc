@@ -86,6 +86,11 @@ void SessionLog::PhaseChanged(const std::string& object_id, const PhaseTransitio
   }
 }
 
+void SessionLog::StateChanged(const std::string& change, const std::string& from, const std::string& to) const {
+  if (CurrentLogLevel() > LogLevel::kDebug) return;
+  Write(LogLevel::kDebug, "session_state", peer(), {{"change", change}, {"from", from}, {"to", to}});
+}
+
 void SessionLog::StreamEnded(const std::string& peer, uint64_t number, const absl::Status& status) const {
   std::vector<LogField> more = {{"stream", number}};
   for (LogField& field : Outcome(status)) more.push_back(std::move(field));

@@ -163,7 +163,7 @@ class StepwiseServer : private server::Drainer {
   void Drain(absl::Duration) override { std::abort(); }
 
   absl::Time now_ = absl::FromUnixSeconds(1'700'000'000);
-  server::Session::SteadyTime steady_now_;
+  server::SteadyTime steady_now_;
   std::array<Worker, kNumWorkers> workers_;  // workers of the pool, store, slow work, low-priority work
   server::WorkerPool pool_{
       server::WorkerPool::Executors{workers_[0].executor(), workers_[2].executor(), workers_[3].executor()}};

@@ -15,8 +15,8 @@ namespace {
 
 namespace pb = storage::v1;
 
-constexpr int kDigestBytes = 64;  // hexadecimal digits
-// Of EventDecoder::SaveState: raised when its bytes change; the earlier formats are still read then.
+constexpr int kDigestBytes = 64;  // hexadecimal digits of SHA-256
+// Version of EventDecoder::SaveState. Incremented when its format changes; earlier formats must then still be read.
 constexpr uint32_t kDecoderFormat = 1;
 
 constexpr std::pair<Encoding, pb::Encoding> kEncodings[] = {{Encoding::kEvt3, pb::ENCODING_EVT3},
@@ -47,7 +47,7 @@ Stored ToStored(const std::pair<Value, Stored> (&table)[kSize], Value value) {
   return Stored();
 }
 
-// What is wrong with a record first. Reading goes on after it; nothing that was read is used then.
+// Collects the first error of a record. Decoding continues after it; the decoded values are not used then.
 class RecordCheck {
  public:
   void Require(bool good, absl::string_view what) {
@@ -222,8 +222,8 @@ void FromStored(const pb::ObjectHealth& stored, RecordCheck& check, ObjectHealth
 }
 
 void ToStored(const SessionHealth& health, pb::SessionHealth& stored) {
-  // What passes is not stored: the bytes received but not processed, the age of the queue, and the percentiles, which
-  // follow from the histogram of latencies.
+  // Transient values are not stored: received but unprocessed bytes, the age of the queue, and the percentiles, which
+  // are computed from the histogram of latencies.
   const auto& [t_us, received_bytes, processed_bytes, counts, poses, reattaches, sensor_time_us, processing_us,
                queue_age_us, skipped_events, skipped_us, latency_p50_us, latency_p99_us, objects] = health;
   stored.set_t_us(t_us);

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// The records of a session as the store keeps them: its configuration, its lifecycle, its checkpoints and its poses, as
-// serialized messages of evpose.storage.v1 (proto/evpose/storage/README.md has the rules of compatibility). Numbers
-// come back to the bit. Errors of all functions that decode: DATA_LOSS with the record and what is wrong with it.
+// Serialization of a session's records for the store: configuration, ownership record, checkpoint and poses, as
+// messages of evpose.storage.v1 (rules of compatibility: proto/evpose/storage/README.md). Numbers are preserved to the
+// bit. Errors of all decoding functions: DATA_LOSS with the record and the reason.
 #pragma once
 
 #include <cstddef>
@@ -26,10 +26,10 @@ std::string EncodeLifecycle(const SessionLifecycle& lifecycle);
 absl::StatusOr<SessionLifecycle> DecodeLifecycle(absl::string_view bytes);
 
 std::string EncodeCheckpoint(const SessionCheckpoint& checkpoint);
-// `num_objects` of the session's configuration.
+// `num_objects`: the number of objects in the session's configuration.
 absl::StatusOr<SessionCheckpoint> DecodeCheckpoint(absl::string_view bytes, size_t num_objects);
 
-// `poses` in a row, at least one.
+// `poses`: consecutive, at least one.
 PoseSegment EncodePoses(absl::Span<const StoredPose> poses);
 absl::StatusOr<std::vector<StoredPose>> DecodePoses(const PoseSegment& segment, size_t num_objects);
 

@@ -9,15 +9,15 @@
 namespace evpose::server {
 
 SessionCommitter::SessionCommitter(std::shared_ptr<const SessionLog> log, std::unique_ptr<SessionLease> lease,
-                                   const Progress& durable, WorkerPool& pool, const Backoff& backoff,
+                                   const Progress& persisted, WorkerPool& pool, const Backoff& backoff,
                                    std::shared_ptr<ServerMetrics> metrics)
     : log_(std::move(log)),
       lease_(std::move(lease)),
       pool_(pool),
       backoff_(backoff),
       metrics_(std::move(metrics)),
-      progress_(durable),
-      newest_lifecycle_(durable.lifecycle),
+      progress_(persisted),
+      newest_lifecycle_(persisted.lifecycle),
       retry_after_(backoff.first) {}
 
 void SessionCommitter::Batch::Append(Batch later) {
@@ -87,7 +87,7 @@ void SessionCommitter::StartCommit() {
   SessionCommit commit;
   {
     const std::lock_guard lock(mutex_);
-    // While the store is away, what comes is added to what is sent again then.
+    // While the store is unreachable, later records are added to the commit that is repeated.
     if (is_closed_ || is_in_flight_ || timer_ != nullptr) return;
     in_flight_.Append(std::exchange(waiting_, Batch()));
     if (in_flight_.is_empty()) return;
@@ -150,7 +150,7 @@ void SessionCommitter::CountFailure(const absl::Status& status) {
     switch (status.code()) {
       case absl::StatusCode::kOk:
       case absl::StatusCode::kNotFound:   // the session was deleted
-      case absl::StatusCode::kCancelled:  // the server leaves
+      case absl::StatusCode::kCancelled:  // the server is shutting down
         return std::nullopt;
       case absl::StatusCode::kUnavailable:
         return CheckpointFailure::kStoreAway;
@@ -176,13 +176,13 @@ absl::Status SessionCommitter::FailureOf(const absl::Status& status) const {
     case absl::StatusCode::kResourceExhausted:
       return WithReason(absl::ResourceExhaustedError(
                             absl::StrCat("the store has no room for ", session, ": ", status.message(),
-                                         "; what was acknowledged as durable is kept: make room, then attach again")),
+                                         "; the data acknowledged as durable are kept: make room, then attach again")),
                         v1::STORE_FULL);
     case absl::StatusCode::kCancelled:
       return WithReason(absl::UnavailableError("the server has left"), v1::DRAINING);
     default:
       return WithReason(
-          absl::InternalError(absl::StrCat("the store took nothing of ", session, ": ", status.message())),
+          absl::InternalError(absl::StrCat("the store could not write ", session, ": ", status.message())),
           v1::STORE_FAILED);
   }
 }

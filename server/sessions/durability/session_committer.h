@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// Hands what a session wants to have kept to its lease: one commit at a time, in order, again and again while the store
-// is away. Knows nothing of tracking.
+// Commits a session's ownership records and checkpoints to the store: one commit at a time, in order, repeated while
+// the store is unreachable.
 #pragma once
 
 #include <chrono>
@@ -26,64 +26,68 @@ namespace evpose::server {
 // Thread-safe.
 class SessionCommitter : public std::enable_shared_from_this<SessionCommitter> {
  public:
+  // Delays before a commit is repeated.
   struct Backoff {
-    absl::Duration first = absl::Milliseconds(100);  // doubled each time
+    absl::Duration first = absl::Milliseconds(100);  // doubled with each repetition
     absl::Duration longest = absl::Seconds(5);
   };
 
-  // What a session has come to. Each replaces the one before; poses continue the log.
+  // Each state replaces the previous one; poses continue the stored log.
   struct Checkpoint {
-    std::optional<std::string> state;  // absent: only the poses
-    uint64_t seq = 0;                  // that the state holds everything up to
+    std::optional<std::string> state;  // absent: poses only
+    uint64_t seq = 0;                  // last item that the state includes
     std::optional<PoseSegment> poses;
-    uint64_t first_pose_seq_kept = 1;
-    std::optional<absl::Time> ended_at;  // no more will come
-    // When making it began, for what is told of how long things took.
+    uint64_t first_pose_seq_kept = 1;    // the store may delete earlier poses
+    std::optional<absl::Time> ended_at;  // this is the last checkpoint
+    // Start of its serialization, for the metrics.
     std::chrono::steady_clock::time_point begun_at = std::chrono::steady_clock::now();
   };
 
   struct Progress {
-    uint64_t lifecycle = 0;  // the number of the newest lifecycle that is durable
-    uint64_t seq = 0;        // of the newest state that is
+    // Of what has been persisted:
+    uint64_t lifecycle = 0;  // number of the newest ownership record
+    uint64_t seq = 0;        // SessionCommitter::Checkpoint::seq of the newest state
     uint64_t last_pose_seq = 0;
     bool ended = false;
-    bool has_waiting = false;  // a checkpoint is on its way to the store
+    bool has_waiting = false;  // a checkpoint has been handed over and not been persisted
     bool store_is_away = false;
-    // The end, in the words for the session's clients: ABORTED (FENCED), NOT_FOUND (SESSION_DELETED),
-    // RESOURCE_EXHAUSTED (STORE_FULL), UNAVAILABLE (DRAINING, the store was closed), INTERNAL (STORE_FAILED).
+    // Not OK: nothing more is persisted. The error for the session's clients: ABORTED (FENCED), NOT_FOUND
+    // (SESSION_DELETED), RESOURCE_EXHAUSTED (STORE_FULL), UNAVAILABLE (DRAINING, the store was closed), INTERNAL
+    // (STORE_FAILED).
     absl::Status failure;
   };
 
-  // `durable`: what the store has already.
-  SessionCommitter(std::shared_ptr<const SessionLog> log, std::unique_ptr<SessionLease> lease, const Progress& durable,
-                   WorkerPool& pool, const Backoff& backoff, std::shared_ptr<ServerMetrics> metrics);
-  // The lock shows to tools that all calls are over.
+  // `persisted`: the present state in the store.
+  SessionCommitter(std::shared_ptr<const SessionLog> log, std::unique_ptr<SessionLease> lease,
+                   const Progress& persisted, WorkerPool& pool, const Backoff& backoff,
+                   std::shared_ptr<ServerMetrics> metrics);
+  // The lock shows to race detectors that all calls have ended.
   ~SessionCommitter() { const std::lock_guard lock(mutex_); }
 
-  // Called after each change of Progress, without a lock, from a thread of the store; must not block. To be set before
-  // the first commit.
+  // `listener` is called after each change of Progress, without a lock, from a thread of the store; it must not block.
+  // To be set before the first commit.
   void SetListener(std::function<void()> listener) { listener_ = std::move(listener); }
 
-  // Neither may be called with a lock that the listener takes. A lifecycle whose number is not above those before is
-  // old, and ignored.
+  // Neither may be called with a lock that the listener takes. An ownership record is ignored if its number is not
+  // greater than those before.
   void CommitLifecycle(uint64_t number, std::string lifecycle);
   void CommitCheckpoint(Checkpoint checkpoint);
 
   Progress progress() const;
   uint64_t fencing_number() const { return lease_->fencing_number(); }
 
-  // Nothing is begun afterwards.
+  // Starts no further commit.
   void Close();
 
  private:
-  // What goes into one commit.
+  // Contents of one commit.
   struct Batch {
     SessionCommit commit;
     uint64_t lifecycle = 0;  // 0: none
     uint64_t seq = 0;
     uint64_t last_pose_seq = 0;
     bool has_checkpoint = false;
-    std::chrono::steady_clock::time_point begun_at;  // of its first checkpoint
+    std::chrono::steady_clock::time_point begun_at;  // Checkpoint::begun_at of its first checkpoint
 
     bool is_empty() const { return lifecycle == 0 && !has_checkpoint; }
     void Append(Batch later);
@@ -108,11 +112,11 @@ class SessionCommitter : public std::enable_shared_from_this<SessionCommitter> {
   Progress progress_ ABSL_GUARDED_BY(mutex_);
   uint64_t newest_lifecycle_ ABSL_GUARDED_BY(mutex_);
   Batch waiting_ ABSL_GUARDED_BY(mutex_);
-  Batch in_flight_ ABSL_GUARDED_BY(mutex_);  // kept until the store has it
+  Batch in_flight_ ABSL_GUARDED_BY(mutex_);  // kept until it has been persisted, for repetitions
   bool is_in_flight_ ABSL_GUARDED_BY(mutex_) = false;
   bool is_closed_ ABSL_GUARDED_BY(mutex_) = false;
   absl::Duration retry_after_ ABSL_GUARDED_BY(mutex_);
-  std::unique_ptr<PoolTimer> timer_ ABSL_GUARDED_BY(mutex_);  // while the store is away
+  std::unique_ptr<PoolTimer> timer_ ABSL_GUARDED_BY(mutex_);  // until the next repetition; null otherwise
 };
 
 }  // namespace evpose::server

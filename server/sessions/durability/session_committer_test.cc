@@ -14,7 +14,7 @@ namespace {
 
 using Progress = SessionCommitter::Progress;
 
-// A lease whose answers the test gives.
+// A lease with results that the test chooses.
 class TestLease : public SessionLease {
  public:
   struct Commits {

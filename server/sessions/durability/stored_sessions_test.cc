@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// Stores that earlier versions wrote, in tests/data/storage/: a server opens them, and their sessions go on. With the
-// environment variable EVPOSE_WRITE_STORE naming a new directory, the last test writes one there as this version does:
+// Stores of earlier versions, in tests/data/storage/: a server opens them and resumes their sessions. If the
+// environment variable EVPOSE_WRITE_STORE names a new directory, the last test writes a store of this version there:
 //   EVPOSE_WRITE_STORE=tests/data/storage/v1 build/release/server/sessions/sessions_test
 //   --gtest_filter='*AStoreIsWritten'
 #include <gmock/gmock.h>
@@ -29,13 +29,13 @@ namespace fs = std::filesystem;
 using ::testing::HasSubstr;
 using ::testing::Not;
 
-// How the store was written. The sessions are known by their request_id: one whose tracker goes on, one whose tracker's
-// state has a version that no server writes, and one that has ended.
+// Contents of the store. The sessions are identified by their request_id: one with a readable tracker state, one with a
+// tracker state of a version that no server writes, and one that has ended.
 constexpr char kTenant[] = "stored";
 constexpr char kToken[] = "the token of the stored sessions";
 constexpr const char* kRequests[] = {"tracked", "foreign", "ended"};
 constexpr int64_t kChunkUs = 10'000;
-constexpr uint64_t kNumChunks = 4;  // that are durable
+constexpr uint64_t kNumChunks = 4;  // that have been persisted
 
 RigidTransform PoseAt(double t_s) {
   return evpose::testing::MakePose({0.3 * t_s, 0.1 * t_s, 0.8}, {0.5 + 1.0 * t_s, 0.4 + 2.0 * t_s, 0.1});
@@ -179,8 +179,8 @@ TEST_F(StoredSessionsTest, AStoreIsWritten) {
       Until(session, [&] { return session->View(stream).ended; });
     }
     session->Detach(stream);
-    session->Settle();
-    Until(session, [&] { return session->IsSettled(); });
+    session->Flush();
+    Until(session, [&] { return session->IsFlushed(); });
   }
   sessions_->CloseAll(absl::CancelledError("written"));
   const std::vector<SessionRecord> records = store_->ListSessions().value();

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// What a session with OverloadPolicy::kLatest does not track because it has fallen behind.
+// Overload of a session with OverloadPolicy::kLatest: which events it drops instead of tracking them.
 #pragma once
 
 #include <cstdint>
@@ -11,7 +11,7 @@
 
 namespace evpose::server {
 
-// As the API's.
+// As in the API.
 enum class DropReason { kLag, kMemory, kReader };
 struct EventsDropped {
   uint64_t num_events = 0;
@@ -20,11 +20,11 @@ struct EventsDropped {
   DropReason reason = DropReason::kLag;
 };
 
-// How far behind a session is. Each is a share of what is allowed: above 1 is too much.
+// Backlog of a session, as ratios to the limits: a value above 1 is an overload.
 struct Backlog {
-  double age_ratio = 0.0;     // of the oldest chunk that is not worked off, of max_lag
-  double bytes_ratio = 0.0;   // that wait, of the credit
-  double reader_ratio = 0.0;  // poses and notices that the stream's client has not taken
+  double age_ratio = 0.0;     // age of the oldest unprocessed chunk to max_lag
+  double bytes_ratio = 0.0;   // waiting bytes to the credit, or waiting items to their limit
+  double reader_ratio = 0.0;  // poses that the stream has not sent to its client to their limit
 };
 
 // Not thread-safe.
@@ -32,19 +32,20 @@ class OverloadGate {
  public:
   explicit OverloadGate(const SessionConfig& config) : is_open_(config.overload_policy == OverloadPolicy::kBlock) {}
 
-  // Whether the next slice of events is not to be tracked. Once it is too much, slices are skipped until half of what
-  // is allowed is left: the poses are then young for a while, and gaps not as frequent as slices. kBlock: never.
+  // True: the events of the next slice must be dropped. Dropping starts when a ratio exceeds 1 and stops when all are
+  // at most 0.5, so that the poses then have little delay for a while, and gaps are fewer than slices. kBlock: always
+  // false.
   bool MustSkip(const Backlog& backlog);
-  void AddSkipped(const EventGap& gap);
-  // That of the stretch under way.
-  DropReason reason() const { return stretch_.has_value() ? stretch_->reason : DropReason::kLag; }
-  // The stretch that was skipped until now: it is over. Nothing when nothing was.
-  std::optional<EventsDropped> EndStretch();
+  void AddDropped(const EventGap& gap);
+  // The reason of the open gap.
+  DropReason reason() const { return gap_.has_value() ? gap_->reason : DropReason::kLag; }
+  // Closes the gap, and returns it; nothing when no gap is open.
+  std::optional<EventsDropped> EndGap();
 
  private:
   const bool is_open_;
-  std::optional<DropReason> skipping_for_;
-  std::optional<EventsDropped> stretch_;
+  std::optional<DropReason> dropping_for_;
+  std::optional<EventsDropped> gap_;
 };
 
 }  // namespace evpose::server

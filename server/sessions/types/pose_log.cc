@@ -8,7 +8,7 @@ namespace evpose::server {
 PoseLog::PoseLog(size_t capacity, uint64_t next_pose_seq)
     : capacity_(std::max<size_t>(capacity, 1)), next_seq_(next_pose_seq) {}
 
-// The last reader may let go on a thread of gRPC: the lock shows to tools that the others are done.
+// The last reference may be released on a thread of gRPC: the lock shows to race detectors that the others are done.
 PoseLog::~PoseLog() { const std::lock_guard lock(mutex_); }
 
 void PoseLog::Append(absl::Span<const StoredPose> poses, uint64_t kept_from) {

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// The latest poses of one session, in memory: what streams and watchers read. Poses wait here for the store, too.
+// The latest poses of one session, in memory, for streams and watchers. Poses that wait for the store are here, too.
 #pragma once
 
 #include <cstddef>
@@ -15,33 +15,32 @@
 
 namespace evpose::server {
 
-// A pose as a session made it.
+// A pose with its number in the session.
 struct StoredPose {
   uint64_t pose_seq = 0;      // 1, 2, 3, ... in the session
   uint32_t object_index = 0;  // in the session's configuration
   PoseEstimate estimate;
-  int64_t latency_us = 0;  // from the receipt of the chunk that completed the window
+  int64_t latency_us = 0;  // since the receipt of the chunk that completed the window
 };
 
 // Thread-safe.
 class PoseLog {
  public:
-  // Keeps the last `capacity` poses, at least 1. The first that is appended is number `next_pose_seq`.
+  // Keeps the last `capacity` poses, at least 1. The first pose to be appended has the number `next_pose_seq`.
   explicit PoseLog(size_t capacity, uint64_t next_pose_seq = 1);
   ~PoseLog();
 
-  // `poses` continue the log without a gap. Those that it has had already are left out: a session that starts again
-  // from an earlier state makes the same ones again. Poses numbered `kept_from` and higher are kept beyond the
-  // capacity.
+  // `poses` continue the log without a gap. Poses that the log has had are ignored: a session that is resumed from an
+  // earlier state produces the same poses again. Poses numbered `kept_from` and higher are kept beyond the capacity.
   void Append(absl::Span<const StoredPose> poses, uint64_t kept_from = UINT64_MAX);
 
-  // At most `max_poses` of those numbered above `after_pose_seq`, from the oldest that is still kept. Empty: no such
-  // pose yet. The first one's number tells whether poses between were forgotten.
+  // At most `max_poses` poses numbered above `after_pose_seq`, from the oldest that the log still has. Empty: there is
+  // no such pose yet. If the first one is not `after_pose_seq + 1`, the poses between have been removed.
   std::vector<StoredPose> Read(uint64_t after_pose_seq, size_t max_poses) const;
 
-  // The number of the oldest pose that Read can give; one above the last when there is none.
+  // Number of the oldest pose in the log; one above the last number when the log is empty.
   uint64_t first_pose_seq() const;
-  // That of the newest, 0 before the first.
+  // Number of the newest pose; 0 before the first.
   uint64_t last_pose_seq() const;
   size_t capacity() const { return capacity_; }
 

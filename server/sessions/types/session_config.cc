@@ -11,9 +11,9 @@
 namespace evpose::server {
 namespace {
 
-constexpr size_t kMaxObjects = 16;
-constexpr size_t kMaxObjectIdBytes = 64;
-// Below it nothing would be tracked: chunks are closed after a millisecond.
+constexpr size_t kMaxObjects = 16;        // limits in the API: memory and time grow with the number of objects
+constexpr size_t kMaxObjectIdBytes = 64;  // it stands in each line of the log
+// With less, all events would be dropped: clients collect a chunk for a millisecond.
 constexpr absl::Duration kMinMaxLag = absl::Milliseconds(1);
 constexpr absl::Duration kMaxMaxLag = absl::Seconds(10);
 

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// What a session is told at its creation, and what may be wrong with it.
+// Configuration of a session, and its validation.
 #pragma once
 
 #include <functional>
@@ -29,9 +29,9 @@ struct ObjectConfig {
   Eigen::Matrix3d reference_rotation = Eigen::Matrix3d::Identity();
 };
 
-// As the API's.
+// As in the API.
 enum class OverloadPolicy { kBlock, kLatest };
-// The API promises it to whoever gives none.
+// Default of SessionConfig::max_lag, documented in the API.
 inline constexpr absl::Duration kDefaultMaxLag = absl::Milliseconds(20);
 
 struct SessionConfig {
@@ -41,17 +41,17 @@ struct SessionConfig {
   Estimator estimator = Estimator::kMixture;
   SensorProfile sensor;
   OverloadPolicy overload_policy = OverloadPolicy::kBlock;
-  std::optional<absl::Duration> max_lag;  // with kLatest, and only then
+  std::optional<absl::Duration> max_lag;  // required with kLatest, forbidden with kBlock
 
-  // Everything that needs no model and no decoder. Errors: INVALID_ARGUMENT with the field (sessions/errors.h), as a
-  // path that begins with "config".
+  // Checks everything that needs no model and no decoder. Errors: INVALID_ARGUMENT with the field
+  // (server/runtime/errors.h), as a path that begins with "config".
   absl::Status Validate() const;
 };
 
 bool operator==(const SessionConfig& a, const SessionConfig& b);
 
-// Makes the tracker of a session's objects; tests put their own in the place of the real one. `models` are those of
-// config.objects, in their order. Errors: INVALID_ARGUMENT with the field of `config` (sessions/errors.h).
+// Creates the tracker of a session's objects; tests replace it. `models`: one for each of config.objects, in the same
+// order. Errors: INVALID_ARGUMENT with the field of `config` (server/runtime/errors.h).
 using TrackerFactory = std::function<absl::StatusOr<std::unique_ptr<Tracker>>(
     const SessionConfig& config, const std::vector<std::shared_ptr<const ObjectModel>>& models)>;
 

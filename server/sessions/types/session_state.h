@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// What there is to know of a session from outside, and what of it survives its process.
+// State of a session that readers see, and the part of it that the store keeps.
 #pragma once
 
 #include <array>
@@ -9,10 +9,14 @@
 #include <string>
 #include <vector>
 
+#include "absl/status/status.h"
 #include "absl/time/time.h"
 #include "core/events/decoder.h"
 #include "core/tracking/tracker.h"
 #include "server/runtime/latency_histogram.h"
+#include "server/sessions/types/pose_log.h"
+#include "server/sessions/types/session_config.h"
+#include "server/sessions/types/stream_data.h"
 
 namespace evpose::server {
 
@@ -32,34 +36,52 @@ struct SessionHealth {
   int64_t sensor_time_us = 0;  // from the first time seen to t_us
   int64_t processing_us = 0;
   int64_t queue_age_us = 0;
-  uint64_t skipped_events = 0;  // the sum of EventsDropped::num_events, that of a stretch under way included
-  int64_t skipped_us = 0;       // sensor time of those stretches
+  uint64_t skipped_events = 0;  // sum of EventsDropped::num_events, including the gap that is still open
+  int64_t skipped_us = 0;       // sensor time of these gaps
   int64_t latency_p50_us = 0;
   int64_t latency_p99_us = 0;
   std::vector<ObjectHealth> objects;
 };
 
-// Of all sessions of a server, at a moment.
+// State in the API.
+enum class SessionState { kDetached, kAttached, kEnded };
+
+struct SessionSnapshot {
+  SessionState state = SessionState::kDetached;
+  absl::Status closed;                    // not OK: the session no longer exists here
+  std::optional<absl::Time> expire_time;  // absent while a stream is attached
+  SessionHealth health;
+};
+
+struct SessionInfo {
+  std::string name;
+  SessionConfig config;
+  absl::Time create_time;
+  SessionSnapshot snapshot;
+};
+
+// Sums over all sessions of a server.
 struct SessionTotals {
   uint32_t attached = 0;
   uint32_t detached = 0;
   uint32_t ended = 0;
-  uint32_t closed = 0;                   // about to go: fenced, or without room in the store
-  std::array<uint32_t, 4> objects = {};  // that are tracked, or are to be: by TrackState
+  uint32_t closed = 0;                   // to be removed: fenced, or without space in the store
+  std::array<uint32_t, 4> objects = {};  // number of objects by TrackState, without those of ended sessions
   uint64_t queued_bytes = 0;
   int64_t oldest_queue_age_us = 0;
 };
 
-// Who may feed the session, and since when nobody does. Committed when a stream attaches or leaves.
+// Ownership record: the token that a client needs to attach, and the time since when no stream has been attached.
+// Committed whenever a stream attaches or detaches.
 struct SessionLifecycle {
-  std::string token_digest;           // of the resume token: SHA-256, hex; the token itself is kept nowhere
-  std::string previous_token_digest;  // empty: it is no longer good
+  std::string token_digest;           // of the resume token: SHA-256, hex; the token itself is not stored
+  std::string previous_token_digest;  // empty: the previous token is no longer valid
   uint64_t num_attaches = 0;
   std::optional<absl::Time> detached_at;  // absent while a stream is attached
-  uint64_t num_renewals = 0;              // by which its server tells that it lives, while a stream is attached
+  uint64_t num_renewals = 0;  // incremented regularly while a stream is attached: shows that the server is alive
 };
 
-// Where decoding goes on, and what the writer was told until then.
+// Position from which decoding resumes, and the object states that the stream has been notified of.
 struct StreamPosition {
   std::string decoder;  // EventDecoder::SaveState()
   std::vector<TrackState> reported_states;
@@ -86,13 +108,21 @@ struct PipelineState {
   friend bool operator==(const PipelineState&, const PipelineState&) = default;
 };
 
-// Where a session can go on from: between two items.
+// State from which a session can be resumed: always between two items.
 struct SessionCheckpoint {
   uint64_t processed_seq = 0;
   bool ended = false;
-  SessionHealth health;  // received_bytes are processed_bytes: the rest is sent again
+  SessionHealth health;  // received_bytes equals processed_bytes: the client sends the rest again
   LatencyHistogram latencies;
   std::optional<PipelineState> pipeline;  // absent when ended
+};
+
+// State with which a session starts: only the ownership record for a new session, otherwise the stored state.
+struct SessionBeginning {
+  SessionLifecycle lifecycle;
+  std::optional<SessionCheckpoint> checkpoint;
+  std::vector<StoredPose> poses;  // consecutive; may extend beyond the checkpoint
+  std::optional<TrackingRestarted> restarted;
 };
 
 }  // namespace evpose::server

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "server/sessions/durability/orphan_sweep.h"
+#include "server/sessions/durability/orphan_collector.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -29,7 +29,7 @@ class HookedStore : public TroubledStore {
   mutable std::function<void()> hook;
 };
 
-class OrphanSweepTest : public testing::TestWithParam<std::string> {
+class OrphanCollectorTest : public testing::TestWithParam<std::string> {
  protected:
   std::shared_ptr<Store> OpenStore() {
     if (GetParam() == "Memory") return MakeMemoryStore();
@@ -37,9 +37,9 @@ class OrphanSweepTest : public testing::TestWithParam<std::string> {
     redis_ = std::make_unique<RedisServer>();
     return server::OpenStore({.store = redis_->url()}).value();
   }
-  void Sweep(absl::Duration later = kExpiry / 2) {
+  void Collect(absl::Duration later = kExpiry / 2) {
     now_ += later;
-    sweep_.Sweep(now_, [](const std::string& name) { return name == "sessions/here"; });
+    collector_.Collect(now_, [](const std::string& name) { return name == "sessions/here"; });
   }
   std::vector<std::string> Names() {
     const std::vector<SessionRecord> records = store_->ListSessions().value();
@@ -54,52 +54,52 @@ class OrphanSweepTest : public testing::TestWithParam<std::string> {
   const std::shared_ptr<Trouble> trouble_ = std::make_shared<Trouble>();
   const std::shared_ptr<Store> store_ = OpenStore();
   HookedStore hooked_{store_, trouble_};
-  OrphanSweep sweep_{hooked_, kExpiry};
+  OrphanCollector collector_{hooked_, kExpiry};
 };
 
-INSTANTIATE_TEST_SUITE_P(Stores, OrphanSweepTest, testing::Values("Memory", "Sqlite", "Redis"),
+INSTANTIATE_TEST_SUITE_P(Stores, OrphanCollectorTest, testing::Values("Memory", "Sqlite", "Redis"),
                          [](const auto& tested) { return tested.param; });
 
-TEST_P(OrphanSweepTest, DeletesWhatNoServerRenews) {
+TEST_P(OrphanCollectorTest, DeletesWhatNoServerRenews) {
   ASSERT_TRUE(store_->CreateSession(Record("sessions/dead"), "attached").ok());
   ASSERT_TRUE(store_->CreateSession(Record("sessions/here"), "attached").ok());
   const auto alive = store_->CreateSession(Record("sessions/alive"), "attached").value();
   for (int i = 0; i < 4; ++i) {
-    Sweep();
+    Collect();
     ASSERT_TRUE(CommitNow(*alive, {.lifecycle = std::to_string(i)}).ok());
     EXPECT_EQ(Names().size(), 3u) << "it is not long enough ago";
   }
   for (int i = 4; i < 10; ++i) {
-    Sweep();
+    Collect();
     ASSERT_TRUE(CommitNow(*alive, {.lifecycle = std::to_string(i)}).ok()) << "nobody has taken it";
     EXPECT_THAT(Names(), testing::ElementsAre("sessions/alive", "sessions/here"));
   }
 }
 
-TEST_P(OrphanSweepTest, WhoComesBackJustThenKeepsTheSession) {
+TEST_P(OrphanCollectorTest, WhoComesBackJustThenKeepsTheSession) {
   const auto lease = store_->CreateSession(Record("sessions/late"), "attached").value();
-  for (int i = 0; i < 4; ++i) Sweep();
+  for (int i = 0; i < 4; ++i) Collect();
   hooked_.hook = [&lease] { ASSERT_TRUE(CommitNow(*lease, {.lifecycle = "attached again"}).ok()); };
-  Sweep();
+  Collect();
   EXPECT_EQ(store_->ReadSession("sessions/late")->lifecycle, "attached again");
 
-  for (int i = 0; i < 4; ++i) Sweep();
+  for (int i = 0; i < 4; ++i) Collect();
   hooked_.hook = [this] { ASSERT_TRUE(store_->TakeSession("sessions/late").ok()); };
-  Sweep();
+  Collect();
   EXPECT_TRUE(Names().empty()) << "who only takes it has not come back";
 }
 
-TEST_P(OrphanSweepTest, AWhileInWhichNobodyCouldRenewDoesNotCount) {
+TEST_P(OrphanCollectorTest, AWhileInWhichNobodyCouldRenewDoesNotCount) {
   ASSERT_TRUE(store_->CreateSession(Record("sessions/a"), "attached").ok());
-  Sweep();
-  Sweep(10 * kExpiry);
+  Collect();
+  Collect(10 * kExpiry);
   EXPECT_EQ(Names().size(), 1u) << "this server stood still";
   trouble_->Set(absl::UnavailableError("away"));
-  for (int i = 0; i < 10; ++i) Sweep();
+  for (int i = 0; i < 10; ++i) Collect();
   trouble_->Set(absl::OkStatus());
-  for (int i = 0; i < 4; ++i) Sweep();
+  for (int i = 0; i < 4; ++i) Collect();
   EXPECT_EQ(Names().size(), 1u) << "the store was away";
-  Sweep();
+  Collect();
   EXPECT_TRUE(Names().empty());
 }
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "server/sessions/durability/orphan_sweep.h"
+#include "server/sessions/durability/orphan_collector.h"
 
 #include <utility>
 #include <vector>
@@ -8,11 +8,12 @@
 
 namespace evpose::server {
 
-void OrphanSweep::Sweep(absl::Time now, const std::function<bool(const std::string&)>& is_here) {
+void OrphanCollector::Collect(absl::Time now, const std::function<bool(const std::string&)>& is_here) {
   const auto lifecycles = store_.ReadLifecycles();
-  if (!lifecycles.ok()) return;  // whoever needs the store says so
-  // After a while without the store, or without running, nothing is known: the others may have had to wait, too.
-  if (now - std::exchange(last_sweep_, now) > expiry_) seen_.clear();
+  if (!lifecycles.ok()) return;  // the callers that need the store report its errors
+  // After a time without the store, or without a run, the measured times are void: the other servers may have been
+  // unable to renew their records, too.
+  if (now - std::exchange(last_run_, now) > expiry_) seen_.clear();
   std::map<std::string, Seen> before = std::exchange(seen_, {});
   for (const StoredLifecycle& stored : *lifecycles) {
     if (is_here(stored.name)) continue;
@@ -27,9 +28,9 @@ void OrphanSweep::Sweep(absl::Time now, const std::function<bool(const std::stri
   }
 }
 
-void OrphanSweep::Delete(const std::string& name, const std::string& lifecycle) {
-  // Taken first: from now on nobody can change what is looked at. A client that has come back meanwhile keeps its
-  // session; its stream is told to attach again.
+void OrphanCollector::Delete(const std::string& name, const std::string& lifecycle) {
+  // The lease comes first: from now on no other server can change the record. A client that has returned meanwhile
+  // keeps its session, but its stream is fenced and has to attach again.
   const auto taken = store_.TakeSession(name);
   if (!taken.ok() || taken->session.lifecycle != lifecycle) return;
   const absl::Status status = store_.DeleteHeldSession(name, taken->lease->fencing_number());

@@ -1,0 +1,92 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "server/sessions/session_report.h"
+
+#include <algorithm>
+#include <chrono>
+#include <utility>
+
+namespace evpose::server {
+namespace {
+
+// 0 when a counter has been reset.
+uint64_t Increase(uint64_t before, uint64_t now) { return now - std::min(before, now); }
+
+}  // namespace
+
+SessionReport::SessionReport(const SessionBeginning& beginning, std::vector<ObjectHealth> objects)
+    : restarted_(beginning.restarted) {
+  health_.objects = std::move(objects);
+  if (beginning.checkpoint.has_value()) {
+    health_ = beginning.checkpoint->health;
+    latencies_ = beginning.checkpoint->latencies;
+    processed_seq_ = beginning.checkpoint->processed_seq;
+  }
+  health_.received_bytes = health_.processed_bytes;
+  const uint64_t attaches = beginning.lifecycle.num_attaches;
+  health_.reattaches = static_cast<uint32_t>(attaches > 0 ? attaches - 1 : 0);
+  acked_pose_seq_ = health_.poses;
+}
+
+SessionHealth SessionReport::HealthWithLatencies() const {
+  SessionHealth health = health_;
+  health.latency_p50_us = latencies_.Percentile(0.5);
+  health.latency_p99_us = latencies_.Percentile(0.99);
+  return health;
+}
+
+void SessionReport::Count(const WorkResult& result, ServerMetrics& metrics) const {
+  const DecodeCounts& before = health_.counts;
+  metrics.decoded_events.Add(Increase(before.cd_events, result.counts.cd_events));
+  metrics.events_before_time.Add(Increase(before.dropped_before_time, result.counts.dropped_before_time));
+  metrics.events_outside_sensor.Add(Increase(before.dropped_outside_sensor, result.counts.dropped_outside_sensor));
+  metrics.unknown_words.Add(Increase(before.unknown_words, result.counts.unknown_words));
+  metrics.broken_vectors.Add(Increase(before.broken_vectors, result.counts.broken_vectors));
+  metrics.sensor_time_us.Add(
+      Increase(static_cast<uint64_t>(health_.sensor_time_us), static_cast<uint64_t>(result.sensor_time_us)));
+  metrics.poses.Add(result.poses.size());
+  for (const StoredPose& pose : result.poses) metrics.pose_latency.Add(std::chrono::microseconds(pose.latency_us));
+  for (size_t i = 0; i < result.objects.size(); ++i) {
+    metrics.track_losses.Add(Increase(health_.objects[i].losses, result.objects[i].losses));
+  }
+}
+
+void SessionReport::AddNotices(const WorkResult& result) {
+  if (result.gap.has_value()) notices_.push_back({result.poses_before, *result.gap});
+  for (const ObjectStateChange& change : result.state_changes) {
+    notices_.push_back(
+        {result.poses_before + change.num_poses_before, StateChange{change.object_index, change.t_us, change.state}});
+  }
+  if (result.finished.has_value() && result.finished->fault.has_value()) {
+    notices_.push_back({result.last_pose_seq(), *result.finished->fault});
+  }
+}
+
+void SessionReport::Add(const WorkResult& result, bool is_attached, ServerMetrics& metrics) {
+  Count(result, metrics);
+  for (const StoredPose& pose : result.poses) latencies_.Add(pose.latency_us);
+  health_.poses = result.last_pose_seq();
+  health_.counts = result.counts;
+  health_.t_us = result.t_us;
+  health_.sensor_time_us = result.sensor_time_us;
+  health_.processing_us = result.processing_us;
+  health_.objects = result.objects;
+  health_.skipped_events += result.dropped_now.num_events;
+  health_.skipped_us += result.dropped_now.duration_us();
+  if (is_attached) AddNotices(result);
+  if (!result.finished.has_value()) return;
+  health_.processed_bytes += result.finished->bytes;
+  processed_seq_ = std::max(processed_seq_, result.finished->seq);
+  acked_pose_seq_ = health_.poses;
+}
+
+void SessionReport::StartNotices(uint64_t sent_pose_seq) {
+  notices_.clear();
+  if (restarted_.has_value()) notices_.push_back({sent_pose_seq, *restarted_});
+}
+
+std::vector<SessionNotice> SessionReport::TakeNotices() {
+  restarted_.reset();
+  return std::exchange(notices_, {});
+}
+
+}  // namespace evpose::server

@@ -1,0 +1,56 @@
+// SPDX-License-Identifier: Apache-2.0
+
+// Progress and health of a session, as readers, streams and checkpoints see them.
+#pragma once
+
+#include <cstdint>
+#include <optional>
+#include <vector>
+
+#include "server/runtime/latency_histogram.h"
+#include "server/sessions/session_worker.h"
+#include "server/sessions/types/session_state.h"
+#include "server/sessions/types/stream_data.h"
+#include "server/telemetry/metrics.h"
+
+namespace evpose::server {
+
+// Not thread-safe, without lock or clock.
+class SessionReport {
+ public:
+  // `beginning`: its checkpoint and restarted are used. `objects`: the state of the objects of a new session.
+  SessionReport(const SessionBeginning& beginning, std::vector<ObjectHealth> objects);
+
+  uint64_t poses() const { return health_.poses; }
+  uint64_t processed_seq() const { return processed_seq_; }    // last item that has been processed
+  uint64_t acked_pose_seq() const { return acked_pose_seq_; }  // last pose of the items up to processed_seq
+  const SessionHealth& health() const { return health_; }      // without latencies and queue age
+  const LatencyHistogram& latencies() const { return latencies_; }
+  SessionHealth HealthWithLatencies() const;
+
+  void AddReceived(uint64_t bytes) { health_.received_bytes += bytes; }
+  void AddReattach() { ++health_.reattaches; }
+
+  // Adds the result of a slice, and counts the difference to the previous state in `metrics`. Notices are kept only for
+  // an attached stream.
+  void Add(const WorkResult& result, bool is_attached, ServerMetrics& metrics);
+
+  // A new stream receives only the notice that tracking was restarted, if no earlier stream has taken it.
+  void StartNotices(uint64_t sent_pose_seq);
+  void ClearNotices() { notices_.clear(); }
+  std::vector<SessionNotice> TakeNotices();
+  size_t num_notices() const { return notices_.size(); }
+
+ private:
+  void Count(const WorkResult& result, ServerMetrics& metrics) const;
+  void AddNotices(const WorkResult& result);
+
+  SessionHealth health_;
+  LatencyHistogram latencies_;
+  uint64_t processed_seq_ = 0;
+  uint64_t acked_pose_seq_ = 0;
+  std::vector<SessionNotice> notices_;
+  std::optional<TrackingRestarted> restarted_;  // until a stream has taken the notice
+};
+
+}  // namespace evpose::server

@@ -1,0 +1,126 @@
+// SPDX-License-Identifier: Apache-2.0
+
+// Decides which stream may write to a session, and which of its items is the next one.
+#pragma once
+
+#include <cstdint>
+#include <functional>
+#include <optional>
+#include <string>
+
+#include "absl/status/status.h"
+#include "absl/status/statusor.h"
+#include "absl/strings/string_view.h"
+#include "absl/time/time.h"
+#include "server/sessions/stream/byte_credit.h"
+#include "server/sessions/stream/gate_state.h"
+#include "server/sessions/types/session_config.h"
+#include "server/sessions/types/session_state.h"
+
+namespace evpose::server {
+
+// SHA-256 of a resume token in hexadecimal digits, as SessionLifecycle holds it.
+std::string TokenDigest(absl::string_view token);
+// True for the digest of the current token, and for that of the previous token while it is still valid.
+bool IsDigestGood(absl::string_view digest, const SessionLifecycle& lifecycle);
+
+// PERMISSION_DENIED (WRONG_TOKEN).
+absl::Status WrongToken(absl::string_view session);
+
+// Not thread-safe, without lock, thread or clock. Streams are numbered from 1; the number fences: only the latest
+// stream may write. The ownership record (SessionLifecycle) has a number of its own, which grows with each change.
+class StreamGate {
+ public:
+  struct Options {
+    std::string session;
+    uint64_t credit_bytes = 0;
+    OverloadPolicy overload_policy = OverloadPolicy::kBlock;
+    std::function<void(const GateTransition&)> on_transition;  // for the log; may be null
+  };
+  struct Start {
+    SessionLifecycle lifecycle;
+    absl::Time detached_at;          // used when the record says that a stream is attached: its server is gone
+    std::string resume_token;        // empty: unknown, because the store has only its digest
+    uint64_t processed_seq = 0;      // of the checkpoint
+    bool has_ended = false;          // of the checkpoint
+    uint64_t max_seen_pose_seq = 0;  // the client may have seen poses up to this one that are not made again yet
+  };
+  StreamGate(Options options, Start start);
+
+  const GateState& state() const { return state_; }
+  bool is_attached() const {
+    return state_.writer == WriterState::kAttaching || state_.writer == WriterState::kAttached;
+  }
+  bool has_ended() const { return state_.input == InputState::kEnded; }
+  const absl::Status& closed() const { return closed_; }  // OK until Close
+  uint64_t stream() const { return stream_; }             // the latest; 0: none yet
+  // Time since when no stream has been attached; absent while one is.
+  std::optional<absl::Time> detached_at() const;
+  const std::string& resume_token() const { return resume_token_; }
+  SessionLifecycle lifecycle() const;
+  uint64_t lifecycle_number() const { return lifecycle_number_; }
+  // The number of the record when it has changed since the last call: it has to be committed.
+  std::optional<uint64_t> TakeChangedLifecycle();
+
+  // Errors: the status of Close; PERMISSION_DENIED (WRONG_TOKEN); INVALID_ARGUMENT: the client claims to have seen a
+  // pose that the session, which has made `num_poses`, cannot have sent.
+  absl::Status CheckAttach(absl::string_view token_digest, uint64_t last_pose_seq, uint64_t num_poses) const;
+  // After CheckAttach. Fences the stream before. `queued_bytes`: of earlier streams. The token with `token_digest`
+  // stays valid until the stream sends its first item. Returns the number of the stream.
+  uint64_t Attach(std::string new_token, std::string token_digest, uint64_t queued_bytes, uint64_t sent_pose_seq);
+  // False: this stream is not attached.
+  bool Detach(uint64_t stream, absl::Time now);
+  // The store has the ownership record with this number and all before.
+  void OnLifecyclePersisted(uint64_t number);
+  // `status` is not OK. The first call counts; false for the others.
+  bool Close(const absl::Status& status);
+
+  // A new token; the current one stays valid as in Attach.
+  void ReplaceToken(std::string token) { ReplaceToken(std::move(token), token_digest_); }
+  // Changes the ownership record to show that this server is alive. False: no stream is attached.
+  bool RenewOwnership();
+
+  // Errors: the status of Close, ABORTED (FENCED).
+  absl::Status CheckStream(uint64_t stream) const;
+  // To be called before each item of a stream, which shows that the client has the new token: the previous one is no
+  // longer valid. Errors: as CheckStream.
+  absl::Status CheckPush(uint64_t stream);
+  // True: `seq` is the next item. False: the session has had it. Errors: FAILED_PRECONDITION (SEQ_GAP, SESSION_ENDED).
+  absl::StatusOr<bool> IsNext(uint64_t seq) const;
+  void Accept() { ++next_seq_; }  // the item with next_seq
+  // As IsNext; accepts the chunk when it is the next item, and counts its bytes in both cases.
+  absl::StatusOr<bool> AcceptChunk(uint64_t seq, uint64_t bytes);
+  // False: the end was pushed before.
+  bool AcceptEnd();
+  void OnProcessed(uint64_t stream, uint64_t bytes) { credit_.AddProcessed(bytes, stream == stream_); }
+  void OnEndProcessed() { ChangeState(GateEvent::kEndProcessed); }
+
+  uint64_t next_seq() const { return next_seq_; }
+  uint64_t SendLimit() const { return credit_.SendLimit(); }
+  // Highest number of a pose that the stream has sent to its client.
+  uint64_t sent_pose_seq() const { return sent_pose_seq_; }
+  void ReportSent(uint64_t pose_seq) { sent_pose_seq_ = pose_seq; }
+
+ private:
+  void ReplaceToken(std::string token, std::string previous_digest);
+  void ChangeState(GateEvent event);  // the only function that changes state_
+
+  const Options options_;
+  GateState state_;
+  absl::Status closed_;
+  uint64_t stream_ = 0;
+  absl::Time detached_at_;  // of the last detachment
+  std::string resume_token_;
+  std::string token_digest_;
+  std::string previous_token_digest_;  // empty: no longer valid
+  uint64_t num_renewals_ = 0;
+  uint64_t lifecycle_number_ = 0;
+  uint64_t taken_lifecycle_ = 0;   // of the record that TakeChangedLifecycle returned last
+  uint64_t attach_lifecycle_ = 0;  // the number of the record with which the latest stream attached
+  uint64_t next_seq_ = 1;
+  uint64_t sent_pose_seq_ = 0;
+  uint64_t max_seen_pose_seq_ = 0;
+  ByteCredit credit_;
+};
+
+}  // namespace evpose::server

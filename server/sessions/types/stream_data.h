@@ -1,0 +1,73 @@
+// SPDX-License-Identifier: Apache-2.0
+
+// Data that a session exchanges with the stream attached to it, and the notices that it sends beside the poses.
+#pragma once
+
+#include <cstdint>
+#include <optional>
+#include <string>
+#include <variant>
+
+#include "absl/status/status.h"
+#include "core/tracking/tracker.h"
+#include "server/sessions/types/overload.h"
+
+namespace evpose::server {
+
+struct EventChunk {
+  uint64_t seq = 0;  // from 1; resets of poses are numbered along with the chunks
+  bool discontinuity = false;
+  std::optional<uint32_t> crc32c;
+  std::string payload;
+};
+
+struct DecodeFault {
+  uint64_t seq = 0;
+  uint64_t count = 0;
+  std::string detail;
+};
+struct StateChange {
+  uint32_t object_index = 0;
+  int64_t t_us = 0;
+  TrackState state = TrackState::kInitializing;
+};
+// The stored state of the tracker was unreadable when the session was resumed: a new tracker searches for every object.
+struct TrackingRestarted {
+  uint64_t after_seq = 0;  // the last chunk that the previous tracker processed
+  std::string detail;      // the reason, for people
+};
+struct SessionNotice {
+  uint64_t after_pose_seq = 0;  // its place among the poses
+  std::variant<DecodeFault, StateChange, EventsDropped, TrackingRestarted> what;
+};
+
+struct SessionAck {
+  uint64_t processed_seq = 0;
+  uint64_t durable_seq = 0;
+  uint64_t send_limit_bytes = 0;
+  uint64_t last_pose_seq = 0;  // of the chunks up to processed_seq
+
+  friend bool operator==(const SessionAck&, const SessionAck&) = default;
+};
+
+// Result of Session::Attach.
+struct Attachment {
+  uint64_t stream = 0;  // identifies this stream in the other calls of the session
+  uint64_t next_seq = 0;
+  std::string resume_token;
+  uint64_t send_limit_bytes = 0;
+  uint64_t first_pose_seq = 0;
+};
+
+// State of the session from which a stream decides its next action.
+struct StreamView {
+  absl::Status status;    // not OK: the stream must end with this status (fenced, deleted)
+  bool has_room = false;  // the session accepts another message
+  bool is_idle = false;   // everything pushed has been processed, and all its poses may be sent
+  bool attached = false;  // the attachment has been persisted: the response `attached` may be sent
+  bool ended = false;     // `end` has been processed, and all its results have been persisted
+  SessionAck ack;
+  uint64_t last_pose_seq = 0;  // highest number of a pose that may be sent
+};
+
+}  // namespace evpose::server
