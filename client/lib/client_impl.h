@@ -49,6 +49,8 @@ struct Client::Impl {
   // Returns false at the timeout; FAILED_PRECONDITION if TLS prevents the connection.
   absl::StatusOr<bool> WaitForServer();
   bool WaitForServerUntil(absl::Time deadline);
+  // Uploads a model once. Error: ABORTED if another server has deleted it during the upload.
+  absl::StatusOr<ModelInfo> TryUpload(absl::Span<const uint8_t> bytes, const UploadOptions& options);
 
   // Makes one call with the deadline of the options: `call(context, response)`.
   template <typename Response, typename Call>
