@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// evpose calibrate: a sensor's profile from recordings whose poses are known.
+// evpose calibrate: estimates the profile of a sensor from recordings with known poses.
 #include <cmath>
 #include <memory>
 #include <optional>
@@ -25,7 +25,7 @@
 namespace evpose::client {
 namespace {
 
-// Pieces of this size: the progress line is drawn once for each.
+// Size of the pieces that are read; progress is displayed after each piece.
 constexpr size_t kCalibratePieceBytes = 1 << 20;
 
 struct CalibrateArguments {
@@ -41,7 +41,7 @@ struct CalibrateArguments {
   bool is_json = false;
 };
 
-// The i-th of as many as there are recordings, or the one for all.
+// Returns the i-th file, or the only one, which then is that of all recordings.
 const std::string& Of(const std::vector<std::string>& values, size_t i) {
   return values.size() == 1 ? values.front() : values[i];
 }

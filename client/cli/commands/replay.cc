@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// evpose replay: a recording through a server, and the poses that come back.
+// evpose replay: sends a recording to a server and writes the poses.
 #include <algorithm>
 #include <memory>
 #include <string>
@@ -9,9 +9,10 @@
 #include "absl/strings/numbers.h"
 #include "absl/strings/str_cat.h"
 #include "client/cli/commands/commands.h"
-#include "client/cli/common/connect_and_begin.h"
-#include "client/cli/common/track_inputs.h"
-#include "client/cli/common/track_run.h"
+#include "client/cli/common/run_inputs.h"
+#include "client/cli/common/session_run.h"
+#include "client/cli/common/session_start.h"
+#include "client/lib/client_access.h"
 #include "core/base/status_macros.h"
 #include "server/rpc/server.h"
 
@@ -19,12 +20,12 @@ namespace evpose::client {
 namespace {
 
 struct ReplayArguments {
-  TrackArguments track;
+  RunArguments track;
   std::string rate = "max";
   bool is_following = false;
 };
 
-// "max" or a positive factor.
+// Parses "max" or a positive factor.
 absl::StatusOr<double> ParseRate(const std::string& text) {
   if (text == "max") return 0.0;
   double rate = 0.0;
@@ -33,34 +34,34 @@ absl::StatusOr<double> ParseRate(const std::string& text) {
       absl::StrCat("--rate: \"", text, "\" is neither max nor a factor above 0, 1 being the sensor's pace"));
 }
 
-// The server that was asked for, or one inside this process: the same calls either way.
+// The server of --server or one inside this process, with a client for it.
 struct ServerHandle {
   std::unique_ptr<server::Server> own;
   std::unique_ptr<Client> client;
 };
 
-absl::StatusOr<ServerHandle> StartAndBegin(TrackRun& run) {
+absl::StatusOr<ServerHandle> StartAndBegin(SessionRun& run) {
   server::ServerOptions options;
   options.listen_address.clear();
   ServerHandle handle;
   EVPOSE_ASSIGN_OR_RETURN(handle.own, server::Server::Start(options));
-  handle.client = Client::OverChannel(handle.own->InProcessChannel(), "server in this process");
+  handle.client = ClientAccess::OverChannel(handle.own->InProcessChannel(), "server in this process");
   EVPOSE_RETURN_IF_ERROR(run.Begin(
       *handle.client, [](SessionConfig&) {}, ""));
   return handle;
 }
 
-absl::StatusOr<ServerHandle> BeginSession(const RetryOptions& retry, TrackRun& run, const TrackArguments& arguments,
+absl::StatusOr<ServerHandle> BeginSession(const RetryOptions& retry, SessionRun& run, const RunArguments& arguments,
                                           const CliContext& context) {
   if (arguments.server.address.empty()) return StartAndBegin(run);
-  BeginOptions options;
+  SessionStartOptions options;
   options.retry = retry;
   ServerHandle handle;
-  EVPOSE_ASSIGN_OR_RETURN(handle.client, ConnectAndBegin(options, run, arguments, context));
+  EVPOSE_ASSIGN_OR_RETURN(handle.client, StartSession(options, run, arguments, context));
   return handle;
 }
 
-absl::Status CheckResume(const TrackArguments& arguments) {
+absl::Status CheckResume(const RunArguments& arguments) {
   if (arguments.resume.empty()) return absl::OkStatus();
   if (arguments.server.address.empty()) {
     return UsageError("--resume: give --server, too: a server inside this process ends with it");
@@ -81,8 +82,8 @@ absl::Status RunReplay(const ReplayArguments& arguments, CliContext& context) {
   reader_options.stop = [&context, stop = options.stop.get_token()] {
     return stop.stop_requested() || context.IsInterrupted();
   };
-  EVPOSE_ASSIGN_OR_RETURN(TrackInputs inputs, ReadTrackInputs(arguments.track, reader_options));
-  TrackRun run(arguments.track, inputs, context, {});
+  EVPOSE_ASSIGN_OR_RETURN(RunInputs inputs, ReadRunInputs(arguments.track, reader_options));
+  SessionRun run(arguments.track, inputs, context, {});
   EVPOSE_RETURN_IF_ERROR(run.Open());
   FeedOptions feed_options;
   feed_options.rate = rate;
@@ -112,10 +113,13 @@ CommandRunner AddReplayCommand(CLI::App& app, CliContext& context) {
       "camera.\n"
       "A broken connection is re-established within --max-outage. With --resume, the same command continues a replay\n"
       "that was killed, and the poses are byte for byte those of an undisturbed replay.\n"
-      "Several objects: --object left=cube.obj --object right=book.obj --out poses-{object}.tum\n\n"
+      "Several objects: --object left=cube.obj --object right=book.obj --out poses-{object}.tum\n"
+      "The last example resets the pose after 0.25 s.\n\n"
       "Example:\n"
       "  evpose simulate --object cube --camera vga --duration 0.5 --out cube\n"
-      "  evpose replay cube/recording.raw --model cube/model.obj --camera cube/camera.yaml --out cube/poses.tum");
+      "  evpose replay cube/recording.raw --model cube/model.obj --camera cube/camera.yaml --out cube/poses.tum\n"
+      "  evpose replay cube/recording.raw --model cube/model.obj --camera cube/camera.yaml --out cube/poses.tum \\\n"
+      "    --reset-pose \"250000 $(awk '$1 >= 0.25 { print $2, $3, $4, $5, $6, $7, $8; exit }' cube/truth.tum)\"");
   return [arguments, &context] { return RunReplay(*arguments, context); };
 }
 

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// evpose sessions: list, get, delete, drain.
+// evpose sessions: lists, describes and deletes the sessions of a server, and drains it.
 #include <memory>
 #include <optional>
 #include <string>
@@ -43,23 +43,14 @@ Json SessionJson(const Session& session) {
   json["create_time"] = absl::FormatTime(session.create_time, absl::UTCTimeZone());
   json["expire_time"] =
       session.expire_time ? Json(absl::FormatTime(*session.expire_time, absl::UTCTimeZone())) : Json(nullptr);
-  json["encoding"] = std::string(EncodingName(session.config.encoding));
+  json["encoding"] = std::string(EventEncodingName(session.config.encoding));
   json["width"] = session.config.camera.width_px;
   json["height"] = session.config.camera.height_px;
   json["events"] = session.health.decoded_events;
   json["poses"] = session.health.poses;
   json["real_time_ratio"] = session.health.real_time_ratio;
   json["objects"] = Json::array();
-  for (const ObjectHealth& object : session.health.objects) {
-    Json entry;
-    entry["object_id"] = object.object_id;
-    entry["state"] = std::string(TrackStateName(object.state));
-    entry["losses"] = object.losses;
-    entry["initialization"] = std::string(InitializationStatusName(object.initialization));
-    entry["initialization_attempts"] = object.initialization_attempts;
-    entry["detail"] = object.detail;
-    json["objects"].push_back(entry);
-  }
+  for (const ObjectHealth& object : session.health.objects) json["objects"].push_back(ObjectJson(object));
   return json;
 }
 
@@ -119,7 +110,7 @@ absl::Status RunDrain(const SessionArguments& arguments, CliContext& context) {
   return absl::OkStatus();
 }
 
-// Of the session that a replay leaves there.
+// Returns an example with the session that a replay has kept.
 std::string Example(const std::string& command, bool has_name) {
   const std::string session =
       has_name ? " \"$(evpose sessions list --server 127.0.0.1:50051 | head -n 1 | cut -d ' ' -f 1)\" \\\n   " : "";

@@ -12,10 +12,6 @@ std::string Milliseconds(const std::optional<absl::Duration>& duration) {
   return duration ? absl::StrFormat("%.2f ms", absl::ToDoubleMilliseconds(*duration)) : "-";
 }
 
-Json MillisecondsJson(const std::optional<absl::Duration>& duration) {
-  return duration ? Json(absl::ToDoubleMilliseconds(*duration)) : Json(nullptr);
-}
-
 }  // namespace
 
 void ReplayReport::Add(const Notice& notice) {
@@ -49,13 +45,7 @@ Json ReplayReport::ObjectsJson() const {
   Json objects = Json::array();
   for (size_t i = 0; i < summary.health.objects.size(); ++i) {
     const ObjectHealth& object = summary.health.objects[i];
-    Json json;
-    json["object_id"] = object.object_id;
-    json["state"] = std::string(TrackStateName(object.state));
-    json["losses"] = object.losses;
-    json["initialization"] = std::string(InitializationStatusName(object.initialization));
-    json["initialization_attempts"] = object.initialization_attempts;
-    json["detail"] = object.detail;
+    Json json = ObjectJson(object);
     json["model_notices"] = i < models.size() ? models[i].notices : std::vector<std::string>();
     json["symmetries"] = i < models.size() ? models[i].num_symmetries : 1;
     json["model_diameter_m"] = i < models.size() ? models[i].diameter_m : 0.0;
@@ -94,7 +84,7 @@ void ReplayReport::Print(std::ostream& stream) const {
     stream << "decoder: skipped " << decode_faults_ << " words or events, the first in " << first_decode_fault_ << "\n";
   }
   for (const Model& model : models) {
-    // A camera does not see whether a model is in metres or in millimetres: its poses are as large as it is.
+    // The scale of a model cannot be observed: the translations of the poses scale with it.
     stream << NameOf(model.object_id) << absl::StrFormat("model: %.4g m across", model.diameter_m);
     if (model.num_symmetries > 1) {
       stream << "; looks the same in " << model.num_symmetries << " orientations, and a pose stands for all of them";
@@ -125,7 +115,7 @@ Json ReplayReport::ToJson() const {
   json["poses"] = summary.poses;
   json["losses"] = Losses();
   json["objects"] = ObjectsJson();
-  // Of the only object what is said of it there.
+  // For a single object, its fields are also those of the report.
   if (const Json objects = json["objects"]; objects.size() == 1) {
     for (const auto& [key, value] : objects[0].items()) json[key] = value;
   }

@@ -1,0 +1,37 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "client/cli/common/connection_messages.h"
+
+#include "absl/strings/str_cat.h"
+#include "absl/strings/str_format.h"
+
+namespace evpose::client {
+namespace {
+
+constexpr absl::Duration kOftenAtFirst = absl::Seconds(15);
+constexpr absl::Duration kLaterEvery = absl::Seconds(60);
+
+std::string Seconds(absl::Duration duration) { return absl::StrFormat("%.1f s", absl::ToDoubleSeconds(duration)); }
+
+}  // namespace
+
+std::string ConnectionMessages::Describe(const ConnectionChange& change) {
+  const std::string kept = absl::StrFormat("%.1f MB kept", static_cast<double>(change.kept_bytes) * 1e-6);
+  if (!change.is_away) {
+    is_away_ = false;
+    away_for_ += change.away_for;
+    return absl::StrCat(change.server, ": back after ", Seconds(change.away_for), "; ", kept);
+  }
+  const bool is_new = !is_away_;
+  if (is_new) ++outages_;
+  is_away_ = true;
+  if (!is_new && change.away_for > kOftenAtFirst && change.away_for - said_at_ < kLaterEvery) return "";
+  said_at_ = change.away_for;
+  std::string text = absl::StrCat("server away for ", Seconds(change.away_for));
+  if (!change.cause.ok()) absl::StrAppend(&text, " (", change.cause.message(), ")");
+  absl::StrAppend(&text, "; ", kept);
+  if (change.source_waits) absl::StrAppend(&text, ", no room for more: the source waits");
+  absl::StrAppend(&text, "; next try in ", Seconds(change.next_try_in), " at ", change.server);
+  return text;
+}
+
+}  // namespace evpose::client

@@ -1,0 +1,49 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "client/cli/common/connection_messages.h"
+
+#include <gtest/gtest.h>
+
+#include <string>
+
+namespace evpose::client {
+namespace {
+
+ConnectionChange Away(double away_s) {
+  ConnectionChange change;
+  change.is_away = true;
+  change.server = "host:1";
+  change.cause = absl::UnavailableError("connection refused");
+  change.away_for = absl::Seconds(away_s);
+  change.next_try_in = absl::Seconds(2);
+  change.kept_bytes = 3'100'000;
+  return change;
+}
+
+TEST(ConnectionMessagesTest, SaysHowLongWhyAndWhatIsKept) {
+  ConnectionMessages lines;
+  EXPECT_EQ(lines.Describe(Away(12)),
+            "server away for 12.0 s (connection refused); 3.1 MB kept; next try in 2.0 s at host:1");
+  ConnectionChange full = Away(13);
+  full.source_waits = true;
+  EXPECT_EQ(lines.Describe(full),
+            "server away for 13.0 s (connection refused); 3.1 MB kept, no room for more: the source waits; next try in "
+            "2.0 s at host:1");
+  ConnectionChange back = Away(14);
+  back.is_away = false;
+  EXPECT_EQ(lines.Describe(back), "host:1: back after 14.0 s; 3.1 MB kept");
+  lines.Describe(Away(1));
+  lines.Describe(back);
+  EXPECT_EQ(lines.outages(), 2);
+  EXPECT_EQ(lines.away_for(), absl::Seconds(28));
+}
+
+TEST(ConnectionMessagesTest, LaterOnlyOnceAMinute) {
+  ConnectionMessages lines;
+  int said = 0;
+  for (int away_s = 0; away_s < 3600; away_s += 5) said += !lines.Describe(Away(away_s)).empty();
+  EXPECT_GT(said, 55);
+  EXPECT_LT(said, 70);
+}
+
+}  // namespace
+}  // namespace evpose::client

@@ -1,0 +1,296 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "client/cli/common/run_inputs.h"
+
+#include <algorithm>
+#include <functional>
+#include <utility>
+
+#include "absl/strings/numbers.h"
+#include "absl/strings/str_cat.h"
+#include "absl/strings/str_join.h"
+#include "absl/strings/str_split.h"
+#include "client/cli/common/pose_format.h"
+#include "client/lib/core_types.h"
+#include "core/base/output_file.h"
+#include "core/base/status_macros.h"
+#include "core/geometry/trajectory.h"
+
+namespace evpose::client {
+namespace {
+
+constexpr size_t kMaxModelBytes = size_t{64} << 20;  // what a server takes by default
+
+// The names of the estimators that servers offer.
+std::vector<std::string> OfferedEstimators() {
+  std::vector<std::string> names;
+  for (const auto& [estimator, name] : kEstimatorNames) {
+    if (FromCore(estimator)) names.emplace_back(name);
+  }
+  return names;
+}
+
+// For CLI::Option::check(): an estimator that exists, but is not offered by servers.
+std::string CheckIsOffered(const std::string& text) {
+  for (const auto& [estimator, name] : kEstimatorNames) {
+    if (text != name || FromCore(estimator)) continue;
+    return absl::StrCat(text, " is not offered by servers: `evpose bench tracking` runs it");
+  }
+  return "";
+}
+
+absl::StatusOr<PoseEstimator> EstimatorByName(const std::string& text) {
+  for (const auto& [estimator, name] : kEstimatorNames) {
+    const std::optional<PoseEstimator> offered = FromCore(estimator);
+    if (text == name && offered) return *offered;
+  }
+  return UsageError(absl::StrCat("--estimator ", text, ": there is no such estimator"));
+}
+
+// "ID=REST". INVALID_ARGUMENT (usage) otherwise.
+absl::StatusOr<std::pair<std::string, std::string>> SplitId(const std::string& text, const std::string& option) {
+  const size_t sign = text.find('=');
+  if (sign == std::string::npos || sign == 0 || sign + 1 == text.size()) {
+    return UsageError(absl::StrCat(option, ": \"", text, "\" is not ID=", option == "--object" ? "MODEL" : "POSE"));
+  }
+  return std::make_pair(text.substr(0, sign), text.substr(sign + 1));
+}
+
+// The objects' names and files, not read yet.
+absl::StatusOr<std::vector<InputObject>> ParseObjects(const RunArguments& arguments) {
+  std::vector<InputObject> objects;
+  if (arguments.model.empty() == arguments.objects.empty()) {
+    return UsageError("give --model MODEL, or --object ID=MODEL for each of several objects");
+  }
+  if (!arguments.model.empty()) {
+    objects.push_back({TrackedObject().object_id, arguments.model, {}, {}, {}});
+    return objects;
+  }
+  for (const std::string& text : arguments.objects) {
+    EVPOSE_ASSIGN_OR_RETURN(const auto id_and_model, SplitId(text, "--object"));
+    for (const InputObject& other : objects) {
+      if (other.id == id_and_model.first) return UsageError(absl::StrCat("--object ", other.id, " is there twice"));
+    }
+    objects.push_back({id_and_model.first, id_and_model.second, {}, {}, {}});
+  }
+  return objects;
+}
+
+absl::Status ParseInitialPoses(const RunArguments& arguments, std::vector<InputObject>& objects) {
+  for (const std::string& text : arguments.init_poses) {
+    std::pair<std::string, std::string> id_and_pose = {objects[0].id, text};
+    if (!arguments.objects.empty()) {
+      EVPOSE_ASSIGN_OR_RETURN(id_and_pose, SplitId(text, "--init-pose"));
+    }
+    const auto object = std::find_if(objects.begin(), objects.end(),
+                                     [&](const InputObject& each) { return each.id == id_and_pose.first; });
+    if (object == objects.end()) return UsageError(absl::StrCat("--init-pose: no --object ", id_and_pose.first));
+    if (object->initial_pose) return UsageError(absl::StrCat("--init-pose of ", object->id, " is there twice"));
+    const absl::StatusOr<RigidTransform> pose = ParsePose(id_and_pose.second);
+    if (!pose.ok()) return UsageError(absl::StrCat("--init-pose: ", pose.status().message()));
+    object->initial_pose = FromCore(*pose);
+  }
+  return absl::OkStatus();
+}
+
+// "T_US POSE", or "T_US ID=POSE" with --object.
+absl::StatusOr<TimedReset> ParseReset(const RunArguments& arguments, const std::vector<InputObject>& objects,
+                                      const std::string& text) {
+  const std::pair<std::string, std::string> time_and_pose = absl::StrSplit(text, absl::MaxSplits(' ', 1));
+  TimedReset timed;
+  if (!absl::SimpleAtoi(time_and_pose.first, &timed.t_us) || timed.t_us < 0) {
+    return UsageError(absl::StrCat("--reset-pose: \"", text, "\" does not begin with a sensor time in microseconds"));
+  }
+  std::pair<std::string, std::string> id_and_pose = {objects[0].id, time_and_pose.second};
+  if (!arguments.objects.empty()) {
+    EVPOSE_ASSIGN_OR_RETURN(id_and_pose, SplitId(time_and_pose.second, "--reset-pose"));
+  }
+  if (std::none_of(objects.begin(), objects.end(),
+                   [&](const InputObject& object) { return object.id == id_and_pose.first; })) {
+    return UsageError(absl::StrCat("--reset-pose: no --object ", id_and_pose.first));
+  }
+  const absl::StatusOr<RigidTransform> pose = ParsePose(id_and_pose.second);
+  if (!pose.ok()) return UsageError(absl::StrCat("--reset-pose: ", pose.status().message()));
+  timed.reset = {id_and_pose.first, FromCore(*pose)};
+  return timed;
+}
+
+absl::Status ParseResets(const RunArguments& arguments, RunInputs& inputs) {
+  if (!arguments.reset_poses.empty() && arguments.recording == "-" && !arguments.resume.empty()) {
+    return UsageError("--reset-pose: is not possible with --resume on standard input, which cannot be read again");
+  }
+  for (const std::string& text : arguments.reset_poses) {
+    EVPOSE_ASSIGN_OR_RETURN(TimedReset reset, ParseReset(arguments, inputs.objects, text));
+    inputs.resets.push_back(std::move(reset));
+  }
+  std::stable_sort(inputs.resets.begin(), inputs.resets.end(),
+                   [](const TimedReset& a, const TimedReset& b) { return a.t_us < b.t_us; });
+  return absl::OkStatus();
+}
+
+// Ends when it is told to, not only when it would have to wait: what was read until then is the recording.
+class StoppableReader final : public RecordingReader {
+ public:
+  StoppableReader(std::unique_ptr<RecordingReader> reader, std::function<bool()> stop)
+      : reader_(std::move(reader)), stop_(std::move(stop)) {}
+
+  const RecordingHeader& header() const override { return reader_->header(); }
+  int64_t data_size_bytes() const override { return reader_->data_size_bytes(); }
+  absl::StatusOr<size_t> Read(absl::Span<uint8_t> buffer) override {
+    if (stop_()) return 0;
+    return reader_->Read(buffer);
+  }
+
+ private:
+  const std::unique_ptr<RecordingReader> reader_;
+  const std::function<bool()> stop_;
+};
+
+absl::Status ReadObjects(const RunArguments& arguments, std::vector<InputObject>& objects) {
+  for (InputObject& object : objects) {
+    EVPOSE_ASSIGN_OR_RETURN(object.upload.format, ModelFormatFromPath(object.model_path));
+    object.upload.metres_per_unit = arguments.metres_per_unit;
+    EVPOSE_ASSIGN_OR_RETURN(object.model_bytes, ReadFile(object.model_path, kMaxModelBytes));
+  }
+  return absl::OkStatus();
+}
+
+}  // namespace
+
+std::vector<std::string> RunInputs::object_ids() const {
+  std::vector<std::string> ids;
+  for (const InputObject& object : objects) ids.push_back(object.id);
+  return ids;
+}
+
+absl::StatusOr<RunInputs> ReadRunInputs(const RunArguments& arguments, const RecordingReaderOptions& reader_options) {
+  RunInputs inputs;
+  EVPOSE_ASSIGN_OR_RETURN(inputs.objects, ParseObjects(arguments));
+  if (!arguments.out.empty()) {
+    const absl::Status checked = PoseFiles::Check(arguments.out, inputs.object_ids());
+    if (!checked.ok()) return UsageError(absl::StrCat("--out ", checked.message()));
+  }
+  EVPOSE_RETURN_IF_ERROR(ParseInitialPoses(arguments, inputs.objects));
+  EVPOSE_RETURN_IF_ERROR(ParseResets(arguments, inputs));
+  EVPOSE_ASSIGN_OR_RETURN(inputs.camera, LoadCameraModel(arguments.camera));
+  if (!arguments.sensor.empty()) {
+    EVPOSE_ASSIGN_OR_RETURN(inputs.sensor, LoadSensorProfile(arguments.sensor));
+  }
+  EVPOSE_RETURN_IF_ERROR(ReadObjects(arguments, inputs.objects));
+  EVPOSE_ASSIGN_OR_RETURN(std::unique_ptr<RecordingReader> reader,
+                          RecordingReader::Open(arguments.recording, reader_options));
+  EVPOSE_RETURN_IF_ERROR(CheckCameraMatches(inputs.camera, arguments.camera, reader->header(), arguments.recording));
+  inputs.reader = std::make_unique<StoppableReader>(std::move(reader), reader_options.stop);
+  return inputs;
+}
+
+void AddDueResets(std::vector<TimedReset>& resets, EventChunk& chunk) {
+  if (chunk.bytes.empty()) return;  // the end
+  const auto is_later = [&chunk](const TimedReset& each) { return each.t_us > chunk.t_last_us; };
+  const auto end = std::find_if(resets.begin(), resets.end(), is_later);
+  for (auto each = resets.begin(); each != end; ++each) chunk.resets.push_back(std::move(each->reset));
+  resets.erase(resets.begin(), end);
+}
+
+ChunkerOptions MakeChunkerOptions(const RunArguments& arguments) {
+  ChunkerOptions options;
+  if (arguments.chunk_bytes == 0) return options;
+  options.max_bytes = arguments.chunk_bytes;
+  options.max_duration_us = int64_t{1} << 40;  // by size alone
+  return options;
+}
+
+absl::StatusOr<SessionConfig> UploadModels(Client& client, const RunArguments& arguments, const RunInputs& inputs,
+                                           ReplayReport& report) {
+  SessionConfig config;
+  config.encoding = FromCore(inputs.reader->header().encoding);
+  config.camera = FromCore(inputs.camera);
+  EVPOSE_ASSIGN_OR_RETURN(config.estimator, EstimatorByName(arguments.estimator));
+  config.sensor = FromCore(inputs.sensor);
+  report.models.clear();
+  for (const InputObject& input : inputs.objects) {
+    const absl::Span<const uint8_t> bytes(reinterpret_cast<const uint8_t*>(input.model_bytes.data()),
+                                          input.model_bytes.size());
+    absl::StatusOr<ModelInfo> model = client.UploadModel(bytes, input.upload);
+    if (!model.ok()) return ModelError(input.model_path, model.status());
+    report.models.push_back({input.id, model->notices, model->num_symmetries, model->diameter_m});
+    TrackedObject object;
+    object.object_id = input.id;
+    object.model = model->name;
+    object.initial_camera_from_object = input.initial_pose;
+    config.objects.push_back(std::move(object));
+  }
+  return config;
+}
+
+absl::StatusOr<Session> CreateSession(Client& client, const SessionConfig& config, const RunArguments& arguments,
+                                      const RunInputs& inputs, const std::string& request_id) {
+  absl::StatusOr<Session> session = client.CreateSession(config, request_id);
+  if (session.ok()) return session;
+  const std::string models = absl::StrJoin(inputs.objects, ", ", [](std::string* text, const InputObject& object) {
+    absl::StrAppend(text, object.model_path);
+  });
+  return absl::Status(session.status().code(), absl::StrCat("no session for ", models, " seen by ", arguments.camera,
+                                                            ": ", session.status().message()));
+}
+
+void RunArguments::AddTo(CLI::App& app, bool server_is_required) {
+  app.add_option("recording", recording, "Prophesee RAW or DAT file; - for standard input")->required();
+  app.add_option("--model", model, "Object: OBJ, PLY or STL");
+  app.add_option("--object", objects, "One of several objects, ID=FILE; repeat the option for each object")
+      ->type_name("ID=MODEL")
+      ->allow_extra_args(false);
+  app.add_option("--camera", camera, "Camera: ROS camera_info YAML")->required();
+  app.add_option("--sensor", sensor, "Profile of the sensor, as evpose calibrate writes it; default: an EVK4");
+  app.add_option("--scale", metres_per_unit, "Metres per unit of the model file")
+      ->check(CheckAboveZero, "POSITIVE")
+      ->capture_default_str();
+  app.add_option("--init-pose", init_poses,
+                 "Pose camera_from_object at the first event; without it, the pose is searched for in the events. With "
+                 "--object: \"ID=tx ...\", once for each object with a known pose")
+      ->type_name("\"tx ty tz qx qy qz qw\"")
+      ->allow_extra_args(false);
+  app.add_option("--reset-pose", reset_poses,
+                 "Restart tracking from a pose camera_from_object, before the first chunk of events that reaches the "
+                 "sensor time T_US in microseconds. With --object: \"T_US ID=tx ...\". The option may be repeated")
+      ->type_name("\"T_US tx ty tz qx qy qz qw\"")
+      ->allow_extra_args(false);
+  app.add_option(
+      "-o,--out", out,
+      "Poses: .tum, .csv or .jsonl; the file appears only when it is complete. {object} in the name is replaced by the "
+      "ID of each object");
+  app.add_option(
+         "--estimator", estimator,
+         "mixture; for comparison, corrected versions of the published static estimators, and a filter. Those of the "
+         "published code are available in `evpose bench tracking` only")
+      ->check(CheckIsOffered)
+      ->check(CLI::IsMember(OfferedEstimators()))
+      ->capture_default_str();
+  app.add_option("--chunk-bytes", chunk_bytes,
+                 "Size of a chunk in bytes; default: 1 ms of sensor time or 256 KiB, whichever is less")
+      ->check(CLI::Range(size_t{8}, size_t{64} << 20))
+      ->check(
+          [](const std::string& text) {
+            size_t bytes = 0;
+            return absl::SimpleAtoi(text, &bytes) && bytes % 8 == 0 ? "" : "must be a multiple of 8, the longest word";
+          },
+          "multiple of 8");
+  server.AddTo(app, server_is_required);
+  app.add_option("--max-outage", max_outage_s,
+                 "Seconds without a response of --server after which the command gives up; 0: no reconnection; inf: "
+                 "unlimited")
+      ->check(CheckNotNegative, "NONNEGATIVE")
+      ->capture_default_str()
+      ->needs(app.get_option("--server"))
+      ->group(kAwayGroup);
+  app.add_option("--resume", resume,
+                 "File with the position of the session. If it exists, the command continues from there: after a kill, "
+                 "run the same command again. The file is removed at the end")
+      ->type_name("FILE")
+      ->group(kAwayGroup);
+  app.add_flag("--keep-session", keeps_session,
+               "Keep the session on the server, so that evpose watch can read its poses")
+      ->needs(app.get_option("--server"));
+  app.add_flag("--json", is_json, "One JSON object on standard output");
+}
+
+}  // namespace evpose::client

@@ -1,0 +1,83 @@
+// SPDX-License-Identifier: Apache-2.0
+
+// The inputs of replay and stream, and their validation before a server is contacted.
+#pragma once
+
+#include <memory>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "absl/status/status.h"
+#include "absl/status/statusor.h"
+#include "client/cli/common/command.h"
+#include "client/cli/common/replay_report.h"
+#include "core/estimation/sensor_profile.h"
+#include "core/events/recording_reader.h"
+#include "evpose/client.h"
+
+namespace evpose::client {
+
+struct RunArguments {
+  std::string recording;
+  std::string model;
+  std::vector<std::string> objects;  // "ID=MODEL"
+  std::string camera;
+  std::string sensor;
+  ServerArguments server;
+  std::string out;
+  std::vector<std::string> init_poses;
+  std::vector<std::string> reset_poses;  // "T_US [ID=]POSE"
+  std::string estimator = "mixture";
+  size_t chunk_bytes = 0;
+  double metres_per_unit = 1.0;
+  double max_outage_s = 120.0;
+  std::string resume;  // empty: the run cannot be continued
+  bool keeps_session = false;
+  bool is_json = false;
+
+  void AddTo(CLI::App& app, bool server_is_required);
+};
+
+struct InputObject {
+  std::string id;
+  std::string model_path;
+  std::string model_bytes;
+  UploadOptions upload;
+  std::optional<Transform> initial_pose;
+};
+
+// A reset of a pose at a sensor time: --reset-pose.
+struct TimedReset {
+  int64_t t_us = 0;
+  PoseReset reset;
+};
+
+struct RunInputs {
+  std::vector<InputObject> objects;
+  std::vector<TimedReset> resets;  // in the order of their times
+  CameraModel camera;
+  SensorProfile sensor;
+  std::unique_ptr<RecordingReader> reader;
+
+  std::vector<std::string> object_ids() const;
+};
+
+// Moves the resets that are due at the end of `chunk` from the front of `resets` into the chunk.
+void AddDueResets(std::vector<TimedReset>& resets, EventChunk& chunk);
+
+// Validates all inputs that can be validated without a server. When `reader_options.stop` is requested, the data read
+// until then is the complete recording.
+absl::StatusOr<RunInputs> ReadRunInputs(const RunArguments& arguments, const RecordingReaderOptions& reader_options);
+
+ChunkerOptions MakeChunkerOptions(const RunArguments& arguments);
+
+// Uploads the models and adds the server's description of them to `report`.
+absl::StatusOr<SessionConfig> UploadModels(Client& client, const RunArguments& arguments, const RunInputs& inputs,
+                                           ReplayReport& report);
+
+// Errors name the input files of the session.
+absl::StatusOr<Session> CreateSession(Client& client, const SessionConfig& config, const RunArguments& arguments,
+                                      const RunInputs& inputs, const std::string& request_id);
+
+}  // namespace evpose::client

@@ -1,0 +1,232 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "client/cli/common/session_run.h"
+
+#include <algorithm>
+#include <filesystem>
+#include <utility>
+
+#include "absl/strings/str_cat.h"
+#include "absl/strings/str_join.h"
+#include "client/cli/common/interrupt_watch.h"
+#include "client/lib/client_access.h"
+#include "client/lib/core_types.h"
+#include "core/base/status_macros.h"
+#include "core/numerics/hash.h"
+
+namespace evpose::client {
+namespace {
+
+// Limits of the poses and the time that a killed client repeats: the server stores only some thousand poses.
+constexpr uint64_t kMaxPosesBetween = 1024;
+constexpr absl::Duration kMaxTimeBetween = absl::Seconds(1);
+
+std::string Digest(const std::string& bytes) {
+  return Sha256Hex({reinterpret_cast<const uint8_t*>(bytes.data()), bytes.size()}).substr(0, 32);
+}
+
+// Returns the inputs and options that must be the same when a run is continued, by the names used in errors.
+std::map<std::string, std::string> Identify(const RunArguments& arguments, const RunInputs& inputs) {
+  std::map<std::string, std::string> identity;
+  std::error_code error;
+  const auto absolute = [&error](const std::string& path) {
+    if (path == "-" || path.empty()) return path;
+    // Absolute first, because weakly_canonical() leaves the relative path of a missing file relative.
+    return std::filesystem::weakly_canonical(std::filesystem::absolute(path, error), error).string();
+  };
+  identity["recording"] = absolute(arguments.recording);
+  identity["header of the recording"] =
+      absl::StrCat(std::string(EncodingName(inputs.reader->header().encoding)), " ",
+                   inputs.reader->header().geometry.width_px, "x", inputs.reader->header().geometry.height_px);
+  identity["--out"] = absolute(arguments.out);
+  identity["--estimator"] = arguments.estimator;
+  identity["--scale"] = absl::StrCat(arguments.metres_per_unit);
+  identity["--chunk-bytes"] = absl::StrCat(arguments.chunk_bytes);
+  identity["--init-pose"] = "";
+  for (const std::string& pose : arguments.init_poses) absl::StrAppend(&identity["--init-pose"], pose, ";");
+  identity["--reset-pose"] = absl::StrJoin(arguments.reset_poses, ";");
+  for (const InputObject& object : inputs.objects) identity["model of " + object.id] = Digest(object.model_bytes);
+  identity["--camera"] = absolute(arguments.camera);
+  identity["--sensor"] = absolute(arguments.sensor);
+  return identity;
+}
+
+}  // namespace
+
+SessionRun::SessionRun(const RunArguments& arguments, RunInputs& inputs, CliContext& context,
+                       std::map<std::string, std::string> own_arguments)
+    : arguments_(arguments),
+      inputs_(inputs),
+      context_(context),
+      chunker_(*inputs.reader, MakeChunkerOptions(arguments)) {
+  record_.arguments = std::move(own_arguments);
+  record_.arguments.merge(Identify(arguments, inputs));
+}
+
+SessionRun::~SessionRun() {
+  if (progress_ != nullptr) progress_->Stop();
+}
+
+absl::Status SessionRun::Open() {
+  if (!arguments_.resume.empty()) {
+    EVPOSE_ASSIGN_OR_RETURN(ResumeFile file, ResumeFile::Open(arguments_.resume));
+    if (file.record()) {
+      EVPOSE_RETURN_IF_ERROR(file.CheckArguments(record_.arguments));
+      record_ = *file.record();
+    }
+    resume_.emplace(std::move(file));
+  }
+  kept_pose_seq_ = record_.position.last_pose_seq;
+  if (arguments_.out.empty()) return absl::OkStatus();
+  if (resume_) {
+    EVPOSE_ASSIGN_OR_RETURN(poses_, PoseFiles::Continue(arguments_.out, inputs_.object_ids(), record_.output_bytes));
+  } else {
+    EVPOSE_ASSIGN_OR_RETURN(poses_, PoseFiles::Create(arguments_.out, inputs_.object_ids()));
+  }
+  return absl::OkStatus();
+}
+
+absl::StatusOr<EventChunk> SessionRun::NextChunk() {
+  absl::StatusOr<EventChunk> chunk = FromCore(chunker_.Next());
+  if (chunk.ok()) AddDueResets(inputs_.resets, *chunk);
+  if (chunk.ok() || !ends_on_error_) return chunk;
+  source_status_ = chunk.status();
+  return EventChunk{};
+}
+
+absl::Status SessionRun::MakeFeed(FeedOptions options, bool ends_on_error) {
+  ends_on_error_ = ends_on_error;
+  EVPOSE_ASSIGN_OR_RETURN(feed_, EventFeed::Open([this] { return NextChunk(); }, options));
+  return absl::OkStatus();
+}
+
+absl::Status SessionRun::Begin(Client& client, const std::function<void(SessionConfig&)>& complete,
+                               const std::string& request_id) {
+  // Also for a continued run: models are named by their content, and the report describes them.
+  EVPOSE_ASSIGN_OR_RETURN(SessionConfig config, UploadModels(client, arguments_, inputs_, report_));
+  if (is_resumed()) return absl::OkStatus();
+  complete(config);
+  EVPOSE_ASSIGN_OR_RETURN(const Session session, CreateSession(client, config, arguments_, inputs_, request_id));
+  record_.position.session = session.name;
+  record_.position.resume_token = session.resume_token;
+  return absl::OkStatus();
+}
+
+absl::Status SessionRun::KeepPosition(const TrackPosition& position, bool has_new_token) {
+  if (!resume_) return absl::OkStatus();
+  const absl::Time now = SystemClock().Now();
+  // The first durable position is stored at once, because its digest identifies the recording.
+  const bool is_first = record_.position.durable.seq == 0 && position.durable.seq > 0;
+  const bool is_due = has_new_token || is_first || now - kept_at_ >= kMaxTimeBetween ||
+                      position.last_pose_seq - kept_pose_seq_ >= kMaxPosesBetween;
+  if (!is_due) return absl::OkStatus();
+  // The poses are synced first, so that the record is never ahead of them.
+  if (poses_) {
+    EVPOSE_ASSIGN_OR_RETURN(record_.output_bytes, poses_->Sync());
+  }
+  record_.position = position;
+  record_.position.max_piece_bytes = feed_->max_piece_bytes();
+  EVPOSE_RETURN_IF_ERROR(resume_->Write(record_));
+  kept_pose_seq_ = position.last_pose_seq;
+  kept_at_ = now;
+  return absl::OkStatus();
+}
+
+void SessionRun::Say(const std::string& text) {
+  if (text.empty()) return;
+  if (progress_ != nullptr) {
+    progress_->Say(text);
+  } else {
+    context_.err << text << std::endl;
+  }
+}
+
+TrackCallbacks SessionRun::MakeCallbacks() {
+  TrackCallbacks callbacks;
+  callbacks.on_pose = [this](const Pose& pose) {
+    if (poses_) poses_->Write(pose);
+  };
+  callbacks.on_notice = [this](const Notice& notice) { report_.Add(notice); };
+  callbacks.on_progress = [this](const TrackProgress& value) { progress_->Update(value); };
+  callbacks.on_connection = [this](const ConnectionChange& change) {
+    is_away_ = change.is_away;
+    Say(connection_.Describe(change));
+  };
+  callbacks.on_position = [this](const TrackPosition& position, bool has_new_token) {
+    return KeepPosition(position, has_new_token);
+  };
+  return callbacks;
+}
+
+absl::Status SessionRun::Track(Client& client, TrackOptions options) {
+  // A run that was killed before its first chunk may divide chunks in any way.
+  if (record_.position.max_piece_bytes > 0) feed_->Start(record_.position.max_piece_bytes);
+  report_.recording = arguments_.recording;
+  report_.session = arguments_.keeps_session ? record_.position.session : "";
+  report_.out = arguments_.out;
+  report_.files.clear();
+  if (!arguments_.out.empty()) {
+    for (const auto& [id, path] : PoseFiles::Paths(arguments_.out, inputs_.object_ids())) report_.files.push_back(path);
+  }
+  report_.header = inputs_.reader->header();
+  EVPOSE_RETURN_IF_ERROR(KeepPosition(record_.position, true));
+  progress_ = std::make_unique<SessionProgress>(context_, client, record_.position.session,
+                                                inputs_.reader->data_size_bytes(), !arguments_.is_json);
+  const absl::Time begin = SystemClock().Now();
+  absl::StatusOr<TrackSummary> summary = absl::UnknownError("");
+  {
+    const InterruptWatch watch(context_, is_away_, options.stop);
+    summary = ClientAccess::Track(client, record_.position, *feed_, MakeCallbacks(), options);
+  }
+  progress_->Stop();
+  if (summary.ok()) return Finish(client, *summary, SystemClock().Now() - begin);
+  return Explain(client, summary.status());
+}
+
+absl::Status SessionRun::Explain(Client& client, const absl::Status& status) const {
+  // The interrupt has ended the run, not the server.
+  const bool is_interrupted = is_away_ && context_.IsInterrupted() && absl::IsCancelled(status);
+  const std::string what =
+      absl::StrCat(is_interrupted ? "interrupted while the server was away: " : "", status.message());
+  if (resume_) {
+    const std::string advice = absl::IsNotFound(status) ? absl::StrCat("the session is gone from the server: remove ",
+                                                                       resume_->path(), " to begin a new one")
+                                                        : "the same command goes on from there";
+    return absl::Status(status.code(), absl::StrCat(what, "; ", advice));
+  }
+  if (is_interrupted) {
+    return absl::Status(status.code(), absl::StrCat(what, "; with --resume FILE it could be gone on with"));
+  }
+  // Frees the capacity of the server at once. The error of an unreachable server has been reported already.
+  if (!arguments_.keeps_session) client.DeleteSession(record_.position.session).IgnoreError();
+  return status;
+}
+
+absl::Status SessionRun::Finish(Client& client, const TrackSummary& summary, absl::Duration wall_time) {
+  report_.summary = summary;
+  report_.wall_time = wall_time;
+  report_.truncated_bytes = chunker_.truncated_bytes();
+  report_.is_interrupted = context_.IsInterrupted();
+  report_.outages = connection_.outages();
+  report_.away_for = connection_.away_for();
+  if (poses_) EVPOSE_RETURN_IF_ERROR(poses_->Commit());
+  if (resume_) resume_->Remove();
+  feed_->outbox().Clear();
+  if (!arguments_.keeps_session) client.DeleteSession(record_.position.session).IgnoreError();
+  if (arguments_.is_json) {
+    context_.out << report_.ToJson().dump(2, ' ', false, Json::error_handler_t::replace) << "\n";
+  } else {
+    report_.Print(context_.out);
+  }
+  EVPOSE_RETURN_IF_ERROR(source_status_);
+  if (!inputs_.resets.empty()) {
+    return absl::OutOfRangeError(absl::StrCat(
+        "--reset-pose at ", inputs_.resets.front().t_us,
+        " us was not applied: the events end before it; sensor times are those of evpose info and of the poses"));
+  }
+  if (summary.lost_poses == 0) return absl::OkStatus();
+  return absl::DataLossError(absl::StrCat(summary.lost_poses,
+                                          " poses are missing: the server no longer kept them when the ",
+                                          "stream was taken up again (its --pose-log-capacity)"));
+}
+
+}  // namespace evpose::client

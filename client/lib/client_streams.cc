@@ -1,0 +1,140 @@
+// SPDX-License-Identifier: Apache-2.0
+
+// The streams of a client: Track with ResetPose, WatchPoses and WatchHealth.
+#include <grpcpp/client_context.h>
+
+#include <memory>
+#include <mutex>
+#include <utility>
+
+#include "absl/strings/str_cat.h"
+#include "client/lib/client_access.h"
+#include "client/lib/client_impl.h"
+#include "client/lib/conversion.h"
+#include "client/lib/stream/event_feed.h"
+#include "client/lib/stream/reconnecting_stream.h"
+#include "core/base/status_macros.h"
+#include "evpose/client.h"
+
+namespace evpose::client {
+namespace {
+
+// Reads one stream of responses to its end. `start(context)` begins the call; an error of `handle(response)` means that
+// the response is invalid, and cancels the call.
+template <typename Response, typename Start, typename Handle>
+absl::Status ReadToEnd(const std::string& server, const Start& start, const Handle& handle,
+                       const std::stop_token& stop) {
+  grpc::ClientContext context;
+  const std::unique_ptr<grpc::ClientReaderInterface<Response>> reader = start(&context);
+  const std::stop_callback cancel_on_stop(stop, [&context] { context.TryCancel(); });
+  Response response;
+  absl::Status invalid;
+  while (invalid.ok() && reader->Read(&response)) invalid = handle(response);
+  if (!invalid.ok()) context.TryCancel();
+  const grpc::Status status = reader->Finish();
+  if (!invalid.ok()) return absl::InternalError(absl::StrCat(server, ": ", invalid.message()));
+  return FromGrpc(status, server);
+}
+
+}  // namespace
+
+absl::StatusOr<TrackSummary> Client::Track(const Session& session, const ChunkSource& source,
+                                           const TrackCallbacks& callbacks, const TrackOptions& options) {
+  TrackPosition position;
+  position.session = session.name;
+  position.resume_token = session.resume_token;
+  return Track(position, source, callbacks, options);
+}
+
+absl::StatusOr<TrackSummary> Client::Track(const TrackPosition& position, const ChunkSource& source,
+                                           const TrackCallbacks& callbacks, const TrackOptions& options) {
+  FeedOptions feed_options;
+  feed_options.rate = options.rate;
+  feed_options.clock = options.clock;
+  feed_options.skip = position.durable;
+  EVPOSE_ASSIGN_OR_RETURN(const std::unique_ptr<EventFeed> feed, EventFeed::Open(source, feed_options));
+  if (position.max_piece_bytes > 0) feed->Start(position.max_piece_bytes);
+  return ClientAccess::Track(*this, position, *feed, callbacks, options);
+}
+
+absl::StatusOr<TrackSummary> ClientAccess::Track(Client& client, const TrackPosition& position, EventFeed& feed,
+                                                 const TrackCallbacks& callbacks, const TrackOptions& options) {
+  EVPOSE_RETURN_IF_ERROR(options.Validate());
+  Client::Impl& impl = *client.impl_;
+  std::vector<StreamServer> servers;
+  for (const Client::Impl::Endpoint& endpoint : impl.endpoints) {
+    servers.push_back({endpoint.name, endpoint.sessions.get(), [channel = endpoint.channel.get()] {
+                         grpc::experimental::ChannelResetConnectionBackoff(channel);
+                       }});
+  }
+  ReconnectingStream stream(servers, impl.current, impl.sessions_outlive_server, position, feed, callbacks, options);
+  {
+    const std::lock_guard lock(impl.feeds_mutex);
+    impl.feeds[position.session] = &feed;
+  }
+  absl::StatusOr<TrackSummary> summary = stream.Run();
+  {
+    const std::lock_guard lock(impl.feeds_mutex);
+    const auto own = impl.feeds.find(position.session);
+    if (own != impl.feeds.end() && own->second == &feed) impl.feeds.erase(own);
+  }
+  std::stop_source stop = options.stop;
+  stop.request_stop();
+  feed.Stop();
+  return summary;
+}
+
+absl::Status Client::ResetPose(const std::string& session, const PoseReset& reset) {
+  const std::lock_guard lock(impl_->feeds_mutex);
+  const auto feed = impl_->feeds.find(session);
+  if (feed == impl_->feeds.end()) {
+    return absl::FailedPreconditionError(absl::StrCat(session, ": no Track() of this session runs in this client"));
+  }
+  const absl::Status status = feed->second->ResetPose(reset);
+  return absl::Status(status.code(), absl::StrCat(session, ": ", status.message()));
+}
+
+absl::Status Client::WatchPoses(const std::string& session, const WatchPosesOptions& options,
+                                const PosesCallback& on_poses, std::stop_token stop) {
+  v1::WatchPosesRequest request;
+  request.set_session(session);
+  request.set_after_pose_seq(options.after_pose_seq);
+  if (options.max_rate_hz) request.set_max_rate_hz(*options.max_rate_hz);
+  const auto handle = [&](const v1::WatchPosesResponse& response) -> absl::Status {
+    std::vector<Pose> poses;
+    for (const v1::Pose& message : response.poses()) {
+      EVPOSE_ASSIGN_OR_RETURN(Pose pose, FromProto(message));
+      poses.push_back(std::move(pose));
+    }
+    on_poses(poses, response.num_skipped());
+    if (!poses.empty()) request.set_after_pose_seq(poses.back().seq);
+    return absl::OkStatus();
+  };
+  absl::Status status;
+  do {
+    const Impl::Endpoint& endpoint = impl_->endpoint();
+    status = ReadToEnd<v1::WatchPosesResponse>(
+        endpoint.name, [&](auto* context) { return endpoint.sessions->WatchPoses(context, request); }, handle, stop);
+  } while (ReasonOf(status) == v1::FENCED && !stop.stop_requested());
+  return status;
+}
+
+absl::Status Client::WatchHealth(const std::string& session, absl::Duration period, const HealthCallback& on_health,
+                                 std::stop_token stop) {
+  v1::WatchHealthRequest request;
+  request.set_session(session);
+  *request.mutable_period() = ToProto(period);
+  const auto handle = [&](const v1::WatchHealthResponse& response) {
+    on_health(FromProto(response.health()));
+    return absl::OkStatus();
+  };
+  absl::Status status;
+  do {
+    const Impl::Endpoint& endpoint = impl_->endpoint();
+    status = ReadToEnd<v1::WatchHealthResponse>(
+        endpoint.name, [&](auto* context) { return endpoint.sessions->WatchHealth(context, request); }, handle, stop);
+  } while (ReasonOf(status) == v1::FENCED && !stop.stop_requested());
+  return status;
+}
+
+}  // namespace evpose::client
