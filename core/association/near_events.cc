@@ -53,7 +53,7 @@ NearShares NearEvents::Find(const EventWindow& window, const TileGrid& grid, int
   const ByPolarity near_events = {found[0] * window.events_per_sample[0], found[1] * window.events_per_sample[1]};
   UpdateUsualEvents(near_events);
   const ByPolarity samples_per_observation = DownsampleByClass(static_cast<size_t>(max_events), SampleShares(found),
-                                                              absl::MakeConstSpan(events_), is_on, events_);
+                                                               absl::MakeConstSpan(events_), is_on, events_);
   NearShares shares;
   for (int polarity = 0; polarity < 2; ++polarity) {
     shares.events_per_observation[polarity] = window.events_per_sample[polarity] * samples_per_observation[polarity];
