@@ -25,7 +25,7 @@ struct Free {
 template <typename T>
 using Owned = std::unique_ptr<T, Free>;
 
-// Without it OpenSSL would ask for the passphrase on the terminal.
+// A callback that refuses: without one OpenSSL would ask for the passphrase on the terminal.
 int NoPassphrase(char*, int, int, void*) { return -1; }
 
 absl::Status Invalid(const PemFile& file, absl::string_view why) {
@@ -39,7 +39,7 @@ Owned<BIO> Open(const PemFile& file) {
 
 Owned<X509> ReadCertificate(BIO* bio) { return Owned<X509>(PEM_read_bio_X509(bio, nullptr, NoPassphrase, nullptr)); }
 
-// At least one certificate, and nothing after them that is half of one.
+// Requires at least one certificate, and no incomplete one after the last.
 absl::Status CheckChain(const PemFile& file) {
   const Owned<BIO> bio = Open(file);
   int num_certificates = 0;
@@ -48,7 +48,7 @@ absl::Status CheckChain(const PemFile& file) {
   ERR_clear_error();
   if (num_certificates > 0 && is_at_end) return absl::OkStatus();
   if (num_certificates > 0) return Invalid(file, absl::StrCat("is damaged after certificate ", num_certificates));
-  return Invalid(file, "has no certificate in it: PEM is needed, -----BEGIN CERTIFICATE-----");
+  return Invalid(file, "has no certificate in it; PEM is expected (-----BEGIN CERTIFICATE-----)");
 }
 
 absl::Time ToTime(const ASN1_TIME* time) {
@@ -62,11 +62,11 @@ absl::Status CheckValidity(const PemFile& file, const X509* certificate, absl::T
   const absl::Time end = ToTime(X509_get0_notAfter(certificate));
   const auto day = [](absl::Time time) { return absl::FormatTime("%Y-%m-%d %H:%M:%S UTC", time, absl::UTCTimeZone()); };
   if (now > end) {
-    return absl::FailedPreconditionError(absl::StrCat(file.path, " expired on ", day(end), ": renew the certificate"));
+    return absl::FailedPreconditionError(absl::StrCat(file.path, " expired on ", day(end), "; renew the certificate"));
   }
   if (now < begin) {
     return absl::FailedPreconditionError(
-        absl::StrCat(file.path, " is not valid before ", day(begin), ": is this machine's clock right?"));
+        absl::StrCat(file.path, " is not valid before ", day(begin), "; check this machine's clock"));
   }
   return absl::OkStatus();
 }
@@ -83,11 +83,12 @@ absl::Status CheckKeyPair(const PemFile& certificate, const PemFile& key, absl::
   const Owned<EVP_PKEY> private_key(PEM_read_bio_PrivateKey(key_bio.get(), nullptr, NoPassphrase, nullptr));
   if (private_key == nullptr) {
     const bool is_encrypted = absl::StrContains(key.contents, "ENCRYPTED");
-    return Invalid(key, is_encrypted ? "is encrypted: a key without passphrase is needed (openssl pkey)"
-                                     : "has no private key in it: PEM is needed, -----BEGIN PRIVATE KEY-----");
+    return Invalid(key, is_encrypted
+                            ? "is encrypted; write the key without a passphrase (openssl pkey -in FILE -out FILE)"
+                            : "has no private key in it; PEM is expected (-----BEGIN PRIVATE KEY-----)");
   }
   if (X509_check_private_key(x509.get(), private_key.get()) != 1) {
-    return Invalid(key, absl::StrCat("is not the key of ", certificate.path, ": the two belong together"));
+    return Invalid(key, absl::StrCat("is not the key of ", certificate.path, "; give the key of this certificate"));
   }
   return CheckValidity(certificate, x509.get(), now);
 }

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// Checks of X.509 certificates and their keys in PEM, so that a mistake in a file is told in words before TLS fails
-// over it in codes.
+// Checks of X.509 certificates and private keys in PEM before TLS uses them. TLS reports a wrong file with an error
+// code only; these errors say which file is wrong and how to correct it.
 #pragma once
 
 #include <string>
@@ -12,18 +12,19 @@
 
 namespace evpose {
 
-// A file's contents, with the name for messages.
+// The contents of a PEM file, with its path for error messages.
 struct PemFile {
   std::string path;
   std::string contents;
 };
 
-// Certificates of authorities: at least one, each readable. Errors: INVALID_ARGUMENT naming the path.
+// Checks a file of authorities: at least one certificate, each of them readable. Errors: INVALID_ARGUMENT with the
+// path.
 absl::Status CheckAuthorities(const PemFile& authorities);
 
-// A certificate, first of its chain, and its private key. Errors name the path and say what to do: INVALID_ARGUMENT for
-// what is no PEM, an encrypted key, a key of another certificate; FAILED_PRECONDITION for a certificate that is not
-// valid at `now`.
+// Checks a certificate (the first of the chain in its file) and its private key. Errors have the path and the remedy:
+// INVALID_ARGUMENT for a file that is not PEM, an encrypted key or the key of another certificate; FAILED_PRECONDITION
+// for a certificate that is not valid at `now`.
 absl::Status CheckKeyPair(const PemFile& certificate, const PemFile& key, absl::Time now);
 
 }  // namespace evpose

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// Authorities and certificates that tests make for themselves.
+// Authorities and certificates made by the tests themselves.
 #pragma once
 
 #include <gtest/gtest.h>
@@ -24,7 +24,7 @@ struct TestCertificate {
 
 struct TestCertificateOptions {
   std::string common_name = "localhost";
-  std::string alternative_names = "DNS:localhost,IP:127.0.0.1";  // empty: none
+  std::string alternative_names = "DNS:localhost,IP:127.0.0.1";  // empty: no extension
   absl::Time not_before = absl::Now() - absl::Hours(1);
   absl::Time not_after = absl::Now() + absl::Hours(24);
 };
@@ -56,7 +56,7 @@ class TestAuthority {
     return {ToPem(*certificate), ToPem(*key)};
   }
 
-  // The key of `certificate` behind a passphrase.
+  // The key of `certificate` in PEM, encrypted with a passphrase.
   static std::string Encrypted(const TestCertificate& certificate) {
     const BioPointer in(BIO_new_mem_buf(certificate.key_pem.data(), static_cast<int>(certificate.key_pem.size())),
                         BIO_free);

@@ -22,7 +22,7 @@ absl::Status FileError(const std::string& path, absl::string_view what, int erro
   return absl::ErrnoToStatus(error_number, absl::StrCat(path, ": ", what));
 }
 
-// Two writers of one process never share a temporary name.
+// The process number and a counter: no two writers share a temporary name.
 std::string TemporaryName(const std::string& path) {
   static std::atomic<uint64_t> counter = 0;
   return absl::StrCat(path, ".partial-", getpid(), "-", counter.fetch_add(1));
@@ -33,7 +33,7 @@ std::string TemporaryName(const std::string& path) {
 absl::StatusOr<OutputFile> OutputFile::Create(const std::string& path) {
   OutputFile result;
   std::error_code error;
-  // A link is written through, not replaced.
+  // The target of a symbolic link is replaced, not the link.
   const std::filesystem::path resolved = std::filesystem::weakly_canonical(path, error);
   result.path_ = error ? path : resolved.string();
   if (std::filesystem::is_directory(result.path_, error)) {
@@ -46,7 +46,7 @@ absl::StatusOr<OutputFile> OutputFile::Create(const std::string& path) {
   const int flags = O_WRONLY | O_CLOEXEC | (direct ? 0 : O_CREAT | O_EXCL);
   const int descriptor = open(name.c_str(), flags, 0666);
   if (descriptor < 0) {
-    result.temporary_path_.clear();  // not ours to remove
+    result.temporary_path_.clear();  // not created here, so not removed by Discard()
     return FileError(path, "cannot be written", errno);
   }
   result.file_ = fdopen(descriptor, "wb");
@@ -64,7 +64,7 @@ absl::StatusOr<OutputFile> OutputFile::Continue(const std::string& path, uint64_
   const std::filesystem::path resolved = std::filesystem::weakly_canonical(path, error);
   result.path_ = error ? path : resolved.string();
   if (std::filesystem::exists(result.path_, error) && !std::filesystem::is_regular_file(result.path_, error)) {
-    return absl::InvalidArgumentError(absl::StrCat(path, ": is no regular file, so that it cannot be gone on with"));
+    return absl::InvalidArgumentError(absl::StrCat(path, ": is not a regular file, so that it cannot be continued"));
   }
   result.is_continued_ = true;
   result.temporary_path_ = result.path_ + ".partial";
@@ -76,7 +76,7 @@ absl::StatusOr<OutputFile> OutputFile::Continue(const std::string& path, uint64_
   if (static_cast<uint64_t>(info.st_size) < kept_bytes) {
     close(descriptor);
     return absl::DataLossError(
-        absl::StrCat(result.temporary_path_, ": has ", info.st_size, " bytes where ", kept_bytes, " had been written"));
+        absl::StrCat(result.temporary_path_, ": has ", info.st_size, " bytes, but ", kept_bytes, " had been written"));
   }
   const bool is_placed =
       ftruncate(descriptor, static_cast<off_t>(kept_bytes)) == 0 && lseek(descriptor, 0, SEEK_END) >= 0;
@@ -129,11 +129,11 @@ absl::StatusOr<uint64_t> OutputFile::Sync() {
 
 absl::Status OutputFile::Commit() {
   EVPOSE_RETURN_IF_ERROR(status_);
-  // fclose reports what the system could not write, a full disk above all.
+  // fclose reports write errors that were delayed, a full disk in particular.
   if (std::fclose(std::exchange(file_, nullptr)) != 0) return status_ = FileError(path_, "writing failed", errno);
   if (temporary_path_.empty()) return absl::OkStatus();
   if (rename(temporary_path_.c_str(), path_.c_str()) != 0) {
-    return status_ = FileError(path_, "cannot take its name", errno);
+    return status_ = FileError(path_, "cannot be renamed to its final name", errno);
   }
   temporary_path_.clear();
   return absl::OkStatus();

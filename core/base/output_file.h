@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// A file that is written whole or not at all.
+// Files that appear under their name only when they are complete.
 #pragma once
 
 #include <cstdint>
@@ -13,26 +13,26 @@
 
 namespace evpose {
 
-// Writes to a temporary name beside `path` and renames it in Commit(): nobody ever sees a half-written file under the
-// name, and a file that stood there stays until then. A path that is no regular file (/dev/stdout, a pipe) is written
-// directly.
+// Writes to a temporary name beside `path` and renames the file in Commit(): a reader never finds an incomplete file
+// under `path`, and an older file stays there until then. A path that is not a regular file (/dev/stdout, a pipe) is
+// written directly.
 class OutputFile {
  public:
   // Errors name the path: NOT_FOUND for a missing directory, PERMISSION_DENIED, INVALID_ARGUMENT for a directory.
   static absl::StatusOr<OutputFile> Create(const std::string& path);
-  // Goes on with what an earlier process left half-written under the name `path`.partial: with its first `kept_bytes`.
-  // Without Commit() the file stays there for the next one. Errors as Create(); INVALID_ARGUMENT for a path that is no
-  // regular file; DATA_LOSS when fewer bytes are there.
+  // Resumes a file that an earlier process left incomplete as `path`.partial: keeps its first `kept_bytes` bytes, cuts
+  // the rest off and appends. Without Commit() the file stays there for the next process. Errors as for Create();
+  // INVALID_ARGUMENT for a path that is not a regular file; DATA_LOSS if the file has fewer bytes.
   static absl::StatusOr<OutputFile> Continue(const std::string& path, uint64_t kept_bytes);
   OutputFile(OutputFile&& other) noexcept;
   OutputFile& operator=(OutputFile&& other) noexcept;
-  ~OutputFile();  // without Commit(): removes the temporary file of Create()
+  ~OutputFile();  // removes the temporary file of Create() unless it was committed
 
-  // Errors name the path; the first one stays, so that Commit() alone may be checked.
+  // Errors have the path. Every later call returns the first error, so that it suffices to check Commit().
   absl::Status Append(std::string_view bytes);
-  // What was appended is on the disk; its size.
+  // Waits until the appended bytes are on the disk, and returns the file's size in bytes.
   absl::StatusOr<uint64_t> Sync();
-  // Once, last.
+  // Closes the file and gives it its name. The last call.
   absl::Status Commit();
 
  private:
@@ -40,16 +40,17 @@ class OutputFile {
   void Discard();
 
   std::string path_;
-  std::string temporary_path_;  // empty: written directly
+  std::string temporary_path_;  // empty if `path_` is written directly
   bool is_continued_ = false;
   std::FILE* file_ = nullptr;
   absl::Status status_;
 };
 
-// The whole of `contents` under `path`, or nothing.
+// Writes `contents` as the file `path`, as OutputFile does.
 absl::Status WriteFile(const std::string& path, std::string_view contents);
 
-// Errors name the path: NOT_FOUND, PERMISSION_DENIED, INVALID_ARGUMENT for a directory or more than `max_bytes`.
+// The contents of a file. Errors have the path: NOT_FOUND, PERMISSION_DENIED, INVALID_ARGUMENT for a directory or a
+// file of more than `max_bytes`.
 absl::StatusOr<std::string> ReadFile(const std::string& path, size_t max_bytes);
 
 }  // namespace evpose

@@ -71,7 +71,7 @@ TEST_F(OutputFileTest, WhatCannotBeContinuedIsNamed) {
   ASSERT_TRUE(WriteFile(Path("a.txt.partial"), "one").ok());
   const auto shorter = OutputFile::Continue(Path("a.txt"), 4);
   EXPECT_EQ(shorter.status().code(), absl::StatusCode::kDataLoss);
-  EXPECT_THAT(shorter.status().message(), HasSubstr("a.txt.partial: has 3 bytes where 4 had been written"));
+  EXPECT_THAT(shorter.status().message(), HasSubstr("a.txt.partial: has 3 bytes, but 4 had been written"));
   EXPECT_EQ(OutputFile::Continue("/dev/null", 0).status().code(), absl::StatusCode::kInvalidArgument);
 }
 

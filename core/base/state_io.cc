@@ -25,7 +25,7 @@ void StateReader::Count(size_t& count) {
   uint64_t fixed_width = 0;
   Raw(&fixed_width, sizeof(fixed_width));
   if (fixed_width > remaining()) {
-    Fail(absl::StrCat("a list of ", fixed_width, " with ", remaining(), " bytes left"));
+    Fail(absl::StrCat("a list has ", fixed_width, " elements, but only ", remaining(), " bytes remain"));
     fixed_width = 0;
   }
   count = static_cast<size_t>(fixed_width);
@@ -39,7 +39,7 @@ void StateReader::Varint(uint64_t& number) {
     number |= static_cast<uint64_t>(byte & 0x7f) << shift;
     if (byte < 0x80) return;
   }
-  Fail("a number that does not end");
+  Fail("a varint has more than 10 bytes");
   number = 0;
 }
 
@@ -52,7 +52,7 @@ absl::string_view StateReader::Bytes() {
 }
 
 void StateReader::Raw(void* bytes, size_t size) {
-  if (size > remaining()) Fail(absl::StrCat("ends where ", size, " more bytes are needed"));
+  if (size > remaining()) Fail(absl::StrCat("the bytes end where ", size, " more are needed"));
   if (!ok()) {
     std::memset(bytes, 0, size);
     return;
@@ -64,12 +64,12 @@ void StateReader::Raw(void* bytes, size_t size) {
 void StateReader::Fail(absl::string_view what) {
   if (!ok()) return;
   status_ = absl::DataLossError(absl::StrCat("saved state, byte ", position_, ": ", what));
-  bytes_ = {};  // nothing is left to read
+  bytes_ = {};  // no further byte is read
   position_ = 0;
 }
 
 absl::Status StateReader::Finish() {
-  if (remaining() > 0) Fail(absl::StrCat(remaining(), " bytes too many"));
+  if (remaining() > 0) Fail(absl::StrCat(remaining(), " bytes remain after the last field"));
   return status_;
 }
 

@@ -1,15 +1,15 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// State as bytes, bit for bit, and back: checkpoints and the records beside them.
+// Serialization of state for checkpoints and stored records. A state that was read has the same bits as the saved one.
 //
-// One function names the fields for both directions:
+// One function lists the fields for both directions:
 //
 //   struct Sighting {
 //     int64_t t_us;
 //     State state;
 //     std::vector<double> scores;
 //     static void VisitState(auto& archive, auto& self) {
-//       auto& [t_us, state, scores] = self;  // does not compile when a member is added and not thought of
+//       auto& [t_us, state, scores] = self;  // does not compile if a member is missing
 //       archive(t_us, AtMost(state, State::kLast), scores);
 //     }
 //   };
@@ -17,13 +17,16 @@
 //   writer(sighting, count);                reader(sighting, count);
 //   std::string bytes = writer.Take();      absl::Status status = reader.Finish();
 //
-// Fields may be bool, integers and floating-point numbers of fixed width, enums within AtMost(), std::string, optional,
-// pair, array, vector and deque of fields, Eigen matrices of fixed size, types with VisitState(), and types with
-// SaveState(StateWriter&) const and LoadState(StateReader&). Numbers are little-endian, floating-point ones their bits.
+// A field may be a bool, an integer or floating-point number of fixed width, an enum within AtMost(), a std::string, an
+// optional, pair, array, vector or deque of fields, an Eigen matrix of fixed size, a type with VisitState(), or a type
+// with SaveState(StateWriter&) const and LoadState(StateReader&). Format: numbers are little-endian, floating-point
+// numbers by their bits; a bool is a byte, 0 or 1; a list or string is its length (64 bits) and its elements; an
+// optional is a bool and, if it is 1, the value. The bytes have no version or type: the caller stores them in a record
+// that has.
 //
-// The reader may be given damaged or hostile bytes. The first thing that is wrong stays (status()), and from there on
-// every number read is zero and every list empty, so that code which reads need not look at each step; but nothing that
-// was read may be used before the status is. No more is allocated than a small multiple of the bytes that are there.
+// The reader accepts damaged and hostile bytes. It keeps the first error (status()); after it every number read is zero
+// and every list empty, so that reading code need not check each step. Values that were read must not be used before
+// the status was checked. Allocations are bounded by a small multiple of the number of bytes given.
 #pragma once
 
 #include <array>
@@ -43,7 +46,8 @@
 
 namespace evpose {
 
-static_assert(std::endian::native == std::endian::little, "numbers are copied as the little-endian machine has them");
+static_assert(std::endian::native == std::endian::little,
+              "numbers are copied from memory, whose order must be little-endian");
 
 class StateWriter {
  public:
@@ -52,13 +56,14 @@ class StateWriter {
   template <typename... Fields>
   void operator()(const Fields&... fields);
 
-  // The number of things that follow, for what no field type fits.
+  // The number of elements that follow, for types that write their elements themselves.
   void Count(const size_t& count);
-  // A number that is mostly small, in as many bytes as it has groups of seven bits.
+  // A number that is usually small, as a varint: 7 bits per byte from the lowest on, bit 7 set in all but the last
+  // byte.
   void Varint(const uint64_t& number);
-  void Bytes(absl::string_view bytes);  // with their length before them
+  void Bytes(absl::string_view bytes);  // preceded by their length
   void Raw(const void* bytes, size_t size) { bytes_.append(static_cast<const char*>(bytes), size); }
-  // What a reader asks of what it has read; a writer need not ask.
+  // A condition on values that were read; a writer does not test it.
   void Check(bool, absl::string_view) {}
 
   size_t size() const { return bytes_.size(); }
@@ -77,14 +82,14 @@ class StateReader {
   template <typename... Fields>
   void operator()(Fields&&... fields);
 
-  // At most as large as the number of bytes that remain: what follows is at least a byte each.
+  // Fails for a count above the number of remaining bytes: an element has at least one byte.
   void Count(size_t& count);
   void Varint(uint64_t& number);
-  // A view into the reader's bytes.
+  // Returns a view into the reader's bytes.
   absl::string_view Bytes();
-  // Zeros when there are not enough bytes.
+  // Copies `size` bytes; zeros if fewer remain.
   void Raw(void* bytes, size_t size);
-  // Fails with `what`, as in "the row lies outside the sensor", unless `good`.
+  // Fails unless `good`, with an error text such as "the row lies outside the sensor".
   void Check(bool good, absl::string_view what) {
     if (!good) Fail(what);
   }
@@ -92,9 +97,9 @@ class StateReader {
 
   bool ok() const { return status_.ok(); }
   size_t remaining() const { return bytes_.size() - position_; }
-  // DATA_LOSS with what was wrong first, and where.
+  // The first error: DATA_LOSS with its cause and the position of the byte.
   const absl::Status& status() const { return status_; }
-  // The same, and bytes that are left over are wrong, too. Call last.
+  // The same; remaining bytes are an error, too. The last call.
   absl::Status Finish();
 
  private:
@@ -103,8 +108,8 @@ class StateReader {
   absl::Status status_;
 };
 
-// A number or enum that is to lie within first..last, which are what they are when the range is made: a bound that was
-// read is known in the next call only, not further back in the same one.
+// A number or enum that must lie in [first, last]. The bounds are evaluated when InRange() is called, so that a bound
+// which is itself read can be used only in a later archive(...) call, not in the call that reads it.
 template <typename Field>
 struct StateInRange {
   Field& field;
@@ -118,13 +123,13 @@ StateInRange<Field> InRange(Field& field, std::type_identity_t<std::remove_const
   return {field, first, last};
 }
 
-// 0..last.
+// The same for [0, last].
 template <typename Field>
 StateInRange<Field> AtMost(Field& field, std::type_identity_t<std::remove_const_t<Field>> last) {
   return {field, static_cast<std::remove_const_t<Field>>(0), last};
 }
 
-// A floating-point number or a matrix of them, none of which may be infinite or NaN.
+// A floating-point number or matrix without infinite elements or NaN.
 template <typename Field>
 struct StateFinite {
   Field& field;
@@ -168,14 +173,14 @@ concept FixedMatrix = requires(T& matrix) {
 template <typename Archive, typename Field>
 void Visit(Archive& archive, Field& field);
 
-// Not with resize(): a count that lies would allocate before the bytes are found to be missing.
+// Grows element by element: resize() would allocate for a false count before the missing bytes are noticed.
 template <typename List>
 void ReadList(StateReader& reader, List& list) {
   size_t count = 0;
   reader.Count(count);
   list.clear();
   for (size_t i = 0; i < count && reader.ok(); ++i) {
-    typename List::value_type item{};  // on its own: vector<bool> has no references
+    typename List::value_type item{};  // a variable of its own, because vector<bool> has no references
     Visit(reader, item);
     list.push_back(std::move(item));
   }
@@ -207,7 +212,7 @@ template <typename Archive>
 void VisitBool(Archive& archive, auto& field) {
   uint8_t byte = field ? 1 : 0;
   archive.Raw(&byte, 1);
-  archive.Check(byte <= 1, "a truth value is neither 0 nor 1");
+  archive.Check(byte <= 1, "a bool is neither 0 nor 1");
   if constexpr (Archive::kReading) field = byte == 1;
 }
 
@@ -215,9 +220,9 @@ template <typename Archive, typename Field>
 void VisitInRange(Archive& archive, const StateInRange<Field>& range) {
   archive.Raw(&range.field, sizeof(Field));
   if constexpr (Archive::kReading) {
-    // Written so that NaN is outside.
+    // This form of the condition is false for NaN.
     if (range.field >= range.first && range.field <= range.last) return;
-    archive.Fail("a number or a choice outside its range");
+    archive.Fail("a number or enum lies outside its range");
     range.field = range.first;
   }
 }
@@ -226,7 +231,7 @@ template <typename Archive, typename Field>
 void VisitFinite(Archive& archive, const StateFinite<Field>& finite) {
   Visit(archive, finite.field);
   if constexpr (Archive::kReading) {
-    // x - x is NaN for what is not finite.
+    // x - x is NaN for infinity and NaN.
     bool all_finite = true;
     if constexpr (std::is_floating_point_v<Field>) {
       all_finite = finite.field - finite.field == 0;
@@ -235,7 +240,7 @@ void VisitFinite(Archive& archive, const StateFinite<Field>& finite) {
         all_finite &= finite.field.data()[i] - finite.field.data()[i] == 0;
       }
     }
-    archive.Check(all_finite, "a number is infinite or none");
+    archive.Check(all_finite, "a number is infinite or NaN");
   }
 }
 
@@ -275,7 +280,7 @@ void Visit(Archive& archive, Field& field) {
   } else if constexpr (kIs<T, std::vector> || kIs<T, std::deque>) {
     VisitList(archive, field);
   } else {
-    static_assert(FixedMatrix<T>, "no field of a state: give it VisitState(archive, self)");
+    static_assert(FixedMatrix<T>, "this type cannot be serialized: give it VisitState(archive, self)");
     for (int i = 0; i < T::SizeAtCompileTime; ++i) Visit(archive, field.data()[i]);
   }
 }

@@ -140,7 +140,7 @@ TEST(StateIoTest, EveryTruncationIsAnError) {
   }
   Everything read;
   EXPECT_EQ(Read(bytes + "x", read).message(),
-            "saved state, byte " + std::to_string(bytes.size()) + ": 1 bytes too many");
+            "saved state, byte " + std::to_string(bytes.size()) + ": 1 bytes remain after the last field");
 }
 
 TEST(StateIoTest, TheFirstErrorStaysAndTheRestIsZero) {
@@ -149,7 +149,7 @@ TEST(StateIoTest, TheFirstErrorStaysAndTheRestIsZero) {
   bool flag = true;
   reader(flag);
   const absl::Status first = reader.status();
-  EXPECT_EQ(first.message(), "saved state, byte 1: a truth value is neither 0 nor 1");
+  EXPECT_EQ(first.message(), "saved state, byte 1: a bool is neither 0 nor 1");
   uint32_t number = 1;
   std::vector<int> list = {1};
   std::optional<int> maybe = 1;
@@ -166,7 +166,7 @@ TEST(StateIoTest, TheFirstErrorStaysAndTheRestIsZero) {
 TEST(StateIoTest, ACountThatLiesAllocatesNothing) {
   std::vector<double> list;
   EXPECT_EQ(Read(Write(std::numeric_limits<uint64_t>::max()), list).message(),
-            "saved state, byte 8: a list of 18446744073709551615 with 0 bytes left");
+            "saved state, byte 8: a list has 18446744073709551615 elements, but only 0 bytes remain");
   // As many as there are bytes, but not as many as their elements need.
   EXPECT_EQ(Read(Write(uint64_t{16}, uint64_t{0}, uint64_t{0}), list).code(), absl::StatusCode::kDataLoss);
   EXPECT_LE(list.capacity(), 4u);

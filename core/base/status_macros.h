@@ -1,6 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// Early return for absl::Status and absl::StatusOr: no exception leaves a function of ours.
+// Early return on errors: functions of this project return absl::Status or absl::StatusOr and throw no exceptions.
+//
+//   EVPOSE_RETURN_IF_ERROR(file.Append(bytes));
+//   EVPOSE_ASSIGN_OR_RETURN(const CameraModel camera, LoadCameraModel(path));
 #pragma once
 
 #include <utility>

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// An empty directory for tests and benches, which goes with them.
+// A temporary directory for tests and benchmarks.
 #pragma once
 
 #include <stdlib.h>
@@ -12,12 +12,14 @@
 
 namespace evpose {
 
-// Errors: std::filesystem::filesystem_error when it cannot be made.
+// Creates an empty directory, and removes it with its contents at the end of the object's life. Throws
+// std::filesystem::filesystem_error if the directory cannot be created.
 class TemporaryDirectory {
  public:
   TemporaryDirectory() : path_(std::filesystem::temp_directory_path() / "evpose-XXXXXX") {
     if (mkdtemp(path_.data()) == nullptr) {
-      throw std::filesystem::filesystem_error("cannot be made", path_, std::error_code(errno, std::generic_category()));
+      throw std::filesystem::filesystem_error("the temporary directory cannot be created", path_,
+                                              std::error_code(errno, std::generic_category()));
     }
   }
   ~TemporaryDirectory() {

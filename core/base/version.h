@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// What was built.
+// The version of this build, for --version and the server's information.
 #pragma once
 
 #include <string>
@@ -9,12 +9,12 @@ namespace evpose {
 
 struct BuildVersion {
   std::string version;  // MAJOR.MINOR.PATCH
-  std::string commit;   // short; "unknown" where it was built outside a repository
+  std::string commit;   // short hash; "unknown" for a build outside a repository
 };
 
 BuildVersion ThisBuild();
 
-// "PROGRAM VERSION (COMMIT)", what --version prints.
+// "PROGRAM VERSION (COMMIT)", the output of --version.
 std::string VersionLine(const std::string& program);
 
 }  // namespace evpose

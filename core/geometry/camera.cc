@@ -22,24 +22,24 @@
 namespace evpose {
 namespace {
 
-// Twice the width of the largest event sensor there is. Bounds the undistortion table at 128 MiB, whoever sends the
-// file.
+// Twice the largest side that EVT3 can address, 2048 px. Bounds the undistortion table at 128 MiB, also for a file from
+// an untrusted client.
 constexpr int kMaxSidePx = 4096;
-// A camera_info file has about 500 bytes.
+// A camera_info file has about 500 bytes; the limit leaves room for comments.
 constexpr size_t kMaxFileBytes = 64 << 10;
-// An undistorted bearing must come back to its pixel by Distort to within this.
+// Largest distance between a pixel and the distorted projection of its bearing: far below the noise of an event.
 constexpr double kMaxInversionErrorPx = 0.01;
 
 absl::Status FieldError(const std::string& name, const std::string& field, const std::string& what) {
   return absl::InvalidArgumentError(absl::StrCat(name, ": ", field, ": ", what));
 }
 
-// The scalar `field` of a map as T.
+// The scalar at `key` of the map `parent`; `field` is its path and `type` its description in errors.
 template <typename T>
 absl::StatusOr<T> ReadScalar(const YAML::Node& parent, const std::string& key, const std::string& name,
                              const std::string& field, const char* type) {
   const YAML::Node node = parent[key];
-  if (!node || node.IsNull()) return FieldError(name, field, absl::StrCat("missing; give ", type));
+  if (!node || node.IsNull()) return FieldError(name, field, absl::StrCat("is missing; give ", type));
   T value;
   if (!node.IsScalar() || !YAML::convert<T>::decode(node, value)) {
     return FieldError(name, field, absl::StrCat("is not ", type));
@@ -47,16 +47,16 @@ absl::StatusOr<T> ReadScalar(const YAML::Node& parent, const std::string& key, c
   return value;
 }
 
-// A matrix as camera_info writes it: {rows, cols, data}, row by row.
+// A matrix as in camera_info: a map of rows, cols and data, row by row.
 absl::StatusOr<std::vector<double>> ReadMatrix(const YAML::Node& root, const std::string& field,
                                                const std::string& name) {
   const YAML::Node node = root[field];
-  if (!node || node.IsNull()) return FieldError(name, field, "missing; give rows, cols and data");
+  if (!node || node.IsNull()) return FieldError(name, field, "is missing; give rows, cols and data");
   if (!node.IsMap()) return FieldError(name, field, "is not a map with rows, cols and data");
   EVPOSE_ASSIGN_OR_RETURN(const int rows, ReadScalar<int>(node, "rows", name, field + ".rows", "a whole number"));
   EVPOSE_ASSIGN_OR_RETURN(const int cols, ReadScalar<int>(node, "cols", name, field + ".cols", "a whole number"));
   const YAML::Node data = node["data"];
-  if (!data || !data.IsSequence()) return FieldError(name, field + ".data", "missing, or not a list of numbers");
+  if (!data || !data.IsSequence()) return FieldError(name, field + ".data", "is missing or not a list of numbers");
   if (rows < 0 || cols < 0 || static_cast<int64_t>(rows) * cols != static_cast<int64_t>(data.size())) {
     return FieldError(name, field,
                       absl::StrFormat("has %d rows and %d cols, but %d numbers in data", rows, cols, data.size()));
@@ -115,7 +115,7 @@ absl::Status ReadDistortion(const YAML::Node& root, const std::string& name, Cam
   for (const double coefficient : coefficients) {
     if (coefficient == 0.0) continue;
     return FieldError(name, "distortion_model",
-                      "missing or none, but distortion_coefficients are not 0; say plumb_bob");
+                      "is missing or none, but distortion_coefficients are not 0; set it to plumb_bob");
   }
   return absl::OkStatus();
 }
@@ -143,8 +143,8 @@ Eigen::Vector2d Normalised(const CameraModel& camera, double u_px, double v_px) 
   return {(u_px - camera.cx_px) / camera.fx_px, (v_px - camera.cy_px) / camera.fy_px};
 }
 
-// The plumb-bob map at a normalised point. Its Jacobian is symmetric; it is positive definite around the centre, and no
-// longer so where the image is folded or mirrored.
+// The plumb-bob distortion of a normalised point. Its Jacobian is symmetric. It is positive definite around the centre
+// of the image (`is_regular`), but not where the map folds or mirrors the image.
 struct Distorted {
   Eigen::Vector2d point;
   bool is_regular;
@@ -163,7 +163,7 @@ Distorted DistortNormalised(const std::array<double, 5>& d, const Eigen::Vector2
           xx > 0.0 && xx * yy - xy * xy > 0.0};
 }
 
-// Bearings of row `v` by OpenCV, in double precision.
+// Bearings of the pixels of row `v`, by OpenCV's fixed-point iteration in double precision.
 absl::StatusOr<std::vector<cv::Point2d>> UndistortRow(const CameraModel& camera, int v) {
   const cv::Matx33d k(camera.fx_px, 0, camera.cx_px, 0, camera.fy_px, camera.cy_px, 0, 0, 1);
   const auto& d = camera.distortion;
@@ -172,6 +172,7 @@ absl::StatusOr<std::vector<cv::Point2d>> UndistortRow(const CameraModel& camera,
   for (int u = 0; u < camera.width_px; ++u) pixels[u] = {static_cast<double>(u), static_cast<double>(v)};
   std::vector<cv::Point2d> bearings;
   try {
+    // Far more iterations than a regular lens needs; IsInverse() checks the result.
     const cv::TermCriteria criteria(cv::TermCriteria::COUNT | cv::TermCriteria::EPS, 200, 1e-6);
     cv::undistortPoints(pixels, bearings, k, coefficients, cv::noArray(), cv::noArray(), criteria);
   } catch (const std::exception& e) {
@@ -180,8 +181,8 @@ absl::StatusOr<std::vector<cv::Point2d>> UndistortRow(const CameraModel& camera,
   return bearings;
 }
 
-// A bearing is right when it distorts back to its pixel, on the branch around the image's centre (past a fold, two
-// directions meet in one pixel).
+// Whether `bearing` is the bearing of pixel (u, v): its distortion is that pixel, on the branch of the map around the
+// centre of the image (beyond a fold, two bearings have the same pixel).
 bool IsInverse(const CameraModel& camera, const Eigen::Vector2d& bearing, int u, int v) {
   const Distorted distorted = DistortNormalised(camera.distortion, bearing);
   const double error_x = distorted.point.x() * camera.fx_px + camera.cx_px - u;
@@ -252,7 +253,7 @@ absl::StatusOr<CameraModel> ParseCameraModel(const std::string& yaml, const std:
 }
 
 std::string CameraModelToYaml(const CameraModel& camera) {
-  // 17 significant digits give the same bits back.
+  // 17 significant digits determine a double.
   const auto number = [](double value) { return absl::StrFormat("%.17g", value); };
   const std::string k = absl::StrJoin({number(camera.fx_px), std::string("0"), number(camera.cx_px), std::string("0"),
                                        number(camera.fy_px), number(camera.cy_px), std::string("0, 0, 1")},
@@ -284,8 +285,8 @@ absl::StatusOr<UndistortionTable> UndistortionTable::Create(const CameraModel& c
       const Eigen::Vector2d bearing(row[u].x, row[u].y);
       if (!IsInverse(camera, bearing, u, v)) {
         return absl::InvalidArgumentError(
-            absl::StrFormat("distortion_coefficients: the distortion cannot be inverted at pixel (%d, %d); the "
-                            "calibration does not hold up to the image's corners",
+            absl::StrFormat("distortion_coefficients: the distortion cannot be inverted at pixel (%d, %d); "
+                            "calibrate with points up to the image's corners",
                             u, v));
       }
       table.bearings_.push_back(bearing.cast<float>());

@@ -25,35 +25,35 @@ struct CameraModel {
 
   bool operator==(const CameraModel&) const = default;
 
-  // INVALID_ARGUMENT naming the field that is wrong.
+  // INVALID_ARGUMENT with the name of the first invalid field, as it is called in the camera file.
   absl::Status Validate() const;
 
-  // Undistorted pixel of a point in the camera frame, metres; z must be positive.
+  // The undistorted pixel of a point in the camera frame (metres), whose z must be positive.
   Eigen::Vector2d Project(const Eigen::Vector3d& point_camera) const {
     return {fx_px * point_camera.x() / point_camera.z() + cx_px, fy_px * point_camera.y() / point_camera.z() + cy_px};
   }
-  // The sensor's own pixel of an undistorted pixel (applies the distortion).
+  // The pixel on the sensor of an undistorted pixel: applies the distortion.
   Eigen::Vector2d Distort(const Eigen::Vector2d& undistorted_px) const;
   bool HasDistortion() const { return distortion != std::array<double, 5>{}; }
-  // Whether the sensor sees an undistorted pixel: its own pixel lies on it, and the lens does not fold the image there.
+  // Whether an undistorted pixel is visible: the distortion is invertible there and maps it onto the sensor.
   bool IsInImage(const Eigen::Vector2d& undistorted_px) const;
 };
 
-// ROS camera_info YAML (image_width, image_height, camera_matrix, distortion_model plumb_bob or none,
-// distortion_coefficients). Errors, each naming the file and the field: NOT_FOUND, INVALID_ARGUMENT.
+// Reads ROS camera_info YAML: image_width, image_height, camera_matrix, distortion_model (plumb_bob or none) and
+// distortion_coefficients. Errors have the file and the field: NOT_FOUND, INVALID_ARGUMENT.
 absl::StatusOr<CameraModel> LoadCameraModel(const std::string& path);
 absl::StatusOr<CameraModel> ParseCameraModel(const std::string& yaml, const std::string& name_for_errors);
 std::string CameraModelToYaml(const CameraModel& camera);
 
-// Undistorted, normalised bearings of all pixels: K^-1 (u, v, 1) with the distortion removed, as (x, y).
+// The bearings of all pixels: (x, y) of K^-1 (u, v, 1) with the distortion removed.
 class UndistortionTable {
  public:
-  // `camera` must be valid. Errors: INVALID_ARGUMENT when the distortion cannot be inverted inside the image.
+  // Errors: INVALID_ARGUMENT for an invalid camera, or if the distortion cannot be inverted at some pixel.
   static absl::StatusOr<UndistortionTable> Create(const CameraModel& camera);
 
-  // b = (x, y, 1) of the pixel; x and y inside the sensor.
+  // The first two components of the bearing (x, y, 1) of a pixel inside the sensor.
   const Eigen::Vector2f& Bearing(int x, int y) const { return bearings_[static_cast<size_t>(y) * width_px_ + x]; }
-  // Bearing(x, y) is about to be asked for.
+  // Prefetches the entry of Bearing(x, y).
   void Prefetch(int x, int y) const { PrefetchEntry(bearings_, static_cast<size_t>(y) * width_px_ + x); }
 
  private:

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// A straight piece of an image line.
+// Line segments in the image.
 #pragma once
 
 #include <Eigen/Core>
@@ -9,7 +9,7 @@
 
 namespace evpose {
 
-// End points in undistorted pixels.
+// A segment by its end points in undistorted pixels.
 struct ImageSegment {
   Eigen::Vector2d p1_px = Eigen::Vector2d::Zero();
   Eigen::Vector2d p2_px = Eigen::Vector2d::Zero();
@@ -17,8 +17,9 @@ struct ImageSegment {
   double length_px() const { return (p2_px - p1_px).norm(); }
 };
 
-// Unit normal, camera frame, of the plane through the camera's centre and the segment: n = q1 x q2 / |q1 x q2|
-// (core/initialization/README.md). Zero for a segment without length.
+// Unit normal in the camera frame of the interpretation plane, the plane through the camera's centre and the segment:
+// n = b1 x b2 / |b1 x b2| for the bearings of the end points (core/initialization/README.md). Zero for a segment of
+// length 0.
 Eigen::Vector3d BackProjectedNormal(const CameraModel& camera, const ImageSegment& segment);
 
 }  // namespace evpose

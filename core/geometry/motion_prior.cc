@@ -46,7 +46,7 @@ MotionState InitialMotionState(const RigidTransform& camera_from_object, int64_t
                                const InitialPoseOptions& options) {
   const double depth_m = camera_from_object.translation_m.norm();
   const double m_per_px = depth_m / focal_px;
-  // The depth's direction is the line of sight to the object's origin.
+  // Depth is measured along the line of sight to the object's origin.
   const Eigen::Vector3d sight = camera_from_object.translation_m / depth_m;
   const Eigen::Matrix3d along = sight * sight.transpose();
   const Eigen::Matrix3d across = Eigen::Matrix3d::Identity() - along;
@@ -76,7 +76,7 @@ MotionState Predict(const MotionState& state, int64_t t_us, const MotionPriorOpt
   p.bottomLeftCorner<6, 6>() = p.topRightCorner<6, 6>().transpose();
 
   const double depth_m = state.camera_from_object.translation_m.norm();
-  // What moves fast turns fast: in turn_time_s the velocity changes by as much as itself.
+  // core/geometry/README.md 2 (3).
   const double linear = noise_factor * (Squared(options.linear_acceleration_density * depth_m) +
                                         state.twist.head<3>().squaredNorm() / options.turn_time_s);
   const double angular = noise_factor * (Squared(options.angular_acceleration_density) +
@@ -94,7 +94,7 @@ MotionState Predict(const MotionState& state, int64_t t_us, const MotionPriorOpt
 void AddPriorEquations(const MotionState& state, const MotionState& predicted, const Matrix12d& information,
                        Matrix12d& hessian, Vector12d& gradient) {
   const Vector12d x = Minus(state, predicted);
-  // A turn on the left of the state changes the turn from the prediction by the inverse left Jacobian of that.
+  // A perturbation dtheta of the state changes the rotational part of x by the inverse left Jacobian of x times dtheta.
   Matrix12d jacobian = Matrix12d::Identity();
   jacobian.block<3, 3>(3, 3) = LeftJacobianInverseSo3(x.segment<3>(3));
   hessian += jacobian.transpose() * information * jacobian;

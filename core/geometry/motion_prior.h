@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// The constant-velocity prior: where the object is expected, and how surely (core/geometry/README.md, section 2).
+// The constant-velocity motion prior: predicted pose and twist with their covariance (core/geometry/README.md, section
+// 2).
 #pragma once
 
 #include <cstdint>
@@ -15,36 +16,37 @@ namespace evpose {
 using Vector12d = Eigen::Matrix<double, 12, 1>;
 using Matrix12d = Eigen::Matrix<double, 12, 12>;
 
-// How far a pose that somebody gave may be off, one standard deviation. Image units scale with object and distance.
+// Standard deviations of a first pose that the user gives. Most are in image units, so that they hold for every size
+// and distance of the object.
 struct InitialPoseOptions {
-  double lateral_px = 2.0;                  // sideways, in the image: what a hand-made or line-based first pose reaches
-  double depth_ratio = 0.01;                // of the distance
-  double rotation_rad = 0.015;              // about 1 deg
-  double velocity_px_per_s = 2000.0;        // nothing is known of the motion: fast for an object that fills the image
+  double lateral_px = 2.0;            // across the line of sight: the accuracy of a pose set by hand or from lines
+  double depth_ratio = 0.01;          // along the line of sight, of the distance
+  double rotation_rad = 0.015;        // about 1 deg
+  double velocity_px_per_s = 2000.0;  // motion unknown: fast for an object that fills the image
   double angular_velocity_rad_per_s = 6.0;  // about one turn per second
 
   absl::Status Validate() const;
 };
 
-// White acceleration (core/geometry/README.md, section 2): the twist does a random walk of this strength.
+// White acceleration: the twist performs a random walk with these densities (core/geometry/README.md 2 (3)).
 struct MotionPriorOptions {
-  // Depths per second^1.5: in 10 ms the velocity changes by 0.034 depths/s, 35 px/s at f = 1000 px. Relative to the
-  // depth, so that the image motion counts. What is quicker, a second try follows (retry_noise_factor).
+  // Depths per second^1.5, relative to the depth, because the motion in the image counts. In 10 ms the velocity changes
+  // by 0.034 depths/s, 34 px/s at f = 1000 px. Faster changes are found by the retry (retry_noise_factor).
   double linear_acceleration_density = 0.34;
-  // Radians per second^1.5: in 10 ms the angular velocity changes by 0.24 rad/s, as in a hand's turn.
+  // Radians per second^1.5: in 10 ms the angular velocity changes by 0.24 rad/s, as of an object turned by hand.
   double angular_acceleration_density = 2.4;
-  // Seconds in which a velocity changes by as much as itself, on top of both: what moves fast within a view turns in
-  // it.
+  // Seconds in which a velocity changes by its own magnitude, in addition to both densities: an object that moves fast
+  // inside the field of view must soon turn round.
   double turn_time_s = 0.5;
-  // Process noise of the second try after a fall of the explained share, as a factor (core/estimation/README.md,
-  // section 5).
+  // Factor on the densities for the second fit of a window after a fall of the explained ratio
+  // (core/estimation/README.md, section 5).
   double retry_noise_factor = 250.0;
 
   absl::Status Validate() const;
 };
 
-// Pose and twist with their joint covariance. The order is [translation, rotation, linear velocity, angular velocity];
-// the perturbation is on the left (rigid_transform.h), dT/dt = v and dR/dt = w^ R.
+// Pose and twist with their joint covariance, in the order [translation, rotation, linear velocity, angular velocity].
+// The perturbation is on the left (rigid_transform.h): dT/dt = v, dR/dt = [w]x R.
 struct MotionState {
   int64_t t_us = 0;
   RigidTransform camera_from_object;
@@ -54,27 +56,28 @@ struct MotionState {
   static void VisitState(auto& archive, auto& self) {
     auto& [t_us, camera_from_object, twist, covariance] = self;
     archive(InRange(t_us, -kMaxStateTime_us, kMaxStateTime_us), camera_from_object, Finite(twist), Finite(covariance));
-    // No object is there or as fast; what follows from such numbers does not overflow.
-    constexpr double kMax = 1e9;
+    constexpr double kMax = 1e9;  // m, m/s and rad/s: no real motion, and its squares do not overflow
     archive.Check(camera_from_object.translation_m.cwiseAbs().maxCoeff() < kMax && twist.cwiseAbs().maxCoeff() < kMax,
-                  "a motion that nothing makes");
+                  "a pose or twist is larger than 1e9");
   }
 };
 
-// x <- x + dx in that tangent space, and the dx with Plus(from, dx) = to. The covariance stays.
+// Plus() perturbs pose and twist by dx in this tangent space and keeps time and covariance; Minus() is the dx with
+// Plus(from, dx) = to.
 MotionState Plus(const MotionState& state, const Vector12d& dx);
 Vector12d Minus(const MotionState& to, const MotionState& from);
 
-// The state of a pose that somebody gave for t_us. `focal_px` turns pixels into angles.
+// The state at t_us of a pose that the user gives, with twist 0. `focal_px` converts pixels to angles.
 MotionState InitialMotionState(const RigidTransform& camera_from_object, int64_t t_us, double focal_px,
                                const InitialPoseOptions& options);
 
-// The state at t_us >= state.t_us under white acceleration; `noise_factor` multiplies the noise's spectral density.
+// The predicted state at t_us >= state.t_us (core/geometry/README.md 2 (1) to (3)). `noise_factor` multiplies the
+// spectral density of the acceleration.
 MotionState Predict(const MotionState& state, int64_t t_us, const MotionPriorOptions& options,
                     double noise_factor = 1.0);
 
-// Adds what a least-squares step at `state` sees of x^T information x / 2, x = Minus(state, predicted): Hessian and
-// gradient by a further perturbation of `state`. `information` is symmetric.
+// Adds the Gauss-Newton Hessian and the gradient of x^T information x / 2, x = Minus(state, predicted), with respect to
+// a perturbation of `state` (core/geometry/README.md, section 2). `information` is symmetric.
 void AddPriorEquations(const MotionState& state, const MotionState& predicted, const Matrix12d& information,
                        Matrix12d& hessian, Vector12d& gradient);
 

@@ -6,12 +6,14 @@
 namespace evpose {
 namespace {
 
-// The end points are seen less than this angle (rad) apart: the line projects to a point and has no direction.
+// Angle (rad) between the bearings of the end points below which the line counts as a point: its direction would be
+// rounding error.
 constexpr double kMinSubtendedAngle = 1e-9;
 
 using LineJacobian = Eigen::Matrix<double, 3, 6>;
 
-// Of n = P1 x P2 by the pose, Q = P - T: [ [P1 - P2]x, [P2]x [Q1]x - [P1]x [Q2]x ], with [p]x [q]x = q p^T - (p . q) I.
+// The Jacobian of n = P1 x P2 with respect to the pose, with Q = P - T (core/geometry/README.md 3 (5)):
+// [ [P1 - P2]x, [P2]x [Q1]x - [P1]x [Q2]x ], where [p]x [q]x = q p^T - (p . q) I.
 LineJacobian NormalJacobian(const Eigen::Vector3d& p1, const Eigen::Vector3d& p2, const Eigen::Vector3d& q1,
                             const Eigen::Vector3d& q2) {
   LineJacobian jacobian;
@@ -21,7 +23,7 @@ LineJacobian NormalJacobian(const Eigen::Vector3d& p1, const Eigen::Vector3d& p2
   return jacobian;
 }
 
-// Moves the end point that lies before the near plane onto it, along the line.
+// Moves an end point between the camera and the near plane along the line onto the plane.
 void CutAtNearPlane(double near_m, Eigen::Vector3d& p1, Eigen::Vector3d& p2) {
   Eigen::Vector3d& behind = p1.z() < p2.z() ? p1 : p2;
   const Eigen::Vector3d& front = p1.z() < p2.z() ? p2 : p1;
@@ -40,7 +42,7 @@ std::optional<ProjectedLine> ProjectLine(const CameraModel& camera, const RigidT
   const Eigen::Vector3d q2 = camera_from_object.rotation * p2_object;
   Eigen::Vector3d p1 = q1 + camera_from_object.translation_m;
   Eigen::Vector3d p2 = q2 + camera_from_object.translation_m;
-  // Written so that a number that is not finite is turned down, too.
+  // This form of the condition also rejects NaN.
   if (!(p1.z() > near_m || p2.z() > near_m)) return std::nullopt;
   const Eigen::Vector3d n = p1.cross(p2);
   if (!(n.squaredNorm() > kMinSubtendedAngle * kMinSubtendedAngle * p1.squaredNorm() * p2.squaredNorm())) {
@@ -82,11 +84,12 @@ Eigen::Matrix<double, 3, 6> LineVelocityJacobian(const CameraModel& camera, cons
   const Eigen::Vector3d n = p1.cross(p2);
   const Eigen::Vector3d n_dot = v1.cross(p2) + p1.cross(v2);
   const LineJacobian dn = NormalJacobian(p1, p2, q1, q2);
-  // The same of the velocities, and of what a turn does to them: [P2]x [w]x [Q1]x - [P1]x [w]x [Q2]x.
+  // The Jacobian of n_dot: that of n with velocities in place of points, plus the change of the velocities by a
+  // rotation, [P2]x [w]x [Q1]x - [P1]x [w]x [Q2]x.
   LineJacobian dn_dot = NormalJacobian(v1, v2, q1, q2);
   dn_dot.rightCols<3>() += (p2.cross(q1) - p1.cross(q2)) * w.transpose() + Hat(w.dot(q2) * p1 - w.dot(q1) * p2);
 
-  // a_dot = n_dot / rho - n (n_w . n_dot) / rho^3 by n and by n_dot, with rho^2 = n_w . n.
+  // The derivatives of a_dot = n_dot / rho - n (n_w . n_dot) / rho^3 with respect to n and n_dot; rho^2 = n_w . n.
   const Eigen::Vector2d inverse_f2(1.0 / (camera.fx_px * camera.fx_px), 1.0 / (camera.fy_px * camera.fy_px));
   const Eigen::Vector2d n_w = n.head<2>().cwiseProduct(inverse_f2);
   const Eigen::Vector2d n_dot_w = n_dot.head<2>().cwiseProduct(inverse_f2);

@@ -10,8 +10,8 @@
 namespace evpose {
 namespace {
 
-// Below this squared angle the closed forms of (theta - sin) / theta^3 and (1 - h cot h) / theta^2 lose digits to
-// cancellation; the Taylor series written out there are exact to the last bits.
+// Squared angle (rad^2) below which the closed forms of (theta - sin) / theta^3 and (1 - h cot h) / theta^2 lose digits
+// by cancellation. The truncated Taylor series used there are exact to the last bits.
 constexpr double kSeriesAngle2 = 0.0625;
 
 // Coefficients of Hat(r) and Hat(r)^2 in the exponential and in its left Jacobian.
@@ -29,13 +29,13 @@ RodriguesCoefficients ComputeRodriguesCoefficients(double angle2) {
             1.0 / 6.0 * (1.0 - t / 20.0 * (1.0 - t / 42.0 * (1.0 - t / 72.0 * (1.0 - t / 110.0 * (1.0 - t / 156.0)))))};
   }
   const double angle = std::sqrt(angle2);
-  // By the half angle, 1 - cos has no cancellation.
+  // 1 - cos(theta) = 2 sin^2(theta / 2) has no cancellation.
   const auto [sin_half, cos_half] = DeterministicSinCos(0.5 * angle);
   const double sin_angle = 2.0 * sin_half * cos_half;
   return {sin_angle / angle, 2.0 * sin_half * sin_half / angle2, (angle - sin_angle) / (angle2 * angle)};
 }
 
-// One Newton step towards the nearest rotation: an orthogonality error e becomes of order e^2.
+// One Newton step towards the nearest rotation: reduces an orthogonality error e to the order of e^2.
 Eigen::Matrix3d Orthonormalised(const Eigen::Matrix3d& rotation) {
   return 0.5 * rotation * (3.0 * Eigen::Matrix3d::Identity() - rotation.transpose() * rotation);
 }
@@ -80,12 +80,12 @@ Eigen::Matrix3d ExpSo3(const Eigen::Vector3d& rotation_rad) {
 }
 
 Eigen::Vector3d LogSo3(const Eigen::Matrix3d& rotation) {
-  // Through the quaternion, whose conversion picks the largest of four pivots: full precision near 0 and near pi.
+  // By the quaternion, whose conversion uses the largest of four pivots: full precision near 0 and near pi.
   Eigen::Quaterniond quaternion(rotation);
   quaternion.normalize();
   if (quaternion.w() < 0.0) quaternion.coeffs() = -quaternion.coeffs();
   const double sin_half = quaternion.vec().norm();
-  if (sin_half < 1e-150) return 2.0 * quaternion.vec();  // the square underflows in the norm
+  if (sin_half < 1e-150) return 2.0 * quaternion.vec();  // smaller squares underflow in the norm
   return (2.0 * DeterministicAtan2(sin_half, quaternion.w()) / sin_half) * quaternion.vec();
 }
 

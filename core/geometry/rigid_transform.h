@@ -3,8 +3,8 @@
 // Rigid transforms and their tangent space.
 //
 // target_from_source: x_target = rotation * x_source + translation. The tangent is
-// xi = [translation (m), rotation (rad)], applied on the left as in core/geometry/README.md, section 3:
-// R <- exp(dtheta^) R, T <- T + dt. Covariances and twists use the same order and side.
+// xi = [translation (m), rotation (rad)], applied on the left as in core/geometry/README.md, section 1:
+// R <- exp([dtheta]x) R, T <- T + dt. Covariances and twists use the same order and side.
 #pragma once
 
 #include <Eigen/Core>
@@ -33,27 +33,28 @@ struct RigidTransform {
   static void VisitState(auto& archive, auto& self) {
     auto& [rotation, translation_m] = self;
     archive(Finite(rotation), Finite(translation_m));
-    // What is far from one grows when it is made one again, until its numbers overflow.
-    archive.Check(rotation.isUnitary(1e-3), "a matrix that is no rotation");
+    // Orthonormalisation diverges for a matrix far from a rotation.
+    archive.Check(rotation.isUnitary(1e-3), "a matrix is not a rotation");
   }
 };
 
-// Errors: INVALID_ARGUMENT when the norm differs from 1 by more than 1e-3 or a number is not finite.
+// Normalises the quaternion. Errors: INVALID_ARGUMENT if its norm differs from 1 by more than 1e-3, which hints at
+// wrong numbers rather than rounding, or if a number is not finite.
 absl::StatusOr<RigidTransform> MakeRigidTransform(const Eigen::Vector3d& translation_m,
                                                   const Eigen::Quaterniond& quaternion);
 
 Eigen::Matrix3d Hat(const Eigen::Vector3d& v);                // Hat(v) w = v x w
-Eigen::Matrix3d ExpSo3(const Eigen::Vector3d& rotation_rad);  // Rodrigues
+Eigen::Matrix3d ExpSo3(const Eigen::Vector3d& rotation_rad);  // Rodrigues' formula
 Eigen::Vector3d LogSo3(const Eigen::Matrix3d& rotation);      // angle in [0, pi]
 Eigen::Matrix3d LeftJacobianSo3(const Eigen::Vector3d& rotation_rad);
 Eigen::Matrix3d LeftJacobianInverseSo3(const Eigen::Vector3d& rotation_rad);
 
-// SE(3), tangent ordered [translation, rotation]; the translation part of Exp is J v (core/geometry/README.md, section
-// 1).
+// The exponential map of SE(3) and its inverse, with the tangent [translation v, rotation r]: the translation of Exp is
+// J(r) v, J the left Jacobian of SO(3). For interpolation; estimation uses Perturb().
 RigidTransform ExpSe3(const Vector6d& tangent);
 Vector6d LogSe3(const RigidTransform& transform);
 
-// R <- exp(dtheta^) R, T <- T + dt with xi = [dt, dtheta]; re-orthonormalises the rotation.
+// R <- exp([dtheta]x) R, T <- T + dt with xi = [dt, dtheta]; re-orthonormalises the rotation.
 RigidTransform Perturb(const RigidTransform& transform, const Vector6d& xi);
 // The xi with Perturb(from, xi) = to.
 Vector6d Difference(const RigidTransform& to, const RigidTransform& from);

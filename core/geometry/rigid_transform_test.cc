@@ -208,11 +208,11 @@ TEST(RigidTransformTest, StateThatIsNoTransformIsRefused) {
   RigidTransform transform;
   EXPECT_TRUE(status_of(transform).ok());
   transform.rotation(1, 2) = 1.9;
-  EXPECT_NE(status_of(transform).message().find("a matrix that is no rotation"), absl::string_view::npos);
+  EXPECT_NE(status_of(transform).message().find("a matrix is not a rotation"), absl::string_view::npos);
   transform.rotation(1, 2) = -1e200;
-  EXPECT_NE(status_of(transform).message().find("a matrix that is no rotation"), absl::string_view::npos);
+  EXPECT_NE(status_of(transform).message().find("a matrix is not a rotation"), absl::string_view::npos);
   transform.rotation(1, 2) = std::numeric_limits<double>::infinity();
-  EXPECT_NE(status_of(transform).message().find("a number is infinite or none"), absl::string_view::npos);
+  EXPECT_NE(status_of(transform).message().find("a number is infinite or NaN"), absl::string_view::npos);
 }
 
 TEST(RigidTransformTest, RotationAngle) {

@@ -17,12 +17,12 @@
 namespace evpose {
 namespace {
 
-constexpr size_t kMaxTrajectoryBytes = size_t{2} << 30;  // 5 hours at 1 kHz are 3 million lines of 150 bytes
-// Beyond this a double no longer resolves a microsecond with room to spare.
+constexpr size_t kMaxTrajectoryBytes = size_t{2} << 30;  // bounds memory; an hour at 1 kHz has 0.5 GB
+// Larger than Unix time until 2096; a double resolves 0.5 us there. Larger numbers are in other units.
 constexpr double kMaxTimeSeconds = 4e9;
 constexpr std::array<absl::string_view, 7> kPoseFields = {"tx", "ty", "tz", "qx", "qy", "qz", "qw"};
 
-// Finite numbers only.
+// A finite number.
 absl::StatusOr<double> ParseNumber(absl::string_view field, absl::string_view text) {
   double value = 0.0;
   if (!absl::SimpleAtod(text, &value) || !std::isfinite(value)) {
@@ -31,7 +31,7 @@ absl::StatusOr<double> ParseNumber(absl::string_view field, absl::string_view te
   return value;
 }
 
-// `fields` are those of kPoseFields.
+// The pose of seven fields in the order of kPoseFields.
 absl::StatusOr<RigidTransform> ParsePoseFields(absl::Span<const absl::string_view> fields) {
   std::array<double, 7> values = {};
   for (size_t i = 0; i < values.size(); ++i) {
@@ -53,7 +53,7 @@ absl::StatusOr<StampedPose> ParseTumLine(absl::string_view line) {
   }
   EVPOSE_ASSIGN_OR_RETURN(const double t_s, ParseNumber("timestamp", fields[0]));
   if (std::abs(t_s) > kMaxTimeSeconds) {
-    return absl::InvalidArgumentError(absl::StrCat("timestamp ", fields[0], " is not in seconds"));
+    return absl::InvalidArgumentError(absl::StrCat("timestamp ", fields[0], " is too large; give seconds"));
   }
   StampedPose pose;
   pose.t_us = std::llround(t_s * 1e6);

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// Digests: SHA-256 names models and compares recordings, CRC-32C guards chunks on the wire.
+// Digests: SHA-256 identifies models and recordings, CRC-32C detects damaged chunks and records.
 #pragma once
 
 #include <cstdint>
@@ -20,7 +20,7 @@ class Sha256 {
   Sha256& operator=(const Sha256&) = delete;
 
   void Update(absl::Span<const uint8_t> bytes);
-  // The digest as 64 lower-case hex digits. Call once, last.
+  // The digest as 64 lower-case hexadecimal digits. The last call.
   std::string FinishHex();
 
  private:
@@ -28,6 +28,7 @@ class Sha256 {
   std::unique_ptr<State> state_;
 };
 
+// The same for bytes that are all in memory.
 std::string Sha256Hex(absl::Span<const uint8_t> bytes);
 
 // CRC-32C (Castagnoli), as in RFC 3720 appendix B.4.

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// Four numbers side by side. The compiler makes vector instructions of them where the processor has some; every lane is
-// rounded as a number by itself, so that the bits are the same on every machine.
+// Vectors of four floats. The compiler uses vector instructions where the processor has them; each lane is rounded like
+// a scalar, so that the bits are the same on every machine.
 #pragma once
 
 #include <bit>
@@ -9,9 +9,9 @@
 
 namespace evpose {
 
-inline constexpr int kNumLanes = 4;
+inline constexpr int kNumLanes = 4;  // the narrowest vector registers, those of SSE2 and NEON, hold as many
 using Lanes = float __attribute__((vector_size(16)));
-// Of lanes that compare true all bits are set, of others none.
+// The result of a comparison: all bits of a lane are set if it is true, else none.
 using LaneMask = int32_t __attribute__((vector_size(16)));
 inline constexpr LaneMask kAllLanes = {-1, -1, -1, -1};
 
@@ -20,31 +20,34 @@ inline Lanes AllLanes(double value) {
   return Lanes{all, all, all, all};
 }
 
+// `if_true` in the lanes of the mask, `if_false` in the others.
 inline Lanes Select(LaneMask mask, Lanes if_true, Lanes if_false) {
   const LaneMask bits = (mask & std::bit_cast<LaneMask>(if_true)) | (~mask & std::bit_cast<LaneMask>(if_false));
   return std::bit_cast<Lanes>(bits);
 }
-// The lanes where the mask is set; 0 elsewhere.
+// `lanes` in the lanes of the mask, 0 in the others.
 inline Lanes Only(LaneMask mask, Lanes lanes) { return std::bit_cast<Lanes>(mask & std::bit_cast<LaneMask>(lanes)); }
 
 inline Lanes Abs(Lanes lanes) { return std::bit_cast<Lanes>(std::bit_cast<LaneMask>(lanes) & 0x7fffffff); }
 
+// The sum in double precision, in a fixed order.
 inline double SumOf(Lanes lanes) {
   return (static_cast<double>(lanes[0]) + lanes[1]) + (static_cast<double>(lanes[2]) + lanes[3]);
 }
 
-// exp(-x) for x >= 0, to 4e-6 of it; not less than exp(-64).
+// exp(-x) for x >= 0, but not less than exp(-64); relative error below 8e-6 (core/numerics/README.md, section 1).
 inline Lanes NegativeExp(Lanes x) {
   constexpr float kLog2E = 1.44269504f;
   constexpr float kLeast = -64.0f * kLog2E;
-  // Added and taken away it rounds to a whole number, which meanwhile stands in the lowest bits.
+  // 1.5 * 2^23: a float of this size has no fraction bits, so that adding it rounds to an integer, which stands in the
+  // low bits of the sum.
   constexpr float kRound = 12582912.0f;
   const Lanes power = x * -kLog2E;
   const Lanes bounded = Select(power > kLeast, power, AllLanes(kLeast));
   const Lanes shifted = bounded + kRound;
   const Lanes rest = bounded - (shifted - kRound);
   const LaneMask whole = std::bit_cast<LaneMask>(shifted) - std::bit_cast<int32_t>(kRound);
-  // 2^rest by its series, rest from -1/2 to 1/2.
+  // 2^rest by its Taylor polynomial of degree 5, |rest| <= 1/2.
   const Lanes series =
       1.0f + rest * (0.69314718f +
                      rest * (0.24022651f + rest * (0.055504109f + rest * (0.0096181291f + rest * 0.0013333558f))));

@@ -6,16 +6,19 @@
 #include <cstdint>
 #include <limits>
 
-// Range reduction in the manner of Cody and Waite (1980), then a Taylor or Horner polynomial whose truncation error is
-// below half an ulp on the reduced range. Only +, -, *, / and conversions are used: each is exact by IEEE 754.
+// Range reduction after Cody and Waite (Software Manual for the Elementary Functions, 1980), then a Taylor polynomial
+// by Horner's rule whose truncation error on the reduced range is below half an ulp. Only +, -, *, / and conversions
+// are used, which IEEE 754 requires to be rounded correctly.
 namespace evpose {
 namespace {
 
-constexpr double kLn2High = 0x1.62e42feep-1;  // the low 21 bits are 0: a product with |n| < 2^11 is exact
+// ln 2 and pi / 2 as sums: the low 21 bits of the high part (22 of pi / 2) are 0, so that its product with an integer
+// of that many bits is exact. n has at most 11 bits in exp.
+constexpr double kLn2High = 0x1.62e42feep-1;
 constexpr double kLn2Low = 0x1.a39ef35793c76p-33;
 constexpr double kInvLn2 = 0x1.71547652b82fep0;
 
-constexpr double kHalfPiHigh = 0x1.921fb544p0;  // the low 22 bits are 0
+constexpr double kHalfPiHigh = 0x1.921fb544p0;
 constexpr double kHalfPiMiddle = 0x1.0b4611a6p-34;
 constexpr double kHalfPiLow = 0x1.3198a2e037073p-69;
 constexpr double kTwoOverPi = 0x1.45f306dc9c883p-1;
@@ -25,10 +28,10 @@ constexpr double kHalfPi = 0x1.921fb54442d18p0;
 
 double PowerOfTwo(int64_t exponent) { return std::bit_cast<double>(static_cast<uint64_t>(exponent + 1023) << 52); }
 
-// Nearest integer, ties away from zero, without the processor's rounding instructions. 0 for what is none and for what
-// no integer reaches: what is computed with it then is no finite number either.
+// The nearest integer, ties away from zero; does not depend on the rounding mode. 0 for NaN and beyond the range of
+// integers: the result of the caller then is not meaningful, but the conversion is defined.
 int64_t NearestInteger(double x) {
-  constexpr double kTooMuch = 0x1p62;
+  constexpr double kTooMuch = 0x1p62;  // half the range of int64_t
   return std::abs(x) < kTooMuch ? static_cast<int64_t>(x + (x < 0.0 ? -0.5 : 0.5)) : 0;
 }
 

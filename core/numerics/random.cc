@@ -31,14 +31,14 @@ double Random::Uniform() { return static_cast<double>(NextU64() >> 11) * 0x1.0p-
 double Random::Uniform(double low, double high) { return low + (high - low) * Uniform(); }
 
 uint64_t Random::UniformInt(uint64_t bound) {
-  // Numbers below the remainder of 2^64 by `bound` are drawn again: the rest divides evenly.
+  // Draws below 2^64 mod `bound` are rejected: the number of the others is a multiple of `bound`.
   const uint64_t remainder = -bound % bound;
   uint64_t draw = NextU64();
   while (draw < remainder) draw = NextU64();
   return draw % bound;
 }
 
-// Marsaglia's polar method: two numbers for each accepted point of the unit disc.
+// Marsaglia's polar method (SIAM Review 6, 1964): two numbers from each accepted point of the unit disc.
 double Random::Normal() {
   if (has_spare_normal_) {
     has_spare_normal_ = false;
@@ -61,7 +61,8 @@ double Random::Normal() {
 double Random::Exponential(double rate) { return -std::log1p(-Uniform()) / rate; }
 
 uint32_t Random::Poisson(double mean) {
-  // Arrivals of a unit-rate process until `mean`; in blocks, so that exp() of the product never underflows.
+  // The number of arrivals of a process with rate 1 until `mean` (Knuth, The Art of Computer Programming 2, 3.4.1), in
+  // blocks, so that exp(-mean) does not underflow.
   constexpr double kBlock = 500.0;
   uint32_t count = 0;
   for (double rest = mean; rest > 0.0; rest -= kBlock) {

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// A small generator with a fixed algorithm: the same seed gives the same numbers with every standard library.
+// Random numbers with a fixed algorithm: the same seed gives the same integers and uniform numbers with every standard
+// library. Normal(), Exponential() and Poisson() use the logarithm and exponential of the C library, whose last bit may
+// differ; they serve simulation and tests, not the estimation of poses.
 #pragma once
 
 #include <array>
@@ -18,15 +20,16 @@ inline uint64_t HashNumber(uint64_t number) {
   return z ^ (z >> 31);
 }
 
-// xoshiro256** (Blackman and Vigna, 2018), seeded by SplitMix64.
+// xoshiro256** (Blackman and Vigna, "Scrambled linear pseudorandom number generators", 2018), seeded by SplitMix64 as
+// they recommend.
 class Random {
  public:
   explicit Random(uint64_t seed);
 
   uint64_t NextU64();
-  double Uniform();                         // [0, 1), 53 bits
+  double Uniform();                         // [0, 1), a multiple of 2^-53
   double Uniform(double low, double high);  // [low, high)
-  uint64_t UniformInt(uint64_t bound);      // [0, bound), without bias; bound > 0
+  uint64_t UniformInt(uint64_t bound);      // [0, bound), all equally probable; bound > 0
   double Normal();                          // mean 0, standard deviation 1
   double Exponential(double rate);          // mean 1 / rate
   uint32_t Poisson(double mean);

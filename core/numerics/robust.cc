@@ -17,14 +17,14 @@ double MadScale(std::vector<double>& values) {
 }
 
 double TukeyScale(absl::Span<const double> residuals, double start) {
-  constexpr int kMaxIterations = 50;
+  constexpr int kMaxIterations = 50;  // a bound only: Newton's method converges quadratically
   constexpr double kRelativeTolerance = 1e-10;
   double sigma = start;
-  double low = 0.0, high = std::numeric_limits<double>::infinity();  // the solution lies between
+  double low = 0.0, high = std::numeric_limits<double>::infinity();  // the bracket of the solution
   for (int k = 0; k < kMaxIterations && !residuals.empty(); ++k) {
     const double inverse = 1.0 / sigma;
     double sum = 0.0;
-    double slope = 0.0;  // of the sum, by -log(sigma): sum psi(u) u
+    double slope = 0.0;  // derivative of the sum by -log(sigma): sum of psi(u) u
     for (const double d : residuals) {
       const double u = d * inverse;
       sum += TukeyRho(u, kTukeyBreakdown);
@@ -32,7 +32,7 @@ double TukeyScale(absl::Span<const double> residuals, double start) {
     }
     const double target = kTukeyScaleTarget * static_cast<double>(residuals.size());
     const double ratio = sum / target;
-    // All residuals zero: the scale would collapse.
+    // All residuals are zero: the scale would become 0.
     if (!(ratio > 1e-12)) break;
     (ratio > 1.0 ? low : high) = sigma;
     const double newton = sigma * (1.0 + (sum - target) / slope);

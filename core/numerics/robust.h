@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// Robust weights and scales (core/estimation/README.md, section 1, which corrects the published formulas).
+// Robust weights and scales, and the mixture density. core/estimation/README.md, section 1, has the formulas, where
+// they differ from the published ones.
 #pragma once
 
 #include <array>
@@ -10,12 +11,14 @@
 
 namespace evpose {
 
-// Tukey's bisquare, u = d / sigma.
-// c of M and MM: residuals beyond this many sigma have no weight; 95 % efficiency under the normal distribution.
+// Tukey's bisquare, u = d / sigma. A residual beyond c sigma has weight 0.
+//
+// c of the M and MM estimators: 95 % efficiency under the normal distribution.
 inline constexpr double kTukeyEfficient = 4.685;
-inline constexpr double kTukeyBreakdown = 1.547;  // c of S: 50 % breakdown
-// E[rho(u)] under the normal at c = 1.547, and half of rho's largest value. The printed 0.199 is this, cut short: with
-// it the scale is a little too large, and breaks down a little before half of the events are outliers.
+// c of the S estimator: breakdown point 50 %.
+inline constexpr double kTukeyBreakdown = 1.547;
+// E[rho(u)] under the normal distribution for c = 1.547; also half the largest value of rho, c^2 / 6. The paper prints
+// it truncated, 0.199, which gives a slightly larger scale and a breakdown point slightly below 50 %.
 inline constexpr double kTukeyScaleTarget = 0.1995;
 
 inline double TukeyRho(double u, double c) {
@@ -23,7 +26,7 @@ inline double TukeyRho(double u, double c) {
   if (s >= 1.0) return c * c / 6.0;
   return u * u * (0.5 + s * (-0.5 + s / 6.0));
 }
-// psi(u) / u, which is also the weight of the pose.
+// psi(u) / u, the weight in iteratively re-weighted least squares.
 inline double TukeyWeight(double u, double c) {
   const double s = 1.0 - (u / c) * (u / c);
   return s <= 0.0 ? 0.0 : s * s;
@@ -35,12 +38,14 @@ inline constexpr double kNormalMad = 0.6745;
 // `values`.
 double MadScale(std::vector<double>& values);
 
-// The S scale: mean(rho(d / sigma)) = 0.1995 at c = 1.547, solved from `start` by Newton's steps, and where they would
-// leave what is known to hold the solution, by the fixed point sigma^2 <- sigma^2 mean(rho) / 0.1995, which never
-// passes it: rho grows no faster than u^2. Positive for a positive start.
+// The S scale: the sigma with mean(rho(d / sigma)) = kTukeyScaleTarget for c = kTukeyBreakdown. Newton's method from
+// `start`; a step out of the bracket of the solution is replaced by the fixed-point step sigma^2 <- sigma^2 mean(rho) /
+// target, which never passes the solution, because rho grows no faster than u^2. Positive for a positive `start`;
+// `start` without residuals.
 double TukeyScale(absl::Span<const double> residuals, double start);
 
-// exp(-x) for x >= 0 from a table, to 2e-5: weights need no more, and it is the same on every machine.
+// exp(-x) for x >= 0 by linear interpolation in a table, with an absolute error below 3.1e-5, which suffices for
+// weights; 0 from x = 32 on. The same bits on every machine (core/numerics/README.md, section 1).
 class ExpTable {
  public:
   ExpTable();
@@ -58,23 +63,24 @@ class ExpTable {
   std::array<double, kSize> values_;
 };
 
-// The mixture of core/estimation/README.md, section 1: events of lines are normal about their line, the rest uniform
-// over the gate.
+// The mixture of core/estimation/README.md, section 1: the distances of a line's events are normally distributed, those
+// of the other events uniformly over the gate.
 struct MixtureDensity {
   double sigma_px = 1.0;
   double outlier_ratio = 0.1;  // eps
   double gate_px = 6.0;        // half-width g
 
-  // Density of the events of one line at distance d, and of the rest; per pixel.
+  // Density of the events of one line at distance d, at d = 0, and of the other events; per pixel.
   double Line(double d_px, const ExpTable& table) const {
     const double inverse = 1.0 / sigma_px;
     return Peak() * table.NegativeExp(0.5 * inverse * inverse * (d_px * d_px));
   }
   double Peak() const { return (1.0 - outlier_ratio) * kInverseSqrt2Pi / sigma_px; }
   double Outlier() const { return outlier_ratio / (2.0 * gate_px); }
-  // The integral of the line's share over the gate: how wide a strip of evenly spread events it takes for its own.
+  // The integral of Line / (Line + Outlier) over the gate, by the midpoint rule: the width of the strip of uniformly
+  // distributed events that are attributed to the line.
   double OwnWidthPx(const ExpTable& table) const {
-    constexpr int kSteps = 16;
+    constexpr int kSteps = 16;  // on one side of the line; the integrand is smooth
     double sum = 0.0;
     for (int i = 0; i < kSteps; ++i) {
       const double line = Line((i + 0.5) * gate_px / kSteps, table);

@@ -222,7 +222,8 @@ TEST(SessionPipelineStateTest, AnotherVersionOfTheTrackersStateIsRefused) {
       absl::DataLossError(absl::StrCat("the tracker's state has version 77, this server reads version ", version)));
   state.tracker.version = version;
   state.tracker.bytes += "x";
-  EXPECT_THAT(MakePipeline(Vga())->LoadTracker(state.tracker).ToString(), HasSubstr("1 bytes too many"));
+  EXPECT_THAT(MakePipeline(Vga())->LoadTracker(state.tracker).ToString(),
+              HasSubstr("1 bytes remain after the last field"));
 }
 
 // The decoder and the clock go on, every object is searched for, and the state that is saved then can be read.
