@@ -14,7 +14,7 @@
 namespace evpose {
 namespace {
 
-constexpr size_t kReadBytes = 64 * 1024;
+constexpr size_t kReadBytes = 64 * 1024;  // the capacity of a pipe
 
 }  // namespace
 
@@ -35,7 +35,7 @@ struct Chunker::State {
         scanner(reader_in.header().encoding),
         buffer(kReadBytes) {}
 
-  // Moves whole words from the buffer to the chunk; true when they complete it.
+  // Moves whole words from the buffer to the chunk; true if they complete it.
   bool TakeWords(EventChunkBytes& chunk) {
     const size_t room = options.max_bytes - chunk.bytes.size();
     const size_t num_words = std::min(room, end - begin) / word_bytes;
@@ -46,7 +46,7 @@ struct Chunker::State {
     return scan.duration_passed || chunk.bytes.size() + word_bytes > options.max_bytes;
   }
 
-  // Reads more; false at the end.
+  // Reads more bytes into the buffer; false at the end.
   absl::StatusOr<bool> Refill() {
     std::memmove(buffer.data(), buffer.data() + begin, end - begin);
     end -= std::exchange(begin, 0);
@@ -60,7 +60,7 @@ struct Chunker::State {
   const size_t word_bytes;
   TimeScanner scanner;
   std::vector<uint8_t> buffer;
-  size_t begin = 0;  // of what no chunk has
+  size_t begin = 0;  // of the bytes that belong to no chunk yet
   size_t end = 0;
   bool at_end = false;
 };

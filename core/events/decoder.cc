@@ -58,8 +58,8 @@ absl::Status ValidateGeometry(Encoding encoding, SensorGeometry geometry) {
       geometry.height_px <= largest.height_px) {
     return absl::OkStatus();
   }
-  return absl::InvalidArgumentError(absl::StrCat("a sensor of ", geometry.width_px, "x", geometry.height_px,
-                                                 " pixels: ", std::string(EncodingName(encoding)), " addresses 1x1 to ",
+  return absl::InvalidArgumentError(absl::StrCat("the sensor has ", geometry.width_px, "x", geometry.height_px,
+                                                 " pixels; ", std::string(EncodingName(encoding)), " addresses 1x1 to ",
                                                  largest.width_px, "x", largest.height_px));
 }
 
@@ -78,7 +78,7 @@ absl::StatusOr<std::unique_ptr<EventDecoder>> MakeEventDecoder(Encoding encoding
     case Encoding::kFlat64:
       return MakeFlat64Decoder(geometry, outside);
   }
-  return absl::InvalidArgumentError("an encoding that no decoder knows");
+  return absl::InvalidArgumentError("the encoding is unknown; use EVT3, EVT2.1, EVT2, DAT or FLAT64");
 }
 
 void WordDecoder::Decode(absl::Span<const uint8_t> bytes, DecodedEvents& out) {

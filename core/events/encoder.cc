@@ -29,9 +29,9 @@ absl::StatusOr<std::unique_ptr<EventEncoder>> MakeEventEncoder(Encoding encoding
     case Encoding::kFlat64:
       return MakeFlat64Encoder(geometry);
     case Encoding::kDat:
-      return absl::UnimplementedError("DAT is read only: write EVT3, EVT2.1, EVT2 or FLAT64");
+      return absl::UnimplementedError("DAT can only be read; write EVT3, EVT2.1, EVT2 or FLAT64");
   }
-  return absl::InvalidArgumentError("an encoding that no encoder knows");
+  return absl::InvalidArgumentError("the encoding is unknown; use EVT3, EVT2.1, EVT2 or FLAT64");
 }
 
 absl::Status WordEncoder::Encode(absl::Span<const Event> events, std::vector<uint8_t>& out) {
@@ -57,10 +57,10 @@ absl::Status WordEncoder::EncodeTime(int64_t t_us, std::vector<uint8_t>& out) {
 absl::Status WordEncoder::CheckOrder(std::optional<size_t> event, int64_t t_us, int64_t previous_us) {
   if (t_us >= previous_us && t_us >= 0) return absl::OkStatus();
   if (t_us < 0) {
-    return absl::InvalidArgumentError(absl::StrCat(TimeOf(event), " is ", t_us, " us: it must not be negative"));
+    return absl::InvalidArgumentError(absl::StrCat(TimeOf(event), " is ", t_us, " us; it must not be negative"));
   }
-  return absl::InvalidArgumentError(absl::StrCat(TimeOf(event), " is ", t_us, " us, before the ", previous_us,
-                                                 " us that came before: times must not decrease"));
+  return absl::InvalidArgumentError(
+      absl::StrCat(TimeOf(event), " is ", t_us, " us after ", previous_us, " us; times must not decrease"));
 }
 
 absl::Status WordEncoder::CheckGap(std::optional<size_t> event, int64_t t_us, int64_t previous_us) const {
@@ -69,8 +69,8 @@ absl::Status WordEncoder::CheckGap(std::optional<size_t> event, int64_t t_us, in
   const int64_t max_us = is_first ? limits_.max_first_us : limits_.max_gap_us;
   if (gap_us <= max_us) return absl::OkStatus();
   return absl::InvalidArgumentError(absl::StrCat(TimeOf(event), " is ", t_us, " us, ", gap_us, " us after ",
-                                                 is_first ? "the clock's zero" : "what was written before",
-                                                 ": at most ", max_us, " us can be told"));
+                                                 is_first ? "the zero of the clock" : "the last written time",
+                                                 "; at most ", max_us, " us can be encoded"));
 }
 
 absl::Status WordEncoder::Check(absl::Span<const Event> events) const {
@@ -89,7 +89,7 @@ absl::Status WordEncoder::Check(absl::Span<const Event> events) const {
     }
     if (event.polarity > 1) {
       return absl::InvalidArgumentError(
-          absl::StrCat("event ", i, " has polarity ", static_cast<int>(event.polarity), ": it must be 0 or 1"));
+          absl::StrCat("event ", i, " has polarity ", static_cast<int>(event.polarity), "; it must be 0 or 1"));
     }
     previous_us = event.t_us;
     written_us = event.t_us;

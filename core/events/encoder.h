@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// Events to a RAW stream.
+// Encoders of event streams (core/events/README.md, section 5).
 #pragma once
 
 #include <cstdint>
@@ -18,16 +18,17 @@ class EventEncoder {
  public:
   virtual ~EventEncoder() = default;
 
-  // Appends the words for `events` to `out`. Times must not decrease, also across calls, and must not be negative;
-  // the clock wraps as the sensor's does. Errors: INVALID_ARGUMENT naming the first event that breaks this or lies
-  // outside the sensor; nothing is appended then.
+  // Appends the words of `events` to `out`. Times must not be negative and must not decrease, also across calls; the
+  // clock wraps like the sensor's. Errors: INVALID_ARGUMENT with the index of the first event with an invalid time,
+  // address or polarity; nothing is appended then.
   virtual absl::Status Encode(absl::Span<const Event> events, std::vector<uint8_t>& out) = 0;
 
-  // Appends the time words that a camera sends without events, so that readers see time pass up to `t_us`.
+  // Appends the time words that a camera sends while there are no events, up to `t_us`. FLAT64 has none: only the order
+  // of times is checked.
   virtual absl::Status EncodeTime(int64_t t_us, std::vector<uint8_t>& out) = 0;
 };
 
-// EVT3, EVT2.1 and EVT2 (and FLAT64); UNIMPLEMENTED for DAT.
+// Creates an encoder for EVT3, EVT2.1, EVT2 or FLAT64. Errors: UNIMPLEMENTED for DAT; those of ValidateGeometry().
 absl::StatusOr<std::unique_ptr<EventEncoder>> MakeEventEncoder(Encoding encoding, SensorGeometry geometry);
 
 }  // namespace evpose

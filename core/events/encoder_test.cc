@@ -169,13 +169,13 @@ TEST_P(EncoderErrorTest, NamesTheFirstWrongEventAndWritesNothing) {
     std::string message;
   };
   const std::vector<Case> cases = {
-      {{{-1, 0, 0, 0}}, "the time of event 0 is -1 us: it must not be negative"},
-      {{{5, 0, 0, 0}, {4, 0, 0, 0}}, "the time of event 1 is 4 us, before the 5 us"},
+      {{{-1, 0, 0, 0}}, "the time of event 0 is -1 us; it must not be negative"},
+      {{{5, 0, 0, 0}, {4, 0, 0, 0}}, "the time of event 1 is 4 us after 5 us"},
       {{{5, 639, 479, 1}, {5, 640, 0, 0}}, "event 1 at x 640, y 0 lies outside the sensor of 640x480 pixels"},
       {{{5, 0, 480, 0}}, "event 0 at x 0, y 480 lies outside"},
-      {{{5, 0, 0, 2}}, "event 0 has polarity 2: it must be 0 or 1"},
+      {{{5, 0, 0, 2}}, "event 0 has polarity 2; it must be 0 or 1"},
       {{{5, 0, 0, 0}, {int64_t{1} << 50, 0, 0, 0}}, "the time of event 1 is 1125899906842624 us"},
-      {{{int64_t{1} << 50, 0, 0, 0}}, "after the clock's zero: at most"},
+      {{{int64_t{1} << 50, 0, 0, 0}}, "after the zero of the clock; at most"},
   };
   for (const Case& wrong : cases) {
     std::vector<uint8_t> bytes;
@@ -191,17 +191,17 @@ TEST_P(EncoderErrorTest, TimesMustNotDecreaseAcrossCalls) {
   std::vector<uint8_t> bytes;
   const Event event{1000, 0, 0, 0};
   ASSERT_TRUE(encoder->Encode({&event, 1}, bytes).ok());
-  EXPECT_THAT(encoder->EncodeTime(999, bytes).message(), HasSubstr("the time is 999 us, before the 1000 us"));
+  EXPECT_THAT(encoder->EncodeTime(999, bytes).message(), HasSubstr("the time is 999 us after 1000 us"));
   ASSERT_TRUE(encoder->EncodeTime(2000, bytes).ok());
   const size_t size = bytes.size();
-  EXPECT_THAT(encoder->Encode({&event, 1}, bytes).message(), HasSubstr("is 1000 us, before the 2000 us"));
+  EXPECT_THAT(encoder->Encode({&event, 1}, bytes).message(), HasSubstr("is 1000 us after 2000 us"));
   EXPECT_EQ(bytes.size(), size);
 }
 
 INSTANTIATE_TEST_SUITE_P(Encodings, EncoderErrorTest,
                          testing::Values(Encoding::kEvt3, Encoding::kEvt21, Encoding::kEvt2, Encoding::kFlat64));
 
-TEST(Flat64EncoderTest, GapsThatNoWordCanTellAreErrors) {
+TEST(Flat64EncoderTest, GapsBeyondHalfTheClockAreErrors) {
   const auto encoder = MakeEventEncoder(Encoding::kFlat64, kVga).value();
   std::vector<uint8_t> bytes;
   Event event{(int64_t{1} << 32) - 1, 0, 0, 0};
@@ -209,7 +209,7 @@ TEST(Flat64EncoderTest, GapsThatNoWordCanTellAreErrors) {
   // The time alone is not written, so it bridges nothing.
   ASSERT_TRUE(encoder->EncodeTime(event.t_us + 2000000000, bytes).ok());
   event.t_us += 2200000000;
-  EXPECT_THAT(encoder->Encode({&event, 1}, bytes).message(), HasSubstr("at most 2147483647 us can be told"));
+  EXPECT_THAT(encoder->Encode({&event, 1}, bytes).message(), HasSubstr("at most 2147483647 us can be encoded"));
 }
 
 TEST(EncoderTest, DatIsReadOnlyAndGeometriesAreChecked) {

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// What an event camera says: a change of brightness at a pixel, or an edge on a trigger input.
+// The data of an event camera: changes of brightness at pixels, and edges on trigger inputs.
 #pragma once
 
 #include <array>
@@ -13,12 +13,11 @@
 
 namespace evpose {
 
-// No sensor time of a saved state lies beyond it, 36 thousand years, to either side: sums and differences of such times
-// do not overflow.
+// Largest absolute sensor time in a saved state, 36 thousand years: sums and differences of such times do not overflow.
 inline constexpr int64_t kMaxStateTime_us = int64_t{1} << 60;
 
-// A contrast-detection event. Time is the sensor's clock, unwrapped, in microseconds; x to the right, y down,
-// (0, 0) the centre of the top-left pixel.
+// A contrast-detection event. The time is that of the sensor clock, unwrapped, in microseconds; x points right, y down,
+// (0, 0) is the centre of the top-left pixel.
 struct Event {
   int64_t t_us = 0;
   uint16_t x = 0;
@@ -28,7 +27,7 @@ struct Event {
   friend bool operator==(const Event&, const Event&) = default;
 };
 
-// Something of OFF events, and of ON events.
+// A quantity of OFF events and of ON events, indexed by polarity.
 using ByPolarity = std::array<double, 2>;
 
 // An edge on an external trigger input.
@@ -47,7 +46,7 @@ struct SensorGeometry {
   friend bool operator==(const SensorGeometry&, const SensorGeometry&) = default;
 };
 
-// The sensor's clock read t_us before events[event_index] (or at the end, when event_index equals their number).
+// The sensor clock was at t_us before events[event_index], or after the last event if event_index is their number.
 struct TimeMark {
   size_t event_index = 0;
   int64_t t_us = 0;
@@ -55,8 +54,8 @@ struct TimeMark {
   friend bool operator==(const TimeMark&, const TimeMark&) = default;
 };
 
-// Memory that begins where a cache line does, and is not written before the events are: a decoder makes room for many
-// and fills it.
+// An allocator of memory that starts at a cache line and is not initialised: a decoder makes room for many events and
+// fills it, and initialising the room first would cost as much as writing the events.
 template <typename T>
 struct UnwrittenMemory {
   static_assert(std::is_trivially_copyable_v<T> && std::is_trivially_destructible_v<T>);
@@ -65,7 +64,7 @@ struct UnwrittenMemory {
 
   UnwrittenMemory() = default;
   template <typename U>
-  UnwrittenMemory(const UnwrittenMemory<U>&) {}  // NOLINT(google-explicit-constructor): as allocators are converted
+  UnwrittenMemory(const UnwrittenMemory<U>&) {}  // NOLINT(google-explicit-constructor): required of an allocator
 
   T* allocate(size_t count) { return static_cast<T*>(::operator new(count * sizeof(T), kAlignment)); }
   void deallocate(T* memory, size_t) { ::operator delete(memory, kAlignment); }
@@ -78,15 +77,15 @@ struct UnwrittenMemory {
   friend bool operator==(const UnwrittenMemory&, const UnwrittenMemory&) { return true; }
 };
 
-// resize() leaves new events unwritten.
+// resize() leaves new events uninitialised.
 using EventVector = std::vector<Event, UnwrittenMemory<Event>>;
 
-// Decoded output; decoders append and never clear.
+// The output of decoders, which append and never clear.
 struct DecodedEvents {
   EventVector events;
   std::vector<Trigger> triggers;
-  // Time passing without events: a mark where the clock has advanced by 1 ms or more since the last event or mark.
-  // A function of the stream alone, never of how it was cut into calls: consumers close windows on it.
+  // Times without events: a mark where the clock has advanced by 1 ms or more since the last event or mark. A function
+  // of the stream, not of its cuts into calls. Consumers close windows at marks.
   std::vector<TimeMark> time_marks;
 };
 

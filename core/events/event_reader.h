@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// Reads a recording piece by piece and decodes it.
+// Reads a recording in pieces and decodes them.
 #pragma once
 
 #include <cstddef>
@@ -18,7 +18,7 @@ namespace evpose {
 
 struct EventReaderOptions {
   OutsideSensor outside_sensor = OutsideSensor::kDrop;
-  size_t max_piece_bytes = 256 * 1024;  // bounds the memory, whatever the size of the recording; at least 1
+  size_t max_piece_bytes = 256 * 1024;  // at least 1; bounds the memory for a recording of any size
 };
 
 class EventReader {
@@ -26,8 +26,8 @@ class EventReader {
   // Keeps a reference: `recording` must outlive the reader. Errors: those of MakeEventDecoder().
   static absl::StatusOr<EventReader> Make(RecordingReader& recording, const EventReaderOptions& options = {});
 
-  // Replaces decoded() by what the next piece holds, which may be nothing. Returns false at the end of the recording,
-  // where decoded() is empty. Errors: those of RecordingReader::Read().
+  // Replaces decoded() by the events of the next piece, of which there may be none. Returns false at the end of the
+  // recording, where decoded() is empty. Errors: those of RecordingReader::Read().
   absl::StatusOr<bool> Next();
   const DecodedEvents& decoded() const { return decoded_; }
 

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// What the tests of this folder share.
+// Helpers of the tests of this folder.
 #pragma once
 
 #include <cstdint>
@@ -36,7 +36,7 @@ struct Decoded {
   int pending_bytes = 0;
 };
 
-// Decodes the pieces that end at `cuts` and what remains.
+// Decodes the pieces that end at `cuts`, and the rest.
 inline Decoded DecodeInPieces(Encoding encoding, SensorGeometry geometry, OutsideSensor outside,
                               absl::Span<const uint8_t> bytes, const std::vector<size_t>& cuts) {
   Decoded result;
@@ -61,7 +61,7 @@ inline bool SameDecoded(const Decoded& a, const Decoded& b) {
          a.counts == b.counts && a.pending_bytes == b.pending_bytes;
 }
 
-// Increasing positions, up to `max_piece` apart.
+// Increasing random positions, at most `max_piece` apart.
 inline std::vector<size_t> RandomCuts(size_t size, size_t max_piece, uint64_t seed) {
   Random random(seed);
   std::vector<size_t> cuts;

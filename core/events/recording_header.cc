@@ -20,19 +20,19 @@
 namespace evpose {
 namespace {
 
-// Cameras write less than 1 KiB.
+// Cameras write less than 1 KiB; the limit bounds the search for the end in a file that is not a recording.
 constexpr size_t kMaxHeaderBytes = 64 * 1024;
 constexpr size_t kDatBinaryBytes = 2;
 
 struct Line {
   int number;              // from 1
-  absl::string_view text;  // without '%', the spaces around and the line's end
+  absl::string_view text;  // without '%', surrounding spaces and the end of the line
 };
 
 struct Lines {
   std::vector<Line> lines;
   size_t size_bytes = 0;
-  bool may_go_on = false;  // the prefix ends before the header certainly does
+  bool may_go_on = false;  // the header may continue beyond the prefix
 };
 
 absl::Status LineError(int line, absl::string_view what) {
@@ -41,8 +41,8 @@ absl::Status LineError(int line, absl::string_view what) {
 
 bool IsControl(char c) { return (static_cast<unsigned char>(c) < 0x20 && c != '\t') || c == 0x7f; }
 
-// The lines that begin with "% " and hold no control character, up to "% end" if it is there: event words that happen
-// to begin with the byte '%' do not look like this.
+// The lines that begin with "% " and hold no control character, up to "% end" if there is one. Event words that begin
+// with the byte '%' by chance do not fulfil this.
 Lines SplitLines(absl::string_view prefix) {
   Lines result;
   size_t begin = 0;
@@ -73,7 +73,7 @@ struct Sensor {
   SensorGeometry geometry;
 };
 
-// The first that a name contains.
+// A name stands for the first of these that it contains.
 constexpr std::array<Sensor, 9> kSensors = {{{"genx320", {320, 320}},
                                              {"imx636", {1280, 720}},
                                              {"imx646", {1280, 720}},
@@ -92,7 +92,7 @@ std::optional<SensorGeometry> SensorOfName(absl::string_view name) {
   return std::nullopt;
 }
 
-// The numbers that Prophesee's cameras give themselves; the flag 0x80 marks a variant of the same sensor.
+// The system_ID of Prophesee's cameras, as in OpenEB; the flag 0x80 marks a variant of the same sensor.
 std::optional<SensorGeometry> SensorOfSystemId(absl::string_view text) {
   int id = 0;
   if (!absl::SimpleAtoi(text, &id)) return std::nullopt;
@@ -135,12 +135,12 @@ std::optional<SensorGeometry> SensorOfSystemId(absl::string_view text) {
   }
 }
 
-// The largest sensor that Prophesee has made; FLAT64 may come from any maker's.
+// The largest Prophesee sensor; FLAT64 may come from any camera.
 SensorGeometry DefaultGeometry(Encoding encoding) {
   return encoding == Encoding::kFlat64 ? SensorGeometry{2048, 2048} : SensorGeometry{1280, 720};
 }
 
-// What the lines say, each with the line that said it first.
+// The statements of the header, each with the number of the first line that makes it.
 class HeaderReader {
  public:
   absl::Status Read(const std::vector<Line>& lines) {
@@ -209,10 +209,10 @@ class HeaderReader {
     return LineError(line, absl::StrCat("EVT ", value, " is not supported: only 3.0, 2.1 and 2.0 are"));
   }
 
-  // Such as "EVT3;height=720;width=1280".
+  // A value such as "EVT3;height=720;width=1280".
   absl::Status ReadFormat(absl::string_view value, int line) {
     const std::vector<absl::string_view> parts = absl::StrSplit(value, ';');
-    // A line that ends behind its key has a value without an address, of which Abseil makes no part at all.
+    // StrSplit has no part at all for a view whose data() is null, that of a line without a value.
     if (parts.empty()) return ReadFormatName("", line);
     EVPOSE_RETURN_IF_ERROR(ReadFormatName(absl::StripAsciiWhitespace(parts.front()), line));
     for (size_t i = 1; i < parts.size(); ++i) {
@@ -291,16 +291,16 @@ class HeaderReader {
   std::optional<SensorGeometry> system_id_;
 };
 
-// The type and the size of the events, which follow the text of a DAT file.
+// Checks the two bytes after the text of a DAT header: type and size of the events.
 absl::Status CheckDatBinary(absl::string_view bytes) {
   const int type = static_cast<unsigned char>(bytes[0]);
   const int size = static_cast<unsigned char>(bytes[1]);
   constexpr int kEvent2d = 0;
   constexpr int kEventCd = 12;
   if ((type == kEvent2d || type == kEventCd) && size == 8) return absl::OkStatus();
-  return absl::InvalidArgumentError(absl::StrCat("the two bytes after the DAT header say events of type ", type,
+  return absl::InvalidArgumentError(absl::StrCat("the two bytes after the DAT header state events of type ", type,
                                                  " and ", size,
-                                                 " bytes: only types 0 and 12 of 8 bytes are supported"));
+                                                 " bytes; only types 0 and 12 of 8 bytes are supported"));
 }
 
 }  // namespace
@@ -349,7 +349,7 @@ std::string MakeRawHeader(Encoding encoding, SensorGeometry geometry) {
     evt = "% evt 2.1\n";
     order = "% endianness little\n";
   }
-  // The lines that readers of recordings need, in the camera's order; not those that would claim a camera.
+  // The lines that readers need, in the order of a camera, but none that name a camera: there was none.
   return absl::StrCat(order, evt, "% format ", name, ";height=", height, ";width=", width, "\n% geometry ", width, "x",
                       height, "\n% end\n");
 }

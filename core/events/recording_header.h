@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// The ASCII header of Prophesee RAW and DAT files, in every shape that cameras and tools have written.
+// The ASCII header of Prophesee RAW and DAT files, in all its variants (core/events/README.md, section 4).
 #pragma once
 
 #include <cstddef>
@@ -16,19 +16,19 @@ namespace evpose {
 
 struct RecordingHeader {
   Encoding encoding = Encoding::kEvt3;
-  SensorGeometry geometry;          // from the header, or the sensor that its plugin name stands for
-  bool geometry_is_stated = false;  // false: taken from the plugin name or a default for the encoding
-  bool geometry_is_known = false;   // stated, or that of the sensor that the header names; false: the default
+  SensorGeometry geometry;          // as stated, of the named sensor, or the default
+  bool geometry_is_stated = false;  // false: of the named sensor, or the default
+  bool geometry_is_known = false;   // false: the default of the encoding
   size_t size_bytes = 0;            // offset of the first data byte
   std::string text;                 // as in the file, without the binary part
 };
 
-// Parses the header at the start of `prefix`. Errors: INVALID_ARGUMENT naming the line (1-based) that contradicts
-// another or cannot be read, or saying that no line names a format.
-// nullopt when the header may go on beyond `prefix` and `is_whole_file` is false.
+// Parses the header at the start of `prefix`; nullopt if the header may continue beyond `prefix` and `is_whole_file` is
+// false. Errors: INVALID_ARGUMENT with the number (from 1) of a line that cannot be read or contradicts another one, or
+// if no line states a format.
 absl::StatusOr<std::optional<RecordingHeader>> ParseRecordingHeader(std::string_view prefix, bool is_whole_file);
 
-// A header as an EVK4 writes it.
+// The header of a recording that this project writes: the lines of an EVK4 that readers need.
 std::string MakeRawHeader(Encoding encoding, SensorGeometry geometry);
 
 }  // namespace evpose

@@ -159,7 +159,7 @@ TEST(RecordingHeaderTest, ErrorsNameTheLine) {
       {"% evt 3.0\n% geometry 0x720\n", "header line 2: the width '0' is not a positive number"},
       {"% evt 3.0\n% geometry 1280x-720\n", "header line 2: the height '-720' is not a positive number"},
       {"% evt 3.0\n% geometry 1280x99999999999999999999\n", "header line 2: the height '99999999999999999999' is not"},
-      {"% evt 3.0\n% geometry 4096x720\n", "header line 2: a sensor of 4096x720 pixels: EVT3 addresses 1x1 to"},
+      {"% evt 3.0\n% geometry 4096x720\n", "header line 2: the sensor has 4096x720 pixels; EVT3 addresses 1x1 to"},
       {"% format EVT3;height=;width=1280\n", "header line 1: the height '' is not a positive number"},
       {"% evt 3.0\n% Width 640\n", "header line 2: a width, but no line gives a height"},
       {"% format EVT3;height=720\n", "header line 1: a height, but no line gives a width"},

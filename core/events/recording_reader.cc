@@ -19,9 +19,10 @@
 namespace evpose {
 namespace {
 
-// Between two looks at a file that grows, or two questions to `stop`.
+// Between two reads at the end of a growing file, or two calls of `stop`: short against a user's patience, long against
+// the cost of a system call.
 constexpr int kWait_ms = 10;
-constexpr size_t kHeaderReadBytes = 4096;
+constexpr size_t kHeaderReadBytes = 4096;  // more than a camera's header
 
 class DescriptorReader final : public RecordingReader {
  public:
@@ -43,7 +44,7 @@ class DescriptorReader final : public RecordingReader {
     while (!header.has_value()) {
       EVPOSE_ASSIGN_OR_RETURN(const bool is_end, ReadPrefix(prefix));
       if (is_end && stopped_) {
-        return absl::CancelledError(absl::StrCat(name_, ": stopped before its header was whole"));
+        return absl::CancelledError(absl::StrCat(name_, ": stopped before the end of its header"));
       }
       if (is_end && prefix.empty()) return absl::InvalidArgumentError(absl::StrCat(name_, ": is empty"));
       auto parsed = ParseRecordingHeader(prefix, is_end);
@@ -73,7 +74,7 @@ class DescriptorReader final : public RecordingReader {
   }
 
  private:
-  // Appends what comes next to `prefix`; true at the end.
+  // Appends the next bytes to `prefix`; true at the end.
   absl::StatusOr<bool> ReadPrefix(std::string& prefix) {
     uint8_t buffer[kHeaderReadBytes];
     EVPOSE_ASSIGN_OR_RETURN(const size_t size, ReadDescriptor(absl::MakeSpan(buffer)));
@@ -81,7 +82,7 @@ class DescriptorReader final : public RecordingReader {
     return size == 0;
   }
 
-  // 0 at the end or when `stop` said so.
+  // Reads the next bytes; 0 at the end or if `stop` returned true.
   absl::StatusOr<size_t> ReadDescriptor(absl::Span<uint8_t> buffer) {
     if (buffer.empty()) return 0;
     while (true) {
@@ -95,7 +96,7 @@ class DescriptorReader final : public RecordingReader {
         return Error(errno, absl::StrCat("reading failed at byte ", offset_));
       }
       if (size < 0) continue;
-      // What standard input is redirected from ends where it ends: only a file that was named is followed.
+      // Only a file that was opened by its name is followed, not a file that is standard input.
       if (!is_regular_ || !options_.follow || descriptor_ == STDIN_FILENO) return 0;
       EVPOSE_RETURN_IF_ERROR(CheckNotShrunk());
       if (MustStop()) return 0;
@@ -103,13 +104,13 @@ class DescriptorReader final : public RecordingReader {
     }
   }
 
-  // False when `stop` said so before anything came.
+  // Waits until there are bytes to read; false if `stop` returned true before.
   bool WaitForData() {
     pollfd events = {descriptor_, POLLIN, 0};
     for (int wait_ms = 0;; wait_ms = kWait_ms) {
       const int num_ready = poll(&events, 1, wait_ms);
-      // A signal ends a wait as the time does: whoever read then would wait where nobody asks `stop`. Of another error,
-      // reading tells the reason.
+      // A signal (EINTR) counts as a timeout: a read now would block without a call of `stop`. Another error is
+      // reported by the read that follows.
       if (num_ready > 0 || (num_ready < 0 && errno != EINTR)) return true;
       if (MustStop()) return false;
     }
@@ -141,7 +142,7 @@ class DescriptorReader final : public RecordingReader {
   bool is_regular_ = false;
   bool stopped_ = false;
   RecordingHeader header_;
-  std::string prefix_;  // read with the header, but data
+  std::string prefix_;  // data bytes that were read together with the header
   size_t prefix_used_ = 0;
   int64_t offset_ = 0;
   int64_t data_size_bytes_ = -1;

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// The camera's bytes as they are: from a file, from standard input, from a file that still grows.
+// The bytes of a recording: from a file, standard input, or a file that still grows; and their division into chunks.
 #pragma once
 
 #include <cstdint>
@@ -16,60 +16,61 @@
 namespace evpose {
 
 struct RecordingReaderOptions {
-  // Keep reading at the end of the file as it grows, until `stop` says so. A pipe ends when its writer closes it.
+  // Whether to wait at the end of the file for more bytes until `stop` returns true. A pipe ends when its writer closes
+  // it.
   bool follow = false;
-  // Asked before every wait, some 100 times a second while nothing comes; true ends the reading cleanly.
+  // Called before every wait, about 100 times a second while no bytes arrive; true ends the reading without an error.
   std::function<bool()> stop;
 };
 
 class RecordingReader {
  public:
-  // `path` "-" is standard input. Errors, each naming the path: NOT_FOUND, PERMISSION_DENIED, INVALID_ARGUMENT for
-  // a directory, an empty or header-only file, a header that contradicts itself or names no format (with its line);
-  // CANCELLED when `stop` ended the wait for a header that still grows. While following, the first event is not waited
-  // for.
+  // Opens a recording and reads its header; `path` "-" is standard input. With `follow` it returns before the first
+  // event. Errors have the path: NOT_FOUND, PERMISSION_DENIED, INVALID_ARGUMENT for a directory, an empty or
+  // header-only file or an invalid header (with its line); CANCELLED if `stop` ended the wait for the rest of the
+  // header.
   static absl::StatusOr<std::unique_ptr<RecordingReader>> Open(const std::string& path,
                                                                const RecordingReaderOptions& options = {});
-  // The same from an open descriptor (a pipe, a socket), which the reader closes; `name` stands for the path in errors.
+  // The same for an open descriptor (a pipe, a socket), which the reader closes; `name` replaces the path in errors.
   static absl::StatusOr<std::unique_ptr<RecordingReader>> OpenDescriptor(int descriptor, const std::string& name,
                                                                          const RecordingReaderOptions& options = {});
   virtual ~RecordingReader() = default;
 
   virtual const RecordingHeader& header() const = 0;
 
-  // Fills `buffer` with the next bytes after the header; returns how many, 0 at the end. May return fewer than asked
-  // while a stream is live. Errors: DATA_LOSS or UNAVAILABLE naming path and offset when reading fails.
+  // Fills `buffer` with the next bytes after the header and returns their number, which may be smaller than the buffer;
+  // 0 at the end. Errors: DATA_LOSS if the file shrank, UNAVAILABLE with path and offset if reading fails.
   virtual absl::StatusOr<size_t> Read(absl::Span<uint8_t> buffer) = 0;
 
-  // Size of the data after the header, or -1 when unknown (standard input, a growing file).
+  // Size of the data after the header; -1 if unknown (standard input, a growing file).
   virtual int64_t data_size_bytes() const = 0;
 };
 
-// A piece of a recording that is whole words.
+// A piece of a recording that consists of whole words.
 struct EventChunkBytes {
   std::vector<uint8_t> bytes;
-  int64_t t_last_us = -1;  // the latest sensor time in it or before it, clock unwrapped; -1 when none was seen yet
+  int64_t t_last_us = -1;  // unwrapped sensor time at its end; -1 before the first time word
 };
 
 struct ChunkerOptions {
-  int64_t max_duration_us = 1000;  // closed after this much sensor time: one pose period at 1 kHz
-  size_t max_bytes = 256 * 1024;   // closed at this size; a multiple of 8, at least 8
+  int64_t max_duration_us = 1000;  // sensor time after which a chunk ends: one pose period at 1 kHz
+  size_t max_bytes = 256 * 1024;   // size at which a chunk ends: a multiple of 8 (whole words of every encoding)
 
-  // INVALID_ARGUMENT naming the field that is wrong.
+  // INVALID_ARGUMENT with the name of the invalid field.
   absl::Status Validate() const;
 };
 
-// Cuts a recording into chunks of whole words, closed by sensor time or size, whichever comes first. Reads the time
-// words only; the bytes pass through as they are. Where the cuts are depends on the recording and the options, not on
-// how many bytes each read brings. The time word that closes a chunk is its last, so that a live reader is told of the
-// time as soon as the camera tells it.
+// Cuts a recording into chunks of whole words that end by sensor time or size, whichever comes first. Interprets the
+// time words only and leaves the bytes unchanged. The cuts depend on the recording and the options, not on the sizes of
+// the reads. The time word that ends a chunk is its last word, so that the receiver of a live stream learns of the time
+// without delay.
 class Chunker {
  public:
   Chunker(RecordingReader& reader, const ChunkerOptions& options);
   ~Chunker();
 
-  // The next chunk; empty bytes at the end. Errors: those of ChunkerOptions::Validate() and RecordingReader::Read().
-  // What remains of a word at the end of the stream is not returned but counted by truncated_bytes().
+  // The next chunk; one without bytes at the end. An unfinished word at the end of the stream is not returned but
+  // counted by truncated_bytes(). Errors: those of ChunkerOptions::Validate() and RecordingReader::Read().
   absl::StatusOr<EventChunkBytes> Next();
   size_t truncated_bytes() const;
 

@@ -186,7 +186,7 @@ TEST(RecordingReaderTest, FollowingCanBeStoppedInTheHeader) {
   options.stop = [] { return true; };
   const auto reader = RecordingReader::Open(path, options);
   EXPECT_EQ(reader.status().code(), absl::StatusCode::kCancelled);
-  EXPECT_EQ(reader.status().message(), path + ": stopped before its header was whole");
+  EXPECT_EQ(reader.status().message(), path + ": stopped before the end of its header");
 }
 
 TEST(RecordingReaderTest, FollowedFileThatShrinksIsAnError) {

@@ -17,7 +17,7 @@ struct RecordingWriter::State {
   State(std::string path_in, OutputFile file_in, std::unique_ptr<EventEncoder> encoder_in)
       : path(std::move(path_in)), file(std::move(file_in)), encoder(std::move(encoder_in)) {}
 
-  // Appends the encoded bytes, unless encoding them failed.
+  // Appends the encoded bytes unless encoding failed.
   absl::Status Flush(const absl::Status& encoded) {
     if (!encoded.ok()) return absl::Status(encoded.code(), absl::StrCat(path, ": ", encoded.message()));
     const absl::Status status = file.Append({reinterpret_cast<const char*>(bytes.data()), bytes.size()});

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// Writes a RAW recording.
+// Writes RAW recordings.
 #pragma once
 
 #include <cstdint>
@@ -14,19 +14,20 @@
 
 namespace evpose {
 
-// Writes to a temporary name beside `path` and renames it in Close(): nothing half-written is left under the name.
+// Writes to a temporary name beside `path` and renames it in Close(): no incomplete recording appears under `path`.
 class RecordingWriter {
  public:
-  // Errors name the path: NOT_FOUND for a missing directory, PERMISSION_DENIED, INVALID_ARGUMENT for a directory or a
+  // Errors have the path: NOT_FOUND for a missing directory, PERMISSION_DENIED, INVALID_ARGUMENT for a directory or a
   // geometry that the encoding cannot address, UNIMPLEMENTED for DAT.
   static absl::StatusOr<std::unique_ptr<RecordingWriter>> Create(const std::string& path, Encoding encoding,
                                                                  SensorGeometry geometry);
-  ~RecordingWriter();  // without Close(): removes the temporary file
+  ~RecordingWriter();  // removes the temporary file unless Close() succeeded
 
-  // EventEncoder::Encode() and EncodeTime(); errors name the path. After an error nothing of the call is written.
+  // EventEncoder::Encode() and EncodeTime(), with the path in errors. A call with an error writes nothing.
   absl::Status Write(absl::Span<const Event> events);
   absl::Status WriteTime(int64_t t_us);
-  // Once, last. Errors: what could not be written, a full disk above all; then no file is left under the name.
+  // Completes the file; the last call. Errors: delayed write errors, a full disk in particular; then there is no file
+  // under `path`.
   absl::Status Close();
 
  private:

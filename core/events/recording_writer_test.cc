@@ -93,7 +93,7 @@ TEST(RecordingWriterTest, WrongEventsNameThePathAndAreNotWritten) {
   const absl::Status status = (*writer)->Write({&outside, 1});
   EXPECT_EQ(status.code(), absl::StatusCode::kInvalidArgument);
   EXPECT_EQ(status.message(), path + ": event 0 at x 640, y 0 lies outside the sensor of 640x480 pixels");
-  EXPECT_EQ((*writer)->WriteTime(-1).message(), path + ": the time is -1 us: it must not be negative");
+  EXPECT_EQ((*writer)->WriteTime(-1).message(), path + ": the time is -1 us; it must not be negative");
   ASSERT_TRUE((*writer)->Close().ok());
   EXPECT_EQ(std::filesystem::file_size(path), MakeRawHeader(Encoding::kEvt3, kVga).size());
   EXPECT_EQ((*writer)->Write({}).code(), absl::StatusCode::kFailedPrecondition);

@@ -9,7 +9,7 @@
 namespace evpose {
 bool TimeScanner::TimeIs(int64_t now_us, int64_t max_duration_us) {
   now_us_ = now_us;
-  // A step back starts the duration again.
+  // After a step back the duration starts again.
   if (chunk_start_us_ < 0 || now_us < chunk_start_us_) chunk_start_us_ = now_us;
   return now_us - chunk_start_us_ >= max_duration_us;
 }
@@ -49,7 +49,7 @@ TimeScanner::Result TimeScanner::ScanEvt3(const uint8_t* words, size_t num_words
 
 template <typename Word>
 TimeScanner::Result TimeScanner::ScanEvt2(const uint8_t* words, size_t num_words, int64_t max_duration_us) {
-  // The low bits of the last event; they matter before another TIME_HIGH and at the end.
+  // The low time bits of the last event. The clock needs them only before the next TIME_HIGH and at the end.
   int64_t low_us = -1;
   const auto apply_low = [&] {
     if (low_us >= 0 && evt2_clock_.started()) {

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// Follows the time of a stream of words without decoding its events.
+// Extracts the time from a stream of words without decoding its events.
 #pragma once
 
 #include <cstddef>
@@ -15,19 +15,19 @@ class TimeScanner {
  public:
   struct Result {
     size_t num_words = 0;          // scanned
-    bool duration_passed = false;  // the last of them brought the duration since BeginChunk() to an end
+    bool duration_passed = false;  // the last of them completed the duration since BeginChunk()
   };
 
   explicit TimeScanner(Encoding encoding) : encoding_(encoding) {}
 
-  // Scans up to `num_words`; stops behind the word whose time is `max_duration_us` or more after the beginning of the
-  // chunk, which is the first time known in it.
+  // Scans at most `num_words` words; stops after the word whose time is `max_duration_us` or more after the first known
+  // time of the chunk.
   Result Scan(const uint8_t* words, size_t num_words, int64_t max_duration_us);
 
-  // The chunk ends here; the next begins at the present time.
+  // Ends the chunk; the next one begins at the current time.
   void BeginChunk() { chunk_start_us_ = now_us_; }
 
-  // As a decoder of the same words has it; -1 before the first.
+  // The current time, equal to that of a decoder of the same words; -1 before the first time word.
   int64_t now_us() const { return now_us_; }
 
  private:
@@ -36,7 +36,7 @@ class TimeScanner {
   Result ScanEvt2(const uint8_t* words, size_t num_words, int64_t max_duration_us);
   Result ScanFullTime(const uint8_t* words, size_t num_words, int64_t max_duration_us, int time_shift);
 
-  // True when the chunk is over.
+  // Sets the current time; true if the chunk has reached its duration.
   bool TimeIs(int64_t now_us, int64_t max_duration_us);
 
   const Encoding encoding_;

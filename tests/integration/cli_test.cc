@@ -247,7 +247,7 @@ TEST_F(CliTest, AnInterruptEndsTheWaitForTheFirstByte) {
                  "until grep -q 'State:.S' /proc/$pid/status; do test -e /proc/$pid/exe; done\n"
                  "kill -INT $pid\nwait $pid");
     EXPECT_EQ(result.status, 1) << command;
-    EXPECT_THAT(result.err, HasSubstr("standard input: stopped before its header was whole")) << command;
+    EXPECT_THAT(result.err, HasSubstr("standard input: stopped before the end of its header")) << command;
   }
 }
 

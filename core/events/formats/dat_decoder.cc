@@ -8,7 +8,7 @@ namespace {
 
 struct DatLayout {
   static FullAddress Parse(uint64_t word) {
-    // The three bits above the polarity mean nothing in 2D events.
+    // The three bits above the polarity have no meaning in 2D events.
     return {static_cast<uint32_t>(word), static_cast<uint32_t>(word >> 32) & 0x3fff,
             static_cast<uint32_t>(word >> 46) & 0x3fff, static_cast<uint8_t>((word >> 60) & 1), true};
   }

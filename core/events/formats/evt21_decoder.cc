@@ -58,7 +58,7 @@ class Evt21Decoder final : public Evt2WordDecoder {
     return cursor >= sink_.limit() ? sink_.Flush(cursor) : cursor;
   }
 
-  // A bit for each of the 32 pixels from `base` on that the sensor has.
+  // The mask of those of the 32 pixels from `base` on that lie on the sensor.
   uint32_t PixelsInside(uint32_t base, uint32_t y) const {
     if (y >= height_ || base >= width_) return 0;
     const uint32_t num_pixels = std::min(width_ - base, 32u);

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// EVT 2.0 and EVT 2.1, which differ in the width of their words and in the mask of 32 pixels.
+// Encoders of EVT 2.0 and EVT 2.1, which differ in the width of their words and in the mask of 32 pixels.
 #include <cstdint>
 
 #include "core/events/formats/word_encoder.h"
@@ -39,7 +39,8 @@ class Evt2Encoder final : public WordEncoder {
 
   void WriteTime(int64_t t_us, std::vector<uint8_t>& out) {
     const int64_t high = t_us >> 6;
-    // A wrap is a step back of nearly the whole range: over a gap it needs the last word before it and the first after.
+    // Decoders recognise a wrap by a step back of nearly the whole range: a gap over a wrap needs the last TIME_HIGH
+    // before it and the first one after it.
     for (int64_t wraps = t_us_ < 0 ? 0 : (t_us_ >> 6) / kHighRange; wraps < high / kHighRange; ++wraps) {
       Append(evt2::kTimeHigh, static_cast<uint32_t>(kHighRange - 1), 0, out);
       Append(evt2::kTimeHigh, 0, 0, out);

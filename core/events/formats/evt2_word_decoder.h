@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// What decoders of EVT 2.0 and EVT 2.1 have in common: the clock, the words that are no events, runs of those that are.
+// The common part of the decoders of EVT 2.0 and EVT 2.1: the clock, the words other than events, and runs of events.
 #pragma once
 
 #include <algorithm>
@@ -26,7 +26,7 @@ class Evt2WordDecoder : public WordDecoder {
   }
 
  protected:
-  // `runs` is one of WordRuns, or null.
+  // `runs` is a member of WordRuns, or null.
   Evt2WordDecoder(int word_bytes, SensorGeometry geometry, OutsideSensor outside, DecodeRunOf<Evt2Run> runs)
       : WordDecoder(word_bytes),
         width_(static_cast<uint32_t>(geometry.width_px)),
@@ -34,14 +34,14 @@ class Evt2WordDecoder : public WordDecoder {
         keep_outside_(outside == OutsideSensor::kKeep),
         runs_(runs) {}
 
-  // Decodes the run that begins at the word `index`, if any; moves `index`. Returns the word before which it is not
-  // worth while to look for another, `count` at most.
+  // Decodes the run that begins at word `index`, if any, and moves `index`. Returns the index of the word, at most
+  // `count`, at which to look for the next run (RunPause).
   size_t DecodeRun(const uint8_t* words, size_t count, size_t& index, Evt2Clock& clock, Event*& cursor) {
     constexpr int64_t kMaxLow_us = 63;
     if (runs_ == nullptr) return count;
     Evt2Run run = {width_, height_, clock.base_us(), sink_.mark_due_us(), clock.now_us() - clock.base_us()};
     size_t num_words = 0;
-    // A state that was loaded may have any times.
+    // A loaded state may have any times.
     const bool is_of_base = run.low_us >= 0 && run.low_us <= kMaxLow_us && (run.base_us & kMaxLow_us) == 0;
     if (has_time_ && is_of_base) {
       num_words = runs_(words + word_bytes() * index, count - index, run, cursor, sink_.limit());
@@ -52,7 +52,7 @@ class Evt2WordDecoder : public WordDecoder {
     return index + std::min(pause_.WordsAfter(num_words), count - index);
   }
 
-  // Of a word, or of its upper half.
+  // Decodes a word (EVT2.1: the upper half of a word) that is not an event.
   Event* DecodeRareWord(uint32_t type, uint32_t content, Evt2Clock& clock, Event* cursor) {
     switch (type) {
       case evt2::kTimeHigh: {
@@ -84,7 +84,7 @@ class Evt2WordDecoder : public WordDecoder {
     }
   }
 
-  // All words of a call are decoded.
+  // Ends a call after its last word.
   void Finish(const Evt2Clock& clock, Event* cursor) {
     sink_.Flush(cursor);
     clock_ = clock;
@@ -101,7 +101,7 @@ class Evt2WordDecoder : public WordDecoder {
   const DecodeRunOf<Evt2Run> runs_;
   Evt2Clock clock_;
   bool has_time_ = false;
-  RunPause pause_;  // no state: the events are the same whatever it is
+  RunPause pause_;  // not saved: it does not influence the events
 };
 
 }  // namespace evpose

@@ -12,17 +12,17 @@
 namespace evpose {
 namespace {
 
-// Rows and columns are most of a recording, in an order that no branch predictor learns: these two types, and only
-// these, have none of these bits, and they take one path without a branch.
+// Most words are rows and columns, in an order that a branch predictor cannot learn. These two types, and no other,
+// have none of the bits kNotAddress; one path without a branch decodes both.
 constexpr uint32_t kNotAddress = 0xd000;
 constexpr uint32_t kColumnBit = 0x2000;
 
 constexpr uint32_t kTripleWords = 3;
 constexpr uint32_t kTriplePixels = 32;
-// Of a vector that begins in the last column that there can be.
+// The largest value of the vector base: after a vector that began in the last addressable column.
 constexpr uint32_t kMaxBase = 0x7ff + kTriplePixels;
 
-// Beyond every sensor: no row was named, or one of another kind.
+// A row outside every sensor: no ADDR_Y so far, or a row of another kind.
 constexpr uint32_t kNoRow = 0xffff;
 
 struct Evt3State {
@@ -71,7 +71,7 @@ class Evt3Decoder final : public WordDecoder {
   }
 
   void Forget() override {
-    // The wrap rule still needs the last TIME_HIGH, but a TIME_LOW may be among what was lost.
+    // The clock stays, because the wrap rule needs the last TIME_HIGH; a TIME_LOW may be among the lost words.
     needs_time_low_ = true;
     wait_ = Wait::kTimeHigh;
     has_row_ = false;
@@ -117,7 +117,8 @@ class Evt3Decoder final : public WordDecoder {
     }
   }
 
-  // Decodes from `index` on. Without a row so far it stops behind the first one.
+  // Decodes from word `index` on and returns the index of the first word that is not decoded. Without a row (kHasRow
+  // false) it stops after the first ADDR_Y.
   template <bool kHasRow>
   size_t Run(const uint8_t* words, size_t index, size_t count) {
     const uint32_t width = width_;
@@ -183,8 +184,8 @@ class Evt3Decoder final : public WordDecoder {
     return index;
   }
 
-  // The 12 + 12 + 8 pixels from the base on. Whatever the types of the second and third word, they are taken as masks,
-  // as OpenEB does.
+  // Decodes a triple: masks of 12 + 12 + 8 pixels from the base on. The second and third word count as masks whatever
+  // their types, as in OpenEB.
   Event* DecodeTriple(const uint8_t* words, Event* cursor) {
     const uint32_t first = LoadWord<uint16_t>(words);
     const uint32_t second = LoadWord<uint16_t>(words + 2);
@@ -199,7 +200,7 @@ class Evt3Decoder final : public WordDecoder {
     }
     if (!state_.has_base) return cursor;
     const uint32_t base = state_.vector_base;
-    // Beyond the sensor it stays where it is: base after base must not wrap into it again.
+    // A base outside the sensor stays unchanged, so that it cannot overflow.
     if (base < width_) state_.vector_base += kTriplePixels;
     if (base + kTriplePixels > width_) {
       counts_.dropped_outside_sensor += static_cast<uint64_t>(std::popcount(mask));
@@ -229,14 +230,14 @@ class Evt3Decoder final : public WordDecoder {
             {state_.clock.now_us(), static_cast<uint8_t>(content >> 8), static_cast<uint8_t>(content & 1)});
         ++counts_.triggers;
         return cursor;
-      case evt3::kVect8:  // the end of a triple whose beginning is missing
+      case evt3::kVect8:  // the end of a triple without its beginning
         ++counts_.broken_vectors;
         return cursor;
       case evt3::kOthers:
       case evt3::kContinued4:
       case evt3::kContinued12:
         return cursor;
-      case evt3::kReservedRow:  // addresses of another kind follow, until the next row
+      case evt3::kReservedRow:  // the addresses until the next row are of another kind
         state_.row = kNoRow;
         [[fallthrough]];
       default:

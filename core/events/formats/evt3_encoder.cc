@@ -9,7 +9,8 @@ namespace evpose {
 namespace {
 
 constexpr int64_t kHighRange = 4096;
-// A wrap is a step back of half the counter or more, so that steps forward of a quarter are never ambiguous.
+// A quarter of the counter's range: decoders take a step back by half the range or more as a wrap, so that steps
+// forward up to a quarter are unambiguous.
 constexpr int64_t kMaxHighStep = 1024;
 
 class Evt3Encoder final : public WordEncoder {
@@ -39,13 +40,13 @@ class Evt3Encoder final : public WordEncoder {
     if (t_us != t_us_) WriteTime(t_us, out);
   }
 
-  // One TIME_HIGH in every 16 us in which there is something to say, as a camera does, and enough of them over a gap
-  // that no wrap is missed. After the time the row comes again: what a lost word spoils is over soon.
+  // Writes a TIME_HIGH in each period of 16 us that has a time, as a camera does, and further ones over a gap, so that
+  // a decoder misses no wrap. The row is written again after each time, which limits the damage of a lost word.
   void WriteTime(int64_t t_us, std::vector<uint8_t>& out) {
     const int64_t high = t_us >> 12;
     int64_t written = t_us_ < 0 ? high : t_us_ >> 12;
     if (t_us_ < 0 && high >= kHighRange) {
-      // Readers begin without a wrap: a first time beyond one has to be led up to.
+      // A decoder starts without wraps: a first time after a wrap needs the TIME_HIGHs before it.
       written = 0;
       Append(evt3::kTimeHigh, 0, out);
     }
@@ -62,11 +63,12 @@ class Evt3Encoder final : public WordEncoder {
     vector_end_ = -1;
   }
 
-  // False when single words are not longer, or the vector would reach over the right edge, where decoders drop it.
+  // Writes a run as a vector. Returns false, without writing, if single events are not longer, or if the vector would
+  // reach over the right edge of the sensor, where decoders drop it.
   bool WriteVector(absl::Span<const Event> run, std::vector<uint8_t>& out) {
     const Event& first = run.front();
     const int base = first.x / kVectorPixels * kVectorPixels;
-    // A triple leaves the base at its end: a vector that continues there needs no new one.
+    // A triple advances the base to its end: a vector that continues there needs no VECT_BASE_X.
     const bool continues = vector_end_ == base && vector_row_ == first.y && vector_polarity_ == first.polarity;
     const size_t num_words = continues ? 3 : 4;
     if (run.size() <= num_words || base + kVectorPixels > geometry_.width_px) return false;

@@ -6,7 +6,8 @@
 namespace evpose {
 namespace {
 
-// 32 bits of time tell which wrap is meant only within half the clock's range, and no word says the time alone.
+// A decoder finds the right wrap only for steps within half the range of 32 bits, and there are no time words in
+// between.
 constexpr TimeLimits kFlat64Limits = {
     .max_first_us = (int64_t{1} << 32) - 1, .max_gap_us = (int64_t{1} << 31) - 1, .has_time_words = false};
 

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// Decoding of words that each hold a whole event: DAT and FLAT64.
+// Decoder of formats in which each word is a complete event: DAT and FLAT64.
 #pragma once
 
 #include <cstdint>
@@ -10,7 +10,7 @@
 
 namespace evpose {
 
-// A word's fields; `known` is false for a word with reserved bits set.
+// The fields of a word; `known` is false if reserved bits are set.
 struct FullAddress {
   uint32_t t_us;
   uint32_t x;
@@ -19,8 +19,8 @@ struct FullAddress {
   bool known;
 };
 
-// `Layout::Parse(uint64_t)` gives the fields of a word. There are no words of time alone, hence no time marks, and
-// every word has a full time stamp, hence nothing to wait for.
+// `Layout::Parse(uint64_t)` returns the fields of a word. There are no time words, hence no time marks; every word has
+// a full time stamp, hence no wait after a loss.
 template <typename Layout>
 class FullAddressDecoder final : public WordDecoder {
  public:

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// The clocks of the encodings, unwrapped. Decoders and the chunker share them, so that both tell the same time.
+// The unwrapped clocks of the encodings (core/events/README.md, section 2). Decoders and the chunker share them, so
+// that both have the same time.
 #pragma once
 
 #include <algorithm>
@@ -16,14 +17,14 @@ class Evt3Clock {
  public:
   bool started() const { return started_; }
   int64_t now_us() const { return base_us_ + low_us_; }
-  // The time of TIME_HIGH alone, and what TIME_LOW adds to it.
+  // The time of TIME_HIGH alone, and the addition of TIME_LOW.
   int64_t base_us() const { return base_us_; }
   int64_t low_us() const { return low_us_; }
   uint64_t wraps() const { return wraps_; }
   uint64_t backsteps() const { return backsteps_; }
 
-  // False when the time stepped back. A step back of half the counter's range or more is a wrap. Another TIME_HIGH
-  // starts at its own beginning until a TIME_LOW says more; the same one again changes nothing.
+  // Returns false if the time stepped back. A step back by half the counter's range or more is a wrap. A new TIME_HIGH
+  // sets TIME_LOW to 0; the same one again changes nothing.
   bool SetHigh(int64_t high) {
     const int64_t previous_high = (base_us_ >> 12) & 0xfff;
     if (started_ && high == previous_high) return true;
@@ -37,7 +38,7 @@ class Evt3Clock {
     return base_us_ >= before_us;
   }
 
-  // False when the time stepped back; never a wrap.
+  // Returns false if the time stepped back, which is never a wrap.
   bool SetLow(int64_t low_us) {
     const bool forward = low_us >= low_us_;
     backsteps_ += !forward;
@@ -61,7 +62,8 @@ class Evt3Clock {
 // EVT2 and EVT2.1: 28 bits of TIME_HIGH above the 6 bits that every event carries; wraps every 4.77 hours.
 class Evt2Clock {
  public:
-  // A step back is a wrap when it is the whole range but for this much.
+  // A step back is a wrap if it is at least the range less this: a camera sends a TIME_HIGH more often, so that a wrap
+  // is recognised also when words were lost.
   static constexpr int64_t kWrapTolerance_us = 10000;
   static constexpr int64_t kRange_us = int64_t{1} << 34;
 
@@ -71,7 +73,7 @@ class Evt2Clock {
   uint64_t wraps() const { return wraps_; }
   uint64_t backsteps() const { return backsteps_; }
 
-  // False when the time stepped back.
+  // Returns false if the time stepped back.
   bool SetHigh(int64_t high) {
     int64_t base_us = epoch_us_ + (high << 6);
     if (started_ && base_us == base_us_) return true;
@@ -84,7 +86,7 @@ class Evt2Clock {
     return Advance(base_us);
   }
 
-  // The time an event carries; false when the time stepped back.
+  // Sets the low bits from an event or trigger; returns false if the time stepped back.
   bool SetLow(int64_t low_us) { return Advance(base_us_ + low_us); }
 
   static void VisitState(auto& archive, auto& self) {
@@ -120,8 +122,8 @@ class Clock32 {
   uint64_t wraps() const { return wraps_; }
   uint64_t backsteps() const { return backsteps_; }
 
-  // Of all times with these 32 bits, the one nearest to the last is meant; so a late word at a wrap stays late. False
-  // when the time stepped back.
+  // Takes of all times with these 32 bits the one nearest to the last time, so that a late word after a wrap remains
+  // late. Returns false if the time stepped back.
   bool Set(uint32_t t_us) {
     if (!started_) {
       started_ = true;
@@ -130,7 +132,7 @@ class Clock32 {
     }
     const auto step_us = static_cast<int32_t>(t_us - static_cast<uint32_t>(now_us_));
     int64_t next_us = now_us_ + step_us;
-    if (next_us < 0) next_us += kRange_us;  // before the clock's beginning: a long way forward instead
+    if (next_us < 0) next_us += kRange_us;  // no time is negative: a large step forward instead
     const bool forward = next_us >= now_us_;
     backsteps_ += !forward;
     wraps_ = std::max(wraps_, static_cast<uint64_t>(next_us >> 32));

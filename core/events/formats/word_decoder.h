@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// What the decoders have in common: words cut by calls, a small buffer of events, time marks.
+// The common part of the decoders: words that are cut by calls, the output buffer, time marks.
 #pragma once
 
 #include <array>
@@ -25,7 +25,7 @@ Word LoadWord(const uint8_t* bytes) {
   return word;
 }
 
-// Writes an event in two stores of 8 bytes instead of four smaller ones, which would bound the inner loops.
+// Writes an event with two stores of 8 bytes. Four smaller stores would be the bottleneck of the inner loops.
 inline void StoreEvent(Event* event, int64_t t_us, uint32_t x, uint32_t y, uint32_t polarity) {
   static_assert(sizeof(Event) == 16 && offsetof(Event, x) == 8 && offsetof(Event, y) == 10 &&
                 offsetof(Event, polarity) == 12);
@@ -35,27 +35,27 @@ inline void StoreEvent(Event* event, int64_t t_us, uint32_t x, uint32_t y, uint3
   std::memcpy(static_cast<void*>(event), words, sizeof(words));
 }
 
-// Events on their way to the output. There is always room for some, so that the inner loops write without asking a
-// vector whether it has room.
+// Appends events to the output. There is always room for the events of a few words, so that the inner loops write
+// without a check of capacity for each event.
 class EventSink {
  public:
   static constexpr size_t kRoom = 4096;
   static constexpr size_t kMaxEventsOfWord = 32;
 
-  // `num_words` are to come: for a few there is no need of much room.
+  // Starts a call that decodes `num_words` words; few words need little room.
   void Begin(DecodedEvents& out, size_t num_words) {
     out_ = &out;
     room_ = num_words < kRoom / kMaxEventsOfWord ? kMaxEventsOfWord * (num_words + 2) : kRoom;
     MakeRoom(out.events.size());
   }
-  // What was flushed is the output.
+  // Ends the call: the output has the flushed events.
   void End() { out_->events.resize(num_written()); }
 
   Event* begin() { return begin_; }
-  // At or beyond it, Flush() before the next word.
+  // A cursor at or beyond the limit must be flushed before the next word.
   const Event* limit() const { return limit_; }
 
-  // The events up to `cursor` are the output's; returns the new cursor. limit() moves.
+  // Adds the events before `cursor` to the output and makes room; returns the new cursor. Changes limit().
   Event* Flush(Event* cursor) {
     if (cursor != begin_) {
       last_event_us_ = cursor[-1].t_us;
@@ -68,16 +68,17 @@ class EventSink {
 
   void AddTrigger(const Trigger& trigger) { out_->triggers.push_back(trigger); }
 
-  // The clock starts, or has stepped back: marks count from here.
+  // Restarts the millisecond of time marks: the clock has started or stepped back.
   void RestartMarks(const Event* cursor, int64_t now_us) {
     events_at_mark_ = num_events_ + static_cast<uint64_t>(cursor - begin_);
     mark_due_us_ = now_us + kMarkPeriod_us;
   }
 
-  // Before this no time mark is due.
+  // The earliest time of the next time mark.
   int64_t mark_due_us() const { return mark_due_us_; }
 
-  // Call when mark_due_us() has passed: adds the mark unless an event came since. Returns the new cursor.
+  // To be called when the time has reached mark_due_us(): adds a mark unless there was an event since. Returns the new
+  // cursor.
   Event* MarkTime(Event* cursor, int64_t now_us) {
     Event* const flushed = Flush(cursor);
     if (num_events_ > events_at_mark_) {
@@ -93,7 +94,7 @@ class EventSink {
 
   uint64_t num_events() const { return num_events_; }
 
-  // Between calls: all is flushed then.
+  // Only between calls, when all events are flushed.
   static void VisitState(auto& archive, auto& self) {
     auto& [out, room, begin, limit, num_events, events_at_mark, last_event_us, mark_due_us] = self;
     archive(num_events, events_at_mark, InRange(last_event_us, -kMaxStateTime_us, kMaxStateTime_us),
@@ -105,7 +106,7 @@ class EventSink {
 
   size_t num_written() const { return static_cast<size_t>(begin_ - out_->events.data()); }
 
-  // Behind the first `num_written` events, which are kept.
+  // Makes room after the first `num_written` events.
   void MakeRoom(size_t num_written) {
     EventVector& events = out_->events;
     events.resize(num_written + room_);
@@ -115,15 +116,15 @@ class EventSink {
 
   DecodedEvents* out_ = nullptr;
   size_t room_ = kRoom;
-  Event* begin_ = nullptr;        // of what is not flushed
-  const Event* limit_ = nullptr;  // behind it is room for the events of one word, or run of words
+  Event* begin_ = nullptr;        // of the events that are not flushed
+  const Event* limit_ = nullptr;  // room remains after it for the events of a word or of a block of a run
   uint64_t num_events_ = 0;
   uint64_t events_at_mark_ = 0;
   int64_t last_event_us_ = 0;
   int64_t mark_due_us_ = 0;
 };
 
-// Splits calls into whole words.
+// Joins the bytes of calls to whole words.
 class WordDecoder : public EventDecoder {
  public:
   void Decode(absl::Span<const uint8_t> bytes, DecodedEvents& out) final;
@@ -135,13 +136,13 @@ class WordDecoder : public EventDecoder {
 
   size_t word_bytes() const { return word_bytes_; }
 
-  // Decodes `count` words; returns how many it used. Less than `count` only for words that belong to one that has not
-  // come yet, two at most, which are offered again together with it.
+  // Decodes `count` words and returns the number of decoded ones. Fewer than `count` only at the end of an incomplete
+  // vector triple, at most two; they are passed again together with the next word.
   virtual size_t DecodeWords(const uint8_t* words, size_t count) = 0;
-  // Forgets what a lost word may have changed.
+  // Discards the state that a lost word may have changed.
   virtual void Forget() = 0;
 
-  // The state of what is common to all; `self` is a WordDecoder.
+  // The state of this base class; `self` is a WordDecoder.
   static void VisitWords(auto& archive, auto& self) {
     archive(self.counts_, self.sink_, AtMost(self.num_pending_, kMaxPending - 1), self.pending_);
   }

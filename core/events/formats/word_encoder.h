@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// What the encoders have in common.
+// The common part of the encoders: checks of times and addresses, vectors.
 #pragma once
 
 #include <cstdint>
@@ -13,16 +13,16 @@
 
 namespace evpose {
 
-// A camera says the time in this period at least, so that a reader that starts anywhere soon knows it.
+// The period of TIME_HIGH of a camera, so that a reader that starts in the middle soon has the time.
 inline constexpr int64_t kTimeWordPeriod_us = 16;
-// What an encoding can tell of time. A longer gap than 30 days comes from a mistake, such as mixing two clocks; the
-// bound also bounds the words that a gap needs.
+// The times that an encoder accepts. A gap above 30 days is a mistake, such as two mixed clocks; the limit also bounds
+// the number of words for a gap.
 struct TimeLimits {
   int64_t max_first_us = int64_t{30} * 24 * 3600 * 1000000;
   int64_t max_gap_us = max_first_us;
   bool has_time_words = true;
 };
-// Vector words hold this many neighbours of a row.
+// Pixels of a vector, neighbours in a row.
 inline constexpr int kVectorPixels = 32;
 
 template <typename Word>
@@ -32,7 +32,7 @@ void AppendWord(Word word, std::vector<uint8_t>& out) {
   std::memcpy(out.data() + size, &word, sizeof(Word));
 }
 
-// Checks times and addresses before anything is written.
+// Checks all times and addresses of a call before it writes.
 class WordEncoder : public EventEncoder {
  public:
   absl::Status Encode(absl::Span<const Event> events, std::vector<uint8_t>& out) final;
@@ -42,26 +42,26 @@ class WordEncoder : public EventEncoder {
   WordEncoder(SensorGeometry geometry, const TimeLimits& limits) : geometry_(geometry), limits_(limits) {}
 
   virtual void EncodeChecked(absl::Span<const Event> events, std::vector<uint8_t>& out) = 0;
-  // Only called for encodings that have time words.
+  // Called only for encodings with time words.
   virtual void EncodeCheckedTime(int64_t t_us, std::vector<uint8_t>& out) = 0;
 
   const SensorGeometry geometry_;
 
  private:
   absl::Status Check(absl::Span<const Event> events) const;
-  // `event`: the index of the event whose time it is.
+  // `event` is the index of the event with this time, for errors.
   static absl::Status CheckOrder(std::optional<size_t> event, int64_t t_us, int64_t previous_us);
   absl::Status CheckGap(std::optional<size_t> event, int64_t t_us, int64_t previous_us) const;
 
   const TimeLimits limits_;
   int64_t last_us_ = 0;
-  int64_t last_written_us_ = -1;  // -1: nothing yet
+  int64_t last_written_us_ = -1;  // -1 before the first
 };
 
-// How many of the first events one vector word can hold: the same time, row, polarity and 32 aligned columns, from left
-// to right, since a mask keeps no other order.
+// The number of leading events that fit into one vector: the same time, row, polarity and aligned group of 32 columns,
+// from left to right, because a mask has no other order.
 size_t VectorRunLength(absl::Span<const Event> events);
-// Bit i: the pixel i columns right of the aligned base.
+// The mask of a run: bit i is the pixel i columns right of the aligned base.
 uint32_t VectorMask(absl::Span<const Event> run);
 
 std::unique_ptr<EventEncoder> MakeEvt3Encoder(SensorGeometry geometry);

@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// Runs of the words that nearly all of a recording is made of, several at a time, with vector instructions. What is not
-// plain there, a word of another type, a time that steps back, an address outside the sensor, ends the run and is left
-// to the decoder's own loop, which knows all rules: the events are the same with and without. Cut into calls of a few
-// bytes a stream has no runs, so that the tests of cut streams compare the two.
+// Vectorised decoding of runs of plain words, of which a recording mostly consists. A word of another type, a time that
+// steps back or an address outside the sensor ends the run and is left to the decoder's scalar loop, which implements
+// all rules; the events are the same with and without runs. A stream that is cut into calls of a few bytes has no runs,
+// so that the tests of cut streams compare both.
 #pragma once
 
 #include <algorithm>
@@ -14,28 +14,29 @@
 
 namespace evpose {
 
-// EVT3: TIME_LOW, ADDR_Y, ADDR_X, and TIME_HIGH that changes nothing.
+// State of a run in EVT3. Plain words: TIME_LOW, ADDR_Y, ADDR_X, and a TIME_HIGH that changes nothing.
 struct Evt3Run {
   uint32_t width_px = 0;
   uint32_t height_px = 0;
-  int64_t base_us = 0;      // of the present TIME_HIGH
-  int64_t mark_due_us = 0;  // a TIME_LOW that reaches it ends the run
-  int64_t low_us = 0;       // present TIME_LOW, [0, 4095]
-  uint32_t row = 0;         // present row, below height_px
+  int64_t base_us = 0;      // time of the current TIME_HIGH
+  int64_t mark_due_us = 0;  // a TIME_LOW at or after this time ends the run
+  int64_t low_us = 0;       // current TIME_LOW, [0, 4095]
+  uint32_t row = 0;         // current row, below height_px
 };
 
-// EVT2 and EVT2.1: events after one TIME_HIGH, which may come again; in EVT2.1, of one pixel each.
+// State of a run in EVT2 and EVT2.1. Plain words: events (in EVT2.1, of one pixel each), and the current TIME_HIGH
+// again.
 struct Evt2Run {
   uint32_t width_px = 0;
   uint32_t height_px = 0;
-  int64_t base_us = 0;      // of the present TIME_HIGH, a multiple of 64
-  int64_t mark_due_us = 0;  // where it may have been reached, a TIME_HIGH ends the run
+  int64_t base_us = 0;      // time of the current TIME_HIGH, a multiple of 64
+  int64_t mark_due_us = 0;  // a TIME_HIGH ends the run if this time may have been reached
   int64_t low_us = 0;       // of the last event, [0, 63]
 };
 
-// Decodes words while they are plain and `cursor` is below `limit`; returns how many. Fewer than a block, kMaxRunBlock
-// at most, are no run. Moves `run` and `cursor`. Events are stored a block at a time, as if every word were one: so
-// many from the cursor on must be writable.
+// Decodes words while they are plain and `cursor` is below `limit`; updates `run` and `cursor` and returns the number
+// of decoded words. Fewer words than a block, at most kMaxRunBlock, are not decoded. Events are stored in blocks, as if
+// every word were an event: kMaxRunBlock events from the cursor on must be writable.
 template <typename Run>
 using DecodeRunOf = size_t (*)(const uint8_t* words, size_t count, Run& run, Event*& cursor, const Event* limit);
 inline constexpr size_t kMaxRunBlock = 16;
@@ -46,30 +47,30 @@ struct WordRuns {
   DecodeRunOf<Evt2Run> evt21;
 };
 
-// Null when the processor does not have the instructions.
+// Null if the processor does not have the instructions.
 const WordRuns* Avx2WordRuns();
-const WordRuns* Avx512WordRuns();  // as of Ice Lake and Zen 4
+const WordRuns* Avx512WordRuns();  // since Ice Lake and Zen 4
 
-// The fastest that the processor has, or null.
+// The fastest of both that the processor has, or null.
 inline const WordRuns* BestWordRuns() {
   static const WordRuns* const best = Avx512WordRuns() != nullptr ? Avx512WordRuns() : Avx2WordRuns();
   return best;
 }
 
-// Looking for a run takes as long as decoding some words one by one. Where the runs are shorter, because many words are
-// not plain, it does not pay: each look is a debt that the words of its run pay off, and what is still owed is waited
-// for before the next.
+// Limits the attempts to find a run. An attempt costs as much time as the scalar decoding of some words, which is a
+// loss where runs are short. The costs of attempts add up, in words; the words of a run reduce the sum, and before the
+// next attempt as many words as remain are decoded one by one.
 class RunPause {
  public:
-  // Behind a run of so many words, which may be none: how many words to decode one by one, at least one.
+  // Number of words, at least 1, to decode one by one after a run of `num_words` words (0: no run was found).
   size_t WordsAfter(size_t num_words) {
     owed_ = std::min(owed_ + kWordsOfLook - std::min(owed_ + kWordsOfLook, num_words), kMaxOwed);
     return 1 + owed_;
   }
 
  private:
-  static constexpr size_t kWordsOfLook = 12;
-  static constexpr size_t kMaxOwed = 256;
+  static constexpr size_t kWordsOfLook = 12;  // the cost of an attempt
+  static constexpr size_t kMaxOwed = 256;     // so that a stream that becomes plain again is noticed soon
 
   size_t owed_ = 0;
 };

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// Runs with AVX2: eight words at a time, four of EVT2.1.
+// Decoding of runs with AVX2, in blocks of eight words (EVT2.1: four).
 #include <algorithm>
 #include <array>
 #include <bit>
@@ -19,7 +19,7 @@ namespace {
 
 constexpr int kLanes = 8;
 
-// Bytes for a shuffle of lanes of 16 bits.
+// Control bytes of a shuffle of 16-bit lanes.
 struct alignas(16) LaneShuffle {
   uint8_t bytes[16];
 
@@ -28,9 +28,9 @@ struct alignas(16) LaneShuffle {
     bytes[2 * lane + 1] = static_cast<uint8_t>(2 * source + 1);
   }
 };
-using LaneShuffles = std::array<LaneShuffle, 1 << kLanes>;  // one for each set of lanes
+using LaneShuffles = std::array<LaneShuffle, 1 << kLanes>;  // indexed by a set of lanes, a bit for each
 
-// Puts the lanes of the set first, in the order that StoreFourInTurn() wants.
+// Shuffles that move the lanes of the set to the front, in the order that StoreFourInTurn() requires.
 constexpr LaneShuffles MakeCompress() {
   constexpr int kPlace[] = {0, 2, 1, 3, 4, 6, 5, 7};
   LaneShuffles shuffles = {};
@@ -43,7 +43,7 @@ constexpr LaneShuffles MakeCompress() {
   return shuffles;
 }
 
-// Gives every lane the last one of the set at or before it; kNone where there is none.
+// Shuffles that give every lane the last lane of the set at or before it; kNone if there is none.
 constexpr uint8_t kNone = 0x80;
 constexpr LaneShuffles MakeSpread() {
   LaneShuffles shuffles = {};
@@ -68,7 +68,7 @@ constexpr LaneShuffles kSpread = MakeSpread();
   return _mm_load_si128(reinterpret_cast<const __m128i*>(shuffle.bytes));
 }
 
-// The last lane of the set at or before each lane; that of `carried` where there is none.
+// For each lane, the last lane of the set at or before it; `carried` if there is none.
 [[gnu::target("avx2"), gnu::always_inline]] inline __m128i Spread(__m128i lanes, uint32_t set, __m128i carried) {
   const __m128i shuffle = Load(kSpread[set]);
   return _mm_blendv_epi8(_mm_shuffle_epi8(lanes, shuffle), carried, shuffle);
@@ -78,7 +78,7 @@ constexpr LaneShuffles kSpread = MakeSpread();
   return _mm_shuffle_epi8(lanes, _mm_set1_epi16(0x0f0e));
 }
 
-// Four events: their times, and their other fields as StoreEvent() has them.
+// Stores four events of their times and their other fields in the layout of StoreEvent().
 [[gnu::target("avx2"), gnu::always_inline]] inline void StoreFour(Event* events, __m256i t_us, __m256i rest) {
   const __m256i even = _mm256_unpacklo_epi64(t_us, rest);
   const __m256i odd = _mm256_unpackhi_epi64(t_us, rest);
@@ -87,7 +87,7 @@ constexpr LaneShuffles kSpread = MakeSpread();
   _mm256_storeu_si256(out + 1, _mm256_permute2x128_si256(even, odd, 0x31));
 }
 
-// As StoreFour(), of the first, third, second and fourth event: one step less.
+// The same for lanes in the order first, third, second, fourth event, which saves one instruction.
 [[gnu::target("avx2"), gnu::always_inline]] inline void StoreFourInTurn(Event* events, __m256i t_us, __m256i rest) {
   auto* const out = reinterpret_cast<__m256i*>(events);
   _mm256_storeu_si256(out, _mm256_unpacklo_epi64(t_us, rest));
@@ -98,11 +98,11 @@ constexpr LaneShuffles kSpread = MakeSpread();
   return _mm_set1_epi16(static_cast<int16_t>(value));
 }
 
-// There are comparisons of signed numbers only: with the highest bit turned they are in the order of unsigned ones.
+// AVX2 compares signed numbers only: with the highest bit inverted ("turned") they have the order of unsigned ones.
 constexpr int64_t kTurned = 0x8000;
 
 struct Evt3Ends {
-  __m128i x;  // turned, as the next two
+  __m128i x;  // turned, like the next two
   __m128i y;
   __m128i low;
   __m128i same_high;
@@ -114,7 +114,7 @@ struct Evt3Ends {
           Fill16(0x8000 | ((run.base_us >> 12) & 0xfff))};
 }
 
-// Of eight words, a bit for each: which are columns, rows and times, and which are plain.
+// Sets of the eight words of a block, a bit for each: columns, rows, times, plain words.
 struct Evt3Sets {
   uint32_t columns = 0;
   uint32_t rows = 0;
@@ -122,7 +122,7 @@ struct Evt3Sets {
   uint32_t plain = 0;
 };
 
-// A word as TIME_LOW, turned: with another type it is beyond the end.
+// The content of TIME_LOW words, turned; words of other types are out of its range.
 [[gnu::target("avx2"), gnu::always_inline]] inline __m128i TurnedLows(__m128i words) {
   return _mm_xor_si128(words, Fill16(0x6000 ^ kTurned));
 }
@@ -140,24 +140,25 @@ struct Evt3Sets {
   return {addresses & 0xff, addresses >> kLanes, others & 0xff, others >> kLanes};
 }
 
-// Of four lanes: columns; rows, with the polarity as the highest bit; turned TIME_LOWs.
+// Stores four events. Each lane of `xy` has the column in its low half and, in its high half, the row with the polarity
+// as the highest bit; `lows` are turned TIME_LOWs, for which `base_us` is corrected.
 [[gnu::target("avx2"), gnu::always_inline]] inline void StoreFourEvt3(Event* events, __m128i xy, __m128i lows,
                                                                       __m256i base_us) {
   const __m256i fields = _mm256_cvtepu32_epi64(xy);
-  // Added to itself the polarity moves on by a bit, to where it belongs.
+  // The addition of the polarity to itself shifts it by one bit, to its place.
   const __m256i polarity = _mm256_and_si256(fields, _mm256_set1_epi64x(int64_t{1} << 31));
   StoreFourInTurn(events, _mm256_add_epi64(_mm256_cvtepu16_epi64(lows), base_us), _mm256_add_epi64(fields, polarity));
 }
 
 struct Evt3State256 {
-  __m128i row;  // in all lanes, that of the last word
-  __m128i low;  // likewise, turned
-  __m256i base_us;
+  __m128i row;      // in all lanes, the row of the last word
+  __m128i low;      // likewise, turned
+  __m256i base_us;  // less kTurned
   Event* next;
 };
 
-// Stores the events among the words of the sets, each with the time and the row that it has. False, and nothing is
-// done, when the time steps back.
+// Stores the events among the words of the sets, each with its time and row. Returns false, without an effect, if the
+// time steps back.
 [[gnu::target("avx2,popcnt"), gnu::always_inline]] inline bool AppendEvt3(__m128i words, const Evt3Sets& sets,
                                                                           Evt3State256& state) {
   const __m128i lows = Spread(TurnedLows(words), sets.lows, state.low);
@@ -197,7 +198,7 @@ struct Evt3State256 {
     }
     if (!AppendEvt3(block, sets, state)) [[unlikely]]
       break;
-    // A constant: the next block need not wait for what this one is.
+    // A constant, so that the next block does not depend on the content of this one.
     index += kLanes;
   }
   cursor = state.next;
@@ -227,7 +228,7 @@ struct Evt3State256 {
     const __m256i special =
         _mm256_or_si256(_mm256_cmpgt_epi32(lows_before, lows), _mm256_cmpgt_epi32(type, _mm256_set1_epi32(1)));
     const __m256i xy = _mm256_or_si256(x, _mm256_slli_epi32(y, 16));
-    // A lane of 64 bits holds two words: the even ones, then the odd ones.
+    // A 64-bit lane holds two words: first the even ones, then the odd ones.
     const __m256i low_half = _mm256_set1_epi64x(0xffffffff);
     const __m256i high_half = _mm256_slli_epi64(low_half, 32);
     const __m256i even_t = _mm256_add_epi64(_mm256_and_si256(lows, low_half), base_us);
@@ -251,7 +252,7 @@ struct Evt3State256 {
       index += static_cast<size_t>(num_plain);
       break;
     }
-    // Constants: the next block need not wait for what this one is.
+    // Constants, so that the next block does not depend on the content of this one.
     next += kLanes;
     index += kLanes;
     low = _mm256_permutevar8x32_epi32(lows, _mm256_set1_epi32(kLanes - 1));
@@ -261,10 +262,10 @@ struct Evt3State256 {
   return index;
 }
 
-// Of EVT2.1 words, a lane of 64 bits each.
+// The fields of EVT2.1 words, one in each 64-bit lane.
 struct Evt21Fields {
   __m256i low;
-  __m256i x;  // of the only pixel
+  __m256i x;  // of the only pixel of the mask
   __m256i y;
   __m256i type;
   __m256i has_one_pixel;
@@ -275,7 +276,7 @@ struct Evt21Fields {
   const __m256i zero = _mm256_setzero_si256();
   const __m256i mask = _mm256_and_si256(block, _mm256_set1_epi64x(0xffffffff));
   const __m256i more = _mm256_and_si256(mask, _mm256_sub_epi64(mask, _mm256_set1_epi64x(1)));
-  // A power of two is its exponent as a float; the sign of the highest bit is cut off.
+  // The bit number of a power of two is its exponent as a float; bit 31 gives a negative number, whose sign is cut off.
   const __m256i exponents = _mm256_srli_epi32(_mm256_castps_si256(_mm256_cvtepi32_ps(mask)), 23);
   const __m256i pixel =
       _mm256_sub_epi64(_mm256_and_si256(exponents, _mm256_set1_epi64x(0xff)), _mm256_set1_epi64x(127));
@@ -311,7 +312,7 @@ struct Evt21Fields {
       index += static_cast<size_t>(num_plain);
       break;
     }
-    // Constants: the next block need not wait for what this one is.
+    // Constants, so that the next block does not depend on the content of this one.
     next += kWords;
     index += kWords;
     low = _mm256_permute4x64_epi64(fields.low, _MM_SHUFFLE(3, 3, 3, 3));

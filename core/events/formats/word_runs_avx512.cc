@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// Runs with AVX-512: sixteen words at a time, eight of EVT2.1. A word is a lane, a set of words a mask.
+// Decoding of runs with AVX-512, in blocks of sixteen words (EVT2.1: eight). A word is a lane, a set of words a mask.
 #include <algorithm>
 #include <array>
 #include <bit>
@@ -21,7 +21,7 @@ namespace {
 #define EVPOSE_AVX512 gnu::target("avx512f,avx512bw,avx512cd,avx512vbmi,popcnt")
 #define EVPOSE_AVX512_INLINE EVPOSE_AVX512, gnu::always_inline
 
-// The words before the first that is not in the set.
+// The words before the first one that is not in the set.
 constexpr uint32_t LeadingWords(uint32_t set) { return set & ~(set + 1); }
 
 [[EVPOSE_AVX512_INLINE]] inline __m512i Fill32(uint32_t value) {
@@ -32,7 +32,7 @@ constexpr uint32_t LeadingWords(uint32_t set) { return set & ~(set + 1); }
   return _mm512_set1_epi64(static_cast<int64_t>(value));
 }
 
-// Four events that have this time and nothing else.
+// Four events with this time and zeros in their other fields.
 [[EVPOSE_AVX512_INLINE]] inline __m512i FourOfTime(int64_t t_us) { return _mm512_maskz_set1_epi64(0x55, t_us); }
 
 // EVT3.
@@ -44,12 +44,12 @@ constexpr uint32_t kAllEvt3Lanes = 0xffff;
   return static_cast<uint32_t>(_mm_extract_epi32(_mm512_extracti32x4_epi32(lanes, 3), 3));
 }
 
-// The lane of the set last at or before each lane; where there is none, the last of all of `carried`.
+// For each lane, the last lane of the set at or before it; the last lane of `carried` if there is none.
 [[EVPOSE_AVX512_INLINE]] inline __m512i Latest(__m512i lanes, uint32_t set, __m512i carried) {
   const __m512i up_to_lane = _mm512_setr_epi32(0x1, 0x3, 0x7, 0xf, 0x1f, 0x3f, 0x7f, 0xff, 0x1ff, 0x3ff, 0x7ff, 0xfff,
                                                0x1fff, 0x3fff, 0x7fff, 0xffff);
   const __m512i before = _mm512_and_si512(Fill32(set), up_to_lane);
-  // -1 where there is none: as an index, the last lane of the second operand.
+  // -1 if there is none, which as an index is the last lane of the second operand.
   const __m512i latest = _mm512_sub_epi32(Fill32(31), _mm512_lzcnt_epi32(before));
   return _mm512_permutex2var_epi32(lanes, latest, carried);
 }
@@ -68,7 +68,8 @@ struct Evt3Bounds {
           Fill32(evt3::kTimeHigh << 12 | high)};
 }
 
-// What each word would be as one of the three types, and for which it is: with another type it is out of bounds.
+// Each word interpreted as each of the three types, and the sets of words that have the type; a word of another type is
+// out of bounds.
 struct Evt3Block {
   __m512i x;
   __m512i y;
@@ -94,8 +95,8 @@ struct Evt3Block {
   return read;
 }
 
-// Where each byte of four events is among the bytes of two vectors, from lane `first` of both on: time and polarity
-// (above it a byte of zeros), column and row.
+// The positions of the bytes of four events in two vectors, from lane `first` of both on: one with time and polarity
+// (above it a byte of zeros), one with column and row.
 constexpr std::array<uint8_t, 64> EventBytes(size_t first) {
   std::array<uint8_t, 64> bytes = {};
   for (size_t i = 0; i < bytes.size(); ++i) {
@@ -117,14 +118,14 @@ template <size_t first>
 }
 
 struct Evt3Output {
-  __m512i row;  // in the last lane, that of the last word
+  __m512i row;  // in the last lane, the row of the last word
   __m512i low;  // likewise
   __m512i base_us;
   Event* next;
 };
 
-// Stores the events among the words of a set, each with the time and the row that it has. False, and nothing is done,
-// when the time steps back.
+// Stores the events among the words of a set, each with its time and row. Returns false, without an effect, if the time
+// steps back.
 [[EVPOSE_AVX512_INLINE]] inline bool Append(const Evt3Block& block, uint32_t set, Evt3Output& output) {
   const __m512i low = Latest(block.low, block.lows & set, output.low);
   const __m512i low_before = _mm512_alignr_epi32(low, output.low, kEvt3Lanes - 1);
@@ -158,7 +159,7 @@ struct Evt3Output {
     }
     if (!Append(block, kAllEvt3Lanes, output)) [[unlikely]]
       break;
-    // A constant: the next block need not wait for what this one is.
+    // A constant, so that the next block does not depend on the content of this one.
     index += kEvt3Lanes;
   }
   cursor = output.next;
@@ -169,18 +170,19 @@ struct Evt3Output {
 
 // EVT2 and EVT2.1.
 
-// Fields of a word of EVT2, or of the upper half of one of EVT2.1.
+// Fields of an EVT2 word, or of the upper half of an EVT2.1 word.
 constexpr uint32_t kEvt2Low = 0x3f << 22;
 constexpr uint32_t kEvt2X = 0x7ff << 11;
 constexpr uint32_t kEvt2Y = 0x7ff;
 constexpr uint32_t kEvt2TypeEnd = (evt2::kCdOn + 1) << 28;
 
-// The present TIME_HIGH again.
+// The word of the current TIME_HIGH.
 constexpr uint32_t SameHigh(const Evt2Run& run) {
   return evt2::kTimeHigh << 28 | static_cast<uint32_t>((run.base_us >> 6) & 0xfffffff);
 }
 
-// Four events of as many pairs of lanes of 64 bits: twice the same word, which begins at `first_bit` there.
+// Stores four events of four pairs of 64-bit lanes: each pair has the same word twice, from bit `first_bit` of the lane
+// on.
 template <int first_bit>
 [[EVPOSE_AVX512_INLINE]] inline void StoreFourTwice(Event* events, __m512i twice, __m512i base_us) {
   constexpr auto bit_of_byte = [](int bit, int byte) {
@@ -192,11 +194,11 @@ template <int first_bit>
   const __m512i bits = _mm512_set4_epi64(kRestBits, kTimeBits, kRestBits, kTimeBits);
   const __m512i fields = _mm512_set4_epi64(0x1'07ff'07ff, 0x3f, 0x1'07ff'07ff, 0x3f);
   const __m512i event = _mm512_and_si512(_mm512_multishift_epi64_epi8(bits, twice), fields);
-  // An addition would cost more: the lowest bits of the base are zeros.
+  // An OR instead of an addition, because the lowest bits of the base are zeros.
   _mm512_storeu_si512(events, _mm512_or_si512(event, base_us));
 }
 
-// The words of a block that are events and those that are plain.
+// Sets of words of a block: events, and plain words.
 struct Evt2Sets {
   uint32_t events = 0;
   uint32_t plain = 0;
@@ -222,14 +224,14 @@ class Evt2Lanes {
     return {events, static_cast<uint32_t>(events | highs)};
   }
 
-  // The words of the set first, and ones behind them.
+  // Moves the words of the set to the front; the bits after them are ones.
   [[EVPOSE_AVX512_INLINE]] static __m512i Compress(uint32_t set, __m512i block) {
     return _mm512_mask_compress_epi32(Fill32(0xffff'ffff), static_cast<__mmask16>(set), block);
   }
 
   [[EVPOSE_AVX512_INLINE]] static __m512i Lows(__m512i events) { return _mm512_and_si512(events, Fill32(kEvt2Low)); }
 
-  // Whether a lane is less than the one before; before the first is the last of `carried`.
+  // Whether a lane is less than the one before it; the last lane of `carried` comes before the first.
   [[EVPOSE_AVX512_INLINE]] static bool StepsBack(__m512i lows, __m512i carried) {
     return _mm512_cmplt_epu32_mask(lows, _mm512_alignr_epi32(lows, carried, kLanes - 1)) != 0;
   }
@@ -271,7 +273,7 @@ class Evt21Lanes {
     __mmask8 events = _mm512_cmplt_epu64_mask(block, Upper(kEvt2TypeEnd));
     events = _mm512_mask_cmplt_epu64_mask(events, x, width_);
     events = _mm512_mask_cmplt_epu64_mask(events, _mm512_and_si512(block, Upper(kEvt2Y)), height_);
-    // One pixel, neither none nor several.
+    // Masks of exactly one pixel.
     events = _mm512_mask_test_epi64_mask(events, pixels, pixels);
     events = _mm512_mask_testn_epi64_mask(events, pixels, _mm512_sub_epi64(pixels, Fill64(1)));
     const __m512i upper = _mm512_xor_si512(block, pixels);
@@ -279,7 +281,7 @@ class Evt21Lanes {
     return {events, static_cast<uint32_t>(events | highs)};
   }
 
-  // With the column of the pixel instead of that of the mask.
+  // The same, with the column of the pixel in place of that of the mask.
   [[EVPOSE_AVX512_INLINE]] static __m512i Compress(uint32_t set, __m512i block) {
     const __m512i words = _mm512_add_epi64(block, ColumnsToPixel(block));
     return _mm512_mask_compress_epi64(Fill32(0xffff'ffff), static_cast<__mmask8>(set), words);
@@ -306,7 +308,7 @@ class Evt21Lanes {
  private:
   [[EVPOSE_AVX512_INLINE]] static __m512i Upper(uint32_t half) { return Fill64(uint64_t{half} << 32); }
 
-  // From the first pixel to the last of the mask, in the place of a word's column.
+  // The distance from the first column of the mask to its pixel, at the position of a word's column.
   [[EVPOSE_AVX512_INLINE]] static __m512i ColumnsToPixel(__m512i block) {
     const __m512i pixels = _mm512_and_si512(block, Fill64(0xffff'ffff));
     const __m512i pixel = _mm512_sub_epi64(Fill64(63), _mm512_lzcnt_epi64(pixels));
@@ -320,12 +322,12 @@ class Evt21Lanes {
 };
 
 struct Evt2Output {
-  __m512i low;  // in all lanes, that of the last event
+  __m512i low;  // in all lanes, the low bits of the last event
   __m512i base_us;
   Event* next;
 };
 
-// Stores the words of a set, which are events. False, and nothing is done, when the time steps back.
+// Stores the words of a set, which are events. Returns false, without an effect, if the time steps back.
 template <typename Lanes>
 [[EVPOSE_AVX512_INLINE]] inline bool Append(__m512i block, uint32_t events, Evt2Output& output) {
   const __m512i words = Lanes::Compress(events, block);
@@ -334,8 +336,8 @@ template <typename Lanes>
     return false;
   const auto num_events = static_cast<uint32_t>(std::popcount(events));
   Lanes::Store(output.next, words, output.base_us);
-  // Without an event the last lane of all, where there are ones: the next block then looks like a step back and ends
-  // the run, which is no harm.
+  // Without an event this takes the last lane, which has ones: the next block then looks like a step back and ends the
+  // run, which costs time only.
   output.low = Lanes::Broadcast(lows, num_events - 1);
   output.next += num_events;
   return true;

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// The types of words in Prophesee's raw formats: the top four bits of each word.
+// The word types of Prophesee's raw formats, the top four bits of each word (core/events/README.md, section 1).
 #pragma once
 
 #include <cstdint>
