@@ -22,7 +22,7 @@ TEST(CertificatesTest, AGoodPairWithItsChain) {
   EXPECT_TRUE(CheckAuthorities({"ca.crt", "# ours\n" + authority.pem() + authority.pem()}).ok());
 }
 
-TEST(CertificatesTest, WhatIsNone) {
+TEST(CertificatesTest, FilesThatAreNotPem) {
   const TestAuthority authority;
   const TestCertificate issued = authority.Issue();
   const PemFile certificate = {"server.crt", issued.certificate_pem};
@@ -38,7 +38,7 @@ TEST(CertificatesTest, WhatIsNone) {
               HasSubstr("server.key is encrypted"));
 }
 
-TEST(CertificatesTest, KeyOfAnother) {
+TEST(CertificatesTest, KeyOfAnotherCertificate) {
   const TestAuthority authority;
   const PemFile certificate = {"server.crt", authority.Issue().certificate_pem};
   const absl::Status status = CheckKeyPair(certificate, {"server.key", authority.Issue().key_pem}, absl::Now());
@@ -46,7 +46,7 @@ TEST(CertificatesTest, KeyOfAnother) {
   EXPECT_THAT(Message(status), HasSubstr("server.key is not the key of server.crt"));
 }
 
-TEST(CertificatesTest, OutsideItsTime) {
+TEST(CertificatesTest, CertificateThatIsNotValidNow) {
   const TestCertificateOptions options;
   const TestCertificate issued = TestAuthority().Issue(options);
   const PemFile certificate = {"server.crt", issued.certificate_pem};

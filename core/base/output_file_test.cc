@@ -35,7 +35,7 @@ TEST_F(OutputFileTest, AppearsOnlyWhenCommitted) {
   EXPECT_EQ(NumFiles(), 1);
 }
 
-TEST_F(OutputFileTest, AbandonedLeavesTheOldFile) {
+TEST_F(OutputFileTest, WithoutCommitTheOldFileStays) {
   ASSERT_TRUE(WriteFile(Path("a.txt"), "old").ok());
   {
     auto file = OutputFile::Create(Path("a.txt"));
@@ -46,7 +46,7 @@ TEST_F(OutputFileTest, AbandonedLeavesTheOldFile) {
   EXPECT_EQ(NumFiles(), 1);
 }
 
-TEST_F(OutputFileTest, ContinuedOneStaysUntilItIsCommitted) {
+TEST_F(OutputFileTest, ContinuedFileStaysUntilItIsCommitted) {
   {
     auto file = OutputFile::Continue(Path("a.txt"), 0);
     ASSERT_TRUE(file.ok()) << file.status();
@@ -54,7 +54,7 @@ TEST_F(OutputFileTest, ContinuedOneStaysUntilItIsCommitted) {
     const auto size = file->Sync();
     ASSERT_TRUE(size.ok()) << size.status();
     EXPECT_EQ(*size, 7u);
-    ASSERT_TRUE(file->Append(" thr").ok());  // cut when the process was killed
+    ASSERT_TRUE(file->Append(" thr").ok());  // incomplete when the process was killed
   }
   EXPECT_EQ(*ReadFile(Path("a.txt.partial"), 100), "one two thr");
   auto file = OutputFile::Continue(Path("a.txt"), 7);
@@ -66,7 +66,7 @@ TEST_F(OutputFileTest, ContinuedOneStaysUntilItIsCommitted) {
   EXPECT_EQ(NumFiles(), 1);
 }
 
-TEST_F(OutputFileTest, WhatCannotBeContinuedIsNamed) {
+TEST_F(OutputFileTest, ErrorsOfContinueNameThePath) {
   EXPECT_EQ(OutputFile::Continue(Path("a.txt"), 1).status().code(), absl::StatusCode::kNotFound);
   ASSERT_TRUE(WriteFile(Path("a.txt.partial"), "one").ok());
   const auto shorter = OutputFile::Continue(Path("a.txt"), 4);

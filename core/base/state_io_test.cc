@@ -13,7 +13,7 @@ namespace {
 
 enum class Colour { kRed, kGreen, kLast = kGreen };
 
-// As an Eigen matrix of fixed size looks from here; base does not know Eigen.
+// Has the interface of an Eigen matrix of fixed size; base does not depend on Eigen.
 struct Matrix2 {
   static constexpr int SizeAtCompileTime = 4;
   std::array<double, 4> elements{};
@@ -32,7 +32,7 @@ struct Point {
   friend bool operator==(const Point&, const Point&) = default;
 };
 
-// Decides by itself what it needs.
+// Saves and loads itself.
 class Countdown {
  public:
   explicit Countdown(int left = 0) : left_(left) {}
@@ -106,10 +106,10 @@ absl::Status Read(const std::string& bytes, Field&& field) {
   return reader.Finish();
 }
 
-TEST(StateIoTest, EverythingComesBack) {
+TEST(StateIoTest, EveryTypeRoundTrips) {
   const std::string bytes = Write(Example());
   Everything read;
-  read.none = Point{};  // what was there is forgotten
+  read.none = Point{};  // the old value is discarded
   read.queue = {1, 2, 3};
   ASSERT_EQ(Read(bytes, read), absl::OkStatus());
   EXPECT_EQ(read, Example());
@@ -163,11 +163,11 @@ TEST(StateIoTest, TheFirstErrorStaysAndTheRestIsZero) {
   EXPECT_EQ(reader.Finish(), first);
 }
 
-TEST(StateIoTest, ACountThatLiesAllocatesNothing) {
+TEST(StateIoTest, AFalseCountAllocatesNothing) {
   std::vector<double> list;
   EXPECT_EQ(Read(Write(std::numeric_limits<uint64_t>::max()), list).message(),
             "saved state, byte 8: a list has 18446744073709551615 elements, but only 0 bytes remain");
-  // As many as there are bytes, but not as many as their elements need.
+  // A count equal to the number of bytes, but each element has more than one.
   EXPECT_EQ(Read(Write(uint64_t{16}, uint64_t{0}, uint64_t{0}), list).code(), absl::StatusCode::kDataLoss);
   EXPECT_LE(list.capacity(), 4u);
   std::string bytes;

@@ -14,7 +14,7 @@ namespace {
 using testing::HasSubstr;
 using testing::IsEmpty;
 
-// Bytes in memory, given in pieces of at most `piece`; `num_reads` tells how far a chunker has gone.
+// A recording in memory that returns at most `piece` bytes per read; `num_reads` counts the reads of a chunker.
 class MemoryReader final : public RecordingReader {
  public:
   MemoryReader(Encoding encoding, std::vector<uint8_t> bytes, size_t piece) : bytes_(std::move(bytes)), piece_(piece) {
@@ -56,7 +56,7 @@ std::vector<EventChunkBytes> ChunksOf(RecordingReader& reader, const ChunkerOpti
   return chunks;
 }
 
-// Of the recordings below: 30 us between events, and up to eight events at one time.
+// The events of the recordings below: 30 us apart, up to eight events at one time.
 constexpr int64_t kMaxPause_us = 8 * 30;
 
 std::vector<uint8_t> Recording(Encoding encoding, int64_t first_us, int64_t step_us, size_t count) {
@@ -87,7 +87,7 @@ std::vector<uint8_t> Recording(Encoding encoding, int64_t first_us, int64_t step
 
 class ChunkerTest : public testing::TestWithParam<Encoding> {};
 
-TEST_P(ChunkerTest, ChunksAreTheRecordingHoweverItIsRead) {
+TEST_P(ChunkerTest, ChunksDoNotDependOnTheReads) {
   const std::vector<uint8_t> bytes = Recording(GetParam(), 16770000, 30, 3000);
   MemoryReader whole_reader(GetParam(), bytes, bytes.size());
   const std::vector<EventChunkBytes> expected = ChunksOf(whole_reader, {});
@@ -106,9 +106,10 @@ TEST_P(ChunkerTest, ChunksAreTheRecordingHoweverItIsRead) {
   }
 }
 
-TEST_P(ChunkerTest, TimesAreTheDecodersAndDurationsAreKept) {
+TEST_P(ChunkerTest, TimesEqualTheDecodersAndDurationsAreKept) {
   const Encoding encoding = GetParam();
-  // Over a wrap of the 24-bit clock and, where the encoding allows a beginning there, over one of 32 and 34 bits.
+  // Across a wrap of the 24-bit clock and, where the encoding allows such a first time, of the clocks of 32 and 34
+  // bits.
   for (const int64_t first_us : {int64_t{16770000}, (int64_t{1} << 32) - 15000, (int64_t{1} << 34) - 15000}) {
     const bool full_time = encoding == Encoding::kDat || encoding == Encoding::kFlat64;
     if (full_time && first_us >= int64_t{1} << 32) continue;
@@ -118,10 +119,10 @@ TEST_P(ChunkerTest, TimesAreTheDecodersAndDurationsAreKept) {
     int64_t t_begin_us = first_us;
     for (const EventChunkBytes& chunk : ChunksOf(reader, {})) {
       decoder->Decode(chunk.bytes, out);
-      if (out.events.empty()) continue;  // time words lead up to the first time
+      if (out.events.empty()) continue;  // time words before the first event
       ASSERT_GE(chunk.t_last_us, out.events.back().t_us);
       ASSERT_LT(chunk.t_last_us, out.events.back().t_us + kMaxPause_us);
-      // The duration, and what passes until the next time word comes.
+      // The duration, and the time until the next time word.
       ASSERT_LE(chunk.t_last_us, t_begin_us + 1000 + 64 + kMaxPause_us);
       t_begin_us = chunk.t_last_us;
     }
@@ -160,7 +161,7 @@ TEST_P(ChunkerTest, PartOfAWordIsCountedNotReturned) {
 }
 
 TEST_P(ChunkerTest, ALiveStreamDoesNotWaitForMore) {
-  // A chunk is returned with the word that completes it: no byte behind it is needed.
+  // A chunk is returned with the word that completes it: no byte after it is needed.
   const std::vector<uint8_t> bytes = Recording(GetParam(), 1000, 30, 3000);
   MemoryReader reader(GetParam(), bytes, 1);
   Chunker chunker(reader, {});
@@ -180,7 +181,7 @@ INSTANTIATE_TEST_SUITE_P(Encodings, ChunkerTest,
                            return name;
                          });
 
-TEST(ChunkerCaseTest, AnIdleCameraStillTellsTheTime) {
+TEST(ChunkerCaseTest, TimeWordsOfAnIdleCameraEndChunks) {
   std::vector<uint16_t> words;
   for (uint32_t high = 0; high < 10; ++high) words.insert(words.end(), {Evt3(8, high), Evt3(8, high)});
   MemoryReader reader(Encoding::kEvt3, BytesOf(words), 3);

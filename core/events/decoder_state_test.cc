@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// A decoder that is saved and loaded goes on as if nothing had been.
+// A decoder that loads a saved state continues with the same output.
 #include <gtest/gtest.h>
 
 #include "core/events/events_testing.h"
@@ -12,7 +12,7 @@ constexpr SensorGeometry kSensor = {640, 480};
 constexpr Encoding kEncodings[] = {Encoding::kEvt3, Encoding::kEvt21, Encoding::kEvt2, Encoding::kDat,
                                    Encoding::kFlat64};
 
-// A random word, with the types and times that make a stream of it rather than noise.
+// A random word with types and times as in a real stream.
 void AppendWord(Encoding encoding, int64_t t_us, Random& random, std::vector<uint8_t>& bytes) {
   const auto append = [&](auto word) {
     const auto* begin = reinterpret_cast<const uint8_t*>(&word);
@@ -65,7 +65,7 @@ absl::Status Load(const std::string& state, EventDecoder& decoder) {
   return reader.Finish();
 }
 
-TEST(DecoderStateTest, ALoadedDecoderGoesOnWhereItWas) {
+TEST(DecoderStateTest, ALoadedDecoderContinuesWithTheSameEvents) {
   for (const Encoding encoding : kEncodings) {
     const std::vector<uint8_t> bytes = Stream(encoding, 20'000, 1);
     const auto whole = MakeDecoder(encoding);

@@ -52,7 +52,7 @@ TEST(Evt3DecoderTest, RowsColumnsTimesAndTriggers) {
 TEST(Evt3DecoderTest, LegalWordsThatHoldNoEventsAreNotUnknown) {
   const Decoded decoded = DecodeEvt3({Evt3(8, 1), Evt3(0, 1), Evt3(0xe, 0x19), Evt3(0xf, 2), Evt3(0xf, 3), Evt3(7, 4),
                                       Evt3(2, 5), Evt3(0xe, 0x19), Evt3(0xf, 2), Evt3(0xf, 3), Evt3(8, 2), Evt3(2, 6)});
-  // The word after an unfinished OTHERS is not swallowed: the second TIME_HIGH counts.
+  // OTHERS does not take the following word: the second TIME_HIGH counts.
   EXPECT_THAT(decoded.out.events, ElementsAre(Event{4096, 5, 1, 0}, Event{8192, 6, 1, 0}));
   EXPECT_EQ(decoded.counts, (DecodeCounts{.cd_events = 2}));
 }
@@ -115,7 +115,7 @@ TEST(Evt3DecoderTest, OutsideTheSensorIsDroppedAndCounted) {
   EXPECT_EQ(kept.counts, (DecodeCounts{.cd_events = 2, .dropped_outside_sensor = 6, .kept_outside_sensor = 1}));
 }
 
-TEST(Evt3DecoderTest, SmallStepsBackAreNoWraps) {
+TEST(Evt3DecoderTest, SmallStepsBackAreNotWraps) {
   const Decoded decoded = DecodeEvt3({Evt3(8, 10), Evt3(0, 7), Evt3(6, 500), Evt3(2, 0), Evt3(6, 100), Evt3(2, 1),
                                       Evt3(8, 9), Evt3(2, 2), Evt3(8, 10), Evt3(2, 3)});
   EXPECT_THAT(decoded.out.events,
@@ -126,7 +126,7 @@ TEST(Evt3DecoderTest, SmallStepsBackAreNoWraps) {
 
 TEST(Evt3DecoderTest, ClockUnwrapsForHours) {
   std::vector<uint16_t> words = {Evt3(8, 0), Evt3(0, 7)};
-  // Six hours in quarters of the clock.
+  // Six hours in steps of a quarter of the clock's range.
   const int num_quarters = 6 * 3600 * 1000 / 4194;
   for (int i = 1; i <= num_quarters; ++i) {
     words.push_back(Evt3(8, static_cast<uint32_t>(i) * 1024 % 4096));
@@ -289,8 +289,8 @@ TEST(TimeMarksTest, Evt2AndEvt21MarkAPassedMillisecond) {
   EXPECT_THAT(DecodeEvt21(wide).out.time_marks, expected);
 }
 
-// A word of EVT3 as most are, of a sensor of 640x480: now and then the time steps back, a row or a column lies outside,
-// or another word comes between.
+// A random EVT3 word of a sensor of 640x480, mostly a plain one: sometimes the time steps back, a row or column lies
+// outside, or the word has another type.
 uint16_t MostlyPlainEvt3(Random& random, uint32_t& low) {
   const auto any = static_cast<uint32_t>(random.NextU64());
   const uint64_t kind = random.UniformInt(100);
@@ -303,7 +303,7 @@ uint16_t MostlyPlainEvt3(Random& random, uint32_t& low) {
   return kind == 98 ? Evt3(0x8, (any % 16) / 15) : static_cast<uint16_t>(any);
 }
 
-// Of EVT2, or the upper half of one of EVT2.1; the TIME_HIGH mostly comes again, or is one of the next.
+// A random EVT2 word, or the upper half of an EVT2.1 word; a TIME_HIGH is mostly the current one or one of the next.
 uint32_t MostlyPlainEvt2(Random& random, uint32_t& high, uint32_t& low) {
   const auto any = static_cast<uint32_t>(random.NextU64());
   const uint64_t kind = random.UniformInt(100);
@@ -325,8 +325,8 @@ uint64_t MostlyPlainEvt21(Random& random, uint32_t& high, uint32_t& low) {
   return Evt21(MostlyPlainEvt2(random, high, low), mask);
 }
 
-// In one piece the words are decoded several at a time, in pieces of a word one by one.
-TEST(DecoderTest, RunsOfWordsGiveWhatSingleWordsGive) {
+// In one piece the words are decoded in runs, in pieces of a word one by one.
+TEST(DecoderTest, RunsHaveTheEventsOfSingleWords) {
   Random random(11);
   for (int round = 0; round < 100; ++round) {
     std::vector<uint16_t> evt3 = {Evt3(0x8, 0), Evt3(0x0, 1)};
@@ -352,7 +352,7 @@ TEST(DecoderTest, RunsOfWordsGiveWhatSingleWordsGive) {
   }
 }
 
-// Any bytes decode without a fault, and the same at every cut.
+// Any bytes decode without a crash, and to the same events for all cuts.
 class AnyBytesTest : public testing::TestWithParam<Encoding> {};
 
 TEST_P(AnyBytesTest, DecodeTheSameHoweverTheyAreCut) {
@@ -360,7 +360,7 @@ TEST_P(AnyBytesTest, DecodeTheSameHoweverTheyAreCut) {
   for (int round = 0; round < 200; ++round) {
     std::vector<uint8_t> bytes(random.UniformInt(3000));
     for (uint8_t& byte : bytes) byte = static_cast<uint8_t>(random.NextU64());
-    // Half of the rounds begin with a time, so that more than the beginning is tried.
+    // Half of the rounds begin with a time, so that they test more than the wait for it.
     if (round % 2 == 0 && bytes.size() > 8) std::fill_n(bytes.begin(), 8, 0x80);
     const SensorGeometry geometry = {1 + static_cast<int>(random.UniformInt(2048)),
                                      1 + static_cast<int>(random.UniformInt(2048))};

@@ -24,7 +24,7 @@ std::vector<uint8_t> EncodeAll(Encoding encoding, SensorGeometry geometry, absl:
   return bytes;
 }
 
-// Rows with neighbours, pauses of every length up to `max_gap_us`, and bursts at one time.
+// Random events: rows with neighbours, pauses up to `max_gap_us`, and several events at one time.
 std::vector<Event> RandomEvents(SensorGeometry geometry, int64_t first_us, int64_t max_gap_us, size_t count,
                                 Random& random) {
   std::vector<Event> events;
@@ -51,7 +51,7 @@ struct RoundTripCase {
 
 class RoundTripTest : public testing::TestWithParam<RoundTripCase> {};
 
-TEST_P(RoundTripTest, EventsComeBackAsTheyWere) {
+TEST_P(RoundTripTest, EventsAreUnchanged) {
   const auto [encoding, geometry] = GetParam();
   const bool is_flat = encoding == Encoding::kFlat64;
   Random random(static_cast<uint64_t>(geometry.width_px));
@@ -82,7 +82,7 @@ TEST_P(RoundTripTest, CallsDoNotMatter) {
   EXPECT_THAT(DecodeAll(encoding, geometry, bytes).out.events, ::testing::ElementsAreArray(events));
 }
 
-TEST_P(RoundTripTest, TimeWordsPassTheTime) {
+TEST_P(RoundTripTest, TimeWordsAdvanceTheTime) {
   const auto [encoding, geometry] = GetParam();
   const auto encoder = MakeEventEncoder(encoding, geometry).value();
   std::vector<uint8_t> bytes;
@@ -141,7 +141,7 @@ TEST(Evt3EncoderTest, VectorsWhenTheyAreShorter) {
   EXPECT_THAT(Evt3Words(events), ElementsAre(Evt3(8, 1), Evt3(6, 0), Evt3(0, 9), Evt3(2, 0x840), Evt3(2, 0x841),
                                              Evt3(2, 0x842), Evt3(2, 0x843)));
   for (uint16_t x = 95; x < 100; ++x) events.push_back({4096, x, 9, 1});
-  // The second vector goes on where the first ended: it needs no base.
+  // The second vector continues where the first one ends: it needs no base.
   EXPECT_THAT(Evt3Words(events), ElementsAre(Evt3(8, 1), Evt3(6, 0), Evt3(0, 9), Evt3(3, 0x840), Evt3(4, 0xf),
                                              Evt3(4, 0), Evt3(5, 0x80), Evt3(4, 0xf), Evt3(4, 0), Evt3(5, 0)));
 }
@@ -206,7 +206,7 @@ TEST(Flat64EncoderTest, GapsBeyondHalfTheClockAreErrors) {
   std::vector<uint8_t> bytes;
   Event event{(int64_t{1} << 32) - 1, 0, 0, 0};
   ASSERT_TRUE(encoder->Encode({&event, 1}, bytes).ok());
-  // The time alone is not written, so it bridges nothing.
+  // FLAT64 has no time words, so that EncodeTime() does not shorten the gap.
   ASSERT_TRUE(encoder->EncodeTime(event.t_us + 2000000000, bytes).ok());
   event.t_us += 2200000000;
   EXPECT_THAT(encoder->Encode({&event, 1}, bytes).message(), HasSubstr("at most 2147483647 us can be encoded"));

@@ -42,7 +42,7 @@ TEST(RecordingHeaderTest, FullHeaderOfACamera) {
   EXPECT_TRUE(header.geometry_is_stated);
 }
 
-TEST(RecordingHeaderTest, FormatAloneSaysAll) {
+TEST(RecordingHeaderTest, TheFormatLineSuffices) {
   const RecordingHeader header = Parse("% format EVT2;width=346;height=260\n");
   EXPECT_EQ(header.encoding, Encoding::kEvt2);
   EXPECT_EQ(header.geometry, (SensorGeometry{346, 260}));
@@ -89,12 +89,12 @@ TEST(RecordingHeaderTest, GeometryOfTheSensorWhenNoneIsStated) {
   EXPECT_EQ(geometry("% system_ID 21\n"), kVga);
   EXPECT_EQ(geometry("% system_ID 151\n"), kVga);
   EXPECT_EQ(geometry("% plugin_name hal_plugin_prophesee\n% system_ID 64\n"), (SensorGeometry{320, 320}));
-  // No known sensor: the largest.
+  // An unknown sensor: the largest size.
   EXPECT_EQ(geometry("% plugin_name of_somebody_else\n% system_ID none\n"), kHd);
   EXPECT_EQ(Parse("% format FLAT64\n").geometry, (SensorGeometry{2048, 2048}));
 }
 
-TEST(RecordingHeaderTest, StatedGeometryWinsOverTheSensors) {
+TEST(RecordingHeaderTest, StatedGeometryTakesPrecedenceOverTheSensor) {
   EXPECT_EQ(Parse("% evt 3.0\n% plugin_name hal_plugin_gen41_evk3\n% geometry 640x360\n").geometry,
             (SensorGeometry{640, 360}));
 }
@@ -108,7 +108,7 @@ TEST(RecordingHeaderTest, DataThatBeginsLikeALineIsData) {
     ASSERT_TRUE(header.ok());
     EXPECT_EQ((*header)->size_bytes, text.size());
   }
-  // After "% end" not even a whole line is taken.
+  // After "% end" even a complete line belongs to the data.
   const auto header = ParseRecordingHeader("% evt 2.0\n% end\n% evt 3.0\n", true);
   ASSERT_TRUE(header.ok());
   EXPECT_EQ((*header)->size_bytes, 16);
@@ -185,7 +185,7 @@ TEST(RecordingHeaderTest, WaitsForMoreOfAPrefix) {
   }
   EXPECT_TRUE(ParseRecordingHeader(text + kData[0], false).value().has_value());
   EXPECT_TRUE(ParseRecordingHeader(text + "% end\n", false).value().has_value());
-  // A file that ends in its header.
+  // A file that ends within its header.
   const auto cut = ParseRecordingHeader("% evt 3.0\n% geome", true);
   ASSERT_TRUE(cut.ok());
   EXPECT_EQ((*cut)->size_bytes, 17);

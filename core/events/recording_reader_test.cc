@@ -40,7 +40,7 @@ std::string ReadAll(RecordingReader& reader, size_t piece) {
   }
 }
 
-// The descriptors of a pipe; the writing end closes with Close() or with the test.
+// The descriptors of a pipe; Close() or the destructor closes the writing end.
 class Pipe {
  public:
   Pipe() { EXPECT_EQ(pipe2(descriptors_, O_CLOEXEC), 0); }
@@ -109,7 +109,7 @@ TEST(RecordingReaderTest, UnreadableFile) {
 
 TEST(RecordingReaderTest, FailedReadsNameTheOffset) {
   const TemporaryDirectory directory;
-  // A descriptor that cannot be read, of a file that can.
+  // A write-only descriptor of a readable file.
   const int descriptor = open(directory.File("a.raw").c_str(), O_WRONLY | O_CREAT | O_CLOEXEC, 0600);
   const auto reader = RecordingReader::OpenDescriptor(descriptor, "a.raw");
   EXPECT_EQ(reader.status().code(), absl::StatusCode::kUnavailable);
@@ -123,7 +123,7 @@ TEST(RecordingReaderTest, ReadsAPipeAsItComes) {
   ASSERT_TRUE(reader.ok()) << reader.status();
   EXPECT_EQ((*reader)->data_size_bytes(), -1);
   std::vector<uint8_t> buffer(100);
-  // A live source gives what it has, without waiting for a full buffer.
+  // A read from a live source returns the available bytes without waiting for a full buffer.
   EXPECT_EQ((*reader)->Read(absl::MakeSpan(buffer)).value(), 2);
   pipe.Write("cde");
   EXPECT_EQ((*reader)->Read(absl::MakeSpan(buffer)).value(), 3);
@@ -153,7 +153,7 @@ TEST(RecordingReaderTest, StopEndsAWaitForAPipe) {
   EXPECT_EQ(num_questions, 3);
 }
 
-// The writer of a growing file stands in the question that the reader asks before each wait: no clock is needed.
+// `stop` also writes to the growing file: the reader calls it before each wait, so that the test needs no clock.
 TEST(RecordingReaderTest, FollowsAFileFromItsFirstByteOn) {
   const TemporaryDirectory directory;
   const std::string path = directory.File("growing.raw");
@@ -215,7 +215,7 @@ TEST(RecordingReaderTest, FollowsAWriterInAnotherThread) {
   std::atomic<bool> is_written = false;
   RecordingReaderOptions options;
   options.follow = true;
-  // Only what was known at the question before counts: in between the reader has looked once more.
+  // The bytes of the call before count: the reader has read once more in between.
   bool stop_next = false;
   options.stop = [&] { return std::exchange(stop_next, is_written.load()); };
   const auto reader = RecordingReader::Open(path, options);

@@ -35,7 +35,7 @@ std::vector<Event> SomeEvents(size_t count) {
   return events;
 }
 
-TEST(RecordingWriterTest, WhatIsWrittenReadsBack) {
+TEST(RecordingWriterTest, ARecordingReadsBack) {
   const TemporaryDirectory directory;
   const std::vector<Event> events = SomeEvents(10000);
   for (const Encoding encoding : {Encoding::kEvt3, Encoding::kEvt21, Encoding::kEvt2, Encoding::kFlat64}) {
@@ -100,7 +100,7 @@ TEST(RecordingWriterTest, WrongEventsNameThePathAndAreNotWritten) {
   EXPECT_EQ((*writer)->Close().code(), absl::StatusCode::kFailedPrecondition);
 }
 
-// A limit on the size of files fails as a full disk does.
+// A limit on the size of files has the same effect as a full disk.
 TEST(RecordingWriterTest, AFullDiskIsReportedAndLeavesNothing) {
   const TemporaryDirectory directory;
   const std::string path = directory.File("a.raw");

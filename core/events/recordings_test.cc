@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// Real recordings and OpenEB's answers; those whose licence allows it are in tests/data, the others are skipped where
-// they are missing.
+// Real recordings and OpenEB's output for them. The recordings with a suitable licence are in tests/data; tests of
+// others are skipped if the file is missing.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -101,7 +101,7 @@ TEST_P(RecordingTest, IsTheSameHoweverItIsCut) {
   }
 }
 
-TEST_P(RecordingTest, ChunksHoldItsBytesAndTellItsTime) {
+TEST_P(RecordingTest, ChunksHaveItsBytesAndItsTime) {
   const auto reader = RecordingReader::Open(path()).value();
   Chunker chunker(*reader, {});
   const auto decoder = MakeEventDecoder(recording_.header.encoding, recording_.header.geometry).value();
@@ -186,7 +186,7 @@ TEST(RecordingsTest, EventsOutsideTheSensorAreDroppedUnlessAskedFor) {
                           [](const Event& event) { return event.x < 1280 && event.y < 720; }));
 }
 
-// One test a case would hide how many there are.
+// One test for all cases, so that their number can be checked.
 TEST(RecordingsTest, GoldenCasesGiveTheEventsOfOpenEbAtEveryCut) {
   const std::string directory = FindTestData("openeb_golden_vectors");
   ASSERT_FALSE(directory.empty());
@@ -194,7 +194,7 @@ TEST(RecordingsTest, GoldenCasesGiveTheEventsOfOpenEbAtEveryCut) {
   int num_cases = 0;
   for (const auto& [name, expected] : golden["cases"].items()) {
     const std::string path = directory + "/" + name + ".raw";
-    if (!std::filesystem::exists(path)) continue;  // one case of the record has no file
+    if (!std::filesystem::exists(path)) continue;  // one recorded case has no file
     ++num_cases;
     SCOPED_TRACE(name);
     const Recording recording = Load(path);

@@ -18,7 +18,7 @@ namespace {
 
 using ::testing::HasSubstr;
 
-// As the ROS calibrator writes it.
+// A file of the ROS calibrator.
 constexpr char kYaml[] = R"(image_width: 1280
 image_height: 720
 camera_name: evk4
@@ -158,7 +158,7 @@ INSTANTIATE_TEST_SUITE_P(
         BadFile{"0.08", "x", "distortion_coefficients.data[1]: is not a number"},
         BadFile{"camera_name: evk4", "camera_name: [evk4", "line "}));
 
-TEST(CameraTest, WhatIsNoCameraFile) {
+TEST(CameraTest, FilesThatAreNotCameraFiles) {
   for (const std::string& text : {std::string(), std::string("just words"), std::string("- 1\n- 2\n"),
                                   std::string("\0\x01\xff\xfe", 4), std::string("&a [*a, *a]"), std::string(50000, '['),
                                   std::string(50000, '{'), std::string("%EVT 3.0\n"), std::string(100000, 'a')}) {

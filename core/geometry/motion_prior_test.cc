@@ -39,7 +39,7 @@ TEST(MotionPrior, CovarianceIsThatOfWhiteAccelerationInOneStepOrMany) {
   MotionState often = state;
   for (int k = 1; k <= 20; ++k) often = Predict(often, k * 1000, options);
   EXPECT_LT((once.covariance - often.covariance).norm(), 1e-9 * once.covariance.norm());
-  // Without a start's uncertainty: q t^3 / 3, q t^2 / 2, q t.
+  // Without initial uncertainty: q t^3 / 3, q t^2 / 2, q t.
   state.covariance.setZero();
   const MotionState noise = Predict(state, 1'000'000, options, 2.0);
   const double q = 2.0 * options.angular_acceleration_density * options.angular_acceleration_density;
@@ -49,7 +49,7 @@ TEST(MotionPrior, CovarianceIsThatOfWhiteAccelerationInOneStepOrMany) {
   EXPECT_GT(noise.covariance.ldlt().vectorD().minCoeff(), 0.0);
 }
 
-TEST(MotionPrior, WhatMovesFastMayTurnFast) {
+TEST(MotionPrior, ProcessNoiseGrowsWithTheSpeed) {
   MotionState state = InitialMotionState(MakePose({0.0, 0.0, 1.0}, {0.0, 0.0, 0.0}), 0, 1000.0, InitialPoseOptions());
   state.covariance.setZero();
   const MotionPriorOptions options;

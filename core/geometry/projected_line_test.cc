@@ -38,7 +38,7 @@ class RandomScene {
 };
 
 // The line's coefficients from the definition: the pixel line through the two images, divided by the length of its
-// normal. xi enters to first order, which is all that a derivative at 0 sees.
+// normal. xi enters to first order, which suffices for a derivative at 0.
 JetVector LineByAutomaticDifferentiation(const CameraModel& camera, const RigidTransform& pose,
                                          const Eigen::Vector3d& p1, const Eigen::Vector3d& p2) {
   const Jet zero(0.0);
@@ -140,8 +140,8 @@ TEST(ProjectedLineTest, NothingToProject) {
   const CameraModel camera = TestCamera();
   const double nan = std::numeric_limits<double>::quiet_NaN();
   EXPECT_FALSE(ProjectLine(camera, {}, {0, 0, -1}, {1, 0, -2}));        // behind
-  EXPECT_FALSE(ProjectLine(camera, {}, {-1, 0.1, 0}, {1, 0.1, 0}));     // in the camera's own plane
-  EXPECT_FALSE(ProjectLine(camera, {}, {0.1, 0.2, 1}, {0.2, 0.4, 2}));  // seen end on
+  EXPECT_FALSE(ProjectLine(camera, {}, {-1, 0.1, 0}, {1, 0.1, 0}));     // in the plane z = 0
+  EXPECT_FALSE(ProjectLine(camera, {}, {0.1, 0.2, 1}, {0.2, 0.4, 2}));  // parallel to the line of sight
   EXPECT_FALSE(ProjectLine(camera, {}, {0, 0, -1}, {0, 0, 1}));         // through the camera's centre
   EXPECT_FALSE(ProjectLine(camera, {}, {0.1, 0.2, 1}, {0.1, 0.2, 1}));  // no length
   EXPECT_FALSE(ProjectLine(camera, {}, {nan, 0, 1}, {1, 0, 1}));

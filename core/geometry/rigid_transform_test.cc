@@ -32,7 +32,7 @@ class RandomTransforms {
   std::normal_distribution<double> normal_;
 };
 
-// From far below the series' limit, across it, to pi and its neighbourhood.
+// Angles from far below the limit of the series to the neighbourhood of pi.
 const double kAngles[] = {0.0,  1e-200, 1e-12, 1e-8,       1e-4,       0.1,        0.2499999,  0.25,
                           0.26, 1.0,    3.0,   kPi - 1e-3, kPi - 1e-6, kPi - 1e-9, kPi - 1e-14};
 
@@ -52,7 +52,7 @@ TEST(RigidTransformTest, LogSo3InvertsExpSo3) {
     for (int i = 0; i < 50; ++i) {
       const Eigen::Vector3d rotation = angle * random.Axis();
       const Eigen::Vector3d back = LogSo3(ExpSo3(rotation));
-      // Within rounding of pi the axis may come back with the other sign: the same rotation.
+      // Within rounding of pi the axis may have the other sign: the same rotation.
       const double error = std::min((back - rotation).norm(), kPi - angle < 1e-12 ? (back + rotation).norm() : 1.0);
       EXPECT_LT(error, 4e-15 * std::max(1.0, angle) + 1e-15) << angle;
     }
@@ -87,7 +87,7 @@ TEST(RigidTransformTest, LeftJacobianIsTheDerivativeOfExp) {
     for (int i = 0; i < 3; ++i) {
       Eigen::Matrix3d derivative;
       for (int entry = 0; entry < 9; ++entry) derivative(entry % 3, entry / 3) = matrix[entry].v[i];
-      // dR R^T = (J e_i)^.
+      // dR R^T = [J e_i]x.
       const Eigen::Matrix3d expected = Hat(LeftJacobianSo3(rotation).col(i));
       EXPECT_LT((derivative * ExpSo3(rotation).transpose() - expected).norm(), 1e-8 * std::max(1.0, 1e-3 / angle));
     }
@@ -180,7 +180,7 @@ TEST(RigidTransformTest, MakeRigidTransformNormalisesWithinItsTolerance) {
   EXPECT_EQ(transform->rotation, Eigen::Matrix3d::Identity());
 }
 
-TEST(RigidTransformTest, MakeRigidTransformRefusesWhatIsNoRotation) {
+TEST(RigidTransformTest, MakeRigidTransformRefusesNonUnitQuaternions) {
   const double nan = std::numeric_limits<double>::quiet_NaN();
   const double infinity = std::numeric_limits<double>::infinity();
   const Eigen::Quaterniond unit = Eigen::Quaterniond::Identity();
@@ -195,7 +195,7 @@ TEST(RigidTransformTest, MakeRigidTransformRefusesWhatIsNoRotation) {
   EXPECT_EQ(code({0, infinity, 0}, unit), absl::StatusCode::kInvalidArgument);
 }
 
-TEST(RigidTransformTest, StateThatIsNoTransformIsRefused) {
+TEST(RigidTransformTest, InvalidStatesAreRefused) {
   const auto status_of = [](const RigidTransform& transform) {
     StateWriter writer;
     writer(transform);

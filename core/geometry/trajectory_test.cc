@@ -52,7 +52,7 @@ TEST(TumTrajectory, FileWithoutAPoseIsEmpty) {
   EXPECT_TRUE(ParseTumTrajectory("# nothing\n", "poses.tum").value().empty());
 }
 
-TEST(TumTrajectory, ErrorsNameFileLineAndWhat) {
+TEST(TumTrajectory, ErrorsNameFileLineAndCause) {
   EXPECT_THAT(ErrorOf("#\n1 0 0 1 0 0 0\n"), StartsWith("poses.tum:2: 7 numbers instead of the 8"));
   EXPECT_THAT(ErrorOf("1 0 0 1 0 0 0 1\n2 0 zero 1 0 0 0 1\n"), StartsWith("poses.tum:2: ty is not a finite number"));
   EXPECT_THAT(ErrorOf("1 0 0 nan 0 0 0 1\n"), StartsWith("poses.tum:1: tz is not a finite number"));
@@ -106,7 +106,7 @@ TEST(ParsePose, ReadsSevenNumbers) {
   EXPECT_TRUE(ParsePose("0,0,1, 0,0,0,1").ok());
 }
 
-TEST(ParsePose, SaysWhatIsWrong) {
+TEST(ParsePose, ErrorsNameTheNumber) {
   EXPECT_THAT(ParsePose("0 0 1 0 0").status().message(), HasSubstr("qz is missing"));
   EXPECT_THAT(ParsePose("").status().message(), HasSubstr("tx is missing"));
   EXPECT_THAT(ParsePose("0 0 1 0 0 0 1 1").status().message(), HasSubstr("8 numbers instead of the 7"));
@@ -118,7 +118,7 @@ TEST(Interpolate, FollowsTheScrewBetweenNeighbours) {
   const Trajectory trajectory = {Pose(0, {0, 0, 1}, {0, 0, 0}), Pose(1000, {0.2, 0, 1}, {0, 0, 0}),
                                  Pose(3000, {0, 0.2, 1}, {0, 0, M_PI / 2})};
   EXPECT_TRUE(Interpolate(trajectory, 250)->translation_m.isApprox(Eigen::Vector3d(0.05, 0, 1), 1e-14));
-  // The last step is a quarter turn about the camera's axis: the object goes round it on a circle of radius 0.2.
+  // The last step is a quarter turn about the optical axis: the object moves on a circle of radius 0.2 m around it.
   const auto half = Interpolate(trajectory, 2000);
   ASSERT_TRUE(half.ok());
   EXPECT_TRUE(half->rotation.isApprox(ExpSo3({0, 0, M_PI / 4}), 1e-14));

@@ -34,7 +34,7 @@ TEST(Crc32cTest, KnownValues) {
   EXPECT_EQ(Crc32c({}), 0u);
 }
 
-// By its definition, bit by bit.
+// CRC-32C by its definition, bit by bit.
 uint32_t Crc32cByBits(absl::Span<const uint8_t> bytes) {
   uint32_t crc = 0xFFFFFFFF;
   for (const uint8_t byte : bytes) {

@@ -8,7 +8,7 @@
 namespace evpose {
 namespace {
 
-TEST(Lanes, NegativeExpIsThatOfTheLibraryToAFewMillionths) {
+TEST(Lanes, NegativeExpIsCloseToTheLibrary) {
   for (float x = 0.0f; x < 64.0f; x += 0.00317f) {
     const Lanes result = NegativeExp(Lanes{x, 0.5f * x, 0.25f * x, 0.0f});
     EXPECT_NEAR(result[0] / std::exp(-static_cast<double>(x)), 1.0, 8e-6) << x;
@@ -18,7 +18,7 @@ TEST(Lanes, NegativeExpIsThatOfTheLibraryToAFewMillionths) {
   }
 }
 
-TEST(Lanes, NegativeExpOfWhatIsFarAwayIsSmallAndFinite) {
+TEST(Lanes, NegativeExpOfLargeNumbersIsSmallAndFinite) {
   const Lanes result = NegativeExp(Lanes{64.0f, 1e6f, 1e30f, INFINITY});
   for (int i = 0; i < kNumLanes; ++i) {
     EXPECT_GT(result[i], 0.0f);

@@ -44,7 +44,7 @@ TEST(DeterministicMathTest, SinCosIsCloseToTheLibrary) {
   }
 }
 
-TEST(DeterministicMathTest, WhatIsNoNumberStaysNone) {
+TEST(DeterministicMathTest, NanStaysNan) {
   const double infinity = std::numeric_limits<double>::infinity();
   const double none = std::numeric_limits<double>::quiet_NaN();
   for (const double angle_rad : {none, infinity, -infinity, 1.5e76, -1e300}) {

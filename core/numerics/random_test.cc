@@ -28,7 +28,7 @@ Moments MomentsOf(Draw draw) {
   return {mean, sum2 / kCount - mean * mean};
 }
 
-TEST(RandomTest, SeedDecidesTheSequence) {
+TEST(RandomTest, SeedDeterminesTheSequence) {
   Random a(1);
   Random b(1);
   Random c(2);

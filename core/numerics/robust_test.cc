@@ -47,7 +47,7 @@ TEST(Tukey, WeightIsTheDerivativeOverU) {
   }
 }
 
-TEST(Scales, OfNormalResidualsWithOutliers) {
+TEST(Scales, NormalResidualsWithOutliers) {
   Random random(3);
   std::vector<double> residuals;
   for (int i = 0; i < 20'000; ++i) residuals.push_back(0.7 * random.Normal());
@@ -75,7 +75,7 @@ TEST(ExpTable, IsCloseToExp) {
   EXPECT_EQ(table.NegativeExp(std::nan("")), 0.0);
 }
 
-TEST(MixtureDensity, ShareOfTheLineAtKnownDistances) {
+TEST(MixtureDensity, WeightOfTheLineAtKnownDistances) {
   const ExpTable table;
   const MixtureDensity density{0.5, 0.2, 4.0};
   const auto weight = [&](double d) { return density.Line(d, table) / (density.Line(d, table) + density.Outlier()); };

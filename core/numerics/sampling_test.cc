@@ -18,7 +18,7 @@ std::vector<uint64_t> NumbersFrom(uint64_t first, size_t count) {
 }
 
 TEST(HashSampleTest, OneByOneAsTogether) {
-  // Lengths that no number of lanes divides; numbers that 32 bits do not hold, and the last before they begin anew.
+  // Lengths that are no multiple of the lanes; numbers above 32 bits, and the last ones before 64 bits overflow.
   for (const uint64_t first : {uint64_t{0}, uint64_t{1} << 40, ~uint64_t{0} - 7}) {
     for (const HashSampleMasks& masks :
          {HashSampleMasks{0, 0}, HashSampleMasks{0, 1}, HashSampleMasks{7, 0}, HashSampleMasks{0xff, 3}}) {

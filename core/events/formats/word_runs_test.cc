@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// Each set of instructions gives what the rules give word by word, and stops where they say.
+// The runs of each instruction set have the events of the scalar rules, and end where these require it.
 #include "core/events/formats/word_runs.h"
 
 #include <gtest/gtest.h>
@@ -16,7 +16,7 @@ namespace {
 constexpr uint32_t kWidth_px = 640;
 constexpr uint32_t kHeight_px = 480;
 
-// The rules of one word: false when it is not plain, and true with `run` and `events` moved when it is.
+// The scalar rules of one word: false if it is not plain; else updates `run` and `events` and returns true.
 bool Step(uint16_t word, Evt3Run& run, std::vector<Event>& events) {
   const uint32_t content = word & 0xfff;
   switch (word >> 12) {
@@ -60,7 +60,7 @@ bool Step(uint64_t word, Evt2Run& run, std::vector<Event>& events) {
   return StepEvt2(static_cast<uint32_t>(word >> 32), static_cast<uint32_t>(word), run, events);
 }
 
-// Random words that are plain but for one in `rarity`, in this or that.
+// Random words, of which one in `rarity` is not plain for one reason or another.
 class RandomWords {
  public:
   RandomWords(Random& random, uint64_t rarity) : random_(random), rarity_(rarity) {}
@@ -93,7 +93,7 @@ class RandomWords {
   uint32_t Any() { return static_cast<uint32_t>(random_.NextU64()); }
   bool IsOdd() { return random_.UniformInt(rarity_) == 0; }
 
-  // 11 bits below `size`; or the last below it, or the first that is not.
+  // An address of 11 bits: random below `size`, the last one below it, or the first one beyond.
   uint32_t Coordinate(uint32_t size) {
     if (IsOdd()) return (size - static_cast<uint32_t>(random_.UniformInt(2))) & 0x7ff;
     return static_cast<uint32_t>(random_.UniformInt(size));
@@ -130,7 +130,7 @@ Evt2Run RandomRun(Random& random, Evt2Run) {
 bool SameState(const Evt3Run& a, const Evt3Run& b) { return a.low_us == b.low_us && a.row == b.row; }
 bool SameState(const Evt2Run& a, const Evt2Run& b) { return a.low_us == b.low_us; }
 
-// Whether one of the words that come first ends the run, or makes no event: only such a block may be left.
+// Whether one of the first words ends the run or is no event: only such a block may be left to the scalar loop.
 template <typename Word, typename Run>
 bool MayStopBefore(absl::Span<const Word> words, Run run, bool only_events) {
   std::vector<Event> events;
@@ -141,7 +141,7 @@ bool MayStopBefore(absl::Span<const Word> words, Run run, bool only_events) {
   return words.size() < kMaxRunBlock;
 }
 
-// Returns how many words were a run.
+// Returns the number of words of the run.
 template <typename Word, typename Run>
 size_t CheckRun(DecodeRunOf<Run> decode, const std::vector<Word>& words, const Run& before, size_t max_events) {
   const Event unwritten = {-1, 1, 2, 3};
@@ -160,7 +160,7 @@ size_t CheckRun(DecodeRunOf<Run> decode, const std::vector<Word>& words, const R
   if (num_events < max_events) {
     EXPECT_TRUE(MayStopBefore(absl::MakeConstSpan(words).subspan(num_words), run, sizeof(Word) > 2));
   }
-  // Not more than a block's events beyond the cursor.
+  // At most the events of a block are written beyond the cursor.
   for (size_t i = num_events + kMaxRunBlock; i < out.size(); ++i) EXPECT_EQ(out[i], unwritten);
   return num_words;
 }
