@@ -7,7 +7,7 @@
 #include "core/events/formats/word_types.h"
 
 namespace evpose {
-bool TimeScanner::TimeIs(int64_t now_us, int64_t max_duration_us) {
+bool TimeScanner::AdvanceTo(int64_t now_us, int64_t max_duration_us) {
   now_us_ = now_us;
   // After a step back the duration starts again.
   if (chunk_start_us_ < 0 || now_us < chunk_start_us_) chunk_start_us_ = now_us;
@@ -41,7 +41,7 @@ TimeScanner::Result TimeScanner::ScanEvt3(const uint8_t* words, size_t num_words
     } else if (type == evt3::kTimeHigh || (type == evt3::kTimeLow && evt3_clock_.started())) {
       const uint32_t content = word & 0xfff;
       type == evt3::kTimeHigh ? evt3_clock_.SetHigh(content) : evt3_clock_.SetLow(content);
-      if (TimeIs(evt3_clock_.now_us(), max_duration_us)) return {i + 1, true};
+      if (AdvanceTo(evt3_clock_.now_us(), max_duration_us)) return {i + 1, true};
     }
   }
   return {num_words, false};
@@ -66,7 +66,7 @@ TimeScanner::Result TimeScanner::ScanEvt2(const uint8_t* words, size_t num_words
     } else if (type == evt2::kTimeHigh) {
       apply_low();
       evt2_clock_.SetHigh(word & 0xfffffff);
-      if (TimeIs(evt2_clock_.now_us(), max_duration_us)) return {i + 1, true};
+      if (AdvanceTo(evt2_clock_.now_us(), max_duration_us)) return {i + 1, true};
     }
   }
   apply_low();
@@ -77,7 +77,7 @@ TimeScanner::Result TimeScanner::ScanFullTime(const uint8_t* words, size_t num_w
                                               int time_shift) {
   for (size_t i = 0; i < num_words; ++i) {
     clock32_.Set(static_cast<uint32_t>(LoadWord<uint64_t>(words + 8 * i) >> time_shift));
-    if (TimeIs(clock32_.now_us(), max_duration_us)) return {i + 1, true};
+    if (AdvanceTo(clock32_.now_us(), max_duration_us)) return {i + 1, true};
   }
   return {num_words, false};
 }

@@ -37,7 +37,7 @@ class TimeScanner {
   Result ScanFullTime(const uint8_t* words, size_t num_words, int64_t max_duration_us, int time_shift);
 
   // Sets the current time; true if the chunk has reached its duration.
-  bool TimeIs(int64_t now_us, int64_t max_duration_us);
+  bool AdvanceTo(int64_t now_us, int64_t max_duration_us);
 
   const Encoding encoding_;
   Evt3Clock evt3_clock_;

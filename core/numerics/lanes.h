@@ -51,7 +51,7 @@ inline Lanes NegativeExp(Lanes x) {
   const Lanes series =
       1.0f + rest * (0.69314718f +
                      rest * (0.24022651f + rest * (0.055504109f + rest * (0.0096181291f + rest * 0.0013333558f))));
-  constexpr int kExponentBit = 23;
+  constexpr int kExponentBit = 23;  // the lowest bit of the exponent of a float
   return std::bit_cast<Lanes>(std::bit_cast<LaneMask>(series) + (whole << kExponentBit));
 }
 

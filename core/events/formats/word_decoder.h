@@ -39,8 +39,8 @@ inline void StoreEvent(Event* event, int64_t t_us, uint32_t x, uint32_t y, uint3
 // without a check of capacity for each event.
 class EventSink {
  public:
-  static constexpr size_t kRoom = 4096;
-  static constexpr size_t kMaxEventsOfWord = 32;
+  static constexpr size_t kRoom = 4096;           // events: 64 KiB, so that the output grows rarely
+  static constexpr size_t kMaxEventsOfWord = 32;  // a vector of EVT2.1 or, as a triple, of EVT3
 
   // Starts a call that decodes `num_words` words; few words need little room.
   void Begin(DecodedEvents& out, size_t num_words) {
@@ -150,7 +150,7 @@ class WordDecoder : public EventDecoder {
   EventSink sink_;
 
  private:
-  static constexpr size_t kMaxPending = 8;
+  static constexpr size_t kMaxPending = 8;  // bytes: a word of 64 bits, or a triple of EVT3
 
   const size_t word_bytes_;
   size_t num_pending_ = 0;
