@@ -58,7 +58,7 @@ TEST(TumTrajectory, ErrorsNameFileLineAndCause) {
   EXPECT_THAT(ErrorOf("1 0 0 nan 0 0 0 1\n"), StartsWith("poses.tum:1: tz is not a finite number"));
   EXPECT_THAT(ErrorOf("1 0 0 1 0 0 0 0.99\n"), StartsWith("poses.tum:1: "));
   EXPECT_THAT(ErrorOf("1 0 0 1 0 0 0 1\n1 0 0 1 0 0 0 1\n"), StartsWith("poses.tum:2: time does not increase"));
-  EXPECT_THAT(ErrorOf("1e15 0 0 1 0 0 0 1\n"), HasSubstr("not in seconds"));
+  EXPECT_THAT(ErrorOf("1e15 0 0 1 0 0 0 1\n"), HasSubstr("give seconds"));
 }
 
 TEST(TumTrajectory, MissingFileIsNamed) {
