@@ -122,14 +122,14 @@ TEST(TokenFileTest, ABrokenNewVersionIsRefusedInTheLog) {
   }
 }
 
-TEST(TokenFileTest, WhatCannotBeOpened) {
+TEST(TokenFileTest, FilesThatCannotBeOpenedAreErrors) {
   const TestFiles files;
   EXPECT_EQ(TokenFile::Open(files.Path("none")).status().code(), absl::StatusCode::kNotFound);
   EXPECT_THAT(std::string(TokenFile::Open(files.Write("tokens", "")).status().message()),
               HasSubstr("tokens: no token in it"));
 }
 
-TEST(TokenFileTest, OthersWhoMayReadItAreWarnedAbout) {
+TEST(TokenFileTest, AFileWithAccessForOtherUsersIsLogged) {
   const TestFiles files;
   const std::string path = files.Write("tokens", absl::StrCat("lab ", kAbc));
   ASSERT_EQ(chmod(path.c_str(), 0644), 0);
