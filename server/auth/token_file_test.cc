@@ -45,7 +45,7 @@ TEST(TokenTableTest, MistakesAreToldWithTheirLine) {
   EXPECT_THAT(ParseError(absl::StrCat("lab ", kAbc, " operator x")), HasSubstr("tokens:1: after the digest only"));
   EXPECT_THAT(ParseError(absl::StrCat(good, "other ", kAbc)),
               HasSubstr("tokens:2: an earlier line has the same token"));
-  EXPECT_THAT(ParseError("# nothing\n"), HasSubstr("tokens: no token in it"));
+  EXPECT_THAT(ParseError("# nothing\n"), HasSubstr("tokens: the file has no token"));
 }
 
 TEST(TokenTableTest, ATokenInClearIsRefusedWithoutBeingRepeated) {
@@ -126,7 +126,7 @@ TEST(TokenFileTest, FilesThatCannotBeOpenedAreErrors) {
   const TestFiles files;
   EXPECT_EQ(TokenFile::Open(files.Path("none")).status().code(), absl::StatusCode::kNotFound);
   EXPECT_THAT(std::string(TokenFile::Open(files.Write("tokens", "")).status().message()),
-              HasSubstr("tokens: no token in it"));
+              HasSubstr("tokens: the file has no token"));
 }
 
 TEST(TokenFileTest, AFileWithAccessForOtherUsersIsLogged) {
