@@ -27,7 +27,7 @@ class TlsFilesTest : public testing::Test {
   TlsPaths paths_;
 };
 
-TEST_F(TlsFilesTest, WhatIsMissing) {
+TEST_F(TlsFilesTest, MissingFilesAreErrors) {
   EXPECT_TRUE(TlsPaths({"", "", ""}).Validate().ok());
   EXPECT_THAT(std::string(TlsPaths({"c", "", ""}).Validate().message()), HasSubstr("--tls-cert needs --tls-key"));
   EXPECT_THAT(std::string(TlsPaths({"", "k", ""}).Validate().message()), HasSubstr("--tls-key needs --tls-cert"));

@@ -113,7 +113,7 @@ absl::Status TokenTable::AddLine(absl::string_view line) {
   }
   if (!IsHexDigest(fields[1])) {
     return absl::InvalidArgumentError(
-        "the second field is no SHA-256 in hex. If it is the token itself, it is no longer secret: "
+        "the second field is no SHA-256 in hex. If it is the token itself, others may have read it: "
         "make another one with evpose-server --new-token TENANT. The digest of a token is "
         "printf %s \"$TOKEN\" | sha256sum");
   }

@@ -45,7 +45,7 @@ TEST(TokenTableTest, MistakesAreToldWithTheirLine) {
   EXPECT_THAT(ParseError(absl::StrCat("lab ", kAbc, " operator x")), HasSubstr("tokens:1: after the digest only"));
   EXPECT_THAT(ParseError(absl::StrCat(good, "other ", kAbc)),
               HasSubstr("tokens:2: an earlier line has the same token"));
-  EXPECT_THAT(ParseError("# nothing\n"), HasSubstr("tokens: no token in it"));
+  EXPECT_THAT(ParseError("# nothing\n"), HasSubstr("tokens: the file has no token"));
 }
 
 TEST(TokenTableTest, ATokenInClearIsRefusedWithoutBeingRepeated) {
@@ -122,14 +122,14 @@ TEST(TokenFileTest, ABrokenNewVersionIsRefusedInTheLog) {
   }
 }
 
-TEST(TokenFileTest, WhatCannotBeOpened) {
+TEST(TokenFileTest, FilesThatCannotBeOpenedAreErrors) {
   const TestFiles files;
   EXPECT_EQ(TokenFile::Open(files.Path("none")).status().code(), absl::StatusCode::kNotFound);
   EXPECT_THAT(std::string(TokenFile::Open(files.Write("tokens", "")).status().message()),
-              HasSubstr("tokens: no token in it"));
+              HasSubstr("tokens: the file has no token"));
 }
 
-TEST(TokenFileTest, OthersWhoMayReadItAreWarnedAbout) {
+TEST(TokenFileTest, AFileWithAccessForOtherUsersIsLogged) {
   const TestFiles files;
   const std::string path = files.Write("tokens", absl::StrCat("lab ", kAbc));
   ASSERT_EQ(chmod(path.c_str(), 0644), 0);

@@ -58,7 +58,7 @@ TEST_F(HttpServerTest, HeadIsThePageWithoutItsBody) {
   EXPECT_EQ(answer.body, "");
 }
 
-TEST_F(HttpServerTest, RefusesOtherMethodsAndTheirBodies) {
+TEST_F(HttpServerTest, RejectsOtherMethodsAndTheirBodies) {
   for (const char* method : {"POST", "PUT", "DELETE", "OPTIONS", "PATCH"}) {
     const HttpAnswer answer = Ask(port_, "/count", method, "some body");
     EXPECT_EQ(answer.status, 405) << method;
@@ -68,7 +68,7 @@ TEST_F(HttpServerTest, RefusesOtherMethodsAndTheirBodies) {
   EXPECT_EQ(num_made_, 0);
 }
 
-TEST_F(HttpServerTest, OtherPathsAreNotThere) {
+TEST_F(HttpServerTest, UnknownPathsAreNotFound) {
   for (const char* path : {"/", "/counts", "/count/", "/../etc/passwd", "/%2e%2e/etc/passwd", "/COUNT"}) {
     EXPECT_EQ(Ask(port_, path).status, 404) << path;
   }
@@ -76,7 +76,7 @@ TEST_F(HttpServerTest, OtherPathsAreNotThere) {
   EXPECT_EQ(num_made_, 0);
 }
 
-TEST_F(HttpServerTest, WhatIsNotHttpEndsNothing) {
+TEST_F(HttpServerTest, InvalidHttpDoesNotStopTheServer) {
   for (const std::string& bytes : {std::string("nonsense\r\n\r\n"), std::string(64, '\0') + "\r\n\r\n",
                                    "GET /count HTTP/1.1\r\nX: " + std::string(100'000, 'x') + "\r\n\r\n"}) {
     HttpConnection connection(port_);
@@ -86,7 +86,7 @@ TEST_F(HttpServerTest, WhatIsNotHttpEndsNothing) {
   EXPECT_EQ(Ask(port_, "/count").body, "1");
 }
 
-TEST_F(HttpServerTest, SilentClientsKeepNobodyWaiting) {
+TEST_F(HttpServerTest, SilentClientsDoNotDelayOthers) {
   std::deque<HttpConnection> silent;
   for (int i = 0; i < 3; ++i) silent.emplace_back(port_).Write("GET /co");
   EXPECT_EQ(Ask(port_, "/count").body, "1");
@@ -99,7 +99,7 @@ TEST_F(HttpServerTest, TwoAtATime) {
   EXPECT_EQ(Ask(port_, "/count").body, "1");
 }
 
-TEST_F(HttpServerTest, SaysWhyItCannotListen) {
+TEST_F(HttpServerTest, AnErrorExplainsWhyItCannotListen) {
   const std::string taken = "127.0.0.1:" + std::to_string(port_);
   EXPECT_THAT(StartError(taken), testing::MatchesRegex("cannot listen on " + taken + ": .*in use.*give another.*"));
   EXPECT_THAT(StartError("nowhere"), HasSubstr("has no port"));

@@ -92,7 +92,7 @@ TEST_F(OperatorPagesTest, NotReadyFromDrainOn) {
 }
 
 // With LATEST, the notices of the stream, the session's health and the metrics have the same counts.
-TEST_F(OperatorPagesTest, WhatIsSkippedIsTheSameNumberEverywhere) {
+TEST_F(OperatorPagesTest, SkippedEventsAreCountedEquallyEverywhere) {
   CreatedSession session;
   uint64_t sent_bytes = 0;
   const auto track = OverloadedLatest(&session, &sent_bytes);

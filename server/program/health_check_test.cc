@@ -86,7 +86,7 @@ TEST(HealthCheckTest, AServerThatTakesSessionsIsHealthy) {
   ExpectHealthy(Check(AddressOf(program)));
 }
 
-TEST(HealthCheckTest, SaysWhatIsNotWell) {
+TEST(HealthCheckTest, ReportsTheReasonForNotServing) {
   ScriptedHealth not_serving(HealthCheckResponse::NOT_SERVING);
   const ScriptedServer leaving(not_serving);
   ExpectOneLine(Check(leaving.address()), 1, "is NOT_SERVING: it is shutting down, or its store does not respond");
@@ -100,7 +100,7 @@ TEST(HealthCheckTest, SaysWhatIsNotWell) {
   ExpectOneLine(Check(other.address()), 1, "is this evpose-server's port?");
 }
 
-TEST(HealthCheckTest, NobodyAnswers) {
+TEST(HealthCheckTest, ReportsAServerThatDoesNotRespond) {
   const int listener = socket(AF_INET, SOCK_STREAM, 0);
   sockaddr_in address = {};
   address.sin_family = AF_INET;

@@ -116,7 +116,7 @@ class IdleConnectionsTest : public testing::Test {
   int port_ = 0;
 };
 
-TEST_F(IdleConnectionsTest, AThousandCostLittleAndDelayNobody) {
+TEST_F(IdleConnectionsTest, AThousandIdleConnectionsCostLittleAndDelayNoClient) {
   constexpr int kConnections = 1000;
   const uint64_t num_events = Track().decoded_events();
   EXPECT_EQ(num_events, 6000u);

@@ -192,7 +192,7 @@ TEST_F(LeavingTest, ASecondSignalEndsItAtOnce) {
 
 // During the shutdown notice the server accepts and serves new clients, and its health tells load balancers to send
 // none.
-TEST_F(LeavingTest, ThereIsANoticeBeforeStreamsAreTold) {
+TEST_F(LeavingTest, TheShutdownNoticePrecedesGoAway) {
   Start("100000", "100000");
   program_->Signal(SIGTERM);
   AwaitNotServing();

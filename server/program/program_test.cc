@@ -21,7 +21,7 @@
 namespace evpose::server {
 namespace {
 
-TEST(ProgramTest, SaysWhereItListensAndLeavesAtASignal) {
+TEST(ProgramTest, PrintsItsAddressAndEndsAtASignal) {
   for (const int number : {SIGTERM, SIGINT}) {
     const std::string port_file = TemporaryPath("port");
     Program program({"--listen", "127.0.0.1:0", "--port-file", port_file});
@@ -46,7 +46,7 @@ TEST(ProgramTest, SaysWhereItListensAndLeavesAtASignal) {
   }
 }
 
-TEST(ProgramTest, TellsWrongUsage) {
+TEST(ProgramTest, ReportsWrongUsage) {
   const std::vector<std::pair<std::vector<std::string>, std::string>> cases = {
       {{"--no-such-option"}, "--no-such-option"},
       {{"--listen", "nowhere"}, "has no port"},
@@ -167,7 +167,7 @@ TEST(ProgramTest, APasswordNeedNotBeInTheArguments) {
   expect_ready(program);
 }
 
-TEST(ProgramTest, TheCommandLineGoesBeforeTheEnvironment) {
+TEST(ProgramTest, TheCommandLineHasPrecedenceOverTheEnvironment) {
   setenv("EVPOSE_STORE", "foo", 1);
   {
     Program program({"--listen", "127.0.0.1:0"});
@@ -198,7 +198,7 @@ TEST(ProgramTest, ATokenThatItMakesIsOneThatItTakes) {
   unlink(path.c_str());
 }
 
-TEST(ProgramTest, TellsItsOperatorsHowItIs) {
+TEST(ProgramTest, ServesThePagesForOperators) {
   Program program({"--listen", "127.0.0.1:0", "--metrics-listen", "127.0.0.1:0"});
   ASSERT_TRUE(absl::StartsWith(program.ReadLine(), "listening on 127.0.0.1:"));
   const std::string line = program.ReadLine();
@@ -231,7 +231,7 @@ TEST(ProgramTest, AnAddressForMetricsThatIsNotOfThisMachine) {
   }
 }
 
-TEST(ProgramTest, SaysWhatItWasBuiltOf) {
+TEST(ProgramTest, PrintsVersionAndCommit) {
   Program program({"--version"});
   EXPECT_THAT(program.ReadLine(),
               testing::MatchesRegex("evpose-server [0-9]+\\.[0-9]+\\.[0-9]+ \\([0-9A-Za-z._-]+\\)"));
@@ -289,7 +289,7 @@ TEST(ProgramTest, HelpShowsAnExample) {
   EXPECT_THAT(text, testing::HasSubstr("evpose-server --listen 127.0.0.1:50051"));
 }
 
-TEST(ProgramTest, ListensForOtherMachinesWhenToldTo) {
+TEST(ProgramTest, ListensForOtherMachinesWithInsecure) {
   Program program({"--listen", "0.0.0.0:0", "--insecure"});
   EXPECT_TRUE(absl::StartsWith(program.ReadLine(), "listening on 0.0.0.0:"));
   program.Signal(SIGTERM);

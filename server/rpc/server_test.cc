@@ -19,7 +19,7 @@ namespace {
 
 class ServerTest : public RpcTest {};
 
-TEST_F(ServerTest, CreatesASessionAndTellsOfIt) {
+TEST_F(ServerTest, CreatesAndDescribesASession) {
   CreatedSession created;
   ASSERT_EQ(Describe(Create(CreateRequest(), &created)), "OK");
   EXPECT_THAT(created.name(), testing::MatchesRegex("sessions/[0-9a-f]{32}"));
@@ -40,7 +40,7 @@ TEST_F(ServerTest, CreatesASessionAndTellsOfIt) {
   EXPECT_EQ(Describe(Get(created.name(), &found)), "NOT_FOUND SESSION_NOT_FOUND");
 }
 
-TEST_F(ServerTest, ASensorProfileIsKeptAndItsAbsentFieldsAreTold) {
+TEST_F(ServerTest, ASensorProfileIsReturnedWithDefaultsFilledIn) {
   auto request = CreateRequest();
   request.mutable_config()->mutable_tracker()->mutable_sensor()->set_blur_px(0.75);
   CreatedSession created;
@@ -52,7 +52,7 @@ TEST_F(ServerTest, ASensorProfileIsKeptAndItsAbsentFieldsAreTold) {
   EXPECT_EQ(sensor.pixel_noise_px(), SensorProfile().pixel_noise_px);
 }
 
-TEST_F(ServerTest, TellsTheOverloadPolicyInEffect) {
+TEST_F(ServerTest, ReturnsTheEffectiveOverloadPolicy) {
   EXPECT_EQ(CreateSession().config().overload_policy(), v1::OVERLOAD_POLICY_BLOCK);
   v1::CreateSessionRequest request = CreateRequest();
   request.mutable_config()->set_overload_policy(v1::OVERLOAD_POLICY_LATEST);
@@ -235,7 +235,7 @@ TEST_F(ServerTest, ListsSessionsInPages) {
   EXPECT_EQ(Describe(sessions_->ListSessions(&strange, request, &response)), "INVALID_ARGUMENT page_token");
 }
 
-TEST_F(ServerTest, RefusesStrangePagesOfModels) {
+TEST_F(ServerTest, RejectsInvalidPageTokensOfModels) {
   const auto list = [this](int32_t page_size, const std::string& page_token) {
     grpc::ClientContext context;
     v1::ListModelsRequest request;
@@ -329,7 +329,7 @@ TEST_F(ServerTest, RefusesUploadsThatAreNoModel) {
   }
 }
 
-TEST_F(ServerTest, AFullModelStoreSaysSo) {
+TEST_F(ServerTest, AFullModelStoreIsAnError) {
   std::string file = kCubeObj;
   file.resize(4096, '\n');
   for (int i = 0; i < 2; ++i) {
@@ -363,7 +363,7 @@ TEST_F(ServerTest, AFullModelStoreSaysSo) {
       << "other parameters make another model";
 }
 
-TEST_F(ServerTest, ATenantsShareOfTheModelStoreIsItsOwnLimit) {
+TEST_F(ServerTest, ATenantHasItsOwnLimitOfModelBytes) {
   const std::string file = kCubeObj;
   const std::string other = "# other\n" + file;
   ServerOptions options = Options();
@@ -376,7 +376,7 @@ TEST_F(ServerTest, ATenantsShareOfTheModelStoreIsItsOwnLimit) {
   EXPECT_EQ(DetailOf<google::rpc::QuotaFailure>(status).violations(0).subject(), "tenant_model_bytes");
 }
 
-TEST_F(ServerTest, DeletesModelsThatNobodyUses) {
+TEST_F(ServerTest, DeletesUnusedModels) {
   const CreatedSession session = CreateSession();
   v1::DeleteModelRequest request;
   request.set_name(session.config().objects(0).model());
@@ -401,7 +401,7 @@ TEST_F(ServerTest, DeletesModelsThatNobodyUses) {
   EXPECT_EQ(delete_model(), "NOT_FOUND MODEL_NOT_FOUND");
 }
 
-TEST_F(ServerTest, TellsOfItself) {
+TEST_F(ServerTest, ReturnsServerInfo) {
   CreateSession();
   grpc::ClientContext context;
   v1::ServerInfo info;
@@ -416,7 +416,7 @@ TEST_F(ServerTest, TellsOfItself) {
   EXPECT_EQ(info.commit(), ThisBuild().commit);
 }
 
-TEST_F(ServerTest, DrainTellsTheStreamsAndWhoeverOwnsTheServer) {
+TEST_F(ServerTest, DrainNotifiesTheStreamsAndTheProgram) {
   std::vector<absl::Duration> told;
   ServerOptions options = Options();
   options.on_drain = [&told](absl::Duration deadline) { told.push_back(deadline); };
@@ -545,7 +545,7 @@ TEST(ListenAddressTest, ReadsHostAndPort) {
   }
 }
 
-TEST(ListenAddressTest, KnowsWhatOtherMachinesCanReach) {
+TEST(ListenAddressTest, DetectsAddressesThatOtherMachinesCanReach) {
   for (const char* local : {"127.0.0.1:1", "127.5.0.1:1", "localhost:1", "[::1]:1"}) {
     EXPECT_TRUE(ParseListenAddress(local)->IsLoopback()) << local;
   }

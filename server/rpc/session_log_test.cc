@@ -40,7 +40,7 @@ class SessionLogOfServerTest : public RpcTest {
   }
 };
 
-TEST_F(SessionLogOfServerTest, TellsALifeFromCreationToDeletion) {
+TEST_F(SessionLogOfServerTest, LogsASessionFromCreationToDeletion) {
   const CreatedSession session = CreateSession();
   v1::TrackResponse::Attached first, second;
   const auto track = Attached(session, &first);
@@ -78,7 +78,7 @@ TEST_F(SessionLogOfServerTest, TellsALifeFromCreationToDeletion) {
   EXPECT_EQ(std::count(events.begin(), events.end(), "stream_ended"), 2);
 }
 
-TEST_F(SessionLogOfServerTest, TellsHowStreamsEndAndWhoDrained) {
+TEST_F(SessionLogOfServerTest, LogsTheEndOfStreamsAndDrain) {
   const CreatedSession session = CreateSession();
   {
     const auto track = Attached(session);

@@ -122,7 +122,7 @@ class StoreErrorsTest : public RpcTest {
   std::vector<std::unique_ptr<Server>> servers_;
 };
 
-TEST_F(StoreErrorsTest, HealthIsNotServingWhileTheStoreIsAway) {
+TEST_F(StoreErrorsTest, HealthIsNotServingWhileTheStoreIsUnreachable) {
   const auto health = grpc::health::v1::Health::NewStub(channel_);
   grpc::ClientContext context;
   const auto watch = health->Watch(&context, {});
@@ -142,7 +142,7 @@ TEST_F(StoreErrorsTest, HealthIsNotServingWhileTheStoreIsAway) {
   (void)watch->Finish();
 }
 
-TEST_F(StoreErrorsTest, AServerThatLeavesIsNotReadyAgain) {
+TEST_F(StoreErrorsTest, AServerThatShutsDownDoesNotBecomeReadyAgain) {
   const auto health = grpc::health::v1::Health::NewStub(channel_);
   grpc::ClientContext context;
   const auto watch = health->Watch(&context, {});
@@ -161,7 +161,7 @@ TEST_F(StoreErrorsTest, AServerThatLeavesIsNotReadyAgain) {
   leaving.join();
 }
 
-TEST_F(StoreErrorsTest, ASessionWaitsWhileTheStoreIsAwayAndLosesNothing) {
+TEST_F(StoreErrorsTest, ASessionWaitsForAnUnreachableStoreAndLosesNothing) {
   const CreatedSession session = CreateSession();
   const auto track = Attached(session);
   trouble_->Set(absl::UnavailableError("gone"));
@@ -189,7 +189,7 @@ TEST_F(StoreErrorsTest, ASessionWaitsWhileTheStoreIsAwayAndLosesNothing) {
   EXPECT_EQ(pose_seq, 20u);
 }
 
-TEST_F(StoreErrorsTest, CallsThatNeedAStoreThatIsAway) {
+TEST_F(StoreErrorsTest, CallsThatNeedAnUnreachableStoreFail) {
   const CreatedSession here = CreateSession();
   const v1::CreateSessionRequest request = CreateRequest();
   Use(StartOnStore());
@@ -252,7 +252,7 @@ TEST_F(StoreErrorsTest, CallsThatNeedAStoreThatIsFullOrFails) {
   EXPECT_EQ(Describe(Delete(session.name())), "OK");
 }
 
-TEST_F(StoreErrorsTest, ARequestWhoseSessionIsDamagedSaysSo) {
+TEST_F(StoreErrorsTest, ARepeatedRequestForADamagedSessionIsAnError) {
   v1::CreateSessionRequest request = CreateRequest();
   request.set_request_id("capture 1");
   CreatedSession session;
@@ -282,7 +282,7 @@ TEST_F(StoreErrorsTest, AnotherServerFencesTheStreamAndTheWatchers) {
   EXPECT_EQ(watchers.Errors(), "ABORTED FENCED, ABORTED FENCED");
 }
 
-TEST_F(StoreErrorsTest, WatchersAreToldWhatEndsTheirSession) {
+TEST_F(StoreErrorsTest, WatchersReceiveTheErrorThatEndsTheirSession) {
   for (const auto& [answer, error] : FullAndFailing()) {
     const CreatedSession session = CreateSession();
     const auto track = Attached(session);
@@ -322,7 +322,7 @@ TEST_F(StoreErrorsTest, ASessionThatComesNeedsItsTenantsShare) {
   (void)Attached(session);
 }
 
-TEST_F(StoreErrorsTest, AnUploadOfWhatAnotherServerHasDeletedIsToldSo) {
+TEST_F(StoreErrorsTest, AnUploadOfAModelDeletedByAnotherServerIsAborted) {
   const std::string file = kCubeObj;
   std::vector<v1::UploadModelRequest> requests = UploadRequests(file);
   requests[0].mutable_header()->set_sha256(
@@ -341,7 +341,7 @@ TEST_F(StoreErrorsTest, AnUploadOfWhatAnotherServerHasDeletedIsToldSo) {
   EXPECT_EQ(model.name(), name);
 }
 
-TEST_F(StoreErrorsTest, AFullStoreEndsTheStreamAndTheSessionGoesOnLater) {
+TEST_F(StoreErrorsTest, AFullStoreEndsTheStreamAndTheSessionContinuesLater) {
   const v1::CreateSessionRequest request = CreateRequest();
   CreatedSession session = CreateSession();
   v1::TrackResponse::Attached attached;
@@ -434,7 +434,7 @@ TEST_F(StoreErrorsTest, WatchersAtAnotherServerSeeHealthUntilTheEnd) {
   EXPECT_EQ(Describe(watcher->Finish()), "OK");
 }
 
-TEST_F(StoreErrorsTest, WatchersAtAnotherServerAreToldWhatIsWrong) {
+TEST_F(StoreErrorsTest, WatchersAtAnotherServerReceiveErrorsOfTheStore) {
   const CreatedSession session = CreateSession();
   { MakePoses(*Attached(session)); }
   Use(StartOnStore());

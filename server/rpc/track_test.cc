@@ -143,7 +143,7 @@ TEST_F(TrackTest, PosesAreTheSameBytesWhateverTheChunkingAndTheChannel) {
   EXPECT_EQ(PosesOf(events, 4096), poses);
 }
 
-TEST_F(TrackTest, RefusesWhatTheProtocolForbids) {
+TEST_F(TrackTest, RejectsViolationsOfTheProtocol) {
   const CreatedSession session = CreateSession();
   const auto first_message = [this](const v1::TrackRequest& request) {
     RawTrack track(*sessions_);
@@ -294,7 +294,7 @@ TEST_F(TrackTest, AStreamWithBlockGetsMorePosesAtOnceThanTheLogHolds) {
   EXPECT_EQ(Describe(track->Finish()), "OK");
 }
 
-TEST_F(TrackTest, WhoAttachesBeforeTheyAreMadeGetsThemToo) {
+TEST_F(TrackTest, AClientThatAttachesBeforePosesAreComputedReceivesThem) {
   CreatedSession session = ThreeObjectsAndASmallLog(v1::OVERLOAD_POLICY_BLOCK);
   v1::TrackResponse::Attached attached;
   gate_->Close();
@@ -313,7 +313,7 @@ TEST_F(TrackTest, WhoAttachesBeforeTheyAreMadeGetsThemToo) {
   ExpectPoses(*track, 1, 6141);
 }
 
-TEST_F(TrackTest, WithLatestAStreamIsToldOfPosesThatWereForgotten) {
+TEST_F(TrackTest, WithLatestAStreamIsNotifiedOfDeletedPoses) {
   CreatedSession session = ThreeObjectsAndASmallLog(v1::OVERLOAD_POLICY_LATEST);
   v1::TrackResponse::Attached attached;
   {
@@ -435,7 +435,7 @@ TEST_F(TrackTest, ModelsAndSessionsAreMadeWhileAllWorkersTrack) {
   gate_->Open();
 }
 
-TEST_F(TrackTest, WhatIsDroppedIsToldTheSameWayEverywhere) {
+TEST_F(TrackTest, DroppedEventsAreReportedEquallyEverywhere) {
   CreatedSession session;
   uint64_t sent_bytes = 0;
   const auto track = OverloadedLatest(&session, &sent_bytes);
@@ -498,7 +498,7 @@ TEST_F(TrackTest, ACancelledStreamLeavesTheSessionDetached) {
   EXPECT_TRUE(next.Read(response)) << "the session can be resumed";
 }
 
-TEST_F(TrackTest, ALeavingServerTellsItsStreamsAndLetsThemFinish) {
+TEST_F(TrackTest, AServerThatShutsDownNotifiesItsStreamsAndLetsThemFinish) {
   // A socket, because gRPC's in-process channel may drop a final status that was not read before the server closed.
   ServerOptions options = Options();
   options.listen_address = "127.0.0.1:0";

@@ -181,7 +181,7 @@ TEST_F(TokensTest, OnlyAnOperatorSetsTheLogLevel) {
   EXPECT_THAT(captured_log.Take(), HasSubstr(" from=off to=debug\n"));
 }
 
-TEST_F(TokensTest, ATokenThatIsTakenAwayOpensNothingMore) {
+TEST_F(TokensTest, ARemovedTokenIsRejected) {
   const CreatedSession session = CreateSession();
   const auto track = Attached(session);
   CreatedSession read;
@@ -358,7 +358,7 @@ TEST_F(IdleTest, AnUploadThatStallsEndsAndItsRoomIsFree) {
   }
 }
 
-TEST_F(IdleTest, AStreamTooManyIsTurnedAway) {
+TEST_F(IdleTest, AStreamBeyondTheLimitIsRejected) {
   ServerOptions options = Options();
   options.max_streams = 1;
   server_ = StartServer(options, FakeTrackers(gate_)).value();
@@ -513,7 +513,7 @@ TEST_F(TlsTest, ANewCertificateIsShownToNewConnections) {
   EXPECT_EQ(Describe(track->Finish()), "OK");
 }
 
-TEST_F(TlsTest, ABrokenNewCertificateLeavesTheOldOne) {
+TEST_F(TlsTest, AnInvalidNewCertificateKeepsThePreviousOne) {
   Start(TlsOptions(true));
   const TestCertificate client = clients_.Issue({.common_name = "lab"});
   EXPECT_EQ(Call(ConnectTls("", client)), "OK");

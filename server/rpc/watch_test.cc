@@ -12,7 +12,7 @@ using Kind = v1::TrackResponse;
 
 class WatchTest : public RpcTest {};
 
-TEST_F(WatchTest, WatchersReadWhatIsStoredAndThenWhatComes) {
+TEST_F(WatchTest, WatchersReadStoredPosesAndThenLiveOnes) {
   const CreatedSession session = CreateSession();
   const auto track = Attached(session);
   track->Events(1, Flat64(SomeEvents(1, 11)));
@@ -39,7 +39,7 @@ TEST_F(WatchTest, WatchersReadWhatIsStoredAndThenWhatComes) {
   EXPECT_EQ(Describe(watcher->Finish()), "OK") << "the session has ended";
 }
 
-TEST_F(WatchTest, ASlowWatcherIsToldWhatItLost) {
+TEST_F(WatchTest, ASlowWatcherReceivesTheNumberOfLostPoses) {
   const CreatedSession session = CreateSession();
   grpc::ClientContext context;
   v1::WatchPosesRequest request;
@@ -94,7 +94,7 @@ TEST_F(WatchTest, AWatcherMayWantFewerPoses) {
   EXPECT_EQ(times_us[1] - times_us[0], 10'000);
 }
 
-TEST_F(WatchTest, WatchersThatCannotBeServedAreTold) {
+TEST_F(WatchTest, WatchersThatCannotBeServedReceiveAnError) {
   const CreatedSession session = CreateSession();
   const auto watch_poses = [this](const v1::WatchPosesRequest& request) {
     grpc::ClientContext context;

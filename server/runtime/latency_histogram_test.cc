@@ -15,7 +15,7 @@ TEST(LatencyHistogramTest, PercentilesAreWithinFivePercent) {
   EXPECT_LE(histogram.Percentile(0.0), 1);
 }
 
-TEST(LatencyHistogramTest, TakesWhatIsBelowAndAboveItsRange) {
+TEST(LatencyHistogramTest, AcceptsValuesOutsideItsRange) {
   LatencyHistogram histogram;
   histogram.Add(-5);
   EXPECT_EQ(histogram.Percentile(1.0), 1);

@@ -33,7 +33,7 @@ TEST_F(SharedPartsTest, AnotherKeyHasAnother) {
   EXPECT_EQ(Get(1), first);
 }
 
-TEST_F(SharedPartsTest, APartGoesWithTheLastThatUsesIt) {
+TEST_F(SharedPartsTest, APartIsDestroyedWithItsLastUser) {
   std::weak_ptr<const std::string> watched;
   {
     const auto first = Get(1);
@@ -45,7 +45,7 @@ TEST_F(SharedPartsTest, APartGoesWithTheLastThatUsesIt) {
   EXPECT_EQ(*Get(1), "1");  // created again
 }
 
-TEST_F(SharedPartsTest, WhatCannotBeMadeIsNotKept) {
+TEST_F(SharedPartsTest, ErrorsAreNotCached) {
   const absl::Status wrong = absl::InvalidArgumentError("wrong");
   EXPECT_EQ(shared_.Get(1, [&] { return Made(wrong); }).status(), wrong);
   EXPECT_EQ(*Get(1), "1");

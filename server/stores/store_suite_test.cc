@@ -85,7 +85,7 @@ std::vector<std::string> Names(const absl::StatusOr<std::vector<SessionRecord>>&
   return names;
 }
 
-TEST_P(StoreSuite, GivesBackWhatWasCommitted) {
+TEST_P(StoreSuite, ReturnsCommittedData) {
   auto lease = store_->CreateSession(Record("sessions/a"), "life 0").value();
   const std::string checkpoint("check\0point", 11);
   ASSERT_TRUE(
@@ -119,7 +119,7 @@ TEST_P(StoreSuite, ASessionStartsEmpty) {
   EXPECT_EQ(store_->ReadSession("sessions/a")->lifecycle, "");
 }
 
-TEST_P(StoreSuite, WhoTakesASessionShutsOutWhoeverHeldIt) {
+TEST_P(StoreSuite, TakingASessionFencesThePreviousHolder) {
   auto first = store_->CreateSession(Record("sessions/a"), "life 0").value();
   ASSERT_TRUE(CommitNow(*first, {.checkpoint = "1", .poses = {Segment("a", 1, 3)}}).ok());
   Store::Taken second = store_->TakeSession("sessions/a").value();
@@ -134,7 +134,7 @@ TEST_P(StoreSuite, WhoTakesASessionShutsOutWhoeverHeldIt) {
   EXPECT_EQ(Ranges(store_->ReadSession("sessions/a")->poses), "1-3 4-5");
 }
 
-TEST_P(StoreSuite, ADeletedSessionIsGone) {
+TEST_P(StoreSuite, ADeletedSessionIsNotFound) {
   auto lease = store_->CreateSession(Record("sessions/a"), "").value();
   EXPECT_EQ(store_->CreateSession(Record("sessions/a"), "").status().code(), StatusCode::kAlreadyExists);
   ASSERT_TRUE(CommitNow(*lease, {.checkpoint = "1", .poses = {Segment("a", 1, 3)}}).ok());
@@ -153,7 +153,7 @@ TEST_P(StoreSuite, ADeletedSessionIsGone) {
   EXPECT_TRUE(session.poses.empty());
 }
 
-TEST_P(StoreSuite, WhoHeldASessionDoesNotDeleteItForAnother) {
+TEST_P(StoreSuite, APreviousHolderCannotDeleteASession) {
   auto first = store_->CreateSession(Record("sessions/a"), "life").value();
   const auto second = store_->TakeSession("sessions/a").value().lease;
   EXPECT_EQ(store_->DeleteHeldSession("sessions/a", first->fencing_number()).code(), StatusCode::kAborted);
@@ -176,7 +176,7 @@ TEST_P(StoreSuite, ListsSessionsByName) {
   EXPECT_THAT(Names(store_->ListSessions()), ElementsAre("sessions/a", "sessions/c"));
 }
 
-TEST_P(StoreSuite, TellsTheLifecyclesOfAllSessions) {
+TEST_P(StoreSuite, ReturnsTheLifecyclesOfAllSessions) {
   EXPECT_TRUE(store_->ReadLifecycles()->empty());
   ASSERT_TRUE(store_->CreateSession(Record("sessions/c"), "c").ok());
   auto b = store_->CreateSession(Record("sessions/b"), "b").value();
@@ -389,7 +389,7 @@ TEST_P(StoreSuite, OneOfManyCreatesASessionAndTheLastTakerHoldsIt) {
   EXPECT_EQ(store_->ReadSession("sessions/a")->checkpoint, "7");
 }
 
-TEST_P(StoreSuite, EveryCommitIsDoneWhenTheStoreIsGone) {
+TEST_P(StoreSuite, EveryCommitIsCompleteWhenTheStoreIsDestroyed) {
   constexpr int kSessions = 32;
   std::vector<std::unique_ptr<SessionLease>> leases;
   std::vector<std::string> names;
@@ -426,7 +426,7 @@ TEST_P(StoreSuite, FencingNumbersRiseAcrossOpenings) {
   EXPECT_GT(store_->CreateSession(Record("sessions/b"), "").value()->fencing_number(), taken.lease->fencing_number());
 }
 
-TEST_P(StoreSuite, DeletesWhatEndedBefore) {
+TEST_P(StoreSuite, DeletesSessionsThatEndedBefore) {
   const absl::Time start = absl::FromUnixSeconds(1'700'000'000);
   for (const int i : {3, 1, 2, 4}) {
     auto lease = store_->CreateSession(Record("sessions/" + std::to_string(i)), "").value();
@@ -443,7 +443,7 @@ TEST_P(StoreSuite, DeletesWhatEndedBefore) {
   EXPECT_EQ(store_->ReadSession("sessions/4")->checkpoint, "x") << "it has not ended";
 }
 
-TEST_P(StoreSuite, WhatIsFullRefusesAndGoesOnWhenThereIsRoom) {
+TEST_P(StoreSuite, AFullStoreRejectsCommitsUntilSpaceIsAvailable) {
   store_.reset();
   store_ = house_->OpenSmall(8u << 20).value();
   auto living = store_->CreateSession(Record("sessions/living"), "life").value();
@@ -475,7 +475,7 @@ TEST_P(StoreSuite, WhatIsFullRefusesAndGoesOnWhenThereIsRoom) {
   EXPECT_TRUE(store_->ReadSession("sessions/living")->checkpoint == Noise(4u << 20, 1));
 }
 
-TEST_P(StoreSuite, WhatHasEndedMakesRoomForTheLiving) {
+TEST_P(StoreSuite, EndedSessionsAreDeletedForActiveOnes) {
   store_.reset();
   store_ = house_->OpenSmall(8u << 20).value();
   const absl::Time start = absl::FromUnixSeconds(1'700'000'000);

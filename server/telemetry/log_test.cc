@@ -37,7 +37,7 @@ std::string JsonLine(const char* event, const std::vector<LogField>& fields) {
   return absl::StrCat("{", LogText(LogFormat::kJson, event, fields), "}");
 }
 
-TEST(LogTest, JsonGivesBackWhatWasPutIn) {
+TEST(LogTest, JsonPreservesValues) {
   for (const std::string& text : kHostile) {
     const std::string line = JsonLine("event_name", {{"text", text}, {"number", -7}});
     EXPECT_TRUE(IsOneLineOfAscii(line)) << line;
@@ -61,7 +61,7 @@ TEST(LogTest, BytesThatAreNoTextDoNotBreakTheLine) {
   EXPECT_THAT(nlohmann::json::parse(line)["text"].get<std::string>(), HasSubstr(" half "));
 }
 
-TEST(LogTest, TextQuotesWhatIsNoPlainWord) {
+TEST(LogTest, TextQuotesSpecialValues) {
   EXPECT_EQ(LogText(LogFormat::kText, "e", {{"a", "sessions/1"}, {"b", 5}, {"c", "ipv4:127.0.0.1:9"}}),
             "e a=sessions/1 b=5 c=ipv4:127.0.0.1:9");
   EXPECT_EQ(LogText(LogFormat::kText, "e", {{"a", ""}, {"b", "x y"}, {"c", "x\ny"}, {"d", "x=\"y\""}}),
@@ -71,7 +71,7 @@ TEST(LogTest, TextQuotesWhatIsNoPlainWord) {
   }
 }
 
-TEST(LogTest, WhatIsTooLongIsCut) {
+TEST(LogTest, LongValuesAreCut) {
   for (const LogFormat format : {LogFormat::kText, LogFormat::kJson}) {
     const std::string line = LogText(format, "e", {{"text", std::string(1'000'000, 'x')}});
     EXPECT_LT(line.size(), 3000u);
@@ -90,7 +90,7 @@ TEST(LogTest, NamesOfLevelsAndFormats) {
   EXPECT_EQ(ParseLogFormat("xml"), std::nullopt);
 }
 
-TEST(LogTest, TheLevelSaysWhatIsWritten) {
+TEST(LogTest, LinesBelowTheLevelAreNotWritten) {
   captured_log.Take();
   SetLogLevel(LogLevel::kWarning);
   EXPECT_EQ(CurrentLogLevel(), LogLevel::kWarning);

@@ -57,7 +57,7 @@ std::string TransitionSeries(const char* kind, std::string_view from, std::strin
                       "\",to=\"", absl::AsciiStrToLower(std::string(to)), "\"}");
 }
 
-TEST(PrometheusTextTest, EveryCounterStandsInItsOwnSeries) {
+TEST(PrometheusTextTest, EveryCounterHasItsOwnSeries) {
   ServerMetrics metrics;
   uint64_t next = 0;
   std::map<std::string, double> expected;
@@ -157,7 +157,7 @@ TEST(PrometheusTextTest, HistogramsAreCumulativeAndAddUp) {
   EXPECT_NEAR(parsed.At("evpose_pose_latency_seconds_sum"), 1e-6 * (10 + 11 + 250 + 251 + 999'999 + 80'000'001), 1e-9);
 }
 
-TEST(PrometheusTextTest, EveryHistogramStandsInItsOwnFamily) {
+TEST(PrometheusTextTest, EveryHistogramHasItsOwnFamily) {
   ServerMetrics metrics;
   const std::pair<DurationHistogram*, const char*> histograms[] = {
       {&metrics.pose_latency, "evpose_pose_latency_seconds"},
@@ -175,7 +175,7 @@ TEST(PrometheusTextTest, EveryHistogramStandsInItsOwnFamily) {
   for (const auto& [histogram, name] : histograms) EXPECT_EQ(parsed.At(absl::StrCat(name, "_count")), ++times) << name;
 }
 
-TEST(PrometheusTextTest, GaugesTellTheState) {
+TEST(PrometheusTextTest, GaugesShowTheState) {
   ServerState state;
   state.sessions = {.attached = 1,
                     .detached = 2,

@@ -98,7 +98,7 @@ TEST_F(BadInputTest, HeaderOnlyRecording) {
   EXPECT_EQ(Run({"info", Path("cube/recording.raw")}).status, 1);
 }
 
-TEST_F(BadInputTest, FormatThatNoOneKnows) {
+TEST_F(BadInputTest, UnknownFormat) {
   WriteText("cube/recording.raw", "% format EVT9;height=480;width=640\n% end\nabcdefgh");
   EXPECT_THAT(ReplayError(), AllOf(HasSubstr(Path("cube/recording.raw")), HasSubstr("line 1"), HasSubstr("EVT9")));
 }
@@ -224,7 +224,7 @@ TEST_F(BadInputTest, ObjectThatNoPoseCanFollowFrom) {
   }
 }
 
-TEST_F(BadInputTest, LinesOfNoUseAreSaidToBeLeftOut) {
+TEST_F(BadInputTest, UnusableLinesAreReportedAsSkipped) {
   // Lines of length zero, repeated, reversed, and a part of an edge.
   WriteText("cube/model.obj", ReadText("cube/model.obj") + "l 1 1\n");
   std::string model = ReadText("cube/model.obj");
@@ -287,7 +287,7 @@ TEST_F(BadInputTest, AbsentServer) {
   }
 }
 
-TEST_F(BadInputTest, RenderSaysWhatIsMissing) {
+TEST_F(BadInputTest, RenderReportsInvalidArguments) {
   const auto render = [&](const std::vector<std::string>& more) {
     std::vector<std::string> arguments = {"render",  Path("cube/recording.raw"), "--poses",  Path("cube/truth.tum"),
                                           "--model", Path("cube/model.obj"),     "--camera", Path("cube/camera.yaml"),

@@ -121,7 +121,7 @@ TEST_F(BenchServiceTest, AServerThatRunsIsUsed) {
   EXPECT_EQ((*client)->ListSessions()->size(), 0u) << "the bench deletes its sessions";
 }
 
-TEST_F(BenchServiceTest, SaysWhatAServerElsewhereDoesNotTell) {
+TEST_F(BenchServiceTest, ReportsPartsThatNeedALocalServer) {
   const auto fails = [&](const std::vector<std::string>& more, int status) {
     const CliResult result = RunSpeed(more);
     EXPECT_EQ(result.status, status) << result.out;
@@ -137,7 +137,7 @@ TEST_F(BenchServiceTest, SaysWhatAServerElsewhereDoesNotTell) {
               HasSubstr("127.0.0.1:9"));
 }
 
-TEST_F(BenchServiceTest, WithoutAnyServerItSaysWhereItLooked) {
+TEST_F(BenchServiceTest, WithoutAServerTheErrorHasTheRemedy) {
   const CliResult result = RunShell(
       "cp \"$(command -v evpose)\" lonely\n"
       "PATH=/nowhere ./lonely bench speed --parts path --duration 0.01 --repetitions 1\n");
@@ -193,7 +193,7 @@ TEST(ServerProcessTest, EndsWhenItsOwnersProcessIsKilled) {
   close(alive[0]);
 }
 
-TEST(ServerProcessTest, SaysWhenItDoesNotListen) {
+TEST(ServerProcessTest, ReportsAServerThatDoesNotListen) {
   const auto server = ServerProcess::Start({"--max-sessions", "none"});
   EXPECT_EQ(server.status().code(), absl::StatusCode::kUnavailable);
   EXPECT_THAT(std::string(server.status().message()), HasSubstr("evpose-server has ended before it could be reached"));

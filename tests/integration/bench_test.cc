@@ -54,7 +54,7 @@ TEST_F(CliTest, BenchJsonHoldsTheNumbers) {
   EXPECT_EQ(json["rows"][5]["missing"], 2);
 }
 
-TEST_F(CliTest, BenchSaysWhatItKnows) {
+TEST_F(CliTest, BenchReportsInvalidArguments) {
   const auto fails = [&](const std::vector<std::string>& more) {
     const CliResult result = Run(Arguments(more));
     EXPECT_EQ(result.status, 2) << result.out;
@@ -196,7 +196,7 @@ TEST_F(CliTest, BenchSyntheticJsonHoldsTheNumbers) {
   EXPECT_LT(half["bound"]["rotation_median_deg"], 1.0);
 }
 
-TEST_F(CliTest, BenchSyntheticSaysWhatIsWrong) {
+TEST_F(CliTest, BenchSyntheticReportsInvalidArguments) {
   const auto fails = [&](const std::vector<std::string>& more, int status) {
     const CliResult result = Run(SyntheticArguments(more));
     EXPECT_EQ(result.status, status) << result.out;
@@ -235,7 +235,7 @@ TEST_F(CliTest, BenchSpeedTableAndJsonHoldEveryFormat) {
   EXPECT_THAT(decoded, ::testing::ElementsAre("EVT3", "EVT2.1", "EVT2", "EVT3", "EVT2.1", "EVT2"));
 }
 
-TEST_F(CliTest, BenchSpeedTellsWhatSixteenTimesTheLinesCost) {
+TEST_F(CliTest, BenchSpeedReportsTheCostOfSixteenTimesTheLines) {
   const CliResult result = Run(SpeedArguments({"--parts", "associate,estimate", "--json", Path("speed.json")}));
   ASSERT_EQ(result.status, 0) << result.err;
   EXPECT_THAT(result.out, HasSubstr("16 times the lines cost"));
@@ -257,7 +257,7 @@ TEST_F(CliTest, BenchSpeedTellsWhatSixteenTimesTheLinesCost) {
   }
 }
 
-TEST_F(CliTest, BenchSpeedSaysWhatItKnows) {
+TEST_F(CliTest, BenchSpeedReportsInvalidArguments) {
   const auto fails = [&](const std::vector<std::string>& more, int status) {
     const CliResult result = Run(SpeedArguments(more));
     EXPECT_EQ(result.status, status) << result.out;

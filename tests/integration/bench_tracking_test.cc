@@ -66,7 +66,7 @@ TEST_F(CliTest, BenchTrackingJsonHoldsSummariesTargetsAndRuns) {
   EXPECT_TRUE(scenario["estimators"][1]["targets"].empty());
 }
 
-TEST_F(CliTest, BenchTrackingSaysWhatItKnows) {
+TEST_F(CliTest, BenchTrackingReportsInvalidArguments) {
   const auto fails = [&](const std::vector<std::string>& more) {
     std::vector<std::string> arguments = {"bench", "tracking"};
     arguments.insert(arguments.end(), more.begin(), more.end());

@@ -127,7 +127,7 @@ TEST_F(CliTest, InterruptEndsAFollowedRecordingCleanly) {
   EXPECT_TRUE(std::filesystem::exists(Path("poses.tum")));
 }
 
-TEST_F(CliTest, SaysWhichWordIsNoCommand) {
+TEST_F(CliTest, NamesAnUnknownCommand) {
   const CliResult command = Run({"frobnicate", "--json"});
   EXPECT_EQ(command.status, 2);
   EXPECT_EQ(command.err, "evpose: there is no command \"frobnicate\"; evpose --help lists those there are\n");
@@ -165,7 +165,7 @@ TEST_F(CliTest, MalformedValuesAreWrongUsage) {
   EXPECT_EQ(for_ever.status, 1) << for_ever.err;
 }
 
-TEST_F(CliTest, WhatIsWrongWithAModelIsSaidInTheWordsOfItsFile) {
+TEST_F(CliTest, ErrorsOfAModelNameItsFile) {
   SimulateCube(0.02);
   WriteText("prose.obj", "no line of this is one of a model\n");
   WriteText("empty.obj", "");
@@ -251,7 +251,7 @@ TEST_F(CliTest, AnInterruptEndsTheWaitForTheFirstByte) {
   }
 }
 
-TEST_F(CliTest, AnInterruptLeavesNoHalfFilm) {
+TEST_F(CliTest, AnInterruptLeavesNoIncompleteVideo) {
   SimulateCube(0.1);
   const CliResult result = RunShell(
       "mkfifo pipe; exec 3<>pipe; rm pipe\n"
@@ -265,7 +265,7 @@ TEST_F(CliTest, AnInterruptLeavesNoHalfFilm) {
   EXPECT_THAT(FilesBeginning("film"), IsEmpty());
 }
 
-TEST_F(CliTest, AnInterruptLeavesNoHalfRecording) {
+TEST_F(CliTest, AnInterruptLeavesNoIncompleteRecording) {
   const CliResult result = RunShell(
       "evpose simulate --object cube --camera vga --duration 600 --out long & pid=$!\n"
       "until ls long/.simulation-in-progress 2>ignored | grep -q partial; do test -e /proc/$pid/exe; done\n"

@@ -50,7 +50,7 @@ INSTANTIATE_TEST_SUITE_P(TestData, InfoTest,
 
 using InfoOfSimulationTest = CliTest;
 
-TEST_F(InfoOfSimulationTest, SaysWhatTheSimulatorWrote) {
+TEST_F(InfoOfSimulationTest, DescribesASimulatedRecording) {
   const CliResult simulation =
       Run({"simulate", "--camera", "vga", "--duration", "0.05", "--start", "1", "--out", Path("cube"), "--json"});
   ASSERT_EQ(simulation.status, 0) << simulation.err;

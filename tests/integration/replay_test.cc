@@ -223,7 +223,7 @@ TEST_F(ReplayTest, OfEquivalentPosesTheOneNearestToTheReferenceIsFound) {
   }
 }
 
-TEST_F(ReplayTest, SaysWhyNoPoseWasFound) {
+TEST_F(ReplayTest, ReportsWhyNoPoseWasFound) {
   SimulateCube(0.001);  // some hundred events
   StartServer();
   const CliResult replay = Run(SearchArguments("poses.tum", {"--server", address_, "--keep-session"}));
@@ -263,7 +263,7 @@ TEST_F(ReplayTest, ReportEndsWithItsNumbers) {
                               " p99 [0-9.]+ ms"));
 }
 
-TEST_F(ReplayTest, RecordingCutInTheMiddleIsUsedAsFarAsItIsWhole) {
+TEST_F(ReplayTest, TruncatedRecordingIsUsedUpToItsEnd) {
   SimulateCube(0.1);
   const auto size = std::filesystem::file_size(Path("cube/recording.raw"));
   std::filesystem::resize_file(Path("cube/recording.raw"), size / 4 * 2 + 1);

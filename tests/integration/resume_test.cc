@@ -179,7 +179,7 @@ TEST_F(ResumeTest, ConnectionCutAtRandomPlaces) {
   }
 }
 
-TEST_F(ResumeTest, AReplayWhoseConnectionBreaksBeforeItsSessionIsThereBeginsAgain) {
+TEST_F(ResumeTest, AReplayRestartsWhenTheConnectionBreaksBeforeItsSessionExists) {
   SimulateCube(0.1);
   const std::string expected = Undisturbed();
   // From the connection preface of HTTP/2, through the upload of the model, until after the creation of the session.
@@ -418,7 +418,7 @@ TEST_F(ResumeBadInputTest, RecordThatDoesNotFit) {
   EXPECT_TRUE(ReadText("poses.csv") == Undisturbed());
 }
 
-TEST_F(ResumeBadInputTest, SessionThatIsGone) {
+TEST_F(ResumeBadInputTest, DeletedSession) {
   KillOne();
   StartServer();
   EXPECT_THAT(Error(Arguments()), HasSubstr("the session is gone from the server: remove " + Path("state")));
@@ -450,7 +450,7 @@ TEST_F(ResumeBadInputTest, SpoolThatCannotBeWritten) {
   EXPECT_THAT(stream(Path("file")), HasSubstr(Path("file")));
 }
 
-TEST_F(ResumeBadInputTest, ServerThatStaysAwayBeforeTheSessionIsThereIsGivenUp) {
+TEST_F(ResumeBadInputTest, UnreachableServerBeforeTheSessionExists) {
   SimulateCube(0.1);
   std::vector<uint64_t> limits(10'000, 0);  // more than it tries in that time
   limits.front() = 3'000;
@@ -462,7 +462,7 @@ TEST_F(ResumeBadInputTest, ServerThatStaysAwayBeforeTheSessionIsThereIsGivenUp) 
   EXPECT_THAT(FilesBeginning("poses"), IsEmpty());
 }
 
-TEST_F(ResumeBadInputTest, ServerThatStaysAwayIsGivenUp) {
+TEST_F(ResumeBadInputTest, UnreachableServer) {
   SimulateCube(0.1);
   std::vector<uint64_t> limits(10'000, 0);  // more than it tries in that time
   limits.front() = 30'000;

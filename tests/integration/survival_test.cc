@@ -305,7 +305,7 @@ TEST_F(SurvivalTest, ASessionMovesBetweenServersOnOneRedis) {
   EXPECT_TRUE(client.poses() == expected);
 }
 
-TEST_F(SurvivalTest, WhileRedisIsAwayTheServerIsNotReadyAndNothingIsLost) {
+TEST_F(SurvivalTest, WhileRedisIsUnreachableTheServerIsNotReadyAndNothingIsLost) {
   const std::vector<std::string> expected = Undisturbed();
   server::RedisServer redis;
   std::vector<std::string> arguments = OnRedis(redis);
@@ -335,7 +335,7 @@ TEST_F(SurvivalTest, WhileRedisIsAwayTheServerIsNotReadyAndNothingIsLost) {
   wait_until_ready_is(200);
 }
 
-TEST_F(SurvivalTest, AServerThatLeavesKeepsWhatWasProcessed) {
+TEST_F(SurvivalTest, AServerThatShutsDownKeepsProcessedData) {
   const std::vector<std::string> expected = Undisturbed();
   const std::vector<std::string> arguments = Sqlite("data");
   auto server = std::make_unique<RunningServer>(arguments);
@@ -348,7 +348,7 @@ TEST_F(SurvivalTest, AServerThatLeavesKeepsWhatWasProcessed) {
   EXPECT_TRUE(client.poses() == expected);
 }
 
-TEST_F(SurvivalTest, AServerThatIsToldTwiceToLeaveLosesNothingEither) {
+TEST_F(SurvivalTest, ASecondSignalLosesNothing) {
   const std::vector<std::string> expected = Undisturbed();
   const std::vector<std::string> arguments = Sqlite("data");
   auto server = std::make_unique<RunningServer>(arguments);
@@ -373,7 +373,7 @@ TEST_F(SurvivalTest, AServerThatIsToldTwiceToLeaveLosesNothingEither) {
   EXPECT_TRUE(client.poses() == expected);
 }
 
-TEST_F(SurvivalTest, AReplayThatFilledTheStoreGoesOnWhenThereIsRoom) {
+TEST_F(SurvivalTest, AReplayThatFilledTheStoreContinuesWhenSpaceIsAvailable) {
   ASSERT_EQ(Run(ReplayArguments("expected.csv")).status, 0);
   const auto replay = [this](RunningServer& server) {
     return Run(ReplayArguments("poses.csv", {"--server", server.address(), "--resume", Path("state")}));

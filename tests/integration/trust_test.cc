@@ -108,7 +108,7 @@ TEST_F(TrustTest, OptionsOfTls) {
   EXPECT_THAT(half.err, HasSubstr("--tls-cert and --tls-key belong together"));
 }
 
-TEST_F(TrustTest, WhatIsForAServerNeedsOne) {
+TEST_F(TrustTest, OptionsForAServerNeedAServer) {
   const std::vector<std::vector<std::string>> ways = {
       {"--tls-ca", "file"},       {"--tls-cert", "file"}, {"--tls-key", "file"}, {"--token-file", "file"},
       {"--connect-timeout", "5"}, {"--max-outage", "5"},  {"--keep-session"},    {"--tls"}};
@@ -121,7 +121,7 @@ TEST_F(TrustTest, WhatIsForAServerNeedsOne) {
   }
 }
 
-TEST_F(TrustTest, ATokenThatNobodyGotIsAnError) {
+TEST_F(TrustTest, ATokenThatCannotBePrintedIsAnError) {
   const CliResult result = RunShell("evpose-server --new-token lab --token-file made > /dev/full");
   EXPECT_EQ(result.status, 1);
   EXPECT_THAT(result.err, HasSubstr("the token could not be written"));
@@ -131,7 +131,7 @@ TEST_F(TrustTest, ATokenThatNobodyGotIsAnError) {
   EXPECT_THAT(help.err, HasSubstr("the disk is full"));
 }
 
-TEST_F(TrustTest, TheProgramSaysInOneLineWhyTlsFails) {
+TEST_F(TrustTest, AnErrorOfTlsIsOneLine) {
   const std::string to = "evpose sessions list --token-file lab.token --connect-timeout 5 --server localhost:";
   for (const std::string& command : {absl::StrCat(to, tls_->port(), " --tls"), absl::StrCat(to, tls_->port()),
                                      absl::StrCat(to, plain_->port(), " --tls-ca ca.crt")}) {
@@ -171,7 +171,7 @@ TEST_F(TrustTest, AReplayThroughTlsGivesTheSamePoses) {
   EXPECT_EQ(ReadText("tls.tum"), ReadText("inside.tum"));
 }
 
-TEST_F(TrustTest, AStreamThatBreaksGoesOnWithTheTokenOfThen) {
+TEST_F(TrustTest, ABrokenStreamResumesWithTheCurrentToken) {
   SimulateCube(0.3);
   ASSERT_EQ(Run(ReplayArguments("inside.tum")).status, 0);
   CuttingProxy proxy;

@@ -33,7 +33,7 @@ TEST(RedisAddressTest, ReadsAllParts) {
   EXPECT_EQ(ParseRedisAddress("redis+unix://secret@/run/redis.sock")->socket_path, "/run/redis.sock");
 }
 
-TEST(RedisAddressTest, RefusesInWordsWithoutThePassword) {
+TEST(RedisAddressTest, ErrorsDoNotContainThePassword) {
   for (const char* const url : {"redis://me:secret@", "redis://me:secret@host:0", "redis://me:secret@host:70000",
                                 "redis://me:secret@host:x", "redis://me:secret@host/x", "redis://me:secret%4@host",
                                 "redis+unix://me:secret@run", "http://me:secret@host", "redis://me:secret@host/-1"}) {
@@ -47,7 +47,7 @@ TEST(RedisAddressTest, RefusesInWordsWithoutThePassword) {
   EXPECT_THAT(std::string(tls.message()), AllOf(Not(HasSubstr("secret")), HasSubstr("TLS")));
 }
 
-TEST(RedisStoreTest, WrongPasswordsAndAbsentServersAreRefusedInWords) {
+TEST(RedisStoreTest, WrongPasswordsAndMissingServersAreErrors) {
   RedisServer redis({"--requirepass", "right-secret"});
   EXPECT_TRUE(OpenStore({.store = redis.url("right-secret@")}).ok());
   EXPECT_TRUE(OpenStore({.store = redis.url("default:right-secret@")}).ok());
@@ -152,7 +152,7 @@ TEST_F(RedisStoreFixture, SendsScriptsThatTheServerForgot) {
   EXPECT_EQ(store_->ReadSession("sessions/a")->checkpoint, "1");
 }
 
-TEST_F(RedisStoreFixture, BoundsTheStreamAndTheLifeOfWhatNobodyWrites) {
+TEST_F(RedisStoreFixture, BoundsTheStreamAndTheLifetimeOfUnusedSessions) {
   auto lease = store_->CreateSession(Record("sessions/a"), "").value();
   for (uint64_t i = 0; i < 10; ++i) {
     ASSERT_TRUE(CommitNow(*lease, {.poses = {Segment("a", 10 * i + 1, 10 * i + 10)}}).ok());
@@ -176,7 +176,7 @@ TEST_F(RedisStoreFixture, LeavesNothingBehind) {
   EXPECT_EQ(RedisText(keys->element[0]), "evpose:fencing");
 }
 
-TEST_F(RedisStoreFixture, NamesWhatWasTamperedWith) {
+TEST_F(RedisStoreFixture, NamesDamagedRecords) {
   using Tamper = std::function<void()>;
   const std::string key = "evpose:session:sessions/a";
   const std::pair<Tamper, const char*> cases[] = {

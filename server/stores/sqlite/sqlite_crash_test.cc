@@ -54,7 +54,7 @@ struct Acknowledged {
   _exit(1);
 }
 
-TEST(SqliteCrashTest, WhatWasAcknowledgedSurvivesFiftyDeaths) {
+TEST(SqliteCrashTest, AcknowledgedCommitsSurviveFiftyKills) {
   const TemporaryDirectory directory;
   const std::string data_dir = directory.path() + "/data";
   {

@@ -69,7 +69,7 @@ class SqliteStoreTest : public testing::Test {
   const TemporaryDirectory directory_;
 };
 
-TEST_F(SqliteStoreTest, WhatItMakesIsItsOwnersOnly) {
+TEST_F(SqliteStoreTest, FilesAreAccessibleForTheirOwnerOnly) {
   const std::unique_ptr<Store> store = Open();
   ASSERT_TRUE(store->CreateSession(Record("sessions/a"), "").ok());
   EXPECT_EQ(Mode(DataDir()), 0700u);
@@ -87,7 +87,7 @@ TEST_F(SqliteStoreTest, OneServerHoldsADirectory) {
   EXPECT_TRUE(TryOpen().ok());
 }
 
-TEST_F(SqliteStoreTest, DirectoriesThatCannotBeUsedAreRefusedInWords) {
+TEST_F(SqliteStoreTest, UnusableDirectoriesAreErrors) {
   const absl::Status none = OpenStore({.store = "sqlite"}).status();
   EXPECT_EQ(none.code(), StatusCode::kInvalidArgument);
   EXPECT_THAT(std::string(none.message()), HasSubstr("--data-dir"));
@@ -105,7 +105,7 @@ TEST_F(SqliteStoreTest, DirectoriesThatCannotBeUsedAreRefusedInWords) {
   EXPECT_EQ(OpenStore({.store = "postgres"}).status().code(), StatusCode::kInvalidArgument);
 }
 
-TEST_F(SqliteStoreTest, FilesOfOthersAreRefusedAndLeftAsTheyAre) {
+TEST_F(SqliteStoreTest, OtherFilesAreRejectedAndNotChanged) {
   std::filesystem::create_directory(DataDir());
   WriteAll(File(), "a text of somebody's");
   const absl::Status text = TryOpen().status();
@@ -127,7 +127,7 @@ TEST_F(SqliteStoreTest, FilesOfOthersAreRefusedAndLeftAsTheyAre) {
   EXPECT_THAT(std::string(newer.message()), AllOf(HasSubstr("newer evpose"), HasSubstr("schema 9")));
 }
 
-TEST_F(SqliteStoreTest, AFileThatWasHalfMadeIsMade) {
+TEST_F(SqliteStoreTest, AnIncompleteNewFileIsCompleted) {
   std::filesystem::create_directory(DataDir());
   Execute("PRAGMA page_size=16384; PRAGMA journal_mode=WAL");
   EXPECT_TRUE(Open()->CreateSession(Record("sessions/a"), "").ok());
@@ -136,7 +136,7 @@ TEST_F(SqliteStoreTest, AFileThatWasHalfMadeIsMade) {
   EXPECT_TRUE(Open()->CreateSession(Record("sessions/a"), "").ok());
 }
 
-TEST_F(SqliteStoreTest, NamesWhatWasTamperedWithAndSavesTheRest) {
+TEST_F(SqliteStoreTest, NamesDamagedRecordsAndRescuesTheOthers) {
   const std::pair<const char*, const char*> cases[] = {
       {"UPDATE sessions SET lifecycle = x'00112233' WHERE name = 'sessions/2'", "lifecycle of sessions/2"},
       {"UPDATE sessions SET ended_at_ns = 1 WHERE name = 'sessions/2'", "end of sessions/2"},
@@ -191,7 +191,7 @@ TEST_F(SqliteStoreTest, ADamagedModelIsNamedAndLeftOut) {
 
 // Changes one byte, zeroes a block, or truncates the file, at random places. Nothing crashes, and every session that
 // can be read is unchanged.
-TEST_F(SqliteStoreTest, WhateverIsHitNoSessionIsAnother) {
+TEST_F(SqliteStoreTest, RandomDamageNeverChangesASession) {
   Fill();
   const std::string whole_file = ReadAll(File());
   std::mt19937_64 random(1);
@@ -231,7 +231,7 @@ TEST_F(SqliteStoreTest, WhateverIsHitNoSessionIsAnother) {
   EXPECT_GE(with_survivors, kTrials / 4);
 }
 
-TEST_F(SqliteStoreTest, AnEmptiedFileWithALogIsNotTakenForANewOne) {
+TEST_F(SqliteStoreTest, AnEmptyFileWithALogIsNotTreatedAsNew) {
   std::unique_ptr<Store> store = Open();
   ASSERT_TRUE(store->CreateSession(Record("sessions/a"), "").ok());
   const std::string log = ReadAll(File() + "-wal");
@@ -243,7 +243,7 @@ TEST_F(SqliteStoreTest, AnEmptiedFileWithALogIsNotTakenForANewOne) {
 }
 
 // The state after a crash: the log has not been copied into the file.
-TEST_F(SqliteStoreTest, ALogThatWasTamperedWithIsNamed) {
+TEST_F(SqliteStoreTest, ADamagedLogIsNamed) {
   std::unique_ptr<Store> store = Open();
   auto lease = store->CreateSession(Record("sessions/a"), "").value();
   for (uint64_t i = 1; i <= 5; ++i) ASSERT_TRUE(CommitNow(*lease, {.poses = {Segment("a", i, i)}}).ok());
@@ -270,7 +270,7 @@ TEST_F(SqliteStoreTest, ALogThatWasTamperedWithIsNamed) {
 }
 
 // Simulates a full disk with a limit on the size of files.
-TEST_F(SqliteStoreTest, ADiskThatTakesNoMoreRefusesTheCommitAndNothingElse) {
+TEST_F(SqliteStoreTest, AFullDiskRejectsOnlyTheCommit) {
   const std::unique_ptr<Store> store = Open();
   auto lease = store->CreateSession(Record("sessions/a"), "").value();
   ASSERT_TRUE(CommitNow(*lease, {.checkpoint = "1", .poses = {Segment("a", 1, 3)}}).ok());
