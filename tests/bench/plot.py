@@ -142,7 +142,7 @@ def draw_tracking(result, folder):
     scenarios = result["scenarios"]
     estimators = list(dict.fromkeys(e["name"] for scenario in scenarios for e in scenario["estimators"]))
     runs = scenarios[0]["estimators"][0]["summary"]["runs"]
-    figure, axes = new_figure(2, 3, f"Tracking: means of {runs} run{'' if runs == 1 else 's'}", 560, 110 + 20 * len(scenarios))
+    figure, axes = new_figure(2, 3, f"Tracking: means of {runs} run{'' if runs == 1 else 's'}", 560, max(200, 110 + 20 * len(scenarios)))
     for panel, (title, unit, value, target, is_logarithmic) in zip(axes.flat, TRACKING_PANELS):
         for index, name in enumerate(estimators):
             points = [(value(e["summary"]), y) for y, s in enumerate(scenarios) for e in s["estimators"] if e["name"] == name]

@@ -34,6 +34,24 @@ Eigen::VectorXd Determinant(const Eigen::VectorXd& p, const Eigen::VectorXd& q, 
   return PolynomialProduct(p, q2) - PolynomialProduct(p2, q);
 }
 
+// Newton's method, as long as it reduces the polynomial's absolute value: of a split double root, the real part alone
+// is accurate only to the square root of the rounding error.
+double Polish(const Eigen::VectorXd& coefficients, double x) {
+  constexpr int kSteps = 3;
+  for (int i = 0; i < kSteps; ++i) {
+    double value = 0.0, slope = 0.0;
+    for (Eigen::Index k = coefficients.size(); k-- > 0;) {
+      slope = slope * x + value;
+      value = value * x + coefficients[k];
+    }
+    if (slope == 0.0) break;
+    const double next = x - value / slope;
+    if (!(std::abs(Eigen::poly_eval(coefficients, next)) < std::abs(value))) break;
+    x = next;
+  }
+  return x;
+}
+
 double At(const Eigen::Vector3d& k, double alpha_rad) {
   return k[0] + k[1] * std::cos(alpha_rad) + k[2] * std::sin(alpha_rad);
 }
@@ -126,12 +144,13 @@ std::vector<double> RealRoots(const Eigen::VectorXd& coefficients, double imagin
   const double largest = coefficients.cwiseAbs().maxCoeff();
   while (degree > 0 && !(std::abs(coefficients[degree]) > kVanishes * largest)) --degree;
   if (degree < 1) return {};
-  const Eigen::PolynomialSolver<double, Eigen::Dynamic> solver(coefficients.head(degree + 1));
+  const Eigen::VectorXd polynomial = coefficients.head(degree + 1);
+  const Eigen::PolynomialSolver<double, Eigen::Dynamic> solver(polynomial);
   std::vector<double> roots;
   for (const auto& root : solver.roots()) {
     // Of a conjugate pair one root counts.
     if (root.imag() < 0.0 || root.imag() > imaginary_ratio * (1.0 + std::abs(root.real()))) continue;
-    roots.push_back(root.real());
+    roots.push_back(Polish(polynomial, root.real()));
   }
   std::sort(roots.begin(), roots.end());
   return roots;
