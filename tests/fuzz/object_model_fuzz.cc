@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// A model file, on any bytes: it is refused in words, or makes a model whose indices and numbers can be relied on.
+// A model file of any bytes is refused with an error text, or gives a model with valid indices and finite numbers.
 #include <cmath>
 #include <iterator>
 
