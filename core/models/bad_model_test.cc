@@ -173,7 +173,7 @@ TEST(BadModelTest, EveryTruncationIsAnErrorOrAWholeModel) {
     for (size_t length = 0; length < text.size(); ++length) {
       const auto model = Parse(text.substr(0, length), format);
       if (format == ModelFormat::kObj) continue;  // a shorter OBJ may be a model; it must only not crash
-      // All that may be missing is the line feed, or the last word's last digits or letters.
+      // A model may lack the line feed, or the last digits or letters of its last word.
       EXPECT_TRUE(!model.ok() || length + 8 >= text.size()) << text.substr(0, length);
     }
   }

@@ -12,22 +12,22 @@
 namespace evpose {
 namespace {
 
-// Directions that may belong to one straight line; the tolerance decides.
+// Least cosine between lines that are compared (2.6 degrees): skips most pairs. The tolerance decides about the others.
 constexpr double kNearlyParallelCosine = 0.999;
-constexpr double kSameWayCosine = 0.9;
+constexpr double kMatchingNormalCosine = 0.9;  // 25 degrees
 
-struct Straight {
+struct StraightLine {
   Eigen::Vector3d p1, direction;
   double length_m;
 };
 
-Straight StraightOf(const ModelLine& line) {
+StraightLine StraightLineOf(const ModelLine& line) {
   const double length_m = (line.p2 - line.p1).norm();
   return {line.p1, (line.p2 - line.p1) / length_m, length_m};
 }
 
-// Both ends of `line` near the straight line of `longer`, and enough of it between that one's ends.
-bool IsPartOf(const ModelLine& line, const Straight& longer, double tolerance_m, double min_overlap_m) {
+// Whether both ends of `line` are near the straight line of `longer`, and enough of it lies between the ends of that.
+bool IsPartOf(const ModelLine& line, const StraightLine& longer, double tolerance_m, double min_overlap_m) {
   const Eigen::Vector3d d1 = line.p1 - longer.p1, d2 = line.p2 - longer.p1;
   if (d1.cross(longer.direction).norm() > tolerance_m || d2.cross(longer.direction).norm() > tolerance_m) return false;
   const double t1 = d1.dot(longer.direction), t2 = d2.dot(longer.direction);
@@ -36,24 +36,25 @@ bool IsPartOf(const ModelLine& line, const Straight& longer, double tolerance_m,
 
 }  // namespace
 
-bool HasItsLike(const Eigen::Vector3d& normal, absl::Span<const Eigen::Vector3d> normals, double cosine) {
+bool ContainsNormal(const Eigen::Vector3d& normal, absl::Span<const Eigen::Vector3d> normals, double cosine) {
   return std::any_of(normals.begin(), normals.end(),
                      [&](const Eigen::Vector3d& other) { return other.dot(normal) > cosine; });
 }
 
-bool LookTheSameWay(absl::Span<const Eigen::Vector3d> a, absl::Span<const Eigen::Vector3d> b) {
-  const auto each_has_its_like = [](absl::Span<const Eigen::Vector3d> from, absl::Span<const Eigen::Vector3d> to) {
-    return std::all_of(from.begin(), from.end(),
-                       [&](const Eigen::Vector3d& normal) { return HasItsLike(normal, to, kSameWayCosine); });
+bool HaveMatchingNormals(absl::Span<const Eigen::Vector3d> a, absl::Span<const Eigen::Vector3d> b) {
+  const auto contains_each = [](absl::Span<const Eigen::Vector3d> from, absl::Span<const Eigen::Vector3d> to) {
+    return std::all_of(from.begin(), from.end(), [&](const Eigen::Vector3d& normal) {
+      return ContainsNormal(normal, to, kMatchingNormalCosine);
+    });
   };
-  return each_has_its_like(a, b) && each_has_its_like(b, a);
+  return contains_each(a, b) && contains_each(b, a);
 }
 
 std::vector<std::vector<uint32_t>> GroupCollinear(absl::Span<const ModelLine> lines, double tolerance_m,
                                                   double min_overlap_m, bool same_faces) {
-  std::vector<Straight> straight;
-  for (const ModelLine& line : lines) straight.push_back(StraightOf(line));
-  std::vector<uint32_t> first(lines.size());  // of the group; found by following it to itself
+  std::vector<StraightLine> straight;
+  for (const ModelLine& line : lines) straight.push_back(StraightLineOf(line));
+  std::vector<uint32_t> first(lines.size());  // an earlier line of the group, or itself: a disjoint-set forest
   std::iota(first.begin(), first.end(), 0u);
   const auto root = [&first](uint32_t i) {
     while (first[i] != i) i = first[i] = first[first[i]];
@@ -65,7 +66,7 @@ std::vector<std::vector<uint32_t>> GroupCollinear(absl::Span<const ModelLine> li
       const bool i_is_longer = straight[i].length_m >= straight[j].length_m;
       const uint32_t longer = i_is_longer ? i : j, shorter = i_is_longer ? j : i;
       if (!IsPartOf(lines[shorter], straight[longer], tolerance_m, min_overlap_m)) continue;
-      if (same_faces && !LookTheSameWay(lines[i].face_normals, lines[j].face_normals)) continue;
+      if (same_faces && !HaveMatchingNormals(lines[i].face_normals, lines[j].face_normals)) continue;
       const uint32_t a = root(i), b = root(j);
       first[std::max(a, b)] = std::min(a, b);
     }
@@ -81,7 +82,7 @@ std::optional<ModelLine> JoinCollinear(absl::Span<const ModelLine> lines, absl::
   const auto longest = std::max_element(group.begin(), group.end(), [&](uint32_t a, uint32_t b) {
     return (lines[a].p2 - lines[a].p1).squaredNorm() < (lines[b].p2 - lines[b].p1).squaredNorm();
   });
-  const Straight straight = StraightOf(lines[*longest]);
+  const StraightLine straight = StraightLineOf(lines[*longest]);
   ModelLine joined = lines[*longest];
   double begin = 0.0, end = straight.length_m;
   for (const uint32_t member : group) {
@@ -94,7 +95,7 @@ std::optional<ModelLine> JoinCollinear(absl::Span<const ModelLine> lines, absl::
       end = std::max(end, t);
     }
     for (const Eigen::Vector3d& normal : lines[member].face_normals) {
-      if (!HasItsLike(normal, joined.face_normals, kSameNormalCosine)) joined.face_normals.push_back(normal);
+      if (!ContainsNormal(normal, joined.face_normals, kSameNormalCosine)) joined.face_normals.push_back(normal);
     }
   }
   return joined;
@@ -112,7 +113,7 @@ void MergeOverlapping(double tolerance_m, std::vector<ModelLine>& lines, std::ve
     }
   }
   if (merged.size() < lines.size()) {
-    notices.push_back(absl::StrCat(lines.size() - merged.size(), " lines merged with others that they overlap"));
+    notices.push_back(absl::StrCat(lines.size() - merged.size(), " lines merged with overlapping ones"));
   }
   lines = std::move(merged);
 }

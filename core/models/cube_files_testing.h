@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// The unit cube in every format, and how tests read it.
+// The unit cube in every format, and functions that read it for tests.
 #pragma once
 
 #include <gtest/gtest.h>

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// The edges of a mesh with shared vertices, each with the triangles that meet in it.
+// The edges of a mesh with shared vertices, each with the triangles that have it as a side.
 #pragma once
 
 #include <array>
@@ -17,12 +17,13 @@ struct EdgeUse {
   uint32_t high;
   uint32_t triangle;
   uint8_t side;     // from corner `side` to the next one
-  bool is_forward;  // the triangle runs from low to high
+  bool is_forward;  // the winding of the triangle goes from low to high
 };
 
-// Sorted, so that the uses of an edge stand together.
+// All sides of all triangles, sorted by edge: the uses of an edge are consecutive.
 std::vector<EdgeUse> SortedEdgeUses(absl::Span<const std::array<uint32_t, 3>> triangles);
 
+// Calls `function` once for each edge, with its uses.
 template <typename Function>  // void(absl::Span<const EdgeUse>)
 void ForEachEdge(const std::vector<EdgeUse>& uses, const Function& function) {
   for (size_t begin = 0; begin < uses.size();) {

@@ -24,9 +24,10 @@ struct CellHash {
   }
 };
 
-// Points that stay, by cells of a grid. Looked up only, so that the order of a hash map decides nothing.
+// The kept points in the cells of a grid. The hash map is never iterated, so that its order has no effect.
 class PointGrid {
  public:
+  // A cell is four tolerances wide, so that a search visits at most two cells per axis.
   explicit PointGrid(double tolerance_m) : tolerance_m_(tolerance_m), inverse_cell_m_(0.25 / tolerance_m) {}
 
   // The first point of `kept` within the tolerance, or `kept.size()` after appending the new one.
@@ -83,7 +84,7 @@ bool HasArea(const RawMesh& model, const std::array<uint32_t, 3>& triangle, doub
   return ab.cross(ac).squaredNorm() > min_height_m * min_height_m * longest2;
 }
 
-// Removes all but the first of the items with equal keys; keeps the order. Returns how many were removed.
+// Removes all but the first of the items with equal keys and keeps the order. Returns the number of removed items.
 template <typename Item, typename Key>
 size_t RemoveDuplicates(std::vector<Item>& items, const Key& key) {
   std::vector<uint32_t> order(items.size());
@@ -127,7 +128,7 @@ class Orienter {
     });
   }
 
-  // Returns how many triangles were turned.
+  // Returns the number of triangles whose winding was reversed.
   size_t Orient() {
     state_.assign(model_.triangles.size(), State::kUnseen);
     size_t turned = 0;
@@ -168,7 +169,7 @@ class Orienter {
     const size_t marked =
         std::count_if(surface.begin(), surface.end(), [this](uint32_t t) { return state_[t] == State::kTurn; });
     State to_turn = 2 * marked > surface.size() ? State::kAsIs : State::kTurn;
-    // Volume of the surface when the triangles marked kTurn are turned.
+    // Volume of the surface with the triangles marked kTurn reversed.
     const double volume = is_closed ? Volume(surface) : 0.0;
     if (volume > 0.0) to_turn = State::kTurn;
     if (volume < 0.0) to_turn = State::kAsIs;
@@ -181,7 +182,7 @@ class Orienter {
     return turned;
   }
 
-  // 0 when it is nothing but rounding: a sheet with two sides.
+  // Returns 0 if the volume is within rounding errors, as that of a sheet with two sides.
   double Volume(const std::vector<uint32_t>& surface) const {
     const Eigen::Vector3d origin = model_.points[model_.triangles[surface[0]][0]];
     double volume = 0.0, magnitude = 0.0;
@@ -192,7 +193,8 @@ class Orienter {
       volume += state_[t] == State::kTurn ? -part : part;
       magnitude += std::abs(part);
     }
-    return std::abs(volume) > 1e-9 * magnitude ? volume : 0.0;
+    constexpr double kRounding = 1e-9;  // of some million additions in double precision
+    return std::abs(volume) > kRounding * magnitude ? volume : 0.0;
   }
 
   RawMesh& model_;
@@ -237,14 +239,14 @@ void Weld(double tolerance_m, RawMesh& model, std::vector<std::string>& notices)
   }
 
   AddNotice(std::erase_if(model.triangles, [&](const auto& t) { return !HasArea(model, t, tolerance_m); }),
-            "triangles without an area dropped", notices);
-  // The same corners in the same direction of rotation; the other side of a sheet is another triangle.
+            "triangles without area dropped", notices);
+  // Duplicates have the same corners in the same cyclic order; the other side of a sheet has the reverse order.
   AddNotice(RemoveDuplicates(model.triangles,
                              [](std::array<uint32_t, 3> t) {
                                std::rotate(t.begin(), std::min_element(t.begin(), t.end()), t.end());
                                return t;
                              }),
-            "triangles dropped that stand there twice", notices);
+            "duplicate triangles dropped", notices);
   AddNotice(std::erase_if(model.lines, [](const auto& line) { return line[0] == line[1]; }),
             "lines of length zero dropped", notices);
   AddNotice(RemoveDuplicates(model.lines,
@@ -252,12 +254,12 @@ void Weld(double tolerance_m, RawMesh& model, std::vector<std::string>& notices)
                                std::sort(line.begin(), line.end());
                                return line;
                              }),
-            "lines dropped that stand there twice", notices);
+            "duplicate lines dropped", notices);
 }
 
 void OrientTriangles(RawMesh& model, std::vector<std::string>& notices) {
-  AddNotice(Orienter(model).Orient(), "triangles turned: their winding was not that of their neighbours, or inward",
-            notices);
+  AddNotice(Orienter(model).Orient(),
+            "triangles turned: their winding differed from that of their neighbours or was inward", notices);
 }
 
 }  // namespace evpose

@@ -17,12 +17,14 @@
 namespace evpose {
 namespace {
 
-// An edge list that is longer than this many times the limit on lines is not worth joining.
+// A mesh with more edges than this many times the limit on lines is refused before its edges are joined: bounds the
+// time.
 constexpr size_t kEdgesPerLine = 64;
-// Edges continue each other when they turn by less than this (rad): coordinates in single precision leave 1e-4 on an
-// edge of a thousandth of the model, and a polygon of 1000 corners turns by 6e-3 at each.
+// Edges that turn by less than this (rad) continue each other. Single precision causes turns of 1e-4 at edges of a
+// thousandth of the model's size; a polygon of 1000 corners turns by 6e-3 at each.
 constexpr double kCollinearAngle = 2e-3;
-// Normals of faces that count as one plane when edges are joined: slivers have rough normals. 1 degree.
+// Faces of edges that are joined are the same if their normals have at least this cosine (1 degree): slivers have
+// inaccurate normals.
 constexpr double kSameFaceCosine = 0.99985;
 
 struct Edge {
@@ -31,10 +33,10 @@ struct Edge {
 };
 
 void AddDistinct(const Eigen::Vector3d& normal, std::vector<Eigen::Vector3d>& normals) {
-  if (!HasItsLike(normal, normals, kSameNormalCosine)) normals.push_back(normal);
+  if (!ContainsNormal(normal, normals, kSameNormalCosine)) normals.push_back(normal);
 }
 
-// Direction, square to the edge, in which a face leaves it.
+// Unit vector perpendicular to the edge, in the plane of the face and towards its inside.
 Eigen::Vector3d Wing(const RawMesh& model, const EdgeUse& use) {
   const Eigen::Vector3d edge = (model.points[use.high] - model.points[use.low]).normalized();
   const Eigen::Vector3d across =
@@ -47,8 +49,8 @@ Eigen::Vector3d Normal(const RawMesh& model, uint32_t triangle) {
   return (model.points[j] - model.points[i]).cross(model.points[k] - model.points[i]).normalized();
 }
 
-// Faces on both sides that go on without a crease. By wings rather than normals: right for any winding, and for any
-// number of faces.
+// Whether the surface continues across the edge without a crease. Wings serve for any winding and any number of faces,
+// unlike normals.
 bool IsSmooth(const RawMesh& model, absl::Span<const EdgeUse> uses, double crease_cosine) {
   const Eigen::Vector3d first = Wing(model, uses[0]);
   bool has_opposite = false;
@@ -60,7 +62,7 @@ bool IsSmooth(const RawMesh& model, absl::Span<const EdgeUse> uses, double creas
   return has_opposite;
 }
 
-// Links the ends of edges that continue each other and walks the chains.
+// Joins edges that continue each other: links their ends, follows the chains and cuts them into straight parts.
 class EdgeJoiner {
  public:
   EdgeJoiner(const RawMesh& model, const std::vector<Edge>& edges, double tolerance_m)
@@ -70,7 +72,7 @@ class EdgeJoiner {
     LinkEnds();
     std::vector<ModelLine> lines;
     visited_.assign(edges_.size(), false);
-    // Chains from their ends first; what is left are rings of many short edges, begun anywhere.
+    // First the chains that have an end; the rest are rings of many short edges, which begin at their first edge.
     for (const bool from_ends : {true, false}) {
       for (uint32_t e = 0; e < edges_.size(); ++e) {
         if (visited_[e]) continue;
@@ -100,7 +102,7 @@ class EdgeJoiner {
   bool HaveSameFaces(const Edge& a, const Edge& b) const {
     return a.normals.size() == b.normals.size() &&
            std::all_of(a.normals.begin(), a.normals.end(),
-                       [&](const Eigen::Vector3d& n) { return HasItsLike(n, b.normals, kSameFaceCosine); });
+                       [&](const Eigen::Vector3d& n) { return ContainsNormal(n, b.normals, kSameFaceCosine); });
   }
 
   void LinkEnds() {
@@ -120,7 +122,7 @@ class EdgeJoiner {
   }
 
   void LinkAtVertex(absl::Span<const End> ends) {
-    // In a fan of many edges, hardly any continue each other, and comparing all pairs would take too long.
+    // All pairs of more ends would take too long, and hardly any edges of a large fan continue each other.
     constexpr size_t kMaxEnds = 64;
     if (ends.size() > kMaxEnds) return;
     for (size_t i = 0; i < ends.size(); ++i) {
@@ -151,7 +153,8 @@ class EdgeJoiner {
     SplitChain(lines);
   }
 
-  // One line where the chain is straight; else it is cut at the farthest vertex, and so on (Douglas and Peucker, 1973).
+  // Appends the chain as one line if it is straight; else cuts it at the farthest vertex and repeats this for the parts
+  // (Douglas and Peucker, 1973).
   void SplitChain(std::vector<ModelLine>& lines) {
     std::vector<std::pair<size_t, size_t>> parts = {{0, chain_vertices_.size() - 1}};
     while (!parts.empty()) {
@@ -168,7 +171,7 @@ class EdgeJoiner {
         farthest_m = distance_m;
         cut = i;
       }
-      // A ring has no direction of its own.
+      // The two ends of a ring are one point and give no direction: it is cut in the middle.
       if (chain_vertices_[begin] == chain_vertices_[end]) cut = begin + (end - begin) / 2;
       if (cut == begin) {
         lines.push_back({p1, p2, edges_[chain_edges_[(begin + end) / 2]].normals});
@@ -182,18 +185,19 @@ class EdgeJoiner {
   const RawMesh& model_;
   const std::vector<Edge>& edges_;
   const double tolerance_m_;
-  std::vector<std::array<uint32_t, 2>> links_;  // the edge that continues each end
+  std::vector<std::array<uint32_t, 2>> links_;  // for both ends of each edge, the edge that continues it
   std::vector<bool> visited_;
   std::vector<uint32_t> chain_vertices_;
   std::vector<uint32_t> chain_edges_;
 };
 
-// Normals of the faces at one point of a line: those that are as near as the nearest.
+// Adds the normals of the faces nearest to one point of a line.
 void AddNormalsAt(const Eigen::Vector3d& point, const Eigen::Vector3d& direction, const TriangleBvh& faces,
                   double diameter_m, std::vector<TriangleBvh::Near>& found, std::vector<Eigen::Vector3d>& normals) {
-  // A line drawn a little above its face belongs to it; the other side of a thin plate, at another distance, does not.
+  // Relative to the diameter. A line may be drawn a little above its face; the other side of a thin plate, which is at
+  // another distance, does not belong to it.
   constexpr double kSurfaceTolerance = 1e-3, kSameDistance = 1e-5;
-  // Steeper lines pierce the face: 2 degrees.
+  // Sine of 2 degrees: steeper lines pierce the face.
   constexpr double kMaxSlope = 0.035;
   faces.FindNear(point, kSurfaceTolerance * diameter_m, found);
   std::erase_if(found, [&](const TriangleBvh::Near& near) { return std::abs(near.normal.dot(direction)) > kMaxSlope; });
@@ -218,7 +222,7 @@ absl::StatusOr<std::vector<ModelLine>> CreaseLines(const RawMesh& model, double 
   const auto too_many = [&](size_t count) {
     return absl::InvalidArgumentError(absl::StrFormat(
         "the mesh has %s%d lines, more than the limit of %d; simplify it, raise the crease angle, or draw "
-        "the lines that matter as OBJ line elements (l)",
+        "the important lines as OBJ line elements (l)",
         count > kEdgesPerLine * max_lines ? "over " : "", count, max_lines));
   };
   if (edges.size() > kEdgesPerLine * max_lines) return too_many(edges.size());
@@ -228,7 +232,8 @@ absl::StatusOr<std::vector<ModelLine>> CreaseLines(const RawMesh& model, double 
 }
 
 std::vector<ModelLine> PaintedLines(const RawMesh& model, const TriangleBvh& faces, double diameter_m) {
-  // Away from the ends, where other faces begin. A face counts from two points on: one may be chance.
+  // Shares of the line at which faces are searched, irregular and away from the ends, where other faces begin. A face
+  // counts if it is found at two of them: a line that crosses another face meets it at one.
   constexpr double kSamples[] = {0.13, 0.31, 0.5, 0.71, 0.87};
   constexpr int kMinSamples = 2;
   std::vector<ModelLine> lines;

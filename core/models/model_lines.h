@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// The lines of a model: from the edges of its mesh, or from its line elements.
+// The lines of a model, from the edges of its mesh or from its line elements (core/models/README.md, section 4).
 #pragma once
 
 #include <cstddef>
@@ -13,14 +13,14 @@
 
 namespace evpose {
 
-// Boundary edges and edges whose faces turn by more than the angle, with their faces' normals; collinear ones that
-// continue each other are joined. Where more than two faces meet in an edge, it has the normals of all of them.
-// `model` must be welded. Errors: INVALID_ARGUMENT for more than `max_lines` lines.
+// Boundary edges and edges at which the surface turns by more than the angle, with the normals of all their faces.
+// Collinear edges that continue each other are joined. `model` must be welded. Errors: INVALID_ARGUMENT for more than
+// `max_lines` lines.
 absl::StatusOr<std::vector<ModelLine>> CreaseLines(const RawMesh& model, double crease_angle_deg, size_t max_lines);
 
-// The line elements with the normals of the faces that they lie on or border on: along an edge both faces' (one, where
-// they are parallel), on a face its own, none when the line lies on nothing. `faces` is the hierarchy of the same
-// model.
+// The line elements with the normals of the faces on which they lie: the normals of both faces along an edge (one if
+// these are parallel), that of the face inside a face, none away from all faces. `faces` is the search tree of the same
+// mesh, `diameter_m` the diameter of the model.
 std::vector<ModelLine> PaintedLines(const RawMesh& model, const TriangleBvh& faces, double diameter_m);
 
 }  // namespace evpose

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// What is tracked: a mesh that hides, and the lines that show.
+// Object models: the lines of an object, which produce events, and its surface, which hides lines
+// (core/models/README.md).
 #pragma once
 
 #include <Eigen/Core>
@@ -20,8 +21,8 @@ enum class ModelFormat { kObj, kPly, kStl };
 struct ModelLine {
   Eigen::Vector3d p1;  // object frame, metres
   Eigen::Vector3d p2;
-  // Outward unit normals of the adjacent faces: 0 (a wire, or painted on nothing), 1 (boundary) or 2 (crease); more
-  // where more faces meet in one edge. A line painted on a face has that face's normal, once.
+  // Outward unit normals of the adjacent faces, distinct: none for a wire, 1 for a boundary or a line drawn on a face,
+  // 2 for a crease, more where more faces meet in one edge.
   std::vector<Eigen::Vector3d> face_normals;
 };
 
@@ -30,35 +31,38 @@ struct ObjectModel {
   std::vector<std::array<uint32_t, 3>> triangles;  // counter-clockwise seen from outside
   std::vector<ModelLine> lines;
   double diameter_m = 0.0;  // largest distance between two points of the model
-  // object_from_object motions that map the object onto itself (symmetry.h), the identity first; empty stands for the
+  // object_from_object motions that map the object onto itself (symmetry.h), the identity first. Empty means the
   // identity alone.
   std::vector<RigidTransform> symmetries;
-  std::vector<std::string> notices;  // what was merged or dropped at loading: duplicate or zero-length lines
+  std::vector<std::string> notices;  // elements merged, dropped or turned while loading, for the user
 };
 
 struct ModelOptions {
-  double metres_per_unit = 1.0;    // scale of the file's numbers
-  double crease_angle_deg = 30.0;  // an edge whose faces' normals differ by more is a line; coplanar ones are not
-  size_t max_bytes = 64u << 20;    // larger files are refused: bounds memory for uploads
-  size_t max_lines = 4096;
-  size_t max_triangles = 2'000'000;
+  double metres_per_unit = 1.0;  // scale of the file's numbers; 0.001 for millimetres
+  // An edge is a line if its faces' normals differ by more. A cylinder of 16 sides turns by 22.5 at each edge and is
+  // round; the creases of machined parts turn by 45 or 90.
+  double crease_angle_deg = 30.0;
+  size_t max_bytes = 64u << 20;      // larger files are refused: bounds the memory for uploads
+  size_t max_lines = 4096;           // lines are compared in pairs while loading, and all are projected for each window
+  size_t max_triangles = 2'000'000;  // bounds memory: the search tree takes some 150 bytes for each
 
   absl::Status Validate() const;
 };
 
-// OBJ line elements (`l`) are the lines when there are any, as they are drawn; else crease and boundary edges: coplanar
-// neighbours' edges are not lines, and collinear edges that continue each other are joined. Lines of length zero and
-// duplicates are dropped, and lines that overlap are made one, with a notice. The symmetries are FindSymmetries()'s.
-// Triangles are given one winding, outward where a surface is closed. No other file is opened, whatever the bytes name.
-// Errors, INVALID_ARGUMENT: unreadable (with the loader's words), no line and no face, no line at all, a number that is
-// not finite, an index out of range, more than the options allow.
+// Reads a model file (formats: core/models/README.md, section 1). If an OBJ has line elements (`l`), they are the lines
+// of the model; else its lines are the crease and boundary edges of the mesh, collinear ones joined. Lines of length
+// zero and duplicates are dropped and overlapping lines merged, with a notice. Triangles get one winding, outward where
+// a surface is closed. Symmetries are found by FindSymmetries(). No other file is opened, even if the file names one.
+// Errors, INVALID_ARGUMENT: malformed (with the place), no line and no face, no line at all, a number that is not
+// finite, an index out of range, a size of zero, more than the options allow.
 absl::StatusOr<ObjectModel> ParseObjectModel(absl::Span<const uint8_t> bytes, ModelFormat format,
                                              const ModelOptions& options);
-// The format from the file's ending. Errors name the path: NOT_FOUND, INVALID_ARGUMENT (also for an unknown ending).
+// The same for a file, whose format its extension determines. Errors name the path: NOT_FOUND, INVALID_ARGUMENT (also
+// for an unknown extension).
 absl::StatusOr<ObjectModel> LoadObjectModel(const std::string& path, const ModelOptions& options = {});
 absl::StatusOr<ModelFormat> ModelFormatFromPath(const std::string& path);
 
-// OBJ text with `v`, `f` and `l` elements.
+// Writes OBJ text with `v`, `f` and `l` statements. Reading it back gives the same model up to single precision.
 std::string ObjectModelToObj(const ObjectModel& model);
 
 }  // namespace evpose

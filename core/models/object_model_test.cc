@@ -33,7 +33,7 @@ double SignedVolume(const ObjectModel& model) {
   return volume;
 }
 
-// The lines' ends as a set, independent of order and direction.
+// The ends of the lines as a set, independent of order and direction.
 std::multiset<std::string> LineSet(const ObjectModel& model) {
   std::multiset<std::string> set;
   for (const ModelLine& line : model.lines) {
@@ -127,7 +127,7 @@ TEST(ObjectModelTest, ObjNumbers) {
 }
 
 TEST(ObjectModelTest, MaterialFilesAreNotOpened) {
-  // A pipe without a writer: opening it would wait for ever.
+  // A pipe without a writer: opening it would block.
   const std::string pipe = testing::TempDir() + "/evpose_object_model_test.mtl";
   ExpectIsUnitCube(MustParse(absl::StrCat("mtllib ", pipe, "\nmtllib /etc/passwd\n", Cube())));
 }
@@ -191,7 +191,7 @@ TEST(ObjectModelTest, DuplicateAndEmptyLinesAreDroppedWithANotice) {
       MustParse(absl::StrCat(kCubeVertices, "v 1 0 0\nl 1 2\nl 2 1\nl 9 1\nl 3 3\nl 2 9\nl 3 4\n"));
   EXPECT_THAT(model.lines, SizeIs(2));
   EXPECT_THAT(model.notices, Contains("2 lines of length zero dropped"));
-  EXPECT_THAT(model.notices, Contains("2 lines dropped that stand there twice"));
+  EXPECT_THAT(model.notices, Contains("2 duplicate lines dropped"));
 }
 
 TEST(ObjectModelTest, OverlappingLinesAreOne) {
@@ -199,13 +199,13 @@ TEST(ObjectModelTest, OverlappingLinesAreOne) {
   const std::string points = "v 0 0 0\nv 1 0 0\nv 0.25 0 0\nv 0.5 0 0\nv 1.5 0 0\nv -1 0 0\nv 0 1 0\nv 0 2 0\n";
   const ObjectModel part = MustParse(points + "l 1 2\nl 3 4\nl 1 7\nl 7 8\n");
   EXPECT_THAT(LineSet(part), testing::UnorderedElementsAre("(0 0 0)(1 0 0)", "(0 0 0)(0 1 0)", "(0 1 0)(0 2 0)"));
-  EXPECT_THAT(part.notices, ElementsAre("1 lines merged with others that they overlap"));
+  EXPECT_THAT(part.notices, ElementsAre("1 lines merged with overlapping ones"));
   const ObjectModel pieces = MustParse(points + "l 1 2\nl 2 4 1\n");
   EXPECT_THAT(LineSet(pieces), testing::UnorderedElementsAre("(0 0 0)(1 0 0)"));
-  EXPECT_THAT(pieces.notices, ElementsAre("2 lines merged with others that they overlap"));
+  EXPECT_THAT(pieces.notices, ElementsAre("2 lines merged with overlapping ones"));
   const ObjectModel longer = MustParse(points + "l 4 5\nl 2 1\nl 6 3\n");
   EXPECT_THAT(LineSet(longer), testing::UnorderedElementsAre("(-1 0 0)(1.5 0 0)"));
-  EXPECT_THAT(longer.notices, ElementsAre("2 lines merged with others that they overlap"));
+  EXPECT_THAT(longer.notices, ElementsAre("2 lines merged with overlapping ones"));
 }
 
 TEST(ObjectModelTest, LinesNearEachOtherAreTwo) {
@@ -228,7 +228,7 @@ TEST(ObjectModelTest, EdgesOfTwoPartsThatMeetAreOneInEveryMeshFormat) {
       ModelFormat::kPly);
   for (const ObjectModel* loaded : {&model, &from_stl, &from_ply}) {
     EXPECT_THAT(loaded->lines, SizeIs(7));
-    EXPECT_THAT(loaded->notices, Contains("1 lines merged with others that they overlap"));
+    EXPECT_THAT(loaded->notices, Contains("1 lines merged with overlapping ones"));
     const auto upper_edge = std::find_if(loaded->lines.begin(), loaded->lines.end(), [](const ModelLine& line) {
       return line.p1.z() == 1.0 && line.p2.z() == 1.0;
     });
@@ -247,7 +247,7 @@ TEST(ObjectModelTest, SheetHasItsBoundary) {
   }
 }
 
-// An n x n grid of quads on z = 0, and `fold` more rows that go up at the end.
+// An n x n grid of squares, cut into triangles, at z = 0.1.
 std::string Grid(int n, double scale) {
   std::string obj;
   for (int y = 0; y <= n; ++y) {
@@ -269,7 +269,7 @@ TEST(ObjectModelTest, CollinearEdgesAreJoined) {
 }
 
 TEST(ObjectModelTest, CurvedEdgesAreNotJoined) {
-  // A disc of many corners, cut into triangles: its rim may lose no corner that stands out.
+  // A disc of many corners, cut into triangles: its rim keeps all corners.
   constexpr int kCorners = 360;
   std::string obj = "v 0 0 0\n";
   for (int i = 0; i < kCorners; ++i) {
@@ -413,7 +413,7 @@ TEST(ObjectModelTest, MoebiusStripStaysAsItIs) {
 }
 
 TEST(ObjectModelTest, ConcavePolygonKeepsItsShape) {
-  // An L of area 3: a fan from its first corner would cover 4 somewhere and leave it.
+  // An L of area 3: a fan from its first corner would extend beyond it and have another area.
   const ObjectModel model = MustParse("v 2 0 0\nv 2 1 0\nv 1 1 0\nv 1 2 0\nv 0 2 0\nv 0 0 0\nf 1 2 3 4 5 6\n");
   double area = 0.0;
   for (const auto& [i, j, k] : model.triangles) {

@@ -21,29 +21,30 @@ namespace {
 using Eigen::Matrix3d;
 using Eigen::Vector3d;
 
-// More lines are not searched: they are compared in pairs.
+// Models with more lines are not searched: joining collinear lines compares all pairs.
 constexpr size_t kMaxLines = 8192;
 // A prism of 1365 sides has as many lines as a model may have, and 2730 symmetries.
 constexpr size_t kMaxSymmetries = 4096;
-// Comparisons of one line with the model's, some seconds.
+// Searches for the image of one line: some seconds.
 constexpr int64_t kMaxComparisons = 5'000'000;
-// Lines that refine a rotation; all are compared once before it is taken.
+// Lines from which a rotation is refined; all lines are compared once before it is accepted.
 constexpr size_t kMaxRefiningLines = 64;
 
-// In tolerances. A rotation from two points may leave lines this far apart before it is refined.
+// In units of the tolerance. Largest distance between a line and its image under a rotation from two points, before it
+// is refined: the error of two points grows towards the other end of the object.
 constexpr double kRoughTolerance = 8.0;
-// Rotations that move no point farther apart are one.
+// Rotations whose images of the outermost point are at most this far apart are the same.
 constexpr double kSameRotation = 1.5;
-// A product of two rotations that are each within one tolerance.
+// Largest distance for the product of two rotations, each of which is within one tolerance.
 constexpr double kProductTolerance = 2.0;
 
-// Two points of the model by whose images a rotation about the centre is known, and where each may fall.
+// Two points of the model, whose images determine a rotation about the centre, and the possible images of each.
 struct TwoPoints {
   Vector3d p, q;
   std::vector<Vector3d> images_of_p, images_of_q;
 };
 
-// Columns: along p, square to it in the plane of p and q, and the rest.
+// Columns: the direction of p, the perpendicular to it in the plane of p and q, and the normal of that plane.
 Matrix3d Frame(const Vector3d& p, const Vector3d& q) {
   Matrix3d frame;
   frame.col(0) = p.normalized();
@@ -52,15 +53,15 @@ Matrix3d Frame(const Vector3d& p, const Vector3d& q) {
   return frame;
 }
 
-// The rotation that carries one set of vectors onto the other best, from the sum of to * from^T (Kabsch, "A solution
-// for the best rotation to relate two sets of vectors", 1976).
+// The rotation that maps one set of vectors onto the other with the least sum of squares, from the sum of to * from^T
+// (Kabsch, "A solution for the best rotation to relate two sets of vectors", 1976).
 Matrix3d BestRotation(const Matrix3d& sum) {
   const Eigen::JacobiSVD<Matrix3d> svd(sum, Eigen::ComputeFullU | Eigen::ComputeFullV);
   const double sign = svd.matrixU().determinant() * svd.matrixV().determinant() < 0.0 ? -1.0 : 1.0;
   return svd.matrixU() * Vector3d(1.0, 1.0, sign).asDiagonal() * svd.matrixV().transpose();
 }
 
-// Ends of the segments; those within the tolerance of an earlier one are that one.
+// The ends of the segments without those that are within the tolerance of another one, sorted by x.
 std::vector<Vector3d> DistinctEnds(absl::Span<const CentredSegment> segments, double tolerance_m) {
   std::vector<Vector3d> ends;
   for (const CentredSegment& segment : segments) {
@@ -86,10 +87,10 @@ std::vector<Vector3d> PointsAtRadius(const std::vector<Vector3d>& points, double
   return found;
 }
 
-// Of the points that are far enough out, the one with the fewest others at its distance from the centre. `lever`: how
-// far out each is.
+// Returns the point with the fewest others at its distance from the centre, among those with a large lever: the
+// distance from the centre, or from an axis, over which the point determines a rotation.
 size_t RarestPoint(const std::vector<Vector3d>& points, const std::vector<double>& lever_m, double tolerance_m) {
-  constexpr double kFarEnough = 0.3;
+  constexpr double kFarEnough = 0.3;  // of the largest lever; a shorter one magnifies errors more than three times
   std::vector<double> radii;
   for (const Vector3d& point : points) radii.push_back(point.norm());
   std::sort(radii.begin(), radii.end());
@@ -107,7 +108,7 @@ size_t RarestPoint(const std::vector<Vector3d>& points, const std::vector<double
   return rarest;
 }
 
-// None when all points lie on one line through the centre: no rotation about it can be told.
+// nullopt if all points lie on one axis through the centre: a rotation about it leaves them in place.
 std::optional<TwoPoints> ChooseTwoPoints(const std::vector<Vector3d>& points, double tolerance_m) {
   if (points.empty()) return std::nullopt;
   std::vector<double> lever_m;
@@ -123,7 +124,8 @@ std::optional<TwoPoints> ChooseTwoPoints(const std::vector<Vector3d>& points, do
   return two;
 }
 
-// Grows the group from rotations that pass, so that of a large one only few are checked in full.
+// Completes the group by products of accepted rotations, so that only few rotations of a large group are tested in
+// full.
 class GroupSearch {
  public:
   GroupSearch(const ObjectModel& model, double tolerance_m)
@@ -161,16 +163,17 @@ class GroupSearch {
     if (surface_->IsMappedOntoItself(*rotation) && MapsAllLines(*rotation)) AddGenerator(*rotation);
   }
 
-  // Whether a rotation stands in the list, up to that many tolerances at the outermost point.
+  // Whether the list contains the rotation, up to a distance of that many tolerances at the outermost point.
   bool IsIn(const std::vector<Matrix3d>& list, const Matrix3d& rotation, double tolerances) const {
-    // The norm of the difference of two rotations is sqrt(2) times the small angle between them.
+    // The Frobenius norm of the difference of two rotations is sqrt(2) times the angle between them, if it is small.
     const double largest = std::sqrt(2.0) * tolerances * tolerance_m_ / radius_m_;
     return std::any_of(list.begin(), list.end(),
                        [&](const Matrix3d& other) { return (other - rotation).squaredNorm() <= largest * largest; });
   }
 
-  // The best rotation near this one for the lines, or for some of many, found in rounds that pair lines as far apart
-  // as each allows. None when in the end a line falls on no other.
+  // Refines a rotation in rounds: each pairs lines that are at most so many tolerances apart, and computes the best
+  // rotation for the pairs. Uses a sample if there are many lines. nullopt if a line has no partner, or has none within
+  // `tolerances` at the end.
   std::optional<Matrix3d> Refine(Matrix3d rotation, std::initializer_list<double> rounds, double tolerances) {
     for (const double allowed : rounds) {
       const std::optional<Matrix3d> sum = SumOfPairs(rotation, allowed);
@@ -181,7 +184,7 @@ class GroupSearch {
     return rotation;
   }
 
-  // Of to * from^T over the ends of paired lines, or none when a line has no partner.
+  // The sum of to * from^T over the ends of paired lines; nullopt if a line has no partner.
   std::optional<Matrix3d> SumOfPairs(const Matrix3d& rotation, double allowed) {
     const absl::Span<const CentredSegment> segments = lines_.segments();
     const size_t count = std::min(segments.size(), kMaxRefiningLines);
@@ -212,8 +215,8 @@ class GroupSearch {
     return lines_.Find(rotation, segment, tolerances * tolerance_m_);
   }
 
-  // All products of the group and a rotation outside it. Where one does not hold, tolerances have added up, and the
-  // group stays as it is.
+  // Adds all products of the group and a rotation that it does not contain. If a product does not map the lines onto
+  // lines, because tolerances have added up, the group stays as it is.
   void AddGenerator(const Matrix3d& rotation) {
     std::vector<Matrix3d> grown = group_;
     std::vector<Matrix3d> generators = generators_;
@@ -239,7 +242,7 @@ class GroupSearch {
   const double tolerance_m_;
   const CentredSegments lines_;
   double radius_m_ = 0.0;
-  std::unique_ptr<CentredSurface> surface_;  // when the first rotation asks for it: of most models, none does
+  std::unique_ptr<CentredSurface> surface_;  // built for the first rotation that needs it; most models have none
   std::vector<Matrix3d> group_ = {Matrix3d::Identity()};
   std::vector<Matrix3d> generators_;
   int64_t comparisons_ = 0;
@@ -257,7 +260,7 @@ std::vector<RigidTransform> FindSymmetries(const ObjectModel& model, double tole
   const double tolerance_m = tolerance_ratio * model.diameter_m;
   if (!(tolerance_m > 0.0)) return {RigidTransform()};
   if (model.lines.size() > kMaxLines) {
-    AddNotice(absl::StrFormat("symmetries not looked for: more than %d lines", kMaxLines), notices);
+    AddNotice(absl::StrFormat("symmetries not searched: more than %d lines", kMaxLines), notices);
     return {RigidTransform()};
   }
   GroupSearch search(model, tolerance_m);
@@ -271,13 +274,13 @@ std::vector<RigidTransform> FindSymmetries(const ObjectModel& model, double tole
   for (const Matrix3d& rotation : search.group()) {
     symmetries.push_back({rotation, search.centre() - rotation * search.centre()});
   }
-  symmetries[0] = RigidTransform();  // without the roundings of the centre
+  symmetries[0] = RigidTransform();  // exactly; the centre would leave rounding errors
   return symmetries;
 }
 
 RigidTransform NearestEquivalent(const RigidTransform& camera_from_object, absl::Span<const RigidTransform> symmetries,
                                  const RigidTransform& reference) {
-  // Cosines that differ by roundings are the same: which of them is first must not depend on the roundings.
+  // Traces that differ by less are equal: the choice between equivalent poses must not depend on rounding errors.
   constexpr double kRounding = 1e-9;
   const RigidTransform* nearest = nullptr;
   double largest_trace = 0.0;

@@ -39,8 +39,8 @@ CentredSegments::CentredSegments(const ObjectModel& model, double max_tolerance_
   BuildGrid();
 }
 
-// Cells are twice the largest tolerance wide: of the cube of that tolerance about a point, the eight corners' cells
-// are all that it meets. Corner 0 to 7 of the cube of half the side `offset`.
+// The cell of corner 0 to 7 of a cube about `point` with the half side `offset`. Cells are twice the largest tolerance
+// wide, so that a cube of that half side meets only the cells of its eight corners.
 uint64_t CentredSegments::Cell(const Eigen::Vector3d& point, const Eigen::Vector3d& offset, int corner) const {
   uint64_t cell = 0;
   for (int axis = 0; axis < 3; ++axis) {
@@ -62,12 +62,12 @@ std::optional<CentredSegments::Match> CentredSegments::Find(const Eigen::Matrix3
                                                             double tolerance_m) const {
   const CentredSegment& from = segments_[segment];
   const Eigen::Vector3d p1 = rotation * from.p1, p2 = rotation * from.p2, middle = 0.5 * (p1 + p2);
-  std::vector<Eigen::Vector3d> normals;  // rotated when a segment lies near enough to ask
-  const auto look_the_same_way = [&](const CentredSegment& to) {
+  std::vector<Eigen::Vector3d> normals;  // of `from`, rotated; computed for the first segment that is near enough
+  const auto normals_match = [&](const CentredSegment& to) {
     if (normals.empty()) {
       for (const Eigen::Vector3d& normal : from.normals) normals.push_back(rotation * normal);
     }
-    return LookTheSameWay(normals, to.normals);
+    return HaveMatchingNormals(normals, to.normals);
   };
   std::optional<Match> best;
   double best2 = tolerance_m * tolerance_m;
@@ -81,7 +81,7 @@ std::optional<CentredSegments::Match> CentredSegments::Find(const Eigen::Matrix3
       const double same2 = std::max((to.p1 - p1).squaredNorm(), (to.p2 - p2).squaredNorm());
       const double reversed2 = std::max((to.p1 - p2).squaredNorm(), (to.p2 - p1).squaredNorm());
       const double distance2 = std::min(same2, reversed2);
-      if (distance2 > best2 || !look_the_same_way(to)) continue;
+      if (distance2 > best2 || !normals_match(to)) continue;
       best2 = distance2;
       best = Match{entry->second, reversed2 < same2, std::sqrt(distance2)};
     }

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// The lines of a model about its centre, as the search for symmetries compares them.
+// The lines of a model relative to its centre, for the search for symmetries.
 #pragma once
 
 #include <Eigen/Core>
@@ -20,24 +20,25 @@ struct CentredSegment {
   std::vector<Eigen::Vector3d> normals;
 };
 
-// Lines that continue each other or overlap, with the same faces, are one segment: an edge drawn in two parts is the
-// edge. Immutable.
+// The segments of a model. Lines with matching faces that continue each other or overlap are one segment, so that the
+// division of an edge into lines has no effect. Immutable.
 class CentredSegments {
  public:
-  // `max_tolerance_m`: the largest that Find() will be asked for.
+  // `max_tolerance_m`: upper bound of the tolerance of Find().
   CentredSegments(const ObjectModel& model, double max_tolerance_m);
 
-  // Of the lines' length: every motion that maps the lines onto themselves leaves it where it is. Object frame, metres.
+  // The centre of the lines' length (core/models/README.md, equation (2)), which every symmetry keeps in place. Object
+  // frame, metres.
   const Eigen::Vector3d& centre() const { return centre_; }
   absl::Span<const CentredSegment> segments() const { return segments_; }
 
   struct Match {
     size_t index = 0;
-    bool is_reversed = false;  // p1 falls on p2
-    double distance_m = 0.0;   // of the ends that are farther apart
+    bool is_reversed = false;  // p1 is mapped onto p2
+    double distance_m = 0.0;   // larger one of the distances between ends
   };
-  // The segment that `rotation` maps this one to: the nearest with both ends within the tolerance, and whose faces
-  // look the same way. None: there is no such segment.
+  // The segment onto which `rotation` maps the given one: the nearest one with both ends within the tolerance and with
+  // matching normals. nullopt if there is none.
   std::optional<Match> Find(const Eigen::Matrix3d& rotation, size_t segment, double tolerance_m) const;
 
  private:

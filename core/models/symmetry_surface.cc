@@ -10,15 +10,16 @@
 namespace evpose {
 namespace {
 
+// Bounds the time of a test.
 constexpr size_t kMaxSampledTriangles = 4096;
-// In tolerances. Two surfaces whose points lie within one of each other are the same; a rotation adds another.
+// Distances are in units of the tolerance. Points on the surface: one tolerance for the difference of equal surfaces
+// and one for the rotation.
 constexpr double kOnSurface = 2.0;
-// Beyond a rim by this; what is farther than the second from every face is off the surface, and may come to lie no
-// nearer than the third.
+// Samples off the surface: distance beyond the rim; least distance from every face before the rotation, and after it.
 constexpr double kBeyondRim = 4.0, kOff = 3.0, kNoLongerOff = 0.75;
-// A triangle that is less high than this has no normal worth comparing.
+// The normal of a triangle that is less high is inaccurate and not compared.
 constexpr double kMinHeight = 4.0;
-// 60 degrees: tells a wall from a floor and the front from the back, whatever a noisy mesh does.
+// 60 degrees: distinguishes perpendicular faces, and front from back, also on a noisy mesh.
 constexpr double kSameSideCosine = 0.5;
 
 std::vector<Eigen::Vector3d> Centred(absl::Span<const Eigen::Vector3d> points, const Eigen::Vector3d& centre) {
@@ -28,7 +29,8 @@ std::vector<Eigen::Vector3d> Centred(absl::Span<const Eigen::Vector3d> points, c
   return centred;
 }
 
-// All of [0, size) in an order in which neighbours are far apart: multiples of a step near the golden ratio's share.
+// A permutation of [0, size) with successive elements far apart: multiples of a step near size / golden ratio that has
+// no common divisor with the size.
 std::vector<size_t> SpreadOrder(size_t size) {
   size_t step = std::max<size_t>(1, static_cast<size_t>(0.6180339887498949 * static_cast<double>(size)));
   while (std::gcd(step, size) > 1) ++step;

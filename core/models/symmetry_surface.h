@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// The surface of a model as the search for symmetries compares it: by what lies on it, not by its triangles.
+// The surface of a model for the search for symmetries, as sample points that do not depend on its triangulation.
 #pragma once
 
 #include <Eigen/Core>
@@ -13,13 +13,11 @@
 
 namespace evpose {
 
-// Points on the surface with its normals, and points just beyond the rims of its faces that do not lie on it. A
-// rotation maps the surface onto itself when the first fall on the surface, and the second do not. However the faces
-// are cut into triangles, the answer is the same. Immutable.
+// Sample points on the surface, with normals, and points just beyond the rims of its faces, which are not on it. A
+// rotation maps the surface onto itself if it maps the former onto the surface and the latter off it. Immutable.
 class CentredSurface {
  public:
-  // Of a large mesh, some thousands of triangles give samples, spread over all of them. Without triangles every
-  // rotation will do.
+  // Samples some thousands of triangles of a large mesh, evenly. A model without triangles accepts every rotation.
   CentredSurface(const ObjectModel& model, const Eigen::Vector3d& centre, double tolerance_m);
 
   bool IsMappedOntoItself(const Eigen::Matrix3d& rotation) const;
@@ -27,17 +25,17 @@ class CentredSurface {
  private:
   struct Sample {
     Eigen::Vector3d point;   // from the centre, metres
-    Eigen::Vector3d normal;  // zero: of no weight, the triangle is too small for it
+    Eigen::Vector3d normal;  // zero if it is not compared: of an edge, or of a triangle that is too small
     bool is_on_surface;
   };
   void AddSamples(const std::vector<Eigen::Vector3d>& points, const std::array<uint32_t, 3>& triangle,
                   std::vector<Sample>& samples) const;
-  // Whether a face is that near to the point and, unless the normal is zero, looks the same way.
+  // Whether a face is within the distance of the point and, unless the normal is zero, has a similar normal.
   bool IsNear(const Eigen::Vector3d& point, const Eigen::Vector3d& normal, double distance_m) const;
 
   double tolerance_m_;
   TriangleBvh faces_;
-  std::vector<Sample> samples_;  // neighbours far apart: a wrong rotation is found out soon
+  std::vector<Sample> samples_;  // successive ones are far apart, so that a wrong rotation is rejected early
 };
 
 }  // namespace evpose

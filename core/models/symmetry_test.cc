@@ -49,7 +49,8 @@ std::string Prism(int sides) {
 constexpr char kTetrahedron[] = "v 1 1 1\nv 1 -1 -1\nv -1 1 -1\nv -1 -1 1\nf 1 2 3\nf 1 3 4\nf 1 4 2\nf 2 4 3\n";
 constexpr char kSquare[] = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\n";
 
-// The same points farther from the points' partners than nothing: each model point, mapped, lies where one lies.
+// Expects that the symmetries begin with the identity, form a group of proper rotations and map each line onto one
+// line.
 void ExpectIsGroupOf(const ObjectModel& model, double tolerance_m) {
   ASSERT_FALSE(model.symmetries.empty());
   EXPECT_TRUE(model.symmetries[0].rotation.isIdentity(0.0));
@@ -76,7 +77,7 @@ void ExpectIsGroupOf(const ObjectModel& model, double tolerance_m) {
   }
 }
 
-// --- What has how many
+// --- Numbers of symmetries
 
 TEST(SymmetryTest, Solids) {
   for (const auto& [obj, count] : {std::pair<std::string, size_t>{Cube(), 24},
@@ -105,7 +106,7 @@ TEST(SymmetryTest, Wires) {
   EXPECT_EQ(CountOf(absl::StrCat(kSquare, "l 1 2\nl 3 4\n")), 4u);
   EXPECT_EQ(CountOf(absl::StrCat(kSquare, "v 0 0 1\nl 1 2 3 4 1\nl 1 5\n")), 1u);
   EXPECT_EQ(CountOf(absl::StrCat(kCubeVertices, "l 1 2 3 4 1\nl 5 6 7 8 5\nl 1 5\nl 2 6\nl 3 7\nl 4 8\n")), 24u);
-  // Three lines of different lengths from one corner: only a mirror would do for two of them alone.
+  // Three edges of different lengths at one corner: only a reflection maps two of them alone onto themselves.
   EXPECT_EQ(CountOf("v 0 0 0\nv 1 0 0\nv 0 2 0\nv 0 0 3\nl 1 2\nl 1 3\nl 1 4\n"), 1u);
   EXPECT_EQ(CountOf("v 0 0 0\nv 1 0 0\nv 0 1 0\nl 1 2\nl 1 3\n"), 2u);
 }
@@ -149,7 +150,7 @@ TEST(SymmetryTest, PlateWithPaintOnOneSide) {
 // --- Faces
 
 TEST(SymmetryTest, FacesCountWhereTheLinesAreTheSame) {
-  // Wire cubes with some faces: what hides matters.
+  // Wire cubes with some faces: the faces count, too.
   const std::string wires = absl::StrCat(kCubeVertices, "l 1 2 3 4 1\nl 5 6 7 8 5\nl 1 5\nl 2 6\nl 3 7\nl 4 8\n");
   EXPECT_EQ(CountOf(absl::StrCat(wires, "f 1 4 3 2\n")), 4u);
   EXPECT_EQ(CountOf(absl::StrCat(wires, "f 1 4 3 2\nf 5 6 7 8\n")), 8u);
@@ -157,14 +158,14 @@ TEST(SymmetryTest, FacesCountWhereTheLinesAreTheSame) {
 }
 
 TEST(SymmetryTest, FaceApartFromAllLines) {
-  // Two plates hang in a wire cube; where each is, no line says.
+  // Two plates in a wire cube, without lines of their own.
   const std::string wires = absl::StrCat(kCubeVertices, "l 1 2 3 4 1\nl 5 6 7 8 5\nl 1 5\nl 2 6\nl 3 7\nl 4 8\n");
   const std::string plates =
       "v 0.4 0.4 0.2\nv 0.6 0.4 0.2\nv 0.6 0.6 0.2\nv 0.4 0.6 0.2\n"
       "v 0.4 0.4 0.8\nv 0.6 0.4 0.8\nv 0.6 0.6 0.8\nv 0.4 0.6 0.8\n";
   EXPECT_EQ(CountOf(absl::StrCat(wires, plates, "f 9 12 11 10\nf 13 14 15 16\n")), 8u);
   EXPECT_EQ(CountOf(absl::StrCat(wires, plates, "f 9 12 11 10\n")), 4u);
-  // Both look up: nothing swaps them.
+  // The normals of both point up: no rotation swaps the plates.
   EXPECT_EQ(CountOf(absl::StrCat(wires, plates, "f 9 10 11 12\nf 13 14 15 16\n")), 4u);
 }
 
@@ -234,7 +235,7 @@ TEST(SymmetryTest, MovedAndScaledCopiesHaveTheConjugateGroup) {
   }
 }
 
-// The ends of lines move apart, too, as those of a measured model do.
+// Moves every end of a line by itself, as in a measured model.
 ObjectModel Shaken(ObjectModel model, double amplitude_m, uint64_t seed) {
   Random random(seed);
   const auto shake = [&](Eigen::Vector3d& point) {
@@ -313,14 +314,14 @@ TEST(NearestEquivalentTest, IsTheOneNearestToTheReference) {
     const RigidTransform nearest = NearestEquivalent(other, cube.symmetries, pose);
     EXPECT_LT((nearest.rotation - pose.rotation).norm(), 1e-6);
     EXPECT_LT((nearest.translation_m - pose.translation_m).norm(), 1e-6);
-    // And it shows the same object.
+    // The centre of the cube is in the same place.
     EXPECT_LT((nearest * Eigen::Vector3d(0.5, 0.5, 0.5) - other * Eigen::Vector3d(0.5, 0.5, 0.5)).norm(), 1e-6);
   }
 }
 
 TEST(NearestEquivalentTest, OfEquallyNearOnesTheFirst) {
   const ObjectModel cube = MustParse(Cube());
-  // An eighth of a turn: the quarter turns to both sides are as near.
+  // After an eighth of a turn, the quarter turns to both sides are equally near.
   const RigidTransform pose{ExpSo3({0, 0, M_PI / 4}), Eigen::Vector3d::Zero()};
   const RigidTransform nearest = NearestEquivalent(pose, cube.symmetries, RigidTransform());
   EXPECT_NEAR(RotationAngle(nearest.rotation, Eigen::Matrix3d::Identity()), M_PI / 4, 1e-6);

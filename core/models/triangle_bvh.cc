@@ -8,8 +8,9 @@
 namespace evpose {
 namespace {
 
+// A usual compromise: smaller leaves need more boxes, larger ones more tests of triangles.
 constexpr uint32_t kMaxLeafTriangles = 4;
-// Halving 2^32 triangles gives 32 levels; one sibling waits on each.
+// Halving 2^32 triangles gives 32 levels, and the stack has at most one sibling of each.
 constexpr int kMaxDepth = 40;
 
 // Whether the segment origin + t direction, 0 <= t <= 1, meets the box.
@@ -72,7 +73,7 @@ void TriangleBvh::Build(const Mesh& mesh, absl::Span<uint32_t> triangles) {
     return mesh.vertices[i][axis] + mesh.vertices[j][axis] + mesh.vertices[k][axis];
   };
   const size_t half = triangles.size() / 2;
-  // Ties are broken by index: the tree is a function of the mesh.
+  // Ties are broken by index, so that the tree is a function of the mesh.
   std::nth_element(triangles.begin(), triangles.begin() + half, triangles.end(), [&](uint32_t a, uint32_t b) {
     const double centre_a = centre(a), centre_b = centre(b);
     return centre_a != centre_b ? centre_a < centre_b : a < b;

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// Bounding volume hierarchy over triangles: what hides a point, and which faces a point lies on.
+// Bounding volume hierarchy over triangles, for occlusion and for the faces near a point.
 #pragma once
 
 #include <Eigen/Core>
@@ -15,23 +15,23 @@ namespace evpose {
 
 class TriangleBvh {
  public:
-  // Copies what it needs. Indices must be in range; triangles must have an area.
+  // Keeps no reference to the arguments. Indices must be in range, and triangles must have an area.
   TriangleBvh(absl::Span<const Eigen::Vector3d> vertices, absl::Span<const std::array<uint32_t, 3>> triangles);
 
   bool empty() const { return triangles_.empty(); }
 
-  // True when a triangle lies between origin and point, seen from either of its sides. A triangle whose plane is within
-  // `plane_tolerance_m` of the point does not count: the point lies on it, however grazing the view. (Moller and
-  // Trumbore, "Fast, minimum storage ray/triangle intersection", 1997.)
+  // Whether a triangle, seen from either side, is between origin and point. A triangle whose plane is within
+  // `plane_tolerance_m` of the point does not count: the point is on it, even in a grazing view. (Moller and Trumbore,
+  // "Fast, minimum storage ray/triangle intersection", 1997.)
   bool IsOccluded(const Eigen::Vector3d& origin, const Eigen::Vector3d& point, double plane_tolerance_m) const;
 
   struct Near {
     double distance_m = 0.0;
     Eigen::Vector3d normal;  // unit
   };
-  // The triangles within `radius_m` of a point. Replaces `found`; in an order that depends on the mesh only.
+  // Replaces `found` by the triangles within `radius_m` of a point, in an order that depends on the mesh only.
   void FindNear(const Eigen::Vector3d& point, double radius_m, std::vector<Near>& found) const;
-  // Whether there is one whose normal has at least that cosine to `direction`; looks no further than to the first.
+  // Whether one of them has a normal with at least that cosine to `direction`. Ends at the first.
   bool HasNear(const Eigen::Vector3d& point, double radius_m, const Eigen::Vector3d& direction,
                double min_cosine) const;
 
@@ -54,7 +54,7 @@ class TriangleBvh {
   // Calls `visit` with each triangle within the radius and its squared distance, until it returns true.
   template <typename Visit>
   void VisitNear(const Eigen::Vector3d& point, double radius_m, const Visit& visit) const;
-  // Appends the tree of these triangles, reordering them.
+  // Appends the tree of these triangles and reorders the span.
   void Build(const Mesh& mesh, absl::Span<uint32_t> triangles);
 
   std::vector<Triangle> triangles_;  // in leaf order

@@ -10,12 +10,13 @@
 namespace evpose {
 namespace {
 
+// Lines are cut at this depth, because the projection divides by the depth.
 constexpr double kNearM = 1e-3;
-// Halvings of a sampling step to find where a line disappears: to about 1e-4 of the line.
+// Halvings of a sampling step that locate a change of visibility: 1/16 / 2^9 = 1.2e-4 of the line.
 constexpr int kBisections = 9;
-// The ends of a line are looked at this far inside (of its length): a corner belongs to other lines, too.
+// The ends of a line are tested this far inside, relative to its length: the faces of other lines meet at its corners.
 constexpr double kEndInset = 1e-3;
-// How far outside the image, in image widths, a lens may have brought a point from.
+// Margin around the image, relative to its larger side, from which lens distortion may move a point into the image.
 constexpr double kDistortionMargin = 0.5;
 
 struct Interval {
@@ -24,7 +25,7 @@ struct Interval {
   bool empty() const { return !(begin < end); }
 };
 
-// Cuts the interval to where value1 + s (value2 - value1) >= 0.
+// Restricts the interval to the parameters s with value1 + s (value2 - value1) >= 0.
 void Clip(double value1, double value2, Interval& interval) {
   if (value1 >= 0.0 && value2 >= 0.0) return;
   if (value1 < 0.0 && value2 < 0.0) {
@@ -39,8 +40,8 @@ void Clip(double value1, double value2, Interval& interval) {
   }
 }
 
-// The part of the line, in the camera frame, that projects into the image grown by the margin (px). Linear in the
-// line's parameter, because x fx + cx z >= u z is.
+// The part of the line, given in the camera frame, that projects into the image enlarged by the margin (px). The
+// conditions are linear in the line's parameter (core/models/README.md, equation (4)).
 Interval ClipToImage(const CameraModel& camera, const Eigen::Vector3d& p1, const Eigen::Vector3d& p2,
                      double margin_px) {
   Interval interval;
@@ -72,7 +73,7 @@ absl::Status VisibilityOptions::Validate() const {
 
 namespace {
 
-// What one call of VisibleSegments looks with.
+// The arguments of one call of VisibleSegments.
 struct View {
   const CameraModel& camera;
   const RigidTransform& camera_from_object;
@@ -88,9 +89,9 @@ struct View {
   }
 };
 
-// Where to look from at a line that borders on faces; false when they are all turned away. Beside a face that is seen
-// edge on, whether it hides its own lines depends on the last digit of the pose: they are looked at from where it is
-// just not grazing.
+// The origin of the rays to a line; false if all its faces are turned away. In a grazing view, whether a face hides its
+// own lines would depend on rounding errors of the pose: the origin is moved to where the view is no longer grazing
+// (core/models/README.md, section 6).
 bool FindOrigin(const View& view, const ModelLine& line, const Eigen::Vector3d& middle, Eigen::Vector3d& origin) {
   origin = view.centre_object;
   if (line.face_normals.empty()) return true;
@@ -110,7 +111,7 @@ bool FindOrigin(const View& view, const ModelLine& line, const Eigen::Vector3d& 
   return true;
 }
 
-// The parameter at which the line's visibility changes, between `visible` and `hidden`.
+// The parameter between `visible` and `hidden` at which the visibility of the line changes.
 double Bisect(const View& view, const Eigen::Vector3d& origin, const ModelLine& line, double visible, double hidden) {
   for (int i = 0; i < kBisections; ++i) {
     const double middle = 0.5 * (visible + hidden);
@@ -123,7 +124,7 @@ void AppendSegment(const View& view, int index, const ModelLine& line, double be
                    std::vector<VisibleSegment>& segments) {
   const auto project = [&](double s) {
     Eigen::Vector3d point = view.camera_from_object * (line.p1 + s * (line.p2 - line.p1));
-    point.z() = std::max(point.z(), kNearM);  // cut there up to rounding
+    point.z() = std::max(point.z(), kNearM);  // the line is cut there up to rounding
     return view.camera.Project(point);
   };
   if (!(begin < end) || (project(end) - project(begin)).norm() < view.options.min_length_px) return;

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// Which parts of which lines the camera sees: field of view, faces turned away, lines hidden by other faces.
+// The parts of a model's lines that a camera sees: limited by the field of view, by faces turned away and by occlusion
+// (core/models/README.md, section 6).
 #pragma once
 
 #include <vector>
@@ -20,10 +21,14 @@ struct VisibleSegment {
 };
 
 struct VisibilityOptions {
-  int samples_per_line = 16;        // a partly visible line is split at this resolution, then bisected
-  double surface_tolerance = 1e-3;  // of the model's diameter: a point this close behind a face lies on it
-  double min_length_px = 4.0;       // shorter visible pieces are not returned
-  // Faces seen at a cosine below this (negative: turned away by as much) still show their lines.
+  // Steps in which a line is tested for occlusion; a gap shorter than one step may be missed.
+  int samples_per_line = 16;
+  // Relative to the diameter: a point this close to the plane of a face is on it. Above the rounding errors of
+  // drawings.
+  double surface_tolerance = 1e-3;
+  double min_length_px = 4.0;  // shorter visible parts, which contain hardly any events, are not returned
+  // Least cosine between a face's normal and the direction to the camera at which its lines are visible. Negative:
+  // faces that are turned away by as much, 1 degree, still count.
   // core/association/README.md, section 3: grazing faces are kept, never dropped by a threshold at the predicted pose
   // alone.
   double grazing_cosine = -0.02;
@@ -31,8 +36,8 @@ struct VisibilityOptions {
   absl::Status Validate() const;
 };
 
-// Ray casting against the mesh with a bounding volume hierarchy. Immutable after construction; thread-compatible.
-// Keeps a reference: `model` must outlive it.
+// Tests lines by ray casting against the mesh. Immutable after construction; thread-compatible. Keeps a reference:
+// `model` must outlive it.
 class VisibilityTester {
  public:
   VisibilityTester(const ObjectModel& model, const VisibilityOptions& options);
@@ -40,10 +45,10 @@ class VisibilityTester {
   // Segments in order of line index, then begin.
   std::vector<VisibleSegment> VisibleSegments(const CameraModel& camera,
                                               const RigidTransform& camera_from_object) const;
-  // The same in place of what `segments` holds, whose memory is used again.
+  // The same; replaces the content of `segments` and reuses its memory.
   void FindVisibleSegments(const CameraModel& camera, const RigidTransform& camera_from_object,
                            std::vector<VisibleSegment>& segments) const;
-  // True when the segment from `origin_object` to `point_object` meets no face before the point.
+  // Whether the segment from `origin_object` to `point_object` meets no face before the point.
   bool IsPointVisible(const Eigen::Vector3d& origin_object, const Eigen::Vector3d& point_object) const;
 
  private:

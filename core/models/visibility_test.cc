@@ -52,7 +52,7 @@ CameraModel Camera() {
   return camera;
 }
 
-// The camera stands at `eye` (object frame) and looks at `target`.
+// The camera is at `eye` (object frame) and looks at `target`.
 RigidTransform LookAt(const Eigen::Vector3d& eye, const Eigen::Vector3d& target = Eigen::Vector3d::Zero()) {
   const Eigen::Vector3d z = (target - eye).normalized();
   const Eigen::Vector3d x = z.cross(Eigen::Vector3d(0.1, 1.0, 0.05)).normalized();
@@ -107,7 +107,7 @@ TEST(VisibilityTest, CubeFromAnywhereShowsTheEdgesOfTheFacesTurnedToTheCamera) {
   std::normal_distribution<double> normal;
   for (int trial = 0; trial < 300; ++trial) {
     const Eigen::Vector3d eye = 0.8 * Eigen::Vector3d(normal(random), normal(random), normal(random)).normalized();
-    // Out of the grazing range, where both answers are right.
+    // Outside of the grazing range, in which both results are right.
     if (((eye.cwiseAbs().array() - 0.075).abs() < 0.05).any()) continue;
     std::set<int> expected, seen;
     for (size_t i = 0; i < cube.lines.size(); ++i) {

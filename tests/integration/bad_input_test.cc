@@ -233,22 +233,21 @@ TEST_F(BadInputTest, UnusableLinesAreReportedAsSkipped) {
   const std::string a = first.substr(2, first.find(' ', 2) - 2), b = first.substr(first.find(' ', 2) + 1);
   model += "l " + b + " " + a + "\n" + first + "\nv 0.05 0.1 0.1\nv -0.02 0.1 0.1\nl -1 -2\n";
   WriteText("cube/model.obj", model);
-  const auto notices =
-      ::testing::ElementsAre("1 lines of length zero dropped", "2 lines dropped that stand there twice",
-                             "1 lines merged with others that they overlap");
+  const auto notices = ::testing::ElementsAre("1 lines of length zero dropped", "2 duplicate lines dropped",
+                                              "1 lines merged with overlapping ones");
   const CliResult replay = Run(ReplayArguments("poses.tum"));
   ASSERT_EQ(replay.status, 0) << replay.err;
   EXPECT_THAT(replay.Json()["model_notices"].get<std::vector<std::string>>(), notices);
   std::vector<std::string> arguments = ReplayArguments("poses.tum");
   std::erase(arguments, "--json");
-  EXPECT_THAT(Run(arguments).out, HasSubstr("model: 2 lines dropped that stand there twice\n"));
+  EXPECT_THAT(Run(arguments).out, HasSubstr("model: 2 duplicate lines dropped\n"));
 
   auto server = server::Server::Start({});
   ASSERT_TRUE(server.ok()) << server.status();
   const std::string address = "127.0.0.1:" + std::to_string((*server)->port());
   const CliResult upload = Run({"models", "upload", Path("cube/model.obj"), "--server", address});
   ASSERT_EQ(upload.status, 0) << upload.err;
-  EXPECT_THAT(upload.out, HasSubstr("\nnotice: 1 lines merged with others that they overlap\n"));
+  EXPECT_THAT(upload.out, HasSubstr("\nnotice: 1 lines merged with overlapping ones\n"));
   const nlohmann::json list = Run({"models", "list", "--server", address, "--json"}).Json();
   ASSERT_EQ(list.size(), 1u);
   EXPECT_THAT(list[0]["notices"].get<std::vector<std::string>>(), notices);

@@ -208,7 +208,7 @@ class PlyBody {
       if (!absl::SimpleAtod(word, &value)) return Error(Quoted(word) + " is not a number");
       return value;
     }
-    // PLY integers have no plus sign: other readers take one for the end of the number.
+    // A plus sign is refused: other readers stop at it and read 0.
     if (word[0] == '+' || !absl::SimpleAtoi(word, &integer)) return Error(Quoted(word) + " is not a whole number");
     return static_cast<double>(integer);
   }

@@ -54,7 +54,7 @@ absl::Status LineError(int64_t line_number, const absl::Status& status) {
 absl::StatusOr<float> ReadCoordinate(absl::string_view word, int64_t line_number) {
   double value;
   if (!absl::SimpleAtod(word, &value)) return LineError(line_number, Quoted(word) + " is not a number");
-  // By way of double precision: the 17 digits of a double that is nearly halfway between two floats decide correctly.
+  // Read as a double first: a coordinate written with 17 digits is rounded like the double that was written.
   if (std::isfinite(static_cast<float>(value))) return static_cast<float>(value);
   return LineError(line_number, Quoted(word) + " is not a finite coordinate");
 }
