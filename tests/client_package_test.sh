@@ -16,6 +16,11 @@ cp -r "$source/deploy/example" "$work/example"
 # A prefix that moved: nothing may point back at the build.
 mv "$work/prefix" "$work/moved"
 ! grep -rqF -e "$source" -e "$build" "$work/moved/lib/cmake" || fail "the CMake package names paths of the build"
+# The public headers: few, and independent of all but the standard library, Abseil and Eigen.
+headers=$(find "$work/moved/include" -type f)
+[[ $(wc -l <<<"$headers") -le 8 ]] || fail "more than 8 headers are installed: $headers"
+! grep -n '#include' $headers | grep -vE '#include ("evpose/[a-z_]+\.h"|"absl/[a-z_/]+\.h"|<Eigen/[A-Za-z]+>|<[a-z_]+>)$' ||
+  fail "a public header includes what is not installed with it"
 { cmake -S "$work/example" -B "$work/built" -DCMAKE_BUILD_TYPE=Release -DCMAKE_PREFIX_PATH="$work/moved" &&
   cmake --build "$work/built"; } >"$work/log" 2>&1 || { cat "$work/log" >&2; fail "the example does not build"; }
 

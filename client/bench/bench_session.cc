@@ -6,6 +6,8 @@
 #include <utility>
 
 #include "absl/strings/str_cat.h"
+#include "client/lib/client_access.h"
+#include "client/lib/core_types.h"
 #include "core/base/status_macros.h"
 #include "core/models/object_model.h"
 
@@ -61,11 +63,11 @@ absl::StatusOr<SessionConfig> UploadSession(Client& client, const SpeedRecording
   const absl::Span<const uint8_t> bytes(reinterpret_cast<const uint8_t*>(obj.data()), obj.size());
   EVPOSE_ASSIGN_OR_RETURN(const ModelInfo model, client.UploadModel(bytes, {}));
   SessionConfig config;
-  config.encoding = encoding;
-  config.camera = recording.camera;
+  config.encoding = FromCore(encoding);
+  config.camera = FromCore(recording.camera);
   TrackedObject object;
   object.model = model.name;
-  object.initial_camera_from_object = recording.initial_camera_from_object;
+  object.initial_camera_from_object = FromCore(recording.initial_camera_from_object);
   config.objects.push_back(std::move(object));
   return config;
 }
@@ -83,9 +85,9 @@ absl::Status BenchSession::Stream(const EncodedRecording& recording, uint64_t nu
   MemoryReader reader(recording);
   Chunker chunker(reader, ChunkerOptions());
   StreamTimes* const times = options.times;
-  const auto next_chunk = [&]() -> absl::StatusOr<EventChunkBytes> {
+  const auto next_chunk = [&]() -> absl::StatusOr<EventChunk> {
     if (options.is_cancelled && options.is_cancelled()) return absl::CancelledError("interrupted");
-    absl::StatusOr<EventChunkBytes> chunk = chunker.Next();
+    absl::StatusOr<EventChunk> chunk = FromCore(chunker.Next());
     if (times != nullptr && chunk.ok() && !chunk->bytes.empty()) times->chunk_ends_us.push_back(chunk->t_last_us);
     return chunk;
   };
@@ -97,7 +99,7 @@ absl::Status BenchSession::Stream(const EncodedRecording& recording, uint64_t nu
   TrackCallbacks callbacks;
   if (times != nullptr) {
     callbacks.on_pose = [times](const Pose& pose) {
-      times->poses.push_back({pose.estimate.t_us, SystemClock().Now(), pose.latency});
+      times->poses.push_back({pose.t_us, SystemClock().Now(), pose.latency});
     };
   }
   TrackPosition position;
@@ -106,7 +108,8 @@ absl::Status BenchSession::Stream(const EncodedRecording& recording, uint64_t nu
   TrackOptions track_options;
   track_options.retry.max_outage = absl::ZeroDuration();
   const absl::Time begin = SystemClock().Now();
-  EVPOSE_ASSIGN_OR_RETURN(const TrackSummary summary, client_.Track(position, *feed, callbacks, track_options));
+  EVPOSE_ASSIGN_OR_RETURN(const TrackSummary summary,
+                          ClientAccess::Track(client_, position, *feed, callbacks, track_options));
   if (times != nullptr) {
     times->begin = options.rate > 0.0 ? clock.first() : begin;
     times->end = SystemClock().Now();

@@ -12,9 +12,9 @@
 
 #include "absl/status/statusor.h"
 #include "absl/time/time.h"
-#include "client/lib/client.h"
 #include "core/events/recording_reader.h"
 #include "core/experiments/speed/speed_recordings.h"
+#include "evpose/client.h"
 
 namespace evpose::client {
 

@@ -210,9 +210,9 @@ class ServiceBench {
                           }
                         }));
       MemoryReader reader(encoded(), num_times);
-      const auto next_chunk = [&]() -> absl::StatusOr<EventChunkBytes> {
+      const auto next_chunk = [&]() -> absl::StatusOr<EventChunk> {
         if (context_.IsInterrupted()) return absl::CancelledError("interrupted");
-        EventChunkBytes chunk;
+        EventChunk chunk;
         chunk.bytes.resize(ChunkerOptions().max_bytes);
         EVPOSE_ASSIGN_OR_RETURN(const size_t size, reader.Read(absl::MakeSpan(chunk.bytes)));
         chunk.bytes.resize(size);

@@ -10,7 +10,7 @@
 
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
-#include "client/lib/client.h"
+#include "evpose/client.h"
 
 namespace evpose::client {
 

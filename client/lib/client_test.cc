@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "client/lib/client.h"
+#include "evpose/client.h"
 
 #include <gmock/gmock.h>
 #include <grpcpp/server.h>
@@ -12,6 +12,7 @@
 #include <string>
 
 #include "absl/strings/escaping.h"
+#include "client/lib/client_access.h"
 #include "core/numerics/hash.h"
 #include "evpose/v1/admin_service.grpc.pb.h"
 #include "evpose/v1/model_service.grpc.pb.h"
@@ -124,7 +125,7 @@ class ModelsTest : public ::testing::Test {
     grpc::ServerBuilder builder;
     builder.RegisterService(&models_);
     server_ = builder.BuildAndStart();
-    client_ = Client::OverChannel(server_->InProcessChannel({}), "test server");
+    client_ = ClientAccess::OverChannel(server_->InProcessChannel({}), "test server");
   }
   FakeModels models_;
   std::unique_ptr<grpc::Server> server_;
@@ -190,7 +191,7 @@ TEST(DrainTest, TakesATimeOrTheServersOwn) {
   grpc::ServerBuilder builder;
   builder.RegisterService(&admin);
   const std::unique_ptr<grpc::Server> server = builder.BuildAndStart();
-  const std::unique_ptr<Client> client = Client::OverChannel(server->InProcessChannel({}), "test server");
+  const std::unique_ptr<Client> client = ClientAccess::OverChannel(server->InProcessChannel({}), "test server");
   EXPECT_EQ(client->Drain().value(), 3u);
   EXPECT_FALSE(admin.request.has_timeout());
   EXPECT_EQ(client->Drain(absl::Seconds(5)).value(), 3u);

@@ -8,6 +8,7 @@
 #include "absl/strings/escaping.h"
 #include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
+#include "client/lib/core_types.h"
 #include "client/lib/status_details.h"
 #include "core/base/status_macros.h"
 #include "google/rpc/error_details.pb.h"
@@ -17,12 +18,12 @@ namespace evpose::client {
 namespace {
 
 // Both directions of an enumeration read one table.
-constexpr std::array<std::pair<Encoding, v1::EventEncoding>, 5> kEncodings = {{
-    {Encoding::kEvt3, v1::EVENT_ENCODING_EVT3},
-    {Encoding::kEvt21, v1::EVENT_ENCODING_EVT21},
-    {Encoding::kEvt2, v1::EVENT_ENCODING_EVT2},
-    {Encoding::kDat, v1::EVENT_ENCODING_DAT},
-    {Encoding::kFlat64, v1::EVENT_ENCODING_FLAT64},
+constexpr std::array<std::pair<EventEncoding, v1::EventEncoding>, 5> kEncodings = {{
+    {EventEncoding::kEvt3, v1::EVENT_ENCODING_EVT3},
+    {EventEncoding::kEvt21, v1::EVENT_ENCODING_EVT21},
+    {EventEncoding::kEvt2, v1::EVENT_ENCODING_EVT2},
+    {EventEncoding::kDat, v1::EVENT_ENCODING_DAT},
+    {EventEncoding::kFlat64, v1::EVENT_ENCODING_FLAT64},
 }};
 constexpr std::array<std::pair<ModelFormat, v1::ModelFormat>, 3> kModelFormats = {{
     {ModelFormat::kObj, v1::MODEL_FORMAT_OBJ},
@@ -51,13 +52,13 @@ constexpr std::array<std::pair<LogLevel, v1::LogLevel>, 5> kLogLevels = {{
     {LogLevel::kOff, v1::LOG_LEVEL_OFF},
 }};
 
-constexpr std::array<std::pair<Estimator, v1::Estimator>, 6> kEstimators = {{
-    {Estimator::kMixture, v1::ESTIMATOR_MIXTURE},
-    {Estimator::kStaticLs, v1::ESTIMATOR_STATIC_LS},
-    {Estimator::kStaticM, v1::ESTIMATOR_STATIC_M},
-    {Estimator::kStaticS, v1::ESTIMATOR_STATIC_S},
-    {Estimator::kStaticMm, v1::ESTIMATOR_STATIC_MM},
-    {Estimator::kErrorStateFilter, v1::ESTIMATOR_ERROR_STATE_FILTER},
+constexpr std::array<std::pair<PoseEstimator, v1::Estimator>, 6> kEstimators = {{
+    {PoseEstimator::kMixture, v1::ESTIMATOR_MIXTURE},
+    {PoseEstimator::kStaticLs, v1::ESTIMATOR_STATIC_LS},
+    {PoseEstimator::kStaticM, v1::ESTIMATOR_STATIC_M},
+    {PoseEstimator::kStaticS, v1::ESTIMATOR_STATIC_S},
+    {PoseEstimator::kStaticMm, v1::ESTIMATOR_STATIC_MM},
+    {PoseEstimator::kErrorStateFilter, v1::ESTIMATOR_ERROR_STATE_FILTER},
 }};
 constexpr std::array<std::pair<absl::string_view, v1::StoreKind>, 3> kStoreKinds = {{
     {"memory", v1::STORE_KIND_MEMORY},
@@ -112,7 +113,7 @@ absl::StatusOr<Eigen::Matrix3d> FromProto(const v1::Quaternion& q) {
 }
 
 v1::Quaternion RotationToProto(const Eigen::Matrix3d& rotation) {
-  const Eigen::Quaterniond q = RigidTransform{rotation}.Quaternion();
+  const Eigen::Quaterniond q = Transform{rotation}.Quaternion();
   v1::Quaternion message;
   message.set_x(q.x());
   message.set_y(q.y());
@@ -121,14 +122,16 @@ v1::Quaternion RotationToProto(const Eigen::Matrix3d& rotation) {
   return message;
 }
 
-absl::StatusOr<RigidTransform> FromProto(const v1::RigidTransform& message) {
-  const v1::Vector3& t = message.translation_m();
+absl::StatusOr<Transform> FromProto(const v1::RigidTransform& message) {
   const v1::Quaternion& q = message.rotation();
-  return MakeRigidTransform(Eigen::Vector3d(t.x(), t.y(), t.z()), Eigen::Quaterniond(q.w(), q.x(), q.y(), q.z()));
+  EVPOSE_ASSIGN_OR_RETURN(
+      const RigidTransform transform,
+      MakeRigidTransform(FromProto(message.translation_m()), Eigen::Quaterniond(q.w(), q.x(), q.y(), q.z())));
+  return FromCore(transform);
 }
 
-CameraModel FromProto(const v1::CameraModel& message) {
-  CameraModel camera;
+Camera FromProto(const v1::CameraModel& message) {
+  Camera camera;
   camera.width_px = static_cast<int>(message.width_px());
   camera.height_px = static_cast<int>(message.height_px());
   camera.fx_px = message.fx_px();
@@ -140,7 +143,7 @@ CameraModel FromProto(const v1::CameraModel& message) {
   return camera;
 }
 
-v1::CameraModel ToProto(const CameraModel& camera) {
+v1::CameraModel ToProto(const Camera& camera) {
   v1::CameraModel message;
   message.set_width_px(static_cast<uint32_t>(camera.width_px));
   message.set_height_px(static_cast<uint32_t>(camera.height_px));
@@ -152,9 +155,8 @@ v1::CameraModel ToProto(const CameraModel& camera) {
   return message;
 }
 
-SensorProfile FromProto(const v1::SensorProfile& message) {
-  SensorProfile sensor;
-  sensor.name.clear();  // stays with the file
+SensorParameters FromProto(const v1::SensorProfile& message) {
+  SensorParameters sensor;
   if (message.has_pixel_noise_px()) sensor.pixel_noise_px = message.pixel_noise_px();
   if (message.has_blur_px()) sensor.blur_px = message.blur_px();
   if (message.has_contrast_threshold()) sensor.contrast_threshold = message.contrast_threshold();
@@ -163,7 +165,7 @@ SensorProfile FromProto(const v1::SensorProfile& message) {
   return sensor;
 }
 
-v1::SensorProfile ToProto(const SensorProfile& sensor) {
+v1::SensorProfile ToProto(const SensorParameters& sensor) {
   v1::SensorProfile message;
   message.set_pixel_noise_px(sensor.pixel_noise_px);
   message.set_blur_px(sensor.blur_px);
@@ -188,9 +190,9 @@ absl::StatusOr<TrackedObject> FromProto(const v1::TrackedObject& message) {
 
 absl::StatusOr<SessionConfig> FromProto(const v1::SessionConfig& message) {
   SessionConfig config;
-  config.encoding = ReverseLookup(kEncodings, message.encoding(), Encoding::kEvt3);
+  config.encoding = ReverseLookup(kEncodings, message.encoding(), EventEncoding::kEvt3);
   config.camera = FromProto(message.camera());
-  config.estimator = ReverseLookup(kEstimators, message.tracker().estimator(), Estimator::kMixture);
+  config.estimator = ReverseLookup(kEstimators, message.tracker().estimator(), PoseEstimator::kMixture);
   config.sensor = FromProto(message.tracker().sensor());
   config.overload_policy = ReverseLookup(kOverloadPolicies, message.overload_policy(), OverloadPolicy::kBlock);
   if (message.has_max_lag()) config.max_lag = FromProto(message.max_lag());
@@ -202,8 +204,8 @@ absl::StatusOr<SessionConfig> FromProto(const v1::SessionConfig& message) {
 }
 
 // The upper triangle, row by row.
-Matrix6d SymmetricFromUpper(const google::protobuf::RepeatedField<double>& upper) {
-  Matrix6d matrix;
+Eigen::Matrix<double, 6, 6> SymmetricFromUpper(const google::protobuf::RepeatedField<double>& upper) {
+  Eigen::Matrix<double, 6, 6> matrix;
   int index = 0;
   for (int row = 0; row < 6; ++row) {
     for (int column = row; column < 6; ++column) matrix(row, column) = matrix(column, row) = upper[index++];
@@ -246,11 +248,6 @@ StatusDetails DetailsOf(const grpc::Status& status) {
 
 }  // namespace
 
-absl::Status CheckEstimator(Estimator estimator) {
-  if (Lookup(kEstimators, estimator, v1::ESTIMATOR_UNSPECIFIED) != v1::ESTIMATOR_UNSPECIFIED) return absl::OkStatus();
-  return absl::InvalidArgumentError("the estimator runs in `evpose bench` only; servers do not offer it");
-}
-
 v1::ErrorReason ReasonOf(const absl::Status& status) {
   v1::ErrorReason reason = v1::ERROR_REASON_UNSPECIFIED;
   return v1::ErrorReason_Parse(GetDetails(status).reason, &reason) ? reason : v1::ERROR_REASON_UNSPECIFIED;
@@ -273,7 +270,7 @@ google::protobuf::Duration ToProto(absl::Duration duration) {
 
 v1::ModelFormat ToProto(ModelFormat format) { return Lookup(kModelFormats, format, v1::MODEL_FORMAT_UNSPECIFIED); }
 
-v1::RigidTransform ToProto(const RigidTransform& transform) {
+v1::RigidTransform ToProto(const Transform& transform) {
   v1::RigidTransform message;
   message.mutable_translation_m()->set_x(transform.translation_m.x());
   message.mutable_translation_m()->set_y(transform.translation_m.y());
@@ -405,24 +402,23 @@ absl::StatusOr<Pose> FromProto(const v1::Pose& message) {
   };
   if (message.covariance().upper_triangle_size() != 21) return error("covariance does not have 21 numbers");
   if (!message.has_twist()) return error("twist is missing");
-  absl::StatusOr<RigidTransform> transform = FromProto(message.camera_from_object());
+  absl::StatusOr<Transform> transform = FromProto(message.camera_from_object());
   if (!transform.ok()) return error(absl::StrCat("camera_from_object: ", transform.status().message()));
   Pose pose;
   pose.seq = message.pose_seq();
   pose.object_id = message.object_id();
   pose.latency = FromProto(message.latency());
-  PoseEstimate& estimate = pose.estimate;
-  estimate.t_us = message.t_us();
-  estimate.camera_from_object = *transform;
-  estimate.covariance = SymmetricFromUpper(message.covariance().upper_triangle());
-  estimate.twist << FromProto(message.twist().linear_m_per_s()), FromProto(message.twist().angular_rad_per_s());
-  estimate.state = ReverseLookup(kTrackStates, message.state(), TrackState::kInitializing);
-  if (estimate.state != TrackState::kTracking && estimate.state != TrackState::kDegraded) {
+  pose.t_us = message.t_us();
+  pose.camera_from_object = *transform;
+  pose.covariance = SymmetricFromUpper(message.covariance().upper_triangle());
+  pose.twist << FromProto(message.twist().linear_m_per_s()), FromProto(message.twist().angular_rad_per_s());
+  pose.state = ReverseLookup(kTrackStates, message.state(), TrackState::kInitializing);
+  if (pose.state != TrackState::kTracking && pose.state != TrackState::kDegraded) {
     return error(absl::StrCat("state ", static_cast<int>(message.state()), " claims no pose"));
   }
-  estimate.num_events = message.num_events();
-  estimate.explained_ratio = message.explained_ratio();
-  estimate.residual_rms_px = message.residual_rms_px();
+  pose.num_events = message.num_events();
+  pose.explained_ratio = message.explained_ratio();
+  pose.residual_rms_px = message.residual_rms_px();
   return pose;
 }
 

@@ -10,7 +10,7 @@
 
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
-#include "client/lib/types.h"
+#include "evpose/types.h"
 #include "evpose/v1/admin_service.pb.h"
 #include "evpose/v1/error_reason.pb.h"
 #include "evpose/v1/model_service.pb.h"
@@ -25,12 +25,9 @@ absl::Status FromGrpc(const grpc::Status& status, const std::string& context);
 // The reason of `status`; ERROR_REASON_UNSPECIFIED for none, and for one that a later server may have.
 v1::ErrorReason ReasonOf(const absl::Status& status);
 
-// INVALID_ARGUMENT for an estimator that no server offers.
-absl::Status CheckEstimator(Estimator estimator);
-
 v1::ModelFormat ToProto(ModelFormat format);
 v1::SessionConfig ToProto(const SessionConfig& config);
-v1::RigidTransform ToProto(const RigidTransform& transform);
+v1::RigidTransform ToProto(const Transform& transform);
 
 google::protobuf::Duration ToProto(absl::Duration duration);
 ServerInfo FromProto(const v1::ServerInfo& message);

@@ -6,6 +6,7 @@
 #include <utility>
 
 #include "client/lib/status_details.h"
+#include "core/geometry/rigid_transform.h"
 
 namespace evpose::client {
 namespace {
@@ -39,7 +40,7 @@ TEST(ConversionTest, ConfigKeepsTheReferenceRotationAndAnAbsentPose) {
 
 TEST(ConversionTest, ASensorProfileComesBackButForItsName) {
   SessionConfig config;
-  config.sensor = {"", 0.6, 0.7, 0.2, 90.0, 120.0};
+  config.sensor = {0.6, 0.7, 0.2, 90.0, 120.0};
   v1::Session message;
   *message.mutable_config() = ToProto(config);
   const absl::StatusOr<Session> session = FromProto(message);
@@ -62,16 +63,6 @@ TEST(ConversionTest, AnOverloadPolicyComesBackWithItsLag) {
   ASSERT_TRUE(session.ok()) << session.status();
   EXPECT_EQ(session->config.overload_policy, OverloadPolicy::kLatest);
   EXPECT_EQ(session->config.max_lag, config.max_lag);
-}
-
-TEST(ConversionTest, EstimatorsThatServersDoNotOfferAreRefused) {
-  int num_refused = 0;
-  for (const auto& [estimator, name] : kEstimatorNames) {
-    const absl::Status status = CheckEstimator(estimator);
-    EXPECT_EQ(!status.ok(), name.starts_with("released-")) << name;
-    if (!status.ok()) ++num_refused;
-  }
-  EXPECT_EQ(num_refused, 4);
 }
 
 TEST(ConversionTest, ReasonsOfLaterServersAreUnspecified) {

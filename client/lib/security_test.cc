@@ -13,10 +13,10 @@
 #include <memory>
 #include <string>
 
-#include "client/lib/client.h"
 #include "client/lib/server_address.h"
 #include "client/lib/tls_probe.h"
 #include "core/base/certificates_testing.h"
+#include "evpose/client.h"
 #include "evpose/v1/admin_service.grpc.pb.h"
 
 namespace evpose::client {

@@ -9,7 +9,7 @@
 #include <string>
 
 #include "absl/time/time.h"
-#include "client/lib/client.h"
+#include "evpose/client.h"
 
 namespace evpose::client {
 

@@ -5,6 +5,7 @@
 #include <cmath>
 
 #include "client/lib/conversion.h"
+#include "client/lib/core_types.h"
 #include "core/estimation/ideal_events_testing.h"
 #include "server/sessions/session_testing.h"
 
@@ -36,10 +37,10 @@ Scene MakeScene(double duration_s, double rate_hz) {
 
   Scene scene;
   scene.model_obj = server::kCubeObj;
-  scene.config = client::ToProto(
-      client::SessionConfig{.encoding = Encoding::kFlat64,
-                            .camera = camera,
-                            .objects = {{.object_id = "cube", .initial_camera_from_object = CubeAt(0.0)}}});
+  scene.config = client::ToProto(client::SessionConfig{
+      .encoding = client::EventEncoding::kFlat64,
+      .camera = client::FromCore(camera),
+      .objects = {{.object_id = "cube", .initial_camera_from_object = client::FromCore(CubeAt(0.0))}}});
   scene.num_events = events.size();
   scene.chunks.resize(static_cast<size_t>(std::ceil(1e3 * duration_s)));
   for (const Event& event : events) {

@@ -16,7 +16,7 @@
 #include "client/bench/process_usage.h"
 #include "client/cli/cli.h"
 #include "client/cli/common/server_process.h"
-#include "client/lib/client.h"
+#include "evpose/client.h"
 #include "tests/integration/cli_fixture.h"
 
 namespace evpose {

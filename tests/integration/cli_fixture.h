@@ -11,7 +11,7 @@
 #include <string>
 #include <vector>
 
-#include "client/lib/clock.h"
+#include "evpose/clock.h"
 
 namespace evpose {
 

@@ -14,12 +14,13 @@
 #include <thread>
 #include <vector>
 
-#include "client/lib/client.h"
-#include "client/lib/fake_clock.h"
+#include "client/lib/core_types.h"
+#include "client/lib/fake_clock_testing.h"
 #include "core/base/status_macros.h"
-#include "core/events/recording_reader.h"
 #include "core/geometry/camera.h"
 #include "core/models/object_model.h"
+#include "evpose/client.h"
+#include "evpose/recording.h"
 #include "server/rpc/server.h"
 #include "tests/data/test_data.h"
 #include "tests/integration/cli_fixture.h"
@@ -176,14 +177,13 @@ absl::StatusOr<RigidTransform> FirstPoseFound(client::Client& client, const std:
                                               const std::optional<Eigen::Matrix3d>& reference) {
   config.objects[0].reference_rotation = reference;
   EVPOSE_ASSIGN_OR_RETURN(const auto session, client.CreateSession(config));
-  EVPOSE_ASSIGN_OR_RETURN(const auto reader, RecordingReader::Open(recording, {}));
-  Chunker chunker(*reader, {});
+  EVPOSE_ASSIGN_OR_RETURN(const auto opened, client::Recording::Open(recording));
   std::optional<RigidTransform> first;
   client::TrackCallbacks callbacks;
   callbacks.on_pose = [&](const client::Pose& pose) {
-    if (!first) first = pose.estimate.camera_from_object;
+    if (!first) first = client::ToCore(pose.camera_from_object);
   };
-  EVPOSE_RETURN_IF_ERROR(client.Track(session, [&] { return chunker.Next(); }, callbacks, {}).status());
+  EVPOSE_RETURN_IF_ERROR(client.Track(session, [&] { return opened->Next(); }, callbacks, {}).status());
   if (!first) return absl::NotFoundError("no pose");
   return *first;
 }
@@ -196,7 +196,7 @@ TEST_F(ReplayTest, OfEquivalentPosesTheOneNearestToTheReferenceIsFound) {
   const std::string file = ReadText("cube/model.obj");
   const auto uploaded = (*client)->UploadModel({reinterpret_cast<const uint8_t*>(file.data()), file.size()}, {});
   ASSERT_TRUE(uploaded.ok()) << uploaded.status();
-  const auto camera = LoadCameraModel(Path("cube/camera.yaml"));
+  const auto camera = client::LoadCamera(Path("cube/camera.yaml"));
   const auto model = LoadObjectModel(Path("cube/model.obj"));
   ASSERT_TRUE(camera.ok() && model.ok());
   client::SessionConfig config;

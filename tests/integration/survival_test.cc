@@ -22,6 +22,7 @@
 #include "client/lib/conversion.h"
 #include "core/events/recording_reader.h"
 #include "core/geometry/camera.h"
+#include "evpose/recording.h"
 #include "evpose/v1/model_service.grpc.pb.h"
 #include "evpose/v1/session_service.grpc.pb.h"
 #include "server/http/http_client_testing.h"
@@ -206,7 +207,7 @@ class SurvivalTest : public CliTest {
   RawClient MakeClient(RunningServer& server) {
     v1::CreateSessionRequest request;
     *request.mutable_config() =
-        client::ToProto(client::SessionConfig{.camera = LoadCameraModel(Path("cube/camera.yaml")).value(),
+        client::ToProto(client::SessionConfig{.camera = client::LoadCamera(Path("cube/camera.yaml")).value(),
                                               .objects = {{.object_id = "cube", .model = Upload(server)}}});
     server::CreatedSession session;
     grpc::ClientContext context;

@@ -12,6 +12,7 @@ import sys
 
 INCLUDE = re.compile(r'^#include "([^"]+)"', re.M)
 SUBDIRECTORY = re.compile(r"^\s*add_subdirectory\((\S+)\)", re.M)
+PUBLIC_HEADERS = "client/lib/include"  # of "evpose/client.h"
 IS_TEST = re.compile(r"_(test|testing|fuzz|benchmark)\.(h|cc)$|_for_test\.h$")
 
 
@@ -48,6 +49,8 @@ def includes(file):
         target = match.group(1)
         if not os.path.exists(target):
             target = os.path.join(os.path.dirname(file), target)
+        if target.startswith("evpose/"):
+            target = os.path.join(PUBLIC_HEADERS, match.group(1))
         if os.path.exists(target):  # generated headers are not in the tree
             yield text.count("\n", 0, match.start()) + 1, os.path.normpath(target)
 

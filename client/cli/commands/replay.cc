@@ -12,6 +12,7 @@
 #include "client/cli/common/connect_and_begin.h"
 #include "client/cli/common/track_inputs.h"
 #include "client/cli/common/track_run.h"
+#include "client/lib/client_access.h"
 #include "core/base/status_macros.h"
 #include "server/rpc/server.h"
 
@@ -44,7 +45,7 @@ absl::StatusOr<ServerHandle> StartAndBegin(TrackRun& run) {
   options.listen_address.clear();
   ServerHandle handle;
   EVPOSE_ASSIGN_OR_RETURN(handle.own, server::Server::Start(options));
-  handle.client = Client::OverChannel(handle.own->InProcessChannel(), "server in this process");
+  handle.client = ClientAccess::OverChannel(handle.own->InProcessChannel(), "server in this process");
   EVPOSE_RETURN_IF_ERROR(run.Begin(
       *handle.client, [](SessionConfig&) {}, ""));
   return handle;

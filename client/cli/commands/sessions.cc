@@ -43,7 +43,7 @@ Json SessionJson(const Session& session) {
   json["create_time"] = absl::FormatTime(session.create_time, absl::UTCTimeZone());
   json["expire_time"] =
       session.expire_time ? Json(absl::FormatTime(*session.expire_time, absl::UTCTimeZone())) : Json(nullptr);
-  json["encoding"] = std::string(EncodingName(session.config.encoding));
+  json["encoding"] = std::string(EventEncodingName(session.config.encoding));
   json["width"] = session.config.camera.width_px;
   json["height"] = session.config.camera.height_px;
   json["events"] = session.health.decoded_events;

@@ -7,7 +7,7 @@
 #include <ostream>
 
 #include "absl/time/time.h"
-#include "client/lib/clock.h"
+#include "evpose/clock.h"
 
 namespace evpose::client {
 

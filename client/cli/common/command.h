@@ -14,10 +14,10 @@
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
 #include "client/cli/common/cli_context.h"
-#include "client/lib/client.h"
 #include "core/events/event.h"
 #include "core/events/recording_header.h"
 #include "core/geometry/camera.h"
+#include "evpose/client.h"
 
 namespace evpose::client {
 

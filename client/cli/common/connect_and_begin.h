@@ -10,8 +10,8 @@
 #include "client/cli/common/command.h"
 #include "client/cli/common/track_inputs.h"
 #include "client/cli/common/track_run.h"
-#include "client/lib/client.h"
-#include "client/lib/retry.h"
+#include "client/lib/stream/retry.h"
+#include "evpose/client.h"
 
 namespace evpose::client {
 

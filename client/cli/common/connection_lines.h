@@ -7,7 +7,7 @@
 #include <string>
 
 #include "absl/time/time.h"
-#include "client/lib/track.h"
+#include "evpose/track.h"
 
 namespace evpose::client {
 

@@ -9,6 +9,7 @@
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 #include "absl/strings/str_replace.h"
+#include "client/lib/core_types.h"
 #include "core/base/status_macros.h"
 #include "core/geometry/trajectory.h"
 
@@ -19,13 +20,13 @@ constexpr char kObjectPlaceholder[] = "{object}";
 
 // Upper triangle, row by row.
 template <typename Visit>
-void VisitUpper(const Matrix6d& matrix, const Visit& visit) {
+void VisitUpper(const Eigen::Matrix<double, 6, 6>& matrix, const Visit& visit) {
   for (int row = 0; row < 6; ++row) {
     for (int column = row; column < 6; ++column) visit(row, column, matrix(row, column));
   }
 }
 
-std::string StateName(const Pose& pose) { return std::string(TrackStateName(pose.estimate.state)); }
+std::string StateName(const Pose& pose) { return std::string(TrackStateName(pose.state)); }
 
 std::string CsvHeader() {
   std::string line =
@@ -34,42 +35,39 @@ std::string CsvHeader() {
     absl::StrAppend(&line, ",", name);
   }
   constexpr std::array<const char*, 6> kAxes = {"tx", "ty", "tz", "rx", "ry", "rz"};
-  VisitUpper(Matrix6d::Zero(), [&](int row, int column, double) {
+  VisitUpper(Eigen::Matrix<double, 6, 6>::Zero(), [&](int row, int column, double) {
     absl::StrAppend(&line, ",cov_", kAxes[static_cast<size_t>(row)], "_", kAxes[static_cast<size_t>(column)]);
   });
   return line + "\n";
 }
 
 std::string CsvLine(const Pose& pose) {
-  const PoseEstimate& estimate = pose.estimate;
-  const Eigen::Vector3d& t = estimate.camera_from_object.translation_m;
-  const Eigen::Quaterniond q = estimate.camera_from_object.Quaternion();
-  std::string line =
-      absl::StrFormat("%d,%s,%d,%.17g,%.17g,%.17g,%.17g,%.17g,%.17g,%.17g,%s,%d,%.9g,%.9g", pose.seq, pose.object_id,
-                      estimate.t_us, t.x(), t.y(), t.z(), q.x(), q.y(), q.z(), q.w(), StateName(pose),
-                      estimate.num_events, estimate.explained_ratio, estimate.residual_rms_px);
-  for (const double value : estimate.twist) absl::StrAppendFormat(&line, ",%.17g", value);
-  VisitUpper(estimate.covariance, [&](int, int, double value) { absl::StrAppendFormat(&line, ",%.17g", value); });
+  const Eigen::Vector3d& t = pose.camera_from_object.translation_m;
+  const Eigen::Quaterniond q = pose.camera_from_object.Quaternion();
+  std::string line = absl::StrFormat("%d,%s,%d,%.17g,%.17g,%.17g,%.17g,%.17g,%.17g,%.17g,%s,%d,%.9g,%.9g", pose.seq,
+                                     pose.object_id, pose.t_us, t.x(), t.y(), t.z(), q.x(), q.y(), q.z(), q.w(),
+                                     StateName(pose), pose.num_events, pose.explained_ratio, pose.residual_rms_px);
+  for (const double value : pose.twist) absl::StrAppendFormat(&line, ",%.17g", value);
+  VisitUpper(pose.covariance, [&](int, int, double value) { absl::StrAppendFormat(&line, ",%.17g", value); });
   return line + "\n";
 }
 
 std::string JsonLine(const Pose& pose) {
-  const PoseEstimate& estimate = pose.estimate;
-  const Eigen::Vector3d& t = estimate.camera_from_object.translation_m;
-  const Eigen::Quaterniond q = estimate.camera_from_object.Quaternion();
+  const Eigen::Vector3d& t = pose.camera_from_object.translation_m;
+  const Eigen::Quaterniond q = pose.camera_from_object.Quaternion();
   nlohmann::ordered_json json;
   json["pose_seq"] = pose.seq;
   json["object_id"] = pose.object_id;
-  json["t_us"] = estimate.t_us;
+  json["t_us"] = pose.t_us;
   json["translation_m"] = {t.x(), t.y(), t.z()};
   json["quaternion_xyzw"] = {q.x(), q.y(), q.z(), q.w()};
   json["state"] = StateName(pose);
-  json["num_events"] = estimate.num_events;
-  json["explained_ratio"] = estimate.explained_ratio;
-  json["residual_rms_px"] = estimate.residual_rms_px;
-  json["twist"] = std::vector<double>(estimate.twist.begin(), estimate.twist.end());
+  json["num_events"] = pose.num_events;
+  json["explained_ratio"] = pose.explained_ratio;
+  json["residual_rms_px"] = pose.residual_rms_px;
+  json["twist"] = std::vector<double>(pose.twist.begin(), pose.twist.end());
   std::vector<double> upper;
-  VisitUpper(estimate.covariance, [&](int, int, double value) { upper.push_back(value); });
+  VisitUpper(pose.covariance, [&](int, int, double value) { upper.push_back(value); });
   json["covariance_upper"] = upper;
   // An identifier that is no UTF-8 must not stop the output.
   return json.dump(-1, ' ', false, nlohmann::ordered_json::error_handler_t::replace) + "\n";
@@ -89,7 +87,7 @@ std::string PoseHeader(PoseFormat format) { return format == PoseFormat::kCsv ? 
 std::string PoseLine(PoseFormat format, const Pose& pose) {
   switch (format) {
     case PoseFormat::kTum:
-      return TumLine({pose.estimate.t_us, pose.estimate.camera_from_object}) + "\n";
+      return TumLine({pose.t_us, ToCore(pose.camera_from_object)}) + "\n";
     case PoseFormat::kCsv:
       return CsvLine(pose);
     case PoseFormat::kJsonLines:

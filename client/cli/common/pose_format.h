@@ -9,8 +9,8 @@
 #include <vector>
 
 #include "absl/status/statusor.h"
-#include "client/lib/types.h"
 #include "core/base/output_file.h"
+#include "evpose/types.h"
 
 namespace evpose::client {
 

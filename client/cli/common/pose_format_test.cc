@@ -22,17 +22,16 @@ Pose MakePose() {
   pose.seq = 7;
   pose.object_id = "object";
   pose.latency = absl::Milliseconds(3);
-  PoseEstimate& estimate = pose.estimate;
-  estimate.t_us = 16'000'250;
-  estimate.camera_from_object.translation_m = {0.1, -0.25, 1.5};
-  estimate.state = TrackState::kDegraded;
-  estimate.num_events = 321;
-  estimate.explained_ratio = 0.5f;
-  estimate.residual_rms_px = 0.75f;
-  estimate.twist << 1, 2, 3, 4, 5, 6;
+  pose.t_us = 16'000'250;
+  pose.camera_from_object.translation_m = {0.1, -0.25, 1.5};
+  pose.state = TrackState::kDegraded;
+  pose.num_events = 321;
+  pose.explained_ratio = 0.5f;
+  pose.residual_rms_px = 0.75f;
+  pose.twist << 1, 2, 3, 4, 5, 6;
   for (int row = 0; row < 6; ++row) {
     for (int column = 0; column < 6; ++column)
-      estimate.covariance(row, column) = 10 * std::min(row, column) + std::max(row, column);
+      pose.covariance(row, column) = 10 * std::min(row, column) + std::max(row, column);
   }
   return pose;
 }

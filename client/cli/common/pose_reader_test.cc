@@ -18,10 +18,10 @@ using ::testing::HasSubstr;
 Pose SomePose(int64_t t_us, const std::string& object = "cube") {
   Pose pose;
   pose.object_id = object;
-  pose.estimate.t_us = t_us;
-  pose.estimate.camera_from_object = {ExpSo3({0.1, -0.2, 0.3}), {0.1, 1.0 / 3.0, 1.5}};
+  pose.t_us = t_us;
+  pose.camera_from_object = {ExpSo3({0.1, -0.2, 0.3}), {0.1, 1.0 / 3.0, 1.5}};
   for (int i = 0; i < 6; ++i) {
-    for (int k = 0; k < 6; ++k) pose.estimate.covariance(i, k) = 1e-6 * (1 + i + k) / 7.0;
+    for (int k = 0; k < 6; ++k) pose.covariance(i, k) = 1e-6 * (1 + i + k) / 7.0;
   }
   return pose;
 }
@@ -39,7 +39,7 @@ TEST(PoseReaderTest, ReadsWhatIsWritten) {
   ASSERT_TRUE(poses.ok()) << poses.status();
   ASSERT_EQ(poses->trajectory.size(), 2u);
   ASSERT_EQ(poses->covariances.size(), 2u);
-  const PoseEstimate expected = SomePose(0).estimate;
+  const Pose expected = SomePose(0);
   EXPECT_EQ(poses->trajectory[1].t_us, 16'001'001);
   EXPECT_EQ(poses->trajectory[1].camera_from_object.translation_m, expected.camera_from_object.translation_m);
   EXPECT_LT(RotationAngle(poses->trajectory[1].camera_from_object.rotation, expected.camera_from_object.rotation),

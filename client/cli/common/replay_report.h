@@ -10,8 +10,8 @@
 #include <vector>
 
 #include "client/cli/common/command.h"
-#include "client/lib/types.h"
 #include "core/events/recording_header.h"
+#include "evpose/types.h"
 
 namespace evpose::client {
 

@@ -66,7 +66,7 @@ std::string ResumeRecord::ToText() const {
   json["lost_poses"] = position.lost_poses;
   json["durable"] = {
       {"seq", position.durable.seq}, {"bytes", position.durable.bytes}, {"digest", position.durable.digest}};
-  json["max_piece_bytes"] = max_piece_bytes;
+  json["max_piece_bytes"] = position.max_piece_bytes;
   json["arguments"] = arguments;
   json["output_bytes"] = output_bytes;
   json["crc32c"] = Checksum(json);
@@ -94,7 +94,7 @@ absl::StatusOr<ResumeRecord> ResumeRecord::FromText(const std::string& text) {
     const Json& durable = json.at("durable");
     record.position.durable = {durable.at("seq").get<uint64_t>(), durable.at("bytes").get<uint64_t>(),
                                durable.at("digest").get<uint32_t>()};
-    record.max_piece_bytes = json.at("max_piece_bytes").get<uint64_t>();
+    record.position.max_piece_bytes = json.at("max_piece_bytes").get<uint64_t>();
     record.arguments = json.at("arguments").get<std::map<std::string, std::string>>();
     record.output_bytes = json.at("output_bytes").get<std::map<std::string, uint64_t>>();
   } catch (const std::exception&) {  // its words would quote the file

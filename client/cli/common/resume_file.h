@@ -10,13 +10,12 @@
 
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
-#include "client/lib/track.h"
+#include "evpose/track.h"
 
 namespace evpose::client {
 
 struct ResumeRecord {
   TrackPosition position;
-  uint64_t max_piece_bytes = 0;  // the limit at which chunks were cut
   // The arguments of the run, by the name of the option: a run that continues needs the same ones.
   std::map<std::string, std::string> arguments;
   std::map<std::string, uint64_t> output_bytes;  // PoseFiles::Sync() at `position`

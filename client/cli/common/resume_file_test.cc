@@ -27,7 +27,7 @@ class ResumeFileTest : public ::testing::Test {
     record_.position.last_pose_seq = (uint64_t{1} << 60) + 1;
     record_.position.lost_poses = 3;
     record_.position.durable = {5, 600, 0xffffffffu};
-    record_.max_piece_bytes = 262144;
+    record_.position.max_piece_bytes = 262144;
     record_.arguments = {{"--camera", "camera.yaml"}, {"recording", "a.raw"}};
     record_.output_bytes = {{"", 12345}};
   }
@@ -57,7 +57,7 @@ TEST_F(ResumeFileTest, GivesBackWhatWasWrittenLast) {
   EXPECT_EQ(read.position.last_pose_seq, record_.position.last_pose_seq);
   EXPECT_EQ(read.position.lost_poses, record_.position.lost_poses);
   EXPECT_EQ(read.position.durable, record_.position.durable);
-  EXPECT_EQ(read.max_piece_bytes, record_.max_piece_bytes);
+  EXPECT_EQ(read.position.max_piece_bytes, record_.position.max_piece_bytes);
   EXPECT_EQ(read.arguments, record_.arguments);
   EXPECT_EQ(read.output_bytes, record_.output_bytes);
   file->Remove();

@@ -9,7 +9,7 @@
 #include <thread>
 
 #include "client/cli/common/progress.h"
-#include "client/lib/client.h"
+#include "evpose/client.h"
 
 namespace evpose::client {
 

@@ -9,29 +9,40 @@
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_join.h"
 #include "client/cli/common/pose_format.h"
+#include "client/lib/core_types.h"
 #include "core/base/output_file.h"
 #include "core/base/status_macros.h"
 #include "core/geometry/trajectory.h"
-#include "core/models/object_model.h"
 
 namespace evpose::client {
 namespace {
 
 constexpr size_t kMaxModelBytes = size_t{64} << 20;  // what a server takes by default
 
-// Servers do not offer the estimators of the published method's released code.
-bool IsOffered(std::string_view estimator) { return !estimator.starts_with("released-"); }
-
-std::string CheckIsOffered(const std::string& estimator) {
-  if (IsOffered(estimator)) return "";
-  return absl::StrCat(estimator, " is not offered by servers: `evpose bench tracking` runs it");
+// The names of the estimators that servers offer.
+std::vector<std::string> OfferedEstimators() {
+  std::vector<std::string> names;
+  for (const auto& [estimator, name] : kEstimatorNames) {
+    if (FromCore(estimator)) names.emplace_back(name);
+  }
+  return names;
 }
 
-absl::StatusOr<Estimator> EstimatorByName(const std::string& name) {
-  for (const auto& [estimator, known] : kEstimatorNames) {
-    if (name == known) return estimator;
+// For CLI::Option::check(): an estimator that exists, but is not offered by servers.
+std::string CheckIsOffered(const std::string& text) {
+  for (const auto& [estimator, name] : kEstimatorNames) {
+    if (text != name || FromCore(estimator)) continue;
+    return absl::StrCat(text, " is not offered by servers: `evpose bench tracking` runs it");
   }
-  return UsageError(absl::StrCat("--estimator ", name, ": there is no such estimator"));
+  return "";
+}
+
+absl::StatusOr<PoseEstimator> EstimatorByName(const std::string& text) {
+  for (const auto& [estimator, name] : kEstimatorNames) {
+    const std::optional<PoseEstimator> offered = FromCore(estimator);
+    if (text == name && offered) return *offered;
+  }
+  return UsageError(absl::StrCat("--estimator ", text, ": there is no such estimator"));
 }
 
 // "ID=REST". INVALID_ARGUMENT (usage) otherwise.
@@ -75,7 +86,7 @@ absl::Status ParseInitialPoses(const TrackArguments& arguments, std::vector<Inpu
     if (object->initial_pose) return UsageError(absl::StrCat("--init-pose of ", object->id, " is there twice"));
     const absl::StatusOr<RigidTransform> pose = ParsePose(id_and_pose.second);
     if (!pose.ok()) return UsageError(absl::StrCat("--init-pose: ", pose.status().message()));
-    object->initial_pose = *pose;
+    object->initial_pose = FromCore(*pose);
   }
   return absl::OkStatus();
 }
@@ -147,10 +158,10 @@ ChunkerOptions MakeChunkerOptions(const TrackArguments& arguments) {
 absl::StatusOr<SessionConfig> UploadModels(Client& client, const TrackArguments& arguments, const TrackInputs& inputs,
                                            ReplayReport& report) {
   SessionConfig config;
-  config.encoding = inputs.reader->header().encoding;
-  config.camera = inputs.camera;
+  config.encoding = FromCore(inputs.reader->header().encoding);
+  config.camera = FromCore(inputs.camera);
   EVPOSE_ASSIGN_OR_RETURN(config.estimator, EstimatorByName(arguments.estimator));
-  config.sensor = inputs.sensor;
+  config.sensor = FromCore(inputs.sensor);
   report.models.clear();
   for (const InputObject& input : inputs.objects) {
     const absl::Span<const uint8_t> bytes(reinterpret_cast<const uint8_t*>(input.model_bytes.data()),
@@ -179,10 +190,6 @@ absl::StatusOr<Session> CreateSession(Client& client, const SessionConfig& confi
 }
 
 void TrackArguments::AddTo(CLI::App& app, bool server_is_required) {
-  std::vector<std::string> estimators;
-  for (const auto& [estimator_kind, name] : kEstimatorNames) {
-    if (IsOffered(name)) estimators.emplace_back(name);
-  }
   app.add_option("recording", recording, "Prophesee RAW or DAT file; - for standard input")->required();
   app.add_option("--model", model, "Object: OBJ, PLY or STL");
   app.add_option("--object", objects, "One of several objects, ID=FILE; repeat the option for each object")
@@ -207,7 +214,7 @@ void TrackArguments::AddTo(CLI::App& app, bool server_is_required) {
          "mixture; for comparison, corrected versions of the published static estimators, and a filter. Those of the "
          "published code are available in `evpose bench tracking` only")
       ->check(CheckIsOffered)
-      ->check(CLI::IsMember(estimators))
+      ->check(CLI::IsMember(OfferedEstimators()))
       ->capture_default_str();
   app.add_option("--chunk-bytes", chunk_bytes,
                  "Size of a chunk in bytes; default: 1 ms of sensor time or 256 KiB, whichever is less")

@@ -12,8 +12,9 @@
 #include "absl/status/statusor.h"
 #include "client/cli/common/command.h"
 #include "client/cli/common/replay_report.h"
-#include "client/lib/client.h"
+#include "core/estimation/sensor_profile.h"
 #include "core/events/recording_reader.h"
+#include "evpose/client.h"
 
 namespace evpose::client {
 
@@ -42,7 +43,7 @@ struct InputObject {
   std::string model_path;
   std::string model_bytes;
   UploadOptions upload;
-  std::optional<RigidTransform> initial_pose;
+  std::optional<Transform> initial_pose;
 };
 
 struct TrackInputs {

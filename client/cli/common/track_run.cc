@@ -7,6 +7,8 @@
 
 #include "absl/strings/str_cat.h"
 #include "client/cli/common/interrupt_watch.h"
+#include "client/lib/client_access.h"
+#include "client/lib/core_types.h"
 #include "core/base/status_macros.h"
 #include "core/numerics/hash.h"
 
@@ -81,11 +83,11 @@ absl::Status TrackRun::Open() {
   return absl::OkStatus();
 }
 
-absl::StatusOr<EventChunkBytes> TrackRun::NextChunk() {
-  absl::StatusOr<EventChunkBytes> chunk = chunker_.Next();
+absl::StatusOr<EventChunk> TrackRun::NextChunk() {
+  absl::StatusOr<EventChunk> chunk = FromCore(chunker_.Next());
   if (chunk.ok() || !ends_on_error_) return chunk;
   source_status_ = chunk.status();
-  return EventChunkBytes{};
+  return EventChunk{};
 }
 
 absl::Status TrackRun::MakeFeed(FeedOptions options, bool ends_on_error) {
@@ -119,7 +121,7 @@ absl::Status TrackRun::KeepPosition(const TrackPosition& position, bool has_new_
     EVPOSE_ASSIGN_OR_RETURN(record_.output_bytes, poses_->Sync());
   }
   record_.position = position;
-  record_.max_piece_bytes = feed_->max_piece_bytes();
+  record_.position.max_piece_bytes = feed_->max_piece_bytes();
   EVPOSE_RETURN_IF_ERROR(resume_->Write(record_));
   kept_pose_seq_ = position.last_pose_seq;
   kept_at_ = now;
@@ -154,7 +156,7 @@ TrackCallbacks TrackRun::MakeCallbacks() {
 
 absl::Status TrackRun::Track(Client& client, TrackOptions options) {
   // Killed before it was fed with anything, it may be cut in any way.
-  if (record_.max_piece_bytes > 0) feed_->Start(record_.max_piece_bytes);
+  if (record_.position.max_piece_bytes > 0) feed_->Start(record_.position.max_piece_bytes);
   report_.recording = arguments_.recording;
   report_.session = arguments_.keeps_session ? record_.position.session : "";
   report_.out = arguments_.out;
@@ -170,7 +172,7 @@ absl::Status TrackRun::Track(Client& client, TrackOptions options) {
   absl::StatusOr<TrackSummary> summary = absl::UnknownError("");
   {
     const InterruptWatch watch(context_, is_away_, options.stop);
-    summary = client.Track(record_.position, *feed_, MakeCallbacks(), options);
+    summary = ClientAccess::Track(client, record_.position, *feed_, MakeCallbacks(), options);
   }
   progress_->Stop();
   if (summary.ok()) return Finish(client, *summary, SystemClock().Now() - begin);

@@ -18,8 +18,9 @@
 #include "client/cli/common/resume_file.h"
 #include "client/cli/common/session_progress.h"
 #include "client/cli/common/track_inputs.h"
-#include "client/lib/client.h"
+#include "client/lib/stream/event_feed.h"
 #include "core/events/recording_reader.h"
+#include "evpose/client.h"
 
 namespace evpose::client {
 
@@ -53,7 +54,7 @@ class TrackRun {
   ConnectionLines& connection() { return connection_; }
 
  private:
-  absl::StatusOr<EventChunkBytes> NextChunk();
+  absl::StatusOr<EventChunk> NextChunk();
   absl::Status KeepPosition(const TrackPosition& position, bool has_new_token);
   TrackCallbacks MakeCallbacks();
   // Adds advice to the status of a run that failed.

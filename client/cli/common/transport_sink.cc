@@ -7,6 +7,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "absl/time/time.h"
+#include "client/lib/client_access.h"
 #include "evpose/v1/session_service.grpc.pb.h"
 
 namespace evpose::client {
@@ -70,7 +71,7 @@ absl::StatusOr<std::unique_ptr<TransportSink>> TransportSink::Start() {
   sink->impl_->server = builder.BuildAndStart();
   if (sink->impl_->server == nullptr || port == 0) return absl::UnavailableError("no port of 127.0.0.1 can be had");
   const std::string address = absl::StrCat("127.0.0.1:", port);
-  sink->client_ = Client::OverChannel(grpc::CreateChannel(address, grpc::InsecureChannelCredentials()), address);
+  sink->client_ = ClientAccess::OverChannel(grpc::CreateChannel(address, grpc::InsecureChannelCredentials()), address);
   return sink;
 }
 

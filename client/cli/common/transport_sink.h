@@ -6,7 +6,7 @@
 #include <memory>
 #include <string>
 
-#include "client/lib/client.h"
+#include "evpose/client.h"
 
 namespace evpose::client {
 

@@ -1,0 +1,26 @@
+// SPDX-License-Identifier: Apache-2.0
+
+// Operations of Client that need gRPC or a feed of the caller, for the command line and for tests. Internal.
+#pragma once
+
+#include <grpcpp/channel.h>
+
+#include <memory>
+#include <string>
+
+#include "absl/status/statusor.h"
+#include "client/lib/stream/event_feed.h"
+#include "evpose/client.h"
+
+namespace evpose::client {
+
+struct ClientAccess {
+  // Uses an existing channel, for example that of a server in this process. `name` is the prefix of error messages.
+  static std::unique_ptr<Client> OverChannel(std::shared_ptr<grpc::Channel> channel, const std::string& name,
+                                             const ClientOptions& options = {});
+  // Client::Track() with a feed of the caller, from any position of a session. Stops the feed.
+  static absl::StatusOr<TrackSummary> Track(Client& client, const TrackPosition& position, EventFeed& feed,
+                                            const TrackCallbacks& callbacks, const TrackOptions& options = {});
+};
+
+}  // namespace evpose::client

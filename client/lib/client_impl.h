@@ -1,0 +1,81 @@
+// SPDX-License-Identifier: Apache-2.0
+
+// The servers of a client and the calls that all its operations share. Internal: it includes generated headers.
+#pragma once
+
+#include <grpcpp/channel.h>
+#include <grpcpp/client_context.h>
+
+#include <atomic>
+#include <memory>
+#include <stop_token>
+#include <string>
+#include <vector>
+
+#include "absl/status/statusor.h"
+#include "absl/time/clock.h"
+#include "absl/time/time.h"
+#include "client/lib/conversion.h"
+#include "core/base/status_macros.h"
+#include "evpose/client.h"
+#include "evpose/v1/admin_service.grpc.pb.h"
+#include "evpose/v1/model_service.grpc.pb.h"
+#include "evpose/v1/session_service.grpc.pb.h"
+
+namespace evpose::client {
+
+struct Client::Impl {
+  struct Endpoint {
+    std::shared_ptr<grpc::Channel> channel;
+    std::string name;
+    std::unique_ptr<v1::AdminService::StubInterface> admin;
+    std::unique_ptr<v1::ModelService::StubInterface> models;
+    std::unique_ptr<v1::SessionService::StubInterface> sessions;
+  };
+
+  std::vector<Endpoint> endpoints;
+  std::atomic<size_t> current = 0;  // the server that calls go to
+  bool sessions_outlive_server = false;
+  ClientOptions options;
+
+  const Endpoint& endpoint() const { return endpoints[current]; }
+  bool IsCancelled() const { return options.is_cancelled && options.is_cancelled(); }
+  void AddEndpoint(std::shared_ptr<grpc::Channel> channel, const std::string& name);
+  // Returns false at the timeout; FAILED_PRECONDITION if TLS prevents the connection.
+  absl::StatusOr<bool> WaitForServer();
+  bool WaitForServerUntil(absl::Time deadline);
+  // Uploads a model once. Error: ABORTED if another server has deleted it during the upload.
+  absl::StatusOr<ModelInfo> TryUpload(absl::Span<const uint8_t> bytes, const UploadOptions& upload);
+  // Reads one stream of poses to its end. Advances `after_pose_seq` with the delivered poses.
+  absl::Status WatchPosesOnce(const std::string& session, uint64_t& after_pose_seq, const PosesCallback& on_poses,
+                              const std::stop_token& stop);
+
+  // Makes one call with the deadline of the options: `call(context, response)`.
+  template <typename Response, typename Call>
+  absl::StatusOr<Response> Unary(const Call& call) {
+    grpc::ClientContext context;
+    context.set_deadline(absl::ToChronoTime(absl::Now() + options.call_timeout));
+    Response response;
+    const grpc::Status status = call(&context, &response);
+    if (!status.ok()) return FromGrpc(status, endpoint().name);
+    return response;
+  }
+
+  // Requests all pages of a list of at most `page_size` items: `call(context, request, response)`, then
+  // `append(response)` for each page.
+  template <typename Request, typename Response, typename Call, typename Append>
+  absl::Status AllPages(int page_size, const Call& call, const Append& append) {
+    Request request;
+    request.set_page_size(page_size);
+    do {
+      EVPOSE_ASSIGN_OR_RETURN(const Response response, Unary<Response>([&](auto* context, Response* page) {
+                                return call(context, request, page);
+                              }));
+      EVPOSE_RETURN_IF_ERROR(append(response));
+      request.set_page_token(response.next_page_token());
+    } while (!request.page_token().empty());
+    return absl::OkStatus();
+  }
+};
+
+}  // namespace evpose::client

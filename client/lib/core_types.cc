@@ -1,0 +1,76 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "client/lib/core_types.h"
+
+#include <array>
+#include <utility>
+
+namespace evpose::client {
+namespace {
+
+// Both directions of an enumeration read one table.
+constexpr std::array<std::pair<EventEncoding, Encoding>, 5> kCoreEncodings = {{
+    {EventEncoding::kEvt3, Encoding::kEvt3},
+    {EventEncoding::kEvt21, Encoding::kEvt21},
+    {EventEncoding::kEvt2, Encoding::kEvt2},
+    {EventEncoding::kDat, Encoding::kDat},
+    {EventEncoding::kFlat64, Encoding::kFlat64},
+}};
+constexpr std::array<std::pair<PoseEstimator, Estimator>, 6> kOfferedEstimators = {{
+    {PoseEstimator::kMixture, Estimator::kMixture},
+    {PoseEstimator::kStaticLs, Estimator::kStaticLs},
+    {PoseEstimator::kStaticM, Estimator::kStaticM},
+    {PoseEstimator::kStaticS, Estimator::kStaticS},
+    {PoseEstimator::kStaticMm, Estimator::kStaticMm},
+    {PoseEstimator::kErrorStateFilter, Estimator::kErrorStateFilter},
+}};
+
+}  // namespace
+
+Transform FromCore(const RigidTransform& transform) { return {transform.rotation, transform.translation_m}; }
+RigidTransform ToCore(const Transform& transform) { return {transform.rotation, transform.translation_m}; }
+
+Camera FromCore(const CameraModel& camera) {
+  const auto& [width_px, height_px, fx_px, fy_px, cx_px, cy_px, distortion] = camera;
+  return {width_px, height_px, fx_px, fy_px, cx_px, cy_px, distortion};
+}
+CameraModel ToCore(const Camera& camera) {
+  const auto& [width_px, height_px, fx_px, fy_px, cx_px, cy_px, distortion] = camera;
+  return {width_px, height_px, fx_px, fy_px, cx_px, cy_px, distortion};
+}
+
+SensorParameters FromCore(const SensorProfile& profile) {
+  return {profile.pixel_noise_px, profile.blur_px, profile.contrast_threshold, profile.refractory_us,
+          profile.latency_us};
+}
+SensorProfile ToCore(const SensorParameters& sensor) {
+  const auto& [pixel_noise_px, blur_px, contrast_threshold, refractory_us, latency_us] = sensor;
+  return {"", pixel_noise_px, blur_px, contrast_threshold, refractory_us, latency_us};
+}
+
+EventEncoding FromCore(Encoding encoding) {
+  for (const auto& [ours, theirs] : kCoreEncodings) {
+    if (theirs == encoding) return ours;
+  }
+  return EventEncoding::kEvt3;
+}
+Encoding ToCore(EventEncoding encoding) {
+  for (const auto& [ours, theirs] : kCoreEncodings) {
+    if (ours == encoding) return theirs;
+  }
+  return Encoding::kEvt3;
+}
+
+std::optional<PoseEstimator> FromCore(Estimator estimator) {
+  for (const auto& [ours, theirs] : kOfferedEstimators) {
+    if (theirs == estimator) return ours;
+  }
+  return std::nullopt;
+}
+
+EventChunk FromCore(EventChunkBytes chunk) { return {std::move(chunk.bytes), chunk.t_last_us}; }
+absl::StatusOr<EventChunk> FromCore(absl::StatusOr<EventChunkBytes> chunk) {
+  if (!chunk.ok()) return chunk.status();
+  return FromCore(*std::move(chunk));
+}
+
+}  // namespace evpose::client

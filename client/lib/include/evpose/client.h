@@ -1,0 +1,118 @@
+// SPDX-License-Identifier: Apache-2.0
+
+// A connection to evpose servers: models, sessions, and the stream of events and poses.
+#pragma once
+
+#include <cstdint>
+#include <functional>
+#include <memory>
+#include <optional>
+#include <stop_token>
+#include <string>
+#include <vector>
+
+#include "absl/status/status.h"
+#include "absl/status/statusor.h"
+#include "absl/strings/string_view.h"
+#include "absl/time/time.h"
+#include "absl/types/span.h"
+#include "evpose/track.h"
+#include "evpose/types.h"
+
+namespace evpose::client {
+
+// TLS encryption. The files are PEM.
+struct TlsOptions {
+  bool is_on = false;
+  std::string ca_file;           // certificate authorities that are trusted; empty: those of the system
+  std::string certificate_file;  // client certificate with its chain, for servers that require one; empty: none
+  std::string key_file;          // private key of that certificate
+};
+
+struct ClientOptions {
+  absl::Duration connect_timeout = absl::Seconds(10);  // the server may be starting
+  absl::Duration call_timeout = absl::Seconds(60);     // of one call; loading a large model takes seconds
+  TlsOptions tls;
+  // Authentication token; a secret. Empty: none. It is never sent unencrypted to another machine.
+  std::string token;
+  // Returns the current token, for streams that reconnect long after Connect(). Called before every call, from several
+  // threads. If it fails or returns an invalid token, the previous token is used. Empty: `token` is always used.
+  std::function<absl::StatusOr<std::string>()> renew_token;
+  std::function<bool()> is_cancelled;  // polled while no server responds; true: Connect() ends with CANCELLED
+
+  // Error: INVALID_ARGUMENT naming the field.
+  absl::Status Validate() const;
+};
+
+// Returns whether all characters are valid in a token; true for an empty text.
+bool IsToken(absl::string_view text);
+
+struct UploadOptions {
+  ModelFormat format = ModelFormat::kObj;
+  double metres_per_unit = 1.0;
+};
+
+// Returns the format that the extension of a file name stands for. Error: INVALID_ARGUMENT naming the extensions.
+absl::StatusOr<ModelFormat> ModelFormatFromPath(const std::string& path);
+
+// Thread-safe. All calls block. A status has the server's code and a message that begins with the server's address.
+class Client {
+ public:
+  // `addresses` is HOST:PORT, or several of them, separated by commas, of servers that share their sessions. Waits
+  // until one of them responds, and prefers the first in the list; later calls go to the server that responded last.
+  // Errors: INVALID_ARGUMENT for an invalid address; UNAVAILABLE with the addresses, the duration and the cause;
+  // CANCELLED by the options; UNIMPLEMENTED if the server is another service; UNAUTHENTICATED for an unknown token;
+  // FAILED_PRECONDITION for invalid certificates, and for a token without TLS to another machine.
+  static absl::StatusOr<std::unique_ptr<Client>> Connect(const std::string& addresses,
+                                                         const ClientOptions& options = {});
+  ~Client();
+
+  absl::StatusOr<ServerInfo> GetServerInfo();
+  // Shuts the server down when its streams have finished, at the latest after `timeout` (absent: the server's own).
+  // Returns the number of sessions with an attached stream, for which the server waits.
+  absl::StatusOr<uint32_t> Drain(std::optional<absl::Duration> timeout = std::nullopt);
+  // Sets the level of the server's log until its process ends. Returns the previous level.
+  absl::StatusOr<LogLevel> SetLogLevel(LogLevel level);
+
+  absl::StatusOr<ModelInfo> UploadModel(absl::Span<const uint8_t> bytes, const UploadOptions& options);
+  // Uploads an OBJ, PLY or STL file. Additional errors name the path: those of reading it, and INVALID_ARGUMENT for
+  // another file name extension or for more than 64 MiB, the default limit of a server.
+  absl::StatusOr<ModelInfo> UploadModelFile(const std::string& path, double metres_per_unit = 1.0);
+  absl::StatusOr<ModelInfo> GetModel(const std::string& name);
+  absl::StatusOr<std::vector<ModelInfo>> ListModels();
+  absl::Status DeleteModel(const std::string& name);
+
+  // Each call creates a session. Calls with the same non-empty `request_id` return the same session, so that a call
+  // without a response can be repeated.
+  absl::StatusOr<Session> CreateSession(const SessionConfig& config, const std::string& request_id = "");
+  absl::StatusOr<Session> GetSession(const std::string& name);
+  absl::StatusOr<std::vector<Session>> ListSessions();
+  absl::Status DeleteSession(const std::string& name);
+
+  // Sends the events of the session and delivers its poses until the summary: see track.h. A broken stream is
+  // re-established as options.retry specifies; then no event is lost and no pose is delivered twice. Errors: the last
+  // error of the server or of the source, with the position.
+  absl::StatusOr<TrackSummary> Track(const Session& session, const ChunkSource& source, const TrackCallbacks& callbacks,
+                                     const TrackOptions& options = {});
+  // Continues a session at a position that on_position reported, in this process or another one. The source returns the
+  // events of the session from the start; those before the position are compared with a digest and not sent.
+  // Additional error: FAILED_PRECONDITION if they differ from the events of the session.
+  absl::StatusOr<TrackSummary> Track(const TrackPosition& position, const ChunkSource& source,
+                                     const TrackCallbacks& callbacks, const TrackOptions& options = {});
+
+  // Delivers the stored poses after `after_pose_seq`, then live ones, in order; `num_skipped` poses were lost just
+  // before those of a call. Follows the session to another server on the same store. Returns OK when the session has
+  // ended, and CANCELLED after a request of `stop`.
+  using PosesCallback = std::function<void(const std::vector<Pose>& poses, uint64_t num_skipped)>;
+  absl::Status WatchPoses(const std::string& session, uint64_t after_pose_seq, const PosesCallback& on_poses,
+                          std::stop_token stop = {});
+
+ private:
+  friend struct ClientAccess;
+  explicit Client(const ClientOptions& options);
+
+  struct Impl;
+  std::unique_ptr<Impl> impl_;
+};
+
+}  // namespace evpose::client

@@ -1,0 +1,114 @@
+// SPDX-License-Identifier: Apache-2.0
+
+// The data plane: sends events and receives poses, over streams that may break and are re-established.
+#pragma once
+
+#include <cstdint>
+#include <functional>
+#include <stop_token>
+#include <string>
+#include <vector>
+
+#include "absl/status/status.h"
+#include "absl/status/statusor.h"
+#include "absl/time/time.h"
+#include "evpose/clock.h"
+#include "evpose/types.h"
+
+namespace evpose::client {
+
+// Encoded events, in whole words of the session's encoding.
+struct EventChunk {
+  std::vector<uint8_t> bytes;
+  int64_t t_last_us = -1;  // latest sensor time up to the end of the chunk, for the rate; -1: unknown
+};
+
+// Returns the next chunk; empty bytes at the end of the events. Called in a thread of its own, and may block; a source
+// that waits for live data must return when TrackOptions::stop is requested.
+using ChunkSource = std::function<absl::StatusOr<EventChunk>()>;
+
+// A position between two chunks of a session. Two positions are equal if the same bytes were sent up to there.
+struct FeedPoint {
+  uint64_t seq = 0;     // number of the chunk before it; 0: the start
+  uint64_t bytes = 0;   // payload up to it
+  uint32_t digest = 0;  // CRC-32C over the previous digest and the chunk's own CRC-32C
+
+  friend bool operator==(const FeedPoint&, const FeedPoint&) = default;
+};
+
+// The position of a session, from which this process or another one can continue it.
+struct TrackPosition {
+  std::string session;
+  // Secrets: the current token and the previous one, which is valid until a message was sent on the stream that
+  // returned the current one.
+  std::string resume_token;
+  std::string previous_token;
+  uint64_t last_pose_seq = 0;    // the last delivered pose
+  uint64_t lost_poses = 0;       // earlier poses that were not delivered, because the server no longer stored them
+  FeedPoint durable;             // data before this point is never requested again
+  uint64_t max_piece_bytes = 0;  // size at which chunks of the source were divided; 0: no chunk was sent yet
+};
+
+struct TrackProgress {
+  uint64_t sent_bytes = 0;
+  uint64_t processed_chunks = 0;
+  uint64_t poses = 0;
+};
+
+// The stream has broken, or it is re-established.
+struct ConnectionChange {
+  bool is_away = false;
+  std::string server;          // the next server to be tried, or the one that accepted the stream
+  absl::Status cause;          // cause of the outage
+  absl::Duration away_for;     // duration of the outage so far
+  absl::Duration next_try_in;  // time until the next attempt, during an outage
+  uint64_t kept_bytes = 0;     // events that wait for the server, or that it may request again
+  bool source_waits = false;   // the storage for events is full
+};
+
+// Called in the thread that called Track(), in the order in which the server sent the messages. A slow callback delays
+// the stream and loses no data.
+struct TrackCallbacks {
+  std::function<void(const Pose&)> on_pose;  // once for each pose, in order
+  std::function<void(const Notice&)> on_notice;
+  std::function<void(const TrackProgress&)> on_progress;  // after each increase of the processed data
+  std::function<void(const ConnectionChange&)> on_connection;
+  // After each ack, and with a new token before a message that invalidates the previous one: a caller that stores the
+  // token elsewhere must have done so on return. A status other than OK ends the stream.
+  std::function<absl::Status(const TrackPosition&, bool has_new_token)> on_position;
+};
+
+// When a broken stream is tried again.
+struct RetryOptions {
+  // The longest outage that is tolerated. Zero: a broken stream is not tried again; infinite: unlimited.
+  absl::Duration max_outage = absl::Minutes(2);
+  absl::Duration first_delay = absl::Milliseconds(100);  // doubled after each failed attempt
+  absl::Duration max_delay = absl::Seconds(5);
+  std::function<double()> random;  // in [0, 1), for the jitter; empty: the machine's generator
+
+  // Error: INVALID_ARGUMENT naming the field.
+  absl::Status Validate() const;
+};
+
+struct TrackOptions {
+  double rate = 0.0;         // sensor seconds per second; 0: limited by the server's credit only
+  Clock* clock = nullptr;    // for the rate and for the retries; nullptr: the machine's clock
+  bool has_checksum = true;  // CRC-32C of each chunk: costs a fraction of a percent and detects a faulty link
+  absl::Duration attach_timeout = absl::Seconds(10);  // a server that accepts the call responds at once
+  RetryOptions retry;
+  // A request by the caller cancels the stream. Track() requests it at the end of the stream, so that the source stops.
+  std::stop_source stop;
+
+  // Error: INVALID_ARGUMENT naming the field.
+  absl::Status Validate() const;
+};
+
+struct TrackSummary {
+  SessionHealth health;
+  uint64_t sent_bytes = 0;  // of the session, on all streams, without repetitions
+  uint64_t sent_chunks = 0;
+  uint64_t poses = 0;       // delivered, on all streams
+  uint64_t lost_poses = 0;  // computed by the server, but no longer stored when the stream was re-established
+};
+
+}  // namespace evpose::client

@@ -1,0 +1,218 @@
+// SPDX-License-Identifier: Apache-2.0
+
+// Parameters and results of the client library. Each type corresponds to a message or enumeration of proto/evpose/v1,
+// which documents its fields in full.
+#pragma once
+
+#include <Eigen/Core>
+#include <Eigen/Geometry>
+#include <array>
+#include <cstdint>
+#include <optional>
+#include <string>
+#include <string_view>
+#include <variant>
+#include <vector>
+
+#include "absl/time/time.h"
+
+namespace evpose::client {
+
+// A rigid motion target_from_source: x_target = rotation * x_source + translation_m.
+struct Transform {
+  Eigen::Matrix3d rotation = Eigen::Matrix3d::Identity();
+  Eigen::Vector3d translation_m = Eigen::Vector3d::Zero();
+
+  Eigen::Quaterniond Quaternion() const;  // unit length, w >= 0
+};
+
+// Pinhole camera with plumb-bob distortion. Pixel (0, 0) is the centre of the top-left pixel. Read from a file by
+// LoadCamera() (evpose/recording.h).
+struct Camera {
+  int width_px = 0;
+  int height_px = 0;
+  double fx_px = 0.0;
+  double fy_px = 0.0;
+  double cx_px = 0.0;
+  double cy_px = 0.0;
+  std::array<double, 5> distortion = {};  // k1 k2 p1 p2 k3
+
+  bool operator==(const Camera&) const = default;
+};
+
+// Constants of a sensor and its lens; the defaults are those of an EVK4.
+struct SensorParameters {
+  double pixel_noise_px = 0.8;       // standard deviation of the distance between an edge and its events
+  double blur_px = 0.47;             // standard deviation of the image of an edge
+  double contrast_threshold = 0.35;  // change of the natural logarithm of light that causes an event
+  double refractory_us = 140.0;      // dead time of a pixel after an event
+  double latency_us = 40.0;          // delay of the time stamps
+
+  bool operator==(const SensorParameters&) const = default;
+};
+
+// Encoding of the event stream.
+enum class EventEncoding { kEvt3, kEvt21, kEvt2, kDat, kFlat64 };
+std::string_view EventEncodingName(EventEncoding encoding);  // "EVT3", "EVT2.1", "EVT2", "DAT", "FLAT64"
+
+// The pose estimator of a session. All but kMixture exist for comparisons.
+enum class PoseEstimator { kMixture, kStaticLs, kStaticM, kStaticS, kStaticMm, kErrorStateFilter };
+
+// Format of a model file.
+enum class ModelFormat { kObj, kPly, kStl };
+
+// State of an object's track.
+enum class TrackState { kInitializing, kTracking, kDegraded, kLost };
+std::string_view TrackStateName(TrackState state);  // "INITIALIZING", "TRACKING", "DEGRADED", "LOST"
+
+// The reason why an object has no pose yet.
+enum class InitializationStatus {
+  kNotNeeded,         // a pose is tracked
+  kWaitingForEvents,  // too few events
+  kTooFewLines,       // fewer than three lines were detected
+  kNoPoseFits,        // no pose of the model is consistent with the detected lines and the events
+  kVerifying,         // a pose is being tested against the events
+  kAmbiguous,         // several poses are equally consistent with the events
+};
+std::string_view InitializationStatusName(InitializationStatus status);  // "NOT_NEEDED", "WAITING_FOR_EVENTS", ...
+
+// The lowest level that a server writes to its log.
+enum class LogLevel { kDebug, kInfo, kWarning, kError, kOff };
+
+struct ServerInfo {
+  std::string version;
+  std::string commit;  // commit of the build
+  std::string store;   // "memory", "sqlite" or "redis"; "unknown" for a kind of a later server
+  uint32_t active_sessions = 0;
+  uint32_t max_sessions = 0;
+  uint32_t max_chunk_bytes = 0;
+  uint64_t max_model_bytes = 0;
+  bool is_draining = false;
+  uint64_t skipped_events = 0;
+};
+
+struct ModelInfo {
+  std::string name;  // "models/{id}"
+  ModelFormat format = ModelFormat::kObj;
+  uint64_t size_bytes = 0;
+  uint32_t num_faces = 0;
+  uint32_t num_lines = 0;
+  uint32_t num_symmetries = 1;
+  double diameter_m = 0.0;
+  double metres_per_unit = 1.0;
+  double crease_angle_deg = 0.0;
+  std::string sha256_hex;
+  absl::Time create_time = absl::InfinitePast();
+  std::vector<std::string> notices;
+};
+
+struct TrackedObject {
+  std::string object_id = "object";
+  std::string model;                                    // ModelInfo::name
+  std::optional<Transform> initial_camera_from_object;  // absent: the pose is searched for in the events
+  std::optional<Eigen::Matrix3d> reference_rotation;    // absent: the identity
+};
+
+enum class OverloadPolicy { kBlock, kLatest };
+
+struct SessionConfig {
+  EventEncoding encoding = EventEncoding::kEvt3;
+  Camera camera;
+  std::vector<TrackedObject> objects;
+  PoseEstimator estimator = PoseEstimator::kMixture;
+  SensorParameters sensor;
+  OverloadPolicy overload_policy = OverloadPolicy::kBlock;
+  std::optional<absl::Duration> max_lag;  // kLatest only; absent: the server's default, which CreateSession returns
+};
+
+struct ObjectHealth {
+  std::string object_id;
+  TrackState state = TrackState::kInitializing;
+  uint32_t losses = 0;
+  float explained_ratio = 0.0f;
+  InitializationStatus initialization = InitializationStatus::kWaitingForEvents;
+  uint64_t initialization_attempts = 0;
+  std::string detail;
+};
+
+struct SessionHealth {
+  int64_t t_us = 0;
+  uint64_t received_bytes = 0;
+  uint64_t processed_bytes = 0;
+  uint64_t decoded_events = 0;
+  uint64_t dropped_events = 0;
+  uint64_t invalid_words = 0;
+  uint64_t time_backsteps = 0;
+  uint64_t poses = 0;
+  double event_rate_hz = 0.0;
+  double pose_rate_hz = 0.0;
+  double real_time_ratio = 0.0;
+  std::optional<absl::Duration> latency_p50;
+  std::optional<absl::Duration> latency_p99;
+  uint64_t skipped_events = 0;
+  int64_t skipped_us = 0;
+  std::vector<ObjectHealth> objects;
+};
+
+enum class SessionState { kUnknown, kDetached, kAttached, kEnded };
+
+struct Session {
+  std::string name;  // "sessions/{id}"
+  SessionConfig config;
+  std::string resume_token;  // returned by CreateSession only; a secret
+  SessionState state = SessionState::kUnknown;
+  absl::Time create_time = absl::InfinitePast();
+  std::optional<absl::Time> expire_time;
+  SessionHealth health;
+};
+
+// The pose of one object. All fields but `latency` are functions of the session's events.
+struct Pose {
+  uint64_t seq = 0;
+  std::string object_id;
+  int64_t t_us = 0;  // sensor time of the pose: the middle of the window of events
+  Transform camera_from_object;
+  // Covariance of [tx ty tz rx ry rz], m and rad, for a perturbation on the left.
+  Eigen::Matrix<double, 6, 6> covariance = Eigen::Matrix<double, 6, 6>::Zero();
+  // Linear and angular velocity in the camera frame, [vx vy vz wx wy wz], m/s and rad/s.
+  Eigen::Matrix<double, 6, 1> twist = Eigen::Matrix<double, 6, 1>::Zero();
+  TrackState state = TrackState::kInitializing;
+  uint32_t num_events = 0;       // in the gate
+  float explained_ratio = 0.0f;  // fraction of the events in the gate that are attributed to the lines
+  float residual_rms_px = 0.0f;
+  absl::Duration latency;
+};
+
+struct GoAway {
+  absl::Duration deadline;
+};
+struct DecodeFault {
+  uint64_t chunk_seq = 0;
+  uint64_t count = 0;
+  std::string detail;
+};
+struct StateChange {
+  std::string object_id;
+  int64_t t_us = 0;
+  TrackState state = TrackState::kInitializing;
+};
+enum class DropReason { kUnknown, kLag, kMemory, kReader };
+struct EventsDropped {
+  uint64_t num_events = 0;
+  int64_t from_t_us = 0;
+  int64_t to_t_us = 0;
+  DropReason reason = DropReason::kUnknown;
+};
+// The session was restored without the state of its tracker: every object is searched for again.
+struct TrackingRestarted {
+  uint64_t after_seq = 0;  // the last chunk that was tracked before
+  std::string detail;      // the reason, for people
+};
+// Reported by this library: the server no longer stored these poses when the stream was re-established.
+struct PosesLost {
+  uint64_t first_seq = 0;
+  uint64_t last_seq = 0;
+};
+using Notice = std::variant<GoAway, DecodeFault, StateChange, EventsDropped, TrackingRestarted, PosesLost>;
+
+}  // namespace evpose::client

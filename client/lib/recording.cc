@@ -1,0 +1,45 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "evpose/recording.h"
+
+#include <utility>
+
+#include "client/lib/core_types.h"
+#include "core/base/status_macros.h"
+
+namespace evpose::client {
+
+struct Recording::Impl {
+  Impl(std::unique_ptr<RecordingReader> opened, const ChunkerOptions& options)
+      : reader(std::move(opened)), chunker(*reader, options) {}
+
+  const std::unique_ptr<RecordingReader> reader;
+  Chunker chunker;
+};
+
+Recording::Recording(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) {}
+Recording::~Recording() = default;
+
+absl::StatusOr<std::unique_ptr<Recording>> Recording::Open(const std::string& path, const RecordingOptions& options) {
+  ChunkerOptions chunker_options;
+  chunker_options.max_duration_us = options.max_duration_us;
+  chunker_options.max_bytes = options.max_bytes;
+  EVPOSE_RETURN_IF_ERROR(chunker_options.Validate());
+  RecordingReaderOptions reader_options;
+  reader_options.follow = options.is_following;
+  reader_options.stop = options.stop;
+  EVPOSE_ASSIGN_OR_RETURN(std::unique_ptr<RecordingReader> reader, RecordingReader::Open(path, reader_options));
+  return std::unique_ptr<Recording>(new Recording(std::make_unique<Impl>(std::move(reader), chunker_options)));
+}
+
+EventEncoding Recording::encoding() const { return FromCore(impl_->reader->header().encoding); }
+int Recording::width_px() const { return impl_->reader->header().geometry.width_px; }
+int Recording::height_px() const { return impl_->reader->header().geometry.height_px; }
+
+absl::StatusOr<EventChunk> Recording::Next() { return FromCore(impl_->chunker.Next()); }
+
+absl::StatusOr<Camera> LoadCamera(const std::string& path) {
+  EVPOSE_ASSIGN_OR_RETURN(const CameraModel camera, LoadCameraModel(path));
+  return FromCore(camera);
+}
+
+}  // namespace evpose::client

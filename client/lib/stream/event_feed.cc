@@ -1,0 +1,94 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "client/lib/stream/event_feed.h"
+
+#include <algorithm>
+#include <utility>
+
+#include "absl/strings/str_cat.h"
+#include "core/base/status_macros.h"
+
+namespace evpose::client {
+namespace {
+
+// Whole words of every encoding.
+constexpr uint64_t kWordBytes = 8;
+
+}  // namespace
+
+absl::Status FeedOptions::Validate() const {
+  if (!(rate >= 0.0) || rate > 1e6) return absl::InvalidArgumentError("rate must lie in [0, 1e6]");
+  return outbox.Validate();
+}
+
+absl::StatusOr<std::unique_ptr<EventFeed>> EventFeed::Open(ChunkSource source, const FeedOptions& options) {
+  EVPOSE_RETURN_IF_ERROR(options.Validate());
+  EVPOSE_ASSIGN_OR_RETURN(std::unique_ptr<Outbox> outbox, Outbox::Open(options.outbox, options.skip));
+  return std::unique_ptr<EventFeed>(new EventFeed(std::move(source), options, std::move(outbox)));
+}
+
+EventFeed::EventFeed(ChunkSource source, const FeedOptions& options, std::unique_ptr<Outbox> outbox)
+    : source_(std::move(source)),
+      options_(options),
+      outbox_(std::move(outbox)),
+      pacer_(options.clock == nullptr ? SystemClock() : *options.clock, options.rate),
+      is_after_gap_(options.begins_after_gap) {
+  if (options_.skip.seq > 0) return;
+  // What a spool holds of an earlier process is not read again, and what came between is lost.
+  point_ = outbox_->state().last;
+  is_after_gap_ = is_after_gap_ || point_.seq > 0;
+}
+
+EventFeed::~EventFeed() { Stop(); }
+
+void EventFeed::Start(uint64_t max_piece_bytes) {
+  if (thread_.joinable()) return;
+  max_piece_bytes_ = std::max(max_piece_bytes / kWordBytes * kWordBytes, kWordBytes);
+  thread_ = std::jthread([this] { Run(); });
+}
+
+void EventFeed::Stop() {
+  stop_.request_stop();
+  if (thread_.joinable()) thread_.join();
+}
+
+void EventFeed::Run() {
+  while (outbox_->WaitForDemand(options_.read_ahead_bytes, stop_.get_token())) {
+    absl::StatusOr<EventChunk> chunk = source_();
+    if (stop_.stop_requested()) return;
+    absl::Status status = chunk.status();
+    const bool is_end = chunk.ok() && chunk->bytes.empty();
+    if (is_end && point_.seq < options_.skip.seq) {
+      status = absl::FailedPreconditionError(
+          absl::StrCat("the events end after ", point_.bytes, " bytes, but the session was fed with at least ",
+                       options_.skip.bytes, ": these are not the events it was fed with"));
+    }
+    if (status.ok() && !is_end) status = Add(*chunk);
+    if (stop_.stop_requested()) return;
+    if (status.ok() && !is_end) continue;
+    outbox_->Finish(status);
+    return;
+  }
+}
+
+absl::Status EventFeed::Add(const EventChunk& chunk) {
+  const bool is_skipped = point_.seq < options_.skip.seq;
+  if (!is_skipped && !pacer_.Wait(chunk.t_last_us, stop_.get_token())) return absl::CancelledError("stopped");
+  const auto* const bytes = reinterpret_cast<const char*>(chunk.bytes.data());
+  for (size_t begin = 0; begin < chunk.bytes.size(); begin += max_piece_bytes_) {
+    const size_t size = std::min<size_t>(max_piece_bytes_, chunk.bytes.size() - begin);
+    OutgoingChunk piece = MakeOutgoingChunk(point_, std::string(bytes + begin, size), is_after_gap_);
+    is_after_gap_ = false;
+    point_ = piece.end;
+    if (point_.seq == options_.skip.seq) EVPOSE_RETURN_IF_ERROR(CheckSkipped());
+    if (point_.seq > options_.skip.seq) EVPOSE_RETURN_IF_ERROR(outbox_->Append(std::move(piece), stop_.get_token()));
+  }
+  return absl::OkStatus();
+}
+
+absl::Status EventFeed::CheckSkipped() const {
+  if (point_ == options_.skip) return absl::OkStatus();
+  return absl::FailedPreconditionError(absl::StrCat(
+      "the first ", point_.bytes, " bytes differ from those that the session was fed with: these are not its events"));
+}
+
+}  // namespace evpose::client

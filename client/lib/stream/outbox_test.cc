@@ -1,0 +1,330 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "client/lib/stream/outbox.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <sys/resource.h>
+
+#include <csignal>
+#include <filesystem>
+#include <future>
+#include <string>
+#include <thread>
+
+#include "client/lib/fake_clock_testing.h"
+#include "client/lib/stream/event_feed.h"
+#include "core/base/temporary_directory.h"
+
+namespace evpose::client {
+namespace {
+
+using ::testing::HasSubstr;
+
+class OutboxTest : public ::testing::Test {
+ protected:
+  void Open(const OutboxOptions& options, const FeedPoint& begin = {}) {
+    auto outbox = Outbox::Open(options, begin);
+    ASSERT_TRUE(outbox.ok()) << outbox.status();
+    outbox_ = *std::move(outbox);
+  }
+
+  SpoolOptions SpoolThere(bool outlives_process) const {
+    SpoolOptions options;
+    options.directory = directory_;
+    options.max_bytes = 16 << 20;
+    options.outlives_process = outlives_process;
+    return options;
+  }
+
+  absl::Status Append(size_t size) {
+    const FeedPoint point = outbox_->state().last;
+    const char letter = static_cast<char>('a' + point.seq % 26);
+    return outbox_->Append(MakeOutgoingChunk(point, std::string(size, letter), false), stop_.get_token());
+  }
+
+  // The letter that the chunk is made of.
+  char LetterOf(uint64_t seq) {
+    const auto chunk = outbox_->Get(seq, stop_.get_token());
+    EXPECT_TRUE(chunk.ok()) << chunk.status();
+    if (!chunk.ok() || *chunk == nullptr) return '?';
+    EXPECT_EQ((*chunk)->end.seq, seq);
+    return (*chunk)->payload[0];
+  }
+
+  const TemporaryDirectory parent_;
+  const std::string directory_ = parent_.File("spool");
+  std::unique_ptr<Outbox> outbox_;
+  std::stop_source stop_;
+};
+
+TEST_F(OutboxTest, KeepsWhatIsNotDurable) {
+  Open({});
+  for (int i = 0; i < 5; ++i) ASSERT_TRUE(Append(8).ok());
+  EXPECT_EQ(LetterOf(1), 'a');
+  EXPECT_EQ(LetterOf(5), 'e');
+  EXPECT_EQ(outbox_->state().kept_bytes, 40u);
+  outbox_->Forget(3);
+  EXPECT_EQ(outbox_->state().kept_bytes, 16u);
+  EXPECT_EQ(outbox_->durable().seq, 3u);
+  EXPECT_EQ(outbox_->durable().bytes, 24u);
+  EXPECT_EQ(LetterOf(4), 'd') << "again, after a break";
+  const auto forgotten = outbox_->Get(3, stop_.get_token());
+  EXPECT_EQ(forgotten.status().code(), absl::StatusCode::kDataLoss);
+  EXPECT_THAT(forgotten.status().message(), HasSubstr("asks for chunk 3 again, which it said was durable (up to 3)"));
+  outbox_->Forget(1);  // an old ack
+  EXPECT_EQ(outbox_->state().durable_seq, 3u);
+}
+
+TEST_F(OutboxTest, EndsAfterItsLastChunk) {
+  Open({});
+  ASSERT_TRUE(Append(8).ok());
+  outbox_->Finish(absl::OkStatus());
+  EXPECT_EQ(LetterOf(1), 'a');
+  const auto end = outbox_->Get(2, stop_.get_token());
+  ASSERT_TRUE(end.ok());
+  EXPECT_EQ(*end, nullptr);
+  const auto beyond = outbox_->Get(4, stop_.get_token());
+  EXPECT_EQ(beyond.status().code(), absl::StatusCode::kFailedPrecondition);
+  EXPECT_THAT(beyond.status().message(), HasSubstr("has 3 chunks of this session, but there are 1 only"));
+}
+
+TEST_F(OutboxTest, ErrorOfTheSourceComesAfterItsChunks) {
+  Open({});
+  ASSERT_TRUE(Append(8).ok());
+  outbox_->Finish(absl::DataLossError("disk gone"));
+  EXPECT_EQ(LetterOf(1), 'a');
+  EXPECT_EQ(outbox_->Get(2, stop_.get_token()).status(), absl::DataLossError("disk gone"));
+}
+
+TEST_F(OutboxTest, WaitsForTheSourceAndIsStopped) {
+  Open({});
+  auto got = std::async(std::launch::async, [this] { return LetterOf(1); });
+  // Somebody waits for a chunk: the source is to bring one, however little it may read ahead.
+  EXPECT_TRUE(outbox_->WaitForDemand(0, stop_.get_token()));
+  ASSERT_TRUE(Append(8).ok());
+  EXPECT_EQ(got.get(), 'a');
+  auto stopped = std::async(std::launch::async, [this] { return outbox_->Get(2, stop_.get_token()).status(); });
+  EXPECT_TRUE(outbox_->WaitForDemand(0, {}));
+  stop_.request_stop();
+  EXPECT_EQ(stopped.get().code(), absl::StatusCode::kCancelled);
+  EXPECT_FALSE(outbox_->WaitForDemand(0, stop_.get_token()));
+}
+
+TEST_F(OutboxTest, FullMemoryMakesTheSourceWait) {
+  OutboxOptions options;
+  options.memory_bytes = 1000;
+  Open(options);
+  ASSERT_TRUE(Append(800).ok());
+  auto second = std::async(std::launch::async, [this] { return Append(800); });
+  while (!outbox_->state().is_waiting) std::this_thread::yield();
+  EXPECT_EQ(outbox_->state().last.seq, 1u);
+  outbox_->Forget(1);
+  EXPECT_TRUE(second.get().ok());
+  EXPECT_EQ(outbox_->state().last.seq, 2u);
+  EXPECT_FALSE(outbox_->state().is_waiting);
+  auto third = std::async(std::launch::async, [this] { return Append(800); });
+  while (!outbox_->state().is_waiting) std::this_thread::yield();
+  stop_.request_stop();
+  EXPECT_EQ(third.get().code(), absl::StatusCode::kCancelled);
+}
+
+TEST_F(OutboxTest, ChunkLargerThanAllTheMemoryIsTakenAlone) {
+  OutboxOptions options;
+  options.memory_bytes = 10;
+  Open(options);
+  ASSERT_TRUE(Append(800).ok());
+  EXPECT_EQ(LetterOf(1), 'a');
+}
+
+TEST_F(OutboxTest, WhatDoesNotFitIntoMemoryGoesToTheSpoolAndComesBackInOrder) {
+  OutboxOptions options;
+  options.memory_bytes = 2000;
+  options.spool = SpoolThere(false);
+  Open(options);
+  for (int i = 0; i < 20; ++i) ASSERT_TRUE(Append(500).ok());
+  EXPECT_EQ(outbox_->state().kept_bytes, 10'000u);
+  for (uint64_t seq = 1; seq <= 20; ++seq) EXPECT_EQ(LetterOf(seq), static_cast<char>('a' + seq - 1));
+  outbox_->Forget(10);
+  EXPECT_EQ(outbox_->durable().bytes, 5000u);
+  EXPECT_EQ(outbox_->state().kept_bytes, 5000u);
+  EXPECT_EQ(LetterOf(11), 'k');
+  outbox_->Forget(20);
+  EXPECT_EQ(outbox_->state().kept_bytes, 0u);
+  for (int i = 0; i < 6; ++i) ASSERT_TRUE(Append(500).ok());
+  EXPECT_EQ(LetterOf(21), 'u');
+  EXPECT_EQ(LetterOf(26), 'z');
+  EXPECT_EQ(outbox_->Get(20, stop_.get_token()).status().code(), absl::StatusCode::kDataLoss);
+}
+
+TEST_F(OutboxTest, FullSpoolMakesTheSourceWait) {
+  OutboxOptions options;
+  options.memory_bytes = 1;
+  options.spool = SpoolThere(true);
+  Open(options);
+  for (int i = 0; i < 15; ++i) ASSERT_TRUE(Append(1 << 20).ok());
+  auto next = std::async(std::launch::async, [this] { return Append(1 << 20); });
+  while (!outbox_->state().is_waiting) std::this_thread::yield();
+  outbox_->Forget(2);
+  EXPECT_TRUE(next.get().ok());
+}
+
+TEST_F(OutboxTest, FullDiskIsTheErrorAfterTheChunksThatAreThere) {
+  OutboxOptions options;
+  options.spool = SpoolThere(true);
+  Open(options);
+  ASSERT_TRUE(Append(8).ok());
+  // A limit on the size of files stands for the end of the disk.
+  rlimit before;
+  ASSERT_EQ(getrlimit(RLIMIT_FSIZE, &before), 0);
+  std::signal(SIGXFSZ, SIG_IGN);
+  rlimit limit = before;
+  limit.rlim_cur = 60'000;
+  ASSERT_EQ(setrlimit(RLIMIT_FSIZE, &limit), 0);
+  const absl::Status full = Append(100'000);
+  setrlimit(RLIMIT_FSIZE, &before);
+  EXPECT_THAT(full.message(), HasSubstr(directory_ + ": the spool cannot be written"));
+  outbox_->Finish(full);
+  EXPECT_EQ(outbox_->state().last.seq, 1u);
+  EXPECT_EQ(LetterOf(1), 'a');
+  EXPECT_EQ(outbox_->Get(2, stop_.get_token()).status(), full);
+}
+
+TEST_F(OutboxTest, AnotherProcessGoesOnAfterWhatTheSpoolHolds) {
+  OutboxOptions options;
+  options.spool = SpoolThere(true);
+  Open(options);
+  for (int i = 0; i < 5; ++i) ASSERT_TRUE(Append(500).ok());
+  const FeedPoint last = outbox_->state().last;
+  outbox_.reset();
+  Open(options);
+  EXPECT_EQ(outbox_->state().last, last);
+  EXPECT_EQ(LetterOf(1), 'a');
+  ASSERT_TRUE(Append(500).ok());
+  EXPECT_EQ(LetterOf(6), 'f');
+}
+
+TEST_F(OutboxTest, WhatIsDurableAlreadyIsNotKept) {
+  Open({});
+  outbox_->Forget(2);  // the server has it from an earlier process
+  for (int i = 0; i < 3; ++i) ASSERT_TRUE(Append(8).ok());
+  EXPECT_EQ(outbox_->state().kept_bytes, 8u);
+  EXPECT_EQ(outbox_->durable().seq, 2u);
+  EXPECT_EQ(LetterOf(3), 'c');
+}
+
+TEST_F(OutboxTest, OptionsAreChecked) {
+  OutboxOptions options;
+  options.memory_bytes = 0;
+  EXPECT_THAT(Outbox::Open(options).status().message(), HasSubstr("memory_bytes"));
+  options = {};
+  options.spool = SpoolOptions();
+  EXPECT_THAT(Outbox::Open(options).status().message(), HasSubstr("directory"));
+}
+
+// Chunks of 24 bytes, 1 ms apart; the last one is shorter.
+ChunkSource Source(int count, int64_t seed = 0) {
+  return [=, next = 0]() mutable -> absl::StatusOr<EventChunk> {
+    if (next == count) return EventChunk{};
+    EventChunk chunk;
+    chunk.bytes.assign(next + 1 == count ? 8 : 24, static_cast<uint8_t>(seed + next));
+    chunk.t_last_us = 1000 * next++;
+    return chunk;
+  };
+}
+
+std::vector<OutgoingChunk> ReadFeed(const FeedOptions& options, int count, uint64_t first_seq, absl::Status& status,
+                                    int64_t seed = 0) {
+  std::vector<OutgoingChunk> chunks;
+  auto feed = EventFeed::Open(Source(count, seed), options);
+  EXPECT_TRUE(feed.ok()) << feed.status();
+  (*feed)->Start(20);
+  for (uint64_t seq = first_seq;; ++seq) {
+    const auto chunk = (*feed)->outbox().Get(seq, {});
+    status = chunk.status();
+    if (!chunk.ok() || *chunk == nullptr) return chunks;
+    chunks.push_back(**chunk);
+  }
+}
+
+TEST(EventFeedTest, PiecesAreWholeWordsAndNumbered) {
+  absl::Status status;
+  const auto chunks = ReadFeed({}, 3, 1, status);
+  ASSERT_TRUE(status.ok()) << status;
+  ASSERT_EQ(chunks.size(), 5u);
+  uint64_t bytes = 0;
+  for (size_t i = 0; i < chunks.size(); ++i) {
+    EXPECT_EQ(chunks[i].end.seq, i + 1);
+    EXPECT_EQ(chunks[i].payload.size(), i % 2 == 0 && i < 4 ? 16u : 8u);
+    EXPECT_EQ(chunks[i].end.bytes, bytes += chunks[i].payload.size());
+  }
+}
+
+TEST(EventFeedTest, GoesOnFromAnyPointWithTheSamePieces) {
+  absl::Status status;
+  const auto all = ReadFeed({}, 10, 1, status);
+  for (size_t skipped = 0; skipped <= all.size(); ++skipped) {
+    FeedOptions options;
+    if (skipped > 0) options.skip = all[skipped - 1].end;
+    const auto rest = ReadFeed(options, 10, skipped + 1, status);
+    ASSERT_TRUE(status.ok()) << status;
+    ASSERT_EQ(rest.size(), all.size() - skipped);
+    for (size_t i = 0; i < rest.size(); ++i) {
+      EXPECT_EQ(rest[i].end, all[skipped + i].end);
+      EXPECT_EQ(rest[i].payload, all[skipped + i].payload);
+    }
+  }
+}
+
+TEST(EventFeedTest, OtherEventsThanTheSessionsAreToldApart) {
+  absl::Status status;
+  FeedOptions options;
+  options.skip = ReadFeed({}, 10, 1, status)[7].end;
+  EXPECT_TRUE(ReadFeed(options, 10, 9, status, 1).empty());
+  EXPECT_EQ(status.code(), absl::StatusCode::kFailedPrecondition);
+  EXPECT_THAT(status.message(), HasSubstr("differ from those that the session was fed with"));
+  EXPECT_TRUE(ReadFeed(options, 2, 9, status).empty());
+  EXPECT_EQ(status.code(), absl::StatusCode::kFailedPrecondition);
+  EXPECT_THAT(status.message(), HasSubstr("the events end after 32 bytes"));
+}
+
+TEST(EventFeedTest, GapIsMarkedOnce) {
+  absl::Status status;
+  FeedOptions options;
+  options.begins_after_gap = true;
+  const auto chunks = ReadFeed(options, 2, 1, status);
+  ASSERT_GE(chunks.size(), 2u);
+  EXPECT_TRUE(chunks[0].discontinuity);
+  EXPECT_FALSE(chunks[1].discontinuity);
+}
+
+TEST(EventFeedTest, ReadsAheadAsFarAsItMay) {
+  int num_read = 0;
+  const ChunkSource source = [&]() -> absl::StatusOr<EventChunk> {
+    ++num_read;
+    return EventChunk{std::vector<uint8_t>(16), 0};
+  };
+  FeedOptions options;
+  options.read_ahead_bytes = 64;
+  auto feed = EventFeed::Open(source, options);
+  ASSERT_TRUE(feed.ok());
+  (*feed)->Start(1000);
+  for (uint64_t seq = 1; seq <= 10; ++seq) ASSERT_TRUE((*feed)->outbox().Get(seq, {}).ok());
+  while ((*feed)->outbox().state().last.bytes < 14 * 16) std::this_thread::yield();
+  (*feed)->Stop();
+  EXPECT_EQ(num_read, 14);
+}
+
+TEST(EventFeedTest, PaceBeginsAfterWhatIsSkipped) {
+  absl::Status status;
+  FeedOptions options;
+  options.skip = ReadFeed({}, 10, 1, status)[11].end;  // six chunks
+  FakeClock clock;
+  options.clock = &clock;
+  options.rate = 1.0;
+  const absl::Time begin = clock.Now();
+  ReadFeed(options, 10, 13, status);
+  EXPECT_EQ(clock.Now() - begin, absl::Milliseconds(3));
+}
+
+}  // namespace
+}  // namespace evpose::client

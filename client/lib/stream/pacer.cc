@@ -1,0 +1,18 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "client/lib/stream/pacer.h"
+
+namespace evpose::client {
+
+bool Pacer::Wait(int64_t t_us, std::stop_token stop) {
+  if (rate_ <= 0.0 || t_us < 0) return !stop.stop_requested();
+  if (!first_t_us_) {
+    first_t_us_ = t_us;
+    begin_ = clock_.Now();
+  }
+  // From the beginning, not from the call before: waiting a little too long each time does not add up.
+  const absl::Time due = begin_ + absl::Microseconds(t_us - *first_t_us_) / rate_;
+  if (due <= clock_.Now()) return !stop.stop_requested();
+  return clock_.SleepUntil(due, stop);
+}
+
+}  // namespace evpose::client

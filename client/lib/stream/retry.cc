@@ -1,0 +1,65 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "client/lib/stream/retry.h"
+
+#include <algorithm>
+#include <random>
+
+#include "client/lib/conversion.h"
+#include "client/lib/status_details.h"
+
+namespace evpose::client {
+namespace {
+
+double MachineRandom() {
+  thread_local std::minstd_rand generator(std::random_device{}());
+  return std::uniform_real_distribution<double>(0.0, 1.0)(generator);
+}
+
+}  // namespace
+
+absl::Status RetryOptions::Validate() const {
+  if (max_outage < absl::ZeroDuration()) return absl::InvalidArgumentError("max_outage must not be negative");
+  if (first_delay <= absl::ZeroDuration()) return absl::InvalidArgumentError("first_delay must be positive");
+  if (max_delay < first_delay) return absl::InvalidArgumentError("max_delay must be at least first_delay");
+  return absl::OkStatus();
+}
+
+Backoff::Backoff(const RetryOptions& options) : options_(options), delay_(options.first_delay) {}
+
+absl::Duration Backoff::Next() {
+  const double random = options_.random ? options_.random() : MachineRandom();
+  const absl::Duration delay = std::min(delay_, options_.max_delay) * (0.5 + 0.5 * random);
+  delay_ = std::min(2 * delay_, options_.max_delay);
+  return delay;
+}
+
+RetryAdvice AdviseOn(const absl::Status& status) {
+  const StatusDetails details = GetDetails(status);
+  const v1::ErrorReason reason = ReasonOf(status);
+  switch (status.code()) {
+    case absl::StatusCode::kUnavailable:
+    case absl::StatusCode::kDeadlineExceeded:
+      return RetryAdvice::kTryAgain;
+    case absl::StatusCode::kCancelled:
+    case absl::StatusCode::kUnknown:
+    case absl::StatusCode::kInternal:
+      // The network's, or a proxy's. A server of ours says a reason, and means it.
+      return details.reason.empty() ? RetryAdvice::kTryAgain : RetryAdvice::kGiveUp;
+    case absl::StatusCode::kAborted:
+      return reason == v1::FENCED ? RetryAdvice::kGiveUp : RetryAdvice::kTryAgain;
+    case absl::StatusCode::kDataLoss:
+      return reason == v1::CRC_MISMATCH ? RetryAdvice::kTryAgain : RetryAdvice::kGiveUp;
+    case absl::StatusCode::kResourceExhausted:
+      return details.retry_in > absl::ZeroDuration() ? RetryAdvice::kTryAgain : RetryAdvice::kGiveUp;
+    case absl::StatusCode::kNotFound:
+      return reason == v1::SESSION_NOT_FOUND ? RetryAdvice::kTryOtherServer : RetryAdvice::kGiveUp;
+    case absl::StatusCode::kPermissionDenied:
+      return reason == v1::WRONG_TOKEN ? RetryAdvice::kTryOtherToken : RetryAdvice::kGiveUp;
+    case absl::StatusCode::kInvalidArgument:
+      return details.field == "attach.last_pose_seq" ? RetryAdvice::kTryWithoutCount : RetryAdvice::kGiveUp;
+    default:
+      return RetryAdvice::kGiveUp;
+  }
+}
+
+}  // namespace evpose::client

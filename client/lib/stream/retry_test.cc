@@ -1,0 +1,102 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "client/lib/stream/retry.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <string>
+#include <utility>
+
+#include "client/lib/status_details.h"
+
+namespace evpose::client {
+namespace {
+
+using ::testing::HasSubstr;
+
+TEST(BackoffTest, DoublesUpToItsLimitAndBeginsAnew) {
+  RetryOptions options;
+  options.first_delay = absl::Milliseconds(100);
+  options.max_delay = absl::Milliseconds(700);
+  options.random = [] { return 1.0; };
+  Backoff backoff(options);
+  for (const int expected_ms : {100, 200, 400, 700, 700}) {
+    EXPECT_EQ(backoff.Next(), absl::Milliseconds(expected_ms));
+  }
+  backoff.Reset();
+  EXPECT_EQ(backoff.Next(), absl::Milliseconds(100));
+}
+
+TEST(BackoffTest, JitterTakesUpToHalf) {
+  RetryOptions options;
+  double random = 0.0;
+  options.random = [&random] { return random; };
+  Backoff backoff(options);
+  EXPECT_EQ(backoff.Next(), absl::Milliseconds(50));
+  random = 0.5;
+  EXPECT_EQ(backoff.Next(), absl::Milliseconds(150));
+}
+
+TEST(BackoffTest, TheMachinesRandomnessStaysInItsRange) {
+  Backoff backoff({});
+  for (int i = 0; i < 100; ++i) {
+    backoff.Reset();
+    const absl::Duration delay = backoff.Next();
+    EXPECT_GE(delay, absl::Milliseconds(50));
+    EXPECT_LE(delay, absl::Milliseconds(100));
+  }
+}
+
+TEST(RetryOptionsTest, ValidateNamesTheField) {
+  RetryOptions options;
+  EXPECT_TRUE(options.Validate().ok());
+  options.max_outage = -absl::Seconds(1);
+  EXPECT_THAT(options.Validate().message(), HasSubstr("max_outage"));
+  options = {};
+  options.first_delay = absl::ZeroDuration();
+  EXPECT_THAT(options.Validate().message(), HasSubstr("first_delay"));
+  options = {};
+  options.max_delay = absl::Milliseconds(1);
+  EXPECT_THAT(options.Validate().message(), HasSubstr("max_delay"));
+}
+
+struct Case {
+  absl::StatusCode code;
+  StatusDetails details;
+  RetryAdvice advice;
+};
+
+TEST(AdviseOnTest, EveryStatusThatAStreamCanEndWith) {
+  using Code = absl::StatusCode;
+  for (const Case& each : {
+           Case{Code::kUnavailable, {}, RetryAdvice::kTryAgain},  // the network
+           Case{Code::kUnavailable, {"DRAINING"}, RetryAdvice::kTryAgain},
+           Case{Code::kDeadlineExceeded, {}, RetryAdvice::kTryAgain},
+           Case{Code::kCancelled, {}, RetryAdvice::kTryAgain},
+           Case{Code::kUnknown, {}, RetryAdvice::kTryAgain},   // a proxy
+           Case{Code::kInternal, {}, RetryAdvice::kTryAgain},  // the transport
+           Case{Code::kInternal, {"STORE_FAILED"}, RetryAdvice::kGiveUp},
+           Case{Code::kAborted, {"POSES_FORGOTTEN"}, RetryAdvice::kTryAgain},
+           Case{Code::kAborted, {"FENCED"}, RetryAdvice::kGiveUp},
+           Case{Code::kDataLoss, {"CRC_MISMATCH"}, RetryAdvice::kTryAgain},
+           Case{Code::kDataLoss, {}, RetryAdvice::kGiveUp},
+           Case{Code::kResourceExhausted, {"STORE_FULL"}, RetryAdvice::kGiveUp},
+           Case{Code::kResourceExhausted, {"TOO_MANY", "", absl::Seconds(1)}, RetryAdvice::kTryAgain},
+           Case{Code::kNotFound, {"SESSION_NOT_FOUND"}, RetryAdvice::kTryOtherServer},
+           Case{Code::kNotFound, {"SESSION_DELETED"}, RetryAdvice::kGiveUp},
+           Case{Code::kPermissionDenied, {"WRONG_TOKEN"}, RetryAdvice::kTryOtherToken},
+           Case{Code::kPermissionDenied, {}, RetryAdvice::kGiveUp},
+           Case{Code::kInvalidArgument, {"", "attach.last_pose_seq"}, RetryAdvice::kTryWithoutCount},
+           Case{Code::kInvalidArgument, {"", "events.payload"}, RetryAdvice::kGiveUp},
+           Case{Code::kFailedPrecondition, {"SEQ_GAP"}, RetryAdvice::kGiveUp},
+           Case{Code::kUnauthenticated, {}, RetryAdvice::kGiveUp},
+           Case{Code::kUnimplemented, {}, RetryAdvice::kGiveUp},
+       }) {
+    absl::Status status(each.code, "what happened");
+    SetDetails(status, each.details);
+    EXPECT_EQ(AdviseOn(status), each.advice) << status << " " << each.details.reason;
+  }
+}
+
+}  // namespace
+}  // namespace evpose::client

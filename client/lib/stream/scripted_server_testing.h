@@ -1,0 +1,135 @@
+// SPDX-License-Identifier: Apache-2.0
+
+// A server that does what each test tells it to, for the tests of the stream.
+#pragma once
+
+#include <gmock/gmock.h>
+#include <grpcpp/server.h>
+#include <grpcpp/server_builder.h>
+#include <gtest/gtest.h>
+
+#include <functional>
+#include <memory>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "client/lib/client_access.h"
+#include "evpose/client.h"
+#include "evpose/v1/session_service.grpc.pb.h"
+
+namespace evpose::client {
+
+using ServerStream = grpc::ServerReaderWriter<v1::TrackResponse, v1::TrackRequest>;
+
+class ScriptedService final : public v1::SessionService::Service {
+ public:
+  grpc::Status Track(grpc::ServerContext*, ServerStream* stream) override { return script(*stream); }
+  std::function<grpc::Status(ServerStream&)> script;
+};
+
+inline v1::TrackResponse Attached(uint64_t limit_bytes, uint32_t max_chunk_bytes = 1 << 20) {
+  v1::TrackResponse response;
+  response.mutable_attached()->set_next_seq(1);
+  response.mutable_attached()->set_first_pose_seq(1);
+  response.mutable_attached()->set_send_limit_bytes(limit_bytes);
+  response.mutable_attached()->set_max_chunk_bytes(max_chunk_bytes);
+  return response;
+}
+
+inline v1::TrackResponse Ack(uint64_t seq, uint64_t limit_bytes) {
+  v1::TrackResponse response;
+  response.mutable_ack()->set_processed_seq(seq);
+  response.mutable_ack()->set_send_limit_bytes(limit_bytes);
+  return response;
+}
+
+inline v1::TrackResponse PoseMessage(uint64_t seq) {
+  v1::TrackResponse response;
+  v1::Pose& pose = *response.mutable_pose();
+  pose.set_pose_seq(seq);
+  pose.set_object_id("object");
+  pose.set_t_us(1000 * static_cast<int64_t>(seq));
+  pose.mutable_camera_from_object()->mutable_translation_m()->set_z(1.0);
+  pose.mutable_camera_from_object()->mutable_rotation()->set_w(1.0);
+  for (int i = 0; i < 21; ++i) pose.mutable_covariance()->add_upper_triangle(i);
+  pose.mutable_twist()->mutable_linear_m_per_s()->set_y(1);
+  pose.mutable_twist()->mutable_angular_rad_per_s()->set_z(5);
+  pose.set_state(v1::TRACK_STATE_TRACKING);
+  return response;
+}
+
+inline v1::TrackResponse SummaryMessage(uint64_t poses) {
+  v1::TrackResponse response;
+  response.mutable_summary()->mutable_health()->set_poses(poses);
+  return response;
+}
+
+// Reads until `end`; what came.
+inline std::vector<v1::TrackRequest::EventChunk> ReadToEnd(ServerStream& stream) {
+  std::vector<v1::TrackRequest::EventChunk> chunks;
+  v1::TrackRequest request;
+  while (stream.Read(&request) && !request.has_end()) chunks.push_back(request.events());
+  return chunks;
+}
+
+class TrackTest : public ::testing::Test {
+ protected:
+  void SetUp() override {
+    grpc::ServerBuilder builder;
+    builder.RegisterService(&service_);
+    server_ = builder.BuildAndStart();
+    client_ = ClientAccess::OverChannel(server_->InProcessChannel({}), "test server");
+    session_.name = "sessions/1";
+    session_.resume_token = "secret";
+  }
+  void TearDown() override { server_->Shutdown(); }
+
+  // A recording of chunks of these sizes, 1 ms apart.
+  ChunkSource Source(std::vector<size_t> sizes) {
+    return [sizes, next = size_t{0}]() mutable -> absl::StatusOr<EventChunk> {
+      if (next == sizes.size()) return EventChunk{};
+      EventChunk chunk;
+      chunk.bytes.assign(sizes[next], static_cast<uint8_t>(next));
+      chunk.t_last_us = static_cast<int64_t>(1000 * next++);
+      return chunk;
+    };
+  }
+
+  TrackCallbacks Callbacks() {
+    TrackCallbacks callbacks;
+    callbacks.on_pose = [this](const Pose& pose) { poses_.push_back(pose); };
+    callbacks.on_notice = [this](const Notice& notice) { notices_.push_back(notice); };
+    callbacks.on_progress = [this](const TrackProgress& progress) { progress_.push_back(progress); };
+    callbacks.on_connection = [this](const ConnectionChange& change) { changes_.push_back(change); };
+    return callbacks;
+  }
+
+  absl::StatusOr<TrackSummary> Track(std::vector<size_t> sizes, const TrackOptions& options = NoRetries()) {
+    return client_->Track(session_, Source(std::move(sizes)), Callbacks(), options);
+  }
+
+  // One stream, and what it ends with.
+  static TrackOptions NoRetries() {
+    TrackOptions options;
+    options.retry.max_outage = absl::ZeroDuration();
+    return options;
+  }
+
+  void ExpectError(const absl::StatusOr<TrackSummary>& result, absl::StatusCode code, const std::string& text) {
+    EXPECT_EQ(result.status().code(), code);
+    EXPECT_THAT(result.status().message(), ::testing::HasSubstr(text));
+    EXPECT_THAT(result.status().message(), ::testing::HasSubstr("test server: "));
+  }
+
+  ScriptedService service_;
+  std::unique_ptr<grpc::Server> server_;
+  std::unique_ptr<Client> client_;
+  Session session_;
+  std::vector<Pose> poses_;
+  std::vector<Notice> notices_;
+  std::vector<TrackProgress> progress_;
+  std::vector<ConnectionChange> changes_;
+};
+
+}  // namespace evpose::client

@@ -1,0 +1,189 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "client/lib/stream/track_call.h"
+
+#include <condition_variable>
+#include <mutex>
+#include <thread>
+#include <utility>
+
+#include "absl/strings/str_cat.h"
+#include "client/lib/conversion.h"
+
+namespace evpose::client {
+namespace {
+
+constexpr uint64_t kWordBytes = 8;  // the longest
+
+}  // namespace
+
+TrackCall::TrackCall(v1::SessionService::StubInterface& stub, TrackPosition& position, EventFeed& feed,
+                     const TrackCallbacks& callbacks, const TrackOptions& options, const TrackCallOptions& call_options)
+    : position_(position),
+      feed_(feed),
+      callbacks_(callbacks),
+      options_(options),
+      call_options_(call_options),
+      stream_(stub.Track(&context_)),
+      uplink_(*stream_, feed.outbox(), options.has_checksum, [this] { Cancel(); }) {}
+
+TrackOutcome TrackCall::Run() {
+  std::optional<std::stop_callback<std::function<void()>>> cancel_on_stop;
+  cancel_on_stop.emplace(options_.stop.get_token(), [this] { Cancel(); });
+  if (Attach()) {
+    v1::TrackResponse response;
+    while (stream_->Read(&response) && Handle(response)) continue;
+  }
+  cancel_on_stop.reset();
+  if (!outcome_.status.ok()) Cancel();
+  uplink_.Stop();
+  Conclude(stream_->Finish());
+  return outcome_;
+}
+
+bool TrackCall::Attach() {
+  v1::TrackRequest request;
+  request.mutable_attach()->set_session(position_.session);
+  request.mutable_attach()->set_resume_token(call_options_.resume_token);
+  request.mutable_attach()->set_last_pose_seq(call_options_.attach_after_pose);
+  if (!stream_->Write(request)) return false;
+  v1::TrackResponse response;
+  if (!ReadBeforeTimeout(response)) return false;
+  if (!response.has_attached()) return Malformed("its first message is not `attached`");
+  return HandleAttached(response.attached());
+}
+
+bool TrackCall::ReadBeforeTimeout(v1::TrackResponse& response) {
+  std::mutex mutex;
+  std::condition_variable_any never_notified;
+  std::jthread watchdog([&](std::stop_token answered) {
+    std::unique_lock lock(mutex);
+    never_notified.wait_for(lock, answered, absl::ToChronoNanoseconds(options_.attach_timeout), [] { return false; });
+    timed_out_ = !answered.stop_requested();
+    if (timed_out_) Cancel();
+  });
+  const bool is_read = stream_->Read(&response);
+  watchdog.request_stop();
+  watchdog.join();
+  return is_read && !timed_out_;
+}
+
+bool TrackCall::HandleAttached(const v1::TrackResponse::Attached& attached) {
+  if (attached.next_seq() == 0) return Malformed("it expects chunk 0");
+  if (attached.first_pose_seq() == 0) return Malformed("it begins with pose 0");
+  if (attached.max_chunk_bytes() < kWordBytes) return Malformed("it gives no room for a single word");
+  feed_.Start(attached.max_chunk_bytes());
+  if (feed_.max_piece_bytes() > attached.max_chunk_bytes()) {
+    return Fail(absl::FailedPreconditionError(absl::StrCat(
+        "the server takes chunks of at most ", attached.max_chunk_bytes(), " bytes, but those of this session",
+        " have up to ", feed_.max_piece_bytes(), ": begin with smaller ones, or let the server take more")));
+  }
+  outcome_.was_attached = true;
+  first_processed_seq_ = attached.next_seq() - 1;
+  next_pose_seq_ = attached.first_pose_seq();
+  if (!attached.resume_token().empty()) {
+    position_.previous_token = call_options_.resume_token;
+    position_.resume_token = attached.resume_token();
+  }
+  if (next_pose_seq_ > position_.last_pose_seq + 1) {
+    const PosesLost lost{position_.last_pose_seq + 1, next_pose_seq_ - 1};
+    position_.lost_poses += next_pose_seq_ - 1 - position_.last_pose_seq;
+    position_.last_pose_seq = next_pose_seq_ - 1;
+    if (callbacks_.on_notice) callbacks_.on_notice(lost);
+  }
+  if (!ReportPosition(true)) return false;
+  uplink_.Start(attached.next_seq(), attached.send_limit_bytes());
+  return true;
+}
+
+bool TrackCall::Handle(const v1::TrackResponse& response) {
+  if (outcome_.summary) return Malformed("a message follows the summary");
+  switch (response.message_case()) {
+    case v1::TrackResponse::kPose:
+      return HandlePose(response.pose());
+    case v1::TrackResponse::kAck:
+      return HandleAck(response.ack());
+    case v1::TrackResponse::kNotice:
+      return HandleNotice(response.notice());
+    case v1::TrackResponse::kSummary:
+      outcome_.summary = FromProto(response.summary().health());
+      return true;
+    case v1::TrackResponse::kAttached:
+      return Malformed("it answers `attached` twice");
+    case v1::TrackResponse::MESSAGE_NOT_SET:
+      return true;  // of a later server: nothing that this one must know
+  }
+  return true;
+}
+
+bool TrackCall::HandlePose(const v1::Pose& message) {
+  const absl::StatusOr<Pose> pose = FromProto(message);
+  if (!pose.ok()) return Malformed(std::string(pose.status().message()));
+  if (pose->seq != next_pose_seq_) {
+    return Malformed(absl::StrCat("pose ", pose->seq, " came where ", next_pose_seq_, " was due"));
+  }
+  ++next_pose_seq_;
+  if (pose->seq <= position_.last_pose_seq) return true;  // came on an earlier stream
+  position_.last_pose_seq = pose->seq;
+  if (callbacks_.on_pose) callbacks_.on_pose(*pose);
+  return true;
+}
+
+bool TrackCall::HandleAck(const v1::TrackResponse::Ack& ack) {
+  uplink_.GrantCredit(ack.send_limit_bytes());
+  feed_.outbox().Forget(ack.durable_seq());
+  outcome_.made_progress = outcome_.made_progress || ack.processed_seq() > first_processed_seq_;
+  if (callbacks_.on_progress) {
+    callbacks_.on_progress({uplink_.fed_bytes(), ack.processed_seq(), position_.last_pose_seq - position_.lost_poses});
+  }
+  return ReportPosition(false);
+}
+
+bool TrackCall::HandleNotice(const v1::TrackResponse::Notice& message) {
+  const std::optional<Notice> notice = FromProto(message);
+  if (!notice) return true;
+  if (std::holds_alternative<GoAway>(*notice) && call_options_.leaves_on_go_away) {
+    is_left_ = true;
+    uplink_.Leave();
+  }
+  if (callbacks_.on_notice) callbacks_.on_notice(*notice);
+  return true;
+}
+
+bool TrackCall::ReportPosition(bool has_new_token) {
+  position_.durable = feed_.outbox().durable();
+  position_.max_piece_bytes = feed_.max_piece_bytes();
+  if (!callbacks_.on_position) return true;
+  const absl::Status status = callbacks_.on_position(position_, has_new_token);
+  return status.ok() || Fail(status);
+}
+
+bool TrackCall::Fail(const absl::Status& status) {
+  outcome_.status = status;
+  outcome_.is_final = true;
+  return false;
+}
+
+bool TrackCall::Malformed(const std::string& what) {
+  return Fail(absl::InternalError(absl::StrCat("the server breaks the protocol: ", what)));
+}
+
+void TrackCall::Conclude(const grpc::Status& stream_status) {
+  if (!outcome_.status.ok()) return;
+  if (!uplink_.status().ok()) {
+    Fail(uplink_.status());
+  } else if (outcome_.summary) {
+    // The summary is the last word: who has it lost nothing, whatever ended the connection after it.
+    if (outcome_.summary->poses + 1 != next_pose_seq_) {
+      Malformed(absl::StrCat("the summary counts ", outcome_.summary->poses, " poses"));
+    }
+  } else if (timed_out_) {
+    outcome_.status = absl::DeadlineExceededError(
+        absl::StrCat("no answer to `attach` within ", absl::FormatDuration(options_.attach_timeout)));
+  } else if (!stream_status.ok()) {
+    outcome_.status = FromGrpc(stream_status, "the stream broke");
+  } else if (!is_left_) {
+    Malformed("the stream ended without a summary");
+  }
+}
+
+}  // namespace evpose::client

@@ -1,0 +1,153 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "client/lib/stream/track_loop.h"
+
+#include <algorithm>
+#include <utility>
+
+#include "absl/strings/str_cat.h"
+#include "client/lib/status_details.h"
+#include "core/base/status_macros.h"
+
+namespace evpose::client {
+namespace {
+
+// What arrives damaged so often was damaged before it was sent.
+constexpr size_t kMaxDamagedTries = 5;
+
+}  // namespace
+
+absl::Status TrackOptions::Validate() const {
+  if (!(rate >= 0.0) || rate > 1e6) return absl::InvalidArgumentError("rate must lie in [0, 1e6]");
+  if (attach_timeout <= absl::ZeroDuration()) return absl::InvalidArgumentError("attach_timeout must be positive");
+  return retry.Validate();
+}
+
+TrackLoop::TrackLoop(const std::vector<TrackServer>& servers, std::atomic<size_t>& current, bool outlives_server,
+                     const TrackPosition& position, EventFeed& feed, const TrackCallbacks& callbacks,
+                     const TrackOptions& options)
+    : servers_(servers),
+      current_(current),
+      outlives_server_(outlives_server),
+      position_(position),
+      feed_(feed),
+      callbacks_(callbacks),
+      options_(options),
+      backoff_(options.retry) {}
+
+absl::StatusOr<TrackSummary> TrackLoop::Run() {
+  while (true) {
+    const TrackOutcome outcome = RunOnce();
+    Observe(outcome);
+    if (outcome.summary && outcome.status.ok()) {
+      TrackSummary summary{*outcome.summary};
+      summary.sent_bytes = feed_.outbox().state().last.bytes;
+      summary.sent_chunks = feed_.outbox().state().last.seq;
+      summary.poses = position_.last_pose_seq - position_.lost_poses;
+      summary.lost_poses = position_.lost_poses;
+      return summary;
+    }
+    if (outcome.is_final) return WithProgress(outcome.status);
+    if (options_.stop.stop_requested()) return WithProgress(absl::CancelledError("cancelled"));
+    if (!Plan(outcome)) return WithProgress(outcome.status);
+    if (!WaitForNextTry(outcome.status)) {
+      const bool is_stopped = options_.stop.stop_requested();
+      return WithProgress(is_stopped ? absl::CancelledError("cancelled") : outcome.status);
+    }
+  }
+}
+
+TrackOutcome TrackLoop::RunOnce() {
+  TrackCallOptions call_options;
+  call_options.resume_token = uses_previous_token_ ? position_.previous_token : position_.resume_token;
+  call_options.attach_after_pose = attaches_without_count_ ? 0 : position_.last_pose_seq;
+  call_options.leaves_on_go_away =
+      options_.retry.max_outage > absl::ZeroDuration() && (outlives_server_ || servers_.size() > 1);
+  TrackCallbacks callbacks = callbacks_;
+  callbacks.on_position = [this](const TrackPosition& position, bool has_new_token) {
+    if (has_new_token) ReportAttached();
+    return callbacks_.on_position ? callbacks_.on_position(position, has_new_token) : absl::OkStatus();
+  };
+  if (server().connect_now) server().connect_now();
+  TrackCall call(*server().stub, position_, feed_, callbacks, options_, call_options);
+  TrackOutcome outcome = call.Run();
+  fed_bytes_ = std::max(fed_bytes_, call.fed_bytes());
+  if (outcome.was_attached) uses_previous_token_ = attaches_without_count_ = false;
+  return outcome;
+}
+
+void TrackLoop::Observe(const TrackOutcome& outcome) {
+  const absl::Time now = clock().Now();
+  // Time without a server is counted from the end of the last stream that got anywhere.
+  const bool has_lasted = outcome.was_attached && now - attached_at_ >= options_.retry.max_delay;
+  if (outcome.made_progress || has_lasted) {
+    backoff_.Reset();
+    damaged_tries_ = 0;
+    away_since_.reset();
+  }
+  if (outcome.was_attached) servers_without_ = 0;
+  if (away_since_) return;
+  away_since_ = now;
+  tries_ = 0;
+}
+
+bool TrackLoop::Plan(const TrackOutcome& outcome) {
+  if (outcome.status.ok() || options_.retry.max_outage == absl::ZeroDuration()) return outcome.status.ok();
+  switch (AdviseOn(outcome.status)) {
+    case RetryAdvice::kTryAgain:
+      servers_without_ = 0;
+      if (outcome.status.code() == absl::StatusCode::kDataLoss) return ++damaged_tries_ < kMaxDamagedTries;
+      return true;
+    case RetryAdvice::kTryOtherServer:
+      return ++servers_without_ < servers_.size();
+    case RetryAdvice::kTryOtherToken:
+      if (uses_previous_token_ || position_.previous_token.empty()) return false;
+      return uses_previous_token_ = true;
+    case RetryAdvice::kTryWithoutCount:
+      if (attaches_without_count_) return false;
+      return attaches_without_count_ = true;
+    case RetryAdvice::kGiveUp:
+      return false;
+  }
+  return false;
+}
+
+bool TrackLoop::WaitForNextTry(const absl::Status& cause) {
+  const absl::Time now = clock().Now();
+  const bool is_same_server = uses_previous_token_ || attaches_without_count_;
+  // Every server is asked once before any is waited for. One that sends its clients away may be gone for a moment only.
+  const bool is_at_once = is_same_server || tries_ + 1 < servers_.size() || (cause.ok() && tries_ == 0);
+  const absl::Duration delay =
+      is_at_once ? absl::ZeroDuration() : std::max(backoff_.Next(), GetDetails(cause).retry_in);
+  if (now + delay - *away_since_ > options_.retry.max_outage) return false;
+  ++tries_;
+  if (!is_same_server) current_ = (current_ + 1) % servers_.size();
+  if (callbacks_.on_connection) {
+    const OutboxState state = feed_.outbox().state();
+    callbacks_.on_connection(
+        {true, server().name, cause, now - *away_since_, delay, state.kept_bytes, state.is_waiting});
+  }
+  return clock().SleepUntil(now + delay, options_.stop.get_token());
+}
+
+void TrackLoop::ReportAttached() {
+  attached_at_ = clock().Now();
+  if (!away_since_ || !callbacks_.on_connection) return;
+  const OutboxState state = feed_.outbox().state();
+  callbacks_.on_connection({false, server().name, absl::OkStatus(), clock().Now() - *away_since_, absl::ZeroDuration(),
+                            state.kept_bytes, state.is_waiting});
+}
+
+absl::Status TrackLoop::WithProgress(const absl::Status& status) const {
+  const uint64_t poses = position_.last_pose_seq - position_.lost_poses;
+  std::string text = absl::StrCat(server().name, ": ", status.message(), " (after ", fed_bytes_, " bytes sent, ", poses,
+                                  " poses received)");
+  if (tries_ > 0) {
+    absl::StrAppend(&text, "; gave up after ", tries_, " more tries in ",
+                    absl::FormatDuration(absl::Trunc(clock().Now() - *away_since_, absl::Milliseconds(100))));
+  }
+  absl::Status result(status.code(), text);
+  SetDetails(result, GetDetails(status));
+  return result;
+}
+
+}  // namespace evpose::client

@@ -1,0 +1,69 @@
+// SPDX-License-Identifier: Apache-2.0
+
+// The successive streams of a session until its summary. Internal: it includes generated headers.
+#pragma once
+
+#include <atomic>
+#include <functional>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "absl/status/statusor.h"
+#include "client/lib/stream/event_feed.h"
+#include "client/lib/stream/retry.h"
+#include "client/lib/stream/track_call.h"
+#include "evpose/track.h"
+#include "evpose/v1/session_service.grpc.pb.h"
+
+namespace evpose::client {
+
+struct TrackServer {
+  std::string name;
+  v1::SessionService::StubInterface* stub = nullptr;
+  // Resets the reconnect delay of the channel, because the loop has waited already. May be empty.
+  std::function<void()> connect_now = {};
+};
+
+// Used once, by one thread.
+class TrackLoop {
+ public:
+  // `current` is the first server to be tried, and then the one with the stream. `outlives_server`: sessions are in a
+  // persistent store. The arguments must outlive it.
+  TrackLoop(const std::vector<TrackServer>& servers, std::atomic<size_t>& current, bool outlives_server,
+            const TrackPosition& position, EventFeed& feed, const TrackCallbacks& callbacks,
+            const TrackOptions& options);
+
+  absl::StatusOr<TrackSummary> Run();
+
+ private:
+  TrackOutcome RunOnce();
+  void Observe(const TrackOutcome& outcome);
+  // Adapts the next attempt to the error; returns false if the error is final.
+  bool Plan(const TrackOutcome& outcome);
+  // Waits for the next attempt; returns false if there is none.
+  bool WaitForNextTry(const absl::Status& cause);
+  void ReportAttached();
+  const TrackServer& server() const { return servers_[current_]; }
+  Clock& clock() const { return options_.clock == nullptr ? SystemClock() : *options_.clock; }
+  absl::Status WithProgress(const absl::Status& status) const;
+
+  const std::vector<TrackServer>& servers_;
+  std::atomic<size_t>& current_;
+  const bool outlives_server_;
+  TrackPosition position_;
+  EventFeed& feed_;
+  const TrackCallbacks& callbacks_;
+  const TrackOptions& options_;
+  Backoff backoff_;
+  uint64_t fed_bytes_ = 0;
+  absl::Time attached_at_;
+  std::optional<absl::Time> away_since_;
+  size_t tries_ = 0;            // in this outage
+  size_t servers_without_ = 0;  // consecutive servers without the session
+  size_t damaged_tries_ = 0;    // consecutive
+  bool uses_previous_token_ = false;
+  bool attaches_without_count_ = false;
+};
+
+}  // namespace evpose::client

@@ -1,0 +1,482 @@
+// SPDX-License-Identifier: Apache-2.0
+
+// Streams that break and are taken up again, against servers that do what each test tells them to. No test waits: the
+// clock is a fake one.
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <functional>
+#include <future>
+#include <memory>
+#include <mutex>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "client/lib/fake_clock_testing.h"
+#include "client/lib/stream/scripted_server_testing.h"
+#include "evpose/client.h"
+#include "evpose/v1/admin_service.grpc.pb.h"
+#include "google/rpc/error_details.pb.h"
+#include "google/rpc/status.pb.h"
+
+namespace evpose::client {
+namespace {
+
+using ::testing::ElementsAre;
+using ::testing::HasSubstr;
+using ::testing::IsEmpty;
+
+grpc::Status WithReason(grpc::StatusCode code, const std::string& reason) {
+  google::rpc::Status details;
+  google::rpc::ErrorInfo info;
+  info.set_reason(reason);
+  details.add_details()->PackFrom(info);
+  return grpc::Status(code, "because of " + reason, details.SerializeAsString());
+}
+
+grpc::Status WrongField(const std::string& field) {
+  google::rpc::Status details;
+  google::rpc::BadRequest bad_request;
+  bad_request.add_field_violations()->set_field(field);
+  details.add_details()->PackFrom(bad_request);
+  return grpc::Status(grpc::StatusCode::INVALID_ARGUMENT, field + ": wrong", details.SerializeAsString());
+}
+
+const grpc::Status kCut(grpc::StatusCode::UNAVAILABLE, "connection reset");
+
+v1::TrackResponse AttachedAt(uint64_t next_seq, uint64_t first_pose_seq, const std::string& token) {
+  v1::TrackResponse response = Attached(1 << 20);
+  response.mutable_attached()->set_next_seq(next_seq);
+  response.mutable_attached()->set_first_pose_seq(first_pose_seq);
+  response.mutable_attached()->set_resume_token(token);
+  return response;
+}
+
+v1::TrackResponse AckUpTo(uint64_t processed_seq, uint64_t durable_seq) {
+  v1::TrackResponse response = Ack(processed_seq, 1 << 20);
+  response.mutable_ack()->set_durable_seq(durable_seq);
+  return response;
+}
+
+v1::TrackResponse GoAwayNotice() {
+  v1::TrackResponse response;
+  response.mutable_notice()->mutable_go_away()->mutable_deadline()->set_seconds(10);
+  return response;
+}
+
+// A stream as the server sees it: its attach, and what to do then.
+using StreamScript = std::function<grpc::Status(const v1::TrackRequest::Attach&, ServerStream&)>;
+
+class TrackResumeTest : public TrackTest {
+ protected:
+  void SetUp() override {
+    TrackTest::SetUp();
+    options_.clock = &clock_;
+    options_.retry.random = [] { return 1.0; };
+    service_.script = [this](ServerStream& stream) {
+      v1::TrackRequest request;
+      if (!stream.Read(&request)) return grpc::Status::CANCELLED;
+      StreamScript script;
+      {
+        const std::lock_guard lock(mutex_);
+        attaches_.push_back(request.attach());
+        if (attaches_.size() > scripts_.size()) return grpc::Status(grpc::StatusCode::UNAUTHENTICATED, "no more");
+        script = scripts_[attaches_.size() - 1];
+      }
+      return script(request.attach(), stream);
+    };
+  }
+
+  // A stop that was requested stays so.
+  void ClearStreams() {
+    attaches_.clear();
+    options_.stop = std::stop_source();
+  }
+
+  // Five chunks of eight bytes.
+  absl::StatusOr<TrackSummary> Run() {
+    TrackCallbacks callbacks = Callbacks();
+    callbacks.on_position = [this](const TrackPosition& position, bool has_new_token) {
+      if (has_new_token) positions_.push_back(position);
+      return absl::OkStatus();
+    };
+    return client_->Track(session_, Source({8, 8, 8, 8, 8}), callbacks, options_);
+  }
+
+  std::vector<uint64_t> PoseSeqs() const {
+    std::vector<uint64_t> seqs;
+    for (const Pose& pose : poses_) seqs.push_back(pose.seq);
+    return seqs;
+  }
+
+  // Takes all from `next_seq` on and says the summary.
+  static StreamScript FinishFrom(uint64_t next_seq, uint64_t first_pose_seq, uint64_t last_pose_seq,
+                                 const std::string& token = "") {
+    return [=](const v1::TrackRequest::Attach&, ServerStream& stream) {
+      stream.Write(AttachedAt(next_seq, first_pose_seq, token));
+      uint64_t expected = next_seq;
+      for (const v1::TrackRequest::EventChunk& chunk : ReadToEnd(stream)) {
+        if (chunk.seq() != expected || chunk.payload() != std::string(8, static_cast<char>(chunk.seq() - 1))) {
+          return grpc::Status(grpc::StatusCode::UNAUTHENTICATED, "not the chunk that was due");
+        }
+        ++expected;
+      }
+      if (expected != 6) return grpc::Status(grpc::StatusCode::UNAUTHENTICATED, "chunks are missing");
+      for (uint64_t seq = first_pose_seq; seq <= last_pose_seq; ++seq) stream.Write(PoseMessage(seq));
+      stream.Write(SummaryMessage(last_pose_seq));
+      return grpc::Status::OK;
+    };
+  }
+
+  // Attaches, takes chunks up to this one, says so, sends these poses, and breaks.
+  static StreamScript BreakAfter(uint64_t chunk_seq, uint64_t first_pose_seq, uint64_t last_pose_seq,
+                                 const grpc::Status& status, const std::string& token = "", uint64_t next_seq = 1) {
+    return [=](const v1::TrackRequest::Attach&, ServerStream& stream) {
+      stream.Write(AttachedAt(next_seq, first_pose_seq, token));
+      v1::TrackRequest request;
+      while (stream.Read(&request) && request.events().seq() < chunk_seq) continue;
+      for (uint64_t seq = first_pose_seq; seq <= last_pose_seq; ++seq) stream.Write(PoseMessage(seq));
+      stream.Write(AckUpTo(chunk_seq, next_seq - 1));
+      return status;
+    };
+  }
+
+  static StreamScript Refuse(const grpc::Status& status) {
+    return [=](const v1::TrackRequest::Attach&, ServerStream&) { return status; };
+  }
+
+  FakeClock clock_;
+  TrackOptions options_;
+  std::vector<StreamScript> scripts_;  // of the streams, in their order
+  std::vector<TrackPosition> positions_;
+  std::mutex mutex_;
+  std::vector<v1::TrackRequest::Attach> attaches_;
+};
+
+TEST_F(TrackResumeTest, GoesOnWhereTheServerIsAndDropsThePosesItHas) {
+  scripts_ = {BreakAfter(3, 1, 4, kCut, "T1"), FinishFrom(2, 3, 9, "T2")};
+  session_.resume_token = "T0";
+  const auto summary = Run();
+  ASSERT_TRUE(summary.ok()) << summary.status();
+  EXPECT_THAT(PoseSeqs(), ElementsAre(1, 2, 3, 4, 5, 6, 7, 8, 9));
+  EXPECT_EQ(summary->poses, 9u);
+  EXPECT_EQ(summary->lost_poses, 0u);
+  EXPECT_EQ(summary->sent_bytes, 40u);
+  EXPECT_EQ(summary->sent_chunks, 5u);
+  ASSERT_EQ(attaches_.size(), 2u);
+  EXPECT_EQ(attaches_[0].resume_token(), "T0");
+  EXPECT_EQ(attaches_[1].resume_token(), "T1");
+  EXPECT_EQ(attaches_[1].last_pose_seq(), 4u);
+  ASSERT_EQ(positions_.size(), 2u);
+  EXPECT_EQ(positions_[0].resume_token, "T1");
+  EXPECT_EQ(positions_[0].previous_token, "T0");
+  EXPECT_EQ(positions_[1].last_pose_seq, 4u);
+  ASSERT_EQ(changes_.size(), 2u);
+  EXPECT_TRUE(changes_[0].is_away);
+  EXPECT_THAT(changes_[0].cause.message(), HasSubstr("connection reset"));
+  EXPECT_EQ(changes_[0].next_try_in, absl::Milliseconds(100));
+  EXPECT_EQ(changes_[0].kept_bytes, 40u);
+  EXPECT_FALSE(changes_[1].is_away);
+  EXPECT_EQ(changes_[1].away_for, absl::Milliseconds(100));
+}
+
+TEST_F(TrackResumeTest, BreaksAtEveryChunk) {
+  for (uint64_t chunk = 1; chunk <= 5; ++chunk) {
+    scripts_.push_back(BreakAfter(chunk, chunk, chunk, kCut, "T" + std::to_string(chunk), chunk));
+  }
+  scripts_.push_back(FinishFrom(6, 6, 6));
+  const auto summary = Run();
+  ASSERT_TRUE(summary.ok()) << summary.status();
+  EXPECT_THAT(PoseSeqs(), ElementsAre(1, 2, 3, 4, 5, 6));
+  EXPECT_EQ(attaches_[5].resume_token(), "T5");
+}
+
+TEST_F(TrackResumeTest, DelaysDoubleUntilTheServerGetsSomewhere) {
+  scripts_ = {Refuse(kCut), Refuse(kCut), Refuse(kCut), BreakAfter(1, 1, 0, kCut), Refuse(kCut), FinishFrom(1, 1, 0)};
+  ASSERT_TRUE(Run().ok());
+  std::vector<double> delays_ms;
+  for (const ConnectionChange& change : changes_) {
+    if (change.is_away) delays_ms.push_back(absl::ToDoubleMilliseconds(change.next_try_in));
+  }
+  EXPECT_THAT(delays_ms, ElementsAre(100, 200, 400, 100, 200));
+}
+
+TEST_F(TrackResumeTest, StreamThatLastsIsASuccessAlsoWhenNothingHappensOnIt) {
+  options_.retry.max_outage = absl::Seconds(30);
+  const StreamScript idle = [this](const v1::TrackRequest::Attach&, ServerStream& stream) {
+    stream.Write(AttachedAt(1, 1, ""));
+    v1::TrackRequest request;
+    stream.Read(&request);  // the client has noticed
+    clock_.Advance(absl::Hours(1));
+    return kCut;
+  };
+  scripts_ = {idle, idle, FinishFrom(1, 1, 0)};
+  EXPECT_TRUE(Run().ok());
+}
+
+TEST_F(TrackResumeTest, GivesUpWhenTheServerIsAwayForTooLong) {
+  options_.retry.max_outage = absl::Seconds(1);
+  scripts_ = {BreakAfter(2, 1, 1, kCut)};
+  for (int i = 0; i < 10; ++i) scripts_.push_back(Refuse(kCut));
+  const absl::Time begin = clock_.Now();
+  // 0.1, 0.2 and 0.4 s; 0.8 more would be too long.
+  ExpectError(Run(), absl::StatusCode::kUnavailable,
+              " bytes sent, 1 poses received); gave up after 3 more tries in 700ms");
+  EXPECT_EQ(clock_.Now() - begin, absl::Milliseconds(700));
+}
+
+TEST_F(TrackResumeTest, LostAttachedLocksNobodyOut) {
+  // The server gave T1, but it never arrived: it still takes T0.
+  scripts_ = {Refuse(kCut), FinishFrom(1, 1, 2, "T2")};
+  session_.resume_token = "T0";
+  ASSERT_TRUE(Run().ok());
+  EXPECT_EQ(attaches_[1].resume_token(), "T0");
+}
+
+TEST_F(TrackResumeTest, ServerThatForgotTheNewTokenGetsTheOneBefore) {
+  scripts_ = {BreakAfter(1, 1, 1, kCut, "T1"), Refuse(WithReason(grpc::StatusCode::PERMISSION_DENIED, "WRONG_TOKEN")),
+              FinishFrom(2, 2, 2, "T2")};
+  session_.resume_token = "T0";
+  ASSERT_TRUE(Run().ok());
+  EXPECT_EQ(attaches_[1].resume_token(), "T1");
+  EXPECT_EQ(attaches_[2].resume_token(), "T0");
+}
+
+TEST_F(TrackResumeTest, WrongTokensEndIt) {
+  const grpc::Status wrong = WithReason(grpc::StatusCode::PERMISSION_DENIED, "WRONG_TOKEN");
+  scripts_ = {BreakAfter(1, 1, 1, kCut, "T1"), Refuse(wrong), Refuse(wrong)};
+  const auto result = Run();
+  ExpectError(result, absl::StatusCode::kPermissionDenied, "WRONG_TOKEN");
+  EXPECT_EQ(attaches_.size(), 3u);
+  EXPECT_THAT(std::string(result.status().message()), ::testing::Not(HasSubstr("T1")));
+}
+
+TEST_F(TrackResumeTest, ServerThatWentBackBehindThePosesReceived) {
+  // It has made two poses so far since its checkpoint; the client has five.
+  scripts_ = {BreakAfter(3, 1, 5, kCut), Refuse(WrongField("attach.last_pose_seq")), FinishFrom(1, 1, 7)};
+  const auto summary = Run();
+  ASSERT_TRUE(summary.ok()) << summary.status();
+  EXPECT_EQ(attaches_[1].last_pose_seq(), 5u);
+  EXPECT_EQ(attaches_[2].last_pose_seq(), 0u);
+  EXPECT_THAT(PoseSeqs(), ElementsAre(1, 2, 3, 4, 5, 6, 7));
+}
+
+TEST_F(TrackResumeTest, PosesThatTheServerForgotAreToldAndCounted) {
+  scripts_ = {BreakAfter(3, 1, 2, WithReason(grpc::StatusCode::ABORTED, "POSES_FORGOTTEN")), FinishFrom(4, 6, 8)};
+  const auto summary = Run();
+  ASSERT_TRUE(summary.ok()) << summary.status();
+  EXPECT_THAT(PoseSeqs(), ElementsAre(1, 2, 6, 7, 8));
+  EXPECT_EQ(summary->poses, 5u);
+  EXPECT_EQ(summary->lost_poses, 3u);
+  ASSERT_EQ(notices_.size(), 1u);
+  EXPECT_EQ(std::get<PosesLost>(notices_[0]).first_seq, 3u);
+  EXPECT_EQ(std::get<PosesLost>(notices_[0]).last_seq, 5u);
+}
+
+TEST_F(TrackResumeTest, WhatIsNoUseToTryAgainIsNotTried) {
+  for (const auto& [code, reason] :
+       std::vector<std::pair<grpc::StatusCode, std::string>>{{grpc::StatusCode::ABORTED, "FENCED"},
+                                                             {grpc::StatusCode::NOT_FOUND, "SESSION_NOT_FOUND"},
+                                                             {grpc::StatusCode::NOT_FOUND, "SESSION_DELETED"},
+                                                             {grpc::StatusCode::INTERNAL, "STORE_FAILED"},
+                                                             {grpc::StatusCode::RESOURCE_EXHAUSTED, "STORE_FULL"}}) {
+    ClearStreams();
+    scripts_ = {BreakAfter(1, 1, 0, WithReason(code, reason))};
+    ExpectError(Run(), static_cast<absl::StatusCode>(code), reason);
+    EXPECT_EQ(attaches_.size(), 1u) << reason;
+  }
+  EXPECT_THAT(changes_, IsEmpty());
+}
+
+TEST_F(TrackResumeTest, ChunkThatArrivesDamagedIsSentAgainButNotForEver) {
+  const grpc::Status damaged = WithReason(grpc::StatusCode::DATA_LOSS, "CRC_MISMATCH");
+  scripts_ = {BreakAfter(2, 1, 0, damaged), FinishFrom(2, 1, 0)};
+  EXPECT_TRUE(Run().ok());
+  ClearStreams();
+  scripts_.assign(20, Refuse(damaged));
+  ExpectError(Run(), absl::StatusCode::kDataLoss, "CRC_MISMATCH");
+  EXPECT_EQ(attaches_.size(), 5u);
+}
+
+TEST_F(TrackResumeTest, ServerThatLostWhatWasDurable) {
+  scripts_ = {[](const v1::TrackRequest::Attach&, ServerStream& stream) {
+                stream.Write(AttachedAt(1, 1, ""));
+                v1::TrackRequest request;
+                while (stream.Read(&request) && request.events().seq() < 3) continue;
+                stream.Write(AckUpTo(3, 3));
+                return kCut;
+              },
+              [](const v1::TrackRequest::Attach&, ServerStream& stream) {
+                stream.Write(AttachedAt(2, 1, ""));
+                v1::TrackRequest request;
+                while (stream.Read(&request)) continue;
+                return grpc::Status::OK;
+              }};
+  ExpectError(Run(), absl::StatusCode::kDataLoss, "asks for chunk 2 again, which it said was durable (up to 3)");
+}
+
+TEST_F(TrackResumeTest, NewTokenIsKeptBeforeItIsUsed) {
+  bool was_kept = false, was_used_before = false;
+  scripts_ = {[&](const v1::TrackRequest::Attach&, ServerStream& stream) {
+    stream.Write(AttachedAt(1, 1, "T1"));
+    v1::TrackRequest request;
+    stream.Read(&request);
+    was_used_before = !was_kept;
+    while (stream.Read(&request) && !request.has_end()) continue;
+    stream.Write(SummaryMessage(0));
+    return grpc::Status::OK;
+  }};
+  TrackCallbacks callbacks;
+  callbacks.on_position = [&](const TrackPosition& position, bool has_new_token) {
+    was_kept = was_kept || (has_new_token && position.resume_token == "T1");
+    return absl::OkStatus();
+  };
+  ASSERT_TRUE(client_->Track(session_, Source({8}), callbacks, options_).ok());
+  EXPECT_TRUE(was_kept);
+  EXPECT_FALSE(was_used_before);
+
+  ClearStreams();
+  const auto has_come = std::make_shared<std::promise<bool>>();
+  scripts_ = {[has_come](const v1::TrackRequest::Attach&, ServerStream& stream) {
+    stream.Write(AttachedAt(1, 1, "T1"));
+    v1::TrackRequest request;
+    has_come->set_value(stream.Read(&request));
+    return grpc::Status::OK;
+  }};
+  callbacks.on_position = [](const TrackPosition&, bool) { return absl::ResourceExhaustedError("disk full"); };
+  ExpectError(client_->Track(session_, Source({8}), callbacks, options_), absl::StatusCode::kResourceExhausted,
+              "disk full");
+  EXPECT_FALSE(has_come->get_future().get()) << "a token that is not kept must not be used";
+}
+
+TEST_F(TrackResumeTest, ServerOfSmallerChunksIsToldInWords) {
+  scripts_ = {BreakAfter(2, 1, 0, kCut), [](const v1::TrackRequest::Attach&, ServerStream& stream) {
+                v1::TrackResponse attached = AttachedAt(3, 1, "");
+                attached.mutable_attached()->set_max_chunk_bytes(1 << 10);
+                stream.Write(attached);
+                v1::TrackRequest request;
+                while (stream.Read(&request)) continue;
+                return grpc::Status::OK;
+              }};
+  ExpectError(Run(), absl::StatusCode::kFailedPrecondition, "takes chunks of at most 1024 bytes");
+}
+
+TEST_F(TrackResumeTest, CallerStopsTheWaiting) {
+  scripts_ = {Refuse(kCut), Refuse(kCut), Refuse(kCut)};
+  TrackCallbacks callbacks;
+  callbacks.on_connection = [this](const ConnectionChange& change) {
+    if (change.away_for > absl::ZeroDuration()) options_.stop.request_stop();
+  };
+  ExpectError(client_->Track(session_, Source({8}), callbacks, options_), absl::StatusCode::kCancelled, "cancelled");
+}
+
+// The server says that it leaves: with one server whose sessions end with it, its client stays to the end.
+TEST_F(TrackResumeTest, GoAwayOfTheOnlyServer) {
+  scripts_ = {[](const v1::TrackRequest::Attach&, ServerStream& stream) {
+    stream.Write(AttachedAt(1, 1, ""));
+    stream.Write(GoAwayNotice());
+    ReadToEnd(stream);
+    stream.Write(SummaryMessage(0));
+    return grpc::Status::OK;
+  }};
+  EXPECT_TRUE(Run().ok());
+  EXPECT_EQ(attaches_.size(), 1u);
+  ASSERT_EQ(notices_.size(), 1u);
+}
+
+// Two servers that share their sessions.
+class TwoServersTest : public TrackResumeTest {
+ protected:
+  void SetUp() override {
+    TrackResumeTest::SetUp();
+    std::string addresses;
+    for (ScriptedService* service : {&service_, &other_}) {
+      int port = 0;
+      grpc::ServerBuilder builder;
+      builder.AddListeningPort("127.0.0.1:0", grpc::InsecureServerCredentials(), &port);
+      builder.RegisterService(service);
+      builder.RegisterService(&admin_[service == &other_]);
+      sockets_.push_back(builder.BuildAndStart());
+      names_.push_back("127.0.0.1:" + std::to_string(port));
+      addresses += (addresses.empty() ? "" : ",") + names_.back();
+    }
+    other_.script = [this](ServerStream& stream) {
+      ++num_other_;
+      return service_.script(stream);
+    };
+    auto client = Client::Connect(addresses);
+    ASSERT_TRUE(client.ok()) << client.status();
+    client_ = *std::move(client);
+  }
+  void TearDown() override {
+    for (const auto& socket : sockets_) socket->Shutdown();
+    TrackResumeTest::TearDown();
+  }
+
+  class Admin final : public v1::AdminService::Service {
+   public:
+    grpc::Status GetServerInfo(grpc::ServerContext*, const v1::GetServerInfoRequest*, v1::ServerInfo* info) override {
+      info->set_store(v1::STORE_KIND_REDIS);
+      return grpc::Status::OK;
+    }
+  };
+
+  ScriptedService other_;
+  Admin admin_[2];
+  std::vector<std::unique_ptr<grpc::Server>> sockets_;
+  std::vector<std::string> names_;
+  int num_other_ = 0;  // streams of the second server
+};
+
+TEST_F(TwoServersTest, TheOtherOneIsAskedAtOnce) {
+  scripts_ = {BreakAfter(3, 1, 2, kCut), FinishFrom(4, 3, 5)};
+  const auto summary = Run();
+  ASSERT_TRUE(summary.ok()) << summary.status();
+  EXPECT_EQ(num_other_, 1);
+  EXPECT_THAT(PoseSeqs(), ElementsAre(1, 2, 3, 4, 5));
+  EXPECT_EQ(clock_.Now(), absl::UnixEpoch());
+  ASSERT_EQ(changes_.size(), 2u);
+  EXPECT_EQ(changes_[1].server, names_[1]);
+}
+
+TEST_F(TwoServersTest, AfterBothItIsWaited) {
+  scripts_ = {Refuse(kCut), Refuse(kCut), FinishFrom(1, 1, 0)};
+  ASSERT_TRUE(Run().ok());
+  EXPECT_EQ(num_other_, 1);
+  EXPECT_EQ(clock_.Now() - absl::UnixEpoch(), absl::Milliseconds(100));
+}
+
+TEST_F(TwoServersTest, SessionThatNobodyHas) {
+  scripts_.assign(5, Refuse(WithReason(grpc::StatusCode::NOT_FOUND, "SESSION_NOT_FOUND")));
+  EXPECT_EQ(Run().status().code(), absl::StatusCode::kNotFound);
+  EXPECT_EQ(attaches_.size(), 2u);
+}
+
+TEST_F(TwoServersTest, ServerThatLeavesIsLeft) {
+  scripts_ = {[](const v1::TrackRequest::Attach&, ServerStream& stream) {
+                stream.Write(AttachedAt(1, 1, ""));
+                v1::TrackRequest request;
+                stream.Read(&request);
+                stream.Write(GoAwayNotice());
+                uint64_t last_seq = request.events().seq();
+                // Until the client half-closes: it does not say `end`, unless it had said so before.
+                while (stream.Read(&request)) last_seq = request.has_end() ? 6 : request.events().seq();
+                stream.Write(PoseMessage(1));
+                stream.Write(AckUpTo(std::min<uint64_t>(last_seq, 5), 0));
+                return grpc::Status::OK;
+              },
+              [](const v1::TrackRequest::Attach&, ServerStream& stream) {
+                stream.Write(AttachedAt(6, 2, ""));
+                ReadToEnd(stream);
+                stream.Write(SummaryMessage(1));
+                return grpc::Status::OK;
+              }};
+  const auto summary = Run();
+  ASSERT_TRUE(summary.ok()) << summary.status();
+  EXPECT_EQ(num_other_, 1);
+  EXPECT_THAT(PoseSeqs(), ElementsAre(1));
+}
+
+}  // namespace
+}  // namespace evpose::client

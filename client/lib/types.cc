@@ -1,0 +1,44 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "evpose/types.h"
+
+#include "client/lib/core_types.h"
+
+namespace evpose::client {
+
+Eigen::Quaterniond Transform::Quaternion() const { return ToCore(*this).Quaternion(); }
+
+std::string_view EventEncodingName(EventEncoding encoding) { return EncodingName(ToCore(encoding)); }
+
+std::string_view TrackStateName(TrackState state) {
+  switch (state) {
+    case TrackState::kInitializing:
+      return "INITIALIZING";
+    case TrackState::kTracking:
+      return "TRACKING";
+    case TrackState::kDegraded:
+      return "DEGRADED";
+    case TrackState::kLost:
+      return "LOST";
+  }
+  return "UNKNOWN";
+}
+
+std::string_view InitializationStatusName(InitializationStatus status) {
+  switch (status) {
+    case InitializationStatus::kNotNeeded:
+      return "NOT_NEEDED";
+    case InitializationStatus::kWaitingForEvents:
+      return "WAITING_FOR_EVENTS";
+    case InitializationStatus::kTooFewLines:
+      return "TOO_FEW_LINES";
+    case InitializationStatus::kNoPoseFits:
+      return "NO_POSE_FITS";
+    case InitializationStatus::kVerifying:
+      return "VERIFYING";
+    case InitializationStatus::kAmbiguous:
+      return "AMBIGUOUS";
+  }
+  return "UNKNOWN";
+}
+
+}  // namespace evpose::client
