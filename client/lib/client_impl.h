@@ -7,15 +7,18 @@
 #include <grpcpp/client_context.h>
 
 #include <atomic>
+#include <map>
 #include <memory>
-#include <stop_token>
+#include <mutex>
 #include <string>
 #include <vector>
 
+#include "absl/base/thread_annotations.h"
 #include "absl/status/statusor.h"
 #include "absl/time/clock.h"
 #include "absl/time/time.h"
 #include "client/lib/conversion.h"
+#include "client/lib/stream/event_feed.h"
 #include "core/base/status_macros.h"
 #include "evpose/client.h"
 #include "evpose/v1/admin_service.grpc.pb.h"
@@ -36,6 +39,8 @@ struct Client::Impl {
   std::vector<Endpoint> endpoints;
   std::atomic<size_t> current = 0;  // the server that calls go to
   bool sessions_outlive_server = false;
+  std::mutex feeds_mutex;
+  std::map<std::string, EventFeed*> feeds ABSL_GUARDED_BY(feeds_mutex);  // of the running Track() calls, by session
   ClientOptions options;
 
   const Endpoint& endpoint() const { return endpoints[current]; }
@@ -46,9 +51,6 @@ struct Client::Impl {
   bool WaitForServerUntil(absl::Time deadline);
   // Uploads a model once. Error: ABORTED if another server has deleted it during the upload.
   absl::StatusOr<ModelInfo> TryUpload(absl::Span<const uint8_t> bytes, const UploadOptions& upload);
-  // Reads one stream of poses to its end. Advances `after_pose_seq` with the delivered poses.
-  absl::Status WatchPosesOnce(const std::string& session, uint64_t& after_pose_seq, const PosesCallback& on_poses,
-                              const std::stop_token& stop);
 
   // Makes one call with the deadline of the options: `call(context, response)`.
   template <typename Response, typename Call>

@@ -1,11 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// The streams of a client: Track and WatchPoses.
+// The streams of a client: Track with ResetPose, WatchPoses and WatchHealth.
 #include <grpcpp/client_context.h>
 
-#include <map>
+#include <memory>
+#include <mutex>
 #include <utility>
 
+#include "absl/strings/str_cat.h"
 #include "client/lib/client_access.h"
 #include "client/lib/client_impl.h"
 #include "client/lib/conversion.h"
@@ -15,6 +17,26 @@
 #include "evpose/client.h"
 
 namespace evpose::client {
+namespace {
+
+// Reads one stream of responses to its end. `start(context)` begins the call; an error of `handle(response)` means that
+// the response is invalid, and cancels the call.
+template <typename Response, typename Start, typename Handle>
+absl::Status ReadToEnd(const std::string& server, const Start& start, const Handle& handle,
+                       const std::stop_token& stop) {
+  grpc::ClientContext context;
+  const std::unique_ptr<grpc::ClientReaderInterface<Response>> reader = start(&context);
+  const std::stop_callback cancel_on_stop(stop, [&context] { context.TryCancel(); });
+  Response response;
+  absl::Status invalid;
+  while (invalid.ok() && reader->Read(&response)) invalid = handle(response);
+  if (!invalid.ok()) context.TryCancel();
+  const grpc::Status status = reader->Finish();
+  if (!invalid.ok()) return absl::InternalError(absl::StrCat(server, ": ", invalid.message()));
+  return FromGrpc(status, server);
+}
+
+}  // namespace
 
 absl::StatusOr<TrackSummary> Client::Track(const Session& session, const ChunkSource& source,
                                            const TrackCallbacks& callbacks, const TrackOptions& options) {
@@ -46,46 +68,71 @@ absl::StatusOr<TrackSummary> ClientAccess::Track(Client& client, const TrackPosi
                        }});
   }
   TrackLoop loop(servers, impl.current, impl.sessions_outlive_server, position, feed, callbacks, options);
+  {
+    const std::lock_guard lock(impl.feeds_mutex);
+    impl.feeds[position.session] = &feed;
+  }
   absl::StatusOr<TrackSummary> summary = loop.Run();
+  {
+    const std::lock_guard lock(impl.feeds_mutex);
+    const auto own = impl.feeds.find(position.session);
+    if (own != impl.feeds.end() && own->second == &feed) impl.feeds.erase(own);
+  }
   std::stop_source stop = options.stop;
   stop.request_stop();
   feed.Stop();
   return summary;
 }
 
-absl::Status Client::Impl::WatchPosesOnce(const std::string& session, uint64_t& after_pose_seq,
-                                          const PosesCallback& on_poses, const std::stop_token& stop) {
-  grpc::ClientContext context;
-  v1::WatchPosesRequest request;
-  request.set_session(session);
-  request.set_after_pose_seq(after_pose_seq);
-  const std::unique_ptr<grpc::ClientReaderInterface<v1::WatchPosesResponse>> reader =
-      endpoint().sessions->WatchPoses(&context, request);
-  const std::stop_callback cancel_on_stop(stop, [&context] { context.TryCancel(); });
-  v1::WatchPosesResponse response;
-  absl::Status malformed;
-  while (reader->Read(&response)) {
-    std::vector<Pose> poses;
-    for (const v1::Pose& message : response.poses()) {
-      absl::StatusOr<Pose> pose = FromProto(message);
-      malformed.Update(pose.status());
-      if (pose.ok()) poses.push_back(*std::move(pose));
-    }
-    if (!malformed.ok()) break;
-    on_poses(poses, response.num_skipped());
-    if (!poses.empty()) after_pose_seq = poses.back().seq;
+absl::Status Client::ResetPose(const std::string& session, const PoseReset& reset) {
+  const std::lock_guard lock(impl_->feeds_mutex);
+  const auto feed = impl_->feeds.find(session);
+  if (feed == impl_->feeds.end()) {
+    return absl::FailedPreconditionError(absl::StrCat(session, ": no Track() of this session runs in this client"));
   }
-  if (!malformed.ok()) context.TryCancel();
-  const grpc::Status status = reader->Finish();
-  if (!malformed.ok()) return absl::InternalError(absl::StrCat(endpoint().name, ": ", malformed.message()));
-  return FromGrpc(status, endpoint().name);
+  const absl::Status status = feed->second->ResetPose(reset);
+  return absl::Status(status.code(), absl::StrCat(session, ": ", status.message()));
 }
 
-absl::Status Client::WatchPoses(const std::string& session, uint64_t after_pose_seq, const PosesCallback& on_poses,
-                                std::stop_token stop) {
+absl::Status Client::WatchPoses(const std::string& session, const WatchPosesOptions& options,
+                                const PosesCallback& on_poses, std::stop_token stop) {
+  v1::WatchPosesRequest request;
+  request.set_session(session);
+  request.set_after_pose_seq(options.after_pose_seq);
+  if (options.max_rate_hz) request.set_max_rate_hz(*options.max_rate_hz);
+  const auto handle = [&](const v1::WatchPosesResponse& response) -> absl::Status {
+    std::vector<Pose> poses;
+    for (const v1::Pose& message : response.poses()) {
+      EVPOSE_ASSIGN_OR_RETURN(Pose pose, FromProto(message));
+      poses.push_back(std::move(pose));
+    }
+    on_poses(poses, response.num_skipped());
+    if (!poses.empty()) request.set_after_pose_seq(poses.back().seq);
+    return absl::OkStatus();
+  };
   absl::Status status;
   do {
-    status = impl_->WatchPosesOnce(session, after_pose_seq, on_poses, stop);
+    const Impl::Endpoint& endpoint = impl_->endpoint();
+    status = ReadToEnd<v1::WatchPosesResponse>(
+        endpoint.name, [&](auto* context) { return endpoint.sessions->WatchPoses(context, request); }, handle, stop);
+  } while (ReasonOf(status) == v1::FENCED && !stop.stop_requested());
+  return status;
+}
+
+absl::Status Client::WatchHealth(const std::string& session, absl::Duration period, const HealthCallback& on_health,
+                                 std::stop_token stop) {
+  v1::WatchHealthRequest request;
+  request.set_session(session);
+  *request.mutable_period() = ToProto(period);
+  const auto handle = [&](const v1::WatchHealthResponse& response) {
+    on_health(FromProto(response.health()));
+    return absl::OkStatus();
+  };
+  absl::Status status;
+  do {
+    const Impl::Endpoint& endpoint = impl_->endpoint();
+    status = ReadToEnd<v1::WatchHealthResponse>(
+        endpoint.name, [&](auto* context) { return endpoint.sessions->WatchHealth(context, request); }, handle, stop);
   } while (ReasonOf(status) == v1::FENCED && !stop.stop_requested());
   return status;
 }

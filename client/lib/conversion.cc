@@ -279,6 +279,13 @@ v1::RigidTransform ToProto(const Transform& transform) {
   return message;
 }
 
+v1::TrackRequest::ResetPose ToProto(const PoseReset& reset) {
+  v1::TrackRequest::ResetPose message;
+  message.set_object_id(reset.object_id);
+  *message.mutable_camera_from_object() = ToProto(reset.camera_from_object);
+  return message;
+}
+
 v1::SessionConfig ToProto(const SessionConfig& config) {
   v1::SessionConfig message;
   message.set_encoding(Lookup(kEncodings, config.encoding, v1::EVENT_ENCODING_UNSPECIFIED));
@@ -326,6 +333,8 @@ ServerInfo FromProto(const v1::ServerInfo& message) {
   info.max_model_bytes = message.max_model_bytes();
   info.is_draining = message.draining();
   info.skipped_events = message.skipped_events();
+  info.pose_log_capacity = message.pose_log_capacity();
+  info.session_expiry = FromProto(message.session_expiry());
   return info;
 }
 

@@ -15,6 +15,7 @@
 #include "evpose/v1/error_reason.pb.h"
 #include "evpose/v1/model_service.pb.h"
 #include "evpose/v1/session_service.pb.h"
+#include "evpose/v1/track.pb.h"
 
 namespace evpose::client {
 
@@ -28,6 +29,7 @@ v1::ErrorReason ReasonOf(const absl::Status& status);
 v1::ModelFormat ToProto(ModelFormat format);
 v1::SessionConfig ToProto(const SessionConfig& config);
 v1::RigidTransform ToProto(const Transform& transform);
+v1::TrackRequest::ResetPose ToProto(const PoseReset& reset);  // without its number
 
 google::protobuf::Duration ToProto(absl::Duration duration);
 ServerInfo FromProto(const v1::ServerInfo& message);

@@ -1,11 +1,25 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "evpose/types.h"
 
+#include <Eigen/LU>
+
 #include "client/lib/core_types.h"
 
 namespace evpose::client {
 
 Eigen::Quaterniond Transform::Quaternion() const { return ToCore(*this).Quaternion(); }
+
+absl::Status PoseReset::Validate() const {
+  if (object_id.empty()) return absl::InvalidArgumentError("object_id is empty");
+  if (!camera_from_object.translation_m.allFinite() || !camera_from_object.rotation.allFinite()) {
+    return absl::InvalidArgumentError("camera_from_object: every number must be finite");
+  }
+  constexpr double kTolerance = 1e-3;  // that of a quaternion's norm in the API
+  if (!camera_from_object.rotation.isUnitary(kTolerance) || camera_from_object.rotation.determinant() < 0.0) {
+    return absl::InvalidArgumentError("camera_from_object: the matrix is not a rotation");
+  }
+  return absl::OkStatus();
+}
 
 std::string_view EventEncodingName(EventEncoding encoding) { return EncodingName(ToCore(encoding)); }
 

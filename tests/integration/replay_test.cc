@@ -10,6 +10,7 @@
 #include <fstream>
 #include <memory>
 #include <optional>
+#include <sstream>
 #include <string>
 #include <thread>
 #include <vector>
@@ -339,6 +340,22 @@ TEST_F(ReplayTest, SessionThatIsKeptCanBeWatchedListedAndDeleted) {
   EXPECT_EQ(watch.out, ReadText("poses.tum"));
   ASSERT_EQ(Run(ReplayArguments("poses.jsonl")).status, 0);
   EXPECT_EQ(Run({"watch", session, "--server", address_, "--json"}).out, ReadText("poses.jsonl"));
+  // Once in 20 ms of sensor time, of 50 ms.
+  const std::string slow = Run({"watch", session, "--server", address_, "--max-rate-hz", "50"}).out;
+  EXPECT_GE(std::count(slow.begin(), slow.end(), '\n'), 2);
+  EXPECT_LE(std::count(slow.begin(), slow.end(), '\n'), 3);
+  EXPECT_EQ(Run({"watch", session, "--server", address_, "--max-rate-hz", "0"}).status, 2);
+  const nlohmann::json last = Run({"watch", session, "--server", address_, "--health", "--json"}).Json();
+  EXPECT_EQ(last["poses"], replay.Json()["poses"]);
+  EXPECT_EQ(last["objects"][0]["state"], "TRACKING");
+  EXPECT_THAT(Run({"watch", session, "--server", address_, "--health", "--period", "0.5"}).out,
+              HasSubstr("object TRACKING, 0 losses"));
+  for (const std::vector<std::string>& wrong : std::vector<std::vector<std::string>>{
+           {"--period", "0.5"}, {"--health", "--period", "0.001"}, {"--health", "--max-rate-hz", "5"}}) {
+    std::vector<std::string> arguments = {"watch", session, "--server", address_};
+    arguments.insert(arguments.end(), wrong.begin(), wrong.end());
+    EXPECT_EQ(Run(arguments).status, 2) << ::testing::PrintToString(wrong);
+  }
   EXPECT_THAT(Run({"sessions", "list", "--server", address_}).out, HasSubstr(session + "  ENDED"));
   const nlohmann::json health = Run({"sessions", "get", session, "--server", address_, "--json"}).Json();
   EXPECT_EQ(health["poses"], replay.Json()["poses"]);
@@ -348,8 +365,69 @@ TEST_F(ReplayTest, SessionThatIsKeptCanBeWatchedListedAndDeleted) {
   EXPECT_EQ(Run({"sessions", "delete", session, "--server", address_}).status, 0);
   EXPECT_EQ(Run({"sessions", "get", session, "--server", address_}).status, 1);
   EXPECT_EQ(Run({"watch", session, "--server", address_}).status, 1);
+  EXPECT_EQ(Run({"watch", session, "--server", address_, "--health"}).status, 1);
   EXPECT_EQ(Run({"models", "delete", model, "--server", address_}).status, 0);
   EXPECT_EQ(Run({"models", "list", "--server", address_}).out, "");
+}
+
+// The lines of poses up to a time in microseconds, the header included.
+std::string LinesUpTo(const std::string& csv, int64_t t_us) {
+  std::string lines;
+  std::istringstream stream(csv);
+  for (std::string line; std::getline(stream, line);) {
+    const std::string time = line.substr(line.find(",object,") + 8);
+    if (!lines.empty() && std::stoll(time) > t_us) break;
+    lines += line + "\n";
+  }
+  return lines;
+}
+
+TEST_F(ReplayTest, APoseIsResetAtATimeOfTheSensor) {
+  SimulateCube(0.1);
+  StartServer();
+  ASSERT_EQ(Run(ReplayArguments("plain.csv")).status, 0);
+  const std::string plain = ReadText("plain.csv");
+  // A pose in which the object is out of view: nothing is tracked from there on, or only after a search.
+  const std::vector<std::string> reset = {"--reset-pose", "50000 0.5 0.5 1 0 0 0 1"};
+  const CliResult result = Run(ReplayArguments("reset.csv", reset));
+  ASSERT_EQ(result.status, 0) << result.err;
+  const std::string poses = ReadText("reset.csv");
+  EXPECT_NE(poses, plain);
+  EXPECT_GT(LinesUpTo(plain, 45'000).size(), plain.size() / 4);
+  EXPECT_EQ(LinesUpTo(poses, 45'000), LinesUpTo(plain, 45'000));
+  EXPECT_NE(LinesUpTo(poses, 70'000), LinesUpTo(plain, 70'000));
+  std::vector<std::string> with_server = reset;
+  with_server.insert(with_server.end(), {"--server", address_});
+  ASSERT_EQ(Run(ReplayArguments("again.csv", with_server)).status, 0);
+  EXPECT_EQ(ReadText("again.csv"), poses);
+}
+
+TEST_F(ReplayTest, ResetsThatCannotBeAppliedAreNamed) {
+  SimulateCube(0.01);
+  const auto run = [&](const std::string& reset, const std::vector<std::string>& more = {}) {
+    std::vector<std::string> arguments = ReplayArguments("poses.csv", {"--reset-pose", reset});
+    arguments.insert(arguments.end(), more.begin(), more.end());
+    return Run(arguments);
+  };
+  for (const auto& [reset, text] : std::vector<std::pair<std::string, std::string>>{
+           {"0 0 1 0 0 0 1", "--reset-pose: "},
+           {"soon 0 0 1 0 0 0 1", "does not begin with a sensor time in microseconds"},
+           {"5 0 0 1 0 0 0 2", "--reset-pose: "}}) {
+    const CliResult result = run(reset);
+    EXPECT_EQ(result.status, 2) << reset;
+    EXPECT_THAT(result.err, HasSubstr(text));
+  }
+  const CliResult late = run("9000000 0 0 1 0 0 0 1");
+  EXPECT_EQ(late.status, 1);
+  EXPECT_THAT(late.err, HasSubstr("--reset-pose at 9000000 us was not applied: the events end before it"));
+  const CliResult unknown = Run({"replay", Path("cube/recording.raw"), "--object", "a=" + Path("cube/model.obj"),
+                                 "--camera", Path("cube/camera.yaml"), "--reset-pose", "0 b=0 0 1 0 0 0 1"});
+  EXPECT_EQ(unknown.status, 2);
+  EXPECT_THAT(unknown.err, HasSubstr("--reset-pose: no --object b"));
+  const CliResult pipe = Run({"stream", "-", "--model", Path("cube/model.obj"), "--camera", Path("cube/camera.yaml"),
+                              "--server", "127.0.0.1:1", "--resume", Path("state"), "--reset-pose", "0 0 0 1 0 0 0 1"});
+  EXPECT_EQ(pipe.status, 2);
+  EXPECT_THAT(pipe.err, HasSubstr("is not possible with --resume on standard input"));
 }
 
 TEST_F(ReplayTest, ModelsAreNamedByTheirContent) {

@@ -42,6 +42,8 @@ absl::Status RunInfo(const Arguments& arguments, CliContext& context) {
                        {"max_sessions", info.max_sessions},
                        {"max_chunk_bytes", info.max_chunk_bytes},
                        {"max_model_bytes", info.max_model_bytes},
+                       {"pose_log_capacity", info.pose_log_capacity},
+                       {"session_expiry_s", absl::ToDoubleSeconds(info.session_expiry)},
                        {"skipped_events", info.skipped_events},
                        {"draining", info.is_draining}};
     context.out << json.dump(2, ' ', false, Json::error_handler_t::replace) << "\n";

@@ -50,16 +50,7 @@ Json SessionJson(const Session& session) {
   json["poses"] = session.health.poses;
   json["real_time_ratio"] = session.health.real_time_ratio;
   json["objects"] = Json::array();
-  for (const ObjectHealth& object : session.health.objects) {
-    Json entry;
-    entry["object_id"] = object.object_id;
-    entry["state"] = std::string(TrackStateName(object.state));
-    entry["losses"] = object.losses;
-    entry["initialization"] = std::string(InitializationStatusName(object.initialization));
-    entry["initialization_attempts"] = object.initialization_attempts;
-    entry["detail"] = object.detail;
-    json["objects"].push_back(entry);
-  }
+  for (const ObjectHealth& object : session.health.objects) json["objects"].push_back(ObjectJson(object));
   return json;
 }
 

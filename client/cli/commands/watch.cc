@@ -1,11 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// evpose watch: the poses of a session as they come.
+// evpose watch: the poses or the health of a session as they arrive.
 #include <map>
 #include <mutex>
+#include <optional>
 #include <string>
 #include <thread>
 
+#include "absl/strings/str_cat.h"
+#include "absl/strings/str_format.h"
 #include "client/cli/commands/commands.h"
 #include "client/cli/common/pose_format.h"
 #include "core/base/status_macros.h"
@@ -18,7 +21,9 @@ constexpr absl::Duration kHealthPeriod = absl::Seconds(1);
 struct WatchArguments {
   std::string session;
   ServerArguments server;
-  uint64_t after_pose_seq = 0;
+  WatchPosesOptions poses;
+  bool is_health = false;
+  double period_s = 1.0;
   bool is_json = false;
 };
 
@@ -48,6 +53,73 @@ class StateLines {
   std::map<std::string, std::string> shown_;
 };
 
+Json HealthJson(const SessionHealth& health) {
+  Json json;
+  json["t_us"] = health.t_us;
+  json["received_bytes"] = health.received_bytes;
+  json["processed_bytes"] = health.processed_bytes;
+  json["decoded_events"] = health.decoded_events;
+  json["dropped_events"] = health.dropped_events;
+  json["invalid_words"] = health.invalid_words;
+  json["time_backsteps"] = health.time_backsteps;
+  json["skipped_events"] = health.skipped_events;
+  json["skipped_us"] = health.skipped_us;
+  json["poses"] = health.poses;
+  json["event_rate_hz"] = health.event_rate_hz;
+  json["pose_rate_hz"] = health.pose_rate_hz;
+  json["real_time_ratio"] = health.real_time_ratio;
+  json["latency_p50_ms"] = MillisecondsJson(health.latency_p50);
+  json["latency_p99_ms"] = MillisecondsJson(health.latency_p99);
+  json["objects"] = Json::array();
+  for (const ObjectHealth& object : health.objects) json["objects"].push_back(ObjectJson(object));
+  return json;
+}
+
+std::string HealthLine(const SessionHealth& health) {
+  std::string line = absl::StrFormat("%.6f s  %.2f Mev/s  %.0f poses/s  %.2f x real time", 1e-6 * health.t_us,
+                                     1e-6 * health.event_rate_hz, health.pose_rate_hz, health.real_time_ratio);
+  if (health.latency_p99) {
+    absl::StrAppendFormat(&line, "  latency p99 %.1f ms", absl::ToDoubleMilliseconds(*health.latency_p99));
+  }
+  for (const ObjectHealth& object : health.objects) {
+    absl::StrAppend(&line, "  ", object.object_id, " ", DescribeState(object), ", ", object.losses, " losses");
+  }
+  return line;
+}
+
+// Requests `stop` when the command is interrupted.
+class StopOnInterrupt {
+ public:
+  StopOnInterrupt(const CliContext& context, std::stop_source stop)
+      : thread_([&context, stop](std::stop_token ended) mutable {
+          while (!context.IsInterrupted()) {
+            if (!SystemClock().SleepUntil(SystemClock().Now() + kInterruptPeriod, ended)) return;
+          }
+          stop.request_stop();
+        }) {}
+
+ private:
+  std::jthread thread_;
+};
+
+absl::Status RunWatchHealth(const WatchArguments& arguments, CliContext& context) {
+  EVPOSE_ASSIGN_OR_RETURN(const std::unique_ptr<Client> client, arguments.server.Connect(context));
+  std::stop_source stop;
+  const StopOnInterrupt interrupt(context, stop);
+  const auto on_health = [&](const SessionHealth& health) {
+    if (arguments.is_json) {
+      context.out << HealthJson(health).dump(-1, ' ', false, Json::error_handler_t::replace) << "\n";
+    } else {
+      context.out << HealthLine(health) << "\n";
+    }
+    context.out.flush();
+    if (!context.out) stop.request_stop();  // the output is closed
+  };
+  const absl::Status status =
+      client->WatchHealth(arguments.session, absl::Seconds(arguments.period_s), on_health, stop.get_token());
+  return stop.stop_requested() ? absl::OkStatus() : status;
+}
+
 absl::Status RunWatch(const WatchArguments& arguments, CliContext& context) {
   EVPOSE_ASSIGN_OR_RETURN(const std::unique_ptr<Client> client, arguments.server.Connect(context));
   const PoseFormat format = arguments.is_json ? PoseFormat::kJsonLines : PoseFormat::kTum;
@@ -72,8 +144,7 @@ absl::Status RunWatch(const WatchArguments& arguments, CliContext& context) {
     }
     stop.request_stop();
   });
-  const absl::Status status =
-      client->WatchPoses(arguments.session, arguments.after_pose_seq, on_poses, stop.get_token());
+  const absl::Status status = client->WatchPoses(arguments.session, arguments.poses, on_poses, stop.get_token());
   interrupts.request_stop();
   return stop.stop_requested() ? absl::OkStatus() : status;
 }
@@ -83,17 +154,35 @@ absl::Status RunWatch(const WatchArguments& arguments, CliContext& context) {
 CommandRunner AddWatchCommand(CLI::App& app, CliContext& context) {
   auto arguments = std::make_shared<WatchArguments>();
   app.add_option("session", arguments->session, "sessions/ID, as `evpose sessions list` prints it")->required();
-  app.add_option("--after", arguments->after_pose_seq, "Number of the pose after which the output begins")
-      ->capture_default_str();
+  CLI::Option* const after =
+      app.add_option("--after", arguments->poses.after_pose_seq, "Number of the pose after which the output begins")
+          ->capture_default_str();
+  CLI::Option* const max_rate =
+      app.add_option("--max-rate-hz", arguments->poses.max_rate_hz,
+                     "Limit of the poses per second of sensor time, for each object; default: all poses")
+          ->check(CheckAboveZero, "POSITIVE");
+  CLI::Option* const health =
+      app.add_flag("--health", arguments->is_health, "Print the health of the session instead of its poses")
+          ->excludes(after)
+          ->excludes(max_rate);
+  app.add_option("--period", arguments->period_s, "With --health: seconds between two lines, at least 0.01")
+      ->check(CLI::Range(0.01, 86400.0))
+      ->capture_default_str()
+      ->needs(health);
   arguments->server.AddTo(app, true);
-  app.add_flag("--json", arguments->is_json, "One JSON object on each line, instead of TUM");
+  app.add_flag("--json", arguments->is_json, "One JSON object on each line");
   app.footer(
-      "Prints the stored poses and then the live ones until the session ends or until an interrupt. Changes of the\n"
-      "objects' states are printed on standard error.\n\n"
+      "Prints the stored poses (TUM) and then the live ones until the session ends or until an interrupt. Changes of\n"
+      "the objects' states are printed on standard error. With --health, prints a line at once and after each period:\n"
+      "sensor time, rates, latency and the states of the objects.\n\n"
       "Example:\n"
       "  evpose watch \"$(evpose sessions list --server 127.0.0.1:50051 | head -n 1 | cut -d ' ' -f 1)\" \\\n"
-      "    --server 127.0.0.1:50051");
-  return [arguments, &context] { return RunWatch(*arguments, context); };
+      "    --server 127.0.0.1:50051 --max-rate-hz 10\n"
+      "  evpose watch \"$(evpose sessions list --server 127.0.0.1:50051 | head -n 1 | cut -d ' ' -f 1)\" \\\n"
+      "    --server 127.0.0.1:50051 --health");
+  return [arguments, &context] {
+    return arguments->is_health ? RunWatchHealth(*arguments, context) : RunWatch(*arguments, context);
+  };
 }
 
 }  // namespace evpose::client

@@ -137,6 +137,21 @@ absl::StatusOr<std::unique_ptr<Client>> ServerArguments::Connect(const CliContex
   return Client::Connect(address, options);
 }
 
+Json MillisecondsJson(const std::optional<absl::Duration>& duration) {
+  return duration ? Json(absl::ToDoubleMilliseconds(*duration)) : Json(nullptr);
+}
+
+Json ObjectJson(const ObjectHealth& object) {
+  Json json;
+  json["object_id"] = object.object_id;
+  json["state"] = std::string(TrackStateName(object.state));
+  json["losses"] = object.losses;
+  json["initialization"] = std::string(InitializationStatusName(object.initialization));
+  json["initialization_attempts"] = object.initialization_attempts;
+  json["detail"] = object.detail;
+  return json;
+}
+
 std::string DescribeState(const ObjectHealth& object) {
   std::string text(TrackStateName(object.state));
   if (object.state != TrackState::kInitializing && object.state != TrackState::kLost) return text;

@@ -7,12 +7,14 @@
 #include <functional>
 #include <memory>
 #include <nlohmann/json.hpp>
+#include <optional>
 #include <string>
 #include <utility>
 #include <vector>
 
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
+#include "absl/time/time.h"
 #include "client/cli/common/cli_context.h"
 #include "core/events/event.h"
 #include "core/events/recording_header.h"
@@ -58,6 +60,12 @@ struct ServerArguments {
 // the camera.
 absl::Status CheckCameraMatches(const CameraModel& camera, const std::string& camera_path,
                                 const RecordingHeader& header, const std::string& recording_path);
+
+// A number of milliseconds; null for nullopt.
+Json MillisecondsJson(const std::optional<absl::Duration>& duration);
+
+// All fields of an object's health but the explained ratio.
+Json ObjectJson(const ObjectHealth& object);
 
 // "TRACKING"; without a pose also the status of the search: "INITIALIZING (TOO_FEW_LINES)".
 std::string DescribeState(const ObjectHealth& object);

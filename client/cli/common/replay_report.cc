@@ -12,10 +12,6 @@ std::string Milliseconds(const std::optional<absl::Duration>& duration) {
   return duration ? absl::StrFormat("%.2f ms", absl::ToDoubleMilliseconds(*duration)) : "-";
 }
 
-Json MillisecondsJson(const std::optional<absl::Duration>& duration) {
-  return duration ? Json(absl::ToDoubleMilliseconds(*duration)) : Json(nullptr);
-}
-
 }  // namespace
 
 void ReplayReport::Add(const Notice& notice) {
@@ -49,13 +45,7 @@ Json ReplayReport::ObjectsJson() const {
   Json objects = Json::array();
   for (size_t i = 0; i < summary.health.objects.size(); ++i) {
     const ObjectHealth& object = summary.health.objects[i];
-    Json json;
-    json["object_id"] = object.object_id;
-    json["state"] = std::string(TrackStateName(object.state));
-    json["losses"] = object.losses;
-    json["initialization"] = std::string(InitializationStatusName(object.initialization));
-    json["initialization_attempts"] = object.initialization_attempts;
-    json["detail"] = object.detail;
+    Json json = ObjectJson(object);
     json["model_notices"] = i < models.size() ? models[i].notices : std::vector<std::string>();
     json["symmetries"] = i < models.size() ? models[i].num_symmetries : 1;
     json["model_diameter_m"] = i < models.size() ? models[i].diameter_m : 0.0;

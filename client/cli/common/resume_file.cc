@@ -134,7 +134,8 @@ ResumeFile::~ResumeFile() {
 absl::Status ResumeFile::CheckArguments(const std::map<std::string, std::string>& arguments) const {
   for (const auto& [name, value] : arguments) {
     const auto recorded = record_->arguments.find(name);
-    if (recorded != record_->arguments.end() && recorded->second == value) continue;
+    // An option that did not exist when the file was written was not given.
+    if (recorded == record_->arguments.end() ? value.empty() : recorded->second == value) continue;
     return absl::InvalidArgumentError(absl::StrCat(path_, ": was begun with another ", name,
                                                    ": give the same as then, or remove it to begin a new session"));
   }

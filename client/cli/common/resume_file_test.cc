@@ -101,6 +101,10 @@ TEST_F(ResumeFileTest, OtherArgumentsAreNamed) {
   EXPECT_TRUE(file->CheckArguments(record_.arguments).ok());
   EXPECT_THAT(file->CheckArguments({{"--camera", "other.yaml"}, {"recording", "a.raw"}}).message(),
               HasSubstr(path_ + ": was begun with another --camera"));
+  // A file of an earlier version names fewer options.
+  EXPECT_TRUE(file->CheckArguments({{"--new-option", ""}}).ok());
+  EXPECT_THAT(file->CheckArguments({{"--new-option", "1"}}).message(),
+              HasSubstr("was begun with another --new-option"));
 }
 
 }  // namespace

@@ -8,6 +8,7 @@
 #include "absl/strings/numbers.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_join.h"
+#include "absl/strings/str_split.h"
 #include "client/cli/common/pose_format.h"
 #include "client/lib/core_types.h"
 #include "core/base/output_file.h"
@@ -91,6 +92,41 @@ absl::Status ParseInitialPoses(const TrackArguments& arguments, std::vector<Inpu
   return absl::OkStatus();
 }
 
+// "T_US POSE", or "T_US ID=POSE" with --object.
+absl::StatusOr<TimedReset> ParseReset(const TrackArguments& arguments, const std::vector<InputObject>& objects,
+                                      const std::string& text) {
+  const std::pair<std::string, std::string> time_and_pose = absl::StrSplit(text, absl::MaxSplits(' ', 1));
+  TimedReset timed;
+  if (!absl::SimpleAtoi(time_and_pose.first, &timed.t_us) || timed.t_us < 0) {
+    return UsageError(absl::StrCat("--reset-pose: \"", text, "\" does not begin with a sensor time in microseconds"));
+  }
+  std::pair<std::string, std::string> id_and_pose = {objects[0].id, time_and_pose.second};
+  if (!arguments.objects.empty()) {
+    EVPOSE_ASSIGN_OR_RETURN(id_and_pose, SplitId(time_and_pose.second, "--reset-pose"));
+  }
+  if (std::none_of(objects.begin(), objects.end(),
+                   [&](const InputObject& object) { return object.id == id_and_pose.first; })) {
+    return UsageError(absl::StrCat("--reset-pose: no --object ", id_and_pose.first));
+  }
+  const absl::StatusOr<RigidTransform> pose = ParsePose(id_and_pose.second);
+  if (!pose.ok()) return UsageError(absl::StrCat("--reset-pose: ", pose.status().message()));
+  timed.reset = {id_and_pose.first, FromCore(*pose)};
+  return timed;
+}
+
+absl::Status ParseResets(const TrackArguments& arguments, TrackInputs& inputs) {
+  if (!arguments.reset_poses.empty() && arguments.recording == "-" && !arguments.resume.empty()) {
+    return UsageError("--reset-pose: is not possible with --resume on standard input, which cannot be read again");
+  }
+  for (const std::string& text : arguments.reset_poses) {
+    EVPOSE_ASSIGN_OR_RETURN(TimedReset reset, ParseReset(arguments, inputs.objects, text));
+    inputs.resets.push_back(std::move(reset));
+  }
+  std::stable_sort(inputs.resets.begin(), inputs.resets.end(),
+                   [](const TimedReset& a, const TimedReset& b) { return a.t_us < b.t_us; });
+  return absl::OkStatus();
+}
+
 // Ends when it is told to, not only when it would have to wait: what was read until then is the recording.
 class StoppableReader final : public RecordingReader {
  public:
@@ -135,6 +171,7 @@ absl::StatusOr<TrackInputs> ReadTrackInputs(const TrackArguments& arguments,
     if (!checked.ok()) return UsageError(absl::StrCat("--out ", checked.message()));
   }
   EVPOSE_RETURN_IF_ERROR(ParseInitialPoses(arguments, inputs.objects));
+  EVPOSE_RETURN_IF_ERROR(ParseResets(arguments, inputs));
   EVPOSE_ASSIGN_OR_RETURN(inputs.camera, LoadCameraModel(arguments.camera));
   if (!arguments.sensor.empty()) {
     EVPOSE_ASSIGN_OR_RETURN(inputs.sensor, LoadSensorProfile(arguments.sensor));
@@ -145,6 +182,14 @@ absl::StatusOr<TrackInputs> ReadTrackInputs(const TrackArguments& arguments,
   EVPOSE_RETURN_IF_ERROR(CheckCameraMatches(inputs.camera, arguments.camera, reader->header(), arguments.recording));
   inputs.reader = std::make_unique<StoppableReader>(std::move(reader), reader_options.stop);
   return inputs;
+}
+
+void AddDueResets(std::vector<TimedReset>& resets, EventChunk& chunk) {
+  if (chunk.bytes.empty()) return;  // the end
+  const auto is_later = [&chunk](const TimedReset& each) { return each.t_us > chunk.t_last_us; };
+  const auto end = std::find_if(resets.begin(), resets.end(), is_later);
+  for (auto each = resets.begin(); each != end; ++each) chunk.resets.push_back(std::move(each->reset));
+  resets.erase(resets.begin(), end);
 }
 
 ChunkerOptions MakeChunkerOptions(const TrackArguments& arguments) {
@@ -204,6 +249,11 @@ void TrackArguments::AddTo(CLI::App& app, bool server_is_required) {
                  "Pose camera_from_object at the first event; without it, the pose is searched for in the events. With "
                  "--object: \"ID=tx ...\", once for each object with a known pose")
       ->type_name("\"tx ty tz qx qy qz qw\"")
+      ->allow_extra_args(false);
+  app.add_option("--reset-pose", reset_poses,
+                 "Restart tracking from a pose camera_from_object, before the first chunk of events that reaches the "
+                 "sensor time T_US in microseconds. With --object: \"T_US ID=tx ...\". The option may be repeated")
+      ->type_name("\"T_US tx ty tz qx qy qz qw\"")
       ->allow_extra_args(false);
   app.add_option(
       "-o,--out", out,

@@ -27,6 +27,7 @@ struct TrackArguments {
   ServerArguments server;
   std::string out;
   std::vector<std::string> init_poses;
+  std::vector<std::string> reset_poses;  // "T_US [ID=]POSE"
   std::string estimator = "mixture";
   size_t chunk_bytes = 0;
   double metres_per_unit = 1.0;
@@ -46,14 +47,24 @@ struct InputObject {
   std::optional<Transform> initial_pose;
 };
 
+// A reset of a pose at a sensor time: --reset-pose.
+struct TimedReset {
+  int64_t t_us = 0;
+  PoseReset reset;
+};
+
 struct TrackInputs {
   std::vector<InputObject> objects;
+  std::vector<TimedReset> resets;  // in the order of their times
   CameraModel camera;
   SensorProfile sensor;
   std::unique_ptr<RecordingReader> reader;
 
   std::vector<std::string> object_ids() const;
 };
+
+// Moves the resets that are due at the end of `chunk` from the front of `resets` into the chunk.
+void AddDueResets(std::vector<TimedReset>& resets, EventChunk& chunk);
 
 // Validates all inputs that can be validated without a server. When `reader_options.stop` is requested, the data read
 // until then is the complete recording.

@@ -6,6 +6,7 @@
 #include <utility>
 
 #include "absl/strings/str_cat.h"
+#include "absl/strings/str_join.h"
 #include "client/cli/common/interrupt_watch.h"
 #include "client/lib/client_access.h"
 #include "client/lib/core_types.h"
@@ -42,6 +43,7 @@ std::map<std::string, std::string> Identify(const TrackArguments& arguments, con
   identity["--chunk-bytes"] = absl::StrCat(arguments.chunk_bytes);
   identity["--init-pose"] = "";
   for (const std::string& pose : arguments.init_poses) absl::StrAppend(&identity["--init-pose"], pose, ";");
+  identity["--reset-pose"] = absl::StrJoin(arguments.reset_poses, ";");
   for (const InputObject& object : inputs.objects) identity["model of " + object.id] = Digest(object.model_bytes);
   identity["--camera"] = absolute(arguments.camera);
   identity["--sensor"] = absolute(arguments.sensor);
@@ -85,6 +87,7 @@ absl::Status TrackRun::Open() {
 
 absl::StatusOr<EventChunk> TrackRun::NextChunk() {
   absl::StatusOr<EventChunk> chunk = FromCore(chunker_.Next());
+  if (chunk.ok()) AddDueResets(inputs_.resets, *chunk);
   if (chunk.ok() || !ends_on_error_) return chunk;
   source_status_ = chunk.status();
   return EventChunk{};
@@ -215,6 +218,11 @@ absl::Status TrackRun::Finish(Client& client, const TrackSummary& summary, absl:
     report_.Print(context_.out);
   }
   EVPOSE_RETURN_IF_ERROR(source_status_);
+  if (!inputs_.resets.empty()) {
+    return absl::OutOfRangeError(absl::StrCat(
+        "--reset-pose at ", inputs_.resets.front().t_us,
+        " us was not applied: the events end before it; sensor times are those of evpose info and of the poses"));
+  }
   if (summary.lost_poses == 0) return absl::OkStatus();
   return absl::DataLossError(absl::StrCat(summary.lost_poses,
                                           " poses are missing: the server no longer kept them when the ",

@@ -5,6 +5,7 @@
 #include <utility>
 
 #include "absl/strings/str_cat.h"
+#include "client/lib/conversion.h"
 #include "core/base/status_macros.h"
 
 namespace evpose::client {
@@ -56,12 +57,14 @@ void EventFeed::Run() {
     absl::StatusOr<EventChunk> chunk = source_();
     if (stop_.stop_requested()) return;
     absl::Status status = chunk.status();
-    const bool is_end = chunk.ok() && chunk->bytes.empty();
+    const bool is_end = chunk.ok() && chunk->bytes.empty() && chunk->resets.empty();
     if (is_end && point_.seq < options_.skip.seq) {
       status = absl::FailedPreconditionError(
           absl::StrCat("the events end after ", point_.bytes, " bytes, but the session was fed with at least ",
                        options_.skip.bytes, ": these are not the events it was fed with"));
     }
+    // While chunks are skipped, a reset of the caller has no place in their numbering.
+    if (status.ok() && point_.seq >= options_.skip.seq) status = AddPendingResets(is_end);
     if (status.ok() && !is_end) status = Add(*chunk);
     if (stop_.stop_requested()) return;
     if (status.ok() && !is_end) continue;
@@ -71,6 +74,8 @@ void EventFeed::Run() {
 }
 
 absl::Status EventFeed::Add(const EventChunk& chunk) {
+  for (const PoseReset& reset : chunk.resets) EVPOSE_RETURN_IF_ERROR(AddReset(reset));
+  if (chunk.bytes.empty()) return absl::OkStatus();
   const bool is_skipped = point_.seq < options_.skip.seq;
   if (!is_skipped && !pacer_.Wait(chunk.t_last_us, stop_.get_token())) return absl::CancelledError("stopped");
   const auto* const bytes = reinterpret_cast<const char*>(chunk.bytes.data());
@@ -78,10 +83,39 @@ absl::Status EventFeed::Add(const EventChunk& chunk) {
     const size_t size = std::min<size_t>(max_piece_bytes_, chunk.bytes.size() - begin);
     OutgoingChunk piece = MakeOutgoingChunk(point_, std::string(bytes + begin, size), is_after_gap_);
     is_after_gap_ = false;
-    point_ = piece.end;
-    if (point_.seq == options_.skip.seq) EVPOSE_RETURN_IF_ERROR(CheckSkipped());
-    if (point_.seq > options_.skip.seq) EVPOSE_RETURN_IF_ERROR(outbox_->Append(std::move(piece), stop_.get_token()));
+    EVPOSE_RETURN_IF_ERROR(AddPiece(std::move(piece)));
   }
+  return absl::OkStatus();
+}
+
+absl::Status EventFeed::AddReset(const PoseReset& reset) {
+  EVPOSE_RETURN_IF_ERROR(reset.Validate());
+  return AddPiece(MakeOutgoingReset(point_, ToProto(reset).SerializeAsString()));
+}
+
+absl::Status EventFeed::AddPiece(OutgoingChunk piece) {
+  point_ = piece.end;
+  if (point_.seq == options_.skip.seq) EVPOSE_RETURN_IF_ERROR(CheckSkipped());
+  if (point_.seq <= options_.skip.seq) return absl::OkStatus();
+  return outbox_->Append(std::move(piece), stop_.get_token());
+}
+
+absl::Status EventFeed::AddPendingResets(bool is_end) {
+  std::vector<PoseReset> resets;
+  {
+    const std::lock_guard lock(mutex_);
+    resets.swap(pending_resets_);
+    has_ended_ = is_end;
+  }
+  for (const PoseReset& reset : resets) EVPOSE_RETURN_IF_ERROR(AddReset(reset));
+  return absl::OkStatus();
+}
+
+absl::Status EventFeed::ResetPose(const PoseReset& reset) {
+  EVPOSE_RETURN_IF_ERROR(reset.Validate());
+  const std::lock_guard lock(mutex_);
+  if (has_ended_) return absl::FailedPreconditionError("the events of the session have ended");
+  pending_resets_.push_back(reset);
   return absl::OkStatus();
 }
 

@@ -7,10 +7,14 @@
 #include <cstdint>
 #include <functional>
 #include <memory>
+#include <mutex>
 #include <optional>
 #include <stop_token>
 #include <thread>
+#include <vector>
 
+#include "absl/base/thread_annotations.h"
+#include "absl/status/status.h"
 #include "absl/status/statusor.h"
 #include "client/lib/stream/outbox.h"
 #include "client/lib/stream/pacer.h"
@@ -44,6 +48,9 @@ class EventFeed {
   // Begins to read. A chunk of the source is cut into pieces of at most so many bytes, whole words of every encoding.
   // Only the first call counts.
   void Start(uint64_t max_piece_bytes);
+  // Inserts a reset after the chunks that were read so far, as soon as the source returns. Thread-safe. Errors:
+  // INVALID_ARGUMENT; FAILED_PRECONDITION if the events have ended.
+  absl::Status ResetPose(const PoseReset& reset);
   // Wakes the thread where it waits and joins it; a source that blocks must have been told before. Idempotent.
   void Stop();
 
@@ -54,6 +61,10 @@ class EventFeed {
   EventFeed(ChunkSource source, const FeedOptions& options, std::unique_ptr<Outbox> outbox);
   void Run();
   absl::Status Add(const EventChunk& chunk);
+  absl::Status AddReset(const PoseReset& reset);
+  absl::Status AddPiece(OutgoingChunk piece);
+  // Adds the resets of ResetPose(); with `is_end`, later ones are refused.
+  absl::Status AddPendingResets(bool is_end);
   absl::Status CheckSkipped() const;
 
   const ChunkSource source_;
@@ -63,6 +74,9 @@ class EventFeed {
   FeedPoint point_;  // after the last piece made
   bool is_after_gap_;
   std::atomic<uint64_t> max_piece_bytes_ = 0;
+  std::mutex mutex_;
+  std::vector<PoseReset> pending_resets_ ABSL_GUARDED_BY(mutex_);
+  bool has_ended_ ABSL_GUARDED_BY(mutex_) = false;
   std::stop_source stop_;
   std::jthread thread_;
 };

@@ -13,6 +13,7 @@
 
 #include "client/lib/fake_clock_testing.h"
 #include "client/lib/stream/event_feed.h"
+#include "core/base/status_macros.h"
 #include "core/base/temporary_directory.h"
 
 namespace evpose::client {
@@ -295,6 +296,50 @@ TEST(EventFeedTest, GapIsMarkedOnce) {
   ASSERT_GE(chunks.size(), 2u);
   EXPECT_TRUE(chunks[0].discontinuity);
   EXPECT_FALSE(chunks[1].discontinuity);
+}
+
+// Source() with a reset before its third chunk.
+ChunkSource SourceWithReset(int count, double z_m) {
+  return [source = Source(count), z_m, next = 0]() mutable {
+    absl::StatusOr<EventChunk> chunk = source();
+    if (next++ != 2) return chunk;
+    PoseReset& reset = chunk->resets.emplace_back();
+    reset.camera_from_object.translation_m.z() = z_m;
+    return chunk;
+  };
+}
+
+TEST(EventFeedTest, ResetsArePartOfTheNumberingAndOfTheDigest) {
+  const auto end_of = [](const FeedOptions& options, double z_m) -> absl::StatusOr<FeedPoint> {
+    const auto feed = EventFeed::Open(SourceWithReset(5, z_m), options);
+    (*feed)->Start(24);
+    EVPOSE_RETURN_IF_ERROR((*feed)->outbox().Get(6, {}).status());
+    return (*feed)->outbox().state().last;
+  };
+  const auto end = end_of({}, 1.0);
+  ASSERT_TRUE(end.ok()) << end.status();
+  EXPECT_EQ(end->seq, 6u);
+  EXPECT_EQ(end->bytes, 4u * 24 + 8);
+  FeedOptions options;
+  EXPECT_NE(end_of({}, 2.0)->digest, end->digest);
+  // A run that continues after the reset finds the same numbers, or says that the reset is another one.
+  const auto feed = EventFeed::Open(SourceWithReset(5, 1.0), {});
+  (*feed)->Start(24);
+  options.skip = (*(*feed)->outbox().Get(4, {}))->end;
+  const auto continued = end_of(options, 1.0);
+  ASSERT_TRUE(continued.ok()) << continued.status();
+  EXPECT_EQ(*continued, *end);
+  EXPECT_EQ(end_of(options, 2.0).status().code(), absl::StatusCode::kFailedPrecondition);
+}
+
+TEST(EventFeedTest, NoResetAfterTheEnd) {
+  const auto feed = EventFeed::Open(Source(1), {});
+  (*feed)->Start(24);
+  ASSERT_TRUE((*feed)->outbox().Get(1, {}).ok());
+  ASSERT_EQ(*(*feed)->outbox().Get(2, {}), nullptr);
+  const absl::Status status = (*feed)->ResetPose({});
+  EXPECT_EQ(status.code(), absl::StatusCode::kFailedPrecondition);
+  EXPECT_THAT(status.message(), HasSubstr("the events of the session have ended"));
 }
 
 TEST(EventFeedTest, ReadsAheadAsFarAsItMay) {

@@ -7,6 +7,13 @@
 
 namespace evpose::client {
 
+OutgoingChunk MakeOutgoingReset(const FeedPoint& point, std::string message) {
+  OutgoingChunk chunk = MakeOutgoingChunk(point, std::move(message), false);
+  chunk.is_reset = true;
+  chunk.end.bytes = point.bytes;
+  return chunk;
+}
+
 OutgoingChunk MakeOutgoingChunk(const FeedPoint& point, std::string payload, bool discontinuity) {
   OutgoingChunk chunk;
   chunk.discontinuity = discontinuity;

@@ -10,14 +10,17 @@
 
 namespace evpose::client {
 
+// A chunk of events, or a reset.
 struct OutgoingChunk {
   FeedPoint end;               // the position after it; end.seq is its number
   bool discontinuity = false;  // bytes were lost before it
   uint32_t crc32c = 0;         // of the payload
-  std::string payload;
+  std::string payload;         // events; for a reset the message v1::TrackRequest::ResetPose without its number
+  bool is_reset = false;       // a reset has no bytes in FeedPoint::bytes
 };
 
-// Returns the chunk after `point`.
+// Return the chunk or the reset after `point`.
 OutgoingChunk MakeOutgoingChunk(const FeedPoint& point, std::string payload, bool discontinuity);
+OutgoingChunk MakeOutgoingReset(const FeedPoint& point, std::string message);
 
 }  // namespace evpose::client

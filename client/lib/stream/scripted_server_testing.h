@@ -25,7 +25,17 @@ using ServerStream = grpc::ServerReaderWriter<v1::TrackResponse, v1::TrackReques
 class ScriptedService final : public v1::SessionService::Service {
  public:
   grpc::Status Track(grpc::ServerContext*, ServerStream* stream) override { return script(*stream); }
+  grpc::Status WatchPoses(grpc::ServerContext*, const v1::WatchPosesRequest* request,
+                          grpc::ServerWriter<v1::WatchPosesResponse>* writer) override {
+    return watch_poses(*request, *writer);
+  }
+  grpc::Status WatchHealth(grpc::ServerContext*, const v1::WatchHealthRequest* request,
+                           grpc::ServerWriter<v1::WatchHealthResponse>* writer) override {
+    return watch_health(*request, *writer);
+  }
   std::function<grpc::Status(ServerStream&)> script;
+  std::function<grpc::Status(const v1::WatchPosesRequest&, grpc::ServerWriter<v1::WatchPosesResponse>&)> watch_poses;
+  std::function<grpc::Status(const v1::WatchHealthRequest&, grpc::ServerWriter<v1::WatchHealthResponse>&)> watch_health;
 };
 
 inline v1::TrackResponse Attached(uint64_t limit_bytes, uint32_t max_chunk_bytes = 1 << 20) {

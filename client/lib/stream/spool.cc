@@ -24,6 +24,9 @@ namespace {
 constexpr uint32_t kMagic = 0x31505645;  // "EVP1"
 constexpr size_t kHeaderBytes = 44;
 constexpr char kSuffix[] = ".spool";
+// Flags of a record.
+constexpr uint64_t kDiscontinuityFlag = 1;
+constexpr uint64_t kResetFlag = 2;
 constexpr uint64_t kMinBytes = 16 << 20;
 // Few enough to keep them open.
 constexpr uint64_t kMaxSegments = 128;
@@ -69,6 +72,7 @@ bool ReadAll(int descriptor, char* bytes, size_t size, uint64_t offset) {
 struct Spool::Record {
   FeedPoint end;
   bool discontinuity = false;
+  bool is_reset = false;
   uint32_t crc32c = 0;
   uint64_t payload_bytes = 0;
 
@@ -81,7 +85,7 @@ struct Spool::Record {
     Put(header, end.seq, 8);
     Put(header, end.bytes, 8);
     Put(header, end.digest, 4);
-    Put(header, discontinuity ? 1 : 0, 4);
+    Put(header, (discontinuity ? kDiscontinuityFlag : 0) | (is_reset ? kResetFlag : 0), 4);
     Put(header, crc32c, 4);
     Put(header, Crc(header.data(), header.size()), 4);
     return header;
@@ -91,7 +95,8 @@ struct Spool::Record {
     if (Get(header, 4) != kMagic || Get(header + 40, 4) != Crc(header, 40)) return false;
     record.payload_bytes = Get(header + 4, 8);
     record.end = {Get(header + 12, 8), Get(header + 20, 8), static_cast<uint32_t>(Get(header + 28, 4))};
-    record.discontinuity = Get(header + 32, 4) != 0;
+    record.discontinuity = (Get(header + 32, 4) & kDiscontinuityFlag) != 0;
+    record.is_reset = (Get(header + 32, 4) & kResetFlag) != 0;
     record.crc32c = static_cast<uint32_t>(Get(header + 36, 4));
     return record.end.seq > 0;
   }
@@ -202,7 +207,8 @@ absl::Status Spool::Append(const OutgoingChunk& chunk) {
     EVPOSE_RETURN_IF_ERROR(AddSegment(chunk.end.seq));
   }
   Segment& segment = segments_.back();
-  std::string bytes = Record{chunk.end, chunk.discontinuity, chunk.crc32c, chunk.payload.size()}.Encode();
+  std::string bytes =
+      Record{chunk.end, chunk.discontinuity, chunk.is_reset, chunk.crc32c, chunk.payload.size()}.Encode();
   bytes += chunk.payload;
   if (!WriteAll(segment.descriptor, bytes, segment.size_bytes)) {
     const absl::Status status = Error(options_.directory, "the spool cannot be written");
@@ -235,7 +241,8 @@ absl::StatusOr<Spool::Record> Spool::ReadHeader(const Segment& segment, uint64_t
 
 absl::StatusOr<OutgoingChunk> Spool::ReadChunk(const Segment& segment, uint64_t offset) const {
   EVPOSE_ASSIGN_OR_RETURN(const Record record, ReadHeader(segment, offset));
-  OutgoingChunk chunk{record.end, record.discontinuity, record.crc32c, std::string(record.payload_bytes, '\0')};
+  OutgoingChunk chunk{record.end, record.discontinuity, record.crc32c, std::string(record.payload_bytes, '\0'),
+                      record.is_reset};
   if (!ReadAll(segment.descriptor, chunk.payload.data(), chunk.payload.size(), offset + kHeaderBytes) ||
       Crc(chunk.payload.data(), chunk.payload.size()) != chunk.crc32c) {
     return absl::DataLossError(absl::StrCat(segment.path.empty() ? options_.directory : segment.path,

@@ -39,8 +39,9 @@ class SpoolTest : public ::testing::Test {
   void Append(Spool& spool, int count) {
     for (int i = 0; i < count; ++i) {
       const FeedPoint point = spool.last();
-      const OutgoingChunk chunk = MakeOutgoingChunk(
-          point, std::string(50'000 + point.seq, static_cast<char>('a' + point.seq % 26)), point.seq % 7 == 3);
+      std::string payload(50'000 + point.seq, static_cast<char>('a' + point.seq % 26));
+      const OutgoingChunk chunk = point.seq % 7 == 5 ? MakeOutgoingReset(point, std::move(payload))
+                                                     : MakeOutgoingChunk(point, std::move(payload), point.seq % 7 == 3);
       ASSERT_TRUE(spool.Append(chunk).ok());
       chunks_.push_back(chunk);
     }
@@ -53,6 +54,7 @@ class SpoolTest : public ::testing::Test {
     EXPECT_EQ(chunk->end, expected.end);
     EXPECT_EQ(chunk->payload, expected.payload);
     EXPECT_EQ(chunk->discontinuity, expected.discontinuity);
+    EXPECT_EQ(chunk->is_reset, expected.is_reset);
     EXPECT_EQ(chunk->crc32c, expected.crc32c);
     const auto point = spool.PointAfter(seq);
     ASSERT_TRUE(point.ok()) << point.status();

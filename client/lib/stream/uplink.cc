@@ -52,8 +52,16 @@ void Uplink::Run(uint64_t next_seq) {
 }
 
 bool Uplink::Send(const OutgoingChunk& chunk) {
-  if (!WaitForCredit(chunk.payload.size())) return false;
   v1::TrackRequest request;
+  if (chunk.is_reset) {  // uses no credit
+    if (!request.mutable_reset_pose()->ParseFromString(chunk.payload)) {
+      Fail(absl::DataLossError("a stored reset of a pose cannot be read"));
+      return false;
+    }
+    request.mutable_reset_pose()->set_seq(chunk.end.seq);
+    return stream_.Write(request);
+  }
+  if (!WaitForCredit(chunk.payload.size())) return false;
   v1::TrackRequest::EventChunk& events = *request.mutable_events();
   events.set_seq(chunk.end.seq);
   events.set_discontinuity(chunk.discontinuity);

@@ -52,6 +52,11 @@ struct UploadOptions {
   double metres_per_unit = 1.0;
 };
 
+struct WatchPosesOptions {
+  uint64_t after_pose_seq = 0;        // the poses after this one are delivered; 0: all that are stored
+  std::optional<double> max_rate_hz;  // limit of the poses per second of sensor time and object; absent: all poses
+};
+
 // Returns the format that the extension of a file name stands for. Error: INVALID_ARGUMENT naming the extensions.
 absl::StatusOr<ModelFormat> ModelFormatFromPath(const std::string& path);
 
@@ -100,12 +105,23 @@ class Client {
   absl::StatusOr<TrackSummary> Track(const TrackPosition& position, const ChunkSource& source,
                                      const TrackCallbacks& callbacks, const TrackOptions& options = {});
 
-  // Delivers the stored poses after `after_pose_seq`, then live ones, in order; `num_skipped` poses were lost just
-  // before those of a call. Follows the session to another server on the same store. Returns OK when the session has
-  // ended, and CANCELLED after a request of `stop`.
+  // Restarts the tracking of an object from a pose, in a session whose Track() runs in this client, from any thread.
+  // The reset takes effect after the events that the source has returned so far; a source that must decide the exact
+  // place returns EventChunk::resets instead. If the session has no such object, the stream ends with INVALID_ARGUMENT.
+  // Errors: INVALID_ARGUMENT naming the field; FAILED_PRECONDITION if Track() does not run or the events have ended.
+  absl::Status ResetPose(const std::string& session, const PoseReset& reset);
+
+  // Delivers the stored poses after options.after_pose_seq, then live ones, in order; `num_skipped` poses were lost
+  // just before those of a call. Follows the session to another server on the same store. Returns OK when the session
+  // has ended, and CANCELLED after a request of `stop`. Error: INVALID_ARGUMENT for a rate that is not positive.
   using PosesCallback = std::function<void(const std::vector<Pose>& poses, uint64_t num_skipped)>;
-  absl::Status WatchPoses(const std::string& session, uint64_t after_pose_seq, const PosesCallback& on_poses,
+  absl::Status WatchPoses(const std::string& session, const WatchPosesOptions& options, const PosesCallback& on_poses,
                           std::stop_token stop = {});
+  // Delivers the health of a session: at once, after each `period`, and when the session has ended. Otherwise as
+  // WatchPoses(). Error: INVALID_ARGUMENT for a period below 10 ms.
+  using HealthCallback = std::function<void(const SessionHealth& health)>;
+  absl::Status WatchHealth(const std::string& session, absl::Duration period, const HealthCallback& on_health,
+                           std::stop_token stop = {});
 
  private:
   friend struct ClientAccess;

@@ -20,14 +20,16 @@ namespace evpose::client {
 // Encoded events, in whole words of the session's encoding.
 struct EventChunk {
   std::vector<uint8_t> bytes;
-  int64_t t_last_us = -1;  // latest sensor time up to the end of the chunk, for the rate; -1: unknown
+  int64_t t_last_us = -1;         // latest sensor time up to the end of the chunk, for the rate; -1: unknown
+  std::vector<PoseReset> resets;  // take effect before the events of the chunk
 };
 
-// Returns the next chunk; empty bytes at the end of the events. Called in a thread of its own, and may block; a source
-// that waits for live data must return when TrackOptions::stop is requested.
+// Returns the next chunk; one without bytes and resets at the end of the events. Called in a thread of its own, and may
+// block; a source that waits for live data must return when TrackOptions::stop is requested.
 using ChunkSource = std::function<absl::StatusOr<EventChunk>()>;
 
-// A position between two chunks of a session. Two positions are equal if the same bytes were sent up to there.
+// A position between two chunks of a session. Resets are numbered together with chunks. Two positions are equal if the
+// same bytes were sent up to there.
 struct FeedPoint {
   uint64_t seq = 0;     // number of the chunk before it; 0: the start
   uint64_t bytes = 0;   // payload up to it
@@ -105,10 +107,10 @@ struct TrackOptions {
 
 struct TrackSummary {
   SessionHealth health;
-  uint64_t sent_bytes = 0;  // of the session, on all streams, without repetitions
-  uint64_t sent_chunks = 0;
-  uint64_t poses = 0;       // delivered, on all streams
-  uint64_t lost_poses = 0;  // computed by the server, but no longer stored when the stream was re-established
+  uint64_t sent_bytes = 0;   // of the session, on all streams, without repetitions
+  uint64_t sent_chunks = 0;  // with resets
+  uint64_t poses = 0;        // delivered, on all streams
+  uint64_t lost_poses = 0;   // computed by the server, but no longer stored when the stream was re-established
 };
 
 }  // namespace evpose::client

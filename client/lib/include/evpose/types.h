@@ -14,6 +14,7 @@
 #include <variant>
 #include <vector>
 
+#include "absl/status/status.h"
 #include "absl/time/time.h"
 
 namespace evpose::client {
@@ -89,6 +90,8 @@ struct ServerInfo {
   uint64_t max_model_bytes = 0;
   bool is_draining = false;
   uint64_t skipped_events = 0;
+  uint32_t pose_log_capacity = 0;  // poses that are stored for each session
+  absl::Duration session_expiry;   // how long a session without a stream is kept
 };
 
 struct ModelInfo {
@@ -181,6 +184,15 @@ struct Pose {
   float explained_ratio = 0.0f;  // fraction of the events in the gate that are attributed to the lines
   float residual_rms_px = 0.0f;
   absl::Duration latency;
+};
+
+// A pose that the caller knows better than the tracker: tracking of the object restarts from it.
+struct PoseReset {
+  std::string object_id = "object";
+  Transform camera_from_object;
+
+  // Error: INVALID_ARGUMENT naming the field.
+  absl::Status Validate() const;
 };
 
 struct GoAway {
