@@ -12,7 +12,7 @@
 #include "client/lib/client_impl.h"
 #include "client/lib/conversion.h"
 #include "client/lib/stream/event_feed.h"
-#include "client/lib/stream/track_loop.h"
+#include "client/lib/stream/reconnecting_stream.h"
 #include "core/base/status_macros.h"
 #include "evpose/client.h"
 
@@ -61,18 +61,18 @@ absl::StatusOr<TrackSummary> ClientAccess::Track(Client& client, const TrackPosi
                                                  const TrackCallbacks& callbacks, const TrackOptions& options) {
   EVPOSE_RETURN_IF_ERROR(options.Validate());
   Client::Impl& impl = *client.impl_;
-  std::vector<TrackServer> servers;
+  std::vector<StreamServer> servers;
   for (const Client::Impl::Endpoint& endpoint : impl.endpoints) {
     servers.push_back({endpoint.name, endpoint.sessions.get(), [channel = endpoint.channel.get()] {
                          grpc::experimental::ChannelResetConnectionBackoff(channel);
                        }});
   }
-  TrackLoop loop(servers, impl.current, impl.sessions_outlive_server, position, feed, callbacks, options);
+  ReconnectingStream stream(servers, impl.current, impl.sessions_outlive_server, position, feed, callbacks, options);
   {
     const std::lock_guard lock(impl.feeds_mutex);
     impl.feeds[position.session] = &feed;
   }
-  absl::StatusOr<TrackSummary> summary = loop.Run();
+  absl::StatusOr<TrackSummary> summary = stream.Run();
   {
     const std::lock_guard lock(impl.feeds_mutex);
     const auto own = impl.feeds.find(position.session);

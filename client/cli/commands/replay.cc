@@ -9,9 +9,9 @@
 #include "absl/strings/numbers.h"
 #include "absl/strings/str_cat.h"
 #include "client/cli/commands/commands.h"
-#include "client/cli/common/connect_and_begin.h"
-#include "client/cli/common/track_inputs.h"
-#include "client/cli/common/track_run.h"
+#include "client/cli/common/run_inputs.h"
+#include "client/cli/common/session_run.h"
+#include "client/cli/common/session_start.h"
 #include "client/lib/client_access.h"
 #include "core/base/status_macros.h"
 #include "server/rpc/server.h"
@@ -20,7 +20,7 @@ namespace evpose::client {
 namespace {
 
 struct ReplayArguments {
-  TrackArguments track;
+  RunArguments track;
   std::string rate = "max";
   bool is_following = false;
 };
@@ -40,7 +40,7 @@ struct ServerHandle {
   std::unique_ptr<Client> client;
 };
 
-absl::StatusOr<ServerHandle> StartAndBegin(TrackRun& run) {
+absl::StatusOr<ServerHandle> StartAndBegin(SessionRun& run) {
   server::ServerOptions options;
   options.listen_address.clear();
   ServerHandle handle;
@@ -51,17 +51,17 @@ absl::StatusOr<ServerHandle> StartAndBegin(TrackRun& run) {
   return handle;
 }
 
-absl::StatusOr<ServerHandle> BeginSession(const RetryOptions& retry, TrackRun& run, const TrackArguments& arguments,
+absl::StatusOr<ServerHandle> BeginSession(const RetryOptions& retry, SessionRun& run, const RunArguments& arguments,
                                           const CliContext& context) {
   if (arguments.server.address.empty()) return StartAndBegin(run);
-  BeginOptions options;
+  SessionStartOptions options;
   options.retry = retry;
   ServerHandle handle;
-  EVPOSE_ASSIGN_OR_RETURN(handle.client, ConnectAndBegin(options, run, arguments, context));
+  EVPOSE_ASSIGN_OR_RETURN(handle.client, StartSession(options, run, arguments, context));
   return handle;
 }
 
-absl::Status CheckResume(const TrackArguments& arguments) {
+absl::Status CheckResume(const RunArguments& arguments) {
   if (arguments.resume.empty()) return absl::OkStatus();
   if (arguments.server.address.empty()) {
     return UsageError("--resume: give --server, too: a server inside this process ends with it");
@@ -82,8 +82,8 @@ absl::Status RunReplay(const ReplayArguments& arguments, CliContext& context) {
   reader_options.stop = [&context, stop = options.stop.get_token()] {
     return stop.stop_requested() || context.IsInterrupted();
   };
-  EVPOSE_ASSIGN_OR_RETURN(TrackInputs inputs, ReadTrackInputs(arguments.track, reader_options));
-  TrackRun run(arguments.track, inputs, context, {});
+  EVPOSE_ASSIGN_OR_RETURN(RunInputs inputs, ReadRunInputs(arguments.track, reader_options));
+  SessionRun run(arguments.track, inputs, context, {});
   EVPOSE_RETURN_IF_ERROR(run.Open());
   FeedOptions feed_options;
   feed_options.rate = rate;

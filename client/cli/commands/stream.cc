@@ -10,16 +10,16 @@
 
 #include "absl/strings/str_cat.h"
 #include "client/cli/commands/commands.h"
-#include "client/cli/common/connect_and_begin.h"
-#include "client/cli/common/track_inputs.h"
-#include "client/cli/common/track_run.h"
+#include "client/cli/common/run_inputs.h"
+#include "client/cli/common/session_run.h"
+#include "client/cli/common/session_start.h"
 #include "core/base/status_macros.h"
 
 namespace evpose::client {
 namespace {
 
 struct StreamArguments {
-  TrackArguments track;
+  RunArguments track;
   std::string overload = "block";
   double max_lag_s = 0.0;
   std::string spool;
@@ -37,7 +37,7 @@ std::string SpoolDirectory(const StreamArguments& arguments) {
 }
 
 // A pipe is read whatever the network does; a file is there to be read when the server is.
-FeedOptions MakeFeedOptions(const StreamArguments& arguments, const TrackRun& run) {
+FeedOptions MakeFeedOptions(const StreamArguments& arguments, const SessionRun& run) {
   FeedOptions options;
   options.outbox.memory_bytes = arguments.memory_bytes;
   if (!arguments.is_pipe()) {
@@ -54,7 +54,7 @@ FeedOptions MakeFeedOptions(const StreamArguments& arguments, const TrackRun& ru
 }
 
 // The spool and the record of a session that is gone on with must be of the same session.
-absl::Status CheckSpool(const StreamArguments& arguments, TrackRun& run) {
+absl::Status CheckSpool(const StreamArguments& arguments, SessionRun& run) {
   if (!arguments.is_pipe() || arguments.track.resume.empty()) return absl::OkStatus();
   const OutboxState state = run.feed().outbox().state();
   const std::string directory = SpoolDirectory(arguments);
@@ -88,9 +88,9 @@ absl::Status RunStream(const StreamArguments& arguments, CliContext& context) {
   reader_options.stop = [&context, stop = options.stop.get_token()] {
     return stop.stop_requested() || context.IsInterrupted();
   };
-  EVPOSE_ASSIGN_OR_RETURN(TrackInputs inputs, ReadTrackInputs(arguments.track, reader_options));
-  TrackRun run(arguments.track, inputs, context,
-               {{"--overload", arguments.overload}, {"--max-lag", absl::StrCat(arguments.max_lag_s)}});
+  EVPOSE_ASSIGN_OR_RETURN(RunInputs inputs, ReadRunInputs(arguments.track, reader_options));
+  SessionRun run(arguments.track, inputs, context,
+                 {{"--overload", arguments.overload}, {"--max-lag", absl::StrCat(arguments.max_lag_s)}});
   const StopAtEnd stop_at_end(options.stop);
   EVPOSE_RETURN_IF_ERROR(run.Open());
   EVPOSE_RETURN_IF_ERROR(run.MakeFeed(MakeFeedOptions(arguments, run), true));
@@ -98,14 +98,14 @@ absl::Status RunStream(const StreamArguments& arguments, CliContext& context) {
   // The camera does not wait for the server.
   if (arguments.is_pipe()) run.feed().Start(MakeChunkerOptions(arguments.track).max_bytes);
 
-  BeginOptions begin;
+  SessionStartOptions begin;
   begin.retry = options.retry;
   begin.waits_for_first_server = true;
   begin.complete = [&arguments](SessionConfig& config) {
     if (arguments.overload == "latest") config.overload_policy = OverloadPolicy::kLatest;
     if (arguments.max_lag_s > 0.0) config.max_lag = absl::Seconds(arguments.max_lag_s);
   };
-  EVPOSE_ASSIGN_OR_RETURN(const std::unique_ptr<Client> client, ConnectAndBegin(begin, run, arguments.track, context));
+  EVPOSE_ASSIGN_OR_RETURN(const std::unique_ptr<Client> client, StartSession(begin, run, arguments.track, context));
   EVPOSE_RETURN_IF_ERROR(run.Track(*client, options));
   std::error_code error;
   // Made by the spool, and empty now.

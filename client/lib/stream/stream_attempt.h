@@ -17,13 +17,13 @@
 
 namespace evpose::client {
 
-struct TrackCallOptions {
+struct AttemptOptions {
   std::string resume_token;        // token of the attach message
   uint64_t attach_after_pose = 0;  // repeated poses up to TrackPosition::last_pose_seq are dropped
   bool leaves_on_go_away = false;  // the session can be continued at another server or later
 };
 
-struct TrackOutcome {
+struct AttemptOutcome {
   absl::Status status;    // OK: the summary was received, or the stream was ended because of go_away
   bool is_final = false;  // the error is on this side, or the server violates the protocol
   bool was_attached = false;
@@ -32,13 +32,13 @@ struct TrackOutcome {
 };
 
 // Used once, by one thread.
-class TrackCall {
+class StreamAttempt {
  public:
   // Updates `position` with the received messages. The arguments must outlive it.
-  TrackCall(v1::SessionService::StubInterface& stub, TrackPosition& position, EventFeed& feed,
-            const TrackCallbacks& callbacks, const TrackOptions& options, const TrackCallOptions& call_options);
+  StreamAttempt(v1::SessionService::StubInterface& stub, TrackPosition& position, EventFeed& feed,
+                const TrackCallbacks& callbacks, const TrackOptions& options, const AttemptOptions& attempt_options);
 
-  TrackOutcome Run();
+  AttemptOutcome Run();
   uint64_t fed_bytes() const { return uplink_.fed_bytes(); }
 
  private:
@@ -62,11 +62,11 @@ class TrackCall {
   EventFeed& feed_;
   const TrackCallbacks& callbacks_;
   const TrackOptions& options_;
-  const TrackCallOptions call_options_;
+  const AttemptOptions attempt_options_;
   grpc::ClientContext context_;
   std::unique_ptr<Uplink::Stream> stream_;
   Uplink uplink_;
-  TrackOutcome outcome_;
+  AttemptOutcome outcome_;
   uint64_t next_pose_seq_ = 1;  // on this stream
   uint64_t first_processed_seq_ = 0;
   bool is_left_ = false;

@@ -18,7 +18,7 @@
 
 namespace evpose::client {
 
-struct TrackArguments {
+struct RunArguments {
   std::string recording;
   std::string model;
   std::vector<std::string> objects;  // "ID=MODEL"
@@ -53,7 +53,7 @@ struct TimedReset {
   PoseReset reset;
 };
 
-struct TrackInputs {
+struct RunInputs {
   std::vector<InputObject> objects;
   std::vector<TimedReset> resets;  // in the order of their times
   CameraModel camera;
@@ -68,17 +68,16 @@ void AddDueResets(std::vector<TimedReset>& resets, EventChunk& chunk);
 
 // Validates all inputs that can be validated without a server. When `reader_options.stop` is requested, the data read
 // until then is the complete recording.
-absl::StatusOr<TrackInputs> ReadTrackInputs(const TrackArguments& arguments,
-                                            const RecordingReaderOptions& reader_options);
+absl::StatusOr<RunInputs> ReadRunInputs(const RunArguments& arguments, const RecordingReaderOptions& reader_options);
 
-ChunkerOptions MakeChunkerOptions(const TrackArguments& arguments);
+ChunkerOptions MakeChunkerOptions(const RunArguments& arguments);
 
 // Uploads the models and adds the server's description of them to `report`.
-absl::StatusOr<SessionConfig> UploadModels(Client& client, const TrackArguments& arguments, const TrackInputs& inputs,
+absl::StatusOr<SessionConfig> UploadModels(Client& client, const RunArguments& arguments, const RunInputs& inputs,
                                            ReplayReport& report);
 
 // Errors name the input files of the session.
-absl::StatusOr<Session> CreateSession(Client& client, const SessionConfig& config, const TrackArguments& arguments,
-                                      const TrackInputs& inputs, const std::string& request_id);
+absl::StatusOr<Session> CreateSession(Client& client, const SessionConfig& config, const RunArguments& arguments,
+                                      const RunInputs& inputs, const std::string& request_id);
 
 }  // namespace evpose::client

@@ -12,7 +12,7 @@
 namespace evpose::client {
 
 // Counts outages and describes them; repeats an unchanged message only from time to time.
-class ConnectionLines {
+class ConnectionMessages {
  public:
   // Returns the message that is due; empty: none.
   std::string Describe(const ConnectionChange& change);

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "client/lib/stream/track_loop.h"
+#include "client/lib/stream/reconnecting_stream.h"
 
 #include <algorithm>
 #include <utility>
@@ -22,9 +22,9 @@ absl::Status TrackOptions::Validate() const {
   return retry.Validate();
 }
 
-TrackLoop::TrackLoop(const std::vector<TrackServer>& servers, std::atomic<size_t>& current, bool outlives_server,
-                     const TrackPosition& position, EventFeed& feed, const TrackCallbacks& callbacks,
-                     const TrackOptions& options)
+ReconnectingStream::ReconnectingStream(const std::vector<StreamServer>& servers, std::atomic<size_t>& current,
+                                       bool outlives_server, const TrackPosition& position, EventFeed& feed,
+                                       const TrackCallbacks& callbacks, const TrackOptions& options)
     : servers_(servers),
       current_(current),
       outlives_server_(outlives_server),
@@ -34,9 +34,9 @@ TrackLoop::TrackLoop(const std::vector<TrackServer>& servers, std::atomic<size_t
       options_(options),
       backoff_(options.retry) {}
 
-absl::StatusOr<TrackSummary> TrackLoop::Run() {
+absl::StatusOr<TrackSummary> ReconnectingStream::Run() {
   while (true) {
-    const TrackOutcome outcome = RunOnce();
+    const AttemptOutcome outcome = RunOnce();
     Observe(outcome);
     if (outcome.summary && outcome.status.ok()) {
       TrackSummary summary{*outcome.summary};
@@ -56,11 +56,11 @@ absl::StatusOr<TrackSummary> TrackLoop::Run() {
   }
 }
 
-TrackOutcome TrackLoop::RunOnce() {
-  TrackCallOptions call_options;
-  call_options.resume_token = uses_previous_token_ ? position_.previous_token : position_.resume_token;
-  call_options.attach_after_pose = attaches_without_count_ ? 0 : position_.last_pose_seq;
-  call_options.leaves_on_go_away =
+AttemptOutcome ReconnectingStream::RunOnce() {
+  AttemptOptions attempt_options;
+  attempt_options.resume_token = uses_previous_token_ ? position_.previous_token : position_.resume_token;
+  attempt_options.attach_after_pose = attaches_without_count_ ? 0 : position_.last_pose_seq;
+  attempt_options.leaves_on_go_away =
       options_.retry.max_outage > absl::ZeroDuration() && (outlives_server_ || servers_.size() > 1);
   TrackCallbacks callbacks = callbacks_;
   callbacks.on_position = [this](const TrackPosition& position, bool has_new_token) {
@@ -68,14 +68,14 @@ TrackOutcome TrackLoop::RunOnce() {
     return callbacks_.on_position ? callbacks_.on_position(position, has_new_token) : absl::OkStatus();
   };
   if (server().connect_now) server().connect_now();
-  TrackCall call(*server().stub, position_, feed_, callbacks, options_, call_options);
-  TrackOutcome outcome = call.Run();
-  fed_bytes_ = std::max(fed_bytes_, call.fed_bytes());
+  StreamAttempt attempt(*server().stub, position_, feed_, callbacks, options_, attempt_options);
+  AttemptOutcome outcome = attempt.Run();
+  fed_bytes_ = std::max(fed_bytes_, attempt.fed_bytes());
   if (outcome.was_attached) uses_previous_token_ = attaches_without_count_ = false;
   return outcome;
 }
 
-void TrackLoop::Observe(const TrackOutcome& outcome) {
+void ReconnectingStream::Observe(const AttemptOutcome& outcome) {
   const absl::Time now = clock().Now();
   // Time without a server is counted from the end of the last stream that got anywhere.
   const bool has_lasted = outcome.was_attached && now - attached_at_ >= options_.retry.max_delay;
@@ -90,7 +90,7 @@ void TrackLoop::Observe(const TrackOutcome& outcome) {
   tries_ = 0;
 }
 
-bool TrackLoop::Plan(const TrackOutcome& outcome) {
+bool ReconnectingStream::Plan(const AttemptOutcome& outcome) {
   if (outcome.status.ok() || options_.retry.max_outage == absl::ZeroDuration()) return outcome.status.ok();
   switch (AdviseOn(outcome.status)) {
     case RetryAdvice::kTryAgain:
@@ -111,7 +111,7 @@ bool TrackLoop::Plan(const TrackOutcome& outcome) {
   return false;
 }
 
-bool TrackLoop::WaitForNextTry(const absl::Status& cause) {
+bool ReconnectingStream::WaitForNextTry(const absl::Status& cause) {
   const absl::Time now = clock().Now();
   const bool is_same_server = uses_previous_token_ || attaches_without_count_;
   // Every server is asked once before any is waited for. One that sends its clients away may be gone for a moment only.
@@ -129,7 +129,7 @@ bool TrackLoop::WaitForNextTry(const absl::Status& cause) {
   return clock().SleepUntil(now + delay, options_.stop.get_token());
 }
 
-void TrackLoop::ReportAttached() {
+void ReconnectingStream::ReportAttached() {
   attached_at_ = clock().Now();
   if (!away_since_ || !callbacks_.on_connection) return;
   const OutboxState state = feed_.outbox().state();
@@ -137,7 +137,7 @@ void TrackLoop::ReportAttached() {
                             state.kept_bytes, state.is_waiting});
 }
 
-absl::Status TrackLoop::WithProgress(const absl::Status& status) const {
+absl::Status ReconnectingStream::WithProgress(const absl::Status& status) const {
   const uint64_t poses = position_.last_pose_seq - position_.lost_poses;
   std::string text = absl::StrCat(server().name, ": ", status.message(), " (after ", fed_bytes_, " bytes sent, ", poses,
                                   " poses received)");

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "client/cli/common/connection_lines.h"
+#include "client/cli/common/connection_messages.h"
 
 #include <gtest/gtest.h>
 
@@ -19,8 +19,8 @@ ConnectionChange Away(double away_s) {
   return change;
 }
 
-TEST(ConnectionLinesTest, SaysHowLongWhyAndWhatIsKept) {
-  ConnectionLines lines;
+TEST(ConnectionMessagesTest, SaysHowLongWhyAndWhatIsKept) {
+  ConnectionMessages lines;
   EXPECT_EQ(lines.Describe(Away(12)),
             "server away for 12.0 s (connection refused); 3.1 MB kept; next try in 2.0 s at host:1");
   ConnectionChange full = Away(13);
@@ -37,8 +37,8 @@ TEST(ConnectionLinesTest, SaysHowLongWhyAndWhatIsKept) {
   EXPECT_EQ(lines.away_for(), absl::Seconds(28));
 }
 
-TEST(ConnectionLinesTest, LaterOnlyOnceAMinute) {
-  ConnectionLines lines;
+TEST(ConnectionMessagesTest, LaterOnlyOnceAMinute) {
+  ConnectionMessages lines;
   int said = 0;
   for (int away_s = 0; away_s < 3600; away_s += 5) said += !lines.Describe(Away(away_s)).empty();
   EXPECT_GT(said, 55);

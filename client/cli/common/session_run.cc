@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "client/cli/common/track_run.h"
+#include "client/cli/common/session_run.h"
 
 #include <algorithm>
 #include <filesystem>
@@ -25,7 +25,7 @@ std::string Digest(const std::string& bytes) {
 }
 
 // Told apart by name, so that whoever goes on with other files or options than he began with hears which.
-std::map<std::string, std::string> Identify(const TrackArguments& arguments, const TrackInputs& inputs) {
+std::map<std::string, std::string> Identify(const RunArguments& arguments, const RunInputs& inputs) {
   std::map<std::string, std::string> identity;
   std::error_code error;
   const auto absolute = [&error](const std::string& path) {
@@ -52,8 +52,8 @@ std::map<std::string, std::string> Identify(const TrackArguments& arguments, con
 
 }  // namespace
 
-TrackRun::TrackRun(const TrackArguments& arguments, TrackInputs& inputs, CliContext& context,
-                   std::map<std::string, std::string> own_arguments)
+SessionRun::SessionRun(const RunArguments& arguments, RunInputs& inputs, CliContext& context,
+                       std::map<std::string, std::string> own_arguments)
     : arguments_(arguments),
       inputs_(inputs),
       context_(context),
@@ -62,11 +62,11 @@ TrackRun::TrackRun(const TrackArguments& arguments, TrackInputs& inputs, CliCont
   record_.arguments.merge(Identify(arguments, inputs));
 }
 
-TrackRun::~TrackRun() {
+SessionRun::~SessionRun() {
   if (progress_ != nullptr) progress_->Stop();
 }
 
-absl::Status TrackRun::Open() {
+absl::Status SessionRun::Open() {
   if (!arguments_.resume.empty()) {
     EVPOSE_ASSIGN_OR_RETURN(ResumeFile file, ResumeFile::Open(arguments_.resume));
     if (file.record()) {
@@ -85,7 +85,7 @@ absl::Status TrackRun::Open() {
   return absl::OkStatus();
 }
 
-absl::StatusOr<EventChunk> TrackRun::NextChunk() {
+absl::StatusOr<EventChunk> SessionRun::NextChunk() {
   absl::StatusOr<EventChunk> chunk = FromCore(chunker_.Next());
   if (chunk.ok()) AddDueResets(inputs_.resets, *chunk);
   if (chunk.ok() || !ends_on_error_) return chunk;
@@ -93,14 +93,14 @@ absl::StatusOr<EventChunk> TrackRun::NextChunk() {
   return EventChunk{};
 }
 
-absl::Status TrackRun::MakeFeed(FeedOptions options, bool ends_on_error) {
+absl::Status SessionRun::MakeFeed(FeedOptions options, bool ends_on_error) {
   ends_on_error_ = ends_on_error;
   EVPOSE_ASSIGN_OR_RETURN(feed_, EventFeed::Open([this] { return NextChunk(); }, options));
   return absl::OkStatus();
 }
 
-absl::Status TrackRun::Begin(Client& client, const std::function<void(SessionConfig&)>& complete,
-                             const std::string& request_id) {
+absl::Status SessionRun::Begin(Client& client, const std::function<void(SessionConfig&)>& complete,
+                               const std::string& request_id) {
   // Also of a run that is gone on with: they are named by their content, and the report says what they are.
   EVPOSE_ASSIGN_OR_RETURN(SessionConfig config, UploadModels(client, arguments_, inputs_, report_));
   if (is_resumed()) return absl::OkStatus();
@@ -111,7 +111,7 @@ absl::Status TrackRun::Begin(Client& client, const std::function<void(SessionCon
   return absl::OkStatus();
 }
 
-absl::Status TrackRun::KeepPosition(const TrackPosition& position, bool has_new_token) {
+absl::Status SessionRun::KeepPosition(const TrackPosition& position, bool has_new_token) {
   if (!resume_) return absl::OkStatus();
   const absl::Time now = SystemClock().Now();
   // What the first chunks were is known as soon as may be: it tells the session's recording from others.
@@ -131,7 +131,7 @@ absl::Status TrackRun::KeepPosition(const TrackPosition& position, bool has_new_
   return absl::OkStatus();
 }
 
-void TrackRun::Say(const std::string& text) {
+void SessionRun::Say(const std::string& text) {
   if (text.empty()) return;
   if (progress_ != nullptr) {
     progress_->Say(text);
@@ -140,7 +140,7 @@ void TrackRun::Say(const std::string& text) {
   }
 }
 
-TrackCallbacks TrackRun::MakeCallbacks() {
+TrackCallbacks SessionRun::MakeCallbacks() {
   TrackCallbacks callbacks;
   callbacks.on_pose = [this](const Pose& pose) {
     if (poses_) poses_->Write(pose);
@@ -157,7 +157,7 @@ TrackCallbacks TrackRun::MakeCallbacks() {
   return callbacks;
 }
 
-absl::Status TrackRun::Track(Client& client, TrackOptions options) {
+absl::Status SessionRun::Track(Client& client, TrackOptions options) {
   // Killed before it was fed with anything, it may be cut in any way.
   if (record_.position.max_piece_bytes > 0) feed_->Start(record_.position.max_piece_bytes);
   report_.recording = arguments_.recording;
@@ -182,7 +182,7 @@ absl::Status TrackRun::Track(Client& client, TrackOptions options) {
   return Explain(client, summary.status());
 }
 
-absl::Status TrackRun::Explain(Client& client, const absl::Status& status) const {
+absl::Status SessionRun::Explain(Client& client, const absl::Status& status) const {
   // As an interrupt ended it, or the server did.
   const bool is_interrupted = is_away_ && context_.IsInterrupted() && absl::IsCancelled(status);
   const std::string what =
@@ -201,7 +201,7 @@ absl::Status TrackRun::Explain(Client& client, const absl::Status& status) const
   return status;
 }
 
-absl::Status TrackRun::Finish(Client& client, const TrackSummary& summary, absl::Duration wall_time) {
+absl::Status SessionRun::Finish(Client& client, const TrackSummary& summary, absl::Duration wall_time) {
   report_.summary = summary;
   report_.wall_time = wall_time;
   report_.truncated_bytes = chunker_.truncated_bytes();

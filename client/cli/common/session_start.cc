@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "client/cli/common/connect_and_begin.h"
+#include "client/cli/common/session_start.h"
 
 #include <algorithm>
 #include <optional>
@@ -24,7 +24,7 @@ std::string RandomId() {
   return id;
 }
 
-absl::Status Interrupted(const TrackArguments& arguments, const absl::Status& cause) {
+absl::Status Interrupted(const RunArguments& arguments, const absl::Status& cause) {
   std::string text = absl::StrCat("interrupted before a server took what was read: ", cause.message());
   if (arguments.recording == "-") {
     absl::StrAppend(&text, arguments.resume.empty() ? "; with --resume FILE it would have been kept"
@@ -33,9 +33,10 @@ absl::Status Interrupted(const TrackArguments& arguments, const absl::Status& ca
   return absl::CancelledError(text);
 }
 
-class Beginning {
+class SessionStart {
  public:
-  Beginning(const BeginOptions& options, TrackRun& run, const TrackArguments& arguments, const CliContext& context)
+  SessionStart(const SessionStartOptions& options, SessionRun& run, const RunArguments& arguments,
+               const CliContext& context)
       : options_(options),
         run_(run),
         arguments_(arguments),
@@ -94,9 +95,9 @@ class Beginning {
   bool MayWait() const { return was_connected_ || options_.waits_for_first_server; }
   absl::Duration away_for() const { return clock_.Now() - *away_since_; }
 
-  const BeginOptions& options_;
-  TrackRun& run_;
-  const TrackArguments& arguments_;
+  const SessionStartOptions& options_;
+  SessionRun& run_;
+  const RunArguments& arguments_;
   const CliContext& context_;
   Clock& clock_;
   Backoff backoff_;
@@ -109,9 +110,9 @@ class Beginning {
 
 }  // namespace
 
-absl::StatusOr<std::unique_ptr<Client>> ConnectAndBegin(const BeginOptions& options, TrackRun& run,
-                                                        const TrackArguments& arguments, const CliContext& context) {
-  return Beginning(options, run, arguments, context).Run();
+absl::StatusOr<std::unique_ptr<Client>> StartSession(const SessionStartOptions& options, SessionRun& run,
+                                                     const RunArguments& arguments, const CliContext& context) {
+  return SessionStart(options, run, arguments, context).Run();
 }
 
 }  // namespace evpose::client

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "client/cli/common/track_inputs.h"
+#include "client/cli/common/run_inputs.h"
 
 #include <algorithm>
 #include <functional>
@@ -56,7 +56,7 @@ absl::StatusOr<std::pair<std::string, std::string>> SplitId(const std::string& t
 }
 
 // The objects' names and files, not read yet.
-absl::StatusOr<std::vector<InputObject>> ParseObjects(const TrackArguments& arguments) {
+absl::StatusOr<std::vector<InputObject>> ParseObjects(const RunArguments& arguments) {
   std::vector<InputObject> objects;
   if (arguments.model.empty() == arguments.objects.empty()) {
     return UsageError("give --model MODEL, or --object ID=MODEL for each of several objects");
@@ -75,7 +75,7 @@ absl::StatusOr<std::vector<InputObject>> ParseObjects(const TrackArguments& argu
   return objects;
 }
 
-absl::Status ParseInitialPoses(const TrackArguments& arguments, std::vector<InputObject>& objects) {
+absl::Status ParseInitialPoses(const RunArguments& arguments, std::vector<InputObject>& objects) {
   for (const std::string& text : arguments.init_poses) {
     std::pair<std::string, std::string> id_and_pose = {objects[0].id, text};
     if (!arguments.objects.empty()) {
@@ -93,7 +93,7 @@ absl::Status ParseInitialPoses(const TrackArguments& arguments, std::vector<Inpu
 }
 
 // "T_US POSE", or "T_US ID=POSE" with --object.
-absl::StatusOr<TimedReset> ParseReset(const TrackArguments& arguments, const std::vector<InputObject>& objects,
+absl::StatusOr<TimedReset> ParseReset(const RunArguments& arguments, const std::vector<InputObject>& objects,
                                       const std::string& text) {
   const std::pair<std::string, std::string> time_and_pose = absl::StrSplit(text, absl::MaxSplits(' ', 1));
   TimedReset timed;
@@ -114,7 +114,7 @@ absl::StatusOr<TimedReset> ParseReset(const TrackArguments& arguments, const std
   return timed;
 }
 
-absl::Status ParseResets(const TrackArguments& arguments, TrackInputs& inputs) {
+absl::Status ParseResets(const RunArguments& arguments, RunInputs& inputs) {
   if (!arguments.reset_poses.empty() && arguments.recording == "-" && !arguments.resume.empty()) {
     return UsageError("--reset-pose: is not possible with --resume on standard input, which cannot be read again");
   }
@@ -145,7 +145,7 @@ class StoppableReader final : public RecordingReader {
   const std::function<bool()> stop_;
 };
 
-absl::Status ReadObjects(const TrackArguments& arguments, std::vector<InputObject>& objects) {
+absl::Status ReadObjects(const RunArguments& arguments, std::vector<InputObject>& objects) {
   for (InputObject& object : objects) {
     EVPOSE_ASSIGN_OR_RETURN(object.upload.format, ModelFormatFromPath(object.model_path));
     object.upload.metres_per_unit = arguments.metres_per_unit;
@@ -156,15 +156,14 @@ absl::Status ReadObjects(const TrackArguments& arguments, std::vector<InputObjec
 
 }  // namespace
 
-std::vector<std::string> TrackInputs::object_ids() const {
+std::vector<std::string> RunInputs::object_ids() const {
   std::vector<std::string> ids;
   for (const InputObject& object : objects) ids.push_back(object.id);
   return ids;
 }
 
-absl::StatusOr<TrackInputs> ReadTrackInputs(const TrackArguments& arguments,
-                                            const RecordingReaderOptions& reader_options) {
-  TrackInputs inputs;
+absl::StatusOr<RunInputs> ReadRunInputs(const RunArguments& arguments, const RecordingReaderOptions& reader_options) {
+  RunInputs inputs;
   EVPOSE_ASSIGN_OR_RETURN(inputs.objects, ParseObjects(arguments));
   if (!arguments.out.empty()) {
     const absl::Status checked = PoseFiles::Check(arguments.out, inputs.object_ids());
@@ -192,7 +191,7 @@ void AddDueResets(std::vector<TimedReset>& resets, EventChunk& chunk) {
   resets.erase(resets.begin(), end);
 }
 
-ChunkerOptions MakeChunkerOptions(const TrackArguments& arguments) {
+ChunkerOptions MakeChunkerOptions(const RunArguments& arguments) {
   ChunkerOptions options;
   if (arguments.chunk_bytes == 0) return options;
   options.max_bytes = arguments.chunk_bytes;
@@ -200,7 +199,7 @@ ChunkerOptions MakeChunkerOptions(const TrackArguments& arguments) {
   return options;
 }
 
-absl::StatusOr<SessionConfig> UploadModels(Client& client, const TrackArguments& arguments, const TrackInputs& inputs,
+absl::StatusOr<SessionConfig> UploadModels(Client& client, const RunArguments& arguments, const RunInputs& inputs,
                                            ReplayReport& report) {
   SessionConfig config;
   config.encoding = FromCore(inputs.reader->header().encoding);
@@ -223,8 +222,8 @@ absl::StatusOr<SessionConfig> UploadModels(Client& client, const TrackArguments&
   return config;
 }
 
-absl::StatusOr<Session> CreateSession(Client& client, const SessionConfig& config, const TrackArguments& arguments,
-                                      const TrackInputs& inputs, const std::string& request_id) {
+absl::StatusOr<Session> CreateSession(Client& client, const SessionConfig& config, const RunArguments& arguments,
+                                      const RunInputs& inputs, const std::string& request_id) {
   absl::StatusOr<Session> session = client.CreateSession(config, request_id);
   if (session.ok()) return session;
   const std::string models = absl::StrJoin(inputs.objects, ", ", [](std::string* text, const InputObject& object) {
@@ -234,7 +233,7 @@ absl::StatusOr<Session> CreateSession(Client& client, const SessionConfig& confi
                                                             ": ", session.status().message()));
 }
 
-void TrackArguments::AddTo(CLI::App& app, bool server_is_required) {
+void RunArguments::AddTo(CLI::App& app, bool server_is_required) {
   app.add_option("recording", recording, "Prophesee RAW or DAT file; - for standard input")->required();
   app.add_option("--model", model, "Object: OBJ, PLY or STL");
   app.add_option("--object", objects, "One of several objects, ID=FILE; repeat the option for each object")

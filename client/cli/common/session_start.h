@@ -8,14 +8,14 @@
 
 #include "absl/status/statusor.h"
 #include "client/cli/common/command.h"
-#include "client/cli/common/track_inputs.h"
-#include "client/cli/common/track_run.h"
+#include "client/cli/common/run_inputs.h"
+#include "client/cli/common/session_run.h"
 #include "client/lib/stream/retry.h"
 #include "evpose/client.h"
 
 namespace evpose::client {
 
-struct BeginOptions {
+struct SessionStartOptions {
   RetryOptions retry;  // retries after a server has become unreachable
   // Whether a server that has never been reachable is waited for in the same way; otherwise for --connect-timeout.
   bool waits_for_first_server = false;
@@ -25,7 +25,7 @@ struct BeginOptions {
 // Connects to --server and calls run.Begin(). Both are repeated, with messages to the user, while the server is
 // unreachable: an outage between a model's upload and the creation of the session costs only time. Errors: that of the
 // last attempt; CANCELLED after an interrupt while the server was unreachable.
-absl::StatusOr<std::unique_ptr<Client>> ConnectAndBegin(const BeginOptions& options, TrackRun& run,
-                                                        const TrackArguments& arguments, const CliContext& context);
+absl::StatusOr<std::unique_ptr<Client>> StartSession(const SessionStartOptions& options, SessionRun& run,
+                                                     const RunArguments& arguments, const CliContext& context);
 
 }  // namespace evpose::client

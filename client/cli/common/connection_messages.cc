@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "client/cli/common/connection_lines.h"
+#include "client/cli/common/connection_messages.h"
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
@@ -14,7 +14,7 @@ std::string Seconds(absl::Duration duration) { return absl::StrFormat("%.1f s", 
 
 }  // namespace
 
-std::string ConnectionLines::Describe(const ConnectionChange& change) {
+std::string ConnectionMessages::Describe(const ConnectionChange& change) {
   const std::string kept = absl::StrFormat("%.1f MB kept", static_cast<double>(change.kept_bytes) * 1e-6);
   if (!change.is_away) {
     is_away_ = false;

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "client/lib/stream/track_call.h"
+#include "client/lib/stream/stream_attempt.h"
 
 #include <condition_variable>
 #include <mutex>
@@ -16,17 +16,18 @@ constexpr uint64_t kWordBytes = 8;  // the longest
 
 }  // namespace
 
-TrackCall::TrackCall(v1::SessionService::StubInterface& stub, TrackPosition& position, EventFeed& feed,
-                     const TrackCallbacks& callbacks, const TrackOptions& options, const TrackCallOptions& call_options)
+StreamAttempt::StreamAttempt(v1::SessionService::StubInterface& stub, TrackPosition& position, EventFeed& feed,
+                             const TrackCallbacks& callbacks, const TrackOptions& options,
+                             const AttemptOptions& attempt_options)
     : position_(position),
       feed_(feed),
       callbacks_(callbacks),
       options_(options),
-      call_options_(call_options),
+      attempt_options_(attempt_options),
       stream_(stub.Track(&context_)),
       uplink_(*stream_, feed.outbox(), options.has_checksum, [this] { Cancel(); }) {}
 
-TrackOutcome TrackCall::Run() {
+AttemptOutcome StreamAttempt::Run() {
   std::optional<std::stop_callback<std::function<void()>>> cancel_on_stop;
   cancel_on_stop.emplace(options_.stop.get_token(), [this] { Cancel(); });
   if (Attach()) {
@@ -40,11 +41,11 @@ TrackOutcome TrackCall::Run() {
   return outcome_;
 }
 
-bool TrackCall::Attach() {
+bool StreamAttempt::Attach() {
   v1::TrackRequest request;
   request.mutable_attach()->set_session(position_.session);
-  request.mutable_attach()->set_resume_token(call_options_.resume_token);
-  request.mutable_attach()->set_last_pose_seq(call_options_.attach_after_pose);
+  request.mutable_attach()->set_resume_token(attempt_options_.resume_token);
+  request.mutable_attach()->set_last_pose_seq(attempt_options_.attach_after_pose);
   if (!stream_->Write(request)) return false;
   v1::TrackResponse response;
   if (!ReadBeforeTimeout(response)) return false;
@@ -52,7 +53,7 @@ bool TrackCall::Attach() {
   return HandleAttached(response.attached());
 }
 
-bool TrackCall::ReadBeforeTimeout(v1::TrackResponse& response) {
+bool StreamAttempt::ReadBeforeTimeout(v1::TrackResponse& response) {
   std::mutex mutex;
   std::condition_variable_any never_notified;
   std::jthread watchdog([&](std::stop_token answered) {
@@ -67,7 +68,7 @@ bool TrackCall::ReadBeforeTimeout(v1::TrackResponse& response) {
   return is_read && !timed_out_;
 }
 
-bool TrackCall::HandleAttached(const v1::TrackResponse::Attached& attached) {
+bool StreamAttempt::HandleAttached(const v1::TrackResponse::Attached& attached) {
   if (attached.next_seq() == 0) return Malformed("it expects chunk 0");
   if (attached.first_pose_seq() == 0) return Malformed("it begins with pose 0");
   if (attached.max_chunk_bytes() < kWordBytes) return Malformed("it gives no room for a single word");
@@ -81,7 +82,7 @@ bool TrackCall::HandleAttached(const v1::TrackResponse::Attached& attached) {
   first_processed_seq_ = attached.next_seq() - 1;
   next_pose_seq_ = attached.first_pose_seq();
   if (!attached.resume_token().empty()) {
-    position_.previous_token = call_options_.resume_token;
+    position_.previous_token = attempt_options_.resume_token;
     position_.resume_token = attached.resume_token();
   }
   if (next_pose_seq_ > position_.last_pose_seq + 1) {
@@ -95,7 +96,7 @@ bool TrackCall::HandleAttached(const v1::TrackResponse::Attached& attached) {
   return true;
 }
 
-bool TrackCall::Handle(const v1::TrackResponse& response) {
+bool StreamAttempt::Handle(const v1::TrackResponse& response) {
   if (outcome_.summary) return Malformed("a message follows the summary");
   switch (response.message_case()) {
     case v1::TrackResponse::kPose:
@@ -115,7 +116,7 @@ bool TrackCall::Handle(const v1::TrackResponse& response) {
   return true;
 }
 
-bool TrackCall::HandlePose(const v1::Pose& message) {
+bool StreamAttempt::HandlePose(const v1::Pose& message) {
   const absl::StatusOr<Pose> pose = FromProto(message);
   if (!pose.ok()) return Malformed(std::string(pose.status().message()));
   if (pose->seq != next_pose_seq_) {
@@ -128,7 +129,7 @@ bool TrackCall::HandlePose(const v1::Pose& message) {
   return true;
 }
 
-bool TrackCall::HandleAck(const v1::TrackResponse::Ack& ack) {
+bool StreamAttempt::HandleAck(const v1::TrackResponse::Ack& ack) {
   uplink_.GrantCredit(ack.send_limit_bytes());
   feed_.outbox().Forget(ack.durable_seq());
   outcome_.made_progress = outcome_.made_progress || ack.processed_seq() > first_processed_seq_;
@@ -138,10 +139,10 @@ bool TrackCall::HandleAck(const v1::TrackResponse::Ack& ack) {
   return ReportPosition(false);
 }
 
-bool TrackCall::HandleNotice(const v1::TrackResponse::Notice& message) {
+bool StreamAttempt::HandleNotice(const v1::TrackResponse::Notice& message) {
   const std::optional<Notice> notice = FromProto(message);
   if (!notice) return true;
-  if (std::holds_alternative<GoAway>(*notice) && call_options_.leaves_on_go_away) {
+  if (std::holds_alternative<GoAway>(*notice) && attempt_options_.leaves_on_go_away) {
     is_left_ = true;
     uplink_.Leave();
   }
@@ -149,7 +150,7 @@ bool TrackCall::HandleNotice(const v1::TrackResponse::Notice& message) {
   return true;
 }
 
-bool TrackCall::ReportPosition(bool has_new_token) {
+bool StreamAttempt::ReportPosition(bool has_new_token) {
   position_.durable = feed_.outbox().durable();
   position_.max_piece_bytes = feed_.max_piece_bytes();
   if (!callbacks_.on_position) return true;
@@ -157,17 +158,17 @@ bool TrackCall::ReportPosition(bool has_new_token) {
   return status.ok() || Fail(status);
 }
 
-bool TrackCall::Fail(const absl::Status& status) {
+bool StreamAttempt::Fail(const absl::Status& status) {
   outcome_.status = status;
   outcome_.is_final = true;
   return false;
 }
 
-bool TrackCall::Malformed(const std::string& what) {
+bool StreamAttempt::Malformed(const std::string& what) {
   return Fail(absl::InternalError(absl::StrCat("the server breaks the protocol: ", what)));
 }
 
-void TrackCall::Conclude(const grpc::Status& stream_status) {
+void StreamAttempt::Conclude(const grpc::Status& stream_status) {
   if (!outcome_.status.ok()) return;
   if (!uplink_.status().ok()) {
     Fail(uplink_.status());

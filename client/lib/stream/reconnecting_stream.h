@@ -12,13 +12,13 @@
 #include "absl/status/statusor.h"
 #include "client/lib/stream/event_feed.h"
 #include "client/lib/stream/retry.h"
-#include "client/lib/stream/track_call.h"
+#include "client/lib/stream/stream_attempt.h"
 #include "evpose/track.h"
 #include "evpose/v1/session_service.grpc.pb.h"
 
 namespace evpose::client {
 
-struct TrackServer {
+struct StreamServer {
   std::string name;
   v1::SessionService::StubInterface* stub = nullptr;
   // Resets the reconnect delay of the channel, because the loop has waited already. May be empty.
@@ -26,29 +26,29 @@ struct TrackServer {
 };
 
 // Used once, by one thread.
-class TrackLoop {
+class ReconnectingStream {
  public:
   // `current` is the first server to be tried, and then the one with the stream. `outlives_server`: sessions are in a
   // persistent store. The arguments must outlive it.
-  TrackLoop(const std::vector<TrackServer>& servers, std::atomic<size_t>& current, bool outlives_server,
-            const TrackPosition& position, EventFeed& feed, const TrackCallbacks& callbacks,
-            const TrackOptions& options);
+  ReconnectingStream(const std::vector<StreamServer>& servers, std::atomic<size_t>& current, bool outlives_server,
+                     const TrackPosition& position, EventFeed& feed, const TrackCallbacks& callbacks,
+                     const TrackOptions& options);
 
   absl::StatusOr<TrackSummary> Run();
 
  private:
-  TrackOutcome RunOnce();
-  void Observe(const TrackOutcome& outcome);
+  AttemptOutcome RunOnce();
+  void Observe(const AttemptOutcome& outcome);
   // Adapts the next attempt to the error; returns false if the error is final.
-  bool Plan(const TrackOutcome& outcome);
+  bool Plan(const AttemptOutcome& outcome);
   // Waits for the next attempt; returns false if there is none.
   bool WaitForNextTry(const absl::Status& cause);
   void ReportAttached();
-  const TrackServer& server() const { return servers_[current_]; }
+  const StreamServer& server() const { return servers_[current_]; }
   Clock& clock() const { return options_.clock == nullptr ? SystemClock() : *options_.clock; }
   absl::Status WithProgress(const absl::Status& status) const;
 
-  const std::vector<TrackServer>& servers_;
+  const std::vector<StreamServer>& servers_;
   std::atomic<size_t>& current_;
   const bool outlives_server_;
   TrackPosition position_;

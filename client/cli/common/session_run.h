@@ -12,12 +12,12 @@
 
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
-#include "client/cli/common/connection_lines.h"
+#include "client/cli/common/connection_messages.h"
 #include "client/cli/common/pose_format.h"
 #include "client/cli/common/replay_report.h"
 #include "client/cli/common/resume_file.h"
+#include "client/cli/common/run_inputs.h"
 #include "client/cli/common/session_progress.h"
-#include "client/cli/common/track_inputs.h"
 #include "client/lib/stream/event_feed.h"
 #include "core/events/recording_reader.h"
 #include "evpose/client.h"
@@ -25,13 +25,13 @@
 namespace evpose::client {
 
 // Call order: Open(), MakeFeed(), then, with a client, Begin() and Track(). Used once.
-class TrackRun {
+class SessionRun {
  public:
   // `own_arguments` are the arguments of the command that must be the same when a run is continued. All references must
   // outlive it.
-  TrackRun(const TrackArguments& arguments, TrackInputs& inputs, CliContext& context,
-           std::map<std::string, std::string> own_arguments);
-  ~TrackRun();
+  SessionRun(const RunArguments& arguments, RunInputs& inputs, CliContext& context,
+             std::map<std::string, std::string> own_arguments);
+  ~SessionRun();
 
   // Reads the file of --resume and opens the pose files.
   absl::Status Open();
@@ -51,7 +51,7 @@ class TrackRun {
   absl::Status Track(Client& client, TrackOptions options);
 
   void Say(const std::string& text);
-  ConnectionLines& connection() { return connection_; }
+  ConnectionMessages& connection() { return connection_; }
 
  private:
   absl::StatusOr<EventChunk> NextChunk();
@@ -61,8 +61,8 @@ class TrackRun {
   absl::Status Explain(Client& client, const absl::Status& status) const;
   absl::Status Finish(Client& client, const TrackSummary& summary, absl::Duration wall_time);
 
-  const TrackArguments& arguments_;
-  TrackInputs& inputs_;
+  const RunArguments& arguments_;
+  RunInputs& inputs_;
   CliContext& context_;
   Chunker chunker_;
   std::optional<ResumeFile> resume_;
@@ -72,7 +72,7 @@ class TrackRun {
   bool ends_on_error_ = false;
   absl::Status source_status_;  // of a source that ends on errors; owned by the feed's thread until the summary
   std::unique_ptr<SessionProgress> progress_;
-  ConnectionLines connection_;
+  ConnectionMessages connection_;
   std::atomic<bool> is_away_ = false;  // the server is unreachable while there is a stream
   ReplayReport report_;
   uint64_t kept_pose_seq_ = 0;
