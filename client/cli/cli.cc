@@ -39,7 +39,7 @@ CommandRunners AddCommands(CLI::App& app, CliContext& context) {
                     context, runners);
   AddModelsCommands(*app.add_subcommand("models", "List, upload, show and delete the models of a server"), context,
                     runners);
-  // Last: commands begin with the text of the one above them.
+  // After the commands, because their texts begin with that of their parent.
   app.footer(
       "The --help of each command has an example.\n\n"
       "Example:\n"
@@ -53,7 +53,7 @@ std::string FullName(const CLI::App& command) {
   return parent == nullptr ? command.get_name() : absl::StrCat(FullName(*parent), " ", command.get_name());
 }
 
-// The parser itself says of a word that is no command only that one is missing. True: it was said.
+// Reports an unknown command, which the parser would report as a missing one. Returns whether there was one.
 bool TellUnknownCommand(const CLI::App& app, const std::vector<std::string>& arguments, std::ostream& err) {
   const CLI::App* parent = &app;
   for (const std::string& word : arguments) {
@@ -72,7 +72,7 @@ bool TellUnknownCommand(const CLI::App& app, const std::vector<std::string>& arg
   return false;
 }
 
-// An answer that did not arrive is not done, whatever was.
+// A result that could not be written is a failure.
 int ExitStatus(int status, const std::string& name, CliContext& context) {
   context.out.flush();
   if (context.out || status != kDone) return status;
@@ -90,7 +90,7 @@ int RunParsed(const CommandRunners& runners, CliContext& context) {
     context.err << FullName(*command) << ": " << status.message() << std::endl;
     return IsUsageError(status) ? kWrongUsage : kFailed;
   }
-  return kWrongUsage;  // the parser asks for a command, so that this is never reached
+  return kWrongUsage;  // not reached: the parser requires a command
 }
 
 }  // namespace

@@ -16,11 +16,11 @@
 
 namespace {
 
-// Read by other threads than the one that the signal stops.
+// Read by threads other than the one that handles the signal.
 std::atomic<int> g_interrupts = 0;
 static_assert(std::atomic<int>::is_always_lock_free, "a signal handler must not lock");
 
-// The first asks for a clean end: what was tracked so far is written. The second ends the process.
+// The first signal requests a clean end, at which the poses so far are written. The second ends the process.
 void HandleInterrupt(int signal) {
   if (++g_interrupts > 1) evpose::EndAtOnce(signal);
 }
@@ -33,7 +33,7 @@ void HandleEndSignals(void (*handle)(int)) {
 }  // namespace
 
 int main(int argc, char** argv) {
-  // These end cleanly, with what they have or without a trace. An interrupt ends the others at once, as any program.
+  // These commands end cleanly, with complete files or none. An interrupt ends the others at once.
   const std::string command = argc > 1 ? argv[1] : "";
   const std::string bench = command == "bench" && argc > 2 ? argv[2] : "";
   const std::set<std::string> clean = {"render", "replay", "simulate", "stream", "watch"};
@@ -42,11 +42,11 @@ int main(int argc, char** argv) {
   } else if (getpid() == 1) {
     HandleEndSignals(evpose::EndAtOnce);
   }
-  // What gRPC's log says of a connection that fails, several times, is in our one line; whoever wants it sets this.
+  // The error message of evpose has the cause of a failed connection, which gRPC would log several times.
   setenv("GRPC_VERBOSITY", "NONE", 0);
   std::signal(SIGPIPE, SIG_IGN);  // a closed pipe is an error of the write
   std::ios::sync_with_stdio(false);
-  // The log of a server in this process: standard output belongs to the command's answer.
+  // Log of a server in this process, on standard error: standard output is for the results of the command.
   spdlog::set_default_logger(spdlog::stderr_color_mt("evpose"));
   spdlog::set_level(spdlog::level::warn);
   evpose::client::CliContext context{std::cout, std::cerr};

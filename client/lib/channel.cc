@@ -27,8 +27,8 @@ namespace {
 
 constexpr size_t kMaxPemBytes = size_t{4} << 20;
 
-// Adds the token to the metadata of every call, with TLS or without: gRPC's own call credentials take TLS only, and a
-// server on this machine may have none.
+// Adds the token to the metadata of every call. The call credentials of gRPC require TLS, which a server on this
+// machine may not use.
 class TokenInterceptor : public grpc::experimental::Interceptor {
  public:
   explicit TokenInterceptor(const std::string& authorization) : authorization_(authorization) {}
@@ -115,11 +115,11 @@ absl::StatusOr<std::shared_ptr<grpc::Channel>> MakeChannel(const std::string& ad
   }
   EVPOSE_ASSIGN_OR_RETURN(const auto credentials, MakeCredentials(options.tls));
   grpc::ChannelArguments arguments;
-  // A server that is just starting is found within a fraction of a second.
+  // A server that is starting is found within a fraction of a second.
   arguments.SetInt(GRPC_ARG_INITIAL_RECONNECT_BACKOFF_MS, 100);
-  arguments.SetInt(GRPC_ARG_MIN_RECONNECT_BACKOFF_MS, 5000);  // what a try may take: a far link needs some time
+  arguments.SetInt(GRPC_ARG_MIN_RECONNECT_BACKOFF_MS, 5000);  // timeout of one attempt, for slow links
   arguments.SetInt(GRPC_ARG_MAX_RECONNECT_BACKOFF_MS, 1000);
-  // A dead link is noticed within 30 s; the server permits a ping every 10 s.
+  // A dead link is detected within 30 s; the server permits a ping every 10 s.
   arguments.SetInt(GRPC_ARG_KEEPALIVE_TIME_MS, 20'000);
   arguments.SetInt(GRPC_ARG_KEEPALIVE_TIMEOUT_MS, 10'000);
   std::vector<std::unique_ptr<grpc::experimental::ClientInterceptorFactoryInterface>> interceptors;

@@ -25,16 +25,16 @@ namespace {
 constexpr size_t kUploadPieceBytes = 256 * 1024;
 constexpr size_t kMaxModelBytes = size_t{64} << 20;  // the default limit of a server
 constexpr int kPageSize = 500;
-// That each server is waited for in turn.
+// Time for which each server is waited for in turn.
 constexpr absl::Duration kConnectSlice = absl::Milliseconds(100);
-// ServerInfo.store of one whose sessions end with it.
+// ServerInfo::store of a server that loses its sessions when it ends.
 constexpr char kMemoryStore[] = "memory";
 
 std::chrono::system_clock::time_point DeadlineIn(absl::Duration duration) {
   return absl::ToChronoTime(absl::Now() + duration);
 }
 
-// The longest that a connection which TLS prevents is waited for.
+// Time after which the client checks whether TLS prevents the connection.
 constexpr absl::Duration kFirstWait = absl::Seconds(1);
 
 }  // namespace
@@ -77,11 +77,11 @@ absl::StatusOr<std::unique_ptr<Client>> Client::Connect(const std::string& addre
   const absl::Time deadline = absl::Now() + options.connect_timeout;
   EVPOSE_ASSIGN_OR_RETURN(bool is_connected, client->impl_->WaitForServer());
   absl::StatusOr<ServerInfo> info = client->GetServerInfo();
-  // One that ends, or whose connection breaks, before it has answered: the next one that is there.
+  // If a server ends, or its connection breaks, before it responds, the next reachable server is used.
   while (is_connected && absl::IsUnavailable(info.status()) && absl::Now() < deadline) {
     absl::SleepFor(std::min(kConnectSlice, deadline - absl::Now()));
     is_connected = client->impl_->WaitForServerUntil(deadline);
-    info = client->GetServerInfo();  // also when it is not connected: the call then tells why
+    info = client->GetServerInfo();  // also without a connection: the status of the call then has the cause
   }
   if (!is_connected && client->impl_->IsCancelled()) {
     return absl::CancelledError(absl::StrCat("interrupted before a server answered at ", addresses));
@@ -119,7 +119,7 @@ void Client::Impl::AddEndpoint(std::shared_ptr<grpc::Channel> channel, const std
 absl::StatusOr<bool> Client::Impl::WaitForServer() {
   const absl::Time begin = absl::Now();
   const absl::Time deadline = begin + options.connect_timeout;
-  for (const Endpoint& endpoint : endpoints) endpoint.channel->GetState(true);  // all of them try
+  for (const Endpoint& endpoint : endpoints) endpoint.channel->GetState(true);  // starts to connect
   if (WaitForServerUntil(std::min(deadline, begin + kFirstWait))) return true;
   if (IsCancelled()) return false;
   for (const Endpoint& endpoint : endpoints) {
@@ -171,7 +171,8 @@ absl::StatusOr<LogLevel> Client::SetLogLevel(LogLevel level) {
 
 absl::StatusOr<ModelInfo> Client::UploadModel(absl::Span<const uint8_t> bytes, const UploadOptions& options) {
   absl::StatusOr<ModelInfo> model = impl_->TryUpload(bytes, options);
-  // The server had it, and only at the end found that another one has deleted it: now it takes the bytes.
+  // The server had the model and did not read the bytes, but another server has deleted the model since: the second
+  // upload is read.
   if (absl::IsAborted(model.status())) model = impl_->TryUpload(bytes, options);
   return model;
 }

@@ -203,7 +203,7 @@ absl::StatusOr<SessionConfig> FromProto(const v1::SessionConfig& message) {
   return config;
 }
 
-// The upper triangle, row by row.
+// Expands an upper triangle, stored row by row, to the symmetric matrix.
 Eigen::Matrix<double, 6, 6> SymmetricFromUpper(const google::protobuf::RepeatedField<double>& upper) {
   Eigen::Matrix<double, 6, 6> matrix;
   int index = 0;
@@ -213,7 +213,7 @@ Eigen::Matrix<double, 6, 6> SymmetricFromUpper(const google::protobuf::RepeatedF
   return matrix;
 }
 
-// "field: what" of a BadRequest, for those that the message does not mention.
+// Returns " (field: description)" for each violation of a BadRequest that the message does not mention.
 std::string FieldViolations(const grpc::Status& status) {
   google::rpc::Status details;
   std::string text;

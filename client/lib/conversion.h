@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// Between the API's messages and the library's types. Internal: it includes generated headers.
+// Converts between the messages of the API and the types of the public headers. Internal: it includes generated
+// headers.
 #pragma once
 
 #include <grpcpp/support/status.h>
@@ -19,11 +20,11 @@
 
 namespace evpose::client {
 
-// The same code; the message, led by `context`, names the wrong fields where the server does. With the details of
-// client/lib/status_details.h.
+// Returns a status with the same code, the message after `context`, with the invalid fields that the server names, and
+// the details of client/lib/status_details.h.
 absl::Status FromGrpc(const grpc::Status& status, const std::string& context);
 
-// The reason of `status`; ERROR_REASON_UNSPECIFIED for none, and for one that a later server may have.
+// Returns the reason of `status`; ERROR_REASON_UNSPECIFIED for no reason and for one of a later server.
 v1::ErrorReason ReasonOf(const absl::Status& status);
 
 v1::ModelFormat ToProto(ModelFormat format);
@@ -34,14 +35,14 @@ v1::TrackRequest::ResetPose ToProto(const PoseReset& reset);  // without its num
 google::protobuf::Duration ToProto(absl::Duration duration);
 ServerInfo FromProto(const v1::ServerInfo& message);
 v1::LogLevel ToProto(LogLevel level);
-LogLevel FromProto(v1::LogLevel level);  // kOff for one that a later server may have
+LogLevel FromProto(v1::LogLevel level);  // kOff for a level of a later server
 ModelInfo FromProto(const v1::Model& message);
 SessionHealth FromProto(const v1::SessionHealth& message);
-// Errors: INTERNAL naming the field that no server of ours would send.
+// Errors of these three: INTERNAL naming the field that violates the API.
 absl::StatusOr<Session> FromProto(const v1::Session& message);
 absl::StatusOr<Session> FromProto(const v1::CreateSessionResponse& message);  // with the resume token
 absl::StatusOr<Pose> FromProto(const v1::Pose& message);
-// nullopt for a kind that a later server may have.
+// Returns nullopt for a kind of a later server.
 std::optional<Notice> FromProto(const v1::TrackResponse::Notice& message);
 
 }  // namespace evpose::client

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// A clock for tests: sleeping takes no time and is written down.
+// A clock for tests: sleeping takes no time and advances the clock.
 #pragma once
 
 #include <mutex>

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// The details of a server's error beside its code and message, kept in the status.
+// The details of a server's error in addition to its code and message, as payloads of the status.
 #pragma once
 
 #include <string>
@@ -11,8 +11,8 @@
 namespace evpose::client {
 
 struct StatusDetails {
-  std::string reason;       // of ErrorInfo, for example "FENCED"; empty: none, as for errors of the network
-  std::string field;        // the first one of BadRequest, for example "attach.last_pose_seq"
+  std::string reason;       // of ErrorInfo, for example "FENCED"; empty for errors of the network
+  std::string field;        // first field of BadRequest, for example "attach.last_pose_seq"
   absl::Duration retry_in;  // of RetryInfo; zero: none
 };
 

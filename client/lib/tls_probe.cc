@@ -32,7 +32,7 @@ struct Free {
 template <typename T>
 using Owned = std::unique_ptr<T, Free>;
 
-// A connected socket whose reads and writes give up after `timeout`, or -1.
+// Returns a connected socket with `timeout` for each read and write, or -1.
 int ConnectTcp(const ServerAddress& address, absl::Duration timeout) {
   addrinfo hints = {};
   hints.ai_socktype = SOCK_STREAM;
@@ -44,7 +44,7 @@ int ConnectTcp(const ServerAddress& address, absl::Duration timeout) {
     const int fd = socket(it->ai_family, it->ai_socktype | SOCK_CLOEXEC, it->ai_protocol);
     if (fd < 0) continue;
     setsockopt(fd, SOL_SOCKET, SO_RCVTIMEO, &limit, sizeof(limit));
-    setsockopt(fd, SOL_SOCKET, SO_SNDTIMEO, &limit, sizeof(limit));  // of connect, too
+    setsockopt(fd, SOL_SOCKET, SO_SNDTIMEO, &limit, sizeof(limit));  // also limits connect()
     if (connect(fd, it->ai_addr, it->ai_addrlen) == 0) return fd;
     close(fd);
   }
@@ -54,7 +54,7 @@ int ConnectTcp(const ServerAddress& address, absl::Duration timeout) {
 Owned<SSL_CTX> MakeContext(const TlsOptions& tls) {
   Owned<SSL_CTX> context(SSL_CTX_new(TLS_client_method()));
   if (context == nullptr) return context;
-  // What is wrong with the server's certificate is asked afterwards.
+  // The handshake goes on with an invalid certificate of the server; the certificate is verified afterwards.
   SSL_CTX_set_verify(context.get(), SSL_VERIFY_NONE, nullptr);
   static constexpr unsigned char kHttp2[] = {2, 'h', '2'};
   SSL_CTX_set_alpn_protos(context.get(), kHttp2, sizeof(kHttp2));
@@ -77,8 +77,7 @@ void ExpectHost(SSL* ssl, const std::string& host) {
   SSL_set_tlsext_host_name(ssl, host.c_str());
 }
 
-// Of a certificate that anybody may have sent: control characters are escaped, addresses have the length that they
-// have.
+// The certificate is untrusted: control characters are escaped, and the lengths of addresses are checked.
 std::string NameText(const GENERAL_NAME& name) {
   const ASN1_STRING* const value = name.type == GEN_DNS     ? name.d.dNSName
                                    : name.type == GEN_IPADD ? name.d.iPAddress
@@ -121,13 +120,13 @@ std::string ExplainServerCertificate(SSL* ssl, const std::string& host) {
   }
 }
 
-// A server refuses the client's certificate when the handshake is over for the client already. One of gRPC speaks first
-// in HTTP/2, so an end instead of its first byte is a refusal, with an alert that gives the reason or, as gRPC 1.51,
-// without.
+// A server refuses the client's certificate after the handshake has succeeded for the client. A gRPC server sends the
+// first bytes in HTTP/2, so that the end of the connection before them is a refusal, with an alert for the reason or,
+// as with gRPC 1.51, without.
 std::string ExplainClientCertificate(SSL* ssl, const TlsOptions& tls) {
   char byte = 0;
   const int result = SSL_read(ssl, &byte, 1);
-  if (result > 0 || SSL_get_error(ssl, result) == SSL_ERROR_WANT_READ) return "";  // it is silent: the time is over
+  if (result > 0 || SSL_get_error(ssl, result) == SSL_ERROR_WANT_READ) return "";  // timeout without data
   if (tls.certificate_file.empty()) return "it wants a certificate from its clients: give --tls-cert and --tls-key";
   return absl::StrCat("it refuses the certificate ", tls.certificate_file,
                       ": one that is valid and signed by an authority of its --tls-client-ca is needed");

@@ -17,8 +17,8 @@ namespace evpose::client {
 // Blocks for up to twice `timeout`.
 std::string ExplainTls(const std::string& address, const TlsOptions& tls, absl::Duration timeout);
 
-// Returns the names and addresses of a certificate, whoever issued it: "localhost, 10.0.0.1", or "no host". Invalid
-// addresses are left out, and control characters are escaped.
+// Returns the names and addresses of a certificate, whether or not it is trusted: "localhost, 10.0.0.1", or "no host".
+// Invalid addresses are left out, and control characters are escaped.
 std::string HostsOf(const X509* certificate);
 
 }  // namespace evpose::client

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// evpose calibrate: a sensor's profile from recordings whose poses are known.
+// evpose calibrate: estimates the profile of a sensor from recordings with known poses.
 #include <algorithm>
 #include <cmath>
 #include <memory>
@@ -25,7 +25,7 @@
 namespace evpose::client {
 namespace {
 
-// Pieces of this size: the progress line is drawn once for each.
+// Size of the pieces that are read; progress is displayed after each piece.
 constexpr size_t kCalibratePieceBytes = 1 << 20;
 
 struct CalibrateArguments {
@@ -41,7 +41,7 @@ struct CalibrateArguments {
   bool is_json = false;
 };
 
-// The i-th of as many as there are recordings, or the one for all.
+// Returns the i-th file, or the only one, which then is that of all recordings.
 const std::string& Of(const std::vector<std::string>& values, size_t i) {
   return values.size() == 1 ? values.front() : values[i];
 }
@@ -109,7 +109,7 @@ absl::StatusOr<std::vector<EdgePassage>> CollectPassages(const CalibrateArgument
   return passages;
 }
 
-// A quantity along the x axis, in bins of as many passages each.
+// Residuals by a quantity, in bins with equal numbers of edge passages.
 struct Binned {
   std::vector<double> x, mean, low, high, fitted, left;
 };
@@ -184,7 +184,7 @@ void AddPanels(const std::vector<Polarity>& polarities, const SensorProfile& pro
   page.panels.push_back(std::move(left));
 }
 
-// Residuals by speed and polarity, and by what tells the contrast.
+// Draws the residuals by speed and polarity, and by the quantity that depends on the contrast.
 ChartPage Picture(const SensorCalibration& calibration, const std::vector<CalibrationRecording>& recordings) {
   std::vector<Polarity> polarities = {{"ON", {}, 0}, {"OFF", {}, 1}};
   for (const CalibrationRecording& recording : recordings) {

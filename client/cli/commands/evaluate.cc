@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// evpose evaluate: trajectories against the truth, one row each.
+// evpose evaluate: compares trajectories with the true one.
 #include "core/evaluation/evaluate.h"
 
 #include <algorithm>
@@ -41,14 +41,14 @@ struct Row {
   std::optional<Consistency> consistency;  // of estimates with covariances
 };
 
-// "NAME=FILE" to both; a FILE alone is its own name.
+// Splits "NAME=FILE"; the name of a FILE alone is the file.
 std::pair<std::string, std::string> SplitLabel(const std::string& text) {
   const size_t equals = text.find('=');
   if (equals == std::string::npos) return {text, text};
   return {text.substr(0, equals), text.substr(equals + 1)};
 }
 
-// The covariances against the errors; nullopt without covariances.
+// Compares the covariances with the errors; nullopt without covariances.
 absl::StatusOr<std::optional<Consistency>> EvaluateConsistency(const Trajectory& truth, const ReadPoses& estimate,
                                                                const EvaluationOptions& options) {
   if (estimate.covariances.empty()) return std::nullopt;
@@ -99,7 +99,7 @@ Json RowJson(const Row& row) {
   json["name"] = row.name;
   json["poses"] = e.num_poses;
   json["coverage_ratio"] = e.coverage_ratio;
-  // Without a pose there is no error: null.
+  // Without poses the errors are null.
   json["position_rmse_m"] = e.position_rmse_m;
   json["position_mean_m"] = e.position_mean_m;
   json["position_median_m"] = e.position_median_m;

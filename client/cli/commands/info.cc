@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// evpose info: what a recording holds.
+// evpose info: describes the content of a recording.
 #include <algorithm>
 #include <cstdint>
 #include <vector>

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// evpose models: list, upload, get, delete.
+// evpose models: lists, uploads, describes and deletes the models of a server.
 #include <string>
 
 #include "absl/strings/str_cat.h"

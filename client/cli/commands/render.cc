@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// evpose render: events with the projected model over them, as a picture or a film.
+// evpose render: draws events and the projected model as a picture or a film.
 #include <unistd.h>
 
 #include <cmath>
@@ -25,10 +25,10 @@
 namespace evpose::client {
 namespace {
 
-constexpr size_t kRenderPieceBytes = 64 * 1024;  // an interrupt is looked for before each piece
-// Poses further apart than this are not bridged: the object was lost between them.
+constexpr size_t kRenderPieceBytes = 64 * 1024;  // interrupts are checked before each piece
+// The longest time between two poses that is interpolated; the object was lost in a longer one.
 constexpr int64_t kMaxPoseGapUs = 50'000;
-constexpr int64_t kMaxFrames = 200'000;  // a clock that jumps must not fill the disk
+constexpr int64_t kMaxFrames = 200'000;  // a jump of the clock must not fill the disk
 
 struct RenderArguments {
   std::string recording;
@@ -71,7 +71,7 @@ absl::StatusOr<RenderInputs> ReadInputs(const RenderArguments& arguments, CliCon
   return inputs;
 }
 
-// The pose at t_us, or at the nearest end of the trajectory when that is near.
+// Returns the pose at t_us, interpolated, or the nearest end of the trajectory if it is close in time.
 std::optional<RigidTransform> PoseAt(const Trajectory& poses, int64_t t_us) {
   const auto after = std::lower_bound(poses.begin(), poses.end(), t_us,
                                       [](const StampedPose& pose, int64_t t) { return pose.t_us < t; });
@@ -87,14 +87,14 @@ std::optional<RigidTransform> PoseAt(const Trajectory& poses, int64_t t_us) {
   return pose.ok() ? std::optional(*pose) : std::nullopt;
 }
 
-// All events in order, until `on_event` answers false or the recording ends.
+// Passes all events in order to `on_event`, until it returns false or the recording ends.
 absl::Status ForEachEvent(RenderInputs& inputs, const std::function<absl::StatusOr<bool>(const Event&)>& on_event) {
   EVPOSE_ASSIGN_OR_RETURN(EventReader events,
                           EventReader::Make(*inputs.reader, {.max_piece_bytes = kRenderPieceBytes}));
   while (true) {
     EVPOSE_RETURN_IF_ERROR(CheckNotInterrupted(inputs));
     EVPOSE_ASSIGN_OR_RETURN(const bool has_piece, events.Next());
-    if (!has_piece) return CheckNotInterrupted(inputs);  // an interrupt ends a live source, too
+    if (!has_piece) return CheckNotInterrupted(inputs);  // an interrupt also ends a live source
     for (const Event& event : events.decoded().events) {
       EVPOSE_ASSIGN_OR_RETURN(const bool goes_on, on_event(event));
       if (!goes_on) return absl::OkStatus();
@@ -137,7 +137,7 @@ absl::Status RenderPicture(const RenderArguments& arguments, RenderInputs& input
   return WriteFile(arguments.out, {reinterpret_cast<const char*>(png.data()), png.size()});
 }
 
-// A film under a name that appears when it is whole.
+// A film file; it appears under its name when it is complete.
 class Film {
  public:
   static absl::StatusOr<std::unique_ptr<Film>> Create(const std::string& path, double fps, const CameraModel& camera) {
@@ -168,7 +168,7 @@ class Film {
   }
 
  private:
-  // The ending stays last: the container follows from it.
+  // The extension remains last, because it selects the container.
   explicit Film(const std::string& path)
       : path_(path),
         temporary_path_(absl::StrCat(path, ".partial-", getpid(), std::filesystem::path(path).extension().string())) {}

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// evpose replay: a recording through a server, and the poses that come back.
+// evpose replay: sends a recording to a server and writes the poses.
 #include <algorithm>
 #include <memory>
 #include <string>
@@ -25,7 +25,7 @@ struct ReplayArguments {
   bool is_following = false;
 };
 
-// "max" or a positive factor.
+// Parses "max" or a positive factor.
 absl::StatusOr<double> ParseRate(const std::string& text) {
   if (text == "max") return 0.0;
   double rate = 0.0;
@@ -34,7 +34,7 @@ absl::StatusOr<double> ParseRate(const std::string& text) {
       absl::StrCat("--rate: \"", text, "\" is neither max nor a factor above 0, 1 being the sensor's pace"));
 }
 
-// The server that was asked for, or one inside this process: the same calls either way.
+// The server of --server or one inside this process, with a client for it.
 struct ServerHandle {
   std::unique_ptr<server::Server> own;
   std::unique_ptr<Client> client;

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// evpose server: info, log-level.
+// evpose server: describes a server and sets its log level.
 #include <memory>
 #include <string>
 #include <utility>

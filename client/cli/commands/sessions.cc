@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// evpose sessions: list, get, delete, drain.
+// evpose sessions: lists, describes and deletes the sessions of a server, and drains it.
 #include <memory>
 #include <optional>
 #include <string>
@@ -110,7 +110,7 @@ absl::Status RunDrain(const SessionArguments& arguments, CliContext& context) {
   return absl::OkStatus();
 }
 
-// Of the session that a replay leaves there.
+// Returns an example with the session that a replay has kept.
 std::string Example(const std::string& command, bool has_name) {
   const std::string session =
       has_name ? " \"$(evpose sessions list --server 127.0.0.1:50051 | head -n 1 | cut -d ' ' -f 1)\" \\\n   " : "";

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// evpose simulate: a recording with its truth.
+// evpose simulate: writes a simulated recording with its true poses.
 #include <algorithm>
 #include <cmath>
 #include <optional>
@@ -50,7 +50,7 @@ constexpr std::pair<const char*, MotionProfile> kMotions[] = {{"smooth", MotionP
                                                               {"bursts", MotionProfile::kBursts},
                                                               {"half-out", MotionProfile::kHalfOut}};
 
-// Everything that no edge causes.
+// Adds the options of events that are not caused by edges.
 void SetNoise(const SimulateArguments& arguments, SimulationOptions& options) {
   SensorOptions& sensor = options.sensor;
   sensor.noise_ratio = arguments.noise_ratio;
@@ -62,7 +62,7 @@ void SetNoise(const SimulateArguments& arguments, SimulationOptions& options) {
   sensor.flood_hz = 1e6 * arguments.flood_mev_per_s;
 }
 
-// Pixels and lens.
+// Adds the options of the sensor and the lens.
 void SetSensor(const SimulateArguments& arguments, SimulationOptions& options) {
   options.sensor.threshold_on = options.sensor.threshold_off = arguments.threshold;
   options.sensor.bandwidth_hz = arguments.bandwidth_hz;
@@ -95,7 +95,7 @@ absl::StatusOr<SimulationOptions> MakeOptions(const SimulateArguments& arguments
   options.scene.light.change_ratio = arguments.light_change_ratio;
   options.scene.occluder.is_present = arguments.has_occluder || arguments.has_followed_occluder;
   options.scene.occluder.follows_object = arguments.has_followed_occluder;
-  // It swings by a third of the standard objects' width.
+  // Amplitude of the motion: a third of the width of the standard objects.
   if (arguments.has_followed_occluder) options.scene.occluder.swing_ratio = 0.06;
   options.scene.background.has_moving_edge = arguments.has_moving_edge;
   options.scene.background.is_textured = arguments.has_textured_background;

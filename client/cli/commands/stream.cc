@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// evpose stream: a camera's events to a server as they come, and their poses.
+// evpose stream: sends the events of a camera to a server as they arrive, and writes the poses.
 #include <cstdlib>
 #include <filesystem>
 #include <limits>
@@ -36,7 +36,7 @@ std::string SpoolDirectory(const StreamArguments& arguments) {
   return temporary != nullptr ? temporary : "/tmp";
 }
 
-// A pipe is read whatever the network does; a file is there to be read when the server is.
+// Standard input is read during outages, too; a file is read when the server is reachable.
 FeedOptions MakeFeedOptions(const StreamArguments& arguments, const SessionRun& run) {
   FeedOptions options;
   options.outbox.memory_bytes = arguments.memory_bytes;
@@ -53,12 +53,12 @@ FeedOptions MakeFeedOptions(const StreamArguments& arguments, const SessionRun& 
   return options;
 }
 
-// The spool and the record of a session that is gone on with must be of the same session.
+// Checks that the spool and the file of --resume belong to the same session.
 absl::Status CheckSpool(const StreamArguments& arguments, SessionRun& run) {
   if (!arguments.is_pipe() || arguments.track.resume.empty()) return absl::OkStatus();
   const OutboxState state = run.feed().outbox().state();
   const std::string directory = SpoolDirectory(arguments);
-  // One that has all from the beginning can be sent to a new session.
+  // A spool that has all chunks from the first one on can be sent to a new session.
   if (!run.is_resumed() && state.first_seq > 1) {
     return absl::FailedPreconditionError(absl::StrCat(directory, ": has chunks of a session that ",
                                                       arguments.track.resume,
@@ -69,7 +69,7 @@ absl::Status CheckSpool(const StreamArguments& arguments, SessionRun& run) {
                                           "; remove that to begin a new session"));
 }
 
-// A source that waits for a pipe gives up when this goes out of scope.
+// Stops a source that waits for standard input when it goes out of scope.
 class StopAtEnd {
  public:
   explicit StopAtEnd(std::stop_source& stop) : stop_(stop) {}
@@ -95,7 +95,7 @@ absl::Status RunStream(const StreamArguments& arguments, CliContext& context) {
   EVPOSE_RETURN_IF_ERROR(run.Open());
   EVPOSE_RETURN_IF_ERROR(run.MakeFeed(MakeFeedOptions(arguments, run), true));
   EVPOSE_RETURN_IF_ERROR(CheckSpool(arguments, run));
-  // The camera does not wait for the server.
+  // The data of a camera must be read before a server is reachable.
   if (arguments.is_pipe()) run.feed().Start(MakeChunkerOptions(arguments.track).max_bytes);
 
   SessionStartOptions begin;
@@ -108,7 +108,7 @@ absl::Status RunStream(const StreamArguments& arguments, CliContext& context) {
   EVPOSE_ASSIGN_OR_RETURN(const std::unique_ptr<Client> client, StartSession(begin, run, arguments.track, context));
   EVPOSE_RETURN_IF_ERROR(run.Track(*client, options));
   std::error_code error;
-  // Made by the spool, and empty now.
+  // The spool has created the directory, which is empty now.
   if (arguments.is_pipe() && !arguments.track.resume.empty()) std::filesystem::remove(SpoolDirectory(arguments), error);
   return absl::OkStatus();
 }

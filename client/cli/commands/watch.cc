@@ -27,7 +27,7 @@ struct WatchArguments {
   bool is_json = false;
 };
 
-// Says on standard error how the objects are, when that changes: while there is no pose, why. Thread-safe.
+// Prints the states of the objects on standard error when they change, and the reason for a missing pose. Thread-safe.
 class StateLines {
  public:
   explicit StateLines(std::ostream& err) : err_(err) {}
@@ -129,7 +129,7 @@ absl::Status RunWatch(const WatchArguments& arguments, CliContext& context) {
     if (num_skipped > 0) states.Skipped(num_skipped);
     for (const Pose& pose : poses) context.out << PoseLine(format, pose);
     context.out.flush();
-    if (!context.out) stop.request_stop();  // nobody gets what comes
+    if (!context.out) stop.request_stop();  // the output is closed
   };
   EVPOSE_ASSIGN_OR_RETURN(const Session session, client->GetSession(arguments.session));
   states.Show(session.health);
@@ -138,7 +138,7 @@ absl::Status RunWatch(const WatchArguments& arguments, CliContext& context) {
     while (!context.IsInterrupted()) {
       if (!SystemClock().SleepUntil(SystemClock().Now() + kInterruptPeriod, ended)) return;
       if (SystemClock().Now() - shown_at < kHealthPeriod) continue;
-      // A session that is gone ends the stream of poses, too.
+      // The end of the session also ends the stream of poses.
       if (const absl::StatusOr<Session> now = client->GetSession(arguments.session); now.ok()) states.Show(now->health);
       shown_at = SystemClock().Now();
     }

@@ -25,7 +25,7 @@ namespace {
 
 constexpr char kUsagePayload[] = "evpose/usage";
 
-// Never from the command line, which other users of a machine can read.
+// Tokens are never read from the command line, which other users of the machine can read.
 constexpr char kTokenVariable[] = "EVPOSE_TOKEN";
 constexpr size_t kMaxTokenFileBytes = 4096;
 
@@ -115,7 +115,7 @@ void ServerArguments::AddTo(CLI::App& app, bool is_required) {
   server->group(kServerGroup);
   for (CLI::Option* const way : ways) {
     way->group(kServerGroup);
-    // Whoever says how to reach a server must not get one inside the process without a word.
+    // An option for the connection without --server is an error: the server inside the process would ignore it.
     if (!is_required) way->needs(server);
   }
 }
@@ -128,7 +128,7 @@ absl::StatusOr<std::unique_ptr<Client>> ServerArguments::Connect(const CliContex
     return UsageError("--tls-cert and --tls-key belong together: give both");
   }
   EVPOSE_ASSIGN_OR_RETURN(options.token, ReadToken(token_file));
-  // What is no file, a pipe say, cannot be read twice.
+  // Only a regular file can be read again, unlike a pipe.
   if (std::error_code error; std::filesystem::is_regular_file(token_file, error)) {
     options.renew_token = [path = token_file] { return ReadToken(path); };
   }

@@ -10,14 +10,14 @@
 namespace evpose::client {
 namespace {
 
-// Blue, green, red.
+// Colours, as blue, green and red.
 const cv::Scalar kBackground(28, 24, 22);
 const cv::Vec3b kOnColour(255, 190, 90);
 const cv::Vec3b kOffColour(80, 90, 235);
 const cv::Scalar kModelColour(110, 240, 110);
 const cv::Scalar kTextColour(230, 230, 230);
 
-constexpr int kSamplesPerSegment = 24;  // of a line that the lens bends
+constexpr int kSamplesPerSegment = 24;  // for lines that the distortion of the lens bends
 constexpr int kSubPixelBits = 4;        // OpenCV draws at 1/16 px
 
 }  // namespace

@@ -18,7 +18,7 @@ namespace {
 
 constexpr char kObjectPlaceholder[] = "{object}";
 
-// Upper triangle, row by row.
+// Visits the upper triangle row by row.
 template <typename Visit>
 void VisitUpper(const Eigen::Matrix<double, 6, 6>& matrix, const Visit& visit) {
   for (int row = 0; row < 6; ++row) {
@@ -69,7 +69,7 @@ std::string JsonLine(const Pose& pose) {
   std::vector<double> upper;
   VisitUpper(pose.covariance, [&](int, int, double value) { upper.push_back(value); });
   json["covariance_upper"] = upper;
-  // An identifier that is no UTF-8 must not stop the output.
+  // An object ID that is not valid UTF-8 must not stop the output.
   return json.dump(-1, ' ', false, nlohmann::ordered_json::error_handler_t::replace) + "\n";
 }
 
@@ -176,7 +176,7 @@ absl::Status PoseFiles::Commit() {
 }
 
 void PoseFile::Write(const Pose& pose) {
-  file_.Append(PoseLine(format_, pose)).IgnoreError();  // Commit() gives it back
+  file_.Append(PoseLine(format_, pose)).IgnoreError();  // Commit() returns the error
 }
 
 }  // namespace evpose::client

@@ -22,7 +22,7 @@ using Fields = std::vector<absl::string_view>;
 constexpr std::array<const char*, 7> kPoseColumns = {"tx_m", "ty_m", "tz_m", "qx", "qy", "qz", "qw"};
 constexpr std::array<const char*, 6> kAxes = {"tx", "ty", "tz", "rx", "ry", "rz"};
 
-// Where the columns are.
+// Indices of the columns.
 struct Columns {
   size_t count = 0;
   size_t t_us = 0;

@@ -22,7 +22,7 @@ std::string Bar(double ratio) {
 
 void ProgressLine::Show(double ratio, const std::string& text) {
   const absl::Time now = SystemClock().Now();
-  // What is done before the first line is due never prints any.
+  // Work that ends before the first line is due prints no line.
   if (!shown_at_) shown_at_ = context_.is_err_terminal ? absl::InfinitePast() : now;
   if (now - *shown_at_ < (context_.is_err_terminal ? kRedraw : kLineEvery)) return;
   shown_at_ = now;

@@ -84,7 +84,7 @@ void ReplayReport::Print(std::ostream& stream) const {
     stream << "decoder: skipped " << decode_faults_ << " words or events, the first in " << first_decode_fault_ << "\n";
   }
   for (const Model& model : models) {
-    // A camera does not see whether a model is in metres or in millimetres: its poses are as large as it is.
+    // The scale of a model cannot be observed: the translations of the poses scale with it.
     stream << NameOf(model.object_id) << absl::StrFormat("model: %.4g m across", model.diameter_m);
     if (model.num_symmetries > 1) {
       stream << "; looks the same in " << model.num_symmetries << " orientations, and a pose stands for all of them";
@@ -115,7 +115,7 @@ Json ReplayReport::ToJson() const {
   json["poses"] = summary.poses;
   json["losses"] = Losses();
   json["objects"] = ObjectsJson();
-  // Of the only object what is said of it there.
+  // For a single object, its fields are also those of the report.
   if (const Json objects = json["objects"]; objects.size() == 1) {
     for (const auto& [key, value] : objects[0].items()) json[key] = value;
   }

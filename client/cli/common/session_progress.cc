@@ -10,10 +10,10 @@ namespace {
 
 constexpr absl::Duration kPeriod = absl::Milliseconds(250);
 
-// Counts go back when a server goes on from a checkpoint.
+// Counts decrease when a server continues from a checkpoint.
 double Gain(uint64_t now, uint64_t before) { return now > before ? static_cast<double>(now - before) : 0.0; }
 
-// Rates over the time between two looks.
+// Describes the rates between two polls.
 std::string Describe(const SessionHealth& now, const SessionHealth& before, absl::Duration elapsed) {
   const double seconds = absl::ToDoubleSeconds(elapsed);
   std::string text =

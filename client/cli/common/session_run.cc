@@ -16,7 +16,7 @@
 namespace evpose::client {
 namespace {
 
-// How far a killed client goes back: what comes again is dropped, but the server keeps some thousand poses only.
+// Limits of the poses and the time that a killed client repeats: the server stores only some thousand poses.
 constexpr uint64_t kMaxPosesBetween = 1024;
 constexpr absl::Duration kMaxTimeBetween = absl::Seconds(1);
 
@@ -24,13 +24,13 @@ std::string Digest(const std::string& bytes) {
   return Sha256Hex({reinterpret_cast<const uint8_t*>(bytes.data()), bytes.size()}).substr(0, 32);
 }
 
-// Told apart by name, so that whoever goes on with other files or options than he began with hears which.
+// Returns the inputs and options that must be the same when a run is continued, by the names used in errors.
 std::map<std::string, std::string> Identify(const RunArguments& arguments, const RunInputs& inputs) {
   std::map<std::string, std::string> identity;
   std::error_code error;
   const auto absolute = [&error](const std::string& path) {
     if (path == "-" || path.empty()) return path;
-    // Absolute first: a relative path stays one for as long as the file is not there.
+    // Absolute first, because weakly_canonical() leaves the relative path of a missing file relative.
     return std::filesystem::weakly_canonical(std::filesystem::absolute(path, error), error).string();
   };
   identity["recording"] = absolute(arguments.recording);
@@ -101,7 +101,7 @@ absl::Status SessionRun::MakeFeed(FeedOptions options, bool ends_on_error) {
 
 absl::Status SessionRun::Begin(Client& client, const std::function<void(SessionConfig&)>& complete,
                                const std::string& request_id) {
-  // Also of a run that is gone on with: they are named by their content, and the report says what they are.
+  // Also for a continued run: models are named by their content, and the report describes them.
   EVPOSE_ASSIGN_OR_RETURN(SessionConfig config, UploadModels(client, arguments_, inputs_, report_));
   if (is_resumed()) return absl::OkStatus();
   complete(config);
@@ -114,12 +114,12 @@ absl::Status SessionRun::Begin(Client& client, const std::function<void(SessionC
 absl::Status SessionRun::KeepPosition(const TrackPosition& position, bool has_new_token) {
   if (!resume_) return absl::OkStatus();
   const absl::Time now = SystemClock().Now();
-  // What the first chunks were is known as soon as may be: it tells the session's recording from others.
+  // The first durable position is stored at once, because its digest identifies the recording.
   const bool is_first = record_.position.durable.seq == 0 && position.durable.seq > 0;
   const bool is_due = has_new_token || is_first || now - kept_at_ >= kMaxTimeBetween ||
                       position.last_pose_seq - kept_pose_seq_ >= kMaxPosesBetween;
   if (!is_due) return absl::OkStatus();
-  // The poses first: the record must not be ahead of them.
+  // The poses are synced first, so that the record is never ahead of them.
   if (poses_) {
     EVPOSE_ASSIGN_OR_RETURN(record_.output_bytes, poses_->Sync());
   }
@@ -158,7 +158,7 @@ TrackCallbacks SessionRun::MakeCallbacks() {
 }
 
 absl::Status SessionRun::Track(Client& client, TrackOptions options) {
-  // Killed before it was fed with anything, it may be cut in any way.
+  // A run that was killed before its first chunk may divide chunks in any way.
   if (record_.position.max_piece_bytes > 0) feed_->Start(record_.position.max_piece_bytes);
   report_.recording = arguments_.recording;
   report_.session = arguments_.keeps_session ? record_.position.session : "";
@@ -183,7 +183,7 @@ absl::Status SessionRun::Track(Client& client, TrackOptions options) {
 }
 
 absl::Status SessionRun::Explain(Client& client, const absl::Status& status) const {
-  // As an interrupt ended it, or the server did.
+  // The interrupt has ended the run, not the server.
   const bool is_interrupted = is_away_ && context_.IsInterrupted() && absl::IsCancelled(status);
   const std::string what =
       absl::StrCat(is_interrupted ? "interrupted while the server was away: " : "", status.message());
@@ -196,7 +196,7 @@ absl::Status SessionRun::Explain(Client& client, const absl::Status& status) con
   if (is_interrupted) {
     return absl::Status(status.code(), absl::StrCat(what, "; with --resume FILE it could be gone on with"));
   }
-  // Its slot is free again at once. A server that does not answer any more has said so already.
+  // Frees the capacity of the server at once. The error of an unreachable server has been reported already.
   if (!arguments_.keeps_session) client.DeleteSession(record_.position.session).IgnoreError();
   return status;
 }

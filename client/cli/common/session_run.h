@@ -35,8 +35,8 @@ class SessionRun {
 
   // Reads the file of --resume and opens the pose files.
   absl::Status Open();
+  // Returns whether this run continues an earlier one.
   bool is_resumed() const { return resume_ && resume_->record(); }
-  // Whether this run continues an earlier one.
   const TrackPosition& position() const { return record_.position; }
 
   // Creates the feed of the recording's chunks. An error of the source ends the stream; with `ends_on_error`, the data

@@ -14,7 +14,7 @@
 namespace evpose::client {
 namespace {
 
-// Of one of the tries to connect, between which an interrupt is looked for.
+// Duration of one attempt to connect; interrupts are checked between attempts.
 constexpr absl::Duration kConnectSlice = absl::Seconds(3);
 
 std::string RandomId() {
@@ -51,7 +51,7 @@ class SessionStart {
         ReportBack();
         return std::move(client_);
       }
-      client_.reset();  // the next try may find another server
+      client_.reset();  // the next attempt may find another server
       if (!MayWait() || AdviseOn(status) != RetryAdvice::kTryAgain) return status;
       if (context_.IsInterrupted()) return Interrupted(arguments_, status);
       if (!away_since_) away_since_ = clock_.Now();
@@ -91,7 +91,7 @@ class SessionStart {
     run_.Say(run_.connection().Describe(change));
   }
 
-  // Otherwise there is one try, which has all of --connect-timeout.
+  // Otherwise there is one attempt, for the whole --connect-timeout.
   bool MayWait() const { return was_connected_ || options_.waits_for_first_server; }
   absl::Duration away_for() const { return clock_.Now() - *away_since_; }
 
@@ -101,7 +101,7 @@ class SessionStart {
   const CliContext& context_;
   Clock& clock_;
   Backoff backoff_;
-  // The same in every try: a session whose name was lost on the way back is answered again.
+  // The same in every attempt, so that a session is not created twice when the response was lost.
   const std::string request_id_ = RandomId();
   std::unique_ptr<Client> client_;
   bool was_connected_ = false;

@@ -13,7 +13,7 @@
 namespace evpose::client {
 namespace {
 
-// As evpose-server's defaults.
+// The defaults of evpose-server.
 constexpr uint64_t kCreditBytes = 4 << 20;
 constexpr uint32_t kMaxChunkBytes = 1 << 20;
 

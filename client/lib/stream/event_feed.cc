@@ -11,7 +11,7 @@
 namespace evpose::client {
 namespace {
 
-// Whole words of every encoding.
+// The size of a piece is a multiple of this: whole words of every encoding.
 constexpr uint64_t kWordBytes = 8;
 
 }  // namespace
@@ -34,7 +34,7 @@ EventFeed::EventFeed(ChunkSource source, const FeedOptions& options, std::unique
       pacer_(options.clock == nullptr ? SystemClock() : *options.clock, options.rate),
       is_after_gap_(options.begins_after_gap) {
   if (options_.skip.seq > 0) return;
-  // What a spool holds of an earlier process is not read again, and what came between is lost.
+  // Chunks in the spool of an earlier process are not read again; the events between the two processes are lost.
   point_ = outbox_->state().last;
   is_after_gap_ = is_after_gap_ || point_.seq > 0;
 }

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// What a session is fed with: a source's chunks, numbered, paced, and kept until the server needs them no more.
+// Reads the chunks of a source, numbers and paces them, and keeps them until the server has made them durable.
 #pragma once
 
 #include <atomic>
@@ -24,34 +24,34 @@
 namespace evpose::client {
 
 struct FeedOptions {
-  // Bytes read before they can be sent. A live source is to be read whatever the network does: UINT64_MAX.
+  // Bytes that are read ahead of the network. UINT64_MAX for a live source, which must be read during an outage, too.
   uint64_t read_ahead_bytes = 1 << 20;
   OutboxOptions outbox;
-  double rate = 0.0;       // sensor seconds per second; 0: as fast as they are asked for
-  Clock* clock = nullptr;  // what paces; nullptr: the machine's
-  // The source begins at the beginning, but the session has these chunks for good: they are read and not kept.
+  double rate = 0.0;       // sensor seconds per second; 0: as fast as the network requests them
+  Clock* clock = nullptr;  // for the rate; nullptr: the machine's clock
+  // Position up to which the chunks of the source are durable: they are read from the start and not kept.
   FeedPoint skip;
-  // The source goes on after a gap: bytes were lost before its first chunk.
+  // Whether bytes were lost before the first chunk of the source.
   bool begins_after_gap = false;
 
-  // INVALID_ARGUMENT naming the field.
+  // Error: INVALID_ARGUMENT naming the field.
   absl::Status Validate() const;
 };
 
-// A number stands for the same bytes in every feed of the same source with the same `max_piece_bytes`.
+// Feeds of the same source with the same `max_piece_bytes` assign the same numbers to the same bytes.
 class EventFeed {
  public:
   // Errors: those of FeedOptions and of Outbox::Open().
   static absl::StatusOr<std::unique_ptr<EventFeed>> Open(ChunkSource source, const FeedOptions& options);
-  ~EventFeed();  // Stop()
+  ~EventFeed();  // calls Stop()
 
-  // Begins to read. A chunk of the source is cut into pieces of at most so many bytes, whole words of every encoding.
-  // Only the first call counts.
+  // Starts to read. Chunks of the source are divided into pieces of at most `max_piece_bytes`, of whole words of every
+  // encoding. Calls after the first have no effect.
   void Start(uint64_t max_piece_bytes);
   // Inserts a reset after the chunks that were read so far, as soon as the source returns. Thread-safe. Errors:
   // INVALID_ARGUMENT; FAILED_PRECONDITION if the events have ended.
   absl::Status ResetPose(const PoseReset& reset);
-  // Wakes the thread where it waits and joins it; a source that blocks must have been told before. Idempotent.
+  // Wakes the thread and joins it; a source that blocks must have been stopped before. Idempotent.
   void Stop();
 
   uint64_t max_piece_bytes() const { return max_piece_bytes_; }  // 0 before Start()

@@ -10,7 +10,7 @@
 namespace evpose::client {
 namespace {
 
-// What a chunk takes beside its payload, about.
+// Approximate memory of a chunk in addition to its payload.
 constexpr uint64_t kOverheadBytes = 128;
 
 uint64_t SizeInMemory(const OutgoingChunk& chunk) { return chunk.payload.size() + kOverheadBytes; }
@@ -59,7 +59,7 @@ bool Outbox::GoesToSpool(const OutgoingChunk& chunk) const {
 }
 
 bool Outbox::HasRoomFor(const OutgoingChunk& chunk) const {
-  // A chunk larger than all the room is taken when it is the only one.
+  // A chunk that exceeds the whole capacity is accepted when it is the only one.
   if (GoesToSpool(chunk)) return spool_->HasRoomFor(chunk) || first_seq_ > last_.seq;
   return memory_.empty() || memory_bytes_ + SizeInMemory(chunk) <= options_.memory_bytes;
 }
@@ -139,7 +139,7 @@ void Outbox::DropDurable() {
   }
   const uint64_t durable_in_spool = std::min(durable_seq_, last_.seq);
   if (spool_ != nullptr && !spool_->empty() && durable_in_spool >= spool_->first_seq()) {
-    // A spool that cannot be read any more says so when its chunks are sent.
+    // An unreadable spool is reported when its chunks are sent.
     if (const auto point = spool_->PointAfter(durable_in_spool); point.ok()) durable_ = *point;
     spool_->Forget(durable_in_spool);
   }

@@ -51,7 +51,7 @@ class Outbox {
   // Waits while the outbox is full. Drops a chunk whose number is durable already. Errors: CANCELLED if `stop` was
   // requested first; those of the spool.
   absl::Status Append(OutgoingChunk chunk, std::stop_token stop);
-  // Marks the end of the feed; a status other than OK is its cause.
+  // Marks the end of the feed, after an error with its status.
   void Finish(const absl::Status& status);
 
   // Waits for the chunk with this number; nullptr if the feed ended before it. Errors: the cause of the feed's end;

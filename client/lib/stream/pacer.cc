@@ -9,7 +9,7 @@ bool Pacer::Wait(int64_t t_us, std::stop_token stop) {
     first_t_us_ = t_us;
     begin_ = clock_.Now();
   }
-  // From the beginning, not from the call before: waiting a little too long each time does not add up.
+  // Relative to the first call, not to the previous one, so that delays of single waits do not accumulate.
   const absl::Time due = begin_ + absl::Microseconds(t_us - *first_t_us_) / rate_;
   if (due <= clock_.Now()) return !stop.stop_requested();
   return clock_.SleepUntil(due, stop);

@@ -11,7 +11,7 @@
 namespace evpose::client {
 namespace {
 
-// What arrives damaged so often was damaged before it was sent.
+// Attempts after which a damaged chunk is regarded as damaged at its source, not by the link.
 constexpr size_t kMaxDamagedTries = 5;
 
 }  // namespace
@@ -77,7 +77,7 @@ AttemptOutcome ReconnectingStream::RunOnce() {
 
 void ReconnectingStream::Observe(const AttemptOutcome& outcome) {
   const absl::Time now = clock().Now();
-  // Time without a server is counted from the end of the last stream that got anywhere.
+  // The outage began at the end of the last stream that made progress.
   const bool has_lasted = outcome.was_attached && now - attached_at_ >= options_.retry.max_delay;
   if (outcome.made_progress || has_lasted) {
     backoff_.Reset();
@@ -114,7 +114,7 @@ bool ReconnectingStream::Plan(const AttemptOutcome& outcome) {
 bool ReconnectingStream::WaitForNextTry(const absl::Status& cause) {
   const absl::Time now = clock().Now();
   const bool is_same_server = uses_previous_token_ || attaches_without_count_;
-  // Every server is asked once before any is waited for. One that sends its clients away may be gone for a moment only.
+  // Each server is tried once without delay. A server that shuts down may be back soon.
   const bool is_at_once = is_same_server || tries_ + 1 < servers_.size() || (cause.ok() && tries_ == 0);
   const absl::Duration delay =
       is_at_once ? absl::ZeroDuration() : std::max(backoff_.Next(), GetDetails(cause).retry_in);

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// The successive streams of a session until its summary. Internal: it includes generated headers.
+// Re-establishes the stream of a session until the summary arrives. Internal: it includes generated headers.
 #pragma once
 
 #include <atomic>

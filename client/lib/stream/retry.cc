@@ -43,7 +43,7 @@ RetryAdvice AdviseOn(const absl::Status& status) {
     case absl::StatusCode::kCancelled:
     case absl::StatusCode::kUnknown:
     case absl::StatusCode::kInternal:
-      // The network's, or a proxy's. A server of ours says a reason, and means it.
+      // Without a reason the error comes from the network or a proxy; with a reason it is final.
       return details.reason.empty() ? RetryAdvice::kTryAgain : RetryAdvice::kGiveUp;
     case absl::StatusCode::kAborted:
       return reason == v1::FENCED ? RetryAdvice::kGiveUp : RetryAdvice::kTryAgain;

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// A server that does what each test tells it to, for the tests of the stream.
+// A server whose behaviour each test defines, for tests of streams.
 #pragma once
 
 #include <gmock/gmock.h>
@@ -75,7 +75,7 @@ inline v1::TrackResponse SummaryMessage(uint64_t poses) {
   return response;
 }
 
-// Reads until `end`; what came.
+// Reads until `end`; returns the chunks.
 inline std::vector<v1::TrackRequest::EventChunk> ReadToEnd(ServerStream& stream) {
   std::vector<v1::TrackRequest::EventChunk> chunks;
   v1::TrackRequest request;
@@ -95,7 +95,7 @@ class TrackTest : public ::testing::Test {
   }
   void TearDown() override { server_->Shutdown(); }
 
-  // A recording of chunks of these sizes, 1 ms apart.
+  // Returns chunks of these sizes in bytes, 1 ms apart.
   ChunkSource Source(std::vector<size_t> sizes) {
     return [sizes, next = size_t{0}]() mutable -> absl::StatusOr<EventChunk> {
       if (next == sizes.size()) return EventChunk{};
@@ -119,7 +119,7 @@ class TrackTest : public ::testing::Test {
     return client_->Track(session_, Source(std::move(sizes)), Callbacks(), options);
   }
 
-  // One stream, and what it ends with.
+  // Options for one stream without retries.
   static TrackOptions NoRetries() {
     TrackOptions options;
     options.retry.max_outage = absl::ZeroDuration();

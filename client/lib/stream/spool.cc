@@ -28,7 +28,7 @@ constexpr char kSuffix[] = ".spool";
 constexpr uint64_t kDiscontinuityFlag = 1;
 constexpr uint64_t kResetFlag = 2;
 constexpr uint64_t kMinBytes = 16 << 20;
-// Few enough to keep them open.
+// A number of files that can remain open.
 constexpr uint64_t kMaxSegments = 128;
 
 void Put(std::string& out, uint64_t value, int bytes) {
@@ -43,7 +43,7 @@ uint64_t Get(const char* in, int bytes) {
 
 uint32_t Crc(const char* data, size_t size) { return Crc32c({reinterpret_cast<const uint8_t*>(data), size}); }
 
-// All of it, or what failed.
+// Returns whether all bytes were written; errno has the cause otherwise.
 bool WriteAll(int descriptor, const std::string& bytes, uint64_t offset) {
   for (size_t done = 0; done < bytes.size();) {
     const ssize_t size =
@@ -55,7 +55,7 @@ bool WriteAll(int descriptor, const std::string& bytes, uint64_t offset) {
   return true;
 }
 
-// False with errno 0 when the file ends before.
+// Returns false with errno 0 at the end of the file.
 bool ReadAll(int descriptor, char* bytes, size_t size, uint64_t offset) {
   for (size_t done = 0; done < size;) {
     const ssize_t part = pread(descriptor, bytes + done, size - done, static_cast<off_t>(offset + done));
@@ -127,7 +127,7 @@ absl::Status Spool::Error(const std::string& path, const std::string& what) cons
   return absl::ErrnoToStatus(errno, absl::StrCat(path, ": ", what));
 }
 
-// Told at the start, not when the server goes away hours later.
+// Reports a spool that cannot be written at the start, not during the first outage hours later.
 absl::Status Spool::CheckWritable() {
   std::string name = options_.directory + "/probe-XXXXXX";
   const int descriptor = mkstemp(name.data());
@@ -144,7 +144,7 @@ absl::Status Spool::Recover() {
     if (absl::EndsWith(entry.path().string(), kSuffix)) paths.push_back(entry.path().string());
   }
   if (error) return absl::UnavailableError(absl::StrCat(options_.directory, ": cannot be listed: ", error.message()));
-  std::sort(paths.begin(), paths.end());  // their names have the first number, in 20 digits
+  std::sort(paths.begin(), paths.end());  // a name is the number of the first chunk, in 20 digits
   for (const std::string& path : paths) EVPOSE_RETURN_IF_ERROR(RecoverSegment(path, path == paths.back()));
   return absl::OkStatus();
 }
@@ -174,7 +174,7 @@ absl::Status Spool::RecoverSegment(const std::string& path, bool is_last) {
     return Error(path, "the spool cannot be written");
   }
   total_bytes_ += added.size_bytes;
-  if (added.first_seq == 0) {  // nothing in it
+  if (added.first_seq == 0) {  // empty
     unlink(path.c_str());
     close(added.descriptor);
     segments_.pop_back();
@@ -212,7 +212,7 @@ absl::Status Spool::Append(const OutgoingChunk& chunk) {
   bytes += chunk.payload;
   if (!WriteAll(segment.descriptor, bytes, segment.size_bytes)) {
     const absl::Status status = Error(options_.directory, "the spool cannot be written");
-    // Best effort: what is left of the record has no valid checksum, and the next one is written over it.
+    // Best effort: the incomplete record has no valid checksum, and the next record overwrites it.
     if (ftruncate(segment.descriptor, static_cast<off_t>(segment.size_bytes)) != 0) return status;
     return status;
   }
@@ -231,7 +231,7 @@ absl::StatusOr<Spool::Record> Spool::ReadHeader(const Segment& segment, uint64_t
   Record record;
   if (!ReadAll(segment.descriptor, header, sizeof(header), offset) || !Record::Decode(header, record)) return damaged();
   struct stat info;
-  // Before anything of that size is allocated.
+  // Checked before memory of that size is allocated.
   if (fstat(segment.descriptor, &info) != 0 || offset + kHeaderBytes > static_cast<uint64_t>(info.st_size) ||
       record.payload_bytes > static_cast<uint64_t>(info.st_size) - offset - kHeaderBytes) {
     return damaged();

@@ -12,7 +12,7 @@
 namespace evpose::client {
 namespace {
 
-constexpr uint64_t kWordBytes = 8;  // the longest
+constexpr uint64_t kWordBytes = 8;  // the longest word of an encoding
 
 }  // namespace
 
@@ -111,7 +111,7 @@ bool StreamAttempt::Handle(const v1::TrackResponse& response) {
     case v1::TrackResponse::kAttached:
       return Malformed("it answers `attached` twice");
     case v1::TrackResponse::MESSAGE_NOT_SET:
-      return true;  // of a later server: nothing that this one must know
+      return true;  // a message of a later server is ignored
   }
   return true;
 }
@@ -123,7 +123,7 @@ bool StreamAttempt::HandlePose(const v1::Pose& message) {
     return Malformed(absl::StrCat("pose ", pose->seq, " came where ", next_pose_seq_, " was due"));
   }
   ++next_pose_seq_;
-  if (pose->seq <= position_.last_pose_seq) return true;  // came on an earlier stream
+  if (pose->seq <= position_.last_pose_seq) return true;  // delivered on an earlier stream
   position_.last_pose_seq = pose->seq;
   if (callbacks_.on_pose) callbacks_.on_pose(*pose);
   return true;
@@ -173,7 +173,7 @@ void StreamAttempt::Conclude(const grpc::Status& stream_status) {
   if (!uplink_.status().ok()) {
     Fail(uplink_.status());
   } else if (outcome_.summary) {
-    // The summary is the last word: who has it lost nothing, whatever ended the connection after it.
+    // The summary is the last message: nothing was lost, even if the connection then ended with an error.
     if (outcome_.summary->poses + 1 != next_pose_seq_) {
       Malformed(absl::StrCat("the summary counts ", outcome_.summary->poses, " poses"));
     }

@@ -67,7 +67,7 @@ bool Uplink::Send(const OutgoingChunk& chunk) {
   events.set_discontinuity(chunk.discontinuity);
   events.set_payload(chunk.payload);
   if (has_checksum_) events.set_crc32c(chunk.crc32c);
-  if (!stream_.Write(request)) return false;  // the stream is over; its status says why
+  if (!stream_.Write(request)) return false;  // the stream has ended; Finish() returns its status
   sent_bytes_ += chunk.payload.size();
   fed_bytes_ = chunk.end.bytes;
   return true;
