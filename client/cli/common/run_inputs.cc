@@ -68,7 +68,7 @@ absl::StatusOr<std::vector<InputObject>> ParseObjects(const RunArguments& argume
   for (const std::string& text : arguments.objects) {
     EVPOSE_ASSIGN_OR_RETURN(const auto id_and_model, SplitId(text, "--object"));
     for (const InputObject& other : objects) {
-      if (other.id == id_and_model.first) return UsageError(absl::StrCat("--object ", other.id, " is there twice"));
+      if (other.id == id_and_model.first) return UsageError(absl::StrCat("--object ", other.id, " was given twice"));
     }
     objects.push_back({id_and_model.first, id_and_model.second, {}, {}, {}});
   }
@@ -84,7 +84,7 @@ absl::Status ParseInitialPoses(const RunArguments& arguments, std::vector<InputO
     const auto object = std::find_if(objects.begin(), objects.end(),
                                      [&](const InputObject& each) { return each.id == id_and_pose.first; });
     if (object == objects.end()) return UsageError(absl::StrCat("--init-pose: no --object ", id_and_pose.first));
-    if (object->initial_pose) return UsageError(absl::StrCat("--init-pose of ", object->id, " is there twice"));
+    if (object->initial_pose) return UsageError(absl::StrCat("--init-pose of ", object->id, " was given twice"));
     const absl::StatusOr<RigidTransform> pose = ParsePose(id_and_pose.second);
     if (!pose.ok()) return UsageError(absl::StrCat("--init-pose: ", pose.status().message()));
     object->initial_pose = FromCore(*pose);
