@@ -130,7 +130,7 @@ TEST_F(CliTest, InterruptEndsAFollowedRecordingCleanly) {
 TEST_F(CliTest, SaysWhichWordIsNoCommand) {
   const CliResult command = Run({"frobnicate", "--json"});
   EXPECT_EQ(command.status, 2);
-  EXPECT_EQ(command.err, "evpose: there is no command \"frobnicate\"; evpose --help lists those there are\n");
+  EXPECT_EQ(command.err, "evpose: there is no command \"frobnicate\"; evpose --help lists the commands\n");
   const CliResult below = Run({"sessions", "remove", "sessions/a"});
   EXPECT_EQ(below.status, 2);
   EXPECT_THAT(below.err, HasSubstr("evpose sessions: there is no command \"remove\"; evpose sessions --help"));

@@ -234,13 +234,16 @@ absl::StatusOr<Session> CreateSession(Client& client, const SessionConfig& confi
 }
 
 void RunArguments::AddTo(CLI::App& app, bool server_is_required) {
-  app.add_option("recording", recording, "Prophesee RAW or DAT file; - for standard input")->required();
-  app.add_option("--model", model, "Object: OBJ, PLY or STL");
+  app.add_option("recording", recording, "Prophesee RAW or DAT file; - for standard input")
+      ->type_name("FILE")
+      ->required();
+  app.add_option("--model", model, "Object: OBJ, PLY or STL")->type_name("FILE");
   app.add_option("--object", objects, "One of several objects, ID=FILE; repeat the option for each object")
       ->type_name("ID=MODEL")
       ->allow_extra_args(false);
-  app.add_option("--camera", camera, "Camera: ROS camera_info YAML")->required();
-  app.add_option("--sensor", sensor, "Profile of the sensor, as evpose calibrate writes it; default: an EVK4");
+  app.add_option("--camera", camera, "Camera: ROS camera_info YAML")->type_name("FILE")->required();
+  app.add_option("--sensor", sensor, "Profile of the sensor, as evpose calibrate writes it; default: an EVK4")
+      ->type_name("FILE");
   app.add_option("--scale", metres_per_unit, "Metres per unit of the model file")
       ->check(CheckAboveZero, "POSITIVE")
       ->capture_default_str();
