@@ -30,7 +30,7 @@ CommandRunners AddCommands(CLI::App& app, CliContext& context) {
   add("evaluate", "Compare estimated trajectories with the truth", AddEvaluateCommand);
   add("calibrate", "Fit the profile of a sensor to recordings with known poses", AddCalibrateCommand);
   add("render", "Draw the events of a recording and the projected model", AddRenderCommand);
-  add("watch", "Print the poses of a session as they are computed", AddWatchCommand);
+  add("watch", "Print the poses or the health of a session as they arrive", AddWatchCommand);
   AddBenchCommands(*app.add_subcommand("bench", "Compare evpose with published methods, and measure its speed"),
                    context, runners);
   AddSessionsCommands(*app.add_subcommand("sessions", "List, show, delete and drain the sessions of a server"), context,
@@ -41,7 +41,7 @@ CommandRunners AddCommands(CLI::App& app, CliContext& context) {
                     runners);
   // After the commands, because their texts begin with that of their parent.
   app.footer(
-      "The --help of each command has an example.\n\n"
+      "The --help of each command has an example. Exit status: 0 success; 1 failure; 2 wrong usage.\n\n"
       "Example:\n"
       "  evpose simulate --object cube --camera vga --duration 0.5 --out cube\n"
       "  evpose replay cube/recording.raw --model cube/model.obj --camera cube/camera.yaml --out cube/poses.tum");
@@ -63,8 +63,7 @@ bool TellUnknownCommand(const CLI::App& app, const std::vector<std::string>& arg
                                       [&word](const CLI::App* each) { return each->check_name(word); });
     if (command == commands.end()) {
       const std::string name = FullName(*parent);
-      err << name << ": there is no command \"" << word << "\"; " << name << " --help lists those there are"
-          << std::endl;
+      err << name << ": there is no command \"" << word << "\"; " << name << " --help lists the commands" << std::endl;
       return true;
     }
     parent = *command;
@@ -76,8 +75,8 @@ bool TellUnknownCommand(const CLI::App& app, const std::vector<std::string>& arg
 int ExitStatus(int status, const std::string& name, CliContext& context) {
   context.out.flush();
   if (context.out || status != kDone) return status;
-  context.err << name << ": not all of the answer could be written to standard output: the disk is full, or who reads "
-              << "it has gone" << std::endl;
+  context.err << name << ": the result could not be written completely to standard output: the disk is full, or its "
+              << "reader has ended" << std::endl;
   return kFailed;
 }
 

@@ -99,7 +99,7 @@ absl::StatusOr<ServerAddress> ParseServerAddress(const std::string& text) {
   const bool is_address = colon != std::string::npos && colon > 0 && absl::SimpleAtoi(text.substr(colon + 1), &port) &&
                           port >= 1 && port <= 65535;
   if (!is_address) {
-    return absl::InvalidArgumentError(absl::StrCat("\"", text, "\" is no server address: HOST:PORT is needed"));
+    return absl::InvalidArgumentError(absl::StrCat("\"", text, "\" is not a server address; HOST:PORT is needed"));
   }
   ServerAddress address = {text.substr(0, colon), static_cast<int>(port)};
   const bool has_brackets = absl::StartsWith(address.host, "[") && absl::EndsWith(address.host, "]");

@@ -58,7 +58,7 @@ absl::Status ClientOptions::Validate() const {
     return absl::InvalidArgumentError("tls: a certificate needs its key, and a key its certificate");
   }
   if (!IsToken(token)) {
-    return absl::InvalidArgumentError("token: has spaces, line ends or other characters that no token has");
+    return absl::InvalidArgumentError("token: has spaces, line feeds or other characters that are invalid in a token");
   }
   return absl::OkStatus();
 }
@@ -84,7 +84,7 @@ absl::StatusOr<std::unique_ptr<Client>> Client::Connect(const std::string& addre
     info = client->GetServerInfo();  // also without a connection: the status of the call then has the cause
   }
   if (!is_connected && client->impl_->IsCancelled()) {
-    return absl::CancelledError(absl::StrCat("interrupted before a server answered at ", addresses));
+    return absl::CancelledError(absl::StrCat("interrupted before a server responded at ", addresses));
   }
   if (info.ok()) {
     client->impl_->sessions_outlive_server = info->store != kMemoryStore;
@@ -92,7 +92,7 @@ absl::StatusOr<std::unique_ptr<Client>> Client::Connect(const std::string& addre
   }
   const std::string& name = client->impl_->endpoint().name;
   if (info.status().code() == absl::StatusCode::kUnimplemented) {
-    return absl::UnimplementedError(absl::StrCat("what answers at ", name, " is no evpose server"));
+    return absl::UnimplementedError(absl::StrCat("the server at ", name, " is not an evpose server"));
   }
   if (is_connected) return info.status();
   return absl::UnavailableError(absl::StrCat("no server at ", addresses, ": tried to connect for ",
@@ -177,7 +177,7 @@ absl::StatusOr<ModelInfo> Client::UploadModel(absl::Span<const uint8_t> bytes, c
   return model;
 }
 
-absl::StatusOr<ModelInfo> Client::Impl::TryUpload(absl::Span<const uint8_t> bytes, const UploadOptions& options) {
+absl::StatusOr<ModelInfo> Client::Impl::TryUpload(absl::Span<const uint8_t> bytes, const UploadOptions& upload) {
   grpc::ClientContext context;
   context.set_deadline(DeadlineIn(options.call_timeout));
   v1::Model model;
@@ -185,8 +185,8 @@ absl::StatusOr<ModelInfo> Client::Impl::TryUpload(absl::Span<const uint8_t> byte
       endpoint().models->UploadModel(&context, &model);
   v1::UploadModelRequest request;
   v1::UploadModelRequest::Header& header = *request.mutable_header();
-  header.set_format(ToProto(options.format));
-  header.set_metres_per_unit(options.metres_per_unit);
+  header.set_format(ToProto(upload.format));
+  header.set_metres_per_unit(upload.metres_per_unit);
   header.set_size_bytes(bytes.size());
   header.set_sha256(absl::HexStringToBytes(Sha256Hex(bytes)));
   bool is_open = writer->Write(request);

@@ -50,7 +50,7 @@ struct Client::Impl {
   absl::StatusOr<bool> WaitForServer();
   bool WaitForServerUntil(absl::Time deadline);
   // Uploads a model once. Error: ABORTED if another server has deleted it during the upload.
-  absl::StatusOr<ModelInfo> TryUpload(absl::Span<const uint8_t> bytes, const UploadOptions& options);
+  absl::StatusOr<ModelInfo> TryUpload(absl::Span<const uint8_t> bytes, const UploadOptions& upload);
 
   // Makes one call with the deadline of the options: `call(context, response)`.
   template <typename Response, typename Call>

@@ -78,7 +78,7 @@ TEST(Connect, AnotherServiceIsToldApart) {
   ClientOptions options;
   const auto client = Client::Connect("127.0.0.1:" + std::to_string(port), options);
   EXPECT_EQ(client.status().code(), absl::StatusCode::kUnimplemented);
-  EXPECT_THAT(client.status().message(), HasSubstr("is no evpose server"));
+  EXPECT_THAT(client.status().message(), HasSubstr("is not an evpose server"));
 }
 
 TEST(ClientOptions, ValidateNamesTheField) {

@@ -423,7 +423,7 @@ absl::StatusOr<Pose> FromProto(const v1::Pose& message) {
   pose.twist << FromProto(message.twist().linear_m_per_s()), FromProto(message.twist().angular_rad_per_s());
   pose.state = ReverseLookup(kTrackStates, message.state(), TrackState::kInitializing);
   if (pose.state != TrackState::kTracking && pose.state != TrackState::kDegraded) {
-    return error(absl::StrCat("state ", static_cast<int>(message.state()), " claims no pose"));
+    return error(absl::StrCat("state ", static_cast<int>(message.state()), " is not a state with a pose"));
   }
   pose.num_events = message.num_events();
   pose.explained_ratio = message.explained_ratio();

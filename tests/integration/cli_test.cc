@@ -130,7 +130,7 @@ TEST_F(CliTest, InterruptEndsAFollowedRecordingCleanly) {
 TEST_F(CliTest, NamesAnUnknownCommand) {
   const CliResult command = Run({"frobnicate", "--json"});
   EXPECT_EQ(command.status, 2);
-  EXPECT_EQ(command.err, "evpose: there is no command \"frobnicate\"; evpose --help lists those there are\n");
+  EXPECT_EQ(command.err, "evpose: there is no command \"frobnicate\"; evpose --help lists the commands\n");
   const CliResult below = Run({"sessions", "remove", "sessions/a"});
   EXPECT_EQ(below.status, 2);
   EXPECT_THAT(below.err, HasSubstr("evpose sessions: there is no command \"remove\"; evpose sessions --help"));
@@ -144,11 +144,11 @@ TEST_F(CliTest, MalformedValuesAreWrongUsage) {
                                            "--camera", Path("cube/camera.yaml")};
   const std::vector<std::pair<std::vector<std::string>, std::string>> cases = {
       {{"--init-pose", "1 2 3"}, "--init-pose: "},
-      {{"--server", "localhost"}, "--server: \"localhost\" is no server address: HOST:PORT"},
-      {{"--server", "localhost:1,other"}, "--server: \"other\" is no server address"},
-      {{"--scale", "0"}, "--scale: 0 is no number above 0"},
-      {{"--scale", "nan"}, "--scale: nan is no number above 0"},
-      {{"--server", "localhost:1", "--max-outage", "-1"}, "--max-outage: -1 is neither 0 nor a number above"},
+      {{"--server", "localhost"}, "--server: \"localhost\" is not a server address; HOST:PORT"},
+      {{"--server", "localhost:1,other"}, "--server: \"other\" is not a server address"},
+      {{"--scale", "0"}, "--scale: 0 is not a number above 0"},
+      {{"--scale", "nan"}, "--scale: nan is not a number above 0"},
+      {{"--server", "localhost:1", "--max-outage", "-1"}, "--max-outage: -1 is neither 0 nor a positive number"},
   };
   for (const auto& [more, expected] : cases) {
     std::vector<std::string> arguments = replay;
@@ -324,8 +324,8 @@ TEST_F(CliTest, AnInterruptEndsAnOutage) {
     is_interrupted = true;
     EXPECT_EQ(status.get(), 1);
     EXPECT_THAT(err.str(), HasSubstr("interrupted while the server was away: "));
-    EXPECT_THAT(err.str(), HasSubstr(resumes ? "; the same command goes on from there\n"
-                                             : "; with --resume FILE it could be gone on with\n"));
+    EXPECT_THAT(err.str(), HasSubstr(resumes ? "; the same command continues from there\n"
+                                             : "; with --resume FILE, the run could be continued\n"));
     EXPECT_EQ(FilesBeginning("poses.tum").size(), resumes ? 1u : 0u) << "a resumed run needs the existing file";
   }
 }

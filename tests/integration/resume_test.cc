@@ -398,7 +398,7 @@ TEST_F(ResumeBadInputTest, RecordThatDoesNotFit) {
   expect_error(Arguments(), Path("state") + ": is damaged");
   std::vector<std::string> other = Arguments();
   other.insert(other.end(), {"--chunk-bytes", "4096"});
-  expect_error(other, Path("state") + ": was begun with another --chunk-bytes");
+  expect_error(other, Path("state") + ": was started with another --chunk-bytes");
   std::filesystem::rename(Path("poses.csv.partial"), Path("moved"));
   EXPECT_THAT(Error(Arguments()), HasSubstr("poses.csv.partial: cannot be written"));
   std::filesystem::rename(Path("moved"), Path("poses.csv.partial"));

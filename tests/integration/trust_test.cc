@@ -90,7 +90,7 @@ TEST_F(TrustTest, TokenFilesThatCannotBeUsed) {
   EXPECT_THAT(open.err, AllOf(HasSubstr("chmod 600 " + Path("open.token")), Not(HasSubstr(lab_.token))));
   WriteText("empty.token", "\n");
   std::filesystem::permissions(Path("empty.token"), static_cast<std::filesystem::perms>(0600));
-  EXPECT_THAT(List(*plain_, {"--token-file", Path("empty.token")}).err, HasSubstr("there is no token in it"));
+  EXPECT_THAT(List(*plain_, {"--token-file", Path("empty.token")}).err, HasSubstr("the file has no token"));
 }
 
 TEST_F(TrustTest, OptionsOfTls) {

@@ -183,13 +183,13 @@ absl::Status RunEvaluate(const EvaluateArguments& arguments, CliContext& context
 
 CommandRunner AddEvaluateCommand(CLI::App& app, CliContext& context) {
   auto arguments = std::make_shared<EvaluateArguments>();
-  app.add_option("--truth", arguments->truth, "The true trajectory, TUM")->required();
+  app.add_option("--truth", arguments->truth, "The true trajectory, TUM")->type_name("FILE")->required();
   app.add_option("--estimate", arguments->estimates, "An estimate, TUM or CSV; once for each row of the table")
       ->type_name("[NAME=]FILE")
       ->required()
       ->take_all();
-  app.add_option("--model", arguments->model, "Object model, for the reprojection error");
-  app.add_option("--camera", arguments->camera, "Camera file, for the reprojection error");
+  app.add_option("--model", arguments->model, "Object model, for the reprojection error")->type_name("FILE");
+  app.add_option("--camera", arguments->camera, "Camera file, for the reprojection error")->type_name("FILE");
   app.add_option("--scale", arguments->metres_per_unit, "Metres per unit of the model file")
       ->check(CheckAboveZero, "POSITIVE")
       ->capture_default_str();

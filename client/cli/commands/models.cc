@@ -124,7 +124,7 @@ void AddModelsCommands(CLI::App& app, CliContext& context, CommandRunners& runne
   add("list", "All models, one on each line", RunList, [](CLI::App&, ModelArguments&) {});
   add("upload", "Upload a model; identical files and options get the same name", RunUpload,
       [](CLI::App& command, ModelArguments& arguments) {
-        command.add_option("file", arguments.file, "OBJ, PLY or STL")->required();
+        command.add_option("file", arguments.file, "OBJ, PLY or STL")->type_name("FILE")->required();
         command.add_option("--scale", arguments.metres_per_unit, "Metres per unit of the file")
             ->check(CheckAboveZero, "POSITIVE")
             ->capture_default_str();

@@ -237,11 +237,13 @@ absl::Status RunRender(const RenderArguments& arguments, CliContext& context) {
 
 CommandRunner AddRenderCommand(CLI::App& app, CliContext& context) {
   auto arguments = std::make_shared<RenderArguments>();
-  app.add_option("recording", arguments->recording, "Prophesee RAW or DAT file; - for standard input")->required();
-  app.add_option("--poses", arguments->poses, "Trajectory, TUM")->required();
-  app.add_option("--model", arguments->model, "Object: OBJ, PLY or STL")->required();
-  app.add_option("--camera", arguments->camera, "Camera: ROS camera_info YAML")->required();
-  app.add_option("-o,--out", arguments->out, "Picture (.png) or film (.mp4, .avi)")->required();
+  app.add_option("recording", arguments->recording, "Prophesee RAW or DAT file; - for standard input")
+      ->type_name("FILE")
+      ->required();
+  app.add_option("--poses", arguments->poses, "Trajectory, TUM")->type_name("FILE")->required();
+  app.add_option("--model", arguments->model, "Object: OBJ, PLY or STL")->type_name("FILE")->required();
+  app.add_option("--camera", arguments->camera, "Camera: ROS camera_info YAML")->type_name("FILE")->required();
+  app.add_option("-o,--out", arguments->out, "Picture (.png) or film (.mp4, .avi)")->type_name("FILE")->required();
   app.add_option("--scale", arguments->metres_per_unit, "Metres per unit of the model file")
       ->check(CheckAboveZero, "POSITIVE")
       ->capture_default_str();

@@ -50,7 +50,7 @@ absl::Status RunInfo(const Arguments& arguments, CliContext& context) {
   } else {
     context.out << "evpose-server " << info.version << " (" << info.commit << "), store: " << info.store << ", "
                 << info.active_sessions << " of " << info.max_sessions << " sessions"
-                << (info.is_draining ? ", leaving" : "") << "\n";
+                << (info.is_draining ? ", shutting down" : "") << "\n";
   }
   return absl::OkStatus();
 }

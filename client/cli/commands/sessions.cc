@@ -105,7 +105,7 @@ absl::Status RunDrain(const SessionArguments& arguments, CliContext& context) {
   if (arguments.is_json) {
     context.out << Json{{"remaining_sessions", remaining}}.dump() << "\n";
   } else {
-    context.out << "the server leaves; sessions that a stream is attached to: " << remaining << "\n";
+    context.out << "the server is shutting down; sessions with an attached stream: " << remaining << "\n";
   }
   return absl::OkStatus();
 }

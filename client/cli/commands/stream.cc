@@ -62,11 +62,11 @@ absl::Status CheckSpool(const StreamArguments& arguments, SessionRun& run) {
   if (!run.is_resumed() && state.first_seq > 1) {
     return absl::FailedPreconditionError(absl::StrCat(directory, ": has chunks of a session that ",
                                                       arguments.track.resume,
-                                                      " says nothing of; remove it to begin a new session"));
+                                                      " does not describe; remove it to begin a new session"));
   }
   if (state.last.seq >= run.position().durable.seq) return absl::OkStatus();
-  return absl::DataLossError(absl::StrCat(directory, ": has not the chunks of the session in ", arguments.track.resume,
-                                          "; remove that to begin a new session"));
+  return absl::DataLossError(absl::StrCat(directory, ": does not have the chunks of the session in ",
+                                          arguments.track.resume, "; remove that to begin a new session"));
 }
 
 // Stops a source that waits for standard input when it goes out of scope.

@@ -43,7 +43,7 @@ absl::StatusOr<std::string> ReadToken(const std::string& path) {
         absl::StrCat(path, ": others may read this token, or replace it: chmod 600 ", path));
   }
   const std::string token(absl::StripAsciiWhitespace(contents));
-  if (token.empty()) return absl::InvalidArgumentError(absl::StrCat(path, ": there is no token in it"));
+  if (token.empty()) return absl::InvalidArgumentError(absl::StrCat(path, ": the file has no token"));
   return token;
 }
 
@@ -68,13 +68,13 @@ bool IsUsageError(const absl::Status& status) { return status.GetPayload(kUsageP
 std::string CheckAboveZero(const std::string& text) {
   double number = 0.0;
   if (absl::SimpleAtod(text, &number) && number > 0.0 && std::isfinite(number)) return "";
-  return absl::StrCat(text, " is no number above 0");
+  return absl::StrCat(text, " is not a number above 0");
 }
 
 std::string CheckNotNegative(const std::string& text) {
   double number = 0.0;
   if (absl::SimpleAtod(text, &number) && number >= 0.0) return "";
-  return absl::StrCat(text, " is neither 0 nor a number above");
+  return absl::StrCat(text, " is neither 0 nor a positive number");
 }
 
 absl::Status ModelError(const std::string& path, const absl::Status& status) {

@@ -49,7 +49,7 @@ absl::Status WriteDurably(const std::string& path, const std::string& text) {
   const bool is_written = done == text.size() && fsync(descriptor) == 0;
   absl::Status status = is_written ? absl::OkStatus() : Error(path, "writing failed");
   close(descriptor);
-  if (status.ok() && rename(temporary.c_str(), path.c_str()) != 0) status = Error(path, "cannot take its name");
+  if (status.ok() && rename(temporary.c_str(), path.c_str()) != 0) status = Error(path, "cannot be renamed");
   if (!status.ok()) unlink(temporary.c_str());
   return status;
 }
@@ -76,7 +76,7 @@ std::string ResumeRecord::ToText() const {
 absl::StatusOr<ResumeRecord> ResumeRecord::FromText(const std::string& text) {
   Json json = Json::parse(text, nullptr, false);
   if (!json.is_object() || !json.contains("evpose_resume")) {
-    return absl::InvalidArgumentError("is no file that --resume has written");
+    return absl::InvalidArgumentError("is not a file of --resume");
   }
   ResumeRecord record;
   try {
@@ -109,8 +109,8 @@ absl::StatusOr<ResumeFile> ResumeFile::Open(const std::string& path) {
   if (lock < 0) return Error(path, "cannot be written");
   ResumeFile file(path, lock);
   if (flock(lock, LOCK_EX | LOCK_NB) != 0) {
-    return absl::FailedPreconditionError(absl::StrCat(
-        path, ": another evpose is at work on it: wait for its end, or give this one a --resume of its own"));
+    return absl::FailedPreconditionError(
+        absl::StrCat(path, ": another evpose is using it: wait for its end, or give another file to --resume"));
   }
   std::error_code error;
   if (!std::filesystem::exists(path, error)) return file;
@@ -136,8 +136,8 @@ absl::Status ResumeFile::CheckArguments(const std::map<std::string, std::string>
     const auto recorded = record_->arguments.find(name);
     // An option that did not exist when the file was written was not given.
     if (recorded == record_->arguments.end() ? value.empty() : recorded->second == value) continue;
-    return absl::InvalidArgumentError(absl::StrCat(path_, ": was begun with another ", name,
-                                                   ": give the same as then, or remove it to begin a new session"));
+    return absl::InvalidArgumentError(absl::StrCat(path_, ": was started with another ", name,
+                                                   ": give the same value, or remove the file to begin a new session"));
   }
   return absl::OkStatus();
 }

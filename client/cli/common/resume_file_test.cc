@@ -69,7 +69,7 @@ TEST_F(ResumeFileTest, OneProcessAtATime) {
   ASSERT_TRUE(first.ok());
   const auto second = ResumeFile::Open(path_);
   EXPECT_EQ(second.status().code(), absl::StatusCode::kFailedPrecondition);
-  EXPECT_THAT(second.status().message(), HasSubstr(path_ + ": another evpose is at work on it: wait for its end"));
+  EXPECT_THAT(second.status().message(), HasSubstr(path_ + ": another evpose is using it: wait for its end"));
 }
 
 TEST_F(ResumeFileTest, EveryByteThatChangesIsFound) {
@@ -100,11 +100,11 @@ TEST_F(ResumeFileTest, OtherArgumentsAreNamed) {
   ASSERT_TRUE(file.ok());
   EXPECT_TRUE(file->CheckArguments(record_.arguments).ok());
   EXPECT_THAT(file->CheckArguments({{"--camera", "other.yaml"}, {"recording", "a.raw"}}).message(),
-              HasSubstr(path_ + ": was begun with another --camera"));
+              HasSubstr(path_ + ": was started with another --camera"));
   // A file of an earlier version names fewer options.
   EXPECT_TRUE(file->CheckArguments({{"--new-option", ""}}).ok());
   EXPECT_THAT(file->CheckArguments({{"--new-option", "1"}}).message(),
-              HasSubstr("was begun with another --new-option"));
+              HasSubstr("was started with another --new-option"));
 }
 
 }  // namespace

@@ -68,7 +68,7 @@ absl::StatusOr<std::vector<InputObject>> ParseObjects(const RunArguments& argume
   for (const std::string& text : arguments.objects) {
     EVPOSE_ASSIGN_OR_RETURN(const auto id_and_model, SplitId(text, "--object"));
     for (const InputObject& other : objects) {
-      if (other.id == id_and_model.first) return UsageError(absl::StrCat("--object ", other.id, " is there twice"));
+      if (other.id == id_and_model.first) return UsageError(absl::StrCat("--object ", other.id, " was given twice"));
     }
     objects.push_back({id_and_model.first, id_and_model.second, {}, {}, {}});
   }
@@ -84,7 +84,7 @@ absl::Status ParseInitialPoses(const RunArguments& arguments, std::vector<InputO
     const auto object = std::find_if(objects.begin(), objects.end(),
                                      [&](const InputObject& each) { return each.id == id_and_pose.first; });
     if (object == objects.end()) return UsageError(absl::StrCat("--init-pose: no --object ", id_and_pose.first));
-    if (object->initial_pose) return UsageError(absl::StrCat("--init-pose of ", object->id, " is there twice"));
+    if (object->initial_pose) return UsageError(absl::StrCat("--init-pose of ", object->id, " was given twice"));
     const absl::StatusOr<RigidTransform> pose = ParsePose(id_and_pose.second);
     if (!pose.ok()) return UsageError(absl::StrCat("--init-pose: ", pose.status().message()));
     object->initial_pose = FromCore(*pose);
@@ -234,13 +234,16 @@ absl::StatusOr<Session> CreateSession(Client& client, const SessionConfig& confi
 }
 
 void RunArguments::AddTo(CLI::App& app, bool server_is_required) {
-  app.add_option("recording", recording, "Prophesee RAW or DAT file; - for standard input")->required();
-  app.add_option("--model", model, "Object: OBJ, PLY or STL");
+  app.add_option("recording", recording, "Prophesee RAW or DAT file; - for standard input")
+      ->type_name("FILE")
+      ->required();
+  app.add_option("--model", model, "Object: OBJ, PLY or STL")->type_name("FILE");
   app.add_option("--object", objects, "One of several objects, ID=FILE; repeat the option for each object")
       ->type_name("ID=MODEL")
       ->allow_extra_args(false);
-  app.add_option("--camera", camera, "Camera: ROS camera_info YAML")->required();
-  app.add_option("--sensor", sensor, "Profile of the sensor, as evpose calibrate writes it; default: an EVK4");
+  app.add_option("--camera", camera, "Camera: ROS camera_info YAML")->type_name("FILE")->required();
+  app.add_option("--sensor", sensor, "Profile of the sensor, as evpose calibrate writes it; default: an EVK4")
+      ->type_name("FILE");
   app.add_option("--scale", metres_per_unit, "Metres per unit of the model file")
       ->check(CheckAboveZero, "POSITIVE")
       ->capture_default_str();

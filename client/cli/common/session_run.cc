@@ -190,11 +190,11 @@ absl::Status SessionRun::Explain(Client& client, const absl::Status& status) con
   if (resume_) {
     const std::string advice = absl::IsNotFound(status) ? absl::StrCat("the session is gone from the server: remove ",
                                                                        resume_->path(), " to begin a new one")
-                                                        : "the same command goes on from there";
+                                                        : "the same command continues from there";
     return absl::Status(status.code(), absl::StrCat(what, "; ", advice));
   }
   if (is_interrupted) {
-    return absl::Status(status.code(), absl::StrCat(what, "; with --resume FILE it could be gone on with"));
+    return absl::Status(status.code(), absl::StrCat(what, "; with --resume FILE, the run could be continued"));
   }
   // Frees the capacity of the server at once. The error of an unreachable server has been reported already.
   if (!arguments_.keeps_session) client.DeleteSession(record_.position.session).IgnoreError();
@@ -226,7 +226,7 @@ absl::Status SessionRun::Finish(Client& client, const TrackSummary& summary, abs
   if (summary.lost_poses == 0) return absl::OkStatus();
   return absl::DataLossError(absl::StrCat(summary.lost_poses,
                                           " poses are missing: the server no longer kept them when the ",
-                                          "stream was taken up again (its --pose-log-capacity)"));
+                                          "stream was re-established (its --pose-log-capacity)"));
 }
 
 }  // namespace evpose::client

@@ -25,10 +25,10 @@ std::string RandomId() {
 }
 
 absl::Status Interrupted(const RunArguments& arguments, const absl::Status& cause) {
-  std::string text = absl::StrCat("interrupted before a server took what was read: ", cause.message());
+  std::string text = absl::StrCat("interrupted before a server accepted the data: ", cause.message());
   if (arguments.recording == "-") {
-    absl::StrAppend(&text, arguments.resume.empty() ? "; with --resume FILE it would have been kept"
-                                                    : "; it is kept: the same command goes on from there");
+    absl::StrAppend(&text, arguments.resume.empty() ? "; with --resume FILE, the data would have been kept"
+                                                    : "; the data is kept: the same command continues from there");
   }
   return absl::CancelledError(text);
 }

@@ -94,8 +94,8 @@ void Outbox::Finish(const absl::Status& status) {
 
 absl::StatusOr<std::shared_ptr<const OutgoingChunk>> Outbox::Find(uint64_t seq) {
   if (seq < first_seq_) {
-    return absl::DataLossError(absl::StrCat("the server asks for chunk ", seq,
-                                            " again, which it said was durable (up to ", first_seq_ - 1,
+    return absl::DataLossError(absl::StrCat("the server requests chunk ", seq,
+                                            " again, which it had reported as durable (up to ", first_seq_ - 1,
                                             "): its store has lost it"));
   }
   std::shared_ptr<const OutgoingChunk> chunk;

@@ -71,7 +71,8 @@ TEST_F(OutboxTest, KeepsWhatIsNotDurable) {
   EXPECT_EQ(LetterOf(4), 'd') << "again, after a break";
   const auto forgotten = outbox_->Get(3, stop_.get_token());
   EXPECT_EQ(forgotten.status().code(), absl::StatusCode::kDataLoss);
-  EXPECT_THAT(forgotten.status().message(), HasSubstr("asks for chunk 3 again, which it said was durable (up to 3)"));
+  EXPECT_THAT(forgotten.status().message(),
+              HasSubstr("requests chunk 3 again, which it had reported as durable (up to 3)"));
   outbox_->Forget(1);  // an old ack
   EXPECT_EQ(outbox_->state().durable_seq, 3u);
 }

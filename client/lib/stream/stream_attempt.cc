@@ -71,7 +71,7 @@ bool StreamAttempt::ReadBeforeTimeout(v1::TrackResponse& response) {
 bool StreamAttempt::HandleAttached(const v1::TrackResponse::Attached& attached) {
   if (attached.next_seq() == 0) return Malformed("it expects chunk 0");
   if (attached.first_pose_seq() == 0) return Malformed("it begins with pose 0");
-  if (attached.max_chunk_bytes() < kWordBytes) return Malformed("it gives no room for a single word");
+  if (attached.max_chunk_bytes() < kWordBytes) return Malformed("its chunks have no room for a single word");
   feed_.Start(attached.max_chunk_bytes());
   if (feed_.max_piece_bytes() > attached.max_chunk_bytes()) {
     return Fail(absl::FailedPreconditionError(absl::StrCat(
@@ -109,7 +109,7 @@ bool StreamAttempt::Handle(const v1::TrackResponse& response) {
       outcome_.summary = FromProto(response.summary().health());
       return true;
     case v1::TrackResponse::kAttached:
-      return Malformed("it answers `attached` twice");
+      return Malformed("it sends `attached` twice");
     case v1::TrackResponse::MESSAGE_NOT_SET:
       return true;  // a message of a later server is ignored
   }
@@ -120,7 +120,7 @@ bool StreamAttempt::HandlePose(const v1::Pose& message) {
   const absl::StatusOr<Pose> pose = FromProto(message);
   if (!pose.ok()) return Malformed(std::string(pose.status().message()));
   if (pose->seq != next_pose_seq_) {
-    return Malformed(absl::StrCat("pose ", pose->seq, " came where ", next_pose_seq_, " was due"));
+    return Malformed(absl::StrCat("pose ", pose->seq, " arrived instead of pose ", next_pose_seq_));
   }
   ++next_pose_seq_;
   if (pose->seq <= position_.last_pose_seq) return true;  // delivered on an earlier stream
@@ -165,7 +165,7 @@ bool StreamAttempt::Fail(const absl::Status& status) {
 }
 
 bool StreamAttempt::Malformed(const std::string& what) {
-  return Fail(absl::InternalError(absl::StrCat("the server breaks the protocol: ", what)));
+  return Fail(absl::InternalError(absl::StrCat("the server violates the protocol: ", what)));
 }
 
 void StreamAttempt::Conclude(const grpc::Status& stream_status) {
@@ -179,7 +179,7 @@ void StreamAttempt::Conclude(const grpc::Status& stream_status) {
     }
   } else if (timed_out_) {
     outcome_.status = absl::DeadlineExceededError(
-        absl::StrCat("no answer to `attach` within ", absl::FormatDuration(options_.attach_timeout)));
+        absl::StrCat("no response to `attach` within ", absl::FormatDuration(options_.attach_timeout)));
   } else if (!stream_status.ok()) {
     outcome_.status = FromGrpc(stream_status, "the stream broke");
   } else if (!is_left_) {

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// Streams that break and are taken up again, against servers that do what each test tells them to. No test waits: the
+// Streams that break and are re-established, against servers whose behaviour each test defines. No test waits: the
 // clock is a fake one.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -313,7 +313,7 @@ TEST_F(TrackResumeTest, ServerThatLostWhatWasDurable) {
                 while (stream.Read(&request)) continue;
                 return grpc::Status::OK;
               }};
-  ExpectError(Run(), absl::StatusCode::kDataLoss, "asks for chunk 2 again, which it said was durable (up to 3)");
+  ExpectError(Run(), absl::StatusCode::kDataLoss, "requests chunk 2 again, which it had reported as durable (up to 3)");
 }
 
 TEST_F(TrackResumeTest, NewTokenIsKeptBeforeItIsUsed) {

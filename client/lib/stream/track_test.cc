@@ -145,7 +145,7 @@ TEST_F(TrackTest, ServerThatNeverAnswers) {
   };
   TrackOptions options = NoRetries();
   options.attach_timeout = absl::Milliseconds(20);
-  ExpectError(Track({16}, options), absl::StatusCode::kDeadlineExceeded, "no answer to `attach` within 20ms");
+  ExpectError(Track({16}, options), absl::StatusCode::kDeadlineExceeded, "no response to `attach` within 20ms");
 }
 
 TEST_F(TrackTest, SourceThatFailsCancelsTheStream) {
@@ -220,8 +220,8 @@ INSTANTIATE_TEST_SUITE_P(
         Misbehaviour{"NoAttached", {Ack(0, 8)}, "its first message is not `attached`"},
         Misbehaviour{"NoRoom", {Attached(1000, 7)}, "no room for a single word"},
         Misbehaviour{"AttachedTwice", {Attached(1000), Attached(1000)}, "`attached` twice"},
-        Misbehaviour{"PoseGap", {Attached(1000), PoseMessage(2)}, "pose 2 came where 1 was due"},
-        Misbehaviour{"PoseTwice", {Attached(1000), PoseMessage(1), PoseMessage(1)}, "pose 1 came where 2 was due"},
+        Misbehaviour{"PoseGap", {Attached(1000), PoseMessage(2)}, "pose 2 arrived instead of pose 1"},
+        Misbehaviour{"PoseTwice", {Attached(1000), PoseMessage(1), PoseMessage(1)}, "pose 1 arrived instead of pose 2"},
         Misbehaviour{"ShortCovariance",
                      {Attached(1000), BadPose([](v1::Pose& pose) {
                         pose.mutable_covariance()->mutable_upper_triangle()->RemoveLast();
@@ -231,7 +231,7 @@ INSTANTIATE_TEST_SUITE_P(
             "NoTwist", {Attached(1000), BadPose([](v1::Pose& pose) { pose.clear_twist(); })}, "twist is missing"},
         Misbehaviour{"PoseWhileLost",
                      {Attached(1000), BadPose([](v1::Pose& pose) { pose.set_state(v1::TRACK_STATE_LOST); })},
-                     "claims no pose"},
+                     "is not a state with a pose"},
         Misbehaviour{
             "NoRotation",
             {Attached(1000), BadPose([](v1::Pose& pose) { pose.mutable_camera_from_object()->clear_rotation(); })},
