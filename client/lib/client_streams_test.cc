@@ -185,8 +185,12 @@ TEST_F(ResetTest, ResetsOfTheSourceAreNumberedWithItsChunks) {
 
 TEST_F(ResetTest, AResetOfTheCallerComesAfterWhatWasRead) {
   const ChunkSource source = [this, next = 0]() mutable -> absl::StatusOr<EventChunk> {
-    if (next == 1) EXPECT_TRUE(client_->ResetPose(session_.name, ResetAt(2)).ok());
-    if (next == 2) EXPECT_TRUE(client_->ResetPose(session_.name, ResetAt(3)).ok());
+    if (next == 1) {
+      EXPECT_TRUE(client_->ResetPose(session_.name, ResetAt(2)).ok());
+    }
+    if (next == 2) {
+      EXPECT_TRUE(client_->ResetPose(session_.name, ResetAt(3)).ok());
+    }
     return next < 2 ? Chunk(static_cast<uint8_t>(next++)) : EventChunk{};
   };
   const auto summary = client_->Track(session_, source, {}, NoRetries());
