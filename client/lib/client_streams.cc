@@ -104,10 +104,10 @@ absl::Status Client::WatchPoses(const std::string& session, const WatchPosesOpti
     std::vector<Pose> poses;
     for (const v1::Pose& message : response.poses()) {
       EVPOSE_ASSIGN_OR_RETURN(Pose pose, FromProto(message));
-      poses.push_back(std::move(pose));
+      request.set_after_pose_seq(pose.seq);
+      if (pose.state != TrackState::kUnknown) poses.push_back(std::move(pose));  // else it is not confirmed
     }
     on_poses(poses, response.num_skipped());
-    if (!poses.empty()) request.set_after_pose_seq(poses.back().seq);
     return absl::OkStatus();
   };
   absl::Status status;

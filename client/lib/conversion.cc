@@ -375,7 +375,7 @@ SessionHealth FromProto(const v1::SessionHealth& message) {
   for (const v1::ObjectHealth& object : message.objects()) {
     ObjectHealth& converted = health.objects.emplace_back();
     converted.object_id = object.object_id();
-    converted.state = ReverseLookup(kTrackStates, object.state(), TrackState::kInitializing);
+    converted.state = ReverseLookup(kTrackStates, object.state(), TrackState::kUnknown);
     converted.losses = object.losses();
     converted.explained_ratio = object.explained_ratio();
     converted.initialization =
@@ -421,9 +421,9 @@ absl::StatusOr<Pose> FromProto(const v1::Pose& message) {
   pose.camera_from_object = *transform;
   pose.covariance = SymmetricFromUpper(message.covariance().upper_triangle());
   pose.twist << FromProto(message.twist().linear_m_per_s()), FromProto(message.twist().angular_rad_per_s());
-  pose.state = ReverseLookup(kTrackStates, message.state(), TrackState::kInitializing);
-  if (pose.state != TrackState::kTracking && pose.state != TrackState::kDegraded) {
-    return error(absl::StrCat("state ", static_cast<int>(message.state()), " is not a state with a pose"));
+  pose.state = ReverseLookup(kTrackStates, message.state(), TrackState::kUnknown);
+  if (pose.state == TrackState::kInitializing || pose.state == TrackState::kLost) {
+    return error(absl::StrCat("the state ", TrackStateName(pose.state), " has no pose"));
   }
   pose.num_events = message.num_events();
   pose.explained_ratio = message.explained_ratio();
@@ -442,7 +442,7 @@ std::optional<Notice> FromProto(const v1::TrackResponse::Notice& message) {
       return DecodeFault{message.decode_fault().seq(), message.decode_fault().count(), message.decode_fault().detail()};
     case v1::TrackResponse::Notice::kStateChange:
       return StateChange{message.state_change().object_id(), message.state_change().t_us(),
-                         ReverseLookup(kTrackStates, message.state_change().state(), TrackState::kInitializing)};
+                         ReverseLookup(kTrackStates, message.state_change().state(), TrackState::kUnknown)};
     case v1::TrackResponse::Notice::kTrackingRestarted:
       return TrackingRestarted{message.tracking_restarted().after_seq(), message.tracking_restarted().detail()};
     case v1::TrackResponse::Notice::KIND_NOT_SET:

@@ -100,6 +100,14 @@ TEST(ConversionTest, ToldOfEventsThatWereDropped) {
   EXPECT_EQ(FromProto(health).skipped_us, 8);
 }
 
+TEST(ConversionTest, AStateOfALaterServerIsUnknown) {
+  v1::SessionHealth message;
+  message.add_objects()->set_state(static_cast<v1::TrackState>(99));
+  const SessionHealth health = FromProto(message);
+  ASSERT_EQ(health.objects.size(), 1u);
+  EXPECT_EQ(health.objects[0].state, TrackState::kUnknown);
+}
+
 TEST(ConversionTest, HealthSaysWhyThereIsNoPose) {
   v1::SessionHealth message;
   for (const auto& [theirs, ours] :

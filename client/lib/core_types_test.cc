@@ -57,6 +57,7 @@ TEST(CoreTypesTest, ServersOfferAllEstimatorsButThoseOfTheReleasedCode) {
 }
 
 TEST(CoreTypesTest, StatesHaveTheNamesOfTheApi) {
+  EXPECT_EQ(TrackStateName(TrackState::kUnknown), "UNKNOWN");
   EXPECT_EQ(TrackStateName(TrackState::kInitializing), "INITIALIZING");
   EXPECT_EQ(TrackStateName(TrackState::kTracking), "TRACKING");
   EXPECT_EQ(TrackStateName(TrackState::kDegraded), "DEGRADED");

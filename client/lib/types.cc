@@ -25,6 +25,8 @@ std::string_view EventEncodingName(EventEncoding encoding) { return EncodingName
 
 std::string_view TrackStateName(TrackState state) {
   switch (state) {
+    case TrackState::kUnknown:
+      break;
     case TrackState::kInitializing:
       return "INITIALIZING";
     case TrackState::kTracking:

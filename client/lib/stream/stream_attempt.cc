@@ -125,7 +125,8 @@ bool StreamAttempt::HandlePose(const v1::Pose& message) {
   ++next_pose_seq_;
   if (pose->seq <= position_.last_pose_seq) return true;  // delivered on an earlier stream
   position_.last_pose_seq = pose->seq;
-  if (callbacks_.on_pose) callbacks_.on_pose(*pose);
+  const bool is_confirmed = pose->state != TrackState::kUnknown;
+  if (is_confirmed && callbacks_.on_pose) callbacks_.on_pose(*pose);
   return true;
 }
 

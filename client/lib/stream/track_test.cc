@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// The stream against a server that does what each test tells it to, wrong things above all.
+// The stream against a server with a script for each test. Most scripts violate the API.
 #include "evpose/track.h"
 
 #include <gmock/gmock.h>
@@ -189,7 +189,27 @@ TEST_F(TrackTest, EndOfTheStreamReleasesAWaitingSource) {
   ExpectError(client_->Track(session_, source, {}, options), absl::StatusCode::kAborted, "fenced");
 }
 
-// What no server of ours sends, and the words for it.
+TEST_F(TrackTest, APoseInAnUnknownStateIsCountedAndNotDelivered) {
+  service_.script = [](ServerStream& stream) {
+    v1::TrackRequest request;
+    stream.Read(&request);
+    stream.Write(Attached(1000));
+    ReadToEnd(stream);
+    v1::TrackResponse of_later_server = PoseMessage(1);
+    of_later_server.mutable_pose()->set_state(static_cast<v1::TrackState>(99));
+    stream.Write(of_later_server);
+    stream.Write(PoseMessage(2));
+    stream.Write(Ack(1, 2000));
+    stream.Write(SummaryMessage(2));
+    return grpc::Status::OK;
+  };
+  const auto summary = Track({16});
+  ASSERT_TRUE(summary.ok()) << summary.status();
+  ASSERT_EQ(poses_.size(), 1u);
+  EXPECT_EQ(poses_[0].seq, 2u);
+}
+
+// Sequences of messages that violate the API, with a part of the error that the client reports.
 struct Misbehaviour {
   const char* name;
   std::vector<v1::TrackResponse> responses;
@@ -231,7 +251,7 @@ INSTANTIATE_TEST_SUITE_P(
             "NoTwist", {Attached(1000), BadPose([](v1::Pose& pose) { pose.clear_twist(); })}, "twist is missing"},
         Misbehaviour{"PoseWhileLost",
                      {Attached(1000), BadPose([](v1::Pose& pose) { pose.set_state(v1::TRACK_STATE_LOST); })},
-                     "is not a state with a pose"},
+                     "the state LOST has no pose"},
         Misbehaviour{
             "NoRotation",
             {Attached(1000), BadPose([](v1::Pose& pose) { pose.mutable_camera_from_object()->clear_rotation(); })},

@@ -62,9 +62,9 @@ enum class PoseEstimator { kMixture, kStaticLs, kStaticM, kStaticS, kStaticMm, k
 // Format of a model file.
 enum class ModelFormat { kObj, kPly, kStl };
 
-// State of an object's track.
-enum class TrackState { kInitializing, kTracking, kDegraded, kLost };
-std::string_view TrackStateName(TrackState state);  // "INITIALIZING", "TRACKING", "DEGRADED", "LOST"
+// State of an object's track. kUnknown is a state of a later server; it means that there is no confirmed pose.
+enum class TrackState { kUnknown, kInitializing, kTracking, kDegraded, kLost };
+std::string_view TrackStateName(TrackState state);  // "UNKNOWN", "INITIALIZING", "TRACKING", "DEGRADED", "LOST"
 
 // The reason why an object has no pose yet.
 enum class InitializationStatus {
