@@ -423,7 +423,7 @@ absl::StatusOr<Pose> FromProto(const v1::Pose& message) {
   pose.twist << FromProto(message.twist().linear_m_per_s()), FromProto(message.twist().angular_rad_per_s());
   pose.state = ReverseLookup(kTrackStates, message.state(), TrackState::kUnknown);
   if (pose.state == TrackState::kInitializing || pose.state == TrackState::kLost) {
-    return error(absl::StrCat("the state ", TrackStateName(pose.state), " has no pose"));
+    return error(absl::StrCat("the state ", std::string(TrackStateName(pose.state)), " has no pose"));
   }
   pose.num_events = message.num_events();
   pose.explained_ratio = message.explained_ratio();

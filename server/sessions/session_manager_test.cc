@@ -152,8 +152,11 @@ TEST_F(SessionManagerTest, DeletesSessionsWhoseTimeIsOver) {
   captured_log.Take();
   EXPECT_FALSE(sessions_->Get("", session->name()).ok());
   EXPECT_TRUE(sessions_->Get("", attached->name()).ok());
-  EXPECT_EQ(captured_log.Take(),
-            "info session_expired session=" + session->name() + " tenant=\"\" peer=\"\" poses=0\n");
+  const std::string of_session = " session=" + session->name() + " tenant=\"\" peer=\"\" ";
+  EXPECT_EQ(captured_log.Take(), "debug session_state" + of_session +
+                                     "change=close from=\"DETACHED OPEN\" to=\"CLOSED OPEN\"\n"
+                                     "info session_expired" +
+                                     of_session + "poses=0\n");
   EXPECT_THAT(std::string(session->Watch().status.message()), testing::HasSubstr("expired"));
 }
 
