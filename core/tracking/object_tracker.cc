@@ -154,7 +154,7 @@ void ObjectTracker::Follow(const EventWindow& window, std::vector<PoseEstimate>&
 void ObjectTracker::Publish(PoseEstimate estimate, std::vector<PoseEstimate>& estimates) {
   estimate.state = state();
   if (estimate.state == TrackState::kTracking) last_tracked_ = hypotheses_.first().motion();
-  // A search after a loss processes stored windows again, for some of which poses were published before.
+  // A search after a loss processes stored windows again; poses of some of them have already been published.
   if (estimate.t_us <= last_published_us_) return;
   last_published_us_ = estimate.t_us;
   estimates.push_back(estimate);

@@ -36,8 +36,8 @@ struct PublishedBnbOptions {
 // the maximum (among those that the search returns) is combined with each of these symmetries; the translations of
 // triples of segments are enumerated for every assignment of lines with their directions; and the translation with the
 // most segments on projected lines is kept and solved again with all of them. The rotation remains the least-squares
-// one of the inliers of the count; pose and translation are not refined together, so that the objective of the paper is
-// what is measured. The search uses the bounds of rotation_bnb.h; the published ones find the same maximum in more
+// one of the inliers of the count; rotation and translation are not refined together, so that the result is that of the
+// paper's objective. The search uses the bounds of rotation_bnb.h; the published ones find the same maximum in more
 // time.
 //
 // Errors: INVALID_ARGUMENT for the options or a model without two directions; NOT_FOUND if no translation explains four
