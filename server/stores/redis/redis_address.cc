@@ -85,7 +85,7 @@ absl::StatusOr<RedisAddress> ParseRedisAddress(absl::string_view url) {
   if (absl::StartsWith(url, "rediss://")) {
     return absl::UnimplementedError(
         "rediss:// is not supported: Debian 12's hiredis has no TLS; use redis:// on a private network, or a local "
-        "stunnel or proxy that speaks TLS to the Redis server");
+        "stunnel or proxy that connects to the Redis server with TLS");
   }
   RedisAddress address;
   if (absl::ConsumePrefix(&url, "redis+unix://")) {

@@ -98,7 +98,7 @@ TEST_F(RedisStoreFixture, ComesBackWithTheServer) {
 }
 
 // Redis is stopped while a commit is in progress, so that the client cannot see whether the commit was written.
-TEST_F(RedisStoreFixture, ACommitThatArrivedWithoutAnAnswerIsNotThereTwice) {
+TEST_F(RedisStoreFixture, ACommitWithAnUnknownResultIsNotAppliedTwice) {
   store_ = Open(absl::Seconds(2));
   auto lease = store_->CreateSession(Record("sessions/a"), "").value();
   ASSERT_TRUE(CommitNow(*lease, {.checkpoint = "1", .poses = {Segment("a", 1, 3)}}).ok());
@@ -132,7 +132,7 @@ TEST_F(RedisStoreFixture, ACommitThatComesAfterALaterOneIsNotWritten) {
   EXPECT_TRUE(store_->ReadSession("sessions/a")->poses.empty());
 }
 
-TEST_F(RedisStoreFixture, AnotherServersHolderIsShutOut) {
+TEST_F(RedisStoreFixture, ThePreviousHolderIsFenced) {
   const std::unique_ptr<Store> other = Open();
   auto lease = store_->CreateSession(Record("sessions/a"), "").value();
   ASSERT_TRUE(CommitNow(*lease, {.checkpoint = "1", .poses = {Segment("a", 1, 3)}}).ok());
