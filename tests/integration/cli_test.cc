@@ -230,7 +230,7 @@ TEST_F(CliTest, AnInterruptEndsTheWaitForAServer) {
        {std::string("replay cube/recording.raw --model cube/model.obj --camera cube/camera.yaml"),
         std::string("stream cube/recording.raw --model cube/model.obj --camera cube/camera.yaml"),
         std::string("watch sessions/a")}) {
-    // Longer than any test would wait.
+    // The timeout is longer than the test, so that only the interrupt can end the wait.
     const CliResult result = RunShell("evpose " + command + " --server 127.0.0.1:1 --connect-timeout 86400 & pid=$!\n" +
                                       kUntilItCatchesInterrupts + "kill -INT $pid\nwait $pid");
     EXPECT_EQ(result.status, 1) << command;
@@ -275,8 +275,8 @@ TEST_F(CliTest, AnInterruptLeavesNoIncompleteRecording) {
   EXPECT_THAT(FilesBeginning("long"), IsEmpty());
 }
 
-// Shell code that runs `evpose ...` as process 1 of a process namespace. Its number outside is $pid; `wait $outside`
-// returns its exit status.
+// Shell code that runs `evpose ...` as process 1 of a process namespace. Its process id outside is $pid; `wait
+// $outside` returns its exit status.
 std::string AsProcess1(const std::string& evpose) {
   return "unshare --pid --fork --kill-child " + evpose +
          " & outside=$!\n"
