@@ -108,7 +108,7 @@ TEST(ConversionTest, AStateOfALaterServerIsUnknown) {
   EXPECT_EQ(health.objects[0].state, TrackState::kUnknown);
 }
 
-TEST(ConversionTest, HealthSaysWhyThereIsNoPose) {
+TEST(ConversionTest, HealthHasTheReasonForAMissingPose) {
   v1::SessionHealth message;
   for (const auto& [theirs, ours] :
        {std::pair{v1::INITIALIZATION_STATUS_NOT_NEEDED, InitializationStatus::kNotNeeded},

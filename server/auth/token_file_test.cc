@@ -57,7 +57,7 @@ TEST(TokenTableTest, ATokenInClearIsRefusedWithoutBeingRepeated) {
   EXPECT_THAT(ParseError("lab " + token), AllOf(HasSubstr("--new-token"), HasSubstr("sha256sum")));
 }
 
-TEST(TokenTableTest, ATokenThatIsMadeIsKnownByItsLine) {
+TEST(TokenTableTest, AGeneratedTokenIsAcceptedWithItsLine) {
   const auto made = MakeToken("lab", true);
   ASSERT_TRUE(made.ok());
   EXPECT_THAT(made->token, testing::MatchesRegex("evpose_[0-9a-f]*"));

@@ -67,7 +67,7 @@ TEST_F(SessionManagerTest, MakesFindsListsAndDeletes) {
   EXPECT_EQ(sessions_->num_sessions(), 1u);
 }
 
-TEST_F(SessionManagerTest, RefusesObjectsThatNoPoseCanFollowFrom) {
+TEST_F(SessionManagerTest, RefusesObjectsThatDoNotDetermineAPose) {
   // Two lines, three pieces of two, parallel lines, and pieces that merging makes one line.
   for (const char* obj :
        {"v 0 0 0\nv 1 0 0\nv 0 1 0\nl 1 2\nl 1 3\n", "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 2 0 0\nl 1 2\nl 1 3\nl 2 4\n",
@@ -101,7 +101,7 @@ TEST_F(SessionManagerTest, ARequestIdMakesOneSession) {
   EXPECT_NE(sessions_->Create("", other, "request").value(), first) << "the request_id can be used again";
 }
 
-TEST_F(SessionManagerTest, HasSoManySlots) {
+TEST_F(SessionManagerTest, TheNumberOfSessionsIsLimited) {
   const auto first = sessions_->Create("", Config(), "").value();
   ASSERT_TRUE(sessions_->Create("", Config(), "").ok());
   const absl::Status full = sessions_->Create("", Config(), "").status();

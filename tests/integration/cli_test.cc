@@ -93,7 +93,7 @@ TEST_F(CliTest, ExamplesOfEveryHelpWorkAsPrinted) {
   EXPECT_TRUE(std::filesystem::exists(Path("residuals.png")));
 }
 
-TEST_F(CliTest, StandardOutputHoldsTheAnswerAlone) {
+TEST_F(CliTest, StandardOutputHasOnlyTheResult) {
   SimulateCube(0.02);
   const CliResult result = RunShell(
       "evpose replay cube/recording.raw --model cube/model.obj --camera cube/camera.yaml "
@@ -180,7 +180,7 @@ TEST_F(CliTest, ErrorsOfAModelNameItsFile) {
   EXPECT_THAT(empty.err, HasSubstr(Path("empty.obj") + ": server in this process: its size is 0; a model has 1 to"));
 }
 
-TEST_F(CliTest, AnAnswerThatCannotBeWrittenIsAnError) {
+TEST_F(CliTest, AResultThatCannotBeWrittenIsAnError) {
   SimulateCube(0.02);
   auto server = server::Server::Start({});
   ASSERT_TRUE(server.ok()) << server.status();

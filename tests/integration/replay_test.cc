@@ -103,7 +103,7 @@ TEST_F(ReplayTest, PosesFollowTheTruth) {
 }
 
 // Without an initial pose.
-TEST_F(ReplayTest, FindsTheFirstPoseByItself) {
+TEST_F(ReplayTest, FindsTheFirstPose) {
   SimulateCube(0.25);
   StartServer();
   const CliResult replay = Run(SearchArguments("poses.tum"));
@@ -286,7 +286,7 @@ TEST_F(ReplayTest, StandardInput) {
   EXPECT_EQ(ReadText("stdin.tum"), ReadText("file.tum"));
 }
 
-TEST_F(ReplayTest, AnotherObjectsRecordingEndsLostAndClaimsNoPose) {
+TEST_F(ReplayTest, AnotherObjectsRecordingEndsLostWithoutAPose) {
   const std::string recording = FindTestData("evt3_driving_gen41/evt3_sample.raw");
   if (recording.empty()) GTEST_SKIP() << "the recording is not in the test data";
   ASSERT_EQ(Run({"simulate", "--object", "cube", "--duration", "0.001", "--out", Path("cube")}).status, 0);

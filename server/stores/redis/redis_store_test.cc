@@ -62,7 +62,7 @@ TEST(RedisStoreTest, WrongPasswordsAndMissingServersAreErrors) {
   EXPECT_THAT(std::string(status.message()), AllOf(Not(HasSubstr("secret")), HasSubstr("socket")));
 }
 
-TEST(RedisStoreTest, AServerThatWouldForgetSessionsIsRefused) {
+TEST(RedisStoreTest, AServerThatEvictsKeysIsRefused) {
   RedisServer redis({"--maxmemory", "100mb", "--maxmemory-policy", "allkeys-lru"});
   const absl::Status status = OpenStore({.store = redis.url()}).status();
   EXPECT_EQ(status.code(), StatusCode::kFailedPrecondition);
@@ -84,7 +84,7 @@ class RedisStoreFixture : public testing::Test {
   std::unique_ptr<Store> store_ = Open();
 };
 
-TEST_F(RedisStoreFixture, ComesBackWithTheServer) {
+TEST_F(RedisStoreFixture, ReconnectsAfterARestartOfTheServer) {
   auto lease = store_->CreateSession(Record("sessions/a"), "").value();
   ASSERT_TRUE(CommitNow(*lease, {.checkpoint = "1", .poses = {Segment("a", 1, 3)}}).ok());
   redis_.Kill();
@@ -145,7 +145,7 @@ TEST_F(RedisStoreFixture, ThePreviousHolderIsFenced) {
   EXPECT_EQ(CommitNow(*taken.lease, {.checkpoint = "x"}).code(), StatusCode::kAborted);
 }
 
-TEST_F(RedisStoreFixture, SendsScriptsThatTheServerForgot) {
+TEST_F(RedisStoreFixture, SendsMissingScriptsAgain) {
   auto lease = store_->CreateSession(Record("sessions/a"), "").value();
   redis_.Run({"SCRIPT", "FLUSH"});
   EXPECT_TRUE(CommitNow(*lease, {.checkpoint = "1"}).ok());
