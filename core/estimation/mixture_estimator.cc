@@ -128,7 +128,7 @@ class MixtureEstimator : public WindowEstimator {
   double outlier_ratio_ = 0.0;
   double displacement_px2_ = 0.0;  // mean square displacement of the lines over about 100 windows
   double displacement_factor_ = 1.0;
-  // Of the window: background events that are attributed to a line, per pixel of its length.
+  // Background events of the window that are attributed to a line, per pixel of its length.
   double noise_per_px_ = 0.0;
   double final_gate_px_ = 0.0;  // of the last pass of the last fit
   MixturePass pass_;

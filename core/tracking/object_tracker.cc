@@ -203,7 +203,7 @@ bool ObjectTracker::MaySearchAgain() const {
   // Do not search again while ambiguous: a new search would re-create hypotheses that were already rejected, without
   // the evidence accumulated against them.
   if (!IsPublished(phase_) && report_.status == InitializationStatus::kAmbiguous) return false;
-  // Events near its lines do not distinguish an object at rest from one that has gone: it may reappear elsewhere.
+  // Events near its lines do not distinguish an object at rest from one that has left: it may reappear elsewhere.
   return !IsPublished(phase_) || repeats_left_ > 0 || state() == TrackState::kDegraded;
 }
 

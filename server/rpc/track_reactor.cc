@@ -303,7 +303,7 @@ class TrackReactor : public grpc::ServerBidiReactor<v1::TrackRequest, v1::TrackR
       if (!is_writing_) Finish(failure_);
       return;
     }
-    // Not before `attached` has been written: the client sends when it has read it.
+    // Reading starts only after `attached` has been written, because the client waits for it.
     if (MayRead(phase_) && read_ == ReadState::kIdle && !is_held_ && view.has_room) {
       read_ = ReadState::kReading;
       StartRead(&request_);

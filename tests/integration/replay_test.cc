@@ -340,7 +340,7 @@ TEST_F(ReplayTest, SessionThatIsKeptCanBeWatchedListedAndDeleted) {
   EXPECT_EQ(watch.out, ReadText("poses.tum"));
   ASSERT_EQ(Run(ReplayArguments("poses.jsonl")).status, 0);
   EXPECT_EQ(Run({"watch", session, "--server", address_, "--json"}).out, ReadText("poses.jsonl"));
-  // Once in 20 ms of sensor time, of 50 ms.
+  // One pose per 20 ms of sensor time, in a recording of 50 ms.
   const std::string slow = Run({"watch", session, "--server", address_, "--max-rate-hz", "50"}).out;
   EXPECT_GE(std::count(slow.begin(), slow.end(), '\n'), 2);
   EXPECT_LE(std::count(slow.begin(), slow.end(), '\n'), 3);

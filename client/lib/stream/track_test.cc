@@ -140,7 +140,7 @@ TEST_F(TrackTest, RefusedAttach) {
 TEST_F(TrackTest, ServerThatDoesNotRespond) {
   service_.script = [&](ServerStream& stream) {
     v1::TrackRequest request;
-    while (stream.Read(&request)) continue;  // until the client gives up
+    while (stream.Read(&request)) continue;  // until the client cancels the call
     return grpc::Status::CANCELLED;
   };
   TrackOptions options = NoRetries();
@@ -183,7 +183,7 @@ TEST_F(TrackTest, EndOfTheStreamReleasesAWaitingSource) {
   };
   TrackOptions options = NoRetries();
   const ChunkSource source = [&options]() -> absl::StatusOr<EventChunk> {
-    SystemClock().SleepUntil(absl::InfiniteFuture(), options.stop.get_token());  // a camera that sees nothing
+    SystemClock().SleepUntil(absl::InfiniteFuture(), options.stop.get_token());  // a camera without events
     return EventChunk{};
   };
   ExpectError(client_->Track(session_, source, {}, options), absl::StatusCode::kAborted, "fenced");

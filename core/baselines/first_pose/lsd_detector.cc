@@ -177,7 +177,7 @@ class LsdLineDetector : public LineDetector {
     if (stretch.events.empty()) return detection;
     try {
       detection.lines = Lines(stretch, FindSegments(stretch, options_));
-    } catch (const cv::Exception&) {  // LSD gives up: nothing was found
+    } catch (const cv::Exception&) {  // LSD has failed: no lines
       detection.lines.clear();
     }
     return detection;

@@ -19,8 +19,8 @@ struct PublishedBnbOptions {
   // Pixels: largest distance of an end point from a projected line. The inlier band of 1.7 deg allows an error of the
   // rotation that displaces the end of an object of 250 px by 4 px.
   double threshold_px = 6.0;
-  // Triples of segments from which translations are computed, at most. Each is combined with all assignments of model
-  // lines with the right directions: 64 for a box, some thousands for a spacecraft.
+  // Maximum number of triples of segments from which translations are computed. Each is combined with all assignments
+  // of model lines with the right directions: 64 for a box, some thousands for a spacecraft.
   int max_triples = 20;
 
   // INVALID_ARGUMENT names the field.

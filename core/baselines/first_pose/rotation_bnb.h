@@ -27,7 +27,7 @@ struct RotationBnbOptions {
   int64_t max_branches = 2'000'000;
   // Cubes explored after the bounds are equal, to find the other rotations that reach the maximum.
   int64_t max_plateau_branches = 50'000;
-  // Rotations returned, at most: more than the plateaus observed for ten lines of a box.
+  // Maximum number of returned rotations: more than the plateaus observed for ten lines of a box.
   int max_rotations = 16;
   // Radians: rotations closer than this, modulo the symmetry of the directions, are treated as one: two inlier bands,
   // the width of a plateau.

@@ -57,7 +57,7 @@ absl::Status ParseHost(absl::string_view rest, RedisAddress& address) {
     }
     rest = rest.substr(0, slash);
   }
-  // An IPv6 address stands in brackets.
+  // An IPv6 address is enclosed in brackets.
   const size_t bracket = rest.find(']');
   const size_t colon = rest.find(':', bracket == absl::string_view::npos ? 0 : bracket);
   if (colon != absl::string_view::npos) {
