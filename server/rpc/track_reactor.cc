@@ -71,7 +71,7 @@ class TrackReactor : public grpc::ServerBidiReactor<v1::TrackRequest, v1::TrackR
   void OnWriteDone(bool ok) override {
     const std::lock_guard lock(mutex_);
     is_writing_ = false;
-    if (!ok) Fail(absl::CancelledError("the client is gone"));
+    if (!ok) Fail(absl::CancelledError("the client has disconnected"));
     if (session_ != nullptr) session_->ReportSent(stream_, sent_pose_seq_);
     Pump();
   }

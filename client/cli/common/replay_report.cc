@@ -87,7 +87,7 @@ void ReplayReport::Print(std::ostream& stream) const {
     // The scale of a model cannot be observed: the translations of the poses scale with it.
     stream << NameOf(model.object_id) << absl::StrFormat("model: %.4g m across", model.diameter_m);
     if (model.num_symmetries > 1) {
-      stream << "; looks the same in " << model.num_symmetries << " orientations, and a pose stands for all of them";
+      stream << "; looks the same in " << model.num_symmetries << " orientations; a pose represents all of them";
     }
     stream << "\n";
   }
