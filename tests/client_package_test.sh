@@ -20,7 +20,7 @@ mv "$work/prefix" "$work/moved"
 headers=$(find "$work/moved/include" -type f)
 [[ $(wc -l <<<"$headers") -le 8 ]] || fail "more than 8 headers are installed: $headers"
 ! grep -n '#include' $headers | grep -vE '#include ("evpose/[a-z_]+\.h"|"absl/[a-z_/]+\.h"|<Eigen/[A-Za-z]+>|<[a-z_]+>)$' ||
-  fail "a public header includes what is not installed with it"
+  fail "a public header includes a header that is not installed with it"
 { cmake -S "$work/example" -B "$work/built" -DCMAKE_BUILD_TYPE=Release -DCMAKE_PREFIX_PATH="$work/moved" &&
   cmake --build "$work/built"; } >"$work/log" 2>&1 || { cat "$work/log" >&2; fail "the example does not build"; }
 
@@ -37,6 +37,6 @@ awk '{ printf "%.0f\n", $1 * 1e6 }' expected.tum >expected.times
 cut -d ' ' -f 1 poses >pose.times
 [[ -s pose.times ]] || fail "the example got no poses"
 cmp pose.times expected.times || fail "the example has other poses than evpose replay"
-[[ $(cat said) == "$(wc -l <pose.times) poses" ]] || fail "the example says: $(cat said)"
+[[ $(cat said) == "$(wc -l <pose.times) poses" ]] || fail "the example prints: $(cat said)"
 if built/track_recording no-such.raw cube/model.obj cube/camera.yaml "$address" 2>said; then fail "a missing file is no error"; fi
-grep -q 'no-such.raw' said || fail "the example says of a missing file: $(cat said)"
+grep -q 'no-such.raw' said || fail "the example prints for a missing file: $(cat said)"

@@ -53,7 +53,7 @@ def check_versions():
     version = re.search(r"^project\(evpose VERSION ([\d.]+)", (ROOT / "CMakeLists.txt").read_text(), re.M)[1]
     for name in ("Dockerfile", "compose.yaml", "compose.cluster.yaml"):
         said = re.findall(r"VERSION(?:=|:-)([^}\s]*)", (ROOT / "deploy" / name).read_text())
-        check(said and set(said) == {version}, name, "says", said, "and not", version)
+        check(said and set(said) == {version}, name, "has the version", said, "and not", version)
 
 
 def main():

@@ -106,7 +106,7 @@ class Pod:
             places[mount["mountPath"]] = place
             if "secret" in volume:
                 name = volume["secret"]["secretName"]
-                check(("Secret", name) in self.secrets, self.folder, "wants a Secret that nobody makes:", name)
+                check(("Secret", name) in self.secrets, self.folder, "uses a Secret that no manifest defines:", name)
                 check(mount["readOnly"], mount)
                 for key, value in self.secrets["Secret", name]["data"].items():
                     (place / key).write_bytes(base64.b64decode(value))
@@ -157,20 +157,20 @@ def check_references(pod, objects):
             for port in rule["ports"]:
                 check(port["port"] in numbers, "a NetworkPolicy names no port:", port)
     grace_s = pod.spec["terminationGracePeriodSeconds"]
-    check(float(said["shutdown-notice"]) + float(said["shutdown-timeout"]) + 5 <= grace_s, "a pod is killed before its streams have had their time")
+    check(float(said["shutdown-notice"]) + float(said["shutdown-timeout"]) + 5 <= grace_s, "a pod is killed before the end of its shutdown timeout")
     return said
 
 
 def check_cluster(objects, pod, metrics):
     scaler = one(objects, "HorizontalPodAutoscaler", "evpose-server")["spec"]
     check(("Deployment", scaler["scaleTargetRef"]["name"]) in objects, "the autoscaler scales nothing")
-    check("replicas" not in pod.deployment["spec"], "an apply would undo what the autoscaler did")
+    check("replicas" not in pod.deployment["spec"], "an apply would reset the replicas of the autoscaler")
     check(scaler["minReplicas"] >= 3, "fewer than three servers")
     pods = scaler["metrics"][0]["pods"]
     check(int(pods["target"]["averageValue"]) < int(pod.environment["EVPOSE_MAX_SESSIONS"]), "pods fill before others come")
     adapter = yaml.safe_load((MANIFESTS / "monitoring/prometheus-adapter.yaml").read_text())["rules"]["custom"][0]
     check(adapter["name"]["as"] == pods["metric"]["name"], "the adapter and the autoscaler name different metrics")
-    check(adapter["seriesQuery"].split("{")[0] in metrics, "the adapter asks for what evpose-server does not tell")
+    check(adapter["seriesQuery"].split("{")[0] in metrics, "the adapter queries a metric that evpose-server does not export")
     check('evpose_sessions{state="closed"}' in metrics, "there is no state closed")
     alerts = pathlib.Path("deploy/prometheus/alerts.yml").read_text()
     check('state!="closed"' in adapter["metricsQuery"] and '(evpose_sessions{state!="closed"})' in alerts,
@@ -191,7 +191,7 @@ def check_monitoring(pod, objects):
     monitor = one(monitoring, "ServiceMonitor", "evpose-server")["spec"]
     service = one(objects, "Service", "evpose-server")
     check(selects(monitor["selector"]["matchLabels"], service["metadata"]["labels"]), "the ServiceMonitor selects nothing")
-    check(service["metadata"]["labels"][monitor["jobLabel"]] == "evpose", "the alerts know the job by another name")
+    check(service["metadata"]["labels"][monitor["jobLabel"]] == "evpose", "the alerts use another name for the job")
     check(monitor["endpoints"][0]["port"] in [port["name"] for port in service["spec"]["ports"]], "ServiceMonitor's port")
     rule = one(monitoring, "PrometheusRule", "evpose")["spec"]
     check(rule == yaml.safe_load(pathlib.Path("deploy/prometheus/alerts.yml").read_text()), "other alerts than Prometheus's")

@@ -21,7 +21,7 @@ done
 version=$(dpkg-deb --field "$work"/packages/evpose-server_*.deb Version)
 for program in evpose evpose-server; do
   said=$("$work/root/usr/bin/$program" --version)
-  [[ $said == *"$version"* ]] || fail "$program says $said, its package $version"
+  [[ $said == *"$version"* ]] || fail "$program prints $said, but its package has version $version"
 done
 cmp "$work/root/usr/share/evpose/sensors/evk4.yaml" "$source/deploy/sensors/evk4.yaml"
 
@@ -32,4 +32,4 @@ grep -q '^ExecStart=/usr/bin/evpose-server ' "$unit" || fail "the unit starts so
 mkdir "$work/units"
 sed "s|^ExecStart=/usr/bin/|ExecStart=$work/root/usr/bin/|" "$unit" >"$work/units/evpose-server.service"
 systemd-analyze verify --man=no "$work/units/evpose-server.service" 2>"$work/verify" || { cat "$work/verify" >&2; fail "systemd refuses the unit"; }
-[[ ! -s $work/verify ]] || { cat "$work/verify" >&2; fail "systemd finds fault with the unit"; }
+[[ ! -s $work/verify ]] || { cat "$work/verify" >&2; fail "systemd reports problems of the unit"; }

@@ -237,8 +237,7 @@ CommandRunner AddBenchSpeedCommand(CLI::App& app, CliContext& context) {
   app.add_option("--duration", arguments->duration_s, "Length of each recording, seconds")
       ->check(CLI::Range(0.01, 10.0))
       ->capture_default_str();
-  app.add_option("--repetitions", arguments->num_repetitions,
-                 "Number of repetitions, of which the shortest time counts")
+  app.add_option("--repetitions", arguments->num_repetitions, "Number of repetitions; the shortest time is reported")
       ->check(CLI::Range(1, 1000))
       ->capture_default_str();
   app.add_option("--json", arguments->json,

@@ -90,7 +90,7 @@ std::string WorstText(const TrackingBenchBlock& block, int num_paths) {
 }  // namespace
 
 const char kTrackingTableHelp[] =
-    "Every estimator gets the same events. The mixture estimator (evpose) finds its first pose by itself and recovers\n"
+    "Every estimator gets the same events. The mixture estimator (evpose) gets no first pose and recovers\n"
     "after a loss; published estimators get the true first pose and do not recover. Errors are relative to the truth,\n"
     "without alignment, modulo the object's symmetries: means over the runs; worst: of the worst run.\n"
     "  losses      number of times that a pose within 5 % of the depth and 10 deg was followed by a worse one, or by "

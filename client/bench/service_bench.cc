@@ -27,7 +27,7 @@ namespace {
 
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
 constexpr int kSessionCounts[] = {1, 4, 16, 64};
-// Sessions of a measurement in all its repetitions, at most.
+// Maximum number of sessions of one measurement, over all its repetitions.
 constexpr int kMostSessions = 64;
 
 // Limit of the server that is started: above the number of concurrent sessions.

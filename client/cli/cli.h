@@ -10,8 +10,8 @@
 
 namespace evpose::client {
 
-// Runs the command that `arguments` name (without the program's name). Returns the exit status: 0 for success, 1 for a
-// failure, whose cause and remedy are one line on `context.err`, and 2 for wrong usage.
+// Runs the command that `arguments` name (without the program's name). Returns the exit status: 0 for success; 1 for a
+// failure, with its cause and remedy in one line on `context.err`; 2 for wrong usage.
 int RunCli(const std::vector<std::string>& arguments, CliContext& context);
 
 }  // namespace evpose::client

@@ -137,7 +137,7 @@ class ResetTest : public TrackTest {
   // A chunk of eight bytes.
   static EventChunk Chunk(uint8_t value) { return {std::vector<uint8_t>(8, value), 1000 * value}; }
 
-  // Reads all messages until `end` and acknowledges each of them.
+  // Reads all messages up to `end` and acknowledges each of them.
   static grpc::Status ReadAll(ServerStream& stream, std::vector<v1::TrackRequest>& requests) {
     v1::TrackRequest request;
     stream.Read(&request);  // attach
@@ -183,7 +183,7 @@ TEST_F(ResetTest, ResetsOfTheSourceAreNumberedWithItsChunks) {
   EXPECT_EQ(summary->sent_chunks, 5u);
 }
 
-TEST_F(ResetTest, AResetOfTheCallerComesAfterWhatWasRead) {
+TEST_F(ResetTest, AResetOfTheCallerFollowsTheChunksReadBefore) {
   const ChunkSource source = [this, next = 0]() mutable -> absl::StatusOr<EventChunk> {
     if (next == 1) {
       EXPECT_TRUE(client_->ResetPose(session_.name, ResetAt(2)).ok());

@@ -29,7 +29,7 @@ ClientOptions Impatient() {
   return options;
 }
 
-// A port that is bound and closed to connections for as long as this lives.
+// A port that is bound, but refuses connections, during the lifetime of the object.
 class ClosedPort {
  public:
   ClosedPort() : socket_(socket(AF_INET, SOCK_STREAM, 0)) {
@@ -58,7 +58,7 @@ TEST(Connect, AbsentServerIsNamedWithWhatWasTried) {
   EXPECT_THAT(client.status().message(), HasSubstr("refused"));
 }
 
-TEST(Connect, AddressesThatAreNone) {
+TEST(Connect, InvalidAddresses) {
   for (const char* address :
        {"", "localhost", ":80", "localhost:", "localhost:0", "localhost:65536", "localhost:http"}) {
     const auto client = Client::Connect(address, Impatient());
@@ -67,7 +67,7 @@ TEST(Connect, AddressesThatAreNone) {
   }
 }
 
-TEST(Connect, AnotherServiceIsToldApart) {
+TEST(Connect, AnotherServiceIsDetected) {
   v1::ModelService::Service other;
   int port = 0;
   grpc::ServerBuilder builder;
@@ -116,7 +116,7 @@ class FakeModels final : public v1::ModelService::Service {
   v1::UploadModelRequest::Header header;
   std::string bytes;
   bool is_rejecting = false;
-  int num_deleted = 0;  // so many uploads find that the model is no longer there
+  int num_deleted = 0;  // number of uploads whose model is deleted before its use
 };
 
 class ModelsTest : public ::testing::Test {
@@ -156,7 +156,7 @@ TEST_F(ModelsTest, AModelThatAnotherServerDeletedIsUploadedOnceMore) {
   EXPECT_EQ(client_->UploadModel(std::vector<uint8_t>(100, 'x'), {}).status().code(), absl::StatusCode::kAborted);
 }
 
-TEST_F(ModelsTest, RejectedUploadGivesTheServersWords) {
+TEST_F(ModelsTest, RejectedUploadReturnsTheServersMessage) {
   models_.is_rejecting = true;
   const auto model = client_->UploadModel(std::vector<uint8_t>(5'000'000), {});
   EXPECT_EQ(model.status().code(), absl::StatusCode::kInvalidArgument);
@@ -186,7 +186,7 @@ class FakeAdmin : public v1::AdminService::Service {
   v1::DrainRequest request;
 };
 
-TEST(DrainTest, TakesATimeOrTheServersOwn) {
+TEST(DrainTest, UsesTheGivenTimeOrTheServersDefault) {
   FakeAdmin admin;
   grpc::ServerBuilder builder;
   builder.RegisterService(&admin);

@@ -11,7 +11,7 @@
 namespace evpose::client {
 namespace {
 
-TEST(ConversionTest, ModelTellsOfItsSymmetries) {
+TEST(ConversionTest, ModelHasItsSymmetries) {
   v1::Model message;
   message.set_num_symmetries(24);
   EXPECT_EQ(FromProto(message).num_symmetries, 24u);
@@ -38,7 +38,7 @@ TEST(ConversionTest, ConfigKeepsTheReferenceRotationAndAnAbsentPose) {
   EXPECT_EQ(FromProto(message).status().code(), absl::StatusCode::kInternal);
 }
 
-TEST(ConversionTest, ASensorProfileComesBackButForItsName) {
+TEST(ConversionTest, ASensorProfileRoundTripsExceptForItsName) {
   SessionConfig config;
   config.sensor = {0.6, 0.7, 0.2, 90.0, 120.0};
   v1::Session message;
@@ -48,7 +48,7 @@ TEST(ConversionTest, ASensorProfileComesBackButForItsName) {
   EXPECT_EQ(session->config.sensor, config.sensor);
 }
 
-TEST(ConversionTest, AnOverloadPolicyComesBackWithItsLag) {
+TEST(ConversionTest, AnOverloadPolicyRoundTripsWithItsLag) {
   SessionConfig config;
   v1::Session message;
   *message.mutable_config() = ToProto(config);
@@ -75,7 +75,7 @@ TEST(ConversionTest, ReasonsOfLaterServersAreUnspecified) {
   }
 }
 
-TEST(ConversionTest, ToldOfEventsThatWereDropped) {
+TEST(ConversionTest, DroppedEventsAreConverted) {
   for (const auto& [theirs, ours] : {std::pair{v1::DROP_REASON_LAG, DropReason::kLag},
                                      {v1::DROP_REASON_MEMORY, DropReason::kMemory},
                                      {v1::DROP_REASON_READER, DropReason::kReader},
@@ -108,7 +108,7 @@ TEST(ConversionTest, AStateOfALaterServerIsUnknown) {
   EXPECT_EQ(health.objects[0].state, TrackState::kUnknown);
 }
 
-TEST(ConversionTest, HealthSaysWhyThereIsNoPose) {
+TEST(ConversionTest, HealthHasTheReasonForAMissingPose) {
   v1::SessionHealth message;
   for (const auto& [theirs, ours] :
        {std::pair{v1::INITIALIZATION_STATUS_NOT_NEEDED, InitializationStatus::kNotNeeded},

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// TLS and tokens, as a client meets them.
+// TLS and tokens from the client's side.
 #include <gmock/gmock.h>
 #include <grpcpp/server.h>
 #include <grpcpp/server_builder.h>
@@ -41,7 +41,7 @@ class SecurityTest : public ::testing::Test {
   SecurityTest()
       : directory_(std::filesystem::path(::testing::TempDir()) / ("evpose_security." + std::to_string(getpid()))) {
     std::filesystem::create_directories(directory_);
-    options_.connect_timeout = absl::Seconds(20);  // for a slow machine: each case ends by itself
+    options_.connect_timeout = absl::Seconds(20);  // long enough for a slow machine; no case waits for it
     options_.tls.is_on = true;
     options_.tls.ca_file = Write("ca.crt", authority_.pem());
   }
@@ -71,7 +71,7 @@ class SecurityTest : public ::testing::Test {
     options_.tls.certificate_file = Write("client.crt", certificate.certificate_pem);
     options_.tls.key_file = Write("client.key", certificate.key_pem);
   }
-  // OK, or the error's words.
+  // Returns "OK" or the error message.
   std::string Connect(const std::string& host = "127.0.0.1") {
     const auto client = Client::Connect(host + ":" + std::to_string(port_), options_);
     return client.ok() ? "OK" : std::string(client.status().message());
@@ -117,7 +117,7 @@ TEST_F(SecurityTest, ATokenIsRenewedBeforeEveryCall) {
   }
 }
 
-TEST_F(SecurityTest, ATokenInClearStaysOnThisMachine) {
+TEST_F(SecurityTest, AnUnencryptedTokenIsSentToLoopbackAddressesOnly) {
   Start(grpc::InsecureServerCredentials());
   options_.tls = {};
   options_.token = "evpose_secret";
@@ -150,7 +150,7 @@ TEST_F(SecurityTest, CertificatesThatAreRefusedAreExplained) {
   EXPECT_THAT(Connect(), HasSubstr("authority that is not known here")) << "the system's authorities";
 }
 
-TEST_F(SecurityTest, HostsOfACertificateOfWhoMeansHarm) {
+TEST_F(SecurityTest, HostsOfAMaliciousCertificateAreEscaped) {
   const auto hosts_of = [this](const std::string& names) {
     const std::string pem = authority_.Issue({.alternative_names = names}).certificate_pem;
     const std::unique_ptr<BIO, decltype(&BIO_free)> in(BIO_new_mem_buf(pem.data(), static_cast<int>(pem.size())),
@@ -161,7 +161,7 @@ TEST_F(SecurityTest, HostsOfACertificateOfWhoMeansHarm) {
   };
   EXPECT_EQ(hosts_of("DNS:pose.example,IP:10.0.0.1,IP:::1,email:a@b"), "pose.example, 10.0.0.1, ::1");
   EXPECT_EQ(hosts_of(""), "no host");
-  // An address of one byte, one of none, and a name that would colour a terminal.
+  // An address of one byte, an empty address, and a name with an escape sequence for terminals.
   EXPECT_EQ(hosts_of("DER:30:0b:87:01:7f:87:00:82:04:1b:5b:31:6d"), "\\x1b[1m");
 }
 
@@ -185,7 +185,7 @@ TEST_F(SecurityTest, ServersThatAskForACertificate) {
 
 TEST_F(SecurityTest, FilesThatCannotBeUsed) {
   options_.tls.ca_file = Write("ca.crt", "nothing");
-  EXPECT_THAT(Connect("localhost"), HasSubstr("HOST:PORT")) << "the address is asked first";
+  EXPECT_THAT(Connect("localhost"), HasSubstr("HOST:PORT")) << "the address is tried first";
   port_ = 1;
   EXPECT_THAT(Connect(), HasSubstr("ca.crt has no certificate in it"));
   options_.tls.ca_file = (directory_ / "none.crt").string();

@@ -54,7 +54,7 @@ int ConnectTcp(const ServerAddress& address, absl::Duration timeout) {
 Owned<SSL_CTX> MakeContext(const TlsOptions& tls) {
   Owned<SSL_CTX> context(SSL_CTX_new(TLS_client_method()));
   if (context == nullptr) return context;
-  // The handshake goes on with an invalid certificate of the server; the certificate is verified afterwards.
+  // The handshake continues if the server's certificate is invalid; the certificate is verified afterwards.
   SSL_CTX_set_verify(context.get(), SSL_VERIFY_NONE, nullptr);
   static constexpr unsigned char kHttp2[] = {2, 'h', '2'};
   SSL_CTX_set_alpn_protos(context.get(), kHttp2, sizeof(kHttp2));

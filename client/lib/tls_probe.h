@@ -18,7 +18,7 @@ namespace evpose::client {
 std::string ExplainTls(const std::string& address, const TlsOptions& tls, absl::Duration timeout);
 
 // Returns the names and addresses of a certificate, whether or not it is trusted: "localhost, 10.0.0.1", or "no host".
-// Invalid addresses are left out, and control characters are escaped.
+// Invalid addresses are omitted, and control characters are escaped.
 std::string HostsOf(const X509* certificate);
 
 }  // namespace evpose::client

@@ -162,7 +162,7 @@ TEST(MayOverlap, NeverMissesAnOverlap) {
     claims += claim;
   }
   EXPECT_GT(overlaps, 300);
-  EXPECT_LT(claims, 3 * overlaps) << "a test that always says yes costs time";
+  EXPECT_LT(claims, 3 * overlaps) << "too many pairs are reported as overlapping";
 }
 
 }  // namespace

@@ -55,7 +55,7 @@ class WindowAssociator {
     return associated;
   }
 
-  // Forgets the lines of the last window; what was learned stays.
+  // Removes the lines of the last window; learned quantities are kept.
   void ClearLines() { grid_.Build({}, 0.0); }
 
   // The tiles with the lines of the last window.

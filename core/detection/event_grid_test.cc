@@ -24,7 +24,7 @@ TEST(EventGrid, TheOrderDoesNotDependOnTheSelectedPolarities) {
     events.push_back({u_px, v_px, 0.0f, static_cast<uint8_t>(random.UniformInt(2))});
   }
   const std::vector<int32_t> both = Near(EventGrid(events));
-  EXPECT_LT(both.size(), events.size()) << "what is far away is not looked at";
+  EXPECT_LT(both.size(), events.size()) << "distant events are not examined";
   std::vector<int32_t> of_polarity[2];
   for (const int32_t index : both) of_polarity[events[index].polarity].push_back(index);
   ASSERT_FALSE(of_polarity[0].empty() || of_polarity[1].empty());

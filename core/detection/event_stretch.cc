@@ -148,7 +148,7 @@ EventStretch StretchSelector::Select(absl::Span<const PixelEvent> events) {
          static_cast<uint8_t>(event.polarity != 0)});
   }
   if (stretch.events.size() > static_cast<size_t>(options_.max_events)) {
-    // Only if necessary, because events of faint and slow edges are isolated, too.
+    // Isolated events are removed only far above the limit, because faint and slow edges also cause isolated events.
     if (stretch.events.size() > 2 * static_cast<size_t>(options_.max_events)) {
       RemoveIsolated(stretch.events, stretch.time_scale_px_per_s);
     }

@@ -23,7 +23,7 @@ constexpr int kFinalPasses = 4;
 constexpr double kGrowthPx = 24.0;
 constexpr int kMaxGrowths = 12;
 // Growth ends when a step lengthens the line by less than half of kGrowthPx and by less than this share of its length:
-// the ends were within the search, and most of the line was fitted.
+// both ends are then within the searched region, and most of the line has been fitted.
 constexpr double kSmallGrowthRatio = 0.2;
 // The outermost kEndPx pixels of an edge have at least this share of its mean density of events; fewer events are noise
 // beyond its end. The required number is limited, because the contrast may decrease along an edge.
@@ -35,7 +35,7 @@ constexpr std::ptrdiff_t kMinCoreEvents = 8;  // events within the old extent; f
 // remaining error is systematic.
 constexpr size_t kGrowthEvents = 250;
 constexpr size_t kFinalEvents = 800;
-// An edge without events is at rest: beyond the time range of its events an end moves on by at most this.
+// An edge without events is at rest: outside the time range of its events an end moves by at most this distance.
 constexpr double kRestMotionPx = 0.6;
 // The gate of a fit and of its scale, as multiples of gate_px: wider, because the line is not yet accurate.
 constexpr double kFitGate = 2.0;

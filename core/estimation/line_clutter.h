@@ -2,10 +2,10 @@
 
 // Density of the clutter beside each line, by side and polarity (core/estimation/README.md, section 1).
 //
-// Clutter beside a line is produced by the object's own surface under a flickering lamp, or by the background in front
-// of which the object moves. It is seldom equal on both sides, and a density common to both would displace an outline
-// towards the side with more clutter. It also differs by polarity: while a lamp becomes brighter its events are ON, so
-// that they do not compete with those of a line that are OFF.
+// Clutter beside a line is produced by the object's own surface under a flickering lamp, or by the background behind
+// the moving object. It is seldom equal on both sides, and a density common to both would displace an outline towards
+// the side with more clutter. It also differs by polarity: while a lamp becomes brighter, its events are ON and do not
+// compete with the OFF events of a line.
 #pragma once
 
 #include <array>
@@ -55,7 +55,7 @@ class LineClutter {
   void Densities(absl::Span<const TrackedLine> tracked, absl::Span<const ImageLine> lines,
                  absl::Span<const LineCounts> counts, double counts_gate_px, const MixtureDensity& density,
                  std::vector<LineDensities>& densities) const;
-  // Adds the counts of an accepted window, of which the last pass had gates of half-width `gate_px`.
+  // Adds the counts of the last pass over an accepted window, with gates of half-width `gate_px`.
   void Learn(absl::Span<const TrackedLine> tracked, absl::Span<const ImageLine> lines,
              absl::Span<const LineCounts> counts, double gate_px);
   void Reset() { lines_.clear(); }

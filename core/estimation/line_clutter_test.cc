@@ -84,7 +84,7 @@ TEST_F(LineClutterTest, CountsOfTheWindowActAtOnce) {
   const std::vector<LineDensities> densities = Densities({burst, kAlone});
   EXPECT_GT(densities[0].beside[0][0], 50.0 * kDensity.Outlier());
   EXPECT_EQ(densities[1], shared_);
-  EXPECT_EQ(Densities()[0], shared_) << "it is not learned by being used";
+  EXPECT_EQ(Densities()[0], shared_) << "counts of the window are used without being learned";
 }
 
 TEST_F(LineClutterTest, ClutterIsForgottenAfterAsManyEventsWithoutIt) {

@@ -88,7 +88,7 @@ TEST(LineSums, NormalEquationsEqualAutomaticDifferentiation) {
   EXPECT_NEAR(sums.weight(), sums.Moment(0)(2, 2), 1e-12);
 }
 
-// Marginalising equals a joint estimate of pose and displacement of which only the pose is used.
+// Marginalising the displacement gives the same pose as a joint estimate of pose and displacement.
 TEST(LineSums, ADisplacementIsMarginalised) {
   const CameraModel camera = MakeCamera(1280, 720, 1000.0);
   MotionState state;

@@ -104,8 +104,8 @@ class MixtureEstimator : public WindowEstimator {
   double Minimise(const MotionState& predicted, const Matrix12d& prior_information, const WindowInput& input,
                   double sigma_px, MotionState& state);
   // Adds the equations of the lines and of the event deficit, and returns the missing share of the expected events.
-  // kComplete: the information as if the assignment of the events were known, for a step of expectation-maximisation;
-  // kObserved: without what is unknown about the assignment, for the covariance.
+  // kComplete: the information as if the assignment of the events were known, for a step of expectation-maximisation.
+  // kObserved: minus the information that is lost because the assignment is unknown, for the covariance.
   enum class Information { kComplete, kObserved };
   double NormalEquations(const MotionState& state, const WindowInput& input, double sigma_px, Information information,
                          Matrix12d& hessian, Vector12d& gradient);
@@ -128,7 +128,7 @@ class MixtureEstimator : public WindowEstimator {
   double outlier_ratio_ = 0.0;
   double displacement_px2_ = 0.0;  // mean square displacement of the lines over about 100 windows
   double displacement_factor_ = 1.0;
-  // Of the window: background events that are attributed to a line, per pixel of its length.
+  // Background events of the window that are attributed to a line, per pixel of its length.
   double noise_per_px_ = 0.0;
   double final_gate_px_ = 0.0;  // of the last pass of the last fit
   MixturePass pass_;

@@ -63,7 +63,7 @@ class MixturePass {
   struct GroupSums;
   void ShareEvents(const LineEvents& events, const MixtureDensity& density);
 
-  // Of the groups with shared events, indexed by LineGroup::first.
+  // Terms of the groups with shared events, one entry per vector of events; a group begins at LineGroup::first.
   std::vector<Terms> terms_;
   std::vector<Lanes> inverse_;        // reciprocal of the sum of the likelihoods of the event
   std::vector<LaneMask> is_nearest_;  // the line is the nearest one of the event

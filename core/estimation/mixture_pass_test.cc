@@ -127,12 +127,12 @@ TEST_P(MixturePassTest, EqualsAPlainLoop) {
   const LineEvents sorted(events_, lines_.size());
   ASSERT_GT(sorted.shared().size(), 500u);
   pass.Accumulate(sorted, lines_, density_, densities_, sums);
-  // Again, on the same memory.
+  // A second pass reuses the memory of the first one.
   const MixtureTotals totals = pass.Accumulate(sorted, lines_, density_, densities_, sums);
   std::vector<PlainLine> plain;
   const MixtureTotals expected = PlainPass(events_, lines_, density_, densities_, plain);
   ASSERT_GT(expected.weight, 500.0);
-  // An event at the end of a gate may fall on either side of it: rounding decides. So may a weight of 1e-4.
+  // Rounding determines whether an event at the end of a gate, or with a weight of 1e-4, is counted.
   constexpr double kEvents = 2e-3;
   EXPECT_NEAR(totals.num_gated, expected.num_gated, kEvents);
   EXPECT_NEAR(totals.weight, expected.weight, kEvents);

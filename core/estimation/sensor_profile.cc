@@ -48,7 +48,7 @@ std::string QuotedName(const std::string& name) {
 
 bool IsText(const std::string& name) {
   const bool is_plain = std::all_of(name.begin(), name.end(), [](char c) { return c >= ' ' && c <= '~'; });
-  // The round trip takes about as long as making a session, and is therefore left out for usual names.
+  // The round trip takes about as long as the creation of a session; it is therefore skipped for printable ASCII names.
   return is_plain || YAML::Load(QuotedName(name)).Scalar() == name;
 }
 

@@ -18,8 +18,8 @@
 namespace evpose {
 
 struct EvaluationOptions {
-  // An estimate is good if it is within both bounds. Beyond 5 % and 10 deg a tracker cannot associate its lines again
-  // by itself (a gate of 8 px is 5 % of an object that is 160 px wide).
+  // An estimate is good if it is within both bounds. Beyond 5 % and 10 deg a tracker cannot recover by association (a
+  // gate of 8 px is 5 % of an object that is 160 px wide).
   double good_position_ratio = 0.05;  // as a share of the true depth
   double good_rotation_rad = 0.1745;
   // An estimate is valid until the next one, but for at most this time: slightly more than the longest window that

@@ -51,7 +51,7 @@ std::vector<EventChunkBytes> ChunksOf(RecordingReader& reader, const ChunkerOpti
     if (!chunk.ok() || chunk->bytes.empty()) break;
     chunks.push_back(*chunk);
   }
-  EXPECT_THAT(chunker.Next()->bytes, IsEmpty()) << "the end stays the end";
+  EXPECT_THAT(chunker.Next()->bytes, IsEmpty()) << "the end is reported again";
   if (truncated_bytes != nullptr) *truncated_bytes = chunker.truncated_bytes();
   return chunks;
 }

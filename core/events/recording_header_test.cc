@@ -99,7 +99,7 @@ TEST(RecordingHeaderTest, StatedGeometryTakesPrecedenceOverTheSensor) {
             (SensorGeometry{640, 360}));
 }
 
-TEST(RecordingHeaderTest, DataThatBeginsLikeALineIsData) {
+TEST(RecordingHeaderTest, DataThatBeginsLikeAHeaderLineIsData) {
   // An EVT2 word whose first byte is '%', without "% end" before it.
   const std::string text = "% evt 2.0\n% geometry 640x480\n";
   for (const std::string& data :

@@ -70,7 +70,7 @@ TEST(RecordingReaderTest, ReadsAFile) {
     EXPECT_EQ((*reader)->header().geometry, kVga);
     EXPECT_EQ((*reader)->data_size_bytes(), 20000);
     EXPECT_EQ(ReadAll(**reader, piece), data);
-    EXPECT_EQ(ReadAll(**reader, piece), "") << "the end stays the end";
+    EXPECT_EQ(ReadAll(**reader, piece), "") << "the end is reported again";
   }
 }
 
@@ -171,10 +171,10 @@ TEST(RecordingReaderTest, FollowsAFileFromItsFirstByteOn) {
   };
   const auto reader = RecordingReader::Open(path, options);
   ASSERT_TRUE(reader.ok()) << reader.status();
-  EXPECT_LT(written, kHeader.size() + 5) << "the header is waited for, no event";
+  EXPECT_LT(written, kHeader.size() + 5) << "Open() waits for the header only";
   EXPECT_EQ((*reader)->data_size_bytes(), -1);
   EXPECT_EQ(ReadAll(**reader, 100), data);
-  EXPECT_EQ(ReadAll(**reader, 100), "") << "once stopped it stays stopped";
+  EXPECT_EQ(ReadAll(**reader, 100), "") << "the end is reported again after a stop";
 }
 
 TEST(RecordingReaderTest, FollowingCanBeStoppedInTheHeader) {

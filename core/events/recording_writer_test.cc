@@ -46,7 +46,7 @@ TEST(RecordingWriterTest, ARecordingReadsBack) {
       ASSERT_TRUE((*writer)->Write(absl::MakeConstSpan(events).subspan(i, 1000)).ok());
     }
     ASSERT_TRUE((*writer)->WriteTime(50000).ok());
-    EXPECT_FALSE(std::filesystem::exists(path)) << "before Close() nothing stands under the name";
+    EXPECT_FALSE(std::filesystem::exists(path)) << "the file does not exist before Close()";
     ASSERT_TRUE((*writer)->Close().ok());
     const auto reader = RecordingReader::Open(path);
     ASSERT_TRUE(reader.ok()) << reader.status();

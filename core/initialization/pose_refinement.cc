@@ -34,7 +34,8 @@ struct MatchResiduals {
   const SegmentMatch& match;
   const FitWeights& weights;
 
-  // `change` is relative to the start: the translation in units of its distance, then the rotation.
+  // `change` holds the translation and the rotation relative to the start; the unit of the translation is the distance
+  // of the start from the camera.
   template <typename T>
   bool operator()(const T* change, T* residuals) const {
     using Vector2 = Eigen::Matrix<T, 2, 1>;

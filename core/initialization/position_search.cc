@@ -21,7 +21,7 @@ constexpr double kAcrossSigmaOfRadius = 0.01;
 constexpr double kAlongSigmaOfRadius = 0.02;
 // Number of pairs of votes that take as long as casting one vote. Among scattered votes fewer pairs are examined.
 constexpr size_t kPairsPerVote = 32;
-// Number of positions that are kept for each rotation, the best supported ones: parallel lines give several.
+// Number of best-supported positions that are kept for each rotation, because parallel lines give several.
 constexpr int kPositionsPerRotation = 4;
 // Candidates closer than this are duplicates, because the refinement converges to the same pose: rotation in radians,
 // distance as a share of the distance from the camera.
@@ -164,7 +164,7 @@ void PositionSearch::KeepBest(int rotation) {
   const auto lateral_m = static_cast<float>(0.5 * options_.vote_lateral_of_radius * model_.radius_m());
   const auto depth_ratio = static_cast<float>(0.5 * options_.vote_depth_ratio);
   for (int taken = 0; taken < kPositionsPerRotation && !votes_.empty(); ++taken) {
-    // Of equally supported votes the first one, which is the nearest to the camera, is taken.
+    // Among equally supported votes the first one is taken, which is the nearest to the camera.
     const SingleVote place = *std::max_element(
         votes_.begin(), votes_.end(), [](const SingleVote& a, const SingleVote& b) { return a.support < b.support; });
     if (place.support == 0) return;

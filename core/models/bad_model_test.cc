@@ -35,7 +35,7 @@ struct BadModel {
 
 class MalformedModelTest : public ::testing::TestWithParam<BadModel> {};
 
-TEST_P(MalformedModelTest, SaysWhere) {
+TEST_P(MalformedModelTest, ErrorNamesThePosition) {
   EXPECT_THAT(ErrorOf(GetParam().text, GetParam().format), HasSubstr(GetParam().says)) << GetParam().text;
 }
 

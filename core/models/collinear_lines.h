@@ -14,7 +14,7 @@
 
 namespace evpose {
 
-// Largest distance from a straight line of which a line is a part, relative to the model's size: ten times the
+// Maximum distance of a line from the straight line that it is part of, relative to the model's size: ten times the
 // tolerance of welding. Edges of a mesh are joined with the same tolerance.
 inline constexpr double kCollinearTolerance = 1e-5;
 // Normals with at least this cosine are one in the list of a line: 0.1 degree, above the rounding errors of small

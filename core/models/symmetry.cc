@@ -35,7 +35,7 @@ constexpr size_t kMaxRefiningLines = 64;
 constexpr double kRoughTolerance = 8.0;
 // Rotations whose images of the outermost point are at most this far apart are the same.
 constexpr double kSameRotation = 1.5;
-// Largest distance for the product of two rotations, each of which is within one tolerance.
+// Maximum distance for the product of two rotations that are each within one tolerance.
 constexpr double kProductTolerance = 2.0;
 
 // Two points of the model, whose images determine a rotation about the centre, and the possible images of each.

@@ -235,7 +235,7 @@ TEST(SymmetryTest, MovedAndScaledCopiesHaveTheConjugateGroup) {
   }
 }
 
-// Moves every end of a line by itself, as in a measured model.
+// Moves each end of a line independently, as in a measured model.
 ObjectModel Shaken(ObjectModel model, double amplitude_m, uint64_t seed) {
   Random random(seed);
   const auto shake = [&](Eigen::Vector3d& point) {
@@ -294,7 +294,7 @@ TEST(SymmetryTest, OneMarkOnAPrismOfManySides) {
   EXPECT_EQ(CountOf(obj + "\n"), 1u);
 }
 
-TEST(SymmetryTest, TooManyLinesAreSaid) {
+TEST(SymmetryTest, TooManyLinesAreReported) {
   ObjectModel model = MustParse(Cube());
   while (model.lines.size() < 10000) model.lines.push_back(model.lines[model.lines.size() % 12]);
   std::vector<std::string> notices;

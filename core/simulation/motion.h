@@ -38,8 +38,9 @@ struct MotionOptions {
 };
 
 // camera_from_object as a function of time. Each of the six coordinates is a sum of three sinusoids without a common
-// period; their phases follow from the seed. All derivatives are continuous (of kRests and kBursts: the first one).
-// With kHalfOut, the coordinate across the image is one sine instead, which reaches both borders in every period.
+// period; their phases follow from the seed. All derivatives are continuous; with kRests and kBursts, only the first
+// one is. With kHalfOut, the coordinate across the image is one sine instead, which reaches both borders in every
+// period.
 class MotionPath {
  public:
   // `radius_m` is the radius of a sphere about the object's origin that contains the object; `view_from_object` is the

@@ -112,7 +112,7 @@ void CoverageRasterizer::AddEdgeInside(double x0, double y0, double x1, double y
   }
 }
 
-// Adds a piece of an edge inside one row, from xa to xb. `value` and `alpha` are multiplied by its height already.
+// Adds a piece of an edge within one row, from xa to xb. `value` and `alpha` are already multiplied by its height.
 void CoverageRasterizer::AddRowPiece(int row, double xa, double xb, double value, double alpha) {
   if (xa > xb) std::swap(xa, xb);
   float* values = value_.data() + row * stride_;
@@ -123,8 +123,8 @@ void CoverageRasterizer::AddRowPiece(int row, double xa, double xb, double value
   };
   const int first = static_cast<int>(xa);
   if (xb <= first + 1) {
-    // Within one pixel: the pixel is covered from the mean of the edge to its right border, and all later ones
-    // entirely.
+    // Within one pixel: that pixel is covered from the mean position of the edge to its right border, and all later
+    // pixels are covered entirely.
     const double uncovered = 0.5 * (xa + xb) - first;
     add(first, 1.0 - uncovered);
     add(first + 1, uncovered);

@@ -347,7 +347,7 @@ TEST(SimulationOptionsTest, NamesTheWrongField) {
               HasSubstr("bandwidth_hz"));
 }
 
-TEST(SimulationPresetTest, KnowsItsNamesAndListsThem) {
+TEST(SimulationPresetTest, NamesAreListedAndFound) {
   for (const std::string& object : SimulatedObjectNames()) {
     for (const std::string& camera : SimulatedCameraNames()) {
       const auto options = SimulationPreset(object, camera);

@@ -154,7 +154,7 @@ void ObjectTracker::Follow(const EventWindow& window, std::vector<PoseEstimate>&
 void ObjectTracker::Publish(PoseEstimate estimate, std::vector<PoseEstimate>& estimates) {
   estimate.state = state();
   if (estimate.state == TrackState::kTracking) last_tracked_ = hypotheses_.first().motion();
-  // A search after a loss processes stored windows again, for some of which poses were published before.
+  // A search after a loss processes stored windows again; poses of some of them have already been published.
   if (estimate.t_us <= last_published_us_) return;
   last_published_us_ = estimate.t_us;
   estimates.push_back(estimate);
@@ -203,7 +203,7 @@ bool ObjectTracker::MaySearchAgain() const {
   // Do not search again while ambiguous: a new search would re-create hypotheses that were already rejected, without
   // the evidence accumulated against them.
   if (!IsPublished(phase_) && report_.status == InitializationStatus::kAmbiguous) return false;
-  // Events near its lines do not distinguish an object at rest from one that has gone: it may reappear elsewhere.
+  // Events near its lines do not distinguish an object at rest from one that has left: it may reappear elsewhere.
   return !IsPublished(phase_) || repeats_left_ > 0 || state() == TrackState::kDegraded;
 }
 

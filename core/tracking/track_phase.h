@@ -66,7 +66,7 @@ enum class ObjectInput {
   kPublication,    // the first hypothesis is reported from now on
   kFirstRejected,  // the first hypothesis was rejected, and others are left
   kAllRejected,    // none is left
-  kReset,          // the user gives up the present pose
+  kReset,          // the user discards the present pose
 };
 inline constexpr int kNumObjectInputs = 8;
 

@@ -37,7 +37,7 @@ struct InitializationOptions {
   // competing hypotheses. A pose that the first search has missed is found within 100 ms.
   int64_t repeat_us = 20'000;
   int num_repeats = 2;
-  // Poses of one search that become hypotheses, at most.
+  // Maximum number of poses of one search that become hypotheses.
   int max_candidates = 4;
   // Standard deviations of the score difference at which the worse of two poses is rejected: a false alarm rate of
   // 3e-5, one-sided under the normal distribution.

@@ -60,7 +60,7 @@ TEST(TrackerOptions, ValidateNamesGroupAndField) {
   EXPECT_THAT(MessageAfter([](O& o) { o.visibility.samples_per_line = 0; }), HasSubstr("visibility."));
 }
 
-TEST(TrackerCreate, SaysWhatIsWrong) {
+TEST(TrackerCreate, ErrorsNameTheArgument) {
   const auto cube = MakeCube(0.1);
   const CameraModel camera = MakeCamera(640, 480, 600.0);
   const auto message = [](auto result) {

@@ -171,7 +171,7 @@ TEST(Tracker, TumblingCubeAndTheStaticFitBesideIt) {
   EXPECT_LT(mixture.rotation_median_rad, static_mm.rotation_median_rad);
 }
 
-TEST(Tracker, PublishedCovarianceIsHonestForIndependentEvents) {
+TEST(Tracker, PublishedCovarianceIsConsistentForIndependentEvents) {
   // The events of this test are independent, so that each one carries its full information.
   TrackerOptions options = IdealSensor();
   options.mixture.events_per_information = 1.0;

@@ -103,8 +103,8 @@ TEST(EventWindower, IntervalLengthFollowsTheImageSpeed) {
   EXPECT_EQ(next_duration_us(0.0), 100);
   EXPECT_EQ(next_duration_us(10'000.0), 100);
   EXPECT_EQ(next_duration_us(2.0 / 70e-6), 70);
-  EXPECT_EQ(next_duration_us(1e9), 40) << "no shorter, however fast";
-  EXPECT_EQ(next_duration_us(10'000.0), 100) << "and long again at once";
+  EXPECT_EQ(next_duration_us(1e9), 40) << "the lower bound";
+  EXPECT_EQ(next_duration_us(10'000.0), 100) << "the length follows a decrease of the speed immediately";
 }
 
 TEST(EventWindower, AFastImageDoesNotMakeWindowsOfTooFewEvents) {
@@ -284,7 +284,7 @@ TEST(EventWindower, SkippedEventsAreInNoWindowButInThePixelHistory) {
   windower.Add(Regular(1000, 10, 12), on_window);  // one window of 10, and 2 events in the next
   ASSERT_EQ(windows.size(), 1u);
   const EventGap gap = windower.Skip({{1200, 500, 7, 1}, {1250, 501, 7, 0}}, 1270);
-  EXPECT_EQ(gap.t_begin_us, 1100) << "what the open window held is given up";
+  EXPECT_EQ(gap.t_begin_us, 1100) << "the events of the open window are discarded";
   EXPECT_EQ(gap.t_end_us, 1270);
   EXPECT_EQ(gap.num_events, 4u);
   EXPECT_EQ(windower.now_us(), 1270);

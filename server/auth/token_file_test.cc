@@ -35,7 +35,7 @@ TEST(TokenTableTest, TenantAndRole) {
   EXPECT_EQ(table->Find(kAbc), std::nullopt) << "a digest from the file is not a token";
 }
 
-TEST(TokenTableTest, MistakesAreToldWithTheirLine) {
+TEST(TokenTableTest, ErrorsNameTheLine) {
   const std::string good = absl::StrCat("lab ", kAbc, "\n");
   EXPECT_THAT(ParseError(good + "lab\n"), HasSubstr("tokens:2: a line is: TENANT, SHA-256"));
   EXPECT_THAT(ParseError(absl::StrCat(good, "\n-lab ", kEmpty)), HasSubstr("tokens:3: the first field is no tenant"));
@@ -57,7 +57,7 @@ TEST(TokenTableTest, ATokenInClearIsRefusedWithoutBeingRepeated) {
   EXPECT_THAT(ParseError("lab " + token), AllOf(HasSubstr("--new-token"), HasSubstr("sha256sum")));
 }
 
-TEST(TokenTableTest, ATokenThatIsMadeIsKnownByItsLine) {
+TEST(TokenTableTest, AGeneratedTokenIsAcceptedWithItsLine) {
   const auto made = MakeToken("lab", true);
   ASSERT_TRUE(made.ok());
   EXPECT_THAT(made->token, testing::MatchesRegex("evpose_[0-9a-f]*"));

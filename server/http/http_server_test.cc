@@ -37,7 +37,7 @@ class HttpServerTest : public testing::Test {
   int port_ = 0;
 };
 
-TEST_F(HttpServerTest, MakesAPageEachTimeThatItIsAskedFor) {
+TEST_F(HttpServerTest, RendersThePageForEachRequest) {
   const HttpAnswer first = Ask(port_, "/count");
   EXPECT_EQ(first.status, 200);
   EXPECT_EQ(first.body, "1");

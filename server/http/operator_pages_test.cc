@@ -49,7 +49,7 @@ class OperatorPagesTest : public RpcTest {
   std::unique_ptr<OperatorPages> pages_;
 };
 
-TEST_F(OperatorPagesTest, AServerThatStartsLivesAndIsNotReady) {
+TEST_F(OperatorPagesTest, AStartingServerIsLiveAndNotReady) {
   const auto pages = OperatorPages::Start("127.0.0.1:0", {"1.2.3", "abc1234"}).value();
   EXPECT_EQ(Ask(pages->port(), "/healthz").status, 200);
   EXPECT_EQ(Ask(pages->port(), "/readyz").status, 503);
@@ -60,7 +60,7 @@ TEST_F(OperatorPagesTest, AServerThatStartsLivesAndIsNotReady) {
   EXPECT_EQ(Ask(pages->port(), "/metrics").status, 200);
 }
 
-TEST_F(OperatorPagesTest, ReadyWhileTheStoreAnswers) {
+TEST_F(OperatorPagesTest, ReadyWhileTheStoreResponds) {
   EXPECT_EQ(Get("/readyz").status, 200);
   EXPECT_EQ(Scrape().At("evpose_ready"), 1.0);
   for (int i = 0; i < 2; ++i) {
@@ -74,7 +74,7 @@ TEST_F(OperatorPagesTest, ReadyWhileTheStoreAnswers) {
   }
 }
 
-TEST_F(OperatorPagesTest, NotReadyFromDrainOn) {
+TEST_F(OperatorPagesTest, NotReadyAfterDrain) {
   const auto track = Attached(CreateSession());
   grpc::ClientContext context;
   v1::DrainResponse response;

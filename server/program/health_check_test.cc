@@ -81,7 +81,7 @@ struct ScriptedServer {
   std::unique_ptr<grpc::Server> server;
 };
 
-TEST(HealthCheckTest, AServerThatTakesSessionsIsHealthy) {
+TEST(HealthCheckTest, AServerThatAcceptsSessionsIsHealthy) {
   Program program({"--listen", "127.0.0.1:0"});
   ExpectHealthy(Check(AddressOf(program)));
 }

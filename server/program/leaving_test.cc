@@ -217,7 +217,7 @@ TEST_F(LeavingTest, ASecondSignalEndsTheNoticeAndTheServer) {
   Cancel(*late);
 }
 
-TEST_F(LeavingTest, TheNoticeEndsByItself) {
+TEST_F(LeavingTest, TheNoticeEndsAfterItsTime) {
   Start("100000", "0.01");
   const auto silent = Attach(CreateSession());
   program_->Signal(SIGTERM);

@@ -179,7 +179,7 @@ TEST(ProgramTest, TheCommandLineHasPrecedenceOverTheEnvironment) {
   EXPECT_TRUE(absl::StartsWith(program.ReadLine(), "listening on 127.0.0.1:")) << program.Stderr();
 }
 
-TEST(ProgramTest, ATokenThatItMakesIsOneThatItTakes) {
+TEST(ProgramTest, AGeneratedTokenIsAccepted) {
   Program maker({"--new-token", "lab", "--operator"});
   const std::string token = maker.ReadLine();
   EXPECT_EQ(maker.Wait(), 0);
@@ -254,7 +254,7 @@ std::vector<std::string> EventsOf(const std::string& log) {
   return events;
 }
 
-TEST(ProgramTest, ItsLogMayBeJson) {
+TEST(ProgramTest, TheLogMayBeJson) {
   Program program({"--listen", "127.0.0.1:0", "--log-format", "json"});
   EXPECT_TRUE(absl::StartsWith(program.ReadLine(), "listening on "));
   program.Signal(SIGTERM);

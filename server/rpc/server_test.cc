@@ -147,7 +147,7 @@ TEST_F(ServerTest, KeepsTheReferenceRotation) {
   EXPECT_NEAR(std::abs(kept.x() * 0.6 - kept.z() * 0.8), 1.0, 1e-12);
 }
 
-TEST_F(ServerTest, RefusesObjectsThatNoPoseCanFollowFrom) {
+TEST_F(ServerTest, RefusesObjectsThatDoNotDetermineAPose) {
   v1::Model model;
   ASSERT_EQ(Describe(Upload(UploadRequests("v 0 0 0\nv 1 0 0\nv 0 1 0\nl 1 2\nl 1 3\n"), &model)), "OK");
   v1::CreateSessionRequest request = CreateRequest();
@@ -158,7 +158,7 @@ TEST_F(ServerTest, RefusesObjectsThatNoPoseCanFollowFrom) {
   EXPECT_THAT(status.error_message(), testing::HasSubstr("2 distinct lines"));
 }
 
-TEST_F(ServerTest, HealthSaysWhyThereIsNoPose) {
+TEST_F(ServerTest, HealthHasTheReasonForAMissingPose) {
   CreatedSession session;
   ASSERT_EQ(Describe(Create(CreateRequest(), &session)), "OK");
   EXPECT_EQ(session.health().objects(0).initialization(), v1::INITIALIZATION_STATUS_NOT_NEEDED);
@@ -198,7 +198,7 @@ TEST_F(ServerTest, RefusesUnknownModelsLongRequestIdsAndReusedOnes) {
   EXPECT_EQ(Describe(Create(request, &again)), "ALREADY_EXISTS REQUEST_ID_REUSED");
 }
 
-TEST_F(ServerTest, HasSoManySlots) {
+TEST_F(ServerTest, TheNumberOfSessionsIsLimited) {
   for (uint32_t i = 0; i < Options().max_sessions; ++i) CreateSession();
   CreatedSession session;
   const grpc::Status status = Create(CreateRequest(), &session);
@@ -249,7 +249,7 @@ TEST_F(ServerTest, RejectsInvalidPageTokensOfModels) {
   EXPECT_EQ(list(1, UploadCube()), "OK");
 }
 
-TEST_F(ServerTest, NothingNewBeginsAfterADrain) {
+TEST_F(ServerTest, NoSessionStartsAfterADrain) {
   const CreatedSession session = CreateSession();
   const v1::CreateSessionRequest request = CreateRequest();
   grpc::ClientContext drain_context, poses_context, health_context;

@@ -20,7 +20,7 @@ using testing::ElementsAre;
 using testing::HasSubstr;
 using Kind = v1::TrackResponse;
 
-// Events of which the first makes FakeTracker lose its objects; the others complete the slice.
+// The first event makes FakeTracker lose its objects; the others complete the slice.
 std::vector<Event> LosingEvents() { return {{4000, 0, 0, 1}, {5000, 3, 4, 1}, {6000, 3, 4, 1}}; }
 
 class SessionLogOfServerTest : public RpcTest {

@@ -296,7 +296,7 @@ TEST_F(StoreErrorsTest, WatchersReceiveTheErrorThatEndsTheirSession) {
   }
 }
 
-TEST_F(StoreErrorsTest, ASessionThatComesNeedsASlot) {
+TEST_F(StoreErrorsTest, AnIncomingSessionNeedsASlot) {
   CreatedSession session = CreateSession();
   Use(StartOnStore());
   std::string last;
@@ -308,7 +308,7 @@ TEST_F(StoreErrorsTest, ASessionThatComesNeedsASlot) {
   (void)Attached(session);
 }
 
-TEST_F(StoreErrorsTest, ASessionThatComesNeedsItsTenantsShare) {
+TEST_F(StoreErrorsTest, AnIncomingSessionCountsForItsTenant) {
   const CreatedSession session = CreateSession();
   ServerOptions options = StoreOptions();
   options.tenant.max_sessions = 1;
@@ -366,7 +366,7 @@ TEST_F(StoreErrorsTest, AFullStoreEndsTheStreamAndTheSessionContinuesLater) {
   EXPECT_EQ(Describe(track->Finish()), "OK");
 }
 
-TEST_F(StoreErrorsTest, APoseThatCannotHaveBeenSentIsRefusedAlsoWhereASessionMovesTo) {
+TEST_F(StoreErrorsTest, AnImpossiblePoseNumberIsRefusedAfterAMoveToo) {
   const CreatedSession session = CreateSession();
   Use(StartOnStore());
   for (const uint64_t last_pose_seq : {uint64_t{10'000}, UINT64_MAX}) {

@@ -71,7 +71,7 @@ class TrackReactor : public grpc::ServerBidiReactor<v1::TrackRequest, v1::TrackR
   void OnWriteDone(bool ok) override {
     const std::lock_guard lock(mutex_);
     is_writing_ = false;
-    if (!ok) Fail(absl::CancelledError("the client is gone"));
+    if (!ok) Fail(absl::CancelledError("the client has disconnected"));
     if (session_ != nullptr) session_->ReportSent(stream_, sent_pose_seq_);
     Pump();
   }
@@ -303,7 +303,7 @@ class TrackReactor : public grpc::ServerBidiReactor<v1::TrackRequest, v1::TrackR
       if (!is_writing_) Finish(failure_);
       return;
     }
-    // Not before `attached` has been written: the client sends when it has read it.
+    // Reading starts only after `attached` has been written, because the client waits for it.
     if (MayRead(phase_) && read_ == ReadState::kIdle && !is_held_ && view.has_room) {
       read_ = ReadState::kReading;
       StartRead(&request_);

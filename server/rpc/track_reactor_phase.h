@@ -24,7 +24,7 @@ std::string_view StreamPhaseName(StreamPhase phase);  // "AWAITING_ATTACH", ...
 enum class StreamInput {
   kAttachReceived,  // the client has sent `attach`
   kAttached,        // the session has accepted the stream
-  kOwnershipLost,   // another server on the same store has the session: it is reclaimed
+  kOwnershipLost,   // another server on the same store holds the session: it is reclaimed
   kConfirmed,       // the response `attached` is written
   kEndReceived,     // the client has sent `end`, and the session has accepted it
   kHalfClosed,      // the client sends no more

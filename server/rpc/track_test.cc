@@ -169,7 +169,7 @@ TEST_F(TrackTest, RejectsViolationsOfTheProtocol) {
   EXPECT_EQ(Describe(nothing.Finish()), "INVALID_ARGUMENT attach");
 }
 
-TEST_F(TrackTest, RefusesBadMessagesAndTheSessionLivesOn) {
+TEST_F(TrackTest, RefusesBadMessagesAndTheSessionContinues) {
   CreatedSession session = CreateSession();
   std::vector<std::pair<std::string, v1::TrackRequest>> cases;
   const auto add = [&cases](const std::string& expected) -> v1::TrackRequest& {
@@ -229,7 +229,7 @@ TEST_F(TrackTest, RefusesBadMessagesAndTheSessionLivesOn) {
   EXPECT_EQ(response.summary().health().reattaches(), cases.size());
 }
 
-TEST_F(TrackTest, AMessageBeyondAllBoundsIsRefusedByTheTransport) {
+TEST_F(TrackTest, AnOversizedMessageIsRefusedByTheTransport) {
   const auto track = Attached(CreateSession());
   track->Events(1, std::string(1u << 20, '\0'));
   EXPECT_EQ(Describe(track->Finish()), "RESOURCE_EXHAUSTED");
@@ -255,7 +255,7 @@ TEST_F(TrackTest, IgnoresRepeatedChunksAndTakesADigestThatIsRight) {
   EXPECT_EQ(response.summary().health().decoded_events(), 6u);
 }
 
-TEST_F(TrackTest, TakesUpABrokenStreamWithoutLosingOrRepeatingAPose) {
+TEST_F(TrackTest, ResumesABrokenStreamWithoutLosingOrRepeatingAPose) {
   CreatedSession session = CreateSession();
   v1::TrackResponse response;
   v1::TrackResponse::Attached attached;
@@ -342,7 +342,7 @@ TEST_F(TrackTest, ALaterAttachFencesTheOlderStream) {
   EXPECT_TRUE(newer->ReadUntil(Kind::kAck, response));
 }
 
-TEST_F(TrackTest, AfterTheEndOnlyTheSummaryCanBeHadAgain) {
+TEST_F(TrackTest, AfterTheEndOnlyTheSummaryIsSentAgain) {
   CreatedSession session = CreateSession();
   v1::TrackResponse response;
   for (int i = 0; i < 2; ++i) {
@@ -385,7 +385,7 @@ TEST_F(TrackTest, HalfCloseWithoutEndDrainsAndLeavesTheSession) {
   EXPECT_EQ(seen.state(), v1::SESSION_STATE_DETACHED);
 }
 
-TEST_F(TrackTest, NoticesStandAmongThePosesInOrder) {
+TEST_F(TrackTest, NoticesAndPosesAreInOrder) {
   v1::CreateSessionRequest request = CreateRequest();
   request.mutable_config()->mutable_objects(0)->clear_initial_camera_from_object();
   CreatedSession session;
@@ -422,7 +422,7 @@ TEST_F(TrackTest, NoticesStandAmongThePosesInOrder) {
                                          "pose 4500", "cube TRACK_STATE_LOST 6000"));
 }
 
-TEST_F(TrackTest, ModelsAndSessionsAreMadeWhileAllWorkersTrack) {
+TEST_F(TrackTest, ModelsAndSessionsAreCreatedWhileAllWorkersTrack) {
   std::vector<std::unique_ptr<RawTrack>> busy;
   gate_->Close();
   for (int i = 0; i < Options().worker_threads; ++i) {

@@ -121,7 +121,7 @@ class TokensTest : public RpcTest {
   const NewToken operator_ = MakeToken("admin", true).value();
 };
 
-TEST_F(TokensTest, EveryMethodOfTheApiAsksForOne) {
+TEST_F(TokensTest, EveryMethodOfTheApiRequiresAToken) {
   const auto nobody = OpenChannel(server_->port(), "");
   const auto stranger = OpenChannel(server_->port(), MakeToken("lab", true)->token);
   const std::vector<std::string> methods = MethodsOfTheApi();
@@ -133,7 +133,7 @@ TEST_F(TokensTest, EveryMethodOfTheApiAsksForOne) {
   }
 }
 
-TEST_F(TokensTest, HealthIsOpenReflectionIsNotThere) {
+TEST_F(TokensTest, HealthNeedsNoTokenAndReflectionIsDisabled) {
   const auto nobody = OpenChannel(server_->port(), "");
   EXPECT_EQ(Health(nobody), "OK");
   const std::string reflection = "/grpc.reflection.v1alpha.ServerReflection/ServerReflectionInfo";
@@ -213,7 +213,7 @@ TEST_F(TokensTest, NoSecretIsInTheLog) {
   }
 }
 
-TEST_F(TokensTest, AnotherTenantsSessionsAndModelsAreNotThere) {
+TEST_F(TokensTest, AnotherTenantsSessionsAndModelsAreNotFound) {
   const CreatedSession session = CreateSession();
   const std::string model = UploadCube();
   Use(OpenChannel(server_->port(), field_.token));
@@ -259,7 +259,7 @@ TEST_F(TokensTest, AnotherTenantsSessionsAndModelsAreNotThere) {
   EXPECT_EQ(server.active_sessions(), 1u);
 }
 
-TEST_F(TokensTest, AnotherTenantsDamagedSessionIsNotThereEither) {
+TEST_F(TokensTest, AnotherTenantsDamagedSessionIsNotFound) {
   const std::string name = "sessions/0123456789abcdef0123456789abcdef";
   std::unique_ptr<Store> store = MakeMemoryStore();
   ASSERT_TRUE(store->CreateSession({.name = name, .tenant = "lab", .config = "no configuration"}, "no lifecycle").ok());
@@ -287,7 +287,7 @@ TEST_F(TokensTest, AnotherTenantsDamagedSessionIsNotThereEither) {
   EXPECT_EQ(errors(lab_), "NOT_FOUND SESSION_NOT_FOUND");
 }
 
-TEST_F(TokensTest, EachTenantHasItsShare) {
+TEST_F(TokensTest, TheLimitsOfATenantDoNotAffectOthers) {
   ServerOptions options = Options();
   options.listen_address = "127.0.0.1:0";
   options.token_file = files_.Path("tokens");
@@ -480,7 +480,7 @@ TEST_F(TlsTest, TokensThroughTls) {
   EXPECT_EQ(Call(ConnectTls()), "UNAUTHENTICATED NO_TOKEN");
 }
 
-TEST_F(TlsTest, ClientsShowCertificates) {
+TEST_F(TlsTest, ClientsPresentCertificates) {
   Start(TlsOptions(true));
   EXPECT_EQ(Call(ConnectTls("", clients_.Issue({.common_name = "lab", .alternative_names = ""}))), "OK");
   EXPECT_EQ(Call(ConnectTls("", clients_.Issue({.common_name = "John Doe"}))), "UNAUTHENTICATED BAD_CERTIFICATE");
@@ -491,7 +491,7 @@ TEST_F(TlsTest, ClientsShowCertificates) {
   EXPECT_EQ(Call(ConnectTls("", clients_.Issue(old))), "UNAVAILABLE") << "expired";
 }
 
-TEST_F(TlsTest, ANewCertificateIsShownToNewConnections) {
+TEST_F(TlsTest, ANewCertificateIsUsedForNewConnections) {
   Start(TlsOptions(false));
   Use(ConnectTls());
   const CreatedSession session = CreateSession();

@@ -223,7 +223,7 @@ class WatchPosesReactor : public WatchReactor<v1::WatchPosesResponse> {
   }
 
   double min_interval_us_ = 0.0;
-  uint64_t cursor_ = 0;     // number of the last pose that was sent or left out
+  uint64_t cursor_ = 0;     // number of the last pose that was sent or omitted
   uint64_t live_from_ = 0;  // number of the last pose that existed when the reader started
   std::vector<int64_t> last_t_us_;
 };

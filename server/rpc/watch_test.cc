@@ -72,7 +72,7 @@ TEST_F(WatchTest, ASlowWatcherReceivesTheNumberOfLostPoses) {
   EXPECT_EQ(seen + skipped, total);
 }
 
-TEST_F(WatchTest, AWatcherMayWantFewerPoses) {
+TEST_F(WatchTest, AWatcherMayLimitThePoseRate) {
   const CreatedSession session = CreateSession();
   const auto track = Attached(session);
   track->Events(1, Flat64(SomeEvents(1, 101)));
@@ -144,7 +144,7 @@ TEST_F(WatchTest, HealthComesAtOnceThenPeriodicallyAndOnceMoreAtTheEnd) {
   EXPECT_EQ(response.health().objects(0).state(), v1::TRACK_STATE_TRACKING);
 }
 
-TEST_F(WatchTest, ACancelledWatcherIsForgotten) {
+TEST_F(WatchTest, ACancelledWatcherIsRemoved) {
   const CreatedSession session = CreateSession();
   for (int i = 0; i < 3; ++i) {
     grpc::ClientContext context;

@@ -16,8 +16,8 @@
 
 namespace evpose::server {
 
-// Returns INVALID_ARGUMENT. `field` is the path in the request (config.camera.width_px), `description` says what is
-// wrong with its value.
+// Returns INVALID_ARGUMENT. `field` is the path in the request (config.camera.width_px), `description` explains why its
+// value is invalid.
 absl::Status InvalidField(absl::string_view field, absl::string_view description);
 
 // Adds a reason that a program may test, and its metadata.

@@ -30,7 +30,7 @@ SessionConfig LatestConfig() {
   return config;
 }
 
-TEST(OverloadGateTest, SkipsFromTooMuchUntilHalfOfIt) {
+TEST(OverloadGateTest, DropsFromTheLimitUntilHalfOfTheLimit) {
   OverloadGate gate(LatestConfig());
   EXPECT_FALSE(gate.MustSkip({.age_ratio = 1.0}));
   EXPECT_TRUE(gate.MustSkip({.age_ratio = 1.01}));
@@ -48,7 +48,7 @@ TEST(OverloadGateTest, SkipsFromTooMuchUntilHalfOfIt) {
   EXPECT_FALSE(gate.MustSkip({.age_ratio = 0.9})) << "the lower limit applies only after a gap";
 }
 
-TEST(OverloadGateTest, TellsTheReasonThatAStretchBeganWith) {
+TEST(OverloadGateTest, ReportsTheReasonAtTheStartOfTheGap) {
   const std::pair<Backlog, DropReason> cases[] = {{{.age_ratio = 2.0, .bytes_ratio = 2.0}, DropReason::kLag},
                                                   {{.bytes_ratio = 2.0, .reader_ratio = 2.0}, DropReason::kMemory},
                                                   {{.reader_ratio = 2.0}, DropReason::kReader}};
@@ -67,7 +67,7 @@ TEST(OverloadGateTest, BlockSkipsNothing) {
   EXPECT_FALSE(gate.MustSkip({.age_ratio = 1e9, .bytes_ratio = 1e9, .reader_ratio = 1e9}));
 }
 
-// What goes by while a tracker works.
+// Simulated load: the clock, the tracking time per event, and the number of tracked events.
 struct Load {
   std::atomic<int64_t> now_us = 0;
   int64_t tracking_us_per_event = 0;
@@ -209,7 +209,7 @@ TEST_F(LiveTest, AFastTrackerSkipsNothing) {
   EXPECT_TRUE(Dropped().empty());
 }
 
-TEST_F(LiveTest, ASlowTrackerSkipsAndItsPosesStayYoung) {
+TEST_F(LiveTest, ASlowTrackerDropsEventsAndItsPosesHaveALowLatency) {
   Start(LatestConfig(), 150);  // 3 ms of work per millisecond
   StreamUntil(2000);
   const SessionHealth health = End();
@@ -240,7 +240,7 @@ TEST_F(LiveTest, ASlowTrackerSkipsAndItsPosesStayYoung) {
   EXPECT_EQ(load_.tracked_events + num_dropped, health.counts.cd_events);
   EXPECT_EQ(health.processed_bytes, sent_bytes_);
 
-  // A third can be tracked, and nearly is.
+  // The tracker is fast enough for a third of the events, and tracks nearly that many.
   EXPECT_GT(load_.tracked_events, health.counts.cd_events / 4);
   std::vector<int64_t> latencies_us;
   for (const StoredPose& pose : poses) latencies_us.push_back(pose.latency_us);
@@ -259,9 +259,9 @@ TEST_F(LiveTest, BlockTracksEverythingAndStopsTheSender) {
   EXPECT_GT(num_stalls_, 0) << "a client that keeps to its credit waits";
 }
 
-TEST_F(LiveTest, MoreBytesThanTheCreditAreSkippedYoungOrNot) {
+TEST_F(LiveTest, BytesBeyondTheCreditAreDroppedWhateverTheirAge) {
   Start(LatestConfig(), 0);
-  // Nothing is worked off meanwhile, and the clock stands still.
+  // The worker is blocked and the clock does not advance.
   std::binary_semaphore go(0), stopped(0);
   pool_.Post([&] {
     stopped.release();
@@ -288,7 +288,7 @@ TEST_F(LiveTest, MoreBytesThanTheCreditAreSkippedYoungOrNot) {
   EXPECT_EQ(load_.tracked_events + health.skipped_events, health.counts.cd_events);
 }
 
-TEST_F(LiveTest, AReaderThatTakesNoPosesStopsThePosesNotTheCamera) {
+TEST_F(LiveTest, AStalledReaderStopsThePosesButNotTheCamera) {
   Start(LatestConfig(), 0);
   reads_poses_ = false;
   StreamUntil(3000);  // returns: the session does not wait for its reader
@@ -306,7 +306,7 @@ TEST_F(LiveTest, AReaderThatTakesNoPosesStopsThePosesNotTheCamera) {
   EXPECT_EQ(num_stalls_, 0);
 }
 
-TEST_F(LiveTest, TheLastStretchIsToldBeforeTheEnd) {
+TEST_F(LiveTest, TheLastGapIsReportedBeforeTheEnd) {
   Start(LatestConfig(), 0);
   reads_poses_ = false;
   StreamUntil(3000);
@@ -363,7 +363,7 @@ TEST(WorkerFairnessTest, ALightSessionWaitsForOneSliceOfEachBusyOne) {
   for (int round = 1; round < 50; ++round) {
     std::vector<int> turn(slices.begin() + round * kBusy + 1, slices.begin() + (round + 1) * kBusy + 1);
     std::sort(turn.begin(), turn.end());
-    EXPECT_THAT(turn, ElementsAre(0, 1, 2, 3, 4, 5, 6, 7)) << "each has its turn in round " << round;
+    EXPECT_THAT(turn, ElementsAre(0, 1, 2, 3, 4, 5, 6, 7)) << "each session runs once in round " << round;
   }
 }
 

@@ -87,11 +87,11 @@ class Session : public WatchedSession, public std::enable_shared_from_this<Sessi
   void AddWatcher(std::weak_ptr<SessionListener> watcher) override { watchers_->Add(std::move(watcher)); }
 
   // The calls of a stream. Their statuses and reasons are those that the API promises for Track.
-  // Attaching fences the stream before: the status of its view is ABORTED from now on. `peer` is for the log.
+  // Attach() fences the previous stream: the status of its view is then ABORTED. `peer` is for the log.
   absl::StatusOr<Attachment> Attach(absl::string_view resume_token, uint64_t last_pose_seq,
                                     std::weak_ptr<SessionListener> listener, const std::string& peer = "");
   void Detach(uint64_t stream);
-  // A push without room is accepted: memory stays bounded because a stream reads only while there is room.
+  // A push without room is accepted: memory stays bounded because a stream reads only if StreamView::has_room is true.
   absl::Status PushEvents(uint64_t stream, EventChunk chunk);
   absl::Status PushResetPose(uint64_t stream, uint64_t seq, absl::string_view object_id,
                              const RigidTransform& camera_from_object);

@@ -114,7 +114,7 @@ TEST_F(SessionCheckpointTest, DurableIsWhatWasCommitted) {
   Push(stream, 1);
   Push(stream, 2);
   Until(stream, [](const StreamView& view) { return view.ack.processed_seq == 2; });
-  EXPECT_EQ(session_->View(stream).ack.durable_seq, 0u) << "nothing was worth a checkpoint yet";
+  EXPECT_EQ(session_->View(stream).ack.durable_seq, 0u) << "no checkpoint is due yet";
   EXPECT_TRUE(store_->ReadSession(kName)->checkpoint.empty());
   session_->Detach(stream);
   UntilDurable(stream, 2);
@@ -161,19 +161,19 @@ TEST_F(SessionCheckpointTest, AnAttachmentIsAnsweredWhenItsTokenIsDurable) {
   trouble_->Set(absl::OkStatus());
   Until(attachment.stream, [](const StreamView& view) { return view.attached; });
   TakeUpAgain();
-  EXPECT_TRUE(session_->IsTokenGood(attachment.resume_token)) << "a crash just after loses no token";
-  EXPECT_TRUE(session_->IsTokenGood("first")) << "nor one whose successor was lost on the way";
+  EXPECT_TRUE(session_->IsTokenGood(attachment.resume_token)) << "a token in a response has been persisted";
+  EXPECT_TRUE(session_->IsTokenGood("first")) << "the client may not have received the new token";
   EXPECT_FALSE(session_->IsTokenGood("guess"));
-  EXPECT_EQ(session_->resume_token(), "") << "the store does not know it";
+  EXPECT_EQ(session_->resume_token(), "") << "the store has only the digest of the token";
 }
 
-TEST_F(SessionCheckpointTest, WhatWasUsedIsKnownAcrossARestart) {
+TEST_F(SessionCheckpointTest, TheUseOfATokenIsPersisted) {
   const Attachment attachment = Attach("first");
   Push(attachment.stream, 1);
   session_->Detach(attachment.stream);
   UntilDurable(attachment.stream, 1);
   TakeUpAgain();
-  EXPECT_FALSE(session_->IsTokenGood("first")) << "the client has used its successor";
+  EXPECT_FALSE(session_->IsTokenGood("first")) << "the client has used the new token";
   EXPECT_TRUE(session_->IsTokenGood(attachment.resume_token));
   const Attachment again = Attach(attachment.resume_token);
   EXPECT_EQ(again.stream, attachment.stream + 1);
@@ -194,7 +194,7 @@ TEST_F(SessionCheckpointTest, ARenewedTokenIsDurable) {
   EXPECT_EQ(refused.code(), absl::StatusCode::kNotFound);
 }
 
-TEST_F(SessionCheckpointTest, GoesOnFromItsCheckpointAsIfNothingHadHappened) {
+TEST_F(SessionCheckpointTest, ContinuesFromItsCheckpointWithTheSamePoses) {
   constexpr uint64_t kChunks = 6;
   std::vector<std::string> poses;
   std::string summary;
@@ -229,7 +229,7 @@ TEST_F(SessionCheckpointTest, GoesOnFromItsCheckpointAsIfNothingHadHappened) {
   }
 }
 
-TEST_F(SessionCheckpointTest, AnEndedSessionIsTakenUpEnded) {
+TEST_F(SessionCheckpointTest, AnEndedSessionIsRestoredAsEnded) {
   const Attachment attachment = Attach("first");
   Push(attachment.stream, 1);
   ASSERT_TRUE(session_->PushEnd(attachment.stream).ok());
@@ -238,13 +238,13 @@ TEST_F(SessionCheckpointTest, AnEndedSessionIsTakenUpEnded) {
   EXPECT_TRUE(session_->Watch().ended);
   EXPECT_EQ(session_->Snapshot().state, SessionState::kEnded);
   const uint64_t stream = Attach(attachment.resume_token).stream;
-  ASSERT_TRUE(session_->PushEnd(stream).ok()) << "the summary can be had again";
+  ASSERT_TRUE(session_->PushEnd(stream).ok()) << "the summary can be requested again";
   EXPECT_TRUE(session_->View(stream).ended);
   EXPECT_EQ(GetErrorDetails(session_->PushEvents(stream, {.seq = 2})).reason, "SESSION_ENDED");
   EXPECT_EQ(session_->pose_log().last_pose_seq(), 10u);
 }
 
-TEST_F(SessionCheckpointTest, ExpiryGoesOnFromWhenTheStreamLeft) {
+TEST_F(SessionCheckpointTest, TheExpiryTimeCountsFromTheEndOfTheStream) {
   const Attachment attachment = Attach("first");
   session_->Detach(attachment.stream);
   const auto waiting = std::make_shared<WaitingListener>();
@@ -258,10 +258,10 @@ TEST_F(SessionCheckpointTest, ExpiryGoesOnFromWhenTheStreamLeft) {
   (void)Attach(attachment.resume_token);
   now_ += absl::Seconds(30);
   TakeUpAgain();
-  EXPECT_EQ(session_->expire_time(), now_ + absl::Minutes(1)) << "the stream left with the server";
+  EXPECT_EQ(session_->expire_time(), now_ + absl::Minutes(1)) << "the stream ended with the server";
 }
 
-TEST_F(SessionCheckpointTest, WaitsWhileTheStoreIsAwayAndLosesNothing) {
+TEST_F(SessionCheckpointTest, WaitsWhileTheStoreIsUnreachableAndLosesNothing) {
   const uint64_t stream = Attach("first").stream;
   session_->ReportSent(stream, 1'000'000);
   trouble_->Set(absl::UnavailableError("away"));
@@ -280,7 +280,7 @@ TEST_F(SessionCheckpointTest, WaitsWhileTheStoreIsAwayAndLosesNothing) {
   const auto waiting = std::make_shared<WaitingListener>();
   session_->AddWatcher(waiting);
   waiting->WaitUntil([&] { return trouble_->NumAsked() > asked + 3; });
-  EXPECT_EQ(session_->Watch().last_pose_seq, stopped_at) << "it waits";
+  EXPECT_EQ(session_->Watch().last_pose_seq, stopped_at) << "the session waits for the store";
   EXPECT_EQ(session_->View(stream).ack.durable_seq, 0u);
   trouble_->Set(absl::OkStatus());
   session_->Detach(stream);
@@ -306,13 +306,13 @@ TEST_F(SessionCheckpointTest, NoPoseIsSentThatIsTooFarBeyondTheStore) {
   Until(stream, [](const StreamView& view) { return view.ack.processed_seq == 1; });
   EXPECT_EQ(session_->Watch().last_pose_seq, 2047u * 5);
   EXPECT_EQ(session_->View(stream).last_pose_seq, kMaxPosesBeyondStore);
-  EXPECT_FALSE(session_->View(stream).is_idle) << "there is more to be sent";
+  EXPECT_FALSE(session_->View(stream).is_idle) << "unsent poses are left";
   trouble_->Set(absl::OkStatus());
   Until(stream, [](const StreamView& view) { return view.is_idle; });
   EXPECT_EQ(session_->View(stream).last_pose_seq, 2047u * 5);
 }
 
-TEST_F(SessionCheckpointTest, AClientIsBelievedWhatItCanHaveSeenBeforeACrash) {
+TEST_F(SessionCheckpointTest, AClientMayHaveReceivedPosesBeyondTheCheckpoint) {
   const Attachment first = Attach("first");
   Push(first.stream, 1);
   session_->Detach(first.stream);
@@ -327,11 +327,11 @@ TEST_F(SessionCheckpointTest, AClientIsBelievedWhatItCanHaveSeenBeforeACrash) {
     EXPECT_EQ(session_->Snapshot().state, SessionState::kDetached);
   }
   const Attachment second = Attach(first.resume_token, kMost);
-  EXPECT_EQ(second.first_pose_seq, kMost + 1) << "they are made again, and not sent";
+  EXPECT_EQ(second.first_pose_seq, kMost + 1) << "the earlier poses are computed again, but not sent";
   const Attachment third = Attach(second.resume_token, 9);
   Push(third.stream, 2);
   Until(third.stream, [](const StreamView& view) { return view.is_idle; });
-  EXPECT_EQ(session_->View(third.stream).last_pose_seq, 19u) << "the session is as it was";
+  EXPECT_EQ(session_->View(third.stream).last_pose_seq, 19u) << "the session is unchanged";
 }
 
 TEST_F(SessionCheckpointTest, EndsWhenAnotherServerHasTakenIt) {
@@ -352,7 +352,7 @@ TEST_F(SessionCheckpointTest, EndsWhenTheStoreIsFull) {
   EXPECT_EQ(GetErrorDetails(session_->View(stream).status).reason, "STORE_FULL");
 }
 
-TEST_F(SessionCheckpointTest, SettlingStopsAtTheNextItemAndKeepsIt) {
+TEST_F(SessionCheckpointTest, AFlushStopsBeforeTheNextItemAndKeepsIt) {
   const uint64_t stream = Attach("first").stream;
   for (uint64_t seq = 1; seq <= 50; ++seq) Push(stream, seq);
   Until(stream, [](const StreamView& view) { return view.ack.processed_seq > 0; });

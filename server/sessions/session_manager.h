@@ -59,13 +59,13 @@ class SessionManager {
 
   // A session of this server. Errors: NOT_FOUND (SESSION_NOT_FOUND).
   absl::StatusOr<std::shared_ptr<Session>> Get(const std::string& tenant, absl::string_view name);
-  // A read-only replica of a session that another server on the same store has. All its watchers share one replica.
+  // A read-only replica of a session that another server on the same store holds. All its watchers share one replica.
   // Waits for the store. Errors: NOT_FOUND (SESSION_NOT_FOUND), DATA_LOSS (SESSION_DAMAGED), UNAVAILABLE (STORE_AWAY).
   absl::StatusOr<std::shared_ptr<WatchedSession>> Mirror(const std::string& tenant, const std::string& name);
-  // The session, if this server has it and the token is valid; otherwise null: the caller must use ResumeForAttach.
+  // The session, if this server holds it and the token is valid; otherwise null: the caller must use ResumeForAttach.
   std::shared_ptr<Session> FindForAttach(const std::string& tenant, absl::string_view name,
                                          absl::string_view resume_token);
-  // As FindForAttach, but resumes the session from the store when this server does not have it, or has closed it
+  // As FindForAttach, but resumes the session from the store when this server does not hold it, or has closed it
   // (another server fenced it, or the store was full). Waits for the store. Errors: NOT_FOUND (SESSION_NOT_FOUND),
   // PERMISSION_DENIED (WRONG_TOKEN), DATA_LOSS (SESSION_DAMAGED), RESOURCE_EXHAUSTED (TOO_MANY_SESSIONS, TENANT_QUOTA),
   // UNAVAILABLE (STORE_AWAY).
@@ -90,8 +90,8 @@ class SessionManager {
   // From now on Create and CheckNotDraining return UNAVAILABLE (DRAINING).
   void Drain();
   absl::Status CheckNotDraining() const;
-  // Stops every session after its item in work and waits until everything processed has been persisted. False: it had
-  // not been at the deadline.
+  // Stops every session after the item that it is processing and waits until everything processed has been persisted.
+  // Returns false if that was not reached by the deadline.
   bool FlushAll(absl::Time deadline);
   // Ends every session.
   void CloseAll(const absl::Status& status);

@@ -67,14 +67,14 @@ TEST_F(SessionManagerTest, MakesFindsListsAndDeletes) {
   EXPECT_EQ(sessions_->num_sessions(), 1u);
 }
 
-TEST_F(SessionManagerTest, RefusesObjectsThatNoPoseCanFollowFrom) {
+TEST_F(SessionManagerTest, RefusesObjectsThatDoNotDetermineAPose) {
   // Two lines, three pieces of two, parallel lines, and pieces that merging makes one line.
   for (const char* obj :
        {"v 0 0 0\nv 1 0 0\nv 0 1 0\nl 1 2\nl 1 3\n", "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 2 0 0\nl 1 2\nl 1 3\nl 2 4\n",
         "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 1 1 0\nv 0 0 1\nv 1 0 1\nl 1 2\nl 3 4\nl 5 6\n"}) {
     SessionConfig config = SomeConfig({"good", "bad"}, model_);
     config.objects[1].model = models_->Upload("", {}, "", Bytes(obj)).value().name;
-    // Also with a pose to begin with: it could be tracked for a moment, and would drift.
+    // Also with a first pose: tracking would start, but drift.
     for (const bool has_pose : {true, false}) {
       if (!has_pose) config.objects[1].initial_camera_from_object.reset();
       const absl::Status status = sessions_->Create("", config, "").status();
@@ -98,10 +98,10 @@ TEST_F(SessionManagerTest, ARequestIdMakesOneSession) {
   EXPECT_EQ(reused.status().code(), absl::StatusCode::kAlreadyExists);
   EXPECT_EQ(GetErrorDetails(reused.status()).reason, "REQUEST_ID_REUSED");
   EXPECT_TRUE(sessions_->Delete("", first->name()).ok());
-  EXPECT_NE(sessions_->Create("", other, "request").value(), first) << "the id is free again";
+  EXPECT_NE(sessions_->Create("", other, "request").value(), first) << "the request_id can be used again";
 }
 
-TEST_F(SessionManagerTest, HasSoManySlots) {
+TEST_F(SessionManagerTest, TheNumberOfSessionsIsLimited) {
   const auto first = sessions_->Create("", Config(), "").value();
   ASSERT_TRUE(sessions_->Create("", Config(), "").ok());
   const absl::Status full = sessions_->Create("", Config(), "").status();
@@ -123,7 +123,7 @@ TEST_F(SessionManagerTest, AFailedCreationTakesNoSlot) {
   EXPECT_TRUE(sessions_->Create("", Config(), "").ok());
 }
 
-TEST_F(SessionManagerTest, NamesWhatIsWrongWithAConfiguration) {
+TEST_F(SessionManagerTest, NamesTheWrongFieldOfAConfiguration) {
   const auto field_of = [this](const SessionConfig& config) {
     return GetErrorDetails(sessions_->Create("", config, "").status()).field;
   };
@@ -141,7 +141,7 @@ TEST_F(SessionManagerTest, NamesWhatIsWrongWithAConfiguration) {
   EXPECT_EQ(field_of(config), "config.objects[0].model");
 }
 
-TEST_F(SessionManagerTest, DeletesSessionsWhoseTimeIsOver) {
+TEST_F(SessionManagerTest, DeletesExpiredSessions) {
   const auto session = sessions_->Create("", Config(), "").value();
   const auto attached = sessions_->Create("", Config(), "").value();
   const auto listener = std::make_shared<WaitingListener>();
@@ -179,16 +179,16 @@ TEST_F(SessionManagerTest, AModelInUseCannotBeDeleted) {
   EXPECT_EQ(models_->Get("", model_).status().code(), absl::StatusCode::kNotFound);
 }
 
-TEST_F(SessionManagerTest, AModelThatNeverWasCannotBeDeleted) {
+TEST_F(SessionManagerTest, AnUnknownModelCannotBeDeleted) {
   const absl::Status status = models_->Delete("", "models/never");
   EXPECT_EQ(status.code(), absl::StatusCode::kNotFound);
   EXPECT_EQ(GetErrorDetails(status).reason, "MODEL_NOT_FOUND");
   ASSERT_TRUE(store_->PutModel({.name = "models/broken", .bytes = Bytes("no model")}).ok());
-  EXPECT_TRUE(models_->Delete("", "models/broken").ok()) << "the store has it, though it was never loaded";
+  EXPECT_TRUE(models_->Delete("", "models/broken").ok()) << "a stored model can be deleted without being loaded";
   EXPECT_FALSE(store_->ReadModel("", "models/broken").ok());
 }
 
-TEST_F(SessionManagerTest, NobodyWaitsWhileTheStoreWrites) {
+TEST_F(SessionManagerTest, NoCallWaitsWhileTheStoreWrites) {
   class SlowStore : public TroubledStore {
    public:
     using TroubledStore::TroubledStore;
@@ -213,20 +213,20 @@ TEST_F(SessionManagerTest, NobodyWaitsWhileTheStoreWrites) {
   };
   ASSERT_TRUE(registry->Upload("", {}, "", Bytes(kCubeObj)).ok());
   store.while_writing = [&] {
-    EXPECT_TRUE(registry->Get("", model_).ok()) << "it is there still";
-    EXPECT_FALSE(registry->Use("", model_).ok()) << "but for no session";
+    EXPECT_TRUE(registry->Get("", model_).ok()) << "the model still exists";
+    EXPECT_FALSE(registry->Use("", model_).ok()) << "no session may use a model that is being deleted";
     ++num_asked;
   };
   trouble->Set(absl::UnavailableError("away"));
   EXPECT_EQ(GetErrorDetails(registry->Delete("", model_)).reason, "STORE_AWAY");
-  EXPECT_TRUE(registry->Use("", model_).ok()) << "it stays";
+  EXPECT_TRUE(registry->Use("", model_).ok()) << "the model is kept";
   trouble->Set(absl::OkStatus());
   EXPECT_TRUE(registry->Delete("", model_).ok());
   EXPECT_FALSE(registry->Get("", model_).ok());
-  EXPECT_EQ(num_asked, 2) << "a store that is away is not written to";
+  EXPECT_EQ(num_asked, 2) << "an unreachable store is not written to";
 }
 
-TEST_F(SessionManagerTest, ModelsAreNamedByContentAndReading) {
+TEST_F(SessionManagerTest, ModelsAreNamedByContentAndOptions) {
   const ModelInfo again = models_->Upload("", {}, "", Bytes(kCubeObj)).value();
   EXPECT_EQ(again.name, model_);
   EXPECT_EQ(again.num_lines, 12u);
@@ -246,7 +246,7 @@ TEST_F(SessionManagerTest, ModelsThatCannotBeLoadedAreRefused) {
   EXPECT_EQ(models_->List("", "", 10).size(), 1u);
 }
 
-TEST_F(SessionManagerTest, ModelsHaveRoomForSoManyBytes) {
+TEST_F(SessionManagerTest, TheBytesOfModelsAreLimited) {
   EXPECT_EQ(GetErrorDetails(models_->Reserve("", 0).status()).field, "header.size_bytes");
   EXPECT_EQ(GetErrorDetails(models_->Reserve("", 4097).status()).field, "header.size_bytes");
   {
@@ -263,15 +263,16 @@ TEST_F(SessionManagerTest, ARegistryOverAStoreHasItsModels) {
   const auto second = ModelRegistry::Create({}, *store_).value();
   EXPECT_EQ(second->Get("", model_).value().sha256_hex, models_->Get("", model_).value().sha256_hex);
   ASSERT_TRUE(store_->PutModel({.name = "models/broken", .bytes = Bytes("no model")}).ok());
-  EXPECT_FALSE(ModelRegistry::Create({}, *store_).value()->Get("", "models/broken").ok()) << "left out";
+  EXPECT_FALSE(ModelRegistry::Create({}, *store_).value()->Get("", "models/broken").ok())
+      << "a model that cannot be loaded is skipped";
 }
 
 TEST_F(SessionManagerTest, ATenantSeesItsOwnSessionsOnly) {
   const std::string model = models_->Upload("lab", {}, "", Bytes(kCubeObj)).value().name;
-  EXPECT_EQ(model, model_) << "the name says what a model is, not whose";
+  EXPECT_EQ(model, model_) << "the name depends on the content, not on the tenant";
   const auto own = sessions_->Create("", Config(), "request").value();
   const auto theirs = sessions_->Create("lab", Config(), "request").value();
-  EXPECT_NE(own, theirs) << "request_ids are a tenant's own";
+  EXPECT_NE(own, theirs) << "request_ids are unique within a tenant only";
   EXPECT_EQ(sessions_->Create("lab", Config(), "request").value(), theirs);
   EXPECT_THAT(NamesOf(sessions_->List("lab", "", 10)), testing::ElementsAre(theirs->name()));
   EXPECT_EQ(sessions_->num_sessions_of("lab"), 1u);
@@ -290,7 +291,7 @@ TEST_F(SessionManagerTest, ATenantSeesItsOwnSessionsOnly) {
   EXPECT_EQ(sessions_->Get("", own->name()).value(), own);
 }
 
-TEST_F(SessionManagerTest, ATenantHasNoMoreThanItsShare) {
+TEST_F(SessionManagerTest, TheSessionsOfATenantAreLimited) {
   SessionManager::Options options = sessions_->options();
   options.max_tenant_sessions = 1;
   SessionManager sessions(options, *store_, *models_, pool_);
@@ -306,10 +307,10 @@ TEST_F(SessionManagerTest, ATenantHasNoMoreThanItsShare) {
   SessionConfig impossible = Config();
   impossible.objects[0].model = "models/none";
   EXPECT_EQ(sessions.Create("", impossible, "").status().code(), absl::StatusCode::kNotFound);
-  EXPECT_TRUE(sessions.Create("", Config(), "").ok()) << "a slot that was not filled is free again";
+  EXPECT_TRUE(sessions.Create("", Config(), "").ok()) << "a failed creation releases its slot";
 }
 
-TEST_F(SessionManagerTest, ModelsOfTwoTenantsAreStrangers) {
+TEST_F(SessionManagerTest, ModelsOfTwoTenantsAreSeparate) {
   const absl::Status unknown = models_->Get("lab", model_).status();
   EXPECT_EQ(GetErrorDetails(unknown).reason, "MODEL_NOT_FOUND");
   EXPECT_EQ(models_->Use("lab", model_).status(), unknown);
@@ -317,7 +318,7 @@ TEST_F(SessionManagerTest, ModelsOfTwoTenantsAreStrangers) {
   EXPECT_EQ(GetErrorDetails(sessions_->Create("lab", Config(), "").status()).reason, "MODEL_NOT_FOUND");
   models_->Upload("lab", {}, "", Bytes(kCubeObj)).value();
   const auto session = sessions_->Create("lab", Config(), "").value();
-  EXPECT_TRUE(models_->Delete("", model_).ok()) << "who else uses theirs is not told";
+  EXPECT_TRUE(models_->Delete("", model_).ok()) << "sessions of other tenants do not prevent the deletion";
   EXPECT_EQ(GetErrorDetails(models_->Delete("lab", model_)).reason, "MODEL_IN_USE");
   EXPECT_EQ(models_->List("lab", "", 10).size(), 1u);
   EXPECT_TRUE(models_->List("", "", 10).empty());
@@ -326,7 +327,7 @@ TEST_F(SessionManagerTest, ModelsOfTwoTenantsAreStrangers) {
   EXPECT_FALSE(restarted->Get("", model_).ok());
 }
 
-TEST_F(SessionManagerTest, ATenantsModelsHaveTheirShare) {
+TEST_F(SessionManagerTest, TheModelBytesOfATenantAreLimited) {
   const auto store = MakeMemoryStore();
   const auto models =
       ModelRegistry::Create({.max_model_bytes = 4096, .max_store_bytes = 9000, .max_tenant_bytes = 5000}, *store)

@@ -76,7 +76,7 @@ class SessionMetricsTest : public testing::Test {
   std::unique_ptr<SessionManager> sessions_;
 };
 
-TEST_F(SessionMetricsTest, CountsWhatASessionTellsOfItself) {
+TEST_F(SessionMetricsTest, CountersEqualTheHealthOfTheSession) {
   const auto session = Create();
   std::vector<Event> events = SomeEvents(1, 11);
   events.push_back({11'000, 5000, 7, 1});  // outside the sensor
@@ -93,7 +93,7 @@ TEST_F(SessionMetricsTest, CountsWhatASessionTellsOfItself) {
   EXPECT_EQ(metrics_->decoded_events.value(), health.counts.cd_events);
   EXPECT_EQ(metrics_->decoded_events.value(), 30u + 2u + 18u);
   EXPECT_EQ(metrics_->events_outside_sensor.value(), 1u);
-  EXPECT_EQ(metrics_->received_bytes.value(), health.received_bytes) << "what came twice counts once";
+  EXPECT_EQ(metrics_->received_bytes.value(), health.received_bytes) << "a repeated chunk is counted once";
   EXPECT_EQ(metrics_->poses.value(), health.poses);
   EXPECT_EQ(metrics_->pose_latency.Read().total(), health.poses);
   EXPECT_EQ(metrics_->sensor_time_us.value(), static_cast<uint64_t>(health.sensor_time_us));
@@ -107,7 +107,7 @@ TEST_F(SessionMetricsTest, CountsWhatASessionTellsOfItself) {
   EXPECT_EQ(metrics_->all_skipped_events(), 0u);
 }
 
-TEST_F(SessionMetricsTest, WhatWasDoneBeforeARestartIsNotCountedAgain) {
+TEST_F(SessionMetricsTest, WorkBeforeARestartIsNotCountedAgain) {
   auto session = Create();
   std::string token = Track(*session, session->resume_token(), 1, SomeEvents(1, 11));
   token = Track(*session, token, 2, {{12'000, 0, 0, 1}, {13'000, 3, 4, 1}});
@@ -127,7 +127,7 @@ TEST_F(SessionMetricsTest, WhatWasDoneBeforeARestartIsNotCountedAgain) {
   EXPECT_EQ(metrics_->poses.value(), session->Snapshot().health.poses - 10);
 }
 
-TEST_F(SessionMetricsTest, TotalsTellWhatWaits) {
+TEST_F(SessionMetricsTest, TotalsContainWaitingWork) {
   const auto first = Create();
   const auto second = Create();
   const auto third = Create("another tenant");
@@ -164,7 +164,7 @@ TEST_F(SessionMetricsTest, TotalsTellWhatWaits) {
   EXPECT_EQ(totals.objects[static_cast<size_t>(TrackState::kTracking)], 1u);
 }
 
-TEST_F(SessionMetricsTest, RefusalsAreCountedByTheirLimit) {
+TEST_F(SessionMetricsTest, RejectionsAreCountedByLimit) {
   const auto refusals = [this](QuotaLimit limit) { return metrics_->quota_refusals[limit].value(); };
   const SessionConfig config = Create()->config();
   Create();

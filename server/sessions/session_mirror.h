@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// Read-only replica, for watchers, of a session that another server on the same store has.
+// Read-only replica, for watchers, of a session that another server on the same store holds.
 #pragma once
 
 #include <cstddef>

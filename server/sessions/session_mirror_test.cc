@@ -29,7 +29,7 @@ std::string Range(const std::vector<StoredPose>& poses) {
   return poses.empty() ? "" : absl::StrCat(poses.front().pose_seq, "-", poses.back().pose_seq);
 }
 
-// What a store would say of a session that another server works on.
+// A fake of the stored state of a session that another server processes.
 class OtherServer {
  public:
   OtherServer() {
@@ -66,7 +66,7 @@ class OtherServer {
                   [&](const StoredPose& pose) { return (pose.pose_seq + 9) / 10 * 10 <= after_pose_seq; });
     return stored;
   }
-  // What was read before is behind the mirror when it asks for the second time.
+  // The second read starts only after the mirror has applied the result of the first one.
   void WaitForTwoReads() {
     std::unique_lock lock(mutex_);
     const int until = num_reads_ + 2;
@@ -106,7 +106,7 @@ class SessionMirrorTest : public testing::Test {
   std::shared_ptr<SessionMirror> mirror_;
 };
 
-TEST_F(SessionMirrorTest, ShowsWhatWasThereAndWhatComes) {
+TEST_F(SessionMirrorTest, ShowsStoredAndLaterPoses) {
   other_.MakePoses(1, 15);
   Start();
   EXPECT_EQ(Range(mirror_->ReadPoses(0, 100)), "1-15");
@@ -130,7 +130,7 @@ TEST_F(SessionMirrorTest, ASessionWithoutPosesBeginsWithTheFirst) {
   EXPECT_EQ(Range(mirror_->ReadPoses(0, 100)), "1-1");
 }
 
-TEST_F(SessionMirrorTest, PosesThatWereForgottenUnseenAreMissingToReaders) {
+TEST_F(SessionMirrorTest, PosesDeletedBetweenReadsAreMissing) {
   other_.MakePoses(1, 20);
   other_.ForgetPosesBefore(11);
   Start();
@@ -151,7 +151,7 @@ TEST_F(SessionMirrorTest, KeepsTheLastPosesOnly) {
   EXPECT_EQ(mirror_->max_poses_behind(), kCapacity);
 }
 
-TEST_F(SessionMirrorTest, AStoreThatIsAwayChangesNothing) {
+TEST_F(SessionMirrorTest, AnUnreachableStoreChangesNothing) {
   other_.MakePoses(1, 5);
   Start();
   other_.SetError(absl::UnavailableError("the network"));

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// A pipeline that is saved and loaded between any two chunks puts out the same bits as one that is not.
+// A pipeline that is saved and loaded between any two chunks has the same output, to the bit, as one that is not.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -227,7 +227,7 @@ TEST(SessionPipelineStateTest, AnotherVersionOfTheTrackersStateIsRefused) {
 }
 
 // Decoder and clock continue, the tracker searches for every object, and its state is readable.
-TEST(SessionPipelineStateTest, ASearchGoesOnAtThePosition) {
+TEST(SessionPipelineStateTest, ASearchContinuesAtThePosition) {
   Recording recording = Vga();
   recording.config.objects[0].initial_camera_from_object = recording.first_pose;
   const std::vector<uint8_t> bytes = Encoded(recording, recording.config.encoding);
@@ -250,11 +250,11 @@ TEST(SessionPipelineStateTest, ASearchGoesOnAtThePosition) {
                                                                         : pipeline == next.get() ? next_output
                                                                                                  : searched);
   }
-  EXPECT_EQ(searching->counts(), whole->counts()) << "not an event is decoded in another way";
+  EXPECT_EQ(searching->counts(), whole->counts()) << "decoding continues at the same position";
   EXPECT_EQ(TakeBytes(next_output), TakeBytes(searched));
 }
 
-// On the sensor and at the rate that a checkpoint is meant for.
+// With the sensor and the event rate for which the limit of a checkpoint is intended.
 TEST(SessionPipelineStateTest, ACheckpointIsSmall) {
   const Recording recording = Simulated("evk4", 100'000);
   const std::vector<uint8_t> bytes = Encoded(recording, recording.config.encoding);
@@ -277,7 +277,7 @@ TEST(SessionPipelineStateTest, ACheckpointIsSmall) {
     largest = std::max(largest, state.tracker.bytes.size());
     longest_ms = std::max(longest_ms, std::chrono::duration<double, std::milli>(saved - start).count());
   }
-  EXPECT_FALSE(output.poses.empty()) << "searched for and found";
+  EXPECT_FALSE(output.poses.empty()) << "the first pose is found";
   std::cout << "of " << recording.events.size() << " events in 0.1 s: at most " << largest << " bytes; now "
             << pipeline->SaveState().tracker.bytes.size() << "; saved in at most " << longest_ms
             << " ms, loaded in at most " << longest_load_ms << " ms\n";

@@ -90,7 +90,7 @@ TEST(SessionPipelineTest, AResetPoseIsReportedAsAChangeOfState) {
     pipeline->Process({reinterpret_cast<const uint8_t*>(bytes.data()), bytes.size()}, output);
   };
   feed(SomeEvents(5, 8));
-  EXPECT_TRUE(output.poses.empty()) << "no pose is claimed without a first one";
+  EXPECT_TRUE(output.poses.empty()) << "no pose is reported before the first pose is known";
   pipeline->ResetPose(0, RigidTransform());
   feed(SomeEvents(8, 10));
   ASSERT_EQ(output.state_changes.size(), 1u);

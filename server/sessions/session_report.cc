@@ -8,7 +8,7 @@
 namespace evpose::server {
 namespace {
 
-// 0 when a counter has been reset.
+// Returns the increase of a counter; 0 if the counter has been reset.
 uint64_t Increase(uint64_t before, uint64_t now) { return now - std::min(before, now); }
 
 }  // namespace

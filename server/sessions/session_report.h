@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// Progress and health of a session, as readers, streams and checkpoints see them.
+// Progress and health of a session, for readers, streams and checkpoints.
 #pragma once
 
 #include <cstdint>

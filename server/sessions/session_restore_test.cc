@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// Sessions that outlive the server that made them, and move between servers.
+// Sessions that outlive the server that created them, and move between servers.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -50,7 +50,7 @@ class SessionRestoreTest : public testing::Test {
     EXPECT_TRUE(server->RestoreAll().ok());
     return server;
   }
-  // What was not committed is lost.
+  // Uncommitted data are lost.
   static void Kill(Server& server) {
     server->CloseAll(absl::CancelledError("killed"));
     server.sessions.reset();
@@ -98,7 +98,7 @@ class SessionRestoreTest : public testing::Test {
   const std::shared_ptr<WaitingListener> listener_ = std::make_shared<WaitingListener>();
 };
 
-TEST_F(SessionRestoreTest, EverythingComesBack) {
+TEST_F(SessionRestoreTest, SessionsAreRestoredCompletely) {
   Server server = Open();
   const auto session = Create(server, "request");
   const std::string name = session->name();
@@ -130,22 +130,22 @@ TEST_F(SessionRestoreTest, EverythingComesBack) {
   EXPECT_EQ(found->Snapshot().health.poses, 19u) << "one for each millisecond, but for the last, which is open";
 }
 
-TEST_F(SessionRestoreTest, AClientMayKnowPosesThatWereMadeBeforeTheFirstCheckpoint) {
+TEST_F(SessionRestoreTest, AClientMayHaveReceivedPosesBeforeTheFirstCheckpoint) {
   Server server = Open();
   const auto session = Create(server);
   const Attachment attachment = Attach(session, session->resume_token());
-  EXPECT_FALSE(session->Attach(session->resume_token(), 143, listener_).ok()) << "it has made none";
+  EXPECT_FALSE(session->Attach(session->resume_token(), 143, listener_).ok()) << "no pose has been computed";
   Kill(server);
   server = Open();
   const auto restored = server->Get(kTenant, session->name()).value();
   const auto again = restored->Attach(attachment.resume_token, 143, listener_);
   ASSERT_TRUE(again.ok()) << again.status();
   EXPECT_EQ(again->next_seq, 1u);
-  EXPECT_EQ(again->first_pose_seq, 144u) << "the first 143 are made again, and not sent";
+  EXPECT_EQ(again->first_pose_seq, 144u) << "the first 143 are computed again, but not sent";
   Kill(server);
 }
 
-TEST_F(SessionRestoreTest, WhatIsDamagedIsLeftOutAndSaysSo) {
+TEST_F(SessionRestoreTest, DamagedSessionsAreSkippedAndReported) {
   const std::string name = "sessions/damaged";
   ASSERT_TRUE(store_->CreateSession({.name = name, .config = "no configuration"}, "").ok());
   Server server = Open();
@@ -190,7 +190,7 @@ TEST_F(SessionRestoreTest, ATrackersStateOfAnotherVersionLeadsToANewSearch) {
   ASSERT_EQ(notices.size(), 1u);
   EXPECT_EQ(std::get<TrackingRestarted>(notices[0].what).after_seq, 1u);
 
-  // The tracker begins without a pose, and what it finds is numbered on.
+  // The tracker starts without a pose, and the numbers of its poses continue.
   ASSERT_TRUE(restored->PushEvents(again.stream, {.seq = 2, .payload = Flat64(SomeEvents(20, 30))}).ok());
   Until(restored, [&] { return restored->View(again.stream).ack.processed_seq == 2; });
   EXPECT_EQ(restored->Snapshot().health.objects[0].state, TrackState::kInitializing);
@@ -203,7 +203,7 @@ TEST_F(SessionRestoreTest, ATrackersStateOfAnotherVersionLeadsToANewSearch) {
   Kill(server);
   server = Open();
   EXPECT_EQ(server->Get(kTenant, name).value()->ReadPoses(before.poses, 100).size(), poses.size())
-      << "the state that was saved since can be read";
+      << "the later checkpoint is readable";
   Kill(server);
 }
 
@@ -256,17 +256,17 @@ TEST_F(SessionRestoreTest, AClientMovesItsSessionToAnotherServer) {
   EXPECT_EQ(back->Snapshot().health.poses, 29u);
   EXPECT_EQ(back->pose_log().Read(0, 100).size(), 29u);
 
-  // The second learns of it when it writes.
+  // The second server detects the loss of its lease when it writes.
   (void)at_two->Attach(second.resume_token, 0, listener_);
   Until(at_two, [&] { return !at_two->Watch().status.ok(); });
   EXPECT_EQ(ReasonOf(at_two->Watch().status), "FENCED");
-  EXPECT_EQ(ReasonOf(two->Get(kTenant, name).status()), "SESSION_NOT_FOUND") << "it is another server's";
+  EXPECT_EQ(ReasonOf(two->Get(kTenant, name).status()), "SESSION_NOT_FOUND") << "another server holds the session";
   EXPECT_EQ(two->num_sessions(), 0u);
   Kill(one);
   Kill(two);
 }
 
-TEST_F(SessionRestoreTest, WhatExpiresHereLivesOnWhereItsClientWent) {
+TEST_F(SessionRestoreTest, AnExpiredCopyDoesNotDeleteASessionThatHasMoved) {
   Server one = Open(/*shares_store=*/true);
   const auto at_one = Create(one);
   const std::string name = at_one->name();
@@ -276,7 +276,7 @@ TEST_F(SessionRestoreTest, WhatExpiresHereLivesOnWhereItsClientWent) {
   const auto at_two = two->ResumeForAttach(kTenant, name, first.resume_token).value();
   const Attachment second = Attach(at_two, first.resume_token);
 
-  // The first server has heard nothing of that: to it the session was left a minute ago.
+  // The first server has not detected the move: its copy of the session has been detached for longer than the limit.
   now_ += absl::Minutes(2);
   one->DeleteExpired();
   EXPECT_EQ(one->num_sessions(), 0u);
@@ -285,7 +285,7 @@ TEST_F(SessionRestoreTest, WhatExpiresHereLivesOnWhereItsClientWent) {
   Track(at_two, second, 2);
   EXPECT_TRUE(at_two->Watch().status.ok());
 
-  // Who holds it deletes it.
+  // The server that holds the session deletes it.
   now_ += absl::Minutes(2);
   two->DeleteExpired();
   SlowWorkIsDone();
@@ -294,14 +294,14 @@ TEST_F(SessionRestoreTest, WhatExpiresHereLivesOnWhereItsClientWent) {
   Kill(two);
 }
 
-TEST_F(SessionRestoreTest, WhatADeadServerLeftIsDeletedByAnother) {
+TEST_F(SessionRestoreTest, OrphanedSessionsAreDeletedByAnotherServer) {
   Server dead = Open(/*shares_store=*/true);
   const auto orphan = Create(dead);
   (void)Attach(orphan, orphan->resume_token());
   Kill(dead);
   Server busy = Open(/*shares_store=*/true);
   const auto session = Create(busy);
-  const Attachment attachment = Attach(session, session->resume_token());  // and nothing comes
+  const Attachment attachment = Attach(session, session->resume_token());  // without events
   Server other = Open(/*shares_store=*/true);
   const auto tend = [&] {
     now_ += absl::Seconds(30);
@@ -340,7 +340,7 @@ TEST_F(SessionRestoreTest, SessionsOfOtherServersAreDescribedWithoutTakingThem) 
   EXPECT_TRUE(session->Watch().status.ok());
   // The same request at another server is for the same session, which moves there.
   EXPECT_EQ(Create(two, "request")->name(), session->name());
-  // Deleting needs no taking.
+  // A session can be deleted without being taken.
   EXPECT_TRUE(one->Delete(kTenant, elsewhere->name()).ok());
   EXPECT_EQ(ReasonOf(one->Describe(kTenant, elsewhere->name()).status()), "SESSION_NOT_FOUND");
   Kill(one);
@@ -376,15 +376,16 @@ TEST_F(SessionRestoreTest, AModelThatASessionUsesElsewhereIsNotDeleted) {
   const Attachment attachment = Attach(session, session->resume_token());
   ASSERT_TRUE(session->PushEnd(attachment.stream).ok());
   Until(session, [&] { return session->View(attachment.stream).ended; });
-  EXPECT_EQ(ReasonOf(two.models->Delete(kTenant, model)), "MODEL_IN_USE") << "as long as the session is there";
+  EXPECT_EQ(ReasonOf(two.models->Delete(kTenant, model)), "MODEL_IN_USE") << "while the session exists";
   EXPECT_TRUE(one->Delete(kTenant, session->name()).ok());
-  EXPECT_TRUE(two.models->Delete(kTenant, model).ok()) << "though it was uploaded elsewhere";
+  EXPECT_TRUE(two.models->Delete(kTenant, model).ok()) << "a model that another server received can be deleted";
   EXPECT_TRUE(absl::IsNotFound(store_->ReadModel(kTenant, model).status()));
   Kill(one);
   Kill(two);
 }
 
-// As one for which the store had no room: its client may come back, and its user may look for what to delete.
+// For example a session that was closed because the store was full: its client may reconnect, and its user may list the
+// sessions to delete some.
 TEST_F(SessionRestoreTest, ASessionThatIsOnlyInTheStoreIsListedKeepsItsModelsAndExpires) {
   Server server = Open();
   const auto session = Create(server);
@@ -395,7 +396,7 @@ TEST_F(SessionRestoreTest, ASessionThatIsOnlyInTheStoreIsListedKeepsItsModelsAnd
   ASSERT_TRUE(sessions.ok());
   ASSERT_EQ(sessions->size(), 1u);
   EXPECT_EQ(sessions->front().name, name);
-  EXPECT_EQ(server->num_sessions(), 0u) << "it holds no memory";
+  EXPECT_EQ(server->num_sessions(), 0u) << "the session is not in memory";
   EXPECT_EQ(ReasonOf(server.models->Delete(kTenant, model)), "MODEL_IN_USE");
   const auto tend = [&](int times) {
     for (int i = 0; i < times; ++i) {
@@ -412,7 +413,7 @@ TEST_F(SessionRestoreTest, ASessionThatIsOnlyInTheStoreIsListedKeepsItsModelsAnd
   Kill(server);
 }
 
-// A store before which another server acts in between.
+// A store that lets a test act for another server just before a model is read.
 class StoreWithRace : public TroubledStore {
  public:
   using TroubledStore::TroubledStore;
@@ -429,12 +430,12 @@ TEST_F(SessionRestoreTest, AModelThatAnotherServerDeletedIsForgotten) {
   const SessionConfig config = Config(two);
   ASSERT_TRUE(one.models->Delete(kTenant, config.objects[0].model).ok());
   EXPECT_EQ(ReasonOf(two->Create(kTenant, config, "").status()), "MODEL_NOT_FOUND");
-  EXPECT_TRUE(store_->ListSessions()->empty()) << "what was begun is undone";
+  EXPECT_TRUE(store_->ListSessions()->empty()) << "the failed creation leaves no session";
   EXPECT_FALSE(two.models->Get(kTenant, config.objects[0].model).ok());
   EXPECT_EQ(Config(two), config);  // uploads it again
   EXPECT_TRUE(two->Create(kTenant, config, "").ok());
 
-  // Uploading is enough, too.
+  // An upload alone also restores the model.
   Server three = Open(/*shares_store=*/true);
   const std::vector<SessionInfo> made = two->List(kTenant, "", 10).value();
   for (const SessionInfo& session : made) ASSERT_TRUE(two->Delete(kTenant, session.name).ok());
@@ -452,7 +453,7 @@ TEST_F(SessionRestoreTest, AModelIsPutBackWhenAnotherServerMakesASessionWithItMe
   const std::string& model = config.objects[0].model;
   StoreWithRace store(store_, std::make_shared<Trouble>());
   const auto models = ModelRegistry::Create({.shares_store = true}, store).value();
-  // It has looked for sessions, and reads the model, to delete it: at this moment another server makes one.
+  // Delete() has found no session and reads the model; at this moment another server creates a session.
   store.before_read_model = [&] { EXPECT_TRUE(two->Create(kTenant, config, "").ok()); };
   EXPECT_EQ(ReasonOf(models->Delete(kTenant, model)), "MODEL_IN_USE");
   EXPECT_TRUE(store_->ReadModel(kTenant, model).ok());
@@ -460,7 +461,7 @@ TEST_F(SessionRestoreTest, AModelIsPutBackWhenAnotherServerMakesASessionWithItMe
   Kill(two);
 }
 
-TEST_F(SessionRestoreTest, WhatHasNoSlotIsNotTaken) {
+TEST_F(SessionRestoreTest, ASessionWithoutAFreeSlotIsNotTaken) {
   Server one = Open(/*shares_store=*/true);
   const auto session = Create(one);
   Server two = Open(/*shares_store=*/true);
@@ -477,7 +478,7 @@ TEST_F(SessionRestoreTest, WhatHasNoSlotIsNotTaken) {
   Kill(two);
 }
 
-TEST_F(SessionRestoreTest, SettlingAllWaitsUntilEverythingIsDurable) {
+TEST_F(SessionRestoreTest, FlushAllWaitsUntilEverythingIsDurable) {
   Server server = Open();
   const auto session = Create(server);
   const Attachment attachment = Attach(session, session->resume_token());

@@ -63,7 +63,7 @@ class SessionTest : public testing::Test {
   std::shared_ptr<Session> session_;
 };
 
-TEST_F(SessionTest, TracksWhatIsPushedAndEnds) {
+TEST_F(SessionTest, TracksThePushedEventsAndEnds) {
   const Attachment attachment = Attach();
   EXPECT_EQ(attachment.next_seq, 1u);
   EXPECT_EQ(attachment.first_pose_seq, 1u);
@@ -93,7 +93,7 @@ TEST_F(SessionTest, TracksWhatIsPushedAndEnds) {
   EXPECT_EQ(view.ack.last_pose_seq, 40u);
 }
 
-TEST_F(SessionTest, NothingFollowsTheEndButTheEnd) {
+TEST_F(SessionTest, OnlyARepeatedEndFollowsTheEnd) {
   const uint64_t stream = Attach().stream;
   ASSERT_TRUE(session_->PushEnd(stream).ok());
   EXPECT_TRUE(session_->PushEnd(stream).ok());
@@ -117,10 +117,10 @@ TEST_F(SessionTest, RepeatedChunksAreIgnoredAndGapsRefused) {
   const ErrorDetails details = GetErrorDetails(gap);
   EXPECT_EQ(details.reason, "SEQ_GAP");
   EXPECT_THAT(details.metadata, testing::ElementsAre(testing::Pair("expected_seq", "2"), testing::Pair("seq", "3")));
-  EXPECT_TRUE(Push(stream, 2, SomeEvents(3, 4)).ok()) << "the session itself lives on";
+  EXPECT_TRUE(Push(stream, 2, SomeEvents(3, 4)).ok()) << "the session continues";
 }
 
-TEST_F(SessionTest, RefusesWhatIsNoChunk) {
+TEST_F(SessionTest, RefusesInvalidChunks) {
   const uint64_t stream = Attach().stream;
   EXPECT_EQ(GetErrorDetails(Push(stream, 0, SomeEvents(1, 2))).field, "events.seq");
   EXPECT_EQ(GetErrorDetails(session_->PushEvents(stream, {.seq = 1, .payload = "1234567"})).field, "events.payload");
@@ -138,7 +138,7 @@ TEST_F(SessionTest, RefusesWhatIsNoChunk) {
   EXPECT_TRUE(session_->PushEvents(stream, {.seq = 1, .crc32c = crc, .payload = payload}).ok());
 }
 
-TEST_F(SessionTest, EachAttachGivesANewTokenAndTheOneBeforeServesUntilTheNewOneIsUsed) {
+TEST_F(SessionTest, EachAttachIssuesATokenAndThePreviousOneIsValidUntilItsUse) {
   const Attachment first = Attach();
   EXPECT_NE(first.resume_token, "first");
   // The answer was lost: the client has the old token only.
@@ -147,33 +147,34 @@ TEST_F(SessionTest, EachAttachGivesANewTokenAndTheOneBeforeServesUntilTheNewOneI
   const auto stale = session_->Attach("first", 0, listener_);
   EXPECT_EQ(stale.status().code(), absl::StatusCode::kPermissionDenied);
   EXPECT_EQ(GetErrorDetails(stale.status()).reason, "WRONG_TOKEN");
-  EXPECT_FALSE(session_->Attach(first.resume_token, 0, listener_).ok()) << "never used, replaced";
+  EXPECT_FALSE(session_->Attach(first.resume_token, 0, listener_).ok()) << "a token that was never used is replaced";
   EXPECT_TRUE(session_->Attach(second.resume_token, 0, listener_).ok());
   EXPECT_EQ(session_->Snapshot().health.reattaches, 2u);
 }
 
-TEST_F(SessionTest, ALaterStreamFencesTheOlderOneAndTakesUpWhereItStopped) {
+TEST_F(SessionTest, ALaterStreamFencesTheOlderOneAndContinuesItsPosition) {
   const Attachment first = Attach();
   ASSERT_TRUE(Push(first.stream, 1, SomeEvents(1, 5)).ok());
   WaitUntilIdle(first.stream);
   gate_->Close();
   ASSERT_TRUE(Push(first.stream, 2, SomeEvents(5, 7)).ok());
   const Attachment second = session_->Attach(first.resume_token, 1, listener_).value();
-  EXPECT_EQ(second.next_seq, 3u) << "what arrived is not sent again";
+  EXPECT_EQ(second.next_seq, 3u) << "received chunks are not sent again";
   EXPECT_EQ(second.first_pose_seq, 2u);
   EXPECT_EQ(second.send_limit_bytes, 4096u - 48u) << "the older stream's chunk still waits";
   EXPECT_EQ(GetErrorDetails(session_->View(first.stream).status).reason, "FENCED");
   EXPECT_EQ(Push(first.stream, 3, SomeEvents(7, 8)).code(), absl::StatusCode::kAborted);
   EXPECT_EQ(session_->PushEnd(first.stream).code(), absl::StatusCode::kAborted);
   session_->Detach(first.stream);
-  EXPECT_EQ(session_->Snapshot().state, SessionState::kAttached) << "a fenced stream detaches nobody";
+  EXPECT_EQ(session_->Snapshot().state, SessionState::kAttached)
+      << "the end of a fenced stream does not detach the new one";
   gate_->Open();
   WaitUntilIdle(second.stream);
   EXPECT_EQ(session_->View(second.stream).ack.send_limit_bytes, 4096u);
   EXPECT_EQ(session_->Snapshot().health.counts.cd_events, 18u);
 }
 
-TEST_F(SessionTest, RefusesAPoseThatWasNotMadeYet) {
+TEST_F(SessionTest, RefusesTheNumberOfAFuturePose) {
   const auto attachment = session_->Attach("first", 7, listener_);
   EXPECT_EQ(GetErrorDetails(attachment.status()).field, "attach.last_pose_seq");
 }
@@ -195,7 +196,7 @@ TEST_F(SessionTest, HasNoRoomWhileItsCreditWaits) {
   EXPECT_EQ(session_->View(stream).ack.send_limit_bytes, 4096u + 5 * 960u);
 }
 
-TEST_F(SessionTest, WaitsForAReaderThatIsFarBehindAndForNobodyElse) {
+TEST_F(SessionTest, WaitsOnlyForAReaderThatIsFarBehind) {
   const Attachment attachment = Attach();
   uint64_t seq = 0;
   for (int64_t ms = 1; ms < 1200; ms += 40) {
@@ -218,7 +219,7 @@ TEST_F(SessionTest, WaitsForAReaderThatIsFarBehindAndForNobodyElse) {
   EXPECT_EQ(session_->Watch().last_pose_seq, 2 * 1199u) << "two objects; the last window is open";
 }
 
-TEST_F(SessionTest, TellsOfChangesAndFaultsInTheirPlace) {
+TEST_F(SessionTest, ReportsChangesAndFaultsInOrder) {
   const uint64_t stream = Attach().stream;
   std::vector<Event> events = SomeEvents(1, 4);
   events.push_back({4100, 0, 0, 1});      // loses the object
@@ -261,7 +262,7 @@ TEST_F(SessionTest, ResetsAPoseInTheOrderOfTheStream) {
   EXPECT_EQ(session_->Snapshot().health.objects[1].state, TrackState::kTracking);
 }
 
-TEST_F(SessionTest, ExpiresOnlyWhileNobodyIsAttached) {
+TEST_F(SessionTest, ExpiresOnlyWhileNoStreamIsAttached) {
   EXPECT_EQ(session_->expire_time(), absl::UnixEpoch() + absl::Minutes(1));
   const uint64_t stream = Attach().stream;
   EXPECT_EQ(session_->expire_time(), std::nullopt);

@@ -36,7 +36,7 @@ struct WorkResult {
   int64_t sensor_time_us = 0;
   int64_t processing_us = 0;
   std::vector<ObjectHealth> objects;
-  // Only with the last slice of an item.
+  // Set only with the last slice of an item.
   struct Item {
     uint64_t stream = 0;
     uint64_t seq = 0;

@@ -32,7 +32,7 @@ TEST_F(TenantQuotasTest, WatchersOfEachTenant) {
   EXPECT_TRUE(quotas.AddWatcher("lab").ok());
 }
 
-TEST_F(TenantQuotasTest, BytesWaitForTheirTime) {
+TEST_F(TenantQuotasTest, BytesBeyondTheRateMustWait) {
   TenantQuotas quotas(Options());
   EXPECT_EQ(quotas.ChargeBytes("lab", 500), absl::ZeroDuration()) << "the burst";
   EXPECT_EQ(quotas.ChargeBytes("lab", 100), absl::Milliseconds(100));
@@ -43,10 +43,10 @@ TEST_F(TenantQuotasTest, BytesWaitForTheirTime) {
   now_ += absl::Hours(1);
   EXPECT_EQ(quotas.ChargeBytes("lab", 501), absl::Milliseconds(1)) << "no more than the burst is saved";
   now_ -= absl::Hours(2);
-  EXPECT_EQ(quotas.ChargeBytes("lab", 1), absl::Milliseconds(2)) << "a clock that is set back";
+  EXPECT_EQ(quotas.ChargeBytes("lab", 1), absl::Milliseconds(2)) << "the clock was set back";
 }
 
-TEST_F(TenantQuotasTest, WhoWaitsStaysWithinTheLimit) {
+TEST_F(TenantQuotasTest, AStreamThatWaitsStaysWithinTheLimit) {
   TenantQuotas quotas(Options());
   uint64_t bytes = 0;
   while (now_ < absl::UnixEpoch() + absl::Seconds(100)) {

@@ -24,7 +24,7 @@ SessionConfig CubeConfig() {
   return config;
 }
 
-TEST(TrackerFactoryTest, TrackersOfOneModelShareWhatIsKnownOfIt) {
+TEST(TrackerFactoryTest, TrackersOfOneModelShareItsPreparedData) {
   const TrackerFactory make_tracker = MakeTrackerFactory();
   const auto model = Cube();
   const auto first = make_tracker(CubeConfig(), {model});
@@ -32,17 +32,17 @@ TEST(TrackerFactoryTest, TrackersOfOneModelShareWhatIsKnownOfIt) {
   const long uses_of_first = model.use_count() - 1;
   const auto second = make_tracker(CubeConfig(), {model});
   ASSERT_TRUE(second.ok()) << second.status();
-  EXPECT_EQ(model.use_count(), 1 + uses_of_first + uses_of_first - 1);  // what they share keeps the model, too
+  EXPECT_EQ(model.use_count(), 1 + uses_of_first + uses_of_first - 1);  // the shared data also reference the model
 }
 
-TEST(TrackerFactoryTest, NothingIsKeptOfAModelThatNobodyTracks) {
+TEST(TrackerFactoryTest, DataOfAnUntrackedModelAreReleased) {
   const TrackerFactory make_tracker = MakeTrackerFactory();
   const auto model = Cube();
   ASSERT_TRUE(make_tracker(CubeConfig(), {model}).ok());
   EXPECT_EQ(model.use_count(), 1);
 }
 
-TEST(TrackerFactoryTest, AModelFromWhichNoPoseFollowsIsNamed) {
+TEST(TrackerFactoryTest, AModelThatDeterminesNoPoseIsNamed) {
   ObjectModel two_lines;
   two_lines.diameter_m = 1.0;
   two_lines.lines = {{{0, 0, 0}, {1, 0, 0}, {}}, {{0, 0, 0}, {0, 1, 0}, {}}};

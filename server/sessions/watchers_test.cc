@@ -27,7 +27,7 @@ class CountingWatcher : public SessionListener {
 
 class WatchersTest : public testing::Test {
  protected:
-  // The side thread does nothing until it is let go.
+  // The side thread is blocked until it is released.
   void Hold() {
     pool_.PostAside([this] {
       held_.release();
@@ -44,7 +44,7 @@ class WatchersTest : public testing::Test {
   std::binary_semaphore held_{0}, go_{0};
 };
 
-TEST_F(WatchersTest, ManyChangesAreToldAtOnce) {
+TEST_F(WatchersTest, ManyChangesCauseOneNotification) {
   const auto watchers = std::make_shared<Watchers>(pool_);
   std::vector<std::shared_ptr<CountingWatcher>> all;
   for (int i = 0; i < 1000; ++i) watchers->Add(all.emplace_back(std::make_shared<CountingWatcher>()));
@@ -52,7 +52,7 @@ TEST_F(WatchersTest, ManyChangesAreToldAtOnce) {
   for (int i = 0; i < 500; ++i) watchers->Notify();  // none of them waits for a watcher
   for (const auto& watcher : all) EXPECT_EQ(watcher->calls(), 0);
   LetGo();
-  for (const auto& watcher : all) EXPECT_EQ(watcher->calls(), 2) << "a round, and one for what changed in it";
+  for (const auto& watcher : all) EXPECT_EQ(watcher->calls(), 2) << "one round, and one more for the changes during it";
 }
 
 TEST_F(WatchersTest, AFewWatchersDoNotWaitForManyOfAnotherSession) {
@@ -71,7 +71,7 @@ TEST_F(WatchersTest, AFewWatchersDoNotWaitForManyOfAnotherSession) {
   EXPECT_LE(std::find(order.begin(), order.end(), lone.get()) - order.begin(), 32);
 }
 
-TEST_F(WatchersTest, ForgetsThoseThatHaveGone) {
+TEST_F(WatchersTest, RemovesDestroyedWatchers) {
   const auto watchers = std::make_shared<Watchers>(pool_);
   const auto stays = std::make_shared<CountingWatcher>();
   watchers->Add(stays);
@@ -83,7 +83,7 @@ TEST_F(WatchersTest, ForgetsThoseThatHaveGone) {
   EXPECT_EQ(stays->calls(), 1);
 }
 
-TEST_F(WatchersTest, ForgetsThoseThatHaveGoneThoughNothingChanges) {
+TEST_F(WatchersTest, RemovesDestroyedWatchersWithoutAChange) {
   const auto watchers = std::make_shared<Watchers>(pool_);
   std::vector<std::shared_ptr<CountingWatcher>> stay;
   for (int i = 0; i < 10; ++i) watchers->Add(stay.emplace_back(std::make_shared<CountingWatcher>()));

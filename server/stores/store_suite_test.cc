@@ -193,7 +193,7 @@ TEST_P(StoreSuite, ReturnsTheLifecyclesOfAllSessions) {
   EXPECT_EQ(lifecycles[1].lifecycle, "b again");
 }
 
-TEST_P(StoreSuite, ReadsTheSegmentsThatGoOnAfterAPose) {
+TEST_P(StoreSuite, ReadsTheSegmentsAfterAPose) {
   auto lease = store_->CreateSession(Record("sessions/a"), "").value();
   ASSERT_TRUE(CommitNow(*lease, {.checkpoint = "state",
                                  .poses = {Segment("a", 1, 10), Segment("a", 11, 20), Segment("a", 21, 30)},
@@ -211,7 +211,7 @@ TEST_P(StoreSuite, ReadsTheSegmentsThatGoOnAfterAPose) {
   EXPECT_EQ(store_->ReadSession("sessions/b", 30).status().code(), StatusCode::kNotFound);
 }
 
-TEST_P(StoreSuite, ForgetsPosesBySegments) {
+TEST_P(StoreSuite, DeletesPosesBySegments) {
   auto lease = store_->CreateSession(Record("sessions/a"), "").value();
   ASSERT_TRUE(CommitNow(*lease, {.poses = {Segment("a", 1, 10), Segment("a", 11, 20), Segment("a", 21, 30)}}).ok());
   ASSERT_TRUE(CommitNow(*lease, {.first_pose_seq_kept = 11}).ok());

@@ -51,7 +51,7 @@ class CompareTest(unittest.TestCase):
         self.assertEqual(result.returncode, 1)
         self.assertEqual(self.line(result, "decode")[-2:], ["1.25", "worse"])
         self.assertEqual(self.run_compare([decode(8.0)], [decode(10.0)], "--worst", "1.3").returncode, 0)
-        self.assertEqual(self.run_compare([decode(8.0)], [decode(10.0)]).returncode, 0, "without --worst all is told")
+        self.assertEqual(self.run_compare([decode(8.0)], [decode(10.0)]).returncode, 0, "without --worst the table is printed only")
 
     def test_less_of_what_more_is_better_of_is_worse(self):
         result = self.run_compare([path(0.8)], [path(0.4)], "--worst", "1.5")

@@ -51,7 +51,7 @@ begin_fault() {
     finish_clients "$1"
     start_clients
   done
-  fail "$1: all $tries times a client was at its end before anything had happened to it"
+  fail "$1: all $tries times a client ended before the first disturbance"
 }
 # The number of poses that the client that is furthest has left, less a reserve for the duration of the fault.
 poses_left() { echo $(($(wc -l <"$reference") - 6000 - $(counts | tr ' ' '\n' | sort -n | tail -n 1))); }
@@ -110,8 +110,8 @@ for number in 1 2 3; do
 done
 finish_clients "rolling restart"
 # The target is 2 s; a busy machine is allowed more.
-((longest_wait_ms < 10000)) || fail "poses stayed away for $longest_wait_ms ms"
+((longest_wait_ms < 10000)) || fail "no pose arrived for $longest_wait_ms ms"
 
-say "the cluster without its Redis says so"
+say "the cluster without its Redis reports it"
 one_line 1 redis --network "${project}_inside" "evpose-server:$version" --store redis://nowhere:6379
 compose --profile '*' down --volumes --remove-orphans 2>/dev/null

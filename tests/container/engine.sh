@@ -19,7 +19,7 @@ engine_cgroup=$(basename "$ENGINE_DIR")
 engine_obstacle() {
   ((EUID == 0)) || { echo "only root can start a container engine"; return; }
   command -v apt-get >/dev/null || { echo "the engine comes from Debian's packages, and there is no apt-get"; return; }
-  unshare --mount --net --pid --fork true 2>/dev/null || { echo "this kernel lets nobody make namespaces here"; return; }
+  unshare --mount --net --pid --fork true 2>/dev/null || { echo "namespaces cannot be created here"; return; }
   unshare --mount sh -c "mkdir -p '$ENGINE_DIR/a' '$ENGINE_DIR/b' '$ENGINE_DIR/c' '$ENGINE_DIR/d' &&
     mount -t overlay -o lowerdir='$ENGINE_DIR/a',upperdir='$ENGINE_DIR/b',workdir='$ENGINE_DIR/c' overlay '$ENGINE_DIR/d'" 2>/dev/null ||
     echo "this kernel mounts no overlay file systems here"

@@ -28,7 +28,7 @@ await() {
   local what=$1 end=$((SECONDS + 90))
   shift
   until "$@"; do
-    ((SECONDS < end)) || fail "waited for this in vain: $what"
+    ((SECONDS < end)) || fail "timeout while waiting for $what"
     sleep 0.5
   done
 }
@@ -116,14 +116,14 @@ make_reference() {
   "$bin/client/cli/evpose" replay "$out/recording.raw" --model "$out/model.obj" --camera "$out/camera.yaml" --out "$out/reference.tum" >"$work/log" 2>&1 || fail "no reference: $(tail -n 1 "$work/log")"
 }
 
-same() { cmp "$1" "$2" || fail "$3: the trajectory is another than without containers"; }
+same() { cmp "$1" "$2" || fail "$3: the trajectory differs from that without containers"; }
 
 # one_line STATUS TEXT DOCKER_RUN_ARGUMENTS...: checks the exit status and that the only output is a line with this text.
 one_line() {
   local status=0
   docker run --rm --read-only "${@:3}" >"$work/said" 2>&1 || status=$?
   [[ $status == "$1" && $(wc -l <"$work/said") == 1 && $(<"$work/said") == *"$2"* ]] ||
-    fail "docker run ${*:3}: exit status $status, saying: $(<"$work/said")"
+    fail "docker run ${*:3}: exit status $status, output: $(<"$work/said")"
 }
 
 # Checks the files before anything is started.
@@ -141,13 +141,13 @@ check_files() {
 import json, sys
 commands = [service["command"] for name, service in json.load(sys.stdin)["services"].items() if name.startswith("server-")]
 sys.exit(len(commands) != 3 or not all("--shutdown-notice" in command for command in commands))' ||
-    fail "with deploy/compose.cluster.tls.yaml the servers leave without a notice"
+    fail "with deploy/compose.cluster.tls.yaml the servers shut down without a notice"
   openssl req -x509 -newkey ec -pkeyopt ec_paramgen_curve:P-256 -nodes -days 1 -subj "/CN=cluster" -keyout "$EVPOSE_SECRETS/server.crt.key" \
     -out "$EVPOSE_SECRETS/server.crt" 2>/dev/null
   chmod 755 "$EVPOSE_SECRETS" && chmod 444 "$EVPOSE_SECRETS"/server.crt*
   # The names of the servers cannot be resolved here; HAProxy treats them as servers that are down.
   docker run --rm --network none --volume "$PWD/deploy/haproxy:/cfg:ro" --volume "$EVPOSE_SECRETS:/run/secrets:ro" haproxy:2.6-bookworm \
-    haproxy -c -q -f /cfg/haproxy.cfg -f /cfg/tls.cfg || fail "haproxy refuses what is in deploy/haproxy"
+    haproxy -c -q -f /cfg/haproxy.cfg -f /cfg/tls.cfg || fail "haproxy rejects the configuration in deploy/haproxy"
   rm "$EVPOSE_SECRETS"/server.crt*
 }
 

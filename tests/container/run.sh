@@ -42,7 +42,7 @@ began=$SECONDS
 # shellcheck source=helpers.sh
 source "$here/helpers.sh"
 [[ -x $bin/client/cli/evpose && -x $bin/server/evpose-server ]] || fail "there is no build in $bin: deploy/demo.sh makes one"
-say "an engine of our own"
+say "a separate container engine"
 make_references &
 references=$!
 background=("$references")
@@ -55,9 +55,9 @@ check_files
 wait "$references" || fail "no recording to compare with"
 background=()
 engine_stop
-say "an engine without a way out"
+say "the engine without a route to other networks"
 engine_start "$engine_cgroup"
-[[ -z $(engine_run ip -n "$engine_cgroup" route show default) ]] || fail "the engine has a way out"
+[[ -z $(engine_run ip -n "$engine_cgroup" route show default) ]] || fail "the engine has a default route"
 for part in "${parts[@]}"; do
   # shellcheck source=/dev/null
   source "$here/$part.sh"

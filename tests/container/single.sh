@@ -34,7 +34,7 @@ check_images() {
       fail "the labels of the $target are wrong"
     [[ $(label "$target" title) == evpose* ]] || fail "the $target has no title"
     said=$(docker run --rm "evpose-$target:$version" --version)
-    [[ $said == *"$version"*"$revision"* ]] || fail "the $target says it is $said, not $version of $revision"
+    [[ $said == *"$version"*"$revision"* ]] || fail "the $target prints the version $said, not $version of $revision"
   done
 }
 label() { docker image inspect --format "{{index .Config.Labels \"org.opencontainers.image.$2\"}}" "evpose-$1:$version"; }
@@ -73,8 +73,8 @@ has_rules() { [[ $(page 9090/api/v1/rules) == *EvposeServerDown* ]]; }
 
 check_prometheus() {
   await "Prometheus to reach the server" says 'up{job="evpose"}' 1
-  await "Prometheus to know the poses" says evpose_poses_total "$(wc -l <"$reference")"
-  await "Prometheus to have our alerts" has_rules
+  await "the poses in Prometheus" says evpose_poses_total "$(wc -l <"$reference")"
+  await "the alerts in Prometheus" has_rules
   [[ $(page 9090/api/v1/rules) != *'"health":"err"'* ]] || fail "Prometheus cannot evaluate the alerts"
 }
 
@@ -84,7 +84,7 @@ network_cut() {
   start_replay cut
   await_poses cut "$before"
   docker network disconnect evpose_default "$server"
-  await "the client to notice" was_away cut
+  await "the client to detect the outage" was_away cut
   docker network connect --alias server evpose_default "$server"
   finish_replay cut
 }
@@ -102,47 +102,47 @@ since=$SECONDS
 compose run --rm client >"$work/demo.log" 2>&1 || { cat "$work/demo.log" >&2; fail "the demo fails"; }
 echo "demo: $((SECONDS - since)) s, $(grep '^events' "$work/demo.log")"
 data=$(directory_of_volume evpose_demo)
-cmp "$data/cube/recording.raw" "$work/cube/recording.raw" || fail "the recording that is made in a container is another"
+cmp "$data/cube/recording.raw" "$work/cube/recording.raw" || fail "the recording made in a container differs"
 same "$data/poses.tum" "$reference" "demo"
 check_prometheus
 
-say "the server is killed in the middle"
+say "the server is killed during a replay"
 before=$(poses)
 start_replay killed
 await_poses killed "$before"
 kill_and_await "$server"
 finish_replay killed
 
-say "the server leaves in the middle, told by its client"
+say "a client drains the server during a replay"
 before=$(poses)
 start_replay drained
 await_poses drained "$before"
 restarts=$(docker inspect --format '{{.RestartCount}}' "$server")
-compose run --rm --no-deps client sessions drain --server server:50051 >/dev/null 2>&1 || fail "the server could not be told to leave"
+compose run --rm --no-deps client sessions drain --server server:50051 >/dev/null 2>&1 || fail "the server could not be drained"
 await "the server to be started again" has_started_again "$server" "$restarts"
 finish_replay drained
 
-say "the server's network is taken away in the middle"
+say "the server's network is disconnected during a replay"
 network_cut
 
 # The server runs as process 1, for which the default action of signals is disabled, with a client that does not disconnect.
-say "the server is told to leave twice"
+say "the server receives two signals"
 before=$(received)
 compose run --detach --no-deps --name stubborn client replay /data/cube/recording.raw --model /data/cube/model.obj \
   --camera /data/cube/camera.yaml --server server:50051 --rate 0.01 --max-outage 0 --out /data/stubborn.tum >/dev/null
 await "the client to stream" is_above "$before" received
 docker kill --signal TERM "$server" >/dev/null
-await "the server to begin to leave" has_said "$server" "signal 15"
+await "the server to begin its shutdown" has_said "$server" "signal 15"
 docker kill --signal TERM "$server" >/dev/null
 [[ $(docker wait "$server") == 143 ]] || fail "a second SIGTERM did not end the server at once"
-[[ $(docker wait stubborn) == 1 ]] || fail "the stubborn client does not say that the server has gone"
+[[ $(docker wait stubborn) == 1 ]] || fail "the client that stays connected does not report the loss of the server"
 docker rm stubborn >/dev/null
 compose up --detach --wait --no-build server 2>/dev/null
 
 say "the end"
 since=$SECONDS
 compose stop server 2>/dev/null
-[[ $(docker inspect --format '{{.State.ExitCode}}' "$server") == 0 ]] || fail "the server did not leave at SIGTERM"
+[[ $(docker inspect --format '{{.State.ExitCode}}' "$server") == 0 ]] || fail "the server did not shut down at SIGTERM"
 has_said "$server" "all streams are finished" || fail "the server did not finish"
 echo "stop: $((SECONDS - since)) s"
 compose --profile '*' down --volumes --remove-orphans 2>/dev/null

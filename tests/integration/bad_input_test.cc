@@ -203,14 +203,14 @@ TEST_F(BadInputTest, PoseWhoseQuaternionIsNotUnit) {
   EXPECT_THAT(FilesBeginning("poses"), IsEmpty());
 }
 
-TEST_F(BadInputTest, PoseThatIsEmptyIsNotTakenForNone) {
+TEST_F(BadInputTest, AnEmptyPoseIsAnError) {
   const CliResult result = Run(SearchArguments("poses.tum", {"--init-pose", ""}));
   EXPECT_EQ(result.status, 2);
   EXPECT_THAT(result.err, AllOf(HasSubstr("--init-pose"), HasSubstr("tx is missing")));
   EXPECT_THAT(FilesBeginning("poses"), IsEmpty());
 }
 
-TEST_F(BadInputTest, ObjectThatNoPoseCanFollowFrom) {
+TEST_F(BadInputTest, ObjectThatDoesNotDetermineAPose) {
   for (const auto& [model, why] : std::vector<std::pair<std::string, std::string>>{
            {"v 0 0 0\nv 1 0 0\nv 0 1 0\nl 1 2\nl 1 3\n", "at least 3"},
            {"v 0 0 0\nv 1 0 0\nv 0 1 0\nl 1 2\nl 1 3\nl 3 1\n", "at least 3"},

@@ -93,7 +93,7 @@ TEST_F(CliTest, ExamplesOfEveryHelpWorkAsPrinted) {
   EXPECT_TRUE(std::filesystem::exists(Path("residuals.png")));
 }
 
-TEST_F(CliTest, StandardOutputHoldsTheAnswerAlone) {
+TEST_F(CliTest, StandardOutputHasOnlyTheResult) {
   SimulateCube(0.02);
   const CliResult result = RunShell(
       "evpose replay cube/recording.raw --model cube/model.obj --camera cube/camera.yaml "
@@ -180,7 +180,7 @@ TEST_F(CliTest, ErrorsOfAModelNameItsFile) {
   EXPECT_THAT(empty.err, HasSubstr(Path("empty.obj") + ": server in this process: its size is 0; a model has 1 to"));
 }
 
-TEST_F(CliTest, AnAnswerThatCannotBeWrittenIsAnError) {
+TEST_F(CliTest, AResultThatCannotBeWrittenIsAnError) {
   SimulateCube(0.02);
   auto server = server::Server::Start({});
   ASSERT_TRUE(server.ok()) << server.status();
@@ -230,7 +230,7 @@ TEST_F(CliTest, AnInterruptEndsTheWaitForAServer) {
        {std::string("replay cube/recording.raw --model cube/model.obj --camera cube/camera.yaml"),
         std::string("stream cube/recording.raw --model cube/model.obj --camera cube/camera.yaml"),
         std::string("watch sessions/a")}) {
-    // Longer than any test would wait.
+    // The timeout is longer than the test, so that only the interrupt can end the wait.
     const CliResult result = RunShell("evpose " + command + " --server 127.0.0.1:1 --connect-timeout 86400 & pid=$!\n" +
                                       kUntilItCatchesInterrupts + "kill -INT $pid\nwait $pid");
     EXPECT_EQ(result.status, 1) << command;
@@ -275,8 +275,8 @@ TEST_F(CliTest, AnInterruptLeavesNoIncompleteRecording) {
   EXPECT_THAT(FilesBeginning("long"), IsEmpty());
 }
 
-// Shell code that runs `evpose ...` as process 1 of a process namespace. Its number outside is $pid; `wait $outside`
-// returns its exit status.
+// Shell code that runs `evpose ...` as process 1 of a process namespace. Its process id outside is $pid; `wait
+// $outside` returns its exit status.
 std::string AsProcess1(const std::string& evpose) {
   return "unshare --pid --fork --kill-child " + evpose +
          " & outside=$!\n"

@@ -103,7 +103,7 @@ TEST_F(ReplayTest, PosesFollowTheTruth) {
 }
 
 // Without an initial pose.
-TEST_F(ReplayTest, FindsTheFirstPoseByItself) {
+TEST_F(ReplayTest, FindsTheFirstPose) {
   SimulateCube(0.25);
   StartServer();
   const CliResult replay = Run(SearchArguments("poses.tum"));
@@ -286,7 +286,7 @@ TEST_F(ReplayTest, StandardInput) {
   EXPECT_EQ(ReadText("stdin.tum"), ReadText("file.tum"));
 }
 
-TEST_F(ReplayTest, AnotherObjectsRecordingEndsLostAndClaimsNoPose) {
+TEST_F(ReplayTest, AnotherObjectsRecordingEndsLostWithoutAPose) {
   const std::string recording = FindTestData("evt3_driving_gen41/evt3_sample.raw");
   if (recording.empty()) GTEST_SKIP() << "the recording is not in the test data";
   ASSERT_EQ(Run({"simulate", "--object", "cube", "--duration", "0.001", "--out", Path("cube")}).status, 0);
@@ -340,7 +340,7 @@ TEST_F(ReplayTest, SessionThatIsKeptCanBeWatchedListedAndDeleted) {
   EXPECT_EQ(watch.out, ReadText("poses.tum"));
   ASSERT_EQ(Run(ReplayArguments("poses.jsonl")).status, 0);
   EXPECT_EQ(Run({"watch", session, "--server", address_, "--json"}).out, ReadText("poses.jsonl"));
-  // Once in 20 ms of sensor time, of 50 ms.
+  // One pose per 20 ms of sensor time, in a recording of 50 ms.
   const std::string slow = Run({"watch", session, "--server", address_, "--max-rate-hz", "50"}).out;
   EXPECT_GE(std::count(slow.begin(), slow.end(), '\n'), 2);
   EXPECT_LE(std::count(slow.begin(), slow.end(), '\n'), 3);

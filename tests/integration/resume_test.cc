@@ -195,7 +195,7 @@ TEST_F(ResumeTest, AReplayRestartsWhenTheConnectionBreaksBeforeItsSessionExists)
   }
 }
 
-TEST_F(ResumeTest, AServerThatIsAnotherOneBeforeTheSessionIsThereGetsTheModelAgain) {
+TEST_F(ResumeTest, AServerThatIsReplacedBeforeTheSessionExistsGetsTheModelAgain) {
   SimulateCube(0.1);
   const std::string expected = Undisturbed();
   proxy_.CutAfter({3'000});
@@ -241,7 +241,7 @@ TEST_F(ResumeTest, ClientKilledAtRandomMoments) {
   EXPECT_EQ(num_killed, kKills);
 }
 
-TEST_F(ResumeTest, StreamFromAPipeWhileTheServerIsNotThereYet) {
+TEST_F(ResumeTest, StreamFromAPipeBeforeTheServerStarts) {
   SimulateCube(0.2);
   const std::string expected = Undisturbed();
   proxy_.SetTarget(0);
@@ -256,7 +256,7 @@ TEST_F(ResumeTest, StreamFromAPipeWhileTheServerIsNotThereYet) {
   EXPECT_TRUE(ReadText("poses.csv") == expected);
 }
 
-TEST_F(ResumeTest, StreamKeepsInASpoolWhatMemoryCannotHold) {
+TEST_F(ResumeTest, StreamSpoolsEventsBeyondTheMemory) {
   SimulateCube(0.5);
   const std::string expected = Undisturbed();
   proxy_.SetTarget(0);
@@ -301,7 +301,7 @@ TEST_F(ResumeTest, StreamEndsCleanlyOnASignal) {
 
 // The data that the client had read are in its spool, with or without a server. Data that a camera sends while no
 // client reads are lost, and the server is notified of the gap.
-TEST_F(ResumeTest, StreamThatWasKilledSendsWhatItHadRead) {
+TEST_F(ResumeTest, AKilledStreamSendsTheEventsThatItHadRead) {
   constexpr uint64_t kLastChunk = 8'192;
   SimulateCube(0.3);
   const std::string expected = Undisturbed();
@@ -383,7 +383,7 @@ class ResumeBadInputTest : public ResumeTest {
   }
 };
 
-TEST_F(ResumeBadInputTest, RecordThatDoesNotFit) {
+TEST_F(ResumeBadInputTest, ResumeFileOfAnotherRun) {
   KillOne();
   const std::string record = ReadText("state");
   const auto expect_error = [&](const std::vector<std::string>& arguments, const std::string& text) {

@@ -189,7 +189,7 @@ TEST(TrackingAccuracy, RestsAreHeld) {
   EXPECT_LT(evaluation->position_rmse_of_depth, 3e-3);
 }
 
-TEST(TrackingAccuracy, AWrongFirstPoseIsNotClaimed) {
+TEST(TrackingAccuracy, AWrongFirstPoseIsNotReported) {
   const Recording recording = Record(VgaScene("cube", 2.0, 74, 100'000));
   Recording wrong = recording;
   Vector6d off = Vector6d::Zero();

@@ -142,7 +142,7 @@ TEST_F(TrustTest, AnErrorOfTlsIsOneLine) {
   }
 }
 
-TEST_F(TrustTest, DrainAndLogLevelAreAnOperators) {
+TEST_F(TrustTest, DrainAndLogLevelNeedAnOperator) {
   const std::string address = "localhost:" + std::to_string(plain_->port());
   const auto run = [&](std::vector<std::string> command) {
     command.insert(command.end(), {"--server", address, "--token-file", Path("lab.token")});

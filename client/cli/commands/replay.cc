@@ -67,7 +67,7 @@ absl::Status CheckResume(const RunArguments& arguments) {
     return UsageError("--resume: give --server, too: a server inside this process ends with it");
   }
   if (arguments.recording != "-") return absl::OkStatus();
-  return UsageError("--resume: standard input cannot be read again; evpose stream keeps what it has read");
+  return UsageError("--resume: standard input cannot be read again; evpose stream stores the events that it has read");
 }
 
 absl::Status RunReplay(const ReplayArguments& arguments, CliContext& context) {

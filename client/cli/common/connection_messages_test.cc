@@ -19,7 +19,7 @@ ConnectionChange Away(double away_s) {
   return change;
 }
 
-TEST(ConnectionMessagesTest, SaysHowLongWhyAndWhatIsKept) {
+TEST(ConnectionMessagesTest, ReportsDurationCauseAndKeptData) {
   ConnectionMessages lines;
   EXPECT_EQ(lines.Describe(Away(12)),
             "server away for 12.0 s (connection refused); 3.1 MB kept; next try in 2.0 s at host:1");
@@ -37,7 +37,7 @@ TEST(ConnectionMessagesTest, SaysHowLongWhyAndWhatIsKept) {
   EXPECT_EQ(lines.away_for(), absl::Seconds(28));
 }
 
-TEST(ConnectionMessagesTest, LaterOnlyOnceAMinute) {
+TEST(ConnectionMessagesTest, RepeatsAtMostOnceAMinute) {
   ConnectionMessages lines;
   int said = 0;
   for (int away_s = 0; away_s < 3600; away_s += 5) said += !lines.Describe(Away(away_s)).empty();

@@ -96,7 +96,7 @@ TEST(PoseFile, HoldsHeaderAndPosesOnceCommitted) {
   std::filesystem::remove(path);
 }
 
-TEST(PoseFile, FullDiskIsToldAtTheEnd) {
+TEST(PoseFile, FullDiskIsReportedByCommit) {
   // /dev/full takes an opened file and refuses every byte.
   std::filesystem::remove(::testing::TempDir() + "/full.csv");
   std::filesystem::create_symlink("/dev/full", ::testing::TempDir() + "/full.csv");

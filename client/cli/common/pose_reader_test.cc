@@ -32,7 +32,7 @@ std::string Csv(const std::vector<Pose>& poses) {
   return text;
 }
 
-TEST(PoseReaderTest, ReadsWhatIsWritten) {
+TEST(PoseReaderTest, ReadsWrittenFiles) {
   const std::string path = (std::filesystem::path(::testing::TempDir()) / "evpose_pose_reader.csv").string();
   ASSERT_TRUE(WriteFile(path, Csv({SomePose(16'000'001), SomePose(16'001'001)})).ok());
   const auto poses = ReadPoseFile(path);
@@ -56,7 +56,7 @@ TEST(PoseReaderTest, ColumnsInAnyOrderAndWithoutCovariance) {
   EXPECT_TRUE(poses->covariances.empty());
 }
 
-TEST(PoseReaderTest, SaysWhatIsWrongAndWhere) {
+TEST(PoseReaderTest, ErrorsNameTheLineAndTheCause) {
   const auto message = [](const std::string& text) {
     const absl::Status status = ParsePoseCsv(text, "some.csv").status();
     EXPECT_EQ(status.code(), absl::StatusCode::kInvalidArgument);

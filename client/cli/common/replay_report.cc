@@ -31,8 +31,8 @@ std::string ReplayReport::WhyNoPose(const ObjectHealth& object) const {
   if (object.state != TrackState::kLost) return "";
   const auto change = last_change_us_.find(object.object_id);
   const int64_t since_us = change == last_change_us_.end() ? 0 : change->second;
-  return absl::StrFormat("LOST: the object is lost since %.6f s; no pose is claimed from then on: %s", since_us * 1e-6,
-                         object.detail);
+  return absl::StrFormat("LOST: the object is lost since %.6f s; no pose is reported after that time: %s",
+                         since_us * 1e-6, object.detail);
 }
 
 uint32_t ReplayReport::Losses() const {
@@ -67,7 +67,7 @@ void ReplayReport::Print(std::ostream& stream) const {
   for (const Model& model : models) {
     for (const std::string& notice : model.notices) stream << NameOf(model.object_id) << "model: " << notice << "\n";
   }
-  if (is_interrupted) stream << "interrupted: only what was read until then\n";
+  if (is_interrupted) stream << "interrupted: only the events read until then\n";
   if (outages > 0) {
     stream << absl::StrFormat(
         "connection: lost %d times, away for %.1f s in all; %s\n", outages, absl::ToDoubleSeconds(away_for),
@@ -87,7 +87,7 @@ void ReplayReport::Print(std::ostream& stream) const {
     // The scale of a model cannot be observed: the translations of the poses scale with it.
     stream << NameOf(model.object_id) << absl::StrFormat("model: %.4g m across", model.diameter_m);
     if (model.num_symmetries > 1) {
-      stream << "; looks the same in " << model.num_symmetries << " orientations, and a pose stands for all of them";
+      stream << "; looks the same in " << model.num_symmetries << " orientations; a pose represents all of them";
     }
     stream << "\n";
   }

@@ -37,7 +37,7 @@ class ResumeFileTest : public ::testing::Test {
   ResumeRecord record_;
 };
 
-TEST_F(ResumeFileTest, GivesBackWhatWasWrittenLast) {
+TEST_F(ResumeFileTest, ReadsTheLastWrittenState) {
   {
     auto file = ResumeFile::Open(path_);
     ASSERT_TRUE(file.ok()) << file.status();
@@ -72,7 +72,7 @@ TEST_F(ResumeFileTest, OneProcessAtATime) {
   EXPECT_THAT(second.status().message(), HasSubstr(path_ + ": another evpose is using it: wait for its end"));
 }
 
-TEST_F(ResumeFileTest, EveryByteThatChangesIsFound) {
+TEST_F(ResumeFileTest, EveryChangedByteIsDetected) {
   const std::string text = record_.ToText();
   for (size_t i = 0; i + 1 < text.size(); ++i) {
     std::string damaged = text;
@@ -84,7 +84,7 @@ TEST_F(ResumeFileTest, EveryByteThatChangesIsFound) {
   EXPECT_FALSE(ResumeRecord::FromText(text.substr(0, text.size() / 2)).ok());
 }
 
-TEST_F(ResumeFileTest, WhatIsNoSuchFileIsNamed) {
+TEST_F(ResumeFileTest, FilesOfAnotherKindAreNamed) {
   for (const char* text : {"", "1 2 3\n", "{}", "[]", "{\"evpose_resume\": 2}", "{\"evpose_resume\": \"1\"}"}) {
     ASSERT_TRUE(WriteFile(path_, text).ok());
     const auto file = ResumeFile::Open(path_);

@@ -127,7 +127,7 @@ absl::Status ParseResets(const RunArguments& arguments, RunInputs& inputs) {
   return absl::OkStatus();
 }
 
-// Ends when it is told to, not only when it would have to wait: what was read until then is the recording.
+// Ends as soon as a stop is requested, even while data are available: the bytes read until then are the recording.
 class StoppableReader final : public RecordingReader {
  public:
   StoppableReader(std::unique_ptr<RecordingReader> reader, std::function<bool()> stop)

@@ -51,7 +51,7 @@ std::vector<char*> Pointers(std::vector<std::string>& texts) {
   return pointers;
 }
 
-// What is set for a service of this machine is not meant for it.
+// Returns the environment without the variables EVPOSE_*, which configure a service on this machine.
 std::vector<std::string> Environment() {
   std::vector<std::string> variables;
   for (char** variable = environ; *variable != nullptr; ++variable) {
@@ -60,13 +60,13 @@ std::vector<std::string> Environment() {
   return variables;
 }
 
-// In the child, where only what a signal handler may do is allowed. An interrupt of the terminal is for the parent
-// alone.
+// Runs in the child process, where only async-signal-safe functions are allowed. The process gets a group of its own,
+// so that an interrupt from the terminal reaches only the parent.
 [[noreturn]] void Execute(const std::string& program, char* const* arguments, char* const* environment, int output,
                           pid_t parent) {
   setpgid(0, 0);
   prctl(PR_SET_PDEATHSIG, SIGKILL);
-  if (getppid() != parent) _exit(1);  // it was gone before
+  if (getppid() != parent) _exit(1);  // the parent has already ended
   dup2(output, STDOUT_FILENO);
   execve(program.c_str(), arguments, environment);
   _exit(127);

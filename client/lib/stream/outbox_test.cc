@@ -43,7 +43,7 @@ class OutboxTest : public ::testing::Test {
     return outbox_->Append(MakeOutgoingChunk(point, std::string(size, letter), false), stop_.get_token());
   }
 
-  // The letter that the chunk is made of.
+  // The letter that fills the chunk.
   char LetterOf(uint64_t seq) {
     const auto chunk = outbox_->Get(seq, stop_.get_token());
     EXPECT_TRUE(chunk.ok()) << chunk.status();
@@ -58,7 +58,7 @@ class OutboxTest : public ::testing::Test {
   std::stop_source stop_;
 };
 
-TEST_F(OutboxTest, KeepsWhatIsNotDurable) {
+TEST_F(OutboxTest, KeepsChunksThatAreNotDurable) {
   Open({});
   for (int i = 0; i < 5; ++i) ASSERT_TRUE(Append(8).ok());
   EXPECT_EQ(LetterOf(1), 'a');
@@ -101,7 +101,7 @@ TEST_F(OutboxTest, ErrorOfTheSourceComesAfterItsChunks) {
 TEST_F(OutboxTest, WaitsForTheSourceAndIsStopped) {
   Open({});
   auto got = std::async(std::launch::async, [this] { return LetterOf(1); });
-  // Somebody waits for a chunk: the source is to bring one, however little it may read ahead.
+  // A reader waits for a chunk: the source must provide one, however short the read-ahead.
   EXPECT_TRUE(outbox_->WaitForDemand(0, stop_.get_token()));
   ASSERT_TRUE(Append(8).ok());
   EXPECT_EQ(got.get(), 'a');
@@ -138,7 +138,7 @@ TEST_F(OutboxTest, ChunkLargerThanAllTheMemoryIsTakenAlone) {
   EXPECT_EQ(LetterOf(1), 'a');
 }
 
-TEST_F(OutboxTest, WhatDoesNotFitIntoMemoryGoesToTheSpoolAndComesBackInOrder) {
+TEST_F(OutboxTest, ChunksBeyondTheMemoryAreSpooledAndReturnedInOrder) {
   OutboxOptions options;
   options.memory_bytes = 2000;
   options.spool = SpoolThere(false);
@@ -170,12 +170,12 @@ TEST_F(OutboxTest, FullSpoolMakesTheSourceWait) {
   EXPECT_TRUE(next.get().ok());
 }
 
-TEST_F(OutboxTest, FullDiskIsTheErrorAfterTheChunksThatAreThere) {
+TEST_F(OutboxTest, FullDiskIsReportedAfterTheStoredChunks) {
   OutboxOptions options;
   options.spool = SpoolThere(true);
   Open(options);
   ASSERT_TRUE(Append(8).ok());
-  // A limit on the size of files stands for the end of the disk.
+  // A limit on the size of files has the same effect as a full disk.
   rlimit before;
   ASSERT_EQ(getrlimit(RLIMIT_FSIZE, &before), 0);
   std::signal(SIGXFSZ, SIG_IGN);
@@ -191,7 +191,7 @@ TEST_F(OutboxTest, FullDiskIsTheErrorAfterTheChunksThatAreThere) {
   EXPECT_EQ(outbox_->Get(2, stop_.get_token()).status(), full);
 }
 
-TEST_F(OutboxTest, AnotherProcessGoesOnAfterWhatTheSpoolHolds) {
+TEST_F(OutboxTest, AnotherProcessContinuesAfterTheSpooledChunks) {
   OutboxOptions options;
   options.spool = SpoolThere(true);
   Open(options);
@@ -205,9 +205,9 @@ TEST_F(OutboxTest, AnotherProcessGoesOnAfterWhatTheSpoolHolds) {
   EXPECT_EQ(LetterOf(6), 'f');
 }
 
-TEST_F(OutboxTest, WhatIsDurableAlreadyIsNotKept) {
+TEST_F(OutboxTest, DurableChunksAreNotKept) {
   Open({});
-  outbox_->Forget(2);  // the server has it from an earlier process
+  outbox_->Forget(2);  // received by the server from an earlier process
   for (int i = 0; i < 3; ++i) ASSERT_TRUE(Append(8).ok());
   EXPECT_EQ(outbox_->state().kept_bytes, 8u);
   EXPECT_EQ(outbox_->durable().seq, 2u);
@@ -248,7 +248,7 @@ std::vector<OutgoingChunk> ReadFeed(const FeedOptions& options, int count, uint6
   }
 }
 
-TEST(EventFeedTest, PiecesAreWholeWordsAndNumbered) {
+TEST(EventFeedTest, ChunksAreWholeWordsAndNumbered) {
   absl::Status status;
   const auto chunks = ReadFeed({}, 3, 1, status);
   ASSERT_TRUE(status.ok()) << status;
@@ -261,7 +261,7 @@ TEST(EventFeedTest, PiecesAreWholeWordsAndNumbered) {
   }
 }
 
-TEST(EventFeedTest, GoesOnFromAnyPointWithTheSamePieces) {
+TEST(EventFeedTest, ContinuesFromAnyPositionWithTheSameChunks) {
   absl::Status status;
   const auto all = ReadFeed({}, 10, 1, status);
   for (size_t skipped = 0; skipped <= all.size(); ++skipped) {
@@ -277,7 +277,7 @@ TEST(EventFeedTest, GoesOnFromAnyPointWithTheSamePieces) {
   }
 }
 
-TEST(EventFeedTest, OtherEventsThanTheSessionsAreToldApart) {
+TEST(EventFeedTest, EventsOfAnotherRecordingAreDetected) {
   absl::Status status;
   FeedOptions options;
   options.skip = ReadFeed({}, 10, 1, status)[7].end;
@@ -323,7 +323,7 @@ TEST(EventFeedTest, ResetsArePartOfTheNumberingAndOfTheDigest) {
   EXPECT_EQ(end->bytes, 4u * 24 + 8);
   FeedOptions options;
   EXPECT_NE(end_of({}, 2.0)->digest, end->digest);
-  // A run that continues after the reset finds the same numbers, or says that the reset is another one.
+  // A run that continues after the reset has the same numbers, or reports that the reset differs.
   const auto feed = EventFeed::Open(SourceWithReset(5, 1.0), {});
   (*feed)->Start(24);
   options.skip = (*(*feed)->outbox().Get(4, {}))->end;
@@ -343,7 +343,7 @@ TEST(EventFeedTest, NoResetAfterTheEnd) {
   EXPECT_THAT(status.message(), HasSubstr("the events of the session have ended"));
 }
 
-TEST(EventFeedTest, ReadsAheadAsFarAsItMay) {
+TEST(EventFeedTest, ReadsAheadUpToTheLimit) {
   int num_read = 0;
   const ChunkSource source = [&]() -> absl::StatusOr<EventChunk> {
     ++num_read;
@@ -360,7 +360,7 @@ TEST(EventFeedTest, ReadsAheadAsFarAsItMay) {
   EXPECT_EQ(num_read, 14);
 }
 
-TEST(EventFeedTest, PaceBeginsAfterWhatIsSkipped) {
+TEST(EventFeedTest, PacingStartsAfterTheSkippedChunks) {
   absl::Status status;
   FeedOptions options;
   options.skip = ReadFeed({}, 10, 1, status)[11].end;  // six chunks

@@ -18,7 +18,7 @@ TEST(Pacer, KeepsTheSensorsPace) {
   EXPECT_EQ(clock.Now() - begin, absl::ZeroDuration());
   EXPECT_TRUE(pacer.Wait(5'001'000, {}));
   EXPECT_EQ(clock.Now() - begin, absl::Milliseconds(1));
-  // Late by 3 ms: the next two are due already, and the pace does not slip.
+  // Late by 3 ms: the next two are already due, and the delay does not accumulate.
   clock.Advance(absl::Milliseconds(3));
   EXPECT_TRUE(pacer.Wait(5'002'000, {}));
   EXPECT_EQ(clock.Now() - begin, absl::Milliseconds(4));

@@ -28,8 +28,8 @@ struct StreamServer {
 // Used once, by one thread.
 class ReconnectingStream {
  public:
-  // `current` is the first server to be tried, and then the one with the stream. `outlives_server`: sessions are in a
-  // persistent store. The arguments must outlive it.
+  // `current` is the index of the first server to try, and is updated to that of the server with the stream.
+  // `outlives_server`: sessions are in a persistent store. The arguments must outlive the object.
   ReconnectingStream(const std::vector<StreamServer>& servers, std::atomic<size_t>& current, bool outlives_server,
                      const TrackPosition& position, EventFeed& feed, const TrackCallbacks& callbacks,
                      const TrackOptions& options);

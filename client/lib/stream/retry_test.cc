@@ -14,7 +14,7 @@ namespace {
 
 using ::testing::HasSubstr;
 
-TEST(BackoffTest, DoublesUpToItsLimitAndBeginsAnew) {
+TEST(BackoffTest, DoublesUpToItsLimitAndRestarts) {
   RetryOptions options;
   options.first_delay = absl::Milliseconds(100);
   options.max_delay = absl::Milliseconds(700);
@@ -37,7 +37,7 @@ TEST(BackoffTest, JitterTakesUpToHalf) {
   EXPECT_EQ(backoff.Next(), absl::Milliseconds(150));
 }
 
-TEST(BackoffTest, TheMachinesRandomnessStaysInItsRange) {
+TEST(BackoffTest, SystemRandomnessStaysInItsRange) {
   Backoff backoff({});
   for (int i = 0; i < 100; ++i) {
     backoff.Reset();

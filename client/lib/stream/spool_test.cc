@@ -35,7 +35,7 @@ class SpoolTest : public ::testing::Test {
     return spool.ok() ? *std::move(spool) : nullptr;
   }
 
-  // Chunks that differ, of 50 000 bytes and more: two and a half to a segment.
+  // Different chunks of at least 50 000 bytes: two and a half fill a segment.
   void Append(Spool& spool, int count) {
     for (int i = 0; i < count; ++i) {
       const FeedPoint point = spool.last();
@@ -82,7 +82,7 @@ class SpoolTest : public ::testing::Test {
   std::vector<OutgoingChunk> chunks_;  // appended
 };
 
-TEST_F(SpoolTest, GivesBackWhatItTookInAnyOrder) {
+TEST_F(SpoolTest, ReturnsStoredChunksInAnyOrder) {
   const auto spool = Open();
   EXPECT_TRUE(spool->empty());
   Append(*spool, 12);
@@ -102,7 +102,7 @@ TEST_F(SpoolTest, OnlyItsOwnerMayReadIt) {
   EXPECT_EQ(info.st_mode & 0777, 0600u);
 }
 
-TEST_F(SpoolTest, FilesGoAsTheirChunksAreForgotten) {
+TEST_F(SpoolTest, FilesAreDeletedWithTheirChunks) {
   const auto spool = Open();
   Append(*spool, 12);
   const size_t num_files = Files().size();
@@ -115,12 +115,12 @@ TEST_F(SpoolTest, FilesGoAsTheirChunksAreForgotten) {
   EXPECT_FALSE(spool->Read(3).ok());
   ExpectChunk(*spool, 4);
   spool->Forget(12);
-  EXPECT_EQ(Files().size(), 1u) << "the last one tells the next process where to go on";
+  EXPECT_EQ(Files().size(), 1u) << "the last file contains the position for the next process";
   Append(*spool, 1);
   ExpectChunk(*spool, 13);
 }
 
-TEST_F(SpoolTest, WithoutNamesNothingIsLeftBehind) {
+TEST_F(SpoolTest, WithoutNamesNoFileIsLeft) {
   options_.outlives_process = false;
   const auto spool = Open();
   Append(*spool, 5);
@@ -132,7 +132,7 @@ TEST_F(SpoolTest, WithoutNamesNothingIsLeftBehind) {
   ExpectChunk(*spool, 6);
 }
 
-TEST_F(SpoolTest, AnotherProcessGoesOn) {
+TEST_F(SpoolTest, AnotherProcessContinues) {
   Append(*Open(), 5);
   const auto spool = Open();
   EXPECT_EQ(spool->first_seq(), 1u);
@@ -159,7 +159,7 @@ TEST_F(SpoolTest, RecordCutAnywhereIsDropped) {
   ExpectChunk(*Open(), 2);
 }
 
-TEST_F(SpoolTest, EmptyLastFileIsNone) {
+TEST_F(SpoolTest, EmptyLastFileIsIgnored) {
   Append(*Open(), 1);
   std::ofstream(directory_ + "/00000000000000000002.spool").flush();
   const auto spool = Open();
@@ -181,7 +181,7 @@ TEST_F(SpoolTest, DamageBeforeTheLastFileIsNamed) {
   EXPECT_TRUE(Spool::Open(options_).ok());
 }
 
-TEST_F(SpoolTest, BytesThatChangedSinceAreNotSent) {
+TEST_F(SpoolTest, ChangedBytesAreNotSent) {
   const auto spool = Open();
   Append(*spool, 2);
   FlipByte(Files().front(), 100);
@@ -200,10 +200,10 @@ TEST_F(SpoolTest, DirectoryThatCannotBeUsedIsNamedAtOnce) {
   EXPECT_FALSE(Spool::Open(options_).ok());
 }
 
-TEST_F(SpoolTest, FullDiskIsAnErrorAndWhatWasThereStays) {
+TEST_F(SpoolTest, FullDiskIsAnErrorAndKeepsStoredChunks) {
   const auto spool = Open();
   Append(*spool, 1);
-  // A limit on the size of files stands for the end of the disk.
+  // A limit on the size of files has the same effect as a full disk.
   rlimit before;
   ASSERT_EQ(getrlimit(RLIMIT_FSIZE, &before), 0);
   std::signal(SIGXFSZ, SIG_IGN);
@@ -221,7 +221,7 @@ TEST_F(SpoolTest, FullDiskIsAnErrorAndWhatWasThereStays) {
   EXPECT_EQ(Open()->last(), chunks_[1].end);
 }
 
-TEST_F(SpoolTest, HasRoomUpToItsBound) {
+TEST_F(SpoolTest, AcceptsChunksUpToItsLimit) {
   const auto spool = Open();
   const OutgoingChunk chunk = MakeOutgoingChunk({}, std::string(1 << 20, 'x'), false);
   int count = 0;

@@ -65,7 +65,7 @@ v1::TrackResponse GoAwayNotice() {
   return response;
 }
 
-// A stream as the server sees it: its attach, and what to do then.
+// The server's side of one stream: receives the attach message and runs the script of the test.
 using StreamScript = std::function<grpc::Status(const v1::TrackRequest::Attach&, ServerStream&)>;
 
 class TrackResumeTest : public TrackTest {
@@ -88,7 +88,7 @@ class TrackResumeTest : public TrackTest {
     };
   }
 
-  // A stop that was requested stays so.
+  // Removes the recorded attaches, and replaces the stop source because a requested stop cannot be reset.
   void ClearStreams() {
     attaches_.clear();
     options_.stop = std::stop_source();
@@ -110,7 +110,7 @@ class TrackResumeTest : public TrackTest {
     return seqs;
   }
 
-  // Takes all from `next_seq` on and says the summary.
+  // Receives all chunks from `next_seq` on and sends the summary.
   static StreamScript FinishFrom(uint64_t next_seq, uint64_t first_pose_seq, uint64_t last_pose_seq,
                                  const std::string& token = "") {
     return [=](const v1::TrackRequest::Attach&, ServerStream& stream) {
@@ -118,7 +118,7 @@ class TrackResumeTest : public TrackTest {
       uint64_t expected = next_seq;
       for (const v1::TrackRequest::EventChunk& chunk : ReadToEnd(stream)) {
         if (chunk.seq() != expected || chunk.payload() != std::string(8, static_cast<char>(chunk.seq() - 1))) {
-          return grpc::Status(grpc::StatusCode::UNAUTHENTICATED, "not the chunk that was due");
+          return grpc::Status(grpc::StatusCode::UNAUTHENTICATED, "not the expected chunk");
         }
         ++expected;
       }
@@ -129,7 +129,7 @@ class TrackResumeTest : public TrackTest {
     };
   }
 
-  // Attaches, takes chunks up to this one, says so, sends these poses, and breaks.
+  // Attaches, receives chunks up to `chunk_seq`, sends the given poses and the ack, and ends the stream with `status`.
   static StreamScript BreakAfter(uint64_t chunk_seq, uint64_t first_pose_seq, uint64_t last_pose_seq,
                                  const grpc::Status& status, const std::string& token = "", uint64_t next_seq = 1) {
     return [=](const v1::TrackRequest::Attach&, ServerStream& stream) {
@@ -154,7 +154,7 @@ class TrackResumeTest : public TrackTest {
   std::vector<v1::TrackRequest::Attach> attaches_;
 };
 
-TEST_F(TrackResumeTest, GoesOnWhereTheServerIsAndDropsThePosesItHas) {
+TEST_F(TrackResumeTest, ContinuesAtTheServersPositionAndDropsRepeatedPoses) {
   scripts_ = {BreakAfter(3, 1, 4, kCut, "T1"), FinishFrom(2, 3, 9, "T2")};
   session_.resume_token = "T0";
   const auto summary = Run();
@@ -192,7 +192,7 @@ TEST_F(TrackResumeTest, BreaksAtEveryChunk) {
   EXPECT_EQ(attaches_[5].resume_token(), "T5");
 }
 
-TEST_F(TrackResumeTest, DelaysDoubleUntilTheServerGetsSomewhere) {
+TEST_F(TrackResumeTest, DelaysDoubleUntilTheServerMakesProgress) {
   scripts_ = {Refuse(kCut), Refuse(kCut), Refuse(kCut), BreakAfter(1, 1, 0, kCut), Refuse(kCut), FinishFrom(1, 1, 0)};
   ASSERT_TRUE(Run().ok());
   std::vector<double> delays_ms;
@@ -202,12 +202,12 @@ TEST_F(TrackResumeTest, DelaysDoubleUntilTheServerGetsSomewhere) {
   EXPECT_THAT(delays_ms, ElementsAre(100, 200, 400, 100, 200));
 }
 
-TEST_F(TrackResumeTest, StreamThatLastsIsASuccessAlsoWhenNothingHappensOnIt) {
+TEST_F(TrackResumeTest, ALongIdleStreamCountsAsSuccess) {
   options_.retry.max_outage = absl::Seconds(30);
   const StreamScript idle = [this](const v1::TrackRequest::Attach&, ServerStream& stream) {
     stream.Write(AttachedAt(1, 1, ""));
     v1::TrackRequest request;
-    stream.Read(&request);  // the client has noticed
+    stream.Read(&request);  // the client has processed `attached`
     clock_.Advance(absl::Hours(1));
     return kCut;
   };
@@ -215,26 +215,26 @@ TEST_F(TrackResumeTest, StreamThatLastsIsASuccessAlsoWhenNothingHappensOnIt) {
   EXPECT_TRUE(Run().ok());
 }
 
-TEST_F(TrackResumeTest, GivesUpWhenTheServerIsAwayForTooLong) {
+TEST_F(TrackResumeTest, GivesUpAfterTheMaximumOutage) {
   options_.retry.max_outage = absl::Seconds(1);
   scripts_ = {BreakAfter(2, 1, 1, kCut)};
   for (int i = 0; i < 10; ++i) scripts_.push_back(Refuse(kCut));
   const absl::Time begin = clock_.Now();
-  // 0.1, 0.2 and 0.4 s; 0.8 more would be too long.
+  // Delays of 0.1, 0.2 and 0.4 s; another one of 0.8 s would exceed max_outage.
   ExpectError(Run(), absl::StatusCode::kUnavailable,
               " bytes sent, 1 poses received); gave up after 3 more tries in 700ms");
   EXPECT_EQ(clock_.Now() - begin, absl::Milliseconds(700));
 }
 
-TEST_F(TrackResumeTest, LostAttachedLocksNobodyOut) {
-  // The server gave T1, but it never arrived: it still takes T0.
+TEST_F(TrackResumeTest, ALostAttachedMessageDoesNotInvalidateTheToken) {
+  // The server issued T1, but the client has not received it: the server still accepts T0.
   scripts_ = {Refuse(kCut), FinishFrom(1, 1, 2, "T2")};
   session_.resume_token = "T0";
   ASSERT_TRUE(Run().ok());
   EXPECT_EQ(attaches_[1].resume_token(), "T0");
 }
 
-TEST_F(TrackResumeTest, ServerThatForgotTheNewTokenGetsTheOneBefore) {
+TEST_F(TrackResumeTest, ThePreviousTokenIsSentIfTheNewOneIsRejected) {
   scripts_ = {BreakAfter(1, 1, 1, kCut, "T1"), Refuse(WithReason(grpc::StatusCode::PERMISSION_DENIED, "WRONG_TOKEN")),
               FinishFrom(2, 2, 2, "T2")};
   session_.resume_token = "T0";
@@ -243,7 +243,7 @@ TEST_F(TrackResumeTest, ServerThatForgotTheNewTokenGetsTheOneBefore) {
   EXPECT_EQ(attaches_[2].resume_token(), "T0");
 }
 
-TEST_F(TrackResumeTest, WrongTokensEndIt) {
+TEST_F(TrackResumeTest, TwoRejectedTokensEndTheStream) {
   const grpc::Status wrong = WithReason(grpc::StatusCode::PERMISSION_DENIED, "WRONG_TOKEN");
   scripts_ = {BreakAfter(1, 1, 1, kCut, "T1"), Refuse(wrong), Refuse(wrong)};
   const auto result = Run();
@@ -252,8 +252,8 @@ TEST_F(TrackResumeTest, WrongTokensEndIt) {
   EXPECT_THAT(std::string(result.status().message()), ::testing::Not(HasSubstr("T1")));
 }
 
-TEST_F(TrackResumeTest, ServerThatWentBackBehindThePosesReceived) {
-  // It has made two poses so far since its checkpoint; the client has five.
+TEST_F(TrackResumeTest, AServerThatIsBehindTheReceivedPosesContinues) {
+  // The server resumed from a checkpoint and has computed two poses; the client has received five.
   scripts_ = {BreakAfter(3, 1, 5, kCut), Refuse(WrongField("attach.last_pose_seq")), FinishFrom(1, 1, 7)};
   const auto summary = Run();
   ASSERT_TRUE(summary.ok()) << summary.status();
@@ -262,7 +262,7 @@ TEST_F(TrackResumeTest, ServerThatWentBackBehindThePosesReceived) {
   EXPECT_THAT(PoseSeqs(), ElementsAre(1, 2, 3, 4, 5, 6, 7));
 }
 
-TEST_F(TrackResumeTest, PosesThatTheServerForgotAreToldAndCounted) {
+TEST_F(TrackResumeTest, PosesDeletedByTheServerAreReportedAndCounted) {
   scripts_ = {BreakAfter(3, 1, 2, WithReason(grpc::StatusCode::ABORTED, "POSES_FORGOTTEN")), FinishFrom(4, 6, 8)};
   const auto summary = Run();
   ASSERT_TRUE(summary.ok()) << summary.status();
@@ -274,7 +274,7 @@ TEST_F(TrackResumeTest, PosesThatTheServerForgotAreToldAndCounted) {
   EXPECT_EQ(std::get<PosesLost>(notices_[0]).last_seq, 5u);
 }
 
-TEST_F(TrackResumeTest, WhatIsNoUseToTryAgainIsNotTried) {
+TEST_F(TrackResumeTest, PermanentErrorsAreNotRetried) {
   for (const auto& [code, reason] :
        std::vector<std::pair<grpc::StatusCode, std::string>>{{grpc::StatusCode::ABORTED, "FENCED"},
                                                              {grpc::StatusCode::NOT_FOUND, "SESSION_NOT_FOUND"},
@@ -289,7 +289,7 @@ TEST_F(TrackResumeTest, WhatIsNoUseToTryAgainIsNotTried) {
   EXPECT_THAT(changes_, IsEmpty());
 }
 
-TEST_F(TrackResumeTest, ChunkThatArrivesDamagedIsSentAgainButNotForEver) {
+TEST_F(TrackResumeTest, ADamagedChunkIsSentAgainUpToALimit) {
   const grpc::Status damaged = WithReason(grpc::StatusCode::DATA_LOSS, "CRC_MISMATCH");
   scripts_ = {BreakAfter(2, 1, 0, damaged), FinishFrom(2, 1, 0)};
   EXPECT_TRUE(Run().ok());
@@ -299,7 +299,7 @@ TEST_F(TrackResumeTest, ChunkThatArrivesDamagedIsSentAgainButNotForEver) {
   EXPECT_EQ(attaches_.size(), 5u);
 }
 
-TEST_F(TrackResumeTest, ServerThatLostWhatWasDurable) {
+TEST_F(TrackResumeTest, ALossOfDurableChunksIsAnError) {
   scripts_ = {[](const v1::TrackRequest::Attach&, ServerStream& stream) {
                 stream.Write(AttachedAt(1, 1, ""));
                 v1::TrackRequest request;
@@ -316,7 +316,7 @@ TEST_F(TrackResumeTest, ServerThatLostWhatWasDurable) {
   ExpectError(Run(), absl::StatusCode::kDataLoss, "requests chunk 2 again, which it had reported as durable (up to 3)");
 }
 
-TEST_F(TrackResumeTest, NewTokenIsKeptBeforeItIsUsed) {
+TEST_F(TrackResumeTest, ANewTokenIsPersistedBeforeItsUse) {
   bool was_kept = false, was_used_before = false;
   scripts_ = {[&](const v1::TrackRequest::Attach&, ServerStream& stream) {
     stream.Write(AttachedAt(1, 1, "T1"));
@@ -350,7 +350,7 @@ TEST_F(TrackResumeTest, NewTokenIsKeptBeforeItIsUsed) {
   EXPECT_FALSE(has_come->get_future().get()) << "a token that is not kept must not be used";
 }
 
-TEST_F(TrackResumeTest, ServerOfSmallerChunksIsToldInWords) {
+TEST_F(TrackResumeTest, AServerWithASmallerChunkLimitIsAnError) {
   scripts_ = {BreakAfter(2, 1, 0, kCut), [](const v1::TrackRequest::Attach&, ServerStream& stream) {
                 v1::TrackResponse attached = AttachedAt(3, 1, "");
                 attached.mutable_attached()->set_max_chunk_bytes(1 << 10);
@@ -362,7 +362,7 @@ TEST_F(TrackResumeTest, ServerOfSmallerChunksIsToldInWords) {
   ExpectError(Run(), absl::StatusCode::kFailedPrecondition, "takes chunks of at most 1024 bytes");
 }
 
-TEST_F(TrackResumeTest, CallerStopsTheWaiting) {
+TEST_F(TrackResumeTest, AStopRequestEndsTheWait) {
   scripts_ = {Refuse(kCut), Refuse(kCut), Refuse(kCut)};
   TrackCallbacks callbacks;
   callbacks.on_connection = [this](const ConnectionChange& change) {
@@ -371,7 +371,7 @@ TEST_F(TrackResumeTest, CallerStopsTheWaiting) {
   ExpectError(client_->Track(session_, Source({8}), callbacks, options_), absl::StatusCode::kCancelled, "cancelled");
 }
 
-// The server says that it leaves: with one server whose sessions end with it, its client stays to the end.
+// The sessions of this only server end with the process: after GoAway its client keeps the stream until the summary.
 TEST_F(TrackResumeTest, GoAwayOfTheOnlyServer) {
   scripts_ = {[](const v1::TrackRequest::Attach&, ServerStream& stream) {
     stream.Write(AttachedAt(1, 1, ""));
@@ -429,7 +429,7 @@ class TwoServersTest : public TrackResumeTest {
   int num_other_ = 0;  // streams of the second server
 };
 
-TEST_F(TwoServersTest, TheOtherOneIsAskedAtOnce) {
+TEST_F(TwoServersTest, TheOtherServerIsTriedAtOnce) {
   scripts_ = {BreakAfter(3, 1, 2, kCut), FinishFrom(4, 3, 5)};
   const auto summary = Run();
   ASSERT_TRUE(summary.ok()) << summary.status();
@@ -440,27 +440,27 @@ TEST_F(TwoServersTest, TheOtherOneIsAskedAtOnce) {
   EXPECT_EQ(changes_[1].server, names_[1]);
 }
 
-TEST_F(TwoServersTest, AfterBothItIsWaited) {
+TEST_F(TwoServersTest, WaitsAfterBothServersHaveFailed) {
   scripts_ = {Refuse(kCut), Refuse(kCut), FinishFrom(1, 1, 0)};
   ASSERT_TRUE(Run().ok());
   EXPECT_EQ(num_other_, 1);
   EXPECT_EQ(clock_.Now() - absl::UnixEpoch(), absl::Milliseconds(100));
 }
 
-TEST_F(TwoServersTest, SessionThatNobodyHas) {
+TEST_F(TwoServersTest, ASessionThatNoServerHas) {
   scripts_.assign(5, Refuse(WithReason(grpc::StatusCode::NOT_FOUND, "SESSION_NOT_FOUND")));
   EXPECT_EQ(Run().status().code(), absl::StatusCode::kNotFound);
   EXPECT_EQ(attaches_.size(), 2u);
 }
 
-TEST_F(TwoServersTest, ServerThatLeavesIsLeft) {
+TEST_F(TwoServersTest, ADrainingServerIsReplaced) {
   scripts_ = {[](const v1::TrackRequest::Attach&, ServerStream& stream) {
                 stream.Write(AttachedAt(1, 1, ""));
                 v1::TrackRequest request;
                 stream.Read(&request);
                 stream.Write(GoAwayNotice());
                 uint64_t last_seq = request.events().seq();
-                // Until the client half-closes: it does not say `end`, unless it had said so before.
+                // Until the client half-closes, which it does without `end` unless it has already sent `end`.
                 while (stream.Read(&request)) last_seq = request.has_end() ? 6 : request.events().seq();
                 stream.Write(PoseMessage(1));
                 stream.Write(AckUpTo(std::min<uint64_t>(last_seq, 5), 0));

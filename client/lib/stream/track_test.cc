@@ -74,7 +74,7 @@ TEST_F(TrackTest, NeverSendsMoreThanItsCredit) {
     while (stream.Read(&request) && !request.has_end()) {
       received += request.events().payload().size();
       if (received > limit) return grpc::Status(grpc::StatusCode::INTERNAL, "more than its credit");
-      // A second chunk of 16 does not fit into 24: nothing more may come before this.
+      // A second chunk of 16 bytes exceeds the credit of 24: the client must not send it before this ack.
       limit = received + 24;
       stream.Write(Ack(request.events().seq(), limit));
     }
@@ -85,7 +85,7 @@ TEST_F(TrackTest, NeverSendsMoreThanItsCredit) {
   EXPECT_TRUE(summary.ok()) << summary.status();
 }
 
-TEST_F(TrackTest, LargeChunksAreSplitIntoWhatTheServerTakes) {
+TEST_F(TrackTest, LargeChunksAreSplitToTheServersLimit) {
   std::vector<size_t> sizes;
   service_.script = [&](ServerStream& stream) {
     v1::TrackRequest request;
@@ -137,10 +137,10 @@ TEST_F(TrackTest, RefusedAttach) {
   ExpectError(Track({16}), absl::StatusCode::kNotFound, "no such session (after 0 bytes sent");
 }
 
-TEST_F(TrackTest, ServerThatNeverAnswers) {
+TEST_F(TrackTest, ServerThatDoesNotRespond) {
   service_.script = [&](ServerStream& stream) {
     v1::TrackRequest request;
-    while (stream.Read(&request)) continue;  // until the client gives up
+    while (stream.Read(&request)) continue;  // until the client cancels the call
     return grpc::Status::CANCELLED;
   };
   TrackOptions options = NoRetries();
@@ -183,7 +183,7 @@ TEST_F(TrackTest, EndOfTheStreamReleasesAWaitingSource) {
   };
   TrackOptions options = NoRetries();
   const ChunkSource source = [&options]() -> absl::StatusOr<EventChunk> {
-    SystemClock().SleepUntil(absl::InfiniteFuture(), options.stop.get_token());  // a camera that sees nothing
+    SystemClock().SleepUntil(absl::InfiniteFuture(), options.stop.get_token());  // a camera without events
     return EventChunk{};
   };
   ExpectError(client_->Track(session_, source, {}, options), absl::StatusCode::kAborted, "fenced");
@@ -217,7 +217,7 @@ struct Misbehaviour {
 };
 class MalformedServerTest : public TrackTest, public ::testing::WithParamInterface<Misbehaviour> {};
 
-TEST_P(MalformedServerTest, IsAnErrorThatSaysSo) {
+TEST_P(MalformedServerTest, IsAnErrorThatNamesTheViolation) {
   service_.script = [&](ServerStream& stream) {
     v1::TrackRequest request;
     stream.Read(&request);

@@ -41,7 +41,7 @@ enum class LineFitFormulas {
 struct LineFitOptions {
   LineFitMethod method = LineFitMethod::kTukeyMm;
   LineFitFormulas formulas = LineFitFormulas::kCorrected;
-  // Re-weighting steps of each stage, at most; at 50 % of wrong labels M and S take up to 60 until convergence.
+  // Maximum number of re-weighting steps of each stage; with 50 % of wrong labels, M and S converge within 60.
   int max_iterations = 100;
   double tolerance_px = 1e-6;  // re-weighting ends when no distance changes by more
   double min_sigma_px = 0.2;   // lower bound of the scale, below the rounding to pixels (0.29)

@@ -29,7 +29,7 @@ struct BlindPnpOptions {
   double gate = 9.21;
   // Matches after which the pose is scored: each one determines two of the six unknowns.
   int matches_per_hypothesis = 3;
-  // Poses that are scored, at most.
+  // Maximum number of poses that are scored.
   int max_hypotheses = 2000;
   // Share of explained segments at which the search ends.
   double good_ratio = 0.8;

@@ -14,7 +14,7 @@
 
 namespace evpose {
 
-// A segment and the model line of which it is a part. The end points do not correspond.
+// A segment and the corresponding model line. The end points do not correspond.
 struct LineMatch {
   Eigen::Vector3d p1;  // object frame, metres
   Eigen::Vector3d p2;

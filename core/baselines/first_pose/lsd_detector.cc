@@ -15,12 +15,13 @@
 namespace evpose {
 namespace {
 
-// Speeds that are tried, as multiples of the stretch's own: the fit starts from the one with most events.
+// Tested speeds, as multiples of the speed of the stretch: the fit starts from the one that agrees with most events.
 constexpr int kMaxSpeedSteps = 8;
 constexpr double kSpeedStep = 0.25;
 constexpr double kSigmaPx = 0.6;
 constexpr int kPasses = 4;
-// Two segments are sides of one streak when they overlap by more than this share of the shorter, and are this parallel.
+// Two segments are sides of one streak if they overlap by more than this share of the shorter one and the sine of the
+// angle between them is below this bound.
 constexpr double kDuplicateOverlap = 0.5;
 constexpr double kDuplicateSine = 0.06;
 
@@ -71,7 +72,8 @@ class MotionMeter {
   MotionMeter(const EventStretch& stretch, const LsdDetectorOptions& options)
       : stretch_(stretch), options_(options), grid_(stretch.events) {}
 
-  // Robust fit of the distances of the events beside the segment against time; of one polarity, that of most of them.
+  // Fits the distances of the events beside the segment against time, robustly; only events of the more frequent
+  // polarity are used.
   std::optional<EdgeMotion> Measure(const ImageSegment& segment) {
     const Eigen::Vector2d along = (segment.p2_px - segment.p1_px) / segment.length_px();
     const double reach = options_.stretch.motion_px + options_.gate_px;
@@ -91,7 +93,7 @@ class MotionMeter {
   }
 
  private:
-  // The offset and speed, of those tried, that most events agree with.
+  // Returns the offset and the tested speed that agree with most events.
   EdgeMotion BestStart(const std::vector<Distance>& distances) const {
     EdgeMotion best;
     std::vector<double> rest(distances.size());
@@ -175,7 +177,7 @@ class LsdLineDetector : public LineDetector {
     if (stretch.events.empty()) return detection;
     try {
       detection.lines = Lines(stretch, FindSegments(stretch, options_));
-    } catch (const cv::Exception&) {  // LSD gives up: nothing was found
+    } catch (const cv::Exception&) {  // LSD has failed: no lines
       detection.lines.clear();
     }
     return detection;

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// Lines by LSD on the image of accumulated events, the usual way and the comparison in the paper (Liu et al., IEEE TIP
-// 2024, its Fig. 8).
+// Detection of lines by LSD in an image of accumulated events: the usual method, with which the paper compares its own
+// (Liu et al., IEEE TIP 2024, Fig. 8).
 #pragma once
 
 #include <memory>
@@ -14,28 +14,29 @@
 namespace evpose {
 
 struct LsdDetectorOptions {
-  // Shorter than for planes: an image of events is sharp only while edges move by little.
+  // Shorter than for planes, because the image of events is sharp only if the edges have moved little.
   StretchOptions stretch = {.motion_px = 3.0};
-  // Events at a pixel that make it white; more do not count. One or two is what a pass of an edge sends.
+  // Number of events at which a pixel is white; further events have no effect. An edge that passes a pixel causes one
+  // or two.
   int white_events = 2;
-  // Pixels: standard deviation of the blur before LSD. Events are scattered; LSD wants gradients.
+  // Standard deviation of the blur before LSD, pixels: events are scattered, and LSD needs gradients.
   double blur_px = 1.0;
-  // Pixels: shorter segments are dropped: LSD finds them in any scatter.
+  // Minimum length of a segment, pixels: LSD finds shorter ones in any scattered events.
   double min_length_px = 12.0;
-  // Events on a segment that its motion is told from; those with fewer are dropped.
+  // Minimum number of events from which the motion of a segment is estimated; segments with fewer are dropped.
   int min_events = 30;
-  // Pixels: farthest event of a segment, when the motion is fitted.
+  // Maximum distance of an event from the moving segment in the fit of its motion, pixels.
   double gate_px = 2.0;
-  // Pixels: segments this close that lie side by side are the two sides of one streak; the longer stays.
+  // Distance, pixels, up to which two parallel segments are the two sides of one streak; the longer one is kept.
   double duplicate_px = 2.0;
 
   // INVALID_ARGUMENT naming the field.
   absl::Status Validate() const;
 };
 
-// Grompone von Gioi, Jakubowicz, Morel, Randall, "LSD: a Line Segment Detector", IPOL 2012, as OpenCV has it. Position
-// across and speed follow from a robust fit of the events' distances against time (without turning); direction and end
-// points are LSD's. Errors: INVALID_ARGUMENT.
+// Grompone von Gioi, Jakubowicz, Morel, Randall, "LSD: a Line Segment Detector", IPOL 2012, in OpenCV's implementation.
+// LSD determines the direction and the end points; a robust fit of the distances of the events against time determines
+// the lateral position and the speed, without a rotation. Errors: INVALID_ARGUMENT.
 absl::StatusOr<std::unique_ptr<LineDetector>> MakeLsdLineDetector(const LsdDetectorOptions& options,
                                                                   SensorGeometry geometry);
 

@@ -46,7 +46,7 @@ TEST(LsdDetector, NoEdgeNoLine) {
   EXPECT_TRUE(detector->Detect(flood).lines.empty());
 }
 
-TEST(LsdDetector, RefusesOptionsThatCannotBe) {
+TEST(LsdDetector, RejectsInvalidOptions) {
   const auto message = [](auto change) {
     LsdDetectorOptions options;
     change(options);

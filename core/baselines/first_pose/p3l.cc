@@ -148,7 +148,7 @@ std::vector<double> RealRoots(const Eigen::VectorXd& coefficients, double imagin
   const Eigen::PolynomialSolver<double, Eigen::Dynamic> solver(polynomial);
   std::vector<double> roots;
   for (const auto& root : solver.roots()) {
-    // Of a conjugate pair one root counts.
+    // Only one root of a conjugate pair is counted.
     if (root.imag() < 0.0 || root.imag() > imaginary_ratio * (1.0 + std::abs(root.real()))) continue;
     roots.push_back(Polish(polynomial, root.real()));
   }

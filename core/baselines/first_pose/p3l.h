@@ -41,8 +41,8 @@ P3lPolynomial EliminateBeta(const P3lConstraint& first, const P3lConstraint& sec
 double ConstraintOfAlpha(const P3lConstraint& first, const P3lConstraint& second, double alpha_rad);
 
 // Real roots of a polynomial with coefficients by rising power, in rising order. A root counts as real if its imaginary
-// part is at most `imaginary_ratio` of 1 + |real part|, so that a double root that noise has split is not lost. Leading
-// coefficients that vanish are left out.
+// part is at most `imaginary_ratio` of 1 + |real part|, so that a double root that noise has split is not lost.
+// Vanishing leading coefficients are ignored.
 std::vector<double> RealRoots(const Eigen::VectorXd& coefficients, double imaginary_ratio);
 
 // Returns all rotations with n_i . R v_i = 0, i = 0, 1, 2, to rounding (Dhome, Richetin, Lapreste, Rives,

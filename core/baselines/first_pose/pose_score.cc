@@ -7,7 +7,7 @@
 namespace evpose {
 namespace {
 
-// Relative to the diameter of the object; a camera so close sees no lines.
+// Minimum depth of all line ends, relative to the diameter of the object: a pose with a nearer end is rejected.
 constexpr double kMinDepthOfDiameter = 0.1;
 
 bool IsTurnedAway(const ModelLine& line, const Eigen::Vector3d& camera_object) {

@@ -19,8 +19,8 @@ struct PublishedBnbOptions {
   // Pixels: largest distance of an end point from a projected line. The inlier band of 1.7 deg allows an error of the
   // rotation that displaces the end of an object of 250 px by 4 px.
   double threshold_px = 6.0;
-  // Triples of segments from which translations are computed, at most. Each is combined with all assignments of model
-  // lines with the right directions: 64 for a box, some thousands for a spacecraft.
+  // Maximum number of triples of segments from which translations are computed. Each is combined with all assignments
+  // of model lines with the right directions: 64 for a box, some thousands for a spacecraft.
   int max_triples = 20;
 
   // INVALID_ARGUMENT names the field.
@@ -36,8 +36,8 @@ struct PublishedBnbOptions {
 // the maximum (among those that the search returns) is combined with each of these symmetries; the translations of
 // triples of segments are enumerated for every assignment of lines with their directions; and the translation with the
 // most segments on projected lines is kept and solved again with all of them. The rotation remains the least-squares
-// one of the inliers of the count; pose and translation are not refined together, so that the objective of the paper is
-// what is measured. The search uses the bounds of rotation_bnb.h; the published ones find the same maximum in more
+// one of the inliers of the count; rotation and translation are not refined together, so that the result is that of the
+// paper's objective. The search uses the bounds of rotation_bnb.h; the published ones find the same maximum in more
 // time.
 //
 // Errors: INVALID_ARGUMENT for the options or a model without two directions; NOT_FOUND if no translation explains four

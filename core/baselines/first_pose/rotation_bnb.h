@@ -22,12 +22,12 @@ struct RotationBnbOptions {
   // Radians: largest deviation from a right angle between a normal and a rotated direction. The value of the released
   // code of the paper.
   double inlier_rad = 0.0299;
-  // Cubes of which the bounds are computed, at most: about a third of a microsecond each for ten lines and three
-  // directions.
+  // Maximum number of cubes for which bounds are computed; a cube takes about a third of a microsecond for ten lines
+  // and three directions.
   int64_t max_branches = 2'000'000;
   // Cubes explored after the bounds are equal, to find the other rotations that reach the maximum.
   int64_t max_plateau_branches = 50'000;
-  // Rotations returned, at most: more than the plateaus observed for ten lines of a box.
+  // Maximum number of returned rotations: more than the plateaus observed for ten lines of a box.
   int max_rotations = 16;
   // Radians: rotations closer than this, modulo the symmetry of the directions, are treated as one: two inlier bands,
   // the width of a plateau.

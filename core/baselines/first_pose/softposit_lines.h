@@ -16,8 +16,8 @@
 namespace evpose {
 
 struct SoftPositOptions {
-  // Starts, at most: the mean of the prior and draws from it, until one explains enough segments. The paper reports
-  // tens of starts for objects of this size.
+  // Maximum number of starts: the mean of the prior and draws from it, until one explains enough segments. The paper
+  // reports tens of starts for objects of this size.
   int max_starts = 50;
   // Share of explained segments at which no further start is made.
   double good_ratio = 0.8;
@@ -45,7 +45,8 @@ struct SoftPositOptions {
 // Differences from the paper: the distance of a segment from a projected line is that of its ends from the nearest
 // points of it, in pixels, where the paper adds the weighted angle between them; lines are ignored if all their faces
 // are turned away, where the paper leaves hidden lines to the slack. POSIT solves for four unknowns from the points of
-// the model, of which a plane leaves one undetermined, so that planar objects have no solution (Table I of LOPET, "-").
+// the model; points in one plane leave one of them undetermined, so that planar objects have no solution (Table I of
+// LOPET, "-").
 //
 // Equal seeds give equal poses. Errors: INVALID_ARGUMENT for the options; NOT_FOUND if no start explains four segments,
 // or the model is planar.

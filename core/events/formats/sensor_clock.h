@@ -122,8 +122,8 @@ class Clock32 {
   uint64_t wraps() const { return wraps_; }
   uint64_t backsteps() const { return backsteps_; }
 
-  // Takes of all times with these 32 bits the one nearest to the last time, so that a late word after a wrap remains
-  // late. Returns false if the time stepped back.
+  // Chooses, among the times with these low 32 bits, the one nearest to the last time, so that a late word after a wrap
+  // remains late. Returns false if the time stepped back.
   bool Set(uint32_t t_us) {
     if (!started_) {
       started_ = true;

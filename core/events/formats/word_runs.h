@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// Vectorised decoding of runs of plain words, of which a recording mostly consists. A word of another type, a time that
-// steps back or an address outside the sensor ends the run and is left to the decoder's scalar loop, which implements
-// all rules; the events are the same with and without runs. A stream that is cut into calls of a few bytes has no runs,
-// so that the tests of cut streams compare both.
+// Vectorised decoding of runs of plain words, the majority of the words of a recording. A word of another type, a time
+// that steps back or an address outside the sensor ends the run and is left to the decoder's scalar loop, which
+// implements all rules; the events are the same with and without runs. A stream that is cut into calls of a few bytes
+// has no runs, so that the tests of cut streams compare both.
 #pragma once
 
 #include <algorithm>

@@ -49,7 +49,7 @@ constexpr uint32_t kAllEvt3Lanes = 0xffff;
   const __m512i up_to_lane = _mm512_setr_epi32(0x1, 0x3, 0x7, 0xf, 0x1f, 0x3f, 0x7f, 0xff, 0x1ff, 0x3ff, 0x7ff, 0xfff,
                                                0x1fff, 0x3fff, 0x7fff, 0xffff);
   const __m512i before = _mm512_and_si512(Fill32(set), up_to_lane);
-  // -1 if there is none, which as an index is the last lane of the second operand.
+  // -1 without an earlier lane; as an index, -1 selects the last lane of the second operand.
   const __m512i latest = _mm512_sub_epi32(Fill32(31), _mm512_lzcnt_epi32(before));
   return _mm512_permutex2var_epi32(lanes, latest, carried);
 }
@@ -198,7 +198,7 @@ template <int first_bit>
   _mm512_storeu_si512(events, _mm512_or_si512(event, base_us));
 }
 
-// Sets of words of a block: events, and plain words.
+// Bit masks of the words of a block that are events, and of those that are plain.
 struct Evt2Sets {
   uint32_t events = 0;
   uint32_t plain = 0;

@@ -60,7 +60,7 @@ bool Step(uint64_t word, Evt2Run& run, std::vector<Event>& events) {
   return StepEvt2(static_cast<uint32_t>(word >> 32), static_cast<uint32_t>(word), run, events);
 }
 
-// Random words, of which one in `rarity` is not plain for one reason or another.
+// Random words; on average one in `rarity` is not plain, for a randomly chosen reason.
 class RandomWords {
  public:
   RandomWords(Random& random, uint64_t rarity) : random_(random), rarity_(rarity) {}
@@ -196,7 +196,7 @@ TEST_P(WordRunsTest, Evt21) { CheckRuns<uint64_t>(runs().evt21); }
 INSTANTIATE_TEST_SUITE_P(Instructions, WordRunsTest, testing::Values(&Avx2WordRuns, &Avx512WordRuns),
                          [](const auto& test) { return test.param == &Avx2WordRuns ? "Avx2" : "Avx512"; });
 
-TEST(RunPauseTest, LongRunsPayForShortOnes) {
+TEST(RunPauseTest, GrowsAfterShortRunsAndShrinksAfterLongOnes) {
   RunPause pause;
   EXPECT_EQ(pause.WordsAfter(1000), 1u);
   size_t last = 1;

@@ -103,7 +103,7 @@ class Recording {
     return absl::MakeConstSpan(events_).subspan(begin - events_.begin(), end - begin);
   }
 
-  // Also false outside the recording.
+  // Returns whether the estimate is right; false for times outside the recording.
   bool IsRight(int64_t t_us, const RigidTransform& estimate) const {
     const absl::StatusOr<RigidTransform> truth = Interpolate(truth_, t_us);
     return truth.ok() && ComparePoses(*model_, camera_, {}, *truth, estimate).is_right();

@@ -131,7 +131,7 @@ TEST(EventTrials, OptionsAreChecked) {
   EXPECT_EQ(RunReturnTrial(Tiny(), -1).status().code(), absl::StatusCode::kInvalidArgument);
 }
 
-TEST(EventTrialSummary, CountsWhatItSays) {
+TEST(EventTrialSummary, ComputesCountsMediansAndMaxima) {
   const std::vector<EventTrial> trials = {{0, 20'000, true, 1.0, 0, 1},
                                           {0, 50'000, true, 2.0, 5'000, 2},
                                           {0, 60'000, true, 3.0, 0, 3},

@@ -41,8 +41,8 @@ std::vector<LineMatch> TrueMatches(const LineTrialGenerator& trials, const LineT
   return matches;
 }
 
-// Points of the object of which the ends of a segment are noisy images: the ends of the visible part of its line that
-// fits best, in the order that fits best.
+// Object points that correspond to the noisy ends of each segment: the ends of the visible part of its line that fits
+// best, in the order that fits best.
 std::vector<PointMatch> TruePointMatches(const LineTrialGenerator& trials, const LineTrial& trial) {
   std::vector<PointMatch> matches;
   for (size_t j = 0; j < trial.segments.size(); ++j) {

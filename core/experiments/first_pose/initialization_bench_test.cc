@@ -45,7 +45,7 @@ TEST(InitializationBench, EveryMethodHasItsRow) {
   EXPECT_EQ(names.size(), num_methods);
 }
 
-TEST(InitializationBench, ASeedIsATableButForTheTimes) {
+TEST(InitializationBench, ASeedDeterminesTheTableExceptForTimes) {
   const auto a = RunInitializationBench(Small(), nullptr);
   const auto b = RunInitializationBench(Small(), nullptr);
   ASSERT_TRUE(a.ok() && b.ok());
@@ -86,7 +86,7 @@ TEST(InitializationBench, SlowMethodsDoFewerTrialsUnlessAskedTo) {
   EXPECT_EQ((*rows)[1].num_trials, limit + 10);
 }
 
-TEST(InitializationBench, CertifiesWhatWasFound) {
+TEST(InitializationBench, CertifiesFoundPoses) {
   InitializationBenchOptions options = Small();
   options.num_trials = 20;
   options.noise_px = 0.0;  // the true rotation then explains every line
@@ -127,7 +127,7 @@ TEST(InitializationBench, FailedSeedsAreThoseOfTheFailedTrials) {
   EXPECT_EQ(static_cast<int>((*rows)[0].failed_seeds.size()), 10 - (*rows)[0].num_right);
 }
 
-TEST(InitializationBench, StopsWhenAsked) {
+TEST(InitializationBench, StopsOnRequestOfTheCaller) {
   const auto rows = RunInitializationBench(Small(), [](const InitializationBenchRow&) { return false; });
   EXPECT_EQ(rows.status().code(), absl::StatusCode::kCancelled);
 }

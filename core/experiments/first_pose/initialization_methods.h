@@ -44,7 +44,7 @@ struct InitializationMethod {
   std::string name;  // name on the command line
   std::string description;
   PriorKnowledge told = PriorKnowledge::kNothing;
-  // Trials of each scenario, at most: some published methods take a second per trial.
+  // Maximum number of trials of each scenario: some published methods take a second per trial.
   int max_trials = 0;
   // Makes the method for one object and camera; its precomputed data are shared by all trials.
   std::function<absl::StatusOr<InitializationFunction>(std::shared_ptr<const ObjectModel>, const CameraModel&)> make;

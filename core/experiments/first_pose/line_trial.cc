@@ -95,7 +95,7 @@ class Generator : public LineTrialGenerator {
     return trial;
   }
 
-  // Whether a suitable pose is found within a fraction of the draws that Make() may use.
+  // True if a twentieth of the maximum number of draws in Make() suffices to find a suitable pose.
   bool FindsPoses() const {
     Random random(0);
     LineTrial trial;
@@ -213,7 +213,7 @@ absl::StatusOr<std::unique_ptr<LineTrialGenerator>> LineTrialGenerator::Create(c
   auto generator = std::make_unique<Generator>(options, std::move(model), size_m);
   if (!generator->FindsPoses()) {
     return absl::FailedPreconditionError(absl::StrCat(
-        "hardly any pose of the ", name, " can be told with ", options.num_missing, " lines missing and a noise of ",
+        "hardly any pose of the ", name, " is determined with ", options.num_missing, " lines missing and a noise of ",
         options.noise_px, " px; ask for fewer missing lines or less noise"));
   }
   return generator;

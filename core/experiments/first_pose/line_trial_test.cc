@@ -45,7 +45,7 @@ TEST_P(LineTrialTest, WithoutNoiseSegmentsLieOnTheirLines) {
   }
 }
 
-TEST_P(LineTrialTest, TheMissingAreMissingAndTheRestIsThere) {
+TEST_P(LineTrialTest, OnlyTheMissingLinesAreAbsent) {
   const auto trials = Generator(GetParam(), 0.8, 4, 2);
   for (int seed = 0; seed < kTrials; ++seed) {
     const LineTrial trial = trials->Make(seed);
@@ -60,7 +60,7 @@ TEST_P(LineTrialTest, TheMissingAreMissingAndTheRestIsThere) {
   }
 }
 
-TEST_P(LineTrialTest, TheObjectIsInViewAtTheSaidDistance) {
+TEST_P(LineTrialTest, TheObjectIsInViewAtTheGivenDistance) {
   const auto trials = Generator(GetParam(), 0.8, 0, 0);
   Eigen::Vector3d sum_of_axes = Eigen::Vector3d::Zero();
   for (int seed = 0; seed < kTrials; ++seed) {
@@ -75,7 +75,7 @@ TEST_P(LineTrialTest, TheObjectIsInViewAtTheSaidDistance) {
   EXPECT_LT(sum_of_axes.norm() / kTrials, 0.6) << "attitudes are not spread";
 }
 
-TEST_P(LineTrialTest, ASeedIsATrial) {
+TEST_P(LineTrialTest, ASeedDeterminesATrial) {
   const auto trials = Generator(GetParam(), 0.8, 2, 1);
   const LineTrial first = trials->Make(7), again = trials->Make(7), other = trials->Make(8);
   EXPECT_EQ(first.camera_from_object.rotation, again.camera_from_object.rotation);
@@ -107,7 +107,7 @@ TEST_P(LineTrialTest, ErrorsAreModuloTheSymmetries) {
   EXPECT_FALSE(CompareWithTruth(*trials, trial, Perturb(trial.camera_from_object, by)).is_right());
 }
 
-TEST_P(LineTrialTest, NoiseIsWhatWasAskedFor) {
+TEST_P(LineTrialTest, NoiseHasTheGivenStandardDeviation) {
   const auto trials = Generator(GetParam(), 0.8, 0, 0);
   double sum_px2 = 0.0;
   int count = 0;
@@ -131,7 +131,7 @@ TEST_P(LineTrialTest, NoiseIsWhatWasAskedFor) {
 INSTANTIATE_TEST_SUITE_P(Objects, LineTrialTest, testing::ValuesIn(kObjects),
                          [](const auto& test) { return std::string(SimulatedObjectName(test.param)); });
 
-TEST(LineTrialGeneratorTest, BacksThatTellNothingAreNotDrawn) {
+TEST(LineTrialGeneratorTest, ViewsFromBehindAreNotDrawn) {
   for (const SimulatedObject object : {SimulatedObject::kPlanar, SimulatedObject::kBook}) {
     const auto trials = Generator(object, 0.8, 0, 0);
     for (int seed = 0; seed < kTrials; ++seed) {

@@ -145,7 +145,7 @@ bool MapsOntoLine(const ObjectModel& model, const RigidTransform& motion, const 
   });
 }
 
-// Returns the longest line, and a long one that is least parallel to it.
+// Returns the longest line and the line with the largest extent perpendicular to it.
 std::pair<int, int> BaseLines(const ObjectModel& model, const std::set<int>& lines) {
   const auto extent = [&](int i) -> Vector3d { return model.lines[i].p2 - model.lines[i].p1; };
   const int first =

@@ -33,7 +33,7 @@ constexpr std::array kMethods = {
     SyntheticMethod{"s", "the paper's S under its right formulas", LineFitMethod::kTukeyS, LineFitFormulas::kCorrected},
     SyntheticMethod{"mm", "the paper's MM under its right formulas", LineFitMethod::kTukeyMm,
                     LineFitFormulas::kCorrected},
-    SyntheticMethod{"filter", "error-state Kalman filter, as in line-SLAM; told the noise",
+    SyntheticMethod{"filter", "error-state Kalman filter, as in line-SLAM; with known noise",
                     LineFitMethod::kErrorStateFilter, LineFitFormulas::kCorrected},
     SyntheticMethod{"ls-released", "least squares as the paper's released code computes", LineFitMethod::kLeastSquares,
                     LineFitFormulas::kReleasedCode},

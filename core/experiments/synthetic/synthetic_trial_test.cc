@@ -58,7 +58,7 @@ TEST(SyntheticTrialTest, NoiseIsNormalAboutTheTrueLines) {
   EXPECT_NEAR(fourth_powers / 2500.0 / 81.0, 3.0, 4.0 * std::sqrt(96.0 / 2500.0));
 }
 
-TEST(SyntheticTrialTest, OutliersAreExactlySoMany) {
+TEST(SyntheticTrialTest, TheNumberOfOutliersIsExact) {
   for (const double ratio : {0.0, 0.02, 0.5, 1.0}) {
     SyntheticTrialOptions options;
     options.outlier_ratio = ratio;
@@ -87,7 +87,7 @@ TEST(SyntheticTrialTest, SeedsAndOptions) {
   }
 }
 
-TEST(SyntheticTrialTest, StartIsTheTruthMovedSoFar) {
+TEST(SyntheticTrialTest, StartIsTheTruthMovedByTheGivenAmount) {
   SyntheticTrialOptions options;
   double farthest_rad = 0.0, farthest_ratio = 0.0;
   for (uint64_t seed = 0; seed < 100; ++seed) {

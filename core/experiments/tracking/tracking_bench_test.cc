@@ -49,7 +49,7 @@ TEST(TrackingBenchTest, TheyFollowTheObject) {
   EXPECT_TRUE(blocks[0].rows[1].verdicts.empty());
 }
 
-TEST(TrackingBenchTest, TheOracleIsTheFloor) {
+TEST(TrackingBenchTest, TheOracleIsTheLowerBound) {
   const std::vector<TrackingBenchBlock> blocks = RunBench(Short());
   const TrackingBenchRow& mixture = blocks[0].rows[0];
   const TrackingBenchRow& oracle = blocks[0].rows[2];
@@ -83,7 +83,7 @@ TEST(TrackingBenchTest, IsAFunctionOfItsOptions) {
   EXPECT_EQ(first.nees, second.nees);
 }
 
-TEST(TrackingBenchTest, StopsWhenTold) {
+TEST(TrackingBenchTest, StopsOnRequest) {
   double last = 0.0;
   const auto on_progress = [&](double ratio, const std::string& text) {
     EXPECT_GE(ratio, last);
@@ -98,7 +98,7 @@ TEST(TrackingBenchTest, StopsWhenTold) {
   EXPECT_EQ(blocks, 0);
 }
 
-TEST(TrackingBenchTest, SaysWhatIsWrong) {
+TEST(TrackingBenchTest, ErrorsNameTheArgument) {
   const auto message = [](const auto& change) {
     TrackingBenchOptions options;
     change(options);

@@ -58,7 +58,7 @@ TEST_F(TrackingRecordingsTest, KeptEventsAreTheSimulatedOnes) {
   EXPECT_EQ(Play(), first);
 }
 
-TEST_F(TrackingRecordingsTest, AnotherSimulationTakesThePlace) {
+TEST_F(TrackingRecordingsTest, ARecordingOfOtherOptionsIsReplaced) {
   Play();
   run_.seed = 2;
   bool is_simulated = false;

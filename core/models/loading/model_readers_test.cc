@@ -66,7 +66,8 @@ RawMesh Polygon(const std::vector<Eigen::Vector2d>& outline) {
   return mesh;
 }
 
-// Of the triangles, positive when they are counter-clockwise.
+// Returns the smallest signed area of the triangles, and their sum; an area is positive if the corners are
+// counter-clockwise.
 double SmallestArea(const RawMesh& mesh, double& sum) {
   double smallest = 1e9;
   sum = 0.0;

@@ -176,7 +176,7 @@ class PlyBody {
 
   absl::Status EndInstance() const {
     if (!IsAscii() || next_word_ == words_.size()) return absl::OkStatus();
-    return Error("more numbers than the header says");
+    return Error("more numbers than the header declares");
   }
 
   absl::StatusOr<double> Next(const PlyType& type) { return IsAscii() ? NextWord(type) : NextBinary(type); }
@@ -186,9 +186,9 @@ class PlyBody {
       const std::optional<absl::string_view> line = lines_.Next();
       if (!line) return absl::OkStatus();
       SplitWords(*line, words_);
-      if (!words_.empty()) return Error("more lines than the header says");
+      if (!words_.empty()) return Error("more lines than the header declares");
     }
-    return offset_ == body_.size() ? absl::OkStatus() : Error("more bytes follow than the header says");
+    return offset_ == body_.size() ? absl::OkStatus() : Error("more bytes follow than the header declares");
   }
 
   absl::Status Error(absl::string_view what) const {
@@ -200,7 +200,7 @@ class PlyBody {
   bool IsAscii() const { return format_ == PlyHeader::Format::kAscii; }
 
   absl::StatusOr<double> NextWord(const PlyType& type) {
-    if (next_word_ == words_.size()) return Error("fewer numbers than the header says");
+    if (next_word_ == words_.size()) return Error("fewer numbers than the header declares");
     const absl::string_view word = words_[next_word_++];
     double value = 0.0;
     int64_t integer = 0;

@@ -44,7 +44,7 @@ class ElementCounter {
 
 // Cuts a polygon of at least 3 corners, which are indices of `mesh.points`, into triangles with the winding of the
 // polygon and appends them (core/models/README.md, section 2). The polygon may be concave and should be nearly flat.
-// Of a polygon that crosses itself, parts may be left out.
+// Parts of a polygon that crosses itself may be omitted.
 void AppendPolygon(absl::Span<const uint32_t> corners, RawMesh& mesh);
 
 }  // namespace evpose

@@ -67,16 +67,16 @@ TEST_P(OrphanCollectorTest, DeletesWhatNoServerRenews) {
   for (int i = 0; i < 4; ++i) {
     Collect();
     ASSERT_TRUE(CommitNow(*alive, {.lifecycle = std::to_string(i)}).ok());
-    EXPECT_EQ(Names().size(), 3u) << "it is not long enough ago";
+    EXPECT_EQ(Names().size(), 3u) << "the grace period has not passed";
   }
   for (int i = 4; i < 10; ++i) {
     Collect();
-    ASSERT_TRUE(CommitNow(*alive, {.lifecycle = std::to_string(i)}).ok()) << "nobody has taken it";
+    ASSERT_TRUE(CommitNow(*alive, {.lifecycle = std::to_string(i)}).ok()) << "the lease is still valid";
     EXPECT_THAT(Names(), testing::ElementsAre("sessions/alive", "sessions/here"));
   }
 }
 
-TEST_P(OrphanCollectorTest, WhoComesBackJustThenKeepsTheSession) {
+TEST_P(OrphanCollectorTest, ARenewalDuringTheCollectionKeepsTheSession) {
   const auto lease = store_->CreateSession(Record("sessions/late"), "attached").value();
   for (int i = 0; i < 4; ++i) Collect();
   hooked_.hook = [&lease] { ASSERT_TRUE(CommitNow(*lease, {.lifecycle = "attached again"}).ok()); };
@@ -86,19 +86,19 @@ TEST_P(OrphanCollectorTest, WhoComesBackJustThenKeepsTheSession) {
   for (int i = 0; i < 4; ++i) Collect();
   hooked_.hook = [this] { ASSERT_TRUE(store_->TakeSession("sessions/late").ok()); };
   Collect();
-  EXPECT_TRUE(Names().empty()) << "who only takes it has not come back";
+  EXPECT_TRUE(Names().empty()) << "taking a session does not renew its lifecycle record";
 }
 
-TEST_P(OrphanCollectorTest, AWhileInWhichNobodyCouldRenewDoesNotCount) {
+TEST_P(OrphanCollectorTest, TimeWithoutAccessToTheStoreDoesNotCount) {
   ASSERT_TRUE(store_->CreateSession(Record("sessions/a"), "attached").ok());
   Collect();
   Collect(10 * kExpiry);
-  EXPECT_EQ(Names().size(), 1u) << "this server stood still";
+  EXPECT_EQ(Names().size(), 1u) << "this server was suspended";
   trouble_->Set(absl::UnavailableError("away"));
   for (int i = 0; i < 10; ++i) Collect();
   trouble_->Set(absl::OkStatus());
   for (int i = 0; i < 4; ++i) Collect();
-  EXPECT_EQ(Names().size(), 1u) << "the store was away";
+  EXPECT_EQ(Names().size(), 1u) << "the store was unreachable";
   Collect();
   EXPECT_TRUE(Names().empty());
 }

@@ -77,7 +77,7 @@ std::vector<StoredPose> SomePoses() {
   return poses;
 }
 
-TEST(SessionCodecTest, AConfigurationComesBack) {
+TEST(SessionCodecTest, ConfigurationRoundTrip) {
   const SessionConfig config = AFullConfig();
   const auto decoded = DecodeConfig(EncodeConfig(config));
   ASSERT_TRUE(decoded.ok()) << decoded.status();
@@ -85,7 +85,7 @@ TEST(SessionCodecTest, AConfigurationComesBack) {
   EXPECT_EQ(EncodeConfig(*decoded), EncodeConfig(config)) << "bit for bit";
 }
 
-TEST(SessionCodecTest, ALifecycleComesBack) {
+TEST(SessionCodecTest, LifecycleRoundTrip) {
   const SessionLifecycle lifecycle = DecodeLifecycle(EncodeLifecycle(ALifecycle())).value();
   EXPECT_EQ(lifecycle.token_digest, TokenDigest("new"));
   EXPECT_EQ(lifecycle.previous_token_digest, TokenDigest("old"));
@@ -104,7 +104,7 @@ TEST(SessionCodecTest, ALifecycleHoldsNoToken) {
               testing::Not(testing::HasSubstr("0123456789abcdef")));
 }
 
-TEST(SessionCodecTest, ACheckpointComesBack) {
+TEST(SessionCodecTest, CheckpointRoundTrip) {
   const SessionCheckpoint checkpoint = DecodeCheckpoint(EncodeCheckpoint(ACheckpoint()), 2).value();
   EXPECT_EQ(EncodeCheckpoint(checkpoint), EncodeCheckpoint(ACheckpoint()));
   EXPECT_EQ(checkpoint.processed_seq, 99u);
@@ -116,10 +116,10 @@ TEST(SessionCodecTest, ACheckpointComesBack) {
   EXPECT_EQ(checkpoint.pipeline, ACheckpoint().pipeline);
   SessionCheckpoint first = ACheckpoint();
   first.pipeline->position.first_t_us = first.pipeline->position.now_us = -1;
-  EXPECT_EQ(DecodeCheckpoint(EncodeCheckpoint(first), 2)->pipeline, first.pipeline) << "no time has been seen";
+  EXPECT_EQ(DecodeCheckpoint(EncodeCheckpoint(first), 2)->pipeline, first.pipeline) << "no event time is known";
 }
 
-TEST(SessionCodecTest, PosesComeBackBitForBit) {
+TEST(SessionCodecTest, PosesRoundTripToTheBit) {
   const PoseSegment segment = EncodePoses(SomePoses());
   EXPECT_EQ(segment.first_pose_seq, 40u);
   EXPECT_EQ(segment.last_pose_seq, 42u);
@@ -148,8 +148,8 @@ std::vector<RecordCase> RecordCases() {
   };
 }
 
-// The checksum around a record shows all damage; this is the second line of defence.
-TEST(SessionCodecTest, DamagedBytesAreReadOrRefusedInWords) {
+// The checksum of a record detects damage; the decoder must be safe without it.
+TEST(SessionCodecTest, DamagedBytesAreReadOrRefusedWithAMessage) {
   for (const auto& [bytes, decode] : RecordCases()) {
     ASSERT_TRUE(decode(bytes).ok());
     EXPECT_EQ(decode("").code(), absl::StatusCode::kDataLoss);
@@ -162,7 +162,7 @@ TEST(SessionCodecTest, DamagedBytesAreReadOrRefusedInWords) {
     }
     EXPECT_GT(num_refused, static_cast<int>(bytes.size()) / 2);
     std::string changed = bytes;
-    for (size_t i = 0; i < bytes.size(); ++i) {  // whatever comes out, nothing breaks
+    for (size_t i = 0; i < bytes.size(); ++i) {  // any result is permitted, but no crash
       changed[i] = static_cast<char>(changed[i] ^ 0xff);
       (void)decode(changed);
       changed[i] = bytes[i];
@@ -196,9 +196,9 @@ TEST(SessionCodecTest, AChoiceOfALaterVersionIsRefused) {
               testing::HasSubstr("an estimator that this version does not know"));
 }
 
-TEST(SessionCodecTest, RefusesWhatContradictsTheSession) {
+TEST(SessionCodecTest, RefusesRecordsThatContradictTheSession) {
   EXPECT_FALSE(DecodeCheckpoint(EncodeCheckpoint(ACheckpoint()), 1).ok()) << "another number of objects";
-  EXPECT_FALSE(DecodePoses(EncodePoses(SomePoses()), 1).ok()) << "a pose of an object that is not there";
+  EXPECT_FALSE(DecodePoses(EncodePoses(SomePoses()), 1).ok()) << "a pose of an object that does not exist";
   PoseSegment segment = EncodePoses(SomePoses());
   segment.last_pose_seq = 43;
   EXPECT_FALSE(DecodePoses(segment, 2).ok());

@@ -44,7 +44,7 @@ class SessionCommitter : public std::enable_shared_from_this<SessionCommitter> {
   };
 
   struct Progress {
-    // Of what has been persisted:
+    // The next four describe the persisted data.
     uint64_t lifecycle = 0;  // number of the newest ownership record
     uint64_t seq = 0;        // SessionCommitter::Checkpoint::seq of the newest state
     uint64_t last_pose_seq = 0;

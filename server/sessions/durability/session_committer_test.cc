@@ -73,7 +73,7 @@ class SessionCommitterTest : public testing::Test {
       SessionCommitter::Backoff{.first = absl::Microseconds(1), .longest = absl::Microseconds(10)}, metrics_);
 };
 
-TEST_F(SessionCommitterTest, OneCommitAtATimeAndWhatWaitsGoesTogether) {
+TEST_F(SessionCommitterTest, OneCommitAtATimeAndWaitingDataShareTheNext) {
   committer_->CommitLifecycle(1, "first");
   committer_->CommitLifecycle(2, "second");
   committer_->CommitLifecycle(1, "late");
@@ -98,7 +98,7 @@ TEST_F(SessionCommitterTest, OneCommitAtATimeAndWhatWaitsGoesTogether) {
   EXPECT_EQ(num_changes_, 2);
 }
 
-TEST_F(SessionCommitterTest, WhatTheStoreDidNotAnswerIsCommittedAgainWithWhatCameSince) {
+TEST_F(SessionCommitterTest, ACommitWithoutAnAnswerIsRepeatedWithTheLaterData) {
   committer_->CommitCheckpoint(State("one", 1, 1, 10));
   const SessionCommit first = Answer(absl::UnavailableError("away"));
   EXPECT_TRUE(committer_->progress().store_is_away);
@@ -126,7 +126,7 @@ TEST_F(SessionCommitterTest, WhatTheStoreDidNotAnswerIsCommittedAgainWithWhatCam
   EXPECT_EQ(metrics_->checkpoint_time.Read().total(), 1u);
 }
 
-TEST_F(SessionCommitterTest, PosesMayGoAlone) {
+TEST_F(SessionCommitterTest, PosesMayBeCommittedWithoutACheckpoint) {
   committer_->CommitCheckpoint(State("one", 1, 1, 10));
   Answer(absl::OkStatus());
   committer_->CommitCheckpoint({.poses = PoseSegment{11, 12, "poses"}});
@@ -154,7 +154,7 @@ TEST_F(SessionCommitterTest, EveryEndHasItsReason) {
     commits->waiting.clear();
     done(answer);
     EXPECT_EQ(GetErrorDetails(committer->progress().failure).reason, reason);
-    EXPECT_TRUE(commits->waiting.empty()) << "nothing is begun afterwards";
+    EXPECT_TRUE(commits->waiting.empty()) << "no commit starts after the end";
   }
   EXPECT_EQ(metrics_->checkpoint_failures[CheckpointFailure::kFenced].value(), 1u);
   EXPECT_EQ(metrics_->checkpoint_failures[CheckpointFailure::kStoreFull].value(), 1u);
@@ -162,7 +162,7 @@ TEST_F(SessionCommitterTest, EveryEndHasItsReason) {
   EXPECT_EQ(metrics_->checkpoint_failures[CheckpointFailure::kStoreAway].value(), 0u);
 }
 
-TEST_F(SessionCommitterTest, AClosedOneBeginsNothing) {
+TEST_F(SessionCommitterTest, AClosedCommitterStartsNoCommit) {
   committer_->CommitLifecycle(1, "x");
   committer_->CommitLifecycle(2, "y");
   committer_->Close();

@@ -136,7 +136,7 @@ TEST_P(EarlierStoreTest, ItsSessionsAreListedAndTheirPosesAreRead) {
   }
 }
 
-TEST_P(EarlierStoreTest, TrackingGoesOn) {
+TEST_P(EarlierStoreTest, TrackingContinues) {
   int num_searched = 0;
   for (const char* request_id : {"tracked", "foreign"}) {
     SCOPED_TRACE(request_id);

@@ -39,7 +39,7 @@ class StreamGate {
   };
   struct Start {
     SessionLifecycle lifecycle;
-    absl::Time detached_at;          // used when the record says that a stream is attached: its server is gone
+    absl::Time detached_at;          // used if a stream is attached according to the record: its server has ended
     std::string resume_token;        // empty: unknown, because the store has only its digest
     uint64_t processed_seq = 0;      // of the checkpoint
     bool has_ended = false;          // of the checkpoint

@@ -113,7 +113,7 @@ TEST_F(StreamGateTest, ThePreviousTokenIsGoodUntilTheStreamSends) {
   EXPECT_TRUE(gate_.TakeChangedLifecycle().has_value());
   EXPECT_TRUE(gate_.CheckPush(stream).ok());
   EXPECT_EQ(ReasonOf(gate_.CheckAttach(TokenDigest("first"), 0, 0)), "WRONG_TOKEN");
-  EXPECT_TRUE(gate_.TakeChangedLifecycle().has_value()) << "that it is void has to be persisted";
+  EXPECT_TRUE(gate_.TakeChangedLifecycle().has_value()) << "the invalidation must be persisted";
   EXPECT_TRUE(gate_.CheckPush(stream).ok());
   EXPECT_FALSE(gate_.TakeChangedLifecycle().has_value());
 }
@@ -173,7 +173,7 @@ TEST_F(StreamGateTest, ItemsComeInOrder) {
   const uint64_t stream = Attach(gate_);
   EXPECT_EQ(stream, 1u);
   EXPECT_EQ(gate_.IsNext(1).value(), true);
-  EXPECT_EQ(gate_.IsNext(1).value(), true) << "asking accepts nothing";
+  EXPECT_EQ(gate_.IsNext(1).value(), true) << "a check accepts nothing";
   gate_.Accept();
   EXPECT_EQ(gate_.IsNext(1).value(), false);
   EXPECT_EQ(gate_.AcceptChunk(2, 10).value(), true);

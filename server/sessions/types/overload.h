@@ -37,7 +37,7 @@ class OverloadGate {
   // false.
   bool MustSkip(const Backlog& backlog);
   void AddDropped(const EventGap& gap);
-  // The reason of the open gap.
+  // The reason for the open gap.
   DropReason reason() const { return gap_.has_value() ? gap_->reason : DropReason::kLag; }
   // Closes the gap, and returns it; nothing when no gap is open.
   std::optional<EventsDropped> EndGap();

@@ -30,12 +30,13 @@ class PoseLog {
   explicit PoseLog(size_t capacity, uint64_t next_pose_seq = 1);
   ~PoseLog();
 
-  // `poses` continue the log without a gap. Poses that the log has had are ignored: a session that is resumed from an
-  // earlier state produces the same poses again. Poses numbered `kept_from` and higher are kept beyond the capacity.
+  // `poses` continue the log without a gap. Poses that have been appended before are ignored, because a session that is
+  // resumed from an earlier state produces the same poses again. Poses numbered `kept_from` and higher are kept beyond
+  // the capacity.
   void Append(absl::Span<const StoredPose> poses, uint64_t kept_from = UINT64_MAX);
 
-  // At most `max_poses` poses numbered above `after_pose_seq`, from the oldest that the log still has. Empty: there is
-  // no such pose yet. If the first one is not `after_pose_seq + 1`, the poses between have been removed.
+  // Returns at most `max_poses` poses numbered above `after_pose_seq`, beginning with the oldest one in the log; none
+  // if there is no such pose yet. If the first one is not `after_pose_seq + 1`, the poses in between have been removed.
   std::vector<StoredPose> Read(uint64_t after_pose_seq, size_t max_poses) const;
 
   // Number of the oldest pose in the log; one above the last number when the log is empty.

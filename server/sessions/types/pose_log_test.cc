@@ -39,7 +39,7 @@ TEST(PoseLogTest, GivesPosesAfterANumberInPages) {
   EXPECT_EQ(log.Read(3, 1).front().estimate.t_us, 4000);
 }
 
-TEST(PoseLogTest, ForgetsTheOldestBeyondItsCapacity) {
+TEST(PoseLogTest, RemovesTheOldestBeyondItsCapacity) {
   PoseLog log(3);
   log.Append(Poses(1, 5));
   EXPECT_EQ(log.first_pose_seq(), 3u);
@@ -47,7 +47,7 @@ TEST(PoseLogTest, ForgetsTheOldestBeyondItsCapacity) {
   EXPECT_THAT(Numbers(log.Read(4, 10)), testing::ElementsAre(5));
 }
 
-TEST(PoseLogTest, KeepsWhatIsStillNeededBeyondItsCapacity) {
+TEST(PoseLogTest, KeepsNeededPosesBeyondItsCapacity) {
   PoseLog log(3);
   log.Append(Poses(1, 8), 4);
   EXPECT_THAT(Numbers(log.Read(0, 10)), testing::ElementsAre(4, 5, 6, 7, 8));
@@ -55,7 +55,7 @@ TEST(PoseLogTest, KeepsWhatIsStillNeededBeyondItsCapacity) {
   EXPECT_THAT(Numbers(log.Read(0, 10)), testing::ElementsAre(7, 8, 9));
 }
 
-TEST(PoseLogTest, LeavesOutWhatItHasHadAlready) {
+TEST(PoseLogTest, IgnoresRepeatedPoses) {
   PoseLog log(3);
   log.Append(Poses(1, 4));
   std::vector<StoredPose> again = Poses(3, 5);
@@ -65,7 +65,7 @@ TEST(PoseLogTest, LeavesOutWhatItHasHadAlready) {
   EXPECT_EQ(log.Read(3, 1).front().estimate.t_us, 4000);
 }
 
-TEST(PoseLogTest, GoesOnFromWhereAnEarlierOneStopped) {
+TEST(PoseLogTest, ContinuesTheNumbersOfAnEarlierLog) {
   PoseLog log(3, 100);
   EXPECT_EQ(log.first_pose_seq(), 100u);
   EXPECT_EQ(log.last_pose_seq(), 99u);

@@ -12,7 +12,7 @@ namespace evpose::server {
 namespace {
 
 constexpr size_t kMaxObjects = 16;        // limits in the API: memory and time grow with the number of objects
-constexpr size_t kMaxObjectIdBytes = 64;  // it stands in each line of the log
+constexpr size_t kMaxObjectIdBytes = 64;  // each line of the log contains it
 // With less, all events would be dropped: clients collect a chunk for a millisecond.
 constexpr absl::Duration kMinMaxLag = absl::Milliseconds(1);
 constexpr absl::Duration kMaxMaxLag = absl::Seconds(10);

@@ -38,7 +38,7 @@ class JobThread {
     return true;
   }
 
-  // Processes the jobs that wait and stops the thread. To be called by one thread, other than the job thread.
+  // Processes the queued jobs and stops the thread. To be called by one thread, other than the job thread.
   void Close() {
     {
       const std::lock_guard lock(mutex_);
@@ -57,7 +57,7 @@ class JobThread {
     }
   }
 
-  // Blocks until jobs wait. An empty result means that the queue is closed and drained.
+  // Blocks until a job is queued or the queue is closed. An empty result means that the queue is closed and drained.
   std::vector<Job> TakeAll() {
     std::unique_lock lock(mutex_);
     changed_.wait(lock, [this]() ABSL_NO_THREAD_SAFETY_ANALYSIS { return closed_ || !waiting_.empty(); });

@@ -175,8 +175,9 @@ class Store {
   // holder has taken it; the session is kept.
   virtual absl::Status DeleteHeldSession(absl::string_view name, uint64_t fencing_number) = 0;
 
-  // Retention: deletes the sessions that ended before `ended_before`. A full store deletes ended sessions by itself,
-  // beginning with the earliest end. Returns the names of all sessions deleted in either way since the last call.
+  // Retention: deletes the sessions that ended before `ended_before`. A full store also deletes ended sessions without
+  // a call, beginning with the earliest end. Returns the names of all sessions deleted in either way since the last
+  // call.
   virtual absl::StatusOr<std::vector<std::string>> DeleteEnded(absl::Time ended_before) = 0;
 };
 

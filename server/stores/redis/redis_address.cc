@@ -57,7 +57,7 @@ absl::Status ParseHost(absl::string_view rest, RedisAddress& address) {
     }
     rest = rest.substr(0, slash);
   }
-  // An IPv6 address stands in brackets.
+  // An IPv6 address is enclosed in brackets.
   const size_t bracket = rest.find(']');
   const size_t colon = rest.find(':', bracket == absl::string_view::npos ? 0 : bracket);
   if (colon != absl::string_view::npos) {
@@ -85,7 +85,7 @@ absl::StatusOr<RedisAddress> ParseRedisAddress(absl::string_view url) {
   if (absl::StartsWith(url, "rediss://")) {
     return absl::UnimplementedError(
         "rediss:// is not supported: Debian 12's hiredis has no TLS; use redis:// on a private network, or a local "
-        "stunnel or proxy that speaks TLS to the Redis server");
+        "stunnel or proxy that connects to the Redis server with TLS");
   }
   RedisAddress address;
   if (absl::ConsumePrefix(&url, "redis+unix://")) {

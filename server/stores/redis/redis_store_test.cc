@@ -62,7 +62,7 @@ TEST(RedisStoreTest, WrongPasswordsAndMissingServersAreErrors) {
   EXPECT_THAT(std::string(status.message()), AllOf(Not(HasSubstr("secret")), HasSubstr("socket")));
 }
 
-TEST(RedisStoreTest, AServerThatWouldForgetSessionsIsRefused) {
+TEST(RedisStoreTest, AServerThatEvictsKeysIsRefused) {
   RedisServer redis({"--maxmemory", "100mb", "--maxmemory-policy", "allkeys-lru"});
   const absl::Status status = OpenStore({.store = redis.url()}).status();
   EXPECT_EQ(status.code(), StatusCode::kFailedPrecondition);
@@ -84,7 +84,7 @@ class RedisStoreFixture : public testing::Test {
   std::unique_ptr<Store> store_ = Open();
 };
 
-TEST_F(RedisStoreFixture, ComesBackWithTheServer) {
+TEST_F(RedisStoreFixture, ReconnectsAfterARestartOfTheServer) {
   auto lease = store_->CreateSession(Record("sessions/a"), "").value();
   ASSERT_TRUE(CommitNow(*lease, {.checkpoint = "1", .poses = {Segment("a", 1, 3)}}).ok());
   redis_.Kill();
@@ -98,7 +98,7 @@ TEST_F(RedisStoreFixture, ComesBackWithTheServer) {
 }
 
 // Redis is stopped while a commit is in progress, so that the client cannot see whether the commit was written.
-TEST_F(RedisStoreFixture, ACommitThatArrivedWithoutAnAnswerIsNotThereTwice) {
+TEST_F(RedisStoreFixture, ACommitWithAnUnknownResultIsNotAppliedTwice) {
   store_ = Open(absl::Seconds(2));
   auto lease = store_->CreateSession(Record("sessions/a"), "").value();
   ASSERT_TRUE(CommitNow(*lease, {.checkpoint = "1", .poses = {Segment("a", 1, 3)}}).ok());
@@ -132,7 +132,7 @@ TEST_F(RedisStoreFixture, ACommitThatComesAfterALaterOneIsNotWritten) {
   EXPECT_TRUE(store_->ReadSession("sessions/a")->poses.empty());
 }
 
-TEST_F(RedisStoreFixture, AnotherServersHolderIsShutOut) {
+TEST_F(RedisStoreFixture, ThePreviousHolderIsFenced) {
   const std::unique_ptr<Store> other = Open();
   auto lease = store_->CreateSession(Record("sessions/a"), "").value();
   ASSERT_TRUE(CommitNow(*lease, {.checkpoint = "1", .poses = {Segment("a", 1, 3)}}).ok());
@@ -145,7 +145,7 @@ TEST_F(RedisStoreFixture, AnotherServersHolderIsShutOut) {
   EXPECT_EQ(CommitNow(*taken.lease, {.checkpoint = "x"}).code(), StatusCode::kAborted);
 }
 
-TEST_F(RedisStoreFixture, SendsScriptsThatTheServerForgot) {
+TEST_F(RedisStoreFixture, SendsMissingScriptsAgain) {
   auto lease = store_->CreateSession(Record("sessions/a"), "").value();
   redis_.Run({"SCRIPT", "FLUSH"});
   EXPECT_TRUE(CommitNow(*lease, {.checkpoint = "1"}).ok());

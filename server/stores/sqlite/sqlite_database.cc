@@ -77,7 +77,8 @@ absl::StatusOr<std::unique_ptr<SqliteDatabase>> SqliteDatabase::Open(const std::
 
 absl::StatusOr<std::unique_ptr<SqliteDatabase>> SqliteDatabase::OpenDamaged(const std::string& path) {
   EVPOSE_ASSIGN_OR_RETURN(std::unique_ptr<SqliteDatabase> database, Connect(path));
-  // With writable_schema, SQLite reads also a file that is shorter than its header says. query_only prevents writes.
+  // With writable_schema, SQLite reads also a file that is shorter than declared in its header. query_only prevents
+  // writes.
   EVPOSE_RETURN_IF_ERROR(database->Execute("PRAGMA writable_schema=ON"));
   EVPOSE_RETURN_IF_ERROR(database->Execute("PRAGMA query_only=ON"));
   return database;

@@ -186,7 +186,7 @@ struct Pose {
   absl::Duration latency;
 };
 
-// A pose that the caller knows better than the tracker: tracking of the object restarts from it.
+// A pose given by the caller; tracking of the object restarts from it.
 struct PoseReset {
   std::string object_id = "object";
   Transform camera_from_object;
