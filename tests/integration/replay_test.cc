@@ -234,7 +234,8 @@ TEST_F(ReplayTest, ReportsWhyNoPoseWasFound) {
   EXPECT_THAT(std::string(replay.Json()["detail"]), HasSubstr("too few events"));
   std::vector<std::string> arguments = SearchArguments("poses.tum");
   std::erase(arguments, "--json");
-  EXPECT_THAT(Run(arguments).out, HasSubstr("\nnever found: too few events: nothing is in view, or what is there"));
+  EXPECT_THAT(Run(arguments).out,
+              HasSubstr("\nnever found: too few events: no object is in view, or it does not move"));
 
   const std::string session = replay.Json()["session"];
   const CliResult list = Run({"sessions", "list", "--server", address_});
@@ -388,14 +389,14 @@ TEST_F(ReplayTest, APoseIsResetAtATimeOfTheSensor) {
   ASSERT_EQ(Run(ReplayArguments("plain.csv")).status, 0);
   const std::string plain = ReadText("plain.csv");
   // A pose in which the object is out of view: nothing is tracked from there on, or only after a search.
-  const std::vector<std::string> reset = {"--reset-pose", "50000 0.5 0.5 1 0 0 0 1"};
+  const std::vector<std::string> reset = {"--reset-pose", "16050000 0.5 0.5 1 0 0 0 1"};
   const CliResult result = Run(ReplayArguments("reset.csv", reset));
   ASSERT_EQ(result.status, 0) << result.err;
   const std::string poses = ReadText("reset.csv");
   EXPECT_NE(poses, plain);
-  EXPECT_GT(LinesUpTo(plain, 45'000).size(), plain.size() / 4);
-  EXPECT_EQ(LinesUpTo(poses, 45'000), LinesUpTo(plain, 45'000));
-  EXPECT_NE(LinesUpTo(poses, 70'000), LinesUpTo(plain, 70'000));
+  EXPECT_GT(LinesUpTo(plain, 16'045'000).size(), plain.size() / 4);
+  EXPECT_EQ(LinesUpTo(poses, 16'045'000), LinesUpTo(plain, 16'045'000));
+  EXPECT_NE(LinesUpTo(poses, 16'070'000), LinesUpTo(plain, 16'070'000));
   std::vector<std::string> with_server = reset;
   with_server.insert(with_server.end(), {"--server", address_});
   ASSERT_EQ(Run(ReplayArguments("again.csv", with_server)).status, 0);
@@ -417,9 +418,9 @@ TEST_F(ReplayTest, ResetsThatCannotBeAppliedAreNamed) {
     EXPECT_EQ(result.status, 2) << reset;
     EXPECT_THAT(result.err, HasSubstr(text));
   }
-  const CliResult late = run("9000000 0 0 1 0 0 0 1");
+  const CliResult late = run("99000000 0 0 1 0 0 0 1");
   EXPECT_EQ(late.status, 1);
-  EXPECT_THAT(late.err, HasSubstr("--reset-pose at 9000000 us was not applied: the events end before it"));
+  EXPECT_THAT(late.err, HasSubstr("--reset-pose at 99000000 us was not applied: the events end before it"));
   const CliResult unknown = Run({"replay", Path("cube/recording.raw"), "--object", "a=" + Path("cube/model.obj"),
                                  "--camera", Path("cube/camera.yaml"), "--reset-pose", "0 b=0 0 1 0 0 0 1"});
   EXPECT_EQ(unknown.status, 2);

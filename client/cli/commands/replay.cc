@@ -114,12 +114,12 @@ CommandRunner AddReplayCommand(CLI::App& app, CliContext& context) {
       "A broken connection is re-established within --max-outage. With --resume, the same command continues a replay\n"
       "that was killed, and the poses are byte for byte those of an undisturbed replay.\n"
       "Several objects: --object left=cube.obj --object right=book.obj --out poses-{object}.tum\n"
-      "The last example resets the pose after 0.25 s.\n\n"
+      "The last example resets the pose 0.25 s after the first event, whose time is 16 s.\n\n"
       "Example:\n"
       "  evpose simulate --object cube --camera vga --duration 0.5 --out cube\n"
       "  evpose replay cube/recording.raw --model cube/model.obj --camera cube/camera.yaml --out cube/poses.tum\n"
       "  evpose replay cube/recording.raw --model cube/model.obj --camera cube/camera.yaml --out cube/poses.tum \\\n"
-      "    --reset-pose \"250000 $(awk '$1 >= 0.25 { print $2, $3, $4, $5, $6, $7, $8; exit }' cube/truth.tum)\"");
+      "    --reset-pose \"16250000 $(awk '$1 >= 16.25 { print $2, $3, $4, $5, $6, $7, $8; exit }' cube/truth.tum)\"");
   return [arguments, &context] { return RunReplay(*arguments, context); };
 }
 
