@@ -26,6 +26,7 @@ deploy/install-dependencies.sh --test
 
 echo "== $SECONDS s  lint"
 tests/lint/run.sh
+tests/lint/tidy.sh
 
 export ASAN_OPTIONS=detect_stack_use_after_return=1:strict_string_checks=1
 export UBSAN_OPTIONS=print_stacktrace=1

@@ -20,6 +20,7 @@ void ReplayReport::Add(const Notice& notice) {
     if (decode_faults_ == 0) first_decode_fault_ = absl::StrCat("chunk ", fault->chunk_seq, ": ", fault->detail);
     decode_faults_ += fault->count;
   }
+  if (const auto* restart = std::get_if<TrackingRestarted>(&notice)) restarts_.push_back(*restart);
 }
 
 std::string ReplayReport::NameOf(const std::string& object_id) const {
@@ -72,6 +73,10 @@ void ReplayReport::Print(std::ostream& stream) const {
     stream << absl::StrFormat(
         "connection: lost %d times, away for %.1f s in all; %s\n", outages, absl::ToDoubleSeconds(away_for),
         summary.lost_poses > 0 ? absl::StrCat(summary.lost_poses, " poses are missing") : "nothing was lost");
+  }
+  for (const TrackingRestarted& restart : restarts_) {
+    stream << "tracking: restarted after chunk " << restart.after_seq
+           << ", every object was searched for again: " << restart.detail << "\n";
   }
   if (health.skipped_events > 0) {
     stream << absl::StrFormat("skipped: %d events, %.3f s, that the server could not track in time\n",
@@ -131,6 +136,7 @@ Json ReplayReport::ToJson() const {
   json["invalid_words"] = health.invalid_words;
   json["time_backsteps"] = health.time_backsteps;
   json["skipped_events"] = health.skipped_events;
+  json["tracking_restarts"] = restarts_.size();
   json["outages"] = outages;
   json["away_s"] = absl::ToDoubleSeconds(away_for);
   json["lost_poses"] = summary.lost_poses;

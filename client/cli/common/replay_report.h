@@ -53,6 +53,7 @@ struct ReplayReport {
   std::map<std::string, int64_t> last_change_us_;  // by object
   uint64_t decode_faults_ = 0;
   std::string first_decode_fault_;
+  std::vector<TrackingRestarted> restarts_;  // one for each server that could not read the state of the tracker
 };
 
 }  // namespace evpose::client
