@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 
 // The phases of one Track stream (TrackReactor), with their only transition function. The table is in
-// server/sessions/README.md.
+// server/rpc/README.md.
 #pragma once
 
 #include <string_view>

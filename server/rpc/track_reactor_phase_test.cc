@@ -16,7 +16,7 @@ constexpr StreamInput kInputs[] = {StreamInput::kAttachReceived, StreamInput::kA
                                    StreamInput::kConfirmed,      StreamInput::kEndReceived, StreamInput::kHalfClosed,
                                    StreamInput::kFailure,        StreamInput::kFinish};
 
-// The table of server/sessions/README.md: all changes of the phase.
+// The table of server/rpc/README.md: all changes of the phase.
 struct Change {
   Phase from;
   StreamInput input;
