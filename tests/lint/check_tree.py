@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: Apache-2.0
 """Checks the tree of tracked files: licence lines, sizes of folders, of files and of the README, and whether every document,
-section, equation and path that is cited exists. Prints each finding as `file:line: text` and exits with status 1 if there is one."""
+section, heading, equation and path that is cited exists. Prints each finding as `file:line: text` and exits with status 1 if there is one."""
 
 import collections
 import os
@@ -20,10 +20,12 @@ SOURCE = re.compile(r"\.(h|cc|proto|sh|py)$")
 SHARED_DATA = "../" + "shared"
 SHARED_DATA_FILE = "CMakeLists.txt"
 LICENCE = "SPDX-License-Identifier: Apache-2.0"
-NEEDS_LICENCE = re.compile(r"(\.(h|cc|proto|sh|py|cmake|yaml|yml)|CMakeLists\.txt|Dockerfile)$")
+NEEDS_LICENCE = re.compile(r"(\.(h|cc|proto|sh|py|cmake|yaml|yml|cfg|service|in)|CMakeLists\.txt|Dockerfile|suppressions\.txt|/uncounted\.txt|^\.ci/run)$")
 DOCUMENT = re.compile(r"(?<![\w/.-])((?:\.\./|[\w-]+/)*[\w-]+\.md)(?:,? sections? (\d+)(?: and (\d+))?|,? equations? \((\d+)\))?")
 PATH = re.compile(r"(?<![\w/.$}{-])((?:core|server|client|proto|deploy|tests)/[\w/.-]*\w\.(?:h|cc|sh|py|proto|yaml|cfg|yml|txt))(?![\w/*])")
-LINK = re.compile(r"\]\((?!https?:)([^)#\s]+)")
+LINK = re.compile(r"\]\((?!https?:)([^)#\s]*)(?:#([^)\s]+))?\)")
+HEADING = re.compile(r"^#{1,6} +(.*?) *#*$", re.M)
+CODE_BLOCK = re.compile(r"^```.*?^```", re.M | re.S)
 
 
 def tracked_files():
@@ -44,6 +46,32 @@ def comment_text(text):
     return re.sub(r"\n[ \t]*(//|#)[ \t]?", lambda m: " " * len(m.group(0)), text)
 
 
+def anchors(document):
+    """The anchors of a document's headings, as GitHub makes them: lower case, no punctuation, hyphens for spaces, and a number
+    for each repetition."""
+    names = set()
+    repetitions = collections.Counter()
+    for heading in HEADING.findall(CODE_BLOCK.sub("", document)):
+        text = re.sub(r"\[([^\]]*)\]\([^)]*\)", r"\1", heading)
+        name = re.sub(r"[^\w\- ]", "", text.lower()).replace(" ", "-")
+        names.add(f"{name}-{repetitions[name]}" if repetitions[name] else name)
+        repetitions[name] += 1
+    return names
+
+
+def check_links(file, text, findings):
+    for match in LINK.finditer(text):
+        path, anchor = match.groups()
+        line = text.count("\n", 0, match.start()) + 1
+        target = resolve(path, file) if path else file
+        if target is None:
+            findings.append(f"{file}:{line}: the link to {path} leads nowhere")
+        elif anchor and target.endswith(".md"):
+            with open(target, encoding="utf-8") as f:
+                if anchor not in anchors(f.read()):
+                    findings.append(f"{file}:{line}: {target} has no heading #{anchor}")
+
+
 def check_citations(file, text, findings):
     flat = comment_text(text)
     for match in DOCUMENT.finditer(flat):
@@ -61,10 +89,7 @@ def check_citations(file, text, findings):
         if equation and not re.search(rf"\({equation}\)\s*$", document, re.M):
             findings.append(f"{file}:{line}: {target} has no equation ({equation})")
     if file.endswith(".md"):
-        for match in LINK.finditer(text):
-            if resolve(match.group(1), file) is None:
-                line = text.count("\n", 0, match.start()) + 1
-                findings.append(f"{file}:{line}: the link to {match.group(1)} leads nowhere")
+        check_links(file, text, findings)
 
 
 def check_paths(file, text, findings):
