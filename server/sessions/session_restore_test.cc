@@ -328,8 +328,9 @@ TEST_F(SessionRestoreTest, SessionsOfOtherServersAreDescribedWithoutTakingThem) 
   const Attachment attachment = Attach(session, session->resume_token());
   EXPECT_EQ(two->Describe(kTenant, session->name())->snapshot.state, SessionState::kAttached);
   Track(session, attachment, 1);
+  // The detachment is committed separately from the chunk.
+  Until(session, [&] { return two->Describe(kTenant, session->name())->snapshot.state == SessionState::kDetached; });
   const SessionInfo info = two->Describe(kTenant, session->name()).value();
-  EXPECT_EQ(info.snapshot.state, SessionState::kDetached);
   EXPECT_EQ(info.snapshot.expire_time, now_ + absl::Minutes(1));
   EXPECT_EQ(info.snapshot.health.poses, 9u);
   EXPECT_TRUE(info.config == session->config());
