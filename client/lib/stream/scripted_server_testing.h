@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// A server whose behaviour each test defines, for tests of streams.
+// A server for tests of streams. It runs the script of each test.
 #pragma once
 
 #include <gmock/gmock.h>

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// Streams that break and are re-established, against servers whose behaviour each test defines. No test waits: the
+// Streams that break and are re-established, against servers that run the script of each test. No test waits: the
 // clock is a fake one.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>

@@ -105,7 +105,8 @@ class Client {
   absl::StatusOr<TrackSummary> Track(const TrackPosition& position, const ChunkSource& source,
                                      const TrackCallbacks& callbacks, const TrackOptions& options = {});
 
-  // Restarts the tracking of an object from a pose, in a session whose Track() runs in this client, from any thread.
+  // Restarts the tracking of an object from a pose. The Track() of the session must run in this client; the call is
+  // possible from any thread.
   // The reset takes effect after the events that the source has returned so far; a source that must decide the exact
   // place returns EventChunk::resets instead. If the session has no such object, the stream ends with INVALID_ARGUMENT.
   // Errors: INVALID_ARGUMENT naming the field; FAILED_PRECONDITION if Track() does not run or the events have ended.
