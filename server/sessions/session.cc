@@ -341,11 +341,13 @@ uint64_t Session::FirstPoseSeqToKeep() const {
 
 void Session::Publish(const WorkResult& result) {
   std::shared_ptr<SessionListener> stream_listener;
+  std::unique_ptr<SessionPipeline> ended_pipeline;  // destroyed without the lock: that frees much memory
   const bool has_ended = result.finished.has_value() && result.finished->is_end;
   {
     const std::lock_guard lock(mutex_);
     pose_log_.Append(result.poses, FirstPoseSeqToKeep());  // under the lock: a stream that attaches now reads them
     report_.Add(result, gate_.is_attached(), *metrics_);
+    if (has_ended) ended_pipeline = worker_.ReleasePipeline();
     if (result.finished.has_value()) {
       queue_.FinishCurrent();
       gate_.OnProcessed(result.finished->stream, result.finished->bytes);
@@ -356,7 +358,6 @@ void Session::Publish(const WorkResult& result) {
     stream_listener = stream_listener_.lock();
   }
   NotifyListeners(stream_listener);
-  if (has_ended) worker_.ReleasePipeline();  // without the lock: it frees much memory
 }
 
 bool Session::WriteDueCheckpoint() {

@@ -8,6 +8,7 @@
 #include <functional>
 #include <memory>
 #include <optional>
+#include <utility>
 #include <vector>
 
 #include "absl/types/span.h"
@@ -74,8 +75,8 @@ class SessionWorker {
   std::vector<ObjectHealth> Objects() const;
   bool has_pipeline() const { return pipeline_ != nullptr; }
   PipelineState SaveState() const { return pipeline_->SaveState(); }
-  // After the end: frees the memory of the tracker.
-  void ReleasePipeline() { pipeline_.reset(); }
+  // After the end, when the tracker is no longer needed. Postcondition: no pipeline.
+  std::unique_ptr<SessionPipeline> ReleasePipeline() { return std::move(pipeline_); }
 
  private:
   bool WorkOnItem();
