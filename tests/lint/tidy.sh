@@ -1,30 +1,56 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: Apache-2.0
-# Runs clang-tidy with the checks of .clang-tidy, on one file per core at a time. It compiles each file separately: about 10 to 25 s each.
-#   tests/lint/tidy.sh              the files that differ from the merge base with origin/main (without it: from the last commit), and
-#                                   files that are not committed yet; for a header, the source file of the same name
-#   tests/lint/tidy.sh --all        every source file
-#   tests/lint/tidy.sh FILE.cc ...  these
+# Runs clang-tidy with the checks of .clang-tidy, on one file per core at a time.
+#   tests/lint/tidy.sh               the files that differ from the merge base with origin/main, and files that are not committed yet. Where
+#                                    HEAD is that merge base, or there is no origin/main, the files of the latest commit. 10 to 25 s per file
+#   tests/lint/tidy.sh --since REV   the files that differ from REV, and files that are not committed yet
+#   tests/lint/tidy.sh --all         every source file, about an hour on two cores
+#   tests/lint/tidy.sh FILE.cc ...   these
+# For a header, the source file of the same name is checked.
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/../.."
 
+# $1: the preset, which decides about unity builds; $2: the build folder. The headers that protoc generates must exist.
+configure() {
+  cmake --preset "$1" -B "$2" -DEVPOSE_BUILD_TESTS=ON -DCMAKE_DISABLE_PRECOMPILE_HEADERS=ON >/dev/null
+  cmake --build "$2" --target evpose_proto evpose_storage_proto >/dev/null
+}
+
+# Unknown options of g++ are not reported.
+for option in unknown-warning-option ignored-optimization-argument; do arguments+=("-extra-arg=-Wno-$option"); done
+
+# Most of the time is spent in the headers of libraries: in unity builds they are read once for up to eight files.
+check_all() {
+  configure release build/tidy_all
+  run-clang-tidy -quiet -p build/tidy_all -j "$(nproc)" "${arguments[@]}" -checks=-bugprone-suspicious-include \
+    -header-filter="^$PWD/(core|server|client|tests|deploy)/" '^(?!.*/(generated|precompiled\.dir)/)'
+}
+
+default_base() {
+  local base
+  base=$(git merge-base HEAD origin/main 2>/dev/null || git rev-parse HEAD)
+  [[ $base != "$(git rev-parse HEAD)" ]] || base=$(git rev-parse --verify --quiet HEAD^ || echo "$base")
+  echo "$base"
+}
+
+files_since() {
+  { git diff --name-only --diff-filter=d "$1" -- '*.cc' '*.h'; git ls-files --others --exclude-standard '*.cc' '*.h'; } |
+    sed 's/\.h$/.cc/' | sort -u | while read -r file; do [[ ! -f $file ]] || echo "$file"; done
+}
+
 case "${1:-}" in
-  "")
-    base=$(git merge-base HEAD origin/main 2>/dev/null || git rev-parse HEAD)
+  --all) check_all; exit ;;
+  "" | --since)
+    [[ $# -ne 1 ]] || { echo "usage: $0 [--since REV | --all | FILE.cc ...]" >&2; exit 2; }
+    base=${2:-$(default_base)}
     echo "tidy: files that differ from $(git rev-parse --short "$base")"
-    mapfile -t files < <({ git diff --name-only --diff-filter=d "$base" -- '*.cc' '*.h'; git ls-files --others --exclude-standard '*.cc' '*.h'; } |
-      sed 's/\.h$/.cc/' | sort -u | while read -r file; do [[ ! -f $file ]] || echo "$file"; done)
+    mapfile -t files < <(files_since "$base")
     ;;
-  --all) mapfile -t files < <(git ls-files '*.cc') ;;
-  -*) sed -n '4,7s/^# //p' "$0" >&2; exit 2 ;;
+  -*) echo "usage: $0 [--since REV | --all | FILE.cc ...]" >&2; exit 2 ;;
   *) files=("$@") ;;
 esac
 ((${#files[@]} > 0)) || { echo "tidy: no source file has changed"; exit 0; }
 
-# As in the debug preset, without unity builds and precompiled headers. The headers that protoc generates must exist.
-cmake --preset debug -B build/tidy -DEVPOSE_BUILD_TESTS=ON >/dev/null
-cmake --build build/tidy --target evpose_proto evpose_storage_proto >/dev/null
+configure debug build/tidy
 echo "tidy: ${#files[@]} files"
-# Unknown options of g++ are not reported.
-printf '%s\0' "${files[@]}" | xargs -0 -n 1 -P "$(nproc)" clang-tidy --quiet -p build/tidy \
-  --extra-arg=-Wno-unknown-warning-option --extra-arg=-Wno-ignored-optimization-argument
+printf '%s\0' "${files[@]}" | xargs -0 -n 1 -P "$(nproc)" clang-tidy --quiet -p build/tidy "${arguments[@]}"
