@@ -23,8 +23,10 @@ BackgroundRate::BackgroundRate(const CameraModel& camera) {
   on_sensor_.resize(num_cells);
   constexpr double kCellPx = kCellTiles * TileGrid::kTilePx;
   for (size_t i = 0; i < num_cells; ++i) {
-    const double left = static_cast<double>(i % cell_columns) * kCellPx - TileGrid::kMarginPx;
-    const double top = static_cast<double>(i / cell_columns) * kCellPx - TileGrid::kMarginPx;
+    const size_t column = i % cell_columns;
+    const size_t row = i / cell_columns;
+    const double left = static_cast<double>(column) * kCellPx - TileGrid::kMarginPx;
+    const double top = static_cast<double>(row) * kCellPx - TileGrid::kMarginPx;
     on_sensor_[i] = left >= 0.0 && top >= 0.0 && left + kCellPx <= camera.width_px && top + kCellPx <= camera.height_px;
   }
 }

@@ -18,7 +18,7 @@ namespace evpose {
 
 struct EventReaderOptions {
   OutsideSensor outside_sensor = OutsideSensor::kDrop;
-  size_t max_piece_bytes = 256 * 1024;  // at least 1; bounds the memory for a recording of any size
+  size_t max_piece_bytes = size_t{256} * 1024;  // at least 1; bounds the memory for a recording of any size
 };
 
 class EventReader {

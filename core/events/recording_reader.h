@@ -53,8 +53,8 @@ struct EventChunkBytes {
 };
 
 struct ChunkerOptions {
-  int64_t max_duration_us = 1000;  // sensor time after which a chunk ends: one pose period at 1 kHz
-  size_t max_bytes = 256 * 1024;   // size at which a chunk ends: a multiple of 8 (whole words of every encoding)
+  int64_t max_duration_us = 1000;         // sensor time after which a chunk ends: one pose period at 1 kHz
+  size_t max_bytes = size_t{256} * 1024;  // size at which a chunk ends: a multiple of 8 (whole words of every encoding)
 
   // INVALID_ARGUMENT with the name of the invalid field.
   absl::Status Validate() const;

@@ -24,6 +24,7 @@ void PrefetchEntry(const std::vector<T>& table, size_t index) {
 template <typename T>
 void PrefetchBeyond(const T& item, size_t count) {
   // Computed as a number, because a pointer beyond the array's end would be undefined.
+  // NOLINTNEXTLINE(performance-no-int-to-ptr)
   __builtin_prefetch(reinterpret_cast<const void*>(reinterpret_cast<uintptr_t>(&item) + count * sizeof(T)));
 }
 

@@ -60,7 +60,8 @@ std::array<double, 2> DownsampleByClass(size_t max_count, const std::array<doubl
   for (size_t read = 0; read < items.size(); ++read) {
     const size_t k = class_of(items[read]);
     const size_t number = k != 0 ? seen : read - seen;
-    const bool stays = static_cast<uint32_t>(number) * kGolden < threshold[k] && write < max_count;
+    const uint32_t rank = static_cast<uint32_t>(number) * kGolden;  // modulo 2^32
+    const bool stays = rank < threshold[k] && write < max_count;
     kept[write] = items[read];
     write += stays ? 1 : 0;
     written[1] += stays ? k : 0;

@@ -16,6 +16,7 @@
 #pragma once
 
 #include <algorithm>
+#include <cmath>
 #include <cstddef>
 #include <vector>
 
@@ -50,7 +51,7 @@ T LowerQuantile(std::vector<T>& values, double q) {
 
 // For several percentiles of one sorted list, each a value that was measured.
 inline double NearestQuantile(const std::vector<double>& sorted, double q) {
-  return sorted[static_cast<size_t>(q * static_cast<double>(sorted.size() - 1) + 0.5)];
+  return sorted[static_cast<size_t>(std::lround(q * static_cast<double>(sorted.size() - 1)))];
 }
 
 // For published errors: the definition of NumPy's default, with which others compare their numbers.

@@ -131,7 +131,7 @@ class EventWindower {
   size_t AddSampled(absl::Span<const Event> events, absl::Span<const uint8_t> marks);
   // Halves the sampling rate of the polarity with more kept events, and removes the events that it excludes.
   void HalveSample();
-  bool is_sampled() const { return sample_masks_ != std::array<uint64_t, 2>(); }
+  bool is_sampled() const { return sample_masks_[0] != 0 || sample_masks_[1] != 0; }
 
   const WindowOptions options_;
   int64_t interval_us_;
