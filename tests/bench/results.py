@@ -189,6 +189,19 @@ def event_rates(output):
     return table(["position RMSE, % of depth: mean, worst"] + header, lines)
 
 
+def flicker(result):
+    lines = []
+    for name in distinct(row["object"] for row in result["rows"]):
+        cells = []
+        for light in distinct(row["light"] for row in result["rows"]):
+            found = [row["wrong_ms"] for row in result["rows"] if (row["object"], row["light"]) == (name, light)]
+            wrong = [max(times) for times in found if times]
+            cells.append(f"{len(wrong)} of {len(found)}" + (f", {cell(max(wrong), 0)} ms" if wrong else ""))
+        lines.append([name] + cells)
+    header = [f"modulation of {light}" for light in distinct(row["light"] for row in result["rows"])]
+    return table(["recordings with a wrong pose as TRACKING, longest period"] + header, lines)
+
+
 def read_json(text):
     # A benchmark writes null for a figure that no run has.
     return json.loads(text, object_pairs_hook=lambda pairs: {k: float("nan") if v is None else v for k, v in pairs})
@@ -216,6 +229,7 @@ RUNS = [
     Run(BENCH + ["tracking", "--seeds", "1", "--paths", "1", "--estimators", "mixture,static-mm"], [("--duration", "0.2")],
         {"tracking": tracking}),
     Run(["tests/bench/event_rate.sh"], [("--objects", "cube"), ("--seeds", "31")], {"event-rate": event_rates}, read=str),
+    Run(["tests/bench/flicker.py"], [("--objects", "book"), ("--seeds", "1")], {"flicker": flicker}),
     Run(BENCH + ["initialization"], [("--trials", "10"), ("--methods", "evpose,ransac")], {"first-pose": first_pose}),
     Run(BENCH + ["initialization", "--from-events"], [("--starts", "5"), ("--duration", "0.5"), ("--returns", "1")],
         {"from-events": from_events}),
