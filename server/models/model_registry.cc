@@ -10,25 +10,13 @@
 #include "absl/strings/str_cat.h"
 #include "core/base/status_macros.h"
 #include "core/numerics/hash.h"
+#include "server/runtime/enum_number.h"
 #include "server/runtime/errors.h"
 #include "server/sessions/durability/session_codec.h"
 #include "server/telemetry/log.h"
 
 namespace evpose::server {
 namespace {
-
-// The byte that represents a format in a model's name: its number in the API.
-uint8_t FormatByte(ModelFormat format) {
-  switch (format) {
-    case ModelFormat::kObj:
-      return 1;
-    case ModelFormat::kPly:
-      return 2;
-    case ModelFormat::kStl:
-      return 3;
-  }
-  return 0;
-}
 
 void AppendLittleEndian(double value, std::vector<uint8_t>& out) {
   const auto bits = std::bit_cast<uint64_t>(value);
@@ -48,7 +36,7 @@ absl::Status ModelInUse(absl::string_view name) {
 }  // namespace
 
 std::string ModelName(const ModelReading& reading, absl::Span<const uint8_t> bytes) {
-  std::vector<uint8_t> prefix = {FormatByte(reading.format)};
+  std::vector<uint8_t> prefix = {EnumNumber<uint8_t>(reading.format)};
   AppendLittleEndian(reading.metres_per_unit, prefix);
   AppendLittleEndian(reading.crease_angle_deg, prefix);
   Sha256 digest;

@@ -98,8 +98,6 @@ class ExpiryTimer {
   boost::asio::steady_timer timer_ ABSL_GUARDED_BY(mutex_);
 };
 
-bool IsShared(const Store& store) { return store.kind() == "redis"; }
-
 SessionManager::Options ManagerOptions(const ServerOptions& options, TrackerFactory make_tracker, const Store& store,
                                        std::shared_ptr<ServerMetrics> metrics) {
   SessionManager::Options out;
@@ -110,8 +108,8 @@ SessionManager::Options ManagerOptions(const ServerOptions& options, TrackerFact
                 .max_chunk_bytes = options.max_chunk_bytes,
                 .pose_log_capacity = options.pose_log_capacity,
                 .expiry = options.session_expiry,
-                .writes_checkpoints = store.kind() != "memory"};
-  out.shares_store = IsShared(store);
+                .writes_checkpoints = store.outlives_process()};
+  out.shares_store = store.is_shared();
   out.make_tracker = std::move(make_tracker);
   out.now = absl::Now;
   return out;
@@ -158,7 +156,7 @@ ModelRegistry::Options RegistryOptions(const ServerOptions& options, const Store
   out.metrics = std::move(metrics);
   out.max_model_bytes = options.max_model_bytes;
   out.max_store_bytes = options.max_model_store_bytes;
-  out.shares_store = IsShared(store);
+  out.shares_store = store.is_shared();
   out.max_tenant_bytes =
       options.tenant.max_model_bytes == 0 ? options.max_model_store_bytes : options.tenant.max_model_bytes;
   return out;

@@ -10,6 +10,7 @@
 #include "core/base/status_macros.h"
 #include "core/numerics/hash.h"
 #include "evpose/storage/v1/store.pb.h"
+#include "server/runtime/enum_number.h"
 
 namespace evpose::server {
 namespace {
@@ -32,30 +33,7 @@ absl::Status Damaged(absl::string_view what, absl::string_view why) {
 
 absl::Status DamagedChecksum(absl::string_view what) { return Damaged(what, "its checksum does not match"); }
 
-storage::v1::ModelFormat StoredFormat(ModelFormat format) {
-  switch (format) {
-    case ModelFormat::kObj:
-      return storage::v1::MODEL_FORMAT_OBJ;
-    case ModelFormat::kPly:
-      return storage::v1::MODEL_FORMAT_PLY;
-    case ModelFormat::kStl:
-      return storage::v1::MODEL_FORMAT_STL;
-  }
-  return storage::v1::MODEL_FORMAT_UNSPECIFIED;
-}
-
-std::optional<ModelFormat> FormatOf(storage::v1::ModelFormat format) {
-  switch (format) {
-    case storage::v1::MODEL_FORMAT_OBJ:
-      return ModelFormat::kObj;
-    case storage::v1::MODEL_FORMAT_PLY:
-      return ModelFormat::kPly;
-    case storage::v1::MODEL_FORMAT_STL:
-      return ModelFormat::kStl;
-    default:
-      return std::nullopt;
-  }
-}
+static_assert(EnumNumber(ModelFormat::kStl) == storage::v1::MODEL_FORMAT_STL);
 
 std::string RecordOf(absl::string_view session) { return absl::StrCat("the record of ", session); }
 std::string ModelHeaderOf(absl::string_view tenant, absl::string_view name) {
@@ -115,7 +93,7 @@ absl::StatusOr<SessionRecord> UnsealRecord(absl::string_view session, std::strin
 
 std::string SealModelHeader(const ModelRecord& model) {
   storage::v1::ModelHeader stored;
-  stored.set_format(StoredFormat(model.format));
+  stored.set_format(EnumNumber<storage::v1::ModelFormat>(model.format));
   stored.set_metres_per_unit(model.metres_per_unit);
   stored.set_crease_angle_deg(model.crease_angle_deg);
   stored.set_create_time_ns(absl::ToUnixNanos(model.create_time));
@@ -127,11 +105,12 @@ absl::StatusOr<ModelRecord> UnsealModelHeader(absl::string_view tenant, absl::st
   EVPOSE_ASSIGN_OR_RETURN(const std::string bytes, Unseal(what, std::move(sealed)));
   storage::v1::ModelHeader stored;
   if (!stored.ParseFromString(bytes)) return Damaged(what, "it cannot be parsed");
-  const std::optional<ModelFormat> format = FormatOf(stored.format());
-  if (!format.has_value()) return Damaged(what, "the format of the file is unknown");
+  if (stored.format() < storage::v1::MODEL_FORMAT_OBJ || stored.format() > storage::v1::MODEL_FORMAT_STL) {
+    return Damaged(what, "the format of the file is unknown");
+  }
   return ModelRecord{.name = std::string(name),
                      .tenant = std::string(tenant),
-                     .format = *format,
+                     .format = EnumValue<ModelFormat>(stored.format()),
                      .metres_per_unit = stored.metres_per_unit(),
                      .crease_angle_deg = stored.crease_angle_deg(),
                      .create_time = absl::FromUnixNanos(stored.create_time_ns())};

@@ -120,6 +120,8 @@ class SessionLease {
   virtual uint64_t fencing_number() const = 0;
 };
 
+enum class StoreKind { kMemory, kSqlite, kRedis };
+
 // Stores bytes without interpreting them. Thread-safe. All functions but SessionLease::Commit block until the store has
 // responded, for a bounded time. Errors of all functions, beside those that they name:
 // - UNAVAILABLE: the store does not respond. Every call may be repeated, also one with an effect.
@@ -131,7 +133,10 @@ class Store {
  public:
   virtual ~Store() = default;
 
-  virtual absl::string_view kind() const = 0;  // "memory", "sqlite", "redis"
+  virtual StoreKind kind() const = 0;
+  // Several servers use the store, and each of them can take any session.
+  bool is_shared() const { return kind() == StoreKind::kRedis; }
+  bool outlives_process() const { return kind() != StoreKind::kMemory; }
 
   // Returns OK when the store responds.
   virtual absl::Status CheckHealth() = 0;

@@ -67,7 +67,7 @@ class MemoryStore : public Store {
   explicit MemoryStore(uint64_t max_bytes) : shared_(std::make_shared<Shared>(max_bytes)) {}
   ~MemoryStore() override { shared_->committer.Close(); }
 
-  absl::string_view kind() const override { return "memory"; }
+  StoreKind kind() const override { return StoreKind::kMemory; }
   absl::Status CheckHealth() override { return absl::OkStatus(); }
   std::vector<std::string> damage() const override { return {}; }
 

@@ -171,7 +171,7 @@ class RedisStore : public Store {
     return absl::OkStatus();
   }
 
-  absl::string_view kind() const override { return "redis"; }
+  StoreKind kind() const override { return StoreKind::kRedis; }
   absl::Status CheckHealth() override { return shared_->client.Call({"PING"}).status(); }
   std::vector<std::string> damage() const override { return damage_; }
 

@@ -75,7 +75,7 @@ class SqliteStore : public Store {
     writer_->Close();
   }
 
-  absl::string_view kind() const override { return "sqlite"; }
+  StoreKind kind() const override { return StoreKind::kSqlite; }
   std::vector<std::string> damage() const override { return damage_; }
 
   absl::Status CheckHealth() override {
