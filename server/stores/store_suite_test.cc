@@ -58,7 +58,7 @@ class RedisHouse : public StoreHouse {
   RedisServer redis_;
 };
 
-class StoreSuite : public testing::TestWithParam<StoreKind> {
+class StoreSuite : public testing::TestWithParam<TestedStore> {
  protected:
   void SetUp() override {
     house_ = GetParam().build();
@@ -74,9 +74,9 @@ class StoreSuite : public testing::TestWithParam<StoreKind> {
 };
 
 INSTANTIATE_TEST_SUITE_P(Stores, StoreSuite,
-                         testing::Values(StoreKind{"Memory", [] { return std::make_unique<MemoryHouse>(); }},
-                                         StoreKind{"Sqlite", [] { return std::make_unique<SqliteHouse>(); }},
-                                         StoreKind{"Redis", [] { return std::make_unique<RedisHouse>(); }}),
+                         testing::Values(TestedStore{"Memory", [] { return std::make_unique<MemoryHouse>(); }},
+                                         TestedStore{"Sqlite", [] { return std::make_unique<SqliteHouse>(); }},
+                                         TestedStore{"Redis", [] { return std::make_unique<RedisHouse>(); }}),
                          [](const auto& tested) { return tested.param.name; });
 
 std::vector<std::string> Names(const absl::StatusOr<std::vector<SessionRecord>>& records) {

@@ -32,11 +32,11 @@ class StoreHouse {
   virtual bool keeps() const { return true; }
 };
 
-struct StoreKind {
+struct TestedStore {
   std::string name;
   std::function<std::unique_ptr<StoreHouse>()> build;
 
-  friend void PrintTo(const StoreKind& kind, std::ostream* out) { *out << kind.name; }
+  friend void PrintTo(const TestedStore& kind, std::ostream* out) { *out << kind.name; }
 };
 
 inline SessionRecord Record(const std::string& name) {

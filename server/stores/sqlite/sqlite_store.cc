@@ -161,9 +161,7 @@ class SqliteStore : public Store {
   absl::Status DeleteSession(absl::string_view name) override {
     {
       const std::lock_guard lock(mutex_);
-      if (const auto found = damaged_sessions_.find(name); found != damaged_sessions_.end()) {
-        damaged_sessions_.erase(found);
-      }
+      damaged_sessions_.erase(std::string(name));
     }
     return writer_->Call([&](SqliteDatabase& database) { return SqliteDeleteSession(database, name); });
   }
