@@ -2,12 +2,12 @@
 #include "server/models/model_registry.h"
 
 #include <algorithm>
-#include <bit>
 #include <mutex>
 #include <utility>
 
 #include "absl/strings/ascii.h"
 #include "absl/strings/str_cat.h"
+#include "core/base/state_io.h"
 #include "core/base/status_macros.h"
 #include "core/numerics/hash.h"
 #include "server/runtime/enum_number.h"
@@ -17,11 +17,6 @@
 
 namespace evpose::server {
 namespace {
-
-void AppendLittleEndian(double value, std::vector<uint8_t>& out) {
-  const auto bits = std::bit_cast<uint64_t>(value);
-  for (int shift = 0; shift < 64; shift += 8) out.push_back(static_cast<uint8_t>(bits >> shift));
-}
 
 absl::Status ModelNotFound(absl::string_view name) {
   return WithReason(absl::NotFoundError(absl::StrCat("there is no model \"", name, "\": upload it first")),
@@ -36,11 +31,11 @@ absl::Status ModelInUse(absl::string_view name) {
 }  // namespace
 
 std::string ModelName(const ModelReading& reading, absl::Span<const uint8_t> bytes) {
-  std::vector<uint8_t> prefix = {EnumNumber<uint8_t>(reading.format)};
-  AppendLittleEndian(reading.metres_per_unit, prefix);
-  AppendLittleEndian(reading.crease_angle_deg, prefix);
+  StateWriter parameters;
+  parameters(EnumNumber<uint8_t>(reading.format), reading.metres_per_unit, reading.crease_angle_deg);
+  const std::string prefix = parameters.Take();
   Sha256 digest;
-  digest.Update(prefix);
+  digest.Update({reinterpret_cast<const uint8_t*>(prefix.data()), prefix.size()});
   digest.Update(bytes);
   return absl::StrCat("models/", digest.FinishHex());
 }

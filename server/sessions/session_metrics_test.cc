@@ -12,7 +12,7 @@
 #include "server/sessions/session_testing.h"
 #include "server/sessions/tenant_quotas.h"
 #include "server/stores/memory/memory_store.h"
-#include "server/telemetry/stage_clock.h"
+#include "server/telemetry/stage_timer.h"
 
 namespace evpose::server {
 namespace {
@@ -195,29 +195,29 @@ TEST_F(SessionMetricsTest, RejectionsAreCountedByLimit) {
   EXPECT_EQ(metrics_->quota_delays.value(), 1u);
 }
 
-TEST(StageClockTest, SearchesAreTheirOwnStage) {
+TEST(StageTimerTest, SearchesAreTheirOwnStage) {
   const auto metrics = std::make_shared<ServerMetrics>();
   int64_t now_us = 0;
-  StageClock clock(metrics, [&now_us] { return StageClock::Time(microseconds(now_us)); });
-  clock.Decode([&now_us] { now_us += 3; });
+  StageTimer timer(metrics, [&now_us] { return StageTimer::Time(microseconds(now_us)); });
+  timer.Decode([&now_us] { now_us += 3; });
 
   SessionConfig config = SomeConfig();
   FakeTracker tracker(std::make_shared<FakeTrackerGate>(), config);
   std::vector<PoseEstimate> poses;
   const auto step = [&](FakeTracker& of, int64_t duration_us) {
-    clock.Track(of, [&] {
+    timer.Track(of, [&] {
       of.AddEvents(SomeEvents(1, 2), poses);
       now_us += duration_us;
     });
   };
   step(tracker, 100);
   step(tracker, 20);
-  clock.EndTracking();
+  timer.EndTracking();
   config.objects[0].initial_camera_from_object.reset();
   FakeTracker searching(std::make_shared<FakeTrackerGate>(), config);
   step(searching, 7000);
   step(tracker, 5);
-  clock.EndTracking();
+  timer.EndTracking();
 
   EXPECT_EQ(metrics->decode_time.Read().total(), 1u);
   EXPECT_DOUBLE_EQ(metrics->decode_time.Read().sum_s, 3e-6);

@@ -38,12 +38,12 @@ TEST_F(SessionReportTest, StartsEmptyOrFromACheckpoint) {
   EXPECT_EQ(report_.health().objects.size(), 1u);
   EXPECT_EQ(report_.health().reattaches, 0u);
 
-  SessionBeginning beginning = {.lifecycle = {.num_attaches = 3}, .checkpoint = SessionCheckpoint()};
-  beginning.checkpoint->processed_seq = 9;
-  beginning.checkpoint->health.poses = 40;
-  beginning.checkpoint->health.received_bytes = 1;
-  beginning.checkpoint->health.processed_bytes = 100;
-  beginning.checkpoint->latencies.Add(5000);
+  SessionBeginning beginning = {.lifecycle = {.num_attaches = 3}};
+  beginning.checkpoint.processed_seq = 9;
+  beginning.checkpoint.health.poses = 40;
+  beginning.checkpoint.health.received_bytes = 1;
+  beginning.checkpoint.health.processed_bytes = 100;
+  beginning.checkpoint.latencies.Add(5000);
   const SessionReport resumed(beginning, {});
   EXPECT_EQ(resumed.poses(), 40u);
   EXPECT_EQ(resumed.acked_pose_seq(), 40u);

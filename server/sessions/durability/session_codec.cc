@@ -29,15 +29,21 @@ static_assert(EnumNumber(InitializationStatus::kAmbiguous) == pb::INITIALIZATION
 // Collects the first error of a record. Decoding continues after it; the decoded values are not used then.
 class RecordCheck {
  public:
+  explicit RecordCheck(absl::string_view record) : record_(record) {}
+
   void Require(bool good, absl::string_view what) {
     if (!good && what_.empty()) what_ = std::string(what);
   }
-  absl::Status Finish(absl::string_view record) const {
+  void Parse(absl::string_view bytes, google::protobuf::MessageLite& message) {
+    Require(message.ParseFromArray(bytes.data(), static_cast<int>(bytes.size())), "it cannot be parsed");
+  }
+  absl::Status Finish() const {
     if (what_.empty()) return absl::OkStatus();
-    return absl::DataLossError(absl::StrCat("the ", record, " is damaged: ", what_));
+    return absl::DataLossError(absl::StrCat("the ", record_, " is damaged: ", what_));
   }
 
  private:
+  const std::string record_;
   std::string what_;
 };
 
@@ -49,22 +55,14 @@ void EnumFromStored(Stored stored, RecordCheck& check, Value& value) {
   if (stored != Stored()) value = EnumValue<Value>(stored);
 }
 
-template <typename Message>
-absl::Status Parse(absl::string_view bytes, absl::string_view record, Message& message) {
-  if (message.ParseFromArray(bytes.data(), static_cast<int>(bytes.size()))) return absl::OkStatus();
-  return absl::DataLossError(absl::StrCat("the ", record, " is damaged: it cannot be parsed"));
-}
-
 using Numbers = google::protobuf::RepeatedField<double>;
 
 void SetNumbers(const auto& matrix, Numbers& numbers) { numbers.Assign(matrix.data(), matrix.data() + matrix.size()); }
 
 void GetNumbers(const Numbers& numbers, RecordCheck& check, auto& matrix) {
-  check.Require(static_cast<size_t>(numbers.size()) == static_cast<size_t>(matrix.size()),
-                "a matrix or a vector has another size");
-  if (static_cast<size_t>(numbers.size()) == static_cast<size_t>(matrix.size())) {
-    std::copy(numbers.begin(), numbers.end(), matrix.data());
-  }
+  const bool fits = numbers.size() == static_cast<int>(matrix.size());
+  check.Require(fits, "a matrix or a vector has another size");
+  if (fits) std::copy(numbers.begin(), numbers.end(), matrix.data());
 }
 
 void ToStored(const CameraModel& camera, pb::Camera& stored) {
@@ -141,12 +139,10 @@ std::string NameOf(Estimator estimator) {
 }
 
 void FromStored(const std::string& name, RecordCheck& check, Estimator& estimator) {
-  for (const auto& [known, known_name] : kEstimatorNames) {
-    if (known_name != name) continue;
-    estimator = known;
-    return;
-  }
-  check.Require(false, "an estimator that this version does not know");
+  const auto* const found = std::find_if(std::begin(kEstimatorNames), std::end(kEstimatorNames),
+                                         [&name](const auto& known) { return known.second == name; });
+  check.Require(found != std::end(kEstimatorNames), "an estimator that this version does not know");
+  if (found != std::end(kEstimatorNames)) estimator = found->first;
 }
 
 void ToStored(const DecodeCounts& counts, pb::DecodeCounts& stored) {
@@ -298,11 +294,10 @@ std::string EncodeConfig(const SessionConfig& config) {
 }
 
 absl::StatusOr<SessionConfig> DecodeConfig(absl::string_view bytes) {
-  constexpr absl::string_view kRecord = "configuration";
+  RecordCheck check("configuration");
   pb::SessionConfig stored;
-  EVPOSE_RETURN_IF_ERROR(Parse(bytes, kRecord, stored));
+  check.Parse(bytes, stored);
   SessionConfig config;
-  RecordCheck check;
   check.Require(stored.encoding() != pb::ENCODING_UNSPECIFIED, "the encoding is missing");
   EnumFromStored(stored.encoding(), check, config.encoding);
   FromStored(stored.camera(), check, config.camera);
@@ -312,7 +307,7 @@ absl::StatusOr<SessionConfig> DecodeConfig(absl::string_view bytes) {
   EnumFromStored(stored.overload_policy(), check, config.overload_policy);
   if (stored.has_max_lag_ns()) config.max_lag = absl::Nanoseconds(stored.max_lag_ns());
   if (const absl::Status valid = config.Validate(); !valid.ok()) check.Require(false, valid.message());
-  EVPOSE_RETURN_IF_ERROR(check.Finish(kRecord));
+  EVPOSE_RETURN_IF_ERROR(check.Finish());
   return config;
 }
 
@@ -328,19 +323,18 @@ std::string EncodeLifecycle(const SessionLifecycle& lifecycle) {
 }
 
 absl::StatusOr<SessionLifecycle> DecodeLifecycle(absl::string_view bytes) {
-  constexpr absl::string_view kRecord = "lifecycle";
+  RecordCheck check("lifecycle");
   pb::SessionLifecycle stored;
-  EVPOSE_RETURN_IF_ERROR(Parse(bytes, kRecord, stored));
+  check.Parse(bytes, stored);
   SessionLifecycle lifecycle = {.token_digest = stored.token_digest(),
                                 .previous_token_digest = stored.previous_token_digest(),
                                 .num_attaches = stored.num_attaches(),
                                 .num_renewals = stored.num_renewals()};
   if (stored.has_detached_at_ns()) lifecycle.detached_at = absl::FromUnixNanos(stored.detached_at_ns());
-  RecordCheck check;
   check.Require(lifecycle.token_digest.size() == kDigestBytes, "the digest of the resume token has another length");
   check.Require(lifecycle.previous_token_digest.empty() || lifecycle.previous_token_digest.size() == kDigestBytes,
                 "the digest of the previous resume token has another length");
-  EVPOSE_RETURN_IF_ERROR(check.Finish(kRecord));
+  EVPOSE_RETURN_IF_ERROR(check.Finish());
   return lifecycle;
 }
 
@@ -361,11 +355,10 @@ std::string EncodeCheckpoint(const SessionCheckpoint& checkpoint) {
 }
 
 absl::StatusOr<SessionCheckpoint> DecodeCheckpoint(absl::string_view bytes, size_t num_objects) {
-  constexpr absl::string_view kRecord = "checkpoint";
+  RecordCheck check("checkpoint");
   pb::Checkpoint stored;
-  EVPOSE_RETURN_IF_ERROR(Parse(bytes, kRecord, stored));
+  check.Parse(bytes, stored);
   SessionCheckpoint checkpoint = {.processed_seq = stored.processed_seq(), .ended = stored.ended()};
-  RecordCheck check;
   FromStored(stored.health(), check, checkpoint.health);
   check.Require(checkpoint.health.objects.size() == num_objects, "it has another number of objects");
   checkpoint.latencies = LatencyHistogram({stored.latency_counts().data(), size_t(stored.latency_counts().size())});
@@ -378,7 +371,7 @@ absl::StatusOr<SessionCheckpoint> DecodeCheckpoint(absl::string_view bytes, size
                         .configuration = stored.tracker().configuration(),
                         .bytes = std::move(*stored.mutable_tracker()->mutable_state())};
   }
-  EVPOSE_RETURN_IF_ERROR(check.Finish(kRecord));
+  EVPOSE_RETURN_IF_ERROR(check.Finish());
   return checkpoint;
 }
 
@@ -393,13 +386,12 @@ PoseSegment EncodePoses(absl::Span<const StoredPose> poses) {
 }
 
 absl::StatusOr<std::vector<StoredPose>> DecodePoses(const PoseSegment& segment, size_t num_objects) {
-  const std::string record = absl::StrCat("segment of poses ", segment.first_pose_seq, " to ", segment.last_pose_seq);
+  RecordCheck check(absl::StrCat("segment of poses ", segment.first_pose_seq, " to ", segment.last_pose_seq));
   google::protobuf::Arena arena;
   auto& stored = *google::protobuf::Arena::CreateMessage<pb::PoseSegment>(&arena);
-  EVPOSE_RETURN_IF_ERROR(Parse(segment.bytes, record, stored));
+  check.Parse(segment.bytes, stored);
   std::vector<StoredPose> poses;
   poses.reserve(static_cast<size_t>(stored.poses_size()));
-  RecordCheck check;
   uint64_t expected = segment.first_pose_seq;
   for (const pb::Pose& pose : stored.poses()) {
     poses.push_back(FromStored(pose, check));
@@ -407,7 +399,7 @@ absl::StatusOr<std::vector<StoredPose>> DecodePoses(const PoseSegment& segment, 
     check.Require(pose.object_index() < num_objects, "a pose is of an object that the session does not have");
   }
   check.Require(!poses.empty() && expected == segment.last_pose_seq + 1, "poses are missing");
-  EVPOSE_RETURN_IF_ERROR(check.Finish(record));
+  EVPOSE_RETURN_IF_ERROR(check.Finish());
   return poses;
 }
 

@@ -42,29 +42,21 @@ void SessionCommitter::CommitLifecycle(uint64_t number, std::string lifecycle) {
     const std::lock_guard lock(mutex_);
     if (number <= newest_lifecycle_) return;
     newest_lifecycle_ = number;
-    Batch batch;
-    batch.commit.lifecycle = std::move(lifecycle);
-    batch.lifecycle = number;
-    waiting_.Append(std::move(batch));
+    waiting_.Append({.commit = {.lifecycle = std::move(lifecycle)}, .lifecycle = number});
   }
   StartCommit();
 }
 
-void SessionCommitter::CommitCheckpoint(Checkpoint checkpoint) {
+void SessionCommitter::CommitCheckpoint(SessionCommit checkpoint, uint64_t seq,
+                                        std::chrono::steady_clock::time_point begun_at) {
   {
     const std::lock_guard lock(mutex_);
-    Batch batch;
-    batch.has_checkpoint = true;
-    batch.begun_at = checkpoint.begun_at;
-    if (checkpoint.state.has_value()) batch.commit.checkpoint = *std::move(checkpoint.state);
-    batch.seq = checkpoint.seq;
-    if (checkpoint.poses.has_value()) {
-      batch.last_pose_seq = checkpoint.poses->last_pose_seq;
-      batch.commit.poses.push_back(*std::move(checkpoint.poses));
-    }
-    batch.commit.first_pose_seq_kept = checkpoint.first_pose_seq_kept;
-    batch.commit.ended_at = checkpoint.ended_at;
-    waiting_.Append(std::move(batch));
+    const uint64_t last_pose_seq = checkpoint.poses.empty() ? 0 : checkpoint.poses.back().last_pose_seq;
+    waiting_.Append({.commit = std::move(checkpoint),
+                     .seq = seq,
+                     .last_pose_seq = last_pose_seq,
+                     .has_checkpoint = true,
+                     .begun_at = begun_at});
   }
   StartCommit();
 }
