@@ -1,28 +1,15 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "server/rpc/track_reactor_phase.h"
 
+#include <array>
+#include <cstddef>
+
 namespace evpose::server {
 
 std::string_view StreamPhaseName(StreamPhase phase) {
-  switch (phase) {
-    case StreamPhase::kAwaitingAttach:
-      return "AWAITING_ATTACH";
-    case StreamPhase::kAttaching:
-      return "ATTACHING";
-    case StreamPhase::kConfirming:
-      return "CONFIRMING";
-    case StreamPhase::kOpen:
-      return "OPEN";
-    case StreamPhase::kEnding:
-      return "ENDING";
-    case StreamPhase::kDraining:
-      return "DRAINING";
-    case StreamPhase::kFailing:
-      return "FAILING";
-    case StreamPhase::kFinished:
-      return "FINISHED";
-  }
-  return "";
+  constexpr std::array<std::string_view, kNumStreamPhases> kNames = {
+      "AWAITING_ATTACH", "ATTACHING", "CONFIRMING", "OPEN", "ENDING", "DRAINING", "FAILING", "FINISHED"};
+  return kNames[static_cast<size_t>(phase)];
 }
 
 StreamPhase NextPhase(StreamPhase phase, StreamInput input) {
