@@ -10,6 +10,7 @@
 #include "absl/strings/str_cat.h"
 #include "core/base/status_macros.h"
 #include "google/protobuf/generated_enum_reflection.h"
+#include "google/protobuf/util/time_util.h"
 #include "server/runtime/enum_number.h"
 #include "server/runtime/errors.h"
 
@@ -179,11 +180,7 @@ v1::SessionConfig ToProto(const SessionConfig& config) {
 }
 
 google::protobuf::Timestamp ToProto(absl::Time time) {
-  google::protobuf::Timestamp out;
-  const int64_t nanoseconds = absl::ToUnixNanos(time);
-  out.set_seconds(nanoseconds / 1'000'000'000);
-  out.set_nanos(static_cast<int32_t>(nanoseconds % 1'000'000'000));
-  return out;
+  return google::protobuf::util::TimeUtil::NanosecondsToTimestamp(absl::ToUnixNanos(time));
 }
 
 absl::StatusOr<Eigen::Matrix3d> FieldFromProto(const v1::Quaternion& rotation, const std::string& field) {
@@ -364,15 +361,15 @@ v1::Pose ToProto(const StoredPose& pose, const SessionConfig& config) {
 v1::Model ToProto(const ModelInfo& model) {
   v1::Model out;
   out.set_name(model.name);
-  out.set_format(EnumNumber<v1::ModelFormat>(model.format));
+  out.set_format(EnumNumber<v1::ModelFormat>(model.reading.format));
   out.set_size_bytes(model.size_bytes);
   out.set_num_faces(model.num_faces);
   out.set_num_lines(model.num_lines);
   out.set_num_symmetries(model.num_symmetries);
   out.set_diameter_m(model.diameter_m);
   *out.mutable_create_time() = ToProto(model.create_time);
-  out.set_metres_per_unit(model.metres_per_unit);
-  out.set_crease_angle_deg(model.crease_angle_deg);
+  out.set_metres_per_unit(model.reading.metres_per_unit);
+  out.set_crease_angle_deg(model.reading.crease_angle_deg);
   out.set_sha256(absl::HexStringToBytes(model.sha256_hex));
   for (const std::string& notice : model.notices) out.add_notices(notice);
   return out;

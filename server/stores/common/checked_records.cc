@@ -94,9 +94,9 @@ absl::StatusOr<SessionRecord> DecodeRecord(absl::string_view session, std::strin
 
 std::string EncodeModelHeader(const ModelRecord& model) {
   storage::v1::ModelHeader stored;
-  stored.set_format(EnumNumber<storage::v1::ModelFormat>(model.format));
-  stored.set_metres_per_unit(model.metres_per_unit);
-  stored.set_crease_angle_deg(model.crease_angle_deg);
+  stored.set_format(EnumNumber<storage::v1::ModelFormat>(model.reading.format));
+  stored.set_metres_per_unit(model.reading.metres_per_unit);
+  stored.set_crease_angle_deg(model.reading.crease_angle_deg);
   stored.set_create_time_ns(absl::ToUnixNanos(model.create_time));
   return AddChecksum(ModelHeaderOf(model.tenant, model.name), stored.SerializeAsString());
 }
@@ -111,9 +111,9 @@ absl::StatusOr<ModelRecord> DecodeModelHeader(absl::string_view tenant, absl::st
   }
   return ModelRecord{.name = std::string(name),
                      .tenant = std::string(tenant),
-                     .format = EnumValue<ModelFormat>(stored.format()),
-                     .metres_per_unit = stored.metres_per_unit(),
-                     .crease_angle_deg = stored.crease_angle_deg(),
+                     .reading = {.format = EnumValue<ModelFormat>(stored.format()),
+                                 .metres_per_unit = stored.metres_per_unit(),
+                                 .crease_angle_deg = stored.crease_angle_deg()},
                      .create_time = absl::FromUnixNanos(stored.create_time_ns())};
 }
 

@@ -20,13 +20,20 @@
 
 namespace evpose::server {
 
+// The parameters for parsing a model file. They are part of the digest that is the model's name.
+struct ModelReading {
+  ModelFormat format = ModelFormat::kObj;
+  double metres_per_unit = 1.0;
+  double crease_angle_deg = 30.0;
+
+  friend bool operator==(const ModelReading&, const ModelReading&) = default;
+};
+
 // A model's file and the parameters for parsing it. Tenant and name together are the key.
 struct ModelRecord {
   std::string name;  // "models/{id}"
   std::string tenant;
-  ModelFormat format = ModelFormat::kObj;
-  double metres_per_unit = 1.0;
-  double crease_angle_deg = 30.0;
+  ModelReading reading;
   absl::Time create_time;
   std::shared_ptr<const std::vector<uint8_t>> bytes;
 };

@@ -177,15 +177,7 @@ class RedisStore : public Store {
   std::vector<std::string> damage() const override { return damage_; }
 
   absl::StatusOr<std::vector<ModelRecord>> ReadModels() const override {
-    EVPOSE_ASSIGN_OR_RETURN(const std::vector<std::string> members, Members(kRedisModelsKey));
-    std::vector<ModelRecord> models;
-    for (const std::string& member : members) {
-      auto model = ReadMember(member);
-      if (absl::IsNotFound(model.status()) || absl::IsDataLoss(model.status())) continue;
-      EVPOSE_RETURN_IF_ERROR(model.status());
-      models.push_back(*std::move(model));
-    }
-    return models;
+    return ReadMembers(kRedisModelsKey, &RedisStore::ReadMember);
   }
 
   absl::StatusOr<ModelRecord> ReadModel(absl::string_view tenant, absl::string_view name) const override {
@@ -229,28 +221,11 @@ class RedisStore : public Store {
   }
 
   absl::StatusOr<std::vector<SessionRecord>> ListSessions() const override {
-    EVPOSE_ASSIGN_OR_RETURN(const std::vector<std::string> names, Members(kRedisSessionsKey));
-    std::vector<SessionRecord> records;
-    for (const std::string& name : names) {
-      auto record = ReadRecord(name);
-      if (absl::IsNotFound(record.status()) || absl::IsDataLoss(record.status())) continue;
-      EVPOSE_RETURN_IF_ERROR(record.status());
-      records.push_back(*std::move(record));
-    }
-    return records;
+    return ReadMembers(kRedisSessionsKey, &RedisStore::ReadRecord);
   }
 
   absl::StatusOr<std::vector<StoredLifecycle>> ReadLifecycles() const override {
-    EVPOSE_ASSIGN_OR_RETURN(const std::vector<std::string> names, Members(kRedisSessionsKey));
-    std::vector<StoredLifecycle> lifecycles;
-    for (const std::string& name : names) {
-      EVPOSE_ASSIGN_OR_RETURN(const RedisReply reply,
-                              shared_->client.Call({"HGET", RedisSessionKey(name), "lifecycle"}));
-      if (reply->type == REDIS_REPLY_NIL) continue;
-      auto lifecycle = VerifyChecksum(LifecycleOf(name), RedisText(reply.get()));
-      if (lifecycle.ok()) lifecycles.push_back({.name = name, .lifecycle = *std::move(lifecycle)});
-    }
-    return lifecycles;
+    return ReadMembers(kRedisSessionsKey, &RedisStore::ReadLifecycle);
   }
 
   absl::Status DeleteSession(absl::string_view name) override { return Delete(name, /*holder=*/"").status(); }
@@ -312,10 +287,37 @@ class RedisStore : public Store {
     return Texts(reply.get());
   }
 
+  // Reads the members of a set, without those that are damaged or have been deleted in the meantime.
+  template <typename Record>
+  absl::StatusOr<std::vector<Record>> ReadMembers(const char* set,
+                                                  absl::StatusOr<Record> (RedisStore::*read)(const std::string&)
+                                                      const) const {
+    EVPOSE_ASSIGN_OR_RETURN(const std::vector<std::string> members, Members(set));
+    std::vector<Record> records;
+    for (const std::string& member : members) {
+      auto record = (this->*read)(member);
+      if (absl::IsNotFound(record.status()) || absl::IsDataLoss(record.status())) continue;
+      EVPOSE_RETURN_IF_ERROR(record.status());
+      records.push_back(*std::move(record));
+    }
+    return records;
+  }
+
+  absl::StatusOr<std::string> ReadField(const std::string& session, const char* field) const {
+    EVPOSE_ASSIGN_OR_RETURN(const RedisReply reply, shared_->client.Call({"HGET", RedisSessionKey(session), field}));
+    if (reply->type == REDIS_REPLY_NIL) return SessionNotFoundError(session);
+    return RedisText(reply.get());
+  }
+
   absl::StatusOr<SessionRecord> ReadRecord(const std::string& name) const {
-    EVPOSE_ASSIGN_OR_RETURN(const RedisReply reply, shared_->client.Call({"HGET", RedisSessionKey(name), "record"}));
-    if (reply->type == REDIS_REPLY_NIL) return SessionNotFoundError(name);
-    return DecodeRecord(name, RedisText(reply.get()));
+    EVPOSE_ASSIGN_OR_RETURN(std::string encoded, ReadField(name, "record"));
+    return DecodeRecord(name, std::move(encoded));
+  }
+
+  absl::StatusOr<StoredLifecycle> ReadLifecycle(const std::string& name) const {
+    EVPOSE_ASSIGN_OR_RETURN(std::string encoded, ReadField(name, "lifecycle"));
+    EVPOSE_ASSIGN_OR_RETURN(std::string lifecycle, VerifyChecksum(LifecycleOf(name), std::move(encoded)));
+    return StoredLifecycle{.name = name, .lifecycle = std::move(lifecycle)};
   }
 
   absl::StatusOr<ModelRecord> ReadMember(const std::string& member) const {
