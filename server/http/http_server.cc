@@ -9,6 +9,7 @@
 #include <utility>
 
 #include "absl/strings/str_cat.h"
+#include "absl/strings/str_join.h"
 #include "absl/strings/string_view.h"
 #include "core/base/status_macros.h"
 #include "server/rpc/listen_address.h"
@@ -91,9 +92,7 @@ class CivetwebServer : public HttpServer {
   }
 
   std::string Paths() const {
-    std::string paths;
-    for (const auto& [path, page] : pages_) absl::StrAppend(&paths, paths.empty() ? "" : " ", path);
-    return paths;
+    return absl::StrJoin(pages_, " ", [](std::string* paths, const auto& page) { paths->append(page.first); });
   }
 
   const Pages pages_;

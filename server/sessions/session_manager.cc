@@ -347,27 +347,25 @@ void SessionManager::DeleteExpired() {
 }
 
 void SessionManager::DeleteEnded() {
-  pool_.PostSlow([this] { DeleteEndedNow(); });
-}
-
-void SessionManager::DeleteEndedNow() {
-  // Sessions of this server are deleted when they expire. This deletes sessions that no server has, and ended sessions
-  // that must make room.
-  const auto names = store_.DeleteEnded(options_.now() - 2 * options_.limits.expiry);
-  if (!names.ok()) {
-    Log(LogLevel::kWarning, "ended_sessions_not_deleted", {{"message", names.status().message()}});
-    return;
-  }
-  for (const std::string& name : *names) {
-    Entry removed;
-    {
-      const std::lock_guard lock(mutex_);
-      const auto found = sessions_.find(name);
-      if (found == sessions_.end()) continue;
-      removed = Remove(found);
+  pool_.PostSlow([this] {
+    // Sessions of this server are deleted when they expire. This deletes sessions that no server has, and ended
+    // sessions that must make room.
+    const auto names = store_.DeleteEnded(options_.now() - 2 * options_.limits.expiry);
+    if (!names.ok()) {
+      Log(LogLevel::kWarning, "ended_sessions_not_deleted", {{"message", names.status().message()}});
+      return;
     }
-    removed.session->log().Deleted("", "room", CloseRemoved(removed, "was deleted to make room"));
-  }
+    for (const std::string& name : *names) {
+      Entry removed;
+      {
+        const std::lock_guard lock(mutex_);
+        const auto found = sessions_.find(name);
+        if (found == sessions_.end()) continue;
+        removed = Remove(found);
+      }
+      removed.session->log().Deleted("", "room", CloseRemoved(removed, "was deleted to make room"));
+    }
+  });
 }
 
 void SessionManager::MaintainStore() {

@@ -8,6 +8,7 @@
 #include <deque>
 
 #include "server/runtime/errors.h"
+#include "server/telemetry/metrics_testing.h"
 
 namespace evpose::server {
 namespace {
@@ -83,7 +84,7 @@ TEST_F(SessionCommitterTest, OneCommitAtATimeAndWaitingDataShareTheNext) {
   EXPECT_EQ(Answer(absl::OkStatus()).lifecycle, "first");
   EXPECT_EQ(committer_->progress().lifecycle, 1u);
   EXPECT_EQ(committer_->progress().seq, 0u);
-  EXPECT_EQ(metrics_->checkpoint_time.Read().total(), 0u);
+  EXPECT_EQ(NumIn(metrics_->checkpoint_time), 0u);
   const SessionCommit second = Answer(absl::OkStatus());
   EXPECT_EQ(second.lifecycle, "second");
   EXPECT_EQ(second.checkpoint, "state");
@@ -93,7 +94,7 @@ TEST_F(SessionCommitterTest, OneCommitAtATimeAndWaitingDataShareTheNext) {
   EXPECT_EQ(progress.last_pose_seq, 10u);
   EXPECT_FALSE(progress.has_waiting);
   EXPECT_FALSE(progress.ended);
-  EXPECT_EQ(metrics_->checkpoint_time.Read().total(), 1u);
+  EXPECT_EQ(NumIn(metrics_->checkpoint_time), 1u);
   EXPECT_EQ(NumWaiting(), 0u) << "nothing is committed twice";
   EXPECT_EQ(num_changes_, 2);
 }
@@ -123,7 +124,7 @@ TEST_F(SessionCommitterTest, ACommitWithoutAnAnswerIsRepeatedWithTheLaterData) {
   EXPECT_TRUE(progress.ended);
   EXPECT_FALSE(progress.store_is_away);
   EXPECT_EQ(metrics_->checkpoint_failures[CheckpointFailure::kStoreAway].value(), num_failures);
-  EXPECT_EQ(metrics_->checkpoint_time.Read().total(), 1u);
+  EXPECT_EQ(NumIn(metrics_->checkpoint_time), 1u);
 }
 
 TEST_F(SessionCommitterTest, PosesMayBeCommittedWithoutACheckpoint) {
