@@ -138,23 +138,14 @@ void SessionCommitter::RetryLater() {
 }
 
 void SessionCommitter::CountFailure(const absl::Status& status) {
-  const auto kind = [&status]() -> std::optional<CheckpointFailure> {
-    switch (status.code()) {
-      case absl::StatusCode::kOk:
-      case absl::StatusCode::kNotFound:   // the session was deleted
-      case absl::StatusCode::kCancelled:  // the server is shutting down
-        return std::nullopt;
-      case absl::StatusCode::kUnavailable:
-        return CheckpointFailure::kStoreAway;
-      case absl::StatusCode::kResourceExhausted:
-        return CheckpointFailure::kStoreFull;
-      case absl::StatusCode::kAborted:
-        return CheckpointFailure::kFenced;
-      default:
-        return CheckpointFailure::kStoreFailed;
-    }
-  }();
-  if (kind.has_value() && in_flight_.has_checkpoint) metrics_->checkpoint_failures[*kind].Add();
+  // NOT_FOUND: the session was deleted. CANCELLED: the server is shutting down.
+  const bool is_failure = !status.ok() && !absl::IsNotFound(status) && !absl::IsCancelled(status);
+  if (!is_failure || !in_flight_.has_checkpoint) return;
+  const CheckpointFailure kind = absl::IsUnavailable(status)         ? CheckpointFailure::kStoreAway
+                                 : absl::IsResourceExhausted(status) ? CheckpointFailure::kStoreFull
+                                 : absl::IsAborted(status)           ? CheckpointFailure::kFenced
+                                                                     : CheckpointFailure::kStoreFailed;
+  metrics_->checkpoint_failures[kind].Add();
 }
 
 absl::Status SessionCommitter::FailureOf(const absl::Status& status) const {
