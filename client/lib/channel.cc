@@ -19,13 +19,10 @@
 #include "absl/time/clock.h"
 #include "client/lib/server_address.h"
 #include "core/base/certificates.h"
-#include "core/base/output_file.h"
 #include "core/base/status_macros.h"
 
 namespace evpose::client {
 namespace {
-
-constexpr size_t kMaxPemBytes = size_t{4} << 20;
 
 // Adds the token to the metadata of every call. The call credentials of gRPC require TLS, which a server on this
 // machine may not use.
@@ -61,11 +58,6 @@ class TokenInterceptorFactory : public grpc::experimental::ClientInterceptorFact
   std::mutex mutex_;
   std::string token_;  // guarded by mutex_
 };
-
-absl::StatusOr<PemFile> ReadPem(const std::string& path) {
-  EVPOSE_ASSIGN_OR_RETURN(std::string contents, ReadFile(path, kMaxPemBytes));
-  return PemFile{path, std::move(contents)};
-}
 
 absl::StatusOr<std::shared_ptr<grpc::ChannelCredentials>> MakeCredentials(const TlsOptions& tls) {
   if (!tls.is_on) return grpc::InsecureChannelCredentials();

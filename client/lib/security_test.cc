@@ -170,13 +170,13 @@ TEST_F(SecurityTest, OneSideWithoutTls) {
   EXPECT_THAT(Connect(), HasSubstr("it answers without TLS"));
   StartTls(authority_.Issue());
   options_.tls = {};
-  EXPECT_THAT(Connect(), AllOf(HasSubstr("it wants TLS"), HasSubstr("--tls-ca")));
+  EXPECT_THAT(Connect(), AllOf(HasSubstr("it requires TLS"), HasSubstr("--tls-ca")));
 }
 
 TEST_F(SecurityTest, ServersThatAskForACertificate) {
   const TestAuthority clients("clients");
   StartTls(authority_.Issue(), clients.pem());
-  EXPECT_THAT(Connect(), HasSubstr("it wants a certificate from its clients: give --tls-cert"));
+  EXPECT_THAT(Connect(), HasSubstr("it requires a certificate from its clients: give --tls-cert"));
   Show(clients.Issue({.common_name = "lab"}));
   EXPECT_EQ(Connect(), "OK");
   Show(authority_.Issue({.common_name = "lab"}));

@@ -127,7 +127,7 @@ std::string ExplainClientCertificate(SSL* ssl, const TlsOptions& tls) {
   char byte = 0;
   const int result = SSL_read(ssl, &byte, 1);
   if (result > 0 || SSL_get_error(ssl, result) == SSL_ERROR_WANT_READ) return "";  // timeout without data
-  if (tls.certificate_file.empty()) return "it wants a certificate from its clients: give --tls-cert and --tls-key";
+  if (tls.certificate_file.empty()) return "it requires a certificate from its clients: give --tls-cert and --tls-key";
   return absl::StrCat("it refuses the certificate ", tls.certificate_file,
                       ": one that is valid and signed by an authority of its --tls-client-ca is needed");
 }
@@ -167,7 +167,7 @@ std::string ExplainTls(const std::string& address, const TlsOptions& tls, absl::
   ExpectHost(ssl.get(), parsed->host);
   ERR_clear_error();
   const bool speaks_tls = SSL_connect(ssl.get()) == 1;
-  if (!tls.is_on) return speaks_tls ? "it wants TLS: give --tls, or --tls-ca with the authority's certificate" : "";
+  if (!tls.is_on) return speaks_tls ? "it requires TLS: give --tls, or --tls-ca with the authority's certificate" : "";
   if (!speaks_tls) return ExplainHandshake();
   std::string why = ExplainServerCertificate(ssl.get(), parsed->host);
   return why.empty() ? ExplainClientCertificate(ssl.get(), tls) : why;

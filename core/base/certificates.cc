@@ -8,10 +8,12 @@
 
 #include <ctime>
 #include <memory>
+#include <utility>
 
 #include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
 #include "absl/time/clock.h"
+#include "core/base/output_file.h"
 #include "core/base/status_macros.h"
 
 namespace evpose {
@@ -72,6 +74,11 @@ absl::Status CheckValidity(const PemFile& file, const X509* certificate, absl::T
 }
 
 }  // namespace
+
+absl::StatusOr<PemFile> ReadPem(const std::string& path) {
+  EVPOSE_ASSIGN_OR_RETURN(std::string contents, ReadFile(path, size_t{4} << 20));
+  return PemFile{path, std::move(contents)};
+}
 
 absl::Status CheckAuthorities(const PemFile& authorities) { return CheckChain(authorities); }
 

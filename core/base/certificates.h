@@ -7,6 +7,7 @@
 #include <string>
 
 #include "absl/status/status.h"
+#include "absl/status/statusor.h"
 #include "absl/strings/string_view.h"
 #include "absl/time/time.h"
 
@@ -17,6 +18,9 @@ struct PemFile {
   std::string path;
   std::string contents;
 };
+
+// Reads a PEM file of at most 4 MB; a bundle of all public authorities has 0.2 MB. Errors: those of ReadFile().
+absl::StatusOr<PemFile> ReadPem(const std::string& path);
 
 // Checks a file of authorities: at least one certificate, each of them readable. Errors: INVALID_ARGUMENT with the
 // path.

@@ -30,6 +30,8 @@ struct RigidTransform {
   // Unit quaternion with w >= 0.
   Eigen::Quaterniond Quaternion() const;
 
+  bool operator==(const RigidTransform&) const = default;
+
   static void VisitState(auto& archive, auto& self) {
     auto& [rotation, translation_m] = self;
     archive(Finite(rotation), Finite(translation_m));

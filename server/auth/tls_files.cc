@@ -8,22 +8,10 @@
 #include "absl/strings/str_cat.h"
 #include "absl/time/clock.h"
 #include "core/base/certificates.h"
-#include "core/base/output_file.h"
 #include "core/base/status_macros.h"
 #include "server/telemetry/log.h"
 
 namespace evpose::server {
-namespace {
-
-constexpr size_t kMaxTlsFileBytes = 4u << 20;  // a bundle of all public authorities has 0.2 MB
-
-absl::StatusOr<PemFile> ReadPem(const std::string& path) {
-  EVPOSE_ASSIGN_OR_RETURN(std::string contents, ReadFile(path, kMaxTlsFileBytes));
-  return PemFile{path, std::move(contents)};
-}
-
-}  // namespace
-
 absl::Status TlsPaths::Validate() const {
   if (certificate.empty() != key.empty()) {
     return absl::InvalidArgumentError(certificate.empty() ? "--tls-key needs --tls-cert, the certificate of that key"

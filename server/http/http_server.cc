@@ -9,6 +9,7 @@
 #include <utility>
 
 #include "absl/strings/str_cat.h"
+#include "absl/strings/str_join.h"
 #include "absl/strings/string_view.h"
 #include "core/base/status_macros.h"
 #include "server/rpc/listen_address.h"
@@ -20,19 +21,6 @@ namespace {
 constexpr char kNumThreads[] = "4";
 constexpr char kRequestTimeoutMs[] = "5000";  // a stalled client must not occupy a thread for long
 constexpr char kMaxRequestBytes[] = "8192";   // request line and headers; bodies are not read
-
-const char* Reason(int status) {
-  switch (status) {
-    case 200:
-      return "OK";
-    case 404:
-      return "Not Found";
-    case 405:
-      return "Method Not Allowed";
-    default:
-      return "Service Unavailable";
-  }
-}
 
 class CivetwebServer : public HttpServer {
  public:
@@ -84,9 +72,10 @@ class CivetwebServer : public HttpServer {
   int Answer(mg_connection& connection, const mg_request_info& request) const {
     const HttpPage page = MakePage(request);
     const std::string head =
-        absl::StrCat("HTTP/1.1 ", page.status, " ", Reason(page.status), "\r\nContent-Type: ", page.content_type,
-                     "\r\nContent-Length: ", page.body.size(), "\r\nCache-Control: no-store",
-                     page.status == 405 ? "\r\nAllow: GET, HEAD" : "", "\r\nConnection: close\r\n\r\n");
+        absl::StrCat("HTTP/1.1 ", page.status, " ", mg_get_response_code_text(&connection, page.status),
+                     "\r\nContent-Type: ", page.content_type, "\r\nContent-Length: ", page.body.size(),
+                     "\r\nCache-Control: no-store", page.status == 405 ? "\r\nAllow: GET, HEAD" : "",
+                     "\r\nConnection: close\r\n\r\n");
     const bool has_body = absl::string_view(request.request_method) != "HEAD";
     const std::string answer = absl::StrCat(head, has_body ? page.body : "");
     mg_write(&connection, answer.data(), answer.size());
@@ -103,9 +92,7 @@ class CivetwebServer : public HttpServer {
   }
 
   std::string Paths() const {
-    std::string paths;
-    for (const auto& [path, page] : pages_) absl::StrAppend(&paths, paths.empty() ? "" : " ", path);
-    return paths;
+    return absl::StrJoin(pages_, " ", [](std::string* paths, const auto& page) { paths->append(page.first); });
   }
 
   const Pages pages_;

@@ -31,24 +31,14 @@ absl::StatusOr<std::unique_ptr<OperatorPages>> OperatorPages::Start(const std::s
   return pages;
 }
 
-void OperatorPages::Show(const Server& server) {
-  const std::lock_guard lock(mutex_);
-  server_ = &server;
-}
-
-const Server* OperatorPages::server() const {
-  const std::lock_guard lock(mutex_);
-  return server_;
-}
-
 HttpPage OperatorPages::Metrics() const {
-  const Server* const shown = server();
+  const Server* const shown = server_;
   if (shown == nullptr) return Starting();
   return {.content_type = kPrometheusContentType, .body = PrometheusText(shown->metrics(), shown->state(), build_)};
 }
 
 HttpPage OperatorPages::Readiness() const {
-  const Server* const shown = server();
+  const Server* const shown = server_;
   if (shown == nullptr) return Starting();
   const absl::Status readiness = shown->state().readiness;
   if (!readiness.ok()) return NotReady(readiness.message());

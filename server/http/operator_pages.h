@@ -4,11 +4,10 @@
 // authentication.
 #pragma once
 
+#include <atomic>
 #include <memory>
-#include <mutex>
 #include <string>
 
-#include "absl/base/thread_annotations.h"
 #include "absl/status/statusor.h"
 #include "core/base/version.h"
 #include "server/http/http_server.h"
@@ -23,18 +22,16 @@ class OperatorPages {
   static absl::StatusOr<std::unique_ptr<OperatorPages>> Start(const std::string& listen_address, BuildVersion build);
 
   // From now on the pages show the state of `server`, which must outlive them.
-  void Show(const Server& server);
+  void Show(const Server& server) { server_ = &server; }
   int port() const { return http_->port(); }
 
  private:
   explicit OperatorPages(BuildVersion build) : build_(std::move(build)) {}
   HttpPage Metrics() const;
   HttpPage Readiness() const;
-  const Server* server() const;
 
   const BuildVersion build_;
-  mutable std::mutex mutex_;
-  const Server* server_ ABSL_GUARDED_BY(mutex_) = nullptr;
+  std::atomic<const Server*> server_ = nullptr;
   std::unique_ptr<HttpServer> http_;  // the last member, so that it is destroyed first
 };
 

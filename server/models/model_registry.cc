@@ -2,38 +2,21 @@
 #include "server/models/model_registry.h"
 
 #include <algorithm>
-#include <bit>
 #include <mutex>
 #include <utility>
 
 #include "absl/strings/ascii.h"
 #include "absl/strings/str_cat.h"
+#include "core/base/state_io.h"
 #include "core/base/status_macros.h"
 #include "core/numerics/hash.h"
+#include "server/runtime/enum_number.h"
 #include "server/runtime/errors.h"
 #include "server/sessions/durability/session_codec.h"
 #include "server/telemetry/log.h"
 
 namespace evpose::server {
 namespace {
-
-// The byte that represents a format in a model's name: its number in the API.
-uint8_t FormatByte(ModelFormat format) {
-  switch (format) {
-    case ModelFormat::kObj:
-      return 1;
-    case ModelFormat::kPly:
-      return 2;
-    case ModelFormat::kStl:
-      return 3;
-  }
-  return 0;
-}
-
-void AppendLittleEndian(double value, std::vector<uint8_t>& out) {
-  const auto bits = std::bit_cast<uint64_t>(value);
-  for (int shift = 0; shift < 64; shift += 8) out.push_back(static_cast<uint8_t>(bits >> shift));
-}
 
 absl::Status ModelNotFound(absl::string_view name) {
   return WithReason(absl::NotFoundError(absl::StrCat("there is no model \"", name, "\": upload it first")),
@@ -48,11 +31,11 @@ absl::Status ModelInUse(absl::string_view name) {
 }  // namespace
 
 std::string ModelName(const ModelReading& reading, absl::Span<const uint8_t> bytes) {
-  std::vector<uint8_t> prefix = {FormatByte(reading.format)};
-  AppendLittleEndian(reading.metres_per_unit, prefix);
-  AppendLittleEndian(reading.crease_angle_deg, prefix);
+  StateWriter parameters;
+  parameters(EnumNumber<uint8_t>(reading.format), reading.metres_per_unit, reading.crease_angle_deg);
+  const std::string prefix = parameters.Take();
   Sha256 digest;
-  digest.Update(prefix);
+  digest.Update({reinterpret_cast<const uint8_t*>(prefix.data()), prefix.size()});
   digest.Update(bytes);
   return absl::StrCat("models/", digest.FinishHex());
 }
@@ -68,8 +51,7 @@ absl::StatusOr<std::unique_ptr<ModelRegistry>> ModelRegistry::Create(const Optio
   EVPOSE_ASSIGN_OR_RETURN(const std::vector<ModelRecord> records, store.ReadModels());
   const std::lock_guard lock(registry->mutex_);
   for (const ModelRecord& record : records) {
-    auto entry =
-        Load(record, registry->LoadingOptions({record.format, record.metres_per_unit, record.crease_angle_deg}));
+    auto entry = registry->Load(record);
     if (!entry.ok()) {
       Log(LogLevel::kError, "model_not_loaded",
           {{"model", record.name}, {"tenant", record.tenant}, {"message", entry.status().message()}});
@@ -92,14 +74,13 @@ ModelOptions ModelRegistry::LoadingOptions(const ModelReading& reading) const {
   return options;
 }
 
-absl::StatusOr<ModelRegistry::Entry> ModelRegistry::Load(const ModelRecord& record, const ModelOptions& options) {
-  EVPOSE_ASSIGN_OR_RETURN(ObjectModel model, ParseObjectModel(*record.bytes, record.format, options));
+absl::StatusOr<ModelRegistry::Entry> ModelRegistry::Load(const ModelRecord& record) const {
+  EVPOSE_ASSIGN_OR_RETURN(ObjectModel model,
+                          ParseObjectModel(*record.bytes, record.reading.format, LoadingOptions(record.reading)));
   Entry entry;
   entry.info = {.name = record.name,
-                .format = record.format,
+                .reading = record.reading,
                 .size_bytes = record.bytes->size(),
-                .metres_per_unit = record.metres_per_unit,
-                .crease_angle_deg = record.crease_angle_deg,
                 .num_faces = static_cast<uint32_t>(model.triangles.size()),
                 .num_lines = static_cast<uint32_t>(model.lines.size()),
                 .num_symmetries = static_cast<uint32_t>(std::max<size_t>(1, model.symmetries.size())),
@@ -111,8 +92,7 @@ absl::StatusOr<ModelRegistry::Entry> ModelRegistry::Load(const ModelRecord& reco
   return entry;
 }
 
-absl::StatusOr<std::unique_ptr<ModelRegistry::Reservation>> ModelRegistry::Reserve(const std::string& tenant,
-                                                                                   uint64_t size_bytes) {
+absl::StatusOr<std::shared_ptr<const void>> ModelRegistry::Reserve(const std::string& tenant, uint64_t size_bytes) {
   const std::lock_guard lock(mutex_);
   if (size_bytes == 0 || size_bytes > options_.max_model_bytes) {
     return InvalidField("header.size_bytes",
@@ -136,7 +116,7 @@ absl::StatusOr<std::unique_ptr<ModelRegistry::Reservation>> ModelRegistry::Reser
                         absl::ZeroDuration());
   }
   AddBytes(tenant, size_bytes);
-  return std::make_unique<Reservation>(*this, tenant, size_bytes);
+  return std::shared_ptr<const void>(this, [this, tenant, size_bytes](const void*) { Release(tenant, size_bytes); });
 }
 
 void ModelRegistry::Release(const std::string& tenant, uint64_t reserved_bytes) {
@@ -161,8 +141,7 @@ std::optional<ModelRegistry::Known> ModelRegistry::FindFile(const std::string& t
   const std::lock_guard lock(mutex_);
   for (auto it = models_.lower_bound(Key(tenant, "")); it != models_.end() && it->first.first == tenant; ++it) {
     const ModelInfo& info = it->second.info;
-    const bool is_same = info.sha256_hex == sha256_hex && info.size_bytes == size_bytes &&
-                         ModelReading{info.format, info.metres_per_unit, info.crease_angle_deg} == reading;
+    const bool is_same = info.sha256_hex == sha256_hex && info.size_bytes == size_bytes && info.reading == reading;
     if (is_same && !it->second.is_going) return Known{info, it->second.use};
   }
   return std::nullopt;
@@ -173,20 +152,18 @@ absl::StatusOr<ModelInfo> ModelRegistry::Upload(const std::string& tenant, const
                                                 std::shared_ptr<const std::vector<uint8_t>> bytes) {
   const std::string sha256_hex = Sha256Hex(*bytes);
   EVPOSE_RETURN_IF_ERROR(CheckSha256(expected_sha256_hex, sha256_hex, bytes->size()));
-  const ModelOptions options = LoadingOptions(reading);
-  if (const absl::Status status = options.Validate(); !status.ok()) return InvalidField("header", status.message());
+  if (const absl::Status status = LoadingOptions(reading).Validate(); !status.ok())
+    return InvalidField("header", status.message());
   const ModelRecord record = {.name = ModelName(reading, *bytes),
                               .tenant = tenant,
-                              .format = reading.format,
-                              .metres_per_unit = reading.metres_per_unit,
-                              .crease_angle_deg = reading.crease_angle_deg,
+                              .reading = reading,
                               .create_time = absl::Now(),
                               .bytes = bytes};
   if (auto known = Get(tenant, record.name); known.ok()) {
     const absl::Status stored = CheckStored(tenant, record.name);
     if (!absl::IsNotFound(stored)) return stored.ok() ? known : stored;
   }
-  auto entry = Load(record, options);
+  auto entry = Load(record);
   if (!entry.ok()) return InvalidField("chunk", entry.status().message());
 
   const std::lock_guard store_lock(store_mutex_);
@@ -232,8 +209,7 @@ absl::StatusOr<ModelUse> ModelRegistry::UseStored(const std::string& tenant, abs
   if (absl::IsNotFound(record.status())) return known;
   // DATA_LOSS is returned unchanged: the session factory reports a damaged model as damage of the session.
   if (!record.ok()) return absl::IsDataLoss(record.status()) ? record.status() : FromStore(record.status());
-  EVPOSE_ASSIGN_OR_RETURN(
-      Entry entry, Load(*record, LoadingOptions({record->format, record->metres_per_unit, record->crease_angle_deg})));
+  EVPOSE_ASSIGN_OR_RETURN(Entry entry, Load(*record));
   const std::lock_guard lock(mutex_);
   const auto [found, is_new] = models_.emplace(Key(tenant, std::string(name)), std::move(entry));
   if (is_new) AddBytes(tenant, record->bytes->size());

@@ -28,10 +28,8 @@ namespace evpose::server {
 
 struct ModelInfo {
   std::string name;
-  ModelFormat format = ModelFormat::kObj;
+  ModelReading reading;
   uint64_t size_bytes = 0;
-  double metres_per_unit = 1.0;
-  double crease_angle_deg = 30.0;
   uint32_t num_faces = 0;
   uint32_t num_lines = 0;
   uint32_t num_symmetries = 1;
@@ -39,15 +37,6 @@ struct ModelInfo {
   std::string sha256_hex;  // of the file's bytes
   std::vector<std::string> notices;
   absl::Time create_time;
-};
-
-// The parameters for parsing a model file. They are part of the digest that is the model's name.
-struct ModelReading {
-  ModelFormat format = ModelFormat::kObj;
-  double metres_per_unit = 1.0;
-  double crease_angle_deg = 30.0;
-
-  friend bool operator==(const ModelReading&, const ModelReading&) = default;
 };
 
 // Returns "models/{id}"; the id is defined at Model.name in the API.
@@ -79,23 +68,10 @@ class ModelRegistry {
   static absl::StatusOr<std::unique_ptr<ModelRegistry>> Create(const Options& options, Store& store);
   ~ModelRegistry();
 
-  // Bytes reserved for an upload in progress; released by the destructor.
-  class Reservation {
-   public:
-    Reservation(ModelRegistry& registry, const std::string& tenant, uint64_t size_bytes)
-        : registry_(registry), tenant_(tenant), size_bytes_(size_bytes) {}
-    ~Reservation() { registry_.Release(tenant_, size_bytes_); }
-    Reservation(const Reservation&) = delete;
-    Reservation& operator=(const Reservation&) = delete;
-
-   private:
-    ModelRegistry& registry_;
-    const std::string tenant_;
-    const uint64_t size_bytes_;
-  };
-  // Reserves bytes for an upload. Errors: INVALID_ARGUMENT (header.size_bytes) for a size of 0 or above
-  // max_model_bytes; RESOURCE_EXHAUSTED (MODEL_STORE_FULL, or TENANT_QUOTA when the tenant's own limit is reached).
-  absl::StatusOr<std::unique_ptr<Reservation>> Reserve(const std::string& tenant, uint64_t size_bytes);
+  // Reserves bytes for an upload until the result is destroyed. Errors: INVALID_ARGUMENT (header.size_bytes) for a size
+  // of 0 or above max_model_bytes; RESOURCE_EXHAUSTED (MODEL_STORE_FULL, or TENANT_QUOTA when the tenant's own limit is
+  // reached).
+  absl::StatusOr<std::shared_ptr<const void>> Reserve(const std::string& tenant, uint64_t size_bytes);
 
   // Finds a file that has been uploaded before with the same parameters, so that a repeated upload needs no space. The
   // model cannot be deleted while the result exists.
@@ -139,7 +115,7 @@ class ModelRegistry {
   };
 
   ModelRegistry(const Options& options, Store& store) : options_(options), store_(store) {}
-  static absl::StatusOr<Entry> Load(const ModelRecord& record, const ModelOptions& options);
+  absl::StatusOr<Entry> Load(const ModelRecord& record) const;
   // Blocks new uses of the model. Returns false when it is not loaded. Errors: FAILED_PRECONDITION (MODEL_IN_USE).
   absl::StatusOr<bool> BeginDelete(const Key& key);
   void EndDelete(const Key& key, const absl::Status& status);

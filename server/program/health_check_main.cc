@@ -17,7 +17,6 @@
 #include "absl/strings/str_replace.h"
 #include "absl/time/clock.h"
 #include "core/base/certificates.h"
-#include "core/base/output_file.h"
 #include "core/base/status_macros.h"
 #include "grpc/health/v1/health.grpc.pb.h"
 #include "server/rpc/listen_address.h"
@@ -28,7 +27,6 @@ using grpc::health::v1::HealthCheckResponse;
 
 constexpr int kFailed = 1;
 constexpr int kWrongUsage = 2;
-constexpr size_t kMaxPemBytes = size_t{4} << 20;
 
 constexpr char kExample[] = R"(Example:
   evpose-health-check 127.0.0.1:50051
@@ -78,22 +76,17 @@ std::string WrongUsage(const Arguments& arguments) {
   return "--tls-cert and --tls-key belong together: give both";
 }
 
-absl::StatusOr<evpose::PemFile> ReadPem(const std::string& path) {
-  EVPOSE_ASSIGN_OR_RETURN(std::string contents, evpose::ReadFile(path, kMaxPemBytes));
-  return evpose::PemFile{path, std::move(contents)};
-}
-
 absl::StatusOr<std::shared_ptr<grpc::ChannelCredentials>> MakeCredentials(const Arguments& arguments) {
   if (!arguments.has_tls()) return grpc::InsecureChannelCredentials();
   grpc::SslCredentialsOptions options;
   if (!arguments.ca_file.empty()) {
-    EVPOSE_ASSIGN_OR_RETURN(const evpose::PemFile authorities, ReadPem(arguments.ca_file));
+    EVPOSE_ASSIGN_OR_RETURN(const evpose::PemFile authorities, evpose::ReadPem(arguments.ca_file));
     EVPOSE_RETURN_IF_ERROR(evpose::CheckAuthorities(authorities));
     options.pem_root_certs = authorities.contents;
   }
   if (!arguments.certificate_file.empty()) {
-    EVPOSE_ASSIGN_OR_RETURN(const evpose::PemFile certificate, ReadPem(arguments.certificate_file));
-    EVPOSE_ASSIGN_OR_RETURN(const evpose::PemFile key, ReadPem(arguments.key_file));
+    EVPOSE_ASSIGN_OR_RETURN(const evpose::PemFile certificate, evpose::ReadPem(arguments.certificate_file));
+    EVPOSE_ASSIGN_OR_RETURN(const evpose::PemFile key, evpose::ReadPem(arguments.key_file));
     EVPOSE_RETURN_IF_ERROR(evpose::CheckKeyPair(certificate, key, absl::Now()));
     options.pem_cert_chain = certificate.contents;
     options.pem_private_key = key.contents;

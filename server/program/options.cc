@@ -12,6 +12,7 @@
 #include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
+#include "absl/strings/str_replace.h"
 #include "absl/strings/string_view.h"
 #include "absl/strings/strip.h"
 #include "absl/time/time.h"
@@ -163,29 +164,17 @@ void DefineArguments(CLI::App& app, Arguments& arguments) {
 // Describes an error of ServerOptions::Validate() with the command-line option that sets the invalid field. An error of
 // the TLS files names its options itself.
 std::string InOptions(const absl::Status& status) {
-  constexpr std::pair<absl::string_view, absl::string_view> kOptions[] = {
-      {"listen_address", "--listen: "},
-      {"tls", ""},
-      {"worker_threads", "--workers: "},
-      {"drain_timeout", "--shutdown-timeout: "},
-      {"session_expiry", "--session-expiry: "},
-      {"attach_timeout", "--attach-timeout: "},
-      {"pose_log_capacity", "--pose-log-capacity: "},
-      {"credit_bytes", "--credit-bytes: "},
-      {"max_sessions", "--max-sessions: "},
-      {"max_streams", "--max-streams: "},
-      {"max_calls_per_connection", "--max-calls-per-connection: "},
-      {"max_chunk_bytes", "--max-chunk-bytes: "},
-      {"max_model_bytes", "--max-model-bytes: "},
-      {"max_model_store_bytes", "--max-model-store-bytes: "},
-      {"tenant.max_model_bytes", "--tenant-max-model-bytes: "}};
+  constexpr std::pair<absl::string_view, absl::string_view> kOtherNames[] = {
+      {"listen_address", "listen"}, {"worker_threads", "workers"}, {"drain_timeout", "shutdown-timeout"}};
   const std::string field = GetErrorDetails(status).field;
   absl::string_view description = status.message();
-  for (const auto& [name, option] : kOptions) {
-    if (field != name || !absl::ConsumePrefix(&description, absl::StrCat(field, ": "))) continue;
-    return absl::StrCat(option, description);
+  if (field.empty() || !absl::ConsumePrefix(&description, absl::StrCat(field, ": "))) return std::string(description);
+  if (field == "tls") return std::string(description);
+  std::string name = absl::StrReplaceAll(field, {{"_", "-"}, {".", "-"}});
+  for (const auto& [member, option] : kOtherNames) {
+    if (field == member) name = std::string(option);
   }
-  return std::string(description);
+  return absl::StrCat("--", name, ": ", description);
 }
 
 // Returns the reason for which the server must not listen on this address, or an empty string.
@@ -313,17 +302,12 @@ ParsedOptions ParseOptions(int argc, char** argv) {
 
 std::string WrongUsage(const ProgramOptions& options) {
   if (const absl::Status status = options.server.Validate(); !status.ok()) return InOptions(status);
-  if (const absl::Status status = CheckStore(options.server.store.store); !status.ok()) {
-    return absl::StrCat("--store: ", status.message());
-  }
-  if (const absl::Status status = CheckStorePassword(options); !status.ok()) {
-    return absl::StrCat("--store-password-file: ", status.message());
-  }
-  if (const absl::Status status = CheckMetricsAddress(options); !status.ok()) {
-    return absl::StrCat("--metrics-listen: ", status.message());
-  }
-  if (const absl::Status status = CheckStoreLimit(options.server.store); !status.ok()) {
-    return absl::StrCat("--store-max-bytes: ", status.message());
+  const std::pair<const char*, absl::Status> checks[] = {{"--store", CheckStore(options.server.store.store)},
+                                                         {"--store-password-file", CheckStorePassword(options)},
+                                                         {"--metrics-listen", CheckMetricsAddress(options)},
+                                                         {"--store-max-bytes", CheckStoreLimit(options.server.store)}};
+  for (const auto& [option, status] : checks) {
+    if (!status.ok()) return absl::StrCat(option, ": ", status.message());
   }
   if (options.shutdown_notice < absl::ZeroDuration()) return "--shutdown-notice: must not be negative";
   const auto address = ParseListenAddress(options.server.listen_address);

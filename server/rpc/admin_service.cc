@@ -9,6 +9,7 @@
 #include "core/base/version.h"
 #include "server/rpc/authentication.h"
 #include "server/rpc/conversion.h"
+#include "server/runtime/enum_number.h"
 #include "server/runtime/errors.h"
 #include "server/telemetry/log.h"
 
@@ -20,24 +21,12 @@ absl::Status CheckIsOperator(const Caller& caller, absl::string_view deed) {
   return WithReason(absl::PermissionDeniedError(absl::StrCat("only an operator's token may ", deed)), v1::NOT_OPERATOR);
 }
 
-constexpr std::pair<LogLevel, v1::LogLevel> kLogLevels[] = {
-    {LogLevel::kDebug, v1::LOG_LEVEL_DEBUG},     {LogLevel::kInfo, v1::LOG_LEVEL_INFO},
-    {LogLevel::kWarning, v1::LOG_LEVEL_WARNING}, {LogLevel::kError, v1::LOG_LEVEL_ERROR},
-    {LogLevel::kOff, v1::LOG_LEVEL_OFF},
-};
+static_assert(EnumNumber(LogLevel::kOff) == v1::LOG_LEVEL_OFF);
+static_assert(EnumNumber(StoreKind::kRedis) == v1::STORE_KIND_REDIS);
 
 absl::StatusOr<LogLevel> LogLevelFromProto(v1::LogLevel level) {
-  for (const auto& [ours, theirs] : kLogLevels) {
-    if (theirs == level) return ours;
-  }
+  if (level >= v1::LOG_LEVEL_DEBUG && level <= v1::LOG_LEVEL_OFF) return EnumValue<LogLevel>(level);
   return InvalidField("level", absl::StrCat("is ", level, "; 1 (debug) to 5 (off)"));
-}
-
-v1::LogLevel ToProto(LogLevel level) {
-  for (const auto& [ours, theirs] : kLogLevels) {
-    if (ours == level) return theirs;
-  }
-  return v1::LOG_LEVEL_UNSPECIFIED;
 }
 
 // Writes the line at the more verbose of the two levels, so that it is in the log in both directions.
@@ -62,7 +51,7 @@ grpc::ServerUnaryReactor* AdminServiceImpl::GetServerInfo(grpc::CallbackServerCo
     response->set_max_sessions(options.max_sessions);
     response->set_draining(!services_.sessions.CheckNotDraining().ok());
     response->set_max_chunk_bytes(options.limits.max_chunk_bytes);
-    response->set_store(StoreKindToProto(services_.store.kind()));
+    response->set_store(EnumNumber<v1::StoreKind>(services_.store.kind()));
     response->set_max_model_bytes(services_.max_model_bytes);
     response->set_pose_log_capacity(options.limits.pose_log_capacity);
     *response->mutable_session_expiry() = ToProto(options.limits.expiry);
@@ -92,7 +81,7 @@ grpc::ServerUnaryReactor* AdminServiceImpl::SetLogLevel(grpc::CallbackServerCont
     EVPOSE_RETURN_IF_ERROR(CheckIsOperator(caller, "set the log level"));
     EVPOSE_ASSIGN_OR_RETURN(const LogLevel level, LogLevelFromProto(request->level()));
     const LogLevel before = CurrentLogLevel();
-    response->set_previous_level(ToProto(before));
+    response->set_previous_level(EnumNumber<v1::LogLevel>(before));
     ChangeLogLevel(caller, before, level);
     return absl::OkStatus();
   });

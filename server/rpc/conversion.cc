@@ -9,42 +9,31 @@
 #include "absl/strings/escaping.h"
 #include "absl/strings/str_cat.h"
 #include "core/base/status_macros.h"
+#include "google/protobuf/generated_enum_reflection.h"
+#include "google/protobuf/util/time_util.h"
+#include "server/runtime/enum_number.h"
 #include "server/runtime/errors.h"
 
 namespace evpose::server {
 namespace {
 
-absl::StatusOr<Encoding> FieldFromProto(v1::EventEncoding encoding) {
-  switch (encoding) {
-    case v1::EVENT_ENCODING_EVT3:
-      return Encoding::kEvt3;
-    case v1::EVENT_ENCODING_EVT21:
-      return Encoding::kEvt21;
-    case v1::EVENT_ENCODING_EVT2:
-      return Encoding::kEvt2;
-    case v1::EVENT_ENCODING_DAT:
-      return Encoding::kDat;
-    case v1::EVENT_ENCODING_FLAT64:
-      return Encoding::kFlat64;
-    default:
-      return InvalidField("config.encoding", absl::StrCat("is ", encoding, ", which this server does not support"));
-  }
+static_assert(EnumNumber(Encoding::kFlat64) == v1::EVENT_ENCODING_FLAT64);
+static_assert(EnumNumber(OverloadPolicy::kLatest) == v1::OVERLOAD_POLICY_LATEST);
+static_assert(EnumNumber(DropReason::kReader) == v1::DROP_REASON_READER);
+static_assert(EnumNumber(TrackState::kLost) == v1::TRACK_STATE_LOST);
+static_assert(EnumNumber(InitializationStatus::kAmbiguous) == v1::INITIALIZATION_STATUS_AMBIGUOUS);
+static_assert(EnumNumber(SessionState::kEnded) == v1::SESSION_STATE_ENDED);
+static_assert(EnumNumber(ModelFormat::kStl) == v1::MODEL_FORMAT_STL);
+
+absl::Status NotSupported(absl::string_view field, int number) {
+  return InvalidField(field, absl::StrCat("is ", number, ", which this server does not support"));
 }
 
-v1::EventEncoding ToProto(Encoding encoding) {
-  switch (encoding) {
-    case Encoding::kEvt3:
-      return v1::EVENT_ENCODING_EVT3;
-    case Encoding::kEvt21:
-      return v1::EVENT_ENCODING_EVT21;
-    case Encoding::kEvt2:
-      return v1::EVENT_ENCODING_EVT2;
-    case Encoding::kDat:
-      return v1::EVENT_ENCODING_DAT;
-    case Encoding::kFlat64:
-      return v1::EVENT_ENCODING_FLAT64;
-  }
-  return v1::EVENT_ENCODING_UNSPECIFIED;
+template <typename Value, typename Number>
+absl::StatusOr<Value> EnumFromProto(absl::string_view field, Number number) {
+  const bool is_known = google::protobuf::GetEnumDescriptor<Number>()->FindValueByNumber(number) != nullptr;
+  if (number == 0 || !is_known) return NotSupported(field, number);
+  return EnumValue<Value>(number);
 }
 
 constexpr std::pair<Estimator, v1::Estimator> kEstimators[] = {
@@ -58,8 +47,7 @@ absl::StatusOr<Estimator> FieldFromProto(v1::Estimator estimator) {
   for (const auto& [ours, theirs] : kEstimators) {
     if (theirs == estimator) return ours;
   }
-  return InvalidField("config.tracker.estimator",
-                      absl::StrCat("is ", estimator, ", which this server does not support"));
+  return NotSupported("config.tracker.estimator", estimator);
 }
 
 v1::Estimator ToProto(Estimator estimator) {
@@ -67,41 +55,6 @@ v1::Estimator ToProto(Estimator estimator) {
     if (ours == estimator) return theirs;
   }
   return v1::ESTIMATOR_UNSPECIFIED;
-}
-
-absl::StatusOr<OverloadPolicy> FieldFromProto(v1::OverloadPolicy policy) {
-  switch (policy) {
-    case v1::OVERLOAD_POLICY_UNSPECIFIED:
-    case v1::OVERLOAD_POLICY_BLOCK:
-      return OverloadPolicy::kBlock;
-    case v1::OVERLOAD_POLICY_LATEST:
-      return OverloadPolicy::kLatest;
-    default:
-      return InvalidField("config.overload_policy",
-                          absl::StrCat("is ", policy, ", which this server does not support"));
-  }
-}
-
-v1::OverloadPolicy ToProto(OverloadPolicy policy) {
-  switch (policy) {
-    case OverloadPolicy::kBlock:
-      return v1::OVERLOAD_POLICY_BLOCK;
-    case OverloadPolicy::kLatest:
-      return v1::OVERLOAD_POLICY_LATEST;
-  }
-  return v1::OVERLOAD_POLICY_UNSPECIFIED;
-}
-
-v1::DropReason ToProto(DropReason reason) {
-  switch (reason) {
-    case DropReason::kLag:
-      return v1::DROP_REASON_LAG;
-    case DropReason::kMemory:
-      return v1::DROP_REASON_MEMORY;
-    case DropReason::kReader:
-      return v1::DROP_REASON_READER;
-  }
-  return v1::DROP_REASON_UNSPECIFIED;
 }
 
 SensorProfile FieldFromProto(const v1::SensorProfile& sensor) {
@@ -122,38 +75,6 @@ v1::SensorProfile ToProto(const SensorProfile& sensor) {
   out.set_refractory_us(sensor.refractory_us);
   out.set_latency_us(sensor.latency_us);
   return out;
-}
-
-v1::TrackState ToProto(TrackState state) {
-  switch (state) {
-    case TrackState::kInitializing:
-      return v1::TRACK_STATE_INITIALIZING;
-    case TrackState::kTracking:
-      return v1::TRACK_STATE_TRACKING;
-    case TrackState::kDegraded:
-      return v1::TRACK_STATE_DEGRADED;
-    case TrackState::kLost:
-      return v1::TRACK_STATE_LOST;
-  }
-  return v1::TRACK_STATE_UNSPECIFIED;
-}
-
-v1::InitializationStatus ToProto(InitializationStatus status) {
-  switch (status) {
-    case InitializationStatus::kNotNeeded:
-      return v1::INITIALIZATION_STATUS_NOT_NEEDED;
-    case InitializationStatus::kWaitingForEvents:
-      return v1::INITIALIZATION_STATUS_WAITING_FOR_EVENTS;
-    case InitializationStatus::kTooFewLines:
-      return v1::INITIALIZATION_STATUS_TOO_FEW_LINES;
-    case InitializationStatus::kNoPoseFits:
-      return v1::INITIALIZATION_STATUS_NO_POSE_FITS;
-    case InitializationStatus::kVerifying:
-      return v1::INITIALIZATION_STATUS_VERIFYING;
-    case InitializationStatus::kAmbiguous:
-      return v1::INITIALIZATION_STATUS_AMBIGUOUS;
-  }
-  return v1::INITIALIZATION_STATUS_UNSPECIFIED;
 }
 
 // Explains, for people, why an object has no confirmed pose (ObjectHealth.detail).
@@ -177,18 +98,6 @@ std::string WhyThereIsNoPose(const InitializationReport& report) {
       return "two poses explain the events equally well so far";
   }
   return "";
-}
-
-v1::SessionState ToProto(SessionState state) {
-  switch (state) {
-    case SessionState::kDetached:
-      return v1::SESSION_STATE_DETACHED;
-    case SessionState::kAttached:
-      return v1::SESSION_STATE_ATTACHED;
-    case SessionState::kEnded:
-      return v1::SESSION_STATE_ENDED;
-  }
-  return v1::SESSION_STATE_UNSPECIFIED;
 }
 
 absl::StatusOr<CameraModel> FieldFromProto(const v1::CameraModel& camera) {
@@ -252,7 +161,7 @@ v1::RigidTransform ToProto(const RigidTransform& transform) {
 
 v1::SessionConfig ToProto(const SessionConfig& config) {
   v1::SessionConfig out;
-  out.set_encoding(ToProto(config.encoding));
+  out.set_encoding(EnumNumber<v1::EventEncoding>(config.encoding));
   *out.mutable_camera() = ToProto(config.camera);
   for (const ObjectConfig& object : config.objects) {
     v1::TrackedObject& added = *out.add_objects();
@@ -265,17 +174,13 @@ v1::SessionConfig ToProto(const SessionConfig& config) {
   }
   out.mutable_tracker()->set_estimator(ToProto(config.estimator));
   *out.mutable_tracker()->mutable_sensor() = ToProto(config.sensor);
-  out.set_overload_policy(ToProto(config.overload_policy));
+  out.set_overload_policy(EnumNumber<v1::OverloadPolicy>(config.overload_policy));
   if (config.max_lag.has_value()) *out.mutable_max_lag() = server::ToProto(*config.max_lag);
   return out;
 }
 
 google::protobuf::Timestamp ToProto(absl::Time time) {
-  google::protobuf::Timestamp out;
-  const int64_t nanoseconds = absl::ToUnixNanos(time);
-  out.set_seconds(nanoseconds / 1'000'000'000);
-  out.set_nanos(static_cast<int32_t>(nanoseconds % 1'000'000'000));
-  return out;
+  return google::protobuf::util::TimeUtil::NanosecondsToTimestamp(absl::ToUnixNanos(time));
 }
 
 absl::StatusOr<Eigen::Matrix3d> FieldFromProto(const v1::Quaternion& rotation, const std::string& field) {
@@ -302,10 +207,13 @@ absl::StatusOr<RigidTransform> FromProto(const v1::RigidTransform& transform, co
 
 absl::StatusOr<SessionConfig> FromProto(const v1::SessionConfig& config) {
   SessionConfig out;
-  EVPOSE_ASSIGN_OR_RETURN(out.encoding, FieldFromProto(config.encoding()));
+  EVPOSE_ASSIGN_OR_RETURN(out.encoding, EnumFromProto<Encoding>("config.encoding", config.encoding()));
   EVPOSE_ASSIGN_OR_RETURN(out.estimator, FieldFromProto(config.tracker().estimator()));
   out.sensor = FieldFromProto(config.tracker().sensor());
-  EVPOSE_ASSIGN_OR_RETURN(out.overload_policy, FieldFromProto(config.overload_policy()));
+  if (config.overload_policy() != v1::OVERLOAD_POLICY_UNSPECIFIED) {
+    EVPOSE_ASSIGN_OR_RETURN(out.overload_policy,
+                            EnumFromProto<OverloadPolicy>("config.overload_policy", config.overload_policy()));
+  }
   if (config.has_max_lag()) {
     out.max_lag = FromProto(config.max_lag());
   } else if (out.overload_policy == OverloadPolicy::kLatest) {
@@ -333,20 +241,7 @@ absl::StatusOr<SessionConfig> FromProto(const v1::SessionConfig& config) {
 
 absl::StatusOr<ModelReading> FromProto(const v1::UploadModelRequest::Header& header) {
   ModelReading out;
-  switch (header.format()) {
-    case v1::MODEL_FORMAT_OBJ:
-      out.format = ModelFormat::kObj;
-      break;
-    case v1::MODEL_FORMAT_PLY:
-      out.format = ModelFormat::kPly;
-      break;
-    case v1::MODEL_FORMAT_STL:
-      out.format = ModelFormat::kStl;
-      break;
-    default:
-      return InvalidField("header.format",
-                          absl::StrCat("is ", header.format(), ", which this server does not support"));
-  }
+  EVPOSE_ASSIGN_OR_RETURN(out.format, EnumFromProto<ModelFormat>("header.format", header.format()));
   if (header.has_metres_per_unit()) out.metres_per_unit = header.metres_per_unit();
   if (header.has_crease_angle_deg()) out.crease_angle_deg = header.crease_angle_deg();
   return out;
@@ -371,7 +266,7 @@ v1::Session ToProto(const SessionInfo& session) {
   *out.mutable_create_time() = ToProto(session.create_time);
   if (snapshot.expire_time.has_value()) *out.mutable_expire_time() = ToProto(*snapshot.expire_time);
   *out.mutable_health() = ToProto(snapshot.health, session.config);
-  out.set_state(ToProto(snapshot.state));
+  out.set_state(EnumNumber<v1::SessionState>(snapshot.state));
   return out;
 }
 
@@ -401,11 +296,11 @@ v1::SessionHealth ToProto(const SessionHealth& health, const SessionConfig& conf
   for (size_t i = 0; i < health.objects.size(); ++i) {
     v1::ObjectHealth& object = *out.add_objects();
     object.set_object_id(config.objects[i].object_id);
-    object.set_state(ToProto(health.objects[i].state));
+    object.set_state(EnumNumber<v1::TrackState>(health.objects[i].state));
     object.set_losses(health.objects[i].losses);
     object.set_explained_ratio(health.objects[i].explained_ratio);
     const InitializationReport& initialization = health.objects[i].initialization;
-    object.set_initialization(ToProto(initialization.status));
+    object.set_initialization(EnumNumber<v1::InitializationStatus>(initialization.status));
     object.set_initialization_attempts(initialization.attempts);
     object.set_detail(WhyThereIsNoPose(initialization));
   }
@@ -425,7 +320,7 @@ v1::TrackResponse::Notice ToProto(const SessionNotice& notice, const SessionConf
     added.set_num_events(dropped->num_events);
     added.set_from_t_us(dropped->from_t_us);
     added.set_to_t_us(dropped->to_t_us);
-    added.set_reason(ToProto(dropped->reason));
+    added.set_reason(EnumNumber<v1::DropReason>(dropped->reason));
   }
   if (const auto* restarted = std::get_if<TrackingRestarted>(&notice.what)) {
     v1::TrackResponse::TrackingRestarted& added = *out.mutable_tracking_restarted();
@@ -436,7 +331,7 @@ v1::TrackResponse::Notice ToProto(const SessionNotice& notice, const SessionConf
     v1::TrackResponse::StateChange& added = *out.mutable_state_change();
     added.set_object_id(config.objects[change->object_index].object_id);
     added.set_t_us(change->t_us);
-    added.set_state(ToProto(change->state));
+    added.set_state(EnumNumber<v1::TrackState>(change->state));
   }
   return out;
 }
@@ -455,7 +350,7 @@ v1::Pose ToProto(const StoredPose& pose, const SessionConfig& config) {
   }
   *out.mutable_twist()->mutable_linear_m_per_s() = ToProto(Eigen::Vector3d(estimate.twist.head<3>()));
   *out.mutable_twist()->mutable_angular_rad_per_s() = ToProto(Eigen::Vector3d(estimate.twist.tail<3>()));
-  out.set_state(ToProto(estimate.state));
+  out.set_state(EnumNumber<v1::TrackState>(estimate.state));
   out.set_num_events(estimate.num_events);
   out.set_explained_ratio(estimate.explained_ratio);
   out.set_residual_rms_px(estimate.residual_rms_px);
@@ -466,35 +361,18 @@ v1::Pose ToProto(const StoredPose& pose, const SessionConfig& config) {
 v1::Model ToProto(const ModelInfo& model) {
   v1::Model out;
   out.set_name(model.name);
-  switch (model.format) {
-    case ModelFormat::kObj:
-      out.set_format(v1::MODEL_FORMAT_OBJ);
-      break;
-    case ModelFormat::kPly:
-      out.set_format(v1::MODEL_FORMAT_PLY);
-      break;
-    case ModelFormat::kStl:
-      out.set_format(v1::MODEL_FORMAT_STL);
-      break;
-  }
+  out.set_format(EnumNumber<v1::ModelFormat>(model.reading.format));
   out.set_size_bytes(model.size_bytes);
   out.set_num_faces(model.num_faces);
   out.set_num_lines(model.num_lines);
   out.set_num_symmetries(model.num_symmetries);
   out.set_diameter_m(model.diameter_m);
   *out.mutable_create_time() = ToProto(model.create_time);
-  out.set_metres_per_unit(model.metres_per_unit);
-  out.set_crease_angle_deg(model.crease_angle_deg);
+  out.set_metres_per_unit(model.reading.metres_per_unit);
+  out.set_crease_angle_deg(model.reading.crease_angle_deg);
   out.set_sha256(absl::HexStringToBytes(model.sha256_hex));
   for (const std::string& notice : model.notices) out.add_notices(notice);
   return out;
-}
-
-v1::StoreKind StoreKindToProto(absl::string_view kind) {
-  if (kind == "memory") return v1::STORE_KIND_MEMORY;
-  if (kind == "sqlite") return v1::STORE_KIND_SQLITE;
-  if (kind == "redis") return v1::STORE_KIND_REDIS;
-  return v1::STORE_KIND_UNSPECIFIED;
 }
 
 }  // namespace evpose::server

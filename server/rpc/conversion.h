@@ -32,6 +32,4 @@ google::protobuf::Duration ToProto(absl::Duration duration);
 // A duration that is out of absl::Duration's range becomes infinite.
 absl::Duration FromProto(const google::protobuf::Duration& duration);
 
-v1::StoreKind StoreKindToProto(absl::string_view kind);
-
 }  // namespace evpose::server

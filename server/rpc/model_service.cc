@@ -183,7 +183,7 @@ class UploadReactor : public grpc::ServerReadReactor<v1::UploadModelRequest>,
   bool has_header_ = false;
   uint64_t size_bytes_ = 0;
   uint64_t received_bytes_ = 0;
-  std::unique_ptr<ModelRegistry::Reservation> reservation_;  // of the size of bytes_
+  std::shared_ptr<const void> reservation_;  // of the size of bytes_
   std::vector<uint8_t> bytes_;
   std::unique_ptr<KnownFile> known_;  // not null: the file is known, and bytes_ stays empty
 };

@@ -98,23 +98,25 @@ class ExpiryTimer {
   boost::asio::steady_timer timer_ ABSL_GUARDED_BY(mutex_);
 };
 
-bool IsShared(const Store& store) { return store.kind() == "redis"; }
+// A limit of each tenant; 0: only the limit of the server applies.
+template <typename Limit>
+Limit TenantLimit(Limit of_tenant, Limit of_server) {
+  return of_tenant == 0 ? of_server : of_tenant;
+}
 
 SessionManager::Options ManagerOptions(const ServerOptions& options, TrackerFactory make_tracker, const Store& store,
                                        std::shared_ptr<ServerMetrics> metrics) {
-  SessionManager::Options out;
-  out.metrics = std::move(metrics);
-  out.max_sessions = options.max_sessions;
-  out.max_tenant_sessions = options.tenant.max_sessions == 0 ? options.max_sessions : options.tenant.max_sessions;
-  out.limits = {.credit_bytes = options.credit_bytes,
-                .max_chunk_bytes = options.max_chunk_bytes,
-                .pose_log_capacity = options.pose_log_capacity,
-                .expiry = options.session_expiry,
-                .writes_checkpoints = store.kind() != "memory"};
-  out.shares_store = IsShared(store);
-  out.make_tracker = std::move(make_tracker);
-  out.now = absl::Now;
-  return out;
+  return {.max_sessions = options.max_sessions,
+          .max_tenant_sessions = TenantLimit(options.tenant.max_sessions, options.max_sessions),
+          .limits = {.credit_bytes = options.credit_bytes,
+                     .max_chunk_bytes = options.max_chunk_bytes,
+                     .pose_log_capacity = options.pose_log_capacity,
+                     .expiry = options.session_expiry,
+                     .writes_checkpoints = store.outlives_process()},
+          .make_tracker = std::move(make_tracker),
+          .shares_store = store.is_shared(),
+          .now = absl::Now,
+          .metrics = std::move(metrics)};
 }
 
 // Enables server reflection only if the server has no authentication: reflection is a service of gRPC without
@@ -154,25 +156,20 @@ absl::StatusOr<Access> MakeAccess(const ServerOptions& options) {
 
 ModelRegistry::Options RegistryOptions(const ServerOptions& options, const Store& store,
                                        std::shared_ptr<ServerMetrics> metrics) {
-  ModelRegistry::Options out;
-  out.metrics = std::move(metrics);
-  out.max_model_bytes = options.max_model_bytes;
-  out.max_store_bytes = options.max_model_store_bytes;
-  out.shares_store = IsShared(store);
-  out.max_tenant_bytes =
-      options.tenant.max_model_bytes == 0 ? options.max_model_store_bytes : options.tenant.max_model_bytes;
-  return out;
+  return {.max_model_bytes = options.max_model_bytes,
+          .max_store_bytes = options.max_model_store_bytes,
+          .max_tenant_bytes = TenantLimit(options.tenant.max_model_bytes, options.max_model_store_bytes),
+          .shares_store = store.is_shared(),
+          .metrics = std::move(metrics)};
 }
 
 TenantQuotas::Options QuotaOptions(const ServerOptions& options, std::shared_ptr<ServerMetrics> metrics) {
-  TenantQuotas::Options out;
-  out.metrics = std::move(metrics);
-  out.max_watchers = options.tenant.max_watchers == 0 ? options.max_streams : options.tenant.max_watchers;
-  out.max_bytes_per_s = options.tenant.max_bytes_per_s;
-  // The bytes of one second, but at least one chunk.
-  out.burst_bytes = std::max<uint64_t>(options.tenant.max_bytes_per_s, options.max_chunk_bytes);
-  out.now = absl::Now;
-  return out;
+  return {.max_watchers = TenantLimit(options.tenant.max_watchers, options.max_streams),
+          .max_bytes_per_s = options.tenant.max_bytes_per_s,
+          // The bytes of one second, but at least one chunk.
+          .burst_bytes = std::max<uint64_t>(options.tenant.max_bytes_per_s, options.max_chunk_bytes),
+          .now = absl::Now,
+          .metrics = std::move(metrics)};
 }
 
 class ServerImpl : public Server, public Drainer {
@@ -385,15 +382,12 @@ absl::Status ServerOptions::Validate() const {
   return absl::OkStatus();
 }
 
-absl::StatusOr<std::unique_ptr<Server>> StartServer(const ServerOptions& options, TrackerFactory make_tracker) {
-  EVPOSE_RETURN_IF_ERROR(options.Validate());
-  EVPOSE_ASSIGN_OR_RETURN(std::unique_ptr<Store> store, OpenStore(options.store));
-  return StartServer(options, std::move(make_tracker), std::move(store));
-}
-
 absl::StatusOr<std::unique_ptr<Server>> StartServer(const ServerOptions& options, TrackerFactory make_tracker,
                                                     std::unique_ptr<Store> store) {
   EVPOSE_RETURN_IF_ERROR(options.Validate());
+  if (store == nullptr) {
+    EVPOSE_ASSIGN_OR_RETURN(store, OpenStore(options.store));
+  }
   grpc::EnableDefaultHealthCheckService(true);
   EVPOSE_ASSIGN_OR_RETURN(Access access, MakeAccess(options));
   const auto metrics = std::make_shared<ServerMetrics>();

@@ -12,9 +12,8 @@
 
 namespace evpose::server {
 
-absl::StatusOr<std::unique_ptr<Server>> StartServer(const ServerOptions& options, TrackerFactory make_tracker);
-// Uses `store` instead of options.store.
+// `store` replaces the store of `options`; null: that one is opened.
 absl::StatusOr<std::unique_ptr<Server>> StartServer(const ServerOptions& options, TrackerFactory make_tracker,
-                                                    std::unique_ptr<Store> store);
+                                                    std::unique_ptr<Store> store = nullptr);
 
 }  // namespace evpose::server

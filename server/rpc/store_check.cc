@@ -35,13 +35,11 @@ absl::Status StoreCheck::answer() const {
   return answer_;
 }
 
-bool StoreCheck::IsStopped() {
-  const std::lock_guard lock(mutex_);
-  return is_stopped_;
-}
-
 void StoreCheck::Ask() {
-  if (IsStopped()) return;
+  {
+    const std::lock_guard lock(mutex_);
+    if (is_stopped_) return;
+  }
   const absl::Status health = store_.CheckHealth();
   const std::lock_guard lock(mutex_);
   if (is_stopped_) return;

@@ -37,7 +37,6 @@ class StoreCheck {
  private:
   void Arm() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   void Ask();
-  bool IsStopped();
 
   Store& store_;
   WorkerPool& pool_;

@@ -83,7 +83,11 @@ class TrackReactor : public grpc::ServerBidiReactor<v1::TrackRequest, v1::TrackR
   }
 
   void OnDone() override {
-    LogOutcome();
+    {
+      // With the lock: an attach that was too late may still be running on another thread.
+      const std::lock_guard lock(mutex_);
+      if (session_ != nullptr) session_->log().StreamEnded(caller_->peer, stream_, failure_);
+    }
     services_.streams.Remove(this);
     const std::shared_ptr<TrackReactor> last = std::move(self_);
   }
@@ -117,27 +121,25 @@ class TrackReactor : public grpc::ServerBidiReactor<v1::TrackRequest, v1::TrackR
   };
 
   absl::Status HandleRequest() {
-    switch (request_.message_case()) {
-      case v1::TrackRequest::kAttach:
-        return InvalidField("attach", "was sent already: a stream attaches once");
-      case v1::TrackRequest::MESSAGE_NOT_SET:
-        return InvalidField("message", "is empty: attach, events, reset_pose or end is expected");
-      default:
-        break;
+    const v1::TrackRequest::MessageCase message = request_.message_case();
+    if (message == v1::TrackRequest::kAttach) {
+      return InvalidField("attach", "was sent already: a stream attaches once");
+    }
+    if (message == v1::TrackRequest::MESSAGE_NOT_SET) {
+      return InvalidField("message", "is empty: attach, events, reset_pose or end is expected");
     }
     if (session_ == nullptr) return InvalidField("attach", "must be the first message of the stream");
-    switch (request_.message_case()) {
-      case v1::TrackRequest::kEvents:
-        return HandleEvents(*request_.mutable_events());
-      case v1::TrackRequest::kResetPose:
-        return HandleResetPose(request_.reset_pose());
-      default:
-        return HandleEnd();
-    }
+    if (message == v1::TrackRequest::kEvents) return HandleEvents(*request_.mutable_events());
+    if (message == v1::TrackRequest::kResetPose) return HandleResetPose(request_.reset_pose());
+    return HandleEnd();
   }
 
   // The only function that changes the phase.
-  void ChangePhase(StreamInput input) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) { phase_ = NextPhase(phase_, input); }
+  void ChangePhase(StreamInput input) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
+    const StreamPhase from = std::exchange(phase_, NextPhase(phase_, input));
+    if (session_ == nullptr || phase_ == from) return;
+    session_->log().StreamPhaseChanged(caller_->peer, stream_, StreamPhaseName(from), StreamPhaseName(phase_));
+  }
 
   void OnReadHandled() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
     if (read_ == ReadState::kReading) read_ = ReadState::kIdle;
@@ -157,13 +159,8 @@ class TrackReactor : public grpc::ServerBidiReactor<v1::TrackRequest, v1::TrackR
   }
 
   void ResumeAndAttach(const v1::TrackRequest::Attach& attach) {
-    auto session = ResumeSession(attach);
+    auto session = services_.sessions.ResumeForAttach(caller_->tenant, attach.session(), attach.resume_token());
     OnAttached(attach, session.ok() ? Join(attach, *std::move(session)) : session.status());
-  }
-
-  absl::StatusOr<std::shared_ptr<Session>> ResumeSession(const v1::TrackRequest::Attach& attach) {
-    EVPOSE_RETURN_IF_ERROR(services_.sessions.CheckNotDraining());
-    return services_.sessions.ResumeForAttach(caller_->tenant, attach.session(), attach.resume_token());
   }
 
   // Under one lock: events in between find a stream that has not attached yet.
@@ -251,13 +248,6 @@ class TrackReactor : public grpc::ServerBidiReactor<v1::TrackRequest, v1::TrackR
                       v1::ATTACH_TIMEOUT));
     }
     Pump();
-  }
-
-  // With the lock: an attach that was too late may still be running on another thread.
-  void LogOutcome() {
-    const std::lock_guard lock(mutex_);
-    if (session_ == nullptr) return;
-    session_->log().StreamEnded(caller_->peer, stream_, failure_);
   }
 
   // The first failure counts. OK changes nothing.

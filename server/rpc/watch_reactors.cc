@@ -160,7 +160,7 @@ class WatchReactor : public grpc::ServerWriteReactor<Response>,
   std::shared_ptr<WatchReactor> self_;       // until OnDone
   std::shared_ptr<WatchedSession> session_;  // null until it is found
   std::optional<Missing> missing_;           // the requested session, if it is not loaded at this server
-  std::unique_ptr<TenantQuotas::Watcher> place_;
+  std::shared_ptr<const void> place_;        // in the quota of watchers
   Response response_ ABSL_GUARDED_BY(mutex_);
   bool is_writing_ ABSL_GUARDED_BY(mutex_) = false;
   bool is_finished_ ABSL_GUARDED_BY(mutex_) = false;

@@ -27,19 +27,15 @@ class WorkerPool {
  public:
   // The executors that run the posted work.
   struct Executors {
-    boost::asio::any_io_executor work;   // Post(), PostAfter() and strands
-    boost::asio::any_io_executor slow;   // PostSlow()
-    boost::asio::any_io_executor aside;  // PostAside()
+    boost::asio::any_io_executor work;          // PostAfter() and strands
+    boost::asio::any_io_executor slow;          // PostSlow()
+    boost::asio::any_io_executor low_priority;  // PostLowPriority()
   };
 
   explicit WorkerPool(int num_threads) : threads_(std::make_unique<Threads>(num_threads)), on_(threads_->executors()) {}
   // Uses the caller's executors. The caller keeps them running until all work posted here has finished.
   explicit WorkerPool(Executors executors) : on_(std::move(executors)) {}
 
-  template <typename Work>
-  void Post(Work&& work) {
-    boost::asio::post(on_.work, std::forward<Work>(work));
-  }
   // Runs `work` after `delay`, unless the returned timer is destroyed or cancelled before.
   template <typename Work>
   std::unique_ptr<PoolTimer> PostAfter(absl::Duration delay, Work&& work) {
@@ -54,10 +50,11 @@ class WorkerPool {
   void PostSlow(Work&& work) {
     boost::asio::post(on_.slow, std::forward<Work>(work));
   }
-  // For many short tasks of low priority, such as sending poses to watchers. One thread runs them.
+  // For many short tasks that may wait for work of higher priority, such as sending poses to watchers. One thread runs
+  // them.
   template <typename Work>
-  void PostAside(Work&& work) {
-    boost::asio::post(on_.aside, std::forward<Work>(work));
+  void PostLowPriority(Work&& work) {
+    boost::asio::post(on_.low_priority, std::forward<Work>(work));
   }
   Strand MakeStrand() { return Strand(on_.work); }
   const boost::asio::any_io_executor& executor() { return on_.work; }
@@ -70,17 +67,17 @@ class WorkerPool {
 
  private:
   struct Threads {
-    explicit Threads(int num_threads) : work(static_cast<size_t>(num_threads)), slow(1), aside(1) {}
-    Executors executors() { return {work.get_executor(), slow.get_executor(), aside.get_executor()}; }
+    explicit Threads(int num_threads) : work(static_cast<size_t>(num_threads)), slow(1), low_priority(1) {}
+    Executors executors() { return {work.get_executor(), slow.get_executor(), low_priority.get_executor()}; }
     void Join() {
       slow.join();
       work.join();
-      aside.join();
+      low_priority.join();
     }
 
     boost::asio::thread_pool work;
     boost::asio::thread_pool slow;
-    boost::asio::thread_pool aside;
+    boost::asio::thread_pool low_priority;
   };
 
   const std::unique_ptr<Threads> threads_;  // null: the caller's executors are used

@@ -44,7 +44,7 @@ Session::Session(Parts parts, WorkerPool& pool)
       watchers_(std::make_shared<Watchers>(pool)),
       pose_log_(limits_.pose_log_capacity, FirstPoseSeq(parts.beginning)),
       strand_(pool.MakeStrand()),
-      worker_(config_, {clocks_.steady, metrics_, log_}, std::move(parts.pipeline), HealthAt(parts.beginning)),
+      worker_(config_, {clocks_.steady, metrics_, log_}, std::move(parts.pipeline), parts.beginning.checkpoint.health),
       gate_(GateOptions(config_, limits_, log_),
             GateStart(parts.beginning, std::move(parts.resume_token), clocks_.wall())),
       report_(parts.beginning, worker_.Objects()),
@@ -374,7 +374,7 @@ bool Session::WriteDueCheckpoint() {
 
 void Session::WriteCheckpoint() {
   const auto begin = std::chrono::steady_clock::now();
-  SessionCommitter::Checkpoint out = {.begun_at = begin};
+  SessionCommit out;
   SessionCheckpoint state;
   bool is_whole = false;  // between two items; otherwise only the poses are written
   uint64_t after_pose_seq = 0;
@@ -390,12 +390,11 @@ void Session::WriteCheckpoint() {
   }
   state.health.received_bytes = state.health.processed_bytes;
   const std::vector<StoredPose> poses = pose_log_.Read(after_pose_seq, SIZE_MAX);
-  if (!poses.empty()) out.poses = EncodePoses(poses);
+  if (!poses.empty()) out.poses.push_back(EncodePoses(poses));
   out.first_pose_seq_kept = pose_log_.first_pose_seq();
   if (is_whole) {
     if (worker_.has_pipeline()) state.pipeline = worker_.SaveState();
-    out.state = EncodeCheckpoint(state);
-    out.seq = state.processed_seq;
+    out.checkpoint = EncodeCheckpoint(state);
   }
   const int64_t cost_us =
       std::chrono::duration_cast<std::chrono::microseconds>(std::chrono::steady_clock::now() - begin).count();
@@ -405,7 +404,7 @@ void Session::WriteCheckpoint() {
     if (is_whole)
       checkpoints_.RecordCheckpoint({state.processed_seq, state.ended, state.health.processing_us, cost_us});
   }
-  committer_->CommitCheckpoint(std::move(out));
+  committer_->CommitCheckpoint(std::move(out), state.processed_seq, begin);
 }
 
 void Session::RenewOwnership() {

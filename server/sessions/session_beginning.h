@@ -24,6 +24,5 @@ SessionCommitter::Progress PersistedAt(const SessionBeginning& beginning);
 // time of detachment when the stored record says that a stream is attached.
 StreamGate::Start GateStart(const SessionBeginning& beginning, std::string resume_token, absl::Time now);
 CheckpointPolicy::Checkpoint LastCheckpoint(const SessionBeginning& beginning);
-SessionHealth HealthAt(const SessionBeginning& beginning);  // empty for a new session
 
 }  // namespace evpose::server

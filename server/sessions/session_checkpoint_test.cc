@@ -59,7 +59,7 @@ class SessionCheckpointTest : public testing::Test {
   }
 
   // Replaces the session as a restart of the server does: uncommitted data are lost.
-  void TakeUpAgain() {
+  void RestartServer() {
     session_->Close(absl::CancelledError("killed"));
     trouble_->Set(absl::OkStatus());
     auto taken = store_->TakeSession(kName).value();
@@ -68,7 +68,7 @@ class SessionCheckpointTest : public testing::Test {
     std::optional<PipelineState> state;
     if (!taken.session.checkpoint.empty()) {
       beginning.checkpoint = DecodeCheckpoint(taken.session.checkpoint, 1).value();
-      state = beginning.checkpoint->pipeline;
+      state = beginning.checkpoint.pipeline;
     }
     for (const PoseSegment& segment : taken.session.poses) {
       const std::vector<StoredPose> poses = DecodePoses(segment, 1).value();
@@ -160,7 +160,7 @@ TEST_F(SessionCheckpointTest, AnAttachmentIsAnsweredWhenItsTokenIsDurable) {
   EXPECT_FALSE(session_->View(attachment.stream).attached);
   trouble_->Set(absl::OkStatus());
   Until(attachment.stream, [](const StreamView& view) { return view.attached; });
-  TakeUpAgain();
+  RestartServer();
   EXPECT_TRUE(session_->IsTokenGood(attachment.resume_token)) << "a token in a response has been persisted";
   EXPECT_TRUE(session_->IsTokenGood("first")) << "the client may not have received the new token";
   EXPECT_FALSE(session_->IsTokenGood("guess"));
@@ -172,7 +172,7 @@ TEST_F(SessionCheckpointTest, TheUseOfATokenIsPersisted) {
   Push(attachment.stream, 1);
   session_->Detach(attachment.stream);
   UntilDurable(attachment.stream, 1);
-  TakeUpAgain();
+  RestartServer();
   EXPECT_FALSE(session_->IsTokenGood("first")) << "the client has used the new token";
   EXPECT_TRUE(session_->IsTokenGood(attachment.resume_token));
   const Attachment again = Attach(attachment.resume_token);
@@ -185,7 +185,7 @@ TEST_F(SessionCheckpointTest, ARenewedTokenIsDurable) {
   std::promise<std::string> answer;
   session_->RenewToken([&answer](absl::StatusOr<std::string> token) { answer.set_value(*std::move(token)); });
   const std::string renewed = answer.get_future().get();
-  TakeUpAgain();
+  RestartServer();
   EXPECT_TRUE(session_->IsTokenGood(renewed));
   EXPECT_TRUE(session_->IsTokenGood("first")) << "until the new one is used";
   absl::Status refused;
@@ -213,7 +213,7 @@ TEST_F(SessionCheckpointTest, ContinuesFromItsCheckpointWithTheSamePoses) {
       for (uint64_t more = seq + 1; more <= std::min(seq + 2, kChunks); ++more) Push(attachment.stream, more);
       Until(attachment.stream, [](const StreamView& view) { return view.is_idle; });
       seen = session_->Watch().last_pose_seq;
-      TakeUpAgain();
+      RestartServer();
       attachment = Attach(attachment.resume_token, seen);
       EXPECT_EQ(attachment.next_seq, seq + 1);
       EXPECT_EQ(attachment.first_pose_seq, seen + 1) << "each pose once";
@@ -234,7 +234,7 @@ TEST_F(SessionCheckpointTest, AnEndedSessionIsRestoredAsEnded) {
   Push(attachment.stream, 1);
   ASSERT_TRUE(session_->PushEnd(attachment.stream).ok());
   Until(attachment.stream, [](const StreamView& view) { return view.ended; });
-  TakeUpAgain();
+  RestartServer();
   EXPECT_TRUE(session_->Watch().ended);
   EXPECT_EQ(session_->Snapshot().state, SessionState::kEnded);
   const uint64_t stream = Attach(attachment.resume_token).stream;
@@ -253,11 +253,11 @@ TEST_F(SessionCheckpointTest, TheExpiryTimeCountsFromTheEndOfTheStream) {
   waiting->WaitUntil([this] { return session_->IsFlushed(); });
   const absl::Time left = now_;
   now_ += absl::Seconds(30);
-  TakeUpAgain();
+  RestartServer();
   EXPECT_EQ(session_->expire_time(), left + absl::Minutes(1));
   (void)Attach(attachment.resume_token);
   now_ += absl::Seconds(30);
-  TakeUpAgain();
+  RestartServer();
   EXPECT_EQ(session_->expire_time(), now_ + absl::Minutes(1)) << "the stream ended with the server";
 }
 
@@ -318,7 +318,7 @@ TEST_F(SessionCheckpointTest, AClientMayHaveReceivedPosesBeyondTheCheckpoint) {
   session_->Detach(first.stream);
   UntilDurable(first.stream, 1);
   ASSERT_EQ(store_->ReadSession(kName)->poses.back().last_pose_seq, 9u);
-  TakeUpAgain();
+  RestartServer();
   constexpr uint64_t kMost = 9 + kMaxPosesBeyondStore;
   for (const uint64_t beyond : {kMost + 1, uint64_t{1} << 50, UINT64_MAX}) {
     const absl::Status refused = session_->Attach(first.resume_token, beyond, listener_).status();

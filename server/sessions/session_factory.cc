@@ -55,8 +55,8 @@ absl::StatusOr<SessionBeginning> DecodeBeginning(const StoredSession& stored, si
   if (!stored.checkpoint.empty()) {
     EVPOSE_ASSIGN_OR_RETURN(beginning.checkpoint, DecodeCheckpoint(stored.checkpoint, num_objects));
     const uint64_t last = beginning.poses.empty() ? after_pose_seq : beginning.poses.back().pose_seq;
-    if (last < beginning.checkpoint->health.poses) {
-      return Damaged(absl::StrCat("the poses up to ", beginning.checkpoint->health.poses, " are missing"));
+    if (last < beginning.checkpoint.health.poses) {
+      return Damaged(absl::StrCat("the poses up to ", beginning.checkpoint.health.poses, " are missing"));
     }
   }
   return beginning;
@@ -66,15 +66,13 @@ SessionInfo Describe(const SessionRecord& record, SessionConfig config, SessionB
                      absl::Duration expiry) {
   SessionInfo info = {.name = record.name, .config = std::move(config), .create_time = record.create_time};
   SessionSnapshot& snapshot = info.snapshot;
+  snapshot.health = std::move(beginning.checkpoint.health);
   snapshot.health.objects.resize(info.config.objects.size());
-  if (beginning.checkpoint.has_value()) {
-    snapshot.health = std::move(beginning.checkpoint->health);
-    snapshot.health.latency_p50_us = beginning.checkpoint->latencies.Percentile(0.5);
-    snapshot.health.latency_p99_us = beginning.checkpoint->latencies.Percentile(0.99);
-  }
+  snapshot.health.latency_p50_us = beginning.checkpoint.latencies.Percentile(0.5);
+  snapshot.health.latency_p99_us = beginning.checkpoint.latencies.Percentile(0.99);
   const std::optional<absl::Time> detached_at = beginning.lifecycle.detached_at;
   snapshot.state = detached_at.has_value() ? SessionState::kDetached : SessionState::kAttached;
-  if (beginning.checkpoint.has_value() && beginning.checkpoint->ended) snapshot.state = SessionState::kEnded;
+  if (beginning.checkpoint.ended) snapshot.state = SessionState::kEnded;
   if (detached_at.has_value()) snapshot.expire_time = *detached_at + expiry;
   return info;
 }
@@ -102,23 +100,25 @@ absl::StatusOr<SessionFactory::Models> SessionFactory::UseModels(const std::stri
   return models;
 }
 
+Session::Parts SessionFactory::MakeParts(const std::string& name, const std::string& tenant) const {
+  return {.name = name,
+          .tenant = tenant,
+          .limits = options_.limits,
+          .clocks = options_.clocks,
+          .metrics = options_.metrics};
+}
+
 absl::StatusOr<std::shared_ptr<Session>> SessionFactory::MakeNew(const std::string& tenant, const SessionConfig& config,
                                                                  const std::string& request_id) const {
   absl::StatusOr<Models> models = UseModels(tenant, config);
   if (!models.ok()) return absl::IsDataLoss(models.status()) ? FromStore(models.status()) : models.status();
-  Session::Parts parts;
-  EVPOSE_ASSIGN_OR_RETURN(parts.pipeline, SessionPipeline::Create(config, models->models, options_.make_tracker));
   EVPOSE_ASSIGN_OR_RETURN(const std::string id, RandomHex128());
+  Session::Parts parts = MakeParts(absl::StrCat("sessions/", id), tenant);
+  EVPOSE_ASSIGN_OR_RETURN(parts.pipeline, SessionPipeline::Create(config, models->models, options_.make_tracker));
   EVPOSE_ASSIGN_OR_RETURN(parts.resume_token, RandomHex128());
-  parts.name = absl::StrCat("sessions/", id);
-  parts.tenant = tenant;
   parts.config = config;
-  parts.limits = options_.limits;
   parts.model_uses = std::move(models->uses);
-  parts.clocks.wall = options_.now;
-  parts.clocks.steady = options_.steady_now;
-  parts.metrics = options_.metrics;
-  parts.create_time = options_.now();
+  parts.create_time = options_.clocks.wall();
   parts.beginning.lifecycle = {.token_digest = TokenDigest(parts.resume_token), .detached_at = parts.create_time};
   const SessionRecord record = {.name = parts.name,
                                 .tenant = tenant,
@@ -155,10 +155,10 @@ absl::StatusOr<SessionFactory::Resumed> SessionFactory::Resume(absl::string_view
 
 absl::StatusOr<std::shared_ptr<Session>> SessionFactory::Restore(StoredSession stored,
                                                                  std::unique_ptr<SessionLease> lease) const {
-  Session::Parts parts;
+  Session::Parts parts = MakeParts(stored.record.name, stored.record.tenant);
   EVPOSE_ASSIGN_OR_RETURN(parts.config, DecodeConfig(stored.record.config));
   EVPOSE_ASSIGN_OR_RETURN(parts.beginning, DecodeBeginning(stored, parts.config.objects.size()));
-  const bool has_ended = parts.beginning.checkpoint.has_value() && parts.beginning.checkpoint->ended;
+  const bool has_ended = parts.beginning.checkpoint.ended;
   auto models = UseModels(stored.record.tenant, parts.config);
   // An ended session is readable without its models.
   if (has_ended && models.ok()) parts.model_uses = std::move(models->uses);
@@ -168,14 +168,8 @@ absl::StatusOr<std::shared_ptr<Session>> SessionFactory::Restore(StoredSession s
     EVPOSE_ASSIGN_OR_RETURN(parts.pipeline, RestorePipeline(parts.config, models->models, parts.beginning));
     parts.model_uses = std::move(models->uses);
   }
-  parts.name = stored.record.name;
-  parts.tenant = stored.record.tenant;
-  parts.limits = options_.limits;
   parts.lease = std::move(lease);
   parts.create_time = stored.record.create_time;
-  parts.clocks.wall = options_.now;
-  parts.clocks.steady = options_.steady_now;
-  parts.metrics = options_.metrics;
   const std::optional<TrackingRestarted> restarted = parts.beginning.restarted;
   std::shared_ptr<Session> session = Session::Start(std::move(parts), pool_);
   if (restarted.has_value()) {
@@ -188,9 +182,9 @@ absl::StatusOr<std::unique_ptr<SessionPipeline>> SessionFactory::RestorePipeline
     const SessionConfig& config, const std::vector<std::shared_ptr<const ObjectModel>>& models,
     SessionBeginning& beginning) const {
   EVPOSE_ASSIGN_OR_RETURN(auto pipeline, SessionPipeline::Create(config, models, options_.make_tracker));
-  if (!beginning.checkpoint.has_value()) return pipeline;
-  SessionCheckpoint& checkpoint = *beginning.checkpoint;
-  const PipelineState state = std::exchange(checkpoint.pipeline, std::nullopt).value_or(PipelineState());
+  SessionCheckpoint& checkpoint = beginning.checkpoint;
+  if (!checkpoint.pipeline.has_value()) return pipeline;
+  const PipelineState state = *std::exchange(checkpoint.pipeline, std::nullopt);
   if (const absl::Status loaded = pipeline->LoadTracker(state.tracker); !loaded.ok()) {
     EVPOSE_ASSIGN_OR_RETURN(pipeline, SessionPipeline::CreateSearching(config, models, options_.make_tracker));
     // The new tracker does not reproduce the stored poses after the checkpoint.

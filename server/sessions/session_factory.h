@@ -26,8 +26,7 @@ class SessionFactory {
   struct Options {
     SessionLimits limits;
     TrackerFactory make_tracker;
-    std::function<absl::Time()> now;
-    std::function<SteadyTime()> steady_now;
+    Session::Clocks clocks;
     std::shared_ptr<ServerMetrics> metrics;
   };
   SessionFactory(Options options, Store& store, ModelRegistry& models, WorkerPool& pool)
@@ -63,6 +62,7 @@ class SessionFactory {
   };
   absl::StatusOr<Models> UseModels(const std::string& tenant, const SessionConfig& config) const;
   absl::Status CheckModelsStored(const std::string& tenant, const SessionConfig& config) const;
+  Session::Parts MakeParts(const std::string& name, const std::string& tenant) const;
   // A pipeline in the state of the beginning's checkpoint. If the tracker's state is unreadable, the pipeline searches
   // for every object, and `beginning.restarted` is set.
   absl::StatusOr<std::unique_ptr<SessionPipeline>> RestorePipeline(

@@ -49,8 +49,8 @@ SessionManager::SessionManager(const Options& options, Store& store, ModelRegist
     : options_(options),
       store_(store),
       pool_(pool),
-      factory_({options.limits, options.make_tracker, options.now, options.steady_now, options.metrics}, store, models,
-               pool),
+      factory_({options.limits, options.make_tracker, {options.now, options.steady_now}, options.metrics}, store,
+               models, pool),
       orphans_(store, options.limits.expiry) {
   // Threads of gRPC call this class: the lock, here and in the destructor, shows the order to race detectors.
   const std::lock_guard lock(mutex_);
@@ -98,7 +98,9 @@ absl::Status SessionManager::CheckSlotIsFree(const std::string& tenant) const {
                                      " sessions are taken: delete one that is not needed, or try again later"),
                         kRetryDelay);
   }
-  if (CountSessions(tenant) >= options_.max_tenant_sessions) {
+  const auto reserved = reserved_slots_by_.find(tenant);
+  const uint32_t num_reserved = reserved == reserved_slots_by_.end() ? 0 : reserved->second;
+  if (CountSessions(tenant) + num_reserved >= options_.max_tenant_sessions) {
     options_.metrics->quota_refusals[QuotaLimit::kTenantSessions].Add();
     return LimitReached(v1::TENANT_QUOTA, "tenant_sessions",
                         absl::StrCat("this tenant has its ", options_.max_tenant_sessions,
@@ -123,10 +125,8 @@ absl::StatusOr<std::shared_ptr<Session>> SessionManager::ResumeRequest(const Ses
 }
 
 uint32_t SessionManager::CountSessions(const std::string& tenant) const {
-  const auto filling = reserved_slots_by_.find(tenant);
-  uint32_t count = filling == reserved_slots_by_.end() ? 0 : filling->second;
-  for (const auto& [name, entry] : sessions_) count += entry.tenant() == tenant ? 1 : 0;
-  return count;
+  return static_cast<uint32_t>(std::count_if(sessions_.begin(), sessions_.end(),
+                                             [&tenant](const auto& entry) { return entry.second.tenant() == tenant; }));
 }
 
 void SessionManager::ReleaseSlot(const std::string& tenant) {
@@ -157,14 +157,8 @@ absl::Status SessionManager::RestoreAll() {
   EVPOSE_ASSIGN_OR_RETURN(const std::vector<SessionRecord> records, store_.ListSessions());
   for (const SessionRecord& record : records) {
     const auto session = Resume(record.name);
-    if (session.ok()) {
-      const WatchView view = (*session)->Watch();
-      (*session)->log().Resumed(view.last_pose_seq, view.ended);
-    } else if (absl::IsUnavailable(session.status())) {
-      return session.status();
-    } else {
-      SessionLog(record.name, record.tenant).NotResumed(session.status());
-    }
+    if (absl::IsUnavailable(session.status())) return session.status();
+    if (!session.ok()) SessionLog(record.name, record.tenant).NotResumed(session.status());
   }
   return absl::OkStatus();
 }
@@ -172,9 +166,18 @@ absl::Status SessionManager::RestoreAll() {
 absl::StatusOr<std::shared_ptr<Session>> SessionManager::Resume(const std::string& name) {
   EVPOSE_ASSIGN_OR_RETURN(SessionFactory::Resumed taken, factory_.Resume(name));
   const Request request(taken.record.tenant, taken.record.request_id);
-  const std::lock_guard lock(mutex_);
-  Insert(taken.session, request);
+  {
+    const std::lock_guard lock(mutex_);
+    Insert(taken.session, request);
+  }
+  const WatchView view = taken.session->Watch();
+  taken.session->log().Resumed(view.last_pose_seq, view.ended);
   return std::move(taken.session);
+}
+
+SessionManager::Entry SessionManager::Remove(Entries::iterator entry) {
+  name_of_request_.erase(entry->second.request);
+  return std::move(sessions_.extract(entry).mapped());
 }
 
 std::shared_ptr<Session> SessionManager::FindOpen(const std::string& tenant, absl::string_view name) {
@@ -183,9 +186,7 @@ std::shared_ptr<Session> SessionManager::FindOpen(const std::string& tenant, abs
   const auto found = sessions_.find(name);
   if (found == sessions_.end() || found->second.tenant() != tenant) return nullptr;
   if (found->second.session->Watch().status.ok()) return found->second.session;
-  name_of_request_.erase(found->second.request);
-  closed = std::move(found->second.session);
-  sessions_.erase(found);
+  closed = Remove(found).session;
   return nullptr;
 }
 
@@ -226,6 +227,7 @@ std::shared_ptr<Session> SessionManager::FindForAttach(const std::string& tenant
 absl::StatusOr<std::shared_ptr<Session>> SessionManager::ResumeForAttach(const std::string& tenant,
                                                                          const std::string& name,
                                                                          absl::string_view resume_token) {
+  EVPOSE_RETURN_IF_ERROR(CheckNotDraining());
   const std::lock_guard take_lock(resume_mutex_);
   std::shared_ptr<Session> here = FindOpen(tenant, name);
   if (here != nullptr && here->IsTokenGood(resume_token)) return here;
@@ -237,10 +239,7 @@ absl::StatusOr<std::shared_ptr<Session>> SessionManager::ResumeForAttach(const s
     EVPOSE_RETURN_IF_ERROR(CheckSlotIsFree(tenant));
   }
   auto taken = Resume(name);
-  if (!taken.ok()) return taken;
-  const WatchView view = (*taken)->Watch();
-  (*taken)->log().Resumed(view.last_pose_seq, view.ended);
-  if (here != nullptr) {
+  if (taken.ok() && here != nullptr) {
     here->Close(WithReason(absl::AbortedError(absl::StrCat("another stream has attached to ", name)), v1::FENCED));
   }
   return taken;
@@ -300,11 +299,7 @@ absl::Status SessionManager::Delete(const std::string& tenant, const std::string
   {
     const std::lock_guard lock(mutex_);
     const auto found = sessions_.find(name);
-    if (found != sessions_.end() && found->second.tenant() == tenant) {
-      name_of_request_.erase(found->second.request);
-      removed = std::move(found->second);
-      sessions_.erase(found);
-    }
+    if (found != sessions_.end() && found->second.tenant() == tenant) removed = Remove(found);
   }
   if (removed.session == nullptr) return DeleteStored(tenant, name, peer);
   removed.session->log().Deleted(peer, "request", CloseRemoved(removed, "was deleted"));
@@ -328,15 +323,11 @@ void SessionManager::DeleteExpired() {
     const std::lock_guard lock(mutex_);
     const absl::Time now = options_.now();
     for (auto it = sessions_.begin(); it != sessions_.end();) {
-      const std::optional<absl::Time> expire_time = it->second.session->expire_time();
-      const bool is_closed = !it->second.session->Watch().status.ok();
-      if (!is_closed && (!expire_time.has_value() || *expire_time > now)) {
-        ++it;
-        continue;
-      }
-      name_of_request_.erase(it->second.request);
-      (is_closed ? closed : expired).push_back(std::move(it->second));
-      it = sessions_.erase(it);
+      const auto entry = it++;
+      const std::optional<absl::Time> expire_time = entry->second.session->expire_time();
+      const bool is_closed = !entry->second.session->Watch().status.ok();
+      if (!is_closed && expire_time.value_or(absl::InfiniteFuture()) > now) continue;
+      (is_closed ? closed : expired).push_back(Remove(entry));
     }
   }
   for (const Entry& entry : expired) {
@@ -356,29 +347,25 @@ void SessionManager::DeleteExpired() {
 }
 
 void SessionManager::DeleteEnded() {
-  pool_.PostSlow([this] { DeleteEndedNow(); });
-}
-
-void SessionManager::DeleteEndedNow() {
-  // Sessions of this server are deleted when they expire. This deletes sessions that no server has, and ended sessions
-  // that must make room.
-  const auto names = store_.DeleteEnded(options_.now() - 2 * options_.limits.expiry);
-  if (!names.ok()) {
-    Log(LogLevel::kWarning, "ended_sessions_not_deleted", {{"message", names.status().message()}});
-    return;
-  }
-  for (const std::string& name : *names) {
-    Entry removed;
-    {
-      const std::lock_guard lock(mutex_);
-      const auto found = sessions_.find(name);
-      if (found == sessions_.end()) continue;
-      name_of_request_.erase(found->second.request);
-      removed = std::move(found->second);
-      sessions_.erase(found);
+  pool_.PostSlow([this] {
+    // Sessions of this server are deleted when they expire. This deletes sessions that no server has, and ended
+    // sessions that must make room.
+    const auto names = store_.DeleteEnded(options_.now() - 2 * options_.limits.expiry);
+    if (!names.ok()) {
+      Log(LogLevel::kWarning, "ended_sessions_not_deleted", {{"message", names.status().message()}});
+      return;
     }
-    removed.session->log().Deleted("", "room", CloseRemoved(removed, "was deleted to make room"));
-  }
+    for (const std::string& name : *names) {
+      Entry removed;
+      {
+        const std::lock_guard lock(mutex_);
+        const auto found = sessions_.find(name);
+        if (found == sessions_.end()) continue;
+        removed = Remove(found);
+      }
+      removed.session->log().Deleted("", "room", CloseRemoved(removed, "was deleted to make room"));
+    }
+  });
 }
 
 void SessionManager::MaintainStore() {
@@ -445,9 +432,7 @@ uint32_t SessionManager::num_sessions() const {
 
 uint32_t SessionManager::num_sessions_of(const std::string& tenant) const {
   const std::lock_guard lock(mutex_);
-  uint32_t count = 0;
-  for (const auto& [name, entry] : sessions_) count += entry.tenant() == tenant ? 1 : 0;
-  return count;
+  return CountSessions(tenant);
 }
 
 SessionTotals SessionManager::totals() const {

@@ -68,7 +68,7 @@ class SessionManager {
   // As FindForAttach, but resumes the session from the store when this server does not hold it, or has closed it
   // (another server fenced it, or the store was full). Waits for the store. Errors: NOT_FOUND (SESSION_NOT_FOUND),
   // PERMISSION_DENIED (WRONG_TOKEN), DATA_LOSS (SESSION_DAMAGED), RESOURCE_EXHAUSTED (TOO_MANY_SESSIONS, TENANT_QUOTA),
-  // UNAVAILABLE (STORE_AWAY).
+  // UNAVAILABLE (STORE_AWAY, DRAINING).
   absl::StatusOr<std::shared_ptr<Session>> ResumeForAttach(const std::string& tenant, const std::string& name,
                                                            absl::string_view resume_token);
   // The next three functions include the sessions of other servers, and wait for the store where they need it.
@@ -87,7 +87,7 @@ class SessionManager {
   // full. With a shared store it first renews the ownership records of the sessions with an attached stream.
   void MaintainStore();
 
-  // From now on Create and CheckNotDraining return UNAVAILABLE (DRAINING).
+  // From now on Create, ResumeForAttach and CheckNotDraining return UNAVAILABLE (DRAINING).
   void Drain();
   absl::Status CheckNotDraining() const;
   // Stops every session after the item that it is processing and waits until everything processed has been persisted.
@@ -131,10 +131,10 @@ class SessionManager {
   absl::StatusOr<SessionFactory::Stored> ReadOwn(const std::string& tenant, const std::string& name) const;
   absl::Status DeleteStored(const std::string& tenant, const std::string& name, const std::string& peer);
   absl::StatusOr<std::shared_ptr<Session>> Resume(const std::string& name);
+  Entry Remove(Entries::iterator entry) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   void Insert(const std::shared_ptr<Session>& session, const Request& request) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   uint32_t CountSessions(const std::string& tenant) const ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   void ReleaseSlot(const std::string& tenant) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
-  void DeleteEndedNow();
   static uint64_t CloseRemoved(const Entry& entry, const char* reason);  // returns its number of poses
 
   const Options options_;

@@ -76,7 +76,7 @@ void SessionPipeline::Decode(absl::Span<const uint8_t> bytes) {
   decoded_.events.clear();
   decoded_.triggers.clear();
   decoded_.time_marks.clear();
-  clock_.Decode([&] { decoder_->Decode(bytes, decoded_); });
+  timer_.Decode([&] { decoder_->Decode(bytes, decoded_); });
 }
 
 EventGap SessionPipeline::Skip(absl::Span<const uint8_t> bytes, PipelineOutput& output) {
@@ -99,11 +99,11 @@ void SessionPipeline::Process(absl::Span<const uint8_t> bytes, PipelineOutput& o
     FeedTime(mark.t_us, output);
   }
   FeedEvents(events.subspan(begin), output);
-  clock_.EndTracking();
+  timer_.EndTracking();
 }
 
 void SessionPipeline::TrackEvents(absl::Span<const Event> events, PipelineOutput& output) {
-  clock_.Track(*tracker_, [&] { tracker_->AddEvents(events, output.poses); });
+  timer_.Track(*tracker_, [&] { tracker_->AddEvents(events, output.poses); });
 }
 
 void SessionPipeline::FeedEvents(absl::Span<const Event> events, PipelineOutput& output) {
@@ -120,7 +120,7 @@ void SessionPipeline::FeedEvents(absl::Span<const Event> events, PipelineOutput&
 }
 
 void SessionPipeline::FeedTime(int64_t t_us, PipelineOutput& output) {
-  clock_.Track(*tracker_, [&] { tracker_->AdvanceTime(t_us, output.poses); });
+  timer_.Track(*tracker_, [&] { tracker_->AdvanceTime(t_us, output.poses); });
   const bool slice_is_over = t_us >= slice_end_us_;
   AdvanceTime(t_us);
   if (slice_is_over) CloseSlice(t_us, output);
@@ -148,8 +148,8 @@ void SessionPipeline::ResetPose(uint32_t object_index, const RigidTransform& cam
 }
 
 void SessionPipeline::Finish(PipelineOutput& output) {
-  clock_.Track(*tracker_, [&] { tracker_->Finish(output.poses); });
-  clock_.EndTracking();
+  timer_.Track(*tracker_, [&] { tracker_->Finish(output.poses); });
+  timer_.EndTracking();
   CloseSlice(now_us_, output);
 }
 

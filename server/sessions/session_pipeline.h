@@ -19,7 +19,7 @@
 #include "core/tracking/tracker.h"
 #include "server/sessions/types/session_config.h"
 #include "server/sessions/types/session_state.h"
-#include "server/telemetry/stage_clock.h"
+#include "server/telemetry/stage_timer.h"
 
 namespace evpose::server {
 
@@ -56,7 +56,7 @@ class SessionPipeline {
   // Reports the phase transitions of the tracker from now on.
   void SetPhaseListener(const PhaseListener& listener) { tracker_->SetPhaseListener(listener); }
   // Measures the durations of the stages from now on.
-  void Measure(StageClock clock) { clock_ = std::move(clock); }
+  void Measure(StageTimer timer) { timer_ = std::move(timer); }
 
   // Each appends to `output`.
   void Process(absl::Span<const uint8_t> bytes, PipelineOutput& output);
@@ -98,7 +98,7 @@ class SessionPipeline {
   int64_t first_t_us_ = -1;
   int64_t now_us_ = -1;
   int64_t slice_end_us_ = 0;
-  StageClock clock_;
+  StageTimer timer_;
 };
 
 }  // namespace evpose::server

@@ -14,13 +14,11 @@ uint64_t Increase(uint64_t before, uint64_t now) { return now - std::min(before,
 }  // namespace
 
 SessionReport::SessionReport(const SessionBeginning& beginning, std::vector<ObjectHealth> objects)
-    : restarted_(beginning.restarted) {
-  health_.objects = std::move(objects);
-  if (beginning.checkpoint.has_value()) {
-    health_ = beginning.checkpoint->health;
-    latencies_ = beginning.checkpoint->latencies;
-    processed_seq_ = beginning.checkpoint->processed_seq;
-  }
+    : health_(beginning.checkpoint.health),
+      latencies_(beginning.checkpoint.latencies),
+      processed_seq_(beginning.checkpoint.processed_seq),
+      restarted_(beginning.restarted) {
+  if (health_.objects.empty()) health_.objects = std::move(objects);
   health_.received_bytes = health_.processed_bytes;
   const uint64_t attaches = beginning.lifecycle.num_attaches;
   health_.reattaches = static_cast<uint32_t>(attaches > 0 ? attaches - 1 : 0);

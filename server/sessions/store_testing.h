@@ -89,7 +89,7 @@ class TroubledStore : public Store {
   // As for any store: all calls have ended when it is destroyed, although the common store continues.
   ~TroubledStore() override { pending_->WaitForAll(); }
 
-  absl::string_view kind() const override { return "redis"; }
+  StoreKind kind() const override { return StoreKind::kRedis; }
   absl::Status CheckHealth() override { return trouble_->Ask(); }
   std::vector<std::string> damage() const override { return {}; }
   absl::StatusOr<std::vector<ModelRecord>> ReadModels() const override {

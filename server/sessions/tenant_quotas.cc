@@ -8,12 +8,12 @@
 #include "server/runtime/errors.h"
 
 namespace evpose::server {
-absl::StatusOr<std::unique_ptr<TenantQuotas::Watcher>> TenantQuotas::AddWatcher(const std::string& tenant) {
+absl::StatusOr<std::shared_ptr<const void>> TenantQuotas::AddWatcher(const std::string& tenant) {
   const std::lock_guard lock(mutex_);
   uint32_t& count = watchers_[tenant];
   if (count < options_.max_watchers) {
     ++count;
-    return std::make_unique<Watcher>(*this, tenant);
+    return std::shared_ptr<const void>(this, [this, tenant](const void*) { RemoveWatcher(tenant); });
   }
   if (count == 0) watchers_.erase(tenant);
   options_.metrics->quota_refusals[QuotaLimit::kTenantWatchers].Add();

@@ -31,20 +31,8 @@ class TenantQuotas {
   };
   explicit TenantQuotas(Options options) : options_(std::move(options)) {}
 
-  // One of the tenant's watchers; its destruction frees the place.
-  class Watcher {
-   public:
-    Watcher(TenantQuotas& quotas, const std::string& tenant) : quotas_(quotas), tenant_(tenant) {}
-    ~Watcher() { quotas_.RemoveWatcher(tenant_); }
-    Watcher(const Watcher&) = delete;
-    Watcher& operator=(const Watcher&) = delete;
-
-   private:
-    TenantQuotas& quotas_;
-    const std::string tenant_;
-  };
-  // Errors: RESOURCE_EXHAUSTED (TENANT_QUOTA).
-  absl::StatusOr<std::unique_ptr<Watcher>> AddWatcher(const std::string& tenant);
+  // Counts a watcher of the tenant until the result is destroyed. Errors: RESOURCE_EXHAUSTED (TENANT_QUOTA).
+  absl::StatusOr<std::shared_ptr<const void>> AddWatcher(const std::string& tenant);
 
   // Counts received bytes, and returns the time for which the stream must not be read: zero within the limit. If each
   // stream waits so long, the tenant exceeds the limit by at most one message of each stream, however many there are.

@@ -12,14 +12,14 @@
 #include "core/tracking/tracker.h"
 #include "core/tracking/tracker_options.h"
 #include "server/runtime/errors.h"
-#include "server/runtime/shared_parts.h"
+#include "server/runtime/weak_cache.h"
 
 namespace evpose::server {
 namespace {
 
 struct Shared {
-  SharedParts<CameraModel, CameraTables> camera_tables;
-  SharedParts<const ObjectModel*, SearchModel> search_models;  // they own their models: an address is not reused
+  WeakCache<CameraModel, CameraTables> camera_tables;
+  WeakCache<const ObjectModel*, SearchModel> search_models;  // they own their models: an address is not reused
 };
 
 absl::StatusOr<std::unique_ptr<Tracker>> MakeTracker(const SessionConfig& config,

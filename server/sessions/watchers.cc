@@ -42,7 +42,7 @@ void Watchers::RemoveDestroyed() {
 }
 
 void Watchers::Post() {
-  pool_.PostAside([self = shared_from_this()] { self->CallSome(); });
+  pool_.PostLowPriority([self = shared_from_this()] { self->CallSome(); });
 }
 
 void Watchers::CallSome() {

@@ -21,15 +21,15 @@ class CountingWatcher : public SessionListener {
   int calls() const { return calls_; }
 
  private:
-  std::vector<const CountingWatcher*>* const order_;  // written by the side thread only
+  std::vector<const CountingWatcher*>* const order_;  // written by the low-priority thread only
   std::atomic<int> calls_ = 0;
 };
 
 class WatchersTest : public testing::Test {
  protected:
-  // The side thread is blocked until it is released.
+  // The low-priority thread is blocked until it is released.
   void Hold() {
-    pool_.PostAside([this] {
+    pool_.PostLowPriority([this] {
       held_.release();
       go_.acquire();
     });

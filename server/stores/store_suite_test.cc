@@ -58,7 +58,7 @@ class RedisHouse : public StoreHouse {
   RedisServer redis_;
 };
 
-class StoreSuite : public testing::TestWithParam<StoreKind> {
+class StoreSuite : public testing::TestWithParam<TestedStore> {
  protected:
   void SetUp() override {
     house_ = GetParam().build();
@@ -74,9 +74,9 @@ class StoreSuite : public testing::TestWithParam<StoreKind> {
 };
 
 INSTANTIATE_TEST_SUITE_P(Stores, StoreSuite,
-                         testing::Values(StoreKind{"Memory", [] { return std::make_unique<MemoryHouse>(); }},
-                                         StoreKind{"Sqlite", [] { return std::make_unique<SqliteHouse>(); }},
-                                         StoreKind{"Redis", [] { return std::make_unique<RedisHouse>(); }}),
+                         testing::Values(TestedStore{"Memory", [] { return std::make_unique<MemoryHouse>(); }},
+                                         TestedStore{"Sqlite", [] { return std::make_unique<SqliteHouse>(); }},
+                                         TestedStore{"Redis", [] { return std::make_unique<RedisHouse>(); }}),
                          [](const auto& tested) { return tested.param.name; });
 
 std::vector<std::string> Names(const absl::StatusOr<std::vector<SessionRecord>>& records) {
@@ -260,9 +260,9 @@ TEST_P(StoreSuite, KeepsModelsOfTenantsApart) {
   EXPECT_EQ(models[2].tenant, "tenant");
   const ModelRecord model = store_->ReadModel("", "models/b").value();
   EXPECT_EQ(std::string(model.bytes->begin(), model.bytes->end()), "b of none");
-  EXPECT_EQ(model.format, ModelFormat::kStl);
-  EXPECT_EQ(model.metres_per_unit, 0.001);
-  EXPECT_EQ(model.crease_angle_deg, 12.5);
+  EXPECT_EQ(model.reading.format, ModelFormat::kStl);
+  EXPECT_EQ(model.reading.metres_per_unit, 0.001);
+  EXPECT_EQ(model.reading.crease_angle_deg, 12.5);
   EXPECT_EQ(model.create_time, Model("", "", "").create_time);
   EXPECT_EQ(store_->ReadModel("tenant", "models/a")->bytes->size(), 3u);
   EXPECT_EQ(store_->ReadModel("", "models/a").status().code(), StatusCode::kNotFound);

@@ -32,11 +32,11 @@ class StoreHouse {
   virtual bool keeps() const { return true; }
 };
 
-struct StoreKind {
+struct TestedStore {
   std::string name;
   std::function<std::unique_ptr<StoreHouse>()> build;
 
-  friend void PrintTo(const StoreKind& kind, std::ostream* out) { *out << kind.name; }
+  friend void PrintTo(const TestedStore& kind, std::ostream* out) { *out << kind.name; }
 };
 
 inline SessionRecord Record(const std::string& name) {
@@ -67,9 +67,7 @@ inline std::string Noise(size_t size, uint64_t seed) {
 inline ModelRecord Model(const std::string& name, const std::string& tenant, const std::string& bytes) {
   return {.name = name,
           .tenant = tenant,
-          .format = ModelFormat::kStl,
-          .metres_per_unit = 0.001,
-          .crease_angle_deg = 12.5,
+          .reading = {.format = ModelFormat::kStl, .metres_per_unit = 0.001, .crease_angle_deg = 12.5},
           .create_time = absl::FromUnixNanos(1'700'000'000'987'654'321),
           .bytes = std::make_shared<const std::vector<uint8_t>>(bytes.begin(), bytes.end())};
 }

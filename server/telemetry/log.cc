@@ -6,6 +6,7 @@
 #include <spdlog/spdlog.h>
 
 #include <algorithm>
+#include <array>
 #include <atomic>
 #include <memory>
 #include <nlohmann/json.hpp>
@@ -20,21 +21,12 @@ constexpr size_t kMaxValueBytes = 2048;  // longer values, which clients may sen
 constexpr char kTextPattern[] = "%Y-%m-%dT%H:%M:%S.%e%z %l %v";
 constexpr char kJsonPattern[] = R"({"time":"%Y-%m-%dT%H:%M:%S.%e%z","level":"%l",%v})";
 
-struct LevelName {
-  LogLevel level;
-  const char* name;
-  spdlog::level::level_enum of_spdlog;
-};
-constexpr LevelName kLevels[] = {
-    {LogLevel::kDebug, "debug", spdlog::level::debug},    {LogLevel::kInfo, "info", spdlog::level::info},
-    {LogLevel::kWarning, "warning", spdlog::level::warn}, {LogLevel::kError, "error", spdlog::level::err},
-    {LogLevel::kOff, "off", spdlog::level::off},
-};
+// In the order of LogLevel.
+constexpr std::array kLevelNames = {"debug", "info", "warning", "error", "off"};
+constexpr std::array kSpdlogLevels = {spdlog::level::debug, spdlog::level::info, spdlog::level::warn,
+                                      spdlog::level::err, spdlog::level::off};
 
-const LevelName& Find(LogLevel level) {
-  return *std::find_if(std::begin(kLevels), std::end(kLevels),
-                       [level](const LevelName& known) { return known.level == level; });
-}
+spdlog::level::level_enum SpdlogLevel(LogLevel level) { return kSpdlogLevels[static_cast<size_t>(level)]; }
 
 std::atomic<LogFormat> current_format = LogFormat::kText;
 
@@ -72,13 +64,12 @@ std::string Value(LogFormat format, const LogField& field) {
 }  // namespace
 
 std::optional<LogLevel> ParseLogLevel(absl::string_view name) {
-  for (const LevelName& known : kLevels) {
-    if (name == known.name) return known.level;
-  }
-  return std::nullopt;
+  const auto* const found = std::find(kLevelNames.begin(), kLevelNames.end(), name);
+  if (found == kLevelNames.end()) return std::nullopt;
+  return static_cast<LogLevel>(found - kLevelNames.begin());
 }
 
-const char* LogLevelName(LogLevel level) { return Find(level).name; }
+const char* LogLevelName(LogLevel level) { return kLevelNames[static_cast<size_t>(level)]; }
 
 std::optional<LogFormat> ParseLogFormat(absl::string_view name) {
   if (name == "text") return LogFormat::kText;
@@ -93,13 +84,11 @@ void SetUpLog(LogFormat format, LogLevel level) {
   SetLogLevel(level);
 }
 
-void SetLogLevel(LogLevel level) { Logger().set_level(Find(level).of_spdlog); }
+void SetLogLevel(LogLevel level) { Logger().set_level(SpdlogLevel(level)); }
 
 LogLevel CurrentLogLevel() {
-  const auto level = Logger().level();
-  const auto known = std::find_if(std::begin(kLevels), std::end(kLevels),
-                                  [level](const LevelName& each) { return each.of_spdlog == level; });
-  return known == std::end(kLevels) ? LogLevel::kDebug : known->level;
+  const auto* const found = std::find(kSpdlogLevels.begin(), kSpdlogLevels.end(), Logger().level());
+  return found == kSpdlogLevels.end() ? LogLevel::kDebug : static_cast<LogLevel>(found - kSpdlogLevels.begin());
 }
 
 LogFormat CurrentLogFormat() { return current_format; }
@@ -118,7 +107,7 @@ std::string LogText(LogFormat format, const char* event, const std::vector<LogFi
 
 void Log(LogLevel level, const char* event, const std::vector<LogField>& fields) {
   spdlog::logger& logger = Logger();
-  const auto of_spdlog = Find(level).of_spdlog;
+  const auto of_spdlog = SpdlogLevel(level);
   if (logger.should_log(of_spdlog))
     logger.log(of_spdlog, spdlog::string_view_t(LogText(current_format, event, fields)));
 }

@@ -1,13 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "server/telemetry/metrics.h"
 
-#include <numeric>
+#include <algorithm>
 
 namespace evpose::server {
-
-uint64_t DurationHistogram::Reading::total() const {
-  return std::accumulate(counts.begin(), counts.end(), uint64_t{0});
-}
 
 DurationHistogram::Reading DurationHistogram::Read() const {
   Reading reading;

@@ -61,8 +61,6 @@ class DurationHistogram {
   struct Reading {
     std::array<uint64_t, kUpperBounds_us.size() + 1> counts = {};  // by bucket, not cumulative
     double sum_s = 0.0;
-
-    uint64_t total() const;
   };
   Reading Read() const;
 

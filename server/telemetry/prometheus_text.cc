@@ -5,6 +5,7 @@
 #include <prometheus/metric_family.h>
 #include <prometheus/text_serializer.h>
 
+#include <array>
 #include <limits>
 #include <string>
 #include <string_view>
@@ -21,27 +22,15 @@ using prometheus::MetricFamily;
 using prometheus::MetricType;
 using Labels = std::vector<ClientMetric::Label>;
 
-constexpr std::pair<DropReason, const char*> kDropReasons[] = {
-    {DropReason::kLag, "lag"}, {DropReason::kMemory, "memory"}, {DropReason::kReader, "reader"}};
-constexpr std::pair<CheckpointFailure, const char*> kCheckpointFailures[] = {
-    {CheckpointFailure::kStoreAway, "store_away"},
-    {CheckpointFailure::kStoreFull, "store_full"},
-    {CheckpointFailure::kFenced, "fenced"},
-    {CheckpointFailure::kStoreFailed, "store_failed"}};
-constexpr std::pair<QuotaLimit, const char*> kQuotaLimits[] = {
-    {QuotaLimit::kMaxSessions, "max_sessions"},
-    {QuotaLimit::kMaxStreams, "max_streams"},
-    {QuotaLimit::kMaxModelStoreBytes, "max_model_store_bytes"},
-    {QuotaLimit::kTenantSessions, "tenant_sessions"},
-    {QuotaLimit::kTenantModelBytes, "tenant_model_bytes"},
-    {QuotaLimit::kTenantWatchers, "tenant_watchers"}};
-constexpr std::pair<StreamKind, const char*> kStreamKinds[] = {{StreamKind::kTrack, "track"},
-                                                               {StreamKind::kWatch, "watch"}};
-constexpr std::pair<TrackState, const char*> kTrackStates[] = {{TrackState::kInitializing, "initializing"},
-                                                               {TrackState::kTracking, "tracking"},
-                                                               {TrackState::kDegraded, "degraded"},
-                                                               {TrackState::kLost, "lost"}};
+// Values of labels, in the order of the enumerations.
+constexpr std::array kDropReasons = {"lag", "memory", "reader"};
+constexpr std::array kCheckpointFailures = {"store_away", "store_full", "fenced", "store_failed"};
+constexpr std::array kQuotaLimits = {"max_sessions",    "max_streams",        "max_model_store_bytes",
+                                     "tenant_sessions", "tenant_model_bytes", "tenant_watchers"};
+constexpr std::array kStreamKinds = {"track", "watch"};
 constexpr int kNumStatusCodes = 17;
+
+std::string LowerCase(std::string_view name) { return absl::AsciiStrToLower(std::string(name)); }
 
 // A list of metric families, in the order in which they are added.
 class Families {
@@ -67,12 +56,12 @@ class Families {
     Begin(name, MetricType::Gauge, help);
     Value(value);
   }
-  // Adds one value for each kind, returned by `read(kind)`.
-  template <typename Kinds, typename Read>
-  void AddByKind(const char* name, MetricType type, const char* help, const char* label, const Kinds& kinds,
-                 const Read& read) {
-    Begin(name, type, help);
-    for (const auto& [kind, kind_name] : kinds) Value(read(kind), {{label, kind_name}});
+  // Adds a counter for each kind.
+  template <typename Kind, size_t kNumKinds>
+  void AddByKind(const char* name, const char* help, const char* label, const std::array<const char*, kNumKinds>& kinds,
+                 const OneFor<Kind, kNumKinds>& counters) {
+    Begin(name, MetricType::Counter, help);
+    for (size_t i = 0; i < kNumKinds; ++i) Value(counters[static_cast<Kind>(i)], {{label, kinds[i]}});
   }
   void AddHistogram(const char* name, const char* help, const DurationHistogram& histogram) {
     Begin(name, MetricType::Histogram, help);
@@ -113,11 +102,11 @@ void AddState(const ServerState& state, const BuildVersion& build, Families& fam
   families.AddGauge("evpose_max_sessions",
                     "Maximum number of sessions at this server: attached, detached and ended together.",
                     state.max_sessions);
-  families.AddByKind("evpose_objects", MetricType::Gauge,
-                     "Objects of sessions that have not ended, by state of the track.", "state", kTrackStates,
-                     [&sessions](TrackState track_state) {
-                       return static_cast<double>(sessions.objects[static_cast<size_t>(track_state)]);
-                     });
+  families.Begin("evpose_objects", MetricType::Gauge,
+                 "Objects of sessions that have not ended, by state of the track.");
+  for (size_t i = 0; i < sessions.objects.size(); ++i) {
+    families.Value(sessions.objects[i], {{"state", LowerCase(TrackStateName(static_cast<TrackState>(i)))}});
+  }
   families.AddGauge("evpose_queue_bytes", "Bytes of received chunks that wait to be processed, of all sessions.",
                     static_cast<double>(sessions.queued_bytes));
   families.AddGauge("evpose_queue_age_seconds", "Age of the oldest received chunk that waits to be processed.",
@@ -135,11 +124,10 @@ void AddEvents(const ServerMetrics& metrics, Families& families) {
       "Decoded events, including those that were not tracked. A chunk that is processed again after a restart "
       "or a move counts again.",
       metrics.decoded_events);
-  families.AddByKind("evpose_events_skipped_total", MetricType::Counter,
+  families.AddByKind("evpose_events_skipped_total",
                      "Events that sessions with overload policy LATEST did not track, because they were too old (lag), "
                      "too many bytes were waiting (memory), or the client does not read its poses (reader).",
-                     "reason", kDropReasons,
-                     [&metrics](DropReason reason) -> const Counter& { return metrics.skipped_events[reason]; });
+                     "reason", kDropReasons, metrics.skipped_events);
   families.Begin("evpose_events_dropped_total", MetricType::Counter,
                  "Events before the first time stamp (before_time) or with an address outside the sensor "
                  "(outside_sensor).");
@@ -165,8 +153,7 @@ void AddTransitions(const char* name, const char* help, const Counters& counters
         is_allowed = is_allowed || NextPhase(from, static_cast<Input>(input)) == to;
       }
       if (!is_allowed) continue;
-      families.Value(counters[from][to], {{"from", absl::AsciiStrToLower(std::string(phase_name(from)))},
-                                          {"to", absl::AsciiStrToLower(std::string(phase_name(to)))}});
+      families.Value(counters[from][to], {{"from", LowerCase(phase_name(from))}, {"to", LowerCase(phase_name(to))}});
     }
   }
 }
@@ -219,22 +206,21 @@ void AddCalls(const ServerMetrics& metrics, Families& families) {
                         "Time from the serialization of a checkpoint until it is durable, including retries.",
                         metrics.checkpoint_time);
   families.AddByKind(
-      "evpose_checkpoint_failures_total", MetricType::Counter,
+      "evpose_checkpoint_failures_total",
       "Checkpoints that the store did not accept. store_away: the server tries again; store_full, store_failed: "
       "the session was closed; fenced: another server has taken the session.",
-      "reason", kCheckpointFailures,
-      [&metrics](CheckpointFailure reason) -> const Counter& { return metrics.checkpoint_failures[reason]; });
+      "reason", kCheckpointFailures, metrics.checkpoint_failures);
   families.Begin("evpose_stream_ends_total", MetricType::Counter,
                  "Streams that have ended, by kind and status code. track: events; watch: poses or health.");
-  for (const auto& [kind, name] : kStreamKinds) {
+  for (size_t kind = 0; kind < kStreamKinds.size(); ++kind) {
     for (int i = 0; i < kNumStatusCodes; ++i) {
       const auto code = static_cast<absl::StatusCode>(i);
-      families.Value(metrics.stream_ends[kind][code], {{"stream", name}, {"code", absl::StatusCodeToString(code)}});
+      families.Value(metrics.stream_ends[static_cast<StreamKind>(kind)][code],
+                     {{"stream", kStreamKinds[kind]}, {"code", absl::StatusCodeToString(code)}});
     }
   }
-  families.AddByKind("evpose_quota_refusals_total", MetricType::Counter,
-                     "Calls that were rejected with RESOURCE_EXHAUSTED, by limit.", "limit", kQuotaLimits,
-                     [&metrics](QuotaLimit limit) -> const Counter& { return metrics.quota_refusals[limit]; });
+  families.AddByKind("evpose_quota_refusals_total", "Calls that were rejected with RESOURCE_EXHAUSTED, by limit.",
+                     "limit", kQuotaLimits, metrics.quota_refusals);
   families.AddCounter(
       "evpose_quota_delays_total",
       "Number of times that the server paused reading a stream because its tenant exceeded its limit of bytes "

@@ -86,6 +86,12 @@ void SessionLog::PhaseChanged(const std::string& object_id, const PhaseTransitio
   }
 }
 
+void SessionLog::StreamPhaseChanged(const std::string& peer, uint64_t number, std::string_view from,
+                                    std::string_view to) const {
+  if (CurrentLogLevel() > LogLevel::kDebug) return;
+  Write(LogLevel::kDebug, "stream_phase", peer, {{"stream", number}, {"from", from}, {"to", to}});
+}
+
 void SessionLog::StateChanged(const std::string& change, const std::string& from, const std::string& to) const {
   if (CurrentLogLevel() > LogLevel::kDebug) return;
   Write(LogLevel::kDebug, "session_state", peer(), {{"change", change}, {"from", from}, {"to", to}});

@@ -37,6 +37,8 @@ class SessionLog {
   void ObjectLost(const std::string& object_id, int64_t t_us) const;
   // Level debug, because the phase of an object may change at every millisecond of sensor time.
   void PhaseChanged(const std::string& object_id, const PhaseTransition& transition) const;
+  // The phase of a Track stream (server/rpc/README.md). At level debug.
+  void StreamPhaseChanged(const std::string& peer, uint64_t number, std::string_view from, std::string_view to) const;
   // The states of the session's streams and input (server/sessions/README.md). At level debug.
   void StateChanged(const std::string& change, const std::string& from, const std::string& to) const;
   void StreamEnded(const std::string& peer, uint64_t number, const absl::Status& status) const;

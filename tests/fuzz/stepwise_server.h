@@ -65,7 +65,7 @@ class StepwiseStore : public server::Store {
  public:
   explicit StepwiseStore(Worker& committer) : committer_(committer) {}
 
-  absl::string_view kind() const override { return "memory"; }
+  server::StoreKind kind() const override { return server::StoreKind::kMemory; }
   absl::Status CheckHealth() override { return absl::OkStatus(); }
   std::vector<std::string> damage() const override { return {}; }
   absl::StatusOr<std::vector<server::ModelRecord>> ReadModels() const override { return models_->ReadModels(); }

@@ -9,6 +9,8 @@
 #include "core/base/status_macros.h"
 #include "evpose/storage/v1/session.pb.h"
 #include "google/protobuf/arena.h"
+#include "google/protobuf/generated_enum_reflection.h"
+#include "server/runtime/enum_number.h"
 
 namespace evpose::server {
 namespace {
@@ -19,66 +21,38 @@ constexpr int kDigestBytes = 64;  // hexadecimal digits of SHA-256
 // Version of EventDecoder::SaveState. Incremented when its format changes; earlier formats must then still be read.
 constexpr uint32_t kDecoderFormat = 1;
 
-constexpr std::pair<Encoding, pb::Encoding> kEncodings[] = {{Encoding::kEvt3, pb::ENCODING_EVT3},
-                                                            {Encoding::kEvt21, pb::ENCODING_EVT21},
-                                                            {Encoding::kEvt2, pb::ENCODING_EVT2},
-                                                            {Encoding::kDat, pb::ENCODING_DAT},
-                                                            {Encoding::kFlat64, pb::ENCODING_FLAT64}};
-constexpr std::pair<OverloadPolicy, pb::OverloadPolicy> kOverloadPolicies[] = {
-    {OverloadPolicy::kBlock, pb::OVERLOAD_POLICY_BLOCK}, {OverloadPolicy::kLatest, pb::OVERLOAD_POLICY_LATEST}};
-constexpr std::pair<TrackState, pb::TrackState> kTrackStates[] = {
-    {TrackState::kInitializing, pb::TRACK_STATE_INITIALIZING},
-    {TrackState::kTracking, pb::TRACK_STATE_TRACKING},
-    {TrackState::kDegraded, pb::TRACK_STATE_DEGRADED},
-    {TrackState::kLost, pb::TRACK_STATE_LOST}};
-constexpr std::pair<InitializationStatus, pb::InitializationStatus> kInitializationStatuses[] = {
-    {InitializationStatus::kNotNeeded, pb::INITIALIZATION_STATUS_NOT_NEEDED},
-    {InitializationStatus::kWaitingForEvents, pb::INITIALIZATION_STATUS_WAITING_FOR_EVENTS},
-    {InitializationStatus::kTooFewLines, pb::INITIALIZATION_STATUS_TOO_FEW_LINES},
-    {InitializationStatus::kNoPoseFits, pb::INITIALIZATION_STATUS_NO_POSE_FITS},
-    {InitializationStatus::kVerifying, pb::INITIALIZATION_STATUS_VERIFYING},
-    {InitializationStatus::kAmbiguous, pb::INITIALIZATION_STATUS_AMBIGUOUS}};
-
-template <typename Value, typename Stored, size_t kSize>
-Stored ToStored(const std::pair<Value, Stored> (&table)[kSize], Value value) {
-  for (const auto& [known, stored] : table) {
-    if (known == value) return stored;
-  }
-  return Stored();
-}
+static_assert(EnumNumber(Encoding::kFlat64) == pb::ENCODING_FLAT64);
+static_assert(EnumNumber(OverloadPolicy::kLatest) == pb::OVERLOAD_POLICY_LATEST);
+static_assert(EnumNumber(TrackState::kLost) == pb::TRACK_STATE_LOST);
+static_assert(EnumNumber(InitializationStatus::kAmbiguous) == pb::INITIALIZATION_STATUS_AMBIGUOUS);
 
 // Collects the first error of a record. Decoding continues after it; the decoded values are not used then.
 class RecordCheck {
  public:
+  explicit RecordCheck(absl::string_view record) : record_(record) {}
+
   void Require(bool good, absl::string_view what) {
     if (!good && what_.empty()) what_ = std::string(what);
   }
-  absl::Status Finish(absl::string_view record) const {
+  void Parse(absl::string_view bytes, google::protobuf::MessageLite& message) {
+    Require(message.ParseFromArray(bytes.data(), static_cast<int>(bytes.size())), "it cannot be parsed");
+  }
+  absl::Status Finish() const {
     if (what_.empty()) return absl::OkStatus();
-    return absl::DataLossError(absl::StrCat("the ", record, " is damaged: ", what_));
+    return absl::DataLossError(absl::StrCat("the ", record_, " is damaged: ", what_));
   }
 
  private:
+  const std::string record_;
   std::string what_;
 };
 
 // An enum that is absent keeps the default of `value`.
-template <typename Value, typename Stored, size_t kSize>
-void FromStored(const std::pair<Value, Stored> (&table)[kSize], Stored stored, RecordCheck& check, Value& value) {
-  if (stored == Stored()) return;
-  for (const auto& [known, number] : table) {
-    if (number == stored) {
-      value = known;
-      return;
-    }
-  }
-  check.Require(false, "a choice that this version does not know");
-}
-
-template <typename Message>
-absl::Status Parse(absl::string_view bytes, absl::string_view record, Message& message) {
-  if (message.ParseFromArray(bytes.data(), static_cast<int>(bytes.size()))) return absl::OkStatus();
-  return absl::DataLossError(absl::StrCat("the ", record, " is damaged: it cannot be parsed"));
+template <typename Value, typename Stored>
+void EnumFromStored(Stored stored, RecordCheck& check, Value& value) {
+  check.Require(google::protobuf::GetEnumDescriptor<Stored>()->FindValueByNumber(stored) != nullptr,
+                "a choice that this version does not know");
+  if (stored != Stored()) value = EnumValue<Value>(stored);
 }
 
 using Numbers = google::protobuf::RepeatedField<double>;
@@ -86,11 +60,9 @@ using Numbers = google::protobuf::RepeatedField<double>;
 void SetNumbers(const auto& matrix, Numbers& numbers) { numbers.Assign(matrix.data(), matrix.data() + matrix.size()); }
 
 void GetNumbers(const Numbers& numbers, RecordCheck& check, auto& matrix) {
-  check.Require(static_cast<size_t>(numbers.size()) == static_cast<size_t>(matrix.size()),
-                "a matrix or a vector has another size");
-  if (static_cast<size_t>(numbers.size()) == static_cast<size_t>(matrix.size())) {
-    std::copy(numbers.begin(), numbers.end(), matrix.data());
-  }
+  const bool fits = numbers.size() == static_cast<int>(matrix.size());
+  check.Require(fits, "a matrix or a vector has another size");
+  if (fits) std::copy(numbers.begin(), numbers.end(), matrix.data());
 }
 
 void ToStored(const CameraModel& camera, pb::Camera& stored) {
@@ -167,12 +139,10 @@ std::string NameOf(Estimator estimator) {
 }
 
 void FromStored(const std::string& name, RecordCheck& check, Estimator& estimator) {
-  for (const auto& [known, known_name] : kEstimatorNames) {
-    if (known_name != name) continue;
-    estimator = known;
-    return;
-  }
-  check.Require(false, "an estimator that this version does not know");
+  const auto* const found = std::find_if(std::begin(kEstimatorNames), std::end(kEstimatorNames),
+                                         [&name](const auto& known) { return known.second == name; });
+  check.Require(found != std::end(kEstimatorNames), "an estimator that this version does not know");
+  if (found != std::end(kEstimatorNames)) estimator = found->first;
 }
 
 void ToStored(const DecodeCounts& counts, pb::DecodeCounts& stored) {
@@ -204,19 +174,19 @@ DecodeCounts FromStored(const pb::DecodeCounts& stored) {
 void ToStored(const ObjectHealth& object, pb::ObjectHealth& stored) {
   const auto& [state, losses, explained_ratio, initialization] = object;
   const auto& [status, attempts, num_lines] = initialization;
-  stored.set_state(ToStored(kTrackStates, state));
+  stored.set_state(EnumNumber<pb::TrackState>(state));
   stored.set_losses(losses);
   stored.set_explained_ratio(explained_ratio);
-  stored.set_initialization(ToStored(kInitializationStatuses, status));
+  stored.set_initialization(EnumNumber<pb::InitializationStatus>(status));
   stored.set_initialization_attempts(attempts);
   stored.set_initialization_lines(num_lines);
 }
 
 void FromStored(const pb::ObjectHealth& stored, RecordCheck& check, ObjectHealth& object) {
-  FromStored(kTrackStates, stored.state(), check, object.state);
+  EnumFromStored(stored.state(), check, object.state);
   object.losses = stored.losses();
   object.explained_ratio = stored.explained_ratio();
-  FromStored(kInitializationStatuses, stored.initialization(), check, object.initialization.status);
+  EnumFromStored(stored.initialization(), check, object.initialization.status);
   object.initialization.attempts = stored.initialization_attempts();
   object.initialization.num_lines = stored.initialization_lines();
 }
@@ -255,7 +225,7 @@ void ToStored(const StreamPosition& position, pb::StreamPosition& stored) {
   const auto& [decoder, reported_states, first_t_us, now_us, slice_end_us] = position;
   stored.set_decoder(decoder);
   stored.set_decoder_format(kDecoderFormat);
-  for (const TrackState state : reported_states) stored.add_reported_states(ToStored(kTrackStates, state));
+  for (const TrackState state : reported_states) stored.add_reported_states(EnumNumber<pb::TrackState>(state));
   if (first_t_us >= 0) stored.set_first_t_us(first_t_us);
   if (now_us >= 0) stored.set_now_us(now_us);
   stored.set_slice_end_us(slice_end_us);
@@ -265,7 +235,7 @@ void FromStored(const pb::StreamPosition& stored, RecordCheck& check, StreamPosi
   check.Require(stored.decoder_format() == kDecoderFormat, "the decoder's state has a format that is not known");
   position.decoder = stored.decoder();
   for (const int state : stored.reported_states()) {
-    FromStored(kTrackStates, static_cast<pb::TrackState>(state), check, position.reported_states.emplace_back());
+    EnumFromStored(static_cast<pb::TrackState>(state), check, position.reported_states.emplace_back());
   }
   if (stored.has_first_t_us()) position.first_t_us = stored.first_t_us();
   if (stored.has_now_us()) position.now_us = stored.now_us();
@@ -283,7 +253,7 @@ void ToStored(const StoredPose& pose, pb::Pose& stored) {
   SetNumbers(camera_from_object.translation_m, *stored.mutable_translation_m());
   SetNumbers(covariance, *stored.mutable_covariance());
   SetNumbers(twist, *stored.mutable_twist());
-  stored.set_state(ToStored(kTrackStates, state));
+  stored.set_state(EnumNumber<pb::TrackState>(state));
   stored.set_num_events(num_events);
   stored.set_explained_ratio(explained_ratio);
   stored.set_residual_rms_px(residual_rms_px);
@@ -300,7 +270,7 @@ StoredPose FromStored(const pb::Pose& stored, RecordCheck& check) {
   GetNumbers(stored.translation_m(), check, estimate.camera_from_object.translation_m);
   GetNumbers(stored.covariance(), check, estimate.covariance);
   GetNumbers(stored.twist(), check, estimate.twist);
-  FromStored(kTrackStates, stored.state(), check, estimate.state);
+  EnumFromStored(stored.state(), check, estimate.state);
   estimate.num_events = stored.num_events();
   estimate.explained_ratio = stored.explained_ratio();
   estimate.residual_rms_px = stored.residual_rms_px();
@@ -313,32 +283,31 @@ StoredPose FromStored(const pb::Pose& stored, RecordCheck& check) {
 std::string EncodeConfig(const SessionConfig& config) {
   const auto& [encoding, camera, objects, estimator, sensor, overload_policy, max_lag] = config;
   pb::SessionConfig stored;
-  stored.set_encoding(ToStored(kEncodings, encoding));
+  stored.set_encoding(EnumNumber<pb::Encoding>(encoding));
   ToStored(camera, *stored.mutable_camera());
   for (const ObjectConfig& object : objects) ToStored(object, *stored.add_objects());
   stored.set_estimator(NameOf(estimator));
   ToStored(sensor, *stored.mutable_sensor());
-  stored.set_overload_policy(ToStored(kOverloadPolicies, overload_policy));
+  stored.set_overload_policy(EnumNumber<pb::OverloadPolicy>(overload_policy));
   if (max_lag.has_value()) stored.set_max_lag_ns(absl::ToInt64Nanoseconds(*max_lag));
   return stored.SerializeAsString();
 }
 
 absl::StatusOr<SessionConfig> DecodeConfig(absl::string_view bytes) {
-  constexpr absl::string_view kRecord = "configuration";
+  RecordCheck check("configuration");
   pb::SessionConfig stored;
-  EVPOSE_RETURN_IF_ERROR(Parse(bytes, kRecord, stored));
+  check.Parse(bytes, stored);
   SessionConfig config;
-  RecordCheck check;
   check.Require(stored.encoding() != pb::ENCODING_UNSPECIFIED, "the encoding is missing");
-  FromStored(kEncodings, stored.encoding(), check, config.encoding);
+  EnumFromStored(stored.encoding(), check, config.encoding);
   FromStored(stored.camera(), check, config.camera);
   for (const pb::TrackedObject& object : stored.objects()) FromStored(object, check, config.objects.emplace_back());
   FromStored(stored.estimator(), check, config.estimator);
   FromStored(stored.sensor(), config.sensor);
-  FromStored(kOverloadPolicies, stored.overload_policy(), check, config.overload_policy);
+  EnumFromStored(stored.overload_policy(), check, config.overload_policy);
   if (stored.has_max_lag_ns()) config.max_lag = absl::Nanoseconds(stored.max_lag_ns());
   if (const absl::Status valid = config.Validate(); !valid.ok()) check.Require(false, valid.message());
-  EVPOSE_RETURN_IF_ERROR(check.Finish(kRecord));
+  EVPOSE_RETURN_IF_ERROR(check.Finish());
   return config;
 }
 
@@ -354,19 +323,18 @@ std::string EncodeLifecycle(const SessionLifecycle& lifecycle) {
 }
 
 absl::StatusOr<SessionLifecycle> DecodeLifecycle(absl::string_view bytes) {
-  constexpr absl::string_view kRecord = "lifecycle";
+  RecordCheck check("lifecycle");
   pb::SessionLifecycle stored;
-  EVPOSE_RETURN_IF_ERROR(Parse(bytes, kRecord, stored));
+  check.Parse(bytes, stored);
   SessionLifecycle lifecycle = {.token_digest = stored.token_digest(),
                                 .previous_token_digest = stored.previous_token_digest(),
                                 .num_attaches = stored.num_attaches(),
                                 .num_renewals = stored.num_renewals()};
   if (stored.has_detached_at_ns()) lifecycle.detached_at = absl::FromUnixNanos(stored.detached_at_ns());
-  RecordCheck check;
   check.Require(lifecycle.token_digest.size() == kDigestBytes, "the digest of the resume token has another length");
   check.Require(lifecycle.previous_token_digest.empty() || lifecycle.previous_token_digest.size() == kDigestBytes,
                 "the digest of the previous resume token has another length");
-  EVPOSE_RETURN_IF_ERROR(check.Finish(kRecord));
+  EVPOSE_RETURN_IF_ERROR(check.Finish());
   return lifecycle;
 }
 
@@ -387,11 +355,10 @@ std::string EncodeCheckpoint(const SessionCheckpoint& checkpoint) {
 }
 
 absl::StatusOr<SessionCheckpoint> DecodeCheckpoint(absl::string_view bytes, size_t num_objects) {
-  constexpr absl::string_view kRecord = "checkpoint";
+  RecordCheck check("checkpoint");
   pb::Checkpoint stored;
-  EVPOSE_RETURN_IF_ERROR(Parse(bytes, kRecord, stored));
+  check.Parse(bytes, stored);
   SessionCheckpoint checkpoint = {.processed_seq = stored.processed_seq(), .ended = stored.ended()};
-  RecordCheck check;
   FromStored(stored.health(), check, checkpoint.health);
   check.Require(checkpoint.health.objects.size() == num_objects, "it has another number of objects");
   checkpoint.latencies = LatencyHistogram({stored.latency_counts().data(), size_t(stored.latency_counts().size())});
@@ -404,7 +371,7 @@ absl::StatusOr<SessionCheckpoint> DecodeCheckpoint(absl::string_view bytes, size
                         .configuration = stored.tracker().configuration(),
                         .bytes = std::move(*stored.mutable_tracker()->mutable_state())};
   }
-  EVPOSE_RETURN_IF_ERROR(check.Finish(kRecord));
+  EVPOSE_RETURN_IF_ERROR(check.Finish());
   return checkpoint;
 }
 
@@ -419,13 +386,12 @@ PoseSegment EncodePoses(absl::Span<const StoredPose> poses) {
 }
 
 absl::StatusOr<std::vector<StoredPose>> DecodePoses(const PoseSegment& segment, size_t num_objects) {
-  const std::string record = absl::StrCat("segment of poses ", segment.first_pose_seq, " to ", segment.last_pose_seq);
+  RecordCheck check(absl::StrCat("segment of poses ", segment.first_pose_seq, " to ", segment.last_pose_seq));
   google::protobuf::Arena arena;
   auto& stored = *google::protobuf::Arena::CreateMessage<pb::PoseSegment>(&arena);
-  EVPOSE_RETURN_IF_ERROR(Parse(segment.bytes, record, stored));
+  check.Parse(segment.bytes, stored);
   std::vector<StoredPose> poses;
   poses.reserve(static_cast<size_t>(stored.poses_size()));
-  RecordCheck check;
   uint64_t expected = segment.first_pose_seq;
   for (const pb::Pose& pose : stored.poses()) {
     poses.push_back(FromStored(pose, check));
@@ -433,7 +399,7 @@ absl::StatusOr<std::vector<StoredPose>> DecodePoses(const PoseSegment& segment, 
     check.Require(pose.object_index() < num_objects, "a pose is of an object that the session does not have");
   }
   check.Require(!poses.empty() && expected == segment.last_pose_seq + 1, "poses are missing");
-  EVPOSE_RETURN_IF_ERROR(check.Finish(record));
+  EVPOSE_RETURN_IF_ERROR(check.Finish());
   return poses;
 }
 

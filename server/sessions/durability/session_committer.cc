@@ -42,29 +42,21 @@ void SessionCommitter::CommitLifecycle(uint64_t number, std::string lifecycle) {
     const std::lock_guard lock(mutex_);
     if (number <= newest_lifecycle_) return;
     newest_lifecycle_ = number;
-    Batch batch;
-    batch.commit.lifecycle = std::move(lifecycle);
-    batch.lifecycle = number;
-    waiting_.Append(std::move(batch));
+    waiting_.Append({.commit = {.lifecycle = std::move(lifecycle)}, .lifecycle = number});
   }
   StartCommit();
 }
 
-void SessionCommitter::CommitCheckpoint(Checkpoint checkpoint) {
+void SessionCommitter::CommitCheckpoint(SessionCommit checkpoint, uint64_t seq,
+                                        std::chrono::steady_clock::time_point begun_at) {
   {
     const std::lock_guard lock(mutex_);
-    Batch batch;
-    batch.has_checkpoint = true;
-    batch.begun_at = checkpoint.begun_at;
-    if (checkpoint.state.has_value()) batch.commit.checkpoint = *std::move(checkpoint.state);
-    batch.seq = checkpoint.seq;
-    if (checkpoint.poses.has_value()) {
-      batch.last_pose_seq = checkpoint.poses->last_pose_seq;
-      batch.commit.poses.push_back(*std::move(checkpoint.poses));
-    }
-    batch.commit.first_pose_seq_kept = checkpoint.first_pose_seq_kept;
-    batch.commit.ended_at = checkpoint.ended_at;
-    waiting_.Append(std::move(batch));
+    const uint64_t last_pose_seq = checkpoint.poses.empty() ? 0 : checkpoint.poses.back().last_pose_seq;
+    waiting_.Append({.commit = std::move(checkpoint),
+                     .seq = seq,
+                     .last_pose_seq = last_pose_seq,
+                     .has_checkpoint = true,
+                     .begun_at = begun_at});
   }
   StartCommit();
 }
@@ -146,23 +138,14 @@ void SessionCommitter::RetryLater() {
 }
 
 void SessionCommitter::CountFailure(const absl::Status& status) {
-  const auto kind = [&status]() -> std::optional<CheckpointFailure> {
-    switch (status.code()) {
-      case absl::StatusCode::kOk:
-      case absl::StatusCode::kNotFound:   // the session was deleted
-      case absl::StatusCode::kCancelled:  // the server is shutting down
-        return std::nullopt;
-      case absl::StatusCode::kUnavailable:
-        return CheckpointFailure::kStoreAway;
-      case absl::StatusCode::kResourceExhausted:
-        return CheckpointFailure::kStoreFull;
-      case absl::StatusCode::kAborted:
-        return CheckpointFailure::kFenced;
-      default:
-        return CheckpointFailure::kStoreFailed;
-    }
-  }();
-  if (kind.has_value() && in_flight_.has_checkpoint) metrics_->checkpoint_failures[*kind].Add();
+  // NOT_FOUND: the session was deleted. CANCELLED: the server is shutting down.
+  const bool is_failure = !status.ok() && !absl::IsNotFound(status) && !absl::IsCancelled(status);
+  if (!is_failure || !in_flight_.has_checkpoint) return;
+  const CheckpointFailure kind = absl::IsUnavailable(status)         ? CheckpointFailure::kStoreAway
+                                 : absl::IsResourceExhausted(status) ? CheckpointFailure::kStoreFull
+                                 : absl::IsAborted(status)           ? CheckpointFailure::kFenced
+                                                                     : CheckpointFailure::kStoreFailed;
+  metrics_->checkpoint_failures[kind].Add();
 }
 
 absl::Status SessionCommitter::FailureOf(const absl::Status& status) const {

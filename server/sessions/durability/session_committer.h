@@ -32,21 +32,10 @@ class SessionCommitter : public std::enable_shared_from_this<SessionCommitter> {
     absl::Duration longest = absl::Seconds(5);
   };
 
-  // Each state replaces the previous one; poses continue the stored log.
-  struct Checkpoint {
-    std::optional<std::string> state;  // absent: poses only
-    uint64_t seq = 0;                  // last item that the state includes
-    std::optional<PoseSegment> poses;
-    uint64_t first_pose_seq_kept = 1;    // the store may delete earlier poses
-    std::optional<absl::Time> ended_at;  // this is the last checkpoint
-    // Start of its serialization, for the metrics.
-    std::chrono::steady_clock::time_point begun_at = std::chrono::steady_clock::now();
-  };
-
   struct Progress {
     // The next four describe the persisted data.
     uint64_t lifecycle = 0;  // number of the newest ownership record
-    uint64_t seq = 0;        // SessionCommitter::Checkpoint::seq of the newest state
+    uint64_t seq = 0;        // last item that the newest checkpoint includes
     uint64_t last_pose_seq = 0;
     bool ended = false;
     bool has_waiting = false;  // a checkpoint has been handed over and not been persisted
@@ -71,7 +60,10 @@ class SessionCommitter : public std::enable_shared_from_this<SessionCommitter> {
   // Neither may be called with a lock that the listener takes. An ownership record is ignored if its number is not
   // greater than those before.
   void CommitLifecycle(uint64_t number, std::string lifecycle);
-  void CommitCheckpoint(Checkpoint checkpoint);
+  // `checkpoint`: a checkpoint, poses that continue the stored log, or both. `seq`: the last item that the checkpoint
+  // includes. `begun_at`: the start of its serialization, for the metrics.
+  void CommitCheckpoint(SessionCommit checkpoint, uint64_t seq,
+                        std::chrono::steady_clock::time_point begun_at = std::chrono::steady_clock::now());
 
   Progress progress() const;
   uint64_t fencing_number() const { return lease_->fencing_number(); }
@@ -87,13 +79,12 @@ class SessionCommitter : public std::enable_shared_from_this<SessionCommitter> {
     uint64_t seq = 0;
     uint64_t last_pose_seq = 0;
     bool has_checkpoint = false;
-    std::chrono::steady_clock::time_point begun_at;  // Checkpoint::begun_at of its first checkpoint
+    std::chrono::steady_clock::time_point begun_at;  // of its first checkpoint
 
     bool is_empty() const { return lifecycle == 0 && !has_checkpoint; }
     void Append(Batch later);
   };
 
-  void Add(Batch batch);
   void StartCommit();
   void OnDone(const absl::Status& status);
   void RecordDone() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);

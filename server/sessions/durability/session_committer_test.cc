@@ -8,6 +8,7 @@
 #include <deque>
 
 #include "server/runtime/errors.h"
+#include "server/telemetry/metrics_testing.h"
 
 namespace evpose::server {
 namespace {
@@ -60,8 +61,8 @@ class SessionCommitterTest : public testing::Test {
     const std::lock_guard lock(commits_->mutex);
     return commits_->waiting.size();
   }
-  static SessionCommitter::Checkpoint State(const std::string& state, uint64_t seq, uint64_t first, uint64_t last) {
-    return {.state = state, .seq = seq, .poses = PoseSegment{first, last, "poses"}, .first_pose_seq_kept = first};
+  static SessionCommit State(const std::string& state, uint64_t first, uint64_t last) {
+    return {.checkpoint = state, .poses = {{first, last, "poses"}}, .first_pose_seq_kept = first};
   }
 
   const std::shared_ptr<TestLease::Commits> commits_ = std::make_shared<TestLease::Commits>();
@@ -77,13 +78,13 @@ TEST_F(SessionCommitterTest, OneCommitAtATimeAndWaitingDataShareTheNext) {
   committer_->CommitLifecycle(1, "first");
   committer_->CommitLifecycle(2, "second");
   committer_->CommitLifecycle(1, "late");
-  committer_->CommitCheckpoint(State("state", 7, 1, 10));
+  committer_->CommitCheckpoint(State("state", 1, 10), 7);
   EXPECT_EQ(NumWaiting(), 1u);
   EXPECT_TRUE(committer_->progress().has_waiting);
   EXPECT_EQ(Answer(absl::OkStatus()).lifecycle, "first");
   EXPECT_EQ(committer_->progress().lifecycle, 1u);
   EXPECT_EQ(committer_->progress().seq, 0u);
-  EXPECT_EQ(metrics_->checkpoint_time.Read().total(), 0u);
+  EXPECT_EQ(NumIn(metrics_->checkpoint_time), 0u);
   const SessionCommit second = Answer(absl::OkStatus());
   EXPECT_EQ(second.lifecycle, "second");
   EXPECT_EQ(second.checkpoint, "state");
@@ -93,22 +94,22 @@ TEST_F(SessionCommitterTest, OneCommitAtATimeAndWaitingDataShareTheNext) {
   EXPECT_EQ(progress.last_pose_seq, 10u);
   EXPECT_FALSE(progress.has_waiting);
   EXPECT_FALSE(progress.ended);
-  EXPECT_EQ(metrics_->checkpoint_time.Read().total(), 1u);
+  EXPECT_EQ(NumIn(metrics_->checkpoint_time), 1u);
   EXPECT_EQ(NumWaiting(), 0u) << "nothing is committed twice";
   EXPECT_EQ(num_changes_, 2);
 }
 
 TEST_F(SessionCommitterTest, ACommitWithoutAnAnswerIsRepeatedWithTheLaterData) {
-  committer_->CommitCheckpoint(State("one", 1, 1, 10));
+  committer_->CommitCheckpoint(State("one", 1, 10), 1);
   const SessionCommit first = Answer(absl::UnavailableError("away"));
   EXPECT_TRUE(committer_->progress().store_is_away);
   EXPECT_EQ(committer_->progress().seq, 0u);
   const SessionCommit again = Answer(absl::UnavailableError("away"));
   EXPECT_EQ(again.checkpoint, "one");
   EXPECT_EQ(&*again.checkpoint, &*first.checkpoint) << "shared, not copied";
-  SessionCommitter::Checkpoint end = State("two", 2, 11, 20);
+  SessionCommit end = State("two", 11, 20);
   end.ended_at = absl::UnixEpoch();
-  committer_->CommitCheckpoint(std::move(end));
+  committer_->CommitCheckpoint(std::move(end), 2);
   SessionCommit commit = Answer(absl::UnavailableError("away"));
   uint64_t num_failures = 3;
   for (; commit.checkpoint == "one"; ++num_failures) commit = Answer(absl::UnavailableError("away"));
@@ -123,13 +124,13 @@ TEST_F(SessionCommitterTest, ACommitWithoutAnAnswerIsRepeatedWithTheLaterData) {
   EXPECT_TRUE(progress.ended);
   EXPECT_FALSE(progress.store_is_away);
   EXPECT_EQ(metrics_->checkpoint_failures[CheckpointFailure::kStoreAway].value(), num_failures);
-  EXPECT_EQ(metrics_->checkpoint_time.Read().total(), 1u);
+  EXPECT_EQ(NumIn(metrics_->checkpoint_time), 1u);
 }
 
 TEST_F(SessionCommitterTest, PosesMayBeCommittedWithoutACheckpoint) {
-  committer_->CommitCheckpoint(State("one", 1, 1, 10));
+  committer_->CommitCheckpoint(State("one", 1, 10), 1);
   Answer(absl::OkStatus());
-  committer_->CommitCheckpoint({.poses = PoseSegment{11, 12, "poses"}});
+  committer_->CommitCheckpoint({.poses = {{11, 12, "poses"}}}, 0);
   EXPECT_FALSE(Answer(absl::OkStatus()).checkpoint.has_value());
   EXPECT_EQ(committer_->progress().seq, 1u);
   EXPECT_EQ(committer_->progress().last_pose_seq, 12u);
@@ -148,7 +149,7 @@ TEST_F(SessionCommitterTest, EveryEndHasItsReason) {
     const auto committer = std::make_shared<SessionCommitter>(std::make_shared<SessionLog>("sessions/a", ""),
                                                               std::make_unique<TestLease>(commits), Progress(), pool_,
                                                               SessionCommitter::Backoff(), metrics_);
-    committer->CommitCheckpoint(State("x", 1, 1, 10));
+    committer->CommitCheckpoint(State("x", 1, 10), 1);
     committer->CommitLifecycle(2, "y");
     SessionLease::Done done = std::move(commits->waiting.front().second);
     commits->waiting.clear();

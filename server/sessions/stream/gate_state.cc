@@ -1,50 +1,25 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "server/sessions/stream/gate_state.h"
 
+#include <array>
+#include <cstddef>
+
 namespace evpose::server {
 
 std::string_view WriterStateName(WriterState state) {
-  switch (state) {
-    case WriterState::kDetached:
-      return "DETACHED";
-    case WriterState::kAttaching:
-      return "ATTACHING";
-    case WriterState::kAttached:
-      return "ATTACHED";
-    case WriterState::kClosed:
-      return "CLOSED";
-  }
-  return "";
+  constexpr std::array<std::string_view, kNumWriterStates> kNames = {"DETACHED", "ATTACHING", "ATTACHED", "CLOSED"};
+  return kNames[static_cast<size_t>(state)];
 }
 
 std::string_view InputStateName(InputState state) {
-  switch (state) {
-    case InputState::kOpen:
-      return "OPEN";
-    case InputState::kEnding:
-      return "ENDING";
-    case InputState::kEnded:
-      return "ENDED";
-  }
-  return "";
+  constexpr std::array<std::string_view, kNumInputStates> kNames = {"OPEN", "ENDING", "ENDED"};
+  return kNames[static_cast<size_t>(state)];
 }
 
 std::string_view GateEventName(GateEvent event) {
-  switch (event) {
-    case GateEvent::kAttach:
-      return "attach";
-    case GateEvent::kAttachPersisted:
-      return "attach_persisted";
-    case GateEvent::kDetach:
-      return "detach";
-    case GateEvent::kEndPushed:
-      return "end_pushed";
-    case GateEvent::kEndProcessed:
-      return "end_processed";
-    case GateEvent::kClose:
-      return "close";
-  }
-  return "";
+  constexpr std::array<std::string_view, kNumGateEvents> kNames = {"attach",     "attach_persisted", "detach",
+                                                                   "end_pushed", "end_processed",    "close"};
+  return kNames[static_cast<size_t>(event)];
 }
 
 GateState NextState(GateState state, GateEvent event) {

@@ -43,7 +43,6 @@ class PoseLog {
   uint64_t first_pose_seq() const;
   // Number of the newest pose; 0 before the first.
   uint64_t last_pose_seq() const;
-  size_t capacity() const { return capacity_; }
 
  private:
   uint64_t FirstSeq() const ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) { return next_seq_ - poses_.size(); }

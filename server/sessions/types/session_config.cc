@@ -17,21 +17,6 @@ constexpr size_t kMaxObjectIdBytes = 64;  // each line of the log contains it
 constexpr absl::Duration kMinMaxLag = absl::Milliseconds(1);
 constexpr absl::Duration kMaxMaxLag = absl::Seconds(10);
 
-bool SamePose(const std::optional<RigidTransform>& a, const std::optional<RigidTransform>& b) {
-  if (a.has_value() != b.has_value()) return false;
-  return !a.has_value() || (a->rotation == b->rotation && a->translation_m == b->translation_m);
-}
-
-bool SameObject(const ObjectConfig& a, const ObjectConfig& b) {
-  return a.object_id == b.object_id && a.model == b.model && a.reference_rotation == b.reference_rotation &&
-         SamePose(a.initial_camera_from_object, b.initial_camera_from_object);
-}
-
-bool SameCamera(const CameraModel& a, const CameraModel& b) {
-  return a.width_px == b.width_px && a.height_px == b.height_px && a.fx_px == b.fx_px && a.fy_px == b.fy_px &&
-         a.cx_px == b.cx_px && a.cy_px == b.cy_px && a.distortion == b.distortion;
-}
-
 absl::Status ValidateMaxLag(OverloadPolicy policy, const std::optional<absl::Duration>& max_lag) {
   constexpr char kField[] = "config.max_lag";
   if (policy == OverloadPolicy::kBlock) {
@@ -70,16 +55,6 @@ absl::Status SessionConfig::Validate() const {
     if (objects[i].model.empty()) return InvalidField(field + "model", "is missing: upload a model and give its name");
   }
   return absl::OkStatus();
-}
-
-bool operator==(const SessionConfig& a, const SessionConfig& b) {
-  if (a.encoding != b.encoding || a.estimator != b.estimator || !SameCamera(a.camera, b.camera)) return false;
-  if (a.sensor != b.sensor || a.overload_policy != b.overload_policy || a.max_lag != b.max_lag) return false;
-  if (a.objects.size() != b.objects.size()) return false;
-  for (size_t i = 0; i < a.objects.size(); ++i) {
-    if (!SameObject(a.objects[i], b.objects[i])) return false;
-  }
-  return true;
 }
 
 }  // namespace evpose::server

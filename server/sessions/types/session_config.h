@@ -27,6 +27,8 @@ struct ObjectConfig {
   std::string model;  // "models/{id}"
   std::optional<RigidTransform> initial_camera_from_object;
   Eigen::Matrix3d reference_rotation = Eigen::Matrix3d::Identity();
+
+  friend bool operator==(const ObjectConfig&, const ObjectConfig&) = default;
 };
 
 // As in the API.
@@ -46,9 +48,9 @@ struct SessionConfig {
   // Checks everything that needs no model and no decoder. Errors: INVALID_ARGUMENT with the field
   // (server/runtime/errors.h), as a path that begins with "config".
   absl::Status Validate() const;
-};
 
-bool operator==(const SessionConfig& a, const SessionConfig& b);
+  friend bool operator==(const SessionConfig&, const SessionConfig&) = default;
+};
 
 // Creates the tracker of a session's objects; tests replace it. `models`: one for each of config.objects, in the same
 // order. Errors: INVALID_ARGUMENT with the field of `config` (server/runtime/errors.h).

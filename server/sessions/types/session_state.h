@@ -117,10 +117,11 @@ struct SessionCheckpoint {
   std::optional<PipelineState> pipeline;  // absent when ended
 };
 
-// State with which a session starts: only the ownership record for a new session, otherwise the stored state.
+// State with which a session starts: the stored state, or for a new session the ownership record and the default of the
+// other members.
 struct SessionBeginning {
   SessionLifecycle lifecycle;
-  std::optional<SessionCheckpoint> checkpoint;
+  SessionCheckpoint checkpoint;
   std::vector<StoredPose> poses;  // consecutive; may extend beyond the checkpoint
   std::optional<TrackingRestarted> restarted;
 };

@@ -12,6 +12,7 @@
 #include <vector>
 
 #include "absl/base/thread_annotations.h"
+#include "server/stores/common/checked_lease.h"
 
 namespace evpose::server {
 
@@ -27,15 +28,17 @@ class JobThread {
   JobThread(const JobThread&) = delete;
   JobThread& operator=(const JobThread&) = delete;
 
-  // Returns false after Close(); then `job` has not been moved from.
-  bool Push(Job&& job) {
+  // Queues a job. After Close() it calls `job.done` with StoreClosedError() instead.
+  void Push(Job job) {
     {
-      const std::lock_guard lock(mutex_);
-      if (closed_) return false;
+      std::unique_lock lock(mutex_);
+      if (closed_) {
+        lock.unlock();
+        return job.done(StoreClosedError());
+      }
       waiting_.push_back(std::move(job));
     }
     changed_.notify_one();
-    return true;
   }
 
   // Processes the queued jobs and stops the thread. To be called by one thread, other than the job thread.

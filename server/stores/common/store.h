@@ -20,13 +20,20 @@
 
 namespace evpose::server {
 
+// The parameters for parsing a model file. They are part of the digest that is the model's name.
+struct ModelReading {
+  ModelFormat format = ModelFormat::kObj;
+  double metres_per_unit = 1.0;
+  double crease_angle_deg = 30.0;
+
+  friend bool operator==(const ModelReading&, const ModelReading&) = default;
+};
+
 // A model's file and the parameters for parsing it. Tenant and name together are the key.
 struct ModelRecord {
   std::string name;  // "models/{id}"
   std::string tenant;
-  ModelFormat format = ModelFormat::kObj;
-  double metres_per_unit = 1.0;
-  double crease_angle_deg = 30.0;
+  ModelReading reading;
   absl::Time create_time;
   std::shared_ptr<const std::vector<uint8_t>> bytes;
 };
@@ -120,6 +127,8 @@ class SessionLease {
   virtual uint64_t fencing_number() const = 0;
 };
 
+enum class StoreKind { kMemory, kSqlite, kRedis };
+
 // Stores bytes without interpreting them. Thread-safe. All functions but SessionLease::Commit block until the store has
 // responded, for a bounded time. Errors of all functions, beside those that they name:
 // - UNAVAILABLE: the store does not respond. Every call may be repeated, also one with an effect.
@@ -131,7 +140,10 @@ class Store {
  public:
   virtual ~Store() = default;
 
-  virtual absl::string_view kind() const = 0;  // "memory", "sqlite", "redis"
+  virtual StoreKind kind() const = 0;
+  // Several servers use the store, and each of them can take any session.
+  bool is_shared() const { return kind() == StoreKind::kRedis; }
+  bool outlives_process() const { return kind() != StoreKind::kMemory; }
 
   // Returns OK when the store responds.
   virtual absl::Status CheckHealth() = 0;

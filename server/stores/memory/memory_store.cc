@@ -30,10 +30,6 @@ struct CommitJob {
 struct Shared {
   explicit Shared(uint64_t max_bytes) : sessions(max_bytes) {}
 
-  void Push(CommitJob job) {
-    if (!committer.Push(std::move(job))) job.done(StoreClosedError());
-  }
-
   MemorySessions sessions;
   JobThread<CommitJob> committer{[](std::vector<CommitJob> jobs) {
     for (CommitJob& job : jobs) job.done(job.write());
@@ -47,15 +43,15 @@ class MemoryLease : public CheckedLease {
 
  private:
   void Write(SessionCommit commit, uint64_t next_pose_seq, Done done) override {
-    shared_->Push({.write =
-                       [&sessions = shared_->sessions, name = name_, number = fencing_number(), next_pose_seq,
-                        commit = std::move(commit)]() mutable {
-                         return sessions.Commit(name, number, next_pose_seq, std::move(commit));
-                       },
-                   .done = std::move(done)});
+    shared_->committer.Push({.write =
+                                 [&sessions = shared_->sessions, name = name_, number = fencing_number(), next_pose_seq,
+                                  commit = std::move(commit)]() mutable {
+                                   return sessions.Commit(name, number, next_pose_seq, std::move(commit));
+                                 },
+                             .done = std::move(done)});
   }
   void Refuse(absl::Status status, Done done) override {
-    shared_->Push({.write = [status = std::move(status)] { return status; }, .done = std::move(done)});
+    shared_->committer.Push({.write = [status = std::move(status)] { return status; }, .done = std::move(done)});
   }
 
   const std::shared_ptr<Shared> shared_;
@@ -67,7 +63,7 @@ class MemoryStore : public Store {
   explicit MemoryStore(uint64_t max_bytes) : shared_(std::make_shared<Shared>(max_bytes)) {}
   ~MemoryStore() override { shared_->committer.Close(); }
 
-  absl::string_view kind() const override { return "memory"; }
+  StoreKind kind() const override { return StoreKind::kMemory; }
   absl::Status CheckHealth() override { return absl::OkStatus(); }
   std::vector<std::string> damage() const override { return {}; }
 

@@ -41,8 +41,7 @@ RedisClient::RedisClient(const RedisClientOptions& options)
       thread_([this](std::vector<Job> jobs) { Process(std::move(jobs)); }) {}
 
 void RedisClient::Push(RedisCommand command, Done done) {
-  Job job = {.command = std::move(command), .done = std::move(done)};
-  if (!thread_.Push(std::move(job))) job.done(StoreClosedError());
+  thread_.Push({.command = std::move(command), .done = std::move(done)});
 }
 
 void RedisClient::PushScript(const RedisScript& script, const std::vector<std::string>& keys,
@@ -50,7 +49,7 @@ void RedisClient::PushScript(const RedisScript& script, const std::vector<std::s
   Job job = {.script = &script, .command = {"EVALSHA", "", std::to_string(keys.size())}, .done = std::move(done)};
   job.command.insert(job.command.end(), keys.begin(), keys.end());
   std::move(arguments.begin(), arguments.end(), std::back_inserter(job.command));
-  if (!thread_.Push(std::move(job))) job.done(StoreClosedError());
+  thread_.Push(std::move(job));
 }
 
 absl::StatusOr<RedisReply> RedisClient::Call(RedisCommand command) {

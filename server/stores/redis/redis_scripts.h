@@ -2,14 +2,14 @@
 
 // The operations of the Redis store as Lua scripts, which Redis executes atomically.
 //
-// Keys, all with the prefix "evpose:":
+// Keys, all with the prefix "evpose:". Records and poses have checksums (checked_records.h).
 //   fencing         the last fencing number
 //   sessions        a set of the names of all sessions
 //   ended           a sorted set of the names of ended sessions, by microseconds since 1970
-//   session:NAME    a hash: fencing, commit, next, kept (numbers); record, lifecycle, checkpoint (sealed)
-//   poses:NAME      a stream; the ID of an entry is FIRST-LAST of its poses, its only field `b` their bytes (sealed)
+//   session:NAME    a hash: fencing, commit, next, kept (numbers); record, lifecycle, checkpoint
+//   poses:NAME      a stream; the ID of an entry is FIRST-LAST of its poses, its only field `b` their bytes
 //   models          a set of NAME\nTENANT
-//   model:NAME\nTENANT   a hash: header, bytes (sealed)
+//   model:NAME\nTENANT   a hash: header, bytes
 #pragma once
 
 namespace evpose::server {
@@ -26,7 +26,7 @@ extern const RedisScript kRedisCreate;
 // next, kept, record, lifecycle, checkpoint and the entries of the stream that have a later pose.
 extern const RedisScript kRedisRead;
 // Writes a commit. KEYS: session, poses, ended. ARGV: name, fencing, commit number, first pose to replace, kept,
-// ended_at_us or "", safety_ttl_ms, max_segments, checkpoint or "", lifecycle or "" (a sealed record is never empty),
+// ended_at_us or "", safety_ttl_ms, max_segments, checkpoint or "", lifecycle or "" (an encoded record is never empty),
 // then first, last, bytes of each segment. Returns OK, NOTFOUND, FENCED, or STALE when a later commit has been written.
 extern const RedisScript kRedisCommit;
 // Deletes a session. KEYS: session, poses, ended, sessions. ARGV: name, fencing or "" for any holder. Returns 0 when

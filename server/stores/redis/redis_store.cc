@@ -12,7 +12,7 @@
 #include "absl/strings/str_split.h"
 #include "core/base/status_macros.h"
 #include "server/stores/common/checked_lease.h"
-#include "server/stores/common/sealed.h"
+#include "server/stores/common/checked_records.h"
 #include "server/stores/redis/redis_keys.h"
 #include "server/stores/redis/redis_scripts.h"
 
@@ -52,8 +52,8 @@ absl::StatusOr<PoseSegment> ReadSegment(absl::string_view session, const redisRe
       !absl::SimpleAtoi(numbers[1], &segment.last_pose_seq)) {
     return DamagedInRedis(absl::StrCat("the list of poses of ", session));
   }
-  EVPOSE_ASSIGN_OR_RETURN(segment.bytes, Unseal(PosesOf(session, segment.first_pose_seq, segment.last_pose_seq),
-                                                RedisText(entry->element[1]->element[1])));
+  EVPOSE_ASSIGN_OR_RETURN(segment.bytes, VerifyChecksum(PosesOf(session, segment.first_pose_seq, segment.last_pose_seq),
+                                                        RedisText(entry->element[1]->element[1])));
   return segment;
 }
 
@@ -72,10 +72,11 @@ absl::StatusOr<RedisSession> ReadAnswer(absl::string_view name, uint64_t after_p
   EVPOSE_ASSIGN_OR_RETURN(session.fencing_number, Number(reply->element[0], state));
   EVPOSE_ASSIGN_OR_RETURN(session.next_pose_seq, Number(reply->element[1], state));
   EVPOSE_ASSIGN_OR_RETURN(const uint64_t kept, Number(reply->element[2], state));
-  EVPOSE_ASSIGN_OR_RETURN(session.stored.record, UnsealRecord(name, RedisText(reply->element[3])));
-  EVPOSE_ASSIGN_OR_RETURN(session.stored.lifecycle, Unseal(LifecycleOf(name), RedisText(reply->element[4])));
+  EVPOSE_ASSIGN_OR_RETURN(session.stored.record, DecodeRecord(name, RedisText(reply->element[3])));
+  EVPOSE_ASSIGN_OR_RETURN(session.stored.lifecycle, VerifyChecksum(LifecycleOf(name), RedisText(reply->element[4])));
   if (reply->element[5]->type != REDIS_REPLY_NIL) {
-    EVPOSE_ASSIGN_OR_RETURN(session.stored.checkpoint, Unseal(CheckpointOf(name), RedisText(reply->element[5])));
+    EVPOSE_ASSIGN_OR_RETURN(session.stored.checkpoint,
+                            VerifyChecksum(CheckpointOf(name), RedisText(reply->element[5])));
   }
   const redisReply* const entries = reply->element[6];
   for (size_t i = 0; i < entries->elements; ++i) {
@@ -115,9 +116,9 @@ class RedisLease : public CheckedLease {
     std::string ended_at_us;
     if (commit.ended_at.has_value()) ended_at_us = std::to_string(absl::ToUnixMicros(*commit.ended_at));
     std::string checkpoint;
-    if (commit.checkpoint.has_value()) checkpoint = Seal(CheckpointOf(name_), *commit.checkpoint);
+    if (commit.checkpoint.has_value()) checkpoint = AddChecksum(CheckpointOf(name_), *commit.checkpoint);
     std::string lifecycle;
-    if (commit.lifecycle.has_value()) lifecycle = Seal(LifecycleOf(name_), *std::move(commit.lifecycle));
+    if (commit.lifecycle.has_value()) lifecycle = AddChecksum(LifecycleOf(name_), *std::move(commit.lifecycle));
     std::vector<std::string> arguments = {name_,
                                           std::to_string(fencing_number()),
                                           std::to_string(++commits_),
@@ -132,7 +133,7 @@ class RedisLease : public CheckedLease {
       arguments.push_back(std::to_string(segment.first_pose_seq));
       arguments.push_back(std::to_string(segment.last_pose_seq));
       arguments.push_back(
-          Seal(PosesOf(name_, segment.first_pose_seq, segment.last_pose_seq), std::move(segment.bytes)));
+          AddChecksum(PosesOf(name_, segment.first_pose_seq, segment.last_pose_seq), std::move(segment.bytes)));
     }
     shared_->client.PushScript(
         kRedisCommit, SessionKeys(name_, kRedisEndedKey), std::move(arguments),
@@ -171,20 +172,12 @@ class RedisStore : public Store {
     return absl::OkStatus();
   }
 
-  absl::string_view kind() const override { return "redis"; }
+  StoreKind kind() const override { return StoreKind::kRedis; }
   absl::Status CheckHealth() override { return shared_->client.Call({"PING"}).status(); }
   std::vector<std::string> damage() const override { return damage_; }
 
   absl::StatusOr<std::vector<ModelRecord>> ReadModels() const override {
-    EVPOSE_ASSIGN_OR_RETURN(const std::vector<std::string> members, Members(kRedisModelsKey));
-    std::vector<ModelRecord> models;
-    for (const std::string& member : members) {
-      auto model = ReadMember(member);
-      if (absl::IsNotFound(model.status()) || absl::IsDataLoss(model.status())) continue;
-      EVPOSE_RETURN_IF_ERROR(model.status());
-      models.push_back(*std::move(model));
-    }
-    return models;
+    return ReadMembers(kRedisModelsKey, &RedisStore::ReadMember);
   }
 
   absl::StatusOr<ModelRecord> ReadModel(absl::string_view tenant, absl::string_view name) const override {
@@ -195,7 +188,7 @@ class RedisStore : public Store {
     const std::string member = ModelMember(model.tenant, model.name);
     return shared_->client
         .CallScript(kRedisPutModel, {RedisModelKey(member), kRedisModelsKey},
-                    {member, SealModelHeader(model), SealModelBytes(model)})
+                    {member, EncodeModelHeader(model), EncodeModelBytes(model)})
         .status();
   }
 
@@ -208,9 +201,9 @@ class RedisStore : public Store {
                                                               const std::string& lifecycle) override {
     EVPOSE_ASSIGN_OR_RETURN(
         const RedisReply reply,
-        shared_->client.CallScript(
-            kRedisCreate, {RedisSessionKey(record.name), kRedisSessionsKey, kRedisFencingKey},
-            {record.name, SealRecord(record), Seal(LifecycleOf(record.name), lifecycle), shared_->SafetyTtl_ms()}));
+        shared_->client.CallScript(kRedisCreate, {RedisSessionKey(record.name), kRedisSessionsKey, kRedisFencingKey},
+                                   {record.name, EncodeRecord(record), AddChecksum(LifecycleOf(record.name), lifecycle),
+                                    shared_->SafetyTtl_ms()}));
     if (reply->integer == 0) return SessionExistsError(record.name);
     return std::make_unique<RedisLease>(shared_, record.name, static_cast<uint64_t>(reply->integer),
                                         /*next_pose_seq=*/1);
@@ -228,28 +221,11 @@ class RedisStore : public Store {
   }
 
   absl::StatusOr<std::vector<SessionRecord>> ListSessions() const override {
-    EVPOSE_ASSIGN_OR_RETURN(const std::vector<std::string> names, Members(kRedisSessionsKey));
-    std::vector<SessionRecord> records;
-    for (const std::string& name : names) {
-      auto record = ReadRecord(name);
-      if (absl::IsNotFound(record.status()) || absl::IsDataLoss(record.status())) continue;
-      EVPOSE_RETURN_IF_ERROR(record.status());
-      records.push_back(*std::move(record));
-    }
-    return records;
+    return ReadMembers(kRedisSessionsKey, &RedisStore::ReadRecord);
   }
 
   absl::StatusOr<std::vector<StoredLifecycle>> ReadLifecycles() const override {
-    EVPOSE_ASSIGN_OR_RETURN(const std::vector<std::string> names, Members(kRedisSessionsKey));
-    std::vector<StoredLifecycle> lifecycles;
-    for (const std::string& name : names) {
-      EVPOSE_ASSIGN_OR_RETURN(const RedisReply reply,
-                              shared_->client.Call({"HGET", RedisSessionKey(name), "lifecycle"}));
-      if (reply->type == REDIS_REPLY_NIL) continue;
-      auto lifecycle = Unseal(LifecycleOf(name), RedisText(reply.get()));
-      if (lifecycle.ok()) lifecycles.push_back({.name = name, .lifecycle = *std::move(lifecycle)});
-    }
-    return lifecycles;
+    return ReadMembers(kRedisSessionsKey, &RedisStore::ReadLifecycle);
   }
 
   absl::Status DeleteSession(absl::string_view name) override { return Delete(name, /*holder=*/"").status(); }
@@ -311,10 +287,37 @@ class RedisStore : public Store {
     return Texts(reply.get());
   }
 
+  // Reads the members of a set, without those that are damaged or have been deleted in the meantime.
+  template <typename Record>
+  absl::StatusOr<std::vector<Record>> ReadMembers(const char* set,
+                                                  absl::StatusOr<Record> (RedisStore::*read)(const std::string&)
+                                                      const) const {
+    EVPOSE_ASSIGN_OR_RETURN(const std::vector<std::string> members, Members(set));
+    std::vector<Record> records;
+    for (const std::string& member : members) {
+      auto record = (this->*read)(member);
+      if (absl::IsNotFound(record.status()) || absl::IsDataLoss(record.status())) continue;
+      EVPOSE_RETURN_IF_ERROR(record.status());
+      records.push_back(*std::move(record));
+    }
+    return records;
+  }
+
+  absl::StatusOr<std::string> ReadField(const std::string& session, const char* field) const {
+    EVPOSE_ASSIGN_OR_RETURN(const RedisReply reply, shared_->client.Call({"HGET", RedisSessionKey(session), field}));
+    if (reply->type == REDIS_REPLY_NIL) return SessionNotFoundError(session);
+    return RedisText(reply.get());
+  }
+
   absl::StatusOr<SessionRecord> ReadRecord(const std::string& name) const {
-    EVPOSE_ASSIGN_OR_RETURN(const RedisReply reply, shared_->client.Call({"HGET", RedisSessionKey(name), "record"}));
-    if (reply->type == REDIS_REPLY_NIL) return SessionNotFoundError(name);
-    return UnsealRecord(name, RedisText(reply.get()));
+    EVPOSE_ASSIGN_OR_RETURN(std::string encoded, ReadField(name, "record"));
+    return DecodeRecord(name, std::move(encoded));
+  }
+
+  absl::StatusOr<StoredLifecycle> ReadLifecycle(const std::string& name) const {
+    EVPOSE_ASSIGN_OR_RETURN(std::string encoded, ReadField(name, "lifecycle"));
+    EVPOSE_ASSIGN_OR_RETURN(std::string lifecycle, VerifyChecksum(LifecycleOf(name), std::move(encoded)));
+    return StoredLifecycle{.name = name, .lifecycle = std::move(lifecycle)};
   }
 
   absl::StatusOr<ModelRecord> ReadMember(const std::string& member) const {
@@ -324,8 +327,8 @@ class RedisStore : public Store {
     EVPOSE_ASSIGN_OR_RETURN(const RedisReply reply,
                             shared_->client.Call({"HMGET", RedisModelKey(member), "header", "bytes"}));
     if (reply->elements != 2 || reply->element[0]->type == REDIS_REPLY_NIL) return ModelNotFoundError(name);
-    EVPOSE_ASSIGN_OR_RETURN(ModelRecord model, UnsealModelHeader(tenant, name, RedisText(reply->element[0])));
-    EVPOSE_ASSIGN_OR_RETURN(model.bytes, UnsealModelBytes(name, RedisText(reply->element[1])));
+    EVPOSE_ASSIGN_OR_RETURN(ModelRecord model, DecodeModelHeader(tenant, name, RedisText(reply->element[0])));
+    EVPOSE_ASSIGN_OR_RETURN(model.bytes, DecodeModelBytes(name, RedisText(reply->element[1])));
     return model;
   }
 

@@ -7,11 +7,11 @@
 #include "core/base/state_io.h"
 #include "core/base/status_macros.h"
 #include "server/stores/common/checked_lease.h"
-#include "server/stores/common/sealed.h"
+#include "server/stores/common/checked_records.h"
 
 namespace evpose::server {
 
-// Every blob is sealed (sealed.h). `ended_at_ns` is a copy of the value in the state, for the index.
+// Every blob has a checksum (checked_records.h). `ended_at_ns` is a copy of the value in the state, for the index.
 const char* const kSqliteSchema = R"sql(
 CREATE TABLE fencing (last INTEGER NOT NULL);
 INSERT INTO fencing VALUES (0);
@@ -29,14 +29,14 @@ namespace {
 
 std::string StateOf(absl::string_view session) { return absl::StrCat("the state of ", session); }
 
-std::string SealState(absl::string_view session, const SqliteSessionState& state) {
+std::string EncodeState(absl::string_view session, const SqliteSessionState& state) {
   StateWriter writer;
   writer(state);
-  return Seal(StateOf(session), writer.Take());
+  return AddChecksum(StateOf(session), writer.Take());
 }
 
-absl::StatusOr<SqliteSessionState> UnsealState(absl::string_view session, std::string sealed) {
-  EVPOSE_ASSIGN_OR_RETURN(const std::string bytes, Unseal(StateOf(session), std::move(sealed)));
+absl::StatusOr<SqliteSessionState> DecodeState(absl::string_view session, std::string encoded) {
+  EVPOSE_ASSIGN_OR_RETURN(const std::string bytes, VerifyChecksum(StateOf(session), std::move(encoded)));
   SqliteSessionState state;
   StateReader reader(bytes);
   reader(state);
@@ -50,12 +50,12 @@ SqliteQuery& BindEnd(SqliteQuery& query, const std::optional<int64_t>& ended_at_
 
 absl::Status WriteCheckpoint(SqliteDatabase& database, absl::string_view session, const std::string& checkpoint,
                              SqliteSessionState& state) {
-  const std::string sealed = Seal(CheckpointOf(session), checkpoint);
-  state.checkpoint_seal = SealOf(sealed);
+  const std::string encoded = AddChecksum(CheckpointOf(session), checkpoint);
+  state.checkpoint_checksum = ChecksumOf(encoded);
   return database
       .Query("INSERT INTO checkpoints VALUES (?, ?) ON CONFLICT (session) DO UPDATE SET bytes = excluded.bytes")
       .Text(session)
-      .Blob(sealed)
+      .Blob(encoded)
       .Run();
 }
 
@@ -69,12 +69,13 @@ absl::Status WritePoses(SqliteDatabase& database, absl::string_view session, con
                                .Run());
   }
   for (const PoseSegment& segment : poses) {
-    const std::string sealed = Seal(PosesOf(session, segment.first_pose_seq, segment.last_pose_seq), segment.bytes);
+    const std::string encoded =
+        AddChecksum(PosesOf(session, segment.first_pose_seq, segment.last_pose_seq), segment.bytes);
     EVPOSE_RETURN_IF_ERROR(database.Query("INSERT INTO poses VALUES (?, ?, ?, ?)")
                                .Text(session)
                                .Integer(static_cast<int64_t>(segment.first_pose_seq))
                                .Integer(static_cast<int64_t>(segment.last_pose_seq))
-                               .Blob(sealed)
+                               .Blob(encoded)
                                .Run());
   }
   state.next_pose_seq = poses.back().last_pose_seq + 1;
@@ -91,15 +92,16 @@ absl::Status ForgetPoses(SqliteDatabase& database, absl::string_view session, co
       .Run();
 }
 
-absl::StatusOr<std::string> ReadCheckpoint(SqliteDatabase& database, absl::string_view session, uint32_t seal) {
+absl::StatusOr<std::string> ReadCheckpoint(SqliteDatabase& database, absl::string_view session, uint32_t checksum) {
   SqliteQuery query = database.Query("SELECT bytes FROM checkpoints WHERE session = ?");
   query.Text(session);
   const bool found = query.Next();
   EVPOSE_RETURN_IF_ERROR(query.status());
-  if (!found && seal == 0) return std::string();
-  std::string sealed = found ? query.BlobAt(0) : std::string();
-  if (SealOf(sealed) != seal) return absl::DataLossError(absl::StrCat(CheckpointOf(session), " is missing or damaged"));
-  return Unseal(CheckpointOf(session), std::move(sealed));
+  if (!found && checksum == 0) return std::string();
+  std::string encoded = found ? query.BlobAt(0) : std::string();
+  if (ChecksumOf(encoded) != checksum)
+    return absl::DataLossError(absl::StrCat(CheckpointOf(session), " is missing or damaged"));
+  return VerifyChecksum(CheckpointOf(session), std::move(encoded));
 }
 
 absl::StatusOr<std::vector<PoseSegment>> ReadPoses(SqliteDatabase& database, absl::string_view session,
@@ -112,7 +114,7 @@ absl::StatusOr<std::vector<PoseSegment>> ReadPoses(SqliteDatabase& database, abs
   while (query.Next()) {
     const auto first = static_cast<uint64_t>(query.IntegerAt(0));
     const auto last = static_cast<uint64_t>(query.IntegerAt(1));
-    EVPOSE_ASSIGN_OR_RETURN(std::string bytes, Unseal(PosesOf(session, first, last), query.BlobAt(2)));
+    EVPOSE_ASSIGN_OR_RETURN(std::string bytes, VerifyChecksum(PosesOf(session, first, last), query.BlobAt(2)));
     poses.push_back({.first_pose_seq = first, .last_pose_seq = last, .bytes = std::move(bytes)});
   }
   EVPOSE_RETURN_IF_ERROR(query.status());
@@ -144,15 +146,15 @@ absl::Status SqliteInsertSession(SqliteDatabase& database, const SessionRecord& 
   if (const auto found = SqliteReadState(database, record.name); !absl::IsNotFound(found.status())) {
     return found.ok() ? SessionExistsError(record.name) : found.status();
   }
-  const std::string sealed_state = SealState(record.name, state);
-  const std::string sealed_record = SealRecord(record);
-  const std::string sealed_lifecycle = Seal(LifecycleOf(record.name), std::string(lifecycle));
+  const std::string encoded_state = EncodeState(record.name, state);
+  const std::string encoded_record = EncodeRecord(record);
+  const std::string encoded_lifecycle = AddChecksum(LifecycleOf(record.name), std::string(lifecycle));
   SqliteQuery query =
       database.Query("INSERT INTO sessions (name, ended_at_ns, state, record, lifecycle) VALUES (?, ?, ?, ?, ?)");
   return BindEnd(query.Text(record.name), state.ended_at_ns)
-      .Blob(sealed_state)
-      .Blob(sealed_record)
-      .Blob(sealed_lifecycle)
+      .Blob(encoded_state)
+      .Blob(encoded_record)
+      .Blob(encoded_lifecycle)
       .Run();
 }
 
@@ -160,13 +162,13 @@ absl::StatusOr<SqliteSessionState> SqliteReadState(SqliteDatabase& database, abs
   SqliteQuery query = database.Query("SELECT state FROM sessions WHERE name = ?");
   query.Text(session);
   if (!query.Next()) return query.status().ok() ? SessionNotFoundError(session) : query.status();
-  return UnsealState(session, query.BlobAt(0));
+  return DecodeState(session, query.BlobAt(0));
 }
 
 absl::Status SqliteWriteState(SqliteDatabase& database, absl::string_view session, const SqliteSessionState& state) {
-  const std::string sealed = SealState(session, state);
+  const std::string encoded = EncodeState(session, state);
   SqliteQuery query = database.Query("UPDATE sessions SET state = ?, ended_at_ns = ? WHERE name = ?");
-  return BindEnd(query.Blob(sealed), state.ended_at_ns).Text(session).Run();
+  return BindEnd(query.Blob(encoded), state.ended_at_ns).Text(session).Run();
 }
 
 absl::Status SqliteWriteParts(SqliteDatabase& database, absl::string_view session, const SessionCommit& commit,
@@ -175,9 +177,9 @@ absl::Status SqliteWriteParts(SqliteDatabase& database, absl::string_view sessio
     EVPOSE_RETURN_IF_ERROR(WriteCheckpoint(database, session, *commit.checkpoint, state));
   }
   if (commit.lifecycle.has_value()) {
-    const std::string sealed = Seal(LifecycleOf(session), *commit.lifecycle);
+    const std::string encoded = AddChecksum(LifecycleOf(session), *commit.lifecycle);
     EVPOSE_RETURN_IF_ERROR(
-        database.Query("UPDATE sessions SET lifecycle = ? WHERE name = ?").Blob(sealed).Text(session).Run());
+        database.Query("UPDATE sessions SET lifecycle = ? WHERE name = ?").Blob(encoded).Text(session).Run());
   }
   if (commit.ended_at.has_value()) state.ended_at_ns = absl::ToUnixNanos(*commit.ended_at);
   EVPOSE_RETURN_IF_ERROR(WritePoses(database, session, commit.poses, next_pose_seq, state));
@@ -190,14 +192,14 @@ absl::StatusOr<SqliteSession> SqliteReadSession(SqliteDatabase& database, absl::
   query.Text(session);
   if (!query.Next()) return query.status().ok() ? SessionNotFoundError(session) : query.status();
   SqliteSession read;
-  EVPOSE_ASSIGN_OR_RETURN(read.state, UnsealState(session, query.BlobAt(0)));
-  EVPOSE_ASSIGN_OR_RETURN(read.stored.record, UnsealRecord(session, query.BlobAt(1)));
-  EVPOSE_ASSIGN_OR_RETURN(read.stored.lifecycle, Unseal(LifecycleOf(session), query.BlobAt(2)));
+  EVPOSE_ASSIGN_OR_RETURN(read.state, DecodeState(session, query.BlobAt(0)));
+  EVPOSE_ASSIGN_OR_RETURN(read.stored.record, DecodeRecord(session, query.BlobAt(1)));
+  EVPOSE_ASSIGN_OR_RETURN(read.stored.lifecycle, VerifyChecksum(LifecycleOf(session), query.BlobAt(2)));
   if (query.IsNullAt(3) != !read.state.ended_at_ns.has_value() ||
       query.IntegerAt(3) != read.state.ended_at_ns.value_or(0)) {
     return absl::DataLossError(absl::StrCat("the end of ", session, " is damaged"));
   }
-  EVPOSE_ASSIGN_OR_RETURN(read.stored.checkpoint, ReadCheckpoint(database, session, read.state.checkpoint_seal));
+  EVPOSE_ASSIGN_OR_RETURN(read.stored.checkpoint, ReadCheckpoint(database, session, read.state.checkpoint_checksum));
   EVPOSE_ASSIGN_OR_RETURN(read.stored.poses, ReadPoses(database, session, after_pose_seq));
   EVPOSE_RETURN_IF_ERROR(CheckWhole(session, read.stored.poses,
                                     std::max(read.state.first_pose_seq_kept, after_pose_seq + 1),
@@ -216,7 +218,7 @@ absl::StatusOr<std::vector<SessionRecord>> SqliteListSessions(SqliteDatabase& da
   SqliteQuery query = database.Query("SELECT name, record FROM sessions ORDER BY name");
   while (query.Next()) {
     // A record that was damaged after the store was opened is skipped here; reading the session reports it.
-    auto record = UnsealRecord(query.TextAt(0), query.BlobAt(1));
+    auto record = DecodeRecord(query.TextAt(0), query.BlobAt(1));
     if (record.ok()) records.push_back(*std::move(record));
   }
   EVPOSE_RETURN_IF_ERROR(query.status());
@@ -228,7 +230,7 @@ absl::StatusOr<std::vector<StoredLifecycle>> SqliteReadLifecycles(SqliteDatabase
   SqliteQuery query = database.Query("SELECT name, lifecycle FROM sessions ORDER BY name");
   while (query.Next()) {
     std::string name = query.TextAt(0);
-    auto lifecycle = Unseal(LifecycleOf(name), query.BlobAt(1));
+    auto lifecycle = VerifyChecksum(LifecycleOf(name), query.BlobAt(1));
     if (lifecycle.ok()) lifecycles.push_back({.name = std::move(name), .lifecycle = *std::move(lifecycle)});
   }
   EVPOSE_RETURN_IF_ERROR(query.status());
@@ -254,8 +256,8 @@ absl::StatusOr<std::vector<std::string>> SqliteSessionsEndedBefore(SqliteDatabas
 }
 
 absl::Status SqlitePutModel(SqliteDatabase& database, const ModelRecord& model) {
-  const std::string header = SealModelHeader(model);
-  const std::string bytes = SealModelBytes(model);
+  const std::string header = EncodeModelHeader(model);
+  const std::string bytes = EncodeModelBytes(model);
   return database.Query("INSERT OR IGNORE INTO models (name, tenant, header, bytes) VALUES (?, ?, ?, ?)")
       .Text(model.name)
       .Text(model.tenant)
@@ -269,8 +271,8 @@ absl::StatusOr<ModelRecord> SqliteReadModel(SqliteDatabase& database, absl::stri
   SqliteQuery query = database.Query("SELECT header, bytes FROM models WHERE name = ? AND tenant = ?");
   query.Text(name).Text(tenant);
   if (!query.Next()) return query.status().ok() ? ModelNotFoundError(name) : query.status();
-  EVPOSE_ASSIGN_OR_RETURN(ModelRecord model, UnsealModelHeader(tenant, name, query.BlobAt(0)));
-  EVPOSE_ASSIGN_OR_RETURN(model.bytes, UnsealModelBytes(name, query.BlobAt(1)));
+  EVPOSE_ASSIGN_OR_RETURN(ModelRecord model, DecodeModelHeader(tenant, name, query.BlobAt(0)));
+  EVPOSE_ASSIGN_OR_RETURN(model.bytes, DecodeModelBytes(name, query.BlobAt(1)));
   return model;
 }
 

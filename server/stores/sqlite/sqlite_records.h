@@ -26,12 +26,12 @@ struct SqliteSessionState {
   uint64_t fencing_number = 0;
   uint64_t next_pose_seq = 1;
   uint64_t first_pose_seq_kept = 1;
-  uint32_t checkpoint_seal = 0;  // 0: no checkpoint yet
+  uint32_t checkpoint_checksum = 0;  // 0: no checkpoint yet
   std::optional<int64_t> ended_at_ns;
 
   static void VisitState(auto& archive, auto& self) {
-    auto& [fencing_number, next_pose_seq, first_pose_seq_kept, checkpoint_seal, ended_at_ns] = self;
-    archive(fencing_number, next_pose_seq, first_pose_seq_kept, checkpoint_seal, ended_at_ns);
+    auto& [fencing_number, next_pose_seq, first_pose_seq_kept, checkpoint_checksum, ended_at_ns] = self;
+    archive(fencing_number, next_pose_seq, first_pose_seq_kept, checkpoint_checksum, ended_at_ns);
   }
 };
 

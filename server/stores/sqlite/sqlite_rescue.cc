@@ -109,7 +109,7 @@ absl::Status CopySession(SqliteDatabase& from, const std::string& name, SqliteDa
   EVPOSE_ASSIGN_OR_RETURN(SqliteSession session, SqliteReadSession(from, name, /*after_pose_seq=*/0));
   EVPOSE_RETURN_IF_ERROR(SqliteInsertSession(to, session.stored.record, session.stored.lifecycle, session.state));
   SessionCommit parts;
-  if (session.state.checkpoint_seal != 0) parts.checkpoint = std::move(session.stored.checkpoint);
+  if (session.state.checkpoint_checksum != 0) parts.checkpoint = std::move(session.stored.checkpoint);
   parts.poses = std::move(session.stored.poses);
   SqliteSessionState state = session.state;
   return SqliteWriteParts(to, name, parts, state.next_pose_seq, state);

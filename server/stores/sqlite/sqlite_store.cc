@@ -75,7 +75,7 @@ class SqliteStore : public Store {
     writer_->Close();
   }
 
-  absl::string_view kind() const override { return "sqlite"; }
+  StoreKind kind() const override { return StoreKind::kSqlite; }
   std::vector<std::string> damage() const override { return damage_; }
 
   absl::Status CheckHealth() override {
@@ -161,9 +161,7 @@ class SqliteStore : public Store {
   absl::Status DeleteSession(absl::string_view name) override {
     {
       const std::lock_guard lock(mutex_);
-      if (const auto found = damaged_sessions_.find(name); found != damaged_sessions_.end()) {
-        damaged_sessions_.erase(found);
-      }
+      damaged_sessions_.erase(std::string(name));
     }
     return writer_->Call([&](SqliteDatabase& database) { return SqliteDeleteSession(database, name); });
   }

@@ -26,8 +26,7 @@ SqliteWriter::SqliteWriter(std::unique_ptr<SqliteDatabase> database)
     : database_(std::move(database)), thread_([this](std::vector<Job> jobs) { Process(std::move(jobs)); }) {}
 
 void SqliteWriter::Push(Write write, uint64_t size_bytes, SessionLease::Done done) {
-  Job job = {.write = std::move(write), .size_bytes = size_bytes, .done = std::move(done)};
-  if (!thread_.Push(std::move(job))) job.done(StoreClosedError());
+  thread_.Push({.write = std::move(write), .size_bytes = size_bytes, .done = std::move(done)});
 }
 
 absl::Status SqliteWriter::Call(Write write, uint64_t size_bytes) {

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// Records with a checksum ("sealed"), which detects damage on a disk or on the way to another machine.
+// Records with a checksum, which detects damage on a disk or on the way to another machine.
 #pragma once
 
 #include <cstdint>
@@ -16,27 +16,27 @@ namespace evpose::server {
 
 // Appends a CRC-32C of `what` and `bytes`, 4 bytes. `what` names the record ("the checkpoint of sessions/a") and is
 // part of the checksum, so that an intact record in the place of another one is detected, too.
-std::string Seal(absl::string_view what, std::string bytes);
+std::string AddChecksum(absl::string_view what, std::string bytes);
 // Checks and removes the checksum. Errors: DATA_LOSS naming `what`.
-absl::StatusOr<std::string> Unseal(absl::string_view what, std::string sealed);
-// Returns the checksum that Seal() has appended; 0 when there are fewer than 4 bytes.
-uint32_t SealOf(absl::string_view sealed);
+absl::StatusOr<std::string> VerifyChecksum(absl::string_view what, std::string encoded);
+// Returns the checksum that AddChecksum() has appended; 0 when there are fewer than 4 bytes.
+uint32_t ChecksumOf(absl::string_view encoded);
 
-// The names of records, for Seal() and Unseal().
+// The names of records, for AddChecksum() and VerifyChecksum().
 std::string CheckpointOf(absl::string_view session);
 std::string LifecycleOf(absl::string_view session);
 std::string PosesOf(absl::string_view session, uint64_t first_pose_seq, uint64_t last_pose_seq);
 
-// The records of proto/evpose/storage/v1. Errors of all Unseal functions: DATA_LOSS naming the damaged record.
-std::string SealRecord(const SessionRecord& record);
-absl::StatusOr<SessionRecord> UnsealRecord(absl::string_view session, std::string sealed);
+// The records of proto/evpose/storage/v1. Errors of all Decode functions: DATA_LOSS naming the damaged record.
+std::string EncodeRecord(const SessionRecord& record);
+absl::StatusOr<SessionRecord> DecodeRecord(absl::string_view session, std::string encoded);
 
 // The header is the model's record without the bytes of the file.
-std::string SealModelHeader(const ModelRecord& model);
-absl::StatusOr<ModelRecord> UnsealModelHeader(absl::string_view tenant, absl::string_view name, std::string sealed);
-std::string SealModelBytes(const ModelRecord& model);
-absl::StatusOr<std::shared_ptr<const std::vector<uint8_t>>> UnsealModelBytes(absl::string_view name,
-                                                                             std::string sealed);
+std::string EncodeModelHeader(const ModelRecord& model);
+absl::StatusOr<ModelRecord> DecodeModelHeader(absl::string_view tenant, absl::string_view name, std::string encoded);
+std::string EncodeModelBytes(const ModelRecord& model);
+absl::StatusOr<std::shared_ptr<const std::vector<uint8_t>>> DecodeModelBytes(absl::string_view name,
+                                                                             std::string encoded);
 
 // Checks that the pose segments of a session cover `first_pose_seq_kept` to `next_pose_seq` - 1 without a gap. Errors:
 // DATA_LOSS naming the session.

@@ -15,12 +15,12 @@
 namespace evpose::server {
 
 // Not thread-safe.
-class StageClock {
+class StageTimer {
  public:
   using Time = std::chrono::steady_clock::time_point;
 
-  StageClock() = default;  // runs the stages without measuring
-  StageClock(std::shared_ptr<ServerMetrics> metrics, std::function<Time()> now)
+  StageTimer() = default;  // runs the stages without measuring
+  StageTimer(std::shared_ptr<ServerMetrics> metrics, std::function<Time()> now)
       : metrics_(std::move(metrics)), now_(std::move(now)) {}
 
   template <typename Stage>

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "server/stores/common/sealed.h"
+#include "server/stores/common/checked_records.h"
 
 #include <array>
 #include <cstring>
@@ -10,16 +10,17 @@
 #include "core/base/status_macros.h"
 #include "core/numerics/hash.h"
 #include "evpose/storage/v1/store.pb.h"
+#include "server/runtime/enum_number.h"
 
 namespace evpose::server {
 namespace {
 
-constexpr size_t kSealBytes = 4;
+constexpr size_t kChecksumBytes = 4;
 
 uint32_t Crc(absl::string_view bytes) { return Crc32c({reinterpret_cast<const uint8_t*>(bytes.data()), bytes.size()}); }
 
 // The checksum covers the name and the checksum of the bytes, so that large bytes need not be copied behind the name.
-uint32_t SealFor(absl::string_view what, absl::string_view bytes) {
+uint32_t ComputeChecksum(absl::string_view what, absl::string_view bytes) {
   StateWriter writer;
   writer.Bytes(what);
   writer(Crc(bytes));
@@ -32,30 +33,7 @@ absl::Status Damaged(absl::string_view what, absl::string_view why) {
 
 absl::Status DamagedChecksum(absl::string_view what) { return Damaged(what, "its checksum does not match"); }
 
-storage::v1::ModelFormat StoredFormat(ModelFormat format) {
-  switch (format) {
-    case ModelFormat::kObj:
-      return storage::v1::MODEL_FORMAT_OBJ;
-    case ModelFormat::kPly:
-      return storage::v1::MODEL_FORMAT_PLY;
-    case ModelFormat::kStl:
-      return storage::v1::MODEL_FORMAT_STL;
-  }
-  return storage::v1::MODEL_FORMAT_UNSPECIFIED;
-}
-
-std::optional<ModelFormat> FormatOf(storage::v1::ModelFormat format) {
-  switch (format) {
-    case storage::v1::MODEL_FORMAT_OBJ:
-      return ModelFormat::kObj;
-    case storage::v1::MODEL_FORMAT_PLY:
-      return ModelFormat::kPly;
-    case storage::v1::MODEL_FORMAT_STL:
-      return ModelFormat::kStl;
-    default:
-      return std::nullopt;
-  }
-}
+static_assert(EnumNumber(ModelFormat::kStl) == storage::v1::MODEL_FORMAT_STL);
 
 std::string RecordOf(absl::string_view session) { return absl::StrCat("the record of ", session); }
 std::string ModelHeaderOf(absl::string_view tenant, absl::string_view name) {
@@ -65,24 +43,25 @@ std::string ModelBytesOf(absl::string_view name) { return absl::StrCat("the file
 
 }  // namespace
 
-std::string Seal(absl::string_view what, std::string bytes) {
-  const uint32_t seal = SealFor(what, bytes);
-  bytes.append(reinterpret_cast<const char*>(&seal), kSealBytes);
+std::string AddChecksum(absl::string_view what, std::string bytes) {
+  const uint32_t checksum = ComputeChecksum(what, bytes);
+  bytes.append(reinterpret_cast<const char*>(&checksum), kChecksumBytes);
   return bytes;
 }
 
-absl::StatusOr<std::string> Unseal(absl::string_view what, std::string sealed) {
-  if (sealed.size() < kSealBytes) return DamagedChecksum(what);
-  const uint32_t seal = SealOf(sealed);
-  sealed.resize(sealed.size() - kSealBytes);
-  if (seal != SealFor(what, sealed)) return DamagedChecksum(what);
-  return sealed;
+absl::StatusOr<std::string> VerifyChecksum(absl::string_view what, std::string encoded) {
+  if (encoded.size() < kChecksumBytes) return DamagedChecksum(what);
+  const uint32_t checksum = ChecksumOf(encoded);
+  encoded.resize(encoded.size() - kChecksumBytes);
+  if (checksum != ComputeChecksum(what, encoded)) return DamagedChecksum(what);
+  return encoded;
 }
 
-uint32_t SealOf(absl::string_view sealed) {
-  uint32_t seal = 0;
-  if (sealed.size() >= kSealBytes) std::memcpy(&seal, sealed.data() + sealed.size() - kSealBytes, kSealBytes);
-  return seal;
+uint32_t ChecksumOf(absl::string_view encoded) {
+  uint32_t checksum = 0;
+  if (encoded.size() >= kChecksumBytes)
+    std::memcpy(&checksum, encoded.data() + encoded.size() - kChecksumBytes, kChecksumBytes);
+  return checksum;
 }
 
 std::string CheckpointOf(absl::string_view session) { return absl::StrCat("the checkpoint of ", session); }
@@ -93,17 +72,17 @@ std::string PosesOf(absl::string_view session, uint64_t first_pose_seq, uint64_t
   return absl::StrCat("the poses ", first_pose_seq, " to ", last_pose_seq, " of ", session);
 }
 
-std::string SealRecord(const SessionRecord& record) {
+std::string EncodeRecord(const SessionRecord& record) {
   storage::v1::SessionRecord stored;
   stored.set_tenant(record.tenant);
   stored.set_request_id(record.request_id);
   stored.set_create_time_ns(absl::ToUnixNanos(record.create_time));
   stored.set_config(record.config);
-  return Seal(RecordOf(record.name), stored.SerializeAsString());
+  return AddChecksum(RecordOf(record.name), stored.SerializeAsString());
 }
 
-absl::StatusOr<SessionRecord> UnsealRecord(absl::string_view session, std::string sealed) {
-  EVPOSE_ASSIGN_OR_RETURN(const std::string bytes, Unseal(RecordOf(session), std::move(sealed)));
+absl::StatusOr<SessionRecord> DecodeRecord(absl::string_view session, std::string encoded) {
+  EVPOSE_ASSIGN_OR_RETURN(const std::string bytes, VerifyChecksum(RecordOf(session), std::move(encoded)));
   storage::v1::SessionRecord stored;
   if (!stored.ParseFromString(bytes)) return Damaged(RecordOf(session), "it cannot be parsed");
   return SessionRecord{.name = std::string(session),
@@ -113,38 +92,39 @@ absl::StatusOr<SessionRecord> UnsealRecord(absl::string_view session, std::strin
                        .config = stored.config()};
 }
 
-std::string SealModelHeader(const ModelRecord& model) {
+std::string EncodeModelHeader(const ModelRecord& model) {
   storage::v1::ModelHeader stored;
-  stored.set_format(StoredFormat(model.format));
-  stored.set_metres_per_unit(model.metres_per_unit);
-  stored.set_crease_angle_deg(model.crease_angle_deg);
+  stored.set_format(EnumNumber<storage::v1::ModelFormat>(model.reading.format));
+  stored.set_metres_per_unit(model.reading.metres_per_unit);
+  stored.set_crease_angle_deg(model.reading.crease_angle_deg);
   stored.set_create_time_ns(absl::ToUnixNanos(model.create_time));
-  return Seal(ModelHeaderOf(model.tenant, model.name), stored.SerializeAsString());
+  return AddChecksum(ModelHeaderOf(model.tenant, model.name), stored.SerializeAsString());
 }
 
-absl::StatusOr<ModelRecord> UnsealModelHeader(absl::string_view tenant, absl::string_view name, std::string sealed) {
+absl::StatusOr<ModelRecord> DecodeModelHeader(absl::string_view tenant, absl::string_view name, std::string encoded) {
   const std::string what = ModelHeaderOf(tenant, name);
-  EVPOSE_ASSIGN_OR_RETURN(const std::string bytes, Unseal(what, std::move(sealed)));
+  EVPOSE_ASSIGN_OR_RETURN(const std::string bytes, VerifyChecksum(what, std::move(encoded)));
   storage::v1::ModelHeader stored;
   if (!stored.ParseFromString(bytes)) return Damaged(what, "it cannot be parsed");
-  const std::optional<ModelFormat> format = FormatOf(stored.format());
-  if (!format.has_value()) return Damaged(what, "the format of the file is unknown");
+  if (stored.format() < storage::v1::MODEL_FORMAT_OBJ || stored.format() > storage::v1::MODEL_FORMAT_STL) {
+    return Damaged(what, "the format of the file is unknown");
+  }
   return ModelRecord{.name = std::string(name),
                      .tenant = std::string(tenant),
-                     .format = *format,
-                     .metres_per_unit = stored.metres_per_unit(),
-                     .crease_angle_deg = stored.crease_angle_deg(),
+                     .reading = {.format = EnumValue<ModelFormat>(stored.format()),
+                                 .metres_per_unit = stored.metres_per_unit(),
+                                 .crease_angle_deg = stored.crease_angle_deg()},
                      .create_time = absl::FromUnixNanos(stored.create_time_ns())};
 }
 
-std::string SealModelBytes(const ModelRecord& model) {
-  return Seal(ModelBytesOf(model.name),
-              std::string(reinterpret_cast<const char*>(model.bytes->data()), model.bytes->size()));
+std::string EncodeModelBytes(const ModelRecord& model) {
+  return AddChecksum(ModelBytesOf(model.name),
+                     std::string(reinterpret_cast<const char*>(model.bytes->data()), model.bytes->size()));
 }
 
-absl::StatusOr<std::shared_ptr<const std::vector<uint8_t>>> UnsealModelBytes(absl::string_view name,
-                                                                             std::string sealed) {
-  EVPOSE_ASSIGN_OR_RETURN(const std::string bytes, Unseal(ModelBytesOf(name), std::move(sealed)));
+absl::StatusOr<std::shared_ptr<const std::vector<uint8_t>>> DecodeModelBytes(absl::string_view name,
+                                                                             std::string encoded) {
+  EVPOSE_ASSIGN_OR_RETURN(const std::string bytes, VerifyChecksum(ModelBytesOf(name), std::move(encoded)));
   return std::make_shared<const std::vector<uint8_t>>(bytes.begin(), bytes.end());
 }
 
