@@ -26,8 +26,8 @@ struct LineEnds {
 // Second moment of the events of one line: sum_i w_i b_i b_i^T with the bearings b = (x, y, 1).
 using LineMoment = Eigen::Matrix3d;
 
-// Cost whose sum of squared residuals is sum_j a_j^T M_j a_j, pixels^2: the residuals of line j are L_j^T a_j with M_j
-// = L_j L_j^T. The one parameter block is the tangent at `origin`, [translation, rotation].
+// The cost sum_j a_j^T M_j a_j, pixels^2, as a sum of squared residuals: those of line j are L_j^T a_j with M_j = L_j
+// L_j^T. The one parameter block is the tangent at `origin`, [translation, rotation].
 class LineCost : public ceres::CostFunction {
  public:
   // `moments` has one element per line; all arguments must outlive the cost. Lines without events may be out of view.

@@ -61,6 +61,7 @@ class Fitter {
         lines_(lines),
         events_(events),
         options_(options),
+        is_released_(options.formulas == LineFitFormulas::kReleasedCode),
         pose_(initial),
         projected_(lines.size()),
         moments_(lines.size()),
@@ -70,16 +71,17 @@ class Fitter {
   absl::StatusOr<LineFit> Run();
 
  private:
-  absl::Status FitCorrected();
-  absl::Status FitAsReleased();
+  absl::Status Fit();
   // Performs one stage of re-weighting: `reweight` sets scale and influences from the residuals.
   template <typename Reweight>
-  absl::Status Iterate(const LineSolverOptions& solver, double tolerance_px, const Reweight& reweight);
-  absl::Status FitTukeyM(double tolerance_px);
+  absl::Status Iterate(double tolerance_px, const Reweight& reweight);
+  absl::Status FitTukeyM(double tolerance_px, bool updates_scale);
+  absl::Status FitTukeyS();
   absl::Status FitMixture();
 
   // Scale by MAD: of |d| about its median as in the released code, or of d about its median.
-  void SetMadScale(bool of_absolute);
+  void SetMadScale();
+  void UpdateScaleOfS();
   void SetSigma(double sigma_px) { sigma_px_ = std::max(sigma_px, options_.min_sigma_px); }
   void WeighByTukey(double c);
   void WeighAsReleased(double c);
@@ -93,6 +95,7 @@ class Fitter {
   const absl::Span<const LineEnds> lines_;
   const absl::Span<const LabelledEvent> events_;
   const LineFitOptions& options_;
+  const bool is_released_;
 
   RigidTransform pose_;
   double sigma_px_ = 0.0;
@@ -132,15 +135,25 @@ void Fitter::SumMoments() {
   }
 }
 
-void Fitter::SetMadScale(bool of_absolute) {
+void Fitter::SetMadScale() {
   scratch_ = residuals_;
-  if (of_absolute) {
+  if (is_released_) {
     for (double& d : scratch_) d = std::abs(d);
   }
   SetSigma(MadScale(scratch_));
 }
 
+void Fitter::UpdateScaleOfS() {
+  constexpr double kPrintedScaleTarget = 0.199;  // the constant of the printed (eqs4)
+  if (!is_released_) return SetSigma(TukeyScale(residuals_, sigma_px_));
+  if (shown_weights_.empty()) return;
+  double squares = 0.0;
+  for (size_t i = 0; i < residuals_.size(); ++i) squares += shown_weights_[i] * residuals_[i] * residuals_[i];
+  SetSigma(std::sqrt(squares / (kPrintedScaleTarget * static_cast<double>(residuals_.size()))));
+}
+
 void Fitter::WeighByTukey(double c) {
+  if (is_released_) return WeighAsReleased(c);
   for (size_t i = 0; i < residuals_.size(); ++i) influences_[i] = TukeyInfluence(residuals_[i] / sigma_px_, c);
 }
 
@@ -160,7 +173,10 @@ void Fitter::WeighAsReleased(double c) {
 }
 
 template <typename Reweight>
-absl::Status Fitter::Iterate(const LineSolverOptions& solver, double tolerance_px, const Reweight& reweight) {
+absl::Status Fitter::Iterate(double tolerance_px, const Reweight& reweight) {
+  constexpr double kReleasedTolerance = 1e-3;  // solver tolerance of the released code
+  LineSolverOptions solver;
+  if (is_released_) solver = {50, kReleasedTolerance, kReleasedTolerance, kReleasedTolerance, true};
   EVPOSE_RETURN_IF_ERROR(Project().status());
   for (int k = 0; k < options_.max_iterations; ++k) {
     reweight();
@@ -173,10 +189,19 @@ absl::Status Fitter::Iterate(const LineSolverOptions& solver, double tolerance_p
   return absl::OkStatus();
 }
 
-absl::Status Fitter::FitTukeyM(double tolerance_px) {
-  return Iterate(LineSolverOptions(), tolerance_px, [&] {
-    SetMadScale(false);
+absl::Status Fitter::FitTukeyM(double tolerance_px, bool updates_scale) {
+  return Iterate(tolerance_px, [&] {
+    if (updates_scale) SetMadScale();
     WeighByTukey(kTukeyEfficient);
+  });
+}
+
+absl::Status Fitter::FitTukeyS() {
+  EVPOSE_RETURN_IF_ERROR(Project().status());
+  SetMadScale();
+  return Iterate(options_.tolerance_px, [&] {
+    UpdateScaleOfS();
+    WeighByTukey(kTukeyBreakdown);
   });
 }
 
@@ -186,10 +211,10 @@ absl::Status Fitter::FitMixture() {
   constexpr double kGateSigmas = 4.0;
   // EM finds only the nearest maximum, and an initial pose far from the truth has several. Tukey's M with a scale that
   // includes half of the events leads to the neighbourhood of the right one.
-  EVPOSE_RETURN_IF_ERROR(FitTukeyM(kStartTolerancePx));
-  SetMadScale(false);
+  EVPOSE_RETURN_IF_ERROR(FitTukeyM(kStartTolerancePx, /*updates_scale=*/true));
+  SetMadScale();
   MixtureDensity density{sigma_px_, 0.5, std::max(options_.mixture_gate_px, kGateSigmas * sigma_px_)};
-  return Iterate(LineSolverOptions(), options_.tolerance_px, [&] {
+  return Iterate(options_.tolerance_px, [&] {
     double gated = 0.0, explained = 0.0, squares = 0.0;
     for (size_t i = 0; i < residuals_.size(); ++i) {
       influences_[i] = MixtureInfluence(residuals_[i], density);
@@ -203,63 +228,19 @@ absl::Status Fitter::FitMixture() {
   });
 }
 
-absl::Status Fitter::FitCorrected() {
-  const LineSolverOptions solver;
-  const auto fit_s = [&] {
-    EVPOSE_RETURN_IF_ERROR(Project().status());
-    SetMadScale(false);
-    return Iterate(solver, options_.tolerance_px, [&] {
-      SetSigma(TukeyScale(residuals_, sigma_px_));
-      WeighByTukey(kTukeyBreakdown);
-    });
-  };
+absl::Status Fitter::Fit() {
   switch (options_.method) {
     case LineFitMethod::kTukeyM:
-      return FitTukeyM(options_.tolerance_px);
+      return FitTukeyM(options_.tolerance_px, /*updates_scale=*/true);
     case LineFitMethod::kTukeyS:
-      return fit_s();
+      return FitTukeyS();
     case LineFitMethod::kTukeyMm:
-      EVPOSE_RETURN_IF_ERROR(fit_s());
-      return Iterate(solver, options_.tolerance_px, [&] { WeighByTukey(kTukeyEfficient); });
+      EVPOSE_RETURN_IF_ERROR(FitTukeyS());
+      return FitTukeyM(options_.tolerance_px, /*updates_scale=*/is_released_);
     case LineFitMethod::kMixture:
       return FitMixture();
     default:
-      return Iterate(solver, options_.tolerance_px, [] {});
-  }
-}
-
-absl::Status Fitter::FitAsReleased() {
-  constexpr double kTolerance = 1e-3;            // solver tolerance of the released code
-  constexpr double kPrintedScaleTarget = 0.199;  // the constant of the printed (eqs4)
-  const LineSolverOptions solver{50, kTolerance, kTolerance, kTolerance, true};
-  const auto fit_s = [&] {
-    EVPOSE_RETURN_IF_ERROR(Project().status());
-    SetMadScale(true);
-    return Iterate(solver, options_.tolerance_px, [&] {
-      if (!shown_weights_.empty()) {
-        double squares = 0.0;
-        for (size_t i = 0; i < residuals_.size(); ++i) squares += shown_weights_[i] * residuals_[i] * residuals_[i];
-        SetSigma(std::sqrt(squares / (kPrintedScaleTarget * static_cast<double>(residuals_.size()))));
-      }
-      WeighAsReleased(kTukeyBreakdown);
-    });
-  };
-  const auto fit_m = [&] {
-    return Iterate(solver, options_.tolerance_px, [&] {
-      SetMadScale(true);
-      WeighAsReleased(kTukeyEfficient);
-    });
-  };
-  switch (options_.method) {
-    case LineFitMethod::kTukeyM:
-      return fit_m();
-    case LineFitMethod::kTukeyS:
-      return fit_s();
-    case LineFitMethod::kTukeyMm:
-      EVPOSE_RETURN_IF_ERROR(fit_s());
-      return fit_m();
-    default:
-      return Iterate(solver, options_.tolerance_px, [] {});
+      return Iterate(options_.tolerance_px, [] {});
   }
 }
 
@@ -292,7 +273,7 @@ absl::StatusOr<LineFit> Fitter::Run() {
   EVPOSE_RETURN_IF_ERROR(Project().status());
   SumMoments();
   EVPOSE_RETURN_IF_ERROR(InvertPoseHessian(LineCostHessian(projected_, moments_)).status());
-  EVPOSE_RETURN_IF_ERROR(options_.formulas == LineFitFormulas::kReleasedCode ? FitAsReleased() : FitCorrected());
+  EVPOSE_RETURN_IF_ERROR(Fit());
   return Report();
 }
 
