@@ -74,7 +74,7 @@ class Collector : public EdgePassageCollector {
         camera_(camera),
         undistortion_(std::move(undistortion)),
         truth_(std::move(truth)),
-        visibility_(*model_, TrueVisibility()),
+        visibility_(*model_, {.grazing_cosine = 0.0}),
         visible_lines_(*model_, camera_, visibility_),
         history_({camera.width_px, camera.height_px}),
         grid_(camera_),
@@ -100,11 +100,6 @@ class Collector : public EdgePassageCollector {
   uint64_t num_events_with_truth() const override { return num_events_with_truth_; }
 
  private:
-  static VisibilityOptions TrueVisibility() {
-    VisibilityOptions options;
-    options.grazing_cosine = 0.0;
-    return options;
-  }
   std::optional<MotionState> TruthOfSlot() const;
   void CloseSlot();
   void AddEvent(const WindowEvent& event, int64_t t_mid_us, absl::Span<const TrackedLine> tracked);
