@@ -5,6 +5,7 @@
 #pragma once
 
 #include <ceres/cost_function.h>
+#include <ceres/solver.h>
 
 #include <vector>
 
@@ -45,20 +46,14 @@ class LineCost : public ceres::CostFunction {
   std::vector<Eigen::Matrix3d> square_roots_;  // L^T of the used lines
 };
 
-// Termination of the solver. The defaults use the full double precision.
-struct LineSolverOptions {
-  int max_iterations = 50;
-  double cost_tolerance = 1e-16;       // relative change of the cost
-  double gradient_tolerance = 0.0;     // largest entry, pixels^2 per tangent unit
-  double parameter_tolerance = 0.0;    // relative length of the step
-  bool use_levenberg_damping = false;  // otherwise Powell's dog leg, which ends with Newton steps
-};
+// Options of Ceres for the cost: the full double precision, and Powell's dog leg, which ends with Newton steps.
+ceres::Solver::Options LineSolverOptions();
 
 // Returns the pose of least cost near `initial`. Errors: FAILED_PRECONDITION if a line with events is not in view
 // there, or Ceres finds no usable pose.
 absl::StatusOr<RigidTransform> MinimiseLineCost(const CameraModel& camera, absl::Span<const LineEnds> lines,
                                                 absl::Span<const LineMoment> moments, const RigidTransform& initial,
-                                                const LineSolverOptions& options);
+                                                const ceres::Solver::Options& options);
 
 // Returns sum_j A_j^T M_j A_j: the Hessian of the cost without the second derivatives of the lines. Lines out of view
 // contribute nothing.

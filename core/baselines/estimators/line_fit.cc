@@ -8,7 +8,6 @@
 #include "absl/strings/str_cat.h"
 #include "core/base/check_range.h"
 #include "core/base/status_macros.h"
-#include "core/baselines/estimators/line_filter.h"
 #include "core/numerics/math.h"
 #include "core/numerics/robust.h"
 
@@ -72,6 +71,8 @@ class Fitter {
 
  private:
   absl::Status Fit();
+  // Performs one filter update per event. `inverse`: the inverse Hessian of all events at the initial pose.
+  absl::StatusOr<LineFit> Filter(const Matrix6d& inverse) const;
   // Performs one stage of re-weighting: `reweight` sets scale and influences from the residuals.
   template <typename Reweight>
   absl::Status Iterate(double tolerance_px, const Reweight& reweight);
@@ -108,14 +109,16 @@ class Fitter {
   std::vector<double> shown_weights_;  // weights of the released code, before they are squared and scaled
 };
 
+absl::Status OutOfView(size_t line) {
+  return absl::FailedPreconditionError(absl::StrCat("line ", line, " has events, but is not in view"));
+}
+
 absl::StatusOr<double> Fitter::Project() {
   std::vector<bool> used(lines_.size(), false);
   for (const LabelledEvent& event : events_) used[event.line] = true;
   for (size_t k = 0; k < lines_.size(); ++k) {
     projected_[k] = ProjectLine(camera_, pose_, lines_[k].p1, lines_[k].p2);
-    if (used[k] && !projected_[k]) {
-      return absl::FailedPreconditionError(absl::StrCat("line ", k, " has events, but is not in view"));
-    }
+    if (used[k] && !projected_[k]) return OutOfView(k);
   }
   double largest = 0.0;
   for (size_t i = 0; i < events_.size(); ++i) {
@@ -175,8 +178,11 @@ void Fitter::WeighAsReleased(double c) {
 template <typename Reweight>
 absl::Status Fitter::Iterate(double tolerance_px, const Reweight& reweight) {
   constexpr double kReleasedTolerance = 1e-3;  // solver tolerance of the released code
-  LineSolverOptions solver;
-  if (is_released_) solver = {50, kReleasedTolerance, kReleasedTolerance, kReleasedTolerance, true};
+  ceres::Solver::Options solver = LineSolverOptions();
+  if (is_released_) {
+    solver.trust_region_strategy_type = ceres::LEVENBERG_MARQUARDT;
+    solver.function_tolerance = solver.gradient_tolerance = solver.parameter_tolerance = kReleasedTolerance;
+  }
   EVPOSE_RETURN_IF_ERROR(Project().status());
   for (int k = 0; k < options_.max_iterations; ++k) {
     reweight();
@@ -268,11 +274,48 @@ absl::StatusOr<LineFit> Fitter::Report() const {
   return fit;
 }
 
+absl::StatusOr<LineFit> Fitter::Filter(const Matrix6d& inverse) const {
+  LineFit fit;
+  fit.camera_from_object = pose_;
+  fit.sigma_px = options_.filter_sigma_px;
+  fit.iterations = 1;
+  // Initially the mean square displacement of the lines at the events is filter_initial_px squared: the mean of J P J^T
+  // over the events is 6 times the factor. The shape of the covariance is that of the information of the events, so
+  // that neither the size of the object nor its distance matters.
+  const double initial_px = options_.filter_initial_px;
+  fit.covariance = inverse * (static_cast<double>(events_.size()) * initial_px * initial_px / 6.0);
+  const double variance_px2 = options_.filter_sigma_px * options_.filter_sigma_px;
+  double accepted = 0.0, squares = 0.0;
+  for (const LabelledEvent& event : events_) {
+    // Linearised again for every event, because the pose has moved.
+    const LineEnds& ends = lines_[event.line];
+    const std::optional<ProjectedLine> line = ProjectLine(camera_, fit.camera_from_object, ends.p1, ends.p2);
+    if (!line) return OutOfView(event.line);
+    const Eigen::Vector3d b(event.bx, event.by, 1.0);
+    const double d = line->a.dot(b);
+    const Vector6d row = line->jacobian.transpose() * b;
+    const Vector6d gain_times_variance = fit.covariance * row;
+    const double innovation_variance = row.dot(gain_times_variance) + variance_px2;
+    const bool passes = d * d <= options_.filter_gate_chi2 * innovation_variance;
+    fit.weights.push_back(passes ? 1.0 : 0.0);
+    if (!passes) continue;
+    accepted += 1.0;
+    squares += d * d;
+    const Vector6d gain = gain_times_variance / innovation_variance;
+    fit.camera_from_object = Perturb(fit.camera_from_object, -d * gain);
+    fit.covariance -= gain * gain_times_variance.transpose();
+  }
+  fit.covariance = (0.5 * (fit.covariance + fit.covariance.transpose())).eval();
+  fit.residual_rms_px = accepted > 0.0 ? std::sqrt(squares / accepted) : 0.0;
+  return fit;
+}
+
 absl::StatusOr<LineFit> Fitter::Run() {
   // Checks whether all events together determine the pose, before any of them is rejected.
   EVPOSE_RETURN_IF_ERROR(Project().status());
   SumMoments();
-  EVPOSE_RETURN_IF_ERROR(InvertPoseHessian(LineCostHessian(projected_, moments_)).status());
+  EVPOSE_ASSIGN_OR_RETURN(const Matrix6d inverse, InvertPoseHessian(LineCostHessian(projected_, moments_)));
+  if (options_.method == LineFitMethod::kErrorStateFilter) return Filter(inverse);
   EVPOSE_RETURN_IF_ERROR(Fit());
   return Report();
 }
@@ -315,7 +358,6 @@ absl::StatusOr<LineFit> FitPoseToLines(const CameraModel& camera, absl::Span<con
                                        const LineFitOptions& options) {
   EVPOSE_RETURN_IF_ERROR(options.Validate());
   EVPOSE_RETURN_IF_ERROR(CheckEvents(lines, events));
-  if (options.method == LineFitMethod::kErrorStateFilter) return FilterPose(camera, lines, events, initial, options);
   return Fitter(camera, lines, events, initial, options).Run();
 }
 
