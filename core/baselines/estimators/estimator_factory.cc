@@ -29,14 +29,12 @@ constexpr StaticMethod kStaticMethods[] = {
 
 EstimatorFactory EstimatorFactoryOf(Estimator estimator) {
   if (estimator == Estimator::kErrorStateFilter) {
-    return [](const EstimatorOptions&, const CameraModel& camera) {
-      return MakeErrorStateFilter(ErrorStateFilterOptions(), camera);
-    };
+    return [](const EstimatorOptions&, const CameraModel& camera) { return MakeErrorStateFilter(camera); };
   }
   for (const StaticMethod& known : kStaticMethods) {
     if (known.estimator != estimator) continue;
     return [known](const EstimatorOptions&, const CameraModel& camera) {
-      return MakeStaticEstimator(known.method, known.formulas, StaticOptions(), camera);
+      return MakeStaticEstimator(known.method, known.formulas, camera);
     };
   }
   return MakeMixtureEstimator;

@@ -17,13 +17,12 @@ namespace {
 
 class StaticEstimator : public WindowEstimator {
  public:
-  StaticEstimator(LineFitMethod method, LineFitFormulas formulas, const StaticOptions& options,
-                  const CameraModel& camera)
-      : is_released_(formulas == LineFitFormulas::kReleasedCode), options_(options), camera_(camera) {
+  StaticEstimator(LineFitMethod method, LineFitFormulas formulas, const CameraModel& camera)
+      : is_released_(formulas == LineFitFormulas::kReleasedCode), camera_(camera) {
     fit_options_.method = method;
     fit_options_.formulas = formulas;
-    fit_options_.max_iterations = options.max_iterations;
-    fit_options_.tolerance_px = options.tolerance_px;
+    fit_options_.max_iterations = options_.max_iterations;
+    fit_options_.tolerance_px = options_.tolerance_px;
   }
 
   double ReachPx(double, double gate_factor) const override { return DistancePx(gate_factor); }
@@ -51,7 +50,7 @@ class StaticEstimator : public WindowEstimator {
   void Associate(const MotionState& predicted, const WindowInput& input, double gate_factor);
 
   const bool is_released_;
-  const StaticOptions options_;
+  const StaticOptions options_ = {};
   const CameraModel camera_;
   LineFitOptions fit_options_;
   bool has_last_ = false;
@@ -108,8 +107,8 @@ void StaticEstimator::Fit(const MotionState& predicted, const WindowInput& input
 }  // namespace
 
 std::unique_ptr<WindowEstimator> MakeStaticEstimator(LineFitMethod method, LineFitFormulas formulas,
-                                                     const StaticOptions& options, const CameraModel& camera) {
-  return std::make_unique<StaticEstimator>(method, formulas, options, camera);
+                                                     const CameraModel& camera) {
+  return std::make_unique<StaticEstimator>(method, formulas, camera);
 }
 
 }  // namespace evpose

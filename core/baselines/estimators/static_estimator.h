@@ -23,8 +23,8 @@ struct StaticOptions {
   int max_events = 4000;
 };
 
-// Makes a static estimator. `options` and `camera` must be valid.
+// Makes a static estimator with the default options. `camera` must be valid.
 std::unique_ptr<WindowEstimator> MakeStaticEstimator(LineFitMethod method, LineFitFormulas formulas,
-                                                     const StaticOptions& options, const CameraModel& camera);
+                                                     const CameraModel& camera);
 
 }  // namespace evpose
