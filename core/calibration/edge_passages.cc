@@ -9,7 +9,6 @@
 #include "absl/strings/str_cat.h"
 #include "core/association/association.h"
 #include "core/association/visible_lines.h"
-#include "core/base/check_range.h"
 #include "core/base/status_macros.h"
 #include "core/numerics/robust.h"
 #include "core/windows/pixel_history.h"
@@ -68,9 +67,8 @@ struct OpenPassage {
 class Collector : public EdgePassageCollector {
  public:
   Collector(std::shared_ptr<const ObjectModel> model, const CameraModel& camera, UndistortionTable undistortion,
-            Trajectory truth, const EdgePassageOptions& options)
-      : options_(options),
-        model_(std::move(model)),
+            Trajectory truth)
+      : model_(std::move(model)),
         camera_(camera),
         undistortion_(std::move(undistortion)),
         truth_(std::move(truth)),
@@ -106,7 +104,7 @@ class Collector : public EdgePassageCollector {
   void AddSweeps(absl::Span<const TrackedLine> tracked);
   void ClosePassage(int model_line);
 
-  const EdgePassageOptions options_;
+  const EdgePassageOptions options_ = {};
   const std::shared_ptr<const ObjectModel> model_;
   const CameraModel camera_;
   const UndistortionTable undistortion_;
@@ -219,21 +217,8 @@ void Collector::ClosePassage(int model_line) {
 
 }  // namespace
 
-absl::Status EdgePassageOptions::Validate() const {
-  EVPOSE_RETURN_IF_ERROR(CheckRange("EdgePassageOptions.gate_px", gate_px, 0.5, kAlonePx));
-  EVPOSE_RETURN_IF_ERROR(CheckRange("EdgePassageOptions.own_px", own_px, 0.5, kAlonePx));
-  EVPOSE_RETURN_IF_ERROR(CheckRange("EdgePassageOptions.end_px", end_px, 0.0, 1e3));
-  EVPOSE_RETURN_IF_ERROR(CheckRange("EdgePassageOptions.min_speed_px_per_s", min_speed_px_per_s, 0.0, 1e5));
-  EVPOSE_RETURN_IF_ERROR(CheckRange("EdgePassageOptions.min_length_px", min_length_px, 1.0, 1e4));
-  EVPOSE_RETURN_IF_ERROR(CheckRange("EdgePassageOptions.swept_px", swept_px, 0.1, 1e3));
-  EVPOSE_RETURN_IF_ERROR(CheckRange("EdgePassageOptions.swept_px2", swept_px2, 1.0, 1e6));
-  return CheckRange("EdgePassageOptions.min_events", min_events, 2, 1e6);
-}
-
 absl::StatusOr<std::unique_ptr<EdgePassageCollector>> EdgePassageCollector::Create(
-    std::shared_ptr<const ObjectModel> model, const CameraModel& camera, Trajectory truth,
-    const EdgePassageOptions& options) {
-  EVPOSE_RETURN_IF_ERROR(options.Validate());
+    std::shared_ptr<const ObjectModel> model, const CameraModel& camera, Trajectory truth) {
   if (model == nullptr || model->lines.empty()) {
     return absl::InvalidArgumentError("the model has no lines; a calibration needs the edges of the object");
   }
@@ -242,7 +227,7 @@ absl::StatusOr<std::unique_ptr<EdgePassageCollector>> EdgePassageCollector::Crea
   }
   EVPOSE_RETURN_IF_ERROR(camera.Validate());
   EVPOSE_ASSIGN_OR_RETURN(UndistortionTable undistortion, UndistortionTable::Create(camera));
-  return std::make_unique<Collector>(std::move(model), camera, std::move(undistortion), std::move(truth), options);
+  return std::make_unique<Collector>(std::move(model), camera, std::move(undistortion), std::move(truth));
 }
 
 }  // namespace evpose

@@ -77,8 +77,7 @@ double MeanReprojectionError(const ObjectModel& model, const CameraModel& camera
   return count == 0 ? 0.0 : sum_px / count;
 }
 
-template <typename Member>
-std::vector<double> Values(const std::vector<TrajectoryError>& errors, Member member) {
+std::vector<double> Values(const std::vector<TrajectoryError>& errors, double TrajectoryError::*member) {
   std::vector<double> values;
   values.reserve(errors.size());
   for (const TrajectoryError& error : errors) values.push_back(error.*member);
