@@ -150,7 +150,8 @@ std::string PriorText(PriorKnowledge prior) {
 std::string InitializationMethodList() {
   std::string text;
   for (const InitializationMethod& method : InitializationMethods()) {
-    absl::StrAppend(&text, absl::StrFormat("  %-14s %s%s\n", method.name, method.description, PriorText(method.told)));
+    absl::StrAppend(
+        &text, absl::StrFormat("  %-14s %s%s\n", method.name, method.description, PriorText(method.prior_knowledge)));
   }
   return text;
 }

@@ -13,10 +13,9 @@
 namespace evpose::client {
 namespace {
 
-// The numbers of a run, in the order of the columns of the CSV file.
-std::vector<std::pair<const char*, double>> RunNumbers(const TrackingScore& score) {
+// The numbers of a run or of all runs, in the order of the columns of the CSV file.
+std::vector<std::pair<const char*, double>> Numbers(const TrackingScore& score, const Consistency& consistency) {
   const Evaluation& e = score.evaluation;
-  const Consistency consistency = SummariseConsistency(score.nees);
   return {{"poses", static_cast<double>(e.num_poses)},
           {"losses", static_cast<double>(score.losses)},
           {"coverage_ratio", e.coverage_ratio},
@@ -49,7 +48,8 @@ Json RunsJson(const TrackingBenchRow& row, int num_paths) {
     Json run;
     run["seed"] = 1 + static_cast<int>(i) / num_paths;
     run["path"] = 1 + static_cast<int>(i) % num_paths;
-    for (const auto& [name, value] : RunNumbers(row.scores[i])) run[name] = Number(value);
+    for (const auto& [name, value] : Numbers(row.scores[i], SummariseConsistency(row.scores[i].nees)))
+      run[name] = Number(value);
     runs.push_back(std::move(run));
   }
   return runs;
@@ -58,31 +58,13 @@ Json RunsJson(const TrackingBenchRow& row, int num_paths) {
 Json SummaryJson(const TrackingSummary& s) {
   Json json;
   json["runs"] = s.num_runs;
-  json["losses"] = s.losses;
-  json["coverage_ratio"] = Number(s.coverage_ratio);
-  json["first_pose_ms"] = Number(s.first_pose_ms);
-  json["position_rmse_m"] = Number(s.position_rmse_m);
-  json["position_mean_m"] = Number(s.position_mean_m);
-  json["position_median_m"] = Number(s.position_median_m);
-  json["position_std_m"] = Number(s.position_std_m);
-  json["position_rmse_of_depth"] = Number(s.position_rmse_of_depth);
-  json["rotation_mean_deg"] = Number(s.rotation_mean_deg);
-  json["rotation_median_deg"] = Number(s.rotation_median_deg);
-  json["rotation_p95_deg"] = Number(s.rotation_p95_deg);
-  json["rotation_max_deg"] = Number(s.rotation_max_deg);
-  json["pose_rate_hz"] = Number(s.pose_rate_hz);
-  json["full_rate_ratio"] = Number(s.full_rate_ratio);
-  json["nees_median"] = Number(s.consistency.median);
-  json["nees_p5"] = Number(s.consistency.p5);
-  json["nees_p95"] = Number(s.consistency.p95);
-  json["wrong_tracking_s"] = s.wrong_tracking_s;
-  json["longest_wrong_tracking_s"] = s.longest_wrong_tracking_s;
-  json["right_untracked_s"] = s.right_untracked_s;
-  json["compute_ratio"] = Number(s.compute_ratio);
-  json["worst"] = {{"position_rmse_of_depth", Number(s.worst_position_rmse_of_depth)},
-                   {"rotation_median_deg", Number(s.worst_rotation_median_deg)},
-                   {"rotation_p95_deg", Number(s.worst_rotation_p95_deg)},
-                   {"coverage_ratio", Number(s.worst_coverage_ratio)}};
+  for (const auto& [name, value] : Numbers(s.overall, s.consistency)) json[name] = Number(value);
+  json.erase("poses");
+  json["losses"] = s.overall.losses;
+  json["worst"] = {{"position_rmse_of_depth", Number(s.worst.position_rmse_of_depth)},
+                   {"rotation_median_deg", Number(kDegreesPerRadian * s.worst.rotation_median_rad)},
+                   {"rotation_p95_deg", Number(kDegreesPerRadian * s.worst.rotation_p95_rad)},
+                   {"coverage_ratio", Number(s.worst.coverage_ratio)}};
   return json;
 }
 
@@ -97,15 +79,15 @@ Json TargetsJson(const TrackingTargets& targets) {
           {"losses", targets.losses}};
 }
 
-Json VerdictsJson(const std::vector<TrackingVerdict>& verdicts) {
+Json TargetChecksJson(const std::vector<TargetCheck>& checks) {
   Json json = Json::array();
-  for (const TrackingVerdict& verdict : verdicts) {
-    json.push_back({{"name", verdict.name},
-                    {"value", Number(verdict.value)},
-                    {"low", Number(verdict.low)},
-                    {"high", Number(verdict.high)},
-                    {"unit", verdict.unit},
-                    {"is_met", verdict.is_met()}});
+  for (const TargetCheck& check : checks) {
+    json.push_back({{"name", check.name},
+                    {"value", Number(check.value)},
+                    {"low", Number(check.low)},
+                    {"high", Number(check.high)},
+                    {"unit", check.unit},
+                    {"is_met", check.is_met()}});
   }
   return json;
 }
@@ -114,14 +96,14 @@ Json VerdictsJson(const std::vector<TrackingVerdict>& verdicts) {
 
 std::string TrackingCsv(const std::vector<TrackingBenchBlock>& blocks, int num_paths) {
   std::string text = "scenario,estimator,seed,path";
-  for (const auto& [name, value] : RunNumbers(TrackingScore())) absl::StrAppend(&text, ",", name);
+  for (const auto& [name, value] : Numbers({}, {})) absl::StrAppend(&text, ",", name);
   text += "\n";
   for (const TrackingBenchBlock& block : blocks) {
     for (const TrackingBenchRow& row : block.rows) {
       for (size_t i = 0; i < row.scores.size(); ++i) {
         absl::StrAppendFormat(&text, "%s,%s,%d,%d", row.scenario, row.estimator, 1 + static_cast<int>(i) / num_paths,
                               1 + static_cast<int>(i) % num_paths);
-        for (const auto& [name, value] : RunNumbers(row.scores[i])) {
+        for (const auto& [name, value] : Numbers(row.scores[i], SummariseConsistency(row.scores[i].nees))) {
           absl::StrAppend(&text, ",", std::isfinite(value) ? absl::StrFormat("%.9g", value) : "");
         }
         text += "\n";
@@ -150,7 +132,7 @@ Json TrackingJson(const std::vector<TrackingBenchBlock>& blocks, const TrackingB
       estimator["summary"] = SummaryJson(row.summary);
       estimator["worst_run"] = {{"seed", 1 + row.summary.worst_run / options.num_paths},
                                 {"path", 1 + row.summary.worst_run % options.num_paths}};
-      estimator["targets"] = VerdictsJson(row.verdicts);
+      estimator["targets"] = TargetChecksJson(row.target_checks);
       estimator["runs"] = RunsJson(row, options.num_paths);
       scenario["estimators"].push_back(std::move(estimator));
     }

@@ -10,6 +10,7 @@
 #include "absl/strings/str_format.h"
 #include "absl/strings/str_join.h"
 #include "client/cli/common/table_cell.h"
+#include "core/numerics/math.h"
 
 namespace evpose::client {
 namespace {
@@ -17,25 +18,27 @@ namespace {
 std::string PerCent(double ratio, int decimals) { return Cell(100.0 * ratio, decimals); }
 
 std::vector<std::string> RowCells(const TrackingBenchRow& row) {
-  const TrackingSummary& s = row.summary;
+  const TrackingScore& s = row.summary.overall;
+  const Evaluation& e = s.evaluation;
+  const Consistency& nees = row.summary.consistency;
   return {row.estimator,
           absl::StrCat(s.losses),
-          PerCent(s.coverage_ratio, 2),
+          PerCent(e.coverage_ratio, 2),
           Cell(s.first_pose_ms, 1),
-          Cell(1e3 * s.position_rmse_m, 2),
-          Cell(1e3 * s.position_mean_m, 2),
-          Cell(1e3 * s.position_median_m, 2),
-          Cell(1e3 * s.position_std_m, 2),
-          PerCent(s.position_rmse_of_depth, 3),
-          PerCent(s.worst_position_rmse_of_depth, 3),
-          Cell(s.rotation_mean_deg, 3),
-          Cell(s.rotation_median_deg, 3),
-          Cell(s.rotation_p95_deg, 3),
-          Cell(s.rotation_max_deg, 2),
-          Cell(s.pose_rate_hz, 0),
+          Cell(1e3 * e.position_rmse_m, 2),
+          Cell(1e3 * e.position_mean_m, 2),
+          Cell(1e3 * e.position_median_m, 2),
+          Cell(1e3 * e.position_std_m, 2),
+          PerCent(e.position_rmse_of_depth, 3),
+          PerCent(row.summary.worst.position_rmse_of_depth, 3),
+          Cell(kDegreesPerRadian * e.rotation_mean_rad, 3),
+          Cell(kDegreesPerRadian * e.rotation_median_rad, 3),
+          Cell(kDegreesPerRadian * e.rotation_p95_rad, 3),
+          Cell(kDegreesPerRadian * e.rotation_max_rad, 2),
+          Cell(e.pose_rate_hz, 0),
           PerCent(s.full_rate_ratio, 1),
-          Cell(s.consistency.median, 1),
-          absl::StrCat(Cell(s.consistency.p5, 1), "-", Cell(s.consistency.p95, 0)),
+          Cell(nees.median, 1),
+          absl::StrCat(Cell(nees.p5, 1), "-", Cell(nees.p95, 0)),
           Cell(1e3 * s.wrong_tracking_s, 0),
           Cell(1e3 * s.longest_wrong_tracking_s, 0),
           Cell(1e3 * s.right_untracked_s, 0),
@@ -55,25 +58,25 @@ void PrintTable(const std::vector<std::vector<std::string>>& lines, std::ostream
   }
 }
 
-std::string Bound(const TrackingVerdict& verdict) {
+std::string Bound(const TargetCheck& check) {
   const auto number = [](double value) { return absl::StrFormat("%.4g", value); };
-  const std::string unit = verdict.unit.empty() ? "" : absl::StrCat(" ", verdict.unit);
-  if (!std::isfinite(verdict.high) || (verdict.unit == "%" && verdict.high == 100.0)) {
-    return absl::StrCat(number(verdict.low), unit, " or more");
+  const std::string unit = check.unit.empty() ? "" : absl::StrCat(" ", check.unit);
+  if (!std::isfinite(check.high) || (check.unit == "%" && check.high == 100.0)) {
+    return absl::StrCat(number(check.low), unit, " or more");
   }
-  if (verdict.low > 0.0) return absl::StrCat(number(verdict.low), " to ", number(verdict.high), unit);
-  return absl::StrCat(verdict.high > 0.0 ? "at most " : "", number(verdict.high), unit);
+  if (check.low > 0.0) return absl::StrCat(number(check.low), " to ", number(check.high), unit);
+  return absl::StrCat(check.high > 0.0 ? "at most " : "", number(check.high), unit);
 }
 
-void PrintVerdicts(const TrackingBenchRow& row, std::ostream& out) {
+void PrintTargetChecks(const TrackingBenchRow& row, std::ostream& out) {
   std::vector<std::string> met;
-  for (const TrackingVerdict& verdict : row.verdicts) {
-    if (verdict.is_met()) {
-      met.push_back(verdict.name);
+  for (const TargetCheck& check : row.target_checks) {
+    if (check.is_met()) {
+      met.push_back(check.name);
       continue;
     }
-    out << absl::StrFormat("  %s: MISSED %s: %s, target %s\n", row.estimator, verdict.name, Cell(verdict.value, 3),
-                           Bound(verdict));
+    out << absl::StrFormat("  %s: MISSED %s: %s, target %s\n", row.estimator, check.name, Cell(check.value, 3),
+                           Bound(check));
   }
   if (!met.empty()) out << absl::StrFormat("  %s: met %s\n", row.estimator, absl::StrJoin(met, ", "));
 }
@@ -122,7 +125,7 @@ void PrintTrackingBlock(const TrackingBenchBlock& block, int num_paths, std::ost
        "median", "p95",    "max", "Hz", "%",  "median", "95 %", "ms", "once",  "ms", "CPU"}};
   for (const TrackingBenchRow& row : block.rows) lines.push_back(RowCells(row));
   PrintTable(lines, out);
-  for (const TrackingBenchRow& row : block.rows) PrintVerdicts(row, out);
+  for (const TrackingBenchRow& row : block.rows) PrintTargetChecks(row, out);
   if (num_runs > 1) out << "  worst runs: " << WorstText(block, num_paths) << "\n";
   out << "\n";
   out.flush();

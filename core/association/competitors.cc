@@ -118,7 +118,7 @@ double Competitors::DensityAt(const Observation& event) const {
   return density;
 }
 
-bool Competitors::Explain(const Observation& event) const {
+bool Competitors::Explains(const Observation& event) const {
   // Distance, in standard deviations, at which the normal density of a line equals that of clutter: 0.02 / px for a
   // standard deviation of 0.8 px, as in OwnShare().
   constexpr double kOwnSigma = 2.5;

@@ -49,7 +49,7 @@ class Competitors {
   // deviation of events about a line. `visibility` must remain valid until the next Clear().
   void Add(const MotionState& state, absl::Span<const TrackedLine> lines, const VisibilityTester& visibility,
            const BoundingSphere& sphere, double sigma_px);
-  // Builds the grid of lines. To be called after the last Add() and before DensityAt() or Explain().
+  // Builds the grid of lines. To be called after the last Add() and before DensityAt() or Explains().
   void Build();
 
   bool empty() const { return bodies_.empty(); }
@@ -58,7 +58,7 @@ class Competitors {
   double DensityAt(const Observation& event) const;
   // Returns whether the event lies so near to a line of another object that this line is a more likely cause than
   // clutter.
-  bool Explain(const Observation& event) const;
+  bool Explains(const Observation& event) const;
   // Replaces the lines of an object at this pose by the parts that no other object hides. Returns whether any part is
   // hidden.
   bool RemoveHidden(const RigidTransform& camera_from_object, std::vector<TrackedLine>& lines) const;

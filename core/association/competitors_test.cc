@@ -77,9 +77,9 @@ TEST_F(CompetitorsTest, DensityFollowsTheNormalSpeedOfALine) {
   EXPECT_LT(competitors_.DensityAt(on_level), 0.02 * competitors_.DensityAt(on_upright))
       << "a line that slides along itself makes no events";
   EXPECT_EQ(competitors_.DensityAt(At(corner - Eigen::Vector2d(20.0, 50.0))), 0.0);
-  EXPECT_TRUE(competitors_.Explain(on_upright));
-  EXPECT_FALSE(competitors_.Explain(At(corner - Eigen::Vector2d(20.0, 50.0))));
-  EXPECT_FALSE(competitors_.Explain(At(corner + Eigen::Vector2d(0.0, 5.0)))) << "beyond the line's end";
+  EXPECT_TRUE(competitors_.Explains(on_upright));
+  EXPECT_FALSE(competitors_.Explains(At(corner - Eigen::Vector2d(20.0, 50.0))));
+  EXPECT_FALSE(competitors_.Explains(At(corner + Eigen::Vector2d(0.0, 5.0)))) << "beyond the line's end";
 }
 
 TEST_F(CompetitorsTest, ClearRemovesAllObjects) {

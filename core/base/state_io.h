@@ -173,24 +173,19 @@ concept FixedMatrix = requires(T& matrix) {
 template <typename Archive, typename Field>
 void Visit(Archive& archive, Field& field);
 
-// Grows element by element: resize() would allocate for a false count before the missing bytes are noticed.
-template <typename List>
-void ReadList(StateReader& reader, List& list) {
-  size_t count = 0;
-  reader.Count(count);
-  list.clear();
-  for (size_t i = 0; i < count && reader.ok(); ++i) {
-    typename List::value_type item{};  // a variable of its own, because vector<bool> has no references
-    Visit(reader, item);
-    list.push_back(std::move(item));
-  }
-  if (!reader.ok()) list.clear();
-}
-
 template <typename Archive, typename List>
 void VisitList(Archive& archive, List& list) {
   if constexpr (Archive::kReading) {
-    ReadList(archive, list);
+    size_t count = 0;
+    archive.Count(count);
+    list.clear();
+    // Grows element by element: resize() would allocate for a false count before the missing bytes are noticed.
+    for (size_t i = 0; i < count && archive.ok(); ++i) {
+      typename List::value_type item{};  // a variable of its own, because vector<bool> has no references
+      Visit(archive, item);
+      list.push_back(std::move(item));
+    }
+    if (!archive.ok()) list.clear();
   } else {
     archive.Count(list.size());
     for (const typename List::value_type& item : list) Visit(archive, item);

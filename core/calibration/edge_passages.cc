@@ -9,7 +9,6 @@
 #include "absl/strings/str_cat.h"
 #include "core/association/association.h"
 #include "core/association/visible_lines.h"
-#include "core/base/check_range.h"
 #include "core/base/status_macros.h"
 #include "core/numerics/robust.h"
 #include "core/windows/pixel_history.h"
@@ -68,13 +67,12 @@ struct OpenPassage {
 class Collector : public EdgePassageCollector {
  public:
   Collector(std::shared_ptr<const ObjectModel> model, const CameraModel& camera, UndistortionTable undistortion,
-            Trajectory truth, const EdgePassageOptions& options)
-      : options_(options),
-        model_(std::move(model)),
+            Trajectory truth)
+      : model_(std::move(model)),
         camera_(camera),
         undistortion_(std::move(undistortion)),
         truth_(std::move(truth)),
-        visibility_(*model_, TrueVisibility()),
+        visibility_(*model_, {.grazing_cosine = 0.0}),
         visible_lines_(*model_, camera_, visibility_),
         history_({camera.width_px, camera.height_px}),
         grid_(camera_),
@@ -100,18 +98,13 @@ class Collector : public EdgePassageCollector {
   uint64_t num_events_with_truth() const override { return num_events_with_truth_; }
 
  private:
-  static VisibilityOptions TrueVisibility() {
-    VisibilityOptions options;
-    options.grazing_cosine = 0.0;
-    return options;
-  }
   std::optional<MotionState> TruthOfSlot() const;
   void CloseSlot();
   void AddEvent(const WindowEvent& event, int64_t t_mid_us, absl::Span<const TrackedLine> tracked);
   void AddSweeps(absl::Span<const TrackedLine> tracked);
   void ClosePassage(int model_line);
 
-  const EdgePassageOptions options_;
+  const EdgePassageOptions options_ = {};
   const std::shared_ptr<const ObjectModel> model_;
   const CameraModel camera_;
   const UndistortionTable undistortion_;
@@ -224,21 +217,8 @@ void Collector::ClosePassage(int model_line) {
 
 }  // namespace
 
-absl::Status EdgePassageOptions::Validate() const {
-  EVPOSE_RETURN_IF_ERROR(CheckRange("EdgePassageOptions.gate_px", gate_px, 0.5, kAlonePx));
-  EVPOSE_RETURN_IF_ERROR(CheckRange("EdgePassageOptions.own_px", own_px, 0.5, kAlonePx));
-  EVPOSE_RETURN_IF_ERROR(CheckRange("EdgePassageOptions.end_px", end_px, 0.0, 1e3));
-  EVPOSE_RETURN_IF_ERROR(CheckRange("EdgePassageOptions.min_speed_px_per_s", min_speed_px_per_s, 0.0, 1e5));
-  EVPOSE_RETURN_IF_ERROR(CheckRange("EdgePassageOptions.min_length_px", min_length_px, 1.0, 1e4));
-  EVPOSE_RETURN_IF_ERROR(CheckRange("EdgePassageOptions.swept_px", swept_px, 0.1, 1e3));
-  EVPOSE_RETURN_IF_ERROR(CheckRange("EdgePassageOptions.swept_px2", swept_px2, 1.0, 1e6));
-  return CheckRange("EdgePassageOptions.min_events", min_events, 2, 1e6);
-}
-
 absl::StatusOr<std::unique_ptr<EdgePassageCollector>> EdgePassageCollector::Create(
-    std::shared_ptr<const ObjectModel> model, const CameraModel& camera, Trajectory truth,
-    const EdgePassageOptions& options) {
-  EVPOSE_RETURN_IF_ERROR(options.Validate());
+    std::shared_ptr<const ObjectModel> model, const CameraModel& camera, Trajectory truth) {
   if (model == nullptr || model->lines.empty()) {
     return absl::InvalidArgumentError("the model has no lines; a calibration needs the edges of the object");
   }
@@ -247,7 +227,7 @@ absl::StatusOr<std::unique_ptr<EdgePassageCollector>> EdgePassageCollector::Crea
   }
   EVPOSE_RETURN_IF_ERROR(camera.Validate());
   EVPOSE_ASSIGN_OR_RETURN(UndistortionTable undistortion, UndistortionTable::Create(camera));
-  return std::make_unique<Collector>(std::move(model), camera, std::move(undistortion), std::move(truth), options);
+  return std::make_unique<Collector>(std::move(model), camera, std::move(undistortion), std::move(truth));
 }
 
 }  // namespace evpose

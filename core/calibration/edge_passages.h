@@ -54,18 +54,14 @@ struct EdgePassageOptions {
   double swept_px2 = 300.0;
   // Minimum number of events of a passage, for the mean and standard deviation of their distances.
   int min_events = 100;
-
-  // Error: INVALID_ARGUMENT naming the field.
-  absl::Status Validate() const;
 };
 
 class EdgePassageCollector {
  public:
   // `truth` is camera_from_object on the clock of the events. Errors: INVALID_ARGUMENT for a model without lines, a
-  // truth without poses, an invalid camera, or options.
+  // truth without poses, or an invalid camera.
   static absl::StatusOr<std::unique_ptr<EdgePassageCollector>> Create(std::shared_ptr<const ObjectModel> model,
-                                                                      const CameraModel& camera, Trajectory truth,
-                                                                      const EdgePassageOptions& options = {});
+                                                                      const CameraModel& camera, Trajectory truth);
   virtual ~EdgePassageCollector() = default;
 
   // Events must be in order of time. Those before and after the truth, and in gaps of the truth of more than 20 ms, are

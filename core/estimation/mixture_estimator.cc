@@ -17,7 +17,7 @@ namespace {
 // grow without bound, and the counts do not distinguish motion from rest.
 constexpr double kMinSpeedPxPerS = 5.0;
 
-// Row whose product with the twist is the normal velocity of the middle of one half of a line, px/s.
+// Row vector; its product with the twist is the normal velocity of the middle of one half of a line, px/s.
 Vector6d HalfSpeedRow(const CameraModel& camera, const ImageLine& line, int half) {
   return line.jacobian.transpose() * BearingOf(camera, line.PointAt(0.25 + 0.5 * half));
 }

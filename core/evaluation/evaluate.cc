@@ -3,7 +3,7 @@
 
 #include <algorithm>
 #include <cmath>
-#include <limits>
+#include <utility>
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
@@ -45,18 +45,14 @@ std::string TimeSpan(const Trajectory& trajectory) {
 // Returns the pose of truth * symmetry that is nearest to the estimate.
 RigidTransform NearestEquivalent(const RigidTransform& truth, const RigidTransform& estimate,
                                  const std::vector<RigidTransform>& symmetries) {
+  const auto errors_of = [&estimate](const RigidTransform& pose) {  // compared in this order
+    return std::pair(RotationAngle(pose.rotation, estimate.rotation),
+                     (pose.translation_m - estimate.translation_m).norm());
+  };
   RigidTransform best = truth;
-  double best_rotation_rad = RotationAngle(truth.rotation, estimate.rotation);
-  double best_distance_m = (truth.translation_m - estimate.translation_m).norm();
   for (const RigidTransform& symmetry : symmetries) {
     const RigidTransform candidate = truth * symmetry;
-    const double rotation_rad = RotationAngle(candidate.rotation, estimate.rotation);
-    const double distance_m = (candidate.translation_m - estimate.translation_m).norm();
-    if (rotation_rad > best_rotation_rad) continue;
-    if (rotation_rad == best_rotation_rad && distance_m >= best_distance_m) continue;
-    best = candidate;
-    best_rotation_rad = rotation_rad;
-    best_distance_m = distance_m;
+    if (errors_of(candidate) < errors_of(best)) best = candidate;
   }
   return best;
 }
@@ -81,18 +77,11 @@ double MeanReprojectionError(const ObjectModel& model, const CameraModel& camera
   return count == 0 ? 0.0 : sum_px / count;
 }
 
-template <typename Member>
-std::vector<double> Values(const std::vector<TrajectoryError>& errors, Member member) {
+std::vector<double> Values(const std::vector<TrajectoryError>& errors, double TrajectoryError::*member) {
   std::vector<double> values;
   values.reserve(errors.size());
   for (const TrajectoryError& error : errors) values.push_back(error.*member);
   return values;
-}
-
-double Mean(const std::vector<double>& values) {
-  double sum = 0.0;
-  for (const double value : values) sum += value;
-  return sum / static_cast<double>(values.size());
 }
 
 double RootMeanSquare(const std::vector<double>& values) {
@@ -156,15 +145,6 @@ double MeanReprojectionError(const ObjectModel& model, const CameraModel& camera
   return sum_px / static_cast<double>(errors.size());
 }
 
-void SetErrorsNan(Evaluation& result) {
-  constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
-  for (double* value : {&result.position_rmse_m, &result.position_mean_m, &result.position_median_m,
-                        &result.position_std_m, &result.position_rmse_of_depth, &result.rotation_mean_rad,
-                        &result.rotation_median_rad, &result.rotation_p95_rad, &result.rotation_max_rad}) {
-    *value = kNan;
-  }
-}
-
 }  // namespace
 
 absl::Status EvaluationOptions::Validate() const {
@@ -206,7 +186,6 @@ absl::StatusOr<Evaluation> Evaluate(const Trajectory& truth, const Trajectory& e
                                                      ") lies outside the truth's time span (", TimeSpan(truth),
                                                      "); give both on the sensor's clock"));
     }
-    SetErrorsNan(result);
     return result;
   }
   SummarisePosition(errors, result);

@@ -5,6 +5,7 @@
 #pragma once
 
 #include <cstdint>
+#include <limits>
 #include <optional>
 #include <vector>
 
@@ -49,6 +50,8 @@ struct TrajectoryError {
 absl::StatusOr<std::vector<TrajectoryError>> TrajectoryErrors(const Trajectory& truth, const Trajectory& estimate,
                                                               const EvaluationOptions& options = {});
 
+inline constexpr double kNoError = std::numeric_limits<double>::quiet_NaN();
+
 // Errors are computed at the times of the estimates, with interpolated truth, over all estimates within the truth's
 // time span, good or not. Without any they are NaN.
 struct Evaluation {
@@ -56,17 +59,17 @@ struct Evaluation {
   // Share of the truth's time span for which good estimates are valid (see max_gap_us).
   double coverage_ratio = 0.0;
   // Distance between the estimated and the true position of the object's origin in the camera frame.
-  double position_rmse_m = 0.0;
-  double position_mean_m = 0.0;
-  double position_median_m = 0.0;
-  double position_std_m = 0.0;  // about the mean; population standard deviation
+  double position_rmse_m = kNoError;
+  double position_mean_m = kNoError;
+  double position_median_m = kNoError;
+  double position_std_m = kNoError;  // about the mean; population standard deviation
   // Root mean square of distance / true depth; the depth is the z coordinate of the object's origin.
-  double position_rmse_of_depth = 0.0;
+  double position_rmse_of_depth = kNoError;
   // Angle between the estimated and the true rotation. The 95th percentile is interpolated linearly.
-  double rotation_mean_rad = 0.0;
-  double rotation_median_rad = 0.0;
-  double rotation_p95_rad = 0.0;
-  double rotation_max_rad = 0.0;
+  double rotation_mean_rad = kNoError;
+  double rotation_median_rad = kNoError;
+  double rotation_p95_rad = kNoError;
+  double rotation_max_rad = kNoError;
   // With a model and a camera: mean distance, in undistorted pixels, between the estimated and the true projections of
   // the end points of all lines, hidden lines included. A distance counts as at most the image's diagonal, which also
   // replaces the distance of a point that only the estimate places behind the camera; points that are truly behind it

@@ -17,6 +17,9 @@ struct ImageSegment {
   double length_px() const { return (p2_px - p1_px).norm(); }
 };
 
+// Bearing (x, y, 1) of an undistorted pixel.
+Eigen::Vector3d BearingOfPixel(const CameraModel& camera, const Eigen::Vector2d& pixel);
+
 // Unit normal in the camera frame of the interpretation plane, the plane through the camera's centre and the segment:
 // n = b1 x b2 / |b1 x b2| for the bearings of the end points (core/initialization/README.md). Zero for a segment of
 // length 0.

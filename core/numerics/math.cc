@@ -7,7 +7,7 @@
 #include <limits>
 
 // Range reduction after Cody and Waite (Software Manual for the Elementary Functions, 1980), then a Taylor polynomial
-// by Horner's rule whose truncation error on the reduced range is below half an ulp. Only +, -, *, / and conversions
+// by Horner's rule with a truncation error below half an ulp on the reduced range. Only +, -, *, / and conversions
 // are used, which IEEE 754 requires to be rounded correctly.
 namespace evpose {
 namespace {

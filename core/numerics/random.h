@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 
 // Random numbers with a fixed algorithm: the same seed gives the same integers and uniform numbers with every standard
-// library. Normal(), Exponential() and Poisson() use the logarithm and exponential of the C library, whose last bit may
-// differ; they serve simulation and tests, not the estimation of poses.
+// library. Normal(), Exponential() and Poisson() use the logarithm and exponential of the C library, which may differ
+// in their last bit; they serve simulation and tests, not the estimation of poses.
 #pragma once
 
 #include <array>
@@ -11,7 +11,7 @@
 namespace evpose {
 
 // SplitMix64's increment and output function (Steele, Lea and Flood, "Fast splittable pseudorandom number generators",
-// OOPSLA 2014): a bijection whose bits look random for consecutive numbers.
+// OOPSLA 2014): a bijection; its bits look random for consecutive numbers.
 inline constexpr uint64_t kSplitMix64Increment = 0x9e3779b97f4a7c15ull;
 inline uint64_t HashNumber(uint64_t number) {
   uint64_t z = number + kSplitMix64Increment;

@@ -9,7 +9,7 @@
 namespace evpose {
 
 // Sets `items` to `count` value-initialised elements. If the capacity is too small, it becomes twice `count`: a vector
-// whose length varies a little from call to call soon allocates no more.
+// of similar lengths in all calls soon allocates no more.
 template <typename T>
 void AssignDefaults(size_t count, std::vector<T>& items) {
   if (items.capacity() < count) {

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// Order statistics of samples.
+// Mean and order statistics of samples.
 //
 // A quantile is one of the values except with InterpolatedQuantile(). The definitions differ by at most one position
 // in the sorted sample, but the bits of a pose or a printed table depend on it, so that each user keeps its own:
@@ -21,6 +21,12 @@
 #include <vector>
 
 namespace evpose {
+
+inline double Mean(const std::vector<double>& values) {
+  double sum = 0.0;
+  for (const double value : values) sum += value;
+  return sum / static_cast<double>(values.size());
+}
 
 // The value at index `n` of the sorted list. `values` is reordered: smaller values before index n, larger ones after
 // it.

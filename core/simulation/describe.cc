@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "core/simulation/describe.h"
 
+#include <concepts>
 #include <cstdint>
 
 #include "absl/strings/str_cat.h"
@@ -13,9 +14,8 @@ namespace {
 class Description {
  public:
   void Add(const char* name, double value) { absl::StrAppendFormat(&text_, "%s %.17g\n", name, value); }
-  void Add(const char* name, int64_t value) { absl::StrAppendFormat(&text_, "%s %d\n", name, value); }
-  void Add(const char* name, uint64_t value) { absl::StrAppendFormat(&text_, "%s %d\n", name, value); }
-  void Add(const char* name, bool value) { absl::StrAppendFormat(&text_, "%s %d\n", name, value ? 1 : 0); }
+  // Also for a bool: 0 or 1.
+  void Add(const char* name, std::integral auto value) { absl::StrAppendFormat(&text_, "%s %d\n", name, value); }
   std::string Take() { return std::move(text_); }
 
  private:
@@ -98,8 +98,8 @@ void AddSensor(const SensorOptions& options, Description& out) {
 
 void AddCamera(const CameraModel& camera, Description& out) {
   const auto& [width_px, height_px, fx_px, fy_px, cx_px, cy_px, distortion] = camera;
-  out.Add("camera.width_px", static_cast<int64_t>(width_px));
-  out.Add("camera.height_px", static_cast<int64_t>(height_px));
+  out.Add("camera.width_px", width_px);
+  out.Add("camera.height_px", height_px);
   out.Add("camera.fx_px", fx_px);
   out.Add("camera.fy_px", fy_px);
   out.Add("camera.cx_px", cx_px);

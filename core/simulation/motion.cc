@@ -21,8 +21,8 @@ constexpr std::array<double, 3> kWeights = {0.55, 0.3, 0.15};
 // Returns the mean of |d/ds f(s)| over 40 periods of the slowest sinusoid, in steps of 1/100 of it.
 template <typename Function>
 double MeanPathSpeed(const Function& f) {
-  constexpr int kSteps = 4000;
-  constexpr double kStep = 0.01;
+  constexpr int kSteps = 4000;    // 40 periods: the sinusoids have no common period, and the mean depends on the phases
+  constexpr double kStep = 0.01;  // 33 steps in a period of the fastest sinusoid
   double length = 0.0;
   Eigen::Vector3d last = f(0.0);
   for (int i = 1; i <= kSteps; ++i) {

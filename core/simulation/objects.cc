@@ -82,12 +82,14 @@ class ObjectBuilder {
     return o[0] + u * (o[1] - o[0]) + v * (o[3] - o[0]);
   }
 
-  void AddPaint(int body, int surface, const Patch& patch, double reflectance, double under) {
-    object_.bodies[body].surfaces[surface].paints.push_back(
-        {{PointOn(body, surface, patch.u0, patch.v0), PointOn(body, surface, patch.u1, patch.v0),
-          PointOn(body, surface, patch.u1, patch.v1), PointOn(body, surface, patch.u0, patch.v1)},
-         reflectance,
-         under});
+  // Adds paint; returns its outline.
+  const std::vector<Vector3d>& AddPaint(int body, int surface, const Patch& patch, double reflectance, double under) {
+    std::vector<Paint>& paints = object_.bodies[body].surfaces[surface].paints;
+    paints.push_back({{PointOn(body, surface, patch.u0, patch.v0), PointOn(body, surface, patch.u1, patch.v0),
+                       PointOn(body, surface, patch.u1, patch.v1), PointOn(body, surface, patch.u0, patch.v1)},
+                      reflectance,
+                      under});
+    return paints.back().outline;
   }
 
   void AddPaintedLine(int body, int surface, double u0, double v0, double u1, double v1) {
@@ -97,11 +99,7 @@ class ObjectBuilder {
 
   // Adds paint, and its four sides as lines.
   void AddPaintWithLines(int body, int surface, const Patch& patch, double reflectance, double under) {
-    AddPaint(body, surface, patch, reflectance, under);
-    AddPaintedLine(body, surface, patch.u0, patch.v0, patch.u1, patch.v0);
-    AddPaintedLine(body, surface, patch.u1, patch.v0, patch.u1, patch.v1);
-    AddPaintedLine(body, surface, patch.u1, patch.v1, patch.u0, patch.v1);
-    AddPaintedLine(body, surface, patch.u0, patch.v1, patch.u0, patch.v0);
+    AddSides(AddPaint(body, surface, patch, reflectance, under), {object_.bodies[body].surfaces[surface].normal});
   }
 
   // Adds a plate without thickness: two surfaces back to back. Returns the index of the front surface, with normal u x
@@ -113,12 +111,13 @@ class ObjectBuilder {
   }
 
   // Adds the four sides of a plate as lines; they are the boundary of both its surfaces.
-  void AddPlateLines(const Vector3d& corner, const Vector3d& u, const Vector3d& v) {
-    const Vector3d normal = u.cross(v).normalized();
-    AddLine(corner, corner + u, {normal, -normal});
-    AddLine(corner + u, corner + u + v, {normal, -normal});
-    AddLine(corner + u + v, corner + v, {normal, -normal});
-    AddLine(corner + v, corner, {normal, -normal});
+  void AddPlateLines(int body, int front) {
+    const Surface& surface = object_.bodies[body].surfaces[front];
+    AddSides(surface.outline, {surface.normal, -surface.normal});
+  }
+
+  void AddSides(const std::vector<Vector3d>& outline, const std::vector<Vector3d>& normals) {
+    for (size_t i = 0; i < outline.size(); ++i) AddLine(outline[i], outline[(i + 1) % outline.size()], normals);
   }
 
   void AddLine(const Vector3d& p1, const Vector3d& p2, std::vector<Vector3d> normals) {
@@ -172,7 +171,7 @@ SceneObject MakePlanar(double size) {
   const Vector3d side_v(size, 0.0, 0.0);
   const Vector3d corner = -0.5 * (side_u + side_v);
   const int front = builder.AddPlate(body, corner, side_u, side_v, 0.85, 0.5);  // front towards -z, the camera
-  builder.AddPlateLines(corner, side_u, side_v);
+  builder.AddPlateLines(body, front);
   // u is along y, v along x. A dark area on one side and a grey one across the bright rest, so that there is no
   // symmetry.
   constexpr double kStepAcross = 0.35;
@@ -192,11 +191,15 @@ SceneObject MakeBook(double size) {
   // The pages are bright and the spine is grey, because edges between faces of equal shade would be invisible.
   builder.AddBoxFaces(body, Vector3d::Zero(), extent, {0.50, 0.9, 0.8, 0.85, kCover, 0.5});
   builder.AddBoxLines(Vector3d::Zero(), extent);
+  // Rectangles as shares of the cover's sides, their paint, and the paint beneath. Parallel lines are at least 0.08 of
+  // a side apart, about 20 px at 1 m, so that their events are not confused; neighbouring paints differ by a factor
+  // of 2.5 or more.
   constexpr int kFront = 4;                                                         // towards -z; u along y, v along x
   builder.AddPaintWithLines(body, kFront, {0.08, 0.12, 0.26, 0.88}, 0.85, kCover);  // title
   builder.AddPaintWithLines(body, kFront, {0.40, 0.20, 0.78, 0.80}, 0.70, kCover);  // picture
   builder.AddPaintWithLines(body, kFront, {0.48, 0.32, 0.66, 0.60}, 0.17, 0.70);    // in the picture
-  // A rule, about 2 px wide at 1 m: two edges whose line is the centre (core/estimation/README.md, section 3).
+  // A rule, about 2 px wide at 1 m: two edges; the line is the centre between them (core/estimation/README.md, section
+  // 3).
   constexpr double kRuleU = 0.89;
   constexpr double kRuleHalfWidth = 0.005;
   builder.AddPaint(body, kFront, {kRuleU - kRuleHalfWidth, 0.12, kRuleU + kRuleHalfWidth, 0.88}, 0.9, kCover);
@@ -206,12 +209,13 @@ SceneObject MakeBook(double size) {
 
 // A panel of 2 x 4 cells, front towards -z. The cells' shades alternate, so that each border between cells is a step.
 void AddPanel(ObjectBuilder& builder, int body, const Vector3d& corner, const Vector3d& u, const Vector3d& v) {
+  // Two contrast thresholds apart, as the faces of a box.
   constexpr double kDarkCell = 0.22;
   constexpr double kBrightCell = 0.45;
   constexpr int kRows = 2;
   constexpr int kColumns = 4;
   const int front = builder.AddPlate(body, corner, u, v, kDarkCell, 0.7);
-  builder.AddPlateLines(corner, u, v);
+  builder.AddPlateLines(body, front);
   for (int row = 0; row < kRows; ++row) {
     for (int column = row % 2; column < kColumns; column += 2) {
       const Patch cell = {1.0 * row / kRows, 1.0 * column / kColumns, 1.0 * (row + 1) / kRows,

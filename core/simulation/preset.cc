@@ -3,10 +3,13 @@
 // The standard scenes and cameras.
 #include <array>
 #include <string>
+#include <string_view>
+#include <vector>
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_join.h"
 #include "core/base/check_range.h"
+#include "core/base/find_named.h"
 #include "core/base/status_macros.h"
 #include "core/simulation/simulator.h"
 
@@ -15,22 +18,40 @@ namespace {
 
 struct ObjectPreset {
   SimulatedObject object;
+  std::string_view name;
   double size_m;
   double speed_m_per_s;
   double angular_speed_rad_per_s;
 };
 
-// Object, size in metres, speed in m/s and angular speed in rad/s: an EVK4 at the default thresholds produces about 1e6
+// In the order of the enumerators. Sizes and speeds are such that an EVK4 at the default thresholds produces about 1e6
 // events/s.
-constexpr std::array<ObjectPreset, 5> kObjectPresets = {{
-    {SimulatedObject::kCube, 0.20, 0.31, 0.8},
-    {SimulatedObject::kCuboid, 0.26, 0.31, 0.8},
-    {SimulatedObject::kPlanar, 0.26, 0.45, 1.1},
-    {SimulatedObject::kBook, 0.25, 0.22, 0.55},
-    {SimulatedObject::kSpacecraft, 0.42, 0.27, 0.7},
+constexpr std::array<ObjectPreset, 5> kObjects = {{
+    {SimulatedObject::kCube, "cube", 0.20, 0.31, 0.8},
+    {SimulatedObject::kCuboid, "cuboid", 0.26, 0.31, 0.8},
+    {SimulatedObject::kPlanar, "planar", 0.26, 0.45, 1.1},
+    {SimulatedObject::kBook, "book", 0.25, 0.22, 0.55},
+    {SimulatedObject::kSpacecraft, "spacecraft", 0.42, 0.27, 0.7},
 }};
 
+absl::StatusOr<ObjectPreset> FindObject(std::string_view name) {
+  return FindNamed(kObjects, std::string(name), "no simulated object is called \"$0\"");
+}
+
 }  // namespace
+
+std::string_view SimulatedObjectName(SimulatedObject object) { return kObjects[static_cast<size_t>(object)].name; }
+
+std::vector<std::string> SimulatedObjectNames() {
+  std::vector<std::string> names;
+  for (const ObjectPreset& preset : kObjects) names.emplace_back(preset.name);
+  return names;
+}
+
+absl::StatusOr<SimulatedObject> ParseSimulatedObject(std::string_view name) {
+  EVPOSE_ASSIGN_OR_RETURN(const ObjectPreset preset, FindObject(name));
+  return preset.object;
+}
 
 CameraModel SimulationOptions::SimulatedEvk4Camera() {
   return {1280, 720, 1030.0, 1030.0, 643.5, 356.5, {-0.08, 0.05, 0.0003, -0.0002, 0.0}};
@@ -45,7 +66,7 @@ std::vector<std::string> SimulatedCameraNames() { return {"evk4", "vga"}; }
 absl::StatusOr<SimulationOptions> SimulationPreset(std::string_view object_name, std::string_view camera_name,
                                                    double speed_scale) {
   SimulationOptions options;
-  EVPOSE_ASSIGN_OR_RETURN(options.scene.object, ParseSimulatedObject(object_name));
+  EVPOSE_ASSIGN_OR_RETURN(const ObjectPreset preset, FindObject(object_name));
   if (camera_name == "vga") {
     options.camera = SimulationOptions::SimulatedVgaCamera();
   } else if (camera_name != "evk4") {
@@ -53,12 +74,10 @@ absl::StatusOr<SimulationOptions> SimulationPreset(std::string_view object_name,
                                                    "\"; known are: ", absl::StrJoin(SimulatedCameraNames(), ", ")));
   }
   EVPOSE_RETURN_IF_ERROR(CheckRange("speed_scale", speed_scale, 0.0, 100.0));
-  for (const ObjectPreset& preset : kObjectPresets) {
-    if (preset.object != options.scene.object) continue;
-    options.scene.object_size_m = preset.size_m;
-    options.scene.motion.speed_m_per_s = speed_scale * preset.speed_m_per_s;
-    options.scene.motion.angular_speed_rad_per_s = speed_scale * preset.angular_speed_rad_per_s;
-  }
+  options.scene.object = preset.object;
+  options.scene.object_size_m = preset.size_m;
+  options.scene.motion.speed_m_per_s = speed_scale * preset.speed_m_per_s;
+  options.scene.motion.angular_speed_rad_per_s = speed_scale * preset.angular_speed_rad_per_s;
   return options;
 }
 

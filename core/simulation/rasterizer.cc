@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "core/simulation/rasterizer.h"
 
+#include <Eigen/Geometry>
 #include <cmath>
 
 #include "core/numerics/math.h"
@@ -9,21 +10,16 @@ namespace evpose {
 
 PixelRect BoundingRect(absl::Span<const Eigen::Vector2d> points_px) {
   if (points_px.empty()) return {};
-  Eigen::Vector2d low = points_px[0];
-  Eigen::Vector2d high = points_px[0];
-  for (const Eigen::Vector2d& p : points_px) {
-    low = low.cwiseMin(p);
-    high = high.cwiseMax(p);
-  }
+  Eigen::AlignedBox2d box;
+  for (const Eigen::Vector2d& p : points_px) box.extend(p);
   // Coordinates far outside the image would not fit into an int.
   constexpr double kFar = 1e6;
   const auto pixel = [kFar](double v) { return static_cast<int>(std::floor(std::clamp(v, -kFar, kFar) + 0.5)); };
-  return {pixel(low.x()), pixel(low.y()), pixel(high.x()) + 1, pixel(high.y()) + 1};
+  return {pixel(box.min().x()), pixel(box.min().y()), pixel(box.max().x()) + 1, pixel(box.max().y()) + 1};
 }
 
 CoverageRasterizer::CoverageRasterizer(int width_px, int height_px)
     : width_px_(width_px),
-      height_px_(height_px),
       stride_(static_cast<size_t>(width_px) + 2),
       value_(stride_ * height_px),
       alpha_(stride_ * height_px) {}

@@ -60,7 +60,6 @@ class CoverageRasterizer {
   void AddRowPiece(int row, double xa, double xb, double value, double alpha);
 
   int width_px_;
-  int height_px_;
   PixelRect rect_;
   size_t stride_;
   std::vector<float> value_;  // with two columns more than the image

@@ -40,8 +40,6 @@ SceneRenderer::SceneRenderer(const SceneOptions& options, const SceneObject& obj
     : options_(options),
       object_(object),
       camera_(camera),
-      has_distortion_(
-          std::any_of(camera.distortion.begin(), camera.distortion.end(), [](double k) { return k != 0.0; })),
       image_{0, 0, camera.width_px, camera.height_px},
       rasterizer_(camera.width_px, camera.height_px),
       blur_(options.lens_blur_px),
@@ -101,7 +99,7 @@ std::vector<Vector2d> SceneRenderer::ProjectOutline(const std::vector<Vector3d>&
     point.z() = std::max(point.z(), kNearM);  // protects the division; MotionPath keeps objects in front of the camera
     corners.push_back(camera_.Project(point));
   }
-  if (!has_distortion_) return corners;
+  if (!camera_.HasDistortion()) return corners;
   std::vector<Vector2d> bent;
   for (size_t i = 0; i < corners.size(); ++i) {
     const Vector2d& from = corners[i];

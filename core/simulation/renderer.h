@@ -57,7 +57,6 @@ class SceneRenderer {
   SceneOptions options_;
   const SceneObject& object_;
   CameraModel camera_;
-  bool has_distortion_;
   PixelRect image_;
   CoverageRasterizer rasterizer_;
   GaussianBlur blur_;

@@ -1,50 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "core/simulation/scene.h"
 
-#include <array>
-#include <utility>
-
-#include "absl/strings/str_cat.h"
-#include "absl/strings/str_format.h"
-#include "absl/strings/str_join.h"
 #include "core/base/check_range.h"
 #include "core/base/status_macros.h"
 
 namespace evpose {
-namespace {
-
-constexpr std::array<std::pair<SimulatedObject, std::string_view>, 5> kObjectNames = {{
-    {SimulatedObject::kCube, "cube"},
-    {SimulatedObject::kCuboid, "cuboid"},
-    {SimulatedObject::kPlanar, "planar"},
-    {SimulatedObject::kBook, "book"},
-    {SimulatedObject::kSpacecraft, "spacecraft"},
-}};
-
-}  // namespace
-
-std::string_view SimulatedObjectName(SimulatedObject object) {
-  for (const auto& [value, name] : kObjectNames) {
-    if (value == object) return name;
-  }
-  return "unknown";
-}
-
-std::vector<std::string> SimulatedObjectNames() {
-  std::vector<std::string> names;
-  names.reserve(kObjectNames.size());
-  for (const auto& [value, name] : kObjectNames) names.emplace_back(name);
-  return names;
-}
-
-absl::StatusOr<SimulatedObject> ParseSimulatedObject(std::string_view name) {
-  for (const auto& [value, known] : kObjectNames) {
-    if (known == name) return value;
-  }
-  return absl::InvalidArgumentError(absl::StrCat("no simulated object is called \"", std::string(name),
-                                                 "\"; known are: ", absl::StrJoin(SimulatedObjectNames(), ", ")));
-}
-
 absl::Status BackgroundOptions::Validate() const {
   EVPOSE_RETURN_IF_ERROR(CheckRange("BackgroundOptions.reflectance", reflectance, 0.0, 1.0));
   EVPOSE_RETURN_IF_ERROR(CheckRange("BackgroundOptions.texture_contrast", texture_contrast, 0.0, 0.95));

@@ -115,8 +115,7 @@ absl::StatusOr<SimulationReport> Simulate(const SimulationOptions& options,
     last_percent = percent;
   }
   EVPOSE_RETURN_IF_ERROR(deliver());
-  report.events = sensor.counts().events;
-  report.noise_events = sensor.counts().noise_events;
+  static_cast<SensorCounts&>(report) = sensor.counts();
   return report;
 }
 

@@ -50,9 +50,7 @@ absl::StatusOr<SimulationOptions> SimulationPreset(std::string_view object_name,
                                                    double speed_scale = 1.0);
 std::vector<std::string> SimulatedCameraNames();
 
-struct SimulationReport {
-  uint64_t events = 0;
-  uint64_t noise_events = 0;  // events of leak, shot noise, hot pixels, SensorOptions.noise_ratio and floods among them
+struct SimulationReport : SensorCounts {
   int64_t rendered_frames = 0;      // number of rendered pictures
   double max_speed_px_per_s = 0.0;  // largest image speed of the object, the occluder or the moving edge
 };

@@ -257,7 +257,7 @@ void ObjectTracker::CollectEvents() {
       const std::optional<Observation> observation =
           Observe(context_.camera, context_.tables->undistortion, event, window.t_mid_us());
       if (!observation) continue;
-      if (others != nullptr && others->Explain(*observation)) continue;
+      if (others != nullptr && others->Explains(*observation)) continue;
       pixel_events_.push_back(
           {event.t_us, static_cast<float>(observation->u_px), static_cast<float>(observation->v_px), event.polarity});
     }

@@ -9,8 +9,7 @@ namespace {
 
 class ErrorStateFilter : public WindowEstimator {
  public:
-  ErrorStateFilter(const ErrorStateFilterOptions& options, const CameraModel& camera)
-      : options_(options), camera_(camera) {}
+  explicit ErrorStateFilter(const CameraModel& camera) : camera_(camera) {}
 
   double ReachPx(double, double gate_factor) const override {
     // The lines may move by up to one gate while the events of the window are processed.
@@ -28,7 +27,7 @@ class ErrorStateFilter : public WindowEstimator {
   // Processes one event: association, test, update.
   void Take(const Observation& event, double gate_factor, ErrorState& error, WindowFit& fit) const;
 
-  const ErrorStateFilterOptions options_;
+  const ErrorStateFilterOptions options_ = {};
   const CameraModel camera_;
   std::vector<ImageLine> lines_;
 };
@@ -84,9 +83,8 @@ void ErrorState::Inject() {
   state_.covariance = (0.5 * (state_.covariance + state_.covariance.transpose())).eval();
 }
 
-std::unique_ptr<WindowEstimator> MakeErrorStateFilter(const ErrorStateFilterOptions& options,
-                                                      const CameraModel& camera) {
-  return std::make_unique<ErrorStateFilter>(options, camera);
+std::unique_ptr<WindowEstimator> MakeErrorStateFilter(const CameraModel& camera) {
+  return std::make_unique<ErrorStateFilter>(camera);
 }
 
 }  // namespace evpose

@@ -49,8 +49,7 @@ class ErrorState {
   Vector12d error_;
 };
 
-// Makes the filter for a tracker. `options` and `camera` must be valid.
-std::unique_ptr<WindowEstimator> MakeErrorStateFilter(const ErrorStateFilterOptions& options,
-                                                      const CameraModel& camera);
+// Makes the filter for a tracker, with the default options. `camera` must be valid.
+std::unique_ptr<WindowEstimator> MakeErrorStateFilter(const CameraModel& camera);
 
 }  // namespace evpose

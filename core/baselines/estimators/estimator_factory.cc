@@ -7,25 +7,35 @@
 
 namespace evpose {
 
+namespace {
+
+struct StaticMethod {
+  Estimator estimator;
+  LineFitMethod method;
+  LineFitFormulas formulas;
+};
+constexpr StaticMethod kStaticMethods[] = {
+    {Estimator::kStaticLs, LineFitMethod::kLeastSquares, LineFitFormulas::kCorrected},
+    {Estimator::kStaticM, LineFitMethod::kTukeyM, LineFitFormulas::kCorrected},
+    {Estimator::kStaticS, LineFitMethod::kTukeyS, LineFitFormulas::kCorrected},
+    {Estimator::kStaticMm, LineFitMethod::kTukeyMm, LineFitFormulas::kCorrected},
+    {Estimator::kReleasedLs, LineFitMethod::kLeastSquares, LineFitFormulas::kReleasedCode},
+    {Estimator::kReleasedM, LineFitMethod::kTukeyM, LineFitFormulas::kReleasedCode},
+    {Estimator::kReleasedS, LineFitMethod::kTukeyS, LineFitFormulas::kReleasedCode},
+    {Estimator::kReleasedMm, LineFitMethod::kTukeyMm, LineFitFormulas::kReleasedCode},
+};
+
+}  // namespace
+
 EstimatorFactory EstimatorFactoryOf(Estimator estimator) {
-  switch (estimator) {
-    case Estimator::kMixture:
-      return MakeMixtureEstimator;
-    case Estimator::kErrorStateFilter:
-      return [](const EstimatorOptions&, const CameraModel& camera) {
-        return MakeErrorStateFilter(ErrorStateFilterOptions(), camera);
-      };
-    case Estimator::kStaticLs:
-    case Estimator::kStaticM:
-    case Estimator::kStaticS:
-    case Estimator::kStaticMm:
-    case Estimator::kReleasedLs:
-    case Estimator::kReleasedM:
-    case Estimator::kReleasedS:
-    case Estimator::kReleasedMm:
-      return [estimator](const EstimatorOptions&, const CameraModel& camera) {
-        return MakeStaticEstimator(estimator, StaticOptions(), camera);
-      };
+  if (estimator == Estimator::kErrorStateFilter) {
+    return [](const EstimatorOptions&, const CameraModel& camera) { return MakeErrorStateFilter(camera); };
+  }
+  for (const StaticMethod& known : kStaticMethods) {
+    if (known.estimator != estimator) continue;
+    return [known](const EstimatorOptions&, const CameraModel& camera) {
+      return MakeStaticEstimator(known.method, known.formulas, camera);
+    };
   }
   return MakeMixtureEstimator;
 }

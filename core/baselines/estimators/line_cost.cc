@@ -2,7 +2,6 @@
 #include "core/baselines/estimators/line_cost.h"
 
 #include <ceres/problem.h>
-#include <ceres/solver.h>
 
 #include <Eigen/Cholesky>
 #include <Eigen/Eigenvalues>
@@ -24,19 +23,6 @@ Eigen::Matrix3d SquareRoot(const LineMoment& moment) {
   root = ldlt.transpositionsP() * root;
   root = ldlt.matrixU() * root;
   return roots.asDiagonal() * root;
-}
-
-ceres::Solver::Options SolverOptions(const LineSolverOptions& options) {
-  ceres::Solver::Options solver;
-  solver.trust_region_strategy_type = options.use_levenberg_damping ? ceres::LEVENBERG_MARQUARDT : ceres::DOGLEG;
-  solver.linear_solver_type = ceres::DENSE_QR;
-  solver.num_threads = 1;
-  solver.logging_type = ceres::SILENT;
-  solver.max_num_iterations = options.max_iterations;
-  solver.function_tolerance = options.cost_tolerance;
-  solver.gradient_tolerance = options.gradient_tolerance;
-  solver.parameter_tolerance = options.parameter_tolerance;
-  return solver;
 }
 
 }  // namespace
@@ -71,9 +57,22 @@ bool LineCost::Evaluate(double const* const* parameters, double* residuals, doub
   return true;
 }
 
+ceres::Solver::Options LineSolverOptions() {
+  ceres::Solver::Options options;
+  options.trust_region_strategy_type = ceres::DOGLEG;
+  options.linear_solver_type = ceres::DENSE_QR;
+  options.num_threads = 1;
+  options.logging_type = ceres::SILENT;
+  options.max_num_iterations = 50;
+  options.function_tolerance = 1e-16;  // relative change of the cost
+  options.gradient_tolerance = 0.0;    // largest entry, pixels^2 per tangent unit
+  options.parameter_tolerance = 0.0;   // relative length of the step
+  return options;
+}
+
 absl::StatusOr<RigidTransform> MinimiseLineCost(const CameraModel& camera, absl::Span<const LineEnds> lines,
                                                 absl::Span<const LineMoment> moments, const RigidTransform& initial,
-                                                const LineSolverOptions& options) {
+                                                const ceres::Solver::Options& options) {
   // Checked before, because Ceres would print a message on standard error.
   for (size_t k = 0; k < lines.size(); ++k) {
     if (!(moments[k](2, 2) > 0.0) || ProjectLine(camera, initial, lines[k].p1, lines[k].p2)) continue;
@@ -92,7 +91,7 @@ absl::StatusOr<RigidTransform> MinimiseLineCost(const CameraModel& camera, absl:
   std::array<double, 6> xi = {};
   problem.AddResidualBlock(&cost, nullptr, xi.data());
   ceres::Solver::Summary summary;
-  ceres::Solve(SolverOptions(options), &problem, &summary);
+  ceres::Solve(options, &problem, &summary);
   const Eigen::Map<const Vector6d> step(xi.data());
   if (!summary.IsSolutionUsable() || !step.allFinite()) {
     return absl::FailedPreconditionError("the fit finds no pose: the lines leave the view on the way");

@@ -5,6 +5,7 @@
 #pragma once
 
 #include <ceres/cost_function.h>
+#include <ceres/solver.h>
 
 #include <vector>
 
@@ -26,8 +27,8 @@ struct LineEnds {
 // Second moment of the events of one line: sum_i w_i b_i b_i^T with the bearings b = (x, y, 1).
 using LineMoment = Eigen::Matrix3d;
 
-// Cost whose sum of squared residuals is sum_j a_j^T M_j a_j, pixels^2: the residuals of line j are L_j^T a_j with M_j
-// = L_j L_j^T. The one parameter block is the tangent at `origin`, [translation, rotation].
+// The cost sum_j a_j^T M_j a_j, pixels^2, as a sum of squared residuals: those of line j are L_j^T a_j with M_j = L_j
+// L_j^T. The one parameter block is the tangent at `origin`, [translation, rotation].
 class LineCost : public ceres::CostFunction {
  public:
   // `moments` has one element per line; all arguments must outlive the cost. Lines without events may be out of view.
@@ -45,20 +46,14 @@ class LineCost : public ceres::CostFunction {
   std::vector<Eigen::Matrix3d> square_roots_;  // L^T of the used lines
 };
 
-// Termination of the solver. The defaults use the full double precision.
-struct LineSolverOptions {
-  int max_iterations = 50;
-  double cost_tolerance = 1e-16;       // relative change of the cost
-  double gradient_tolerance = 0.0;     // largest entry, pixels^2 per tangent unit
-  double parameter_tolerance = 0.0;    // relative length of the step
-  bool use_levenberg_damping = false;  // otherwise Powell's dog leg, which ends with Newton steps
-};
+// Options of Ceres for the cost: the full double precision, and Powell's dog leg, which ends with Newton steps.
+ceres::Solver::Options LineSolverOptions();
 
 // Returns the pose of least cost near `initial`. Errors: FAILED_PRECONDITION if a line with events is not in view
 // there, or Ceres finds no usable pose.
 absl::StatusOr<RigidTransform> MinimiseLineCost(const CameraModel& camera, absl::Span<const LineEnds> lines,
                                                 absl::Span<const LineMoment> moments, const RigidTransform& initial,
-                                                const LineSolverOptions& options);
+                                                const ceres::Solver::Options& options);
 
 // Returns sum_j A_j^T M_j A_j: the Hessian of the cost without the second derivatives of the lines. Lines out of view
 // contribute nothing.

@@ -8,7 +8,6 @@
 #include "absl/strings/str_cat.h"
 #include "core/base/check_range.h"
 #include "core/base/status_macros.h"
-#include "core/baselines/estimators/line_filter.h"
 #include "core/numerics/math.h"
 #include "core/numerics/robust.h"
 
@@ -61,6 +60,7 @@ class Fitter {
         lines_(lines),
         events_(events),
         options_(options),
+        is_released_(options.formulas == LineFitFormulas::kReleasedCode),
         pose_(initial),
         projected_(lines.size()),
         moments_(lines.size()),
@@ -70,16 +70,19 @@ class Fitter {
   absl::StatusOr<LineFit> Run();
 
  private:
-  absl::Status FitCorrected();
-  absl::Status FitAsReleased();
+  absl::Status Fit();
+  // Performs one filter update per event. `inverse`: the inverse Hessian of all events at the initial pose.
+  absl::StatusOr<LineFit> Filter(const Matrix6d& inverse) const;
   // Performs one stage of re-weighting: `reweight` sets scale and influences from the residuals.
   template <typename Reweight>
-  absl::Status Iterate(const LineSolverOptions& solver, double tolerance_px, const Reweight& reweight);
-  absl::Status FitTukeyM(double tolerance_px);
+  absl::Status Iterate(double tolerance_px, const Reweight& reweight);
+  absl::Status FitTukeyM(double tolerance_px, bool updates_scale);
+  absl::Status FitTukeyS();
   absl::Status FitMixture();
 
   // Scale by MAD: of |d| about its median as in the released code, or of d about its median.
-  void SetMadScale(bool of_absolute);
+  void SetMadScale();
+  void UpdateScaleOfS();
   void SetSigma(double sigma_px) { sigma_px_ = std::max(sigma_px, options_.min_sigma_px); }
   void WeighByTukey(double c);
   void WeighAsReleased(double c);
@@ -93,6 +96,7 @@ class Fitter {
   const absl::Span<const LineEnds> lines_;
   const absl::Span<const LabelledEvent> events_;
   const LineFitOptions& options_;
+  const bool is_released_;
 
   RigidTransform pose_;
   double sigma_px_ = 0.0;
@@ -105,14 +109,16 @@ class Fitter {
   std::vector<double> shown_weights_;  // weights of the released code, before they are squared and scaled
 };
 
+absl::Status OutOfView(size_t line) {
+  return absl::FailedPreconditionError(absl::StrCat("line ", line, " has events, but is not in view"));
+}
+
 absl::StatusOr<double> Fitter::Project() {
   std::vector<bool> used(lines_.size(), false);
   for (const LabelledEvent& event : events_) used[event.line] = true;
   for (size_t k = 0; k < lines_.size(); ++k) {
     projected_[k] = ProjectLine(camera_, pose_, lines_[k].p1, lines_[k].p2);
-    if (used[k] && !projected_[k]) {
-      return absl::FailedPreconditionError(absl::StrCat("line ", k, " has events, but is not in view"));
-    }
+    if (used[k] && !projected_[k]) return OutOfView(k);
   }
   double largest = 0.0;
   for (size_t i = 0; i < events_.size(); ++i) {
@@ -132,15 +138,25 @@ void Fitter::SumMoments() {
   }
 }
 
-void Fitter::SetMadScale(bool of_absolute) {
+void Fitter::SetMadScale() {
   scratch_ = residuals_;
-  if (of_absolute) {
+  if (is_released_) {
     for (double& d : scratch_) d = std::abs(d);
   }
   SetSigma(MadScale(scratch_));
 }
 
+void Fitter::UpdateScaleOfS() {
+  constexpr double kPrintedScaleTarget = 0.199;  // the constant of the printed (eqs4)
+  if (!is_released_) return SetSigma(TukeyScale(residuals_, sigma_px_));
+  if (shown_weights_.empty()) return;
+  double squares = 0.0;
+  for (size_t i = 0; i < residuals_.size(); ++i) squares += shown_weights_[i] * residuals_[i] * residuals_[i];
+  SetSigma(std::sqrt(squares / (kPrintedScaleTarget * static_cast<double>(residuals_.size()))));
+}
+
 void Fitter::WeighByTukey(double c) {
+  if (is_released_) return WeighAsReleased(c);
   for (size_t i = 0; i < residuals_.size(); ++i) influences_[i] = TukeyInfluence(residuals_[i] / sigma_px_, c);
 }
 
@@ -160,7 +176,13 @@ void Fitter::WeighAsReleased(double c) {
 }
 
 template <typename Reweight>
-absl::Status Fitter::Iterate(const LineSolverOptions& solver, double tolerance_px, const Reweight& reweight) {
+absl::Status Fitter::Iterate(double tolerance_px, const Reweight& reweight) {
+  constexpr double kReleasedTolerance = 1e-3;  // solver tolerance of the released code
+  ceres::Solver::Options solver = LineSolverOptions();
+  if (is_released_) {
+    solver.trust_region_strategy_type = ceres::LEVENBERG_MARQUARDT;
+    solver.function_tolerance = solver.gradient_tolerance = solver.parameter_tolerance = kReleasedTolerance;
+  }
   EVPOSE_RETURN_IF_ERROR(Project().status());
   for (int k = 0; k < options_.max_iterations; ++k) {
     reweight();
@@ -173,10 +195,19 @@ absl::Status Fitter::Iterate(const LineSolverOptions& solver, double tolerance_p
   return absl::OkStatus();
 }
 
-absl::Status Fitter::FitTukeyM(double tolerance_px) {
-  return Iterate(LineSolverOptions(), tolerance_px, [&] {
-    SetMadScale(false);
+absl::Status Fitter::FitTukeyM(double tolerance_px, bool updates_scale) {
+  return Iterate(tolerance_px, [&] {
+    if (updates_scale) SetMadScale();
     WeighByTukey(kTukeyEfficient);
+  });
+}
+
+absl::Status Fitter::FitTukeyS() {
+  EVPOSE_RETURN_IF_ERROR(Project().status());
+  SetMadScale();
+  return Iterate(options_.tolerance_px, [&] {
+    UpdateScaleOfS();
+    WeighByTukey(kTukeyBreakdown);
   });
 }
 
@@ -186,10 +217,10 @@ absl::Status Fitter::FitMixture() {
   constexpr double kGateSigmas = 4.0;
   // EM finds only the nearest maximum, and an initial pose far from the truth has several. Tukey's M with a scale that
   // includes half of the events leads to the neighbourhood of the right one.
-  EVPOSE_RETURN_IF_ERROR(FitTukeyM(kStartTolerancePx));
-  SetMadScale(false);
+  EVPOSE_RETURN_IF_ERROR(FitTukeyM(kStartTolerancePx, /*updates_scale=*/true));
+  SetMadScale();
   MixtureDensity density{sigma_px_, 0.5, std::max(options_.mixture_gate_px, kGateSigmas * sigma_px_)};
-  return Iterate(LineSolverOptions(), options_.tolerance_px, [&] {
+  return Iterate(options_.tolerance_px, [&] {
     double gated = 0.0, explained = 0.0, squares = 0.0;
     for (size_t i = 0; i < residuals_.size(); ++i) {
       influences_[i] = MixtureInfluence(residuals_[i], density);
@@ -203,63 +234,19 @@ absl::Status Fitter::FitMixture() {
   });
 }
 
-absl::Status Fitter::FitCorrected() {
-  const LineSolverOptions solver;
-  const auto fit_s = [&] {
-    EVPOSE_RETURN_IF_ERROR(Project().status());
-    SetMadScale(false);
-    return Iterate(solver, options_.tolerance_px, [&] {
-      SetSigma(TukeyScale(residuals_, sigma_px_));
-      WeighByTukey(kTukeyBreakdown);
-    });
-  };
+absl::Status Fitter::Fit() {
   switch (options_.method) {
     case LineFitMethod::kTukeyM:
-      return FitTukeyM(options_.tolerance_px);
+      return FitTukeyM(options_.tolerance_px, /*updates_scale=*/true);
     case LineFitMethod::kTukeyS:
-      return fit_s();
+      return FitTukeyS();
     case LineFitMethod::kTukeyMm:
-      EVPOSE_RETURN_IF_ERROR(fit_s());
-      return Iterate(solver, options_.tolerance_px, [&] { WeighByTukey(kTukeyEfficient); });
+      EVPOSE_RETURN_IF_ERROR(FitTukeyS());
+      return FitTukeyM(options_.tolerance_px, /*updates_scale=*/is_released_);
     case LineFitMethod::kMixture:
       return FitMixture();
     default:
-      return Iterate(solver, options_.tolerance_px, [] {});
-  }
-}
-
-absl::Status Fitter::FitAsReleased() {
-  constexpr double kTolerance = 1e-3;            // solver tolerance of the released code
-  constexpr double kPrintedScaleTarget = 0.199;  // the constant of the printed (eqs4)
-  const LineSolverOptions solver{50, kTolerance, kTolerance, kTolerance, true};
-  const auto fit_s = [&] {
-    EVPOSE_RETURN_IF_ERROR(Project().status());
-    SetMadScale(true);
-    return Iterate(solver, options_.tolerance_px, [&] {
-      if (!shown_weights_.empty()) {
-        double squares = 0.0;
-        for (size_t i = 0; i < residuals_.size(); ++i) squares += shown_weights_[i] * residuals_[i] * residuals_[i];
-        SetSigma(std::sqrt(squares / (kPrintedScaleTarget * static_cast<double>(residuals_.size()))));
-      }
-      WeighAsReleased(kTukeyBreakdown);
-    });
-  };
-  const auto fit_m = [&] {
-    return Iterate(solver, options_.tolerance_px, [&] {
-      SetMadScale(true);
-      WeighAsReleased(kTukeyEfficient);
-    });
-  };
-  switch (options_.method) {
-    case LineFitMethod::kTukeyM:
-      return fit_m();
-    case LineFitMethod::kTukeyS:
-      return fit_s();
-    case LineFitMethod::kTukeyMm:
-      EVPOSE_RETURN_IF_ERROR(fit_s());
-      return fit_m();
-    default:
-      return Iterate(solver, options_.tolerance_px, [] {});
+      return Iterate(options_.tolerance_px, [] {});
   }
 }
 
@@ -287,12 +274,49 @@ absl::StatusOr<LineFit> Fitter::Report() const {
   return fit;
 }
 
+absl::StatusOr<LineFit> Fitter::Filter(const Matrix6d& inverse) const {
+  LineFit fit;
+  fit.camera_from_object = pose_;
+  fit.sigma_px = options_.filter_sigma_px;
+  fit.iterations = 1;
+  // Initially the mean square displacement of the lines at the events is filter_initial_px squared: the mean of J P J^T
+  // over the events is 6 times the factor. The shape of the covariance is that of the information of the events, so
+  // that neither the size of the object nor its distance matters.
+  const double initial_px = options_.filter_initial_px;
+  fit.covariance = inverse * (static_cast<double>(events_.size()) * initial_px * initial_px / 6.0);
+  const double variance_px2 = options_.filter_sigma_px * options_.filter_sigma_px;
+  double accepted = 0.0, squares = 0.0;
+  for (const LabelledEvent& event : events_) {
+    // Linearised again for every event, because the pose has moved.
+    const LineEnds& ends = lines_[event.line];
+    const std::optional<ProjectedLine> line = ProjectLine(camera_, fit.camera_from_object, ends.p1, ends.p2);
+    if (!line) return OutOfView(event.line);
+    const Eigen::Vector3d b(event.bx, event.by, 1.0);
+    const double d = line->a.dot(b);
+    const Vector6d row = line->jacobian.transpose() * b;
+    const Vector6d gain_times_variance = fit.covariance * row;
+    const double innovation_variance = row.dot(gain_times_variance) + variance_px2;
+    const bool passes = d * d <= options_.filter_gate_chi2 * innovation_variance;
+    fit.weights.push_back(passes ? 1.0 : 0.0);
+    if (!passes) continue;
+    accepted += 1.0;
+    squares += d * d;
+    const Vector6d gain = gain_times_variance / innovation_variance;
+    fit.camera_from_object = Perturb(fit.camera_from_object, -d * gain);
+    fit.covariance -= gain * gain_times_variance.transpose();
+  }
+  fit.covariance = (0.5 * (fit.covariance + fit.covariance.transpose())).eval();
+  fit.residual_rms_px = accepted > 0.0 ? std::sqrt(squares / accepted) : 0.0;
+  return fit;
+}
+
 absl::StatusOr<LineFit> Fitter::Run() {
   // Checks whether all events together determine the pose, before any of them is rejected.
   EVPOSE_RETURN_IF_ERROR(Project().status());
   SumMoments();
-  EVPOSE_RETURN_IF_ERROR(InvertPoseHessian(LineCostHessian(projected_, moments_)).status());
-  EVPOSE_RETURN_IF_ERROR(options_.formulas == LineFitFormulas::kReleasedCode ? FitAsReleased() : FitCorrected());
+  EVPOSE_ASSIGN_OR_RETURN(const Matrix6d inverse, InvertPoseHessian(LineCostHessian(projected_, moments_)));
+  if (options_.method == LineFitMethod::kErrorStateFilter) return Filter(inverse);
+  EVPOSE_RETURN_IF_ERROR(Fit());
   return Report();
 }
 
@@ -334,7 +358,6 @@ absl::StatusOr<LineFit> FitPoseToLines(const CameraModel& camera, absl::Span<con
                                        const LineFitOptions& options) {
   EVPOSE_RETURN_IF_ERROR(options.Validate());
   EVPOSE_RETURN_IF_ERROR(CheckEvents(lines, events));
-  if (options.method == LineFitMethod::kErrorStateFilter) return FilterPose(camera, lines, events, initial, options);
   return Fitter(camera, lines, events, initial, options).Run();
 }
 

@@ -180,7 +180,7 @@ TEST(LineCost, MinimumEqualsCeresOverAllEvents) {
     Random random(seed + 10);
     for (size_t i = 0; i < trial.events.size(); ++i) weights.push_back(random.Uniform());
     const std::vector<LineMoment> moments = Moments(trial, weights);
-    const auto pose = MinimiseLineCost(trial.camera, trial.lines, moments, trial.start, {});
+    const auto pose = MinimiseLineCost(trial.camera, trial.lines, moments, trial.start, LineSolverOptions());
     ASSERT_TRUE(pose.ok()) << pose.status();
 
     Vector6d xi = Vector6d::Zero();

@@ -10,41 +10,19 @@
 #include <vector>
 
 #include "core/association/competitors.h"
-#include "core/baselines/estimators/line_fit.h"
 #include "core/estimation/estimator.h"
 
 namespace evpose {
 namespace {
 
-LineFitMethod MethodOf(Estimator estimator) {
-  switch (estimator) {
-    case Estimator::kStaticLs:
-    case Estimator::kReleasedLs:
-      return LineFitMethod::kLeastSquares;
-    case Estimator::kStaticM:
-    case Estimator::kReleasedM:
-      return LineFitMethod::kTukeyM;
-    case Estimator::kStaticS:
-    case Estimator::kReleasedS:
-      return LineFitMethod::kTukeyS;
-    default:
-      return LineFitMethod::kTukeyMm;
-  }
-}
-
-bool IsReleased(Estimator estimator) {
-  return estimator == Estimator::kReleasedLs || estimator == Estimator::kReleasedM ||
-         estimator == Estimator::kReleasedS || estimator == Estimator::kReleasedMm;
-}
-
 class StaticEstimator : public WindowEstimator {
  public:
-  StaticEstimator(Estimator estimator, const StaticOptions& options, const CameraModel& camera)
-      : is_released_(IsReleased(estimator)), options_(options), camera_(camera) {
-    fit_options_.method = MethodOf(estimator);
-    fit_options_.formulas = is_released_ ? LineFitFormulas::kReleasedCode : LineFitFormulas::kCorrected;
-    fit_options_.max_iterations = options.max_iterations;
-    fit_options_.tolerance_px = options.tolerance_px;
+  StaticEstimator(LineFitMethod method, LineFitFormulas formulas, const CameraModel& camera)
+      : is_released_(formulas == LineFitFormulas::kReleasedCode), camera_(camera) {
+    fit_options_.method = method;
+    fit_options_.formulas = formulas;
+    fit_options_.max_iterations = options_.max_iterations;
+    fit_options_.tolerance_px = options_.tolerance_px;
   }
 
   double ReachPx(double, double gate_factor) const override { return DistancePx(gate_factor); }
@@ -72,7 +50,7 @@ class StaticEstimator : public WindowEstimator {
   void Associate(const MotionState& predicted, const WindowInput& input, double gate_factor);
 
   const bool is_released_;
-  const StaticOptions options_;
+  const StaticOptions options_ = {};
   const CameraModel camera_;
   LineFitOptions fit_options_;
   bool has_last_ = false;
@@ -128,9 +106,9 @@ void StaticEstimator::Fit(const MotionState& predicted, const WindowInput& input
 
 }  // namespace
 
-std::unique_ptr<WindowEstimator> MakeStaticEstimator(Estimator estimator, const StaticOptions& options,
+std::unique_ptr<WindowEstimator> MakeStaticEstimator(LineFitMethod method, LineFitFormulas formulas,
                                                      const CameraModel& camera) {
-  return std::make_unique<StaticEstimator>(estimator, options, camera);
+  return std::make_unique<StaticEstimator>(method, formulas, camera);
 }
 
 }  // namespace evpose

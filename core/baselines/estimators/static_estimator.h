@@ -5,7 +5,7 @@
 
 #include <memory>
 
-#include "core/baselines/estimators/estimator_kind.h"
+#include "core/baselines/estimators/line_fit.h"
 #include "core/estimation/estimator.h"
 
 namespace evpose {
@@ -23,8 +23,8 @@ struct StaticOptions {
   int max_events = 4000;
 };
 
-// Makes a static estimator. `estimator` must be one of the static or released ones, `options` and `camera` valid.
-std::unique_ptr<WindowEstimator> MakeStaticEstimator(Estimator estimator, const StaticOptions& options,
+// Makes a static estimator with the default options. `camera` must be valid.
+std::unique_ptr<WindowEstimator> MakeStaticEstimator(LineFitMethod method, LineFitFormulas formulas,
                                                      const CameraModel& camera);
 
 }  // namespace evpose

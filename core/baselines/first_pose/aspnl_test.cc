@@ -17,7 +17,7 @@ TEST(Aspnl, IsExactWithoutNoise) {
     const auto trials = MakeTrials(object, 0.0);
     for (int seed = 0; seed < kTrials; ++seed) {
       const LineTrial trial = trials->Make(seed);
-      const auto pose = EstimatePoseByAspnl(trials->camera(), MatchesOf(*trials, trial));
+      const auto pose = EstimatePoseByAspnl(trials->camera(), TrueMatches(*trials, trial));
       ASSERT_TRUE(pose.ok()) << pose.status();
       EXPECT_LT(CompareWithTruth(*trials, trial, *pose).reprojection_px, 1e-3)
           << SimulatedObjectName(object) << " " << seed;
@@ -31,7 +31,7 @@ TEST(Aspnl, IsRightWithNoise) {
     int right = 0;
     for (int seed = 0; seed < kTrials; ++seed) {
       const LineTrial trial = trials->Make(seed);
-      const auto pose = EstimatePoseByAspnl(trials->camera(), MatchesOf(*trials, trial));
+      const auto pose = EstimatePoseByAspnl(trials->camera(), TrueMatches(*trials, trial));
       ASSERT_TRUE(pose.ok()) << pose.status();
       right += CompareWithTruth(*trials, trial, *pose).is_right();
     }
@@ -41,7 +41,7 @@ TEST(Aspnl, IsRightWithNoise) {
 
 TEST(Aspnl, ReportsErrors) {
   const auto trials = MakeTrials(SimulatedObject::kCube, 0.0);
-  std::vector<LineMatch> matches = MatchesOf(*trials, trials->Make(1));
+  std::vector<LineMatch> matches = TrueMatches(*trials, trials->Make(1));
   EXPECT_EQ(EstimatePoseByAspnl(trials->camera(), absl::MakeSpan(matches).first(2)).status().code(),
             absl::StatusCode::kInvalidArgument);
   for (LineMatch& match : matches) match.p2 = match.p1 + Eigen::Vector3d::UnitX();

@@ -36,10 +36,7 @@ class BlindPnp {
  public:
   BlindPnp(const ObjectModel& model, const CameraModel& camera, absl::Span<const ImageSegment> segments,
            const BlindPnpOptions& options)
-      : model_(model),
-        camera_(camera),
-        segments_(segments),
-        options_(options),
+      : options_(options),
         scorer_(model, camera, segments, options.threshold_px),
         line_used_(model.lines.size(), false),
         segment_used_(segments.size(), false) {
@@ -57,19 +54,15 @@ class BlindPnp {
   std::optional<UncertainLine> Project(const Belief& belief, const ModelLine& line) const;
   bool MayMatch(const UncertainLine& line, size_t segment, const Belief& belief) const;
   std::optional<Belief> Update(const Belief& belief, const ProjectedLine& line, size_t segment) const;
-  void Judge(const RigidTransform& pose);
+  void ScoreHypothesis(const RigidTransform& pose);
 
-  const ObjectModel& model_;
-  const CameraModel& camera_;
-  const absl::Span<const ImageSegment> segments_;
   const BlindPnpOptions& options_;
   const PoseScorer scorer_;
   std::vector<std::array<Eigen::Vector3d, 2>> bearings_;
   std::vector<bool> line_used_;
   std::vector<bool> segment_used_;
-  int num_judged_ = 0;
-  PoseScore best_;
-  std::optional<RigidTransform> best_pose_;
+  int num_scored_ = 0;
+  BestPose best_;
 };
 
 // Rows: derivatives of the distances of the two ends by the pose.
@@ -81,17 +74,14 @@ Eigen::Matrix<double, 2, 6> MeasurementRows(const ProjectedLine& line, const std
 
 std::optional<UncertainLine> BlindPnp::Project(const Belief& belief, const ModelLine& line) const {
   const Eigen::Vector3d eye = belief.pose.Inverse().translation_m;
-  const auto faces_camera = [&](const Eigen::Vector3d& normal) { return normal.dot(eye - line.p1) > 0.0; };
-  if (!line.face_normals.empty() && std::none_of(line.face_normals.begin(), line.face_normals.end(), faces_camera)) {
-    return std::nullopt;
-  }
-  const auto projected = ProjectLine(camera_, belief.pose, line.p1, line.p2);
+  if (IsTurnedAway(line, eye)) return std::nullopt;
+  const auto projected = ProjectLine(scorer_.camera(), belief.pose, line.p1, line.p2);
   if (!projected) return std::nullopt;
   UncertainLine uncertain{*projected, projected->p2_px - projected->p1_px, 0.0, 0.0};
   uncertain.length_px = uncertain.along.norm();
   if (uncertain.length_px < 2.0) return std::nullopt;
   uncertain.along /= uncertain.length_px;
-  const double focal_px = camera_.MaxFocalPx();
+  const double focal_px = scorer_.camera().MaxFocalPx();
   // The uncertainty of an end along its line is about that across it: f / z times that of its position.
   double variance_m2 = 0.0;
   double depth_m = 0.0;
@@ -107,7 +97,7 @@ std::optional<UncertainLine> BlindPnp::Project(const Belief& belief, const Model
 }
 
 bool BlindPnp::MayMatch(const UncertainLine& line, size_t segment, const Belief& belief) const {
-  const ImageSegment& s = segments_[segment];
+  const ImageSegment& s = scorer_.segments()[segment];
   const double t1 = line.along.dot(s.p1_px - line.line.p1_px), t2 = line.along.dot(s.p2_px - line.line.p1_px);
   if (std::min(t1, t2) < -line.reach_px || std::max(t1, t2) > line.length_px + line.reach_px) return false;
   const Eigen::Matrix<double, 2, 6> rows = MeasurementRows(line.line, bearings_[segment]);
@@ -131,34 +121,33 @@ std::optional<Belief> BlindPnp::Update(const Belief& belief, const ProjectedLine
 }
 
 bool BlindPnp::IsDone() const {
-  return num_judged_ >= options_.max_hypotheses ||
-         best_.inliers >= std::max(options_.good_ratio * static_cast<double>(segments_.size()), 1.0 * kMinInliers);
+  return num_scored_ >= options_.max_hypotheses ||
+         best_.score.inliers >=
+             std::max(options_.good_ratio * static_cast<double>(scorer_.segments().size()), 1.0 * kMinInliers);
 }
 
-void BlindPnp::Judge(const RigidTransform& pose) {
-  ++num_judged_;
+void BlindPnp::ScoreHypothesis(const RigidTransform& pose) {
+  ++num_scored_;
   // The prior is wide and the updates are of first order; one or two least-squares steps with the explained segments
   // precede the final score.
-  RigidTransform judged = pose;
-  const auto refined = RefinePose(scorer_.Matches(scorer_.Score(pose)), camera_, pose, 3);
-  if (refined && scorer_.Score(*refined).IsBetterThan(scorer_.Score(pose))) judged = *refined;
-  const PoseScore score = scorer_.Score(judged);
-  if (score.inliers < kMinInliers || !score.IsBetterThan(best_)) return;
-  best_ = score;
-  best_pose_ = judged;
+  const PoseScore score = scorer_.Score(pose);
+  best_.Offer(pose, score);
+  if (const auto refined = RefinePose(scorer_.Matches(score), scorer_.camera(), pose, 3)) {
+    best_.Offer(*refined, scorer_.Score(*refined));
+  }
 }
 
 void BlindPnp::Search(const Belief& belief, int depth) {
-  if (depth == options_.matches_per_hypothesis) return Judge(belief.pose);
-  size_t next_line = model_.lines.size();
+  if (depth == options_.matches_per_hypothesis) return ScoreHypothesis(belief.pose);
+  size_t next_line = scorer_.model().lines.size();
   std::optional<UncertainLine> next;
   std::vector<size_t> candidates;
-  for (size_t k = 0; k < model_.lines.size(); ++k) {
+  for (size_t k = 0; k < scorer_.model().lines.size(); ++k) {
     if (line_used_[k]) continue;
-    const auto line = Project(belief, model_.lines[k]);
+    const auto line = Project(belief, scorer_.model().lines[k]);
     if (!line) continue;
     std::vector<size_t> found;
-    for (size_t j = 0; j < segments_.size(); ++j) {
+    for (size_t j = 0; j < scorer_.segments().size(); ++j) {
       if (!segment_used_[j] && MayMatch(*line, j, belief)) found.push_back(j);
     }
     if (found.empty() || (next && found.size() >= candidates.size())) continue;
@@ -180,8 +169,8 @@ void BlindPnp::Search(const Belief& belief, int depth) {
 }
 
 absl::StatusOr<RigidTransform> BlindPnp::Finish() const {
-  if (!best_pose_) return absl::NotFoundError("BlindPnP: no hypothesis explains four segments");
-  return RefinePose(scorer_.Matches(best_), camera_, *best_pose_, 10).value_or(*best_pose_);
+  if (!best_.pose) return absl::NotFoundError("BlindPnP: no hypothesis explains four segments");
+  return RefinePose(scorer_.Matches(best_.score), scorer_.camera(), *best_.pose, 10).value_or(*best_.pose);
 }
 
 Belief MakeBelief(const RigidTransform& pose, const PosePrior& prior, double scale) {

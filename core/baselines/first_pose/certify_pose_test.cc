@@ -1,11 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "core/baselines/first_pose/certify_pose.h"
-
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
 #include <vector>
 
+#include "core/baselines/first_pose/published_bnb.h"
 #include "core/initialization/pose_search.h"
 #include "core/initialization/rotation_count.h"
 
@@ -49,7 +48,7 @@ TEST(CertifyPose, ExactPoseOfASearchAttainsTheMaximum) {
   ASSERT_FALSE(hypotheses.empty());
   const auto certificate = CertifyPose(model, kCamera, segments, hypotheses[0].camera_from_object);
   ASSERT_TRUE(certificate.ok()) << certificate.status();
-  EXPECT_EQ(certificate->verdict, RotationVerdict::kMaximum);
+  EXPECT_EQ(certificate->optimality, RotationOptimality::kMaximum);
   EXPECT_EQ(certificate->count, 7);
   EXPECT_EQ(certificate->upper_bound, 7);
 }
@@ -61,7 +60,7 @@ TEST(CertifyPose, WrongRotationIsRefutedByABetterOne) {
   wrong.rotation = wrong.rotation * ExpSo3({0.5, 0.4, -0.3});
   const auto certificate = CertifyPose(model, kCamera, segments, wrong);
   ASSERT_TRUE(certificate.ok()) << certificate.status();
-  EXPECT_EQ(certificate->verdict, RotationVerdict::kNotMaximum);
+  EXPECT_EQ(certificate->optimality, RotationOptimality::kNotMaximum);
   EXPECT_LT(certificate->count, 7);
   const RigidTransform better = {certificate->better, wrong.translation_m};
   const auto again = CertifyPose(model, kCamera, segments, better);
@@ -77,7 +76,7 @@ TEST(CertifyPose, SpentBudgetIsUnknown) {
   options.max_branches = 1;
   const auto certificate = CertifyPose(Wires(), kCamera, segments, Truth(), options);
   ASSERT_TRUE(certificate.ok()) << certificate.status();
-  EXPECT_EQ(certificate->verdict, RotationVerdict::kUnknown);
+  EXPECT_EQ(certificate->optimality, RotationOptimality::kUnknown);
   EXPECT_GT(certificate->upper_bound, certificate->count);
 }
 
@@ -87,7 +86,7 @@ TEST(CertifyPose, SegmentsOfZeroLengthAreIgnored) {
   const auto certificate = CertifyPose(Wires(), kCamera, segments, Truth());
   ASSERT_TRUE(certificate.ok()) << certificate.status();
   EXPECT_EQ(certificate->count, 7);
-  EXPECT_EQ(certificate->verdict, RotationVerdict::kMaximum);
+  EXPECT_EQ(certificate->optimality, RotationOptimality::kMaximum);
 }
 
 TEST(CertifyPose, RejectsInvalidArguments) {

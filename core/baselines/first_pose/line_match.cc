@@ -7,30 +7,20 @@
 #include <cmath>
 #include <limits>
 
-#include "core/geometry/projected_line.h"
-
 namespace evpose {
 namespace {
 
 // Squared sine of the angle between planes (0.06 deg) below which their common point is determined by noise only.
 constexpr double kMinEigenvalue = 1e-6;
 
-struct NormalEquations {
-  Matrix6d hessian = Matrix6d::Zero();
-  Vector6d gradient = Vector6d::Zero();
-};
-
-std::optional<NormalEquations> Linearise(absl::Span<const LineMatch> matches, const CameraModel& camera,
-                                         const RigidTransform& pose) {
-  NormalEquations equations;
+std::optional<LineNormalEquations> Linearise(absl::Span<const LineMatch> matches, const CameraModel& camera,
+                                             const RigidTransform& pose) {
+  LineNormalEquations equations;
   for (const LineMatch& match : matches) {
     const auto line = ProjectLine(camera, pose, match.p1, match.p2);
     if (!line) return std::nullopt;
     for (const Eigen::Vector2d& end : {match.segment.p1_px, match.segment.p2_px}) {
-      const Eigen::Vector3d bearing = BearingOfPixel(camera, end);
-      const Vector6d row = line->jacobian.transpose() * bearing;
-      equations.hessian += row * row.transpose();
-      equations.gradient += line->a.dot(bearing) * row;
+      equations.Add(*line, BearingOfPixel(camera, end));
     }
   }
   return equations;
@@ -38,8 +28,12 @@ std::optional<NormalEquations> Linearise(absl::Span<const LineMatch> matches, co
 
 }  // namespace
 
-Eigen::Vector3d BearingOfPixel(const CameraModel& camera, const Eigen::Vector2d& pixel) {
-  return {(pixel.x() - camera.cx_px) / camera.fx_px, (pixel.y() - camera.cy_px) / camera.fy_px, 1.0};
+void LineNormalEquations::Add(const ProjectedLine& line, const Eigen::Vector3d& bearing) {
+  const double d_px = line.a.dot(bearing);
+  const Vector6d row = line.jacobian.transpose() * bearing;
+  hessian += row * row.transpose();
+  gradient += d_px * row;
+  cost_px2 += d_px * d_px;
 }
 
 std::optional<Eigen::Vector3d> SolveTranslation(absl::Span<const LineMatch> matches, const CameraModel& camera,

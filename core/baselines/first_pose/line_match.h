@@ -10,6 +10,7 @@
 #include "absl/types/span.h"
 #include "core/geometry/camera.h"
 #include "core/geometry/image_segment.h"
+#include "core/geometry/projected_line.h"
 #include "core/geometry/rigid_transform.h"
 
 namespace evpose {
@@ -19,6 +20,15 @@ struct LineMatch {
   Eigen::Vector3d p1;  // object frame, metres
   Eigen::Vector3d p2;
   ImageSegment segment;
+};
+
+// Gauss-Newton equations of the distances of points from their projected lines, pixels.
+struct LineNormalEquations {
+  Matrix6d hessian = Matrix6d::Zero();
+  Vector6d gradient = Vector6d::Zero();
+  double cost_px2 = 0.0;  // sum of the squared distances
+
+  void Add(const ProjectedLine& line, const Eigen::Vector3d& bearing);
 };
 
 // Returns the translation in metres that solves n_j . (R P + T) = 0 for both end points P of each line in the
@@ -35,8 +45,5 @@ std::optional<RigidTransform> RefinePose(absl::Span<const LineMatch> matches, co
 
 // Root mean square of these distances in pixels; infinite if a line lies behind the camera.
 double LineResidualPx(absl::Span<const LineMatch> matches, const CameraModel& camera, const RigidTransform& pose);
-
-// Bearing (x, y, 1) of an undistorted pixel.
-Eigen::Vector3d BearingOfPixel(const CameraModel& camera, const Eigen::Vector2d& pixel);
 
 }  // namespace evpose

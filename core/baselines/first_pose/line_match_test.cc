@@ -15,7 +15,7 @@ TEST(LineMatch, TranslationFollowsFromTheRotation) {
   for (int seed = 0; seed < 10; ++seed) {
     const LineTrial trial = trials->Make(seed);
     const auto translation_m =
-        SolveTranslation(MatchesOf(*trials, trial), trials->camera(), trial.camera_from_object.rotation);
+        SolveTranslation(TrueMatches(*trials, trial), trials->camera(), trial.camera_from_object.rotation);
     ASSERT_TRUE(translation_m);
     EXPECT_LT((*translation_m - trial.camera_from_object.translation_m).norm(), 1e-9);
   }
@@ -23,7 +23,7 @@ TEST(LineMatch, TranslationFollowsFromTheRotation) {
 
 TEST(LineMatch, PlanesThroughOneLineDoNotDetermineTheTranslation) {
   const auto trials = MakeTrials(SimulatedObject::kCube, 0.0);
-  std::vector<LineMatch> matches = MatchesOf(*trials, trials->Make(1));
+  std::vector<LineMatch> matches = TrueMatches(*trials, trials->Make(1));
   for (size_t j = 0; j < matches.size(); ++j) {  // all pass through one pixel
     matches[j].segment = {{100.0, 100.0}, {200.0, 150.0 + 10.0 * static_cast<double>(j)}};
   }
@@ -34,7 +34,7 @@ TEST(LineMatch, RefinementFindsTheTruthFromNearby) {
   const auto trials = MakeTrials(SimulatedObject::kCuboid, 0.0);
   for (int seed = 0; seed < 10; ++seed) {
     const LineTrial trial = trials->Make(seed);
-    const std::vector<LineMatch> matches = MatchesOf(*trials, trial);
+    const std::vector<LineMatch> matches = TrueMatches(*trials, trial);
     Vector6d offset;
     offset << 0.01, -0.01, 0.02, 0.03, -0.02, 0.03;
     const RigidTransform start = Perturb(trial.camera_from_object, offset);
@@ -50,7 +50,7 @@ TEST(LineMatch, ResidualBehindTheCameraIsInfinite) {
   const auto trials = MakeTrials(SimulatedObject::kCube, 0.0);
   const LineTrial trial = trials->Make(1);
   const RigidTransform behind{trial.camera_from_object.rotation, -trial.camera_from_object.translation_m};
-  EXPECT_TRUE(std::isinf(LineResidualPx(MatchesOf(*trials, trial), trials->camera(), behind)));
+  EXPECT_TRUE(std::isinf(LineResidualPx(TrueMatches(*trials, trial), trials->camera(), behind)));
 }
 
 }  // namespace

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "core/baselines/first_pose/lsd_detector.h"
 
+#include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
 #include <opencv2/imgproc.hpp>
@@ -39,14 +40,11 @@ struct EdgeMotion {
 };
 
 std::vector<ImageSegment> FindSegments(const EventStretch& stretch, const LsdDetectorOptions& options) {
-  Eigen::Vector2f low(stretch.events[0].u_px, stretch.events[0].v_px), high = low;
-  for (const StretchEvent& event : stretch.events) {
-    low = low.cwiseMin(Eigen::Vector2f(event.u_px, event.v_px));
-    high = high.cwiseMax(Eigen::Vector2f(event.u_px, event.v_px));
-  }
-  const Eigen::Vector2f corner = low.array().floor() - 2.0f;
-  cv::Mat image =
-      cv::Mat::zeros(static_cast<int>(high.y() - corner.y()) + 4, static_cast<int>(high.x() - corner.x()) + 4, CV_8UC1);
+  Eigen::AlignedBox2f box;
+  for (const StretchEvent& event : stretch.events) box.extend(Eigen::Vector2f(event.u_px, event.v_px));
+  const Eigen::Vector2f corner = box.min().array().floor() - 2.0f;
+  const Eigen::Vector2f size = box.max() - corner;
+  cv::Mat image = cv::Mat::zeros(static_cast<int>(size.y()) + 4, static_cast<int>(size.x()) + 4, CV_8UC1);
   const int step = 255 / options.white_events;
   for (const StretchEvent& event : stretch.events) {
     uint8_t& pixel = image.at<uint8_t>(static_cast<int>(std::lround(event.v_px - corner.y())),

@@ -36,7 +36,7 @@ Eigen::VectorXd Determinant(const Eigen::VectorXd& p, const Eigen::VectorXd& q, 
 
 // Newton's method, as long as it reduces the polynomial's absolute value: of a split double root, the real part alone
 // is accurate only to the square root of the rounding error.
-double Polish(const Eigen::VectorXd& coefficients, double x) {
+double RefineRoot(const Eigen::VectorXd& coefficients, double x) {
   constexpr int kSteps = 3;
   for (int i = 0; i < kSteps; ++i) {
     double value = 0.0, slope = 0.0;
@@ -150,7 +150,7 @@ std::vector<double> RealRoots(const Eigen::VectorXd& coefficients, double imagin
   for (const auto& root : solver.roots()) {
     // Only one root of a conjugate pair is counted.
     if (root.imag() < 0.0 || root.imag() > imaginary_ratio * (1.0 + std::abs(root.real()))) continue;
-    roots.push_back(Polish(polynomial, root.real()));
+    roots.push_back(RefineRoot(polynomial, root.real()));
   }
   std::sort(roots.begin(), roots.end());
   return roots;

@@ -3,12 +3,17 @@
 
 #include <algorithm>
 #include <climits>
+#include <utility>
 
 namespace evpose {
 namespace {
 
 // Minimum depth of all line ends, relative to the diameter of the object: a pose with a nearer end is rejected.
 constexpr double kMinDepthOfDiameter = 0.1;
+// Pixels by which a segment may extend beyond an edge: the noise of its ends, and the errors of the pose.
+constexpr double kAlongPx = 10.0;
+
+}  // namespace
 
 bool IsTurnedAway(const ModelLine& line, const Eigen::Vector3d& camera_object) {
   if (line.face_normals.empty()) return false;
@@ -16,11 +21,16 @@ bool IsTurnedAway(const ModelLine& line, const Eigen::Vector3d& camera_object) {
                      [&](const Eigen::Vector3d& normal) { return normal.dot(camera_object - line.p1) <= 0.0; });
 }
 
-}  // namespace
+bool BestPose::Offer(const RigidTransform& camera_from_object, PoseScore score_of_pose) {
+  if (score_of_pose.inliers < kMinInliers || !score_of_pose.IsBetterThan(score)) return false;
+  pose = camera_from_object;
+  score = std::move(score_of_pose);
+  return true;
+}
 
 PoseScorer::PoseScorer(const ObjectModel& model, const CameraModel& camera, absl::Span<const ImageSegment> segments,
-                       double threshold_px, double along_px)
-    : model_(model), camera_(camera), segments_(segments), threshold_px_(threshold_px), along_px_(along_px) {}
+                       double threshold_px)
+    : model_(model), camera_(camera), segments_(segments), threshold_px_(threshold_px) {}
 
 bool PoseScorer::Project(const RigidTransform& pose, std::vector<Projected>& lines) const {
   constexpr double kMinLengthPx = 2.0;  // pixels; shorter lines have no direction
@@ -56,7 +66,7 @@ PoseScore PoseScorer::ScoreProjected(const std::vector<Projected>& lines, int ne
       const double db = line.along.x() * b.y() - line.along.y() * b.x();
       if (db > threshold_px_ || db < -threshold_px_) continue;
       const double ta = line.along.dot(a), tb = line.along.dot(b);
-      if (std::min(ta, tb) < -along_px_ || std::max(ta, tb) > line.length_px + along_px_) continue;
+      if (std::min(ta, tb) < -kAlongPx || std::max(ta, tb) > line.length_px + kAlongPx) continue;
       if (da * da + db * db >= best_px2) continue;
       best_px2 = da * da + db * db;
       if (with_lines) score.model_line[j] = line.line;

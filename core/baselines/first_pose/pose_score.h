@@ -5,6 +5,7 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <optional>
 #include <vector>
 
 #include "absl/types/span.h"
@@ -16,14 +17,16 @@
 
 namespace evpose {
 
+// Whether all faces of a line are turned away from a camera at this place in the object frame; false without faces.
+bool IsTurnedAway(const ModelLine& line, const Eigen::Vector3d& camera_object);
+
 // A pose that explains fewer segments is rejected: three always fit.
 inline constexpr int kMinInliers = 4;
 
 struct PoseScore {
   int inliers = 0;  // segments that lie on a projected line
-  double cost_px2 =
-      // Sum over the segments of the squared distances of their ends, pixels^2, each truncated at the threshold.
-      0.0;
+  // Sum over the segments of the squared distances of their ends, pixels^2, each truncated at the threshold.
+  double cost_px2 = 0.0;
   std::vector<int> model_line;  // for each segment, index into ObjectModel::lines, or -1
 
   bool IsBetterThan(const PoseScore& other) const {
@@ -31,13 +34,26 @@ struct PoseScore {
   }
 };
 
+// The best pose of a search so far.
+struct BestPose {
+  std::optional<RigidTransform> pose;
+  PoseScore score;
+
+  // Keeps the pose if it explains enough segments and is better; returns whether it is kept.
+  bool Offer(const RigidTransform& camera_from_object, PoseScore score_of_pose);
+};
+
 // Scores poses. A segment is an inlier if both its ends are within `threshold_px` of the line through a projected edge
-// and not farther than `along_px` beyond the ends of the edge. Lines are ignored if all their faces are turned away;
+// and not farther than 10 px beyond the ends of the edge. Lines are ignored if all their faces are turned away;
 // other occlusion is not considered. The model and the segments must outlive the scorer.
 class PoseScorer {
  public:
   PoseScorer(const ObjectModel& model, const CameraModel& camera, absl::Span<const ImageSegment> segments,
-             double threshold_px, double along_px = 10.0);
+             double threshold_px);
+
+  const ObjectModel& model() const { return model_; }
+  const CameraModel& camera() const { return camera_; }
+  absl::Span<const ImageSegment> segments() const { return segments_; }
 
   // Scores a pose. No segment is an inlier if a part of the model lies behind the camera.
   PoseScore Score(const RigidTransform& camera_from_object) const;
@@ -59,7 +75,6 @@ class PoseScorer {
   const CameraModel camera_;
   const absl::Span<const ImageSegment> segments_;
   const double threshold_px_;
-  const double along_px_;
 };
 
 }  // namespace evpose

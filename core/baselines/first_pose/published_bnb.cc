@@ -56,7 +56,7 @@ class TranslationSearch {
  public:
   TranslationSearch(const ObjectModel& model, const CameraModel& camera, absl::Span<const ImageSegment> segments,
                     const PublishedBnbOptions& options)
-      : model_(model), camera_(camera), options_(options), scorer_(model, camera, segments, options.threshold_px) {
+      : options_(options), scorer_(model, camera, segments, options.threshold_px) {
     for (const ImageSegment& segment : segments) normals_.push_back(BackProjectedNormal(camera, segment));
     triples_ = ChooseTriples(segments, normals_, options.max_triples);
   }
@@ -75,22 +75,19 @@ class TranslationSearch {
                  const std::vector<std::vector<Candidate>>& candidates);
   bool IsPlausible(const Eigen::Vector3d& translation_m) const;
 
-  const ObjectModel& model_;
-  const CameraModel& camera_;
   const PublishedBnbOptions& options_;
   const PoseScorer scorer_;
   std::vector<Eigen::Vector3d> normals_;
   std::vector<Triple> triples_;
-  PoseScore best_;
-  std::optional<RigidTransform> best_pose_;
+  BestPose best_;
 };
 
 void TranslationSearch::Try(const Eigen::Matrix3d& rotation) {
   const double max_cosine = std::sin(options_.rotation.inlier_rad);
   std::vector<std::vector<Candidate>> candidates(normals_.size());
   for (size_t j = 0; j < normals_.size(); ++j) {
-    for (size_t k = 0; k < model_.lines.size(); ++k) {
-      const ModelLine& line = model_.lines[k];
+    for (size_t k = 0; k < scorer_.model().lines.size(); ++k) {
+      const ModelLine& line = scorer_.model().lines[k];
       const Eigen::Vector3d direction = rotation * (line.p2 - line.p1).normalized();
       if (std::abs(normals_[j].dot(direction)) > max_cosine) continue;
       const double offset_m = -normals_[j].dot(rotation * (0.5 * (line.p1 + line.p2)));
@@ -103,7 +100,7 @@ void TranslationSearch::Try(const Eigen::Matrix3d& rotation) {
 // Test before the projection: the origin of the object lies in front of the camera, farther than the size of the
 // object.
 bool TranslationSearch::IsPlausible(const Eigen::Vector3d& translation_m) const {
-  return translation_m.z() > 0.5 * model_.diameter_m && translation_m.z() < 100.0 * model_.diameter_m;
+  return translation_m.z() > 0.5 * scorer_.model().diameter_m && translation_m.z() < 100.0 * scorer_.model().diameter_m;
 }
 
 void TranslationSearch::TryTriple(const Eigen::Matrix3d& rotation, const Triple& triple,
@@ -119,21 +116,17 @@ void TranslationSearch::TryTriple(const Eigen::Matrix3d& rotation, const Triple&
         const Eigen::Vector3d translation_m = inverse * Eigen::Vector3d(a.offset_m, b.offset_m, c.offset_m);
         if (!IsPlausible(translation_m)) continue;
         const RigidTransform pose{rotation, translation_m};
-        const PoseScore score = scorer_.QuickScore(pose, best_.inliers);
-        if (score.inliers < kMinInliers || !score.IsBetterThan(best_)) continue;
-        best_ = score;
-        best_pose_ = pose;
+        best_.Offer(pose, scorer_.QuickScore(pose, best_.score.inliers));
       }
     }
   }
 }
 
 absl::StatusOr<RigidTransform> TranslationSearch::Finish() const {
-  if (!best_pose_) return absl::NotFoundError("published BnB: no translation explains four segments");
-  const std::vector<LineMatch> matches = scorer_.Matches(scorer_.Score(*best_pose_));
-  const auto translation_m = SolveTranslation(matches, camera_, best_pose_->rotation);
-  if (!translation_m) return *best_pose_;
-  return RigidTransform{best_pose_->rotation, *translation_m};
+  if (!best_.pose) return absl::NotFoundError("published BnB: no translation explains four segments");
+  const std::vector<LineMatch> matches = scorer_.Matches(scorer_.Score(*best_.pose));
+  const auto translation_m = SolveTranslation(matches, scorer_.camera(), best_.pose->rotation);
+  return RigidTransform{best_.pose->rotation, translation_m.value_or(best_.pose->translation_m)};
 }
 
 // One symmetry of the directions of each class that the symmetries of the model do not map onto each other.
@@ -172,6 +165,18 @@ absl::StatusOr<RigidTransform> EstimatePoseByPublishedBnb(const ObjectModel& mod
     for (const Eigen::Matrix3d& q : symmetries) translations.Try(rotation * q);
   }
   return translations.Finish();
+}
+
+absl::StatusOr<RotationCertificate> CertifyPose(const ObjectModel& model, const CameraModel& camera,
+                                                absl::Span<const ImageSegment> segments,
+                                                const RigidTransform& camera_from_object,
+                                                const RotationBnbOptions& options) {
+  std::vector<Eigen::Vector3d> normals;
+  for (const ImageSegment& segment : segments) {
+    const Eigen::Vector3d normal = BackProjectedNormal(camera, segment);
+    if (!normal.isZero()) normals.push_back(normal);
+  }
+  return CertifyRotation(normals, UniqueDirections(model), camera_from_object.rotation, options);
 }
 
 }  // namespace evpose

@@ -33,11 +33,7 @@ class Ransac {
  public:
   Ransac(const ObjectModel& model, const CameraModel& camera, absl::Span<const ImageSegment> segments,
          const RansacP3lOptions& options)
-      : model_(model),
-        camera_(camera),
-        segments_(segments),
-        options_(options),
-        scorer_(model, camera, segments, options.threshold_px) {
+      : options_(options), scorer_(model, camera, segments, options.threshold_px) {
     for (const ImageSegment& segment : segments) normals_.push_back(BackProjectedNormal(camera, segment));
     for (const ModelLine& line : model.lines) directions_.push_back((line.p2 - line.p1).normalized());
   }
@@ -48,20 +44,16 @@ class Ransac {
  private:
   void TryMatches(const std::array<size_t, 3>& segments, const std::array<size_t, 3>& lines);
 
-  const ObjectModel& model_;
-  const CameraModel& camera_;
-  const absl::Span<const ImageSegment> segments_;
   const RansacP3lOptions& options_;
   const PoseScorer scorer_;
   std::vector<Eigen::Vector3d> normals_;
   std::vector<Eigen::Vector3d> directions_;
-  PoseScore best_;
-  std::optional<RigidTransform> best_pose_;
+  BestPose best_;
 };
 
 void Ransac::Draw(Random& random) {
-  const std::array<size_t, 3> segments = DrawThree(random, segments_.size());
-  const std::array<size_t, 3> lines = DrawThree(random, model_.lines.size());
+  const std::array<size_t, 3> segments = DrawThree(random, scorer_.segments().size());
+  const std::array<size_t, 3> lines = DrawThree(random, scorer_.model().lines.size());
   TryMatches(segments, lines);
 }
 
@@ -75,22 +67,19 @@ void Ransac::TryMatches(const std::array<size_t, 3>& segments, const std::array<
   const Eigen::Matrix3d inverse = normals.inverse();
   for (const Eigen::Matrix3d& rotation : rotations) {
     Eigen::Vector3d right;
-    for (int i = 0; i < 3; ++i) right[i] = -normals.row(i).dot(rotation * model_.lines[lines[i]].p1);
+    for (int i = 0; i < 3; ++i) right[i] = -normals.row(i).dot(rotation * scorer_.model().lines[lines[i]].p1);
     const RigidTransform pose{rotation, inverse * right};
-    const PoseScore score = scorer_.QuickScore(pose, best_.inliers);
-    if (score.inliers < kMinInliers || !score.IsBetterThan(best_)) continue;
-    best_ = score;
-    best_pose_ = pose;
+    best_.Offer(pose, scorer_.QuickScore(pose, best_.score.inliers));
   }
 }
 
 absl::StatusOr<RigidTransform> Ransac::Finish() const {
-  if (!best_pose_) return absl::NotFoundError("RANSAC: no draw explains four segments");
-  RigidTransform pose = *best_pose_;
+  if (!best_.pose) return absl::NotFoundError("RANSAC: no draw explains four segments");
+  RigidTransform pose = *best_.pose;
   for (int pass = 0; pass < 2; ++pass) {
     const std::vector<LineMatch> matches = scorer_.Matches(scorer_.Score(pose));
-    const auto refined = RefinePose(matches, camera_, pose, options_.refinement_iterations);
-    if (!refined || scorer_.Score(*refined).inliers < best_.inliers) break;
+    const auto refined = RefinePose(matches, scorer_.camera(), pose, options_.refinement_iterations);
+    if (!refined || scorer_.Score(*refined).inliers < best_.score.inliers) break;
     pose = *refined;
   }
   return pose;

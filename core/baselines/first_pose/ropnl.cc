@@ -44,7 +44,8 @@ absl::StatusOr<RigidTransform> EstimatePoseByRopnl(const CameraModel& camera, ab
     normals.push_back(BackProjectedNormal(camera, match.segment));
     directions.push_back((match.p2 - match.p1).normalized());
   }
-  EVPOSE_ASSIGN_OR_RETURN(const RotationBnbResult result, MaximisePerpendicularMatches(normals, directions, options));
+  EVPOSE_ASSIGN_OR_RETURN(const RotationBnbResult result,
+                          MaximisePerpendicular(normals, directions, options, Correspondences::kKnown));
   const std::vector<Eigen::Matrix3d> symmetries = SignSymmetries(directions);
   const double max_cosine = std::sin(options.inlier_rad);
   Solution best;

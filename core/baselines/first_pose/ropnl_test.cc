@@ -22,7 +22,7 @@ Counts RunTrials(SimulatedObject object, double noise_px) {
   Counts counts;
   for (int seed = 0; seed < kTrials; ++seed) {
     const LineTrial trial = trials->Make(seed);
-    const auto pose = EstimatePoseByRopnl(trials->camera(), MatchesOf(*trials, trial), {});
+    const auto pose = EstimatePoseByRopnl(trials->camera(), TrueMatches(*trials, trial), {});
     EXPECT_TRUE(pose.ok()) << pose.status();
     if (!pose.ok()) continue;
     const PoseError error = CompareWithTruth(*trials, trial, *pose);
@@ -50,7 +50,7 @@ TEST(Ropnl, IsMostlyRightWhereNoLineIsShort) {
 TEST(Ropnl, WrongMatchesAreRejected) {
   const auto trials = MakeTrials(SimulatedObject::kSpacecraft, 0.5);
   const LineTrial trial = trials->Make(4);
-  std::vector<LineMatch> matches = MatchesOf(*trials, trial);
+  std::vector<LineMatch> matches = TrueMatches(*trials, trial);
   ASSERT_GE(matches.size(), 10u);
   for (int i = 0; i < 2; ++i) {  // rotated by a right angle in the image
     ImageSegment& segment = matches[i].segment;
@@ -64,7 +64,7 @@ TEST(Ropnl, WrongMatchesAreRejected) {
 
 TEST(Ropnl, ReportsErrors) {
   const auto trials = MakeTrials(SimulatedObject::kCube, 0.0);
-  const std::vector<LineMatch> matches = MatchesOf(*trials, trials->Make(1));
+  const std::vector<LineMatch> matches = TrueMatches(*trials, trials->Make(1));
   EXPECT_EQ(EstimatePoseByRopnl(trials->camera(), absl::MakeSpan(matches).first(2), {}).status().code(),
             absl::StatusCode::kInvalidArgument);
   RotationBnbOptions options;

@@ -46,6 +46,11 @@ struct Cube {
   uint32_t x = 0, y = 0, z = 0;  // position among the 2^level cubes of each axis
   int16_t level = 0;
   int16_t upper = 0;  // upper bound of E in the cube
+
+  // One of the eight halves of the cube, with the cube's bound.
+  Cube Child(uint32_t i) const {
+    return {2 * x + (i & 1), 2 * y + (i >> 1 & 1), 2 * z + (i >> 2), static_cast<int16_t>(level + 1), upper};
+  }
 };
 
 // The candidate directions of each normal.
@@ -132,7 +137,7 @@ class BranchAndBound {
   std::pair<int, int> Bounds(const Eigen::Vector3d& centre, const Eigen::Matrix3d& rotation, const Level& level,
                              int needed) const;
   void Branch(const Cube& cube);
-  void Consider(const Cube& cube);
+  void Consider(Cube cube);
   void Refine(const Eigen::Matrix3d& rotation);
   bool IsKnown(const Eigen::Matrix3d& rotation, double within_rad) const;
   void ExploreChildren(const Cube& cube, std::vector<Cube>& queue);
@@ -253,8 +258,7 @@ void BranchAndBound::Refine(const Eigen::Matrix3d& rotation) {
   Offer(rotation);
 }
 
-void BranchAndBound::Consider(const Cube& parent_and_place) {
-  Cube cube = parent_and_place;
+void BranchAndBound::Consider(Cube cube) {
   const Level& level = levels_[cube.level];
   const Eigen::Vector3d centre = Centre(cube);
   const Eigen::Matrix3d rotation = ExpSo3(centre);
@@ -278,10 +282,7 @@ void BranchAndBound::Branch(const Cube& cube) {
     unresolved_ = std::max<int>(unresolved_, cube.upper);
     return;
   }
-  for (uint32_t child = 0; child < 8; ++child) {
-    Consider({2 * cube.x + (child & 1), 2 * cube.y + (child >> 1 & 1), 2 * cube.z + (child >> 2),
-              static_cast<int16_t>(cube.level + 1), cube.upper});
-  }
+  for (uint32_t i = 0; i < 8; ++i) Consider(cube.Child(i));
 }
 
 void BranchAndBound::Search() {
@@ -309,9 +310,8 @@ int BranchAndBound::upper_bound() const {
 
 void BranchAndBound::ExploreChildren(const Cube& cube, std::vector<Cube>& queue) {
   const Level& level = levels_[cube.level + 1];
-  for (uint32_t child = 0; child < 8; ++child) {
-    const Cube part = {2 * cube.x + (child & 1), 2 * cube.y + (child >> 1 & 1), 2 * cube.z + (child >> 2),
-                       static_cast<int16_t>(cube.level + 1), cube.upper};
+  for (uint32_t i = 0; i < 8; ++i) {
+    const Cube part = cube.Child(i);
     const Eigen::Vector3d centre = Centre(part);
     const Eigen::Matrix3d rotation = ExpSo3(centre);
     ++branches_;
@@ -342,15 +342,7 @@ void BranchAndBound::ExplorePlateau() {
   has_all_ = true;
 }
 
-RotationBnbResult BranchAndBound::Result() const {
-  RotationBnbResult result;
-  result.lower_bound = best_;
-  result.upper_bound = upper_bound();
-  result.rotations = rotations_;
-  result.has_all_rotations = has_all_;
-  result.branches = branches_;
-  return result;
-}
+RotationBnbResult BranchAndBound::Result() const { return {best_, upper_bound(), rotations_, has_all_, branches_}; }
 
 absl::Status CheckUnit(const char* name, absl::Span<const Eigen::Vector3d> vectors) {
   for (size_t i = 0; i < vectors.size(); ++i) {
@@ -362,8 +354,9 @@ absl::Status CheckUnit(const char* name, absl::Span<const Eigen::Vector3d> vecto
 }
 
 absl::StatusOr<Problem> MakeProblem(absl::Span<const Eigen::Vector3d> normals,
-                                    absl::Span<const Eigen::Vector3d> directions, bool is_matched,
+                                    absl::Span<const Eigen::Vector3d> directions, Correspondences correspondences,
                                     const RotationBnbOptions& options) {
+  const bool is_matched = correspondences == Correspondences::kKnown;
   constexpr size_t kMaxNormals = 10'000;  // counts are kept in 16 bits
   EVPOSE_RETURN_IF_ERROR(options.Validate());
   EVPOSE_RETURN_IF_ERROR(CheckUnit("normals", normals));
@@ -390,16 +383,6 @@ absl::StatusOr<Problem> MakeProblem(absl::Span<const Eigen::Vector3d> normals,
   return problem;
 }
 
-absl::StatusOr<RotationBnbResult> Maximise(absl::Span<const Eigen::Vector3d> normals,
-                                           absl::Span<const Eigen::Vector3d> directions, bool is_matched,
-                                           const RotationBnbOptions& options) {
-  EVPOSE_ASSIGN_OR_RETURN(const Problem problem, MakeProblem(normals, directions, is_matched, options));
-  BranchAndBound search(problem, options);
-  search.Search();
-  if (search.lower_bound() == search.upper_bound()) search.ExplorePlateau();
-  return search.Result();
-}
-
 }  // namespace
 
 absl::Status RotationBnbOptions::Validate() const {
@@ -416,21 +399,20 @@ absl::Status RotationBnbOptions::Validate() const {
 
 absl::StatusOr<RotationBnbResult> MaximisePerpendicular(absl::Span<const Eigen::Vector3d> normals,
                                                         absl::Span<const Eigen::Vector3d> directions,
-                                                        const RotationBnbOptions& options) {
-  return Maximise(normals, directions, /*is_matched=*/false, options);
-}
-
-absl::StatusOr<RotationBnbResult> MaximisePerpendicularMatches(absl::Span<const Eigen::Vector3d> normals,
-                                                               absl::Span<const Eigen::Vector3d> directions,
-                                                               const RotationBnbOptions& options) {
-  return Maximise(normals, directions, /*is_matched=*/true, options);
+                                                        const RotationBnbOptions& options,
+                                                        Correspondences correspondences) {
+  EVPOSE_ASSIGN_OR_RETURN(const Problem problem, MakeProblem(normals, directions, correspondences, options));
+  BranchAndBound search(problem, options);
+  search.Search();
+  if (search.lower_bound() == search.upper_bound()) search.ExplorePlateau();
+  return search.Result();
 }
 
 absl::StatusOr<RotationCertificate> CertifyRotation(absl::Span<const Eigen::Vector3d> normals,
                                                     absl::Span<const Eigen::Vector3d> directions,
                                                     const Eigen::Matrix3d& camera_from_object,
                                                     const RotationBnbOptions& options) {
-  EVPOSE_ASSIGN_OR_RETURN(const Problem problem, MakeProblem(normals, directions, /*is_matched=*/false, options));
+  EVPOSE_ASSIGN_OR_RETURN(const Problem problem, MakeProblem(normals, directions, Correspondences::kUnknown, options));
   const Eigen::Matrix3d error = camera_from_object.transpose() * camera_from_object - Eigen::Matrix3d::Identity();
   if (!(error.norm() <= 1e-6) || camera_from_object.determinant() < 0.0) {
     return absl::InvalidArgumentError("camera_from_object: not a rotation matrix");
@@ -445,10 +427,10 @@ absl::StatusOr<RotationCertificate> CertifyRotation(absl::Span<const Eigen::Vect
   certificate.upper_bound = result.upper_bound;
   certificate.branches = result.branches;
   if (result.lower_bound > certificate.count) {
-    certificate.verdict = RotationVerdict::kNotMaximum;
+    certificate.optimality = RotationOptimality::kNotMaximum;
     certificate.better = result.rotations.front();
   } else if (result.is_certified()) {
-    certificate.verdict = RotationVerdict::kMaximum;
+    certificate.optimality = RotationOptimality::kMaximum;
   }
   return certificate;
 }

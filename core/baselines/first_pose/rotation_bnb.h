@@ -59,27 +59,29 @@ struct RotationBnbResult {
   bool is_certified() const { return lower_bound == upper_bound; }
 };
 
+enum class Correspondences {
+  kUnknown,  // a normal may belong to any direction
+  kKnown,    // normal j belongs to directions[j] (equal numbers)
+};
+
 // Searches best first. `normals`: unit normals n_j of the planes through the centre of the camera and the image lines,
-// camera frame; `directions`: unit directions v_k of the model lines (UniqueDirections), object frame. Deterministic.
+// camera frame; `directions`: unit directions v_k of the model lines (UniqueDirections), object frame. With known
+// correspondences the symmetries are those that map each direction to itself or its opposite (SignSymmetries).
+// Deterministic.
 // INVALID_ARGUMENT: invalid options, no normal, fewer than two directions, or a vector that is not of unit length.
 absl::StatusOr<RotationBnbResult> MaximisePerpendicular(absl::Span<const Eigen::Vector3d> normals,
                                                         absl::Span<const Eigen::Vector3d> directions,
-                                                        const RotationBnbOptions& options);
+                                                        const RotationBnbOptions& options,
+                                                        Correspondences correspondences = Correspondences::kUnknown);
 
-// The same with known correspondences: normal j belongs to directions[j] (equal numbers). The symmetries are then those
-// that map each direction to itself or its opposite (SignSymmetries).
-absl::StatusOr<RotationBnbResult> MaximisePerpendicularMatches(absl::Span<const Eigen::Vector3d> normals,
-                                                               absl::Span<const Eigen::Vector3d> directions,
-                                                               const RotationBnbOptions& options);
-
-enum class RotationVerdict {
+enum class RotationOptimality {
   kMaximum,     // no rotation explains more lines
   kNotMaximum,  // RotationCertificate::better explains more
   kUnknown,     // the budget of branches ran out
 };
 
 struct RotationCertificate {
-  RotationVerdict verdict = RotationVerdict::kUnknown;
+  RotationOptimality optimality = RotationOptimality::kUnknown;
   int count = 0;                                         // E of the tested rotation
   int upper_bound = 0;                                   // no rotation has more
   Eigen::Matrix3d better = Eigen::Matrix3d::Identity();  // a rotation with a larger E, for kNotMaximum

@@ -222,7 +222,7 @@ TEST(RotationBnb, MatchesGiveOneRotation) {
   }
   RotationBnbOptions options;
   options.inlier_rad = 0.01;
-  const auto result = MaximisePerpendicularMatches(normals, directions, options);
+  const auto result = MaximisePerpendicular(normals, directions, options, Correspondences::kKnown);
   ASSERT_TRUE(result.ok()) << result.status();
   EXPECT_TRUE(result->is_certified());
   EXPECT_EQ(result->lower_bound, 10);
@@ -239,7 +239,7 @@ TEST(RotationBnb, MatchesOfABoxLeaveFour) {
   const Directions normals = MakeNormals(random, directions, truth, 9, 0.0, 0);
   RotationBnbOptions options;
   options.inlier_rad = 0.005;
-  const auto result = MaximisePerpendicularMatches(normals, directions, options);
+  const auto result = MaximisePerpendicular(normals, directions, options, Correspondences::kKnown);
   ASSERT_TRUE(result.ok()) << result.status();
   EXPECT_EQ(result->lower_bound, 9);
   ASSERT_EQ(result->rotations.size(), 1u);
@@ -259,20 +259,20 @@ TEST(CertifyRotation, ReturnsEachVerdict) {
   ASSERT_TRUE(whole.ok() && whole->is_certified());
   const auto good = CertifyRotation(normals, BoxDirections(), whole->rotations.front(), {});
   ASSERT_TRUE(good.ok()) << good.status();
-  EXPECT_EQ(good->verdict, RotationVerdict::kMaximum);
+  EXPECT_EQ(good->optimality, RotationOptimality::kMaximum);
   EXPECT_EQ(good->count, whole->lower_bound);
   EXPECT_EQ(good->upper_bound, whole->upper_bound);
 
   const auto bad = CertifyRotation(normals, BoxDirections(), truth * ExpSo3({0.3, 0.2, 0.1}), {});
   ASSERT_TRUE(bad.ok()) << bad.status();
-  EXPECT_EQ(bad->verdict, RotationVerdict::kNotMaximum);
+  EXPECT_EQ(bad->optimality, RotationOptimality::kNotMaximum);
   EXPECT_GT(CountPerpendicular(normals, BoxDirections(), bad->better, RotationBnbOptions().inlier_rad), bad->count);
 
   RotationBnbOptions options;
   options.max_branches = 1;
   const auto unknown = CertifyRotation(normals, BoxDirections(), whole->rotations.front(), options);
   ASSERT_TRUE(unknown.ok());
-  EXPECT_EQ(unknown->verdict, RotationVerdict::kUnknown);
+  EXPECT_EQ(unknown->optimality, RotationOptimality::kUnknown);
   EXPECT_GE(unknown->upper_bound, whole->upper_bound);
 }
 
@@ -296,7 +296,7 @@ TEST(RotationBnb, RejectsInvalidArguments) {
   options = {};
   options.max_branches = 0;
   EXPECT_THAT(message(normals, box, options), HasSubstr("max_branches"));
-  EXPECT_FALSE(MaximisePerpendicularMatches(normals, {box[0], box[1]}, {}).ok());
+  EXPECT_FALSE(MaximisePerpendicular(normals, {box[0], box[1]}, {}, Correspondences::kKnown).ok());
   EXPECT_FALSE(CertifyRotation(normals, box, -Eigen::Matrix3d::Identity(), {}).ok());
   EXPECT_FALSE(CertifyRotation(normals, box, 1.1 * Eigen::Matrix3d::Identity(), {}).ok());
 }

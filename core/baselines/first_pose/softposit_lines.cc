@@ -3,6 +3,7 @@
 
 #include <Eigen/Cholesky>
 #include <Eigen/Eigenvalues>
+#include <Eigen/Geometry>
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -27,12 +28,6 @@ double DistanceToPiece(const Eigen::Vector2d& point, const Eigen::Vector2d& a, c
   const double length2 = way.squaredNorm();
   const double s = length2 > 0.0 ? std::clamp((point - a).dot(way) / length2, 0.0, 1.0) : 0.0;
   return (point - a - s * way).norm();
-}
-
-// Nearest point on the line through a segment.
-Eigen::Vector2d FootOnLine(const Eigen::Vector2d& point, const ImageSegment& segment) {
-  const Eigen::Vector2d along = (segment.p2_px - segment.p1_px).normalized();
-  return segment.p1_px + along.dot(point - segment.p1_px) * along;
 }
 
 class SoftPosit {
@@ -83,9 +78,7 @@ std::optional<SoftPosit::Projection> SoftPosit::Project(const RigidTransform& po
     const Eigen::Vector3d a = pose * line.p1, b = pose * line.p2;
     if (!(a.z() > 0.1 * model_.diameter_m && b.z() > 0.1 * model_.diameter_m)) return std::nullopt;
     projection.ends_px.push_back({camera_.Project(a), camera_.Project(b)});
-    const auto faces_camera = [&](const Eigen::Vector3d& normal) { return normal.dot(eye - line.p1) > 0.0; };
-    projection.is_seen.push_back(line.face_normals.empty() ||
-                                 std::any_of(line.face_normals.begin(), line.face_normals.end(), faces_camera));
+    projection.is_seen.push_back(!IsTurnedAway(line, eye));
   }
   return projection;
 }
@@ -135,7 +128,8 @@ std::optional<RigidTransform> SoftPosit::Posit(const RigidTransform& pose, const
       for (size_t j = 0; j < segments_.size(); ++j) {
         const double weight = weights(static_cast<Eigen::Index>(j), static_cast<Eigen::Index>(k));
         if (weight < 1e-6) continue;
-        const Eigen::Vector3d image = BearingOfPixel(camera_, FootOnLine(projection.ends_px[k][end], segments_[j]));
+        const auto line = Eigen::ParametrizedLine<double, 2>::Through(segments_[j].p1_px, segments_[j].p2_px);
+        const Eigen::Vector3d image = BearingOfPixel(camera_, line.projection(projection.ends_px[k][end]));
         moments += weight * point * point.transpose();
         right += weight * w * point * image.head<2>().transpose();
       }
@@ -189,19 +183,14 @@ absl::StatusOr<RigidTransform> EstimatePoseBySoftPosit(const ObjectModel& model,
   }
   const PoseScorer scorer(model, camera, segments, options.threshold_px);
   Random random(seed);
-  PoseScore best;
-  std::optional<RigidTransform> best_pose;
+  BestPose best;
   for (int start = 0; start < options.max_starts; ++start) {
     const auto pose = softposit.Run(start == 0 ? prior.camera_from_object : prior.Draw(random));
-    if (!pose) continue;
-    const PoseScore score = scorer.Score(*pose);
-    if (score.inliers < kMinInliers || !score.IsBetterThan(best)) continue;
-    best = score;
-    best_pose = pose;
-    if (best.inliers >= options.good_ratio * static_cast<double>(segments.size())) break;
+    if (!pose || !best.Offer(*pose, scorer.Score(*pose))) continue;
+    if (best.score.inliers >= options.good_ratio * static_cast<double>(segments.size())) break;
   }
-  if (!best_pose) return absl::NotFoundError("SoftPOSIT: no start explains four segments");
-  return *best_pose;
+  if (!best.pose) return absl::NotFoundError("SoftPOSIT: no start explains four segments");
+  return *best.pose;
 }
 
 }  // namespace evpose

@@ -32,10 +32,6 @@ absl::StatusOr<SimulationOptions> MakeScene(const EventTrialOptions& options, in
                           SimulationPreset(SimulatedObjectName(options.object), options.camera, options.speed_scale));
   scene.duration_us = duration_us;
   scene.sensor.noise_ratio = options.noise_ratio;
-  scene.scene.motion.profile = options.motion_profile;
-  scene.scene.background = options.background;
-  scene.scene.light = options.light;
-  scene.scene.occluder = options.occluder;
   scene.seed = seed;
   scene.t_begin_us = 0;
   EVPOSE_RETURN_IF_ERROR(scene.Validate());
@@ -58,18 +54,6 @@ absl::StatusOr<LineDetectorFactory> FindLineDetector(const std::string& name) {
                                                  absl::StrJoin(LineDetectorNames(), ", ")));
 }
 
-absl::StatusOr<TrackerOptions> MakeTrackerOptions(const EventTrialOptions& options) {
-  TrackerOptions tracker = options.tracker;
-  EVPOSE_ASSIGN_OR_RETURN(tracker.initialization.detector_factory, FindLineDetector(options.detector));
-  return tracker;
-}
-
-VisibilityOptions TrueVisibility() {
-  VisibilityOptions options;
-  options.grazing_cosine = 0.0;  // faces that are turned away are invisible
-  return options;
-}
-
 // Simulated events and the truth. Not movable: the visibility tester keeps a reference to the model.
 class Recording {
  public:
@@ -90,7 +74,7 @@ class Recording {
       : camera_(scene.camera),
         truth_(SimulatedTruth(scene)),
         model_(std::make_shared<const ObjectModel>(std::move(model))),
-        visibility_(*model_, TrueVisibility()) {}
+        visibility_(*model_, {.grazing_cosine = 0.0}) {}  // faces that are turned away are invisible
 
   absl::Span<const Event> events() const { return events_; }
   const CameraModel& camera() const { return camera_; }
@@ -123,45 +107,51 @@ class Recording {
   const VisibilityTester visibility_;
 };
 
-// Longest interval in which wrong poses were reported without a break.
-class WrongStretch {
- public:
-  void Add(int64_t t_us, bool is_wrong) {
-    if (!is_wrong) {
-      since_us_ = -1;
-      return;
+// Passes the events of [begin_us, end_us), delayed by `delay_us`, to the tracker in steps. Calls `on_pose` with the end
+// of the step, each TRACKING pose of these events, and whether it is right. Returns the longest interval in which wrong
+// poses were reported without a break.
+int64_t Follow(const Recording& recording, int64_t begin_us, int64_t end_us, int64_t delay_us, Tracker& tracker,
+               const std::function<void(int64_t, const PoseEstimate&, bool)>& on_pose) {
+  int64_t wrong_since_us = -1;
+  int64_t longest_us = 0;
+  for (int64_t t_us = begin_us; t_us < end_us; t_us += kStepUs) {
+    const absl::Span<const Event> step = recording.Between(t_us, t_us + kStepUs);
+    std::vector<Event> events(step.begin(), step.end());
+    for (Event& event : events) event.t_us += delay_us;
+    std::vector<PoseEstimate> estimates;
+    tracker.AddEvents(events, estimates);
+    for (const PoseEstimate& estimate : estimates) {
+      if (estimate.state != TrackState::kTracking || estimate.t_us < delay_us) continue;
+      const bool is_right = recording.IsRight(estimate.t_us - delay_us, estimate.camera_from_object);
+      if (is_right) {
+        wrong_since_us = -1;
+      } else {
+        if (wrong_since_us < 0) wrong_since_us = estimate.t_us;
+        longest_us = std::max(longest_us, estimate.t_us - wrong_since_us);
+      }
+      on_pose(t_us + kStepUs, estimate, is_right);
     }
-    if (since_us_ < 0) since_us_ = t_us;
-    longest_us_ = std::max(longest_us_, t_us - since_us_);
   }
-  int64_t longest_us() const { return longest_us_; }
+  return longest_us;
+}
 
- private:
-  int64_t since_us_ = -1;
-  int64_t longest_us_ = 0;
-};
+absl::StatusOr<std::unique_ptr<Tracker>> MakeTracker(const EventTrialOptions& options, const Recording& recording) {
+  TrackerOptions tracker = options.tracker;
+  EVPOSE_ASSIGN_OR_RETURN(tracker.initialization.detector_factory, FindLineDetector(options.detector));
+  return Tracker::Create(recording.model(), recording.camera(), tracker, std::nullopt);
+}
 
 absl::StatusOr<EventTrial> RunTrial(const Recording& recording, const EventTrialOptions& options, int64_t start_us) {
-  EVPOSE_ASSIGN_OR_RETURN(const TrackerOptions tracker_options, MakeTrackerOptions(options));
-  EVPOSE_ASSIGN_OR_RETURN(const std::unique_ptr<Tracker> tracker,
-                          Tracker::Create(recording.model(), recording.camera(), tracker_options, std::nullopt));
+  EVPOSE_ASSIGN_OR_RETURN(const std::unique_ptr<Tracker> tracker, MakeTracker(options, recording));
   EventTrial trial;
   trial.t_start_us = start_us;
-  WrongStretch wrong;
-  for (int64_t t_us = start_us; t_us < start_us + options.watch_us; t_us += kStepUs) {
-    std::vector<PoseEstimate> estimates;
-    tracker->AddEvents(recording.Between(t_us, t_us + kStepUs), estimates);
-    for (const PoseEstimate& estimate : estimates) {
-      if (estimate.state != TrackState::kTracking) continue;
-      const bool is_right = recording.IsRight(estimate.t_us, estimate.camera_from_object);
-      wrong.Add(estimate.t_us, !is_right);
-      if (trial.t_first_pose_us >= 0) continue;
-      trial.t_first_pose_us = t_us + kStepUs - start_us;
-      trial.is_first_right = is_right;
-      trial.reprojection_px = recording.ReprojectionPx(estimate.t_us, estimate.camera_from_object);
-    }
-  }
-  trial.wrong_us = wrong.longest_us();
+  const auto on_pose = [&](int64_t t_us, const PoseEstimate& estimate, bool is_right) {
+    if (trial.t_first_pose_us >= 0) return;
+    trial.t_first_pose_us = t_us - start_us;
+    trial.is_first_right = is_right;
+    trial.reprojection_px = recording.ReprojectionPx(estimate.t_us, estimate.camera_from_object);
+  };
+  trial.wrong_us = Follow(recording, start_us, start_us + options.watch_us, /*delay_us=*/0, *tracker, on_pose);
   trial.attempts = tracker->initialization().attempts;
   return trial;
 }
@@ -180,27 +170,6 @@ std::vector<Event> MakeNoise(const Recording& recording, double noise_ratio, int
                      static_cast<uint8_t>(random.UniformInt(2))});
   }
   return noise;
-}
-
-// After the return of the object: the events of `after`, delayed by `shift_us`.
-void FollowReturn(const Recording& after, int64_t watch_us, int64_t shift_us, Tracker& tracker, ReturnTrial& trial) {
-  WrongStretch wrong;
-  for (int64_t t_us = 0; t_us < watch_us; t_us += kStepUs) {
-    std::vector<Event> events;
-    for (Event event : after.Between(t_us, t_us + kStepUs)) {
-      event.t_us += shift_us;
-      events.push_back(event);
-    }
-    std::vector<PoseEstimate> estimates;
-    tracker.AddEvents(events, estimates);
-    for (const PoseEstimate& estimate : estimates) {
-      if (estimate.state != TrackState::kTracking || estimate.t_us < shift_us) continue;
-      const bool is_right = after.IsRight(estimate.t_us - shift_us, estimate.camera_from_object);
-      wrong.Add(estimate.t_us, !is_right);
-      if (is_right && trial.tracked_us < 0) trial.tracked_us = t_us + kStepUs;
-    }
-  }
-  trial.wrong_us = wrong.longest_us();
 }
 
 }  // namespace
@@ -278,9 +247,7 @@ absl::StatusOr<ReturnTrial> RunReturnTrial(const EventTrialOptions& options, int
                           Recording::Make(first, [&](double ratio) { return Report(on_progress, 0.0, 0.5, ratio); }));
   EVPOSE_ASSIGN_OR_RETURN(const std::unique_ptr<Recording> after,
                           Recording::Make(second, [&](double ratio) { return Report(on_progress, 0.5, 0.8, ratio); }));
-  EVPOSE_ASSIGN_OR_RETURN(const TrackerOptions tracker_options, MakeTrackerOptions(options));
-  EVPOSE_ASSIGN_OR_RETURN(const std::unique_ptr<Tracker> tracker,
-                          Tracker::Create(before->model(), before->camera(), tracker_options, std::nullopt));
+  EVPOSE_ASSIGN_OR_RETURN(const std::unique_ptr<Tracker> tracker, MakeTracker(options, *before));
   ReturnTrial trial;
   trial.seed = options.seed;
   std::vector<PoseEstimate> estimates;
@@ -292,7 +259,10 @@ absl::StatusOr<ReturnTrial> RunReturnTrial(const EventTrialOptions& options, int
   for (const PoseEstimate& estimate : estimates) {
     if (estimate.state == TrackState::kTracking) trial.lingering_us = std::max<int64_t>(0, estimate.t_us - kBeforeUs);
   }
-  FollowReturn(*after, options.watch_us, kBeforeUs + absence_us, *tracker, trial);
+  const auto on_pose = [&](int64_t t_us, const PoseEstimate&, bool is_right) {
+    if (is_right && trial.tracked_us < 0) trial.tracked_us = t_us;
+  };
+  trial.wrong_us = Follow(*after, 0, options.watch_us, kBeforeUs + absence_us, *tracker, on_pose);
   EVPOSE_RETURN_IF_ERROR(Report(on_progress, 0.8, 1.0, 1.0));
   return trial;
 }

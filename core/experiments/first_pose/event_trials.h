@@ -27,15 +27,10 @@ struct EventTrialOptions {
   int64_t recording_us = 5'000'000;  // microseconds of the recording, over which the starts are distributed
   double noise_ratio = 0.05;         // share of noise among the events, [0, 0.9]
   double speed_scale = 1.0;          // factor on the speed of the standard scene
-  // Further parts of the standard scene; none of them by default.
-  MotionProfile motion_profile = MotionProfile::kSmooth;
-  BackgroundOptions background;
-  LightOptions light;
-  OccluderOptions occluder;
-  uint64_t seed = 1;                // determines the scene and the starts
-  int64_t watch_us = 250'000;       // microseconds for which each start is followed, at least 1000
-  std::string detector = "planes";  // line detector, one of LineDetectorNames()
-  TrackerOptions tracker;           // its line detector is replaced by `detector`
+  uint64_t seed = 1;                 // determines the scene and the starts
+  int64_t watch_us = 250'000;        // microseconds for which each start is followed, at least 1000
+  std::string detector = "planes";   // line detector, one of LineDetectorNames()
+  TrackerOptions tracker;            // its line detector is replaced by `detector`
 
   // INVALID_ARGUMENT names the field.
   absl::Status Validate() const;

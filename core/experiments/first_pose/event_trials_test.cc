@@ -126,7 +126,6 @@ TEST(EventTrials, OptionsAreChecked) {
   EXPECT_THAT(message([](auto& o) { o.watch_us = 300'000; }), HasSubstr("recording_us"));
   EXPECT_THAT(message([](auto& o) { o.camera = "mp4"; }), HasSubstr("evk4"));
   EXPECT_THAT(message([](auto& o) { o.detector = "hough"; }), HasSubstr("planes, lsd"));
-  EXPECT_THAT(message([](auto& o) { o.light.flicker_depth = 2.0; }), HasSubstr("flicker_depth"));
   EXPECT_THAT(message([](auto& o) { o.tracker.initialization.min_events = -1; }), HasSubstr("min_events"));
   EXPECT_EQ(RunReturnTrial(Tiny(), -1).status().code(), absl::StatusCode::kInvalidArgument);
 }

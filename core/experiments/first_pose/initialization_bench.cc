@@ -11,10 +11,12 @@
 
 #include "absl/types/span.h"
 #include "core/base/check_range.h"
+#include "core/base/find_named.h"
 #include "core/base/status_macros.h"
-#include "core/baselines/first_pose/certify_pose.h"
+#include "core/baselines/first_pose/published_bnb.h"
 #include "core/experiments/first_pose/initialization_methods.h"
 #include "core/experiments/first_pose/line_trial.h"
+#include "core/experiments/speed/processor_time.h"
 #include "core/numerics/random.h"
 #include "core/numerics/statistics.h"
 
@@ -30,16 +32,6 @@ struct PreparedTrial {
   PosePrior prior;
   uint64_t method_seed = 0;
 };
-
-std::vector<LineMatch> TrueMatches(const LineTrialGenerator& trials, const LineTrial& trial) {
-  std::vector<LineMatch> matches;
-  for (size_t j = 0; j < trial.segments.size(); ++j) {
-    if (trial.model_line[j] < 0) continue;
-    const ModelLine& line = trials.model().lines[trial.model_line[j]];
-    matches.push_back({line.p1, line.p2, trial.segments[j]});
-  }
-  return matches;
-}
 
 // Object points that correspond to the noisy ends of each segment: the ends of the visible part of its line that fits
 // best, in the order that fits best.
@@ -69,9 +61,12 @@ std::vector<PointMatch> TruePointMatches(const LineTrialGenerator& trials, const
   return matches;
 }
 
-// The deviation of the mean of the prior from the truth is drawn from the prior.
-PosePrior DrawPrior(const InitializationBenchOptions& options, const RigidTransform& truth, Random& random) {
-  PosePrior prior = {truth, options.prior_rotation_rad, options.prior_translation_ratio};
+// Prior for the methods that require one: a generous guess for a tracker that has just lost its object. The deviation
+// of its mean from the truth is drawn from the prior.
+PosePrior DrawPrior(const RigidTransform& truth, Random& random) {
+  constexpr double kRotationRad = 0.1745;  // 10 deg; the median error of the rotation is 16 deg
+  constexpr double kTranslationRatio = 0.05;
+  PosePrior prior = {truth, kRotationRad, kTranslationRatio};
   prior.camera_from_object = prior.Draw(random);
   return prior;
 }
@@ -85,32 +80,28 @@ std::vector<PreparedTrial> PrepareTrials(const InitializationBenchOptions& optio
     p.matches = TrueMatches(trials, p.trial);
     p.point_matches = TruePointMatches(trials, p.trial);
     Random random(seeds.NextU64());
-    p.prior = DrawPrior(options, p.trial.camera_from_object, random);
+    p.prior = DrawPrior(p.trial.camera_from_object, random);
     p.method_seed = random.NextU64();
   }
   return prepared;
 }
 
 // Removes all inputs that the method may not use.
-InitializationProblem ProblemFor(const InitializationMethod& method, const PreparedTrial& prepared) {
-  InitializationProblem problem;
-  problem.seed = prepared.method_seed;
-  if (method.told == PriorKnowledge::kCorrespondences) {
+InitializationProblem ProblemFor(const InitializationMethod& method, const LineTrialGenerator& trials,
+                                 const PreparedTrial& prepared) {
+  InitializationProblem problem{trials.model(), trials.camera(), {}, {}, {}, {}, prepared.method_seed};
+  if (method.prior_knowledge == PriorKnowledge::kCorrespondences) {
     problem.matches = prepared.matches;
     problem.point_matches = prepared.point_matches;
     return problem;
   }
   problem.segments = prepared.trial.segments;
-  if (method.told == PriorKnowledge::kPosePrior) problem.prior = prepared.prior;
+  if (method.prior_knowledge == PriorKnowledge::kPosePrior) problem.prior = prepared.prior;
   return problem;
 }
 
 double MedianOrNan(std::vector<double>& values) {
   return values.empty() ? std::numeric_limits<double>::quiet_NaN() : UpperMedian(values);
-}
-
-double MillisecondsSince(std::chrono::steady_clock::time_point begin) {
-  return std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - begin).count();
 }
 
 using FoundPoses = std::vector<absl::StatusOr<RigidTransform>>;  // result of each trial
@@ -126,7 +117,7 @@ InitializationBenchRow RunMethod(const InitializationMethod& method, const Initi
   std::vector<double> errors_px;
   double sum_right_px = 0.0;
   for (const PreparedTrial& p : prepared) {
-    const InitializationProblem problem = ProblemFor(method, p);
+    const InitializationProblem problem = ProblemFor(method, trials, p);
     const auto begin = std::chrono::steady_clock::now();
     absl::StatusOr<RigidTransform> pose = estimate(problem);
     times_ms.push_back(MillisecondsSince(begin));
@@ -142,9 +133,7 @@ InitializationBenchRow RunMethod(const InitializationMethod& method, const Initi
     ++row.num_right;
     sum_right_px += error.reprojection_px;
   }
-  double sum_px = 0.0;
-  for (const double error : errors_px) sum_px += error;
-  row.reprojection_mean_px = sum_px / row.num_trials;
+  row.reprojection_mean_px = Mean(errors_px);
   row.reprojection_median_px = MedianOrNan(errors_px);
   row.reprojection_mean_right_px =
       row.num_right > 0 ? sum_right_px / row.num_right : std::numeric_limits<double>::quiet_NaN();
@@ -164,42 +153,34 @@ absl::StatusOr<CertificateCounts> Certify(const LineTrialGenerator& trials, absl
         const RotationCertificate certificate,
         CertifyPose(trials.model(), trials.camera(), prepared[i].trial.segments, *poses[i], options));
     times_ms.push_back(MillisecondsSince(begin));
-    counts.num_maximum += certificate.verdict == RotationVerdict::kMaximum;
-    counts.num_not_maximum += certificate.verdict == RotationVerdict::kNotMaximum;
-    counts.num_unknown += certificate.verdict == RotationVerdict::kUnknown;
+    counts.num_maximum += certificate.optimality == RotationOptimality::kMaximum;
+    counts.num_not_maximum += certificate.optimality == RotationOptimality::kNotMaximum;
+    counts.num_unknown += certificate.optimality == RotationOptimality::kUnknown;
   }
   counts.median_ms = MedianOrNan(times_ms);
   return counts;
 }
 
-absl::StatusOr<std::vector<const InitializationMethod*>> ChosenMethods(const InitializationBenchOptions& options) {
-  std::vector<const InitializationMethod*> chosen;
-  if (options.methods.empty()) {
-    for (const InitializationMethod& method : InitializationMethods()) chosen.push_back(&method);
-  }
-  for (const std::string& name : options.methods) {
-    EVPOSE_ASSIGN_OR_RETURN(const InitializationMethod* method, FindInitializationMethod(name));
-    chosen.push_back(method);
-  }
-  return chosen;
+absl::StatusOr<std::vector<InitializationMethod>> ChosenMethods(const InitializationBenchOptions& options) {
+  return FindAllNamed(InitializationMethods(), options.methods, "no method of initialisation is called \"$0\"");
 }
 
 // Runs all methods on one object with one clutter.
 absl::Status RunScenario(const InitializationBenchOptions& options, SimulatedObject object, const BenchClutter& clutter,
-                         absl::Span<const InitializationMethod* const> methods,
+                         absl::Span<const InitializationMethod> methods,
                          const std::function<bool(const InitializationBenchRow&)>& on_row,
                          std::vector<InitializationBenchRow>& rows) {
   const LineTrialOptions trial_options = {object, options.noise_px, clutter.num_spurious, clutter.num_missing};
   EVPOSE_ASSIGN_OR_RETURN(const std::unique_ptr<LineTrialGenerator> trials, LineTrialGenerator::Create(trial_options));
   const std::vector<PreparedTrial> prepared = PrepareTrials(options, *trials);
   const auto model = std::make_shared<const ObjectModel>(trials->model());
-  for (const InitializationMethod* method : methods) {
-    EVPOSE_ASSIGN_OR_RETURN(const InitializationFunction estimate, method->make(model, trials->camera()));
-    const size_t limit = options.is_unlimited ? prepared.size() : static_cast<size_t>(method->max_trials);
+  for (const InitializationMethod& method : methods) {
+    EVPOSE_ASSIGN_OR_RETURN(const InitializationFunction estimate, method.make(model, trials->camera()));
+    const size_t limit = options.is_unlimited ? prepared.size() : static_cast<size_t>(method.max_trials);
     const absl::Span<const PreparedTrial> used = absl::MakeSpan(prepared).first(std::min(limit, prepared.size()));
     FoundPoses poses;
-    InitializationBenchRow row = RunMethod(*method, estimate, *trials, used, poses);
-    if (options.certifies && method->told != PriorKnowledge::kCorrespondences) {
+    InitializationBenchRow row = RunMethod(method, estimate, *trials, used, poses);
+    if (options.certifies && method.prior_knowledge != PriorKnowledge::kCorrespondences) {
       EVPOSE_ASSIGN_OR_RETURN(row.certificates, Certify(*trials, used, poses, options.certificate));
     }
     row.object = object;
@@ -214,9 +195,6 @@ absl::Status RunScenario(const InitializationBenchOptions& options, SimulatedObj
 
 absl::Status InitializationBenchOptions::Validate() const {
   EVPOSE_RETURN_IF_ERROR(CheckRange("InitializationBenchOptions.num_trials", num_trials, 1, 1'000'000));
-  EVPOSE_RETURN_IF_ERROR(CheckRange("InitializationBenchOptions.prior_rotation_rad", prior_rotation_rad, 0.0, 1.0));
-  EVPOSE_RETURN_IF_ERROR(
-      CheckRange("InitializationBenchOptions.prior_translation_ratio", prior_translation_ratio, 0.0, 0.3));
   EVPOSE_RETURN_IF_ERROR(
       CheckRange("InitializationBenchOptions.objects.size", static_cast<double>(objects.size()), 1, 100));
   EVPOSE_RETURN_IF_ERROR(
@@ -232,7 +210,7 @@ absl::Status InitializationBenchOptions::Validate() const {
 absl::StatusOr<std::vector<InitializationBenchRow>> RunInitializationBench(
     const InitializationBenchOptions& options, const std::function<bool(const InitializationBenchRow&)>& on_row) {
   EVPOSE_RETURN_IF_ERROR(options.Validate());
-  EVPOSE_ASSIGN_OR_RETURN(const std::vector<const InitializationMethod*> methods, ChosenMethods(options));
+  EVPOSE_ASSIGN_OR_RETURN(const std::vector<InitializationMethod> methods, ChosenMethods(options));
   std::vector<InitializationBenchRow> rows;
   for (const SimulatedObject object : options.objects) {
     for (const BenchClutter& clutter : options.clutter) {

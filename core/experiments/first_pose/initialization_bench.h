@@ -32,11 +32,6 @@ struct InitializationBenchOptions {
   std::vector<std::string> methods;  // names of InitializationMethods(); empty: all
   // Runs every method on every trial, regardless of its max_trials.
   bool is_unlimited = false;
-  // Prior for the methods that require one: standard deviation of each component of the axis-angle vector, and of each
-  // coordinate of the position relative to the depth. It is a generous guess for a tracker that has just lost its
-  // object.
-  double prior_rotation_rad = 0.1745;  // 10 deg; the median error of the rotation is 16 deg
-  double prior_translation_ratio = 0.05;
   // Tests for each pose that was found whether its rotation attains the maximum of the objective of the paper
   // (CertifyPose), with this budget.
   bool certifies = false;

@@ -7,6 +7,7 @@
 #include <cmath>
 #include <set>
 
+#include "core/base/find_named.h"
 #include "core/experiments/first_pose/initialization_methods.h"
 
 namespace evpose {
@@ -73,7 +74,7 @@ TEST(InitializationBench, SlowMethodsDoFewerTrialsUnlessAskedTo) {
   InitializationBenchOptions options = Small();
   options.methods = {"sqpnp", "softposit"};
   options.objects = {SimulatedObject::kPlanar};  // softposit rejects planar models at once
-  const int limit = (*FindInitializationMethod("softposit"))->max_trials;
+  const int limit = FindNamed(InitializationMethods(), "softposit", "$0")->max_trials;
   options.num_trials = limit + 10;
   auto rows = RunInitializationBench(options, nullptr);
   ASSERT_TRUE(rows.ok());

@@ -3,8 +3,6 @@
 
 #include <utility>
 
-#include "absl/strings/str_cat.h"
-#include "absl/strings/str_join.h"
 #include "core/base/status_macros.h"
 #include "core/baselines/first_pose/aspnl.h"
 #include "core/baselines/first_pose/blind_pnp_lines.h"
@@ -22,42 +20,10 @@ using ModelPointer = std::shared_ptr<const ObjectModel>;
 
 constexpr int kAll = 1'000'000'000;
 
-absl::StatusOr<InitializationFunction> MakeSqpnp(ModelPointer, const CameraModel& camera) {
-  return [camera](const InitializationProblem& problem) { return EstimatePoseBySqpnp(camera, problem.point_matches); };
-}
-
-absl::StatusOr<InitializationFunction> MakeAspnl(ModelPointer, const CameraModel& camera) {
-  return [camera](const InitializationProblem& problem) { return EstimatePoseByAspnl(camera, problem.matches); };
-}
-
-absl::StatusOr<InitializationFunction> MakeRopnl(ModelPointer, const CameraModel& camera) {
-  return [camera](const InitializationProblem& problem) {
-    return EstimatePoseByRopnl(camera, problem.matches, RotationBnbOptions());
-  };
-}
-
-absl::StatusOr<InitializationFunction> MakeSoftPosit(ModelPointer model, const CameraModel& camera) {
-  return [model, camera](const InitializationProblem& problem) {
-    return EstimatePoseBySoftPosit(*model, camera, problem.segments, problem.prior, SoftPositOptions(), problem.seed);
-  };
-}
-
-absl::StatusOr<InitializationFunction> MakeBlindPnp(ModelPointer model, const CameraModel& camera) {
-  return [model, camera](const InitializationProblem& problem) {
-    return EstimatePoseByBlindPnp(*model, camera, problem.segments, problem.prior, BlindPnpOptions(), problem.seed);
-  };
-}
-
-absl::StatusOr<InitializationFunction> MakeRansac(ModelPointer model, const CameraModel& camera) {
-  return [model, camera](const InitializationProblem& problem) {
-    return EstimatePoseByRansac(*model, camera, problem.segments, RansacP3lOptions(), problem.seed);
-  };
-}
-
-absl::StatusOr<InitializationFunction> MakePublishedBnb(ModelPointer model, const CameraModel& camera) {
-  return [model, camera](const InitializationProblem& problem) {
-    return EstimatePoseByPublishedBnb(*model, camera, problem.segments, PublishedBnbOptions());
-  };
+// A method without precomputed data.
+auto Direct(const InitializationFunction& estimate) {
+  return
+      [estimate](const ModelPointer&, const CameraModel&) { return absl::StatusOr<InitializationFunction>(estimate); };
 }
 
 absl::StatusOr<InitializationFunction> MakeOurs(ModelPointer model, const CameraModel& camera) {
@@ -69,33 +35,33 @@ absl::StatusOr<InitializationFunction> MakeOurs(ModelPointer model, const Camera
   };
 }
 
-const std::vector<InitializationMethod>& Methods() {
+}  // namespace
+
+const std::vector<InitializationMethod>& InitializationMethods() {
   static const auto* const methods = new std::vector<InitializationMethod>{
-      {"sqpnp", "SQPnP of OpenCV, on true end points (for OPnP)", PriorKnowledge::kCorrespondences, kAll, MakeSqpnp},
-      {"aspnl", "ASPnL", PriorKnowledge::kCorrespondences, kAll, MakeAspnl},
-      {"ropnl", "RoPnL: branch and bound over rotations", PriorKnowledge::kCorrespondences, kAll, MakeRopnl},
-      {"softposit", "SoftPOSIT for lines", PriorKnowledge::kPosePrior, 100, MakeSoftPosit},
-      {"blind-pnp", "BlindPnP, for lines", PriorKnowledge::kPosePrior, 100, MakeBlindPnp},
-      {"ransac", "RANSAC with a three-line solver", PriorKnowledge::kNothing, 100, MakeRansac},
+      {"sqpnp", "SQPnP of OpenCV, on true end points (for OPnP)", PriorKnowledge::kCorrespondences, kAll,
+       Direct([](const InitializationProblem& p) { return EstimatePoseBySqpnp(p.camera, p.point_matches); })},
+      {"aspnl", "ASPnL", PriorKnowledge::kCorrespondences, kAll,
+       Direct([](const InitializationProblem& p) { return EstimatePoseByAspnl(p.camera, p.matches); })},
+      {"ropnl", "RoPnL: branch and bound over rotations", PriorKnowledge::kCorrespondences, kAll,
+       Direct([](const InitializationProblem& p) { return EstimatePoseByRopnl(p.camera, p.matches, {}); })},
+      {"softposit", "SoftPOSIT for lines", PriorKnowledge::kPosePrior, 100, Direct([](const InitializationProblem& p) {
+         return EstimatePoseBySoftPosit(p.model, p.camera, p.segments, p.prior, {}, p.seed);
+       })},
+      {"blind-pnp", "BlindPnP, for lines", PriorKnowledge::kPosePrior, 100, Direct([](const InitializationProblem& p) {
+         return EstimatePoseByBlindPnp(p.model, p.camera, p.segments, p.prior, {}, p.seed);
+       })},
+      {"ransac", "RANSAC with a three-line solver", PriorKnowledge::kNothing, 100,
+       Direct([](const InitializationProblem& p) {
+         return EstimatePoseByRansac(p.model, p.camera, p.segments, {}, p.seed);
+       })},
       {"published-bnb", "branch and bound over rotations (the paper's)", PriorKnowledge::kNothing, 100,
-       MakePublishedBnb},
+       Direct([](const InitializationProblem& p) {
+         return EstimatePoseByPublishedBnb(p.model, p.camera, p.segments, {});
+       })},
       {"evpose", "ours: sweeps, whole segments, visibility", PriorKnowledge::kNothing, kAll, MakeOurs},
   };
   return *methods;
-}
-
-}  // namespace
-
-absl::Span<const InitializationMethod> InitializationMethods() { return Methods(); }
-
-absl::StatusOr<const InitializationMethod*> FindInitializationMethod(const std::string& name) {
-  std::vector<std::string> names;
-  for (const InitializationMethod& method : Methods()) {
-    if (method.name == name) return &method;
-    names.push_back(method.name);
-  }
-  return absl::InvalidArgumentError(
-      absl::StrCat("no method of initialisation is called \"", name, "\"; known are: ", absl::StrJoin(names, ", ")));
 }
 
 }  // namespace evpose

@@ -31,6 +31,8 @@ enum class PriorKnowledge {
 
 // Input of a method; all methods get the same segments.
 struct InitializationProblem {
+  const ObjectModel& model;
+  const CameraModel& camera;  // without distortion
   absl::Span<const ImageSegment> segments;
   absl::Span<const LineMatch> matches;         // kCorrespondences
   absl::Span<const PointMatch> point_matches;  // kCorrespondences, for methods of points
@@ -43,7 +45,7 @@ using InitializationFunction = std::function<absl::StatusOr<RigidTransform>(cons
 struct InitializationMethod {
   std::string name;  // name on the command line
   std::string description;
-  PriorKnowledge told = PriorKnowledge::kNothing;
+  PriorKnowledge prior_knowledge = PriorKnowledge::kNothing;
   // Maximum number of trials of each scenario: some published methods take a second per trial.
   int max_trials = 0;
   // Makes the method for one object and camera; its precomputed data are shared by all trials.
@@ -52,8 +54,6 @@ struct InitializationMethod {
 
 // Returns the methods in the order of the tables: with correspondences, with a prior, without either; that of this
 // project is last.
-absl::Span<const InitializationMethod> InitializationMethods();
-// Returns a method by name; INVALID_ARGUMENT lists the known names.
-absl::StatusOr<const InitializationMethod*> FindInitializationMethod(const std::string& name);
+const std::vector<InitializationMethod>& InitializationMethods();
 
 }  // namespace evpose

@@ -13,6 +13,7 @@
 #include "core/base/check_range.h"
 #include "core/base/status_macros.h"
 #include "core/experiments/first_pose/pose_determinacy.h"
+#include "core/experiments/random_rotation.h"
 #include "core/models/symmetry.h"
 #include "core/numerics/random.h"
 #include "core/simulation/objects.h"
@@ -27,46 +28,15 @@ constexpr double kMaxDistanceOfSize = 5.0;
 constexpr double kBorderPx = 5.0;
 constexpr double kMinSegmentPx = 12.0;
 constexpr double kSpuriousMargin = 0.2;  // relative to the sides of the bounding box
-constexpr double kNumSigmas = 3.0;
 // Lower bound of the noise for the determinacy: without noise every pose would be determined.
 constexpr double kMinBoundNoisePx = 0.1;
 constexpr size_t kMinLinesLeft = 4;
 constexpr int kMaxDraws = 100'000;
 
-VisibilityOptions TrialVisibility() {
-  VisibilityOptions options;
-  options.min_length_px = kMinSegmentPx;
-  options.grazing_cosine = 0.0;  // for the truth: faces that are turned away are invisible
-  return options;
-}
-
-// Uniform over all rotations (Shoemake, "Uniform random rotations", Graphics Gems III, 1992).
-Eigen::Matrix3d RandomRotation(Random& random) {
-  Eigen::Vector4d q;
-  do {
-    for (int i = 0; i < 4; ++i) q[i] = random.Normal();
-  } while (q.squaredNorm() < 1e-6);
-  q.normalize();
-  return Eigen::Quaterniond(q[3], q[0], q[1], q[2]).toRotationMatrix();
-}
-
 size_t NumLines(absl::Span<const VisibleSegment> visible) {
   std::set<int> lines;
   for (const VisibleSegment& segment : visible) lines.insert(segment.line);
   return lines.size();
-}
-
-struct Box {
-  Eigen::Vector2d low, high;
-};
-
-Box BoundingBox(const std::vector<ImageSegment>& segments) {
-  Box box{segments[0].p1_px, segments[0].p1_px};
-  for (const ImageSegment& segment : segments) {
-    box.low = box.low.cwiseMin(segment.p1_px).cwiseMin(segment.p2_px);
-    box.high = box.high.cwiseMax(segment.p1_px).cwiseMax(segment.p2_px);
-  }
-  return box;
 }
 
 class Generator : public LineTrialGenerator {
@@ -76,10 +46,9 @@ class Generator : public LineTrialGenerator {
         model_(std::move(model)),
         size_m_(size_m),
         camera_(UndistortedCamera()),
-        visibility_(model_, TrialVisibility()),
-        determinacy_(
-            model_, camera_, visibility_,
-            {std::max(options.noise_px, kMinBoundNoisePx), kRightRotationRad, kRightTranslationRatio, kNumSigmas}) {}
+        // For the truth: faces that are turned away are invisible.
+        visibility_(model_, {.min_length_px = kMinSegmentPx, .grazing_cosine = 0.0}),
+        determinacy_(model_, camera_, visibility_, std::max(options.noise_px, kMinBoundNoisePx)) {}
 
   const ObjectModel& model() const override { return model_; }
   const CameraModel& camera() const override { return camera_; }
@@ -123,9 +92,8 @@ class Generator : public LineTrialGenerator {
   bool DrawPose(Random& random, LineTrial& trial) const {
     const double depth_m = size_m_ * random.Uniform(kMinDistanceOfSize, kMaxDistanceOfSize);
     const double u = random.Uniform(0.0, camera_.width_px), v = random.Uniform(0.0, camera_.height_px);
-    const Eigen::Matrix3d rotation = RandomRotation(random);
-    const RigidTransform pose{rotation, depth_m * Eigen::Vector3d((u - camera_.cx_px) / camera_.fx_px,
-                                                                  (v - camera_.cy_px) / camera_.fy_px, 1.0)};
+    const Eigen::Matrix3d rotation = DrawRotation(random);
+    const RigidTransform pose{rotation, depth_m * BearingOfPixel(camera_, {u, v})};
     if (!IsWhollyInImage(pose)) return false;
     std::vector<VisibleSegment> visible = visibility_.VisibleSegments(camera_, pose);
     if (NumLines(visible) < kMinLinesLeft + static_cast<size_t>(options_.num_missing)) return false;
@@ -163,11 +131,12 @@ class Generator : public LineTrialGenerator {
 
   void AddSpurious(Random& random, LineTrial& trial) const {
     const size_t num_real = trial.segments.size();
-    const Box box = BoundingBox(trial.segments);
-    const Eigen::Vector2d margin = kSpuriousMargin * (box.high - box.low);
+    Eigen::AlignedBox2d box;
+    for (const ImageSegment& segment : trial.segments) box.extend(segment.p1_px).extend(segment.p2_px);
+    const Eigen::Vector2d margin = kSpuriousMargin * box.sizes();
     for (int i = 0; i < options_.num_spurious; ++i) {
-      const Eigen::Vector2d middle(random.Uniform(box.low.x() - margin.x(), box.high.x() + margin.x()),
-                                   random.Uniform(box.low.y() - margin.y(), box.high.y() + margin.y()));
+      const Eigen::Vector2d middle(random.Uniform(box.min().x() - margin.x(), box.max().x() + margin.x()),
+                                   random.Uniform(box.min().y() - margin.y(), box.max().y() + margin.y()));
       const double half_px = 0.5 * trial.segments[random.UniformInt(num_real)].length_px();
       const double angle_rad = random.Uniform(0.0, 2.0 * M_PI);
       const Eigen::Vector2d half(half_px * std::cos(angle_rad), half_px * std::sin(angle_rad));
@@ -217,6 +186,16 @@ absl::StatusOr<std::unique_ptr<LineTrialGenerator>> LineTrialGenerator::Create(c
         options.noise_px, " px; ask for fewer missing lines or less noise"));
   }
   return generator;
+}
+
+std::vector<LineMatch> TrueMatches(const LineTrialGenerator& trials, const LineTrial& trial) {
+  std::vector<LineMatch> matches;
+  for (size_t j = 0; j < trial.segments.size(); ++j) {
+    if (trial.model_line[j] < 0) continue;
+    const ModelLine& line = trials.model().lines[trial.model_line[j]];
+    matches.push_back({line.p1, line.p2, trial.segments[j]});
+  }
+  return matches;
 }
 
 PoseError CompareWithTruth(const LineTrialGenerator& trials, const LineTrial& trial,

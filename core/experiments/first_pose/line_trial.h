@@ -9,6 +9,7 @@
 
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
+#include "core/baselines/first_pose/line_match.h"
 #include "core/experiments/first_pose/pose_comparison.h"
 #include "core/geometry/camera.h"
 #include "core/geometry/image_segment.h"
@@ -60,6 +61,9 @@ class LineTrialGenerator {
   virtual const ObjectModel& model() const = 0;  // with its symmetries
   virtual const CameraModel& camera() const = 0;
 };
+
+// The segments of the object with their model lines.
+std::vector<LineMatch> TrueMatches(const LineTrialGenerator& trials, const LineTrial& trial);
 
 PoseError CompareWithTruth(const LineTrialGenerator& trials, const LineTrial& trial,
                            const RigidTransform& camera_from_object);

@@ -9,7 +9,8 @@
 #include <optional>
 #include <set>
 
-#include "core/geometry/projected_line.h"
+#include "core/baselines/first_pose/line_match.h"
+#include "core/experiments/first_pose/pose_comparison.h"
 
 namespace evpose {
 namespace {
@@ -20,6 +21,7 @@ using Eigen::Vector3d;
 constexpr double kSamePointRatio = 1e-3;
 // Two images are equal if the ends of their segments agree within this number of standard deviations.
 constexpr double kSameLookSigmas = 2.0;
+constexpr double kNumSigmas = 3.0;  // the tolerances of a right pose are at least this many standard deviations
 constexpr int kMirrorIterations = 30;
 
 struct EndPoints {
@@ -44,47 +46,34 @@ std::vector<EndPoints> EndPointsOf(const ObjectModel& model, const RigidTransfor
   return ends;
 }
 
-// Normal equations of the distances (px) of the end points from the lines at the pose.
-struct Normal {
-  Matrix6d h = Matrix6d::Zero();
-  Vector6d g = Vector6d::Zero();
-  double cost_px2 = 0.0;
-};
-
-std::optional<Normal> Accumulate(const CameraModel& camera, const RigidTransform& pose,
-                                 const std::vector<EndPoints>& ends) {
-  Normal normal;
+std::optional<LineNormalEquations> Linearise(const CameraModel& camera, const RigidTransform& pose,
+                                             const std::vector<EndPoints>& ends) {
+  LineNormalEquations equations;
   for (const EndPoints& e : ends) {
     const auto line = ProjectLine(camera, pose, e.object[0], e.object[1]);
     if (!line) return std::nullopt;
-    for (const Vector3d& bearing : e.bearing) {
-      const double d_px = line->a.dot(bearing);
-      const Vector6d row = line->jacobian.transpose() * bearing;
-      normal.h += row * row.transpose();
-      normal.g += row * d_px;
-      normal.cost_px2 += d_px * d_px;
-    }
+    for (const Vector3d& bearing : e.bearing) equations.Add(*line, bearing);
   }
-  return normal;
+  return equations;
 }
 
 // Minimises the sum of squares locally by Levenberg-Marquardt; returns pose and cost.
 std::pair<RigidTransform, double> Refine(const CameraModel& camera, RigidTransform pose,
                                          const std::vector<EndPoints>& ends) {
   double damping = 1e-3;
-  std::optional<Normal> normal = Accumulate(camera, pose, ends);
-  for (int i = 0; normal && i < kMirrorIterations; ++i) {
-    Matrix6d h = normal->h;
-    h.diagonal() *= 1.0 + damping;
-    const RigidTransform next = Perturb(pose, -h.ldlt().solve(normal->g));
-    const auto next_normal = Accumulate(camera, next, ends);
-    const bool is_better = next_normal && next_normal->cost_px2 < normal->cost_px2;
+  std::optional<LineNormalEquations> equations = Linearise(camera, pose, ends);
+  for (int i = 0; equations && i < kMirrorIterations; ++i) {
+    Matrix6d hessian = equations->hessian;
+    hessian.diagonal() *= 1.0 + damping;
+    const RigidTransform next = Perturb(pose, -hessian.ldlt().solve(equations->gradient));
+    const auto next_equations = Linearise(camera, next, ends);
+    const bool is_better = next_equations && next_equations->cost_px2 < equations->cost_px2;
     damping *= is_better ? 0.1 : 10.0;
     if (!is_better) continue;
     pose = next;
-    normal = next_normal;
+    equations = next_equations;
   }
-  return {pose, normal ? normal->cost_px2 : std::numeric_limits<double>::infinity()};
+  return {pose, equations ? equations->cost_px2 : std::numeric_limits<double>::infinity()};
 }
 
 double LargestSigma(const Eigen::Matrix3d& covariance) {
@@ -112,8 +101,14 @@ RigidTransform MirrorPose(const RigidTransform& pose, const std::vector<EndPoint
   return {rotation, middle_camera - rotation * middle};
 }
 
-bool SamePoint(const Vector3d& a, const Vector3d& b, double tolerance_m) {
-  return (a - b).squaredNorm() < tolerance_m * tolerance_m;
+bool SamePoint(const Vector3d& a, const Vector3d& b, double tolerance) {
+  return (a - b).squaredNorm() < tolerance * tolerance;
+}
+
+// Whether the end points are equal, in either order.
+bool SameEnds(const std::array<Vector3d, 2>& a, const std::array<Vector3d, 2>& b, double tolerance) {
+  return (SamePoint(a[0], b[0], tolerance) && SamePoint(a[1], b[1], tolerance)) ||
+         (SamePoint(a[0], b[1], tolerance) && SamePoint(a[1], b[0], tolerance));
 }
 
 // Returns the rigid motion that maps line a to c and line b to d, end by end; nullopt if they do not fit.
@@ -138,10 +133,9 @@ std::optional<RigidTransform> MotionBetween(const std::array<Vector3d, 4>& from,
 }
 
 bool MapsOntoLine(const ObjectModel& model, const RigidTransform& motion, const ModelLine& line, double tolerance_m) {
-  const Vector3d p1 = motion * line.p1, p2 = motion * line.p2;
+  const std::array<Vector3d, 2> moved = {motion * line.p1, motion * line.p2};
   return std::any_of(model.lines.begin(), model.lines.end(), [&](const ModelLine& other) {
-    return (SamePoint(p1, other.p1, tolerance_m) && SamePoint(p2, other.p2, tolerance_m)) ||
-           (SamePoint(p1, other.p2, tolerance_m) && SamePoint(p2, other.p1, tolerance_m));
+    return SameEnds(moved, {other.p1, other.p2}, tolerance_m);
   });
 }
 
@@ -159,42 +153,42 @@ std::pair<int, int> BaseLines(const ObjectModel& model, const std::set<int>& lin
 }  // namespace
 
 PoseDeterminacy::PoseDeterminacy(const ObjectModel& model, const CameraModel& camera,
-                                 const VisibilityTester& visibility, const DeterminacyOptions& options)
-    : model_(model), camera_(camera), visibility_(visibility), options_(options) {}
+                                 const VisibilityTester& visibility, double noise_px)
+    : model_(model), camera_(camera), visibility_(visibility), noise_px_(noise_px) {}
 
 bool PoseDeterminacy::IsDetermined(const RigidTransform& camera_from_object,
                                    absl::Span<const VisibleSegment> visible) const {
   if (visible.size() < 3) return false;
-  return BoundAllowsErrors(camera_from_object, visible) && MirrorIsTold(camera_from_object, visible) &&
+  return BoundAllowsErrors(camera_from_object, visible) && MirrorIsDistinguished(camera_from_object, visible) &&
          NothingLooksTheSame(camera_from_object, visible);
 }
 
 bool PoseDeterminacy::BoundAllowsErrors(const RigidTransform& pose, absl::Span<const VisibleSegment> visible) const {
-  const auto normal = Accumulate(camera_, pose, EndPointsOf(model_, pose, visible));
-  if (!normal) return false;
-  const Eigen::LDLT<Matrix6d> ldlt(normal->h);
+  const auto equations = Linearise(camera_, pose, EndPointsOf(model_, pose, visible));
+  if (!equations) return false;
+  const Eigen::LDLT<Matrix6d> ldlt(equations->hessian);
   if (ldlt.info() != Eigen::Success || !ldlt.isPositive() || ldlt.rcond() < 1e-12) return false;
-  const Matrix6d covariance = options_.noise_px * options_.noise_px * ldlt.solve(Matrix6d::Identity());
-  const double translation_m = options_.num_sigmas * LargestSigma(covariance.topLeftCorner<3, 3>());
-  const double rotation_rad = options_.num_sigmas * LargestSigma(covariance.bottomRightCorner<3, 3>());
-  return translation_m <= options_.max_translation_ratio * pose.translation_m.z() &&
-         rotation_rad <= options_.max_rotation_rad;
+  const Matrix6d covariance = noise_px_ * noise_px_ * ldlt.solve(Matrix6d::Identity());
+  const double translation_m = kNumSigmas * LargestSigma(covariance.topLeftCorner<3, 3>());
+  const double rotation_rad = kNumSigmas * LargestSigma(covariance.bottomRightCorner<3, 3>());
+  return translation_m <= kRightTranslationRatio * pose.translation_m.z() && rotation_rad <= kRightRotationRad;
 }
 
 bool PoseDeterminacy::IsEquivalent(const RigidTransform& pose, const RigidTransform& truth) const {
   const auto is_near = [&](const RigidTransform& other) {
-    return RotationAngle(pose.rotation, other.rotation) < options_.max_rotation_rad &&
-           (pose.translation_m - other.translation_m).norm() < options_.max_translation_ratio * truth.translation_m.z();
+    return RotationAngle(pose.rotation, other.rotation) < kRightRotationRad &&
+           (pose.translation_m - other.translation_m).norm() < kRightTranslationRatio * truth.translation_m.z();
   };
   return is_near(truth) || std::any_of(model_.symmetries.begin(), model_.symmetries.end(),
                                        [&](const RigidTransform& symmetry) { return is_near(truth * symmetry); });
 }
 
-bool PoseDeterminacy::MirrorIsTold(const RigidTransform& pose, absl::Span<const VisibleSegment> visible) const {
+bool PoseDeterminacy::MirrorIsDistinguished(const RigidTransform& pose,
+                                            absl::Span<const VisibleSegment> visible) const {
   const std::vector<EndPoints> ends = EndPointsOf(model_, pose, visible);
   const auto [mirror, cost_px2] = Refine(camera_, MirrorPose(pose, ends), ends);
   // Of two poses that differ by chi^2, the wrong one is more likely with probability Q(chi / 2).
-  const double needed_px = 2.0 * options_.num_sigmas * options_.noise_px;
+  const double needed_px = 2.0 * kNumSigmas * noise_px_;
   if (cost_px2 >= needed_px * needed_px || IsEquivalent(mirror, pose)) return true;
   std::set<int> shown, shown_by_mirror;
   for (const VisibleSegment& segment : visible) shown.insert(segment.line);
@@ -210,14 +204,10 @@ bool PoseDeterminacy::LooksTheSame(const RigidTransform& pose, const RigidTransf
   if (other.size() != visible.size()) return false;
   const std::vector<EndPoints> ours = EndPointsOf(model_, truth, visible);
   const std::vector<EndPoints> theirs = EndPointsOf(model_, pose, other);
-  const double tolerance = kSameLookSigmas * options_.noise_px / camera_.fx_px;
+  const double tolerance = kSameLookSigmas * noise_px_ / camera_.fx_px;
   return std::all_of(theirs.begin(), theirs.end(), [&](const EndPoints& their) {
-    return std::any_of(ours.begin(), ours.end(), [&](const EndPoints& our) {
-      return (SamePoint(their.bearing[0], our.bearing[0], tolerance) &&
-              SamePoint(their.bearing[1], our.bearing[1], tolerance)) ||
-             (SamePoint(their.bearing[0], our.bearing[1], tolerance) &&
-              SamePoint(their.bearing[1], our.bearing[0], tolerance));
-    });
+    return std::any_of(ours.begin(), ours.end(),
+                       [&](const EndPoints& our) { return SameEnds(their.bearing, our.bearing, tolerance); });
   });
 }
 

@@ -4,9 +4,7 @@
 #pragma once
 
 #include <memory>
-#include <vector>
 
-#include "core/baselines/first_pose/line_match.h"
 #include "core/experiments/first_pose/line_trial.h"
 
 namespace evpose {
@@ -14,16 +12,6 @@ namespace evpose {
 inline std::unique_ptr<LineTrialGenerator> MakeTrials(SimulatedObject object, double noise_px, int spurious = 0,
                                                       int missing = 0) {
   return LineTrialGenerator::Create({object, noise_px, spurious, missing}).value();
-}
-
-inline std::vector<LineMatch> MatchesOf(const LineTrialGenerator& trials, const LineTrial& trial) {
-  std::vector<LineMatch> matches;
-  for (size_t j = 0; j < trial.segments.size(); ++j) {
-    if (trial.model_line[j] < 0) continue;
-    const ModelLine& line = trials.model().lines[trial.model_line[j]];
-    matches.push_back({line.p1, line.p2, trial.segments[j]});
-  }
-  return matches;
 }
 
 }  // namespace evpose

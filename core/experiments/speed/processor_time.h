@@ -1,8 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// Processor time, which does not include other programs on the machine.
+// Times of measurements. Processor time does not include other programs on the machine.
 #pragma once
 
+#include <chrono>
 #include <ctime>
 
 namespace evpose {
@@ -11,6 +12,11 @@ inline double SecondsOfClock(clockid_t clock) {
   timespec now = {};
   clock_gettime(clock, &now);
   return static_cast<double>(now.tv_sec) + 1e-9 * static_cast<double>(now.tv_nsec);
+}
+
+// Milliseconds of wall clock.
+inline double MillisecondsSince(std::chrono::steady_clock::time_point begin) {
+  return std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - begin).count();
 }
 
 // Returns the processor seconds that this thread takes for `work`.

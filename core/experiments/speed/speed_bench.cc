@@ -143,9 +143,9 @@ class SpeedBench {
     return absl::OkStatus();
   }
 
-  // Measures with each of kCuts: `measure` processes the windows and returns the minimum time.
+  // Measures with each of kCuts: `measure` processes the windows and lowers the row's time.
   absl::Status OnCutLines(const std::string& part, const SpeedRecording& recording,
-                          const std::function<double(const SpeedWindows&, SpeedRow&)>& measure) {
+                          const std::function<void(const SpeedWindows&, SpeedRow&)>& measure) {
     EVPOSE_ASSIGN_OR_RETURN(SpeedWindows made, MakeSpeedWindows(recording));
     const std::vector<SpeedWindow> whole = made.windows;
     SpeedRow first;
@@ -161,7 +161,7 @@ class SpeedBench {
         row.num_window_lines += window.lines.size();
         row.sensor_seconds += 1e-6 * static_cast<double>(window.t_end_us - window.t_begin_us);
       }
-      row.seconds = measure(made, row);
+      measure(made, row);
       if (first.num_windows == 0) first = row;
       row.lines_ratio = static_cast<double>(row.num_window_lines) / static_cast<double>(first.num_window_lines);
       row.cost_ratio = row.seconds / first.seconds;
@@ -171,15 +171,13 @@ class SpeedBench {
   }
 
   absl::Status Associate(const SpeedRecording& recording) {
-    return OnCutLines("associate", recording, [this](const SpeedWindows& made, SpeedRow&) {
-      double seconds = std::numeric_limits<double>::infinity();
+    return OnCutLines("associate", recording, [this](const SpeedWindows& made, SpeedRow& row) {
       for (int i = 0; i < options_.num_repetitions; ++i) {
         WindowAssociation association(*made.context);
-        seconds = std::min(seconds, ProcessorSecondsOf([&] {
-                             for (const SpeedWindow& window : made.windows) association.Associate(window);
-                           }));
+        row.seconds = std::min(row.seconds, ProcessorSecondsOf([&] {
+                                 for (const SpeedWindow& window : made.windows) association.Associate(window);
+                               }));
       }
-      return seconds;
     });
   }
 
@@ -188,18 +186,16 @@ class SpeedBench {
       const std::vector<EstimationInput> inputs = MakeEstimationInputs(*made.context, made.windows);
       row.num_events = 0;
       for (const EstimationInput& window : inputs) row.num_events += window.events.size();
-      double seconds = std::numeric_limits<double>::infinity();
       for (int i = 0; i < options_.num_repetitions; ++i) {
         const auto estimator = made.context->options.MakeEstimator(made.context->camera);
         WindowFit fit;
-        seconds = std::min(seconds, ProcessorSecondsOf([&] {
-                             for (const EstimationInput& window : inputs) {
-                               estimator->Fit(window.predicted, window.input, 1.0, fit);
-                               estimator->Accept(fit, window.input);
-                             }
-                           }));
+        row.seconds = std::min(row.seconds, ProcessorSecondsOf([&] {
+                                 for (const EstimationInput& window : inputs) {
+                                   estimator->Fit(window.predicted, window.input, 1.0, fit);
+                                   estimator->Accept(fit, window.input);
+                                 }
+                               }));
       }
-      return seconds;
     });
   }
 

@@ -1,44 +1,40 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "core/experiments/speed/speed_recordings.h"
 
+#include <optional>
 #include <utility>
 
-#include "absl/strings/str_cat.h"
-#include "absl/strings/str_join.h"
+#include "core/base/find_named.h"
 #include "core/base/status_macros.h"
 #include "core/events/encoder.h"
 
 namespace evpose {
 namespace {
 
-SpeedScene MakeScene(std::string name, std::string description, double speed) {
-  SpeedScene scene = {std::move(name), std::move(description), SimulationPreset("book", "evk4", speed).value()};
+// A book with a factor on its speed, the depth of flicker of its lamp, and the thresholds and refractory time of the
+// sensor; nullopt: the default.
+SpeedScene MakeScene(const char* name, const char* description, double speed, double flicker_depth = 0.0,
+                     std::optional<double> threshold = {}, std::optional<double> refractory_us = {}) {
+  SpeedScene scene = {name, description, SimulationPreset("book", "evk4", speed).value()};
   // Without wraps of the clock, which are rare events in a stream.
   scene.simulation.t_begin_us = 1'000'000;
+  scene.simulation.scene.light.flicker_depth = flicker_depth;
+  SensorOptions& sensor = scene.simulation.sensor;
+  if (threshold) sensor.threshold_on = sensor.threshold_off = *threshold;
+  if (refractory_us) sensor.refractory_us = *refractory_us;
   return scene;
-}
-
-std::vector<SpeedScene> MakeScenes() {
-  std::vector<SpeedScene> scenes;
-  scenes.push_back(MakeScene("1", "a book at 0.13 m/s", 0.6));
-  scenes.push_back(MakeScene("4", "at 0.66 m/s", 3.0));
-  scenes.push_back(MakeScene("10", "at 0.88 m/s, thresholds of 0.16, refractory time of 30 us", 4.0));
-  scenes.back().simulation.sensor.threshold_on = 0.16;
-  scenes.back().simulation.sensor.threshold_off = 0.16;
-  scenes.back().simulation.sensor.refractory_us = 30.0;
-  scenes.push_back(MakeScene("33", "at 0.44 m/s under a lamp that flickers by 0.56", 2.0));
-  scenes.back().simulation.scene.light.flicker_depth = 0.56;
-  scenes.push_back(MakeScene("50", "the same, flicker of 0.5, thresholds of 0.16", 2.0));
-  scenes.back().simulation.scene.light.flicker_depth = 0.5;
-  scenes.back().simulation.sensor.threshold_on = 0.16;
-  scenes.back().simulation.sensor.threshold_off = 0.16;
-  return scenes;
 }
 
 }  // namespace
 
 const std::vector<SpeedScene>& SpeedScenes() {
-  static const std::vector<SpeedScene>* const scenes = new std::vector<SpeedScene>(MakeScenes());
+  static const std::vector<SpeedScene>* const scenes = new std::vector<SpeedScene>{
+      MakeScene("1", "a book at 0.13 m/s", 0.6),
+      MakeScene("4", "at 0.66 m/s", 3.0),
+      MakeScene("10", "at 0.88 m/s, thresholds of 0.16, refractory time of 30 us", 4.0, 0.0, 0.16, 30.0),
+      MakeScene("33", "at 0.44 m/s under a lamp that flickers by 0.56", 2.0, 0.56),
+      MakeScene("50", "the same, flicker of 0.5, thresholds of 0.16", 2.0, 0.5, 0.16),
+  };
   return *scenes;
 }
 
@@ -68,12 +64,8 @@ absl::StatusOr<SpeedRecording> MakeSpeedRecording(const SpeedScene& scene, int64
 
 absl::StatusOr<SpeedRecording> MakeSpeedRecording(const std::string& scene, int64_t duration_us,
                                                   const std::function<bool(double)>& on_progress) {
-  for (const SpeedScene& known : SpeedScenes()) {
-    if (known.name == scene) return MakeSpeedRecording(known, duration_us, on_progress);
-  }
-  const std::string names = absl::StrJoin(
-      SpeedScenes(), ", ", [](std::string* text, const SpeedScene& known) { absl::StrAppend(text, known.name); });
-  return absl::InvalidArgumentError(absl::StrCat("no scene is called \"", scene, "\"; known are: ", names));
+  EVPOSE_ASSIGN_OR_RETURN(const SpeedScene found, FindNamed(SpeedScenes(), scene, "no scene is called \"$0\""));
+  return MakeSpeedRecording(found, duration_us, on_progress);
 }
 
 absl::StatusOr<std::vector<uint8_t>> EncodeRecording(const SpeedRecording& recording, Encoding encoding) {

@@ -27,7 +27,7 @@ struct SpeedScene {
 };
 
 // Returns the scenes "1", "4", "10", "33" and "50", named by their rates in million events per second. The object is a
-// book, of whose 25 lines about 20 are visible.
+// book with 25 lines; about 20 of them are visible.
 const std::vector<SpeedScene>& SpeedScenes();
 
 struct SpeedRecording {

@@ -5,10 +5,10 @@
 #include <array>
 #include <chrono>
 
-#include "absl/strings/str_cat.h"
-#include "absl/strings/str_join.h"
 #include "core/base/check_range.h"
+#include "core/base/find_named.h"
 #include "core/base/status_macros.h"
+#include "core/experiments/speed/processor_time.h"
 #include "core/numerics/math.h"
 #include "core/numerics/random.h"
 #include "core/numerics/statistics.h"
@@ -19,48 +19,42 @@ namespace {
 // Pixels: lower bound, because a filter with a standard deviation of zero has no gate.
 constexpr double kMinFilterSigmaPx = 0.2;
 
-constexpr std::array kSweeps = {SyntheticSweep::kNoise, SyntheticSweep::kOutliers, SyntheticSweep::kLines};
 // Values of the paper, which does not give the numbers of lines.
-constexpr std::array<double, 6> kNoisesPx = {0.0, 2.0, 4.0, 6.0, 8.0, 10.0};
-constexpr std::array<double, 6> kOutlierRatios = {0.0, 0.1, 0.2, 0.3, 0.4, 0.5};
-constexpr std::array<double, 10> kLineCounts = {4.0, 6.0, 8.0, 10.0, 15.0, 20.0, 25.0, 30.0, 35.0, 40.0};
+constexpr double kNoisesPx[] = {0.0, 2.0, 4.0, 6.0, 8.0, 10.0};
+constexpr double kOutlierRatios[] = {0.0, 0.1, 0.2, 0.3, 0.4, 0.5};
+constexpr double kLineCounts[] = {4.0, 6.0, 8.0, 10.0, 15.0, 20.0, 25.0, 30.0, 35.0, 40.0};
 
-constexpr std::array kMethods = {
-    SyntheticMethod{"mixture", "normal about the line, the rest uniform: what evpose tracks with",
-                    LineFitMethod::kMixture, LineFitFormulas::kCorrected},
-    SyntheticMethod{"ls", "least squares", LineFitMethod::kLeastSquares, LineFitFormulas::kCorrected},
-    SyntheticMethod{"m", "the paper's M under its right formulas", LineFitMethod::kTukeyM, LineFitFormulas::kCorrected},
-    SyntheticMethod{"s", "the paper's S under its right formulas", LineFitMethod::kTukeyS, LineFitFormulas::kCorrected},
-    SyntheticMethod{"mm", "the paper's MM under its right formulas", LineFitMethod::kTukeyMm,
-                    LineFitFormulas::kCorrected},
-    SyntheticMethod{"filter", "error-state Kalman filter, as in line-SLAM; with known noise",
-                    LineFitMethod::kErrorStateFilter, LineFitFormulas::kCorrected},
-    SyntheticMethod{"ls-released", "least squares as the paper's released code computes", LineFitMethod::kLeastSquares,
-                    LineFitFormulas::kReleasedCode},
-    SyntheticMethod{"m-released", "M as the paper's released code computes", LineFitMethod::kTukeyM,
-                    LineFitFormulas::kReleasedCode},
-    SyntheticMethod{"s-released", "S as the paper's released code computes", LineFitMethod::kTukeyS,
-                    LineFitFormulas::kReleasedCode},
-    SyntheticMethod{"mm-released", "MM as the paper's released code computes", LineFitMethod::kTukeyMm,
-                    LineFitFormulas::kReleasedCode},
+struct Sweep {
+  SyntheticSweep sweep;
+  std::string_view name;
+  absl::Span<const double> values;
+};
+constexpr std::array kSweeps = {
+    Sweep{SyntheticSweep::kNoise, "noise", kNoisesPx},
+    Sweep{SyntheticSweep::kOutliers, "outliers", kOutlierRatios},
+    Sweep{SyntheticSweep::kLines, "lines", kLineCounts},
+};
+const Sweep& SweepOf(SyntheticSweep sweep) { return kSweeps[static_cast<size_t>(sweep)]; }
+
+constexpr SyntheticMethod kMethods[] = {
+    {"mixture", "normal about the line, the rest uniform: what evpose tracks with", LineFitMethod::kMixture,
+     LineFitFormulas::kCorrected},
+    {"ls", "least squares", LineFitMethod::kLeastSquares, LineFitFormulas::kCorrected},
+    {"m", "the paper's M under its right formulas", LineFitMethod::kTukeyM, LineFitFormulas::kCorrected},
+    {"s", "the paper's S under its right formulas", LineFitMethod::kTukeyS, LineFitFormulas::kCorrected},
+    {"mm", "the paper's MM under its right formulas", LineFitMethod::kTukeyMm, LineFitFormulas::kCorrected},
+    {"filter", "error-state Kalman filter, as in line-SLAM; with known noise", LineFitMethod::kErrorStateFilter,
+     LineFitFormulas::kCorrected},
+    {"ls-released", "least squares as the paper's released code computes", LineFitMethod::kLeastSquares,
+     LineFitFormulas::kReleasedCode},
+    {"m-released", "M as the paper's released code computes", LineFitMethod::kTukeyM, LineFitFormulas::kReleasedCode},
+    {"s-released", "S as the paper's released code computes", LineFitMethod::kTukeyS, LineFitFormulas::kReleasedCode},
+    {"mm-released", "MM as the paper's released code computes", LineFitMethod::kTukeyMm,
+     LineFitFormulas::kReleasedCode},
 };
 
 absl::StatusOr<std::vector<SyntheticMethod>> ChosenMethods(const std::vector<std::string>& names) {
-  if (names.empty()) return std::vector<SyntheticMethod>(kMethods.begin(), kMethods.end());
-  std::vector<SyntheticMethod> chosen;
-  for (const std::string& name : names) {
-    const auto method =
-        std::find_if(kMethods.begin(), kMethods.end(), [&](const SyntheticMethod& m) { return name == m.name; });
-    if (method == kMethods.end()) {
-      return absl::InvalidArgumentError(
-          absl::StrCat("SyntheticBenchOptions.methods: there is no ", name,
-                       "; known are: ", absl::StrJoin(kMethods, ", ", [](std::string* out, const SyntheticMethod& m) {
-                         absl::StrAppend(out, m.name);
-                       })));
-    }
-    chosen.push_back(*method);
-  }
-  return chosen;
+  return FindAllNamed(kMethods, names, "SyntheticBenchOptions.methods: there is no $0");
 }
 
 SyntheticTrialOptions TrialOptions(const SyntheticBenchOptions& options, SyntheticSweep sweep, double value) {
@@ -71,12 +65,6 @@ SyntheticTrialOptions TrialOptions(const SyntheticBenchOptions& options, Synthet
   if (sweep == SyntheticSweep::kOutliers) trial.outlier_ratio = value;
   if (sweep == SyntheticSweep::kLines) trial.num_lines = static_cast<int>(value);
   return trial;
-}
-
-double Mean(const std::vector<double>& values) {
-  double sum = 0.0;
-  for (const double value : values) sum += value;
-  return sum / static_cast<double>(values.size());
 }
 
 struct ErrorLists {
@@ -107,8 +95,7 @@ void RunMethod(const SyntheticMethod& method, const SyntheticTrial& trial, Metho
   options.filter_sigma_px = std::max(trial.noise_px, kMinFilterSigmaPx);
   const auto begin = std::chrono::steady_clock::now();
   const absl::StatusOr<LineFit> fit = FitPoseToLines(trial.camera, trial.lines, trial.events, trial.start, options);
-  const auto end = std::chrono::steady_clock::now();
-  result.times_ms.push_back(std::chrono::duration<double, std::milli>(end - begin).count());
+  result.times_ms.push_back(MillisecondsSince(begin));
   result.num_none += !fit.ok();
   result.errors.Add(CompareWithTruth(trial, fit.ok() ? fit->camera_from_object : trial.start));
 }
@@ -151,37 +138,14 @@ absl::StatusOr<std::vector<SyntheticBenchRow>> RunValue(const SyntheticBenchOpti
 
 }  // namespace
 
-std::string_view SyntheticSweepName(SyntheticSweep sweep) {
-  switch (sweep) {
-    case SyntheticSweep::kNoise:
-      return "noise";
-    case SyntheticSweep::kOutliers:
-      return "outliers";
-    case SyntheticSweep::kLines:
-      return "lines";
-  }
-  return "";
+std::string_view SyntheticSweepName(SyntheticSweep sweep) { return SweepOf(sweep).name; }
+
+absl::StatusOr<SyntheticSweep> ParseSyntheticSweep(const std::string& name) {
+  EVPOSE_ASSIGN_OR_RETURN(const Sweep found, FindNamed(kSweeps, name, "there is no sweep $0"));
+  return found.sweep;
 }
 
-absl::StatusOr<SyntheticSweep> ParseSyntheticSweep(std::string_view name) {
-  for (const SyntheticSweep sweep : kSweeps) {
-    if (name == SyntheticSweepName(sweep)) return sweep;
-  }
-  return absl::InvalidArgumentError(
-      absl::StrCat("there is no sweep ", std::string(name), "; known are: noise, outliers, lines"));
-}
-
-absl::Span<const double> SyntheticSweepValues(SyntheticSweep sweep) {
-  switch (sweep) {
-    case SyntheticSweep::kNoise:
-      return kNoisesPx;
-    case SyntheticSweep::kOutliers:
-      return kOutlierRatios;
-    case SyntheticSweep::kLines:
-      return kLineCounts;
-  }
-  return {};
-}
+absl::Span<const double> SyntheticSweepValues(SyntheticSweep sweep) { return SweepOf(sweep).values; }
 
 absl::Span<const SyntheticMethod> SyntheticMethods() { return kMethods; }
 

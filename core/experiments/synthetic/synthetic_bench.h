@@ -24,7 +24,7 @@ enum class SyntheticSweep { kNoise, kOutliers, kLines };
 
 std::string_view SyntheticSweepName(SyntheticSweep sweep);  // noise, outliers, lines
 // INVALID_ARGUMENT lists the names.
-absl::StatusOr<SyntheticSweep> ParseSyntheticSweep(std::string_view name);
+absl::StatusOr<SyntheticSweep> ParseSyntheticSweep(const std::string& name);
 // Values of the parameter: pixels, ratios in [0, 1], or numbers of lines.
 absl::Span<const double> SyntheticSweepValues(SyntheticSweep sweep);
 

@@ -100,7 +100,7 @@ TEST(SyntheticBenchTest, EveryMethodIsKnownByName) {
     EXPECT_TRUE(options.Validate().ok()) << method.name;
   }
   for (const SyntheticSweep sweep : SyntheticBenchOptions().sweeps) {
-    EXPECT_EQ(*ParseSyntheticSweep(SyntheticSweepName(sweep)), sweep);
+    EXPECT_EQ(*ParseSyntheticSweep(std::string(SyntheticSweepName(sweep))), sweep);
   }
   EXPECT_THAT(ParseSyntheticSweep("speed").status().message(), HasSubstr("noise, outliers, lines"));
 }

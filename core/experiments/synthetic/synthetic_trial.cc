@@ -7,10 +7,8 @@
 #include <numeric>
 #include <optional>
 
-#include "absl/strings/str_cat.h"
-#include "absl/strings/str_format.h"
-#include "core/base/check_range.h"
-#include "core/base/status_macros.h"
+#include "core/experiments/random_rotation.h"
+#include "core/geometry/image_segment.h"
 #include "core/geometry/projected_line.h"
 #include "core/numerics/math.h"
 #include "core/numerics/random.h"
@@ -24,20 +22,8 @@ constexpr double kMinOriginDepthM = 6.5;
 constexpr double kMaxOriginDepthM = 8.5;
 constexpr double kMinLinePx = 50.0;
 
-CameraModel SyntheticCamera() {
-  CameraModel camera;
-  camera.width_px = 640;
-  camera.height_px = 480;
-  camera.fx_px = camera.fy_px = 800.0;
-  camera.cx_px = 319.5;  // the centre of the first pixel is (0, 0)
-  camera.cy_px = 239.5;
-  return camera;
-}
-
-Eigen::Vector3d BackProject(const CameraModel& camera, const Eigen::Vector2d& pixel, double depth_m) {
-  return depth_m *
-         Eigen::Vector3d((pixel.x() - camera.cx_px) / camera.fx_px, (pixel.y() - camera.cy_px) / camera.fy_px, 1.0);
-}
+// The centre of the first pixel is (0, 0).
+constexpr CameraModel kSyntheticCamera = {640, 480, 800.0, 800.0, 319.5, 239.5, {}};
 
 // Uniform in the central part of the image with this share of its sides.
 Eigen::Vector2d DrawPixel(const CameraModel& camera, double share, Random& random) {
@@ -45,19 +31,9 @@ Eigen::Vector2d DrawPixel(const CameraModel& camera, double share, Random& rando
           camera.cy_px + share * random.Uniform(-0.5, 0.5) * (camera.height_px - 1)};
 }
 
-// Uniform over all rotations (Shoemake, "Uniform random rotations", Graphics Gems III, 1992).
-Eigen::Matrix3d DrawRotation(Random& random) {
-  Eigen::Vector4d q;
-  do {
-    for (int i = 0; i < 4; ++i) q[i] = random.Normal();
-  } while (q.squaredNorm() < 1e-6);
-  q.normalize();
-  return Eigen::Quaterniond(q[3], q[0], q[1], q[2]).toRotationMatrix();
-}
-
 RigidTransform DrawPose(const CameraModel& camera, Random& random) {
   const Eigen::Vector2d pixel = DrawPixel(camera, 0.5, random);
-  const Eigen::Vector3d origin = BackProject(camera, pixel, random.Uniform(kMinOriginDepthM, kMaxOriginDepthM));
+  const Eigen::Vector3d origin = random.Uniform(kMinOriginDepthM, kMaxOriginDepthM) * BearingOfPixel(camera, pixel);
   return {DrawRotation(random), origin};
 }
 
@@ -69,8 +45,8 @@ LineEnds DrawLine(const CameraModel& camera, const RigidTransform& object_from_c
   } while ((p2_px - p1_px).norm() < kMinLinePx);
   const double depth1_m = random.Uniform(kMinDepthM, kMaxDepthM);
   const double depth2_m = random.Uniform(kMinDepthM, kMaxDepthM);
-  return {object_from_camera * BackProject(camera, p1_px, depth1_m),
-          object_from_camera * BackProject(camera, p2_px, depth2_m)};
+  return {object_from_camera * (depth1_m * BearingOfPixel(camera, p1_px)),
+          object_from_camera * (depth2_m * BearingOfPixel(camera, p2_px))};
 }
 
 RigidTransform DrawStart(const SyntheticTrialOptions& options, const RigidTransform& truth, Random& random) {
@@ -91,8 +67,8 @@ void DrawEvents(const SyntheticTrialOptions& options, Random& random, SyntheticT
     for (int i = 0; i < options.events_per_line; ++i) {
       const Eigen::Vector2d pixel =
           p1_px + random.Uniform() * (p2_px - p1_px) + options.noise_px * random.Normal() * across;
-      trial.events.push_back(
-          {(pixel.x() - camera.cx_px) / camera.fx_px, (pixel.y() - camera.cy_px) / camera.fy_px, line});
+      const Eigen::Vector3d bearing = BearingOfPixel(camera, pixel);
+      trial.events.push_back({bearing.x(), bearing.y(), line});
       trial.true_line.push_back(line);
     }
   }
@@ -121,21 +97,12 @@ void MislabelEvents(const SyntheticTrialOptions& options, Random& random, Synthe
 
 }  // namespace
 
-absl::Status SyntheticTrialOptions::Validate() const {
-  EVPOSE_RETURN_IF_ERROR(CheckRange("SyntheticTrialOptions.num_lines", num_lines, 4, 1000));
-  EVPOSE_RETURN_IF_ERROR(CheckRange("SyntheticTrialOptions.events_per_line", events_per_line, 1, 10'000));
-  EVPOSE_RETURN_IF_ERROR(CheckRange("SyntheticTrialOptions.noise_px", noise_px, 0.0, 100.0));
-  EVPOSE_RETURN_IF_ERROR(CheckRange("SyntheticTrialOptions.outlier_ratio", outlier_ratio, 0.0, 1.0));
-  EVPOSE_RETURN_IF_ERROR(CheckRange("SyntheticTrialOptions.start_rotation_rad", start_rotation_rad, 0.0, 3.0));
-  return CheckRange("SyntheticTrialOptions.start_translation_ratio", start_translation_ratio, 0.0, 1.0);
-}
-
 SyntheticTrial MakeSyntheticTrial(const SyntheticTrialOptions& options, uint64_t seed) {
   // Each part has its own random numbers, so that a change of one leaves the others unchanged.
   Random seeds(seed);
   Random poses(seeds.NextU64()), lines(seeds.NextU64()), events(seeds.NextU64()), outliers(seeds.NextU64());
   SyntheticTrial trial;
-  trial.camera = SyntheticCamera();
+  trial.camera = kSyntheticCamera;
   trial.noise_px = options.noise_px;
   trial.camera_from_object = DrawPose(trial.camera, poses);
   trial.start = DrawStart(options, trial.camera_from_object, poses);

@@ -7,7 +7,6 @@
 #include <cstdint>
 #include <vector>
 
-#include "absl/status/status.h"
 #include "absl/status/statusor.h"
 #include "core/baselines/estimators/line_fit.h"
 #include "core/geometry/camera.h"
@@ -25,9 +24,6 @@ struct SyntheticTrialOptions {
   // the benchmarks of OpenGV, which the paper cites for its perturbation: lines start with errors of several pixels.
   double start_rotation_rad = 0.02;       // [0, 3]
   double start_translation_ratio = 0.01;  // [0, 1]
-
-  // INVALID_ARGUMENT names the field.
-  absl::Status Validate() const;
 };
 
 struct SyntheticTrial {

@@ -189,20 +189,5 @@ TEST(SyntheticTrialTest, NoBoundWithoutNoiseOrWithoutEvents) {
   EXPECT_THAT(ComputeSyntheticBound(MakeSyntheticTrial(options, 9)).status().message(), HasSubstr("determine"));
 }
 
-TEST(SyntheticTrialTest, OptionsAreChecked) {
-  const auto message = [](auto change) {
-    SyntheticTrialOptions options;
-    change(options);
-    return std::string(options.Validate().message());
-  };
-  EXPECT_TRUE(SyntheticTrialOptions().Validate().ok());
-  EXPECT_THAT(message([](auto& o) { o.num_lines = 3; }), HasSubstr("num_lines is 3"));
-  EXPECT_THAT(message([](auto& o) { o.events_per_line = 0; }), HasSubstr("events_per_line"));
-  EXPECT_THAT(message([](auto& o) { o.noise_px = std::nan(""); }), HasSubstr("noise_px"));
-  EXPECT_THAT(message([](auto& o) { o.outlier_ratio = 1.5; }), HasSubstr("outlier_ratio"));
-  EXPECT_THAT(message([](auto& o) { o.start_rotation_rad = 4.0; }), HasSubstr("start_rotation_rad"));
-  EXPECT_THAT(message([](auto& o) { o.start_translation_ratio = -1.0; }), HasSubstr("start_translation_ratio"));
-}
-
 }  // namespace
 }  // namespace evpose

@@ -7,10 +7,9 @@
 #include <memory>
 #include <utility>
 
-#include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
-#include "absl/strings/str_join.h"
 #include "core/base/check_range.h"
+#include "core/base/find_named.h"
 #include "core/base/status_macros.h"
 #include "core/baselines/estimators/estimator_factory.h"
 #include "core/experiments/speed/processor_time.h"
@@ -77,19 +76,7 @@ std::string RunDirectory(const std::string& recordings, const std::string& scena
 }
 
 absl::StatusOr<std::vector<TrackingSubject>> FindSubjects(const std::vector<std::string>& names) {
-  const std::vector<TrackingSubject> all = TrackingSubjects();
-  if (names.empty()) return all;
-  std::vector<TrackingSubject> found;
-  for (const std::string& name : names) {
-    const auto subject = std::find_if(all.begin(), all.end(), [&](const TrackingSubject& s) { return s.name == name; });
-    if (subject == all.end()) {
-      const auto append_name = [](std::string* out, const TrackingSubject& s) { absl::StrAppend(out, s.name); };
-      return absl::InvalidArgumentError(
-          absl::StrCat("no estimator is called \"", name, "\"; known are: ", absl::StrJoin(all, ", ", append_name)));
-    }
-    found.push_back(*subject);
-  }
-  return found;
+  return FindAllNamed(TrackingSubjects(), names, "no estimator is called \"$0\"");
 }
 
 // Runs one scenario with all seeds, paths and estimators.
@@ -120,7 +107,7 @@ class BlockRunner {
     for (TrackingBenchRow& row : block_.rows) row.summary = SummariseTracking(row.scores);
     for (TrackingBenchRow& row : block_.rows) {
       if (row.kind != TrackingSubject::Kind::kDefault) continue;
-      row.verdicts = JudgeTracking(row.summary, block_.scenario.targets);
+      row.target_checks = CheckTargets(row.summary, block_.scenario.targets);
       CompareWithPublished(row);
     }
     return std::move(block_);
@@ -130,9 +117,10 @@ class BlockRunner {
   void CompareWithPublished(TrackingBenchRow& row) const {
     constexpr double kMostRatio = 0.5;
     for (const TrackingBenchRow& other : block_.rows) {
-      if (other.estimator != "static-mm" || other.summary.losses > 0) continue;
-      const double ratio = row.summary.position_rmse_of_depth / other.summary.position_rmse_of_depth;
-      row.verdicts.push_back({"position to static-mm's", ratio, 0.0, kMostRatio, ""});
+      if (other.estimator != "static-mm" || other.summary.overall.losses > 0) continue;
+      const double ratio = row.summary.overall.evaluation.position_rmse_of_depth /
+                           other.summary.overall.evaluation.position_rmse_of_depth;
+      row.target_checks.push_back({"position to static-mm's", ratio, 0.0, kMostRatio, ""});
     }
   }
 
@@ -199,11 +187,10 @@ std::vector<TrackingSubject> TrackingSubjects() {
   using Kind = TrackingSubject::Kind;
   std::vector<TrackingSubject> subjects;
   for (const auto& [estimator, name] : kEstimatorNames) {
-    if (estimator == Estimator::kMixture) {
-      subjects.push_back({std::string(name), "ours; finds its first pose itself", Kind::kDefault, estimator});
-    } else {
-      subjects.push_back({std::string(name), "published; given the true first pose", Kind::kPublished, estimator});
-    }
+    const bool is_ours = estimator == Estimator::kMixture;
+    subjects.push_back({std::string(name),
+                        is_ours ? "ours; finds its first pose itself" : "published; given the true first pose",
+                        is_ours ? Kind::kDefault : Kind::kPublished, estimator});
   }
   subjects.push_back(
       {"oracle", "ours on every window alone, from the truth: the floor", Kind::kOracle, Estimator::kMixture});

@@ -56,7 +56,7 @@ struct TrackingBenchRow {
   TrackingSummary summary;
   // Comparison of the default estimator with its targets, and its position error with half of that of static-mm, if
   // that is measured and keeps the object. Empty for the other estimators.
-  std::vector<TrackingVerdict> verdicts;
+  std::vector<TargetCheck> target_checks;
 };
 
 // The rows of one scenario.

@@ -6,6 +6,8 @@
 
 #include <iterator>
 
+#include "core/numerics/math.h"
+
 namespace evpose {
 namespace {
 
@@ -37,16 +39,16 @@ TEST(TrackingBenchTest, TheyFollowTheObject) {
   ASSERT_EQ(blocks[0].rows.size(), 3u);
   for (const TrackingBenchRow& row : blocks[0].rows) {
     ASSERT_EQ(row.scores.size(), 2u);
-    EXPECT_EQ(row.summary.losses, 0u) << row.estimator;
-    EXPECT_GT(row.summary.worst_coverage_ratio, 0.5) << row.estimator;
-    EXPECT_LT(row.summary.position_rmse_of_depth, 0.02) << row.estimator;
-    EXPECT_GT(row.summary.compute_ratio, 0.0) << row.estimator;
+    EXPECT_EQ(row.summary.overall.losses, 0u) << row.estimator;
+    EXPECT_GT(row.summary.worst.coverage_ratio, 0.5) << row.estimator;
+    EXPECT_LT(row.summary.overall.evaluation.position_rmse_of_depth, 0.02) << row.estimator;
+    EXPECT_GT(row.summary.overall.compute_ratio, 0.0) << row.estimator;
     EXPECT_NE(row.scores[0].evaluation.position_rmse_m, row.scores[1].evaluation.position_rmse_m);
     EXPECT_FALSE(row.scores[0].errors.empty());
     EXPECT_TRUE(row.scores[1].errors.empty());
   }
-  EXPECT_FALSE(blocks[0].rows[0].verdicts.empty());
-  EXPECT_TRUE(blocks[0].rows[1].verdicts.empty());
+  EXPECT_FALSE(blocks[0].rows[0].target_checks.empty());
+  EXPECT_TRUE(blocks[0].rows[1].target_checks.empty());
 }
 
 TEST(TrackingBenchTest, TheOracleIsTheLowerBound) {
@@ -54,13 +56,13 @@ TEST(TrackingBenchTest, TheOracleIsTheLowerBound) {
   const TrackingBenchRow& mixture = blocks[0].rows[0];
   const TrackingBenchRow& oracle = blocks[0].rows[2];
   ASSERT_EQ(oracle.estimator, "oracle");
-  EXPECT_EQ(oracle.summary.losses, 0u);
-  EXPECT_LT(oracle.summary.rotation_p95_deg, 1.0);
+  EXPECT_EQ(oracle.summary.overall.losses, 0u);
+  EXPECT_LT(kDegreesPerRadian * oracle.summary.overall.evaluation.rotation_p95_rad, 1.0);
   // Its windows equal those of the tracker, except before the first pose.
   EXPECT_GE(oracle.scores[0].errors.size(), mixture.scores[0].errors.size());
-  EXPECT_GT(oracle.summary.worst_coverage_ratio, 0.95);
+  EXPECT_GT(oracle.summary.worst.coverage_ratio, 0.95);
   // The estimate differs from the true start, and windows without events have no pose.
-  EXPECT_GT(oracle.summary.position_median_m, 1e-5);
+  EXPECT_GT(oracle.summary.overall.evaluation.position_median_m, 1e-5);
   for (const TrajectoryError& error : oracle.scores[0].errors) EXPECT_GT(error.position_m, 1e-9);
 }
 

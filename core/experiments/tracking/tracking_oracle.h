@@ -22,8 +22,8 @@ namespace evpose {
 //
 // The oracle can therefore neither lose the object nor drift, and it does not profit from earlier windows: a tracker
 // with a motion prior may have less noise. Errors common to the oracle and the tracker are due to the events or the
-// sensor model, not to the tracking. A window whose events leave more than a quarter of the variance of the prior in
-// any direction has no pose, because its pose would be that of the start.
+// sensor model, not to the tracking. A window with events that leave more than a quarter of the variance of the prior
+// in any direction has no pose, because its pose would be that of the start.
 //
 // `truth` must outlive the oracle. Errors: those of Tracker::Create().
 absl::StatusOr<std::unique_ptr<PoseSource>> MakeTrackingOracle(std::shared_ptr<const ObjectModel> model,

@@ -4,15 +4,20 @@
 #include <algorithm>
 
 #include "absl/strings/str_cat.h"
-#include "absl/strings/str_join.h"
+#include "core/base/find_named.h"
+#include "core/base/status_macros.h"
 
 namespace evpose {
 namespace {
 
-constexpr int64_t kHdDurationUs = 5'000'000;
-
-SimulationOptions Standard(std::string_view object, std::string_view camera) {
-  return SimulationPreset(object, camera).value_or(SimulationOptions());
+// An object in its standard scene, for five seconds.
+TrackingScenario MakeScenario(std::string name, std::string description, std::string_view object, double noise_ratio,
+                              std::string_view camera = "evk4") {
+  TrackingScenario scenario = {
+      std::move(name), std::move(description), SimulationPreset(object, camera).value_or(SimulationOptions()), {}};
+  scenario.simulation.duration_us = 5'000'000;
+  scenario.simulation.sensor.noise_ratio = noise_ratio;
+  return scenario;
 }
 
 // A spacecraft in front of the VGA sensor, at the speeds of the paper.
@@ -25,14 +30,13 @@ struct VgaScene {
 };
 
 TrackingScenario MakeVga(std::string name, std::string description, const VgaScene& scene) {
-  TrackingScenario scenario = {std::move(name), std::move(description), Standard("spacecraft", "vga"), {}};
+  TrackingScenario scenario = MakeScenario(std::move(name), std::move(description), "spacecraft", 0.05, "vga");
   SimulationOptions& options = scenario.simulation;
   options.duration_us = static_cast<int64_t>(scene.duration_s * 1e6);
   options.scene.object_size_m = scene.size_m;
   options.scene.motion.depth_m = scene.depth_m;
   options.scene.motion.speed_m_per_s = scene.speed_m_per_s;
   options.scene.motion.angular_speed_rad_per_s = scene.angular_speed_rad_per_s;
-  options.sensor.noise_ratio = 0.05;
   scenario.targets.position_rmse_of_depth = 0.0015;
   scenario.targets.rotation_median_deg = 0.16;
   scenario.targets.rotation_p95_deg = 0.4;
@@ -46,86 +50,74 @@ void AddVga(std::vector<TrackingScenario>& scenarios) {
   scenarios.push_back(MakeVga("faster", "a larger spacecraft at 2.83 m/s", {5.0, 1.4, 0.65, 2.83, 1.26}));
   const VgaScene light = {10.0, 1.4, 0.63, 0.77, 0.18};
   scenarios.push_back(MakeVga("constant-light", "a spacecraft at 0.77 m/s, steady light", light));
-  TrackingScenario changing =
-      MakeVga("changing-light", "the same while the light on everything falls to a half and rises, in 2 s", light);
+  TrackingScenario& changing = scenarios.emplace_back(
+      MakeVga("changing-light", "the same while the light on everything falls to a half and rises, in 2 s", light));
   changing.simulation.scene.light.change_ratio = 2.0;
   changing.simulation.scene.light.change_period_s = 2.0;
   changing.simulation.scene.light.reaches_background = true;
   changing.targets.position_rmse_of_depth *= 2.0;
   changing.targets.rotation_median_deg *= 2.0;
   changing.targets.rotation_p95_deg *= 2.0;
-  scenarios.push_back(changing);
 }
 
 // 10 % noise, the flicker of a bulb, and a bar that swings in front of the object.
 TrackingScenario MakeHd(const std::string& object) {
-  TrackingScenario scenario = {
-      object, absl::StrCat(object, ", 10 % noise, flicker, occlusion"), Standard(object, "evk4"), {}};
-  scenario.simulation.duration_us = kHdDurationUs;
-  scenario.simulation.sensor.noise_ratio = 0.1;
+  TrackingScenario scenario =
+      MakeScenario(object, absl::StrCat(object, ", 10 % noise, flicker, occlusion"), object, 0.1);
   scenario.simulation.scene.light.flicker_depth = 0.15;
   scenario.simulation.scene.occluder.is_present = true;
   return scenario;
 }
 
-TrackingScenario MakeHard(std::string name, std::string description, const std::string& object) {
-  TrackingScenario scenario = {std::move(name), std::move(description), Standard(object, "evk4"), {}};
-  scenario.simulation.duration_us = kHdDurationUs;
-  scenario.simulation.sensor.noise_ratio = 0.05;
-  return scenario;
+// Appends the standard scene of a cube with 5 % noise, to which one difficulty is added.
+TrackingScenario& AddCube(std::vector<TrackingScenario>& scenarios, std::string name, std::string description) {
+  return scenarios.emplace_back(MakeScenario(std::move(name), std::move(description), "cube", 0.05));
 }
 
 double NumPixels(const SimulationOptions& options) { return 1.0 * options.camera.width_px * options.camera.height_px; }
 
 void AddNoiseScenarios(std::vector<TrackingScenario>& scenarios) {
-  TrackingScenario activity = MakeHard("background-activity", "a cube, 5 Hz of noise per pixel", "cube");
+  TrackingScenario& activity = AddCube(scenarios, "background-activity", "a cube, 5 Hz of noise per pixel");
   activity.simulation.sensor.shot_noise_hz = 5.5;  // in the dark: 5 on the background
-  scenarios.push_back(activity);
-  TrackingScenario hot = MakeHard("hot-pixels", "a cube, 300 hot pixels of about 1 kHz", "cube");
+  TrackingScenario& hot = AddCube(scenarios, "hot-pixels", "a cube, 300 hot pixels of about 1 kHz");
   hot.simulation.sensor.hot_pixel_ratio = 300.0 / NumPixels(hot.simulation);
   hot.simulation.sensor.hot_pixel_hz = 1000.0;
-  scenarios.push_back(hot);
 }
 
 void AddClutterScenarios(std::vector<TrackingScenario>& scenarios) {
   // The cube's outline is about 290 px wide: 0.2 m, seen from a corner, 1 m away.
-  TrackingScenario occlusion = MakeHard("occlusion-40", "a cube, 40 % of it behind a bar that moves with it", "cube");
+  TrackingScenario& occlusion =
+      AddCube(scenarios, "occlusion-40", "a cube, 40 % of it behind a bar that moves with it");
   OccluderOptions& bar = occlusion.simulation.scene.occluder;
   bar.is_present = true;
   bar.follows_object = true;
   bar.width_px = 115.0;
   bar.swing_ratio = 0.05;
   bar.speed_px_per_s = 120.0;
-  scenarios.push_back(occlusion);
-  TrackingScenario bursts = MakeHard("bursts", "a cube, every second 50 ms of 20 Mev/s anywhere", "cube");
+  TrackingScenario& bursts = AddCube(scenarios, "bursts", "a cube, every second 50 ms of 20 Mev/s anywhere");
   bursts.simulation.sensor.flood_hz = 20e6;
-  scenarios.push_back(bursts);
-  TrackingScenario edge = MakeHard("background-edge", "a cube, a bright straight edge sweeping behind it", "cube");
+  TrackingScenario& edge = AddCube(scenarios, "background-edge", "a cube, a bright straight edge sweeping behind it");
   edge.simulation.scene.background.has_moving_edge = true;
-  scenarios.push_back(edge);
 }
 
-void AddHard(std::vector<TrackingScenario>& scenarios) {
-  TrackingScenario rests = MakeHard("rests", "a cube that moves for 0.7 s and stands still for 0.3 s", "cube");
+void AddOneDifficulty(std::vector<TrackingScenario>& scenarios) {
+  TrackingScenario& rests = AddCube(scenarios, "rests", "a cube that moves for 0.7 s and stands still for 0.3 s");
   rests.simulation.scene.motion.profile = MotionProfile::kRests;
-  scenarios.push_back(rests);
   AddNoiseScenarios(scenarios);
   AddClutterScenarios(scenarios);
-  TrackingScenario half_out =
-      MakeHard("half-out", "a cube, half of it out of view at either side of the image", "cube");
+  TrackingScenario& half_out =
+      AddCube(scenarios, "half-out", "a cube, half of it out of view at either side of the image");
   half_out.simulation.scene.motion.profile = MotionProfile::kHalfOut;
   // Moves from border to border and back during the recording.
   half_out.simulation.scene.motion.speed_m_per_s = 0.6;
-  scenarios.push_back(half_out);
-  TrackingScenario uncalibrated =
-      MakeHard("uncalibrated", "a cube, another sensor's thresholds, bandwidth and lens", "cube");
+  TrackingScenario& uncalibrated =
+      AddCube(scenarios, "uncalibrated", "a cube, another sensor's thresholds, bandwidth and lens");
   uncalibrated.simulation.sensor.threshold_on = 0.20;
   uncalibrated.simulation.sensor.threshold_off = 0.36;
   uncalibrated.simulation.sensor.threshold_mismatch_ratio = 0.06;
   uncalibrated.simulation.sensor.bandwidth_hz = 1000.0;
   uncalibrated.simulation.scene.lens_blur_px = 0.8;
   uncalibrated.targets.position_rmse_of_depth *= 3.0;
-  scenarios.push_back(uncalibrated);
 }
 
 }  // namespace
@@ -134,20 +126,14 @@ std::vector<TrackingScenario> TrackingScenarios() {
   std::vector<TrackingScenario> scenarios;
   AddVga(scenarios);
   for (const char* object : {"planar", "cube", "book", "spacecraft"}) scenarios.push_back(MakeHd(object));
-  AddHard(scenarios);
+  AddOneDifficulty(scenarios);
   return scenarios;
 }
 
 absl::StatusOr<std::vector<TrackingScenario>> FindTrackingScenarios(const std::vector<std::string>& names) {
   std::vector<TrackingScenario> all = TrackingScenarios();
   if (names.empty()) return all;
-  std::vector<std::string> known;
-  for (const TrackingScenario& scenario : all) known.push_back(scenario.name);
-  for (const std::string& name : names) {
-    if (std::find(known.begin(), known.end(), name) != known.end()) continue;
-    return absl::InvalidArgumentError(
-        absl::StrCat("no scenario is called \"", name, "\"; known are: ", absl::StrJoin(known, ", ")));
-  }
+  EVPOSE_RETURN_IF_ERROR(FindAllNamed(all, names, "no scenario is called \"$0\"").status());
   std::erase_if(all, [&](const TrackingScenario& scenario) {
     return std::find(names.begin(), names.end(), scenario.name) == names.end();
   });

@@ -47,7 +47,7 @@ Trajectory PosesOf(const TrackingOutput& output) {
 }
 
 // Returns the poses that TrajectoryErrors used, in its order.
-void JudgeHealth(const TrackingOutput& output, int64_t end_us, int64_t max_gap_us, TrackingScore& score) {
+void ScoreHealth(const TrackingOutput& output, int64_t end_us, int64_t max_gap_us, TrackingScore& score) {
   size_t next = 0;
   double wrong_stretch_s = 0.0;
   for (size_t i = 0; i < score.errors.size(); ++i) {
@@ -98,28 +98,22 @@ int WorstRun(const std::vector<TrackingScore>& scores) {
 }
 
 void SetErrors(const std::vector<TrackingScore>& scores, TrackingSummary& summary) {
-  const auto mean = [&](double Evaluation::*member) {
-    return MeanOver(scores, [member](const TrackingScore& score) { return score.evaluation.*member; });
-  };
-  const auto worst = [&](double Evaluation::*member) {
+  using E = Evaluation;
+  for (double E::*member :
+       {&E::position_rmse_m, &E::position_mean_m, &E::position_median_m, &E::position_std_m, &E::position_rmse_of_depth,
+        &E::rotation_mean_rad, &E::rotation_median_rad, &E::rotation_p95_rad, &E::coverage_ratio, &E::pose_rate_hz}) {
+    summary.overall.evaluation.*member =
+        MeanOver(scores, [member](const TrackingScore& score) { return score.evaluation.*member; });
+  }
+  const auto worst = [&](double E::*member) {
     return WorstOver(scores, [member](const TrackingScore& score) { return score.evaluation.*member; });
   };
-  summary.position_rmse_m = mean(&Evaluation::position_rmse_m);
-  summary.position_mean_m = mean(&Evaluation::position_mean_m);
-  summary.position_median_m = mean(&Evaluation::position_median_m);
-  summary.position_std_m = mean(&Evaluation::position_std_m);
-  summary.position_rmse_of_depth = mean(&Evaluation::position_rmse_of_depth);
-  summary.rotation_mean_deg = kDegreesPerRadian * mean(&Evaluation::rotation_mean_rad);
-  summary.rotation_median_deg = kDegreesPerRadian * mean(&Evaluation::rotation_median_rad);
-  summary.rotation_p95_deg = kDegreesPerRadian * mean(&Evaluation::rotation_p95_rad);
-  summary.worst_position_rmse_of_depth = worst(&Evaluation::position_rmse_of_depth);
-  summary.worst_rotation_median_deg = kDegreesPerRadian * worst(&Evaluation::rotation_median_rad);
-  summary.worst_rotation_p95_deg = kDegreesPerRadian * worst(&Evaluation::rotation_p95_rad);
-  summary.rotation_max_deg = kDegreesPerRadian * worst(&Evaluation::rotation_max_rad);
-  summary.coverage_ratio = mean(&Evaluation::coverage_ratio);
-  summary.worst_coverage_ratio =
+  summary.overall.evaluation.rotation_max_rad = worst(&E::rotation_max_rad);
+  for (double E::*member : {&E::position_rmse_of_depth, &E::rotation_median_rad, &E::rotation_p95_rad}) {
+    summary.worst.*member = worst(member);
+  }
+  summary.worst.coverage_ratio =
       -WorstOver(scores, [](const TrackingScore& score) { return -score.evaluation.coverage_ratio; });
-  summary.pose_rate_hz = mean(&Evaluation::pose_rate_hz);
 }
 
 }  // namespace
@@ -171,7 +165,7 @@ absl::StatusOr<TrackingScore> ScoreTracking(const SimulationOptions& run, const 
                                  [](const TrajectoryError& error) { return error.is_good; });
   score.first_pose_ms = good == score.errors.end() ? kNan : 1e-3 * static_cast<double>(good->t_us - run.t_begin_us);
   score.full_rate_ratio = rate.ShareAtFullPoseRate(output.poses);
-  JudgeHealth(output, truth.back().t_us, options.max_gap_us, score);
+  ScoreHealth(output, truth.back().t_us, options.max_gap_us, score);
   score.compute_ratio = output.compute_s / (1e-6 * static_cast<double>(run.duration_us));
   return score;
 }
@@ -181,48 +175,53 @@ TrackingSummary SummariseTracking(const std::vector<TrackingScore>& scores) {
   if (scores.empty()) return summary;
   summary.num_runs = static_cast<int>(scores.size());
   SetErrors(scores, summary);
-  summary.first_pose_ms = MeanOver(scores, [](const TrackingScore& score) { return score.first_pose_ms; });
-  summary.full_rate_ratio = MeanOver(scores, [](const TrackingScore& score) { return score.full_rate_ratio; });
-  summary.compute_ratio = MeanOver(scores, [](const TrackingScore& score) { return score.compute_ratio; });
+  TrackingScore& overall = summary.overall;
+  for (double TrackingScore::*member :
+       {&TrackingScore::first_pose_ms, &TrackingScore::full_rate_ratio, &TrackingScore::compute_ratio}) {
+    overall.*member = MeanOver(scores, [member](const TrackingScore& score) { return score.*member; });
+  }
   summary.worst_run = WorstRun(scores);
   std::vector<double> nees;
   for (const TrackingScore& score : scores) {
-    summary.losses += score.losses;
-    summary.wrong_tracking_s += score.wrong_tracking_s;
-    summary.longest_wrong_tracking_s = std::max(summary.longest_wrong_tracking_s, score.longest_wrong_tracking_s);
-    summary.right_untracked_s += score.right_untracked_s;
+    overall.losses += score.losses;
+    overall.wrong_tracking_s += score.wrong_tracking_s;
+    overall.longest_wrong_tracking_s = std::max(overall.longest_wrong_tracking_s, score.longest_wrong_tracking_s);
+    overall.right_untracked_s += score.right_untracked_s;
     nees.insert(nees.end(), score.nees.begin(), score.nees.end());
   }
   summary.consistency = SummariseConsistency(std::move(nees));
   return summary;
 }
 
-std::vector<TrackingVerdict> JudgeTracking(const TrackingSummary& summary, const TrackingTargets& targets) {
+std::vector<TargetCheck> CheckTargets(const TrackingSummary& summary, const TrackingTargets& targets) {
   constexpr double kWorstFactor = 2.0;
   const double infinity = std::numeric_limits<double>::infinity();
   const double position = 100.0 * targets.position_rmse_of_depth;
   const double uncovered = 1.0 - targets.coverage_ratio;
-  std::vector<TrackingVerdict> verdicts = {
-      {"losses", static_cast<double>(summary.losses), 0.0, static_cast<double>(targets.losses), ""},
-      {"coverage", 100.0 * summary.coverage_ratio, 100.0 * targets.coverage_ratio, 100.0, "%"},
-      {"position", 100.0 * summary.position_rmse_of_depth, 0.0, position, "% of depth"},
-      {"rotation median", summary.rotation_median_deg, 0.0, targets.rotation_median_deg, "deg"},
-      {"rotation p95", summary.rotation_p95_deg, 0.0, targets.rotation_p95_deg, "deg"},
+  const TrackingScore& overall = summary.overall;
+  const Evaluation &mean = overall.evaluation, &worst = summary.worst;
+  std::vector<TargetCheck> checks = {
+      {"losses", static_cast<double>(overall.losses), 0.0, static_cast<double>(targets.losses), ""},
+      {"coverage", 100.0 * mean.coverage_ratio, 100.0 * targets.coverage_ratio, 100.0, "%"},
+      {"position", 100.0 * mean.position_rmse_of_depth, 0.0, position, "% of depth"},
+      {"rotation median", kDegreesPerRadian * mean.rotation_median_rad, 0.0, targets.rotation_median_deg, "deg"},
+      {"rotation p95", kDegreesPerRadian * mean.rotation_p95_rad, 0.0, targets.rotation_p95_deg, "deg"},
       {"NEES median", summary.consistency.median, targets.nees_median_low, targets.nees_median_high, ""},
   };
-  if (!std::isnan(summary.full_rate_ratio)) {
-    verdicts.push_back({"1 kHz", 100.0 * summary.full_rate_ratio, 100.0, infinity, "%"});
+  if (!std::isnan(overall.full_rate_ratio)) {
+    checks.push_back({"1 kHz", 100.0 * overall.full_rate_ratio, 100.0, infinity, "%"});
   }
-  if (summary.num_runs < 2) return verdicts;
-  verdicts.push_back(
-      {"worst coverage", 100.0 * summary.worst_coverage_ratio, 100.0 * (1.0 - kWorstFactor * uncovered), 100.0, "%"});
-  verdicts.push_back(
-      {"worst position", 100.0 * summary.worst_position_rmse_of_depth, 0.0, kWorstFactor * position, "% of depth"});
-  verdicts.push_back({"worst rotation median", summary.worst_rotation_median_deg, 0.0,
-                      kWorstFactor * targets.rotation_median_deg, "deg"});
-  verdicts.push_back(
-      {"worst rotation p95", summary.worst_rotation_p95_deg, 0.0, kWorstFactor * targets.rotation_p95_deg, "deg"});
-  return verdicts;
+  if (summary.num_runs < 2) return checks;
+  const TargetCheck of_worst_run[] = {
+      {"worst coverage", 100.0 * worst.coverage_ratio, 100.0 * (1.0 - kWorstFactor * uncovered), 100.0, "%"},
+      {"worst position", 100.0 * worst.position_rmse_of_depth, 0.0, kWorstFactor * position, "% of depth"},
+      {"worst rotation median", kDegreesPerRadian * worst.rotation_median_rad, 0.0,
+       kWorstFactor * targets.rotation_median_deg, "deg"},
+      {"worst rotation p95", kDegreesPerRadian * worst.rotation_p95_rad, 0.0, kWorstFactor * targets.rotation_p95_deg,
+       "deg"},
+  };
+  checks.insert(checks.end(), std::begin(of_worst_run), std::end(of_worst_run));
+  return checks;
 }
 
 }  // namespace evpose

@@ -65,38 +65,18 @@ absl::StatusOr<TrackingScore> ScoreTracking(const SimulationOptions& run, const 
 // Summary over the runs of one scenario.
 struct TrackingSummary {
   int num_runs = 0;
-  // Means over the runs; NaN if a run has no pose.
-  double position_rmse_m = 0.0;
-  double position_mean_m = 0.0;
-  double position_median_m = 0.0;
-  double position_std_m = 0.0;
-  double position_rmse_of_depth = 0.0;
-  double rotation_mean_deg = 0.0;
-  double rotation_median_deg = 0.0;
-  double rotation_p95_deg = 0.0;
-  double coverage_ratio = 0.0;
-  double first_pose_ms = 0.0;
-  double pose_rate_hz = 0.0;
-  double full_rate_ratio = 0.0;
-  double compute_ratio = 0.0;
-  // Values of the worst run.
-  double worst_position_rmse_of_depth = 0.0;
-  double worst_rotation_median_deg = 0.0;
-  double worst_rotation_p95_deg = 0.0;
-  double worst_coverage_ratio = 0.0;
-  double rotation_max_deg = 0.0;
+  // Means over the runs, NaN if a run has no pose; sums of the losses and of the times with a wrong pose or state; the
+  // maximum of the largest errors and of the longest time.
+  TrackingScore overall;
+  Consistency consistency;  // of the poses of all runs
+  // The worst run's coverage, position_rmse_of_depth, rotation_median_rad and rotation_p95_rad, each by itself.
+  Evaluation worst;
   int worst_run = 0;  // index: most losses, then the largest position error
-  // Sums over all runs.
-  uint64_t losses = 0;
-  Consistency consistency;
-  double wrong_tracking_s = 0.0;
-  double longest_wrong_tracking_s = 0.0;
-  double right_untracked_s = 0.0;
 };
 TrackingSummary SummariseTracking(const std::vector<TrackingScore>& scores);
 
 // Comparison of a value with its bounds.
-struct TrackingVerdict {
+struct TargetCheck {
   std::string name;  // "position", "worst position", ...
   double value = 0.0;
   double low = 0.0;  // met: low <= value <= high
@@ -105,6 +85,6 @@ struct TrackingVerdict {
   bool is_met() const { return value >= low && value <= high; }  // false for NaN
 };
 // Compares a summary with the targets. The worst run may have twice the errors and twice the time without a good pose.
-std::vector<TrackingVerdict> JudgeTracking(const TrackingSummary& summary, const TrackingTargets& targets);
+std::vector<TargetCheck> CheckTargets(const TrackingSummary& summary, const TrackingTargets& targets);
 
 }  // namespace evpose

@@ -94,8 +94,8 @@ TEST_F(TrackingScoreTest, NoPoseAtAll) {
   EXPECT_EQ(score.evaluation.coverage_ratio, 0.0);
   const TrackingSummary summary = SummariseTracking({score});
   std::set<std::string> met;
-  for (const TrackingVerdict& verdict : JudgeTracking(summary, {})) {
-    if (verdict.is_met()) met.insert(verdict.name);
+  for (const TargetCheck& check : CheckTargets(summary, {})) {
+    if (check.is_met()) met.insert(check.name);
   }
   EXPECT_EQ(met, std::set<std::string>{"losses"});
 }
@@ -123,7 +123,7 @@ TEST(EventRateTest, BusyIntervalsNeedAPoseAMillisecond) {
   EXPECT_TRUE(std::isnan(EventRate(0).ShareAtFullPoseRate(poses)));
 }
 
-TEST(TrackingVerdictTest, TheWorstRunMayHaveTwiceTheErrors) {
+TEST(TargetCheckTest, TheWorstRunMayHaveTwiceTheErrors) {
   const auto score_of = [](double position, double rotation_deg) {
     TrackingScore score;
     score.evaluation.coverage_ratio = 0.998;
@@ -138,8 +138,8 @@ TEST(TrackingVerdictTest, TheWorstRunMayHaveTwiceTheErrors) {
   targets.position_rmse_of_depth = 0.001;
   const auto missed = [&](const std::vector<TrackingScore>& scores) {
     std::set<std::string> names;
-    for (const TrackingVerdict& verdict : JudgeTracking(SummariseTracking(scores), targets)) {
-      if (!verdict.is_met()) names.insert(verdict.name);
+    for (const TargetCheck& check : CheckTargets(SummariseTracking(scores), targets)) {
+      if (!check.is_met()) names.insert(check.name);
     }
     return names;
   };
