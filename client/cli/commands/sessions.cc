@@ -22,24 +22,10 @@ struct SessionArguments {
   std::optional<double> timeout_s;
 };
 
-const char* StateName(SessionState state) {
-  switch (state) {
-    case SessionState::kDetached:
-      return "DETACHED";
-    case SessionState::kAttached:
-      return "ATTACHED";
-    case SessionState::kEnded:
-      return "ENDED";
-    case SessionState::kUnknown:
-      break;
-  }
-  return "UNKNOWN";
-}
-
 Json SessionJson(const Session& session) {
   Json json;
   json["name"] = session.name;
-  json["state"] = StateName(session.state);
+  json["state"] = std::string(SessionStateName(session.state));
   json["create_time"] = absl::FormatTime(session.create_time, absl::UTCTimeZone());
   json["expire_time"] =
       session.expire_time ? Json(absl::FormatTime(*session.expire_time, absl::UTCTimeZone())) : Json(nullptr);
@@ -55,7 +41,7 @@ Json SessionJson(const Session& session) {
 }
 
 void PrintSession(const Session& session, std::ostream& out) {
-  out << session.name << "  " << StateName(session.state)
+  out << session.name << "  " << SessionStateName(session.state)
       << absl::StrFormat("  %d events  %d poses", session.health.decoded_events, session.health.poses);
   for (const ObjectHealth& object : session.health.objects) {
     out << "  " << object.object_id << " " << DescribeState(object) << ", " << object.losses << " losses";
