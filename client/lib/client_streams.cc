@@ -49,6 +49,7 @@ absl::StatusOr<TrackSummary> Client::Track(const Session& session, const ChunkSo
 
 absl::StatusOr<TrackSummary> Client::Track(const TrackPosition& position, const ChunkSource& source,
                                            const TrackCallbacks& callbacks, const TrackOptions& options) {
+  EVPOSE_RETURN_IF_ERROR(options.Validate());
   const FeedOptions feed_options = {.rate = options.rate, .clock = options.clock, .skip = position.durable};
   EVPOSE_ASSIGN_OR_RETURN(const std::unique_ptr<EventFeed> feed, EventFeed::Open(source, feed_options));
   if (position.max_piece_bytes > 0) feed->Start(position.max_piece_bytes);
