@@ -169,10 +169,9 @@ constexpr char kAboutEvents[] =
     "The longest wrong is the longest time for which wrong poses were reported as TRACKING without a break.\n";
 
 void AddLineOptions(CLI::App& app, InitializationArguments& arguments, CLI::Option* from_events) {
-  app.add_option("--trials", arguments.num_trials, "Number of random poses of each object and clutter")
-      ->check(CLI::Range(1, 1'000'000))
-      ->excludes(from_events)
-      ->capture_default_str();
+  AddOption(app, "--trials", arguments.num_trials, "Number of random poses of each object and clutter",
+            CLI::Range(1, 1'000'000))
+      ->excludes(from_events);
   app.add_option("--methods", arguments.methods, "Run only these methods")
       ->delimiter(',')
       ->excludes(from_events)
@@ -193,10 +192,8 @@ void AddLineOptions(CLI::App& app, InitializationArguments& arguments, CLI::Opti
 CommandRunner AddBenchInitializationCommand(CLI::App& app, CliContext& context) {
   auto arguments = std::make_shared<InitializationArguments>();
   app.add_option("--seed", arguments->seed, "The same seed gives the same trials")->capture_default_str();
-  app.add_option("--objects", arguments->objects,
-                 "Use only these objects: " + absl::StrJoin(SimulatedObjectNames(), ", "))
-      ->delimiter(',')
-      ->type_name("NAME,...");
+  AddNames(app, "--objects", arguments->objects,
+           "Use only these objects: " + absl::StrJoin(SimulatedObjectNames(), ", "));
   app.add_flag("--json", arguments->is_json, "Print one JSON object on standard output");
   CLI::Option* from_events = app.add_flag("--from-events", arguments->is_from_events,
                                           "Use the events of simulated recordings instead of lines");

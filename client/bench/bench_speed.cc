@@ -231,18 +231,12 @@ std::string About() {
 
 CommandRunner AddBenchSpeedCommand(CLI::App& app, CliContext& context) {
   auto arguments = std::make_shared<SpeedArguments>();
-  app.add_option("--parts", arguments->parts, "Run only these parts: " + absl::StrJoin(AllParts(), ", "))
-      ->delimiter(',')
-      ->type_name("NAME,...");
-  app.add_option("--duration", arguments->duration_s, "Length of each recording, seconds")
-      ->check(CLI::Range(0.01, 10.0))
-      ->capture_default_str();
-  app.add_option("--repetitions", arguments->num_repetitions, "Number of repetitions; the shortest time is reported")
-      ->check(CLI::Range(1, 1000))
-      ->capture_default_str();
-  app.add_option("--json", arguments->json,
-                 "JSON file with the table, for tests/bench/compare.py; it appears only when it is complete")
-      ->type_name("FILE");
+  AddNames(app, "--parts", arguments->parts, "Run only these parts: " + absl::StrJoin(AllParts(), ", "));
+  AddOption(app, "--duration", arguments->duration_s, "Length of each recording, seconds", CLI::Range(0.01, 10.0));
+  AddOption(app, "--repetitions", arguments->num_repetitions, "Number of repetitions; the shortest time is reported",
+            CLI::Range(1, 1000));
+  AddFile(app, "--json", arguments->json,
+          "JSON file with the table, for tests/bench/compare.py; it appears only when it is complete");
   arguments->server.AddTo(app, false);
   app.add_option("--server-pid", arguments->server_pid,
                  "Process of --server on this machine, for the processor time of the server")

@@ -194,19 +194,14 @@ std::string SyntheticMethodList() {
 CommandRunner AddBenchSyntheticCommand(CLI::App& app, CliContext& context) {
   auto arguments = std::make_shared<SyntheticArguments>();
   SyntheticBenchOptions& options = arguments->options;
-  app.add_option("--trials", options.num_trials, "Number of trials of each value of each sweep")
-      ->check(CLI::Range(1, 1'000'000))
-      ->capture_default_str();
+  AddOption(app, "--trials", options.num_trials, "Number of trials of each value of each sweep",
+            CLI::Range(1, 1'000'000));
   app.add_option("--seed", options.seed, "The same seed gives the same trials")->capture_default_str();
-  app.add_option("--sweeps", arguments->sweeps, "Run only these sweeps: noise, outliers, lines")
-      ->delimiter(',')
-      ->type_name("NAME,...");
-  app.add_option("--methods", options.methods, "Run only these methods")->delimiter(',')->type_name("NAME,...");
-  app.add_option("--start-factor", options.start_factor, "Factor on the distance of the start from the truth")
-      ->check(CLI::Range(0.0, 100.0))
-      ->capture_default_str();
-  app.add_option("--csv", arguments->csv, "CSV file with the table; it appears only when it is complete")
-      ->type_name("FILE");
+  AddNames(app, "--sweeps", arguments->sweeps, "Run only these sweeps: noise, outliers, lines");
+  AddNames(app, "--methods", options.methods, "Run only these methods");
+  AddOption(app, "--start-factor", options.start_factor, "Factor on the distance of the start from the truth",
+            CLI::Range(0.0, 100.0));
+  AddFile(app, "--csv", arguments->csv, "CSV file with the table; it appears only when it is complete");
   app.add_flag("--json", arguments->is_json, "Print one JSON object on standard output");
   app.footer(absl::StrCat(kAbout, "\nMethods:\n", SyntheticMethodList(),
                           "\nExample:\n"

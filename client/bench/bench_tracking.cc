@@ -109,30 +109,19 @@ std::string EstimatorList() {
 CommandRunner AddBenchTrackingCommand(CLI::App& app, CliContext& context) {
   auto arguments = std::make_shared<TrackingArguments>();
   app.add_flag("--list", arguments->is_list, "Print the scenarios, one per line");
-  app.add_option("--scenarios", arguments->scenarios, "Run only these scenarios")
-      ->delimiter(',')
-      ->type_name("NAME,...");
-  app.add_option("--estimators", arguments->estimators, "Run only these estimators")
-      ->delimiter(',')
-      ->type_name("NAME,...");
-  app.add_option("--seeds", arguments->num_seeds,
-                 "Number of seeds of the sensor, the noise and the textures of each scenario")
-      ->check(CLI::Range(1, 1000))
-      ->capture_default_str();
-  app.add_option("--paths", arguments->num_paths, "Number of motions; each seed is run on each of them")
-      ->check(CLI::Range(1, 1000))
-      ->capture_default_str();
-  app.add_option("--duration", arguments->duration_s,
-                 "Maximum length of a recording, seconds; 0: as long as the scenario is")
-      ->check(CLI::Range(0.0, 1800.0))
-      ->capture_default_str();
+  AddNames(app, "--scenarios", arguments->scenarios, "Run only these scenarios");
+  AddNames(app, "--estimators", arguments->estimators, "Run only these estimators");
+  AddOption(app, "--seeds", arguments->num_seeds,
+            "Number of seeds of the sensor, the noise and the textures of each scenario", CLI::Range(1, 1000));
+  AddOption(app, "--paths", arguments->num_paths, "Number of motions; each seed is run on each of them",
+            CLI::Range(1, 1000));
+  AddOption(app, "--duration", arguments->duration_s,
+            "Maximum length of a recording, seconds; 0: as long as the scenario is", CLI::Range(0.0, 1800.0));
   app.add_option("--recordings", arguments->recordings, "Directory where the simulated recordings are kept and reused")
       ->type_name("DIR");
-  app.add_option("--csv", arguments->csv, "CSV file with a line for each run; it appears only when it is complete")
-      ->type_name("FILE");
-  app.add_option("--traces", arguments->traces,
-                 "CSV file with poses and errors over time, of the first run of each scenario")
-      ->type_name("FILE");
+  AddFile(app, "--csv", arguments->csv, "CSV file with a line for each run; it appears only when it is complete");
+  AddFile(app, "--traces", arguments->traces,
+          "CSV file with poses and errors over time, of the first run of each scenario");
   app.add_flag("--json", arguments->is_json, "Print one JSON object on standard output, at the end");
   app.footer(absl::StrCat(kTrackingTableHelp,
                           "tests/bench/plot.py draws the files of --json and --traces.\n\nEstimators:\n",

@@ -213,9 +213,7 @@ CommandRunner AddCalibrateCommand(CLI::App& app, CliContext& context) {
   app.add_option("--model", arguments->models, "Object: OBJ, PLY or STL; one for all or one for each")->required();
   app.add_option("--camera", arguments->cameras, "Camera: ROS camera_info YAML; one for all or one for each")
       ->required();
-  app.add_option("--scale", arguments->metres_per_unit, "Metres per unit of the model files")
-      ->check(CheckAboveZero, "POSITIVE")
-      ->capture_default_str();
+  AddOption(app, "--scale", arguments->metres_per_unit, "Metres per unit of the model files", AboveZero());
   app.add_option(
       "--start", arguments->start,
       "Initial profile; its value is kept for each constant that the recordings do not determine. Default: an EVK4");

@@ -183,20 +183,16 @@ absl::Status RunEvaluate(const EvaluateArguments& arguments, CliContext& context
 
 CommandRunner AddEvaluateCommand(CLI::App& app, CliContext& context) {
   auto arguments = std::make_shared<EvaluateArguments>();
-  app.add_option("--truth", arguments->truth, "The true trajectory, TUM")->type_name("FILE")->required();
+  AddFile(app, "--truth", arguments->truth, "The true trajectory, TUM")->required();
   app.add_option("--estimate", arguments->estimates, "An estimate, TUM or CSV; once for each row of the table")
       ->type_name("[NAME=]FILE")
       ->required()
       ->take_all();
-  app.add_option("--model", arguments->model, "Object model, for the reprojection error")->type_name("FILE");
-  app.add_option("--camera", arguments->camera, "Camera file, for the reprojection error")->type_name("FILE");
-  app.add_option("--scale", arguments->metres_per_unit, "Metres per unit of the model file")
-      ->check(CheckAboveZero, "POSITIVE")
-      ->capture_default_str();
-  app.add_option("--max-gap-ms", arguments->max_gap_ms,
-                 "A pose counts towards the coverage for at most this time, in milliseconds")
-      ->check(CLI::Range(0.001, 1e6))
-      ->capture_default_str();
+  AddFile(app, "--model", arguments->model, "Object model, for the reprojection error");
+  AddFile(app, "--camera", arguments->camera, "Camera file, for the reprojection error");
+  AddOption(app, "--scale", arguments->metres_per_unit, "Metres per unit of the model file", AboveZero());
+  AddOption(app, "--max-gap-ms", arguments->max_gap_ms,
+            "A pose counts towards the coverage for at most this time, in milliseconds", CLI::Range(0.001, 1e6));
   app.add_flag("--symmetric", arguments->is_symmetric,
                "Compare with the nearest true pose among those that the symmetries of the model make equivalent");
   app.add_flag("--json", arguments->is_json, "One JSON object on standard output");

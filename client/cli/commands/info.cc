@@ -137,9 +137,7 @@ void PrintInfo(const std::string& path, const RecordingInfo& info, std::ostream&
 
 CommandRunner AddInfoCommand(CLI::App& app, CliContext& context) {
   auto arguments = std::make_shared<InfoArguments>();
-  app.add_option("recording", arguments->recording, "Prophesee RAW or DAT file; - for standard input")
-      ->type_name("FILE")
-      ->required();
+  AddFile(app, "recording", arguments->recording, "Prophesee RAW or DAT file; - for standard input")->required();
   app.add_flag("--json", arguments->is_json, "One JSON object on standard output");
   app.footer(
       "The SHA-256 covers the events as packed records of t u64 (microseconds, the sensor's clock), x u16, y u16,\n"

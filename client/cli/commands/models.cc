@@ -9,6 +9,7 @@
 #include "client/cli/commands/commands.h"
 #include "core/base/output_file.h"
 #include "core/base/status_macros.h"
+#include "core/models/object_model.h"
 
 namespace evpose::client {
 namespace {
@@ -124,10 +125,8 @@ void AddModelsCommands(CLI::App& app, CliContext& context, CommandRunners& runne
   add("list", "All models, one on each line", RunList, [](CLI::App&, ModelArguments&) {});
   add("upload", "Upload a model; identical files and options get the same name", RunUpload,
       [](CLI::App& command, ModelArguments& arguments) {
-        command.add_option("file", arguments.file, "OBJ, PLY or STL")->type_name("FILE")->required();
-        command.add_option("--scale", arguments.metres_per_unit, "Metres per unit of the file")
-            ->check(CheckAboveZero, "POSITIVE")
-            ->capture_default_str();
+        AddFile(command, "file", arguments.file, "OBJ, PLY or STL")->required();
+        AddOption(command, "--scale", arguments.metres_per_unit, "Metres per unit of the file", AboveZero());
       });
   add("get", "One model", RunGet, add_name);
   add("delete", "Delete a model that no session uses", RunDelete, add_name);

@@ -237,24 +237,18 @@ absl::Status RunRender(const RenderArguments& arguments, CliContext& context) {
 
 CommandRunner AddRenderCommand(CLI::App& app, CliContext& context) {
   auto arguments = std::make_shared<RenderArguments>();
-  app.add_option("recording", arguments->recording, "Prophesee RAW or DAT file; - for standard input")
-      ->type_name("FILE")
-      ->required();
-  app.add_option("--poses", arguments->poses, "Trajectory, TUM")->type_name("FILE")->required();
-  app.add_option("--model", arguments->model, "Object: OBJ, PLY or STL")->type_name("FILE")->required();
-  app.add_option("--camera", arguments->camera, "Camera: ROS camera_info YAML")->type_name("FILE")->required();
-  app.add_option("-o,--out", arguments->out, "Picture (.png) or film (.mp4, .avi)")->type_name("FILE")->required();
-  app.add_option("--scale", arguments->metres_per_unit, "Metres per unit of the model file")
-      ->check(CheckAboveZero, "POSITIVE")
-      ->capture_default_str();
+  AddFile(app, "recording", arguments->recording, "Prophesee RAW or DAT file; - for standard input")->required();
+  AddFile(app, "--poses", arguments->poses, "Trajectory, TUM")->required();
+  AddFile(app, "--model", arguments->model, "Object: OBJ, PLY or STL")->required();
+  AddFile(app, "--camera", arguments->camera, "Camera: ROS camera_info YAML")->required();
+  AddFile(app, "-o,--out", arguments->out, "Picture (.png) or film (.mp4, .avi)")->required();
+  AddOption(app, "--scale", arguments->metres_per_unit, "Metres per unit of the model file", AboveZero());
   app.add_option("--at", arguments->at_s,
                  "Time of the picture, seconds on the sensor's clock; default: the middle of the trajectory");
-  app.add_option("--window-ms", arguments->window_ms, "Duration of the drawn events around that time, in milliseconds")
-      ->check(CLI::Range(0.001, 10'000.0))
-      ->capture_default_str();
-  app.add_option("--fps", arguments->fps, "Frames per second of the film, which lasts as long as the recording")
-      ->check(CLI::Range(1.0, 1000.0))
-      ->capture_default_str();
+  AddOption(app, "--window-ms", arguments->window_ms, "Duration of the drawn events around that time, in milliseconds",
+            CLI::Range(0.001, 10'000.0));
+  AddOption(app, "--fps", arguments->fps, "Frames per second of the film, which lasts as long as the recording",
+            CLI::Range(1.0, 1000.0));
   app.footer(
       "ON events are blue, OFF events red, the model's visible lines green.\n\n"
       "Example:\n"

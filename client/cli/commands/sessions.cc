@@ -133,7 +133,7 @@ void AddSessionsCommands(CLI::App& app, CliContext& context, CommandRunners& run
   drain
       ->add_option("--timeout", drain_arguments->timeout_s,
                    "Seconds that streams have to finish; default: the server's --shutdown-timeout")
-      ->check(CheckNotNegative, "NONNEGATIVE");
+      ->check(NotNegative());
   app.footer(
       "Example:\n"
       "  evpose sessions list --server 127.0.0.1:50051");

@@ -144,9 +144,7 @@ absl::Status RunSimulate(const SimulateArguments& arguments, CliContext& context
 }
 
 void AddNoiseOptions(CLI::App& app, SimulateArguments& arguments) {
-  app.add_option("--noise", arguments.noise_ratio, "Share of all events that are noise")
-      ->check(CLI::Range(0.0, 0.9))
-      ->capture_default_str();
+  AddOption(app, "--noise", arguments.noise_ratio, "Share of all events that are noise", CLI::Range(0.0, 0.9));
   app.add_option("--background-activity", arguments.background_activity_hz,
                  "Noise rate of a pixel in the dark, hertz; a pixel that sees white has a quarter of it")
       ->check(CLI::Range(0.0, 1000.0))
@@ -154,10 +152,8 @@ void AddNoiseOptions(CLI::App& app, SimulateArguments& arguments) {
   app.add_option("--hot-pixels", arguments.num_hot_pixels, "Number of hot pixels, which emit 200 events per second")
       ->check(CLI::Range(0, 1'000'000))
       ->default_str("1 of 100000");
-  app.add_option("--flood", arguments.flood_mev_per_s,
-                 "Rate of additional random events during 50 ms of every second, Mev/s")
-      ->check(CLI::Range(0.0, 100.0))
-      ->capture_default_str();
+  AddOption(app, "--flood", arguments.flood_mev_per_s,
+            "Rate of additional random events during 50 ms of every second, Mev/s", CLI::Range(0.0, 100.0));
 }
 
 void AddOptions(CLI::App& app, SimulateArguments& arguments) {
@@ -169,27 +165,18 @@ void AddOptions(CLI::App& app, SimulateArguments& arguments) {
   app.add_option("--scenario", arguments.scenario,
                  "A complete scene of `evpose bench tracking`; --duration shortens it")
       ->check(CLI::IsMember(scenarios));
-  app.add_option("--object", arguments.object, "The simulated object")
-      ->check(CLI::IsMember(SimulatedObjectNames()))
-      ->capture_default_str();
-  app.add_option("--camera", arguments.camera, "The sensor and its lens")
-      ->check(CLI::IsMember(SimulatedCameraNames()))
-      ->capture_default_str();
+  AddOption(app, "--object", arguments.object, "The simulated object", CLI::IsMember(SimulatedObjectNames()));
+  AddOption(app, "--camera", arguments.camera, "The sensor and its lens", CLI::IsMember(SimulatedCameraNames()));
   app.add_option("--duration", arguments.duration_s, "Seconds")->check(CLI::Range(0.001, 1800.0))->default_str("5");
-  app.add_option("--speed", arguments.speed_scale, "Factor on the speed of the motion")
-      ->check(CLI::Range(0.0, 100.0))
-      ->capture_default_str();
-  app.add_option(
-         "--motion", arguments.motion,
-         "Continuous motion, motion with pauses, bursts at four times the speed, or motion half out of view and back")
-      ->check(CLI::IsMember(motions))
-      ->capture_default_str();
-  app.add_option("--flicker", arguments.flicker_depth, "Depth of the light's 100 Hz flicker, 0 to 0.8")
-      ->check(CLI::Range(0.0, 0.8))
-      ->capture_default_str();
-  app.add_option("--light-change", arguments.light_change_ratio, "The light oscillates between 1 and 1 / this factor")
-      ->check(CLI::Range(1.0, 10.0))
-      ->capture_default_str();
+  AddOption(app, "--speed", arguments.speed_scale, "Factor on the speed of the motion", CLI::Range(0.0, 100.0));
+  AddOption(
+      app, "--motion", arguments.motion,
+      "Continuous motion, motion with pauses, bursts at four times the speed, or motion half out of view and back",
+      CLI::IsMember(motions));
+  AddOption(app, "--flicker", arguments.flicker_depth, "Depth of the light's 100 Hz flicker, 0 to 0.8",
+            CLI::Range(0.0, 0.8));
+  AddOption(app, "--light-change", arguments.light_change_ratio, "The light oscillates between 1 and 1 / this factor",
+            CLI::Range(1.0, 10.0));
   CLI::Option* occluder =
       app.add_flag("--occluder", arguments.has_occluder, "A bar that oscillates in front of the object");
   app.add_flag("--occluder-on-object", arguments.has_followed_occluder,
@@ -199,21 +186,15 @@ void AddOptions(CLI::App& app, SimulateArguments& arguments) {
   app.add_flag("--textured-background", arguments.has_textured_background,
                "Background of rectangles of several shades");
   AddNoiseOptions(app, arguments);
-  app.add_option("--threshold", arguments.threshold, "Contrast threshold, natural logarithm of light")
-      ->check(CLI::Range(0.01, 5.0))
-      ->capture_default_str();
-  app.add_option("--bandwidth", arguments.bandwidth_hz, "Bandwidth of the photoreceptor, hertz; 0: infinite")
-      ->check(CLI::Range(0.0, 1e6))
-      ->capture_default_str();
-  app.add_option("--refractory", arguments.refractory_us, "Refractory time of a pixel after an event, microseconds")
-      ->check(CLI::Range(0.0, 1e5))
-      ->capture_default_str();
-  app.add_option("--lens-blur", arguments.lens_blur_px, "Standard deviation of the lens's point spread, pixels")
-      ->check(CLI::Range(0.0, 2.0))
-      ->capture_default_str();
-  app.add_option("--start", arguments.start_s, "Start time on the sensor's clock, seconds")
-      ->check(CLI::Range(0.0, 16.7))
-      ->capture_default_str();
+  AddOption(app, "--threshold", arguments.threshold, "Contrast threshold, natural logarithm of light",
+            CLI::Range(0.01, 5.0));
+  AddOption(app, "--bandwidth", arguments.bandwidth_hz, "Bandwidth of the photoreceptor, hertz; 0: infinite",
+            CLI::Range(0.0, 1e6));
+  AddOption(app, "--refractory", arguments.refractory_us, "Refractory time of a pixel after an event, microseconds",
+            CLI::Range(0.0, 1e5));
+  AddOption(app, "--lens-blur", arguments.lens_blur_px, "Standard deviation of the lens's point spread, pixels",
+            CLI::Range(0.0, 2.0));
+  AddOption(app, "--start", arguments.start_s, "Start time on the sensor's clock, seconds", CLI::Range(0.0, 16.7));
   app.add_option("--seed", arguments.seed, "Seed of all random numbers; the same seed gives identical files")
       ->capture_default_str();
   app.add_option("--path-seed", arguments.path_seed, "Seed of the motion alone; default: --seed");

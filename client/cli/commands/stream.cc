@@ -121,9 +121,8 @@ absl::Status CheckUsage(const StreamArguments& arguments) {
 }
 
 void AddSpoolOptions(CLI::App& app, StreamArguments& arguments) {
-  app.add_option("--memory-bytes", arguments.memory_bytes, "Limit of the data of standard input that is kept in memory")
-      ->check(CLI::Range(uint64_t{1} << 20, uint64_t{1} << 40))
-      ->capture_default_str()
+  AddOption(app, "--memory-bytes", arguments.memory_bytes, "Limit of the data of standard input that is kept in memory",
+            CLI::Range(uint64_t{1} << 20, uint64_t{1} << 40))
       ->group(kAwayGroup);
   app.add_option(
          "--spool", arguments.spool,
@@ -131,10 +130,9 @@ void AddSpoolOptions(CLI::App& app, StreamArguments& arguments) {
          "server has not made durable. Default: FILE.spool of --resume, otherwise $TMPDIR or /tmp")
       ->type_name("DIR")
       ->group(kAwayGroup);
-  app.add_option("--spool-bytes", arguments.spool_bytes,
-                 "Limit of the data in --spool; beyond it, standard input is not read")
-      ->check(CLI::Range(uint64_t{16} << 20, uint64_t{1} << 50))
-      ->capture_default_str()
+  AddOption(app, "--spool-bytes", arguments.spool_bytes,
+            "Limit of the data in --spool; beyond it, standard input is not read",
+            CLI::Range(uint64_t{16} << 20, uint64_t{1} << 50))
       ->group(kAwayGroup);
 }
 
@@ -144,15 +142,14 @@ CommandRunner AddStreamCommand(CLI::App& app, CliContext& context) {
   auto arguments = std::make_shared<StreamArguments>();
   arguments->track.max_outage_s = std::numeric_limits<double>::infinity();
   arguments->track.AddTo(app, true);
-  app.add_option(
-         "--overload", arguments->overload,
-         "Behaviour when the server cannot keep up. block: standard input is read more slowly and no event is skipped; "
-         "latest: old events are skipped and counted")
-      ->check(CLI::IsMember({"block", "latest"}))
-      ->capture_default_str();
+  AddOption(
+      app, "--overload", arguments->overload,
+      "Behaviour when the server cannot keep up. block: standard input is read more slowly and no event is skipped; "
+      "latest: old events are skipped and counted",
+      CLI::IsMember({"block", "latest"}));
   app.add_option("--max-lag", arguments->max_lag_s,
                  "With --overload latest: age in seconds at which events are skipped; default: chosen by the server")
-      ->check(CheckAboveZero, "POSITIVE");
+      ->check(AboveZero());
   AddSpoolOptions(app, *arguments);
   app.footer(
       "Reads a RAW stream from standard input (-) until it ends, or a RAW file that still grows until an interrupt\n"

@@ -160,14 +160,13 @@ CommandRunner AddWatchCommand(CLI::App& app, CliContext& context) {
   CLI::Option* const max_rate =
       app.add_option("--max-rate-hz", arguments->poses.max_rate_hz,
                      "Limit of the poses per second of sensor time, for each object; default: all poses")
-          ->check(CheckAboveZero, "POSITIVE");
+          ->check(AboveZero());
   CLI::Option* const health =
       app.add_flag("--health", arguments->is_health, "Print the health of the session instead of its poses")
           ->excludes(after)
           ->excludes(max_rate);
-  app.add_option("--period", arguments->period_s, "With --health: seconds between two lines, at least 0.01")
-      ->check(CLI::Range(0.01, 86400.0))
-      ->capture_default_str()
+  AddOption(app, "--period", arguments->period_s, "With --health: seconds between two lines, at least 0.01",
+            CLI::Range(0.01, 86400.0))
       ->needs(health);
   arguments->server.AddTo(app, true);
   app.add_flag("--json", arguments->is_json, "One JSON object on each line");

@@ -34,9 +34,21 @@ using CommandRunners = std::vector<std::pair<CLI::App*, CommandRunner>>;
 absl::Status UsageError(const std::string& message);
 bool IsUsageError(const absl::Status& status);
 
-// For CLI::Option::check(): returns a description of an invalid number, shorter than that of CLI11, or an empty string.
-std::string CheckAboveZero(const std::string& text);
-std::string CheckNotNegative(const std::string& text);  // infinity is not valid, either
+// Checks of option values; the error describes an invalid number more briefly than that of CLI11.
+CLI::Validator AboveZero();
+CLI::Validator NotNegative();  // accepts infinity
+
+// Adds an option with a check of its values; --help prints the default value.
+template <typename Value>
+CLI::Option* AddOption(CLI::App& app, const std::string& name, Value& value, const std::string& description,
+                       const CLI::Validator& check) {
+  return app.add_option(name, value, description)->check(check)->capture_default_str();
+}
+// Adds an option for the path of a file.
+CLI::Option* AddFile(CLI::App& app, const std::string& name, std::string& path, const std::string& description);
+// Adds an option for a comma-separated list of names.
+CLI::Option* AddNames(CLI::App& app, const std::string& name, std::vector<std::string>& names,
+                      const std::string& description);
 
 // Rewords the status of a model upload, which names fields of the API, for the owner of the file.
 absl::Status ModelError(const std::string& path, const absl::Status& status);

@@ -234,19 +234,14 @@ absl::StatusOr<Session> CreateSession(Client& client, const SessionConfig& confi
 }
 
 void RunArguments::AddTo(CLI::App& app, bool server_is_required) {
-  app.add_option("recording", recording, "Prophesee RAW or DAT file; - for standard input")
-      ->type_name("FILE")
-      ->required();
-  app.add_option("--model", model, "Object: OBJ, PLY or STL")->type_name("FILE");
+  AddFile(app, "recording", recording, "Prophesee RAW or DAT file; - for standard input")->required();
+  AddFile(app, "--model", model, "Object: OBJ, PLY or STL");
   app.add_option("--object", objects, "One of several objects, ID=FILE; repeat the option for each object")
       ->type_name("ID=MODEL")
       ->allow_extra_args(false);
-  app.add_option("--camera", camera, "Camera: ROS camera_info YAML")->type_name("FILE")->required();
-  app.add_option("--sensor", sensor, "Profile of the sensor, as evpose calibrate writes it; default: an EVK4")
-      ->type_name("FILE");
-  app.add_option("--scale", metres_per_unit, "Metres per unit of the model file")
-      ->check(CheckAboveZero, "POSITIVE")
-      ->capture_default_str();
+  AddFile(app, "--camera", camera, "Camera: ROS camera_info YAML")->required();
+  AddFile(app, "--sensor", sensor, "Profile of the sensor, as evpose calibrate writes it; default: an EVK4");
+  AddOption(app, "--scale", metres_per_unit, "Metres per unit of the model file", AboveZero());
   app.add_option("--init-pose", init_poses,
                  "Pose camera_from_object at the first event; without it, the pose is searched for in the events. With "
                  "--object: \"ID=tx ...\", once for each object with a known pose")
@@ -278,17 +273,15 @@ void RunArguments::AddTo(CLI::App& app, bool server_is_required) {
           },
           "multiple of 8");
   server.AddTo(app, server_is_required);
-  app.add_option("--max-outage", max_outage_s,
-                 "Seconds without a response of --server after which the command gives up; 0: no reconnection; inf: "
-                 "unlimited")
-      ->check(CheckNotNegative, "NONNEGATIVE")
-      ->capture_default_str()
+  AddOption(app, "--max-outage", max_outage_s,
+            "Seconds without a response of --server after which the command gives up; 0: no reconnection; inf: "
+            "unlimited",
+            NotNegative())
       ->needs(app.get_option("--server"))
       ->group(kAwayGroup);
-  app.add_option("--resume", resume,
-                 "File with the position of the session. If it exists, the command continues from there: after a kill, "
-                 "run the same command again. The file is removed at the end")
-      ->type_name("FILE")
+  AddFile(app, "--resume", resume,
+          "File with the position of the session. If it exists, the command continues from there: after a kill, "
+          "run the same command again. The file is removed at the end")
       ->group(kAwayGroup);
   app.add_flag("--keep-session", keeps_session,
                "Keep the session on the server, so that evpose watch can read its poses")
