@@ -168,7 +168,7 @@ absl::Status RunFromEvents(const FromEventsArguments& arguments, const std::vect
   const std::vector<std::string> names = objects.empty() ? SimulatedObjectNames() : objects;
   for (const std::string& name : names) {
     const absl::StatusOr<SimulatedObject> object = ParseSimulatedObject(name);
-    if (!object.ok()) return UsageError(absl::StrCat("--objects: ", object.status().message()));
+    EVPOSE_RETURN_IF_ERROR(AsUsageError(object.status(), "--objects: "));
   }
   Json json;
   json["camera"] = arguments.camera;

@@ -11,6 +11,7 @@
 #include "absl/strings/str_join.h"
 #include "client/bench/bench.h"
 #include "client/bench/bench_from_events.h"
+#include "client/cli/common/table_cell.h"
 #include "core/base/status_macros.h"
 #include "core/experiments/first_pose/initialization_bench.h"
 #include "core/experiments/first_pose/initialization_methods.h"
@@ -50,7 +51,7 @@ absl::StatusOr<InitializationBenchOptions> MakeOptions(const InitializationArgum
   if (!arguments.objects.empty()) options.objects.clear();
   for (const std::string& name : arguments.objects) {
     const absl::StatusOr<SimulatedObject> object = ParseSimulatedObject(name);
-    if (!object.ok()) return UsageError(absl::StrCat("--objects: ", object.status().message()));
+    EVPOSE_RETURN_IF_ERROR(AsUsageError(object.status(), "--objects: "));
     options.objects.push_back(*object);
   }
   if (!arguments.clutter.empty()) options.clutter.clear();
@@ -58,7 +59,7 @@ absl::StatusOr<InitializationBenchOptions> MakeOptions(const InitializationArgum
     EVPOSE_ASSIGN_OR_RETURN(const BenchClutter clutter, ParseClutter(text));
     options.clutter.push_back(clutter);
   }
-  if (const absl::Status status = options.Validate(); !status.ok()) return UsageError(std::string(status.message()));
+  EVPOSE_RETURN_IF_ERROR(AsUsageError(options.Validate()));
   return options;
 }
 
@@ -88,8 +89,6 @@ Json RowJson(const InitializationBenchRow& row) {
   return json;
 }
 
-std::string PixelCell(double value) { return std::isnan(value) ? "-" : absl::StrFormat("%.2f", value); }
-
 constexpr char kInitializationHeader[] =
     "object      clutter  method         trials  right %   reprojection px: right  median   mean    median ms  worst "
     "ms";
@@ -98,17 +97,16 @@ constexpr char kCertificateHeader[] = "   certified: maximum   not  unknown  med
 std::string CertificateCells(const InitializationBenchRow& row) {
   if (!row.certificates) return absl::StrFormat("   %18s %5s %8s %10s", "-", "-", "-", "-");
   const CertificateCounts& counts = *row.certificates;
-  const std::string median = std::isnan(counts.median_ms) ? "-" : absl::StrFormat("%.3f", counts.median_ms);
   return absl::StrFormat("   %18d %5d %8d %10s", counts.num_maximum, counts.num_not_maximum, counts.num_unknown,
-                         median);
+                         Cell(counts.median_ms, 3));
 }
 
 void PrintRow(const InitializationBenchRow& row, bool certifies, std::ostream& out) {
   const std::string clutter = absl::StrCat(row.clutter.num_spurious, "/", row.clutter.num_missing);
   out << absl::StrFormat("%-11s %-8s %-14s %6d  %7.1f   %22s %7s %7s %12.3f %9.3f%s\n",
                          std::string(SimulatedObjectName(row.object)), clutter, row.method, row.num_trials,
-                         100.0 * row.num_right / row.num_trials, PixelCell(row.reprojection_mean_right_px),
-                         PixelCell(row.reprojection_median_px), PixelCell(row.reprojection_mean_px), row.median_ms,
+                         100.0 * row.num_right / row.num_trials, Cell(row.reprojection_mean_right_px, 2),
+                         Cell(row.reprojection_median_px, 2), Cell(row.reprojection_mean_px, 2), row.median_ms,
                          row.worst_ms, certifies ? CertificateCells(row) : "");
   out.flush();
 }

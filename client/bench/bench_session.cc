@@ -65,10 +65,8 @@ absl::StatusOr<SessionConfig> UploadSession(Client& client, const SpeedRecording
   SessionConfig config;
   config.encoding = FromCore(encoding);
   config.camera = FromCore(recording.camera);
-  TrackedObject object;
-  object.model = model.name;
-  object.initial_camera_from_object = FromCore(recording.initial_camera_from_object);
-  config.objects.push_back(std::move(object));
+  config.objects.push_back(
+      {.model = model.name, .initial_camera_from_object = FromCore(recording.initial_camera_from_object)});
   return config;
 }
 
@@ -92,21 +90,16 @@ absl::Status BenchSession::Stream(const EncodedRecording& recording, uint64_t nu
     return chunk;
   };
   FirstAskedClock clock;
-  FeedOptions feed_options;
-  feed_options.rate = options.rate;
-  feed_options.clock = &clock;
-  EVPOSE_ASSIGN_OR_RETURN(const std::unique_ptr<EventFeed> feed, EventFeed::Open(next_chunk, feed_options));
+  EVPOSE_ASSIGN_OR_RETURN(const std::unique_ptr<EventFeed> feed,
+                          EventFeed::Open(next_chunk, {.rate = options.rate, .clock = &clock}));
   TrackCallbacks callbacks;
   if (times != nullptr) {
     callbacks.on_pose = [times](const Pose& pose) {
       times->poses.push_back({pose.t_us, SystemClock().Now(), pose.latency});
     };
   }
-  TrackPosition position;
-  position.session = session_.name;
-  position.resume_token = session_.resume_token;
-  TrackOptions track_options;
-  track_options.retry.max_outage = absl::ZeroDuration();
+  const TrackPosition position = {.session = session_.name, .resume_token = session_.resume_token};
+  const TrackOptions track_options = {.retry = {.max_outage = absl::ZeroDuration()}};
   const absl::Time begin = SystemClock().Now();
   EVPOSE_ASSIGN_OR_RETURN(const TrackSummary summary,
                           ClientAccess::Track(client_, position, *feed, callbacks, track_options));

@@ -67,9 +67,7 @@ absl::StatusOr<Plan> MakePlan(const SpeedArguments& arguments) {
   plan.speed.num_repetitions = plan.service.num_repetitions = arguments.num_repetitions;
   plan.service.server = arguments.server;
   plan.service.server_pid = arguments.server_pid;
-  if (const absl::Status status = plan.speed.Validate(); !status.ok()) {
-    return UsageError(std::string(status.message()));
-  }
+  EVPOSE_RETURN_IF_ERROR(AsUsageError(plan.speed.Validate()));
   return plan;
 }
 
@@ -184,20 +182,14 @@ absl::Status Measure(const Plan& plan, CliContext& context, Json& rows) {
 
 absl::Status RunSpeed(const SpeedArguments& arguments, CliContext& context) {
   EVPOSE_ASSIGN_OR_RETURN(const Plan plan, MakePlan(arguments));
-  // A file that cannot be written is reported before the work, not after it.
-  std::optional<OutputFile> file;
-  if (!arguments.json.empty()) {
-    EVPOSE_ASSIGN_OR_RETURN(file, OutputFile::Create(arguments.json));
-  }
+  EVPOSE_ASSIGN_OR_RETURN(std::optional<OutputFile> file, OpenOutput(arguments.json));
   Json rows = Json::array();
   EVPOSE_RETURN_IF_ERROR(Measure(plan, context, rows));
-  if (!file) return absl::OkStatus();
   Json json;
   json["duration_s"] = 1e-6 * static_cast<double>(plan.speed.duration_us);
   json["repetitions"] = plan.speed.num_repetitions;
   json["rows"] = std::move(rows);
-  EVPOSE_RETURN_IF_ERROR(file->Append(json.dump(2) + "\n"));
-  return file->Commit();
+  return FinishOutput(file, json.dump(2) + "\n");
 }
 
 std::string About() {

@@ -117,10 +117,10 @@ absl::StatusOr<SyntheticBenchOptions> MakeOptions(const SyntheticArguments& argu
   if (!arguments.sweeps.empty()) options.sweeps.clear();
   for (const std::string& name : arguments.sweeps) {
     const absl::StatusOr<SyntheticSweep> sweep = ParseSyntheticSweep(name);
-    if (!sweep.ok()) return UsageError(absl::StrCat("--sweeps: ", sweep.status().message()));
+    EVPOSE_RETURN_IF_ERROR(AsUsageError(sweep.status(), "--sweeps: "));
     options.sweeps.push_back(*sweep);
   }
-  if (const absl::Status status = options.Validate(); !status.ok()) return UsageError(std::string(status.message()));
+  EVPOSE_RETURN_IF_ERROR(AsUsageError(options.Validate()));
   return options;
 }
 
@@ -148,16 +148,9 @@ absl::StatusOr<std::vector<SyntheticBenchRow>> RunTrials(const SyntheticBenchOpt
 
 absl::Status RunSynthetic(const SyntheticArguments& arguments, CliContext& context) {
   EVPOSE_ASSIGN_OR_RETURN(const SyntheticBenchOptions options, MakeOptions(arguments));
-  // A file that cannot be written is reported before the work, not after it.
-  std::optional<OutputFile> csv;
-  if (!arguments.csv.empty()) {
-    EVPOSE_ASSIGN_OR_RETURN(csv, OutputFile::Create(arguments.csv));
-  }
+  EVPOSE_ASSIGN_OR_RETURN(std::optional<OutputFile> csv, OpenOutput(arguments.csv));
   EVPOSE_ASSIGN_OR_RETURN(const std::vector<SyntheticBenchRow> rows, RunTrials(options, !arguments.is_json, context));
-  if (csv) {
-    EVPOSE_RETURN_IF_ERROR(csv->Append(CsvText(rows)));
-    EVPOSE_RETURN_IF_ERROR(csv->Commit());
-  }
+  EVPOSE_RETURN_IF_ERROR(FinishOutput(csv, CsvText(rows)));
   if (!arguments.is_json) return absl::OkStatus();
   Json json;
   json["trials"] = options.num_trials;

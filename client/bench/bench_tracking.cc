@@ -42,7 +42,7 @@ absl::StatusOr<TrackingBenchOptions> MakeOptions(const TrackingArguments& argume
   options.num_paths = arguments.num_paths;
   options.recordings = arguments.recordings;
   options.max_duration_us = std::llround(arguments.duration_s * 1e6);
-  if (const absl::Status status = options.Validate(); !status.ok()) return UsageError(std::string(status.message()));
+  EVPOSE_RETURN_IF_ERROR(AsUsageError(options.Validate()));
   return options;
 }
 
@@ -61,16 +61,9 @@ absl::Status RunTracking(const TrackingArguments& arguments, CliContext& context
     return absl::OkStatus();
   }
   EVPOSE_ASSIGN_OR_RETURN(const TrackingBenchOptions options, MakeOptions(arguments));
-  // A file that cannot be written is reported before the work, not after it.
-  std::optional<OutputFile> csv;
-  std::optional<OutputFile> traces;
-  if (!arguments.csv.empty()) {
-    EVPOSE_ASSIGN_OR_RETURN(csv, OutputFile::Create(arguments.csv));
-  }
-  if (!arguments.traces.empty()) {
-    EVPOSE_ASSIGN_OR_RETURN(traces, OutputFile::Create(arguments.traces));
-    EVPOSE_RETURN_IF_ERROR(traces->Append(TrackingTraceHeader()));
-  }
+  EVPOSE_ASSIGN_OR_RETURN(std::optional<OutputFile> csv, OpenOutput(arguments.csv));
+  EVPOSE_ASSIGN_OR_RETURN(std::optional<OutputFile> traces, OpenOutput(arguments.traces));
+  if (traces) EVPOSE_RETURN_IF_ERROR(traces->Append(TrackingTraceHeader()));
   ProgressLine progress(context);
   std::vector<TrackingBenchBlock> blocks;
   absl::Status trace_status;
@@ -87,11 +80,8 @@ absl::Status RunTracking(const TrackingArguments& arguments, CliContext& context
   };
   EVPOSE_RETURN_IF_ERROR(RunTrackingBench(options, on_block, on_progress));
   EVPOSE_RETURN_IF_ERROR(trace_status);
-  if (traces) EVPOSE_RETURN_IF_ERROR(traces->Commit());
-  if (csv) {
-    EVPOSE_RETURN_IF_ERROR(csv->Append(TrackingCsv(blocks, options.num_paths)));
-    EVPOSE_RETURN_IF_ERROR(csv->Commit());
-  }
+  EVPOSE_RETURN_IF_ERROR(FinishOutput(traces, ""));
+  EVPOSE_RETURN_IF_ERROR(FinishOutput(csv, TrackingCsv(blocks, options.num_paths)));
   if (arguments.is_json) context.out << TrackingJson(blocks, options).dump(2) << "\n";
   return absl::OkStatus();
 }

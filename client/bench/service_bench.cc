@@ -1,13 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "client/bench/service_bench.h"
 
-#include <unistd.h>
-
 #include <algorithm>
 #include <cstring>
 #include <limits>
 #include <map>
-#include <optional>
 #include <thread>
 #include <utility>
 
@@ -181,17 +178,13 @@ class ServiceBench {
   double SensorSeconds() const { return 1e-6 * static_cast<double>(recording().duration_us); }
   double GigaEvents() const { return 1e-9 * static_cast<double>(recording().events.size()); }
 
-  BenchSessionOptions SessionOptions() const {
-    BenchSessionOptions options;
-    options.is_cancelled = [this] { return context_.IsInterrupted(); };
-    return options;
+  BenchSessionOptions SessionOptions(double rate, StreamTimes* times) const {
+    return {.rate = rate, .is_cancelled = [this] { return context_.IsInterrupted(); }, .times = times};
   }
 
-  // nullopt if the process of the server is unknown.
-  absl::StatusOr<std::optional<double>> ServerSeconds() const {
-    if (server_.pid == 0) return std::nullopt;
-    EVPOSE_ASSIGN_OR_RETURN(const double seconds, ProcessorSeconds(server_.pid));
-    return seconds;
+  // 0 if the process of the server is unknown.
+  absl::StatusOr<double> ServerSeconds() const {
+    return server_.pid == 0 ? absl::StatusOr<double>(0.0) : ProcessorSeconds(server_.pid);
   }
 
   // Bytes per second over loopback with both sides in this process, and the ratio to copying the bytes.
@@ -219,15 +212,13 @@ class ServiceBench {
         chunk.bytes.resize(size);
         return chunk;
       };
-      TrackOptions track_options;
-      track_options.retry.max_outage = absl::ZeroDuration();
-      EVPOSE_ASSIGN_OR_RETURN(const double begin_s, ProcessorSeconds(getpid()));
+      const TrackOptions track_options = {.retry = {.max_outage = absl::ZeroDuration()}};
+      const double begin_s = SecondsOfClock(CLOCK_PROCESS_CPUTIME_ID);
       const absl::Time begin = SystemClock().Now();
       EVPOSE_ASSIGN_OR_RETURN(const TrackSummary summary,
                               sink->client().Track(TransportSink::session(), next_chunk, {}, track_options));
       wall_s = std::min(wall_s, SecondsSince(begin));
-      EVPOSE_ASSIGN_OR_RETURN(const double end_s, ProcessorSeconds(getpid()));
-      processor_s = std::min(processor_s, end_s - begin_s);
+      processor_s = std::min(processor_s, SecondsOfClock(CLOCK_PROCESS_CPUTIME_ID) - begin_s);
       if (summary.health.received_bytes != num_bytes) return absl::InternalError("transport: bytes are missing");
     }
     ServiceRow row = Row("transport", "gRPC");
@@ -259,17 +250,15 @@ class ServiceBench {
       EVPOSE_ASSIGN_OR_RETURN(const double tracker_once_s, TrackerSeconds());
       tracker_s = std::min(tracker_s, tracker_once_s);
       StreamTimes times;
-      BenchSessionOptions session_options = SessionOptions();
-      session_options.times = &times;
+      const BenchSessionOptions session_options = SessionOptions(0.0, &times);
       EVPOSE_ASSIGN_OR_RETURN(const auto session, BenchSession::Create(*server_.client, config_));
-      EVPOSE_ASSIGN_OR_RETURN(const double client_begin_s, ProcessorSeconds(getpid()));
-      EVPOSE_ASSIGN_OR_RETURN(const std::optional<double> server_begin_s, ServerSeconds());
+      const double client_begin_s = SecondsOfClock(CLOCK_PROCESS_CPUTIME_ID);
+      EVPOSE_ASSIGN_OR_RETURN(const double server_begin_s, ServerSeconds());
       EVPOSE_RETURN_IF_ERROR(Stream(*session, session_options));
       wall_s = std::min(wall_s, absl::ToDoubleSeconds(times.end - times.begin));
-      EVPOSE_ASSIGN_OR_RETURN(const double client_end_s, ProcessorSeconds(getpid()));
-      EVPOSE_ASSIGN_OR_RETURN(const std::optional<double> server_end_s, ServerSeconds());
-      client_s = std::min(client_s, client_end_s - client_begin_s);
-      if (server_end_s) server_s = std::min(server_s, *server_end_s - *server_begin_s);
+      client_s = std::min(client_s, SecondsOfClock(CLOCK_PROCESS_CPUTIME_ID) - client_begin_s);
+      EVPOSE_ASSIGN_OR_RETURN(const double server_end_s, ServerSeconds());
+      server_s = std::min(server_s, server_end_s - server_begin_s);
     }
     ServiceRow row = Row("path", "EVT3");
     const double mev = 1e3 * GigaEvents();
@@ -290,9 +279,7 @@ class ServiceBench {
     for (int i = 0; i < options_.num_repetitions; ++i) {
       if (!Continues("latency")) return absl::CancelledError("interrupted");
       StreamTimes times;
-      BenchSessionOptions session_options = SessionOptions();
-      session_options.rate = 1.0;
-      session_options.times = &times;
+      const BenchSessionOptions session_options = SessionOptions(1.0, &times);
       EVPOSE_ASSIGN_OR_RETURN(const auto session, BenchSession::Create(*server_.client, config_));
       EVPOSE_RETURN_IF_ERROR(Stream(*session, session_options));
       latencies.Add(times);
@@ -330,8 +317,9 @@ class ServiceBench {
     {
       std::vector<std::jthread> threads;
       for (size_t i = 0; i < sessions.size(); ++i) {
-        threads.emplace_back(
-            [this, &session = *sessions[i], &status = statuses[i]] { status = Stream(session, SessionOptions()); });
+        threads.emplace_back([this, &session = *sessions[i], &status = statuses[i]] {
+          status = Stream(session, SessionOptions(0.0, nullptr));
+        });
       }
     }
     for (const absl::Status& status : statuses) EVPOSE_RETURN_IF_ERROR(status);

@@ -69,9 +69,8 @@ struct CalibrationInput {
 absl::StatusOr<CalibrationInput> OpenInput(const CalibrateArguments& arguments, size_t i) {
   CalibrationInput input;
   EVPOSE_ASSIGN_OR_RETURN(const CameraModel camera, LoadCameraModel(Of(arguments.cameras, i)));
-  ModelOptions model_options;
-  model_options.metres_per_unit = arguments.metres_per_unit;
-  EVPOSE_ASSIGN_OR_RETURN(ObjectModel model, LoadObjectModel(Of(arguments.models, i), model_options));
+  EVPOSE_ASSIGN_OR_RETURN(ObjectModel model,
+                          LoadObjectModel(Of(arguments.models, i), {.metres_per_unit = arguments.metres_per_unit}));
   EVPOSE_ASSIGN_OR_RETURN(Trajectory truth, ReadTumTrajectory(arguments.truths[i]));
   if (truth.size() < 2)
     return absl::InvalidArgumentError(absl::StrCat(arguments.truths[i], ": has fewer than two poses"));
@@ -173,10 +172,7 @@ absl::Status RunCalibrate(const CalibrateArguments& arguments, CliContext& conte
     inputs.push_back(std::move(input));
   }
   EVPOSE_ASSIGN_OR_RETURN(OutputFile profile_file, OutputFile::Create(arguments.out));
-  std::optional<OutputFile> picture;
-  if (!arguments.picture.empty()) {
-    EVPOSE_ASSIGN_OR_RETURN(picture, OutputFile::Create(arguments.picture));
-  }
+  EVPOSE_ASSIGN_OR_RETURN(std::optional<OutputFile> picture, OpenOutput(arguments.picture));
   ProgressLine progress(context);
   std::vector<CalibrationRecording> recordings;
   for (size_t i = 0; i < inputs.size(); ++i) {
@@ -189,18 +185,13 @@ absl::Status RunCalibrate(const CalibrateArguments& arguments, CliContext& conte
   if (!arguments.name.empty()) calibration.profile.name = arguments.name;
   if (picture) {
     EVPOSE_ASSIGN_OR_RETURN(const std::vector<uint8_t> png, DrawCalibration(calibration, recordings));
-    EVPOSE_RETURN_IF_ERROR(picture->Append({reinterpret_cast<const char*>(png.data()), png.size()}));
-    EVPOSE_RETURN_IF_ERROR(picture->Commit());
+    EVPOSE_RETURN_IF_ERROR(FinishOutput(picture, {reinterpret_cast<const char*>(png.data()), png.size()}));
   }
   EVPOSE_RETURN_IF_ERROR(profile_file.Append(SensorProfileToYaml(calibration.profile)));
   EVPOSE_RETURN_IF_ERROR(profile_file.Commit());
   for (const std::string& warning : calibration.warnings) context.err << "evpose calibrate: " << warning << "\n";
-  if (arguments.is_json) {
-    context.out << CalibrationJson(calibration).dump(2, ' ', false, Json::error_handler_t::replace) << "\n";
-  } else {
-    PrintCalibration(calibration, context.out);
-  }
-  return absl::OkStatus();
+  return PrintResult(context, arguments.is_json, CalibrationJson(calibration),
+                     [&calibration](std::ostream& out) { PrintCalibration(calibration, out); });
 }
 
 }  // namespace

@@ -3,7 +3,6 @@
 // evpose evaluate: compares trajectories with the true one.
 #include "core/evaluation/evaluate.h"
 
-#include <algorithm>
 #include <cmath>
 #include <optional>
 #include <string>
@@ -68,9 +67,7 @@ absl::StatusOr<std::vector<Row>> EvaluateAll(const EvaluateArguments& arguments)
   std::optional<ObjectModel> model;
   std::optional<CameraModel> camera;
   if (!arguments.model.empty()) {
-    ModelOptions options;
-    options.metres_per_unit = arguments.metres_per_unit;
-    EVPOSE_ASSIGN_OR_RETURN(model, LoadObjectModel(arguments.model, options));
+    EVPOSE_ASSIGN_OR_RETURN(model, LoadObjectModel(arguments.model, {.metres_per_unit = arguments.metres_per_unit}));
     EVPOSE_ASSIGN_OR_RETURN(camera, LoadCameraModel(arguments.camera));
   }
   EvaluationOptions options;
@@ -141,22 +138,13 @@ std::vector<std::string> RowCells(const Row& row) {
           row.consistency ? absl::StrCat(Cell(row.consistency->p5, 1), "-", Cell(row.consistency->p95, 1)) : "-"};
 }
 
-// Columns as wide as their widest cell; the name to the left, numbers to the right.
-void PrintTable(const std::vector<Row>& rows, std::ostream& out) {
+void PrintRows(const std::vector<Row>& rows, std::ostream& out) {
   std::vector<std::vector<std::string>> lines = {
       {"", "", "cover", "position", "", "", "", "RMSE", "rotation", "", "", "", "reproj", "", "rate", "NEES", "5 to"},
       {"estimate", "poses", "%", "RMSE mm", "mean", "median", "std", "% depth", "mean deg", "median", "p95", "max",
        "px", "losses", "Hz", "median", "95 %"}};
   for (const Row& row : rows) lines.push_back(RowCells(row));
-  std::vector<size_t> widths(lines.front().size(), 0);
-  for (const auto& line : lines) {
-    for (size_t i = 0; i < line.size(); ++i) widths[i] = std::max(widths[i], line[i].size());
-  }
-  for (const auto& line : lines) {
-    out << absl::StrFormat("%-*s", widths[0], line[0]);
-    for (size_t i = 1; i < line.size(); ++i) out << absl::StrFormat("  %*s", widths[i], line[i]);
-    out << "\n";
-  }
+  PrintTable(lines, "", out);
 }
 
 absl::Status RunEvaluate(const EvaluateArguments& arguments, CliContext& context) {
@@ -167,16 +155,11 @@ absl::Status RunEvaluate(const EvaluateArguments& arguments, CliContext& context
     return UsageError("--symmetric needs --model and --camera: the symmetries are the model's");
   }
   EVPOSE_ASSIGN_OR_RETURN(const std::vector<Row> rows, EvaluateAll(arguments));
-  if (!arguments.is_json) {
-    PrintTable(rows, context.out);
-    return absl::OkStatus();
-  }
   Json json;
   json["truth"] = arguments.truth;
   json["estimates"] = Json::array();
   for (const Row& row : rows) json["estimates"].push_back(RowJson(row));
-  context.out << json.dump(2, ' ', false, Json::error_handler_t::replace) << "\n";
-  return absl::OkStatus();
+  return PrintResult(context, arguments.is_json, json, [&rows](std::ostream& out) { PrintRows(rows, out); });
 }
 
 }  // namespace

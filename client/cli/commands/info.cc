@@ -46,9 +46,8 @@ void Pack(const Event& event, std::vector<uint8_t>& packed) {
 }
 
 absl::StatusOr<RecordingInfo> ReadInfo(const std::string& path, const std::function<bool()>& is_interrupted) {
-  RecordingReaderOptions reader_options;
-  reader_options.stop = is_interrupted;
-  EVPOSE_ASSIGN_OR_RETURN(const std::unique_ptr<RecordingReader> reader, RecordingReader::Open(path, reader_options));
+  EVPOSE_ASSIGN_OR_RETURN(const std::unique_ptr<RecordingReader> reader,
+                          RecordingReader::Open(path, {.stop = is_interrupted}));
   RecordingInfo info;
   info.header = reader->header();
   EVPOSE_ASSIGN_OR_RETURN(EventReader events, EventReader::Make(*reader, {.outside_sensor = OutsideSensor::kKeep}));
@@ -147,12 +146,8 @@ CommandRunner AddInfoCommand(CLI::App& app, CliContext& context) {
       "  evpose info cube/recording.raw --json");
   return [arguments, &context]() -> absl::Status {
     EVPOSE_ASSIGN_OR_RETURN(const RecordingInfo info, ReadInfo(arguments->recording, context.is_interrupted));
-    if (arguments->is_json) {
-      context.out << InfoJson(info).dump(2) << "\n";
-    } else {
-      PrintInfo(arguments->recording, info, context.out);
-    }
-    return absl::OkStatus();
+    return PrintResult(context, arguments->is_json, InfoJson(info),
+                       [&](std::ostream& out) { PrintInfo(arguments->recording, info, out); });
   };
 }
 

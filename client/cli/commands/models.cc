@@ -44,48 +44,34 @@ void PrintModel(const ModelInfo& model, std::ostream& out) {
                          model.num_symmetries, model.num_symmetries == 1 ? "symmetry" : "symmetries", model.diameter_m);
 }
 
-void Print(const ModelInfo& model, bool is_json, std::ostream& out) {
-  if (is_json) {
-    out << ModelJson(model).dump(2, ' ', false, Json::error_handler_t::replace) << "\n";
-    return;
-  }
-  PrintModel(model, out);
-  for (const std::string& notice : model.notices) out << "notice: " << notice << "\n";
+absl::Status Print(const ModelInfo& model, bool is_json, CliContext& context) {
+  return PrintResult(context, is_json, ModelJson(model), [&model](std::ostream& out) {
+    PrintModel(model, out);
+    for (const std::string& notice : model.notices) out << "notice: " << notice << "\n";
+  });
 }
 
 absl::Status RunList(const ModelArguments& arguments, CliContext& context) {
   EVPOSE_ASSIGN_OR_RETURN(const std::unique_ptr<Client> client, arguments.server.Connect(context));
   EVPOSE_ASSIGN_OR_RETURN(const std::vector<ModelInfo> models, client->ListModels());
-  Json json = Json::array();
-  for (const ModelInfo& model : models) {
-    if (arguments.is_json) {
-      json.push_back(ModelJson(model));
-    } else {
-      PrintModel(model, context.out);
-    }
-  }
-  if (arguments.is_json) context.out << json.dump(2, ' ', false, Json::error_handler_t::replace) << "\n";
-  return absl::OkStatus();
+  return PrintList(context, arguments.is_json, models, ModelJson, PrintModel);
 }
 
 absl::Status RunUpload(const ModelArguments& arguments, CliContext& context) {
-  UploadOptions options;
-  options.metres_per_unit = arguments.metres_per_unit;
+  UploadOptions options = {.metres_per_unit = arguments.metres_per_unit};
   EVPOSE_ASSIGN_OR_RETURN(options.format, ModelFormatFromPath(arguments.file));
   EVPOSE_ASSIGN_OR_RETURN(const std::string bytes, ReadFile(arguments.file, ModelOptions{}.max_bytes));
   EVPOSE_ASSIGN_OR_RETURN(const std::unique_ptr<Client> client, arguments.server.Connect(context));
   const absl::StatusOr<ModelInfo> model =
       client->UploadModel({reinterpret_cast<const uint8_t*>(bytes.data()), bytes.size()}, options);
   if (!model.ok()) return ModelError(arguments.file, model.status());
-  Print(*model, arguments.is_json, context.out);
-  return absl::OkStatus();
+  return Print(*model, arguments.is_json, context);
 }
 
 absl::Status RunGet(const ModelArguments& arguments, CliContext& context) {
   EVPOSE_ASSIGN_OR_RETURN(const std::unique_ptr<Client> client, arguments.server.Connect(context));
   EVPOSE_ASSIGN_OR_RETURN(const ModelInfo model, client->GetModel(arguments.name));
-  Print(model, arguments.is_json, context.out);
-  return absl::OkStatus();
+  return Print(model, arguments.is_json, context);
 }
 
 absl::Status RunDelete(const ModelArguments& arguments, CliContext& context) {

@@ -59,13 +59,10 @@ absl::StatusOr<RenderInputs> ReadInputs(const RenderArguments& arguments, CliCon
   RenderInputs inputs;
   inputs.context = &context;
   EVPOSE_ASSIGN_OR_RETURN(inputs.camera, LoadCameraModel(arguments.camera));
-  ModelOptions options;
-  options.metres_per_unit = arguments.metres_per_unit;
-  EVPOSE_ASSIGN_OR_RETURN(inputs.model, LoadObjectModel(arguments.model, options));
+  EVPOSE_ASSIGN_OR_RETURN(inputs.model,
+                          LoadObjectModel(arguments.model, {.metres_per_unit = arguments.metres_per_unit}));
   EVPOSE_ASSIGN_OR_RETURN(inputs.poses, ReadTumTrajectory(arguments.poses));
-  RecordingReaderOptions reader_options;
-  reader_options.stop = context.is_interrupted;
-  EVPOSE_ASSIGN_OR_RETURN(inputs.reader, RecordingReader::Open(arguments.recording, reader_options));
+  EVPOSE_ASSIGN_OR_RETURN(inputs.reader, RecordingReader::Open(arguments.recording, {.stop = context.is_interrupted}));
   EVPOSE_RETURN_IF_ERROR(
       CheckCameraMatches(inputs.camera, arguments.camera, inputs.reader->header(), arguments.recording));
   return inputs;
@@ -110,7 +107,8 @@ void FinishFrame(FramePainter& painter, const Trajectory& poses, int64_t t_us, d
 
 absl::Status RenderPicture(const RenderArguments& arguments, RenderInputs& inputs) {
   if (!arguments.at_s && inputs.poses.empty()) {
-    return absl::InvalidArgumentError(absl::StrCat(arguments.poses, " has no pose: say when with --at SECONDS"));
+    return absl::InvalidArgumentError(
+        absl::StrCat(arguments.poses, " has no pose: give the time of the picture with --at SECONDS"));
   }
   const int64_t t_us =
       arguments.at_s ? std::llround(*arguments.at_s * 1e6) : (inputs.poses.front().t_us + inputs.poses.back().t_us) / 2;

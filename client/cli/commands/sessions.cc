@@ -52,30 +52,18 @@ void PrintSession(const Session& session, std::ostream& out) {
 absl::Status RunListSessions(const SessionArguments& arguments, CliContext& context) {
   EVPOSE_ASSIGN_OR_RETURN(const std::unique_ptr<Client> client, arguments.server.Connect(context));
   EVPOSE_ASSIGN_OR_RETURN(const std::vector<Session> sessions, client->ListSessions());
-  Json json = Json::array();
-  for (const Session& session : sessions) {
-    if (arguments.is_json) {
-      json.push_back(SessionJson(session));
-    } else {
-      PrintSession(session, context.out);
-    }
-  }
-  if (arguments.is_json) context.out << json.dump(2, ' ', false, Json::error_handler_t::replace) << "\n";
-  return absl::OkStatus();
+  return PrintList(context, arguments.is_json, sessions, SessionJson, PrintSession);
 }
 
 absl::Status RunGetSession(const SessionArguments& arguments, CliContext& context) {
   EVPOSE_ASSIGN_OR_RETURN(const std::unique_ptr<Client> client, arguments.server.Connect(context));
   EVPOSE_ASSIGN_OR_RETURN(const Session session, client->GetSession(arguments.name));
-  if (arguments.is_json) {
-    context.out << SessionJson(session).dump(2, ' ', false, Json::error_handler_t::replace) << "\n";
-  } else {
-    PrintSession(session, context.out);
+  return PrintResult(context, arguments.is_json, SessionJson(session), [&session](std::ostream& out) {
+    PrintSession(session, out);
     for (const ObjectHealth& object : session.health.objects) {
-      if (!object.detail.empty()) context.out << object.object_id << ": " << object.detail << "\n";
+      if (!object.detail.empty()) out << object.object_id << ": " << object.detail << "\n";
     }
-  }
-  return absl::OkStatus();
+  });
 }
 
 absl::Status RunDeleteSession(const SessionArguments& arguments, CliContext& context) {
@@ -88,12 +76,10 @@ absl::Status RunDrain(const SessionArguments& arguments, CliContext& context) {
   std::optional<absl::Duration> timeout;
   if (arguments.timeout_s) timeout = absl::Seconds(*arguments.timeout_s);
   EVPOSE_ASSIGN_OR_RETURN(const uint32_t remaining, client->Drain(timeout));
-  if (arguments.is_json) {
-    context.out << Json{{"remaining_sessions", remaining}}.dump() << "\n";
-  } else {
-    context.out << "the server is shutting down; sessions with an attached stream: " << remaining << "\n";
-  }
-  return absl::OkStatus();
+  const auto print = [remaining](std::ostream& out) {
+    out << "the server is shutting down; sessions with an attached stream: " << remaining << "\n";
+  };
+  return PrintResult(context, arguments.is_json, {{"remaining_sessions", remaining}}, print, -1);
 }
 
 // Returns an example with the session that a replay has kept.

@@ -135,12 +135,9 @@ absl::Status RunSimulate(const SimulateArguments& arguments, CliContext& context
       SimulateToDirectory(options, arguments.out, on_progress, context.is_interrupted);
   progress.Clear();
   if (!report.ok()) return report.status();
-  if (arguments.is_json) {
-    context.out << ReportJson(arguments, *report).dump(2) << "\n";
-  } else {
-    PrintReport(arguments, *report, static_cast<double>(options.duration_us) * 1e-6, context.out);
-  }
-  return absl::OkStatus();
+  return PrintResult(context, arguments.is_json, ReportJson(arguments, *report), [&](std::ostream& out) {
+    PrintReport(arguments, *report, static_cast<double>(options.duration_us) * 1e-6, out);
+  });
 }
 
 void AddNoiseOptions(CLI::App& app, SimulateArguments& arguments) {

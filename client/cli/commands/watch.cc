@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 
 // evpose watch: the poses or the health of a session as they arrive.
+#include <functional>
 #include <map>
 #include <mutex>
 #include <optional>
@@ -87,13 +88,14 @@ std::string HealthLine(const SessionHealth& health) {
   return line;
 }
 
-// Requests `stop` when the command is interrupted.
+// Requests `stop` when the command is interrupted, and calls `on_tick` after each kInterruptPeriod until then.
 class StopOnInterrupt {
  public:
-  StopOnInterrupt(const CliContext& context, std::stop_source stop)
-      : thread_([&context, stop](std::stop_token ended) mutable {
+  StopOnInterrupt(const CliContext& context, std::stop_source stop, const std::function<void()>& on_tick)
+      : thread_([&context, stop, on_tick](std::stop_token ended) mutable {
           while (!context.IsInterrupted()) {
             if (!SystemClock().SleepUntil(SystemClock().Now() + kInterruptPeriod, ended)) return;
+            on_tick();
           }
           stop.request_stop();
         }) {}
@@ -105,7 +107,7 @@ class StopOnInterrupt {
 absl::Status RunWatchHealth(const WatchArguments& arguments, CliContext& context) {
   EVPOSE_ASSIGN_OR_RETURN(const std::unique_ptr<Client> client, arguments.server.Connect(context));
   std::stop_source stop;
-  const StopOnInterrupt interrupt(context, stop);
+  const StopOnInterrupt interrupt(context, stop, [] {});
   const auto on_health = [&](const SessionHealth& health) {
     if (arguments.is_json) {
       context.out << HealthJson(health).dump(-1, ' ', false, Json::error_handler_t::replace) << "\n";
@@ -133,19 +135,13 @@ absl::Status RunWatch(const WatchArguments& arguments, CliContext& context) {
   };
   EVPOSE_ASSIGN_OR_RETURN(const Session session, client->GetSession(arguments.session));
   states.Show(session.health);
-  std::jthread interrupts([&](std::stop_token ended) {
-    absl::Time shown_at = SystemClock().Now();
-    while (!context.IsInterrupted()) {
-      if (!SystemClock().SleepUntil(SystemClock().Now() + kInterruptPeriod, ended)) return;
-      if (SystemClock().Now() - shown_at < kHealthPeriod) continue;
-      // The end of the session also ends the stream of poses.
-      if (const absl::StatusOr<Session> now = client->GetSession(arguments.session); now.ok()) states.Show(now->health);
-      shown_at = SystemClock().Now();
-    }
-    stop.request_stop();
+  const StopOnInterrupt interrupt(context, stop, [&, shown_at = SystemClock().Now()]() mutable {
+    if (SystemClock().Now() - shown_at < kHealthPeriod) return;
+    // The end of the session also ends the stream of poses.
+    if (const absl::StatusOr<Session> now = client->GetSession(arguments.session); now.ok()) states.Show(now->health);
+    shown_at = SystemClock().Now();
   });
   const absl::Status status = client->WatchPoses(arguments.session, arguments.poses, on_poses, stop.get_token());
-  interrupts.request_stop();
   return stop.stop_requested() ? absl::OkStatus() : status;
 }
 

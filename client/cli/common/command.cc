@@ -17,7 +17,6 @@
 #include "absl/strings/str_split.h"
 #include "client/lib/server_address.h"
 #include "client/lib/status_details.h"
-#include "core/base/output_file.h"
 #include "core/base/status_macros.h"
 
 namespace evpose::client {
@@ -61,6 +60,10 @@ absl::Status UsageError(const std::string& message) {
   absl::Status status = absl::InvalidArgumentError(message);
   status.SetPayload(kUsagePayload, absl::Cord());
   return status;
+}
+
+absl::Status AsUsageError(const absl::Status& status, const std::string& prefix) {
+  return status.ok() ? status : UsageError(absl::StrCat(prefix, status.message()));
 }
 
 bool IsUsageError(const absl::Status& status) { return status.GetPayload(kUsagePayload).has_value(); }
@@ -144,6 +147,27 @@ absl::StatusOr<std::unique_ptr<Client>> ServerArguments::Connect(const CliContex
   options.connect_timeout = absl::Seconds(connect_timeout_s);
   options.is_cancelled = context.is_interrupted;
   return Client::Connect(address, options);
+}
+
+absl::Status PrintResult(CliContext& context, bool is_json, const Json& json,
+                         const std::function<void(std::ostream&)>& print, int indent) {
+  if (is_json) {
+    context.out << json.dump(indent, ' ', false, Json::error_handler_t::replace) << "\n";
+  } else {
+    print(context.out);
+  }
+  return absl::OkStatus();
+}
+
+absl::StatusOr<std::optional<OutputFile>> OpenOutput(const std::string& path) {
+  if (path.empty()) return std::nullopt;
+  return OutputFile::Create(path);
+}
+
+absl::Status FinishOutput(std::optional<OutputFile>& file, std::string_view rest) {
+  if (!file) return absl::OkStatus();
+  EVPOSE_RETURN_IF_ERROR(file->Append(rest));
+  return file->Commit();
 }
 
 Json MillisecondsJson(const std::optional<absl::Duration>& duration) {

@@ -4,17 +4,12 @@
 #include <utility>
 
 namespace evpose::client {
-namespace {
-
-constexpr absl::Duration kPeriod = absl::Milliseconds(50);
-
-}  // namespace
 
 InterruptWatch::InterruptWatch(const CliContext& context, const std::atomic<bool>& is_away, std::stop_source stop)
     : thread_([&context, &is_away, stop = std::move(stop)](std::stop_token ended) mutable {
-        for (absl::Duration waited; waited < kGrace; waited += kPeriod) {
+        for (absl::Duration waited; waited < kGrace; waited += kInterruptPeriod) {
           if (!is_away || !context.IsInterrupted()) waited = absl::ZeroDuration();
-          if (!SystemClock().SleepUntil(SystemClock().Now() + kPeriod, ended)) return;
+          if (!SystemClock().SleepUntil(SystemClock().Now() + kInterruptPeriod, ended)) return;
         }
         stop.request_stop();
       }) {}

@@ -14,11 +14,10 @@
 #include "core/base/output_file.h"
 #include "core/base/status_macros.h"
 #include "core/geometry/trajectory.h"
+#include "core/models/object_model.h"
 
 namespace evpose::client {
 namespace {
-
-constexpr size_t kMaxModelBytes = size_t{64} << 20;  // what a server takes by default
 
 // The names of the estimators that servers offer.
 std::vector<std::string> OfferedEstimators() {
@@ -86,7 +85,7 @@ absl::Status ParseInitialPoses(const RunArguments& arguments, std::vector<InputO
     if (object == objects.end()) return UsageError(absl::StrCat("--init-pose: no --object ", id_and_pose.first));
     if (object->initial_pose) return UsageError(absl::StrCat("--init-pose of ", object->id, " was given twice"));
     const absl::StatusOr<RigidTransform> pose = ParsePose(id_and_pose.second);
-    if (!pose.ok()) return UsageError(absl::StrCat("--init-pose: ", pose.status().message()));
+    EVPOSE_RETURN_IF_ERROR(AsUsageError(pose.status(), "--init-pose: "));
     object->initial_pose = FromCore(*pose);
   }
   return absl::OkStatus();
@@ -109,7 +108,7 @@ absl::StatusOr<TimedReset> ParseReset(const RunArguments& arguments, const std::
     return UsageError(absl::StrCat("--reset-pose: no --object ", id_and_pose.first));
   }
   const absl::StatusOr<RigidTransform> pose = ParsePose(id_and_pose.second);
-  if (!pose.ok()) return UsageError(absl::StrCat("--reset-pose: ", pose.status().message()));
+  EVPOSE_RETURN_IF_ERROR(AsUsageError(pose.status(), "--reset-pose: "));
   timed.reset = {id_and_pose.first, FromCore(*pose)};
   return timed;
 }
@@ -149,7 +148,7 @@ absl::Status ReadObjects(const RunArguments& arguments, std::vector<InputObject>
   for (InputObject& object : objects) {
     EVPOSE_ASSIGN_OR_RETURN(object.upload.format, ModelFormatFromPath(object.model_path));
     object.upload.metres_per_unit = arguments.metres_per_unit;
-    EVPOSE_ASSIGN_OR_RETURN(object.model_bytes, ReadFile(object.model_path, kMaxModelBytes));
+    EVPOSE_ASSIGN_OR_RETURN(object.model_bytes, ReadFile(object.model_path, ModelOptions().max_bytes));
   }
   return absl::OkStatus();
 }
@@ -166,8 +165,7 @@ absl::StatusOr<RunInputs> ReadRunInputs(const RunArguments& arguments, const Rec
   RunInputs inputs;
   EVPOSE_ASSIGN_OR_RETURN(inputs.objects, ParseObjects(arguments));
   if (!arguments.out.empty()) {
-    const absl::Status checked = PoseFiles::Check(arguments.out, inputs.object_ids());
-    if (!checked.ok()) return UsageError(absl::StrCat("--out ", checked.message()));
+    EVPOSE_RETURN_IF_ERROR(AsUsageError(PoseFiles::Check(arguments.out, inputs.object_ids()), "--out "));
   }
   EVPOSE_RETURN_IF_ERROR(ParseInitialPoses(arguments, inputs.objects));
   EVPOSE_RETURN_IF_ERROR(ParseResets(arguments, inputs));
@@ -213,11 +211,8 @@ absl::StatusOr<SessionConfig> UploadModels(Client& client, const RunArguments& a
     absl::StatusOr<ModelInfo> model = client.UploadModel(bytes, input.upload);
     if (!model.ok()) return ModelError(input.model_path, model.status());
     report.models.push_back({input.id, model->notices, model->num_symmetries, model->diameter_m});
-    TrackedObject object;
-    object.object_id = input.id;
-    object.model = model->name;
-    object.initial_camera_from_object = input.initial_pose;
-    config.objects.push_back(std::move(object));
+    config.objects.push_back(
+        {.object_id = input.id, .model = model->name, .initial_camera_from_object = input.initial_pose});
   }
   return config;
 }

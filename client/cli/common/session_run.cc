@@ -77,11 +77,8 @@ absl::Status SessionRun::Open() {
   }
   kept_pose_seq_ = record_.position.last_pose_seq;
   if (arguments_.out.empty()) return absl::OkStatus();
-  if (resume_) {
-    EVPOSE_ASSIGN_OR_RETURN(poses_, PoseFiles::Continue(arguments_.out, inputs_.object_ids(), record_.output_bytes));
-  } else {
-    EVPOSE_ASSIGN_OR_RETURN(poses_, PoseFiles::Create(arguments_.out, inputs_.object_ids()));
-  }
+  EVPOSE_ASSIGN_OR_RETURN(
+      poses_, PoseFiles::Open(arguments_.out, inputs_.object_ids(), resume_ ? &record_.output_bytes : nullptr));
   return absl::OkStatus();
 }
 
@@ -212,11 +209,8 @@ absl::Status SessionRun::Finish(Client& client, const TrackSummary& summary, abs
   if (resume_) resume_->Remove();
   feed_->outbox().Clear();
   if (!arguments_.keeps_session) client.DeleteSession(record_.position.session).IgnoreError();
-  if (arguments_.is_json) {
-    context_.out << report_.ToJson().dump(2, ' ', false, Json::error_handler_t::replace) << "\n";
-  } else {
-    report_.Print(context_.out);
-  }
+  EVPOSE_RETURN_IF_ERROR(
+      PrintResult(context_, arguments_.is_json, report_.ToJson(), [this](std::ostream& out) { report_.Print(out); }));
   EVPOSE_RETURN_IF_ERROR(source_status_);
   if (!inputs_.resets.empty()) {
     return absl::OutOfRangeError(absl::StrCat(
