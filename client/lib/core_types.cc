@@ -67,10 +67,9 @@ std::optional<PoseEstimator> FromCore(Estimator estimator) {
   return std::nullopt;
 }
 
-EventChunk FromCore(EventChunkBytes chunk) { return {std::move(chunk.bytes), chunk.t_last_us}; }
 absl::StatusOr<EventChunk> FromCore(absl::StatusOr<EventChunkBytes> chunk) {
   if (!chunk.ok()) return chunk.status();
-  return FromCore(*std::move(chunk));
+  return EventChunk{std::move(chunk->bytes), chunk->t_last_us};
 }
 
 }  // namespace evpose::client

@@ -8,6 +8,7 @@
 #include <string>
 #include <utility>
 
+#include "absl/cleanup/cleanup.h"
 #include "absl/strings/str_cat.h"
 #include "client/cli/commands/commands.h"
 #include "client/cli/common/run_inputs.h"
@@ -69,54 +70,37 @@ absl::Status CheckSpool(const StreamArguments& arguments, SessionRun& run) {
                                           arguments.track.resume, "; remove that to begin a new session"));
 }
 
-// Stops a source that waits for standard input when it goes out of scope.
-class StopAtEnd {
- public:
-  explicit StopAtEnd(std::stop_source& stop) : stop_(stop) {}
-  ~StopAtEnd() { stop_.request_stop(); }
-
- private:
-  std::stop_source& stop_;
-};
-
 absl::Status RunStream(const StreamArguments& arguments, CliContext& context) {
+  if (arguments.max_lag_s > 0.0 && arguments.overload != "latest") {
+    return UsageError("--max-lag: is for --overload latest; with block nothing is skipped");
+  }
   TrackOptions options;
   options.clock = context.clock;
   options.retry.max_outage = absl::Seconds(arguments.track.max_outage_s);
-  RecordingReaderOptions reader_options;
-  reader_options.follow = true;
-  reader_options.stop = [&context, stop = options.stop.get_token()] {
+  const auto stop_reading = [&context, stop = options.stop.get_token()] {
     return stop.stop_requested() || context.IsInterrupted();
   };
-  EVPOSE_ASSIGN_OR_RETURN(RunInputs inputs, ReadRunInputs(arguments.track, reader_options));
+  EVPOSE_ASSIGN_OR_RETURN(RunInputs inputs, ReadRunInputs(arguments.track, {.follow = true, .stop = stop_reading}));
   SessionRun run(arguments.track, inputs, context,
                  {{"--overload", arguments.overload}, {"--max-lag", absl::StrCat(arguments.max_lag_s)}});
-  const StopAtEnd stop_at_end(options.stop);
+  // Stops a source that waits for standard input.
+  const absl::Cleanup stop_at_end = [&options] { options.stop.request_stop(); };
   EVPOSE_RETURN_IF_ERROR(run.Open());
   EVPOSE_RETURN_IF_ERROR(run.MakeFeed(MakeFeedOptions(arguments, run), true));
   EVPOSE_RETURN_IF_ERROR(CheckSpool(arguments, run));
   // The data of a camera must be read before a server is reachable.
   if (arguments.is_pipe()) run.feed().Start(MakeChunkerOptions(arguments.track).max_bytes);
 
-  SessionStartOptions begin;
-  begin.retry = options.retry;
-  begin.waits_for_first_server = true;
-  begin.complete = [&arguments](SessionConfig& config) {
+  const auto complete = [&arguments](SessionConfig& config) {
     if (arguments.overload == "latest") config.overload_policy = OverloadPolicy::kLatest;
     if (arguments.max_lag_s > 0.0) config.max_lag = absl::Seconds(arguments.max_lag_s);
   };
+  const SessionStartOptions begin = {options.retry, /*waits_for_first_server=*/true, complete};
   EVPOSE_ASSIGN_OR_RETURN(const std::unique_ptr<Client> client, StartSession(begin, run, arguments.track, context));
   EVPOSE_RETURN_IF_ERROR(run.Track(*client, options));
   std::error_code error;
   // The spool has created the directory, which is empty now.
   if (arguments.is_pipe() && !arguments.track.resume.empty()) std::filesystem::remove(SpoolDirectory(arguments), error);
-  return absl::OkStatus();
-}
-
-absl::Status CheckUsage(const StreamArguments& arguments) {
-  if (arguments.max_lag_s > 0.0 && arguments.overload != "latest") {
-    return UsageError("--max-lag: is for --overload latest; with block nothing is skipped");
-  }
   return absl::OkStatus();
 }
 
@@ -162,10 +146,7 @@ CommandRunner AddStreamCommand(CLI::App& app, CliContext& context) {
       "  evpose simulate --object cube --camera vga --duration 0.5 --out cube\n"
       "  cat cube/recording.raw | evpose stream - --model cube/model.obj --camera cube/camera.yaml \\\n"
       "    --server 127.0.0.1:50051 --out cube/poses.tum");
-  return [arguments, &context]() -> absl::Status {
-    EVPOSE_RETURN_IF_ERROR(CheckUsage(*arguments));
-    return RunStream(*arguments, context);
-  };
+  return [arguments, &context] { return RunStream(*arguments, context); };
 }
 
 }  // namespace evpose::client

@@ -74,19 +74,31 @@ absl::StatusOr<std::vector<InputObject>> ParseObjects(const RunArguments& argume
   return objects;
 }
 
+// Parses "POSE" of the only object, or "ID=POSE" with --object.
+absl::StatusOr<PoseReset> ParseObjectPose(const RunArguments& arguments, const std::vector<InputObject>& objects,
+                                          const std::string& text, const std::string& option) {
+  std::pair<std::string, std::string> id_and_pose = {objects[0].id, text};
+  if (!arguments.objects.empty()) {
+    EVPOSE_ASSIGN_OR_RETURN(id_and_pose, SplitId(text, option));
+  }
+  const auto& [id, pose_text] = id_and_pose;
+  const auto has_id = [&id = id](const InputObject& object) { return object.id == id; };
+  if (std::none_of(objects.begin(), objects.end(), has_id)) {
+    return UsageError(absl::StrCat(option, ": no --object ", id));
+  }
+  const absl::StatusOr<RigidTransform> pose = ParsePose(pose_text);
+  EVPOSE_RETURN_IF_ERROR(AsUsageError(pose.status(), option + ": "));
+  return PoseReset{id, FromCore(*pose)};
+}
+
 absl::Status ParseInitialPoses(const RunArguments& arguments, std::vector<InputObject>& objects) {
   for (const std::string& text : arguments.init_poses) {
-    std::pair<std::string, std::string> id_and_pose = {objects[0].id, text};
-    if (!arguments.objects.empty()) {
-      EVPOSE_ASSIGN_OR_RETURN(id_and_pose, SplitId(text, "--init-pose"));
+    EVPOSE_ASSIGN_OR_RETURN(const PoseReset initial, ParseObjectPose(arguments, objects, text, "--init-pose"));
+    for (InputObject& object : objects) {
+      if (object.id != initial.object_id) continue;
+      if (object.initial_pose) return UsageError(absl::StrCat("--init-pose of ", object.id, " was given twice"));
+      object.initial_pose = initial.camera_from_object;
     }
-    const auto object = std::find_if(objects.begin(), objects.end(),
-                                     [&](const InputObject& each) { return each.id == id_and_pose.first; });
-    if (object == objects.end()) return UsageError(absl::StrCat("--init-pose: no --object ", id_and_pose.first));
-    if (object->initial_pose) return UsageError(absl::StrCat("--init-pose of ", object->id, " was given twice"));
-    const absl::StatusOr<RigidTransform> pose = ParsePose(id_and_pose.second);
-    EVPOSE_RETURN_IF_ERROR(AsUsageError(pose.status(), "--init-pose: "));
-    object->initial_pose = FromCore(*pose);
   }
   return absl::OkStatus();
 }
@@ -99,17 +111,7 @@ absl::StatusOr<TimedReset> ParseReset(const RunArguments& arguments, const std::
   if (!absl::SimpleAtoi(time_and_pose.first, &timed.t_us) || timed.t_us < 0) {
     return UsageError(absl::StrCat("--reset-pose: \"", text, "\" does not begin with a sensor time in microseconds"));
   }
-  std::pair<std::string, std::string> id_and_pose = {objects[0].id, time_and_pose.second};
-  if (!arguments.objects.empty()) {
-    EVPOSE_ASSIGN_OR_RETURN(id_and_pose, SplitId(time_and_pose.second, "--reset-pose"));
-  }
-  if (std::none_of(objects.begin(), objects.end(),
-                   [&](const InputObject& object) { return object.id == id_and_pose.first; })) {
-    return UsageError(absl::StrCat("--reset-pose: no --object ", id_and_pose.first));
-  }
-  const absl::StatusOr<RigidTransform> pose = ParsePose(id_and_pose.second);
-  EVPOSE_RETURN_IF_ERROR(AsUsageError(pose.status(), "--reset-pose: "));
-  timed.reset = {id_and_pose.first, FromCore(*pose)};
+  EVPOSE_ASSIGN_OR_RETURN(timed.reset, ParseObjectPose(arguments, objects, time_and_pose.second, "--reset-pose"));
   return timed;
 }
 

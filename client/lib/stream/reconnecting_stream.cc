@@ -121,20 +121,21 @@ bool ReconnectingStream::WaitForNextTry(const absl::Status& cause) {
   if (now + delay - *away_since_ > options_.retry.max_outage) return false;
   ++tries_;
   if (!is_same_server) current_ = (current_ + 1) % servers_.size();
-  if (callbacks_.on_connection) {
-    const OutboxState state = feed_.outbox().state();
-    callbacks_.on_connection(
-        {true, server().name, cause, now - *away_since_, delay, state.kept_bytes, state.is_waiting});
-  }
+  Report({true, server().name, cause, now - *away_since_, delay});
   return clock().SleepUntil(now + delay, options_.stop.get_token());
 }
 
 void ReconnectingStream::ReportAttached() {
   attached_at_ = clock().Now();
-  if (!away_since_ || !callbacks_.on_connection) return;
+  if (away_since_) Report({false, server().name, absl::OkStatus(), clock().Now() - *away_since_});
+}
+
+void ReconnectingStream::Report(ConnectionChange change) const {
+  if (!callbacks_.on_connection) return;
   const OutboxState state = feed_.outbox().state();
-  callbacks_.on_connection({false, server().name, absl::OkStatus(), clock().Now() - *away_since_, absl::ZeroDuration(),
-                            state.kept_bytes, state.is_waiting});
+  change.kept_bytes = state.kept_bytes;
+  change.source_waits = state.is_waiting;
+  callbacks_.on_connection(change);
 }
 
 absl::Status ReconnectingStream::WithProgress(const absl::Status& status) const {
