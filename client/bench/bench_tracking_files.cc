@@ -1,12 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "client/bench/bench_tracking_files.h"
-
 #include <cmath>
 #include <numbers>
 #include <utility>
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
+#include "client/bench/bench_tracking_output.h"
 #include "core/evaluation/consistency.h"
 #include "core/numerics/math.h"
 
@@ -41,48 +40,47 @@ std::vector<std::pair<const char*, double>> RunNumbers(const TrackingScore& scor
           {"compute_ratio", score.compute_ratio}};
 }
 
-Json Number(double value) { return std::isfinite(value) ? Json(value) : Json(); }
-
 Json RunsJson(const TrackingBenchRow& row, int num_paths) {
   Json runs = Json::array();
   for (size_t i = 0; i < row.scores.size(); ++i) {
     Json run;
     run["seed"] = 1 + static_cast<int>(i) / num_paths;
     run["path"] = 1 + static_cast<int>(i) % num_paths;
-    for (const auto& [name, value] : RunNumbers(row.scores[i])) run[name] = Number(value);
+    for (const auto& [name, value] : RunNumbers(row.scores[i])) run[name] = value;
     runs.push_back(std::move(run));
   }
   return runs;
 }
 
+// Infinite numbers and NaN are null in the text of a JSON object.
 Json SummaryJson(const TrackingSummary& s) {
   Json json;
   json["runs"] = s.num_runs;
   json["losses"] = s.losses;
-  json["coverage_ratio"] = Number(s.coverage_ratio);
-  json["first_pose_ms"] = Number(s.first_pose_ms);
-  json["position_rmse_m"] = Number(s.position_rmse_m);
-  json["position_mean_m"] = Number(s.position_mean_m);
-  json["position_median_m"] = Number(s.position_median_m);
-  json["position_std_m"] = Number(s.position_std_m);
-  json["position_rmse_of_depth"] = Number(s.position_rmse_of_depth);
-  json["rotation_mean_deg"] = Number(s.rotation_mean_deg);
-  json["rotation_median_deg"] = Number(s.rotation_median_deg);
-  json["rotation_p95_deg"] = Number(s.rotation_p95_deg);
-  json["rotation_max_deg"] = Number(s.rotation_max_deg);
-  json["pose_rate_hz"] = Number(s.pose_rate_hz);
-  json["full_rate_ratio"] = Number(s.full_rate_ratio);
-  json["nees_median"] = Number(s.consistency.median);
-  json["nees_p5"] = Number(s.consistency.p5);
-  json["nees_p95"] = Number(s.consistency.p95);
+  json["coverage_ratio"] = s.coverage_ratio;
+  json["first_pose_ms"] = s.first_pose_ms;
+  json["position_rmse_m"] = s.position_rmse_m;
+  json["position_mean_m"] = s.position_mean_m;
+  json["position_median_m"] = s.position_median_m;
+  json["position_std_m"] = s.position_std_m;
+  json["position_rmse_of_depth"] = s.position_rmse_of_depth;
+  json["rotation_mean_deg"] = s.rotation_mean_deg;
+  json["rotation_median_deg"] = s.rotation_median_deg;
+  json["rotation_p95_deg"] = s.rotation_p95_deg;
+  json["rotation_max_deg"] = s.rotation_max_deg;
+  json["pose_rate_hz"] = s.pose_rate_hz;
+  json["full_rate_ratio"] = s.full_rate_ratio;
+  json["nees_median"] = s.consistency.median;
+  json["nees_p5"] = s.consistency.p5;
+  json["nees_p95"] = s.consistency.p95;
   json["wrong_tracking_s"] = s.wrong_tracking_s;
   json["longest_wrong_tracking_s"] = s.longest_wrong_tracking_s;
   json["right_untracked_s"] = s.right_untracked_s;
-  json["compute_ratio"] = Number(s.compute_ratio);
-  json["worst"] = {{"position_rmse_of_depth", Number(s.worst_position_rmse_of_depth)},
-                   {"rotation_median_deg", Number(s.worst_rotation_median_deg)},
-                   {"rotation_p95_deg", Number(s.worst_rotation_p95_deg)},
-                   {"coverage_ratio", Number(s.worst_coverage_ratio)}};
+  json["compute_ratio"] = s.compute_ratio;
+  json["worst"] = {{"position_rmse_of_depth", s.worst_position_rmse_of_depth},
+                   {"rotation_median_deg", s.worst_rotation_median_deg},
+                   {"rotation_p95_deg", s.worst_rotation_p95_deg},
+                   {"coverage_ratio", s.worst_coverage_ratio}};
   return json;
 }
 
@@ -101,9 +99,9 @@ Json VerdictsJson(const std::vector<TrackingVerdict>& verdicts) {
   Json json = Json::array();
   for (const TrackingVerdict& verdict : verdicts) {
     json.push_back({{"name", verdict.name},
-                    {"value", Number(verdict.value)},
-                    {"low", Number(verdict.low)},
-                    {"high", Number(verdict.high)},
+                    {"value", verdict.value},
+                    {"low", verdict.low},
+                    {"high", verdict.high},
                     {"unit", verdict.unit},
                     {"is_met", verdict.is_met()}});
   }

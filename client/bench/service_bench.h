@@ -5,16 +5,33 @@
 
 #include <sys/types.h>
 
+#include <cstdint>
 #include <functional>
 #include <string>
 #include <vector>
 
 #include "absl/status/status.h"
-#include "client/bench/speed_row.h"
 #include "client/cli/common/command.h"
 #include "core/experiments/speed/speed_bench.h"
 
 namespace evpose::client {
+
+struct NamedNumber {
+  std::string name;  // with the unit; also the key in JSON
+  double value = 0.0;
+};
+
+// A line of the table of `evpose bench speed`; each part has columns of its own.
+struct ServiceRow {
+  std::string part;
+  std::string what;
+  std::string scene;            // SpeedScene::name
+  double rate_mev_per_s = 0.0;  // event rate of the recording in sensor time
+  uint64_t num_events = 0;      // per session
+  std::vector<NamedNumber> numbers;
+  std::string measure;  // name of the number by which tests/bench/compare.py compares two tables
+  bool more_is_better = false;
+};
 
 struct ServiceBenchOptions {
   std::vector<std::string> parts;  // some of ServiceParts()

@@ -3,11 +3,12 @@
 
 #include <algorithm>
 #include <filesystem>
+#include <stop_token>
+#include <thread>
 #include <utility>
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_join.h"
-#include "client/cli/common/interrupt_watch.h"
 #include "client/lib/client_access.h"
 #include "client/lib/core_types.h"
 #include "core/base/status_macros.h"
@@ -49,6 +50,26 @@ std::map<std::string, std::string> Identify(const RunArguments& arguments, const
   identity["--sensor"] = absolute(arguments.sensor);
   return identity;
 }
+
+// Requests `stop` if an interrupt has occurred and `is_away` remains set for kGrace after it: the work in progress
+// cannot be finished while the server is unreachable. After a shorter outage it is finished normally. The arguments
+// must outlive the object.
+class InterruptWatch {
+ public:
+  InterruptWatch(const CliContext& context, const std::atomic<bool>& is_away, std::stop_source stop)
+      : thread_([&context, &is_away, stop = std::move(stop)](std::stop_token ended) mutable {
+          for (absl::Duration waited; waited < kGrace; waited += kInterruptPeriod) {
+            if (!is_away || !context.IsInterrupted()) waited = absl::ZeroDuration();
+            if (!SystemClock().SleepUntil(SystemClock().Now() + kInterruptPeriod, ended)) return;
+          }
+          stop.request_stop();
+        }) {}
+
+ private:
+  static constexpr absl::Duration kGrace = absl::Seconds(2);  // also in the help of evpose stream
+
+  std::jthread thread_;
+};
 
 }  // namespace
 
