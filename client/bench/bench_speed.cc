@@ -92,13 +92,11 @@ void PrintRow(const SpeedRow& row, std::ostream& out) {
 // The fields that rows of both kinds have.
 template <typename Row>
 Json RowHead(const Row& row) {
-  Json json;
-  json["part"] = row.part;
-  json["what"] = row.what;
-  json["scene"] = row.scene;
-  json["rate_mev_per_s"] = row.rate_mev_per_s;
-  json["events"] = row.num_events;
-  return json;
+  return {{"part", row.part},
+          {"what", row.what},
+          {"scene", row.scene},
+          {"rate_mev_per_s", row.rate_mev_per_s},
+          {"events", row.num_events}};
 }
 
 Json RowJson(const SpeedRow& row) {
@@ -185,10 +183,9 @@ absl::Status RunSpeed(const SpeedArguments& arguments, CliContext& context) {
   EVPOSE_ASSIGN_OR_RETURN(std::optional<OutputFile> file, OpenOutput(arguments.json));
   Json rows = Json::array();
   EVPOSE_RETURN_IF_ERROR(Measure(plan, context, rows));
-  Json json;
-  json["duration_s"] = 1e-6 * static_cast<double>(plan.speed.duration_us);
-  json["repetitions"] = plan.speed.num_repetitions;
-  json["rows"] = std::move(rows);
+  Json json = {{"duration_s", 1e-6 * static_cast<double>(plan.speed.duration_us)},
+               {"repetitions", plan.speed.num_repetitions},
+               {"rows", std::move(rows)}};
   return FinishOutput(file, json.dump(2) + "\n");
 }
 

@@ -74,12 +74,11 @@ Json ErrorsJson(const SyntheticErrors& errors) {
 }
 
 Json RowJson(const SyntheticBenchRow& row) {
-  Json json;
-  json["sweep"] = SyntheticSweepName(row.sweep);
-  json["value"] = row.value;
-  json["method"] = row.method;
-  json["trials"] = row.num_trials;
-  json["none"] = row.num_none;
+  Json json = {{"sweep", SyntheticSweepName(row.sweep)},
+               {"value", row.value},
+               {"method", row.method},
+               {"trials", row.num_trials},
+               {"none", row.num_none}};
   json.update(ErrorsJson(row.errors));
   json["bound"] = row.bound ? ErrorsJson(*row.bound) : Json();
   json["rotation_to_bound"] = OptionalJson(row.RotationRatio());
@@ -152,11 +151,10 @@ absl::Status RunSynthetic(const SyntheticArguments& arguments, CliContext& conte
   EVPOSE_ASSIGN_OR_RETURN(const std::vector<SyntheticBenchRow> rows, RunTrials(options, !arguments.is_json, context));
   EVPOSE_RETURN_IF_ERROR(FinishOutput(csv, CsvText(rows)));
   if (!arguments.is_json) return absl::OkStatus();
-  Json json;
-  json["trials"] = options.num_trials;
-  json["seed"] = options.seed;
-  json["start_factor"] = options.start_factor;
-  json["rows"] = Json::array();
+  Json json = {{"trials", options.num_trials},
+               {"seed", options.seed},
+               {"start_factor", options.start_factor},
+               {"rows", Json::array()}};
   for (const SyntheticBenchRow& row : rows) json["rows"].push_back(RowJson(row));
   context.out << json.dump(2) << "\n";
   return absl::OkStatus();

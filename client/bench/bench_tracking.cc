@@ -20,29 +20,13 @@ namespace evpose::client {
 namespace {
 
 struct TrackingArguments {
-  std::vector<std::string> scenarios;
-  std::vector<std::string> estimators;
-  int num_seeds = 5;
-  int num_paths = 5;
+  TrackingBenchOptions options;  // without the duration
   double duration_s = 0.0;
-  std::string recordings;
   std::string csv;
   std::string traces;
   bool is_json = false;
   bool is_list = false;
 };
-
-absl::StatusOr<TrackingBenchOptions> MakeOptions(const TrackingArguments& arguments) {
-  TrackingBenchOptions options;
-  options.scenarios = arguments.scenarios;
-  options.estimators = arguments.estimators;
-  options.num_seeds = arguments.num_seeds;
-  options.num_paths = arguments.num_paths;
-  options.recordings = arguments.recordings;
-  options.max_duration_us = std::llround(arguments.duration_s * 1e6);
-  EVPOSE_RETURN_IF_ERROR(AsUsageError(options.Validate()));
-  return options;
-}
 
 void PrintScenarios(std::ostream& out) {
   for (const TrackingScenario& scenario : TrackingScenarios()) {
@@ -58,7 +42,9 @@ absl::Status RunTracking(const TrackingArguments& arguments, CliContext& context
     PrintScenarios(context.out);
     return absl::OkStatus();
   }
-  EVPOSE_ASSIGN_OR_RETURN(const TrackingBenchOptions options, MakeOptions(arguments));
+  TrackingBenchOptions options = arguments.options;
+  options.max_duration_us = std::llround(arguments.duration_s * 1e6);
+  EVPOSE_RETURN_IF_ERROR(AsUsageError(options.Validate()));
   EVPOSE_ASSIGN_OR_RETURN(std::optional<OutputFile> csv, OpenOutput(arguments.csv));
   EVPOSE_ASSIGN_OR_RETURN(std::optional<OutputFile> traces, OpenOutput(arguments.traces));
   if (traces) EVPOSE_RETURN_IF_ERROR(traces->Append(TrackingTraceHeader()));
@@ -97,15 +83,16 @@ std::string EstimatorList() {
 CommandRunner AddBenchTrackingCommand(CLI::App& app, CliContext& context) {
   auto arguments = std::make_shared<TrackingArguments>();
   app.add_flag("--list", arguments->is_list, "Print the scenarios, one per line");
-  AddNames(app, "--scenarios", arguments->scenarios, "Run only these scenarios");
-  AddNames(app, "--estimators", arguments->estimators, "Run only these estimators");
-  AddOption(app, "--seeds", arguments->num_seeds,
+  AddNames(app, "--scenarios", arguments->options.scenarios, "Run only these scenarios");
+  AddNames(app, "--estimators", arguments->options.estimators, "Run only these estimators");
+  AddOption(app, "--seeds", arguments->options.num_seeds,
             "Number of seeds of the sensor, the noise and the textures of each scenario", CLI::Range(1, 1000));
-  AddOption(app, "--paths", arguments->num_paths, "Number of motions; each seed is run on each of them",
+  AddOption(app, "--paths", arguments->options.num_paths, "Number of motions; each seed is run on each of them",
             CLI::Range(1, 1000));
   AddOption(app, "--duration", arguments->duration_s,
             "Maximum length of a recording, seconds; 0: as long as the scenario is", CLI::Range(0.0, 1800.0));
-  app.add_option("--recordings", arguments->recordings, "Directory where the simulated recordings are kept and reused")
+  app.add_option("--recordings", arguments->options.recordings,
+                 "Directory where the simulated recordings are kept and reused")
       ->type_name("DIR");
   AddFile(app, "--csv", arguments->csv, "CSV file with a line for each run; it appears only when it is complete");
   AddFile(app, "--traces", arguments->traces,

@@ -130,10 +130,7 @@ std::string TrackingCsv(const std::vector<TrackingBenchBlock>& blocks, int num_p
 }
 
 Json TrackingJson(const std::vector<TrackingBenchBlock>& blocks, const TrackingBenchOptions& options) {
-  Json json;
-  json["seeds"] = options.num_seeds;
-  json["paths"] = options.num_paths;
-  json["scenarios"] = Json::array();
+  Json json = {{"seeds", options.num_seeds}, {"paths", options.num_paths}, {"scenarios", Json::array()}};
   for (const TrackingBenchBlock& block : blocks) {
     Json scenario;
     scenario["scenario"] = block.scenario.name;
