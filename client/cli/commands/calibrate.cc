@@ -109,33 +109,28 @@ absl::StatusOr<std::vector<EdgePassage>> CollectPassages(const CalibrateArgument
 }
 
 Json Constant(double value, double error, bool is_fitted) {
-  Json json;
-  json["value"] = value;
-  json["standard_error"] = is_fitted ? Json(error) : Json(nullptr);
-  return json;
+  return {{"value", value}, {"standard_error", is_fitted ? Json(error) : Json(nullptr)}};
 }
 
 Json CalibrationJson(const SensorCalibration& fit) {
-  Json json;
-  json["name"] = fit.profile.name;
-  json["pixel_noise_px"] = Constant(fit.profile.pixel_noise_px, fit.pixel_noise_error_px, true);
-  json["blur_px"] = Constant(fit.profile.blur_px, fit.blur_error_px, true);
-  json["contrast_threshold"] = Constant(fit.profile.contrast_threshold, fit.contrast_threshold_error, true);
-  json["refractory_us"] = Constant(fit.profile.refractory_us, fit.refractory_error_us, fit.are_times_fitted);
-  json["latency_us"] = Constant(fit.profile.latency_us, fit.latency_error_us, fit.are_times_fitted);
-  json["typical_contrast"] = fit.typical_contrast;
-  json["edge_shift_px"] = fit.edge_shift_px;
-  json["lag_px"] = fit.lag_px;
-  json["passages"] = fit.num_passages;
-  json["edges"] = fit.num_groups;
-  json["events"] = std::llround(fit.num_events);
-  json["speed_p10_px_per_s"] = fit.slowest_px_per_s;
-  json["speed_p90_px_per_s"] = fit.fastest_px_per_s;
-  json["uncorrected_rms_px"] = fit.uncorrected_rms_px;
-  json["start_rms_px"] = fit.initial_rms_px;
-  json["fitted_rms_px"] = fit.fitted_rms_px;
-  json["warnings"] = fit.warnings;
-  return json;
+  return {{"name", fit.profile.name},
+          {"pixel_noise_px", Constant(fit.profile.pixel_noise_px, fit.pixel_noise_error_px, true)},
+          {"blur_px", Constant(fit.profile.blur_px, fit.blur_error_px, true)},
+          {"contrast_threshold", Constant(fit.profile.contrast_threshold, fit.contrast_threshold_error, true)},
+          {"refractory_us", Constant(fit.profile.refractory_us, fit.refractory_error_us, fit.are_times_fitted)},
+          {"latency_us", Constant(fit.profile.latency_us, fit.latency_error_us, fit.are_times_fitted)},
+          {"typical_contrast", fit.typical_contrast},
+          {"edge_shift_px", fit.edge_shift_px},
+          {"lag_px", fit.lag_px},
+          {"passages", fit.num_passages},
+          {"edges", fit.num_groups},
+          {"events", std::llround(fit.num_events)},
+          {"speed_p10_px_per_s", fit.slowest_px_per_s},
+          {"speed_p90_px_per_s", fit.fastest_px_per_s},
+          {"uncorrected_rms_px", fit.uncorrected_rms_px},
+          {"start_rms_px", fit.initial_rms_px},
+          {"fitted_rms_px", fit.fitted_rms_px},
+          {"warnings", fit.warnings}};
 }
 
 void PrintCalibration(const SensorCalibration& fit, std::ostream& out) {

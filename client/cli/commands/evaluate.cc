@@ -92,10 +92,7 @@ absl::StatusOr<std::vector<Row>> EvaluateAll(const EvaluateArguments& arguments)
 
 Json RowJson(const Row& row) {
   const Evaluation& e = row.evaluation;
-  Json json;
-  json["name"] = row.name;
-  json["poses"] = e.num_poses;
-  json["coverage_ratio"] = e.coverage_ratio;
+  Json json = {{"name", row.name}, {"poses", e.num_poses}, {"coverage_ratio", e.coverage_ratio}};
   // Without poses the errors are null.
   json["position_rmse_m"] = e.position_rmse_m;
   json["position_mean_m"] = e.position_mean_m;
@@ -155,9 +152,7 @@ absl::Status RunEvaluate(const EvaluateArguments& arguments, CliContext& context
     return UsageError("--symmetric needs --model and --camera: the symmetries are the model's");
   }
   EVPOSE_ASSIGN_OR_RETURN(const std::vector<Row> rows, EvaluateAll(arguments));
-  Json json;
-  json["truth"] = arguments.truth;
-  json["estimates"] = Json::array();
+  Json json = {{"truth", arguments.truth}, {"estimates", Json::array()}};
   for (const Row& row : rows) json["estimates"].push_back(RowJson(row));
   return PrintResult(context, arguments.is_json, json, [&rows](std::ostream& out) { PrintRows(rows, out); });
 }

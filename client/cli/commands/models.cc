@@ -23,19 +23,17 @@ struct ModelArguments {
 };
 
 Json ModelJson(const ModelInfo& model) {
-  Json json;
-  json["name"] = model.name;
-  json["size_bytes"] = model.size_bytes;
-  json["faces"] = model.num_faces;
-  json["lines"] = model.num_lines;
-  json["symmetries"] = model.num_symmetries;
-  json["diameter_m"] = model.diameter_m;
-  json["metres_per_unit"] = model.metres_per_unit;
-  json["crease_angle_deg"] = model.crease_angle_deg;
-  json["sha256"] = model.sha256_hex;
-  json["create_time"] = absl::FormatTime(model.create_time, absl::UTCTimeZone());
-  json["notices"] = model.notices;
-  return json;
+  return {{"name", model.name},
+          {"size_bytes", model.size_bytes},
+          {"faces", model.num_faces},
+          {"lines", model.num_lines},
+          {"symmetries", model.num_symmetries},
+          {"diameter_m", model.diameter_m},
+          {"metres_per_unit", model.metres_per_unit},
+          {"crease_angle_deg", model.crease_angle_deg},
+          {"sha256", model.sha256_hex},
+          {"create_time", absl::FormatTime(model.create_time, absl::UTCTimeZone())},
+          {"notices", model.notices}};
 }
 
 void PrintModel(const ModelInfo& model, std::ostream& out) {

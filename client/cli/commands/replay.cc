@@ -40,22 +40,19 @@ struct ServerHandle {
   std::unique_ptr<Client> client;
 };
 
-absl::StatusOr<ServerHandle> StartAndBegin(SessionRun& run) {
-  server::ServerOptions options;
-  options.listen_address.clear();
-  ServerHandle handle;
-  EVPOSE_ASSIGN_OR_RETURN(handle.own, server::Server::Start(options));
-  handle.client = ClientAccess::OverChannel(handle.own->InProcessChannel(), "server in this process");
-  EVPOSE_RETURN_IF_ERROR(run.Begin(
-      *handle.client, [](SessionConfig&) {}, ""));
-  return handle;
-}
-
 absl::StatusOr<ServerHandle> BeginSession(const RetryOptions& retry, SessionRun& run, const RunArguments& arguments,
                                           const CliContext& context) {
-  if (arguments.server.address.empty()) return StartAndBegin(run);
   ServerHandle handle;
-  EVPOSE_ASSIGN_OR_RETURN(handle.client, StartSession({.retry = retry}, run, arguments, context));
+  if (!arguments.server.address.empty()) {
+    EVPOSE_ASSIGN_OR_RETURN(handle.client, StartSession({.retry = retry}, run, arguments, context));
+    return handle;
+  }
+  server::ServerOptions options;
+  options.listen_address.clear();
+  EVPOSE_ASSIGN_OR_RETURN(handle.own, server::Server::Start(options));
+  handle.client = ClientAccess::OverChannel(handle.own->InProcessChannel(), "server in this process");
+  const auto complete = [](SessionConfig&) {};
+  EVPOSE_RETURN_IF_ERROR(run.Begin(*handle.client, complete, /*request_id=*/""));
   return handle;
 }
 

@@ -23,19 +23,18 @@ struct SessionArguments {
 };
 
 Json SessionJson(const Session& session) {
-  Json json;
-  json["name"] = session.name;
-  json["state"] = std::string(SessionStateName(session.state));
-  json["create_time"] = absl::FormatTime(session.create_time, absl::UTCTimeZone());
-  json["expire_time"] =
-      session.expire_time ? Json(absl::FormatTime(*session.expire_time, absl::UTCTimeZone())) : Json(nullptr);
-  json["encoding"] = std::string(EventEncodingName(session.config.encoding));
-  json["width"] = session.config.camera.width_px;
-  json["height"] = session.config.camera.height_px;
-  json["events"] = session.health.decoded_events;
-  json["poses"] = session.health.poses;
-  json["real_time_ratio"] = session.health.real_time_ratio;
-  json["objects"] = Json::array();
+  Json json = {{"name", session.name},
+               {"state", std::string(SessionStateName(session.state))},
+               {"create_time", absl::FormatTime(session.create_time, absl::UTCTimeZone())},
+               {"expire_time", session.expire_time ? Json(absl::FormatTime(*session.expire_time, absl::UTCTimeZone()))
+                                                   : Json(nullptr)},
+               {"encoding", std::string(EventEncodingName(session.config.encoding))},
+               {"width", session.config.camera.width_px},
+               {"height", session.config.camera.height_px},
+               {"events", session.health.decoded_events},
+               {"poses", session.health.poses},
+               {"real_time_ratio", session.health.real_time_ratio},
+               {"objects", Json::array()}};
   for (const ObjectHealth& object : session.health.objects) json["objects"].push_back(ObjectJson(object));
   return json;
 }

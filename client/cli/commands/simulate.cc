@@ -83,13 +83,11 @@ absl::StatusOr<SimulationOptions> MakeOptions(const SimulateArguments& arguments
 }
 
 Json ReportJson(const SimulateArguments& arguments, const SimulationReport& report) {
-  Json json;
-  json["directory"] = arguments.out;
-  json["events"] = report.events;
-  json["noise_events"] = report.noise_events;
-  json["rendered_frames"] = report.rendered_frames;
-  json["max_speed_px_per_s"] = report.max_speed_px_per_s;
-  return json;
+  return {{"directory", arguments.out},
+          {"events", report.events},
+          {"noise_events", report.noise_events},
+          {"rendered_frames", report.rendered_frames},
+          {"max_speed_px_per_s", report.max_speed_px_per_s}};
 }
 
 void PrintReport(const SimulateArguments& arguments, const SimulationReport& report, double duration_s,

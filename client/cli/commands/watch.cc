@@ -55,23 +55,22 @@ class StateLines {
 };
 
 Json HealthJson(const SessionHealth& health) {
-  Json json;
-  json["t_us"] = health.t_us;
-  json["received_bytes"] = health.received_bytes;
-  json["processed_bytes"] = health.processed_bytes;
-  json["decoded_events"] = health.decoded_events;
-  json["dropped_events"] = health.dropped_events;
-  json["invalid_words"] = health.invalid_words;
-  json["time_backsteps"] = health.time_backsteps;
-  json["skipped_events"] = health.skipped_events;
-  json["skipped_us"] = health.skipped_us;
-  json["poses"] = health.poses;
-  json["event_rate_hz"] = health.event_rate_hz;
-  json["pose_rate_hz"] = health.pose_rate_hz;
-  json["real_time_ratio"] = health.real_time_ratio;
-  json["latency_p50_ms"] = MillisecondsJson(health.latency_p50);
-  json["latency_p99_ms"] = MillisecondsJson(health.latency_p99);
-  json["objects"] = Json::array();
+  Json json = {{"t_us", health.t_us},
+               {"received_bytes", health.received_bytes},
+               {"processed_bytes", health.processed_bytes},
+               {"decoded_events", health.decoded_events},
+               {"dropped_events", health.dropped_events},
+               {"invalid_words", health.invalid_words},
+               {"time_backsteps", health.time_backsteps},
+               {"skipped_events", health.skipped_events},
+               {"skipped_us", health.skipped_us},
+               {"poses", health.poses},
+               {"event_rate_hz", health.event_rate_hz},
+               {"pose_rate_hz", health.pose_rate_hz},
+               {"real_time_ratio", health.real_time_ratio},
+               {"latency_p50_ms", MillisecondsJson(health.latency_p50)},
+               {"latency_p99_ms", MillisecondsJson(health.latency_p99)},
+               {"objects", Json::array()}};
   for (const ObjectHealth& object : health.objects) json["objects"].push_back(ObjectJson(object));
   return json;
 }

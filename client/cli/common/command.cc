@@ -175,14 +175,12 @@ Json MillisecondsJson(const std::optional<absl::Duration>& duration) {
 }
 
 Json ObjectJson(const ObjectHealth& object) {
-  Json json;
-  json["object_id"] = object.object_id;
-  json["state"] = std::string(TrackStateName(object.state));
-  json["losses"] = object.losses;
-  json["initialization"] = std::string(InitializationStatusName(object.initialization));
-  json["initialization_attempts"] = object.initialization_attempts;
-  json["detail"] = object.detail;
-  return json;
+  return {{"object_id", object.object_id},
+          {"state", std::string(TrackStateName(object.state))},
+          {"losses", object.losses},
+          {"initialization", std::string(InitializationStatusName(object.initialization))},
+          {"initialization_attempts", object.initialization_attempts},
+          {"detail", object.detail}};
 }
 
 std::string DescribeState(const ObjectHealth& object) {

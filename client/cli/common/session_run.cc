@@ -149,10 +149,10 @@ absl::Status SessionRun::KeepPosition(const TrackPosition& position, bool has_ne
   return absl::OkStatus();
 }
 
-void SessionRun::Say(const std::string& text) {
+void SessionRun::PrintLine(const std::string& text) {
   if (text.empty()) return;
   if (progress_ != nullptr) {
-    progress_->Say(text);
+    progress_->PrintLine(text);
   } else {
     context_.err << text << std::endl;
   }
@@ -167,7 +167,7 @@ TrackCallbacks SessionRun::MakeCallbacks() {
   callbacks.on_progress = [this](const TrackProgress& value) { progress_->Update(value); };
   callbacks.on_connection = [this](const ConnectionChange& change) {
     is_away_ = change.is_away;
-    Say(connection_.Describe(change));
+    PrintLine(connection_.Describe(change));
   };
   callbacks.on_position = [this](const TrackPosition& position, bool has_new_token) {
     return KeepPosition(position, has_new_token);

@@ -70,7 +70,7 @@ absl::StatusOr<std::unique_ptr<Client>> StartSession(const SessionStartOptions& 
     change.away_for = clock.Now() - *away_since;
     change.kept_bytes = state.kept_bytes;
     change.source_waits = state.is_waiting;
-    run.Say(run.connection().Describe(change));
+    run.PrintLine(run.connection().Describe(change));
   };
   // Before a server was reachable there is one attempt, for the whole --connect-timeout, unless the first is waited
   // for.
