@@ -25,7 +25,7 @@
 namespace evpose::client {
 namespace {
 
-constexpr size_t kMaxPemBytes = size_t{4} << 20;
+constexpr size_t kMaxPemBytes = size_t{4} << 20;  // the authorities of a system have some 200 KB
 
 // Adds the token to the metadata of every call. The call credentials of gRPC require TLS, which a server on this
 // machine may not use.

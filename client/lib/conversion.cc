@@ -227,36 +227,32 @@ v1::LogLevel ToProto(LogLevel level) { return static_cast<v1::LogLevel>(level); 
 LogLevel FromProto(v1::LogLevel level) { return FromProto(level, LogLevel::kOff); }
 
 ServerInfo FromProto(const v1::ServerInfo& message) {
-  ServerInfo info;
-  info.version = message.version();
-  info.commit = message.commit();
-  info.store = absl::AsciiStrToLower(std::string(ApiName(v1::StoreKind_Name(message.store()), "STORE_KIND_")));
-  info.active_sessions = message.active_sessions();
-  info.max_sessions = message.max_sessions();
-  info.max_chunk_bytes = message.max_chunk_bytes();
-  info.max_model_bytes = message.max_model_bytes();
-  info.is_draining = message.draining();
-  info.skipped_events = message.skipped_events();
-  info.pose_log_capacity = message.pose_log_capacity();
-  info.session_expiry = FromProto(message.session_expiry());
-  return info;
+  return {.version = message.version(),
+          .commit = message.commit(),
+          .store = absl::AsciiStrToLower(std::string(ApiName(v1::StoreKind_Name(message.store()), "STORE_KIND_"))),
+          .active_sessions = message.active_sessions(),
+          .max_sessions = message.max_sessions(),
+          .max_chunk_bytes = message.max_chunk_bytes(),
+          .max_model_bytes = message.max_model_bytes(),
+          .is_draining = message.draining(),
+          .skipped_events = message.skipped_events(),
+          .pose_log_capacity = message.pose_log_capacity(),
+          .session_expiry = FromProto(message.session_expiry())};
 }
 
 ModelInfo FromProto(const v1::Model& message) {
-  ModelInfo model;
-  model.name = message.name();
-  model.format = FromProto(message.format(), ModelFormat::kObj);
-  model.size_bytes = message.size_bytes();
-  model.num_faces = message.num_faces();
-  model.num_lines = message.num_lines();
-  model.num_symmetries = message.num_symmetries();
-  model.diameter_m = message.diameter_m();
-  model.metres_per_unit = message.metres_per_unit();
-  model.crease_angle_deg = message.crease_angle_deg();
-  model.sha256_hex = absl::BytesToHexString(message.sha256());
-  model.create_time = FromProto(message.create_time());
-  model.notices.assign(message.notices().begin(), message.notices().end());
-  return model;
+  return {.name = message.name(),
+          .format = FromProto(message.format(), ModelFormat::kObj),
+          .size_bytes = message.size_bytes(),
+          .num_faces = message.num_faces(),
+          .num_lines = message.num_lines(),
+          .num_symmetries = message.num_symmetries(),
+          .diameter_m = message.diameter_m(),
+          .metres_per_unit = message.metres_per_unit(),
+          .crease_angle_deg = message.crease_angle_deg(),
+          .sha256_hex = absl::BytesToHexString(message.sha256()),
+          .create_time = FromProto(message.create_time()),
+          .notices = {message.notices().begin(), message.notices().end()}};
 }
 
 SessionHealth FromProto(const v1::SessionHealth& message) {

@@ -9,12 +9,6 @@
 #include "core/base/status_macros.h"
 
 namespace evpose::client {
-namespace {
-
-// The size of a piece is a multiple of this: whole words of every encoding.
-constexpr uint64_t kWordBytes = 8;
-
-}  // namespace
 
 absl::StatusOr<std::unique_ptr<EventFeed>> EventFeed::Open(ChunkSource source, const FeedOptions& options) {
   EVPOSE_ASSIGN_OR_RETURN(std::unique_ptr<Outbox> outbox, Outbox::Open(options.outbox, options.skip));

@@ -35,27 +35,30 @@ constexpr uint64_t kMaxSegments = 128;
 
 uint32_t Crc(const char* data, size_t size) { return Crc32c({reinterpret_cast<const uint8_t*>(data), size}); }
 
-// Returns whether all bytes were written; errno has the cause otherwise.
-bool WriteAll(int descriptor, const std::string& bytes, uint64_t offset) {
-  for (size_t done = 0; done < bytes.size();) {
-    const ssize_t size =
-        pwrite(descriptor, bytes.data() + done, bytes.size() - done, static_cast<off_t>(offset + done));
-    if (size < 0 && errno == EINTR) continue;
-    if (size < 0) return false;
-    done += static_cast<size_t>(size);
-  }
-  return true;
-}
-
-// Fills `bytes`; returns false if the file ends before.
-bool ReadAll(int descriptor, std::string& bytes, uint64_t offset) {
-  for (size_t done = 0; done < bytes.size();) {
-    const ssize_t part = pread(descriptor, bytes.data() + done, bytes.size() - done, static_cast<off_t>(offset + done));
+// Calls `transfer(done)`, which reads or writes from this position on, until `size` bytes are done. Returns false at
+// the end of the file and on errors; errno has the cause of an error.
+template <typename Transfer>
+bool TransferAll(size_t size, const Transfer& transfer) {
+  for (size_t done = 0; done < size;) {
+    const ssize_t part = transfer(done);
     if (part < 0 && errno == EINTR) continue;
     if (part <= 0) return false;
     done += static_cast<size_t>(part);
   }
   return true;
+}
+
+bool WriteAll(int descriptor, const std::string& bytes, uint64_t offset) {
+  return TransferAll(bytes.size(), [&](size_t done) {
+    return pwrite(descriptor, bytes.data() + done, bytes.size() - done, static_cast<off_t>(offset + done));
+  });
+}
+
+// Fills `bytes`.
+bool ReadAll(int descriptor, std::string& bytes, uint64_t offset) {
+  return TransferAll(bytes.size(), [&](size_t done) {
+    return pread(descriptor, bytes.data() + done, bytes.size() - done, static_cast<off_t>(offset + done));
+  });
 }
 
 }  // namespace
