@@ -25,15 +25,13 @@ namespace {
 struct SpeedArguments {
   std::vector<std::string> parts;
   double duration_s = 0.2;
-  int num_repetitions = 7;
   std::string json;
-  ServerArguments server;
-  int server_pid = 0;
+  ServiceBenchOptions service;  // without the parts and the duration
 };
 
 std::vector<std::string> AllParts() {
   std::vector<std::string> parts = SpeedParts();
-  parts.insert(parts.end(), ServiceParts().begin(), ServiceParts().end());
+  parts.insert(parts.end(), kServiceParts.begin(), kServiceParts.end());
   return parts;
 }
 
@@ -45,18 +43,18 @@ struct Plan {
 // The parts that are run without --parts: all that can be measured with the server given.
 std::vector<std::string> PartsByDefault(const SpeedArguments& arguments) {
   std::vector<std::string> parts = AllParts();
-  if (arguments.server.address.empty()) return parts;
+  if (arguments.service.server.address.empty()) return parts;
   parts.erase(std::remove(parts.begin(), parts.end(), "memory"), parts.end());
-  if (arguments.server_pid == 0) parts.erase(std::remove(parts.begin(), parts.end(), "sessions"), parts.end());
+  if (arguments.service.server_pid == 0) parts.erase(std::remove(parts.begin(), parts.end(), "sessions"), parts.end());
   return parts;
 }
 
 absl::StatusOr<Plan> MakePlan(const SpeedArguments& arguments) {
-  Plan plan;
+  Plan plan = {.service = arguments.service};
   for (const std::string& part : arguments.parts.empty() ? PartsByDefault(arguments) : arguments.parts) {
     if (absl::c_linear_search(SpeedParts(), part)) {
       plan.speed.parts.push_back(part);
-    } else if (absl::c_linear_search(ServiceParts(), part)) {
+    } else if (absl::c_linear_search(kServiceParts, part)) {
       plan.service.parts.push_back(part);
     } else {
       return UsageError(
@@ -64,9 +62,7 @@ absl::StatusOr<Plan> MakePlan(const SpeedArguments& arguments) {
     }
   }
   plan.speed.duration_us = plan.service.duration_us = std::llround(1e6 * arguments.duration_s);
-  plan.speed.num_repetitions = plan.service.num_repetitions = arguments.num_repetitions;
-  plan.service.server = arguments.server;
-  plan.service.server_pid = arguments.server_pid;
+  plan.speed.num_repetitions = plan.service.num_repetitions;
   EVPOSE_RETURN_IF_ERROR(AsUsageError(plan.speed.Validate()));
   return plan;
 }
@@ -222,12 +218,12 @@ CommandRunner AddBenchSpeedCommand(CLI::App& app, CliContext& context) {
   auto arguments = std::make_shared<SpeedArguments>();
   AddNames(app, "--parts", arguments->parts, "Run only these parts: " + absl::StrJoin(AllParts(), ", "));
   AddOption(app, "--duration", arguments->duration_s, "Length of each recording, seconds", CLI::Range(0.01, 10.0));
-  AddOption(app, "--repetitions", arguments->num_repetitions, "Number of repetitions; the shortest time is reported",
-            CLI::Range(1, 1000));
+  AddOption(app, "--repetitions", arguments->service.num_repetitions,
+            "Number of repetitions; the shortest time is reported", CLI::Range(1, 1000));
   AddFile(app, "--json", arguments->json,
           "JSON file with the table, for tests/bench/compare.py; it appears only when it is complete");
-  arguments->server.AddTo(app, false);
-  app.add_option("--server-pid", arguments->server_pid,
+  arguments->service.server.AddTo(app, false);
+  app.add_option("--server-pid", arguments->service.server_pid,
                  "Process of --server on this machine, for the processor time of the server")
       ->type_name("PID")
       ->check(CLI::Range(1, 1 << 22))

@@ -368,12 +368,6 @@ class ServiceBench {
 
 }  // namespace
 
-const std::vector<std::string>& ServiceParts() {
-  static const std::vector<std::string>* const parts =
-      new std::vector<std::string>{"transport", "path", "latency", "sessions", "memory"};
-  return *parts;
-}
-
 absl::Status RunServiceBench(const ServiceBenchOptions& options, CliContext& context,
                              const std::function<void(const ServiceRow&)>& on_row, const SpeedProgress& on_progress) {
   return ServiceBench(options, context, on_row, on_progress).Run();

@@ -5,6 +5,7 @@
 
 #include <sys/types.h>
 
+#include <array>
 #include <cstdint>
 #include <functional>
 #include <string>
@@ -33,16 +34,15 @@ struct ServiceRow {
   bool more_is_better = false;
 };
 
+inline constexpr std::array<const char*, 5> kServiceParts = {"transport", "path", "latency", "sessions", "memory"};
+
 struct ServiceBenchOptions {
-  std::vector<std::string> parts;  // some of ServiceParts()
+  std::vector<std::string> parts;  // some of kServiceParts
   int64_t duration_us = 200'000;   // length of each recording
   int num_repetitions = 7;
   ServerArguments server;  // without an address, the benchmark starts a server process
   pid_t server_pid = 0;    // process of `server` on this machine; 0 if it is unknown
 };
-
-// "transport", "path", "latency", "sessions", "memory".
-const std::vector<std::string>& ServiceParts();
 
 // Calls `on_row` after each measurement, and `on_progress` as RunSpeedBench does. Errors: those of connecting to a
 // server, of starting one, and of sessions; INVALID_ARGUMENT (usage) for parts that cannot be measured with the server

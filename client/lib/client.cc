@@ -104,9 +104,8 @@ absl::StatusOr<std::unique_ptr<Client>> Client::Connect(const std::string& addre
                                              "; is evpose-server running there? (", info.status().message(), ")"));
 }
 
-std::unique_ptr<Client> ClientAccess::OverChannel(std::shared_ptr<grpc::Channel> channel, const std::string& name,
-                                                  const ClientOptions& options) {
-  std::unique_ptr<Client> client(new Client(options));
+std::unique_ptr<Client> ClientAccess::OverChannel(std::shared_ptr<grpc::Channel> channel, const std::string& name) {
+  std::unique_ptr<Client> client(new Client(ClientOptions()));
   client->impl_->AddEndpoint(std::move(channel), name);
   return client;
 }

@@ -19,15 +19,19 @@
 namespace evpose::client {
 namespace {
 
-// Reads a stream of responses until the session has ended, also after it has moved to another server. `start(stub,
-// context)` begins a call at the current server; an error of `handle(response)` means that the response is invalid, and
-// cancels the call.
-template <typename Response, typename Impl, typename Start, typename Handle>
-absl::Status Watch(const Impl& impl, const Start& start, const Handle& handle, const std::stop_token& stop) {
+using Sessions = v1::SessionService::StubInterface;
+template <typename Response>
+using ResponseReader = std::unique_ptr<grpc::ClientReaderInterface<Response>>;
+
+// Reads a stream of responses until the session has ended, also after it has moved to another server, to which the
+// present `request` is sent. An error of `handle(response)` means that the response is invalid, and cancels the call.
+template <typename Impl, typename Request, typename Response, typename Handle>
+absl::Status Watch(const Impl& impl, ResponseReader<Response> (Sessions::*method)(grpc::ClientContext*, const Request&),
+                   const Request& request, const Handle& handle, const std::stop_token& stop) {
   while (true) {
     const auto& endpoint = impl.endpoint();
     grpc::ClientContext context;
-    const std::unique_ptr<grpc::ClientReaderInterface<Response>> reader = start(*endpoint.sessions, &context);
+    const ResponseReader<Response> reader = (*endpoint.sessions.*method)(&context, request);
     const std::stop_callback cancel_on_stop(stop, [&context] { context.TryCancel(); });
     Response response;
     absl::Status invalid;
@@ -109,8 +113,7 @@ absl::Status Client::WatchPoses(const std::string& session, const WatchPosesOpti
     on_poses(poses, response.num_skipped());
     return absl::OkStatus();
   };
-  const auto start = [&](auto& stub, auto* context) { return stub.WatchPoses(context, request); };
-  return Watch<v1::WatchPosesResponse>(*impl_, start, handle, stop);
+  return Watch(*impl_, &Sessions::WatchPoses, request, handle, stop);
 }
 
 absl::Status Client::WatchHealth(const std::string& session, absl::Duration period, const HealthCallback& on_health,
@@ -122,8 +125,7 @@ absl::Status Client::WatchHealth(const std::string& session, absl::Duration peri
     on_health(FromProto(response.health()));
     return absl::OkStatus();
   };
-  const auto start = [&](auto& stub, auto* context) { return stub.WatchHealth(context, request); };
-  return Watch<v1::WatchHealthResponse>(*impl_, start, handle, stop);
+  return Watch(*impl_, &Sessions::WatchHealth, request, handle, stop);
 }
 
 }  // namespace evpose::client

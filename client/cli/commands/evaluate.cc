@@ -92,20 +92,22 @@ absl::StatusOr<std::vector<Row>> EvaluateAll(const EvaluateArguments& arguments)
 
 Json RowJson(const Row& row) {
   const Evaluation& e = row.evaluation;
-  Json json = {{"name", row.name}, {"poses", e.num_poses}, {"coverage_ratio", e.coverage_ratio}};
   // Without poses the errors are null.
-  json["position_rmse_m"] = e.position_rmse_m;
-  json["position_mean_m"] = e.position_mean_m;
-  json["position_median_m"] = e.position_median_m;
-  json["position_std_m"] = e.position_std_m;
-  json["position_rmse_of_depth"] = e.position_rmse_of_depth;
-  json["rotation_mean_deg"] = e.rotation_mean_rad * kDegreesPerRadian;
-  json["rotation_median_deg"] = e.rotation_median_rad * kDegreesPerRadian;
-  json["rotation_p95_deg"] = e.rotation_p95_rad * kDegreesPerRadian;
-  json["rotation_max_deg"] = e.rotation_max_rad * kDegreesPerRadian;
-  json["reprojection_mean_px"] = e.reprojection_mean_px ? Json(*e.reprojection_mean_px) : Json(nullptr);
-  json["losses"] = e.losses;
-  json["pose_rate_hz"] = e.pose_rate_hz;
+  Json json = {{"name", row.name},
+               {"poses", e.num_poses},
+               {"coverage_ratio", e.coverage_ratio},
+               {"position_rmse_m", e.position_rmse_m},
+               {"position_mean_m", e.position_mean_m},
+               {"position_median_m", e.position_median_m},
+               {"position_std_m", e.position_std_m},
+               {"position_rmse_of_depth", e.position_rmse_of_depth},
+               {"rotation_mean_deg", e.rotation_mean_rad * kDegreesPerRadian},
+               {"rotation_median_deg", e.rotation_median_rad * kDegreesPerRadian},
+               {"rotation_p95_deg", e.rotation_p95_rad * kDegreesPerRadian},
+               {"rotation_max_deg", e.rotation_max_rad * kDegreesPerRadian},
+               {"reprojection_mean_px", e.reprojection_mean_px ? Json(*e.reprojection_mean_px) : Json(nullptr)},
+               {"losses", e.losses},
+               {"pose_rate_hz", e.pose_rate_hz}};
   if (!row.consistency) return json;
   json["nees_median"] = row.consistency->median;
   json["nees_p5"] = row.consistency->p5;

@@ -46,10 +46,9 @@ FeedOptions MakeFeedOptions(const StreamArguments& arguments, const SessionRun& 
     return options;
   }
   options.read_ahead_bytes = std::numeric_limits<uint64_t>::max();
-  SpoolOptions& spool = options.outbox.spool.emplace();
-  spool.max_bytes = arguments.spool_bytes;
-  spool.outlives_process = !arguments.track.resume.empty();
-  spool.directory = SpoolDirectory(arguments);
+  options.outbox.spool = {.directory = SpoolDirectory(arguments),
+                          .max_bytes = arguments.spool_bytes,
+                          .outlives_process = !arguments.track.resume.empty()};
   options.begins_after_gap = run.is_resumed();
   return options;
 }
