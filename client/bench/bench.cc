@@ -10,10 +10,11 @@ void AddBenchCommands(CLI::App& app, CliContext& context, CommandRunners& runner
     CLI::App* command = app.add_subcommand(name, description);
     runners.emplace_back(command, add_command(*command, context));
   };
-  add("initialization", "First poses from lines, ours and published methods", AddBenchInitializationCommand);
+  add("initialization", "First poses from lines, by evpose and by published methods", AddBenchInitializationCommand);
   add("speed", "Decoding, tracking, first poses and the way through a server: how long they take",
       AddBenchSpeedCommand);
-  add("synthetic", "Poses from labelled events, ours and published estimators, and the Cramer-Rao bound",
+  add("synthetic",
+      "Poses from labelled events, by the estimator of evpose and published ones, and the Cramer-Rao bound",
       AddBenchSyntheticCommand);
   add("tracking", "Trackers on simulated recordings, against the truth", AddBenchTrackingCommand);
   app.footer(

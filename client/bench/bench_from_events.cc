@@ -53,19 +53,6 @@ double LongestWrongMs(const ObjectResult& result) {
   return static_cast<double>(longest_us) * 1e-3;
 }
 
-EventTrialOptions MakeTrialOptions(const FromEventsArguments& arguments, SimulatedObject object, uint64_t seed) {
-  EventTrialOptions options;
-  options.object = object;
-  options.camera = arguments.camera;
-  options.detector = arguments.detector;
-  options.num_starts = arguments.num_starts;
-  options.recording_us = std::llround(arguments.duration_s * 1e6);
-  options.noise_ratio = arguments.noise_ratio;
-  options.speed_scale = arguments.speed_scale;
-  options.seed = seed;
-  return options;
-}
-
 absl::StatusOr<ObjectResult> RunObject(const FromEventsArguments& arguments, const std::string& name, uint64_t seed,
                                        CliContext& context) {
   EVPOSE_ASSIGN_OR_RETURN(const SimulatedObject object, ParseSimulatedObject(name));
@@ -76,7 +63,10 @@ absl::StatusOr<ObjectResult> RunObject(const FromEventsArguments& arguments, con
   };
   ObjectResult result;
   result.object = name;
-  const EventTrialOptions options = MakeTrialOptions(arguments, object, seed);
+  EventTrialOptions options = arguments.trial;
+  options.object = object;
+  options.recording_us = std::llround(arguments.duration_s * 1e6);
+  options.seed = seed;
   EVPOSE_ASSIGN_OR_RETURN(result.trials, RunEventTrials(options, [&](double ratio) { return go_on("starts", ratio); }));
   result.summary = Summarize(result.trials);
   for (int i = 0; i < arguments.num_returns; ++i) {
@@ -113,18 +103,17 @@ Json TimeJson(int64_t t_us) { return t_us < 0 ? Json() : Json(t_us); }
 
 Json ResultJson(const ObjectResult& result, const std::string& detector) {
   const EventTrialSummary& summary = result.summary;
-  Json json;
-  json["object"] = result.object;
-  json["detector"] = detector;
-  json["starts"] = summary.num_starts;
-  json["right"] = summary.num_right;
-  json["wrong"] = summary.num_wrong;
-  json["none"] = summary.num_none;
-  json["right_ratio"] = static_cast<double>(summary.num_right) / summary.num_starts;
-  json["first_pose_median_ms"] = summary.first_pose_median_ms;
-  json["reprojection_mean_right_px"] = summary.reprojection_mean_px;
-  json["longest_wrong_ms"] = LongestWrongMs(result);
-  json["failures"] = Json::array();
+  Json json = {{"object", result.object},
+               {"detector", detector},
+               {"starts", summary.num_starts},
+               {"right", summary.num_right},
+               {"wrong", summary.num_wrong},
+               {"none", summary.num_none},
+               {"right_ratio", static_cast<double>(summary.num_right) / summary.num_starts},
+               {"first_pose_median_ms", summary.first_pose_median_ms},
+               {"reprojection_mean_right_px", summary.reprojection_mean_px},
+               {"longest_wrong_ms", LongestWrongMs(result)},
+               {"failures", Json::array()}};
   for (const EventTrial& trial : result.trials) {
     if (trial.is_right_in_time() && trial.wrong_us == 0) continue;
     json["failures"].push_back({{"start_us", trial.t_start_us},
@@ -150,13 +139,14 @@ void FromEventsArguments::AddTo(CLI::App& app, CLI::Option* from_events) {
   const auto add = [&](const char* name, auto& value, const char* description) {
     return app.add_option(name, value, description)->needs(from_events)->capture_default_str();
   };
-  add("--starts", num_starts, "Number of starts of the tracker in the recording of each object")
+  add("--starts", trial.num_starts, "Number of starts of the tracker in the recording of each object")
       ->check(CLI::Range(1, 100'000));
   add("--duration", duration_s, "Length of each recording, seconds")->check(CLI::Range(0.25, 1800.0));
-  add("--noise", noise_ratio, "Share of noise among all events")->check(CLI::Range(0.0, 0.9));
-  add("--speed", speed_scale, "Factor on the speed of the motion")->check(CLI::Range(0.01, 100.0));
-  add("--camera", camera, "Sensor and lens")->check(CLI::IsMember(SimulatedCameraNames()));
-  add("--detector", detector, "Lines from events: space-time planes as in the source paper, or LSD on an event image")
+  add("--noise", trial.noise_ratio, "Share of noise among all events")->check(CLI::Range(0.0, 0.9));
+  add("--speed", trial.speed_scale, "Factor on the speed of the motion")->check(CLI::Range(0.01, 100.0));
+  add("--camera", trial.camera, "Sensor and lens")->check(CLI::IsMember(SimulatedCameraNames()));
+  add("--detector", trial.detector,
+      "Lines from events: space-time planes as in the source paper, or LSD on an event image")
       ->check(CLI::IsMember(LineDetectorNames()));
   add("--returns", num_returns,
       "Number of recordings in which the object leaves for a second and returns at another place")
@@ -168,23 +158,22 @@ absl::Status RunFromEvents(const FromEventsArguments& arguments, const std::vect
   const std::vector<std::string> names = objects.empty() ? SimulatedObjectNames() : objects;
   for (const std::string& name : names) {
     const absl::StatusOr<SimulatedObject> object = ParseSimulatedObject(name);
-    if (!object.ok()) return UsageError(absl::StrCat("--objects: ", object.status().message()));
+    EVPOSE_RETURN_IF_ERROR(AsUsageError(object.status(), "--objects: "));
   }
-  Json json;
-  json["camera"] = arguments.camera;
-  json["detector"] = arguments.detector;
-  json["duration_s"] = arguments.duration_s;
-  json["noise_ratio"] = arguments.noise_ratio;
-  json["speed"] = arguments.speed_scale;
-  json["seed"] = seed;
-  json["rows"] = Json::array();
+  Json json = {{"camera", arguments.trial.camera},
+               {"detector", arguments.trial.detector},
+               {"duration_s", arguments.duration_s},
+               {"noise_ratio", arguments.trial.noise_ratio},
+               {"speed", arguments.trial.speed_scale},
+               {"seed", seed},
+               {"rows", Json::array()}};
   if (!is_json) context.out << kFromEventsHeader << std::flush;
   for (const std::string& name : names) {
     EVPOSE_ASSIGN_OR_RETURN(const ObjectResult result, RunObject(arguments, name, seed, context));
     if (is_json) {
-      json["rows"].push_back(ResultJson(result, arguments.detector));
+      json["rows"].push_back(ResultJson(result, arguments.trial.detector));
     } else {
-      PrintResult(result, arguments.detector, context.out);
+      PrintResult(result, arguments.trial.detector, context.out);
     }
   }
   if (is_json) context.out << json.dump(2) << "\n";

@@ -9,16 +9,13 @@
 
 #include "absl/status/status.h"
 #include "client/cli/common/command.h"
+#include "core/experiments/first_pose/event_trials.h"
 
 namespace evpose::client {
 
 struct FromEventsArguments {
-  int num_starts = 200;
+  EventTrialOptions trial;  // without the object, the seed and the duration
   double duration_s = 5.0;
-  double noise_ratio = 0.05;
-  double speed_scale = 1.0;
-  std::string camera = "evk4";
-  std::string detector = "planes";
   int num_returns = 10;
 
   // Adds the options, which are valid only together with `from_events`.

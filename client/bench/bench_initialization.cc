@@ -11,6 +11,7 @@
 #include "absl/strings/str_join.h"
 #include "client/bench/bench.h"
 #include "client/bench/bench_from_events.h"
+#include "client/cli/common/table_cell.h"
 #include "core/base/status_macros.h"
 #include "core/experiments/first_pose/initialization_bench.h"
 #include "core/experiments/first_pose/initialization_methods.h"
@@ -19,13 +20,9 @@ namespace evpose::client {
 namespace {
 
 struct InitializationArguments {
-  int num_trials = 1000;
-  uint64_t seed = 1;
+  InitializationBenchOptions options;  // without the objects and the clutter
   std::vector<std::string> objects;
-  std::vector<std::string> methods;
   std::vector<std::string> clutter;
-  bool is_unlimited = false;
-  bool certifies = false;
   bool is_json = false;
   bool is_from_events = false;
   FromEventsArguments from_events;
@@ -41,16 +38,11 @@ absl::StatusOr<BenchClutter> ParseClutter(const std::string& text) {
 }
 
 absl::StatusOr<InitializationBenchOptions> MakeOptions(const InitializationArguments& arguments) {
-  InitializationBenchOptions options;
-  options.num_trials = arguments.num_trials;
-  options.seed = arguments.seed;
-  options.methods = arguments.methods;
-  options.is_unlimited = arguments.is_unlimited;
-  options.certifies = arguments.certifies;
+  InitializationBenchOptions options = arguments.options;
   if (!arguments.objects.empty()) options.objects.clear();
   for (const std::string& name : arguments.objects) {
     const absl::StatusOr<SimulatedObject> object = ParseSimulatedObject(name);
-    if (!object.ok()) return UsageError(absl::StrCat("--objects: ", object.status().message()));
+    EVPOSE_RETURN_IF_ERROR(AsUsageError(object.status(), "--objects: "));
     options.objects.push_back(*object);
   }
   if (!arguments.clutter.empty()) options.clutter.clear();
@@ -58,20 +50,19 @@ absl::StatusOr<InitializationBenchOptions> MakeOptions(const InitializationArgum
     EVPOSE_ASSIGN_OR_RETURN(const BenchClutter clutter, ParseClutter(text));
     options.clutter.push_back(clutter);
   }
-  if (const absl::Status status = options.Validate(); !status.ok()) return UsageError(std::string(status.message()));
+  EVPOSE_RETURN_IF_ERROR(AsUsageError(options.Validate()));
   return options;
 }
 
 Json RowJson(const InitializationBenchRow& row) {
-  Json json;
-  json["object"] = SimulatedObjectName(row.object);
-  json["spurious"] = row.clutter.num_spurious;
-  json["missing"] = row.clutter.num_missing;
-  json["method"] = row.method;
-  json["trials"] = row.num_trials;
-  json["right"] = row.num_right;
-  json["none"] = row.num_none;
-  json["success_ratio"] = static_cast<double>(row.num_right) / row.num_trials;
+  Json json = {{"object", SimulatedObjectName(row.object)},
+               {"spurious", row.clutter.num_spurious},
+               {"missing", row.clutter.num_missing},
+               {"method", row.method},
+               {"trials", row.num_trials},
+               {"right", row.num_right},
+               {"none", row.num_none},
+               {"success_ratio", static_cast<double>(row.num_right) / row.num_trials}};
   // null without a right pose.
   json["reprojection_mean_right_px"] = row.reprojection_mean_right_px;
   json["reprojection_median_px"] = row.reprojection_median_px;
@@ -88,8 +79,6 @@ Json RowJson(const InitializationBenchRow& row) {
   return json;
 }
 
-std::string PixelCell(double value) { return std::isnan(value) ? "-" : absl::StrFormat("%.2f", value); }
-
 constexpr char kInitializationHeader[] =
     "object      clutter  method         trials  right %   reprojection px: right  median   mean    median ms  worst "
     "ms";
@@ -98,24 +87,23 @@ constexpr char kCertificateHeader[] = "   certified: maximum   not  unknown  med
 std::string CertificateCells(const InitializationBenchRow& row) {
   if (!row.certificates) return absl::StrFormat("   %18s %5s %8s %10s", "-", "-", "-", "-");
   const CertificateCounts& counts = *row.certificates;
-  const std::string median = std::isnan(counts.median_ms) ? "-" : absl::StrFormat("%.3f", counts.median_ms);
   return absl::StrFormat("   %18d %5d %8d %10s", counts.num_maximum, counts.num_not_maximum, counts.num_unknown,
-                         median);
+                         Cell(counts.median_ms, 3));
 }
 
 void PrintRow(const InitializationBenchRow& row, bool certifies, std::ostream& out) {
   const std::string clutter = absl::StrCat(row.clutter.num_spurious, "/", row.clutter.num_missing);
   out << absl::StrFormat("%-11s %-8s %-14s %6d  %7.1f   %22s %7s %7s %12.3f %9.3f%s\n",
                          std::string(SimulatedObjectName(row.object)), clutter, row.method, row.num_trials,
-                         100.0 * row.num_right / row.num_trials, PixelCell(row.reprojection_mean_right_px),
-                         PixelCell(row.reprojection_median_px), PixelCell(row.reprojection_mean_px), row.median_ms,
+                         100.0 * row.num_right / row.num_trials, Cell(row.reprojection_mean_right_px, 2),
+                         Cell(row.reprojection_median_px, 2), Cell(row.reprojection_mean_px, 2), row.median_ms,
                          row.worst_ms, certifies ? CertificateCells(row) : "");
   out.flush();
 }
 
 absl::Status RunInitialization(const InitializationArguments& arguments, CliContext& context) {
   if (arguments.is_from_events) {
-    return RunFromEvents(arguments.from_events, arguments.objects, arguments.seed, arguments.is_json, context);
+    return RunFromEvents(arguments.from_events, arguments.objects, arguments.options.seed, arguments.is_json, context);
   }
   EVPOSE_ASSIGN_OR_RETURN(const InitializationBenchOptions options, MakeOptions(arguments));
   if (!arguments.is_json) context.out << kInitializationHeader << (options.certifies ? kCertificateHeader : "") << "\n";
@@ -125,11 +113,8 @@ absl::Status RunInitialization(const InitializationArguments& arguments, CliCont
   };
   EVPOSE_ASSIGN_OR_RETURN(const std::vector<InitializationBenchRow> rows, RunInitializationBench(options, on_row));
   if (!arguments.is_json) return absl::OkStatus();
-  Json json;
-  json["trials"] = options.num_trials;
-  json["seed"] = options.seed;
-  json["noise_px"] = options.noise_px;
-  json["rows"] = Json::array();
+  Json json = {
+      {"trials", options.num_trials}, {"seed", options.seed}, {"noise_px", options.noise_px}, {"rows", Json::array()}};
   for (const InitializationBenchRow& row : rows) json["rows"].push_back(RowJson(row));
   context.out << json.dump(2) << "\n";
   return absl::OkStatus();
@@ -170,21 +155,18 @@ constexpr char kAboutEvents[] =
     "The longest wrong is the longest time for which wrong poses were reported as TRACKING without a break.\n";
 
 void AddLineOptions(CLI::App& app, InitializationArguments& arguments, CLI::Option* from_events) {
-  app.add_option("--trials", arguments.num_trials, "Number of random poses of each object and clutter")
-      ->check(CLI::Range(1, 1'000'000))
-      ->excludes(from_events)
-      ->capture_default_str();
-  app.add_option("--methods", arguments.methods, "Run only these methods")
-      ->delimiter(',')
-      ->excludes(from_events)
-      ->type_name("NAME,...");
+  AddOption(app, "--trials", arguments.options.num_trials, "Number of random poses of each object and clutter",
+            CLI::Range(1, 1'000'000))
+      ->excludes(from_events);
+  AddNames(app, "--methods", arguments.options.methods, "Run only these methods")->excludes(from_events);
   app.add_option("--clutter", arguments.clutter, "Numbers of spurious and missing lines; default: 0/0, 2/1 and 4/2")
       ->delimiter(',')
       ->excludes(from_events)
       ->type_name("S/M,...");
-  app.add_flag("--all-trials", arguments.is_unlimited, "Run slow methods on all trials, not only on the first 100")
+  app.add_flag("--all-trials", arguments.options.is_unlimited,
+               "Run slow methods on all trials, not only on the first 100")
       ->excludes(from_events);
-  app.add_flag("--certify", arguments.certifies,
+  app.add_flag("--certify", arguments.options.certifies,
                "Prove by branch and bound which rotations attain the maximum of the published objective")
       ->excludes(from_events);
 }
@@ -193,11 +175,9 @@ void AddLineOptions(CLI::App& app, InitializationArguments& arguments, CLI::Opti
 
 CommandRunner AddBenchInitializationCommand(CLI::App& app, CliContext& context) {
   auto arguments = std::make_shared<InitializationArguments>();
-  app.add_option("--seed", arguments->seed, "The same seed gives the same trials")->capture_default_str();
-  app.add_option("--objects", arguments->objects,
-                 "Use only these objects: " + absl::StrJoin(SimulatedObjectNames(), ", "))
-      ->delimiter(',')
-      ->type_name("NAME,...");
+  app.add_option("--seed", arguments->options.seed, "The same seed gives the same trials")->capture_default_str();
+  AddNames(app, "--objects", arguments->objects,
+           "Use only these objects: " + absl::StrJoin(SimulatedObjectNames(), ", "));
   app.add_flag("--json", arguments->is_json, "Print one JSON object on standard output");
   CLI::Option* from_events = app.add_flag("--from-events", arguments->is_from_events,
                                           "Use the events of simulated recordings instead of lines");

@@ -65,10 +65,8 @@ absl::StatusOr<SessionConfig> UploadSession(Client& client, const SpeedRecording
   SessionConfig config;
   config.encoding = FromCore(encoding);
   config.camera = FromCore(recording.camera);
-  TrackedObject object;
-  object.model = model.name;
-  object.initial_camera_from_object = FromCore(recording.initial_camera_from_object);
-  config.objects.push_back(std::move(object));
+  config.objects.push_back(
+      {.model = model.name, .initial_camera_from_object = FromCore(recording.initial_camera_from_object)});
   return config;
 }
 
@@ -80,41 +78,33 @@ absl::StatusOr<std::unique_ptr<BenchSession>> BenchSession::Create(Client& clien
 // An unreachable server has been reported by Stream() already.
 BenchSession::~BenchSession() { client_.DeleteSession(session_.name).IgnoreError(); }
 
-absl::Status BenchSession::Stream(const EncodedRecording& recording, uint64_t num_events,
-                                  const BenchSessionOptions& options) {
+absl::StatusOr<StreamTimes> BenchSession::Stream(const EncodedRecording& recording, uint64_t num_events, double rate,
+                                                 const std::function<bool()>& is_cancelled) {
   MemoryReader reader(recording);
   Chunker chunker(reader, ChunkerOptions());
-  StreamTimes* const times = options.times;
+  StreamTimes times;
   const auto next_chunk = [&]() -> absl::StatusOr<EventChunk> {
-    if (options.is_cancelled && options.is_cancelled()) return absl::CancelledError("interrupted");
+    if (is_cancelled()) return absl::CancelledError("interrupted");
     absl::StatusOr<EventChunk> chunk = FromCore(chunker.Next());
-    if (times != nullptr && chunk.ok() && !chunk->bytes.empty()) times->chunk_ends_us.push_back(chunk->t_last_us);
+    if (chunk.ok() && !chunk->bytes.empty()) times.chunk_ends_us.push_back(chunk->t_last_us);
     return chunk;
   };
   FirstAskedClock clock;
-  FeedOptions feed_options;
-  feed_options.rate = options.rate;
-  feed_options.clock = &clock;
-  EVPOSE_ASSIGN_OR_RETURN(const std::unique_ptr<EventFeed> feed, EventFeed::Open(next_chunk, feed_options));
+  EVPOSE_ASSIGN_OR_RETURN(const std::unique_ptr<EventFeed> feed,
+                          EventFeed::Open(next_chunk, {.rate = rate, .clock = &clock}));
   TrackCallbacks callbacks;
-  if (times != nullptr) {
-    callbacks.on_pose = [times](const Pose& pose) {
-      times->poses.push_back({pose.t_us, SystemClock().Now(), pose.latency});
-    };
-  }
-  TrackPosition position;
-  position.session = session_.name;
-  position.resume_token = session_.resume_token;
-  TrackOptions track_options;
-  track_options.retry.max_outage = absl::ZeroDuration();
-  const absl::Time begin = SystemClock().Now();
+  callbacks.on_pose = [&times](const Pose& pose) {
+    times.poses.push_back({pose.t_us, SystemClock().Now(), pose.latency});
+  };
+  const TrackPosition position = {.session = session_.name, .resume_token = session_.resume_token};
+  const TrackOptions track_options = {.retry = {.max_outage = absl::ZeroDuration()}};
+  times.begin = SystemClock().Now();
   EVPOSE_ASSIGN_OR_RETURN(const TrackSummary summary,
                           ClientAccess::Track(client_, position, *feed, callbacks, track_options));
-  if (times != nullptr) {
-    times->begin = options.rate > 0.0 ? clock.first() : begin;
-    times->end = SystemClock().Now();
-  }
-  return CheckSummary(summary, num_events);
+  if (rate > 0.0) times.begin = clock.first();
+  times.end = SystemClock().Now();
+  EVPOSE_RETURN_IF_ERROR(CheckSummary(summary, num_events));
+  return times;
 }
 
 }  // namespace evpose::client

@@ -57,12 +57,6 @@ struct StreamTimes {
   std::vector<Arrival> poses;
 };
 
-struct BenchSessionOptions {
-  double rate = 0.0;                   // as FeedOptions::rate
-  std::function<bool()> is_cancelled;  // called before each chunk; may be null
-  StreamTimes* times = nullptr;        // receives the times; may be null
-};
-
 // Uploads the model and returns the configuration of a session that tracks the object of the recording from its true
 // first pose.
 absl::StatusOr<SessionConfig> UploadSession(Client& client, const SpeedRecording& recording, Encoding encoding);
@@ -79,8 +73,9 @@ class BenchSession {
 
   // Streams the recording in chunks of 1 ms or 256 KiB, as evpose replay does, and waits for the summary. To be called
   // once. Does not reconnect. Errors: those of the server; CANCELLED; INTERNAL if the server did not decode
-  // `num_events` events or returned no pose.
-  absl::Status Stream(const EncodedRecording& recording, uint64_t num_events, const BenchSessionOptions& options);
+  // `num_events` events or returned no pose. `rate`: as FeedOptions::rate; `is_cancelled` is called before each chunk.
+  absl::StatusOr<StreamTimes> Stream(const EncodedRecording& recording, uint64_t num_events, double rate,
+                                     const std::function<bool()>& is_cancelled);
 
  private:
   BenchSession(Client& client, Session session) : client_(client), session_(std::move(session)) {}

@@ -25,15 +25,13 @@ namespace {
 struct SpeedArguments {
   std::vector<std::string> parts;
   double duration_s = 0.2;
-  int num_repetitions = 7;
   std::string json;
-  ServerArguments server;
-  int server_pid = 0;
+  ServiceBenchOptions service;  // without the parts and the duration
 };
 
 std::vector<std::string> AllParts() {
   std::vector<std::string> parts = SpeedParts();
-  parts.insert(parts.end(), ServiceParts().begin(), ServiceParts().end());
+  parts.insert(parts.end(), kServiceParts.begin(), kServiceParts.end());
   return parts;
 }
 
@@ -45,18 +43,18 @@ struct Plan {
 // The parts that are run without --parts: all that can be measured with the server given.
 std::vector<std::string> PartsByDefault(const SpeedArguments& arguments) {
   std::vector<std::string> parts = AllParts();
-  if (arguments.server.address.empty()) return parts;
+  if (arguments.service.server.address.empty()) return parts;
   parts.erase(std::remove(parts.begin(), parts.end(), "memory"), parts.end());
-  if (arguments.server_pid == 0) parts.erase(std::remove(parts.begin(), parts.end(), "sessions"), parts.end());
+  if (arguments.service.server_pid == 0) parts.erase(std::remove(parts.begin(), parts.end(), "sessions"), parts.end());
   return parts;
 }
 
 absl::StatusOr<Plan> MakePlan(const SpeedArguments& arguments) {
-  Plan plan;
+  Plan plan = {.service = arguments.service};
   for (const std::string& part : arguments.parts.empty() ? PartsByDefault(arguments) : arguments.parts) {
     if (absl::c_linear_search(SpeedParts(), part)) {
       plan.speed.parts.push_back(part);
-    } else if (absl::c_linear_search(ServiceParts(), part)) {
+    } else if (absl::c_linear_search(kServiceParts, part)) {
       plan.service.parts.push_back(part);
     } else {
       return UsageError(
@@ -64,12 +62,8 @@ absl::StatusOr<Plan> MakePlan(const SpeedArguments& arguments) {
     }
   }
   plan.speed.duration_us = plan.service.duration_us = std::llround(1e6 * arguments.duration_s);
-  plan.speed.num_repetitions = plan.service.num_repetitions = arguments.num_repetitions;
-  plan.service.server = arguments.server;
-  plan.service.server_pid = arguments.server_pid;
-  if (const absl::Status status = plan.speed.Validate(); !status.ok()) {
-    return UsageError(std::string(status.message()));
-  }
+  plan.speed.num_repetitions = plan.service.num_repetitions;
+  EVPOSE_RETURN_IF_ERROR(AsUsageError(plan.speed.Validate()));
   return plan;
 }
 
@@ -94,13 +88,11 @@ void PrintRow(const SpeedRow& row, std::ostream& out) {
 // The fields that rows of both kinds have.
 template <typename Row>
 Json RowHead(const Row& row) {
-  Json json;
-  json["part"] = row.part;
-  json["what"] = row.what;
-  json["scene"] = row.scene;
-  json["rate_mev_per_s"] = row.rate_mev_per_s;
-  json["events"] = row.num_events;
-  return json;
+  return {{"part", row.part},
+          {"what", row.what},
+          {"scene", row.scene},
+          {"rate_mev_per_s", row.rate_mev_per_s},
+          {"events", row.num_events}};
 }
 
 Json RowJson(const SpeedRow& row) {
@@ -184,20 +176,13 @@ absl::Status Measure(const Plan& plan, CliContext& context, Json& rows) {
 
 absl::Status RunSpeed(const SpeedArguments& arguments, CliContext& context) {
   EVPOSE_ASSIGN_OR_RETURN(const Plan plan, MakePlan(arguments));
-  // A file that cannot be written is reported before the work, not after it.
-  std::optional<OutputFile> file;
-  if (!arguments.json.empty()) {
-    EVPOSE_ASSIGN_OR_RETURN(file, OutputFile::Create(arguments.json));
-  }
+  EVPOSE_ASSIGN_OR_RETURN(std::optional<OutputFile> file, OpenOutput(arguments.json));
   Json rows = Json::array();
   EVPOSE_RETURN_IF_ERROR(Measure(plan, context, rows));
-  if (!file) return absl::OkStatus();
-  Json json;
-  json["duration_s"] = 1e-6 * static_cast<double>(plan.speed.duration_us);
-  json["repetitions"] = plan.speed.num_repetitions;
-  json["rows"] = std::move(rows);
-  EVPOSE_RETURN_IF_ERROR(file->Append(json.dump(2) + "\n"));
-  return file->Commit();
+  Json json = {{"duration_s", 1e-6 * static_cast<double>(plan.speed.duration_us)},
+               {"repetitions", plan.speed.num_repetitions},
+               {"rows", std::move(rows)}};
+  return FinishOutput(file, json.dump(2) + "\n");
 }
 
 std::string About() {
@@ -231,20 +216,14 @@ std::string About() {
 
 CommandRunner AddBenchSpeedCommand(CLI::App& app, CliContext& context) {
   auto arguments = std::make_shared<SpeedArguments>();
-  app.add_option("--parts", arguments->parts, "Run only these parts: " + absl::StrJoin(AllParts(), ", "))
-      ->delimiter(',')
-      ->type_name("NAME,...");
-  app.add_option("--duration", arguments->duration_s, "Length of each recording, seconds")
-      ->check(CLI::Range(0.01, 10.0))
-      ->capture_default_str();
-  app.add_option("--repetitions", arguments->num_repetitions, "Number of repetitions; the shortest time is reported")
-      ->check(CLI::Range(1, 1000))
-      ->capture_default_str();
-  app.add_option("--json", arguments->json,
-                 "JSON file with the table, for tests/bench/compare.py; it appears only when it is complete")
-      ->type_name("FILE");
-  arguments->server.AddTo(app, false);
-  app.add_option("--server-pid", arguments->server_pid,
+  AddNames(app, "--parts", arguments->parts, "Run only these parts: " + absl::StrJoin(AllParts(), ", "));
+  AddOption(app, "--duration", arguments->duration_s, "Length of each recording, seconds", CLI::Range(0.01, 10.0));
+  AddOption(app, "--repetitions", arguments->service.num_repetitions,
+            "Number of repetitions; the shortest time is reported", CLI::Range(1, 1000));
+  AddFile(app, "--json", arguments->json,
+          "JSON file with the table, for tests/bench/compare.py; it appears only when it is complete");
+  arguments->service.server.AddTo(app, false);
+  app.add_option("--server-pid", arguments->service.server_pid,
                  "Process of --server on this machine, for the processor time of the server")
       ->type_name("PID")
       ->check(CLI::Range(1, 1 << 22))

@@ -74,12 +74,11 @@ Json ErrorsJson(const SyntheticErrors& errors) {
 }
 
 Json RowJson(const SyntheticBenchRow& row) {
-  Json json;
-  json["sweep"] = SyntheticSweepName(row.sweep);
-  json["value"] = row.value;
-  json["method"] = row.method;
-  json["trials"] = row.num_trials;
-  json["none"] = row.num_none;
+  Json json = {{"sweep", SyntheticSweepName(row.sweep)},
+               {"value", row.value},
+               {"method", row.method},
+               {"trials", row.num_trials},
+               {"none", row.num_none}};
   json.update(ErrorsJson(row.errors));
   json["bound"] = row.bound ? ErrorsJson(*row.bound) : Json();
   json["rotation_to_bound"] = OptionalJson(row.RotationRatio());
@@ -117,10 +116,10 @@ absl::StatusOr<SyntheticBenchOptions> MakeOptions(const SyntheticArguments& argu
   if (!arguments.sweeps.empty()) options.sweeps.clear();
   for (const std::string& name : arguments.sweeps) {
     const absl::StatusOr<SyntheticSweep> sweep = ParseSyntheticSweep(name);
-    if (!sweep.ok()) return UsageError(absl::StrCat("--sweeps: ", sweep.status().message()));
+    EVPOSE_RETURN_IF_ERROR(AsUsageError(sweep.status(), "--sweeps: "));
     options.sweeps.push_back(*sweep);
   }
-  if (const absl::Status status = options.Validate(); !status.ok()) return UsageError(std::string(status.message()));
+  EVPOSE_RETURN_IF_ERROR(AsUsageError(options.Validate()));
   return options;
 }
 
@@ -148,22 +147,14 @@ absl::StatusOr<std::vector<SyntheticBenchRow>> RunTrials(const SyntheticBenchOpt
 
 absl::Status RunSynthetic(const SyntheticArguments& arguments, CliContext& context) {
   EVPOSE_ASSIGN_OR_RETURN(const SyntheticBenchOptions options, MakeOptions(arguments));
-  // A file that cannot be written is reported before the work, not after it.
-  std::optional<OutputFile> csv;
-  if (!arguments.csv.empty()) {
-    EVPOSE_ASSIGN_OR_RETURN(csv, OutputFile::Create(arguments.csv));
-  }
+  EVPOSE_ASSIGN_OR_RETURN(std::optional<OutputFile> csv, OpenOutput(arguments.csv));
   EVPOSE_ASSIGN_OR_RETURN(const std::vector<SyntheticBenchRow> rows, RunTrials(options, !arguments.is_json, context));
-  if (csv) {
-    EVPOSE_RETURN_IF_ERROR(csv->Append(CsvText(rows)));
-    EVPOSE_RETURN_IF_ERROR(csv->Commit());
-  }
+  EVPOSE_RETURN_IF_ERROR(FinishOutput(csv, CsvText(rows)));
   if (!arguments.is_json) return absl::OkStatus();
-  Json json;
-  json["trials"] = options.num_trials;
-  json["seed"] = options.seed;
-  json["start_factor"] = options.start_factor;
-  json["rows"] = Json::array();
+  Json json = {{"trials", options.num_trials},
+               {"seed", options.seed},
+               {"start_factor", options.start_factor},
+               {"rows", Json::array()}};
   for (const SyntheticBenchRow& row : rows) json["rows"].push_back(RowJson(row));
   context.out << json.dump(2) << "\n";
   return absl::OkStatus();
@@ -194,19 +185,14 @@ std::string SyntheticMethodList() {
 CommandRunner AddBenchSyntheticCommand(CLI::App& app, CliContext& context) {
   auto arguments = std::make_shared<SyntheticArguments>();
   SyntheticBenchOptions& options = arguments->options;
-  app.add_option("--trials", options.num_trials, "Number of trials of each value of each sweep")
-      ->check(CLI::Range(1, 1'000'000))
-      ->capture_default_str();
+  AddOption(app, "--trials", options.num_trials, "Number of trials of each value of each sweep",
+            CLI::Range(1, 1'000'000));
   app.add_option("--seed", options.seed, "The same seed gives the same trials")->capture_default_str();
-  app.add_option("--sweeps", arguments->sweeps, "Run only these sweeps: noise, outliers, lines")
-      ->delimiter(',')
-      ->type_name("NAME,...");
-  app.add_option("--methods", options.methods, "Run only these methods")->delimiter(',')->type_name("NAME,...");
-  app.add_option("--start-factor", options.start_factor, "Factor on the distance of the start from the truth")
-      ->check(CLI::Range(0.0, 100.0))
-      ->capture_default_str();
-  app.add_option("--csv", arguments->csv, "CSV file with the table; it appears only when it is complete")
-      ->type_name("FILE");
+  AddNames(app, "--sweeps", arguments->sweeps, "Run only these sweeps: noise, outliers, lines");
+  AddNames(app, "--methods", options.methods, "Run only these methods");
+  AddOption(app, "--start-factor", options.start_factor, "Factor on the distance of the start from the truth",
+            CLI::Range(0.0, 100.0));
+  AddFile(app, "--csv", arguments->csv, "CSV file with the table; it appears only when it is complete");
   app.add_flag("--json", arguments->is_json, "Print one JSON object on standard output");
   app.footer(absl::StrCat(kAbout, "\nMethods:\n", SyntheticMethodList(),
                           "\nExample:\n"

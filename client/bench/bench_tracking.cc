@@ -10,9 +10,7 @@
 #include "absl/strings/str_format.h"
 #include "absl/strings/str_join.h"
 #include "client/bench/bench.h"
-#include "client/bench/bench_tracking_files.h"
-#include "client/bench/bench_tracking_table.h"
-#include "client/bench/bench_tracking_traces.h"
+#include "client/bench/bench_tracking_output.h"
 #include "client/cli/common/progress.h"
 #include "core/base/output_file.h"
 #include "core/base/status_macros.h"
@@ -22,29 +20,13 @@ namespace evpose::client {
 namespace {
 
 struct TrackingArguments {
-  std::vector<std::string> scenarios;
-  std::vector<std::string> estimators;
-  int num_seeds = 5;
-  int num_paths = 5;
+  TrackingBenchOptions options;  // without the duration
   double duration_s = 0.0;
-  std::string recordings;
   std::string csv;
   std::string traces;
   bool is_json = false;
   bool is_list = false;
 };
-
-absl::StatusOr<TrackingBenchOptions> MakeOptions(const TrackingArguments& arguments) {
-  TrackingBenchOptions options;
-  options.scenarios = arguments.scenarios;
-  options.estimators = arguments.estimators;
-  options.num_seeds = arguments.num_seeds;
-  options.num_paths = arguments.num_paths;
-  options.recordings = arguments.recordings;
-  options.max_duration_us = std::llround(arguments.duration_s * 1e6);
-  if (const absl::Status status = options.Validate(); !status.ok()) return UsageError(std::string(status.message()));
-  return options;
-}
 
 void PrintScenarios(std::ostream& out) {
   for (const TrackingScenario& scenario : TrackingScenarios()) {
@@ -60,17 +42,12 @@ absl::Status RunTracking(const TrackingArguments& arguments, CliContext& context
     PrintScenarios(context.out);
     return absl::OkStatus();
   }
-  EVPOSE_ASSIGN_OR_RETURN(const TrackingBenchOptions options, MakeOptions(arguments));
-  // A file that cannot be written is reported before the work, not after it.
-  std::optional<OutputFile> csv;
-  std::optional<OutputFile> traces;
-  if (!arguments.csv.empty()) {
-    EVPOSE_ASSIGN_OR_RETURN(csv, OutputFile::Create(arguments.csv));
-  }
-  if (!arguments.traces.empty()) {
-    EVPOSE_ASSIGN_OR_RETURN(traces, OutputFile::Create(arguments.traces));
-    EVPOSE_RETURN_IF_ERROR(traces->Append(TrackingTraceHeader()));
-  }
+  TrackingBenchOptions options = arguments.options;
+  options.max_duration_us = std::llround(arguments.duration_s * 1e6);
+  EVPOSE_RETURN_IF_ERROR(AsUsageError(options.Validate()));
+  EVPOSE_ASSIGN_OR_RETURN(std::optional<OutputFile> csv, OpenOutput(arguments.csv));
+  EVPOSE_ASSIGN_OR_RETURN(std::optional<OutputFile> traces, OpenOutput(arguments.traces));
+  if (traces) EVPOSE_RETURN_IF_ERROR(traces->Append(TrackingTraceHeader()));
   ProgressLine progress(context);
   std::vector<TrackingBenchBlock> blocks;
   absl::Status trace_status;
@@ -87,11 +64,8 @@ absl::Status RunTracking(const TrackingArguments& arguments, CliContext& context
   };
   EVPOSE_RETURN_IF_ERROR(RunTrackingBench(options, on_block, on_progress));
   EVPOSE_RETURN_IF_ERROR(trace_status);
-  if (traces) EVPOSE_RETURN_IF_ERROR(traces->Commit());
-  if (csv) {
-    EVPOSE_RETURN_IF_ERROR(csv->Append(TrackingCsv(blocks, options.num_paths)));
-    EVPOSE_RETURN_IF_ERROR(csv->Commit());
-  }
+  EVPOSE_RETURN_IF_ERROR(FinishOutput(traces, ""));
+  EVPOSE_RETURN_IF_ERROR(FinishOutput(csv, TrackingCsv(blocks, options.num_paths)));
   if (arguments.is_json) context.out << TrackingJson(blocks, options).dump(2) << "\n";
   return absl::OkStatus();
 }
@@ -109,30 +83,20 @@ std::string EstimatorList() {
 CommandRunner AddBenchTrackingCommand(CLI::App& app, CliContext& context) {
   auto arguments = std::make_shared<TrackingArguments>();
   app.add_flag("--list", arguments->is_list, "Print the scenarios, one per line");
-  app.add_option("--scenarios", arguments->scenarios, "Run only these scenarios")
-      ->delimiter(',')
-      ->type_name("NAME,...");
-  app.add_option("--estimators", arguments->estimators, "Run only these estimators")
-      ->delimiter(',')
-      ->type_name("NAME,...");
-  app.add_option("--seeds", arguments->num_seeds,
-                 "Number of seeds of the sensor, the noise and the textures of each scenario")
-      ->check(CLI::Range(1, 1000))
-      ->capture_default_str();
-  app.add_option("--paths", arguments->num_paths, "Number of motions; each seed is run on each of them")
-      ->check(CLI::Range(1, 1000))
-      ->capture_default_str();
-  app.add_option("--duration", arguments->duration_s,
-                 "Maximum length of a recording, seconds; 0: as long as the scenario is")
-      ->check(CLI::Range(0.0, 1800.0))
-      ->capture_default_str();
-  app.add_option("--recordings", arguments->recordings, "Directory where the simulated recordings are kept and reused")
+  AddNames(app, "--scenarios", arguments->options.scenarios, "Run only these scenarios");
+  AddNames(app, "--estimators", arguments->options.estimators, "Run only these estimators");
+  AddOption(app, "--seeds", arguments->options.num_seeds,
+            "Number of seeds of the sensor, the noise and the textures of each scenario", CLI::Range(1, 1000));
+  AddOption(app, "--paths", arguments->options.num_paths, "Number of motions; each seed is run on each of them",
+            CLI::Range(1, 1000));
+  AddOption(app, "--duration", arguments->duration_s,
+            "Maximum length of a recording, seconds; 0: as long as the scenario is", CLI::Range(0.0, 1800.0));
+  app.add_option("--recordings", arguments->options.recordings,
+                 "Directory where the simulated recordings are kept and reused")
       ->type_name("DIR");
-  app.add_option("--csv", arguments->csv, "CSV file with a line for each run; it appears only when it is complete")
-      ->type_name("FILE");
-  app.add_option("--traces", arguments->traces,
-                 "CSV file with poses and errors over time, of the first run of each scenario")
-      ->type_name("FILE");
+  AddFile(app, "--csv", arguments->csv, "CSV file with a line for each run; it appears only when it is complete");
+  AddFile(app, "--traces", arguments->traces,
+          "CSV file with poses and errors over time, of the first run of each scenario");
   app.add_flag("--json", arguments->is_json, "Print one JSON object on standard output, at the end");
   app.footer(absl::StrCat(kTrackingTableHelp,
                           "tests/bench/plot.py draws the files of --json and --traces.\n\nEstimators:\n",

@@ -1,12 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "client/bench/bench_tracking_files.h"
-
 #include <cmath>
 #include <numbers>
 #include <utility>
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
+#include "client/bench/bench_tracking_output.h"
 #include "core/evaluation/consistency.h"
 #include "core/numerics/math.h"
 
@@ -40,8 +39,6 @@ std::vector<std::pair<const char*, double>> Numbers(const TrackingScore& score, 
           {"compute_ratio", score.compute_ratio}};
 }
 
-Json Number(double value) { return std::isfinite(value) ? Json(value) : Json(); }
-
 Json RunsJson(const TrackingBenchRow& row, int num_paths) {
   Json runs = Json::array();
   for (size_t i = 0; i < row.scores.size(); ++i) {
@@ -49,22 +46,23 @@ Json RunsJson(const TrackingBenchRow& row, int num_paths) {
     run["seed"] = 1 + static_cast<int>(i) / num_paths;
     run["path"] = 1 + static_cast<int>(i) % num_paths;
     for (const auto& [name, value] : Numbers(row.scores[i], SummariseConsistency(row.scores[i].nees)))
-      run[name] = Number(value);
+      run[name] = value;
     runs.push_back(std::move(run));
   }
   return runs;
 }
 
+// Infinite numbers and NaN are null in the text of a JSON object.
 Json SummaryJson(const TrackingSummary& s) {
   Json json;
   json["runs"] = s.num_runs;
-  for (const auto& [name, value] : Numbers(s.overall, s.consistency)) json[name] = Number(value);
+  for (const auto& [name, value] : Numbers(s.overall, s.consistency)) json[name] = value;
   json.erase("poses");
   json["losses"] = s.overall.losses;
-  json["worst"] = {{"position_rmse_of_depth", Number(s.worst.position_rmse_of_depth)},
-                   {"rotation_median_deg", Number(kDegreesPerRadian * s.worst.rotation_median_rad)},
-                   {"rotation_p95_deg", Number(kDegreesPerRadian * s.worst.rotation_p95_rad)},
-                   {"coverage_ratio", Number(s.worst.coverage_ratio)}};
+  json["worst"] = {{"position_rmse_of_depth", s.worst.position_rmse_of_depth},
+                   {"rotation_median_deg", kDegreesPerRadian * s.worst.rotation_median_rad},
+                   {"rotation_p95_deg", kDegreesPerRadian * s.worst.rotation_p95_rad},
+                   {"coverage_ratio", s.worst.coverage_ratio}};
   return json;
 }
 
@@ -83,9 +81,9 @@ Json TargetChecksJson(const std::vector<TargetCheck>& checks) {
   Json json = Json::array();
   for (const TargetCheck& check : checks) {
     json.push_back({{"name", check.name},
-                    {"value", Number(check.value)},
-                    {"low", Number(check.low)},
-                    {"high", Number(check.high)},
+                    {"value", check.value},
+                    {"low", check.low},
+                    {"high", check.high},
                     {"unit", check.unit},
                     {"is_met", check.is_met()}});
   }
@@ -114,10 +112,7 @@ std::string TrackingCsv(const std::vector<TrackingBenchBlock>& blocks, int num_p
 }
 
 Json TrackingJson(const std::vector<TrackingBenchBlock>& blocks, const TrackingBenchOptions& options) {
-  Json json;
-  json["seeds"] = options.num_seeds;
-  json["paths"] = options.num_paths;
-  json["scenarios"] = Json::array();
+  Json json = {{"seeds", options.num_seeds}, {"paths", options.num_paths}, {"scenarios", Json::array()}};
   for (const TrackingBenchBlock& block : blocks) {
     Json scenario;
     scenario["scenario"] = block.scenario.name;

@@ -1,7 +1,4 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "client/bench/bench_tracking_table.h"
-
-#include <algorithm>
 #include <cmath>
 #include <string>
 #include <vector>
@@ -9,6 +6,7 @@
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 #include "absl/strings/str_join.h"
+#include "client/bench/bench_tracking_output.h"
 #include "client/cli/common/table_cell.h"
 #include "core/numerics/math.h"
 
@@ -43,19 +41,6 @@ std::vector<std::string> RowCells(const TrackingBenchRow& row) {
           Cell(1e3 * s.longest_wrong_tracking_s, 0),
           Cell(1e3 * s.right_untracked_s, 0),
           Cell(s.compute_ratio, 2)};
-}
-
-// Prints columns as wide as their widest cells; the first one is left-aligned, numbers are right-aligned.
-void PrintTable(const std::vector<std::vector<std::string>>& lines, std::ostream& out) {
-  std::vector<size_t> widths(lines.front().size(), 0);
-  for (const auto& line : lines) {
-    for (size_t i = 0; i < line.size(); ++i) widths[i] = std::max(widths[i], line[i].size());
-  }
-  for (const auto& line : lines) {
-    out << absl::StrFormat("  %-*s", widths[0], line[0]);
-    for (size_t i = 1; i < line.size(); ++i) out << absl::StrFormat("  %*s", widths[i], line[i]);
-    out << "\n";
-  }
 }
 
 std::string Bound(const TargetCheck& check) {
@@ -124,7 +109,7 @@ void PrintTrackingBlock(const TrackingBenchBlock& block, int num_paths, std::ost
       {"",       "losses", "%",   "ms", "mm", "mm",     "mm",   "mm", "depth", "%",  "mean",
        "median", "p95",    "max", "Hz", "%",  "median", "95 %", "ms", "once",  "ms", "CPU"}};
   for (const TrackingBenchRow& row : block.rows) lines.push_back(RowCells(row));
-  PrintTable(lines, out);
+  PrintTable(lines, "  ", out);
   for (const TrackingBenchRow& row : block.rows) PrintTargetChecks(row, out);
   if (num_runs > 1) out << "  worst runs: " << WorstText(block, num_paths) << "\n";
   out << "\n";

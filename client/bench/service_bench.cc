@@ -1,13 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "client/bench/service_bench.h"
 
-#include <unistd.h>
-
 #include <algorithm>
 #include <cstring>
 #include <limits>
 #include <map>
-#include <optional>
 #include <thread>
 #include <utility>
 
@@ -34,8 +31,6 @@ constexpr int kMostSessions = 64;
 constexpr int kMaxSessions = 128;
 // Number of sessions after the first one, over which the growth of memory is averaged.
 constexpr int kSessionsInMemory = 8;
-
-double SecondsSince(absl::Time begin) { return absl::ToDoubleSeconds(SystemClock().Now() - begin); }
 
 // The scenes on which a part is measured.
 std::vector<std::string> ScenesOf(const std::string& part) {
@@ -173,25 +168,21 @@ class ServiceBench {
     return absl::OkStatus();
   }
 
-  ServiceRow Row(const std::string& part, const std::string& what) const {
-    return {part, what, recording().scene, recording().RateMevPerS(), recording().events.size(), {}, {}, false};
+  // `measure`: ServiceRow::measure.
+  absl::Status Report(const std::string& part, const std::string& what, const std::string& measure,
+                      const std::vector<NamedNumber>& numbers, bool more_is_better = false) const {
+    on_row_({part, what, recording().scene, recording().RateMevPerS(), recording().events.size(), numbers, measure,
+             more_is_better});
+    return absl::OkStatus();
   }
   const SpeedRecording& recording() const { return input_->recording; }
   const EncodedRecording& encoded() const { return input_->encoded; }
   double SensorSeconds() const { return 1e-6 * static_cast<double>(recording().duration_us); }
   double GigaEvents() const { return 1e-9 * static_cast<double>(recording().events.size()); }
 
-  BenchSessionOptions SessionOptions() const {
-    BenchSessionOptions options;
-    options.is_cancelled = [this] { return context_.IsInterrupted(); };
-    return options;
-  }
-
-  // nullopt if the process of the server is unknown.
-  absl::StatusOr<std::optional<double>> ServerSeconds() const {
-    if (server_.pid == 0) return std::nullopt;
-    EVPOSE_ASSIGN_OR_RETURN(const double seconds, ProcessorSeconds(server_.pid));
-    return seconds;
+  // 0 if the process of the server is unknown.
+  absl::StatusOr<double> ServerSeconds() const {
+    return server_.pid == 0 ? absl::StatusOr<double>(0.0) : ProcessorSeconds(server_.pid);
   }
 
   // Bytes per second over loopback with both sides in this process, and the ratio to copying the bytes.
@@ -219,25 +210,20 @@ class ServiceBench {
         chunk.bytes.resize(size);
         return chunk;
       };
-      TrackOptions track_options;
-      track_options.retry.max_outage = absl::ZeroDuration();
-      EVPOSE_ASSIGN_OR_RETURN(const double begin_s, ProcessorSeconds(getpid()));
+      const TrackOptions track_options = {.retry = {.max_outage = absl::ZeroDuration()}};
+      const double begin_s = SecondsOfClock(CLOCK_PROCESS_CPUTIME_ID);
       const absl::Time begin = SystemClock().Now();
       EVPOSE_ASSIGN_OR_RETURN(const TrackSummary summary,
                               sink->client().Track(TransportSink::session(), next_chunk, {}, track_options));
-      wall_s = std::min(wall_s, SecondsSince(begin));
-      EVPOSE_ASSIGN_OR_RETURN(const double end_s, ProcessorSeconds(getpid()));
-      processor_s = std::min(processor_s, end_s - begin_s);
+      wall_s = std::min(wall_s, absl::ToDoubleSeconds(SystemClock().Now() - begin));
+      processor_s = std::min(processor_s, SecondsOfClock(CLOCK_PROCESS_CPUTIME_ID) - begin_s);
       if (summary.health.received_bytes != num_bytes) return absl::InternalError("transport: bytes are missing");
     }
-    ServiceRow row = Row("transport", "gRPC");
     const double giga_bytes = 1e-9 * static_cast<double>(num_bytes);
-    row.numbers = {{"mb_per_s", 1e3 * giga_bytes / wall_s},
+    return Report("transport", "gRPC", "memcpy_ratio",
+                  {{"mb_per_s", 1e3 * giga_bytes / wall_s},
                    {"cpu_s_per_gb", processor_s / giga_bytes},
-                   {"memcpy_ratio", processor_s / copy_s}};
-    row.measure = "memcpy_ratio";
-    on_row_(row);
-    return absl::OkStatus();
+                   {"memcpy_ratio", processor_s / copy_s}});
   }
 
   // Processor time of the tracker without a server, in this thread.
@@ -258,30 +244,22 @@ class ServiceBench {
       if (!Continues("path")) return absl::CancelledError("interrupted");
       EVPOSE_ASSIGN_OR_RETURN(const double tracker_once_s, TrackerSeconds());
       tracker_s = std::min(tracker_s, tracker_once_s);
-      StreamTimes times;
-      BenchSessionOptions session_options = SessionOptions();
-      session_options.times = &times;
       EVPOSE_ASSIGN_OR_RETURN(const auto session, BenchSession::Create(*server_.client, config_));
-      EVPOSE_ASSIGN_OR_RETURN(const double client_begin_s, ProcessorSeconds(getpid()));
-      EVPOSE_ASSIGN_OR_RETURN(const std::optional<double> server_begin_s, ServerSeconds());
-      EVPOSE_RETURN_IF_ERROR(Stream(*session, session_options));
+      const double client_begin_s = SecondsOfClock(CLOCK_PROCESS_CPUTIME_ID);
+      EVPOSE_ASSIGN_OR_RETURN(const double server_begin_s, ServerSeconds());
+      EVPOSE_ASSIGN_OR_RETURN(const StreamTimes times, Stream(*session, /*rate=*/0.0));
       wall_s = std::min(wall_s, absl::ToDoubleSeconds(times.end - times.begin));
-      EVPOSE_ASSIGN_OR_RETURN(const double client_end_s, ProcessorSeconds(getpid()));
-      EVPOSE_ASSIGN_OR_RETURN(const std::optional<double> server_end_s, ServerSeconds());
-      client_s = std::min(client_s, client_end_s - client_begin_s);
-      if (server_end_s) server_s = std::min(server_s, *server_end_s - *server_begin_s);
+      client_s = std::min(client_s, SecondsOfClock(CLOCK_PROCESS_CPUTIME_ID) - client_begin_s);
+      EVPOSE_ASSIGN_OR_RETURN(const double server_end_s, ServerSeconds());
+      server_s = std::min(server_s, server_end_s - server_begin_s);
     }
-    ServiceRow row = Row("path", "EVT3");
     const double mev = 1e3 * GigaEvents();
-    row.numbers = {{"mev_per_s", mev / wall_s},
-                   {"tracker_mev_per_s", mev / tracker_s},
-                   {"tracker_ratio", tracker_s / wall_s},
-                   {"client_cpu_s_per_gev", client_s / GigaEvents()}};
-    if (server_.pid != 0) row.numbers.push_back({"server_cpu_s_per_gev", server_s / GigaEvents()});
-    row.measure = "tracker_ratio";
-    row.more_is_better = true;
-    on_row_(row);
-    return absl::OkStatus();
+    std::vector<NamedNumber> numbers = {{"mev_per_s", mev / wall_s},
+                                        {"tracker_mev_per_s", mev / tracker_s},
+                                        {"tracker_ratio", tracker_s / wall_s},
+                                        {"client_cpu_s_per_gev", client_s / GigaEvents()}};
+    if (server_.pid != 0) numbers.push_back({"server_cpu_s_per_gev", server_s / GigaEvents()});
+    return Report("path", "EVT3", "tracker_ratio", numbers, /*more_is_better=*/true);
   }
 
   // Streams in real time, in chunks of 1 ms.
@@ -289,29 +267,22 @@ class ServiceBench {
     Latencies latencies;
     for (int i = 0; i < options_.num_repetitions; ++i) {
       if (!Continues("latency")) return absl::CancelledError("interrupted");
-      StreamTimes times;
-      BenchSessionOptions session_options = SessionOptions();
-      session_options.rate = 1.0;
-      session_options.times = &times;
       EVPOSE_ASSIGN_OR_RETURN(const auto session, BenchSession::Create(*server_.client, config_));
-      EVPOSE_RETURN_IF_ERROR(Stream(*session, session_options));
+      EVPOSE_ASSIGN_OR_RETURN(const StreamTimes times, Stream(*session, /*rate=*/1.0));
       latencies.Add(times);
     }
     if (latencies.after_chunk_ms.empty()) {
       return absl::InternalError("latency: the recording has only one window: give a longer --duration");
     }
-    ServiceRow row = Row("latency", "--rate 1");
-    row.numbers.push_back({"poses", static_cast<double>(latencies.after_chunk_ms.size())});
-    AddPercentiles("chunk", std::move(latencies.after_chunk_ms), row.numbers);
-    AddPercentiles("window", std::move(latencies.after_window_ms), row.numbers);
-    AddPercentiles("server", std::move(latencies.of_server_ms), row.numbers);
-    row.measure = "window_p50_ms";
-    on_row_(row);
-    return absl::OkStatus();
+    std::vector<NamedNumber> numbers = {{"poses", static_cast<double>(latencies.after_chunk_ms.size())}};
+    AddPercentiles("chunk", std::move(latencies.after_chunk_ms), numbers);
+    AddPercentiles("window", std::move(latencies.after_window_ms), numbers);
+    AddPercentiles("server", std::move(latencies.of_server_ms), numbers);
+    return Report("latency", "--rate 1", "window_p50_ms", numbers);
   }
 
-  absl::Status Stream(BenchSession& session, const BenchSessionOptions& options) const {
-    return session.Stream(encoded(), recording().events.size(), options);
+  absl::StatusOr<StreamTimes> Stream(BenchSession& session, double rate) const {
+    return session.Stream(encoded(), recording().events.size(), rate, [this] { return context_.IsInterrupted(); });
   }
 
   using ManySessions = std::vector<std::unique_ptr<BenchSession>>;
@@ -330,8 +301,9 @@ class ServiceBench {
     {
       std::vector<std::jthread> threads;
       for (size_t i = 0; i < sessions.size(); ++i) {
-        threads.emplace_back(
-            [this, &session = *sessions[i], &status = statuses[i]] { status = Stream(session, SessionOptions()); });
+        threads.emplace_back([this, &session = *sessions[i], &status = statuses[i]] {
+          status = Stream(session, /*rate=*/0.0).status();
+        });
       }
     }
     for (const absl::Status& status : statuses) EVPOSE_RETURN_IF_ERROR(status);
@@ -352,17 +324,14 @@ class ServiceBench {
         create_s = std::min(create_s, (begin_s - idle_s) / num_sessions);
         EVPOSE_RETURN_IF_ERROR(StreamAll(sessions));
         EVPOSE_ASSIGN_OR_RETURN(const double end_s, ProcessorSeconds(server_.pid));
-
         server_s = std::min(server_s, (end_s - begin_s) / num_sessions);
       }
       if (num_sessions == 1) one_s = server_s;
-      ServiceRow row = Row("sessions", absl::StrCat(num_sessions));
-      row.numbers = {{"server_real_time_ratio", server_s / SensorSeconds()},
-                     {"to_one_ratio", server_s / one_s},
-                     {"create_cpu_ms", 1e3 * create_s}};
-
-      row.measure = num_sessions == 1 ? "server_real_time_ratio" : "to_one_ratio";
-      on_row_(row);
+      const char* const measure = num_sessions == 1 ? "server_real_time_ratio" : "to_one_ratio";
+      EVPOSE_RETURN_IF_ERROR(Report("sessions", absl::StrCat(num_sessions), measure,
+                                    {{"server_real_time_ratio", server_s / SensorSeconds()},
+                                     {"to_one_ratio", server_s / one_s},
+                                     {"create_cpu_ms", 1e3 * create_s}}));
     }
     return absl::OkStatus();
   }
@@ -379,13 +348,10 @@ class ServiceBench {
     EVPOSE_ASSIGN_OR_RETURN(const ManySessions others, CreateSessions(kSessionsInMemory));
     EVPOSE_RETURN_IF_ERROR(StreamAll(others));
     EVPOSE_ASSIGN_OR_RETURN(const ProcessMemory with_all, MemoryOf(server_.pid));
-    ServiceRow row = Row("memory", absl::StrCat("1+", kSessionsInMemory));
-    row.numbers = {{"server_mb", idle.resident_mb},
+    return Report("memory", absl::StrCat("1+", kSessionsInMemory), "mb_per_session",
+                  {{"server_mb", idle.resident_mb},
                    {"first_session_mb", with_first.peak_mb - idle.resident_mb},
-                   {"mb_per_session", (with_all.peak_mb - with_first.peak_mb) / kSessionsInMemory}};
-    row.measure = "mb_per_session";
-    on_row_(row);
-    return absl::OkStatus();
+                   {"mb_per_session", (with_all.peak_mb - with_first.peak_mb) / kSessionsInMemory}});
   }
 
   const ServiceBenchOptions& options_;
@@ -401,12 +367,6 @@ class ServiceBench {
 };
 
 }  // namespace
-
-const std::vector<std::string>& ServiceParts() {
-  static const std::vector<std::string>* const parts =
-      new std::vector<std::string>{"transport", "path", "latency", "sessions", "memory"};
-  return *parts;
-}
 
 absl::Status RunServiceBench(const ServiceBenchOptions& options, CliContext& context,
                              const std::function<void(const ServiceRow&)>& on_row, const SpeedProgress& on_progress) {

@@ -54,7 +54,7 @@ std::string FullName(const CLI::App& command) {
 }
 
 // Reports an unknown command, which the parser would report as a missing one. Returns whether there was one.
-bool TellUnknownCommand(const CLI::App& app, const std::vector<std::string>& arguments, std::ostream& err) {
+bool ReportUnknownCommand(const CLI::App& app, const std::vector<std::string>& arguments, std::ostream& err) {
   const CLI::App* parent = &app;
   for (const std::string& word : arguments) {
     const std::vector<const CLI::App*> commands = parent->get_subcommands([](const CLI::App*) { return true; });
@@ -101,7 +101,7 @@ int RunCli(const std::vector<std::string>& arguments, CliContext& context) {
   try {
     const CommandRunners runners = AddCommands(app, context);
     for (const auto& [command, run] : runners) command->get_parent()->require_subcommand(1);
-    if (TellUnknownCommand(app, arguments, context.err)) return kWrongUsage;
+    if (ReportUnknownCommand(app, arguments, context.err)) return kWrongUsage;
     std::vector<std::string> reversed(arguments.rbegin(), arguments.rend());
     try {
       app.parse(std::move(reversed));

@@ -22,9 +22,13 @@
 namespace evpose::client {
 namespace {
 
-constexpr size_t kUploadPieceBytes = 256 * 1024;
+using Admin = v1::AdminService::StubInterface;
+using Models = v1::ModelService::StubInterface;
+using Sessions = v1::SessionService::StubInterface;
+
+constexpr size_t kUploadPieceBytes = 256 * 1024;     // as the chunks of a recording
 constexpr size_t kMaxModelBytes = size_t{64} << 20;  // the default limit of a server
-constexpr int kPageSize = 500;
+constexpr int kPageSize = 500;                       // XXX
 // Time for which each server is waited for in turn.
 constexpr absl::Duration kConnectSlice = absl::Milliseconds(100);
 // ServerInfo::store of a server that loses its sessions when it ends.
@@ -100,9 +104,8 @@ absl::StatusOr<std::unique_ptr<Client>> Client::Connect(const std::string& addre
                                              "; is evpose-server running there? (", info.status().message(), ")"));
 }
 
-std::unique_ptr<Client> ClientAccess::OverChannel(std::shared_ptr<grpc::Channel> channel, const std::string& name,
-                                                  const ClientOptions& options) {
-  std::unique_ptr<Client> client(new Client(options));
+std::unique_ptr<Client> ClientAccess::OverChannel(std::shared_ptr<grpc::Channel> channel, const std::string& name) {
+  std::unique_ptr<Client> client(new Client(ClientOptions()));
   client->impl_->AddEndpoint(std::move(channel), name);
   return client;
 }
@@ -142,10 +145,7 @@ bool Client::Impl::WaitForServerUntil(absl::Time deadline) {
 }
 
 absl::StatusOr<ServerInfo> Client::GetServerInfo() {
-  EVPOSE_ASSIGN_OR_RETURN(const v1::ServerInfo info,
-                          impl_->Unary<v1::ServerInfo>([this](auto* context, auto* response) {
-                            return impl_->endpoint().admin->GetServerInfo(context, {}, response);
-                          }));
+  EVPOSE_ASSIGN_OR_RETURN(const v1::ServerInfo info, impl_->Unary(&Impl::Endpoint::admin, &Admin::GetServerInfo, {}));
   return FromProto(info);
 }
 
@@ -153,9 +153,7 @@ absl::StatusOr<uint32_t> Client::Drain(std::optional<absl::Duration> timeout) {
   v1::DrainRequest request;
   if (timeout) *request.mutable_timeout() = ToProto(*timeout);
   EVPOSE_ASSIGN_OR_RETURN(const v1::DrainResponse response,
-                          impl_->Unary<v1::DrainResponse>([this, &request](auto* context, auto* answer) {
-                            return impl_->endpoint().admin->Drain(context, request, answer);
-                          }));
+                          impl_->Unary(&Impl::Endpoint::admin, &Admin::Drain, request));
   return response.remaining_sessions();
 }
 
@@ -163,9 +161,7 @@ absl::StatusOr<LogLevel> Client::SetLogLevel(LogLevel level) {
   v1::SetLogLevelRequest request;
   request.set_level(ToProto(level));
   EVPOSE_ASSIGN_OR_RETURN(const v1::SetLogLevelResponse response,
-                          impl_->Unary<v1::SetLogLevelResponse>([this, &request](auto* context, auto* answer) {
-                            return impl_->endpoint().admin->SetLogLevel(context, request, answer);
-                          }));
+                          impl_->Unary(&Impl::Endpoint::admin, &Admin::SetLogLevel, request));
   return FromProto(response.previous_level());
 }
 
@@ -212,34 +208,24 @@ absl::StatusOr<ModelInfo> Client::UploadModelFile(const std::string& path, doubl
 absl::StatusOr<ModelInfo> Client::GetModel(const std::string& name) {
   v1::GetModelRequest request;
   request.set_name(name);
-  EVPOSE_ASSIGN_OR_RETURN(const v1::Model model, impl_->Unary<v1::Model>([&](auto* context, auto* response) {
-    return impl_->endpoint().models->GetModel(context, request, response);
-  }));
+  EVPOSE_ASSIGN_OR_RETURN(const v1::Model model, impl_->Unary(&Impl::Endpoint::models, &Models::GetModel, request));
   return FromProto(model);
 }
 
 absl::StatusOr<std::vector<ModelInfo>> Client::ListModels() {
   std::vector<ModelInfo> models;
-  EVPOSE_RETURN_IF_ERROR((impl_->AllPages<v1::ListModelsRequest, v1::ListModelsResponse>(
-      kPageSize,
-      [this](auto* context, const auto& request, auto* response) {
-        return impl_->endpoint().models->ListModels(context, request, response);
-      },
-      [&models](const v1::ListModelsResponse& page) {
-        for (const v1::Model& model : page.models()) models.push_back(FromProto(model));
-        return absl::OkStatus();
-      })));
+  const auto append = [&models](const v1::ListModelsResponse& page) {
+    for (const v1::Model& model : page.models()) models.push_back(FromProto(model));
+    return absl::OkStatus();
+  };
+  EVPOSE_RETURN_IF_ERROR(impl_->AllPages(&Impl::Endpoint::models, &Models::ListModels, kPageSize, append));
   return models;
 }
 
 absl::Status Client::DeleteModel(const std::string& name) {
   v1::DeleteModelRequest request;
   request.set_name(name);
-  return impl_
-      ->Unary<google::protobuf::Empty>([&](auto* context, auto* response) {
-        return impl_->endpoint().models->DeleteModel(context, request, response);
-      })
-      .status();
+  return impl_->Unary(&Impl::Endpoint::models, &Models::DeleteModel, request).status();
 }
 
 absl::StatusOr<Session> Client::CreateSession(const SessionConfig& config, const std::string& request_id) {
@@ -247,35 +233,28 @@ absl::StatusOr<Session> Client::CreateSession(const SessionConfig& config, const
   request.set_request_id(request_id);
   *request.mutable_config() = ToProto(config);
   EVPOSE_ASSIGN_OR_RETURN(const v1::CreateSessionResponse created,
-                          impl_->Unary<v1::CreateSessionResponse>([&](auto* context, auto* response) {
-                            return impl_->endpoint().sessions->CreateSession(context, request, response);
-                          }));
+                          impl_->Unary(&Impl::Endpoint::sessions, &Sessions::CreateSession, request));
   return FromProto(created);
 }
 
 absl::StatusOr<Session> Client::GetSession(const std::string& name) {
   v1::GetSessionRequest request;
   request.set_name(name);
-  EVPOSE_ASSIGN_OR_RETURN(const v1::Session session, impl_->Unary<v1::Session>([&](auto* context, auto* response) {
-    return impl_->endpoint().sessions->GetSession(context, request, response);
-  }));
+  EVPOSE_ASSIGN_OR_RETURN(const v1::Session session,
+                          impl_->Unary(&Impl::Endpoint::sessions, &Sessions::GetSession, request));
   return FromProto(session);
 }
 
 absl::StatusOr<std::vector<Session>> Client::ListSessions() {
   std::vector<Session> sessions;
-  EVPOSE_RETURN_IF_ERROR((impl_->AllPages<v1::ListSessionsRequest, v1::ListSessionsResponse>(
-      kPageSize,
-      [this](auto* context, const auto& request, auto* response) {
-        return impl_->endpoint().sessions->ListSessions(context, request, response);
-      },
-      [&sessions](const v1::ListSessionsResponse& page) {
-        for (const v1::Session& message : page.sessions()) {
-          EVPOSE_ASSIGN_OR_RETURN(Session session, FromProto(message));
-          sessions.push_back(std::move(session));
-        }
-        return absl::OkStatus();
-      })));
+  const auto append = [&sessions](const v1::ListSessionsResponse& page) {
+    for (const v1::Session& message : page.sessions()) {
+      EVPOSE_ASSIGN_OR_RETURN(Session session, FromProto(message));
+      sessions.push_back(std::move(session));
+    }
+    return absl::OkStatus();
+  };
+  EVPOSE_RETURN_IF_ERROR(impl_->AllPages(&Impl::Endpoint::sessions, &Sessions::ListSessions, kPageSize, append));
   return sessions;
 }
 
@@ -283,11 +262,7 @@ absl::Status Client::DeleteSession(const std::string& name) {
   v1::DeleteSessionRequest request;
   request.set_name(name);
   request.set_allow_missing(true);
-  return impl_
-      ->Unary<google::protobuf::Empty>([&](auto* context, auto* response) {
-        return impl_->endpoint().sessions->DeleteSession(context, request, response);
-      })
-      .status();
+  return impl_->Unary(&Impl::Endpoint::sessions, &Sessions::DeleteSession, request).status();
 }
 
 }  // namespace evpose::client

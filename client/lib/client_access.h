@@ -16,8 +16,7 @@ namespace evpose::client {
 
 struct ClientAccess {
   // Uses an existing channel, for example that of a server in this process. `name` is the prefix of error messages.
-  static std::unique_ptr<Client> OverChannel(std::shared_ptr<grpc::Channel> channel, const std::string& name,
-                                             const ClientOptions& options = {});
+  static std::unique_ptr<Client> OverChannel(std::shared_ptr<grpc::Channel> channel, const std::string& name);
   // Client::Track() with a feed of the caller, from any position of a session. Stops the feed.
   static absl::StatusOr<TrackSummary> Track(Client& client, const TrackPosition& position, EventFeed& feed,
                                             const TrackCallbacks& callbacks, const TrackOptions& options = {});

@@ -11,6 +11,7 @@
 #include <memory>
 #include <mutex>
 #include <string>
+#include <type_traits>
 #include <vector>
 
 #include "absl/base/thread_annotations.h"
@@ -52,27 +53,28 @@ struct Client::Impl {
   // Uploads a model once. Error: ABORTED if another server has deleted it during the upload.
   absl::StatusOr<ModelInfo> TryUpload(absl::Span<const uint8_t> bytes, const UploadOptions& upload);
 
-  // Makes one call with the deadline of the options: `call(context, response)`.
-  template <typename Response, typename Call>
-  absl::StatusOr<Response> Unary(const Call& call) {
+  // Makes one call with the deadline of the options: `method` of the member `stub` of the current endpoint.
+  template <typename Stub, typename Request, typename Response>
+  absl::StatusOr<Response> Unary(std::unique_ptr<Stub> Endpoint::*stub,
+                                 grpc::Status (Stub::*method)(grpc::ClientContext*, const Request&, Response*),
+                                 const std::type_identity_t<Request>& request) {
     grpc::ClientContext context;
     context.set_deadline(absl::ToChronoTime(absl::Now() + options.call_timeout));
     Response response;
-    const grpc::Status status = call(&context, &response);
+    const grpc::Status status = ((*(endpoint().*stub)).*method)(&context, request, &response);
     if (!status.ok()) return FromGrpc(status, endpoint().name);
     return response;
   }
 
-  // Requests all pages of a list of at most `page_size` items: `call(context, request, response)`, then
-  // `append(response)` for each page.
-  template <typename Request, typename Response, typename Call, typename Append>
-  absl::Status AllPages(int page_size, const Call& call, const Append& append) {
+  // Requests all pages of a list of at most `page_size` items, and calls `append(response)` for each page.
+  template <typename Stub, typename Request, typename Response, typename Append>
+  absl::Status AllPages(std::unique_ptr<Stub> Endpoint::*stub,
+                        grpc::Status (Stub::*method)(grpc::ClientContext*, const Request&, Response*), int page_size,
+                        const Append& append) {
     Request request;
     request.set_page_size(page_size);
     do {
-      EVPOSE_ASSIGN_OR_RETURN(const Response response, Unary<Response>([&](auto* context, Response* page) {
-                                return call(context, request, page);
-                              }));
+      EVPOSE_ASSIGN_OR_RETURN(const Response response, Unary(stub, method, request));
       EVPOSE_RETURN_IF_ERROR(append(response));
       request.set_page_token(response.next_page_token());
     } while (!request.page_token().empty());

@@ -19,39 +19,42 @@
 namespace evpose::client {
 namespace {
 
-// Reads one stream of responses to its end. `start(context)` begins the call; an error of `handle(response)` means that
-// the response is invalid, and cancels the call.
-template <typename Response, typename Start, typename Handle>
-absl::Status ReadToEnd(const std::string& server, const Start& start, const Handle& handle,
-                       const std::stop_token& stop) {
-  grpc::ClientContext context;
-  const std::unique_ptr<grpc::ClientReaderInterface<Response>> reader = start(&context);
-  const std::stop_callback cancel_on_stop(stop, [&context] { context.TryCancel(); });
-  Response response;
-  absl::Status invalid;
-  while (invalid.ok() && reader->Read(&response)) invalid = handle(response);
-  if (!invalid.ok()) context.TryCancel();
-  const grpc::Status status = reader->Finish();
-  if (!invalid.ok()) return absl::InternalError(absl::StrCat(server, ": ", invalid.message()));
-  return FromGrpc(status, server);
+using Sessions = v1::SessionService::StubInterface;
+template <typename Response>
+using ResponseReader = std::unique_ptr<grpc::ClientReaderInterface<Response>>;
+
+// Reads a stream of responses until the session has ended, also after it has moved to another server, to which the
+// present `request` is sent. An error of `handle(response)` means that the response is invalid, and cancels the call.
+template <typename Impl, typename Request, typename Response, typename Handle>
+absl::Status Watch(const Impl& impl, ResponseReader<Response> (Sessions::*method)(grpc::ClientContext*, const Request&),
+                   const Request& request, const Handle& handle, const std::stop_token& stop) {
+  while (true) {
+    const auto& endpoint = impl.endpoint();
+    grpc::ClientContext context;
+    const ResponseReader<Response> reader = (*endpoint.sessions.*method)(&context, request);
+    const std::stop_callback cancel_on_stop(stop, [&context] { context.TryCancel(); });
+    Response response;
+    absl::Status invalid;
+    while (invalid.ok() && reader->Read(&response)) invalid = handle(response);
+    if (!invalid.ok()) context.TryCancel();
+    const absl::Status status = FromGrpc(reader->Finish(), endpoint.name);
+    if (!invalid.ok()) return absl::InternalError(absl::StrCat(endpoint.name, ": ", invalid.message()));
+    if (ReasonOf(status) != v1::FENCED || stop.stop_requested()) return status;
+  }
 }
 
 }  // namespace
 
 absl::StatusOr<TrackSummary> Client::Track(const Session& session, const ChunkSource& source,
                                            const TrackCallbacks& callbacks, const TrackOptions& options) {
-  TrackPosition position;
-  position.session = session.name;
-  position.resume_token = session.resume_token;
-  return Track(position, source, callbacks, options);
+  return Track(TrackPosition{.session = session.name, .resume_token = session.resume_token}, source, callbacks,
+               options);
 }
 
 absl::StatusOr<TrackSummary> Client::Track(const TrackPosition& position, const ChunkSource& source,
                                            const TrackCallbacks& callbacks, const TrackOptions& options) {
-  FeedOptions feed_options;
-  feed_options.rate = options.rate;
-  feed_options.clock = options.clock;
-  feed_options.skip = position.durable;
+  EVPOSE_RETURN_IF_ERROR(options.Validate());
+  const FeedOptions feed_options = {.rate = options.rate, .clock = options.clock, .skip = position.durable};
   EVPOSE_ASSIGN_OR_RETURN(const std::unique_ptr<EventFeed> feed, EventFeed::Open(source, feed_options));
   if (position.max_piece_bytes > 0) feed->Start(position.max_piece_bytes);
   return ClientAccess::Track(*this, position, *feed, callbacks, options);
@@ -110,13 +113,7 @@ absl::Status Client::WatchPoses(const std::string& session, const WatchPosesOpti
     on_poses(poses, response.num_skipped());
     return absl::OkStatus();
   };
-  absl::Status status;
-  do {
-    const Impl::Endpoint& endpoint = impl_->endpoint();
-    status = ReadToEnd<v1::WatchPosesResponse>(
-        endpoint.name, [&](auto* context) { return endpoint.sessions->WatchPoses(context, request); }, handle, stop);
-  } while (ReasonOf(status) == v1::FENCED && !stop.stop_requested());
-  return status;
+  return Watch(*impl_, &Sessions::WatchPoses, request, handle, stop);
 }
 
 absl::Status Client::WatchHealth(const std::string& session, absl::Duration period, const HealthCallback& on_health,
@@ -128,13 +125,7 @@ absl::Status Client::WatchHealth(const std::string& session, absl::Duration peri
     on_health(FromProto(response.health()));
     return absl::OkStatus();
   };
-  absl::Status status;
-  do {
-    const Impl::Endpoint& endpoint = impl_->endpoint();
-    status = ReadToEnd<v1::WatchHealthResponse>(
-        endpoint.name, [&](auto* context) { return endpoint.sessions->WatchHealth(context, request); }, handle, stop);
-  } while (ReasonOf(status) == v1::FENCED && !stop.stop_requested());
-  return status;
+  return Watch(*impl_, &Sessions::WatchHealth, request, handle, stop);
 }
 
 }  // namespace evpose::client

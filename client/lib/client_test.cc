@@ -116,7 +116,7 @@ class FakeModels final : public v1::ModelService::Service {
   v1::UploadModelRequest::Header header;
   std::string bytes;
   bool is_rejecting = false;
-  int num_deleted = 0;  // number of uploads whose model is deleted before its use
+  int num_deleted = 0;  // remaining uploads that fail because the model was deleted
 };
 
 class ModelsTest : public ::testing::Test {

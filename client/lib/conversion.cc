@@ -2,98 +2,29 @@
 #include "client/lib/conversion.h"
 
 #include <algorithm>
-#include <array>
 #include <utility>
 
+#include "absl/strings/ascii.h"
 #include "absl/strings/escaping.h"
 #include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
 #include "client/lib/core_types.h"
 #include "client/lib/status_details.h"
 #include "core/base/status_macros.h"
+#include "google/protobuf/generated_enum_reflection.h"
 #include "google/rpc/error_details.pb.h"
 #include "google/rpc/status.pb.h"
 
 namespace evpose::client {
 namespace {
 
-// Both directions of an enumeration read one table.
-constexpr std::array<std::pair<EventEncoding, v1::EventEncoding>, 5> kEncodings = {{
-    {EventEncoding::kEvt3, v1::EVENT_ENCODING_EVT3},
-    {EventEncoding::kEvt21, v1::EVENT_ENCODING_EVT21},
-    {EventEncoding::kEvt2, v1::EVENT_ENCODING_EVT2},
-    {EventEncoding::kDat, v1::EVENT_ENCODING_DAT},
-    {EventEncoding::kFlat64, v1::EVENT_ENCODING_FLAT64},
-}};
-constexpr std::array<std::pair<ModelFormat, v1::ModelFormat>, 3> kModelFormats = {{
-    {ModelFormat::kObj, v1::MODEL_FORMAT_OBJ},
-    {ModelFormat::kPly, v1::MODEL_FORMAT_PLY},
-    {ModelFormat::kStl, v1::MODEL_FORMAT_STL},
-}};
-constexpr std::array<std::pair<TrackState, v1::TrackState>, 4> kTrackStates = {{
-    {TrackState::kInitializing, v1::TRACK_STATE_INITIALIZING},
-    {TrackState::kTracking, v1::TRACK_STATE_TRACKING},
-    {TrackState::kDegraded, v1::TRACK_STATE_DEGRADED},
-    {TrackState::kLost, v1::TRACK_STATE_LOST},
-}};
-constexpr std::array<std::pair<InitializationStatus, v1::InitializationStatus>, 6> kInitializationStatuses = {{
-    {InitializationStatus::kNotNeeded, v1::INITIALIZATION_STATUS_NOT_NEEDED},
-    {InitializationStatus::kWaitingForEvents, v1::INITIALIZATION_STATUS_WAITING_FOR_EVENTS},
-    {InitializationStatus::kTooFewLines, v1::INITIALIZATION_STATUS_TOO_FEW_LINES},
-    {InitializationStatus::kNoPoseFits, v1::INITIALIZATION_STATUS_NO_POSE_FITS},
-    {InitializationStatus::kVerifying, v1::INITIALIZATION_STATUS_VERIFYING},
-    {InitializationStatus::kAmbiguous, v1::INITIALIZATION_STATUS_AMBIGUOUS},
-}};
-constexpr std::array<std::pair<LogLevel, v1::LogLevel>, 5> kLogLevels = {{
-    {LogLevel::kDebug, v1::LOG_LEVEL_DEBUG},
-    {LogLevel::kInfo, v1::LOG_LEVEL_INFO},
-    {LogLevel::kWarning, v1::LOG_LEVEL_WARNING},
-    {LogLevel::kError, v1::LOG_LEVEL_ERROR},
-    {LogLevel::kOff, v1::LOG_LEVEL_OFF},
-}};
-
-constexpr std::array<std::pair<PoseEstimator, v1::Estimator>, 6> kEstimators = {{
-    {PoseEstimator::kMixture, v1::ESTIMATOR_MIXTURE},
-    {PoseEstimator::kStaticLs, v1::ESTIMATOR_STATIC_LS},
-    {PoseEstimator::kStaticM, v1::ESTIMATOR_STATIC_M},
-    {PoseEstimator::kStaticS, v1::ESTIMATOR_STATIC_S},
-    {PoseEstimator::kStaticMm, v1::ESTIMATOR_STATIC_MM},
-    {PoseEstimator::kErrorStateFilter, v1::ESTIMATOR_ERROR_STATE_FILTER},
-}};
-constexpr std::array<std::pair<absl::string_view, v1::StoreKind>, 3> kStoreKinds = {{
-    {"memory", v1::STORE_KIND_MEMORY},
-    {"sqlite", v1::STORE_KIND_SQLITE},
-    {"redis", v1::STORE_KIND_REDIS},
-}};
-constexpr std::array<std::pair<OverloadPolicy, v1::OverloadPolicy>, 2> kOverloadPolicies = {{
-    {OverloadPolicy::kBlock, v1::OVERLOAD_POLICY_BLOCK},
-    {OverloadPolicy::kLatest, v1::OVERLOAD_POLICY_LATEST},
-}};
-constexpr std::array<std::pair<DropReason, v1::DropReason>, 3> kDropReasons = {{
-    {DropReason::kLag, v1::DROP_REASON_LAG},
-    {DropReason::kMemory, v1::DROP_REASON_MEMORY},
-    {DropReason::kReader, v1::DROP_REASON_READER},
-}};
-constexpr std::array<std::pair<SessionState, v1::SessionState>, 3> kSessionStates = {{
-    {SessionState::kDetached, v1::SESSION_STATE_DETACHED},
-    {SessionState::kAttached, v1::SESSION_STATE_ATTACHED},
-    {SessionState::kEnded, v1::SESSION_STATE_ENDED},
-}};
-
-template <typename Ours, typename Theirs, size_t kSize>
-Theirs Lookup(const std::array<std::pair<Ours, Theirs>, kSize>& table, Ours value, Theirs otherwise) {
-  for (const auto& [ours, theirs] : table) {
-    if (ours == value) return theirs;
-  }
-  return otherwise;
-}
-
-template <typename Ours, typename Theirs, size_t kSize>
-Ours ReverseLookup(const std::array<std::pair<Ours, Theirs>, kSize>& table, Theirs value, Ours otherwise) {
-  for (const auto& [ours, theirs] : table) {
-    if (theirs == value) return ours;
-  }
-  return otherwise;
+// The enumerators of the public headers have the numbers of the API (tested in conversion_test.cc). Returns `otherwise`
+// for an unspecified enumerator and for one of a later server.
+template <typename Theirs, typename Ours>
+Ours FromProto(Theirs value, Ours otherwise) {
+  const bool is_known =
+      value != 0 && google::protobuf::GetEnumDescriptor<Theirs>()->FindValueByNumber(value) != nullptr;
+  return is_known ? static_cast<Ours>(value) : otherwise;
 }
 
 absl::Time FromProto(const google::protobuf::Timestamp& time) {
@@ -106,10 +37,12 @@ absl::Duration FromProto(const google::protobuf::Duration& duration) {
 
 Eigen::Vector3d FromProto(const v1::Vector3& v) { return {v.x(), v.y(), v.z()}; }
 
-absl::StatusOr<Eigen::Matrix3d> FromProto(const v1::Quaternion& q) {
-  EVPOSE_ASSIGN_OR_RETURN(const RigidTransform transform,
-                          MakeRigidTransform(Eigen::Vector3d::Zero(), Eigen::Quaterniond(q.w(), q.x(), q.y(), q.z())));
-  return transform.rotation;
+absl::StatusOr<Transform> FromProto(const v1::RigidTransform& message) {
+  const v1::Quaternion& q = message.rotation();
+  EVPOSE_ASSIGN_OR_RETURN(
+      const RigidTransform transform,
+      MakeRigidTransform(FromProto(message.translation_m()), Eigen::Quaterniond(q.w(), q.x(), q.y(), q.z())));
+  return FromCore(transform);
 }
 
 v1::Quaternion RotationToProto(const Eigen::Matrix3d& rotation) {
@@ -120,14 +53,6 @@ v1::Quaternion RotationToProto(const Eigen::Matrix3d& rotation) {
   message.set_z(q.z());
   message.set_w(q.w());
   return message;
-}
-
-absl::StatusOr<Transform> FromProto(const v1::RigidTransform& message) {
-  const v1::Quaternion& q = message.rotation();
-  EVPOSE_ASSIGN_OR_RETURN(
-      const RigidTransform transform,
-      MakeRigidTransform(FromProto(message.translation_m()), Eigen::Quaterniond(q.w(), q.x(), q.y(), q.z())));
-  return FromCore(transform);
 }
 
 Camera FromProto(const v1::CameraModel& message) {
@@ -183,18 +108,21 @@ absl::StatusOr<TrackedObject> FromProto(const v1::TrackedObject& message) {
     EVPOSE_ASSIGN_OR_RETURN(object.initial_camera_from_object, FromProto(message.initial_camera_from_object()));
   }
   if (message.has_reference_rotation()) {
-    EVPOSE_ASSIGN_OR_RETURN(object.reference_rotation, FromProto(message.reference_rotation()));
+    v1::RigidTransform reference;
+    *reference.mutable_rotation() = message.reference_rotation();
+    EVPOSE_ASSIGN_OR_RETURN(const Transform transform, FromProto(reference));
+    object.reference_rotation = transform.rotation;
   }
   return object;
 }
 
 absl::StatusOr<SessionConfig> FromProto(const v1::SessionConfig& message) {
   SessionConfig config;
-  config.encoding = ReverseLookup(kEncodings, message.encoding(), EventEncoding::kEvt3);
+  config.encoding = FromProto(message.encoding(), EventEncoding::kEvt3);
   config.camera = FromProto(message.camera());
-  config.estimator = ReverseLookup(kEstimators, message.tracker().estimator(), PoseEstimator::kMixture);
+  config.estimator = FromProto(message.tracker().estimator(), PoseEstimator::kMixture);
   config.sensor = FromProto(message.tracker().sensor());
-  config.overload_policy = ReverseLookup(kOverloadPolicies, message.overload_policy(), OverloadPolicy::kBlock);
+  config.overload_policy = FromProto(message.overload_policy(), OverloadPolicy::kBlock);
   if (message.has_max_lag()) config.max_lag = FromProto(message.max_lag());
   for (const v1::TrackedObject& object : message.objects()) {
     EVPOSE_ASSIGN_OR_RETURN(TrackedObject converted, FromProto(object));
@@ -213,39 +141,6 @@ Eigen::Matrix<double, 6, 6> SymmetricFromUpper(const google::protobuf::RepeatedF
   return matrix;
 }
 
-// Returns " (field: description)" for each violation of a BadRequest that the message does not mention.
-std::string FieldViolations(const grpc::Status& status) {
-  google::rpc::Status details;
-  std::string text;
-  if (!details.ParseFromString(status.error_details())) return text;
-  for (const google::protobuf::Any& any : details.details()) {
-    google::rpc::BadRequest bad_request;
-    if (!any.UnpackTo(&bad_request)) continue;
-    for (const auto& violation : bad_request.field_violations()) {
-      if (absl::StrContains(status.error_message(), violation.field())) continue;
-      absl::StrAppend(&text, " (", violation.field(), ": ", violation.description(), ")");
-    }
-  }
-  return text;
-}
-
-StatusDetails DetailsOf(const grpc::Status& status) {
-  google::rpc::Status message;
-  StatusDetails details;
-  if (!message.ParseFromString(status.error_details())) return details;
-  for (const google::protobuf::Any& any : message.details()) {
-    google::rpc::BadRequest bad_request;
-    google::rpc::ErrorInfo info;
-    google::rpc::RetryInfo retry;
-    if (any.UnpackTo(&info)) details.reason = info.reason();
-    if (any.UnpackTo(&retry)) details.retry_in = FromProto(retry.retry_delay());
-    if (any.UnpackTo(&bad_request) && bad_request.field_violations_size() > 0 && details.field.empty()) {
-      details.field = bad_request.field_violations(0).field();
-    }
-  }
-  return details;
-}
-
 }  // namespace
 
 v1::ErrorReason ReasonOf(const absl::Status& status) {
@@ -255,10 +150,30 @@ v1::ErrorReason ReasonOf(const absl::Status& status) {
 
 absl::Status FromGrpc(const grpc::Status& status, const std::string& context) {
   if (status.ok()) return absl::OkStatus();
-  absl::Status result(static_cast<absl::StatusCode>(status.error_code()),
-                      absl::StrCat(context, ": ", status.error_message(), FieldViolations(status)));
-  SetDetails(result, DetailsOf(status));
+  std::string text = absl::StrCat(context, ": ", status.error_message());
+  StatusDetails details;
+  google::rpc::Status message;
+  if (!message.ParseFromString(status.error_details())) message.Clear();
+  for (const google::protobuf::Any& any : message.details()) {
+    google::rpc::BadRequest bad_request;
+    google::rpc::ErrorInfo info;
+    google::rpc::RetryInfo retry;
+    if (any.UnpackTo(&info)) details.reason = info.reason();
+    if (any.UnpackTo(&retry)) details.retry_in = FromProto(retry.retry_delay());
+    if (!any.UnpackTo(&bad_request)) continue;
+    for (const auto& violation : bad_request.field_violations()) {
+      if (details.field.empty()) details.field = violation.field();
+      if (absl::StrContains(status.error_message(), violation.field())) continue;
+      absl::StrAppend(&text, " (", violation.field(), ": ", violation.description(), ")");
+    }
+  }
+  absl::Status result(static_cast<absl::StatusCode>(status.error_code()), text);
+  SetDetails(result, details);
   return result;
+}
+
+std::string_view ApiName(std::string_view name, std::string_view prefix) {
+  return name.empty() || name.ends_with("_UNSPECIFIED") ? "UNKNOWN" : name.substr(prefix.size());
 }
 
 google::protobuf::Duration ToProto(absl::Duration duration) {
@@ -268,7 +183,7 @@ google::protobuf::Duration ToProto(absl::Duration duration) {
   return message;
 }
 
-v1::ModelFormat ToProto(ModelFormat format) { return Lookup(kModelFormats, format, v1::MODEL_FORMAT_UNSPECIFIED); }
+v1::ModelFormat ToProto(ModelFormat format) { return static_cast<v1::ModelFormat>(format); }
 
 v1::RigidTransform ToProto(const Transform& transform) {
   v1::RigidTransform message;
@@ -288,11 +203,11 @@ v1::TrackRequest::ResetPose ToProto(const PoseReset& reset) {
 
 v1::SessionConfig ToProto(const SessionConfig& config) {
   v1::SessionConfig message;
-  message.set_encoding(Lookup(kEncodings, config.encoding, v1::EVENT_ENCODING_UNSPECIFIED));
+  message.set_encoding(static_cast<v1::EventEncoding>(config.encoding));
   *message.mutable_camera() = ToProto(config.camera);
-  message.mutable_tracker()->set_estimator(Lookup(kEstimators, config.estimator, v1::ESTIMATOR_UNSPECIFIED));
+  message.mutable_tracker()->set_estimator(static_cast<v1::Estimator>(config.estimator));
   *message.mutable_tracker()->mutable_sensor() = ToProto(config.sensor);
-  message.set_overload_policy(Lookup(kOverloadPolicies, config.overload_policy, v1::OVERLOAD_POLICY_UNSPECIFIED));
+  message.set_overload_policy(static_cast<v1::OverloadPolicy>(config.overload_policy));
   if (config.max_lag) *message.mutable_max_lag() = ToProto(*config.max_lag);
   for (const TrackedObject& object : config.objects) {
     v1::TrackedObject& converted = *message.add_objects();
@@ -308,51 +223,36 @@ v1::SessionConfig ToProto(const SessionConfig& config) {
   return message;
 }
 
-v1::LogLevel ToProto(LogLevel level) {
-  for (const auto& [ours, theirs] : kLogLevels) {
-    if (ours == level) return theirs;
-  }
-  return v1::LOG_LEVEL_UNSPECIFIED;
-}
-
-LogLevel FromProto(v1::LogLevel level) {
-  for (const auto& [ours, theirs] : kLogLevels) {
-    if (theirs == level) return ours;
-  }
-  return LogLevel::kOff;
-}
+v1::LogLevel ToProto(LogLevel level) { return static_cast<v1::LogLevel>(level); }
+LogLevel FromProto(v1::LogLevel level) { return FromProto(level, LogLevel::kOff); }
 
 ServerInfo FromProto(const v1::ServerInfo& message) {
-  ServerInfo info;
-  info.version = message.version();
-  info.commit = message.commit();
-  info.store = std::string(ReverseLookup(kStoreKinds, message.store(), absl::string_view("unknown")));
-  info.active_sessions = message.active_sessions();
-  info.max_sessions = message.max_sessions();
-  info.max_chunk_bytes = message.max_chunk_bytes();
-  info.max_model_bytes = message.max_model_bytes();
-  info.is_draining = message.draining();
-  info.skipped_events = message.skipped_events();
-  info.pose_log_capacity = message.pose_log_capacity();
-  info.session_expiry = FromProto(message.session_expiry());
-  return info;
+  return {.version = message.version(),
+          .commit = message.commit(),
+          .store = absl::AsciiStrToLower(std::string(ApiName(v1::StoreKind_Name(message.store()), "STORE_KIND_"))),
+          .active_sessions = message.active_sessions(),
+          .max_sessions = message.max_sessions(),
+          .max_chunk_bytes = message.max_chunk_bytes(),
+          .max_model_bytes = message.max_model_bytes(),
+          .is_draining = message.draining(),
+          .skipped_events = message.skipped_events(),
+          .pose_log_capacity = message.pose_log_capacity(),
+          .session_expiry = FromProto(message.session_expiry())};
 }
 
 ModelInfo FromProto(const v1::Model& message) {
-  ModelInfo model;
-  model.name = message.name();
-  model.format = ReverseLookup(kModelFormats, message.format(), ModelFormat::kObj);
-  model.size_bytes = message.size_bytes();
-  model.num_faces = message.num_faces();
-  model.num_lines = message.num_lines();
-  model.num_symmetries = message.num_symmetries();
-  model.diameter_m = message.diameter_m();
-  model.metres_per_unit = message.metres_per_unit();
-  model.crease_angle_deg = message.crease_angle_deg();
-  model.sha256_hex = absl::BytesToHexString(message.sha256());
-  model.create_time = FromProto(message.create_time());
-  model.notices.assign(message.notices().begin(), message.notices().end());
-  return model;
+  return {.name = message.name(),
+          .format = FromProto(message.format(), ModelFormat::kObj),
+          .size_bytes = message.size_bytes(),
+          .num_faces = message.num_faces(),
+          .num_lines = message.num_lines(),
+          .num_symmetries = message.num_symmetries(),
+          .diameter_m = message.diameter_m(),
+          .metres_per_unit = message.metres_per_unit(),
+          .crease_angle_deg = message.crease_angle_deg(),
+          .sha256_hex = absl::BytesToHexString(message.sha256()),
+          .create_time = FromProto(message.create_time()),
+          .notices = {message.notices().begin(), message.notices().end()}};
 }
 
 SessionHealth FromProto(const v1::SessionHealth& message) {
@@ -375,11 +275,10 @@ SessionHealth FromProto(const v1::SessionHealth& message) {
   for (const v1::ObjectHealth& object : message.objects()) {
     ObjectHealth& converted = health.objects.emplace_back();
     converted.object_id = object.object_id();
-    converted.state = ReverseLookup(kTrackStates, object.state(), TrackState::kUnknown);
+    converted.state = FromProto(object.state(), TrackState::kUnknown);
     converted.losses = object.losses();
     converted.explained_ratio = object.explained_ratio();
-    converted.initialization =
-        ReverseLookup(kInitializationStatuses, object.initialization(), InitializationStatus::kWaitingForEvents);
+    converted.initialization = FromProto(object.initialization(), InitializationStatus::kWaitingForEvents);
     converted.initialization_attempts = object.initialization_attempts();
     converted.detail = object.detail();
   }
@@ -392,7 +291,7 @@ absl::StatusOr<Session> FromProto(const v1::Session& message) {
   absl::StatusOr<SessionConfig> config = FromProto(message.config());
   if (!config.ok()) return absl::InternalError(absl::StrCat(message.name(), ": config: ", config.status().message()));
   session.config = *std::move(config);
-  session.state = ReverseLookup(kSessionStates, message.state(), SessionState::kUnknown);
+  session.state = FromProto(message.state(), SessionState::kUnknown);
   session.create_time = FromProto(message.create_time());
   if (message.has_expire_time()) session.expire_time = FromProto(message.expire_time());
   session.health = FromProto(message.health());
@@ -421,7 +320,7 @@ absl::StatusOr<Pose> FromProto(const v1::Pose& message) {
   pose.camera_from_object = *transform;
   pose.covariance = SymmetricFromUpper(message.covariance().upper_triangle());
   pose.twist << FromProto(message.twist().linear_m_per_s()), FromProto(message.twist().angular_rad_per_s());
-  pose.state = ReverseLookup(kTrackStates, message.state(), TrackState::kUnknown);
+  pose.state = FromProto(message.state(), TrackState::kUnknown);
   if (pose.state == TrackState::kInitializing || pose.state == TrackState::kLost) {
     return error(absl::StrCat("the state ", std::string(TrackStateName(pose.state)), " has no pose"));
   }
@@ -435,14 +334,14 @@ std::optional<Notice> FromProto(const v1::TrackResponse::Notice& message) {
   switch (message.kind_case()) {
     case v1::TrackResponse::Notice::kDropped:
       return EventsDropped{message.dropped().num_events(), message.dropped().from_t_us(), message.dropped().to_t_us(),
-                           ReverseLookup(kDropReasons, message.dropped().reason(), DropReason::kUnknown)};
+                           FromProto(message.dropped().reason(), DropReason::kUnknown)};
     case v1::TrackResponse::Notice::kGoAway:
       return GoAway{FromProto(message.go_away().deadline())};
     case v1::TrackResponse::Notice::kDecodeFault:
       return DecodeFault{message.decode_fault().seq(), message.decode_fault().count(), message.decode_fault().detail()};
     case v1::TrackResponse::Notice::kStateChange:
       return StateChange{message.state_change().object_id(), message.state_change().t_us(),
-                         ReverseLookup(kTrackStates, message.state_change().state(), TrackState::kUnknown)};
+                         FromProto(message.state_change().state(), TrackState::kUnknown)};
     case v1::TrackResponse::Notice::kTrackingRestarted:
       return TrackingRestarted{message.tracking_restarted().after_seq(), message.tracking_restarted().detail()};
     case v1::TrackResponse::Notice::KIND_NOT_SET:

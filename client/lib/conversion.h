@@ -8,6 +8,7 @@
 
 #include <optional>
 #include <string>
+#include <string_view>
 
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
@@ -26,6 +27,10 @@ absl::Status FromGrpc(const grpc::Status& status, const std::string& context);
 
 // Returns the reason of `status`; ERROR_REASON_UNSPECIFIED for no reason and for one of a later server.
 v1::ErrorReason ReasonOf(const absl::Status& status);
+
+// Returns the name of an enumerator of the API without its prefix, for example "TRACKING"; "UNKNOWN" for an unspecified
+// enumerator and for one of a later server, which has no name.
+std::string_view ApiName(std::string_view name, std::string_view prefix);
 
 v1::ModelFormat ToProto(ModelFormat format);
 v1::SessionConfig ToProto(const SessionConfig& config);

@@ -4,12 +4,75 @@
 #include <gtest/gtest.h>
 
 #include <utility>
+#include <vector>
 
 #include "client/lib/status_details.h"
 #include "core/geometry/rigid_transform.h"
+#include "google/protobuf/generated_enum_reflection.h"
 
 namespace evpose::client {
 namespace {
+
+// Compares the enumerators of a public enumeration, in the order of their numbers, with all those of the API.
+template <typename Theirs, typename Ours>
+void ExpectNumbersOfTheApi(const std::vector<std::pair<Ours, Theirs>>& enumerators) {
+  for (const auto& [ours, theirs] : enumerators) EXPECT_EQ(static_cast<int>(ours), theirs);
+  EXPECT_EQ(google::protobuf::GetEnumDescriptor<Theirs>()->value_count(), 1 + static_cast<int>(enumerators.size()));
+}
+
+TEST(ConversionTest, EnumeratorsHaveTheNumbersOfTheApi) {
+  ExpectNumbersOfTheApi<v1::EventEncoding, EventEncoding>({{EventEncoding::kEvt3, v1::EVENT_ENCODING_EVT3},
+                                                           {EventEncoding::kEvt21, v1::EVENT_ENCODING_EVT21},
+                                                           {EventEncoding::kEvt2, v1::EVENT_ENCODING_EVT2},
+                                                           {EventEncoding::kDat, v1::EVENT_ENCODING_DAT},
+                                                           {EventEncoding::kFlat64, v1::EVENT_ENCODING_FLAT64}});
+  ExpectNumbersOfTheApi<v1::ModelFormat, ModelFormat>({{ModelFormat::kObj, v1::MODEL_FORMAT_OBJ},
+                                                       {ModelFormat::kPly, v1::MODEL_FORMAT_PLY},
+                                                       {ModelFormat::kStl, v1::MODEL_FORMAT_STL}});
+  ExpectNumbersOfTheApi<v1::TrackState, TrackState>({{TrackState::kInitializing, v1::TRACK_STATE_INITIALIZING},
+                                                     {TrackState::kTracking, v1::TRACK_STATE_TRACKING},
+                                                     {TrackState::kDegraded, v1::TRACK_STATE_DEGRADED},
+                                                     {TrackState::kLost, v1::TRACK_STATE_LOST}});
+  ExpectNumbersOfTheApi<v1::InitializationStatus, InitializationStatus>(
+      {{InitializationStatus::kNotNeeded, v1::INITIALIZATION_STATUS_NOT_NEEDED},
+       {InitializationStatus::kWaitingForEvents, v1::INITIALIZATION_STATUS_WAITING_FOR_EVENTS},
+       {InitializationStatus::kTooFewLines, v1::INITIALIZATION_STATUS_TOO_FEW_LINES},
+       {InitializationStatus::kNoPoseFits, v1::INITIALIZATION_STATUS_NO_POSE_FITS},
+       {InitializationStatus::kVerifying, v1::INITIALIZATION_STATUS_VERIFYING},
+       {InitializationStatus::kAmbiguous, v1::INITIALIZATION_STATUS_AMBIGUOUS}});
+  ExpectNumbersOfTheApi<v1::LogLevel, LogLevel>({{LogLevel::kDebug, v1::LOG_LEVEL_DEBUG},
+                                                 {LogLevel::kInfo, v1::LOG_LEVEL_INFO},
+                                                 {LogLevel::kWarning, v1::LOG_LEVEL_WARNING},
+                                                 {LogLevel::kError, v1::LOG_LEVEL_ERROR},
+                                                 {LogLevel::kOff, v1::LOG_LEVEL_OFF}});
+  ExpectNumbersOfTheApi<v1::Estimator, PoseEstimator>(
+      {{PoseEstimator::kMixture, v1::ESTIMATOR_MIXTURE},
+       {PoseEstimator::kStaticLs, v1::ESTIMATOR_STATIC_LS},
+       {PoseEstimator::kStaticM, v1::ESTIMATOR_STATIC_M},
+       {PoseEstimator::kStaticS, v1::ESTIMATOR_STATIC_S},
+       {PoseEstimator::kStaticMm, v1::ESTIMATOR_STATIC_MM},
+       {PoseEstimator::kErrorStateFilter, v1::ESTIMATOR_ERROR_STATE_FILTER}});
+  ExpectNumbersOfTheApi<v1::OverloadPolicy, OverloadPolicy>(
+      {{OverloadPolicy::kBlock, v1::OVERLOAD_POLICY_BLOCK}, {OverloadPolicy::kLatest, v1::OVERLOAD_POLICY_LATEST}});
+  ExpectNumbersOfTheApi<v1::DropReason, DropReason>({{DropReason::kLag, v1::DROP_REASON_LAG},
+                                                     {DropReason::kMemory, v1::DROP_REASON_MEMORY},
+                                                     {DropReason::kReader, v1::DROP_REASON_READER}});
+  ExpectNumbersOfTheApi<v1::SessionState, SessionState>({{SessionState::kDetached, v1::SESSION_STATE_DETACHED},
+                                                         {SessionState::kAttached, v1::SESSION_STATE_ATTACHED},
+                                                         {SessionState::kEnded, v1::SESSION_STATE_ENDED}});
+}
+
+TEST(ConversionTest, AStoreHasTheNameOfTheApi) {
+  for (const auto& [theirs, name] : {std::pair{v1::STORE_KIND_MEMORY, "memory"},
+                                     {v1::STORE_KIND_SQLITE, "sqlite"},
+                                     {v1::STORE_KIND_REDIS, "redis"},
+                                     {static_cast<v1::StoreKind>(99), "unknown"},
+                                     {v1::STORE_KIND_UNSPECIFIED, "unknown"}}) {
+    v1::ServerInfo message;
+    message.set_store(theirs);
+    EXPECT_EQ(FromProto(message).store, name);
+  }
+}
 
 TEST(ConversionTest, ModelHasItsSymmetries) {
   v1::Model message;

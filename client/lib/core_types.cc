@@ -48,29 +48,28 @@ SensorProfile ToCore(const SensorParameters& sensor) {
 }
 
 EventEncoding FromCore(Encoding encoding) {
-  for (const auto& [ours, theirs] : kCoreEncodings) {
-    if (theirs == encoding) return ours;
+  for (const auto& [offered, core] : kCoreEncodings) {
+    if (core == encoding) return offered;
   }
   return EventEncoding::kEvt3;
 }
 Encoding ToCore(EventEncoding encoding) {
-  for (const auto& [ours, theirs] : kCoreEncodings) {
-    if (ours == encoding) return theirs;
+  for (const auto& [offered, core] : kCoreEncodings) {
+    if (offered == encoding) return core;
   }
   return Encoding::kEvt3;
 }
 
 std::optional<PoseEstimator> FromCore(Estimator estimator) {
-  for (const auto& [ours, theirs] : kOfferedEstimators) {
-    if (theirs == estimator) return ours;
+  for (const auto& [offered, core] : kOfferedEstimators) {
+    if (core == estimator) return offered;
   }
   return std::nullopt;
 }
 
-EventChunk FromCore(EventChunkBytes chunk) { return {std::move(chunk.bytes), chunk.t_last_us}; }
 absl::StatusOr<EventChunk> FromCore(absl::StatusOr<EventChunkBytes> chunk) {
   if (!chunk.ok()) return chunk.status();
-  return FromCore(*std::move(chunk));
+  return EventChunk{std::move(chunk->bytes), chunk->t_last_us};
 }
 
 }  // namespace evpose::client

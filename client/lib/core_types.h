@@ -31,7 +31,6 @@ Encoding ToCore(EventEncoding encoding);
 // nullopt for an estimator that servers do not offer.
 std::optional<PoseEstimator> FromCore(Estimator estimator);
 
-EventChunk FromCore(EventChunkBytes chunk);
 // For sources that return chunks of core/.
 absl::StatusOr<EventChunk> FromCore(absl::StatusOr<EventChunkBytes> chunk);
 

@@ -62,6 +62,8 @@ TEST(CoreTypesTest, StatesHaveTheNamesOfTheApi) {
   EXPECT_EQ(TrackStateName(TrackState::kTracking), "TRACKING");
   EXPECT_EQ(TrackStateName(TrackState::kDegraded), "DEGRADED");
   EXPECT_EQ(TrackStateName(TrackState::kLost), "LOST");
+  EXPECT_EQ(SessionStateName(SessionState::kUnknown), "UNKNOWN");
+  EXPECT_EQ(SessionStateName(SessionState::kAttached), "ATTACHED");
   EXPECT_EQ(InitializationStatusName(InitializationStatus::kNotNeeded), "NOT_NEEDED");
   EXPECT_EQ(InitializationStatusName(InitializationStatus::kWaitingForEvents), "WAITING_FOR_EVENTS");
   EXPECT_EQ(InitializationStatusName(InitializationStatus::kTooFewLines), "TOO_FEW_LINES");

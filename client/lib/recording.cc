@@ -20,14 +20,10 @@ Recording::Recording(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) {}
 Recording::~Recording() = default;
 
 absl::StatusOr<std::unique_ptr<Recording>> Recording::Open(const std::string& path, const RecordingOptions& options) {
-  ChunkerOptions chunker_options;
-  chunker_options.max_duration_us = options.max_duration_us;
-  chunker_options.max_bytes = options.max_bytes;
+  const ChunkerOptions chunker_options = {.max_duration_us = options.max_duration_us, .max_bytes = options.max_bytes};
   EVPOSE_RETURN_IF_ERROR(chunker_options.Validate());
-  RecordingReaderOptions reader_options;
-  reader_options.follow = options.is_following;
-  reader_options.stop = options.stop;
-  EVPOSE_ASSIGN_OR_RETURN(std::unique_ptr<RecordingReader> reader, RecordingReader::Open(path, reader_options));
+  EVPOSE_ASSIGN_OR_RETURN(std::unique_ptr<RecordingReader> reader,
+                          RecordingReader::Open(path, {.follow = options.is_following, .stop = options.stop}));
   return std::unique_ptr<Recording>(new Recording(std::make_unique<Impl>(std::move(reader), chunker_options)));
 }
 

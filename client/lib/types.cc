@@ -3,7 +3,9 @@
 
 #include <Eigen/LU>
 
+#include "client/lib/conversion.h"
 #include "client/lib/core_types.h"
+#include "evpose/v1/session.pb.h"
 
 namespace evpose::client {
 
@@ -24,37 +26,15 @@ absl::Status PoseReset::Validate() const {
 std::string_view EventEncodingName(EventEncoding encoding) { return EncodingName(ToCore(encoding)); }
 
 std::string_view TrackStateName(TrackState state) {
-  switch (state) {
-    case TrackState::kUnknown:
-      break;
-    case TrackState::kInitializing:
-      return "INITIALIZING";
-    case TrackState::kTracking:
-      return "TRACKING";
-    case TrackState::kDegraded:
-      return "DEGRADED";
-    case TrackState::kLost:
-      return "LOST";
-  }
-  return "UNKNOWN";
+  return ApiName(v1::TrackState_Name(static_cast<int>(state)), "TRACK_STATE_");
 }
 
 std::string_view InitializationStatusName(InitializationStatus status) {
-  switch (status) {
-    case InitializationStatus::kNotNeeded:
-      return "NOT_NEEDED";
-    case InitializationStatus::kWaitingForEvents:
-      return "WAITING_FOR_EVENTS";
-    case InitializationStatus::kTooFewLines:
-      return "TOO_FEW_LINES";
-    case InitializationStatus::kNoPoseFits:
-      return "NO_POSE_FITS";
-    case InitializationStatus::kVerifying:
-      return "VERIFYING";
-    case InitializationStatus::kAmbiguous:
-      return "AMBIGUOUS";
-  }
-  return "UNKNOWN";
+  return ApiName(v1::InitializationStatus_Name(static_cast<int>(status)), "INITIALIZATION_STATUS_");
+}
+
+std::string_view SessionStateName(SessionState state) {
+  return ApiName(v1::SessionState_Name(static_cast<int>(state)), "SESSION_STATE_");
 }
 
 }  // namespace evpose::client

@@ -69,9 +69,8 @@ struct CalibrationInput {
 absl::StatusOr<CalibrationInput> OpenInput(const CalibrateArguments& arguments, size_t i) {
   CalibrationInput input;
   EVPOSE_ASSIGN_OR_RETURN(const CameraModel camera, LoadCameraModel(Of(arguments.cameras, i)));
-  ModelOptions model_options;
-  model_options.metres_per_unit = arguments.metres_per_unit;
-  EVPOSE_ASSIGN_OR_RETURN(ObjectModel model, LoadObjectModel(Of(arguments.models, i), model_options));
+  EVPOSE_ASSIGN_OR_RETURN(ObjectModel model,
+                          LoadObjectModel(Of(arguments.models, i), {.metres_per_unit = arguments.metres_per_unit}));
   EVPOSE_ASSIGN_OR_RETURN(Trajectory truth, ReadTumTrajectory(arguments.truths[i]));
   if (truth.size() < 2)
     return absl::InvalidArgumentError(absl::StrCat(arguments.truths[i], ": has fewer than two poses"));
@@ -110,33 +109,28 @@ absl::StatusOr<std::vector<EdgePassage>> CollectPassages(const CalibrateArgument
 }
 
 Json Constant(double value, double error, bool is_fitted) {
-  Json json;
-  json["value"] = value;
-  json["standard_error"] = is_fitted ? Json(error) : Json(nullptr);
-  return json;
+  return {{"value", value}, {"standard_error", is_fitted ? Json(error) : Json(nullptr)}};
 }
 
 Json CalibrationJson(const SensorCalibration& fit) {
-  Json json;
-  json["name"] = fit.profile.name;
-  json["pixel_noise_px"] = Constant(fit.profile.pixel_noise_px, fit.pixel_noise_error_px, true);
-  json["blur_px"] = Constant(fit.profile.blur_px, fit.blur_error_px, true);
-  json["contrast_threshold"] = Constant(fit.profile.contrast_threshold, fit.contrast_threshold_error, true);
-  json["refractory_us"] = Constant(fit.profile.refractory_us, fit.refractory_error_us, fit.are_times_fitted);
-  json["latency_us"] = Constant(fit.profile.latency_us, fit.latency_error_us, fit.are_times_fitted);
-  json["typical_contrast"] = fit.typical_contrast;
-  json["edge_shift_px"] = fit.edge_shift_px;
-  json["lag_px"] = fit.lag_px;
-  json["passages"] = fit.num_passages;
-  json["edges"] = fit.num_groups;
-  json["events"] = std::llround(fit.num_events);
-  json["speed_p10_px_per_s"] = fit.slowest_px_per_s;
-  json["speed_p90_px_per_s"] = fit.fastest_px_per_s;
-  json["uncorrected_rms_px"] = fit.uncorrected_rms_px;
-  json["start_rms_px"] = fit.initial_rms_px;
-  json["fitted_rms_px"] = fit.fitted_rms_px;
-  json["warnings"] = fit.warnings;
-  return json;
+  return {{"name", fit.profile.name},
+          {"pixel_noise_px", Constant(fit.profile.pixel_noise_px, fit.pixel_noise_error_px, true)},
+          {"blur_px", Constant(fit.profile.blur_px, fit.blur_error_px, true)},
+          {"contrast_threshold", Constant(fit.profile.contrast_threshold, fit.contrast_threshold_error, true)},
+          {"refractory_us", Constant(fit.profile.refractory_us, fit.refractory_error_us, fit.are_times_fitted)},
+          {"latency_us", Constant(fit.profile.latency_us, fit.latency_error_us, fit.are_times_fitted)},
+          {"typical_contrast", fit.typical_contrast},
+          {"edge_shift_px", fit.edge_shift_px},
+          {"lag_px", fit.lag_px},
+          {"passages", fit.num_passages},
+          {"edges", fit.num_groups},
+          {"events", std::llround(fit.num_events)},
+          {"speed_p10_px_per_s", fit.slowest_px_per_s},
+          {"speed_p90_px_per_s", fit.fastest_px_per_s},
+          {"uncorrected_rms_px", fit.uncorrected_rms_px},
+          {"start_rms_px", fit.initial_rms_px},
+          {"fitted_rms_px", fit.fitted_rms_px},
+          {"warnings", fit.warnings}};
 }
 
 void PrintCalibration(const SensorCalibration& fit, std::ostream& out) {
@@ -173,10 +167,7 @@ absl::Status RunCalibrate(const CalibrateArguments& arguments, CliContext& conte
     inputs.push_back(std::move(input));
   }
   EVPOSE_ASSIGN_OR_RETURN(OutputFile profile_file, OutputFile::Create(arguments.out));
-  std::optional<OutputFile> picture;
-  if (!arguments.picture.empty()) {
-    EVPOSE_ASSIGN_OR_RETURN(picture, OutputFile::Create(arguments.picture));
-  }
+  EVPOSE_ASSIGN_OR_RETURN(std::optional<OutputFile> picture, OpenOutput(arguments.picture));
   ProgressLine progress(context);
   std::vector<CalibrationRecording> recordings;
   for (size_t i = 0; i < inputs.size(); ++i) {
@@ -189,18 +180,13 @@ absl::Status RunCalibrate(const CalibrateArguments& arguments, CliContext& conte
   if (!arguments.name.empty()) calibration.profile.name = arguments.name;
   if (picture) {
     EVPOSE_ASSIGN_OR_RETURN(const std::vector<uint8_t> png, DrawCalibration(calibration, recordings));
-    EVPOSE_RETURN_IF_ERROR(picture->Append({reinterpret_cast<const char*>(png.data()), png.size()}));
-    EVPOSE_RETURN_IF_ERROR(picture->Commit());
+    EVPOSE_RETURN_IF_ERROR(FinishOutput(picture, {reinterpret_cast<const char*>(png.data()), png.size()}));
   }
   EVPOSE_RETURN_IF_ERROR(profile_file.Append(SensorProfileToYaml(calibration.profile)));
   EVPOSE_RETURN_IF_ERROR(profile_file.Commit());
   for (const std::string& warning : calibration.warnings) context.err << "evpose calibrate: " << warning << "\n";
-  if (arguments.is_json) {
-    context.out << CalibrationJson(calibration).dump(2, ' ', false, Json::error_handler_t::replace) << "\n";
-  } else {
-    PrintCalibration(calibration, context.out);
-  }
-  return absl::OkStatus();
+  return PrintResult(context, arguments.is_json, CalibrationJson(calibration),
+                     [&calibration](std::ostream& out) { PrintCalibration(calibration, out); });
 }
 
 }  // namespace
@@ -213,9 +199,7 @@ CommandRunner AddCalibrateCommand(CLI::App& app, CliContext& context) {
   app.add_option("--model", arguments->models, "Object: OBJ, PLY or STL; one for all or one for each")->required();
   app.add_option("--camera", arguments->cameras, "Camera: ROS camera_info YAML; one for all or one for each")
       ->required();
-  app.add_option("--scale", arguments->metres_per_unit, "Metres per unit of the model files")
-      ->check(CheckAboveZero, "POSITIVE")
-      ->capture_default_str();
+  AddOption(app, "--scale", arguments->metres_per_unit, "Metres per unit of the model files", AboveZero());
   app.add_option(
       "--start", arguments->start,
       "Initial profile; its value is kept for each constant that the recordings do not determine. Default: an EVK4");

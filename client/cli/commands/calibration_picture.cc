@@ -28,17 +28,20 @@ const cv::Scalar kWhite(255, 255, 255);
 const cv::Scalar kBlack(30, 30, 30);
 const cv::Scalar kGrey(215, 215, 215);
 
-// A quantity along the x axis, in bins of as many passages each.
-struct Binned {
-  std::vector<double> x, mean, low, high, fitted, left;
+// The mean residual of the passages of a bin, 2 standard errors below and above it, that of the fitted profile, and the
+// difference; x is the mean of the quantity along the x axis.
+struct Bin {
+  double x, mean, low, high, fitted, left;
 };
 
-Binned BinBy(std::vector<EdgePassage> passages, const SensorProfile& profile, double (*key)(const EdgePassage&)) {
+// Returns bins of as many passages each.
+std::vector<Bin> BinBy(std::vector<EdgePassage> passages, const SensorProfile& profile,
+                       double (*key)(const EdgePassage&)) {
   constexpr size_t kBins = 16;
   constexpr size_t kMinInBin = 8;
   std::sort(passages.begin(), passages.end(),
             [key](const EdgePassage& a, const EdgePassage& b) { return key(a) < key(b); });
-  Binned binned;
+  std::vector<Bin> binned;
   const size_t bins = std::clamp<size_t>(passages.size() / kMinInBin, 1, kBins);
   for (size_t bin = 0; bin < bins; ++bin) {
     const size_t begin = bin * passages.size() / bins, end = (bin + 1) * passages.size() / bins;
@@ -52,12 +55,7 @@ Binned BinBy(std::vector<EdgePassage> passages, const SensorProfile& profile, do
       fitted += ExpectedResidualPx(profile, passages[i]) / n;
     }
     const double error = std::sqrt(std::max(0.0, squares - mean * mean) / n);
-    binned.x.push_back(x);
-    binned.mean.push_back(mean);
-    binned.low.push_back(mean - 2.0 * error);
-    binned.high.push_back(mean + 2.0 * error);
-    binned.fitted.push_back(fitted);
-    binned.left.push_back(mean - fitted);
+    binned.push_back({x, mean, mean - 2.0 * error, mean + 2.0 * error, fitted, mean - fitted});
   }
   return binned;
 }
@@ -106,11 +104,11 @@ class Panel {
   }
 
   // Widens the range of the axes to the values.
-  void Include(const std::vector<double>& x, const std::vector<double>& y) {
-    for (const double value : x) x_high_ = std::max(x_high_, value);
-    for (const double value : y) {
-      y_low_ = std::min(y_low_, value);
-      y_high_ = std::max(y_high_, value);
+  void Include(const std::vector<Bin>& bins, double Bin::*y) {
+    for (const Bin& bin : bins) {
+      x_high_ = std::max(x_high_, bin.x);
+      y_low_ = std::min(y_low_, bin.*y);
+      y_high_ = std::max(y_high_, bin.*y);
     }
   }
 
@@ -136,22 +134,21 @@ class Panel {
     cv::rectangle(image_, area_, kBlack, 1);
   }
 
-  void DrawBand(const std::vector<double>& x, const std::vector<double>& low, const std::vector<double>& high,
-                const cv::Scalar& color) {
+  void DrawBand(const std::vector<Bin>& bins, double Bin::*low, double Bin::*high, const cv::Scalar& color) {
     constexpr double kOpacity = 0.25;
-    std::vector<cv::Point> outline = Points(x, low);
-    const std::vector<cv::Point> upper = Points(x, high);
+    std::vector<cv::Point> outline = Points(bins, low);
+    const std::vector<cv::Point> upper = Points(bins, high);
     outline.insert(outline.end(), upper.rbegin(), upper.rend());
     if (outline.empty()) return;
     cv::Mat shaded = image_.clone();
     cv::fillPoly(shaded, std::vector<std::vector<cv::Point>>{outline}, color);
     cv::addWeighted(shaded, kOpacity, image_, 1.0 - kOpacity, 0.0, image_);
   }
-  void DrawLine(const std::vector<double>& x, const std::vector<double>& y, const cv::Scalar& color) {
-    cv::polylines(image_, std::vector<std::vector<cv::Point>>{Points(x, y)}, false, color, 2, cv::LINE_AA);
+  void DrawLine(const std::vector<Bin>& bins, double Bin::*y, const cv::Scalar& color) {
+    cv::polylines(image_, std::vector<std::vector<cv::Point>>{Points(bins, y)}, false, color, 2, cv::LINE_AA);
   }
-  void DrawPoints(const std::vector<double>& x, const std::vector<double>& y, const cv::Scalar& color) {
-    for (const cv::Point& point : Points(x, y)) cv::circle(image_, point, 4, color, cv::FILLED, cv::LINE_AA);
+  void DrawPoints(const std::vector<Bin>& bins, double Bin::*y, const cv::Scalar& color) {
+    for (const cv::Point& point : Points(bins, y)) cv::circle(image_, point, 4, color, cv::FILLED, cv::LINE_AA);
   }
 
  private:
@@ -159,9 +156,9 @@ class Panel {
     return {area_.x + static_cast<int>(std::lround(x / x_high_ * area_.width)),
             area_.y + static_cast<int>(std::lround((y_high_ - y) / (y_high_ - y_low_) * area_.height))};
   }
-  std::vector<cv::Point> Points(const std::vector<double>& x, const std::vector<double>& y) const {
+  std::vector<cv::Point> Points(const std::vector<Bin>& bins, double Bin::*y) const {
     std::vector<cv::Point> points;
-    for (size_t i = 0; i < x.size(); ++i) points.push_back(At(x[i], y[i]));
+    for (const Bin& bin : bins) points.push_back(At(bin.x, bin.*y));
     return points;
   }
 
@@ -176,25 +173,25 @@ void DrawRow(cv::Mat& image, int y, const std::vector<Polarity>& polarities, con
              const std::string& x_label, double (*key)(const EdgePassage&)) {
   Panel residuals(image, {0, y}, "Displacement of the events along the motion", x_label, "px");
   Panel left(image, {kPanelWidth, y}, "Remainder after the correction", x_label, "px");
-  std::vector<Binned> binned;
+  std::vector<std::vector<Bin>> binned;
   for (const Polarity& polarity : polarities) {
     binned.push_back(BinBy(polarity.passages, profile, key));
-    const Binned& bins = binned.back();
-    residuals.Include(bins.x, bins.low);
-    residuals.Include(bins.x, bins.high);
-    residuals.Include(bins.x, bins.fitted);
-    left.Include(bins.x, bins.left);
+    const std::vector<Bin>& bins = binned.back();
+    residuals.Include(bins, &Bin::low);
+    residuals.Include(bins, &Bin::high);
+    residuals.Include(bins, &Bin::fitted);
+    left.Include(bins, &Bin::left);
   }
   residuals.DrawAxes();
   left.DrawAxes();
   for (size_t i = 0; i < polarities.size(); ++i) {
-    const Binned& bins = binned[i];
+    const std::vector<Bin>& bins = binned[i];
     const cv::Scalar& color = polarities[i].color;
-    residuals.DrawBand(bins.x, bins.low, bins.high, color);
-    residuals.DrawLine(bins.x, bins.fitted, color);
-    residuals.DrawPoints(bins.x, bins.mean, color);
-    left.DrawLine(bins.x, bins.left, color);
-    left.DrawPoints(bins.x, bins.left, color);
+    residuals.DrawBand(bins, &Bin::low, &Bin::high, color);
+    residuals.DrawLine(bins, &Bin::fitted, color);
+    residuals.DrawPoints(bins, &Bin::mean, color);
+    left.DrawLine(bins, &Bin::left, color);
+    left.DrawPoints(bins, &Bin::left, color);
   }
 }
 

@@ -3,7 +3,6 @@
 // evpose evaluate: compares trajectories with the true one.
 #include "core/evaluation/evaluate.h"
 
-#include <algorithm>
 #include <cmath>
 #include <optional>
 #include <string>
@@ -68,9 +67,7 @@ absl::StatusOr<std::vector<Row>> EvaluateAll(const EvaluateArguments& arguments)
   std::optional<ObjectModel> model;
   std::optional<CameraModel> camera;
   if (!arguments.model.empty()) {
-    ModelOptions options;
-    options.metres_per_unit = arguments.metres_per_unit;
-    EVPOSE_ASSIGN_OR_RETURN(model, LoadObjectModel(arguments.model, options));
+    EVPOSE_ASSIGN_OR_RETURN(model, LoadObjectModel(arguments.model, {.metres_per_unit = arguments.metres_per_unit}));
     EVPOSE_ASSIGN_OR_RETURN(camera, LoadCameraModel(arguments.camera));
   }
   EvaluationOptions options;
@@ -95,23 +92,22 @@ absl::StatusOr<std::vector<Row>> EvaluateAll(const EvaluateArguments& arguments)
 
 Json RowJson(const Row& row) {
   const Evaluation& e = row.evaluation;
-  Json json;
-  json["name"] = row.name;
-  json["poses"] = e.num_poses;
-  json["coverage_ratio"] = e.coverage_ratio;
   // Without poses the errors are null.
-  json["position_rmse_m"] = e.position_rmse_m;
-  json["position_mean_m"] = e.position_mean_m;
-  json["position_median_m"] = e.position_median_m;
-  json["position_std_m"] = e.position_std_m;
-  json["position_rmse_of_depth"] = e.position_rmse_of_depth;
-  json["rotation_mean_deg"] = e.rotation_mean_rad * kDegreesPerRadian;
-  json["rotation_median_deg"] = e.rotation_median_rad * kDegreesPerRadian;
-  json["rotation_p95_deg"] = e.rotation_p95_rad * kDegreesPerRadian;
-  json["rotation_max_deg"] = e.rotation_max_rad * kDegreesPerRadian;
-  json["reprojection_mean_px"] = e.reprojection_mean_px ? Json(*e.reprojection_mean_px) : Json(nullptr);
-  json["losses"] = e.losses;
-  json["pose_rate_hz"] = e.pose_rate_hz;
+  Json json = {{"name", row.name},
+               {"poses", e.num_poses},
+               {"coverage_ratio", e.coverage_ratio},
+               {"position_rmse_m", e.position_rmse_m},
+               {"position_mean_m", e.position_mean_m},
+               {"position_median_m", e.position_median_m},
+               {"position_std_m", e.position_std_m},
+               {"position_rmse_of_depth", e.position_rmse_of_depth},
+               {"rotation_mean_deg", e.rotation_mean_rad * kDegreesPerRadian},
+               {"rotation_median_deg", e.rotation_median_rad * kDegreesPerRadian},
+               {"rotation_p95_deg", e.rotation_p95_rad * kDegreesPerRadian},
+               {"rotation_max_deg", e.rotation_max_rad * kDegreesPerRadian},
+               {"reprojection_mean_px", e.reprojection_mean_px ? Json(*e.reprojection_mean_px) : Json(nullptr)},
+               {"losses", e.losses},
+               {"pose_rate_hz", e.pose_rate_hz}};
   if (!row.consistency) return json;
   json["nees_median"] = row.consistency->median;
   json["nees_p5"] = row.consistency->p5;
@@ -141,22 +137,13 @@ std::vector<std::string> RowCells(const Row& row) {
           row.consistency ? absl::StrCat(Cell(row.consistency->p5, 1), "-", Cell(row.consistency->p95, 1)) : "-"};
 }
 
-// Columns as wide as their widest cell; the name to the left, numbers to the right.
-void PrintTable(const std::vector<Row>& rows, std::ostream& out) {
+void PrintRows(const std::vector<Row>& rows, std::ostream& out) {
   std::vector<std::vector<std::string>> lines = {
       {"", "", "cover", "position", "", "", "", "RMSE", "rotation", "", "", "", "reproj", "", "rate", "NEES", "5 to"},
       {"estimate", "poses", "%", "RMSE mm", "mean", "median", "std", "% depth", "mean deg", "median", "p95", "max",
        "px", "losses", "Hz", "median", "95 %"}};
   for (const Row& row : rows) lines.push_back(RowCells(row));
-  std::vector<size_t> widths(lines.front().size(), 0);
-  for (const auto& line : lines) {
-    for (size_t i = 0; i < line.size(); ++i) widths[i] = std::max(widths[i], line[i].size());
-  }
-  for (const auto& line : lines) {
-    out << absl::StrFormat("%-*s", widths[0], line[0]);
-    for (size_t i = 1; i < line.size(); ++i) out << absl::StrFormat("  %*s", widths[i], line[i]);
-    out << "\n";
-  }
+  PrintTable(lines, "", out);
 }
 
 absl::Status RunEvaluate(const EvaluateArguments& arguments, CliContext& context) {
@@ -167,36 +154,25 @@ absl::Status RunEvaluate(const EvaluateArguments& arguments, CliContext& context
     return UsageError("--symmetric needs --model and --camera: the symmetries are the model's");
   }
   EVPOSE_ASSIGN_OR_RETURN(const std::vector<Row> rows, EvaluateAll(arguments));
-  if (!arguments.is_json) {
-    PrintTable(rows, context.out);
-    return absl::OkStatus();
-  }
-  Json json;
-  json["truth"] = arguments.truth;
-  json["estimates"] = Json::array();
+  Json json = {{"truth", arguments.truth}, {"estimates", Json::array()}};
   for (const Row& row : rows) json["estimates"].push_back(RowJson(row));
-  context.out << json.dump(2, ' ', false, Json::error_handler_t::replace) << "\n";
-  return absl::OkStatus();
+  return PrintResult(context, arguments.is_json, json, [&rows](std::ostream& out) { PrintRows(rows, out); });
 }
 
 }  // namespace
 
 CommandRunner AddEvaluateCommand(CLI::App& app, CliContext& context) {
   auto arguments = std::make_shared<EvaluateArguments>();
-  app.add_option("--truth", arguments->truth, "The true trajectory, TUM")->type_name("FILE")->required();
+  AddFile(app, "--truth", arguments->truth, "The true trajectory, TUM")->required();
   app.add_option("--estimate", arguments->estimates, "An estimate, TUM or CSV; once for each row of the table")
       ->type_name("[NAME=]FILE")
       ->required()
       ->take_all();
-  app.add_option("--model", arguments->model, "Object model, for the reprojection error")->type_name("FILE");
-  app.add_option("--camera", arguments->camera, "Camera file, for the reprojection error")->type_name("FILE");
-  app.add_option("--scale", arguments->metres_per_unit, "Metres per unit of the model file")
-      ->check(CheckAboveZero, "POSITIVE")
-      ->capture_default_str();
-  app.add_option("--max-gap-ms", arguments->max_gap_ms,
-                 "A pose counts towards the coverage for at most this time, in milliseconds")
-      ->check(CLI::Range(0.001, 1e6))
-      ->capture_default_str();
+  AddFile(app, "--model", arguments->model, "Object model, for the reprojection error");
+  AddFile(app, "--camera", arguments->camera, "Camera file, for the reprojection error");
+  AddOption(app, "--scale", arguments->metres_per_unit, "Metres per unit of the model file", AboveZero());
+  AddOption(app, "--max-gap-ms", arguments->max_gap_ms,
+            "A pose counts towards the coverage for at most this time, in milliseconds", CLI::Range(0.001, 1e6));
   app.add_flag("--symmetric", arguments->is_symmetric,
                "Compare with the nearest true pose among those that the symmetries of the model make equivalent");
   app.add_flag("--json", arguments->is_json, "One JSON object on standard output");

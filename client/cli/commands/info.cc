@@ -3,11 +3,12 @@
 // evpose info: describes the content of a recording.
 #include <algorithm>
 #include <cstdint>
-#include <vector>
+#include <string>
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 #include "client/cli/commands/commands.h"
+#include "core/base/state_io.h"
 #include "core/base/status_macros.h"
 #include "core/events/decoder.h"
 #include "core/events/event_reader.h"
@@ -16,8 +17,6 @@
 
 namespace evpose::client {
 namespace {
-
-constexpr size_t kPackedEventBytes = 13;  // t u64, x u16, y u16, p u8, little-endian
 
 struct InfoArguments {
   std::string recording;
@@ -35,39 +34,27 @@ struct RecordingInfo {
   std::string sha256;
 };
 
-void Pack(const Event& event, std::vector<uint8_t>& packed) {
-  const uint64_t t = static_cast<uint64_t>(event.t_us);
-  for (int shift = 0; shift < 64; shift += 8) packed.push_back(static_cast<uint8_t>(t >> shift));
-  for (const uint16_t value : {event.x, event.y}) {
-    packed.push_back(static_cast<uint8_t>(value));
-    packed.push_back(static_cast<uint8_t>(value >> 8));
-  }
-  packed.push_back(event.polarity);
-}
-
 absl::StatusOr<RecordingInfo> ReadInfo(const std::string& path, const std::function<bool()>& is_interrupted) {
-  RecordingReaderOptions reader_options;
-  reader_options.stop = is_interrupted;
-  EVPOSE_ASSIGN_OR_RETURN(const std::unique_ptr<RecordingReader> reader, RecordingReader::Open(path, reader_options));
+  EVPOSE_ASSIGN_OR_RETURN(const std::unique_ptr<RecordingReader> reader,
+                          RecordingReader::Open(path, {.stop = is_interrupted}));
   RecordingInfo info;
   info.header = reader->header();
   EVPOSE_ASSIGN_OR_RETURN(EventReader events, EventReader::Make(*reader, {.outside_sensor = OutsideSensor::kKeep}));
   Sha256 digest;
-  std::vector<uint8_t> packed;
   uint64_t num_events = 0;
   while (true) {
     EVPOSE_ASSIGN_OR_RETURN(const bool has_piece, events.Next());
     if (!has_piece) break;
     const auto& piece = events.decoded().events;
-    packed.clear();
-    packed.reserve(piece.size() * kPackedEventBytes);
+    StateWriter packed;  // t u64, x u16, y u16, p u8, little-endian
     for (const Event& event : piece) {
       if (num_events++ == 0) info.t_first_us = event.t_us;
       info.on_events += event.polarity;
-      Pack(event, packed);
+      packed(event.t_us, event.x, event.y, event.polarity);
     }
     if (!piece.empty()) info.t_last_us = piece.back().t_us;
-    digest.Update(packed);
+    const std::string bytes = packed.Take();
+    digest.Update({reinterpret_cast<const uint8_t*>(bytes.data()), bytes.size()});
   }
   info.data_bytes = events.data_bytes();
   info.truncated_bytes = events.pending_bytes();
@@ -79,30 +66,28 @@ absl::StatusOr<RecordingInfo> ReadInfo(const std::string& path, const std::funct
 Json InfoJson(const RecordingInfo& info) {
   const DecodeCounts& counts = info.counts;
   const bool has_events = counts.cd_events > 0;
-  Json json;
-  json["format"] = std::string(EncodingName(info.header.encoding));
-  json["width"] = info.header.geometry.width_px;
-  json["height"] = info.header.geometry.height_px;
-  json["cd_events"] = counts.cd_events;
-  json["triggers"] = counts.triggers;
-  json["t_first_us"] = has_events ? Json(info.t_first_us) : Json(nullptr);
-  json["t_last_us"] = has_events ? Json(info.t_last_us) : Json(nullptr);
-  json["invalid_words"] = counts.invalid_words();
-  json["dropped_events"] = counts.dropped_events();
-  json["sha256"] = info.sha256;
-  json["on_events"] = info.on_events;
-  json["off_events"] = counts.cd_events - info.on_events;
-  json["unknown_words"] = counts.unknown_words;
-  json["broken_vectors"] = counts.broken_vectors;
-  json["dropped_before_time"] = counts.dropped_before_time;
-  json["dropped_outside_sensor"] = counts.dropped_outside_sensor;
-  json["kept_outside_sensor"] = counts.kept_outside_sensor;
-  json["time_backsteps"] = counts.time_backsteps;
-  json["clock_wraps"] = counts.clock_wraps;
-  json["data_bytes"] = info.data_bytes;
-  json["truncated_bytes"] = info.truncated_bytes;
-  json["geometry_is_stated"] = info.header.geometry_is_stated;
-  return json;
+  return {{"format", std::string(EncodingName(info.header.encoding))},
+          {"width", info.header.geometry.width_px},
+          {"height", info.header.geometry.height_px},
+          {"cd_events", counts.cd_events},
+          {"triggers", counts.triggers},
+          {"t_first_us", has_events ? Json(info.t_first_us) : Json(nullptr)},
+          {"t_last_us", has_events ? Json(info.t_last_us) : Json(nullptr)},
+          {"invalid_words", counts.invalid_words()},
+          {"dropped_events", counts.dropped_events()},
+          {"sha256", info.sha256},
+          {"on_events", info.on_events},
+          {"off_events", counts.cd_events - info.on_events},
+          {"unknown_words", counts.unknown_words},
+          {"broken_vectors", counts.broken_vectors},
+          {"dropped_before_time", counts.dropped_before_time},
+          {"dropped_outside_sensor", counts.dropped_outside_sensor},
+          {"kept_outside_sensor", counts.kept_outside_sensor},
+          {"time_backsteps", counts.time_backsteps},
+          {"clock_wraps", counts.clock_wraps},
+          {"data_bytes", info.data_bytes},
+          {"truncated_bytes", info.truncated_bytes},
+          {"geometry_is_stated", info.header.geometry_is_stated}};
 }
 
 void PrintInfo(const std::string& path, const RecordingInfo& info, std::ostream& out) {
@@ -137,9 +122,7 @@ void PrintInfo(const std::string& path, const RecordingInfo& info, std::ostream&
 
 CommandRunner AddInfoCommand(CLI::App& app, CliContext& context) {
   auto arguments = std::make_shared<InfoArguments>();
-  app.add_option("recording", arguments->recording, "Prophesee RAW or DAT file; - for standard input")
-      ->type_name("FILE")
-      ->required();
+  AddFile(app, "recording", arguments->recording, "Prophesee RAW or DAT file; - for standard input")->required();
   app.add_flag("--json", arguments->is_json, "One JSON object on standard output");
   app.footer(
       "The SHA-256 covers the events as packed records of t u64 (microseconds, the sensor's clock), x u16, y u16,\n"
@@ -149,12 +132,8 @@ CommandRunner AddInfoCommand(CLI::App& app, CliContext& context) {
       "  evpose info cube/recording.raw --json");
   return [arguments, &context]() -> absl::Status {
     EVPOSE_ASSIGN_OR_RETURN(const RecordingInfo info, ReadInfo(arguments->recording, context.is_interrupted));
-    if (arguments->is_json) {
-      context.out << InfoJson(info).dump(2) << "\n";
-    } else {
-      PrintInfo(arguments->recording, info, context.out);
-    }
-    return absl::OkStatus();
+    return PrintResult(context, arguments->is_json, InfoJson(info),
+                       [&](std::ostream& out) { PrintInfo(arguments->recording, info, out); });
   };
 }
 

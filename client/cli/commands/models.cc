@@ -9,6 +9,7 @@
 #include "client/cli/commands/commands.h"
 #include "core/base/output_file.h"
 #include "core/base/status_macros.h"
+#include "core/models/object_model.h"
 
 namespace evpose::client {
 namespace {
@@ -22,19 +23,17 @@ struct ModelArguments {
 };
 
 Json ModelJson(const ModelInfo& model) {
-  Json json;
-  json["name"] = model.name;
-  json["size_bytes"] = model.size_bytes;
-  json["faces"] = model.num_faces;
-  json["lines"] = model.num_lines;
-  json["symmetries"] = model.num_symmetries;
-  json["diameter_m"] = model.diameter_m;
-  json["metres_per_unit"] = model.metres_per_unit;
-  json["crease_angle_deg"] = model.crease_angle_deg;
-  json["sha256"] = model.sha256_hex;
-  json["create_time"] = absl::FormatTime(model.create_time, absl::UTCTimeZone());
-  json["notices"] = model.notices;
-  return json;
+  return {{"name", model.name},
+          {"size_bytes", model.size_bytes},
+          {"faces", model.num_faces},
+          {"lines", model.num_lines},
+          {"symmetries", model.num_symmetries},
+          {"diameter_m", model.diameter_m},
+          {"metres_per_unit", model.metres_per_unit},
+          {"crease_angle_deg", model.crease_angle_deg},
+          {"sha256", model.sha256_hex},
+          {"create_time", absl::FormatTime(model.create_time, absl::UTCTimeZone())},
+          {"notices", model.notices}};
 }
 
 void PrintModel(const ModelInfo& model, std::ostream& out) {
@@ -43,48 +42,34 @@ void PrintModel(const ModelInfo& model, std::ostream& out) {
                          model.num_symmetries, model.num_symmetries == 1 ? "symmetry" : "symmetries", model.diameter_m);
 }
 
-void Print(const ModelInfo& model, bool is_json, std::ostream& out) {
-  if (is_json) {
-    out << ModelJson(model).dump(2, ' ', false, Json::error_handler_t::replace) << "\n";
-    return;
-  }
-  PrintModel(model, out);
-  for (const std::string& notice : model.notices) out << "notice: " << notice << "\n";
+absl::Status Print(const ModelInfo& model, bool is_json, CliContext& context) {
+  return PrintResult(context, is_json, ModelJson(model), [&model](std::ostream& out) {
+    PrintModel(model, out);
+    for (const std::string& notice : model.notices) out << "notice: " << notice << "\n";
+  });
 }
 
 absl::Status RunList(const ModelArguments& arguments, CliContext& context) {
   EVPOSE_ASSIGN_OR_RETURN(const std::unique_ptr<Client> client, arguments.server.Connect(context));
   EVPOSE_ASSIGN_OR_RETURN(const std::vector<ModelInfo> models, client->ListModels());
-  Json json = Json::array();
-  for (const ModelInfo& model : models) {
-    if (arguments.is_json) {
-      json.push_back(ModelJson(model));
-    } else {
-      PrintModel(model, context.out);
-    }
-  }
-  if (arguments.is_json) context.out << json.dump(2, ' ', false, Json::error_handler_t::replace) << "\n";
-  return absl::OkStatus();
+  return PrintList(context, arguments.is_json, models, ModelJson, PrintModel);
 }
 
 absl::Status RunUpload(const ModelArguments& arguments, CliContext& context) {
-  UploadOptions options;
-  options.metres_per_unit = arguments.metres_per_unit;
+  UploadOptions options = {.metres_per_unit = arguments.metres_per_unit};
   EVPOSE_ASSIGN_OR_RETURN(options.format, ModelFormatFromPath(arguments.file));
   EVPOSE_ASSIGN_OR_RETURN(const std::string bytes, ReadFile(arguments.file, ModelOptions{}.max_bytes));
   EVPOSE_ASSIGN_OR_RETURN(const std::unique_ptr<Client> client, arguments.server.Connect(context));
   const absl::StatusOr<ModelInfo> model =
       client->UploadModel({reinterpret_cast<const uint8_t*>(bytes.data()), bytes.size()}, options);
   if (!model.ok()) return ModelError(arguments.file, model.status());
-  Print(*model, arguments.is_json, context.out);
-  return absl::OkStatus();
+  return Print(*model, arguments.is_json, context);
 }
 
 absl::Status RunGet(const ModelArguments& arguments, CliContext& context) {
   EVPOSE_ASSIGN_OR_RETURN(const std::unique_ptr<Client> client, arguments.server.Connect(context));
   EVPOSE_ASSIGN_OR_RETURN(const ModelInfo model, client->GetModel(arguments.name));
-  Print(model, arguments.is_json, context.out);
-  return absl::OkStatus();
+  return Print(model, arguments.is_json, context);
 }
 
 absl::Status RunDelete(const ModelArguments& arguments, CliContext& context) {
@@ -124,10 +109,8 @@ void AddModelsCommands(CLI::App& app, CliContext& context, CommandRunners& runne
   add("list", "All models, one on each line", RunList, [](CLI::App&, ModelArguments&) {});
   add("upload", "Upload a model; identical files and options get the same name", RunUpload,
       [](CLI::App& command, ModelArguments& arguments) {
-        command.add_option("file", arguments.file, "OBJ, PLY or STL")->type_name("FILE")->required();
-        command.add_option("--scale", arguments.metres_per_unit, "Metres per unit of the file")
-            ->check(CheckAboveZero, "POSITIVE")
-            ->capture_default_str();
+        AddFile(command, "file", arguments.file, "OBJ, PLY or STL")->required();
+        AddOption(command, "--scale", arguments.metres_per_unit, "Metres per unit of the file", AboveZero());
       });
   add("get", "One model", RunGet, add_name);
   add("delete", "Delete a model that no session uses", RunDelete, add_name);

@@ -59,13 +59,10 @@ absl::StatusOr<RenderInputs> ReadInputs(const RenderArguments& arguments, CliCon
   RenderInputs inputs;
   inputs.context = &context;
   EVPOSE_ASSIGN_OR_RETURN(inputs.camera, LoadCameraModel(arguments.camera));
-  ModelOptions options;
-  options.metres_per_unit = arguments.metres_per_unit;
-  EVPOSE_ASSIGN_OR_RETURN(inputs.model, LoadObjectModel(arguments.model, options));
+  EVPOSE_ASSIGN_OR_RETURN(inputs.model,
+                          LoadObjectModel(arguments.model, {.metres_per_unit = arguments.metres_per_unit}));
   EVPOSE_ASSIGN_OR_RETURN(inputs.poses, ReadTumTrajectory(arguments.poses));
-  RecordingReaderOptions reader_options;
-  reader_options.stop = context.is_interrupted;
-  EVPOSE_ASSIGN_OR_RETURN(inputs.reader, RecordingReader::Open(arguments.recording, reader_options));
+  EVPOSE_ASSIGN_OR_RETURN(inputs.reader, RecordingReader::Open(arguments.recording, {.stop = context.is_interrupted}));
   EVPOSE_RETURN_IF_ERROR(
       CheckCameraMatches(inputs.camera, arguments.camera, inputs.reader->header(), arguments.recording));
   return inputs;
@@ -110,7 +107,8 @@ void FinishFrame(FramePainter& painter, const Trajectory& poses, int64_t t_us, d
 
 absl::Status RenderPicture(const RenderArguments& arguments, RenderInputs& inputs) {
   if (!arguments.at_s && inputs.poses.empty()) {
-    return absl::InvalidArgumentError(absl::StrCat(arguments.poses, " has no pose: say when with --at SECONDS"));
+    return absl::InvalidArgumentError(
+        absl::StrCat(arguments.poses, " has no pose: give the time of the picture with --at SECONDS"));
   }
   const int64_t t_us =
       arguments.at_s ? std::llround(*arguments.at_s * 1e6) : (inputs.poses.front().t_us + inputs.poses.back().t_us) / 2;
@@ -237,24 +235,18 @@ absl::Status RunRender(const RenderArguments& arguments, CliContext& context) {
 
 CommandRunner AddRenderCommand(CLI::App& app, CliContext& context) {
   auto arguments = std::make_shared<RenderArguments>();
-  app.add_option("recording", arguments->recording, "Prophesee RAW or DAT file; - for standard input")
-      ->type_name("FILE")
-      ->required();
-  app.add_option("--poses", arguments->poses, "Trajectory, TUM")->type_name("FILE")->required();
-  app.add_option("--model", arguments->model, "Object: OBJ, PLY or STL")->type_name("FILE")->required();
-  app.add_option("--camera", arguments->camera, "Camera: ROS camera_info YAML")->type_name("FILE")->required();
-  app.add_option("-o,--out", arguments->out, "Picture (.png) or film (.mp4, .avi)")->type_name("FILE")->required();
-  app.add_option("--scale", arguments->metres_per_unit, "Metres per unit of the model file")
-      ->check(CheckAboveZero, "POSITIVE")
-      ->capture_default_str();
+  AddFile(app, "recording", arguments->recording, "Prophesee RAW or DAT file; - for standard input")->required();
+  AddFile(app, "--poses", arguments->poses, "Trajectory, TUM")->required();
+  AddFile(app, "--model", arguments->model, "Object: OBJ, PLY or STL")->required();
+  AddFile(app, "--camera", arguments->camera, "Camera: ROS camera_info YAML")->required();
+  AddFile(app, "-o,--out", arguments->out, "Picture (.png) or film (.mp4, .avi)")->required();
+  AddOption(app, "--scale", arguments->metres_per_unit, "Metres per unit of the model file", AboveZero());
   app.add_option("--at", arguments->at_s,
                  "Time of the picture, seconds on the sensor's clock; default: the middle of the trajectory");
-  app.add_option("--window-ms", arguments->window_ms, "Duration of the drawn events around that time, in milliseconds")
-      ->check(CLI::Range(0.001, 10'000.0))
-      ->capture_default_str();
-  app.add_option("--fps", arguments->fps, "Frames per second of the film, which lasts as long as the recording")
-      ->check(CLI::Range(1.0, 1000.0))
-      ->capture_default_str();
+  AddOption(app, "--window-ms", arguments->window_ms, "Duration of the drawn events around that time, in milliseconds",
+            CLI::Range(0.001, 10'000.0));
+  AddOption(app, "--fps", arguments->fps, "Frames per second of the film, which lasts as long as the recording",
+            CLI::Range(1.0, 1000.0));
   app.footer(
       "ON events are blue, OFF events red, the model's visible lines green.\n\n"
       "Example:\n"

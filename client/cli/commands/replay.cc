@@ -40,24 +40,19 @@ struct ServerHandle {
   std::unique_ptr<Client> client;
 };
 
-absl::StatusOr<ServerHandle> StartAndBegin(SessionRun& run) {
-  server::ServerOptions options;
-  options.listen_address.clear();
-  ServerHandle handle;
-  EVPOSE_ASSIGN_OR_RETURN(handle.own, server::Server::Start(options));
-  handle.client = ClientAccess::OverChannel(handle.own->InProcessChannel(), "server in this process");
-  EVPOSE_RETURN_IF_ERROR(run.Begin(
-      *handle.client, [](SessionConfig&) {}, ""));
-  return handle;
-}
-
 absl::StatusOr<ServerHandle> BeginSession(const RetryOptions& retry, SessionRun& run, const RunArguments& arguments,
                                           const CliContext& context) {
-  if (arguments.server.address.empty()) return StartAndBegin(run);
-  SessionStartOptions options;
-  options.retry = retry;
   ServerHandle handle;
-  EVPOSE_ASSIGN_OR_RETURN(handle.client, StartSession(options, run, arguments, context));
+  if (!arguments.server.address.empty()) {
+    EVPOSE_ASSIGN_OR_RETURN(handle.client, StartSession({.retry = retry}, run, arguments, context));
+    return handle;
+  }
+  server::ServerOptions options;
+  options.listen_address.clear();
+  EVPOSE_ASSIGN_OR_RETURN(handle.own, server::Server::Start(options));
+  handle.client = ClientAccess::OverChannel(handle.own->InProcessChannel(), "server in this process");
+  const auto complete = [](SessionConfig&) {};
+  EVPOSE_RETURN_IF_ERROR(run.Begin(*handle.client, complete, /*request_id=*/""));
   return handle;
 }
 
@@ -77,19 +72,14 @@ absl::Status RunReplay(const ReplayArguments& arguments, CliContext& context) {
   options.clock = context.clock;
   const bool has_server = !arguments.track.server.address.empty();
   options.retry.max_outage = has_server ? absl::Seconds(arguments.track.max_outage_s) : absl::ZeroDuration();
-  RecordingReaderOptions reader_options;
-  reader_options.follow = arguments.is_following;
-  reader_options.stop = [&context, stop = options.stop.get_token()] {
+  const auto stop_reading = [&context, stop = options.stop.get_token()] {
     return stop.stop_requested() || context.IsInterrupted();
   };
-  EVPOSE_ASSIGN_OR_RETURN(RunInputs inputs, ReadRunInputs(arguments.track, reader_options));
+  EVPOSE_ASSIGN_OR_RETURN(RunInputs inputs,
+                          ReadRunInputs(arguments.track, {.follow = arguments.is_following, .stop = stop_reading}));
   SessionRun run(arguments.track, inputs, context, {});
   EVPOSE_RETURN_IF_ERROR(run.Open());
-  FeedOptions feed_options;
-  feed_options.rate = rate;
-  feed_options.clock = context.clock;
-  feed_options.skip = run.position().durable;
-  EVPOSE_RETURN_IF_ERROR(run.MakeFeed(feed_options, false));
+  EVPOSE_RETURN_IF_ERROR(run.MakeFeed({.rate = rate, .clock = context.clock, .skip = run.position().durable}, false));
   EVPOSE_ASSIGN_OR_RETURN(const ServerHandle server, BeginSession(options.retry, run, arguments.track, context));
   return run.Track(*server.client, options);
 }

@@ -34,25 +34,22 @@ std::string NameOf(LogLevel level) {
 absl::Status RunInfo(const Arguments& arguments, CliContext& context) {
   EVPOSE_ASSIGN_OR_RETURN(const std::unique_ptr<Client> client, arguments.server.Connect(context));
   EVPOSE_ASSIGN_OR_RETURN(const ServerInfo info, client->GetServerInfo());
-  if (arguments.is_json) {
-    const Json json = {{"version", info.version},
-                       {"commit", info.commit},
-                       {"store", info.store},
-                       {"active_sessions", info.active_sessions},
-                       {"max_sessions", info.max_sessions},
-                       {"max_chunk_bytes", info.max_chunk_bytes},
-                       {"max_model_bytes", info.max_model_bytes},
-                       {"pose_log_capacity", info.pose_log_capacity},
-                       {"session_expiry_s", absl::ToDoubleSeconds(info.session_expiry)},
-                       {"skipped_events", info.skipped_events},
-                       {"draining", info.is_draining}};
-    context.out << json.dump(2, ' ', false, Json::error_handler_t::replace) << "\n";
-  } else {
-    context.out << "evpose-server " << info.version << " (" << info.commit << "), store: " << info.store << ", "
-                << info.active_sessions << " of " << info.max_sessions << " sessions"
-                << (info.is_draining ? ", shutting down" : "") << "\n";
-  }
-  return absl::OkStatus();
+  const Json json = {{"version", info.version},
+                     {"commit", info.commit},
+                     {"store", info.store},
+                     {"active_sessions", info.active_sessions},
+                     {"max_sessions", info.max_sessions},
+                     {"max_chunk_bytes", info.max_chunk_bytes},
+                     {"max_model_bytes", info.max_model_bytes},
+                     {"pose_log_capacity", info.pose_log_capacity},
+                     {"session_expiry_s", absl::ToDoubleSeconds(info.session_expiry)},
+                     {"skipped_events", info.skipped_events},
+                     {"draining", info.is_draining}};
+  return PrintResult(context, arguments.is_json, json, [&info](std::ostream& out) {
+    out << "evpose-server " << info.version << " (" << info.commit << "), store: " << info.store << ", "
+        << info.active_sessions << " of " << info.max_sessions << " sessions"
+        << (info.is_draining ? ", shutting down" : "") << "\n";
+  });
 }
 
 absl::Status RunLogLevel(const Arguments& arguments, CliContext& context) {
@@ -62,12 +59,11 @@ absl::Status RunLogLevel(const Arguments& arguments, CliContext& context) {
   }
   EVPOSE_ASSIGN_OR_RETURN(const std::unique_ptr<Client> client, arguments.server.Connect(context));
   EVPOSE_ASSIGN_OR_RETURN(const LogLevel before, client->SetLogLevel(level));
-  if (arguments.is_json) {
-    context.out << Json{{"level", arguments.level}, {"previous_level", NameOf(before)}}.dump() << "\n";
-  } else {
-    context.out << "log level: " << arguments.level << ", was " << NameOf(before) << "\n";
-  }
-  return absl::OkStatus();
+  const std::string previous = NameOf(before);
+  const auto print = [&](std::ostream& out) {
+    out << "log level: " << arguments.level << ", was " << previous << "\n";
+  };
+  return PrintResult(context, arguments.is_json, {{"level", arguments.level}, {"previous_level", previous}}, print, -1);
 }
 
 }  // namespace

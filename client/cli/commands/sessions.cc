@@ -22,40 +22,25 @@ struct SessionArguments {
   std::optional<double> timeout_s;
 };
 
-const char* StateName(SessionState state) {
-  switch (state) {
-    case SessionState::kDetached:
-      return "DETACHED";
-    case SessionState::kAttached:
-      return "ATTACHED";
-    case SessionState::kEnded:
-      return "ENDED";
-    case SessionState::kUnknown:
-      break;
-  }
-  return "UNKNOWN";
-}
-
 Json SessionJson(const Session& session) {
-  Json json;
-  json["name"] = session.name;
-  json["state"] = StateName(session.state);
-  json["create_time"] = absl::FormatTime(session.create_time, absl::UTCTimeZone());
-  json["expire_time"] =
-      session.expire_time ? Json(absl::FormatTime(*session.expire_time, absl::UTCTimeZone())) : Json(nullptr);
-  json["encoding"] = std::string(EventEncodingName(session.config.encoding));
-  json["width"] = session.config.camera.width_px;
-  json["height"] = session.config.camera.height_px;
-  json["events"] = session.health.decoded_events;
-  json["poses"] = session.health.poses;
-  json["real_time_ratio"] = session.health.real_time_ratio;
-  json["objects"] = Json::array();
+  Json json = {{"name", session.name},
+               {"state", std::string(SessionStateName(session.state))},
+               {"create_time", absl::FormatTime(session.create_time, absl::UTCTimeZone())},
+               {"expire_time", session.expire_time ? Json(absl::FormatTime(*session.expire_time, absl::UTCTimeZone()))
+                                                   : Json(nullptr)},
+               {"encoding", std::string(EventEncodingName(session.config.encoding))},
+               {"width", session.config.camera.width_px},
+               {"height", session.config.camera.height_px},
+               {"events", session.health.decoded_events},
+               {"poses", session.health.poses},
+               {"real_time_ratio", session.health.real_time_ratio},
+               {"objects", Json::array()}};
   for (const ObjectHealth& object : session.health.objects) json["objects"].push_back(ObjectJson(object));
   return json;
 }
 
 void PrintSession(const Session& session, std::ostream& out) {
-  out << session.name << "  " << StateName(session.state)
+  out << session.name << "  " << SessionStateName(session.state)
       << absl::StrFormat("  %d events  %d poses", session.health.decoded_events, session.health.poses);
   for (const ObjectHealth& object : session.health.objects) {
     out << "  " << object.object_id << " " << DescribeState(object) << ", " << object.losses << " losses";
@@ -66,30 +51,18 @@ void PrintSession(const Session& session, std::ostream& out) {
 absl::Status RunListSessions(const SessionArguments& arguments, CliContext& context) {
   EVPOSE_ASSIGN_OR_RETURN(const std::unique_ptr<Client> client, arguments.server.Connect(context));
   EVPOSE_ASSIGN_OR_RETURN(const std::vector<Session> sessions, client->ListSessions());
-  Json json = Json::array();
-  for (const Session& session : sessions) {
-    if (arguments.is_json) {
-      json.push_back(SessionJson(session));
-    } else {
-      PrintSession(session, context.out);
-    }
-  }
-  if (arguments.is_json) context.out << json.dump(2, ' ', false, Json::error_handler_t::replace) << "\n";
-  return absl::OkStatus();
+  return PrintList(context, arguments.is_json, sessions, SessionJson, PrintSession);
 }
 
 absl::Status RunGetSession(const SessionArguments& arguments, CliContext& context) {
   EVPOSE_ASSIGN_OR_RETURN(const std::unique_ptr<Client> client, arguments.server.Connect(context));
   EVPOSE_ASSIGN_OR_RETURN(const Session session, client->GetSession(arguments.name));
-  if (arguments.is_json) {
-    context.out << SessionJson(session).dump(2, ' ', false, Json::error_handler_t::replace) << "\n";
-  } else {
-    PrintSession(session, context.out);
+  return PrintResult(context, arguments.is_json, SessionJson(session), [&session](std::ostream& out) {
+    PrintSession(session, out);
     for (const ObjectHealth& object : session.health.objects) {
-      if (!object.detail.empty()) context.out << object.object_id << ": " << object.detail << "\n";
+      if (!object.detail.empty()) out << object.object_id << ": " << object.detail << "\n";
     }
-  }
-  return absl::OkStatus();
+  });
 }
 
 absl::Status RunDeleteSession(const SessionArguments& arguments, CliContext& context) {
@@ -102,12 +75,10 @@ absl::Status RunDrain(const SessionArguments& arguments, CliContext& context) {
   std::optional<absl::Duration> timeout;
   if (arguments.timeout_s) timeout = absl::Seconds(*arguments.timeout_s);
   EVPOSE_ASSIGN_OR_RETURN(const uint32_t remaining, client->Drain(timeout));
-  if (arguments.is_json) {
-    context.out << Json{{"remaining_sessions", remaining}}.dump() << "\n";
-  } else {
-    context.out << "the server is shutting down; sessions with an attached stream: " << remaining << "\n";
-  }
-  return absl::OkStatus();
+  const auto print = [remaining](std::ostream& out) {
+    out << "the server is shutting down; sessions with an attached stream: " << remaining << "\n";
+  };
+  return PrintResult(context, arguments.is_json, {{"remaining_sessions", remaining}}, print, -1);
 }
 
 // Returns an example with the session that a replay has kept.
@@ -147,7 +118,7 @@ void AddSessionsCommands(CLI::App& app, CliContext& context, CommandRunners& run
   drain
       ->add_option("--timeout", drain_arguments->timeout_s,
                    "Seconds that streams have to finish; default: the server's --shutdown-timeout")
-      ->check(CheckNotNegative, "NONNEGATIVE");
+      ->check(NotNegative());
   app.footer(
       "Example:\n"
       "  evpose sessions list --server 127.0.0.1:50051");

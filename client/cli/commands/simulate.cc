@@ -25,21 +25,11 @@ struct SimulateArguments {
   std::string motion = "smooth";
   std::optional<double> duration_s;
   double speed_scale = 1.0;
-  double noise_ratio = 0.0;
   double start_s = 16.0;
-  double threshold = SensorOptions().threshold_on;
-  double bandwidth_hz = SensorOptions().bandwidth_hz;
-  double refractory_us = SensorOptions().refractory_us;
-  double lens_blur_px = SceneOptions().lens_blur_px;
-  double flicker_depth = 0.0;
-  double light_change_ratio = 1.0;
-  bool has_occluder = false;
-  bool has_followed_occluder = false;
-  bool has_moving_edge = false;
-  double background_activity_hz = -1.0;
-  int num_hot_pixels = -1;
+  SensorOptions sensor;
+  SceneOptions scene;  // without the object and its motion
+  std::optional<int> num_hot_pixels;
   double flood_mev_per_s = 0.0;
-  bool has_textured_background = false;
   uint64_t seed = 1;
   std::optional<uint64_t> path_seed;
   bool is_json = false;
@@ -49,26 +39,6 @@ constexpr std::pair<const char*, MotionProfile> kMotions[] = {{"smooth", MotionP
                                                               {"rests", MotionProfile::kRests},
                                                               {"bursts", MotionProfile::kBursts},
                                                               {"half-out", MotionProfile::kHalfOut}};
-
-// Adds the options of events that are not caused by edges.
-void SetNoise(const SimulateArguments& arguments, SimulationOptions& options) {
-  SensorOptions& sensor = options.sensor;
-  sensor.noise_ratio = arguments.noise_ratio;
-  if (arguments.background_activity_hz >= 0.0) sensor.shot_noise_hz = arguments.background_activity_hz;
-  if (arguments.num_hot_pixels >= 0) {
-    const double num_pixels = 1.0 * options.camera.width_px * options.camera.height_px;
-    sensor.hot_pixel_ratio = std::min(1.0, arguments.num_hot_pixels / num_pixels);
-  }
-  sensor.flood_hz = 1e6 * arguments.flood_mev_per_s;
-}
-
-// Adds the options of the sensor and the lens.
-void SetSensor(const SimulateArguments& arguments, SimulationOptions& options) {
-  options.sensor.threshold_on = options.sensor.threshold_off = arguments.threshold;
-  options.sensor.bandwidth_hz = arguments.bandwidth_hz;
-  options.sensor.refractory_us = arguments.refractory_us;
-  options.scene.lens_blur_px = arguments.lens_blur_px;
-}
 
 constexpr double kDurationS = 5.0;
 
@@ -89,16 +59,22 @@ absl::StatusOr<SimulationOptions> MakeOptions(const SimulateArguments& arguments
   options.t_begin_us = std::llround(arguments.start_s * 1e6);
   options.seed = arguments.seed;
   options.path_seed = arguments.path_seed;
-  SetSensor(arguments, options);
-  SetNoise(arguments, options);
-  options.scene.light.flicker_depth = arguments.flicker_depth;
-  options.scene.light.change_ratio = arguments.light_change_ratio;
-  options.scene.occluder.is_present = arguments.has_occluder || arguments.has_followed_occluder;
-  options.scene.occluder.follows_object = arguments.has_followed_occluder;
-  // Amplitude of the motion: a third of the width of the standard objects.
-  if (arguments.has_followed_occluder) options.scene.occluder.swing_ratio = 0.06;
-  options.scene.background.has_moving_edge = arguments.has_moving_edge;
-  options.scene.background.is_textured = arguments.has_textured_background;
+  options.sensor = arguments.sensor;
+  options.sensor.threshold_off = options.sensor.threshold_on;
+  if (arguments.num_hot_pixels) {
+    const double num_pixels = 1.0 * options.camera.width_px * options.camera.height_px;
+    options.sensor.hot_pixel_ratio = std::min(1.0, *arguments.num_hot_pixels / num_pixels);
+  }
+  options.sensor.flood_hz = 1e6 * arguments.flood_mev_per_s;
+  options.scene.lens_blur_px = arguments.scene.lens_blur_px;
+  options.scene.light = arguments.scene.light;
+  options.scene.background = arguments.scene.background;
+  options.scene.occluder = arguments.scene.occluder;
+  if (options.scene.occluder.follows_object) {
+    options.scene.occluder.is_present = true;
+    // Amplitude of the motion: a third of the width of the standard objects.
+    options.scene.occluder.swing_ratio = 0.06;
+  }
   for (const auto& [name, profile] : kMotions) {
     if (arguments.motion == name) options.scene.motion.profile = profile;
   }
@@ -107,13 +83,11 @@ absl::StatusOr<SimulationOptions> MakeOptions(const SimulateArguments& arguments
 }
 
 Json ReportJson(const SimulateArguments& arguments, const SimulationReport& report) {
-  Json json;
-  json["directory"] = arguments.out;
-  json["events"] = report.events;
-  json["noise_events"] = report.noise_events;
-  json["rendered_frames"] = report.rendered_frames;
-  json["max_speed_px_per_s"] = report.max_speed_px_per_s;
-  return json;
+  return {{"directory", arguments.out},
+          {"events", report.events},
+          {"noise_events", report.noise_events},
+          {"rendered_frames", report.rendered_frames},
+          {"max_speed_px_per_s", report.max_speed_px_per_s}};
 }
 
 void PrintReport(const SimulateArguments& arguments, const SimulationReport& report, double duration_s,
@@ -135,29 +109,22 @@ absl::Status RunSimulate(const SimulateArguments& arguments, CliContext& context
       SimulateToDirectory(options, arguments.out, on_progress, context.is_interrupted);
   progress.Clear();
   if (!report.ok()) return report.status();
-  if (arguments.is_json) {
-    context.out << ReportJson(arguments, *report).dump(2) << "\n";
-  } else {
-    PrintReport(arguments, *report, static_cast<double>(options.duration_us) * 1e-6, context.out);
-  }
-  return absl::OkStatus();
+  return PrintResult(context, arguments.is_json, ReportJson(arguments, *report), [&](std::ostream& out) {
+    PrintReport(arguments, *report, static_cast<double>(options.duration_us) * 1e-6, out);
+  });
 }
 
 void AddNoiseOptions(CLI::App& app, SimulateArguments& arguments) {
-  app.add_option("--noise", arguments.noise_ratio, "Share of all events that are noise")
-      ->check(CLI::Range(0.0, 0.9))
-      ->capture_default_str();
-  app.add_option("--background-activity", arguments.background_activity_hz,
+  AddOption(app, "--noise", arguments.sensor.noise_ratio, "Share of all events that are noise", CLI::Range(0.0, 0.9));
+  app.add_option("--background-activity", arguments.sensor.shot_noise_hz,
                  "Noise rate of a pixel in the dark, hertz; a pixel that sees white has a quarter of it")
       ->check(CLI::Range(0.0, 1000.0))
       ->default_str("0.03");
   app.add_option("--hot-pixels", arguments.num_hot_pixels, "Number of hot pixels, which emit 200 events per second")
       ->check(CLI::Range(0, 1'000'000))
       ->default_str("1 of 100000");
-  app.add_option("--flood", arguments.flood_mev_per_s,
-                 "Rate of additional random events during 50 ms of every second, Mev/s")
-      ->check(CLI::Range(0.0, 100.0))
-      ->capture_default_str();
+  AddOption(app, "--flood", arguments.flood_mev_per_s,
+            "Rate of additional random events during 50 ms of every second, Mev/s", CLI::Range(0.0, 100.0));
 }
 
 void AddOptions(CLI::App& app, SimulateArguments& arguments) {
@@ -169,51 +136,37 @@ void AddOptions(CLI::App& app, SimulateArguments& arguments) {
   app.add_option("--scenario", arguments.scenario,
                  "A complete scene of `evpose bench tracking`; --duration shortens it")
       ->check(CLI::IsMember(scenarios));
-  app.add_option("--object", arguments.object, "The simulated object")
-      ->check(CLI::IsMember(SimulatedObjectNames()))
-      ->capture_default_str();
-  app.add_option("--camera", arguments.camera, "The sensor and its lens")
-      ->check(CLI::IsMember(SimulatedCameraNames()))
-      ->capture_default_str();
+  AddOption(app, "--object", arguments.object, "The simulated object", CLI::IsMember(SimulatedObjectNames()));
+  AddOption(app, "--camera", arguments.camera, "The sensor and its lens", CLI::IsMember(SimulatedCameraNames()));
   app.add_option("--duration", arguments.duration_s, "Seconds")->check(CLI::Range(0.001, 1800.0))->default_str("5");
-  app.add_option("--speed", arguments.speed_scale, "Factor on the speed of the motion")
-      ->check(CLI::Range(0.0, 100.0))
-      ->capture_default_str();
-  app.add_option(
-         "--motion", arguments.motion,
-         "Continuous motion, motion with pauses, bursts at four times the speed, or motion half out of view and back")
-      ->check(CLI::IsMember(motions))
-      ->capture_default_str();
-  app.add_option("--flicker", arguments.flicker_depth, "Depth of the light's 100 Hz flicker, 0 to 0.8")
-      ->check(CLI::Range(0.0, 0.8))
-      ->capture_default_str();
-  app.add_option("--light-change", arguments.light_change_ratio, "The light oscillates between 1 and 1 / this factor")
-      ->check(CLI::Range(1.0, 10.0))
-      ->capture_default_str();
+  AddOption(app, "--speed", arguments.speed_scale, "Factor on the speed of the motion", CLI::Range(0.0, 100.0));
+  AddOption(
+      app, "--motion", arguments.motion,
+      "Continuous motion, motion with pauses, bursts at four times the speed, or motion half out of view and back",
+      CLI::IsMember(motions));
+  AddOption(app, "--flicker", arguments.scene.light.flicker_depth, "Depth of the light's 100 Hz flicker, 0 to 0.8",
+            CLI::Range(0.0, 0.8));
+  AddOption(app, "--light-change", arguments.scene.light.change_ratio,
+            "The light oscillates between 1 and 1 / this factor", CLI::Range(1.0, 10.0));
   CLI::Option* occluder =
-      app.add_flag("--occluder", arguments.has_occluder, "A bar that oscillates in front of the object");
-  app.add_flag("--occluder-on-object", arguments.has_followed_occluder,
+      app.add_flag("--occluder", arguments.scene.occluder.is_present, "A bar that oscillates in front of the object");
+  app.add_flag("--occluder-on-object", arguments.scene.occluder.follows_object,
                "A bar that moves with the object and always hides a part of it")
       ->excludes(occluder);
-  app.add_flag("--moving-edge", arguments.has_moving_edge, "A straight edge that moves behind the object");
-  app.add_flag("--textured-background", arguments.has_textured_background,
+  app.add_flag("--moving-edge", arguments.scene.background.has_moving_edge,
+               "A straight edge that moves behind the object");
+  app.add_flag("--textured-background", arguments.scene.background.is_textured,
                "Background of rectangles of several shades");
   AddNoiseOptions(app, arguments);
-  app.add_option("--threshold", arguments.threshold, "Contrast threshold, natural logarithm of light")
-      ->check(CLI::Range(0.01, 5.0))
-      ->capture_default_str();
-  app.add_option("--bandwidth", arguments.bandwidth_hz, "Bandwidth of the photoreceptor, hertz; 0: infinite")
-      ->check(CLI::Range(0.0, 1e6))
-      ->capture_default_str();
-  app.add_option("--refractory", arguments.refractory_us, "Refractory time of a pixel after an event, microseconds")
-      ->check(CLI::Range(0.0, 1e5))
-      ->capture_default_str();
-  app.add_option("--lens-blur", arguments.lens_blur_px, "Standard deviation of the lens's point spread, pixels")
-      ->check(CLI::Range(0.0, 2.0))
-      ->capture_default_str();
-  app.add_option("--start", arguments.start_s, "Start time on the sensor's clock, seconds")
-      ->check(CLI::Range(0.0, 16.7))
-      ->capture_default_str();
+  AddOption(app, "--threshold", arguments.sensor.threshold_on, "Contrast threshold, natural logarithm of light",
+            CLI::Range(0.01, 5.0));
+  AddOption(app, "--bandwidth", arguments.sensor.bandwidth_hz, "Bandwidth of the photoreceptor, hertz; 0: infinite",
+            CLI::Range(0.0, 1e6));
+  AddOption(app, "--refractory", arguments.sensor.refractory_us,
+            "Refractory time of a pixel after an event, microseconds", CLI::Range(0.0, 1e5));
+  AddOption(app, "--lens-blur", arguments.scene.lens_blur_px, "Standard deviation of the lens's point spread, pixels",
+            CLI::Range(0.0, 2.0));
+  AddOption(app, "--start", arguments.start_s, "Start time on the sensor's clock, seconds", CLI::Range(0.0, 16.7));
   app.add_option("--seed", arguments.seed, "Seed of all random numbers; the same seed gives identical files")
       ->capture_default_str();
   app.add_option("--path-seed", arguments.path_seed, "Seed of the motion alone; default: --seed");

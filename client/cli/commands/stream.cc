@@ -8,6 +8,7 @@
 #include <string>
 #include <utility>
 
+#include "absl/cleanup/cleanup.h"
 #include "absl/strings/str_cat.h"
 #include "client/cli/commands/commands.h"
 #include "client/cli/common/run_inputs.h"
@@ -45,10 +46,9 @@ FeedOptions MakeFeedOptions(const StreamArguments& arguments, const SessionRun& 
     return options;
   }
   options.read_ahead_bytes = std::numeric_limits<uint64_t>::max();
-  SpoolOptions& spool = options.outbox.spool.emplace();
-  spool.max_bytes = arguments.spool_bytes;
-  spool.outlives_process = !arguments.track.resume.empty();
-  spool.directory = SpoolDirectory(arguments);
+  options.outbox.spool = {.directory = SpoolDirectory(arguments),
+                          .max_bytes = arguments.spool_bytes,
+                          .outlives_process = !arguments.track.resume.empty()};
   options.begins_after_gap = run.is_resumed();
   return options;
 }
@@ -69,42 +69,32 @@ absl::Status CheckSpool(const StreamArguments& arguments, SessionRun& run) {
                                           arguments.track.resume, "; remove that to begin a new session"));
 }
 
-// Stops a source that waits for standard input when it goes out of scope.
-class StopAtEnd {
- public:
-  explicit StopAtEnd(std::stop_source& stop) : stop_(stop) {}
-  ~StopAtEnd() { stop_.request_stop(); }
-
- private:
-  std::stop_source& stop_;
-};
-
 absl::Status RunStream(const StreamArguments& arguments, CliContext& context) {
+  if (arguments.max_lag_s > 0.0 && arguments.overload != "latest") {
+    return UsageError("--max-lag: is for --overload latest; with block nothing is skipped");
+  }
   TrackOptions options;
   options.clock = context.clock;
   options.retry.max_outage = absl::Seconds(arguments.track.max_outage_s);
-  RecordingReaderOptions reader_options;
-  reader_options.follow = true;
-  reader_options.stop = [&context, stop = options.stop.get_token()] {
+  const auto stop_reading = [&context, stop = options.stop.get_token()] {
     return stop.stop_requested() || context.IsInterrupted();
   };
-  EVPOSE_ASSIGN_OR_RETURN(RunInputs inputs, ReadRunInputs(arguments.track, reader_options));
+  EVPOSE_ASSIGN_OR_RETURN(RunInputs inputs, ReadRunInputs(arguments.track, {.follow = true, .stop = stop_reading}));
   SessionRun run(arguments.track, inputs, context,
                  {{"--overload", arguments.overload}, {"--max-lag", absl::StrCat(arguments.max_lag_s)}});
-  const StopAtEnd stop_at_end(options.stop);
+  // Stops a source that waits for standard input.
+  const absl::Cleanup stop_at_end = [&options] { options.stop.request_stop(); };
   EVPOSE_RETURN_IF_ERROR(run.Open());
   EVPOSE_RETURN_IF_ERROR(run.MakeFeed(MakeFeedOptions(arguments, run), true));
   EVPOSE_RETURN_IF_ERROR(CheckSpool(arguments, run));
   // The data of a camera must be read before a server is reachable.
   if (arguments.is_pipe()) run.feed().Start(MakeChunkerOptions(arguments.track).max_bytes);
 
-  SessionStartOptions begin;
-  begin.retry = options.retry;
-  begin.waits_for_first_server = true;
-  begin.complete = [&arguments](SessionConfig& config) {
+  const auto complete = [&arguments](SessionConfig& config) {
     if (arguments.overload == "latest") config.overload_policy = OverloadPolicy::kLatest;
     if (arguments.max_lag_s > 0.0) config.max_lag = absl::Seconds(arguments.max_lag_s);
   };
+  const SessionStartOptions begin = {options.retry, /*waits_for_first_server=*/true, complete};
   EVPOSE_ASSIGN_OR_RETURN(const std::unique_ptr<Client> client, StartSession(begin, run, arguments.track, context));
   EVPOSE_RETURN_IF_ERROR(run.Track(*client, options));
   std::error_code error;
@@ -113,17 +103,9 @@ absl::Status RunStream(const StreamArguments& arguments, CliContext& context) {
   return absl::OkStatus();
 }
 
-absl::Status CheckUsage(const StreamArguments& arguments) {
-  if (arguments.max_lag_s > 0.0 && arguments.overload != "latest") {
-    return UsageError("--max-lag: is for --overload latest; with block nothing is skipped");
-  }
-  return absl::OkStatus();
-}
-
 void AddSpoolOptions(CLI::App& app, StreamArguments& arguments) {
-  app.add_option("--memory-bytes", arguments.memory_bytes, "Limit of the data of standard input that is kept in memory")
-      ->check(CLI::Range(uint64_t{1} << 20, uint64_t{1} << 40))
-      ->capture_default_str()
+  AddOption(app, "--memory-bytes", arguments.memory_bytes, "Limit of the data of standard input that is kept in memory",
+            CLI::Range(uint64_t{1} << 20, uint64_t{1} << 40))
       ->group(kAwayGroup);
   app.add_option(
          "--spool", arguments.spool,
@@ -131,10 +113,9 @@ void AddSpoolOptions(CLI::App& app, StreamArguments& arguments) {
          "server has not made durable. Default: FILE.spool of --resume, otherwise $TMPDIR or /tmp")
       ->type_name("DIR")
       ->group(kAwayGroup);
-  app.add_option("--spool-bytes", arguments.spool_bytes,
-                 "Limit of the data in --spool; beyond it, standard input is not read")
-      ->check(CLI::Range(uint64_t{16} << 20, uint64_t{1} << 50))
-      ->capture_default_str()
+  AddOption(app, "--spool-bytes", arguments.spool_bytes,
+            "Limit of the data in --spool; beyond it, standard input is not read",
+            CLI::Range(uint64_t{16} << 20, uint64_t{1} << 50))
       ->group(kAwayGroup);
 }
 
@@ -144,15 +125,14 @@ CommandRunner AddStreamCommand(CLI::App& app, CliContext& context) {
   auto arguments = std::make_shared<StreamArguments>();
   arguments->track.max_outage_s = std::numeric_limits<double>::infinity();
   arguments->track.AddTo(app, true);
-  app.add_option(
-         "--overload", arguments->overload,
-         "Behaviour when the server cannot keep up. block: standard input is read more slowly and no event is skipped; "
-         "latest: old events are skipped and counted")
-      ->check(CLI::IsMember({"block", "latest"}))
-      ->capture_default_str();
+  AddOption(
+      app, "--overload", arguments->overload,
+      "Behaviour when the server cannot keep up. block: standard input is read more slowly and no event is skipped; "
+      "latest: old events are skipped and counted",
+      CLI::IsMember({"block", "latest"}));
   app.add_option("--max-lag", arguments->max_lag_s,
                  "With --overload latest: age in seconds at which events are skipped; default: chosen by the server")
-      ->check(CheckAboveZero, "POSITIVE");
+      ->check(AboveZero());
   AddSpoolOptions(app, *arguments);
   app.footer(
       "Reads a RAW stream from standard input (-) until it ends, or a RAW file that still grows until an interrupt\n"
@@ -165,10 +145,7 @@ CommandRunner AddStreamCommand(CLI::App& app, CliContext& context) {
       "  evpose simulate --object cube --camera vga --duration 0.5 --out cube\n"
       "  cat cube/recording.raw | evpose stream - --model cube/model.obj --camera cube/camera.yaml \\\n"
       "    --server 127.0.0.1:50051 --out cube/poses.tum");
-  return [arguments, &context]() -> absl::Status {
-    EVPOSE_RETURN_IF_ERROR(CheckUsage(*arguments));
-    return RunStream(*arguments, context);
-  };
+  return [arguments, &context] { return RunStream(*arguments, context); };
 }
 
 }  // namespace evpose::client

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 
 // evpose watch: the poses or the health of a session as they arrive.
+#include <functional>
 #include <map>
 #include <mutex>
 #include <optional>
@@ -54,23 +55,22 @@ class StateLines {
 };
 
 Json HealthJson(const SessionHealth& health) {
-  Json json;
-  json["t_us"] = health.t_us;
-  json["received_bytes"] = health.received_bytes;
-  json["processed_bytes"] = health.processed_bytes;
-  json["decoded_events"] = health.decoded_events;
-  json["dropped_events"] = health.dropped_events;
-  json["invalid_words"] = health.invalid_words;
-  json["time_backsteps"] = health.time_backsteps;
-  json["skipped_events"] = health.skipped_events;
-  json["skipped_us"] = health.skipped_us;
-  json["poses"] = health.poses;
-  json["event_rate_hz"] = health.event_rate_hz;
-  json["pose_rate_hz"] = health.pose_rate_hz;
-  json["real_time_ratio"] = health.real_time_ratio;
-  json["latency_p50_ms"] = MillisecondsJson(health.latency_p50);
-  json["latency_p99_ms"] = MillisecondsJson(health.latency_p99);
-  json["objects"] = Json::array();
+  Json json = {{"t_us", health.t_us},
+               {"received_bytes", health.received_bytes},
+               {"processed_bytes", health.processed_bytes},
+               {"decoded_events", health.decoded_events},
+               {"dropped_events", health.dropped_events},
+               {"invalid_words", health.invalid_words},
+               {"time_backsteps", health.time_backsteps},
+               {"skipped_events", health.skipped_events},
+               {"skipped_us", health.skipped_us},
+               {"poses", health.poses},
+               {"event_rate_hz", health.event_rate_hz},
+               {"pose_rate_hz", health.pose_rate_hz},
+               {"real_time_ratio", health.real_time_ratio},
+               {"latency_p50_ms", MillisecondsJson(health.latency_p50)},
+               {"latency_p99_ms", MillisecondsJson(health.latency_p99)},
+               {"objects", Json::array()}};
   for (const ObjectHealth& object : health.objects) json["objects"].push_back(ObjectJson(object));
   return json;
 }
@@ -87,13 +87,14 @@ std::string HealthLine(const SessionHealth& health) {
   return line;
 }
 
-// Requests `stop` when the command is interrupted.
+// Requests `stop` when the command is interrupted, and calls `on_tick` after each kInterruptPeriod until then.
 class StopOnInterrupt {
  public:
-  StopOnInterrupt(const CliContext& context, std::stop_source stop)
-      : thread_([&context, stop](std::stop_token ended) mutable {
+  StopOnInterrupt(const CliContext& context, std::stop_source stop, const std::function<void()>& on_tick)
+      : thread_([&context, stop, on_tick](std::stop_token ended) mutable {
           while (!context.IsInterrupted()) {
             if (!SystemClock().SleepUntil(SystemClock().Now() + kInterruptPeriod, ended)) return;
+            on_tick();
           }
           stop.request_stop();
         }) {}
@@ -105,7 +106,7 @@ class StopOnInterrupt {
 absl::Status RunWatchHealth(const WatchArguments& arguments, CliContext& context) {
   EVPOSE_ASSIGN_OR_RETURN(const std::unique_ptr<Client> client, arguments.server.Connect(context));
   std::stop_source stop;
-  const StopOnInterrupt interrupt(context, stop);
+  const StopOnInterrupt interrupt(context, stop, [] {});
   const auto on_health = [&](const SessionHealth& health) {
     if (arguments.is_json) {
       context.out << HealthJson(health).dump(-1, ' ', false, Json::error_handler_t::replace) << "\n";
@@ -133,19 +134,13 @@ absl::Status RunWatch(const WatchArguments& arguments, CliContext& context) {
   };
   EVPOSE_ASSIGN_OR_RETURN(const Session session, client->GetSession(arguments.session));
   states.Show(session.health);
-  std::jthread interrupts([&](std::stop_token ended) {
-    absl::Time shown_at = SystemClock().Now();
-    while (!context.IsInterrupted()) {
-      if (!SystemClock().SleepUntil(SystemClock().Now() + kInterruptPeriod, ended)) return;
-      if (SystemClock().Now() - shown_at < kHealthPeriod) continue;
-      // The end of the session also ends the stream of poses.
-      if (const absl::StatusOr<Session> now = client->GetSession(arguments.session); now.ok()) states.Show(now->health);
-      shown_at = SystemClock().Now();
-    }
-    stop.request_stop();
+  const StopOnInterrupt interrupt(context, stop, [&, shown_at = SystemClock().Now()]() mutable {
+    if (SystemClock().Now() - shown_at < kHealthPeriod) return;
+    // The end of the session also ends the stream of poses.
+    if (const absl::StatusOr<Session> now = client->GetSession(arguments.session); now.ok()) states.Show(now->health);
+    shown_at = SystemClock().Now();
   });
   const absl::Status status = client->WatchPoses(arguments.session, arguments.poses, on_poses, stop.get_token());
-  interrupts.request_stop();
   return stop.stop_requested() ? absl::OkStatus() : status;
 }
 
@@ -160,14 +155,13 @@ CommandRunner AddWatchCommand(CLI::App& app, CliContext& context) {
   CLI::Option* const max_rate =
       app.add_option("--max-rate-hz", arguments->poses.max_rate_hz,
                      "Limit of the poses per second of sensor time, for each object; default: all poses")
-          ->check(CheckAboveZero, "POSITIVE");
+          ->check(AboveZero());
   CLI::Option* const health =
       app.add_flag("--health", arguments->is_health, "Print the health of the session instead of its poses")
           ->excludes(after)
           ->excludes(max_rate);
-  app.add_option("--period", arguments->period_s, "With --health: seconds between two lines, at least 0.01")
-      ->check(CLI::Range(0.01, 86400.0))
-      ->capture_default_str()
+  AddOption(app, "--period", arguments->period_s, "With --health: seconds between two lines, at least 0.01",
+            CLI::Range(0.01, 86400.0))
       ->needs(health);
   arguments->server.AddTo(app, true);
   app.add_flag("--json", arguments->is_json, "One JSON object on each line");

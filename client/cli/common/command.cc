@@ -17,7 +17,6 @@
 #include "absl/strings/str_split.h"
 #include "client/lib/server_address.h"
 #include "client/lib/status_details.h"
-#include "core/base/output_file.h"
 #include "core/base/status_macros.h"
 
 namespace evpose::client {
@@ -63,18 +62,37 @@ absl::Status UsageError(const std::string& message) {
   return status;
 }
 
-bool IsUsageError(const absl::Status& status) { return status.GetPayload(kUsagePayload).has_value(); }
-
-std::string CheckAboveZero(const std::string& text) {
-  double number = 0.0;
-  if (absl::SimpleAtod(text, &number) && number > 0.0 && std::isfinite(number)) return "";
-  return absl::StrCat(text, " is not a number above 0");
+absl::Status AsUsageError(const absl::Status& status, const std::string& prefix) {
+  return status.ok() ? status : UsageError(absl::StrCat(prefix, status.message()));
 }
 
-std::string CheckNotNegative(const std::string& text) {
-  double number = 0.0;
-  if (absl::SimpleAtod(text, &number) && number >= 0.0) return "";
-  return absl::StrCat(text, " is neither 0 nor a positive number");
+bool IsUsageError(const absl::Status& status) { return status.GetPayload(kUsagePayload).has_value(); }
+
+CLI::Validator AboveZero() {
+  const auto check = [](const std::string& text) -> std::string {
+    double number = 0.0;
+    if (absl::SimpleAtod(text, &number) && number > 0.0 && std::isfinite(number)) return "";
+    return absl::StrCat(text, " is not a number above 0");
+  };
+  return CLI::Validator(check, "POSITIVE");
+}
+
+CLI::Validator NotNegative() {
+  const auto check = [](const std::string& text) -> std::string {
+    double number = 0.0;
+    if (absl::SimpleAtod(text, &number) && number >= 0.0) return "";
+    return absl::StrCat(text, " is neither 0 nor a positive number");
+  };
+  return CLI::Validator(check, "NONNEGATIVE");
+}
+
+CLI::Option* AddFile(CLI::App& app, const std::string& name, std::string& path, const std::string& description) {
+  return app.add_option(name, path, description)->type_name("FILE");
+}
+
+CLI::Option* AddNames(CLI::App& app, const std::string& name, std::vector<std::string>& names,
+                      const std::string& description) {
+  return app.add_option(name, names, description)->delimiter(',')->type_name("NAME,...");
 }
 
 absl::Status ModelError(const std::string& path, const absl::Status& status) {
@@ -96,22 +114,16 @@ void ServerArguments::AddTo(CLI::App& app, bool is_required) {
   const std::vector<CLI::Option*> ways = {
       app.add_flag("--tls", tls.is_on,
                    "Encrypt, and verify the server's certificate with the certificate authorities of the system"),
-      app.add_option("--tls-ca", tls.ca_file,
-                     "Encrypt, and verify the server's certificate with these certificate authorities only, PEM")
-          ->type_name("FILE"),
-      app.add_option(
-             "--tls-cert", tls.certificate_file,
-             "Encrypt, and present this client certificate, PEM, to a server that requires one (--tls-client-ca)")
-          ->type_name("FILE"),
-      app.add_option("--tls-key", tls.key_file, "Private key of --tls-cert, PEM")->type_name("FILE"),
-      app.add_option(
-             "--token-file", token_file,
-             "File with the authentication token from evpose-server --new-token; only its owner may have access "
-             "(chmod 600). It is read again before every call and reconnection. Default: the variable EVPOSE_TOKEN")
-          ->type_name("FILE"),
-      app.add_option("--connect-timeout", connect_timeout_s, "Seconds to wait for a server that does not answer yet")
-          ->check(CLI::Range(0.001, 86400.0))
-          ->capture_default_str()};
+      AddFile(app, "--tls-ca", tls.ca_file,
+              "Encrypt, and verify the server's certificate with these certificate authorities only, PEM"),
+      AddFile(app, "--tls-cert", tls.certificate_file,
+              "Encrypt, and present this client certificate, PEM, to a server that requires one (--tls-client-ca)"),
+      AddFile(app, "--tls-key", tls.key_file, "Private key of --tls-cert, PEM"),
+      AddFile(app, "--token-file", token_file,
+              "File with the authentication token from evpose-server --new-token; only its owner may have access "
+              "(chmod 600). It is read again before every call and reconnection. Default: the variable EVPOSE_TOKEN"),
+      AddOption(app, "--connect-timeout", connect_timeout_s, "Seconds to wait for a server that does not answer yet",
+                CLI::Range(0.001, 86400.0))};
   server->group(kServerGroup);
   for (CLI::Option* const way : ways) {
     way->group(kServerGroup);
@@ -137,19 +149,38 @@ absl::StatusOr<std::unique_ptr<Client>> ServerArguments::Connect(const CliContex
   return Client::Connect(address, options);
 }
 
+absl::Status PrintResult(CliContext& context, bool is_json, const Json& json,
+                         const std::function<void(std::ostream&)>& print, int indent) {
+  if (is_json) {
+    context.out << json.dump(indent, ' ', false, Json::error_handler_t::replace) << "\n";
+  } else {
+    print(context.out);
+  }
+  return absl::OkStatus();
+}
+
+absl::StatusOr<std::optional<OutputFile>> OpenOutput(const std::string& path) {
+  if (path.empty()) return std::nullopt;
+  return OutputFile::Create(path);
+}
+
+absl::Status FinishOutput(std::optional<OutputFile>& file, std::string_view rest) {
+  if (!file) return absl::OkStatus();
+  EVPOSE_RETURN_IF_ERROR(file->Append(rest));
+  return file->Commit();
+}
+
 Json MillisecondsJson(const std::optional<absl::Duration>& duration) {
   return duration ? Json(absl::ToDoubleMilliseconds(*duration)) : Json(nullptr);
 }
 
 Json ObjectJson(const ObjectHealth& object) {
-  Json json;
-  json["object_id"] = object.object_id;
-  json["state"] = std::string(TrackStateName(object.state));
-  json["losses"] = object.losses;
-  json["initialization"] = std::string(InitializationStatusName(object.initialization));
-  json["initialization_attempts"] = object.initialization_attempts;
-  json["detail"] = object.detail;
-  return json;
+  return {{"object_id", object.object_id},
+          {"state", std::string(TrackStateName(object.state))},
+          {"losses", object.losses},
+          {"initialization", std::string(InitializationStatusName(object.initialization))},
+          {"initialization_attempts", object.initialization_attempts},
+          {"detail", object.detail}};
 }
 
 std::string DescribeState(const ObjectHealth& object) {

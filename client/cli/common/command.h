@@ -9,6 +9,7 @@
 #include <nlohmann/json.hpp>
 #include <optional>
 #include <string>
+#include <string_view>
 #include <utility>
 #include <vector>
 
@@ -16,6 +17,7 @@
 #include "absl/status/statusor.h"
 #include "absl/time/time.h"
 #include "client/cli/common/cli_context.h"
+#include "core/base/output_file.h"
 #include "core/events/event.h"
 #include "core/events/recording_header.h"
 #include "core/geometry/camera.h"
@@ -32,11 +34,25 @@ using CommandRunners = std::vector<std::pair<CLI::App*, CommandRunner>>;
 
 // A failure with exit status 2 instead of 1.
 absl::Status UsageError(const std::string& message);
+// Returns a usage error with the message of `status` after `prefix`; OK for OK.
+absl::Status AsUsageError(const absl::Status& status, const std::string& prefix = "");
 bool IsUsageError(const absl::Status& status);
 
-// For CLI::Option::check(): returns a description of an invalid number, shorter than that of CLI11, or an empty string.
-std::string CheckAboveZero(const std::string& text);
-std::string CheckNotNegative(const std::string& text);  // infinity is not valid, either
+// Checks of option values; the error describes an invalid number more briefly than that of CLI11.
+CLI::Validator AboveZero();
+CLI::Validator NotNegative();  // accepts infinity
+
+// Adds an option with a check of its values; --help prints the default value.
+template <typename Value>
+CLI::Option* AddOption(CLI::App& app, const std::string& name, Value& value, const std::string& description,
+                       const CLI::Validator& check) {
+  return app.add_option(name, value, description)->check(check)->capture_default_str();
+}
+// Adds an option for the path of a file.
+CLI::Option* AddFile(CLI::App& app, const std::string& name, std::string& path, const std::string& description);
+// Adds an option for a comma-separated list of names.
+CLI::Option* AddNames(CLI::App& app, const std::string& name, std::vector<std::string>& names,
+                      const std::string& description);
 
 // Rewords the status of a model upload, which names fields of the API, for the owner of the file.
 absl::Status ModelError(const std::string& path, const absl::Status& status);
@@ -60,6 +76,27 @@ struct ServerArguments {
 // the camera.
 absl::Status CheckCameraMatches(const CameraModel& camera, const std::string& camera_path,
                                 const RecordingHeader& header, const std::string& recording_path);
+
+// Prints the result of a command: `json` with --json, otherwise text by `print`. Invalid UTF-8 in JSON is replaced.
+absl::Status PrintResult(CliContext& context, bool is_json, const Json& json,
+                         const std::function<void(std::ostream&)>& print, int indent = 2);
+
+// The same for a list: a JSON array, or the text of each item.
+template <typename Item>
+absl::Status PrintList(CliContext& context, bool is_json, const std::vector<Item>& items, Json (*to_json)(const Item&),
+                       void (*print)(const Item&, std::ostream&)) {
+  Json json = Json::array();
+  for (const Item& item : items) json.push_back(to_json(item));
+  return PrintResult(context, is_json, json, [&](std::ostream& out) {
+    for (const Item& item : items) print(item, out);
+  });
+}
+
+// Opens the output file of an option before the work, so that a path that cannot be written is reported at once;
+// nullopt for an empty path. Errors: those of OutputFile::Create().
+absl::StatusOr<std::optional<OutputFile>> OpenOutput(const std::string& path);
+// Appends the rest of an output and completes it; does nothing for nullopt.
+absl::Status FinishOutput(std::optional<OutputFile>& file, std::string_view rest);
 
 // A number of milliseconds; null for nullopt.
 Json MillisecondsJson(const std::optional<absl::Duration>& duration);

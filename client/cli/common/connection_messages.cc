@@ -7,6 +7,7 @@
 namespace evpose::client {
 namespace {
 
+// Every attempt is described at the start of an outage; a long one must not fill the log of a terminal.
 constexpr absl::Duration kOftenAtFirst = absl::Seconds(15);
 constexpr absl::Duration kLaterEvery = absl::Seconds(60);
 
@@ -24,8 +25,8 @@ std::string ConnectionMessages::Describe(const ConnectionChange& change) {
   const bool is_new = !is_away_;
   if (is_new) ++outages_;
   is_away_ = true;
-  if (!is_new && change.away_for > kOftenAtFirst && change.away_for - said_at_ < kLaterEvery) return "";
-  said_at_ = change.away_for;
+  if (!is_new && change.away_for > kOftenAtFirst && change.away_for - described_at_ < kLaterEvery) return "";
+  described_at_ = change.away_for;
   std::string text = absl::StrCat("server away for ", Seconds(change.away_for));
   if (!change.cause.ok()) absl::StrAppend(&text, " (", change.cause.message(), ")");
   absl::StrAppend(&text, "; ", kept);

@@ -22,7 +22,7 @@ class ConnectionMessages {
 
  private:
   bool is_away_ = false;
-  absl::Duration said_at_;  // time since the start of the outage
+  absl::Duration described_at_;  // time of the last message since the start of the outage
   int outages_ = 0;
   absl::Duration away_for_;
 };

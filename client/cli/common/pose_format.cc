@@ -96,20 +96,6 @@ std::string PoseLine(PoseFormat format, const Pose& pose) {
   return "";
 }
 
-absl::StatusOr<PoseFile> PoseFile::Create(const std::string& path) {
-  EVPOSE_ASSIGN_OR_RETURN(const PoseFormat format, PoseFormatFromPath(path));
-  EVPOSE_ASSIGN_OR_RETURN(OutputFile file, OutputFile::Create(path));
-  EVPOSE_RETURN_IF_ERROR(file.Append(PoseHeader(format)));
-  return PoseFile(std::move(file), format);
-}
-
-absl::StatusOr<PoseFile> PoseFile::Continue(const std::string& path, uint64_t kept_bytes) {
-  EVPOSE_ASSIGN_OR_RETURN(const PoseFormat format, PoseFormatFromPath(path));
-  EVPOSE_ASSIGN_OR_RETURN(OutputFile file, OutputFile::Continue(path, kept_bytes));
-  if (kept_bytes == 0) EVPOSE_RETURN_IF_ERROR(file.Append(PoseHeader(format)));
-  return PoseFile(std::move(file), format);
-}
-
 absl::Status PoseFiles::Check(const std::string& path, const std::vector<std::string>& object_ids) {
   EVPOSE_ASSIGN_OR_RETURN(const PoseFormat format, PoseFormatFromPath(path));
   if (!absl::StrContains(path, kObjectPlaceholder)) {
@@ -134,23 +120,16 @@ std::map<std::string, std::string> PoseFiles::Paths(const std::string& path,
   return paths;
 }
 
-absl::StatusOr<PoseFiles> PoseFiles::Create(const std::string& path, const std::vector<std::string>& object_ids) {
+absl::StatusOr<PoseFiles> PoseFiles::Open(const std::string& path, const std::vector<std::string>& object_ids,
+                                          const std::map<std::string, uint64_t>* kept_bytes) {
   EVPOSE_RETURN_IF_ERROR(Check(path, object_ids));
   PoseFiles files;
+  EVPOSE_ASSIGN_OR_RETURN(files.format_, PoseFormatFromPath(path));
   for (const auto& [id, name] : Paths(path, object_ids)) {
-    EVPOSE_ASSIGN_OR_RETURN(PoseFile file, PoseFile::Create(name));
-    files.files_.emplace(id, std::move(file));
-  }
-  return files;
-}
-
-absl::StatusOr<PoseFiles> PoseFiles::Continue(const std::string& path, const std::vector<std::string>& object_ids,
-                                              const std::map<std::string, uint64_t>& kept_bytes) {
-  EVPOSE_RETURN_IF_ERROR(Check(path, object_ids));
-  PoseFiles files;
-  for (const auto& [id, name] : Paths(path, object_ids)) {
-    const auto kept = kept_bytes.find(id);
-    EVPOSE_ASSIGN_OR_RETURN(PoseFile file, PoseFile::Continue(name, kept == kept_bytes.end() ? 0 : kept->second));
+    const uint64_t kept = kept_bytes != nullptr && kept_bytes->contains(id) ? kept_bytes->at(id) : 0;
+    EVPOSE_ASSIGN_OR_RETURN(OutputFile file,
+                            kept_bytes == nullptr ? OutputFile::Create(name) : OutputFile::Continue(name, kept));
+    if (kept == 0) EVPOSE_RETURN_IF_ERROR(file.Append(PoseHeader(files.format_)));
     files.files_.emplace(id, std::move(file));
   }
   return files;
@@ -159,7 +138,8 @@ absl::StatusOr<PoseFiles> PoseFiles::Continue(const std::string& path, const std
 void PoseFiles::Write(const Pose& pose) {
   auto file = files_.find(pose.object_id);
   if (file == files_.end()) file = files_.find("");
-  if (file != files_.end()) file->second.Write(pose);
+  if (file == files_.end()) return;
+  file->second.Append(PoseLine(format_, pose)).IgnoreError();  // Commit() returns the error
 }
 
 absl::StatusOr<std::map<std::string, uint64_t>> PoseFiles::Sync() {
@@ -173,10 +153,6 @@ absl::StatusOr<std::map<std::string, uint64_t>> PoseFiles::Sync() {
 absl::Status PoseFiles::Commit() {
   for (auto& [id, file] : files_) EVPOSE_RETURN_IF_ERROR(file.Commit());
   return absl::OkStatus();
-}
-
-void PoseFile::Write(const Pose& pose) {
-  file_.Append(PoseLine(format_, pose)).IgnoreError();  // Commit() returns the error
 }
 
 }  // namespace evpose::client

@@ -23,36 +23,17 @@ std::string PoseHeader(PoseFormat format);
 // One line, line feed included. It depends on the bytes of the session only, so that it does not contain the latency.
 std::string PoseLine(PoseFormat format, const Pose& pose);
 
-// Writes poses as they arrive; the file appears under its name when it is complete.
-class PoseFile {
- public:
-  static absl::StatusOr<PoseFile> Create(const std::string& path);
-  // Continues after the first `kept_bytes` of the output of an earlier process. Errors: those of
-  // OutputFile::Continue().
-  static absl::StatusOr<PoseFile> Continue(const std::string& path, uint64_t kept_bytes);
-  // The first error is kept and returned by Commit().
-  void Write(const Pose& pose);
-  absl::StatusOr<uint64_t> Sync() { return file_.Sync(); }
-  absl::Status Commit() { return file_.Commit(); }
-
- private:
-  PoseFile(OutputFile file, PoseFormat format) : file_(std::move(file)), format_(format) {}
-
-  OutputFile file_;
-  PoseFormat format_;
-};
-
-// The poses of the objects of a session: in one file or, if the path contains "{object}", in one file for each object.
+// Writes the poses of the objects of a session as they arrive: to one file or, if the path contains "{object}", to one
+// file for each object. A file appears under its name when it is complete.
 class PoseFiles {
  public:
   // Errors: INVALID_ARGUMENT for an unknown extension, for a TUM file with several objects, and for an ID that cannot
   // be part of a file name.
   static absl::Status Check(const std::string& path, const std::vector<std::string>& object_ids);
-  // Additional errors: those of PoseFile.
-  static absl::StatusOr<PoseFiles> Create(const std::string& path, const std::vector<std::string>& object_ids);
-  // Continues the output of an earlier process, with the number of bytes of each file, by object, that Sync() returned.
-  static absl::StatusOr<PoseFiles> Continue(const std::string& path, const std::vector<std::string>& object_ids,
-                                            const std::map<std::string, uint64_t>& kept_bytes);
+  // With `kept_bytes`, continues the output of an earlier process: the number of bytes of each file, by object, that
+  // Sync() returned. Additional errors: those of OutputFile.
+  static absl::StatusOr<PoseFiles> Open(const std::string& path, const std::vector<std::string>& object_ids,
+                                        const std::map<std::string, uint64_t>* kept_bytes = nullptr);
   // The first error is kept and returned by Commit().
   void Write(const Pose& pose);
   // Writes all data to the disk; returns the sizes of the files, by object.
@@ -63,7 +44,8 @@ class PoseFiles {
   static std::map<std::string, std::string> Paths(const std::string& path, const std::vector<std::string>& object_ids);
 
  private:
-  std::map<std::string, PoseFile> files_;  // by object; "" for a single file
+  PoseFormat format_ = PoseFormat::kTum;
+  std::map<std::string, OutputFile> files_;  // by object; "" for a single file
 };
 
 }  // namespace evpose::client

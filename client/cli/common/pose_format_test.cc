@@ -84,10 +84,10 @@ TEST(PoseFormat, JsonLine) {
   EXPECT_FALSE(json.contains("latency"));  // differs from run to run
 }
 
-TEST(PoseFile, HoldsHeaderAndPosesOnceCommitted) {
+TEST(PoseFilesTest, HoldsHeaderAndPosesOnceCommitted) {
   const std::string path = ::testing::TempDir() + "/pose_format_test.csv";
   std::filesystem::remove(path);
-  auto file = PoseFile::Create(path);
+  auto file = PoseFiles::Open(path, {"object"});
   ASSERT_TRUE(file.ok()) << file.status();
   file->Write(MakePose());
   EXPECT_FALSE(std::filesystem::exists(path));
@@ -96,11 +96,11 @@ TEST(PoseFile, HoldsHeaderAndPosesOnceCommitted) {
   std::filesystem::remove(path);
 }
 
-TEST(PoseFile, FullDiskIsReportedByCommit) {
+TEST(PoseFilesTest, FullDiskIsReportedByCommit) {
   // /dev/full takes an opened file and refuses every byte.
   std::filesystem::remove(::testing::TempDir() + "/full.csv");
   std::filesystem::create_symlink("/dev/full", ::testing::TempDir() + "/full.csv");
-  auto file = PoseFile::Create(::testing::TempDir() + "/full.csv");
+  auto file = PoseFiles::Open(::testing::TempDir() + "/full.csv", {"object"});
   ASSERT_TRUE(file.ok()) << file.status();
   for (int i = 0; i < 1000; ++i) file->Write(MakePose());
   EXPECT_FALSE(file->Commit().ok());

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// Reads the files that PoseFile writes.
+// Reads the files that PoseFiles writes.
 #pragma once
 
 #include <string>

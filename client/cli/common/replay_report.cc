@@ -111,15 +111,14 @@ void ReplayReport::Print(std::ostream& stream) const {
 
 Json ReplayReport::ToJson() const {
   const SessionHealth& health = summary.health;
-  Json json;
-  json["recording"] = recording;
-  json["out"] = out.empty() ? Json(nullptr) : Json(out);
-  json["files"] = files;
-  json["session"] = session.empty() ? Json(nullptr) : Json(session);
-  json["events"] = health.decoded_events;
-  json["poses"] = summary.poses;
-  json["losses"] = Losses();
-  json["objects"] = ObjectsJson();
+  Json json = {{"recording", recording},
+               {"out", out.empty() ? Json(nullptr) : Json(out)},
+               {"files", files},
+               {"session", session.empty() ? Json(nullptr) : Json(session)},
+               {"events", health.decoded_events},
+               {"poses", summary.poses},
+               {"losses", Losses()},
+               {"objects", ObjectsJson()}};
   // For a single object, its fields are also those of the report.
   if (const Json objects = json["objects"]; objects.size() == 1) {
     for (const auto& [key, value] : objects[0].items()) json[key] = value;

@@ -22,7 +22,7 @@ namespace {
 
 using Json = nlohmann::ordered_json;
 
-constexpr size_t kMaxBytes = 1 << 20;
+constexpr size_t kMaxBytes = 1 << 20;  // a record has a few kilobytes
 constexpr int kVersion = 1;
 
 absl::Status Error(const std::string& path, const char* what) {

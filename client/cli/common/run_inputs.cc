@@ -14,11 +14,10 @@
 #include "core/base/output_file.h"
 #include "core/base/status_macros.h"
 #include "core/geometry/trajectory.h"
+#include "core/models/object_model.h"
 
 namespace evpose::client {
 namespace {
-
-constexpr size_t kMaxModelBytes = size_t{64} << 20;  // what a server takes by default
 
 // The names of the estimators that servers offer.
 std::vector<std::string> OfferedEstimators() {
@@ -75,19 +74,31 @@ absl::StatusOr<std::vector<InputObject>> ParseObjects(const RunArguments& argume
   return objects;
 }
 
+// Parses "POSE" of the only object, or "ID=POSE" with --object.
+absl::StatusOr<PoseReset> ParseObjectPose(const RunArguments& arguments, const std::vector<InputObject>& objects,
+                                          const std::string& text, const std::string& option) {
+  std::pair<std::string, std::string> id_and_pose = {objects[0].id, text};
+  if (!arguments.objects.empty()) {
+    EVPOSE_ASSIGN_OR_RETURN(id_and_pose, SplitId(text, option));
+  }
+  const auto& [id, pose_text] = id_and_pose;
+  const auto has_id = [&id = id](const InputObject& object) { return object.id == id; };
+  if (std::none_of(objects.begin(), objects.end(), has_id)) {
+    return UsageError(absl::StrCat(option, ": no --object ", id));
+  }
+  const absl::StatusOr<RigidTransform> pose = ParsePose(pose_text);
+  EVPOSE_RETURN_IF_ERROR(AsUsageError(pose.status(), option + ": "));
+  return PoseReset{id, FromCore(*pose)};
+}
+
 absl::Status ParseInitialPoses(const RunArguments& arguments, std::vector<InputObject>& objects) {
   for (const std::string& text : arguments.init_poses) {
-    std::pair<std::string, std::string> id_and_pose = {objects[0].id, text};
-    if (!arguments.objects.empty()) {
-      EVPOSE_ASSIGN_OR_RETURN(id_and_pose, SplitId(text, "--init-pose"));
+    EVPOSE_ASSIGN_OR_RETURN(const PoseReset initial, ParseObjectPose(arguments, objects, text, "--init-pose"));
+    for (InputObject& object : objects) {
+      if (object.id != initial.object_id) continue;
+      if (object.initial_pose) return UsageError(absl::StrCat("--init-pose of ", object.id, " was given twice"));
+      object.initial_pose = initial.camera_from_object;
     }
-    const auto object = std::find_if(objects.begin(), objects.end(),
-                                     [&](const InputObject& each) { return each.id == id_and_pose.first; });
-    if (object == objects.end()) return UsageError(absl::StrCat("--init-pose: no --object ", id_and_pose.first));
-    if (object->initial_pose) return UsageError(absl::StrCat("--init-pose of ", object->id, " was given twice"));
-    const absl::StatusOr<RigidTransform> pose = ParsePose(id_and_pose.second);
-    if (!pose.ok()) return UsageError(absl::StrCat("--init-pose: ", pose.status().message()));
-    object->initial_pose = FromCore(*pose);
   }
   return absl::OkStatus();
 }
@@ -100,17 +111,7 @@ absl::StatusOr<TimedReset> ParseReset(const RunArguments& arguments, const std::
   if (!absl::SimpleAtoi(time_and_pose.first, &timed.t_us) || timed.t_us < 0) {
     return UsageError(absl::StrCat("--reset-pose: \"", text, "\" does not begin with a sensor time in microseconds"));
   }
-  std::pair<std::string, std::string> id_and_pose = {objects[0].id, time_and_pose.second};
-  if (!arguments.objects.empty()) {
-    EVPOSE_ASSIGN_OR_RETURN(id_and_pose, SplitId(time_and_pose.second, "--reset-pose"));
-  }
-  if (std::none_of(objects.begin(), objects.end(),
-                   [&](const InputObject& object) { return object.id == id_and_pose.first; })) {
-    return UsageError(absl::StrCat("--reset-pose: no --object ", id_and_pose.first));
-  }
-  const absl::StatusOr<RigidTransform> pose = ParsePose(id_and_pose.second);
-  if (!pose.ok()) return UsageError(absl::StrCat("--reset-pose: ", pose.status().message()));
-  timed.reset = {id_and_pose.first, FromCore(*pose)};
+  EVPOSE_ASSIGN_OR_RETURN(timed.reset, ParseObjectPose(arguments, objects, time_and_pose.second, "--reset-pose"));
   return timed;
 }
 
@@ -149,7 +150,7 @@ absl::Status ReadObjects(const RunArguments& arguments, std::vector<InputObject>
   for (InputObject& object : objects) {
     EVPOSE_ASSIGN_OR_RETURN(object.upload.format, ModelFormatFromPath(object.model_path));
     object.upload.metres_per_unit = arguments.metres_per_unit;
-    EVPOSE_ASSIGN_OR_RETURN(object.model_bytes, ReadFile(object.model_path, kMaxModelBytes));
+    EVPOSE_ASSIGN_OR_RETURN(object.model_bytes, ReadFile(object.model_path, ModelOptions().max_bytes));
   }
   return absl::OkStatus();
 }
@@ -166,8 +167,7 @@ absl::StatusOr<RunInputs> ReadRunInputs(const RunArguments& arguments, const Rec
   RunInputs inputs;
   EVPOSE_ASSIGN_OR_RETURN(inputs.objects, ParseObjects(arguments));
   if (!arguments.out.empty()) {
-    const absl::Status checked = PoseFiles::Check(arguments.out, inputs.object_ids());
-    if (!checked.ok()) return UsageError(absl::StrCat("--out ", checked.message()));
+    EVPOSE_RETURN_IF_ERROR(AsUsageError(PoseFiles::Check(arguments.out, inputs.object_ids()), "--out "));
   }
   EVPOSE_RETURN_IF_ERROR(ParseInitialPoses(arguments, inputs.objects));
   EVPOSE_RETURN_IF_ERROR(ParseResets(arguments, inputs));
@@ -213,11 +213,8 @@ absl::StatusOr<SessionConfig> UploadModels(Client& client, const RunArguments& a
     absl::StatusOr<ModelInfo> model = client.UploadModel(bytes, input.upload);
     if (!model.ok()) return ModelError(input.model_path, model.status());
     report.models.push_back({input.id, model->notices, model->num_symmetries, model->diameter_m});
-    TrackedObject object;
-    object.object_id = input.id;
-    object.model = model->name;
-    object.initial_camera_from_object = input.initial_pose;
-    config.objects.push_back(std::move(object));
+    config.objects.push_back(
+        {.object_id = input.id, .model = model->name, .initial_camera_from_object = input.initial_pose});
   }
   return config;
 }
@@ -234,19 +231,14 @@ absl::StatusOr<Session> CreateSession(Client& client, const SessionConfig& confi
 }
 
 void RunArguments::AddTo(CLI::App& app, bool server_is_required) {
-  app.add_option("recording", recording, "Prophesee RAW or DAT file; - for standard input")
-      ->type_name("FILE")
-      ->required();
-  app.add_option("--model", model, "Object: OBJ, PLY or STL")->type_name("FILE");
+  AddFile(app, "recording", recording, "Prophesee RAW or DAT file; - for standard input")->required();
+  AddFile(app, "--model", model, "Object: OBJ, PLY or STL");
   app.add_option("--object", objects, "One of several objects, ID=FILE; repeat the option for each object")
       ->type_name("ID=MODEL")
       ->allow_extra_args(false);
-  app.add_option("--camera", camera, "Camera: ROS camera_info YAML")->type_name("FILE")->required();
-  app.add_option("--sensor", sensor, "Profile of the sensor, as evpose calibrate writes it; default: an EVK4")
-      ->type_name("FILE");
-  app.add_option("--scale", metres_per_unit, "Metres per unit of the model file")
-      ->check(CheckAboveZero, "POSITIVE")
-      ->capture_default_str();
+  AddFile(app, "--camera", camera, "Camera: ROS camera_info YAML")->required();
+  AddFile(app, "--sensor", sensor, "Profile of the sensor, as evpose calibrate writes it; default: an EVK4");
+  AddOption(app, "--scale", metres_per_unit, "Metres per unit of the model file", AboveZero());
   app.add_option("--init-pose", init_poses,
                  "Pose camera_from_object at the first event; without it, the pose is searched for in the events. With "
                  "--object: \"ID=tx ...\", once for each object with a known pose")
@@ -278,17 +270,15 @@ void RunArguments::AddTo(CLI::App& app, bool server_is_required) {
           },
           "multiple of 8");
   server.AddTo(app, server_is_required);
-  app.add_option("--max-outage", max_outage_s,
-                 "Seconds without a response of --server after which the command gives up; 0: no reconnection; inf: "
-                 "unlimited")
-      ->check(CheckNotNegative, "NONNEGATIVE")
-      ->capture_default_str()
+  AddOption(app, "--max-outage", max_outage_s,
+            "Seconds without a response of --server after which the command gives up; 0: no reconnection; inf: "
+            "unlimited",
+            NotNegative())
       ->needs(app.get_option("--server"))
       ->group(kAwayGroup);
-  app.add_option("--resume", resume,
-                 "File with the position of the session. If it exists, the command continues from there: after a kill, "
-                 "run the same command again. The file is removed at the end")
-      ->type_name("FILE")
+  AddFile(app, "--resume", resume,
+          "File with the position of the session. If it exists, the command continues from there: after a kill, "
+          "run the same command again. The file is removed at the end")
       ->group(kAwayGroup);
   app.add_flag("--keep-session", keeps_session,
                "Keep the session on the server, so that evpose watch can read its poses")

@@ -8,6 +8,7 @@
 namespace evpose::client {
 namespace {
 
+// Short enough for a live display; each poll is a call to the server.
 constexpr absl::Duration kPeriod = absl::Milliseconds(250);
 
 // Counts decrease when a server continues from a checkpoint.
@@ -36,7 +37,7 @@ void SessionProgress::Update(const TrackProgress& progress) {
   progress_ = progress;
 }
 
-void SessionProgress::Say(const std::string& text) {
+void SessionProgress::PrintLine(const std::string& text) {
   std::lock_guard lock(mutex_);
   line_.Clear();
   context_.err << text << std::endl;

@@ -22,7 +22,7 @@ class SessionProgress {
 
   void Update(const TrackProgress& progress);
   // Prints a line, even if the progress is not displayed.
-  void Say(const std::string& text);
+  void PrintLine(const std::string& text);
   void Stop();
 
  private:

@@ -3,11 +3,12 @@
 
 #include <algorithm>
 #include <filesystem>
+#include <stop_token>
+#include <thread>
 #include <utility>
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_join.h"
-#include "client/cli/common/interrupt_watch.h"
 #include "client/lib/client_access.h"
 #include "client/lib/core_types.h"
 #include "core/base/status_macros.h"
@@ -50,6 +51,26 @@ std::map<std::string, std::string> Identify(const RunArguments& arguments, const
   return identity;
 }
 
+// Requests `stop` if an interrupt has occurred and `is_away` remains set for kGrace after it: the work in progress
+// cannot be finished while the server is unreachable. After a shorter outage it is finished normally. The arguments
+// must outlive the object.
+class InterruptWatch {
+ public:
+  InterruptWatch(const CliContext& context, const std::atomic<bool>& is_away, std::stop_source stop)
+      : thread_([&context, &is_away, stop = std::move(stop)](std::stop_token ended) mutable {
+          for (absl::Duration waited; waited < kGrace; waited += kInterruptPeriod) {
+            if (!is_away || !context.IsInterrupted()) waited = absl::ZeroDuration();
+            if (!SystemClock().SleepUntil(SystemClock().Now() + kInterruptPeriod, ended)) return;
+          }
+          stop.request_stop();
+        }) {}
+
+ private:
+  static constexpr absl::Duration kGrace = absl::Seconds(2);  // also in the help of evpose stream
+
+  std::jthread thread_;
+};
+
 }  // namespace
 
 SessionRun::SessionRun(const RunArguments& arguments, RunInputs& inputs, CliContext& context,
@@ -77,11 +98,8 @@ absl::Status SessionRun::Open() {
   }
   kept_pose_seq_ = record_.position.last_pose_seq;
   if (arguments_.out.empty()) return absl::OkStatus();
-  if (resume_) {
-    EVPOSE_ASSIGN_OR_RETURN(poses_, PoseFiles::Continue(arguments_.out, inputs_.object_ids(), record_.output_bytes));
-  } else {
-    EVPOSE_ASSIGN_OR_RETURN(poses_, PoseFiles::Create(arguments_.out, inputs_.object_ids()));
-  }
+  EVPOSE_ASSIGN_OR_RETURN(
+      poses_, PoseFiles::Open(arguments_.out, inputs_.object_ids(), resume_ ? &record_.output_bytes : nullptr));
   return absl::OkStatus();
 }
 
@@ -131,10 +149,10 @@ absl::Status SessionRun::KeepPosition(const TrackPosition& position, bool has_ne
   return absl::OkStatus();
 }
 
-void SessionRun::Say(const std::string& text) {
+void SessionRun::PrintLine(const std::string& text) {
   if (text.empty()) return;
   if (progress_ != nullptr) {
-    progress_->Say(text);
+    progress_->PrintLine(text);
   } else {
     context_.err << text << std::endl;
   }
@@ -149,7 +167,7 @@ TrackCallbacks SessionRun::MakeCallbacks() {
   callbacks.on_progress = [this](const TrackProgress& value) { progress_->Update(value); };
   callbacks.on_connection = [this](const ConnectionChange& change) {
     is_away_ = change.is_away;
-    Say(connection_.Describe(change));
+    PrintLine(connection_.Describe(change));
   };
   callbacks.on_position = [this](const TrackPosition& position, bool has_new_token) {
     return KeepPosition(position, has_new_token);
@@ -212,11 +230,8 @@ absl::Status SessionRun::Finish(Client& client, const TrackSummary& summary, abs
   if (resume_) resume_->Remove();
   feed_->outbox().Clear();
   if (!arguments_.keeps_session) client.DeleteSession(record_.position.session).IgnoreError();
-  if (arguments_.is_json) {
-    context_.out << report_.ToJson().dump(2, ' ', false, Json::error_handler_t::replace) << "\n";
-  } else {
-    report_.Print(context_.out);
-  }
+  EVPOSE_RETURN_IF_ERROR(
+      PrintResult(context_, arguments_.is_json, report_.ToJson(), [this](std::ostream& out) { report_.Print(out); }));
   EVPOSE_RETURN_IF_ERROR(source_status_);
   if (!inputs_.resets.empty()) {
     return absl::OutOfRangeError(absl::StrCat(

@@ -50,7 +50,7 @@ class SessionRun {
   // Runs until the summary; then the report and the pose files are complete.
   absl::Status Track(Client& client, TrackOptions options);
 
-  void Say(const std::string& text);
+  void PrintLine(const std::string& text);
   ConnectionMessages& connection() { return connection_; }
 
  private:

@@ -33,86 +33,65 @@ absl::Status Interrupted(const RunArguments& arguments, const absl::Status& caus
   return absl::CancelledError(text);
 }
 
-class SessionStart {
- public:
-  SessionStart(const SessionStartOptions& options, SessionRun& run, const RunArguments& arguments,
-               const CliContext& context)
-      : options_(options),
-        run_(run),
-        arguments_(arguments),
-        context_(context),
-        clock_(context.clock == nullptr ? SystemClock() : *context.clock),
-        backoff_(options.retry) {}
+// Makes one attempt. `timeout_s`: limit of the time for the connection, seconds.
+absl::StatusOr<std::unique_ptr<Client>> TryToStart(const SessionStartOptions& options, SessionRun& run,
+                                                   const RunArguments& arguments, const CliContext& context,
+                                                   double timeout_s, const std::string& request_id,
+                                                   bool& was_connected) {
+  ServerArguments server = arguments.server;
+  server.connect_timeout_s = std::min(server.connect_timeout_s, timeout_s);
+  EVPOSE_ASSIGN_OR_RETURN(std::unique_ptr<Client> client, server.Connect(context));
+  was_connected = true;
+  EVPOSE_RETURN_IF_ERROR(run.Begin(*client, options.complete, request_id));
+  return client;
+}
 
-  absl::StatusOr<std::unique_ptr<Client>> Run() {
-    while (true) {
-      const absl::Status status = Try();
-      if (status.ok()) {
-        ReportBack();
-        return std::move(client_);
-      }
-      client_.reset();  // the next attempt may find another server
-      if (!MayWait() || AdviseOn(status) != RetryAdvice::kTryAgain) return status;
-      if (context_.IsInterrupted()) return Interrupted(arguments_, status);
-      if (!away_since_) away_since_ = clock_.Now();
-      const absl::Duration delay = backoff_.Next();
-      if (away_for() + delay > options_.retry.max_outage) return status;
-      Report({.is_away = true, .cause = status, .next_try_in = delay});
-      if (!Sleep(delay)) return Interrupted(arguments_, status);
-    }
+bool Sleep(absl::Duration delay, Clock& clock, const CliContext& context) {
+  for (const absl::Time due = clock.Now() + delay; clock.Now() < due;) {
+    if (context.IsInterrupted()) return false;
+    clock.SleepUntil(std::min(due, clock.Now() + kInterruptPeriod), {});
   }
-
- private:
-  absl::Status Try() {
-    ServerArguments slice = arguments_.server;
-    if (MayWait()) slice.connect_timeout_s = std::min(slice.connect_timeout_s, absl::ToDoubleSeconds(kConnectSlice));
-    EVPOSE_ASSIGN_OR_RETURN(client_, slice.Connect(context_));
-    was_connected_ = true;
-    return run_.Begin(*client_, options_.complete, request_id_);
-  }
-
-  bool Sleep(absl::Duration delay) const {
-    for (const absl::Time due = clock_.Now() + delay; clock_.Now() < due;) {
-      if (context_.IsInterrupted()) return false;
-      clock_.SleepUntil(std::min(due, clock_.Now() + kInterruptPeriod), {});
-    }
-    return true;
-  }
-
-  void ReportBack() {
-    if (away_since_) Report({.is_away = false});
-  }
-  void Report(ConnectionChange change) {
-    const OutboxState state = run_.feed().outbox().state();
-    change.server = arguments_.server.address;
-    change.away_for = away_for();
-    change.kept_bytes = state.kept_bytes;
-    change.source_waits = state.is_waiting;
-    run_.Say(run_.connection().Describe(change));
-  }
-
-  // Otherwise there is one attempt, for the whole --connect-timeout.
-  bool MayWait() const { return was_connected_ || options_.waits_for_first_server; }
-  absl::Duration away_for() const { return clock_.Now() - *away_since_; }
-
-  const SessionStartOptions& options_;
-  SessionRun& run_;
-  const RunArguments& arguments_;
-  const CliContext& context_;
-  Clock& clock_;
-  Backoff backoff_;
-  // The same in every attempt, so that a session is not created twice when the response was lost.
-  const std::string request_id_ = RandomId();
-  std::unique_ptr<Client> client_;
-  bool was_connected_ = false;
-  std::optional<absl::Time> away_since_;
-};
+  return true;
+}
 
 }  // namespace
 
 absl::StatusOr<std::unique_ptr<Client>> StartSession(const SessionStartOptions& options, SessionRun& run,
                                                      const RunArguments& arguments, const CliContext& context) {
-  return SessionStart(options, run, arguments, context).Run();
+  Clock& clock = context.clock == nullptr ? SystemClock() : *context.clock;
+  Backoff backoff(options.retry);
+  // The same in every attempt, so that a session is not created twice when the response was lost.
+  const std::string request_id = RandomId();
+  bool was_connected = false;
+  std::optional<absl::Time> away_since;
+  const auto report = [&](ConnectionChange change) {
+    const OutboxState state = run.feed().outbox().state();
+    change.server = arguments.server.address;
+    change.away_for = clock.Now() - *away_since;
+    change.kept_bytes = state.kept_bytes;
+    change.source_waits = state.is_waiting;
+    run.PrintLine(run.connection().Describe(change));
+  };
+  // Before a server was reachable there is one attempt, for the whole --connect-timeout, unless the first is waited
+  // for.
+  const auto may_wait = [&] { return was_connected || options.waits_for_first_server; };
+  while (true) {
+    const double timeout_s = may_wait() ? absl::ToDoubleSeconds(kConnectSlice) : arguments.server.connect_timeout_s;
+    absl::StatusOr<std::unique_ptr<Client>> client =
+        TryToStart(options, run, arguments, context, timeout_s, request_id, was_connected);
+    if (client.ok()) {
+      if (away_since) report({.is_away = false});
+      return client;
+    }
+    const absl::Status& status = client.status();
+    if (!may_wait() || AdviseOn(status) != RetryAdvice::kTryAgain) return status;
+    if (context.IsInterrupted()) return Interrupted(arguments, status);
+    if (!away_since) away_since = clock.Now();
+    const absl::Duration delay = backoff.Next();
+    if (clock.Now() - *away_since + delay > options.retry.max_outage) return status;
+    report({.is_away = true, .cause = status, .next_try_in = delay});
+    if (!Sleep(delay, clock, context)) return Interrupted(arguments, status);
+  }
 }
 
 }  // namespace evpose::client

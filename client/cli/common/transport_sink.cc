@@ -2,7 +2,6 @@
 #include "client/cli/common/transport_sink.h"
 
 #include <grpcpp/create_channel.h>
-#include <grpcpp/server.h>
 #include <grpcpp/server_builder.h>
 
 #include "absl/strings/str_cat.h"
@@ -50,16 +49,11 @@ class SinkService final : public v1::SessionService::Service {
 
 }  // namespace
 
-struct TransportSink::Impl {
-  std::unique_ptr<grpc::Service> service = std::make_unique<SinkService>();
-  std::unique_ptr<grpc::Server> server;
-};
-
-TransportSink::TransportSink() : impl_(std::make_unique<Impl>()) {}
+TransportSink::TransportSink() : service_(std::make_unique<SinkService>()) {}
 
 TransportSink::~TransportSink() {
   client_.reset();
-  if (impl_->server != nullptr) impl_->server->Shutdown(absl::ToChronoTime(absl::Now()));
+  if (server_ != nullptr) server_->Shutdown(absl::ToChronoTime(absl::Now()));
 }
 
 absl::StatusOr<std::unique_ptr<TransportSink>> TransportSink::Start() {
@@ -67,19 +61,14 @@ absl::StatusOr<std::unique_ptr<TransportSink>> TransportSink::Start() {
   int port = 0;
   grpc::ServerBuilder builder;
   builder.AddListeningPort("127.0.0.1:0", grpc::InsecureServerCredentials(), &port);
-  builder.RegisterService(sink->impl_->service.get());
-  sink->impl_->server = builder.BuildAndStart();
-  if (sink->impl_->server == nullptr || port == 0) return absl::UnavailableError("no port of 127.0.0.1 can be had");
+  builder.RegisterService(sink->service_.get());
+  sink->server_ = builder.BuildAndStart();
+  if (sink->server_ == nullptr || port == 0) return absl::UnavailableError("no port of 127.0.0.1 can be had");
   const std::string address = absl::StrCat("127.0.0.1:", port);
   sink->client_ = ClientAccess::OverChannel(grpc::CreateChannel(address, grpc::InsecureChannelCredentials()), address);
   return sink;
 }
 
-Session TransportSink::session() {
-  Session session;
-  session.name = "sessions/transport";
-  session.resume_token = "transport";
-  return session;
-}
+Session TransportSink::session() { return {.name = "sessions/transport", .resume_token = "transport"}; }
 
 }  // namespace evpose::client

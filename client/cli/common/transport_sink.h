@@ -3,6 +3,8 @@
 // A peer of the Track protocol that discards all events: it measures the transport alone.
 #pragma once
 
+#include <grpcpp/server.h>
+
 #include <memory>
 #include <string>
 
@@ -24,8 +26,8 @@ class TransportSink {
  private:
   TransportSink();
 
-  struct Impl;
-  std::unique_ptr<Impl> impl_;
+  const std::unique_ptr<grpc::Service> service_;
+  std::unique_ptr<grpc::Server> server_;
   std::unique_ptr<Client> client_;
 };
 

@@ -9,20 +9,8 @@
 #include "core/base/status_macros.h"
 
 namespace evpose::client {
-namespace {
-
-// The size of a piece is a multiple of this: whole words of every encoding.
-constexpr uint64_t kWordBytes = 8;
-
-}  // namespace
-
-absl::Status FeedOptions::Validate() const {
-  if (!(rate >= 0.0) || rate > 1e6) return absl::InvalidArgumentError("rate must lie in [0, 1e6]");
-  return outbox.Validate();
-}
 
 absl::StatusOr<std::unique_ptr<EventFeed>> EventFeed::Open(ChunkSource source, const FeedOptions& options) {
-  EVPOSE_RETURN_IF_ERROR(options.Validate());
   EVPOSE_ASSIGN_OR_RETURN(std::unique_ptr<Outbox> outbox, Outbox::Open(options.outbox, options.skip));
   return std::unique_ptr<EventFeed>(new EventFeed(std::move(source), options, std::move(outbox)));
 }

@@ -33,15 +33,12 @@ struct FeedOptions {
   FeedPoint skip;
   // Whether bytes were lost before the first chunk of the source.
   bool begins_after_gap = false;
-
-  // Error: INVALID_ARGUMENT naming the field.
-  absl::Status Validate() const;
 };
 
 // Feeds of the same source with the same `max_piece_bytes` assign the same numbers to the same bytes.
 class EventFeed {
  public:
-  // Errors: those of FeedOptions and of Outbox::Open().
+  // Errors: those of Outbox::Open().
   static absl::StatusOr<std::unique_ptr<EventFeed>> Open(ChunkSource source, const FeedOptions& options);
   ~EventFeed();  // calls Stop()
 

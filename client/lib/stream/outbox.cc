@@ -174,13 +174,10 @@ FeedPoint Outbox::durable() const {
 
 OutboxState Outbox::state() const {
   const std::lock_guard lock(mutex_);
-  OutboxState state;
-  state.first_seq = first_seq_;
-  state.last = last_;
-  state.durable_seq = durable_seq_;
-  state.kept_bytes = last_.bytes - std::min(durable_.bytes, last_.bytes);
-  state.is_waiting = is_waiting_;
-  return state;
+  return {.first_seq = first_seq_,
+          .last = last_,
+          .kept_bytes = last_.bytes - std::min(durable_.bytes, last_.bytes),
+          .is_waiting = is_waiting_};
 }
 
 }  // namespace evpose::client

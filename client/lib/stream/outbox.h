@@ -31,11 +31,10 @@ struct OutboxOptions {
 };
 
 struct OutboxState {
-  uint64_t first_seq = 1;    // first stored chunk
-  FeedPoint last;            // after the last appended chunk
-  uint64_t durable_seq = 0;  // the server never requests chunks up to this one again
-  uint64_t kept_bytes = 0;   // payload above durable_seq
-  bool is_waiting = false;   // the outbox is full, and the source waits
+  uint64_t first_seq = 1;   // first stored chunk
+  FeedPoint last;           // after the last appended chunk
+  uint64_t kept_bytes = 0;  // payload that the server may request again
+  bool is_waiting = false;  // the outbox is full, and the source waits
 };
 
 // One thread may append, one may read, and any may forget.

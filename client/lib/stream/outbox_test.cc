@@ -74,7 +74,7 @@ TEST_F(OutboxTest, KeepsChunksThatAreNotDurable) {
   EXPECT_THAT(forgotten.status().message(),
               HasSubstr("requests chunk 3 again, which it had reported as durable (up to 3)"));
   outbox_->Forget(1);  // an old ack
-  EXPECT_EQ(outbox_->state().durable_seq, 3u);
+  EXPECT_EQ(outbox_->durable().seq, 3u);
 }
 
 TEST_F(OutboxTest, EndsAfterItsLastChunk) {

@@ -3,6 +3,7 @@
 
 #include <utility>
 
+#include "core/base/state_io.h"
 #include "core/numerics/hash.h"
 
 namespace evpose::client {
@@ -18,12 +19,11 @@ OutgoingChunk MakeOutgoingChunk(const FeedPoint& point, std::string payload, boo
   OutgoingChunk chunk;
   chunk.discontinuity = discontinuity;
   chunk.crc32c = Crc32c({reinterpret_cast<const uint8_t*>(payload.data()), payload.size()});
-  uint8_t both[8];
-  for (int i = 0; i < 4; ++i) {
-    both[i] = static_cast<uint8_t>(point.digest >> (8 * i));
-    both[4 + i] = static_cast<uint8_t>(chunk.crc32c >> (8 * i));
-  }
-  chunk.end = {point.seq + 1, point.bytes + payload.size(), Crc32c(both)};
+  StateWriter both;
+  both(point.digest, chunk.crc32c);
+  const std::string bytes = both.Take();
+  const uint32_t digest = Crc32c({reinterpret_cast<const uint8_t*>(bytes.data()), bytes.size()});
+  chunk.end = {point.seq + 1, point.bytes + payload.size(), digest};
   chunk.payload = std::move(payload);
   return chunk;
 }

@@ -10,6 +10,9 @@
 
 namespace evpose::client {
 
+// The longest word of an encoding: a multiple of it is whole words of every encoding.
+inline constexpr uint64_t kWordBytes = 8;
+
 // A chunk of events, or a reset.
 struct OutgoingChunk {
   FeedPoint end;               // the position after it; end.seq is its number

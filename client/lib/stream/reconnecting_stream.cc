@@ -39,12 +39,12 @@ absl::StatusOr<TrackSummary> ReconnectingStream::Run() {
     const AttemptOutcome outcome = RunOnce();
     Observe(outcome);
     if (outcome.summary && outcome.status.ok()) {
-      TrackSummary summary{*outcome.summary};
-      summary.sent_bytes = feed_.outbox().state().last.bytes;
-      summary.sent_chunks = feed_.outbox().state().last.seq;
-      summary.poses = position_.last_pose_seq - position_.lost_poses;
-      summary.lost_poses = position_.lost_poses;
-      return summary;
+      const FeedPoint last = feed_.outbox().state().last;
+      return TrackSummary{.health = *outcome.summary,
+                          .sent_bytes = last.bytes,
+                          .sent_chunks = last.seq,
+                          .poses = position_.last_pose_seq - position_.lost_poses,
+                          .lost_poses = position_.lost_poses};
     }
     if (outcome.is_final) return WithProgress(outcome.status);
     if (options_.stop.stop_requested()) return WithProgress(absl::CancelledError("cancelled"));
@@ -57,11 +57,11 @@ absl::StatusOr<TrackSummary> ReconnectingStream::Run() {
 }
 
 AttemptOutcome ReconnectingStream::RunOnce() {
-  AttemptOptions attempt_options;
-  attempt_options.resume_token = uses_previous_token_ ? position_.previous_token : position_.resume_token;
-  attempt_options.attach_after_pose = attaches_without_count_ ? 0 : position_.last_pose_seq;
-  attempt_options.leaves_on_go_away =
-      options_.retry.max_outage > absl::ZeroDuration() && (outlives_server_ || servers_.size() > 1);
+  const AttemptOptions attempt_options = {
+      .resume_token = uses_previous_token_ ? position_.previous_token : position_.resume_token,
+      .attach_after_pose = attaches_without_count_ ? 0 : position_.last_pose_seq,
+      .leaves_on_go_away =
+          options_.retry.max_outage > absl::ZeroDuration() && (outlives_server_ || servers_.size() > 1)};
   TrackCallbacks callbacks = callbacks_;
   callbacks.on_position = [this](const TrackPosition& position, bool has_new_token) {
     if (has_new_token) ReportAttached();
@@ -121,20 +121,21 @@ bool ReconnectingStream::WaitForNextTry(const absl::Status& cause) {
   if (now + delay - *away_since_ > options_.retry.max_outage) return false;
   ++tries_;
   if (!is_same_server) current_ = (current_ + 1) % servers_.size();
-  if (callbacks_.on_connection) {
-    const OutboxState state = feed_.outbox().state();
-    callbacks_.on_connection(
-        {true, server().name, cause, now - *away_since_, delay, state.kept_bytes, state.is_waiting});
-  }
+  Report({true, server().name, cause, now - *away_since_, delay});
   return clock().SleepUntil(now + delay, options_.stop.get_token());
 }
 
 void ReconnectingStream::ReportAttached() {
   attached_at_ = clock().Now();
-  if (!away_since_ || !callbacks_.on_connection) return;
+  if (away_since_) Report({false, server().name, absl::OkStatus(), clock().Now() - *away_since_});
+}
+
+void ReconnectingStream::Report(ConnectionChange change) const {
+  if (!callbacks_.on_connection) return;
   const OutboxState state = feed_.outbox().state();
-  callbacks_.on_connection({false, server().name, absl::OkStatus(), clock().Now() - *away_since_, absl::ZeroDuration(),
-                            state.kept_bytes, state.is_waiting});
+  change.kept_bytes = state.kept_bytes;
+  change.source_waits = state.is_waiting;
+  callbacks_.on_connection(change);
 }
 
 absl::Status ReconnectingStream::WithProgress(const absl::Status& status) const {

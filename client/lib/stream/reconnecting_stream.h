@@ -44,6 +44,8 @@ class ReconnectingStream {
   // Waits for the next attempt; returns false if there is none.
   bool WaitForNextTry(const absl::Status& cause);
   void ReportAttached();
+  // Calls on_connection, with the state of the outbox in addition.
+  void Report(ConnectionChange change) const;
   const StreamServer& server() const { return servers_[current_]; }
   Clock& clock() const { return options_.clock == nullptr ? SystemClock() : *options_.clock; }
   absl::Status WithProgress(const absl::Status& status) const;

@@ -15,6 +15,7 @@
 #include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
+#include "core/base/state_io.h"
 #include "core/base/status_macros.h"
 #include "core/numerics/hash.h"
 
@@ -25,46 +26,39 @@ constexpr uint32_t kMagic = 0x31505645;  // "EVP1"
 constexpr size_t kHeaderBytes = 44;
 constexpr char kSuffix[] = ".spool";
 // Flags of a record.
-constexpr uint64_t kDiscontinuityFlag = 1;
-constexpr uint64_t kResetFlag = 2;
+constexpr uint32_t kDiscontinuityFlag = 1;
+constexpr uint32_t kResetFlag = 2;
+// A file of the smallest spool has at least 128 KiB, so that few chunks need a new file.
 constexpr uint64_t kMinBytes = 16 << 20;
 // A number of files that can remain open.
 constexpr uint64_t kMaxSegments = 128;
 
-void Put(std::string& out, uint64_t value, int bytes) {
-  for (int i = 0; i < bytes; ++i) out.push_back(static_cast<char>(value >> (8 * i)));
-}
-
-uint64_t Get(const char* in, int bytes) {
-  uint64_t value = 0;
-  for (int i = 0; i < bytes; ++i) value |= uint64_t{static_cast<uint8_t>(in[i])} << (8 * i);
-  return value;
-}
-
 uint32_t Crc(const char* data, size_t size) { return Crc32c({reinterpret_cast<const uint8_t*>(data), size}); }
 
-// Returns whether all bytes were written; errno has the cause otherwise.
-bool WriteAll(int descriptor, const std::string& bytes, uint64_t offset) {
-  for (size_t done = 0; done < bytes.size();) {
-    const ssize_t size =
-        pwrite(descriptor, bytes.data() + done, bytes.size() - done, static_cast<off_t>(offset + done));
-    if (size < 0 && errno == EINTR) continue;
-    if (size < 0) return false;
-    done += static_cast<size_t>(size);
-  }
-  return true;
-}
-
-// Returns false with errno 0 at the end of the file.
-bool ReadAll(int descriptor, char* bytes, size_t size, uint64_t offset) {
+// Calls `transfer(done)`, which reads or writes from this position on, until `size` bytes are done. Returns false at
+// the end of the file and on errors; errno has the cause of an error.
+template <typename Transfer>
+bool TransferAll(size_t size, const Transfer& transfer) {
   for (size_t done = 0; done < size;) {
-    const ssize_t part = pread(descriptor, bytes + done, size - done, static_cast<off_t>(offset + done));
+    const ssize_t part = transfer(done);
     if (part < 0 && errno == EINTR) continue;
-    if (part == 0) errno = 0;
     if (part <= 0) return false;
     done += static_cast<size_t>(part);
   }
   return true;
+}
+
+bool WriteAll(int descriptor, const std::string& bytes, uint64_t offset) {
+  return TransferAll(bytes.size(), [&](size_t done) {
+    return pwrite(descriptor, bytes.data() + done, bytes.size() - done, static_cast<off_t>(offset + done));
+  });
+}
+
+// Fills `bytes`.
+bool ReadAll(int descriptor, std::string& bytes, uint64_t offset) {
+  return TransferAll(bytes.size(), [&](size_t done) {
+    return pread(descriptor, bytes.data() + done, bytes.size() - done, static_cast<off_t>(offset + done));
+  });
 }
 
 }  // namespace
@@ -79,26 +73,25 @@ struct Spool::Record {
   uint64_t size_bytes() const { return kHeaderBytes + payload_bytes; }
 
   std::string Encode() const {
-    std::string header;
-    Put(header, kMagic, 4);
-    Put(header, payload_bytes, 8);
-    Put(header, end.seq, 8);
-    Put(header, end.bytes, 8);
-    Put(header, end.digest, 4);
-    Put(header, (discontinuity ? kDiscontinuityFlag : 0) | (is_reset ? kResetFlag : 0), 4);
-    Put(header, crc32c, 4);
-    Put(header, Crc(header.data(), header.size()), 4);
-    return header;
+    StateWriter header;
+    const uint32_t flags = (discontinuity ? kDiscontinuityFlag : 0) | (is_reset ? kResetFlag : 0);
+    header(kMagic, payload_bytes, end.seq, end.bytes, end.digest, flags, crc32c);
+    std::string bytes = header.Take();
+    StateWriter checksum;
+    checksum(Crc(bytes.data(), bytes.size()));
+    return bytes + checksum.Take();
   }
 
-  static bool Decode(const char* header, Record& record) {
-    if (Get(header, 4) != kMagic || Get(header + 40, 4) != Crc(header, 40)) return false;
-    record.payload_bytes = Get(header + 4, 8);
-    record.end = {Get(header + 12, 8), Get(header + 20, 8), static_cast<uint32_t>(Get(header + 28, 4))};
-    record.discontinuity = (Get(header + 32, 4) & kDiscontinuityFlag) != 0;
-    record.is_reset = (Get(header + 32, 4) & kResetFlag) != 0;
-    record.crc32c = static_cast<uint32_t>(Get(header + 36, 4));
-    return record.end.seq > 0;
+  // `header` has kHeaderBytes.
+  static bool Decode(absl::string_view header, Record& record) {
+    StateReader reader(header);
+    uint32_t magic = 0, flags = 0, header_crc32c = 0;
+    reader(magic, record.payload_bytes, record.end.seq, record.end.bytes, record.end.digest, flags, record.crc32c,
+           header_crc32c);
+    record.discontinuity = (flags & kDiscontinuityFlag) != 0;
+    record.is_reset = (flags & kResetFlag) != 0;
+    return magic == kMagic && header_crc32c == Crc(header.data(), header.size() - sizeof(header_crc32c)) &&
+           record.end.seq > 0;
   }
 };
 
@@ -169,7 +162,6 @@ absl::Status Spool::RecoverSegment(const std::string& path, bool is_last) {
     last_ = chunk->end;
     added.size_bytes += kHeaderBytes + chunk->payload.size();
   }
-  dropped_tail_bytes_ += size_bytes - added.size_bytes;
   if (added.size_bytes < size_bytes && ftruncate(added.descriptor, static_cast<off_t>(added.size_bytes)) != 0) {
     return Error(path, "the spool cannot be written");
   }
@@ -222,19 +214,20 @@ absl::Status Spool::Append(const OutgoingChunk& chunk) {
   return absl::OkStatus();
 }
 
+absl::Status Spool::Damaged(const Segment& segment, uint64_t offset) const {
+  return absl::DataLossError(absl::StrCat(segment.path.empty() ? options_.directory : segment.path,
+                                          ": the spool is damaged at byte ", offset));
+}
+
 absl::StatusOr<Spool::Record> Spool::ReadHeader(const Segment& segment, uint64_t offset) const {
-  const auto damaged = [&] {
-    return absl::DataLossError(absl::StrCat(segment.path.empty() ? options_.directory : segment.path,
-                                            ": the spool is damaged at byte ", offset));
-  };
-  char header[kHeaderBytes];
+  std::string header(kHeaderBytes, '\0');
   Record record;
-  if (!ReadAll(segment.descriptor, header, sizeof(header), offset) || !Record::Decode(header, record)) return damaged();
+  if (!ReadAll(segment.descriptor, header, offset) || !Record::Decode(header, record)) return Damaged(segment, offset);
   struct stat info;
   // Checked before memory of that size is allocated.
   if (fstat(segment.descriptor, &info) != 0 || offset + kHeaderBytes > static_cast<uint64_t>(info.st_size) ||
       record.payload_bytes > static_cast<uint64_t>(info.st_size) - offset - kHeaderBytes) {
-    return damaged();
+    return Damaged(segment, offset);
   }
   return record;
 }
@@ -243,10 +236,9 @@ absl::StatusOr<OutgoingChunk> Spool::ReadChunk(const Segment& segment, uint64_t 
   EVPOSE_ASSIGN_OR_RETURN(const Record record, ReadHeader(segment, offset));
   OutgoingChunk chunk{record.end, record.discontinuity, record.crc32c, std::string(record.payload_bytes, '\0'),
                       record.is_reset};
-  if (!ReadAll(segment.descriptor, chunk.payload.data(), chunk.payload.size(), offset + kHeaderBytes) ||
+  if (!ReadAll(segment.descriptor, chunk.payload, offset + kHeaderBytes) ||
       Crc(chunk.payload.data(), chunk.payload.size()) != chunk.crc32c) {
-    return absl::DataLossError(absl::StrCat(segment.path.empty() ? options_.directory : segment.path,
-                                            ": the spool is damaged at byte ", offset));
+    return Damaged(segment, offset);
   }
   return chunk;
 }

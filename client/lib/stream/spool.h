@@ -30,8 +30,7 @@ struct SpoolOptions {
 class Spool {
  public:
   // Errors name the directory: PERMISSION_DENIED and similar codes if it is not writable; DATA_LOSS naming the file and
-  // the offset if the data of an earlier process is damaged. An incomplete record at the end is dropped:
-  // dropped_tail_bytes().
+  // the offset if the data of an earlier process is damaged. An incomplete record at the end is dropped.
   static absl::StatusOr<std::unique_ptr<Spool>> Open(const SpoolOptions& options);
   ~Spool();
   Spool(const Spool&) = delete;
@@ -54,7 +53,6 @@ class Spool {
   uint64_t first_seq() const { return segments_.empty() ? last_.seq + 1 : segments_.front().first_seq; }
   const FeedPoint& last() const { return last_; }  // after the last chunk; zeros if there never was one
   bool HasRoomFor(const OutgoingChunk& chunk) const;
-  uint64_t dropped_tail_bytes() const { return dropped_tail_bytes_; }
 
  private:
   struct Segment {
@@ -76,6 +74,7 @@ class Spool {
   absl::Status CheckWritable();
   absl::StatusOr<Record> ReadHeader(const Segment& segment, uint64_t offset) const;
   absl::StatusOr<OutgoingChunk> ReadChunk(const Segment& segment, uint64_t offset) const;
+  absl::Status Damaged(const Segment& segment, uint64_t offset) const;
   absl::Status Error(const std::string& path, const std::string& what) const;
   // Moves the cursor to the chunk; returns its segment.
   absl::StatusOr<const Segment*> Seek(uint64_t seq, Cursor& cursor) const;
@@ -85,7 +84,6 @@ class Spool {
   std::deque<Segment> segments_;
   FeedPoint last_;
   uint64_t total_bytes_ = 0;
-  uint64_t dropped_tail_bytes_ = 0;
   Cursor read_cursor_;
   Cursor point_cursor_;
 };

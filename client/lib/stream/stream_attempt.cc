@@ -10,11 +10,6 @@
 #include "client/lib/conversion.h"
 
 namespace evpose::client {
-namespace {
-
-constexpr uint64_t kWordBytes = 8;  // the longest word of an encoding
-
-}  // namespace
 
 StreamAttempt::StreamAttempt(v1::SessionService::StubInterface& stub, TrackPosition& position, EventFeed& feed,
                              const TrackCallbacks& callbacks, const TrackOptions& options,

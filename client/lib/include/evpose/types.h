@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 
 // Parameters and results of the client library. Each type corresponds to a message or enumeration of proto/evpose/v1,
-// which documents its fields in full.
+// which documents its fields in full. The enumerators have the numbers of the API.
 #pragma once
 
 #include <Eigen/Core>
@@ -53,14 +53,14 @@ struct SensorParameters {
 };
 
 // Encoding of the event stream.
-enum class EventEncoding { kEvt3, kEvt21, kEvt2, kDat, kFlat64 };
+enum class EventEncoding { kEvt3 = 1, kEvt21, kEvt2, kDat, kFlat64 };
 std::string_view EventEncodingName(EventEncoding encoding);  // "EVT3", "EVT2.1", "EVT2", "DAT", "FLAT64"
 
 // The pose estimator of a session. All but kMixture exist for comparisons.
-enum class PoseEstimator { kMixture, kStaticLs, kStaticM, kStaticS, kStaticMm, kErrorStateFilter };
+enum class PoseEstimator { kMixture = 1, kStaticMm, kStaticLs, kStaticM, kStaticS, kErrorStateFilter };
 
 // Format of a model file.
-enum class ModelFormat { kObj, kPly, kStl };
+enum class ModelFormat { kObj = 1, kPly, kStl };
 
 // State of an object's track. kUnknown is a state of a later server; it means that there is no confirmed pose.
 enum class TrackState { kUnknown, kInitializing, kTracking, kDegraded, kLost };
@@ -68,7 +68,7 @@ std::string_view TrackStateName(TrackState state);  // "UNKNOWN", "INITIALIZING"
 
 // The reason why an object has no pose yet.
 enum class InitializationStatus {
-  kNotNeeded,         // a pose is tracked
+  kNotNeeded = 1,     // a pose is tracked
   kWaitingForEvents,  // too few events
   kTooFewLines,       // fewer than three lines were detected
   kNoPoseFits,        // no pose of the model is consistent with the detected lines and the events
@@ -78,7 +78,7 @@ enum class InitializationStatus {
 std::string_view InitializationStatusName(InitializationStatus status);  // "NOT_NEEDED", "WAITING_FOR_EVENTS", ...
 
 // The lowest level that a server writes to its log.
-enum class LogLevel { kDebug, kInfo, kWarning, kError, kOff };
+enum class LogLevel { kDebug = 1, kInfo, kWarning, kError, kOff };
 
 struct ServerInfo {
   std::string version;
@@ -116,7 +116,7 @@ struct TrackedObject {
   std::optional<Eigen::Matrix3d> reference_rotation;    // absent: the identity
 };
 
-enum class OverloadPolicy { kBlock, kLatest };
+enum class OverloadPolicy { kBlock = 1, kLatest };
 
 struct SessionConfig {
   EventEncoding encoding = EventEncoding::kEvt3;
@@ -158,6 +158,7 @@ struct SessionHealth {
 };
 
 enum class SessionState { kUnknown, kDetached, kAttached, kEnded };
+std::string_view SessionStateName(SessionState state);  // "UNKNOWN", "DETACHED", "ATTACHED", "ENDED"
 
 struct Session {
   std::string name;  // "sessions/{id}"
