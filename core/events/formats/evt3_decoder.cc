@@ -44,9 +44,7 @@ class Evt3Decoder final : public WordDecoder {
 
  public:
   explicit Evt3Decoder(SensorGeometry geometry)
-      : WordDecoder(2),
-        width_(static_cast<uint32_t>(geometry.width_px)),
-        height_(static_cast<uint32_t>(geometry.height_px)) {}
+      : WordDecoder(2, geometry, kKeepOutside ? OutsideSensor::kKeep : OutsideSensor::kDrop) {}
 
   void SaveState(StateWriter& writer) const override { VisitState(writer, *this); }
   void LoadState(StateReader& reader) override { VisitState(reader, *this); }
@@ -64,9 +62,7 @@ class Evt3Decoder final : public WordDecoder {
     if (wait_ != Wait::kNothing) return index;
     if (!has_row_) index = Run<false>(words, index, count);
     if (has_row_) index = Run<true>(words, index, count);
-    counts_.cd_events = sink_.num_events();
-    counts_.clock_wraps = state_.clock.wraps();
-    counts_.time_backsteps = state_.clock.backsteps();
+    UpdateCounts(state_.clock);
     return index;
   }
 
@@ -256,8 +252,6 @@ class Evt3Decoder final : public WordDecoder {
     return cursor;
   }
 
-  const uint32_t width_;
-  const uint32_t height_;
   const WordRuns* const runs_ = BestWordRuns();
   Evt3State state_;
   Wait wait_ = Wait::kTimeHigh;

@@ -132,9 +132,11 @@ class WordDecoder : public EventDecoder {
   int pending_bytes() const final { return static_cast<int>(num_pending_); }
 
  protected:
-  explicit WordDecoder(int word_bytes) : word_bytes_(static_cast<size_t>(word_bytes)) {}
-
-  size_t word_bytes() const { return word_bytes_; }
+  WordDecoder(size_t word_bytes, SensorGeometry geometry, OutsideSensor outside)
+      : width_(static_cast<uint32_t>(geometry.width_px)),
+        height_(static_cast<uint32_t>(geometry.height_px)),
+        keep_outside_(outside == OutsideSensor::kKeep),
+        word_bytes_(word_bytes) {}
 
   // Decodes `count` words and returns the number of decoded ones. Fewer than `count` only at the end of an incomplete
   // vector triple, at most two; they are passed again together with the next word.
@@ -147,6 +149,19 @@ class WordDecoder : public EventDecoder {
     archive(self.counts_, self.sink_, AtMost(self.num_pending_, kMaxPending - 1), self.pending_);
   }
 
+  // Sets the counts that the sink and the clock contain, at the end of DecodeWords().
+  void UpdateCounts(const auto& clock) {
+    counts_.cd_events = sink_.num_events();
+    counts_.clock_wraps = clock.wraps();
+    counts_.time_backsteps = clock.backsteps();
+  }
+  void CountOutside(uint64_t num_events) {
+    (keep_outside_ ? counts_.kept_outside_sensor : counts_.dropped_outside_sensor) += num_events;
+  }
+
+  const uint32_t width_;
+  const uint32_t height_;
+  const bool keep_outside_;
   EventSink sink_;
 
  private:
