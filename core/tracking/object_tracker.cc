@@ -51,8 +51,12 @@ void ObjectTracker::OnGap(const EventGap& gap) {
 }
 
 void ObjectTracker::Finish() {
+  if (!IsGiven(phase_) && !given_pose_) return;
   // The stream has ended without support for the given pose.
-  if (IsGiven(phase_) || given_pose_) Lose();
+  CountLoss();
+  Enter(ObjectInput::kAllRejected);
+  hypotheses_.Clear();
+  given_pose_.reset();
 }
 
 void ObjectTracker::ResetPose(const RigidTransform& camera_from_object, std::optional<int64_t> at_us) {
@@ -362,13 +366,6 @@ bool ObjectTracker::IsConsistent() const {
       return line.model_line >= 0 && line.model_line < num_lines;
     });
   });
-}
-
-void ObjectTracker::Lose() {
-  CountLoss();
-  Enter(ObjectInput::kAllRejected);
-  hypotheses_.Clear();
-  given_pose_.reset();
 }
 
 void ObjectTracker::Enter(ObjectInput input) {

@@ -101,7 +101,6 @@ class ObjectTracker {
   RigidTransform ReferenceAt(int64_t t_us) const;
   MotionState StartState(const FirstPose& first) const;
   void Publish(PoseEstimate estimate, std::vector<PoseEstimate>& estimates);
-  void Lose();
   // To be called when a published or given pose is rejected.
   void CountLoss();
   // Applies the transition function and reports the transition. No other function changes the phase.
