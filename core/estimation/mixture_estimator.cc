@@ -28,10 +28,10 @@ class MixtureEstimator : public WindowEstimator {
       : options_(options.mixture),
         sensor_(options.sensor),
         camera_(camera),
+        sigma_px_(options.sensor.pixel_noise_px),
+        outlier_ratio_(options.mixture.initial_outlier_ratio),
         edge_bias_(options.edge, options.sensor, camera),
-        clutter_(camera) {
-    Reset();
-  }
+        clutter_(camera) {}
 
   double ReachPx(double predicted_spread_px, double gate_factor) const override {
     // The pose, and with it the lines, may move by up to one gate before the passes converge.
@@ -57,15 +57,6 @@ class MixtureEstimator : public WindowEstimator {
     for (const MixtureLine& line : sums_) counts_.push_back(line.Counts(input.shares.events_per_observation));
     clutter_.Learn(input.lines, lines_, line_counts_, final_gate_px_);
     edge_bias_.Learn(input.lines, lines_, counts_, input.duration_s);
-  }
-
-  void Reset() override {
-    sigma_px_ = sensor_.pixel_noise_px;
-    outlier_ratio_ = options_.initial_outlier_ratio;
-    edge_bias_.Reset();
-    clutter_.Reset();
-    displacement_px2_ = 0.0;
-    displacement_factor_ = 1.0;
   }
 
   void SaveState(StateWriter& writer) const override { VisitState(writer, *this); }
@@ -124,8 +115,8 @@ class MixtureEstimator : public WindowEstimator {
   const SensorProfile sensor_;
   const CameraModel camera_;
   const ExpTable table_;
-  double sigma_px_ = 0.0;
-  double outlier_ratio_ = 0.0;
+  double sigma_px_;
+  double outlier_ratio_;
   double displacement_px2_ = 0.0;  // mean square displacement of the lines over about 100 windows
   double displacement_factor_ = 1.0;
   // Background events of the window that are attributed to a line, per pixel of its length.
@@ -331,6 +322,15 @@ absl::Status MixtureOptions::Validate() const {
   EVPOSE_RETURN_IF_ERROR(CheckRange("initial_outlier_ratio", initial_outlier_ratio, 1e-6, 0.99));
   EVPOSE_RETURN_IF_ERROR(CheckRange("narrow_face_sigma", narrow_face_sigma, 0.0, 10.0));
   return CheckRange("min_events_per_px2", min_events_per_px2, 0.0, 100.0);
+}
+
+void DeficitCounts::Add(const DeficitCounts& window) {
+  for (int half = 0; half < 2; ++half) {
+    const double all = expected[half] + window.expected[half];
+    const double keep = all > kMemoryEvents ? kMemoryEvents / all : 1.0;
+    expected[half] = std::min(all, kMemoryEvents);
+    observed[half] = std::clamp(keep * (observed[half] + window.observed[half]), -expected[half], expected[half]);
+  }
 }
 
 void CountForDeficit(const CameraModel& camera, const WindowInput& input, absl::Span<const ImageLine> lines,

@@ -6,10 +6,7 @@
 namespace evpose {
 
 Eigen::Vector3d BackProjectedNormal(const CameraModel& camera, const ImageSegment& segment) {
-  const auto bearing = [&camera](const Eigen::Vector2d& pixel) {
-    return Eigen::Vector3d((pixel.x() - camera.cx_px) / camera.fx_px, (pixel.y() - camera.cy_px) / camera.fy_px, 1.0);
-  };
-  const Eigen::Vector3d normal = bearing(segment.p1_px).cross(bearing(segment.p2_px));
+  const Eigen::Vector3d normal = BearingOf(camera, segment.p1_px).cross(BearingOf(camera, segment.p2_px));
   const double norm = normal.norm();
   return norm > 0.0 ? Eigen::Vector3d(normal / norm) : Eigen::Vector3d::Zero();
 }

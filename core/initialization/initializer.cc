@@ -18,10 +18,6 @@ ImageSegment AtMiddle(const DetectedLine& line) {
   return {0.5 * (line.at_begin.p1_px + line.at_end.p1_px), 0.5 * (line.at_begin.p2_px + line.at_end.p2_px)};
 }
 
-Eigen::Vector3d Bearing(const CameraModel& camera, const Eigen::Vector2d& pixel) {
-  return {(pixel.x() - camera.cx_px) / camera.fx_px, (pixel.y() - camera.cy_px) / camera.fy_px, 1.0};
-}
-
 // The information matrix of the twist from the displacement `begin_px` to `end_px` of a point that moves with the line.
 struct TwistEquations {
   Matrix6d information = Matrix6d::Zero();
@@ -32,7 +28,7 @@ struct TwistEquations {
     // The distance d = a . b is positive on the side to which this normal points.
     const Eigen::Vector2d normal = Eigen::Vector2d(line.a.x() / camera.fx_px, line.a.y() / camera.fy_px).normalized();
     const double velocity_px_per_s = normal.dot(end_px - begin_px) / duration_s;
-    const Eigen::Vector3d bearing = Bearing(camera, 0.5 * (begin_px + end_px));
+    const Eigen::Vector3d bearing = BearingOf(camera, 0.5 * (begin_px + end_px));
     const Vector6d row = -(line.jacobian.transpose() * bearing);  // a . b_dot = -a_dot . b on the line, by the twist
     const double weight = 1.0 / (sigma_px_per_s * sigma_px_per_s);
     information += weight * row * row.transpose();
