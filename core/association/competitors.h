@@ -5,7 +5,6 @@
 // hide lines behind them.
 #pragma once
 
-#include <memory>
 #include <vector>
 
 #include "absl/types/span.h"

@@ -88,7 +88,7 @@ void TrackHealth::AddWindow(const CameraModel& camera, const WindowInput& input,
   AddEvents(*input.sorted, lines);
   for (const WindowLine& line : window_lines_) {
     for (int polarity = 0; polarity < 2; ++polarity) {
-      line.evidence->gated += input.shares.telling[polarity] * line.gated_of[polarity];
+      line.evidence->gated += input.shares.polarity_weight[polarity] * line.gated_of[polarity];
       AddExcess(line.gated_of[polarity], line.near_of[polarity], *line.evidence);
     }
   }
