@@ -6,8 +6,6 @@
 #include <optional>
 #include <utility>
 
-#include "core/base/check_range.h"
-#include "core/base/status_macros.h"
 #include "core/geometry/projected_line.h"
 #include "core/numerics/statistics.h"
 
@@ -49,20 +47,6 @@ double MotionPx(const LineDetection& detection) {
 
 }  // namespace
 
-absl::Status InitializerOptions::Validate() const {
-  const std::pair<const char*, double> fields[] = {{"min_motion_px", min_motion_px},
-                                                   {"min_evidence", min_evidence},
-                                                   {"min_explained_ratio", min_explained_ratio},
-                                                   {"sure_evidence", sure_evidence},
-                                                   {"velocity_px_per_s", velocity_px_per_s},
-                                                   {"angular_velocity_rad_per_s", angular_velocity_rad_per_s},
-                                                   {"line_error_px", line_error_px}};
-  for (const auto& [name, value] : fields) {
-    EVPOSE_RETURN_IF_ERROR(CheckRange(name, value, 0.0, 1e9, OpenEnds::kBoth));
-  }
-  return absl::OkStatus();
-}
-
 TwistEstimate EstimateTwist(const ObjectModel& model, const CameraModel& camera,
                             const RigidTransform& camera_from_object, const LineDetection& detection,
                             absl::Span<const int> model_line, const InitializerOptions& options) {
@@ -93,13 +77,8 @@ TwistEstimate EstimateTwist(const ObjectModel& model, const CameraModel& camera,
 }
 
 PoseInitializer::PoseInitializer(std::shared_ptr<const ObjectModel> model, const CameraModel& camera,
-                                 std::unique_ptr<LineDetector> detector, std::unique_ptr<PoseSearch> search,
-                                 const InitializerOptions& options)
-    : model_(std::move(model)),
-      camera_(camera),
-      detector_(std::move(detector)),
-      search_(std::move(search)),
-      options_(options) {}
+                                 std::unique_ptr<LineDetector> detector, std::unique_ptr<PoseSearch> search)
+    : model_(std::move(model)), camera_(camera), detector_(std::move(detector)), search_(std::move(search)) {}
 
 bool PoseInitializer::IsPlausible(const PoseHypothesis& hypothesis) const {
   if (hypothesis.evidence < options_.min_evidence) return false;
@@ -122,7 +101,7 @@ FirstPoses PoseInitializer::Find(absl::Span<const PixelEvent> events) {
     const TwistEstimate motion =
         EstimateTwist(*model_, camera_, hypothesis.camera_from_object, detection, hypothesis.model_line, options_);
     first.poses.push_back({detection.t_begin_us + (detection.t_end_us - detection.t_begin_us) / 2,
-                           hypothesis.camera_from_object, motion.twist, motion.covariance, hypothesis.cost});
+                           hypothesis.camera_from_object, motion.twist, motion.covariance});
   }
   return first;
 }

@@ -2,9 +2,7 @@
 #include "core/initialization/pose_search.h"
 
 #include <algorithm>
-#include <cmath>
 
-#include "absl/strings/str_format.h"
 #include "core/base/check_range.h"
 #include "core/base/status_macros.h"
 #include "core/initialization/pose_fitter.h"
