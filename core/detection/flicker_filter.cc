@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "core/detection/flicker_filter.h"
 
-#include <algorithm>
 #include <cstdint>
 
 namespace evpose {

@@ -1,8 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "core/detection/plane_detector.h"
 
-#include <utility>
-
 #include "absl/strings/str_format.h"
 #include "core/base/status_macros.h"
 

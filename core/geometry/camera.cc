@@ -8,10 +8,8 @@
 #include <exception>
 #include <filesystem>
 #include <fstream>
-#include <limits>
 #include <opencv2/calib3d.hpp>
 #include <system_error>
-#include <utility>
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"

@@ -4,7 +4,6 @@
 #include <Eigen/Geometry>
 #include <Eigen/SVD>
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <initializer_list>
 #include <memory>

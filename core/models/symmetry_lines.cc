@@ -83,7 +83,7 @@ std::optional<CentredSegments::Match> CentredSegments::Find(const Eigen::Matrix3
       const double distance2 = std::min(same2, reversed2);
       if (distance2 > best2 || !normals_match(to)) continue;
       best2 = distance2;
-      best = Match{entry->second, reversed2 < same2, std::sqrt(distance2)};
+      best = Match{entry->second, reversed2 < same2};
     }
   }
   return best;

@@ -35,7 +35,6 @@ class CentredSegments {
   struct Match {
     size_t index = 0;
     bool is_reversed = false;  // p1 is mapped onto p2
-    double distance_m = 0.0;   // larger one of the distances between ends
   };
   // The segment onto which `rotation` maps the given one: the nearest one with both ends within the tolerance and with
   // matching normals. nullopt if there is none.
