@@ -54,7 +54,7 @@ std::vector<ImagePart> PoseFitter::LikelyParts(const RigidTransform& pose) const
 
 std::vector<ImagePart> PoseFitter::VisibleParts(const RigidTransform& pose) const {
   std::vector<ImagePart> parts;
-  for (const VisibleSegment& seen : model_.VisibleParts(camera_, pose)) {
+  for (const VisibleSegment& seen : model_.visibility().VisibleSegments(camera_, pose)) {
     parts.push_back(MakePart(pose, seen.line, seen.begin, seen.end));
   }
   return parts;

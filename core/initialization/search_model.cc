@@ -203,7 +203,7 @@ std::vector<ViewLine> SearchModel::MakeView(int cell) const {
     rotation.row(1) = forward.cross(Vector3d(rotation.row(0)));
     const RigidTransform pose{rotation, Vector3d(0.0, 0.0, kViewDistanceOfRadius * radius_m_) - rotation * centre_};
     std::fill(ratio.begin(), ratio.end(), 0.0);
-    for (const VisibleSegment& part : VisibleParts(ViewCamera(), pose)) {
+    for (const VisibleSegment& part : visibility_->VisibleSegments(ViewCamera(), pose)) {
       seen[part.line].begin = std::min(seen[part.line].begin, part.begin);
       seen[part.line].end = std::max(seen[part.line].end, part.end);
       ratio[part.line] += part.end - part.begin;
@@ -219,11 +219,6 @@ std::vector<ViewLine> SearchModel::MakeView(int cell) const {
     }
   }
   return view;
-}
-
-std::vector<VisibleSegment> SearchModel::VisibleParts(const CameraModel& camera,
-                                                      const RigidTransform& camera_from_object) const {
-  return visibility_->VisibleSegments(camera, camera_from_object);
 }
 
 absl::StatusOr<std::shared_ptr<const SearchModel>> MakeSearchModel(std::shared_ptr<const ObjectModel> model) {

@@ -40,24 +40,14 @@ absl::Status HealthOptions::Validate() const {
   return CheckPositive("max_uncertainty_px", max_uncertainty_px);
 }
 
-void LineStatistics::Add(const LineStatistics& other) {
-  gated += other.gated;
-  along += other.along;
-  excess += other.excess;
-  variance += other.variance;
-  noise += other.noise;
-  expected += other.expected;
-  length_px += other.length_px;
-}
-
-void LineStatistics::Fade(double factor) {
-  gated *= factor;
-  along *= factor;
-  excess *= factor;
-  variance *= factor;
-  noise *= factor;
-  expected *= factor;
-  length_px *= factor;
+void LineStatistics::Add(const LineStatistics& other, double kept_ratio) {
+  gated = kept_ratio * gated + other.gated;
+  along = kept_ratio * along + other.along;
+  excess = kept_ratio * excess + other.excess;
+  variance = kept_ratio * variance + other.variance;
+  noise = kept_ratio * noise + other.noise;
+  expected = kept_ratio * expected + other.expected;
+  length_px = kept_ratio * length_px + other.length_px;
 }
 
 TrackHealth::TrackHealth(const HealthOptions& options, double min_events_per_px2, int num_model_lines)
@@ -68,10 +58,7 @@ TrackHealth::TrackHealth(const HealthOptions& options, double min_events_per_px2
 
 void TrackHealth::Reset() {
   const double left = std::max(0.0, 1.0 - span_s_ * 1e6 / static_cast<double>(options_.memory_us));
-  for (size_t k = 0; k < statistics_.size(); ++k) {
-    memory_[k].Fade(left);
-    memory_[k].Add(statistics_[k]);
-  }
+  for (size_t k = 0; k < statistics_.size(); ++k) memory_[k].Add(statistics_[k], left);
   std::fill(statistics_.begin(), statistics_.end(), LineStatistics());
   span_s_ = 0.0;
   gated_ = 0.0;

@@ -84,8 +84,8 @@ struct LineStatistics {
   Eigen::Matrix<double, 8, 1> along = Eigen::Matrix<double, 8, 1>::Zero();
   double length_px = 0.0;  // mean projected length, weighted by time
 
-  void Add(const LineStatistics& other);
-  void Fade(double factor);
+  // Adds `other` to this share of the counts.
+  void Add(const LineStatistics& other, double kept_ratio = 1.0);
 
   // Most lines of a large model have no counts; one flag is stored for each of these.
   static void VisitState(auto& archive, auto& self) {
