@@ -86,7 +86,8 @@ class MixtureEstimator : public WindowEstimator {
       clutter_.Densities(input.lines, lines_, line_counts_, counts_gate_px, density, densities_);
       counts_gate_px = density.gate_px;
       totals = pass_.Accumulate(*input.sorted, lines_, density, densities_, sums_);
-      CountLines();
+      line_counts_.clear();
+      for (const MixtureLine& line : sums_) line_counts_.push_back({line.weight(), line.beside});
       const double background = Background(input, density.gate_px) / std::max(totals.num_gated, 1.0);
       density.outlier_ratio = std::clamp(background, outlier_ratio_, std::max(outlier_ratio_, kMaxBackgroundRatio));
       noise_per_px_ = input.background_per_px2 * density.OwnWidthPx(table_);
@@ -143,10 +144,6 @@ class MixtureEstimator : public WindowEstimator {
   }
 
  private:
-  void CountLines() {
-    line_counts_.clear();
-    for (const MixtureLine& line : sums_) line_counts_.push_back({line.weight(), line.beside});
-  }
   // Sets the flicker bias of each line (flicker_bias.h) from the counts of the last pass.
   void CorrectFlickerBias(const ByPolarity& events_per_observation, double gate_px) {
     for (size_t k = 0; k < lines_.size(); ++k) {

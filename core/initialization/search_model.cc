@@ -41,13 +41,6 @@ constexpr double kMinPartPx = 4.0;
 // Number of pairs of directions; the search sweeps fewer than this in its budget of rotations.
 constexpr size_t kMaxPairs = 4096;
 
-VisibilityOptions SearchVisibility(double min_length_px) {
-  VisibilityOptions options;
-  options.samples_per_line = kSamplesPerLine;
-  options.min_length_px = min_length_px;
-  return options;
-}
-
 // A camera that sees the whole object from the distance of the views. Its resolution only determines the shortest part
 // that counts as visible: about 1/100 of the radius.
 CameraModel ViewCamera() { return {2400, 2400, 2400.0, 2400.0, 1200.0, 1200.0, {}}; }
@@ -63,7 +56,8 @@ SearchModel::SearchModel(const ObjectModel& model) {
   FindLabellings(model);
   near_symmetries_ = FindNearSymmetries(shape_.lines, labellings_, radius_m_);
   FindPairs();
-  visibility_ = std::make_unique<VisibilityTester>(shape_, SearchVisibility(kMinPartPx));
+  const VisibilityOptions visibility = {.samples_per_line = kSamplesPerLine, .min_length_px = kMinPartPx};
+  visibility_ = std::make_unique<VisibilityTester>(shape_, visibility);
   MakeViews();
 }
 

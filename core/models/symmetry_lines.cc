@@ -36,7 +36,10 @@ CentredSegments::CentredSegments(const ObjectModel& model, double max_tolerance_
     segment.p1 -= centre_;
     segment.p2 -= centre_;
   }
-  BuildGrid();
+  for (uint32_t i = 0; i < segments_.size(); ++i) {
+    grid_.push_back({Cell(0.5 * (segments_[i].p1 + segments_[i].p2), Eigen::Vector3d::Zero(), 0), i});
+  }
+  std::sort(grid_.begin(), grid_.end());
 }
 
 // The cell of corner 0 to 7 of a cube about `point` with the half side `offset`. Cells are twice the largest tolerance
@@ -49,13 +52,6 @@ uint64_t CentredSegments::Cell(const Eigen::Vector3d& point, const Eigen::Vector
     cell = cell << 21 | (static_cast<uint64_t>(index) & 0x1fffff);
   }
   return cell;
-}
-
-void CentredSegments::BuildGrid() {
-  for (uint32_t i = 0; i < segments_.size(); ++i) {
-    grid_.push_back({Cell(0.5 * (segments_[i].p1 + segments_[i].p2), Eigen::Vector3d::Zero(), 0), i});
-  }
-  std::sort(grid_.begin(), grid_.end());
 }
 
 std::optional<CentredSegments::Match> CentredSegments::Find(const Eigen::Matrix3d& rotation, size_t segment,

@@ -42,7 +42,6 @@ class CentredSegments {
 
  private:
   uint64_t Cell(const Eigen::Vector3d& point, const Eigen::Vector3d& offset, int corner) const;
-  void BuildGrid();
 
   Eigen::Vector3d centre_ = Eigen::Vector3d::Zero();
   std::vector<CentredSegment> segments_;

@@ -211,10 +211,6 @@ double TrackHealth::ExcessSigma(const LineStatistics& line) const {
   return line.excess / std::sqrt(line.variance * options_.dispersion);
 }
 
-bool TrackHealth::IsSupported(const LineStatistics& line) const {
-  return ExcessSigma(line) >= options_.significance_sigma;
-}
-
 bool TrackHealth::IsExpected(const LineStatistics& line, double noise) const {
   const double share = options_.near_px / options_.gate_px;
   const double spread = std::sqrt(noise * share / (1.0 - share) * options_.dispersion);
@@ -246,7 +242,7 @@ HealthResult TrackHealth::Evaluate(double min_support_ratio, double sure_support
     if (!IsTestable(line)) continue;
     ++result.testable_lines;
     testable_length += length_px;
-    if (!IsSupported(line)) continue;
+    if (ExcessSigma(line) < options_.significance_sigma) continue;
     ++result.supported_lines;
     supported_length += length_px;
   }

@@ -157,7 +157,6 @@ class TrackHealth {
   // For each event that lies in the gates of several lines, finds the nearest of these lines.
   void FindNearest(const LineEvents& events, absl::Span<const ImageLine> lines);
   HealthResult Evaluate(double min_support_ratio, double sure_support_ratio, int min_supported_lines) const;
-  bool IsSupported(const LineStatistics& line) const;
   // Whether the line would be supported at the right pose: it has, or should have produced, significantly more events
   // than the background.
   bool IsTestable(const LineStatistics& line) const;

@@ -148,7 +148,9 @@ void ObjectTracker::Follow(const EventWindow& window, std::vector<PoseEstimate>&
   const std::optional<PoseEstimate>& estimate = hypotheses_.estimate();
   if (!IsPublished(phase_)) {
     report_.status = estimate ? InitializationStatus::kAmbiguous : InitializationStatus::kVerifying;
-    if (!estimate || !MayPublish(window)) return;
+    const bool is_decided =
+        !IsCompeting(phase_) || window.t_end_us - followed_since_us_ >= context_.options.initialization.undecided_us;
+    if (!estimate || !is_decided) return;
     StartPublishing(window);
   }
   report_.status = IsCompeting(phase_) ? InitializationStatus::kAmbiguous : InitializationStatus::kNotNeeded;
@@ -162,10 +164,6 @@ void ObjectTracker::Publish(PoseEstimate estimate, std::vector<PoseEstimate>& es
   if (estimate.t_us <= last_published_us_) return;
   last_published_us_ = estimate.t_us;
   estimates.push_back(estimate);
-}
-
-bool ObjectTracker::MayPublish(const EventWindow& window) const {
-  return !IsCompeting(phase_) || window.t_end_us - followed_since_us_ >= context_.options.initialization.undecided_us;
 }
 
 void ObjectTracker::StartPublishing(const EventWindow& window) {
