@@ -114,12 +114,8 @@ class Evt2Decoder final : public WordDecoder {
       case evt2::kTimeHigh: {
         const bool was_started = clock.started();
         has_time_ = true;
-        if (!clock.SetHigh(content) || !was_started) {
-          sink_.RestartMarks(cursor, clock.now_us());
-        } else if (clock.now_us() >= sink_.mark_due_us()) {
-          return sink_.MarkTime(cursor, clock.now_us());
-        }
-        return cursor;
+        const bool continues = clock.SetHigh(content) && was_started;
+        return sink_.SetTime(continues, clock.now_us(), cursor);
       }
       case evt2::kExtTrigger:
         if (!has_time_) {

@@ -77,14 +77,10 @@ class Evt3Decoder final : public WordDecoder {
 
   void WaitForTime(uint32_t word) {
     const uint32_t content = word & 0xfff;
+    const bool was_started = state_.clock.started();
     switch (word >> 12) {
       case evt3::kTimeHigh:
-        if (state_.clock.started()) {
-          TimeIsSet(state_.clock.SetHigh(content), sink_.begin());
-        } else {
-          state_.clock.SetHigh(content);
-          sink_.RestartMarks(sink_.begin(), state_.clock.now_us());
-        }
+        TimeIsSet(state_.clock.SetHigh(content) && was_started, sink_.begin());
         wait_ = needs_time_low_ ? Wait::kTimeLow : Wait::kNothing;
         return;
       case evt3::kTimeLow:
@@ -242,15 +238,7 @@ class Evt3Decoder final : public WordDecoder {
     }
   }
 
-  Event* TimeIsSet(bool forward, Event* cursor) {
-    const int64_t now_us = state_.clock.now_us();
-    if (!forward) {
-      sink_.RestartMarks(cursor, now_us);
-    } else if (now_us >= sink_.mark_due_us()) {
-      return sink_.MarkTime(cursor, now_us);
-    }
-    return cursor;
-  }
+  Event* TimeIsSet(bool continues, Event* cursor) { return sink_.SetTime(continues, state_.clock.now_us(), cursor); }
 
   const WordRuns* const runs_ = BestWordRuns();
   Evt3State state_;

@@ -77,6 +77,14 @@ class EventSink {
   // The earliest time of the next time mark.
   int64_t mark_due_us() const { return mark_due_us_; }
 
+  // To be called after a time word; `continues` is false if the clock has started or stepped back. Returns the new
+  // cursor.
+  Event* SetTime(bool continues, int64_t now_us, Event* cursor) {
+    if (continues && now_us >= mark_due_us_) return MarkTime(cursor, now_us);
+    if (!continues) RestartMarks(cursor, now_us);
+    return cursor;
+  }
+
   // To be called when the time has reached mark_due_us(): adds a mark unless there was an event since. Returns the new
   // cursor.
   Event* MarkTime(Event* cursor, int64_t now_us) {
