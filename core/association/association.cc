@@ -56,10 +56,6 @@ void ProjectVelocityJacobians(const CameraModel& camera, const MotionState& stat
   }
 }
 
-Eigen::Vector3d BearingOf(const CameraModel& camera, const Eigen::Vector2d& pixel) {
-  return {(pixel.x() - camera.cx_px) / camera.fx_px, (pixel.y() - camera.cy_px) / camera.fy_px, 1.0};
-}
-
 double NormalSpeedPxPerS(const CameraModel& camera, const ImageLine& line, double fraction) {
   return -BearingOf(camera, line.PointAt(fraction)).dot(line.a_dot);
 }

@@ -70,9 +70,6 @@ void ProjectLines(const CameraModel& camera, const MotionState& state, absl::Spa
 void ProjectVelocityJacobians(const CameraModel& camera, const MotionState& state, absl::Span<const TrackedLine> lines,
                               absl::Span<ImageLine> image_lines);
 
-// Returns the bearing of an undistorted pixel.
-Eigen::Vector3d BearingOf(const CameraModel& camera, const Eigen::Vector2d& pixel);
-
 // Returns the normal velocity of the line at a fraction of its length, px/s, positive along the gradient of d.
 double NormalSpeedPxPerS(const CameraModel& camera, const ImageLine& line, double fraction);
 

@@ -51,16 +51,11 @@ void BackgroundRate::CloseWindow(const TileGrid& grid, double duration_s) {
     cells_[i].px2_s = keep * cells_[i].px2_s + px2 * duration_s;
   }
   std::fill(cell_events_.begin(), cell_events_.end(), 0.0);
-  hz_per_px_ = Median();
-}
-
-double BackgroundRate::Median() {
   rates_.clear();
   for (size_t i = 0; i < cells_.size(); ++i) {
     if (on_sensor_[i] && cells_[i].px2_s > 0.0) rates_.push_back(cells_[i].events / cells_[i].px2_s);
   }
-  if (rates_.empty()) return 0.0;
-  return UpperMedian(rates_);
+  hz_per_px_ = rates_.empty() ? 0.0 : UpperMedian(rates_);
 }
 
 }  // namespace evpose

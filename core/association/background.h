@@ -48,8 +48,6 @@ class BackgroundRate {
   static constexpr double kMaxState = 1e18;
   // Side of a cell, tiles: 64 px. An image of 640 x 480 pixels then has 70 cells, enough for a median.
   static constexpr int kCellTiles = 8;
-  double Median();
-
   std::vector<uint32_t> cell_of_tile_;
   std::vector<bool> on_sensor_;  // by cell: lies entirely inside the sensor's rectangle
   std::vector<double> cell_events_;

@@ -4,9 +4,11 @@
 #pragma once
 
 #include <memory>
+#include <utility>
 
 #include "absl/status/statusor.h"
 #include "core/association/association.h"
+#include "core/base/status_macros.h"
 #include "core/geometry/camera.h"
 
 namespace evpose {
@@ -19,6 +21,10 @@ struct CameraTables {
 };
 
 // Errors: INVALID_ARGUMENT naming the field of the camera that is wrong.
-absl::StatusOr<std::shared_ptr<const CameraTables>> MakeCameraTables(const CameraModel& camera);
+inline absl::StatusOr<std::shared_ptr<const CameraTables>> MakeCameraTables(const CameraModel& camera) {
+  EVPOSE_ASSIGN_OR_RETURN(UndistortionTable undistortion, UndistortionTable::Create(camera));
+  PixelTiles pixel_tiles(camera, undistortion);
+  return std::make_shared<const CameraTables>(CameraTables{std::move(undistortion), std::move(pixel_tiles)});
+}
 
 }  // namespace evpose

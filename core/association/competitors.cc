@@ -154,13 +154,6 @@ bool Competitors::RemoveHidden(const RigidTransform& camera_from_object, std::ve
   return hides;
 }
 
-bool Competitors::IsHidden(const Eigen::Vector3d& point_camera, absl::Span<const Body* const> bodies) const {
-  return std::any_of(bodies.begin(), bodies.end(), [&](const Body* body) {
-    const Eigen::Vector3d eye = body->object_from_camera.translation_m;
-    return !body->visibility->IsPointVisible(eye, body->object_from_camera * point_camera);
-  });
-}
-
 bool Competitors::AppendVisibleParts(const RigidTransform& camera_from_object, const TrackedLine& line,
                                      absl::Span<const Body* const> bodies, std::vector<TrackedLine>& visible) const {
   // Distance of the tested points along the line, pixels. A visible or hidden part shorter than a step may be missed.
@@ -172,7 +165,13 @@ bool Competitors::AppendVisibleParts(const RigidTransform& camera_from_object, c
   const double length_px = (projected->p2_px - projected->p1_px).norm();
   const int steps = static_cast<int>(std::clamp(length_px / kStepPx, 2.0, static_cast<double>(kMaxSteps)));
   const auto at = [&](double s) -> Eigen::Vector3d { return line.p1 + s * (line.p2 - line.p1); };
-  const auto is_hidden = [&](double s) { return IsHidden(camera_from_object * at(s), bodies); };
+  const auto is_hidden = [&](double s) {
+    const Eigen::Vector3d point_camera = camera_from_object * at(s);
+    return std::any_of(bodies.begin(), bodies.end(), [&](const Body* body) {
+      const Eigen::Vector3d eye = body->object_from_camera.translation_m;
+      return !body->visibility->IsPointVisible(eye, body->object_from_camera * point_camera);
+    });
+  };
   const auto boundary = [&](double seen, double hidden) {
     for (int i = 0; i < kBisections; ++i) {
       const double middle = 0.5 * (seen + hidden);

@@ -5,7 +5,6 @@
 // hide lines behind them.
 #pragma once
 
-#include <memory>
 #include <vector>
 
 #include "absl/types/span.h"
@@ -69,7 +68,6 @@ class Competitors {
     RigidTransform object_from_camera;
     BoundingSphere sphere;  // camera frame
   };
-  bool IsHidden(const Eigen::Vector3d& point_camera, absl::Span<const Body* const> bodies) const;
   // Appends the parts of one line that `bodies` do not hide. Returns whether any part is hidden.
   bool AppendVisibleParts(const RigidTransform& camera_from_object, const TrackedLine& line,
                           absl::Span<const Body* const> bodies, std::vector<TrackedLine>& visible) const;

@@ -60,7 +60,7 @@ NearShares NearEvents::Find(const EventWindow& window, const TileGrid& grid, int
   }
   const ByPolarity excess = Excess(found);
   for (int polarity = 0; polarity < 2; ++polarity) {
-    shares.telling[polarity] = std::min(1.0, kFlickerExcess / excess[polarity]);
+    shares.polarity_weight[polarity] = std::min(1.0, kFlickerExcess / excess[polarity]);
   }
   shares.mean_events_per_observation = 1.0 / ObservedRatio(shares.events_per_observation, near_events);
   // Without background events, the ratio of the polarities is assumed to be that of the events near lines.

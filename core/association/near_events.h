@@ -23,7 +23,7 @@ struct NearShares {
   double mean_events_per_observation = 1.0;        // the same over both polarities
   // Weight of each polarity in tests of the events: below 1 while a flicker burst produces events of this polarity in
   // the whole image.
-  ByPolarity telling = {1.0, 1.0};
+  ByPolarity polarity_weight = {1.0, 1.0};
   // Sampling ratio that the background events of the window would have if they were sampled like the events near lines.
   double observations_per_background_event = 1.0;
 };

@@ -85,8 +85,8 @@ TEST_F(NearEventsTest, DownsamplesAFlickerBurstMore) {
     EXPECT_GT(num_found_[is_on ? 0 : 1], 60) << i;
     EXPECT_LT(shares.events_per_observation[is_on ? 0 : 1], 1.7) << i;
     EXPECT_GT(shares.events_per_observation[is_on ? 1 : 0], 10.0) << i;
-    EXPECT_EQ(shares.telling[is_on ? 0 : 1], 1.0) << i;
-    EXPECT_LT(shares.telling[is_on ? 1 : 0], 0.25) << i;
+    EXPECT_EQ(shares.polarity_weight[is_on ? 0 : 1], 1.0) << i;
+    EXPECT_LT(shares.polarity_weight[is_on ? 1 : 0], 0.25) << i;
   }
 }
 
@@ -94,7 +94,7 @@ TEST_F(NearEventsTest, AUsualExcessOfOnePolarityIsSampledInItsRatio) {
   for (int i = 0; i < 200; ++i) {
     Add(200, 0);
     Add(1800, 1);
-    EXPECT_GT(Find().telling[1], i < 100 ? 0.0 : 0.999);
+    EXPECT_GT(Find().polarity_weight[1], i < 100 ? 0.0 : 0.999);
   }
   EXPECT_NEAR(num_found_[0], 20, 3);
   EXPECT_NEAR(num_found_[1], 180, 3);

@@ -4,7 +4,6 @@
 // changed.
 #pragma once
 
-#include <memory>
 #include <optional>
 #include <vector>
 

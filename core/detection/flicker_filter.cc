@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "core/detection/flicker_filter.h"
 
-#include <algorithm>
 #include <cstdint>
 
 namespace evpose {
@@ -31,16 +30,12 @@ size_t NumKept(size_t own, size_t other, double ratio) {
 
 }  // namespace
 
-void FlickerFilter::CountSlices(absl::Span<const PixelEvent> events) {
-  const int64_t t_begin_us = events.front().t_us;
-  slices_.assign(SliceOf(events.back(), t_begin_us) + 1, Counts{});
-  for (const PixelEvent& event : events) ++slices_[SliceOf(event, t_begin_us)][event.polarity != 0];
-}
-
 absl::Span<const PixelEvent> FlickerFilter::Remove(absl::Span<const PixelEvent> events) {
   kept_.clear();
   if (events.empty()) return kept_;
-  CountSlices(events);
+  const int64_t t_begin_us = events.front().t_us;
+  slices_.assign(SliceOf(events.back(), t_begin_us) + 1, Counts{});
+  for (const PixelEvent& event : events) ++slices_[SliceOf(event, t_begin_us)][event.polarity != 0];
   std::array<double, 2> total = {kFewEvents, kFewEvents};
   for (const Counts& slice : slices_) {
     for (int polarity = 0; polarity < 2; ++polarity) total[polarity] += static_cast<double>(slice[polarity]);
@@ -50,7 +45,6 @@ absl::Span<const PixelEvent> FlickerFilter::Remove(absl::Span<const PixelEvent> 
     samples_.emplace_back(slice[0], NumKept(slice[0], slice[1], total[0] / total[1]));
     samples_.emplace_back(slice[1], NumKept(slice[1], slice[0], total[1] / total[0]));
   }
-  const int64_t t_begin_us = events.front().t_us;
   for (const PixelEvent& event : events) {
     const size_t sample = 2 * SliceOf(event, t_begin_us) + (event.polarity != 0 ? 1 : 0);
     if (samples_[sample].TakesNext()) kept_.push_back(event);

@@ -26,8 +26,6 @@ class FlickerFilter {
 
  private:
   using Counts = std::array<size_t, 2>;  // OFF and ON
-  void CountSlices(absl::Span<const PixelEvent> events);
-
   std::vector<Counts> slices_;
   std::vector<SelectionSampler> samples_;  // two for each slice: OFF and ON
   std::vector<PixelEvent> kept_;

@@ -1,25 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "core/detection/plane_detector.h"
 
-#include <utility>
-
 #include "absl/strings/str_format.h"
 #include "core/base/status_macros.h"
 
 namespace evpose {
 namespace {
-
-MovingLine LineOf(const SpaceTimePlane& plane) {
-  MovingLine line;
-  line.direction = {plane.normal.y(), -plane.normal.x()};  // rotated by 90 degrees, (-y, x), it is the normal
-  line.offset_px = plane.offset_px;
-  line.speed_px_per_s = plane.speed_px_per_s;
-  line.ends[0].s_px = -plane.s_end_px;
-  line.ends[1].s_px = -plane.s_begin_px;
-  line.is_polarity[plane.polarity] = true;
-  line.Recentre();
-  return line;
-}
 
 class PlaneLineDetector : public LineDetector {
  public:
@@ -28,10 +14,7 @@ class PlaneLineDetector : public LineDetector {
 
   LineDetection Detect(absl::Span<const PixelEvent> events) override {
     const EventStretch stretch = selector_.Select(events);
-    std::vector<MovingLine> candidates;
-    for (const SpaceTimePlane& plane : SegmentPlanes(stretch, options_.segmentation)) {
-      candidates.push_back(LineOf(plane));
-    }
+    const std::vector<MovingLine> candidates = SegmentPlanes(stretch, options_.segmentation);
     return {stretch.t_begin_us, stretch.t_end_us, SelectLines(stretch, candidates, options_.lines)};
   }
 

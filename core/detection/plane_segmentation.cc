@@ -95,28 +95,32 @@ std::vector<pcl::PointIndices> GrowRegions(const Cloud::Ptr& cloud, const Neighb
 // the C library.
 double InImage(const Eigen::VectorXf& coefficients) { return coefficients.head<2>().cast<double>().norm(); }
 
-SpaceTimePlane PlaneOf(const Cloud& cloud, const Eigen::VectorXf& coefficients, const pcl::Indices& inliers,
-                       double px_per_s) {
-  SpaceTimePlane plane;
+// Returns the moving edge of a plane: normal . (u, v) = offset + speed * tau (README, equation (1)).
+MovingLine LineOf(const Cloud& cloud, const Eigen::VectorXf& coefficients, const pcl::Indices& inliers,
+                  uint8_t polarity, double px_per_s) {
   const double in_image = InImage(coefficients);
-  plane.normal = Eigen::Vector2d(coefficients[0], coefficients[1]) / in_image;
-  plane.offset_px = -coefficients[3] / in_image;
-  plane.speed_px_per_s = -coefficients[2] / in_image * px_per_s;
-  std::vector<double> along;
+  const Eigen::Vector2d normal = Eigen::Vector2d(coefficients[0], coefficients[1]) / in_image;
+  MovingLine line;
+  line.direction = {normal.y(), -normal.x()};  // rotated by 90 degrees, (-y, x), it is the normal
+  line.offset_px = -coefficients[3] / in_image;
+  line.speed_px_per_s = -coefficients[2] / in_image * px_per_s;
+  std::vector<double> along;  // against the direction of the line
   for (const pcl::index_t index : inliers) {
-    along.push_back(-plane.normal.y() * cloud[index].x + plane.normal.x() * cloud[index].y);
+    along.push_back(-normal.y() * cloud[index].x + normal.x() * cloud[index].y);
   }
   std::sort(along.begin(), along.end());
   const auto trimmed = static_cast<size_t>(kTrimmedRatio * static_cast<double>(along.size()));
-  plane.s_begin_px = along[trimmed];
-  plane.s_end_px = along[along.size() - 1 - trimmed];
-  plane.num_points = static_cast<int>(inliers.size());
-  return plane;
+  line.ends[0].s_px = -along[along.size() - 1 - trimmed];
+  line.ends[1].s_px = -along[trimmed];
+  line.is_polarity[polarity] = true;
+  line.num_events = static_cast<int>(inliers.size());
+  line.Recentre();
+  return line;
 }
 
 // Appends the planes of one region, the largest first. Edges that meet at a flat angle grow into one region.
 void FitPlanes(const Cloud::Ptr& cloud, pcl::Indices region, uint8_t polarity, double px_per_s,
-               const PlaneSegmentationOptions& options, std::vector<SpaceTimePlane>& planes) {
+               const PlaneSegmentationOptions& options, std::vector<MovingLine>& lines) {
   for (int k = 0; k < kMaxPlanesPerRegion && region.size() >= static_cast<size_t>(options.min_plane_points); ++k) {
     const pcl::SampleConsensusModelPlane<pcl::PointXYZ>::Ptr model(
         new pcl::SampleConsensusModelPlane<pcl::PointXYZ>(cloud, region, false));  // false: a fixed seed
@@ -131,8 +135,7 @@ void FitPlanes(const Cloud::Ptr& cloud, pcl::Indices region, uint8_t polarity, d
     model->selectWithinDistance(fitted, options.inlier_px, inliers);
     if (inliers.size() < static_cast<size_t>(options.min_plane_points)) return;
     if (std::abs(fitted[2]) <= kMaxSpeedRatio * InImage(fitted)) {
-      planes.push_back(PlaneOf(*cloud, fitted, inliers, px_per_s));
-      planes.back().polarity = polarity;
+      lines.push_back(LineOf(*cloud, fitted, inliers, polarity, px_per_s));
     }
     std::sort(inliers.begin(), inliers.end());
     pcl::Indices rest;
@@ -142,7 +145,7 @@ void FitPlanes(const Cloud::Ptr& cloud, pcl::Indices region, uint8_t polarity, d
 }
 
 void SegmentPolarity(const EventStretch& stretch, uint8_t polarity, const PlaneSegmentationOptions& options,
-                     std::vector<SpaceTimePlane>& planes) {
+                     std::vector<MovingLine>& lines) {
   const double px_per_s = stretch.time_scale_px_per_s;
   const std::vector<Eigen::Vector3f> points =
       SpaceTimePoints(stretch, polarity, px_per_s, options.cell_px, options.max_points);
@@ -157,7 +160,7 @@ void SegmentPolarity(const EventStretch& stretch, uint8_t polarity, const PlaneS
   if (cloud->size() < static_cast<size_t>(options.min_plane_points)) return;
   const NeighbourTable table = all.Restricted(is_kept);
   for (const pcl::PointIndices& region : GrowRegions(cloud, table, options)) {
-    FitPlanes(cloud, region.indices, polarity, px_per_s, options, planes);
+    FitPlanes(cloud, region.indices, polarity, px_per_s, options, lines);
   }
 }
 
@@ -176,19 +179,19 @@ absl::Status PlaneSegmentationOptions::Validate() const {
   return status;
 }
 
-std::vector<SpaceTimePlane> SegmentPlanes(const EventStretch& stretch, const PlaneSegmentationOptions& options) {
+std::vector<MovingLine> SegmentPlanes(const EventStretch& stretch, const PlaneSegmentationOptions& options) {
   // PCL would write a message to standard error for each degenerate sample; its return values are checked instead.
   static const bool is_quiet = (pcl::console::setVerbosityLevel(pcl::console::L_ALWAYS), true);
   static_cast<void>(is_quiet);
-  std::vector<SpaceTimePlane> planes;
+  std::vector<MovingLine> lines;
   try {
-    for (const uint8_t polarity : {0, 1}) SegmentPolarity(stretch, polarity, options, planes);
+    for (const uint8_t polarity : {0, 1}) SegmentPolarity(stretch, polarity, options, lines);
   } catch (const std::exception&) {
-    planes.clear();
+    lines.clear();
   }
-  std::stable_sort(planes.begin(), planes.end(),
-                   [](const SpaceTimePlane& a, const SpaceTimePlane& b) { return a.num_points > b.num_points; });
-  return planes;
+  std::stable_sort(lines.begin(), lines.end(),
+                   [](const MovingLine& a, const MovingLine& b) { return a.num_events > b.num_events; });
+  return lines;
 }
 
 }  // namespace evpose

@@ -5,11 +5,11 @@
 // moving edge lie near a plane in (u, v, c t).
 #pragma once
 
-#include <Eigen/Core>
 #include <vector>
 
 #include "absl/status/status.h"
 #include "core/detection/event_stretch.h"
+#include "core/detection/moving_line.h"
 
 namespace evpose {
 
@@ -40,20 +40,8 @@ struct PlaneSegmentationOptions {
   absl::Status Validate() const;
 };
 
-// A plane in the form of a moving edge: normal . (u, v) = offset + speed * tau (README, equation (1)).
-struct SpaceTimePlane {
-  Eigen::Vector2d normal = Eigen::Vector2d::UnitX();  // unit vector in the image
-  double offset_px = 0.0;
-  double speed_px_per_s = 0.0;
-  // Extent of the inliers along (-normal.y, normal.x).
-  double s_begin_px = 0.0;
-  double s_end_px = 0.0;
-  uint8_t polarity = 0;
-  int num_points = 0;
-};
-
-// Returns the planes in descending order of the number of points. `options` must be valid. If PCL throws an exception,
-// the list is empty.
-std::vector<SpaceTimePlane> SegmentPlanes(const EventStretch& stretch, const PlaneSegmentationOptions& options);
+// Returns the edges of the planes, which are the start of a fit, in descending order of the number of points; this
+// number is stored as MovingLine::num_events. `options` must be valid. If PCL throws an exception, the list is empty.
+std::vector<MovingLine> SegmentPlanes(const EventStretch& stretch, const PlaneSegmentationOptions& options);
 
 }  // namespace evpose

@@ -81,7 +81,6 @@ class EdgeBias {
   // of the window.
   void Learn(absl::Span<const TrackedLine> tracked, absl::Span<const ImageLine> lines,
              absl::Span<const EdgeCounts> counts, double duration_s);
-  void Reset() { profiles_.clear(); }
 
   static void VisitState(auto& archive, auto& self) {
     auto& [options, sensor, camera, profiles] = self;

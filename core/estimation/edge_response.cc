@@ -88,12 +88,4 @@ double EdgeResponse::Interpolate(const Table& table, double contrast, double hys
          u * ((1.0 - v) * table[i + 1][k] + v * table[i + 1][k + 1]);
 }
 
-double EdgeResponse::Brighter(double contrast, double hysteresis) const {
-  return Interpolate(brighter_, contrast, hysteresis);
-}
-
-double EdgeResponse::Darker(double contrast, double hysteresis) const {
-  return Interpolate(darker_, contrast, hysteresis);
-}
-
 }  // namespace evpose

@@ -22,8 +22,12 @@ class EdgeResponse {
   // Mean distance of the events from the true edge along its motion, in units of the blur; negative: the events lag.
   // `contrast` is L, clamped to (0, 5]. The first levels, a fraction `hysteresis` of L, are skipped; it is clamped to
   // [0, 0.9]. The values are interpolated linearly in a table, with an error below 2e-3.
-  double Brighter(double contrast, double hysteresis) const;  // ON events
-  double Darker(double contrast, double hysteresis) const;    // OFF events
+  double Brighter(double contrast, double hysteresis) const {  // ON events
+    return Interpolate(brighter_, contrast, hysteresis);
+  }
+  double Darker(double contrast, double hysteresis) const {  // OFF events
+    return Interpolate(darker_, contrast, hysteresis);
+  }
 
  private:
   // Size of the tables. L = 5 is a contrast of 1 : 150, which scenes do not exceed; steps of 0.125 in L and of 0.05 in

@@ -101,8 +101,6 @@ class WindowEstimator {
   virtual void Fit(const MotionState& predicted, const WindowInput& input, double gate_factor, WindowFit& fit) = 0;
   // Accepts the last fit: updates the running estimates, such as spread and clutter, with which the next window starts.
   virtual void Accept(const WindowFit& fit, const WindowInput& input) = 0;
-  // Forgets what Accept() has learned, for another pose of the object.
-  virtual void Reset() = 0;
 
   // Writes and reads all that Accept() has learned, bit for bit. LoadState() requires an estimator with the same
   // options and camera; its failure is in reader.status().

@@ -58,7 +58,6 @@ class LineClutter {
   // Adds the counts of the last pass over an accepted window, with gates of half-width `gate_px`.
   void Learn(absl::Span<const TrackedLine> tracked, absl::Span<const ImageLine> lines,
              absl::Span<const LineCounts> counts, double gate_px);
-  void Reset() { lines_.clear(); }
 
   static void VisitState(auto& archive, auto& self) {
     auto& [camera, lines] = self;

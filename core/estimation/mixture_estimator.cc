@@ -22,127 +22,6 @@ Vector6d HalfSpeedRow(const CameraModel& camera, const ImageLine& line, int half
   return line.jacobian.transpose() * BearingOf(camera, line.PointAt(0.25 + 0.5 * half));
 }
 
-class MixtureEstimator : public WindowEstimator {
- public:
-  MixtureEstimator(const EstimatorOptions& options, const CameraModel& camera)
-      : options_(options.mixture),
-        sensor_(options.sensor),
-        camera_(camera),
-        edge_bias_(options.edge, options.sensor, camera),
-        clutter_(camera) {
-    Reset();
-  }
-
-  double ReachPx(double predicted_spread_px, double gate_factor) const override {
-    // The pose, and with it the lines, may move by up to one gate before the passes converge.
-    return 2.0 * FirstGatePx(predicted_spread_px, gate_factor);
-  }
-  int MaxEvents() const override { return options_.max_events; }
-
-  void Fit(const MotionState& predicted, const WindowInput& input, double gate_factor, WindowFit& fit) override;
-
-  void Accept(const WindowFit& fit, const WindowInput& input) override {
-    const double memory = options_.memory_events;
-    const double n = fit.num_explained;
-    const double variance =
-        (memory * sigma_px_ * sigma_px_ + n * fit.residual_rms_px * fit.residual_rms_px) / (memory + n);
-    sigma_px_ = std::clamp(std::sqrt(variance), options_.sigma_min_factor * sensor_.pixel_noise_px,
-                           options_.sigma_max_factor * sensor_.pixel_noise_px);
-    const double gated = fit.num_gated;
-    if (gated > 0.0) {
-      outlier_ratio_ = (memory * outlier_ratio_ + (gated - n)) / (memory + gated);
-    }
-    LearnDisplacement();
-    counts_.clear();
-    for (const MixtureLine& line : sums_) counts_.push_back(line.Counts(input.shares.events_per_observation));
-    clutter_.Learn(input.lines, lines_, line_counts_, final_gate_px_);
-    edge_bias_.Learn(input.lines, lines_, counts_, input.duration_s);
-  }
-
-  void Reset() override {
-    sigma_px_ = sensor_.pixel_noise_px;
-    outlier_ratio_ = options_.initial_outlier_ratio;
-    edge_bias_.Reset();
-    clutter_.Reset();
-    displacement_px2_ = 0.0;
-    displacement_factor_ = 1.0;
-  }
-
-  void SaveState(StateWriter& writer) const override { VisitState(writer, *this); }
-  void LoadState(StateReader& reader) override { VisitState(reader, *this); }
-  static void VisitState(auto& archive, auto& self) {
-    auto& [options, sensor, camera, table, sigma_px, outlier_ratio, displacement_px2, displacement_factor, noise_per_px,
-           final_gate_px, pass, lines, sums, counts, line_counts, flicker_biases_px, densities, deficit_counts,
-           edge_bias, clutter] = self;
-    archive(InRange(sigma_px, 1e-6, 1e6), AtMost(outlier_ratio, 1.0), Finite(displacement_px2),
-            InRange(displacement_factor, 1.0, 1e6), edge_bias, clutter);
-  }
-
- private:
-  void CountLines() {
-    line_counts_.clear();
-    for (const MixtureLine& line : sums_) line_counts_.push_back({line.weight(), line.beside});
-  }
-  // Sets the flicker bias of each line (flicker_bias.h) from the counts of the last pass.
-  void CorrectFlickerBias(const ByPolarity& events_per_observation, double gate_px);
-  // Updates the scale of the common displacement of the events of a line from the mean residuals of the lines
-  // (core/estimation/README.md, section 7).
-  void LearnDisplacement();
-  double FirstGatePx(double spread_px, double gate_factor) const {
-    // Three standard deviations of an event about the predicted line.
-    const double wanted = 3.0 * std::sqrt(sigma_px_ * sigma_px_ + spread_px * spread_px);
-    return gate_factor * std::clamp(wanted, options_.gate_px, options_.max_gate_px);
-  }
-  void Project(const MotionState& state, const WindowInput& input) {
-    ProjectLines(camera_, state, input.lines, lines_);
-    ProjectVelocityJacobians(camera_, state, input.lines, absl::MakeSpan(lines_));
-    edge_bias_.Correct(input.lines, absl::MakeSpan(lines_));
-    for (size_t k = 0; k < lines_.size(); ++k) lines_[k].a_expected.z() -= flicker_biases_px_[k];
-  }
-  // Moves `state` to the minimum for the weights of the last pass. Returns the largest movement of the middle of a
-  // line, in pixels.
-  double Minimise(const MotionState& predicted, const Matrix12d& prior_information, const WindowInput& input,
-                  double sigma_px, MotionState& state);
-  // Adds the equations of the lines and of the event deficit, and returns the missing share of the expected events.
-  // kComplete: the information as if the assignment of the events were known, for a step of expectation-maximisation.
-  // kObserved: minus the information that is lost because the assignment is unknown, for the covariance.
-  enum class Information { kComplete, kObserved };
-  double NormalEquations(const MotionState& state, const WindowInput& input, double sigma_px, Information information,
-                         Matrix12d& hessian, Vector12d& gradient);
-  double MovementPx(const Vector12d& dx, double duration_s) const;
-  // Additional position uncertainty, in pixels, of a line of a face that is seen nearly edge-on: its two edges are
-  // closer together than the spread of the events, so that an event cannot be assigned to one of them
-  // (core/estimation/README.md, section 6).
-  double NarrowFacePx(const TrackedLine& line) const {
-    return 0.5 * std::max(0.0, options_.narrow_face_sigma * sigma_px_ - line.narrowest_face_px);
-  }
-  // Expected number of observations in the gates from the background. A line at rest has only these and must not be
-  // fitted to them.
-  double Background(const WindowInput& input, double gate_px) const;
-
-  const MixtureOptions options_;
-  const SensorProfile sensor_;
-  const CameraModel camera_;
-  const ExpTable table_;
-  double sigma_px_ = 0.0;
-  double outlier_ratio_ = 0.0;
-  double displacement_px2_ = 0.0;  // mean square displacement of the lines over about 100 windows
-  double displacement_factor_ = 1.0;
-  // Background events of the window that are attributed to a line, per pixel of its length.
-  double noise_per_px_ = 0.0;
-  double final_gate_px_ = 0.0;  // of the last pass of the last fit
-  MixturePass pass_;
-  std::vector<ImageLine> lines_;
-  std::vector<MixtureLine> sums_;
-  std::vector<EdgeCounts> counts_;
-  std::vector<LineCounts> line_counts_;    // observations of each line in the last pass
-  std::vector<double> flicker_biases_px_;  // flicker bias of each of lines_, which are displaced by it
-  std::vector<LineDensities> densities_;
-  std::vector<DeficitCounts> deficit_counts_;
-  EdgeBias edge_bias_;
-  LineClutter clutter_;
-};
-
 // Basis for which basis^T b = (1, position along the line from -1 to 1), for a bearing b.
 Eigen::Matrix<double, 3, 2> AlongLine(const CameraModel& camera, const ImageLine& line) {
   const Eigen::Vector2d along = 2.0 / line.length_px * line.direction;
@@ -162,156 +41,250 @@ Matrix12d SymmetricInverse(const Matrix12d& matrix) {
   return 0.5 * (inverse + inverse.transpose());
 }
 
-void MixtureEstimator::Fit(const MotionState& predicted, const WindowInput& input, double gate_factor, WindowFit& fit) {
-  // Pixels: the passes end when the lines move by less, which is about half of the standard deviation of a line's
-  // position from the events of one window.
-  constexpr double kSettledPx = 0.04;
-  // Upper bound of the outlier ratio from the background: a larger one would leave the line without weight, and the
-  // background rate itself is not known better than this.
-  constexpr double kMaxBackgroundRatio = 0.99;
-  const Matrix12d prior_information = SymmetricInverse(predicted.covariance);
+class MixtureEstimator : public WindowEstimator {
+ public:
+  MixtureEstimator(const EstimatorOptions& options, const CameraModel& camera)
+      : options_(options.mixture),
+        sensor_(options.sensor),
+        camera_(camera),
+        sigma_px_(options.sensor.pixel_noise_px),
+        outlier_ratio_(options.mixture.initial_outlier_ratio),
+        edge_bias_(options.edge, options.sensor, camera),
+        clutter_(camera) {}
 
-  MotionState state = predicted;
-  AssignDefaults(input.lines.size(), flicker_biases_px_);
-  Project(state, input);
-  const double spread_px = PredictedSpreadPx(camera_, predicted, lines_);
-  MixtureDensity density{sigma_px_, outlier_ratio_, FirstGatePx(spread_px, gate_factor)};
-  double annealed_px2 = spread_px * spread_px;
-  MixtureTotals totals;
-  double counts_gate_px = 0.0;  // gate to which line_counts_ refer
-  line_counts_.clear();
-  for (int pass = 0; pass < options_.max_passes; ++pass) {
-    const bool last = pass + 1 == options_.max_passes;
-    // The gate and the spread shrink to their final values: at first they cover the uncertainty of the prediction.
-    if (last) annealed_px2 = 0.0;
-    density.sigma_px = std::sqrt(sigma_px_ * sigma_px_ + annealed_px2);
-    // Four standard deviations: the share of the normal beyond the gate, 6e-5, is negligible.
-    density.gate_px = std::max(options_.gate_px, std::min(density.gate_px, 4.0 * density.sigma_px * gate_factor));
-    clutter_.Densities(input.lines, lines_, line_counts_, counts_gate_px, density, densities_);
-    counts_gate_px = density.gate_px;
-    totals = pass_.Accumulate(*input.sorted, lines_, density, densities_, sums_);
-    CountLines();
-    const double background = Background(input, density.gate_px) / std::max(totals.num_gated, 1.0);
-    density.outlier_ratio = std::clamp(background, outlier_ratio_, std::max(outlier_ratio_, kMaxBackgroundRatio));
-    noise_per_px_ = input.background_per_px2 * density.OwnWidthPx(table_);
-    if (input.is_confirmed) CorrectFlickerBias(input.shares.events_per_observation, density.gate_px);
-    const double moved_px = Minimise(predicted, prior_information, input, density.sigma_px, state);
-    // The added variance shrinks by a factor of ten per pass and is negligible below 1 % of that of the events.
-    if (pass > 0 && moved_px < kSettledPx && annealed_px2 < 0.01 * sigma_px_ * sigma_px_) break;
-    annealed_px2 *= 0.1;
+  double ReachPx(double predicted_spread_px, double gate_factor) const override {
+    // The pose, and with it the lines, may move by up to one gate before the passes converge.
+    return 2.0 * FirstGatePx(predicted_spread_px, gate_factor);
   }
+  int MaxEvents() const override { return options_.max_events; }
 
-  Matrix12d hessian = Matrix12d::Zero();
-  Vector12d gradient = Vector12d::Zero();
-  AddPriorEquations(state, predicted, prior_information, hessian, gradient);
-  fit.Clear();
-  fit.deficit_ratio = NormalEquations(state, input, density.sigma_px, Information::kObserved, hessian, gradient);
-  state.covariance = SymmetricInverse(hessian);
+  void Fit(const MotionState& predicted, const WindowInput& input, double gate_factor, WindowFit& fit) override {
+    // Pixels: the passes end when the lines move by less, which is about half of the standard deviation of a line's
+    // position from the events of one window.
+    constexpr double kSettledPx = 0.04;
+    // Upper bound of the outlier ratio from the background: a larger one would leave the line without weight, and the
+    // background rate itself is not known better than this.
+    constexpr double kMaxBackgroundRatio = 0.99;
+    const Matrix12d prior_information = SymmetricInverse(predicted.covariance);
 
-  final_gate_px_ = density.gate_px;
-  fit.state = state;
-  fit.num_gated = totals.num_gated;
-  fit.num_background = Background(input, density.gate_px);
-  fit.num_explained = totals.weight;
-  for (const MixtureLine& line : sums_) fit.line_events.push_back(line.weight()[0] + line.weight()[1]);
-  fit.deficit_counts = deficit_counts_;
-  fit.residual_rms_px = totals.weight > 0.0 ? std::sqrt(totals.weighted_squares_px2 / totals.weight) : sigma_px_;
-}
+    MotionState state = predicted;
+    AssignDefaults(input.lines.size(), flicker_biases_px_);
+    Project(state, input);
+    const double spread_px = PredictedSpreadPx(camera_, predicted, lines_);
+    MixtureDensity density{sigma_px_, outlier_ratio_, FirstGatePx(spread_px, gate_factor)};
+    double annealed_px2 = spread_px * spread_px;
+    MixtureTotals totals;
+    double counts_gate_px = 0.0;  // gate to which line_counts_ refer
+    line_counts_.clear();
+    for (int pass = 0; pass < options_.max_passes; ++pass) {
+      const bool last = pass + 1 == options_.max_passes;
+      // The gate and the spread shrink to their final values: at first they cover the uncertainty of the prediction.
+      if (last) annealed_px2 = 0.0;
+      density.sigma_px = std::sqrt(sigma_px_ * sigma_px_ + annealed_px2);
+      // Four standard deviations: the share of the normal beyond the gate, 6e-5, is negligible.
+      density.gate_px = std::max(options_.gate_px, std::min(density.gate_px, 4.0 * density.sigma_px * gate_factor));
+      clutter_.Densities(input.lines, lines_, line_counts_, counts_gate_px, density, densities_);
+      counts_gate_px = density.gate_px;
+      totals = pass_.Accumulate(*input.sorted, lines_, density, densities_, sums_);
+      line_counts_.clear();
+      for (const MixtureLine& line : sums_) line_counts_.push_back({line.weight(), line.beside});
+      const double background = Background(input, density.gate_px) / std::max(totals.num_gated, 1.0);
+      density.outlier_ratio = std::clamp(background, outlier_ratio_, std::max(outlier_ratio_, kMaxBackgroundRatio));
+      noise_per_px_ = input.background_per_px2 * density.OwnWidthPx(table_);
+      if (input.is_confirmed) CorrectFlickerBias(input.shares.events_per_observation, density.gate_px);
+      const double moved_px = Minimise(predicted, prior_information, input, density.sigma_px, state);
+      // The added variance shrinks by a factor of ten per pass and is negligible below 1 % of that of the events.
+      if (pass > 0 && moved_px < kSettledPx && annealed_px2 < 0.01 * sigma_px_ * sigma_px_) break;
+      annealed_px2 *= 0.1;
+    }
 
-double MixtureEstimator::Minimise(const MotionState& predicted, const Matrix12d& prior_information,
-                                  const WindowInput& input, double sigma_px, MotionState& state) {
-  // Gauss-Newton steps per pass: the next pass changes the weights anyway.
-  constexpr int kSteps = 2;
-  constexpr double kLinearPx = 0.05;  // pixels; a second step would change the pose by about a thousandth of this
-  double moved_px = 0.0;
-  for (int step = 0; step < kSteps; ++step) {
     Matrix12d hessian = Matrix12d::Zero();
     Vector12d gradient = Vector12d::Zero();
     AddPriorEquations(state, predicted, prior_information, hessian, gradient);
-    NormalEquations(state, input, sigma_px, Information::kComplete, hessian, gradient);
-    const Vector12d dx = -hessian.ldlt().solve(gradient);
-    if (!dx.allFinite()) break;
-    const double step_px = MovementPx(dx, input.duration_s);
-    state = Plus(state, dx);
-    Project(state, input);
-    moved_px = std::max(moved_px, step_px);
-    if (step_px < kLinearPx) break;
-  }
-  return moved_px;
-}
+    fit.Clear();
+    fit.deficit_ratio = NormalEquations(state, input, density.sigma_px, Information::kObserved, hessian, gradient);
+    state.covariance = SymmetricInverse(hessian);
 
-double MixtureEstimator::NormalEquations(const MotionState& state, const WindowInput& input, double sigma_px,
-                                         Information information, Matrix12d& hessian, Vector12d& gradient) {
-  const double event_scale = 1.0 / (sigma_px * sigma_px * options_.events_per_information);
-  const double displacement_px =
-      options_.edge_noise_px_sqrt_s * std::sqrt(displacement_factor_ / std::max(input.duration_s, 1e-6));
-  for (size_t k = 0; k < lines_.size(); ++k) {
-    if (!lines_[k].in_view() || sums_[k].sums.weight() <= 0.0) continue;
-    const double scale =
-        information == Information::kObserved ? sums_[k].ObservedRatio(sigma_px) * event_scale : event_scale;
-    LineEquations equations(sums_[k].sums, lines_[k], scale);
-    const double line_px = std::hypot(displacement_px, NarrowFacePx(input.lines[k]));
-    if (line_px > 0.0) equations.Marginalise({AlongLine(camera_, lines_[k]), line_px});
-    equations.AddTo(hessian, gradient);
+    final_gate_px_ = density.gate_px;
+    fit.state = state;
+    fit.num_gated = totals.num_gated;
+    fit.num_background = Background(input, density.gate_px);
+    fit.num_explained = totals.weight;
+    for (const MixtureLine& line : sums_) fit.line_events.push_back(line.weight()[0] + line.weight()[1]);
+    fit.deficit_counts = deficit_counts_;
+    fit.residual_rms_px = totals.weight > 0.0 ? std::sqrt(totals.weighted_squares_px2 / totals.weight) : sigma_px_;
   }
-  CountForDeficit(camera_, input, lines_, sums_, state.twist, noise_per_px_, options_.min_events_per_px2,
-                  deficit_counts_);
-  return AddEventDeficit(camera_, lines_, deficit_counts_, input.past_deficit_counts, state.twist,
-                         1.0 / options_.events_per_information, hessian, gradient);
-}
 
-void MixtureEstimator::CorrectFlickerBias(const ByPolarity& events_per_observation, double gate_px) {
-  for (size_t k = 0; k < lines_.size(); ++k) {
-    const double shift_px = FlickerBiasPx(line_counts_[k], events_per_observation, gate_px, sigma_px_);
-    lines_[k].a_expected.z() -= shift_px - flicker_biases_px_[k];
-    flicker_biases_px_[k] = shift_px;
+  void Accept(const WindowFit& fit, const WindowInput& input) override {
+    const double memory = options_.memory_events;
+    const double n = fit.num_explained;
+    const double variance =
+        (memory * sigma_px_ * sigma_px_ + n * fit.residual_rms_px * fit.residual_rms_px) / (memory + n);
+    sigma_px_ = std::clamp(std::sqrt(variance), options_.sigma_min_factor * sensor_.pixel_noise_px,
+                           options_.sigma_max_factor * sensor_.pixel_noise_px);
+    const double gated = fit.num_gated;
+    if (gated > 0.0) {
+      outlier_ratio_ = (memory * outlier_ratio_ + (gated - n)) / (memory + gated);
+    }
+    LearnDisplacement();
+    counts_.clear();
+    for (const MixtureLine& line : sums_) counts_.push_back(line.Counts(input.shares.events_per_observation));
+    clutter_.Learn(input.lines, lines_, line_counts_, final_gate_px_);
+    edge_bias_.Learn(input.lines, lines_, counts_, input.duration_s);
   }
-}
 
-void MixtureEstimator::LearnDisplacement() {
-  // Sum of weights of a line that contributes: the mean of fewer events is dominated by their own noise.
-  constexpr double kMinWeight = 20.0;
-  // Share of a new window in the running mean, which therefore covers about 100 windows.
-  constexpr double kForget = 0.01;
-  // Lines that the fit of a pose uses up: a line gives two equations, and the pose has six unknowns.
-  constexpr double kLinesOfAPose = 3.0;
-  // Bound of the growth: a displacement of 0.27 px. A larger one is a wrong pose and not the bias of an edge.
-  constexpr double kMaxFactor = 30.0;
-  double count = 0.0;
-  double squares_px2 = 0.0;
-  double observed_squares = 0.0;
-  for (size_t k = 0; k < lines_.size(); ++k) {
-    const LineSums& sums = sums_[k].sums;
-    if (sums.weight() < kMinWeight || !lines_[k].in_view()) continue;
-    const double mean_px = sums.Sum(0).dot(lines_[k].a_expected) + sums.Sum(1).dot(lines_[k].a_dot);
-    const double w = sums.weight();
-    const double observed = sums_[k].ObservedRatio(sigma_px_);
-    squares_px2 += mean_px * mean_px / (w * w) - observed * sigma_px_ * sigma_px_ * options_.events_per_information / w;
-    observed_squares += observed * observed;
-    count += 1.0;
+  void SaveState(StateWriter& writer) const override { VisitState(writer, *this); }
+  void LoadState(StateReader& reader) override { VisitState(reader, *this); }
+  static void VisitState(auto& archive, auto& self) {
+    auto& [options, sensor, camera, table, sigma_px, outlier_ratio, displacement_px2, displacement_factor, noise_per_px,
+           final_gate_px, pass, lines, sums, counts, line_counts, flicker_biases_px, densities, deficit_counts,
+           edge_bias, clutter] = self;
+    archive(InRange(sigma_px, 1e-6, 1e6), AtMost(outlier_ratio, 1.0), Finite(displacement_px2),
+            InRange(displacement_factor, 1.0, 1e6), edge_bias, clutter);
   }
-  if (count <= kLinesOfAPose) return;
-  const double mean_px2 = squares_px2 / (observed_squares * (1.0 - kLinesOfAPose / count));
-  displacement_px2_ += kForget * (mean_px2 - displacement_px2_);
-  const double usual_px = options_.usual_displacement_px;
-  displacement_factor_ = std::clamp(displacement_px2_ / (usual_px * usual_px), 1.0, kMaxFactor);
-}
 
-double MixtureEstimator::Background(const WindowInput& input, double gate_px) const {
-  double length_px = 0.0;
-  for (const ImageLine& line : lines_) length_px += line.length_px;
-  return input.background_per_px2 * 2.0 * gate_px * length_px * input.shares.observations_per_background_event;
-}
-
-double MixtureEstimator::MovementPx(const Vector12d& dx, double duration_s) const {
-  double largest = 0.0;
-  for (const ImageLine& line : lines_) {
-    if (!line.in_view()) continue;
-    const Vector6d row = line.jacobian.transpose() * BearingOf(camera_, line.PointAt(0.5));
-    largest = std::max(largest, std::abs(row.dot(dx.head<6>())) + 0.5 * duration_s * std::abs(row.dot(dx.tail<6>())));
+ private:
+  // Sets the flicker bias of each line (flicker_bias.h) from the counts of the last pass.
+  void CorrectFlickerBias(const ByPolarity& events_per_observation, double gate_px) {
+    for (size_t k = 0; k < lines_.size(); ++k) {
+      const double shift_px = FlickerBiasPx(line_counts_[k], events_per_observation, gate_px, sigma_px_);
+      lines_[k].a_expected.z() -= shift_px - flicker_biases_px_[k];
+      flicker_biases_px_[k] = shift_px;
+    }
   }
-  return largest;
-}
+  // Updates the scale of the common displacement of the events of a line from the mean residuals of the lines
+  // (core/estimation/README.md, section 7).
+  void LearnDisplacement() {
+    // Sum of weights of a line that contributes: the mean of fewer events is dominated by their own noise.
+    constexpr double kMinWeight = 20.0;
+    // Share of a new window in the running mean, which therefore covers about 100 windows.
+    constexpr double kForget = 0.01;
+    // Lines that the fit of a pose uses up: a line gives two equations, and the pose has six unknowns.
+    constexpr double kLinesOfAPose = 3.0;
+    // Bound of the growth: a displacement of 0.27 px. A larger one is a wrong pose and not the bias of an edge.
+    constexpr double kMaxFactor = 30.0;
+    double count = 0.0;
+    double squares_px2 = 0.0;
+    double observed_squares = 0.0;
+    for (size_t k = 0; k < lines_.size(); ++k) {
+      const LineSums& sums = sums_[k].sums;
+      if (sums.weight() < kMinWeight || !lines_[k].in_view()) continue;
+      const double mean_px = sums.Sum(0).dot(lines_[k].a_expected) + sums.Sum(1).dot(lines_[k].a_dot);
+      const double w = sums.weight();
+      const double observed = sums_[k].ObservedRatio(sigma_px_);
+      squares_px2 +=
+          mean_px * mean_px / (w * w) - observed * sigma_px_ * sigma_px_ * options_.events_per_information / w;
+      observed_squares += observed * observed;
+      count += 1.0;
+    }
+    if (count <= kLinesOfAPose) return;
+    const double mean_px2 = squares_px2 / (observed_squares * (1.0 - kLinesOfAPose / count));
+    displacement_px2_ += kForget * (mean_px2 - displacement_px2_);
+    const double usual_px = options_.usual_displacement_px;
+    displacement_factor_ = std::clamp(displacement_px2_ / (usual_px * usual_px), 1.0, kMaxFactor);
+  }
+  double FirstGatePx(double spread_px, double gate_factor) const {
+    // Three standard deviations of an event about the predicted line.
+    const double wanted = 3.0 * std::sqrt(sigma_px_ * sigma_px_ + spread_px * spread_px);
+    return gate_factor * std::clamp(wanted, options_.gate_px, options_.max_gate_px);
+  }
+  void Project(const MotionState& state, const WindowInput& input) {
+    ProjectLines(camera_, state, input.lines, lines_);
+    ProjectVelocityJacobians(camera_, state, input.lines, absl::MakeSpan(lines_));
+    edge_bias_.Correct(input.lines, absl::MakeSpan(lines_));
+    for (size_t k = 0; k < lines_.size(); ++k) lines_[k].a_expected.z() -= flicker_biases_px_[k];
+  }
+  // Moves `state` to the minimum for the weights of the last pass. Returns the largest movement of the middle of a
+  // line, in pixels.
+  double Minimise(const MotionState& predicted, const Matrix12d& prior_information, const WindowInput& input,
+                  double sigma_px, MotionState& state) {
+    // Gauss-Newton steps per pass: the next pass changes the weights anyway.
+    constexpr int kSteps = 2;
+    constexpr double kLinearPx = 0.05;  // pixels; a second step would change the pose by about a thousandth of this
+    double moved_px = 0.0;
+    for (int step = 0; step < kSteps; ++step) {
+      Matrix12d hessian = Matrix12d::Zero();
+      Vector12d gradient = Vector12d::Zero();
+      AddPriorEquations(state, predicted, prior_information, hessian, gradient);
+      NormalEquations(state, input, sigma_px, Information::kComplete, hessian, gradient);
+      const Vector12d dx = -hessian.ldlt().solve(gradient);
+      if (!dx.allFinite()) break;
+      const double step_px = MovementPx(dx, input.duration_s);
+      state = Plus(state, dx);
+      Project(state, input);
+      moved_px = std::max(moved_px, step_px);
+      if (step_px < kLinearPx) break;
+    }
+    return moved_px;
+  }
+  // Adds the equations of the lines and of the event deficit, and returns the missing share of the expected events.
+  // kComplete: the information as if the assignment of the events were known, for a step of expectation-maximisation.
+  // kObserved: minus the information that is lost because the assignment is unknown, for the covariance.
+  enum class Information { kComplete, kObserved };
+  double NormalEquations(const MotionState& state, const WindowInput& input, double sigma_px, Information information,
+                         Matrix12d& hessian, Vector12d& gradient) {
+    const double event_scale = 1.0 / (sigma_px * sigma_px * options_.events_per_information);
+    const double displacement_px =
+        options_.edge_noise_px_sqrt_s * std::sqrt(displacement_factor_ / std::max(input.duration_s, 1e-6));
+    for (size_t k = 0; k < lines_.size(); ++k) {
+      if (!lines_[k].in_view() || sums_[k].sums.weight() <= 0.0) continue;
+      const double scale =
+          information == Information::kObserved ? sums_[k].ObservedRatio(sigma_px) * event_scale : event_scale;
+      LineEquations equations(sums_[k].sums, lines_[k], scale);
+      const double line_px = std::hypot(displacement_px, NarrowFacePx(input.lines[k]));
+      if (line_px > 0.0) equations.Marginalise({AlongLine(camera_, lines_[k]), line_px});
+      equations.AddTo(hessian, gradient);
+    }
+    CountForDeficit(camera_, input, lines_, sums_, state.twist, noise_per_px_, options_.min_events_per_px2,
+                    deficit_counts_);
+    return AddEventDeficit(camera_, lines_, deficit_counts_, input.past_deficit_counts, state.twist,
+                           1.0 / options_.events_per_information, hessian, gradient);
+  }
+  double MovementPx(const Vector12d& dx, double duration_s) const {
+    double largest = 0.0;
+    for (const ImageLine& line : lines_) {
+      if (!line.in_view()) continue;
+      const Vector6d row = line.jacobian.transpose() * BearingOf(camera_, line.PointAt(0.5));
+      largest = std::max(largest, std::abs(row.dot(dx.head<6>())) + 0.5 * duration_s * std::abs(row.dot(dx.tail<6>())));
+    }
+    return largest;
+  }
+  // Additional position uncertainty, in pixels, of a line of a face that is seen nearly edge-on: its two edges are
+  // closer together than the spread of the events, so that an event cannot be assigned to one of them
+  // (core/estimation/README.md, section 6).
+  double NarrowFacePx(const TrackedLine& line) const {
+    return 0.5 * std::max(0.0, options_.narrow_face_sigma * sigma_px_ - line.narrowest_face_px);
+  }
+  // Expected number of observations in the gates from the background. A line at rest has only these and must not be
+  // fitted to them.
+  double Background(const WindowInput& input, double gate_px) const {
+    double length_px = 0.0;
+    for (const ImageLine& line : lines_) length_px += line.length_px;
+    return input.background_per_px2 * 2.0 * gate_px * length_px * input.shares.observations_per_background_event;
+  }
+
+  const MixtureOptions options_;
+  const SensorProfile sensor_;
+  const CameraModel camera_;
+  const ExpTable table_;
+  double sigma_px_;
+  double outlier_ratio_;
+  double displacement_px2_ = 0.0;  // mean square displacement of the lines over about 100 windows
+  double displacement_factor_ = 1.0;
+  // Background events of the window that are attributed to a line, per pixel of its length.
+  double noise_per_px_ = 0.0;
+  double final_gate_px_ = 0.0;  // of the last pass of the last fit
+  MixturePass pass_;
+  std::vector<ImageLine> lines_;
+  std::vector<MixtureLine> sums_;
+  std::vector<EdgeCounts> counts_;
+  std::vector<LineCounts> line_counts_;    // observations of each line in the last pass
+  std::vector<double> flicker_biases_px_;  // flicker bias of each of lines_, which are displaced by it
+  std::vector<LineDensities> densities_;
+  std::vector<DeficitCounts> deficit_counts_;
+  EdgeBias edge_bias_;
+  LineClutter clutter_;
+};
 
 }  // namespace
 
@@ -331,6 +304,15 @@ absl::Status MixtureOptions::Validate() const {
   EVPOSE_RETURN_IF_ERROR(CheckRange("initial_outlier_ratio", initial_outlier_ratio, 1e-6, 0.99));
   EVPOSE_RETURN_IF_ERROR(CheckRange("narrow_face_sigma", narrow_face_sigma, 0.0, 10.0));
   return CheckRange("min_events_per_px2", min_events_per_px2, 0.0, 100.0);
+}
+
+void DeficitCounts::Add(const DeficitCounts& window) {
+  for (int half = 0; half < 2; ++half) {
+    const double all = expected[half] + window.expected[half];
+    const double keep = all > kMemoryEvents ? kMemoryEvents / all : 1.0;
+    expected[half] = std::min(all, kMemoryEvents);
+    observed[half] = std::clamp(keep * (observed[half] + window.observed[half]), -expected[half], expected[half]);
+  }
 }
 
 void CountForDeficit(const CameraModel& camera, const WindowInput& input, absl::Span<const ImageLine> lines,

@@ -62,62 +62,56 @@ struct MixturePass::GroupSums {
 
   // Adds one vector of events. Clutter is counted where `is_nearest` is true, so that each event counts once.
   void Add(const EventLanes& event, const GroupTerms& group, const Terms& terms, Lanes inverse, Lanes inlier_ratio,
-           LaneMask is_nearest);
-  void AddTo(const LineGroup& group, MixtureLine& line, MixtureTotals& totals) const;
+           LaneMask is_nearest) {
+    const LaneMask is_counted = terms.is_gated & is_nearest;
+    num_gated += Only(is_counted, 1.0f - inlier_ratio * event.competing * inverse);
+    const Lanes clutter = Only(is_counted & group.IsBeside(terms), terms.outlier * inverse);
+    const Lanes above = Only(terms.distance_px > 0.0f, clutter);
+    beside[0] += clutter - above;
+    beside[1] += above;
+    const Lanes responsibility = terms.likelihood * inverse;
+    const Lanes weight = Only(terms.is_gated & (responsibility >= kLeastWeight), responsibility);
+    const LaneMask is_second = group.IsSecondHalf(terms);
+    const Lanes turned = weight * event.turn;
+    half_weight[0] += weight;
+    half_weight[1] += Only(is_second, weight);
+    turns[0] += turned;
+    turns[1] += Only(is_second, turned);
+    const Lanes squares = weight * (terms.distance_px * terms.distance_px);
+    ambiguous_px2 += (1.0f - weight) * squares;
+    squares_px2 += squares;
+    AddProducts(event, weight);
+  }
+
+  void AddTo(const LineGroup& group, MixtureLine& line, MixtureTotals& totals) const {
+    line.sums.Add(products, group.origin);
+    const double weight = SumOf(half_weight[0]);
+    const double second_weight = SumOf(half_weight[1]);
+    const double second_turns = SumOf(turns[1]);
+    line.half_weight[0][group.polarity] += weight - second_weight;
+    line.half_weight[1][group.polarity] += second_weight;
+    line.half_turns[0][group.polarity] += SumOf(turns[0]) - second_turns;
+    line.half_turns[1][group.polarity] += second_turns;
+    for (int side = 0; side < 2; ++side) line.beside[side][group.polarity] += SumOf(beside[side]);
+    line.ambiguous_px2 += SumOf(ambiguous_px2);
+    totals.num_gated += SumOf(num_gated);
+    totals.weight += weight;
+    totals.weighted_squares_px2 += SumOf(squares_px2);
+  }
 
  private:
-  void AddProducts(const EventLanes& event, Lanes weight);
-};
-
-inline void MixturePass::GroupSums::Add(const EventLanes& event, const GroupTerms& group, const Terms& terms,
-                                        Lanes inverse, Lanes inlier_ratio, LaneMask is_nearest) {
-  const LaneMask is_counted = terms.is_gated & is_nearest;
-  num_gated += Only(is_counted, 1.0f - inlier_ratio * event.competing * inverse);
-  const Lanes clutter = Only(is_counted & group.IsBeside(terms), terms.outlier * inverse);
-  const Lanes above = Only(terms.distance_px > 0.0f, clutter);
-  beside[0] += clutter - above;
-  beside[1] += above;
-  const Lanes responsibility = terms.likelihood * inverse;
-  const Lanes weight = Only(terms.is_gated & (responsibility >= kLeastWeight), responsibility);
-  const LaneMask is_second = group.IsSecondHalf(terms);
-  const Lanes turned = weight * event.turn;
-  half_weight[0] += weight;
-  half_weight[1] += Only(is_second, weight);
-  turns[0] += turned;
-  turns[1] += Only(is_second, turned);
-  const Lanes squares = weight * (terms.distance_px * terms.distance_px);
-  ambiguous_px2 += (1.0f - weight) * squares;
-  squares_px2 += squares;
-  AddProducts(event, weight);
-}
-
-inline void MixturePass::GroupSums::AddProducts(const EventLanes& event, Lanes weight) {
-  const Lanes wx = weight * event.bx;
-  const Lanes wy = weight * event.by;
-  LineSums::LaneProducts power = {wx * event.bx, wx * event.by, wy * event.by, wx, wy, weight};
-  for (int n = 0; n < 3; ++n) {
-    for (int i = 0; i < 6; ++i) {
-      products[n][i] += power[i];
-      power[i] *= event.tau_s;
+  void AddProducts(const EventLanes& event, Lanes weight) {
+    const Lanes wx = weight * event.bx;
+    const Lanes wy = weight * event.by;
+    LineSums::LaneProducts power = {wx * event.bx, wx * event.by, wy * event.by, wx, wy, weight};
+    for (int n = 0; n < 3; ++n) {
+      for (int i = 0; i < 6; ++i) {
+        products[n][i] += power[i];
+        power[i] *= event.tau_s;
+      }
     }
   }
-}
-
-void MixturePass::GroupSums::AddTo(const LineGroup& group, MixtureLine& line, MixtureTotals& totals) const {
-  line.sums.Add(products, group.origin);
-  const double weight = SumOf(half_weight[0]);
-  const double second_weight = SumOf(half_weight[1]);
-  const double second_turns = SumOf(turns[1]);
-  line.half_weight[0][group.polarity] += weight - second_weight;
-  line.half_weight[1][group.polarity] += second_weight;
-  line.half_turns[0][group.polarity] += SumOf(turns[0]) - second_turns;
-  line.half_turns[1][group.polarity] += second_turns;
-  for (int side = 0; side < 2; ++side) line.beside[side][group.polarity] += SumOf(beside[side]);
-  line.ambiguous_px2 += SumOf(ambiguous_px2);
-  totals.num_gated += SumOf(num_gated);
-  totals.weight += weight;
-  totals.weighted_squares_px2 += SumOf(squares_px2);
-}
+};
 
 EVPOSE_CLONES MixtureTotals MixturePass::Accumulate(const LineEvents& events, absl::Span<const ImageLine> lines,
                                                     const MixtureDensity& density,

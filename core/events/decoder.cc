@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "core/events/decoder.h"
 
+#include <array>
 #include <string>
 
 #include "absl/strings/str_cat.h"
@@ -8,77 +9,45 @@
 #include "core/events/formats/word_decoder.h"
 
 namespace evpose {
+namespace {
 
-std::string_view EncodingName(Encoding encoding) {
-  switch (encoding) {
-    case Encoding::kEvt3:
-      return "EVT3";
-    case Encoding::kEvt21:
-      return "EVT2.1";
-    case Encoding::kEvt2:
-      return "EVT2";
-    case Encoding::kDat:
-      return "DAT";
-    case Encoding::kFlat64:
-      return "FLAT64";
-  }
-  return "unknown";
-}
+struct EncodingTraits {
+  std::string_view name;
+  int word_bytes;
+  int num_addresses;  // of rows and of columns
+  std::unique_ptr<EventDecoder> (*make_decoder)(SensorGeometry geometry, OutsideSensor outside);
+};
 
-int WordBytes(Encoding encoding) {
-  switch (encoding) {
-    case Encoding::kEvt3:
-      return 2;
-    case Encoding::kEvt2:
-      return 4;
-    case Encoding::kEvt21:
-    case Encoding::kDat:
-    case Encoding::kFlat64:
-      return 8;
-  }
-  return 8;
-}
+// Indexed by Encoding.
+constexpr std::array<EncodingTraits, 5> kEncodings = {{{"EVT3", 2, 1 << 11, MakeEvt3Decoder},
+                                                       {"EVT2.1", 8, 1 << 11, MakeEvt21Decoder},
+                                                       {"EVT2", 4, 1 << 11, MakeEvt2Decoder},
+                                                       {"DAT", 8, 1 << 14, MakeDatDecoder},
+                                                       {"FLAT64", 8, 1 << 14, MakeFlat64Decoder}}};
 
-SensorGeometry AddressableGeometry(Encoding encoding) {
-  switch (encoding) {
-    case Encoding::kEvt3:
-    case Encoding::kEvt21:
-    case Encoding::kEvt2:
-      return {1 << 11, 1 << 11};
-    case Encoding::kDat:
-    case Encoding::kFlat64:
-      return {1 << 14, 1 << 14};
-  }
-  return {};
-}
+const EncodingTraits& TraitsOf(Encoding encoding) { return kEncodings[static_cast<size_t>(encoding)]; }
+
+}  // namespace
+
+std::string_view EncodingName(Encoding encoding) { return TraitsOf(encoding).name; }
+
+int WordBytes(Encoding encoding) { return TraitsOf(encoding).word_bytes; }
 
 absl::Status ValidateGeometry(Encoding encoding, SensorGeometry geometry) {
-  const SensorGeometry largest = AddressableGeometry(encoding);
-  if (geometry.width_px >= 1 && geometry.height_px >= 1 && geometry.width_px <= largest.width_px &&
-      geometry.height_px <= largest.height_px) {
+  const int largest = TraitsOf(encoding).num_addresses;
+  if (geometry.width_px >= 1 && geometry.height_px >= 1 && geometry.width_px <= largest &&
+      geometry.height_px <= largest) {
     return absl::OkStatus();
   }
   return absl::InvalidArgumentError(absl::StrCat("the sensor has ", geometry.width_px, "x", geometry.height_px,
                                                  " pixels; ", std::string(EncodingName(encoding)), " addresses 1x1 to ",
-                                                 largest.width_px, "x", largest.height_px));
+                                                 largest, "x", largest));
 }
 
 absl::StatusOr<std::unique_ptr<EventDecoder>> MakeEventDecoder(Encoding encoding, SensorGeometry geometry,
                                                                OutsideSensor outside) {
   EVPOSE_RETURN_IF_ERROR(ValidateGeometry(encoding, geometry));
-  switch (encoding) {
-    case Encoding::kEvt3:
-      return MakeEvt3Decoder(geometry, outside);
-    case Encoding::kEvt21:
-      return MakeEvt21Decoder(geometry, outside);
-    case Encoding::kEvt2:
-      return MakeEvt2Decoder(geometry, outside);
-    case Encoding::kDat:
-      return MakeDatDecoder(geometry, outside);
-    case Encoding::kFlat64:
-      return MakeFlat64Decoder(geometry, outside);
-  }
-  return absl::InvalidArgumentError("the encoding is unknown; use EVT3, EVT2.1, EVT2, DAT or FLAT64");
+  return TraitsOf(encoding).make_decoder(geometry, outside);
 }
 
 void WordDecoder::Decode(absl::Span<const uint8_t> bytes, DecodedEvents& out) {

@@ -86,8 +86,6 @@ class EventDecoder {
 absl::StatusOr<std::unique_ptr<EventDecoder>> MakeEventDecoder(Encoding encoding, SensorGeometry geometry,
                                                                OutsideSensor outside = OutsideSensor::kDrop);
 
-// The largest geometry that the encoding can address.
-SensorGeometry AddressableGeometry(Encoding encoding);
 // Errors: INVALID_ARGUMENT for a geometry that is not positive or larger than the encoding can address.
 absl::Status ValidateGeometry(Encoding encoding, SensorGeometry geometry);
 

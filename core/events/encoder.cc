@@ -19,19 +19,12 @@ std::string TimeOf(std::optional<size_t> event) {
 
 absl::StatusOr<std::unique_ptr<EventEncoder>> MakeEventEncoder(Encoding encoding, SensorGeometry geometry) {
   EVPOSE_RETURN_IF_ERROR(ValidateGeometry(encoding, geometry));
-  switch (encoding) {
-    case Encoding::kEvt3:
-      return MakeEvt3Encoder(geometry);
-    case Encoding::kEvt21:
-      return MakeEvt21Encoder(geometry);
-    case Encoding::kEvt2:
-      return MakeEvt2Encoder(geometry);
-    case Encoding::kFlat64:
-      return MakeFlat64Encoder(geometry);
-    case Encoding::kDat:
-      return absl::UnimplementedError("DAT can only be read; write EVT3, EVT2.1, EVT2 or FLAT64");
-  }
-  return absl::InvalidArgumentError("the encoding is unknown; use EVT3, EVT2.1, EVT2 or FLAT64");
+  // Indexed by Encoding.
+  static constexpr std::unique_ptr<EventEncoder> (*kMakers[])(SensorGeometry) = {
+      MakeEvt3Encoder, MakeEvt21Encoder, MakeEvt2Encoder, nullptr, MakeFlat64Encoder};
+  const auto make = kMakers[static_cast<size_t>(encoding)];
+  if (make == nullptr) return absl::UnimplementedError("DAT can only be read; write EVT3, EVT2.1, EVT2 or FLAT64");
+  return make(geometry);
 }
 
 absl::Status WordEncoder::Encode(absl::Span<const Event> events, std::vector<uint8_t>& out) {

@@ -8,7 +8,6 @@
 #include <cstdint>
 #include <new>
 #include <type_traits>
-#include <utility>
 #include <vector>
 
 namespace evpose {
@@ -68,11 +67,7 @@ struct UnwrittenMemory {
 
   T* allocate(size_t count) { return static_cast<T*>(::operator new(count * sizeof(T), kAlignment)); }
   void deallocate(T* memory, size_t) { ::operator delete(memory, kAlignment); }
-  void construct(T*) {}
-  template <typename... Arguments>
-  void construct(T* place, Arguments&&... arguments) {
-    ::new (static_cast<void*>(place)) T(std::forward<Arguments>(arguments)...);
-  }
+  void construct(T*) {}  // with arguments, std::allocator_traits constructs the element
 
   friend bool operator==(const UnwrittenMemory&, const UnwrittenMemory&) { return true; }
 };

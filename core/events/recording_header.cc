@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "core/events/recording_header.h"
 
+#include <algorithm>
 #include <array>
-#include <cctype>
-#include <cstdint>
+#include <initializer_list>
 #include <utility>
 #include <vector>
 
@@ -92,47 +92,27 @@ std::optional<SensorGeometry> SensorOfName(absl::string_view name) {
   return std::nullopt;
 }
 
-// The system_ID of Prophesee's cameras, as in OpenEB; the flag 0x80 marks a variant of the same sensor.
+struct SystemIds {
+  SensorGeometry geometry;
+  std::initializer_list<int> ids;
+};
+
+// The system_ID of Prophesee's cameras, as in OpenEB.
+constexpr SystemIds kSystemIds[] = {
+    {{304, 240}, {0x14}},
+    {{640, 480}, {0x15, 0x17, 0x19, 0x1c, 0x1d, 0x21, 0x22, 0x23, 0x28, 0x29}},
+    {{1280, 720}, {0x1a, 0x1e, 0x1f, 0x20, 0x27, 0x2e, 0x30, 0x31, 0x32, 0x35, 0x37, 0x3a, 0x42}},
+    {{640, 512}, {0x34, 0x36}},
+    {{320, 320}, {0x3b, 0x40}}};
+
 std::optional<SensorGeometry> SensorOfSystemId(absl::string_view text) {
   int id = 0;
   if (!absl::SimpleAtoi(text, &id)) return std::nullopt;
-  switch (id & ~0x80) {
-    case 0x14:
-      return SensorGeometry{304, 240};
-    case 0x15:
-    case 0x17:
-    case 0x19:
-    case 0x1c:
-    case 0x1d:
-    case 0x21:
-    case 0x22:
-    case 0x23:
-    case 0x28:
-    case 0x29:
-      return SensorGeometry{640, 480};
-    case 0x1a:
-    case 0x1e:
-    case 0x1f:
-    case 0x20:
-    case 0x27:
-    case 0x2e:
-    case 0x30:
-    case 0x31:
-    case 0x32:
-    case 0x35:
-    case 0x37:
-    case 0x3a:
-    case 0x42:
-      return SensorGeometry{1280, 720};
-    case 0x34:
-    case 0x36:
-      return SensorGeometry{640, 512};
-    case 0x3b:
-    case 0x40:
-      return SensorGeometry{320, 320};
-    default:
-      return std::nullopt;
+  id &= ~0x80;  // this flag marks a variant of the same sensor
+  for (const SystemIds& system : kSystemIds) {
+    if (std::find(system.ids.begin(), system.ids.end(), id) != system.ids.end()) return system.geometry;
   }
+  return std::nullopt;
 }
 
 // The largest Prophesee sensor; FLAT64 may come from any camera.

@@ -6,11 +6,9 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
-#include <algorithm>
 #include <cerrno>
 #include <cstring>
 #include <optional>
-#include <string_view>
 #include <utility>
 
 #include "absl/strings/str_cat.h"
@@ -39,26 +37,26 @@ class DescriptorReader final : public RecordingReader {
     if (S_ISDIR(info.st_mode))
       return absl::InvalidArgumentError(absl::StrCat(name_, ": is a directory, not a recording"));
     is_regular_ = S_ISREG(info.st_mode);
-    std::string prefix;
     std::optional<RecordingHeader> header;
     while (!header.has_value()) {
-      EVPOSE_ASSIGN_OR_RETURN(const bool is_end, ReadPrefix(prefix));
+      EVPOSE_ASSIGN_OR_RETURN(const bool is_end, ReadPrefix());
       if (is_end && stopped_) {
         return absl::CancelledError(absl::StrCat(name_, ": stopped before the end of its header"));
       }
-      if (is_end && prefix.empty()) return absl::InvalidArgumentError(absl::StrCat(name_, ": is empty"));
-      auto parsed = ParseRecordingHeader(prefix, is_end);
-      if (!parsed.ok()) return InFile(parsed.status());
+      if (is_end && prefix_.empty()) return absl::InvalidArgumentError(absl::StrCat(name_, ": is empty"));
+      auto parsed = ParseRecordingHeader(prefix_, is_end);
+      if (!parsed.ok()) {
+        return absl::Status(parsed.status().code(), absl::StrCat(name_, ": ", parsed.status().message()));
+      }
       header = *std::move(parsed);
     }
     header_ = *std::move(header);
     if (is_regular_ && !options_.follow) data_size_bytes_ = info.st_size - static_cast<int64_t>(header_.size_bytes);
-    prefix.erase(0, header_.size_bytes);
-    while (!options_.follow && prefix.empty()) {
-      EVPOSE_ASSIGN_OR_RETURN(const bool is_end, ReadPrefix(prefix));
+    prefix_.erase(0, header_.size_bytes);
+    while (!options_.follow && prefix_.empty()) {
+      EVPOSE_ASSIGN_OR_RETURN(const bool is_end, ReadPrefix());
       if (is_end) return absl::InvalidArgumentError(absl::StrCat(name_, ": has a header but no events"));
     }
-    prefix_ = std::move(prefix);
     return absl::OkStatus();
   }
 
@@ -66,19 +64,18 @@ class DescriptorReader final : public RecordingReader {
   int64_t data_size_bytes() const override { return data_size_bytes_; }
 
   absl::StatusOr<size_t> Read(absl::Span<uint8_t> buffer) override {
-    if (prefix_used_ == prefix_.size()) return ReadDescriptor(buffer);
-    const size_t size = std::min(buffer.size(), prefix_.size() - prefix_used_);
-    std::memcpy(buffer.data(), prefix_.data() + prefix_used_, size);
-    prefix_used_ += size;
+    if (prefix_.empty()) return ReadDescriptor(buffer);
+    const size_t size = prefix_.copy(reinterpret_cast<char*>(buffer.data()), buffer.size());
+    prefix_.erase(0, size);
     return size;
   }
 
  private:
-  // Appends the next bytes to `prefix`; true at the end.
-  absl::StatusOr<bool> ReadPrefix(std::string& prefix) {
+  // Appends the next bytes to prefix_; true at the end.
+  absl::StatusOr<bool> ReadPrefix() {
     uint8_t buffer[kHeaderReadBytes];
     EVPOSE_ASSIGN_OR_RETURN(const size_t size, ReadDescriptor(absl::MakeSpan(buffer)));
-    prefix.append(reinterpret_cast<const char*>(buffer), size);
+    prefix_.append(reinterpret_cast<const char*>(buffer), size);
     return size == 0;
   }
 
@@ -132,9 +129,6 @@ class DescriptorReader final : public RecordingReader {
   absl::Status Error(int error_number, const std::string& what) const {
     return absl::UnavailableError(absl::StrCat(name_, ": ", what, ": ", std::strerror(error_number)));
   }
-  absl::Status InFile(const absl::Status& status) const {
-    return absl::Status(status.code(), absl::StrCat(name_, ": ", status.message()));
-  }
 
   const int descriptor_;
   const std::string name_;
@@ -142,8 +136,8 @@ class DescriptorReader final : public RecordingReader {
   bool is_regular_ = false;
   bool stopped_ = false;
   RecordingHeader header_;
-  std::string prefix_;  // data bytes that were read together with the header
-  size_t prefix_used_ = 0;
+  // The bytes that were read together with the header; after Start(), those of them that Read() has not returned.
+  std::string prefix_;
   int64_t offset_ = 0;
   int64_t data_size_bytes_ = -1;
 };

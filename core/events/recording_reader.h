@@ -12,6 +12,7 @@
 #include "absl/status/statusor.h"
 #include "absl/types/span.h"
 #include "core/events/recording_header.h"
+#include "core/events/time_scanner.h"
 
 namespace evpose {
 
@@ -67,16 +68,26 @@ struct ChunkerOptions {
 class Chunker {
  public:
   Chunker(RecordingReader& reader, const ChunkerOptions& options);
-  ~Chunker();
 
   // The next chunk; one without bytes at the end. An unfinished word at the end of the stream is not returned but
   // counted by truncated_bytes(). Errors: those of ChunkerOptions::Validate() and RecordingReader::Read().
   absl::StatusOr<EventChunkBytes> Next();
-  size_t truncated_bytes() const;
+  size_t truncated_bytes() const { return at_end_ ? end_ - begin_ : 0; }
 
  private:
-  struct State;
-  std::unique_ptr<State> state_;
+  // Moves whole words from the buffer to the chunk; true if they complete it.
+  bool TakeWords(EventChunkBytes& chunk);
+  // Reads more bytes into the buffer; false at the end.
+  absl::StatusOr<bool> Refill();
+
+  RecordingReader& reader_;
+  const ChunkerOptions options_;
+  const size_t word_bytes_;
+  TimeScanner scanner_;
+  std::vector<uint8_t> buffer_;
+  size_t begin_ = 0;  // of the bytes that belong to no chunk yet
+  size_t end_ = 0;
+  bool at_end_ = false;
 };
 
 }  // namespace evpose

@@ -6,10 +6,13 @@
 #include <cstdint>
 #include <memory>
 #include <string>
+#include <utility>
+#include <vector>
 
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
 #include "absl/types/span.h"
+#include "core/base/output_file.h"
 #include "core/events/encoder.h"
 
 namespace evpose {
@@ -21,7 +24,7 @@ class RecordingWriter {
   // geometry that the encoding cannot address, UNIMPLEMENTED for DAT.
   static absl::StatusOr<std::unique_ptr<RecordingWriter>> Create(const std::string& path, Encoding encoding,
                                                                  SensorGeometry geometry);
-  ~RecordingWriter();  // removes the temporary file unless Close() succeeded
+  // The destructor removes the temporary file unless Close() succeeded.
 
   // EventEncoder::Encode() and EncodeTime(), with the path in errors. A call with an error writes nothing.
   absl::Status Write(absl::Span<const Event> events);
@@ -31,9 +34,18 @@ class RecordingWriter {
   absl::Status Close();
 
  private:
-  RecordingWriter();
-  struct State;
-  std::unique_ptr<State> state_;
+  RecordingWriter(std::string path, OutputFile file, std::unique_ptr<EventEncoder> encoder)
+      : path_(std::move(path)), file_(std::move(file)), encoder_(std::move(encoder)) {}
+
+  absl::Status CheckOpen() const;
+  // Appends the encoded bytes unless encoding failed.
+  absl::Status Flush(const absl::Status& encoded);
+
+  const std::string path_;
+  OutputFile file_;
+  const std::unique_ptr<EventEncoder> encoder_;
+  std::vector<uint8_t> bytes_;
+  bool is_closed_ = false;
 };
 
 }  // namespace evpose

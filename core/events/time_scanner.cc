@@ -1,8 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "core/events/time_scanner.h"
 
-#include <algorithm>
-
 #include "core/events/formats/word_decoder.h"
 #include "core/events/formats/word_types.h"
 

@@ -8,10 +8,8 @@
 #include <exception>
 #include <filesystem>
 #include <fstream>
-#include <limits>
 #include <opencv2/calib3d.hpp>
 #include <system_error>
-#include <utility>
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
@@ -217,6 +215,10 @@ bool CameraModel::IsInImage(const Eigen::Vector2d& undistorted_px) const {
   const Distorted distorted = DistortNormalised(distortion, Normalised(*this, undistorted_px.x(), undistorted_px.y()));
   const double u_px = fx_px * distorted.point.x() + cx_px, v_px = fy_px * distorted.point.y() + cy_px;
   return distorted.is_regular && u_px >= -0.5 && u_px <= width_px - 0.5 && v_px >= -0.5 && v_px <= height_px - 0.5;
+}
+
+Eigen::Vector3d BearingOf(const CameraModel& camera, const Eigen::Vector2d& pixel) {
+  return {(pixel.x() - camera.cx_px) / camera.fx_px, (pixel.y() - camera.cy_px) / camera.fy_px, 1.0};
 }
 
 absl::StatusOr<CameraModel> LoadCameraModel(const std::string& path) {

@@ -43,6 +43,9 @@ struct CameraModel {
   bool IsInImage(const Eigen::Vector2d& undistorted_px) const;
 };
 
+// Bearing (x, y, 1) of an undistorted pixel.
+Eigen::Vector3d BearingOf(const CameraModel& camera, const Eigen::Vector2d& pixel);
+
 // Reads ROS camera_info YAML: image_width, image_height, camera_matrix, distortion_model (plumb_bob or none) and
 // distortion_coefficients. Errors have the file and the field: NOT_FOUND, INVALID_ARGUMENT.
 absl::StatusOr<CameraModel> LoadCameraModel(const std::string& path);

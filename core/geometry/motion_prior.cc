@@ -1,8 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "core/geometry/motion_prior.h"
 
-#include <algorithm>
-
 #include "core/base/check_range.h"
 #include "core/base/status_macros.h"
 

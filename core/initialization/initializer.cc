@@ -6,8 +6,6 @@
 #include <optional>
 #include <utility>
 
-#include "core/base/check_range.h"
-#include "core/base/status_macros.h"
 #include "core/geometry/projected_line.h"
 #include "core/numerics/statistics.h"
 
@@ -16,10 +14,6 @@ namespace {
 
 ImageSegment AtMiddle(const DetectedLine& line) {
   return {0.5 * (line.at_begin.p1_px + line.at_end.p1_px), 0.5 * (line.at_begin.p2_px + line.at_end.p2_px)};
-}
-
-Eigen::Vector3d Bearing(const CameraModel& camera, const Eigen::Vector2d& pixel) {
-  return {(pixel.x() - camera.cx_px) / camera.fx_px, (pixel.y() - camera.cy_px) / camera.fy_px, 1.0};
 }
 
 // The information matrix of the twist from the displacement `begin_px` to `end_px` of a point that moves with the line.
@@ -32,7 +26,7 @@ struct TwistEquations {
     // The distance d = a . b is positive on the side to which this normal points.
     const Eigen::Vector2d normal = Eigen::Vector2d(line.a.x() / camera.fx_px, line.a.y() / camera.fy_px).normalized();
     const double velocity_px_per_s = normal.dot(end_px - begin_px) / duration_s;
-    const Eigen::Vector3d bearing = Bearing(camera, 0.5 * (begin_px + end_px));
+    const Eigen::Vector3d bearing = BearingOf(camera, 0.5 * (begin_px + end_px));
     const Vector6d row = -(line.jacobian.transpose() * bearing);  // a . b_dot = -a_dot . b on the line, by the twist
     const double weight = 1.0 / (sigma_px_per_s * sigma_px_per_s);
     information += weight * row * row.transpose();
@@ -52,20 +46,6 @@ double MotionPx(const LineDetection& detection) {
 }
 
 }  // namespace
-
-absl::Status InitializerOptions::Validate() const {
-  const std::pair<const char*, double> fields[] = {{"min_motion_px", min_motion_px},
-                                                   {"min_evidence", min_evidence},
-                                                   {"min_explained_ratio", min_explained_ratio},
-                                                   {"sure_evidence", sure_evidence},
-                                                   {"velocity_px_per_s", velocity_px_per_s},
-                                                   {"angular_velocity_rad_per_s", angular_velocity_rad_per_s},
-                                                   {"line_error_px", line_error_px}};
-  for (const auto& [name, value] : fields) {
-    EVPOSE_RETURN_IF_ERROR(CheckRange(name, value, 0.0, 1e9, OpenEnds::kBoth));
-  }
-  return absl::OkStatus();
-}
 
 TwistEstimate EstimateTwist(const ObjectModel& model, const CameraModel& camera,
                             const RigidTransform& camera_from_object, const LineDetection& detection,
@@ -97,13 +77,8 @@ TwistEstimate EstimateTwist(const ObjectModel& model, const CameraModel& camera,
 }
 
 PoseInitializer::PoseInitializer(std::shared_ptr<const ObjectModel> model, const CameraModel& camera,
-                                 std::unique_ptr<LineDetector> detector, std::unique_ptr<PoseSearch> search,
-                                 const InitializerOptions& options)
-    : model_(std::move(model)),
-      camera_(camera),
-      detector_(std::move(detector)),
-      search_(std::move(search)),
-      options_(options) {}
+                                 std::unique_ptr<LineDetector> detector, std::unique_ptr<PoseSearch> search)
+    : model_(std::move(model)), camera_(camera), detector_(std::move(detector)), search_(std::move(search)) {}
 
 bool PoseInitializer::IsPlausible(const PoseHypothesis& hypothesis) const {
   if (hypothesis.evidence < options_.min_evidence) return false;
@@ -126,7 +101,7 @@ FirstPoses PoseInitializer::Find(absl::Span<const PixelEvent> events) {
     const TwistEstimate motion =
         EstimateTwist(*model_, camera_, hypothesis.camera_from_object, detection, hypothesis.model_line, options_);
     first.poses.push_back({detection.t_begin_us + (detection.t_end_us - detection.t_begin_us) / 2,
-                           hypothesis.camera_from_object, motion.twist, motion.covariance, hypothesis.cost});
+                           hypothesis.camera_from_object, motion.twist, motion.covariance});
   }
   return first;
 }

@@ -8,7 +8,6 @@
 #include <memory>
 #include <vector>
 
-#include "absl/status/statusor.h"
 #include "absl/types/span.h"
 #include "core/detection/line_detector.h"
 #include "core/geometry/camera.h"
@@ -24,7 +23,6 @@ struct FirstPose {
   RigidTransform camera_from_object;
   Vector6d twist = Vector6d::Zero();  // dT/dt = v in m/s, dR/dt = w^ R with w in rad/s
   Matrix6d twist_covariance = Matrix6d::Zero();
-  double cost = 0.0;  // PoseHypothesis::cost
 };
 
 struct FirstPoses {
@@ -49,8 +47,6 @@ struct InitializerOptions {
   double velocity_px_per_s = 2000.0;        // fast for an object that fills the image
   double angular_velocity_rad_per_s = 6.0;  // about one turn per second
   double line_error_px = 0.5;  // standard deviation of the position of a detected line at either end of its interval
-
-  absl::Status Validate() const;
 };
 
 // Returns the twist at the middle of the interval that best explains the motion of the matched lines, and its
@@ -68,8 +64,7 @@ TwistEstimate EstimateTwist(const ObjectModel& model, const CameraModel& camera,
 class PoseInitializer {
  public:
   PoseInitializer(std::shared_ptr<const ObjectModel> model, const CameraModel& camera,
-                  std::unique_ptr<LineDetector> detector, std::unique_ptr<PoseSearch> search,
-                  const InitializerOptions& options = {});
+                  std::unique_ptr<LineDetector> detector, std::unique_ptr<PoseSearch> search);
 
   // `events` are as LineDetector::Detect requires. If the lines have hardly moved, the result has lines but no poses.
   FirstPoses Find(absl::Span<const PixelEvent> events);

@@ -39,10 +39,6 @@ std::vector<Line> MakeLines(absl::Span<const ModelLine> lines) {
   return made;
 }
 
-Line Turned(const Matrix3d& rotation, const Line& line) {
-  return {rotation * line.middle, rotation * line.along, line.length_m};
-}
-
 bool AreParallel(const Line& a, const Line& b) { return a.along.cross(b.along).norm() < kParallelRad; }
 
 // Returns the shift that aligns the largest length of line ends of one direction: of the rotated lines to `lines`. Ends
@@ -104,7 +100,7 @@ std::vector<RigidTransform> FindNearSymmetries(absl::Span<const ModelLine> lines
   for (const Matrix3d& rotation : rotations) {
     if (rotation.isIdentity()) continue;
     std::vector<Line> turned;
-    for (const Line& line : all) turned.push_back(Turned(rotation, line));
+    for (const Line& line : all) turned.push_back({rotation * line.middle, rotation * line.along, line.length_m});
     const Vector3d shift = BestShift(turned, all, tolerance_m);
     double covered_m = 0.0, length_m = 0.0;
     for (const Line& line : turned) {

@@ -6,7 +6,6 @@
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <array>
-#include <optional>
 
 #include "core/geometry/projected_line.h"
 #include "core/initialization/pose_refinement.h"
@@ -55,7 +54,7 @@ std::vector<ImagePart> PoseFitter::LikelyParts(const RigidTransform& pose) const
 
 std::vector<ImagePart> PoseFitter::VisibleParts(const RigidTransform& pose) const {
   std::vector<ImagePart> parts;
-  for (const VisibleSegment& seen : model_.VisibleParts(camera_, pose)) {
+  for (const VisibleSegment& seen : model_.visibility().VisibleSegments(camera_, pose)) {
     parts.push_back(MakePart(pose, seen.line, seen.begin, seen.end));
   }
   return parts;
@@ -221,16 +220,11 @@ PoseHypothesis PoseFitter::Score(const RigidTransform& pose, absl::Span<const Im
     hypothesis.model_line[line.index] = model_.lines()[matched].model_line;
     ++hypothesis.num_matched;
   }
-  double all_px = 0.0, all_covered_px = 0.0;
   for (size_t i = 0; i < parts.size(); ++i) {
     const double length_px = (parts[i].b_px - parts[i].a_px).norm();
-    const double part_covered_px = std::min(covered_px[i], length_px);
-    hypothesis.cost += MissingCost(length_px, part_covered_px, options_);
-    all_px += length_px;
-    all_covered_px += part_covered_px;
+    hypothesis.cost += MissingCost(length_px, std::min(covered_px[i], length_px), options_);
   }
   hypothesis.evidence = options_.unexplained_cost * static_cast<double>(lines_.size()) - hypothesis.cost;
-  hypothesis.matched_ratio = all_px > 0.0 ? all_covered_px / all_px : 0.0;
   return hypothesis;
 }
 

@@ -2,9 +2,7 @@
 #include "core/initialization/pose_search.h"
 
 #include <algorithm>
-#include <cmath>
 
-#include "absl/strings/str_format.h"
 #include "core/base/check_range.h"
 #include "core/base/status_macros.h"
 #include "core/initialization/pose_fitter.h"
@@ -93,13 +91,12 @@ class LinePoseSearch : public PoseSearch {
   std::vector<PoseCandidate> FindCandidates(const std::vector<SearchSegment>& lines) const {
     const std::vector<Eigen::Matrix3d>& labellings = search_model_->labellings();
     PositionSearch positions(*search_model_, camera_, lines, options_);
-    RotationSearchOptions rotation_options;
-    rotation_options.max_line_cost = options_.max_across_cost();
-    rotation_options.unexplained_cost = options_.unexplained_cost;
-    rotation_options.max_rotations = options_.max_rotations;
     const double votes_per_candidate = positions.ExpectedVotes() * static_cast<double>(labellings.size());
-    rotation_options.max_candidates =
-        static_cast<int>(std::clamp(options_.max_votes / votes_per_candidate, kMinRotations, kMaxRotations));
+    const double max_candidates = std::clamp(options_.max_votes / votes_per_candidate, kMinRotations, kMaxRotations);
+    const RotationSearchOptions rotation_options = {.max_line_cost = options_.max_across_cost(),
+                                                    .unexplained_cost = options_.unexplained_cost,
+                                                    .max_rotations = options_.max_rotations,
+                                                    .max_candidates = static_cast<int>(max_candidates)};
     const std::vector<RotationCandidate> rotations = FindRotations(*search_model_, lines, rotation_options);
     BestCandidates best(static_cast<size_t>(options_.max_candidates), kMarginOfUnexplained * options_.unexplained_cost);
     for (size_t i = 0; i < rotations.size() && positions.num_votes() < options_.max_votes;) {

@@ -44,7 +44,6 @@ struct PoseHypothesis {
   double evidence = 0.0;
   std::vector<int> model_line;  // for each segment the index into ObjectModel::lines, or -1 for clutter
   int num_matched = 0;          // number of segments with a model line
-  double matched_ratio = 0.0;   // share of the visible model's projected length that segments cover
   // True if this pose and the best one differ by a near-symmetry (near_symmetries.h). Such a pose is kept regardless of
   // its cost, because the few lines by which the two differ may not have produced events yet.
   bool is_near_symmetric = false;

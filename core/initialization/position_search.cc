@@ -68,8 +68,7 @@ PositionSearch::PositionSearch(const SearchModel& model, const CameraModel& came
     low = low.cwiseMin(line.middle_px - half);
     high = high.cwiseMax(line.middle_px + half);
   }
-  const Vector2d middle = 0.5 * (low + high);
-  bearing_ = Vector3d((middle.x() - camera.cx_px) / camera.fx_px, (middle.y() - camera.cy_px) / camera.fy_px, 1.0);
+  bearing_ = BearingOf(camera, 0.5 * (low + high));
 }
 
 void PositionSearch::Prepare(const Matrix3d& rotation) {

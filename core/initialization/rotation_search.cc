@@ -78,13 +78,17 @@ class Scorer {
   Row x_, y_, z_, turn_variance_, best_;
 };
 
+using SweepAngles = std::array<SinCos, 2 * kHalfCircleSteps>;
+
 // Sine and cosine of the angles of a sweep.
-struct Sweep {
-  std::array<SinCos, 2 * kHalfCircleSteps> angles;
-  Sweep() {
-    for (int i = 0; i < 2 * kHalfCircleSteps; ++i) angles[i] = DeterministicSinCos(M_PI * i / kHalfCircleSteps);
-  }
-};
+const SweepAngles& Sweep() {
+  static const SweepAngles kAngles = [] {
+    SweepAngles angles;
+    for (size_t i = 0; i < angles.size(); ++i) angles[i] = DeterministicSinCos(M_PI * i / kHalfCircleSteps);
+    return angles;
+  }();
+  return kAngles;
+}
 
 class RotationSearch {
  public:
@@ -140,7 +144,7 @@ class RotationSearch {
       float before = kNoCost, last = kNoCost;
       Matrix3d last_rotation = Matrix3d::Identity();
       for (int step = 0; step < steps; ++step) {
-        const auto& [sin, cos] = sweep().angles[step];
+        const auto& [sin, cos] = Sweep()[step];
         const Vector3d d = cos * e1 + sin * e2;
         const Vector3d p = n2.cross(d);
         const double s2 = p.squaredNorm();
@@ -161,11 +165,6 @@ class RotationSearch {
       }
       if (last < before) Keep(last, last_rotation);
     }
-  }
-
-  static const Sweep& sweep() {
-    static const Sweep kSweep;
-    return kSweep;
   }
 
   static Matrix3d Rotation(const Vector3d& a, const Vector3d& b, const DirectionPair& pair) {

@@ -41,13 +41,6 @@ constexpr double kMinPartPx = 4.0;
 // Number of pairs of directions; the search sweeps fewer than this in its budget of rotations.
 constexpr size_t kMaxPairs = 4096;
 
-VisibilityOptions SearchVisibility(double min_length_px) {
-  VisibilityOptions options;
-  options.samples_per_line = kSamplesPerLine;
-  options.min_length_px = min_length_px;
-  return options;
-}
-
 // A camera that sees the whole object from the distance of the views. Its resolution only determines the shortest part
 // that counts as visible: about 1/100 of the radius.
 CameraModel ViewCamera() { return {2400, 2400, 2400.0, 2400.0, 1200.0, 1200.0, {}}; }
@@ -63,7 +56,8 @@ SearchModel::SearchModel(const ObjectModel& model) {
   FindLabellings(model);
   near_symmetries_ = FindNearSymmetries(shape_.lines, labellings_, radius_m_);
   FindPairs();
-  visibility_ = std::make_unique<VisibilityTester>(shape_, SearchVisibility(kMinPartPx));
+  const VisibilityOptions visibility = {.samples_per_line = kSamplesPerLine, .min_length_px = kMinPartPx};
+  visibility_ = std::make_unique<VisibilityTester>(shape_, visibility);
   MakeViews();
 }
 
@@ -203,7 +197,7 @@ std::vector<ViewLine> SearchModel::MakeView(int cell) const {
     rotation.row(1) = forward.cross(Vector3d(rotation.row(0)));
     const RigidTransform pose{rotation, Vector3d(0.0, 0.0, kViewDistanceOfRadius * radius_m_) - rotation * centre_};
     std::fill(ratio.begin(), ratio.end(), 0.0);
-    for (const VisibleSegment& part : VisibleParts(ViewCamera(), pose)) {
+    for (const VisibleSegment& part : visibility_->VisibleSegments(ViewCamera(), pose)) {
       seen[part.line].begin = std::min(seen[part.line].begin, part.begin);
       seen[part.line].end = std::max(seen[part.line].end, part.end);
       ratio[part.line] += part.end - part.begin;
@@ -219,11 +213,6 @@ std::vector<ViewLine> SearchModel::MakeView(int cell) const {
     }
   }
   return view;
-}
-
-std::vector<VisibleSegment> SearchModel::VisibleParts(const CameraModel& camera,
-                                                      const RigidTransform& camera_from_object) const {
-  return visibility_->VisibleSegments(camera, camera_from_object);
 }
 
 absl::StatusOr<std::shared_ptr<const SearchModel>> MakeSearchModel(std::shared_ptr<const ObjectModel> model) {

@@ -63,8 +63,8 @@ class SearchModel {
   // The lines that are visible from a direction (object frame, from the centre to the camera; any length).
   const std::vector<ViewLine>& View(const Eigen::Vector3d& to_camera) const;
   double mean_view_size() const { return mean_view_size_; }  // mean number of lines in a view
-  // The visible parts at a pose; VisibleSegment::line is an index into lines().
-  std::vector<VisibleSegment> VisibleParts(const CameraModel& camera, const RigidTransform& camera_from_object) const;
+  // Tests the visibility of lines; VisibleSegment::line is an index into lines().
+  const VisibilityTester& visibility() const { return *visibility_; }
 
  private:
   void ChooseLines(const ObjectModel& model);

@@ -18,11 +18,8 @@ SearchSegment MakeSearchSegment(const CameraModel& camera, const ImageSegment& s
   line.half_px = 0.5 * length_px;
   line.along = (segment.p2_px - segment.p1_px) / length_px;
   line.across = {-line.along.y(), line.along.x()};
-  const auto bearing = [&camera](const Eigen::Vector2d& pixel) {
-    return Eigen::Vector3d((pixel.x() - camera.cx_px) / camera.fx_px, (pixel.y() - camera.cy_px) / camera.fy_px, 1.0);
-  };
-  line.q1 = bearing(segment.p1_px);
-  line.q2 = bearing(segment.p2_px);
+  line.q1 = BearingOf(camera, segment.p1_px);
+  line.q2 = BearingOf(camera, segment.p2_px);
   line.normal = BackProjectedNormal(camera, segment);
   line.sight = (line.q1.normalized() + line.q2.normalized()).normalized();
   line.sideways = line.normal.cross(line.sight);

@@ -4,7 +4,9 @@
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
+#include <cstdint>
 #include <numeric>
+#include <optional>
 #include <utility>
 
 #include "absl/strings/str_cat.h"
@@ -50,6 +52,10 @@ bool HaveMatchingNormals(absl::Span<const Eigen::Vector3d> a, absl::Span<const E
   return contains_each(a, b) && contains_each(b, a);
 }
 
+namespace {
+
+// Groups lines that are parts of one straight line. Returns indices, ascending in each group, the groups in the order
+// of their first line.
 std::vector<std::vector<uint32_t>> GroupCollinear(absl::Span<const ModelLine> lines, double tolerance_m,
                                                   double min_overlap_m, bool same_faces) {
   std::vector<StraightLine> straight;
@@ -77,8 +83,10 @@ std::vector<std::vector<uint32_t>> GroupCollinear(absl::Span<const ModelLine> li
   return members;
 }
 
-std::optional<ModelLine> JoinCollinear(absl::Span<const ModelLine> lines, absl::Span<const uint32_t> group,
-                                       double tolerance_m) {
+// The line from one end of a group to the other, with the normals of all members. nullopt if a member is not within
+// twice the tolerance of it: many lines that each turn a little form a curve.
+std::optional<ModelLine> JoinGroup(absl::Span<const ModelLine> lines, absl::Span<const uint32_t> group,
+                                   double tolerance_m) {
   const auto longest = std::max_element(group.begin(), group.end(), [&](uint32_t a, uint32_t b) {
     return (lines[a].p2 - lines[a].p1).squaredNorm() < (lines[b].p2 - lines[b].p1).squaredNorm();
   });
@@ -101,17 +109,23 @@ std::optional<ModelLine> JoinCollinear(absl::Span<const ModelLine> lines, absl::
   return joined;
 }
 
-void MergeOverlapping(double tolerance_m, std::vector<ModelLine>& lines, std::vector<std::string>& notices) {
-  const std::vector<std::vector<uint32_t>> groups = GroupCollinear(lines, tolerance_m, tolerance_m, false);
-  if (groups.size() == lines.size()) return;
-  std::vector<ModelLine> merged;
-  for (const std::vector<uint32_t>& group : groups) {
-    if (std::optional<ModelLine> joined = JoinCollinear(lines, group, tolerance_m); joined.has_value()) {
-      merged.push_back(*std::move(joined));
+}  // namespace
+
+std::vector<ModelLine> JoinCollinear(absl::Span<const ModelLine> lines, double tolerance_m, double min_overlap_m,
+                                     bool same_faces) {
+  std::vector<ModelLine> all;
+  for (const std::vector<uint32_t>& group : GroupCollinear(lines, tolerance_m, min_overlap_m, same_faces)) {
+    if (std::optional<ModelLine> joined = JoinGroup(lines, group, tolerance_m); joined.has_value()) {
+      all.push_back(*std::move(joined));
     } else {
-      for (const uint32_t member : group) merged.push_back(lines[member]);
+      for (const uint32_t member : group) all.push_back(lines[member]);
     }
   }
+  return all;
+}
+
+void MergeOverlapping(double tolerance_m, std::vector<ModelLine>& lines, std::vector<std::string>& notices) {
+  std::vector<ModelLine> merged = JoinCollinear(lines, tolerance_m, tolerance_m, false);
   if (merged.size() < lines.size()) {
     notices.push_back(absl::StrCat(lines.size() - merged.size(), " lines merged with overlapping ones"));
   }

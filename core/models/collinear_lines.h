@@ -4,8 +4,6 @@
 #pragma once
 
 #include <Eigen/Core>
-#include <cstdint>
-#include <optional>
 #include <string>
 #include <vector>
 
@@ -28,16 +26,13 @@ bool ContainsNormal(const Eigen::Vector3d& normal, absl::Span<const Eigen::Vecto
 // creases turn by more.
 bool HaveMatchingNormals(absl::Span<const Eigen::Vector3d> a, absl::Span<const Eigen::Vector3d> b);
 
-// Groups lines that are parts of one straight line. Returns indices, ascending in each group, the groups in the order
-// of their first line. Two lines belong together if they overlap by at least `min_overlap_m` (if negative, a gap up to
-// its magnitude is allowed) and, with `same_faces`, have matching normals. Compares all pairs.
-std::vector<std::vector<uint32_t>> GroupCollinear(absl::Span<const ModelLine> lines, double tolerance_m,
-                                                  double min_overlap_m, bool same_faces);
-
-// The line from one end of a group to the other, with the normals of all members. nullopt if a member is not within
-// twice the tolerance of it: many lines that each turn a little form a curve.
-std::optional<ModelLine> JoinCollinear(absl::Span<const ModelLine> lines, absl::Span<const uint32_t> group,
-                                       double tolerance_m);
+// Joins lines that are parts of one straight line: returns a line from end to end of each group with the normals of all
+// members, in the order of the first lines of the groups. Two lines belong together if they overlap by at least
+// `min_overlap_m` (if negative, a gap up to its magnitude is allowed) and, with `same_faces`, have matching normals. A
+// group of which a line is not within twice the tolerance of the joined one is kept as it is: many lines that each turn
+// a little form a curve. Compares all pairs.
+std::vector<ModelLine> JoinCollinear(absl::Span<const ModelLine> lines, double tolerance_m, double min_overlap_m,
+                                     bool same_faces);
 
 // Merges lines that overlap, among them duplicates and parts of longer lines; `notices` say how many were merged.
 void MergeOverlapping(double tolerance_m, std::vector<ModelLine>& lines, std::vector<std::string>& notices);

@@ -4,7 +4,6 @@
 #include <Eigen/Geometry>
 #include <Eigen/SVD>
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <initializer_list>
 #include <memory>
@@ -62,9 +61,9 @@ Matrix3d BestRotation(const Matrix3d& sum) {
 }
 
 // The ends of the segments without those that are within the tolerance of another one, sorted by x.
-std::vector<Vector3d> DistinctEnds(absl::Span<const CentredSegment> segments, double tolerance_m) {
+std::vector<Vector3d> DistinctEnds(absl::Span<const ModelLine> segments, double tolerance_m) {
   std::vector<Vector3d> ends;
-  for (const CentredSegment& segment : segments) {
+  for (const ModelLine& segment : segments) {
     ends.push_back(segment.p1);
     ends.push_back(segment.p2);
   }
@@ -130,7 +129,7 @@ class GroupSearch {
  public:
   GroupSearch(const ObjectModel& model, double tolerance_m)
       : model_(model), tolerance_m_(tolerance_m), lines_(model, kRoughTolerance * tolerance_m) {
-    for (const CentredSegment& segment : lines_.segments()) {
+    for (const ModelLine& segment : lines_.segments()) {
       radius_m_ = std::max({radius_m_, segment.p1.norm(), segment.p2.norm()});
     }
   }
@@ -186,14 +185,14 @@ class GroupSearch {
 
   // The sum of to * from^T over the ends of paired lines; nullopt if a line has no partner.
   std::optional<Matrix3d> SumOfPairs(const Matrix3d& rotation, double allowed) {
-    const absl::Span<const CentredSegment> segments = lines_.segments();
+    const absl::Span<const ModelLine> segments = lines_.segments();
     const size_t count = std::min(segments.size(), kMaxRefiningLines);
     Matrix3d sum = Matrix3d::Zero();
     for (size_t i = 0; i < count; ++i) {
       const size_t segment = i * segments.size() / count;
       const auto match = Compare(rotation, segment, allowed);
       if (!match.has_value()) return std::nullopt;
-      const CentredSegment &from = segments[segment], &to = segments[match->index];
+      const ModelLine &from = segments[segment], &to = segments[match->index];
       sum += (match->is_reversed ? to.p2 : to.p1) * from.p1.transpose();
       sum += (match->is_reversed ? to.p1 : to.p2) * from.p2.transpose();
     }

@@ -16,27 +16,22 @@ CentredSegments::CentredSegments(const ObjectModel& model, double max_tolerance_
     if ((line.p2 - line.p1).norm() > 0.0) lines.push_back(line);
   }
   const double tolerance_m = kCollinearTolerance * model.diameter_m;
-  for (const std::vector<uint32_t>& group : GroupCollinear(lines, tolerance_m, -tolerance_m, true)) {
-    if (const std::optional<ModelLine> joined = JoinCollinear(lines, group, tolerance_m); joined.has_value()) {
-      segments_.push_back({joined->p1, joined->p2, joined->face_normals});
-      continue;
-    }
-    for (const uint32_t member : group) {
-      segments_.push_back({lines[member].p1, lines[member].p2, lines[member].face_normals});
-    }
-  }
+  segments_ = JoinCollinear(lines, tolerance_m, -tolerance_m, true);
   double length_m = 0.0;
-  for (const CentredSegment& segment : segments_) {
+  for (const ModelLine& segment : segments_) {
     const double weight = (segment.p2 - segment.p1).norm();
     centre_ += 0.5 * weight * (segment.p1 + segment.p2);
     length_m += weight;
   }
   if (length_m > 0.0) centre_ /= length_m;
-  for (CentredSegment& segment : segments_) {
+  for (ModelLine& segment : segments_) {
     segment.p1 -= centre_;
     segment.p2 -= centre_;
   }
-  BuildGrid();
+  for (uint32_t i = 0; i < segments_.size(); ++i) {
+    grid_.push_back({Cell(0.5 * (segments_[i].p1 + segments_[i].p2), Eigen::Vector3d::Zero(), 0), i});
+  }
+  std::sort(grid_.begin(), grid_.end());
 }
 
 // The cell of corner 0 to 7 of a cube about `point` with the half side `offset`. Cells are twice the largest tolerance
@@ -51,23 +46,16 @@ uint64_t CentredSegments::Cell(const Eigen::Vector3d& point, const Eigen::Vector
   return cell;
 }
 
-void CentredSegments::BuildGrid() {
-  for (uint32_t i = 0; i < segments_.size(); ++i) {
-    grid_.push_back({Cell(0.5 * (segments_[i].p1 + segments_[i].p2), Eigen::Vector3d::Zero(), 0), i});
-  }
-  std::sort(grid_.begin(), grid_.end());
-}
-
 std::optional<CentredSegments::Match> CentredSegments::Find(const Eigen::Matrix3d& rotation, size_t segment,
                                                             double tolerance_m) const {
-  const CentredSegment& from = segments_[segment];
+  const ModelLine& from = segments_[segment];
   const Eigen::Vector3d p1 = rotation * from.p1, p2 = rotation * from.p2, middle = 0.5 * (p1 + p2);
   std::vector<Eigen::Vector3d> normals;  // of `from`, rotated; computed for the first segment that is near enough
-  const auto normals_match = [&](const CentredSegment& to) {
+  const auto normals_match = [&](const ModelLine& to) {
     if (normals.empty()) {
-      for (const Eigen::Vector3d& normal : from.normals) normals.push_back(rotation * normal);
+      for (const Eigen::Vector3d& normal : from.face_normals) normals.push_back(rotation * normal);
     }
-    return HaveMatchingNormals(normals, to.normals);
+    return HaveMatchingNormals(normals, to.face_normals);
   };
   std::optional<Match> best;
   double best2 = tolerance_m * tolerance_m;
@@ -77,13 +65,13 @@ std::optional<CentredSegments::Match> CentredSegments::Find(const Eigen::Matrix3
     if (std::find(visited.begin(), visited.begin() + corner, visited[corner]) != visited.begin() + corner) continue;
     auto entry = std::lower_bound(grid_.begin(), grid_.end(), std::make_pair(visited[corner], uint32_t{0}));
     for (; entry != grid_.end() && entry->first == visited[corner]; ++entry) {
-      const CentredSegment& to = segments_[entry->second];
+      const ModelLine& to = segments_[entry->second];
       const double same2 = std::max((to.p1 - p1).squaredNorm(), (to.p2 - p2).squaredNorm());
       const double reversed2 = std::max((to.p1 - p2).squaredNorm(), (to.p2 - p1).squaredNorm());
       const double distance2 = std::min(same2, reversed2);
       if (distance2 > best2 || !normals_match(to)) continue;
       best2 = distance2;
-      best = Match{entry->second, reversed2 < same2, std::sqrt(distance2)};
+      best = Match{entry->second, reversed2 < same2};
     }
   }
   return best;

@@ -14,12 +14,6 @@
 
 namespace evpose {
 
-struct CentredSegment {
-  Eigen::Vector3d p1;  // from the centre, metres
-  Eigen::Vector3d p2;
-  std::vector<Eigen::Vector3d> normals;
-};
-
 // The segments of a model. Lines with matching faces that continue each other or overlap are one segment, so that the
 // division of an edge into lines has no effect. Immutable.
 class CentredSegments {
@@ -30,12 +24,11 @@ class CentredSegments {
   // The centre of the lines' length (core/models/README.md, equation (2)), which every symmetry keeps in place. Object
   // frame, metres.
   const Eigen::Vector3d& centre() const { return centre_; }
-  absl::Span<const CentredSegment> segments() const { return segments_; }
+  absl::Span<const ModelLine> segments() const { return segments_; }
 
   struct Match {
     size_t index = 0;
     bool is_reversed = false;  // p1 is mapped onto p2
-    double distance_m = 0.0;   // larger one of the distances between ends
   };
   // The segment onto which `rotation` maps the given one: the nearest one with both ends within the tolerance and with
   // matching normals. nullopt if there is none.
@@ -43,10 +36,9 @@ class CentredSegments {
 
  private:
   uint64_t Cell(const Eigen::Vector3d& point, const Eigen::Vector3d& offset, int corner) const;
-  void BuildGrid();
 
   Eigen::Vector3d centre_ = Eigen::Vector3d::Zero();
-  std::vector<CentredSegment> segments_;
+  std::vector<ModelLine> segments_;  // relative to the centre
   double cell_m_;
   std::vector<std::pair<uint64_t, uint32_t>> grid_;  // cell of the midpoint, segment; sorted
 };

@@ -40,24 +40,14 @@ absl::Status HealthOptions::Validate() const {
   return CheckPositive("max_uncertainty_px", max_uncertainty_px);
 }
 
-void LineStatistics::Add(const LineStatistics& other) {
-  gated += other.gated;
-  along += other.along;
-  excess += other.excess;
-  variance += other.variance;
-  noise += other.noise;
-  expected += other.expected;
-  length_px += other.length_px;
-}
-
-void LineStatistics::Fade(double factor) {
-  gated *= factor;
-  along *= factor;
-  excess *= factor;
-  variance *= factor;
-  noise *= factor;
-  expected *= factor;
-  length_px *= factor;
+void LineStatistics::Add(const LineStatistics& other, double kept_ratio) {
+  gated = kept_ratio * gated + other.gated;
+  along = kept_ratio * along + other.along;
+  excess = kept_ratio * excess + other.excess;
+  variance = kept_ratio * variance + other.variance;
+  noise = kept_ratio * noise + other.noise;
+  expected = kept_ratio * expected + other.expected;
+  length_px = kept_ratio * length_px + other.length_px;
 }
 
 TrackHealth::TrackHealth(const HealthOptions& options, double min_events_per_px2, int num_model_lines)
@@ -68,10 +58,7 @@ TrackHealth::TrackHealth(const HealthOptions& options, double min_events_per_px2
 
 void TrackHealth::Reset() {
   const double left = std::max(0.0, 1.0 - span_s_ * 1e6 / static_cast<double>(options_.memory_us));
-  for (size_t k = 0; k < statistics_.size(); ++k) {
-    memory_[k].Fade(left);
-    memory_[k].Add(statistics_[k]);
-  }
+  for (size_t k = 0; k < statistics_.size(); ++k) memory_[k].Add(statistics_[k], left);
   std::fill(statistics_.begin(), statistics_.end(), LineStatistics());
   span_s_ = 0.0;
   gated_ = 0.0;
@@ -88,7 +75,7 @@ void TrackHealth::AddWindow(const CameraModel& camera, const WindowInput& input,
   AddEvents(*input.sorted, lines);
   for (const WindowLine& line : window_lines_) {
     for (int polarity = 0; polarity < 2; ++polarity) {
-      line.evidence->gated += input.shares.telling[polarity] * line.gated_of[polarity];
+      line.evidence->gated += input.shares.polarity_weight[polarity] * line.gated_of[polarity];
       AddExcess(line.gated_of[polarity], line.near_of[polarity], *line.evidence);
     }
   }
@@ -224,10 +211,6 @@ double TrackHealth::ExcessSigma(const LineStatistics& line) const {
   return line.excess / std::sqrt(line.variance * options_.dispersion);
 }
 
-bool TrackHealth::IsSupported(const LineStatistics& line) const {
-  return ExcessSigma(line) >= options_.significance_sigma;
-}
-
 bool TrackHealth::IsExpected(const LineStatistics& line, double noise) const {
   const double share = options_.near_px / options_.gate_px;
   const double spread = std::sqrt(noise * share / (1.0 - share) * options_.dispersion);
@@ -259,7 +242,7 @@ HealthResult TrackHealth::Evaluate(double min_support_ratio, double sure_support
     if (!IsTestable(line)) continue;
     ++result.testable_lines;
     testable_length += length_px;
-    if (!IsSupported(line)) continue;
+    if (ExcessSigma(line) < options_.significance_sigma) continue;
     ++result.supported_lines;
     supported_length += length_px;
   }

@@ -84,8 +84,8 @@ struct LineStatistics {
   Eigen::Matrix<double, 8, 1> along = Eigen::Matrix<double, 8, 1>::Zero();
   double length_px = 0.0;  // mean projected length, weighted by time
 
-  void Add(const LineStatistics& other);
-  void Fade(double factor);
+  // Adds `other` to this share of the counts.
+  void Add(const LineStatistics& other, double kept_ratio = 1.0);
 
   // Most lines of a large model have no counts; one flag is stored for each of these.
   static void VisitState(auto& archive, auto& self) {
@@ -157,7 +157,6 @@ class TrackHealth {
   // For each event that lies in the gates of several lines, finds the nearest of these lines.
   void FindNearest(const LineEvents& events, absl::Span<const ImageLine> lines);
   HealthResult Evaluate(double min_support_ratio, double sure_support_ratio, int min_supported_lines) const;
-  bool IsSupported(const LineStatistics& line) const;
   // Whether the line would be supported at the right pose: it has, or should have produced, significantly more events
   // than the background.
   bool IsTestable(const LineStatistics& line) const;

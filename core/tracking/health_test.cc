@@ -49,9 +49,9 @@ class HealthTest : public ::testing::Test {
       events_.push_back(event);
     }
   }
-  void CloseWindow(double background_per_px2 = 0.0, ByPolarity telling = {1.0, 1.0}) {
+  void CloseWindow(double background_per_px2 = 0.0, ByPolarity polarity_weight = {1.0, 1.0}) {
     WindowInput input;
-    input.shares.telling = telling;
+    input.shares.polarity_weight = polarity_weight;
     const LineEvents sorted(events_, tracked_.size());
     input.events = events_;
     input.sorted = &sorted;
@@ -121,14 +121,14 @@ TEST_F(HealthTest, FlickerDoesNotCountAgainstALine) {
   // While the lamp becomes brighter, lines with ON events are masked; half of the lines have OFF events. The motion is
   // so slow that no event is expected of the masked ones.
   state_.twist[0] = 0.02;
-  const auto judge = [&](ByPolarity telling) {
+  const auto judge = [&](ByPolarity polarity_weight) {
     HealthResult result;
     for (int i = 0; i < 10 && result.kind == Kind::kOpen; ++i) {
       for (int k = 0; k < kNumLines; ++k) {
         AddEvents(k, 60, 8.0, 0.0, 1.0, 1);
         if (k % 2 == 0) AddEvents(k, 20, 1.0, 0.0, 1.0, 0);
       }
-      CloseWindow(0.0, telling);
+      CloseWindow(0.0, polarity_weight);
       result = TestNow();
     }
     return result;

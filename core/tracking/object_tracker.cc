@@ -51,8 +51,12 @@ void ObjectTracker::OnGap(const EventGap& gap) {
 }
 
 void ObjectTracker::Finish() {
+  if (!IsGiven(phase_) && !given_pose_) return;
   // The stream has ended without support for the given pose.
-  if (IsGiven(phase_) || given_pose_) Lose();
+  CountLoss();
+  Enter(ObjectInput::kAllRejected);
+  hypotheses_.Clear();
+  given_pose_.reset();
 }
 
 void ObjectTracker::ResetPose(const RigidTransform& camera_from_object, std::optional<int64_t> at_us) {
@@ -144,7 +148,9 @@ void ObjectTracker::Follow(const EventWindow& window, std::vector<PoseEstimate>&
   const std::optional<PoseEstimate>& estimate = hypotheses_.estimate();
   if (!IsPublished(phase_)) {
     report_.status = estimate ? InitializationStatus::kAmbiguous : InitializationStatus::kVerifying;
-    if (!estimate || !MayPublish(window)) return;
+    const bool is_decided =
+        !IsCompeting(phase_) || window.t_end_us - followed_since_us_ >= context_.options.initialization.undecided_us;
+    if (!estimate || !is_decided) return;
     StartPublishing(window);
   }
   report_.status = IsCompeting(phase_) ? InitializationStatus::kAmbiguous : InitializationStatus::kNotNeeded;
@@ -158,10 +164,6 @@ void ObjectTracker::Publish(PoseEstimate estimate, std::vector<PoseEstimate>& es
   if (estimate.t_us <= last_published_us_) return;
   last_published_us_ = estimate.t_us;
   estimates.push_back(estimate);
-}
-
-bool ObjectTracker::MayPublish(const EventWindow& window) const {
-  return !IsCompeting(phase_) || window.t_end_us - followed_since_us_ >= context_.options.initialization.undecided_us;
 }
 
 void ObjectTracker::StartPublishing(const EventWindow& window) {
@@ -362,13 +364,6 @@ bool ObjectTracker::IsConsistent() const {
       return line.model_line >= 0 && line.model_line < num_lines;
     });
   });
-}
-
-void ObjectTracker::Lose() {
-  CountLoss();
-  Enter(ObjectInput::kAllRejected);
-  hypotheses_.Clear();
-  given_pose_.reset();
 }
 
 void ObjectTracker::Enter(ObjectInput input) {

@@ -83,8 +83,6 @@ class ObjectTracker {
   // Whether another object of the same model is published at this place: both would be the same physical object.
   bool IsOccupied(const PoseTrack& track) const;
   void StorePastState(const EventWindow& window);
-  // Whether the first hypothesis may be published now.
-  bool MayPublish(const EventWindow& window) const;
   void StartPublishing(const EventWindow& window);
   void Search(const EventWindow& window, std::vector<PoseEstimate>& estimates);
   // Whether a search is allowed while hypotheses exist, and the search: the poses that are found become competing
@@ -101,7 +99,6 @@ class ObjectTracker {
   RigidTransform ReferenceAt(int64_t t_us) const;
   MotionState StartState(const FirstPose& first) const;
   void Publish(PoseEstimate estimate, std::vector<PoseEstimate>& estimates);
-  void Lose();
   // To be called when a published or given pose is rejected.
   void CountLoss();
   // Applies the transition function and reports the transition. No other function changes the phase.

@@ -75,7 +75,7 @@ std::optional<PoseEstimate> PoseTrack::OnWindow(const EventWindow& window, const
     return std::nullopt;
   }
   // Until a pose is confirmed on most of its lines, the events of both polarities have full weight.
-  if (!input.is_confirmed) input.shares.telling = {1.0, 1.0};
+  if (!input.is_confirmed) input.shares.polarity_weight = {1.0, 1.0};
   health_.AddWindow(camera, input, image_lines_, motion_.twist);
   const bool confirming = phase_ == TrackPhase::kTentative;
   const double support = is_fully_tested_ ? health.keep_support_ratio : health.confirm_support_ratio;

@@ -48,7 +48,6 @@ class PoseTrack {
   // No event was processed for `gap_us` before the next window: the timeouts of the phases are extended by it.
   void OnGap(int64_t gap_us);
 
-  TrackPhase phase() const { return phase_; }
   TrackState state() const { return ReportedState(phase_); }
   // Tentative, and contradicted by `times` times HealthOptions::max_contradictions test results.
   bool is_rejected(int times) const {

@@ -1,26 +1,15 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "core/tracking/track_phase.h"
 
+#include <array>
+#include <cstddef>
+
 namespace evpose {
 
 std::string_view TrackPhaseName(TrackPhase phase) {
-  switch (phase) {
-    case TrackPhase::kTentative:
-      return "TENTATIVE";
-    case TrackPhase::kConfirmed:
-      return "CONFIRMED";
-    case TrackPhase::kCoasting:
-      return "COASTING";
-    case TrackPhase::kOccluded:
-      return "OCCLUDED";
-    case TrackPhase::kDoubtful:
-      return "DOUBTFUL";
-    case TrackPhase::kUnsupported:
-      return "UNSUPPORTED";
-    case TrackPhase::kLost:
-      return "LOST";
-  }
-  return "UNKNOWN";
+  static constexpr std::array<std::string_view, kNumTrackPhases> kNames = {
+      "TENTATIVE", "CONFIRMED", "COASTING", "OCCLUDED", "DOUBTFUL", "UNSUPPORTED", "LOST"};
+  return kNames[static_cast<size_t>(phase)];
 }
 
 TrackPhase NextPhase(TrackPhase phase, TrackInput input) {
@@ -49,40 +38,16 @@ TrackPhase NextPhase(TrackPhase phase, TrackInput input) {
 }
 
 TrackState ReportedState(TrackPhase phase) {
-  switch (phase) {
-    case TrackPhase::kTentative:
-      return TrackState::kInitializing;
-    case TrackPhase::kConfirmed:
-      return TrackState::kTracking;
-    case TrackPhase::kCoasting:
-    case TrackPhase::kOccluded:
-    case TrackPhase::kDoubtful:
-    case TrackPhase::kUnsupported:
-      return TrackState::kDegraded;
-    case TrackPhase::kLost:
-      break;
-  }
-  return TrackState::kLost;
+  if (phase == TrackPhase::kTentative) return TrackState::kInitializing;
+  if (phase == TrackPhase::kConfirmed) return TrackState::kTracking;
+  return phase == TrackPhase::kLost ? TrackState::kLost : TrackState::kDegraded;
 }
 
 std::string_view ObjectPhaseName(ObjectPhase phase) {
-  switch (phase) {
-    case ObjectPhase::kSearching:
-      return "SEARCHING";
-    case ObjectPhase::kVerifyingGiven:
-      return "VERIFYING_GIVEN";
-    case ObjectPhase::kVerifyingGivenCompeting:
-      return "VERIFYING_GIVEN_COMPETING";
-    case ObjectPhase::kVerifying:
-      return "VERIFYING";
-    case ObjectPhase::kVerifyingCompeting:
-      return "VERIFYING_COMPETING";
-    case ObjectPhase::kPublished:
-      return "PUBLISHED";
-    case ObjectPhase::kPublishedCompeting:
-      return "PUBLISHED_COMPETING";
-  }
-  return "UNKNOWN";
+  static constexpr std::array<std::string_view, kNumObjectPhases> kNames = {
+      "SEARCHING",           "VERIFYING_GIVEN", "VERIFYING_GIVEN_COMPETING", "VERIFYING",
+      "VERIFYING_COMPETING", "PUBLISHED",       "PUBLISHED_COMPETING"};
+  return kNames[static_cast<size_t>(phase)];
 }
 
 namespace {

@@ -81,14 +81,13 @@ bool IsGiven(ObjectPhase phase);
 bool IsCompeting(ObjectPhase phase);
 
 // Change of the phase of a hypothesis, or of an object.
-struct TrackTransition {
-  TrackPhase from = TrackPhase::kTentative;
-  TrackPhase to = TrackPhase::kTentative;
+template <typename Phase>
+struct Transition {
+  Phase from{};
+  Phase to{};
 };
-struct ObjectTransition {
-  ObjectPhase from = ObjectPhase::kSearching;
-  ObjectPhase to = ObjectPhase::kSearching;
-};
+using TrackTransition = Transition<TrackPhase>;
+using ObjectTransition = Transition<ObjectPhase>;
 
 // A change of the phase of one object, or of one of its hypotheses, for logs and metrics.
 struct PhaseTransition {
@@ -105,11 +104,9 @@ struct PhaseReporter {
   uint32_t object_index = 0;
   PhaseListener listener;  // null: nothing is reported
 
-  void Report(TrackPhase from, TrackPhase to, int64_t t_us) const {
-    if (listener && from != to) listener({object_index, t_us, TrackTransition{from, to}});
-  }
-  void Report(ObjectPhase from, ObjectPhase to, int64_t t_us) const {
-    if (listener && from != to) listener({object_index, t_us, ObjectTransition{from, to}});
+  template <typename Phase>
+  void Report(Phase from, Phase to, int64_t t_us) const {
+    if (listener && from != to) listener({object_index, t_us, Transition<Phase>{from, to}});
   }
 };
 

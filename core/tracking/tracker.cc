@@ -105,35 +105,14 @@ absl::StatusOr<std::unique_ptr<PoseInitializer>> MakeInitializer(const ObjectToT
 }  // namespace
 
 std::string_view TrackStateName(TrackState state) {
-  switch (state) {
-    case TrackState::kInitializing:
-      return "INITIALIZING";
-    case TrackState::kTracking:
-      return "TRACKING";
-    case TrackState::kDegraded:
-      return "DEGRADED";
-    case TrackState::kLost:
-      return "LOST";
-  }
-  return "UNKNOWN";
+  static constexpr std::string_view kNames[] = {"INITIALIZING", "TRACKING", "DEGRADED", "LOST"};
+  return kNames[static_cast<size_t>(state)];
 }
 
 std::string_view InitializationStatusName(InitializationStatus status) {
-  switch (status) {
-    case InitializationStatus::kNotNeeded:
-      return "NOT_NEEDED";
-    case InitializationStatus::kWaitingForEvents:
-      return "WAITING_FOR_EVENTS";
-    case InitializationStatus::kTooFewLines:
-      return "TOO_FEW_LINES";
-    case InitializationStatus::kNoPoseFits:
-      return "NO_POSE_FITS";
-    case InitializationStatus::kVerifying:
-      return "VERIFYING";
-    case InitializationStatus::kAmbiguous:
-      return "AMBIGUOUS";
-  }
-  return "UNKNOWN";
+  static constexpr std::string_view kNames[] = {"NOT_NEEDED",   "WAITING_FOR_EVENTS", "TOO_FEW_LINES",
+                                                "NO_POSE_FITS", "VERIFYING",          "AMBIGUOUS"};
+  return kNames[static_cast<size_t>(status)];
 }
 
 absl::Status ObjectToTrack::Validate() const {

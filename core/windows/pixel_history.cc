@@ -2,7 +2,6 @@
 #include "core/windows/pixel_history.h"
 
 #include <algorithm>
-#include <string>
 
 namespace evpose {
 namespace {

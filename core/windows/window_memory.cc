@@ -14,17 +14,18 @@ WindowMemory::WindowMemory(int64_t memory_us, int max_window_events, int max_eve
       max_events_(static_cast<size_t>(max_events)) {}
 
 void WindowMemory::Add(const EventWindow& window) {
-  Stored stored{window.t_begin_us, window.t_end_us,       {},
-                window.num_events, window.closed_on_time, window.events_per_sample};
+  Stored stored{window, {}};
   const ByPolarity samples_per_kept = DownsampleByClass(
       max_window_events_, {0.5, 0.5}, window.events, [](const WindowEvent& event) { return event.polarity; },
       stored.events);
-  for (int polarity = 0; polarity < 2; ++polarity) stored.events_per_sample[polarity] *= samples_per_kept[polarity];
+  for (int polarity = 0; polarity < 2; ++polarity) {
+    stored.window.events_per_sample[polarity] *= samples_per_kept[polarity];
+  }
   stored.events.shrink_to_fit();
   num_events_ += stored.events.size();
   windows_.push_back(std::move(stored));
   while (windows_.size() > 1 &&
-         (num_events_ > max_events_ || windows_.front().t_end_us <= window.t_end_us - memory_us_)) {
+         (num_events_ > max_events_ || windows_.front().window.t_end_us <= window.t_end_us - memory_us_)) {
     RemoveOldest();
   }
 }
@@ -41,10 +42,10 @@ void WindowMemory::RemoveOldest() {
 
 void WindowMemory::SaveState(StateWriter& writer) const {
   writer.Count(windows_.size());
-  for (const Stored& window : windows_) {
+  for (const auto& [window, events] : windows_) {
     writer(window.t_begin_us, window.t_end_us, window.num_events, window.closed_on_time, window.events_per_sample[0],
            window.events_per_sample[1]);
-    SaveWindowEvents(writer, window.t_begin_us, window.events);
+    SaveWindowEvents(writer, window.t_begin_us, events);
   }
 }
 
@@ -56,29 +57,29 @@ void WindowMemory::LoadState(StateReader& reader) {
   size_t count = 0;
   reader.Count(count);
   for (size_t i = 0; i < count && reader.ok(); ++i) {
-    Stored window;
-    const int64_t earliest_us = windows_.empty() ? -kMaxStateTime_us : windows_.back().t_end_us;
+    const int64_t earliest_us = windows_.empty() ? -kMaxStateTime_us : windows_.back().window.t_end_us;
+    auto& [window, events] = windows_.emplace_back();
     reader(InRange(window.t_begin_us, earliest_us, kMaxStateTime_us));
     reader(InRange(window.t_end_us, window.t_begin_us + 1, kMaxStateTime_us), window.num_events, window.closed_on_time,
            InRange(window.events_per_sample[0], 1.0, kMaxEventsPerSample),
            InRange(window.events_per_sample[1], 1.0, kMaxEventsPerSample));
-    LoadWindowEvents(reader, window.t_begin_us, window.t_end_us, max_window_events_, window.events);
-    reader.Check(window.events.empty() || window.t_end_us - window.t_begin_us <= kMaxDuration_us,
+    LoadWindowEvents(reader, window.t_begin_us, window.t_end_us, max_window_events_, events);
+    reader.Check(events.empty() || window.t_end_us - window.t_begin_us <= kMaxDuration_us,
                  "a window with events is too long");
-    reader.Check(window.events.size() <= window.num_events, "a window keeps more events than it had");
-    num_events_ += window.events.size();
-    windows_.push_back(std::move(window));
+    reader.Check(events.size() <= window.num_events, "a window keeps more events than it had");
+    num_events_ += events.size();
   }
-  const bool is_bounded = windows_.size() <= 1 || (num_events_ <= max_events_ &&
-                                                   windows_.front().t_end_us > windows_.back().t_end_us - memory_us_);
+  const bool is_bounded =
+      windows_.size() <= 1 ||
+      (num_events_ <= max_events_ && windows_.front().window.t_end_us > windows_.back().window.t_end_us - memory_us_);
   reader.Check(is_bounded, "the windows exceed the bounds of the memory");
   if (!reader.ok()) Clear();
 }
 
 EventWindow WindowMemory::At(size_t index) const {
-  const Stored& stored = windows_[index];
-  return {stored.t_begin_us, stored.t_end_us,       stored.events,
-          stored.num_events, stored.closed_on_time, stored.events_per_sample};
+  EventWindow window = windows_[index].window;
+  window.events = windows_[index].events;
+  return window;
 }
 
 }  // namespace evpose

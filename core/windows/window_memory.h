@@ -34,12 +34,8 @@ class WindowMemory {
   void RemoveOldest();
 
   struct Stored {
-    int64_t t_begin_us = 0;
-    int64_t t_end_us = 0;
+    EventWindow window;  // its span of events is set by At()
     std::vector<WindowEvent> events;
-    uint64_t num_events = 0;
-    bool closed_on_time = false;
-    ByPolarity events_per_sample = {1.0, 1.0};
   };
 
   const int64_t memory_us_;

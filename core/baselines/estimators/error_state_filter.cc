@@ -19,7 +19,6 @@ class ErrorStateFilter : public WindowEstimator {
   void Fit(const MotionState& predicted, const WindowInput& input, double gate_factor, WindowFit& fit) override;
   // The filter has no memory apart from the motion state.
   void Accept(const WindowFit&, const WindowInput&) override {}
-  void Reset() override {}
   void SaveState(StateWriter&) const override {}
   void LoadState(StateReader&) override {}
 

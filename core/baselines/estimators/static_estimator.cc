@@ -34,7 +34,6 @@ class StaticEstimator : public WindowEstimator {
     last_ = fit.state;
     has_last_ = true;
   }
-  void Reset() override { has_last_ = false; }
   void SaveState(StateWriter& writer) const override { VisitState(writer, *this); }
   void LoadState(StateReader& reader) override { VisitState(reader, *this); }
   static void VisitState(auto& archive, auto& self) {

@@ -41,7 +41,7 @@ class BlindPnp {
         line_used_(model.lines.size(), false),
         segment_used_(segments.size(), false) {
     for (const ImageSegment& segment : segments) {
-      bearings_.push_back({BearingOfPixel(camera, segment.p1_px), BearingOfPixel(camera, segment.p2_px)});
+      bearings_.push_back({BearingOf(camera, segment.p1_px), BearingOf(camera, segment.p2_px)});
     }
   }
 

@@ -20,7 +20,7 @@ std::optional<LineNormalEquations> Linearise(absl::Span<const LineMatch> matches
     const auto line = ProjectLine(camera, pose, match.p1, match.p2);
     if (!line) return std::nullopt;
     for (const Eigen::Vector2d& end : {match.segment.p1_px, match.segment.p2_px}) {
-      equations.Add(*line, BearingOfPixel(camera, end));
+      equations.Add(*line, BearingOf(camera, end));
     }
   }
   return equations;
@@ -79,7 +79,7 @@ double LineResidualPx(absl::Span<const LineMatch> matches, const CameraModel& ca
       return std::numeric_limits<double>::infinity();
     }
     for (const Eigen::Vector2d& end : {match.segment.p1_px, match.segment.p2_px}) {
-      const double d = line->a.dot(BearingOfPixel(camera, end));
+      const double d = line->a.dot(BearingOf(camera, end));
       sum += d * d;
     }
   }

@@ -129,7 +129,7 @@ std::optional<RigidTransform> SoftPosit::Posit(const RigidTransform& pose, const
         const double weight = weights(static_cast<Eigen::Index>(j), static_cast<Eigen::Index>(k));
         if (weight < 1e-6) continue;
         const auto line = Eigen::ParametrizedLine<double, 2>::Through(segments_[j].p1_px, segments_[j].p2_px);
-        const Eigen::Vector3d image = BearingOfPixel(camera_, line.projection(projection.ends_px[k][end]));
+        const Eigen::Vector3d image = BearingOf(camera_, line.projection(projection.ends_px[k][end]));
         moments += weight * point * point.transpose();
         right += weight * w * point * image.head<2>().transpose();
       }

@@ -9,7 +9,7 @@
 namespace evpose {
 namespace {
 
-constexpr int64_t kHighRange = int64_t{1} << 28;
+constexpr int64_t kEvt2HighRange = int64_t{1} << 28;
 
 template <typename Word>
 class Evt2Encoder final : public WordEncoder {
@@ -41,11 +41,11 @@ class Evt2Encoder final : public WordEncoder {
     const int64_t high = t_us >> 6;
     // Decoders recognise a wrap by a step back of nearly the whole range: a gap over a wrap needs the last TIME_HIGH
     // before it and the first one after it.
-    for (int64_t wraps = t_us_ < 0 ? 0 : (t_us_ >> 6) / kHighRange; wraps < high / kHighRange; ++wraps) {
-      Append(evt2::kTimeHigh, static_cast<uint32_t>(kHighRange - 1), 0, out);
+    for (int64_t wraps = t_us_ < 0 ? 0 : (t_us_ >> 6) / kEvt2HighRange; wraps < high / kEvt2HighRange; ++wraps) {
+      Append(evt2::kTimeHigh, static_cast<uint32_t>(kEvt2HighRange - 1), 0, out);
       Append(evt2::kTimeHigh, 0, 0, out);
     }
-    Append(evt2::kTimeHigh, static_cast<uint32_t>(high % kHighRange), 0, out);
+    Append(evt2::kTimeHigh, static_cast<uint32_t>(high % kEvt2HighRange), 0, out);
   }
 
   static void Append(uint32_t type, uint32_t content, uint32_t mask, std::vector<uint8_t>& out) {

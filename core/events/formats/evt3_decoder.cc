@@ -44,9 +44,7 @@ class Evt3Decoder final : public WordDecoder {
 
  public:
   explicit Evt3Decoder(SensorGeometry geometry)
-      : WordDecoder(2),
-        width_(static_cast<uint32_t>(geometry.width_px)),
-        height_(static_cast<uint32_t>(geometry.height_px)) {}
+      : WordDecoder(2, geometry, kKeepOutside ? OutsideSensor::kKeep : OutsideSensor::kDrop) {}
 
   void SaveState(StateWriter& writer) const override { VisitState(writer, *this); }
   void LoadState(StateReader& reader) override { VisitState(reader, *this); }
@@ -64,9 +62,7 @@ class Evt3Decoder final : public WordDecoder {
     if (wait_ != Wait::kNothing) return index;
     if (!has_row_) index = Run<false>(words, index, count);
     if (has_row_) index = Run<true>(words, index, count);
-    counts_.cd_events = sink_.num_events();
-    counts_.clock_wraps = state_.clock.wraps();
-    counts_.time_backsteps = state_.clock.backsteps();
+    UpdateCounts(state_.clock);
     return index;
   }
 
@@ -81,14 +77,10 @@ class Evt3Decoder final : public WordDecoder {
 
   void WaitForTime(uint32_t word) {
     const uint32_t content = word & 0xfff;
+    const bool was_started = state_.clock.started();
     switch (word >> 12) {
       case evt3::kTimeHigh:
-        if (state_.clock.started()) {
-          TimeIsSet(state_.clock.SetHigh(content), sink_.begin());
-        } else {
-          state_.clock.SetHigh(content);
-          sink_.RestartMarks(sink_.begin(), state_.clock.now_us());
-        }
+        TimeIsSet(state_.clock.SetHigh(content) && was_started, sink_.begin());
         wait_ = needs_time_low_ ? Wait::kTimeLow : Wait::kNothing;
         return;
       case evt3::kTimeLow:
@@ -246,18 +238,8 @@ class Evt3Decoder final : public WordDecoder {
     }
   }
 
-  Event* TimeIsSet(bool forward, Event* cursor) {
-    const int64_t now_us = state_.clock.now_us();
-    if (!forward) {
-      sink_.RestartMarks(cursor, now_us);
-    } else if (now_us >= sink_.mark_due_us()) {
-      return sink_.MarkTime(cursor, now_us);
-    }
-    return cursor;
-  }
+  Event* TimeIsSet(bool continues, Event* cursor) { return sink_.SetTime(continues, state_.clock.now_us(), cursor); }
 
-  const uint32_t width_;
-  const uint32_t height_;
   const WordRuns* const runs_ = BestWordRuns();
   Evt3State state_;
   Wait wait_ = Wait::kTimeHigh;

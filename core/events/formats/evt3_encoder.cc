@@ -1,5 +1,4 @@
 // SPDX-License-Identifier: Apache-2.0
-#include <algorithm>
 #include <cstdint>
 
 #include "core/events/formats/word_encoder.h"
@@ -8,7 +7,7 @@
 namespace evpose {
 namespace {
 
-constexpr int64_t kHighRange = 4096;
+constexpr int64_t kEvt3HighRange = 4096;
 // A quarter of the counter's range: decoders take a step back by half the range or more as a wrap, so that steps
 // forward up to a quarter are unambiguous.
 constexpr int64_t kMaxHighStep = 1024;
@@ -45,7 +44,7 @@ class Evt3Encoder final : public WordEncoder {
   void WriteTime(int64_t t_us, std::vector<uint8_t>& out) {
     const int64_t high = t_us >> 12;
     int64_t written = t_us_ < 0 ? high : t_us_ >> 12;
-    if (t_us_ < 0 && high >= kHighRange) {
+    if (t_us_ < 0 && high >= kEvt3HighRange) {
       // A decoder starts without wraps: a first time after a wrap needs the TIME_HIGHs before it.
       written = 0;
       Append(evt3::kTimeHigh, 0, out);

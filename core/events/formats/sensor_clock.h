@@ -17,9 +17,8 @@ class Evt3Clock {
  public:
   bool started() const { return started_; }
   int64_t now_us() const { return base_us_ + low_us_; }
-  // The time of TIME_HIGH alone, and the addition of TIME_LOW.
+  // The time of TIME_HIGH alone.
   int64_t base_us() const { return base_us_; }
-  int64_t low_us() const { return low_us_; }
   uint64_t wraps() const { return wraps_; }
   uint64_t backsteps() const { return backsteps_; }
 

@@ -77,6 +77,14 @@ class EventSink {
   // The earliest time of the next time mark.
   int64_t mark_due_us() const { return mark_due_us_; }
 
+  // To be called after a time word; `continues` is false if the clock has started or stepped back. Returns the new
+  // cursor.
+  Event* SetTime(bool continues, int64_t now_us, Event* cursor) {
+    if (continues && now_us >= mark_due_us_) return MarkTime(cursor, now_us);
+    if (!continues) RestartMarks(cursor, now_us);
+    return cursor;
+  }
+
   // To be called when the time has reached mark_due_us(): adds a mark unless there was an event since. Returns the new
   // cursor.
   Event* MarkTime(Event* cursor, int64_t now_us) {
@@ -132,9 +140,11 @@ class WordDecoder : public EventDecoder {
   int pending_bytes() const final { return static_cast<int>(num_pending_); }
 
  protected:
-  explicit WordDecoder(int word_bytes) : word_bytes_(static_cast<size_t>(word_bytes)) {}
-
-  size_t word_bytes() const { return word_bytes_; }
+  WordDecoder(size_t word_bytes, SensorGeometry geometry, OutsideSensor outside)
+      : width_(static_cast<uint32_t>(geometry.width_px)),
+        height_(static_cast<uint32_t>(geometry.height_px)),
+        keep_outside_(outside == OutsideSensor::kKeep),
+        word_bytes_(word_bytes) {}
 
   // Decodes `count` words and returns the number of decoded ones. Fewer than `count` only at the end of an incomplete
   // vector triple, at most two; they are passed again together with the next word.
@@ -147,6 +157,19 @@ class WordDecoder : public EventDecoder {
     archive(self.counts_, self.sink_, AtMost(self.num_pending_, kMaxPending - 1), self.pending_);
   }
 
+  // Sets the counts that the sink and the clock contain, at the end of DecodeWords().
+  void UpdateCounts(const auto& clock) {
+    counts_.cd_events = sink_.num_events();
+    counts_.clock_wraps = clock.wraps();
+    counts_.time_backsteps = clock.backsteps();
+  }
+  void CountOutside(uint64_t num_events) {
+    (keep_outside_ ? counts_.kept_outside_sensor : counts_.dropped_outside_sensor) += num_events;
+  }
+
+  const uint32_t width_;
+  const uint32_t height_;
+  const bool keep_outside_;
   EventSink sink_;
 
  private:

@@ -39,7 +39,7 @@ struct Evt2Run {
 // every word were an event: kMaxRunBlock events from the cursor on must be writable.
 template <typename Run>
 using DecodeRunOf = size_t (*)(const uint8_t* words, size_t count, Run& run, Event*& cursor, const Event* limit);
-inline constexpr size_t kMaxRunBlock = 16;
+inline constexpr size_t kMaxRunBlock = 16;  // that of EVT3 and EVT2 with AVX-512
 
 struct WordRuns {
   DecodeRunOf<Evt3Run> evt3;

@@ -93,7 +93,7 @@ class Generator : public LineTrialGenerator {
     const double depth_m = size_m_ * random.Uniform(kMinDistanceOfSize, kMaxDistanceOfSize);
     const double u = random.Uniform(0.0, camera_.width_px), v = random.Uniform(0.0, camera_.height_px);
     const Eigen::Matrix3d rotation = DrawRotation(random);
-    const RigidTransform pose{rotation, depth_m * BearingOfPixel(camera_, {u, v})};
+    const RigidTransform pose{rotation, depth_m * BearingOf(camera_, {u, v})};
     if (!IsWhollyInImage(pose)) return false;
     std::vector<VisibleSegment> visible = visibility_.VisibleSegments(camera_, pose);
     if (NumLines(visible) < kMinLinesLeft + static_cast<size_t>(options_.num_missing)) return false;

@@ -57,7 +57,6 @@ TEST_P(PoseSearchTrialsTest, ThePoseIsRight) {
     }
     EXPECT_TRUE(std::is_sorted(hypotheses.begin(), hypotheses.end(),
                                [](const auto& a, const auto& b) { return a.cost < b.cost; }));
-    EXPECT_GT(hypotheses[0].matched_ratio, 0.3);
   }
   EXPECT_GE(num_right, GetParam().least_right * kTrials);
   EXPECT_GE(num_right_labels, 0.97 * num_labels);

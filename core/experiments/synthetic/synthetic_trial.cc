@@ -33,7 +33,7 @@ Eigen::Vector2d DrawPixel(const CameraModel& camera, double share, Random& rando
 
 RigidTransform DrawPose(const CameraModel& camera, Random& random) {
   const Eigen::Vector2d pixel = DrawPixel(camera, 0.5, random);
-  const Eigen::Vector3d origin = random.Uniform(kMinOriginDepthM, kMaxOriginDepthM) * BearingOfPixel(camera, pixel);
+  const Eigen::Vector3d origin = random.Uniform(kMinOriginDepthM, kMaxOriginDepthM) * BearingOf(camera, pixel);
   return {DrawRotation(random), origin};
 }
 
@@ -45,8 +45,8 @@ LineEnds DrawLine(const CameraModel& camera, const RigidTransform& object_from_c
   } while ((p2_px - p1_px).norm() < kMinLinePx);
   const double depth1_m = random.Uniform(kMinDepthM, kMaxDepthM);
   const double depth2_m = random.Uniform(kMinDepthM, kMaxDepthM);
-  return {object_from_camera * (depth1_m * BearingOfPixel(camera, p1_px)),
-          object_from_camera * (depth2_m * BearingOfPixel(camera, p2_px))};
+  return {object_from_camera * (depth1_m * BearingOf(camera, p1_px)),
+          object_from_camera * (depth2_m * BearingOf(camera, p2_px))};
 }
 
 RigidTransform DrawStart(const SyntheticTrialOptions& options, const RigidTransform& truth, Random& random) {
@@ -67,7 +67,7 @@ void DrawEvents(const SyntheticTrialOptions& options, Random& random, SyntheticT
     for (int i = 0; i < options.events_per_line; ++i) {
       const Eigen::Vector2d pixel =
           p1_px + random.Uniform() * (p2_px - p1_px) + options.noise_px * random.Normal() * across;
-      const Eigen::Vector3d bearing = BearingOfPixel(camera, pixel);
+      const Eigen::Vector3d bearing = BearingOf(camera, pixel);
       trial.events.push_back({bearing.x(), bearing.y(), line});
       trial.true_line.push_back(line);
     }

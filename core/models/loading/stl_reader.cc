@@ -1,12 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <bit>
-#include <cmath>
 #include <iterator>
 #include <optional>
 #include <vector>
 
 #include "absl/strings/match.h"
+#include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
+#include "absl/strings/str_join.h"
 #include "core/base/status_macros.h"
 #include "core/models/loading/model_readers.h"
 #include "core/models/loading/text_lines.h"
@@ -50,25 +51,23 @@ absl::StatusOr<RawMesh> ReadBinaryStl(absl::Span<const uint8_t> bytes, ElementCo
 
 // A line of an ASCII facet: its words, and how many numbers follow them.
 struct StlStatement {
-  const char* words[2];
-  size_t word_count;
+  absl::string_view words;
   size_t numbers;
 };
-constexpr StlStatement kStlFacet[] = {{{"facet", "normal"}, 2, 3}, {{"outer", "loop"}, 2, 0}, {{"vertex", ""}, 1, 3},
-                                      {{"vertex", ""}, 1, 3},      {{"vertex", ""}, 1, 3},    {{"endloop", ""}, 1, 0},
-                                      {{"endfacet", ""}, 1, 0}};
+constexpr absl::string_view kStlVertex = "vertex";
+constexpr StlStatement kStlFacet[] = {{"facet normal", 3}, {"outer loop", 0}, {kStlVertex, 3}, {kStlVertex, 3},
+                                      {kStlVertex, 3},     {"endloop", 0},    {"endfacet", 0}};
 
 absl::Status ReadStlStatement(const StlStatement& expected, const std::vector<absl::string_view>& words,
                               int64_t line_number, RawMesh& mesh) {
-  bool matches = words.size() == expected.word_count + expected.numbers;
-  for (size_t i = 0; matches && i < expected.word_count; ++i) matches = words[i] == expected.words[i];
+  const bool matches = words.size() > expected.numbers &&
+                       absl::StrJoin(words.begin(), words.end() - expected.numbers, " ") == expected.words;
   if (!matches) {
-    return LineError(line_number,
-                     absl::StrFormat("STL: expected '%s%s%s'%s", expected.words[0], expected.word_count > 1 ? " " : "",
-                                     expected.words[1], expected.numbers > 0 ? " and 3 numbers" : ""));
+    return LineError(line_number, absl::StrCat("STL: expected '", expected.words, "'",
+                                               expected.numbers > 0 ? " and 3 numbers" : ""));
   }
   // The numbers of a facet's first line are its normal, which is ignored; some writers leave NaN there.
-  if (expected.word_count == 2 || expected.numbers == 0) return absl::OkStatus();
+  if (expected.words != kStlVertex) return absl::OkStatus();
   Eigen::Vector3d& point = mesh.points.emplace_back();
   for (int i = 0; i < 3; ++i) {
     EVPOSE_ASSIGN_OR_RETURN(point[i], ReadCoordinate(words[i + 1], line_number));

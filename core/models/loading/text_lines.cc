@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "core/models/loading/text_lines.h"
 
-#include <algorithm>
 #include <cmath>
 
 #include "absl/strings/numbers.h"
 #include "absl/strings/str_cat.h"
+#include "absl/strings/str_split.h"
 
 namespace evpose {
 namespace {
@@ -32,12 +32,8 @@ std::optional<absl::string_view> LineReader::Next() {
 
 void SplitWords(absl::string_view line, std::vector<absl::string_view>& words) {
   words.clear();
-  size_t position = 0;
-  while (true) {
-    const size_t begin = line.find_first_not_of(" \t", position);
-    if (begin == absl::string_view::npos) return;
-    position = std::min(line.find_first_of(" \t", begin), line.size());
-    words.push_back(line.substr(begin, position - begin));
+  for (const absl::string_view word : absl::StrSplit(line, absl::ByAnyChar(" \t"), absl::SkipEmpty())) {
+    words.push_back(word);
   }
 }
 

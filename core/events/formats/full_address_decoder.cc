@@ -1,14 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// Decoder of formats in which each word is a complete event: DAT and FLAT64.
-#pragma once
-
+// Decoders of formats in which each word is a complete event: DAT and FLAT64.
 #include <cstdint>
 
 #include "core/events/formats/sensor_clock.h"
 #include "core/events/formats/word_decoder.h"
 
 namespace evpose {
+namespace {
 
 // The fields of a word; `known` is false if reserved bits are set.
 struct FullAddress {
@@ -19,16 +18,28 @@ struct FullAddress {
   bool known;
 };
 
-// `Layout::Parse(uint64_t)` returns the fields of a word. There are no time words, hence no time marks; every word has
-// a full time stamp, hence no wait after a loss.
+// DAT version 2, 2D events: 32 bits of time, then x:14, y:14 and polarity in 32 bits.
+struct DatLayout {
+  static FullAddress Parse(uint64_t word) {
+    // The three bits above the polarity have no meaning in 2D events.
+    return {static_cast<uint32_t>(word), static_cast<uint32_t>(word >> 32) & 0x3fff,
+            static_cast<uint32_t>(word >> 46) & 0x3fff, static_cast<uint8_t>((word >> 60) & 1), true};
+  }
+};
+
+// FLAT64: from the highest bit t_us:32, x:14, y:14, 0:3, p:1.
+struct Flat64Layout {
+  static FullAddress Parse(uint64_t word) {
+    return {static_cast<uint32_t>(word >> 32), static_cast<uint32_t>(word >> 18) & 0x3fff,
+            static_cast<uint32_t>(word >> 4) & 0x3fff, static_cast<uint8_t>(word & 1), (word & 0xe) == 0};
+  }
+};
+
+// There are no time words, hence no time marks; every word has a full time stamp, hence no wait after a loss.
 template <typename Layout>
 class FullAddressDecoder final : public WordDecoder {
  public:
-  FullAddressDecoder(SensorGeometry geometry, OutsideSensor outside)
-      : WordDecoder(8),
-        width_(static_cast<uint32_t>(geometry.width_px)),
-        height_(static_cast<uint32_t>(geometry.height_px)),
-        keep_outside_(outside == OutsideSensor::kKeep) {}
+  FullAddressDecoder(SensorGeometry geometry, OutsideSensor outside) : WordDecoder(8, geometry, outside) {}
 
   void SaveState(StateWriter& writer) const override { VisitState(writer, *this); }
   void LoadState(StateReader& reader) override { VisitState(reader, *this); }
@@ -59,19 +70,23 @@ class FullAddressDecoder final : public WordDecoder {
     }
     sink_.Flush(cursor);
     clock_ = clock;
-    (keep_outside ? counts_.kept_outside_sensor : counts_.dropped_outside_sensor) += num_outside;
-    counts_.cd_events = sink_.num_events();
-    counts_.clock_wraps = clock.wraps();
-    counts_.time_backsteps = clock.backsteps();
+    CountOutside(num_outside);
+    UpdateCounts(clock);
     return count;
   }
 
   void Forget() override {}
 
-  const uint32_t width_;
-  const uint32_t height_;
-  const bool keep_outside_;
   Clock32 clock_;
 };
+
+}  // namespace
+
+std::unique_ptr<EventDecoder> MakeDatDecoder(SensorGeometry geometry, OutsideSensor outside) {
+  return std::make_unique<FullAddressDecoder<DatLayout>>(geometry, outside);
+}
+std::unique_ptr<EventDecoder> MakeFlat64Decoder(SensorGeometry geometry, OutsideSensor outside) {
+  return std::make_unique<FullAddressDecoder<Flat64Layout>>(geometry, outside);
+}
 
 }  // namespace evpose
