@@ -7,9 +7,14 @@
 #include <vector>
 
 #include "core/baselines/first_pose/line_match.h"
+#include "core/baselines/first_pose/pose_prior.h"
 #include "core/experiments/first_pose/line_trial.h"
 
 namespace evpose {
+
+inline constexpr SimulatedObject kAllObjects[] = {SimulatedObject::kPlanar, SimulatedObject::kCube,
+                                                  SimulatedObject::kBook, SimulatedObject::kSpacecraft,
+                                                  SimulatedObject::kCuboid};
 
 inline std::unique_ptr<LineTrialGenerator> MakeTrials(SimulatedObject object, double noise_px, int spurious = 0,
                                                       int missing = 0) {
@@ -24,6 +29,14 @@ inline std::vector<LineMatch> MatchesOf(const LineTrialGenerator& trials, const 
     matches.push_back({line.p1, line.p2, trial.segments[j]});
   }
   return matches;
+}
+
+// Prior with a mean that deviates from the true pose by one draw.
+inline PosePrior PriorOf(const LineTrial& trial, double rotation_rad, double translation_ratio, uint64_t seed) {
+  PosePrior prior = {trial.camera_from_object, rotation_rad, translation_ratio};
+  Random random(seed);
+  prior.camera_from_object = prior.Draw(random);
+  return prior;
 }
 
 }  // namespace evpose
