@@ -16,8 +16,6 @@ using testing::ElementsAre;
 using testing::IsEmpty;
 using testing::SizeIs;
 
-constexpr SensorGeometry kVga = {640, 480};
-
 Decoded DecodeEvt3(const std::vector<uint16_t>& words) { return DecodeAll(Encoding::kEvt3, kVga, BytesOf(words)); }
 Decoded DecodeEvt2(const std::vector<uint32_t>& words) { return DecodeAll(Encoding::kEvt2, kVga, BytesOf(words)); }
 Decoded DecodeEvt21(const std::vector<uint64_t>& words) { return DecodeAll(Encoding::kEvt21, kVga, BytesOf(words)); }

@@ -15,8 +15,6 @@ using testing::ElementsAre;
 using testing::HasSubstr;
 using testing::IsEmpty;
 
-constexpr SensorGeometry kVga = {640, 480};
-
 std::vector<uint8_t> EncodeAll(Encoding encoding, SensorGeometry geometry, absl::Span<const Event> events) {
   std::vector<uint8_t> bytes;
   const absl::Status status = MakeEventEncoder(encoding, geometry).value()->Encode(events, bytes);

@@ -17,6 +17,8 @@
 
 namespace evpose {
 
+inline constexpr SensorGeometry kVga = {640, 480};
+
 template <typename Word>
 std::vector<uint8_t> BytesOf(const std::vector<Word>& words) {
   std::vector<uint8_t> bytes(words.size() * sizeof(Word));

@@ -7,13 +7,14 @@
 #include <string>
 #include <vector>
 
+#include "core/events/events_testing.h"
+
 namespace evpose {
 namespace {
 
 using testing::HasSubstr;
 
 constexpr SensorGeometry kHd = {1280, 720};
-constexpr SensorGeometry kVga = {640, 480};
 const std::string kData("\x00\x80\x01\x60", 4);
 
 RecordingHeader Parse(const std::string& text) {

@@ -21,7 +21,6 @@ namespace {
 using testing::HasSubstr;
 using testing::StartsWith;
 
-constexpr SensorGeometry kVga = {640, 480};
 const std::string kHeader = MakeRawHeader(Encoding::kEvt3, kVga);
 
 void Append(const std::string& path, const std::string& bytes) {

@@ -19,8 +19,6 @@ namespace {
 using testing::HasSubstr;
 using testing::StartsWith;
 
-constexpr SensorGeometry kVga = {640, 480};
-
 size_t NumFiles(const TemporaryDirectory& directory) {
   const std::filesystem::directory_iterator files(directory.path());
   return static_cast<size_t>(std::distance(begin(files), end(files)));

@@ -1,11 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// The unit cube in every format, and functions that read it for tests.
+// The unit cube in every format, prisms, and functions that read them for tests.
 #pragma once
 
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <cmath>
 #include <cstdint>
 #include <cstring>
 #include <string>
@@ -23,6 +24,21 @@ inline constexpr char kCubeVertices[] =
 inline constexpr char kCubeFaces[] = "f 1 4 3 2\nf 5 6 7 8\nf 1 2 6 5\nf 2 3 7 6\nf 3 4 8 7\nf 4 1 5 8\n";
 
 inline std::string Cube() { return absl::StrCat(kCubeVertices, kCubeFaces); }
+
+// OBJ text of a prism of height 1 on a regular polygon of circumradius 1.
+inline std::string Prism(int sides) {
+  std::string obj, low, high, walls;
+  for (int i = 0; i < sides; ++i) {
+    const double angle = 2 * M_PI * i / sides;
+    absl::StrAppendFormat(&obj, "v %.9g %.9g 0\nv %.9g %.9g 1\n", std::cos(angle), std::sin(angle), std::cos(angle),
+                          std::sin(angle));
+    const int a = 2 * i + 1, b = 2 * ((i + 1) % sides) + 1;
+    low = absl::StrCat(" ", a, low);
+    absl::StrAppend(&high, " ", a + 1);
+    absl::StrAppendFormat(&walls, "f %d %d %d %d\n", a, b, b + 1, a + 1);
+  }
+  return absl::StrCat(obj, "f", low, "\nf", high, "\n", walls);
+}
 
 inline absl::StatusOr<ObjectModel> Parse(const std::string& text, ModelFormat format = ModelFormat::kObj,
                                          const ModelOptions& options = {}) {

@@ -298,20 +298,6 @@ TEST(ObjectModelTest, RingOfEdgesThatHardlyTurnIsCutNotJoinedToAPoint) {
   EXPECT_LT(model.lines.size(), 1000u);
 }
 
-std::string Prism(int sides) {
-  std::string obj, low, high, walls;
-  for (int i = 0; i < sides; ++i) {
-    const double angle = 2 * M_PI * i / sides;
-    absl::StrAppendFormat(&obj, "v %.9g %.9g 0\nv %.9g %.9g 1\n", std::cos(angle), std::sin(angle), std::cos(angle),
-                          std::sin(angle));
-    const int a = 2 * i + 1, b = 2 * ((i + 1) % sides) + 1;
-    low = absl::StrCat(" ", a, low);
-    absl::StrAppend(&high, " ", a + 1);
-    absl::StrAppendFormat(&walls, "f %d %d %d %d\n", a, b, b + 1, a + 1);
-  }
-  return absl::StrCat(obj, "f", low, "\nf", high, "\n", walls);
-}
-
 TEST(ObjectModelTest, CreaseAngle) {
   // 8 sides turn by 45 degrees, 16 by 22.5.
   EXPECT_THAT(MustParse(Prism(8)).lines, SizeIs(24));

@@ -33,19 +33,6 @@ std::string Box(const Eigen::Vector3d& size) {
   return obj + kCubeFaces;
 }
 
-std::string Prism(int sides) {
-  std::string obj, low, high, walls;
-  for (int i = 0; i < sides; ++i) {
-    const double angle = 2 * M_PI * i / sides;
-    obj += Vertex({std::cos(angle), std::sin(angle), 0}) + Vertex({std::cos(angle), std::sin(angle), 1});
-    const int a = 2 * i + 1, b = 2 * ((i + 1) % sides) + 1;
-    low = absl::StrCat(" ", a, low);
-    absl::StrAppend(&high, " ", a + 1);
-    absl::StrAppendFormat(&walls, "f %d %d %d %d\n", a, b, b + 1, a + 1);
-  }
-  return absl::StrCat(obj, "f", low, "\nf", high, "\n", walls);
-}
-
 constexpr char kTetrahedron[] = "v 1 1 1\nv 1 -1 -1\nv -1 1 -1\nv -1 -1 1\nf 1 2 3\nf 1 3 4\nf 1 4 2\nf 2 4 3\n";
 constexpr char kSquare[] = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\n";
 

@@ -13,11 +13,11 @@ namespace {
 
 using ::testing::HasSubstr;
 
-const CameraModel kCamera = {1280, 720, 1030.0, 1030.0, 639.5, 359.5, {}};
+const CameraModel kHdCamera = {1280, 720, 1030.0, 1030.0, 639.5, 359.5, {}};
 constexpr double kRadiusM = 0.17;
 
 MotionPath PathOf(const MotionOptions& options, uint64_t seed = 1) {
-  return *MotionPath::Create(options, kCamera, kRadiusM, Eigen::Matrix3d::Identity(), seed);
+  return *MotionPath::Create(options, kHdCamera, kRadiusM, Eigen::Matrix3d::Identity(), seed);
 }
 
 TEST(MotionPathTest, StaysInViewAndInDepth) {
@@ -30,7 +30,7 @@ TEST(MotionPathTest, StaysInViewAndInDepth) {
       const Eigen::Vector3d centre = path.CameraFromObject(t).translation_m;
       EXPECT_NEAR(centre.z(), 1.0, 0.15 + 1e-9);
       for (const double dx : {-kRadiusM, kRadiusM}) {
-        const Eigen::Vector2d pixel = kCamera.Project(centre + Eigen::Vector3d(dx, dx, -kRadiusM));
+        const Eigen::Vector2d pixel = kHdCamera.Project(centre + Eigen::Vector3d(dx, dx, -kRadiusM));
         EXPECT_GE(pixel.minCoeff(), 0.0);
         EXPECT_LE(pixel.x(), 1279.0);
         EXPECT_LE(pixel.y(), 719.0);
@@ -107,7 +107,7 @@ TEST(MotionPathTest, HalfOutReachesBothBordersAndNoFarther) {
   double least = 1e9, most = -1e9, length_m = 0.0;
   for (double t = 0.0; t < 20.0; t += 0.001) {
     const Eigen::Vector3d centre = path.CameraFromObject(t).translation_m;
-    const Eigen::Vector2d pixel = kCamera.Project(centre);
+    const Eigen::Vector2d pixel = kHdCamera.Project(centre);
     least = std::min(least, pixel.x());
     most = std::max(most, pixel.x());
     length_m += (path.CameraFromObject(t + 0.001).translation_m - centre).norm();
@@ -137,7 +137,7 @@ TEST(MotionPathTest, NoSpeedStandsStill) {
 TEST(MotionPathTest, ErrorsNameTheField) {
   MotionOptions options;
   options.depth_m = 0.3;
-  const auto path = MotionPath::Create(options, kCamera, kRadiusM, Eigen::Matrix3d::Identity(), 1);
+  const auto path = MotionPath::Create(options, kHdCamera, kRadiusM, Eigen::Matrix3d::Identity(), 1);
   EXPECT_EQ(path.status().code(), absl::StatusCode::kInvalidArgument);
   EXPECT_THAT(std::string(path.status().message()), HasSubstr("does not fit in view"));
   options = {};

@@ -11,10 +11,10 @@
 namespace evpose {
 namespace {
 
-constexpr int kWidth = 80;
-constexpr int kHeight = 50;
-constexpr SensorGeometry kGeometry = {kWidth, kHeight};
-constexpr PixelRect kImage = {0, 0, kWidth, kHeight};
+constexpr int kSensorWidth = 80;
+constexpr int kSensorHeight = 50;
+constexpr SensorGeometry kGeometry = {kSensorWidth, kSensorHeight};
+constexpr PixelRect kWholeSensor = {0, 0, kSensorWidth, kSensorHeight};
 constexpr PixelRect kNothing = {};
 
 SensorOptions Quiet() {
@@ -25,11 +25,11 @@ SensorOptions Quiet() {
 
 // A picture with light 0.9 in a bar from x0 to x1 and 0.1 elsewhere.
 std::vector<float> Bar(double x0, double x1) {
-  std::vector<float> picture(kWidth * kHeight);
-  for (int y = 0; y < kHeight; ++y) {
-    for (int x = 0; x < kWidth; ++x) {
+  std::vector<float> picture(kSensorWidth * kSensorHeight);
+  for (int y = 0; y < kSensorHeight; ++y) {
+    for (int x = 0; x < kSensorWidth; ++x) {
       const double covered = std::min(x1, x + 0.5) - std::max(x0, x - 0.5);
-      picture[y * kWidth + x] = static_cast<float>(0.1 + 0.8 * std::max(0.0, covered));
+      picture[y * kSensorWidth + x] = static_cast<float>(0.1 + 0.8 * std::max(0.0, covered));
     }
   }
   return picture;
@@ -44,7 +44,7 @@ std::vector<Event> MovingBar(const SensorOptions& options, double px, uint64_t s
   constexpr double kStepPx = 0.25;
   for (int i = 1; i <= static_cast<int>(px / kStepPx); ++i) {
     const double x = kBegin + kStepPx * i;
-    sensor.Advance(250 * i, Bar(x, x + kWidthPx), kImage, events);
+    sensor.Advance(250 * i, Bar(x, x + kWidthPx), kWholeSensor, events);
   }
   if (counts != nullptr) *counts = sensor.counts();
   return events;
@@ -52,7 +52,7 @@ std::vector<Event> MovingBar(const SensorOptions& options, double px, uint64_t s
 
 // The events of a constant picture during `seconds`.
 std::vector<Event> Still(const SensorOptions& options, double seconds, float light, SensorCounts* counts = nullptr) {
-  const std::vector<float> picture(kWidth * kHeight, light);
+  const std::vector<float> picture(kSensorWidth * kSensorHeight, light);
   EventSensor sensor(options, kGeometry, picture, 9);
   std::vector<Event> events;
   const int steps = static_cast<int>(seconds * 500);
@@ -74,7 +74,7 @@ TEST(EventSensorTest, ABrightBarIsOnInFrontAndOffBehind) {
     ++per_polarity[event.polarity];
   }
   // An edge produces log(0.91 / 0.11) / 0.28 = 7.5 events per pixel.
-  const double swept = 30.0 * kHeight;
+  const double swept = 30.0 * kSensorHeight;
   EXPECT_NEAR(per_polarity[1], 7.5 * swept, 1.0 * swept);
   EXPECT_NEAR(per_polarity[0], 7.5 * swept, 1.0 * swept);
 }
@@ -120,14 +120,14 @@ TEST(EventSensorTest, LeakRateIsTheNominalOne) {
     ASSERT_EQ(event.polarity, 1);
     number += event.t_us >= 1'000'000 ? 1.0 : 0.0;
   }
-  const double nominal = 2.0 * 2.0 * kWidth * kHeight;
+  const double nominal = 2.0 * 2.0 * kSensorWidth * kSensorHeight;
   EXPECT_NEAR(number, nominal, 0.02 * nominal);
 }
 
 TEST(EventSensorTest, ShotNoiseRateIsTheNominalOneAndFallsWithLight) {
   SensorOptions options = Quiet();
   options.shot_noise_hz = 4.0;
-  const double nominal = 4.0 * 2.0 * kWidth * kHeight;
+  const double nominal = 4.0 * 2.0 * kSensorWidth * kSensorHeight;
   const std::vector<Event> dark = Still(options, 2.0, 0.0f);
   EXPECT_NEAR(static_cast<double>(dark.size()), nominal, 5.0 * std::sqrt(nominal));
   EXPECT_NEAR(static_cast<double>(Still(options, 2.0, 1.0f).size()), 0.25 * nominal, 5.0 * std::sqrt(nominal));
@@ -143,7 +143,7 @@ TEST(EventSensorTest, HotPixelsAreFewAndFast) {
   std::map<std::pair<int, int>, int> per_pixel;
   const std::vector<Event> events = Still(options, 4.0, 0.3f);
   for (const Event& event : events) ++per_pixel[{event.x, event.y}];
-  const double number = 0.005 * kWidth * kHeight;  // 20 hot pixels
+  const double number = 0.005 * kSensorWidth * kSensorHeight;  // 20 hot pixels
   EXPECT_LE(static_cast<double>(per_pixel.size()), number);
   EXPECT_GE(static_cast<double>(per_pixel.size()), 0.8 * number);
   EXPECT_NEAR(static_cast<double>(events.size()), number * 100.0 * 4.0, 0.15 * number * 100.0 * 4.0);
@@ -193,8 +193,8 @@ TEST(EventSensorTest, ThresholdMismatchSpreadsTheNumberOfEventsPerPixel) {
       sum += n;
       squares += n * n;
     }
-    const double mean = sum / kHeight;
-    return std::sqrt(squares / kHeight - mean * mean);
+    const double mean = sum / kSensorHeight;
+    return std::sqrt(squares / kSensorHeight - mean * mean);
   };
   EXPECT_LT(spread(0.0), 0.8);  // 20 to 22 events per pixel
   EXPECT_GT(spread(0.15), 2.0);
@@ -212,16 +212,17 @@ TEST(EventSensorTest, PixelsBehindTheChangeSettle) {
   options.bandwidth_hz = 50.0;  // a time constant of 3.2 ms
   options.dark_bandwidth_ratio = 1.0;
   options.refractory_us = 0.0;
-  EventSensor sensor(options, kGeometry, std::vector<float>(kWidth * kHeight, 0.1f), 4);
-  const std::vector<float> brighter(kWidth * kHeight, 0.9f);
+  EventSensor sensor(options, kGeometry, std::vector<float>(kSensorWidth * kSensorHeight, 0.1f), 4);
+  const std::vector<float> brighter(kSensorWidth * kSensorHeight, 0.9f);
   std::vector<Event> events;
-  sensor.Advance(100, brighter, kImage, events);
+  sensor.Advance(100, brighter, kWholeSensor, events);
   const size_t at_once = events.size();
   for (int i = 1; i <= 60; ++i) sensor.Advance(100 + 1000 * i, brighter, kNothing, events);
   EXPECT_GT(events.size(), 5 * at_once);
   // On average half an event less than the contrast divided by the threshold, because the remainder is uniformly
   // distributed.
-  EXPECT_NEAR(static_cast<double>(events.size()) / (kWidth * kHeight), std::log(0.91 / 0.11) / 0.28 - 0.5, 0.1);
+  EXPECT_NEAR(static_cast<double>(events.size()) / (kSensorWidth * kSensorHeight), std::log(0.91 / 0.11) / 0.28 - 0.5,
+              0.1);
 }
 
 }  // namespace

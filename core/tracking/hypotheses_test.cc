@@ -8,21 +8,15 @@
 #include <utility>
 
 #include "core/estimation/ideal_events_testing.h"
-#include "core/models/symmetry.h"
+#include "core/tracking/tracking_testing.h"
 
 namespace evpose {
 namespace {
 
 using testing::ConstantTwist;
 using testing::IdealEventOptions;
-using testing::MakeCamera;
-using testing::MakeCube;
 using testing::MakeIdealEvents;
 using testing::MakePose;
-using testing::Motion;
-
-const CameraModel kCamera = MakeCamera(640, 480, 600.0);
-const RigidTransform kStart = MakePose({0.02, -0.01, 0.6}, {0.6, 0.5, 0.2});
 
 Vector6d SomeTwist() {
   Vector6d twist;
@@ -31,10 +25,8 @@ Vector6d SomeTwist() {
 }
 
 TrackContext MakeContext() {
-  TrackerOptions options;
-  options.sensor = testing::UnbiasedSensor();
-  auto model = std::make_shared<ObjectModel>(*MakeCube(0.15));
-  model->symmetries = FindSymmetries(*model);
+  const TrackerOptions options = IdealSensor();
+  const auto model = Cube();
   VisibilityTester visibility(*model, options.visibility);
   return {model, kCamera, MakeCameraTables(kCamera).value(), options, std::move(visibility)};
 }

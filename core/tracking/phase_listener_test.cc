@@ -12,9 +12,8 @@
 
 #include "absl/strings/str_cat.h"
 #include "core/estimation/ideal_events_testing.h"
-#include "core/models/symmetry.h"
 #include "core/tracking/tracker.h"
-#include "core/tracking/tracker_options.h"
+#include "core/tracking/tracking_testing.h"
 
 namespace evpose {
 namespace {
@@ -22,23 +21,12 @@ namespace {
 using testing::ConstantTwist;
 using testing::IdealEventOptions;
 using ::testing::IsSupersetOf;
-using testing::MakeCamera;
 using testing::MakeCube;
 using testing::MakeIdealEvents;
 using testing::MakePose;
 
-const CameraModel kCamera = MakeCamera(640, 480, 600.0);
-
-std::shared_ptr<const ObjectModel> Cube() {
-  auto cube = std::make_shared<ObjectModel>(*MakeCube(0.15));
-  cube->symmetries = FindSymmetries(*cube);
-  return cube;
-}
-
 std::unique_ptr<Tracker> MakeTracker(const std::optional<RigidTransform>& initial = std::nullopt) {
-  TrackerOptions options;
-  options.sensor = testing::UnbiasedSensor();
-  return Tracker::Create(Cube(), kCamera, options, initial).value();
+  return Tracker::Create(Cube(), kCamera, IdealSensor(), initial).value();
 }
 
 // A part of a stream with this event density of the cube and this rate of clutter. At density 0 the cube is at rest.
@@ -86,7 +74,7 @@ struct TrackedStream {
   }
 };
 
-TrackedStream Track(Tracker& tracker, const std::vector<Event>& events, bool listens = true) {
+TrackedStream TrackStream(Tracker& tracker, const std::vector<Event>& events, bool listens = true) {
   TrackedStream run;
   if (listens) {
     tracker.SetPhaseListener([&run](const PhaseTransition& transition) { run.transitions.push_back(transition); });
@@ -125,7 +113,7 @@ void ExpectChainOfAllowedTransitions(const TrackedStream& run) {
 
 TEST(PhaseListenerTest, AnObjectThatJumpsIsLostAndFoundAgain) {
   const auto tracker = MakeTracker();
-  const TrackedStream run = Track(*tracker, MakeStream({{80'000, 1.0, 2e4}, {250'000, 1.0, 2e4, true}}));
+  const TrackedStream run = TrackStream(*tracker, MakeStream({{80'000, 1.0, 2e4}, {250'000, 1.0, 2e4, true}}));
   ExpectChainOfAllowedTransitions(run);
   EXPECT_THAT(run.ObjectTransitions(), IsSupersetOf({"VERIFYING to PUBLISHED", "PUBLISHED to VERIFYING_COMPETING"}));
   EXPECT_EQ(tracker->losses(), 1u);
@@ -134,7 +122,8 @@ TEST(PhaseListenerTest, AnObjectThatJumpsIsLostAndFoundAgain) {
 
 TEST(PhaseListenerTest, AnObjectAtRestCoasts) {
   const auto tracker = MakeTracker();
-  const TrackedStream run = Track(*tracker, MakeStream({{80'000, 1.0, 2e4}, {100'000, 0.0, 1e3}, {80'000, 1.0, 2e4}}));
+  const TrackedStream run =
+      TrackStream(*tracker, MakeStream({{80'000, 1.0, 2e4}, {100'000, 0.0, 1e3}, {80'000, 1.0, 2e4}}));
   ExpectChainOfAllowedTransitions(run);
   std::map<std::pair<TrackPhase, TrackPhase>, int> counts;
   for (const PhaseTransition& transition : run.transitions) {
@@ -147,7 +136,7 @@ TEST(PhaseListenerTest, AnObjectAtRestCoasts) {
 
 TEST(PhaseListenerTest, AWrongGivenPoseIsRejected) {
   const auto tracker = MakeTracker(MakePose({0.2, 0.1, 0.9}, {0.1, 0.2, 0.3}));
-  const TrackedStream run = Track(*tracker, MakeStream({{200'000, 1.0, 2e4}}));
+  const TrackedStream run = TrackStream(*tracker, MakeStream({{200'000, 1.0, 2e4}}));
   ExpectChainOfAllowedTransitions(run);
   ASSERT_FALSE(run.ObjectTransitions().empty());
   EXPECT_EQ(run.ObjectTransitions().front(), "SEARCHING to VERIFYING_GIVEN");
@@ -156,8 +145,8 @@ TEST(PhaseListenerTest, AWrongGivenPoseIsRejected) {
 
 TEST(PhaseListenerTest, EstimatesDoNotDependOnTheListener) {
   const std::vector<Event> events = MakeStream({{80'000, 1.0, 2e4}, {60'000, 0.1, 1e5}, {60'000, 1.0, 2e4}});
-  const TrackedStream with = Track(*MakeTracker(), events);
-  const TrackedStream without = Track(*MakeTracker(), events, false);
+  const TrackedStream with = TrackStream(*MakeTracker(), events);
+  const TrackedStream without = TrackStream(*MakeTracker(), events, false);
   EXPECT_FALSE(with.transitions.empty());
   ASSERT_EQ(with.estimates.size(), without.estimates.size());
   for (size_t i = 0; i < with.estimates.size(); ++i) {

@@ -12,33 +12,17 @@
 #include "core/estimation/ideal_events_testing.h"
 #include "core/models/symmetry.h"
 #include "core/tracking/tracker.h"
-#include "core/tracking/tracker_options.h"
+#include "core/tracking/tracking_testing.h"
 
 namespace evpose {
 namespace {
 
 using testing::HiddenBehind;
 using testing::IdealEventOptions;
-using testing::MakeCamera;
-using testing::MakeCube;
 using testing::MakeIdealEvents;
 using testing::MakePose;
 using testing::MergeEvents;
 using testing::Motion;
-
-const CameraModel kCamera = MakeCamera(640, 480, 600.0);
-
-TrackerOptions IdealSensor() {
-  TrackerOptions options;
-  options.sensor = testing::UnbiasedSensor();
-  return options;
-}
-
-std::shared_ptr<const ObjectModel> Cube(double edge_m) {
-  auto cube = std::make_shared<ObjectModel>(*MakeCube(edge_m));
-  cube->symmetries = FindSymmetries(*cube);
-  return cube;
-}
 
 struct Actor {
   std::shared_ptr<const ObjectModel> model;
@@ -88,15 +72,15 @@ std::vector<PoseEstimate> Track(Tracker& tracker, const std::vector<Event>& even
   return estimates;
 }
 
-struct Errors {
+struct ObjectErrors {
   size_t num_poses = 0;
   double position_rmse_of_depth = 0.0;
   double position_max_of_depth = 0.0;
   double rotation_max_rad = 0.0;
 };
 
-Errors Compare(const std::vector<PoseEstimate>& estimates, uint32_t object_index, const Actor& actor) {
-  Errors errors;
+ObjectErrors Compare(const std::vector<PoseEstimate>& estimates, uint32_t object_index, const Actor& actor) {
+  ObjectErrors errors;
   for (const PoseEstimate& estimate : estimates) {
     if (estimate.object_index != object_index) continue;
     const RigidTransform truth = NearestEquivalent(actor.motion(static_cast<double>(estimate.t_us) * 1e-6),
@@ -128,7 +112,7 @@ void ExpectTrackedThroughout(const std::vector<Actor>& actors, const Tracker& tr
   for (uint32_t i = 0; i < actors.size(); ++i) {
     EXPECT_EQ(tracker.state(i), TrackState::kTracking) << i;
     EXPECT_EQ(tracker.losses(i), 0u) << i;
-    const Errors errors = Compare(estimates, i, actors[i]);
+    const ObjectErrors errors = Compare(estimates, i, actors[i]);
     EXPECT_GT(errors.num_poses, 350u) << i;
     EXPECT_LT(errors.position_rmse_of_depth, 2e-3) << i;
     EXPECT_LT(errors.position_max_of_depth, 1.5e-2) << i;

@@ -8,21 +8,16 @@
 
 #include "core/estimation/ideal_events_testing.h"
 #include "core/tracking/tracker.h"
-#include "core/tracking/tracker_options.h"
+#include "core/tracking/tracking_testing.h"
 
 namespace evpose {
 namespace {
 
 using testing::ConstantTwist;
 using testing::IdealEventOptions;
-using testing::MakeCamera;
 using testing::MakeCube;
 using testing::MakeIdealEvents;
-using testing::MakePose;
 using testing::Motion;
-
-const CameraModel kCamera = MakeCamera(640, 480, 600.0);
-const RigidTransform kStart = MakePose({0.02, -0.01, 0.6}, {0.6, 0.5, 0.2});
 
 Motion Moving(double speed_m_per_s) {
   Vector6d twist;
@@ -44,12 +39,9 @@ struct SkipRun {
 };
 
 // Discards the events from `skip_from_us` to `skip_to_us`.
-SkipRun Track(const std::vector<Event>& events, int64_t skip_from_us, int64_t skip_to_us) {
-  TrackerOptions options;
-  options.initialization.is_automatic = false;
-  options.sensor = testing::UnbiasedSensor();
+SkipRun TrackWithSkip(const std::vector<Event>& events, int64_t skip_from_us, int64_t skip_to_us) {
   SkipRun run;
-  run.tracker = Tracker::Create(MakeCube(0.15), kCamera, options, kStart).value();
+  run.tracker = Tracker::Create(MakeCube(0.15), kCamera, WithoutInitialization(), kStart).value();
   const auto at = [&events](int64_t t_us) {
     const auto is_earlier = [](const Event& event, int64_t limit_us) { return event.t_us < limit_us; };
     return static_cast<size_t>(std::lower_bound(events.begin(), events.end(), t_us, is_earlier) - events.begin());
@@ -73,7 +65,7 @@ TEST(TrackerSkip, BridgesAGapWithAnUncertaintyThatHasGrown) {
   double nees = 0.0;
   for (uint64_t seed = 1; seed <= 8; ++seed) {
     const std::vector<Event> events = EventsOf(motion, 200'000, seed);
-    const SkipRun run = Track(events, 100'000, 130'000);
+    const SkipRun run = TrackWithSkip(events, 100'000, 130'000);
     EXPECT_EQ(run.tracker->state(), TrackState::kTracking);
     EXPECT_EQ(run.tracker->losses(), 0u);
     ASSERT_GT(run.before.size(), 20u);
@@ -98,7 +90,7 @@ TEST(TrackerSkip, BridgesAGapWithAnUncertaintyThatHasGrown) {
 TEST(TrackerSkip, AGapIsNotTreatedAsRest) {
   const Motion motion = Moving(0.5);
   const std::vector<Event> events = EventsOf(motion, 200'000);
-  const SkipRun run = Track(events, 100'000, 110'000);
+  const SkipRun run = TrackWithSkip(events, 100'000, 110'000);
   // After AdvanceTime() instead of Skip() the tracker concludes that the object was at rest and reports its pose.
   const auto in_gap = [](const PoseEstimate& estimate) { return estimate.t_us > 100'000 && estimate.t_us < 110'000; };
   EXPECT_TRUE(std::none_of(run.before.begin(), run.before.end(), in_gap));
@@ -112,7 +104,7 @@ TEST(TrackerSkip, AGapIsNotTreatedAsRest) {
 
 TEST(TrackerSkip, TheGivenPoseIsThatOfTheFirstEventAlsoWhenItIsSkipped) {
   const Motion motion = Moving(0.3);
-  const SkipRun run = Track(EventsOf(motion, 150'000), 0, 10'000);
+  const SkipRun run = TrackWithSkip(EventsOf(motion, 150'000), 0, 10'000);
   EXPECT_TRUE(run.before.empty());
   EXPECT_EQ(run.tracker->state(), TrackState::kTracking);
   ASSERT_FALSE(run.after.empty());
@@ -131,7 +123,7 @@ TEST(TrackerSkip, AfterALongGapThePoseIsLostAndNotGuessed) {
     return pose;
   };
   for (const Event& event : MakeIdealEvents(*MakeCube(0.15), kCamera, elsewhere, later)) events.push_back(event);
-  const SkipRun run = Track(events, 100'000, 5'000'000);
+  const SkipRun run = TrackWithSkip(events, 100'000, 5'000'000);
   EXPECT_EQ(run.tracker->state(), TrackState::kLost);
   EXPECT_EQ(run.tracker->losses(), 1u);
   EXPECT_TRUE(run.after.empty());

@@ -11,6 +11,7 @@
 #include "core/models/symmetry.h"
 #include "core/tracking/tracker.h"
 #include "core/tracking/tracker_options.h"
+#include "core/tracking/tracking_testing.h"
 
 namespace evpose {
 namespace {
@@ -23,29 +24,7 @@ using testing::MakeIdealEvents;
 using testing::MakePose;
 using testing::Motion;
 
-const CameraModel kCamera = MakeCamera(640, 480, 600.0);
-const RigidTransform kStart = MakePose({0.02, -0.01, 0.6}, {0.6, 0.5, 0.2});
-
-Vector6d Twist(double vx, double vy, double vz, double wx, double wy, double wz) {
-  Vector6d twist;
-  twist << vx, vy, vz, wx, wy, wz;
-  return twist;
-}
-
 const Vector6d kTwist = Twist(0.3, 0.15, 0.05, 0.5, 0.3, 0.6);
-
-// Options for ideal events, which have neither lag nor shift.
-TrackerOptions IdealSensor() {
-  TrackerOptions options;
-  options.sensor = testing::UnbiasedSensor();
-  return options;
-}
-
-std::shared_ptr<const ObjectModel> Cube() {
-  auto cube = std::make_shared<ObjectModel>(*MakeCube(0.15));
-  cube->symmetries = FindSymmetries(*cube);
-  return cube;
-}
 
 std::unique_ptr<Tracker> MakeTracker(const TrackerOptions& options, std::shared_ptr<const ObjectModel> model = Cube(),
                                      const CameraModel& camera = kCamera) {

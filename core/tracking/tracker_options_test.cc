@@ -30,34 +30,34 @@ std::string MessageAfter(Change change) {
 TEST(TrackerOptions, DefaultsAreValid) { EXPECT_TRUE(TrackerOptions().Validate().ok()); }
 
 TEST(TrackerOptions, ValidateNamesGroupAndField) {
-  using O = TrackerOptions;
-  EXPECT_THAT(MessageAfter([](O& o) { o.windows.interval_us = -1; }), HasSubstr("windows.interval_us"));
-  EXPECT_THAT(MessageAfter([](O& o) { o.initial.lateral_px = 0.0; }), HasSubstr("initial.lateral_px"));
-  EXPECT_THAT(MessageAfter([](O& o) { o.initial.depth_ratio = std::numeric_limits<double>::quiet_NaN(); }),
+  EXPECT_THAT(MessageAfter([](auto& o) { o.windows.interval_us = -1; }), HasSubstr("windows.interval_us"));
+  EXPECT_THAT(MessageAfter([](auto& o) { o.initial.lateral_px = 0.0; }), HasSubstr("initial.lateral_px"));
+  EXPECT_THAT(MessageAfter([](auto& o) { o.initial.depth_ratio = std::numeric_limits<double>::quiet_NaN(); }),
               HasSubstr("initial.depth_ratio"));
-  EXPECT_THAT(MessageAfter([](O& o) { o.motion.angular_acceleration_density = -1.0; }),
+  EXPECT_THAT(MessageAfter([](auto& o) { o.motion.angular_acceleration_density = -1.0; }),
               HasSubstr("motion.angular_acceleration_density"));
-  EXPECT_THAT(MessageAfter([](O& o) { o.motion.retry_noise_factor = 0.5; }), HasSubstr("motion.retry_noise_factor"));
-  EXPECT_THAT(MessageAfter([](O& o) { o.sensor.pixel_noise_px = 0.0; }), HasSubstr("sensor.pixel_noise_px"));
-  EXPECT_THAT(MessageAfter([](O& o) { o.edge.memory_events = 0.0; }), HasSubstr("edge.memory_events"));
-  EXPECT_THAT(MessageAfter([](O& o) { o.mixture.max_gate_px = 1.0; }), HasSubstr("mixture.max_gate_px"));
-  EXPECT_THAT(MessageAfter([](O& o) { o.mixture.max_passes = 0; }), HasSubstr("mixture.max_passes"));
-  EXPECT_THAT(MessageAfter([](O& o) { o.mixture.retry_explained_ratio = 1.5; }),
+  EXPECT_THAT(MessageAfter([](auto& o) { o.motion.retry_noise_factor = 0.5; }), HasSubstr("motion.retry_noise_factor"));
+  EXPECT_THAT(MessageAfter([](auto& o) { o.sensor.pixel_noise_px = 0.0; }), HasSubstr("sensor.pixel_noise_px"));
+  EXPECT_THAT(MessageAfter([](auto& o) { o.edge.memory_events = 0.0; }), HasSubstr("edge.memory_events"));
+  EXPECT_THAT(MessageAfter([](auto& o) { o.mixture.max_gate_px = 1.0; }), HasSubstr("mixture.max_gate_px"));
+  EXPECT_THAT(MessageAfter([](auto& o) { o.mixture.max_passes = 0; }), HasSubstr("mixture.max_passes"));
+  EXPECT_THAT(MessageAfter([](auto& o) { o.mixture.retry_explained_ratio = 1.5; }),
               HasSubstr("mixture.retry_explained_ratio"));
-  EXPECT_THAT(MessageAfter([](O& o) { o.mixture.memory_events = 0.0; }), HasSubstr("mixture.memory_events"));
-  EXPECT_THAT(MessageAfter([](O& o) { o.mixture.initial_outlier_ratio = 1.0; }),
+  EXPECT_THAT(MessageAfter([](auto& o) { o.mixture.memory_events = 0.0; }), HasSubstr("mixture.memory_events"));
+  EXPECT_THAT(MessageAfter([](auto& o) { o.mixture.initial_outlier_ratio = 1.0; }),
               HasSubstr("mixture.initial_outlier_ratio"));
-  EXPECT_THAT(MessageAfter([](O& o) { o.mixture.narrow_face_sigma = -1.0; }), HasSubstr("mixture.narrow_face_sigma"));
-  EXPECT_THAT(MessageAfter([](O& o) { o.initialization.max_compared_events = 0; }),
+  EXPECT_THAT(MessageAfter([](auto& o) { o.mixture.narrow_face_sigma = -1.0; }),
+              HasSubstr("mixture.narrow_face_sigma"));
+  EXPECT_THAT(MessageAfter([](auto& o) { o.initialization.max_compared_events = 0; }),
               HasSubstr("initialization.max_compared_events"));
-  EXPECT_THAT(MessageAfter([](O& o) { o.initialization.merge_rad = -1.0; }), HasSubstr("initialization.merge_rad"));
-  EXPECT_THAT(MessageAfter([](O& o) { o.initialization.merge_depth_ratio = -1.0; }),
+  EXPECT_THAT(MessageAfter([](auto& o) { o.initialization.merge_rad = -1.0; }), HasSubstr("initialization.merge_rad"));
+  EXPECT_THAT(MessageAfter([](auto& o) { o.initialization.merge_depth_ratio = -1.0; }),
               HasSubstr("initialization.merge_depth_ratio"));
-  EXPECT_THAT(MessageAfter([](O& o) { o.health.keep_lines = 4; }), HasSubstr("health.keep_lines"));
-  EXPECT_THAT(MessageAfter([](O& o) { o.health.min_signal_events = -1.0; }), HasSubstr("health.min_signal_events"));
-  EXPECT_THAT(MessageAfter([](O& o) { o.health.near_px = 7.0; }), HasSubstr("health.near_px"));
-  EXPECT_THAT(MessageAfter([](O& o) { o.health.lost_after_us = 0; }), HasSubstr("health.lost_after_us"));
-  EXPECT_THAT(MessageAfter([](O& o) { o.visibility.samples_per_line = 0; }), HasSubstr("visibility."));
+  EXPECT_THAT(MessageAfter([](auto& o) { o.health.keep_lines = 4; }), HasSubstr("health.keep_lines"));
+  EXPECT_THAT(MessageAfter([](auto& o) { o.health.min_signal_events = -1.0; }), HasSubstr("health.min_signal_events"));
+  EXPECT_THAT(MessageAfter([](auto& o) { o.health.near_px = 7.0; }), HasSubstr("health.near_px"));
+  EXPECT_THAT(MessageAfter([](auto& o) { o.health.lost_after_us = 0; }), HasSubstr("health.lost_after_us"));
+  EXPECT_THAT(MessageAfter([](auto& o) { o.visibility.samples_per_line = 0; }), HasSubstr("visibility."));
 }
 
 TEST(TrackerCreate, ErrorsNameTheArgument) {

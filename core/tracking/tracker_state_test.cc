@@ -12,31 +12,21 @@
 
 #include "core/baselines/estimators/estimator_factory.h"
 #include "core/estimation/ideal_events_testing.h"
-#include "core/models/symmetry.h"
 #include "core/numerics/random.h"
 #include "core/tracking/tracker.h"
 #include "core/tracking/tracker_options.h"
+#include "core/tracking/tracking_testing.h"
 
 namespace evpose {
 namespace {
 
-using testing::ConstantTwist;
 using testing::HiddenBehind;
 using testing::IdealEventOptions;
-using testing::MakeCamera;
 using testing::MakeCube;
 using testing::MakeIdealEvents;
 using testing::MakePose;
 using testing::MergeEvents;
 using testing::Motion;
-
-const CameraModel kCamera = MakeCamera(640, 480, 600.0);
-
-std::shared_ptr<const ObjectModel> Cube(double edge_m) {
-  auto cube = std::make_shared<ObjectModel>(*MakeCube(edge_m));
-  cube->symmetries = FindSymmetries(*cube);
-  return cube;
-}
 
 struct Scene {
   std::vector<ObjectToTrack> objects;

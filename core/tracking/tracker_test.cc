@@ -13,42 +13,25 @@
 #include "core/estimation/ideal_events_testing.h"
 #include "core/numerics/random.h"
 #include "core/tracking/tracker_options.h"
+#include "core/tracking/tracking_testing.h"
 
 namespace evpose {
 namespace {
 
 using testing::ConstantTwist;
 using testing::IdealEventOptions;
-using testing::MakeCamera;
 using testing::MakeCube;
 using testing::MakeIdealEvents;
 using testing::MakePose;
 using testing::Motion;
-
-const CameraModel kCamera = MakeCamera(640, 480, 600.0);
-const RigidTransform kStart = MakePose({0.02, -0.01, 0.6}, {0.6, 0.5, 0.2});
-
-Vector6d Twist(double vx, double vy, double vz, double wx, double wy, double wz) {
-  Vector6d twist;
-  twist << vx, vy, vz, wx, wy, wz;
-  return twist;
-}
 
 struct TrackRun {
   std::vector<PoseEstimate> estimates;
   std::unique_ptr<Tracker> tracker;
 };
 
-// Options for ideal events, which have neither lag nor shift. Poses are given, and a lost object is not searched for.
-TrackerOptions IdealSensor() {
-  TrackerOptions options;
-  options.initialization.is_automatic = false;
-  options.sensor = testing::UnbiasedSensor();
-  return options;
-}
-
 TrackRun Track(const std::vector<Event>& events, const std::optional<RigidTransform>& pose,
-               const TrackerOptions& options = IdealSensor(), bool finish = true) {
+               const TrackerOptions& options = WithoutInitialization(), bool finish = true) {
   TrackRun run;
   run.tracker = Tracker::Create(MakeCube(0.15), kCamera, options, pose).value();
   run.tracker->AddEvents(events, run.estimates);
@@ -162,7 +145,7 @@ TEST(Tracker, TumblingCubeAndTheStaticFitBesideIt) {
   EXPECT_LT(mixture.position_rmse_of_depth, 1e-3);
   EXPECT_LT(mixture.rotation_median_rad, 1.5e-3);
 
-  TrackerOptions published = IdealSensor();
+  TrackerOptions published = WithoutInitialization();
   published.estimator_factory = EstimatorFactoryOf(Estimator::kStaticMm);
   const TrackRun baseline = Track(events, motion(0.0), published);
   EXPECT_GT(baseline.estimates.size(), run.estimates.size() / 2);
@@ -173,7 +156,7 @@ TEST(Tracker, TumblingCubeAndTheStaticFitBesideIt) {
 
 TEST(Tracker, PublishedCovarianceIsConsistentForIndependentEvents) {
   // The events of this test are independent, so that each one carries its full information.
-  TrackerOptions options = IdealSensor();
+  TrackerOptions options = WithoutInitialization();
   options.mixture.events_per_information = 1.0;
   const Motion motion = Tumble(1.0);
   IdealEventOptions ideal;
@@ -194,7 +177,7 @@ TEST(Tracker, EstimatesDoNotDependOnTheCutOfCalls) {
   options.duration_us = 60'000;
   const std::vector<Event> events = MakeIdealEvents(*MakeCube(0.15), kCamera, motion, options);
   for (const Estimator estimator : {Estimator::kMixture, Estimator::kStaticMm, Estimator::kErrorStateFilter}) {
-    TrackerOptions tracker_options = IdealSensor();
+    TrackerOptions tracker_options = WithoutInitialization();
     tracker_options.estimator_factory = EstimatorFactoryOf(estimator);
     const TrackRun whole = Track(events, kStart, tracker_options);
     for (const size_t step : {1u, 13u, 4096u}) {
@@ -365,7 +348,8 @@ TEST(Tracker, LosesAnObjectThatLeavesTheImage) {
   const Motion motion = ConstantTwist(kStart, Twist(3.0, 0.0, 0.0, 0.0, 0.0, 0.0));
   IdealEventOptions options;
   options.duration_us = 250'000;  // out of view after about 0.16 s
-  const TrackRun run = Track(MakeIdealEvents(*MakeCube(0.15), kCamera, motion, options), kStart, IdealSensor(), false);
+  const TrackRun run =
+      Track(MakeIdealEvents(*MakeCube(0.15), kCamera, motion, options), kStart, WithoutInitialization(), false);
   EXPECT_EQ(run.tracker->state(), TrackState::kLost);
   EXPECT_EQ(run.tracker->losses(), 1u);
   ASSERT_FALSE(run.estimates.empty());
@@ -413,7 +397,7 @@ TEST(Tracker, ResetPoseStartsAgain) {
       std::lower_bound(events.begin(), events.end(), 60'000, [](const Event& e, int64_t t) { return e.t_us < t; }) -
       events.begin());
   TrackRun run = Track({events.begin(), events.begin() + static_cast<std::ptrdiff_t>(middle)},
-                       MakePose({0.03, -0.02, 0.6}, {0.1, 0.1, 1.2}), IdealSensor(), false);
+                       MakePose({0.03, -0.02, 0.6}, {0.1, 0.1, 1.2}), WithoutInitialization(), false);
   EXPECT_EQ(run.tracker->state(), TrackState::kLost);
   EXPECT_TRUE(run.estimates.empty());
 
@@ -436,7 +420,8 @@ TEST(Tracker, WithoutAPoseItStaysInitializing) {
 
 TEST(Tracker, APoseOutsideTheImageIsLostAtOnce) {
   for (const Eigen::Vector3d& translation : {Eigen::Vector3d(5.0, 0.0, 0.6), Eigen::Vector3d(0.0, 0.0, -0.6)}) {
-    const TrackRun run = Track(Noise(1e6, 0, 5'000, 8), MakePose(translation, {0.0, 0.0, 0.0}), IdealSensor(), false);
+    const TrackRun run =
+        Track(Noise(1e6, 0, 5'000, 8), MakePose(translation, {0.0, 0.0, 0.0}), WithoutInitialization(), false);
     EXPECT_EQ(run.tracker->state(), TrackState::kLost);
     EXPECT_TRUE(run.estimates.empty());
   }
@@ -446,7 +431,8 @@ TEST(Tracker, TimeMarksCloseWindowsWithoutEvents) {
   const Motion motion = ConstantTwist(kStart, Twist(0.3, 0.1, 0.0, 0.5, 0.0, 0.5));
   IdealEventOptions options;
   options.duration_us = 50'000;
-  TrackRun run = Track(MakeIdealEvents(*MakeCube(0.15), kCamera, motion, options), kStart, IdealSensor(), false);
+  TrackRun run =
+      Track(MakeIdealEvents(*MakeCube(0.15), kCamera, motion, options), kStart, WithoutInitialization(), false);
   const size_t before = run.estimates.size();
   run.tracker->AdvanceTime(150'000, run.estimates);
   ASSERT_GT(run.estimates.size(), before + 3);

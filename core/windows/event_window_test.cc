@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "core/numerics/random.h"
+#include "core/windows/windows_testing.h"
 
 namespace evpose {
 namespace {
@@ -49,17 +50,6 @@ class Recorder {
                         window.events_per_sample});
   };
 };
-
-WindowOptions SmallOptions() {
-  WindowOptions options;
-  options.interval_us = 100;
-  options.min_interval_us = 40;
-  options.max_duration_us = 1000;
-  options.min_events = 5;
-  options.max_events = 64;
-  options.max_gap_us = 5000;
-  return options;
-}
 
 // `count` events, one every `period_us`; x is the event's index.
 std::vector<Event> Regular(int64_t t_us, int64_t period_us, int count) {

@@ -10,6 +10,7 @@
 #include "core/windows/event_window.h"
 #include "core/windows/pixel_history.h"
 #include "core/windows/window_memory.h"
+#include "core/windows/windows_testing.h"
 
 namespace evpose {
 namespace {
@@ -40,17 +41,6 @@ Event RandomEvent(int64_t t_us, Random& random) {
   // Some events lie outside the sensor.
   return {t_us, static_cast<uint16_t>(random.UniformInt(kSensor.width_px + 1)),
           static_cast<uint16_t>(random.UniformInt(kSensor.height_px + 1)), static_cast<uint8_t>(random.UniformInt(2))};
-}
-
-WindowOptions SmallOptions() {
-  WindowOptions options;
-  options.interval_us = 100;
-  options.min_interval_us = 40;
-  options.max_duration_us = 1000;
-  options.min_events = 5;
-  options.max_events = 64;
-  options.max_gap_us = 5000;
-  return options;
 }
 
 // Alternates low and high event rates, with steps back in time and long times without events.

@@ -20,7 +20,7 @@ namespace {
 
 using std::chrono::microseconds;
 
-constexpr char kTenant[] = "lab";
+constexpr char kLabTenant[] = "lab";
 
 class SessionMetricsTest : public testing::Test {
  protected:
@@ -47,7 +47,7 @@ class SessionMetricsTest : public testing::Test {
     EXPECT_TRUE(sessions_->RestoreAll().ok());
   }
 
-  std::shared_ptr<Session> Create(const std::string& tenant = kTenant) {
+  std::shared_ptr<Session> Create(const std::string& tenant = kLabTenant) {
     const auto bytes = std::make_shared<const std::vector<uint8_t>>(kCubeObj, kCubeObj + sizeof(kCubeObj) - 1);
     const SessionConfig config = SomeConfig({"cube"}, models_->Upload(tenant, {}, "", bytes).value().name);
     return sessions_->Create(tenant, config, "").value();
@@ -114,7 +114,7 @@ TEST_F(SessionMetricsTest, WorkBeforeARestartIsNotCountedAgain) {
   token = Track(*session, token, 2, {{12'000, 0, 0, 1}, {13'000, 3, 4, 1}});
   const std::string name = session->name();
   Restart();
-  session = sessions_->Get(kTenant, name).value();
+  session = sessions_->Get(kLabTenant, name).value();
   EXPECT_EQ(session->Snapshot().health.counts.cd_events, 32u);
   EXPECT_EQ(metrics_->decoded_events.value(), 0u);
   EXPECT_EQ(metrics_->track_losses.value(), 0u);
@@ -169,30 +169,30 @@ TEST_F(SessionMetricsTest, RejectionsAreCountedByLimit) {
   const auto refusals = [this](QuotaLimit limit) { return metrics_->quota_refusals[limit].value(); };
   const SessionConfig config = Create()->config();
   Create();
-  EXPECT_TRUE(absl::IsResourceExhausted(sessions_->Create(kTenant, config, "").status()));
+  EXPECT_TRUE(absl::IsResourceExhausted(sessions_->Create(kLabTenant, config, "").status()));
   EXPECT_EQ(refusals(QuotaLimit::kTenantSessions), 1u);
   const SessionConfig of_another = Create("another tenant")->config();
   EXPECT_TRUE(absl::IsResourceExhausted(sessions_->Create("another tenant", of_another, "").status()));
   EXPECT_EQ(refusals(QuotaLimit::kMaxSessions), 1u);
   EXPECT_EQ(refusals(QuotaLimit::kTenantSessions), 1u);
 
-  EXPECT_TRUE(absl::IsResourceExhausted(models_->Reserve(kTenant, 999).status()));
+  EXPECT_TRUE(absl::IsResourceExhausted(models_->Reserve(kLabTenant, 999).status()));
   EXPECT_EQ(refusals(QuotaLimit::kTenantModelBytes), 1u);
   const auto small = ModelRegistry::Create({.max_store_bytes = 1000, .metrics = metrics_}, *store_).value();
-  EXPECT_TRUE(absl::IsResourceExhausted(small->Reserve(kTenant, 999).status()));
+  EXPECT_TRUE(absl::IsResourceExhausted(small->Reserve(kLabTenant, 999).status()));
   EXPECT_EQ(refusals(QuotaLimit::kMaxModelStoreBytes), 1u);
 
   TenantQuotas::Options options = {.max_watchers = 1, .max_bytes_per_s = 10, .burst_bytes = 10};
   options.now = [] { return absl::UnixEpoch(); };
   options.metrics = metrics_;
   TenantQuotas quotas(options);
-  const auto watcher = quotas.AddWatcher(kTenant);
+  const auto watcher = quotas.AddWatcher(kLabTenant);
   ASSERT_TRUE(watcher.ok());
-  EXPECT_FALSE(quotas.AddWatcher(kTenant).ok());
+  EXPECT_FALSE(quotas.AddWatcher(kLabTenant).ok());
   EXPECT_EQ(refusals(QuotaLimit::kTenantWatchers), 1u);
-  EXPECT_EQ(quotas.ChargeBytes(kTenant, 10), absl::ZeroDuration());
+  EXPECT_EQ(quotas.ChargeBytes(kLabTenant, 10), absl::ZeroDuration());
   EXPECT_EQ(metrics_->quota_delays.value(), 0u);
-  EXPECT_EQ(quotas.ChargeBytes(kTenant, 10), absl::Seconds(1));
+  EXPECT_EQ(quotas.ChargeBytes(kLabTenant, 10), absl::Seconds(1));
   EXPECT_EQ(metrics_->quota_delays.value(), 1u);
 }
 

@@ -8,14 +8,12 @@
 namespace evpose {
 namespace {
 
-constexpr SimulatedObject kObjects[] = {SimulatedObject::kPlanar, SimulatedObject::kCube, SimulatedObject::kBook,
-                                        SimulatedObject::kSpacecraft, SimulatedObject::kCuboid};
-constexpr int kTrials = 20;
+constexpr int kAspnlTrials = 20;
 
 TEST(Aspnl, IsExactWithoutNoise) {
-  for (const SimulatedObject object : kObjects) {
+  for (const SimulatedObject object : kAllObjects) {
     const auto trials = MakeTrials(object, 0.0);
-    for (int seed = 0; seed < kTrials; ++seed) {
+    for (int seed = 0; seed < kAspnlTrials; ++seed) {
       const LineTrial trial = trials->Make(seed);
       const auto pose = EstimatePoseByAspnl(trials->camera(), TrueMatches(*trials, trial));
       ASSERT_TRUE(pose.ok()) << pose.status();
@@ -26,16 +24,16 @@ TEST(Aspnl, IsExactWithoutNoise) {
 }
 
 TEST(Aspnl, IsRightWithNoise) {
-  for (const SimulatedObject object : kObjects) {
+  for (const SimulatedObject object : kAllObjects) {
     const auto trials = MakeTrials(object, 0.8);
     int right = 0;
-    for (int seed = 0; seed < kTrials; ++seed) {
+    for (int seed = 0; seed < kAspnlTrials; ++seed) {
       const LineTrial trial = trials->Make(seed);
       const auto pose = EstimatePoseByAspnl(trials->camera(), TrueMatches(*trials, trial));
       ASSERT_TRUE(pose.ok()) << pose.status();
       right += CompareWithTruth(*trials, trial, *pose).is_right();
     }
-    EXPECT_GE(right, kTrials - 1) << SimulatedObjectName(object);
+    EXPECT_GE(right, kAspnlTrials - 1) << SimulatedObjectName(object);
   }
 }
 

@@ -8,6 +8,7 @@
 #include <cmath>
 #include <unsupported/Eigen/Polynomials>
 
+#include "core/baselines/first_pose/directions_testing.h"
 #include "core/geometry/rigid_transform.h"
 #include "core/numerics/random.h"
 
@@ -17,10 +18,6 @@ namespace {
 using ::testing::DoubleNear;
 using ::testing::ElementsAre;
 using ::testing::IsEmpty;
-
-Eigen::Vector3d RandomUnit(Random& random) {
-  return Eigen::Vector3d(random.Normal(), random.Normal(), random.Normal()).normalized();
-}
 
 struct Problem {
   Eigen::Matrix3d rotation;

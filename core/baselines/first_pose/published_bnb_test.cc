@@ -8,12 +8,12 @@
 namespace evpose {
 namespace {
 
-constexpr int kTrials = 20;
+constexpr int kPublishedBnbTrials = 20;
 
-int CountRight(SimulatedObject object, double noise_px, int spurious, int missing) {
+int CountRightByPublishedBnb(SimulatedObject object, double noise_px, int spurious, int missing) {
   const auto trials = MakeTrials(object, noise_px, spurious, missing);
   int right = 0;
-  for (int seed = 0; seed < kTrials; ++seed) {
+  for (int seed = 0; seed < kPublishedBnbTrials; ++seed) {
     const LineTrial trial = trials->Make(seed);
     const auto pose = EstimatePoseByPublishedBnb(trials->model(), trials->camera(), trial.segments, {});
     right += pose.ok() && CompareWithTruth(*trials, trial, *pose).is_right();
@@ -22,16 +22,16 @@ int CountRight(SimulatedObject object, double noise_px, int spurious, int missin
 }
 
 TEST(PublishedBnb, IsRightForBoxesThatAreSeenWhole) {
-  EXPECT_EQ(CountRight(SimulatedObject::kCube, 0.0, 0, 0), kTrials);
-  EXPECT_GE(CountRight(SimulatedObject::kCube, 0.8, 0, 0), kTrials - 1);
+  EXPECT_EQ(CountRightByPublishedBnb(SimulatedObject::kCube, 0.0, 0, 0), kPublishedBnbTrials);
+  EXPECT_GE(CountRightByPublishedBnb(SimulatedObject::kCube, 0.8, 0, 0), kPublishedBnbTrials - 1);
   // The directions do not determine the correspondences of the parallel lines; the translations do.
-  EXPECT_GE(CountRight(SimulatedObject::kCuboid, 0.8, 0, 0), kTrials - 2);
+  EXPECT_GE(CountRightByPublishedBnb(SimulatedObject::kCuboid, 0.8, 0, 0), kPublishedBnbTrials - 2);
 }
 
 TEST(PublishedBnb, CountingIsMisledBySpuriousLines) {
-  const int right = CountRight(SimulatedObject::kCube, 0.8, 4, 2);
-  EXPECT_GE(right, kTrials / 5);
-  EXPECT_LE(right, kTrials * 4 / 5);
+  const int right = CountRightByPublishedBnb(SimulatedObject::kCube, 0.8, 4, 2);
+  EXPECT_GE(right, kPublishedBnbTrials / 5);
+  EXPECT_LE(right, kPublishedBnbTrials * 4 / 5);
 }
 
 TEST(PublishedBnb, ReportsErrors) {

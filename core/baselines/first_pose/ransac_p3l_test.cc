@@ -8,12 +8,12 @@
 namespace evpose {
 namespace {
 
-constexpr int kTrials = 10;
+constexpr int kRansacTrials = 10;
 
-int CountRight(SimulatedObject object, double noise_px, int spurious, int missing) {
+int CountRightByRansac(SimulatedObject object, double noise_px, int spurious, int missing) {
   const auto trials = MakeTrials(object, noise_px, spurious, missing);
   int right = 0;
-  for (int seed = 0; seed < kTrials; ++seed) {
+  for (int seed = 0; seed < kRansacTrials; ++seed) {
     const LineTrial trial = trials->Make(seed);
     const auto pose = EstimatePoseByRansac(trials->model(), trials->camera(), trial.segments, {}, seed);
     right += pose.ok() && CompareWithTruth(*trials, trial, *pose).is_right();
@@ -22,10 +22,10 @@ int CountRight(SimulatedObject object, double noise_px, int spurious, int missin
 }
 
 TEST(RansacP3l, IsRightForBoxes) {
-  EXPECT_EQ(CountRight(SimulatedObject::kCube, 0.0, 0, 0), kTrials);
-  EXPECT_GE(CountRight(SimulatedObject::kCube, 0.8, 2, 1), kTrials - 1);
-  EXPECT_GE(CountRight(SimulatedObject::kCuboid, 0.8, 0, 0), kTrials - 1);
-  EXPECT_GE(CountRight(SimulatedObject::kPlanar, 0.8, 0, 0), kTrials * 6 / 10);
+  EXPECT_EQ(CountRightByRansac(SimulatedObject::kCube, 0.0, 0, 0), kRansacTrials);
+  EXPECT_GE(CountRightByRansac(SimulatedObject::kCube, 0.8, 2, 1), kRansacTrials - 1);
+  EXPECT_GE(CountRightByRansac(SimulatedObject::kCuboid, 0.8, 0, 0), kRansacTrials - 1);
+  EXPECT_GE(CountRightByRansac(SimulatedObject::kPlanar, 0.8, 0, 0), kRansacTrials * 6 / 10);
 }
 
 TEST(RansacP3l, EqualSeedsGiveEqualPoses) {

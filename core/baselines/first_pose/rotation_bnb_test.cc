@@ -7,6 +7,7 @@
 #include <cmath>
 #include <vector>
 
+#include "core/baselines/first_pose/directions_testing.h"
 #include "core/geometry/rigid_transform.h"
 #include "core/initialization/rotation_count.h"
 #include "core/numerics/random.h"
@@ -16,10 +17,6 @@ namespace {
 
 using Directions = std::vector<Eigen::Vector3d>;
 using ::testing::HasSubstr;
-
-Eigen::Vector3d RandomUnit(Random& random) {
-  return Eigen::Vector3d(random.Normal(), random.Normal(), random.Normal()).normalized();
-}
 
 Eigen::Matrix3d RandomRotation(Random& random) {
   Eigen::Quaterniond q(random.Normal(), random.Normal(), random.Normal(), random.Normal());

@@ -8,19 +8,12 @@
 namespace evpose {
 namespace {
 
-constexpr int kTrials = 10;
+constexpr int kSoftPositTrials = 10;
 
-PosePrior PriorOf(const LineTrial& trial, double rotation_rad, double translation_ratio, uint64_t seed) {
-  PosePrior prior = {trial.camera_from_object, rotation_rad, translation_ratio};
-  Random random(seed);
-  prior.camera_from_object = prior.Draw(random);
-  return prior;
-}
-
-int CountRight(SimulatedObject object, double noise_px, int spurious, int missing, double rotation_rad) {
+int CountRightBySoftPosit(SimulatedObject object, double noise_px, int spurious, int missing, double rotation_rad) {
   const auto trials = MakeTrials(object, noise_px, spurious, missing);
   int right = 0;
-  for (int seed = 0; seed < kTrials; ++seed) {
+  for (int seed = 0; seed < kSoftPositTrials; ++seed) {
     const LineTrial trial = trials->Make(seed);
     const PosePrior prior = PriorOf(trial, rotation_rad, 0.3 * rotation_rad, seed);
     const auto pose = EstimatePoseBySoftPosit(trials->model(), trials->camera(), trial.segments, prior, {}, seed);
@@ -31,9 +24,9 @@ int CountRight(SimulatedObject object, double noise_px, int spurious, int missin
 
 TEST(SoftPosit, IsRightFromNearby) {
   for (const SimulatedObject object : {SimulatedObject::kCube, SimulatedObject::kCuboid}) {
-    EXPECT_GE(CountRight(object, 0.0, 0, 0, 0.05), kTrials * 6 / 10) << SimulatedObjectName(object);
-    EXPECT_GE(CountRight(object, 0.8, 0, 0, 0.1), kTrials * 6 / 10) << SimulatedObjectName(object);
-    EXPECT_GE(CountRight(object, 0.8, 2, 1, 0.1), kTrials * 3 / 10) << SimulatedObjectName(object);
+    EXPECT_GE(CountRightBySoftPosit(object, 0.0, 0, 0, 0.05), kSoftPositTrials * 6 / 10) << SimulatedObjectName(object);
+    EXPECT_GE(CountRightBySoftPosit(object, 0.8, 0, 0, 0.1), kSoftPositTrials * 6 / 10) << SimulatedObjectName(object);
+    EXPECT_GE(CountRightBySoftPosit(object, 0.8, 2, 1, 0.1), kSoftPositTrials * 3 / 10) << SimulatedObjectName(object);
   }
 }
 

@@ -31,7 +31,7 @@ using ::testing::Not;
 
 // Contents of the store. The sessions are identified by their request_id: one with a readable tracker state, one with a
 // tracker state of a version that no server writes, and one that has ended.
-constexpr char kTenant[] = "stored";
+constexpr char kStoredTenant[] = "stored";
 constexpr char kToken[] = "the token of the stored sessions";
 constexpr const char* kRequests[] = {"tracked", "foreign", "ended"};
 constexpr int64_t kChunkUs = 10'000;
@@ -73,7 +73,7 @@ class StoredSessionsTest : public ::testing::Test {
   std::shared_ptr<Session> Find(const std::string& request_id) {
     const std::vector<SessionRecord> records = store_->ListSessions().value();
     for (const SessionRecord& record : records) {
-      if (record.request_id == request_id) return sessions_->Get(kTenant, record.name).value();
+      if (record.request_id == request_id) return sessions_->Get(kStoredTenant, record.name).value();
     }
     return nullptr;
   }
@@ -123,7 +123,7 @@ class EarlierStoreTest : public StoredSessionsTest, public ::testing::WithParamI
 INSTANTIATE_TEST_SUITE_P(Versions, EarlierStoreTest, ::testing::Values("v1"));
 
 TEST_P(EarlierStoreTest, ItsSessionsAreListedAndTheirPosesAreRead) {
-  EXPECT_EQ(sessions_->List(kTenant, "", 10)->size(), std::size(kRequests));
+  EXPECT_EQ(sessions_->List(kStoredTenant, "", 10)->size(), std::size(kRequests));
   EXPECT_THAT(log_, Not(HasSubstr("session_not_resumed")));
   for (const char* request_id : kRequests) {
     SCOPED_TRACE(request_id);
@@ -167,11 +167,11 @@ TEST_F(StoredSessionsTest, AStoreIsWritten) {
   if (directory == nullptr) GTEST_SKIP() << "EVPOSE_WRITE_STORE names no directory";
   ASSERT_NO_FATAL_FAILURE(Open(directory));
   const auto cube = std::make_shared<const std::vector<uint8_t>>(kCubeObj, kCubeObj + sizeof(kCubeObj) - 1);
-  SessionConfig config = SomeConfig({"cube"}, models_->Upload(kTenant, {}, "", cube).value().name);
+  SessionConfig config = SomeConfig({"cube"}, models_->Upload(kStoredTenant, {}, "", cube).value().name);
   config.sensor = evpose::testing::UnbiasedSensor();
   config.objects[0].initial_camera_from_object = PoseAt(0.0);
   for (const std::string request_id : kRequests) {
-    const auto session = sessions_->Create(kTenant, config, request_id).value();
+    const auto session = sessions_->Create(kStoredTenant, config, request_id).value();
     const uint64_t stream = session->Attach(session->resume_token(), 0, listener_)->stream;
     for (uint64_t seq = 1; seq <= kNumChunks; ++seq) Track(session, stream, seq);
     if (request_id == "ended") {

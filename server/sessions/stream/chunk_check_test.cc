@@ -15,7 +15,6 @@ constexpr uint32_t kMaxBytes = 64;
 
 absl::Status Check(const EventChunk& chunk) { return CheckChunk(chunk, Encoding::kFlat64, kMaxBytes); }
 EventChunk Chunk(size_t bytes) { return {.seq = 1, .payload = std::string(bytes, 'x')}; }
-std::string FieldOf(const absl::Status& status) { return GetErrorDetails(status).field; }
 
 TEST(ChunkCheckTest, AcceptsWholeWordsUpToTheLimit) {
   EXPECT_TRUE(Check(Chunk(0)).ok()) << "an empty chunk may announce a discontinuity";
@@ -26,9 +25,9 @@ TEST(ChunkCheckTest, AcceptsWholeWordsUpToTheLimit) {
 TEST(ChunkCheckTest, NamesTheWrongField) {
   EventChunk unnumbered = Chunk(8);
   unnumbered.seq = 0;
-  EXPECT_EQ(FieldOf(Check(unnumbered)), "events.seq");
-  EXPECT_EQ(FieldOf(Check(Chunk(kMaxBytes + 8))), "events.payload");
-  EXPECT_EQ(FieldOf(Check(Chunk(kMaxBytes - 1))), "events.payload") << "a word is cut";
+  EXPECT_EQ(GetErrorDetails(Check(unnumbered)).field, "events.seq");
+  EXPECT_EQ(GetErrorDetails(Check(Chunk(kMaxBytes + 8))).field, "events.payload");
+  EXPECT_EQ(GetErrorDetails(Check(Chunk(kMaxBytes - 1))).field, "events.payload") << "a word is cut";
   EXPECT_EQ(Check(Chunk(kMaxBytes - 1)).code(), absl::StatusCode::kInvalidArgument);
 }
 

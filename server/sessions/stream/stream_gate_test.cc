@@ -15,7 +15,6 @@ constexpr uint64_t kCredit = 100;
 const absl::Time kCreated = absl::UnixEpoch();
 
 std::string ReasonOf(const absl::Status& status) { return GetErrorDetails(status).reason; }
-std::string FieldOf(const absl::Status& status) { return GetErrorDetails(status).field; }
 
 class StreamGateTest : public testing::Test {
  protected:
@@ -80,12 +79,12 @@ TEST_F(StreamGateTest, AttachChecksTokenAndPosition) {
   EXPECT_EQ(ReasonOf(wrong), "WRONG_TOKEN");
   const absl::Status ahead = gate_.CheckAttach(TokenDigest("first"), 6, 5);
   EXPECT_EQ(ahead.code(), absl::StatusCode::kInvalidArgument);
-  EXPECT_EQ(FieldOf(ahead), "attach.last_pose_seq");
+  EXPECT_EQ(GetErrorDetails(ahead).field, "attach.last_pose_seq");
 
   const StreamGate resumed = MakeGate({.lifecycle = {.token_digest = TokenDigest("first")}, .max_seen_pose_seq = 9});
   EXPECT_TRUE(resumed.CheckAttach(TokenDigest("first"), 9, 5).ok());
   EXPECT_TRUE(resumed.CheckAttach(TokenDigest("first"), 10, 10).ok());
-  EXPECT_EQ(FieldOf(resumed.CheckAttach(TokenDigest("first"), 10, 5)), "attach.last_pose_seq");
+  EXPECT_EQ(GetErrorDetails(resumed.CheckAttach(TokenDigest("first"), 10, 5)).field, "attach.last_pose_seq");
 
   EXPECT_TRUE(gate_.Close(absl::NotFoundError("deleted")));
   EXPECT_EQ(gate_.CheckAttach(TokenDigest("guess"), 0, 0).code(), absl::StatusCode::kNotFound);
