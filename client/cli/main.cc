@@ -43,6 +43,7 @@ int main(int argc, char** argv) {
     HandleEndSignals(evpose::TerminateBySignal);
   }
   // The error message of evpose has the cause of a failed connection, which gRPC would log several times.
+  // NOLINTNEXTLINE(concurrency-mt-unsafe): no other thread runs yet
   setenv("GRPC_VERBOSITY", "NONE", 0);
   std::signal(SIGPIPE, SIG_IGN);  // a closed pipe is an error of the write
   std::ios::sync_with_stdio(false);

@@ -26,9 +26,9 @@ using Admin = v1::AdminService::StubInterface;
 using Models = v1::ModelService::StubInterface;
 using Sessions = v1::SessionService::StubInterface;
 
-constexpr size_t kUploadPieceBytes = 256 * 1024;     // as the chunks of a recording
-constexpr size_t kMaxModelBytes = size_t{64} << 20;  // the default limit of a server
-constexpr int kPageSize = 500;                       // XXX
+constexpr size_t kUploadPieceBytes = size_t{256} * 1024;  // as the chunks of a recording
+constexpr size_t kMaxModelBytes = size_t{64} << 20;       // the default limit of a server
+constexpr int kPageSize = 500;                            // XXX
 // Time for which each server is waited for in turn.
 constexpr absl::Duration kConnectSlice = absl::Milliseconds(100);
 // ServerInfo::store of a server that loses its sessions when it ends.

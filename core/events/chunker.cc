@@ -11,7 +11,7 @@
 namespace evpose {
 namespace {
 
-constexpr size_t kReadBytes = 64 * 1024;  // the capacity of a pipe
+constexpr size_t kReadBytes = size_t{64} * 1024;  // the capacity of a pipe
 
 }  // namespace
 

@@ -21,7 +21,7 @@ namespace evpose {
 namespace {
 
 // Cameras write less than 1 KiB; the limit bounds the search for the end in a file that is not a recording.
-constexpr size_t kMaxHeaderBytes = 64 * 1024;
+constexpr size_t kMaxHeaderBytes = size_t{64} * 1024;
 constexpr size_t kDatBinaryBytes = 2;
 
 struct Line {

@@ -127,7 +127,7 @@ class DescriptorReader final : public RecordingReader {
   }
 
   absl::Status Error(int error_number, const std::string& what) const {
-    return absl::UnavailableError(absl::StrCat(name_, ": ", what, ": ", std::strerror(error_number)));
+    return absl::UnavailableError(absl::StrCat(name_, ": ", what, ": ", std::generic_category().message(error_number)));
   }
 
   const int descriptor_;

@@ -78,7 +78,7 @@ class Scorer {
   Row x_, y_, z_, turn_variance_, best_;
 };
 
-using SweepAngles = std::array<SinCos, 2 * kHalfCircleSteps>;
+using SweepAngles = std::array<SinCos, size_t{2} * kHalfCircleSteps>;
 
 // Sine and cosine of the angles of a sweep.
 const SweepAngles& Sweep() {

@@ -26,7 +26,7 @@ EVPOSE_CLONES void MarkEach(const uint64_t* numbers, uint64_t mask0, uint64_t ma
 bool IsInHashSample(uint64_t number, uint64_t mask) { return (HashNumber(number) & mask) == 0; }
 
 void MarkHashSample(uint64_t first, const HashSampleMasks& masks, absl::Span<uint8_t> marks) {
-  if (masks == HashSampleMasks()) {
+  if (masks[0] == 0 && masks[1] == 0) {
     std::fill(marks.begin(), marks.end(), 3);  // without a mask every item stays
   } else {
     MarkFrom(first, masks[0], masks[1], marks.data(), marks.size());

@@ -204,6 +204,7 @@ class ServerImpl : public Server, public Drainer {
         model_service_(context_),
         admin_service_(context_) {}
 
+  // NOLINTNEXTLINE(bugprone-exception-escape): an exception ends the process, as in every thread
   ~ServerImpl() override { Shutdown(kDestructorDeadline); }
 
   absl::Status Restore() { return sessions_.RestoreAll(); }

@@ -168,12 +168,13 @@ class TrackReactor : public grpc::ServerBidiReactor<v1::TrackRequest, v1::TrackR
     const std::lock_guard lock(mutex_);
     attach_ = attach;
     OnReadHandled();
+    const absl::Status status = joined.status();
     if (joined.ok()) {
       SetSession(*std::move(joined));
     } else {
-      SessionLog(attach.session(), caller_->tenant).NotAttached(caller_->peer, joined.status());
+      SessionLog(attach.session(), caller_->tenant).NotAttached(caller_->peer, status);
     }
-    Fail(joined.status());
+    Fail(status);
     Pump();
   }
 

@@ -134,8 +134,9 @@ class WatchReactor : public grpc::ServerWriteReactor<Response>,
   // Runs on the pool's thread for slow work, because reading the store takes too long for gRPC's threads.
   void LookInStore() {
     auto mirror = services_.sessions.Mirror(missing_->tenant, missing_->name);
+    const absl::Status found = mirror.status();
     if (mirror.ok()) session_ = *std::move(mirror);
-    Watch(mirror.status());
+    Watch(found);
   }
 
   void Watch(const absl::Status& found) {

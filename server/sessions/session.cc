@@ -418,14 +418,15 @@ void Session::RenewOwnership() {
 void Session::RenewToken(absl::AnyInvocable<void(absl::StatusOr<std::string>)> done) {
   absl::StatusOr<std::string> token = RandomHex128();
   {
-    const std::lock_guard lock(mutex_);
+    std::unique_lock lock(mutex_);
     if (token.ok() && !gate_.closed().ok()) token = gate_.closed();
-    if (token.ok()) {
-      gate_.ReplaceToken(*token);
-      token_requests_.Add({gate_.lifecycle_number(), *std::move(token), std::move(done)});
+    if (!token.ok()) {
+      lock.unlock();
+      return done(token.status());
     }
+    gate_.ReplaceToken(*token);
+    token_requests_.Add({gate_.lifecycle_number(), *std::move(token), std::move(done)});
   }
-  if (!token.ok()) return done(token.status());
   CommitLifecycle();
 }
 

@@ -12,7 +12,7 @@ namespace {
 
 // The slice after which other sessions and the readers have their turn: at most about 6 MB of decoded events, whatever
 // the encoding.
-constexpr size_t kSliceBytes = 16 * 1024;
+constexpr size_t kSliceBytes = size_t{16} * 1024;
 
 bool HasPose(TrackState state) { return state == TrackState::kTracking || state == TrackState::kDegraded; }
 

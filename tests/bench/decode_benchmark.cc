@@ -19,7 +19,7 @@ constexpr size_t kPieceBytes = 256 * 1024;
 void Copy(benchmark::State& state, const std::string& scene, Encoding encoding) {
   const std::vector<uint8_t>& bytes = BytesOf(scene, encoding);
   std::vector<uint8_t> copy(bytes.size());
-  for (auto _ : state) {
+  for ([[maybe_unused]] auto _ : state) {
     std::memcpy(copy.data(), bytes.data(), bytes.size());
     benchmark::DoNotOptimize(copy.data());
     benchmark::ClobberMemory();
@@ -32,7 +32,7 @@ void Decode(benchmark::State& state, const std::string& scene, Encoding encoding
   const absl::Span<const uint8_t> all = bytes;
   const uint64_t num_events = RecordingOf(scene).events.size();
   DecodedEvents decoded;
-  for (auto _ : state) {
+  for ([[maybe_unused]] auto _ : state) {
     const auto decoder = MakeEventDecoder(encoding, RecordingOf(scene).geometry).value();
     for (size_t begin = 0; begin < all.size(); begin += kPieceBytes) {
       decoded.events.clear();

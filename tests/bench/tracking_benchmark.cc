@@ -38,7 +38,7 @@ void Associate(benchmark::State& state, const std::string& scene, int num_pieces
   const SpeedWindows& made = WindowsOf(scene, num_pieces);
   WindowAssociation association(*made.context);
   size_t num_observed = 0;
-  for (auto _ : state) {
+  for ([[maybe_unused]] auto _ : state) {
     for (const SpeedWindow& window : made.windows) num_observed += association.Associate(window).events.size();
   }
   if (num_observed == 0) state.SkipWithError("no event is near a line");
@@ -51,7 +51,7 @@ void Estimate(benchmark::State& state, const std::string& scene, int num_pieces)
   const std::vector<EstimationInput> inputs = MakeEstimationInputs(*made.context, made.windows);
   WindowFit fit;
   double num_explained = 0.0;
-  for (auto _ : state) {
+  for ([[maybe_unused]] auto _ : state) {
     const auto estimator = made.context->options.MakeEstimator(made.context->camera);
     for (const EstimationInput& window : inputs) {
       estimator->Fit(window.predicted, window.input, 1.0, fit);

@@ -19,8 +19,6 @@
 #include "absl/strings/strip.h"
 #include "core/base/status_macros.h"
 
-extern char** environ;
-
 namespace evpose::client {
 namespace {
 
@@ -94,7 +92,8 @@ absl::StatusOr<std::unique_ptr<ServerProcess>> ServerProcess::Start(const std::v
   const std::vector<char*> argv = Pointers(words);
   const std::vector<char*> envp = Pointers(variables);
   int pipe_ends[2] = {};
-  if (pipe2(pipe_ends, O_CLOEXEC) != 0) return absl::InternalError(absl::StrCat("no pipe: ", std::strerror(errno)));
+  if (pipe2(pipe_ends, O_CLOEXEC) != 0)
+    return absl::InternalError(absl::StrCat("no pipe: ", std::generic_category().message(errno)));
   const pid_t parent = getpid();
   const pid_t pid = fork();
   if (pid == 0) Execute(program, argv.data(), envp.data(), pipe_ends[1], parent);
@@ -102,7 +101,8 @@ absl::StatusOr<std::unique_ptr<ServerProcess>> ServerProcess::Start(const std::v
   close(pipe_ends[1]);
   if (pid < 0) {
     close(pipe_ends[0]);
-    return absl::InternalError(absl::StrCat(program, " cannot be started: ", std::strerror(fork_error)));
+    return absl::InternalError(
+        absl::StrCat(program, " cannot be started: ", std::generic_category().message(fork_error)));
   }
   std::unique_ptr<ServerProcess> process(new ServerProcess(pid, pipe_ends[0]));
   const std::string line = ReadLine(pipe_ends[0]);

@@ -111,7 +111,7 @@ absl::StatusOr<EventChunk> SessionRun::NextChunk() {
   return EventChunk{};
 }
 
-absl::Status SessionRun::MakeFeed(FeedOptions options, bool ends_on_error) {
+absl::Status SessionRun::MakeFeed(const FeedOptions& options, bool ends_on_error) {
   ends_on_error_ = ends_on_error;
   EVPOSE_ASSIGN_OR_RETURN(feed_, EventFeed::Open([this] { return NextChunk(); }, options));
   return absl::OkStatus();
@@ -175,7 +175,7 @@ TrackCallbacks SessionRun::MakeCallbacks() {
   return callbacks;
 }
 
-absl::Status SessionRun::Track(Client& client, TrackOptions options) {
+absl::Status SessionRun::Track(Client& client, const TrackOptions& options) {
   // A run that was killed before its first chunk may divide chunks in any way.
   if (record_.position.max_piece_bytes > 0) feed_->Start(record_.position.max_piece_bytes);
   report_.recording = arguments_.recording;

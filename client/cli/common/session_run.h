@@ -41,14 +41,14 @@ class SessionRun {
 
   // Creates the feed of the recording's chunks. An error of the source ends the stream; with `ends_on_error`, the data
   // read before the error is tracked, and the run fails afterwards.
-  absl::Status MakeFeed(FeedOptions options, bool ends_on_error);
+  absl::Status MakeFeed(const FeedOptions& options, bool ends_on_error);
   EventFeed& feed() { return *feed_; }
 
   // Uploads the models and creates the session, unless the run continues an earlier one.
   absl::Status Begin(Client& client, const std::function<void(SessionConfig&)>& complete,
                      const std::string& request_id);
   // Runs until the summary; then the report and the pose files are complete.
-  absl::Status Track(Client& client, TrackOptions options);
+  absl::Status Track(Client& client, const TrackOptions& options);
 
   void PrintLine(const std::string& text);
   ConnectionMessages& connection() { return connection_; }

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <array>
 #include <bit>
+#include <optional>
 
 #include "core/events/formats/word_runs.h"
 
@@ -23,7 +24,7 @@ constexpr int kLanes = 8;
 struct alignas(16) LaneShuffle {
   uint8_t bytes[16];
 
-  constexpr void Set(int lane, int source) {
+  constexpr void Set(size_t lane, size_t source) {
     bytes[2 * lane] = static_cast<uint8_t>(2 * source);
     bytes[2 * lane + 1] = static_cast<uint8_t>(2 * source + 1);
   }
@@ -32,11 +33,11 @@ using LaneShuffles = std::array<LaneShuffle, 1 << kLanes>;  // indexed by a set 
 
 // Shuffles that move the lanes of the set to the front, in the order that StoreFourInTurn() requires.
 constexpr LaneShuffles MakeCompress() {
-  constexpr int kPlace[] = {0, 2, 1, 3, 4, 6, 5, 7};
+  constexpr size_t kPlace[] = {0, 2, 1, 3, 4, 6, 5, 7};
   LaneShuffles shuffles = {};
   for (size_t set = 0; set < shuffles.size(); ++set) {
-    int count = 0;
-    for (int lane = 0; lane < kLanes; ++lane) {
+    size_t count = 0;
+    for (size_t lane = 0; lane < kLanes; ++lane) {
       if ((set >> lane & 1) != 0) shuffles[set].Set(kPlace[count++], lane);
     }
   }
@@ -48,11 +49,11 @@ constexpr uint8_t kNone = 0x80;
 constexpr LaneShuffles MakeSpread() {
   LaneShuffles shuffles = {};
   for (size_t set = 0; set < shuffles.size(); ++set) {
-    int last = -1;
-    for (int lane = 0; lane < kLanes; ++lane) {
+    std::optional<size_t> last;
+    for (size_t lane = 0; lane < kLanes; ++lane) {
       if ((set >> lane & 1) != 0) last = lane;
-      if (last >= 0) {
-        shuffles[set].Set(lane, last);
+      if (last.has_value()) {
+        shuffles[set].Set(lane, *last);
       } else {
         shuffles[set].bytes[2 * lane] = shuffles[set].bytes[2 * lane + 1] = kNone;
       }

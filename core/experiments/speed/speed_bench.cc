@@ -23,7 +23,7 @@ namespace evpose {
 namespace {
 
 // Size of a full chunk, as the server receives it.
-constexpr size_t kPieceBytes = 256 * 1024;
+constexpr size_t kPieceBytes = size_t{256} * 1024;
 
 // Numbers of pieces of each line: more lines for the same events.
 constexpr int kCuts[] = {1, 16};

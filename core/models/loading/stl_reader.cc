@@ -39,7 +39,7 @@ absl::StatusOr<RawMesh> ReadBinaryStl(absl::Span<const uint8_t> bytes, ElementCo
     const uint8_t* vertex = bytes.data() + kStlHeaderBytes + facet * kStlFacetBytes + kStlNormalBytes;
     for (int corner = 0; corner < 3; ++corner, vertex += kStlVertexBytes) {
       Eigen::Vector3d& point = mesh.points.emplace_back();
-      for (int i = 0; i < 3; ++i) point[i] = std::bit_cast<float>(LittleEndian32(vertex + 4 * i));
+      for (Eigen::Index i = 0; i < 3; ++i) point[i] = std::bit_cast<float>(LittleEndian32(vertex + 4 * i));
       if (point.allFinite()) continue;
       return absl::InvalidArgumentError(absl::StrFormat("facet %d: a coordinate is not a finite number", facet + 1));
     }

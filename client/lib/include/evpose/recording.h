@@ -18,9 +18,9 @@ namespace evpose::client {
 struct RecordingOptions {
   // Whether reading continues at the end of the file as it grows, until `stop` returns true.
   bool is_following = false;
-  std::function<bool()> stop;      // polled while no data arrive; true: the recording ends here
-  int64_t max_duration_us = 1000;  // a chunk ends after this sensor time: one pose period at 1 kHz
-  size_t max_bytes = 256 * 1024;   // a chunk ends at this size; a multiple of 8, at least 8
+  std::function<bool()> stop;             // polled while no data arrive; true: the recording ends here
+  int64_t max_duration_us = 1000;         // a chunk ends after this sensor time: one pose period at 1 kHz
+  size_t max_bytes = size_t{256} * 1024;  // a chunk ends at this size; a multiple of 8, at least 8
 };
 
 // The encoded events of a Prophesee RAW or DAT file. Not thread-safe.
