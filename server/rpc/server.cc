@@ -8,8 +8,6 @@
 
 #include <algorithm>
 #include <atomic>
-#include <boost/asio/steady_timer.hpp>
-#include <chrono>
 #include <mutex>
 #include <thread>
 #include <utility>
@@ -61,9 +59,7 @@ int NumWorkers(const ServerOptions& options) {
 class ExpiryTimer {
  public:
   ExpiryTimer(SessionManager& sessions, WorkerPool& pool, absl::Duration expiry)
-      : sessions_(sessions),
-        period_(absl::ToChronoMilliseconds(std::clamp(expiry / 4, absl::Seconds(1), absl::Minutes(1)))),
-        timer_(pool.executor()) {
+      : sessions_(sessions), pool_(pool), period_(std::clamp(expiry / 4, absl::Seconds(1), absl::Minutes(1))) {
     const std::lock_guard lock(mutex_);
     Arm();
   }
@@ -72,15 +68,12 @@ class ExpiryTimer {
   void Stop() {
     const std::lock_guard lock(mutex_);
     is_stopped_ = true;
-    timer_.cancel();
+    timer_.reset();
   }
 
  private:
   void Arm() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
-    timer_.expires_after(period_);
-    timer_.async_wait([this](const boost::system::error_code& error) {
-      if (!error) OnTimer();
-    });
+    timer_ = pool_.PostAfter(period_, [this] { OnTimer(); });
   }
 
   void OnTimer() {
@@ -92,10 +85,11 @@ class ExpiryTimer {
   }
 
   SessionManager& sessions_;
-  const std::chrono::milliseconds period_;
+  WorkerPool& pool_;
+  const absl::Duration period_;
   std::mutex mutex_;
   bool is_stopped_ ABSL_GUARDED_BY(mutex_) = false;
-  boost::asio::steady_timer timer_ ABSL_GUARDED_BY(mutex_);
+  std::unique_ptr<PoolTimer> timer_ ABSL_GUARDED_BY(mutex_);
 };
 
 // A limit of each tenant; 0: only the limit of the server applies.
