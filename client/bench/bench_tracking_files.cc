@@ -40,12 +40,12 @@ std::vector<std::pair<const char*, double>> RunNumbers(const TrackingScore& scor
           {"compute_ratio", score.compute_ratio}};
 }
 
+Json SeedAndPath(int run, int num_paths) { return {{"seed", 1 + run / num_paths}, {"path", 1 + run % num_paths}}; }
+
 Json RunsJson(const TrackingBenchRow& row, int num_paths) {
   Json runs = Json::array();
   for (size_t i = 0; i < row.scores.size(); ++i) {
-    Json run;
-    run["seed"] = 1 + static_cast<int>(i) / num_paths;
-    run["path"] = 1 + static_cast<int>(i) % num_paths;
+    Json run = SeedAndPath(static_cast<int>(i), num_paths);
     for (const auto& [name, value] : RunNumbers(row.scores[i])) run[name] = value;
     runs.push_back(std::move(run));
   }
@@ -54,34 +54,33 @@ Json RunsJson(const TrackingBenchRow& row, int num_paths) {
 
 // Infinite numbers and NaN are null in the text of a JSON object.
 Json SummaryJson(const TrackingSummary& s) {
-  Json json;
-  json["runs"] = s.num_runs;
-  json["losses"] = s.losses;
-  json["coverage_ratio"] = s.coverage_ratio;
-  json["first_pose_ms"] = s.first_pose_ms;
-  json["position_rmse_m"] = s.position_rmse_m;
-  json["position_mean_m"] = s.position_mean_m;
-  json["position_median_m"] = s.position_median_m;
-  json["position_std_m"] = s.position_std_m;
-  json["position_rmse_of_depth"] = s.position_rmse_of_depth;
-  json["rotation_mean_deg"] = s.rotation_mean_deg;
-  json["rotation_median_deg"] = s.rotation_median_deg;
-  json["rotation_p95_deg"] = s.rotation_p95_deg;
-  json["rotation_max_deg"] = s.rotation_max_deg;
-  json["pose_rate_hz"] = s.pose_rate_hz;
-  json["full_rate_ratio"] = s.full_rate_ratio;
-  json["nees_median"] = s.consistency.median;
-  json["nees_p5"] = s.consistency.p5;
-  json["nees_p95"] = s.consistency.p95;
-  json["wrong_tracking_s"] = s.wrong_tracking_s;
-  json["longest_wrong_tracking_s"] = s.longest_wrong_tracking_s;
-  json["right_untracked_s"] = s.right_untracked_s;
-  json["compute_ratio"] = s.compute_ratio;
-  json["worst"] = {{"position_rmse_of_depth", s.worst_position_rmse_of_depth},
-                   {"rotation_median_deg", s.worst_rotation_median_deg},
-                   {"rotation_p95_deg", s.worst_rotation_p95_deg},
-                   {"coverage_ratio", s.worst_coverage_ratio}};
-  return json;
+  return {{"runs", s.num_runs},
+          {"losses", s.losses},
+          {"coverage_ratio", s.coverage_ratio},
+          {"first_pose_ms", s.first_pose_ms},
+          {"position_rmse_m", s.position_rmse_m},
+          {"position_mean_m", s.position_mean_m},
+          {"position_median_m", s.position_median_m},
+          {"position_std_m", s.position_std_m},
+          {"position_rmse_of_depth", s.position_rmse_of_depth},
+          {"rotation_mean_deg", s.rotation_mean_deg},
+          {"rotation_median_deg", s.rotation_median_deg},
+          {"rotation_p95_deg", s.rotation_p95_deg},
+          {"rotation_max_deg", s.rotation_max_deg},
+          {"pose_rate_hz", s.pose_rate_hz},
+          {"full_rate_ratio", s.full_rate_ratio},
+          {"nees_median", s.consistency.median},
+          {"nees_p5", s.consistency.p5},
+          {"nees_p95", s.consistency.p95},
+          {"wrong_tracking_s", s.wrong_tracking_s},
+          {"longest_wrong_tracking_s", s.longest_wrong_tracking_s},
+          {"right_untracked_s", s.right_untracked_s},
+          {"compute_ratio", s.compute_ratio},
+          {"worst",
+           {{"position_rmse_of_depth", s.worst_position_rmse_of_depth},
+            {"rotation_median_deg", s.worst_rotation_median_deg},
+            {"rotation_p95_deg", s.worst_rotation_p95_deg},
+            {"coverage_ratio", s.worst_coverage_ratio}}}};
 }
 
 Json TargetsJson(const TrackingTargets& targets) {
@@ -132,22 +131,18 @@ std::string TrackingCsv(const std::vector<TrackingBenchBlock>& blocks, int num_p
 Json TrackingJson(const std::vector<TrackingBenchBlock>& blocks, const TrackingBenchOptions& options) {
   Json json = {{"seeds", options.num_seeds}, {"paths", options.num_paths}, {"scenarios", Json::array()}};
   for (const TrackingBenchBlock& block : blocks) {
-    Json scenario;
-    scenario["scenario"] = block.scenario.name;
-    scenario["description"] = block.scenario.description;
-    scenario["duration_s"] = 1e-6 * static_cast<double>(block.duration_us);
-    scenario["mean_event_rate_hz"] = block.mean_event_rate_hz;
-    scenario["targets"] = TargetsJson(block.scenario.targets);
-    scenario["estimators"] = Json::array();
+    Json scenario = {{"scenario", block.scenario.name},
+                     {"description", block.scenario.description},
+                     {"duration_s", 1e-6 * static_cast<double>(block.duration_us)},
+                     {"mean_event_rate_hz", block.mean_event_rate_hz},
+                     {"targets", TargetsJson(block.scenario.targets)},
+                     {"estimators", Json::array()}};
     for (const TrackingBenchRow& row : block.rows) {
-      Json estimator;
-      estimator["name"] = row.estimator;
-      estimator["summary"] = SummaryJson(row.summary);
-      estimator["worst_run"] = {{"seed", 1 + row.summary.worst_run / options.num_paths},
-                                {"path", 1 + row.summary.worst_run % options.num_paths}};
-      estimator["targets"] = VerdictsJson(row.verdicts);
-      estimator["runs"] = RunsJson(row, options.num_paths);
-      scenario["estimators"].push_back(std::move(estimator));
+      scenario["estimators"].push_back({{"name", row.estimator},
+                                        {"summary", SummaryJson(row.summary)},
+                                        {"worst_run", SeedAndPath(row.summary.worst_run, options.num_paths)},
+                                        {"targets", VerdictsJson(row.verdicts)},
+                                        {"runs", RunsJson(row, options.num_paths)}});
     }
     json["scenarios"].push_back(std::move(scenario));
   }
