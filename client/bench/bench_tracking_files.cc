@@ -39,12 +39,12 @@ std::vector<std::pair<const char*, double>> Numbers(const TrackingScore& score, 
           {"compute_ratio", score.compute_ratio}};
 }
 
+Json SeedAndPath(int run, int num_paths) { return {{"seed", 1 + run / num_paths}, {"path", 1 + run % num_paths}}; }
+
 Json RunsJson(const TrackingBenchRow& row, int num_paths) {
   Json runs = Json::array();
   for (size_t i = 0; i < row.scores.size(); ++i) {
-    Json run;
-    run["seed"] = 1 + static_cast<int>(i) / num_paths;
-    run["path"] = 1 + static_cast<int>(i) % num_paths;
+    Json run = SeedAndPath(static_cast<int>(i), num_paths);
     for (const auto& [name, value] : Numbers(row.scores[i], SummariseConsistency(row.scores[i].nees)))
       run[name] = value;
     runs.push_back(std::move(run));
@@ -114,22 +114,18 @@ std::string TrackingCsv(const std::vector<TrackingBenchBlock>& blocks, int num_p
 Json TrackingJson(const std::vector<TrackingBenchBlock>& blocks, const TrackingBenchOptions& options) {
   Json json = {{"seeds", options.num_seeds}, {"paths", options.num_paths}, {"scenarios", Json::array()}};
   for (const TrackingBenchBlock& block : blocks) {
-    Json scenario;
-    scenario["scenario"] = block.scenario.name;
-    scenario["description"] = block.scenario.description;
-    scenario["duration_s"] = 1e-6 * static_cast<double>(block.duration_us);
-    scenario["mean_event_rate_hz"] = block.mean_event_rate_hz;
-    scenario["targets"] = TargetsJson(block.scenario.targets);
-    scenario["estimators"] = Json::array();
+    Json scenario = {{"scenario", block.scenario.name},
+                     {"description", block.scenario.description},
+                     {"duration_s", 1e-6 * static_cast<double>(block.duration_us)},
+                     {"mean_event_rate_hz", block.mean_event_rate_hz},
+                     {"targets", TargetsJson(block.scenario.targets)},
+                     {"estimators", Json::array()}};
     for (const TrackingBenchRow& row : block.rows) {
-      Json estimator;
-      estimator["name"] = row.estimator;
-      estimator["summary"] = SummaryJson(row.summary);
-      estimator["worst_run"] = {{"seed", 1 + row.summary.worst_run / options.num_paths},
-                                {"path", 1 + row.summary.worst_run % options.num_paths}};
-      estimator["targets"] = TargetChecksJson(row.target_checks);
-      estimator["runs"] = RunsJson(row, options.num_paths);
-      scenario["estimators"].push_back(std::move(estimator));
+      scenario["estimators"].push_back({{"name", row.estimator},
+                                        {"summary", SummaryJson(row.summary)},
+                                        {"worst_run", SeedAndPath(row.summary.worst_run, options.num_paths)},
+                                        {"targets", TargetChecksJson(row.target_checks)},
+                                        {"runs", RunsJson(row, options.num_paths)}});
     }
     json["scenarios"].push_back(std::move(scenario));
   }

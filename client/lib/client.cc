@@ -22,13 +22,8 @@
 namespace evpose::client {
 namespace {
 
-using Admin = v1::AdminService::StubInterface;
-using Models = v1::ModelService::StubInterface;
-using Sessions = v1::SessionService::StubInterface;
-
 constexpr size_t kUploadPieceBytes = size_t{256} * 1024;  // as the chunks of a recording
 constexpr size_t kMaxModelBytes = size_t{64} << 20;       // the default limit of a server
-constexpr int kPageSize = 500;                            // XXX
 // Time for which each server is waited for in turn.
 constexpr absl::Duration kConnectSlice = absl::Milliseconds(100);
 // ServerInfo::store of a server that loses its sessions when it ends.
@@ -218,7 +213,7 @@ absl::StatusOr<std::vector<ModelInfo>> Client::ListModels() {
     for (const v1::Model& model : page.models()) models.push_back(FromProto(model));
     return absl::OkStatus();
   };
-  EVPOSE_RETURN_IF_ERROR(impl_->AllPages(&Impl::Endpoint::models, &Models::ListModels, kPageSize, append));
+  EVPOSE_RETURN_IF_ERROR(impl_->AllPages(&Impl::Endpoint::models, &Models::ListModels, append));
   return models;
 }
 
@@ -254,7 +249,7 @@ absl::StatusOr<std::vector<Session>> Client::ListSessions() {
     }
     return absl::OkStatus();
   };
-  EVPOSE_RETURN_IF_ERROR(impl_->AllPages(&Impl::Endpoint::sessions, &Sessions::ListSessions, kPageSize, append));
+  EVPOSE_RETURN_IF_ERROR(impl_->AllPages(&Impl::Endpoint::sessions, &Sessions::ListSessions, append));
   return sessions;
 }
 

@@ -28,13 +28,17 @@
 
 namespace evpose::client {
 
+using Admin = v1::AdminService::StubInterface;
+using Models = v1::ModelService::StubInterface;
+using Sessions = v1::SessionService::StubInterface;
+
 struct Client::Impl {
   struct Endpoint {
     std::shared_ptr<grpc::Channel> channel;
     std::string name;
-    std::unique_ptr<v1::AdminService::StubInterface> admin;
-    std::unique_ptr<v1::ModelService::StubInterface> models;
-    std::unique_ptr<v1::SessionService::StubInterface> sessions;
+    std::unique_ptr<Admin> admin;
+    std::unique_ptr<Models> models;
+    std::unique_ptr<Sessions> sessions;
   };
 
   std::vector<Endpoint> endpoints;
@@ -66,13 +70,13 @@ struct Client::Impl {
     return response;
   }
 
-  // Requests all pages of a list of at most `page_size` items, and calls `append(response)` for each page.
+  // Requests all pages of a list, and calls `append(response)` for each page.
   template <typename Stub, typename Request, typename Response, typename Append>
   absl::Status AllPages(std::unique_ptr<Stub> Endpoint::*stub,
-                        grpc::Status (Stub::*method)(grpc::ClientContext*, const Request&, Response*), int page_size,
+                        grpc::Status (Stub::*method)(grpc::ClientContext*, const Request&, Response*),
                         const Append& append) {
     Request request;
-    request.set_page_size(page_size);
+    request.set_page_size(500);  // some hundred kilobytes, below gRPC's limit of 4 MiB for a message
     do {
       EVPOSE_ASSIGN_OR_RETURN(const Response response, Unary(stub, method, request));
       EVPOSE_RETURN_IF_ERROR(append(response));

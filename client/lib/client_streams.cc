@@ -19,7 +19,6 @@
 namespace evpose::client {
 namespace {
 
-using Sessions = v1::SessionService::StubInterface;
 template <typename Response>
 using ResponseReader = std::unique_ptr<grpc::ClientReaderInterface<Response>>;
 

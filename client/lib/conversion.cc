@@ -273,14 +273,14 @@ SessionHealth FromProto(const v1::SessionHealth& message) {
   health.skipped_events = message.skipped_events();
   health.skipped_us = message.skipped_us();
   for (const v1::ObjectHealth& object : message.objects()) {
-    ObjectHealth& converted = health.objects.emplace_back();
-    converted.object_id = object.object_id();
-    converted.state = FromProto(object.state(), TrackState::kUnknown);
-    converted.losses = object.losses();
-    converted.explained_ratio = object.explained_ratio();
-    converted.initialization = FromProto(object.initialization(), InitializationStatus::kWaitingForEvents);
-    converted.initialization_attempts = object.initialization_attempts();
-    converted.detail = object.detail();
+    health.objects.push_back(
+        {.object_id = object.object_id(),
+         .state = FromProto(object.state(), TrackState::kUnknown),
+         .losses = object.losses(),
+         .explained_ratio = object.explained_ratio(),
+         .initialization = FromProto(object.initialization(), InitializationStatus::kWaitingForEvents),
+         .initialization_attempts = object.initialization_attempts(),
+         .detail = object.detail()});
   }
   return health;
 }

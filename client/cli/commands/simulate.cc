@@ -82,14 +82,6 @@ absl::StatusOr<SimulationOptions> MakeOptions(const SimulateArguments& arguments
   return options;
 }
 
-Json ReportJson(const SimulateArguments& arguments, const SimulationReport& report) {
-  return {{"directory", arguments.out},
-          {"events", report.events},
-          {"noise_events", report.noise_events},
-          {"rendered_frames", report.rendered_frames},
-          {"max_speed_px_per_s", report.max_speed_px_per_s}};
-}
-
 void PrintReport(const SimulateArguments& arguments, const SimulationReport& report, double duration_s,
                  std::ostream& out) {
   const double events = static_cast<double>(report.events);
@@ -109,7 +101,12 @@ absl::Status RunSimulate(const SimulateArguments& arguments, CliContext& context
       SimulateToDirectory(options, arguments.out, on_progress, context.is_interrupted);
   progress.Clear();
   if (!report.ok()) return report.status();
-  return PrintResult(context, arguments.is_json, ReportJson(arguments, *report), [&](std::ostream& out) {
+  const Json json = {{"directory", arguments.out},
+                     {"events", report->events},
+                     {"noise_events", report->noise_events},
+                     {"rendered_frames", report->rendered_frames},
+                     {"max_speed_px_per_s", report->max_speed_px_per_s}};
+  return PrintResult(context, arguments.is_json, json, [&](std::ostream& out) {
     PrintReport(arguments, *report, static_cast<double>(options.duration_us) * 1e-6, out);
   });
 }

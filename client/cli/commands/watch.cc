@@ -108,12 +108,8 @@ absl::Status RunWatchHealth(const WatchArguments& arguments, CliContext& context
   std::stop_source stop;
   const StopOnInterrupt interrupt(context, stop, [] {});
   const auto on_health = [&](const SessionHealth& health) {
-    if (arguments.is_json) {
-      context.out << HealthJson(health).dump(-1, ' ', false, Json::error_handler_t::replace) << "\n";
-    } else {
-      context.out << HealthLine(health) << "\n";
-    }
-    context.out.flush();
+    const std::string json = HealthJson(health).dump(-1, ' ', false, Json::error_handler_t::replace);
+    context.out << (arguments.is_json ? json : HealthLine(health)) << std::endl;
     if (!context.out) stop.request_stop();  // the output is closed
   };
   const absl::Status status =

@@ -186,8 +186,7 @@ Json ObjectJson(const ObjectHealth& object) {
 std::string DescribeState(const ObjectHealth& object) {
   std::string text(TrackStateName(object.state));
   if (object.state != TrackState::kInitializing && object.state != TrackState::kLost) return text;
-  const std::string_view status = InitializationStatusName(object.initialization);
-  return absl::StrCat(text, " (", absl::string_view(status.data(), status.size()), ")");
+  return absl::StrCat(text, " (", std::string(InitializationStatusName(object.initialization)), ")");
 }
 
 absl::Status CheckCameraMatches(const CameraModel& camera, const std::string& camera_path,

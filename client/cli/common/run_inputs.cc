@@ -201,9 +201,7 @@ ChunkerOptions MakeChunkerOptions(const RunArguments& arguments) {
 
 absl::StatusOr<SessionConfig> UploadModels(Client& client, const RunArguments& arguments, const RunInputs& inputs,
                                            ReplayReport& report) {
-  SessionConfig config;
-  config.encoding = FromCore(inputs.reader->header().encoding);
-  config.camera = FromCore(inputs.camera);
+  SessionConfig config = {.encoding = FromCore(inputs.reader->header().encoding), .camera = FromCore(inputs.camera)};
   EVPOSE_ASSIGN_OR_RETURN(config.estimator, EstimatorByName(arguments.estimator));
   config.sensor = FromCore(inputs.sensor);
   report.models.clear();
