@@ -242,7 +242,7 @@ HealthResult TrackHealth::Evaluate(double min_support_ratio, double sure_support
     if (!IsTestable(line)) continue;
     ++result.testable_lines;
     testable_length += length_px;
-    if (ExcessSigma(line) < options_.significance_sigma) continue;
+    if (!(ExcessSigma(line) >= options_.significance_sigma)) continue;
     ++result.supported_lines;
     supported_length += length_px;
   }
