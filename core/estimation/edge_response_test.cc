@@ -33,7 +33,7 @@ TEST(EdgeResponse, EqualsTheMeanPositionOfTheCrossedLevels) {
   const EdgeResponse& response = EdgeResponse::Get();
   for (const double contrast : {0.25, 0.5, 1.0, 2.0, 4.0}) {
     for (const double hysteresis : {0.0, 0.1, 0.4, 0.8}) {
-      SCOPED_TRACE(testing::Message() << "contrast " << contrast << ", hysteresis " << hysteresis);
+      SCOPED_TRACE(::testing::Message() << "contrast " << contrast << ", hysteresis " << hysteresis);
       const double skipped = hysteresis * contrast;
       EXPECT_NEAR(response.Brighter(contrast, hysteresis), -MeanPlace(contrast, skipped, contrast), 2e-3);
       EXPECT_NEAR(response.Darker(contrast, hysteresis), MeanPlace(contrast, 0.0, contrast - skipped), 2e-3);

@@ -77,12 +77,13 @@ TEST(RigidTransformTest, LogSo3AtExactlyPi) {
 }
 
 TEST(RigidTransformTest, LeftJacobianIsTheDerivativeOfExp) {
-  using Jet = ceres::Jet<double, 3>;
+  using RotationJet = ceres::Jet<double, 3>;
   RandomTransforms random;
   for (const double angle : {1e-9, 1e-3, 0.2, 0.25, 0.26, 1.0, 3.0}) {
     const Eigen::Vector3d rotation = angle * random.Axis();
-    Jet angle_axis[3] = {Jet(rotation.x(), 0), Jet(rotation.y(), 1), Jet(rotation.z(), 2)};
-    Jet matrix[9];  // column by column
+    RotationJet angle_axis[3] = {RotationJet(rotation.x(), 0), RotationJet(rotation.y(), 1),
+                                 RotationJet(rotation.z(), 2)};
+    RotationJet matrix[9];  // column by column
     ceres::AngleAxisToRotationMatrix(angle_axis, matrix);
     for (int i = 0; i < 3; ++i) {
       Eigen::Matrix3d derivative;

@@ -40,7 +40,7 @@ std::string Box(const Eigen::Vector3d& centre, const Eigen::Vector3d& size, int 
   return obj;
 }
 
-std::string Cube() { return Box({0, 0, 0}, {0.15, 0.15, 0.15}); }
+std::string CentredCube() { return Box({0, 0, 0}, {0.15, 0.15, 0.15}); }
 
 CameraModel Camera() {
   CameraModel camera;
@@ -91,7 +91,7 @@ std::vector<VisibleSegment> Of(const std::vector<VisibleSegment>& segments, cons
 }
 
 TEST(VisibilityTest, CubeShowsOneTwoOrThreeFaces) {
-  const ObjectModel cube = Model(Cube());
+  const ObjectModel cube = Model(CentredCube());
   EXPECT_THAT(See(cube, LookAt({0, 0, 0.8})), SizeIs(4));
   EXPECT_THAT(See(cube, LookAt({0.5, 0, 0.6})), SizeIs(7));
   EXPECT_THAT(See(cube, LookAt({0.4, 0.3, 0.6})), SizeIs(9));
@@ -102,7 +102,7 @@ TEST(VisibilityTest, CubeShowsOneTwoOrThreeFaces) {
 }
 
 TEST(VisibilityTest, CubeFromAnywhereShowsTheEdgesOfTheFacesTurnedToTheCamera) {
-  const ObjectModel cube = Model(Cube());
+  const ObjectModel cube = Model(CentredCube());
   std::mt19937 random(5);
   std::normal_distribution<double> normal;
   for (int trial = 0; trial < 300; ++trial) {
@@ -125,7 +125,7 @@ TEST(VisibilityTest, CubeFromAnywhereShowsTheEdgesOfTheFacesTurnedToTheCamera) {
 
 TEST(VisibilityTest, SecondBoxHidesPartOfTheFirst) {
   // A box 0.1 m in front of the cube's face hides its right half, as seen from (0, 0, 1).
-  const ObjectModel model = Model(Cube() + Box({0.1, 0, 0.175}, {0.2, 0.6, 0.02}, 8));
+  const ObjectModel model = Model(CentredCube() + Box({0.1, 0, 0.175}, {0.2, 0.6, 0.02}, 8));
   const auto segments = See(model, LookAt({0, 0, 1}));
   // The ray that grazes the box's edge x = 0 at its front runs straight on to x = 0.
   for (const double y : {-0.075, 0.075}) {
@@ -141,7 +141,7 @@ TEST(VisibilityTest, SecondBoxHidesPartOfTheFirst) {
 }
 
 TEST(VisibilityTest, LineIsSplitByABarInFrontOfIt) {
-  const ObjectModel model = Model(Cube() + Box({0, 0, 0.175}, {0.03, 0.6, 0.02}, 8));
+  const ObjectModel model = Model(CentredCube() + Box({0, 0, 0.175}, {0.03, 0.6, 0.02}, 8));
   const auto parts = Of(See(model, LookAt({0, 0, 1})), model, {0, 0.075, 0.075});
   ASSERT_THAT(parts, SizeIs(2));
   // The bar's front, at z = 0.185, hides |x| < 0.015 (1 - 0.075) / (1 - 0.185) on the line.
@@ -153,7 +153,7 @@ TEST(VisibilityTest, LineIsSplitByABarInFrontOfIt) {
 }
 
 TEST(VisibilityTest, LinesAreCutAtTheImage) {
-  const ObjectModel cube = Model(Cube());
+  const ObjectModel cube = Model(CentredCube());
   RigidTransform pose = LookAt({0, 0, 0.8});
   pose.translation_m.x() +=
       640.0 / 1000.0 * 0.725;  // the face's middle now lies on the right border, but for half a pixel
@@ -218,7 +218,7 @@ TEST(VisibilityTest, WireframeHidesNothing) {
 }
 
 TEST(VisibilityTest, WireBehindAFaceIsHidden) {
-  const ObjectModel model = Model(Cube() + "v -0.3 0 -0.2\nv 0.3 0 -0.2\nl 9 10\n");
+  const ObjectModel model = Model(CentredCube() + "v -0.3 0 -0.2\nv 0.3 0 -0.2\nl 9 10\n");
   const auto segments = See(model, LookAt({0, 0, 1}));
   ASSERT_THAT(segments, SizeIs(2));
   // The front face's border, 0.075 at depth 0.925, hides 0.0973 at depth 1.2.
@@ -231,7 +231,7 @@ TEST(VisibilityTest, CameraInsideSeesNothingOfTheOutside) {
 }
 
 TEST(VisibilityTest, GrazingFacesKeepTheirLines) {
-  const ObjectModel cube = Model(Cube());
+  const ObjectModel cube = Model(CentredCube());
   const auto seen_far_edge = [&](double height_m) {
     // The top's far edge, with the camera this much above the plane of the top.
     return !Of(See(cube, LookAt({0.8, 0.001, 0.075 + height_m})), cube, {-0.075, 0, 0.075}).empty();
@@ -269,7 +269,7 @@ TEST(VisibilityTest, DistortionMovesTheBorderOfTheView) {
 }
 
 TEST(VisibilityTest, PointVisibility) {
-  const ObjectModel cube = Model(Cube());
+  const ObjectModel cube = Model(CentredCube());
   const VisibilityTester tester(cube, {});
   const Eigen::Vector3d eye(0, 0, 1);
   EXPECT_TRUE(tester.IsPointVisible(eye, {0, 0, 0.075}));   // on the face
