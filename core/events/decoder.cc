@@ -19,11 +19,12 @@ struct EncodingTraits {
 };
 
 // Indexed by Encoding.
-constexpr std::array<EncodingTraits, 5> kEncodings = {{{"EVT3", 2, 1 << 11, MakeEvt3Decoder},
-                                                       {"EVT2.1", 8, 1 << 11, MakeEvt21Decoder},
-                                                       {"EVT2", 4, 1 << 11, MakeEvt2Decoder},
-                                                       {"DAT", 8, 1 << 14, MakeDatDecoder},
-                                                       {"FLAT64", 8, 1 << 14, MakeFlat64Decoder}}};
+constexpr std::array<EncodingTraits, kNumEncodings> kEncodings = {{{"EVT3", 2, 1 << 11, MakeEvt3Decoder},
+                                                                   {"EVT2.1", 8, 1 << 11, MakeEvt21Decoder},
+                                                                   {"EVT2", 4, 1 << 11, MakeEvt2Decoder},
+                                                                   {"DAT", 8, 1 << 14, MakeDatDecoder},
+                                                                   {"FLAT64", 8, 1 << 14, MakeFlat64Decoder}}};
+static_assert(kEncodings.back().make_decoder != nullptr);
 
 const EncodingTraits& TraitsOf(Encoding encoding) { return kEncodings[static_cast<size_t>(encoding)]; }
 

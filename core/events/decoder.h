@@ -23,6 +23,8 @@ enum class Encoding {
   kFlat64,  // other sources: 64-bit words, from the highest bit t_us:32 | x:14 | y:14 | 0:3 | p:1
 };
 
+inline constexpr size_t kNumEncodings = static_cast<size_t>(Encoding::kFlat64) + 1;
+
 // The name for users: "EVT3", "EVT2.1", "EVT2", "DAT" or "FLAT64".
 std::string_view EncodingName(Encoding encoding);
 // Bytes of a word: 2, 8, 4, 8 and 8.

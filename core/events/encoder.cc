@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "core/events/encoder.h"
 
+#include <array>
 #include <optional>
 #include <string>
 
@@ -20,7 +21,7 @@ std::string TimeOf(std::optional<size_t> event) {
 absl::StatusOr<std::unique_ptr<EventEncoder>> MakeEventEncoder(Encoding encoding, SensorGeometry geometry) {
   EVPOSE_RETURN_IF_ERROR(ValidateGeometry(encoding, geometry));
   // Indexed by Encoding.
-  static constexpr std::unique_ptr<EventEncoder> (*kMakers[])(SensorGeometry) = {
+  static constexpr std::array<std::unique_ptr<EventEncoder> (*)(SensorGeometry), kNumEncodings> kMakers = {
       MakeEvt3Encoder, MakeEvt21Encoder, MakeEvt2Encoder, nullptr, MakeFlat64Encoder};
   const auto make = kMakers[static_cast<size_t>(encoding)];
   if (make == nullptr) return absl::UnimplementedError("DAT can only be read; write EVT3, EVT2.1, EVT2 or FLAT64");

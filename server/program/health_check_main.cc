@@ -139,8 +139,8 @@ int Fail(int exit_status, const std::string& cause) {
 }
 
 int Main(int argc, char** argv) {
-  // The line of output has the reason of a failed connection already. NOLINTNEXTLINE(concurrency-mt-unsafe): no other
-  // thread runs yet
+  // The line of output has the reason of a failed connection already.
+  // NOLINTNEXTLINE(concurrency-mt-unsafe): no other thread runs yet
   setenv("GRPC_VERBOSITY", "NONE", 0);
   Arguments arguments;
   CLI::App app("Checks whether an evpose-server accepts sessions.", "evpose-health-check");

@@ -2,7 +2,6 @@
 #include "server/rpc/admin_service.h"
 
 #include <string>
-#include <utility>
 
 #include "absl/strings/str_cat.h"
 #include "core/base/status_macros.h"
@@ -21,8 +20,8 @@ absl::Status CheckIsOperator(const Caller& caller, absl::string_view deed) {
   return WithReason(absl::PermissionDeniedError(absl::StrCat("only an operator's token may ", deed)), v1::NOT_OPERATOR);
 }
 
-static_assert(EnumNumber(LogLevel::kOff) == v1::LOG_LEVEL_OFF);
-static_assert(EnumNumber(StoreKind::kRedis) == v1::STORE_KIND_REDIS);
+static_assert(EnumNumber(LogLevel::kOff) == v1::LogLevel_MAX);
+static_assert(EnumNumber(StoreKind::kRedis) == v1::StoreKind_MAX);
 
 absl::StatusOr<LogLevel> LogLevelFromProto(v1::LogLevel level) {
   if (level >= v1::LOG_LEVEL_DEBUG && level <= v1::LOG_LEVEL_OFF) return EnumValue<LogLevel>(level);

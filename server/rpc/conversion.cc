@@ -17,13 +17,13 @@
 namespace evpose::server {
 namespace {
 
-static_assert(EnumNumber(Encoding::kFlat64) == v1::EVENT_ENCODING_FLAT64);
-static_assert(EnumNumber(OverloadPolicy::kLatest) == v1::OVERLOAD_POLICY_LATEST);
-static_assert(EnumNumber(DropReason::kReader) == v1::DROP_REASON_READER);
-static_assert(EnumNumber(TrackState::kLost) == v1::TRACK_STATE_LOST);
-static_assert(EnumNumber(InitializationStatus::kAmbiguous) == v1::INITIALIZATION_STATUS_AMBIGUOUS);
-static_assert(EnumNumber(SessionState::kEnded) == v1::SESSION_STATE_ENDED);
-static_assert(EnumNumber(ModelFormat::kStl) == v1::MODEL_FORMAT_STL);
+static_assert(EnumNumber(Encoding::kFlat64) == v1::EventEncoding_MAX);
+static_assert(EnumNumber(OverloadPolicy::kLatest) == v1::OverloadPolicy_MAX);
+static_assert(EnumNumber(DropReason::kReader) == v1::DropReason_MAX);
+static_assert(EnumNumber(TrackState::kLost) == v1::TrackState_MAX);
+static_assert(EnumNumber(InitializationStatus::kAmbiguous) == v1::InitializationStatus_MAX);
+static_assert(EnumNumber(SessionState::kEnded) == v1::SessionState_MAX);
+static_assert(EnumNumber(ModelFormat::kStl) == v1::ModelFormat_MAX);
 
 absl::Status NotSupported(absl::string_view field, int number) {
   return InvalidField(field, absl::StrCat("is ", number, ", which this server does not support"));

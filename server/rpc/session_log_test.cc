@@ -87,6 +87,7 @@ TEST_F(SessionLogOfServerTest, LogsTheEndOfStreamsAndDrain) {
   }
   server_->Shutdown(absl::Seconds(10));
   std::vector<std::string> lines = LinesOf(session.name());
+  EXPECT_THAT(lines, testing::Contains(AllOf(HasSubstr("debug stream_phase "), HasSubstr(" from=CONFIRMING to=OPEN"))));
   std::erase_if(lines, [](const std::string& line) { return absl::StartsWith(line, "debug "); });
   EXPECT_THAT(lines, testing::Contains(AllOf(HasSubstr("info stream_ended "), HasSubstr(" code=CANCELLED "))));
   EXPECT_THAT(lines.back(), AllOf(HasSubstr("info session_drained "), HasSubstr(" durable=true")));

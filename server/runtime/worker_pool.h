@@ -57,7 +57,6 @@ class WorkerPool {
     boost::asio::post(on_.low_priority, std::forward<Work>(work));
   }
   Strand MakeStrand() { return Strand(on_.work); }
-  const boost::asio::any_io_executor& executor() { return on_.work; }
 
   // Returns when all work posted to the pool's own threads has finished. Nothing may be posted afterwards. Does nothing
   // with the caller's executors.

@@ -136,7 +136,7 @@ class LiveTest : public testing::Test {
       if (next_ms_ >= end_ms_) return;
       // On the pool's one thread, where tracking passes time, too: never both at once.
       std::binary_semaphore has_passed(0);
-      boost::asio::post(pool_.executor(), [&] {
+      boost::asio::post(pool_.MakeStrand(), [&] {
         PassTime(1000 * (next_ms_ + 1));
         has_passed.release();
       });
@@ -263,7 +263,7 @@ TEST_F(LiveTest, BytesBeyondTheCreditAreDroppedWhateverTheirAge) {
   Start(LatestConfig(), 0);
   // The worker is blocked and the clock does not advance.
   std::binary_semaphore go(0), stopped(0);
-  boost::asio::post(pool_.executor(), [&] {
+  boost::asio::post(pool_.MakeStrand(), [&] {
     stopped.release();
     go.acquire();
   });
@@ -344,7 +344,7 @@ TEST(WorkerFairnessTest, ALightSessionWaitsForOneSliceOfEachBusyOne) {
     return sessions.back()->Attach("first", 0, {}).value().stream;
   };
   std::binary_semaphore go(0);
-  boost::asio::post(pool.executor(), [&go] { go.acquire(); });
+  boost::asio::post(pool.MakeStrand(), [&go] { go.acquire(); });
   // 16 KiB, one millisecond: one slice, and one call of the tracker.
   const std::string slice = Flat64(std::vector<Event>(2048, {500, 9, 9, 1}));
   for (int i = 0; i < kBusy; ++i) {

@@ -3,7 +3,6 @@
 // Creates new sessions, and resumes stored ones.
 #pragma once
 
-#include <functional>
 #include <memory>
 #include <string>
 #include <vector>

@@ -50,7 +50,7 @@ class SessionTest : public testing::Test {
   // Returns when all work posted before is done: the pool has one thread.
   void PassThroughPool() {
     std::binary_semaphore done(0);
-    boost::asio::post(pool_.executor(), [&done] { done.release(); });
+    boost::asio::post(pool_.MakeStrand(), [&done] { done.release(); });
     done.acquire();
   }
 

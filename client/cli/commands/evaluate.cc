@@ -10,7 +10,6 @@
 #include <vector>
 
 #include "absl/strings/str_cat.h"
-#include "absl/strings/str_format.h"
 #include "client/cli/commands/commands.h"
 #include "client/cli/common/pose_reader.h"
 #include "client/cli/common/table_cell.h"

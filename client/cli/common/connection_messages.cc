@@ -7,7 +7,7 @@
 namespace evpose::client {
 namespace {
 
-// Every attempt is described at the start of an outage; a long one must not fill the log of a terminal.
+// At the start of an outage every attempt is described; during a long outage, fewer lines are printed.
 constexpr absl::Duration kOftenAtFirst = absl::Seconds(15);
 constexpr absl::Duration kLaterEvery = absl::Seconds(60);
 

@@ -5,7 +5,6 @@
 #include <optional>
 #include <random>
 #include <string>
-#include <utility>
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
@@ -72,8 +71,8 @@ absl::StatusOr<std::unique_ptr<Client>> StartSession(const SessionStartOptions& 
     change.source_waits = state.is_waiting;
     run.PrintLine(run.connection().Describe(change));
   };
-  // Before a server was reachable there is one attempt, for the whole --connect-timeout, unless the first is waited
-  // for.
+  // Until a server has been reachable, there is one attempt, for the whole --connect-timeout; with
+  // waits_for_first_server, attempts are repeated from the start.
   const auto may_wait = [&] { return was_connected || options.waits_for_first_server; };
   while (true) {
     const double timeout_s = may_wait() ? absl::ToDoubleSeconds(kConnectSlice) : arguments.server.connect_timeout_s;

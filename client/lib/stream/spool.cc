@@ -36,7 +36,7 @@ constexpr uint64_t kMaxSegments = 128;
 uint32_t Crc(const char* data, size_t size) { return Crc32c({reinterpret_cast<const uint8_t*>(data), size}); }
 
 // Calls `transfer(done)`, which reads or writes from this position on, until `size` bytes are done. Returns false at
-// the end of the file and on errors; errno has the cause of an error.
+// the end of the file, where errno is unchanged, and on errors, of which errno has the cause.
 template <typename Transfer>
 bool TransferAll(size_t size, const Transfer& transfer) {
   for (size_t done = 0; done < size;) {

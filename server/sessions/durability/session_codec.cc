@@ -21,10 +21,10 @@ constexpr int kDigestBytes = 64;  // hexadecimal digits of SHA-256
 // Version of EventDecoder::SaveState. Incremented when its format changes; earlier formats must then still be read.
 constexpr uint32_t kDecoderFormat = 1;
 
-static_assert(EnumNumber(Encoding::kFlat64) == pb::ENCODING_FLAT64);
-static_assert(EnumNumber(OverloadPolicy::kLatest) == pb::OVERLOAD_POLICY_LATEST);
-static_assert(EnumNumber(TrackState::kLost) == pb::TRACK_STATE_LOST);
-static_assert(EnumNumber(InitializationStatus::kAmbiguous) == pb::INITIALIZATION_STATUS_AMBIGUOUS);
+static_assert(EnumNumber(Encoding::kFlat64) == pb::Encoding_MAX);
+static_assert(EnumNumber(OverloadPolicy::kLatest) == pb::OverloadPolicy_MAX);
+static_assert(EnumNumber(TrackState::kLost) == pb::TrackState_MAX);
+static_assert(EnumNumber(InitializationStatus::kAmbiguous) == pb::InitializationStatus_MAX);
 
 // Collects the first error of a record. Decoding continues after it; the decoded values are not used then.
 class RecordCheck {
@@ -50,9 +50,9 @@ class RecordCheck {
 // An enum that is absent keeps the default of `value`.
 template <typename Value, typename Stored>
 void EnumFromStored(Stored stored, RecordCheck& check, Value& value) {
-  check.Require(google::protobuf::GetEnumDescriptor<Stored>()->FindValueByNumber(stored) != nullptr,
-                "a choice that this version does not know");
-  if (stored != Stored()) value = EnumValue<Value>(stored);
+  const bool is_known = google::protobuf::GetEnumDescriptor<Stored>()->FindValueByNumber(stored) != nullptr;
+  check.Require(is_known, "a choice that this version does not know");
+  if (is_known && stored != Stored()) value = EnumValue<Value>(stored);
 }
 
 using Numbers = google::protobuf::RepeatedField<double>;

@@ -5,6 +5,7 @@
 #include <gtest/gtest.h>
 
 #include <functional>
+#include <limits>
 
 #include "evpose/storage/v1/session.pb.h"
 #include "server/sessions/session_testing.h"
@@ -194,6 +195,12 @@ TEST(SessionCodecTest, AChoiceOfALaterVersionIsRefused) {
   stored.set_estimator("later");
   EXPECT_THAT(DecodeConfig(stored.SerializeAsString()).status().ToString(),
               testing::HasSubstr("an estimator that this version does not know"));
+  for (const int unknown : {99, std::numeric_limits<int>::min()}) {
+    ASSERT_TRUE(stored.ParseFromString(EncodeConfig(AFullConfig())));
+    stored.set_encoding(static_cast<storage::v1::Encoding>(unknown));
+    EXPECT_THAT(DecodeConfig(stored.SerializeAsString()).status().ToString(),
+                testing::HasSubstr("a choice that this version does not know"));
+  }
 }
 
 TEST(SessionCodecTest, RefusesRecordsThatContradictTheSession) {

@@ -9,7 +9,6 @@
 #include <functional>
 #include <memory>
 #include <mutex>
-#include <optional>
 #include <string>
 #include <utility>
 
@@ -61,7 +60,7 @@ class SessionCommitter : public std::enable_shared_from_this<SessionCommitter> {
   // greater than those before.
   void CommitLifecycle(uint64_t number, std::string lifecycle);
   // `checkpoint`: a checkpoint, poses that continue the stored log, or both. `seq`: the last item that the checkpoint
-  // includes. `begun_at`: the start of its serialization, for the metrics.
+  // includes; ignored without a checkpoint. `begun_at`: the start of its serialization, for the metrics.
   void CommitCheckpoint(SessionCommit checkpoint, uint64_t seq,
                         std::chrono::steady_clock::time_point begun_at = std::chrono::steady_clock::now());
 

@@ -130,7 +130,7 @@ TEST_F(SessionCommitterTest, ACommitWithoutAnAnswerIsRepeatedWithTheLaterData) {
 TEST_F(SessionCommitterTest, PosesMayBeCommittedWithoutACheckpoint) {
   committer_->CommitCheckpoint(State("one", 1, 10), 1);
   Answer(absl::OkStatus());
-  committer_->CommitCheckpoint({.poses = {{11, 12, "poses"}}}, 0);
+  committer_->CommitCheckpoint({.poses = {{11, 12, "poses"}}}, 2);
   EXPECT_FALSE(Answer(absl::OkStatus()).checkpoint.has_value());
   EXPECT_EQ(committer_->progress().seq, 1u);
   EXPECT_EQ(committer_->progress().last_pose_seq, 12u);

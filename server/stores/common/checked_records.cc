@@ -33,7 +33,7 @@ absl::Status Damaged(absl::string_view what, absl::string_view why) {
 
 absl::Status DamagedChecksum(absl::string_view what) { return Damaged(what, "its checksum does not match"); }
 
-static_assert(EnumNumber(ModelFormat::kStl) == storage::v1::MODEL_FORMAT_STL);
+static_assert(EnumNumber(ModelFormat::kStl) == storage::v1::ModelFormat_MAX);
 
 std::string RecordOf(absl::string_view session) { return absl::StrCat("the record of ", session); }
 std::string ModelHeaderOf(absl::string_view tenant, absl::string_view name) {

@@ -2,7 +2,8 @@
 
 // The operations of the Redis store as Lua scripts, which Redis executes atomically.
 //
-// Keys, all with the prefix "evpose:". Records and poses have checksums (checked_records.h).
+// Keys, all with the prefix "evpose:". The values of record, lifecycle, checkpoint, b, header and bytes have checksums
+// (checked_records.h).
 //   fencing         the last fencing number
 //   sessions        a set of the names of all sessions
 //   ended           a sorted set of the names of ended sessions, by microseconds since 1970
