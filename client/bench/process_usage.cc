@@ -6,7 +6,7 @@
 #include <string>
 
 #include "absl/strings/str_cat.h"
-#include "core/experiments/speed/processor_time.h"
+#include "core/experiments/speed/measured_time.h"
 
 namespace evpose::client {
 namespace {

@@ -14,7 +14,7 @@
 #include "client/cli/common/server_process.h"
 #include "client/cli/common/transport_sink.h"
 #include "core/base/status_macros.h"
-#include "core/experiments/speed/processor_time.h"
+#include "core/experiments/speed/measured_time.h"
 #include "core/numerics/statistics.h"
 #include "core/tracking/tracker.h"
 #include "core/tracking/tracker_options.h"

@@ -50,9 +50,13 @@ RigidTransform NearestEquivalent(const RigidTransform& truth, const RigidTransfo
                      (pose.translation_m - estimate.translation_m).norm());
   };
   RigidTransform best = truth;
+  auto best_errors = errors_of(best);
   for (const RigidTransform& symmetry : symmetries) {
     const RigidTransform candidate = truth * symmetry;
-    if (errors_of(candidate) < errors_of(best)) best = candidate;
+    const auto errors = errors_of(candidate);
+    if (!(errors < best_errors)) continue;
+    best = candidate;
+    best_errors = errors;
   }
   return best;
 }

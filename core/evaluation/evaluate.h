@@ -50,7 +50,7 @@ struct TrajectoryError {
 absl::StatusOr<std::vector<TrajectoryError>> TrajectoryErrors(const Trajectory& truth, const Trajectory& estimate,
                                                               const EvaluationOptions& options = {});
 
-inline constexpr double kNoError = std::numeric_limits<double>::quiet_NaN();
+inline constexpr double kUndefinedError = std::numeric_limits<double>::quiet_NaN();
 
 // Errors are computed at the times of the estimates, with interpolated truth, over all estimates within the truth's
 // time span, good or not. Without any they are NaN.
@@ -59,17 +59,17 @@ struct Evaluation {
   // Share of the truth's time span for which good estimates are valid (see max_gap_us).
   double coverage_ratio = 0.0;
   // Distance between the estimated and the true position of the object's origin in the camera frame.
-  double position_rmse_m = kNoError;
-  double position_mean_m = kNoError;
-  double position_median_m = kNoError;
-  double position_std_m = kNoError;  // about the mean; population standard deviation
+  double position_rmse_m = kUndefinedError;
+  double position_mean_m = kUndefinedError;
+  double position_median_m = kUndefinedError;
+  double position_std_m = kUndefinedError;  // about the mean; population standard deviation
   // Root mean square of distance / true depth; the depth is the z coordinate of the object's origin.
-  double position_rmse_of_depth = kNoError;
+  double position_rmse_of_depth = kUndefinedError;
   // Angle between the estimated and the true rotation. The 95th percentile is interpolated linearly.
-  double rotation_mean_rad = kNoError;
-  double rotation_median_rad = kNoError;
-  double rotation_p95_rad = kNoError;
-  double rotation_max_rad = kNoError;
+  double rotation_mean_rad = kUndefinedError;
+  double rotation_median_rad = kUndefinedError;
+  double rotation_p95_rad = kUndefinedError;
+  double rotation_max_rad = kUndefinedError;
   // With a model and a camera: mean distance, in undistorted pixels, between the estimated and the true projections of
   // the end points of all lines, hidden lines included. A distance counts as at most the image's diagonal, which also
   // replaces the distance of a point that only the estimate places behind the camera; points that are truly behind it

@@ -68,6 +68,8 @@ struct ChunkerOptions {
 class Chunker {
  public:
   Chunker(RecordingReader& reader, const ChunkerOptions& options);
+  Chunker(const Chunker&) = delete;  // two would read from one reader
+  Chunker& operator=(const Chunker&) = delete;
 
   // The next chunk; one without bytes at the end. An unfinished word at the end of the stream is not returned but
   // counted by truncated_bytes(). Errors: those of ChunkerOptions::Validate() and RecordingReader::Read().

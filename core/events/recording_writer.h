@@ -18,14 +18,13 @@
 namespace evpose {
 
 // Writes to a temporary name beside `path` and renames it in Close(): no incomplete recording appears under `path`.
+// The destructor removes the temporary file unless Close() succeeded.
 class RecordingWriter {
  public:
   // Errors have the path: NOT_FOUND for a missing directory, PERMISSION_DENIED, INVALID_ARGUMENT for a directory or a
   // geometry that the encoding cannot address, UNIMPLEMENTED for DAT.
   static absl::StatusOr<std::unique_ptr<RecordingWriter>> Create(const std::string& path, Encoding encoding,
                                                                  SensorGeometry geometry);
-  // The destructor removes the temporary file unless Close() succeeded.
-
   // EventEncoder::Encode() and EncodeTime(), with the path in errors. A call with an error writes nothing.
   absl::Status Write(absl::Span<const Event> events);
   absl::Status WriteTime(int64_t t_us);

@@ -217,10 +217,6 @@ bool CameraModel::IsInImage(const Eigen::Vector2d& undistorted_px) const {
   return distorted.is_regular && u_px >= -0.5 && u_px <= width_px - 0.5 && v_px >= -0.5 && v_px <= height_px - 0.5;
 }
 
-Eigen::Vector3d BearingOf(const CameraModel& camera, const Eigen::Vector2d& pixel) {
-  return {(pixel.x() - camera.cx_px) / camera.fx_px, (pixel.y() - camera.cy_px) / camera.fy_px, 1.0};
-}
-
 absl::StatusOr<CameraModel> LoadCameraModel(const std::string& path) {
   std::error_code error;
   if (!std::filesystem::exists(path, error)) {

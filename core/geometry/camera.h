@@ -44,7 +44,9 @@ struct CameraModel {
 };
 
 // Bearing (x, y, 1) of an undistorted pixel.
-Eigen::Vector3d BearingOf(const CameraModel& camera, const Eigen::Vector2d& pixel);
+inline Eigen::Vector3d BearingOf(const CameraModel& camera, const Eigen::Vector2d& pixel) {
+  return {(pixel.x() - camera.cx_px) / camera.fx_px, (pixel.y() - camera.cy_px) / camera.fy_px, 1.0};
+}
 
 // Reads ROS camera_info YAML: image_width, image_height, camera_matrix, distortion_model (plumb_bob or none) and
 // distortion_coefficients. Errors have the file and the field: NOT_FOUND, INVALID_ARGUMENT.

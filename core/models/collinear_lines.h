@@ -28,9 +28,9 @@ bool HaveMatchingNormals(absl::Span<const Eigen::Vector3d> a, absl::Span<const E
 
 // Joins lines that are parts of one straight line: returns a line from end to end of each group with the normals of all
 // members, in the order of the first lines of the groups. Two lines belong together if they overlap by at least
-// `min_overlap_m` (if negative, a gap up to its magnitude is allowed) and, with `same_faces`, have matching normals. A
-// group of which a line is not within twice the tolerance of the joined one is kept as it is: many lines that each turn
-// a little form a curve. Compares all pairs.
+// `min_overlap_m` (if negative, a gap up to its magnitude is allowed) and, with `same_faces`, have matching normals. If
+// a line of a group is farther than twice the tolerance from the joined line, the group stays as it is: many lines that
+// each turn a little form a curve. Compares all pairs.
 std::vector<ModelLine> JoinCollinear(absl::Span<const ModelLine> lines, double tolerance_m, double min_overlap_m,
                                      bool same_faces);
 

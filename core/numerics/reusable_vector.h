@@ -9,7 +9,7 @@
 namespace evpose {
 
 // Sets `items` to `count` value-initialised elements. If the capacity is too small, it becomes twice `count`: a vector
-// of similar lengths in all calls soon allocates no more.
+// that has similar lengths in all calls soon needs no more allocations.
 template <typename T>
 void AssignDefaults(size_t count, std::vector<T>& items) {
   if (items.capacity() < count) {

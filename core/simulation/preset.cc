@@ -33,6 +33,7 @@ constexpr std::array<ObjectPreset, 5> kObjects = {{
     {SimulatedObject::kBook, "book", 0.25, 0.22, 0.55},
     {SimulatedObject::kSpacecraft, "spacecraft", 0.42, 0.27, 0.7},
 }};
+static_assert(kObjects.back().object == SimulatedObject::kSpacecraft);
 
 absl::StatusOr<ObjectPreset> FindObject(std::string_view name) {
   return FindNamed(kObjects, std::string(name), "no simulated object is called \"$0\"");

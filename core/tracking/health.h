@@ -84,7 +84,7 @@ struct LineStatistics {
   Eigen::Matrix<double, 8, 1> along = Eigen::Matrix<double, 8, 1>::Zero();
   double length_px = 0.0;  // mean projected length, weighted by time
 
-  // Adds `other` to this share of the counts.
+  // Multiplies the counts by `kept_ratio`, then adds `other`.
   void Add(const LineStatistics& other, double kept_ratio = 1.0);
 
   // Most lines of a large model have no counts; one flag is stored for each of these.

@@ -9,6 +9,7 @@ namespace evpose {
 std::string_view TrackPhaseName(TrackPhase phase) {
   static constexpr std::array<std::string_view, kNumTrackPhases> kNames = {
       "TENTATIVE", "CONFIRMED", "COASTING", "OCCLUDED", "DOUBTFUL", "UNSUPPORTED", "LOST"};
+  static_assert(!kNames.back().empty());
   return kNames[static_cast<size_t>(phase)];
 }
 
@@ -47,6 +48,7 @@ std::string_view ObjectPhaseName(ObjectPhase phase) {
   static constexpr std::array<std::string_view, kNumObjectPhases> kNames = {
       "SEARCHING",           "VERIFYING_GIVEN", "VERIFYING_GIVEN_COMPETING", "VERIFYING",
       "VERIFYING_COMPETING", "PUBLISHED",       "PUBLISHED_COMPETING"};
+  static_assert(!kNames.back().empty());
   return kNames[static_cast<size_t>(phase)];
 }
 

@@ -2,6 +2,7 @@
 #include "core/tracking/tracker.h"
 
 #include <algorithm>
+#include <array>
 #include <utility>
 
 #include "absl/strings/str_cat.h"
@@ -105,13 +106,14 @@ absl::StatusOr<std::unique_ptr<PoseInitializer>> MakeInitializer(const ObjectToT
 }  // namespace
 
 std::string_view TrackStateName(TrackState state) {
-  static constexpr std::string_view kNames[] = {"INITIALIZING", "TRACKING", "DEGRADED", "LOST"};
+  static constexpr std::array<std::string_view, static_cast<size_t>(TrackState::kLost) + 1> kNames = {
+      "INITIALIZING", "TRACKING", "DEGRADED", "LOST"};
   return kNames[static_cast<size_t>(state)];
 }
 
 std::string_view InitializationStatusName(InitializationStatus status) {
-  static constexpr std::string_view kNames[] = {"NOT_NEEDED",   "WAITING_FOR_EVENTS", "TOO_FEW_LINES",
-                                                "NO_POSE_FITS", "VERIFYING",          "AMBIGUOUS"};
+  static constexpr std::array<std::string_view, static_cast<size_t>(InitializationStatus::kAmbiguous) + 1> kNames = {
+      "NOT_NEEDED", "WAITING_FOR_EVENTS", "TOO_FEW_LINES", "NO_POSE_FITS", "VERIFYING", "AMBIGUOUS"};
   return kNames[static_cast<size_t>(status)];
 }
 

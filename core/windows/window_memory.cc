@@ -18,6 +18,7 @@ void WindowMemory::Add(const EventWindow& window) {
   const ByPolarity samples_per_kept = DownsampleByClass(
       max_window_events_, {0.5, 0.5}, window.events, [](const WindowEvent& event) { return event.polarity; },
       stored.events);
+  stored.window.events = {};
   for (int polarity = 0; polarity < 2; ++polarity) {
     stored.window.events_per_sample[polarity] *= samples_per_kept[polarity];
   }

@@ -34,7 +34,7 @@ class WindowMemory {
   void RemoveOldest();
 
   struct Stored {
-    EventWindow window;  // its span of events is set by At()
+    EventWindow window;  // its span of events is empty; At() sets it
     std::vector<WindowEvent> events;
   };
 

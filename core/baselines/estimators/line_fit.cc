@@ -80,9 +80,9 @@ class Fitter {
   absl::Status FitTukeyS();
   absl::Status FitMixture();
 
-  // Scale by MAD: of |d| about its median as in the released code, or of d about its median.
+  // Scale by MAD, as the formulas say: of |d| about its median in the released ones, else of d about its median.
   void SetMadScale();
-  void UpdateScaleOfS();
+  void UpdateScaleOfS();  // one step of the scale of the S estimator
   void SetSigma(double sigma_px) { sigma_px_ = std::max(sigma_px, options_.min_sigma_px); }
   void WeighByTukey(double c);
   void WeighAsReleased(double c);

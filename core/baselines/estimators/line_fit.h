@@ -79,9 +79,9 @@ struct LineFit {
 };
 
 // Estimates the pose from the distances of the events to their lines, starting at `initial`. Deterministic. Errors:
-// INVALID_ARGUMENT for the options (Validate), for an event that is not finite or has no line, and for
-// fewer than 6 events; FAILED_PRECONDITION if the events do not determine the pose, or a line with events is out of
-// view or leaves it during the fit.
+// INVALID_ARGUMENT for the options (Validate), for an event that is not finite or has a line index outside of `lines`,
+// and for fewer than 6 events; FAILED_PRECONDITION if the events do not determine the pose, or a line with events is
+// out of view or leaves it during the fit.
 absl::StatusOr<LineFit> FitPoseToLines(const CameraModel& camera, absl::Span<const LineEnds> lines,
                                        absl::Span<const LabelledEvent> events, const RigidTransform& initial,
                                        const LineFitOptions& options);

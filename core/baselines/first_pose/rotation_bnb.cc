@@ -47,7 +47,7 @@ struct Cube {
   int16_t level = 0;
   int16_t upper = 0;  // upper bound of E in the cube
 
-  // One of the eight halves of the cube, with the cube's bound.
+  // One of the eight cubes of half the side, with this cube's bound.
   Cube Child(uint32_t i) const {
     return {2 * x + (i & 1), 2 * y + (i >> 1 & 1), 2 * z + (i >> 2), static_cast<int16_t>(level + 1), upper};
   }

@@ -248,7 +248,7 @@ TEST(RotationBnb, MatchesOfABoxLeaveFour) {
   EXPECT_LT(nearest, 1e-4);
 }
 
-TEST(CertifyRotation, ReturnsEachVerdict) {
+TEST(CertifyRotation, ReturnsEachOptimality) {
   Random random(7);
   const Eigen::Matrix3d truth = RandomRotation(random);
   const Directions normals = MakeNormals(random, BoxDirections(), truth, 9, 0.0, 1);

@@ -16,7 +16,7 @@
 #include "core/baselines/first_pose/published_bnb.h"
 #include "core/experiments/first_pose/initialization_methods.h"
 #include "core/experiments/first_pose/line_trial.h"
-#include "core/experiments/speed/processor_time.h"
+#include "core/experiments/speed/measured_time.h"
 #include "core/numerics/random.h"
 #include "core/numerics/statistics.h"
 

@@ -13,7 +13,7 @@
 #include "core/base/check_range.h"
 #include "core/base/status_macros.h"
 #include "core/events/decoder.h"
-#include "core/experiments/speed/processor_time.h"
+#include "core/experiments/speed/measured_time.h"
 #include "core/experiments/speed/speed_windows.h"
 #include "core/tracking/tracker.h"
 #include "core/tracking/tracker_options.h"

@@ -8,7 +8,7 @@
 #include "core/base/check_range.h"
 #include "core/base/find_named.h"
 #include "core/base/status_macros.h"
-#include "core/experiments/speed/processor_time.h"
+#include "core/experiments/speed/measured_time.h"
 #include "core/numerics/math.h"
 #include "core/numerics/random.h"
 #include "core/numerics/statistics.h"
@@ -34,6 +34,7 @@ constexpr std::array kSweeps = {
     Sweep{SyntheticSweep::kOutliers, "outliers", kOutlierRatios},
     Sweep{SyntheticSweep::kLines, "lines", kLineCounts},
 };
+static_assert(kSweeps.back().sweep == SyntheticSweep::kLines);
 const Sweep& SweepOf(SyntheticSweep sweep) { return kSweeps[static_cast<size_t>(sweep)]; }
 
 constexpr SyntheticMethod kMethods[] = {

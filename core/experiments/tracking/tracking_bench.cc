@@ -12,7 +12,7 @@
 #include "core/base/find_named.h"
 #include "core/base/status_macros.h"
 #include "core/baselines/estimators/estimator_factory.h"
-#include "core/experiments/speed/processor_time.h"
+#include "core/experiments/speed/measured_time.h"
 #include "core/experiments/tracking/tracking_oracle.h"
 #include "core/experiments/tracking/tracking_recordings.h"
 

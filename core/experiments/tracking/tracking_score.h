@@ -66,10 +66,11 @@ absl::StatusOr<TrackingScore> ScoreTracking(const SimulationOptions& run, const 
 struct TrackingSummary {
   int num_runs = 0;
   // Means over the runs, NaN if a run has no pose; sums of the losses and of the times with a wrong pose or state; the
-  // maximum of the largest errors and of the longest time.
+  // maximum of the largest errors and of the longest time. The number of poses and the lists are not set.
   TrackingScore overall;
   Consistency consistency;  // of the poses of all runs
-  // The worst run's coverage, position_rmse_of_depth, rotation_median_rad and rotation_p95_rad, each by itself.
+  // The worst run's coverage, position_rmse_of_depth, rotation_median_rad and rotation_p95_rad, each by itself. Other
+  // members are not set.
   Evaluation worst;
   int worst_run = 0;  // index: most losses, then the largest position error
 };
