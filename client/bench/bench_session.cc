@@ -97,7 +97,8 @@ absl::StatusOr<StreamTimes> BenchSession::Stream(const EncodedRecording& recordi
     times.poses.push_back({pose.t_us, SystemClock().Now(), pose.latency});
   };
   const TrackPosition position = {.session = session_.name, .resume_token = session_.resume_token};
-  const TrackOptions track_options = {.retry = {.max_outage = absl::ZeroDuration()}};
+  TrackOptions track_options;
+  track_options.retry.max_outage = absl::ZeroDuration();
   times.begin = SystemClock().Now();
   EVPOSE_ASSIGN_OR_RETURN(const TrackSummary summary,
                           ClientAccess::Track(client_, position, *feed, callbacks, track_options));

@@ -210,7 +210,8 @@ class ServiceBench {
         chunk.bytes.resize(size);
         return chunk;
       };
-      const TrackOptions track_options = {.retry = {.max_outage = absl::ZeroDuration()}};
+      TrackOptions track_options;
+      track_options.retry.max_outage = absl::ZeroDuration();
       const double begin_s = SecondsOfClock(CLOCK_PROCESS_CPUTIME_ID);
       const absl::Time begin = SystemClock().Now();
       EVPOSE_ASSIGN_OR_RETURN(const TrackSummary summary,
