@@ -41,8 +41,8 @@ parameters = urllib.parse.urlencode([tuple(text.split("=", 1)) for text in sys.a
 sys.stdout.write(urllib.request.urlopen(f"http://127.0.0.1:{sys.argv[1]}?{parameters}", timeout=5).read().decode())' "$@" 2>/dev/null
 }
 
-# metric PORT NAME: prints the sum of a metric's series at a server, 0 when it does not respond.
-metric() { page "$1/metrics" | awk -v name="$2" '$1 == name || index($1, name "{") == 1 {sum += $2} END {printf "%.0f\n", sum}' || echo 0; }
+# metric PORT NAME: prints the sum of a metric's series at a server, 0 when it does not respond, for instance while it is started again.
+metric() { { page "$1/metrics" || true; } | awk -v name="$2" '$1 == name || index($1, name "{") == 1 {sum += $2} END {printf "%.0f\n", sum}'; }
 
 is_above() { (($("${@:2}") > $1)); }
 
