@@ -24,7 +24,7 @@ constexpr std::array<EncodingTraits, kNumEncodings> kEncodings = {{{"EVT3", 2, 1
                                                                    {"EVT2", 4, 1 << 11, MakeEvt2Decoder},
                                                                    {"DAT", 8, 1 << 14, MakeDatDecoder},
                                                                    {"FLAT64", 8, 1 << 14, MakeFlat64Decoder}}};
-static_assert(kEncodings.back().make_decoder != nullptr);
+static_assert(!kEncodings.back().name.empty());
 
 const EncodingTraits& TraitsOf(Encoding encoding) { return kEncodings[static_cast<size_t>(encoding)]; }
 
