@@ -145,9 +145,9 @@ TEST_F(SecurityTest, CertificatesThatAreRefusedAreExplained) {
   StartTls(authority_.Issue({.not_before = absl::Now() + absl::Hours(1)}));
   EXPECT_THAT(Connect(), HasSubstr("its certificate is not valid yet"));
   StartTls(TestAuthority().Issue());
-  EXPECT_THAT(Connect(), AllOf(HasSubstr("authority that is not known here"), HasSubstr("--tls-ca")));
+  EXPECT_THAT(Connect(), AllOf(HasSubstr("authority that this machine does not trust"), HasSubstr("--tls-ca")));
   options_.tls.ca_file = "";
-  EXPECT_THAT(Connect(), HasSubstr("authority that is not known here")) << "the system's authorities";
+  EXPECT_THAT(Connect(), HasSubstr("authority that this machine does not trust")) << "the system's authorities";
 }
 
 TEST_F(SecurityTest, HostsOfAMaliciousCertificateAreEscaped) {
@@ -167,7 +167,7 @@ TEST_F(SecurityTest, HostsOfAMaliciousCertificateAreEscaped) {
 
 TEST_F(SecurityTest, OneSideWithoutTls) {
   Start(grpc::InsecureServerCredentials());
-  EXPECT_THAT(Connect(), HasSubstr("it answers without TLS"));
+  EXPECT_THAT(Connect(), HasSubstr("it does not use TLS"));
   StartTls(authority_.Issue());
   options_.tls = {};
   EXPECT_THAT(Connect(), AllOf(HasSubstr("it requires TLS"), HasSubstr("--tls-ca")));
@@ -180,7 +180,7 @@ TEST_F(SecurityTest, ServersThatAskForACertificate) {
   Show(clients.Issue({.common_name = "lab"}));
   EXPECT_EQ(Connect(), "OK");
   Show(authority_.Issue({.common_name = "lab"}));
-  EXPECT_THAT(Connect(), AllOf(HasSubstr("it refuses the certificate"), HasSubstr("client.crt")));
+  EXPECT_THAT(Connect(), AllOf(HasSubstr("it rejects the certificate"), HasSubstr("client.crt")));
 }
 
 TEST_F(SecurityTest, FilesThatCannotBeUsed) {

@@ -103,20 +103,21 @@ std::string ExplainServerCertificate(SSL* ssl, const std::string& host) {
     case X509_V_ERR_HOSTNAME_MISMATCH:
     case X509_V_ERR_IP_ADDRESS_MISMATCH:
       return absl::StrCat("its certificate is not for ", host, " but for ", HostsOf(certificate.get()),
-                          ": connect by such a name, or ask for a certificate that has this one");
+                          ": connect to one of these names, or use a certificate for this name");
     case X509_V_ERR_CERT_HAS_EXPIRED:
-      return "its certificate has expired: it must be renewed there";
+      return "its certificate has expired: the server's operator must renew it";
     case X509_V_ERR_CERT_NOT_YET_VALID:
-      return "its certificate is not valid yet: is this machine's clock right?";
+      return "its certificate is not valid yet: check the clock of this machine";
     case X509_V_ERR_UNABLE_TO_GET_ISSUER_CERT:
     case X509_V_ERR_UNABLE_TO_GET_ISSUER_CERT_LOCALLY:
     case X509_V_ERR_UNABLE_TO_VERIFY_LEAF_SIGNATURE:
     case X509_V_ERR_CERT_SIGNATURE_FAILURE:
     case X509_V_ERR_DEPTH_ZERO_SELF_SIGNED_CERT:
     case X509_V_ERR_SELF_SIGNED_CERT_IN_CHAIN:
-      return "its certificate is signed by an authority that is not known here: give the authority's with --tls-ca";
+      return "its certificate is signed by an authority that this machine does not trust: give the authority's "
+             "certificate with --tls-ca";
     default:
-      return absl::StrCat("its certificate is refused: ", X509_verify_cert_error_string(result));
+      return absl::StrCat("its certificate cannot be verified: ", X509_verify_cert_error_string(result));
   }
 }
 
@@ -128,8 +129,8 @@ std::string ExplainClientCertificate(SSL* ssl, const TlsOptions& tls) {
   const int result = SSL_read(ssl, &byte, 1);
   if (result > 0 || SSL_get_error(ssl, result) == SSL_ERROR_WANT_READ) return "";  // timeout without data
   if (tls.certificate_file.empty()) return "it requires a certificate from its clients: give --tls-cert and --tls-key";
-  return absl::StrCat("it refuses the certificate ", tls.certificate_file,
-                      ": one that is valid and signed by an authority of its --tls-client-ca is needed");
+  return absl::StrCat("it rejects the certificate ", tls.certificate_file,
+                      ": the certificate must be valid and signed by an authority in the server's --tls-client-ca");
 }
 
 std::string ExplainHandshake() {
@@ -138,7 +139,7 @@ std::string ExplainHandshake() {
   const bool is_of_tls = ERR_GET_LIB(error) == ERR_LIB_SSL && reason != SSL_R_WRONG_VERSION_NUMBER &&
                          reason != SSL_R_UNEXPECTED_EOF_WHILE_READING;
   if (is_of_tls) return absl::StrCat("the TLS handshake fails: ", ERR_reason_error_string(error));
-  return "it answers without TLS: leave --tls and --tls-ca away when that is meant to be so";
+  return "it does not use TLS: omit --tls and --tls-ca if an unencrypted connection is intended";
 }
 
 }  // namespace
@@ -166,9 +167,9 @@ std::string ExplainTls(const std::string& address, const TlsOptions& tls, absl::
   if (ssl == nullptr || SSL_set_fd(ssl.get(), fd) != 1) return "";
   ExpectHost(ssl.get(), parsed->host);
   ERR_clear_error();
-  const bool speaks_tls = SSL_connect(ssl.get()) == 1;
-  if (!tls.is_on) return speaks_tls ? "it requires TLS: give --tls, or --tls-ca with the authority's certificate" : "";
-  if (!speaks_tls) return ExplainHandshake();
+  const bool has_tls = SSL_connect(ssl.get()) == 1;
+  if (!tls.is_on) return has_tls ? "it requires TLS: give --tls, or --tls-ca with the authority's certificate" : "";
+  if (!has_tls) return ExplainHandshake();
   std::string why = ExplainServerCertificate(ssl.get(), parsed->host);
   return why.empty() ? ExplainClientCertificate(ssl.get(), tls) : why;
 }

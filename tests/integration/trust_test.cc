@@ -102,7 +102,7 @@ TEST_F(TrustTest, OptionsOfTls) {
   EXPECT_EQ(List(*tls_, with({"--tls-ca", Path("ca.crt")})).status, 0);
   EXPECT_THAT(List(*tls_, with({"--tls"})).err, HasSubstr("give the authority's with --tls-ca"));
   EXPECT_THAT(List(*tls_, token).err, HasSubstr("it requires TLS"));
-  EXPECT_THAT(List(*plain_, with({"--tls-ca", Path("ca.crt")})).err, HasSubstr("it answers without TLS"));
+  EXPECT_THAT(List(*plain_, with({"--tls-ca", Path("ca.crt")})).err, HasSubstr("it does not use TLS"));
   const CliResult half = List(*tls_, with({"--tls-cert", Path("server.crt")}));
   EXPECT_EQ(half.status, 2);
   EXPECT_THAT(half.err, HasSubstr("--tls-cert and --tls-key belong together"));
