@@ -26,7 +26,7 @@ auto Direct(const InitializationFunction& estimate) {
       [estimate](const ModelPointer&, const CameraModel&) { return absl::StatusOr<InitializationFunction>(estimate); };
 }
 
-absl::StatusOr<InitializationFunction> MakeOurs(ModelPointer model, const CameraModel& camera) {
+absl::StatusOr<InitializationFunction> MakeOurs(const ModelPointer& model, const CameraModel& camera) {
   EVPOSE_ASSIGN_OR_RETURN(std::shared_ptr<const PoseSearch> search, MakePoseSearch(model, camera));
   return [search](const InitializationProblem& problem) -> absl::StatusOr<RigidTransform> {
     const std::vector<PoseHypothesis> hypotheses = search->Search(problem.segments);
