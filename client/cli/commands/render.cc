@@ -25,7 +25,7 @@
 namespace evpose::client {
 namespace {
 
-constexpr size_t kRenderPieceBytes = 64 * 1024;  // interrupts are checked before each piece
+constexpr size_t kRenderPieceBytes = size_t{64} * 1024;  // interrupts are checked before each piece
 // The longest time between two poses that is interpolated; the object was lost in a longer one.
 constexpr int64_t kMaxPoseGapUs = 50'000;
 constexpr int64_t kMaxFrames = 200'000;  // a jump of the clock must not fill the disk
