@@ -57,7 +57,7 @@ std::vector<EventChunkBytes> ChunksOf(RecordingReader& reader, const ChunkerOpti
 }
 
 // The events of the recordings below: 30 us apart, up to eight events at one time.
-constexpr int64_t kMaxPause_us = 8 * 30;
+constexpr int64_t kMaxPause_us = int64_t{8} * 30;
 
 std::vector<uint8_t> Recording(Encoding encoding, int64_t first_us, int64_t step_us, size_t count) {
   Random random(11);

@@ -12,6 +12,7 @@
 #include <string>
 #include <vector>
 
+#include "absl/strings/str_cat.h"
 #include "core/events/events_testing.h"
 #include "core/events/recording_header.h"
 #include "core/events/recording_reader.h"
@@ -193,7 +194,7 @@ TEST(RecordingsTest, GoldenCasesGiveTheEventsOfOpenEbAtEveryCut) {
   const auto golden = nlohmann::json::parse(FileText(directory + "/expected.json"));
   int num_cases = 0;
   for (const auto& [name, expected] : golden["cases"].items()) {
-    const std::string path = directory + "/" + name + ".raw";
+    const std::string path = absl::StrCat(directory, "/", name, ".raw");
     if (!std::filesystem::exists(path)) continue;  // one recorded case has no file
     ++num_cases;
     SCOPED_TRACE(name);

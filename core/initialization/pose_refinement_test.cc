@@ -55,7 +55,7 @@ class PoseRefinementTest : public testing::TestWithParam<SimulatedObject> {
     return Perturb(pose, xi);
   }
 
-  const PoseSearchOptions options_;
+  const PoseSearchOptions options_{};
   const FitWeights weights_ = FitWeights::Make(options_, 1.0);
   std::unique_ptr<LineTrialGenerator> trials_;
   std::unique_ptr<SearchModel> model_;

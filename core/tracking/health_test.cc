@@ -70,7 +70,7 @@ class HealthTest : public ::testing::Test {
   HealthResult TestNow() { return health_.Test(kKeep, kSure, 2, options_.patience_us); }
 
   const CameraModel camera_ = testing::MakeCamera(1280, 720, 1000.0);
-  const HealthOptions options_;
+  const HealthOptions options_{};
   std::vector<TrackedLine> tracked_;
   MotionState state_;
   std::vector<ImageLine> lines_;
