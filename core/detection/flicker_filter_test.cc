@@ -23,7 +23,7 @@ class FlickerFilterTest : public ::testing::Test {
       for (int polarity = 0; polarity < 2; ++polarity) {
         const uint32_t count = random_.Poisson(polarity == 0 ? num_off : num_on);
         for (uint32_t i = 0; i < count; ++i) {
-          const auto t_us = static_cast<int64_t>(1000 * ms + random_.UniformInt(1000));
+          const auto t_us = int64_t{1000} * ms + static_cast<int64_t>(random_.UniformInt(1000));
           events_.push_back({t_us, u_px, 0.0f, static_cast<uint8_t>(polarity)});
         }
       }

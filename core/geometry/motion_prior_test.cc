@@ -37,7 +37,7 @@ TEST(MotionPrior, CovarianceIsThatOfWhiteAccelerationInOneStepOrMany) {
   const MotionPriorOptions options;
   const MotionState once = Predict(state, 20'000, options);
   MotionState often = state;
-  for (int k = 1; k <= 20; ++k) often = Predict(often, k * 1000, options);
+  for (int k = 1; k <= 20; ++k) often = Predict(often, int64_t{1000} * k, options);
   EXPECT_LT((once.covariance - often.covariance).norm(), 1e-9 * once.covariance.norm());
   // Without initial uncertainty: q t^3 / 3, q t^2 / 2, q t.
   state.covariance.setZero();

@@ -120,7 +120,7 @@ INSTANTIATE_TEST_SUITE_P(
 TEST(BadModelTest, BinaryStlWithNan) {
   std::string stl = BinaryStl(MustParse(Cube()));
   const float nan = std::nanf("");
-  std::memcpy(stl.data() + 84 + 50 * 3 + 12 + 8, &nan, 4);
+  std::memcpy(stl.data() + 84 + size_t{3} * 50 + 12 + 8, &nan, 4);
   EXPECT_THAT(ErrorOf(stl, ModelFormat::kStl), HasSubstr("facet 4: a coordinate is not a finite number"));
 }
 

@@ -13,6 +13,7 @@
 #include "absl/strings/match.h"
 #include "absl/strings/numbers.h"
 #include "absl/strings/str_split.h"
+#include "core/base/environment_testing.h"
 #include "server/http/http_client_testing.h"
 #include "server/program/program_testing.h"
 #include "server/stores/redis/redis_testing.h"
@@ -161,21 +162,19 @@ TEST(ProgramTest, APasswordNeedNotBeInTheArguments) {
     expect_ready(program);
   }
   unlink(path.c_str());
-  setenv("EVPOSE_STORE", redis.url(":right%3Asecret%40%2F%25%20%C3%A9@").c_str(), 1);
+  const ScopedEnvironmentVariable store("EVPOSE_STORE", redis.url(":right%3Asecret%40%2F%25%20%C3%A9@"));
   Program program({"--listen", "127.0.0.1:0"});
-  unsetenv("EVPOSE_STORE");
   expect_ready(program);
 }
 
 TEST(ProgramTest, TheCommandLineHasPrecedenceOverTheEnvironment) {
-  setenv("EVPOSE_STORE", "foo", 1);
+  const ScopedEnvironmentVariable store("EVPOSE_STORE", "foo");
   {
     Program program({"--listen", "127.0.0.1:0"});
     EXPECT_EQ(program.Wait(), 2);
     EXPECT_THAT(program.Stderr(), testing::HasSubstr("there is no store foo"));
   }
   Program program({"--listen", "127.0.0.1:0", "--store", "memory"});
-  unsetenv("EVPOSE_STORE");
   EXPECT_TRUE(absl::StartsWith(program.ReadLine(), "listening on 127.0.0.1:")) << program.Stderr();
 }
 
@@ -261,8 +260,8 @@ TEST(ProgramTest, TheLogMayBeJson) {
   EXPECT_EQ(program.Wait(), 0);
   EXPECT_THAT(EventsOf(program.Stderr()), testing::ElementsAre("server_ready", "server_draining", "server_stopped"));
 
-  setenv("EVPOSE_LOG_FORMAT", "json", 1);
-  setenv("EVPOSE_LOG_LEVEL", "off", 1);
+  const ScopedEnvironmentVariable format("EVPOSE_LOG_FORMAT", "json");
+  const ScopedEnvironmentVariable level("EVPOSE_LOG_LEVEL", "off");
   {
     Program quiet({"--listen", "127.0.0.1:0"});
     EXPECT_TRUE(absl::StartsWith(quiet.ReadLine(), "listening on "));
@@ -271,8 +270,6 @@ TEST(ProgramTest, TheLogMayBeJson) {
     EXPECT_EQ(quiet.Stderr(), "");
   }
   Program failing({"--listen", "127.0.0.1:0", "--port-file", "/no/such/directory/port"});
-  unsetenv("EVPOSE_LOG_FORMAT");
-  unsetenv("EVPOSE_LOG_LEVEL");
   EXPECT_EQ(failing.Wait(), 1);
   EXPECT_THAT(EventsOf(failing.Stderr()), testing::ElementsAre("server_failed"))
       << "the cause of the end is written at every level";

@@ -17,8 +17,6 @@
 #include <string>
 #include <vector>
 
-extern char** environ;
-
 namespace evpose::server {
 
 inline std::string Contents(const std::string& path) {

@@ -18,6 +18,7 @@
 #include <sstream>
 #include <string>
 
+#include "absl/strings/str_cat.h"
 #include "absl/strings/str_replace.h"
 #include "server/rpc/server.h"
 #include "tests/integration/cli_fixture.h"
@@ -193,7 +194,8 @@ TEST_F(CliTest, AResultThatCannotBeWrittenIsAnError) {
   for (const std::string& command :
        {std::string("evpose info cube/recording.raw"), std::string("evpose --help"), std::string("evpose --version"),
         std::string("evpose evaluate --truth cube/truth.tum --estimate cube/truth.tum"), replay,
-        "evpose sessions list" + address, "evpose models list --json" + address, "evpose watch " + session + address}) {
+        "evpose sessions list" + address, "evpose models list --json" + address,
+        absl::StrCat("evpose watch ", session, address)}) {
     ASSERT_EQ(RunShell(command).status, 0) << command;
     const CliResult result = RunShell(command + " > /dev/full");
     EXPECT_EQ(result.status, 1) << command;

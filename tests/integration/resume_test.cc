@@ -22,8 +22,6 @@
 #include "tests/integration/cli_fixture.h"
 #include "tests/integration/cutting_proxy.h"
 
-extern char** environ;
-
 namespace evpose {
 namespace {
 

@@ -14,6 +14,7 @@
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_replace.h"
 #include "core/base/certificates_testing.h"
+#include "core/base/environment_testing.h"
 #include "core/base/output_file.h"
 #include "core/base/version.h"
 #include "server/auth/token_file.h"
@@ -46,10 +47,6 @@ class TrustTest : public CliTest {
     options.tls = {Path("server.crt"), Path("server.key"), ""};
     tls_ = Start(options);
   }
-  void TearDown() override {
-    unsetenv("EVPOSE_TOKEN");
-    CliTest::TearDown();
-  }
 
   static std::unique_ptr<server::Server> Start(const server::ServerOptions& options) {
     auto server = server::Server::Start(options);
@@ -72,9 +69,11 @@ TEST_F(TrustTest, WhereATokenComesFrom) {
   const CliResult none = List(*plain_, {});
   EXPECT_EQ(none.status, 1);
   EXPECT_THAT(none.err, HasSubstr("--token-file"));
-  setenv("EVPOSE_TOKEN", lab_.token.c_str(), 1);
-  EXPECT_EQ(List(*plain_, {}).status, 0);
-  setenv("EVPOSE_TOKEN", "evpose_wrong", 1);
+  {
+    const ScopedEnvironmentVariable right("EVPOSE_TOKEN", lab_.token);
+    EXPECT_EQ(List(*plain_, {}).status, 0);
+  }
+  const ScopedEnvironmentVariable wrong_token("EVPOSE_TOKEN", "evpose_wrong");
   const CliResult wrong = List(*plain_, {});
   EXPECT_EQ(wrong.status, 1);
   EXPECT_THAT(wrong.err, AllOf(HasSubstr("this token is not valid"), Not(HasSubstr("evpose_wrong"))));
@@ -100,7 +99,7 @@ TEST_F(TrustTest, OptionsOfTls) {
     return more;
   };
   EXPECT_EQ(List(*tls_, with({"--tls-ca", Path("ca.crt")})).status, 0);
-  EXPECT_THAT(List(*tls_, with({"--tls"})).err, HasSubstr("give the authority's with --tls-ca"));
+  EXPECT_THAT(List(*tls_, with({"--tls"})).err, HasSubstr("give the authority's certificate with --tls-ca"));
   EXPECT_THAT(List(*tls_, token).err, HasSubstr("it requires TLS"));
   EXPECT_THAT(List(*plain_, with({"--tls-ca", Path("ca.crt")})).err, HasSubstr("it does not use TLS"));
   const CliResult half = List(*tls_, with({"--tls-cert", Path("server.crt")}));
