@@ -30,7 +30,7 @@ TEST(Evaluate, StatisticsEqualThoseComputedByHand) {
   Trajectory estimate;
   const double degrees[] = {0, 1, 2, 3, 10};
   for (int i = 0; i < 5; ++i) {
-    estimate.push_back(Pose(20'000 * i, {0.01 * i, 0, 2}, {0, 0, degrees[i] * kDegree}));
+    estimate.push_back(Pose(int64_t{20'000} * i, {0.01 * i, 0, 2}, {0, 0, degrees[i] * kDegree}));
   }
   const Evaluation e = EvaluateOk(TruthAtRest(), estimate);
   EXPECT_EQ(e.num_poses, 5u);

@@ -15,12 +15,13 @@ using Eigen::Vector2d;
 
 constexpr int kWidth = 24;
 constexpr int kHeight = 20;
+constexpr size_t kNumPixels = size_t{kWidth} * kHeight;
 constexpr PixelRect kImage = {0, 0, kWidth, kHeight};
 
 std::vector<float> Rasterize(const std::vector<Vector2d>& polygon, double value = 1.0, double alpha = 1.0,
                              float background = 0.0f) {
   CoverageRasterizer rasterizer(kWidth, kHeight);
-  std::vector<float> picture(kWidth * kHeight, background);
+  std::vector<float> picture(kNumPixels, background);
   rasterizer.Begin(BoundingRect(polygon).Intersection(kImage));
   rasterizer.AddPolygon(polygon, value, alpha);
   rasterizer.CompositeOnto(picture);
@@ -36,7 +37,8 @@ double SampledCoverage(const std::vector<Vector2d>& triangle, int x, int y) {
   constexpr int kSamples = 40;
   int inside = 0;
   for (int i = 0; i < kSamples * kSamples; ++i) {
-    const Vector2d p(x - 0.5 + (i % kSamples + 0.5) / kSamples, y - 0.5 + (i / kSamples + 0.5) / kSamples);
+    const int row = i / kSamples;
+    const Vector2d p(x - 0.5 + (i % kSamples + 0.5) / kSamples, y - 0.5 + (row + 0.5) / kSamples);
     bool all = true;
     for (int k = 0; k < 3; ++k) all = all && Side(triangle[k], triangle[(k + 1) % 3], p) <= 0.0;
     inside += all ? 1 : 0;
@@ -76,14 +78,15 @@ TEST(CoverageRasterizerTest, CoverageIsTheExactArea) {
 TEST(CoverageRasterizerTest, AnEdgeThatMovesByAnyFractionChangesThePictureByIt) {
   for (double x = 3.0; x < 5.0; x += 0.01) {
     const std::vector<float> picture = Rasterize({{x, 2.0}, {x, 8.0}, {12.0, 8.0}, {12.0, 2.0}});
-    const double row_sum = std::accumulate(picture.begin() + 5 * kWidth, picture.begin() + 6 * kWidth, 0.0);
+    const double row_sum =
+        std::accumulate(picture.begin() + ptrdiff_t{5} * kWidth, picture.begin() + ptrdiff_t{6} * kWidth, 0.0);
     EXPECT_NEAR(row_sum, 12.0 - x, 1e-5);
   }
 }
 
 TEST(CoverageRasterizerTest, AdjacentPolygonsLeaveNoGap) {
   CoverageRasterizer rasterizer(kWidth, kHeight);
-  std::vector<float> picture(kWidth * kHeight, 9.0f);
+  std::vector<float> picture(kNumPixels, 9.0f);
   rasterizer.Begin(kImage);
   const Vector2d a(1.3, 1.7), b(2.9, 17.1), c(20.2, 18.4), d(18.8, 2.2);
   rasterizer.AddPolygon(std::vector<Vector2d>{a, b, c}, 0.5, 1.0);
@@ -109,7 +112,7 @@ TEST(CoverageRasterizerTest, NothingOutsideTheImage) {
 
 TEST(GaussianBlurTest, KeepsTheSumAndSpreadsBySigma) {
   constexpr double kSigma = 0.7;
-  std::vector<float> source(kWidth * kHeight, 0.0f);
+  std::vector<float> source(kNumPixels, 0.0f);
   std::vector<float> target(source.size());
   source[10 * kWidth + 12] = 1.0f;
   GaussianBlur blur(kSigma);
@@ -128,14 +131,14 @@ TEST(GaussianBlurTest, KeepsTheSumAndSpreadsBySigma) {
 }
 
 TEST(GaussianBlurTest, KeepsAnEvenPictureUpToTheBorders) {
-  const std::vector<float> source(kWidth * kHeight, 0.37f);
+  const std::vector<float> source(kNumPixels, 0.37f);
   std::vector<float> target(source.size());
   GaussianBlur(0.6).Apply(source, kWidth, kHeight, kImage, target);
   for (const float value : target) EXPECT_NEAR(value, 0.37f, 1e-6);
 }
 
 TEST(GaussianBlurTest, ASigmaOfZeroCopies) {
-  std::vector<float> source(kWidth * kHeight);
+  std::vector<float> source(kNumPixels);
   for (size_t i = 0; i < source.size(); ++i) source[i] = static_cast<float>(i);
   std::vector<float> target(source.size());
   GaussianBlur(0.0).Apply(source, kWidth, kHeight, kImage, target);

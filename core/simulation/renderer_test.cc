@@ -42,7 +42,8 @@ TEST(SceneRendererTest, FacesHaveTheirShadeWhereTheCameraModelSays) {
     }
     EXPECT_EQ(seen, 3);
     for (int y = 0; y < camera.height_px; ++y) {  // the first and the last column, which the lens's blur repeats
-      ASSERT_NEAR(renderer.picture()[y * camera.width_px], options.background.reflectance, 1e-6) << y;
+      ASSERT_NEAR(renderer.picture()[static_cast<size_t>(y) * camera.width_px], options.background.reflectance, 1e-6)
+          << y;
       ASSERT_NEAR(renderer.picture()[(y + 1) * camera.width_px - 1], options.background.reflectance, 1e-6) << y;
     }
   }
@@ -161,7 +162,7 @@ TEST(SceneRendererTest, TheMovingEdgeSweepsBehindTheObject) {
   int least = 320, most = 0;
   for (double t_s = 0.0; t_s < 2.0; t_s += 0.01) {
     renderer.Render(pose, t_s);
-    const float* row = renderer.picture().data() + 5 * 320;  // above the object
+    const float* row = renderer.picture().data() + size_t{5} * 320;  // above the object
     const auto bright = static_cast<int>(std::count_if(row, row + 320, [](float v) { return v > 0.39f; }));
     const auto dark = static_cast<int>(std::count_if(row, row + 320, [](float v) { return v < 0.13f; }));
     EXPECT_GE(bright + dark, 310);  // one edge, and no other shades

@@ -13,6 +13,7 @@ namespace {
 
 constexpr int kSensorWidth = 80;
 constexpr int kSensorHeight = 50;
+constexpr size_t kNumPixels = size_t{kSensorWidth} * kSensorHeight;
 constexpr SensorGeometry kGeometry = {kSensorWidth, kSensorHeight};
 constexpr PixelRect kWholeSensor = {0, 0, kSensorWidth, kSensorHeight};
 constexpr PixelRect kNothing = {};
@@ -25,7 +26,7 @@ SensorOptions Quiet() {
 
 // A picture with light 0.9 in a bar from x0 to x1 and 0.1 elsewhere.
 std::vector<float> Bar(double x0, double x1) {
-  std::vector<float> picture(kSensorWidth * kSensorHeight);
+  std::vector<float> picture(kNumPixels);
   for (int y = 0; y < kSensorHeight; ++y) {
     for (int x = 0; x < kSensorWidth; ++x) {
       const double covered = std::min(x1, x + 0.5) - std::max(x0, x - 0.5);
@@ -44,7 +45,7 @@ std::vector<Event> MovingBar(const SensorOptions& options, double px, uint64_t s
   constexpr double kStepPx = 0.25;
   for (int i = 1; i <= static_cast<int>(px / kStepPx); ++i) {
     const double x = kBegin + kStepPx * i;
-    sensor.Advance(250 * i, Bar(x, x + kWidthPx), kWholeSensor, events);
+    sensor.Advance(int64_t{250} * i, Bar(x, x + kWidthPx), kWholeSensor, events);
   }
   if (counts != nullptr) *counts = sensor.counts();
   return events;
@@ -52,11 +53,11 @@ std::vector<Event> MovingBar(const SensorOptions& options, double px, uint64_t s
 
 // The events of a constant picture during `seconds`.
 std::vector<Event> Still(const SensorOptions& options, double seconds, float light, SensorCounts* counts = nullptr) {
-  const std::vector<float> picture(kSensorWidth * kSensorHeight, light);
+  const std::vector<float> picture(kNumPixels, light);
   EventSensor sensor(options, kGeometry, picture, 9);
   std::vector<Event> events;
   const int steps = static_cast<int>(seconds * 500);
-  for (int i = 1; i <= steps; ++i) sensor.Advance(2000 * i, picture, kNothing, events);
+  for (int i = 1; i <= steps; ++i) sensor.Advance(int64_t{2000} * i, picture, kNothing, events);
   if (counts != nullptr) *counts = sensor.counts();
   return events;
 }
@@ -212,8 +213,8 @@ TEST(EventSensorTest, PixelsBehindTheChangeSettle) {
   options.bandwidth_hz = 50.0;  // a time constant of 3.2 ms
   options.dark_bandwidth_ratio = 1.0;
   options.refractory_us = 0.0;
-  EventSensor sensor(options, kGeometry, std::vector<float>(kSensorWidth * kSensorHeight, 0.1f), 4);
-  const std::vector<float> brighter(kSensorWidth * kSensorHeight, 0.9f);
+  EventSensor sensor(options, kGeometry, std::vector<float>(kNumPixels, 0.1f), 4);
+  const std::vector<float> brighter(kNumPixels, 0.9f);
   std::vector<Event> events;
   sensor.Advance(100, brighter, kWholeSensor, events);
   const size_t at_once = events.size();
@@ -221,8 +222,7 @@ TEST(EventSensorTest, PixelsBehindTheChangeSettle) {
   EXPECT_GT(events.size(), 5 * at_once);
   // On average half an event less than the contrast divided by the threshold, because the remainder is uniformly
   // distributed.
-  EXPECT_NEAR(static_cast<double>(events.size()) / (kSensorWidth * kSensorHeight), std::log(0.91 / 0.11) / 0.28 - 0.5,
-              0.1);
+  EXPECT_NEAR(static_cast<double>(events.size()) / (kNumPixels), std::log(0.91 / 0.11) / 0.28 - 0.5, 0.1);
 }
 
 }  // namespace

@@ -325,7 +325,7 @@ TEST(TrackerInitialization, PosesNeverStepBackInTime) {
   auto tracker = MakeTracker(options);
   std::vector<PoseEstimate> estimates;
   for (int k = 0; k < 6; ++k) {
-    tracker->AddEvents(CubeEvents(k * 70'000, 70'000, k % 2 == 0 ? kStart : elsewhere), estimates);
+    tracker->AddEvents(CubeEvents(int64_t{70'000} * k, 70'000, k % 2 == 0 ? kStart : elsewhere), estimates);
   }
   EXPECT_GE(tracker->losses(), 3u);
   ASSERT_GT(estimates.size(), 100u);

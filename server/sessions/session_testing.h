@@ -179,7 +179,7 @@ inline std::string Flat64(const std::vector<Event>& events) {
 inline std::vector<Event> SomeEvents(int64_t begin_ms, int64_t end_ms, int per_ms = 3) {
   std::vector<Event> events;
   for (int64_t ms = begin_ms; ms < end_ms; ++ms) {
-    for (int i = 0; i < per_ms; ++i) {
+    for (int64_t i = 0; i < per_ms; ++i) {
       events.push_back({ms * 1000 + i * (900 / per_ms), static_cast<uint16_t>(1 + (7 * ms + i) % 300),
                         static_cast<uint16_t>(1 + (3 * ms + 5 * i) % 200), static_cast<uint8_t>(i % 2)});
     }

@@ -10,12 +10,14 @@
 #include <cstdlib>
 
 // The functions of glibc itself; a program may define the public ones.
+// NOLINTBEGIN(bugprone-reserved-identifier): their names
 extern "C" {
 void* __libc_malloc(size_t size);
 void* __libc_calloc(size_t count, size_t size);
 void* __libc_realloc(void* memory, size_t size);
 void* __libc_memalign(size_t alignment, size_t size);
 }
+// NOLINTEND(bugprone-reserved-identifier)
 
 namespace evpose::bench {
 namespace {

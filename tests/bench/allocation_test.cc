@@ -56,7 +56,7 @@ class TrackingAllocations : public ::testing::TestWithParam<const char*> {
  protected:
   static constexpr int64_t kWarmUp_us = 150'000;
   static constexpr int64_t kDuration_us = 500'000;
-  static constexpr size_t kPieceBytes = 16 * 1024;
+  static constexpr size_t kPieceBytes = size_t{16} * 1024;
 };
 
 TEST_P(TrackingAllocations, NoneForAWindow) {

@@ -14,7 +14,7 @@
 namespace evpose::bench {
 namespace {
 
-constexpr size_t kPieceBytes = 256 * 1024;
+constexpr size_t kPieceBytes = size_t{256} * 1024;
 
 void Copy(benchmark::State& state, const std::string& scene, Encoding encoding) {
   const std::vector<uint8_t>& bytes = BytesOf(scene, encoding);

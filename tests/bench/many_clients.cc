@@ -335,4 +335,5 @@ int Main(int argc, char** argv) {
 }  // namespace
 }  // namespace evpose::bench
 
+// NOLINTNEXTLINE(bugprone-exception-escape): an exception ends the program
 int main(int argc, char** argv) { return evpose::bench::Main(argc, argv); }

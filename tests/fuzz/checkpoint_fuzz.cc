@@ -100,7 +100,7 @@ struct Base {
   server::SavedTracker tracker;
 };
 
-server::SessionConfig Config(Estimator estimator, std::vector<std::string> objects = {"cube"}) {
+server::SessionConfig Config(Estimator estimator, const std::vector<std::string>& objects = {"cube"}) {
   server::SessionConfig config = server::SomeConfig(objects);
   config.estimator = estimator;
   config.camera = kCamera;

@@ -11,6 +11,7 @@
 #include <string>
 #include <vector>
 
+// NOLINTNEXTLINE(readability-redundant-declaration): libFuzzer, which usually declares it, is not used
 extern "C" int LLVMFuzzerTestOneInput(const uint8_t* data, size_t size);
 
 namespace {
@@ -37,6 +38,7 @@ bool Replay(const fs::path& path) {
 
 }  // namespace
 
+// NOLINTNEXTLINE(bugprone-exception-escape): an exception ends the program, as a finding must
 int main(int argc, char** argv) {
   size_t num_files = 0;
   for (int i = 1; i < argc; ++i) {

@@ -48,7 +48,7 @@ std::string SomeEvents(size_t count, FuzzInput& input, int64_t& t_us) {
   std::vector<Event> events;
   for (size_t i = 0; i < count; ++i) {
     const uint8_t byte = input.Byte();
-    t_us += byte % 16 * 200;
+    t_us += int64_t{200} * (byte % 16);
     const auto pixel = static_cast<uint16_t>(byte / 16);
     events.push_back({t_us, pixel, pixel, static_cast<uint8_t>(byte % 2)});
   }

@@ -12,6 +12,7 @@
 #include <utility>
 #include <vector>
 
+#include "absl/strings/str_cat.h"
 #include "server/rpc/server.h"
 #include "tests/integration/cli_fixture.h"
 
@@ -148,8 +149,8 @@ std::string SphereObj() {
     for (int sector = 0; sector < kSectors; ++sector) {
       const std::string a = vertex(ring, sector), b = vertex(ring + 1, sector);
       const std::string c = vertex(ring + 1, sector + 1), d = vertex(ring, sector + 1);
-      if (b != c) obj += "f " + a + " " + b + " " + c + "\n";
-      if (a != d) obj += "f " + a + " " + c + " " + d + "\n";
+      if (b != c) absl::StrAppend(&obj, "f ", a, " ", b, " ", c, "\n");
+      if (a != d) absl::StrAppend(&obj, "f ", a, " ", c, " ", d, "\n");
     }
   }
   return obj;
