@@ -31,7 +31,7 @@ constexpr bool kCountsMemory = false;
 #else
 constexpr bool kCountsMemory = true;
 #endif
-constexpr int64_t kMaxBytesPerConnection = 64 * 1024;
+constexpr int64_t kMaxBytesPerConnection = int64_t{64} * 1024;
 
 // A TCP connection that sends nothing, or only the connection preface of HTTP/2.
 class IdleConnection {

@@ -295,7 +295,7 @@ TEST_P(StoreSuite, CommitsOfOneSessionComeOneByOne) {
   std::promise<absl::Status> inner;
   std::promise<absl::Status> second;
   // Within `done` the commit is complete: one further commit is accepted, a second one at the same time is not.
-  lease->Commit({.checkpoint = "1"}, [&](absl::Status) {
+  lease->Commit({.checkpoint = "1"}, [&](const absl::Status&) {
     lease->Commit({.checkpoint = "2"}, [&](absl::Status status) { inner.set_value(std::move(status)); });
     lease->Commit({.checkpoint = "3"}, [&](absl::Status status) { second.set_value(std::move(status)); });
   });
@@ -321,7 +321,7 @@ class Chain {
     if (!status.ok() || committed_ == length_) return finished_.set_value();
     const uint64_t seq = committed_ + 1;
     lease_->Commit({.checkpoint = session_ + " " + std::to_string(seq), .poses = {Segment(session_, seq, seq)}},
-                   [this](absl::Status done) {
+                   [this](const absl::Status& done) {
                      ++calls_of_done_;
                      if (done.ok()) ++committed_;
                      Next(done);

@@ -229,7 +229,7 @@ ChunkSource Source(int count, int64_t seed = 0) {
     if (next == count) return EventChunk{};
     EventChunk chunk;
     chunk.bytes.assign(next + 1 == count ? 8 : 24, static_cast<uint8_t>(seed + next));
-    chunk.t_last_us = 1000 * next++;
+    chunk.t_last_us = int64_t{1000} * next++;
     return chunk;
   };
 }
@@ -355,7 +355,7 @@ TEST(EventFeedTest, ReadsAheadUpToTheLimit) {
   ASSERT_TRUE(feed.ok());
   (*feed)->Start(1000);
   for (uint64_t seq = 1; seq <= 10; ++seq) ASSERT_TRUE((*feed)->outbox().Get(seq, {}).ok());
-  while ((*feed)->outbox().state().last.bytes < 14 * 16) std::this_thread::yield();
+  while ((*feed)->outbox().state().last.bytes < size_t{14} * 16) std::this_thread::yield();
   (*feed)->Stop();
   EXPECT_EQ(num_read, 14);
 }
