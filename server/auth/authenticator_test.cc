@@ -31,7 +31,7 @@ TEST(AuthenticatorTest, Tokens) {
   const std::string path = files.Write("tokens", absl::StrCat(lab.line, "\n", admin.line, "\n"));
   const auto authenticator = Authenticator::Create({path, true}).value();
   EXPECT_FALSE(authenticator->is_open());
-  const auto ask = [&](std::vector<absl::string_view> authorization) {
+  const auto ask = [&](const std::vector<absl::string_view>& authorization) {
     return Describe(authenticator->Authenticate({authorization, "certificate"}));
   };
   const std::string good = "Bearer " + lab.token;

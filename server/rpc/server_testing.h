@@ -123,7 +123,7 @@ class RpcTest : public testing::Test {
     options.max_model_bytes = 4096;
     options.max_model_store_bytes = 8192;
     options.max_chunk_bytes = 64 * 1024;
-    options.credit_bytes = 256 * 1024;
+    options.credit_bytes = uint64_t{256} * 1024;
     return options;
   }
 
@@ -194,7 +194,7 @@ class RpcTest : public testing::Test {
     EXPECT_EQ(Describe(Create(request, session)), "OK");
     auto track = Attached(*session);
     gate_->Close();
-    for (uint64_t seq = 1; *sent_bytes < 400 * 1024; ++seq) {
+    for (uint64_t seq = 1; *sent_bytes < uint64_t{400} * 1024; ++seq) {
       const auto begin_ms = static_cast<int64_t>(1000 * seq);
       const std::string payload = Flat64(SomeEvents(begin_ms, begin_ms + 10, 300));
       EXPECT_TRUE(track->Events(seq, payload));

@@ -7,6 +7,7 @@
 #include <thread>
 
 #include "absl/strings/escaping.h"
+#include "absl/strings/str_cat.h"
 #include "core/numerics/hash.h"
 #include "grpc/health/v1/health.grpc.pb.h"
 #include "server/rpc/server_testing.h"
@@ -290,7 +291,7 @@ TEST_F(StoreErrorsTest, WatchersReceiveTheErrorThatEndsTheirSession) {
     const Watchers watchers(*sessions_, session.name());
     trouble_->Set(answer);
     (void)track->Events(2, Flat64(SomeEvents(11, 1200, 1)));  // enough for a checkpoint, unless one has failed already
-    EXPECT_EQ(watchers.Errors(), error + ", " + error);
+    EXPECT_EQ(watchers.Errors(), absl::StrCat(error, ", ", error));
     EXPECT_EQ(Describe(track->Finish()), error);
     trouble_->Set(absl::OkStatus());
   }

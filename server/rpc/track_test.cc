@@ -96,7 +96,7 @@ TEST_F(TrackTest, GivesPosesAcksAndASummary) {
   ASSERT_TRUE(track->ReadUntil(Kind::kAck, response, &before));
   EXPECT_EQ(response.ack().processed_seq(), 1u);
   EXPECT_EQ(response.ack().durable_seq(), 1u);
-  EXPECT_EQ(response.ack().send_limit_bytes(), 256u * 1024 + payload.size());
+  EXPECT_EQ(response.ack().send_limit_bytes(), uint64_t{256} * 1024 + payload.size());
   ASSERT_EQ(before.size(), 9u) << "the poses of a chunk come before its ack";
   const v1::Pose& pose = before[0].pose();
   EXPECT_EQ(pose.pose_seq(), 1u);
@@ -135,11 +135,11 @@ TEST_F(TrackTest, PosesAreTheSameBytesWhateverTheChunkingAndTheChannel) {
   options.listen_address = "127.0.0.1:0";
   Connect(options);
   const std::vector<Event> events = SomeEvents(1, 3000);
-  const std::string poses = PosesOf(events, 64 * 1024);
+  const std::string poses = PosesOf(events, size_t{64} * 1024);
   EXPECT_FALSE(poses.empty());
   EXPECT_EQ(PosesOf(events, 1000), poses);
   Use(grpc::CreateChannel(absl::StrCat("127.0.0.1:", server_->port()), grpc::InsecureChannelCredentials()));
-  EXPECT_EQ(PosesOf(events, 64 * 1024), poses);
+  EXPECT_EQ(PosesOf(events, size_t{64} * 1024), poses);
   EXPECT_EQ(PosesOf(events, 4096), poses);
 }
 
@@ -244,7 +244,7 @@ TEST_F(TrackTest, IgnoresRepeatedChunksAndTakesADigestThatIsRight) {
   v1::TrackResponse response;
   for (uint64_t repetition = 1; repetition <= 3; ++repetition) {
     ASSERT_TRUE(track->Write(request));
-    const uint64_t wanted = 256 * 1024 + repetition * request.events().payload().size();
+    const uint64_t wanted = uint64_t{256} * 1024 + repetition * request.events().payload().size();
     do {
       ASSERT_TRUE(track->ReadUntil(Kind::kAck, response));
     } while (response.ack().send_limit_bytes() < wanted);
@@ -440,7 +440,7 @@ TEST_F(TrackTest, DroppedEventsAreReportedEquallyEverywhere) {
   uint64_t sent_bytes = 0;
   const auto track = OverloadedLatest(&session, &sent_bytes);
   v1::TrackResponse response;
-  while (response.ack().send_limit_bytes() < sent_bytes + 256 * 1024) {
+  while (response.ack().send_limit_bytes() < sent_bytes + uint64_t{256} * 1024) {
     ASSERT_TRUE(track->ReadUntil(Kind::kAck, response)) << "credit is granted although no events are tracked";
   }
   gate_->Open();

@@ -99,7 +99,7 @@ class SlowTracker : public FakeTracker {
 class LiveTest : public testing::Test {
  protected:
   static constexpr int kEventsPerMs = 20;
-  static constexpr uint64_t kCreditBytes = 64 * 1024;
+  static constexpr uint64_t kCreditBytes = uint64_t{64} * 1024;
 
   ~LiveTest() override { pool_.Join(); }
 
@@ -361,7 +361,8 @@ TEST(WorkerFairnessTest, ALightSessionWaitsForOneSliceOfEachBusyOne) {
   const auto served = std::find(slices.begin(), slices.end(), kBusy) - slices.begin();
   EXPECT_LE(served, kBusy);
   for (int round = 1; round < 50; ++round) {
-    std::vector<int> turn(slices.begin() + round * kBusy + 1, slices.begin() + (round + 1) * kBusy + 1);
+    const auto begin = slices.begin() + ptrdiff_t{kBusy} * round + 1;
+    std::vector<int> turn(begin, begin + kBusy);
     std::sort(turn.begin(), turn.end());
     EXPECT_THAT(turn, ElementsAre(0, 1, 2, 3, 4, 5, 6, 7)) << "each session runs once in round " << round;
   }

@@ -190,7 +190,7 @@ TEST_F(SessionCheckpointTest, ARenewedTokenIsDurable) {
   EXPECT_TRUE(session_->IsTokenGood("first")) << "until the new one is used";
   absl::Status refused;
   session_->Close(absl::NotFoundError("deleted"));
-  session_->RenewToken([&refused](absl::StatusOr<std::string> token) { refused = token.status(); });
+  session_->RenewToken([&refused](const absl::StatusOr<std::string>& token) { refused = token.status(); });
   EXPECT_EQ(refused.code(), absl::StatusCode::kNotFound);
 }
 

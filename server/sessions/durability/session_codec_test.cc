@@ -63,7 +63,7 @@ std::vector<StoredPose> SomePoses() {
     StoredPose pose;
     pose.pose_seq = 40 + i;
     pose.object_index = pose.estimate.object_index = i % 2;
-    pose.estimate.t_us = 1000 * i;
+    pose.estimate.t_us = int64_t{1000} * i;
     pose.estimate.camera_from_object.translation_m << 0.1 * i, 1e-310, -0.0;
     pose.estimate.camera_from_object.rotation *= 1.0 + 1e-16 * i;
     pose.estimate.covariance.setRandom();
