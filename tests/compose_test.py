@@ -16,15 +16,8 @@ def check(condition, *words):
         sys.exit("compose_test: " + " ".join(str(word) for word in words))
 
 
-class Loader(yaml.SafeLoader):
-    """Loads YAML with the tag !override of Compose."""
-
-
-Loader.add_constructor("!override", lambda loader, node: loader.construct_sequence(node))
-
-
 def services(name):
-    return yaml.load((ROOT / "deploy" / name).read_text(), Loader)["services"]
+    return yaml.safe_load((ROOT / "deploy" / name).read_text())["services"]
 
 
 def options(command):
@@ -43,8 +36,6 @@ def check_tls(below, on_top):
             continue
         encrypted = options(service["command"])
         for option, value in options(services(below)[name]["command"]).items():
-            if option == "--insecure" and "--tls-cert" in encrypted:
-                continue
             check(encrypted.get(option, "") == value, name, "of", on_top, "has not", option, value or "", "of", below)
 
 
@@ -56,8 +47,25 @@ def check_versions():
         check(said and set(said) == {version}, name, "has the version", said, "and not", version)
 
 
+def check_images():
+    """Checks that the images that are not built here are named in .env only, and that clients reach HAProxy only."""
+    deploy = ROOT / "deploy"
+    images = dict(re.findall(r"^(\w+)=(\S+)$", (deploy / ".env").read_text(), re.M))
+    for path in (deploy / "Dockerfile", ROOT / "tests/container/others.Dockerfile"):
+        text = path.read_text()
+        check(f"ARG BASE_IMAGE={images['BASE_IMAGE']}\n" in text, path.name, "has another base image than .env")
+        check(set(re.findall(r"^FROM (\S+)", text, re.M)) <= {"${BASE_IMAGE}"}, path.name, "uses other base images")
+    for name in ("compose.yaml", "compose.cluster.yaml"):
+        for service, document in services(name).items():
+            named = re.fullmatch(r"\$\{(\w+)\}", document["image"])
+            check(named and named[1] in images or document["image"].startswith("evpose-"), service, "of", name, document["image"])
+            open_ports = [port for port in document.get("ports", []) if ":50051" in port]
+            check(not open_ports or service == "haproxy", service, "of", name, "is published without a proxy")
+
+
 def main():
     check_versions()
+    check_images()
     check_tls("compose.yaml", "compose.tls.yaml")
     check_tls("compose.cluster.yaml", "compose.cluster.tls.yaml")
 

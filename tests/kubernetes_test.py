@@ -66,6 +66,13 @@ def selects(selector, labels):
     return all(labels.get(name) == value for name, value in selector.items())
 
 
+def write_secret(secret, volume, place):
+    """Writes the files of a volume that has a Secret."""
+    items = volume.get("items", [{"key": key, "path": key} for key in secret["data"]])
+    for item in items:
+        (place / item["path"]).write_bytes(base64.b64decode(secret["data"][item["key"]]))
+        (place / item["path"]).chmod(volume["defaultMode"])
+
 
 class Pod:
     """The pod of evpose-server with its options, variables and files."""
@@ -78,6 +85,8 @@ class Pod:
         self.spec = template["spec"]
         check(len(self.spec["containers"]) == 1, folder, "has other containers")
         self.container = self.spec["containers"][0]
+        self.sidecars = {container["name"]: container for container in self.spec["initContainers"]}
+        check(all(container["restartPolicy"] == "Always" for container in self.sidecars.values()), folder, "has no sidecars")
         config_name = self.container["envFrom"][0]["configMapRef"]["name"]
         check(("ConfigMap", config_name) in objects, folder, "names a ConfigMap that is not there:", config_name)
         self.environment = dict(objects["ConfigMap", config_name]["data"])
@@ -108,13 +117,11 @@ class Pod:
                 name = volume["secret"]["secretName"]
                 check(("Secret", name) in self.secrets, self.folder, "uses a Secret that no manifest defines:", name)
                 check(mount["readOnly"], mount)
-                for key, value in self.secrets["Secret", name]["data"].items():
-                    (place / key).write_bytes(base64.b64decode(value))
-                    (place / key).chmod(volume["secret"]["defaultMode"])
+                write_secret(self.secrets["Secret", name], volume["secret"], place)
             else:
                 claim = volume["persistentVolumeClaim"]["claimName"]
                 check(("PersistentVolumeClaim", claim) in self.objects, self.folder, "has no", claim)
-        used = {mount["name"] for mount in self.container["volumeMounts"]}
+        used = {mount["name"] for container in [self.container, *self.sidecars.values()] for mount in container["volumeMounts"]}
         check(used == set(self.volumes), self.folder, "has volumes that nothing mounts")
         return places
 
@@ -126,7 +133,7 @@ def check_security(folder, objects):
         check(spec["securityContext"]["runAsNonRoot"] and spec["securityContext"]["runAsUser"] > 0, who, "may be root")
         check(spec["securityContext"]["seccompProfile"] == {"type": "RuntimeDefault"}, who, "seccomp")
         check(spec["automountServiceAccountToken"] is False, who, "has a token of the cluster")
-        for container in spec["containers"]:
+        for container in spec["containers"] + spec.get("initContainers", []):
             context = container["securityContext"]
             check(context["readOnlyRootFilesystem"] is True, who, "may write its image")
             check(context["allowPrivilegeEscalation"] is False, who, "may gain privileges")
@@ -141,15 +148,18 @@ def check_security(folder, objects):
 
 def check_references(pod, objects):
     """Checks that selectors match the pod, and that ports have its names and numbers."""
-    numbers = {port["name"]: port["containerPort"] for port in pod.container["ports"]}
+    containers = [pod.container, *pod.sidecars.values()]
+    numbers = {port["name"]: port["containerPort"] for container in containers for port in container.get("ports", [])}
     said = dict(argument[2:].split("=", 1) for argument in pod.arguments())
-    check(int(said["listen"].rpartition(":")[2]) == numbers["grpc"], "the port of gRPC differs from --listen")
+    proxy = one(objects, "ConfigMap", "evpose-haproxy")["data"]
+    check(f" server {said['listen']} " in proxy["pod.cfg"], "HAProxy expects the server elsewhere than at", said["listen"])
+    check(f"bind :{numbers['grpc']} " in proxy["tls.cfg"], "the port of gRPC differs from that of HAProxy")
     check(int(said["metrics-listen"].rpartition(":")[2]) == numbers["metrics"], "that of metrics from --metrics-listen")
     service = one(objects, "Service", "evpose-server")
     check(selects(service["spec"]["selector"], pod.labels), "the Service selects nothing")
     check(selects(pod.deployment["spec"]["selector"]["matchLabels"], pod.labels), "the Deployment selects nothing")
     for port in service["spec"]["ports"]:
-        check(numbers.get(port["targetPort"]) == port["port"], "the Service's port", port)
+        check(port["targetPort"] in numbers, "the Service's port", port)
     budget = one(objects, "PodDisruptionBudget", "evpose-server")
     check(selects(budget["spec"]["selector"]["matchLabels"], pod.labels), "the PodDisruptionBudget selects nothing")
     for policy in of_kind(objects, "NetworkPolicy"):
@@ -175,7 +185,9 @@ def check_cluster(objects, pod, metrics):
     alerts = pathlib.Path("deploy/prometheus/alerts.yml").read_text()
     check('state!="closed"' in adapter["metricsQuery"] and '(evpose_sessions{state!="closed"})' in alerts,
           "the autoscaler and the alert EvposeCapacity count different sessions")
-    host, port = pod.environment["EVPOSE_STORE"].removeprefix("redis://").split(":")
+    way = {entry["name"]: entry["value"] for entry in pod.sidecars["store"]["env"]}
+    check(pod.environment["EVPOSE_STORE"] == "redis://" + way["STORE_BIND"], "the server's way to Redis is not encrypted")
+    host, port = way["STORE_REDIS"].replace(".evpose.svc.cluster.local", "").split(":")
     redis = objects["Service", host]
     check(redis["spec"]["ports"][0]["port"] == int(port), "Redis listens elsewhere")
     stateful = objects["StatefulSet", host]["spec"]["template"]
@@ -184,6 +196,13 @@ def check_cluster(objects, pod, metrics):
     to_redis = egress[0]["to"][0]["podSelector"]["matchLabels"]
     check(selects(to_redis, stateful["metadata"]["labels"]), "servers may not reach Redis")
     check(egress[0]["ports"][0]["port"] == int(port), "servers may not reach the port of Redis")
+    container = stateful["spec"]["containers"][0]
+    options = dict(zip(container["args"][::2], container["args"][1::2]))
+    gigabytes = int(options["--maxmemory"].removesuffix("gb"))
+    check(options["--port"] == "0" and options["--tls-port"] == port, "Redis accepts connections without TLS")
+    check(int(container["resources"]["limits"]["memory"].removesuffix("Gi")) >= 2 * gigabytes, "no room for the rewrite of Redis' file")
+    most_sessions = scaler["maxReplicas"] * int(pod.environment["EVPOSE_MAX_SESSIONS"])
+    check(most_sessions * 8.3e6 <= gigabytes * 2**30, most_sessions, "sessions have no room in Redis")
 
 
 def check_monitoring(pod, objects):
@@ -198,18 +217,18 @@ def check_monitoring(pod, objects):
 
 
 class Redis:
-    """Starts a Redis with the options of the overlay, at a socket."""
+    """Starts a Redis with the options of the overlay, at a socket instead of its port."""
 
     def __init__(self, objects, secrets, root):
-        container = objects["StatefulSet", "evpose-redis"]["spec"]["template"]["spec"]["containers"][0]
-        entry = container["env"][0]
-        reference = entry["valueFrom"]["secretKeyRef"]
-        password = base64.b64decode(secrets["Secret", reference["name"]]["data"][reference["key"]]).decode()
-        arguments = [text.replace(f"$({entry['name']})", password) for text in container["args"]]
-        arguments[arguments.index("/data")] = str(root)
+        spec = objects["StatefulSet", "evpose-redis"]["spec"]["template"]["spec"]
+        volume = spec["volumes"][0]["secret"]
+        write_secret(secrets["Secret", volume["secretName"]], volume, root)
+        container = spec["containers"][0]
+        changes = {"/data": str(root), "6379": "0"}
+        arguments = [changes.get(text, text).replace("/run/secrets", str(root)) for text in container["args"]]
         self.socket = root / "socket"
         self.process = subprocess.Popen(
-            container["command"] + arguments + ["--port", "0", "--unixsocket", str(self.socket)],
+            container["command"] + arguments + ["--unixsocket", str(self.socket)],
             stdout=subprocess.PIPE, text=True)
         for line in self.process.stdout:
             if "ready to accept connections at" in line:
@@ -235,7 +254,7 @@ def run_server(pod, root, redis):
     def here(text):
         for there, place in places.items():
             text = text.replace(there, str(place))
-        return re.sub(r"0\.0\.0\.0:\d+", "0.0.0.0:0", text)
+        return re.sub(r"(0\.0\.0\.0|127\.0\.0\.1):\d+", r"\1:0", text)
 
     environment = {"PATH": os.environ["PATH"], **{name: here(value) for name, value in pod.environment.items()}}
     if redis is not None:

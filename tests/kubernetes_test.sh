@@ -17,11 +17,11 @@ cmp "$work/prometheusrule.yaml" deploy/kubernetes/monitoring/prometheusrule.yaml
   fail "run deploy/kubernetes/monitoring/make-prometheusrule.sh: the alerts have changed"
 
 # The files that an operator provides, made as in server/auth/README.md.
-cp -r deploy/kubernetes "$work/kubernetes"
+cp -r deploy/kubernetes deploy/haproxy "$work"
 secrets=$work/kubernetes/secrets
 openssl req -x509 -newkey ec -pkeyopt ec_paramgen_curve:P-256 -nodes -days 2 -subj "/CN=evpose-server" \
   -keyout "$secrets/access/tls.key" -out "$secrets/access/tls.crt" 2>"$work/openssl" || { cat "$work/openssl" >&2; fail "openssl"; }
 (umask 077; "$server" --new-token lab --token-file "$secrets/access/tokens" >/dev/null 2>&1)
-openssl rand -hex 24 | tr -d '\n' >"$secrets/redis/redis.password"
+deploy/make-secrets.sh "$secrets/redis" >/dev/null
 
 exec python3 tests/kubernetes_test.py "$server" "$kubectl" "$work"

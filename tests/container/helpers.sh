@@ -67,9 +67,9 @@ copy_ccache() {
   (cd "$cache" && find . -type f -mmin -240 -print0 | tar --create --null --files-from -) | tar --extract --directory "$1"
 }
 
-# build_image TARGET TAG DOCKER_BUILD_ARGUMENTS...: builds in the background, with its output in $work/build-TARGET.
+# build_image NAME TAG DOCKER_BUILD_ARGUMENTS...: builds in the background, with its output in $work/build-NAME.
 build_image() {
-  docker build --progress plain --network host --target "$1" --tag "$2" "${@:3}" >"$work/build-$1" 2>&1 &
+  docker build --progress plain --network host --tag "$2" "${@:3}" >"$work/build-$1" 2>&1 &
   background+=($!)
   builds[$1]=$!
 }
@@ -89,11 +89,9 @@ build_images() {
   # The files of the work tree with uncommitted changes, including the Dockerfile.
   git ls-files -co --exclude-standard -z | tar --create --null --files-from - | tar --extract --directory "$context"
   copy_ccache "$context/.ccache"
-  for target in server client; do build_image "$target" "evpose-$target:$version" "${arguments[@]}"; done
+  for target in server client haproxy redis; do build_image "$target" "evpose-$target:$version" --target "$target" "${arguments[@]}"; done
   mkdir "$work/empty"
-  build_image prometheus prom/prometheus:v2.42.0 --file "$here/others.Dockerfile" "$work/empty"
-  build_image redis redis:7.0-bookworm --file "$here/others.Dockerfile" "$work/empty"
-  build_image haproxy haproxy:2.6-bookworm --file "$here/others.Dockerfile" "$work/empty"
+  build_image prometheus "$(sed -n 's/^PROMETHEUS_IMAGE=//p' deploy/.env)" --file "$here/others.Dockerfile" "$work/empty"
   await_images server client
   echo "images of server and client: built in $((SECONDS - since)) s on $(nproc) cores; taken from what the build before compiled:" \
     "$(sed -n 's/.* Hits: *//p' "$work/build-server" | head -n 1)"
@@ -142,13 +140,27 @@ import json, sys
 commands = [service["command"] for name, service in json.load(sys.stdin)["services"].items() if name.startswith("server-")]
 sys.exit(len(commands) != 3 or not all("--shutdown-notice" in command for command in commands))' ||
     fail "with deploy/compose.cluster.tls.yaml the servers shut down without a notice"
-  openssl req -x509 -newkey ec -pkeyopt ec_paramgen_curve:P-256 -nodes -days 1 -subj "/CN=cluster" -keyout "$EVPOSE_SECRETS/server.crt.key" \
-    -out "$EVPOSE_SECRETS/server.crt" 2>/dev/null
-  chmod 755 "$EVPOSE_SECRETS" && chmod 444 "$EVPOSE_SECRETS"/server.crt*
-  # The names of the servers cannot be resolved here; HAProxy treats them as servers that are down.
-  docker run --rm --network none --volume "$PWD/deploy/haproxy:/cfg:ro" --volume "$EVPOSE_SECRETS:/run/secrets:ro" haproxy:2.6-bookworm \
-    haproxy -c -q -f /cfg/haproxy.cfg -f /cfg/tls.cfg || fail "haproxy rejects the configuration in deploy/haproxy"
-  rm "$EVPOSE_SECRETS"/server.crt*
+}
+
+# check_flood ADDRESS PORT COMMAND...: floods a published port with calls that are reset, from another address than that of other clients,
+# while a command, a client's call, succeeds again and again.
+check_flood() {
+  local flood=(nsenter "--net=/run/netns/$engine_namespace" python3 "$here/../http2_flood.py" "$1:$2") pid result calls
+  for result in "2 20000 --apart" "2 200000"; do
+    # shellcheck disable=SC2086  # words
+    "${flood[@]}" $result >"$work/flood" &
+    pid=$!
+    background=("$pid")
+    calls=0
+    while kill -0 "$pid" 2>/dev/null || ((calls < 3)); do
+      "${@:3}" >"$work/log" 2>&1 || fail "a call during a flood of resets fails: $(tail -n 1 "$work/log")"
+      calls=$((calls + 1))
+    done
+    wait "$pid" || fail "the flood ended early"
+    background=()
+    [[ $(tail -n 1 "$work/flood") != all ]] || fail "HAProxy lets a source flood again"
+    echo "flood ($result streams): cut after $(paste -sd ' ' "$work/flood"); $calls calls of another client"
+  done
 }
 
 make_secrets() {

@@ -9,7 +9,7 @@ reference=$work/cube/reference.tum
 # start_replay NAME: starts the replay of the demo at the rate of the camera, with poses in /data/NAME.tum.
 start_replay() {
   compose run --detach --no-deps --name "$1" client replay /data/cube/recording.raw --model /data/cube/model.obj \
-    --camera /data/cube/camera.yaml --server server:50051 --rate 1 --out "/data/$1.tum" >/dev/null
+    --camera /data/cube/camera.yaml --server haproxy:50051 --rate 1 --out "/data/$1.tum" >/dev/null
 }
 poses() { metric 9464 evpose_poses_total; }
 # await_poses NAME COUNT: waits until 800 poses more than COUNT have been received.
@@ -106,6 +106,13 @@ cmp "$data/cube/recording.raw" "$work/cube/recording.raw" || fail "the recording
 same "$data/poses.tum" "$reference" "demo"
 check_prometheus
 
+say "a flood of resets at the published port, beside calls of a client"
+resident_kb() { awk '/^VmHWM:/ {print $2}' "/proc/$(pid_of "$server")/status"; }
+before=$(resident_kb)
+check_flood 127.0.0.1 50051 compose run --rm --no-deps client sessions list --server haproxy:50051
+# Without the proxy, 200 000 such streams take 2 GB.
+(($(resident_kb) - before < 300000)) || fail "the flood took $(($(resident_kb) - before)) kB of the server"
+
 say "the server is killed during a replay"
 before=$(poses)
 start_replay killed
@@ -118,7 +125,7 @@ before=$(poses)
 start_replay drained
 await_poses drained "$before"
 restarts=$(docker inspect --format '{{.RestartCount}}' "$server")
-compose run --rm --no-deps client sessions drain --server server:50051 >/dev/null 2>&1 || fail "the server could not be drained"
+compose run --rm --no-deps client sessions drain --server haproxy:50051 >/dev/null 2>&1 || fail "the server could not be drained"
 await "the server to be started again" has_started_again "$server" "$restarts"
 finish_replay drained
 
@@ -129,7 +136,7 @@ network_cut
 say "the server receives two signals"
 before=$(received)
 compose run --detach --no-deps --name stubborn client replay /data/cube/recording.raw --model /data/cube/model.obj \
-  --camera /data/cube/camera.yaml --server server:50051 --rate 0.01 --max-outage 0 --out /data/stubborn.tum >/dev/null
+  --camera /data/cube/camera.yaml --server haproxy:50051 --rate 0.01 --max-outage 0 --out /data/stubborn.tum >/dev/null
 await "the client to stream" is_above "$before" received
 docker kill --signal TERM "$server" >/dev/null
 await "the server to begin its shutdown" has_said "$server" "signal 15"

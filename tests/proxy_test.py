@@ -1,0 +1,228 @@
+#!/usr/bin/env python3
+# SPDX-License-Identifier: Apache-2.0
+"""Runs HAProxy with the files of deploy/haproxy in front of evpose-server, and between it and a Redis with TLS.
+
+usage: proxy_test.py EVPOSE_SERVER EVPOSE
+
+Every HAProxy of the compose files and of Kubernetes accepts its files. A server reaches Redis through HAProxy, and only if Redis has the
+right certificate. Tokens and client certificates work through HAProxy. A flood of resets is cut or absorbed, while the calls of another
+client succeed. HAProxy inherits its sockets, so there are no fixed ports; its files are used with other paths and addresses.
+"""
+import contextlib
+import os
+import pathlib
+import re
+import shutil
+import socket
+import subprocess
+import sys
+import tempfile
+import urllib.request
+
+import yaml
+
+SERVER, CLIENT = (os.path.realpath(path) for path in sys.argv[1:3])
+ROOT = pathlib.Path(__file__).resolve().parent.parent
+HAPROXY = shutil.which("haproxy", path=os.environ["PATH"] + ":/usr/sbin")
+STREAMS = 100_000
+
+
+def check(condition, *words):
+    if not condition:
+        sys.exit("proxy_test: " + " ".join(str(word) for word in words))
+
+
+def services(name):
+    return yaml.safe_load((ROOT / "deploy" / name).read_text())["services"]
+
+
+def pod_command():
+    deployment = yaml.safe_load((ROOT / "deploy/kubernetes/base/deployment.yaml").read_text())
+    return deployment["spec"]["template"]["spec"]["initContainers"][0]["args"]
+
+
+def store_command():
+    patches = yaml.safe_load((ROOT / "deploy/kubernetes/overlays/cluster/store.yaml").read_text())
+    return next(patch["value"]["args"] for patch in patches if patch["path"].endswith("/initContainers/-"))
+
+
+class Fixture:
+    def __init__(self, work, stack):
+        self.work = work
+        self.stack = stack
+        self.secrets = work / "secrets"
+        self.count = 0
+        run = {"check": True, "capture_output": True, "cwd": work}
+        subprocess.run([ROOT / "deploy/make-secrets.sh", self.secrets], **run)
+        for name in ("server", "clients"):
+            subprocess.run(["openssl", "req", "-x509", "-newkey", "ec", "-pkeyopt", "ec_paramgen_curve:P-256", "-nodes", "-days", "2",
+                            "-subj", "/CN=lab", "-addext", "subjectAltName=IP:127.0.0.1", "-keyout", self.secrets / f"{name}.key",
+                            "-out", self.secrets / f"{name}.crt"], **run)
+        shutil.copy(self.secrets / "server.key", self.secrets / "server.crt.key")
+        made = subprocess.run([SERVER, "--new-token", "lab", "--token-file", self.secrets / "tokens"], **run)
+        (work / "lab.token").write_bytes(made.stdout)
+
+    def files(self, command, changes):
+        """Copies the files that a command of HAProxy names, with other paths and addresses; returns its options."""
+        self.count += 1
+        folder = self.work / f"haproxy-{self.count}"
+        folder.mkdir()
+        options = []
+        for name in [word for word in command if word.endswith(".cfg")]:
+            text = (ROOT / "deploy/haproxy" / pathlib.Path(name).name).read_text()
+            for old, new in [("init-addr last,libc,none", "init-addr none"), *changes, ("/run/secrets", str(self.secrets))]:
+                text = text.replace(old, new)
+            (folder / pathlib.Path(name).name).write_text(text)
+            options += ["-f", str(folder / pathlib.Path(name).name)]
+        return options
+
+    def listener(self, path=None):
+        listener = socket.socket(socket.AF_UNIX if path else socket.AF_INET)
+        listener.bind(path or ("127.0.0.1", 0))
+        listener.listen(1024)
+        return self.stack.enter_context(listener)
+
+    def start(self, command, **options):
+        process = subprocess.Popen(command, **options)
+
+        def end():
+            process.kill()
+            process.communicate()
+
+        self.stack.callback(end)
+        return process
+
+    def haproxy(self, command, changes, listeners, more="", **environment):
+        options = self.files(command, changes)
+        if more:
+            path = self.work / f"more-{self.count}.cfg"
+            path.write_text(more)
+            options += ["-f", str(path)]
+        self.start([HAPROXY, "-db", *options], pass_fds=[listener.fileno() for listener in listeners],
+                   env={**os.environ, **environment}, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+
+    def server(self, *options):
+        """Starts a server; returns its address and that of its metrics, or its process if it does not start."""
+        process = self.start([SERVER, "--listen", "127.0.0.1:0", "--metrics-listen", "127.0.0.1:0", "--log-level", "off", *options],
+                             stdout=subprocess.PIPE, text=True)
+        lines = [process.stdout.readline(), process.stdout.readline()]
+        if not lines[0].startswith("listening on "):
+            return process
+        return tuple(re.search(r"127\.0\.0\.1:\d+", line)[0] for line in lines)
+
+    def call(self, listener, *options):
+        return subprocess.run([CLIENT, "sessions", "list", "--server", f"127.0.0.1:{listener.getsockname()[1]}", "--tls-ca",
+                               self.secrets / "server.crt", *options], capture_output=True, text=True)
+
+
+def check_files(fixture):
+    cluster = services("compose.cluster.yaml")["haproxy"]["command"]
+    commands = {"pod": pod_command(), "store of a pod": store_command(), "passthrough": cluster + ["passthrough.cfg"]}
+    for name in ("compose.yaml", "compose.tls.yaml", "compose.cluster.yaml", "compose.cluster.tls.yaml"):
+        for service, document in services(name).items():
+            if document.get("command", [""])[0] == "haproxy":
+                commands[f"{service} of {name}"] = document["command"]
+    for who, command in commands.items():
+        check("common.cfg" in " ".join(command), who, "has no limits")
+        environment = {**os.environ, "STORE_BIND": "127.0.0.1:6379", "STORE_REDIS": "evpose-redis:6379"}
+        run = subprocess.run([HAPROXY, "-c", *fixture.files(command, [])], env=environment, capture_output=True, text=True)
+        check(run.returncode == 0 and "WARNING" not in run.stderr, "haproxy rejects the files of", who, run.stderr)
+
+
+def start_redis(fixture):
+    """Starts Redis as in compose.cluster.yaml, on a free port; returns the port."""
+    data = fixture.work / "redis"
+    data.mkdir()
+    for _ in range(5):
+        with socket.socket() as free:
+            free.bind(("127.0.0.1", 0))
+            port = free.getsockname()[1]
+        changes = {"/data": str(data), "6379": str(port)}
+        words = [changes.get(word, word).replace("/run/secrets", str(fixture.secrets))
+                 for word in services("compose.cluster.yaml")["redis"]["command"]]
+        process = fixture.start(words + ["--bind", "127.0.0.1"], stdout=subprocess.PIPE, text=True)
+        # Without it, another program has taken the port.
+        if any("eady to accept connections" in line for line in process.stdout):
+            return port
+    sys.exit("proxy_test: redis-server does not start")
+
+
+def check_store(fixture, port):
+    """Returns the options of a server for the store, after it was refused to one that expects another certificate."""
+    with socket.create_connection(("127.0.0.1", port)) as plain, contextlib.suppress(ConnectionResetError):
+        plain.sendall(b"PING\r\n")
+        check(not plain.recv(100).startswith((b"+", b"-")), "Redis answers without encryption")
+    stores = {}
+    command = services("compose.cluster.yaml")["store"]["command"]
+    for name, certificate in (("right", "redis.crt"), ("wrong", "clients.crt")):
+        path = str(fixture.work / name)
+        listener = fixture.listener(path)
+        fixture.haproxy(command, [("redis.crt", certificate), ("init-addr none", "init-addr last")], [listener],
+                        STORE_BIND=f"fd@{listener.fileno()}", STORE_REDIS=f"127.0.0.1:{port}")
+        stores[name] = ["--store", f"redis+unix://{path}", "--store-password-file", str(fixture.secrets / "redis.password")]
+    refused = fixture.server(*stores["wrong"])
+    check(not isinstance(refused, tuple), "a server uses a Redis with another certificate")
+    check(refused.wait() == 1, "without Redis the server ended with", refused.returncode)
+    return stores["right"]
+
+
+def check_flood(fixture, front, counts, token):
+    """Floods from another address than that of the calls."""
+    address = f"127.0.0.1:{front.getsockname()[1]}"
+    flood = [sys.executable, ROOT / "tests/http2_flood.py", address, "2", str(STREAMS), "--tls", "--source"]
+    for source, apart in (("127.0.0.2", ["--apart"]), ("127.0.0.3", [])):
+        process = fixture.start([*flood, source, *apart], stdout=subprocess.PIPE, text=True)
+        calls = 0
+        while process.poll() is None or calls < 5:
+            call = fixture.call(front, *token)
+            check(call.returncode == 0, "a call during the flood fails:", call.stderr)
+            calls += 1
+        first, second = process.stdout.read().split()
+        if apart:
+            check(first != "all", "the flood is not cut")
+        check(second != "all" and int(second) < STREAMS / 2, "the next connection of the flood is accepted:", second)
+        with urllib.request.urlopen(f"http://127.0.0.1:{counts.getsockname()[1]}/metrics") as page:
+            reached = re.search(r'^haproxy_server_sessions_total\{proxy="servers",server="server"\} (\d+)', page.read().decode(), re.M)
+        check(int(reached[1]) < STREAMS / 5, reached[1], "calls of the flood have reached the server")
+        print(f"flood from {source}: sent {first} and {second}, reached the server with all others: {reached[1]}; {calls} calls of another client")
+
+
+def check_passthrough(fixture, certificate):
+    secrets = fixture.secrets
+    server = fixture.server("--store", "memory", "--tls-cert", str(secrets / "server.crt"), "--tls-key", str(secrets / "server.key"),
+                            "--tls-client-ca", str(secrets / "clients.crt"))
+    front = fixture.listener()
+    changes = [(":50443", f"fd@{front.fileno()}"), ("init-addr none", "init-addr last"), ("server-1:50051", server[0]),
+               ("check port 9464", "check port " + server[1].rpartition(":")[2]), ("  server server-2 server-2:50051\n", ""),
+               ("  server server-3 server-3:50051\n", "")]
+    fixture.haproxy(["common.cfg", "passthrough.cfg"], changes, [front])
+    check(fixture.call(front, *certificate).returncode == 0, "a certificate does not pass through")
+    check(fixture.call(front).returncode != 0, "the server accepts a client without a certificate")
+
+
+def main():
+    check(HAPROXY, "there is no haproxy: deploy/install-dependencies.sh --test")
+    with tempfile.TemporaryDirectory() as work, contextlib.ExitStack() as stack:
+        fixture = Fixture(pathlib.Path(work), stack)
+        check_files(fixture)
+        store = check_store(fixture, start_redis(fixture))
+        server = fixture.server(*store, "--token-file", str(fixture.secrets / "tokens"))
+        check(isinstance(server, tuple), "the server does not reach Redis through HAProxy")
+
+        token = ["--token-file", fixture.work / "lab.token"]
+        certificate = ["--tls-cert", fixture.secrets / "clients.crt", "--tls-key", fixture.secrets / "clients.key"]
+        front, strict, counts = fixture.listener(), fixture.listener(), fixture.listener()
+        for listener, more in ((front, ""), (strict, " verify required ca-file /run/secrets/clients.crt")):
+            changes = [("127.0.0.1:50052", server[0]), (":50443", f"fd@{listener.fileno()}"), (" alpn h2 ", f" alpn h2{more} ")]
+            exporter = f"frontend counts from base\n  bind fd@{counts.fileno()}\n  http-request use-service prometheus-exporter\n"
+            is_front = listener is front
+            fixture.haproxy(pod_command(), changes, [listener, counts] if is_front else [listener], exporter if is_front else "")
+        check(fixture.call(front, *token).returncode == 0, "a token does not pass through:", fixture.call(front, *token).stderr)
+        check(fixture.call(front).returncode != 0, "a call without a token is accepted")
+        check(fixture.call(strict, *token, *certificate).returncode == 0, "a certificate is refused")
+        check(fixture.call(strict, *token).returncode != 0, "a call without a certificate is accepted")
+        check_passthrough(fixture, certificate)
+        check_flood(fixture, front, counts, token)
+
+
+main()
