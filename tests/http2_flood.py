@@ -28,9 +28,9 @@ def text(value):
 
 
 def headers(is_tls):
-    """The header of a call as HPACK: POST, scheme, path, authority, content-type, te, from the static table or literal."""
+    """The header of a call as HPACK: POST, scheme, path, authority, content type and trailers, from the static table or literal."""
     return (b"\x83" + (b"\x87" if is_tls else b"\x86") + b"\x04" + text(b"/evpose.v1.AdminService/GetServerInfo") + b"\x01" +
-            text(b"flood") + b"\x0f\x10" + text(b"application/grpc") + b"\x00" + text(b"te") + text(b"trailers"))
+            text(b"flood") + b"\x0f\x10" + text(b"application/grpc") + b"\x00\x02te\x08trailers")
 
 
 def connect(arguments):
