@@ -109,7 +109,7 @@ check_prometheus
 say "a flood of resets at the published port, beside calls of a client"
 resident_kb() { awk '/^VmHWM:/ {print $2}' "/proc/$(pid_of "$server")/status"; }
 before=$(resident_kb)
-check_flood 127.0.0.1 50051 compose run --rm --no-deps client sessions list --server haproxy:50051
+check_flood 127.0.0.1:50051 compose run --rm --no-deps client sessions list --server haproxy:50051
 # Without the proxy, 200 000 such streams take 2 GB.
 (($(resident_kb) - before < 300000)) || fail "the flood took $(($(resident_kb) - before)) kB of the server"
 
