@@ -150,6 +150,7 @@ def check_references(pod, objects):
     """Checks that selectors match the pod, and that ports have its names and numbers."""
     containers = [pod.container, *pod.sidecars.values()]
     numbers = {port["name"]: port["containerPort"] for container in containers for port in container.get("ports", [])}
+    known = {*numbers, *numbers.values()}
     said = dict(argument[2:].split("=", 1) for argument in pod.arguments())
     proxy = one(objects, "ConfigMap", "evpose-haproxy")["data"]
     check(f" server {said['listen']} " in proxy["pod.cfg"], "HAProxy expects the server elsewhere than at", said["listen"])
@@ -159,13 +160,13 @@ def check_references(pod, objects):
     check(selects(service["spec"]["selector"], pod.labels), "the Service selects nothing")
     check(selects(pod.deployment["spec"]["selector"]["matchLabels"], pod.labels), "the Deployment selects nothing")
     for port in service["spec"]["ports"]:
-        check(port["targetPort"] in numbers, "the Service's port", port)
+        check(port["targetPort"] in known, "the Service's port", port)
     budget = one(objects, "PodDisruptionBudget", "evpose-server")
     check(selects(budget["spec"]["selector"]["matchLabels"], pod.labels), "the PodDisruptionBudget selects nothing")
     for policy in of_kind(objects, "NetworkPolicy"):
         for rule in policy["spec"]["ingress"] if policy["metadata"]["name"] == "evpose-server" else []:
             for port in rule["ports"]:
-                check(port["port"] in numbers, "a NetworkPolicy names no port:", port)
+                check(port["port"] in known, "a NetworkPolicy names no port:", port)
     grace_s = pod.spec["terminationGracePeriodSeconds"]
     check(float(said["shutdown-notice"]) + float(said["shutdown-timeout"]) + 5 <= grace_s, "a pod is killed before the end of its shutdown timeout")
     return said
