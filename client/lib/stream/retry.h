@@ -26,6 +26,7 @@ enum class RetryAdvice {
   kTryAgain,
   kTryOtherServer,   // this server does not have the session; another one may
   kTryOtherToken,    // the server may know the previous token
+  kTryOtherAuthToken,  // the authentication token may have been replaced
   kTryWithoutCount,  // the server restarted from a checkpoint and has computed fewer poses than were received
   kGiveUp,
 };
