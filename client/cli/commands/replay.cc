@@ -79,7 +79,9 @@ absl::Status RunReplay(const ReplayArguments& arguments, CliContext& context) {
                           ReadRunInputs(arguments.track, {.follow = arguments.is_following, .stop = stop_reading}));
   SessionRun run(arguments.track, inputs, context, {});
   EVPOSE_RETURN_IF_ERROR(run.Open());
-  EVPOSE_RETURN_IF_ERROR(run.MakeFeed({.rate = rate, .clock = context.clock, .skip = run.position().durable}, false));
+  // With --resume, a read error leaves the session as it is, so that the same command can continue.
+  EVPOSE_RETURN_IF_ERROR(run.MakeFeed({.rate = rate, .clock = context.clock, .skip = run.position().durable},
+                                      /*ends_on_error=*/arguments.track.resume.empty()));
   EVPOSE_ASSIGN_OR_RETURN(const ServerHandle server, BeginSession(options.retry, run, arguments.track, context));
   return run.Track(*server.client, options);
 }
