@@ -11,10 +11,8 @@
 #include "absl/strings/str_split.h"
 #include "client/cli/common/pose_format.h"
 #include "client/lib/core_types.h"
-#include "core/base/output_file.h"
 #include "core/base/status_macros.h"
 #include "core/geometry/trajectory.h"
-#include "core/models/object_model.h"
 
 namespace evpose::client {
 namespace {
@@ -150,7 +148,7 @@ absl::Status ReadObjects(const RunArguments& arguments, std::vector<InputObject>
   for (InputObject& object : objects) {
     EVPOSE_ASSIGN_OR_RETURN(object.upload.format, ModelFormatFromPath(object.model_path));
     object.upload.metres_per_unit = arguments.metres_per_unit;
-    EVPOSE_ASSIGN_OR_RETURN(object.model_bytes, ReadFile(object.model_path, ModelOptions().max_bytes));
+    EVPOSE_ASSIGN_OR_RETURN(object.model_bytes, ReadModel(object.model_path));
   }
   return absl::OkStatus();
 }

@@ -5,7 +5,6 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include <atomic>
 #include <functional>
 #include <future>
 #include <memory>
@@ -452,31 +451,6 @@ TEST_F(TwoServersTest, ASessionThatNoServerHas) {
   scripts_.assign(5, Refuse(WithReason(grpc::StatusCode::NOT_FOUND, "SESSION_NOT_FOUND")));
   EXPECT_EQ(Run().status().code(), absl::StatusCode::kNotFound);
   EXPECT_EQ(attaches_.size(), 2u);
-}
-
-TEST_F(TwoServersTest, AReplacedAuthenticationTokenIsTriedOnce) {
-  std::atomic<int> version = 1;
-  ClientOptions options;
-  options.token = "token";
-  options.renew_token = [&version] { return "token" + std::to_string(version); };
-  auto client = Client::Connect(names_[0], options);
-  ASSERT_TRUE(client.ok()) << client.status();
-  client_ = *std::move(client);
-  const grpc::Status withdrawn(grpc::StatusCode::UNAUTHENTICATED, "withdrawn");
-  scripts_ = {[&](const v1::TrackRequest::Attach&, ServerStream& stream) {
-                stream.Write(AttachedAt(1, 1, ""));
-                v1::TrackRequest request;
-                stream.Read(&request);
-                version = 2;
-                return withdrawn;
-              },
-              FinishFrom(1, 1, 0)};
-  const auto summary = Run();
-  EXPECT_TRUE(summary.ok()) << summary.status();
-  ClearStreams();
-  scripts_ = {Refuse(withdrawn), FinishFrom(1, 1, 0)};
-  EXPECT_EQ(Run().status().code(), absl::StatusCode::kUnauthenticated);
-  EXPECT_EQ(attaches_.size(), 1u) << "the token is the same";
 }
 
 TEST_F(TwoServersTest, ADrainingServerIsReplaced) {
