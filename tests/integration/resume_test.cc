@@ -469,7 +469,7 @@ TEST_F(ResumeBadInputTest, UnreachableServer) {
   const CliResult result = Run(ReplayArguments("poses.csv", {"--server", proxy_.address(), "--max-outage", "0.3"}));
   EXPECT_EQ(result.status, 1);
   EXPECT_THAT(result.err, AllOf(HasSubstr(proxy_.address() + ": the stream broke: "), HasSubstr("gave up after")));
-  EXPECT_THAT(FilesBeginning("poses"), IsEmpty());
+  EXPECT_THAT(FilesBeginning("poses.csv."), IsEmpty()) << "poses.csv has the poses that were received";
 }
 
 }  // namespace

@@ -247,7 +247,7 @@ void RunArguments::AddTo(CLI::App& app, bool server_is_required) {
       ->allow_extra_args(false);
   app.add_option(
       "-o,--out", out,
-      "Poses: .tum, .csv or .jsonl; the file appears only when it is complete. {object} in the name is replaced by the "
+      "Poses: .tum, .csv or .jsonl; the file appears when the run has ended. {object} in the name is replaced by the "
       "ID of each object");
   app.add_option(
          "--estimator", estimator,
@@ -266,10 +266,11 @@ void RunArguments::AddTo(CLI::App& app, bool server_is_required) {
           },
           "multiple of 8");
   server.AddTo(app, server_is_required);
-  AddOption(app, "--max-outage", max_outage_s,
-            "Seconds without a response of --server after which the command gives up; 0: no reconnection; inf: "
-            "unlimited",
-            NotNegative())
+  AddOption(
+      app, "--max-outage", max_outage_s,
+      "Seconds without a response or credit of --server after which the command gives up; 0: no reconnection; inf: "
+      "unlimited",
+      NotNegative())
       ->needs(app.get_option("--server"))
       ->group(kAwayGroup);
   AddFile(app, "--resume", resume,
