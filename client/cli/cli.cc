@@ -53,6 +53,13 @@ std::string FullName(const CLI::App& command) {
   return parent == nullptr ? command.get_name() : absl::StrCat(FullName(*parent), " ", command.get_name());
 }
 
+// One line with the name of the command, as the errors of the commands.
+std::string UsageMessage(const CLI::App* app, const CLI::Error& error) {
+  while (!app->get_subcommands().empty()) app = app->get_subcommands().back();
+  const std::string name = FullName(*app);
+  return absl::StrCat(name, ": ", error.what(), "; ", name, " --help lists the options\n");
+}
+
 // Reports an unknown command, which the parser would report as a missing one. Returns whether there was one.
 bool ReportUnknownCommand(const CLI::App& app, const std::vector<std::string>& arguments, std::ostream& err) {
   const CLI::App* parent = &app;
@@ -98,6 +105,7 @@ int RunCli(const std::vector<std::string>& arguments, CliContext& context) {
   CLI::App app("6-DoF object poses from event cameras", "evpose");
   app.set_version_flag("--version", VersionLine("evpose"));
   app.require_subcommand(1);
+  app.failure_message(UsageMessage);
   try {
     const CommandRunners runners = AddCommands(app, context);
     for (const auto& [command, run] : runners) command->get_parent()->require_subcommand(1);

@@ -21,13 +21,16 @@ std::atomic<int> g_interrupts = 0;
 static_assert(std::atomic<int>::is_always_lock_free, "a signal handler must not lock");
 
 // The first signal requests a clean end, at which the poses so far are written. The second ends the process.
+// A terminal that is closed sends SIGHUP twice, through its shell and to its processes.
 void HandleInterrupt(int signal) {
-  if (++g_interrupts > 1) evpose::TerminateBySignal(signal);
+  if (++g_interrupts > 1 && signal != SIGHUP) evpose::TerminateBySignal(signal);
 }
 
 void HandleEndSignals(void (*handle)(int)) {
   std::signal(SIGINT, handle);
   std::signal(SIGTERM, handle);
+  // nohup has set SIGHUP to be ignored.
+  if (std::signal(SIGHUP, handle) == SIG_IGN) std::signal(SIGHUP, SIG_IGN);
 }
 
 }  // namespace

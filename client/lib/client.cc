@@ -229,6 +229,10 @@ absl::StatusOr<Session> Client::CreateSession(const SessionConfig& config, const
   *request.mutable_config() = ToProto(config);
   EVPOSE_ASSIGN_OR_RETURN(const v1::CreateSessionResponse created,
                           impl_->Unary(&Impl::Endpoint::sessions, &Sessions::CreateSession, request));
+  if (created.session().name().empty()) {
+    return absl::InternalError(
+        absl::StrCat(impl_->endpoint().name, ": the server violates the protocol: the new session has no name"));
+  }
   return FromProto(created);
 }
 

@@ -46,8 +46,10 @@ absl::Status Watch(const Impl& impl, ResponseReader<Response> (Sessions::*method
 
 absl::StatusOr<TrackSummary> Client::Track(const Session& session, const ChunkSource& source,
                                            const TrackCallbacks& callbacks, const TrackOptions& options) {
+  TrackOptions checked = options;
+  for (const TrackedObject& object : session.config.objects) checked.object_ids.push_back(object.object_id);
   return Track(TrackPosition{.session = session.name, .resume_token = session.resume_token}, source, callbacks,
-               options);
+               checked);
 }
 
 absl::StatusOr<TrackSummary> Client::Track(const TrackPosition& position, const ChunkSource& source,
@@ -68,6 +70,9 @@ absl::StatusOr<TrackSummary> ClientAccess::Track(Client& client, const TrackPosi
     servers.push_back({endpoint.name, endpoint.sessions.get(), [channel = endpoint.channel.get()] {
                          grpc::experimental::ChannelResetConnectionBackoff(channel);
                        }});
+    if (impl.options.renew_token) {
+      servers.back().auth_token = [&impl] { return impl.options.renew_token().value_or(""); };
+    }
   }
   ReconnectingStream stream(servers, impl.current, impl.sessions_outlive_server, position, feed, callbacks, options);
   {

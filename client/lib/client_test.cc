@@ -176,6 +176,25 @@ TEST_F(ModelsTest, StatusKeepsItsCode) {
   EXPECT_EQ(client_->GetModel("models/1").status().code(), absl::StatusCode::kUnimplemented);
 }
 
+class NamelessSessions final : public v1::SessionService::Service {
+ public:
+  grpc::Status CreateSession(grpc::ServerContext*, const v1::CreateSessionRequest*,
+                             v1::CreateSessionResponse* response) override {
+    response->set_resume_token("secret");
+    return grpc::Status::OK;
+  }
+};
+
+TEST(SessionsTest, ASessionWithoutANameViolatesTheProtocol) {
+  NamelessSessions sessions;
+  grpc::ServerBuilder builder;
+  builder.RegisterService(&sessions);
+  const std::unique_ptr<grpc::Server> server = builder.BuildAndStart();
+  const auto session = ClientAccess::OverChannel(server->InProcessChannel({}), "test server")->CreateSession({});
+  EXPECT_EQ(session.status().code(), absl::StatusCode::kInternal);
+  EXPECT_EQ(session.status().message(), "test server: the server violates the protocol: the new session has no name");
+}
+
 class FakeAdmin : public v1::AdminService::Service {
  public:
   grpc::Status Drain(grpc::ServerContext*, const v1::DrainRequest* its_request, v1::DrainResponse* response) override {

@@ -18,6 +18,8 @@
 namespace evpose::client {
 namespace {
 
+using client::FromProto;  // the overloads of the header, which those below would hide
+
 // The enumerators of the public headers have the numbers of the API (tested in conversion_test.cc). Returns `otherwise`
 // for an unspecified enumerator and for one of a later server.
 template <typename Theirs, typename Ours>
@@ -29,10 +31,6 @@ Ours FromProto(Theirs value, Ours otherwise) {
 
 absl::Time FromProto(const google::protobuf::Timestamp& time) {
   return absl::FromUnixSeconds(time.seconds()) + absl::Nanoseconds(time.nanos());
-}
-
-absl::Duration FromProto(const google::protobuf::Duration& duration) {
-  return absl::Seconds(duration.seconds()) + absl::Nanoseconds(duration.nanos());
 }
 
 Eigen::Vector3d FromProto(const v1::Vector3& v) { return {v.x(), v.y(), v.z()}; }
@@ -181,6 +179,10 @@ google::protobuf::Duration ToProto(absl::Duration duration) {
   message.set_seconds(absl::IDivDuration(duration, absl::Seconds(1), &duration));
   message.set_nanos(static_cast<int32_t>(absl::IDivDuration(duration, absl::Nanoseconds(1), &duration)));
   return message;
+}
+
+absl::Duration FromProto(const google::protobuf::Duration& duration) {
+  return absl::Seconds(duration.seconds()) + absl::Nanoseconds(duration.nanos());
 }
 
 v1::ModelFormat ToProto(ModelFormat format) { return static_cast<v1::ModelFormat>(format); }

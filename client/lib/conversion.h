@@ -38,6 +38,7 @@ v1::RigidTransform ToProto(const Transform& transform);
 v1::TrackRequest::ResetPose ToProto(const PoseReset& reset);  // without its number
 
 google::protobuf::Duration ToProto(absl::Duration duration);
+absl::Duration FromProto(const google::protobuf::Duration& duration);
 ServerInfo FromProto(const v1::ServerInfo& message);
 v1::LogLevel ToProto(LogLevel level);
 LogLevel FromProto(v1::LogLevel level);  // kOff for a level of a later server

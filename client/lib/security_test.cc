@@ -8,12 +8,16 @@
 #include <openssl/pem.h>
 #include <unistd.h>
 
+#include <atomic>
 #include <filesystem>
 #include <fstream>
 #include <memory>
 #include <string>
+#include <vector>
 
+#include "client/lib/fake_clock_testing.h"
 #include "client/lib/server_address.h"
+#include "client/lib/stream/scripted_server_testing.h"
 #include "client/lib/tls_probe.h"
 #include "core/base/certificates_testing.h"
 #include "evpose/client.h"
@@ -56,6 +60,7 @@ class SecurityTest : public ::testing::Test {
     grpc::ServerBuilder builder;
     builder.AddListeningPort("127.0.0.1:0", credentials, &port_);
     builder.RegisterService(&admin_);
+    builder.RegisterService(&sessions_);
     server_ = builder.BuildAndStart();
     ASSERT_GT(port_, 0);
   }
@@ -80,6 +85,7 @@ class SecurityTest : public ::testing::Test {
   const std::filesystem::path directory_;
   const TestAuthority authority_;
   FakeAdmin admin_;
+  ScriptedService sessions_;
   std::unique_ptr<grpc::Server> server_;
   int port_ = 0;
   ClientOptions options_;
@@ -115,6 +121,43 @@ TEST_F(SecurityTest, ATokenIsRenewedBeforeEveryCall) {
     EXPECT_TRUE((*client)->GetServerInfo().ok());
     EXPECT_EQ(admin_.authorization, "Bearer evpose_third");
   }
+}
+
+TEST_F(SecurityTest, AStreamContinuesOnceWithATokenThatWasReplaced) {
+  Start(grpc::InsecureServerCredentials());
+  std::atomic<int> version = 1, num_streams = 0;
+  sessions_.script = [&](ServerStream& stream) {
+    v1::TrackRequest request;
+    stream.Read(&request);
+    stream.Write(Attached(1000));
+    if (++num_streams == 2) {
+      ReadToEnd(stream);
+      stream.Write(SummaryMessage(0));
+      return grpc::Status::OK;
+    }
+    stream.Read(&request);
+    version = 2;
+    return grpc::Status(grpc::StatusCode::UNAUTHENTICATED, "withdrawn");
+  };
+  options_.tls = {};
+  options_.token = "evpose_1";
+  options_.renew_token = [&version] { return "evpose_" + std::to_string(version.load()); };
+  const auto client = Client::Connect("127.0.0.1:" + std::to_string(port_), options_);
+  ASSERT_TRUE(client.ok()) << client.status();
+  const auto track = [&client] {
+    FakeClock clock;
+    TrackOptions options;
+    options.clock = &clock;
+    const ChunkSource source = [num_left = 2]() mutable -> absl::StatusOr<EventChunk> {
+      return EventChunk{.bytes = std::vector<uint8_t>(--num_left > 0 ? 8 : 0)};
+    };
+    return (*client)->Track(Session{.name = "sessions/1"}, source, {}, options).status();
+  };
+  const absl::Status status = track();
+  EXPECT_TRUE(status.ok()) << status;
+  EXPECT_EQ(num_streams, 2);
+  EXPECT_EQ(track().code(), absl::StatusCode::kUnauthenticated);
+  EXPECT_EQ(num_streams, 3) << "the token was the same";
 }
 
 TEST_F(SecurityTest, AnUnencryptedTokenIsSentToLoopbackAddressesOnly) {

@@ -7,14 +7,12 @@
 #include <array>
 #include <cstddef>
 #include <exception>
-#include <filesystem>
-#include <fstream>
-#include <system_error>
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 #include "absl/strings/str_join.h"
 #include "core/base/check_range.h"
+#include "core/base/output_file.h"
 #include "core/base/status_macros.h"
 
 namespace evpose {
@@ -106,19 +104,7 @@ absl::Status SensorProfile::Validate() const {
 }
 
 absl::StatusOr<SensorProfile> LoadSensorProfile(const std::string& path) {
-  std::error_code error;
-  if (!std::filesystem::exists(path, error))
-    return absl::NotFoundError(absl::StrCat(path, ": there is no such file; give the path of a sensor profile"));
-  if (std::filesystem::is_directory(path, error)) {
-    return absl::InvalidArgumentError(absl::StrCat(path, ": is a directory, not a sensor profile"));
-  }
-  std::ifstream file(path, std::ios::binary);
-  std::string yaml(kMaxFileBytes + 1, '\0');
-  file.read(yaml.data(), static_cast<std::streamsize>(yaml.size()));
-  if (file.bad() || (file.fail() && !file.eof())) {
-    return absl::InvalidArgumentError(absl::StrCat(path, ": the sensor profile cannot be read; check its permissions"));
-  }
-  yaml.resize(static_cast<size_t>(file.gcount()));
+  EVPOSE_ASSIGN_OR_RETURN(const std::string yaml, ReadFile(path, kMaxFileBytes));
   return ParseSensorProfile(yaml, path);
 }
 

@@ -38,7 +38,7 @@ struct SensorProfile {
 };
 
 // Reads YAML with the fields above as keys; an absent key gets the default. Errors, each with the file and the field:
-// NOT_FOUND if there is no such file; INVALID_ARGUMENT if it is not YAML, has an unknown key, or a value is not a
+// those of ReadFile(); INVALID_ARGUMENT if it is not YAML, has an unknown key, or a value is not a
 // number or out of range.
 absl::StatusOr<SensorProfile> LoadSensorProfile(const std::string& path);
 absl::StatusOr<SensorProfile> ParseSensorProfile(const std::string& yaml, const std::string& name_for_errors);

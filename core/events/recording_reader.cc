@@ -32,11 +32,10 @@ class DescriptorReader final : public RecordingReader {
 
   // Reads the header and, unless following, the first byte after it.
   absl::Status Start() {
-    struct stat info;
-    if (fstat(descriptor_, &info) != 0) return Error(errno, "cannot be read");
-    if (S_ISDIR(info.st_mode))
+    if (fstat(descriptor_, &opened_) != 0) return Error(errno, "cannot be read");
+    if (S_ISDIR(opened_.st_mode))
       return absl::InvalidArgumentError(absl::StrCat(name_, ": is a directory, not a recording"));
-    is_regular_ = S_ISREG(info.st_mode);
+    is_regular_ = S_ISREG(opened_.st_mode);
     std::optional<RecordingHeader> header;
     while (!header.has_value()) {
       EVPOSE_ASSIGN_OR_RETURN(const bool is_end, ReadPrefix());
@@ -51,7 +50,7 @@ class DescriptorReader final : public RecordingReader {
       header = *std::move(parsed);
     }
     header_ = *std::move(header);
-    if (is_regular_ && !options_.follow) data_size_bytes_ = info.st_size - static_cast<int64_t>(header_.size_bytes);
+    if (is_regular_ && !options_.follow) data_size_bytes_ = opened_.st_size - static_cast<int64_t>(header_.size_bytes);
     prefix_.erase(0, header_.size_bytes);
     while (!options_.follow && prefix_.empty()) {
       EVPOSE_ASSIGN_OR_RETURN(const bool is_end, ReadPrefix());
@@ -94,7 +93,11 @@ class DescriptorReader final : public RecordingReader {
       }
       if (size < 0) continue;
       // Only a file that was opened by its name is followed, not a file that is standard input.
-      if (!is_regular_ || !options_.follow || descriptor_ == STDIN_FILENO) return 0;
+      if (!is_regular_) return 0;
+      if (!options_.follow || descriptor_ == STDIN_FILENO) {
+        EVPOSE_RETURN_IF_ERROR(CheckUnchanged());
+        return 0;
+      }
       EVPOSE_RETURN_IF_ERROR(CheckNotShrunk());
       if (MustStop()) return 0;
       poll(nullptr, 0, kWait_ms);
@@ -118,6 +121,25 @@ class DescriptorReader final : public RecordingReader {
     return stopped_;
   }
 
+  // What was read is a recording only if the file was the same from its first byte to its last.
+  absl::Status CheckUnchanged() const {
+    struct stat now = {}, named = {};
+    if (fstat(descriptor_, &now) != 0) return Error(errno, "cannot be read");
+    const timespec &before = opened_.st_mtim, &after = now.st_mtim;
+    std::string change;
+    if (now.st_size != opened_.st_size) {
+      change = absl::StrCat("its size was ", opened_.st_size, " bytes and is ", now.st_size);
+    } else if (before.tv_sec != after.tv_sec || before.tv_nsec != after.tv_nsec) {
+      change = "it was written to";
+    } else if (stat(name_.c_str(), &named) == 0 && (named.st_ino != now.st_ino || named.st_dev != now.st_dev)) {
+      change = "another file has replaced it";
+    } else {
+      return absl::OkStatus();
+    }
+    return absl::DataLossError(absl::StrCat(name_, ": changed while it was read: ", change,
+                                            "; read it again when it is complete, or with --follow as it grows"));
+  }
+
   absl::Status CheckNotShrunk() const {
     struct stat info;
     if (fstat(descriptor_, &info) != 0) return Error(errno, "cannot be followed");
@@ -133,6 +155,7 @@ class DescriptorReader final : public RecordingReader {
   const int descriptor_;
   const std::string name_;
   const RecordingReaderOptions options_;
+  struct stat opened_ = {};  // the file when it was opened
   bool is_regular_ = false;
   bool stopped_ = false;
   RecordingHeader header_;
@@ -148,7 +171,7 @@ absl::StatusOr<std::unique_ptr<RecordingReader>> RecordingReader::Open(const std
                                                                        const RecordingReaderOptions& options) {
   if (path == "-") return OpenDescriptor(STDIN_FILENO, "standard input", options);
   const int descriptor = open(path.c_str(), O_RDONLY | O_CLOEXEC);
-  if (descriptor < 0) return absl::ErrnoToStatus(errno, absl::StrCat(path, ": cannot be opened"));
+  if (descriptor < 0) return absl::ErrnoToStatus(errno, absl::StrCat(path, ": cannot be read"));
   return OpenDescriptor(descriptor, path, options);
 }
 

@@ -40,7 +40,8 @@ class RecordingReader {
   virtual const RecordingHeader& header() const = 0;
 
   // Fills `buffer` with the next bytes after the header and returns their number, which may be smaller than the buffer;
-  // 0 at the end. Errors: DATA_LOSS if the file shrank, UNAVAILABLE with path and offset if reading fails.
+  // 0 at the end. Errors: DATA_LOSS if the file shrank, or without `follow` if it changed or was replaced while it was
+  // read; UNAVAILABLE with path and offset if reading fails.
   virtual absl::StatusOr<size_t> Read(absl::Span<uint8_t> buffer) = 0;
 
   // Size of the data after the header; -1 if unknown (standard input, a growing file).

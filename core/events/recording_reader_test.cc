@@ -8,7 +8,10 @@
 
 #include <algorithm>
 #include <atomic>
+#include <chrono>
+#include <filesystem>
 #include <fstream>
+#include <functional>
 #include <thread>
 #include <utility>
 
@@ -81,7 +84,7 @@ TEST(RecordingReaderTest, ErrorsNameThePath) {
     EXPECT_THAT(std::string(reader.status().message()), StartsWith(directory.File(name) + ": "));
     EXPECT_THAT(std::string(reader.status().message()), HasSubstr(message));
   };
-  error("missing.raw", absl::StatusCode::kNotFound, "cannot be opened");
+  error("missing.raw", absl::StatusCode::kNotFound, "cannot be read: No such file");
   error("", absl::StatusCode::kInvalidArgument, "is a directory, not a recording");
   Append(directory.File("empty.raw"), "");
   error("empty.raw", absl::StatusCode::kInvalidArgument, "is empty");
@@ -205,6 +208,42 @@ TEST(RecordingReaderTest, FollowedFileThatShrinksIsAnError) {
   const auto size = (*reader)->Read(absl::MakeSpan(buffer));
   EXPECT_EQ(size.status().code(), absl::StatusCode::kDataLoss);
   EXPECT_THAT(std::string(size.status().message()), HasSubstr("growing.raw: shrank from"));
+}
+
+TEST(RecordingReaderTest, AFileThatChangesWhileItIsReadIsAnError) {
+  namespace fs = std::filesystem;
+  const TemporaryDirectory directory;
+  const std::string path = directory.File("a.raw");
+  const std::string contents = kHeader + std::string(20'000, 'a');
+  const auto error_after = [&](const std::function<void()>& change) {
+    fs::remove(path);
+    Append(path, contents);
+    const auto reader = RecordingReader::Open(path);
+    EXPECT_TRUE(reader.ok()) << reader.status();
+    std::vector<uint8_t> buffer(4096);
+    EXPECT_TRUE((*reader)->Read(absl::MakeSpan(buffer)).ok());
+    change();
+    absl::StatusOr<size_t> size = size_t{1};
+    while (size.ok() && *size > 0) size = (*reader)->Read(absl::MakeSpan(buffer));
+    return size.status();
+  };
+  EXPECT_TRUE(error_after([] {}).ok());
+  EXPECT_TRUE(error_after([&] { fs::remove(path); }).ok()) << "it was read to its end";
+  const auto expect = [&](const std::function<void()>& change, const std::string& message) {
+    const absl::Status status = error_after(change);
+    EXPECT_EQ(status.code(), absl::StatusCode::kDataLoss);
+    EXPECT_THAT(std::string(status.message()), StartsWith(path + ": changed while it was read: " + message));
+  };
+  const std::string size = "its size was " + std::to_string(contents.size()) + " bytes and is ";
+  expect([&] { fs::resize_file(path, 9'000); }, size + "9000");
+  expect([&] { Append(path, "b"); }, size + std::to_string(contents.size() + 1));
+  expect([&] { fs::last_write_time(path, fs::last_write_time(path) + std::chrono::seconds(1)); }, "it was written to");
+  expect(
+      [&] {
+        Append(directory.File("other.raw"), contents);
+        fs::rename(directory.File("other.raw"), path);
+      },
+      "another file has replaced it");
 }
 
 TEST(RecordingReaderTest, FollowsAWriterInAnotherThread) {

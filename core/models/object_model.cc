@@ -5,15 +5,14 @@
 #include <algorithm>
 #include <cmath>
 #include <filesystem>
-#include <fstream>
 #include <numbers>
-#include <system_error>
 #include <utility>
 
 #include "absl/strings/ascii.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 #include "core/base/check_range.h"
+#include "core/base/output_file.h"
 #include "core/base/status_macros.h"
 #include "core/models/collinear_lines.h"
 #include "core/models/loading/model_readers.h"
@@ -110,7 +109,10 @@ void TakeTriangles(RawMesh raw, ObjectModel& model) {
 }
 
 absl::StatusOr<ObjectModel> BuildModel(RawMesh raw, const ModelOptions& options) {
-  if (raw.triangles.empty() && raw.lines.empty()) return absl::InvalidArgumentError("has no line and no face");
+  if (raw.triangles.empty() && raw.lines.empty()) return {
+      return absl::InvalidArgumentError(
+          "the model file has no line and no face; export the mesh of the object as OBJ, PLY or STL");
+    }
   EVPOSE_RETURN_IF_ERROR(CheckExtent(raw));
   const bool has_line_elements = !raw.lines.empty();
   ObjectModel model;
@@ -170,26 +172,10 @@ absl::StatusOr<ModelFormat> ModelFormatFromPath(const std::string& path) {
 
 absl::StatusOr<ObjectModel> LoadObjectModel(const std::string& path, const ModelOptions& options) {
   EVPOSE_RETURN_IF_ERROR(options.Validate());
-  std::error_code error;
-  if (!std::filesystem::exists(path, error)) {
-    return absl::NotFoundError(absl::StrCat(path, ": no such model file"));
-  }
   EVPOSE_ASSIGN_OR_RETURN(const ModelFormat format, ModelFormatFromPath(path));
-  if (!std::filesystem::is_regular_file(path, error)) {
-    return absl::InvalidArgumentError(absl::StrCat(path, ": is not a file"));
-  }
-  const uintmax_t size = std::filesystem::file_size(path, error);
-  if (!error && size > options.max_bytes) {
-    return absl::InvalidArgumentError(
-        absl::StrFormat("%s: the model has %d bytes, more than the limit of %d", path, size, options.max_bytes));
-  }
-  std::ifstream file(path, std::ios::binary);
-  std::vector<uint8_t> bytes(error ? 0 : static_cast<size_t>(size));
-  file.read(reinterpret_cast<char*>(bytes.data()), static_cast<std::streamsize>(bytes.size()));
-  if (error || !file) {
-    return absl::InvalidArgumentError(absl::StrCat(path, ": the model file cannot be read; check its permissions"));
-  }
-  absl::StatusOr<ObjectModel> model = ParseObjectModel(bytes, format, options);
+  EVPOSE_ASSIGN_OR_RETURN(const std::string bytes, ReadFile(path, options.max_bytes));
+  absl::StatusOr<ObjectModel> model =
+      ParseObjectModel({reinterpret_cast<const uint8_t*>(bytes.data()), bytes.size()}, format, options);
   if (!model.ok()) return absl::Status(model.status().code(), absl::StrCat(path, ": ", model.status().message()));
   return model;
 }

@@ -57,8 +57,8 @@ struct ModelOptions {
 // finite, an index out of range, a size of zero, more than the options allow.
 absl::StatusOr<ObjectModel> ParseObjectModel(absl::Span<const uint8_t> bytes, ModelFormat format,
                                              const ModelOptions& options);
-// The same for a file, whose format its extension determines. Errors name the path: NOT_FOUND, INVALID_ARGUMENT (also
-// for an unknown extension).
+// The same for a file, whose format its extension determines. Errors name the path: those of ReadFile(),
+// INVALID_ARGUMENT (also for an unknown extension).
 absl::StatusOr<ObjectModel> LoadObjectModel(const std::string& path, const ModelOptions& options = {});
 absl::StatusOr<ModelFormat> ModelFormatFromPath(const std::string& path);
 

@@ -441,7 +441,7 @@ TEST(ObjectModelTest, LoadsFromDiskAndNamesThePath) {
   ModelOptions options;
   options.max_bytes = 5;
   EXPECT_THAT(std::string(LoadObjectModel(path, options).status().message()),
-              HasSubstr(path + ": the model has 10 bytes"));
+              HasSubstr(path + ": is larger than 5 bytes"));
   std::filesystem::remove(path);
   EXPECT_EQ(LoadObjectModel(path).status().code(), absl::StatusCode::kNotFound);
   EXPECT_THAT(std::string(LoadObjectModel(path).status().message()), HasSubstr(path));

@@ -322,7 +322,11 @@ TEST_F(BadInputTest, WrongUsageIsStatusTwo) {
   EXPECT_THAT(ReplayError({"--rate", "0"}, 2), HasSubstr("--rate"));
   EXPECT_THAT(ReplayError({"--estimator", "best"}, 2), HasSubstr("best"));
   EXPECT_THAT(ReplayError({"--chunk-bytes", "12"}, 2), HasSubstr("multiple of 8"));
-  EXPECT_EQ(Run(ReplayArguments("poses.dat")).status, 2);
+  for (const char* name : {"poses.dat", "poses.txt"}) {
+    const CliResult result = Run(ReplayArguments(name));
+    EXPECT_EQ(result.status, 2);
+    EXPECT_THAT(result.err, HasSubstr(": the name of a file of poses ends in .tum, .csv or .jsonl"));
+  }
   EXPECT_EQ(Run({"evaluate", "--truth", "a", "--estimate", "b", "--model", "c"}).status, 2);
   EXPECT_EQ(Run({"evaluate", "--truth", "a", "--estimate", "b", "--symmetric"}).status, 2);
   EXPECT_EQ(Run({"simulate", "--object", "teapot", "--out", Path("teapot")}).status, 2);

@@ -175,10 +175,11 @@ TEST_F(CliTest, ErrorsOfAModelNameItsFile) {
   };
   const CliResult prose = replay("prose.obj");
   EXPECT_EQ(prose.status, 1);
-  EXPECT_THAT(prose.err, HasSubstr(Path("prose.obj") + ": server in this process: has no line and no face"));
+  EXPECT_THAT(prose.err, HasSubstr(Path("prose.obj") +
+                                   ": server in this process: the model file has no line and no face; export"));
   const CliResult empty = replay("empty.obj");
   EXPECT_EQ(empty.status, 1);
-  EXPECT_THAT(empty.err, HasSubstr(Path("empty.obj") + ": server in this process: its size is 0; a model has 1 to"));
+  EXPECT_THAT(empty.err, HasSubstr(Path("empty.obj") + ": the model file is empty\n"));
 }
 
 TEST_F(CliTest, AResultThatCannotBeWrittenIsAnError) {
@@ -328,7 +329,7 @@ TEST_F(CliTest, AnInterruptEndsAnOutage) {
     EXPECT_THAT(err.str(), HasSubstr("interrupted while the server was away: "));
     EXPECT_THAT(err.str(), HasSubstr(resumes ? "; the same command continues from there\n"
                                              : "; with --resume FILE, the run could be continued\n"));
-    EXPECT_EQ(FilesBeginning("poses.tum").size(), resumes ? 1u : 0u) << "a resumed run needs the existing file";
+    EXPECT_EQ(FilesBeginning("poses.tum.partial").size(), resumes ? 1u : 0u) << "a resumed run needs the existing file";
   }
 }
 
@@ -375,7 +376,8 @@ TEST_F(CliTest, EvaluateTableHasARowForEachEstimate) {
   WriteText("none.tum", "");
   const CliResult result = Run({"evaluate", "--truth", Path("cube/truth.tum"), "--estimate",
                                 "itself=" + Path("cube/truth.tum"), "--estimate", "lost at once=" + Path("none.tum")});
-  ASSERT_EQ(result.status, 0) << result.err;
+  EXPECT_EQ(result.status, 1);
+  EXPECT_EQ(result.err, "evpose evaluate: lost at once: has no pose to compare\n");
   EXPECT_THAT(result.out, HasSubstr("\nitself "));
   EXPECT_THAT(result.out, HasSubstr("\nlost at once "));
   const nlohmann::json rows = Run({"evaluate", "--truth", Path("cube/truth.tum"), "--estimate", Path("cube/truth.tum"),
@@ -385,6 +387,80 @@ TEST_F(CliTest, EvaluateTableHasARowForEachEstimate) {
   EXPECT_EQ(rows[0]["coverage_ratio"], 1.0);
   EXPECT_EQ(rows[1]["poses"], 0);
   EXPECT_TRUE(rows[1]["position_rmse_m"].is_null());
+}
+
+TEST_F(CliTest, EvaluateReportsAnEstimateThatIsFarFromTheTruth) {
+  SimulateCube(0.02);
+  WriteText("far.tum", "16.001 0 0 1e9 0 0 0 1\n16.002 0 0 1e9 0 0 0 1\n");
+  const auto evaluate = [this](const std::string& estimate) {
+    return Run({"evaluate", "--truth", Path("cube/truth.tum"), "--estimate", estimate});
+  };
+  const CliResult near = evaluate(Path("cube/truth.tum"));
+  EXPECT_EQ(near.status, 0);
+  EXPECT_EQ(near.err, "");
+  const CliResult far = evaluate("far=" + Path("far.tum"));
+  EXPECT_EQ(far.status, 0);
+  EXPECT_THAT(far.err, HasSubstr("evpose evaluate: far: the RMSE of its positions is "));
+}
+
+TEST_F(CliTest, ErrorsOfTheArgumentsBeginWithTheCommand) {
+  for (const auto& [arguments, expected] :
+       std::vector<std::pair<std::vector<std::string>, std::string>>{{{"replay", "--frobnicate"}, "evpose replay: "},
+                                                                     {{"sessions", "list"}, "evpose sessions list: "},
+                                                                     {{"sessions"}, "evpose sessions: "},
+                                                                     {{}, "evpose: "}}) {
+    const CliResult result = Run(arguments);
+    EXPECT_EQ(result.status, 2);
+    EXPECT_THAT(result.err, ::testing::StartsWith(expected));
+    const std::string advice = expected.substr(0, expected.size() - 2) + " --help lists the options\n";
+    EXPECT_THAT(result.err, ::testing::EndsWith("; " + advice));
+  }
+}
+
+TEST_F(CliTest, SessionsThatDoNotExist) {
+  auto server = server::Server::Start({});
+  ASSERT_TRUE(server.ok()) << server.status();
+  const std::string address = "127.0.0.1:" + std::to_string((*server)->port());
+  const std::string missing = "sessions/a does not exist; `evpose sessions list` prints the sessions that do\n";
+  for (const std::vector<std::string>& command :
+       std::vector<std::vector<std::string>>{{"watch"}, {"watch", "--health"}, {"sessions", "get"}}) {
+    std::vector<std::string> arguments = command;
+    arguments.insert(arguments.end(), {"sessions/a", "--server", address});
+    const CliResult result = Run(arguments);
+    EXPECT_EQ(result.status, 1);
+    EXPECT_THAT(result.err, ::testing::EndsWith(": " + missing));
+    arguments[command.size()] = std::string("nonsense");
+    const CliResult malformed = Run(arguments);
+    EXPECT_EQ(malformed.status, 2);
+    EXPECT_THAT(malformed.err, HasSubstr("the name of a session has the form sessions/ID"));
+  }
+  const CliResult deleted = Run({"sessions", "delete", "sessions/a", "--server", address});
+  EXPECT_EQ(deleted.status, 0);
+  EXPECT_EQ(deleted.err, "evpose sessions delete: " + missing);
+  EXPECT_EQ(Run({"sessions", "delete", "sessions/", "--server", address}).status, 2);
+
+  std::ostringstream out, err;
+  client::CliContext terminal{out, err};
+  terminal.is_err_terminal = true;
+  EXPECT_EQ(client::RunCli({"sessions", "list", "--server", address}, terminal), 0);
+  EXPECT_EQ(out.str(), "");
+  EXPECT_EQ(err.str(), "no sessions\n");
+  EXPECT_EQ(Run({"sessions", "list", "--server", address}).err, "") << "a script";
+}
+
+TEST_F(CliTest, MissingFilesHaveOneMessage) {
+  SimulateCube(0.002);
+  for (const size_t index : {1, 3, 5}) {  // the recording, the model and the camera
+    std::vector<std::string> arguments = ReplayArguments("poses.tum");
+    arguments[index] = Path("none.obj");
+    EXPECT_EQ(Run(arguments).err, "evpose replay: " + Path("none.obj: cannot be read: No such file or directory\n"));
+  }
+  EXPECT_EQ(Run(ReplayArguments("poses.tum", {"--sensor", Path("none.yaml")})).err,
+            "evpose replay: " + Path("none.yaml: cannot be read: No such file or directory\n"));
+  EXPECT_EQ(Run({"evaluate", "--truth", Path("cube/truth.tum"), "--estimate", Path("cube/truth.tum"), "--model",
+                 Path("none.obj"), "--camera", Path("cube/camera.yaml")})
+                .err,
+            "evpose evaluate: " + Path("none.obj: cannot be read: No such file or directory\n"));
 }
 
 }  // namespace

@@ -275,7 +275,7 @@ TEST_F(ResumeTest, StreamSpoolsEventsBeyondTheMemory) {
 
 TEST_F(ResumeTest, StreamEndsCleanlyOnASignal) {
   SimulateCube(0.2);
-  for (const int number : {SIGINT, SIGTERM}) {
+  for (const int number : {SIGINT, SIGTERM, SIGHUP}) {
     Pipe pipe;
     Program program = Start(StreamArguments("poses.csv", {"--server", address_}), pipe.ends[0]);
     ASSERT_TRUE(pipe.Write(ReadText("cube/recording.raw")));
@@ -285,6 +285,7 @@ TEST_F(ResumeTest, StreamEndsCleanlyOnASignal) {
       if (!list.Json().empty() && list.Json()[0]["poses"] > 10) break;
     }
     program.Signal(number);
+    if (number == SIGHUP) program.Signal(number);  // as from a terminal that is closed
     ASSERT_EQ(program.Wait(), 0) << ReadText("program.err");
     const nlohmann::json report = nlohmann::json::parse(ReadText("program.out"));
     EXPECT_EQ(report["interrupted"], true);
@@ -468,7 +469,7 @@ TEST_F(ResumeBadInputTest, UnreachableServer) {
   const CliResult result = Run(ReplayArguments("poses.csv", {"--server", proxy_.address(), "--max-outage", "0.3"}));
   EXPECT_EQ(result.status, 1);
   EXPECT_THAT(result.err, AllOf(HasSubstr(proxy_.address() + ": the stream broke: "), HasSubstr("gave up after")));
-  EXPECT_THAT(FilesBeginning("poses"), IsEmpty());
+  EXPECT_THAT(FilesBeginning("poses.csv."), IsEmpty()) << "poses.csv has the poses that were received";
 }
 
 }  // namespace

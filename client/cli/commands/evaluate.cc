@@ -10,6 +10,8 @@
 #include <vector>
 
 #include "absl/strings/str_cat.h"
+#include "absl/strings/str_format.h"
+#include "absl/strings/str_join.h"
 #include "client/cli/commands/commands.h"
 #include "client/cli/common/pose_reader.h"
 #include "client/cli/common/table_cell.h"
@@ -145,6 +147,22 @@ void PrintRows(const std::vector<Row>& rows, std::ostream& out) {
   PrintTable(lines, "", out);
 }
 
+// An estimate without poses is an error; one that is farther from the truth than the object from the camera is
+// reported.
+absl::Status CheckPlausible(const std::vector<Row>& rows, CliContext& context) {
+  std::vector<std::string> empty;
+  for (const Row& row : rows) {
+    if (row.evaluation.num_poses == 0) empty.push_back(row.name);
+    if (!(row.evaluation.position_rmse_of_depth > 1.0)) continue;
+    context.err << absl::StrFormat(
+        "evpose evaluate: %s: the RMSE of its positions is %.3g times the distance of the object; are they of this "
+        "object and recording, camera_from_object, in metres?\n",
+        row.name, row.evaluation.position_rmse_of_depth);
+  }
+  if (empty.empty()) return absl::OkStatus();
+  return absl::InvalidArgumentError(absl::StrCat(absl::StrJoin(empty, ", "), ": has no pose to compare"));
+}
+
 absl::Status RunEvaluate(const EvaluateArguments& arguments, CliContext& context) {
   if (arguments.model.empty() != arguments.camera.empty()) {
     return UsageError("--model and --camera go together: both are needed for the reprojection error");
@@ -155,7 +173,9 @@ absl::Status RunEvaluate(const EvaluateArguments& arguments, CliContext& context
   EVPOSE_ASSIGN_OR_RETURN(const std::vector<Row> rows, EvaluateAll(arguments));
   Json json = {{"truth", arguments.truth}, {"estimates", Json::array()}};
   for (const Row& row : rows) json["estimates"].push_back(RowJson(row));
-  return PrintResult(context, arguments.is_json, json, [&rows](std::ostream& out) { PrintRows(rows, out); });
+  EVPOSE_RETURN_IF_ERROR(
+      PrintResult(context, arguments.is_json, json, [&rows](std::ostream& out) { PrintRows(rows, out); }));
+  return CheckPlausible(rows, context);
 }
 
 }  // namespace
@@ -180,7 +200,8 @@ CommandRunner AddEvaluateCommand(CLI::App& app, CliContext& context) {
       "counts\n"
       "how often such a period ended. Positions are compared in the camera frame, without alignment.\n"
       "NEES is the normalised estimation error squared (6 degrees of freedom) of a CSV with covariances. A consistent\n"
-      "covariance has a median of 5.3 and 5 % and 95 % quantiles of 1.6 and 12.6.\n\n"
+      "covariance has a median of 5.3 and 5 % and 95 % quantiles of 1.6 and 12.6.\n"
+      "An estimate without poses is printed as a row of \"-\", and the exit status is 1.\n\n"
       "Example:\n"
       "  evpose simulate --object cube --camera vga --duration 0.5 --out cube\n"
       "  evpose replay cube/recording.raw --model cube/model.obj --camera cube/camera.yaml --out cube/poses.tum\n"

@@ -7,9 +7,7 @@
 #include "absl/strings/str_format.h"
 #include "absl/time/time.h"
 #include "client/cli/commands/commands.h"
-#include "core/base/output_file.h"
 #include "core/base/status_macros.h"
-#include "core/models/object_model.h"
 
 namespace evpose::client {
 namespace {
@@ -58,7 +56,7 @@ absl::Status RunList(const ModelArguments& arguments, CliContext& context) {
 absl::Status RunUpload(const ModelArguments& arguments, CliContext& context) {
   UploadOptions options = {.metres_per_unit = arguments.metres_per_unit};
   EVPOSE_ASSIGN_OR_RETURN(options.format, ModelFormatFromPath(arguments.file));
-  EVPOSE_ASSIGN_OR_RETURN(const std::string bytes, ReadFile(arguments.file, ModelOptions{}.max_bytes));
+  EVPOSE_ASSIGN_OR_RETURN(const std::string bytes, ReadModel(arguments.file));
   EVPOSE_ASSIGN_OR_RETURN(const std::unique_ptr<Client> client, arguments.server.Connect(context));
   const absl::StatusOr<ModelInfo> model =
       client->UploadModel({reinterpret_cast<const uint8_t*>(bytes.data()), bytes.size()}, options);

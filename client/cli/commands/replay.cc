@@ -79,7 +79,9 @@ absl::Status RunReplay(const ReplayArguments& arguments, CliContext& context) {
                           ReadRunInputs(arguments.track, {.follow = arguments.is_following, .stop = stop_reading}));
   SessionRun run(arguments.track, inputs, context, {});
   EVPOSE_RETURN_IF_ERROR(run.Open());
-  EVPOSE_RETURN_IF_ERROR(run.MakeFeed({.rate = rate, .clock = context.clock, .skip = run.position().durable}, false));
+  // With --resume, a read error leaves the session as it is, so that the same command can continue.
+  EVPOSE_RETURN_IF_ERROR(run.MakeFeed({.rate = rate, .clock = context.clock, .skip = run.position().durable},
+                                      /*ends_on_error=*/arguments.track.resume.empty()));
   EVPOSE_ASSIGN_OR_RETURN(const ServerHandle server, BeginSession(options.retry, run, arguments.track, context));
   return run.Track(*server.client, options);
 }
@@ -98,9 +100,10 @@ CommandRunner AddReplayCommand(CLI::App& app, CliContext& context) {
       "written until the object is found, and none while it is lost. Among the equivalent poses of a symmetric "
       "object,\n"
       "the first reported one is the nearest to the identity rotation, and each later one the nearest to its\n"
-      "predecessor. An interrupt ends the stream, and the poses computed so far are written. Latencies are measured\n"
-      "from the server's receipt of a chunk to its pose: with --rate max for a full queue, with --rate 1 as for a "
-      "camera.\n"
+      "predecessor. If no pose is found, the report has the reason, and the exit status is 0. An interrupt ends the\n"
+      "stream, and the poses computed so far are written. An error ends it with exit status 1; without --resume, the\n"
+      "poses received so far are written. Latencies are measured from the server's receipt of a chunk to its pose:\n"
+      "with --rate max for a full queue, with --rate 1 as for a camera.\n"
       "A broken connection is re-established within --max-outage. With --resume, the same command continues a replay\n"
       "that was killed, and the poses are byte for byte those of an undisturbed replay.\n"
       "Several objects: --object left=cube.obj --object right=book.obj --out poses-{object}.tum\n"

@@ -51,15 +51,17 @@ void PrintSession(const Session& session, std::ostream& out) {
 absl::Status RunListSessions(const SessionArguments& arguments, CliContext& context) {
   EVPOSE_ASSIGN_OR_RETURN(const std::unique_ptr<Client> client, arguments.server.Connect(context));
   EVPOSE_ASSIGN_OR_RETURN(const std::vector<Session> sessions, client->ListSessions());
+  if (sessions.empty() && context.is_err_terminal) context.err << "no sessions" << std::endl;
   return PrintList(context, arguments.is_json, sessions, SessionJson, PrintSession);
 }
 
 absl::Status RunGetSession(const SessionArguments& arguments, CliContext& context) {
   EVPOSE_ASSIGN_OR_RETURN(const std::unique_ptr<Client> client, arguments.server.Connect(context));
-  EVPOSE_ASSIGN_OR_RETURN(const Session session, client->GetSession(arguments.name));
-  return PrintResult(context, arguments.is_json, SessionJson(session), [&session](std::ostream& out) {
-    PrintSession(session, out);
-    for (const ObjectHealth& object : session.health.objects) {
+  const absl::StatusOr<Session> session = client->GetSession(arguments.name);
+  if (!session.ok()) return SessionError(arguments.name, session.status());
+  return PrintResult(context, arguments.is_json, SessionJson(*session), [&session](std::ostream& out) {
+    PrintSession(*session, out);
+    for (const ObjectHealth& object : session->health.objects) {
       if (!object.detail.empty()) out << object.object_id << ": " << object.detail << "\n";
     }
   });
@@ -67,6 +69,9 @@ absl::Status RunGetSession(const SessionArguments& arguments, CliContext& contex
 
 absl::Status RunDeleteSession(const SessionArguments& arguments, CliContext& context) {
   EVPOSE_ASSIGN_OR_RETURN(const std::unique_ptr<Client> client, arguments.server.Connect(context));
+  if (const absl::Status status = client->GetSession(arguments.name).status(); absl::IsNotFound(status)) {
+    context.err << "evpose sessions delete: " << SessionError(arguments.name, status).message() << std::endl;
+  }
   return client->DeleteSession(arguments.name);
 }
 
@@ -101,8 +106,7 @@ void AddSessionsCommands(CLI::App& app, CliContext& context, CommandRunners& run
     CLI::App* command = app.add_subcommand(name, description);
     command->footer(Example(name, has_name));
     auto arguments = std::make_shared<SessionArguments>();
-    if (has_name)
-      command->add_option("session", arguments->name, "sessions/ID, as `evpose sessions list` prints it")->required();
+    if (has_name) AddSessionName(*command, arguments->name);
     arguments->server.AddTo(*command, true);
     command->add_flag("--json", arguments->is_json, "JSON with all fields on standard output");
     runners.emplace_back(command, [arguments, run, &context] { return run(*arguments, context); });
@@ -110,7 +114,7 @@ void AddSessionsCommands(CLI::App& app, CliContext& context, CommandRunners& run
   };
   add("list", "All sessions, one on each line", RunListSessions, false);
   add("get", "One session", RunGetSession, true);
-  add("delete", "Delete a session; its streams end", RunDeleteSession, true);
+  add("delete", "Delete a session; its streams end. A session that does not exist is no error", RunDeleteSession, true);
   const auto [drain, drain_arguments] = add("drain",
                                             "Shut the server down after its streams have had time to finish; a server "
                                             "with tokens requires that of an operator",

@@ -114,7 +114,7 @@ absl::Status RunWatchHealth(const WatchArguments& arguments, CliContext& context
   };
   const absl::Status status =
       client->WatchHealth(arguments.session, absl::Seconds(arguments.period_s), on_health, stop.get_token());
-  return stop.stop_requested() ? absl::OkStatus() : status;
+  return stop.stop_requested() ? absl::OkStatus() : SessionError(arguments.session, status);
 }
 
 absl::Status RunWatch(const WatchArguments& arguments, CliContext& context) {
@@ -128,8 +128,9 @@ absl::Status RunWatch(const WatchArguments& arguments, CliContext& context) {
     context.out.flush();
     if (!context.out) stop.request_stop();  // the output is closed
   };
-  EVPOSE_ASSIGN_OR_RETURN(const Session session, client->GetSession(arguments.session));
-  states.Show(session.health);
+  const absl::StatusOr<Session> session = client->GetSession(arguments.session);
+  if (!session.ok()) return SessionError(arguments.session, session.status());
+  states.Show(session->health);
   const StopOnInterrupt interrupt(context, stop, [&, shown_at = SystemClock().Now()]() mutable {
     if (SystemClock().Now() - shown_at < kHealthPeriod) return;
     // The end of the session also ends the stream of poses.
@@ -144,7 +145,7 @@ absl::Status RunWatch(const WatchArguments& arguments, CliContext& context) {
 
 CommandRunner AddWatchCommand(CLI::App& app, CliContext& context) {
   auto arguments = std::make_shared<WatchArguments>();
-  app.add_option("session", arguments->session, "sessions/ID, as `evpose sessions list` prints it")->required();
+  AddSessionName(app, arguments->session);
   CLI::Option* const after =
       app.add_option("--after", arguments->poses.after_pose_seq, "Number of the pose after which the output begins")
           ->capture_default_str();

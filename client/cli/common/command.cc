@@ -15,9 +15,11 @@
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_replace.h"
 #include "absl/strings/str_split.h"
+#include "absl/strings/strip.h"
 #include "client/lib/server_address.h"
 #include "client/lib/status_details.h"
 #include "core/base/status_macros.h"
+#include "core/models/object_model.h"
 
 namespace evpose::client {
 namespace {
@@ -93,6 +95,26 @@ CLI::Option* AddFile(CLI::App& app, const std::string& name, std::string& path, 
 CLI::Option* AddNames(CLI::App& app, const std::string& name, std::vector<std::string>& names,
                       const std::string& description) {
   return app.add_option(name, names, description)->delimiter(',')->type_name("NAME,...");
+}
+
+absl::StatusOr<std::string> ReadModel(const std::string& path) {
+  EVPOSE_ASSIGN_OR_RETURN(std::string bytes, ReadFile(path, ModelOptions().max_bytes));
+  if (bytes.empty()) return absl::InvalidArgumentError(absl::StrCat(path, ": the model file is empty"));
+  return bytes;
+}
+
+void AddSessionName(CLI::App& app, std::string& name) {
+  const auto check = [](const std::string& text) -> std::string {
+    absl::string_view id = text;
+    if (absl::ConsumePrefix(&id, "sessions/") && !id.empty()) return "";
+    return "the name of a session has the form sessions/ID; `evpose sessions list` prints the names";
+  };
+  app.add_option("session", name, "sessions/ID, as `evpose sessions list` prints it")->required()->check(check);
+}
+
+absl::Status SessionError(const std::string& name, const absl::Status& status) {
+  if (!absl::IsNotFound(status)) return status;
+  return absl::NotFoundError(absl::StrCat(name, " does not exist; `evpose sessions list` prints the sessions that do"));
 }
 
 absl::Status ModelError(const std::string& path, const absl::Status& status) {

@@ -55,8 +55,16 @@ CLI::Option* AddFile(CLI::App& app, const std::string& name, std::string& path, 
 CLI::Option* AddNames(CLI::App& app, const std::string& name, std::vector<std::string>& names,
                       const std::string& description);
 
+// Reads the bytes of a model file. Errors name the path: those of ReadFile(); INVALID_ARGUMENT for an empty file.
+absl::StatusOr<std::string> ReadModel(const std::string& path);
+
 // Rewords the status of a model upload, which names fields of the API, for the owner of the file.
 absl::Status ModelError(const std::string& path, const absl::Status& status);
+
+// Adds the name of a session, sessions/ID, as a required argument; a text of another form is wrong usage.
+void AddSessionName(CLI::App& app, std::string& name);
+// Rewords NOT_FOUND for a session of the command line, which the caller does not want to create.
+absl::Status SessionError(const std::string& name, const absl::Status& status);
 
 // Group of --help with the options for outages of the server.
 inline constexpr char kAwayGroup[] = "While the server is away";

@@ -76,10 +76,10 @@ std::string JsonLine(const Pose& pose) {
 }  // namespace
 
 absl::StatusOr<PoseFormat> PoseFormatFromPath(const std::string& path) {
-  if (absl::EndsWith(path, ".tum") || absl::EndsWith(path, ".txt")) return PoseFormat::kTum;
+  if (absl::EndsWith(path, ".tum")) return PoseFormat::kTum;
   if (absl::EndsWith(path, ".csv")) return PoseFormat::kCsv;
   if (absl::EndsWith(path, ".jsonl")) return PoseFormat::kJsonLines;
-  return absl::InvalidArgumentError(absl::StrCat(path, ": poses are written as .tum, .csv or .jsonl"));
+  return absl::InvalidArgumentError(absl::StrCat(path, ": the name of a file of poses ends in .tum, .csv or .jsonl"));
 }
 
 std::string PoseHeader(PoseFormat format) { return format == PoseFormat::kCsv ? CsvHeader() : ""; }

@@ -16,7 +16,7 @@ namespace evpose::client {
 
 enum class PoseFormat { kTum, kCsv, kJsonLines };
 
-// Parses .tum or .txt, .csv, .jsonl. Error: INVALID_ARGUMENT naming the extensions.
+// Parses .tum, .csv or .jsonl. Error: INVALID_ARGUMENT naming the extensions.
 absl::StatusOr<PoseFormat> PoseFormatFromPath(const std::string& path);
 // The header line, line feed included; empty for a format without a header.
 std::string PoseHeader(PoseFormat format);

@@ -28,7 +28,7 @@ std::string ReplayReport::NameOf(const std::string& object_id) const {
 }
 
 std::string ReplayReport::WhyNoPose(const ObjectHealth& object) const {
-  if (object.state == TrackState::kInitializing) return absl::StrCat("never found: ", object.detail);
+  if (object.state == TrackState::kInitializing) return absl::StrCat("no pose found: ", object.detail);
   if (object.state != TrackState::kLost) return "";
   const auto change = last_change_us_.find(object.object_id);
   const int64_t since_us = change == last_change_us_.end() ? 0 : change->second;

@@ -11,10 +11,8 @@
 #include "absl/strings/str_split.h"
 #include "client/cli/common/pose_format.h"
 #include "client/lib/core_types.h"
-#include "core/base/output_file.h"
 #include "core/base/status_macros.h"
 #include "core/geometry/trajectory.h"
-#include "core/models/object_model.h"
 
 namespace evpose::client {
 namespace {
@@ -150,7 +148,7 @@ absl::Status ReadObjects(const RunArguments& arguments, std::vector<InputObject>
   for (InputObject& object : objects) {
     EVPOSE_ASSIGN_OR_RETURN(object.upload.format, ModelFormatFromPath(object.model_path));
     object.upload.metres_per_unit = arguments.metres_per_unit;
-    EVPOSE_ASSIGN_OR_RETURN(object.model_bytes, ReadFile(object.model_path, ModelOptions().max_bytes));
+    EVPOSE_ASSIGN_OR_RETURN(object.model_bytes, ReadModel(object.model_path));
   }
   return absl::OkStatus();
 }
@@ -249,7 +247,7 @@ void RunArguments::AddTo(CLI::App& app, bool server_is_required) {
       ->allow_extra_args(false);
   app.add_option(
       "-o,--out", out,
-      "Poses: .tum, .csv or .jsonl; the file appears only when it is complete. {object} in the name is replaced by the "
+      "Poses: .tum, .csv or .jsonl; the file appears when the run has ended. {object} in the name is replaced by the "
       "ID of each object");
   app.add_option(
          "--estimator", estimator,
@@ -268,10 +266,11 @@ void RunArguments::AddTo(CLI::App& app, bool server_is_required) {
           },
           "multiple of 8");
   server.AddTo(app, server_is_required);
-  AddOption(app, "--max-outage", max_outage_s,
-            "Seconds without a response of --server after which the command gives up; 0: no reconnection; inf: "
-            "unlimited",
-            NotNegative())
+  AddOption(
+      app, "--max-outage", max_outage_s,
+      "Seconds without a response or credit of --server after which the command gives up; 0: no reconnection; inf: "
+      "unlimited",
+      NotNegative())
       ->needs(app.get_option("--server"))
       ->group(kAwayGroup);
   AddFile(app, "--resume", resume,

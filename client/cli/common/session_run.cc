@@ -8,9 +8,11 @@
 #include <utility>
 
 #include "absl/strings/str_cat.h"
+#include "absl/strings/str_format.h"
 #include "absl/strings/str_join.h"
 #include "client/lib/client_access.h"
 #include "client/lib/core_types.h"
+#include "client/lib/status_details.h"
 #include "core/base/status_macros.h"
 #include "core/numerics/hash.h"
 
@@ -20,6 +22,9 @@ namespace {
 // Limits of the poses and the time that a killed client repeats: the server stores only some thousand poses.
 constexpr uint64_t kMaxPosesBetween = 1024;
 constexpr absl::Duration kMaxTimeBetween = absl::Seconds(1);
+
+// Reason of an error after which the server asks its clients to attach again.
+constexpr char kStoreFull[] = "STORE_FULL";
 
 std::string Digest(const std::string& bytes) {
   return Sha256Hex({reinterpret_cast<const uint8_t*>(bytes.data()), bytes.size()}).substr(0, 32);
@@ -162,6 +167,8 @@ TrackCallbacks SessionRun::MakeCallbacks() {
   TrackCallbacks callbacks;
   callbacks.on_pose = [this](const Pose& pose) {
     if (poses_) poses_->Write(pose);
+    ++num_poses_;
+    last_pose_us_ = std::max(last_pose_us_, pose.t_us);
   };
   callbacks.on_notice = [this](const Notice& notice) { report_.Add(notice); };
   callbacks.on_progress = [this](const TrackProgress& value) { progress_->Update(value); };
@@ -175,7 +182,8 @@ TrackCallbacks SessionRun::MakeCallbacks() {
   return callbacks;
 }
 
-absl::Status SessionRun::Track(Client& client, const TrackOptions& options) {
+absl::Status SessionRun::Track(Client& client, TrackOptions options) {
+  options.object_ids = inputs_.object_ids();
   // A run that was killed before its first chunk may divide chunks in any way.
   if (record_.position.max_piece_bytes > 0) feed_->Start(record_.position.max_piece_bytes);
   report_.recording = arguments_.recording;
@@ -197,26 +205,42 @@ absl::Status SessionRun::Track(Client& client, const TrackOptions& options) {
   }
   progress_->Stop();
   if (summary.ok()) return Finish(client, *summary, SystemClock().Now() - begin);
-  return Explain(client, summary.status());
+  return GiveUp(client, summary.status());
 }
 
-absl::Status SessionRun::Explain(Client& client, const absl::Status& status) const {
+std::string SessionRun::KeepPoses() {
+  if (!poses_ || num_poses_ == 0) return "";
+  const absl::Status status = poses_->Commit();
+  if (!status.ok()) return absl::StrCat("; the poses are lost: ", status.message());
+  return absl::StrFormat("; %s: %d poses up to %.6f s", absl::StrJoin(report_.files, ", "), num_poses_,
+                         static_cast<double>(last_pose_us_) * 1e-6);
+}
+
+absl::Status SessionRun::GiveUp(Client& client, const absl::Status& status) {
   // The interrupt has ended the run, not the server.
   const bool is_interrupted = is_away_ && context_.IsInterrupted() && absl::IsCancelled(status);
-  const std::string what =
-      absl::StrCat(is_interrupted ? "interrupted while the server was away: " : "", status.message());
+  std::string text = absl::StrCat(is_interrupted ? "interrupted while the server was away: " : "", status.message());
+  const std::string& session = record_.position.session;
   if (resume_) {
-    const std::string advice = absl::IsNotFound(status) ? absl::StrCat("the session is gone from the server: remove ",
-                                                                       resume_->path(), " to begin a new one")
-                                                        : "the same command continues from there";
-    return absl::Status(status.code(), absl::StrCat(what, "; ", advice));
+    if (!absl::IsNotFound(status)) {
+      return absl::Status(status.code(), absl::StrCat(text, "; the same command continues from there"));
+    }
+    absl::StrAppend(&text, "; the session is gone from the server: remove ", resume_->path(), " to begin a new one");
+    for (const std::string& file : report_.files) {
+      absl::StrAppend(&text, "; ", file, ".partial has the poses so far, and a new one overwrites it");
+    }
+    return absl::Status(status.code(), text);
   }
+  absl::StrAppend(&text, KeepPoses());
   if (is_interrupted) {
-    return absl::Status(status.code(), absl::StrCat(what, "; with --resume FILE, the run could be continued"));
+    absl::StrAppend(&text, "; with --resume FILE, the run could be continued");
+  } else if (GetDetails(status).reason == kStoreFull) {
+    absl::StrAppend(&text, "; ", session, " is kept until it expires, but only a run with --resume FILE can continue");
+  } else if (!arguments_.keeps_session) {
+    // Frees the capacity of the server at once. The error of an unreachable server has been reported already.
+    client.DeleteSession(session).IgnoreError();
   }
-  // Frees the capacity of the server at once. The error of an unreachable server has been reported already.
-  if (!arguments_.keeps_session) client.DeleteSession(record_.position.session).IgnoreError();
-  return status;
+  return absl::Status(status.code(), text);
 }
 
 absl::Status SessionRun::Finish(Client& client, const TrackSummary& summary, absl::Duration wall_time) {

@@ -47,8 +47,9 @@ class SessionRun {
   // Uploads the models and creates the session, unless the run continues an earlier one.
   absl::Status Begin(Client& client, const std::function<void(SessionConfig&)>& complete,
                      const std::string& request_id);
-  // Runs until the summary; then the report and the pose files are complete.
-  absl::Status Track(Client& client, const TrackOptions& options);
+  // Runs until the summary; then the report and the pose files are complete. Without --resume, a run that fails also
+  // completes the pose files, with the poses received so far.
+  absl::Status Track(Client& client, TrackOptions options);
 
   void PrintLine(const std::string& text);
   ConnectionMessages& connection() { return connection_; }
@@ -57,8 +58,10 @@ class SessionRun {
   absl::StatusOr<EventChunk> NextChunk();
   absl::Status KeepPosition(const TrackPosition& position, bool has_new_token);
   TrackCallbacks MakeCallbacks();
-  // Adds advice to the status of a run that failed.
-  absl::Status Explain(Client& client, const absl::Status& status) const;
+  // Completes the pose files of a run that failed, and returns its status with advice.
+  absl::Status GiveUp(Client& client, const absl::Status& status);
+  // Writes the poses so far, if there are any; returns a text about them.
+  std::string KeepPoses();
   absl::Status Finish(Client& client, const TrackSummary& summary, absl::Duration wall_time);
 
   const RunArguments& arguments_;
@@ -68,6 +71,8 @@ class SessionRun {
   std::optional<ResumeFile> resume_;
   ResumeRecord record_;
   std::optional<PoseFiles> poses_;
+  uint64_t num_poses_ = 0;  // received by this process
+  int64_t last_pose_us_ = 0;
   std::unique_ptr<EventFeed> feed_;
   bool ends_on_error_ = false;
   absl::Status source_status_;  // of a source that ends on errors; owned by the feed's thread until the summary

@@ -7,6 +7,7 @@
 #include "absl/strings/str_cat.h"
 #include "client/lib/conversion.h"
 #include "core/base/status_macros.h"
+#include "core/events/event.h"
 
 namespace evpose::client {
 
@@ -25,6 +26,7 @@ EventFeed::EventFeed(ChunkSource source, const FeedOptions& options, std::unique
   // Chunks in the spool of an earlier process are not read again; the events between the two processes are lost.
   point_ = outbox_->state().last;
   is_after_gap_ = is_after_gap_ || point_.seq > 0;
+  if (is_after_gap_) latest_us_ = kMaxStateTime_us;
 }
 
 EventFeed::~EventFeed() { Stop(); }
@@ -34,6 +36,8 @@ void EventFeed::Start(uint64_t max_piece_bytes) {
   max_piece_bytes_ = std::max(max_piece_bytes / kWordBytes * kWordBytes, kWordBytes);
   thread_ = std::jthread([this] { Run(); });
 }
+
+int64_t EventFeed::LatestTime(uint64_t seq) const { return read_seq_ < seq ? kMaxStateTime_us : latest_us_.load(); }
 
 void EventFeed::Stop() {
   stop_.request_stop();
@@ -64,6 +68,7 @@ void EventFeed::Run() {
 absl::Status EventFeed::Add(const EventChunk& chunk) {
   for (const PoseReset& reset : chunk.resets) EVPOSE_RETURN_IF_ERROR(AddReset(reset));
   if (chunk.bytes.empty()) return absl::OkStatus();
+  latest_us_ = std::max(latest_us_.load(), chunk.t_last_us < 0 ? kMaxStateTime_us : chunk.t_last_us);
   const bool is_skipped = point_.seq < options_.skip.seq;
   if (!is_skipped && !pacer_.Wait(chunk.t_last_us, stop_.get_token())) return absl::CancelledError("stopped");
   const auto* const bytes = reinterpret_cast<const char*>(chunk.bytes.data());
@@ -83,6 +88,7 @@ absl::Status EventFeed::AddReset(const PoseReset& reset) {
 
 absl::Status EventFeed::AddPiece(OutgoingChunk piece) {
   point_ = piece.end;
+  read_seq_ = point_.seq;
   if (point_.seq == options_.skip.seq) EVPOSE_RETURN_IF_ERROR(CheckSkipped());
   if (point_.seq <= options_.skip.seq) return absl::OkStatus();
   return outbox_->Append(std::move(piece), stop_.get_token());

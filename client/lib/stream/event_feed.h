@@ -52,6 +52,9 @@ class EventFeed {
   void Stop();
 
   uint64_t max_piece_bytes() const { return max_piece_bytes_; }  // 0 before Start()
+  // The latest sensor time of the chunks read so far, microseconds; kMaxStateTime_us if the source does not state it,
+  // if chunks were not read by this process, or if fewer than `seq` pieces have been read.
+  int64_t LatestTime(uint64_t seq) const;
   Outbox& outbox() { return *outbox_; }
 
  private:
@@ -71,6 +74,8 @@ class EventFeed {
   FeedPoint point_;  // after the last piece made
   bool is_after_gap_;
   std::atomic<uint64_t> max_piece_bytes_ = 0;
+  std::atomic<int64_t> latest_us_ = 0;
+  std::atomic<uint64_t> read_seq_ = 0;  // updated after latest_us_
   std::mutex mutex_;
   std::vector<PoseReset> pending_resets_ ABSL_GUARDED_BY(mutex_);
   bool has_ended_ ABSL_GUARDED_BY(mutex_) = false;

@@ -68,6 +68,7 @@ AttemptOutcome ReconnectingStream::RunOnce() {
     return callbacks_.on_position ? callbacks_.on_position(position, has_new_token) : absl::OkStatus();
   };
   if (server().connect_now) server().connect_now();
+  if (server().auth_token) auth_token_ = server().auth_token();
   StreamAttempt attempt(*server().stub, position_, feed_, callbacks, options_, attempt_options);
   AttemptOutcome outcome = attempt.Run();
   fed_bytes_ = std::max(fed_bytes_, attempt.fed_bytes());
@@ -102,6 +103,8 @@ bool ReconnectingStream::Plan(const AttemptOutcome& outcome) {
     case RetryAdvice::kTryOtherToken:
       if (uses_previous_token_ || position_.previous_token.empty()) return false;
       return uses_previous_token_ = true;
+    case RetryAdvice::kTryOtherAuthToken:
+      return server().auth_token && server().auth_token() != auth_token_;
     case RetryAdvice::kTryWithoutCount:
       if (attaches_without_count_) return false;
       return attaches_without_count_ = true;

@@ -23,6 +23,8 @@ struct StreamServer {
   v1::SessionService::StubInterface* stub = nullptr;
   // Resets the reconnect delay of the channel, because the loop has waited already. May be empty.
   std::function<void()> connect_now = {};
+  // Returns the authentication token that a call would now send. May be empty: the token never changes.
+  std::function<std::string()> auth_token = {};
 };
 
 // Used once, by one thread.
@@ -64,6 +66,7 @@ class ReconnectingStream {
   size_t tries_ = 0;            // in this outage
   size_t servers_without_ = 0;  // consecutive servers without the session
   size_t damaged_tries_ = 0;    // consecutive
+  std::string auth_token_;      // at the start of the last attempt
   bool uses_previous_token_ = false;
   bool attaches_without_count_ = false;
 };

@@ -89,7 +89,7 @@ TEST(AdviseOnTest, EveryStatusThatAStreamCanEndWith) {
            Case{Code::kInvalidArgument, {"", "attach.last_pose_seq"}, RetryAdvice::kTryWithoutCount},
            Case{Code::kInvalidArgument, {"", "events.payload"}, RetryAdvice::kGiveUp},
            Case{Code::kFailedPrecondition, {"SEQ_GAP"}, RetryAdvice::kGiveUp},
-           Case{Code::kUnauthenticated, {}, RetryAdvice::kGiveUp},
+           Case{Code::kUnauthenticated, {}, RetryAdvice::kTryOtherAuthToken},
            Case{Code::kUnimplemented, {}, RetryAdvice::kGiveUp},
        }) {
     absl::Status status(each.code, "what happened");

@@ -92,6 +92,7 @@ class TrackTest : public ::testing::Test {
     client_ = ClientAccess::OverChannel(server_->InProcessChannel({}), "test server");
     session_.name = "sessions/1";
     session_.resume_token = "secret";
+    session_.config.objects.emplace_back();
   }
   void TearDown() override { server_->Shutdown(); }
 

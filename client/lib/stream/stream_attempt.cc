@@ -1,15 +1,23 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "client/lib/stream/stream_attempt.h"
 
+#include <algorithm>
 #include <condition_variable>
 #include <mutex>
 #include <thread>
 #include <utility>
 
+#include "absl/strings/escaping.h"
 #include "absl/strings/str_cat.h"
 #include "client/lib/conversion.h"
 
 namespace evpose::client {
+namespace {
+
+// How far a pose may be beyond the time that the source states for its chunks, which is exact for recordings.
+constexpr int64_t kTimeTolerance_us = 1'000'000;
+
+}  // namespace
 
 StreamAttempt::StreamAttempt(v1::SessionService::StubInterface& stub, TrackPosition& position, EventFeed& feed,
                              const TrackCallbacks& callbacks, const TrackOptions& options,
@@ -20,7 +28,10 @@ StreamAttempt::StreamAttempt(v1::SessionService::StubInterface& stub, TrackPosit
       options_(options),
       attempt_options_(attempt_options),
       stream_(stub.Track(&context_)),
-      uplink_(*stream_, feed.outbox(), options.has_checksum, [this] { Cancel(); }) {}
+      // A server without credit is an outage. Without retries, nothing limits the duration of one.
+      uplink_(*stream_, feed.outbox(), options.has_checksum,
+              options.retry.max_outage > absl::ZeroDuration() ? options.retry.max_outage : absl::InfiniteDuration(),
+              [this] { Cancel(); }) {}
 
 AttemptOutcome StreamAttempt::Run() {
   std::optional<std::stop_callback<std::function<void()>>> cancel_on_stop;
@@ -87,7 +98,7 @@ bool StreamAttempt::HandleAttached(const v1::TrackResponse::Attached& attached) 
     if (callbacks_.on_notice) callbacks_.on_notice(lost);
   }
   if (!ReportPosition(true)) return false;
-  uplink_.Start(attached.next_seq(), attached.send_limit_bytes());
+  uplink_.Start(attached.next_seq(), attached.send_limit_bytes(), FromProto(attached.idle_timeout()));
   return true;
 }
 
@@ -117,12 +128,32 @@ bool StreamAttempt::HandlePose(const v1::Pose& message) {
   if (pose->seq != next_pose_seq_) {
     return Malformed(absl::StrCat("pose ", pose->seq, " arrived instead of pose ", next_pose_seq_));
   }
+  if (const std::string why = WhyForeign(*pose); !why.empty()) {
+    return Malformed(absl::StrCat("pose ", pose->seq, ": ", why));
+  }
   ++next_pose_seq_;
   if (pose->seq <= position_.last_pose_seq) return true;  // delivered on an earlier stream
   position_.last_pose_seq = pose->seq;
   const bool is_confirmed = pose->state != TrackState::kUnknown;
   if (is_confirmed && callbacks_.on_pose) callbacks_.on_pose(*pose);
   return true;
+}
+
+std::string StreamAttempt::WhyForeign(const Pose& pose) {
+  const std::vector<std::string>& ids = options_.object_ids;
+  if (!ids.empty() && std::find(ids.begin(), ids.end(), pose.object_id) == ids.end()) {
+    return absl::StrCat("the session has no object \"", absl::CHexEscape(pose.object_id.substr(0, 100)), "\"");
+  }
+  const int64_t latest_us = feed_.LatestTime(first_processed_seq_);
+  if (pose.t_us < 0 || pose.t_us > latest_us + kTimeTolerance_us) {
+    return absl::StrCat("its time, ", pose.t_us, " us, is not one of the events");
+  }
+  const auto [last, is_first] = last_t_us_.try_emplace(pose.object_id, pose.t_us);
+  if (!is_first && pose.t_us <= last->second) {
+    return absl::StrCat("its time, ", pose.t_us, " us, is not after ", last->second, " us, that of the object's last");
+  }
+  last->second = pose.t_us;
+  return "";
 }
 
 bool StreamAttempt::HandleAck(const v1::TrackResponse::Ack& ack) {
@@ -142,6 +173,8 @@ bool StreamAttempt::HandleNotice(const v1::TrackResponse::Notice& message) {
     is_left_ = true;
     uplink_.Leave();
   }
+  // The poses after the restart are not ordered with those that the server stored before.
+  if (std::holds_alternative<TrackingRestarted>(*notice)) last_t_us_.clear();
   if (callbacks_.on_notice) callbacks_.on_notice(*notice);
   return true;
 }

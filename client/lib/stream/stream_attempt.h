@@ -5,6 +5,7 @@
 
 #include <grpcpp/client_context.h>
 
+#include <map>
 #include <memory>
 #include <optional>
 #include <string>
@@ -50,6 +51,8 @@ class StreamAttempt {
   // Returns false, with the cause in outcome_, if the server violates the protocol or a callback fails.
   bool Handle(const v1::TrackResponse& response);
   bool HandlePose(const v1::Pose& message);
+  // Returns the reason why the session cannot have this pose; empty: none.
+  std::string WhyForeign(const Pose& pose);
   bool HandleAck(const v1::TrackResponse::Ack& ack);
   bool HandleNotice(const v1::TrackResponse::Notice& message);
   bool ReportPosition(bool has_new_token);
@@ -67,7 +70,8 @@ class StreamAttempt {
   std::unique_ptr<Uplink::Stream> stream_;
   Uplink uplink_;
   AttemptOutcome outcome_;
-  uint64_t next_pose_seq_ = 1;  // on this stream
+  uint64_t next_pose_seq_ = 1;                // on this stream
+  std::map<std::string, int64_t> last_t_us_;  // of the poses of each object on this stream
   uint64_t first_processed_seq_ = 0;
   bool is_left_ = false;
   bool timed_out_ = false;

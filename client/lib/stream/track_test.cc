@@ -7,9 +7,12 @@
 #include <gtest/gtest.h>
 
 #include <functional>
+#include <limits>
+#include <stop_token>
 #include <string>
 #include <vector>
 
+#include "absl/strings/str_cat.h"
 #include "client/lib/fake_clock_testing.h"
 #include "client/lib/stream/scripted_server_testing.h"
 #include "core/numerics/hash.h"
@@ -132,6 +135,83 @@ TEST_F(TrackTest, ServerDiesMidStream) {
   EXPECT_EQ(poses_.size(), 1u);
 }
 
+TEST_F(TrackTest, AServerThatStopsToGrantCreditIsAnOutage) {
+  for (const uint64_t credit : {uint64_t{0}, uint64_t{16}}) {
+    service_.script = [&](ServerStream& stream) {
+      v1::TrackRequest request;
+      stream.Read(&request);
+      stream.Write(Attached(credit));
+      while (stream.Read(&request)) continue;  // until the client cancels the call
+      return grpc::Status::CANCELLED;
+    };
+    TrackOptions options;
+    options.retry.max_outage = absl::Milliseconds(20);
+    ExpectError(Track({16, 16}, options), absl::StatusCode::kDeadlineExceeded,
+                absl::StrCat("the server has granted no credit for 20ms (after ", credit, " bytes sent"));
+  }
+}
+
+TEST_F(TrackTest, EmptyChunksKeepAQuietStreamAlive) {
+  for (const bool has_credit : {true, false}) {
+    std::stop_source was_heard;
+    bool is_empty = false;
+    std::vector<uint64_t> seqs;
+    service_.script = [&](ServerStream& stream) {
+      v1::TrackRequest request;
+      stream.Read(&request);
+      v1::TrackResponse attached = Attached(has_credit ? 1000 : 0);
+      attached.mutable_attached()->mutable_idle_timeout()->set_nanos(60'000'000);
+      stream.Write(attached);
+      // The source waits for this message, or the chunk for credit.
+      stream.Read(&request);
+      is_empty = request.has_events() && request.events().seq() == 0 && request.events().payload().empty();
+      was_heard.request_stop();
+      stream.Write(Ack(0, 1000));
+      for (const v1::TrackRequest::EventChunk& chunk : ReadToEnd(stream)) {
+        if (chunk.seq() != 0) seqs.push_back(chunk.seq());
+      }
+      stream.Write(SummaryMessage(0));
+      return grpc::Status::OK;
+    };
+    const ChunkSource source = [&, chunks = Source({16, 16})]() {
+      if (has_credit) SystemClock().SleepUntil(absl::InfiniteFuture(), was_heard.get_token());
+      return chunks();
+    };
+    const auto summary = client_->Track(session_, source, Callbacks(), NoRetries());
+    ASSERT_TRUE(summary.ok()) << summary.status();
+    EXPECT_TRUE(is_empty);
+    EXPECT_THAT(seqs, ElementsAre(1, 2));
+  }
+}
+
+// The server has chunks that this process has not read yet.
+TEST_F(TrackTest, PosesOfEventsOfAnEarlierProcessMayBeLaterThanThoseReadSoFar) {
+  service_.script = [](ServerStream& stream) {
+    v1::TrackRequest request;
+    stream.Read(&request);
+    v1::TrackResponse attached = Attached(1000);
+    attached.mutable_attached()->set_next_seq(2);
+    stream.Write(attached);
+    v1::TrackResponse pose = PoseMessage(1);
+    pose.mutable_pose()->set_t_us(3'600'000'000);
+    stream.Write(pose);
+    ReadToEnd(stream);
+    stream.Write(SummaryMessage(1));
+    return grpc::Status::OK;
+  };
+  TrackOptions options = NoRetries();
+  std::stop_source was_delivered;
+  const std::stop_callback at_the_end(options.stop.get_token(), [&] { was_delivered.request_stop(); });
+  TrackCallbacks callbacks = Callbacks();
+  callbacks.on_pose = [&](const Pose&) { was_delivered.request_stop(); };
+  const ChunkSource source = [&, chunks = Source({16, 16})]() {
+    SystemClock().SleepUntil(absl::InfiniteFuture(), was_delivered.get_token());
+    return chunks();
+  };
+  const auto summary = client_->Track(session_, source, callbacks, options);
+  EXPECT_TRUE(summary.ok()) << summary.status();
+}
+
 TEST_F(TrackTest, RefusedAttach) {
   service_.script = [&](ServerStream&) { return grpc::Status(grpc::StatusCode::NOT_FOUND, "no such session"); };
   ExpectError(Track({16}), absl::StatusCode::kNotFound, "no such session (after 0 bytes sent");
@@ -234,6 +314,12 @@ v1::TrackResponse BadPose(const std::function<void(v1::Pose&)>& spoil) {
   return response;
 }
 
+v1::TrackResponse PoseAt(uint64_t seq, int64_t t_us) {
+  v1::TrackResponse response = PoseMessage(seq);
+  response.mutable_pose()->set_t_us(t_us);
+  return response;
+}
+
 INSTANTIATE_TEST_SUITE_P(
     All, MalformedServerTest,
     ::testing::Values(
@@ -256,6 +342,14 @@ INSTANTIATE_TEST_SUITE_P(
             "NoRotation",
             {Attached(1000), BadPose([](v1::Pose& pose) { pose.mutable_camera_from_object()->clear_rotation(); })},
             "camera_from_object"},
+        Misbehaviour{"PoseOfAnotherObject",
+                     {Attached(1000), BadPose([](v1::Pose& pose) { pose.set_object_id("../\x1b"); })},
+                     "pose 1: the session has no object \"../\\x1b\""},
+        Misbehaviour{"PoseThatGoesBack", {Attached(1000), PoseMessage(1), PoseAt(2, 1000)}, "is not after 1000 us"},
+        Misbehaviour{"PoseBeforeAllTimes", {Attached(1000), PoseAt(1, -1)}, "its time, -1 us, is not one of the"},
+        Misbehaviour{"PoseAfterTheEvents", {Attached(1000), PoseAt(1, 2'000'000)}, "is not one of the events"},
+        Misbehaviour{
+            "PoseAfterAllTimes", {Attached(1000), PoseAt(1, std::numeric_limits<int64_t>::max())}, "is not one of the"},
         Misbehaviour{"NoSummary", {Attached(1000)}, "ended without a summary"},
         Misbehaviour{"SummaryOfOthers", {Attached(1000), SummaryMessage(5)}, "the summary counts 5 poses"},
         Misbehaviour{"AfterSummary", {Attached(1000), SummaryMessage(0), PoseMessage(1)}, "follows the summary"}),

@@ -5,16 +5,31 @@
 #include <memory>
 #include <utility>
 
-namespace evpose::client {
+#include "absl/strings/str_cat.h"
+#include "evpose/clock.h"
 
-Uplink::Uplink(Stream& stream, Outbox& outbox, bool has_checksum, std::function<void()> cancel)
-    : stream_(stream), outbox_(outbox), has_checksum_(has_checksum), cancel_(std::move(cancel)) {}
+namespace evpose::client {
+namespace {
+
+// Limits of times that the server or the caller may choose. A longer wait overflows the clock of the standard library.
+constexpr absl::Duration kLongestWait = absl::Hours(24 * 365);
+constexpr absl::Duration kShortestKeepAlive = absl::Milliseconds(5);
+
+}  // namespace
+
+Uplink::Uplink(Stream& stream, Outbox& outbox, bool has_checksum, absl::Duration credit_timeout,
+               std::function<void()> cancel)
+    : stream_(stream),
+      outbox_(outbox),
+      has_checksum_(has_checksum),
+      credit_timeout_(std::min(credit_timeout, kLongestWait)),
+      cancel_(std::move(cancel)) {}
 
 Uplink::~Uplink() { Stop(); }
 
-void Uplink::Start(uint64_t next_seq, uint64_t send_limit_bytes) {
+void Uplink::Start(uint64_t next_seq, uint64_t send_limit_bytes, absl::Duration idle_timeout) {
   GrantCredit(send_limit_bytes);
-  thread_ = std::jthread([this, next_seq] { Run(next_seq); });
+  thread_ = std::jthread([this, next_seq, idle_timeout] { Run(next_seq, idle_timeout); });
 }
 
 void Uplink::GrantCredit(uint64_t send_limit_bytes) {
@@ -35,20 +50,44 @@ void Uplink::Stop() {
   if (thread_.joinable()) thread_.join();
 }
 
-void Uplink::Run(uint64_t next_seq) {
+void Uplink::Run(uint64_t next_seq, absl::Duration idle_timeout) {
+  std::jthread keep_alive;
+  if (idle_timeout > absl::ZeroDuration()) {
+    // The time without a message is less than two periods.
+    const absl::Duration period = std::max(idle_timeout / 6, kShortestKeepAlive);
+    keep_alive = std::jthread([this, period](const std::stop_token& stop) { KeepAlive(period, stop); });
+  }
+  const bool is_complete = SendChunks(next_seq);
+  keep_alive = {};
+  v1::TrackRequest request;
+  request.mutable_end();
+  if (is_complete ? stream_.Write(request) : is_leaving_.load()) stream_.WritesDone();
+}
+
+bool Uplink::SendChunks(uint64_t next_seq) {
   for (uint64_t seq = next_seq; !stop_.stop_requested(); ++seq) {
     const absl::StatusOr<std::shared_ptr<const OutgoingChunk>> chunk = outbox_.Get(seq, stop_.get_token());
-    if (stop_.stop_requested()) break;
-    if (!chunk.ok()) return Fail(chunk.status());
-    if (*chunk == nullptr) {
-      v1::TrackRequest request;
-      request.mutable_end();
-      if (stream_.Write(request)) stream_.WritesDone();
-      return;
-    }
-    if (!Send(**chunk)) break;
+    if (stop_.stop_requested()) return false;
+    if (!chunk.ok()) Fail(chunk.status());
+    if (!chunk.ok() || *chunk == nullptr) return chunk.ok();
+    if (!Send(**chunk)) return false;
   }
-  if (is_leaving_) stream_.WritesDone();
+  return false;
+}
+
+bool Uplink::Write(const v1::TrackRequest& request) {
+  const std::lock_guard lock(write_mutex_);
+  has_written_ = true;
+  return stream_.Write(request);
+}
+
+void Uplink::KeepAlive(absl::Duration period, const std::stop_token& stop) {
+  v1::TrackRequest empty;
+  empty.mutable_events();
+  while (SystemClock().SleepUntil(SystemClock().Now() + period, stop)) {
+    const std::lock_guard lock(write_mutex_);
+    if (!std::exchange(has_written_, false) && !stream_.Write(empty)) return;
+  }
 }
 
 bool Uplink::Send(const OutgoingChunk& chunk) {
@@ -59,7 +98,7 @@ bool Uplink::Send(const OutgoingChunk& chunk) {
       return false;
     }
     request.mutable_reset_pose()->set_seq(chunk.end.seq);
-    return stream_.Write(request);
+    return Write(request);
   }
   if (!WaitForCredit(chunk.payload.size())) return false;
   v1::TrackRequest::EventChunk& events = *request.mutable_events();
@@ -67,7 +106,7 @@ bool Uplink::Send(const OutgoingChunk& chunk) {
   events.set_discontinuity(chunk.discontinuity);
   events.set_payload(chunk.payload);
   if (has_checksum_) events.set_crc32c(chunk.crc32c);
-  if (!stream_.Write(request)) return false;  // the stream has ended; Finish() returns its status
+  if (!Write(request)) return false;  // the stream has ended; Finish() returns its status
   sent_bytes_ += chunk.payload.size();
   fed_bytes_ = chunk.end.bytes;
   return true;
@@ -75,8 +114,16 @@ bool Uplink::Send(const OutgoingChunk& chunk) {
 
 bool Uplink::WaitForCredit(size_t size) {
   std::unique_lock lock(mutex_);
-  return credit_changed_.wait(lock, stop_.get_token(),
-                              [this, size] { return sent_bytes_ + size <= send_limit_bytes_; });
+  while (sent_bytes_ + size > send_limit_bytes_) {
+    const auto is_raised = [this, before = send_limit_bytes_] { return send_limit_bytes_ > before; };
+    const auto timeout = absl::ToChronoNanoseconds(credit_timeout_);
+    if (credit_changed_.wait_for(lock, stop_.get_token(), timeout, is_raised)) continue;
+    if (stop_.stop_requested()) return false;
+    Fail(absl::DeadlineExceededError(
+        absl::StrCat("the server has granted no credit for ", absl::FormatDuration(credit_timeout_))));
+    return false;
+  }
+  return true;
 }
 
 void Uplink::Fail(const absl::Status& status) {

@@ -20,7 +20,8 @@ namespace evpose::client {
 // Encoded events, in whole words of the session's encoding.
 struct EventChunk {
   std::vector<uint8_t> bytes;
-  int64_t t_last_us = -1;         // latest sensor time up to the end of the chunk, for the rate; -1: unknown
+  // Latest sensor time up to the end of the chunk, for the rate, and because no pose can be later; -1: unknown.
+  int64_t t_last_us = -1;
   std::vector<PoseReset> resets;  // take effect before the events of the chunk
 };
 
@@ -82,7 +83,8 @@ struct TrackCallbacks {
 
 // When a broken stream is tried again.
 struct RetryOptions {
-  // The longest outage that is tolerated. Zero: a broken stream is not tried again; infinite: unlimited.
+  // The longest outage that is tolerated, also by a server that grants no credit. Zero: a broken stream is not tried
+  // again, and credit is waited for without a limit; infinite: unlimited.
   absl::Duration max_outage = absl::Minutes(2);
   absl::Duration first_delay = absl::Milliseconds(100);  // doubled after each failed attempt
   absl::Duration max_delay = absl::Seconds(5);
@@ -98,6 +100,8 @@ struct TrackOptions {
   bool has_checksum = true;  // CRC-32C of each chunk: costs a fraction of a percent and detects a faulty link
   absl::Duration attach_timeout = absl::Seconds(10);  // a server that accepts the call responds at once
   RetryOptions retry;
+  // The objects of the session: a pose of another one is a violation of the protocol. Empty: not checked.
+  std::vector<std::string> object_ids;
   // A request by the caller cancels the stream. Track() requests it at the end of the stream, so that the source stops.
   std::stop_source stop;
 
