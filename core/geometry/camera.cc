@@ -271,13 +271,11 @@ std::string CameraModelToYaml(const CameraModel& camera) {
 absl::StatusOr<UndistortionTable> UndistortionTable::Create(const CameraModel& camera) {
   EVPOSE_RETURN_IF_ERROR(camera.Validate());
   UndistortionTable table;
-  table.width_px_ = camera.width_px;
+  for (int u = 0; u < camera.width_px; ++u) table.columns_.push_back(Normalised(camera, u, 0).cast<float>().x());
+  for (int v = 0; v < camera.height_px; ++v) table.rows_.push_back(Normalised(camera, 0, v).cast<float>().y());
+  if (!camera.HasDistortion()) return table;
   table.bearings_.reserve(static_cast<size_t>(camera.width_px) * camera.height_px);
   for (int v = 0; v < camera.height_px; ++v) {
-    if (!camera.HasDistortion()) {
-      for (int u = 0; u < camera.width_px; ++u) table.bearings_.push_back(Normalised(camera, u, v).cast<float>());
-      continue;
-    }
     EVPOSE_ASSIGN_OR_RETURN(const std::vector<cv::Point2d> row, UndistortRow(camera, v));
     for (int u = 0; u < camera.width_px; ++u) {
       const Eigen::Vector2d bearing(row[u].x, row[u].y);
