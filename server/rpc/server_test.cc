@@ -527,6 +527,7 @@ TEST(ServerOptionsTest, NamesTheFieldThatIsWrong) {
   EXPECT_EQ(field_of({.listen_address = "nowhere"}), "listen_address");
   EXPECT_EQ(field_of({.worker_threads = -1}), "worker_threads");
   EXPECT_EQ(field_of({.max_sessions = 0}), "max_sessions");
+  EXPECT_EQ(field_of({.max_session_memory = 0}), "max_session_memory");
   EXPECT_EQ(field_of({.max_model_bytes = 0}), "max_model_bytes");
   EXPECT_EQ(field_of({.max_model_store_bytes = 1}), "max_model_store_bytes");
   EXPECT_EQ(field_of({.max_chunk_bytes = 4}), "max_chunk_bytes");
