@@ -91,6 +91,7 @@ TEST_F(ServerTest, NamesTheFieldOfABadConfiguration) {
       {"config.camera", [](auto& config) { config.mutable_camera()->set_width_px(0); }},
       {"config.camera", [](auto& config) { config.mutable_camera()->set_width_px(4'000'000'000u); }},
       {"config.camera", [](auto& config) { config.mutable_camera()->set_fx_px(std::nan("")); }},
+      {"config.camera", [](auto& config) { config.mutable_camera()->set_fx_px(1e300); }},
       {"config.camera",
        [](auto& config) {
          config.set_encoding(v1::EVENT_ENCODING_EVT3);

@@ -5,7 +5,6 @@
 #include <gtest/gtest.h>
 
 #include <new>
-#include <semaphore>
 #include <string>
 #include <vector>
 
@@ -48,12 +47,6 @@ class SessionManagerTest : public testing::Test {
   ~SessionManagerTest() override { pool_.Join(); }
 
   SessionConfig Config() const { return SomeConfig({"cube"}, model_); }
-  // Returns when all work posted before is done: the pool has one thread for each kind of work.
-  void PassThroughPool() {
-    std::binary_semaphore done(0);
-    pool_.PostSlow([&] { pool_.PostLowPriority([&] { boost::asio::post(pool_.MakeStrand(), [&] { done.release(); }); }); });
-    done.acquire();
-  }
 
   absl::Time now_ = absl::UnixEpoch();
   WorkerPool pool_{1};  // outlives the store: its thread may release the last reference to a session
@@ -347,7 +340,6 @@ TEST_F(SessionManagerTest, SessionsAreChargedWithTheirMemoryUntilTheyAreDeleted)
   EXPECT_EQ(sessions.num_sessions(), 1u);
   ASSERT_TRUE(sessions.Delete("", first->name()).ok());
   first.reset();
-  PassThroughPool();
   EXPECT_EQ(options.memory->charged_bytes(), 0u);
   EXPECT_TRUE(sessions.Create("", Config(), "").ok());
 }
