@@ -9,7 +9,7 @@ namespace evpose {
 
 BackgroundRate::BackgroundRate(const CameraModel& camera) {
   const TileGrid grid(camera);
-  const size_t cell_columns = static_cast<size_t>(grid.cell_columns());
+  const auto cell_columns = static_cast<size_t>(grid.cell_columns());
   const size_t num_cells = grid.num_cells();
   cell_events_.resize(num_cells);
   line_tiles_.resize(num_cells);

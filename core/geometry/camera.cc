@@ -215,8 +215,8 @@ absl::Status CameraModel::CheckView() const {
         absl::StrFormat("camera_matrix: %s is %g px; with this image it must lie in [%g, %g]: %s", name, value_px,
                         low_px, high_px, what));
   };
-  constexpr char kFocalRule[] = "a field of view of 0.1 to 170 degrees; give the numbers of a calibration in pixels";
-  constexpr char kCentreRule[] = "at most the longer side outside the image; give the numbers of a calibration in pixels";
+  constexpr char kFocalRule[] = "a field of view of 0.1 to 170 degrees; give a calibration in pixels";
+  constexpr char kCentreRule[] = "at most the longer side outside the image; give a calibration in pixels";
   EVPOSE_RETURN_IF_ERROR(check("fx", fx_px, kMinFocal * side_px, kMaxFocal * side_px, kFocalRule));
   EVPOSE_RETURN_IF_ERROR(check("fy", fy_px, kMinFocal * side_px, kMaxFocal * side_px, kFocalRule));
   EVPOSE_RETURN_IF_ERROR(check("cx", cx_px, -side_px, width_px + side_px, kCentreRule));

@@ -33,8 +33,6 @@ constexpr uint64_t kModelTriangleBytes = 40;
 constexpr uint64_t kCellBytes = 64;
 constexpr uint64_t kPageBytes = 1024;
 
-uint64_t NumCells(const CameraModel& camera) { return TileGrid(camera).num_cells(); }
-
 // Without the model itself.
 uint64_t ObjectBytes(const ObjectModel& model, uint64_t num_cells, bool has_others, const TrackerOptions& options) {
   // Challengers are followed separately until they join.
@@ -62,7 +60,7 @@ TrackerMemory EstimateTrackerMemory(const CameraModel& camera,
   constexpr uint64_t kStateEventBytes = 8;  // of a window, with its time as a difference
   const auto num_pixels = static_cast<uint64_t>(camera.width_px) * static_cast<uint64_t>(camera.height_px);
   const auto search_events = static_cast<uint64_t>(options.initialization.max_events);
-  const uint64_t num_cells = NumCells(camera);
+  const uint64_t num_cells = TileGrid(camera).num_cells();
   TrackerMemory memory;
   memory.max_bytes = num_pixels / 4 + (camera.HasDistortion() ? num_pixels * sizeof(Eigen::Vector2f) : 0);
   // The events of a search, before and after the removal of flicker, and the detector's index of them: 8 bytes for each
@@ -74,9 +72,8 @@ TrackerMemory EstimateTrackerMemory(const CameraModel& camera,
     memory.max_bytes += ObjectBytes(*model, num_cells, models.size() > 1, options);
     if (distinct.insert(model.get()).second) memory.max_bytes += ModelBytes(*model);
   }
-  memory.max_state_bytes = num_pixels / 5 + (models.size() * (search_events + kTrackBytes / kStateEventBytes) +
-                                             static_cast<uint64_t>(options.windows.max_events) * 2) *
-                                                kStateEventBytes;
+  memory.max_state_bytes = num_pixels / 5 + 2 * kStateEventBytes * static_cast<uint64_t>(options.windows.max_events) +
+                           models.size() * (kStateEventBytes * search_events + kTrackBytes);
   return memory;
 }
 

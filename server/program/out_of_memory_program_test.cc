@@ -9,6 +9,7 @@
 #include <fstream>
 #include <memory>
 #include <string>
+#include <vector>
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/strip.h"
@@ -51,7 +52,8 @@ class OutOfMemoryProgramTest : public testing::Test {
   }
 
   // The default of --max-session-memory depends on the machine.
-  Program program_{{"--listen", "127.0.0.1:0", "--workers", "1", "--max-session-memory", "100000000000"}};
+  Program program_{
+      std::vector<std::string>{"--listen", "127.0.0.1:0", "--workers", "1", "--max-session-memory", "100000000000"}};
   std::unique_ptr<v1::SessionService::Stub> sessions_;
   std::unique_ptr<v1::ModelService::Stub> models_;
   v1::CreateSessionRequest request_;
