@@ -19,8 +19,8 @@ absl::Status BeyondLimit(absl::string_view subject, absl::string_view whose, uin
   const bool may_fit_later = bytes <= limit;
   return LimitReached(
       v1::SESSION_MEMORY, subject,
-      absl::StrCat("the session may need ", Megabytes(bytes), " MB of memory (", bytes, " bytes), and ", whose, " have ",
-                   Megabytes(taken), " of ", Megabytes(limit), " MB: ",
+      absl::StrCat("the session may need ", Megabytes(bytes), " MB of memory (", bytes, " bytes), and ", whose,
+                   " have ", Megabytes(taken), " of ", Megabytes(limit), " MB: ",
                    may_fit_later ? "delete a session that is not needed, try again later, or use"
                                  : "use a larger limit, or",
                    " a camera with fewer pixels, fewer objects or models with fewer lines and triangles"),
