@@ -102,11 +102,15 @@ void KeepLinesWithin(double reach_px, const ImageLine* lines, Observation& event
 TileGrid::TileGrid(const CameraModel& camera)
     : columns_(static_cast<int>((camera.width_px + 2 * kMarginPx) / kTilePx) + 1),
       rows_(static_cast<int>((camera.height_px + 2 * kMarginPx) / kTilePx) + 1),
-      tiles_(static_cast<size_t>(columns_) * rows_),
-      has_lines_(tiles_.size(), 0) {}
+      cell_columns_((columns_ + kCellTiles - 1) / kCellTiles),
+      pages_(1) {
+  const int cell_rows = (rows_ + kCellTiles - 1) / kCellTiles;
+  cells_.assign(static_cast<size_t>(cell_columns_) * cell_rows, &pages_.front());
+}
 
 void TileGrid::Build(absl::Span<const ImageLine> lines, double reach_px) {
-  for (const uint32_t tile : touched_) tiles_[tile].count = has_lines_[tile] = 0;
+  for (const uint32_t tile : touched_) cells_[CellOf(tile)] = &pages_.front();
+  num_pages_ = 1;
   touched_.clear();
   // All points of a tile lie within half its diagonal, sqrt(2) / 2 of its side, of its centre.
   const double reach = reach_px + 0.7072 * kTilePx;
@@ -121,6 +125,18 @@ void TileGrid::Build(absl::Span<const ImageLine> lines, double reach_px) {
     const int last_row = static_cast<int>(std::clamp(last, -1.0, rows_ - 1.0));
     for (int row = first_row; row <= last_row; ++row) EnterRow(row, lines, k, reach);
   }
+}
+
+TileGrid::Tile& TileGrid::Touch(uint32_t tile) {
+  Page*& page = cells_[CellOf(tile)];
+  if (page == &pages_.front()) {
+    if (num_pages_ == pages_.size()) pages_.emplace_back();
+    page = &pages_[num_pages_++];
+    page->fill(Tile());
+  }
+  Tile& touched = (*page)[tile % kTilesPerCell];
+  if (touched.count == 0) touched_.push_back(tile);
+  return touched;
 }
 
 bool TileGrid::GiveLines(Observation& event) const {
@@ -146,16 +162,11 @@ void TileGrid::EnterRow(int row, absl::Span<const ImageLine> lines, size_t index
   const double last_centre = std::floor((high + kMarginPx) / kTilePx - 0.5);
   const int first = static_cast<int>(std::clamp(first_centre, 0.0, columns_ + 0.0));
   const int last = static_cast<int>(std::clamp(last_centre, -1.0, columns_ - 1.0));
-  const uint32_t row_begin = static_cast<uint32_t>(row) * columns_;
   for (int column = first; column <= last; ++column) {
-    Tile& tile = tiles_[row_begin + column];
+    Tile& tile = Touch(NumberOf(static_cast<uint32_t>(column), static_cast<uint32_t>(row)));
     if (tile.count == kSlots) {
       Replace(lines, index, {(column + 0.5) * kTilePx - kMarginPx, y}, tile);
       continue;
-    }
-    if (tile.count == 0) {
-      touched_.push_back(row_begin + column);
-      has_lines_[row_begin + column] = 1;
     }
     tile.lines[tile.count++] = static_cast<uint16_t>(index);
   }
@@ -169,18 +180,6 @@ void TileGrid::Replace(absl::Span<const ImageLine> lines, size_t index, const Ei
   const auto is_nearer = [&](uint16_t a, uint16_t b) { return distance_px(a) < distance_px(b); };
   uint16_t* const farthest = std::max_element(tile.lines, tile.lines + kSlots, is_nearer);
   if (distance_px(index) < distance_px(*farthest)) *farthest = static_cast<uint16_t>(index);
-}
-
-PixelTiles::PixelTiles(const CameraModel& camera, const UndistortionTable& undistortion) : width_px_(camera.width_px) {
-  const TileGrid grid(camera);
-  tiles_.reserve(static_cast<size_t>(camera.width_px) * camera.height_px);
-  for (int y = 0; y < camera.height_px; ++y) {
-    for (int x = 0; x < camera.width_px; ++x) {
-      const Eigen::Vector2d bearing = undistortion.Bearing(x, y).cast<double>();
-      tiles_.push_back(
-          grid.TileOf(camera.fx_px * bearing.x() + camera.cx_px, camera.fy_px * bearing.y() + camera.cy_px));
-    }
-  }
 }
 
 }  // namespace evpose

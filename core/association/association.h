@@ -8,6 +8,7 @@
 #include <algorithm>
 #include <array>
 #include <cstdint>
+#include <deque>
 #include <limits>
 #include <optional>
 #include <vector>
@@ -17,7 +18,6 @@
 #include "core/geometry/motion_prior.h"
 #include "core/geometry/projected_line.h"
 #include "core/models/visibility.h"
-#include "core/numerics/prefetch.h"
 #include "core/windows/pixel_history.h"
 
 namespace evpose {
@@ -107,14 +107,19 @@ struct Observation {
 std::optional<Observation> Observe(const CameraModel& camera, const UndistortionTable& undistortion,
                                    const WindowEvent& event, int64_t t_us);
 
-// A grid of tiles of 8 x 8 undistorted pixels. Each tile lists the lines that pass within a given distance.
+// A grid of tiles of 8 x 8 undistorted pixels. Each tile lists the lines that pass within a given distance. Memory: 8
+// bytes for each cell of 8 x 8 tiles, and 900 bytes for each cell with lines.
 class TileGrid {
  public:
   // Side of a tile, pixels: of the order of a gate's half width, so that tiles list few lines outside the gates.
   static constexpr int kTilePx = 8;
   static constexpr int kSlots = Observation::kMaxLines;  // lines per tile; those nearest to its centre are kept
+  // Side of a cell, tiles: 64 px. An image of 640 x 480 pixels then has 70 whole cells, enough for a median.
+  static constexpr int kCellTiles = 8;
+  static constexpr uint32_t kTilesPerCell = kCellTiles * kCellTiles;
 
   explicit TileGrid(const CameraModel& camera);
+  TileGrid(TileGrid&&) = default;  // not copied: cells_ points into pages_
 
   // Replaces the lines of the grid. Each tile lists the lines within reach_px of one of its points, and some beyond.
   void Build(absl::Span<const ImageLine> lines, double reach_px);
@@ -125,23 +130,23 @@ class TileGrid {
     const double x = (u_px + kMarginPx) / kTilePx;
     const double y = (v_px + kMarginPx) / kTilePx;
     if (!(x >= 0.0 && y >= 0.0 && x < columns_ && y < rows_)) return kNoTile;
-    return static_cast<uint32_t>(y) * columns_ + static_cast<uint32_t>(x);
+    return NumberOf(static_cast<uint32_t>(x), static_cast<uint32_t>(y));
   }
-  bool has_lines(uint32_t tile) const { return has_lines_[tile] != 0; }
-  absl::Span<const uint16_t> Lines(uint32_t tile) const {
-    return absl::MakeConstSpan(tiles_[tile].lines, tiles_[tile].count);
-  }
+  // Returns the index of the cell of a tile: cells are numbered row by row.
+  static uint32_t CellOf(uint32_t tile) { return tile / kTilesPerCell; }
+  bool has_lines(uint32_t tile) const { return At(tile).count != 0; }
+  absl::Span<const uint16_t> Lines(uint32_t tile) const { return absl::MakeConstSpan(At(tile).lines, At(tile).count); }
   // Sets the candidate lines of the event to the lines of a tile.
   void GiveLines(uint32_t tile, Observation& event) const {
-    std::copy_n(tiles_[tile].lines, kSlots, event.lines.begin());
-    event.num_lines = static_cast<uint8_t>(tiles_[tile].count);
+    std::copy_n(At(tile).lines, kSlots, event.lines.begin());
+    event.num_lines = static_cast<uint8_t>(At(tile).count);
   }
   // Sets them to the lines of the event's own tile. Returns false, without lines, if the event lies outside the grid.
   bool GiveLines(Observation& event) const;
   absl::Span<const uint32_t> tiles_with_lines() const { return touched_; }
-  // Tiles are numbered row by row. The corner of tile 0 lies at (-kMarginPx, -kMarginPx).
-  int columns() const { return columns_; }
-  int rows() const { return rows_; }
+  // The corner of tile 0 and of cell 0 lies at (-kMarginPx, -kMarginPx).
+  int cell_columns() const { return cell_columns_; }
+  size_t num_cells() const { return cells_.size(); }
   // Pixels by which the grid exceeds the sensor's rectangle on each side: undistortion moves pixels outwards. Events
   // that it moves farther have no tile and are not used.
   static constexpr double kMarginPx = 64.0;
@@ -151,6 +156,16 @@ class TileGrid {
     uint16_t count = 0;
     uint16_t lines[kSlots] = {};
   };
+  using Page = std::array<Tile, kTilesPerCell>;  // the tiles of a cell, row by row
+
+  // Tiles are numbered cell by cell, and row by row within a cell.
+  uint32_t NumberOf(uint32_t column, uint32_t row) const {
+    return (row / kCellTiles * cell_columns_ + column / kCellTiles) * kTilesPerCell + row % kCellTiles * kCellTiles +
+           column % kCellTiles;
+  }
+  const Tile& At(uint32_t tile) const { return (*cells_[tile / kTilesPerCell])[tile % kTilesPerCell]; }
+  // Returns a tile to which a line is to be added.
+  Tile& Touch(uint32_t tile);
   void EnterRow(int row, absl::Span<const ImageLine> lines, size_t index, double reach_px);
   // Enters a line into a full tile, in place of the line that is farthest from the tile's centre, if the new line is
   // nearer.
@@ -158,25 +173,11 @@ class TileGrid {
 
   int columns_ = 0;
   int rows_ = 0;
-  std::vector<Tile> tiles_;
-  std::vector<uint8_t> has_lines_;  // by tile; a compact table, because it is read for every event
+  int cell_columns_ = 0;
+  std::vector<Page*> cells_;  // the first page for all cells without lines
+  std::deque<Page> pages_;    // the first one is empty; reused from one Build() to the next
+  size_t num_pages_ = 1;      // pages in use
   std::vector<uint32_t> touched_;
-};
-
-// A table of the tile in which each pixel of the sensor lies after undistortion. All TileGrids of a camera have the
-// same tiles.
-class PixelTiles {
- public:
-  PixelTiles(const CameraModel& camera, const UndistortionTable& undistortion);
-
-  // Returns TileGrid::kNoTile if the undistorted pixel lies outside the grid. (x, y) must lie inside the sensor.
-  uint32_t At(int x, int y) const { return tiles_[static_cast<size_t>(y) * width_px_ + x]; }
-  // Loads the entry of a pixel into the cache, for a later At(x, y). The pixel may lie outside the sensor.
-  void Prefetch(int x, int y) const { PrefetchEntry(tiles_, static_cast<size_t>(y) * width_px_ + x); }
-
- private:
-  int width_px_;
-  std::vector<uint32_t> tiles_;
 };
 
 // The one or two lines nearest to an event, the nearest first, with signed distances.

@@ -9,19 +9,13 @@ namespace evpose {
 
 BackgroundRate::BackgroundRate(const CameraModel& camera) {
   const TileGrid grid(camera);
-  const int cell_columns = (grid.columns() + kCellTiles - 1) / kCellTiles;
-  const int cell_rows = (grid.rows() + kCellTiles - 1) / kCellTiles;
-  const size_t num_cells = static_cast<size_t>(cell_columns) * cell_rows;
-  for (int row = 0; row < grid.rows(); ++row) {
-    for (int column = 0; column < grid.columns(); ++column) {
-      cell_of_tile_.push_back(static_cast<uint32_t>(row / kCellTiles * cell_columns + column / kCellTiles));
-    }
-  }
+  const auto cell_columns = static_cast<size_t>(grid.cell_columns());
+  const size_t num_cells = grid.num_cells();
   cell_events_.resize(num_cells);
   line_tiles_.resize(num_cells);
   cells_.resize(num_cells);
   on_sensor_.resize(num_cells);
-  constexpr double kCellPx = kCellTiles * TileGrid::kTilePx;
+  constexpr double kCellPx = TileGrid::kCellTiles * TileGrid::kTilePx;
   for (size_t i = 0; i < num_cells; ++i) {
     const size_t column = i % cell_columns;
     const size_t row = i / cell_columns;
@@ -36,7 +30,7 @@ void BackgroundRate::CloseWindow(const TileGrid& grid, double duration_s) {
   // as short as possible, so that a sudden change of the rate is followed at once.
   constexpr double kMemoryEventsPerCell = 10.0;
   std::fill(line_tiles_.begin(), line_tiles_.end(), 0);
-  for (const uint32_t tile : grid.tiles_with_lines()) ++line_tiles_[cell_of_tile_[tile]];
+  for (const uint32_t tile : grid.tiles_with_lines()) ++line_tiles_[TileGrid::CellOf(tile)];
 
   double remembered = 0.0, counted = 0.0;
   for (size_t i = 0; i < cells_.size(); ++i) {
@@ -46,7 +40,7 @@ void BackgroundRate::CloseWindow(const TileGrid& grid, double duration_s) {
   const double memory = kMemoryEventsPerCell * static_cast<double>(cells_.size());
   const double keep = remembered > 0.0 ? std::clamp((memory - counted) / remembered, 0.0, 1.0) : 1.0;
   for (size_t i = 0; i < cells_.size(); ++i) {
-    const double px2 = (kCellTiles * kCellTiles - line_tiles_[i]) * TileGrid::kTilePx * TileGrid::kTilePx;
+    const double px2 = (TileGrid::kTilesPerCell - line_tiles_[i]) * TileGrid::kTilePx * TileGrid::kTilePx;
     cells_[i].events = keep * cells_[i].events + cell_events_[i];
     cells_[i].px2_s = keep * cells_[i].px2_s + px2 * duration_s;
   }

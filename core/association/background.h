@@ -20,7 +20,7 @@ class BackgroundRate {
 
   // Counts an event of the window. `tile` must have no lines near it; `events` is the number of events of the sensor
   // that the sampled event represents.
-  void Count(uint32_t tile, double events) { cell_events_[cell_of_tile_[tile]] += events; }
+  void Count(uint32_t tile, double events) { cell_events_[TileGrid::CellOf(tile)] += events; }
   // Ends the window and updates the rate. `grid` has the lines of the window; `duration_s` is its duration.
   void CloseWindow(const TileGrid& grid, double duration_s);
 
@@ -30,7 +30,7 @@ class BackgroundRate {
 
   // Valid only between windows.
   static void VisitState(auto& archive, auto& self) {
-    auto& [cell_of_tile, on_sensor, cell_events, line_tiles, cells, rates, hz_per_px] = self;
+    auto& [on_sensor, cell_events, line_tiles, cells, rates, hz_per_px] = self;
     for (auto& cell : cells) archive(cell);
     archive(InRange(hz_per_px, 0.0, kMaxState));
   }
@@ -46,9 +46,6 @@ class BackgroundRate {
   };
   // Upper bound of loaded numbers: their sums and ratios stay finite, so that rates can be sorted.
   static constexpr double kMaxState = 1e18;
-  // Side of a cell, tiles: 64 px. An image of 640 x 480 pixels then has 70 cells, enough for a median.
-  static constexpr int kCellTiles = 8;
-  std::vector<uint32_t> cell_of_tile_;
   std::vector<bool> on_sensor_;  // by cell: lies entirely inside the sensor's rectangle
   std::vector<double> cell_events_;
   std::vector<uint32_t> line_tiles_;

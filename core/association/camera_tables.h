@@ -7,24 +7,20 @@
 #include <utility>
 
 #include "absl/status/statusor.h"
-#include "core/association/association.h"
 #include "core/base/status_macros.h"
 #include "core/geometry/camera.h"
 
 namespace evpose {
 
-// Depends only on the camera, so that all trackers of one camera can share it. At 1280 x 720 pixels it has 11 MB and
-// its construction takes a tenth of a second.
+// Depends only on the camera, so that all trackers of one camera can share it.
 struct CameraTables {
   UndistortionTable undistortion;
-  PixelTiles pixel_tiles;
 };
 
 // Errors: INVALID_ARGUMENT naming the field of the camera that is wrong.
 inline absl::StatusOr<std::shared_ptr<const CameraTables>> MakeCameraTables(const CameraModel& camera) {
   EVPOSE_ASSIGN_OR_RETURN(UndistortionTable undistortion, UndistortionTable::Create(camera));
-  PixelTiles pixel_tiles(camera, undistortion);
-  return std::make_shared<const CameraTables>(CameraTables{std::move(undistortion), std::move(pixel_tiles)});
+  return std::make_shared<const CameraTables>(CameraTables{std::move(undistortion)});
 }
 
 }  // namespace evpose

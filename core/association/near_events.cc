@@ -28,16 +28,17 @@ NearShares NearEvents::Find(const EventWindow& window, const TileGrid& grid, int
   // Members are copied to local variables, because the compiler must assume that Count() changes members.
   const absl::Span<const WindowEvent> events = window.events;
   const ByPolarity events_per_sample = window.events_per_sample;
-  const int width_px = camera_.width_px;
-  const int height_px = camera_.height_px;
+  const CameraModel camera = camera_;
   for (size_t i = 0; i < events.size(); ++i) {
     if (i + kPrefetchAhead < events.size()) {
       const WindowEvent& ahead = events[i + kPrefetchAhead];
-      pixel_tiles_.Prefetch(ahead.x, ahead.y);
+      undistortion_.Prefetch(ahead.x, ahead.y);
     }
     const WindowEvent& event = events[i];
-    if (event.x >= width_px || event.y >= height_px) continue;
-    const uint32_t tile = pixel_tiles_.At(event.x, event.y);
+    if (event.x >= camera.width_px || event.y >= camera.height_px) continue;
+    const Eigen::Vector2f bearing = undistortion_.Bearing(event.x, event.y);
+    const uint32_t tile =
+        grid.TileOf(camera.fx_px * bearing.x() + camera.cx_px, camera.fy_px * bearing.y() + camera.cy_px);
     if (tile == TileGrid::kNoTile) continue;
     if (grid.has_lines(tile)) {
       events_.push_back({static_cast<uint32_t>(i), tile, event.polarity});

@@ -31,9 +31,9 @@ struct NearShares {
 // To be reused for all windows of a track: it keeps the usual event rates of both polarities, and its memory.
 class NearEvents {
  public:
-  // `undistortion` and `pixel_tiles` must be those of `camera` and outlive the object.
-  NearEvents(const CameraModel& camera, const UndistortionTable& undistortion, const PixelTiles& pixel_tiles)
-      : camera_(camera), undistortion_(undistortion), pixel_tiles_(pixel_tiles) {}
+  // `undistortion` must be that of `camera` and outlive the object.
+  NearEvents(const CameraModel& camera, const UndistortionTable& undistortion)
+      : camera_(camera), undistortion_(undistortion) {}
 
   // Stores the events of the window that lie in tiles with lines, and counts the others in `background`. At most
   // `max_events` events are kept by uniform downsampling, in the usual ratio of the polarities: while the brightness of
@@ -65,7 +65,7 @@ class NearEvents {
   }
 
   static void VisitState(auto& archive, auto& self) {
-    auto& [camera, undistortion, pixel_tiles, events, observations, usual_events] = self;
+    auto& [camera, undistortion, events, observations, usual_events] = self;
     constexpr double kMax = 1e18;  // events; keeps sums and ratios finite
     archive(InRange(usual_events[0], kFewEvents, kMax), InRange(usual_events[1], kFewEvents, kMax));
   }
@@ -86,7 +86,6 @@ class NearEvents {
 
   const CameraModel camera_;
   const UndistortionTable& undistortion_;
-  const PixelTiles& pixel_tiles_;
   std::vector<NearEvent> events_;
   std::vector<Observation> observations_;
   ByPolarity usual_events_ = {kFewEvents, kFewEvents};  // exponentially weighted sums over the past windows

@@ -37,7 +37,7 @@ class WindowAssociator {
       : camera_(camera),
         grid_(camera),
         background_(camera),
-        near_events_(camera, tables.undistortion, tables.pixel_tiles) {}
+        near_events_(camera, tables.undistortion) {}
 
   // Returns the events of `window` within reach_px of a line at their own times, at most `max_events` of them.
   // `lines` are the image lines at `t_us`, the middle of the window. `competing(observation)` returns

@@ -20,7 +20,7 @@ constexpr double kSweptPx = 2.0;
 // Number of events at which the speed is measured; more do not change the median.
 constexpr size_t kMaxSpeedSamples = 600;
 // Number of latest events that the measurement reads: several passages of several edges.
-constexpr size_t kMaxSpeedEvents = 60'000;
+constexpr size_t kMaxSpeedEvents = LastTimes::kMaxKeys;
 
 // Events beyond this multiple of max_events are removed by uniform downsampling before any other step, which bounds the
 // work.
@@ -31,6 +31,11 @@ constexpr double kIsolationCellPx = 3.0;
 constexpr uint8_t kMinCellEvents = 3;
 constexpr size_t kCellSlots = 1u << 20;   // 1 MB, several times the number of occupied cells
 constexpr double kMinSpeedPxPerS = 1e-3;  // avoids a division by zero; the duration is limited anyway
+
+// The key of a pixel of the map and the polarity of an event in LastTimes.
+uint32_t KeyOf(const PixelEvent& event, int pixel) {
+  return 2 * static_cast<uint32_t>(pixel) + (event.polarity != 0 ? 1 : 0);
+}
 
 absl::Span<const PixelEvent> From(int64_t t_us, absl::Span<const PixelEvent> events) {
   const auto first = std::lower_bound(events.begin(), events.end(), t_us,
@@ -52,12 +57,10 @@ StretchSelector::StretchSelector(const StretchOptions& options, int width_px, in
       margin_y_(height_px / 4 + kPatchRadius),
       map_width_(width_px + 2 * margin_x_),
       map_height_(height_px + 2 * margin_y_),
-      tick_us_(1 + options.max_duration_us / kNever) {
-  for (std::vector<uint16_t>& map : last_) map.assign(static_cast<size_t>(map_width_) * map_height_, kNever);
-}
+      tick_us_(1 + options.max_duration_us / LastTimes::kNever) {}
 
 uint16_t StretchSelector::Ticks(const PixelEvent& event, int64_t t_origin_us) const {
-  return static_cast<uint16_t>(std::clamp<int64_t>((event.t_us - t_origin_us) / tick_us_, 0, kNever - 1));
+  return static_cast<uint16_t>(std::clamp<int64_t>((event.t_us - t_origin_us) / tick_us_, 0, LastTimes::kNever - 1));
 }
 
 int StretchSelector::PixelIndex(const PixelEvent& event) const {
@@ -70,13 +73,12 @@ int StretchSelector::PixelIndex(const PixelEvent& event) const {
 }
 
 double StretchSelector::SweepTime(const PixelEvent& event, int pixel, int64_t t_origin_us) {
-  const std::vector<uint16_t>& last = last_[event.polarity != 0];
   const uint16_t now = Ticks(event, t_origin_us);
   ages_.clear();
   for (int dy = -kPatchRadius; dy <= kPatchRadius; ++dy) {
-    const uint16_t* row = &last[pixel + dy * map_width_];
     for (int dx = -kPatchRadius; dx <= kPatchRadius; ++dx) {
-      if (row[dx] <= now) ages_.push_back(static_cast<uint16_t>(now - row[dx]));
+      const uint16_t last = last_.Get(KeyOf(event, pixel + dy * map_width_ + dx));
+      if (last <= now) ages_.push_back(static_cast<uint16_t>(now - last));
     }
   }
   if (ages_.size() <= static_cast<size_t>(kSweptPixels)) return -1.0;
@@ -86,9 +88,10 @@ double StretchSelector::SweepTime(const PixelEvent& event, int pixel, int64_t t_
 double StretchSelector::MedianSpeed(absl::Span<const PixelEvent> events) {
   if (events.size() > kMaxSpeedEvents) events.remove_prefix(events.size() - kMaxSpeedEvents);
   const int64_t t_origin_us = events.front().t_us;
+  last_.Clear();
   for (const PixelEvent& event : events) {
     const int pixel = PixelIndex(event);
-    if (pixel >= 0) last_[event.polarity != 0][pixel] = Ticks(event, t_origin_us);
+    if (pixel >= 0) last_.Set(KeyOf(event, pixel), Ticks(event, t_origin_us));
   }
   std::vector<double> times_us;
   const size_t stride = std::max<size_t>(1, events.size() / kMaxSpeedSamples);
@@ -97,10 +100,6 @@ double StretchSelector::MedianSpeed(absl::Span<const PixelEvent> events) {
     if (pixel < 0) continue;
     const double time_us = SweepTime(events[i], pixel, t_origin_us);
     if (time_us >= 0.0) times_us.push_back(std::max(time_us, 1.0));
-  }
-  for (const PixelEvent& event : events) {
-    const int pixel = PixelIndex(event);
-    if (pixel >= 0) last_[event.polarity != 0][pixel] = kNever;
   }
   if (times_us.empty()) return 0.0;
   return kSweptPx * 1e6 / UpperMedian(times_us);

@@ -4,6 +4,8 @@
 // its lines, and no farther.
 #pragma once
 
+#include <algorithm>
+#include <cstddef>
 #include <cstdint>
 #include <vector>
 
@@ -47,6 +49,37 @@ struct EventStretch {
   double half_duration_s() const { return 0.5e-6 * static_cast<double>(t_end_us - t_begin_us); }
 };
 
+// The time of the last event of each pixel and polarity, in ticks: a hash table (Knuth, TAOCP 3, 6.4, linear probing),
+// because few pixels of a large sensor have an event among the latest ones.
+class LastTimes {
+ public:
+  static constexpr uint16_t kNever = 0xffff;
+  static constexpr size_t kMaxKeys = 60'000;  // pixels with an event; at most half of the slots are then occupied
+
+  LastTimes() : slots_(kSlots) {}
+  void Clear() { std::fill(slots_.begin(), slots_.end(), Slot()); }
+  // `key` is less than 2^32 - 1 and stands for a pixel and a polarity.
+  void Set(uint32_t key, uint16_t ticks) { slots_[Find(key)] = {key + 1, ticks}; }
+  // Returns kNever without an event.
+  uint16_t Get(uint32_t key) const { return slots_[Find(key)].ticks; }
+
+ private:
+  static constexpr int kSlotBits = 17;
+  static constexpr size_t kSlots = size_t{1} << kSlotBits;
+  struct Slot {
+    uint32_t key_plus_1 = 0;  // 0: the slot is free
+    uint16_t ticks = kNever;
+  };
+  // Returns the index of the slot with this key, or of the free one in which it belongs.
+  size_t Find(uint32_t key) const {
+    size_t index = (key * 0x9e3779b1u) >> (32 - kSlotBits);
+    while (slots_[index].key_plus_1 != 0 && slots_[index].key_plus_1 != key + 1) index = (index + 1) % kSlots;
+    return index;
+  }
+
+  std::vector<Slot> slots_;
+};
+
 // Deterministic. Reuses memory, but keeps no state between calls.
 class StretchSelector {
  public:
@@ -73,9 +106,8 @@ class StretchSelector {
   int margin_y_;
   int map_width_;
   int map_height_;
-  static constexpr uint16_t kNever = 0xffff;
-  int64_t tick_us_;                // unit of last_, so that max_duration_us fits into 16 bits; usually 1
-  std::vector<uint16_t> last_[2];  // by polarity: time of the last event of each pixel, in ticks, or kNever
+  int64_t tick_us_;  // unit of last_, so that max_duration_us fits into 16 bits; usually 1
+  LastTimes last_;
   std::vector<uint16_t> ages_;
   std::vector<uint8_t> cell_counts_;  // hash table of the number of events in each cell of space and time
 };

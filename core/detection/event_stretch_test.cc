@@ -92,6 +92,21 @@ TEST(StretchSelector, IgnoresEventsOutsideTheMap) {
   EXPECT_EQ(stretch.events[0].polarity, 1);
 }
 
+TEST(LastTimes, KeepsTheLastTimeOfAsManyKeysAsItIsMadeFor) {
+  LastTimes times;
+  const auto key = [](size_t i) { return static_cast<uint32_t>(i * 1259); };  // as of pixels far from each other
+  for (int round = 0; round < 2; ++round) {
+    times.Clear();
+    EXPECT_EQ(times.Get(key(0)), LastTimes::kNever);
+    for (size_t i = 0; i < LastTimes::kMaxKeys; ++i) times.Set(key(i), 7);
+    for (size_t i = 0; i < LastTimes::kMaxKeys; ++i) times.Set(key(i), static_cast<uint16_t>(i % 1000 + round));
+    for (size_t i = 0; i < LastTimes::kMaxKeys; ++i) {
+      ASSERT_EQ(times.Get(key(i)), i % 1000 + round);
+      ASSERT_EQ(times.Get(key(i) + 1), LastTimes::kNever);
+    }
+  }
+}
+
 TEST(StretchOptions, NamesTheFieldThatIsWrong) {
   EXPECT_TRUE(StretchOptions().Validate().ok());
   const auto message = [](auto change) {

@@ -202,6 +202,25 @@ absl::Status CameraModel::Validate() const {
   return absl::OkStatus();
 }
 
+absl::Status CameraModel::CheckView() const {
+  // Focal lengths relative to the longer side: 1 / (2 tan(view / 2)) for views of 170 and 0.1 degrees.
+  constexpr double kMinFocal = 0.0437;
+  constexpr double kMaxFocal = 573.0;
+  const double side_px = std::max(width_px, height_px);
+  const auto check = [](const char* name, double value_px, double low_px, double high_px, const char* what) {
+    if (value_px >= low_px && value_px <= high_px) return absl::OkStatus();
+    return absl::InvalidArgumentError(
+        absl::StrFormat("camera_matrix: %s is %g px; with this image it must lie in [%g, %g]: %s", name, value_px,
+                        low_px, high_px, what));
+  };
+  constexpr char kFocalRule[] = "a field of view of 0.1 to 170 degrees; give a calibration in pixels";
+  constexpr char kCentreRule[] = "at most the longer side outside the image; give a calibration in pixels";
+  EVPOSE_RETURN_IF_ERROR(check("fx", fx_px, kMinFocal * side_px, kMaxFocal * side_px, kFocalRule));
+  EVPOSE_RETURN_IF_ERROR(check("fy", fy_px, kMinFocal * side_px, kMaxFocal * side_px, kFocalRule));
+  EVPOSE_RETURN_IF_ERROR(check("cx", cx_px, -side_px, width_px + side_px, kCentreRule));
+  return check("cy", cy_px, -side_px, height_px + side_px, kCentreRule);
+}
+
 Eigen::Vector2d CameraModel::Distort(const Eigen::Vector2d& undistorted_px) const {
   if (!HasDistortion()) return undistorted_px;
   const Eigen::Vector2d point =
@@ -256,13 +275,11 @@ std::string CameraModelToYaml(const CameraModel& camera) {
 absl::StatusOr<UndistortionTable> UndistortionTable::Create(const CameraModel& camera) {
   EVPOSE_RETURN_IF_ERROR(camera.Validate());
   UndistortionTable table;
-  table.width_px_ = camera.width_px;
+  for (int u = 0; u < camera.width_px; ++u) table.columns_.push_back(Normalised(camera, u, 0).cast<float>().x());
+  for (int v = 0; v < camera.height_px; ++v) table.rows_.push_back(Normalised(camera, 0, v).cast<float>().y());
+  if (!camera.HasDistortion()) return table;
   table.bearings_.reserve(static_cast<size_t>(camera.width_px) * camera.height_px);
   for (int v = 0; v < camera.height_px; ++v) {
-    if (!camera.HasDistortion()) {
-      for (int u = 0; u < camera.width_px; ++u) table.bearings_.push_back(Normalised(camera, u, v).cast<float>());
-      continue;
-    }
     EVPOSE_ASSIGN_OR_RETURN(const std::vector<cv::Point2d> row, UndistortRow(camera, v));
     for (int u = 0; u < camera.width_px; ++u) {
       const Eigen::Vector2d bearing(row[u].x, row[u].y);

@@ -28,6 +28,10 @@ struct CameraModel {
 
   // INVALID_ARGUMENT with the name of the first invalid field, as it is called in the camera file.
   absl::Status Validate() const;
+  // Whether a lens may have these numbers: a field of view along the longer side of the image from 0.1 to 170 degrees,
+  // and a principal point at most that side's length outside the image, as of a crop. With others, such as 1e300,
+  // nothing can be tracked. Requires a valid camera. Errors: as Validate().
+  absl::Status CheckView() const;
 
   // The larger of the two focal lengths (px): the largest image displacement per radian near the optical axis.
   double MaxFocalPx() const { return std::max(fx_px, fy_px); }
@@ -54,20 +58,26 @@ absl::StatusOr<CameraModel> LoadCameraModel(const std::string& path);
 absl::StatusOr<CameraModel> ParseCameraModel(const std::string& yaml, const std::string& name_for_errors);
 std::string CameraModelToYaml(const CameraModel& camera);
 
-// The bearings of all pixels: (x, y) of K^-1 (u, v, 1) with the distortion removed.
+// The bearings of all pixels: (x, y) of K^-1 (u, v, 1) with the distortion removed. Memory: 4 bytes for each column and
+// row of a camera without distortion, 8 bytes for each pixel of a camera with distortion.
 class UndistortionTable {
  public:
   // Errors: INVALID_ARGUMENT for an invalid camera, or if the distortion cannot be inverted at some pixel.
   static absl::StatusOr<UndistortionTable> Create(const CameraModel& camera);
 
   // The first two components of the bearing (x, y, 1) of a pixel inside the sensor.
-  const Eigen::Vector2f& Bearing(int x, int y) const { return bearings_[static_cast<size_t>(y) * width_px_ + x]; }
-  // Prefetches the entry of Bearing(x, y).
-  void Prefetch(int x, int y) const { PrefetchEntry(bearings_, static_cast<size_t>(y) * width_px_ + x); }
+  Eigen::Vector2f Bearing(int x, int y) const {
+    if (bearings_.empty()) return {columns_[x], rows_[y]};
+    return bearings_[static_cast<size_t>(y) * columns_.size() + x];
+  }
+  // Prefetches the entry of Bearing(x, y). The pixel may lie outside the sensor.
+  void Prefetch(int x, int y) const { PrefetchEntry(bearings_, static_cast<size_t>(y) * columns_.size() + x); }
 
  private:
-  int width_px_ = 0;
-  std::vector<Eigen::Vector2f> bearings_;
+  // The bearings without distortion: x by column, y by row.
+  std::vector<float> columns_;
+  std::vector<float> rows_;
+  std::vector<Eigen::Vector2f> bearings_;  // with distortion, row by row; empty for a camera without distortion
 };
 
 }  // namespace evpose

@@ -4,6 +4,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
 #include <cstdio>
 #include <filesystem>
@@ -197,6 +198,25 @@ TEST(CameraTest, LoadsFromDisk) {
   const auto directory = LoadCameraModel(testing::TempDir());
   EXPECT_EQ(directory.status().code(), absl::StatusCode::kInvalidArgument);
   EXPECT_THAT(std::string(directory.status().message()), HasSubstr("is a directory"));
+}
+
+TEST(CameraTest, AViewThatNoLensHasIsNamed) {
+  const CameraModel plain = PlainCamera();
+  EXPECT_TRUE(plain.CheckView().ok());
+  const auto message = [&](auto change) {
+    CameraModel camera = plain;
+    change(camera);
+    EXPECT_TRUE(camera.Validate().ok());
+    return std::string(camera.CheckView().message());
+  };
+  const double side_px = std::max(plain.width_px, plain.height_px);
+  EXPECT_THAT(message([](auto& c) { c.fx_px = 1e-300; }), HasSubstr("camera_matrix: fx is 1e-300 px"));
+  EXPECT_THAT(message([](auto& c) { c.fy_px = 1e300; }), HasSubstr("camera_matrix: fy is 1e+300 px"));
+  EXPECT_THAT(message([](auto& c) { c.cx_px = -1e300; }), HasSubstr("camera_matrix: cx"));
+  EXPECT_THAT(message([](auto& c) { c.cy_px = 1e300; }), HasSubstr("camera_matrix: cy"));
+  EXPECT_EQ(message([&](auto& c) { c.fx_px = c.fy_px = 0.05 * side_px; }), "") << "a view of 169 degrees";
+  EXPECT_EQ(message([&](auto& c) { c.fx_px = c.fy_px = 500.0 * side_px; }), "") << "a telescope";
+  EXPECT_EQ(message([&](auto& c) { c.cx_px = -0.9 * side_px; }), "") << "a crop of a larger sensor";
 }
 
 TEST(CameraTest, UndistortionWithoutDistortionIsExact) {

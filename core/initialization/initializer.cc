@@ -77,7 +77,7 @@ TwistEstimate EstimateTwist(const ObjectModel& model, const CameraModel& camera,
 }
 
 PoseInitializer::PoseInitializer(std::shared_ptr<const ObjectModel> model, const CameraModel& camera,
-                                 std::unique_ptr<LineDetector> detector, std::unique_ptr<PoseSearch> search)
+                                 std::shared_ptr<LineDetector> detector, std::unique_ptr<PoseSearch> search)
     : model_(std::move(model)), camera_(camera), detector_(std::move(detector)), search_(std::move(search)) {}
 
 bool PoseInitializer::IsPlausible(const PoseHypothesis& hypothesis) const {

@@ -63,8 +63,9 @@ TwistEstimate EstimateTwist(const ObjectModel& model, const CameraModel& camera,
 // Deterministic; not thread-safe.
 class PoseInitializer {
  public:
+  // Several initializers of one thread may share a detector, which keeps no state between calls.
   PoseInitializer(std::shared_ptr<const ObjectModel> model, const CameraModel& camera,
-                  std::unique_ptr<LineDetector> detector, std::unique_ptr<PoseSearch> search);
+                  std::shared_ptr<LineDetector> detector, std::unique_ptr<PoseSearch> search);
 
   // `events` are as LineDetector::Detect requires. If the lines have hardly moved, the result has lines but no poses.
   FirstPoses Find(absl::Span<const PixelEvent> events);
@@ -75,7 +76,7 @@ class PoseInitializer {
 
   const std::shared_ptr<const ObjectModel> model_;
   const CameraModel camera_;
-  const std::unique_ptr<LineDetector> detector_;
+  const std::shared_ptr<LineDetector> detector_;
   const std::unique_ptr<PoseSearch> search_;
   const InitializerOptions options_;
 };

@@ -234,8 +234,7 @@ void ObjectTracker::SearchAgain(const EventWindow& window) {
 
 InitializationStatus ObjectTracker::FindHypotheses(Hypotheses& hypotheses) {
   constexpr int kMinLines = 3;  // three lines determine the six unknowns of a pose
-  CollectEvents();
-  const FirstPoses first = initializer_->Find(pixel_events_);
+  const FirstPoses first = initializer_->Find(CollectEvents());
   ++report_.attempts;
   report_.num_lines = first.num_lines;
   const size_t count = std::min<size_t>(first.poses.size(), context_.options.initialization.max_candidates);
@@ -245,8 +244,9 @@ InitializationStatus ObjectTracker::FindHypotheses(Hypotheses& hypotheses) {
   return first.has_moved ? InitializationStatus::kNoPoseFits : InitializationStatus::kWaitingForEvents;
 }
 
-void ObjectTracker::CollectEvents() {
-  pixel_events_.clear();
+std::vector<PixelEvent> ObjectTracker::CollectEvents() {
+  std::vector<PixelEvent> pixel_events;
+  pixel_events.reserve(memory_.num_events());
   for (size_t i = 0; i < memory_.size(); ++i) {
     const EventWindow window = memory_.At(i);
     const Competitors* others = OthersAt(window, nullptr);
@@ -260,10 +260,11 @@ void ObjectTracker::CollectEvents() {
           Observe(context_.camera, context_.tables->undistortion, event, window.t_mid_us());
       if (!observation) continue;
       if (others != nullptr && others->Explains(*observation)) continue;
-      pixel_events_.push_back(
+      pixel_events.push_back(
           {event.t_us, static_cast<float>(observation->u_px), static_cast<float>(observation->v_px), event.polarity});
     }
   }
+  return pixel_events;
 }
 
 RigidTransform ObjectTracker::ReferenceAt(int64_t t_us) const {
@@ -339,7 +340,7 @@ void ObjectTracker::StorePastState(const EventWindow& window) {
 void ObjectTracker::VisitState(auto& archive, auto& self) {
   auto& [context, reference_rotation, sphere, memory, initializer, unpublished_state, report, losses, last_tracked,
          last_published_us, given_pose, given_at_us, next_search_us, retry_us, repeats_left, hypotheses,
-         followed_since_us, phase, now_us, others, competitors, past_states, was_published, pixel_events] = self;
+         followed_since_us, phase, now_us, others, competitors, past_states, was_published] = self;
   constexpr int64_t kMax_us = kMaxStateTime_us;
   archive(memory, AtMost(unpublished_state, TrackState::kLost), report, losses, last_tracked, last_published_us,
           given_pose, given_at_us, InRange(next_search_us, -kMax_us, kMax_us), AtMost(retry_us, kMax_us),

@@ -92,8 +92,8 @@ class ObjectTracker {
   // Searches in the stored events and adds the poses that are found as hypotheses. Returns the reason if there are
   // none.
   InitializationStatus FindHypotheses(Hypotheses& hypotheses);
-  // Fills pixel_events_ with the stored events, undistorted.
-  void CollectEvents();
+  // Returns the stored events, undistorted. Not kept between searches, because the objects of a stream search in turn.
+  std::vector<PixelEvent> CollectEvents();
   // Returns the pose to which a found pose is compared: among the poses that are equal by the symmetry of the object,
   // the one nearest to its rotation is chosen. It is the last tracked pose, predicted, or else the reference rotation.
   RigidTransform ReferenceAt(int64_t t_us) const;
@@ -132,8 +132,6 @@ class ObjectTracker {
   std::deque<PastState> past_states_;
   // A pose was published before this window, so that the other objects take this one into account.
   bool was_published_ = false;
-
-  std::vector<PixelEvent> pixel_events_;
 };
 
 }  // namespace evpose

@@ -94,10 +94,7 @@ absl::Status CheckModel(const ObjectModel* model) {
 }
 
 absl::StatusOr<std::unique_ptr<PoseInitializer>> MakeInitializer(const ObjectToTrack& object, const CameraModel& camera,
-                                                                 const LineDetectorFactory& detector_factory) {
-  const SensorGeometry sensor = {camera.width_px, camera.height_px};
-  EVPOSE_ASSIGN_OR_RETURN(std::unique_ptr<LineDetector> detector,
-                          detector_factory ? detector_factory(sensor) : MakePlaneLineDetector({}, sensor));
+                                                                 std::shared_ptr<LineDetector> detector) {
   EVPOSE_ASSIGN_OR_RETURN(std::unique_ptr<PoseSearch> search,
                           MakePoseSearch(object.model, camera, {}, object.search_model));
   return std::make_unique<PoseInitializer>(object.model, camera, std::move(detector), std::move(search));
@@ -145,11 +142,17 @@ absl::StatusOr<std::unique_ptr<Tracker>> Tracker::Create(std::vector<ObjectToTra
   if (tables == nullptr) {
     EVPOSE_ASSIGN_OR_RETURN(tables, MakeCameraTables(camera));
   }
+  const SensorGeometry sensor = {camera.width_px, camera.height_px};
+  std::shared_ptr<LineDetector> detector;  // of all objects, which search in turn
+  if (options.initialization.is_automatic) {
+    const LineDetectorFactory& factory = options.initialization.detector_factory;
+    EVPOSE_ASSIGN_OR_RETURN(detector, factory ? factory(sensor) : MakePlaneLineDetector({}, sensor));
+  }
   std::vector<std::unique_ptr<ObjectTracker>> trackers;
   for (const ObjectToTrack& object : objects) {
     std::unique_ptr<PoseInitializer> initializer;
-    if (options.initialization.is_automatic) {
-      EVPOSE_ASSIGN_OR_RETURN(initializer, MakeInitializer(object, camera, options.initialization.detector_factory));
+    if (detector != nullptr) {
+      EVPOSE_ASSIGN_OR_RETURN(initializer, MakeInitializer(object, camera, detector));
     }
     TrackContext context{object.model, camera, tables, options, VisibilityTester(*object.model, options.visibility)};
     context.phase_reporter->object_index = static_cast<uint32_t>(trackers.size());
@@ -162,7 +165,6 @@ absl::StatusOr<std::unique_ptr<Tracker>> Tracker::Create(std::vector<ObjectToTra
     }
     tracker->SetOthers(std::move(others));
   }
-  const SensorGeometry sensor = {camera.width_px, camera.height_px};
   return std::make_unique<WindowTracker>(options.windows, sensor, std::move(trackers));
 }
 

@@ -9,22 +9,10 @@ namespace {
 // Saved format: a pixel has one of three states, so five pixels fit into one byte with values up to 3^5 - 1 = 242. The
 // byte 255 and a varint n repeat the previous byte n times, because large parts of an image may have no event yet.
 constexpr size_t kGroup = 5;        // pixels per byte
-constexpr uint32_t kStates = 3;     // states of a pixel: 0, 1, kNothing
+constexpr uint32_t kStates = 3;     // states of a pixel: OFF, ON, no event yet
 constexpr uint8_t kMaxGroup = 242;  // 3^5 - 1
 constexpr uint8_t kRepeat = 255;    // the marker of a repetition, which is no group
 constexpr size_t kMinRun = 3;       // repetitions; shorter runs need as many bytes without the marker
-
-uint8_t PackGroup(const uint8_t* pixels, size_t count) {
-  uint32_t group = 0;
-  for (size_t i = 0; i < count; ++i) group = group * kStates + pixels[i];
-  return static_cast<uint8_t>(group);
-}
-
-// Unpacks a group of `count` pixels. Returns false if the byte is no such group.
-bool UnpackGroup(uint8_t group, uint8_t* pixels, size_t count) {
-  for (size_t i = count; i-- > 0; group /= kStates) pixels[i] = group % kStates;
-  return group == 0;
-}
 
 }  // namespace
 
@@ -40,8 +28,10 @@ void PixelHistory::SaveState(StateWriter& writer) const {
     }
     run = 0;
   };
-  for (size_t begin = 0; begin < last_.size(); begin += kGroup) {
-    const uint8_t group = PackGroup(&last_[begin], std::min(kGroup, last_.size() - begin));
+  for (size_t begin = 0; begin < num_pixels(); begin += kGroup) {
+    uint32_t states = 0;
+    for (size_t i = begin; i < std::min(begin + kGroup, num_pixels()); ++i) states = states * kStates + StateOf(i);
+    const auto group = static_cast<uint8_t>(states);
     if (group == last) {
       ++run;
       continue;
@@ -56,7 +46,7 @@ void PixelHistory::SaveState(StateWriter& writer) const {
 void PixelHistory::LoadState(StateReader& reader) {
   uint64_t run = 0;
   uint8_t last = kRepeat;
-  for (size_t begin = 0; begin < last_.size() && reader.ok(); begin += kGroup) {
+  for (size_t begin = 0; begin < num_pixels() && reader.ok(); begin += kGroup) {
     if (run > 0) {
       --run;
     } else {
@@ -70,8 +60,11 @@ void PixelHistory::LoadState(StateReader& reader) {
         last = byte;
       }
     }
-    const bool is_good = UnpackGroup(last, &last_[begin], std::min(kGroup, last_.size() - begin));
-    reader.Check(is_good, "a group of pixel states is invalid");
+    uint32_t states = last;
+    for (size_t i = std::min(begin + kGroup, num_pixels()); i-- > begin; states /= kStates) {
+      last_[i / 4] = static_cast<uint8_t>(last_[i / 4] ^ (StateOf(i) ^ states % kStates) << 2 * (i % 4));
+    }
+    reader.Check(states == 0, "a group of pixel states is invalid");
   }
   reader.Check(run == 0, "there are more pixel states than the sensor has pixels");
 }

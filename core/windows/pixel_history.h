@@ -20,11 +20,10 @@ struct WindowEvent : Event {
   PreviousPolarity previous = PreviousPolarity::kUnknown;
 };
 
-// Memory: one byte per pixel.
+// Memory: two bits per pixel.
 class PixelHistory {
  public:
-  explicit PixelHistory(SensorGeometry sensor)
-      : sensor_(sensor), last_(static_cast<size_t>(sensor.width_px) * sensor.height_px, kNothing) {}
+  explicit PixelHistory(SensorGeometry sensor) : sensor_(sensor), last_((num_pixels() + 3) / 4, kNothingYet) {}
 
   // Fast access for loops: holds the history's address and size in local variables. The history must outlive it.
   class Writer {
@@ -39,11 +38,13 @@ class PixelHistory {
       // A table instead of branches, which the processor could not predict. Index: 2 * stored state + polarity.
       static constexpr PreviousPolarity kPrevious[] = {kSame, kOther, kOther, kSame, kUnknown, kUnknown};
       if (event.x >= width_px_ || event.y >= height_px_) return kUnknown;
-      uint8_t& last = last_[event.y * width_px_ + event.x];
-      const uint8_t polarity = event.polarity != 0 ? 1 : 0;
-      const PreviousPolarity previous = kPrevious[2u * last + polarity];
-      last = polarity;
-      return previous;
+      const uint32_t pixel = event.y * width_px_ + event.x;
+      uint8_t& four_pixels = last_[pixel / 4];
+      const uint32_t shift = 2 * (pixel % 4);
+      const uint32_t last = four_pixels >> shift & 3u;
+      const uint32_t polarity = event.polarity != 0 ? 1 : 0;
+      four_pixels = static_cast<uint8_t>(four_pixels ^ (last ^ polarity) << shift);
+      return kPrevious[2 * last + polarity];
     }
 
    private:
@@ -60,10 +61,15 @@ class PixelHistory {
   void LoadState(StateReader& reader);
 
  private:
-  static constexpr uint8_t kNothing = 2;  // the pixel has produced no event; polarities are 0 and 1
+  static constexpr uint8_t kNothingYet = 0xaa;  // four pixels in state 2
+
+  size_t num_pixels() const { return static_cast<size_t>(sensor_.width_px) * sensor_.height_px; }
+  uint32_t StateOf(size_t pixel) const { return last_[pixel / 4] >> 2 * (pixel % 4) & 3u; }
 
   const SensorGeometry sensor_;
-  std::vector<uint8_t> last_;  // polarity, or kNothing
+  // Two bits for each pixel, the first pixel of a byte in its lowest bits: the polarity, or 2 while the pixel has
+  // produced no event.
+  std::vector<uint8_t> last_;
 };
 
 }  // namespace evpose

@@ -3,6 +3,10 @@
 
 #include <gtest/gtest.h>
 
+#include <vector>
+
+#include "core/numerics/random.h"
+
 namespace evpose {
 namespace {
 
@@ -24,6 +28,24 @@ TEST(PixelHistory, IsUnknownOutsideTheSensor) {
     EXPECT_EQ(history.Next({10, 0, 3, 1}).previous, PreviousPolarity::kUnknown);
   }
   EXPECT_EQ(history.Next({20, 0, 0, 1}).previous, PreviousPolarity::kUnknown) << "not the pixel of another row";
+}
+
+TEST(PixelHistory, PixelsThatShareAByteAreIndependent) {
+  constexpr uint16_t kWidth = 7, kHeight = 5;  // the last byte has fewer than four pixels
+  PixelHistory history({kWidth, kHeight});
+  std::vector<int> last(kWidth * kHeight, -1);
+  Random random(5);
+  for (int i = 0; i < 10'000; ++i) {
+    const auto x = static_cast<uint16_t>(random.Uniform(0.0, kWidth));
+    const auto y = static_cast<uint16_t>(random.Uniform(0.0, kHeight));
+    const auto polarity = static_cast<uint8_t>(random.Uniform(0.0, 2.0));
+    int& expected = last[y * kWidth + x];
+    const PreviousPolarity previous = expected == -1         ? PreviousPolarity::kUnknown
+                                      : expected == polarity ? PreviousPolarity::kSame
+                                                             : PreviousPolarity::kOther;
+    ASSERT_EQ(history.Next({i, x, y, polarity}).previous, previous) << i;
+    expected = polarity;
+  }
 }
 
 }  // namespace

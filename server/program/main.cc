@@ -23,6 +23,7 @@
 #include "server/program/options.h"
 #include "server/rpc/listen_address.h"
 #include "server/rpc/server.h"
+#include "server/runtime/out_of_memory.h"
 #include "server/telemetry/log.h"
 
 namespace evpose::server {
@@ -149,6 +150,7 @@ void AllowAllDescriptors() {
 
 int Serve(const ProgramOptions& options) {
   AllowAllDescriptors();
+  KeepMemoryReserve();
   ServerOptions server_options = options.server;
   std::promise<absl::Duration> drained;
   server_options.on_drain = [&drained](absl::Duration deadline) {

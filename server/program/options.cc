@@ -109,6 +109,9 @@ void DefineLimits(CLI::App& app, Arguments& arguments) {
   app.option_defaults()->group("Limits");
   app.add_option("--max-sessions", options.max_sessions,
                  "sessions at a time, including ended ones until they are deleted or expire");
+  app.add_option("--max-session-memory", options.max_session_memory,
+                 "bytes of memory for all sessions together; each counts with the most that it may take, and the "
+                 "default is 75 % of the memory of the machine or the control group, whichever is smaller");
   app.add_option("--max-streams", options.max_streams, "streams of events, poses and health at a time");
   app.add_option("--max-calls-per-connection", options.max_calls_per_connection,
                  "calls at a time on one connection; further calls wait at the client");
@@ -120,6 +123,8 @@ void DefineLimits(CLI::App& app, Arguments& arguments) {
                  "seconds within which a new stream must attach, and an upload must send its next message");
   app.option_defaults()->group("Limits of each tenant; 0: only the limits of the server apply");
   app.add_option("--tenant-max-sessions", options.tenant.max_sessions, "sessions at a time");
+  app.add_option("--tenant-max-session-memory", options.tenant.max_session_memory,
+                 "bytes of memory for all sessions of the tenant together");
   app.add_option("--tenant-max-model-bytes", options.tenant.max_model_bytes, "bytes of all model files of the tenant");
   app.add_option("--tenant-max-watchers", options.tenant.max_watchers, "readers of poses and health at a time");
   app.add_option("--tenant-max-bytes-per-s", options.tenant.max_bytes_per_s,

@@ -59,6 +59,7 @@ TEST(ProgramTest, ReportsWrongUsage) {
       {{"--new-token", "two words"}, "is no tenant's name"},
       {{"--operator"}, "--new-token"},
       {{"--max-sessions", "0"}, "--max-sessions: is 0;"},
+      {{"--max-session-memory", "1000"}, "--max-session-memory: is 1000;"},
       {{"--shutdown-timeout", "-1"}, "--shutdown-timeout: must not be negative"},
       {{"--shutdown-notice", "-0.1"}, "--shutdown-notice: must not be negative"},
       {{"--credit-bytes", "8"}, "--credit-bytes: is 8; at least "},

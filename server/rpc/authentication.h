@@ -11,6 +11,7 @@
 #include "absl/status/statusor.h"
 #include "server/auth/authenticator.h"
 #include "server/rpc/status_mapping.h"
+#include "server/runtime/out_of_memory.h"
 #include "server/runtime/worker_pool.h"
 
 namespace evpose::server {
@@ -24,7 +25,8 @@ grpc::ServerUnaryReactor* AnswerUnary(Authenticator& authenticator, grpc::Callba
                                       const Answer& answer) {
   const absl::StatusOr<Caller> caller = Authenticate(authenticator, *context);
   grpc::ServerUnaryReactor* reactor = context->DefaultReactor();
-  reactor->Finish(ToGrpcStatus(caller.ok() ? answer(*caller) : caller.status()));
+  reactor->Finish(
+      ToGrpcStatus(caller.ok() ? OrOutOfMemory([&] { return absl::Status(answer(*caller)); }) : caller.status()));
   return reactor;
 }
 
@@ -40,7 +42,7 @@ grpc::ServerUnaryReactor* AnswerSlowly(Authenticator& authenticator, WorkerPool&
     return reactor;
   }
   pool.PostSlow([reactor, answer = std::move(answer), asking = *std::move(caller)] {
-    reactor->Finish(ToGrpcStatus(answer(asking)));
+    reactor->Finish(ToGrpcStatus(OrOutOfMemory([&] { return absl::Status(answer(asking)); })));
   });
   return reactor;
 }

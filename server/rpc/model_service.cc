@@ -20,6 +20,7 @@
 #include "server/rpc/standard_methods.h"
 #include "server/rpc/status_mapping.h"
 #include "server/runtime/errors.h"
+#include "server/runtime/out_of_memory.h"
 
 namespace evpose::server {
 namespace {
@@ -53,7 +54,8 @@ class UploadReactor : public grpc::ServerReadReactor<v1::UploadModelRequest>,
     if (is_finished_) return;
     alarm_.reset();
     if (!ok) return Load();
-    if (const absl::Status status = HandleRequest(); !status.ok()) return End(status);
+    const absl::Status status = OrOutOfMemory([this] { return HandleRequest(); });
+    if (!status.ok()) return End(status);
     Read();
   }
 
@@ -150,8 +152,10 @@ class UploadReactor : public grpc::ServerReadReactor<v1::UploadModelRequest>,
     // released.
     services_.pool.PostSlow([this, self = shared_from_this()] {
       const std::lock_guard lock(mutex_);
-      const auto model = services_.models.Upload(caller_->tenant, reading_, sha256_hex_,
-                                                 std::make_shared<const std::vector<uint8_t>>(std::move(bytes_)));
+      const auto model = OrOutOfMemory([this] {
+        return services_.models.Upload(caller_->tenant, reading_, sha256_hex_,
+                                       std::make_shared<const std::vector<uint8_t>>(std::move(bytes_)));
+      });
       if (model.ok()) *response_ = ToProto(*model);
       End(model.status());
     });

@@ -27,6 +27,7 @@
 #include "server/rpc/stream_registry.h"
 #include "server/runtime/errors.h"
 #include "server/runtime/worker_pool.h"
+#include "server/sessions/memory/memory_budget.h"
 #include "server/sessions/session_manager.h"
 #include "server/sessions/tracker_factory.h"
 #include "server/stores/open_store.h"
@@ -100,6 +101,9 @@ Limit TenantLimit(Limit of_tenant, Limit of_server) {
 
 SessionManager::Options ManagerOptions(const ServerOptions& options, TrackerFactory make_tracker, const Store& store,
                                        std::shared_ptr<ServerMetrics> metrics) {
+  const uint64_t tenant_memory = TenantLimit(options.tenant.max_session_memory.value_or(0), options.max_session_memory);
+  const auto memory = MemoryBudget::Create(
+      {.max_bytes = options.max_session_memory, .max_tenant_bytes = tenant_memory, .metrics = metrics});
   return {.max_sessions = options.max_sessions,
           .max_tenant_sessions = TenantLimit(options.tenant.max_sessions, options.max_sessions),
           .limits = {.credit_bytes = options.credit_bytes,
@@ -110,7 +114,8 @@ SessionManager::Options ManagerOptions(const ServerOptions& options, TrackerFact
           .make_tracker = std::move(make_tracker),
           .shares_store = store.is_shared(),
           .now = absl::Now,
-          .metrics = std::move(metrics)};
+          .metrics = std::move(metrics),
+          .memory = memory};
 }
 
 // Enables server reflection only if the server has no authentication: reflection is a service of gRPC without
@@ -246,6 +251,8 @@ class ServerImpl : public Server, public Drainer {
     ServerState state = {.sessions = sessions_.totals(),
                          .max_sessions = sessions_.options().max_sessions,
                          .num_workers = static_cast<uint32_t>(num_workers_),
+                         .session_memory_bytes = sessions_.options().memory->charged_bytes(),
+                         .max_session_memory_bytes = sessions_.options().memory->max_bytes(),
                          .readiness = sessions_.CheckNotDraining()};
     state.readiness.Update(FromStore(store_check_.answer()));
     if (is_announced_) state.readiness.Update(absl::UnavailableError("the server is about to shut down"));
@@ -334,6 +341,7 @@ absl::Status ServerOptions::Validate() const {
   constexpr uint32_t kMaxChunkBytes = 64u << 20;
   constexpr uint32_t kMinPoseLogCapacity = 4096;
   constexpr int kMaxWorkers = 1024;
+  constexpr uint64_t kMinSessionMemory = 1'000'000;
   constexpr uint32_t kMaxCalls = 1u << 20;
   if (!listen_address.empty()) {
     const auto address = ParseListenAddress(listen_address);
@@ -344,6 +352,10 @@ absl::Status ServerOptions::Validate() const {
     return InvalidField("worker_threads", absl::StrCat("is ", worker_threads, "; 0 (one per core) to ", kMaxWorkers));
   }
   if (max_sessions == 0) return InvalidField("max_sessions", "is 0; at least 1");
+  if (max_session_memory < kMinSessionMemory) {
+    return InvalidField("max_session_memory", absl::StrCat("is ", max_session_memory, "; at least ", kMinSessionMemory,
+                                                           "; a session of a small camera takes some ten million"));
+  }
   if (max_model_bytes == 0) return InvalidField("max_model_bytes", "is 0; at least 1");
   if (max_model_store_bytes < max_model_bytes) {
     return InvalidField("max_model_store_bytes", absl::StrCat("is ", max_model_store_bytes, "; at least ",

@@ -9,12 +9,14 @@
 #include <cstdint>
 #include <functional>
 #include <memory>
+#include <optional>
 #include <string>
 
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
 #include "absl/time/time.h"
 #include "server/auth/tls_files.h"
+#include "server/sessions/memory/available_memory.h"
 #include "server/stores/open_store.h"
 #include "server/telemetry/metrics.h"
 
@@ -33,9 +35,12 @@ struct ServerOptions {
   StoreOptions store;
   // Number of threads that decode and track, shared by all sessions; 0: one per core.
   int worker_threads = 0;
-  // Maximum number of sessions, including ended ones until they are deleted or expire. Each takes at most credit_bytes
-  // plus about 500 bytes for each pose of its log, besides its trackers.
+  // Maximum number of sessions, including ended ones until they are deleted or expire.
   uint32_t max_sessions = 64;
+  // Maximum memory of all sessions together, bytes: each is charged with the most that it may take
+  // (server/sessions/memory). Default: 75 % of the memory that the process may take; models, connections and the store
+  // have the rest.
+  uint64_t max_session_memory = AvailableMemoryBytes() / 4 * 3;
   // Maximum size of a model file, bytes.
   uint64_t max_model_bytes = 64ull << 20;
   // Maximum size of all model files together, including uploads in progress, bytes. Bounds memory.
@@ -61,6 +66,7 @@ struct ServerOptions {
   // Limits of each tenant; 0: only the limits of the server apply.
   struct TenantLimits {
     uint32_t max_sessions = 0;
+    std::optional<uint64_t> max_session_memory;  // bytes
     uint64_t max_model_bytes = 0;
     uint32_t max_watchers = 0;
     // Payload of all Track streams of the tenant together, bytes per second. The server reads faster streams more

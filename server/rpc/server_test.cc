@@ -91,6 +91,7 @@ TEST_F(ServerTest, NamesTheFieldOfABadConfiguration) {
       {"config.camera", [](auto& config) { config.mutable_camera()->set_width_px(0); }},
       {"config.camera", [](auto& config) { config.mutable_camera()->set_width_px(4'000'000'000u); }},
       {"config.camera", [](auto& config) { config.mutable_camera()->set_fx_px(std::nan("")); }},
+      {"config.camera", [](auto& config) { config.mutable_camera()->set_fx_px(1e300); }},
       {"config.camera",
        [](auto& config) {
          config.set_encoding(v1::EVENT_ENCODING_EVT3);
@@ -527,6 +528,7 @@ TEST(ServerOptionsTest, NamesTheFieldThatIsWrong) {
   EXPECT_EQ(field_of({.listen_address = "nowhere"}), "listen_address");
   EXPECT_EQ(field_of({.worker_threads = -1}), "worker_threads");
   EXPECT_EQ(field_of({.max_sessions = 0}), "max_sessions");
+  EXPECT_EQ(field_of({.max_session_memory = 0}), "max_session_memory");
   EXPECT_EQ(field_of({.max_model_bytes = 0}), "max_model_bytes");
   EXPECT_EQ(field_of({.max_model_store_bytes = 1}), "max_model_store_bytes");
   EXPECT_EQ(field_of({.max_chunk_bytes = 4}), "max_chunk_bytes");

@@ -15,6 +15,7 @@
 #include "server/rpc/track_reactor.h"
 #include "server/rpc/watch_reactors.h"
 #include "server/runtime/errors.h"
+#include "server/runtime/out_of_memory.h"
 
 namespace evpose::server {
 namespace {
@@ -77,7 +78,8 @@ grpc::ServerUnaryReactor* SessionServiceImpl::CreateSession(grpc::CallbackServer
   }
   // Creating trackers takes too long for gRPC's threads and for the workers.
   services_.pool.PostSlow([this, request, response, reactor, asking = *caller] {
-    AnswerCreated(Create(services_.sessions, asking, *request), services_.store, *response, *reactor);
+    AnswerCreated(OrOutOfMemory([&] { return Create(services_.sessions, asking, *request); }), services_.store,
+                  *response, *reactor);
   });
   return reactor;
 }

@@ -22,6 +22,7 @@
 #include "server/rpc/stream_registry.h"
 #include "server/rpc/track_reactor_phase.h"
 #include "server/runtime/errors.h"
+#include "server/runtime/out_of_memory.h"
 #include "server/sessions/session.h"
 
 namespace evpose::server {
@@ -61,7 +62,9 @@ class TrackReactor : public grpc::ServerBidiReactor<v1::TrackRequest, v1::TrackR
     }
     // Only the reading side uses the request: it is handled, and the checksum of its payload computed, without the
     // lock.
-    const absl::Status handled = ok ? HandleRequest() : absl::OkStatus();
+    const absl::Status handled = ok ? OrOutOfMemory([this] { return HandleRequest(); }) : absl::OkStatus();
+    // The session may have accepted a chunk without queueing it.
+    if (IsOutOfMemory(handled) && session_ != nullptr) session_->Close(handled);
     const std::lock_guard lock(mutex_);
     OnReadHandled();
     Fail(handled);

@@ -21,6 +21,7 @@
 #include "server/rpc/status_mapping.h"
 #include "server/rpc/stream_registry.h"
 #include "server/runtime/errors.h"
+#include "server/runtime/out_of_memory.h"
 #include "server/sessions/session.h"
 
 namespace evpose::server {
@@ -133,7 +134,7 @@ class WatchReactor : public grpc::ServerWriteReactor<Response>,
 
   // Runs on the pool's thread for slow work, because reading the store takes too long for gRPC's threads.
   void LookInStore() {
-    auto mirror = services_.sessions.Mirror(missing_->tenant, missing_->name);
+    auto mirror = OrOutOfMemory([this] { return services_.sessions.Mirror(missing_->tenant, missing_->name); });
     const absl::Status found = mirror.status();
     if (mirror.ok()) session_ = *std::move(mirror);
     Watch(found);

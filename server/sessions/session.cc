@@ -8,6 +8,7 @@
 #include "absl/strings/str_cat.h"
 #include "core/base/status_macros.h"
 #include "server/runtime/errors.h"
+#include "server/runtime/out_of_memory.h"
 #include "server/runtime/random_name.h"
 #include "server/sessions/durability/session_codec.h"
 #include "server/sessions/session_beginning.h"
@@ -33,7 +34,8 @@ StreamGate::Options GateOptions(const SessionConfig& config, const SessionLimits
 }  // namespace
 
 Session::Session(Parts parts, WorkerPool& pool)
-    : log_(std::make_shared<SessionLog>(std::move(parts.name), std::move(parts.tenant))),
+    : memory_charge_(std::move(parts.memory_charge)),
+      log_(std::make_shared<SessionLog>(std::move(parts.name), std::move(parts.tenant))),
       config_(std::move(parts.config)),
       limits_(parts.limits),
       create_time_(parts.create_time),
@@ -317,8 +319,20 @@ void Session::Schedule() {
 }
 
 void Session::Run() {
-  if (WriteDueCheckpoint()) return;
-  if (const std::optional<Backlog> backlog = StartWork()) Publish(worker_.Work(*backlog));
+  const absl::Status status = OrOutOfMemory([this] {
+    if (WriteDueCheckpoint()) return absl::OkStatus();
+    if (const std::optional<Backlog> backlog = StartWork()) Publish(worker_.Work(*backlog));
+    return absl::OkStatus();
+  });
+  if (!status.ok()) EndOutOfMemory(status);
+}
+
+// The session cannot go on, because its tracker may have processed a part of a window. It stays as scheduled, so that
+// it does not run again.
+void Session::EndOutOfMemory(const absl::Status& status) {
+  worker_.ReleasePipeline();  // first: the rest needs memory
+  Close(status);
+  log_->OutOfMemory();
 }
 
 std::optional<Backlog> Session::StartWork() {

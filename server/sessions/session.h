@@ -52,6 +52,7 @@ class Session : public WatchedSession, public std::enable_shared_from_this<Sessi
     SessionConfig config;
     SessionLimits limits;
     std::vector<std::shared_ptr<const void>> model_uses;  // released when the session closes
+    std::shared_ptr<const void> memory_charge;  // of everything but the pipeline, which holds its own
     std::unique_ptr<SessionPipeline> pipeline;  // in the state of the beginning's checkpoint; null when it has ended
     SessionBeginning beginning;
     std::unique_ptr<SessionLease> lease;
@@ -137,12 +138,14 @@ class Session : public WatchedSession, public std::enable_shared_from_this<Sessi
 
   // On the strand only.
   void Run();
+  void EndOutOfMemory(const absl::Status& status);
   bool WriteDueCheckpoint();
   void WriteCheckpoint();
   // Nothing when there is no work.
   std::optional<Backlog> StartWork();
   void Publish(const WorkResult& result);
 
+  const std::shared_ptr<const void> memory_charge_;  // the first member, because it is released last
   const std::shared_ptr<SessionLog> log_;
   const SessionConfig config_;
   const SessionLimits limits_;

@@ -108,13 +108,24 @@ Session::Parts SessionFactory::MakeParts(const std::string& name, const std::str
           .metrics = options_.metrics};
 }
 
+SessionMemory SessionFactory::MemoryOf(const SessionConfig& config,
+                                       const std::vector<std::shared_ptr<const ObjectModel>>& models) const {
+  const SessionLimits& limits = options_.limits;
+  return MaxSessionMemory(
+      config, models,
+      {limits.credit_bytes, limits.max_chunk_bytes, limits.pose_log_capacity, limits.writes_checkpoints});
+}
+
 absl::StatusOr<std::shared_ptr<Session>> SessionFactory::MakeNew(const std::string& tenant, const SessionConfig& config,
                                                                  const std::string& request_id) const {
   absl::StatusOr<Models> models = UseModels(tenant, config);
   if (!models.ok()) return absl::IsDataLoss(models.status()) ? FromStore(models.status()) : models.status();
+  EVPOSE_ASSIGN_OR_RETURN(MemoryCharge charge, options_.memory->Charge(tenant, MemoryOf(config, models->models)));
   EVPOSE_ASSIGN_OR_RETURN(const std::string id, RandomHex128());
   Session::Parts parts = MakeParts(absl::StrCat("sessions/", id), tenant);
   EVPOSE_ASSIGN_OR_RETURN(parts.pipeline, SessionPipeline::Create(config, models->models, options_.make_tracker));
+  parts.pipeline->HoldCharge(std::move(charge.tracking));
+  parts.memory_charge = std::move(charge.other);
   EVPOSE_ASSIGN_OR_RETURN(parts.resume_token, RandomHex128());
   parts.config = config;
   parts.model_uses = std::move(models->uses);
@@ -161,17 +172,26 @@ absl::StatusOr<std::shared_ptr<Session>> SessionFactory::Restore(const StoredSes
   const bool has_ended = parts.beginning.checkpoint.ended;
   auto models = UseModels(stored.record.tenant, parts.config);
   // An ended session is readable without its models.
+  SessionMemory memory = MemoryOf(parts.config, models.ok() ? models->models : Models().models);
+  if (has_ended) memory.tracking_bytes = 0;
+  MemoryCharge charge = options_.memory->ChargeBeyondLimit(stored.record.tenant, memory);
+  parts.memory_charge = std::move(charge.other);
   if (has_ended && models.ok()) parts.model_uses = std::move(models->uses);
   if (!has_ended) {
     if (absl::IsNotFound(models.status())) return Damaged(models.status().message());
     EVPOSE_RETURN_IF_ERROR(models.status());
     EVPOSE_ASSIGN_OR_RETURN(parts.pipeline, RestorePipeline(parts.config, models->models, parts.beginning));
+    parts.pipeline->HoldCharge(std::move(charge.tracking));
     parts.model_uses = std::move(models->uses);
   }
   parts.lease = std::move(lease);
   parts.create_time = stored.record.create_time;
   const std::optional<TrackingRestarted> restarted = parts.beginning.restarted;
   std::shared_ptr<Session> session = Session::Start(std::move(parts), pool_);
+  const uint64_t charged_bytes = options_.memory->charged_bytes();
+  if (charged_bytes > options_.memory->max_bytes()) {
+    session->log().MemoryExceeded(charged_bytes, options_.memory->max_bytes());
+  }
   if (restarted.has_value()) {
     session->log().TrackerStateUnreadable(restarted->detail, restarted->after_seq + 1, session->Watch().last_pose_seq);
   }

@@ -13,6 +13,7 @@
 #include "absl/time/time.h"
 #include "server/models/model_registry.h"
 #include "server/runtime/worker_pool.h"
+#include "server/sessions/memory/memory_budget.h"
 #include "server/sessions/session.h"
 #include "server/sessions/types/session_config.h"
 #include "server/stores/common/store.h"
@@ -27,12 +28,13 @@ class SessionFactory {
     TrackerFactory make_tracker;
     Session::Clocks clocks;
     std::shared_ptr<ServerMetrics> metrics;
+    std::shared_ptr<MemoryBudget> memory;
   };
   SessionFactory(Options options, Store& store, ModelRegistry& models, WorkerPool& pool)
       : options_(std::move(options)), store_(store), models_(models), pool_(pool) {}
 
   // The session has been persisted when this returns. Errors: INVALID_ARGUMENT with the field, NOT_FOUND
-  // (MODEL_NOT_FOUND), those of the store.
+  // (MODEL_NOT_FOUND), RESOURCE_EXHAUSTED (SESSION_MEMORY), those of the store.
   absl::StatusOr<std::shared_ptr<Session>> MakeNew(const std::string& tenant, const SessionConfig& config,
                                                    const std::string& request_id) const;
 
@@ -62,6 +64,8 @@ class SessionFactory {
   absl::StatusOr<Models> UseModels(const std::string& tenant, const SessionConfig& config) const;
   absl::Status CheckModelsStored(const std::string& tenant, const SessionConfig& config) const;
   Session::Parts MakeParts(const std::string& name, const std::string& tenant) const;
+  SessionMemory MemoryOf(const SessionConfig& config,
+                         const std::vector<std::shared_ptr<const ObjectModel>>& models) const;
   // A pipeline in the state of the beginning's checkpoint. If the tracker's state is unreadable, the pipeline searches
   // for every object, and `beginning.restarted` is set.
   absl::StatusOr<std::unique_ptr<SessionPipeline>> RestorePipeline(

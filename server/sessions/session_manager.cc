@@ -10,6 +10,7 @@
 #include "absl/strings/str_cat.h"
 #include "core/base/status_macros.h"
 #include "server/runtime/errors.h"
+#include "server/runtime/out_of_memory.h"
 #include "server/sessions/durability/session_codec.h"
 #include "server/telemetry/log.h"
 
@@ -49,8 +50,9 @@ SessionManager::SessionManager(const Options& options, Store& store, ModelRegist
     : options_(options),
       store_(store),
       pool_(pool),
-      factory_({options.limits, options.make_tracker, {options.now, options.steady_now}, options.metrics}, store,
-               models, pool),
+      factory_({options.limits, options.make_tracker, {options.now, options.steady_now}, options.metrics,
+                options.memory},
+               store, models, pool),
       orphans_(store, options.limits.expiry) {
   // Threads of gRPC call this class: the lock, here and in the destructor, shows the order to race detectors.
   const std::lock_guard lock(mutex_);
@@ -68,8 +70,10 @@ absl::StatusOr<std::shared_ptr<Session>> SessionManager::Create(const std::strin
   if (!request_id.empty()) one_at_a_time.lock();  // the same request may arrive twice at the same time
   EVPOSE_ASSIGN_OR_RETURN(std::shared_ptr<Session> known, FindOrReserveSlot(config, request));
   if (known != nullptr) return known;
-  auto session = ResumeRequest(config, request);
-  if (session.ok() && *session == nullptr) session = factory_.MakeNew(tenant, config, request_id);
+  auto session = OrOutOfMemory([&] {
+    auto resumed = ResumeRequest(config, request);
+    return resumed.ok() && *resumed == nullptr ? factory_.MakeNew(tenant, config, request_id) : resumed;
+  });
   const std::lock_guard lock(mutex_);
   ReleaseSlot(tenant);
   if (!session.ok()) return session.status();
@@ -164,7 +168,7 @@ absl::Status SessionManager::RestoreAll() {
 }
 
 absl::StatusOr<std::shared_ptr<Session>> SessionManager::Resume(const std::string& name) {
-  EVPOSE_ASSIGN_OR_RETURN(SessionFactory::Resumed taken, factory_.Resume(name));
+  EVPOSE_ASSIGN_OR_RETURN(SessionFactory::Resumed taken, OrOutOfMemory([&] { return factory_.Resume(name); }));
   const Request request(taken.record.tenant, taken.record.request_id);
   {
     const std::lock_guard lock(mutex_);

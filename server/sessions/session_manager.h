@@ -22,6 +22,7 @@
 #include "server/models/model_registry.h"
 #include "server/runtime/worker_pool.h"
 #include "server/sessions/durability/orphan_collector.h"
+#include "server/sessions/memory/memory_budget.h"
 #include "server/sessions/session.h"
 #include "server/sessions/session_factory.h"
 #include "server/sessions/session_mirror.h"
@@ -43,6 +44,7 @@ class SessionManager {
     std::function<absl::Time()> now;                                          // for expiry only, never for results
     std::function<SteadyTime()> steady_now = std::chrono::steady_clock::now;  // as Session::Clocks::steady
     std::shared_ptr<ServerMetrics> metrics = std::make_shared<ServerMetrics>();
+    std::shared_ptr<MemoryBudget> memory = MemoryBudget::Create({});  // unlimited
   };
 
   SessionManager(const Options& options, Store& store, ModelRegistry& models, WorkerPool& pool);
@@ -50,7 +52,7 @@ class SessionManager {
 
   // Idempotent per tenant and `request_id`, unless it is empty. `peer` is for the log. Slow: creates the trackers.
   // Errors: INVALID_ARGUMENT with the field, NOT_FOUND (MODEL_NOT_FOUND), ALREADY_EXISTS (REQUEST_ID_REUSED),
-  // RESOURCE_EXHAUSTED (TOO_MANY_SESSIONS, TENANT_QUOTA), UNAVAILABLE (DRAINING).
+  // RESOURCE_EXHAUSTED (TOO_MANY_SESSIONS, TENANT_QUOTA, SESSION_MEMORY, OUT_OF_MEMORY), UNAVAILABLE (DRAINING).
   absl::StatusOr<std::shared_ptr<Session>> Create(const std::string& tenant, const SessionConfig& config,
                                                   const std::string& request_id, const std::string& peer = "");
   // Resumes all sessions of the store, unless the store is shared. Damaged sessions are reported in the log and stay in

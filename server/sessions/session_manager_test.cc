@@ -4,6 +4,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <new>
 #include <string>
 #include <vector>
 
@@ -316,6 +317,70 @@ TEST_F(SessionManagerTest, TheSessionsOfATenantAreLimited) {
   impossible.objects[0].model = "models/none";
   EXPECT_EQ(sessions.Create("", impossible, "").status().code(), absl::StatusCode::kNotFound);
   EXPECT_TRUE(sessions.Create("", Config(), "").ok()) << "a failed creation releases its slot";
+}
+
+TEST_F(SessionManagerTest, SessionsAreChargedWithTheirMemoryUntilTheyAreDeleted) {
+  SessionManager::Options options = sessions_->options();
+  options.memory = MemoryBudget::Create({});
+  uint64_t bytes = 0;
+  {
+    SessionManager sessions(options, *store_, *models_, pool_);
+    const auto first = sessions.Create("", Config(), "").value();
+    bytes = options.memory->charged_bytes();
+    EXPECT_GT(bytes, options.limits.credit_bytes);
+    ASSERT_TRUE(sessions.Delete("", first->name()).ok());
+  }
+  options.memory = MemoryBudget::Create({.max_bytes = bytes + bytes / 2});
+  SessionManager sessions(options, *store_, *models_, pool_);
+  auto first = sessions.Create("", Config(), "").value();
+  EXPECT_EQ(options.memory->charged_bytes(), bytes);
+  const absl::Status full = sessions.Create("", Config(), "").status();
+  EXPECT_EQ(full.code(), absl::StatusCode::kResourceExhausted);
+  EXPECT_EQ(GetErrorDetails(full).reason, "SESSION_MEMORY");
+  EXPECT_EQ(sessions.num_sessions(), 1u);
+  ASSERT_TRUE(sessions.Delete("", first->name()).ok());
+  first.reset();
+  EXPECT_EQ(options.memory->charged_bytes(), 0u);
+  EXPECT_TRUE(sessions.Create("", Config(), "").ok());
+}
+
+// A tracker whose first allocation fails.
+class HungryTracker : public FakeTracker {
+ public:
+  using FakeTracker::FakeTracker;
+  void AddEvents(absl::Span<const Event>, std::vector<PoseEstimate>&) override { throw std::bad_alloc(); }
+};
+
+TEST_F(SessionManagerTest, AFailedAllocationEndsTheOneSession) {
+  SessionManager::Options options = sessions_->options();
+  options.memory = MemoryBudget::Create({});
+  options.make_tracker = [make = options.make_tracker](const SessionConfig& config, const auto& models)
+      -> absl::StatusOr<std::unique_ptr<Tracker>> {
+    if (config.objects[0].object_id == "greedy") throw std::bad_alloc();
+    if (config.objects[0].object_id == "cube") return make(config, models);
+    return std::make_unique<HungryTracker>(std::make_shared<FakeTrackerGate>(), config);
+  };
+  SessionManager sessions(options, *store_, *models_, pool_);
+  const absl::Status refused = sessions.Create("", SomeConfig({"greedy"}, model_), "").status();
+  EXPECT_EQ(GetErrorDetails(refused).reason, "OUT_OF_MEMORY");
+  EXPECT_EQ(options.memory->charged_bytes(), 0u);
+
+  const auto listener = std::make_shared<WaitingListener>();
+  const auto push = [&](const std::shared_ptr<Session>& session) {
+    session->AddWatcher(listener);
+    const uint64_t stream = session->Attach(session->resume_token(), 0, {})->stream;
+    EXPECT_TRUE(session->PushEvents(stream, {.seq = 1, .payload = Flat64(SomeEvents(1, 11))}).ok());
+  };
+  const auto hungry = sessions.Create("", SomeConfig({"hungry"}, model_), "").value();
+  const auto cube = sessions.Create("", Config(), "").value();
+  const uint64_t charged_bytes = options.memory->charged_bytes();
+  push(hungry);
+  push(cube);
+  listener->WaitUntil([&] { return !hungry->Watch().status.ok() && cube->Watch().last_pose_seq >= 9; });
+  EXPECT_EQ(hungry->Watch().status.code(), absl::StatusCode::kResourceExhausted);
+  EXPECT_EQ(GetErrorDetails(hungry->Watch().status).reason, "OUT_OF_MEMORY");
+  EXPECT_LT(options.memory->charged_bytes(), charged_bytes) << "its tracker was released";
+  EXPECT_TRUE(cube->Watch().status.ok());
 }
 
 TEST_F(SessionManagerTest, ModelsOfTwoTenantsAreSeparate) {

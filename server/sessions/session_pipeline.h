@@ -53,6 +53,8 @@ class SessionPipeline {
       const SessionConfig& config, const std::vector<std::shared_ptr<const ObjectModel>>& models,
       const TrackerFactory& make_tracker);
 
+  // Keeps a charge of its memory until it is destroyed.
+  void HoldCharge(std::shared_ptr<const void> charge) { memory_charge_ = std::move(charge); }
   // Reports the phase transitions of the tracker from now on.
   void SetPhaseListener(const PhaseListener& listener) { tracker_->SetPhaseListener(listener); }
   // Measures the durations of the stages from now on.
@@ -90,6 +92,7 @@ class SessionPipeline {
   void CloseSlice(int64_t t_us, PipelineOutput& output);
   void TrackEvents(absl::Span<const Event> events, PipelineOutput& output);
 
+  std::shared_ptr<const void> memory_charge_;
   std::string configuration_;  // digest of the configuration and models to which a state belongs
   std::unique_ptr<EventDecoder> decoder_;
   std::unique_ptr<Tracker> tracker_;

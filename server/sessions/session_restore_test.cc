@@ -45,6 +45,7 @@ class SessionRestoreTest : public testing::Test {
     options.make_tracker = FakeTrackers();
     options.shares_store = shares_store;
     options.now = [this] { return now_; };
+    options.memory = memory_;
     options.steady_now = [] { return SteadyTime(); };  // no work takes time: that alone makes no checkpoint due
     server.sessions = std::make_unique<SessionManager>(options, *store_, *server.models, pool_);
     EXPECT_TRUE(server->RestoreAll().ok());
@@ -96,7 +97,24 @@ class SessionRestoreTest : public testing::Test {
   WorkerPool pool_{2};  // outlives the store: its thread may release the last reference to a session
   const std::shared_ptr<Store> store_ = MakeMemoryStore();
   const std::shared_ptr<WaitingListener> listener_ = std::make_shared<WaitingListener>();
+  std::shared_ptr<MemoryBudget> memory_ = MemoryBudget::Create({});
 };
+
+TEST_F(SessionRestoreTest, ARestoredSessionIsChargedEvenBeyondTheLimit) {
+  Server server = Open();
+  const auto session = Create(server);
+  const std::string name = session->name();
+  Track(session, Attach(session, session->resume_token()), 1);
+  const uint64_t bytes = memory_->charged_bytes();
+  EXPECT_GT(bytes, 0u);
+  Kill(server);
+
+  memory_ = MemoryBudget::Create({.max_bytes = bytes / 2});
+  server = Open();
+  EXPECT_TRUE(server->Get(kTenant, name).ok());
+  EXPECT_EQ(memory_->charged_bytes(), bytes);
+  EXPECT_EQ(ReasonOf(server->Create(kTenant, Config(server), "").status()), "SESSION_MEMORY");
+}
 
 TEST_F(SessionRestoreTest, SessionsAreRestoredCompletely) {
   Server server = Open();

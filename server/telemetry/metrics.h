@@ -79,6 +79,8 @@ enum class QuotaLimit {
   kTenantSessions,
   kTenantModelBytes,
   kTenantWatchers,
+  kSessionMemory,
+  kTenantSessionMemory,
 };
 
 // Reasons for which the store has not accepted a checkpoint.
@@ -112,7 +114,7 @@ struct ServerMetrics {
   OneFor<CheckpointFailure, 4> checkpoint_failures;
 
   OneFor<StreamKind, 2, OneFor<absl::StatusCode, 17>> stream_ends;
-  OneFor<QuotaLimit, 6> quota_refusals;
+  OneFor<QuotaLimit, 8> quota_refusals;
   Counter quota_delays;  // times that a stream was paused because its tenant exceeded its byte rate
 
   uint64_t all_skipped_events() const {
@@ -126,6 +128,8 @@ struct ServerState {
   SessionTotals sessions;
   uint32_t max_sessions = 0;
   uint32_t num_workers = 0;
+  uint64_t session_memory_bytes = 0;  // charged for all sessions
+  uint64_t max_session_memory_bytes = 0;
   absl::Status readiness;  // an error explains why the server accepts no sessions
 };
 

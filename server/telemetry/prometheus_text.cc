@@ -13,6 +13,7 @@
 #include <vector>
 
 #include "absl/strings/ascii.h"
+#include "server/runtime/out_of_memory.h"
 
 namespace evpose::server {
 namespace {
@@ -26,7 +27,8 @@ using Labels = std::vector<ClientMetric::Label>;
 constexpr std::array kDropReasons = {"lag", "memory", "reader"};
 constexpr std::array kCheckpointFailures = {"store_away", "store_full", "fenced", "store_failed"};
 constexpr std::array kQuotaLimits = {"max_sessions",    "max_streams",        "max_model_store_bytes",
-                                     "tenant_sessions", "tenant_model_bytes", "tenant_watchers"};
+                                     "tenant_sessions", "tenant_model_bytes", "tenant_watchers",
+                                     "session_memory",  "tenant_session_memory"};
 constexpr std::array kStreamKinds = {"track", "watch"};
 constexpr int kNumStatusCodes = 17;
 
@@ -102,6 +104,11 @@ void AddState(const ServerState& state, const BuildVersion& build, Families& fam
   families.AddGauge("evpose_max_sessions",
                     "Maximum number of sessions at this server: attached, detached and ended together.",
                     state.max_sessions);
+  families.AddGauge("evpose_session_memory_bytes",
+                    "Bytes charged for the sessions at this server: the most that each of them may take.",
+                    static_cast<double>(state.session_memory_bytes));
+  families.AddGauge("evpose_session_memory_limit_bytes", "Maximum of evpose_session_memory_bytes for new sessions.",
+                    static_cast<double>(state.max_session_memory_bytes));
   families.Begin("evpose_objects", MetricType::Gauge,
                  "Objects of sessions that have not ended, by state of the track.");
   for (size_t i = 0; i < sessions.objects.size(); ++i) {
@@ -226,6 +233,9 @@ void AddCalls(const ServerMetrics& metrics, Families& families) {
       "Number of times that the server paused reading a stream because its tenant exceeded its limit of bytes "
       "per second.",
       metrics.quota_delays);
+  families.Begin("evpose_out_of_memory_total", MetricType::Counter,
+                 "Calls and sessions that were ended because an allocation failed.");
+  families.Value(static_cast<double>(OutOfMemoryCount()));
 }
 
 }  // namespace

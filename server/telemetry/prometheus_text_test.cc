@@ -116,11 +116,14 @@ TEST(PrometheusTextTest, EveryCounterHasItsOwnSeries) {
                                                        {QuotaLimit::kMaxModelStoreBytes, "max_model_store_bytes"},
                                                        {QuotaLimit::kTenantSessions, "tenant_sessions"},
                                                        {QuotaLimit::kTenantModelBytes, "tenant_model_bytes"},
-                                                       {QuotaLimit::kTenantWatchers, "tenant_watchers"}};
+                                                       {QuotaLimit::kTenantWatchers, "tenant_watchers"},
+                                                       {QuotaLimit::kSessionMemory, "session_memory"},
+                                                       {QuotaLimit::kTenantSessionMemory, "tenant_session_memory"}};
   for (const auto& [limit, name] : limits) {
     count(metrics.quota_refusals[limit], absl::StrCat("evpose_quota_refusals_total{limit=\"", name, "\"}"));
   }
   count(metrics.quota_delays, "evpose_quota_delays_total");
+  expected["evpose_out_of_memory_total"] = 0.0;  // of the process
 
   const ParsedMetrics parsed = ParseMetrics(PrometheusText(metrics, ServerState(), kBuild));
   for (const auto& [series, value] : expected) EXPECT_NEAR(parsed.At(series), value, 1e-9 * value) << series;
@@ -186,6 +189,8 @@ TEST(PrometheusTextTest, GaugesShowTheState) {
                     .oldest_queue_age_us = 1'500'000};
   state.max_sessions = 10;
   state.num_workers = 11;
+  state.session_memory_bytes = 12;
+  state.max_session_memory_bytes = 13;
   state.readiness = absl::UnavailableError("secret");
   const std::string text = PrometheusText(ServerMetrics(), state, kBuild);
   const ParsedMetrics parsed = ParseMetrics(text);
@@ -201,6 +206,8 @@ TEST(PrometheusTextTest, GaugesShowTheState) {
   EXPECT_EQ(parsed.At("evpose_queue_age_seconds"), 1.5);
   EXPECT_EQ(parsed.At("evpose_max_sessions"), 10.0);
   EXPECT_EQ(parsed.At("evpose_workers"), 11.0);
+  EXPECT_EQ(parsed.At("evpose_session_memory_bytes"), 12.0);
+  EXPECT_EQ(parsed.At("evpose_session_memory_limit_bytes"), 13.0);
   EXPECT_EQ(parsed.At("evpose_ready"), 0.0);
   EXPECT_THAT(text, testing::Not(testing::HasSubstr("secret")));
 }

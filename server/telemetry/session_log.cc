@@ -50,6 +50,13 @@ void SessionLog::NotResumed(const absl::Status& status) const {
   Write(LogLevel::kError, "session_not_resumed", peer(), Outcome(status));
 }
 
+void SessionLog::MemoryExceeded(uint64_t charged_bytes, uint64_t max_bytes) const {
+  Write(LogLevel::kWarning, "session_memory_exceeded", peer(),
+        {{"charged_bytes", charged_bytes}, {"max_session_memory", max_bytes}});
+}
+
+void SessionLog::OutOfMemory() const { Write(LogLevel::kError, "session_out_of_memory", peer(), {}); }
+
 void SessionLog::Attached(const std::string& peer, uint64_t number, uint64_t next_chunk, bool is_taken_over) {
   {
     const std::lock_guard lock(mutex_);

@@ -31,6 +31,10 @@ class SessionLog {
   // The objects are searched for again from `next_chunk` on; the poses up to number `poses` are stored.
   void TrackerStateUnreadable(const std::string& why, uint64_t next_chunk, uint64_t poses) const;
   void NotResumed(const absl::Status& status) const;
+  // A resumed session has been charged beyond the limit of the memory of sessions.
+  void MemoryExceeded(uint64_t charged_bytes, uint64_t max_bytes) const;
+  // An allocation for this session failed, and it was closed.
+  void OutOfMemory() const;
   // `number` counts the streams of the session. `is_taken_over`: the previous stream was still open and is ended.
   void Attached(const std::string& peer, uint64_t number, uint64_t next_chunk, bool is_taken_over);
   void NotAttached(const std::string& peer, const absl::Status& status) const;

@@ -9,6 +9,7 @@
 #include "absl/functional/any_invocable.h"
 #include "core/base/status_macros.h"
 #include "server/stores/common/checked_lease.h"
+#include "server/stores/common/commit_guard.h"
 #include "server/stores/common/job_thread.h"
 #include "server/stores/memory/memory_sessions.h"
 
@@ -32,7 +33,7 @@ struct Shared {
 
   MemorySessions sessions;
   JobThread<CommitJob> committer{[](std::vector<CommitJob> jobs) {
-    for (CommitJob& job : jobs) job.done(job.write());
+    for (CommitJob& job : jobs) job.done(OrUnavailable([&job] { return job.write(); }));
   }};
 };
 

@@ -10,6 +10,7 @@
 #include "absl/strings/str_cat.h"
 #include "core/base/status_macros.h"
 #include "server/stores/common/checked_lease.h"
+#include "server/stores/common/commit_guard.h"
 #include "server/stores/redis/redis_keys.h"
 
 namespace evpose::server {
@@ -84,19 +85,33 @@ void RedisClient::Process(std::vector<Job> jobs) {
       for (size_t i = begin; i < jobs.size(); ++i) jobs[i].done(connected);
       return;
     }
-    std::vector<RedisCommand> commands;
     size_t end = begin;
-    for (size_t bytes = 0; end < jobs.size() && (end == begin || bytes < kMaxBatchBytes); ++end) {
-      Job& job = jobs[end];
-      if (job.script != nullptr) job.command[1] = digests_[job.script];
-      bytes += SizeBytes(job.command);
-      commands.push_back(job.command);
+    std::vector<absl::StatusOr<RedisReply>> replies;
+    const absl::Status ran = OrUnavailable([&] {
+      replies = RunBatch(jobs, begin, end);
+      return absl::OkStatus();
+    });
+    if (!ran.ok()) {
+      Disconnect();  // the rest of the replies may still arrive
+      for (size_t i = begin; i < jobs.size(); ++i) jobs[i].done(ran);
+      return;
     }
-    std::vector<absl::StatusOr<RedisReply>> replies = connection_->Run(commands);
     for (size_t i = begin; i < end; ++i) jobs[i].done(RunAgain(jobs[i], std::move(replies[i - begin])));
     if (connection_ != nullptr && connection_->broken()) Disconnect();
     begin = end;
   }
+}
+
+std::vector<absl::StatusOr<RedisReply>> RedisClient::RunBatch(std::vector<Job>& jobs, size_t begin, size_t& end) {
+  std::vector<RedisCommand> commands;
+  end = begin;
+  for (size_t bytes = 0; end < jobs.size() && (end == begin || bytes < kMaxBatchBytes); ++end) {
+    Job& job = jobs[end];
+    if (job.script != nullptr) job.command[1] = digests_[job.script];
+    bytes += SizeBytes(job.command);
+    commands.push_back(job.command);
+  }
+  return connection_->Run(commands);
 }
 
 absl::StatusOr<RedisReply> RedisClient::RunAgain(const Job& job, absl::StatusOr<RedisReply> reply) {

@@ -65,6 +65,8 @@ class RedisClient {
   };
 
   void Process(std::vector<Job> jobs);
+  // Runs the commands from `begin` on that fit into one batch; `end` is the first one that does not.
+  std::vector<absl::StatusOr<RedisReply>> RunBatch(std::vector<Job>& jobs, size_t begin, size_t& end);
   absl::Status Connect();
   void Disconnect();
   absl::StatusOr<RedisReply> RunAgain(const Job& job, absl::StatusOr<RedisReply> reply);

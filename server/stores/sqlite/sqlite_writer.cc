@@ -6,6 +6,7 @@
 
 #include "core/base/status_macros.h"
 #include "server/stores/common/checked_lease.h"
+#include "server/stores/common/commit_guard.h"
 #include "server/stores/sqlite/sqlite_records.h"
 
 namespace evpose::server {
@@ -71,7 +72,7 @@ bool SqliteWriter::WriteTogether(absl::Span<Job> group, std::vector<absl::Status
   if (!database_->Execute("BEGIN IMMEDIATE").ok()) return false;
   for (Job& job : group) {
     const int64_t changes_before = database_->total_changes();
-    outcomes.push_back(job.write(*database_));
+    outcomes.push_back(OrUnavailable([&] { return job.write(*database_); }));
     if (outcomes.back().ok()) continue;
     if (!IsRefusal(outcomes.back()) || database_->total_changes() != changes_before) {
       Rollback();
@@ -91,7 +92,7 @@ absl::Status SqliteWriter::WriteAlone(Job& job) {
 
 absl::Status SqliteWriter::Transact(Write& write) {
   EVPOSE_RETURN_IF_ERROR(database_->Execute("BEGIN IMMEDIATE"));
-  absl::Status status = write(*database_);
+  absl::Status status = OrUnavailable([&] { return write(*database_); });
   if (status.ok()) status = database_->Execute("COMMIT");
   if (!status.ok()) Rollback();
   return status;

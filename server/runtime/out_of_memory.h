@@ -1,0 +1,38 @@
+// SPDX-License-Identifier: Apache-2.0
+
+// What happens when an allocation fails: the call or the session for which it was made ends, and the process goes on.
+// The standard library reports it by an exception, which these guards turn into a status.
+#pragma once
+
+#include <cstdint>
+#include <new>
+#include <utility>
+
+#include "absl/status/status.h"
+
+namespace evpose::server {
+
+// Counts a failure and returns RESOURCE_EXHAUSTED (OUT_OF_MEMORY). Allocates nothing after the first call.
+absl::Status OutOfMemory();
+// Number of calls of OutOfMemory() so far.
+uint64_t OutOfMemoryCount();
+bool IsOutOfMemory(const absl::Status& status);
+
+// Keeps some memory back from now on. The first allocation that fails fails nevertheless, but releases it, so that the
+// small allocations for ending the call succeed. Guards take it back when there is memory again. Idempotent.
+void KeepMemoryReserve();
+void RefillMemoryReserve();
+
+// Returns what `work` returns, a status or absl::StatusOr; OutOfMemory() if memory is exhausted. Everything that `work`
+// changes must be released by destructors, or must not be used afterwards.
+template <typename Work>
+auto OrOutOfMemory(Work&& work) -> decltype(work()) {
+  RefillMemoryReserve();
+  try {
+    return std::forward<Work>(work)();
+  } catch (const std::bad_alloc&) {
+    return OutOfMemory();
+  }
+}
+
+}  // namespace evpose::server

@@ -1,0 +1,93 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "server/sessions/memory/memory_budget.h"
+
+#include <algorithm>
+#include <utility>
+
+#include "absl/strings/str_cat.h"
+#include "absl/strings/string_view.h"
+#include "core/base/status_macros.h"
+#include "server/runtime/errors.h"
+
+namespace evpose::server {
+namespace {
+
+uint64_t Megabytes(uint64_t bytes) { return bytes / 1'000'000; }
+
+absl::Status BeyondLimit(absl::string_view subject, absl::string_view whose, uint64_t bytes, uint64_t taken,
+                         uint64_t limit) {
+  const bool may_fit_later = bytes <= limit;
+  return LimitReached(
+      v1::SESSION_MEMORY, subject,
+      absl::StrCat("the session may need ", Megabytes(bytes), " MB of memory (", bytes, " bytes), and ", whose,
+                   " have ", Megabytes(taken), " of ", Megabytes(limit), " MB: ",
+                   may_fit_later ? "delete a session that is not needed, try again later, or use"
+                                 : "use a larger limit, or",
+                   " a camera with fewer pixels, fewer objects or models with fewer lines and triangles"),
+      may_fit_later ? kRetryDelay : absl::ZeroDuration());
+}
+
+}  // namespace
+
+struct MemoryBudget::Part {
+  ~Part() {
+    if (bytes > 0) budget->Release(tenant, bytes);
+  }
+  std::shared_ptr<MemoryBudget> budget;
+  std::string tenant;
+  uint64_t bytes = 0;
+};
+
+absl::StatusOr<MemoryCharge> MemoryBudget::Charge(const std::string& tenant, const SessionMemory& memory,
+                                                  bool may_refuse) {
+  // Everything is allocated before anything is counted.
+  const auto make_part = [&] {
+    auto part = std::make_shared<Part>();
+    part->budget = shared_from_this();
+    part->tenant = tenant;
+    return part;
+  };
+  const std::shared_ptr<Part> tracking = make_part();
+  const std::shared_ptr<Part> other = make_part();
+  const std::lock_guard lock(mutex_);
+  if (may_refuse) {
+    EVPOSE_RETURN_IF_ERROR(Check(tenant, memory.total_bytes()));
+  }
+  charged_by_tenant_[tenant] += memory.total_bytes();
+  charged_bytes_ += memory.total_bytes();
+  tracking->bytes = memory.tracking_bytes;
+  other->bytes = memory.other_bytes;
+  return MemoryCharge{tracking, other};
+}
+
+absl::Status MemoryBudget::Check(const std::string& tenant, uint64_t bytes) const {
+  // Sessions that were charged beyond the limit may have taken more than it.
+  const auto fits = [bytes](uint64_t taken, uint64_t limit) { return taken <= limit && bytes <= limit - taken; };
+  if (!fits(charged_bytes_, options_.max_bytes)) {
+    options_.metrics->quota_refusals[QuotaLimit::kSessionMemory].Add();
+    return BeyondLimit("session_memory", "all sessions", bytes, charged_bytes_, options_.max_bytes);
+  }
+  const auto charged = charged_by_tenant_.find(tenant);
+  const uint64_t taken = charged == charged_by_tenant_.end() ? 0 : charged->second;
+  if (!fits(taken, options_.max_tenant_bytes)) {
+    options_.metrics->quota_refusals[QuotaLimit::kTenantSessionMemory].Add();
+    return BeyondLimit("tenant_session_memory", "the sessions of this tenant", bytes, taken,
+                       options_.max_tenant_bytes);
+  }
+  return absl::OkStatus();
+}
+
+void MemoryBudget::Release(const std::string& tenant, uint64_t bytes) {
+  const std::lock_guard lock(mutex_);
+  charged_bytes_ -= bytes;
+  const auto charged = charged_by_tenant_.find(tenant);
+  charged->second -= bytes;
+  if (charged->second == 0) charged_by_tenant_.erase(charged);
+}
+
+uint64_t MemoryBudget::charged_bytes() const {
+  const std::lock_guard lock(mutex_);
+  return charged_bytes_;
+}
+
+}  // namespace evpose::server

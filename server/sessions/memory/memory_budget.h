@@ -1,0 +1,68 @@
+// SPDX-License-Identifier: Apache-2.0
+
+// The memory of all sessions: each is charged with the most that it may take before anything of it is allocated.
+#pragma once
+
+#include <cstdint>
+#include <limits>
+#include <map>
+#include <memory>
+#include <mutex>
+#include <string>
+#include <utility>
+
+#include "absl/base/thread_annotations.h"
+#include "absl/status/status.h"
+#include "absl/status/statusor.h"
+#include "server/sessions/memory/session_memory.h"
+#include "server/telemetry/metrics.h"
+
+namespace evpose::server {
+
+// Charges of one session, each until its last copy is destroyed.
+struct MemoryCharge {
+  std::shared_ptr<const void> tracking;
+  std::shared_ptr<const void> other;
+};
+
+// Thread-safe. Charges keep it alive.
+class MemoryBudget : public std::enable_shared_from_this<MemoryBudget> {
+ public:
+  struct Options {
+    uint64_t max_bytes = std::numeric_limits<uint64_t>::max();
+    uint64_t max_tenant_bytes = std::numeric_limits<uint64_t>::max();  // of each tenant
+    std::shared_ptr<ServerMetrics> metrics = std::make_shared<ServerMetrics>();
+  };
+  static std::shared_ptr<MemoryBudget> Create(Options options) {
+    return std::shared_ptr<MemoryBudget>(new MemoryBudget(std::move(options)));
+  }
+
+  // Errors: RESOURCE_EXHAUSTED (SESSION_MEMORY) with the bytes that are needed, taken and allowed.
+  absl::StatusOr<MemoryCharge> Charge(const std::string& tenant, const SessionMemory& memory) {
+    return Charge(tenant, memory, true);
+  }
+  // For a session that exists already: never refused.
+  MemoryCharge ChargeBeyondLimit(const std::string& tenant, const SessionMemory& memory) {
+    return *Charge(tenant, memory, false);
+  }
+
+  uint64_t charged_bytes() const;
+  uint64_t max_bytes() const { return options_.max_bytes; }
+
+ private:
+  explicit MemoryBudget(Options options) : options_(std::move(options)) {}
+
+  // Bytes of a charge. Released when it is destroyed, if they have been added.
+  struct Part;
+
+  absl::StatusOr<MemoryCharge> Charge(const std::string& tenant, const SessionMemory& memory, bool may_refuse);
+  absl::Status Check(const std::string& tenant, uint64_t bytes) const ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
+  void Release(const std::string& tenant, uint64_t bytes);
+
+  const Options options_;
+  mutable std::mutex mutex_;
+  uint64_t charged_bytes_ ABSL_GUARDED_BY(mutex_) = 0;
+  std::map<std::string, uint64_t> charged_by_tenant_ ABSL_GUARDED_BY(mutex_);  // no zeros
+};
+
+}  // namespace evpose::server

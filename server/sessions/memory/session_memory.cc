@@ -1,0 +1,35 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "server/sessions/memory/session_memory.h"
+
+#include "core/tracking/tracker_memory.h"
+#include "core/tracking/tracker_options.h"
+#include "server/sessions/types/pose_log.h"
+
+namespace evpose::server {
+namespace {
+
+// The events of a slice of 16 KiB: 6 MB with the densest encoding, EVT3, and the growth of their vector.
+constexpr uint64_t kSliceEventBytes = 9u << 20;
+// Streams with their messages, watchers, the log, and what the allocator does not return.
+constexpr uint64_t kFixedBytes = 2u << 20;
+
+}  // namespace
+
+SessionMemory MaxSessionMemory(const SessionConfig& config,
+                               const std::vector<std::shared_ptr<const ObjectModel>>& models,
+                               const SessionMemoryLimits& limits) {
+  const TrackerMemory tracker = EstimateTrackerMemory(config.camera, models, TrackerOptions());
+  // The queue of an overloaded session with kLatest takes twice its credit. The last chunk may exceed it, and the
+  // stream has read the next one.
+  const uint64_t queue_bytes =
+      (config.overload_policy == OverloadPolicy::kLatest ? 2 : 1) * limits.credit_bytes + 2 * limits.max_chunk_bytes;
+  const uint64_t pose_bytes = limits.pose_log_capacity * sizeof(StoredPose);
+  SessionMemory memory;
+  memory.tracking_bytes = tracker.max_bytes + kSliceEventBytes;
+  // A checkpoint: the state and the new poses, encoded, and the copy that the store writes.
+  if (limits.writes_checkpoints) memory.tracking_bytes += 2 * (tracker.max_state_bytes + pose_bytes / 2);
+  memory.other_bytes = queue_bytes + pose_bytes + kFixedBytes;
+  return memory;
+}
+
+}  // namespace evpose::server

@@ -1,0 +1,149 @@
+#!/usr/bin/env python3
+# SPDX-License-Identifier: Apache-2.0
+"""Measures the memory of a session after one second of noise that touched every pixel.
+
+For each case it starts evpose-server, replays a recording of noise through it, and prints in MB: the memory that the server charges for
+the session, the growth of its resident memory when the session has been created, and the growth of its peak. With --check, status 1 if
+a peak exceeds its charge or the goal of the case. Needs a release build and python3-numpy; about a minute of processor time per case.
+
+Example: tests/bench/session_memory.py --bin build/release --check
+"""
+import argparse
+import os
+import re
+import subprocess
+import sys
+import tempfile
+import time
+import urllib.request
+
+import numpy
+
+CUBE = """v -0.1 -0.1 -0.1
+v 0.1 -0.1 -0.1
+v 0.1 0.1 -0.1
+v -0.1 0.1 -0.1
+v -0.1 -0.1 0.1
+v 0.1 -0.1 0.1
+v 0.1 0.1 0.1
+v -0.1 0.1 0.1
+f 1 4 3 2
+f 5 6 7 8
+f 1 2 6 5
+f 2 3 7 6
+f 3 4 8 7
+f 4 1 5 8
+"""
+CAMERA = """image_width: {width}
+image_height: {height}
+camera_matrix: {{rows: 3, cols: 3, data: [{focal}, 0, {cx}, 0, {focal}, {cy}, 0, 0, 1]}}
+distortion_model: plumb_bob
+distortion_coefficients: {{rows: 1, cols: 5, data: [{k1}, 0, 0, 0, 0]}}
+"""
+# Name, width, height, radial distortion, number of objects, goal of the peak in MB (0: none).
+CASES = [
+    ("640 x 480, 1 object", 640, 480, 0.0, 1, 0),
+    ("4096 x 4096, 1 object", 4096, 4096, 0.0, 1, 60),
+    ("4096 x 4096, 16 objects", 4096, 4096, 0.0, 16, 200),
+    ("4096 x 4096 with distortion, 1 object", 4096, 4096, -0.01, 1, 0),
+]
+MIN_EVENTS = 2_000_000  # a small sensor has several events per pixel, so that the search's memory of events is full
+
+
+def write_noise(path, width, height):
+    """A DAT file with one second of events at all pixels, in a random order."""
+    random = numpy.random.default_rng(1)
+    pixels = numpy.tile(random.permutation(width * height).astype(numpy.uint64), 1 + MIN_EVENTS // (width * height))
+    times_us = numpy.arange(pixels.size, dtype=numpy.uint64) * 1_000_000 // pixels.size
+    polarity = random.integers(0, 2, pixels.size).astype(numpy.uint64)
+    words = times_us | (pixels % width) << 32 | (pixels // width) << 46 | polarity << 60
+    with open(path, "wb") as file:
+        file.write(f"% Version 2\n% Height {height}\n% Width {width}\n".encode() + bytes([12, 8]))
+        words.astype("<u8").tofile(file)
+
+
+def memory_mb(pid, name):
+    with open(f"/proc/{pid}/status", encoding="ascii") as status:
+        return int(re.search(rf"{name}:\s+(\d+) kB", status.read()).group(1)) * 1024 / 1e6
+
+
+class Server:
+    def __init__(self, binaries, store, directory):
+        command = [os.path.join(binaries, "server/evpose-server"), "--listen", "127.0.0.1:0", "--metrics-listen", "127.0.0.1:0"]
+        command += ["--workers", "1", "--store", store, "--max-session-memory", "1000000000000", "--log-level", "error"]
+        if store == "sqlite":
+            command += ["--data-dir", directory]
+        self.process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+        self.address = self.process.stdout.readline().split()[-1]
+        self.metrics = self.process.stdout.readline().split()[-1]
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        self.process.terminate()
+        self.process.wait()
+
+    def charged_mb(self):
+        with urllib.request.urlopen(f"http://{self.metrics}/metrics") as answer:
+            return float(re.search(r"^evpose_session_memory_bytes (\S+)", answer.read().decode(), re.M).group(1)) / 1e6
+
+
+def replay(evpose, server, recording, folder, case):
+    _, width, height, k1, num_objects, _ = case
+    model, camera = os.path.join(folder, "cube.obj"), os.path.join(folder, "camera.yaml")
+    with open(model, "w", encoding="ascii") as file:
+        file.write(CUBE)
+    with open(camera, "w", encoding="ascii") as file:
+        file.write(CAMERA.format(width=width, height=height, focal=0.8 * width, cx=width / 2, cy=height / 2, k1=k1))
+    command = [evpose, "replay", recording, "--camera", camera, "--server", server.address]
+    for i in range(num_objects):
+        command += ["--object", f"cube{i}={model}"]
+    return subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
+
+
+def measure(binaries, store, case):
+    """Charged, resident after the creation, and peak, in MB."""
+    evpose = os.path.join(binaries, "client/cli/evpose")
+    _, width, height, _, _, _ = case
+    with tempfile.TemporaryDirectory() as folder, Server(binaries, store, os.path.join(folder, "store")) as server:
+        pid = server.process.pid
+        recording = os.path.join(folder, "noise.dat")
+        write_noise(recording, 64, 64)
+        warm_up = replay(evpose, server, recording, folder, (None, 64, 64, 0.0, 1, 0))
+        warm_up.communicate()
+        write_noise(recording, width, height)
+        before_mb = memory_mb(pid, "VmRSS")
+        with open(f"/proc/{pid}/clear_refs", "w", encoding="ascii") as file:
+            file.write("5")  # the peak begins anew
+        charged_mb = created_mb = 0.0
+        client = replay(evpose, server, recording, folder, case)
+        while client.poll() is None:
+            charged_mb = max(charged_mb, server.charged_mb())
+            if charged_mb > 0 and created_mb == 0:
+                created_mb = memory_mb(pid, "VmRSS") - before_mb
+            time.sleep(0.02)
+        if client.returncode != 0:
+            sys.exit(f"{case[0]}: {client.stderr.read().strip()}")
+        return charged_mb, created_mb, memory_mb(pid, "VmHWM") - before_mb
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--bin", default="build/release", help="directory of the build")
+    parser.add_argument("--store", default="memory", choices=["memory", "sqlite"], help="with sqlite, checkpoints count, too")
+    parser.add_argument("--check", action="store_true", help="fail if a peak exceeds its charge or its goal")
+    arguments = parser.parse_args()
+    failures = 0
+    print("| session | charged, MB | after its creation, MB | peak, MB | goal, MB |\n| --- | --- | --- | --- | --- |")
+    for case in CASES:
+        name, goal_mb = case[0], case[-1]
+        charged_mb, created_mb, peak_mb = measure(arguments.bin, arguments.store, case)
+        print(f"| {name} | {charged_mb:.0f} | {created_mb:.0f} | {peak_mb:.0f} | {goal_mb or '-'} |", flush=True)
+        failures += peak_mb > charged_mb or (goal_mb > 0 and peak_mb > goal_mb)
+    if arguments.check and failures:
+        sys.exit(f"{failures} of {len(CASES)} sessions take more than they are charged, or than their goal")
+
+
+if __name__ == "__main__":
+    main()
