@@ -9,6 +9,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "core/base/status_macros.h"
+#include "server/runtime/client_text.h"
 #include "server/runtime/errors.h"
 #include "server/sessions/durability/session_codec.h"
 #include "server/telemetry/log.h"
@@ -20,7 +21,7 @@ namespace {
 constexpr absl::Duration kMirrorPeriod = absl::Milliseconds(100);
 
 absl::Status RequestIdReused(absl::string_view request_id, absl::string_view session) {
-  return WithReason(absl::AlreadyExistsError(absl::StrCat("request_id \"", request_id, "\" made ", session,
+  return WithReason(absl::AlreadyExistsError(absl::StrCat("request_id \"", Shortened(request_id), "\" made ", session,
                                                           " with another configuration: choose a new one")),
                     v1::REQUEST_ID_REUSED, {{"session", std::string(session)}});
 }

@@ -10,6 +10,7 @@
 #include <chrono>
 #include <cstddef>
 #include <cstdint>
+#include <optional>
 
 #include "absl/status/status.h"
 #include "core/tracking/track_phase.h"
@@ -79,7 +80,11 @@ enum class QuotaLimit {
   kTenantSessions,
   kTenantModelBytes,
   kTenantWatchers,
+  kTenantStreams,
 };
+
+// Reasons for which a call was rejected with UNAUTHENTICATED, or an open stream ended with it.
+enum class AuthenticationFailure { kNoToken, kBadToken, kBadCertificate };
 
 // Reasons for which the store has not accepted a checkpoint.
 enum class CheckpointFailure { kStoreAway, kStoreFull, kFenced, kStoreFailed };
@@ -112,7 +117,8 @@ struct ServerMetrics {
   OneFor<CheckpointFailure, 4> checkpoint_failures;
 
   OneFor<StreamKind, 2, OneFor<absl::StatusCode, 17>> stream_ends;
-  OneFor<QuotaLimit, 6> quota_refusals;
+  OneFor<QuotaLimit, 7> quota_refusals;
+  OneFor<AuthenticationFailure, 3> authentication_failures;
   Counter quota_delays;  // times that a stream was paused because its tenant exceeded its byte rate
 
   uint64_t all_skipped_events() const {
@@ -126,6 +132,7 @@ struct ServerState {
   SessionTotals sessions;
   uint32_t max_sessions = 0;
   uint32_t num_workers = 0;
+  std::optional<size_t> num_tokens;  // absent without a token file
   absl::Status readiness;  // an error explains why the server accepts no sessions
 };
 

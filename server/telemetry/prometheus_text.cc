@@ -24,9 +24,11 @@ using Labels = std::vector<ClientMetric::Label>;
 
 // Values of labels, in the order of the enumerations.
 constexpr std::array kDropReasons = {"lag", "memory", "reader"};
+constexpr std::array kAuthenticationFailures = {"no_token", "bad_token", "bad_certificate"};
 constexpr std::array kCheckpointFailures = {"store_away", "store_full", "fenced", "store_failed"};
 constexpr std::array kQuotaLimits = {"max_sessions",    "max_streams",        "max_model_store_bytes",
-                                     "tenant_sessions", "tenant_model_bytes", "tenant_watchers"};
+                                     "tenant_sessions", "tenant_model_bytes", "tenant_watchers",
+                                     "tenant_streams"};
 constexpr std::array kStreamKinds = {"track", "watch"};
 constexpr int kNumStatusCodes = 17;
 
@@ -91,6 +93,10 @@ void AddState(const ServerState& state, const BuildVersion& build, Families& fam
   families.AddGauge("evpose_ready", "1 while the server accepts sessions (/readyz is 200), else 0.",
                     state.readiness.ok() ? 1.0 : 0.0);
   families.AddGauge("evpose_workers", "Threads that decode and track.", state.num_workers);
+  if (state.num_tokens.has_value()) {
+    families.AddGauge("evpose_tokens", "Valid tokens of --token-file. 0: it is missing or empty and nobody is admitted.",
+                      static_cast<double>(*state.num_tokens));
+  }
   const SessionTotals& sessions = state.sessions;
   families.Begin(
       "evpose_sessions", MetricType::Gauge,
@@ -219,6 +225,9 @@ void AddCalls(const ServerMetrics& metrics, Families& families) {
                      {{"stream", kStreamKinds[kind]}, {"code", absl::StatusCodeToString(code)}});
     }
   }
+  families.AddByKind("evpose_authentication_failures_total",
+                     "Calls that were rejected with UNAUTHENTICATED, and open streams that ended with it, by reason.",
+                     "reason", kAuthenticationFailures, metrics.authentication_failures);
   families.AddByKind("evpose_quota_refusals_total", "Calls that were rejected with RESOURCE_EXHAUSTED, by limit.",
                      "limit", kQuotaLimits, metrics.quota_refusals);
   families.AddCounter(

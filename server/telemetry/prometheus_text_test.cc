@@ -116,9 +116,18 @@ TEST(PrometheusTextTest, EveryCounterHasItsOwnSeries) {
                                                        {QuotaLimit::kMaxModelStoreBytes, "max_model_store_bytes"},
                                                        {QuotaLimit::kTenantSessions, "tenant_sessions"},
                                                        {QuotaLimit::kTenantModelBytes, "tenant_model_bytes"},
-                                                       {QuotaLimit::kTenantWatchers, "tenant_watchers"}};
+                                                       {QuotaLimit::kTenantWatchers, "tenant_watchers"},
+                                                       {QuotaLimit::kTenantStreams, "tenant_streams"}};
   for (const auto& [limit, name] : limits) {
     count(metrics.quota_refusals[limit], absl::StrCat("evpose_quota_refusals_total{limit=\"", name, "\"}"));
+  }
+  const std::pair<AuthenticationFailure, const char*> failures[] = {
+      {AuthenticationFailure::kNoToken, "no_token"},
+      {AuthenticationFailure::kBadToken, "bad_token"},
+      {AuthenticationFailure::kBadCertificate, "bad_certificate"}};
+  for (const auto& [failure, name] : failures) {
+    count(metrics.authentication_failures[failure],
+          absl::StrCat("evpose_authentication_failures_total{reason=\"", name, "\"}"));
   }
   count(metrics.quota_delays, "evpose_quota_delays_total");
 
