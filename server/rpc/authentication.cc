@@ -6,7 +6,7 @@
 #include <string>
 #include <vector>
 
-#include "core/base/status_macros.h"
+#include "absl/strings/str_cat.h"
 #include "server/runtime/errors.h"
 
 namespace evpose::server {
@@ -32,10 +32,14 @@ absl::StatusOr<Caller> Authenticate(Authenticator& authenticator, const grpc::Se
 absl::Status StillAdmitted(Authenticator& authenticator, const grpc::ServerContextBase& context,
                            const absl::StatusOr<Caller>& caller, const AccessCheck& check, uint64_t& version) {
   if (!caller.ok() || (check.version == version && check.now < caller->expires)) return absl::OkStatus();
-  EVPOSE_ASSIGN_OR_RETURN(const Caller again, Authenticate(authenticator, context));
-  version = check.version;
-  if (again.tenant == caller->tenant) return absl::OkStatus();
-  return WithReason(absl::UnauthenticatedError("the token now belongs to another tenant: call again"), v1::BAD_TOKEN);
+  const absl::StatusOr<Caller> again = Authenticate(authenticator, context);
+  if (again.ok() && again->tenant == caller->tenant) {
+    version = check.version;
+    return absl::OkStatus();
+  }
+  const absl::string_view cause = again.ok() ? "the token now belongs to another tenant" : again.status().message();
+  return WithReason(absl::UnauthenticatedError(absl::StrCat("access was withdrawn while the stream was open: ", cause)),
+                    v1::ACCESS_WITHDRAWN);
 }
 
 }  // namespace evpose::server

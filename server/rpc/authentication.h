@@ -20,8 +20,8 @@ absl::StatusOr<Caller> Authenticate(Authenticator& authenticator, const grpc::Se
 
 // Checks the caller of an open stream again if its certificate has expired, or if the tokens or revocations have changed
 // since `version`, which it then updates: the Authenticator::version() from before the caller was admitted. To be called
-// before the stream is finished. OK for a caller that was not admitted. Errors: those of Authenticate(); UNAUTHENTICATED
-// (BAD_TOKEN) if the token now belongs to another tenant.
+// before the stream is finished. OK for a caller that was not admitted. Errors: UNAUTHENTICATED (ACCESS_WITHDRAWN) if the
+// caller is no longer admitted, or belongs to another tenant.
 absl::Status StillAdmitted(Authenticator& authenticator, const grpc::ServerContextBase& context,
                            const absl::StatusOr<Caller>& caller, const AccessCheck& check, uint64_t& version);
 

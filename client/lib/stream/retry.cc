@@ -53,6 +53,9 @@ RetryAdvice AdviseOn(const absl::Status& status) {
       return details.retry_in > absl::ZeroDuration() ? RetryAdvice::kTryAgain : RetryAdvice::kGiveUp;
     case absl::StatusCode::kNotFound:
       return reason == v1::SESSION_NOT_FOUND ? RetryAdvice::kTryOtherServer : RetryAdvice::kGiveUp;
+    case absl::StatusCode::kUnauthenticated:
+      // The next attempt reads the token again, which may have been renewed.
+      return reason == v1::ACCESS_WITHDRAWN ? RetryAdvice::kTryAgain : RetryAdvice::kGiveUp;
     case absl::StatusCode::kPermissionDenied:
       return reason == v1::WRONG_TOKEN ? RetryAdvice::kTryOtherToken : RetryAdvice::kGiveUp;
     case absl::StatusCode::kInvalidArgument:
