@@ -268,6 +268,10 @@ class ServerImpl : public Server, public Drainer {
                          .num_tokens = access_.authenticator->num_tokens(),
                          .readiness = sessions_.CheckNotDraining()};
     state.readiness.Update(FromStore(store_check_.answer()));
+    if (const std::optional<StoreUsage> usage = store_check_.usage(); usage.has_value()) {
+      state.store_bytes = usage->bytes;
+      if (usage->max_bytes != 0) state.store_max_bytes = usage->max_bytes;
+    }
     if (is_announced_) state.readiness.Update(absl::UnavailableError("the server is about to shut down"));
     return state;
   }

@@ -133,6 +133,9 @@ struct ServerState {
   uint32_t max_sessions = 0;
   uint32_t num_workers = 0;
   std::optional<size_t> num_tokens;  // absent without a token file
+  // Absent for a store that does not tell them, before the first check, and without a limit.
+  std::optional<uint64_t> store_bytes;
+  std::optional<uint64_t> store_max_bytes;
   absl::Status readiness;  // an error explains why the server accepts no sessions
 };
 

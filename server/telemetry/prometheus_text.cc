@@ -7,6 +7,7 @@
 
 #include <array>
 #include <limits>
+#include <optional>
 #include <string>
 #include <string_view>
 #include <utility>
@@ -58,6 +59,11 @@ class Families {
     Begin(name, MetricType::Gauge, help);
     Value(value);
   }
+  // Adds a gauge that has a value.
+  template <typename Number>
+  void AddKnownGauge(const char* name, const char* help, const std::optional<Number>& value) {
+    if (value.has_value()) AddGauge(name, help, static_cast<double>(*value));
+  }
   // Adds a counter for each kind.
   template <typename Kind, size_t kNumKinds>
   void AddByKind(const char* name, const char* help, const char* label, const std::array<const char*, kNumKinds>& kinds,
@@ -93,10 +99,13 @@ void AddState(const ServerState& state, const BuildVersion& build, Families& fam
   families.AddGauge("evpose_ready", "1 while the server accepts sessions (/readyz is 200), else 0.",
                     state.readiness.ok() ? 1.0 : 0.0);
   families.AddGauge("evpose_workers", "Threads that decode and track.", state.num_workers);
-  if (state.num_tokens.has_value()) {
-    families.AddGauge("evpose_tokens", "Valid tokens of --token-file. 0: it is missing or empty and nobody is admitted.",
-                      static_cast<double>(*state.num_tokens));
-  }
+  families.AddKnownGauge("evpose_tokens",
+                         "Valid tokens of --token-file. 0: it is missing or empty and nobody is admitted.",
+                         state.num_tokens);
+  families.AddKnownGauge("evpose_store_bytes",
+                         "Bytes in use: memory of Redis (used_memory), file and log of SQLite, or sessions in memory.", state.store_bytes);
+  families.AddKnownGauge("evpose_store_max_bytes", "Limit of evpose_store_bytes: maxmemory, or --store-max-bytes.",
+                         state.store_max_bytes);
   const SessionTotals& sessions = state.sessions;
   families.Begin(
       "evpose_sessions", MetricType::Gauge,

@@ -195,6 +195,8 @@ TEST(PrometheusTextTest, GaugesShowTheState) {
                     .oldest_queue_age_us = 1'500'000};
   state.max_sessions = 10;
   state.num_workers = 11;
+  state.num_tokens = 0;
+  state.store_bytes = 12;
   state.readiness = absl::UnavailableError("secret");
   const std::string text = PrometheusText(ServerMetrics(), state, kBuild);
   const ParsedMetrics parsed = ParseMetrics(text);
@@ -211,6 +213,9 @@ TEST(PrometheusTextTest, GaugesShowTheState) {
   EXPECT_EQ(parsed.At("evpose_max_sessions"), 10.0);
   EXPECT_EQ(parsed.At("evpose_workers"), 11.0);
   EXPECT_EQ(parsed.At("evpose_ready"), 0.0);
+  EXPECT_EQ(parsed.At("evpose_tokens"), 0.0);
+  EXPECT_EQ(parsed.At("evpose_store_bytes"), 12.0);
+  EXPECT_EQ(parsed.types.count("evpose_store_max_bytes"), 0u) << "there is no limit";
   EXPECT_THAT(text, testing::Not(testing::HasSubstr("secret")));
 }
 
