@@ -62,8 +62,8 @@ absl::Time ToTime(const ASN1_TIME* time) {
   return absl::FromTimeT(timegm(&fields));
 }
 
-// Issuer and serial number. The issuer is represented by OpenSSL's hash of its canonical form, because a list may encode
-// a name in another way than the certificate.
+// Issuer and serial number. The issuer is represented by OpenSSL's hash of its canonical form, because a list may
+// encode a name in another way than the certificate.
 std::string KeyOf(const X509_NAME* issuer, const ASN1_INTEGER* serial) {
   int is_hashed = 0;
   const unsigned long hash = X509_NAME_hash_ex(issuer, nullptr, nullptr, &is_hashed);
@@ -140,8 +140,8 @@ absl::StatusOr<Revocations> ReadRevocations(const PemFile& lists) {
     if (next_update != nullptr) revocations.next_update = std::min(revocations.next_update, ToTime(next_update));
     STACK_OF(X509_REVOKED)* const revoked = X509_CRL_get_REVOKED(list.get());
     for (int i = 0; i < sk_X509_REVOKED_num(revoked); ++i) {
-      revocations.keys.insert(KeyOf(X509_CRL_get_issuer(list.get()),
-                                    X509_REVOKED_get0_serialNumber(sk_X509_REVOKED_value(revoked, i))));
+      revocations.keys.insert(
+          KeyOf(X509_CRL_get_issuer(list.get()), X509_REVOKED_get0_serialNumber(sk_X509_REVOKED_value(revoked, i))));
     }
   }
   const bool is_at_end = ERR_GET_REASON(ERR_peek_last_error()) == PEM_R_NO_START_LINE;

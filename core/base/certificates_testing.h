@@ -25,7 +25,7 @@ struct TestCertificate {
 
 struct TestCertificateOptions {
   std::string common_name = "localhost";
-  std::string second_common_name;                              // empty: none
+  std::string second_common_name;                                // empty: none
   std::string alternative_names = "DNS:localhost,IP:127.0.0.1";  // empty: no extension
   absl::Time not_before = absl::Now() - absl::Hours(1);
   absl::Time not_after = absl::Now() + absl::Hours(24);

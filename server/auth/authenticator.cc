@@ -71,8 +71,8 @@ absl::StatusOr<Caller> Authenticator::CallerOf(const CallCredentials& credential
   if (!credentials.certificate_pem.empty()) {
     EVPOSE_ASSIGN_OR_RETURN(certificate, CheckCertificate(credentials.certificate_pem));
   }
-  EVPOSE_ASSIGN_OR_RETURN(Caller caller, tokens_ != nullptr ? CallerOfToken(credentials.authorization)
-                                                            : CallerOfCertificate(certificate));
+  EVPOSE_ASSIGN_OR_RETURN(
+      Caller caller, tokens_ != nullptr ? CallerOfToken(credentials.authorization) : CallerOfCertificate(certificate));
   caller.expires = certificate.not_after;
   return caller;
 }
@@ -92,9 +92,10 @@ absl::StatusOr<ClientCertificate> Authenticator::CheckCertificate(absl::string_v
 
 void Authenticator::ReportFailure(const absl::Status& status, absl::string_view peer) {
   const std::string reason = GetErrorDetails(status).reason;
-  const AuthenticationFailure kind = reason == v1::ErrorReason_Name(v1::NO_TOKEN)    ? AuthenticationFailure::kNoToken
-                                     : reason == v1::ErrorReason_Name(v1::BAD_TOKEN) ? AuthenticationFailure::kBadToken
-                                                                                     : AuthenticationFailure::kBadCertificate;
+  const AuthenticationFailure kind = reason == v1::ErrorReason_Name(v1::NO_TOKEN) ? AuthenticationFailure::kNoToken
+                                     : reason == v1::ErrorReason_Name(v1::BAD_TOKEN)
+                                         ? AuthenticationFailure::kBadToken
+                                         : AuthenticationFailure::kBadCertificate;
   options_.metrics->authentication_failures[kind].Add();
   constexpr char kEvent[] = "authentication_failed";
   const std::optional<uint64_t> suppressed = limiter_.Admit(kEvent, peer);

@@ -126,10 +126,10 @@ TEST_F(CertificatesTest, WithATokenTheCertificateIsCheckedToo) {
   const NewToken lab = MakeToken("lab", false).value();
   const TestCertificate lost = Issue("anybody at all");
   const std::string crl = files_.Write("crl", authority_.Revoke({lost}));
-  const auto authenticator = Authenticator::Create({.token_file = files_.Write("tokens", lab.line),
-                                                    .has_client_certificates = true,
-                                                    .revocations = crl})
-                                 .value();
+  const auto authenticator =
+      Authenticator::Create(
+          {.token_file = files_.Write("tokens", lab.line), .has_client_certificates = true, .revocations = crl})
+          .value();
   const std::string token = "Bearer " + lab.token;
   EXPECT_EQ(Describe(authenticator->Authenticate({{token}, lost.certificate_pem, "peer"})), kBadCertificate);
   EXPECT_EQ(Describe(authenticator->Authenticate({{token}, Issue("anybody else").certificate_pem, "peer"})), "lab");

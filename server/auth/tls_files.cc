@@ -21,7 +21,8 @@ absl::Status TlsPaths::Validate() const {
     return absl::InvalidArgumentError("--tls-client-ca needs --tls-cert and --tls-key: the server's own certificate");
   }
   if (client_ca.empty() && !client_crl.empty()) {
-    return absl::InvalidArgumentError("--tls-client-crl needs --tls-client-ca: without it clients have no certificates");
+    return absl::InvalidArgumentError(
+        "--tls-client-crl needs --tls-client-ca: without it clients have no certificates");
   }
   return absl::OkStatus();
 }

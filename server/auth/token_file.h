@@ -45,8 +45,8 @@ absl::Status AppendTokenLine(const std::string& path, const std::string& line);
 // The parsed contents of a token file.
 class TokenTable {
  public:
-  // The text may have no token. `path` is used in messages. Errors: INVALID_ARGUMENT naming path and line. A message never contains the second
-  // field of a line, which may be a token that was entered by mistake.
+  // The text may have no token. `path` is used in messages. Errors: INVALID_ARGUMENT naming path and line. A message
+  // never contains the second field of a line, which may be a token that was entered by mistake.
   static absl::StatusOr<TokenTable> Parse(absl::string_view text, const std::string& path);
 
   // Returns the caller with this token, if any. Compares with every entry in constant time, so that the duration

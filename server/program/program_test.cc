@@ -148,8 +148,8 @@ TEST(ProgramTest, TenantsHaveHalfOfTheServerByDefault) {
   ASSERT_NE(said.find("lab "), std::string::npos) << said;
   const std::string path = TemporaryPath("tokens");
   std::ofstream(path) << said.substr(said.find("lab "));
-  Program program({"--listen", "127.0.0.1:0", "--token-file", path, "--max-sessions", "12", "--tenant-max-watchers", "3",
-                   "--tenant-max-streams", "0"});
+  Program program({"--listen", "127.0.0.1:0", "--token-file", path, "--max-sessions", "12", "--tenant-max-watchers",
+                   "3", "--tenant-max-streams", "0"});
   EXPECT_TRUE(absl::StartsWith(program.ReadLine(), "listening on 127.0.0.1:"));
   EXPECT_THAT(program.Stderr(), testing::HasSubstr(" tenant_limits max_sessions=6 max_model_bytes=268435456 "
                                                    "max_streams=0 max_watchers=3 max_bytes_per_s=0\n"));

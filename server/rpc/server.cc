@@ -37,7 +37,8 @@ namespace evpose::server {
 namespace {
 
 constexpr absl::Duration kDestructorDeadline = absl::Seconds(1);
-constexpr absl::Duration kLongestDeadline = absl::Hours(24 * 365);  // also of options; keeps the arithmetic of time points in range
+constexpr absl::Duration kLongestDeadline =
+    absl::Hours(24 * 365);  // also of options; keeps the arithmetic of time points in range
 // Time after the deadline for sending the last status of a stream, and for calls in progress, such as the loading of an
 // uploaded model.
 constexpr absl::Duration kCallGrace = absl::Milliseconds(500);
@@ -196,8 +197,7 @@ class ServerImpl : public Server, public Drainer {
         quotas_(QuotaOptions(options, metrics_)),
         expiry_timer_(pool_, std::clamp(options.session_expiry / 4, absl::Seconds(1), absl::Minutes(1)),
                       [this] { DeleteOldSessions(sessions_); }),
-        access_timer_(pool_, kAccessCheckPeriod,
-                      [this] { streams_.CheckAccess(access_.authenticator->BeginCheck()); }),
+        access_timer_(pool_, kAccessCheckPeriod, [this] { streams_.CheckAccess(access_.authenticator->BeginCheck()); }),
         store_check_(*store_, pool_, options.store_check_period, [this](bool answers) { SetHealth(answers); }),
         on_drain_(options.on_drain),
         context_{*store_,
@@ -404,9 +404,9 @@ absl::Status ServerOptions::Validate() const {
     return InvalidField("max_calls_per_connection",
                         absl::StrCat("is ", max_calls_per_connection, "; 1 to ", kMaxCalls));
   }
-  for (const auto& [field, duration] : {std::pair("attach_timeout", attach_timeout),
-                                        std::pair("session_expiry", session_expiry),
-                                        std::pair("store_check_period", store_check_period)}) {
+  for (const auto& [field, duration] :
+       {std::pair("attach_timeout", attach_timeout), std::pair("session_expiry", session_expiry),
+        std::pair("store_check_period", store_check_period)}) {
     if (duration <= absl::ZeroDuration()) return InvalidField(field, "must be positive");
     EVPOSE_RETURN_IF_ERROR(CheckDuration(field, duration));
   }

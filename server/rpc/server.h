@@ -60,8 +60,8 @@ struct ServerOptions {
   // this duration, but from another thread; the callback must not block.
   std::function<void(absl::Duration)> on_drain;
 
-  // Limits of each tenant; 0 or absent: only the limits of the server apply. (evpose-server replaces absent ones by half
-  // of the server's when there may be several tenants: server/program/tenant_limits.h.)
+  // Limits of each tenant; 0 or absent: only the limits of the server apply. (evpose-server replaces absent ones by
+  // half of the server's when there may be several tenants: server/program/tenant_limits.h.)
   struct TenantLimits {
     std::optional<uint32_t> max_sessions;
     std::optional<uint64_t> max_model_bytes;

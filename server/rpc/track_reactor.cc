@@ -125,8 +125,7 @@ class TrackReactor : public grpc::ServerBidiReactor<v1::TrackRequest, v1::TrackR
   void CheckAccess(const AccessCheck& check) override {
     const std::lock_guard lock(mutex_);
     if (phase_ == StreamPhase::kFinished) return;
-    const absl::Status access =
-        StillAdmitted(services_.authenticator, *context_, caller_, check, access_version_);
+    const absl::Status access = StillAdmitted(services_.authenticator, *context_, caller_, check, access_version_);
     if (access.ok()) return;
     // A write in flight has until the next check to be done, so that the client receives the status.
     if (phase_ == StreamPhase::kFailing) return context_->TryCancel();

@@ -93,8 +93,7 @@ class WatchReactor : public grpc::ServerWriteReactor<Response>,
   void CheckAccess(const AccessCheck& check) override {
     const std::lock_guard lock(mutex_);
     if (is_finished_) return;
-    const absl::Status access =
-        StillAdmitted(services_.authenticator, *context_, caller_, check, access_version_);
+    const absl::Status access = StillAdmitted(services_.authenticator, *context_, caller_, check, access_version_);
     if (access.ok()) return;
     // As in TrackReactor: a write in flight has until the next check to be done.
     if (!failure_.ok()) return context_->TryCancel();
@@ -178,9 +177,9 @@ class WatchReactor : public grpc::ServerWriteReactor<Response>,
   grpc::CallbackServerContext* const context_;
   uint64_t access_version_;  // used by CheckAccess() only, with the lock
   const absl::StatusOr<Caller> caller_;
-  std::shared_ptr<WatchReactor> self_;       // until OnDone
-  std::shared_ptr<WatchedSession> session_;  // null until it is found
-  std::optional<Missing> missing_;           // the requested session, if it is not loaded at this server
+  std::shared_ptr<WatchReactor> self_;        // until OnDone
+  std::shared_ptr<WatchedSession> session_;   // null until it is found
+  std::optional<Missing> missing_;            // the requested session, if it is not loaded at this server
   std::shared_ptr<const void> stream_place_;  // in the quota of streams
   std::shared_ptr<const void> place_;         // in the quota of watchers
   Response response_ ABSL_GUARDED_BY(mutex_);

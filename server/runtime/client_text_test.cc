@@ -15,14 +15,17 @@ TEST(ClientTextTest, CutsAndEscapes) {
 }
 
 TEST(ClientTextTest, PlainTextHasNoControlCharacters) {
-  for (const absl::string_view plain : {"", "cube", "W\xc3\xbcrfel 2", "\xe7\xab\x8b\xe6\x96\xb9", "\xf0\x9f\x8e\xb2"}) {
+  for (const absl::string_view plain :
+       {"", "cube", "W\xc3\xbcrfel 2", "\xe7\xab\x8b\xe6\x96\xb9", "\xf0\x9f\x8e\xb2"}) {
     EXPECT_TRUE(IsPlainText(plain)) << Shortened(plain);
   }
   for (const absl::string_view odd :
        {absl::string_view("a\0b", 3), absl::string_view("a\n"), absl::string_view("\x1b[2J"), absl::string_view("\x7f"),
-        absl::string_view("\xc2\x85"), absl::string_view("a\xe2\x80\xae" "b"), absl::string_view("\xe2\x81\xa6x"),
-        absl::string_view("\xff"), absl::string_view("\xc3"), absl::string_view("\xc0\x80"),
-        absl::string_view("\xed\xa0\x80")}) {
+        absl::string_view("\xc2\x85"),
+        absl::string_view("a\xe2\x80\xae"
+                          "b"),
+        absl::string_view("\xe2\x81\xa6x"), absl::string_view("\xff"), absl::string_view("\xc3"),
+        absl::string_view("\xc0\x80"), absl::string_view("\xed\xa0\x80")}) {
     EXPECT_FALSE(IsPlainText(odd)) << Shortened(odd);
   }
 }

@@ -13,7 +13,9 @@ namespace {
 class TenantQuotasTest : public testing::Test {
  protected:
   TenantQuotas::Options Options() {
-    return {.max_streams = 1, .max_watchers = 2, .max_bytes_per_s = 1000, .burst_bytes = 500, .now = [this] { return now_; }};
+    return {.max_streams = 1, .max_watchers = 2, .max_bytes_per_s = 1000, .burst_bytes = 500, .now = [this] {
+              return now_;
+            }};
   }
   absl::Time now_ = absl::UnixEpoch();
 };

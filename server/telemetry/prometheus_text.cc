@@ -103,7 +103,8 @@ void AddState(const ServerState& state, const BuildVersion& build, Families& fam
                          "Valid tokens of --token-file. 0: it is missing or empty and nobody is admitted.",
                          state.num_tokens);
   families.AddKnownGauge("evpose_store_bytes",
-                         "Bytes in use: memory of Redis (used_memory), file and log of SQLite, or sessions in memory.", state.store_bytes);
+                         "Bytes in use: memory of Redis (used_memory), file and log of SQLite, or sessions in memory.",
+                         state.store_bytes);
   families.AddKnownGauge("evpose_store_max_bytes", "Limit of evpose_store_bytes: maxmemory, or --store-max-bytes.",
                          state.store_max_bytes);
   const SessionTotals& sessions = state.sessions;

@@ -103,7 +103,8 @@ absl::Status ReadPlyStatement(const std::vector<absl::string_view>& words, int64
 }
 
 absl::Status PlyElementError(absl::string_view element, absl::string_view what) {
-  return absl::InvalidArgumentError(absl::StrCat("PLY header: element ", absl::CHexEscape(element.substr(0, 40)), ": ", what));
+  return absl::InvalidArgumentError(
+      absl::StrCat("PLY header: element ", absl::CHexEscape(element.substr(0, 40)), ": ", what));
 }
 
 absl::Status CheckVertexProperties(const std::vector<PlyProperty>& properties) {

@@ -52,7 +52,8 @@ absl::Status SessionConfig::Validate() const {
       return InvalidField(field + "object_id",
                           absl::StrCat("must have 1 to ", kMaxObjectIdBytes, " bytes, has ", id.size()));
     }
-    if (!ids.insert(id).second) return InvalidField(field + "object_id", absl::StrCat("\"", Shortened(id), "\" is used twice"));
+    if (!ids.insert(id).second)
+      return InvalidField(field + "object_id", absl::StrCat("\"", Shortened(id), "\" is used twice"));
     if (objects[i].model.empty()) return InvalidField(field + "model", "is missing: upload a model and give its name");
   }
   return absl::OkStatus();

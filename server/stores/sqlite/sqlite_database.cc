@@ -26,8 +26,8 @@ absl::Status MakeError(const std::string& path, int extended_code, const char* w
   }
   switch (extended_code & 0xff) {
     case SQLITE_FULL:
-      return absl::ResourceExhaustedError(
-          absl::StrCat(said, ": free space on its disk or, if --store-max-bytes is reached, delete sessions or raise it"));
+      return absl::ResourceExhaustedError(absl::StrCat(
+          said, ": free space on its disk or, if --store-max-bytes is reached, delete sessions or raise it"));
     case SQLITE_CORRUPT:
     case SQLITE_NOTADB:
       return absl::DataLossError(absl::StrCat(
