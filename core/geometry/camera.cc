@@ -23,6 +23,10 @@ namespace {
 // Twice the largest side that EVT3 can address, 2048 px. Bounds the undistortion table at 128 MiB, also for a file from
 // an untrusted client.
 constexpr int kMaxSidePx = 4096;
+// A focal length of 1 px sees half a sphere in a few pixels, one of 1e6 px is that of a telescope; others are mistakes,
+// with which nothing can be tracked. The principal point of a cropped image may lie outside it, but not farther.
+constexpr double kMinFocalPx = 1.0;
+constexpr double kMaxFocalPx = 1e6;
 // A camera_info file has about 500 bytes; the limit leaves room for comments.
 constexpr size_t kMaxFileBytes = 64 << 10;
 // Largest distance between a pixel and the distorted projection of its bearing: far below the noise of an event.
@@ -193,10 +197,12 @@ bool IsInverse(const CameraModel& camera, const Eigen::Vector2d& bearing, int u,
 absl::Status CameraModel::Validate() const {
   EVPOSE_RETURN_IF_ERROR(CheckRange("image_width", width_px, 1, kMaxSidePx));
   EVPOSE_RETURN_IF_ERROR(CheckRange("image_height", height_px, 1, kMaxSidePx));
-  EVPOSE_RETURN_IF_ERROR(CheckPositive("camera_matrix: fx", fx_px));
-  EVPOSE_RETURN_IF_ERROR(CheckPositive("camera_matrix: fy", fy_px));
+  EVPOSE_RETURN_IF_ERROR(CheckRange("camera_matrix: fx", fx_px, kMinFocalPx, kMaxFocalPx));
+  EVPOSE_RETURN_IF_ERROR(CheckRange("camera_matrix: fy", fy_px, kMinFocalPx, kMaxFocalPx));
   if (!std::isfinite(cx_px)) return absl::InvalidArgumentError("camera_matrix: cx is not a finite number");
   if (!std::isfinite(cy_px)) return absl::InvalidArgumentError("camera_matrix: cy is not a finite number");
+  EVPOSE_RETURN_IF_ERROR(CheckRange("camera_matrix: cx", cx_px, -kMaxFocalPx, kMaxFocalPx));
+  EVPOSE_RETURN_IF_ERROR(CheckRange("camera_matrix: cy", cy_px, -kMaxFocalPx, kMaxFocalPx));
   for (const double coefficient : distortion) {
     if (std::isfinite(coefficient)) continue;
     return absl::InvalidArgumentError("distortion_coefficients: every number must be finite");
