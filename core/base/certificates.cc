@@ -6,10 +6,12 @@
 #include <openssl/pem.h>
 #include <openssl/x509.h>
 
+#include <algorithm>
 #include <ctime>
 #include <memory>
 #include <utility>
 
+#include "absl/strings/escaping.h"
 #include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
 #include "absl/time/clock.h"
@@ -23,6 +25,7 @@ struct Free {
   void operator()(BIO* bio) const { BIO_free(bio); }
   void operator()(X509* certificate) const { X509_free(certificate); }
   void operator()(EVP_PKEY* key) const { EVP_PKEY_free(key); }
+  void operator()(X509_CRL* list) const { X509_CRL_free(list); }
 };
 template <typename T>
 using Owned = std::unique_ptr<T, Free>;
@@ -57,6 +60,16 @@ absl::Time ToTime(const ASN1_TIME* time) {
   std::tm fields = {};
   if (ASN1_TIME_to_tm(time, &fields) != 1) return absl::InfinitePast();
   return absl::FromTimeT(timegm(&fields));
+}
+
+// Issuer and serial number. The issuer is represented by OpenSSL's hash of its canonical form, because a list may
+// encode a name in another way than the certificate.
+std::string KeyOf(const X509_NAME* issuer, const ASN1_INTEGER* serial) {
+  int is_hashed = 0;
+  const unsigned long hash = X509_NAME_hash_ex(issuer, nullptr, nullptr, &is_hashed);
+  const absl::string_view digits(reinterpret_cast<const char*>(ASN1_STRING_get0_data(serial)),
+                                 static_cast<size_t>(ASN1_STRING_length(serial)));
+  return absl::StrCat(hash, ":", absl::BytesToHexString(digits));
 }
 
 absl::Status CheckValidity(const PemFile& file, const X509* certificate, absl::Time now) {
@@ -98,6 +111,44 @@ absl::Status CheckKeyPair(const PemFile& certificate, const PemFile& key, absl::
     return Invalid(key, absl::StrCat("is not the key of ", certificate.path, "; give the key of this certificate"));
   }
   return CheckValidity(certificate, x509.get(), now);
+}
+
+absl::StatusOr<ClientCertificate> ReadClientCertificate(const PemFile& certificate) {
+  const Owned<BIO> bio = Open(certificate);
+  const Owned<X509> x509 = ReadCertificate(bio.get());
+  if (x509 == nullptr) return Invalid(certificate, "has no certificate in it");
+  ClientCertificate client;
+  client.not_after = ToTime(X509_get0_notAfter(x509.get()));
+  client.key = KeyOf(X509_get_issuer_name(x509.get()), X509_get0_serialNumber(x509.get()));
+  const X509_NAME* const subject = X509_get_subject_name(x509.get());
+  for (int i = -1; (i = X509_NAME_get_index_by_NID(subject, NID_commonName, i)) >= 0;) {
+    unsigned char* text = nullptr;
+    const int size = ASN1_STRING_to_UTF8(&text, X509_NAME_ENTRY_get_data(X509_NAME_get_entry(subject, i)));
+    client.common_names.emplace_back(reinterpret_cast<const char*>(text), static_cast<size_t>(std::max(size, 0)));
+    OPENSSL_free(text);
+  }
+  return client;
+}
+
+absl::StatusOr<Revocations> ReadRevocations(const PemFile& lists) {
+  const Owned<BIO> bio = Open(lists);
+  Revocations revocations;
+  int num_lists = 0;
+  while (const Owned<X509_CRL> list{PEM_read_bio_X509_CRL(bio.get(), nullptr, NoPassphrase, nullptr)}) {
+    ++num_lists;
+    const ASN1_TIME* const next_update = X509_CRL_get0_nextUpdate(list.get());
+    if (next_update != nullptr) revocations.next_update = std::min(revocations.next_update, ToTime(next_update));
+    STACK_OF(X509_REVOKED)* const revoked = X509_CRL_get_REVOKED(list.get());
+    for (int i = 0; i < sk_X509_REVOKED_num(revoked); ++i) {
+      revocations.keys.insert(
+          KeyOf(X509_CRL_get_issuer(list.get()), X509_REVOKED_get0_serialNumber(sk_X509_REVOKED_value(revoked, i))));
+    }
+  }
+  const bool is_at_end = ERR_GET_REASON(ERR_peek_last_error()) == PEM_R_NO_START_LINE;
+  ERR_clear_error();
+  if (num_lists == 0) return Invalid(lists, "has no revocation list in it; PEM is expected (-----BEGIN X509 CRL-----)");
+  if (!is_at_end) return Invalid(lists, absl::StrCat("is damaged after revocation list ", num_lists));
+  return revocations;
 }
 
 }  // namespace evpose

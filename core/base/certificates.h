@@ -4,7 +4,9 @@
 // code only; these errors say which file is wrong and how to correct it.
 #pragma once
 
+#include <set>
 #include <string>
+#include <vector>
 
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
@@ -30,5 +32,23 @@ absl::Status CheckAuthorities(const PemFile& authorities);
 // INVALID_ARGUMENT for a file that is not PEM, an encrypted key or the key of another certificate; FAILED_PRECONDITION
 // for a certificate that is not valid at `now`.
 absl::Status CheckKeyPair(const PemFile& certificate, const PemFile& key, absl::Time now);
+
+// What a server checks of a client's certificate after TLS has verified its signatures.
+struct ClientCertificate {
+  std::vector<std::string> common_names;  // all CNs of the subject, UTF-8
+  absl::Time not_after;
+  std::string key;  // issuer and serial number, as in Revocations::keys
+};
+// Reads the first certificate. Errors: INVALID_ARGUMENT.
+absl::StatusOr<ClientCertificate> ReadClientCertificate(const PemFile& certificate);
+
+// The certificates that the lists of a file (CRLs) revoke.
+struct Revocations {
+  std::set<std::string> keys;
+  absl::Time next_update = absl::InfiniteFuture();  // the earliest time at which an authority promised a newer list
+};
+// The signatures of the lists are not checked: the operator of the server vouches for the file. Errors:
+// INVALID_ARGUMENT with the path: no list in the file, or a damaged one.
+absl::StatusOr<Revocations> ReadRevocations(const PemFile& lists);
 
 }  // namespace evpose

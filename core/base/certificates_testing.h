@@ -11,6 +11,7 @@
 #include <memory>
 #include <string>
 #include <utility>
+#include <vector>
 
 #include "absl/time/clock.h"
 #include "absl/time/time.h"
@@ -24,6 +25,7 @@ struct TestCertificate {
 
 struct TestCertificateOptions {
   std::string common_name = "localhost";
+  std::string second_common_name;                                // empty: none
   std::string alternative_names = "DNS:localhost,IP:127.0.0.1";  // empty: no extension
   absl::Time not_before = absl::Now() - absl::Hours(1);
   absl::Time not_after = absl::Now() + absl::Hours(24);
@@ -56,6 +58,27 @@ class TestAuthority {
     return {ToPem(*certificate), ToPem(*key)};
   }
 
+  // A list that revokes these certificates.
+  std::string Revoke(const std::vector<TestCertificate>& certificates) const {
+    const std::unique_ptr<X509_CRL, void (*)(X509_CRL*)> list(X509_CRL_new(), X509_CRL_free);
+    X509_CRL_set_version(list.get(), X509_CRL_VERSION_2);
+    X509_CRL_set_issuer_name(list.get(), X509_get_subject_name(certificate_.get()));
+    const std::unique_ptr<ASN1_TIME, void (*)(ASN1_TIME*)> now(ASN1_TIME_set(nullptr, absl::ToTimeT(absl::Now())),
+                                                               ASN1_TIME_free);
+    X509_CRL_set1_lastUpdate(list.get(), now.get());
+    for (const TestCertificate& certificate : certificates) {
+      const BioPointer in(BIO_new_mem_buf(certificate.certificate_pem.data(), -1), BIO_free);
+      const X509Pointer x509(PEM_read_bio_X509(in.get(), nullptr, nullptr, nullptr), X509_free);
+      X509_REVOKED* const revoked = X509_REVOKED_new();
+      X509_REVOKED_set_serialNumber(revoked, X509_get_serialNumber(x509.get()));
+      X509_REVOKED_set_revocationDate(revoked, now.get());
+      X509_CRL_add0_revoked(list.get(), revoked);
+    }
+    X509_CRL_sort(list.get());
+    EXPECT_GT(X509_CRL_sign(list.get(), key_.get(), EVP_sha256()), 0);
+    return Written([&](BIO* bio) { return PEM_write_bio_X509_CRL(bio, list.get()); });
+  }
+
   // The key of `certificate` in PEM, encrypted with a passphrase.
   static std::string Encrypted(const TestCertificate& certificate) {
     const BioPointer in(BIO_new_mem_buf(certificate.key_pem.data(), static_cast<int>(certificate.key_pem.size())),
@@ -84,6 +107,9 @@ class TestAuthority {
     X509_set_pubkey(&certificate, &key);
     X509_NAME_add_entry_by_txt(X509_get_subject_name(&certificate), "CN", MBSTRING_UTF8,
                                reinterpret_cast<const unsigned char*>(options.common_name.c_str()), -1, -1, 0);
+    if (options.second_common_name.empty()) return;
+    X509_NAME_add_entry_by_txt(X509_get_subject_name(&certificate), "CN", MBSTRING_UTF8,
+                               reinterpret_cast<const unsigned char*>(options.second_common_name.c_str()), -1, -1, 0);
   }
 
   static void Extend(X509& certificate, int nid, const char* value) {

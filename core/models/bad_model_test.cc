@@ -162,6 +162,18 @@ TEST(BadModelTest, OptionsNameTheWrongField) {
   EXPECT_THAT(message(options), HasSubstr("max_triangles"));
 }
 
+TEST(BadModelTest, SizesThatOnlyAWrongUnitExplains) {
+  ModelOptions options;
+  for (const double metres_per_unit : {1e-150, 1e-7, 1e4, 1e150}) {
+    options.metres_per_unit = metres_per_unit;
+    EXPECT_THAT(ErrorOf(Cube(), ModelFormat::kObj, options), HasSubstr("1e-06 to 10000 m: check its unit"));
+  }
+  for (const double metres_per_unit : {1e-5, 1e3}) {
+    options.metres_per_unit = metres_per_unit;
+    EXPECT_TRUE(Parse(Cube(), ModelFormat::kObj, options).ok()) << metres_per_unit;
+  }
+}
+
 TEST(BadModelTest, EveryTruncationIsAnErrorOrAWholeModel) {
   const ObjectModel cube = MustParse(Cube());
   const std::pair<ModelFormat, std::string> files[] = {{ModelFormat::kObj, absl::StrCat(Cube(), "l 1 2\nl 2 3\n")},

@@ -27,6 +27,10 @@ namespace {
 
 // Points closer than this are welded, relative to the model's size: a few roundings of single precision.
 constexpr double kWeldTolerance = 1e-6;
+// Diagonal of the bounding box: from a thousandth of a millimetre, below what a lens resolves, to 10 km, far beyond the
+// objects whose edges an event camera sees. Squares of such sizes keep their precision; others are wrong units.
+constexpr double kMinSizeM = 1e-6;
+constexpr double kMaxSizeM = 1e4;
 // Largest distance from the origin, relative to the model's size: beyond it, rounding to single precision moves points
 // by more than 0.6 % of the size.
 constexpr double kMaxRelativeOffset = 1e5;
@@ -51,8 +55,9 @@ absl::Status CheckExtent(const RawMesh& raw) {
     if (!point.allFinite()) return absl::InvalidArgumentError("a coordinate is not finite");
     offset_m = std::max(offset_m, point.cwiseAbs().maxCoeff());
   }
-  if (!(diagonal_m > 0.0) || !std::isfinite(diagonal_m * diagonal_m) || diagonal_m * diagonal_m == 0.0) {
-    return absl::InvalidArgumentError(absl::StrFormat("the model's size is %g m; check its unit", diagonal_m));
+  if (!(diagonal_m >= kMinSizeM && diagonal_m <= kMaxSizeM)) {
+    return absl::InvalidArgumentError(
+        absl::StrFormat("the model's size is %g m; %g to %g m: check its unit", diagonal_m, kMinSizeM, kMaxSizeM));
   }
   if (offset_m > kMaxRelativeOffset * diagonal_m) {
     return absl::InvalidArgumentError(absl::StrFormat(

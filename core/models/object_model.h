@@ -54,7 +54,7 @@ struct ModelOptions {
 // zero and duplicates are dropped and overlapping lines merged, with a notice. Triangles get one winding, outward where
 // a surface is closed. Symmetries are found by FindSymmetries(). No other file is opened, even if the file names one.
 // Errors, INVALID_ARGUMENT: malformed (with the place), no line and no face, no line at all, a number that is not
-// finite, an index out of range, a size of zero, more than the options allow.
+// finite, an index out of range, a size below 1e-6 m or above 1e4 m, more than the options allow.
 absl::StatusOr<ObjectModel> ParseObjectModel(absl::Span<const uint8_t> bytes, ModelFormat format,
                                              const ModelOptions& options);
 // The same for a file, whose format its extension determines. Errors name the path: those of ReadFile(),

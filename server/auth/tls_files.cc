@@ -20,6 +20,10 @@ absl::Status TlsPaths::Validate() const {
   if (certificate.empty() && !client_ca.empty()) {
     return absl::InvalidArgumentError("--tls-client-ca needs --tls-cert and --tls-key: the server's own certificate");
   }
+  if (client_ca.empty() && !client_crl.empty()) {
+    return absl::InvalidArgumentError(
+        "--tls-client-crl needs --tls-client-ca: without it clients have no certificates");
+  }
   return absl::OkStatus();
 }
 

@@ -21,7 +21,8 @@ namespace evpose::server {
 struct TlsPaths {
   std::string certificate;  // the server's, with its chain
   std::string key;
-  std::string client_ca;  // authorities of client certificates, which are then required; empty: none are requested
+  std::string client_ca;   // authorities of client certificates, which are then required; empty: none are requested
+  std::string client_crl;  // revoked client certificates, read by the Authenticator; empty: none
 
   bool has_tls() const { return !certificate.empty(); }
   // Errors: INVALID_ARGUMENT naming the missing option.

@@ -32,6 +32,7 @@ TEST_F(TlsFilesTest, MissingFilesAreErrors) {
   EXPECT_THAT(std::string(TlsPaths({"c", "", ""}).Validate().message()), HasSubstr("--tls-cert needs --tls-key"));
   EXPECT_THAT(std::string(TlsPaths({"", "k", ""}).Validate().message()), HasSubstr("--tls-key needs --tls-cert"));
   EXPECT_THAT(std::string(TlsPaths({"", "", "a"}).Validate().message()), HasSubstr("--tls-client-ca needs"));
+  EXPECT_THAT(std::string(TlsPaths({"c", "k", "", "r"}).Validate().message()), HasSubstr("--tls-client-crl needs"));
 }
 
 TEST_F(TlsFilesTest, MistakesNameTheFile) {

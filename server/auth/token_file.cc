@@ -52,6 +52,24 @@ bool IsTenant(absl::string_view text) {
 
 std::string_view View(absl::string_view text) { return {text.data(), text.size()}; }
 
+// A missing file is read as an empty one: whoever deletes the tokens withdraws them.
+absl::StatusOr<TokenTable> ReadTokens(const std::string& path) {
+  const absl::StatusOr<std::string> text = ReadFile(path, kMaxTokenFileBytes);
+  if (!text.ok() && !absl::IsNotFound(text.status())) return text.status();
+  return TokenTable::Parse(text.ok() ? *text : "", path);
+}
+
+void LogTokens(const std::string& path, const absl::StatusOr<TokenTable>& table) {
+  if (!table.ok()) {
+    Log(LogLevel::kError, "tokens_not_read",
+        {{"message", absl::StrCat("the previous tokens stay valid: ", table.status().message())}});
+  } else if (table->size() == 0) {
+    Log(LogLevel::kError, "no_tokens", {{"message", absl::StrCat(path, " is missing or empty: nobody is admitted")}});
+  } else {
+    Log(LogLevel::kInfo, "tokens_read", {{"file", path}, {"tokens", table->size()}});
+  }
+}
+
 }  // namespace
 
 absl::Status ValidateTenant(absl::string_view tenant) {
@@ -94,11 +112,6 @@ absl::StatusOr<TokenTable> TokenTable::Parse(absl::string_view text, const std::
     const absl::Status added = table.AddLine(line.substr(0, line.find('#')));
     if (!added.ok()) return absl::InvalidArgumentError(absl::StrCat(path, ":", line_number, ": ", added.message()));
   }
-  if (table.entries_.empty()) {
-    return absl::InvalidArgumentError(absl::StrCat(
-        path,
-        ": the file has no token, so no client could use the server; evpose-server --new-token TENANT makes one"));
-  }
   return table;
 }
 
@@ -140,48 +153,22 @@ std::optional<Caller> TokenTable::Find(absl::string_view token) const {
 }
 
 absl::StatusOr<std::unique_ptr<TokenFile>> TokenFile::Open(const std::string& path) {
-  std::unique_ptr<TokenFile> file(new TokenFile(path));
-  const FileStamp stamp = StampOf(path);
-  EVPOSE_ASSIGN_OR_RETURN(TokenTable table, file->Read());
-  if ((stamp.mode & (S_IWGRP | S_IROTH | S_IWOTH)) != 0) {
+  const mode_t mode = StampOf(path).mode;
+  EVPOSE_RETURN_IF_ERROR(ReadFile(path, kMaxTokenFileBytes).status());
+  EVPOSE_ASSIGN_OR_RETURN(auto table,
+                          Table::Open(path, ReadTokens, [path](const auto& read) { LogTokens(path, read); }));
+  const size_t num_tokens = table->Current()->size();
+  if (num_tokens == 0) {
+    return absl::InvalidArgumentError(absl::StrCat(
+        path,
+        ": the file has no token, so no client could use the server; evpose-server --new-token TENANT makes one"));
+  }
+  if ((mode & (S_IWGRP | S_IROTH | S_IWOTH)) != 0) {
     Log(LogLevel::kWarning, "token_file_exposed",
         {{"file", path}, {"message", "other users can read or write the file: run chmod 600 on it"}});
   }
-  Log(LogLevel::kInfo, "tokens_read", {{"file", path}, {"tokens", table.size()}});
-  const std::lock_guard lock(file->mutex_);
-  file->stamp_ = stamp;
-  file->table_ = std::make_shared<const TokenTable>(std::move(table));
-  return file;
-}
-
-absl::StatusOr<TokenTable> TokenFile::Read() const {
-  EVPOSE_ASSIGN_OR_RETURN(const std::string text, ReadFile(path_, kMaxTokenFileBytes));
-  return TokenTable::Parse(text, path_);
-}
-
-void TokenFile::Refresh() {
-  // The stamp is taken before the file is read, so that a change in the meantime is detected by the next call.
-  const FileStamp stamp = StampOf(path_);
-  if (stamp == stamp_) return;
-  stamp_ = stamp;
-  absl::StatusOr<TokenTable> table = Read();
-  if (!table.ok()) {
-    Log(LogLevel::kError, "tokens_not_read",
-        {{"message", absl::StrCat("the previous tokens stay valid: ", table.status().message())}});
-    return;
-  }
-  Log(LogLevel::kInfo, "tokens_read", {{"file", path_}, {"tokens", table->size()}});
-  table_ = std::make_shared<const TokenTable>(*std::move(table));
-}
-
-std::optional<Caller> TokenFile::Find(absl::string_view token) {
-  std::shared_ptr<const TokenTable> table;
-  {
-    const std::lock_guard lock(mutex_);
-    Refresh();
-    table = table_;
-  }
-  return table->Find(token);
+  Log(LogLevel::kInfo, "tokens_read", {{"file", path}, {"tokens", num_tokens}});
+  return std::unique_ptr<TokenFile>(new TokenFile(std::move(table)));
 }
 
 }  // namespace evpose::server

@@ -14,17 +14,16 @@
 #include <array>
 #include <cstdint>
 #include <memory>
-#include <mutex>
 #include <optional>
 #include <string>
+#include <utility>
 #include <vector>
 
-#include "absl/base/thread_annotations.h"
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
 #include "absl/strings/string_view.h"
 #include "server/auth/caller.h"
-#include "server/auth/file_stamp.h"
+#include "server/auth/watched_file.h"
 
 namespace evpose::server {
 
@@ -46,8 +45,8 @@ absl::Status AppendTokenLine(const std::string& path, const std::string& line);
 // The parsed contents of a token file.
 class TokenTable {
  public:
-  // `path` is used in messages. Errors: INVALID_ARGUMENT naming path and line. A message never contains the second
-  // field of a line, which may be a token that was entered by mistake.
+  // The text may have no token. `path` is used in messages. Errors: INVALID_ARGUMENT naming path and line. A message
+  // never contains the second field of a line, which may be a token that was entered by mistake.
   static absl::StatusOr<TokenTable> Parse(absl::string_view text, const std::string& path);
 
   // Returns the caller with this token, if any. Compares with every entry in constant time, so that the duration
@@ -74,19 +73,19 @@ class TokenFile {
   // users can access is reported in the log.
   static absl::StatusOr<std::unique_ptr<TokenFile>> Open(const std::string& path);
 
-  // As TokenTable::Find(), with the current contents of the file. When a new version cannot be read or parsed, the log
-  // has an error and the previous tokens stay valid.
-  std::optional<Caller> Find(absl::string_view token);
+  // As TokenTable::Find(), with the current contents of the file. A file that has been deleted or has no line with a
+  // token admits nobody. When a new version cannot be read or parsed, the previous tokens stay valid. Both are errors
+  // in the log.
+  std::optional<Caller> Find(absl::string_view token) { return table_->Current()->Find(token); }
+  size_t size() { return table_->Current()->size(); }
+  // Increases whenever the tokens change.
+  uint64_t version() { return table_->version(); }
 
  private:
-  explicit TokenFile(const std::string& path) : path_(path) {}
-  absl::StatusOr<TokenTable> Read() const;
-  void Refresh() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
+  using Table = WatchedFile<TokenTable>;
+  explicit TokenFile(std::unique_ptr<Table> table) : table_(std::move(table)) {}
 
-  const std::string path_;
-  std::mutex mutex_;
-  FileStamp stamp_ ABSL_GUARDED_BY(mutex_);
-  std::shared_ptr<const TokenTable> table_ ABSL_GUARDED_BY(mutex_);
+  const std::unique_ptr<Table> table_;
 };
 
 }  // namespace evpose::server

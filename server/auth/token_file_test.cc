@@ -45,7 +45,7 @@ TEST(TokenTableTest, ErrorsNameTheLine) {
   EXPECT_THAT(ParseError(absl::StrCat("lab ", kAbc, " operator x")), HasSubstr("tokens:1: after the digest only"));
   EXPECT_THAT(ParseError(absl::StrCat(good, "other ", kAbc)),
               HasSubstr("tokens:2: an earlier line has the same token"));
-  EXPECT_THAT(ParseError("# nothing\n"), HasSubstr("tokens: the file has no token"));
+  EXPECT_EQ(TokenTable::Parse("# nothing\n", "tokens")->size(), 0u);
 }
 
 TEST(TokenTableTest, ATokenInClearIsRefusedWithoutBeingRepeated) {
@@ -107,18 +107,36 @@ TEST(TokenFileTest, ABrokenNewVersionIsRefusedInTheLog) {
   const TestFiles files;
   const std::string path = files.Write("tokens", absl::StrCat("lab ", kAbc));
   const auto file = TokenFile::Open(path).value();
-  for (const std::string broken : {"lab secret", "", "absent"}) {
+  const uint64_t version = file->version();
+  captured_log.Take();
+  files.Write("tokens", "lab secret");
+  EXPECT_EQ(file->Find("abc"), (Caller{"lab", false}));
+  EXPECT_EQ(file->version(), version);
+  const std::string log = captured_log.Take();
+  EXPECT_THAT(log, AllOf(HasSubstr("error"), HasSubstr(path), Not(HasSubstr("secret"))));
+  file->Find("abc");
+  EXPECT_EQ(captured_log.Take(), "") << "the error is logged once";
+}
+
+TEST(TokenFileTest, AnEmptiedOrDeletedFileAdmitsNobody) {
+  const TestFiles files;
+  const std::string line = absl::StrCat("lab ", kAbc);
+  const std::string path = files.Write("tokens", line);
+  const auto file = TokenFile::Open(path).value();
+  for (const bool is_deleted : {false, true}) {
+    files.Write("tokens", line);
+    EXPECT_EQ(file->Find("abc"), (Caller{"lab", false}));
+    const uint64_t version = file->version();
     captured_log.Take();
-    if (broken == "absent") {
+    if (is_deleted) {
       std::filesystem::remove(path);
     } else {
-      files.Write("tokens", broken);
+      files.Write("tokens", "# all withdrawn\n");
     }
-    EXPECT_EQ(file->Find("abc"), (Caller{"lab", false})) << broken;
-    const std::string log = captured_log.Take();
-    EXPECT_THAT(log, AllOf(HasSubstr("error"), HasSubstr(path), Not(HasSubstr("secret"))));
-    file->Find("abc");
-    EXPECT_EQ(captured_log.Take(), "") << "the error is logged once";
+    EXPECT_EQ(file->Find("abc"), std::nullopt) << is_deleted;
+    EXPECT_EQ(file->size(), 0u);
+    EXPECT_GT(file->version(), version);
+    EXPECT_THAT(captured_log.Take(), AllOf(HasSubstr("error no_tokens"), HasSubstr(path)));
   }
 }
 

@@ -10,6 +10,7 @@
 #include "core/base/state_io.h"
 #include "core/base/status_macros.h"
 #include "core/numerics/hash.h"
+#include "server/runtime/client_text.h"
 #include "server/runtime/enum_number.h"
 #include "server/runtime/errors.h"
 #include "server/sessions/durability/session_codec.h"
@@ -19,8 +20,8 @@ namespace evpose::server {
 namespace {
 
 absl::Status ModelNotFound(absl::string_view name) {
-  return WithReason(absl::NotFoundError(absl::StrCat("there is no model \"", name, "\": upload it first")),
-                    v1::MODEL_NOT_FOUND, {{"model", std::string(name)}});
+  return WithReason(absl::NotFoundError(absl::StrCat("there is no model \"", Shortened(name), "\": upload it first")),
+                    v1::MODEL_NOT_FOUND, {{"model", Shortened(name)}});
 }
 
 absl::Status ModelInUse(absl::string_view name) {

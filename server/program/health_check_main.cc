@@ -5,6 +5,7 @@
 
 #include <CLI/CLI.hpp>
 #include <chrono>
+#include <cmath>
 #include <cstdlib>
 #include <iostream>
 #include <memory>
@@ -67,6 +68,7 @@ void DefineArguments(CLI::App& app, Arguments& arguments) {
 
 // Checks the arguments without opening files. Returns the error, or an empty string.
 std::string WrongUsage(const Arguments& arguments) {
+  if (std::isnan(arguments.timeout_s)) return "--timeout: is not a number";  // CLI::Range accepts it
   const auto address = evpose::server::ParseListenAddress(arguments.address);
   if (!address.ok()) return std::string(address.status().message());
   if (address->port == 0)

@@ -11,6 +11,7 @@
 #include <iostream>
 #include <memory>
 #include <string>
+#include <thread>
 #include <utility>
 
 #include "absl/strings/str_cat.h"
@@ -21,6 +22,8 @@
 #include "server/auth/token_file.h"
 #include "server/http/operator_pages.h"
 #include "server/program/options.h"
+#include "server/program/tenant_limits.h"
+#include "server/program/thread_check.h"
 #include "server/rpc/listen_address.h"
 #include "server/rpc/server.h"
 #include "server/runtime/out_of_memory.h"
@@ -148,10 +151,32 @@ void AllowAllDescriptors() {
   setrlimit(RLIMIT_NOFILE, &limit);
 }
 
+// The threads of the server beside its workers: those of gRPC, the store, slow work and the pages.
+constexpr int kOtherThreads = 32;
+
+absl::Status CheckThreads(const ServerOptions& options) {
+  const int cores = static_cast<int>(std::thread::hardware_concurrency());
+  return CheckThreadsCanBeMade((options.worker_threads > 0 ? options.worker_threads : cores) + kOtherThreads);
+}
+
+void LogTenantLimits(const ServerOptions::TenantLimits& limits) {
+  Log(LogLevel::kInfo, "tenant_limits",
+      {{"max_sessions", limits.max_sessions.value_or(0)},
+       {"max_model_bytes", limits.max_model_bytes.value_or(0)},
+       {"max_streams", limits.max_streams.value_or(0)},
+       {"max_watchers", limits.max_watchers.value_or(0)},
+       {"max_bytes_per_s", limits.max_bytes_per_s.value_or(0)}});
+}
+
 int Serve(const ProgramOptions& options) {
   AllowAllDescriptors();
   KeepMemoryReserve();
   ServerOptions server_options = options.server;
+  server_options.tenant = EffectiveTenantLimits(server_options);
+  if (HasTenants(server_options)) LogTenantLimits(server_options.tenant);
+  if (const absl::Status status = CheckThreads(server_options); !status.ok()) {
+    return Fail(kFailed, std::string(status.message()));
+  }
   std::promise<absl::Duration> drained;
   server_options.on_drain = [&drained](absl::Duration deadline) {
     drained.set_value(deadline);

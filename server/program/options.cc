@@ -64,6 +64,9 @@ void DefineAccess(CLI::App& app, Arguments& arguments) {
                  "clients must present a certificate signed by one of these authorities, PEM; without --token-file its "
                  "CN is the client's tenant")
       ->type_name("FILE");
+  app.add_option("--tls-client-crl", options.tls.client_crl,
+                 "revocation lists of these authorities, PEM: clients with a revoked certificate are rejected")
+      ->type_name("FILE");
   app.add_option("--token-file", options.token_file, "clients must send one of these tokens; --new-token adds a line")
       ->type_name("FILE");
   app.add_option("--new-token", arguments.program.new_token,
@@ -121,14 +124,18 @@ void DefineLimits(CLI::App& app, Arguments& arguments) {
   app.add_option("--credit-bytes", options.credit_bytes, "bytes of events that may wait per session");
   app.add_option("--attach-timeout", arguments.attach_timeout_s,
                  "seconds within which a new stream must attach, and an upload must send its next message");
-  app.option_defaults()->group("Limits of each tenant; 0: only the limits of the server apply");
+  app.option_defaults()->group(
+      "Limits of each tenant; 0: only the limits of the server apply; default: with tokens or client certificates half "
+      "of the server's limit, else 0");
   app.add_option("--tenant-max-sessions", options.tenant.max_sessions, "sessions at a time");
   app.add_option("--tenant-max-session-memory", options.tenant.max_session_memory,
                  "bytes of memory for all sessions of the tenant together");
   app.add_option("--tenant-max-model-bytes", options.tenant.max_model_bytes, "bytes of all model files of the tenant");
+  app.add_option("--tenant-max-streams", options.tenant.max_streams,
+                 "streams of events, poses and health at a time, of all sessions of the tenant");
   app.add_option("--tenant-max-watchers", options.tenant.max_watchers, "readers of poses and health at a time");
   app.add_option("--tenant-max-bytes-per-s", options.tenant.max_bytes_per_s,
-                 "bytes of events per second; the server reads faster streams more slowly");
+                 "bytes of events per second; the server reads faster streams more slowly; default: 0");
 }
 
 void DefineArguments(CLI::App& app, Arguments& arguments) {
@@ -314,7 +321,9 @@ std::string WrongUsage(const ProgramOptions& options) {
   for (const auto& [option, status] : checks) {
     if (!status.ok()) return absl::StrCat(option, ": ", status.message());
   }
-  if (options.shutdown_notice < absl::ZeroDuration()) return "--shutdown-notice: must not be negative";
+  if (const absl::Status status = CheckDuration("shutdown_notice", options.shutdown_notice); !status.ok()) {
+    return InOptions(status);
+  }
   const auto address = ParseListenAddress(options.server.listen_address);
   return address.ok() ? Exposure(options, *address) : std::string(address.status().message());
 }

@@ -3,6 +3,7 @@
 // Tests evpose-server as a process: output, exit statuses and signals.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
+#include <sys/resource.h>
 #include <unistd.h>
 
 #include <csignal>
@@ -62,6 +63,16 @@ TEST(ProgramTest, ReportsWrongUsage) {
       {{"--max-session-memory", "1000"}, "--max-session-memory: is 1000;"},
       {{"--shutdown-timeout", "-1"}, "--shutdown-timeout: must not be negative"},
       {{"--shutdown-notice", "-0.1"}, "--shutdown-notice: must not be negative"},
+      {{"--shutdown-notice", "nan"}, "--shutdown-notice: is inf; at most a year, 31536000 s"},
+      {{"--shutdown-notice", "1e300"}, "--shutdown-notice: is inf; at most a year"},
+      {{"--shutdown-timeout", "nan"}, "--shutdown-timeout: is inf; at most a year"},
+      {{"--shutdown-timeout", "31536001"}, "--shutdown-timeout: is 8760h0m1s; at most a year"},
+      {{"--session-expiry", "nan"}, "--session-expiry: is inf; at most a year"},
+      {{"--session-expiry", "inf"}, "--session-expiry: is inf; at most a year"},
+      {{"--session-expiry", "0"}, "--session-expiry: must be positive"},
+      {{"--attach-timeout", "nan"}, "--attach-timeout: is inf; at most a year"},
+      {{"--attach-timeout", "0"}, "--attach-timeout: must be positive"},
+      {{"--tls-client-crl", "c"}, "--tls-client-crl needs --tls-client-ca"},
       {{"--credit-bytes", "8"}, "--credit-bytes: is 8; at least "},
       {{"--tenant-max-model-bytes", "8"}, "--tenant-max-model-bytes: is 8; 0 (no own limit) or at least "},
       {{"--store", "foo"}, "--store: there is no store foo: give memory, sqlite or redis://HOST:PORT"},
@@ -113,6 +124,37 @@ TEST(ProgramTest, ABadStartIsOneLineWithCauseAndRemedy) {
     EXPECT_THAT(program.Stderr(), testing::MatchesRegex("evpose-server: " + expected + "\n"));
   }
   unlink(prose.c_str());
+}
+
+#if !defined(__SANITIZE_ADDRESS__) && !defined(__SANITIZE_THREAD__)  // they reserve terabytes of address space
+TEST(ProgramTest, ThreadsThatCannotBeCreatedAreOneLine) {
+  rlimit before;
+  ASSERT_EQ(getrlimit(RLIMIT_AS, &before), 0);
+  rlimit small = before;
+  small.rlim_cur = rlim_t{1} << 30;
+  ASSERT_EQ(setrlimit(RLIMIT_AS, &small), 0);  // inherited by the program
+  Program program({"--listen", "127.0.0.1:0", "--workers", "1024"});
+  ASSERT_EQ(setrlimit(RLIMIT_AS, &before), 0);
+  EXPECT_EQ(program.Wait(), 1);
+  EXPECT_THAT(program.Stderr(),
+              testing::MatchesRegex("evpose-server: only [0-9]+ of 1056 threads [^\n]*fewer --workers[^\n]*\n"));
+}
+#endif
+
+TEST(ProgramTest, TenantsHaveHalfOfTheServerByDefault) {
+  Program maker({"--new-token", "lab"});
+  maker.ReadLine();
+  EXPECT_EQ(maker.Wait(), 0);
+  const std::string said = maker.Stderr();
+  ASSERT_NE(said.find("lab "), std::string::npos) << said;
+  const std::string path = TemporaryPath("tokens");
+  std::ofstream(path) << said.substr(said.find("lab "));
+  Program program({"--listen", "127.0.0.1:0", "--token-file", path, "--max-sessions", "12", "--tenant-max-watchers",
+                   "3", "--tenant-max-streams", "0"});
+  EXPECT_TRUE(absl::StartsWith(program.ReadLine(), "listening on 127.0.0.1:"));
+  EXPECT_THAT(program.Stderr(), testing::HasSubstr(" tenant_limits max_sessions=6 max_model_bytes=268435456 "
+                                                   "max_streams=0 max_watchers=3 max_bytes_per_s=0\n"));
+  unlink(path.c_str());
 }
 
 TEST(ProgramTest, ARedisThatCannotBeUsedIsOneLineWithoutItsPassword) {

@@ -3,7 +3,11 @@
 
 #include <grpc/grpc_security_constants.h>
 
-#include "core/base/status_macros.h"
+#include <string>
+#include <vector>
+
+#include "absl/strings/str_cat.h"
+#include "server/runtime/errors.h"
 
 namespace evpose::server {
 namespace {
@@ -17,12 +21,25 @@ absl::StatusOr<Caller> Authenticate(Authenticator& authenticator, const grpc::Se
   const auto [begin, end] = context.client_metadata().equal_range("authorization");
   for (auto it = begin; it != end; ++it) credentials.authorization.push_back(View(it->second));
   const std::shared_ptr<const grpc::AuthContext> connection = context.auth_context();
-  std::vector<grpc::string_ref> names;
-  if (connection != nullptr) names = connection->FindPropertyValues(GRPC_X509_CN_PROPERTY_NAME);
-  if (names.size() == 1) credentials.certificate_name = View(names.front());
-  EVPOSE_ASSIGN_OR_RETURN(Caller caller, authenticator.Authenticate(credentials));
-  caller.peer = context.peer();
-  return caller;
+  std::vector<grpc::string_ref> certificates;
+  if (connection != nullptr) certificates = connection->FindPropertyValues(GRPC_X509_PEM_CERT_PROPERTY_NAME);
+  if (!certificates.empty()) credentials.certificate_pem = View(certificates.front());
+  const std::string peer = context.peer();
+  credentials.peer = peer;
+  return authenticator.Authenticate(credentials);
+}
+
+absl::Status StillAdmitted(Authenticator& authenticator, const grpc::ServerContextBase& context,
+                           const absl::StatusOr<Caller>& caller, const AccessCheck& check, uint64_t& version) {
+  if (!caller.ok() || (check.version == version && check.now < caller->expires)) return absl::OkStatus();
+  const absl::StatusOr<Caller> again = Authenticate(authenticator, context);
+  if (again.ok() && again->tenant == caller->tenant) {
+    version = check.version;
+    return absl::OkStatus();
+  }
+  const absl::string_view cause = again.ok() ? "the token now belongs to another tenant" : again.status().message();
+  return WithReason(absl::UnauthenticatedError(absl::StrCat("access was withdrawn while the stream was open: ", cause)),
+                    v1::ACCESS_WITHDRAWN);
 }
 
 }  // namespace evpose::server

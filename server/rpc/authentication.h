@@ -19,6 +19,13 @@ namespace evpose::server {
 // Returns the caller, including the address of the client. Errors: those of Authenticator::Authenticate().
 absl::StatusOr<Caller> Authenticate(Authenticator& authenticator, const grpc::ServerContextBase& context);
 
+// Checks the caller of an open stream again if its certificate has expired, or if the tokens or revocations have
+// changed since `version`, which it then updates: the Authenticator::version() from before the caller was admitted. To
+// be called before the stream is finished. OK for a caller that was not admitted. Errors: UNAUTHENTICATED
+// (ACCESS_WITHDRAWN) if the caller is no longer admitted, or belongs to another tenant.
+absl::Status StillAdmitted(Authenticator& authenticator, const grpc::ServerContextBase& context,
+                           const absl::StatusOr<Caller>& caller, const AccessCheck& check, uint64_t& version);
+
 // Authenticates a unary call and finishes it immediately with the absl::Status that `answer(caller)` returns.
 template <typename Answer>
 grpc::ServerUnaryReactor* AnswerUnary(Authenticator& authenticator, grpc::CallbackServerContext* context,

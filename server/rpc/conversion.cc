@@ -11,6 +11,7 @@
 #include "core/base/status_macros.h"
 #include "google/protobuf/generated_enum_reflection.h"
 #include "google/protobuf/util/time_util.h"
+#include "server/runtime/client_text.h"
 #include "server/runtime/enum_number.h"
 #include "server/runtime/errors.h"
 
@@ -225,6 +226,11 @@ absl::StatusOr<SessionConfig> FromProto(const v1::SessionConfig& config) {
     const v1::TrackedObject& object = config.objects(i);
     const std::string field = absl::StrCat("config.objects[", i, "].");
     ObjectConfig added = {.object_id = object.object_id(), .model = object.model()};
+    // Here, not in SessionConfig::Validate(), so that stored sessions with such names can still be read.
+    if (!IsPlainText(added.object_id)) {
+      return InvalidField(field + "object_id", absl::StrCat("\"", Shortened(added.object_id),
+                                                            "\" has control characters, which are not allowed"));
+    }
     if (object.has_initial_camera_from_object()) {
       EVPOSE_ASSIGN_OR_RETURN(
           added.initial_camera_from_object,

@@ -26,6 +26,7 @@
 #include "server/rpc/store_check.h"
 #include "server/rpc/stream_registry.h"
 #include "server/runtime/errors.h"
+#include "server/runtime/server_clock.h"
 #include "server/runtime/worker_pool.h"
 #include "server/sessions/memory/memory_budget.h"
 #include "server/sessions/session_manager.h"
@@ -37,7 +38,8 @@ namespace evpose::server {
 namespace {
 
 constexpr absl::Duration kDestructorDeadline = absl::Seconds(1);
-constexpr absl::Duration kLongestDeadline = absl::Hours(24 * 365);  // keeps the arithmetic of time points in range
+constexpr absl::Duration kLongestDeadline =
+    absl::Hours(24 * 365);  // also of options; keeps the arithmetic of time points in range
 // Time after the deadline for sending the last status of a stream, and for calls in progress, such as the loading of an
 // uploaded model.
 constexpr absl::Duration kCallGrace = absl::Milliseconds(500);
@@ -56,16 +58,26 @@ int NumWorkers(const ServerOptions& options) {
   return std::max(1, static_cast<int>(std::thread::hardware_concurrency()));
 }
 
-// Deletes expired sessions periodically, so that they are deleted also when no client calls.
-class ExpiryTimer {
+// Time after which open streams of a caller that is no longer admitted end.
+constexpr absl::Duration kAccessCheckPeriod = absl::Seconds(1);
+
+// Deletes expired sessions, so that they are deleted also when no client calls.
+void DeleteOldSessions(SessionManager& sessions) {
+  sessions.DeleteExpired();
+  sessions.DeleteEnded();
+  sessions.MaintainStore();
+}
+
+// Calls a function periodically.
+class PeriodicTimer {
  public:
-  ExpiryTimer(SessionManager& sessions, WorkerPool& pool, absl::Duration expiry)
-      : sessions_(sessions), pool_(pool), period_(std::clamp(expiry / 4, absl::Seconds(1), absl::Minutes(1))) {
+  PeriodicTimer(WorkerPool& pool, absl::Duration period, std::function<void()> work)
+      : pool_(pool), period_(period), work_(std::move(work)) {
     const std::lock_guard lock(mutex_);
     Arm();
   }
 
-  // No deletion starts after Stop().
+  // No call starts after Stop().
   void Stop() {
     const std::lock_guard lock(mutex_);
     is_stopped_ = true;
@@ -78,25 +90,23 @@ class ExpiryTimer {
   }
 
   void OnTimer() {
-    sessions_.DeleteExpired();
-    sessions_.DeleteEnded();
-    sessions_.MaintainStore();
+    work_();
     const std::lock_guard lock(mutex_);
     if (!is_stopped_) Arm();
   }
 
-  SessionManager& sessions_;
   WorkerPool& pool_;
   const absl::Duration period_;
+  const std::function<void()> work_;
   std::mutex mutex_;
   bool is_stopped_ ABSL_GUARDED_BY(mutex_) = false;
   std::unique_ptr<PoolTimer> timer_ ABSL_GUARDED_BY(mutex_);
 };
 
-// A limit of each tenant; 0: only the limit of the server applies.
+// A limit of each tenant; 0 or absent: only the limit of the server applies.
 template <typename Limit>
-Limit TenantLimit(Limit of_tenant, Limit of_server) {
-  return of_tenant == 0 ? of_server : of_tenant;
+Limit TenantLimit(const std::optional<Limit>& of_tenant, Limit of_server) {
+  return of_tenant.value_or(0) == 0 ? of_server : *of_tenant;
 }
 
 SessionManager::Options ManagerOptions(const ServerOptions& options, TrackerFactory make_tracker, const Store& store,
@@ -113,7 +123,7 @@ SessionManager::Options ManagerOptions(const ServerOptions& options, TrackerFact
                      .writes_checkpoints = store.outlives_process()},
           .make_tracker = std::move(make_tracker),
           .shares_store = store.is_shared(),
-          .now = absl::Now,
+          .now = MakeServerClock(),
           .metrics = std::move(metrics),
           .memory = memory};
 }
@@ -140,10 +150,14 @@ struct Access {
   std::shared_ptr<grpc::ServerCredentials> credentials;
 };
 
-absl::StatusOr<Access> MakeAccess(const ServerOptions& options) {
+absl::StatusOr<Access> MakeAccess(const ServerOptions& options, const std::shared_ptr<ServerMetrics>& metrics) {
   Access access;
   const bool has_client_certificates = !options.tls.client_ca.empty();
-  EVPOSE_ASSIGN_OR_RETURN(access.authenticator, Authenticator::Create({options.token_file, has_client_certificates}));
+  EVPOSE_ASSIGN_OR_RETURN(access.authenticator,
+                          Authenticator::Create({.token_file = options.token_file,
+                                                 .has_client_certificates = has_client_certificates,
+                                                 .revocations = options.tls.client_crl,
+                                                 .metrics = metrics}));
   if (options.tls.has_tls()) {
     EVPOSE_ASSIGN_OR_RETURN(std::unique_ptr<TlsFiles> files, TlsFiles::Open(options.tls));
     access.credentials = MakeTlsServerCredentials(std::move(files), has_client_certificates);
@@ -163,11 +177,13 @@ ModelRegistry::Options RegistryOptions(const ServerOptions& options, const Store
 }
 
 TenantQuotas::Options QuotaOptions(const ServerOptions& options, std::shared_ptr<ServerMetrics> metrics) {
-  return {.max_watchers = TenantLimit(options.tenant.max_watchers, options.max_streams),
-          .max_bytes_per_s = options.tenant.max_bytes_per_s,
+  const uint64_t max_bytes_per_s = options.tenant.max_bytes_per_s.value_or(0);
+  return {.max_streams = TenantLimit(options.tenant.max_streams, options.max_streams),
+          .max_watchers = TenantLimit(options.tenant.max_watchers, options.max_streams),
+          .max_bytes_per_s = max_bytes_per_s,
           // The bytes of one second, but at least one chunk.
-          .burst_bytes = std::max<uint64_t>(options.tenant.max_bytes_per_s, options.max_chunk_bytes),
-          .now = absl::Now,
+          .burst_bytes = std::max<uint64_t>(max_bytes_per_s, options.max_chunk_bytes),
+          .now = MakeServerClock(),
           .metrics = std::move(metrics)};
 }
 
@@ -184,7 +200,9 @@ class ServerImpl : public Server, public Drainer {
         sessions_(ManagerOptions(options, std::move(make_tracker), *store_, metrics_), *store_, *models_, pool_),
         streams_(options.max_streams, metrics_),
         quotas_(QuotaOptions(options, metrics_)),
-        expiry_timer_(sessions_, pool_, options.session_expiry),
+        expiry_timer_(pool_, std::clamp(options.session_expiry / 4, absl::Seconds(1), absl::Minutes(1)),
+                      [this] { DeleteOldSessions(sessions_); }),
+        access_timer_(pool_, kAccessCheckPeriod, [this] { streams_.CheckAccess(access_.authenticator->BeginCheck()); }),
         store_check_(*store_, pool_, options.store_check_period, [this](bool answers) { SetHealth(answers); }),
         on_drain_(options.on_drain),
         context_{*store_,
@@ -198,7 +216,8 @@ class ServerImpl : public Server, public Drainer {
                  options.attach_timeout,
                  options.max_model_bytes,
                  options.drain_timeout,
-                 *metrics_},
+                 *metrics_,
+                 log_limiter_},
         session_service_(context_),
         model_service_(context_),
         admin_service_(context_) {}
@@ -253,8 +272,13 @@ class ServerImpl : public Server, public Drainer {
                          .num_workers = static_cast<uint32_t>(num_workers_),
                          .session_memory_bytes = sessions_.options().memory->charged_bytes(),
                          .max_session_memory_bytes = sessions_.options().memory->max_bytes(),
+                         .num_tokens = access_.authenticator->num_tokens(),
                          .readiness = sessions_.CheckNotDraining()};
     state.readiness.Update(FromStore(store_check_.answer()));
+    if (const std::optional<StoreUsage> usage = store_check_.usage(); usage.has_value()) {
+      state.store_bytes = usage->bytes;
+      if (usage->max_bytes != 0) state.store_max_bytes = usage->max_bytes;
+    }
     if (is_announced_) state.readiness.Update(absl::UnavailableError("the server is about to shut down"));
     return state;
   }
@@ -289,6 +313,7 @@ class ServerImpl : public Server, public Drainer {
       server_->Shutdown(absl::ToChronoTime(absl::Now() + kCallGrace));
     }
     expiry_timer_.Stop();
+    access_timer_.Stop();
     pool_.Join();
   }
 
@@ -320,7 +345,9 @@ class ServerImpl : public Server, public Drainer {
   SessionManager sessions_;
   StreamRegistry streams_;
   TenantQuotas quotas_;
-  ExpiryTimer expiry_timer_;
+  LogLimiter log_limiter_;
+  PeriodicTimer expiry_timer_;
+  PeriodicTimer access_timer_;
   StoreCheck store_check_;
   const std::function<void(absl::Duration)> on_drain_;
   const ServiceContext context_;
@@ -336,6 +363,13 @@ class ServerImpl : public Server, public Drainer {
 };
 
 }  // namespace
+
+absl::Status CheckDuration(absl::string_view field, absl::Duration duration) {
+  if (duration < absl::ZeroDuration()) return InvalidField(field, "must not be negative");
+  if (duration <= kLongestDeadline) return absl::OkStatus();
+  return InvalidField(field, absl::StrCat("is ", absl::FormatDuration(duration), "; at most a year, ",
+                                          absl::ToInt64Seconds(kLongestDeadline), " s"));
+}
 
 absl::Status ServerOptions::Validate() const {
   constexpr uint32_t kMaxChunkBytes = 64u << 20;
@@ -372,21 +406,23 @@ absl::Status ServerOptions::Validate() const {
     return InvalidField("pose_log_capacity",
                         absl::StrCat("is ", pose_log_capacity, "; at least ", kMinPoseLogCapacity));
   }
-  if (tenant.max_model_bytes != 0 && tenant.max_model_bytes < max_model_bytes) {
+  if (tenant.max_model_bytes.value_or(0) != 0 && *tenant.max_model_bytes < max_model_bytes) {
     return InvalidField("tenant.max_model_bytes",
-                        absl::StrCat("is ", tenant.max_model_bytes, "; 0 (no own limit) or at least ", max_model_bytes,
+                        absl::StrCat("is ", *tenant.max_model_bytes, "; 0 (no own limit) or at least ", max_model_bytes,
                                      ", the size of the largest model"));
   }
-  if (attach_timeout <= absl::ZeroDuration()) return InvalidField("attach_timeout", "must be positive");
   if (max_streams == 0) return InvalidField("max_streams", "is 0; at least 1");
   if (max_calls_per_connection == 0 || max_calls_per_connection > kMaxCalls) {
     return InvalidField("max_calls_per_connection",
                         absl::StrCat("is ", max_calls_per_connection, "; 1 to ", kMaxCalls));
   }
-  if (session_expiry <= absl::ZeroDuration()) return InvalidField("session_expiry", "must be positive");
-  if (store_check_period <= absl::ZeroDuration()) return InvalidField("store_check_period", "must be positive");
-  if (drain_timeout < absl::ZeroDuration()) return InvalidField("drain_timeout", "must not be negative");
-  return absl::OkStatus();
+  for (const auto& [field, duration] :
+       {std::pair("attach_timeout", attach_timeout), std::pair("session_expiry", session_expiry),
+        std::pair("store_check_period", store_check_period)}) {
+    if (duration <= absl::ZeroDuration()) return InvalidField(field, "must be positive");
+    EVPOSE_RETURN_IF_ERROR(CheckDuration(field, duration));
+  }
+  return CheckDuration("drain_timeout", drain_timeout);
 }
 
 absl::StatusOr<std::unique_ptr<Server>> StartServer(const ServerOptions& options, TrackerFactory make_tracker,
@@ -396,8 +432,8 @@ absl::StatusOr<std::unique_ptr<Server>> StartServer(const ServerOptions& options
     EVPOSE_ASSIGN_OR_RETURN(store, OpenStore(options.store));
   }
   grpc::EnableDefaultHealthCheckService(true);
-  EVPOSE_ASSIGN_OR_RETURN(Access access, MakeAccess(options));
   const auto metrics = std::make_shared<ServerMetrics>();
+  EVPOSE_ASSIGN_OR_RETURN(Access access, MakeAccess(options, metrics));
   EVPOSE_ASSIGN_OR_RETURN(std::unique_ptr<ModelRegistry> models,
                           ModelRegistry::Create(RegistryOptions(options, *store, metrics), *store));
   auto server = std::make_unique<ServerImpl>(options, std::move(make_tracker), std::move(access), std::move(store),

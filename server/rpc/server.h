@@ -14,6 +14,7 @@
 
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
+#include "absl/strings/string_view.h"
 #include "absl/time/time.h"
 #include "server/auth/tls_files.h"
 #include "server/sessions/memory/available_memory.h"
@@ -53,7 +54,7 @@ struct ServerOptions {
   // least 4096, because a stream may be 1024 poses behind before its session waits.
   uint32_t pose_log_capacity = 16'384;
   // A session without a stream is deleted after this time, so that a client that has crashed does not occupy a slot
-  // forever.
+  // forever. This and the other durations are at most a year, which bounds the arithmetic of time points.
   absl::Duration session_expiry = absl::Minutes(10);
   // Time for streams to finish after AdminService.Drain, unless the request has a timeout.
   absl::Duration drain_timeout = absl::Seconds(10);
@@ -63,15 +64,17 @@ struct ServerOptions {
   // this duration, but from another thread; the callback must not block.
   std::function<void(absl::Duration)> on_drain;
 
-  // Limits of each tenant; 0: only the limits of the server apply.
+  // Limits of each tenant; 0 or absent: only the limits of the server apply. (evpose-server replaces absent ones by
+  // half of the server's when there may be several tenants: server/program/tenant_limits.h.)
   struct TenantLimits {
-    uint32_t max_sessions = 0;
+    std::optional<uint32_t> max_sessions;
     std::optional<uint64_t> max_session_memory;  // bytes
-    uint64_t max_model_bytes = 0;
-    uint32_t max_watchers = 0;
+    std::optional<uint64_t> max_model_bytes;
+    std::optional<uint32_t> max_watchers;
+    std::optional<uint32_t> max_streams;  // Track and Watch streams
     // Payload of all Track streams of the tenant together, bytes per second. The server reads faster streams more
     // slowly.
-    uint64_t max_bytes_per_s = 0;
+    std::optional<uint64_t> max_bytes_per_s;
   } tenant;
   // Time within which a Track stream must attach, and within which the next message of an upload must arrive.
   absl::Duration attach_timeout = absl::Seconds(30);
@@ -83,6 +86,10 @@ struct ServerOptions {
   // Errors: INVALID_ARGUMENT naming the field.
   absl::Status Validate() const;
 };
+
+// Checks the duration of an option: 0 to one year. (absl::Seconds() makes infinity of NaN.) Errors: INVALID_ARGUMENT
+// naming the field.
+absl::Status CheckDuration(absl::string_view field, absl::Duration duration);
 
 class Server {
  public:

@@ -11,6 +11,7 @@
 #include "server/sessions/session_manager.h"
 #include "server/sessions/tenant_quotas.h"
 #include "server/stores/common/store.h"
+#include "server/telemetry/log_limiter.h"
 #include "server/telemetry/metrics.h"
 
 namespace evpose::server {
@@ -36,6 +37,7 @@ struct ServiceContext {
   uint64_t max_model_bytes;
   absl::Duration drain_timeout;  // default of DrainRequest.timeout
   ServerMetrics& metrics;
+  LogLimiter& log_limiter;
 };
 
 }  // namespace evpose::server

@@ -13,7 +13,9 @@ StoreCheck::StoreCheck(Store& store, WorkerPool& pool, absl::Duration period, Li
     : store_(store), pool_(pool), period_(period), listener_(std::move(listener)) {}
 
 void StoreCheck::Start() {
+  const std::optional<StoreUsage> usage = store_.Usage();
   const std::lock_guard lock(mutex_);
+  usage_ = usage;
   if (!is_stopped_) Arm();
 }
 
@@ -35,14 +37,21 @@ absl::Status StoreCheck::answer() const {
   return answer_;
 }
 
+std::optional<StoreUsage> StoreCheck::usage() const {
+  const std::lock_guard lock(mutex_);
+  return usage_;
+}
+
 void StoreCheck::Ask() {
   {
     const std::lock_guard lock(mutex_);
     if (is_stopped_) return;
   }
   const absl::Status health = store_.CheckHealth();
+  const std::optional<StoreUsage> usage = health.ok() ? store_.Usage() : std::nullopt;
   const std::lock_guard lock(mutex_);
   if (is_stopped_) return;
+  if (usage.has_value()) usage_ = usage;
   const bool has_changed = health.ok() != answer_.ok();
   answer_ = health;
   if (has_changed) {

@@ -7,6 +7,7 @@
 #include <functional>
 #include <memory>
 #include <mutex>
+#include <optional>
 
 #include "absl/base/thread_annotations.h"
 #include "absl/status/status.h"
@@ -33,6 +34,8 @@ class StoreCheck {
   void Stop();
   // The result of the last check; OK before the first one.
   absl::Status answer() const;
+  // The bytes in use at the last check that the store has answered.
+  std::optional<StoreUsage> usage() const;
 
  private:
   void Arm() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
@@ -44,6 +47,7 @@ class StoreCheck {
   const Listener listener_;
   mutable std::mutex mutex_;
   absl::Status answer_ ABSL_GUARDED_BY(mutex_);
+  std::optional<StoreUsage> usage_ ABSL_GUARDED_BY(mutex_);
   bool is_stopped_ ABSL_GUARDED_BY(mutex_) = false;
   std::unique_ptr<PoolTimer> timer_ ABSL_GUARDED_BY(mutex_);
 };

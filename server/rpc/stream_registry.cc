@@ -58,6 +58,10 @@ void StreamRegistry::WaitForAll(absl::Time deadline) {
   removed_.wait_until(lock, absl::ToChronoTime(deadline), [this] { return entries_.empty(); });
 }
 
+void StreamRegistry::CheckAccess(const AccessCheck& check) {
+  for (const auto& stream : Streams(/*with_watches=*/true)) stream->CheckAccess(check);
+}
+
 void StreamRegistry::EndAll(const absl::Status& status) {
   {
     const std::lock_guard lock(mutex_);

@@ -13,6 +13,7 @@
 #include "absl/base/thread_annotations.h"
 #include "absl/status/status.h"
 #include "absl/time/time.h"
+#include "server/auth/authenticator.h"
 #include "server/telemetry/metrics.h"
 
 namespace evpose::server {
@@ -24,6 +25,8 @@ class OpenStream {
   virtual void GoAway(absl::Duration deadline) = 0;
   // Ends the stream with this error.
   virtual void End(const absl::Status& status) = 0;
+  // Ends the stream with UNAUTHENTICATED if its caller is no longer admitted (StillAdmitted() in authentication.h).
+  virtual void CheckAccess(const AccessCheck& check) = 0;
 };
 
 // Thread-safe.
@@ -44,6 +47,8 @@ class StreamRegistry {
   void WaitForTracks(absl::Time deadline);
   // Returns when no stream of any kind is left, or at the deadline.
   void WaitForAll(absl::Time deadline);
+  // Calls CheckAccess() of all streams.
+  void CheckAccess(const AccessCheck& check);
   // Ends all streams, also those that are added later.
   void EndAll(const absl::Status& status);
 

@@ -21,6 +21,7 @@
 #include "server/rpc/status_mapping.h"
 #include "server/rpc/stream_registry.h"
 #include "server/rpc/track_reactor_phase.h"
+#include "server/runtime/client_text.h"
 #include "server/runtime/errors.h"
 #include "server/runtime/out_of_memory.h"
 #include "server/sessions/session.h"
@@ -40,7 +41,10 @@ class TrackReactor : public grpc::ServerBidiReactor<v1::TrackRequest, v1::TrackR
                      public std::enable_shared_from_this<TrackReactor> {
  public:
   TrackReactor(const ServiceContext& services, grpc::CallbackServerContext* context)
-      : services_(services), context_(context), caller_(Authenticate(services.authenticator, *context)) {}
+      : services_(services),
+        context_(context),
+        access_version_(services.authenticator.version()),
+        caller_(Authenticate(services.authenticator, *context)) {}
 
   void Start() {
     self_ = shared_from_this();
@@ -48,7 +52,12 @@ class TrackReactor : public grpc::ServerBidiReactor<v1::TrackRequest, v1::TrackR
     const std::lock_guard lock(mutex_);
     Fail(caller_.status());
     Fail(services_.sessions.CheckNotDraining());
-    if (caller_.ok()) SetAlarm(services_.attach_timeout);
+    if (caller_.ok()) {
+      auto place = services_.quotas.AddStream(caller_->tenant);
+      Fail(place.status());
+      if (place.ok()) place_ = *std::move(place);
+      SetAlarm(services_.attach_timeout);
+    }
     Pump();
   }
 
@@ -116,6 +125,17 @@ class TrackReactor : public grpc::ServerBidiReactor<v1::TrackRequest, v1::TrackR
     if (phase_ != StreamPhase::kFinished) context_->TryCancel();
   }
 
+  void CheckAccess(const AccessCheck& check) override {
+    const std::lock_guard lock(mutex_);
+    if (phase_ == StreamPhase::kFinished) return;
+    const absl::Status access = StillAdmitted(services_.authenticator, *context_, caller_, check, access_version_);
+    if (access.ok()) return;
+    // A write in flight has until the next check to be done, so that the client receives the status.
+    if (phase_ == StreamPhase::kFailing) return context_->TryCancel();
+    Fail(access);
+    Pump();
+  }
+
  private:
   enum class ReadState { kIdle, kReading, kHalfClosed };  // kReading until the message has been handled
   struct Joined {
@@ -175,7 +195,8 @@ class TrackReactor : public grpc::ServerBidiReactor<v1::TrackRequest, v1::TrackR
     if (joined.ok()) {
       SetSession(*std::move(joined));
     } else {
-      SessionLog(attach.session(), caller_->tenant).NotAttached(caller_->peer, status);
+      SessionLog(attach.session().substr(0, kMaxNameBytes), caller_->tenant)
+          .NotAttached(caller_->peer, status, services_.log_limiter);
     }
     Fail(status);
     Pump();
@@ -397,8 +418,10 @@ class TrackReactor : public grpc::ServerBidiReactor<v1::TrackRequest, v1::TrackR
 
   const ServiceContext services_;
   grpc::CallbackServerContext* const context_;
+  uint64_t access_version_;  // used by CheckAccess() only, with the lock
   const absl::StatusOr<Caller> caller_;
   std::shared_ptr<TrackReactor> self_;  // until OnDone
+  std::shared_ptr<const void> place_;   // in the quota of streams
 
   // Used by the reading side without the lock. The session and the stream change only while nothing is read.
   v1::TrackRequest request_;

@@ -41,7 +41,12 @@ class WatchReactor : public grpc::ServerWriteReactor<Response>,
                      public std::enable_shared_from_this<WatchReactor<Response>> {
  public:
   WatchReactor(const ServiceContext& services, grpc::CallbackServerContext* context)
-      : services_(services), context_(context) {}
+      : services_(services),
+        context_(context),
+        access_version_(services.authenticator.version()),
+        caller_(Authenticate(services.authenticator, *context)) {}
+
+  const absl::StatusOr<Caller>& caller() const { return caller_; }
 
   // `begun` is the result of checking the request.
   void Start(const absl::Status& begun) {
@@ -86,9 +91,21 @@ class WatchReactor : public grpc::ServerWriteReactor<Response>,
     if (!is_finished_) context_->TryCancel();
   }
 
+  void CheckAccess(const AccessCheck& check) override {
+    const std::lock_guard lock(mutex_);
+    if (is_finished_) return;
+    const absl::Status access = StillAdmitted(services_.authenticator, *context_, caller_, check, access_version_);
+    if (access.ok()) return;
+    // As in TrackReactor: a write in flight has until the next check to be done.
+    if (!failure_.ok()) return context_->TryCancel();
+    Fail(access);
+    Pump();
+  }
+
  protected:
   absl::Status FindSession(const Caller& caller, const std::string& name) {
     EVPOSE_RETURN_IF_ERROR(services_.sessions.CheckNotDraining());
+    EVPOSE_ASSIGN_OR_RETURN(stream_place_, services_.quotas.AddStream(caller.tenant));
     EVPOSE_ASSIGN_OR_RETURN(place_, services_.quotas.AddWatcher(caller.tenant));
     auto session = services_.sessions.Get(caller.tenant, name);
     if (!session.ok()) {
@@ -159,10 +176,13 @@ class WatchReactor : public grpc::ServerWriteReactor<Response>,
 
   const ServiceContext services_;
   grpc::CallbackServerContext* const context_;
-  std::shared_ptr<WatchReactor> self_;       // until OnDone
-  std::shared_ptr<WatchedSession> session_;  // null until it is found
-  std::optional<Missing> missing_;           // the requested session, if it is not loaded at this server
-  std::shared_ptr<const void> place_;        // in the quota of watchers
+  uint64_t access_version_;  // used by CheckAccess() only, with the lock
+  const absl::StatusOr<Caller> caller_;
+  std::shared_ptr<WatchReactor> self_;        // until OnDone
+  std::shared_ptr<WatchedSession> session_;   // null until it is found
+  std::optional<Missing> missing_;            // the requested session, if it is not loaded at this server
+  std::shared_ptr<const void> stream_place_;  // in the quota of streams
+  std::shared_ptr<const void> place_;         // in the quota of watchers
   Response response_ ABSL_GUARDED_BY(mutex_);
   bool is_writing_ ABSL_GUARDED_BY(mutex_) = false;
   bool is_finished_ ABSL_GUARDED_BY(mutex_) = false;
@@ -284,7 +304,7 @@ class WatchHealthReactor : public WatchReactor<v1::WatchHealthResponse> {
 template <typename Reactor, typename Request>
 Reactor* StartWatch(const ServiceContext& services, grpc::CallbackServerContext* context, const Request& request) {
   const auto reactor = std::make_shared<Reactor>(services, context);
-  const absl::StatusOr<Caller> caller = Authenticate(services.authenticator, *context);
+  const absl::StatusOr<Caller>& caller = reactor->caller();
   reactor->Start(caller.ok() ? reactor->Begin(*caller, request) : caller.status());
   return reactor.get();
 }

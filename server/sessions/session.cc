@@ -7,6 +7,7 @@
 #include "absl/cleanup/cleanup.h"
 #include "absl/strings/str_cat.h"
 #include "core/base/status_macros.h"
+#include "server/runtime/client_text.h"
 #include "server/runtime/errors.h"
 #include "server/runtime/out_of_memory.h"
 #include "server/runtime/random_name.h"
@@ -207,7 +208,7 @@ absl::Status Session::PushResetPose(uint64_t stream, uint64_t seq, absl::string_
     Enqueue(stream, PoseReset{seq, static_cast<uint32_t>(i), camera_from_object});
     return absl::OkStatus();
   }
-  return InvalidField("reset_pose.object_id", absl::StrCat("the session has no object \"", object_id, "\""));
+  return InvalidField("reset_pose.object_id", absl::StrCat("the session has no object \"", Shortened(object_id), "\""));
 }
 
 absl::Status Session::PushEnd(uint64_t stream) {

@@ -10,6 +10,7 @@
 #include "absl/strings/str_cat.h"
 #include "core/base/status_macros.h"
 #include "core/initialization/pose_search.h"
+#include "server/runtime/client_text.h"
 #include "server/runtime/errors.h"
 #include "server/runtime/random_name.h"
 #include "server/sessions/durability/session_codec.h"
@@ -81,9 +82,9 @@ SessionInfo Describe(const SessionRecord& record, SessionConfig config, SessionB
 
 absl::Status SessionNotFound(absl::string_view name) {
   return WithReason(
-      absl::NotFoundError(absl::StrCat("there is no session \"", name,
+      absl::NotFoundError(absl::StrCat("there is no session \"", Shortened(name),
                                        "\": it was never created, was deleted, or expired; create a new one")),
-      v1::SESSION_NOT_FOUND, {{"session", std::string(name)}});
+      v1::SESSION_NOT_FOUND, {{"session", Shortened(name)}});
 }
 
 absl::StatusOr<SessionFactory::Models> SessionFactory::UseModels(const std::string& tenant,

@@ -8,7 +8,9 @@
 #include <utility>
 
 #include "absl/strings/str_cat.h"
+#include "absl/time/clock.h"
 #include "core/base/status_macros.h"
+#include "server/runtime/client_text.h"
 #include "server/runtime/errors.h"
 #include "server/runtime/out_of_memory.h"
 #include "server/sessions/durability/session_codec.h"
@@ -21,7 +23,7 @@ namespace {
 constexpr absl::Duration kMirrorPeriod = absl::Milliseconds(100);
 
 absl::Status RequestIdReused(absl::string_view request_id, absl::string_view session) {
-  return WithReason(absl::AlreadyExistsError(absl::StrCat("request_id \"", request_id, "\" made ", session,
+  return WithReason(absl::AlreadyExistsError(absl::StrCat("request_id \"", Shortened(request_id), "\" made ", session,
                                                           " with another configuration: choose a new one")),
                     v1::REQUEST_ID_REUSED, {{"session", std::string(session)}});
 }
@@ -354,7 +356,9 @@ void SessionManager::DeleteEnded() {
   pool_.PostSlow([this] {
     // Sessions of this server are deleted when they expire. This deletes sessions that no server has, and ended
     // sessions that must make room.
-    const auto names = store_.DeleteEnded(options_.now() - 2 * options_.limits.expiry);
+    // Other servers may have written the times of the ends, and the clock of this one may be ahead of the wall clock.
+    const absl::Time now = std::min(options_.now(), absl::Now());
+    const auto names = store_.DeleteEnded(now - 2 * options_.limits.expiry);
     if (!names.ok()) {
       Log(LogLevel::kWarning, "ended_sessions_not_deleted", {{"message", names.status().message()}});
       return;

@@ -8,25 +8,34 @@
 #include "server/runtime/errors.h"
 
 namespace evpose::server {
+absl::StatusOr<std::shared_ptr<const void>> TenantQuotas::AddStream(const std::string& tenant) {
+  return Add(streams_, tenant, {options_.max_streams, QuotaLimit::kTenantStreams, "tenant_streams", "streams"});
+}
+
 absl::StatusOr<std::shared_ptr<const void>> TenantQuotas::AddWatcher(const std::string& tenant) {
+  return Add(watchers_, tenant, {options_.max_watchers, QuotaLimit::kTenantWatchers, "tenant_watchers", "watchers"});
+}
+
+absl::StatusOr<std::shared_ptr<const void>> TenantQuotas::Add(Counts& counts, const std::string& tenant,
+                                                              const CountLimit& limit) {
   const std::lock_guard lock(mutex_);
-  uint32_t& count = watchers_[tenant];
-  if (count < options_.max_watchers) {
+  uint32_t& count = counts[tenant];
+  if (count < limit.max) {
     ++count;
-    return std::shared_ptr<const void>(this, [this, tenant](const void*) { RemoveWatcher(tenant); });
+    return std::shared_ptr<const void>(this, [this, &counts, tenant](const void*) { Remove(counts, tenant); });
   }
-  if (count == 0) watchers_.erase(tenant);
-  options_.metrics->quota_refusals[QuotaLimit::kTenantWatchers].Add();
-  return LimitReached(v1::TENANT_QUOTA, "tenant_watchers",
-                      absl::StrCat("this tenant has its ", options_.max_watchers,
-                                   " watchers: end one that is not needed, or try again later"),
+  if (count == 0) counts.erase(tenant);
+  options_.metrics->quota_refusals[limit.metric].Add();
+  return LimitReached(v1::TENANT_QUOTA, limit.subject,
+                      absl::StrCat("this tenant has its ", limit.max, " ", limit.name,
+                                   ": end one that is not needed, or try again later"),
                       kRetryDelay);
 }
 
-void TenantQuotas::RemoveWatcher(const std::string& tenant) {
+void TenantQuotas::Remove(Counts& counts, const std::string& tenant) {
   const std::lock_guard lock(mutex_);
-  const auto found = watchers_.find(tenant);
-  if (--found->second == 0) watchers_.erase(found);
+  const auto found = counts.find(tenant);
+  if (--found->second == 0) counts.erase(found);
 }
 
 absl::Duration TenantQuotas::ChargeBytes(const std::string& tenant, uint64_t bytes) {

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// Quotas of a tenant besides those of sessions and models: watchers, and payload bytes per second. They are the same
-// for all tenants.
+// Quotas of a tenant besides those of sessions and models: streams, watchers, and payload bytes per second. They are
+// the same for all tenants.
 #pragma once
 
 #include <cstdint>
@@ -22,6 +22,7 @@ namespace evpose::server {
 class TenantQuotas {
  public:
   struct Options {
+    uint32_t max_streams = 8192;  // Track and Watch streams
     uint32_t max_watchers = 4096;
     uint64_t max_bytes_per_s = 0;  // sum over all Track streams of a tenant; 0: no limit
     // Bytes that may arrive at once after a pause; at least one chunk, so that a chunk never waits for itself.
@@ -31,7 +32,9 @@ class TenantQuotas {
   };
   explicit TenantQuotas(Options options) : options_(std::move(options)) {}
 
-  // Counts a watcher of the tenant until the result is destroyed. Errors: RESOURCE_EXHAUSTED (TENANT_QUOTA).
+  // Count a stream, and a watcher, of the tenant until the result is destroyed. Errors: RESOURCE_EXHAUSTED
+  // (TENANT_QUOTA).
+  absl::StatusOr<std::shared_ptr<const void>> AddStream(const std::string& tenant);
   absl::StatusOr<std::shared_ptr<const void>> AddWatcher(const std::string& tenant);
 
   // Counts received bytes, and returns the time for which the stream must not be read: zero within the limit. If each
@@ -43,13 +46,22 @@ class TenantQuotas {
     double bytes = 0.0;  // that may arrive now; negative: excess to be waited for
     absl::Time filled_at;
   };
-  void RemoveWatcher(const std::string& tenant);
+  using Counts = std::map<std::string, uint32_t>;  // by tenant, no zeros
+  struct CountLimit {
+    uint32_t max = 0;
+    QuotaLimit metric;
+    const char* subject;
+    const char* name;
+  };
+  absl::StatusOr<std::shared_ptr<const void>> Add(Counts& counts, const std::string& tenant, const CountLimit& limit);
+  void Remove(Counts& counts, const std::string& tenant);
   double BytesAt(const Bucket& bucket, absl::Time now) const;
 
   const Options options_;
   std::mutex mutex_;
-  std::map<std::string, uint32_t> watchers_ ABSL_GUARDED_BY(mutex_);  // no zeros
-  std::map<std::string, Bucket> buckets_ ABSL_GUARDED_BY(mutex_);     // tenants that have sent bytes
+  Counts streams_ ABSL_GUARDED_BY(mutex_);
+  Counts watchers_ ABSL_GUARDED_BY(mutex_);
+  std::map<std::string, Bucket> buckets_ ABSL_GUARDED_BY(mutex_);  // tenants that have sent bytes
 };
 
 }  // namespace evpose::server

@@ -13,7 +13,9 @@ namespace {
 class TenantQuotasTest : public testing::Test {
  protected:
   TenantQuotas::Options Options() {
-    return {.max_watchers = 2, .max_bytes_per_s = 1000, .burst_bytes = 500, .now = [this] { return now_; }};
+    return {.max_streams = 1, .max_watchers = 2, .max_bytes_per_s = 1000, .burst_bytes = 500, .now = [this] {
+              return now_;
+            }};
   }
   absl::Time now_ = absl::UnixEpoch();
 };
@@ -30,6 +32,16 @@ TEST_F(TenantQuotasTest, WatchersOfEachTenant) {
   EXPECT_TRUE(quotas.AddWatcher("field").ok());
   first.reset();
   EXPECT_TRUE(quotas.AddWatcher("lab").ok());
+}
+
+TEST_F(TenantQuotasTest, StreamsOfEachTenant) {
+  TenantQuotas quotas(Options());
+  auto first = quotas.AddStream("lab").value();
+  EXPECT_EQ(GetErrorDetails(quotas.AddStream("lab").status()).quota_subject, "tenant_streams");
+  EXPECT_TRUE(quotas.AddWatcher("lab").ok()) << "watchers have a limit of their own";
+  EXPECT_TRUE(quotas.AddStream("field").ok());
+  first.reset();
+  EXPECT_TRUE(quotas.AddStream("lab").ok());
 }
 
 TEST_F(TenantQuotasTest, BytesBeyondTheRateMustWait) {

@@ -6,6 +6,7 @@
 
 #include <atomic>
 #include <memory>
+#include <optional>
 #include <string>
 #include <thread>
 
@@ -83,6 +84,18 @@ std::vector<std::string> Names(const absl::StatusOr<std::vector<SessionRecord>>&
   std::vector<std::string> names;
   for (const SessionRecord& record : records.value()) names.push_back(record.name);
   return names;
+}
+
+TEST_P(StoreSuite, TellsItsUsage) {
+  store_.reset();
+  store_ = house_->OpenSmall(8u << 20).value();
+  const std::optional<StoreUsage> before = store_->Usage();
+  ASSERT_TRUE(before.has_value());
+  EXPECT_GE(before->max_bytes, 8u << 20);
+  auto lease = store_->CreateSession(Record("sessions/a"), "").value();
+  ASSERT_TRUE(CommitNow(*lease, {.checkpoint = Noise(1u << 20, 1)}).ok());
+  EXPECT_GT(store_->Usage()->bytes, before->bytes);
+  EXPECT_EQ(store_->Usage()->max_bytes, before->max_bytes);
 }
 
 TEST_P(StoreSuite, ReturnsCommittedData) {

@@ -10,6 +10,7 @@
 #include <chrono>
 #include <cstddef>
 #include <cstdint>
+#include <optional>
 
 #include "absl/status/status.h"
 #include "core/tracking/track_phase.h"
@@ -81,7 +82,11 @@ enum class QuotaLimit {
   kTenantWatchers,
   kSessionMemory,
   kTenantSessionMemory,
+  kTenantStreams,
 };
+
+// Reasons for which a call was rejected with UNAUTHENTICATED, or an open stream ended with it.
+enum class AuthenticationFailure { kNoToken, kBadToken, kBadCertificate };
 
 // Reasons for which the store has not accepted a checkpoint.
 enum class CheckpointFailure { kStoreAway, kStoreFull, kFenced, kStoreFailed };
@@ -114,7 +119,8 @@ struct ServerMetrics {
   OneFor<CheckpointFailure, 4> checkpoint_failures;
 
   OneFor<StreamKind, 2, OneFor<absl::StatusCode, 17>> stream_ends;
-  OneFor<QuotaLimit, 8> quota_refusals;
+  OneFor<QuotaLimit, 9> quota_refusals;
+  OneFor<AuthenticationFailure, 3> authentication_failures;
   Counter quota_delays;  // times that a stream was paused because its tenant exceeded its byte rate
 
   uint64_t all_skipped_events() const {
@@ -130,6 +136,10 @@ struct ServerState {
   uint32_t num_workers = 0;
   uint64_t session_memory_bytes = 0;  // charged for all sessions
   uint64_t max_session_memory_bytes = 0;
+  std::optional<size_t> num_tokens;  // absent without a token file
+  // Absent for a store that does not tell them, before the first check, and without a limit.
+  std::optional<uint64_t> store_bytes;
+  std::optional<uint64_t> store_max_bytes;
   absl::Status readiness;  // an error explains why the server accepts no sessions
 };
 

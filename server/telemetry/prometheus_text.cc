@@ -7,6 +7,7 @@
 
 #include <array>
 #include <limits>
+#include <optional>
 #include <string>
 #include <string_view>
 #include <utility>
@@ -25,10 +26,11 @@ using Labels = std::vector<ClientMetric::Label>;
 
 // Values of labels, in the order of the enumerations.
 constexpr std::array kDropReasons = {"lag", "memory", "reader"};
+constexpr std::array kAuthenticationFailures = {"no_token", "bad_token", "bad_certificate"};
 constexpr std::array kCheckpointFailures = {"store_away", "store_full", "fenced", "store_failed"};
 constexpr std::array kQuotaLimits = {"max_sessions",    "max_streams",        "max_model_store_bytes",
                                      "tenant_sessions", "tenant_model_bytes", "tenant_watchers",
-                                     "session_memory",  "tenant_session_memory"};
+                                     "session_memory",  "tenant_session_memory", "tenant_streams"};
 constexpr std::array kStreamKinds = {"track", "watch"};
 constexpr int kNumStatusCodes = 17;
 
@@ -57,6 +59,11 @@ class Families {
   void AddGauge(const char* name, const char* help, double value) {
     Begin(name, MetricType::Gauge, help);
     Value(value);
+  }
+  // Adds a gauge that has a value.
+  template <typename Number>
+  void AddKnownGauge(const char* name, const char* help, const std::optional<Number>& value) {
+    if (value.has_value()) AddGauge(name, help, static_cast<double>(*value));
   }
   // Adds a counter for each kind.
   template <typename Kind, size_t kNumKinds>
@@ -93,6 +100,14 @@ void AddState(const ServerState& state, const BuildVersion& build, Families& fam
   families.AddGauge("evpose_ready", "1 while the server accepts sessions (/readyz is 200), else 0.",
                     state.readiness.ok() ? 1.0 : 0.0);
   families.AddGauge("evpose_workers", "Threads that decode and track.", state.num_workers);
+  families.AddKnownGauge("evpose_tokens",
+                         "Valid tokens of --token-file. 0: it is missing or empty and nobody is admitted.",
+                         state.num_tokens);
+  families.AddKnownGauge("evpose_store_bytes",
+                         "Bytes in use: memory of Redis (used_memory), file and log of SQLite, or sessions in memory.",
+                         state.store_bytes);
+  families.AddKnownGauge("evpose_store_max_bytes", "Limit of evpose_store_bytes: maxmemory, or --store-max-bytes.",
+                         state.store_max_bytes);
   const SessionTotals& sessions = state.sessions;
   families.Begin(
       "evpose_sessions", MetricType::Gauge,
@@ -226,6 +241,9 @@ void AddCalls(const ServerMetrics& metrics, Families& families) {
                      {{"stream", kStreamKinds[kind]}, {"code", absl::StatusCodeToString(code)}});
     }
   }
+  families.AddByKind("evpose_authentication_failures_total",
+                     "Calls that were rejected with UNAUTHENTICATED, and open streams that ended with it, by reason.",
+                     "reason", kAuthenticationFailures, metrics.authentication_failures);
   families.AddByKind("evpose_quota_refusals_total", "Calls that were rejected with RESOURCE_EXHAUSTED, by limit.",
                      "limit", kQuotaLimits, metrics.quota_refusals);
   families.AddCounter(

@@ -118,9 +118,18 @@ TEST(PrometheusTextTest, EveryCounterHasItsOwnSeries) {
                                                        {QuotaLimit::kTenantModelBytes, "tenant_model_bytes"},
                                                        {QuotaLimit::kTenantWatchers, "tenant_watchers"},
                                                        {QuotaLimit::kSessionMemory, "session_memory"},
-                                                       {QuotaLimit::kTenantSessionMemory, "tenant_session_memory"}};
+                                                       {QuotaLimit::kTenantSessionMemory, "tenant_session_memory"},
+                                                       {QuotaLimit::kTenantStreams, "tenant_streams"}};
   for (const auto& [limit, name] : limits) {
     count(metrics.quota_refusals[limit], absl::StrCat("evpose_quota_refusals_total{limit=\"", name, "\"}"));
+  }
+  const std::pair<AuthenticationFailure, const char*> failures[] = {
+      {AuthenticationFailure::kNoToken, "no_token"},
+      {AuthenticationFailure::kBadToken, "bad_token"},
+      {AuthenticationFailure::kBadCertificate, "bad_certificate"}};
+  for (const auto& [failure, name] : failures) {
+    count(metrics.authentication_failures[failure],
+          absl::StrCat("evpose_authentication_failures_total{reason=\"", name, "\"}"));
   }
   count(metrics.quota_delays, "evpose_quota_delays_total");
   expected["evpose_out_of_memory_total"] = 0.0;  // of the process
@@ -191,6 +200,8 @@ TEST(PrometheusTextTest, GaugesShowTheState) {
   state.num_workers = 11;
   state.session_memory_bytes = 12;
   state.max_session_memory_bytes = 13;
+  state.num_tokens = 0;
+  state.store_bytes = 12;
   state.readiness = absl::UnavailableError("secret");
   const std::string text = PrometheusText(ServerMetrics(), state, kBuild);
   const ParsedMetrics parsed = ParseMetrics(text);
@@ -209,6 +220,9 @@ TEST(PrometheusTextTest, GaugesShowTheState) {
   EXPECT_EQ(parsed.At("evpose_session_memory_bytes"), 12.0);
   EXPECT_EQ(parsed.At("evpose_session_memory_limit_bytes"), 13.0);
   EXPECT_EQ(parsed.At("evpose_ready"), 0.0);
+  EXPECT_EQ(parsed.At("evpose_tokens"), 0.0);
+  EXPECT_EQ(parsed.At("evpose_store_bytes"), 12.0);
+  EXPECT_EQ(parsed.types.count("evpose_store_max_bytes"), 0u) << "there is no limit";
   EXPECT_THAT(text, testing::Not(testing::HasSubstr("secret")));
 }
 

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "server/telemetry/session_log.h"
 
+#include <optional>
+
 #include "server/runtime/errors.h"
 
 namespace evpose::server {
@@ -66,8 +68,13 @@ void SessionLog::Attached(const std::string& peer, uint64_t number, uint64_t nex
   Write(LogLevel::kInfo, event, peer, {{"stream", number}, {"next_chunk", next_chunk}});
 }
 
-void SessionLog::NotAttached(const std::string& peer, const absl::Status& status) const {
-  Write(LogLevel::kInfo, "attach_refused", peer, Outcome(status));
+void SessionLog::NotAttached(const std::string& peer, const absl::Status& status, LogLimiter& limiter) const {
+  constexpr char kEvent[] = "attach_refused";
+  const std::optional<uint64_t> suppressed = limiter.Admit(kEvent, peer);
+  if (!suppressed.has_value()) return;
+  std::vector<LogField> more = Outcome(status);
+  more.emplace_back("suppressed", *suppressed);
+  Write(LogLevel::kInfo, kEvent, peer, std::move(more));
 }
 
 void SessionLog::ObjectFound(const std::string& object_id, int64_t t_us, bool is_again) const {

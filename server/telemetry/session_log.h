@@ -15,6 +15,7 @@
 #include "core/tracking/track_phase.h"
 #include "server/sessions/types/session_config.h"
 #include "server/telemetry/log.h"
+#include "server/telemetry/log_limiter.h"
 
 namespace evpose::server {
 
@@ -37,7 +38,8 @@ class SessionLog {
   void OutOfMemory() const;
   // `number` counts the streams of the session. `is_taken_over`: the previous stream was still open and is ended.
   void Attached(const std::string& peer, uint64_t number, uint64_t next_chunk, bool is_taken_over);
-  void NotAttached(const std::string& peer, const absl::Status& status) const;
+  // At the rate that `limiter` admits, because a client can cause any number of these lines.
+  void NotAttached(const std::string& peer, const absl::Status& status, LogLimiter& limiter) const;
   void ObjectFound(const std::string& object_id, int64_t t_us, bool is_again) const;
   void ObjectLost(const std::string& object_id, int64_t t_us) const;
   // Level debug, because the phase of an object may change at every millisecond of sensor time.

@@ -173,6 +173,7 @@ class StepwiseServer : private server::Drainer {
   const std::shared_ptr<server::ServerMetrics> metrics_ = std::make_shared<server::ServerMetrics>();
   server::StreamRegistry streams_{/*max_streams=*/16, metrics_};
   const std::unique_ptr<server::Authenticator> authenticator_ = server::Authenticator::Create({}).value();
+  server::LogLimiter log_limiter_;
   server::TenantQuotas quotas_{{.now = [this] { return now_; }}};
   const server::ServiceContext context_{.store = store_,
                                         .models = *models_,
@@ -185,7 +186,8 @@ class StepwiseServer : private server::Drainer {
                                         .attach_timeout = absl::Hours(1),
                                         .max_model_bytes = 0,
                                         .drain_timeout = absl::ZeroDuration(),
-                                        .metrics = *metrics_};
+                                        .metrics = *metrics_,
+                                        .log_limiter = log_limiter_};
   server::SessionConfig config_;
 };
 

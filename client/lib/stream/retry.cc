@@ -54,7 +54,8 @@ RetryAdvice AdviseOn(const absl::Status& status) {
     case absl::StatusCode::kNotFound:
       return reason == v1::SESSION_NOT_FOUND ? RetryAdvice::kTryOtherServer : RetryAdvice::kGiveUp;
     case absl::StatusCode::kUnauthenticated:
-      return RetryAdvice::kTryOtherAuthToken;
+      // The next attempt reads the token again, which may have been renewed.
+      return reason == v1::ACCESS_WITHDRAWN ? RetryAdvice::kTryAgain : RetryAdvice::kTryOtherAuthToken;
     case absl::StatusCode::kPermissionDenied:
       return reason == v1::WRONG_TOKEN ? RetryAdvice::kTryOtherToken : RetryAdvice::kGiveUp;
     case absl::StatusCode::kInvalidArgument:

@@ -90,6 +90,8 @@ TEST(AdviseOnTest, EveryStatusThatAStreamCanEndWith) {
            Case{Code::kInvalidArgument, {"", "events.payload"}, RetryAdvice::kGiveUp},
            Case{Code::kFailedPrecondition, {"SEQ_GAP"}, RetryAdvice::kGiveUp},
            Case{Code::kUnauthenticated, {}, RetryAdvice::kTryOtherAuthToken},
+           Case{Code::kUnauthenticated, {"BAD_TOKEN"}, RetryAdvice::kTryOtherAuthToken},
+           Case{Code::kUnauthenticated, {"ACCESS_WITHDRAWN"}, RetryAdvice::kTryAgain},
            Case{Code::kUnimplemented, {}, RetryAdvice::kGiveUp},
        }) {
     absl::Status status(each.code, "what happened");

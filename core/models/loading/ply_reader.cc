@@ -7,6 +7,7 @@
 #include <utility>
 #include <vector>
 
+#include "absl/strings/escaping.h"
 #include "absl/strings/numbers.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
@@ -102,7 +103,8 @@ absl::Status ReadPlyStatement(const std::vector<absl::string_view>& words, int64
 }
 
 absl::Status PlyElementError(absl::string_view element, absl::string_view what) {
-  return absl::InvalidArgumentError(absl::StrCat("PLY header: element ", element.substr(0, 40), ": ", what));
+  return absl::InvalidArgumentError(
+      absl::StrCat("PLY header: element ", absl::CHexEscape(element.substr(0, 40)), ": ", what));
 }
 
 absl::Status CheckVertexProperties(const std::vector<PlyProperty>& properties) {

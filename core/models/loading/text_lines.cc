@@ -3,6 +3,7 @@
 
 #include <cmath>
 
+#include "absl/strings/escaping.h"
 #include "absl/strings/numbers.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_split.h"
@@ -37,7 +38,9 @@ void SplitWords(absl::string_view line, std::vector<absl::string_view>& words) {
   }
 }
 
-std::string Quoted(absl::string_view word) { return absl::StrCat("'", word.substr(0, kMaxQuoted), "'"); }
+std::string Quoted(absl::string_view word) {
+  return absl::StrCat("'", absl::CHexEscape(word.substr(0, kMaxQuoted)), "'");
+}
 
 absl::Status LineError(int64_t line_number, absl::string_view what) {
   return absl::InvalidArgumentError(absl::StrCat("line ", line_number, ": ", what));

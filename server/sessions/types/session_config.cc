@@ -6,6 +6,7 @@
 #include "absl/strings/str_cat.h"
 #include "absl/strings/string_view.h"
 #include "core/base/status_macros.h"
+#include "server/runtime/client_text.h"
 #include "server/runtime/errors.h"
 
 namespace evpose::server {
@@ -51,7 +52,8 @@ absl::Status SessionConfig::Validate() const {
       return InvalidField(field + "object_id",
                           absl::StrCat("must have 1 to ", kMaxObjectIdBytes, " bytes, has ", id.size()));
     }
-    if (!ids.insert(id).second) return InvalidField(field + "object_id", absl::StrCat("\"", id, "\" is used twice"));
+    if (!ids.insert(id).second)
+      return InvalidField(field + "object_id", absl::StrCat("\"", Shortened(id), "\" is used twice"));
     if (objects[i].model.empty()) return InvalidField(field + "model", "is missing: upload a model and give its name");
   }
   return absl::OkStatus();

@@ -127,6 +127,11 @@ class SessionLease {
   virtual uint64_t fencing_number() const = 0;
 };
 
+struct StoreUsage {
+  uint64_t bytes = 0;
+  uint64_t max_bytes = 0;  // 0: no limit
+};
+
 enum class StoreKind { kMemory, kSqlite, kRedis };
 
 // Stores bytes without interpreting them. Thread-safe. All functions but SessionLease::Commit block until the store has
@@ -147,6 +152,9 @@ class Store {
 
   // Returns OK when the store responds.
   virtual absl::Status CheckHealth() = 0;
+
+  // The bytes in use; nullopt if the store does not tell them.
+  virtual std::optional<StoreUsage> Usage() { return std::nullopt; }
 
   // The damaged records that were found when the store was opened and are skipped. One line for each, naming the
   // session or model.

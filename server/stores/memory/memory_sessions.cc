@@ -130,6 +130,11 @@ absl::Status MemorySessions::Commit(absl::string_view name, uint64_t fencing_num
   return absl::OkStatus();
 }
 
+StoreUsage MemorySessions::Usage() const {
+  const std::lock_guard lock(mutex_);
+  return {.bytes = size_bytes_, .max_bytes = max_bytes_};
+}
+
 absl::Status MemorySessions::MakeRoom(uint64_t more_bytes, absl::string_view keep) {
   while (size_bytes_ + more_bytes > max_bytes_) {
     auto oldest = sessions_.end();

@@ -42,6 +42,7 @@ class MemorySessions {
   void Delete(absl::string_view name);
   absl::Status DeleteHeld(absl::string_view name, uint64_t fencing_number);
   std::vector<std::string> DeleteEnded(absl::Time ended_before);
+  StoreUsage Usage() const;
   // `next_pose_seq`: as in CheckedLease::Write().
   absl::Status Commit(absl::string_view name, uint64_t fencing_number, uint64_t next_pose_seq, SessionCommit commit);
 

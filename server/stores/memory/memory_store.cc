@@ -67,6 +67,7 @@ class MemoryStore : public Store {
   StoreKind kind() const override { return StoreKind::kMemory; }
   absl::Status CheckHealth() override { return absl::OkStatus(); }
   std::vector<std::string> damage() const override { return {}; }
+  std::optional<StoreUsage> Usage() override { return shared_->sessions.Usage(); }
 
   absl::StatusOr<std::vector<ModelRecord>> ReadModels() const override {
     const std::lock_guard lock(mutex_);

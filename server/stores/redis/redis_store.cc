@@ -176,6 +176,20 @@ class RedisStore : public Store {
   absl::Status CheckHealth() override { return shared_->client.Call({"PING"}).status(); }
   std::vector<std::string> damage() const override { return damage_; }
 
+  // nullopt also for a user who may not call INFO.
+  std::optional<StoreUsage> Usage() override {
+    const absl::StatusOr<RedisReply> reply = shared_->client.Call({"INFO", "memory"});
+    if (!reply.ok()) return std::nullopt;
+    const std::string text = RedisText(reply->get());
+    StoreUsage usage;
+    for (const absl::string_view line : absl::StrSplit(text, "\r\n")) {
+      const std::pair<absl::string_view, absl::string_view> field = absl::StrSplit(line, absl::MaxSplits(':', 1));
+      if (field.first == "used_memory") (void)absl::SimpleAtoi(field.second, &usage.bytes);
+      if (field.first == "maxmemory") (void)absl::SimpleAtoi(field.second, &usage.max_bytes);
+    }
+    return usage;
+  }
+
   absl::StatusOr<std::vector<ModelRecord>> ReadModels() const override {
     return ReadMembers(kRedisModelsKey, &RedisStore::ReadMember);
   }

@@ -18,7 +18,7 @@ absl::Status MakeError(const std::string& path, int extended_code, const char* w
     case SQLITE_IOERR_WRITE:
     case SQLITE_IOERR_SHMSIZE:
       return absl::ResourceExhaustedError(
-          absl::StrCat(said, ": free space on its disk, or delete sessions (or raise the quota)"));
+          absl::StrCat(said, ": free space on its disk; deleted sessions leave free space in the file only"));
     case SQLITE_IOERR_FSYNC:
       return absl::UnavailableError(absl::StrCat(said, ": the disk did not confirm a write"));
     default:
@@ -26,8 +26,8 @@ absl::Status MakeError(const std::string& path, int extended_code, const char* w
   }
   switch (extended_code & 0xff) {
     case SQLITE_FULL:
-      return absl::ResourceExhaustedError(
-          absl::StrCat(said, ": free space on its disk, delete sessions, or allow the store more bytes"));
+      return absl::ResourceExhaustedError(absl::StrCat(
+          said, ": free space on its disk or, if --store-max-bytes is reached, delete sessions or raise it"));
     case SQLITE_CORRUPT:
     case SQLITE_NOTADB:
       return absl::DataLossError(absl::StrCat(

@@ -28,12 +28,15 @@ constexpr absl::string_view kFileMagic("SQLite format 3\0", 16);
 
 // Pages are larger than SQLite's default of 4096 bytes, because checkpoints have megabytes.
 const char* const kNewFileSettings = "PRAGMA page_size=16384; PRAGMA journal_mode=WAL";
-// synchronous=FULL: a commit is on the disk when it is complete. The write-ahead log grows to 64 MB before it is copied
-// into the file, so that checkpoints which are replaced soon are not copied. The log file is not truncated below 128
-// MB, so that sessions can be deleted also when the disk is full.
+// synchronous=FULL: a commit is on the disk when it is complete. LimitSqliteBytes() replaces the limits of the log.
 const char* const kWriterSettings =
     "PRAGMA synchronous=FULL; PRAGMA wal_autocheckpoint=4096; PRAGMA journal_size_limit=134217728; "
     "PRAGMA cache_size=-16384";
+// The write-ahead log grows to this number of pages (64 MB), or to this part of a smaller store, before it is copied
+// into the file, so that checkpoints which are replaced soon are not copied. The log file is not truncated below twice
+// of that, so that sessions can be deleted also when the disk is full.
+constexpr uint64_t kMaxLogPages = 4096;
+constexpr uint64_t kLogShare = 16;
 
 uint64_t SizeBytes(const std::string& path) {
   std::error_code error;
@@ -170,9 +173,22 @@ absl::StatusOr<SqliteFile> OpenSqliteFile(const std::string& path) {
   return file;
 }
 absl::Status LimitSqliteBytes(SqliteDatabase& database, uint64_t max_bytes) {
-  EVPOSE_ASSIGN_OR_RETURN(const int64_t page_bytes, ReadPragma(database, "page_size"));
-  const uint64_t pages = std::clamp<uint64_t>(max_bytes / static_cast<uint64_t>(page_bytes), 1, kMaxPages);
-  return database.Execute(absl::StrCat("PRAGMA max_page_count=", pages));
+  EVPOSE_ASSIGN_OR_RETURN(const int64_t page_size, ReadPragma(database, "page_size"));
+  const auto page_bytes = static_cast<uint64_t>(page_size);
+  const uint64_t max_pages = max_bytes / page_bytes;
+  const uint64_t log_pages = std::clamp<uint64_t>(max_pages / kLogShare, 1, kMaxLogPages);
+  const uint64_t file_pages = std::clamp<uint64_t>(max_pages - std::min(2 * log_pages, max_pages), 1, kMaxPages);
+  return database.Execute(absl::StrCat("PRAGMA max_page_count=", file_pages, "; PRAGMA wal_autocheckpoint=", log_pages,
+                                       "; PRAGMA journal_size_limit=", 2 * log_pages * page_bytes));
+}
+
+absl::StatusOr<uint64_t> SqliteUsedBytes(SqliteDatabase& database) {
+  SqliteQuery query = database.Query(
+      "SELECT (page_count - freelist_count) * page_size FROM pragma_page_count, pragma_freelist_count, "
+      "pragma_page_size");
+  const bool found = query.Next();
+  EVPOSE_RETURN_IF_ERROR(query.status());
+  return (found ? static_cast<uint64_t>(query.IntegerAt(0)) : 0) + SizeBytes(database.path() + "-wal");
 }
 
 absl::StatusOr<std::unique_ptr<SqliteDatabase>> OpenSqliteReader(const std::string& path) {

@@ -24,8 +24,12 @@ struct SqliteFile {
 // DATA_LOSS when nothing can be read; PERMISSION_DENIED; RESOURCE_EXHAUSTED.
 absl::StatusOr<SqliteFile> OpenSqliteFile(const std::string& path);
 
-// Limits the size of the file: writes beyond it fail with RESOURCE_EXHAUSTED. For the writing connection.
+// Limits the size of the file and its log together: writes beyond it fail with RESOURCE_EXHAUSTED. A single transaction
+// may make the log longer until it has been copied into the file. For the writing connection.
 absl::Status LimitSqliteBytes(SqliteDatabase& database, uint64_t max_bytes);
+
+// Returns the bytes of the file that are in use, and those of its log.
+absl::StatusOr<uint64_t> SqliteUsedBytes(SqliteDatabase& database);
 
 // Opens another connection to the same file, for reading only.
 absl::StatusOr<std::unique_ptr<SqliteDatabase>> OpenSqliteReader(const std::string& path);

@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <mutex>
+#include <optional>
 #include <set>
 #include <utility>
 
@@ -59,8 +60,10 @@ class SqliteLease : public CheckedLease {
 
 class SqliteStore : public Store {
  public:
-  SqliteStore(std::unique_ptr<DataDirectory> directory, SqliteFile file, std::unique_ptr<SqliteDatabase> reader)
+  SqliteStore(std::unique_ptr<DataDirectory> directory, uint64_t max_bytes, SqliteFile file,
+              std::unique_ptr<SqliteDatabase> reader)
       : directory_(std::move(directory)),
+        max_bytes_(max_bytes),
         damage_(std::move(file.contents.damage)),
         writer_(std::make_shared<SqliteWriter>(std::move(file.database))),
         damaged_sessions_(std::move(file.contents.damaged_sessions)),
@@ -81,6 +84,13 @@ class SqliteStore : public Store {
   absl::Status CheckHealth() override {
     const std::lock_guard lock(mutex_);
     return SqliteLastFencingNumber(*reader_).status();
+  }
+
+  std::optional<StoreUsage> Usage() override {
+    const std::lock_guard lock(mutex_);
+    const absl::StatusOr<uint64_t> bytes = SqliteUsedBytes(*reader_);
+    if (!bytes.ok()) return std::nullopt;
+    return StoreUsage{*bytes, max_bytes_};
   }
 
   absl::StatusOr<std::vector<ModelRecord>> ReadModels() const override {
@@ -194,6 +204,7 @@ class SqliteStore : public Store {
   }
 
   const std::unique_ptr<DataDirectory> directory_;  // the first member: unlocked after the file is closed
+  const uint64_t max_bytes_;
   const std::vector<std::string> damage_;
   const std::shared_ptr<SqliteWriter> writer_;
   mutable std::mutex mutex_;
@@ -209,7 +220,7 @@ absl::StatusOr<std::unique_ptr<Store>> OpenSqliteStore(const SqliteStoreOptions&
   EVPOSE_ASSIGN_OR_RETURN(SqliteFile file, OpenSqliteFile(path));
   EVPOSE_RETURN_IF_ERROR(LimitSqliteBytes(*file.database, options.max_bytes));
   EVPOSE_ASSIGN_OR_RETURN(std::unique_ptr<SqliteDatabase> reader, OpenSqliteReader(path));
-  return std::make_unique<SqliteStore>(std::move(directory), std::move(file), std::move(reader));
+  return std::make_unique<SqliteStore>(std::move(directory), options.max_bytes, std::move(file), std::move(reader));
 }
 
 }  // namespace evpose::server

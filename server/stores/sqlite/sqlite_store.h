@@ -15,7 +15,7 @@ namespace evpose::server {
 
 struct SqliteStoreOptions {
   std::string data_dir;              // created for its owner only; the parent directory must exist
-  uint64_t max_bytes = 64ull << 30;  // of the file; the log beside it has up to 128 MB more
+  uint64_t max_bytes = 64ull << 30;  // of the file and the log beside it
 };
 
 // Opens the store and checks all records; damage() lists those that are skipped. Errors: those of DataDirectory::Open()

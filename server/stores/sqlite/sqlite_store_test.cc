@@ -288,5 +288,18 @@ TEST_F(SqliteStoreTest, AFullDiskRejectsOnlyTheCommit) {
   EXPECT_EQ(Ranges(store->ReadSession("sessions/a")->poses), "1-3 4-5");
 }
 
+TEST_F(SqliteStoreTest, FileAndLogStayWithinTheLimit) {
+  constexpr uint64_t kLimit = 4u << 20;
+  const std::unique_ptr<Store> store = OpenSqliteStore({.data_dir = DataDir(), .max_bytes = kLimit}).value();
+  for (int i = 0; i < 40; ++i) {
+    const std::string name = "sessions/" + std::to_string(i);
+    auto lease = store->CreateSession(Record(name), "").value();
+    ASSERT_TRUE(CommitNow(*lease, {.checkpoint = Noise(256u << 10, static_cast<uint64_t>(i))}).ok()) << i;
+    ASSERT_TRUE(store->DeleteSession(name).ok());
+  }
+  const uint64_t bytes = std::filesystem::file_size(File()) + std::filesystem::file_size(File() + "-wal");
+  EXPECT_LE(bytes, kLimit);
+}
+
 }  // namespace
 }  // namespace evpose::server

@@ -86,6 +86,10 @@ bool SqliteWriter::WriteTogether(absl::Span<Job> group, std::vector<absl::Status
 
 absl::Status SqliteWriter::WriteAlone(Job& job) {
   absl::Status status = Transact(job.write);
+  // Copying the log into the file makes room on the disk if deleted sessions have left free pages in the file.
+  if (absl::IsResourceExhausted(status) && database_->Execute("PRAGMA wal_checkpoint(TRUNCATE)").ok()) {
+    status = Transact(job.write);
+  }
   while (absl::IsResourceExhausted(status) && DeleteOldestEnded()) status = Transact(job.write);
   return status;
 }
