@@ -13,7 +13,7 @@ absl::StatusOr<std::shared_ptr<const void>> TenantQuotas::AddWatcher(const std::
   uint32_t& count = watchers_[tenant];
   if (count < options_.max_watchers) {
     ++count;
-    return std::shared_ptr<const void>(this, [this, tenant](const void*) { RemoveWatcher(tenant); });
+    return std::shared_ptr<const void>(this, [this, tenant](const void*) { RemoveWatcher(watchers_, tenant); });
   }
   if (count == 0) watchers_.erase(tenant);
   options_.metrics->quota_refusals[QuotaLimit::kTenantWatchers].Add();
@@ -23,10 +23,24 @@ absl::StatusOr<std::shared_ptr<const void>> TenantQuotas::AddWatcher(const std::
                       kRetryDelay);
 }
 
-void TenantQuotas::RemoveWatcher(const std::string& tenant) {
+void TenantQuotas::RemoveWatcher(Counts& counts, const std::string& tenant) {
   const std::lock_guard lock(mutex_);
-  const auto found = watchers_.find(tenant);
-  if (--found->second == 0) watchers_.erase(found);
+  const auto found = counts.find(tenant);
+  if (--found->second == 0) counts.erase(found);
+}
+
+std::shared_ptr<const void> TenantQuotas::AddHealthWatcher(const std::string& tenant) {
+  const std::lock_guard lock(mutex_);
+  ++health_watchers_[tenant];
+  return std::shared_ptr<const void>(this, [this, tenant](const void*) { RemoveWatcher(health_watchers_, tenant); });
+}
+
+absl::Duration TenantQuotas::HealthPeriod(const std::string& tenant, absl::Duration period) const {
+  if (options_.max_health_per_s == 0) return period;
+  const std::lock_guard lock(mutex_);
+  const auto found = health_watchers_.find(tenant);
+  const uint32_t num_watchers = found == health_watchers_.end() ? 0 : found->second;
+  return std::max(period, absl::Seconds(num_watchers) / options_.max_health_per_s);
 }
 
 absl::Duration TenantQuotas::ChargeBytes(const std::string& tenant, uint64_t bytes) {

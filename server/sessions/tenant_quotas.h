@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// Quotas of a tenant besides those of sessions and models: watchers, and payload bytes per second. They are the same
+// Quotas of a tenant besides those of sessions and models: watchers, messages with health and payload bytes per second. They are the same
 // for all tenants.
 #pragma once
 
@@ -23,6 +23,7 @@ class TenantQuotas {
  public:
   struct Options {
     uint32_t max_watchers = 4096;
+    uint32_t max_health_per_s = 0;  // messages to all watchers of health of a tenant; 0: no limit
     uint64_t max_bytes_per_s = 0;  // sum over all Track streams of a tenant; 0: no limit
     // Bytes that may arrive at once after a pause; at least one chunk, so that a chunk never waits for itself.
     uint64_t burst_bytes = 4u << 20;
@@ -34,6 +35,12 @@ class TenantQuotas {
   // Counts a watcher of the tenant until the result is destroyed. Errors: RESOURCE_EXHAUSTED (TENANT_QUOTA).
   absl::StatusOr<std::shared_ptr<const void>> AddWatcher(const std::string& tenant);
 
+  // Counts a watcher of health of the tenant until the result is destroyed, in addition to AddWatcher().
+  std::shared_ptr<const void> AddHealthWatcher(const std::string& tenant);
+  // The time until the next message to a watcher of health that asks for `period`: longer while all watchers of the
+  // tenant together would exceed the limit if each had this period.
+  absl::Duration HealthPeriod(const std::string& tenant, absl::Duration period) const;
+
   // Counts received bytes, and returns the time for which the stream must not be read: zero within the limit. If each
   // stream waits so long, the tenant exceeds the limit by at most one message of each stream, however many there are.
   absl::Duration ChargeBytes(const std::string& tenant, uint64_t bytes);
@@ -43,13 +50,15 @@ class TenantQuotas {
     double bytes = 0.0;  // that may arrive now; negative: excess to be waited for
     absl::Time filled_at;
   };
-  void RemoveWatcher(const std::string& tenant);
+  using Counts = std::map<std::string, uint32_t>;  // by tenant, no zeros
+  void RemoveWatcher(Counts& counts, const std::string& tenant);
   double BytesAt(const Bucket& bucket, absl::Time now) const;
 
   const Options options_;
-  std::mutex mutex_;
-  std::map<std::string, uint32_t> watchers_ ABSL_GUARDED_BY(mutex_);  // no zeros
-  std::map<std::string, Bucket> buckets_ ABSL_GUARDED_BY(mutex_);     // tenants that have sent bytes
+  mutable std::mutex mutex_;
+  Counts watchers_ ABSL_GUARDED_BY(mutex_);
+  Counts health_watchers_ ABSL_GUARDED_BY(mutex_);
+  std::map<std::string, Bucket> buckets_ ABSL_GUARDED_BY(mutex_);  // tenants that have sent bytes
 };
 
 }  // namespace evpose::server

@@ -13,7 +13,7 @@ namespace {
 class TenantQuotasTest : public testing::Test {
  protected:
   TenantQuotas::Options Options() {
-    return {.max_watchers = 2, .max_bytes_per_s = 1000, .burst_bytes = 500, .now = [this] { return now_; }};
+    return {.max_watchers = 2, .max_health_per_s = 100, .max_bytes_per_s = 1000, .burst_bytes = 500, .now = [this] { return now_; }};
   }
   absl::Time now_ = absl::UnixEpoch();
 };
@@ -30,6 +30,24 @@ TEST_F(TenantQuotasTest, WatchersOfEachTenant) {
   EXPECT_TRUE(quotas.AddWatcher("field").ok());
   first.reset();
   EXPECT_TRUE(quotas.AddWatcher("lab").ok());
+}
+
+TEST_F(TenantQuotasTest, ManyWatchersReceiveHealthLessOften) {
+  TenantQuotas quotas(Options());
+  EXPECT_EQ(quotas.HealthPeriod("lab", absl::Milliseconds(10)), absl::Milliseconds(10));
+  std::vector<std::shared_ptr<const void>> watchers;
+  for (int i = 0; i < 50; ++i) watchers.push_back(quotas.AddHealthWatcher("lab"));
+  EXPECT_EQ(quotas.HealthPeriod("lab", absl::Milliseconds(10)), absl::Milliseconds(500)) << "50 of 100 per second";
+  EXPECT_EQ(quotas.HealthPeriod("lab", absl::Seconds(1)), absl::Seconds(1));
+  EXPECT_EQ(quotas.HealthPeriod("field", absl::Milliseconds(10)), absl::Milliseconds(10));
+  watchers.clear();
+  EXPECT_EQ(quotas.HealthPeriod("lab", absl::Milliseconds(10)), absl::Milliseconds(10));
+  TenantQuotas::Options options = Options();
+  options.max_health_per_s = 0;
+  TenantQuotas unlimited(options);
+  for (int i = 0; i < 50; ++i) watchers.push_back(unlimited.AddHealthWatcher("lab"));
+  EXPECT_EQ(unlimited.HealthPeriod("lab", absl::Milliseconds(10)), absl::Milliseconds(10));
+  watchers.clear();
 }
 
 TEST_F(TenantQuotasTest, BytesBeyondTheRateMustWait) {
