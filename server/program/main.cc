@@ -5,6 +5,7 @@
 #include <sys/resource.h>
 #include <unistd.h>
 
+#include <atomic>
 #include <cerrno>
 #include <csignal>
 #include <future>
@@ -21,7 +22,7 @@
 #include "server/auth/token_file.h"
 #include "server/http/operator_pages.h"
 #include "server/program/options.h"
-#include "server/rpc/listen_address.h"
+#include "server/connections/listen_address.h"
 #include "server/rpc/server.h"
 #include "server/telemetry/log.h"
 
@@ -155,6 +156,12 @@ int Serve(const ProgramOptions& options) {
     drained.set_value(deadline);
     kill(getpid(), DrainSignal());
   };
+  // As at SIGTERM the streams continue elsewhere, but the exit status makes a supervisor start the server again.
+  std::atomic<bool> is_stalled = false;
+  server_options.on_stalled = [&is_stalled] {
+    is_stalled = true;
+    kill(getpid(), SIGTERM);
+  };
   // The pages are started before the server, so that its start can be observed, and are destroyed before it.
   absl::StatusOr<std::unique_ptr<Server>> server;
   const auto pages = StartPages(options);
@@ -190,7 +197,7 @@ int Serve(const ProgramOptions& options) {
        {"timeout", absl::FormatDuration(deadline)}});
   (*server)->Shutdown(deadline);
   Log(LogLevel::kInfo, "server_stopped", {{"message", "all streams are finished"}});
-  return 0;
+  return is_stalled ? kFailed : 0;
 }
 
 int Main(int argc, char** argv) {

@@ -81,6 +81,9 @@ enum class QuotaLimit {
   kTenantWatchers,
 };
 
+// Limits for which a connection was closed when it was accepted.
+enum class ConnectionRefusal { kMaxConnections, kMaxPerPeer, kDescriptors };
+
 // Reasons for which the store has not accepted a checkpoint.
 enum class CheckpointFailure { kStoreAway, kStoreFull, kFenced, kStoreFailed };
 
@@ -115,6 +118,8 @@ struct ServerMetrics {
   OneFor<QuotaLimit, 6> quota_refusals;
   Counter quota_delays;  // times that a stream was paused because its tenant exceeded its byte rate
 
+  OneFor<ConnectionRefusal, 3> connection_refusals;
+
   uint64_t all_skipped_events() const {
     return skipped_events[DropReason::kLag].value() + skipped_events[DropReason::kMemory].value() +
            skipped_events[DropReason::kReader].value();
@@ -126,6 +131,8 @@ struct ServerState {
   SessionTotals sessions;
   uint32_t max_sessions = 0;
   uint32_t num_workers = 0;
+  size_t connections = 0;
+  absl::Status listening = absl::OkStatus();  // an error explains why the server accepts no connections
   absl::Status readiness;  // an error explains why the server accepts no sessions
 };
 

@@ -27,6 +27,7 @@ constexpr std::array kDropReasons = {"lag", "memory", "reader"};
 constexpr std::array kCheckpointFailures = {"store_away", "store_full", "fenced", "store_failed"};
 constexpr std::array kQuotaLimits = {"max_sessions",    "max_streams",        "max_model_store_bytes",
                                      "tenant_sessions", "tenant_model_bytes", "tenant_watchers"};
+constexpr std::array kConnectionRefusals = {"max_connections", "max_connections_per_peer", "descriptors"};
 constexpr std::array kStreamKinds = {"track", "watch"};
 constexpr int kNumStatusCodes = 17;
 
@@ -91,6 +92,9 @@ void AddState(const ServerState& state, const BuildVersion& build, Families& fam
   families.AddGauge("evpose_ready", "1 while the server accepts sessions (/readyz is 200), else 0.",
                     state.readiness.ok() ? 1.0 : 0.0);
   families.AddGauge("evpose_workers", "Threads that decode and track.", state.num_workers);
+  families.AddGauge("evpose_connections", "Connections of clients.", static_cast<double>(state.connections));
+  families.AddGauge("evpose_listener_stalled", "1 while the server accepts no connections, else 0.",
+                    state.listening.ok() ? 0.0 : 1.0);
   const SessionTotals& sessions = state.sessions;
   families.Begin(
       "evpose_sessions", MetricType::Gauge,
@@ -221,6 +225,10 @@ void AddCalls(const ServerMetrics& metrics, Families& families) {
   }
   families.AddByKind("evpose_quota_refusals_total", "Calls that were rejected with RESOURCE_EXHAUSTED, by limit.",
                      "limit", kQuotaLimits, metrics.quota_refusals);
+  families.AddByKind("evpose_connections_refused_total",
+                     "Connections that were closed at once, by limit: all connections, those of one address, or the "
+                     "descriptors of the process.",
+                     "limit", kConnectionRefusals, metrics.connection_refusals);
   families.AddCounter(
       "evpose_quota_delays_total",
       "Number of times that the server paused reading a stream because its tenant exceeded its limit of bytes "

@@ -121,6 +121,14 @@ TEST(PrometheusTextTest, EveryCounterHasItsOwnSeries) {
     count(metrics.quota_refusals[limit], absl::StrCat("evpose_quota_refusals_total{limit=\"", name, "\"}"));
   }
   count(metrics.quota_delays, "evpose_quota_delays_total");
+  const std::pair<ConnectionRefusal, const char*> refusals[] = {
+      {ConnectionRefusal::kMaxConnections, "max_connections"},
+      {ConnectionRefusal::kMaxPerPeer, "max_connections_per_peer"},
+      {ConnectionRefusal::kDescriptors, "descriptors"}};
+  for (const auto& [refusal, name] : refusals) {
+    count(metrics.connection_refusals[refusal],
+          absl::StrCat("evpose_connections_refused_total{limit=\"", name, "\"}"));
+  }
 
   const ParsedMetrics parsed = ParseMetrics(PrometheusText(metrics, ServerState(), kBuild));
   for (const auto& [series, value] : expected) EXPECT_NEAR(parsed.At(series), value, 1e-9 * value) << series;
@@ -186,6 +194,8 @@ TEST(PrometheusTextTest, GaugesShowTheState) {
                     .oldest_queue_age_us = 1'500'000};
   state.max_sessions = 10;
   state.num_workers = 11;
+  state.connections = 12;
+  state.listening = absl::UnavailableError("secret");
   state.readiness = absl::UnavailableError("secret");
   const std::string text = PrometheusText(ServerMetrics(), state, kBuild);
   const ParsedMetrics parsed = ParseMetrics(text);
@@ -201,6 +211,8 @@ TEST(PrometheusTextTest, GaugesShowTheState) {
   EXPECT_EQ(parsed.At("evpose_queue_age_seconds"), 1.5);
   EXPECT_EQ(parsed.At("evpose_max_sessions"), 10.0);
   EXPECT_EQ(parsed.At("evpose_workers"), 11.0);
+  EXPECT_EQ(parsed.At("evpose_connections"), 12.0);
+  EXPECT_EQ(parsed.At("evpose_listener_stalled"), 1.0);
   EXPECT_EQ(parsed.At("evpose_ready"), 0.0);
   EXPECT_THAT(text, testing::Not(testing::HasSubstr("secret")));
 }
