@@ -45,7 +45,8 @@ bool IsReserved(int descriptor) {
 
 ConnectionAcceptor::Options WithDefaults(ConnectionAcceptor::Options options) {
   if (options.max_connections == 0) {
-    options.max_connections = static_cast<uint32_t>(std::clamp<rlim_t>(MaxDescriptors() / 2, 1, kMaxDefaultConnections));
+    options.max_connections =
+        static_cast<uint32_t>(std::clamp<rlim_t>(MaxDescriptors() / 2, 1, kMaxDefaultConnections));
   }
   if (options.max_connections_per_peer == 0) {
     options.max_connections_per_peer = std::max(1u, options.max_connections / 2);

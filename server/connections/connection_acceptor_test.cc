@@ -103,11 +103,11 @@ TEST_F(ConnectionAcceptorTest, WithoutDescriptorsItIsNotReadyAndThenGoesOn) {
 TEST_F(ConnectionAcceptorTest, ReportsThatItHasStalled) {
   std::promise<void> released, stalled;
   const std::shared_future<void> release = released.get_future().share();
-  acceptor_ = ConnectionAcceptor::Listen({.host = "127.0.0.1", .port = 0},
-                                         {.listener_timeout = absl::Milliseconds(100),
-                                          .on_stalled = [&stalled] { stalled.set_value(); },
-                                          .metrics = metrics_})
-                  .value();
+  acceptor_ =
+      ConnectionAcceptor::Listen({.host = "127.0.0.1", .port = 0}, {.listener_timeout = absl::Milliseconds(100),
+                                                                    .on_stalled = [&stalled] { stalled.set_value(); },
+                                                                    .metrics = metrics_})
+          .value();
   acceptor_->Start([release](int descriptor) {
     close(descriptor);
     release.wait();  // as a transport that does not return

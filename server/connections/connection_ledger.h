@@ -17,8 +17,8 @@
 
 namespace evpose::server {
 
-// The address by which connections are counted: an IPv4 address, also one in the form of IPv6, or the first 64 bits of an
-// IPv6 address, because a client may use every address of its network.
+// The address by which connections are counted: an IPv4 address, also one in the form of IPv6, or the first 64 bits of
+// an IPv6 address, because a client may use every address of its network.
 boost::asio::ip::address PeerOf(const boost::asio::ip::address& address);
 
 // Counts the connections in total and by peer. A connection counts while its descriptor refers to the same socket.
@@ -44,7 +44,7 @@ class ConnectionLedger {
 
   const uint32_t max_connections_;
   const uint32_t max_per_peer_;
-  Connections connections_;  // by descriptor
+  Connections connections_;                                   // by descriptor
   std::map<boost::asio::ip::address, uint32_t> num_by_peer_;  // no zeros
   std::chrono::steady_clock::time_point removed_at_;
 };

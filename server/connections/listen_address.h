@@ -25,9 +25,9 @@ struct ListenAddress {
 absl::StatusOr<ListenAddress> ParseListenAddress(const std::string& text);
 
 // Listens on the address, without blocking calls and with TCP_NODELAY for all accepted connections. A name is resolved;
-// all its addresses get the same port, and one that cannot be used is skipped if another can. A wildcard address, 0.0.0.0
-// or [::], accepts IPv4 and IPv6 where the machine has both. Returns at least one acceptor. Errors: UNAVAILABLE with
-// cause and advice.
+// all its addresses get the same port, and one that cannot be used is skipped if another can. A wildcard address,
+// 0.0.0.0 or [::], accepts IPv4 and IPv6 where the machine has both. Returns at least one acceptor. Errors: UNAVAILABLE
+// with cause and advice.
 absl::StatusOr<std::vector<boost::asio::ip::tcp::acceptor>> ListenOn(boost::asio::io_context& context,
                                                                      const ListenAddress& address);
 

@@ -11,10 +11,11 @@ namespace evpose::server {
 
 class MemoryTrimmer {
  public:
-  // The steps from the first closed connection to the trim: gRPC releases the memory of a connection some time after its
-  // descriptor.
+  // The steps from the first closed connection to the trim: gRPC releases the memory of a connection some time after
+  // its descriptor.
   static constexpr int kSteps = 5;
-  // Trimming locks the heap for milliseconds. It is done only when the process has grown by this much since the last time.
+  // Trimming locks the heap for milliseconds. It is done only when the process has grown by this much since the last
+  // time.
   static constexpr size_t kMinGrowthBytes = size_t{64} << 20;
 
   MemoryTrimmer();

@@ -31,8 +31,8 @@ using Error = boost::system::error_code;
 constexpr std::chrono::seconds kRequestTimeout(5);  // from the connection to the last byte of the response
 constexpr std::chrono::milliseconds kPause(100);    // until accept() is tried again after an error
 constexpr size_t kMaxRequestBytes = 8192;           // request line and headers; bodies are not read
-// Enough for the scrapers and probes of a server. Beyond it the oldest connection is closed: a probe sends its request at
-// once, whereas connections that wait are idle or hostile.
+// Enough for the scrapers and probes of a server. Beyond it the oldest connection is closed: a probe sends its request
+// at once, whereas connections that wait are idle or hostile.
 constexpr size_t kMaxConnections = 32;
 
 // One request and its response. Used by the server's thread only.

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// Tests connections to evpose-server as a process: descriptors that are used up, and probes beside connections that send
-// nothing.
+// Tests connections to evpose-server as a process: descriptors that are used up, and probes beside connections that
+// send nothing.
 #include <gmock/gmock.h>
 #include <grpcpp/grpcpp.h>
 #include <gtest/gtest.h>
@@ -41,8 +41,8 @@ class ConnectionsTest : public testing::Test {
     metrics_port_ = read_port("metrics on ");
   }
 
-  // Connects to the gRPC port. Returns true if the server has accepted the connection and begun with HTTP/2, false if it
-  // has closed it.
+  // Connects to the gRPC port. Returns true if the server has accepted the connection and begun with HTTP/2, false if
+  // it has closed it.
   bool Connect() {
     boost::asio::ip::tcp::socket& socket = connections_.emplace_back(context_);
     socket.connect({boost::asio::ip::address_v4::loopback(), static_cast<uint16_t>(port_)});
@@ -55,8 +55,8 @@ class ConnectionsTest : public testing::Test {
   grpc::Status GetServerInfo() const {
     grpc::ChannelArguments own;
     own.SetInt(GRPC_ARG_USE_LOCAL_SUBCHANNEL_POOL, 1);
-    const auto channel = grpc::CreateCustomChannel("127.0.0.1:" + std::to_string(port_),
-                                                   grpc::InsecureChannelCredentials(), own);
+    const auto channel =
+        grpc::CreateCustomChannel("127.0.0.1:" + std::to_string(port_), grpc::InsecureChannelCredentials(), own);
     grpc::ClientContext context;
     context.set_wait_for_ready(true);
     v1::GetServerInfoRequest request;

@@ -12,17 +12,19 @@
 #include <iostream>
 #include <memory>
 #include <string>
+#include <thread>
 #include <utility>
 
 #include "absl/strings/str_cat.h"
+#include "absl/time/clock.h"
 #include "absl/time/time.h"
 #include "core/base/output_file.h"
 #include "core/base/terminate_by_signal.h"
 #include "core/base/version.h"
 #include "server/auth/token_file.h"
+#include "server/connections/listen_address.h"
 #include "server/http/operator_pages.h"
 #include "server/program/options.h"
-#include "server/connections/listen_address.h"
 #include "server/rpc/server.h"
 #include "server/telemetry/log.h"
 
@@ -31,6 +33,7 @@ namespace {
 
 constexpr int kFailed = 1;
 constexpr int kWrongUsage = 2;
+constexpr absl::Duration kStalledShutdownGrace = absl::Seconds(5);
 
 // Writes one line with the cause at every log level; as a JSON object if the log is JSON, so that a collector can parse
 // it.
@@ -158,9 +161,15 @@ int Serve(const ProgramOptions& options) {
   };
   // As at SIGTERM the streams continue elsewhere, but the exit status makes a supervisor start the server again.
   std::atomic<bool> is_stalled = false;
-  server_options.on_stalled = [&is_stalled] {
+  const absl::Duration last_moment = options.shutdown_notice + server_options.drain_timeout + kStalledShutdownGrace;
+  server_options.on_stalled = [&is_stalled, last_moment] {
     is_stalled = true;
     kill(getpid(), SIGTERM);
+    // The shutdown waits for the thread that accepts connections, which may never return.
+    std::thread([last_moment] {
+      absl::SleepFor(last_moment);
+      _exit(kFailed);
+    }).detach();
   };
   // The pages are started before the server, so that its start can be observed, and are destroyed before it.
   absl::StatusOr<std::unique_ptr<Server>> server;

@@ -299,13 +299,12 @@ class ServerImpl : public Server, public Drainer {
     const auto on_stalled = [this, call = options.on_stalled] {
       if (call != nullptr && !is_leaving_) call();
     };
-    EVPOSE_ASSIGN_OR_RETURN(acceptor_,
-                            ConnectionAcceptor::Listen(address, {.max_connections = options.max_connections,
-                                                                 .max_connections_per_peer =
-                                                                     options.max_connections_per_peer,
-                                                                 .listener_timeout = options.listener_timeout,
-                                                                 .on_stalled = on_stalled,
-                                                                 .metrics = metrics_}));
+    EVPOSE_ASSIGN_OR_RETURN(
+        acceptor_, ConnectionAcceptor::Listen(address, {.max_connections = options.max_connections,
+                                                        .max_connections_per_peer = options.max_connections_per_peer,
+                                                        .listener_timeout = options.listener_timeout,
+                                                        .on_stalled = on_stalled,
+                                                        .metrics = metrics_}));
     grpc_entrance_ = builder.experimental().AddExternalConnectionAcceptor(
         grpc::ServerBuilder::experimental_type::ExternalConnectionType::FROM_FD, access_.credentials);
     return absl::OkStatus();
@@ -406,9 +405,8 @@ absl::Status ServerOptions::Validate() const {
                         absl::StrCat("is ", max_calls_per_connection, "; 1 to ", kMaxCalls));
   }
   if (listener_timeout < kMinListenerTimeout) {
-    return InvalidField("listener_timeout",
-                        absl::StrCat("is ", absl::FormatDuration(listener_timeout), "; at least ",
-                                     absl::FormatDuration(kMinListenerTimeout)));
+    return InvalidField("listener_timeout", absl::StrCat("is ", absl::FormatDuration(listener_timeout), "; at least ",
+                                                         absl::FormatDuration(kMinListenerTimeout)));
   }
   if (stream_idle_timeout < absl::ZeroDuration()) {
     return InvalidField("stream_idle_timeout", "must not be negative; 0: no limit");

@@ -254,10 +254,9 @@ class TrackReactor : public grpc::ServerBidiReactor<v1::TrackRequest, v1::TrackR
     if (idle < services_.stream_idle_timeout) {
       return SetAlarm(idle_alarm_, services_.stream_idle_timeout - idle, &TrackReactor::OnIdleAlarm);
     }
-    Fail(WithReason(absl::DeadlineExceededError(
-                        absl::StrCat("the stream has sent no message for ",
-                                     absl::FormatDuration(services_.stream_idle_timeout),
-                                     ": attach again to continue, and send empty chunks while there are no events")),
+    Fail(WithReason(absl::DeadlineExceededError(absl::StrCat(
+                        "the stream has sent no message for ", absl::FormatDuration(services_.stream_idle_timeout),
+                        ": attach again to continue, and send empty chunks while there are no events")),
                     v1::STREAM_IDLE));
     Pump();
   }

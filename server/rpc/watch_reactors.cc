@@ -264,10 +264,9 @@ class WatchHealthReactor : public WatchReactor<v1::WatchHealthResponse> {
     // an alarm holds its function until it is destroyed.
     alarm_ = std::make_unique<grpc::Alarm>();
     const absl::Duration period = quotas().HealthPeriod(tenant_, period_);
-    alarm_->Set(std::chrono::system_clock::now() + absl::ToChronoMicroseconds(period),
-                [weak = weak_from_this()](bool) {
-                  if (const auto self = weak.lock()) static_cast<WatchHealthReactor*>(self.get())->OnAlarm();
-                });
+    alarm_->Set(std::chrono::system_clock::now() + absl::ToChronoMicroseconds(period), [weak = weak_from_this()](bool) {
+      if (const auto self = weak.lock()) static_cast<WatchHealthReactor*>(self.get())->OnAlarm();
+    });
   }
 
   void OnAlarm() {

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// Quotas of a tenant besides those of sessions and models: watchers, messages with health and payload bytes per second. They are the same
-// for all tenants.
+// Quotas of a tenant besides those of sessions and models: watchers, messages with health and payload bytes per second.
+// They are the same for all tenants.
 #pragma once
 
 #include <cstdint>
@@ -24,7 +24,7 @@ class TenantQuotas {
   struct Options {
     uint32_t max_watchers = 4096;
     uint32_t max_health_per_s = 0;  // messages to all watchers of health of a tenant; 0: no limit
-    uint64_t max_bytes_per_s = 0;  // sum over all Track streams of a tenant; 0: no limit
+    uint64_t max_bytes_per_s = 0;   // sum over all Track streams of a tenant; 0: no limit
     // Bytes that may arrive at once after a pause; at least one chunk, so that a chunk never waits for itself.
     uint64_t burst_bytes = 4u << 20;
     std::function<absl::Time()> now;

@@ -13,7 +13,13 @@ namespace {
 class TenantQuotasTest : public testing::Test {
  protected:
   TenantQuotas::Options Options() {
-    return {.max_watchers = 2, .max_health_per_s = 100, .max_bytes_per_s = 1000, .burst_bytes = 500, .now = [this] { return now_; }};
+    TenantQuotas::Options options;
+    options.max_watchers = 2;
+    options.max_health_per_s = 100;
+    options.max_bytes_per_s = 1000;
+    options.burst_bytes = 500;
+    options.now = [this] { return now_; };
+    return options;
   }
   absl::Time now_ = absl::UnixEpoch();
 };

@@ -133,7 +133,7 @@ struct ServerState {
   uint32_t num_workers = 0;
   size_t connections = 0;
   absl::Status listening = absl::OkStatus();  // an error explains why the server accepts no connections
-  absl::Status readiness;  // an error explains why the server accepts no sessions
+  absl::Status readiness;                     // an error explains why the server accepts no sessions
 };
 
 }  // namespace evpose::server

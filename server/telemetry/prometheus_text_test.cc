@@ -126,8 +126,7 @@ TEST(PrometheusTextTest, EveryCounterHasItsOwnSeries) {
       {ConnectionRefusal::kMaxPerPeer, "max_connections_per_peer"},
       {ConnectionRefusal::kDescriptors, "descriptors"}};
   for (const auto& [refusal, name] : refusals) {
-    count(metrics.connection_refusals[refusal],
-          absl::StrCat("evpose_connections_refused_total{limit=\"", name, "\"}"));
+    count(metrics.connection_refusals[refusal], absl::StrCat("evpose_connections_refused_total{limit=\"", name, "\"}"));
   }
 
   const ParsedMetrics parsed = ParseMetrics(PrometheusText(metrics, ServerState(), kBuild));
