@@ -344,13 +344,13 @@ TEST_F(IdleTest, AStreamThatNeverAttachesEnds) {
 
 TEST_F(IdleTest, AnAttachedStreamWithoutMessagesEndsAndItsSessionContinues) {
   ServerOptions options = Options();
-  options.stream_idle_timeout = absl::Milliseconds(50);
+  options.stream_idle_timeout = absl::Milliseconds(300);
   server_ = StartServer(options, FakeTrackers(gate_)).value();
   Use(server_->InProcessChannel());
   CreatedSession session = CreateSession();
   v1::TrackResponse::Attached attached;
   const auto silent = Attached(session, &attached);
-  EXPECT_EQ(attached.idle_timeout().nanos(), 50'000'000);
+  EXPECT_EQ(attached.idle_timeout().nanos(), 300'000'000);
   EXPECT_EQ(Describe(silent->Finish()), "DEADLINE_EXCEEDED STREAM_IDLE");
   session.set_resume_token(attached.resume_token());
   const auto track = Attached(session);
@@ -362,7 +362,7 @@ TEST_F(IdleTest, AnAttachedStreamWithoutMessagesEndsAndItsSessionContinues) {
 // Signs of life have no effect but that the stream stays open: the poses are those of the events alone.
 TEST_F(IdleTest, SignsOfLifeKeepAStreamOpen) {
   ServerOptions options = Options();
-  options.stream_idle_timeout = absl::Milliseconds(200);
+  options.stream_idle_timeout = absl::Milliseconds(500);
   server_ = StartServer(options, FakeTrackers(gate_)).value();
   Use(server_->InProcessChannel());
   const auto track = Attached(CreateSession());
