@@ -1,94 +1,137 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "server/http/http_server.h"
 
-#include <civetweb.h>
-
+#include <boost/asio/io_context.hpp>
+#include <boost/asio/ip/tcp.hpp>
+#include <boost/asio/steady_timer.hpp>
+#include <boost/beast/core/flat_buffer.hpp>
+#include <boost/beast/core/tcp_stream.hpp>
+#include <boost/beast/http.hpp>
+#include <boost/none.hpp>
 #include <chrono>
-#include <future>
+#include <list>
 #include <string>
+#include <thread>
 #include <utility>
+#include <vector>
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_join.h"
-#include "absl/strings/string_view.h"
 #include "core/base/status_macros.h"
-#include "server/rpc/listen_address.h"
+#include "server/connections/listen_address.h"
 
 namespace evpose::server {
 namespace {
 
-// Enough for a Prometheus scraper, two probes and one person at the same time; further requests wait.
-constexpr char kNumThreads[] = "4";
-constexpr char kRequestTimeoutMs[] = "5000";  // a stalled client must not occupy a thread for long
-constexpr char kMaxRequestBytes[] = "8192";   // request line and headers; bodies are not read
+namespace beast = boost::beast;
+namespace http = beast::http;
+using boost::asio::ip::tcp;
+using Error = boost::system::error_code;
 
-class CivetwebServer : public HttpServer {
+constexpr std::chrono::seconds kRequestTimeout(5);  // from the connection to the last byte of the response
+constexpr std::chrono::milliseconds kPause(100);    // until accept() is tried again after an error
+constexpr size_t kMaxRequestBytes = 8192;           // request line and headers; bodies are not read
+// Enough for the scrapers and probes of a server. Beyond it the oldest connection is closed: a probe sends its request
+// at once, whereas connections that wait are idle or hostile.
+constexpr size_t kMaxConnections = 32;
+
+// One request and its response. Used by the server's thread only.
+class Connection : public std::enable_shared_from_this<Connection> {
  public:
-  explicit CivetwebServer(Pages pages) : pages_(std::move(pages)) { mg_init_library(MG_FEATURES_DEFAULT); }
-  ~CivetwebServer() override {
-    if (context_ != nullptr) Stop();
-    mg_exit_library();
+  using MakePage = std::function<HttpPage(const http::request<http::empty_body>&)>;
+  Connection(tcp::socket socket, const MakePage& make_page) : stream_(std::move(socket)), make_page_(make_page) {
+    parser_.body_limit(boost::none);  // a long body is as good as a short one: it is not read
+  }
+
+  // `done` is called once, when the connection can be destroyed.
+  void Start(std::function<void()> done) {
+    done_ = std::move(done);
+    stream_.expires_after(kRequestTimeout);
+    http::async_read_header(stream_, buffer_, parser_, [self = shared_from_this()](const Error& error, size_t) {
+      if (error) return self->done_();
+      self->Answer();
+    });
+  }
+
+  void Close() { stream_.close(); }
+
+ private:
+  void Answer() {
+    HttpPage page = make_page_(parser_.get());
+    response_.result(static_cast<unsigned>(page.status));
+    response_.set(http::field::content_type, page.content_type);
+    response_.set(http::field::cache_control, "no-store");
+    if (page.status == 405) response_.set(http::field::allow, "GET, HEAD");
+    response_.keep_alive(false);
+    response_.content_length(page.body.size());
+    if (parser_.get().method() != http::verb::head) response_.body() = std::move(page.body);
+    http::async_write(stream_, response_, [self = shared_from_this()](const Error&, size_t) {
+      Error ignored;
+      self->stream_.socket().shutdown(tcp::socket::shutdown_send, ignored);
+      self->done_();
+    });
+  }
+
+  beast::tcp_stream stream_;
+  const MakePage& make_page_;
+  beast::flat_buffer buffer_{kMaxRequestBytes};
+  http::request_parser<http::empty_body> parser_;
+  http::response<http::string_body> response_;
+  std::function<void()> done_;
+};
+
+class BeastServer : public HttpServer {
+ public:
+  explicit BeastServer(Pages pages) : pages_(std::move(pages)) {}
+  ~BeastServer() override {
+    context_.stop();
+    if (thread_.joinable()) thread_.join();
   }
 
   absl::Status Listen(const ListenAddress& address) {
-    mg_callbacks callbacks = {};
-    callbacks.begin_request = [](mg_connection* connection) {
-      const mg_request_info& request = *mg_get_request_info(connection);
-      return static_cast<const CivetwebServer*>(request.user_data)->Answer(*connection, request);
-    };
-    callbacks.log_message = [](const mg_connection*, const char*) {
-      return 1;
-    };  // no log: errors of clients are not ours
-    host_ = address.host;
-    const std::string listening = address.WithPort(address.port);
-    const char* options[] = {"listening_ports", listening.c_str(),  "num_threads",    kNumThreads, "request_timeout_ms",
-                             kRequestTimeoutMs, "max_request_size", kMaxRequestBytes, nullptr};
-    context_ = mg_start(&callbacks, this, options);
-    mg_server_port port = {};
-    if (context_ == nullptr || mg_get_server_ports(context_, 1, &port) != 1) {
-      EVPOSE_RETURN_IF_ERROR(ProbeListenAddress(address));
-      return absl::UnavailableError(
-          absl::StrCat("cannot listen on ", listening, ": give an IPv4 address of this machine, or 0.0.0.0 for all"));
-    }
-    port_ = port.port;
+    EVPOSE_ASSIGN_OR_RETURN(acceptors_, ListenOn(context_, address));
+    port_ = acceptors_.front().local_endpoint().port();
+    for (tcp::acceptor& acceptor : acceptors_) Accept(acceptor);
+    thread_ = std::thread([this] { context_.run(); });
     return absl::OkStatus();
   }
 
   int port() const override { return port_; }
 
  private:
-  // Stops civetweb and waits for its threads. They check the stop flag every two seconds and at each new connection;
-  // connecting therefore makes the shutdown fast.
-  void Stop() {
-    const std::future<void> stopped = std::async(std::launch::async, mg_stop, context_);
-    while (stopped.wait_for(std::chrono::milliseconds(5)) != std::future_status::ready) {
-      char error[128];
-      mg_connection* const visit = mg_connect_client(host_.c_str(), port_, /*use_ssl=*/0, error, sizeof(error));
-      if (visit != nullptr) mg_close_connection(visit);
+  void Accept(tcp::acceptor& acceptor) {
+    acceptor.async_accept([this, &acceptor](const Error& error, tcp::socket socket) {
+      if (error) return AcceptAfterPause(acceptor);
+      Add(std::move(socket));
+      Accept(acceptor);
+    });
+  }
+
+  // After an error, in particular when no descriptor is free.
+  void AcceptAfterPause(tcp::acceptor& acceptor) {
+    const auto pause = std::make_shared<boost::asio::steady_timer>(context_, kPause);
+    pause->async_wait([this, &acceptor, pause](const Error&) { Accept(acceptor); });
+  }
+
+  void Add(tcp::socket socket) {
+    if (connections_.size() == kMaxConnections) {
+      connections_.front()->Close();
+      connections_.pop_front();
     }
+    const auto connection = std::make_shared<Connection>(std::move(socket), make_page_);
+    connections_.push_back(connection);
+    connection->Start([this, weak = std::weak_ptr<Connection>(connection)] { connections_.remove(weak.lock()); });
   }
 
-  // Sends the page. Returns its status, which tells civetweb that the request has been handled.
-  int Answer(mg_connection& connection, const mg_request_info& request) const {
-    const HttpPage page = MakePage(request);
-    const std::string head =
-        absl::StrCat("HTTP/1.1 ", page.status, " ", mg_get_response_code_text(&connection, page.status),
-                     "\r\nContent-Type: ", page.content_type, "\r\nContent-Length: ", page.body.size(),
-                     "\r\nCache-Control: no-store", page.status == 405 ? "\r\nAllow: GET, HEAD" : "",
-                     "\r\nConnection: close\r\n\r\n");
-    const bool has_body = absl::string_view(request.request_method) != "HEAD";
-    const std::string answer = absl::StrCat(head, has_body ? page.body : "");
-    mg_write(&connection, answer.data(), answer.size());
-    return page.status;
-  }
-
-  HttpPage MakePage(const mg_request_info& request) const {
-    const auto page = pages_.find(request.local_uri);
-    if (page == pages_.end())
+  HttpPage MakePage(const http::request<http::empty_body>& request) const {
+    if (request.method() == http::verb::unknown) return {.status = 400, .body = "not a method of HTTP\n"};
+    const std::string target(request.target());
+    const auto page = pages_.find(target.substr(0, target.find('?')));
+    if (page == pages_.end()) {
       return {.status = 404, .body = absl::StrCat("there is no such page; the pages are: ", Paths(), "\n")};
-    const absl::string_view method = request.request_method;
-    if (method != "GET" && method != "HEAD") return {.status = 405, .body = "only GET and HEAD\n"};
-    return page->second();
+    }
+    const bool is_read = request.method() == http::verb::get || request.method() == http::verb::head;
+    return is_read ? page->second() : HttpPage{.status = 405, .body = "only GET and HEAD\n"};
   }
 
   std::string Paths() const {
@@ -96,16 +139,19 @@ class CivetwebServer : public HttpServer {
   }
 
   const Pages pages_;
-  mg_context* context_ = nullptr;
-  std::string host_;
+  const Connection::MakePage make_page_ = [this](const auto& request) { return MakePage(request); };
+  boost::asio::io_context context_{1};
+  std::vector<tcp::acceptor> acceptors_;
+  std::list<std::shared_ptr<Connection>> connections_;  // the oldest first
   int port_ = 0;
+  std::thread thread_;
 };
 
 }  // namespace
 
 absl::StatusOr<std::unique_ptr<HttpServer>> HttpServer::Start(const std::string& listen_address, Pages pages) {
   EVPOSE_ASSIGN_OR_RETURN(const ListenAddress address, ParseListenAddress(listen_address));
-  auto server = std::make_unique<CivetwebServer>(std::move(pages));
+  auto server = std::make_unique<BeastServer>(std::move(pages));
   EVPOSE_RETURN_IF_ERROR(server->Listen(address));
   return server;
 }

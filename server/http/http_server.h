@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// A small HTTP server for generated pages. Only the .cc file uses civetweb.
+// A small HTTP server for generated pages. Only the .cc file uses Boost.Beast.
 #pragma once
 
 #include <functional>
@@ -19,15 +19,16 @@ struct HttpPage {
 };
 
 // Serves GET and HEAD requests for a fixed set of paths; other paths get 404, other methods 405. It reads no request
-// bodies, closes the connection after each response, and disconnects slow clients.
+// bodies and closes the connection after each response. Connections that send nothing delay no other one: a connection
+// has 5 s, and the oldest is closed when there are too many.
 class HttpServer {
  public:
-  // The functions that generate the pages, by path ("/metrics"). They are called from several threads of the server at
-  // the same time and must not throw.
+  // The functions that generate the pages, by path ("/metrics"). They are called on the thread of the server and must
+  // neither block nor throw.
   using Pages = std::map<std::string, std::function<HttpPage()>>;
 
-  // `listen_address` is HOST:PORT with an IPv4 address or a name that has one; port 0 chooses a free port. Errors:
-  // INVALID_ARGUMENT for a malformed address; UNAVAILABLE, with cause and remedy, when the server cannot listen on it.
+  // `listen_address` is HOST:PORT; port 0 chooses a free port. Errors: INVALID_ARGUMENT for a malformed address;
+  // UNAVAILABLE, with cause and remedy, when the server cannot listen on it.
   static absl::StatusOr<std::unique_ptr<HttpServer>> Start(const std::string& listen_address, Pages pages);
   // No page is generated afterwards.
   virtual ~HttpServer() = default;

@@ -20,7 +20,7 @@
 #include "core/base/certificates.h"
 #include "core/base/status_macros.h"
 #include "grpc/health/v1/health.grpc.pb.h"
-#include "server/rpc/listen_address.h"
+#include "server/connections/listen_address.h"
 
 namespace {
 

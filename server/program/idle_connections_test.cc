@@ -67,7 +67,8 @@ class IdleConnectionsTest : public testing::Test {
     if (limit.rlim_max < 2500) GTEST_SKIP() << "the limit of open files cannot be raised above " << limit.rlim_max;
     limit.rlim_cur = 256;
     ASSERT_EQ(setrlimit(RLIMIT_NOFILE, &limit), 0);
-    program_ = std::make_unique<Program>(std::vector<std::string>{"--listen", "127.0.0.1:0"});
+    program_ = std::make_unique<Program>(std::vector<std::string>{"--listen", "127.0.0.1:0", "--max-connections",
+                                                                  "2000", "--max-connections-per-peer", "2000"});
     limit.rlim_cur = limit.rlim_max;
     ASSERT_EQ(setrlimit(RLIMIT_NOFILE, &limit), 0);
     const std::string line = program_->ReadLine();

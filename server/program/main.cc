@@ -5,6 +5,7 @@
 #include <sys/resource.h>
 #include <unistd.h>
 
+#include <atomic>
 #include <cerrno>
 #include <csignal>
 #include <future>
@@ -15,16 +16,17 @@
 #include <utility>
 
 #include "absl/strings/str_cat.h"
+#include "absl/time/clock.h"
 #include "absl/time/time.h"
 #include "core/base/output_file.h"
 #include "core/base/terminate_by_signal.h"
 #include "core/base/version.h"
 #include "server/auth/token_file.h"
+#include "server/connections/listen_address.h"
 #include "server/http/operator_pages.h"
 #include "server/program/options.h"
 #include "server/program/tenant_limits.h"
 #include "server/program/thread_check.h"
-#include "server/rpc/listen_address.h"
 #include "server/rpc/server.h"
 #include "server/runtime/out_of_memory.h"
 #include "server/telemetry/log.h"
@@ -34,6 +36,7 @@ namespace {
 
 constexpr int kFailed = 1;
 constexpr int kWrongUsage = 2;
+constexpr absl::Duration kStalledShutdownGrace = absl::Seconds(5);
 
 // Writes one line with the cause at every log level; as a JSON object if the log is JSON, so that a collector can parse
 // it.
@@ -182,6 +185,18 @@ int Serve(const ProgramOptions& options) {
     drained.set_value(deadline);
     kill(getpid(), DrainSignal());
   };
+  // As at SIGTERM the streams continue elsewhere, but the exit status makes a supervisor start the server again.
+  std::atomic<bool> is_stalled = false;
+  const absl::Duration last_moment = options.shutdown_notice + server_options.drain_timeout + kStalledShutdownGrace;
+  server_options.on_stalled = [&is_stalled, last_moment] {
+    is_stalled = true;
+    kill(getpid(), SIGTERM);
+    // The shutdown waits for the thread that accepts connections, which may never return.
+    std::thread([last_moment] {
+      absl::SleepFor(last_moment);
+      _exit(kFailed);
+    }).detach();
+  };
   // The pages are started before the server, so that its start can be observed, and are destroyed before it.
   absl::StatusOr<std::unique_ptr<Server>> server;
   const auto pages = StartPages(options);
@@ -217,7 +232,7 @@ int Serve(const ProgramOptions& options) {
        {"timeout", absl::FormatDuration(deadline)}});
   (*server)->Shutdown(deadline);
   Log(LogLevel::kInfo, "server_stopped", {{"message", "all streams are finished"}});
-  return 0;
+  return is_stalled ? kFailed : 0;
 }
 
 int Main(int argc, char** argv) {

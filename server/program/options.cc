@@ -19,7 +19,7 @@
 #include "core/base/output_file.h"
 #include "core/base/status_macros.h"
 #include "core/base/version.h"
-#include "server/rpc/listen_address.h"
+#include "server/connections/listen_address.h"
 #include "server/runtime/errors.h"
 #include "server/stores/redis/redis_address.h"
 
@@ -49,6 +49,8 @@ it immediately.
 struct Arguments {
   ProgramOptions& program;
   double session_expiry_s = absl::ToDoubleSeconds(ServerOptions().session_expiry);
+  double listener_timeout_s = absl::ToDoubleSeconds(ServerOptions().listener_timeout);
+  double stream_idle_timeout_s = absl::ToDoubleSeconds(ServerOptions().stream_idle_timeout);
   double attach_timeout_s = absl::ToDoubleSeconds(ServerOptions().attach_timeout);
   double shutdown_timeout_s = absl::ToDoubleSeconds(ServerOptions().drain_timeout);
   double shutdown_notice_s = 0.0;
@@ -115,6 +117,13 @@ void DefineLimits(CLI::App& app, Arguments& arguments) {
   app.add_option("--max-session-memory", options.max_session_memory,
                  "bytes of memory for all sessions together; each counts with the most that it may take, and the "
                  "default is 75 % of the memory of the machine or the control group, whichever is smaller");
+  app.add_option("--max-connections", options.max_connections,
+                 "connections at a time; 0: half of the descriptors that the process may have, at most 4096");
+  app.add_option("--max-connections-per-peer", options.max_connections_per_peer,
+                 "connections at a time from one address (64 bits of IPv6), which behind a proxy is that of the proxy; "
+                 "0: half of all");
+  app.add_option("--max-transport-bytes", options.max_transport_bytes,
+                 "bytes of memory of gRPC for connections and calls; beyond it, connections are read later or closed");
   app.add_option("--max-streams", options.max_streams, "streams of events, poses and health at a time");
   app.add_option("--max-calls-per-connection", options.max_calls_per_connection,
                  "calls at a time on one connection; further calls wait at the client");
@@ -124,6 +133,11 @@ void DefineLimits(CLI::App& app, Arguments& arguments) {
   app.add_option("--credit-bytes", options.credit_bytes, "bytes of events that may wait per session");
   app.add_option("--attach-timeout", arguments.attach_timeout_s,
                  "seconds within which a new stream must attach, and an upload must send its next message");
+  app.add_option("--stream-idle-timeout", arguments.stream_idle_timeout_s,
+                 "seconds without a message after which a stream of events ends, so that its session can expire; 0: no "
+                 "limit");
+  app.add_option("--listener-timeout", arguments.listener_timeout_s,
+                 "seconds after which a server that does not accept its own connections ends with status 1");
   app.option_defaults()->group(
       "Limits of each tenant; 0: only the limits of the server apply; default: with tokens or client certificates half "
       "of the server's limit, else 0");
@@ -136,6 +150,8 @@ void DefineLimits(CLI::App& app, Arguments& arguments) {
   app.add_option("--tenant-max-watchers", options.tenant.max_watchers, "readers of poses and health at a time");
   app.add_option("--tenant-max-bytes-per-s", options.tenant.max_bytes_per_s,
                  "bytes of events per second; the server reads faster streams more slowly; default: 0");
+  app.add_option("--tenant-max-health-per-s", options.tenant.max_health_per_s,
+                 "messages per second to readers of health; the server sends more of them less often; 0: no limit");
 }
 
 void DefineArguments(CLI::App& app, Arguments& arguments) {
@@ -149,7 +165,7 @@ void DefineArguments(CLI::App& app, Arguments& arguments) {
   app.add_option("--port-file", arguments.program.port_file, "write the port to this file when ready")
       ->type_name("FILE");
   app.add_option("--metrics-listen", arguments.program.metrics_listen,
-                 "HOST:PORT, IPv4, of the HTTP pages /metrics (Prometheus), /healthz and /readyz, which need no "
+                 "HOST:PORT of the HTTP pages /metrics (Prometheus), /healthz and /readyz, which need no "
                  "authentication; "
                  "port 0 chooses a free port; without this option there are no pages")
       ->type_name("HOST:PORT");
@@ -288,6 +304,8 @@ absl::StatusOr<std::string> AddStorePassword(const std::string& store, const std
 void TakeSeconds(const Arguments& arguments, ServerOptions& options) {
   arguments.program.shutdown_notice = absl::Seconds(arguments.shutdown_notice_s);
   options.attach_timeout = absl::Seconds(arguments.attach_timeout_s);
+  options.listener_timeout = absl::Seconds(arguments.listener_timeout_s);
+  options.stream_idle_timeout = absl::Seconds(arguments.stream_idle_timeout_s);
   options.session_expiry = absl::Seconds(arguments.session_expiry_s);
   options.drain_timeout = absl::Seconds(arguments.shutdown_timeout_s);
 }

@@ -5,6 +5,7 @@
 #include <grpcpp/grpcpp.h>
 #include <grpcpp/health_check_service_interface.h>
 #include <grpcpp/impl/server_builder_option.h>
+#include <grpcpp/resource_quota.h>
 
 #include <algorithm>
 #include <atomic>
@@ -16,9 +17,10 @@
 #include "core/base/status_macros.h"
 #include "server/auth/authenticator.h"
 #include "server/auth/server_credentials.h"
+#include "server/connections/connection_acceptor.h"
+#include "server/connections/listen_address.h"
 #include "server/models/model_registry.h"
 #include "server/rpc/admin_service.h"
-#include "server/rpc/listen_address.h"
 #include "server/rpc/model_service.h"
 #include "server/rpc/server_impl.h"
 #include "server/rpc/service_context.h"
@@ -50,6 +52,8 @@ constexpr uint32_t kMessageOverheadBytes = 64 * 1024;
 // pings a silent client every 20 s.
 constexpr int kMinPingIntervalMs = 10'000;
 constexpr int kKeepaliveMs = 20'000;
+// A connection that has not completed TLS and the beginning of HTTP/2 is closed after this time.
+constexpr int kHandshakeTimeoutMs = 20'000;
 // A connection without calls is closed after this time; gRPC clients reconnect automatically.
 constexpr int kMaxConnectionIdleMs = 300'000;
 
@@ -180,6 +184,7 @@ TenantQuotas::Options QuotaOptions(const ServerOptions& options, std::shared_ptr
   const uint64_t max_bytes_per_s = options.tenant.max_bytes_per_s.value_or(0);
   return {.max_streams = TenantLimit(options.tenant.max_streams, options.max_streams),
           .max_watchers = TenantLimit(options.tenant.max_watchers, options.max_streams),
+          .max_health_per_s = options.tenant.max_health_per_s,
           .max_bytes_per_s = max_bytes_per_s,
           // The bytes of one second, but at least one chunk.
           .burst_bytes = std::max<uint64_t>(max_bytes_per_s, options.max_chunk_bytes),
@@ -214,6 +219,7 @@ class ServerImpl : public Server, public Drainer {
                  quotas_,
                  *this,
                  options.attach_timeout,
+                 options.stream_idle_timeout,
                  options.max_model_bytes,
                  options.drain_timeout,
                  *metrics_,
@@ -240,23 +246,19 @@ class ServerImpl : public Server, public Drainer {
     builder.AddChannelArgument(GRPC_ARG_MAX_CONNECTION_IDLE_MS, kMaxConnectionIdleMs);
     builder.AddChannelArgument(GRPC_ARG_MAX_CONCURRENT_STREAMS, static_cast<int>(options.max_calls_per_connection));
     builder.AddChannelArgument(GRPC_ARG_HTTP2_MIN_RECV_PING_INTERVAL_WITHOUT_DATA_MS, kMinPingIntervalMs);
-    // Without SO_REUSEPORT the second server on a port fails to start; otherwise the kernel would distribute the
-    // clients.
-    builder.AddChannelArgument(GRPC_ARG_ALLOW_REUSEPORT, 0);
-    if (!options.listen_address.empty()) {
-      builder.AddListeningPort(options.listen_address, access_.credentials, &port_);
-    }
+    builder.AddChannelArgument(GRPC_ARG_SERVER_HANDSHAKE_TIMEOUT_MS, kHandshakeTimeoutMs);
+    grpc::ResourceQuota quota("evpose-server");
+    quota.Resize(options.max_transport_bytes);
+    builder.SetResourceQuota(quota);
+    if (!options.listen_address.empty()) EVPOSE_RETURN_IF_ERROR(OpenSocket(options, builder));
     server_ = builder.BuildAndStart();
-    if (server_ != nullptr) {
-      store_check_.Start();
-      return absl::OkStatus();
-    }
-    EVPOSE_ASSIGN_OR_RETURN(const ListenAddress address, ParseListenAddress(options.listen_address));
-    EVPOSE_RETURN_IF_ERROR(ProbeListenAddress(address));
-    return absl::UnavailableError(absl::StrCat("cannot listen on ", options.listen_address));
+    if (server_ == nullptr) return absl::InternalError("gRPC did not start; --log-level debug has its log");
+    if (acceptor_ != nullptr) acceptor_->Start([this](int descriptor) { HandToGrpc(descriptor); });
+    store_check_.Start();
+    return absl::OkStatus();
   }
 
-  int port() const override { return port_; }
+  int port() const override { return acceptor_ == nullptr ? 0 : acceptor_->port(); }
 
   std::shared_ptr<grpc::Channel> InProcessChannel() override {
     grpc::ChannelArguments arguments;
@@ -278,6 +280,11 @@ class ServerImpl : public Server, public Drainer {
     if (const std::optional<StoreUsage> usage = store_check_.usage(); usage.has_value()) {
       state.store_bytes = usage->bytes;
       if (usage->max_bytes != 0) state.store_max_bytes = usage->max_bytes;
+    }
+    if (acceptor_ != nullptr) {
+      state.connections = acceptor_->num_connections();
+      state.listening = acceptor_->status();
+      state.readiness.Update(state.listening);
     }
     if (is_announced_) state.readiness.Update(absl::UnavailableError("the server is about to shut down"));
     return state;
@@ -310,6 +317,7 @@ class ServerImpl : public Server, public Drainer {
     sessions_.CloseAll(leaving);
     if (server_ != nullptr) {
       streams_.WaitForAll(absl::Now() + kCallGrace);
+      if (acceptor_ != nullptr) acceptor_->Stop();
       server_->Shutdown(absl::ToChronoTime(absl::Now() + kCallGrace));
     }
     expiry_timer_.Stop();
@@ -318,6 +326,28 @@ class ServerImpl : public Server, public Drainer {
   }
 
  private:
+  absl::Status OpenSocket(const ServerOptions& options, grpc::ServerBuilder& builder) {
+    EVPOSE_ASSIGN_OR_RETURN(const ListenAddress address, ParseListenAddress(options.listen_address));
+    const auto on_stalled = [this, call = options.on_stalled] {
+      if (call != nullptr && !is_leaving_) call();
+    };
+    EVPOSE_ASSIGN_OR_RETURN(
+        acceptor_, ConnectionAcceptor::Listen(address, {.max_connections = options.max_connections,
+                                                        .max_connections_per_peer = options.max_connections_per_peer,
+                                                        .listener_timeout = options.listener_timeout,
+                                                        .on_stalled = on_stalled,
+                                                        .metrics = metrics_}));
+    grpc_entrance_ = builder.experimental().AddExternalConnectionAcceptor(
+        grpc::ServerBuilder::experimental_type::ExternalConnectionType::FROM_FD, access_.credentials);
+    return absl::OkStatus();
+  }
+
+  void HandToGrpc(int descriptor) {
+    grpc::experimental::ExternalConnectionAcceptor::NewConnectionParameters connection;
+    connection.fd = descriptor;
+    grpc_entrance_->HandleNewConnection(&connection);
+  }
+
   // After AnnounceShutdown() the health stays NOT_SERVING, independent of the store.
   void SetHealth(bool serves) {
     const std::lock_guard lock(health_mutex_);
@@ -355,7 +385,8 @@ class ServerImpl : public Server, public Drainer {
   ModelServiceImpl model_service_;
   AdminServiceImpl admin_service_;
   std::unique_ptr<grpc::Server> server_;
-  int port_ = 0;
+  std::unique_ptr<grpc::experimental::ExternalConnectionAcceptor> grpc_entrance_;
+  std::unique_ptr<ConnectionAcceptor> acceptor_;  // null without a socket
   std::mutex health_mutex_;
   std::atomic<bool> is_announced_ = false;
   std::atomic<bool> is_leaving_ = false;
@@ -377,6 +408,8 @@ absl::Status ServerOptions::Validate() const {
   constexpr int kMaxWorkers = 1024;
   constexpr uint64_t kMinSessionMemory = 1'000'000;
   constexpr uint32_t kMaxCalls = 1u << 20;
+  constexpr absl::Duration kMinListenerTimeout = absl::Seconds(1);
+  constexpr uint64_t kMinTransportBytes = 64ull << 20;
   if (!listen_address.empty()) {
     const auto address = ParseListenAddress(listen_address);
     if (!address.ok()) return InvalidField("listen_address", address.status().message());
@@ -422,6 +455,20 @@ absl::Status ServerOptions::Validate() const {
     if (duration <= absl::ZeroDuration()) return InvalidField(field, "must be positive");
     EVPOSE_RETURN_IF_ERROR(CheckDuration(field, duration));
   }
+  if (listener_timeout < kMinListenerTimeout) {
+    return InvalidField("listener_timeout", absl::StrCat("is ", absl::FormatDuration(listener_timeout), "; at least ",
+                                                         absl::FormatDuration(kMinListenerTimeout)));
+  }
+  if (stream_idle_timeout < absl::ZeroDuration()) {
+    return InvalidField("stream_idle_timeout", "must not be negative; 0: no limit");
+  }
+  if (const uint64_t min_bytes = std::max<uint64_t>(kMinTransportBytes, 16ull * max_chunk_bytes);
+      max_transport_bytes < min_bytes) {
+    return InvalidField("max_transport_bytes", absl::StrCat("is ", max_transport_bytes, "; at least ", min_bytes,
+                                                            ", 64 MiB and 16 of the largest chunks"));
+  }
+  EVPOSE_RETURN_IF_ERROR(CheckDuration("listener_timeout", listener_timeout));
+  EVPOSE_RETURN_IF_ERROR(CheckDuration("stream_idle_timeout", stream_idle_timeout));
   return CheckDuration("drain_timeout", drain_timeout);
 }
 

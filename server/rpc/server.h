@@ -32,6 +32,20 @@ struct ServerOptions {
   // token, too. Empty: with tls.client_ca the CN of a client's certificate is its tenant, otherwise every caller is
   // accepted.
   std::string token_file;
+  // Maximum number of connections to the socket; 0: half of the descriptors that the process may have, at most 4096, so
+  // that the store and the HTTP pages have the others. Each takes a descriptor and about 15 kB.
+  uint32_t max_connections = 0;
+  // Maximum number of connections from one IPv4 address or from one network of 64 bits of IPv6; 0: half of all, so that
+  // one client cannot take the connections of the others. Behind a proxy all connections have its address.
+  uint32_t max_connections_per_peer = 0;
+  // The server connects to its own socket; if it accepts no connection for this time, on_stalled is called. Four such
+  // connections are made in this time; a busy machine delays them by less than a second.
+  absl::Duration listener_timeout = absl::Seconds(10);
+  // Called once when the server has stopped accepting connections, which only a restart remedies. It must not block.
+  std::function<void()> on_stalled;
+  // Memory that gRPC may take for connections and calls, bytes; beyond it, it delays reading and closes connections.
+  // Enough for the default of max_streams at 50 kB each, and for a message of a hundred of them at a time.
+  uint64_t max_transport_bytes = 512ull << 20;
   // The store of sessions and models. The default, in memory, is enough for an in-process server.
   StoreOptions store;
   // Number of threads that decode and track, shared by all sessions; 0: one per core.
@@ -75,9 +89,15 @@ struct ServerOptions {
     // Payload of all Track streams of the tenant together, bytes per second. The server reads faster streams more
     // slowly.
     std::optional<uint64_t> max_bytes_per_s;
+    // Messages of all WatchHealth streams of the tenant together, per second; periods are prolonged beyond it.
+    // Enough for 1000 readers with the default period; 0: no limit.
+    uint32_t max_health_per_s = 1000;
   } tenant;
   // Time within which a Track stream must attach, and within which the next message of an upload must arrive.
   absl::Duration attach_timeout = absl::Seconds(30);
+  // A Track stream that sends no message for this time ends, so that its session can expire; zero: never. Clients
+  // without events send empty chunks at a third of it. Longer than keepalive pings need to detect a broken connection.
+  absl::Duration stream_idle_timeout = absl::Seconds(60);
   // Maximum number of Track and Watch streams; each takes about 50 kB.
   uint32_t max_streams = 8192;
   // Maximum number of concurrent calls of a connection; further calls wait at the client.

@@ -34,6 +34,7 @@ struct ServiceContext {
   TenantQuotas& quotas;
   Drainer& drainer;
   absl::Duration attach_timeout;
+  absl::Duration stream_idle_timeout;  // zero: none
   uint64_t max_model_bytes;
   absl::Duration drain_timeout;  // default of DrainRequest.timeout
   ServerMetrics& metrics;

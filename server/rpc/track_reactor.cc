@@ -25,6 +25,7 @@
 #include "server/runtime/errors.h"
 #include "server/runtime/out_of_memory.h"
 #include "server/sessions/session.h"
+#include "server/sessions/stream/chunk_check.h"
 
 namespace evpose::server {
 namespace {
@@ -56,7 +57,7 @@ class TrackReactor : public grpc::ServerBidiReactor<v1::TrackRequest, v1::TrackR
       auto place = services_.quotas.AddStream(caller_->tenant);
       Fail(place.status());
       if (place.ok()) place_ = *std::move(place);
-      SetAlarm(services_.attach_timeout);
+      SetAlarm(alarm_, services_.attach_timeout, &TrackReactor::OnAlarm);
     }
     Pump();
   }
@@ -222,12 +223,13 @@ class TrackReactor : public grpc::ServerBidiReactor<v1::TrackRequest, v1::TrackR
   }
 
   absl::Status HandleEvents(v1::TrackRequest::EventChunk& events) {
-    Hold(services_.quotas.ChargeBytes(caller_->tenant, events.payload().size()));
     EventChunk chunk;
     chunk.seq = events.seq();
     chunk.discontinuity = events.discontinuity();
     if (events.has_crc32c()) chunk.crc32c = events.crc32c();
     chunk.payload = std::move(*events.mutable_payload());
+    if (IsSignOfLife(chunk)) return absl::OkStatus();
+    Hold(services_.quotas.ChargeBytes(caller_->tenant, chunk.payload.size()));
     return session_->PushEvents(stream_, std::move(chunk));
   }
 
@@ -249,19 +251,38 @@ class TrackReactor : public grpc::ServerBidiReactor<v1::TrackRequest, v1::TrackR
     if (duration == absl::ZeroDuration()) return;
     const std::lock_guard lock(mutex_);
     is_held_ = true;
-    SetAlarm(duration);
+    SetAlarm(alarm_, duration, &TrackReactor::OnAlarm);
   }
 
-  void SetAlarm(absl::Duration duration) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
+  void SetAlarm(std::unique_ptr<grpc::Alarm>& alarm, absl::Duration duration, void (TrackReactor::*on_alarm)())
+      ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
     if (phase_ == StreamPhase::kFinished) return;
     // A new alarm each time: the callback of the old one may still be running. The callback holds a weak pointer,
     // because the alarm, a member, keeps it.
-    alarm_ = std::make_unique<grpc::Alarm>();
-    alarm_->Set(std::chrono::system_clock::now() + absl::ToChronoMicroseconds(std::min(duration, kLongestHold)),
-                [weak = weak_from_this()](bool has_fired) {
-                  if (!has_fired) return;  // cancelled: the stream may have ended
-                  if (const auto self = weak.lock()) self->OnAlarm();
-                });
+    alarm = std::make_unique<grpc::Alarm>();
+    alarm->Set(std::chrono::system_clock::now() + absl::ToChronoMicroseconds(std::min(duration, kLongestHold)),
+               [weak = weak_from_this(), on_alarm](bool has_fired) {
+                 if (!has_fired) return;  // cancelled: the stream may have ended
+                 if (const auto self = weak.lock()) (self.get()->*on_alarm)();
+               });
+  }
+
+  // A stream is idle while the server waits for a message. Time in which the server does not read, because the queue is
+  // full or the tenant has exceeded its rate, does not count.
+  void OnIdleAlarm() {
+    const std::lock_guard lock(mutex_);
+    if (phase_ != StreamPhase::kOpen) return;
+    const absl::Duration idle = read_ == ReadState::kReading
+                                    ? absl::FromChrono(std::chrono::steady_clock::now() - reading_since_)
+                                    : absl::ZeroDuration();
+    if (idle < services_.stream_idle_timeout) {
+      return SetAlarm(idle_alarm_, services_.stream_idle_timeout - idle, &TrackReactor::OnIdleAlarm);
+    }
+    Fail(WithReason(absl::DeadlineExceededError(absl::StrCat(
+                        "the stream has sent no message for ", absl::FormatDuration(services_.stream_idle_timeout),
+                        ": attach again to continue, and send empty chunks while there are no events")),
+                    v1::STREAM_IDLE));
+    Pump();
   }
 
   void OnAlarm() {
@@ -285,6 +306,7 @@ class TrackReactor : public grpc::ServerBidiReactor<v1::TrackRequest, v1::TrackR
     ChangePhase(StreamInput::kFinish);
     services_.metrics.stream_ends[StreamKind::kTrack][status.code()].Add();
     alarm_.reset();
+    idle_alarm_.reset();
     if (session_ != nullptr) session_->Detach(stream_);
     grpc::ServerBidiReactor<v1::TrackRequest, v1::TrackResponse>::Finish(ToGrpcStatus(status));
   }
@@ -321,6 +343,7 @@ class TrackReactor : public grpc::ServerBidiReactor<v1::TrackRequest, v1::TrackR
     // Reading starts only after `attached` has been written, because the client waits for it.
     if (MayRead(phase_) && read_ == ReadState::kIdle && !is_held_ && view.has_room) {
       read_ = ReadState::kReading;
+      reading_since_ = std::chrono::steady_clock::now();
       StartRead(&request_);
     }
     if (!is_writing_) Write(view);
@@ -372,6 +395,10 @@ class TrackReactor : public grpc::ServerBidiReactor<v1::TrackRequest, v1::TrackR
     attached.set_first_pose_seq(attachment_->first_pose_seq);
     attachment_.reset();
     ChangePhase(StreamInput::kConfirmed);
+    if (services_.stream_idle_timeout > absl::ZeroDuration()) {
+      *attached.mutable_idle_timeout() = ToProto(services_.stream_idle_timeout);
+      SetAlarm(idle_alarm_, services_.stream_idle_timeout, &TrackReactor::OnIdleAlarm);
+    }
     return true;
   }
 
@@ -437,6 +464,8 @@ class TrackReactor : public grpc::ServerBidiReactor<v1::TrackRequest, v1::TrackR
   absl::Status failure_ ABSL_GUARDED_BY(mutex_);
   v1::TrackRequest::Attach attach_ ABSL_GUARDED_BY(mutex_);
   std::unique_ptr<grpc::Alarm> alarm_ ABSL_GUARDED_BY(mutex_);  // until the stream attaches, then while it is held
+  std::unique_ptr<grpc::Alarm> idle_alarm_ ABSL_GUARDED_BY(mutex_);
+  std::chrono::steady_clock::time_point reading_since_ ABSL_GUARDED_BY(mutex_);  // start of the last read
   // To be sent:
   v1::TrackResponse response_ ABSL_GUARDED_BY(mutex_);
   std::optional<Attachment> attachment_ ABSL_GUARDED_BY(mutex_);

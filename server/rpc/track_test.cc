@@ -177,7 +177,7 @@ TEST_F(TrackTest, RefusesBadMessagesAndTheSessionContinues) {
   };
   add("INVALID_ARGUMENT message");
   add("INVALID_ARGUMENT attach").mutable_attach()->set_session(session.name());
-  add("INVALID_ARGUMENT events.seq").mutable_events();
+  add("INVALID_ARGUMENT events.seq").mutable_events()->set_payload(Flat64(SomeEvents(1, 2)));
   v1::TrackRequest::EventChunk* events = add("INVALID_ARGUMENT events.payload").mutable_events();
   events->set_seq(1);
   events->set_payload("not whole words");

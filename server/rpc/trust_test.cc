@@ -6,6 +6,7 @@
 #include <grpcpp/support/client_interceptor.h>
 #include <gtest/gtest.h>
 
+#include <chrono>
 #include <future>
 
 #include "absl/strings/str_cat.h"
@@ -413,6 +414,57 @@ TEST_F(IdleTest, AStreamThatNeverAttachesEnds) {
   server_ = StartServer(Impatient(), FakeTrackers(gate_)).value();
   Use(server_->InProcessChannel());
   EXPECT_EQ(Describe(RawTrack(*sessions_).Finish()), "DEADLINE_EXCEEDED ATTACH_TIMEOUT");
+}
+
+TEST_F(IdleTest, AnAttachedStreamWithoutMessagesEndsAndItsSessionContinues) {
+  ServerOptions options = Options();
+  options.stream_idle_timeout = absl::Milliseconds(300);
+  server_ = StartServer(options, FakeTrackers(gate_)).value();
+  Use(server_->InProcessChannel());
+  CreatedSession session = CreateSession();
+  v1::TrackResponse::Attached attached;
+  const auto silent = Attached(session, &attached);
+  EXPECT_EQ(attached.idle_timeout().nanos(), 300'000'000);
+  EXPECT_EQ(Describe(silent->Finish()), "DEADLINE_EXCEEDED STREAM_IDLE");
+  session.set_resume_token(attached.resume_token());
+  const auto track = Attached(session);
+  EXPECT_TRUE(track->Events(1, Flat64(SomeEvents(1, 11))));
+  EXPECT_TRUE(track->End());
+  EXPECT_EQ(Describe(track->Finish()), "OK");
+}
+
+// Signs of life have no effect but that the stream stays open: the poses are those of the events alone.
+TEST_F(IdleTest, SignsOfLifeKeepAStreamOpen) {
+  ServerOptions options = Options();
+  options.stream_idle_timeout = absl::Milliseconds(500);
+  server_ = StartServer(options, FakeTrackers(gate_)).value();
+  Use(server_->InProcessChannel());
+  const auto track = Attached(CreateSession());
+  const auto silent = Attached(CreateSession());  // it would end after the other one
+  auto silent_end = std::async(std::launch::async, [&silent] { return silent->Finish(); });
+  v1::TrackRequest sign_of_life;
+  sign_of_life.mutable_events();
+  while (silent_end.wait_for(std::chrono::seconds(0)) != std::future_status::ready) {
+    ASSERT_TRUE(track->Write(sign_of_life));
+  }
+  EXPECT_EQ(Describe(silent_end.get()), "DEADLINE_EXCEEDED STREAM_IDLE");
+  EXPECT_TRUE(track->Events(1, Flat64(SomeEvents(1, 11))));
+  ASSERT_TRUE(track->Write(sign_of_life));
+  EXPECT_TRUE(track->End());
+  v1::TrackResponse response;
+  ASSERT_TRUE(track->ReadUntil(v1::TrackResponse::kSummary, response));
+  EXPECT_EQ(response.summary().health().poses(), 10u);
+  EXPECT_EQ(Describe(track->Finish()), "OK");
+}
+
+TEST_F(IdleTest, WithoutALimitNoStreamIsIdle) {
+  ServerOptions options = Options();
+  options.stream_idle_timeout = absl::ZeroDuration();
+  server_ = StartServer(options, FakeTrackers(gate_)).value();
+  Use(server_->InProcessChannel());
+  v1::TrackResponse::Attached attached;
+  const auto track = Attached(CreateSession(), &attached);
+  EXPECT_FALSE(attached.has_idle_timeout());
 }
 
 TEST_F(IdleTest, AnUploadThatStallsEndsAndItsRoomIsFree) {

@@ -117,6 +117,7 @@ class WatchReactor : public grpc::ServerWriteReactor<Response>,
   }
 
   const WatchedSession& session() const { return *session_; }
+  TenantQuotas& quotas() const { return services_.quotas; }
   // Called when the session has been found, before the first PickResponse().
   virtual void OnFound() {}
   void Fail(const absl::Status& status) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) { failure_.Update(status); }
@@ -262,6 +263,8 @@ class WatchHealthReactor : public WatchReactor<v1::WatchHealthResponse> {
                                                    absl::FormatDuration(kMinPeriod), " is required"));
       }
     }
+    tenant_ = caller.tenant;
+    health_place_ = quotas().AddHealthWatcher(tenant_);
     return FindSession(caller, request.session());
   }
 
@@ -281,10 +284,10 @@ class WatchHealthReactor : public WatchReactor<v1::WatchHealthResponse> {
     // A new alarm each time, because the function of the previous one may still be running. A weak reference, because
     // an alarm holds its function until it is destroyed.
     alarm_ = std::make_unique<grpc::Alarm>();
-    alarm_->Set(std::chrono::system_clock::now() + absl::ToChronoMicroseconds(period_),
-                [weak = weak_from_this()](bool) {
-                  if (const auto self = weak.lock()) static_cast<WatchHealthReactor*>(self.get())->OnAlarm();
-                });
+    const absl::Duration period = quotas().HealthPeriod(tenant_, period_);
+    alarm_->Set(std::chrono::system_clock::now() + absl::ToChronoMicroseconds(period), [weak = weak_from_this()](bool) {
+      if (const auto self = weak.lock()) static_cast<WatchHealthReactor*>(self.get())->OnAlarm();
+    });
   }
 
   void OnAlarm() {
@@ -296,6 +299,8 @@ class WatchHealthReactor : public WatchReactor<v1::WatchHealthResponse> {
   void OnFinish() override ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) { alarm_.reset(); }
 
   absl::Duration period_ = kDefaultPeriod;
+  std::string tenant_;
+  std::shared_ptr<const void> health_place_;  // among the watchers of health
   bool is_due_ ABSL_GUARDED_BY(mutex_) = true;
   bool final_was_sent_ ABSL_GUARDED_BY(mutex_) = false;
   std::unique_ptr<grpc::Alarm> alarm_ ABSL_GUARDED_BY(mutex_);

@@ -2,6 +2,7 @@
 
 // Tests SessionService.WatchPoses and WatchHealth through raw stubs.
 #include <cmath>
+#include <deque>
 
 #include "server/rpc/server_testing.h"
 
@@ -142,6 +143,36 @@ TEST_F(WatchTest, HealthComesAtOnceThenPeriodicallyAndOnceMoreAtTheEnd) {
   EXPECT_EQ(Describe(watcher->Finish()), "OK");
   EXPECT_EQ(response.health().poses(), 10u);
   EXPECT_EQ(response.health().objects(0).state(), v1::TRACK_STATE_TRACKING);
+}
+
+TEST_F(WatchTest, TheMessagesWithHealthOfATenantAreLimited) {
+  ServerOptions options = Options();
+  options.tenant.max_health_per_s = 1;
+  options.stream_idle_timeout = absl::Milliseconds(200);
+  Connect(options);
+  const CreatedSession session = CreateSession();
+  v1::WatchHealthRequest request;
+  request.set_session(session.name());
+  request.mutable_period()->set_nanos(10'000'000);
+  std::deque<grpc::ClientContext> contexts;
+  std::vector<std::unique_ptr<grpc::ClientReader<v1::WatchHealthResponse>>> watchers;
+  v1::WatchHealthResponse health;
+  for (int i = 0; i < 30; ++i) {
+    watchers.push_back(sessions_->WatchHealth(&contexts.emplace_back(), request));
+    EXPECT_TRUE(watchers.back()->Read(&health)) << "the first message comes at once";
+  }
+  // Many of the requested periods pass until the silent stream ends.
+  EXPECT_EQ(Describe(Attached(session)->Finish()), "DEADLINE_EXCEEDED STREAM_IDLE");
+  EXPECT_EQ(Describe(Delete(session.name())), "OK");
+  for (size_t i = 0; i < watchers.size(); ++i) {
+    int num_more = 0;
+    while (watchers[i]->Read(&health)) ++num_more;
+    // The period of a watcher depends on those that were there before.
+    if (i >= 10) {
+      EXPECT_EQ(num_more, 0) << i;
+    }
+    EXPECT_EQ(Describe(watchers[i]->Finish()), "NOT_FOUND SESSION_DELETED");
+  }
 }
 
 TEST_F(WatchTest, ACancelledWatcherIsRemoved) {

@@ -38,6 +38,20 @@ void TenantQuotas::Remove(Counts& counts, const std::string& tenant) {
   if (--found->second == 0) counts.erase(found);
 }
 
+std::shared_ptr<const void> TenantQuotas::AddHealthWatcher(const std::string& tenant) {
+  const std::lock_guard lock(mutex_);
+  ++health_watchers_[tenant];
+  return std::shared_ptr<const void>(this, [this, tenant](const void*) { Remove(health_watchers_, tenant); });
+}
+
+absl::Duration TenantQuotas::HealthPeriod(const std::string& tenant, absl::Duration period) const {
+  if (options_.max_health_per_s == 0) return period;
+  const std::lock_guard lock(mutex_);
+  const auto found = health_watchers_.find(tenant);
+  const uint32_t num_watchers = found == health_watchers_.end() ? 0 : found->second;
+  return std::max(period, absl::Seconds(num_watchers) / options_.max_health_per_s);
+}
+
 absl::Duration TenantQuotas::ChargeBytes(const std::string& tenant, uint64_t bytes) {
   if (options_.max_bytes_per_s == 0) return absl::ZeroDuration();
   const std::lock_guard lock(mutex_);

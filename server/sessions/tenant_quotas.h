@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// Quotas of a tenant besides those of sessions and models: streams, watchers, and payload bytes per second. They are
-// the same for all tenants.
+// Quotas of a tenant besides those of sessions and models: streams, watchers, messages with health and payload bytes per
+// second. They are the same for all tenants.
 #pragma once
 
 #include <cstdint>
@@ -24,7 +24,8 @@ class TenantQuotas {
   struct Options {
     uint32_t max_streams = 8192;  // Track and Watch streams
     uint32_t max_watchers = 4096;
-    uint64_t max_bytes_per_s = 0;  // sum over all Track streams of a tenant; 0: no limit
+    uint32_t max_health_per_s = 0;  // messages to all watchers of health of a tenant; 0: no limit
+    uint64_t max_bytes_per_s = 0;   // sum over all Track streams of a tenant; 0: no limit
     // Bytes that may arrive at once after a pause; at least one chunk, so that a chunk never waits for itself.
     uint64_t burst_bytes = 4u << 20;
     std::function<absl::Time()> now;
@@ -36,6 +37,12 @@ class TenantQuotas {
   // (TENANT_QUOTA).
   absl::StatusOr<std::shared_ptr<const void>> AddStream(const std::string& tenant);
   absl::StatusOr<std::shared_ptr<const void>> AddWatcher(const std::string& tenant);
+
+  // Counts a watcher of health of the tenant until the result is destroyed, in addition to AddWatcher().
+  std::shared_ptr<const void> AddHealthWatcher(const std::string& tenant);
+  // The time until the next message to a watcher of health that asks for `period`: longer while all watchers of the
+  // tenant together would exceed the limit if each had this period.
+  absl::Duration HealthPeriod(const std::string& tenant, absl::Duration period) const;
 
   // Counts received bytes, and returns the time for which the stream must not be read: zero within the limit. If each
   // stream waits so long, the tenant exceeds the limit by at most one message of each stream, however many there are.
@@ -58,9 +65,10 @@ class TenantQuotas {
   double BytesAt(const Bucket& bucket, absl::Time now) const;
 
   const Options options_;
-  std::mutex mutex_;
+  mutable std::mutex mutex_;
   Counts streams_ ABSL_GUARDED_BY(mutex_);
   Counts watchers_ ABSL_GUARDED_BY(mutex_);
+  Counts health_watchers_ ABSL_GUARDED_BY(mutex_);
   std::map<std::string, Bucket> buckets_ ABSL_GUARDED_BY(mutex_);  // tenants that have sent bytes
 };
 

@@ -13,9 +13,14 @@ namespace {
 class TenantQuotasTest : public testing::Test {
  protected:
   TenantQuotas::Options Options() {
-    return {.max_streams = 1, .max_watchers = 2, .max_bytes_per_s = 1000, .burst_bytes = 500, .now = [this] {
-              return now_;
-            }};
+    TenantQuotas::Options options;
+    options.max_streams = 1;
+    options.max_watchers = 2;
+    options.max_health_per_s = 100;
+    options.max_bytes_per_s = 1000;
+    options.burst_bytes = 500;
+    options.now = [this] { return now_; };
+    return options;
   }
   absl::Time now_ = absl::UnixEpoch();
 };
@@ -42,6 +47,24 @@ TEST_F(TenantQuotasTest, StreamsOfEachTenant) {
   EXPECT_TRUE(quotas.AddStream("field").ok());
   first.reset();
   EXPECT_TRUE(quotas.AddStream("lab").ok());
+}
+
+TEST_F(TenantQuotasTest, ManyWatchersReceiveHealthLessOften) {
+  TenantQuotas quotas(Options());
+  EXPECT_EQ(quotas.HealthPeriod("lab", absl::Milliseconds(10)), absl::Milliseconds(10));
+  std::vector<std::shared_ptr<const void>> watchers;
+  for (int i = 0; i < 50; ++i) watchers.push_back(quotas.AddHealthWatcher("lab"));
+  EXPECT_EQ(quotas.HealthPeriod("lab", absl::Milliseconds(10)), absl::Milliseconds(500)) << "50 of 100 per second";
+  EXPECT_EQ(quotas.HealthPeriod("lab", absl::Seconds(1)), absl::Seconds(1));
+  EXPECT_EQ(quotas.HealthPeriod("field", absl::Milliseconds(10)), absl::Milliseconds(10));
+  watchers.clear();
+  EXPECT_EQ(quotas.HealthPeriod("lab", absl::Milliseconds(10)), absl::Milliseconds(10));
+  TenantQuotas::Options options = Options();
+  options.max_health_per_s = 0;
+  TenantQuotas unlimited(options);
+  for (int i = 0; i < 50; ++i) watchers.push_back(unlimited.AddHealthWatcher("lab"));
+  EXPECT_EQ(unlimited.HealthPeriod("lab", absl::Milliseconds(10)), absl::Milliseconds(10));
+  watchers.clear();
 }
 
 TEST_F(TenantQuotasTest, BytesBeyondTheRateMustWait) {

@@ -87,6 +87,8 @@ enum class QuotaLimit {
 
 // Reasons for which a call was rejected with UNAUTHENTICATED, or an open stream ended with it.
 enum class AuthenticationFailure { kNoToken, kBadToken, kBadCertificate };
+// Limits for which a connection was closed when it was accepted.
+enum class ConnectionRefusal { kMaxConnections, kMaxPerPeer, kDescriptors };
 
 // Reasons for which the store has not accepted a checkpoint.
 enum class CheckpointFailure { kStoreAway, kStoreFull, kFenced, kStoreFailed };
@@ -123,6 +125,8 @@ struct ServerMetrics {
   OneFor<AuthenticationFailure, 3> authentication_failures;
   Counter quota_delays;  // times that a stream was paused because its tenant exceeded its byte rate
 
+  OneFor<ConnectionRefusal, 3> connection_refusals;
+
   uint64_t all_skipped_events() const {
     return skipped_events[DropReason::kLag].value() + skipped_events[DropReason::kMemory].value() +
            skipped_events[DropReason::kReader].value();
@@ -140,7 +144,9 @@ struct ServerState {
   // Absent for a store that does not tell them, before the first check, and without a limit.
   std::optional<uint64_t> store_bytes;
   std::optional<uint64_t> store_max_bytes;
-  absl::Status readiness;  // an error explains why the server accepts no sessions
+  size_t connections = 0;
+  absl::Status listening = absl::OkStatus();  // an error explains why the server accepts no connections
+  absl::Status readiness;                     // an error explains why the server accepts no sessions
 };
 
 }  // namespace evpose::server

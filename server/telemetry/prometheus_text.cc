@@ -31,6 +31,7 @@ constexpr std::array kCheckpointFailures = {"store_away", "store_full", "fenced"
 constexpr std::array kQuotaLimits = {"max_sessions",    "max_streams",        "max_model_store_bytes",
                                      "tenant_sessions", "tenant_model_bytes", "tenant_watchers",
                                      "session_memory",  "tenant_session_memory", "tenant_streams"};
+constexpr std::array kConnectionRefusals = {"max_connections", "max_connections_per_peer", "descriptors"};
 constexpr std::array kStreamKinds = {"track", "watch"};
 constexpr int kNumStatusCodes = 17;
 
@@ -108,6 +109,9 @@ void AddState(const ServerState& state, const BuildVersion& build, Families& fam
                          state.store_bytes);
   families.AddKnownGauge("evpose_store_max_bytes", "Limit of evpose_store_bytes: maxmemory, or --store-max-bytes.",
                          state.store_max_bytes);
+  families.AddGauge("evpose_connections", "Connections of clients.", static_cast<double>(state.connections));
+  families.AddGauge("evpose_listener_stalled", "1 while the server accepts no connections, else 0.",
+                    state.listening.ok() ? 0.0 : 1.0);
   const SessionTotals& sessions = state.sessions;
   families.Begin(
       "evpose_sessions", MetricType::Gauge,
@@ -246,6 +250,10 @@ void AddCalls(const ServerMetrics& metrics, Families& families) {
                      "reason", kAuthenticationFailures, metrics.authentication_failures);
   families.AddByKind("evpose_quota_refusals_total", "Calls that were rejected with RESOURCE_EXHAUSTED, by limit.",
                      "limit", kQuotaLimits, metrics.quota_refusals);
+  families.AddByKind("evpose_connections_refused_total",
+                     "Connections that were closed at once, by limit: all connections, those of one address, or the "
+                     "descriptors of the process.",
+                     "limit", kConnectionRefusals, metrics.connection_refusals);
   families.AddCounter(
       "evpose_quota_delays_total",
       "Number of times that the server paused reading a stream because its tenant exceeded its limit of bytes "

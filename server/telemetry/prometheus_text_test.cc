@@ -133,6 +133,13 @@ TEST(PrometheusTextTest, EveryCounterHasItsOwnSeries) {
   }
   count(metrics.quota_delays, "evpose_quota_delays_total");
   expected["evpose_out_of_memory_total"] = 0.0;  // of the process
+  const std::pair<ConnectionRefusal, const char*> refusals[] = {
+      {ConnectionRefusal::kMaxConnections, "max_connections"},
+      {ConnectionRefusal::kMaxPerPeer, "max_connections_per_peer"},
+      {ConnectionRefusal::kDescriptors, "descriptors"}};
+  for (const auto& [refusal, name] : refusals) {
+    count(metrics.connection_refusals[refusal], absl::StrCat("evpose_connections_refused_total{limit=\"", name, "\"}"));
+  }
 
   const ParsedMetrics parsed = ParseMetrics(PrometheusText(metrics, ServerState(), kBuild));
   for (const auto& [series, value] : expected) EXPECT_NEAR(parsed.At(series), value, 1e-9 * value) << series;
@@ -202,6 +209,8 @@ TEST(PrometheusTextTest, GaugesShowTheState) {
   state.max_session_memory_bytes = 13;
   state.num_tokens = 0;
   state.store_bytes = 12;
+  state.connections = 12;
+  state.listening = absl::UnavailableError("secret");
   state.readiness = absl::UnavailableError("secret");
   const std::string text = PrometheusText(ServerMetrics(), state, kBuild);
   const ParsedMetrics parsed = ParseMetrics(text);
@@ -219,6 +228,8 @@ TEST(PrometheusTextTest, GaugesShowTheState) {
   EXPECT_EQ(parsed.At("evpose_workers"), 11.0);
   EXPECT_EQ(parsed.At("evpose_session_memory_bytes"), 12.0);
   EXPECT_EQ(parsed.At("evpose_session_memory_limit_bytes"), 13.0);
+  EXPECT_EQ(parsed.At("evpose_connections"), 12.0);
+  EXPECT_EQ(parsed.At("evpose_listener_stalled"), 1.0);
   EXPECT_EQ(parsed.At("evpose_ready"), 0.0);
   EXPECT_EQ(parsed.At("evpose_tokens"), 0.0);
   EXPECT_EQ(parsed.At("evpose_store_bytes"), 12.0);

@@ -184,6 +184,7 @@ class StepwiseServer : private server::Drainer {
                                         .quotas = quotas_,
                                         .drainer = *this,
                                         .attach_timeout = absl::Hours(1),
+                                        .stream_idle_timeout = absl::ZeroDuration(),
                                         .max_model_bytes = 0,
                                         .drain_timeout = absl::ZeroDuration(),
                                         .metrics = *metrics_,

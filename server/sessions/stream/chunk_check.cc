@@ -7,6 +7,10 @@
 
 namespace evpose::server {
 
+bool IsSignOfLife(const EventChunk& chunk) {
+  return chunk.seq == 0 && chunk.payload.empty() && !chunk.discontinuity && !chunk.crc32c.has_value();
+}
+
 absl::Status CheckChunk(const EventChunk& chunk, Encoding encoding, uint32_t max_chunk_bytes) {
   if (chunk.seq == 0) return InvalidField("events.seq", "is 0 or missing; chunks are numbered from 1");
   const size_t num_bytes = chunk.payload.size();

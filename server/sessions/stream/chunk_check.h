@@ -11,6 +11,9 @@
 
 namespace evpose::server {
 
+// True for a chunk without any field: the client is alive and has no events. It is not part of the session's data.
+bool IsSignOfLife(const EventChunk& chunk);
+
 // Reads every byte of the payload when it has a checksum. Errors: INVALID_ARGUMENT with the field (no number, too many
 // bytes, a word that is cut), DATA_LOSS (CRC_MISMATCH).
 absl::Status CheckChunk(const EventChunk& chunk, Encoding encoding, uint32_t max_chunk_bytes);

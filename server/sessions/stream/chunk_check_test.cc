@@ -31,6 +31,14 @@ TEST(ChunkCheckTest, NamesTheWrongField) {
   EXPECT_EQ(Check(Chunk(kMaxBytes - 1)).code(), absl::StatusCode::kInvalidArgument);
 }
 
+TEST(ChunkCheckTest, AChunkWithoutAnyFieldIsASignOfLife) {
+  EXPECT_TRUE(IsSignOfLife({}));
+  EXPECT_FALSE(IsSignOfLife(Chunk(0))) << "it has a number";
+  EXPECT_FALSE(IsSignOfLife({.payload = "x"}));
+  EXPECT_FALSE(IsSignOfLife({.discontinuity = true}));
+  EXPECT_FALSE(IsSignOfLife({.crc32c = 0}));
+}
+
 TEST(ChunkCheckTest, ComparesTheChecksum) {
   EventChunk chunk = Chunk(16);
   chunk.crc32c = Crc32c({reinterpret_cast<const uint8_t*>(chunk.payload.data()), chunk.payload.size()});

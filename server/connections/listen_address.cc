@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "server/rpc/listen_address.h"
+#include "server/connections/listen_address.h"
 
-#include <boost/asio/io_context.hpp>
-#include <boost/asio/ip/tcp.hpp>
+#include <boost/asio/ip/v6_only.hpp>
+#include <utility>
 
 #include "absl/strings/match.h"
 #include "absl/strings/numbers.h"
@@ -11,6 +11,7 @@
 namespace evpose::server {
 
 namespace asio = boost::asio;
+using asio::ip::tcp;
 
 std::string ListenAddress::WithPort(int actual_port) const {
   const bool is_ipv6 = absl::StrContains(host, ':');
@@ -50,25 +51,43 @@ const char* Advice(const boost::system::error_code& error) {
   return "";
 }
 
+void Listen(const tcp::endpoint& endpoint, tcp::acceptor& acceptor, boost::system::error_code& error) {
+  acceptor.open(endpoint.protocol(), error);
+  if (!error) acceptor.set_option(asio::socket_base::reuse_address(true), error);  // for connections of a former server
+  if (!error) acceptor.set_option(tcp::no_delay(true), error);
+  if (!error && endpoint.address().is_v6()) {
+    acceptor.set_option(asio::ip::v6_only(!endpoint.address().is_unspecified()), error);
+  }
+  if (!error) acceptor.native_non_blocking(true, error);
+  if (!error) acceptor.bind(endpoint, error);
+  if (!error) acceptor.listen(asio::socket_base::max_listen_connections, error);
+}
+
 }  // namespace
 
-absl::Status ProbeListenAddress(const ListenAddress& address) {
-  const std::string what = address.WithPort(address.port);
+absl::StatusOr<std::vector<tcp::acceptor>> ListenOn(asio::io_context& context, const ListenAddress& address) {
   boost::system::error_code error;
-  asio::io_context context;
-  asio::ip::tcp::resolver resolver(context);
-  const auto endpoints = resolver.resolve(address.host, std::to_string(address.port), error);
-  if (error) return absl::UnavailableError(absl::StrCat("cannot listen on ", what, ": ", error.message()));
-  for (const auto& endpoint : endpoints) {
-    asio::ip::tcp::acceptor acceptor(context);
-    acceptor.open(endpoint.endpoint().protocol(), error);
-    if (!error) acceptor.bind(endpoint.endpoint(), error);
-    if (!error) acceptor.listen(1, error);
-    if (error) {
-      return absl::UnavailableError(absl::StrCat("cannot listen on ", what, ": ", error.message(), Advice(error)));
-    }
+  tcp::resolver resolver(context);
+  std::vector<tcp::endpoint> endpoints;
+  for (const auto& resolved : resolver.resolve(address.host, std::to_string(address.port), error)) {
+    endpoints.push_back(resolved.endpoint());
   }
-  return absl::OkStatus();
+  const bool is_wildcard = !endpoints.empty() && endpoints.front().address().is_unspecified();
+  if (is_wildcard) {
+    const uint16_t port = endpoints.front().port();
+    endpoints = {{asio::ip::address_v6::any(), port}, {asio::ip::address_v4::any(), port}};
+  }
+  std::vector<tcp::acceptor> acceptors;
+  for (tcp::endpoint& endpoint : endpoints) {
+    if (is_wildcard && !acceptors.empty()) break;  // that of IPv6 accepts IPv4, too
+    if (!acceptors.empty()) endpoint.port(acceptors.front().local_endpoint().port());
+    tcp::acceptor acceptor(context);
+    Listen(endpoint, acceptor, error);
+    if (!error) acceptors.push_back(std::move(acceptor));
+  }
+  if (!acceptors.empty()) return acceptors;
+  return absl::UnavailableError(
+      absl::StrCat("cannot listen on ", address.WithPort(address.port), ": ", error.message(), Advice(error)));
 }
 
 }  // namespace evpose::server

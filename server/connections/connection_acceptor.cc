@@ -1,0 +1,213 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "server/connections/connection_acceptor.h"
+
+#include <fcntl.h>
+#include <netinet/tcp.h>
+#include <sys/resource.h>
+#include <sys/socket.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <cerrno>
+#include <utility>
+
+#include "absl/strings/str_cat.h"
+#include "core/base/status_macros.h"
+#include "server/telemetry/log.h"
+
+namespace evpose::server {
+namespace {
+
+using boost::asio::ip::tcp;
+using std::chrono::steady_clock;
+
+constexpr uint32_t kMaxDefaultConnections = 4096;
+// Connections leave this many descriptors, or a quarter if that is less, to the rest of the process, so that its pages
+// and its store keep working.
+constexpr rlim_t kReservedDescriptors = 64;
+constexpr int kConnectionsPerTurn = 64;  // between them, the thread looks at the other listeners and at its timers
+constexpr std::chrono::milliseconds kPause(100);  // until accept() is tried again after an error
+constexpr std::chrono::seconds kMaintenancePeriod(1);
+constexpr std::chrono::minutes kRefusalLogPeriod(1);
+// As gRPC's own listener with keepalive pings sets it: bytes that are not acknowledged for this time end a connection.
+constexpr int kUserTimeoutMs = 20'000;
+
+rlim_t MaxDescriptors() {
+  rlimit limit = {};
+  return getrlimit(RLIMIT_NOFILE, &limit) == 0 ? limit.rlim_cur : RLIM_INFINITY;
+}
+
+// The kernel gives the lowest free number to a new descriptor; so a high number means that few are left.
+bool IsReserved(int descriptor) {
+  const rlim_t max = MaxDescriptors();
+  return static_cast<rlim_t>(descriptor) >= max - std::min(kReservedDescriptors, max / 4);
+}
+
+ConnectionAcceptor::Options WithDefaults(ConnectionAcceptor::Options options) {
+  if (options.max_connections == 0) {
+    options.max_connections =
+        static_cast<uint32_t>(std::clamp<rlim_t>(MaxDescriptors() / 2, 1, kMaxDefaultConnections));
+  }
+  if (options.max_connections_per_peer == 0) {
+    options.max_connections_per_peer = std::max(1u, options.max_connections / 2);
+  }
+  return options;
+}
+
+}  // namespace
+
+ConnectionAcceptor::ConnectionAcceptor(Options options)
+    : options_(WithDefaults(std::move(options))),
+      ledger_(options_.max_connections, options_.max_connections_per_peer) {}
+
+absl::StatusOr<std::unique_ptr<ConnectionAcceptor>> ConnectionAcceptor::Listen(const ListenAddress& address,
+                                                                               Options options) {
+  std::unique_ptr<ConnectionAcceptor> acceptor(new ConnectionAcceptor(std::move(options)));
+  EVPOSE_ASSIGN_OR_RETURN(acceptor->acceptors_, ListenOn(acceptor->context_, address));
+  for (tcp::acceptor& listener : acceptor->acceptors_) {
+    setsockopt(listener.native_handle(), IPPROTO_TCP, TCP_USER_TIMEOUT, &kUserTimeoutMs, sizeof(kUserTimeoutMs));
+  }
+  const tcp::endpoint endpoint = acceptor->acceptors_.front().local_endpoint();
+  acceptor->port_ = endpoint.port();
+  acceptor->check_.emplace(endpoint);
+  return acceptor;
+}
+
+void ConnectionAcceptor::Start(std::function<void(int)> hand_over) {
+  hand_over_ = std::move(hand_over);
+  for (tcp::acceptor& acceptor : acceptors_) Await(acceptor);
+  RepeatMaintenance();
+  accepting_ = std::thread([this] { context_.run(); });
+  checking_ = std::thread([this] { CheckListener(); });
+}
+
+void ConnectionAcceptor::Stop() {
+  {
+    const std::lock_guard lock(mutex_);
+    is_stopped_ = true;
+  }
+  stopped_.notify_one();
+  context_.stop();
+  if (accepting_.joinable()) accepting_.join();
+  if (checking_.joinable()) checking_.join();
+  acceptors_.clear();
+}
+
+absl::Status ConnectionAcceptor::status() const {
+  if (is_short_of_descriptors_) {
+    return absl::UnavailableError("no connection is accepted: the process has too few descriptors (ulimit -n)");
+  }
+  if (state_ == ListenerCheck::State::kAccepts) return absl::OkStatus();
+  return absl::UnavailableError("the server does not accept its own connections");
+}
+
+void ConnectionAcceptor::Await(tcp::acceptor& acceptor) {
+  acceptor.async_wait(tcp::acceptor::wait_read, [this, &acceptor](const boost::system::error_code& error) {
+    if (!error) AcceptWaiting(acceptor);
+  });
+}
+
+void ConnectionAcceptor::AwaitAfterPause(tcp::acceptor& acceptor) {
+  const auto pause = std::make_shared<boost::asio::steady_timer>(context_, kPause);
+  pause->async_wait([this, &acceptor, pause](const boost::system::error_code&) { Await(acceptor); });
+}
+
+void ConnectionAcceptor::AcceptWaiting(tcp::acceptor& acceptor) {
+  for (int i = 0; i < kConnectionsPerTurn; ++i) {
+    tcp::endpoint peer;
+    auto length = static_cast<socklen_t>(peer.capacity());
+    const int descriptor = accept4(acceptor.native_handle(), peer.data(), &length, SOCK_NONBLOCK | SOCK_CLOEXEC);
+    if (descriptor >= 0) {
+      peer.resize(length);
+      Take(descriptor, peer);
+      continue;
+    }
+    if (errno == EAGAIN) break;
+    if (errno == EINTR || errno == ECONNABORTED) continue;
+    if (errno == EMFILE || errno == ENFILE) SetShortOfDescriptors(true);
+    return AwaitAfterPause(acceptor);
+  }
+  Await(acceptor);
+}
+
+void ConnectionAcceptor::Take(int descriptor, const tcp::endpoint& peer) {
+  ++num_accepted_;
+  if (check_->IsMine(peer)) {
+    close(descriptor);
+    return;
+  }
+  std::optional<ConnectionRefusal> refusal = ConnectionRefusal::kDescriptors;
+  if (IsReserved(descriptor)) {
+    SetShortOfDescriptors(true);
+  } else {
+    refusal = ledger_.Add(descriptor, peer.address());
+  }
+  num_connections_ = ledger_.size();
+  if (!refusal.has_value()) return hand_over_(descriptor);
+  options_.metrics->connection_refusals[*refusal].Add();
+  ++num_refused_;
+  close(descriptor);
+}
+
+void ConnectionAcceptor::SetShortOfDescriptors(bool is_short) {
+  if (is_short_of_descriptors_.exchange(is_short) == is_short) return;
+  if (is_short) {
+    Log(LogLevel::kWarning, "descriptors_exhausted",
+        {{"message", "not ready until descriptors are free: raise the limit of open files or lower --max-connections"},
+         {"limit", MaxDescriptors()},
+         {"connections", num_connections()}});
+  } else {
+    Log(LogLevel::kInfo, "descriptors_free", {{"message", "connections are accepted again"}});
+  }
+}
+
+void ConnectionAcceptor::RepeatMaintenance() {
+  maintenance_.expires_after(kMaintenancePeriod);
+  maintenance_.async_wait([this](const boost::system::error_code&) {
+    Maintain();
+    RepeatMaintenance();
+  });
+}
+
+void ConnectionAcceptor::Maintain() {
+  trimmer_.Step(ledger_.RemoveClosed());
+  num_connections_ = ledger_.size();
+  if (is_short_of_descriptors_) {
+    const int next = fcntl(acceptors_.front().native_handle(), F_DUPFD_CLOEXEC, 0);
+    if (next >= 0 && !IsReserved(next)) SetShortOfDescriptors(false);
+    if (next >= 0) close(next);
+  }
+  if (num_refused_ != num_logged_refusals_ && steady_clock::now() - refusals_logged_at_ >= kRefusalLogPeriod) {
+    LogRefusals();
+  }
+}
+
+void ConnectionAcceptor::LogRefusals() {
+  Log(LogLevel::kWarning, "connections_refused",
+      {{"message", "a limit of connections is reached; evpose_connections_refused_total has the reasons"},
+       {"refused", num_refused_ - num_logged_refusals_},
+       {"connections", num_connections()},
+       {"max_connections", options_.max_connections},
+       {"max_connections_per_peer", options_.max_connections_per_peer}});
+  num_logged_refusals_ = num_refused_;
+  refusals_logged_at_ = steady_clock::now();
+}
+
+void ConnectionAcceptor::CheckListener() {
+  const auto period = absl::ToChronoNanoseconds(options_.listener_timeout / ListenerCheck::kStepsToStall);
+  bool is_reported = false;
+  std::unique_lock lock(mutex_);
+  while (!stopped_.wait_for(lock, period, [this]() ABSL_NO_THREAD_SAFETY_ANALYSIS { return is_stopped_; })) {
+    const ListenerCheck::State state = check_->Step(num_accepted_);
+    // Without descriptors the connection waits, and the listener will accept it later.
+    state_ = is_short_of_descriptors_ ? ListenerCheck::State::kAccepts : state;
+    if (state_ != ListenerCheck::State::kStalled || is_reported) continue;
+    is_reported = true;
+    Log(LogLevel::kError, "listener_stalled",
+        {{"message", absl::StrCat("no connection, not even the server's own, has been accepted for ",
+                                  absl::FormatDuration(options_.listener_timeout))}});
+    options_.on_stalled();
+  }
+}
+
+}  // namespace evpose::server

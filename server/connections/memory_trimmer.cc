@@ -1,0 +1,36 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "server/connections/memory_trimmer.h"
+
+#include <malloc.h>
+#include <unistd.h>
+
+#include <fstream>
+#include <utility>
+
+namespace evpose::server {
+namespace {
+
+// 0 if the kernel does not say it.
+size_t ResidentBytes() {
+  std::ifstream statm("/proc/self/statm");
+  size_t total = 0, resident = 0;
+  statm >> total >> resident;
+  return resident * static_cast<size_t>(sysconf(_SC_PAGESIZE));
+}
+
+}  // namespace
+
+MemoryTrimmer::MemoryTrimmer() : MemoryTrimmer(ResidentBytes, [] { malloc_trim(0); }) {}
+
+MemoryTrimmer::MemoryTrimmer(std::function<size_t()> resident_bytes, std::function<void()> trim)
+    : resident_bytes_(std::move(resident_bytes)), trim_(std::move(trim)) {}
+
+void MemoryTrimmer::Step(size_t num_closed) {
+  if (num_closed > 0 && num_steps_left_ == 0) num_steps_left_ = kSteps;
+  if (num_steps_left_ == 0 || --num_steps_left_ > 0) return;
+  if (resident_bytes_() < trimmed_bytes_ + kMinGrowthBytes) return;
+  trim_();
+  trimmed_bytes_ = resident_bytes_();
+}
+
+}  // namespace evpose::server
