@@ -276,6 +276,8 @@ class ServerImpl : public Server, public Drainer {
       Log(LogLevel::kWarning, "shutdown_not_durable",
           {{"message", "not all processed chunks could be stored; clients that attach again send them again"}});
     }
+    pool_.slow().Stop();
+    pool_.preparations().Stop();
     sessions_.CloseAll(leaving);
     if (server_ != nullptr) {
       streams_.WaitForAll(absl::Now() + kCallGrace);

@@ -64,7 +64,8 @@ absl::StatusOr<std::shared_ptr<Session>> SessionManager::Create(const std::strin
   EVPOSE_RETURN_IF_ERROR(config.Validate());
   DeleteExpired();
   const Request request(tenant, request_id);
-  std::unique_lock<std::mutex> one_at_a_time(resume_mutex_, std::defer_lock);
+  const std::shared_ptr<std::mutex> resume_mutex = ResumeMutexOf(tenant);
+  std::unique_lock<std::mutex> one_at_a_time(*resume_mutex, std::defer_lock);
   if (!request_id.empty()) one_at_a_time.lock();  // the same request may arrive twice at the same time
   EVPOSE_ASSIGN_OR_RETURN(std::shared_ptr<Session> known, FindOrReserveSlot(config, request));
   if (known != nullptr) return known;
@@ -122,6 +123,14 @@ absl::StatusOr<std::shared_ptr<Session>> SessionManager::ResumeRequest(const Ses
   if (record->config != EncodeConfig(config)) return RequestIdReused(request.second, record->name);
   EVPOSE_ASSIGN_OR_RETURN(SessionFactory::Resumed taken, factory_.Resume(record->name));
   return std::move(taken.session);
+}
+
+std::shared_ptr<std::mutex> SessionManager::ResumeMutexOf(const std::string& tenant) {
+  const std::lock_guard lock(mutex_);
+  std::erase_if(resume_mutexes_, [](const auto& entry) { return entry.second.expired(); });
+  std::shared_ptr<std::mutex> mutex = resume_mutexes_[tenant].lock();
+  if (mutex == nullptr) resume_mutexes_[tenant] = mutex = std::make_shared<std::mutex>();
+  return mutex;
 }
 
 uint32_t SessionManager::CountSessions(const std::string& tenant) const {
@@ -228,7 +237,8 @@ absl::StatusOr<std::shared_ptr<Session>> SessionManager::ResumeForAttach(const s
                                                                          const std::string& name,
                                                                          absl::string_view resume_token) {
   EVPOSE_RETURN_IF_ERROR(CheckNotDraining());
-  const std::lock_guard take_lock(resume_mutex_);
+  const std::shared_ptr<std::mutex> resume_mutex = ResumeMutexOf(tenant);
+  const std::lock_guard take_lock(*resume_mutex);
   std::shared_ptr<Session> here = FindOpen(tenant, name);
   if (here != nullptr && here->IsTokenGood(resume_token)) return here;
   if (here != nullptr && !options_.shares_store) return WrongToken(name);
@@ -334,7 +344,7 @@ void SessionManager::DeleteExpired() {
     entry.session->log().Expired(CloseRemoved(entry, "expired"));
     // On another thread, because callers must not wait for the store. The client may use the session at another server,
     // which this server detects only when it writes: the session then continues there.
-    pool_.PostSlow([this, name = entry.session->name(), tenant = entry.tenant(),
+    pool_.slow().PostOwn([this, name = entry.session->name(), tenant = entry.tenant(),
                     fencing_number = entry.session->fencing_number()] {
       const absl::Status status = store_.DeleteHeldSession(name, fencing_number);
       if (absl::IsAborted(status)) {
@@ -347,7 +357,7 @@ void SessionManager::DeleteExpired() {
 }
 
 void SessionManager::DeleteEnded() {
-  pool_.PostSlow([this] {
+  pool_.slow().PostOwn([this] {
     // Sessions of this server are deleted when they expire. This deletes sessions that no server has, and ended
     // sessions that must make room.
     const auto names = store_.DeleteEnded(options_.now() - 2 * options_.limits.expiry);
@@ -372,7 +382,7 @@ void SessionManager::MaintainStore() {
   if (options_.shares_store) {
     for (const auto& session : Sessions()) session->RenewOwnership();
   }
-  pool_.PostSlow(
+  pool_.slow().PostOwn(
       [this] { orphans_.Collect(options_.now(), [this](const std::string& name) { return IsHere(name); }); });
 }
 

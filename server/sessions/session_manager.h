@@ -121,6 +121,8 @@ class SessionManager {
   absl::StatusOr<std::shared_ptr<Session>> ResumeRequest(const SessionConfig& config, const Request& request);
   absl::StatusOr<std::shared_ptr<Session>> FindRequest(const SessionConfig& config, const Request& request)
       ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
+  // Held while a session of the tenant is resumed, or created for a request id: one at a time. Locked before mutex_.
+  std::shared_ptr<std::mutex> ResumeMutexOf(const std::string& tenant);
   bool IsHere(const std::string& name) const;
   // Null when this server does not have the session, or it is closed.
   std::shared_ptr<Session> FindOpen(const std::string& tenant, absl::string_view name);
@@ -141,9 +143,7 @@ class SessionManager {
   Store& store_;
   WorkerPool& pool_;
   const SessionFactory factory_;
-  OrphanCollector orphans_;  // used on the pool's slow thread only
-  // Held while a session is resumed, or created for a request id: one at a time. Locked before mutex_.
-  std::mutex resume_mutex_;
+  OrphanCollector orphans_;  // used by the server's own slow work only, which runs one item at a time
   mutable std::mutex mutex_;
   Entries sessions_ ABSL_GUARDED_BY(mutex_);
   std::map<Request, std::string> name_of_request_ ABSL_GUARDED_BY(mutex_);
@@ -151,6 +151,7 @@ class SessionManager {
   std::map<std::string, uint32_t> reserved_slots_by_ ABSL_GUARDED_BY(mutex_);  // tenant; no zeros
   std::map<std::pair<std::string, std::string>, std::weak_ptr<SessionMirror>> mirrors_
       ABSL_GUARDED_BY(mutex_);  // by tenant and name; replicas without watchers are removed by the next search
+  std::map<std::string, std::weak_ptr<std::mutex>> resume_mutexes_ ABSL_GUARDED_BY(mutex_);  // by tenant
   bool draining_ ABSL_GUARDED_BY(mutex_) = false;
 };
 

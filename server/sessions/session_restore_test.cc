@@ -88,7 +88,7 @@ class SessionRestoreTest : public testing::Test {
 
   void SlowWorkIsDone() {
     std::promise<void> done;
-    pool_.PostSlow([&done] { done.set_value(); });
+    pool_.slow().PostOwn([&done] { done.set_value(); });
     done.get_future().wait();
   }
 
