@@ -7,10 +7,12 @@
 
 #include <cerrno>
 #include <csignal>
+#include <filesystem>
 #include <future>
 #include <iostream>
 #include <memory>
 #include <string>
+#include <system_error>
 #include <utility>
 
 #include "absl/strings/str_cat.h"
@@ -147,9 +149,16 @@ void AllowAllDescriptors() {
   setrlimit(RLIMIT_NOFILE, &limit);
 }
 
+// The path of another program of this installation, which is in the same folder as this one.
+std::string ProgramBeside(const std::string& name) {
+  std::error_code error;  // without /proc the path is the name alone, which the server then reports
+  return (std::filesystem::read_symlink("/proc/self/exe", error).parent_path() / name).string();
+}
+
 int Serve(const ProgramOptions& options) {
   AllowAllDescriptors();
   ServerOptions server_options = options.server;
+  server_options.model_preparer = ProgramBeside("evpose-prepare-model");
   std::promise<absl::Duration> drained;
   server_options.on_drain = [&drained](absl::Duration deadline) {
     drained.set_value(deadline);

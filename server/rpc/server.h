@@ -9,12 +9,14 @@
 #include <cstdint>
 #include <functional>
 #include <memory>
+#include <optional>
 #include <string>
 
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
 #include "absl/time/time.h"
 #include "server/auth/tls_files.h"
+#include "server/models/model_preparer.h"
 #include "server/stores/open_store.h"
 #include "server/telemetry/metrics.h"
 
@@ -38,8 +40,20 @@ struct ServerOptions {
   uint32_t max_sessions = 64;
   // Maximum size of a model file, bytes.
   uint64_t max_model_bytes = 64ull << 20;
-  // Maximum size of all model files together, including uploads in progress, bytes. Bounds memory.
+  // Maximum size of all model files together, including the received bytes of uploads, bytes. Bounds memory.
   uint64_t max_model_store_bytes = 512ull << 20;
+  // Number of threads for slow work, and of models that are prepared at a time. Each tenant uses one of them, so with
+  // two a tenant waits only while two others are served.
+  int slow_threads = 2;
+  // Path of evpose-prepare-model, which prepares uploaded models. Empty: the server prepares them in its own threads,
+  // without a bound, for a server in the process of its only user.
+  std::string model_preparer;
+  // Bounds of the preparation of one model; the largest honest meshes take 6 s and 640 MB.
+  PreparationBudget model_budget;
+  // Maximum number of uploads under way: as many as sessions. Their files are bounded by max_model_store_bytes.
+  uint32_t max_uploads = 64;
+  // Time within which the file of an upload must arrive: 64 MiB at 5 Mbit/s take 107 s.
+  absl::Duration upload_timeout = absl::Seconds(120);
   // Maximum size of a chunk of events, bytes. Larger chunks would only delay acks and poses.
   uint32_t max_chunk_bytes = 1u << 20;
   // Maximum number of received but undecoded bytes of a session: one second of a busy EVK4. At least max_chunk_bytes.
@@ -63,6 +77,7 @@ struct ServerOptions {
     uint32_t max_sessions = 0;
     uint64_t max_model_bytes = 0;
     uint32_t max_watchers = 0;
+    std::optional<uint32_t> max_uploads;
     // Payload of all Track streams of the tenant together, bytes per second. The server reads faster streams more
     // slowly.
     uint64_t max_bytes_per_s = 0;
@@ -98,7 +113,8 @@ class Server {
   // Shuts the server down: health becomes NOT_SERVING, new sessions and streams are rejected, and every Track stream
   // receives GoAway. Streams that are still open shortly before the deadline end with UNAVAILABLE, watchers as soon as
   // no Track stream is left. Returns when all calls have finished: by the deadline or, if it is less than 3 s away, at
-  // most 1.5 s after it, independent of the clients. Idempotent. To be called from one thread at a time.
+  // most 1.5 s after it, independent of the clients; slow work that waits is rejected, and preparations of models are
+  // ended. Idempotent. To be called from one thread at a time.
   virtual void Shutdown(absl::Duration deadline) = 0;
 };
 

@@ -33,6 +33,7 @@ struct ServiceContext {
   TenantQuotas& quotas;
   Drainer& drainer;
   absl::Duration attach_timeout;
+  absl::Duration upload_timeout;
   uint64_t max_model_bytes;
   absl::Duration drain_timeout;  // default of DrainRequest.timeout
   ServerMetrics& metrics;

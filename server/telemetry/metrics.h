@@ -79,6 +79,8 @@ enum class QuotaLimit {
   kTenantSessions,
   kTenantModelBytes,
   kTenantWatchers,
+  kMaxUploads,
+  kTenantUploads,
 };
 
 // Reasons for which the store has not accepted a checkpoint.
@@ -112,7 +114,7 @@ struct ServerMetrics {
   OneFor<CheckpointFailure, 4> checkpoint_failures;
 
   OneFor<StreamKind, 2, OneFor<absl::StatusCode, 17>> stream_ends;
-  OneFor<QuotaLimit, 6> quota_refusals;
+  OneFor<QuotaLimit, 8> quota_refusals;
   Counter quota_delays;  // times that a stream was paused because its tenant exceeded its byte rate
 
   uint64_t all_skipped_events() const {

@@ -116,7 +116,9 @@ TEST(PrometheusTextTest, EveryCounterHasItsOwnSeries) {
                                                        {QuotaLimit::kMaxModelStoreBytes, "max_model_store_bytes"},
                                                        {QuotaLimit::kTenantSessions, "tenant_sessions"},
                                                        {QuotaLimit::kTenantModelBytes, "tenant_model_bytes"},
-                                                       {QuotaLimit::kTenantWatchers, "tenant_watchers"}};
+                                                       {QuotaLimit::kTenantWatchers, "tenant_watchers"},
+                                                       {QuotaLimit::kMaxUploads, "max_uploads"},
+                                                       {QuotaLimit::kTenantUploads, "tenant_uploads"}};
   for (const auto& [limit, name] : limits) {
     count(metrics.quota_refusals[limit], absl::StrCat("evpose_quota_refusals_total{limit=\"", name, "\"}"));
   }

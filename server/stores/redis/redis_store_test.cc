@@ -228,7 +228,7 @@ TEST_F(RedisStoreFixture, NamesDamagedRecords) {
   store_ = Open();
   EXPECT_THAT(store_->damage(), testing::ElementsAre(HasSubstr("session sessions/b"), HasSubstr("model models/a")));
   ASSERT_EQ(store_->ListSessions()->size(), 1u);
-  EXPECT_TRUE(store_->ReadModels()->empty());
+  EXPECT_TRUE(store_->ListModels()->empty());
 }
 
 }  // namespace

@@ -83,17 +83,9 @@ class SqliteStore : public Store {
     return SqliteLastFencingNumber(*reader_).status();
   }
 
-  absl::StatusOr<std::vector<ModelRecord>> ReadModels() const override {
+  absl::StatusOr<std::vector<ModelRecord>> ListModels() const override {
     const std::lock_guard lock(mutex_);
-    EVPOSE_ASSIGN_OR_RETURN(const std::vector<SqliteModelKey> keys, SqliteListModels(*reader_));
-    std::vector<ModelRecord> models;
-    for (const SqliteModelKey& key : keys) {
-      auto model = SqliteReadModel(*reader_, key.tenant, key.name);
-      if (absl::IsNotFound(model.status())) continue;  // deleted in between
-      EVPOSE_RETURN_IF_ERROR(model.status());
-      models.push_back(*std::move(model));
-    }
-    return models;
+    return SqliteListModels(*reader_);
   }
 
   absl::StatusOr<ModelRecord> ReadModel(absl::string_view tenant, absl::string_view name) const override {
@@ -103,7 +95,7 @@ class SqliteStore : public Store {
 
   absl::Status PutModel(const ModelRecord& model) override {
     return writer_->Call([&](SqliteDatabase& database) { return SqlitePutModel(database, model); },
-                         model.bytes->size());
+                         model.bytes->size() + model.prepared.size());
   }
 
   absl::Status DeleteModel(absl::string_view tenant, absl::string_view name) override {

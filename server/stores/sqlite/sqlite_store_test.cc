@@ -185,7 +185,7 @@ TEST_F(SqliteStoreTest, ADamagedModelIsNamedAndLeftOut) {
   Execute("UPDATE models SET bytes = x'00'");
   const std::unique_ptr<Store> store = Open();
   EXPECT_THAT(absl::StrJoin(store->damage(), "\n"), HasSubstr("model models/a: the file of models/a is damaged"));
-  EXPECT_TRUE(store->ReadModels()->empty());
+  EXPECT_TRUE(store->ListModels()->empty());
   EXPECT_EQ(store->ListSessions()->size(), static_cast<size_t>(kSessions));
 }
 
