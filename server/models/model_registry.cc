@@ -215,10 +215,7 @@ absl::StatusOr<ModelUse> ModelRegistry::FindStored(const Key& key, std::optional
 absl::StatusOr<ModelUse> ModelRegistry::UseStored(const std::string& tenant, absl::string_view name) {
   const Key key(tenant, std::string(name));
   // DATA_LOSS is returned unchanged: the session factory reports a damaged model as damage of the session.
-  const auto for_caller = [](const absl::Status& status) {
-    const bool is_of_store = !absl::IsDataLoss(status) && GetErrorDetails(status).reason.empty();
-    return is_of_store ? FromStore(status) : status;
-  };
+  const auto for_caller = [](const absl::Status& status) { return absl::IsDataLoss(status) ? status : FromStore(status); };
   std::optional<ModelRecord> record;
   absl::StatusOr<ModelUse> use = FindStored(key, record);
   if (!use.ok()) return for_caller(use.status());

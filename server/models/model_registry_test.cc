@@ -33,7 +33,7 @@ class ModelRegistryTest : public testing::Test {
   }
 
   const std::shared_ptr<CountingPreparer> preparer_ = std::make_shared<CountingPreparer>();
-  const std::unique_ptr<Store> store_ = OpenMemoryStore();
+  const std::unique_ptr<Store> store_ = MakeMemoryStore();
 };
 
 TEST_F(ModelRegistryTest, AStartLoadsNothingAndAUsePreparesNothingAgain) {

@@ -210,7 +210,14 @@ class ServerImpl : public Server, public Drainer {
   // NOLINTNEXTLINE(bugprone-exception-escape): an exception ends the process, as in every thread
   ~ServerImpl() override { Shutdown(kDestructorDeadline); }
 
-  absl::Status Restore() { return sessions_.RestoreAll(); }
+  absl::Status FindStored() { return sessions_.FindStored(); }
+
+  // Restores the stored sessions one after another; other work of the server has its turn between them.
+  void RestoreSessions() {
+    pool_.slow().PostOwn([this] {
+      if (sessions_.RestoreNext()) RestoreSessions();
+    });
+  }
 
   // Prepares the models that an earlier version stored, so that their first sessions need not wait for it.
   void PrepareOutdatedModels() {
@@ -433,9 +440,10 @@ absl::StatusOr<std::unique_ptr<Server>> StartServer(const ServerOptions& options
                           ModelRegistry::Create(RegistryOptions(options, *store, metrics), *store));
   auto server = std::make_unique<ServerImpl>(options, std::move(make_tracker), std::move(access), std::move(store),
                                              metrics, std::move(models));
-  EVPOSE_RETURN_IF_ERROR(server->Restore());
+  EVPOSE_RETURN_IF_ERROR(server->FindStored());
   EVPOSE_RETURN_IF_ERROR(server->Listen(options));
   server->PrepareOutdatedModels();
+  server->RestoreSessions();
   return server;
 }
 

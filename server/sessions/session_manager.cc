@@ -92,7 +92,7 @@ absl::StatusOr<std::shared_ptr<Session>> SessionManager::FindOrReserveSlot(const
 }
 
 absl::Status SessionManager::CheckSlotIsFree(const std::string& tenant) const {
-  if (sessions_.size() + reserved_slots_ >= options_.max_sessions) {
+  if (sessions_.size() + waiting_.size() + reserved_slots_ >= options_.max_sessions) {
     options_.metrics->quota_refusals[QuotaLimit::kMaxSessions].Add();
     return LimitReached(v1::TOO_MANY_SESSIONS, "max_sessions",
                         absl::StrCat("all ", options_.max_sessions,
@@ -134,8 +134,11 @@ std::shared_ptr<std::mutex> SessionManager::ResumeMutexOf(const std::string& ten
 }
 
 uint32_t SessionManager::CountSessions(const std::string& tenant) const {
-  return static_cast<uint32_t>(std::count_if(sessions_.begin(), sessions_.end(),
-                                             [&tenant](const auto& entry) { return entry.second.tenant() == tenant; }));
+  const auto here = std::count_if(sessions_.begin(), sessions_.end(),
+                                  [&tenant](const auto& entry) { return entry.second.tenant() == tenant; });
+  const auto waiting = std::count_if(waiting_.begin(), waiting_.end(),
+                                     [&tenant](const auto& entry) { return entry.second == tenant; });
+  return static_cast<uint32_t>(here + waiting);
 }
 
 void SessionManager::ReleaseSlot(const std::string& tenant) {
@@ -156,20 +159,9 @@ absl::StatusOr<std::shared_ptr<Session>> SessionManager::FindRequest(const Sessi
 }
 
 void SessionManager::Insert(const std::shared_ptr<Session>& session, const Request& request) {
+  waiting_.erase(session->name());
   sessions_[session->name()] = {session, request};
   if (!request.second.empty()) name_of_request_[request] = session->name();
-}
-
-absl::Status SessionManager::RestoreAll() {
-  for (const std::string& damage : store_.damage()) Log(LogLevel::kError, "store_damage", {{"message", damage}});
-  if (options_.shares_store) return absl::OkStatus();
-  EVPOSE_ASSIGN_OR_RETURN(const std::vector<SessionRecord> records, store_.ListSessions());
-  for (const SessionRecord& record : records) {
-    const auto session = Resume(record.name);
-    if (absl::IsUnavailable(session.status())) return session.status();
-    if (!session.ok()) SessionLog(record.name, record.tenant).NotResumed(session.status());
-  }
-  return absl::OkStatus();
 }
 
 absl::StatusOr<std::shared_ptr<Session>> SessionManager::Resume(const std::string& name) {
@@ -215,6 +207,8 @@ std::shared_ptr<SessionMirror> SessionManager::FindMirror(const std::string& ten
 
 absl::StatusOr<std::shared_ptr<WatchedSession>> SessionManager::Mirror(const std::string& tenant,
                                                                        const std::string& name) {
+  RestoreIfWaiting(tenant, name);
+  if (std::shared_ptr<Session> session = FindOpen(tenant, name); session != nullptr) return session;
   if (auto mirror = FindMirror(tenant, name); mirror != nullptr && mirror->Watch().status.ok()) return mirror;
   EVPOSE_ASSIGN_OR_RETURN(SessionFactory::Stored stored, ReadOwn(tenant, name));
   if (!options_.shares_store) return SessionNotFound(name);
@@ -237,6 +231,7 @@ absl::StatusOr<std::shared_ptr<Session>> SessionManager::ResumeForAttach(const s
                                                                          const std::string& name,
                                                                          absl::string_view resume_token) {
   EVPOSE_RETURN_IF_ERROR(CheckNotDraining());
+  RestoreIfWaiting(tenant, name);
   const std::shared_ptr<std::mutex> resume_mutex = ResumeMutexOf(tenant);
   const std::lock_guard take_lock(*resume_mutex);
   std::shared_ptr<Session> here = FindOpen(tenant, name);
@@ -257,6 +252,11 @@ absl::StatusOr<std::shared_ptr<Session>> SessionManager::ResumeForAttach(const s
 
 absl::StatusOr<SessionInfo> SessionManager::Describe(const std::string& tenant, const std::string& name) {
   DeleteExpired();
+  RestoreIfWaiting(tenant, name);
+  return DescribeAsStored(tenant, name);
+}
+
+absl::StatusOr<SessionInfo> SessionManager::DescribeAsStored(const std::string& tenant, const std::string& name) {
   if (const auto session = FindOpen(tenant, name); session != nullptr) return session->Describe();
   EVPOSE_ASSIGN_OR_RETURN(SessionFactory::Stored stored, ReadOwn(tenant, name));
   return std::move(stored.info);
@@ -294,7 +294,7 @@ absl::StatusOr<std::vector<SessionInfo>> SessionManager::List(const std::string&
   std::vector<SessionInfo> sessions;
   for (auto name = names.upper_bound(std::string(after_name)); name != names.end() && sessions.size() < max_sessions;
        ++name) {
-    auto info = Describe(tenant, *name);
+    auto info = DescribeAsStored(tenant, *name);
     if (info.ok()) {
       sessions.push_back(*std::move(info));
     } else if (absl::IsUnavailable(info.status())) {
@@ -311,7 +311,12 @@ absl::Status SessionManager::Delete(const std::string& tenant, const std::string
     const auto found = sessions_.find(name);
     if (found != sessions_.end() && found->second.tenant() == tenant) removed = Remove(found);
   }
-  if (removed.session == nullptr) return DeleteStored(tenant, name, peer);
+  if (removed.session == nullptr) {
+    // With the lock, so that the session is not restored at the same time.
+    const std::shared_ptr<std::mutex> resume_mutex = ResumeMutexOf(tenant);
+    const std::lock_guard one_at_a_time(*resume_mutex);
+    return DeleteStored(tenant, name, peer);
+  }
   removed.session->log().Deleted(peer, "request", CloseRemoved(removed, "was deleted"));
   return FromStore(store_.DeleteSession(name));
 }
@@ -321,6 +326,10 @@ absl::Status SessionManager::DeleteStored(const std::string& tenant, const std::
   if (!stored.ok() && !absl::IsDataLoss(stored.status())) return stored.status();
   const absl::Status deleted = FromStore(store_.DeleteSession(name));
   if (deleted.ok()) {
+    {
+      const std::lock_guard lock(mutex_);
+      waiting_.erase(name);
+    }
     SessionLog(name, tenant).Deleted(peer, "request", stored.ok() ? stored->info.snapshot.health.poses : 0);
   }
   return deleted;
@@ -388,7 +397,7 @@ void SessionManager::MaintainStore() {
 
 bool SessionManager::IsHere(const std::string& name) const {
   const std::lock_guard lock(mutex_);
-  return sessions_.contains(name);
+  return sessions_.contains(name) || waiting_.contains(name);
 }
 
 uint64_t SessionManager::CloseRemoved(const Entry& entry, const char* reason) {
@@ -437,7 +446,7 @@ void SessionManager::CloseAll(const absl::Status& status) {
 
 uint32_t SessionManager::num_sessions() const {
   const std::lock_guard lock(mutex_);
-  return static_cast<uint32_t>(sessions_.size());
+  return static_cast<uint32_t>(sessions_.size() + waiting_.size());
 }
 
 uint32_t SessionManager::num_sessions_of(const std::string& tenant) const {

@@ -44,7 +44,8 @@ class SessionMetricsTest : public testing::Test {
     options.steady_now = [this] { return SteadyTime(microseconds(now_us_)); };
     options.metrics = metrics_;
     sessions_ = std::make_unique<SessionManager>(options, *store_, *models_, pool_);
-    EXPECT_TRUE(sessions_->RestoreAll().ok());
+    EXPECT_TRUE(sessions_->FindStored().ok());
+    while (sessions_->RestoreNext()) continue;
   }
 
   std::shared_ptr<Session> Create(const std::string& tenant = kLabTenant) {

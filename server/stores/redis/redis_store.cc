@@ -158,13 +158,14 @@ class RedisStore : public Store {
   explicit RedisStore(const RedisStoreOptions& options) : shared_(std::make_shared<Shared>(options)) {}
   ~RedisStore() override { shared_->client.Close(); }
 
-  // Checks the server and all records. To be called before every other function.
+  // Checks the server, and all records unless there are too many. To be called before every other function.
   absl::Status Check() {
     EVPOSE_RETURN_IF_ERROR(CheckServer());
     EVPOSE_ASSIGN_OR_RETURN(const std::vector<std::string> sessions, Members(kRedisSessionsKey));
+    EVPOSE_ASSIGN_OR_RETURN(const std::vector<std::string> models, Members(kRedisModelsKey));
+    if (sessions.size() + models.size() > shared_->options.max_checked_records) return absl::OkStatus();
     // Reads all parts of each session, so that damage is reported at the start and not when a client attaches again.
     for (const std::string& name : sessions) NoteDamage(absl::StrCat("session ", name), ReadSession(name, 0).status());
-    EVPOSE_ASSIGN_OR_RETURN(const std::vector<std::string> models, Members(kRedisModelsKey));
     for (const std::string& member : models) {
       const auto model = ReadMember(member);
       NoteDamage(absl::StrCat("model ", member.substr(0, member.find('\n'))), model.status());

@@ -18,6 +18,8 @@
 namespace evpose::server {
 namespace {
 
+constexpr char kFileName[] = "evpose.db";
+
 uint64_t SizeBytes(const SessionCommit& commit) {
   uint64_t bytes = commit.checkpoint.has_value() ? commit.checkpoint->size() : 0;
   for (const PoseSegment& segment : commit.poses) bytes += segment.bytes.size();
@@ -90,7 +92,9 @@ class SqliteStore : public Store {
 
   absl::StatusOr<ModelRecord> ReadModel(absl::string_view tenant, absl::string_view name) const override {
     const std::lock_guard lock(mutex_);
-    return SqliteReadModel(*reader_, tenant, name);
+    auto model = SqliteReadModel(*reader_, tenant, name);
+    EVPOSE_RETURN_IF_ERROR(Noting(model.status()));
+    return model;
   }
 
   absl::Status PutModel(const ModelRecord& model) override {
@@ -124,7 +128,7 @@ class SqliteStore : public Store {
       EVPOSE_ASSIGN_OR_RETURN(session.state.fencing_number, SqliteNextFencingNumber(database));
       return SqliteWriteState(database, name, session.state);
     });
-    EVPOSE_RETURN_IF_ERROR(written);
+    EVPOSE_RETURN_IF_ERROR(Noting(written));
     return Taken{.session = std::move(session.stored),
                  .lease = std::make_unique<SqliteLease>(writer_, name, session.state.fencing_number,
                                                         session.state.next_pose_seq)};
@@ -136,7 +140,7 @@ class SqliteStore : public Store {
     EVPOSE_RETURN_IF_ERROR(reader_->Execute("BEGIN"));  // all queries read one snapshot
     auto session = SqliteReadSession(*reader_, name, after_pose_seq);
     EVPOSE_RETURN_IF_ERROR(reader_->Execute("COMMIT"));
-    EVPOSE_RETURN_IF_ERROR(session.status());
+    EVPOSE_RETURN_IF_ERROR(Noting(session.status()));
     return std::move(session->stored);
   }
 
@@ -180,6 +184,12 @@ class SqliteStore : public Store {
   }
 
  private:
+  // Returns `status`. After damage, the next start checks all records and rescues the intact ones.
+  const absl::Status& Noting(const absl::Status& status) const {
+    if (absl::IsDataLoss(status)) MarkForCheck(directory_->PathOf(kFileName));
+    return status;
+  }
+
   bool IsDamaged(absl::string_view name) const {
     const std::lock_guard lock(mutex_);
     return damaged_sessions_.contains(name);
@@ -197,8 +207,8 @@ class SqliteStore : public Store {
 
 absl::StatusOr<std::unique_ptr<Store>> OpenSqliteStore(const SqliteStoreOptions& options) {
   EVPOSE_ASSIGN_OR_RETURN(std::unique_ptr<DataDirectory> directory, DataDirectory::Open(options.data_dir));
-  const std::string path = directory->PathOf("evpose.db");
-  EVPOSE_ASSIGN_OR_RETURN(SqliteFile file, OpenSqliteFile(path));
+  const std::string path = directory->PathOf(kFileName);
+  EVPOSE_ASSIGN_OR_RETURN(SqliteFile file, OpenSqliteFile(path, options.max_checked_bytes));
   EVPOSE_RETURN_IF_ERROR(LimitSqliteBytes(*file.database, options.max_bytes));
   EVPOSE_ASSIGN_OR_RETURN(std::unique_ptr<SqliteDatabase> reader, OpenSqliteReader(path));
   return std::make_unique<SqliteStore>(std::move(directory), std::move(file), std::move(reader));
