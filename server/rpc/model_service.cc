@@ -101,7 +101,7 @@ class UploadReactor : public grpc::ServerReadReactor<v1::UploadModelRequest>,
     is_finished_ = true;
     alarm_.reset();
     place_.reset();
-    bytes_ = {};
+    bytes_ = std::vector<uint8_t>();
     known_.reset();
     Finish(ToGrpcStatus(status));
   }

@@ -57,7 +57,7 @@ class SessionManager {
   // turn by RestoreNext(), or before by the first call that needs it. Must be called before the other functions. Errors:
   // those of the store.
   absl::Status FindStored();
-  // Restores one waiting session; returns false when there is none. Damaged sessions are reported in the log and stay
+  // Restores one waiting session; returns false, and does nothing, when there is none. Damaged sessions are reported in the log and stay
   // in the store. The log has the progress.
   bool RestoreNext();
 

@@ -29,18 +29,15 @@ bool SessionManager::RestoreNext() {
   std::pair<std::string, std::string> next;
   {
     const std::lock_guard lock(mutex_);
-    if (waiting_.empty()) return false;
-    next = *waiting_.begin();
     const size_t num_done = num_found_ - waiting_.size();
-    if (num_done % kRestoreProgressSessions == 0) {
+    if (num_found_ > 0 && (waiting_.empty() || num_done % kRestoreProgressSessions == 0)) {
       Log(LogLevel::kInfo, "restore_progress", {{"done", num_done}, {"total", num_found_}});
     }
+    if (waiting_.empty()) return false;
+    next = *waiting_.begin();
   }
   RestoreIfWaiting(next.second, next.first);
-  const std::lock_guard lock(mutex_);
-  if (!waiting_.empty()) return true;
-  Log(LogLevel::kInfo, "restore_progress", {{"done", num_found_}, {"total", num_found_}});
-  return false;
+  return true;
 }
 
 void SessionManager::RestoreIfWaiting(const std::string& tenant, const std::string& name) {
