@@ -290,7 +290,7 @@ class GroupSearch {
   const CentredSegments lines_;
   double radius_m_ = 0.0;
   std::unique_ptr<CentredSurface> surface_;  // built for the first rotation that needs it; most models have none
-  RotationSet group_;  // the identity first
+  RotationSet group_;                        // the identity first
   std::vector<Matrix3d> generators_;
   SymmetryWork work_;
   bool was_cut_short_ = false;

@@ -25,8 +25,8 @@ struct SymmetryWork {
 // most objects 1, a prism as many as its number of sides allows. Points closer than `tolerance_ratio` of the diameter
 // are the same; lines are the same only if the normals of their faces match. The division of a surface into triangles
 // and of an edge into lines has no effect. If all lines lie on one axis through the centre, only the identity is
-// returned. The work is bounded (8192 lines, 4096 symmetries, and each count of SymmetryWork). At the bound, the result is
-// the group found so far, and `notices`, unless null, gets a notice. `work`, unless null, gets what was counted.
+// returned. The work is bounded (8192 lines, 4096 symmetries, and each count of SymmetryWork). At the bound, the result
+// is the group found so far, and `notices`, unless null, gets a notice. `work`, unless null, gets what was counted.
 std::vector<RigidTransform> FindSymmetries(const ObjectModel& model, double tolerance_ratio = 1e-3,
                                            std::vector<std::string>* notices = nullptr, SymmetryWork* work = nullptr);
 

@@ -132,17 +132,15 @@ class PreparationProcess {
 
 class ChildPreparer : public ModelPreparer {
  public:
-  ChildPreparer(std::string program, const PreparationBudget& budget)
-      : program_(std::move(program)), budget_(budget) {}
+  ChildPreparer(std::string program, const PreparationBudget& budget) : program_(std::move(program)), budget_(budget) {}
 
   absl::StatusOr<std::string> Prepare(const std::vector<uint8_t>& file, ModelFormat format, const ModelOptions& options,
                                       const Cancellation& cancellation) const override {
     PreparationProcess process;
-    EVPOSE_RETURN_IF_ERROR(process.Start({program_, absl::StrCat(EnumNumber(format)),
-                                          absl::StrFormat("%.17g", options.metres_per_unit),
-                                          absl::StrFormat("%.17g", options.crease_angle_deg),
-                                          absl::StrCat(options.max_bytes), absl::StrCat(budget_.cpu_seconds),
-                                          absl::StrCat(budget_.memory_bytes)}));
+    EVPOSE_RETURN_IF_ERROR(
+        process.Start({program_, absl::StrCat(EnumNumber(format)), absl::StrFormat("%.17g", options.metres_per_unit),
+                       absl::StrFormat("%.17g", options.crease_angle_deg), absl::StrCat(options.max_bytes),
+                       absl::StrCat(budget_.cpu_seconds), absl::StrCat(budget_.memory_bytes)}));
     EVPOSE_ASSIGN_OR_RETURN(const std::string output, process.Exchange(file, cancellation));
     return Result(output, process.Wait());
   }
@@ -172,8 +170,8 @@ class ChildPreparer : public ModelPreparer {
   }
 
   static absl::Status TooExpensive(absl::string_view step, absl::string_view budget) {
-    return WithReason(absl::InvalidArgumentError(absl::StrCat("the model takes more than ", budget, " while ", step,
-                                                              ": simplify it")),
+    return WithReason(absl::InvalidArgumentError(
+                          absl::StrCat("the model takes more than ", budget, " while ", step, ": simplify it")),
                       v1::MODEL_TOO_EXPENSIVE, {{"step", std::string(step)}});
   }
 

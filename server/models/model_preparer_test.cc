@@ -62,11 +62,11 @@ TEST_F(ChildPreparerTest, LargeFilesPassWhole) {
 
 TEST_F(ChildPreparerTest, NamesTheStepThatExceedsTheBudget) {
   const std::string steps = "echo step reading the file; echo step finding symmetries; ";
-  for (const auto& [end, words] : {std::pair("kill -XCPU $$", "more than 7 s of processor time while finding symmetries"),
-                                   {"exit 3", "more than 1000 bytes of memory while finding symmetries"},
-                                   {"kill -KILL $$", "more than 1000 bytes of memory while finding symmetries"}}) {
-    const absl::Status status =
-        Prepare(Script(steps + end), Cube(), {.cpu_seconds = 7, .memory_bytes = 1000}).status();
+  for (const auto& [end, words] :
+       {std::pair("kill -XCPU $$", "more than 7 s of processor time while finding symmetries"),
+        {"exit 3", "more than 1000 bytes of memory while finding symmetries"},
+        {"kill -KILL $$", "more than 1000 bytes of memory while finding symmetries"}}) {
+    const absl::Status status = Prepare(Script(steps + end), Cube(), {.cpu_seconds = 7, .memory_bytes = 1000}).status();
     EXPECT_TRUE(absl::IsInvalidArgument(status)) << status;
     EXPECT_EQ(GetErrorDetails(status).reason, "MODEL_TOO_EXPENSIVE");
     EXPECT_THAT(std::string(status.message()), HasSubstr(words));

@@ -215,7 +215,9 @@ absl::StatusOr<ModelUse> ModelRegistry::FindStored(const Key& key, std::optional
 absl::StatusOr<ModelUse> ModelRegistry::UseStored(const std::string& tenant, absl::string_view name) {
   const Key key(tenant, std::string(name));
   // DATA_LOSS is returned unchanged: the session factory reports a damaged model as damage of the session.
-  const auto for_caller = [](const absl::Status& status) { return absl::IsDataLoss(status) ? status : FromStore(status); };
+  const auto for_caller = [](const absl::Status& status) {
+    return absl::IsDataLoss(status) ? status : FromStore(status);
+  };
   std::optional<ModelRecord> record;
   absl::StatusOr<ModelUse> use = FindStored(key, record);
   if (!use.ok()) return for_caller(use.status());
@@ -256,7 +258,8 @@ absl::StatusOr<std::shared_ptr<const ObjectModel>> ModelRegistry::Load(ModelReco
   EVPOSE_RETURN_IF_ERROR(model.status());
   const std::lock_guard store_lock(store_mutex_);
   const absl::Status kept = store_.PutModel(record);
-  if (!kept.ok()) Log(LogLevel::kWarning, "prepared_model_not_stored", {{"model", record.name}, {"message", kept.message()}});
+  if (!kept.ok())
+    Log(LogLevel::kWarning, "prepared_model_not_stored", {{"model", record.name}, {"message", kept.message()}});
   if (kept.ok()) Insert(record);
   return model;
 }

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// The object models of all tenants. A model is loaded when a session first uses it, shared by all sessions of its tenant,
-// and released with the last of them. Tenants are independent: the same file uploaded by two tenants is two models, which have the same name and are deleted
-// separately.
+// The object models of all tenants. A model is loaded when a session first uses it, shared by all sessions of its
+// tenant, and released with the last of them. Tenants are independent: the same file uploaded by two tenants is two
+// models, which have the same name and are deleted separately.
 #pragma once
 
 #include <cstdint>
@@ -95,8 +95,8 @@ class ModelRegistry {
   absl::StatusOr<ModelInfo> Get(const std::string& tenant, absl::string_view name) const;
   absl::StatusOr<ModelUse> Use(const std::string& tenant, absl::string_view name) const;
   // As Use(), but also finds a model that another server has added to the store, and loads the model. Waits for the
-  // store. A model that another version of the preparation derived is prepared again, which takes seconds. Errors: those
-  // of Use(); DATA_LOSS if the model is damaged or cannot be prepared; UNAVAILABLE (DRAINING) after
+  // store. A model that another version of the preparation derived is prepared again, which takes seconds. Errors:
+  // those of Use(); DATA_LOSS if the model is damaged or cannot be prepared; UNAVAILABLE (DRAINING) after
   // CancelPreparations(); those of the store.
   absl::StatusOr<ModelUse> UseStored(const std::string& tenant, absl::string_view name);
   // Tenant and name of the models that another version of the preparation derived.
@@ -126,7 +126,8 @@ class ModelRegistry {
   ModelInfo Insert(const ModelRecord& record);
   bool IsCurrent(const Key& key) const;
   // Fills in `prepared` and `summary`. Errors: those of ModelPreparer.
-  absl::StatusOr<std::shared_ptr<const ObjectModel>> Prepare(ModelRecord& record, const Cancellation& cancellation) const;
+  absl::StatusOr<std::shared_ptr<const ObjectModel>> Prepare(ModelRecord& record,
+                                                             const Cancellation& cancellation) const;
   // A use of a model that is perhaps only in the store; `record`: the model if it was read for that.
   absl::StatusOr<ModelUse> FindStored(const Key& key, std::optional<ModelRecord>& record);
   absl::StatusOr<std::shared_ptr<const ObjectModel>> Load(ModelRecord record);

@@ -73,7 +73,8 @@ absl::StatusOr<ObjectModel> DecodePreparedModel(absl::string_view encoded) {
   model.diameter_m = stored.diameter_m();
   for (int at = 0; at < stored.symmetries_size(); at += kNumbersOfTransform) {
     RigidTransform symmetry;
-    for (int row = 0; row < 3; ++row) symmetry.rotation.row(row) = VectorAt(stored.symmetries(), at + 3 * row).transpose();
+    for (int row = 0; row < 3; ++row)
+      symmetry.rotation.row(row) = VectorAt(stored.symmetries(), at + 3 * row).transpose();
     symmetry.translation_m = VectorAt(stored.symmetries(), at + 9);
     model.symmetries.push_back(symmetry);
   }

@@ -8,7 +8,8 @@ namespace evpose::server {
 namespace {
 
 ObjectModel PreparedCube() {
-  return ParseObjectModel({reinterpret_cast<const uint8_t*>(kCubeObj), sizeof(kCubeObj) - 1}, ModelFormat::kObj,
+  const std::string obj = Cube();
+  return ParseObjectModel({reinterpret_cast<const uint8_t*>(obj.data()), obj.size()}, ModelFormat::kObj,
                           {.metres_per_unit = 0.1})
       .value();
 }

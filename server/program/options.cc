@@ -116,10 +116,12 @@ void DefineLimits(CLI::App& app, Arguments& arguments) {
   app.add_option("--max-model-bytes", options.max_model_bytes, "bytes of one model file");
   app.add_option("--max-model-store-bytes", options.max_model_store_bytes, "bytes of all model files");
   app.add_option("--max-uploads", options.max_uploads, "uploads of models at a time");
-  app.add_option("--upload-timeout", arguments.upload_timeout_s, "seconds within which the file of an upload must arrive");
+  app.add_option("--upload-timeout", arguments.upload_timeout_s,
+                 "seconds within which the file of an upload must arrive");
   app.add_option("--model-cpu-seconds", options.model_budget.cpu_seconds,
                  "seconds of processor time for the preparation of one model");
-  app.add_option("--model-memory", options.model_budget.memory_bytes, "bytes of memory for the preparation of one model");
+  app.add_option("--model-memory", options.model_budget.memory_bytes,
+                 "bytes of memory for the preparation of one model");
   app.add_option("--max-chunk-bytes", options.max_chunk_bytes, "bytes of one chunk of events");
   app.add_option("--credit-bytes", options.credit_bytes, "bytes of events that may wait per session");
   app.add_option("--attach-timeout", arguments.attach_timeout_s,
@@ -174,8 +176,11 @@ void DefineArguments(CLI::App& app, Arguments& arguments) {
 // the TLS files names its options itself.
 std::string InOptions(const absl::Status& status) {
   constexpr std::pair<absl::string_view, absl::string_view> kOtherNames[] = {
-      {"listen_address", "listen"}, {"worker_threads", "workers"}, {"drain_timeout", "shutdown-timeout"},
-      {"model_budget.cpu_seconds", "model-cpu-seconds"}, {"model_budget.memory_bytes", "model-memory"}};
+      {"listen_address", "listen"},
+      {"worker_threads", "workers"},
+      {"drain_timeout", "shutdown-timeout"},
+      {"model_budget.cpu_seconds", "model-cpu-seconds"},
+      {"model_budget.memory_bytes", "model-memory"}};
   const std::string field = GetErrorDetails(status).field;
   absl::string_view description = status.message();
   if (field.empty() || !absl::ConsumePrefix(&description, absl::StrCat(field, ": "))) return std::string(description);

@@ -91,10 +91,11 @@ class UploadReactor : public grpc::ServerReadReactor<v1::UploadModelRequest>,
     const std::lock_guard lock(mutex_);
     if (is_finished_ || messages_ != awaited) return;
     const bool is_late = absl::Now() >= deadline_;
-    End(WithReason(absl::DeadlineExceededError(absl::StrCat(
-                       is_late ? "the file did not arrive within " : "the next message of the upload did not arrive within ",
-                       absl::FormatDuration(is_late ? services_.upload_timeout : services_.attach_timeout))),
-                   v1::UPLOAD_TIMEOUT));
+    End(WithReason(
+        absl::DeadlineExceededError(absl::StrCat(
+            is_late ? "the file did not arrive within " : "the next message of the upload did not arrive within ",
+            absl::FormatDuration(is_late ? services_.upload_timeout : services_.attach_timeout))),
+        v1::UPLOAD_TIMEOUT));
   }
 
   void End(const absl::Status& status) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {

@@ -47,10 +47,9 @@ class WatchReactor : public grpc::ServerWriteReactor<Response>,
     self_ = this->shared_from_this();
     services_.streams.Add(StreamRegistry::Kind::kWatch, self_);
     if (missing_.has_value()) {
-      return services_.pool.slow().Post(missing_->tenant,
-                                        [self = this->shared_from_this()](const absl::Status& admitted) {
-                                          self->LookInStore(admitted);
-                                        });
+      return services_.pool.slow().Post(
+          missing_->tenant,
+          [self = this->shared_from_this()](const absl::Status& admitted) { self->LookInStore(admitted); });
     }
     Watch(begun);
   }

@@ -20,8 +20,8 @@ class SlowExecutorTest : public testing::Test {
   SlowExecutor::Work Note(const std::string& name) {
     return [this, name](const absl::Status& admitted) {
       if (admitted.ok()) return ran_.push_back(name);
-      rejected_.push_back(absl::StrCat(name, " ", absl::StatusCodeToString(admitted.code()), " ",
-                                       GetErrorDetails(admitted).reason));
+      rejected_.push_back(
+          absl::StrCat(name, " ", absl::StatusCodeToString(admitted.code()), " ", GetErrorDetails(admitted).reason));
     };
   }
   void Post(const std::string& tenant, const std::string& name) { slow_.Post(tenant, Note(name)); }

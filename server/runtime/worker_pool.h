@@ -40,7 +40,8 @@ class WorkerPool {
         slow_(on_.slow, slow_threads),
         preparations_(on_.slow, slow_threads) {}
   // Uses the caller's executors. The caller keeps them running until all work posted here has finished.
-  explicit WorkerPool(Executors executors) : on_(std::move(executors)), slow_(on_.slow, 1), preparations_(on_.slow, 1) {}
+  explicit WorkerPool(Executors executors)
+      : on_(std::move(executors)), slow_(on_.slow, 1), preparations_(on_.slow, 1) {}
   // Work that has not started is discarded.
   ~WorkerPool() {
     if (threads_ != nullptr) threads_->Stop();

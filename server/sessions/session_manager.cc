@@ -136,8 +136,8 @@ std::shared_ptr<std::mutex> SessionManager::ResumeMutexOf(const std::string& ten
 uint32_t SessionManager::CountSessions(const std::string& tenant) const {
   const auto here = std::count_if(sessions_.begin(), sessions_.end(),
                                   [&tenant](const auto& entry) { return entry.second.tenant() == tenant; });
-  const auto waiting = std::count_if(waiting_.begin(), waiting_.end(),
-                                     [&tenant](const auto& entry) { return entry.second == tenant; });
+  const auto waiting =
+      std::count_if(waiting_.begin(), waiting_.end(), [&tenant](const auto& entry) { return entry.second == tenant; });
   return static_cast<uint32_t>(here + waiting);
 }
 
@@ -354,7 +354,7 @@ void SessionManager::DeleteExpired() {
     // On another thread, because callers must not wait for the store. The client may use the session at another server,
     // which this server detects only when it writes: the session then continues there.
     pool_.slow().PostOwn([this, name = entry.session->name(), tenant = entry.tenant(),
-                    fencing_number = entry.session->fencing_number()] {
+                          fencing_number = entry.session->fencing_number()] {
       const absl::Status status = store_.DeleteHeldSession(name, fencing_number);
       if (absl::IsAborted(status)) {
         SessionLog(name, tenant).LivesElsewhere();

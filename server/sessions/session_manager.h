@@ -54,11 +54,11 @@ class SessionManager {
   absl::StatusOr<std::shared_ptr<Session>> Create(const std::string& tenant, const SessionConfig& config,
                                                   const std::string& request_id, const std::string& peer = "");
   // Reads the list of the store's sessions, unless the store is shared. Each of them waits until it is restored: in its
-  // turn by RestoreNext(), or before by the first call that needs it. Must be called before the other functions. Errors:
-  // those of the store.
+  // turn by RestoreNext(), or before by the first call that needs it. Must be called before the other functions.
+  // Errors: those of the store.
   absl::Status FindStored();
-  // Restores one waiting session; returns false, and does nothing, when there is none. Damaged sessions are reported in the log and stay
-  // in the store. The log has the progress.
+  // Restores one waiting session; returns false, and does nothing, when there is none. Damaged sessions are reported in
+  // the log and stay in the store. The log has the progress.
   bool RestoreNext();
 
   // A session of this server. Errors: NOT_FOUND (SESSION_NOT_FOUND).

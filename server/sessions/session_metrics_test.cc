@@ -180,7 +180,9 @@ TEST_F(SessionMetricsTest, RejectionsAreCountedByLimit) {
   const auto upload = models_->limits().BeginUpload(kLabTenant).value();
   EXPECT_TRUE(absl::IsResourceExhausted(upload->Declare(999)));
   EXPECT_EQ(refusals(QuotaLimit::kTenantModelBytes), 1u);
-  const auto small = ModelRegistry::Create({.limits = {.max_store_bytes = 1000, .max_uploads = 1, .metrics = metrics_}}, *store_).value();
+  const auto small =
+      ModelRegistry::Create({.limits = {.max_store_bytes = 1000, .max_uploads = 1, .metrics = metrics_}}, *store_)
+          .value();
   const auto other = small->limits().BeginUpload("other").value();
   EXPECT_TRUE(absl::IsResourceExhausted(other->Declare(999)));
   EXPECT_EQ(refusals(QuotaLimit::kMaxModelStoreBytes), 1u);

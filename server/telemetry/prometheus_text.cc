@@ -25,8 +25,9 @@ using Labels = std::vector<ClientMetric::Label>;
 // Values of labels, in the order of the enumerations.
 constexpr std::array kDropReasons = {"lag", "memory", "reader"};
 constexpr std::array kCheckpointFailures = {"store_away", "store_full", "fenced", "store_failed"};
-constexpr std::array kQuotaLimits = {"max_sessions",       "max_streams",     "max_model_store_bytes", "tenant_sessions",
-                                     "tenant_model_bytes", "tenant_watchers", "max_uploads",           "tenant_uploads"};
+constexpr std::array kQuotaLimits = {"max_sessions",    "max_streams",        "max_model_store_bytes",
+                                     "tenant_sessions", "tenant_model_bytes", "tenant_watchers",
+                                     "max_uploads",     "tenant_uploads"};
 constexpr std::array kStreamKinds = {"track", "watch"};
 constexpr int kNumStatusCodes = 17;
 

@@ -308,7 +308,8 @@ class RedisStore : public Store {
   // meantime.
   template <typename Record>
   absl::StatusOr<std::vector<Record>> ReadSessions(const char* field,
-                                                   absl::StatusOr<Record> (*decode)(absl::string_view, std::string)) const {
+                                                   absl::StatusOr<Record> (*decode)(absl::string_view,
+                                                                                    std::string)) const {
     EVPOSE_ASSIGN_OR_RETURN(const std::vector<std::string> names, Members(kRedisSessionsKey));
     std::vector<RedisCommand> commands;
     for (const std::string& name : names) commands.push_back({"HGET", RedisSessionKey(name), field});

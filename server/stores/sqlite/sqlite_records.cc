@@ -286,8 +286,8 @@ absl::StatusOr<std::vector<ModelRecord>> SqliteListModels(SqliteDatabase& databa
   SqliteQuery query = database.Query("SELECT name, tenant, header, length(bytes) FROM models ORDER BY name, tenant");
   while (query.Next()) {
     // A record that was damaged after the store was opened is skipped here; reading the model reports it.
-    auto model = DecodeModelHeader(query.TextAt(1), query.TextAt(0), query.BlobAt(2),
-                                   static_cast<uint64_t>(query.IntegerAt(3)));
+    auto model =
+        DecodeModelHeader(query.TextAt(1), query.TextAt(0), query.BlobAt(2), static_cast<uint64_t>(query.IntegerAt(3)));
     if (model.ok()) models.push_back(*std::move(model));
   }
   EVPOSE_RETURN_IF_ERROR(query.status());
