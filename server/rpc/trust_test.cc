@@ -358,26 +358,6 @@ TEST_F(IdleTest, AnUploadThatStallsEndsAndItsRoomIsFree) {
   }
 }
 
-TEST_F(IdleTest, AnUploadHasADeadlineForTheWholeFile) {
-  ServerOptions options = Options();
-  options.attach_timeout = absl::Hours(1);
-  options.upload_timeout = absl::Milliseconds(50);
-  server_ = StartServer(options, FakeTrackers(gate_)).value();
-  Use(server_->InProcessChannel());
-  grpc::ClientContext context;
-  v1::Model model;
-  const auto stream = models_->UploadModel(&context, &model);
-  v1::UploadModelRequest request;
-  request.mutable_header()->set_format(v1::MODEL_FORMAT_OBJ);
-  request.mutable_header()->set_size_bytes(options.max_model_bytes);
-  for (bool is_open = stream->Write(request); is_open; is_open = stream->Write(request)) {
-    request.set_chunk("");  // each message arrives in time
-  }
-  const grpc::Status status = stream->Finish();
-  EXPECT_EQ(Describe(status), "DEADLINE_EXCEEDED UPLOAD_TIMEOUT");
-  EXPECT_THAT(status.error_message(), testing::HasSubstr("the file did not arrive within"));
-}
-
 TEST_F(IdleTest, AStreamBeyondTheLimitIsRejected) {
   ServerOptions options = Options();
   options.max_streams = 1;

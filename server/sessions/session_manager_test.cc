@@ -261,6 +261,40 @@ TEST_F(SessionManagerTest, ARegistryOverAStoreHasItsModels) {
   EXPECT_TRUE(absl::IsDataLoss(ModelRegistry::Create({}, *store_).value()->UseStored("", "models/broken").status()));
 }
 
+TEST_F(SessionManagerTest, ASessionIsRestoredInItsTurnOrWhenItIsNeeded) {
+  SessionManager::Options options = sessions_->options();
+  options.max_sessions = 3;
+  sessions_ = std::make_unique<SessionManager>(options, *store_, *models_, pool_);
+  const auto first = sessions_->Create("", Config(), "").value();
+  const auto second = sessions_->Create("", Config(), "").value();
+  const auto third = sessions_->Create("", Config(), "").value();
+  const std::string token = second->resume_token();
+  sessions_->CloseAll(absl::CancelledError("killed"));
+  sessions_ = std::make_unique<SessionManager>(options, *store_, *models_, pool_);
+  ASSERT_TRUE(sessions_->FindStored().ok());
+  EXPECT_EQ(sessions_->num_sessions(), 3u) << "a waiting session has its slot";
+  EXPECT_EQ(GetErrorDetails(sessions_->Create("", Config(), "").status()).reason, "TOO_MANY_SESSIONS");
+  EXPECT_EQ(sessions_->List("", "", 10)->size(), 3u);
+  EXPECT_FALSE(sessions_->Get("", second->name()).ok());
+  EXPECT_TRUE(sessions_->ResumeForAttach("", second->name(), token).ok());
+  EXPECT_TRUE(sessions_->Mirror("", third->name()).ok()) << "a watcher needs it";
+  EXPECT_TRUE(sessions_->Get("", third->name()).ok());
+  EXPECT_EQ(sessions_->num_sessions(), 3u);
+  EXPECT_TRUE(sessions_->RestoreNext()) << "the first one waits";
+  EXPECT_TRUE(sessions_->Get("", first->name()).ok());
+  EXPECT_FALSE(sessions_->RestoreNext());
+}
+
+TEST_F(SessionManagerTest, AWaitingSessionThatIsDeletedIsNotRestored) {
+  const auto session = sessions_->Create("", Config(), "").value();
+  sessions_->CloseAll(absl::CancelledError("killed"));
+  SessionManager restarted(sessions_->options(), *store_, *models_, pool_);
+  ASSERT_TRUE(restarted.FindStored().ok());
+  EXPECT_TRUE(restarted.Delete("", session->name()).ok());
+  EXPECT_EQ(restarted.num_sessions(), 0u);
+  EXPECT_FALSE(restarted.RestoreNext());
+}
+
 TEST_F(SessionManagerTest, ATenantSeesItsOwnSessionsOnly) {
   const std::string model = models_->Upload("lab", {}, "", Bytes(kCubeObj)).value().name;
   EXPECT_EQ(model, model_) << "the name depends on the content, not on the tenant";

@@ -35,7 +35,7 @@ class SessionRestoreTest : public testing::Test {
 
   ~SessionRestoreTest() override { pool_.Join(); }
 
-  Server Open(bool shares_store = false, bool restores = true) {
+  Server Open(bool shares_store = false) {
     Server server;
     server.models = ModelRegistry::Create({.shares_store = shares_store}, *store_).value();
     SessionManager::Options options;
@@ -48,7 +48,7 @@ class SessionRestoreTest : public testing::Test {
     options.steady_now = [] { return SteadyTime(); };  // no work takes time: that alone makes no checkpoint due
     server.sessions = std::make_unique<SessionManager>(options, *store_, *server.models, pool_);
     EXPECT_TRUE(server->FindStored().ok());
-    while (restores && server->RestoreNext()) continue;
+    while (server->RestoreNext()) continue;
     return server;
   }
   // Uncommitted data are lost.
@@ -478,32 +478,6 @@ TEST_F(SessionRestoreTest, ASessionWithoutAFreeSlotIsNotTaken) {
   EXPECT_TRUE(session->Watch().status.ok());
   Kill(one);
   Kill(two);
-}
-
-TEST_F(SessionRestoreTest, ASessionIsRestoredInItsTurnOrWhenItIsNeeded) {
-  Server one = Open();
-  const auto first = Create(one), second = Create(one), third = Create(one);
-  const std::string token = second->resume_token();
-  Kill(one);
-  Server two = Open(/*shares_store=*/false, /*restores=*/false);
-  EXPECT_EQ(two->num_sessions(), 3u) << "a waiting session has its slot";
-  EXPECT_EQ(two->List(kTenant, "", 10)->size(), 3u);
-  EXPECT_FALSE(two->Get(kTenant, second->name()).ok());
-  EXPECT_EQ(ReasonOf(two->Create(kTenant, Config(two), "").status()), "TENANT_QUOTA");
-  EXPECT_TRUE(two->ResumeForAttach(kTenant, second->name(), token).ok());
-  EXPECT_TRUE(two->Mirror(kTenant, third->name()).ok()) << "a watcher needs it";
-  EXPECT_TRUE(two->Get(kTenant, third->name()).ok());
-  EXPECT_EQ(two->num_sessions(), 3u);
-  EXPECT_TRUE(two->RestoreNext()) << "the first one waits";
-  EXPECT_TRUE(two->Get(kTenant, first->name()).ok());
-  EXPECT_FALSE(two->RestoreNext());
-  Kill(two);
-  Server three = Open(/*shares_store=*/false, /*restores=*/false);
-  EXPECT_TRUE(three->Delete(kTenant, first->name()).ok());
-  EXPECT_EQ(three->num_sessions(), 2u);
-  while (three->RestoreNext()) continue;
-  EXPECT_FALSE(three->Get(kTenant, first->name()).ok());
-  Kill(three);
 }
 
 TEST_F(SessionRestoreTest, FlushAllWaitsUntilEverythingIsDurable) {
