@@ -30,6 +30,8 @@ class ModelLimits {
   };
 
   explicit ModelLimits(Options options) : options_(std::move(options)) {}
+  // Locks, so that ThreadSanitizer sees that all calls precede the destruction.
+  ~ModelLimits() { const std::lock_guard lock(mutex_); }
 
   // An upload under way. It counts, with the bytes that have arrived, until it is destroyed. For one thread at a time.
   class Upload {
