@@ -113,22 +113,27 @@ void TakeTriangles(RawMesh raw, ObjectModel& model) {
   model.triangles = std::move(raw.triangles);
 }
 
-absl::StatusOr<ObjectModel> BuildModel(RawMesh raw, const ModelOptions& options) {
-  if (raw.triangles.empty() && raw.lines.empty()) return {
-      return absl::InvalidArgumentError(
-          "the model file has no line and no face; export the mesh of the object as OBJ, PLY or STL");
-    }
+absl::StatusOr<ObjectModel> BuildModel(RawMesh raw, const ModelOptions& options, ModelStepListener on_step) {
+  if (raw.triangles.empty() && raw.lines.empty()) {
+    return absl::InvalidArgumentError(
+        "the model file has no line and no face; export the mesh of the object as OBJ, PLY or STL");
+  }
   EVPOSE_RETURN_IF_ERROR(CheckExtent(raw));
   const bool has_line_elements = !raw.lines.empty();
   ObjectModel model;
+  on_step("welding points");
   Weld(kWeldTolerance * BoundingBoxDiagonal(raw), raw, model.notices);
+  on_step("orienting triangles");
   OrientTriangles(raw, model.notices);
+  on_step("measuring the diameter");
   model.diameter_m = Diameter(raw.points);
+  on_step("finding lines");
   if (has_line_elements) {
     model.lines = PaintedLines(raw, TriangleBvh(raw.points, raw.triangles), model.diameter_m);
   } else {
     EVPOSE_ASSIGN_OR_RETURN(model.lines, CreaseLines(raw, options.crease_angle_deg, options.max_lines));
   }
+  on_step("joining lines");
   MergeOverlapping(kCollinearTolerance * BoundingBoxDiagonal(raw), model.lines, model.notices);
   if (model.lines.empty()) {
     return absl::InvalidArgumentError(
@@ -139,6 +144,7 @@ absl::StatusOr<ObjectModel> BuildModel(RawMesh raw, const ModelOptions& options)
                               options.crease_angle_deg));
   }
   TakeTriangles(std::move(raw), model);
+  on_step("finding symmetries");
   model.symmetries = FindSymmetries(model, kSymmetryTolerance, &model.notices);
   return model;
 }
@@ -155,15 +161,16 @@ absl::Status ModelOptions::Validate() const {
 }
 
 absl::StatusOr<ObjectModel> ParseObjectModel(absl::Span<const uint8_t> bytes, ModelFormat format,
-                                             const ModelOptions& options) {
+                                             const ModelOptions& options, ModelStepListener on_step) {
   EVPOSE_RETURN_IF_ERROR(options.Validate());
   if (bytes.empty()) return absl::InvalidArgumentError("the model file is empty");
   if (bytes.size() > options.max_bytes) {
     return absl::InvalidArgumentError(
         absl::StrFormat("the model has %d bytes, more than the limit of %d", bytes.size(), options.max_bytes));
   }
+  on_step("reading the file");
   EVPOSE_ASSIGN_OR_RETURN(RawMesh mesh, ReadMesh(bytes, format, options));
-  return BuildModel(std::move(mesh), options);
+  return BuildModel(std::move(mesh), options, on_step);
 }
 
 absl::StatusOr<ModelFormat> ModelFormatFromPath(const std::string& path) {

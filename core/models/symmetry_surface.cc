@@ -76,8 +76,9 @@ bool CentredSurface::IsNear(const Eigen::Vector3d& point, const Eigen::Vector3d&
   return faces_.HasNear(point, distance_m, normal, normal.isZero() ? 0.0 : kSameSideCosine);
 }
 
-bool CentredSurface::IsMappedOntoItself(const Eigen::Matrix3d& rotation) const {
+bool CentredSurface::IsMappedOntoItself(const Eigen::Matrix3d& rotation, int64_t max_samples, int64_t& samples) const {
   for (const Sample& sample : samples_) {
+    if (++samples >= max_samples) return false;
     const double distance_m = (sample.is_on_surface ? kOnSurface : kNoLongerOff) * tolerance_m_;
     const bool is_on_surface = IsNear(rotation * sample.point, rotation * sample.normal, distance_m);
     if (is_on_surface != sample.is_on_surface) return false;

@@ -20,7 +20,8 @@ class CentredSurface {
   // Samples some thousands of triangles of a large mesh, evenly. A model without triangles accepts every rotation.
   CentredSurface(const ObjectModel& model, const Eigen::Vector3d& centre, double tolerance_m);
 
-  bool IsMappedOntoItself(const Eigen::Matrix3d& rotation) const;
+  // Adds the number of tested samples to `samples`. Returns false when it reaches `max_samples`.
+  bool IsMappedOntoItself(const Eigen::Matrix3d& rotation, int64_t max_samples, int64_t& samples) const;
 
  private:
   struct Sample {

@@ -289,6 +289,30 @@ TEST(SymmetryTest, TooManyLinesAreReported) {
   EXPECT_THAT(notices, testing::ElementsAre(HasSubstr("more than 8192 lines")));
 }
 
+TEST(SymmetryTest, ComparisonsOfRotationsGrowWithTheGroup) {
+  const auto comparisons_of = [](int sides) {
+    const ObjectModel prism = MustParse(Prism(sides));
+    SymmetryWork work;
+    EXPECT_THAT(FindSymmetries(prism, 1e-4, nullptr, &work), SizeIs(2 * sides));
+    EXPECT_GT(work.rotation_comparisons, 0);
+    return static_cast<double>(work.rotation_comparisons);
+  };
+  EXPECT_LT(comparisons_of(400) / comparisons_of(100), 10.0) << "16 if all pairs were compared";
+}
+
+// Rotations by a side agree with the prism within the tolerance, and the small triangle in it has no symmetry.
+TEST(SymmetryTest, TheWorkIsBounded) {
+  std::string obj = Prism(500) + "v 0.01 0 0.4\nv 0.02 0.01 0.4\nv 0.01 0.02 0.41\nf -3 -2 -1\nl ";
+  for (int i = 0; i <= 500; ++i) absl::StrAppend(&obj, 2 * (i % 500) + 1, " ");
+  obj += "\nl ";
+  for (int i = 0; i <= 500; ++i) absl::StrAppend(&obj, 2 * (i % 500) + 2, " ");
+  SymmetryWork work;
+  (void)FindSymmetries(MustParse(obj), 1e-3, nullptr, &work);
+  EXPECT_LE(work.line_comparisons, 5'000'001);
+  EXPECT_LE(work.rotation_comparisons, 20'010'000);
+  EXPECT_LE(work.surface_samples, 1'000'000);
+}
+
 TEST(SymmetryTest, EmptyModelHasTheIdentity) { EXPECT_THAT(FindSymmetries(ObjectModel()), SizeIs(1)); }
 
 // --- The nearest of equivalent poses

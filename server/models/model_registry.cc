@@ -10,6 +10,8 @@
 #include "core/base/state_io.h"
 #include "core/base/status_macros.h"
 #include "core/numerics/hash.h"
+#include "evpose/storage/v1/model.pb.h"
+#include "server/models/prepared_model.h"
 #include "server/runtime/client_text.h"
 #include "server/runtime/enum_number.h"
 #include "server/runtime/errors.h"
@@ -27,6 +29,41 @@ absl::Status ModelNotFound(absl::string_view name) {
 absl::Status ModelInUse(absl::string_view name) {
   return WithReason(absl::FailedPreconditionError(absl::StrCat(name, " is used by a session: delete that first")),
                     v1::MODEL_IN_USE, {{"model", std::string(name)}});
+}
+
+std::string EncodeSummary(const ObjectModel& model, const std::string& sha256_hex) {
+  storage::v1::ModelSummary stored;
+  stored.set_version(kPreparationVersion);
+  stored.set_num_faces(static_cast<uint32_t>(model.triangles.size()));
+  stored.set_num_lines(static_cast<uint32_t>(model.lines.size()));
+  stored.set_num_symmetries(static_cast<uint32_t>(std::max<size_t>(1, model.symmetries.size())));
+  stored.set_diameter_m(model.diameter_m);
+  stored.set_sha256_hex(sha256_hex);
+  for (const std::string& notice : model.notices) stored.add_notices(notice);
+  return stored.SerializeAsString();
+}
+
+// nullopt if another version has prepared the model.
+std::optional<storage::v1::ModelSummary> CurrentSummary(const ModelRecord& record) {
+  storage::v1::ModelSummary stored;
+  if (!stored.ParseFromString(record.summary) || stored.version() != kPreparationVersion) return std::nullopt;
+  return stored;
+}
+
+ModelInfo InfoOf(const ModelRecord& record) {
+  ModelInfo info = {.name = record.name,
+                    .reading = record.reading,
+                    .size_bytes = record.file_bytes,
+                    .create_time = record.create_time};
+  if (const auto summary = CurrentSummary(record); summary.has_value()) {
+    info.num_faces = summary->num_faces();
+    info.num_lines = summary->num_lines();
+    info.num_symmetries = summary->num_symmetries();
+    info.diameter_m = summary->diameter_m();
+    info.sha256_hex = summary->sha256_hex();
+    info.notices.assign(summary->notices().begin(), summary->notices().end());
+  }
+  return info;
 }
 
 }  // namespace
@@ -49,18 +86,8 @@ absl::Status CheckSha256(absl::string_view expected_hex, absl::string_view actua
 
 absl::StatusOr<std::unique_ptr<ModelRegistry>> ModelRegistry::Create(const Options& options, Store& store) {
   std::unique_ptr<ModelRegistry> registry(new ModelRegistry(options, store));
-  EVPOSE_ASSIGN_OR_RETURN(const std::vector<ModelRecord> records, store.ReadModels());
-  const std::lock_guard lock(registry->mutex_);
-  for (const ModelRecord& record : records) {
-    auto entry = registry->Load(record);
-    if (!entry.ok()) {
-      Log(LogLevel::kError, "model_not_loaded",
-          {{"model", record.name}, {"tenant", record.tenant}, {"message", entry.status().message()}});
-      continue;
-    }
-    registry->AddBytes(record.tenant, record.bytes->size());
-    registry->models_.emplace(Key(record.tenant, record.name), *std::move(entry));
-  }
+  EVPOSE_ASSIGN_OR_RETURN(const std::vector<ModelRecord> records, store.ListModels());
+  for (const ModelRecord& record : records) registry->Insert(record);
   return registry;
 }
 
@@ -71,70 +98,41 @@ ModelOptions ModelRegistry::LoadingOptions(const ModelReading& reading) const {
   ModelOptions options;
   options.metres_per_unit = reading.metres_per_unit;
   options.crease_angle_deg = reading.crease_angle_deg;
-  options.max_bytes = options_.max_model_bytes;
+  options.max_bytes = options_.limits.max_model_bytes;
   return options;
 }
 
-absl::StatusOr<ModelRegistry::Entry> ModelRegistry::Load(const ModelRecord& record) const {
-  EVPOSE_ASSIGN_OR_RETURN(ObjectModel model,
-                          ParseObjectModel(*record.bytes, record.reading.format, LoadingOptions(record.reading)));
-  Entry entry;
-  entry.info = {.name = record.name,
-                .reading = record.reading,
-                .size_bytes = record.bytes->size(),
-                .num_faces = static_cast<uint32_t>(model.triangles.size()),
-                .num_lines = static_cast<uint32_t>(model.lines.size()),
-                .num_symmetries = static_cast<uint32_t>(std::max<size_t>(1, model.symmetries.size())),
-                .diameter_m = model.diameter_m,
-                .sha256_hex = Sha256Hex(*record.bytes),
-                .notices = model.notices,
-                .create_time = record.create_time};
-  entry.use = {std::make_shared<const ObjectModel>(std::move(model)), std::make_shared<const char>()};
-  return entry;
-}
-
-absl::StatusOr<std::shared_ptr<const void>> ModelRegistry::Reserve(const std::string& tenant, uint64_t size_bytes) {
+ModelInfo ModelRegistry::Insert(const ModelRecord& record) {
   const std::lock_guard lock(mutex_);
-  if (size_bytes == 0 || size_bytes > options_.max_model_bytes) {
-    return InvalidField("header.size_bytes",
-                        absl::StrCat("is ", size_bytes, "; a model has 1 to ", options_.max_model_bytes, " bytes"));
-  }
-  // The message has no usage by tenant, because other tenants must not be visible.
-  if (bytes_ + size_bytes > options_.max_store_bytes) {
-    options_.metrics->quota_refusals[QuotaLimit::kMaxModelStoreBytes].Add();
-    return LimitReached(v1::MODEL_STORE_FULL, "max_model_store_bytes",
-                        absl::StrCat("no room for a model of ", size_bytes, " bytes: the server's ",
-                                     options_.max_store_bytes, " are taken; delete models that are not needed"),
-                        absl::ZeroDuration());
-  }
-  const auto found = bytes_of_tenant_.find(tenant);
-  const uint64_t taken = found == bytes_of_tenant_.end() ? 0 : found->second;
-  if (taken + size_bytes > options_.max_tenant_bytes) {
-    options_.metrics->quota_refusals[QuotaLimit::kTenantModelBytes].Add();
-    return LimitReached(v1::TENANT_QUOTA, "tenant_model_bytes",
-                        absl::StrCat("no room for a model of ", size_bytes, " bytes: this tenant has taken ", taken,
-                                     " of ", options_.max_tenant_bytes, "; delete models that are not needed"),
-                        absl::ZeroDuration());
-  }
-  AddBytes(tenant, size_bytes);
-  return std::shared_ptr<const void>(this, [this, tenant, size_bytes](const void*) { Release(tenant, size_bytes); });
+  const auto [found, is_new] = models_.try_emplace(Key(record.tenant, record.name));
+  if (is_new) limits_.AddStored(record.tenant, record.file_bytes);
+  found->second.info = InfoOf(record);
+  found->second.is_current = CurrentSummary(record).has_value();
+  return found->second.info;
 }
 
-void ModelRegistry::Release(const std::string& tenant, uint64_t reserved_bytes) {
+bool ModelRegistry::IsCurrent(const Key& key) const {
   const std::lock_guard lock(mutex_);
-  RemoveBytes(tenant, reserved_bytes);
+  const auto found = models_.find(key);
+  return found != models_.end() && found->second.is_current;
 }
 
-void ModelRegistry::AddBytes(const std::string& tenant, uint64_t bytes) {
-  bytes_ += bytes;
-  bytes_of_tenant_[tenant] += bytes;
+std::vector<std::pair<std::string, std::string>> ModelRegistry::Outdated() const {
+  const std::lock_guard lock(mutex_);
+  std::vector<Key> outdated;
+  for (const auto& [key, entry] : models_) {
+    if (!entry.is_current) outdated.push_back(key);
+  }
+  return outdated;
 }
 
-void ModelRegistry::RemoveBytes(const std::string& tenant, uint64_t bytes) {
-  bytes_ -= bytes;
-  const auto found = bytes_of_tenant_.find(tenant);
-  found->second -= bytes;
-  if (found->second == 0) bytes_of_tenant_.erase(found);
+absl::StatusOr<std::shared_ptr<const ObjectModel>> ModelRegistry::Prepare(ModelRecord& record,
+                                                                          const Cancellation& cancellation) const {
+  EVPOSE_ASSIGN_OR_RETURN(record.prepared, options_.preparer->Prepare(*record.bytes, record.reading.format,
+                                                                      LoadingOptions(record.reading), cancellation));
+  EVPOSE_ASSIGN_OR_RETURN(ObjectModel model, DecodePreparedModel(record.prepared));
+  record.summary = EncodeSummary(model, Sha256Hex(*record.bytes));
+  return std::make_shared<const ObjectModel>(std::move(model));
 }
 
 std::optional<ModelRegistry::Known> ModelRegistry::FindFile(const std::string& tenant, const ModelReading& reading,
@@ -143,37 +141,38 @@ std::optional<ModelRegistry::Known> ModelRegistry::FindFile(const std::string& t
   for (auto it = models_.lower_bound(Key(tenant, "")); it != models_.end() && it->first.first == tenant; ++it) {
     const ModelInfo& info = it->second.info;
     const bool is_same = info.sha256_hex == sha256_hex && info.size_bytes == size_bytes && info.reading == reading;
-    if (is_same && !it->second.is_going) return Known{info, it->second.use};
+    if (is_same && !it->second.is_going) return Known{info, {it->second.model.lock(), it->second.use}};
   }
   return std::nullopt;
 }
 
 absl::StatusOr<ModelInfo> ModelRegistry::Upload(const std::string& tenant, const ModelReading& reading,
                                                 absl::string_view expected_sha256_hex,
-                                                std::shared_ptr<const std::vector<uint8_t>> bytes) {
-  const std::string sha256_hex = Sha256Hex(*bytes);
-  EVPOSE_RETURN_IF_ERROR(CheckSha256(expected_sha256_hex, sha256_hex, bytes->size()));
+                                                std::shared_ptr<const std::vector<uint8_t>> bytes,
+                                                const Cancellation& cancellation) {
+  EVPOSE_RETURN_IF_ERROR(CheckSha256(expected_sha256_hex, Sha256Hex(*bytes), bytes->size()));
   if (const absl::Status status = LoadingOptions(reading).Validate(); !status.ok())
     return InvalidField("header", status.message());
-  const ModelRecord record = {.name = ModelName(reading, *bytes),
-                              .tenant = tenant,
-                              .reading = reading,
-                              .create_time = absl::Now(),
-                              .bytes = bytes};
-  if (auto known = Get(tenant, record.name); known.ok()) {
-    const absl::Status stored = CheckStored(tenant, record.name);
-    if (!absl::IsNotFound(stored)) return stored.ok() ? known : stored;
-  }
-  auto entry = Load(record);
-  if (!entry.ok()) return InvalidField("chunk", entry.status().message());
-
-  const std::lock_guard store_lock(store_mutex_);
-  if (auto known = Get(tenant, record.name); known.ok()) return known;
-  EVPOSE_RETURN_IF_ERROR(FromStore(store_.PutModel(record)));
+  ModelRecord record = {.name = ModelName(reading, *bytes),
+                        .tenant = tenant,
+                        .reading = reading,
+                        .create_time = absl::Now(),
+                        .file_bytes = bytes->size(),
+                        .bytes = bytes};
   const Key key(tenant, record.name);
-  const std::lock_guard lock(mutex_);
-  AddBytes(tenant, bytes->size());
-  return models_.emplace(key, *std::move(entry)).first->second.info;
+  if (IsCurrent(key)) {
+    const absl::Status stored = CheckStored(tenant, record.name);
+    if (stored.ok()) return Get(tenant, record.name);
+    if (!absl::IsNotFound(stored)) return stored;
+  }
+  if (const absl::Status status = Prepare(record, cancellation).status(); !status.ok()) {
+    const bool is_of_file = absl::IsInvalidArgument(status) && GetErrorDetails(status).reason.empty();
+    return is_of_file ? InvalidField("chunk", status.message()) : status;
+  }
+  const std::lock_guard store_lock(store_mutex_);
+  if (IsCurrent(key)) return Get(tenant, record.name);
+  EVPOSE_RETURN_IF_ERROR(FromStore(store_.PutModel(record)));
+  return Insert(record);
 }
 
 absl::Status ModelRegistry::CheckStored(const std::string& tenant, const std::string& name) {
@@ -189,7 +188,7 @@ void ModelRegistry::Forget(const Key& key) {
   const std::lock_guard lock(mutex_);
   const auto found = models_.find(key);
   if (found == models_.end()) return;
-  RemoveBytes(key.first, found->second.info.size_bytes);
+  limits_.RemoveStored(key.first, found->second.info.size_bytes);
   models_.erase(found);
 }
 
@@ -200,28 +199,77 @@ absl::StatusOr<ModelInfo> ModelRegistry::Get(const std::string& tenant, absl::st
   return found->second.info;
 }
 
-absl::StatusOr<ModelUse> ModelRegistry::UseStored(const std::string& tenant, absl::string_view name) {
-  absl::StatusOr<ModelUse> known = Use(tenant, name);
-  if (known.ok()) return known;
+absl::StatusOr<ModelUse> ModelRegistry::FindStored(const Key& key, std::optional<ModelRecord>& record) {
+  absl::StatusOr<ModelUse> use = Use(key.first, key.second);
+  if (use.ok()) return use;
   const std::lock_guard store_lock(store_mutex_);
-  known = Use(tenant, name);
-  if (known.ok()) return known;
-  const absl::StatusOr<ModelRecord> record = store_.ReadModel(tenant, name);
-  if (absl::IsNotFound(record.status())) return known;
+  use = Use(key.first, key.second);
+  if (use.ok()) return use;
+  absl::StatusOr<ModelRecord> stored = store_.ReadModel(key.first, key.second);
+  if (absl::IsNotFound(stored.status())) return use;
+  EVPOSE_RETURN_IF_ERROR(stored.status());
+  record = *std::move(stored);
+  Insert(*record);
+  return Use(key.first, key.second);
+}
+
+absl::StatusOr<ModelUse> ModelRegistry::UseStored(const std::string& tenant, absl::string_view name) {
+  const Key key(tenant, std::string(name));
   // DATA_LOSS is returned unchanged: the session factory reports a damaged model as damage of the session.
-  if (!record.ok()) return absl::IsDataLoss(record.status()) ? record.status() : FromStore(record.status());
-  EVPOSE_ASSIGN_OR_RETURN(Entry entry, Load(*record));
+  const auto for_caller = [](const absl::Status& status) {
+    return absl::IsDataLoss(status) ? status : FromStore(status);
+  };
+  std::optional<ModelRecord> record;
+  absl::StatusOr<ModelUse> use = FindStored(key, record);
+  if (!use.ok()) return for_caller(use.status());
+  if (use->model != nullptr) return use;
+  if (!record.has_value()) {
+    absl::StatusOr<ModelRecord> stored = store_.ReadModel(tenant, name);
+    if (absl::IsNotFound(stored.status())) {
+      Forget(key);  // another server has deleted it
+      return ModelNotFound(name);
+    }
+    if (!stored.ok()) return for_caller(stored.status());
+    record = *std::move(stored);
+  }
+  auto loaded = Load(*std::move(record));
+  if (!loaded.ok()) return for_caller(loaded.status());
+  use->model = *std::move(loaded);
   const std::lock_guard lock(mutex_);
-  const auto [found, is_new] = models_.emplace(Key(tenant, std::string(name)), std::move(entry));
-  if (is_new) AddBytes(tenant, record->bytes->size());
-  return found->second.use;
+  // Another session may have loaded the model meanwhile.
+  if (const auto found = models_.find(key); found != models_.end()) {
+    if (auto first = found->second.model.lock(); first != nullptr) use->model = std::move(first);
+    found->second.model = use->model;
+  }
+  return use;
+}
+
+absl::StatusOr<std::shared_ptr<const ObjectModel>> ModelRegistry::Load(ModelRecord record) {
+  if (CurrentSummary(record).has_value()) {
+    EVPOSE_ASSIGN_OR_RETURN(ObjectModel model, DecodePreparedModel(record.prepared));
+    return std::make_shared<const ObjectModel>(std::move(model));
+  }
+  auto model = Prepare(record, ending_);
+  if (absl::IsCancelled(model.status())) {
+    return WithReason(absl::UnavailableError("the server is leaving: the model is not loaded"), v1::DRAINING);
+  }
+  if (absl::IsInvalidArgument(model.status())) {
+    return absl::DataLossError(absl::StrCat(record.name, " cannot be loaded: ", model.status().message()));
+  }
+  EVPOSE_RETURN_IF_ERROR(model.status());
+  const std::lock_guard store_lock(store_mutex_);
+  const absl::Status kept = store_.PutModel(record);
+  if (!kept.ok())
+    Log(LogLevel::kWarning, "prepared_model_not_stored", {{"model", record.name}, {"message", kept.message()}});
+  if (kept.ok()) Insert(record);
+  return model;
 }
 
 absl::StatusOr<ModelUse> ModelRegistry::Use(const std::string& tenant, absl::string_view name) const {
   const std::lock_guard lock(mutex_);
   const auto found = models_.find(Key(tenant, name));
   if (found == models_.end() || found->second.is_going) return ModelNotFound(name);
-  return found->second.use;
+  return ModelUse{found->second.model.lock(), found->second.use};
 }
 
 std::vector<ModelInfo> ModelRegistry::List(const std::string& tenant, absl::string_view after_name,
@@ -249,7 +297,7 @@ absl::StatusOr<bool> ModelRegistry::BeginDelete(const Key& key) {
   const auto found = models_.find(key);
   if (found == models_.end()) return false;
   // Copies of `use` are made under the lock only, so the count cannot rise now.
-  if (found->second.use.use.use_count() > 1) return ModelInUse(key.second);
+  if (found->second.use.use_count() > 1) return ModelInUse(key.second);
   found->second.is_going = true;
   return true;
 }

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// The object models of all tenants. A model is loaded once and shared by all sessions of its tenant. Tenants are
-// independent: the same file uploaded by two tenants is two models, which have the same name and are deleted
-// separately.
+// The object models of all tenants. A model is loaded when a session first uses it, shared by all sessions of its
+// tenant, and released with the last of them. Tenants are independent: the same file uploaded by two tenants is two
+// models, which have the same name and are deleted separately.
 #pragma once
 
 #include <cstdint>
@@ -21,8 +21,10 @@
 #include "absl/strings/string_view.h"
 #include "absl/time/time.h"
 #include "core/models/object_model.h"
+#include "server/models/model_limits.h"
+#include "server/models/model_preparer.h"
+#include "server/runtime/slow_executor.h"
 #include "server/stores/common/store.h"
-#include "server/telemetry/metrics.h"
 
 namespace evpose::server {
 
@@ -46,7 +48,8 @@ std::string ModelName(const ModelReading& reading, absl::Span<const uint8_t> byt
 // actual one.
 absl::Status CheckSha256(absl::string_view expected_hex, absl::string_view actual_hex, uint64_t num_bytes);
 
-// A reference to a model in use. The model cannot be deleted while `use` or a copy of it exists.
+// A reference to a model in use. The model cannot be deleted while `use` or a copy of it exists. `model` is null while
+// the model is not loaded.
 struct ModelUse {
   std::shared_ptr<const ObjectModel> model;
   std::shared_ptr<const void> use;
@@ -56,22 +59,16 @@ struct ModelUse {
 class ModelRegistry {
  public:
   struct Options {
-    uint64_t max_model_bytes = 64ull << 20;
-    uint64_t max_store_bytes = 512ull << 20;   // of all files, including uploads in progress
-    uint64_t max_tenant_bytes = 512ull << 20;  // of the files of one tenant, including uploads in progress
-    bool shares_store = false;                 // other servers add and delete models in the same store
-    std::shared_ptr<ServerMetrics> metrics = std::make_shared<ServerMetrics>();
+    ModelLimits::Options limits;
+    bool shares_store = false;  // other servers add and delete models in the same store
+    std::shared_ptr<const ModelPreparer> preparer = MakeModelPreparer();
   };
 
-  // Loads all models of the store. A model that cannot be loaded is reported in the log and skipped. Errors: those of
-  // the store.
+  // Reads the list of the store's models, and loads none. Errors: those of the store.
   static absl::StatusOr<std::unique_ptr<ModelRegistry>> Create(const Options& options, Store& store);
   ~ModelRegistry();
 
-  // Reserves bytes for an upload until the result is destroyed. Errors: INVALID_ARGUMENT (header.size_bytes) for a size
-  // of 0 or above max_model_bytes; RESOURCE_EXHAUSTED (MODEL_STORE_FULL, or TENANT_QUOTA when the tenant's own limit is
-  // reached).
-  absl::StatusOr<std::shared_ptr<const void>> Reserve(const std::string& tenant, uint64_t size_bytes);
+  ModelLimits& limits() { return limits_; }
 
   // Finds a file that has been uploaded before with the same parameters, so that a repeated upload needs no space. The
   // model cannot be deleted while the result exists.
@@ -82,23 +79,31 @@ class ModelRegistry {
   std::optional<Known> FindFile(const std::string& tenant, const ModelReading& reading, uint64_t size_bytes,
                                 absl::string_view sha256_hex) const;
 
-  // Loads and stores a file, for which the caller holds a reservation. A model that exists is returned unchanged. Takes
-  // seconds for large models. Errors: INVALID_ARGUMENT with the field (header.sha256 as CheckSha256(), header for
-  // parameters out of range, chunk for a file that cannot be parsed); those of the store.
+  // Prepares and stores a file. A model that exists is returned unchanged. Takes seconds for large models. Errors:
+  // INVALID_ARGUMENT with the field (header.sha256 as CheckSha256(), header for parameters out of range, chunk for a
+  // file that cannot be parsed) or the reason MODEL_TOO_EXPENSIVE; CANCELLED; those of the store.
   absl::StatusOr<ModelInfo> Upload(const std::string& tenant, const ModelReading& reading,
                                    absl::string_view expected_sha256_hex,
-                                   std::shared_ptr<const std::vector<uint8_t>> bytes);
+                                   std::shared_ptr<const std::vector<uint8_t>> bytes,
+                                   const Cancellation& cancellation = Cancellation());
 
-  // Checks that a loaded model is still in the store. A model that another server has deleted is unloaded. Waits for
+  // Checks that a known model is still in the store. A model that another server has deleted is forgotten. Waits for
   // the store if it is shared. Errors: NOT_FOUND (MODEL_NOT_FOUND); those of the store.
   absl::Status CheckStored(const std::string& tenant, const std::string& name);
 
-  // Return a loaded model. Errors: NOT_FOUND (MODEL_NOT_FOUND).
+  // Return a known model, loaded or not. Errors: NOT_FOUND (MODEL_NOT_FOUND).
   absl::StatusOr<ModelInfo> Get(const std::string& tenant, absl::string_view name) const;
   absl::StatusOr<ModelUse> Use(const std::string& tenant, absl::string_view name) const;
-  // As Use(), but also loads a model that another server has added to the store. Waits for the store. Errors: those of
-  // Use(); those of the store.
+  // As Use(), but also finds a model that another server has added to the store, and loads the model. Waits for the
+  // store. A model that another version of the preparation derived is prepared again, which takes seconds. Errors:
+  // those of Use(); DATA_LOSS if the model is damaged or cannot be prepared; UNAVAILABLE (DRAINING) after
+  // CancelPreparations(); those of the store.
   absl::StatusOr<ModelUse> UseStored(const std::string& tenant, absl::string_view name);
+  // Tenant and name of the models that another version of the preparation derived.
+  std::vector<std::pair<std::string, std::string>> Outdated() const;
+  // For the end of the server: ends the preparations in UseStored().
+  void CancelPreparations() { ending_.Cancel(); }
+
   // Returns at most `max_models` models with names after `after_name`, sorted by name.
   std::vector<ModelInfo> List(const std::string& tenant, absl::string_view after_name, size_t max_models) const;
   // Deletes a model. Waits for the store. Errors: FAILED_PRECONDITION (MODEL_IN_USE) while a session uses it, including
@@ -110,12 +115,22 @@ class ModelRegistry {
   using Key = std::pair<std::string, std::string>;  // tenant, name
   struct Entry {
     ModelInfo info;
-    ModelUse use;
-    bool is_going = false;  // Delete() is in progress: no new use is allowed
+    bool is_current = false;  // prepared by this version; otherwise the counts in `info` are missing
+    std::shared_ptr<const void> use = std::make_shared<const char>();
+    std::weak_ptr<const ObjectModel> model;  // empty while no session uses it
+    bool is_going = false;                   // Delete() is in progress: no new use is allowed
   };
 
-  ModelRegistry(const Options& options, Store& store) : options_(options), store_(store) {}
-  absl::StatusOr<Entry> Load(const ModelRecord& record) const;
+  ModelRegistry(const Options& options, Store& store) : options_(options), store_(store), limits_(options.limits) {}
+  // Adds the model to the list, or updates what the list says about it.
+  ModelInfo Insert(const ModelRecord& record);
+  bool IsCurrent(const Key& key) const;
+  // Fills in `prepared` and `summary`. Errors: those of ModelPreparer.
+  absl::StatusOr<std::shared_ptr<const ObjectModel>> Prepare(ModelRecord& record,
+                                                             const Cancellation& cancellation) const;
+  // A use of a model that is perhaps only in the store; `record`: the model if it was read for that.
+  absl::StatusOr<ModelUse> FindStored(const Key& key, std::optional<ModelRecord>& record);
+  absl::StatusOr<std::shared_ptr<const ObjectModel>> Load(ModelRecord record);
   // Blocks new uses of the model. Returns false when it is not loaded. Errors: FAILED_PRECONDITION (MODEL_IN_USE).
   absl::StatusOr<bool> BeginDelete(const Key& key);
   void EndDelete(const Key& key, const absl::Status& status);
@@ -123,9 +138,6 @@ class ModelRegistry {
   absl::Status CheckUnusedInStore(const Key& key) const;
   void Forget(const Key& key);
   ModelOptions LoadingOptions(const ModelReading& reading) const;
-  void Release(const std::string& tenant, uint64_t reserved_bytes);
-  void AddBytes(const std::string& tenant, uint64_t bytes) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
-  void RemoveBytes(const std::string& tenant, uint64_t bytes) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
 
   const Options options_;
   Store& store_;
@@ -134,9 +146,8 @@ class ModelRegistry {
   std::mutex store_mutex_;
   mutable std::mutex mutex_;
   std::map<Key, Entry> models_ ABSL_GUARDED_BY(mutex_);
-  // Stored and reserved bytes, of all tenants and by tenant. A tenant without bytes is not in the map.
-  uint64_t bytes_ ABSL_GUARDED_BY(mutex_) = 0;
-  std::map<std::string, uint64_t> bytes_of_tenant_ ABSL_GUARDED_BY(mutex_);
+  ModelLimits limits_;
+  Cancellation ending_;
 };
 
 }  // namespace evpose::server

@@ -8,11 +8,13 @@
 #include <atomic>
 #include <cerrno>
 #include <csignal>
+#include <filesystem>
 #include <future>
 #include <iostream>
 #include <memory>
 #include <string>
 #include <thread>
+#include <system_error>
 #include <utility>
 
 #include "absl/strings/str_cat.h"
@@ -165,10 +167,18 @@ absl::Status CheckThreads(const ServerOptions& options) {
 void LogTenantLimits(const ServerOptions::TenantLimits& limits) {
   Log(LogLevel::kInfo, "tenant_limits",
       {{"max_sessions", limits.max_sessions.value_or(0)},
+       {"max_session_memory", limits.max_session_memory.value_or(0)},
        {"max_model_bytes", limits.max_model_bytes.value_or(0)},
+       {"max_uploads", limits.max_uploads.value_or(0)},
        {"max_streams", limits.max_streams.value_or(0)},
        {"max_watchers", limits.max_watchers.value_or(0)},
        {"max_bytes_per_s", limits.max_bytes_per_s.value_or(0)}});
+}
+
+// The path of another program of this installation, which is in the same folder as this one.
+std::string ProgramBeside(const std::string& name) {
+  std::error_code error;  // without /proc the path is the name alone, which the server then reports
+  return (std::filesystem::read_symlink("/proc/self/exe", error).parent_path() / name).string();
 }
 
 int Serve(const ProgramOptions& options) {
@@ -180,6 +190,7 @@ int Serve(const ProgramOptions& options) {
   if (const absl::Status status = CheckThreads(server_options); !status.ok()) {
     return Fail(kFailed, std::string(status.message()));
   }
+  server_options.model_preparer = ProgramBeside("evpose-prepare-model");
   std::promise<absl::Duration> drained;
   server_options.on_drain = [&drained](absl::Duration deadline) {
     drained.set_value(deadline);

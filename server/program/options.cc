@@ -52,6 +52,7 @@ struct Arguments {
   double listener_timeout_s = absl::ToDoubleSeconds(ServerOptions().listener_timeout);
   double stream_idle_timeout_s = absl::ToDoubleSeconds(ServerOptions().stream_idle_timeout);
   double attach_timeout_s = absl::ToDoubleSeconds(ServerOptions().attach_timeout);
+  double upload_timeout_s = absl::ToDoubleSeconds(ServerOptions().upload_timeout);
   double shutdown_timeout_s = absl::ToDoubleSeconds(ServerOptions().drain_timeout);
   double shutdown_notice_s = 0.0;
 };
@@ -129,6 +130,13 @@ void DefineLimits(CLI::App& app, Arguments& arguments) {
                  "calls at a time on one connection; further calls wait at the client");
   app.add_option("--max-model-bytes", options.max_model_bytes, "bytes of one model file");
   app.add_option("--max-model-store-bytes", options.max_model_store_bytes, "bytes of all model files");
+  app.add_option("--max-uploads", options.max_uploads, "uploads of models at a time");
+  app.add_option("--upload-timeout", arguments.upload_timeout_s,
+                 "seconds within which the file of an upload must arrive");
+  app.add_option("--model-cpu-seconds", options.model_budget.cpu_seconds,
+                 "seconds of processor time for the preparation of one model");
+  app.add_option("--model-memory", options.model_budget.memory_bytes,
+                 "bytes of memory for the preparation of one model");
   app.add_option("--max-chunk-bytes", options.max_chunk_bytes, "bytes of one chunk of events");
   app.add_option("--credit-bytes", options.credit_bytes, "bytes of events that may wait per session");
   app.add_option("--attach-timeout", arguments.attach_timeout_s,
@@ -148,6 +156,7 @@ void DefineLimits(CLI::App& app, Arguments& arguments) {
   app.add_option("--tenant-max-streams", options.tenant.max_streams,
                  "streams of events, poses and health at a time, of all sessions of the tenant");
   app.add_option("--tenant-max-watchers", options.tenant.max_watchers, "readers of poses and health at a time");
+  app.add_option("--tenant-max-uploads", options.tenant.max_uploads, "uploads of models at a time");
   app.add_option("--tenant-max-bytes-per-s", options.tenant.max_bytes_per_s,
                  "bytes of events per second; the server reads faster streams more slowly; default: 0");
   app.add_option("--tenant-max-health-per-s", options.tenant.max_health_per_s,
@@ -170,6 +179,8 @@ void DefineArguments(CLI::App& app, Arguments& arguments) {
                  "port 0 chooses a free port; without this option there are no pages")
       ->type_name("HOST:PORT");
   app.add_option("--workers", options.worker_threads, "threads that decode and track; 0: one per core");
+  app.add_option("--slow-threads", options.slow_threads,
+                 "threads for slow work, such as creating sessions, and models that are prepared at a time");
   app.add_option("--shutdown-timeout", arguments.shutdown_timeout_s,
                  "seconds within which streams must finish when the server shuts down");
   app.add_option(
@@ -193,7 +204,11 @@ void DefineArguments(CLI::App& app, Arguments& arguments) {
 // the TLS files names its options itself.
 std::string InOptions(const absl::Status& status) {
   constexpr std::pair<absl::string_view, absl::string_view> kOtherNames[] = {
-      {"listen_address", "listen"}, {"worker_threads", "workers"}, {"drain_timeout", "shutdown-timeout"}};
+      {"listen_address", "listen"},
+      {"worker_threads", "workers"},
+      {"drain_timeout", "shutdown-timeout"},
+      {"model_budget.cpu_seconds", "model-cpu-seconds"},
+      {"model_budget.memory_bytes", "model-memory"}};
   const std::string field = GetErrorDetails(status).field;
   absl::string_view description = status.message();
   if (field.empty() || !absl::ConsumePrefix(&description, absl::StrCat(field, ": "))) return std::string(description);
@@ -306,6 +321,7 @@ void TakeSeconds(const Arguments& arguments, ServerOptions& options) {
   options.attach_timeout = absl::Seconds(arguments.attach_timeout_s);
   options.listener_timeout = absl::Seconds(arguments.listener_timeout_s);
   options.stream_idle_timeout = absl::Seconds(arguments.stream_idle_timeout_s);
+  options.upload_timeout = absl::Seconds(arguments.upload_timeout_s);
   options.session_expiry = absl::Seconds(arguments.session_expiry_s);
   options.drain_timeout = absl::Seconds(arguments.shutdown_timeout_s);
 }

@@ -27,6 +27,8 @@ ServerOptions::TenantLimits EffectiveTenantLimits(const ServerOptions& options) 
   SetDefault(limits.max_sessions, HalfOf(options.max_sessions));
   // Every model that the server admits must fit.
   SetDefault(limits.max_model_bytes, std::max(HalfOf(options.max_model_store_bytes), options.max_model_bytes));
+  SetDefault(limits.max_session_memory, HalfOf(options.max_session_memory));
+  SetDefault(limits.max_uploads, HalfOf(options.max_uploads));
   SetDefault(limits.max_streams, HalfOf(options.max_streams));
   SetDefault(limits.max_watchers, HalfOf(options.max_streams));
   SetDefault(limits.max_bytes_per_s, uint64_t{0});  // the server has no limit of bytes per second

@@ -31,6 +31,8 @@ TEST(TenantLimitsTest, ATenantHasAtMostHalfOfTheServer) {
     EXPECT_EQ(limits.max_sessions, 6u);
     EXPECT_EQ(limits.max_streams, 50u);
     EXPECT_EQ(limits.max_watchers, 50u);
+    EXPECT_EQ(limits.max_uploads, 32u);
+    EXPECT_EQ(limits.max_session_memory, options.max_session_memory / 2);
     EXPECT_EQ(limits.max_model_bytes, 600u) << "one model of the largest size fits";
     EXPECT_EQ(limits.max_bytes_per_s, 0u);
     ServerOptions effective = options;

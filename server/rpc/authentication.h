@@ -6,6 +6,7 @@
 
 #include <grpcpp/server_context.h>
 
+#include <string>
 #include <utility>
 
 #include "absl/status/statusor.h"
@@ -37,8 +38,20 @@ grpc::ServerUnaryReactor* AnswerUnary(Authenticator& authenticator, grpc::Callba
   return reactor;
 }
 
-// As AnswerUnary(), but runs `answer` on the pool's thread for slow work, because it may wait for the store and must
-// block neither gRPC's threads nor the workers.
+// Runs `answer()`, which finishes the call, on the pool's threads for slow work, because it may wait for the store and
+// must block neither gRPC's threads nor the workers. A call that was cancelled before its turn, or that the shutdown
+// ends, is finished without it.
+template <typename Answer>
+void PostCall(WorkerPool& pool, const std::string& tenant, grpc::CallbackServerContext* context,
+              grpc::ServerUnaryReactor* reactor, Answer answer) {
+  pool.slow().Post(tenant, [context, reactor, answer = std::move(answer)](const absl::Status& admitted) {
+    if (!admitted.ok()) return reactor->Finish(ToGrpcStatus(admitted));
+    if (context->IsCancelled()) return reactor->Finish(grpc::Status::CANCELLED);
+    answer();
+  });
+}
+
+// As AnswerUnary(), but runs `answer` with PostCall().
 template <typename Answer>
 grpc::ServerUnaryReactor* AnswerSlowly(Authenticator& authenticator, WorkerPool& pool,
                                        grpc::CallbackServerContext* context, Answer answer) {
@@ -48,7 +61,8 @@ grpc::ServerUnaryReactor* AnswerSlowly(Authenticator& authenticator, WorkerPool&
     reactor->Finish(ToGrpcStatus(caller.status()));
     return reactor;
   }
-  pool.PostSlow([reactor, answer = std::move(answer), asking = *std::move(caller)] {
+  const std::string tenant = caller->tenant;
+  PostCall(pool, tenant, context, reactor, [reactor, answer = std::move(answer), asking = *std::move(caller)] {
     reactor->Finish(ToGrpcStatus(OrOutOfMemory([&] { return absl::Status(answer(asking)); })));
   });
   return reactor;

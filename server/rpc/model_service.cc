@@ -3,7 +3,7 @@
 
 #include <grpcpp/alarm.h>
 
-#include <chrono>
+#include <algorithm>
 #include <memory>
 #include <mutex>
 #include <string>
@@ -32,9 +32,9 @@ absl::Status ModelWasDeleted(const std::string& name) {
                     v1::MODEL_DELETED, {{"model", name}});
 }
 
-// Receives the chunks of a file, then loads it on the pool's thread for slow work. Reads are sequential: a read is
-// started after the previous message has been handled. Only the alarm is asynchronous; it ends the call when the next
-// message does not arrive in time.
+// Receives the chunks of a file, then has it prepared on the pool's threads for that. Reads are sequential: a read is
+// started after the previous message has been handled. The alarm and OnCancel() are asynchronous; the alarm ends the
+// call when the next message, or the whole file, does not arrive in time.
 class UploadReactor : public grpc::ServerReadReactor<v1::UploadModelRequest>,
                       public std::enable_shared_from_this<UploadReactor> {
  public:
@@ -45,7 +45,18 @@ class UploadReactor : public grpc::ServerReadReactor<v1::UploadModelRequest>,
     self_ = shared_from_this();
     const std::lock_guard lock(mutex_);
     if (!caller_.ok()) return End(caller_.status());
+    auto place = services_.models.limits().BeginUpload(caller_->tenant);
+    if (!place.ok()) return End(place.status());
+    place_ = *std::move(place);
+    deadline_ = absl::Now() + services_.upload_timeout;
     Read();
+  }
+
+  // The work of the call ends early: what waits is not run, what runs is ended.
+  void OnCancel() override {
+    cancellation_->Cancel();
+    const std::lock_guard lock(mutex_);
+    if (!is_finished_) End(absl::CancelledError("the client cancelled"));
   }
 
   void OnReadDone(bool ok) override {
@@ -70,7 +81,7 @@ class UploadReactor : public grpc::ServerReadReactor<v1::UploadModelRequest>,
   void Read() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
     // A weak reference, because the alarm holds its function until it is destroyed.
     alarm_ = std::make_unique<grpc::Alarm>();
-    alarm_->Set(std::chrono::system_clock::now() + absl::ToChronoMicroseconds(services_.attach_timeout),
+    alarm_->Set(absl::ToChronoTime(std::min(absl::Now() + services_.attach_timeout, deadline_)),
                 [weak = weak_from_this(), awaited = messages_](bool has_fired) {
                   const auto self = weak.lock();
                   if (self != nullptr && has_fired) self->OnAlarm(awaited);
@@ -81,15 +92,19 @@ class UploadReactor : public grpc::ServerReadReactor<v1::UploadModelRequest>,
   void OnAlarm(uint64_t awaited) {
     const std::lock_guard lock(mutex_);
     if (is_finished_ || messages_ != awaited) return;
-    End(WithReason(absl::DeadlineExceededError(absl::StrCat("the next message of the upload did not arrive within ",
-                                                            absl::FormatDuration(services_.attach_timeout))),
-                   v1::UPLOAD_TIMEOUT));
+    const bool is_late = absl::Now() >= deadline_;
+    End(WithReason(
+        absl::DeadlineExceededError(absl::StrCat(
+            is_late ? "the file did not arrive within " : "the next message of the upload did not arrive within ",
+            absl::FormatDuration(is_late ? services_.upload_timeout : services_.attach_timeout))),
+        v1::UPLOAD_TIMEOUT));
   }
 
   void End(const absl::Status& status) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
     is_finished_ = true;
     alarm_.reset();
-    reservation_.reset();
+    place_.reset();
+    bytes_ = std::vector<uint8_t>();
     known_.reset();
     Finish(ToGrpcStatus(status));
   }
@@ -120,7 +135,7 @@ class UploadReactor : public grpc::ServerReadReactor<v1::UploadModelRequest>,
       known_ = std::make_unique<KnownFile>();
       known_->model = *std::move(known);
     } else {
-      EVPOSE_ASSIGN_OR_RETURN(reservation_, services_.models.Reserve(caller_->tenant, size_bytes_));
+      EVPOSE_RETURN_IF_ERROR(place_->Declare(size_bytes_));
     }
     has_header_ = true;
     return absl::OkStatus();
@@ -136,6 +151,7 @@ class UploadReactor : public grpc::ServerReadReactor<v1::UploadModelRequest>,
       // The server has the file already; only the digest of the received bytes is needed.
       known_->digest.Update({reinterpret_cast<const uint8_t*>(chunk.data()), chunk.size()});
     } else {
+      EVPOSE_RETURN_IF_ERROR(place_->Add(chunk.size()));
       bytes_.insert(bytes_.end(), chunk.begin(), chunk.end());
     }
     return absl::OkStatus();
@@ -148,24 +164,37 @@ class UploadReactor : public grpc::ServerReadReactor<v1::UploadModelRequest>,
                                                                 " bytes were received")));
     }
     if (known_ != nullptr) return AnswerKnown();
-    // The task holds a reference, here and below, because OnDone() may run on another thread before the lock is
-    // released.
-    services_.pool.PostSlow([this, self = shared_from_this()] {
+    // The task holds a reference, here and below, because OnDone() may run on another thread before it ends.
+    services_.pool.preparations().Post(
+        caller_->tenant, [self = shared_from_this()](const absl::Status& admitted) { self->Prepare(admitted); },
+        cancellation_);
+  }
+
+  void Prepare(const absl::Status& admitted) {
+    std::shared_ptr<const std::vector<uint8_t>> file;
+    {
       const std::lock_guard lock(mutex_);
-      const auto model = OrOutOfMemory([this] {
-        return services_.models.Upload(caller_->tenant, reading_, sha256_hex_,
-                                       std::make_shared<const std::vector<uint8_t>>(std::move(bytes_)));
-      });
-      if (model.ok()) *response_ = ToProto(*model);
-      End(model.status());
+      if (is_finished_) return;
+      if (!admitted.ok()) return End(admitted);
+      file = std::make_shared<const std::vector<uint8_t>>(std::move(bytes_));
+    }
+    // Without the lock, which OnCancel() takes.
+    const auto model = OrOutOfMemory([&] {
+      return services_.models.Upload(caller_->tenant, reading_, sha256_hex_, std::move(file), *cancellation_);
     });
+    const std::lock_guard lock(mutex_);
+    if (is_finished_) return;
+    if (model.ok()) *response_ = ToProto(*model);
+    End(model.status());
   }
 
   void AnswerKnown() {
     const absl::Status status = CheckSha256(sha256_hex_, known_->digest.FinishHex(), size_bytes_);
     if (!status.ok()) return End(status);
-    services_.pool.PostSlow([this, self = shared_from_this()] {
+    services_.pool.slow().Post(caller_->tenant, [this, self = shared_from_this()](const absl::Status& admitted) {
       const std::lock_guard lock(mutex_);
+      if (is_finished_) return;
+      if (!admitted.ok()) return End(admitted);
       const ModelInfo& info = known_->model.info;
       const absl::Status stored = services_.models.CheckStored(caller_->tenant, info.name);
       *response_ = ToProto(info);
@@ -187,7 +216,9 @@ class UploadReactor : public grpc::ServerReadReactor<v1::UploadModelRequest>,
   bool has_header_ = false;
   uint64_t size_bytes_ = 0;
   uint64_t received_bytes_ = 0;
-  std::shared_ptr<const void> reservation_;  // of the size of bytes_
+  const std::shared_ptr<Cancellation> cancellation_ = std::make_shared<Cancellation>();
+  absl::Time deadline_;                         // of the last byte of the file
+  std::unique_ptr<ModelLimits::Upload> place_;  // counts bytes_
   std::vector<uint8_t> bytes_;
   std::unique_ptr<KnownFile> known_;  // not null: the file is known, and bytes_ stays empty
 };

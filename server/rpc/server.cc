@@ -6,6 +6,7 @@
 #include <grpcpp/health_check_service_interface.h>
 #include <grpcpp/impl/server_builder_option.h>
 #include <grpcpp/resource_quota.h>
+#include <unistd.h>
 
 #include <algorithm>
 #include <atomic>
@@ -115,7 +116,7 @@ Limit TenantLimit(const std::optional<Limit>& of_tenant, Limit of_server) {
 
 SessionManager::Options ManagerOptions(const ServerOptions& options, TrackerFactory make_tracker, const Store& store,
                                        std::shared_ptr<ServerMetrics> metrics) {
-  const uint64_t tenant_memory = TenantLimit(options.tenant.max_session_memory.value_or(0), options.max_session_memory);
+  const uint64_t tenant_memory = TenantLimit(options.tenant.max_session_memory, options.max_session_memory);
   const auto memory = MemoryBudget::Create(
       {.max_bytes = options.max_session_memory, .max_tenant_bytes = tenant_memory, .metrics = metrics});
   return {.max_sessions = options.max_sessions,
@@ -173,11 +174,18 @@ absl::StatusOr<Access> MakeAccess(const ServerOptions& options, const std::share
 
 ModelRegistry::Options RegistryOptions(const ServerOptions& options, const Store& store,
                                        std::shared_ptr<ServerMetrics> metrics) {
-  return {.max_model_bytes = options.max_model_bytes,
-          .max_store_bytes = options.max_model_store_bytes,
-          .max_tenant_bytes = TenantLimit(options.tenant.max_model_bytes, options.max_model_store_bytes),
-          .shares_store = store.is_shared(),
-          .metrics = std::move(metrics)};
+  ModelRegistry::Options registry = {
+      .limits = {.max_model_bytes = options.max_model_bytes,
+                 .max_store_bytes = options.max_model_store_bytes,
+                 .max_tenant_bytes = TenantLimit(options.tenant.max_model_bytes, options.max_model_store_bytes),
+                 .max_uploads = options.max_uploads,
+                 .max_tenant_uploads = TenantLimit(options.tenant.max_uploads, options.max_uploads),
+                 .metrics = std::move(metrics)},
+      .shares_store = store.is_shared()};
+  if (!options.model_preparer.empty()) {
+    registry.preparer = MakeChildModelPreparer(options.model_preparer, options.model_budget);
+  }
+  return registry;
 }
 
 TenantQuotas::Options QuotaOptions(const ServerOptions& options, std::shared_ptr<ServerMetrics> metrics) {
@@ -199,7 +207,7 @@ class ServerImpl : public Server, public Drainer {
       : metrics_(std::move(metrics)),
         access_(std::move(access)),
         num_workers_(NumWorkers(options)),
-        pool_(num_workers_),
+        pool_(num_workers_, options.slow_threads),
         store_(std::move(store)),
         models_(std::move(models)),
         sessions_(ManagerOptions(options, std::move(make_tracker), *store_, metrics_), *store_, *models_, pool_),
@@ -220,6 +228,7 @@ class ServerImpl : public Server, public Drainer {
                  *this,
                  options.attach_timeout,
                  options.stream_idle_timeout,
+                 options.upload_timeout,
                  options.max_model_bytes,
                  options.drain_timeout,
                  *metrics_,
@@ -231,7 +240,26 @@ class ServerImpl : public Server, public Drainer {
   // NOLINTNEXTLINE(bugprone-exception-escape): an exception ends the process, as in every thread
   ~ServerImpl() override { Shutdown(kDestructorDeadline); }
 
-  absl::Status Restore() { return sessions_.RestoreAll(); }
+  absl::Status FindStored() { return sessions_.FindStored(); }
+
+  // Restores the stored sessions one after another; other work of the server has its turn between them.
+  void RestoreSessions() {
+    pool_.slow().PostOwn([this] {
+      if (sessions_.RestoreNext()) RestoreSessions();
+    });
+  }
+
+  // Prepares the models that an earlier version stored, so that their first sessions need not wait for it.
+  void PrepareOutdatedModels() {
+    for (const auto& [tenant, name] : models_->Outdated()) {
+      pool_.preparations().Post(tenant, [this, model = name, owner = tenant](const absl::Status& admitted) {
+        if (!admitted.ok()) return;
+        const absl::Status status = models_->UseStored(owner, model).status();
+        if (status.ok() || absl::IsUnavailable(status)) return;
+        Log(LogLevel::kError, "model_not_loaded", {{"model", model}, {"tenant", owner}, {"message", status.message()}});
+      });
+    }
+  }
 
   absl::Status Listen(const ServerOptions& options) {
     grpc::ServerBuilder builder;
@@ -314,6 +342,9 @@ class ServerImpl : public Server, public Drainer {
       Log(LogLevel::kWarning, "shutdown_not_durable",
           {{"message", "not all processed chunks could be stored; clients that attach again send them again"}});
     }
+    models_->CancelPreparations();
+    pool_.slow().Stop();
+    pool_.preparations().Stop();
     sessions_.CloseAll(leaving);
     if (server_ != nullptr) {
       streams_.WaitForAll(absl::Now() + kCallGrace);
@@ -410,6 +441,9 @@ absl::Status ServerOptions::Validate() const {
   constexpr uint32_t kMaxCalls = 1u << 20;
   constexpr absl::Duration kMinListenerTimeout = absl::Seconds(1);
   constexpr uint64_t kMinTransportBytes = 64ull << 20;
+  constexpr int kMaxSlowThreads = 64;
+  constexpr uint32_t kMaxCpuSeconds = 3600;
+  constexpr uint64_t kMinPreparationBytes = 64u << 20;  // libraries and a small model
   if (!listen_address.empty()) {
     const auto address = ParseListenAddress(listen_address);
     if (!address.ok()) return InvalidField("listen_address", address.status().message());
@@ -418,6 +452,22 @@ absl::Status ServerOptions::Validate() const {
   if (worker_threads < 0 || worker_threads > kMaxWorkers) {
     return InvalidField("worker_threads", absl::StrCat("is ", worker_threads, "; 0 (one per core) to ", kMaxWorkers));
   }
+  if (slow_threads < 1 || slow_threads > kMaxSlowThreads) {
+    return InvalidField("slow_threads", absl::StrCat("is ", slow_threads, "; 1 to ", kMaxSlowThreads));
+  }
+  if (!model_preparer.empty() && access(model_preparer.c_str(), X_OK) != 0) {
+    return InvalidField("model_preparer", absl::StrCat(model_preparer, " cannot be run: install it there"));
+  }
+  if (model_budget.cpu_seconds == 0 || model_budget.cpu_seconds > kMaxCpuSeconds) {
+    return InvalidField("model_budget.cpu_seconds",
+                        absl::StrCat("is ", model_budget.cpu_seconds, "; 1 to ", kMaxCpuSeconds));
+  }
+  if (model_budget.memory_bytes < kMinPreparationBytes) {
+    return InvalidField("model_budget.memory_bytes",
+                        absl::StrCat("is ", model_budget.memory_bytes, "; at least ", kMinPreparationBytes));
+  }
+  if (max_uploads == 0) return InvalidField("max_uploads", "is 0; at least 1");
+  if (upload_timeout <= absl::ZeroDuration()) return InvalidField("upload_timeout", "must be positive");
   if (max_sessions == 0) return InvalidField("max_sessions", "is 0; at least 1");
   if (max_session_memory < kMinSessionMemory) {
     return InvalidField("max_session_memory", absl::StrCat("is ", max_session_memory, "; at least ", kMinSessionMemory,
@@ -485,8 +535,10 @@ absl::StatusOr<std::unique_ptr<Server>> StartServer(const ServerOptions& options
                           ModelRegistry::Create(RegistryOptions(options, *store, metrics), *store));
   auto server = std::make_unique<ServerImpl>(options, std::move(make_tracker), std::move(access), std::move(store),
                                              metrics, std::move(models));
-  EVPOSE_RETURN_IF_ERROR(server->Restore());
+  EVPOSE_RETURN_IF_ERROR(server->FindStored());
   EVPOSE_RETURN_IF_ERROR(server->Listen(options));
+  server->PrepareOutdatedModels();
+  server->RestoreSessions();
   return server;
 }
 

@@ -17,6 +17,7 @@
 #include "absl/strings/string_view.h"
 #include "absl/time/time.h"
 #include "server/auth/tls_files.h"
+#include "server/models/model_preparer.h"
 #include "server/sessions/memory/available_memory.h"
 #include "server/stores/open_store.h"
 #include "server/telemetry/metrics.h"
@@ -58,8 +59,20 @@ struct ServerOptions {
   uint64_t max_session_memory = AvailableMemoryBytes() / 4 * 3;
   // Maximum size of a model file, bytes.
   uint64_t max_model_bytes = 64ull << 20;
-  // Maximum size of all model files together, including uploads in progress, bytes. Bounds memory.
+  // Maximum size of all model files together, including the received bytes of uploads, bytes. Bounds memory.
   uint64_t max_model_store_bytes = 512ull << 20;
+  // Number of threads for slow work, and of models that are prepared at a time. Each tenant uses one of them, so with
+  // two a tenant waits only while two others are served.
+  int slow_threads = 2;
+  // Path of evpose-prepare-model, which prepares uploaded models. Empty: the server prepares them in its own threads,
+  // without a bound, for a server in the process of its only user.
+  std::string model_preparer;
+  // Bounds of the preparation of one model; the largest honest meshes take 6 s and 640 MB.
+  PreparationBudget model_budget;
+  // Maximum number of uploads under way: as many as sessions. Their files are bounded by max_model_store_bytes.
+  uint32_t max_uploads = 64;
+  // Time within which the file of an upload must arrive: 64 MiB at 5 Mbit/s take 107 s.
+  absl::Duration upload_timeout = absl::Seconds(120);
   // Maximum size of a chunk of events, bytes. Larger chunks would only delay acks and poses.
   uint32_t max_chunk_bytes = 1u << 20;
   // Maximum number of received but undecoded bytes of a session: one second of a busy EVK4. At least max_chunk_bytes.
@@ -86,6 +99,7 @@ struct ServerOptions {
     std::optional<uint64_t> max_model_bytes;
     std::optional<uint32_t> max_watchers;
     std::optional<uint32_t> max_streams;  // Track and Watch streams
+    std::optional<uint32_t> max_uploads;
     // Payload of all Track streams of the tenant together, bytes per second. The server reads faster streams more
     // slowly.
     std::optional<uint64_t> max_bytes_per_s;
@@ -113,7 +127,8 @@ absl::Status CheckDuration(absl::string_view field, absl::Duration duration);
 
 class Server {
  public:
-  // Starts a server and loads the sessions of its store. Errors: INVALID_ARGUMENT for the options; those of
+  // Starts a server. It restores the sessions of its store while it serves: in order, or when a client first uses one.
+  // Errors: INVALID_ARGUMENT for the options; those of
   // OpenStore(), TlsFiles and TokenFile; UNAVAILABLE with address and cause when the server cannot listen.
   static absl::StatusOr<std::unique_ptr<Server>> Start(const ServerOptions& options);
   virtual ~Server() = default;  // Shutdown(1 s)
@@ -131,7 +146,8 @@ class Server {
   // Shuts the server down: health becomes NOT_SERVING, new sessions and streams are rejected, and every Track stream
   // receives GoAway. Streams that are still open shortly before the deadline end with UNAVAILABLE, watchers as soon as
   // no Track stream is left. Returns when all calls have finished: by the deadline or, if it is less than 3 s away, at
-  // most 1.5 s after it, independent of the clients. Idempotent. To be called from one thread at a time.
+  // most 1.5 s after it, independent of the clients; slow work that waits is rejected, and preparations of models are
+  // ended. Idempotent. To be called from one thread at a time.
   virtual void Shutdown(absl::Duration deadline) = 0;
 };
 

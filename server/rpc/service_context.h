@@ -35,6 +35,7 @@ struct ServiceContext {
   Drainer& drainer;
   absl::Duration attach_timeout;
   absl::Duration stream_idle_timeout;  // zero: none
+  absl::Duration upload_timeout;
   uint64_t max_model_bytes;
   absl::Duration drain_timeout;  // default of DrainRequest.timeout
   ServerMetrics& metrics;

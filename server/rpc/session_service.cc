@@ -77,7 +77,7 @@ grpc::ServerUnaryReactor* SessionServiceImpl::CreateSession(grpc::CallbackServer
     return reactor;
   }
   // Creating trackers takes too long for gRPC's threads and for the workers.
-  services_.pool.PostSlow([this, request, response, reactor, asking = *caller] {
+  PostCall(services_.pool, caller->tenant, context, reactor, [this, request, response, reactor, asking = *caller] {
     AnswerCreated(OrOutOfMemory([&] { return Create(services_.sessions, asking, *request); }), services_.store,
                   *response, *reactor);
   });

@@ -28,7 +28,7 @@ void StoreCheck::Stop() {
 void StoreCheck::Arm() {
   timer_ = pool_.PostAfter(period_, [this] {
     const std::lock_guard lock(mutex_);
-    if (!is_stopped_) pool_.PostSlow([this] { Ask(); });
+    if (!is_stopped_) pool_.slow().PostOwn([this] { Ask(); });
   });
 }
 

@@ -23,7 +23,7 @@ class StoreCheck {
   // Called at every change; the initial state is true. It must not block or call the StoreCheck.
   using Listener = std::function<void(bool answers)>;
 
-  // Checks the store `period` after its last response, on the pool's thread for slow work, because a response may take
+  // Checks the store `period` after its last response, on the pool's threads for slow work, because a response may take
   // seconds. The arguments must live until the pool's Join() has returned.
   StoreCheck(Store& store, WorkerPool& pool, absl::Duration period, Listener listener);
   // Locks, so that ThreadSanitizer sees that all calls precede the destruction.

@@ -179,10 +179,21 @@ class TrackReactor : public grpc::ServerBidiReactor<v1::TrackRequest, v1::TrackR
     std::shared_ptr<Session> session =
         services_.sessions.FindForAttach(caller_->tenant, attach.session(), attach.resume_token());
     if (session != nullptr) return OnAttached(attach, Join(attach, std::move(session)));
-    services_.pool.PostSlow([self = shared_from_this(), attach] { self->ResumeAndAttach(attach); });
+    PostResume(attach);
   }
 
-  void ResumeAndAttach(const v1::TrackRequest::Attach& attach) {
+  void PostResume(const v1::TrackRequest::Attach& attach) {
+    services_.pool.slow().Post(caller_->tenant, [self = shared_from_this(), attach](const absl::Status& admitted) {
+      self->ResumeAndAttach(attach, admitted);
+    });
+  }
+
+  void ResumeAndAttach(const v1::TrackRequest::Attach& attach, absl::Status admitted) {
+    {
+      const std::lock_guard lock(mutex_);
+      admitted.Update(failure_);  // the stream may have been cancelled meanwhile
+    }
+    if (!admitted.ok()) return OnAttached(attach, admitted);
     auto session = services_.sessions.ResumeForAttach(caller_->tenant, attach.session(), attach.resume_token());
     OnAttached(attach, session.ok() ? Join(attach, *std::move(session)) : session.status());
   }
@@ -324,7 +335,7 @@ class TrackReactor : public grpc::ServerBidiReactor<v1::TrackRequest, v1::TrackR
     ChangePhase(StreamInput::kOwnershipLost);
     attachment_.reset();
     session_.reset();
-    services_.pool.PostSlow([self = shared_from_this(), attach = attach_] { self->ResumeAndAttach(attach); });
+    PostResume(attach_);
   }
 
   void Pump() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {

@@ -53,7 +53,9 @@ class WatchReactor : public grpc::ServerWriteReactor<Response>,
     self_ = this->shared_from_this();
     services_.streams.Add(StreamRegistry::Kind::kWatch, self_);
     if (missing_.has_value()) {
-      return services_.pool.PostSlow([self = this->shared_from_this()] { self->LookInStore(); });
+      return services_.pool.slow().Post(
+          missing_->tenant,
+          [self = this->shared_from_this()](const absl::Status& admitted) { self->LookInStore(admitted); });
     }
     Watch(begun);
   }
@@ -150,8 +152,13 @@ class WatchReactor : public grpc::ServerWriteReactor<Response>,
     std::string name;
   };
 
-  // Runs on the pool's thread for slow work, because reading the store takes too long for gRPC's threads.
-  void LookInStore() {
+  // Runs on the pool's threads for slow work, because reading the store takes too long for gRPC's threads.
+  void LookInStore(absl::Status admitted) {
+    {
+      const std::lock_guard lock(mutex_);
+      admitted.Update(failure_);  // the call may have been cancelled meanwhile
+    }
+    if (!admitted.ok()) return Watch(admitted);
     auto mirror = OrOutOfMemory([this] { return services_.sessions.Mirror(missing_->tenant, missing_->name); });
     const absl::Status found = mirror.status();
     if (mirror.ok()) session_ = *std::move(mirror);

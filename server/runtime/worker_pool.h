@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// The threads that decode and track for all sessions, and two more threads: one for slow work, one for low-priority
-// work.
+// The threads that decode and track for all sessions, threads for slow work, and one for low-priority work.
 #pragma once
 
 #include <boost/asio/any_io_executor.hpp>
@@ -13,6 +12,7 @@
 #include <utility>
 
 #include "absl/time/time.h"
+#include "server/runtime/slow_executor.h"
 
 namespace evpose::server {
 
@@ -28,13 +28,24 @@ class WorkerPool {
   // The executors that run the posted work.
   struct Executors {
     boost::asio::any_io_executor work;          // PostAfter() and strands
-    boost::asio::any_io_executor slow;          // PostSlow()
+    boost::asio::any_io_executor slow;          // slow() and preparations()
     boost::asio::any_io_executor low_priority;  // PostLowPriority()
   };
 
-  explicit WorkerPool(int num_threads) : threads_(std::make_unique<Threads>(num_threads)), on_(threads_->executors()) {}
+  // `slow_threads`: number of threads for each of slow() and preparations(). With two, another tenant's item is delayed
+  // only while two other tenants have a running one.
+  explicit WorkerPool(int num_threads, int slow_threads = 2)
+      : threads_(std::make_unique<Threads>(num_threads, 2 * slow_threads)),
+        on_(threads_->executors()),
+        slow_(on_.slow, slow_threads),
+        preparations_(on_.slow, slow_threads) {}
   // Uses the caller's executors. The caller keeps them running until all work posted here has finished.
-  explicit WorkerPool(Executors executors) : on_(std::move(executors)) {}
+  explicit WorkerPool(Executors executors)
+      : on_(std::move(executors)), slow_(on_.slow, 1), preparations_(on_.slow, 1) {}
+  // Work that has not started is discarded.
+  ~WorkerPool() {
+    if (threads_ != nullptr) threads_->Stop();
+  }
 
   // Runs `work` after `delay`, unless the returned timer is destroyed or cancelled before.
   template <typename Work>
@@ -45,11 +56,10 @@ class WorkerPool {
     });
     return timer;
   }
-  // For work that takes seconds, such as loading models and creating trackers. One thread runs it, one task at a time.
-  template <typename Work>
-  void PostSlow(Work&& work) {
-    boost::asio::post(on_.slow, std::forward<Work>(work));
-  }
+  // For work that waits for the store or creates trackers.
+  SlowExecutor& slow() { return slow_; }
+  // For the preparation of models, which takes seconds. It has its own threads, so that slow() never waits for it.
+  SlowExecutor& preparations() { return preparations_; }
   // For many short tasks that may wait for work of higher priority, such as sending poses to watchers. One thread runs
   // them.
   template <typename Work>
@@ -66,12 +76,19 @@ class WorkerPool {
 
  private:
   struct Threads {
-    explicit Threads(int num_threads) : work(static_cast<size_t>(num_threads)), slow(1), low_priority(1) {}
+    Threads(int num_threads, int num_slow)
+        : work(static_cast<size_t>(num_threads)), slow(static_cast<size_t>(num_slow)), low_priority(1) {}
     Executors executors() { return {work.get_executor(), slow.get_executor(), low_priority.get_executor()}; }
     void Join() {
       slow.join();
       work.join();
       low_priority.join();
+    }
+    void Stop() {
+      work.stop();
+      slow.stop();
+      work.join();
+      slow.join();
     }
 
     boost::asio::thread_pool work;
@@ -81,6 +98,8 @@ class WorkerPool {
 
   const std::unique_ptr<Threads> threads_;  // null: the caller's executors are used
   const Executors on_;
+  SlowExecutor slow_;
+  SlowExecutor preparations_;
 };
 
 }  // namespace evpose::server

@@ -68,7 +68,8 @@ absl::StatusOr<std::shared_ptr<Session>> SessionManager::Create(const std::strin
   EVPOSE_RETURN_IF_ERROR(config.Validate());
   DeleteExpired();
   const Request request(tenant, request_id);
-  std::unique_lock<std::mutex> one_at_a_time(resume_mutex_, std::defer_lock);
+  const std::shared_ptr<std::mutex> resume_mutex = ResumeMutexOf(tenant);
+  std::unique_lock<std::mutex> one_at_a_time(*resume_mutex, std::defer_lock);
   if (!request_id.empty()) one_at_a_time.lock();  // the same request may arrive twice at the same time
   EVPOSE_ASSIGN_OR_RETURN(std::shared_ptr<Session> known, FindOrReserveSlot(config, request));
   if (known != nullptr) return known;
@@ -97,7 +98,7 @@ absl::StatusOr<std::shared_ptr<Session>> SessionManager::FindOrReserveSlot(const
 }
 
 absl::Status SessionManager::CheckSlotIsFree(const std::string& tenant) const {
-  if (sessions_.size() + reserved_slots_ >= options_.max_sessions) {
+  if (sessions_.size() + waiting_.size() + reserved_slots_ >= options_.max_sessions) {
     options_.metrics->quota_refusals[QuotaLimit::kMaxSessions].Add();
     return LimitReached(v1::TOO_MANY_SESSIONS, "max_sessions",
                         absl::StrCat("all ", options_.max_sessions,
@@ -130,9 +131,20 @@ absl::StatusOr<std::shared_ptr<Session>> SessionManager::ResumeRequest(const Ses
   return std::move(taken.session);
 }
 
+std::shared_ptr<std::mutex> SessionManager::ResumeMutexOf(const std::string& tenant) {
+  const std::lock_guard lock(mutex_);
+  std::erase_if(resume_mutexes_, [](const auto& entry) { return entry.second.expired(); });
+  std::shared_ptr<std::mutex> mutex = resume_mutexes_[tenant].lock();
+  if (mutex == nullptr) resume_mutexes_[tenant] = mutex = std::make_shared<std::mutex>();
+  return mutex;
+}
+
 uint32_t SessionManager::CountSessions(const std::string& tenant) const {
-  return static_cast<uint32_t>(std::count_if(sessions_.begin(), sessions_.end(),
-                                             [&tenant](const auto& entry) { return entry.second.tenant() == tenant; }));
+  const auto here = std::count_if(sessions_.begin(), sessions_.end(),
+                                  [&tenant](const auto& entry) { return entry.second.tenant() == tenant; });
+  const auto waiting =
+      std::count_if(waiting_.begin(), waiting_.end(), [&tenant](const auto& entry) { return entry.second == tenant; });
+  return static_cast<uint32_t>(here + waiting);
 }
 
 void SessionManager::ReleaseSlot(const std::string& tenant) {
@@ -153,20 +165,9 @@ absl::StatusOr<std::shared_ptr<Session>> SessionManager::FindRequest(const Sessi
 }
 
 void SessionManager::Insert(const std::shared_ptr<Session>& session, const Request& request) {
+  waiting_.erase(session->name());
   sessions_[session->name()] = {session, request};
   if (!request.second.empty()) name_of_request_[request] = session->name();
-}
-
-absl::Status SessionManager::RestoreAll() {
-  for (const std::string& damage : store_.damage()) Log(LogLevel::kError, "store_damage", {{"message", damage}});
-  if (options_.shares_store) return absl::OkStatus();
-  EVPOSE_ASSIGN_OR_RETURN(const std::vector<SessionRecord> records, store_.ListSessions());
-  for (const SessionRecord& record : records) {
-    const auto session = Resume(record.name);
-    if (absl::IsUnavailable(session.status())) return session.status();
-    if (!session.ok()) SessionLog(record.name, record.tenant).NotResumed(session.status());
-  }
-  return absl::OkStatus();
 }
 
 absl::StatusOr<std::shared_ptr<Session>> SessionManager::Resume(const std::string& name) {
@@ -212,6 +213,8 @@ std::shared_ptr<SessionMirror> SessionManager::FindMirror(const std::string& ten
 
 absl::StatusOr<std::shared_ptr<WatchedSession>> SessionManager::Mirror(const std::string& tenant,
                                                                        const std::string& name) {
+  RestoreIfWaiting(tenant, name);
+  if (std::shared_ptr<Session> session = FindOpen(tenant, name); session != nullptr) return session;
   if (auto mirror = FindMirror(tenant, name); mirror != nullptr && mirror->Watch().status.ok()) return mirror;
   EVPOSE_ASSIGN_OR_RETURN(SessionFactory::Stored stored, ReadOwn(tenant, name));
   if (!options_.shares_store) return SessionNotFound(name);
@@ -234,7 +237,9 @@ absl::StatusOr<std::shared_ptr<Session>> SessionManager::ResumeForAttach(const s
                                                                          const std::string& name,
                                                                          absl::string_view resume_token) {
   EVPOSE_RETURN_IF_ERROR(CheckNotDraining());
-  const std::lock_guard take_lock(resume_mutex_);
+  RestoreIfWaiting(tenant, name);
+  const std::shared_ptr<std::mutex> resume_mutex = ResumeMutexOf(tenant);
+  const std::lock_guard take_lock(*resume_mutex);
   std::shared_ptr<Session> here = FindOpen(tenant, name);
   if (here != nullptr && here->IsTokenGood(resume_token)) return here;
   if (here != nullptr && !options_.shares_store) return WrongToken(name);
@@ -253,6 +258,11 @@ absl::StatusOr<std::shared_ptr<Session>> SessionManager::ResumeForAttach(const s
 
 absl::StatusOr<SessionInfo> SessionManager::Describe(const std::string& tenant, const std::string& name) {
   DeleteExpired();
+  RestoreIfWaiting(tenant, name);
+  return DescribeAsStored(tenant, name);
+}
+
+absl::StatusOr<SessionInfo> SessionManager::DescribeAsStored(const std::string& tenant, const std::string& name) {
   if (const auto session = FindOpen(tenant, name); session != nullptr) return session->Describe();
   EVPOSE_ASSIGN_OR_RETURN(SessionFactory::Stored stored, ReadOwn(tenant, name));
   return std::move(stored.info);
@@ -290,7 +300,7 @@ absl::StatusOr<std::vector<SessionInfo>> SessionManager::List(const std::string&
   std::vector<SessionInfo> sessions;
   for (auto name = names.upper_bound(std::string(after_name)); name != names.end() && sessions.size() < max_sessions;
        ++name) {
-    auto info = Describe(tenant, *name);
+    auto info = DescribeAsStored(tenant, *name);
     if (info.ok()) {
       sessions.push_back(*std::move(info));
     } else if (absl::IsUnavailable(info.status())) {
@@ -307,7 +317,12 @@ absl::Status SessionManager::Delete(const std::string& tenant, const std::string
     const auto found = sessions_.find(name);
     if (found != sessions_.end() && found->second.tenant() == tenant) removed = Remove(found);
   }
-  if (removed.session == nullptr) return DeleteStored(tenant, name, peer);
+  if (removed.session == nullptr) {
+    // With the lock, so that the session is not restored at the same time.
+    const std::shared_ptr<std::mutex> resume_mutex = ResumeMutexOf(tenant);
+    const std::lock_guard one_at_a_time(*resume_mutex);
+    return DeleteStored(tenant, name, peer);
+  }
   removed.session->log().Deleted(peer, "request", CloseRemoved(removed, "was deleted"));
   return FromStore(store_.DeleteSession(name));
 }
@@ -317,6 +332,10 @@ absl::Status SessionManager::DeleteStored(const std::string& tenant, const std::
   if (!stored.ok() && !absl::IsDataLoss(stored.status())) return stored.status();
   const absl::Status deleted = FromStore(store_.DeleteSession(name));
   if (deleted.ok()) {
+    {
+      const std::lock_guard lock(mutex_);
+      waiting_.erase(name);
+    }
     SessionLog(name, tenant).Deleted(peer, "request", stored.ok() ? stored->info.snapshot.health.poses : 0);
   }
   return deleted;
@@ -340,8 +359,8 @@ void SessionManager::DeleteExpired() {
     entry.session->log().Expired(CloseRemoved(entry, "expired"));
     // On another thread, because callers must not wait for the store. The client may use the session at another server,
     // which this server detects only when it writes: the session then continues there.
-    pool_.PostSlow([this, name = entry.session->name(), tenant = entry.tenant(),
-                    fencing_number = entry.session->fencing_number()] {
+    pool_.slow().PostOwn([this, name = entry.session->name(), tenant = entry.tenant(),
+                          fencing_number = entry.session->fencing_number()] {
       const absl::Status status = store_.DeleteHeldSession(name, fencing_number);
       if (absl::IsAborted(status)) {
         SessionLog(name, tenant).LivesElsewhere();
@@ -353,7 +372,7 @@ void SessionManager::DeleteExpired() {
 }
 
 void SessionManager::DeleteEnded() {
-  pool_.PostSlow([this] {
+  pool_.slow().PostOwn([this] {
     // Sessions of this server are deleted when they expire. This deletes sessions that no server has, and ended
     // sessions that must make room.
     // Other servers may have written the times of the ends, and the clock of this one may be ahead of the wall clock.
@@ -380,13 +399,13 @@ void SessionManager::MaintainStore() {
   if (options_.shares_store) {
     for (const auto& session : Sessions()) session->RenewOwnership();
   }
-  pool_.PostSlow(
+  pool_.slow().PostOwn(
       [this] { orphans_.Collect(options_.now(), [this](const std::string& name) { return IsHere(name); }); });
 }
 
 bool SessionManager::IsHere(const std::string& name) const {
   const std::lock_guard lock(mutex_);
-  return sessions_.contains(name);
+  return sessions_.contains(name) || waiting_.contains(name);
 }
 
 uint64_t SessionManager::CloseRemoved(const Entry& entry, const char* reason) {
@@ -435,7 +454,7 @@ void SessionManager::CloseAll(const absl::Status& status) {
 
 uint32_t SessionManager::num_sessions() const {
   const std::lock_guard lock(mutex_);
-  return static_cast<uint32_t>(sessions_.size());
+  return static_cast<uint32_t>(sessions_.size() + waiting_.size());
 }
 
 uint32_t SessionManager::num_sessions_of(const std::string& tenant) const {

@@ -55,9 +55,13 @@ class SessionManager {
   // RESOURCE_EXHAUSTED (TOO_MANY_SESSIONS, TENANT_QUOTA, SESSION_MEMORY, OUT_OF_MEMORY), UNAVAILABLE (DRAINING).
   absl::StatusOr<std::shared_ptr<Session>> Create(const std::string& tenant, const SessionConfig& config,
                                                   const std::string& request_id, const std::string& peer = "");
-  // Resumes all sessions of the store, unless the store is shared. Damaged sessions are reported in the log and stay in
-  // the store. Must be called before the other functions. Errors: those of the store.
-  absl::Status RestoreAll();
+  // Reads the list of the store's sessions, unless the store is shared. Each of them waits until it is restored: in its
+  // turn by RestoreNext(), or before by the first call that needs it. Must be called before the other functions.
+  // Errors: those of the store.
+  absl::Status FindStored();
+  // Restores one waiting session; returns false, and does nothing, when there is none. Damaged sessions are reported in
+  // the log and stay in the store. The log has the progress.
+  bool RestoreNext();
 
   // A session of this server. Errors: NOT_FOUND (SESSION_NOT_FOUND).
   absl::StatusOr<std::shared_ptr<Session>> Get(const std::string& tenant, absl::string_view name);
@@ -100,7 +104,7 @@ class SessionManager {
 
   // Sum of SessionHealth::skipped_events over all sessions since the start of the process, deleted ones included.
   uint64_t skipped_events() const { return options_.metrics->all_skipped_events(); }
-  uint32_t num_sessions() const;
+  uint32_t num_sessions() const;  // with those that wait to be restored
   uint32_t num_sessions_of(const std::string& tenant) const;
   uint32_t num_attached() const;
   SessionTotals totals() const;
@@ -123,6 +127,8 @@ class SessionManager {
   absl::StatusOr<std::shared_ptr<Session>> ResumeRequest(const SessionConfig& config, const Request& request);
   absl::StatusOr<std::shared_ptr<Session>> FindRequest(const SessionConfig& config, const Request& request)
       ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
+  // Held while a session of the tenant is resumed, or created for a request id: one at a time. Locked before mutex_.
+  std::shared_ptr<std::mutex> ResumeMutexOf(const std::string& tenant);
   bool IsHere(const std::string& name) const;
   // Null when this server does not have the session, or it is closed.
   std::shared_ptr<Session> FindOpen(const std::string& tenant, absl::string_view name);
@@ -133,6 +139,10 @@ class SessionManager {
   absl::StatusOr<SessionFactory::Stored> ReadOwn(const std::string& tenant, const std::string& name) const;
   absl::Status DeleteStored(const std::string& tenant, const std::string& name, const std::string& peer);
   absl::StatusOr<std::shared_ptr<Session>> Resume(const std::string& name);
+  // Restores the session if it waits for that and belongs to the tenant.
+  void RestoreIfWaiting(const std::string& tenant, const std::string& name);
+  // Describe() without restoring a waiting session.
+  absl::StatusOr<SessionInfo> DescribeAsStored(const std::string& tenant, const std::string& name);
   Entry Remove(Entries::iterator entry) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   void Insert(const std::shared_ptr<Session>& session, const Request& request) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   uint32_t CountSessions(const std::string& tenant) const ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
@@ -143,16 +153,17 @@ class SessionManager {
   Store& store_;
   WorkerPool& pool_;
   const SessionFactory factory_;
-  OrphanCollector orphans_;  // used on the pool's slow thread only
-  // Held while a session is resumed, or created for a request id: one at a time. Locked before mutex_.
-  std::mutex resume_mutex_;
+  OrphanCollector orphans_;  // used by the server's own slow work only, which runs one item at a time
   mutable std::mutex mutex_;
   Entries sessions_ ABSL_GUARDED_BY(mutex_);
+  std::map<std::string, std::string> waiting_ ABSL_GUARDED_BY(mutex_);  // sessions to be restored: name, tenant
+  size_t num_found_ ABSL_GUARDED_BY(mutex_) = 0;                        // by FindStored()
   std::map<Request, std::string> name_of_request_ ABSL_GUARDED_BY(mutex_);
   uint32_t reserved_slots_ ABSL_GUARDED_BY(mutex_) = 0;
   std::map<std::string, uint32_t> reserved_slots_by_ ABSL_GUARDED_BY(mutex_);  // tenant; no zeros
   std::map<std::pair<std::string, std::string>, std::weak_ptr<SessionMirror>> mirrors_
       ABSL_GUARDED_BY(mutex_);  // by tenant and name; replicas without watchers are removed by the next search
+  std::map<std::string, std::weak_ptr<std::mutex>> resume_mutexes_ ABSL_GUARDED_BY(mutex_);  // by tenant
   bool draining_ ABSL_GUARDED_BY(mutex_) = false;
 };
 

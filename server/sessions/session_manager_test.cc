@@ -35,7 +35,7 @@ class SessionManagerTest : public testing::Test {
  protected:
   SessionManagerTest()
       : store_(MakeMemoryStore()),
-        models_(ModelRegistry::Create({.max_model_bytes = 4096, .max_store_bytes = 6000}, *store_).value()),
+        models_(ModelRegistry::Create({.limits = {.max_model_bytes = 4096, .max_store_bytes = 6000}}, *store_).value()),
         model_(models_->Upload("", {}, "", Bytes(kCubeObj)).value().name) {
     SessionManager::Options options;
     options.max_sessions = 2;
@@ -217,7 +217,7 @@ TEST_F(SessionManagerTest, NoCallWaitsWhileTheStoreWrites) {
   int num_asked = 0;
   store.while_writing = [&] {
     EXPECT_EQ(registry->List("", "", 10).size(), 0u);
-    EXPECT_TRUE(registry->Reserve("", 1).ok());
+    EXPECT_TRUE(registry->limits().BeginUpload("").ok());
     ++num_asked;
   };
   ASSERT_TRUE(registry->Upload("", {}, "", Bytes(kCubeObj)).ok());
@@ -255,25 +255,45 @@ TEST_F(SessionManagerTest, ModelsThatCannotBeLoadedAreRefused) {
   EXPECT_EQ(models_->List("", "", 10).size(), 1u);
 }
 
-TEST_F(SessionManagerTest, TheBytesOfModelsAreLimited) {
-  EXPECT_EQ(GetErrorDetails(models_->Reserve("", 0).status()).field, "header.size_bytes");
-  EXPECT_EQ(GetErrorDetails(models_->Reserve("", 4097).status()).field, "header.size_bytes");
-  {
-    const auto reservation = models_->Reserve("", 4096);
-    ASSERT_TRUE(reservation.ok());
-    const absl::Status full = models_->Reserve("", 4096).status();
-    EXPECT_EQ(full.code(), absl::StatusCode::kResourceExhausted);
-    EXPECT_EQ(GetErrorDetails(full).reason, "MODEL_STORE_FULL");
-  }
-  EXPECT_TRUE(models_->Reserve("", 4096).ok());
-}
-
 TEST_F(SessionManagerTest, ARegistryOverAStoreHasItsModels) {
   const auto second = ModelRegistry::Create({}, *store_).value();
   EXPECT_EQ(second->Get("", model_).value().sha256_hex, models_->Get("", model_).value().sha256_hex);
   ASSERT_TRUE(store_->PutModel({.name = "models/broken", .bytes = Bytes("no model")}).ok());
-  EXPECT_FALSE(ModelRegistry::Create({}, *store_).value()->Get("", "models/broken").ok())
-      << "a model that cannot be loaded is skipped";
+  EXPECT_TRUE(absl::IsDataLoss(ModelRegistry::Create({}, *store_).value()->UseStored("", "models/broken").status()));
+}
+
+TEST_F(SessionManagerTest, ASessionIsRestoredInItsTurnOrWhenItIsNeeded) {
+  SessionManager::Options options = sessions_->options();
+  options.max_sessions = 3;
+  sessions_ = std::make_unique<SessionManager>(options, *store_, *models_, pool_);
+  const auto first = sessions_->Create("", Config(), "").value();
+  const auto second = sessions_->Create("", Config(), "").value();
+  const auto third = sessions_->Create("", Config(), "").value();
+  const std::string token = second->resume_token();
+  sessions_->CloseAll(absl::CancelledError("killed"));
+  sessions_ = std::make_unique<SessionManager>(options, *store_, *models_, pool_);
+  ASSERT_TRUE(sessions_->FindStored().ok());
+  EXPECT_EQ(sessions_->num_sessions(), 3u) << "a waiting session has its slot";
+  EXPECT_EQ(GetErrorDetails(sessions_->Create("", Config(), "").status()).reason, "TOO_MANY_SESSIONS");
+  EXPECT_EQ(sessions_->List("", "", 10)->size(), 3u);
+  EXPECT_FALSE(sessions_->Get("", second->name()).ok());
+  EXPECT_TRUE(sessions_->ResumeForAttach("", second->name(), token).ok());
+  EXPECT_TRUE(sessions_->Mirror("", third->name()).ok()) << "a watcher needs it";
+  EXPECT_TRUE(sessions_->Get("", third->name()).ok());
+  EXPECT_EQ(sessions_->num_sessions(), 3u);
+  EXPECT_TRUE(sessions_->RestoreNext()) << "the first one waits";
+  EXPECT_TRUE(sessions_->Get("", first->name()).ok());
+  EXPECT_FALSE(sessions_->RestoreNext());
+}
+
+TEST_F(SessionManagerTest, AWaitingSessionThatIsDeletedIsNotRestored) {
+  const auto session = sessions_->Create("", Config(), "").value();
+  sessions_->CloseAll(absl::CancelledError("killed"));
+  SessionManager restarted(sessions_->options(), *store_, *models_, pool_);
+  ASSERT_TRUE(restarted.FindStored().ok());
+  EXPECT_TRUE(restarted.Delete("", session->name()).ok());
+  EXPECT_EQ(restarted.num_sessions(), 0u);
+  EXPECT_FALSE(restarted.RestoreNext());
 }
 
 TEST_F(SessionManagerTest, ATenantSeesItsOwnSessionsOnly) {
@@ -398,20 +418,6 @@ TEST_F(SessionManagerTest, ModelsOfTwoTenantsAreSeparate) {
   const auto restarted = ModelRegistry::Create({}, *store_).value();
   EXPECT_TRUE(restarted->Get("lab", model_).ok());
   EXPECT_FALSE(restarted->Get("", model_).ok());
-}
-
-TEST_F(SessionManagerTest, TheModelBytesOfATenantAreLimited) {
-  const auto store = MakeMemoryStore();
-  const auto models =
-      ModelRegistry::Create({.max_model_bytes = 4096, .max_store_bytes = 9000, .max_tenant_bytes = 5000}, *store)
-          .value();
-  const auto reservation = models->Reserve("lab", 4096).value();
-  const absl::Status full = models->Reserve("lab", 1000).status();
-  EXPECT_EQ(GetErrorDetails(full).reason, "TENANT_QUOTA");
-  EXPECT_EQ(GetErrorDetails(full).quota_subject, "tenant_model_bytes");
-  EXPECT_TRUE(models->Reserve("lab", 904).ok());
-  const auto others = models->Reserve("field", 4096).value();
-  EXPECT_EQ(GetErrorDetails(models->Reserve("third", 1000).status()).reason, "MODEL_STORE_FULL");
 }
 
 }  // namespace

@@ -35,7 +35,7 @@ class SessionMetricsTest : public testing::Test {
     if (sessions_ != nullptr) sessions_->CloseAll(absl::CancelledError("killed"));
     sessions_.reset();
     metrics_ = std::make_shared<ServerMetrics>();
-    models_ = ModelRegistry::Create({.max_tenant_bytes = 1000, .metrics = metrics_}, *store_).value();
+    models_ = ModelRegistry::Create({.limits = {.max_tenant_bytes = 1000, .metrics = metrics_}}, *store_).value();
     SessionManager::Options options;
     options.max_sessions = 3;
     options.max_tenant_sessions = 2;
@@ -44,7 +44,8 @@ class SessionMetricsTest : public testing::Test {
     options.steady_now = [this] { return SteadyTime(microseconds(now_us_)); };
     options.metrics = metrics_;
     sessions_ = std::make_unique<SessionManager>(options, *store_, *models_, pool_);
-    EXPECT_TRUE(sessions_->RestoreAll().ok());
+    EXPECT_TRUE(sessions_->FindStored().ok());
+    while (sessions_->RestoreNext()) continue;
   }
 
   std::shared_ptr<Session> Create(const std::string& tenant = kLabTenant) {
@@ -176,11 +177,17 @@ TEST_F(SessionMetricsTest, RejectionsAreCountedByLimit) {
   EXPECT_EQ(refusals(QuotaLimit::kMaxSessions), 1u);
   EXPECT_EQ(refusals(QuotaLimit::kTenantSessions), 1u);
 
-  EXPECT_TRUE(absl::IsResourceExhausted(models_->Reserve(kLabTenant, 999).status()));
+  const auto upload = models_->limits().BeginUpload(kLabTenant).value();
+  EXPECT_TRUE(absl::IsResourceExhausted(upload->Declare(999)));
   EXPECT_EQ(refusals(QuotaLimit::kTenantModelBytes), 1u);
-  const auto small = ModelRegistry::Create({.max_store_bytes = 1000, .metrics = metrics_}, *store_).value();
-  EXPECT_TRUE(absl::IsResourceExhausted(small->Reserve(kLabTenant, 999).status()));
+  const auto small =
+      ModelRegistry::Create({.limits = {.max_store_bytes = 1000, .max_uploads = 1, .metrics = metrics_}}, *store_)
+          .value();
+  const auto other = small->limits().BeginUpload("other").value();
+  EXPECT_TRUE(absl::IsResourceExhausted(other->Declare(999)));
   EXPECT_EQ(refusals(QuotaLimit::kMaxModelStoreBytes), 1u);
+  EXPECT_TRUE(absl::IsResourceExhausted(small->limits().BeginUpload("other").status()));
+  EXPECT_EQ(refusals(QuotaLimit::kMaxUploads), 1u);
 
   TenantQuotas::Options options = {.max_watchers = 1, .max_bytes_per_s = 10, .burst_bytes = 10};
   options.now = [] { return absl::UnixEpoch(); };

@@ -52,7 +52,7 @@ SessionHealth SessionMirror::health() const {
 void SessionMirror::Schedule() {
   if (!status_.ok() || ended_) return;
   timer_ = pool_.PostAfter(period_, [weak = weak_from_this(), &pool = pool_] {
-    pool.PostSlow([weak] {
+    pool.slow().PostOwn([weak] {
       if (const auto self = weak.lock()) self->Refresh();
     });
   });

@@ -48,7 +48,8 @@ class SessionRestoreTest : public testing::Test {
     options.memory = memory_;
     options.steady_now = [] { return SteadyTime(); };  // no work takes time: that alone makes no checkpoint due
     server.sessions = std::make_unique<SessionManager>(options, *store_, *server.models, pool_);
-    EXPECT_TRUE(server->RestoreAll().ok());
+    EXPECT_TRUE(server->FindStored().ok());
+    while (server->RestoreNext()) continue;
     return server;
   }
   // Uncommitted data are lost.
@@ -89,7 +90,7 @@ class SessionRestoreTest : public testing::Test {
 
   void SlowWorkIsDone() {
     std::promise<void> done;
-    pool_.PostSlow([&done] { done.set_value(); });
+    pool_.slow().PostOwn([&done] { done.set_value(); });
     done.get_future().wait();
   }
 

@@ -92,9 +92,9 @@ class TroubledStore : public Store {
   StoreKind kind() const override { return StoreKind::kRedis; }
   absl::Status CheckHealth() override { return trouble_->Ask(); }
   std::vector<std::string> damage() const override { return {}; }
-  absl::StatusOr<std::vector<ModelRecord>> ReadModels() const override {
+  absl::StatusOr<std::vector<ModelRecord>> ListModels() const override {
     EVPOSE_RETURN_IF_ERROR(trouble_->Ask());
-    return store_->ReadModels();
+    return store_->ListModels();
   }
   absl::StatusOr<ModelRecord> ReadModel(absl::string_view tenant, absl::string_view name) const override {
     EVPOSE_RETURN_IF_ERROR(trouble_->Ask());

@@ -69,7 +69,9 @@ inline ModelRecord Model(const std::string& name, const std::string& tenant, con
           .tenant = tenant,
           .reading = {.format = ModelFormat::kStl, .metres_per_unit = 0.001, .crease_angle_deg = 12.5},
           .create_time = absl::FromUnixNanos(1'700'000'000'987'654'321),
-          .bytes = std::make_shared<const std::vector<uint8_t>>(bytes.begin(), bytes.end())};
+          .summary = "summary",
+          .bytes = std::make_shared<const std::vector<uint8_t>>(bytes.begin(), bytes.end()),
+          .prepared = std::string("\0prepared", 9)};
 }
 
 // Commits and waits for the result.

@@ -83,6 +83,8 @@ enum class QuotaLimit {
   kSessionMemory,
   kTenantSessionMemory,
   kTenantStreams,
+  kMaxUploads,
+  kTenantUploads,
 };
 
 // Reasons for which a call was rejected with UNAUTHENTICATED, or an open stream ended with it.
@@ -121,7 +123,7 @@ struct ServerMetrics {
   OneFor<CheckpointFailure, 4> checkpoint_failures;
 
   OneFor<StreamKind, 2, OneFor<absl::StatusCode, 17>> stream_ends;
-  OneFor<QuotaLimit, 9> quota_refusals;
+  OneFor<QuotaLimit, 11> quota_refusals;
   OneFor<AuthenticationFailure, 3> authentication_failures;
   Counter quota_delays;  // times that a stream was paused because its tenant exceeded its byte rate
 

@@ -119,7 +119,9 @@ TEST(PrometheusTextTest, EveryCounterHasItsOwnSeries) {
                                                        {QuotaLimit::kTenantWatchers, "tenant_watchers"},
                                                        {QuotaLimit::kSessionMemory, "session_memory"},
                                                        {QuotaLimit::kTenantSessionMemory, "tenant_session_memory"},
-                                                       {QuotaLimit::kTenantStreams, "tenant_streams"}};
+                                                       {QuotaLimit::kTenantStreams, "tenant_streams"},
+                                                       {QuotaLimit::kMaxUploads, "max_uploads"},
+                                                       {QuotaLimit::kTenantUploads, "tenant_uploads"}};
   for (const auto& [limit, name] : limits) {
     count(metrics.quota_refusals[limit], absl::StrCat("evpose_quota_refusals_total{limit=\"", name, "\"}"));
   }

@@ -68,7 +68,7 @@ class StepwiseStore : public server::Store {
   server::StoreKind kind() const override { return server::StoreKind::kMemory; }
   absl::Status CheckHealth() override { return absl::OkStatus(); }
   std::vector<std::string> damage() const override { return {}; }
-  absl::StatusOr<std::vector<server::ModelRecord>> ReadModels() const override { return models_->ReadModels(); }
+  absl::StatusOr<std::vector<server::ModelRecord>> ListModels() const override { return models_->ListModels(); }
   absl::StatusOr<server::ModelRecord> ReadModel(absl::string_view tenant, absl::string_view name) const override {
     return models_->ReadModel(tenant, name);
   }
@@ -185,6 +185,7 @@ class StepwiseServer : private server::Drainer {
                                         .drainer = *this,
                                         .attach_timeout = absl::Hours(1),
                                         .stream_idle_timeout = absl::ZeroDuration(),
+                                        .upload_timeout = absl::Hours(1),
                                         .max_model_bytes = 0,
                                         .drain_timeout = absl::ZeroDuration(),
                                         .metrics = *metrics_,

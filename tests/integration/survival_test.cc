@@ -13,6 +13,7 @@
 #include <memory>
 #include <random>
 #include <string>
+#include <thread>
 #include <utility>
 #include <vector>
 
@@ -416,6 +417,7 @@ TEST_F(SurvivalTest, ATamperedStoreIsNamedAtStart) {
   EXPECT_THAT(again.ReadLine(), testing::StartsWith("listening on ")) << again.Stderr();
   EXPECT_THAT(again.Stderr(), testing::ContainsRegex("error store_damage [^\n]*" + session));
   const std::string intact = session == client.session() ? other.session() : client.session();
+  while (again.Stderr().find("restore_progress done=1 total=1") == std::string::npos) std::this_thread::yield();
   EXPECT_THAT(again.Stderr(), testing::ContainsRegex("session_resumed session=" + intact + " "));
 }
 

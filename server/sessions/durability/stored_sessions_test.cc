@@ -68,7 +68,8 @@ class StoredSessionsTest : public ::testing::Test {
     options.make_tracker = MakeTrackerFactory();
     options.now = [this] { return now_; };
     sessions_ = std::make_unique<SessionManager>(options, *store_, *models_, pool_);
-    ASSERT_TRUE(sessions_->RestoreAll().ok());
+    ASSERT_TRUE(sessions_->FindStored().ok());
+    while (sessions_->RestoreNext()) continue;
   }
   std::shared_ptr<Session> Find(const std::string& request_id) {
     const std::vector<SessionRecord> records = store_->ListSessions().value();

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "server/stores/common/checked_records.h"
 
+#include <algorithm>
 #include <array>
 #include <cstring>
 #include <utility>
@@ -98,10 +99,13 @@ std::string EncodeModelHeader(const ModelRecord& model) {
   stored.set_metres_per_unit(model.reading.metres_per_unit);
   stored.set_crease_angle_deg(model.reading.crease_angle_deg);
   stored.set_create_time_ns(absl::ToUnixNanos(model.create_time));
+  stored.set_summary(model.summary);
+  stored.set_file_bytes(model.bytes->size());
   return AddChecksum(ModelHeaderOf(model.tenant, model.name), stored.SerializeAsString());
 }
 
-absl::StatusOr<ModelRecord> DecodeModelHeader(absl::string_view tenant, absl::string_view name, std::string encoded) {
+absl::StatusOr<ModelRecord> DecodeModelHeader(absl::string_view tenant, absl::string_view name, std::string encoded,
+                                              uint64_t encoded_bytes) {
   const std::string what = ModelHeaderOf(tenant, name);
   EVPOSE_ASSIGN_OR_RETURN(const std::string bytes, VerifyChecksum(what, std::move(encoded)));
   storage::v1::ModelHeader stored;
@@ -109,23 +113,29 @@ absl::StatusOr<ModelRecord> DecodeModelHeader(absl::string_view tenant, absl::st
   if (stored.format() < storage::v1::MODEL_FORMAT_OBJ || stored.format() > storage::v1::MODEL_FORMAT_STL) {
     return Damaged(what, "the format of the file is unknown");
   }
+  const uint64_t all_bytes = encoded_bytes - std::min<uint64_t>(encoded_bytes, kChecksumBytes);
+  if (stored.file_bytes() > all_bytes) return Damaged(ModelBytesOf(name), "it is too short");
   return ModelRecord{.name = std::string(name),
                      .tenant = std::string(tenant),
                      .reading = {.format = EnumValue<ModelFormat>(stored.format()),
                                  .metres_per_unit = stored.metres_per_unit(),
                                  .crease_angle_deg = stored.crease_angle_deg()},
-                     .create_time = absl::FromUnixNanos(stored.create_time_ns())};
+                     .create_time = absl::FromUnixNanos(stored.create_time_ns()),
+                     .summary = stored.summary(),
+                     .file_bytes = stored.file_bytes() > 0 ? stored.file_bytes() : all_bytes};
 }
 
 std::string EncodeModelBytes(const ModelRecord& model) {
-  return AddChecksum(ModelBytesOf(model.name),
-                     std::string(reinterpret_cast<const char*>(model.bytes->data()), model.bytes->size()));
+  std::string all(reinterpret_cast<const char*>(model.bytes->data()), model.bytes->size());
+  return AddChecksum(ModelBytesOf(model.name), all.append(model.prepared));
 }
 
-absl::StatusOr<std::shared_ptr<const std::vector<uint8_t>>> DecodeModelBytes(absl::string_view name,
-                                                                             std::string encoded) {
-  EVPOSE_ASSIGN_OR_RETURN(const std::string bytes, VerifyChecksum(ModelBytesOf(name), std::move(encoded)));
-  return std::make_shared<const std::vector<uint8_t>>(bytes.begin(), bytes.end());
+absl::Status DecodeModelBytes(const std::string& encoded, ModelRecord& model) {
+  EVPOSE_ASSIGN_OR_RETURN(const std::string all, VerifyChecksum(ModelBytesOf(model.name), encoded));
+  const auto file_end = all.begin() + static_cast<std::ptrdiff_t>(std::min<uint64_t>(model.file_bytes, all.size()));
+  model.bytes = std::make_shared<const std::vector<uint8_t>>(all.begin(), file_end);
+  model.prepared.assign(file_end, all.end());
+  return absl::OkStatus();
 }
 
 absl::Status CheckWhole(absl::string_view session, const std::vector<PoseSegment>& poses, uint64_t first_pose_seq_kept,

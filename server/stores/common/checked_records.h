@@ -31,12 +31,14 @@ std::string PosesOf(absl::string_view session, uint64_t first_pose_seq, uint64_t
 std::string EncodeRecord(const SessionRecord& record);
 absl::StatusOr<SessionRecord> DecodeRecord(absl::string_view session, std::string encoded);
 
-// The header is the model's record without the bytes of the file.
+// The header is the model's record without the file and what was derived from it. `encoded_bytes` is the size of the
+// other record.
 std::string EncodeModelHeader(const ModelRecord& model);
-absl::StatusOr<ModelRecord> DecodeModelHeader(absl::string_view tenant, absl::string_view name, std::string encoded);
+absl::StatusOr<ModelRecord> DecodeModelHeader(absl::string_view tenant, absl::string_view name, std::string encoded,
+                                              uint64_t encoded_bytes);
 std::string EncodeModelBytes(const ModelRecord& model);
-absl::StatusOr<std::shared_ptr<const std::vector<uint8_t>>> DecodeModelBytes(absl::string_view name,
-                                                                             std::string encoded);
+// Adds `bytes` and `prepared` to the decoded header.
+absl::Status DecodeModelBytes(const std::string& encoded, ModelRecord& model);
 
 // Checks that the pose segments of a session cover `first_pose_seq_kept` to `next_pose_seq` - 1 without a gap. Errors:
 // DATA_LOSS naming the session.

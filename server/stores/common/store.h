@@ -29,13 +29,17 @@ struct ModelReading {
   friend bool operator==(const ModelReading&, const ModelReading&) = default;
 };
 
-// A model's file and the parameters for parsing it. Tenant and name together are the key.
+// A model's file, the parameters for parsing it, and what was derived from it. Tenant and name together are the key,
+// and determine the file.
 struct ModelRecord {
   std::string name;  // "models/{id}"
   std::string tenant;
   ModelReading reading;
   absl::Time create_time;
+  std::string summary;      // for lists; opaque to the store; empty if an earlier version stored the model
+  uint64_t file_bytes = 0;  // size of `bytes`; set by the store
   std::shared_ptr<const std::vector<uint8_t>> bytes;
+  std::string prepared;  // opaque to the store; empty if an earlier version stored the model
 };
 
 // The immutable part of a session.
@@ -160,11 +164,11 @@ class Store {
   // session or model.
   virtual std::vector<std::string> damage() const = 0;
 
-  // All undamaged models, sorted by name, then tenant.
-  virtual absl::StatusOr<std::vector<ModelRecord>> ReadModels() const = 0;
+  // All models whose header is undamaged, sorted by name, then tenant, without `bytes` and `prepared`.
+  virtual absl::StatusOr<std::vector<ModelRecord>> ListModels() const = 0;
   // Errors: NOT_FOUND, DATA_LOSS naming the model.
   virtual absl::StatusOr<ModelRecord> ReadModel(absl::string_view tenant, absl::string_view name) const = 0;
-  // Adds a model. When the tenant has a model of this name, the call has no effect.
+  // Adds a model, or replaces the tenant's model of this name.
   virtual absl::Status PutModel(const ModelRecord& model) = 0;
   // Returns OK also when the model does not exist.
   virtual absl::Status DeleteModel(absl::string_view tenant, absl::string_view name) = 0;

@@ -69,11 +69,18 @@ class MemoryStore : public Store {
   std::vector<std::string> damage() const override { return {}; }
   std::optional<StoreUsage> Usage() override { return shared_->sessions.Usage(); }
 
-  absl::StatusOr<std::vector<ModelRecord>> ReadModels() const override {
+  absl::StatusOr<std::vector<ModelRecord>> ListModels() const override {
     const std::lock_guard lock(mutex_);
     std::vector<ModelRecord> models;
     models.reserve(models_.size());
-    for (const auto& [key, model] : models_) models.push_back(model);
+    for (const auto& [key, model] : models_) {
+      models.push_back({.name = model.name,
+                        .tenant = model.tenant,
+                        .reading = model.reading,
+                        .create_time = model.create_time,
+                        .summary = model.summary,
+                        .file_bytes = model.file_bytes});
+    }
     return models;
   }
 
@@ -86,7 +93,9 @@ class MemoryStore : public Store {
 
   absl::Status PutModel(const ModelRecord& model) override {
     const std::lock_guard lock(mutex_);
-    models_.emplace(ModelKey(model.name, model.tenant), model);
+    ModelRecord& stored = models_[ModelKey(model.name, model.tenant)];
+    stored = model;
+    stored.file_bytes = model.bytes->size();
     return absl::OkStatus();
   }
 

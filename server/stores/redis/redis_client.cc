@@ -59,6 +59,17 @@ absl::StatusOr<RedisReply> RedisClient::Call(RedisCommand command) {
   return answer.get_future().get();
 }
 
+std::vector<absl::StatusOr<RedisReply>> RedisClient::CallAll(std::vector<RedisCommand> commands) {
+  std::vector<std::promise<absl::StatusOr<RedisReply>>> answers(commands.size());
+  for (size_t i = 0; i < commands.size(); ++i) {
+    Push(std::move(commands[i]),
+         [&answer = answers[i]](absl::StatusOr<RedisReply> reply) { answer.set_value(std::move(reply)); });
+  }
+  std::vector<absl::StatusOr<RedisReply>> replies;
+  for (auto& answer : answers) replies.push_back(answer.get_future().get());
+  return replies;
+}
+
 absl::StatusOr<RedisReply> RedisClient::CallScript(const RedisScript& script, const std::vector<std::string>& keys,
                                                    std::vector<std::string> arguments) {
   std::promise<absl::StatusOr<RedisReply>> answer;

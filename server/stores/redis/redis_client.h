@@ -48,6 +48,8 @@ class RedisClient {
                   Done done);
   // As Push() and PushScript(), but wait for the reply. Not to be called from the client's thread.
   absl::StatusOr<RedisReply> Call(RedisCommand command);
+  // As Call() for several commands, which are sent together: one round trip instead of one for each.
+  std::vector<absl::StatusOr<RedisReply>> CallAll(std::vector<RedisCommand> commands);
   absl::StatusOr<RedisReply> CallScript(const RedisScript& script, const std::vector<std::string>& keys,
                                         std::vector<std::string> arguments);
 

@@ -91,7 +91,6 @@ return names
 )lua"};
 
 const RedisScript kRedisPutModel = {R"lua(
-if redis.call('EXISTS', KEYS[1]) == 1 then return 0 end
 redis.call('HSET', KEYS[1], 'header', ARGV[2], 'bytes', ARGV[3])
 redis.call('SADD', KEYS[2], ARGV[1])
 return 1

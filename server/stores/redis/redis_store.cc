@@ -158,13 +158,14 @@ class RedisStore : public Store {
   explicit RedisStore(const RedisStoreOptions& options) : shared_(std::make_shared<Shared>(options)) {}
   ~RedisStore() override { shared_->client.Close(); }
 
-  // Checks the server and all records. To be called before every other function.
+  // Checks the server, and all records unless there are too many. To be called before every other function.
   absl::Status Check() {
     EVPOSE_RETURN_IF_ERROR(CheckServer());
     EVPOSE_ASSIGN_OR_RETURN(const std::vector<std::string> sessions, Members(kRedisSessionsKey));
+    EVPOSE_ASSIGN_OR_RETURN(const std::vector<std::string> models, Members(kRedisModelsKey));
+    if (sessions.size() + models.size() > shared_->options.max_checked_records) return absl::OkStatus();
     // Reads all parts of each session, so that damage is reported at the start and not when a client attaches again.
     for (const std::string& name : sessions) NoteDamage(absl::StrCat("session ", name), ReadSession(name, 0).status());
-    EVPOSE_ASSIGN_OR_RETURN(const std::vector<std::string> models, Members(kRedisModelsKey));
     for (const std::string& member : models) {
       const auto model = ReadMember(member);
       NoteDamage(absl::StrCat("model ", member.substr(0, member.find('\n'))), model.status());
@@ -190,8 +191,24 @@ class RedisStore : public Store {
     return usage;
   }
 
-  absl::StatusOr<std::vector<ModelRecord>> ReadModels() const override {
-    return ReadMembers(kRedisModelsKey, &RedisStore::ReadMember);
+  absl::StatusOr<std::vector<ModelRecord>> ListModels() const override {
+    EVPOSE_ASSIGN_OR_RETURN(const std::vector<std::string> members, Members(kRedisModelsKey));
+    std::vector<RedisCommand> commands;
+    for (const std::string& member : members) {
+      commands.push_back({"HGET", RedisModelKey(member), "header"});
+      commands.push_back({"HSTRLEN", RedisModelKey(member), "bytes"});
+    }
+    const std::vector<absl::StatusOr<RedisReply>> replies = shared_->client.CallAll(std::move(commands));
+    std::vector<ModelRecord> models;
+    for (size_t i = 0; i < members.size(); ++i) {
+      const auto &header = replies[2 * i], &size = replies[2 * i + 1];
+      EVPOSE_RETURN_IF_ERROR(header.status());
+      EVPOSE_RETURN_IF_ERROR(size.status());
+      const auto [name, tenant] = NameAndTenant(members[i]);
+      auto model = DecodeModelHeader(tenant, name, RedisText(header->get()), static_cast<uint64_t>((*size)->integer));
+      if (model.ok()) models.push_back(*std::move(model));
+    }
+    return models;
   }
 
   absl::StatusOr<ModelRecord> ReadModel(absl::string_view tenant, absl::string_view name) const override {
@@ -235,11 +252,11 @@ class RedisStore : public Store {
   }
 
   absl::StatusOr<std::vector<SessionRecord>> ListSessions() const override {
-    return ReadMembers(kRedisSessionsKey, &RedisStore::ReadRecord);
+    return ReadSessions<SessionRecord>("record", DecodeRecord);
   }
 
   absl::StatusOr<std::vector<StoredLifecycle>> ReadLifecycles() const override {
-    return ReadMembers(kRedisSessionsKey, &RedisStore::ReadLifecycle);
+    return ReadSessions<StoredLifecycle>("lifecycle", DecodeLifecycle);
   }
 
   absl::Status DeleteSession(absl::string_view name) override { return Delete(name, /*holder=*/"").status(); }
@@ -301,48 +318,44 @@ class RedisStore : public Store {
     return Texts(reply.get());
   }
 
-  // Reads the members of a set, without those that are damaged or have been deleted in the meantime.
+  // Reads one field of each session in one round trip, without sessions that are damaged or have been deleted in the
+  // meantime.
   template <typename Record>
-  absl::StatusOr<std::vector<Record>> ReadMembers(const char* set,
-                                                  absl::StatusOr<Record> (RedisStore::*read)(const std::string&)
-                                                      const) const {
-    EVPOSE_ASSIGN_OR_RETURN(const std::vector<std::string> members, Members(set));
+  absl::StatusOr<std::vector<Record>> ReadSessions(const char* field,
+                                                   absl::StatusOr<Record> (*decode)(absl::string_view,
+                                                                                    std::string)) const {
+    EVPOSE_ASSIGN_OR_RETURN(const std::vector<std::string> names, Members(kRedisSessionsKey));
+    std::vector<RedisCommand> commands;
+    for (const std::string& name : names) commands.push_back({"HGET", RedisSessionKey(name), field});
+    const std::vector<absl::StatusOr<RedisReply>> replies = shared_->client.CallAll(std::move(commands));
     std::vector<Record> records;
-    for (const std::string& member : members) {
-      auto record = (this->*read)(member);
-      if (absl::IsNotFound(record.status()) || absl::IsDataLoss(record.status())) continue;
-      EVPOSE_RETURN_IF_ERROR(record.status());
-      records.push_back(*std::move(record));
+    for (size_t i = 0; i < names.size(); ++i) {
+      EVPOSE_RETURN_IF_ERROR(replies[i].status());
+      auto record = decode(names[i], RedisText(replies[i]->get()));
+      if (record.ok()) records.push_back(*std::move(record));
     }
     return records;
   }
 
-  absl::StatusOr<std::string> ReadField(const std::string& session, const char* field) const {
-    EVPOSE_ASSIGN_OR_RETURN(const RedisReply reply, shared_->client.Call({"HGET", RedisSessionKey(session), field}));
-    if (reply->type == REDIS_REPLY_NIL) return SessionNotFoundError(session);
-    return RedisText(reply.get());
-  }
-
-  absl::StatusOr<SessionRecord> ReadRecord(const std::string& name) const {
-    EVPOSE_ASSIGN_OR_RETURN(std::string encoded, ReadField(name, "record"));
-    return DecodeRecord(name, std::move(encoded));
-  }
-
-  absl::StatusOr<StoredLifecycle> ReadLifecycle(const std::string& name) const {
-    EVPOSE_ASSIGN_OR_RETURN(std::string encoded, ReadField(name, "lifecycle"));
+  static absl::StatusOr<StoredLifecycle> DecodeLifecycle(absl::string_view name, std::string encoded) {
     EVPOSE_ASSIGN_OR_RETURN(std::string lifecycle, VerifyChecksum(LifecycleOf(name), std::move(encoded)));
-    return StoredLifecycle{.name = name, .lifecycle = std::move(lifecycle)};
+    return StoredLifecycle{.name = std::string(name), .lifecycle = std::move(lifecycle)};
+  }
+
+  static std::pair<std::string, std::string> NameAndTenant(const std::string& member) {
+    const size_t newline = std::min(member.find('\n'), member.size());
+    return {member.substr(0, newline), newline < member.size() ? member.substr(newline + 1) : ""};
   }
 
   absl::StatusOr<ModelRecord> ReadMember(const std::string& member) const {
-    const size_t newline = std::min(member.find('\n'), member.size());
-    const std::string name = member.substr(0, newline);
-    const std::string tenant = newline < member.size() ? member.substr(newline + 1) : "";
+    const auto [name, tenant] = NameAndTenant(member);
     EVPOSE_ASSIGN_OR_RETURN(const RedisReply reply,
                             shared_->client.Call({"HMGET", RedisModelKey(member), "header", "bytes"}));
     if (reply->elements != 2 || reply->element[0]->type == REDIS_REPLY_NIL) return ModelNotFoundError(name);
-    EVPOSE_ASSIGN_OR_RETURN(ModelRecord model, DecodeModelHeader(tenant, name, RedisText(reply->element[0])));
-    EVPOSE_ASSIGN_OR_RETURN(model.bytes, DecodeModelBytes(name, RedisText(reply->element[1])));
+    const std::string bytes = RedisText(reply->element[1]);
+    EVPOSE_ASSIGN_OR_RETURN(ModelRecord model,
+                            DecodeModelHeader(tenant, name, RedisText(reply->element[0]), bytes.size()));
+    EVPOSE_RETURN_IF_ERROR(DecodeModelBytes(bytes, model));
     return model;
   }
 

@@ -21,12 +21,14 @@ struct RedisStoreOptions {
   // The maximum number of pose segments of a session; the oldest are deleted beyond it. Bounds the stream when commits
   // do not raise first_pose_seq_kept.
   uint64_t max_segments = 65536;
+  // Largest number of sessions and models that are read completely at the start: some tenths of a second.
+  size_t max_checked_records = 256;
 };
 
-// Opens the store and reads all models and sessions once, to find damaged ones. The store is as durable as Redis is
-// configured to be: with `appendonly yes` and `appendfsync always` like a file; otherwise a crash of Redis may lose the
-// last second. Errors: UNAVAILABLE; PERMISSION_DENIED; FAILED_PRECONDITION for a Redis before 6.2 and for one that
-// evicts keys when its memory is full.
+// Opens the store and reads all models and sessions once, unless there are too many, to find damaged ones. The store is
+// as durable as Redis is configured to be: with `appendonly yes` and `appendfsync always` like a file; otherwise a
+// crash of Redis may lose the last second. Errors: UNAVAILABLE; PERMISSION_DENIED; FAILED_PRECONDITION for a Redis
+// before 6.2 and for one that evicts keys when its memory is full.
 absl::StatusOr<std::unique_ptr<Store>> OpenRedisStore(const RedisStoreOptions& options);
 
 }  // namespace evpose::server

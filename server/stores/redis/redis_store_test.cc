@@ -7,6 +7,7 @@
 #include <csignal>
 #include <functional>
 
+#include "absl/strings/str_cat.h"
 #include "server/stores/open_store.h"
 #include "server/stores/redis/redis_testing.h"
 #include "server/stores/store_suite_testing.h"
@@ -228,7 +229,23 @@ TEST_F(RedisStoreFixture, NamesDamagedRecords) {
   store_ = Open();
   EXPECT_THAT(store_->damage(), testing::ElementsAre(HasSubstr("session sessions/b"), HasSubstr("model models/a")));
   ASSERT_EQ(store_->ListSessions()->size(), 1u);
-  EXPECT_TRUE(store_->ReadModels()->empty());
+  EXPECT_TRUE(store_->ListModels()->empty());
+}
+
+TEST_F(RedisStoreFixture, SessionsAreListedInFewRoundTrips) {
+  constexpr size_t kSessions = 200;
+  for (size_t i = 0; i < kSessions; ++i) {
+    ASSERT_TRUE(store_->CreateSession(Record(absl::StrCat("sessions/", i)), "life").ok());
+  }
+  const auto reads = [this] {
+    const std::string info = redis_.Text({"INFO", "stats"});
+    const std::string key = "total_reads_processed:";
+    return std::stoul(info.substr(info.find(key) + key.size()));
+  };
+  const size_t before = reads();
+  EXPECT_EQ(store_->ListSessions()->size(), kSessions);
+  EXPECT_EQ(store_->ReadLifecycles()->size(), kSessions);
+  EXPECT_LT(reads() - before, kSessions / 2);
 }
 
 }  // namespace

@@ -140,13 +140,15 @@ absl::StatusOr<SqliteFile> Rescue(const std::string& path) {
   return file;
 }
 
-absl::StatusOr<SqliteFile> OpenOrRescue(const std::string& path) {
+std::string MarkOf(const std::string& path) { return path + ".check"; }
+
+absl::StatusOr<SqliteFile> OpenOrRescue(const std::string& path, bool must_check) {
   SqliteFile file;
   {
     EVPOSE_ASSIGN_OR_RETURN(file.database, SqliteDatabase::Open(path));
     const absl::Status version = CheckVersion(*file.database);
     if (!version.ok() && !absl::IsDataLoss(version)) return version;
-    if (version.ok()) file.contents = CheckSqliteContents(*file.database);
+    if (version.ok() && must_check) file.contents = CheckSqliteContents(*file.database);
     if (version.ok() && file.contents.damage.empty()) return file;
   }
   file.database.reset();
@@ -155,7 +157,9 @@ absl::StatusOr<SqliteFile> OpenOrRescue(const std::string& path) {
 
 }  // namespace
 
-absl::StatusOr<SqliteFile> OpenSqliteFile(const std::string& path) {
+void MarkForCheck(const std::string& path) { (void)MakePrivateFile(MarkOf(path)); }
+
+absl::StatusOr<SqliteFile> OpenSqliteFile(const std::string& path, uint64_t max_checked_bytes) {
   SqliteFile file;
   if (SizeBytes(path) == 0 && SizeBytes(path + "-wal") == 0) {
     EVPOSE_ASSIGN_OR_RETURN(file.database, MakeFile(path));
@@ -168,7 +172,9 @@ absl::StatusOr<SqliteFile> OpenSqliteFile(const std::string& path) {
   }
   EVPOSE_RETURN_IF_ERROR(CheckMagic(path));
   const std::string damage_of_log = FindDamageOfSqliteLog(path + "-wal");
-  EVPOSE_ASSIGN_OR_RETURN(file, OpenOrRescue(path));
+  const bool must_check = SizeBytes(path) <= max_checked_bytes || access(MarkOf(path).c_str(), F_OK) == 0;
+  EVPOSE_ASSIGN_OR_RETURN(file, OpenOrRescue(path, must_check));
+  unlink(MarkOf(path).c_str());
   if (!damage_of_log.empty()) file.contents.damage.push_back(damage_of_log);
   return file;
 }

@@ -258,7 +258,7 @@ absl::StatusOr<std::vector<std::string>> SqliteSessionsEndedBefore(SqliteDatabas
 absl::Status SqlitePutModel(SqliteDatabase& database, const ModelRecord& model) {
   const std::string header = EncodeModelHeader(model);
   const std::string bytes = EncodeModelBytes(model);
-  return database.Query("INSERT OR IGNORE INTO models (name, tenant, header, bytes) VALUES (?, ?, ?, ?)")
+  return database.Query("INSERT OR REPLACE INTO models (name, tenant, header, bytes) VALUES (?, ?, ?, ?)")
       .Text(model.name)
       .Text(model.tenant)
       .Blob(header)
@@ -271,8 +271,9 @@ absl::StatusOr<ModelRecord> SqliteReadModel(SqliteDatabase& database, absl::stri
   SqliteQuery query = database.Query("SELECT header, bytes FROM models WHERE name = ? AND tenant = ?");
   query.Text(name).Text(tenant);
   if (!query.Next()) return query.status().ok() ? ModelNotFoundError(name) : query.status();
-  EVPOSE_ASSIGN_OR_RETURN(ModelRecord model, DecodeModelHeader(tenant, name, query.BlobAt(0)));
-  EVPOSE_ASSIGN_OR_RETURN(model.bytes, DecodeModelBytes(name, query.BlobAt(1)));
+  const std::string bytes = query.BlobAt(1);
+  EVPOSE_ASSIGN_OR_RETURN(ModelRecord model, DecodeModelHeader(tenant, name, query.BlobAt(0), bytes.size()));
+  EVPOSE_RETURN_IF_ERROR(DecodeModelBytes(bytes, model));
   return model;
 }
 
@@ -280,12 +281,17 @@ absl::Status SqliteDeleteModel(SqliteDatabase& database, absl::string_view tenan
   return database.Query("DELETE FROM models WHERE name = ? AND tenant = ?").Text(name).Text(tenant).Run();
 }
 
-absl::StatusOr<std::vector<SqliteModelKey>> SqliteListModels(SqliteDatabase& database) {
-  std::vector<SqliteModelKey> keys;
-  SqliteQuery query = database.Query("SELECT name, tenant FROM models ORDER BY name, tenant");
-  while (query.Next()) keys.push_back({.tenant = query.TextAt(1), .name = query.TextAt(0)});
+absl::StatusOr<std::vector<ModelRecord>> SqliteListModels(SqliteDatabase& database) {
+  std::vector<ModelRecord> models;
+  SqliteQuery query = database.Query("SELECT name, tenant, header, length(bytes) FROM models ORDER BY name, tenant");
+  while (query.Next()) {
+    // A record that was damaged after the store was opened is skipped here; reading the model reports it.
+    auto model =
+        DecodeModelHeader(query.TextAt(1), query.TextAt(0), query.BlobAt(2), static_cast<uint64_t>(query.IntegerAt(3)));
+    if (model.ok()) models.push_back(*std::move(model));
+  }
   EVPOSE_RETURN_IF_ERROR(query.status());
-  return keys;
+  return models;
 }
 
 }  // namespace evpose::server

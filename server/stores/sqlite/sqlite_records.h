@@ -67,7 +67,7 @@ absl::StatusOr<std::vector<StoredLifecycle>> SqliteReadLifecycles(SqliteDatabase
 absl::StatusOr<std::string> SqliteOldestEndedSession(SqliteDatabase& database);
 absl::StatusOr<std::vector<std::string>> SqliteSessionsEndedBefore(SqliteDatabase& database, absl::Time time);
 
-// Adds a model. When the tenant has a model of this name, the call has no effect.
+// Adds a model, or replaces the tenant's model of this name.
 absl::Status SqlitePutModel(SqliteDatabase& database, const ModelRecord& model);
 // Errors: NOT_FOUND.
 absl::StatusOr<ModelRecord> SqliteReadModel(SqliteDatabase& database, absl::string_view tenant, absl::string_view name);
@@ -77,7 +77,7 @@ struct SqliteModelKey {
   std::string name;
   auto operator<=>(const SqliteModelKey&) const = default;
 };
-// Sorted by name, then tenant.
-absl::StatusOr<std::vector<SqliteModelKey>> SqliteListModels(SqliteDatabase& database);
+// Sorted by name, then tenant, without `bytes` and `prepared`, and without damaged records.
+absl::StatusOr<std::vector<ModelRecord>> SqliteListModels(SqliteDatabase& database);
 
 }  // namespace evpose::server

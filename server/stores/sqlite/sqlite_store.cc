@@ -19,6 +19,8 @@
 namespace evpose::server {
 namespace {
 
+constexpr char kFileName[] = "evpose.db";
+
 uint64_t SizeBytes(const SessionCommit& commit) {
   uint64_t bytes = commit.checkpoint.has_value() ? commit.checkpoint->size() : 0;
   for (const PoseSegment& segment : commit.poses) bytes += segment.bytes.size();
@@ -93,27 +95,21 @@ class SqliteStore : public Store {
     return StoreUsage{*bytes, max_bytes_};
   }
 
-  absl::StatusOr<std::vector<ModelRecord>> ReadModels() const override {
+  absl::StatusOr<std::vector<ModelRecord>> ListModels() const override {
     const std::lock_guard lock(mutex_);
-    EVPOSE_ASSIGN_OR_RETURN(const std::vector<SqliteModelKey> keys, SqliteListModels(*reader_));
-    std::vector<ModelRecord> models;
-    for (const SqliteModelKey& key : keys) {
-      auto model = SqliteReadModel(*reader_, key.tenant, key.name);
-      if (absl::IsNotFound(model.status())) continue;  // deleted in between
-      EVPOSE_RETURN_IF_ERROR(model.status());
-      models.push_back(*std::move(model));
-    }
-    return models;
+    return SqliteListModels(*reader_);
   }
 
   absl::StatusOr<ModelRecord> ReadModel(absl::string_view tenant, absl::string_view name) const override {
     const std::lock_guard lock(mutex_);
-    return SqliteReadModel(*reader_, tenant, name);
+    auto model = SqliteReadModel(*reader_, tenant, name);
+    EVPOSE_RETURN_IF_ERROR(Noting(model.status()));
+    return model;
   }
 
   absl::Status PutModel(const ModelRecord& model) override {
     return writer_->Call([&](SqliteDatabase& database) { return SqlitePutModel(database, model); },
-                         model.bytes->size());
+                         model.bytes->size() + model.prepared.size());
   }
 
   absl::Status DeleteModel(absl::string_view tenant, absl::string_view name) override {
@@ -142,7 +138,7 @@ class SqliteStore : public Store {
       EVPOSE_ASSIGN_OR_RETURN(session.state.fencing_number, SqliteNextFencingNumber(database));
       return SqliteWriteState(database, name, session.state);
     });
-    EVPOSE_RETURN_IF_ERROR(written);
+    EVPOSE_RETURN_IF_ERROR(Noting(written));
     return Taken{.session = std::move(session.stored),
                  .lease = std::make_unique<SqliteLease>(writer_, name, session.state.fencing_number,
                                                         session.state.next_pose_seq)};
@@ -154,7 +150,7 @@ class SqliteStore : public Store {
     EVPOSE_RETURN_IF_ERROR(reader_->Execute("BEGIN"));  // all queries read one snapshot
     auto session = SqliteReadSession(*reader_, name, after_pose_seq);
     EVPOSE_RETURN_IF_ERROR(reader_->Execute("COMMIT"));
-    EVPOSE_RETURN_IF_ERROR(session.status());
+    EVPOSE_RETURN_IF_ERROR(Noting(session.status()));
     return std::move(session->stored);
   }
 
@@ -198,6 +194,12 @@ class SqliteStore : public Store {
   }
 
  private:
+  // Returns `status`. After damage, the next start checks all records and rescues the intact ones.
+  const absl::Status& Noting(const absl::Status& status) const {
+    if (absl::IsDataLoss(status)) MarkForCheck(directory_->PathOf(kFileName));
+    return status;
+  }
+
   bool IsDamaged(absl::string_view name) const {
     const std::lock_guard lock(mutex_);
     return damaged_sessions_.contains(name);
@@ -216,8 +218,8 @@ class SqliteStore : public Store {
 
 absl::StatusOr<std::unique_ptr<Store>> OpenSqliteStore(const SqliteStoreOptions& options) {
   EVPOSE_ASSIGN_OR_RETURN(std::unique_ptr<DataDirectory> directory, DataDirectory::Open(options.data_dir));
-  const std::string path = directory->PathOf("evpose.db");
-  EVPOSE_ASSIGN_OR_RETURN(SqliteFile file, OpenSqliteFile(path));
+  const std::string path = directory->PathOf(kFileName);
+  EVPOSE_ASSIGN_OR_RETURN(SqliteFile file, OpenSqliteFile(path, options.max_checked_bytes));
   EVPOSE_RETURN_IF_ERROR(LimitSqliteBytes(*file.database, options.max_bytes));
   EVPOSE_ASSIGN_OR_RETURN(std::unique_ptr<SqliteDatabase> reader, OpenSqliteReader(path));
   return std::make_unique<SqliteStore>(std::move(directory), options.max_bytes, std::move(file), std::move(reader));

@@ -185,8 +185,21 @@ TEST_F(SqliteStoreTest, ADamagedModelIsNamedAndLeftOut) {
   Execute("UPDATE models SET bytes = x'00'");
   const std::unique_ptr<Store> store = Open();
   EXPECT_THAT(absl::StrJoin(store->damage(), "\n"), HasSubstr("model models/a: the file of models/a is damaged"));
-  EXPECT_TRUE(store->ReadModels()->empty());
+  EXPECT_TRUE(store->ListModels()->empty());
   EXPECT_EQ(store->ListSessions()->size(), static_cast<size_t>(kSessions));
+}
+
+TEST_F(SqliteStoreTest, ALargeFileIsCheckedAfterDamageHasBeenRead) {
+  Fill();
+  Execute("UPDATE models SET bytes = x'00'");
+  const SqliteStoreOptions options = {.data_dir = DataDir(), .max_checked_bytes = 0};
+  {
+    const std::unique_ptr<Store> store = OpenSqliteStore(options).value();
+    EXPECT_THAT(store->damage(), testing::IsEmpty()) << "the start does not read all records";
+    EXPECT_EQ(store->ReadModel("", "models/a").status().code(), StatusCode::kDataLoss);
+  }
+  EXPECT_THAT(absl::StrJoin(OpenSqliteStore(options).value()->damage(), "\n"), HasSubstr("model models/a"));
+  EXPECT_THAT(OpenSqliteStore(options).value()->damage(), testing::IsEmpty()) << "the rescued file is intact";
 }
 
 // Changes one byte, zeroes a block, or truncates the file, at random places. Nothing crashes, and every session that

@@ -1,0 +1,59 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "server/models/model_limits.h"
+
+#include "gtest/gtest.h"
+#include "server/runtime/errors.h"
+
+namespace evpose::server {
+namespace {
+
+std::string LimitOf(const absl::Status& status) {
+  return absl::StrCat(GetErrorDetails(status).reason, " ", GetErrorDetails(status).quota_subject);
+}
+
+TEST(ModelLimitsTest, BytesCountWhenTheyArrive) {
+  ModelLimits limits({.max_model_bytes = 4096, .max_store_bytes = 6000});
+  std::vector<std::unique_ptr<ModelLimits::Upload>> headers;
+  for (int i = 0; i < 8; ++i) {
+    headers.push_back(limits.BeginUpload("mallory").value());
+    EXPECT_TRUE(headers.back()->Declare(4096).ok()) << "a header without bytes takes no room";
+  }
+  EXPECT_EQ(GetErrorDetails(headers[0]->Declare(0)).field, "header.size_bytes");
+  EXPECT_EQ(GetErrorDetails(headers[0]->Declare(4097)).field, "header.size_bytes");
+  EXPECT_TRUE(headers[0]->Add(4000).ok());
+  EXPECT_EQ(LimitOf(headers[1]->Declare(2001)), "MODEL_STORE_FULL max_model_store_bytes");
+  EXPECT_EQ(LimitOf(headers[1]->Add(2001)), "MODEL_STORE_FULL max_model_store_bytes");
+  EXPECT_TRUE(headers[1]->Add(2000).ok());
+  headers[0].reset();
+  EXPECT_TRUE(headers[1]->Add(4000).ok()) << "an upload that has ended gives its bytes back";
+  limits.AddStored("", 5000);
+  headers.clear();
+  EXPECT_EQ(LimitOf(limits.BeginUpload("")->get()->Declare(1001)), "MODEL_STORE_FULL max_model_store_bytes");
+  limits.RemoveStored("", 5000);
+  EXPECT_TRUE(limits.BeginUpload("")->get()->Declare(1001).ok());
+}
+
+TEST(ModelLimitsTest, TheBytesOfATenantAreLimited) {
+  ModelLimits limits({.max_model_bytes = 4096, .max_store_bytes = 9000, .max_tenant_bytes = 5000});
+  const auto upload = limits.BeginUpload("lab").value();
+  ASSERT_TRUE(upload->Add(4096).ok());
+  EXPECT_EQ(LimitOf(upload->Add(905)), "TENANT_QUOTA tenant_model_bytes");
+  EXPECT_TRUE(upload->Add(904).ok());
+  const auto others = limits.BeginUpload("field").value();
+  EXPECT_TRUE(others->Add(4000).ok());
+  EXPECT_EQ(LimitOf(others->Add(1)), "MODEL_STORE_FULL max_model_store_bytes");
+}
+
+TEST(ModelLimitsTest, UploadsAreCounted) {
+  ModelLimits limits({.max_uploads = 3, .max_tenant_uploads = 2});
+  auto first = limits.BeginUpload("lab").value();
+  const auto second = limits.BeginUpload("lab").value();
+  EXPECT_EQ(LimitOf(limits.BeginUpload("lab").status()), "TENANT_QUOTA tenant_uploads");
+  const auto third = limits.BeginUpload("field").value();
+  EXPECT_EQ(LimitOf(limits.BeginUpload("field").status()), "TOO_MANY_UPLOADS max_uploads");
+  first.reset();
+  EXPECT_TRUE(limits.BeginUpload("lab").ok());
+}
+
+}  // namespace
+}  // namespace evpose::server

@@ -1,0 +1,54 @@
+// SPDX-License-Identifier: Apache-2.0
+
+// Derives a model from its file: parses it, and finds its lines and symmetries. That takes seconds for the most
+// expensive files, so a server does it in a process of its own, which can be bounded and killed.
+#pragma once
+
+#include <cstdint>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "absl/status/status.h"
+#include "absl/status/statusor.h"
+#include "core/models/object_model.h"
+#include "server/runtime/slow_executor.h"
+
+namespace evpose::server {
+
+// Thread-safe.
+class ModelPreparer {
+ public:
+  virtual ~ModelPreparer() = default;
+  // Returns the serialized model (prepared_model.h). Errors: those of ParseObjectModel(); CANCELLED.
+  virtual absl::StatusOr<std::string> Prepare(const std::vector<uint8_t>& file, ModelFormat format,
+                                              const ModelOptions& options, const Cancellation& cancellation) const = 0;
+};
+
+// Prepares models in the calling thread, without a bound, and is cancelled only before it begins: for a server inside
+// its user's own process.
+std::unique_ptr<ModelPreparer> MakeModelPreparer();
+
+// The bounds of the preparation of one model.
+struct PreparationBudget {
+  // Processor time, seconds. Meshes of 2 million triangles take 6 s.
+  uint32_t cpu_seconds = 10;
+  // Address space, bytes. Files of 64 MiB take up to 640 MB.
+  uint64_t memory_bytes = 1ull << 30;
+};
+
+// Prepares each model in a process of `program`, evpose-prepare-model, which is killed when the call is cancelled.
+// Further errors: INVALID_ARGUMENT (MODEL_TOO_EXPENSIVE) naming the step in which the budget was exceeded; INTERNAL
+// when the process cannot be started or crashes.
+std::unique_ptr<ModelPreparer> MakeChildModelPreparer(const std::string& program, const PreparationBudget& budget);
+
+// The protocol between the server and evpose-prepare-model. Arguments: format (a number of ModelFormat), metres per
+// unit, crease angle in degrees, bytes of the largest file, processor seconds, bytes of memory. Standard input: the
+// file. Standard output: a line "step NAME" before each step, then a line "model" and the serialized model, or a line
+// "error" and the message of INVALID_ARGUMENT.
+inline constexpr char kPreparationStep[] = "step ";
+inline constexpr char kPreparationModel[] = "model\n";
+inline constexpr char kPreparationError[] = "error\n";
+inline constexpr int kPreparationOutOfMemory = 3;  // exit status
+
+}  // namespace evpose::server

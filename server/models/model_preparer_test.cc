@@ -1,0 +1,102 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "server/models/model_preparer.h"
+
+#include <sys/stat.h>
+
+#include <fstream>
+#include <thread>
+
+#include "core/base/temporary_directory.h"
+#include "core/models/cube_files_testing.h"
+#include "gmock/gmock.h"
+#include "gtest/gtest.h"
+#include "server/runtime/errors.h"
+
+namespace evpose::server {
+namespace {
+
+using testing::HasSubstr;
+
+std::vector<uint8_t> BytesOf(const std::string& text) { return {text.begin(), text.end()}; }
+
+class ChildPreparerTest : public testing::Test {
+ protected:
+  absl::StatusOr<std::string> Prepare(const std::string& program, const std::string& file,
+                                      const PreparationBudget& budget = {}) {
+    return MakeChildModelPreparer(program, budget)->Prepare(BytesOf(file), ModelFormat::kObj, {}, cancellation_);
+  }
+  // A program that behaves as evpose-prepare-model at its worst.
+  std::string Script(const std::string& commands) {
+    const std::string path = directory_.path() + "/script";
+    std::ofstream(path) << "#!/bin/sh\n" << commands << "\n";
+    chmod(path.c_str(), 0700);
+    return path;
+  }
+
+  TemporaryDirectory directory_;
+  Cancellation cancellation_;
+};
+
+TEST_F(ChildPreparerTest, MakesTheSameModelAsTheServerItself) {
+  const auto in_process = MakeModelPreparer()->Prepare(BytesOf(Cube()), ModelFormat::kObj, {}, cancellation_);
+  ASSERT_TRUE(in_process.ok());
+  const auto by_child = Prepare(EVPOSE_PREPARE_MODEL, Cube());
+  ASSERT_TRUE(by_child.ok()) << by_child.status();
+  EXPECT_TRUE(*by_child == *in_process);
+}
+
+TEST_F(ChildPreparerTest, ReportsTheErrorOfAMalformedFile) {
+  const absl::Status status = Prepare(EVPOSE_PREPARE_MODEL, "v 0 0 nan\n").status();
+  const absl::Status expected =
+      MakeModelPreparer()->Prepare(BytesOf("v 0 0 nan\n"), ModelFormat::kObj, {}, cancellation_).status();
+  EXPECT_EQ(status, expected);
+  EXPECT_TRUE(absl::IsInvalidArgument(status));
+}
+
+TEST_F(ChildPreparerTest, LargeFilesPassWhole) {
+  const std::string comment = "#" + std::string(5u << 20, 'x') + "\n";
+  const auto with_comment = Prepare(EVPOSE_PREPARE_MODEL, comment + Cube());
+  ASSERT_TRUE(with_comment.ok()) << with_comment.status();
+  EXPECT_TRUE(*with_comment == *Prepare(EVPOSE_PREPARE_MODEL, Cube()));
+}
+
+TEST_F(ChildPreparerTest, NamesTheStepThatExceedsTheBudget) {
+  const std::string steps = "echo step reading the file; echo step finding symmetries; ";
+  for (const auto& [end, words] :
+       {std::pair("kill -XCPU $$", "more than 7 s of processor time while finding symmetries"),
+        {"exit 3", "more than 1000 bytes of memory while finding symmetries"},
+        {"kill -KILL $$", "more than 1000 bytes of memory while finding symmetries"}}) {
+    const absl::Status status = Prepare(Script(steps + end), Cube(), {.cpu_seconds = 7, .memory_bytes = 1000}).status();
+    EXPECT_TRUE(absl::IsInvalidArgument(status)) << status;
+    EXPECT_EQ(GetErrorDetails(status).reason, "MODEL_TOO_EXPENSIVE");
+    EXPECT_THAT(std::string(status.message()), HasSubstr(words));
+  }
+}
+
+TEST_F(ChildPreparerTest, ACrashIsNoErrorOfTheServer) {
+  const absl::Status status = Prepare(Script("echo step welding points; kill -SEGV $$"), Cube()).status();
+  EXPECT_EQ(status.code(), absl::StatusCode::kInternal);
+  EXPECT_THAT(std::string(status.message()), HasSubstr("welding points (signal 11)"));
+  EXPECT_EQ(Prepare(directory_.path() + "/none", Cube()).status().code(), absl::StatusCode::kInternal);
+}
+
+#if !defined(__SANITIZE_ADDRESS__) && !defined(__SANITIZE_THREAD__)
+TEST_F(ChildPreparerTest, TheMemoryIsBounded) {
+  std::string file;
+  for (int i = 0; i < 3'000'000; ++i) file += "v 0 0 0\n";
+  const absl::Status status = Prepare(EVPOSE_PREPARE_MODEL, file, {.memory_bytes = 96u << 20}).status();
+  EXPECT_EQ(GetErrorDetails(status).reason, "MODEL_TOO_EXPENSIVE") << status;
+}
+#endif
+
+// Without the cancellation, the process would end after an hour.
+TEST_F(ChildPreparerTest, IsKilledWhenTheCallIsCancelled) {
+  absl::Status status;
+  std::thread call([&] { status = Prepare(Script("exec /bin/sleep 3600"), Cube()).status(); });
+  cancellation_.Cancel();
+  call.join();
+  EXPECT_TRUE(absl::IsCancelled(status));
+}
+
+}  // namespace
+}  // namespace evpose::server

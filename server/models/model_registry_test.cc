@@ -1,0 +1,105 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "server/models/model_registry.h"
+
+#include "core/models/cube_files_testing.h"
+#include "gmock/gmock.h"
+#include "gtest/gtest.h"
+#include "server/models/prepared_model.h"
+#include "server/runtime/errors.h"
+#include "server/stores/memory/memory_store.h"
+
+namespace evpose::server {
+namespace {
+
+// Counts the preparations; `next` replaces the result of the next one.
+class CountingPreparer : public ModelPreparer {
+ public:
+  absl::StatusOr<std::string> Prepare(const std::vector<uint8_t>& file, ModelFormat format, const ModelOptions& options,
+                                      const Cancellation& cancellation) const override {
+    ++count;
+    if (!next.ok()) return next;
+    return MakeModelPreparer()->Prepare(file, format, options, cancellation);
+  }
+  mutable int count = 0;
+  absl::Status next;
+};
+
+class ModelRegistryTest : public testing::Test {
+ protected:
+  std::unique_ptr<ModelRegistry> Open() { return ModelRegistry::Create({.preparer = preparer_}, *store_).value(); }
+  static std::shared_ptr<const std::vector<uint8_t>> CubeFile() {
+    const std::string obj = Cube();
+    return std::make_shared<const std::vector<uint8_t>>(obj.begin(), obj.end());
+  }
+
+  const std::shared_ptr<CountingPreparer> preparer_ = std::make_shared<CountingPreparer>();
+  const std::unique_ptr<Store> store_ = MakeMemoryStore();
+};
+
+TEST_F(ModelRegistryTest, AStartLoadsNothingAndAUsePreparesNothingAgain) {
+  const ModelInfo uploaded = Open()->Upload("lab", {}, "", CubeFile()).value();
+  EXPECT_EQ(preparer_->count, 1);
+  const auto restarted = Open();
+  const ModelInfo info = restarted->Get("lab", uploaded.name).value();
+  EXPECT_EQ(info.num_faces, 12u);
+  EXPECT_EQ(info.num_lines, 12u);
+  EXPECT_EQ(info.num_symmetries, 24u);
+  EXPECT_EQ(info.diameter_m, uploaded.diameter_m);
+  EXPECT_EQ(info.sha256_hex, uploaded.sha256_hex);
+  EXPECT_EQ(info.size_bytes, CubeFile()->size());
+  EXPECT_EQ(restarted->Use("lab", uploaded.name)->model, nullptr) << "it is loaded when a session uses it";
+  EXPECT_TRUE(restarted->Outdated().empty());
+  const ModelUse use = restarted->UseStored("lab", uploaded.name).value();
+  EXPECT_EQ(use.model->lines.size(), 12u);
+  EXPECT_EQ(restarted->UseStored("lab", uploaded.name)->model, use.model) << "sessions share it";
+  EXPECT_EQ(restarted->Upload("lab", {}, "", CubeFile())->name, uploaded.name);
+  EXPECT_EQ(preparer_->count, 1);
+}
+
+TEST_F(ModelRegistryTest, AModelIsReleasedWithItsLastSession) {
+  const auto models = Open();
+  const std::string name = models->Upload("lab", {}, "", CubeFile()).value().name;
+  EXPECT_NE(models->UseStored("lab", name)->model, nullptr);
+  EXPECT_EQ(models->Use("lab", name)->model, nullptr);
+  EXPECT_TRUE(models->Delete("lab", name).ok());
+}
+
+TEST_F(ModelRegistryTest, AModelOfAnotherVersionIsPreparedOnceMore) {
+  const std::string name = Open()->Upload("lab", {}, "", CubeFile()).value().name;
+  ModelRecord record = store_->ReadModel("lab", name).value();
+  record.summary.clear();
+  record.prepared.clear();
+  ASSERT_TRUE(store_->PutModel(record).ok());
+  const auto restarted = Open();
+  EXPECT_THAT(restarted->Outdated(), testing::ElementsAre(std::pair(std::string("lab"), name)));
+  EXPECT_EQ(restarted->Get("lab", name)->size_bytes, CubeFile()->size());
+  EXPECT_EQ(restarted->UseStored("lab", name)->model->symmetries.size(), 24u);
+  EXPECT_EQ(restarted->Get("lab", name)->num_symmetries, 24u);
+  EXPECT_TRUE(restarted->Outdated().empty());
+  EXPECT_EQ(preparer_->count, 2);
+  EXPECT_TRUE(Open()->UseStored("lab", name).ok());
+  EXPECT_EQ(preparer_->count, 2) << "the store has the new result";
+}
+
+TEST_F(ModelRegistryTest, AFailedPreparationLeavesNothing) {
+  const auto models = Open();
+  preparer_->next = absl::CancelledError("the call was cancelled");
+  EXPECT_TRUE(absl::IsCancelled(models->Upload("lab", {}, "", CubeFile()).status()));
+  preparer_->next = WithReason(absl::InvalidArgumentError("too expensive"), v1::MODEL_TOO_EXPENSIVE);
+  EXPECT_EQ(GetErrorDetails(models->Upload("lab", {}, "", CubeFile()).status()).reason, "MODEL_TOO_EXPENSIVE");
+  EXPECT_TRUE(models->List("lab", "", 10).empty());
+  EXPECT_TRUE(store_->ListModels()->empty());
+  preparer_->next = absl::OkStatus();
+  EXPECT_TRUE(models->Upload("lab", {}, "", CubeFile()).ok());
+}
+
+TEST_F(ModelRegistryTest, TheEndOfTheServerEndsPreparationsForSessions) {
+  const std::string name = ModelName({}, *CubeFile());
+  ASSERT_TRUE(store_->PutModel({.name = name, .tenant = "lab", .bytes = CubeFile()}).ok());
+  const auto models = Open();
+  models->CancelPreparations();
+  EXPECT_EQ(GetErrorDetails(models->UseStored("lab", name).status()).reason, "DRAINING");
+}
+
+}  // namespace
+}  // namespace evpose::server

@@ -1,0 +1,75 @@
+// SPDX-License-Identifier: Apache-2.0
+
+// Fair execution of work that takes milliseconds to seconds, such as waiting for the store or preparing a model: no
+// tenant delays another one by more than the rest of the items that are running.
+#pragma once
+
+#include <atomic>
+#include <boost/asio/any_io_executor.hpp>
+#include <deque>
+#include <map>
+#include <memory>
+#include <mutex>
+#include <string>
+#include <utility>
+
+#include "absl/base/thread_annotations.h"
+#include "absl/functional/any_invocable.h"
+#include "absl/status/status.h"
+
+namespace evpose::server {
+
+// A flag that tells work to end early. The call that wants the work sets it, or SlowExecutor::Stop(). Thread-safe.
+class Cancellation {
+ public:
+  void Cancel() { is_cancelled_ = true; }
+  bool is_cancelled() const { return is_cancelled_; }
+
+ private:
+  std::atomic<bool> is_cancelled_ = false;
+};
+
+// One queue for each tenant, which runs in order and one item at a time; the queues take turns. Because a tenant has at
+// most one running item, it leaves the other threads to the other tenants. Thread-safe.
+class SlowExecutor {
+ public:
+  // Is called exactly once, on a thread of the executor, unless the executor is destroyed before: with OK in its turn;
+  // with CANCELLED in its turn if the item was cancelled; with UNAVAILABLE (DRAINING) after Stop(). With an error it
+  // must only answer its caller.
+  using Work = absl::AnyInvocable<void(const absl::Status& admitted)>;
+
+  // Runs at most `max_running` items at a time on `threads`, which must outlive this object.
+  SlowExecutor(boost::asio::any_io_executor threads, int max_running)
+      : threads_(std::move(threads)), max_running_(static_cast<size_t>(max_running)) {}
+  // Locks, so that ThreadSanitizer sees that all calls precede the destruction.
+  ~SlowExecutor() { const std::lock_guard lock(mutex_); }
+
+  void Post(const std::string& tenant, Work work,
+            std::shared_ptr<Cancellation> cancellation = std::make_shared<Cancellation>());
+  // Work of the server itself, which has a queue like a tenant. It is omitted after Stop().
+  void PostOwn(absl::AnyInvocable<void()> work);
+
+  // Cancels the running items, and rejects the waiting and all later ones.
+  void Stop();
+
+ private:
+  struct Item {
+    Work work;
+    std::shared_ptr<Cancellation> cancellation;
+  };
+
+  void Dispatch() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
+  absl::Status Admission(const Item& item);
+  void Run(const std::string& tenant, Item item);
+  void Reject(Item item) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
+
+  const boost::asio::any_io_executor threads_;
+  const size_t max_running_;
+  std::mutex mutex_;
+  bool is_stopped_ ABSL_GUARDED_BY(mutex_) = false;
+  std::map<std::string, std::deque<Item>> queues_ ABSL_GUARDED_BY(mutex_);  // by tenant; none is empty
+  std::deque<std::string> turns_ ABSL_GUARDED_BY(mutex_);  // tenants with a queue and without a running item
+  std::map<std::string, std::shared_ptr<Cancellation>> running_ ABSL_GUARDED_BY(mutex_);  // by tenant
+};
+
+}  // namespace evpose::server

@@ -1,0 +1,98 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "server/runtime/slow_executor.h"
+
+#include <boost/asio/io_context.hpp>
+
+#include "gmock/gmock.h"
+#include "gtest/gtest.h"
+#include "server/runtime/errors.h"
+
+namespace evpose::server {
+namespace {
+
+using testing::ElementsAre;
+using testing::IsEmpty;
+
+// Runs on the thread of the test, one step at a time.
+class SlowExecutorTest : public testing::Test {
+ protected:
+  // Appends `name` to ran_, or to rejected_ with the code of the error.
+  SlowExecutor::Work Note(const std::string& name) {
+    return [this, name](const absl::Status& admitted) {
+      if (admitted.ok()) return ran_.push_back(name);
+      rejected_.push_back(
+          absl::StrCat(name, " ", absl::StatusCodeToString(admitted.code()), " ", GetErrorDetails(admitted).reason));
+    };
+  }
+  void Post(const std::string& tenant, const std::string& name) { slow_.Post(tenant, Note(name)); }
+
+  boost::asio::io_context threads_;
+  SlowExecutor slow_{threads_.get_executor(), 2};
+  std::vector<std::string> ran_, rejected_;
+};
+
+TEST_F(SlowExecutorTest, TenantsTakeTurns) {
+  for (int i = 1; i <= 4; ++i) Post("mallory", absl::StrCat("m", i));
+  Post("alice", "a1");
+  Post("bob", "b1");
+  Post("alice", "a2");
+  threads_.run();
+  EXPECT_THAT(ran_, ElementsAre("m1", "a1", "b1", "m2", "a2", "m3", "m4"));
+}
+
+TEST_F(SlowExecutorTest, ATenantHasOneRunningItemAndTheNextThreadIsForOthers) {
+  std::vector<std::string> during;
+  slow_.Post("mallory", [&](const absl::Status&) {
+    Post("mallory", "m2");
+    Post("alice", "a1");
+    threads_.run_one();  // as another thread would
+    during = ran_;
+  });
+  threads_.run();
+  EXPECT_THAT(during, ElementsAre("a1"));
+  EXPECT_THAT(ran_, ElementsAre("a1", "m2"));
+}
+
+TEST_F(SlowExecutorTest, CancelledWorkIsNotRun) {
+  const auto cancellation = std::make_shared<Cancellation>();
+  Post("alice", "a1");
+  slow_.Post("alice", Note("a2"), cancellation);
+  Post("alice", "a3");
+  cancellation->Cancel();
+  threads_.run();
+  EXPECT_THAT(ran_, ElementsAre("a1", "a3"));
+  EXPECT_THAT(rejected_, ElementsAre("a2 CANCELLED "));
+}
+
+TEST_F(SlowExecutorTest, StopCancelsWhatRunsAndRejectsTheRest) {
+  const auto cancellation = std::make_shared<Cancellation>();
+  bool was_cancelled = false;
+  slow_.Post(
+      "alice",
+      [&](const absl::Status& admitted) {
+        EXPECT_TRUE(admitted.ok());
+        slow_.Stop();
+        was_cancelled = cancellation->is_cancelled();
+      },
+      cancellation);
+  Post("alice", "a2");
+  slow_.PostOwn([this] { ran_.emplace_back("own"); });
+  threads_.run_one();
+  EXPECT_TRUE(was_cancelled);
+  Post("bob", "b1");
+  slow_.PostOwn([this] { ran_.emplace_back("own later"); });
+  threads_.run();
+  EXPECT_THAT(ran_, IsEmpty());
+  EXPECT_THAT(rejected_, ElementsAre("a2 UNAVAILABLE DRAINING", "b1 UNAVAILABLE DRAINING"));
+}
+
+TEST_F(SlowExecutorTest, StopRejectsWorkThatAThreadHasNotBegun) {
+  Post("alice", "a1");  // a thread is about to run it
+  slow_.Stop();
+  threads_.run();
+  EXPECT_THAT(ran_, IsEmpty());
+  EXPECT_THAT(rejected_, ElementsAre("a1 UNAVAILABLE DRAINING"));
+}
+
+}  // namespace
+}  // namespace evpose::server

@@ -1,0 +1,231 @@
+#!/usr/bin/python3
+# SPDX-License-Identifier: Apache-2.0
+"""Measures how long a server takes to start with a full store, to serve one tenant beside another's hostile uploads, and to end.
+
+  tests/bench/start_stop.py --bin build/release [--models-mb 512] [--sessions 10000] [--creates 200]
+
+Prints three figures: the time from the start of the process until a call is answered, with a store of that many MB of models and that
+many sessions; the latency of CreateSession while another tenant uploads expensive models and gives up after 1 s; and the time from
+SIGTERM to the end of the process with a queue of such uploads and --shutdown-timeout 3. Needs python3-grpcio and python3-protobuf.
+"""
+import argparse
+import importlib
+import math
+import os
+import pathlib
+import random
+import re
+import signal
+import struct
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+
+import grpc
+from google.protobuf import empty_pb2
+
+PROTO = pathlib.Path(__file__).resolve().parents[2] / "proto"
+SHUTDOWN_TIMEOUT_S = 3
+LATEST_START_S = 600
+CUBE = b"v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nv 0 0 1\nv 1 0 1\nv 1 1 1\nv 0 1 1\n" \
+       b"f 1 4 3 2\nf 5 6 7 8\nf 1 2 6 5\nf 2 3 7 6\nf 3 4 8 7\nf 4 1 5 8\n"
+
+
+def load_api(folder):
+    """Generates the messages of the API in a folder and returns the modules of models and sessions."""
+    protos = [str(path.relative_to(PROTO)) for path in PROTO.rglob("*.proto") if "storage" not in path.parts]
+    subprocess.run(["protoc", "-I", str(PROTO), f"--python_out={folder}", *(p for p in protos if p.startswith("evpose/"))], check=True)
+    sys.path.insert(0, folder)
+    return tuple(importlib.import_module(f"evpose.v1.{name}_pb2") for name in ("session", "session_service", "model_service"))
+
+
+class Server:
+    """evpose-server as a process, with a call for each method that is needed."""
+
+    def __init__(self, program, arguments, token=None):
+        self.log = tempfile.NamedTemporaryFile("a")
+        self.started_s = time.monotonic()
+        self.process = subprocess.Popen([program, "--listen", "127.0.0.1:0", "--shutdown-timeout", str(SHUTDOWN_TIMEOUT_S), *arguments],
+                                        stdout=subprocess.PIPE, stderr=self.log, text=True)
+        line = self.process.stdout.readline()
+        if not line.startswith("listening on "):
+            sys.exit("the server does not start: " + self.read_log())
+        self.address = line.split()[2]
+        self.channel = grpc.insecure_channel(self.address, options=[("grpc.use_local_subchannel_pool", 1)])
+        self.metadata = self.metadata_of(token)
+
+    @staticmethod
+    def metadata_of(token):
+        return [("authorization", f"Bearer {token}")] if token else []
+
+    def read_log(self):
+        return pathlib.Path(self.log.name).read_text()
+
+    def unary(self, method, request, response, **options):
+        call = self.channel.unary_unary(f"/evpose.v1.{method}", type(request).SerializeToString, response.FromString)
+        return call(request, metadata=self.metadata, wait_for_ready=True, **options)
+
+    def upload(self, models, file, model_format, token=None, timeout_s=None):
+        header = models.UploadModelRequest(header={"format": model_format, "size_bytes": len(file)})
+        piece = 1 << 20
+        requests = [header] + [models.UploadModelRequest(chunk=file[i:i + piece]) for i in range(0, len(file), piece)]
+        call = self.channel.stream_unary("/evpose.v1.ModelService/UploadModel", models.UploadModelRequest.SerializeToString,
+                                         models.Model.FromString)
+        metadata = self.metadata_of(token) if token else self.metadata
+        return call(iter(requests), metadata=metadata, timeout=timeout_s)
+
+    def end(self):
+        """Sends SIGTERM and returns the seconds until the process has ended."""
+        begin_s = time.monotonic()
+        self.process.send_signal(signal.SIGTERM)
+        self.process.wait()
+        return time.monotonic() - begin_s
+
+
+def create_request(sessions, model, side_px):
+    request = sessions.CreateSessionRequest()
+    request.config.encoding = 5
+    camera = request.config.camera
+    camera.width_px = camera.height_px = side_px
+    camera.fx_px = camera.fy_px = float(side_px)
+    camera.cx_px = camera.cy_px = side_px / 2
+    request.config.objects.add(object_id="cube", model=model)
+    return request
+
+
+def grid_stl(megabytes, seed):
+    """A binary STL file of about that many MB: a rough square, whose border is its lines, because no edge inside is sharp."""
+    chooser = random.Random(seed)
+    side = int(math.sqrt(megabytes * 1e6 / 100))
+    height = [[chooser.random() * 0.05 for _ in range(side + 1)] for _ in range(side + 1)]
+    facets = bytearray()
+    for i in range(side):
+        for j in range(side):
+            corner = [(i + a, j + b, height[i + a][j + b]) for a, b in ((0, 0), (1, 0), (1, 1), (0, 1))]
+            for triangle in ((0, 1, 2), (0, 2, 3)):
+                facets += struct.pack("<12fH", 0, 0, 0, *(x for k in triangle for x in corner[k]), 0)
+    return bytes(80) + struct.pack("<I", len(facets) // 50) + bytes(facets)
+
+
+def expensive_prism(seed, sides=1365):
+    """An OBJ file of a prism that turns into itself within the tolerance by one side, and a triangle in it that does not."""
+    angle = [2 * math.pi * i / sides for i in range(sides)]
+    text = [f"# {seed}"]
+    for z in (0, 1):
+        text += [f"v {math.cos(a):.7g} {math.sin(a):.7g} {z}" for a in angle]
+    text += ["v 0.01 0 0.4", "v 0.02 0.01 0.4", "v 0.01 0.02 0.41", "f -3 -2 -1"]
+    for i in range(1, sides - 1):
+        text += [f"f 1 {i + 2} {i + 1}", f"f {sides + 1} {sides + i + 1} {sides + i + 2}"]
+    for i in range(sides):
+        j = (i + 1) % sides
+        text += [f"l {i + 1} {j + 1}", f"l {sides + i + 1} {sides + j + 1}", f"l {i + 1} {sides + i + 1}",
+                 f"f {i + 1} {j + 1} {sides + j + 1} {sides + i + 1}"]
+    return "\n".join(text).encode() + b"\n"
+
+
+def percentile(values, ratio):
+    return sorted(values)[min(len(values) - 1, int(ratio * len(values)))]
+
+
+def measure_start(program, api, arguments, folder):
+    _, sessions, models = api
+    store = ["--store", "sqlite", "--data-dir", folder + "/data", "--max-sessions", str(arguments.sessions + 1),
+             "--session-expiry", "86400", "--max-model-store-bytes", str((arguments.models_mb + 64) << 20)]
+    server = Server(program, store)
+    cube = server.upload(models, CUBE, 1).name
+    for seed in range(arguments.models_mb // 8):
+        file = grid_stl(8, seed)
+        server.upload(models, file, 3)
+    for _ in range(arguments.sessions):
+        server.unary("SessionService/CreateSession", create_request(sessions, cube, 64), sessions.CreateSessionResponse)
+    server.end()
+    server = Server(program, store)
+    server.unary("ModelService/GetModel", models.GetModelRequest(name=cube), models.Model, timeout=LATEST_START_S)
+    start_s = time.monotonic() - server.started_s
+    pattern = re.compile(r"restore_progress.*done=(\d+) total=\1\b")
+    while arguments.sessions > 0 and not pattern.search(server.read_log()) and time.monotonic() - server.started_s < LATEST_START_S:
+        time.sleep(0.2)
+    print(f"start with {arguments.models_mb} MB of models and {arguments.sessions} sessions: first call answered after {start_s:.2f} s, "
+          f"all sessions restored after {time.monotonic() - server.started_s:.1f} s")
+    server.end()
+
+
+def new_token(program, tenant, path):
+    answer = subprocess.run([program, "--new-token", tenant, "--token-file", path], check=True, capture_output=True, text=True)
+    return answer.stdout.strip()
+
+
+def measure_hostile_uploads(program, api, arguments, folder):
+    _, sessions, models = api
+    tokens = folder + "/tokens"
+    alice, mallory = (new_token(program, tenant, tokens) for tenant in ("alice", "mallory"))
+    server = Server(program, ["--store", "memory", "--token-file", tokens, "--max-sessions", "64"], alice)
+    cube = server.upload(models, CUBE, 1).name
+    has_ended = threading.Event()
+
+    def attack(first_seed):
+        seed = first_seed
+        while not has_ended.is_set():
+            try:
+                server.upload(models, expensive_prism(seed), 1, mallory, timeout_s=1)
+            except grpc.RpcError:
+                pass
+            seed += 100
+
+    attackers = [threading.Thread(target=attack, args=(i,)) for i in range(6)]
+    for attacker in attackers:
+        attacker.start()
+    time.sleep(1)
+    latencies_ms = []
+    for _ in range(arguments.creates):
+        begin_s = time.monotonic()
+        created = server.unary("SessionService/CreateSession", create_request(sessions, cube, 640), sessions.CreateSessionResponse)
+        latencies_ms.append(1000 * (time.monotonic() - begin_s))
+        server.unary("SessionService/DeleteSession", sessions.DeleteSessionRequest(name=created.session.name), empty_pb2.Empty)
+    has_ended.set()
+    for attacker in attackers:
+        attacker.join()
+    print(f"CreateSession of another tenant beside 6 hostile uploads: p50 {percentile(latencies_ms, 0.5):.1f} ms, "
+          f"p99 {percentile(latencies_ms, 0.99):.1f} ms, longest {max(latencies_ms):.1f} ms, of {len(latencies_ms)}")
+    server.end()
+
+
+def measure_end(program, api):
+    models = api[2]
+    server = Server(program, ["--store", "memory"])
+
+    def upload(seed):
+        try:
+            server.upload(models, expensive_prism(seed), 1)
+        except grpc.RpcError:
+            pass
+
+    uploads = [threading.Thread(target=upload, args=(seed,)) for seed in range(40)]
+    for thread in uploads:
+        thread.start()
+    time.sleep(1)
+    end_s = server.end()
+    for thread in uploads:
+        thread.join()
+    print(f"SIGTERM with 40 uploads under way and --shutdown-timeout {SHUTDOWN_TIMEOUT_S}: ended after {end_s:.2f} s")
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--bin", default="build/release", help="folder of the build")
+    parser.add_argument("--models-mb", type=int, default=512, help="size of the models in the store, MB")
+    parser.add_argument("--sessions", type=int, default=10_000, help="sessions in the store, with a camera of 64x64 pixels")
+    parser.add_argument("--creates", type=int, default=200, help="calls of CreateSession beside hostile uploads")
+    arguments = parser.parse_args()
+    program = os.path.join(arguments.bin, "server", "evpose-server")
+    with tempfile.TemporaryDirectory() as folder:
+        api = load_api(folder)
+        measure_end(program, api)
+        measure_hostile_uploads(program, api, arguments, folder)
+        measure_start(program, api, arguments, folder)
+
+
+if __name__ == "__main__":
+    main()
