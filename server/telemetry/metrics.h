@@ -100,6 +100,7 @@ struct ServerMetrics {
   OneFor<TrackPhase, kNumTrackPhases, OneFor<TrackPhase, kNumTrackPhases>> track_transitions;  // [from][to]
   OneFor<ObjectPhase, kNumObjectPhases, OneFor<ObjectPhase, kNumObjectPhases>> object_transitions;
   Counter reattaches;
+  Counter falls_behind;  // times that a session began to fall behind its camera
 
   DurationHistogram pose_latency;         // from a chunk's receipt to each of its poses
   DurationHistogram decode_time;          // of a slice of a chunk

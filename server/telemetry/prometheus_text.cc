@@ -197,6 +197,9 @@ void AddTracking(const ServerMetrics& metrics, Families& families) {
       "Sensor time of the processed events, summed over sessions. Events that are processed again count "
       "again.",
       metrics.sensor_time_us, 1e-6);
+  families.AddCounter("evpose_falls_behind_total",
+                      "Number of times that a session began to be processed more slowly than its camera sends.",
+                      metrics.falls_behind);
 }
 
 void AddCalls(const ServerMetrics& metrics, Families& families) {

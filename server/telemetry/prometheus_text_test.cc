@@ -94,6 +94,7 @@ TEST(PrometheusTextTest, EveryCounterHasItsOwnSeries) {
     }
   }
   count(metrics.reattaches, "evpose_reattaches_total");
+  count(metrics.falls_behind, "evpose_falls_behind_total");
   count(metrics.processing_ns, "evpose_processing_seconds_total", 1'000'000'000);
   count(metrics.sensor_time_us, "evpose_sensor_seconds_total", 1'000'000);
   count(metrics.checkpoint_failures[CheckpointFailure::kStoreAway],

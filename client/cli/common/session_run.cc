@@ -8,6 +8,7 @@
 #include <utility>
 
 #include "absl/strings/str_cat.h"
+#include "absl/strings/str_format.h"
 #include "absl/strings/str_join.h"
 #include "client/lib/client_access.h"
 #include "client/lib/core_types.h"
@@ -49,6 +50,14 @@ std::map<std::string, std::string> Identify(const RunArguments& arguments, const
   identity["--camera"] = absolute(arguments.camera);
   identity["--sensor"] = absolute(arguments.sensor);
   return identity;
+}
+
+std::string DescribeLag(const LagChange& change) {
+  if (!change.falls_behind) return "the server processes the events in real time again";
+  return absl::StrFormat(
+      "the server processes the events more slowly than real time: the oldest have waited for %.1f s; use a less busy "
+      "server or a model with fewer lines",
+      absl::ToDoubleSeconds(change.lag));
 }
 
 // Requests `stop` if an interrupt has occurred and `is_away` remains set for kGrace after it: the work in progress
@@ -163,7 +172,10 @@ TrackCallbacks SessionRun::MakeCallbacks() {
   callbacks.on_pose = [this](const Pose& pose) {
     if (poses_) poses_->Write(pose);
   };
-  callbacks.on_notice = [this](const Notice& notice) { report_.Add(notice); };
+  callbacks.on_notice = [this](const Notice& notice) {
+    report_.Add(notice);
+    if (const auto* change = std::get_if<LagChange>(&notice)) PrintLine(DescribeLag(*change));
+  };
   callbacks.on_progress = [this](const TrackProgress& value) { progress_->Update(value); };
   callbacks.on_connection = [this](const ConnectionChange& change) {
     is_away_ = change.is_away;
