@@ -13,10 +13,8 @@ namespace evpose {
 // Decides at each yield point of a thread whether the thread is paused there.
 class Yielder {
  public:
+  virtual ~Yielder() = default;
   virtual void Yield() = 0;  // returns when the thread may continue
-
- protected:
-  ~Yielder() = default;
 };
 
 namespace internal {

@@ -116,6 +116,8 @@ void DefineLimits(CLI::App& app, Arguments& arguments) {
   app.add_option("--max-model-store-bytes", options.max_model_store_bytes, "bytes of all model files");
   app.add_option("--max-chunk-bytes", options.max_chunk_bytes, "bytes of one chunk of events");
   app.add_option("--credit-bytes", options.credit_bytes, "bytes of events that may wait per session");
+  app.add_option("--max-session-cpu", options.max_session_cpu,
+                 "processor seconds per second of one session; 0: no limit; a session at the limit waits");
   app.add_option("--attach-timeout", arguments.attach_timeout_s,
                  "seconds within which a new stream must attach, and an upload must send its next message");
   app.option_defaults()->group("Limits of each tenant; 0: only the limits of the server apply");
@@ -124,6 +126,8 @@ void DefineLimits(CLI::App& app, Arguments& arguments) {
   app.add_option("--tenant-max-watchers", options.tenant.max_watchers, "readers of poses and health at a time");
   app.add_option("--tenant-max-bytes-per-s", options.tenant.max_bytes_per_s,
                  "bytes of events per second; the server reads faster streams more slowly");
+  app.add_option("--tenant-max-cpu", options.tenant.max_cpu,
+                 "processor seconds per second of all sessions of the tenant; without it tenants share the workers equally");
 }
 
 void DefineArguments(CLI::App& app, Arguments& arguments) {

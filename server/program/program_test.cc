@@ -59,6 +59,8 @@ TEST(ProgramTest, ReportsWrongUsage) {
       {{"--new-token", "two words"}, "is no tenant's name"},
       {{"--operator"}, "--new-token"},
       {{"--max-sessions", "0"}, "--max-sessions: is 0;"},
+      {{"--max-session-cpu", "-1"}, "--max-session-cpu: is -1; 0 (no limit), or 0.01 to 1024"},
+      {{"--tenant-max-cpu", "nan"}, "--tenant-max-cpu: is nan; 0 (no limit), or 0.01 to 1024"},
       {{"--shutdown-timeout", "-1"}, "--shutdown-timeout: must not be negative"},
       {{"--shutdown-notice", "-0.1"}, "--shutdown-notice: must not be negative"},
       {{"--credit-bytes", "8"}, "--credit-bytes: is 8; at least "},

@@ -9,6 +9,7 @@
 #include <cstdint>
 #include <functional>
 #include <memory>
+#include <optional>
 #include <string>
 
 #include "absl/status/status.h"
@@ -33,6 +34,9 @@ struct ServerOptions {
   StoreOptions store;
   // Number of threads that decode and track, shared by all sessions; 0: one per core.
   int worker_threads = 0;
+  // Maximum processor seconds per second of a session, averaged over about 0.1 s; 0: no limit. A session at its limit
+  // waits, and then its client. One thread at a time processes a session, so that it never uses more than 1.
+  double max_session_cpu = 1.0;
   // Maximum number of sessions, including ended ones until they are deleted or expire. Each takes at most credit_bytes
   // plus about 500 bytes for each pose of its log, besides its trackers.
   uint32_t max_sessions = 64;
@@ -66,6 +70,9 @@ struct ServerOptions {
     // Payload of all Track streams of the tenant together, bytes per second. The server reads faster streams more
     // slowly.
     uint64_t max_bytes_per_s = 0;
+    // Processor seconds per second of all sessions of the tenant together. Without it, tenants share the workers
+    // equally while several of them have work.
+    std::optional<double> max_cpu;
   } tenant;
   // Time within which a Track stream must attach, and within which the next message of an upload must arrive.
   absl::Duration attach_timeout = absl::Seconds(30);

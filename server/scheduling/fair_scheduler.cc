@@ -1,9 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "server/scheduling/fair_scheduler.h"
 
-#include <time.h>
-
 #include <boost/asio/post.hpp>
+#include <ctime>
 #include <system_error>
 #include <utility>
 
@@ -42,7 +41,7 @@ class SessionTurns::Pause : public Yielder {
   void Stop(CpuMeter::Time now) ABSL_NO_THREAD_SAFETY_ANALYSIS {
     FairScheduler::Lock lock(scheduler_.mutex_);
     if (scheduler_.drops_steps_ || !scheduler_.HasSpareThread()) return;
-    scheduler_.queue_.Charge(session_, Used(), now);
+    scheduler_.Charge(session_, Used());
     session_.paused_ = this;
     session_.state_ = State::kWaiting;
     scheduler_.queue_.Push(session_);
@@ -188,9 +187,14 @@ void FairScheduler::RunOne() {
   session.state_ = SessionTurns::State::kRunning;
   const std::chrono::nanoseconds begin = options_.cpu_now();
   RunStep(session, lock);
-  queue_.Charge(session, options_.cpu_now() - begin, options_.now());
+  Charge(session, options_.cpu_now() - begin);
   ended = EndTurn(session);
   if (ended == nullptr) boost::asio::post(executor_, [this] { RunOne(); });
+}
+
+void FairScheduler::Charge(SessionTurns& session, std::chrono::nanoseconds cpu) {
+  queue_.Charge(session, cpu, options_.now());
+  options_.on_turn(cpu);
 }
 
 void FairScheduler::RunTurn(SessionTurns& session, Lock& lock) {
@@ -201,7 +205,7 @@ void FairScheduler::RunTurn(SessionTurns& session, Lock& lock) {
       RunStep(session, lock);
     } while (session.step_ != nullptr && pause.Used() < kTurn);
   }
-  queue_.Charge(session, pause.Used(), options_.now());
+  Charge(session, pause.Used());
 }
 
 void FairScheduler::RunStep(SessionTurns& session, Lock& lock) {

@@ -15,6 +15,7 @@
 #include <mutex>
 #include <string>
 #include <thread>
+#include <utility>
 #include <vector>
 
 #include "absl/base/thread_annotations.h"
@@ -42,8 +43,8 @@ class SessionTurns : private SessionShare, public std::enable_shared_from_this<S
   class Pause;
   enum class State { kIdle, kWaiting, kRunning };
 
-  SessionTurns(FairScheduler& scheduler, std::shared_ptr<TenantShare> tenant) : scheduler_(scheduler) {
-    this->tenant = std::move(tenant);
+  SessionTurns(FairScheduler& scheduler, std::shared_ptr<TenantShare> its_tenant) : scheduler_(scheduler) {
+    tenant = std::move(its_tenant);
   }
 
   FairScheduler& scheduler_;
@@ -62,6 +63,7 @@ class FairScheduler {
     CpuLimits limits;
     std::function<CpuMeter::Time()> now = std::chrono::steady_clock::now;
     std::function<std::chrono::nanoseconds()> cpu_now = ThreadCpuTime;  // processor time of the calling thread
+    std::function<void(std::chrono::nanoseconds)> on_turn = [](std::chrono::nanoseconds) {};  // its processor time
   };
 
   // Work runs on `num_threads` threads at a time. A step that reaches a yield point (core/base/yield_point.h) after its
@@ -91,6 +93,7 @@ class FairScheduler {
   void Dispatch(bool caller_is_idle) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   void RunThread() ABSL_NO_THREAD_SAFETY_ANALYSIS;
   void RunOne() ABSL_NO_THREAD_SAFETY_ANALYSIS;  // on the caller's executor
+  void Charge(SessionTurns& session, std::chrono::nanoseconds cpu) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   // Runs steps of the session for the time of a turn. The lock is released while a step runs.
   void RunTurn(SessionTurns& session, Lock& lock) ABSL_NO_THREAD_SAFETY_ANALYSIS;
   void RunStep(SessionTurns& session, Lock& lock) ABSL_NO_THREAD_SAFETY_ANALYSIS;

@@ -176,6 +176,9 @@ void AddTracking(const ServerMetrics& metrics, Families& families) {
       "evpose_track_transitions_total",
       "Changes of the phase of hypotheses, reported or not (core/tracking/README.md, section 3).",
       metrics.track_transitions, TrackPhaseName, families);
+  families.AddHistogram("evpose_turn_seconds",
+                        "Processor time for which a session was processed before another one had its turn.",
+                        metrics.turn_time);
   families.AddHistogram("evpose_pose_latency_seconds", "Time from the receipt of a chunk to each of its poses.",
                         metrics.pose_latency);
   families.AddHistogram("evpose_decode_duration_seconds", "Time to decode a slice of a chunk, at most 16 KiB.",
