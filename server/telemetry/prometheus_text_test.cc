@@ -161,6 +161,7 @@ TEST(PrometheusTextTest, HistogramsAreCumulativeAndAddUp) {
 TEST(PrometheusTextTest, EveryHistogramHasItsOwnFamily) {
   ServerMetrics metrics;
   const std::pair<DurationHistogram*, const char*> histograms[] = {
+      {&metrics.turn_time, "evpose_turn_seconds"},
       {&metrics.pose_latency, "evpose_pose_latency_seconds"},
       {&metrics.decode_time, "evpose_decode_duration_seconds"},
       {&metrics.track_time, "evpose_track_duration_seconds"},
