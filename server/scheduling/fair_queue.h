@@ -77,7 +77,6 @@ class FairQueue {
   void RemoveLimits() { has_limits_ = false; }
 
   size_t size() const { return waiting_.size(); }
-  const CpuLimits& limits() const { return limits_; }
 
  private:
   Time FreeAt(const SessionShare& session) const;

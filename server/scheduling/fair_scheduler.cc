@@ -86,9 +86,10 @@ FairScheduler::FairScheduler(boost::asio::any_io_executor executor, Options opti
 FairScheduler::~FairScheduler() {
   End(/*drops_steps=*/true);
   // Steps that were posted after Join() keep their sessions alive.
-  while (SessionShare* const next = queue_.Pop(options_.now())) {
-    const std::shared_ptr<SessionTurns> session = std::move(TurnsOf(*next).self_);
-    const std::function<void()> step = std::exchange(session->step_, nullptr);
+  while (SessionShare* const next = queue_.Pop(options_.now())) begun_.push_back(&TurnsOf(*next));
+  for (SessionTurns* const session : begun_) {
+    const std::shared_ptr<SessionTurns> self = std::move(session->self_);
+    const std::function<void()> step = std::exchange(self->step_, nullptr);
   }
 }
 

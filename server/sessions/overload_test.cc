@@ -180,6 +180,7 @@ class LiveTest : public testing::Test {
       EXPECT_GE(notice.after_pose_seq, notice_at_);
       notice_at_ = notice.after_pose_seq;
       if (const auto* what = std::get_if<EventsDropped>(&notice.what)) dropped.push_back(*what);
+      if (const auto* what = std::get_if<LagChange>(&notice.what)) falls_behind_.push_back(what->is_behind);
     }
     return dropped;
   }
@@ -199,6 +200,7 @@ class LiveTest : public testing::Test {
   uint64_t max_waiting_bytes_ = 0;
   int num_stalls_ = 0;
   uint64_t notice_at_ = 0;
+  std::vector<bool> falls_behind_;  // of the notices that Dropped() has taken
 };
 
 TEST_F(LiveTest, AFastTrackerSkipsNothing) {
@@ -209,6 +211,7 @@ TEST_F(LiveTest, AFastTrackerSkipsNothing) {
   EXPECT_EQ(health.skipped_us, 0);
   EXPECT_EQ(health.poses, 500u);
   EXPECT_TRUE(Dropped().empty());
+  EXPECT_TRUE(falls_behind_.empty());
 }
 
 TEST_F(LiveTest, ASlowTrackerDropsEventsAndItsPosesHaveALowLatency) {
@@ -259,6 +262,8 @@ TEST_F(LiveTest, BlockTracksEverythingAndStopsTheSender) {
   EXPECT_EQ(health.poses, 2000u);
   EXPECT_TRUE(Dropped().empty());
   EXPECT_GT(num_stalls_, 0) << "a client that keeps to its credit waits";
+  EXPECT_THAT(falls_behind_, ElementsAre(true, false));
+  EXPECT_EQ(metrics_->falls_behind.value(), 1u);
 }
 
 TEST_F(LiveTest, BytesBeyondTheCreditAreDroppedWhateverTheirAge) {

@@ -135,7 +135,7 @@ std::optional<LagChange> Session::UpdatePace(int64_t sensor_time_us) {
   const std::optional<bool> change = pace_.Update(clocks_.steady(), queue_.oldest_received_at(), sensor_time_us);
   if (!change.has_value()) return std::nullopt;
   const LagChange lag{*change, QueueAgeUs()};
-  if (gate_.is_attached()) report_.AddLagChange(lag);
+  if (gate_.is_attached() && !gate_.has_ended()) report_.AddLagChange(lag);
   if (lag.is_behind) metrics_->falls_behind.Add();
   return lag;
 }
