@@ -167,20 +167,15 @@ void FairScheduler::RunThread() {
     begun_.pop_front();
     --num_idle_;
     RunTurn(session, lock);
-    std::shared_ptr<SessionTurns> ended = EndTurn(session);
+    EndTurn(session);
     --num_running_;
     ++num_idle_;
     Dispatch(/*caller_is_idle=*/true);
-    if (ended == nullptr) continue;
-    lock.unlock();
-    ended.reset();
-    lock.lock();
   }
   idle_.notify_all();
 }
 
 void FairScheduler::RunOne() {
-  std::shared_ptr<SessionTurns> ended;  // released after the lock
   Lock lock(mutex_);
   SessionShare* const next = queue_.Pop(options_.now());
   if (next == nullptr) return;
@@ -189,8 +184,7 @@ void FairScheduler::RunOne() {
   const std::chrono::nanoseconds begin = options_.cpu_now();
   RunStep(session, lock);
   Charge(session, options_.cpu_now() - begin);
-  ended = EndTurn(session);
-  if (ended == nullptr) boost::asio::post(executor_, [this] { RunOne(); });
+  if (!EndTurn(session)) boost::asio::post(executor_, [this] { RunOne(); });
 }
 
 void FairScheduler::Charge(SessionTurns& session, std::chrono::nanoseconds cpu) {
@@ -219,15 +213,16 @@ void FairScheduler::RunStep(SessionTurns& session, Lock& lock) {
   session.step_ended_at_ = options_.now();
 }
 
-std::shared_ptr<SessionTurns> FairScheduler::EndTurn(SessionTurns& session) {
+bool FairScheduler::EndTurn(SessionTurns& session) {
   if (session.step_ != nullptr) {
     session.state_ = SessionTurns::State::kWaiting;
     queue_.Push(session);
-    return nullptr;
+    return false;
   }
   session.state_ = SessionTurns::State::kIdle;
   queue_.Remove(session);
-  return std::move(session.self_);
+  session.self_.reset();  // may delete the object
+  return true;
 }
 
 void FairScheduler::Join() { End(/*drops_steps=*/false); }

@@ -97,8 +97,8 @@ class FairScheduler {
   // Runs steps of the session for the time of a turn. The lock is released while a step runs.
   void RunTurn(SessionTurns& session, Lock& lock) ABSL_NO_THREAD_SAFETY_ANALYSIS;
   void RunStep(SessionTurns& session, Lock& lock) ABSL_NO_THREAD_SAFETY_ANALYSIS;
-  // After a turn. Returns the reference to release without the lock.
-  std::shared_ptr<SessionTurns> EndTurn(SessionTurns& session) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
+  // After a turn. Returns whether the session is idle now; it may have been deleted then.
+  bool EndTurn(SessionTurns& session) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   // Whether a thread is left for the place of a step that is to be paused now; starts one if there is none. Invariant:
   // without those that take over begun_, there are at least as many idle threads as free places.
   bool HasSpareThread() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
