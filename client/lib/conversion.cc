@@ -346,6 +346,8 @@ std::optional<Notice> FromProto(const v1::TrackResponse::Notice& message) {
                          FromProto(message.state_change().state(), TrackState::kUnknown)};
     case v1::TrackResponse::Notice::kTrackingRestarted:
       return TrackingRestarted{message.tracking_restarted().after_seq(), message.tracking_restarted().detail()};
+    case v1::TrackResponse::Notice::kLagChange:
+      return LagChange{message.lag_change().falls_behind(), FromProto(message.lag_change().lag())};
     case v1::TrackResponse::Notice::KIND_NOT_SET:
       break;
   }

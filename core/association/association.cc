@@ -5,6 +5,7 @@
 #include <cmath>
 #include <utility>
 
+#include "core/base/yield_point.h"
 #include "core/numerics/reusable_vector.h"
 
 namespace evpose {
@@ -30,6 +31,7 @@ void ProjectLines(const CameraModel& camera, const MotionState& state, absl::Spa
                   std::vector<ImageLine>& image_lines) {
   AssignDefaults(lines.size(), image_lines);
   for (size_t k = 0; k < lines.size(); ++k) {
+    YieldPoint(k);
     const std::optional<ProjectedLine> projected =
         ProjectLine(camera, state.camera_from_object, lines[k].p1, lines[k].p2);
     if (!projected) continue;
@@ -50,6 +52,7 @@ void ProjectLines(const CameraModel& camera, const MotionState& state, absl::Spa
 void ProjectVelocityJacobians(const CameraModel& camera, const MotionState& state, absl::Span<const TrackedLine> lines,
                               absl::Span<ImageLine> image_lines) {
   for (size_t k = 0; k < lines.size(); ++k) {
+    YieldPoint(k);
     if (!image_lines[k].in_view()) continue;
     image_lines[k].a_dot_jacobian =
         LineVelocityJacobian(camera, state.camera_from_object, lines[k].p1, lines[k].p2, state.twist);
@@ -115,6 +118,7 @@ void TileGrid::Build(absl::Span<const ImageLine> lines, double reach_px) {
   // All points of a tile lie within half its diagonal, sqrt(2) / 2 of its side, of its centre.
   const double reach = reach_px + 0.7072 * kTilePx;
   for (size_t k = 0; k < lines.size(); ++k) {
+    YieldPoint(k);
     const ImageLine& line = lines[k];
     if (!line.in_view()) continue;
     const double y1 = line.p1_px.y();

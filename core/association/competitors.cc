@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "core/base/yield_point.h"
 #include "core/numerics/math.h"
 #include "core/numerics/robust.h"
 
@@ -136,6 +137,7 @@ bool Competitors::RemoveHidden(const RigidTransform& camera_from_object, std::ve
   std::vector<const Body*> before;
   bool hides = false;
   for (const TrackedLine& line : lines) {
+    YieldPoint();
     const Eigen::Vector3d p1 = camera_from_object * line.p1;
     const Eigen::Vector3d p2 = camera_from_object * line.p2;
     const BoundingSphere segment{0.5 * (p1 + p2), 0.5 * (p2 - p1).norm()};

@@ -11,6 +11,7 @@
 #include "absl/types/span.h"
 #include "core/association/association.h"
 #include "core/association/background.h"
+#include "core/base/yield_point.h"
 #include "core/geometry/camera.h"
 #include "core/numerics/sampling.h"
 #include "core/windows/event_window.h"
@@ -49,6 +50,7 @@ class NearEvents {
                                         const Competing& competing) {
     observations_.clear();
     for (size_t i = 0; i < events_.size(); ++i) {
+      YieldPoint(i);
       if (i + kPrefetchAhead < events_.size()) {
         const WindowEvent& ahead = window.events[events_[i + kPrefetchAhead].index];
         undistortion_.Prefetch(ahead.x, ahead.y);

@@ -6,6 +6,7 @@
 
 #include "core/base/check_range.h"
 #include "core/base/status_macros.h"
+#include "core/base/yield_point.h"
 #include "core/numerics/sampling.h"
 #include "core/numerics/statistics.h"
 
@@ -131,12 +132,14 @@ EventStretch StretchSelector::Select(absl::Span<const PixelEvent> events) {
   absl::Span<const PixelEvent> usable = From(stretch.t_end_us - options_.max_duration_us, events);
   // With fewer events than this, flicker cannot displace the events of edges.
   if (usable.size() > 2 * static_cast<size_t>(options_.max_events)) usable = flicker_.Remove(usable);
+  YieldPoint();
   stretch.speed_px_per_s = MedianSpeed(usable);
   const double duration_us = options_.motion_px * 1e6 / std::max(stretch.speed_px_per_s, kMinSpeedPxPerS);
   stretch.t_begin_us =
       std::max(usable.front().t_us, stretch.t_end_us - static_cast<int64_t>(std::min(duration_us, 1e9)));
   stretch.time_scale_px_per_s =
       options_.motion_px * 1e6 / static_cast<double>(std::max<int64_t>(1, stretch.t_end_us - stretch.t_begin_us));
+  YieldPoint();
   const absl::Span<const PixelEvent> taken = From(stretch.t_begin_us, usable);
   SelectionSampler bounded(taken.size(), kMaxInputRatio * static_cast<size_t>(options_.max_events));
   for (const PixelEvent& event : taken) {
@@ -149,6 +152,7 @@ EventStretch StretchSelector::Select(absl::Span<const PixelEvent> events) {
   if (stretch.events.size() > static_cast<size_t>(options_.max_events)) {
     // Isolated events are removed only far above the limit, because faint and slow edges also cause isolated events.
     if (stretch.events.size() > 2 * static_cast<size_t>(options_.max_events)) {
+      YieldPoint();
       RemoveIsolated(stretch.events, stretch.time_scale_px_per_s);
     }
     SelectionSampler sample(stretch.events.size(), options_.max_events);

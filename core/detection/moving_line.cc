@@ -7,6 +7,7 @@
 
 #include "core/base/check_range.h"
 #include "core/base/status_macros.h"
+#include "core/base/yield_point.h"
 #include "core/numerics/robust.h"
 #include "core/numerics/statistics.h"
 
@@ -184,6 +185,7 @@ void LineFitter::Collect(const MovingLine& line, double margin_px, double reach_
   const double begin = line.ends[0].s_px - margin_px, end = line.ends[1].s_px + margin_px;
   const double sweep = half_s * (std::abs(line.speed_px_per_s) + 0.5 * std::abs(line.acceleration_px_per_s2) * half_s +
                                  std::abs(line.slope_rate_per_s) * std::max(std::abs(begin), std::abs(end)));
+  YieldPoint();
   indices_.clear();
   const EventGrid& grid = grids_[(line.is_polarity[0] ? 1 : 0) + (line.is_polarity[1] ? 2 : 0)];
   grid.Near(line.PointAt(begin, 0.0), line.PointAt(end, 0.0), reach_px + sweep, indices_);

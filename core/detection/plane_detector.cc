@@ -3,6 +3,7 @@
 
 #include "absl/strings/str_format.h"
 #include "core/base/status_macros.h"
+#include "core/base/yield_point.h"
 
 namespace evpose {
 namespace {
@@ -14,6 +15,7 @@ class PlaneLineDetector : public LineDetector {
 
   LineDetection Detect(absl::Span<const PixelEvent> events) override {
     const EventStretch stretch = selector_.Select(events);
+    YieldPoint();
     const std::vector<MovingLine> candidates = SegmentPlanes(stretch, options_.segmentation);
     return {stretch.t_begin_us, stretch.t_end_us, SelectLines(stretch, candidates, options_.lines)};
   }

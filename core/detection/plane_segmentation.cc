@@ -16,6 +16,7 @@
 #include <numbers>
 
 #include "core/base/check_range.h"
+#include "core/base/yield_point.h"
 #include "core/detection/space_time_cloud.h"
 
 namespace evpose {
@@ -49,6 +50,7 @@ class TableSearch : public pcl::search::Search<pcl::PointXYZ> {
     return nearestKSearch(index, k, indices, distances);
   }
   int nearestKSearch(pcl::index_t index, int k, pcl::Indices& indices, std::vector<float>& distances) const override {
+    YieldPoint(static_cast<size_t>(index));  // once for each point of PCL's loops
     const absl::Span<const int32_t> neighbours = table_.Of(index).subspan(0, k);
     indices.assign(neighbours.begin(), neighbours.end());
     distances.clear();  // the algorithms used here do not read them
@@ -126,6 +128,7 @@ void FitPlanes(const Cloud::Ptr& cloud, pcl::Indices region, uint8_t polarity, d
         new pcl::SampleConsensusModelPlane<pcl::PointXYZ>(cloud, region, false));  // false: a fixed seed
     pcl::RandomSampleConsensus<pcl::PointXYZ> ransac(model, options.inlier_px);
     ransac.setMaxIterations(kRansacIterations);
+    YieldPoint();
     if (!ransac.computeModel(0)) return;
     pcl::Indices inliers;
     Eigen::VectorXf sampled, fitted;
@@ -146,6 +149,7 @@ void FitPlanes(const Cloud::Ptr& cloud, pcl::Indices region, uint8_t polarity, d
 
 void SegmentPolarity(const EventStretch& stretch, uint8_t polarity, const PlaneSegmentationOptions& options,
                      std::vector<MovingLine>& lines) {
+  YieldPoint();
   const double px_per_s = stretch.time_scale_px_per_s;
   const std::vector<Eigen::Vector3f> points =
       SpaceTimePoints(stretch, polarity, px_per_s, options.cell_px, options.max_points);

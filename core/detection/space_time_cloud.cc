@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "core/base/yield_point.h"
 #include "core/numerics/sampling.h"
 
 namespace evpose {
@@ -75,6 +76,7 @@ NeighbourTable::NeighbourTable(const std::vector<Eigen::Vector3f>& points, doubl
   std::vector<std::pair<float, int32_t>> found;  // squared distance and point
   neighbours_.reserve(points.size() * max_neighbours);
   for (size_t i = 0; i < points.size(); ++i) {
+    YieldPoint(i);
     found.clear();
     for (int row = -1; row <= 1; ++row) {
       const int centre = square(points[i]) + row * columns;

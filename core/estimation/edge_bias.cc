@@ -6,6 +6,7 @@
 
 #include "core/base/check_range.h"
 #include "core/base/status_macros.h"
+#include "core/base/yield_point.h"
 
 namespace evpose {
 namespace {
@@ -64,6 +65,7 @@ double EdgeBias::ExpectedPx(const Profile& profile, int half, double motion) con
 
 void EdgeBias::Correct(absl::Span<const TrackedLine> tracked, absl::Span<ImageLine> lines) const {
   for (size_t k = 0; k < lines.size(); ++k) {
+    YieldPoint(k);
     ImageLine& line = lines[k];
     const size_t index = static_cast<size_t>(tracked[k].model_line);
     if (!line.in_view()) continue;

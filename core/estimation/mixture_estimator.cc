@@ -7,6 +7,7 @@
 
 #include "core/base/check_range.h"
 #include "core/base/status_macros.h"
+#include "core/base/yield_point.h"
 #include "core/estimation/flicker_bias.h"
 #include "core/numerics/reusable_vector.h"
 
@@ -77,6 +78,7 @@ class MixtureEstimator : public WindowEstimator {
     double counts_gate_px = 0.0;  // gate to which line_counts_ refer
     line_counts_.clear();
     for (int pass = 0; pass < options_.max_passes; ++pass) {
+      YieldPoint();
       const bool last = pass + 1 == options_.max_passes;
       // The gate and the spread shrink to their final values: at first they cover the uncertainty of the prediction.
       if (last) annealed_px2 = 0.0;
@@ -227,6 +229,7 @@ class MixtureEstimator : public WindowEstimator {
     const double displacement_px =
         options_.edge_noise_px_sqrt_s * std::sqrt(displacement_factor_ / std::max(input.duration_s, 1e-6));
     for (size_t k = 0; k < lines_.size(); ++k) {
+      YieldPoint(k);
       if (!lines_[k].in_view() || sums_[k].sums.weight() <= 0.0) continue;
       const double scale =
           information == Information::kObserved ? sums_[k].ObservedRatio(sigma_px) * event_scale : event_scale;
@@ -320,6 +323,7 @@ void CountForDeficit(const CameraModel& camera, const WindowInput& input, absl::
                      double min_events_per_px2, std::vector<DeficitCounts>& deficit_counts) {
   AssignDefaults(lines.size(), deficit_counts);
   for (size_t k = 0; k < lines.size(); ++k) {
+    YieldPoint(k);
     if (!lines[k].in_view()) continue;
     const double half_px = 0.5 * lines[k].length_px;
     for (int half = 0; half < 2; ++half) {
@@ -356,6 +360,7 @@ double AddEventDeficit(const CameraModel& camera, absl::Span<const ImageLine> li
   const double factor = scale * (2.0 * deficit_ratio - 1.0);
   if (factor <= 0.0) return deficit_ratio;
   for (size_t k = 0; k < lines.size(); ++k) {
+    YieldPoint(k);
     if (!lines[k].in_view()) continue;
     for (int half = 0; half < 2; ++half) {
       const Vector6d row = HalfSpeedRow(camera, lines[k], half);

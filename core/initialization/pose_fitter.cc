@@ -7,6 +7,7 @@
 #include <algorithm>
 #include <array>
 
+#include "core/base/yield_point.h"
 #include "core/geometry/projected_line.h"
 #include "core/initialization/pose_refinement.h"
 #include "core/initialization/segment_fit.h"
@@ -63,6 +64,7 @@ std::vector<ImagePart> PoseFitter::VisibleParts(const RigidTransform& pose) cons
 std::vector<SegmentMatch> PoseFitter::Match(absl::Span<const ImagePart> parts, double widening) const {
   const FitWeights weights = FitWeights::Make(options_, widening);
   std::vector<SegmentMatch> matches;
+  YieldPoint();
   for (size_t j = 0; j < lines_.size(); ++j) {
     double least = options_.unexplained_cost;
     const ImagePart* best = nullptr;
@@ -204,6 +206,7 @@ PoseHypothesis PoseFitter::Score(const RigidTransform& pose, absl::Span<const Im
   hypothesis.model_line.assign(num_segments, -1);
   const FitWeights weights = FitWeights::Make(options_, 1.0);
   std::vector<double> covered_px(parts.size(), 0.0);
+  YieldPoint();
   for (const SearchSegment& line : lines_) {
     double least = options_.unexplained_cost;
     int matched = -1;

@@ -5,6 +5,7 @@
 
 #include "core/base/check_range.h"
 #include "core/base/status_macros.h"
+#include "core/base/yield_point.h"
 #include "core/initialization/pose_fitter.h"
 #include "core/initialization/position_search.h"
 #include "core/initialization/rotation_search.h"
@@ -72,6 +73,7 @@ class LinePoseSearch : public PoseSearch {
     // 7. The refinement may exchange the order of the hypotheses.
     const size_t num_minimised = std::min<size_t>(kMaxMinimised, hypotheses.size());
     for (size_t i = 0; i < num_minimised; ++i) {
+      YieldPoint();
       PoseHypothesis minimised = fitter.ScoreMinimum(hypotheses[i].camera_from_object, segments.size());
       minimised.is_near_symmetric = hypotheses[i].is_near_symmetric;
       hypotheses[i] = std::move(minimised);
@@ -114,6 +116,7 @@ class LinePoseSearch : public PoseSearch {
                                                size_t num_segments) const {
     std::vector<PoseHypothesis> refined;
     for (const PoseCandidate& candidate : candidates) {
+      YieldPoint();
       RigidTransform pose = candidate.camera_from_object;
       if (fitter.MatchAndRefine(pose)) AddDistinct(fitter.Score(pose, fitter.LikelyParts(pose), num_segments), refined);
     }

@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <tuple>
 
+#include "core/base/yield_point.h"
 #include "core/initialization/segment_fit.h"
 
 namespace evpose {
@@ -140,6 +141,7 @@ void PositionSearch::CountSupport() {
   const auto depth_factor = static_cast<float>(1.0 + options_.vote_depth_ratio);
   size_t num_pairs = 0;
   for (size_t i = 0; i < votes_.size(); ++i) {
+    YieldPoint(i);
     SingleVote& vote = votes_[i];
     const float z_max = vote.z * depth_factor;
     size_t k = i + 1;
@@ -163,6 +165,7 @@ void PositionSearch::KeepBest(int rotation) {
   const auto lateral_m = static_cast<float>(0.5 * options_.vote_lateral_of_radius * model_.radius_m());
   const auto depth_ratio = static_cast<float>(0.5 * options_.vote_depth_ratio);
   for (int taken = 0; taken < kPositionsPerRotation && !votes_.empty(); ++taken) {
+    YieldPoint();
     // Among equally supported votes the first one is taken, which is the nearest to the camera.
     const SingleVote place = *std::max_element(
         votes_.begin(), votes_.end(), [](const SingleVote& a, const SingleVote& b) { return a.support < b.support; });
@@ -182,6 +185,7 @@ double PositionSearch::ExpectedVotes() const {
 }
 
 void PositionSearch::Vote(const Matrix3d& rotation) {
+  YieldPoint();
   Prepare(rotation);
   CastVotes();
   CountSupport();
@@ -244,6 +248,7 @@ void PositionSearch::Score(int max_scored, BestCandidates& best) {
   // Ties in support are processed rotation by rotation, so that a rotation is seldom prepared twice.
   int prepared = -1;
   for (const Position& position : positions_) {
+    YieldPoint();
     if (position.rotation != prepared) Prepare(rotations_[position.rotation]);
     prepared = position.rotation;
     const double cost = Cost(position.position, best.cap());

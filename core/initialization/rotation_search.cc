@@ -7,6 +7,7 @@
 #include <array>
 #include <cmath>
 
+#include "core/base/yield_point.h"
 #include "core/numerics/math.h"
 
 namespace evpose {
@@ -144,6 +145,7 @@ class RotationSearch {
       float before = kNoCost, last = kNoCost;
       Matrix3d last_rotation = Matrix3d::Identity();
       for (int step = 0; step < steps; ++step) {
+        YieldPoint(static_cast<size_t>(step));
         const auto& [sin, cos] = Sweep()[step];
         const Vector3d d = cos * e1 + sin * e2;
         const Vector3d p = n2.cross(d);
@@ -242,6 +244,7 @@ class RotationSearch {
     std::vector<Eigen::Vector4d> taken;
     std::vector<RotationCandidate> distinct;
     for (const RotationCandidate& candidate : candidates) {
+      YieldPoint();
       if (distinct.size() >= max_count) break;
       const Eigen::Vector4d q = Canonical(candidate.rotation);
       const auto is_near = [&](const Eigen::Vector4d& other) { return std::abs(other.dot(q)) > least_dot; };
@@ -255,7 +258,10 @@ class RotationSearch {
   // Refines the cheapest rotations of all sweeps.
   std::vector<RotationCandidate> RefineBest() const {
     std::vector<RotationCandidate> refined = CheapestDistinct(kept_, kRefinedPerCandidate * options_.max_candidates);
-    for (RotationCandidate& candidate : refined) candidate = RefineRotation(candidate);
+    for (RotationCandidate& candidate : refined) {
+      YieldPoint();
+      candidate = RefineRotation(candidate);
+    }
     return CheapestDistinct(std::move(refined), options_.max_candidates);
   }
 

@@ -5,6 +5,8 @@
 #include <cmath>
 #include <numeric>
 
+#include "core/base/yield_point.h"
+
 namespace evpose {
 namespace {
 
@@ -103,7 +105,8 @@ bool TriangleBvh::IsOccluded(const Eigen::Vector3d& origin, const Eigen::Vector3
   std::array<uint32_t, kMaxDepth> waiting;
   int waiting_count = 0;
   uint32_t current = 0;
-  while (true) {
+  for (size_t visited = 0;; ++visited) {
+    YieldPoint(visited);
     const Node& node = nodes_[current];
     if (MeetsBox(node.box, origin, direction, inverse_direction)) {
       for (uint32_t i = 0; i < node.count; ++i) {

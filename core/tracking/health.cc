@@ -8,6 +8,7 @@
 #include "core/association/competitors.h"
 #include "core/base/check_range.h"
 #include "core/base/status_macros.h"
+#include "core/base/yield_point.h"
 #include "core/numerics/reusable_vector.h"
 
 namespace evpose {
@@ -80,6 +81,7 @@ void TrackHealth::AddWindow(const CameraModel& camera, const WindowInput& input,
     }
   }
   for (size_t k = 0; k < lines.size(); ++k) {
+    YieldPoint(k);
     if (!lines[k].in_view()) continue;
     const double gate_px2 = 2.0 * options_.gate_px * lines[k].length_px;
     const double observed_ratio = input.shares.observations_per_background_event;
@@ -234,6 +236,7 @@ HealthResult TrackHealth::Evaluate(double min_support_ratio, double sure_support
   LineStatistics total;
   double supported_length = 0.0, testable_length = 0.0, present_length = 0.0;
   for (size_t k = 0; k < statistics_.size(); ++k) {
+    YieldPoint(k);
     LineStatistics line = statistics_[k];
     const double length_px = line.length_px;
     total.Add(line);

@@ -5,6 +5,7 @@
 #include <cmath>
 #include <utility>
 
+#include "core/base/yield_point.h"
 #include "core/models/symmetry.h"
 #include "core/numerics/sampling.h"
 
@@ -54,6 +55,7 @@ void Hypotheses::Compare(const EventWindow& window, const Competitors* others) {
       [](const WindowEvent& event) { return event.polarity; }, events);
   for (Entry& entry : entries_) entry.explains.assign(events.size(), 0.0f);
   for (size_t k = 0; k < events.size(); ++k) {
+    YieldPoint(k);
     const std::optional<Observation> event =
         Observe(context_.camera, context_.tables->undistortion, events[k], window.t_mid_us());
     if (!event) continue;
@@ -98,6 +100,7 @@ void Hypotheses::DropEqual() {
   for (size_t i = 0; i < entries_.size(); ++i) {
     const RigidTransform& kept = entries_[i].track->motion().camera_from_object;
     for (size_t j = entries_.size(); --j > i;) {
+      YieldPoint();
       const RigidTransform other =
           NearestEquivalent(entries_[j].track->motion().camera_from_object, context_.model->symmetries, kept);
       if (RotationAngle(kept.rotation, other.rotation) < options.merge_rad &&

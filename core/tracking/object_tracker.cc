@@ -5,6 +5,7 @@
 #include <cmath>
 #include <utility>
 
+#include "core/base/yield_point.h"
 #include "core/models/symmetry.h"
 #include "core/tracking/tracker_options.h"
 
@@ -251,6 +252,7 @@ std::vector<PixelEvent> ObjectTracker::CollectEvents() {
     const EventWindow window = memory_.At(i);
     const Competitors* others = OthersAt(window, nullptr);
     for (size_t k = 0; k < window.events.size(); ++k) {
+      YieldPoint(k);
       if (k + kPrefetchAhead < window.events.size()) {
         const WindowEvent& ahead = window.events[k + kPrefetchAhead];
         context_.tables->undistortion.Prefetch(ahead.x, ahead.y);

@@ -7,6 +7,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "core/base/status_macros.h"
+#include "core/base/yield_point.h"
 #include "core/detection/plane_detector.h"
 #include "core/initialization/initializer.h"
 #include "core/tracking/object_tracker.h"
@@ -56,7 +57,10 @@ class WindowTracker : public Tracker {
   static void VisitState(auto& archive, auto& self) {
     auto& [windower, objects] = self;
     archive(windower);
-    for (const auto& object : objects) archive(*object);
+    for (const auto& object : objects) {
+      YieldPoint();
+      archive(*object);
+    }
   }
 
   void OnWindow(const EventWindow& window, std::vector<PoseEstimate>& estimates) {

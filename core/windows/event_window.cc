@@ -7,6 +7,7 @@
 #include "absl/strings/str_cat.h"
 #include "core/base/check_range.h"
 #include "core/base/status_macros.h"
+#include "core/base/yield_point.h"
 #include "core/numerics/prefetch.h"
 #include "core/numerics/sampling.h"
 #include "core/windows/window_event_state.h"
@@ -134,6 +135,7 @@ void EventWindower::Open(int64_t t_begin_us) {
 }
 
 size_t EventWindower::AddBatch(absl::Span<const Event> events) {
+  YieldPoint();
   events = events.first(std::min(events.size(), kBatch));
   std::array<uint8_t, kBatch> marks;
   MarkHashSample(stream_index_, sample_masks_, absl::MakeSpan(marks).first(events.size()));

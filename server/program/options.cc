@@ -139,6 +139,8 @@ void DefineLimits(CLI::App& app, Arguments& arguments) {
                  "bytes of memory for the preparation of one model");
   app.add_option("--max-chunk-bytes", options.max_chunk_bytes, "bytes of one chunk of events");
   app.add_option("--credit-bytes", options.credit_bytes, "bytes of events that may wait per session");
+  app.add_option("--max-session-cpu", options.max_session_cpu,
+                 "processor seconds per second of one session; 0: no limit; a session at the limit waits");
   app.add_option("--attach-timeout", arguments.attach_timeout_s,
                  "seconds within which a new stream must attach, and an upload must send its next message");
   app.add_option("--stream-idle-timeout", arguments.stream_idle_timeout_s,
@@ -161,6 +163,8 @@ void DefineLimits(CLI::App& app, Arguments& arguments) {
                  "bytes of events per second; the server reads faster streams more slowly; default: 0");
   app.add_option("--tenant-max-health-per-s", options.tenant.max_health_per_s,
                  "messages per second to readers of health; the server sends more of them less often; 0: no limit");
+  app.add_option("--tenant-max-cpu", options.tenant.max_cpu,
+                 "processor seconds per second of all sessions of the tenant; without it tenants share the workers equally");
 }
 
 void DefineArguments(CLI::App& app, Arguments& arguments) {

@@ -66,6 +66,8 @@ TEST(ProgramTest, ReportsWrongUsage) {
       {{"--operator"}, "--new-token"},
       {{"--max-sessions", "0"}, "--max-sessions: is 0;"},
       {{"--max-session-memory", "1000"}, "--max-session-memory: is 1000;"},
+      {{"--max-session-cpu", "-1"}, "--max-session-cpu: is -1; 0 (no limit), or 0.01 to 1024"},
+      {{"--tenant-max-cpu", "nan"}, "--tenant-max-cpu: is nan; 0 (no limit), or 0.01 to 1024"},
       {{"--shutdown-timeout", "-1"}, "--shutdown-timeout: must not be negative"},
       {{"--shutdown-notice", "-0.1"}, "--shutdown-notice: must not be negative"},
       {{"--shutdown-notice", "nan"}, "--shutdown-notice: is inf; at most a year, 31536000 s"},

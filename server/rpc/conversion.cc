@@ -293,6 +293,10 @@ v1::SessionHealth ToProto(const SessionHealth& health, const SessionConfig& conf
     out.set_real_time_ratio(static_cast<double>(health.processing_us) / static_cast<double>(health.sensor_time_us));
   }
   *out.mutable_queue_age() = ToProto(absl::Microseconds(health.queue_age_us));
+  v1::ProcessingHealth& processing = *out.mutable_processing();
+  processing.set_cpu_s_per_s(health.processing.cpu_per_s);
+  processing.set_max_cpu_s_per_s(health.processing.max_cpu_per_s);
+  processing.set_falls_behind(health.processing.is_behind);
   out.set_skipped_events(health.skipped_events);
   out.set_skipped_us(health.skipped_us);
   if (health.poses > 0) {
@@ -332,6 +336,11 @@ v1::TrackResponse::Notice ToProto(const SessionNotice& notice, const SessionConf
     v1::TrackResponse::TrackingRestarted& added = *out.mutable_tracking_restarted();
     added.set_after_seq(restarted->after_seq);
     added.set_detail(restarted->detail);
+  }
+  if (const auto* change = std::get_if<LagChange>(&notice.what)) {
+    v1::TrackResponse::LagChange& added = *out.mutable_lag_change();
+    added.set_falls_behind(change->is_behind);
+    *added.mutable_lag() = ToProto(absl::Microseconds(change->lag_us));
   }
   if (const auto* change = std::get_if<StateChange>(&notice.what)) {
     v1::TrackResponse::StateChange& added = *out.mutable_state_change();

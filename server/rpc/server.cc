@@ -10,6 +10,7 @@
 
 #include <algorithm>
 #include <atomic>
+#include <chrono>
 #include <mutex>
 #include <thread>
 #include <utility>
@@ -200,6 +201,11 @@ TenantQuotas::Options QuotaOptions(const ServerOptions& options, std::shared_ptr
           .metrics = std::move(metrics)};
 }
 
+FairScheduler::Options SchedulerOptions(const ServerOptions& options, const std::shared_ptr<ServerMetrics>& metrics) {
+  return {.limits = {.session = options.max_session_cpu, .tenant = options.tenant.max_cpu.value_or(0.0)},
+          .on_turn = [metrics](std::chrono::nanoseconds cpu) { metrics->turn_time.Add(cpu); }};
+}
+
 class ServerImpl : public Server, public Drainer {
  public:
   ServerImpl(const ServerOptions& options, TrackerFactory make_tracker, Access access, std::unique_ptr<Store> store,
@@ -207,7 +213,7 @@ class ServerImpl : public Server, public Drainer {
       : metrics_(std::move(metrics)),
         access_(std::move(access)),
         num_workers_(NumWorkers(options)),
-        pool_(num_workers_, options.slow_threads),
+        pool_(num_workers_, options.slow_threads, SchedulerOptions(options, metrics_)),
         store_(std::move(store)),
         models_(std::move(models)),
         sessions_(ManagerOptions(options, std::move(make_tracker), *store_, metrics_), *store_, *models_, pool_),
@@ -400,7 +406,7 @@ class ServerImpl : public Server, public Drainer {
   const std::shared_ptr<ServerMetrics> metrics_;
   const Access access_;
   const int num_workers_;
-  WorkerPool pool_;  // outlives the store, whose last callback may post to the strand of a session
+  WorkerPool pool_;  // outlives the store, whose last callback may post to the turns of a session
   const std::unique_ptr<Store> store_;
   const std::unique_ptr<ModelRegistry> models_;
   SessionManager sessions_;
@@ -468,6 +474,13 @@ absl::Status ServerOptions::Validate() const {
   }
   if (max_uploads == 0) return InvalidField("max_uploads", "is 0; at least 1");
   if (upload_timeout <= absl::ZeroDuration()) return InvalidField("upload_timeout", "must be positive");
+  const auto check_cpu = [](const char* field, double limit) {
+    constexpr double kLeast = 0.01, kMost = 1024.0;  // a session with less would not process a chunk in minutes
+    if (limit == 0.0 || (limit >= kLeast && limit <= kMost)) return absl::OkStatus();
+    return InvalidField(field, absl::StrCat("is ", limit, "; 0 (no limit), or ", kLeast, " to ", kMost));
+  };
+  EVPOSE_RETURN_IF_ERROR(check_cpu("max_session_cpu", max_session_cpu));
+  EVPOSE_RETURN_IF_ERROR(check_cpu("tenant.max_cpu", tenant.max_cpu.value_or(0.0)));
   if (max_sessions == 0) return InvalidField("max_sessions", "is 0; at least 1");
   if (max_session_memory < kMinSessionMemory) {
     return InvalidField("max_session_memory", absl::StrCat("is ", max_session_memory, "; at least ", kMinSessionMemory,

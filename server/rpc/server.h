@@ -51,6 +51,9 @@ struct ServerOptions {
   StoreOptions store;
   // Number of threads that decode and track, shared by all sessions; 0: one per core.
   int worker_threads = 0;
+  // Maximum processor seconds per second of a session, averaged over about 0.1 s; 0: no limit. A session at its limit
+  // waits, and then its client. One thread at a time processes a session, so that it never uses more than 1.
+  double max_session_cpu = 1.0;
   // Maximum number of sessions, including ended ones until they are deleted or expire.
   uint32_t max_sessions = 64;
   // Maximum memory of all sessions together, bytes: each is charged with the most that it may take
@@ -106,6 +109,9 @@ struct ServerOptions {
     // Messages of all WatchHealth streams of the tenant together, per second; periods are prolonged beyond it.
     // Enough for 1000 readers with the default period; 0: no limit.
     uint32_t max_health_per_s = 1000;
+    // Processor seconds per second of all sessions of the tenant together. Without it, tenants share the workers
+    // equally while several of them have work.
+    std::optional<double> max_cpu;
   } tenant;
   // Time within which a Track stream must attach, and within which the next message of an upload must arrive.
   absl::Duration attach_timeout = absl::Seconds(30);

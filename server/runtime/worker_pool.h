@@ -1,47 +1,50 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// The threads that decode and track for all sessions, threads for slow work, and one for low-priority work.
+// The threads that decode and track for all sessions (server/scheduling), threads for slow work, one for timers, and one
+// for low-priority work.
 #pragma once
 
 #include <boost/asio/any_io_executor.hpp>
 #include <boost/asio/post.hpp>
 #include <boost/asio/steady_timer.hpp>
-#include <boost/asio/strand.hpp>
 #include <boost/asio/thread_pool.hpp>
 #include <memory>
+#include <string>
 #include <utility>
 
 #include "absl/time/time.h"
 #include "server/runtime/slow_executor.h"
+#include "server/scheduling/fair_scheduler.h"
 
 namespace evpose::server {
 
-// Runs its tasks in order and never two at a time. Between two tasks of a strand, tasks of other strands may run.
-using Strand = boost::asio::strand<boost::asio::any_io_executor>;
-
 using PoolTimer = boost::asio::steady_timer;
 
-// Must outlive the sessions and their store: a session's strand and timers belong to the pool, and the store's thread
+// Must outlive the sessions and their store: a session's turns and timers belong to the pool, and the store's thread
 // may hold the last reference to a session.
 class WorkerPool {
  public:
   // The executors that run the posted work.
   struct Executors {
-    boost::asio::any_io_executor work;          // PostAfter() and strands
+    boost::asio::any_io_executor work;          // PostAfter() and the turns of sessions
     boost::asio::any_io_executor slow;          // slow() and preparations()
     boost::asio::any_io_executor low_priority;  // PostLowPriority()
   };
 
   // `slow_threads`: number of threads for each of slow() and preparations(). With two, another tenant's item is delayed
   // only while two other tenants have a running one.
-  explicit WorkerPool(int num_threads, int slow_threads = 2)
-      : threads_(std::make_unique<Threads>(num_threads, 2 * slow_threads)),
+  explicit WorkerPool(int num_workers, int slow_threads = 2, FairScheduler::Options options = {})
+      : threads_(std::make_unique<Threads>(2 * slow_threads)),
         on_(threads_->executors()),
         slow_(on_.slow, slow_threads),
-        preparations_(on_.slow, slow_threads) {}
+        preparations_(on_.slow, slow_threads),
+        scheduler_(num_workers, std::move(options)) {}
   // Uses the caller's executors. The caller keeps them running until all work posted here has finished.
-  explicit WorkerPool(Executors executors)
-      : on_(std::move(executors)), slow_(on_.slow, 1), preparations_(on_.slow, 1) {}
+  explicit WorkerPool(Executors executors, FairScheduler::Options options = {})
+      : on_(std::move(executors)),
+        slow_(on_.slow, 1),
+        preparations_(on_.slow, 1),
+        scheduler_(on_.work, std::move(options)) {}
   // Work that has not started is discarded.
   ~WorkerPool() {
     if (threads_ != nullptr) threads_->Stop();
@@ -66,40 +69,40 @@ class WorkerPool {
   void PostLowPriority(Work&& work) {
     boost::asio::post(on_.low_priority, std::forward<Work>(work));
   }
-  Strand MakeStrand() { return Strand(on_.work); }
+  std::shared_ptr<SessionTurns> AddSession(const std::string& tenant) { return scheduler_.AddSession(tenant); }
 
   // Returns when all work posted to the pool's own threads has finished. Nothing may be posted afterwards. Does nothing
   // with the caller's executors.
   void Join() {
-    if (threads_ != nullptr) threads_->Join();
+    if (threads_ == nullptr) return;
+    threads_->slow.join();
+    threads_->timers.join();
+    scheduler_.Join();
+    threads_->low_priority.join();
   }
 
  private:
   struct Threads {
-    Threads(int num_threads, int num_slow)
-        : work(static_cast<size_t>(num_threads)), slow(static_cast<size_t>(num_slow)), low_priority(1) {}
-    Executors executors() { return {work.get_executor(), slow.get_executor(), low_priority.get_executor()}; }
-    void Join() {
-      slow.join();
-      work.join();
-      low_priority.join();
-    }
+    explicit Threads(int num_slow) : slow(static_cast<size_t>(num_slow)) {}
+    Executors executors() { return {timers.get_executor(), slow.get_executor(), low_priority.get_executor()}; }
+    // A step that still runs may post work; it is dropped.
     void Stop() {
-      work.stop();
-      slow.stop();
-      work.join();
-      slow.join();
+      for (boost::asio::thread_pool* pool : {&timers, &slow, &low_priority}) {
+        pool->stop();
+        pool->join();
+      }
     }
 
-    boost::asio::thread_pool work;
+    boost::asio::thread_pool timers{1};
     boost::asio::thread_pool slow;
-    boost::asio::thread_pool low_priority;
+    boost::asio::thread_pool low_priority{1};
   };
 
   const std::unique_ptr<Threads> threads_;  // null: the caller's executors are used
   const Executors on_;
   SlowExecutor slow_;
   SlowExecutor preparations_;
+  FairScheduler scheduler_;  // is destroyed before the executors, to which its steps post
 };
 
 }  // namespace evpose::server

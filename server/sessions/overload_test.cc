@@ -136,10 +136,12 @@ class LiveTest : public testing::Test {
       if (next_ms_ >= end_ms_) return;
       // On the pool's one thread, where tracking passes time, too: never both at once.
       std::binary_semaphore has_passed(0);
-      boost::asio::post(pool_.MakeStrand(), [&] {
-        PassTime(1000 * (next_ms_ + 1));
-        has_passed.release();
-      });
+      pool_.AddSession("")->Post(
+          [&] {
+            PassTime(1000 * (next_ms_ + 1));
+            has_passed.release();
+          },
+          SteadyTime());
       has_passed.acquire();
     }
   }
@@ -178,6 +180,7 @@ class LiveTest : public testing::Test {
       EXPECT_GE(notice.after_pose_seq, notice_at_);
       notice_at_ = notice.after_pose_seq;
       if (const auto* what = std::get_if<EventsDropped>(&notice.what)) dropped.push_back(*what);
+      if (const auto* what = std::get_if<LagChange>(&notice.what)) falls_behind_.push_back(what->is_behind);
     }
     return dropped;
   }
@@ -197,6 +200,7 @@ class LiveTest : public testing::Test {
   uint64_t max_waiting_bytes_ = 0;
   int num_stalls_ = 0;
   uint64_t notice_at_ = 0;
+  std::vector<bool> falls_behind_;  // of the notices that Dropped() has taken
 };
 
 TEST_F(LiveTest, AFastTrackerSkipsNothing) {
@@ -207,6 +211,7 @@ TEST_F(LiveTest, AFastTrackerSkipsNothing) {
   EXPECT_EQ(health.skipped_us, 0);
   EXPECT_EQ(health.poses, 500u);
   EXPECT_TRUE(Dropped().empty());
+  EXPECT_TRUE(falls_behind_.empty());
 }
 
 TEST_F(LiveTest, ASlowTrackerDropsEventsAndItsPosesHaveALowLatency) {
@@ -257,16 +262,20 @@ TEST_F(LiveTest, BlockTracksEverythingAndStopsTheSender) {
   EXPECT_EQ(health.poses, 2000u);
   EXPECT_TRUE(Dropped().empty());
   EXPECT_GT(num_stalls_, 0) << "a client that keeps to its credit waits";
+  EXPECT_THAT(falls_behind_, ElementsAre(true, false));
+  EXPECT_EQ(metrics_->falls_behind.value(), 1u);
 }
 
 TEST_F(LiveTest, BytesBeyondTheCreditAreDroppedWhateverTheirAge) {
   Start(LatestConfig(), 0);
   // The worker is blocked and the clock does not advance.
   std::binary_semaphore go(0), stopped(0);
-  boost::asio::post(pool_.MakeStrand(), [&] {
-    stopped.release();
-    go.acquire();
-  });
+  pool_.AddSession("")->Post(
+      [&] {
+        stopped.release();
+        go.acquire();
+      },
+      SteadyTime());
   stopped.acquire();
   uint64_t seq = 0, bytes = 0;
   const std::string payload = Flat64(SomeEvents(0, 100));
@@ -317,17 +326,25 @@ TEST_F(LiveTest, TheLastGapIsReportedBeforeTheEnd) {
   EXPECT_EQ(dropped[0].to_t_us, health.t_us);
 }
 
-// Eight sessions with full queues and one with a single slice, on one thread.
-TEST(WorkerFairnessTest, ALightSessionWaitsForOneSliceOfEachBusyOne) {
+// Eight replays with full queues and one live camera, on one thread.
+TEST(WorkerFairnessTest, ACameraComesBeforeReplaysAndTheyShareTheRest) {
   constexpr int kBusy = 8;
+  constexpr size_t kChunks = 100;
   std::vector<int> slices;  // the session of each slice, in their order
+  std::function<void()> on_slice = [] {};
   std::vector<std::unique_ptr<Load>> loads;
-  WorkerPool pool(1);  // outlives the store: its thread may release the last reference to a session
+  // The processor time of a slice is that of a turn.
+  std::atomic<int64_t> cpu_ms = 0;
+  WorkerPool pool(1, {.cpu_now = [&] { return std::chrono::milliseconds(cpu_ms.load()); }});  // outlives the store
   const std::unique_ptr<Store> store = MakeMemoryStore();
   std::vector<std::shared_ptr<Session>> sessions;
   const auto add_session = [&](int index) {
     Load& load = *loads.emplace_back(std::make_unique<Load>());
-    load.pass_time = [&slices, index](int64_t) { slices.push_back(index); };
+    load.pass_time = [&, index](int64_t) {
+      ++cpu_ms;
+      slices.push_back(index);
+      on_slice();
+    };
     Session::Parts parts;
     parts.name = "sessions/" + std::to_string(index);
     parts.config = SomeConfig();
@@ -343,28 +360,40 @@ TEST(WorkerFairnessTest, ALightSessionWaitsForOneSliceOfEachBusyOne) {
     sessions.push_back(Session::Start(std::move(parts), pool));
     return sessions.back()->Attach("first", 0, {}).value().stream;
   };
-  std::binary_semaphore go(0);
-  boost::asio::post(pool.MakeStrand(), [&go] { go.acquire(); });
   // 16 KiB, one millisecond: one slice, and one call of the tracker.
   const std::string slice = Flat64(std::vector<Event>(2048, {500, 9, 9, 1}));
+  std::binary_semaphore go(0);
+  pool.AddSession("")->Post([&go] { go.acquire(); }, SteadyTime());
   for (int i = 0; i < kBusy; ++i) {
     const uint64_t stream = add_session(i);
-    for (uint64_t seq = 1; seq <= 50; ++seq) {
+    for (uint64_t seq = 1; seq <= kChunks; ++seq) {
       ASSERT_TRUE(sessions[i]->PushEvents(stream, {.seq = seq, .payload = slice}).ok());
     }
   }
-  const uint64_t stream = add_session(kBusy);
-  ASSERT_TRUE(sessions[kBusy]->PushEvents(stream, {.seq = 1, .payload = slice}).ok());
+  // A chunk of the camera arrives in every 7th slice after those in which the replays showed that they are replays.
+  constexpr size_t kBegin = 100;
+  const uint64_t camera = add_session(kBusy);
+  uint64_t camera_seq = 0;
+  on_slice = [&] {
+    if (slices.size() < kBegin || slices.size() % 7 != 0 || slices.size() > 700 || slices.back() == kBusy) return;
+    ASSERT_TRUE(sessions[kBusy]->PushEvents(camera, {.seq = ++camera_seq, .payload = slice}).ok());
+  };
   go.release();
   pool.Join();
-  ASSERT_EQ(slices.size(), 50u * kBusy + 1);
-  const auto served = std::find(slices.begin(), slices.end(), kBusy) - slices.begin();
-  EXPECT_LE(served, kBusy);
-  for (int round = 1; round < 50; ++round) {
-    const auto begin = slices.begin() + ptrdiff_t{kBusy} * round + 1;
+  ASSERT_EQ(slices.size(), kChunks * kBusy + camera_seq);
+  ASSERT_GT(camera_seq, 50u);
+  std::vector<int> replays;
+  for (size_t i = kBegin; i < slices.size(); ++i) {
+    if (slices[i] != kBusy) replays.push_back(slices[i]);
+    if (i % 7 == 0 && i <= 700 && slices[i - 1] != kBusy) {
+      EXPECT_EQ(slices[i], kBusy) << "slice " << i;
+    }
+  }
+  for (size_t round = 0; round + 1 < 60; ++round) {
+    const auto begin = replays.begin() + ptrdiff_t{kBusy} * static_cast<ptrdiff_t>(round);
     std::vector<int> turn(begin, begin + kBusy);
     std::sort(turn.begin(), turn.end());
-    EXPECT_THAT(turn, ElementsAre(0, 1, 2, 3, 4, 5, 6, 7)) << "each session runs once in round " << round;
+    EXPECT_THAT(turn, ElementsAre(0, 1, 2, 3, 4, 5, 6, 7)) << "each replay runs once in round " << round;
   }
 }
 

@@ -7,6 +7,7 @@
 #include "absl/cleanup/cleanup.h"
 #include "absl/strings/str_cat.h"
 #include "core/base/status_macros.h"
+#include "core/base/yield_point.h"
 #include "server/runtime/client_text.h"
 #include "server/runtime/errors.h"
 #include "server/runtime/out_of_memory.h"
@@ -36,7 +37,7 @@ StreamGate::Options GateOptions(const SessionConfig& config, const SessionLimits
 
 Session::Session(Parts parts, WorkerPool& pool)
     : memory_charge_(std::move(parts.memory_charge)),
-      log_(std::make_shared<SessionLog>(std::move(parts.name), std::move(parts.tenant))),
+      log_(std::make_shared<SessionLog>(std::move(parts.name), parts.tenant)),
       config_(std::move(parts.config)),
       limits_(parts.limits),
       create_time_(parts.create_time),
@@ -46,7 +47,7 @@ Session::Session(Parts parts, WorkerPool& pool)
                                                     limits_.backoff, metrics_)),
       watchers_(std::make_shared<Watchers>(pool)),
       pose_log_(limits_.pose_log_capacity, FirstPoseSeq(parts.beginning)),
-      strand_(pool.MakeStrand()),
+      turns_(pool.AddSession(parts.tenant)),
       worker_(config_, {clocks_.steady, metrics_, log_}, std::move(parts.pipeline), parts.beginning.checkpoint.health),
       gate_(GateOptions(config_, limits_, log_),
             GateStart(parts.beginning, std::move(parts.resume_token), clocks_.wall())),
@@ -103,6 +104,8 @@ SessionSnapshot Session::Snapshot() const {
   if (!gate_.is_attached()) snapshot.expire_time = *gate_.detached_at() + limits_.expiry;
   snapshot.health = report_.HealthWithLatencies();
   snapshot.health.queue_age_us = QueueAgeUs();
+  const SessionTurns::Use use = turns_->use();
+  snapshot.health.processing = {use.cpu_per_s, use.limit, pace_.is_behind()};
   return snapshot;
 }
 
@@ -129,6 +132,15 @@ int64_t Session::MicrosecondsSince(SteadyTime begin) const {
 int64_t Session::QueueAgeUs() const {
   const std::optional<SteadyTime> oldest = queue_.oldest_received_at();
   return oldest.has_value() ? MicrosecondsSince(*oldest) : 0;
+}
+
+std::optional<LagChange> Session::UpdatePace(int64_t sensor_time_us) {
+  const std::optional<bool> change = pace_.Update(clocks_.steady(), queue_.oldest_received_at(), sensor_time_us);
+  if (!change.has_value()) return std::nullopt;
+  const LagChange lag{*change, QueueAgeUs()};
+  if (gate_.is_attached() && !gate_.has_ended()) report_.AddLagChange(lag);
+  if (lag.is_behind) metrics_->falls_behind.Add();
+  return lag;
 }
 
 void Session::NotifyListeners(const std::shared_ptr<SessionListener>& stream_listener) {
@@ -316,7 +328,7 @@ CheckpointPolicy::Counters Session::MakeCounters() const {
 void Session::Schedule() {
   if (is_scheduled_ || !IsRunnable()) return;
   is_scheduled_ = true;
-  boost::asio::post(strand_, [self = shared_from_this()] { self->Run(); });
+  turns_->Post([self = shared_from_this()] { self->Run(); }, queue_.oldest_received_at().value_or(clocks_.steady()));
 }
 
 void Session::Run() {
@@ -357,6 +369,7 @@ uint64_t Session::FirstPoseSeqToKeep() const {
 void Session::Publish(const WorkResult& result) {
   std::shared_ptr<SessionListener> stream_listener;
   std::unique_ptr<SessionPipeline> ended_pipeline;  // destroyed without the lock: that frees much memory
+  std::optional<LagChange> lag;
   const bool has_ended = result.finished.has_value() && result.finished->is_end;
   {
     const std::lock_guard lock(mutex_);
@@ -368,10 +381,12 @@ void Session::Publish(const WorkResult& result) {
       gate_.OnProcessed(result.finished->stream, result.finished->bytes);
       if (has_ended) gate_.OnEndProcessed();
     }
+    lag = UpdatePace(result.sensor_time_us);
     is_scheduled_ = false;
     Schedule();
     stream_listener = stream_listener_.lock();
   }
+  if (lag.has_value()) log_->PaceChanged(lag->is_behind, lag->lag_us);
   NotifyListeners(stream_listener);
 }
 
@@ -389,6 +404,7 @@ bool Session::WriteDueCheckpoint() {
 
 void Session::WriteCheckpoint() {
   const auto begin = std::chrono::steady_clock::now();
+  const auto paused_before = PausedTime();
   SessionCommit out;
   SessionCheckpoint state;
   bool is_whole = false;  // between two items; otherwise only the poses are written
@@ -412,7 +428,9 @@ void Session::WriteCheckpoint() {
     out.checkpoint = EncodeCheckpoint(state);
   }
   const int64_t cost_us =
-      std::chrono::duration_cast<std::chrono::microseconds>(std::chrono::steady_clock::now() - begin).count();
+      std::chrono::duration_cast<std::chrono::microseconds>(std::chrono::steady_clock::now() - begin -
+                                                            (PausedTime() - paused_before))
+          .count();
   {
     const std::lock_guard lock(mutex_);
     checkpoints_.RecordPoses(std::max(after_pose_seq, pose_log_.last_pose_seq()));

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// One session: the composition of its parts (README.md), their lock and their strand.
+// One session: the composition of its parts (README.md), their lock and their turns.
 #pragma once
 
 #include <chrono>
@@ -20,6 +20,7 @@
 #include "absl/strings/string_view.h"
 #include "absl/time/time.h"
 #include "server/runtime/worker_pool.h"
+#include "server/scheduling/pace_monitor.h"
 #include "server/sessions/durability/checkpoint_policy.h"
 #include "server/sessions/durability/session_committer.h"
 #include "server/sessions/session_limits.h"
@@ -121,7 +122,7 @@ class Session : public WatchedSession, public std::enable_shared_from_this<Sessi
       ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   bool IsRunnable() const ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   bool HasWork() const ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
-  // Posts Run to the strand when there is something to do. To be called after each change that IsRunnable depends on.
+  // Posts Run as the next step when there is something to do. To be called after each change that IsRunnable depends on.
   void Schedule() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   SessionAck MakeAck() const ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   Backlog MakeBacklog() const ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
@@ -129,6 +130,8 @@ class Session : public WatchedSession, public std::enable_shared_from_this<Sessi
   uint64_t FirstPoseSeqToKeep() const ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   int64_t QueueAgeUs() const ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   int64_t MicrosecondsSince(SteadyTime begin) const;
+  // The change, if the session has begun or ceased to fall behind its camera.
+  std::optional<LagChange> UpdatePace(int64_t sensor_time_us) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
 
   // Without the lock.
   void NotifyListeners(const std::shared_ptr<SessionListener>& stream_listener);  // may be null
@@ -136,7 +139,7 @@ class Session : public WatchedSession, public std::enable_shared_from_this<Sessi
   void OnCommitProgress();
   void AnswerTokenRequests();
 
-  // On the strand only.
+  // In the session's turns only.
   void Run();
   void EndOutOfMemory(const absl::Status& status);
   bool WriteDueCheckpoint();
@@ -155,13 +158,14 @@ class Session : public WatchedSession, public std::enable_shared_from_this<Sessi
   const std::shared_ptr<SessionCommitter> committer_;
   const std::shared_ptr<Watchers> watchers_;
   PoseLog pose_log_;
-  Strand strand_;
-  SessionWorker worker_;  // of the strand
+  const std::shared_ptr<SessionTurns> turns_;
+  SessionWorker worker_;  // used in the turns
 
   mutable std::mutex mutex_;
   StreamGate gate_ ABSL_GUARDED_BY(mutex_);
   WorkQueue queue_ ABSL_GUARDED_BY(mutex_);
   SessionReport report_ ABSL_GUARDED_BY(mutex_);
+  PaceMonitor pace_ ABSL_GUARDED_BY(mutex_);
   CheckpointPolicy checkpoints_ ABSL_GUARDED_BY(mutex_);
   TokenRequests token_requests_ ABSL_GUARDED_BY(mutex_);
   std::weak_ptr<SessionListener> stream_listener_ ABSL_GUARDED_BY(mutex_);

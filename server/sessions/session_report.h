@@ -30,6 +30,7 @@ class SessionReport {
 
   void AddReceived(uint64_t bytes) { health_.received_bytes += bytes; }
   void AddReattach() { ++health_.reattaches; }
+  void AddLagChange(const LagChange& change) { notices_.push_back({health_.poses, change}); }
 
   // Adds the result of a slice, and counts the difference to the previous state in `metrics`. Notices are kept only for
   // an attached stream.

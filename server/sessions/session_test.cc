@@ -4,6 +4,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <chrono>
 #include <semaphore>
 
 #include "core/numerics/hash.h"
@@ -47,10 +48,10 @@ class SessionTest : public testing::Test {
   void WaitUntilIdle(uint64_t stream) {
     listener_->WaitUntil([&] { return session_->View(stream).is_idle; });
   }
-  // Returns when all work posted before is done: the pool has one thread.
+  // Returns when all work posted before is done: the pool has one thread, and what was received first comes first.
   void PassThroughPool() {
     std::binary_semaphore done(0);
-    boost::asio::post(pool_.MakeStrand(), [&done] { done.release(); });
+    pool_.AddSession("")->Post([&done] { done.release(); }, std::chrono::steady_clock::now());
     done.acquire();
   }
 

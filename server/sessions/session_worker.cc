@@ -10,9 +10,12 @@
 namespace evpose::server {
 namespace {
 
-// The slice after which other sessions and the readers have their turn: at most about 6 MB of decoded events, whatever
-// the encoding.
-constexpr size_t kSliceBytes = size_t{16} * 1024;
+// The slice after which the readers are notified and the session may stop: at most about 6 MB of decoded events,
+// whatever the encoding. Slices of an expensive session are shorter: it would take seconds for so many bytes.
+constexpr size_t kMaxSliceBytes = size_t{16} * 1024;
+constexpr size_t kMinSliceBytes = 256;
+constexpr std::chrono::milliseconds kLongSlice{5};
+constexpr std::chrono::milliseconds kShortSlice{2};
 
 bool HasPose(TrackState state) { return state == TrackState::kTracking || state == TrackState::kDegraded; }
 
@@ -27,6 +30,7 @@ SessionWorker::SessionWorker(const SessionConfig& config, Options options, std::
     : config_(config),
       options_(std::move(options)),
       pipeline_(std::move(pipeline)),
+      slice_bytes_(kMaxSliceBytes),
       next_pose_seq_(health.poses + 1),
       overload_(config),
       processing_time_(std::chrono::microseconds(health.processing_us)),
@@ -37,7 +41,7 @@ SessionWorker::SessionWorker(const SessionConfig& config, Options options, std::
     if (pipeline_ != nullptr) earlier_losses_[i] = health.objects[i].losses - pipeline_->tracker().losses(i);
   }
   if (pipeline_ == nullptr) return;
-  pipeline_->Measure({options_.metrics, options_.now});
+  pipeline_->Measure({options_.metrics, [this] { return WorkTime(); }});
   pipeline_->SetPhaseListener([this](const PhaseTransition& transition) { OnPhaseTransition(transition); });
 }
 
@@ -48,16 +52,23 @@ void SessionWorker::Start(WorkItem item) {
 
 WorkResult SessionWorker::Work(const Backlog& backlog) {
   must_drop_ = is_events() && overload_.MustSkip(backlog);
-  const SteadyTime begin = options_.now();
+  const SteadyTime begin = WorkTime();
   output_.clear();
   const bool item_is_finished = WorkOnItem();
-  const auto duration = options_.now() - begin;
+  const auto duration = WorkTime() - begin;
+  AdaptSlice(duration);
   processing_time_ += duration;
   options_.metrics->processing_ns.Add(static_cast<uint64_t>(std::chrono::nanoseconds(duration).count()));
   WorkResult result = MakeResult(item_is_finished);
   ReportStateChanges();
   if (item_is_finished && item_->is_end()) options_.log->Ended(result.last_pose_seq());
   return result;
+}
+
+// No pose depends on the division of the bytes into slices.
+void SessionWorker::AdaptSlice(std::chrono::steady_clock::duration duration) {
+  if (duration > kLongSlice) slice_bytes_ = std::max(kMinSliceBytes, slice_bytes_ / 2);
+  if (duration < kShortSlice) slice_bytes_ = std::min(kMaxSliceBytes, 2 * slice_bytes_);
 }
 
 bool SessionWorker::WorkOnItem() {
@@ -76,7 +87,7 @@ bool SessionWorker::WorkOnEvents(const EventChunk& chunk) {
     counts_before_item_ = pipeline_->counts();
     if (chunk.discontinuity) pipeline_->ResetAfterLoss();
   }
-  const absl::Span<const uint8_t> slice = PayloadOf(chunk).subspan(item_offset_, kSliceBytes);
+  const absl::Span<const uint8_t> slice = PayloadOf(chunk).subspan(item_offset_, slice_bytes_);
   DropOrTrack(slice);
   item_offset_ += slice.size();
   return item_offset_ == chunk.payload.size();

@@ -12,6 +12,7 @@
 #include <vector>
 
 #include "absl/types/span.h"
+#include "core/base/yield_point.h"
 #include "core/windows/event_window.h"
 #include "server/sessions/session_pipeline.h"
 #include "server/sessions/stream/work_queue.h"
@@ -50,7 +51,7 @@ struct WorkResult {
   uint64_t last_pose_seq() const { return poses_before + poses.size(); }
 };
 
-// Not thread-safe: belongs to the strand of its session. Results do not depend on the clock, except with kLatest, where
+// Not thread-safe: belongs to the turns of its session. Results do not depend on the clock, except with kLatest, where
 // the caller decides from the backlog which slices are dropped.
 class SessionWorker {
  public:
@@ -79,6 +80,9 @@ class SessionWorker {
   std::unique_ptr<SessionPipeline> ReleasePipeline() { return std::move(pipeline_); }
 
  private:
+  // Excludes the time for which the work is paused; for durations of processing.
+  SteadyTime WorkTime() const { return options_.now() - PausedTime(); }
+  void AdaptSlice(std::chrono::steady_clock::duration duration);
   bool WorkOnItem();
   bool WorkOnEvents(const EventChunk& chunk);
   void DropOrTrack(absl::Span<const uint8_t> slice);
@@ -94,6 +98,7 @@ class SessionWorker {
   PipelineOutput output_;  // of the slice
   std::optional<WorkItem> item_;
   size_t item_offset_ = 0;
+  size_t slice_bytes_;  // of the next slice, at most
   DecodeCounts counts_before_item_;
   uint64_t next_pose_seq_ = 1;
   OverloadGate overload_;

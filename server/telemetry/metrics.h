@@ -111,7 +111,9 @@ struct ServerMetrics {
   OneFor<TrackPhase, kNumTrackPhases, OneFor<TrackPhase, kNumTrackPhases>> track_transitions;  // [from][to]
   OneFor<ObjectPhase, kNumObjectPhases, OneFor<ObjectPhase, kNumObjectPhases>> object_transitions;
   Counter reattaches;
+  Counter falls_behind;  // times that a session began to fall behind its camera
 
+  DurationHistogram turn_time;            // processor time of a session's turn on a worker
   DurationHistogram pose_latency;         // from a chunk's receipt to each of its poses
   DurationHistogram decode_time;          // of a slice of a chunk
   DurationHistogram track_time;           // of a slice of a chunk, without initialization

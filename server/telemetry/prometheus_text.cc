@@ -203,6 +203,9 @@ void AddTracking(const ServerMetrics& metrics, Families& families) {
       "evpose_track_transitions_total",
       "Changes of the phase of hypotheses, reported or not (core/tracking/README.md, section 3).",
       metrics.track_transitions, TrackPhaseName, families);
+  families.AddHistogram("evpose_turn_seconds",
+                        "Processor time for which a session was processed before another one had its turn.",
+                        metrics.turn_time);
   families.AddHistogram("evpose_pose_latency_seconds", "Time from the receipt of a chunk to each of its poses.",
                         metrics.pose_latency);
   families.AddHistogram("evpose_decode_duration_seconds", "Time to decode a slice of a chunk, at most 16 KiB.",
@@ -224,6 +227,9 @@ void AddTracking(const ServerMetrics& metrics, Families& families) {
       "Sensor time of the processed events, summed over sessions. Events that are processed again count "
       "again.",
       metrics.sensor_time_us, 1e-6);
+  families.AddCounter("evpose_falls_behind_total",
+                      "Number of times that a session began to be processed more slowly than its camera sends.",
+                      metrics.falls_behind);
 }
 
 void AddCalls(const ServerMetrics& metrics, Families& families) {

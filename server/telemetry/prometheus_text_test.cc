@@ -94,6 +94,7 @@ TEST(PrometheusTextTest, EveryCounterHasItsOwnSeries) {
     }
   }
   count(metrics.reattaches, "evpose_reattaches_total");
+  count(metrics.falls_behind, "evpose_falls_behind_total");
   count(metrics.processing_ns, "evpose_processing_seconds_total", 1'000'000'000);
   count(metrics.sensor_time_us, "evpose_sensor_seconds_total", 1'000'000);
   count(metrics.checkpoint_failures[CheckpointFailure::kStoreAway],
@@ -181,6 +182,7 @@ TEST(PrometheusTextTest, HistogramsAreCumulativeAndAddUp) {
 TEST(PrometheusTextTest, EveryHistogramHasItsOwnFamily) {
   ServerMetrics metrics;
   const std::pair<DurationHistogram*, const char*> histograms[] = {
+      {&metrics.turn_time, "evpose_turn_seconds"},
       {&metrics.pose_latency, "evpose_pose_latency_seconds"},
       {&metrics.decode_time, "evpose_decode_duration_seconds"},
       {&metrics.track_time, "evpose_track_duration_seconds"},

@@ -117,6 +117,11 @@ void SessionLog::StreamEnded(const std::string& peer, uint64_t number, const abs
   Write(LogLevel::kInfo, "stream_ended", peer, std::move(more));
 }
 
+void SessionLog::PaceChanged(bool is_behind, int64_t lag_us) const {
+  Write(is_behind ? LogLevel::kWarning : LogLevel::kInfo, is_behind ? "session_falls_behind" : "session_keeps_up", peer(),
+        {{"lag_us", lag_us}});
+}
+
 void SessionLog::Ended(uint64_t poses) const { Write(LogLevel::kInfo, "session_ended", peer(), {{"poses", poses}}); }
 
 void SessionLog::Expired(uint64_t poses) const {

@@ -49,6 +49,8 @@ class SessionLog {
   // The states of the session's streams and input (server/sessions/README.md). At level debug.
   void StateChanged(const std::string& change, const std::string& from, const std::string& to) const;
   void StreamEnded(const std::string& peer, uint64_t number, const absl::Status& status) const;
+  // The session has begun or ceased to fall behind its camera. `lag_us`: waiting time of the oldest unprocessed chunk.
+  void PaceChanged(bool is_behind, int64_t lag_us) const;
   void Ended(uint64_t poses) const;
   void Expired(uint64_t poses) const;
   void Deleted(const std::string& peer, const char* why, uint64_t poses) const;

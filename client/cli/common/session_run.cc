@@ -56,6 +56,14 @@ std::map<std::string, std::string> Identify(const RunArguments& arguments, const
   return identity;
 }
 
+std::string DescribeLag(const LagChange& change) {
+  if (!change.falls_behind) return "the server processes the events in real time again";
+  return absl::StrFormat(
+      "the server processes the events more slowly than real time: the oldest have waited for %.1f s; use a less busy "
+      "server or a model with fewer lines",
+      absl::ToDoubleSeconds(change.lag));
+}
+
 // Requests `stop` if an interrupt has occurred and `is_away` remains set for kGrace after it: the work in progress
 // cannot be finished while the server is unreachable. After a shorter outage it is finished normally. The arguments
 // must outlive the object.
@@ -170,7 +178,10 @@ TrackCallbacks SessionRun::MakeCallbacks() {
     ++num_poses_;
     last_pose_us_ = std::max(last_pose_us_, pose.t_us);
   };
-  callbacks.on_notice = [this](const Notice& notice) { report_.Add(notice); };
+  callbacks.on_notice = [this](const Notice& notice) {
+    report_.Add(notice);
+    if (const auto* change = std::get_if<LagChange>(&notice)) PrintLine(DescribeLag(*change));
+  };
   callbacks.on_progress = [this](const TrackProgress& value) { progress_->Update(value); };
   callbacks.on_connection = [this](const ConnectionChange& change) {
     is_away_ = change.is_away;

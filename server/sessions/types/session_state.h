@@ -26,6 +26,11 @@ struct ObjectHealth {
   float explained_ratio = 0.0f;  // of the latest pose
   InitializationReport initialization;
 };
+struct ProcessingHealth {
+  double cpu_per_s = 0.0;      // processor seconds per second, averaged with a time constant of one second
+  double max_cpu_per_s = 0.0;  // limit of cpu_per_s; 0: none
+  bool is_behind = false;      // as LagChange::is_behind
+};
 struct SessionHealth {
   int64_t t_us = 0;
   uint64_t received_bytes = 0;
@@ -38,6 +43,7 @@ struct SessionHealth {
   int64_t queue_age_us = 0;
   uint64_t skipped_events = 0;  // sum of EventsDropped::num_events, including the gap that is still open
   int64_t skipped_us = 0;       // sensor time of these gaps
+  ProcessingHealth processing;
   int64_t latency_p50_us = 0;
   int64_t latency_p99_us = 0;
   std::vector<ObjectHealth> objects;

@@ -36,9 +36,14 @@ struct TrackingRestarted {
   uint64_t after_seq = 0;  // the last chunk that the previous tracker processed
   std::string detail;      // the reason, for people
 };
+// The session has begun or ceased to be processed more slowly than its camera sends (server/scheduling/pace_monitor.h).
+struct LagChange {
+  bool is_behind = false;
+  int64_t lag_us = 0;  // waiting time of the oldest unprocessed chunk
+};
 struct SessionNotice {
   uint64_t after_pose_seq = 0;  // its place among the poses
-  std::variant<DecodeFault, StateChange, EventsDropped, TrackingRestarted> what;
+  std::variant<DecodeFault, StateChange, EventsDropped, TrackingRestarted, LagChange> what;
 };
 
 struct SessionAck {

@@ -221,11 +221,16 @@ struct TrackingRestarted {
   uint64_t after_seq = 0;  // the last chunk that was tracked before
   std::string detail;      // the reason, for people
 };
+// The server has begun or ceased to process the events more slowly than they were recorded.
+struct LagChange {
+  bool falls_behind = false;
+  absl::Duration lag;  // waiting time of the oldest unprocessed events
+};
 // Reported by this library: the server no longer stored these poses when the stream was re-established.
 struct PosesLost {
   uint64_t first_seq = 0;
   uint64_t last_seq = 0;
 };
-using Notice = std::variant<GoAway, DecodeFault, StateChange, EventsDropped, TrackingRestarted, PosesLost>;
+using Notice = std::variant<GoAway, DecodeFault, StateChange, EventsDropped, TrackingRestarted, LagChange, PosesLost>;
 
 }  // namespace evpose::client

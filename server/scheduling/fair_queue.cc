@@ -1,0 +1,104 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "server/scheduling/fair_queue.h"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <tuple>
+
+namespace evpose::server {
+namespace {
+
+// Processor time within which a session that keeps its pace processes all data that wait: the data of 10 ms at the
+// highest cost that one thread can process in real time.
+constexpr std::chrono::milliseconds kPaceTime{10};
+// Processor time by which a tenant or session may be behind the others after it was idle. It must be longer than
+// kLeadS, so that a tenant that uses less than its share comes before one that uses more.
+constexpr double kCreditS = 0.1;
+// Processor time by which a tenant may be ahead of the others and its sessions still keep their priority.
+constexpr double kLeadS = 0.05;
+// Time constant of CpuMeter::Rate(), seconds.
+constexpr double kMeanS = 1.0;
+// Time at the limit that an idle session or tenant may use at once.
+constexpr std::chrono::milliseconds kBurst{100};
+
+double Seconds(std::chrono::nanoseconds duration) { return std::chrono::duration<double>(duration).count(); }
+
+bool HasPriority(const SessionShare& session, double least_used_s) {
+  return session.KeepsPace() && session.tenant->used_s <= least_used_s + kLeadS;
+}
+
+bool IsBefore(const SessionShare& a, const SessionShare& b, double least_used_s) {
+  const bool has_priority = HasPriority(a, least_used_s);
+  if (has_priority != HasPriority(b, least_used_s)) return has_priority;
+  if (has_priority) return a.received_at < b.received_at;
+  return std::tie(a.tenant->used_s, a.used_s) < std::tie(b.tenant->used_s, b.used_s);
+}
+
+}  // namespace
+
+void CpuMeter::Charge(std::chrono::nanoseconds cpu, Time now, double limit) {
+  rate_ = Rate(now) + Seconds(cpu) / kMeanS;
+  charged_at_ = now;
+  if (limit <= 0.0) return;
+  const std::chrono::duration<double> duration(Seconds(cpu) / limit);
+  free_at_ = std::max(free_at_, now - kBurst) + std::chrono::duration_cast<std::chrono::nanoseconds>(duration);
+}
+
+double CpuMeter::Rate(Time now) const { return rate_ * std::exp(-std::max(0.0, Seconds(now - charged_at_)) / kMeanS); }
+
+bool SessionShare::KeepsPace() const { return since_drained < kPaceTime; }
+
+std::shared_ptr<TenantShare> FairQueue::FindTenant(const std::string& name) {
+  std::erase_if(tenants_, [](const auto& entry) { return entry.second.expired(); });
+  std::weak_ptr<TenantShare>& known = tenants_[name];
+  std::shared_ptr<TenantShare> tenant = known.lock();
+  if (tenant == nullptr) known = tenant = std::make_shared<TenantShare>();
+  return tenant;
+}
+
+void FairQueue::Add(SessionShare& session) {
+  TenantShare& tenant = *session.tenant;
+  if (tenant.num_active++ == 0) tenant.used_s = std::max(tenant.used_s, clock_s_ - kCreditS);
+  session.used_s = std::max(session.used_s, tenant.clock_s - kCreditS);
+  Push(session);
+}
+
+FairQueue::Time FairQueue::FreeAt(const SessionShare& session) const {
+  return has_limits_ ? std::max(session.meter.free_at(), session.tenant->meter.free_at()) : Time::min();
+}
+
+SessionShare* FairQueue::Pop(Time now) {
+  double least_used_s = std::numeric_limits<double>::infinity();
+  for (const SessionShare* session : waiting_) {
+    if (FreeAt(*session) <= now) least_used_s = std::min(least_used_s, session->tenant->used_s);
+  }
+  auto best = waiting_.end();
+  for (auto next = waiting_.begin(); next != waiting_.end(); ++next) {
+    if (FreeAt(**next) > now) continue;
+    if (best == waiting_.end() || IsBefore(**next, **best, least_used_s)) best = next;
+  }
+  if (best == waiting_.end()) return nullptr;
+  SessionShare* const session = *best;
+  waiting_.erase(best);
+  TenantShare& tenant = *session->tenant;
+  clock_s_ = std::max(clock_s_, tenant.used_s);
+  tenant.clock_s = std::max(tenant.clock_s, session->used_s);
+  return session;
+}
+
+void FairQueue::Charge(SessionShare& session, std::chrono::nanoseconds cpu, Time now) {
+  session.used_s += Seconds(cpu);
+  session.since_drained += cpu;
+  session.meter.Charge(cpu, now, limits_.session);
+  session.tenant->used_s += Seconds(cpu);
+  session.tenant->meter.Charge(cpu, now, limits_.tenant);
+}
+
+std::optional<FairQueue::Time> FairQueue::NextTurnAt() const {
+  std::optional<Time> next;
+  for (const SessionShare* session : waiting_) next = std::min(next.value_or(Time::max()), FreeAt(*session));
+  return next;
+}
+
+}  // namespace evpose::server

@@ -1,0 +1,91 @@
+// SPDX-License-Identifier: Apache-2.0
+
+// The order in which sessions have their turns, without threads and clocks (README.md).
+#pragma once
+
+#include <chrono>
+#include <cstddef>
+#include <map>
+#include <memory>
+#include <optional>
+#include <string>
+#include <vector>
+
+namespace evpose::server {
+
+// Bounds of the processor time, in processor seconds per second; 0: no bound.
+struct CpuLimits {
+  double session = 0.0;
+  double tenant = 0.0;  // of all sessions of a tenant together
+};
+
+// The processor time that a session or a tenant uses.
+class CpuMeter {
+ public:
+  using Time = std::chrono::steady_clock::time_point;
+
+  // `limit`: as in CpuLimits.
+  void Charge(std::chrono::nanoseconds cpu, Time now, double limit);
+  // Processor seconds per second, averaged with a time constant of one second.
+  double Rate(Time now) const;
+  // The limit permits more work from this time on.
+  Time free_at() const { return free_at_; }
+
+ private:
+  double rate_ = 0.0;  // at charged_at_
+  Time charged_at_{};
+  Time free_at_{};
+};
+
+struct TenantShare {
+  double used_s = 0.0;     // processor time, raised after idle time so that it is not saved up
+  double clock_s = 0.0;    // the largest SessionShare::used_s with which a session of the tenant was chosen
+  size_t num_active = 0;   // sessions that wait or have their turn
+  CpuMeter meter;
+};
+
+struct SessionShare {
+  std::shared_ptr<TenantShare> tenant;
+  CpuMeter::Time received_at{};               // of the oldest data that wait
+  double used_s = 0.0;                        // as TenantShare::used_s, among the sessions of the tenant
+  std::chrono::nanoseconds since_drained{0};  // processor time since no data waited
+  CpuMeter meter;
+
+  // The data arrive no faster than they are processed: the measure of a live camera, as opposed to a replay.
+  bool KeepsPace() const;
+};
+
+// Not thread-safe. The caller keeps the shares until they have been popped.
+class FairQueue {
+ public:
+  using Time = CpuMeter::Time;
+
+  explicit FairQueue(const CpuLimits& limits) : limits_(limits) {}
+
+  std::shared_ptr<TenantShare> FindTenant(const std::string& name);
+  // The session waits after it was idle.
+  void Add(SessionShare& session);
+  // The session waits for its next turn.
+  void Push(SessionShare& session) { waiting_.push_back(&session); }
+  // The session is idle. Precondition: it was popped.
+  void Remove(SessionShare& session) { --session.tenant->num_active; }
+  // Removes the session that has the next turn. Null: none waits, or those that wait have reached their limits.
+  SessionShare* Pop(Time now);
+  void Charge(SessionShare& session, std::chrono::nanoseconds cpu, Time now);
+  // The time from which Pop() returns a session; absent if none waits.
+  std::optional<Time> NextTurnAt() const;
+  void RemoveLimits() { has_limits_ = false; }
+
+  size_t size() const { return waiting_.size(); }
+
+ private:
+  Time FreeAt(const SessionShare& session) const;
+
+  const CpuLimits limits_;
+  bool has_limits_ = true;
+  double clock_s_ = 0.0;  // the largest TenantShare::used_s with which a tenant was chosen
+  std::map<std::string, std::weak_ptr<TenantShare>> tenants_;
+  std::vector<SessionShare*> waiting_;  // in the order of Push()
+};
+
+}  // namespace evpose::server

@@ -1,0 +1,146 @@
+#!/usr/bin/env python3
+# SPDX-License-Identifier: Apache-2.0
+"""Measures the latency of a live camera beside other sessions of the same server: alone, beside replays as fast as the server takes them,
+and beside two sessions with 16 objects of a model with 100 000 triangles and 4096 lines.
+
+Prints for each case the latency from the receipt of a chunk to its poses, the time that the camera's recording took, the longest turn of a
+session on a worker (the upper bound of its bucket), and whether the poses of the camera are those without neighbours, to the bit. Needs a
+release build, and no other load on the machine.
+"""
+import argparse
+import contextlib
+import json
+import math
+import os
+import random
+import re
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+import urllib.request
+
+SENSOR_SECONDS = 10
+LARGE_CHUNK_BYTES = 262144
+
+
+def write_expensive_model(path, triangles=100_000, lines=4096):
+    """Random triangles in a cube of 0.15 m, and lines between random points of it."""
+    numbers = random.Random(1)
+    with open(path, "w", encoding="ascii") as file:
+        points = 3 * triangles + 2 * lines
+        for _ in range(points):
+            file.write("v " + " ".join(f"{numbers.uniform(-0.075, 0.075):.5f}" for _ in range(3)) + "\n")
+        for i in range(triangles):
+            file.write(f"f {3 * i + 1} {3 * i + 2} {3 * i + 3}\n")
+        for i in range(3 * triangles, points, 2):
+            file.write(f"l {i + 1} {i + 2}\n")
+
+
+class Server:
+    def __init__(self, folder, arguments):
+        command = [os.path.join(folder, "server/evpose-server"), "--listen", "127.0.0.1:0", "--metrics-listen", "127.0.0.1:0",
+                   "--store", "memory", "--log-level", "error", *arguments]
+        self.process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+        self.address = self.process.stdout.readline().split()[-1]
+        self.metrics_address = self.process.stdout.readline().split()[-1]
+
+    def metrics(self):
+        with urllib.request.urlopen(f"http://{self.metrics_address}/metrics", timeout=60) as page:
+            return page.read().decode()
+
+    def attached(self):
+        return int(float(re.search(r'^evpose_sessions\{state="attached"\} (\S+)', self.metrics(), re.M).group(1)))
+
+    def longest_turn_ms(self):
+        rows = re.findall(r'^evpose_turn_seconds_bucket\{le="([^"]+)"\} (\S+)', self.metrics(), re.M)
+        total = float(rows[-1][1])
+        return next(1e3 * float(bound.replace("+Inf", "inf")) for bound, count in rows if float(count) == total)
+
+    def stop(self):
+        self.process.kill()
+        self.process.wait()
+
+
+class Neighbour:
+    """Runs a command again and again until stop()."""
+
+    def __init__(self, command):
+        self.command = command
+        self.process = None
+        self.is_stopping = False
+        self.lock = threading.Lock()
+        self.thread = threading.Thread(target=self.run)
+        self.thread.start()
+
+    def run(self):
+        while True:
+            with self.lock:
+                if self.is_stopping:
+                    return
+                self.process = subprocess.Popen(self.command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+            if self.process.wait() != 0 and not self.is_stopping:
+                print(f"failed: {' '.join(self.command)}", file=sys.stderr)
+                return
+
+    def stop(self):
+        with self.lock:
+            self.is_stopping = True
+            self.process.kill()
+        self.thread.join()
+
+
+def measure(options, scratch, neighbours):
+    """One run of the camera; `neighbours` are lists of arguments of evpose replay. Returns its report and its poses."""
+    evpose = os.path.join(options.bin, "client/cli/evpose")
+    cube = os.path.join(scratch, "cube")
+    recording = [os.path.join(cube, "recording.raw"), "--camera", os.path.join(cube, "camera.yaml")]
+    out = os.path.join(scratch, "poses.tum")
+    with contextlib.ExitStack() as cleanup:
+        server = Server(options.bin, [] if options.workers is None else ["--workers", str(options.workers)])
+        cleanup.callback(server.stop)
+        for arguments in neighbours:
+            command = [evpose, "replay", *recording, "--server", server.address, "--rate", "max", *arguments]
+            cleanup.callback(Neighbour(command).stop)
+        while server.attached() < len(neighbours):
+            time.sleep(0.1)
+        time.sleep(2.0 if neighbours else 0.0)
+        camera = subprocess.run([evpose, "replay", *recording, "--model", os.path.join(cube, "model.obj"), "--server", server.address,
+                                 "--rate", "1", "--json", "--out", out], check=True, stdout=subprocess.PIPE, text=True)
+        report = json.loads(camera.stdout)
+        report["longest_turn_ms"] = server.longest_turn_ms()
+    with open(out, "rb") as file:
+        return report, file.read()
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--bin", default="build/release", help="build folder (default: %(default)s)")
+    parser.add_argument("--workers", type=int, help="--workers of the server; default: one per core")
+    parser.add_argument("--replays", type=int, default=8, help="replays beside the camera (default: %(default)s)")
+    options = parser.parse_args()
+    with tempfile.TemporaryDirectory() as scratch:
+        subprocess.run([os.path.join(options.bin, "client/cli/evpose"), "simulate", "--object", "cube", "--duration", str(SENSOR_SECONDS),
+                        "--noise", "0.1", "--seed", "1", "--out", os.path.join(scratch, "cube")], check=True, stdout=subprocess.DEVNULL)
+        cube = os.path.join(scratch, "cube/model.obj")
+        expensive = os.path.join(scratch, "expensive.obj")
+        write_expensive_model(expensive)
+        replay = ["--model", cube, "--chunk-bytes", str(LARGE_CHUNK_BYTES)]
+        objects = [argument for i in range(16) for argument in ("--object", f"o{i}={expensive}")]
+        cases = [("alone", []), (f"beside {options.replays} replays", [replay] * options.replays),
+                 ("beside 2 sessions with 16 expensive objects", [objects] * 2)]
+        print(f"{'camera':<45} {'p50':>8} {'p99':>8} {'took':>8} {'longest turn':>13}  poses")
+        reference = None
+        for name, neighbours in cases:
+            report, poses = measure(options, scratch, neighbours)
+            reference = reference or poses
+            same = "identical" if poses == reference else "DIFFERENT"
+            turn = report["longest_turn_ms"]
+            print(f"{name:<45} {report['latency_p50_ms']:>5.2f} ms {report['latency_p99_ms']:>5.1f} ms {report['wall_time_s']:>6.2f} s "
+                  f"{'> 10 s' if math.isinf(turn) else f'<= {turn:g} ms':>13}  {same}", flush=True)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
