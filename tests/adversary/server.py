@@ -2,6 +2,7 @@
 """The processes that the tests attack: evpose-server and redis-server, their start, observation and end."""
 
 import argparse
+import contextlib
 import hashlib
 import http.client
 import os
@@ -138,9 +139,16 @@ class Server:
         return self._status("VmHWM") * 1024
 
     def cpu_s(self):
-        """Returns the processor time of the process so far."""
-        fields = pathlib.Path(f"/proc/{self.process.pid}/stat").read_text().rsplit(")", 1)[1].split()
-        return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+        """Returns the processor time of the server and of the processes that it has started, so far."""
+        ticks = 0
+        for path in pathlib.Path("/proc").glob("[0-9]*/stat"):
+            with contextlib.suppress(OSError):  # a process that has ended
+                fields = path.read_text().rsplit(")", 1)[1].split()
+                if path.parent.name == str(self.process.pid):
+                    ticks += sum(map(int, fields[11:15]))  # with those of children that have ended
+                elif fields[1] == str(self.process.pid):
+                    ticks += sum(map(int, fields[11:13]))
+        return ticks / os.sysconf("SC_CLK_TCK")
 
     def answers(self, timeout=PATIENCE_S):
         """Returns whether the server answers the preface of HTTP/2 on a new connection."""

@@ -104,7 +104,7 @@ class HostileUploadTest(server.AdversaryTest):
 
 
 class BudgetTest(server.AdversaryTest):
-    BUDGET_S = 1.0
+    BUDGET_S = 1
 
     def test_no_model_costs_more_than_its_budget(self):
         running = self.serve("--model-cpu-seconds", str(self.BUDGET_S))

@@ -11,7 +11,7 @@ import grpc
 
 import server
 from api import EVT3, client, failure_of
-from camera import Camera, assert_undisturbed, camera_model, chunks, initial_pose, recording
+from camera import Camera, assert_undisturbed, camera_model, chunks, create, initial_pose, recording
 from hostile_models import CUBE, tangle
 
 
@@ -108,6 +108,25 @@ class FairTimeTest(server.AdversaryTest):
         stop.wait()
         stream.cancel()
         api("DeleteSession", name=created.session.name)
+
+
+class SessionTimeTest(server.AdversaryTest):
+    LIMIT = 0.02
+
+    def test_a_session_has_a_limit_and_its_owner_is_told(self):
+        running = self.serve("--max-session-cpu", str(self.LIMIT))
+        api = client(self, running)
+        created = create(api)
+        stream, _ = api.attach(created)
+        for seq, (_, payload) in enumerate(chunks(), 1):
+            stream.send(events={"seq": seq, "payload": payload})
+        while not (notice := stream.read("notice").notice).HasField("lag_change"):
+            continue
+        self.assertTrue(notice.lag_change.falls_behind)
+        processing = api("GetSession", name=created.session.name).health.processing
+        self.assertTrue(processing.falls_behind)
+        self.assertEqual(processing.max_cpu_s_per_s, self.LIMIT)
+        self.assertLess(processing.cpu_s_per_s, 3 * self.LIMIT)
 
 
 if __name__ == "__main__":
