@@ -28,7 +28,8 @@ def upload_cost(running, api, data, **header):
 def hold(running, api, count=6):
     """Starts hostile uploads, each another model, and returns their streams when the server works on them."""
     before = running.cpu_s()
-    streams = [api.send_model(prism(1365), metres_per_unit=0.1 + 0.01 * i) for i in range(count)]
+    data = prism(1365)
+    streams = [api.send_model(data, metres_per_unit=0.1 + 0.01 * i) for i in range(count)]
     server.poll(lambda: running.cpu_s() > before + 0.2 or all(stream.call.done() for stream in streams), "work on uploads")
     return streams
 
@@ -135,7 +136,7 @@ class BudgetTest(server.AdversaryTest):
 
     def test_the_cost_grows_no_faster_than_the_file(self):
         """Twice the sides take at most three times the processor time: the search for symmetries is bounded."""
-        running = self.serve()
+        running = self.serve("--model-cpu-seconds", "3")
         api = client(self, running)
         costs_s = []
         for sides in (340, 680, 1360):
@@ -147,7 +148,7 @@ class BudgetTest(server.AdversaryTest):
             self.assertLess(following_s, 3 * cost_s, costs_s)
 
     def test_no_symmetry_that_a_part_does_not_have(self):
-        running = self.serve()
+        running = self.serve("--model-cpu-seconds", "3")
         try:
             self.assertEqual(client(self, running).upload(prism(1365)).num_symmetries, 1)
         except grpc.RpcError as error:
