@@ -16,7 +16,7 @@ build_packages=(
   libprotobuf-dev libspdlog-dev libsqlite3-dev libssl-dev libyaml-cpp-dev nlohmann-json3-dev prometheus-cpp-dev protobuf-compiler protobuf-compiler-grpc
 )
 package_packages=(dpkg-dev file)
-test_packages=("${package_packages[@]}" clang clang-format clang-tidy codespell haproxy libbenchmark-dev libclang-rt-14-dev libgmock-dev libgtest-dev lld openssl python3 python3-matplotlib python3-yaml redis-server shellcheck systemd)
+test_packages=("${package_packages[@]}" clang clang-format clang-tidy codespell haproxy libbenchmark-dev libclang-rt-14-dev libgmock-dev libgtest-dev lld openssl python3 python3-grpcio python3-matplotlib python3-numpy python3-protobuf python3-yaml redis-server shellcheck systemd)
 
 # Installing the package prometheus would start a service; so only promtool, which checks rules, is extracted from it.
 promtool=/usr/local/bin/promtool

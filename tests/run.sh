@@ -7,10 +7,11 @@
 #                                   those with the label "long"
 #   tests/run.sh --tidy             clang-tidy on every source file, about an hour (tests/lint/tidy.sh: on the changed files)
 #   tests/run.sh --fuzz SECONDS     every fuzz target for this time, from tests/fuzz/seeds (tests/fuzz/run.sh)
+#   tests/run.sh --adversary SECONDS [SEED]   a hostile tenant beside a live camera for this time (tests/adversary/mix.py)
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 
-usage="usage: $0 [--preset release|debug|asan|tsan | --tidy | --fuzz SECONDS]"
+usage="usage: $0 [--preset release|debug|asan|tsan | --tidy | --fuzz SECONDS | --adversary SECONDS [SEED]]"
 presets=(release asan tsan)
 is_whole=false
 case "${1:-}" in
@@ -18,6 +19,13 @@ case "${1:-}" in
   --preset) presets=("${2:?$usage}") && is_whole=true ;;
   --tidy) exec tests/lint/tidy.sh --all ;;
   --fuzz) exec tests/fuzz/run.sh "${2:?$usage}" ;;
+  --adversary)
+    mix=(tests/adversary/mix.py --bin build/release --seconds "${2:?$usage}" --seed "${3:-$RANDOM}")
+    deploy/install-dependencies.sh --test
+    cmake --preset release >/dev/null
+    cmake --build --preset release -j "$(nproc)" --target evpose evpose-server
+    exec "${mix[@]}"
+    ;;
   *) echo "$usage" >&2; exit 2 ;;
 esac
 

@@ -1,0 +1,157 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A tenant with a live camera: tracks a simulated cube at the camera's pace and collects poses and latencies.
+
+It runs as a process of its own (`Camera`), so that it does not share the interpreter's lock with an adversary.
+"""
+
+import dataclasses
+import hashlib
+import json
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+
+import numpy
+import yaml
+
+import server
+from api import EVT3, Api
+
+DURATION_S = 2
+# Latencies below this one are mostly those of the machine's scheduler, and no reference for a ratio.
+LATENCY_FLOOR_US = 2000
+
+
+def recording():
+    """Returns the directory of a simulated recording (tests share it in the build's directory)."""
+    path = server.BIN / f"tests/adversary/cube_{DURATION_S}_s"
+    if not path.exists():
+        path.parent.mkdir(parents=True, exist_ok=True)
+        made = tempfile.mkdtemp(dir=path.parent)
+        subprocess.run([server.EVPOSE, "simulate", "--object", "cube", "--camera", "vga", "--duration", str(DURATION_S),
+                        "--noise", "0.1", "--seed", "1", "--out", made], check=True, stdout=subprocess.DEVNULL)
+        try:
+            os.rename(made, path)
+        except OSError:  # another test was faster
+            shutil.rmtree(made)
+    return path
+
+
+def chunks():
+    """Returns the events of the recording, EVT3, cut at each millisecond: pairs of time (us) and bytes."""
+    data = (recording() / "recording.raw").read_bytes()
+    data = data[data.index(b"% end\n") + 6:]
+    words = numpy.frombuffer(data, "<u2")
+    high = numpy.where(words >> 12 == 8, numpy.arange(words.size), 0)
+    is_low = words >> 12 == 6
+    time_us = ((words[numpy.maximum.accumulate(high)] & 0xFFF).astype(int)[is_low] << 12) | (words[is_low] & 0xFFF)
+    begins = numpy.flatnonzero(numpy.diff(time_us // 1000, prepend=-1))
+    cuts = [0, *numpy.flatnonzero(is_low)[begins[1:]].tolist(), words.size]
+    return [(int(t_us), words[start:end].tobytes()) for t_us, start, end in zip(time_us[begins], cuts, cuts[1:])]
+
+
+def initial_pose():
+    """Returns the true pose at the start of the recording."""
+    _, x, y, z, qx, qy, qz, qw = map(float, (recording() / "truth.tum").read_text().split("\n", 1)[0].split())
+    return {"translation_m": {"x": x, "y": y, "z": z}, "rotation": {"x": qx, "y": qy, "z": qz, "w": qw}}
+
+
+def camera_model():
+    """Returns the camera of the recording."""
+    info = yaml.safe_load((recording() / "camera.yaml").read_text())
+    matrix, distortion = ([float(number) for number in info[key]["data"]] for key in ("camera_matrix", "distortion_coefficients"))
+    return {"width_px": info["image_width"], "height_px": info["image_height"], "fx_px": matrix[0], "cx_px": matrix[2],
+            "fy_px": matrix[4], "cy_px": matrix[5], "distortion": distortion}
+
+
+@dataclasses.dataclass
+class Run:
+    """One recording, tracked. `digest` is that of all poses without their latency."""
+
+    digest: str
+    num_poses: int
+    p50_us: float
+    p99_us: float
+    duration_s: float
+
+
+def create(api):
+    """Uploads the cube, and creates a session for the recording."""
+    model = api.upload((recording() / "model.obj").read_bytes())
+    objects = [{"object_id": "cube", "model": model.name, "initial_camera_from_object": initial_pose()}]
+    return api("CreateSession", config={"encoding": EVT3, "camera": camera_model(), "objects": objects})
+
+
+def track(api, events):
+    """Creates a session, sends each chunk at its time, and deletes the session."""
+    created = create(api)
+    stream, _ = api.attach(created)
+    start = time.monotonic()
+
+    def send():
+        for seq, (t_us, payload) in enumerate(events, 1):
+            time.sleep(max(0.0, start + t_us / 1e6 - time.monotonic()))  # the camera's pace
+            stream.send(events={"seq": seq, "payload": payload})
+        stream.send(end={})
+
+    sender = threading.Thread(target=send, daemon=True)
+    sender.start()
+    digest = hashlib.sha256()
+    latencies_us = []
+    while (message := stream.read("pose", "summary")).HasField("pose"):
+        latencies_us.append(message.pose.latency.seconds * 1e6 + message.pose.latency.nanos / 1e3)
+        message.pose.ClearField("latency")
+        digest.update(message.pose.SerializeToString(deterministic=True))
+    sender.join()
+    duration_s = time.monotonic() - start
+    api("DeleteSession", name=created.session.name)
+    p50_us, p99_us = numpy.percentile(latencies_us, [50, 99])
+    return Run(digest.hexdigest(), len(latencies_us), p50_us, p99_us, duration_s)
+
+
+class Camera:
+    """Starts the tenant as a process, which tracks the recording at least once, and again until `seconds` have passed."""
+
+    def __init__(self, running, tenant=None, seconds=0.0):
+        command = [sys.executable, __file__, "--bin", str(server.BIN), running.address, tenant or "", str(seconds)]
+        self.process = subprocess.Popen(command, stdout=subprocess.PIPE)
+
+    def is_running(self):
+        return self.process.poll() is None
+
+    def runs(self):
+        """Waits for the end, and returns the runs."""
+        out, _ = self.process.communicate()
+        if self.process.returncode != 0:
+            raise AssertionError(f"the tenant with the camera failed: status {self.process.returncode}")
+        return [Run(**json.loads(line)) for line in out.splitlines()]
+
+
+def assert_undisturbed(test, alone, beside, p50_ratio, p99_ratio):
+    """Checks runs beside an adversary against one without: same poses to the bit, and latencies of a bounded ratio."""
+    for run in beside:
+        test.assertGreater(run.num_poses, 250 * DURATION_S)
+        test.assertEqual((run.num_poses, run.digest), (alone.num_poses, alone.digest))
+        test.assertLessEqual(run.p50_us, p50_ratio * max(alone.p50_us, LATENCY_FLOOR_US / 10), (alone, run))
+        test.assertLessEqual(run.p99_us, p99_ratio * max(alone.p99_us, LATENCY_FLOOR_US), (alone, run))
+        test.assertLess(run.duration_s, 2 * alone.duration_s, "the session fell behind its camera")
+
+
+def main():
+    address, tenant, seconds = sys.argv[1:]
+    api = Api(address, tenant)
+    events = chunks()
+    end = time.monotonic() + float(seconds)
+    while True:
+        print(json.dumps(dataclasses.asdict(track(api, events))), flush=True)
+        if time.monotonic() >= end:
+            break
+    api.close()
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,83 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Model files (OBJ) that are small and slow to prepare, expensive to track, or malformed; and a harmless one."""
+
+import numpy
+
+CUBE = (
+    "".join(f"v {x} {y} {z}\n" for x in (-0.1, 0.1) for y in (-0.1, 0.1) for z in (-0.1, 0.1))
+    + "f 1 2 4 3\nf 5 7 8 6\nf 1 5 6 2\nf 3 4 8 7\nf 1 3 7 5\nf 2 6 8 4\n"
+).encode()
+
+
+def _rows(kind, values):
+    return "".join(f"{kind} {' '.join(map(str, row))}\n" for row in values.tolist())
+
+
+def padded_cube(size_bytes, number):
+    """A cube in a file of this size; files of other numbers are other models."""
+    head = CUBE + f"# {number} ".encode()
+    return head + b"-" * (size_bytes - len(head))
+
+
+def prism(sides, has_discs=True):
+    """A prism whose edges are lines, with a small triangle inside that no rotation maps onto itself. With `sides` 1365 the file has
+    161 kB, and each of the 1365 rotations must be compared with all of its 4095 lines."""
+    angles = numpy.arange(sides) * (2 * numpy.pi / sides)
+    rim = numpy.column_stack([numpy.cos(angles), numpy.sin(angles)]).round(6)
+    vertices = numpy.vstack([
+        numpy.column_stack([rim, numpy.full(sides, -0.5)]),
+        numpy.column_stack([rim, numpy.full(sides, 0.5)]),
+        [[0, 0, -0.5], [0, 0, 0.5], [0.1, 0.2, 0], [0.3, 0.2, 0], [0.1, 0.25, 0.1]],
+    ])
+    here = numpy.arange(1, sides + 1)
+    following = numpy.roll(here, -1)
+    lines = numpy.vstack([
+        numpy.column_stack([here, following]),
+        numpy.column_stack([here + sides, following + sides]),
+        numpy.column_stack([here, here + sides]),
+    ])
+    centre = 2 * sides + 1
+    faces = [[centre + 2, centre + 3, centre + 4]]
+    if has_discs:
+        faces = numpy.vstack([
+            numpy.column_stack([here, following, numpy.full(sides, centre)]),
+            numpy.column_stack([here + sides, following + sides, numpy.full(sides, centre + 1)]),
+            faces,
+        ])
+    return (_rows("v", vertices) + _rows("f", numpy.asarray(faces)) + _rows("l", lines)).encode()
+
+
+def tangle(triangles, lines, seed=1):
+    """Large random triangles and random lines: each line crosses the outlines of many triangles in every view."""
+    random = numpy.random.default_rng(seed)
+    vertices = random.uniform(-0.15, 0.15, (3 * triangles + 2 * lines, 3)).round(4)
+    faces = numpy.arange(1, 3 * triangles + 1).reshape(-1, 3)
+    ends = 3 * triangles + numpy.arange(1, 2 * lines + 1).reshape(-1, 2)
+    return (_rows("v", vertices) + _rows("f", faces) + _rows("l", ends)).encode()
+
+
+def grid(side):
+    """A rough surface of 2 * side^2 triangles."""
+    random = numpy.random.default_rng(1)
+    y, x = numpy.divmod(numpy.arange((side + 1) ** 2), side + 1)
+    vertices = numpy.column_stack([x * 0.001, y * 0.001, random.uniform(0, 0.002, x.size).round(4)]).round(4)
+    corner = (numpy.arange(side)[:, None] * (side + 1) + numpy.arange(side) + 1).ravel()
+    faces = numpy.vstack([
+        numpy.column_stack([corner, corner + 1, corner + side + 1]),
+        numpy.column_stack([corner + 1, corner + side + 2, corner + side + 1]),
+    ])
+    return (_rows("v", vertices) + _rows("f", faces)).encode()
+
+
+# Files that must be refused with INVALID_ARGUMENT, whatever else they cost.
+MALFORMED = {
+    "empty": b"",
+    "no faces": b"v 0 0 0\n",
+    "corner 0": b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 0 1 2\n",
+    "corner beyond the last": b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 99\n",
+    "corner 2^64": b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 18446744073709551616\n",
+    "not a number": b"v nan 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n",
+    "infinite": b"v inf 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n",
+    "zeros": bytes(100_000),
+    "face of 200000 corners": b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf" + b" 1" * 200_000 + b"\n",
+}

@@ -1,0 +1,48 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Frames of HTTP/2 (RFC 9113) that a client of gRPC does not send."""
+
+import server
+
+HEADERS, RST_STREAM, SETTINGS, PING, CONTINUATION = 1, 3, 4, 6, 9
+END_HEADERS = 4
+_PATH = b"/evpose.v1.AdminService/GetServerInfo"
+
+
+def frame(kind, flags, stream, payload):
+    return len(payload).to_bytes(3, "big") + bytes([kind, flags]) + stream.to_bytes(4, "big") + payload
+
+
+def _literal(name, value):
+    """A header field without indexing, RFC 7541, section 6.2.2."""
+    return b"\x00" + bytes([len(name)]) + name + bytes([len(value)]) + value
+
+
+# Of a call without a token: ":method: POST" and ":scheme: http" are entries 3 and 6 of the static table.
+CALL = (b"\x83\x86" + _literal(b":path", _PATH) + _literal(b":authority", b"localhost")
+        + _literal(b"content-type", b"application/grpc") + _literal(b"te", b"trailers"))
+# A field with a value of 16000 bytes: the length is 127 + 1 + 124 * 128, RFC 7541, section 5.1.
+LONG_FIELD = b"\x00\x01a\x7f\x81\x7c" + b"a" * 16_000
+
+
+def reset_streams(first, count):
+    """Calls that are reset at once."""
+    cancel = (8).to_bytes(4, "big")
+    streams = range(2 * first + 1, 2 * (first + count) + 1, 2)
+    return b"".join(frame(HEADERS, END_HEADERS, i, CALL) + frame(RST_STREAM, 0, i, cancel) for i in streams)
+
+
+def open_connection(running):
+    """Returns a connection on which the preface was sent."""
+    connection = server.connect(running.address)
+    connection.sendall(server.PREFACE + server.SETTINGS)
+    return connection
+
+
+def send(connection, data):
+    """Sends data and reads nothing. Returns false when the server cuts the connection, or takes nothing for a second."""
+    connection.settimeout(1.0)
+    try:
+        connection.sendall(data)
+        return True
+    except OSError:
+        return False

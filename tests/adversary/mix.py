@@ -1,0 +1,270 @@
+#!/usr/bin/python3
+# SPDX-License-Identifier: Apache-2.0
+"""Mixes limits, lies, stalls, floods, cancelled calls and half-open connections over all RPCs, while another tenant tracks a cube at
+its camera's pace.
+
+  tests/adversary/mix.py --bin build/release --seconds 20 --seed 1
+
+A run with the same seed makes the same choices in each of its threads; the order between the threads is not fixed.
+"""
+
+import argparse
+import collections
+import contextlib
+import os
+import random
+import sys
+import threading
+import unittest
+
+import grpc
+
+import http2
+import server
+from api import FLAT64, LARGEST, METHODS, OBJ, VGA, Api, failure_of
+from camera import Camera, assert_undisturbed, recording
+from hostile_models import CUBE, MALFORMED, padded_cube, prism, tangle
+from test_names import ODD_NAMES
+
+NUM_THREADS = 6
+NUM_HELD = 20  # stalled streams and connections of a thread
+SESSION_MEMORY_BYTES = 512 << 20
+MODEL_STORE_BYTES = 64 << 20
+# Beside sessions and models: the preparation of models (--slow-threads times --model-memory), queues, buffers of gRPC.
+OTHER_BYTES = 800 << 20
+OPTIONS = {
+    "--max-sessions": 32, "--max-session-memory": SESSION_MEMORY_BYTES, "--max-model-store-bytes": MODEL_STORE_BYTES,
+    "--max-model-bytes": 16 << 20, "--model-memory": 128 << 20, "--model-cpu-seconds": 2, "--max-uploads": 16, "--upload-timeout": 5,
+    "--attach-timeout": 2, "--stream-idle-timeout": 3, "--session-expiry": 3, "--max-streams": 200,
+    "--max-connections": 400, "--max-connections-per-peer": 200,
+}
+UNARY = ["CreateSession", "GetSession", "ListSessions", "DeleteSession", "GetModel", "ListModels", "DeleteModel", "GetServerInfo",
+         "Drain", "SetLogLevel", "Check"]
+NUMBERS = [0, -1, 1, 7, 4096, 4097, 2**31 - 1, 1e-300, 1e300, float("nan"), float("inf"), -float("inf")]
+
+
+class Adversary(threading.Thread):
+    """One thread of the tenant mallory, which acts until `is_ended` is set."""
+
+    def __init__(self, running, seed, index, is_ended):
+        super().__init__(daemon=True)
+        self._running = running
+        self._random = random.Random(f"{seed} {index}")
+        self._is_ended = is_ended
+        self._models = [prism(1365), prism(300), tangle(500, 500), CUBE, *MALFORMED.values()]
+        self._held = []  # functions that end a stalled stream or connection
+        self.actions = collections.Counter()
+        self.codes = collections.Counter()
+        self.unexpected = []
+
+    def run(self):
+        api = self._new_api()
+        choices = [getattr(self, name) for name in sorted(vars(Adversary)) if name.startswith("act_")]
+        while not self._is_ended.is_set():
+            act = self._random.choice(choices)
+            self.actions[act.__name__[4:]] += 1
+            with contextlib.suppress(StopIteration, OSError, ValueError):
+                try:
+                    act(api)
+                except grpc.RpcError as error:
+                    self._count(error)
+            if self._random.random() < 0.05:
+                api.close()
+                api = self._new_api()
+        for end in self._held:
+            end()
+        api.close()
+
+    def _new_api(self):
+        return Api(self._running.address, "mallory", timeout_s=self._random.choice([0.05, 0.5, 2.0]))
+
+    def _count(self, error):
+        failure = failure_of(error)
+        self.codes[f"{failure.code} {failure.reason}"] += 1
+        # A server that is attacked may refuse and may end a stream, but it must not fail.
+        if failure.code in ("INTERNAL", "UNKNOWN", "DATA_LOSS") and "RST_STREAM" not in failure.message:
+            self.unexpected.append(failure)
+
+    def _hold(self, end):
+        """Keeps something stalled until there are too many of them."""
+        self._held.append(end)
+        if len(self._held) > NUM_HELD:
+            self._held.pop(self._random.randrange(NUM_HELD))()
+
+    def _number(self):
+        return self._random.choice(NUMBERS)
+
+    def _whole(self, low, high):
+        """Returns a whole number that a field of 32 bits can hold, seldom within the limits."""
+        return self._random.choice([low, high, self._random.randint(low, high), 0, 2**31 - 1])
+
+    def _bytes(self, limit):
+        return self._random.randbytes(self._random.randrange(limit))
+
+    def _camera(self):
+        camera = dict(self._random.choice([VGA, LARGEST]))
+        if self._random.random() < 0.3:
+            camera[self._random.choice(["fx_px", "fy_px", "cx_px", "cy_px"])] = self._number()
+        if self._random.random() < 0.2:
+            camera["distortion"] = [self._number() for _ in range(self._random.randrange(7))]
+        return camera
+
+    def _create(self, api):
+        """Creates a session that is admissible except for its camera, now and then."""
+        model = api.upload(CUBE).name
+        return api.create(model, camera=self._camera(), num_objects=self._random.choice([1, 1, 16]),
+                          encoding=self._random.choice([1, FLAT64, FLAT64]))
+
+    def act_odd_call(self, api):
+        name = self._random.choice(UNARY)
+        fields = {}
+        for field in METHODS[name].request.DESCRIPTOR.fields_by_name:
+            if field == "page_size":
+                fields[field] = self._whole(-5, 2000)
+            elif field in ("name", "page_token", "request_id"):
+                fields[field] = self._random.choice(ODD_NAMES)
+            elif field == "level":
+                fields[field] = self._random.randrange(9)
+        api(name, **fields)
+
+    def act_call_that_is_cancelled(self, api):
+        self._random.choice([api.start_upload, api.stream, lambda: api.watch("WatchPoses", session="sessions/x")])().cancel()
+
+    def act_wrong_token(self, _):
+        api = Api(self._running.address, token="evpose_" + self._random.randbytes(32).hex(), timeout_s=0.5)
+        self._hold(api.close)
+        api("GetServerInfo")
+
+    def act_create(self, api):
+        self._create(api)
+
+    def act_delete(self, api):
+        for session in api("ListSessions", page_size=5).sessions:
+            api("DeleteSession", name=session.name)
+
+    def act_stall(self, api):
+        """A stream that attaches, or does not, and says nothing more."""
+        if self._random.random() < 0.3:
+            stream = api.stream()
+        else:
+            stream, _ = api.attach(self._create(api))
+        self._hold(stream.cancel)
+
+    def act_flood(self, api):
+        """Sends more than the credit, and does not read."""
+        stream, _ = api.attach(self._create(api))
+        for seq in range(1, self._random.randrange(2, 8)):
+            stream.send(events={"seq": seq, "payload": self._random.randbytes(1 << 20)})
+        self._hold(stream.cancel)
+
+    def act_lie(self, api):
+        """A sequence of messages of which some are wrong."""
+        stream, attached = api.attach(self._create(api))
+        seq = attached.next_seq
+        for _ in range(self._random.randrange(20)):
+            kind = self._random.choice(["events"] * 6 + ["reset_pose", "attach", "end", "none"])
+            if kind == "events":
+                stream.send(events={"seq": self._random.choice([seq] * 8 + [0, seq + 1, 2**64 - 1]),
+                                    "payload": self._bytes(5000 // 8) * 8, "discontinuity": self._random.random() < 0.1})
+                seq += 1
+            elif kind == "reset_pose":
+                rotation = {axis: self._number() for axis in "xyzw"}
+                stream.send(reset_pose={"object_id": self._random.choice(["object0", "x\0", ""]), "seq": seq,
+                                        "camera_from_object": {"rotation": rotation}})
+                seq += 1
+            else:
+                stream.send(**{kind: {}} if kind != "none" else {})
+        if self._random.random() < 0.5:
+            stream.failure()
+        else:
+            self._hold(stream.cancel)
+
+    def act_watch(self, api):
+        """Watchers of which most read nothing."""
+        created = self._create(api)
+        for _ in range(self._random.randrange(1, 20)):
+            name = self._random.choice(["WatchHealth", "WatchPoses"])
+            more = {"period": {"nanos": self._random.choice([0, 1, 10_000_000])}} if name == "WatchHealth" else {}
+            self._hold(api.watch(name, session=created.session.name, **more).cancel)
+
+    def act_upload(self, api):
+        """An upload that is hostile, malformed, large, stalled or cancelled."""
+        data = self._random.choice([*self._models, padded_cube(1 << 20, self._random.randrange(1000)), self._bytes(100_000)])
+        stream = api.send_model(data, metres_per_unit=self._random.choice([0.1, 1.0, self._random.random(), self._number()]))
+        if self._random.random() < 0.5:
+            stream.call.result()
+        else:
+            self._hold(stream.cancel)
+
+    def act_lie_about_upload(self, api):
+        stream = api.start_upload()
+        size = self._random.choice([0, 10, 1 << 20, 16 << 20, 2**64 - 1])
+        stream.send(header={"format": self._random.choice([OBJ, 0, 2, 3, 99]), "size_bytes": size})
+        for _ in range(self._random.randrange(5)):
+            stream.send(chunk=self._bytes(10_000))
+        self._hold(stream.cancel)
+
+    def act_half_open_connections(self, _):
+        """From another address, so that the limit of connections of a peer is not that of the other tenant."""
+        address = self._random.choice([self._running.address, self._running.metrics_address])
+        for _ in range(self._random.randrange(1, 10)):
+            connection = server.connect(address, "127.0.0.2")
+            self._hold(connection.close)
+            connection.sendall(self._random.choice([b"", b"GET /", b"\x16\x03\x01", server.PREFACE[:10], server.PREFACE,
+                                                    server.PREFACE + server.SETTINGS, self._bytes(1000)]))
+
+    def act_reset_streams(self, _):
+        with http2.open_connection(self._running) as connection:
+            http2.send(connection, http2.reset_streams(0, 500))
+
+    def act_pings(self, _):
+        with http2.open_connection(self._running) as connection:
+            http2.send(connection, http2.frame(http2.PING, 0, 0, bytes(8)) * 2000)
+
+
+class MixTest(server.AdversaryTest):
+    def test_another_tenant_is_undisturbed(self):
+        recording()
+        options = [word for option, value in OPTIONS.items() for word in (option, str(value))]
+        running = self.serve(*options, tenants=("alice", "mallory"))
+        (alone,) = Camera(running, "alice").runs()
+        before = running.resident_bytes()
+        print(f"mix: {SECONDS:.0f} s with --seed {SEED}", flush=True)
+        camera = Camera(running, "alice", seconds=SECONDS)
+        with contextlib.suppress(OSError):
+            os.nice(10)  # after the start of the camera: the adversary has machines of its own
+        is_ended = threading.Event()
+        adversaries = [Adversary(running, SEED, i, is_ended) for i in range(NUM_THREADS)]
+        for adversary in adversaries:
+            adversary.start()
+        try:
+            runs = camera.runs()
+        finally:
+            is_ended.set()
+            for adversary in adversaries:
+                adversary.join(timeout=server.PATIENCE_S)
+        for name in ("actions", "codes"):
+            print(f"mix: {name}:", dict(sum((getattr(adversary, name) for adversary in adversaries), collections.Counter())))
+        identical = sum(run.digest == alone.digest for run in runs)
+        server.figures["poses of an undisturbed tenant, identical to the bit"] = f"{identical} of {len(runs)} runs"
+        server.figures["its latency beside all of the mix, p50 / p99 of the worst run"] = (
+            f"{max(run.p50_us for run in runs) / 1e3:.1f} / {max(run.p99_us for run in runs) / 1e3:.1f} ms")
+        self.assertFalse(any(adversary.is_alive() for adversary in adversaries))
+        self.assertEqual([failure for adversary in adversaries for failure in adversary.unexpected][:5], [])
+        assert_undisturbed(self, alone, runs, p50_ratio=100, p99_ratio=50)
+        self.assertLess(running.peak_bytes(), before + SESSION_MEMORY_BYTES + 2 * MODEL_STORE_BYTES + OTHER_BYTES)
+
+
+def _arguments():
+    """Removes --seconds and --seed from the command line and returns them."""
+    parser = argparse.ArgumentParser(add_help=False)
+    parser.add_argument("--seconds", type=float, default=20.0)
+    parser.add_argument("--seed", type=int, default=1)
+    known, sys.argv[1:] = parser.parse_known_args()
+    return known.seconds, known.seed
+
+
+SECONDS, SEED = _arguments()
+
+if __name__ == "__main__":
+    unittest.main()

@@ -1,0 +1,201 @@
+#!/usr/bin/python3
+# SPDX-License-Identifier: Apache-2.0
+"""Connections: many, idle, half open or malicious ones leave calls, probes and the other sessions alone."""
+
+import contextlib
+import time
+import unittest
+
+import grpc
+
+import http2
+import server
+from api import client, failure_of, refusal
+from hostile_models import CUBE
+
+SLACK_BYTES = 200 << 20
+
+
+def open_many(address, count, stack, source=None):
+    """Opens TCP connections without a byte until one fails. Returns those that were opened."""
+    connections = []
+    with contextlib.suppress(OSError):
+        for _ in range(count):
+            connections.append(stack.enter_context(server.connect(address, source)))
+    return connections
+
+
+def is_closed(connection):
+    """Returns whether the server has closed a connection, up to the next of what it had sent before."""
+    connection.setblocking(False)
+    try:
+        return connection.recv(4096) == b""
+    except BlockingIOError:
+        return False
+    except OSError:
+        return True
+
+
+def slowest_s(call, count):
+    times = []
+    for _ in range(count):
+        start = time.monotonic()
+        call()
+        times.append(time.monotonic() - start)
+    return max(times)
+
+
+class ConnectionTest(server.AdversaryTest):
+    def test_the_server_accepts_again_after_it_had_no_descriptors(self):
+        running = self.serve(prlimit=["--nofile=128:128"])
+        with contextlib.ExitStack() as stack:
+            opened = open_many(running.address, 300, stack)
+            self.assertGreater(len(opened), 60)
+        server.poll(lambda: running.answers(timeout=1.0), "a connection after the others were closed")
+        client(self, running)("GetServerInfo")
+
+    def test_connections_are_counted(self):
+        running = self.serve("--max-connections", "20", "--max-connections-per-peer", "20")
+        before = client(self, running)
+        before("GetServerInfo")
+        with contextlib.ExitStack() as stack:
+            opened = open_many(running.address, 60, stack)
+            server.poll(lambda: sum(map(is_closed, opened)) + 60 - len(opened) >= 40, "40 refused connections")
+            before("GetServerInfo")
+        server.poll(lambda: running.answers(timeout=1.0), "a connection after the others were closed")
+
+    def test_one_peer_leaves_connections_to_others(self):
+        running = self.serve("--max-connections", "40", "--max-connections-per-peer", "20")
+        with contextlib.ExitStack() as stack:
+            opened = open_many(running.address, 60, stack, source="127.0.0.2")
+            server.poll(lambda: sum(map(is_closed, opened)) + 60 - len(opened) >= 40, "40 refused connections")
+            client(self, running)("GetServerInfo")
+
+    def test_half_requests_do_not_delay_probes(self):
+        running = self.serve()
+        alone = slowest_s(lambda: running.page("/healthz"), 20)
+        with contextlib.ExitStack() as stack:
+            for connection in open_many(running.metrics_address, 100, stack):
+                with contextlib.suppress(OSError):  # the server may have closed it in favour of later ones
+                    connection.sendall(b"GET /metrics HTTP/1.1\r\nHost: a\r\nX: ")
+            for path in ("/healthz", "/readyz"):
+                beside = slowest_s(lambda path=path: self.assertEqual(running.page(path)[0], 200), 3)
+                self.assertLess(beside, 100 * max(alone, 0.01))
+
+    def test_requests_for_files_are_refused(self):
+        running = self.serve()
+        for request in (b"GET /../../etc/passwd HTTP/1.1\r\n\r\n", b"GET /%2e%2e/%2e%2e/etc/passwd HTTP/1.1\r\n\r\n",
+                        b"GET /\0 HTTP/1.1\r\n\r\n", b"GET /" + b"a" * 100_000 + b" HTTP/1.1\r\n\r\n",
+                        b"POST /metrics HTTP/1.1\r\nContent-Length: 99999999999\r\n\r\n", bytes(1000)):
+            with server.connect(running.metrics_address) as connection:
+                with contextlib.suppress(ConnectionError):
+                    connection.sendall(request)
+                    self.assertRegex(connection.recv(4096) or b"HTTP/1.1 400", rb"^HTTP/1\.1 4")
+        self.assertEqual(running.page("/healthz")[0], 200)
+
+
+class Http2Test(server.AdversaryTest):
+    def setUp(self):
+        super().setUp()
+        self.running = self.serve("--max-transport-bytes", str(128 << 20), tenants=("alice",))
+        self.alice = client(self, self.running, "alice")
+        self.call = lambda: self.alice("GetServerInfo")
+        self.alone_s = slowest_s(self.call, 100)
+        self.before = self.running.resident_bytes()
+
+    def attack(self, pieces, num_connections=2):
+        """Floods the server on connections of its own, with a call of alice between the pieces."""
+        with contextlib.ExitStack() as stack:
+            connections = [stack.enter_context(http2.open_connection(self.running)) for _ in range(num_connections)]
+            times = []
+            for piece in pieces:
+                connections = [connection for connection in connections if http2.send(connection, piece)]
+                times.append(slowest_s(self.call, 1))
+        server.poll(lambda: self.running.resident_bytes() < self.before + SLACK_BYTES, "memory that is given back")
+        self.assertLess(self.running.peak_bytes(), self.before + 2 * SLACK_BYTES)
+        self.assertLess(max(times), 100 * max(self.alone_s, 0.01))
+
+    def test_calls_that_are_reset_at_once(self):
+        self.attack(http2.reset_streams(5000 * i, 5000) for i in range(10))
+
+    def test_pings_whose_answers_are_not_read(self):
+        self.attack([http2.frame(http2.PING, 0, 0, bytes(8)) * 10_000] * 10)
+
+    def test_a_header_without_end(self):
+        start = http2.frame(http2.HEADERS, 0, 1, http2.CALL)
+        self.attack([start, *[http2.frame(http2.CONTINUATION, 0, 1, http2.LONG_FIELD) * 20] * 20])
+
+    def test_settings_whose_answers_are_not_read(self):
+        self.attack([http2.frame(http2.SETTINGS, 0, 0, b"\x00\x04\x00\x00\xff\xff") * 5000] * 10)
+
+
+class StreamTest(server.AdversaryTest):
+    def test_silent_streams_end(self):
+        """A session whose stream is silent is given up; one whose client sends empty chunks is not."""
+        running = self.serve("--max-sessions", "4", "--stream-idle-timeout", "1", "--session-expiry", "1")
+        api = client(self, running)
+        model = api.upload(CUBE).name
+        sessions = [api.attach(api.create(model)) for _ in range(4)]
+        live, attached = sessions.pop()
+        self.assertEqual(attached.idle_timeout.seconds, 1)
+        self.assertEqual(refusal(api.create, model).reason, "TOO_MANY_SESSIONS")
+
+        def has_room():
+            live.send(events={})
+            try:
+                return api.create(model)
+            except grpc.RpcError as error:
+                self.assertEqual(failure_of(error).reason, "TOO_MANY_SESSIONS")
+                return None
+
+        server.poll(has_room, "room for a session")
+        for silent, _ in sessions:
+            self.assertEqual(silent.failure().reason, "STREAM_IDLE")
+        live.send(end={})
+        live.read("summary")
+
+    def test_streams_that_never_attach_end(self):
+        running = self.serve("--attach-timeout", "0.5")
+        stream = client(self, running).stream()
+        self.assertEqual(stream.failure().reason, "ATTACH_TIMEOUT")
+
+    def test_watchers_of_health_have_a_rate(self):
+        running = self.serve("--tenant-max-health-per-s", "100")
+        api = client(self, running)
+        name = api.create(api.upload(CUBE).name).session.name
+        start = time.monotonic()
+        watchers = [api.watch("WatchHealth", session=name, period={"nanos": 10_000_000}) for _ in range(20)]
+        received = sum(1 for watcher in watchers for _ in zip(range(15), watcher))
+        self.assertEqual(received, 300)
+        # Each watcher has one message at once; the others come at the tenant's rate.
+        self.assertLess(received - len(watchers), 2 * 100 * (time.monotonic() - start))
+
+    def test_violations_of_the_protocol_end_their_stream_only(self):
+        running = self.serve()
+        api = client(self, running)
+        model = api.upload(CUBE).name
+        nan = float("nan")
+        pose = {"rotation": {"x": nan, "y": 0, "z": 0, "w": 1}}
+        violations = {
+            "INVALID_ARGUMENT": [
+                [{"attach": {"session": "sessions/x"}}], [{}], [{"events": {"seq": 0, "payload": bytes(8)}}],
+                [{"events": {"seq": 1, "payload": bytes(7)}}], [{"events": {"seq": 1, "payload": bytes((1 << 20) + 8)}}],
+                [{"reset_pose": {"object_id": "object0", "seq": 1, "camera_from_object": pose}}],
+                [{"reset_pose": {"object_id": "another", "seq": 1}}],
+            ],
+            "FAILED_PRECONDITION": [[{"events": {"seq": 2}}], [{"events": {"seq": 2**64 - 1}}]],
+            "DATA_LOSS": [[{"events": {"seq": 1, "payload": bytes(8), "crc32c": 1}}]],
+        }
+        for code, cases in violations.items():
+            for messages in cases:
+                with self.subTest(code=code, messages=str(messages)[:200]):
+                    created = api.create(model)
+                    stream, _ = api.attach(created)
+                    for message in messages:
+                        stream.send(**message)
+                    self.assertEqual(stream.failure().code, code)
+                    api("DeleteSession", name=created.session.name)
+
+
+if __name__ == "__main__":
+    unittest.main()

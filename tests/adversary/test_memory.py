@@ -1,0 +1,158 @@
+#!/usr/bin/python3
+# SPDX-License-Identifier: Apache-2.0
+"""Memory: what a session takes is charged before it takes it, and what cannot be had fails one call."""
+
+import unittest
+
+import grpc
+import numpy
+
+import server
+from api import LARGEST, client, failure_of, refusal
+from hostile_models import CUBE
+
+LIMIT_BYTES = 400 << 20
+# Memory of the server besides sessions: buffers of gRPC, pages that malloc keeps.
+SLACK_BYTES = 100 << 20
+
+
+def noise(step_px):
+    """One second of events in every `step_px`th column of all rows of the largest camera, FLAT64. With 256, one event falls into each
+    page of 4 KiB of any table that has 16 bytes or fewer for a pixel."""
+    y, x = numpy.mgrid[0:4096, 0:4096:step_px].reshape(2, -1).astype(numpy.uint64)
+    t_us = numpy.linspace(1, 1_000_000, x.size).astype(numpy.uint64)
+    words = t_us << numpy.uint64(32) | x << numpy.uint64(18) | y << numpy.uint64(4) | (x ^ y) & numpy.uint64(1)
+    return words.astype("<u8").tobytes()
+
+
+def send_all(api, created, data):
+    """Sends the data to a session until they are processed, and returns the health of the session."""
+    stream, attached = api.attach(created)
+    size = attached.max_chunk_bytes // 8 * 8
+    starts = range(0, len(data), size)
+    for seq, start in enumerate(starts, 1):
+        stream.send(events={"seq": seq, "payload": data[start:start + size]})
+    while stream.read("ack").ack.processed_seq < len(starts):
+        continue
+    health = api("GetSession", name=created.session.name).health
+    stream.cancel()
+    return health
+
+
+class SessionMemoryTest(server.AdversaryTest):
+    def test_sessions_of_large_cameras_are_charged(self):
+        running = self.serve("--max-session-memory", str(LIMIT_BYTES), "--max-sessions", "1000")
+        api = client(self, running)
+        model = api.upload(CUBE).name
+        before = running.resident_bytes()
+        created, failure = api.create_until_refused(model, camera=LARGEST)
+        self.assertEqual((failure.code, failure.reason), ("RESOURCE_EXHAUSTED", "SESSION_MEMORY"))
+        self.assertIn("QuotaFailure", failure.details)
+        self.assertGreater(len(created), 1)
+        for session in created:
+            self.assertGreater(send_all(api, session, noise(256)).decoded_events, 0)
+        self.assertLess(running.peak_bytes() - before, LIMIT_BYTES + SLACK_BYTES)
+        # A small session may be refused, too; what a deleted session was charged is free again.
+        api("DeleteSession", name=created.pop().session.name)
+        created.append(api.create(model, camera=LARGEST))
+
+    def test_objects_are_charged(self):
+        running = self.serve("--max-session-memory", str(LIMIT_BYTES), "--max-sessions", "1000")
+        api = client(self, running)
+        model = api.upload(CUBE).name
+        counts = []
+        for num_objects in (1, 16):
+            before = running.resident_bytes()
+            created, failure = api.create_until_refused(model, camera=LARGEST, num_objects=num_objects)
+            self.assertEqual(failure.reason, "SESSION_MEMORY")
+            self.assertLess(running.resident_bytes() - before, LIMIT_BYTES + SLACK_BYTES)
+            counts.append(len(created))
+            for session in created:
+                api("DeleteSession", name=session.session.name)
+        self.assertLess(counts[1], counts[0])
+
+    def test_a_session_after_noise_in_every_page(self):
+        """The peak of one session, which figures.py prints."""
+        for num_objects, name in ((1, "1 object"), (16, "16 objects")):
+            running = self.serve()
+            api = client(self, running)
+            model = api.upload(CUBE).name
+            send_all(api, api.create(model), noise(256)[:8])  # what the server allocates once
+            before = running.resident_bytes()
+            send_all(api, api.create(model, camera=LARGEST, num_objects=num_objects), noise(256))
+            rise = running.peak_bytes() - before
+            server.figures[f"memory of a session with a 4096x4096 camera, {name}"] = f"{rise / 1e6:.0f} MB"
+            self.assertLess(rise, 100e6 if num_objects == 1 else 300e6)
+            self._end(running)
+
+    def test_a_tenant_leaves_memory_to_others(self):
+        running = self.serve("--max-session-memory", str(LIMIT_BYTES), "--max-sessions", "1000", tenants=("alice", "mallory"))
+        mallory, alice = client(self, running, "mallory"), client(self, running, "alice")
+        created, failure = mallory.create_until_refused(mallory.upload(CUBE).name, camera=LARGEST)
+        self.assertEqual(failure.code, "RESOURCE_EXHAUSTED")
+        self.assertIn(failure.reason, ("TENANT_QUOTA", "SESSION_MEMORY"))
+        self.assertGreater(len(created), 0)
+        alice.create(alice.upload(CUBE).name, camera=LARGEST)
+
+    def test_an_allocation_that_fails_ends_one_call(self):
+        running = self.serve("--max-session-memory", str(1 << 40), "--max-sessions", "1000",
+                             prlimit=[f"--as={3 << 30}"])
+        api = client(self, running)
+        model = api.upload(CUBE).name
+        created = []
+        with self.assertRaises(grpc.RpcError) as caught:
+            while len(created) < 500:
+                camera = {**LARGEST, "fx_px": 3000 + len(created)}
+                created.append(api.create(model, camera=camera, num_objects=16))
+                send_all(api, created[-1], noise(256))
+        failure = failure_of(caught.exception)
+        self.assertEqual((failure.code, failure.reason), ("RESOURCE_EXHAUSTED", "OUT_OF_MEMORY"))
+        for session in created:
+            api("DeleteSession", name=session.session.name)
+        send_all(api, api.create(model), noise(256)[:8])
+
+    def test_a_restart_restores_no_more_than_the_limit(self):
+        running = self.serve("--max-session-memory", str(LIMIT_BYTES), "--max-sessions", "1000", store="sqlite")
+        api = client(self, running)
+        model = api.upload(CUBE).name
+        created, _ = api.create_until_refused(model, camera=LARGEST, num_objects=16)
+        running.kill()
+        running.start()
+        self.assertEqual(running.defeat(), "")
+        again = client(self, running)
+        for session in created:
+            send_all(again, session, noise(256))
+        self.assertLess(running.peak_bytes(), LIMIT_BYTES + 2 * SLACK_BYTES)
+        self.assertEqual(refusal(again.create, model, camera=LARGEST, num_objects=16).reason, "SESSION_MEMORY")
+
+
+class StreamMemoryTest(server.AdversaryTest):
+    def test_random_bytes_are_counted_and_not_kept(self):
+        running = self.serve()
+        api = client(self, running)
+        model = api.upload(CUBE).name
+        random = numpy.random.default_rng(1)
+        peaks = []
+        for data in [random.bytes(1 << 20), bytes(1 << 20), b"\xff" * (1 << 20)]:
+            for encoding in range(1, 6):
+                created = api.create(model, encoding=encoding)
+                health = send_all(api, created, data)
+                self.assertEqual(health.processed_bytes, len(data))
+                api("DeleteSession", name=created.session.name)
+            peaks.append(running.peak_bytes())
+        self.assertLess(peaks[-1], peaks[0] + SLACK_BYTES)
+
+    def test_empty_chunks_are_not_kept(self):
+        running = self.serve()
+        api = client(self, running)
+        stream, _ = api.attach(api.create(api.upload(CUBE).name))
+        before = running.resident_bytes()
+        for seq in range(1, 5001):
+            stream.send(events={"seq": seq, "payload": b""})
+        stream.send(end={})
+        stream.read("summary")
+        self.assertLess(running.resident_bytes(), before + SLACK_BYTES)
+
+
+if __name__ == "__main__":
+    unittest.main()

@@ -1,0 +1,133 @@
+#!/usr/bin/python3
+# SPDX-License-Identifier: Apache-2.0
+"""Processor time: a live camera keeps its pace beside bulk replays and beside expensive sessions."""
+
+import contextlib
+import subprocess
+import threading
+import unittest
+
+import grpc
+
+import server
+from api import EVT3, client, failure_of
+from camera import Camera, assert_undisturbed, camera_model, chunks, create, initial_pose, recording
+from hostile_models import CUBE, tangle
+
+
+class Replays:
+    """Processes that replay the recording as fast as they can, each again as soon as it has ended."""
+
+    def __init__(self, running, count, token_file):
+        files = recording()
+        self._command = ["nice", server.EVPOSE, "replay", files / "recording.raw", "--model", files / "model.obj", "--camera",
+                         files / "camera.yaml", "--server", running.address, "--token-file", token_file, "--rate", "max",
+                         "--chunk-bytes", "262144", "--out", "/dev/null"]
+        self._is_ending = threading.Event()
+        self.num_ended = 0
+        self._threads = [threading.Thread(target=self._repeat) for _ in range(count)]
+        for thread in self._threads:
+            thread.start()
+
+    def _repeat(self):
+        while not self._is_ending.is_set():
+            subprocess.run(self._command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, check=True)
+            self.num_ended += 1
+
+    def end(self):
+        self._is_ending.set()
+        for thread in self._threads:
+            thread.join()
+
+
+class FairTimeTest(server.AdversaryTest):
+    def setUp(self):
+        super().setUp()
+        recording()
+        self.running = self.serve(tenants=("alice", "mallory"))
+        (self.alone,) = Camera(self.running, "alice").runs()
+
+    def check(self, name, runs, p50_ratio=50, p99_ratio=30):
+        server.figures[f"live camera {name}, p50 / p99"] = ", ".join(
+            f"{run.p50_us / 1e3:.1f} / {run.p99_us / 1e3:.1f} ms" for run in runs)
+        server.figures["live camera alone, p50 / p99"] = f"{self.alone.p50_us / 1e3:.1f} / {self.alone.p99_us / 1e3:.1f} ms"
+        assert_undisturbed(self, self.alone, runs, p50_ratio, p99_ratio)
+
+    def test_beside_bulk_replays(self):
+        """As many bytes at a time as the server takes, from another tenant or from the same one."""
+        for tenant in ("mallory", "alice"):
+            with self.subTest(tenant):
+                path = self.directory / f"{tenant}.token"
+                path.write_text(server.token(tenant) + "\n")
+                path.chmod(0o600)
+                replays = Replays(self.running, 8, path)
+                try:
+                    runs = Camera(self.running, "alice").runs()
+                finally:
+                    replays.end()
+                self.check(f"beside 8 bulk replays of {'another' if tenant == 'mallory' else 'its own'} tenant", runs)
+                self.assertGreater(replays.num_ended, 0)
+
+    def test_beside_sessions_with_an_expensive_model(self):
+        mallory = client(self, self.running, "mallory")
+        model = self.most_expensive_model(mallory)
+        stop = threading.Event()
+        threads = [threading.Thread(target=self.send_until, args=(mallory, model, stop)) for _ in range(2)]
+        before = self.running.metric("evpose_received_bytes_total")
+        for thread in threads:
+            thread.start()
+        try:
+            server.poll(lambda: self.running.metric("evpose_received_bytes_total") > before + 100_000, "expensive sessions")
+            runs = Camera(self.running, "alice").runs()
+        finally:
+            stop.set()
+            for thread in threads:
+                thread.join()
+        self.check("beside two sessions with an expensive model", runs)
+
+    def most_expensive_model(self, api):
+        """Returns the largest tangle that the server admits, or a cube if it admits none."""
+        for triangles in (50_000, 5000, 500):
+            with contextlib.suppress(grpc.RpcError):
+                return api.upload(tangle(triangles, 4096)).name
+        return api.upload(CUBE).name
+
+    def send_until(self, api, model, stop):
+        """Sends the recording to a session with 16 objects, or as many as are admitted, until `stop` is set."""
+        for num_objects in (16, 4, 1):
+            try:
+                created = api.create(model, encoding=EVT3, num_objects=num_objects, camera=camera_model(), pose=initial_pose())
+                break
+            except grpc.RpcError as error:
+                self.assertEqual(failure_of(error).code, "RESOURCE_EXHAUSTED")
+        else:
+            return
+        stream, _ = api.attach(created)
+        for seq, (_, payload) in enumerate(chunks() * 5, 1):
+            stream.send(events={"seq": seq, "payload": payload})
+        stop.wait()
+        stream.cancel()
+        api("DeleteSession", name=created.session.name)
+
+
+class SessionTimeTest(server.AdversaryTest):
+    LIMIT = 0.02
+
+    def test_a_session_has_a_limit_and_its_owner_is_told(self):
+        running = self.serve("--max-session-cpu", str(self.LIMIT))
+        api = client(self, running)
+        created = create(api)
+        stream, _ = api.attach(created)
+        for seq, (_, payload) in enumerate(chunks(), 1):
+            stream.send(events={"seq": seq, "payload": payload})
+        while not (notice := stream.read("notice").notice).HasField("lag_change"):
+            continue
+        self.assertTrue(notice.lag_change.falls_behind)
+        processing = api("GetSession", name=created.session.name).health.processing
+        self.assertTrue(processing.falls_behind)
+        self.assertEqual(processing.max_cpu_s_per_s, self.LIMIT)
+        self.assertLess(processing.cpu_s_per_s, 3 * self.LIMIT)
+
+
+if __name__ == "__main__":
+    unittest.main()
