@@ -5,6 +5,7 @@
 #include <gtest/gtest.h>
 
 #include <string>
+#include <thread>
 #include <vector>
 
 #include "absl/strings/match.h"
@@ -15,6 +16,7 @@
 #include "server/sessions/session_testing.h"
 #include "server/sessions/store_testing.h"
 #include "server/stores/memory/memory_store.h"
+#include "server/stores/store_suite_testing.h"
 #include "server/telemetry/log_testing.h"
 
 namespace evpose::server {
@@ -347,6 +349,19 @@ TEST_F(SessionManagerTest, TheModelBytesOfATenantAreLimited) {
   EXPECT_TRUE(models->Reserve("lab", 904).ok());
   const auto others = models->Reserve("field", 4096).value();
   EXPECT_EQ(GetErrorDetails(models->Reserve("third", 1000).status()).reason, "MODEL_STORE_FULL");
+}
+
+TEST_F(SessionManagerTest, AServerWhoseClockIsAheadKeepsTheEndedSessionsOfOthers) {
+  const auto add = [this](const std::string& name, absl::Time ended_at) {
+    const auto lease = store_->CreateSession({.name = name}, "").value();
+    EXPECT_TRUE(CommitNow(*lease, {.ended_at = ended_at}).ok());
+  };
+  add("sessions/old", absl::Now() - absl::Hours(1));
+  add("sessions/new", absl::Now());
+  now_ = absl::Now() + absl::Hours(1);
+  sessions_->DeleteEnded();
+  while (store_->ReadSession("sessions/old").ok()) std::this_thread::yield();
+  EXPECT_TRUE(store_->ReadSession("sessions/new").ok());
 }
 
 }  // namespace
