@@ -42,8 +42,8 @@ namespace evpose::server {
 namespace {
 
 constexpr absl::Duration kDestructorDeadline = absl::Seconds(1);
-constexpr absl::Duration kLongestDeadline =
-    absl::Hours(24 * 365);  // also of options; keeps the arithmetic of time points in range
+// Also of options. Keeps the arithmetic of time points in range.
+constexpr absl::Duration kLongestDeadline = absl::Hours(24 * 365);
 // Time after the deadline for sending the last status of a stream, and for calls in progress, such as the loading of an
 // uploaded model.
 constexpr absl::Duration kCallGrace = absl::Milliseconds(500);

@@ -2,21 +2,14 @@
 
 // Tests authentication with tokens and certificates, and the separation of tenants.
 #include <gmock/gmock.h>
-#include <grpcpp/generic/generic_stub.h>
-#include <grpcpp/support/client_interceptor.h>
 #include <gtest/gtest.h>
 
 #include <chrono>
 #include <future>
 
 #include "absl/strings/str_cat.h"
-#include "absl/strings/str_replace.h"
-#include "absl/strings/str_split.h"
-#include "core/base/certificates_testing.h"
 #include "grpc/health/v1/health.grpc.pb.h"
-#include "server/auth/files_testing.h"
-#include "server/auth/token_file.h"
-#include "server/rpc/server_testing.h"
+#include "server/rpc/trust_testing.h"
 #include "server/stores/memory/memory_store.h"
 #include "server/telemetry/log_testing.h"
 
@@ -25,63 +18,6 @@ namespace {
 
 using ::testing::HasSubstr;
 using ::testing::Not;
-
-// Adds the metadata "authorization" to every call of a channel.
-class TokenInterceptor : public grpc::experimental::Interceptor {
- public:
-  explicit TokenInterceptor(const std::string& value) : value_(value) {}
-  void Intercept(grpc::experimental::InterceptorBatchMethods* methods) override {
-    using grpc::experimental::InterceptionHookPoints;
-    if (methods->QueryInterceptionHookPoint(InterceptionHookPoints::PRE_SEND_INITIAL_METADATA)) {
-      methods->GetSendInitialMetadata()->emplace("authorization", value_);
-    }
-    methods->Proceed();
-  }
-
- private:
-  const std::string value_;
-};
-class TokenInterceptorFactory : public grpc::experimental::ClientInterceptorFactoryInterface {
- public:
-  explicit TokenInterceptorFactory(const std::string& value) : value_(value) {}
-  grpc::experimental::Interceptor* CreateClientInterceptor(grpc::experimental::ClientRpcInfo*) override {
-    return new TokenInterceptor(value_);
-  }
-
- private:
-  const std::string value_;
-};
-
-// Opens a new connection. `token` empty: without a token.
-std::shared_ptr<grpc::Channel> OpenChannel(int port, const std::string& token,
-                                           const std::shared_ptr<grpc::ChannelCredentials>& credentials) {
-  grpc::ChannelArguments arguments;
-  arguments.SetInt(GRPC_ARG_USE_LOCAL_SUBCHANNEL_POOL, 1);
-  std::vector<std::unique_ptr<grpc::experimental::ClientInterceptorFactoryInterface>> interceptors;
-  if (!token.empty()) interceptors.push_back(std::make_unique<TokenInterceptorFactory>("Bearer " + token));
-  return grpc::experimental::CreateCustomChannelWithInterceptors("localhost:" + std::to_string(port), credentials,
-                                                                 arguments, std::move(interceptors));
-}
-std::shared_ptr<grpc::Channel> OpenChannel(int port, const std::string& token) {
-  return OpenChannel(port, token, grpc::InsecureChannelCredentials());
-}
-
-std::shared_ptr<grpc::ChannelCredentials> Tls(const std::string& ca_pem, const TestCertificate& own = {}) {
-  return grpc::SslCredentials({ca_pem, own.key_pem, own.certificate_pem});
-}
-
-// Calls any method with one empty message, and closes the client's half.
-grpc::Status CallWithEmptyMessage(const std::shared_ptr<grpc::Channel>& channel, const std::string& method) {
-  grpc::GenericStub stub(channel);
-  grpc::ClientContext context;
-  grpc::ByteBuffer request, response;
-  const grpc::Slice nothing;
-  request = grpc::ByteBuffer(&nothing, 1);
-  std::promise<grpc::Status> done;
-  stub.UnaryCall(&context, method, grpc::StubOptions(), &request, &response,
-                 [&done](grpc::Status status) { done.set_value(std::move(status)); });
-  return done.get_future().get();
-}
 
 std::vector<std::string> MethodsOfTheApi() {
   std::vector<std::string> methods;
@@ -100,29 +36,6 @@ std::string Health(const std::shared_ptr<grpc::Channel>& channel) {
   grpc::health::v1::HealthCheckResponse response;
   return Describe(grpc::health::v1::Health::NewStub(channel)->Check(&context, {}, &response));
 }
-
-class TokensTest : public RpcTest {
- protected:
-  TokensTest() : TokensTest(Options()) {}
-  explicit TokensTest(ServerOptions options) : RpcTest(WithoutSocket()) {
-    options.listen_address = "127.0.0.1:0";
-    options.token_file = WriteTokens({lab_, field_, operator_});
-    server_ = StartServer(options, FakeTrackers(gate_)).value();
-    Use(OpenChannel(server_->port(), lab_.token));
-  }
-  static ServerOptions WithoutSocket() { return Options(); }
-
-  std::string WriteTokens(const std::vector<NewToken>& tokens) const {
-    std::string text;
-    for (const NewToken& token : tokens) text += token.line + "\n";
-    return files_.Write("tokens", text);
-  }
-
-  const TestFiles files_;
-  const NewToken lab_ = MakeToken("lab", false).value();
-  const NewToken field_ = MakeToken("field", false).value();
-  const NewToken operator_ = MakeToken("admin", true).value();
-};
 
 TEST_F(TokensTest, EveryMethodOfTheApiRequiresAToken) {
   const auto nobody = OpenChannel(server_->port(), "");
@@ -182,91 +95,6 @@ TEST_F(TokensTest, OnlyAnOperatorSetsTheLogLevel) {
   EXPECT_EQ(set(operator_, v1::LOG_LEVEL_DEBUG, response), "OK");
   EXPECT_EQ(response.previous_level(), v1::LOG_LEVEL_OFF);
   EXPECT_THAT(captured_log.Take(), HasSubstr(" from=off to=debug\n"));
-}
-
-// Reads a stream to its end.
-template <typename Response>
-std::string EndOf(grpc::ClientReader<Response>& reader) {
-  Response response;
-  while (reader.Read(&response)) continue;
-  return Describe(reader.Finish());
-}
-
-TEST_F(TokensTest, ARemovedTokenIsRejectedAndEndsItsStreams) {
-  const CreatedSession session = CreateSession();
-  const auto track = Attached(session);
-  RawTrack waiting(*sessions_);  // has not attached
-  grpc::ClientContext poses_context, health_context;
-  v1::WatchPosesRequest poses_request;
-  poses_request.set_session(session.name());
-  const auto poses = sessions_->WatchPoses(&poses_context, poses_request);
-  v1::WatchHealthRequest health_request;
-  health_request.set_session(session.name());
-  const auto health = sessions_->WatchHealth(&health_context, health_request);
-  v1::WatchHealthResponse first;
-  EXPECT_TRUE(health->Read(&first));
-  Use(OpenChannel(server_->port(), field_.token));
-  const auto others_track = Attached(CreateSession());
-
-  WriteTokens({field_});
-  Use(OpenChannel(server_->port(), lab_.token));
-  CreatedSession read;
-  EXPECT_EQ(Describe(Get(session.name(), &read)), "UNAUTHENTICATED BAD_TOKEN");
-  EXPECT_EQ(Describe(track->Finish()), "UNAUTHENTICATED ACCESS_WITHDRAWN");
-  EXPECT_EQ(Describe(waiting.Finish()), "UNAUTHENTICATED ACCESS_WITHDRAWN");
-  EXPECT_EQ(EndOf(*poses), "UNAUTHENTICATED ACCESS_WITHDRAWN");
-  EXPECT_EQ(EndOf(*health), "UNAUTHENTICATED ACCESS_WITHDRAWN");
-  EXPECT_EQ(server_->metrics().stream_ends[StreamKind::kTrack][absl::StatusCode::kUnauthenticated].value(), 2u);
-
-  EXPECT_TRUE(others_track->End());
-  v1::TrackResponse response;
-  EXPECT_TRUE(others_track->ReadUntil(v1::TrackResponse::kSummary, response)) << "another tenant's stream continues";
-  EXPECT_EQ(Describe(others_track->Finish()), "OK");
-}
-
-TEST_F(TokensTest, ATokenOfAnotherTenantEndsItsStreams) {
-  const auto track = Attached(CreateSession());
-  files_.Write("tokens", absl::StrReplaceAll(lab_.line, {{"lab ", "field "}}));
-  EXPECT_EQ(Describe(track->Finish()), "UNAUTHENTICATED ACCESS_WITHDRAWN");
-}
-
-TEST_F(TokensTest, AnEmptiedTokenFileAdmitsNobody) {
-  const auto track = Attached(CreateSession());
-  EXPECT_EQ(server_->state().num_tokens, 3u);
-  WriteTokens({});
-  EXPECT_EQ(Describe(track->Finish()), "UNAUTHENTICATED ACCESS_WITHDRAWN");
-  EXPECT_EQ(server_->state().num_tokens, 0u);
-}
-
-TEST_F(TokensTest, FailedAuthenticationsAreCountedAndLoggedAtALimitedRate) {
-  captured_log.Take();
-  const auto stranger = OpenChannel(server_->port(), "evpose_stranger");
-  constexpr uint64_t kCalls = 500;
-  for (uint64_t i = 0; i < kCalls; ++i) CallWithEmptyMessage(stranger, "/evpose.v1.AdminService/GetServerInfo");
-  const OneFor<AuthenticationFailure, 3>& failures = server_->metrics().authentication_failures;
-  EXPECT_EQ(failures[AuthenticationFailure::kBadToken].value(), kCalls);
-  EXPECT_EQ(failures[AuthenticationFailure::kNoToken].value(), 0u);
-  const std::string log = captured_log.Take();
-  EXPECT_THAT(log, HasSubstr("warning authentication_failed peer="));
-  EXPECT_THAT(log, HasSubstr(" reason=BAD_TOKEN "));
-  const std::vector<std::string> lines = absl::StrSplit(log, '\n', absl::SkipEmpty());
-  EXPECT_LT(lines.size(), kCalls / 2);
-}
-
-TEST_F(TokensTest, LongNamesAreCutInErrorsAndInTheLog) {
-  const std::string name(5000, 'x');
-  CreatedSession read;
-  const grpc::Status status = Get(name, &read);
-  EXPECT_EQ(Describe(status), "NOT_FOUND SESSION_NOT_FOUND");
-  EXPECT_LT(status.error_message().size(), 300u);
-  EXPECT_LT(status.error_details().size(), 600u);
-  captured_log.Take();
-  RawTrack track(*sessions_);
-  track.Attach(name, "guess");
-  EXPECT_EQ(Describe(track.Finish()), "NOT_FOUND SESSION_NOT_FOUND");
-  const std::string log = captured_log.Take();
-  EXPECT_THAT(log, HasSubstr("attach_refused"));
-  EXPECT_THAT(log, Not(HasSubstr(std::string(101, 'x'))));
 }
 
 TEST_F(TokensTest, NoSecretIsInTheLog) {
@@ -551,60 +379,6 @@ TEST_F(IdleTest, AHeldStreamIsNotRead) {
   EXPECT_EQ(read.health().received_bytes(), 128u);
 }
 
-TEST_F(TokensTest, ATenantHasItsOwnLimitOfStreams) {
-  ServerOptions options = Options();
-  options.listen_address = "127.0.0.1:0";
-  options.token_file = files_.Path("tokens");
-  options.tenant.max_streams = 1;
-  server_ = StartServer(options, FakeTrackers(gate_)).value();
-  Use(OpenChannel(server_->port(), lab_.token));
-  const CreatedSession session = CreateSession();
-  const auto track = Attached(session);
-  RawTrack second(*sessions_);
-  const grpc::Status refused = second.Finish();
-  EXPECT_EQ(Describe(refused), "RESOURCE_EXHAUSTED TENANT_QUOTA");
-  EXPECT_EQ(DetailOf<google::rpc::QuotaFailure>(refused).violations(0).subject(), "tenant_streams");
-  Use(OpenChannel(server_->port(), field_.token));
-  const auto others = Attached(CreateSession());
-}
-
-class TlsTest : public RpcTest {
- protected:
-  ServerOptions TlsOptions(bool has_client_ca) {
-    ServerOptions options = Options();
-    options.listen_address = "127.0.0.1:0";
-    Write(authority_.Issue());
-    options.tls = {files_.Path("server.crt"), files_.Path("server.key"), ""};
-    if (has_client_ca) options.tls.client_ca = files_.Write("clients.crt", clients_.pem());
-    return options;
-  }
-  void Start(const ServerOptions& options) { server_ = StartServer(options, FakeTrackers(gate_)).value(); }
-  void Write(const TestCertificate& certificate) {
-    files_.Write("server.crt", certificate.certificate_pem);
-    files_.Write("server.key", certificate.key_pem);
-    certificate_pem_ = certificate.certificate_pem;
-  }
-  std::shared_ptr<grpc::Channel> ConnectTls(const std::string& token = "", const TestCertificate& own = {}) {
-    return OpenChannel(server_->port(), token, Tls(authority_.pem(), own));
-  }
-  // Calls GetServerInfo and returns the status. `shown_pem` receives the certificate of the server.
-  static std::string Call(const std::shared_ptr<grpc::Channel>& channel, std::string* shown_pem = nullptr) {
-    grpc::ClientContext context;
-    v1::ServerInfo info;
-    const grpc::Status status = v1::AdminService::NewStub(channel)->GetServerInfo(&context, {}, &info);
-    if (shown_pem != nullptr && context.auth_context() != nullptr) {
-      const auto shown = context.auth_context()->FindPropertyValues(GRPC_X509_PEM_CERT_PROPERTY_NAME);
-      if (!shown.empty()) *shown_pem = std::string(shown[0].data(), shown[0].size());
-    }
-    return Describe(status);
-  }
-
-  const TestFiles files_;
-  const TestAuthority authority_;
-  const TestAuthority clients_{"clients"};
-  std::string certificate_pem_;
-};
-
 TEST_F(TlsTest, ClientsThatTrustTheAuthority) {
   Start(TlsOptions(false));
   std::string shown_pem;
@@ -632,53 +406,6 @@ TEST_F(TlsTest, ClientsPresentCertificates) {
       << "a certificate of another authority";
   const TestCertificateOptions old = {.common_name = "lab", .not_after = absl::Now() - absl::Minutes(1)};
   EXPECT_EQ(Call(ConnectTls("", clients_.Issue(old))), "UNAVAILABLE") << "expired";
-}
-
-TEST_F(TlsTest, TheCommonNameMustBeUnique) {
-  Start(TlsOptions(true));
-  const TestCertificateOptions two = {.common_name = "lab", .second_common_name = "field"};
-  EXPECT_EQ(Call(ConnectTls("", clients_.Issue(two))), "UNAUTHENTICATED BAD_CERTIFICATE");
-}
-
-TEST_F(TlsTest, RevokedCertificatesAreRejectedAndEndTheirStreams) {
-  ServerOptions options = TlsOptions(true);
-  options.tls.client_crl = files_.Write("clients.crl", clients_.Revoke({}));
-  Start(options);
-  const TestCertificate lost = clients_.Issue({.common_name = "lab"});
-  Use(ConnectTls("", lost));
-  const CreatedSession session = CreateSession();
-  const auto track = Attached(session);
-  files_.Write("clients.crl", "nothing");
-  CreatedSession read;
-  EXPECT_EQ(Describe(Get(session.name(), &read)), "OK") << "a damaged list leaves the previous one in use";
-  files_.Write("clients.crl", clients_.Revoke({lost}));
-  EXPECT_EQ(Describe(track->Finish()), "UNAUTHENTICATED ACCESS_WITHDRAWN");
-  EXPECT_EQ(Describe(Get(session.name(), &read)), "UNAUTHENTICATED BAD_CERTIFICATE") << "the same connection";
-  std::filesystem::remove(options.tls.client_crl);
-  EXPECT_EQ(Call(ConnectTls("", lost)), "UNAUTHENTICATED BAD_CERTIFICATE") << "the previous list stays in use";
-  EXPECT_EQ(Call(ConnectTls("", clients_.Issue({.common_name = "lab"}))), "OK");
-}
-
-TEST_F(TlsTest, AStreamEndsWhenItsCertificateExpires) {
-  Start(TlsOptions(true));
-  Use(ConnectTls("", clients_.Issue({.common_name = "lab"})));
-  v1::WatchHealthRequest request;
-  request.set_session(CreateSession().name());
-  // On a slow machine the certificate may expire before the stream begins.
-  for (absl::Duration validity = absl::Seconds(2); validity < absl::Hours(1); validity *= 2) {
-    const TestCertificateOptions brief = {.common_name = "lab", .not_after = absl::Now() + validity};
-    const auto sessions = v1::SessionService::NewStub(ConnectTls("", clients_.Issue(brief)));
-    grpc::ClientContext context;
-    const auto health = sessions->WatchHealth(&context, request);
-    v1::WatchHealthResponse first;
-    if (!health->Read(&first)) {
-      (void)health->Finish();
-      continue;
-    }
-    EXPECT_EQ(EndOf(*health), "UNAUTHENTICATED ACCESS_WITHDRAWN");
-    return;
-  }
-  FAIL() << "no stream began";
 }
 
 TEST_F(TlsTest, ANewCertificateIsUsedForNewConnections) {

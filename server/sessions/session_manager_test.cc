@@ -6,6 +6,7 @@
 
 #include <new>
 #include <string>
+#include <thread>
 #include <vector>
 
 #include "absl/strings/match.h"
@@ -16,6 +17,7 @@
 #include "server/sessions/session_testing.h"
 #include "server/sessions/store_testing.h"
 #include "server/stores/memory/memory_store.h"
+#include "server/stores/store_suite_testing.h"
 #include "server/telemetry/log_testing.h"
 
 namespace evpose::server {
@@ -418,6 +420,19 @@ TEST_F(SessionManagerTest, ModelsOfTwoTenantsAreSeparate) {
   const auto restarted = ModelRegistry::Create({}, *store_).value();
   EXPECT_TRUE(restarted->Get("lab", model_).ok());
   EXPECT_FALSE(restarted->Get("", model_).ok());
+}
+
+TEST_F(SessionManagerTest, AServerWhoseClockIsAheadKeepsTheEndedSessionsOfOthers) {
+  const auto add = [this](const std::string& name, absl::Time ended_at) {
+    const auto lease = store_->CreateSession({.name = name}, "").value();
+    EXPECT_TRUE(CommitNow(*lease, {.ended_at = ended_at}).ok());
+  };
+  add("sessions/old", absl::Now() - absl::Hours(1));
+  add("sessions/new", absl::Now());
+  now_ = absl::Now() + absl::Hours(1);
+  sessions_->DeleteEnded();
+  while (store_->ReadSession("sessions/old").ok()) std::this_thread::yield();
+  EXPECT_TRUE(store_->ReadSession("sessions/new").ok());
 }
 
 }  // namespace

@@ -313,18 +313,6 @@ TEST_F(SessionRestoreTest, AnExpiredCopyDoesNotDeleteASessionThatHasMoved) {
   Kill(two);
 }
 
-TEST_F(SessionRestoreTest, AServerWhoseClockIsAheadKeepsTheEndedSessionsOfOthers) {
-  Server server = Open(/*shares_store=*/true);
-  const std::string name = "sessions/of another server";
-  const auto lease = store_->CreateSession({.name = name, .tenant = kTenant}, "").value();
-  ASSERT_TRUE(CommitNow(*lease, {.ended_at = absl::Now()}).ok());
-  now_ = absl::Now() + absl::Hours(1);
-  server->DeleteEnded();
-  SlowWorkIsDone();
-  EXPECT_TRUE(store_->ReadSession(name).ok());
-  Kill(server);
-}
-
 TEST_F(SessionRestoreTest, OrphanedSessionsAreDeletedByAnotherServer) {
   Server dead = Open(/*shares_store=*/true);
   const auto orphan = Create(dead);
