@@ -56,8 +56,8 @@ struct ModelOptions {
 // zero and duplicates are dropped and overlapping lines merged, with a notice. Triangles get one winding, outward where
 // a surface is closed. Symmetries are found by FindSymmetries(). No other file is opened, even if the file names one.
 // Errors, INVALID_ARGUMENT: malformed (with the place), no line and no face, no line at all, a number that is not
-// finite, an index out of range, a size below 1e-6 m or above 1e4 m, more than the options allow. `on_step` is called before each step with
-// its name, such as "finding lines".
+// finite, an index out of range, a size below 1e-6 m or above 1e4 m, more than the options allow. `on_step` is called
+// before each step with its name, such as "finding lines".
 using ModelStepListener = absl::FunctionRef<void(absl::string_view step)>;
 absl::StatusOr<ObjectModel> ParseObjectModel(
     absl::Span<const uint8_t> bytes, ModelFormat format, const ModelOptions& options,

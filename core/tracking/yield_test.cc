@@ -1,8 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
 // A tracker that is paused at its yield points gives the same poses, bit for bit.
-#include "core/base/yield_point.h"
-
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -11,6 +9,7 @@
 #include <vector>
 
 #include "core/base/state_io.h"
+#include "core/base/yield_point.h"
 #include "core/estimation/ideal_events_testing.h"
 #include "core/tracking/tracker.h"
 #include "core/tracking/tracking_testing.h"

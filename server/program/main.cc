@@ -13,8 +13,8 @@
 #include <iostream>
 #include <memory>
 #include <string>
-#include <thread>
 #include <system_error>
+#include <thread>
 #include <utility>
 
 #include "absl/strings/str_cat.h"

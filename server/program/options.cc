@@ -163,8 +163,9 @@ void DefineLimits(CLI::App& app, Arguments& arguments) {
                  "bytes of events per second; the server reads faster streams more slowly; default: 0");
   app.add_option("--tenant-max-health-per-s", options.tenant.max_health_per_s,
                  "messages per second to readers of health; the server sends more of them less often; 0: no limit");
-  app.add_option("--tenant-max-cpu", options.tenant.max_cpu,
-                 "processor seconds per second of all sessions of the tenant; without it tenants share the workers equally");
+  app.add_option(
+      "--tenant-max-cpu", options.tenant.max_cpu,
+      "processor seconds per second of all sessions of the tenant; without it tenants share the workers equally");
 }
 
 void DefineArguments(CLI::App& app, Arguments& arguments) {

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// The threads that decode and track for all sessions (server/scheduling), threads for slow work, one for timers, and one
-// for low-priority work.
+// The threads that decode and track for all sessions (server/scheduling), threads for slow work, one for timers, and
+// one for low-priority work.
 #pragma once
 
 #include <boost/asio/any_io_executor.hpp>

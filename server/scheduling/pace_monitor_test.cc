@@ -25,8 +25,7 @@ std::vector<bool> Changes(double send_rate, double process_rate) {
     const double processed_ms = std::min(sent_ms, process_rate * ms);
     std::optional<PaceMonitor::Time> oldest;
     if (processed_ms < sent_ms) oldest = start + milliseconds(static_cast<int>(processed_ms / send_rate));
-    const auto change =
-        monitor.Update(start + milliseconds(ms), oldest, static_cast<int64_t>(1000.0 * processed_ms));
+    const auto change = monitor.Update(start + milliseconds(ms), oldest, static_cast<int64_t>(1000.0 * processed_ms));
     if (change.has_value()) changes.push_back(*change);
   }
   return changes;

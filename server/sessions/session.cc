@@ -427,10 +427,9 @@ void Session::WriteCheckpoint() {
     if (worker_.has_pipeline()) state.pipeline = worker_.SaveState();
     out.checkpoint = EncodeCheckpoint(state);
   }
-  const int64_t cost_us =
-      std::chrono::duration_cast<std::chrono::microseconds>(std::chrono::steady_clock::now() - begin -
-                                                            (PausedTime() - paused_before))
-          .count();
+  const int64_t cost_us = std::chrono::duration_cast<std::chrono::microseconds>(std::chrono::steady_clock::now() -
+                                                                                begin - (PausedTime() - paused_before))
+                              .count();
   {
     const std::lock_guard lock(mutex_);
     checkpoints_.RecordPoses(std::max(after_pose_seq, pose_log_.last_pose_seq()));

@@ -53,7 +53,7 @@ class Session : public WatchedSession, public std::enable_shared_from_this<Sessi
     SessionConfig config;
     SessionLimits limits;
     std::vector<std::shared_ptr<const void>> model_uses;  // released when the session closes
-    std::shared_ptr<const void> memory_charge;  // of everything but the pipeline, which holds its own
+    std::shared_ptr<const void> memory_charge;            // of everything but the pipeline, which holds its own
     std::unique_ptr<SessionPipeline> pipeline;  // in the state of the beginning's checkpoint; null when it has ended
     SessionBeginning beginning;
     std::unique_ptr<SessionLease> lease;
@@ -122,7 +122,8 @@ class Session : public WatchedSession, public std::enable_shared_from_this<Sessi
       ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   bool IsRunnable() const ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   bool HasWork() const ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
-  // Posts Run as the next step when there is something to do. To be called after each change that IsRunnable depends on.
+  // Posts Run as the next step when there is something to do. To be called after each change that IsRunnable depends
+  // on.
   void Schedule() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   SessionAck MakeAck() const ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   Backlog MakeBacklog() const ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);

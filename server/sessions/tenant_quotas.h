@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// Quotas of a tenant besides those of sessions and models: streams, watchers, messages with health and payload bytes per
-// second. They are the same for all tenants.
+// Quotas of a tenant besides those of sessions and models: streams, watchers, messages with health and payload bytes
+// per second. They are the same for all tenants.
 #pragma once
 
 #include <cstdint>

@@ -260,7 +260,8 @@ TEST_P(StoreSuite, KeepsModelsOfTenantsApart) {
   EXPECT_EQ(models[2].tenant, "tenant");
   EXPECT_TRUE(models[1].file_bytes == 7 && models[1].bytes == nullptr) << "a list does not read the files";
   const ModelRecord model = store_->ReadModel("", "models/b").value();
-  EXPECT_EQ(std::string(model.bytes->begin(), model.bytes->end()) + model.prepared, std::string("another\0prepared", 16));
+  EXPECT_EQ(std::string(model.bytes->begin(), model.bytes->end()) + model.prepared,
+            std::string("another\0prepared", 16));
   EXPECT_EQ(model.reading.format, ModelFormat::kStl);
   EXPECT_EQ(model.reading.metres_per_unit, 0.001);
   EXPECT_EQ(model.reading.crease_angle_deg, 12.5);

@@ -28,8 +28,8 @@ using Labels = std::vector<ClientMetric::Label>;
 constexpr std::array kDropReasons = {"lag", "memory", "reader"};
 constexpr std::array kAuthenticationFailures = {"no_token", "bad_token", "bad_certificate"};
 constexpr std::array kCheckpointFailures = {"store_away", "store_full", "fenced", "store_failed"};
-constexpr std::array kQuotaLimits = {"max_sessions",    "max_streams",        "max_model_store_bytes",
-                                     "tenant_sessions", "tenant_model_bytes", "tenant_watchers",
+constexpr std::array kQuotaLimits = {"max_sessions",    "max_streams",           "max_model_store_bytes",
+                                     "tenant_sessions", "tenant_model_bytes",    "tenant_watchers",
                                      "session_memory",  "tenant_session_memory", "tenant_streams",
                                      "max_uploads",     "tenant_uploads"};
 constexpr std::array kConnectionRefusals = {"max_connections", "max_connections_per_peer", "descriptors"};
