@@ -127,6 +127,9 @@ struct ServerOptions {
   absl::Status Validate() const;
 };
 
+// Upper bound of durations in options and calls: keeps the arithmetic of time points in range.
+constexpr absl::Duration kLongestDuration = absl::Hours(24 * 365);
+
 // Checks the duration of an option: 0 to one year. (absl::Seconds() makes infinity of NaN.) Errors: INVALID_ARGUMENT
 // naming the field.
 absl::Status CheckDuration(absl::string_view field, absl::Duration duration);

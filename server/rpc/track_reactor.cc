@@ -460,7 +460,6 @@ class TrackReactor : public grpc::ServerBidiReactor<v1::TrackRequest, v1::TrackR
   const absl::StatusOr<Caller> caller_;
   std::shared_ptr<TrackReactor> self_;  // until OnDone
   std::shared_ptr<const void> place_;   // in the quota of streams
-
   // Used by the reading side without the lock. The session and the stream change only while nothing is read.
   v1::TrackRequest request_;
   std::shared_ptr<Session> session_;

@@ -488,10 +488,8 @@ TEST_P(StoreSuite, EndedSessionsAreDeletedForActiveOnes) {
   }
   auto living = store_->CreateSession(Record("sessions/living"), "").value();
   for (uint64_t seq = 1; seq < 64 && store_->ReadSession("sessions/1").ok(); ++seq) {
-    ASSERT_TRUE(
-        CommitNow(*living, {.poses = {{.first_pose_seq = seq, .last_pose_seq = seq, .bytes = Noise(512u << 10, seq)}}})
-            .ok())
-        << seq;
+    const PoseSegment poses = {.first_pose_seq = seq, .last_pose_seq = seq, .bytes = Noise(512u << 10, seq)};
+    ASSERT_TRUE(CommitNow(*living, {.poses = {poses}}).ok()) << seq;
   }
   EXPECT_THAT(Names(store_->ListSessions()), ElementsAre("sessions/2", "sessions/living")) << "the older end goes";
   EXPECT_THAT(store_->DeleteEnded(start).value(), ElementsAre("sessions/1"));
