@@ -34,10 +34,7 @@ class WindowAssociator {
  public:
   // `tables` are those of `camera` and must outlive the associator.
   WindowAssociator(const CameraModel& camera, const CameraTables& tables)
-      : camera_(camera),
-        grid_(camera),
-        background_(camera),
-        near_events_(camera, tables.undistortion) {}
+      : camera_(camera), grid_(camera), background_(camera), near_events_(camera, tables.undistortion) {}
 
   // Returns the events of `window` within reach_px of a line at their own times, at most `max_events` of them.
   // `lines` are the image lines at `t_us`, the middle of the window. `competing(observation)` returns

@@ -36,8 +36,8 @@ class OutOfMemoryProgramTest : public testing::Test {
  protected:
   OutOfMemoryProgramTest() {
     const std::string line = program_.ReadLine();
-    const auto channel = grpc::CreateChannel(std::string(absl::StripPrefix(line, "listening on ")),
-                                             grpc::InsecureChannelCredentials());
+    const auto channel =
+        grpc::CreateChannel(std::string(absl::StripPrefix(line, "listening on ")), grpc::InsecureChannelCredentials());
     sessions_ = v1::SessionService::NewStub(channel);
     models_ = v1::ModelService::NewStub(channel);
     v1::Model model;

@@ -52,7 +52,7 @@ class Session : public WatchedSession, public std::enable_shared_from_this<Sessi
     SessionConfig config;
     SessionLimits limits;
     std::vector<std::shared_ptr<const void>> model_uses;  // released when the session closes
-    std::shared_ptr<const void> memory_charge;  // of everything but the pipeline, which holds its own
+    std::shared_ptr<const void> memory_charge;            // of everything but the pipeline, which holds its own
     std::unique_ptr<SessionPipeline> pipeline;  // in the state of the beginning's checkpoint; null when it has ended
     SessionBeginning beginning;
     std::unique_ptr<SessionLease> lease;

@@ -50,9 +50,9 @@ SessionManager::SessionManager(const Options& options, Store& store, ModelRegist
     : options_(options),
       store_(store),
       pool_(pool),
-      factory_({options.limits, options.make_tracker, {options.now, options.steady_now}, options.metrics,
-                options.memory},
-               store, models, pool),
+      factory_(
+          {options.limits, options.make_tracker, {options.now, options.steady_now}, options.metrics, options.memory},
+          store, models, pool),
       orphans_(store, options.limits.expiry) {
   // Threads of gRPC call this class: the lock, here and in the destructor, shows the order to race detectors.
   const std::lock_guard lock(mutex_);

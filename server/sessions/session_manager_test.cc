@@ -354,8 +354,8 @@ class HungryTracker : public FakeTracker {
 TEST_F(SessionManagerTest, AFailedAllocationEndsTheOneSession) {
   SessionManager::Options options = sessions_->options();
   options.memory = MemoryBudget::Create({});
-  options.make_tracker = [make = options.make_tracker](const SessionConfig& config, const auto& models)
-      -> absl::StatusOr<std::unique_ptr<Tracker>> {
+  options.make_tracker = [make = options.make_tracker](const SessionConfig& config,
+                                                       const auto& models) -> absl::StatusOr<std::unique_ptr<Tracker>> {
     if (config.objects[0].object_id == "greedy") throw std::bad_alloc();
     if (config.objects[0].object_id == "cube") return make(config, models);
     return std::make_unique<HungryTracker>(std::make_shared<FakeTrackerGate>(), config);

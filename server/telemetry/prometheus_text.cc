@@ -26,8 +26,8 @@ using Labels = std::vector<ClientMetric::Label>;
 // Values of labels, in the order of the enumerations.
 constexpr std::array kDropReasons = {"lag", "memory", "reader"};
 constexpr std::array kCheckpointFailures = {"store_away", "store_full", "fenced", "store_failed"};
-constexpr std::array kQuotaLimits = {"max_sessions",    "max_streams",        "max_model_store_bytes",
-                                     "tenant_sessions", "tenant_model_bytes", "tenant_watchers",
+constexpr std::array kQuotaLimits = {"max_sessions",    "max_streams",          "max_model_store_bytes",
+                                     "tenant_sessions", "tenant_model_bytes",   "tenant_watchers",
                                      "session_memory",  "tenant_session_memory"};
 constexpr std::array kStreamKinds = {"track", "watch"};
 constexpr int kNumStatusCodes = 17;

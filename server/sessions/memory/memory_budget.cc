@@ -19,11 +19,11 @@ absl::Status BeyondLimit(absl::string_view subject, absl::string_view whose, uin
   const bool may_fit_later = bytes <= limit;
   return LimitReached(
       v1::SESSION_MEMORY, subject,
-      absl::StrCat("the session may need ", Megabytes(bytes), " MB of memory (", bytes, " bytes), and ", whose,
-                   " have ", Megabytes(taken), " of ", Megabytes(limit), " MB: ",
-                   may_fit_later ? "delete a session that is not needed, try again later, or use"
-                                 : "use a larger limit, or",
-                   " a camera with fewer pixels, fewer objects or models with fewer lines and triangles"),
+      absl::StrCat(
+          "the session may need ", Megabytes(bytes), " MB of memory (", bytes, " bytes), and ", whose, " have ",
+          Megabytes(taken), " of ", Megabytes(limit), " MB: ",
+          may_fit_later ? "delete a session that is not needed, try again later, or use" : "use a larger limit, or",
+          " a camera with fewer pixels, fewer objects or models with fewer lines and triangles"),
       may_fit_later ? kRetryDelay : absl::ZeroDuration());
 }
 
@@ -71,8 +71,7 @@ absl::Status MemoryBudget::Check(const std::string& tenant, uint64_t bytes) cons
   const uint64_t taken = charged == charged_by_tenant_.end() ? 0 : charged->second;
   if (!fits(taken, options_.max_tenant_bytes)) {
     options_.metrics->quota_refusals[QuotaLimit::kTenantSessionMemory].Add();
-    return BeyondLimit("tenant_session_memory", "the sessions of this tenant", bytes, taken,
-                       options_.max_tenant_bytes);
+    return BeyondLimit("tenant_session_memory", "the sessions of this tenant", bytes, taken, options_.max_tenant_bytes);
   }
   return absl::OkStatus();
 }
