@@ -187,7 +187,11 @@ class Server:
             return f"ended with status {self.process.returncode}: {self.log()[-500:]}"
         if not self.answers():
             return "accepts no connection"
-        return "" if self.page("/readyz")[0] == 200 else f"is not ready: {self.page('/readyz')}"
+        try:  # after a start or an attack it may take a moment
+            poll(lambda: self.page("/readyz")[0] == 200, "readiness")
+            return ""
+        except (AssertionError, OSError):
+            return "is not ready"
 
 
 class Redis:

@@ -84,6 +84,11 @@ class FairTimeTest(server.AdversaryTest):
             for thread in threads:
                 thread.join()
         self.check("beside two sessions with an expensive model", runs)
+        num_turns = self.running.metric("evpose_turn_seconds_count")
+        num_short = self.running.metric("evpose_turn_seconds_bucket", 'le="0.005"')
+        server.figures["turns of at most 5 ms, with an expensive model"] = f"{num_short:.0f} of {num_turns:.0f}"
+        self.assertGreaterEqual(num_short, 0.999 * num_turns)
+        self.assertGreater(num_turns, 0)
 
     def most_expensive_model(self, api):
         """Returns the largest tangle that the server admits, or a cube if it admits none."""
