@@ -19,7 +19,7 @@ def _literal(name, value):
 
 # Of a call without a token: ":method: POST" and ":scheme: http" are entries 3 and 6 of the static table.
 CALL = (b"\x83\x86" + _literal(b":path", _PATH) + _literal(b":authority", b"localhost")
-        + _literal(b"content-type", b"application/grpc") + _literal(b"te", b"trailers"))
+        + _literal(b"content-type", b"application/grpc") + b"\x00\x02te\x08trailers")
 # A field with a value of 16000 bytes: the length is 127 + 1 + 124 * 128, RFC 7541, section 5.1.
 LONG_FIELD = b"\x00\x01a\x7f\x81\x7c" + b"a" * 16_000
 
