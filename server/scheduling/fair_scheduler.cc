@@ -62,8 +62,8 @@ class SessionTurns::Pause : public Yielder {
   bool is_resumed_ = false;  // guarded by the scheduler's lock
 };
 
-void SessionTurns::Post(std::function<void()> step, CpuMeter::Time received_at) {
-  scheduler_.Post(*this, std::move(step), received_at);
+void SessionTurns::Post(std::function<void()> step, CpuMeter::Time first_received_at) {
+  scheduler_.Post(*this, std::move(step), first_received_at);
 }
 
 SessionTurns::Use SessionTurns::use() const {

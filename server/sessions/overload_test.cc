@@ -335,7 +335,7 @@ TEST(WorkerFairnessTest, ACameraComesBeforeReplaysAndTheyShareTheRest) {
   std::vector<std::unique_ptr<Load>> loads;
   // The processor time of a slice is that of a turn.
   std::atomic<int64_t> cpu_ms = 0;
-  WorkerPool pool(1, {.cpu_now = [&] { return std::chrono::milliseconds(cpu_ms.load()); }});  // outlives the store
+  WorkerPool pool(1, 1, {.cpu_now = [&] { return std::chrono::milliseconds(cpu_ms.load()); }});  // outlives the store
   const std::unique_ptr<Store> store = MakeMemoryStore();
   std::vector<std::shared_ptr<Session>> sessions;
   const auto add_session = [&](int index) {

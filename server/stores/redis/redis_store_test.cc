@@ -233,8 +233,8 @@ TEST_F(RedisStoreFixture, NamesDamagedRecords) {
 }
 
 TEST_F(RedisStoreFixture, SessionsAreListedInFewRoundTrips) {
-  constexpr size_t kSessions = 200;
-  for (size_t i = 0; i < kSessions; ++i) {
+  constexpr size_t kListed = 200;
+  for (size_t i = 0; i < kListed; ++i) {
     ASSERT_TRUE(store_->CreateSession(Record(absl::StrCat("sessions/", i)), "life").ok());
   }
   const auto reads = [this] {
@@ -243,9 +243,9 @@ TEST_F(RedisStoreFixture, SessionsAreListedInFewRoundTrips) {
     return std::stoul(info.substr(info.find(key) + key.size()));
   };
   const size_t before = reads();
-  EXPECT_EQ(store_->ListSessions()->size(), kSessions);
-  EXPECT_EQ(store_->ReadLifecycles()->size(), kSessions);
-  EXPECT_LT(reads() - before, kSessions / 2);
+  EXPECT_EQ(store_->ListSessions()->size(), kListed);
+  EXPECT_EQ(store_->ReadLifecycles()->size(), kListed);
+  EXPECT_LT(reads() - before, kListed / 2);
 }
 
 }  // namespace
