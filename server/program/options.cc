@@ -126,8 +126,9 @@ void DefineLimits(CLI::App& app, Arguments& arguments) {
   app.add_option("--tenant-max-watchers", options.tenant.max_watchers, "readers of poses and health at a time");
   app.add_option("--tenant-max-bytes-per-s", options.tenant.max_bytes_per_s,
                  "bytes of events per second; the server reads faster streams more slowly");
-  app.add_option("--tenant-max-cpu", options.tenant.max_cpu,
-                 "processor seconds per second of all sessions of the tenant; without it tenants share the workers equally");
+  app.add_option(
+      "--tenant-max-cpu", options.tenant.max_cpu,
+      "processor seconds per second of all sessions of the tenant; without it tenants share the workers equally");
 }
 
 void DefineArguments(CLI::App& app, Arguments& arguments) {

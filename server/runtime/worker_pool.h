@@ -31,7 +31,9 @@ class WorkerPool {
   };
 
   explicit WorkerPool(int num_workers, FairScheduler::Options options = {})
-      : threads_(std::make_unique<Threads>()), on_(threads_->executors()), scheduler_(num_workers, std::move(options)) {}
+      : threads_(std::make_unique<Threads>()),
+        on_(threads_->executors()),
+        scheduler_(num_workers, std::move(options)) {}
   // Uses the caller's executors. The caller keeps them running until all work posted here has finished.
   explicit WorkerPool(Executors executors, FairScheduler::Options options = {})
       : on_(std::move(executors)), scheduler_(on_.work, std::move(options)) {}

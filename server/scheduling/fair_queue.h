@@ -38,9 +38,9 @@ class CpuMeter {
 };
 
 struct TenantShare {
-  double used_s = 0.0;     // processor time, raised after idle time so that it is not saved up
-  double clock_s = 0.0;    // the largest SessionShare::used_s with which a session of the tenant was chosen
-  size_t num_active = 0;   // sessions that wait or have their turn
+  double used_s = 0.0;    // processor time, raised after idle time so that it is not saved up
+  double clock_s = 0.0;   // the largest SessionShare::used_s with which a session of the tenant was chosen
+  size_t num_active = 0;  // sessions that wait or have their turn
   CpuMeter meter;
 };
 

@@ -18,8 +18,8 @@ class PaceMonitor {
   // the new value of is_behind() if it has changed.
   std::optional<bool> Update(Time now, std::optional<Time> oldest_received_at, int64_t sensor_time_us);
 
-  // Data have waited for more than two seconds, and in the last two seconds less sensor time was processed than time has
-  // passed. A replay that is sent faster than it was recorded is not behind as long as it is processed in real time.
+  // Data have waited for more than two seconds, and in the last two seconds less sensor time was processed than time
+  // has passed. A replay that is sent faster than it was recorded is not behind as long as it is processed in real time.
   bool is_behind() const { return is_behind_; }
 
  private:

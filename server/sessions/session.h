@@ -121,7 +121,8 @@ class Session : public WatchedSession, public std::enable_shared_from_this<Sessi
       ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   bool IsRunnable() const ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   bool HasWork() const ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
-  // Posts Run as the next step when there is something to do. To be called after each change that IsRunnable depends on.
+  // Posts Run as the next step when there is something to do. To be called after each change that IsRunnable depends
+  // on.
   void Schedule() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   SessionAck MakeAck() const ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   Backlog MakeBacklog() const ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);

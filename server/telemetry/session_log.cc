@@ -104,8 +104,8 @@ void SessionLog::StreamEnded(const std::string& peer, uint64_t number, const abs
 }
 
 void SessionLog::PaceChanged(bool is_behind, int64_t lag_us) const {
-  Write(is_behind ? LogLevel::kWarning : LogLevel::kInfo, is_behind ? "session_falls_behind" : "session_keeps_up", peer(),
-        {{"lag_us", lag_us}});
+  Write(is_behind ? LogLevel::kWarning : LogLevel::kInfo, is_behind ? "session_falls_behind" : "session_keeps_up",
+        peer(), {{"lag_us", lag_us}});
 }
 
 void SessionLog::Ended(uint64_t poses) const { Write(LogLevel::kInfo, "session_ended", peer(), {{"poses", poses}}); }

@@ -192,8 +192,8 @@ void FromStored(const pb::ObjectHealth& stored, RecordCheck& check, ObjectHealth
 }
 
 void ToStored(const SessionHealth& health, pb::SessionHealth& stored) {
-  // Transient values are not stored: received but unprocessed bytes, the age of the queue, the use of processor time, and
-  // the percentiles, which are computed from the histogram of latencies.
+  // Transient values are not stored: received but unprocessed bytes, the age of the queue, the use of processor time,
+  // and the percentiles, which are computed from the histogram of latencies.
   const auto& [t_us, received_bytes, processed_bytes, counts, poses, reattaches, sensor_time_us, processing_us,
                queue_age_us, skipped_events, skipped_us, processing, latency_p50_us, latency_p99_us, objects] = health;
   stored.set_t_us(t_us);
