@@ -62,7 +62,7 @@ def failure_of(error):
     return Failure(error.code().name, reason, error.details() or "", details)
 
 
-def refusal(call, *arguments, **fields):
+def refusal(call, /, *arguments, **fields):
     """Makes a call that must fail, and returns its Failure."""
     try:
         answer = call(*arguments, **fields)
@@ -119,12 +119,12 @@ class Api:
         method = METHODS[name]
         return getattr(self.channel, method.kind)(method.path, method.request.SerializeToString, method.response.FromString)
 
-    def __call__(self, name, **fields):
+    def __call__(self, name, /, **fields):
         """Makes a call with one request and one response."""
         settings = {**self._settings, "timeout": self._settings["timeout"] or server.PATIENCE_S}
         return self.callable(name)(METHODS[name].request(**fields), **settings)
 
-    def watch(self, name, **fields):
+    def watch(self, name, /, **fields):
         """Starts a call with one request and a stream of responses."""
         call = self.callable(name)(METHODS[name].request(**fields), **self._settings)
         self._streams.append(call)
