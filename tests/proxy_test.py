@@ -60,6 +60,7 @@ class Fixture:
                             "-out", self.secrets / f"{name}.crt"], **run)
         shutil.copy(self.secrets / "server.key", self.secrets / "server.crt.key")
         made = subprocess.run([SERVER, "--new-token", "lab", "--token-file", self.secrets / "tokens"], **run)
+        (work / "lab.token").touch(mode=0o600)
         (work / "lab.token").write_bytes(made.stdout)
 
     def files(self, command, changes):

@@ -7,8 +7,8 @@
 #include <boost/beast/core/flat_buffer.hpp>
 #include <boost/beast/core/tcp_stream.hpp>
 #include <boost/beast/http.hpp>
-#include <boost/none.hpp>
 #include <chrono>
+#include <limits>
 #include <list>
 #include <string>
 #include <thread>
@@ -40,7 +40,7 @@ class Connection : public std::enable_shared_from_this<Connection> {
  public:
   using MakePage = std::function<HttpPage(const http::request<http::empty_body>&)>;
   Connection(tcp::socket socket, const MakePage& make_page) : stream_(std::move(socket)), make_page_(make_page) {
-    parser_.body_limit(boost::none);  // a long body is as good as a short one: it is not read
+    parser_.body_limit(std::numeric_limits<uint64_t>::max());  // bodies are not read; Beast 1.74 takes none as 0
   }
 
   // `done` is called once, when the connection can be destroyed.

@@ -73,7 +73,7 @@ TEST(ProgramTest, ReportsWrongUsage) {
       {{"--shutdown-notice", "nan"}, "--shutdown-notice: is inf; at most a year, 31536000 s"},
       {{"--shutdown-notice", "1e300"}, "--shutdown-notice: is inf; at most a year"},
       {{"--shutdown-timeout", "nan"}, "--shutdown-timeout: is inf; at most a year"},
-      {{"--shutdown-timeout", "31536001"}, "--shutdown-timeout: is 8760h0m1s; at most a year"},
+      {{"--shutdown-timeout", "31536001"}, "--shutdown-timeout: is 8760h1s; at most a year"},
       {{"--session-expiry", "nan"}, "--session-expiry: is inf; at most a year"},
       {{"--session-expiry", "inf"}, "--session-expiry: is inf; at most a year"},
       {{"--session-expiry", "0"}, "--session-expiry: must be positive"},
@@ -160,10 +160,12 @@ TEST(ProgramTest, TenantsHaveHalfOfTheServerByDefault) {
   const std::string path = TemporaryPath("tokens");
   std::ofstream(path) << said.substr(said.find("lab "));
   Program program({"--listen", "127.0.0.1:0", "--token-file", path, "--max-sessions", "12", "--tenant-max-watchers",
-                   "3", "--tenant-max-streams", "0"});
+                   "3", "--tenant-max-streams", "0", "--max-session-memory", "1000000000"});
   EXPECT_TRUE(absl::StartsWith(program.ReadLine(), "listening on 127.0.0.1:"));
-  EXPECT_THAT(program.Stderr(), testing::HasSubstr(" tenant_limits max_sessions=6 max_model_bytes=268435456 "
-                                                   "max_streams=0 max_watchers=3 max_bytes_per_s=0\n"));
+  EXPECT_THAT(
+      program.Stderr(),
+      testing::HasSubstr(" tenant_limits max_sessions=6 max_session_memory=500000000 "
+                         "max_model_bytes=268435456 max_uploads=32 max_streams=0 max_watchers=3 max_bytes_per_s=0\n"));
   unlink(path.c_str());
 }
 

@@ -25,7 +25,7 @@ TEST(TenantLimitsTest, ATenantHasAtMostHalfOfTheServer) {
   ServerOptions with_tokens = SmallServer();
   with_tokens.token_file = "tokens";
   ServerOptions with_certificates = SmallServer();
-  with_certificates.tls.client_ca = "ca.crt";
+  with_certificates.tls = {.certificate = "server.crt", .key = "server.key", .client_ca = "ca.crt"};
   for (const ServerOptions& options : {with_tokens, with_certificates}) {
     const ServerOptions::TenantLimits limits = EffectiveTenantLimits(options);
     EXPECT_EQ(limits.max_sessions, 6u);

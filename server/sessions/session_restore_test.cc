@@ -242,7 +242,7 @@ TEST_F(SessionRestoreTest, AModelThatCannotBeLoadedDoesNotKeepTheServerFromStart
   const auto bytes = std::make_shared<const std::vector<uint8_t>>(3, 'x');
   ASSERT_TRUE(store_->PutModel({.name = "models/broken", .bytes = bytes}).ok());
   Server server = Open();
-  EXPECT_FALSE(server.models->Get(kTenant, "models/broken").ok());
+  EXPECT_FALSE(server.models->UseStored(kTenant, "models/broken").ok());
   (void)Create(server);
 }
 
