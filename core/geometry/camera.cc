@@ -6,15 +6,13 @@
 #include <cmath>
 #include <cstddef>
 #include <exception>
-#include <filesystem>
-#include <fstream>
 #include <opencv2/calib3d.hpp>
-#include <system_error>
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 #include "absl/strings/str_join.h"
 #include "core/base/check_range.h"
+#include "core/base/output_file.h"
 #include "core/base/status_macros.h"
 
 namespace evpose {
@@ -237,20 +235,7 @@ bool CameraModel::IsInImage(const Eigen::Vector2d& undistorted_px) const {
 }
 
 absl::StatusOr<CameraModel> LoadCameraModel(const std::string& path) {
-  std::error_code error;
-  if (!std::filesystem::exists(path, error)) {
-    return absl::NotFoundError(absl::StrCat(path, ": no such camera file"));
-  }
-  if (std::filesystem::is_directory(path, error)) {
-    return absl::InvalidArgumentError(absl::StrCat(path, ": is a directory, not a camera file"));
-  }
-  std::ifstream file(path, std::ios::binary);
-  std::string yaml(kMaxFileBytes + 1, '\0');
-  file.read(yaml.data(), static_cast<std::streamsize>(yaml.size()));
-  if (file.bad() || (file.fail() && !file.eof())) {
-    return absl::InvalidArgumentError(absl::StrCat(path, ": the camera file cannot be read; check its permissions"));
-  }
-  yaml.resize(static_cast<size_t>(file.gcount()));
+  EVPOSE_ASSIGN_OR_RETURN(const std::string yaml, ReadFile(path, kMaxFileBytes));
   return ParseCameraModel(yaml, path);
 }
 
