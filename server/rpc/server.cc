@@ -29,6 +29,7 @@
 #include "server/rpc/store_check.h"
 #include "server/rpc/stream_registry.h"
 #include "server/runtime/errors.h"
+#include "server/runtime/out_of_memory.h"
 #include "server/runtime/server_clock.h"
 #include "server/runtime/worker_pool.h"
 #include "server/sessions/memory/memory_budget.h"
@@ -93,7 +94,7 @@ class PeriodicTimer {
   }
 
   void OnTimer() {
-    work_();
+    RunUnlessOutOfMemory(work_);
     const std::lock_guard lock(mutex_);
     if (!is_stopped_) Arm();
   }

@@ -137,8 +137,13 @@ class WatchReactor : public grpc::ServerWriteReactor<Response>,
     Fail(view.status);
     if (!failure_.ok()) return Finish(failure_);
     response_.Clear();
-    bool is_last = false;
-    if (PickResponse(view, response_, is_last)) {
+    bool is_last = false, has_response = false;
+    // Poses that were taken for a response may be lost with it, so the stream ends.
+    Fail(OrOutOfMemory([&] {
+      has_response = PickResponse(view, response_, is_last);
+      return absl::OkStatus();
+    }));
+    if (has_response) {
       is_writing_ = true;
       this->StartWrite(&response_);
     } else if (!failure_.ok() || is_last) {
