@@ -311,17 +311,18 @@ absl::StatusOr<std::vector<SessionInfo>> SessionManager::List(const std::string&
 }
 
 absl::Status SessionManager::Delete(const std::string& tenant, const std::string& name, const std::string& peer) {
-  Entry removed;
-  {
+  const auto remove = [&] {
     const std::lock_guard lock(mutex_);
     const auto found = sessions_.find(name);
-    if (found != sessions_.end() && found->second.tenant() == tenant) removed = Remove(found);
-  }
+    return found != sessions_.end() && found->second.tenant() == tenant ? Remove(found) : Entry();
+  };
+  Entry removed = remove();
   if (removed.session == nullptr) {
-    // With the lock, so that the session is not restored at the same time.
+    // With the lock, so that the session is not restored at the same time; it may have been while this call waited.
     const std::shared_ptr<std::mutex> resume_mutex = ResumeMutexOf(tenant);
     const std::lock_guard one_at_a_time(*resume_mutex);
-    return DeleteStored(tenant, name, peer);
+    removed = remove();
+    if (removed.session == nullptr) return DeleteStored(tenant, name, peer);
   }
   removed.session->log().Deleted(peer, "request", CloseRemoved(removed, "was deleted"));
   return FromStore(store_.DeleteSession(name));
