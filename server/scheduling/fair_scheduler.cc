@@ -42,9 +42,9 @@ class SessionTurns::Pause : public Yielder {
     FairScheduler::Lock lock(scheduler_.mutex_);
     if (scheduler_.drops_steps_ || !scheduler_.HasSpareThread()) return;
     scheduler_.Charge(session_, Used());
+    scheduler_.queue_.Push(session_);  // first, because it may throw: the step then ends
     session_.paused_ = this;
     session_.state_ = State::kWaiting;
-    scheduler_.queue_.Push(session_);
     --scheduler_.num_running_;
     is_resumed_ = false;
     scheduler_.Dispatch(/*caller_is_idle=*/false);
