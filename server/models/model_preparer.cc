@@ -21,6 +21,7 @@
 #include "server/models/prepared_model.h"
 #include "server/runtime/enum_number.h"
 #include "server/runtime/errors.h"
+#include "server/runtime/out_of_memory.h"
 
 namespace evpose::server {
 namespace {
@@ -157,11 +158,12 @@ class ChildPreparer : public ModelPreparer {
       if (absl::ConsumePrefix(&output, kPreparationModel)) return std::string(output);
       if (absl::ConsumePrefix(&output, kPreparationError)) return absl::InvalidArgumentError(output);
     }
-    const bool was_killed = WIFSIGNALED(status) && WTERMSIG(status) == SIGKILL;  // by the kernel: no memory is left
+    // By the kernel, because the machine or the control group has no memory left: the model may be prepared later.
+    if (WIFSIGNALED(status) && WTERMSIG(status) == SIGKILL) return OutOfMemory();
     if (WIFSIGNALED(status) && WTERMSIG(status) == SIGXCPU) {
       return TooExpensive(step, absl::StrCat(budget_.cpu_seconds, " s of processor time"));
     }
-    if (was_killed || (WIFEXITED(status) && WEXITSTATUS(status) == kPreparationOutOfMemory)) {
+    if (WIFEXITED(status) && WEXITSTATUS(status) == kPreparationOutOfMemory) {
       return TooExpensive(step, absl::StrCat(budget_.memory_bytes, " bytes of memory"));
     }
     return absl::InternalError(absl::StrCat("the preparation of the model ended unexpectedly while ", step, " (",
