@@ -142,21 +142,26 @@ class ChildPreparer : public ModelPreparer {
         process.Start({program_, absl::StrCat(EnumNumber(format)), absl::StrFormat("%.17g", options.metres_per_unit),
                        absl::StrFormat("%.17g", options.crease_angle_deg), absl::StrCat(options.max_bytes),
                        absl::StrCat(budget_.cpu_seconds), absl::StrCat(budget_.memory_bytes)}));
-    EVPOSE_ASSIGN_OR_RETURN(const std::string output, process.Exchange(file, cancellation));
-    return Result(output, process.Wait());
+    EVPOSE_ASSIGN_OR_RETURN(std::string output, process.Exchange(file, cancellation));
+    const int status = process.Wait();
+    return Result(std::move(output), status);
   }
 
  private:
-  absl::StatusOr<std::string> Result(absl::string_view output, int status) const {
+  absl::StatusOr<std::string> Result(std::string output, int status) const {
+    absl::string_view rest = output;
     absl::string_view step = "starting";
-    while (absl::ConsumePrefix(&output, kPreparationStep)) {
-      const size_t end = std::min(output.find('\n'), output.size());
-      step = output.substr(0, end);
-      output.remove_prefix(std::min(end + 1, output.size()));
+    while (absl::ConsumePrefix(&rest, kPreparationStep)) {
+      const size_t end = std::min(rest.find('\n'), rest.size());
+      step = rest.substr(0, end);
+      rest.remove_prefix(std::min(end + 1, rest.size()));
     }
     if (WIFEXITED(status) && WEXITSTATUS(status) == 0) {
-      if (absl::ConsumePrefix(&output, kPreparationModel)) return std::string(output);
-      if (absl::ConsumePrefix(&output, kPreparationError)) return absl::InvalidArgumentError(output);
+      if (absl::ConsumePrefix(&rest, kPreparationModel)) {
+        output.erase(0, output.size() - rest.size());  // not copied: it may have more than 100 MB
+        return output;
+      }
+      if (absl::ConsumePrefix(&rest, kPreparationError)) return absl::InvalidArgumentError(rest);
     }
     // By the kernel, because the machine or the control group has no memory left: the model may be prepared later.
     if (WIFSIGNALED(status) && WTERMSIG(status) == SIGKILL) return OutOfMemory();
