@@ -111,9 +111,9 @@ void FairScheduler::Post(SessionTurns& session, std::function<void()> step, CpuM
   // Nothing waited between the last step and the receipt of these data.
   if (received_at >= session.step_ended_at_) session.since_drained = {};
   if (session.state_ != SessionTurns::State::kIdle) return;
+  queue_.Add(session);  // first, because it may throw
   session.state_ = SessionTurns::State::kWaiting;
   session.self_ = session.shared_from_this();
-  queue_.Add(session);
   if (executor_) {
     boost::asio::post(executor_, [this] { RunOne(); });
   } else {
