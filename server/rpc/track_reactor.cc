@@ -194,8 +194,7 @@ class TrackReactor : public grpc::ServerBidiReactor<v1::TrackRequest, v1::TrackR
       admitted.Update(failure_);  // the stream may have been cancelled meanwhile
     }
     if (!admitted.ok()) return OnAttached(attach, admitted);
-    auto session = OrOutOfMemory(
-        [&] { return services_.sessions.ResumeForAttach(caller_->tenant, attach.session(), attach.resume_token()); });
+    auto session = services_.sessions.ResumeForAttach(caller_->tenant, attach.session(), attach.resume_token());
     OnAttached(attach, session.ok() ? Join(attach, *std::move(session)) : session.status());
   }
 

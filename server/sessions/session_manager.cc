@@ -270,7 +270,7 @@ absl::StatusOr<SessionInfo> SessionManager::DescribeAsStored(const std::string& 
 
 absl::StatusOr<SessionFactory::Stored> SessionManager::ReadOwn(const std::string& tenant,
                                                                const std::string& name) const {
-  auto stored = factory_.Read(name);
+  auto stored = OrOutOfMemory([&] { return factory_.Read(name); });
   if (stored.ok() && stored->record.tenant != tenant) return SessionNotFound(name);
   if (!absl::IsDataLoss(stored.status())) return stored;
   // The tenant may still be readable. If it is not, a caller with the name is the owner: names cannot be guessed.
