@@ -66,6 +66,10 @@ absl::StatusOr<std::shared_ptr<Session>> SessionManager::Create(const std::strin
                                                                 const std::string& request_id,
                                                                 const std::string& peer) {
   EVPOSE_RETURN_IF_ERROR(config.Validate());
+  // Not in SessionConfig::Validate(), so that stored sessions of earlier servers can still be read.
+  if (const absl::Status view = config.camera.CheckView(); !view.ok()) {
+    return InvalidField("config.camera", view.message());
+  }
   DeleteExpired();
   const Request request(tenant, request_id);
   const std::shared_ptr<std::mutex> resume_mutex = ResumeMutexOf(tenant);
