@@ -41,7 +41,7 @@ class ConnectionAcceptor {
     uint32_t max_connections_per_peer = 0;
     // Time without an accepted connection, although the server itself connects, after which on_stalled is called.
     absl::Duration listener_timeout = absl::Seconds(10);
-    // Called once, from a thread of the acceptor.
+    // Called once, from a thread of the acceptor. It must not block or call Stop().
     std::function<void()> on_stalled = [] {};
     std::shared_ptr<ServerMetrics> metrics = std::make_shared<ServerMetrics>();
   };

@@ -19,6 +19,7 @@
 #include "absl/strings/str_join.h"
 #include "core/base/status_macros.h"
 #include "server/connections/listen_address.h"
+#include "server/runtime/out_of_memory.h"
 
 namespace evpose::server {
 namespace {
@@ -92,7 +93,15 @@ class BeastServer : public HttpServer {
     EVPOSE_ASSIGN_OR_RETURN(acceptors_, ListenOn(context_, address));
     port_ = acceptors_.front().local_endpoint().port();
     for (tcp::acceptor& acceptor : acceptors_) Accept(acceptor);
-    thread_ = std::thread([this] { context_.run(); });
+    thread_ = std::thread([this] {
+      // A failed allocation ends its connection only.
+      for (bool has_ended = false; !has_ended;) {
+        RunUnlessOutOfMemory([this, &has_ended] {
+          context_.run();
+          has_ended = true;
+        });
+      }
+    });
     return absl::OkStatus();
   }
 
@@ -102,8 +111,8 @@ class BeastServer : public HttpServer {
   void Accept(tcp::acceptor& acceptor) {
     acceptor.async_accept([this, &acceptor](const Error& error, tcp::socket socket) {
       if (error) return AcceptAfterPause(acceptor);
-      Add(std::move(socket));
       Accept(acceptor);
+      Add(std::move(socket));
     });
   }
 

@@ -15,7 +15,9 @@ HttpPage NotReady(absl::string_view why) {
   return {.status = 503, .body = absl::StrCat(absl::StrReplaceAll(why, {{"\n", " "}}), "\n")};
 }
 
-HttpPage Starting() { return NotReady("the server is starting: it loads models and sessions from its store"); }
+HttpPage Starting() {
+  return NotReady("the server is starting: it reads the lists of models and sessions from its store");
+}
 
 }  // namespace
 

@@ -21,6 +21,7 @@
 #include "server/models/prepared_model.h"
 #include "server/runtime/enum_number.h"
 #include "server/runtime/errors.h"
+#include "server/runtime/out_of_memory.h"
 
 namespace evpose::server {
 namespace {
@@ -141,27 +142,33 @@ class ChildPreparer : public ModelPreparer {
         process.Start({program_, absl::StrCat(EnumNumber(format)), absl::StrFormat("%.17g", options.metres_per_unit),
                        absl::StrFormat("%.17g", options.crease_angle_deg), absl::StrCat(options.max_bytes),
                        absl::StrCat(budget_.cpu_seconds), absl::StrCat(budget_.memory_bytes)}));
-    EVPOSE_ASSIGN_OR_RETURN(const std::string output, process.Exchange(file, cancellation));
-    return Result(output, process.Wait());
+    EVPOSE_ASSIGN_OR_RETURN(std::string output, process.Exchange(file, cancellation));
+    const int status = process.Wait();
+    return Result(std::move(output), status);
   }
 
  private:
-  absl::StatusOr<std::string> Result(absl::string_view output, int status) const {
+  absl::StatusOr<std::string> Result(std::string output, int status) const {
+    absl::string_view rest = output;
     absl::string_view step = "starting";
-    while (absl::ConsumePrefix(&output, kPreparationStep)) {
-      const size_t end = std::min(output.find('\n'), output.size());
-      step = output.substr(0, end);
-      output.remove_prefix(std::min(end + 1, output.size()));
+    while (absl::ConsumePrefix(&rest, kPreparationStep)) {
+      const size_t end = std::min(rest.find('\n'), rest.size());
+      step = rest.substr(0, end);
+      rest.remove_prefix(std::min(end + 1, rest.size()));
     }
     if (WIFEXITED(status) && WEXITSTATUS(status) == 0) {
-      if (absl::ConsumePrefix(&output, kPreparationModel)) return std::string(output);
-      if (absl::ConsumePrefix(&output, kPreparationError)) return absl::InvalidArgumentError(output);
+      if (absl::ConsumePrefix(&rest, kPreparationModel)) {
+        output.erase(0, output.size() - rest.size());  // not copied: it may have more than 100 MB
+        return output;
+      }
+      if (absl::ConsumePrefix(&rest, kPreparationError)) return absl::InvalidArgumentError(rest);
     }
-    const bool was_killed = WIFSIGNALED(status) && WTERMSIG(status) == SIGKILL;  // by the kernel: no memory is left
+    // By the kernel, because the machine or the control group has no memory left: the model may be prepared later.
+    if (WIFSIGNALED(status) && WTERMSIG(status) == SIGKILL) return OutOfMemory();
     if (WIFSIGNALED(status) && WTERMSIG(status) == SIGXCPU) {
       return TooExpensive(step, absl::StrCat(budget_.cpu_seconds, " s of processor time"));
     }
-    if (was_killed || (WIFEXITED(status) && WEXITSTATUS(status) == kPreparationOutOfMemory)) {
+    if (WIFEXITED(status) && WEXITSTATUS(status) == kPreparationOutOfMemory) {
       return TooExpensive(step, absl::StrCat(budget_.memory_bytes, " bytes of memory"));
     }
     return absl::InternalError(absl::StrCat("the preparation of the model ended unexpectedly while ", step, " (",

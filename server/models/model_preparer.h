@@ -38,8 +38,9 @@ struct PreparationBudget {
 };
 
 // Prepares each model in a process of `program`, evpose-prepare-model, which is killed when the call is cancelled.
-// Further errors: INVALID_ARGUMENT (MODEL_TOO_EXPENSIVE) naming the step in which the budget was exceeded; INTERNAL
-// when the process cannot be started or crashes.
+// Further errors: INVALID_ARGUMENT (MODEL_TOO_EXPENSIVE) naming the step in which the budget was exceeded;
+// RESOURCE_EXHAUSTED (OUT_OF_MEMORY) when the kernel has killed the process, because the machine has no memory left;
+// INTERNAL when the process cannot be started or crashes.
 std::unique_ptr<ModelPreparer> MakeChildModelPreparer(const std::string& program, const PreparationBudget& budget);
 
 // The protocol between the server and evpose-prepare-model. Arguments: format (a number of ModelFormat), metres per

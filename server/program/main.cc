@@ -156,12 +156,13 @@ void AllowAllDescriptors() {
   setrlimit(RLIMIT_NOFILE, &limit);
 }
 
-// The threads of the server beside its workers: those of gRPC, the store, slow work and the pages.
-constexpr int kOtherThreads = 32;
+// The threads of the server beside its workers and those for slow work: those of gRPC, the store and the pages.
+constexpr int kOtherThreads = 28;
 
 absl::Status CheckThreads(const ServerOptions& options) {
   const int cores = static_cast<int>(std::thread::hardware_concurrency());
-  return CheckThreadsCanBeMade((options.worker_threads > 0 ? options.worker_threads : cores) + kOtherThreads);
+  const int workers = options.worker_threads > 0 ? options.worker_threads : cores;
+  return CheckThreadsCanBeMade(workers + 2 * options.slow_threads + kOtherThreads);
 }
 
 void LogTenantLimits(const ServerOptions::TenantLimits& limits) {

@@ -29,6 +29,7 @@
 #include "server/rpc/store_check.h"
 #include "server/rpc/stream_registry.h"
 #include "server/runtime/errors.h"
+#include "server/runtime/out_of_memory.h"
 #include "server/runtime/server_clock.h"
 #include "server/runtime/worker_pool.h"
 #include "server/sessions/memory/memory_budget.h"
@@ -93,7 +94,7 @@ class PeriodicTimer {
   }
 
   void OnTimer() {
-    work_();
+    RunUnlessOutOfMemory(work_);
     const std::lock_guard lock(mutex_);
     if (!is_stopped_) Arm();
   }
@@ -252,11 +253,11 @@ class ServerImpl : public Server, public Drainer {
     });
   }
 
-  // Prepares the models that an earlier version stored, so that their first sessions need not wait for it.
+  // Prepares the models that an earlier version stored, so that their first sessions need not wait for it. They are
+  // the server's own work, so that an upload of their tenant does not wait for all of them.
   void PrepareOutdatedModels() {
     for (const auto& [tenant, name] : models_->Outdated()) {
-      pool_.preparations().Post(tenant, [this, model = name, owner = tenant](const absl::Status& admitted) {
-        if (!admitted.ok()) return;
+      pool_.preparations().PostOwn([this, model = name, owner = tenant] {
         const absl::Status status = models_->UseStored(owner, model).status();
         if (status.ok() || absl::IsUnavailable(status)) return;
         Log(LogLevel::kError, "model_not_loaded", {{"model", model}, {"tenant", owner}, {"message", status.message()}});
@@ -363,7 +364,9 @@ class ServerImpl : public Server, public Drainer {
   absl::Status OpenSocket(const ServerOptions& options, grpc::ServerBuilder& builder) {
     EVPOSE_ASSIGN_OR_RETURN(const ListenAddress address, ParseListenAddress(options.listen_address));
     const auto on_stalled = [this, call = options.on_stalled] {
-      if (call != nullptr && !is_leaving_) call();
+      if (is_leaving_) return;
+      AnnounceShutdown();  // health is NOT_SERVING for clients that are connected already
+      if (call != nullptr) call();
     };
     EVPOSE_ASSIGN_OR_RETURN(
         acceptor_, ConnectionAcceptor::Listen(address, {.max_connections = options.max_connections,

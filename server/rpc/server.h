@@ -137,8 +137,8 @@ absl::Status CheckDuration(absl::string_view field, absl::Duration duration);
 class Server {
  public:
   // Starts a server. It restores the sessions of its store while it serves: in order, or when a client first uses one.
-  // Errors: INVALID_ARGUMENT for the options; those of
-  // OpenStore(), TlsFiles and TokenFile; UNAVAILABLE with address and cause when the server cannot listen.
+  // Errors: INVALID_ARGUMENT for the options; those of OpenStore(), TlsFiles and TokenFile; UNAVAILABLE with address
+  // and cause when the server cannot listen.
   static absl::StatusOr<std::unique_ptr<Server>> Start(const ServerOptions& options);
   virtual ~Server() = default;  // Shutdown(1 s)
 

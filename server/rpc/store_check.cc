@@ -5,6 +5,7 @@
 #include <utility>
 
 #include "absl/strings/str_cat.h"
+#include "server/runtime/out_of_memory.h"
 #include "server/telemetry/log.h"
 
 namespace evpose::server {
@@ -47,10 +48,15 @@ void StoreCheck::Ask() {
     const std::lock_guard lock(mutex_);
     if (is_stopped_) return;
   }
-  const absl::Status health = store_.CheckHealth();
-  const std::optional<StoreUsage> usage = health.ok() ? store_.Usage() : std::nullopt;
+  std::optional<StoreUsage> usage;
+  const absl::Status health = OrOutOfMemory([this, &usage] {
+    absl::Status status = store_.CheckHealth();
+    if (status.ok()) usage = store_.Usage();
+    return status;
+  });
   const std::lock_guard lock(mutex_);
   if (is_stopped_) return;
+  if (IsOutOfMemory(health)) return Arm();  // that says nothing about the store
   if (usage.has_value()) usage_ = usage;
   const bool has_changed = health.ok() != answer_.ok();
   answer_ = health;

@@ -3,6 +3,7 @@
 
 #include <grpcpp/alarm.h>
 
+#include <algorithm>
 #include <chrono>
 #include <cmath>
 #include <limits>
@@ -31,6 +32,7 @@ namespace {
 constexpr size_t kPosesPerResponse = 64;
 constexpr absl::Duration kDefaultPeriod = absl::Seconds(1);
 constexpr absl::Duration kMinPeriod = absl::Milliseconds(10);
+constexpr absl::Duration kLongestPeriod = absl::Hours(24 * 365);  // so that the sum with the present time is in range
 
 // The common part of both readers. As in the Track reactor, every callback changes the state and then calls Pump(),
 // which starts the next operation.
@@ -135,8 +137,13 @@ class WatchReactor : public grpc::ServerWriteReactor<Response>,
     Fail(view.status);
     if (!failure_.ok()) return Finish(failure_);
     response_.Clear();
-    bool is_last = false;
-    if (PickResponse(view, response_, is_last)) {
+    bool is_last = false, has_response = false;
+    // Poses that were taken for a response may be lost with it, so the stream ends.
+    Fail(OrOutOfMemory([&] {
+      has_response = PickResponse(view, response_, is_last);
+      return absl::OkStatus();
+    }));
+    if (has_response) {
       is_writing_ = true;
       this->StartWrite(&response_);
     } else if (!failure_.ok() || is_last) {
@@ -291,7 +298,7 @@ class WatchHealthReactor : public WatchReactor<v1::WatchHealthResponse> {
     // A new alarm each time, because the function of the previous one may still be running. A weak reference, because
     // an alarm holds its function until it is destroyed.
     alarm_ = std::make_unique<grpc::Alarm>();
-    const absl::Duration period = quotas().HealthPeriod(tenant_, period_);
+    const absl::Duration period = quotas().HealthPeriod(tenant_, std::min(period_, kLongestPeriod));
     alarm_->Set(std::chrono::system_clock::now() + absl::ToChronoMicroseconds(period), [weak = weak_from_this()](bool) {
       if (const auto self = weak.lock()) static_cast<WatchHealthReactor*>(self.get())->OnAlarm();
     });

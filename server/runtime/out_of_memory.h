@@ -35,4 +35,13 @@ auto OrOutOfMemory(Work&& work) -> decltype(work()) {
   }
 }
 
+// Runs `work`, whose result is ignored. If memory is exhausted, the work ends early, which is counted.
+template <typename Work>
+void RunUnlessOutOfMemory(Work&& work) {
+  (void)OrOutOfMemory([&work] {
+    std::forward<Work>(work)();
+    return absl::OkStatus();
+  });
+}
+
 }  // namespace evpose::server

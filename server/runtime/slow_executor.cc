@@ -4,6 +4,7 @@
 #include <boost/asio/post.hpp>
 
 #include "server/runtime/errors.h"
+#include "server/runtime/out_of_memory.h"
 
 namespace evpose::server {
 namespace {
@@ -62,7 +63,7 @@ absl::Status SlowExecutor::Admission(const Item& item) {
 }
 
 void SlowExecutor::Run(const std::string& tenant, Item item) {
-  item.work(Admission(item));
+  RunUnlessOutOfMemory([this, &item] { item.work(Admission(item)); });
   item = {};  // what the work holds is released before the next item of the tenant
   const std::lock_guard lock(mutex_);
   running_.erase(tenant);
@@ -72,7 +73,8 @@ void SlowExecutor::Run(const std::string& tenant, Item item) {
 
 // On a thread of the executor, because the caller of Post() or Stop() may hold a lock that the work takes.
 void SlowExecutor::Reject(Item item) {
-  boost::asio::post(threads_, [work = std::move(item.work)]() mutable { work(HasStopped()); });
+  boost::asio::post(threads_,
+                    [work = std::move(item.work)]() mutable { RunUnlessOutOfMemory([&work] { work(HasStopped()); }); });
 }
 
 }  // namespace evpose::server

@@ -35,7 +35,8 @@ class SlowExecutor {
  public:
   // Is called exactly once, on a thread of the executor, unless the executor is destroyed before: with OK in its turn;
   // with CANCELLED in its turn if the item was cancelled; with UNAVAILABLE (DRAINING) after Stop(). With an error it
-  // must only answer its caller.
+  // must only answer its caller. If memory is exhausted, only the item ends; work that must answer even then guards
+  // itself (out_of_memory.h).
   using Work = absl::AnyInvocable<void(const absl::Status& admitted)>;
 
   // Runs at most `max_running` items at a time on `threads`, which must outlive this object.

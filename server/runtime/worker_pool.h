@@ -13,6 +13,7 @@
 #include <utility>
 
 #include "absl/time/time.h"
+#include "server/runtime/out_of_memory.h"
 #include "server/runtime/slow_executor.h"
 #include "server/scheduling/fair_scheduler.h"
 
@@ -20,6 +21,7 @@ namespace evpose::server {
 
 using PoolTimer = boost::asio::steady_timer;
 
+// If memory is exhausted, the posted work ends early, and the process goes on. Steps of sessions guard themselves.
 // Must outlive the sessions and their store: a session's turns and timers belong to the pool, and the store's thread
 // may hold the last reference to a session.
 class WorkerPool {
@@ -55,7 +57,7 @@ class WorkerPool {
   std::unique_ptr<PoolTimer> PostAfter(absl::Duration delay, Work&& work) {
     auto timer = std::make_unique<PoolTimer>(on_.work, absl::ToChronoNanoseconds(delay));
     timer->async_wait([work = std::forward<Work>(work)](const boost::system::error_code& error) mutable {
-      if (!error) work();
+      if (!error) RunUnlessOutOfMemory(work);
     });
     return timer;
   }
@@ -67,7 +69,7 @@ class WorkerPool {
   // them.
   template <typename Work>
   void PostLowPriority(Work&& work) {
-    boost::asio::post(on_.low_priority, std::forward<Work>(work));
+    boost::asio::post(on_.low_priority, [work = std::forward<Work>(work)]() mutable { RunUnlessOutOfMemory(work); });
   }
   std::shared_ptr<SessionTurns> AddSession(const std::string& tenant) { return scheduler_.AddSession(tenant); }
 

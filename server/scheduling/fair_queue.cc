@@ -58,10 +58,10 @@ std::shared_ptr<TenantShare> FairQueue::FindTenant(const std::string& name) {
 }
 
 void FairQueue::Add(SessionShare& session) {
+  Push(session);  // first, because it may throw
   TenantShare& tenant = *session.tenant;
   if (tenant.num_active++ == 0) tenant.used_s = std::max(tenant.used_s, clock_s_ - kCreditS);
   session.used_s = std::max(session.used_s, tenant.clock_s - kCreditS);
-  Push(session);
 }
 
 FairQueue::Time FairQueue::FreeAt(const SessionShare& session) const {

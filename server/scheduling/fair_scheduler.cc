@@ -42,9 +42,9 @@ class SessionTurns::Pause : public Yielder {
     FairScheduler::Lock lock(scheduler_.mutex_);
     if (scheduler_.drops_steps_ || !scheduler_.HasSpareThread()) return;
     scheduler_.Charge(session_, Used());
+    scheduler_.queue_.Push(session_);  // first, because it may throw: the step then ends
     session_.paused_ = this;
     session_.state_ = State::kWaiting;
-    scheduler_.queue_.Push(session_);
     --scheduler_.num_running_;
     is_resumed_ = false;
     scheduler_.Dispatch(/*caller_is_idle=*/false);
@@ -111,9 +111,9 @@ void FairScheduler::Post(SessionTurns& session, std::function<void()> step, CpuM
   // Nothing waited between the last step and the receipt of these data.
   if (received_at >= session.step_ended_at_) session.since_drained = {};
   if (session.state_ != SessionTurns::State::kIdle) return;
+  queue_.Add(session);  // first, because it may throw
   session.state_ = SessionTurns::State::kWaiting;
   session.self_ = session.shared_from_this();
-  queue_.Add(session);
   if (executor_) {
     boost::asio::post(executor_, [this] { RunOne(); });
   } else {

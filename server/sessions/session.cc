@@ -327,8 +327,8 @@ CheckpointPolicy::Counters Session::MakeCounters() const {
 
 void Session::Schedule() {
   if (is_scheduled_ || !IsRunnable()) return;
-  is_scheduled_ = true;
   turns_->Post([self = shared_from_this()] { self->Run(); }, queue_.oldest_received_at().value_or(clocks_.steady()));
+  is_scheduled_ = true;
 }
 
 void Session::Run() {

@@ -66,6 +66,10 @@ absl::StatusOr<std::shared_ptr<Session>> SessionManager::Create(const std::strin
                                                                 const std::string& request_id,
                                                                 const std::string& peer) {
   EVPOSE_RETURN_IF_ERROR(config.Validate());
+  // Not in SessionConfig::Validate(), so that stored sessions of earlier servers can still be read.
+  if (const absl::Status view = config.camera.CheckView(); !view.ok()) {
+    return InvalidField("config.camera", view.message());
+  }
   DeleteExpired();
   const Request request(tenant, request_id);
   const std::shared_ptr<std::mutex> resume_mutex = ResumeMutexOf(tenant);
@@ -270,7 +274,7 @@ absl::StatusOr<SessionInfo> SessionManager::DescribeAsStored(const std::string& 
 
 absl::StatusOr<SessionFactory::Stored> SessionManager::ReadOwn(const std::string& tenant,
                                                                const std::string& name) const {
-  auto stored = factory_.Read(name);
+  auto stored = OrOutOfMemory([&] { return factory_.Read(name); });
   if (stored.ok() && stored->record.tenant != tenant) return SessionNotFound(name);
   if (!absl::IsDataLoss(stored.status())) return stored;
   // The tenant may still be readable. If it is not, a caller with the name is the owner: names cannot be guessed.
@@ -311,17 +315,18 @@ absl::StatusOr<std::vector<SessionInfo>> SessionManager::List(const std::string&
 }
 
 absl::Status SessionManager::Delete(const std::string& tenant, const std::string& name, const std::string& peer) {
-  Entry removed;
-  {
+  const auto remove = [&] {
     const std::lock_guard lock(mutex_);
     const auto found = sessions_.find(name);
-    if (found != sessions_.end() && found->second.tenant() == tenant) removed = Remove(found);
-  }
+    return found != sessions_.end() && found->second.tenant() == tenant ? Remove(found) : Entry();
+  };
+  Entry removed = remove();
   if (removed.session == nullptr) {
-    // With the lock, so that the session is not restored at the same time.
+    // With the lock, so that the session is not restored at the same time; it may have been while this call waited.
     const std::shared_ptr<std::mutex> resume_mutex = ResumeMutexOf(tenant);
     const std::lock_guard one_at_a_time(*resume_mutex);
-    return DeleteStored(tenant, name, peer);
+    removed = remove();
+    if (removed.session == nullptr) return DeleteStored(tenant, name, peer);
   }
   removed.session->log().Deleted(peer, "request", CloseRemoved(removed, "was deleted"));
   return FromStore(store_.DeleteSession(name));

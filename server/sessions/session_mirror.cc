@@ -5,6 +5,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "server/runtime/errors.h"
+#include "server/runtime/out_of_memory.h"
 
 namespace evpose::server {
 
@@ -59,7 +60,7 @@ void SessionMirror::Schedule() {
 }
 
 void SessionMirror::Refresh() {
-  auto stored = read_(Watch().last_pose_seq);
+  auto stored = OrOutOfMemory([this] { return read_(Watch().last_pose_seq); });
   bool is_news = false;
   {
     const std::lock_guard lock(mutex_);

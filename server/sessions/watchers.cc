@@ -4,6 +4,8 @@
 #include <algorithm>
 #include <utility>
 
+#include "server/runtime/out_of_memory.h"
+
 namespace evpose::server {
 namespace {
 
@@ -46,7 +48,9 @@ void Watchers::Post() {
 }
 
 void Watchers::CallSome() {
-  for (const auto& watcher : NextOnes()) watcher->OnSessionChanged();
+  for (const auto& watcher : NextOnes()) {
+    RunUnlessOutOfMemory([&watcher] { watcher->OnSessionChanged(); });
+  }
   const std::lock_guard lock(mutex_);
   if (next_ < watchers_.size()) return Post();
   next_ = 0;

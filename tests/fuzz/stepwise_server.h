@@ -169,7 +169,8 @@ class StepwiseServer : private server::Drainer {
       server::WorkerPool::Executors{workers_[0].executor(), workers_[2].executor(), workers_[3].executor()},
       {.cpu_now = [] { return std::chrono::nanoseconds(0); }}};  // the order of the sessions is that of receipt
   StepwiseStore store_{workers_[1]};
-  const std::unique_ptr<server::ModelRegistry> models_ = server::ModelRegistry::Create(server::ModelRegistry::Options(), store_).value();
+  const std::unique_ptr<server::ModelRegistry> models_ =
+      server::ModelRegistry::Create(server::ModelRegistry::Options(), store_).value();
   server::SessionManager sessions_;
   const std::shared_ptr<server::ServerMetrics> metrics_ = std::make_shared<server::ServerMetrics>();
   server::StreamRegistry streams_{/*max_streams=*/16, metrics_};

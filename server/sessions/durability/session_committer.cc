@@ -83,8 +83,8 @@ void SessionCommitter::StartCommit() {
     if (is_closed_ || is_in_flight_ || timer_ != nullptr) return;
     in_flight_.Append(std::exchange(waiting_, Batch()));
     if (in_flight_.is_empty()) return;
+    commit = in_flight_.commit;  // first, because it may throw: the next call then tries again
     is_in_flight_ = true;
-    commit = in_flight_.commit;
   }
   lease_->Commit(std::move(commit), [self = shared_from_this()](const absl::Status& status) { self->OnDone(status); });
 }

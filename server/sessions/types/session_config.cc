@@ -33,9 +33,9 @@ absl::Status ValidateMaxLag(OverloadPolicy policy, const std::optional<absl::Dur
 }  // namespace
 
 absl::Status SessionConfig::Validate() const {
-  absl::Status camera_status = camera.Validate();
-  if (camera_status.ok()) camera_status = camera.CheckView();
-  if (!camera_status.ok()) return InvalidField("config.camera", camera_status.message());
+  if (const absl::Status status = camera.Validate(); !status.ok()) {
+    return InvalidField("config.camera", status.message());
+  }
   if (const absl::Status status = sensor.Validate(); !status.ok()) {
     return InvalidField("config.tracker.sensor", status.message());
   }

@@ -92,10 +92,10 @@ class MemoryStore : public Store {
   }
 
   absl::Status PutModel(const ModelRecord& model) override {
-    const std::lock_guard lock(mutex_);
-    ModelRecord& stored = models_[ModelKey(model.name, model.tenant)];
-    stored = model;
+    ModelRecord stored = model;
     stored.file_bytes = model.bytes->size();
+    const std::lock_guard lock(mutex_);
+    models_.insert_or_assign(ModelKey(model.name, model.tenant), std::move(stored));
     return absl::OkStatus();
   }
 

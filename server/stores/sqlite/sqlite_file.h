@@ -19,10 +19,10 @@ struct SqliteFile {
 };
 
 // Opens the file for writing, or creates it, and checks all records if it is not larger than `max_checked_bytes` or was
-// marked with MarkForCheck(). When a record is damaged, the intact ones are
-// copied to a new file, and the damaged file is renamed to PATH.damaged-1, -2 and so on; a damaged file is never
-// written to. Errors: FAILED_PRECONDITION for a file that is not a store of evpose or was written by a newer version;
-// DATA_LOSS when nothing can be read; PERMISSION_DENIED; RESOURCE_EXHAUSTED.
+// marked with MarkForCheck(). When a record is damaged, the intact ones are copied to a new file, and the damaged file
+// is renamed to PATH.damaged-1, -2 and so on; a damaged file is never written to. Errors: FAILED_PRECONDITION for a
+// file that is not a store of evpose or was written by a newer version; DATA_LOSS when nothing can be read;
+// PERMISSION_DENIED; RESOURCE_EXHAUSTED.
 absl::StatusOr<SqliteFile> OpenSqliteFile(const std::string& path, uint64_t max_checked_bytes);
 // Has the file checked when it is opened again, because a damaged record was read. Does nothing if the disk is full.
 void MarkForCheck(const std::string& path);
