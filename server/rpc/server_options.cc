@@ -55,7 +55,6 @@ absl::Status ServerOptions::Validate() const {
                         absl::StrCat("is ", model_budget.memory_bytes, "; at least ", kMinPreparationBytes));
   }
   if (max_uploads == 0) return InvalidField("max_uploads", "is 0; at least 1");
-  if (upload_timeout <= absl::ZeroDuration()) return InvalidField("upload_timeout", "must be positive");
   const auto check_cpu = [](const char* field, double limit) {
     constexpr double kLeast = 0.01, kMost = 1024.0;  // a session with less would not process a chunk in minutes
     if (limit == 0.0 || (limit >= kLeast && limit <= kMost)) return absl::OkStatus();
@@ -95,8 +94,8 @@ absl::Status ServerOptions::Validate() const {
                         absl::StrCat("is ", max_calls_per_connection, "; 1 to ", kMaxCalls));
   }
   for (const auto& [field, duration] :
-       {std::pair("attach_timeout", attach_timeout), std::pair("session_expiry", session_expiry),
-        std::pair("store_check_period", store_check_period)}) {
+       {std::pair("attach_timeout", attach_timeout), std::pair("upload_timeout", upload_timeout),
+        std::pair("session_expiry", session_expiry), std::pair("store_check_period", store_check_period)}) {
     if (duration <= absl::ZeroDuration()) return InvalidField(field, "must be positive");
     EVPOSE_RETURN_IF_ERROR(CheckDuration(field, duration));
   }
