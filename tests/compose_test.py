@@ -29,6 +29,18 @@ def options(command):
     return found
 
 
+def check_memory(name):
+    """Checks that a server's limit of memory has room for its sessions, its preparations of models and the rest."""
+    # The defaults: --slow-threads times --model-memory; --max-model-store-bytes and --max-transport-bytes, and the process itself.
+    other_bytes = (2 << 30) + (1 << 30) + 200_000_000
+    for service, document in services(name).items():
+        if not service.startswith("server"):
+            continue
+        sessions_bytes = int(options(document["command"])["--max-session-memory"])
+        limit_bytes = int(document["mem_limit"].removesuffix("g")) << 30
+        check(sessions_bytes + other_bytes <= limit_bytes, service, "of", name, "has too little memory")
+
+
 def check_tls(below, on_top):
     """Checks that a command in `on_top`, which replaces that in `below`, repeats all of its options."""
     for name, service in services(on_top).items():
@@ -66,6 +78,8 @@ def check_images():
 def main():
     check_versions()
     check_images()
+    check_memory("compose.yaml")
+    check_memory("compose.cluster.yaml")
     check_tls("compose.yaml", "compose.tls.yaml")
     check_tls("compose.cluster.yaml", "compose.cluster.tls.yaml")
 

@@ -18,6 +18,10 @@ SERVER, KUBECTL, WORK = sys.argv[1], sys.argv[2], pathlib.Path(sys.argv[3])
 MANIFESTS = WORK / "kubernetes"
 SECRETS = ("secrets/access", "secrets/redis")
 OVERLAYS = {"overlays/single": SECRETS[:1], "overlays/cluster": SECRETS}
+# Memory beside that of sessions, by the defaults of the server: --slow-threads times --model-memory; --max-model-store-bytes and
+# --max-transport-bytes, and the process itself.
+PREPARATION_BYTES = 2 << 30
+OTHER_BYTES = (1 << 30) + 200_000_000
 
 
 def check(condition, *words):
@@ -167,6 +171,8 @@ def check_references(pod, objects):
         for rule in policy["spec"]["ingress"] if policy["metadata"]["name"] == "evpose-server" else []:
             for port in rule["ports"]:
                 check(port["port"] in known, "a NetworkPolicy names no port:", port)
+    limit_bytes = int(pod.container["resources"]["limits"]["memory"].removesuffix("Gi")) << 30
+    check(int(said["max-session-memory"]) + PREPARATION_BYTES + OTHER_BYTES <= limit_bytes, "a pod has too little memory")
     grace_s = pod.spec["terminationGracePeriodSeconds"]
     check(float(said["shutdown-notice"]) + float(said["shutdown-timeout"]) + 5 <= grace_s, "a pod is killed before the end of its shutdown timeout")
     return said
@@ -179,6 +185,8 @@ def check_cluster(objects, pod, metrics):
     check(scaler["minReplicas"] >= 3, "fewer than three servers")
     pods = scaler["metrics"][0]["pods"]
     check(int(pods["target"]["averageValue"]) < int(pod.environment["EVPOSE_MAX_SESSIONS"]), "pods fill before others come")
+    check(int(pods["target"]["averageValue"]) < int(pod.environment["EVPOSE_TENANT_MAX_SESSIONS"]),
+          "a single tenant reaches its limit before other pods come")
     adapter = yaml.safe_load((MANIFESTS / "monitoring/prometheus-adapter.yaml").read_text())["rules"]["custom"][0]
     check(adapter["name"]["as"] == pods["metric"]["name"], "the adapter and the autoscaler name different metrics")
     check(adapter["seriesQuery"].split("{")[0] in metrics, "the adapter queries a metric that evpose-server does not export")

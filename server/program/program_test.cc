@@ -59,6 +59,7 @@ TEST(ProgramTest, ReportsWrongUsage) {
       {{"--model-memory", "1000"}, "--model-memory: is 1000;"},
       {{"--max-uploads", "0"}, "--max-uploads: is 0;"},
       {{"--upload-timeout", "0"}, "--upload-timeout: must be positive"},
+      {{"--upload-timeout", "inf"}, "--upload-timeout: is inf; at most a year"},
       {{"--tls-cert", "c"}, "--tls-cert needs --tls-key"},
       {{"--listen", "0.0.0.0:0", "--token-file", "t"}, "nothing is encrypted"},
       {{"--listen", "0.0.0.0:0", "--tls-cert", "c", "--tls-key", "k"}, "anybody may use the server"},

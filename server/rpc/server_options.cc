@@ -94,8 +94,8 @@ absl::Status ServerOptions::Validate() const {
                         absl::StrCat("is ", max_calls_per_connection, "; 1 to ", kMaxCalls));
   }
   for (const auto& [field, duration] :
-       {std::pair("attach_timeout", attach_timeout), std::pair("session_expiry", session_expiry),
-        std::pair("upload_timeout", upload_timeout), std::pair("store_check_period", store_check_period)}) {
+       {std::pair("attach_timeout", attach_timeout), std::pair("upload_timeout", upload_timeout),
+        std::pair("session_expiry", session_expiry), std::pair("store_check_period", store_check_period)}) {
     if (duration <= absl::ZeroDuration()) return InvalidField(field, "must be positive");
     EVPOSE_RETURN_IF_ERROR(CheckDuration(field, duration));
   }

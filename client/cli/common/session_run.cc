@@ -238,7 +238,7 @@ absl::Status SessionRun::GiveUp(Client& client, const absl::Status& status) {
     }
     absl::StrAppend(&text, "; the session is gone from the server: remove ", resume_->path(), " to begin a new one");
     for (const std::string& file : report_.files) {
-      absl::StrAppend(&text, "; ", file, ".partial has the poses so far, and a new one overwrites it");
+      absl::StrAppend(&text, "; ", file, ".partial has the poses so far, and a new run overwrites it");
     }
     return absl::Status(status.code(), text);
   }
