@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "server/runtime/slow_executor.h"
 
+#include <sys/resource.h>
+
 #include <boost/asio/post.hpp>
 
 #include "server/runtime/errors.h"
@@ -11,6 +13,10 @@ namespace {
 
 // The queue of the server's own work. No tenant has this name, because names contain no line feed.
 constexpr char kOwnQueue[] = "\n";
+
+// The priority of the threads, and of the processes that they start: while the workers need all cores, slow work gets
+// about a quarter of a core for each of its threads, so that it delays poses little and is not starved.
+constexpr int kNice = 5;
 
 absl::Status HasStopped() { return WithReason(absl::UnavailableError("the server has shut down"), v1::DRAINING); }
 
@@ -63,6 +69,7 @@ absl::Status SlowExecutor::Admission(const Item& item) {
 }
 
 void SlowExecutor::Run(const std::string& tenant, Item item) {
+  setpriority(PRIO_PROCESS, 0, kNice);  // of this thread; raising the number is always permitted
   RunUnlessOutOfMemory([this, &item] { item.work(Admission(item)); });
   item = {};  // what the work holds is released before the next item of the tenant
   const std::lock_guard lock(mutex_);

@@ -12,6 +12,10 @@ namespace {
 // Processor time within which a session that keeps its pace processes all data that wait: the data of 10 ms at the
 // highest cost that one thread can process in real time.
 constexpr std::chrono::milliseconds kPaceTime{10};
+// A session that has kept its pace for some time may need more after a disturbance, this part of that time, so that a
+// camera does not lose its priority by the delay that others have caused. A replay does not earn it.
+constexpr int kEarnedPart = 5;
+constexpr std::chrono::milliseconds kMostEarned{500};
 // Processor time by which a tenant or session may be behind the others after it was idle. It must be longer than
 // kLeadS, so that a tenant that uses less than its share comes before one that uses more.
 constexpr double kCreditS = 0.1;
@@ -47,7 +51,16 @@ void CpuMeter::Charge(std::chrono::nanoseconds cpu, Time now, double limit) {
 
 double CpuMeter::Rate(Time now) const { return rate_ * std::exp(-std::max(0.0, Seconds(now - charged_at_)) / kMeanS); }
 
-bool SessionShare::KeepsPace() const { return since_drained < kPaceTime; }
+void SessionShare::RecordDrained(CpuMeter::Time now) {
+  if (paced_since == CpuMeter::Time()) paced_since = now;
+  since_drained = {};
+  drained_at = now;
+}
+
+bool SessionShare::KeepsPace() const {
+  const std::chrono::nanoseconds earned = (drained_at - paced_since) / kEarnedPart;
+  return since_drained < kPaceTime + std::clamp<std::chrono::nanoseconds>(earned, std::chrono::seconds(0), kMostEarned);
+}
 
 std::shared_ptr<TenantShare> FairQueue::FindTenant(const std::string& name) {
   std::erase_if(tenants_, [](const auto& entry) { return entry.second.expired(); });
@@ -90,6 +103,7 @@ SessionShare* FairQueue::Pop(Time now) {
 void FairQueue::Charge(SessionShare& session, std::chrono::nanoseconds cpu, Time now) {
   session.used_s += Seconds(cpu);
   session.since_drained += cpu;
+  if (!session.KeepsPace()) session.paced_since = now;
   session.meter.Charge(cpu, now, limits_.session);
   session.tenant->used_s += Seconds(cpu);
   session.tenant->meter.Charge(cpu, now, limits_.tenant);

@@ -49,8 +49,12 @@ struct SessionShare {
   CpuMeter::Time received_at{};               // of the oldest data that wait
   double used_s = 0.0;                        // as TenantShare::used_s, among the sessions of the tenant
   std::chrono::nanoseconds since_drained{0};  // processor time since no data waited
+  CpuMeter::Time drained_at{};                // no data waited then for the last time
+  CpuMeter::Time paced_since{};               // the session has kept its pace since
   CpuMeter meter;
 
+  // To be called when data are received and no other data wait.
+  void RecordDrained(CpuMeter::Time now);
   // The data arrive no faster than they are processed: the measure of a live camera, as opposed to a replay.
   bool KeepsPace() const;
 };

@@ -71,6 +71,21 @@ TEST_F(FairQueueTest, ASessionWhoseDataWaitBecomesAReplay) {
   EXPECT_FALSE(session.KeepsPace());
 }
 
+TEST_F(FairQueueTest, ACameraThatHasKeptItsPaceMayCatchUp) {
+  SessionShare& camera = AddSession("", false);
+  camera.RecordDrained(now_);
+  now_ += std::chrono::seconds(1);
+  camera.RecordDrained(now_);
+  queue_->Add(camera);
+  Run(209, {&camera});
+  EXPECT_TRUE(camera.KeepsPace()) << "10 ms and a fifth of a second";
+  Run(1, {&camera});
+  EXPECT_FALSE(camera.KeepsPace());
+  camera.RecordDrained(now_);
+  Run(10, {&camera});
+  EXPECT_FALSE(camera.KeepsPace()) << "it has to earn it again";
+}
+
 TEST_F(FairQueueTest, ReplaysShareByTenantThenBySession) {
   SessionShare& alone = AddSession("alice", true);
   std::vector<SessionShare*> all = {&alone};

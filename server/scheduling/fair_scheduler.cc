@@ -10,13 +10,13 @@
 
 namespace evpose::server {
 
-// Measures the processor time of a session's turn, and pauses its step when the time is over and others wait.
+// Measures the processor time of a session's turn. When the time is over, its step is paused if others wait, and
+// otherwise continues with another turn.
 class SessionTurns::Pause : public Yielder {
  public:
   Pause(FairScheduler& scheduler, SessionTurns& session) : scheduler_(scheduler), session_(session) { Begin(); }
 
   void Yield() override {
-    if (scheduler_.num_waiting_.load(std::memory_order_relaxed) == 0) return;
     // Reading the processor time is a system call; it is never more than the time on the clock.
     const CpuMeter::Time now = scheduler_.options_.now();
     if (now < check_at_) return;
@@ -25,7 +25,7 @@ class SessionTurns::Pause : public Yielder {
       check_at_ = now + left;
       return;
     }
-    Stop(now);
+    StartNextTurn(now);
   }
   std::chrono::nanoseconds Used() const { return scheduler_.options_.cpu_now() - cpu_begin_; }
   void Resume() {
@@ -38,10 +38,10 @@ class SessionTurns::Pause : public Yielder {
     cpu_begin_ = scheduler_.options_.cpu_now();
     check_at_ = scheduler_.options_.now() + FairScheduler::kTurn;
   }
-  void Stop(CpuMeter::Time now) ABSL_NO_THREAD_SAFETY_ANALYSIS {
+  void StartNextTurn(CpuMeter::Time now) ABSL_NO_THREAD_SAFETY_ANALYSIS {
     FairScheduler::Lock lock(scheduler_.mutex_);
-    if (scheduler_.drops_steps_ || !scheduler_.HasSpareThread()) return;
     scheduler_.Charge(session_, Used());
+    if (scheduler_.queue_.size() == 0 || scheduler_.drops_steps_ || !scheduler_.HasSpareThread()) return Begin();
     scheduler_.queue_.Push(session_);  // first, because it may throw: the step then ends
     session_.paused_ = this;
     session_.state_ = State::kWaiting;
@@ -109,7 +109,7 @@ void FairScheduler::Post(SessionTurns& session, std::function<void()> step, CpuM
   session.step_ = std::move(step);
   session.received_at = received_at;
   // Nothing waited between the last step and the receipt of these data.
-  if (received_at >= session.step_ended_at_) session.since_drained = {};
+  if (received_at >= session.step_ended_at_) session.RecordDrained(received_at);
   if (session.state_ != SessionTurns::State::kIdle) return;
   queue_.Add(session);  // first, because it may throw
   session.state_ = SessionTurns::State::kWaiting;
@@ -137,7 +137,6 @@ void FairScheduler::Dispatch(bool caller_is_idle) {
   }
   // Those that wait have reached their limits: a thread waits until they may continue.
   if (queue_.size() > 0 && num_running_ < num_places_) idle_.notify_one();
-  num_waiting_.store(queue_.size(), std::memory_order_relaxed);
 }
 
 bool FairScheduler::HasSpareThread() {

@@ -4,7 +4,6 @@
 // FairQueue, in turns of bounded processor time.
 #pragma once
 
-#include <atomic>
 #include <boost/asio/any_io_executor.hpp>
 #include <chrono>
 #include <condition_variable>
@@ -108,7 +107,6 @@ class FairScheduler {
   const Options options_;
   const size_t num_places_;
   const boost::asio::any_io_executor executor_;  // empty: own threads
-  std::atomic<size_t> num_waiting_ = 0;          // queue_.size(), for yield points
   mutable std::mutex mutex_;
   std::condition_variable idle_;  // of the threads without a turn
   FairQueue queue_ ABSL_GUARDED_BY(mutex_);

@@ -42,7 +42,7 @@ def recording():
 
 
 def chunks():
-    """Returns the events of the recording, EVT3, cut at each millisecond: pairs of time (us) and bytes."""
+    """Returns the events of the recording, EVT3, cut at each millisecond: pairs of the time since the first one (us) and bytes."""
     data = (recording() / "recording.raw").read_bytes()
     data = data[data.index(b"% end\n") + 6:]
     words = numpy.frombuffer(data, "<u2")
@@ -51,7 +51,8 @@ def chunks():
     time_us = ((words[numpy.maximum.accumulate(high)] & 0xFFF).astype(int)[is_low] << 12) | (words[is_low] & 0xFFF)
     begins = numpy.flatnonzero(numpy.diff(time_us // 1000, prepend=-1))
     cuts = [0, *numpy.flatnonzero(is_low)[begins[1:]].tolist(), words.size]
-    return [(int(t_us), words[start:end].tobytes()) for t_us, start, end in zip(time_us[begins], cuts, cuts[1:])]
+    times_us = time_us[begins] - time_us[0]
+    return [(int(t_us), words[start:end].tobytes()) for t_us, start, end in zip(times_us, cuts, cuts[1:])]
 
 
 def initial_pose():

@@ -96,7 +96,7 @@ class SessionMemoryTest(server.AdversaryTest):
 
     def test_an_allocation_that_fails_ends_one_call(self):
         running = self.serve("--max-session-memory", str(1 << 40), "--max-sessions", "1000",
-                             prlimit=[f"--as={3 << 30}"])
+                             prlimit=[f"--as={3 << 29}"])
         api = client(self, running)
         model = api.upload(CUBE).name
         created = []

@@ -22,7 +22,7 @@ class Replays:
         files = recording()
         self._command = ["nice", server.EVPOSE, "replay", files / "recording.raw", "--model", files / "model.obj", "--camera",
                          files / "camera.yaml", "--server", running.address, "--token-file", token_file, "--rate", "max",
-                         "--chunk-bytes", "262144", "--out", "/dev/null"]
+                         "--chunk-bytes", "262144"]
         self._is_ending = threading.Event()
         self.num_ended = 0
         self._threads = [threading.Thread(target=self._repeat) for _ in range(count)]
