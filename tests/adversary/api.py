@@ -93,9 +93,13 @@ class Stream:
             if not kinds or message.WhichOneof("message") in kinds:
                 return message
 
+    def read_all(self):
+        """Reads up to the end of the call. Raises grpc.RpcError."""
+        collections.deque(self.call, maxlen=0)
+
     def failure(self):
         """Reads up to the end of the call, which must fail, and returns its Failure."""
-        return refusal(collections.deque, self.call, maxlen=0)
+        return refusal(self.read_all)
 
     def cancel(self):
         self.call.cancel()

@@ -51,7 +51,8 @@ def chunks():
     time_us = ((words[numpy.maximum.accumulate(high)] & 0xFFF).astype(int)[is_low] << 12) | (words[is_low] & 0xFFF)
     begins = numpy.flatnonzero(numpy.diff(time_us // 1000, prepend=-1))
     cuts = [0, *numpy.flatnonzero(is_low)[begins[1:]].tolist(), words.size]
-    times_us = time_us[begins] - time_us[0]
+    wraps = numpy.cumsum(numpy.diff(time_us, prepend=time_us[0]) < -(1 << 23))  # of the 24 bits of the sensor's clock
+    times_us = (time_us + (wraps << 24))[begins] - time_us[0]
     return [(int(t_us), words[start:end].tobytes()) for t_us, start, end in zip(times_us, cuts, cuts[1:])]
 
 
