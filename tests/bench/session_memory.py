@@ -58,7 +58,7 @@ def write_noise(path, width, height):
     polarity = random.integers(0, 2, pixels.size).astype(numpy.uint64)
     words = times_us | (pixels % width) << 32 | (pixels // width) << 46 | polarity << 60
     with open(path, "wb") as file:
-        file.write(f"% Version 2\n% Height {height}\n% Width {width}\n".encode() + bytes([12, 8]))
+        file.write(f"% Data file containing CD events.\n% Version 2\n% Height {height}\n% Width {width}\n".encode() + bytes([12, 8]))
         words.astype("<u8").tofile(file)
 
 
@@ -120,8 +120,10 @@ def measure(binaries, store, case):
         client = replay(evpose, server, recording, folder, case)
         while client.poll() is None:
             charged_mb = max(charged_mb, server.charged_mb())
+            now_mb = memory_mb(pid, "VmRSS")
+            before_mb = min(before_mb, now_mb)  # the server gives back memory of the first session some time after its end
             if charged_mb > 0 and created_mb == 0:
-                created_mb = memory_mb(pid, "VmRSS") - before_mb
+                created_mb = now_mb - before_mb
             time.sleep(0.02)
         if client.returncode != 0:
             sys.exit(f"{case[0]}: {client.stderr.read().strip()}")
