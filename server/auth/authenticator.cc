@@ -42,10 +42,12 @@ absl::StatusOr<std::unique_ptr<Authenticator>> Authenticator::Create(const Optio
   if (!options.revocations.empty()) {
     EVPOSE_ASSIGN_OR_RETURN(authenticator->revocations_, OpenRevocationFile(options.revocations));
   }
+  authenticator->OrderAfterCreation();
   return authenticator;
 }
 
 uint64_t Authenticator::version() const {
+  OrderAfterCreation();
   return (tokens_ == nullptr ? 0 : tokens_->version()) + (revocations_ == nullptr ? 0 : revocations_->version());
 }
 
@@ -65,6 +67,7 @@ absl::StatusOr<Caller> Authenticator::Authenticate(const CallCredentials& creden
 }
 
 absl::StatusOr<Caller> Authenticator::CallerOf(const CallCredentials& credentials) const {
+  OrderAfterCreation();
   if (is_open()) return Caller{"", true};
   ClientCertificate certificate = {.common_names = {}, .not_after = absl::InfiniteFuture(), .key = ""};
   // TLS requires a certificate. A call on the in-process channel has none; a token is enough for it.

@@ -7,6 +7,7 @@
 #include <cstdint>
 #include <functional>
 #include <memory>
+#include <mutex>
 #include <optional>
 #include <string>
 #include <vector>
@@ -67,6 +68,9 @@ class Authenticator {
 
  private:
   explicit Authenticator(const Options& options) : options_(options) {}
+  // Locks at the end of the creation and before the first use by a thread: ThreadSanitizer does not see the order of
+  // the threads of gRPC.
+  void OrderAfterCreation() const { const std::lock_guard lock(creation_); }
   absl::StatusOr<Caller> CallerOf(const CallCredentials& credentials) const;
   absl::StatusOr<Caller> CallerOfToken(const std::vector<absl::string_view>& authorization) const;
   absl::StatusOr<ClientCertificate> CheckCertificate(absl::string_view pem) const;
@@ -76,6 +80,7 @@ class Authenticator {
   std::unique_ptr<TokenFile> tokens_;            // null: no tokens
   std::unique_ptr<RevocationFile> revocations_;  // null: none
   LogLimiter limiter_;
+  mutable std::mutex creation_;
 };
 
 }  // namespace evpose::server

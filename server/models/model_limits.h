@@ -29,8 +29,8 @@ class ModelLimits {
     std::shared_ptr<ServerMetrics> metrics = std::make_shared<ServerMetrics>();
   };
 
-  explicit ModelLimits(Options options) : options_(std::move(options)) {}
-  // Locks, so that ThreadSanitizer sees that all calls precede the destruction.
+  // Constructor and destructor lock, so that ThreadSanitizer sees that all calls are between them.
+  explicit ModelLimits(Options options) : options_(std::move(options)) { const std::lock_guard lock(mutex_); }
   ~ModelLimits() { const std::lock_guard lock(mutex_); }
 
   // An upload under way. It counts, with the bytes that have arrived, until it is destroyed. For one thread at a time.

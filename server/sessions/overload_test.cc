@@ -333,9 +333,11 @@ TEST(WorkerFairnessTest, ACameraComesBeforeReplaysAndTheyShareTheRest) {
   std::vector<int> slices;  // the session of each slice, in their order
   std::function<void()> on_slice = [] {};
   std::vector<std::unique_ptr<Load>> loads;
-  // The processor time of a slice is that of a turn.
+  // The processor time of a slice is that of a turn, and the only time that passes.
   std::atomic<int64_t> cpu_ms = 0;
-  WorkerPool pool(1, 1, {.cpu_now = [&] { return std::chrono::milliseconds(cpu_ms.load()); }});  // outlives the store
+  const auto now = [&] { return SteadyTime(std::chrono::hours(1) + std::chrono::milliseconds(cpu_ms.load())); };
+  const auto cpu_now = [&] { return std::chrono::milliseconds(cpu_ms.load()); };
+  WorkerPool pool(1, 1, {.now = now, .cpu_now = cpu_now});  // outlives the store
   const std::unique_ptr<Store> store = MakeMemoryStore();
   std::vector<std::shared_ptr<Session>> sessions;
   const auto add_session = [&](int index) {
@@ -354,7 +356,7 @@ TEST(WorkerFairnessTest, ACameraComesBeforeReplaysAndTheyShareTheRest) {
     };
     parts.pipeline = SessionPipeline::Create(parts.config, {nullptr}, make_tracker).value();
     parts.resume_token = "first";
-    parts.clocks.wall = [] { return absl::UnixEpoch(); };
+    parts.clocks = {.wall = [] { return absl::UnixEpoch(); }, .steady = now};
     parts.beginning.lifecycle = {.token_digest = TokenDigest("first"), .detached_at = absl::UnixEpoch()};
     parts.lease = store->CreateSession({.name = parts.name}, "").value();
     sessions.push_back(Session::Start(std::move(parts), pool));
