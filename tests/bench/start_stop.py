@@ -132,7 +132,8 @@ def percentile(values, ratio):
 def measure_start(program, api, arguments, folder):
     _, sessions, models = api
     store = ["--store", "sqlite", "--data-dir", folder + "/data", "--max-sessions", str(arguments.sessions + 1),
-             "--session-expiry", "86400", "--max-model-store-bytes", str((arguments.models_mb + 64) << 20)]
+             "--max-session-memory", str(10**12), "--session-expiry", "86400",
+             "--max-model-store-bytes", str((arguments.models_mb + 64) << 20)]
     server = Server(program, store)
     cube = server.upload(models, CUBE, 1).name
     for seed in range(arguments.models_mb // 8):
