@@ -17,9 +17,10 @@ namespace evpose::server {
 inline std::function<absl::Time()> MakeServerClock(
     const std::function<absl::Time()>& wall = absl::Now,
     std::function<std::chrono::steady_clock::time_point()> steady = std::chrono::steady_clock::now) {
-  return [begin = wall(), steady_begin = steady(), steady = std::move(steady)] {
-    return begin + absl::FromChrono(steady() - steady_begin);
-  };
+  const absl::Time begin = wall();
+  const auto steady_begin = steady();
+  return
+      [begin, steady_begin, steady = std::move(steady)] { return begin + absl::FromChrono(steady() - steady_begin); };
 }
 
 }  // namespace evpose::server
