@@ -5,6 +5,7 @@
 
 #include <grpcpp/grpcpp.h>
 
+#include <cstdint>
 #include <string>
 #include <vector>
 
@@ -32,11 +33,17 @@ class CreatedSession {
   v1::CreateSessionResponse response_;
 };
 
+// The first message of the upload of an OBJ file.
+inline v1::UploadModelRequest UploadHeader(uint64_t size_bytes) {
+  v1::UploadModelRequest request;
+  request.mutable_header()->set_format(v1::MODEL_FORMAT_OBJ);
+  request.mutable_header()->set_size_bytes(size_bytes);
+  return request;
+}
+
 // The messages that upload an OBJ file.
 inline std::vector<v1::UploadModelRequest> UploadRequests(const std::string& file) {
-  std::vector<v1::UploadModelRequest> requests(2);
-  requests[0].mutable_header()->set_format(v1::MODEL_FORMAT_OBJ);
-  requests[0].mutable_header()->set_size_bytes(file.size());
+  std::vector<v1::UploadModelRequest> requests = {UploadHeader(file.size()), v1::UploadModelRequest()};
   requests[1].set_chunk(file);
   return requests;
 }

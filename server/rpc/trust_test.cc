@@ -304,10 +304,7 @@ TEST_F(IdleTest, AnUploadThatStallsEndsAndItsRoomIsFree) {
     grpc::ClientContext context;
     v1::Model model;
     const auto stream = models_->UploadModel(&context, &model);
-    v1::UploadModelRequest request;
-    request.mutable_header()->set_format(v1::MODEL_FORMAT_OBJ);
-    request.mutable_header()->set_size_bytes(options.max_model_bytes);
-    stream->Write(request);
+    stream->Write(UploadHeader(options.max_model_bytes));
     EXPECT_EQ(Describe(stream->Finish()), "DEADLINE_EXCEEDED UPLOAD_TIMEOUT");
   }
 }

@@ -21,9 +21,7 @@ TEST_F(UploadTest, AnUploadHasADeadlineForTheWholeFile) {
   grpc::ClientContext context;
   v1::Model model;
   const auto stream = models_->UploadModel(&context, &model);
-  v1::UploadModelRequest request;
-  request.mutable_header()->set_format(v1::MODEL_FORMAT_OBJ);
-  request.mutable_header()->set_size_bytes(options.max_model_bytes);
+  v1::UploadModelRequest request = UploadHeader(options.max_model_bytes);
   for (bool is_open = stream->Write(request); is_open; is_open = stream->Write(request)) {
     request.set_chunk("");  // each message arrives in time
   }

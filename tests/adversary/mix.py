@@ -1,7 +1,7 @@
 #!/usr/bin/python3
 # SPDX-License-Identifier: Apache-2.0
-"""Mixes limits, lies, stalls, floods, cancelled calls and half-open connections over all RPCs, while another tenant tracks a cube at
-its camera's pace.
+"""Sends requests at the limits, wrong messages, floods, cancelled calls and half-open connections to all RPCs, while another tenant tracks
+a cube at its camera's pace.
 
   tests/adversary/mix.py --bin build/release --seconds 20 --seed 1
 

@@ -16,8 +16,6 @@
 #include "evpose/v1/admin_service.grpc.pb.h"
 #include "evpose/v1/model_service.grpc.pb.h"
 #include "evpose/v1/session_service.grpc.pb.h"
-#include "google/rpc/error_details.pb.h"
-#include "google/rpc/status.pb.h"
 #include "tests/integration/cli_fixture.h"
 
 namespace evpose {
@@ -77,14 +75,6 @@ class FailingSessions final : public v1::SessionService::Service {
   std::atomic<int> num_deleted = 0;
 };
 
-grpc::Status WithReason(grpc::StatusCode code, const std::string& reason) {
-  google::rpc::Status details;
-  google::rpc::ErrorInfo info;
-  info.set_reason(reason);
-  details.add_details()->PackFrom(info);
-  return grpc::Status(code, "because of " + reason, details.SerializeAsString());
-}
-
 class GiveUpTest : public CliTest {
  protected:
   void SetUp() override {
@@ -124,7 +114,7 @@ class GiveUpTest : public CliTest {
 };
 
 TEST_F(GiveUpTest, AnErrorOfTheServerKeepsThePoses) {
-  sessions_.end = WithReason(grpc::StatusCode::INTERNAL, "STORE_FAILED");
+  sessions_.end = client::WithReason(grpc::StatusCode::INTERNAL, "STORE_FAILED");
   EXPECT_THAT(Replay(), AllOf(HasSubstr("because of STORE_FAILED"),
                               HasSubstr("; " + Path("poses.tum") + ": 3 poses up to 16.003000 s\n")));
   EXPECT_EQ(NumWritten(), 3);
@@ -140,7 +130,7 @@ TEST_F(GiveUpTest, ALongOutageKeepsThePoses) {
 }
 
 TEST_F(GiveUpTest, AFullStoreKeepsThePosesAndTheSession) {
-  sessions_.end = WithReason(grpc::StatusCode::RESOURCE_EXHAUSTED, "STORE_FULL");
+  sessions_.end = client::WithReason(grpc::StatusCode::RESOURCE_EXHAUSTED, "STORE_FULL");
   EXPECT_THAT(Replay(), AllOf(HasSubstr(": 3 poses up to 16.003000 s; sessions/1 is kept until it expires"),
                               HasSubstr("only a run with --resume FILE can continue\n")));
   EXPECT_EQ(NumWritten(), 3);
@@ -150,7 +140,7 @@ TEST_F(GiveUpTest, AFullStoreKeepsThePosesAndTheSession) {
 TEST_F(GiveUpTest, WithoutAPoseAnEarlierFileStays) {
   WriteText("poses.tum", "earlier\n");
   sessions_.num_poses = 0;
-  sessions_.end = WithReason(grpc::StatusCode::INTERNAL, "STORE_FAILED");
+  sessions_.end = client::WithReason(grpc::StatusCode::INTERNAL, "STORE_FAILED");
   EXPECT_THAT(Replay(), ::testing::Not(HasSubstr("poses.tum")));
   EXPECT_EQ(ReadText("poses.tum"), "earlier\n");
 }

@@ -17,8 +17,19 @@
 #include "client/lib/client_access.h"
 #include "evpose/client.h"
 #include "evpose/v1/session_service.grpc.pb.h"
+#include "google/rpc/error_details.pb.h"
+#include "google/rpc/status.pb.h"
 
 namespace evpose::client {
+
+// A status with an ErrorReason, as the server sends it.
+inline grpc::Status WithReason(grpc::StatusCode code, const std::string& reason) {
+  google::rpc::Status details;
+  google::rpc::ErrorInfo info;
+  info.set_reason(reason);
+  details.add_details()->PackFrom(info);
+  return grpc::Status(code, "because of " + reason, details.SerializeAsString());
+}
 
 using ServerStream = grpc::ServerReaderWriter<v1::TrackResponse, v1::TrackRequest>;
 

@@ -27,14 +27,6 @@ using ::testing::ElementsAre;
 using ::testing::HasSubstr;
 using ::testing::IsEmpty;
 
-grpc::Status WithReason(grpc::StatusCode code, const std::string& reason) {
-  google::rpc::Status details;
-  google::rpc::ErrorInfo info;
-  info.set_reason(reason);
-  details.add_details()->PackFrom(info);
-  return grpc::Status(code, "because of " + reason, details.SerializeAsString());
-}
-
 grpc::Status WrongField(const std::string& field) {
   google::rpc::Status details;
   google::rpc::BadRequest bad_request;
