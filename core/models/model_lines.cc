@@ -11,7 +11,7 @@
 
 #include "absl/strings/str_format.h"
 #include "core/models/collinear_lines.h"
-#include "core/models/mesh_edges.h"
+#include "core/mesh/mesh_edges.h"
 #include "core/numerics/math.h"
 
 namespace evpose {

@@ -7,9 +7,9 @@
 #include <vector>
 
 #include "absl/status/statusor.h"
-#include "core/models/mesh_topology.h"
+#include "core/mesh/mesh_topology.h"
 #include "core/models/object_model.h"
-#include "core/models/triangle_bvh.h"
+#include "core/mesh/triangle_bvh.h"
 
 namespace evpose {
 

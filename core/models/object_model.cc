@@ -15,11 +15,11 @@
 #include "core/base/output_file.h"
 #include "core/base/status_macros.h"
 #include "core/models/collinear_lines.h"
-#include "core/models/loading/model_readers.h"
-#include "core/models/mesh_topology.h"
+#include "core/mesh/loading/model_readers.h"
+#include "core/mesh/mesh_topology.h"
 #include "core/models/model_lines.h"
 #include "core/models/symmetry.h"
-#include "core/models/triangle_bvh.h"
+#include "core/mesh/triangle_bvh.h"
 #include "core/numerics/math.h"
 
 namespace evpose {

@@ -7,6 +7,7 @@
 #include <Eigen/Core>
 #include <array>
 #include <cstdint>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -15,6 +16,8 @@
 #include "absl/strings/string_view.h"
 #include "absl/types/span.h"
 #include "core/geometry/rigid_transform.h"
+#include "core/mesh/edge_curve.h"
+#include "core/mesh/smooth_surface.h"
 
 namespace evpose {
 
@@ -26,16 +29,31 @@ struct ModelLine {
   // Outward unit normals of the adjacent faces, distinct: none for a wire, 1 for a boundary or a line drawn on a face,
   // 2 for a crease, more where more faces meet in one edge.
   std::vector<Eigen::Vector3d> face_normals;
+  EdgeKind kind = EdgeKind::kCrease;
+};
+
+// A continuous group of motions that map the object onto itself.
+struct ContinuousSymmetry {
+  enum class Kind : uint8_t { kAxis, kSphere };
+  Kind kind = Kind::kAxis;
+  Eigen::Vector3d centre = Eigen::Vector3d::Zero();  // object frame, metres; a point of the axis, or the centre
+  Eigen::Vector3d axis = Eigen::Vector3d::Zero();    // unit; zero for a sphere
+  // The half turns about the axes through the centre that are perpendicular to `axis` map the object onto itself, too.
+  bool is_flippable = false;
 };
 
 struct ObjectModel {
   std::vector<Eigen::Vector3d> vertices;           // object frame, metres
   std::vector<std::array<uint32_t, 3>> triangles;  // counter-clockwise seen from outside
-  std::vector<ModelLine> lines;
+  std::vector<ModelLine> lines;   // straight edges
+  std::vector<EdgeCurve> curves;  // curved edges
+  SmoothSurface surface;          // of `triangles`; empty if no region is curved
   double diameter_m = 0.0;  // largest distance between two points of the model
   // object_from_object motions that map the object onto itself (symmetry.h), the identity first. Empty means the
   // identity alone.
   std::vector<RigidTransform> symmetries;
+  // If it is set, `symmetries` is empty.
+  std::optional<ContinuousSymmetry> continuous_symmetry;
   std::vector<std::string> notices;  // elements merged, dropped or turned while loading, for the user
 };
 

@@ -9,7 +9,7 @@
 #include <vector>
 
 #include "core/models/object_model.h"
-#include "core/models/triangle_bvh.h"
+#include "core/mesh/triangle_bvh.h"
 
 namespace evpose {
 

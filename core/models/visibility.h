@@ -9,7 +9,7 @@
 #include "core/geometry/camera.h"
 #include "core/geometry/rigid_transform.h"
 #include "core/models/object_model.h"
-#include "core/models/triangle_bvh.h"
+#include "core/mesh/triangle_bvh.h"
 
 namespace evpose {
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "core/models/mesh_topology.h"
+#include "core/mesh/mesh_topology.h"
 
 #include <Eigen/Geometry>
 #include <algorithm>
@@ -9,7 +9,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "absl/types/span.h"
-#include "core/models/mesh_edges.h"
+#include "core/mesh/mesh_edges.h"
 
 namespace evpose {
 namespace {

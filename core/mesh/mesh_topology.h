@@ -6,7 +6,7 @@
 #include <string>
 #include <vector>
 
-#include "core/models/loading/raw_mesh.h"
+#include "core/mesh/loading/raw_mesh.h"
 
 namespace evpose {
 

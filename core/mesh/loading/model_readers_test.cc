@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "core/models/loading/model_readers.h"
+#include "core/mesh/loading/model_readers.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -13,7 +13,7 @@
 #include <vector>
 
 #include "absl/strings/str_cat.h"
-#include "core/models/loading/raw_mesh.h"
+#include "core/mesh/loading/raw_mesh.h"
 
 namespace evpose {
 namespace {

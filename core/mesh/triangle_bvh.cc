@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "core/models/triangle_bvh.h"
+#include "core/mesh/triangle_bvh.h"
 
 #include <algorithm>
 #include <cmath>

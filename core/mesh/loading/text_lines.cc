@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "core/models/loading/text_lines.h"
+#include "core/mesh/loading/text_lines.h"
 
 #include <cmath>
 

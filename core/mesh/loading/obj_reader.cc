@@ -8,8 +8,8 @@
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 #include "core/base/status_macros.h"
-#include "core/models/loading/model_readers.h"
-#include "core/models/loading/text_lines.h"
+#include "core/mesh/loading/model_readers.h"
+#include "core/mesh/loading/text_lines.h"
 
 namespace evpose {
 namespace {

@@ -1,0 +1,83 @@
+// SPDX-License-Identifier: Apache-2.0
+
+// Edge elements: the short straight pieces of creases, boundaries, painted lines and occluding contours that a camera
+// sees (core/contours/README.md).
+#pragma once
+
+#include <Eigen/Core>
+#include <array>
+#include <cstdint>
+#include <vector>
+
+#include "core/geometry/camera.h"
+#include "core/geometry/rigid_transform.h"
+#include "core/mesh/edge_curve.h"
+#include "core/mesh/triangle_bvh.h"
+#include "core/models/object_model.h"
+
+namespace evpose {
+
+struct EdgeElement {
+  Eigen::Vector3d p1;  // object frame, metres
+  Eigen::Vector3d p2;
+  // Contour: the outward unit normals of the surface at p1 and p2. Other kinds: those of the adjacent faces, as in
+  // EdgeCurve::face_normals.
+  std::array<Eigen::Vector3d, 2> normals = {Eigen::Vector3d::Zero(), Eigen::Vector3d::Zero()};
+  // Contour: radius of curvature, metres, of the normal section of the surface along the ray through p1 and p2. 0: the
+  // element is fixed to the object.
+  std::array<double, 2> radius_m = {0.0, 0.0};
+  // Identifies the edge curve across views; what the tracker learns over time is kept per curve. Below
+  // model.lines.size(): a straight line of the model; then its curves; then arcs of contours, one number for each
+  // curved region and octant of the image normal.
+  uint32_t curve = 0;
+  EdgeKind kind = EdgeKind::kCrease;
+  float prior_contrast = 1.0f;  // expected log contrast relative to that of an occluding contour, in (0, 1]
+};
+
+struct EdgeElementOptions {
+  // Largest distance, pixels, between a curve and the chord that replaces it. A quarter of a pixel is below the
+  // standard deviation of events about an edge.
+  double sagitta_px = 0.25;
+  // Chains of edges that are shorter in the image are not used: they have few events.
+  double min_chain_px = 3.0;
+  // Most elements of a view. The cost of a window is proportional to it.
+  int max_elements = 256;
+
+  absl::Status Validate() const;
+};
+
+// The level of detail is a power of 1.5 times the size of a pixel at the object relative to the diameter of the object:
+// a number from 0 (finest) to kNumDetailLevels - 1. `previous` is the level in use: it is kept until the size differs
+// from it by more than hysteresis allows. Negative: none.
+inline constexpr int kNumDetailLevels = 16;
+int DetailLevel(const ObjectModel& model, const CameraModel& camera, const RigidTransform& camera_from_object,
+                int previous);
+
+// Finds the visible edge elements of a model. Immutable after construction, thread-compatible. Keeps references:
+// `model` and `faces`, the search tree of its triangles, must outlive it.
+class EdgeElementExtractor {
+ public:
+  EdgeElementExtractor(const ObjectModel& model, const TriangleBvh& faces, const EdgeElementOptions& options);
+
+  // Whether the model has edges beside its straight lines: curves, or curved regions that have contours.
+  bool has_curves() const;
+  // Upper bound of EdgeElement::curve.
+  uint32_t num_curves() const;
+  // Replaces `elements` by those of the model's curves and contours that are visible at the pose, at a level of detail;
+  // its straight lines are not included (core/models/visibility.h). A pure function of the arguments; the order is that
+  // of the curves and of the points along each.
+  void Extract(const CameraModel& camera, const RigidTransform& camera_from_object, int level,
+               std::vector<EdgeElement>& elements) const;
+
+ private:
+  const ObjectModel& model_;
+  const TriangleBvh& faces_;
+  const EdgeElementOptions options_;
+};
+
+// Moves the ends of a contour element along the surface to where the surface turns away from the camera centre `eye`
+// (object frame), with the radius of curvature along the ray: exact for spheres and cylinders, of third order in the
+// change of the view else (core/contours/README.md). Elements that are fixed to the object stay.
+void SlideContour(const Eigen::Vector3d& eye, EdgeElement& element);
+
+}  // namespace evpose
