@@ -11,7 +11,7 @@
 
 #include "core/geometry/camera.h"
 #include "core/geometry/rigid_transform.h"
-#include "core/mesh/edge_curve.h"
+#include "core/mesh/types/edge_curve.h"
 #include "core/mesh/triangle_bvh.h"
 #include "core/models/object_model.h"
 

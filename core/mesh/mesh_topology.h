@@ -6,7 +6,7 @@
 #include <string>
 #include <vector>
 
-#include "core/mesh/loading/raw_mesh.h"
+#include "core/mesh/types/raw_mesh.h"
 
 namespace evpose {
 

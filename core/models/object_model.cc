@@ -40,11 +40,10 @@ constexpr double kSymmetryTolerance = 1e-3;
 // All pairs of more points would take longer than some milliseconds.
 constexpr size_t kMaxExactDiameterPoints = 2048;
 
-// The elements of the file in its order, in metres.
+// The elements of the file in its order.
 absl::StatusOr<RawMesh> ReadMesh(absl::Span<const uint8_t> bytes, ModelFormat format, const ModelOptions& options) {
   const auto read = format == ModelFormat::kObj ? ReadObj : format == ModelFormat::kPly ? ReadPly : ReadStl;
   EVPOSE_ASSIGN_OR_RETURN(RawMesh mesh, read(bytes, {options.max_lines, options.max_triangles}));
-  for (Eigen::Vector3d& point : mesh.points) point *= options.metres_per_unit;
   return mesh;
 }
 
@@ -113,7 +112,11 @@ void TakeTriangles(RawMesh raw, ObjectModel& model) {
   model.triangles = std::move(raw.triangles);
 }
 
-absl::StatusOr<ObjectModel> BuildModel(RawMesh raw, const ModelOptions& options, ModelStepListener on_step) {
+}  // namespace
+
+absl::StatusOr<ObjectModel> BuildObjectModel(RawMesh raw, const ModelOptions& options, ModelStepListener on_step) {
+  EVPOSE_RETURN_IF_ERROR(options.Validate());
+  for (Eigen::Vector3d& point : raw.points) point *= options.metres_per_unit;
   if (raw.triangles.empty() && raw.lines.empty()) {
     return absl::InvalidArgumentError(
         "the model file has no line and no face; export the mesh of the object as OBJ, PLY or STL");
@@ -149,8 +152,6 @@ absl::StatusOr<ObjectModel> BuildModel(RawMesh raw, const ModelOptions& options,
   return model;
 }
 
-}  // namespace
-
 absl::Status ModelOptions::Validate() const {
   // Indices have 32 bits, and a triangle may have three points of its own.
   constexpr double kMaxCount = 1e8;
@@ -170,7 +171,7 @@ absl::StatusOr<ObjectModel> ParseObjectModel(absl::Span<const uint8_t> bytes, Mo
   }
   on_step("reading the file");
   EVPOSE_ASSIGN_OR_RETURN(RawMesh mesh, ReadMesh(bytes, format, options));
-  return BuildModel(std::move(mesh), options, on_step);
+  return BuildObjectModel(std::move(mesh), options, on_step);
 }
 
 absl::StatusOr<ModelFormat> ModelFormatFromPath(const std::string& path) {

@@ -16,8 +16,9 @@
 #include "absl/strings/string_view.h"
 #include "absl/types/span.h"
 #include "core/geometry/rigid_transform.h"
-#include "core/mesh/edge_curve.h"
-#include "core/mesh/smooth_surface.h"
+#include "core/mesh/types/edge_curve.h"
+#include "core/mesh/types/raw_mesh.h"
+#include "core/mesh/types/smooth_surface.h"
 
 namespace evpose {
 
@@ -62,6 +63,9 @@ struct ModelOptions {
   // An edge is a line if its faces' normals differ by more. A cylinder of 16 sides turns by 22.5 at each edge and is
   // round; the creases of machined parts turn by 45 or 90.
   double crease_angle_deg = 30.0;
+  // Facets of curved regions approximate a smooth surface, as those of an exported CAD model do. False: the object has
+  // these facets itself, as in a recording that was rendered from the mesh; each crease of the tessellation is an edge.
+  bool is_smooth = true;
   size_t max_bytes = 64u << 20;      // larger files are refused: bounds the memory for uploads
   size_t max_lines = 4096;           // lines are compared in pairs while loading, and all are projected for each window
   size_t max_triangles = 2'000'000;  // bounds memory: the search tree takes some 150 bytes for each
@@ -80,6 +84,9 @@ using ModelStepListener = absl::FunctionRef<void(absl::string_view step)>;
 absl::StatusOr<ObjectModel> ParseObjectModel(
     absl::Span<const uint8_t> bytes, ModelFormat format, const ModelOptions& options,
     ModelStepListener on_step = [](absl::string_view) {});
+// Does so for a mesh in the unit of `options.metres_per_unit`.
+absl::StatusOr<ObjectModel> BuildObjectModel(
+    RawMesh mesh, const ModelOptions& options, ModelStepListener on_step = [](absl::string_view) {});
 // The same for a file, whose format its extension determines. Errors name the path: those of ReadFile(),
 // INVALID_ARGUMENT (also for an unknown extension).
 absl::StatusOr<ObjectModel> LoadObjectModel(const std::string& path, const ModelOptions& options = {});

@@ -9,7 +9,7 @@
 
 #include "absl/status/statusor.h"
 #include "absl/types/span.h"
-#include "core/mesh/loading/raw_mesh.h"
+#include "core/mesh/types/raw_mesh.h"
 
 namespace evpose {
 

@@ -13,7 +13,7 @@
 #include <vector>
 
 #include "absl/strings/str_cat.h"
-#include "core/mesh/loading/raw_mesh.h"
+#include "core/mesh/types/raw_mesh.h"
 
 namespace evpose {
 namespace {

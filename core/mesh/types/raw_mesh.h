@@ -11,6 +11,7 @@
 
 #include "absl/status/status.h"
 #include "absl/types/span.h"
+#include "core/mesh/types/smooth_surface.h"
 
 namespace evpose {
 
@@ -19,6 +20,11 @@ struct RawMesh {
   std::vector<Eigen::Vector3d> points;
   std::vector<std::array<uint32_t, 3>> triangles;  // indices of points
   std::vector<std::array<uint32_t, 2>> lines;      // indices of points
+  // The normals that the file states for the corners of the triangles, unit; zero for a corner without one. Empty if
+  // the file states none.
+  std::vector<std::array<Eigen::Vector3f, 3>> corner_normals;
+  // The faces of the CAD model of which the mesh was made: exact normals and shapes. Empty if they are unknown.
+  SmoothSurface exact_surface;
 };
 
 struct MeshLimits {

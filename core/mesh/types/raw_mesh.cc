@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "core/mesh/loading/raw_mesh.h"
+#include "core/mesh/types/raw_mesh.h"
 
 #include <Eigen/Geometry>
 #include <numeric>
