@@ -263,6 +263,8 @@ absl::StatusOr<std::shared_ptr<const ObjectModel>> ModelRegistry::Load(ModelReco
   }
   EVPOSE_RETURN_IF_ERROR(model.status());
   const std::lock_guard store_lock(store_mutex_);
+  // Another server may have deleted the model during the preparation; to store it would restore it.
+  if (options_.shares_store && absl::IsNotFound(store_.ReadModel(record.tenant, record.name).status())) return model;
   const absl::Status kept = store_.PutModel(record);
   if (!kept.ok())
     Log(LogLevel::kWarning, "prepared_model_not_stored", {{"model", record.name}, {"message", kept.message()}});
