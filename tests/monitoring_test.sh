@@ -10,9 +10,12 @@ cd "$(dirname "${BASH_SOURCE[0]}")/../deploy"
 for file in prometheus cluster; do promtool check config "prometheus/$file.yml"; done
 promtool test rules prometheus/alerts_test.yml
 
-coproc evpose { exec "$server" --store memory --listen 127.0.0.1:0 --metrics-listen 127.0.0.1:0 --log-level off; }
+# A server without tokens has no metric of their number.
+tokens=$(mktemp)
+"$server" --new-token lab --token-file "$tokens" >/dev/null 2>&1
+coproc evpose { exec "$server" --store memory --listen 127.0.0.1:0 --metrics-listen 127.0.0.1:0 --token-file "$tokens" --log-level off; }
 # shellcheck disable=SC2154  # coproc sets evpose_PID
-trap 'kill "$evpose_PID"' EXIT
+trap 'kill "$evpose_PID"; rm "$tokens"' EXIT
 read -r _ <&"${evpose[0]}"
 read -r _ _ address <&"${evpose[0]}"
 

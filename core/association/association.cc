@@ -109,10 +109,14 @@ TileGrid::TileGrid(const CameraModel& camera)
       pages_(1) {
   const int cell_rows = (rows_ + kCellTiles - 1) / kCellTiles;
   cells_.assign(static_cast<size_t>(cell_columns_) * cell_rows, &pages_.front());
+  has_lines_.assign(cells_.size(), 0);
 }
 
 void TileGrid::Build(absl::Span<const ImageLine> lines, double reach_px) {
-  for (const uint32_t tile : touched_) cells_[CellOf(tile)] = &pages_.front();
+  for (const uint32_t tile : touched_) {
+    cells_[CellOf(tile)] = &pages_.front();
+    has_lines_[CellOf(tile)] = 0;
+  }
   num_pages_ = 1;
   touched_.clear();
   // All points of a tile lie within half its diagonal, sqrt(2) / 2 of its side, of its centre.
@@ -139,7 +143,10 @@ TileGrid::Tile& TileGrid::Touch(uint32_t tile) {
     page->fill(Tile());
   }
   Tile& touched = (*page)[tile % kTilesPerCell];
-  if (touched.count == 0) touched_.push_back(tile);
+  if (touched.count == 0) {
+    touched_.push_back(tile);
+    has_lines_[CellOf(tile)] |= uint64_t{1} << tile % kTilesPerCell;
+  }
   return touched;
 }
 

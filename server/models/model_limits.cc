@@ -43,6 +43,11 @@ absl::Status ModelLimits::CheckSize(const std::string& tenant, uint64_t size_byt
   return CheckRoom(tenant, size_bytes);
 }
 
+absl::Status ModelLimits::Check(const std::string& tenant, uint64_t bytes) {
+  const std::lock_guard lock(mutex_);
+  return CheckRoom(tenant, bytes);
+}
+
 absl::Status ModelLimits::Receive(const std::string& tenant, uint64_t bytes) {
   const std::lock_guard lock(mutex_);
   EVPOSE_RETURN_IF_ERROR(CheckRoom(tenant, bytes));

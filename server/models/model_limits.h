@@ -22,8 +22,9 @@ class ModelLimits {
  public:
   struct Options {
     uint64_t max_model_bytes = 64ull << 20;
-    uint64_t max_store_bytes = 512ull << 20;   // of all files, including the received bytes of uploads
-    uint64_t max_tenant_bytes = 512ull << 20;  // of the files of one tenant, including the received bytes of uploads
+    // Of all files and of what was derived from them, including the received bytes of uploads.
+    uint64_t max_store_bytes = 512ull << 20;
+    uint64_t max_tenant_bytes = 512ull << 20;  // the same for one tenant
     uint32_t max_uploads = 64;                 // under way at a time
     uint32_t max_tenant_uploads = 64;          // of one tenant
     std::shared_ptr<ServerMetrics> metrics = std::make_shared<ServerMetrics>();
@@ -56,7 +57,9 @@ class ModelLimits {
   // Errors: RESOURCE_EXHAUSTED (TOO_MANY_UPLOADS, or TENANT_QUOTA when the tenant's own limit is reached).
   absl::StatusOr<std::unique_ptr<Upload>> BeginUpload(const std::string& tenant);
 
-  // Count a stored file, also beyond the limits.
+  // Checks that further bytes of the tenant would fit now, without counting them. Errors: as Upload::Add().
+  absl::Status Check(const std::string& tenant, uint64_t bytes);
+  // Count a stored model, also beyond the limits.
   void AddStored(const std::string& tenant, uint64_t bytes);
   void RemoveStored(const std::string& tenant, uint64_t bytes);
 

@@ -31,7 +31,7 @@ absl::Status ModelInUse(absl::string_view name) {
                     v1::MODEL_IN_USE, {{"model", std::string(name)}});
 }
 
-std::string EncodeSummary(const ObjectModel& model, const std::string& sha256_hex) {
+std::string EncodeSummary(const ObjectModel& model, const std::string& sha256_hex, uint64_t prepared_bytes) {
   storage::v1::ModelSummary stored;
   stored.set_version(kPreparationVersion);
   stored.set_num_faces(static_cast<uint32_t>(model.triangles.size()));
@@ -39,6 +39,7 @@ std::string EncodeSummary(const ObjectModel& model, const std::string& sha256_he
   stored.set_num_symmetries(static_cast<uint32_t>(std::max<size_t>(1, model.symmetries.size())));
   stored.set_diameter_m(model.diameter_m);
   stored.set_sha256_hex(sha256_hex);
+  stored.set_prepared_bytes(prepared_bytes);
   for (const std::string& notice : model.notices) stored.add_notices(notice);
   return stored.SerializeAsString();
 }
@@ -104,11 +105,14 @@ ModelOptions ModelRegistry::LoadingOptions(const ModelReading& reading) const {
 
 ModelInfo ModelRegistry::Insert(const ModelRecord& record) {
   const std::lock_guard lock(mutex_);
-  const auto [found, is_new] = models_.try_emplace(Key(record.tenant, record.name));
-  if (is_new) limits_.AddStored(record.tenant, record.file_bytes);
-  found->second.info = InfoOf(record);
-  found->second.is_current = CurrentSummary(record).has_value();
-  return found->second.info;
+  const auto summary = CurrentSummary(record);
+  Entry& entry = models_.try_emplace(Key(record.tenant, record.name)).first->second;
+  if (entry.stored_bytes > 0) limits_.RemoveStored(record.tenant, entry.stored_bytes);
+  entry.info = InfoOf(record);
+  entry.stored_bytes = record.file_bytes + (summary.has_value() ? summary->prepared_bytes() : 0);
+  entry.is_current = summary.has_value();
+  limits_.AddStored(record.tenant, entry.stored_bytes);
+  return entry.info;
 }
 
 bool ModelRegistry::IsCurrent(const Key& key) const {
@@ -131,7 +135,7 @@ absl::StatusOr<std::shared_ptr<const ObjectModel>> ModelRegistry::Prepare(ModelR
   EVPOSE_ASSIGN_OR_RETURN(record.prepared, options_.preparer->Prepare(*record.bytes, record.reading.format,
                                                                       LoadingOptions(record.reading), cancellation));
   EVPOSE_ASSIGN_OR_RETURN(ObjectModel model, DecodePreparedModel(record.prepared));
-  record.summary = EncodeSummary(model, Sha256Hex(*record.bytes));
+  record.summary = EncodeSummary(model, Sha256Hex(*record.bytes), record.prepared.size());
   return std::make_shared<const ObjectModel>(std::move(model));
 }
 
@@ -169,6 +173,7 @@ absl::StatusOr<ModelInfo> ModelRegistry::Upload(const std::string& tenant, const
     const bool is_of_file = absl::IsInvalidArgument(status) && GetErrorDetails(status).reason.empty();
     return is_of_file ? InvalidField("chunk", status.message()) : status;
   }
+  EVPOSE_RETURN_IF_ERROR(limits_.Check(tenant, record.prepared.size()));
   const std::lock_guard store_lock(store_mutex_);
   if (IsCurrent(key)) return Get(tenant, record.name);
   EVPOSE_RETURN_IF_ERROR(FromStore(store_.PutModel(record)));
@@ -188,7 +193,7 @@ void ModelRegistry::Forget(const Key& key) {
   const std::lock_guard lock(mutex_);
   const auto found = models_.find(key);
   if (found == models_.end()) return;
-  limits_.RemoveStored(key.first, found->second.info.size_bytes);
+  limits_.RemoveStored(key.first, found->second.stored_bytes);
   models_.erase(found);
 }
 
@@ -258,6 +263,8 @@ absl::StatusOr<std::shared_ptr<const ObjectModel>> ModelRegistry::Load(ModelReco
   }
   EVPOSE_RETURN_IF_ERROR(model.status());
   const std::lock_guard store_lock(store_mutex_);
+  // Another server may have deleted the model during the preparation; to store it would restore it.
+  if (options_.shares_store && absl::IsNotFound(store_.ReadModel(record.tenant, record.name).status())) return model;
   const absl::Status kept = store_.PutModel(record);
   if (!kept.ok())
     Log(LogLevel::kWarning, "prepared_model_not_stored", {{"model", record.name}, {"message", kept.message()}});

@@ -115,6 +115,7 @@ class ModelRegistry {
   using Key = std::pair<std::string, std::string>;  // tenant, name
   struct Entry {
     ModelInfo info;
+    uint64_t stored_bytes = 0;  // of the file and of what was derived from it
     bool is_current = false;  // prepared by this version; otherwise the counts in `info` are missing
     std::shared_ptr<const void> use = std::make_shared<const char>();
     std::weak_ptr<const ObjectModel> model;  // empty while no session uses it

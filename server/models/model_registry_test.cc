@@ -56,6 +56,23 @@ TEST_F(ModelRegistryTest, AStartLoadsNothingAndAUsePreparesNothingAgain) {
   EXPECT_EQ(preparer_->count, 1);
 }
 
+TEST_F(ModelRegistryTest, TheStoreIsFullOfFilesAndOfWhatWasDerivedFromThem) {
+  const ModelInfo cube = Open()->Upload("lab", {}, "", CubeFile()).value();
+  const uint64_t prepared_bytes = store_->ReadModel("lab", cube.name)->prepared.size();
+  ModelReading other;
+  other.metres_per_unit = 2.0;
+  const auto upload = [&](uint64_t max_store_bytes) {
+    return ModelRegistry::Create({.preparer = preparer_, .limits = {.max_store_bytes = max_store_bytes}}, *store_)
+        .value()
+        ->Upload("lab", other, "", CubeFile())
+        .status();
+  };
+  const uint64_t taken = cube.size_bytes + prepared_bytes;
+  EXPECT_EQ(GetErrorDetails(upload(taken + prepared_bytes / 2)).reason, "MODEL_STORE_FULL");
+  EXPECT_EQ(store_->ListModels()->size(), 1u) << "a refused model is not stored";
+  EXPECT_TRUE(upload(taken + 2 * prepared_bytes).ok());
+}
+
 TEST_F(ModelRegistryTest, AModelIsReleasedWithItsLastSession) {
   const auto models = Open();
   const std::string name = models->Upload("lab", {}, "", CubeFile()).value().name;

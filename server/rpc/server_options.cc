@@ -24,6 +24,8 @@ absl::Status CheckDuration(absl::string_view field, absl::Duration duration) {
 absl::Status ServerOptions::Validate() const {
   constexpr uint32_t kMaxChunkBytes = 64u << 20;
   constexpr uint32_t kMinPoseLogCapacity = 4096;
+  // Far above any memory; sums of it do not overflow.
+  constexpr uint64_t kMaxCreditBytes = 1ull << 40;
   constexpr int kMaxWorkers = 1024;
   constexpr uint64_t kMinSessionMemory = 1'000'000;
   constexpr uint32_t kMaxCalls = 1u << 20;
@@ -75,9 +77,10 @@ absl::Status ServerOptions::Validate() const {
   if (max_chunk_bytes < 8 || max_chunk_bytes > kMaxChunkBytes) {
     return InvalidField("max_chunk_bytes", absl::StrCat("is ", max_chunk_bytes, "; 8 to ", kMaxChunkBytes));
   }
-  if (credit_bytes < max_chunk_bytes) {
-    return InvalidField("credit_bytes", absl::StrCat("is ", credit_bytes, "; at least ", max_chunk_bytes,
-                                                     ", the size of the largest chunk"));
+  if (credit_bytes < max_chunk_bytes || credit_bytes > kMaxCreditBytes) {
+    return InvalidField("credit_bytes",
+                        absl::StrCat("is ", credit_bytes, "; at least ", max_chunk_bytes,
+                                     ", the size of the largest chunk, and at most ", kMaxCreditBytes));
   }
   if (pose_log_capacity < kMinPoseLogCapacity) {
     return InvalidField("pose_log_capacity",
