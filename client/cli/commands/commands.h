@@ -12,6 +12,7 @@ CommandRunner AddCalibrateCommand(CLI::App& app, CliContext& context);
 CommandRunner AddEvaluateCommand(CLI::App& app, CliContext& context);
 CommandRunner AddInfoCommand(CLI::App& app, CliContext& context);
 CommandRunner AddRenderCommand(CLI::App& app, CliContext& context);
+CommandRunner AddInspectCommand(CLI::App& models, CliContext& context);  // a part of evpose models
 CommandRunner AddReplayCommand(CLI::App& app, CliContext& context);
 CommandRunner AddSimulateCommand(CLI::App& app, CliContext& context);
 CommandRunner AddStreamCommand(CLI::App& app, CliContext& context);

@@ -2,6 +2,7 @@
 
 // evpose models: lists, uploads, describes and deletes the models of a server.
 #include <string>
+#include <utility>
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
@@ -112,6 +113,8 @@ void AddModelsCommands(CLI::App& app, CliContext& context, CommandRunners& runne
       });
   add("get", "One model", RunGet, add_name);
   add("delete", "Delete a model that no session uses", RunDelete, add_name);
+  CommandRunner inspect = AddInspectCommand(app, context);
+  runners.emplace_back(app.get_subcommand("inspect"), std::move(inspect));
   app.footer(Example("upload"));
 }
 

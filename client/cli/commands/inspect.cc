@@ -1,0 +1,255 @@
+// SPDX-License-Identifier: Apache-2.0
+
+// evpose models inspect: what the tracker makes of a model file.
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <string>
+
+#include "absl/strings/str_cat.h"
+#include "absl/strings/str_format.h"
+#include "absl/strings/str_join.h"
+#include "absl/time/clock.h"
+#include "client/cli/commands/commands.h"
+#include "client/cli/commands/model_picture.h"
+#include "core/base/status_macros.h"
+#include "core/evaluation/model_views.h"
+#include "core/models/object_model.h"
+
+namespace evpose::client {
+namespace {
+
+struct InspectArguments {
+  std::string file;
+  std::string camera;
+  std::string picture;
+  double metres_per_unit = 1.0;
+  bool is_json = false;
+};
+
+// A direction of motion known worse than this, pixels at the outline, with 1000 events: the pose is not determined.
+constexpr double kUnobservablePx = 12.0;
+
+struct Inspection {
+  ObjectModel model;
+  Eigen::Vector3d size_m;
+  std::vector<ModelView> views;
+  absl::Duration preparation;
+  absl::Duration time_per_view;
+};
+
+CameraModel DefaultCamera() {
+  return {.width_px = 1280, .height_px = 720, .fx_px = 1400.0, .fy_px = 1400.0, .cx_px = 639.5, .cy_px = 359.5};
+}
+
+absl::StatusOr<Inspection> Inspect(const InspectArguments& arguments) {
+  CameraModel camera = DefaultCamera();
+  if (!arguments.camera.empty()) {
+    EVPOSE_ASSIGN_OR_RETURN(camera, LoadCameraModel(arguments.camera));
+  }
+  Inspection inspection;
+  const absl::Time start = absl::Now();
+  EVPOSE_ASSIGN_OR_RETURN(inspection.model,
+                          LoadObjectModel(arguments.file, {.metres_per_unit = arguments.metres_per_unit}));
+  const absl::Time prepared = absl::Now();
+  inspection.preparation = prepared - start;
+  EVPOSE_ASSIGN_OR_RETURN(inspection.views, ViewModel(inspection.model, camera));
+  inspection.time_per_view = (absl::Now() - prepared) / inspection.views.size();
+  Eigen::AlignedBox3d box;
+  for (const Eigen::Vector3d& vertex : inspection.model.vertices) box.extend(vertex);
+  for (const ModelLine& line : inspection.model.lines) box.extend(line.p1).extend(line.p2);
+  inspection.size_m = box.sizes();
+  return inspection;
+}
+
+// The numbers of lines and curves of a kind.
+struct EdgeCounts {
+  const char* name;
+  size_t lines = 0;
+  size_t curves = 0;
+};
+
+std::array<EdgeCounts, 3> CountEdges(const ObjectModel& model) {
+  std::array<EdgeCounts, 3> counts = {{{"crease"}, {"boundary"}, {"painted"}}};
+  for (const ModelLine& line : model.lines) ++counts[static_cast<size_t>(line.kind)].lines;
+  for (const EdgeCurve& curve : model.curves) ++counts[static_cast<size_t>(curve.kind)].curves;
+  return counts;
+}
+
+std::array<std::pair<const char*, size_t>, 5> CountRegions(const ObjectModel& model) {
+  std::array<std::pair<const char*, size_t>, 5> counts = {
+      {{"plane", 0}, {"cylinder", 0}, {"cone", 0}, {"sphere", 0}, {"free", 0}}};
+  for (const SurfaceRegion& region : model.surface.regions) ++counts[static_cast<size_t>(region.shape)].second;
+  return counts;
+}
+
+// Statistics of the views.
+struct ViewSummary {
+  double mean_elements = 0.0;
+  size_t max_elements = 0;
+  double contour_share = 0.0;  // of the visible length
+  double median_weakest_px = 0.0;
+  double worst_weakest_px = 0.0;
+  size_t num_unobservable = 0;
+};
+
+ViewSummary Summarise(const std::vector<ModelView>& views) {
+  ViewSummary summary;
+  double length_px = 0.0, contour_px = 0.0;
+  std::vector<double> weakest_px;
+  for (const ModelView& view : views) {
+    summary.mean_elements += static_cast<double>(view.elements.size()) / static_cast<double>(views.size());
+    summary.max_elements = std::max(summary.max_elements, view.elements.size());
+    length_px += view.length_px;
+    contour_px += view.contour_px;
+    weakest_px.push_back(view.weakest_px);
+    summary.num_unobservable += view.weakest_px > kUnobservablePx ? 1 : 0;
+  }
+  std::sort(weakest_px.begin(), weakest_px.end());
+  summary.contour_share = length_px > 0.0 ? contour_px / length_px : 0.0;
+  summary.median_weakest_px = weakest_px[weakest_px.size() / 2];
+  summary.worst_weakest_px = weakest_px.back();
+  return summary;
+}
+
+std::string SymmetryText(const ObjectModel& model) {
+  if (model.continuous_symmetry) {
+    const ContinuousSymmetry& symmetry = *model.continuous_symmetry;
+    if (symmetry.kind == ContinuousSymmetry::Kind::kSphere) return "sphere: the rotation cannot be known";
+    const Eigen::Vector3d& axis = symmetry.axis;
+    return absl::StrFormat("continuous about the axis (%.3f, %.3f, %.3f)%s: the angle about it cannot be known",
+                           axis.x(), axis.y(), axis.z(), symmetry.is_flippable ? " and half turns across it" : "");
+  }
+  const size_t count = std::max<size_t>(1, model.symmetries.size());
+  if (count == 1) return "none";
+  return absl::StrFormat("%d rotations map the object onto itself", count);
+}
+
+std::vector<std::string> Warnings(const Inspection& inspection, const ViewSummary& summary) {
+  std::vector<std::string> warnings;
+  const size_t num_views = inspection.views.size();
+  if (summary.num_unobservable > 0) {
+    warnings.push_back(absl::StrFormat(
+        "from %d of %d views the visible edges do not determine the pose (more than %g px at the outline); it is "
+        "tracked there only as long as it follows from the motion",
+        summary.num_unobservable, num_views, kUnobservablePx));
+  }
+  // TrackerOptions: the line search needs three directions.
+  constexpr size_t kMinLines = 3;
+  if (inspection.model.lines.size() < kMinLines) {
+    warnings.push_back(absl::StrFormat(
+        "the model has %d straight lines; a first pose is found from at least %d, so give it with --init-pose",
+        inspection.model.lines.size(), kMinLines));
+  }
+  return warnings;
+}
+
+Json SymmetryJson(const ObjectModel& model) {
+  Json json = {{"discrete", std::max<size_t>(1, model.symmetries.size())}, {"continuous", nullptr}};
+  if (!model.continuous_symmetry) return json;
+  const ContinuousSymmetry& symmetry = *model.continuous_symmetry;
+  const auto vector = [](const Eigen::Vector3d& v) { return Json::array({v.x(), v.y(), v.z()}); };
+  json["continuous"] = {{"kind", symmetry.kind == ContinuousSymmetry::Kind::kSphere ? "sphere" : "axis"},
+                        {"centre_m", vector(symmetry.centre)},
+                        {"axis", vector(symmetry.axis)},
+                        {"is_flippable", symmetry.is_flippable}};
+  return json;
+}
+
+Json InspectionJson(const Inspection& inspection) {
+  const ObjectModel& model = inspection.model;
+  const ViewSummary summary = Summarise(inspection.views);
+  Json edges, regions;
+  for (const EdgeCounts& counts : CountEdges(model)) {
+    edges[counts.name] = {{"lines", counts.lines}, {"curves", counts.curves}};
+  }
+  for (const auto& [name, count] : CountRegions(model)) regions[name] = count;
+  // JSON has no infinity.
+  const auto finite = [](double value) { return std::isfinite(value) ? Json(value) : Json(nullptr); };
+  return {{"size_m", {inspection.size_m.x(), inspection.size_m.y(), inspection.size_m.z()}},
+          {"diameter_m", model.diameter_m},
+          {"vertices", model.vertices.size()},
+          {"triangles", model.triangles.size()},
+          {"regions", regions},
+          {"edges", edges},
+          {"symmetry", SymmetryJson(model)},
+          {"views",
+           {{"count", inspection.views.size()},
+            {"elements_mean", summary.mean_elements},
+            {"elements_max", summary.max_elements},
+            {"contour_share", summary.contour_share},
+            {"weakest_px_median", finite(summary.median_weakest_px)},
+            {"weakest_px_worst", finite(summary.worst_weakest_px)},
+            {"unobservable", summary.num_unobservable}}},
+          {"preparation_s", absl::ToDoubleSeconds(inspection.preparation)},
+          {"extraction_ms", absl::ToDoubleMilliseconds(inspection.time_per_view)},
+          {"notices", model.notices},
+          {"warnings", Warnings(inspection, summary)}};
+}
+
+void PrintInspection(const std::string& path, const Inspection& inspection, std::ostream& out) {
+  const ObjectModel& model = inspection.model;
+  const Eigen::Vector3d& size_m = inspection.size_m;
+  out << absl::StrFormat("%s: %.4g x %.4g x %.4g m, diameter %.4g m\n", path, size_m.x(), size_m.y(), size_m.z(),
+                         model.diameter_m);
+  out << absl::StrFormat("mesh         %d triangles, %d vertices, prepared in %.2f s\n", model.triangles.size(),
+                         model.vertices.size(), absl::ToDoubleSeconds(inspection.preparation));
+  const auto add_region = [](std::string* text, const std::pair<const char*, size_t>& region) {
+    absl::StrAppendFormat(text, "%d %s", region.second, region.first);
+  };
+  if (!model.surface.empty()) {
+    out << absl::StrFormat("regions      %d: %s\n", model.surface.regions.size(),
+                           absl::StrJoin(CountRegions(model), ", ", add_region));
+  }
+  for (const EdgeCounts& counts : CountEdges(model)) {
+    if (counts.lines + counts.curves == 0) continue;
+    out << absl::StrFormat("%-12s %d straight lines, %d curves\n", counts.name, counts.lines, counts.curves);
+  }
+  out << "symmetry     " << SymmetryText(model) << "\n";
+  const ViewSummary summary = Summarise(inspection.views);
+  const ModelViewOptions options;
+  out << absl::StrFormat("elements     %.0f on average, %d at most, of %d views with a size of %.0f px; %.0f %% of their length "
+                         "are contours\n",
+                         summary.mean_elements, summary.max_elements, inspection.views.size(), options.object_px,
+                         100.0 * summary.contour_share);
+  out << absl::StrFormat("observable   least certain direction after %.0f events: %.2f px at the outline (median of the views), "
+                         "%.2f px (worst)\n",
+                         options.events, summary.median_weakest_px, summary.worst_weakest_px);
+  out << absl::StrFormat("cost         %.2f ms to find the elements of a view on this machine; the cost of a window is "
+                         "proportional to their number\n",
+                         absl::ToDoubleMilliseconds(inspection.time_per_view));
+  for (const std::string& notice : model.notices) out << "notice: " << notice << "\n";
+  for (const std::string& warning : Warnings(inspection, summary)) out << "warning: " << warning << "\n";
+}
+
+absl::Status RunInspect(const InspectArguments& arguments, CliContext& context) {
+  EVPOSE_ASSIGN_OR_RETURN(std::optional<OutputFile> picture, OpenOutput(arguments.picture));
+  EVPOSE_ASSIGN_OR_RETURN(const Inspection inspection, Inspect(arguments));
+  if (picture) {
+    EVPOSE_ASSIGN_OR_RETURN(const std::vector<uint8_t> png, DrawModel(inspection.model, arguments.file));
+    EVPOSE_RETURN_IF_ERROR(
+        FinishOutput(picture, std::string_view(reinterpret_cast<const char*>(png.data()), png.size())));
+  }
+  return PrintResult(context, arguments.is_json, InspectionJson(inspection),
+                     [&](std::ostream& out) { PrintInspection(arguments.file, inspection, out); });
+}
+
+}  // namespace
+
+CommandRunner AddInspectCommand(CLI::App& models, CliContext& context) {
+  CLI::App* const app = models.add_subcommand(
+      "inspect", "What the tracker makes of a model file: repairs, edges, symmetry, certainty; needs no server");
+  auto arguments = std::make_shared<InspectArguments>();
+  AddFile(*app, "file", arguments->file, "OBJ, PLY or STL")->required();
+  AddOption(*app, "--scale", arguments->metres_per_unit, "Metres per unit of the file", AboveZero());
+  AddFile(*app, "--camera", arguments->camera, "Camera: ROS camera_info YAML; default: an EVK4 with 49 degrees");
+  AddFile(*app, "--picture", arguments->picture, "Six views with the edges that the tracker uses, PNG");
+  app->add_flag("--json", arguments->is_json, "JSON on standard output");
+  app->footer(
+      "Example:\n"
+      "  evpose simulate --object cube --camera vga --duration 0.5 --out cube\n"
+      "  evpose models inspect cube/model.obj --picture cube.png");
+  return [arguments, &context] { return RunInspect(*arguments, context); };
+}
+
+}  // namespace evpose::client

@@ -1,0 +1,50 @@
+// SPDX-License-Identifier: Apache-2.0
+
+// What the tracker sees of a model from all sides, and how well a pose can be known there
+// (core/evaluation/README.md).
+#pragma once
+
+#include <vector>
+
+#include "absl/status/status.h"
+#include "absl/status/statusor.h"
+#include "core/association/association.h"
+#include "core/geometry/camera.h"
+#include "core/geometry/rigid_transform.h"
+#include "core/models/object_model.h"
+
+namespace evpose {
+
+struct ModelViewOptions {
+  int num_views = 96;        // directions, evenly over the sphere: 22 degrees apart
+  double object_px = 300.0;  // diameter of the object in the image: a third of the width of a usual sensor
+  // Events of the object in a window, spread evenly over the visible length of its edges, and the standard deviation of
+  // their distance from the edge, pixels: typical of a window of 1 ms at 1 Mev/s.
+  double events = 1000.0;
+  double sigma_px = 0.7;
+
+  absl::Status Validate() const;
+};
+
+struct ModelView {
+  RigidTransform camera_from_object;
+  std::vector<TrackedLine> elements;  // visible edge elements, object frame
+  double length_px = 0.0;             // of all elements
+  double contour_px = 0.0;            // of the occluding contours among them
+  // Standard deviation, pixels, by which the outline of the object moves along the least certain direction of motion;
+  // directions of a continuous symmetry are excepted. Infinite if the elements do not determine it.
+  double weakest_px = 0.0;
+  // This direction as a motion of the object about its centre, camera frame: translation, m, and rotation, rad, that
+  // move the outline by about 1 px.
+  Vector6d weakest = Vector6d::Zero();
+};
+
+// The views of a model from a distance at which it has the given size, its centre on the optical axis. Errors:
+// INVALID_ARGUMENT for invalid options or an invalid camera.
+absl::StatusOr<std::vector<ModelView>> ViewModel(const ObjectModel& model, const CameraModel& camera,
+                                                 const ModelViewOptions& options = {});
+// The view from one direction (object frame, from the object to the camera), for a picture.
+absl::StatusOr<ModelView> ViewModelFrom(const Eigen::Vector3d& direction, const ObjectModel& model,
+                                        const CameraModel& camera, const ModelViewOptions& options = {});
+
+}  // namespace evpose
