@@ -96,13 +96,6 @@ class JunctionCloser {
     return true;
   }
 
-  absl::Span<const EdgeUse> UsesOf(uint32_t low, uint32_t high) const {
-    const auto [begin, end] = std::equal_range(
-        uses_.begin(), uses_.end(), EdgeUse{low, high, 0, 0, false},
-        [](const EdgeUse& a, const EdgeUse& b) { return std::tie(a.low, a.high) < std::tie(b.low, b.high); });
-    return absl::MakeConstSpan(uses_).subspan(begin - uses_.begin(), end - begin);
-  }
-
   // `sides` is the number of triangles that the vertex splits.
   void Insert(uint32_t vertex, uint32_t low, uint32_t high, size_t sides) {
     if (splits_left_ < sides) {
@@ -123,7 +116,7 @@ class JunctionCloser {
       const int side = LongestSide(mesh_.triangles[t]);
       const auto& corners = mesh_.triangles[t];
       const auto [low, high] = std::minmax(corners[side], corners[(side + 1) % 3]);
-      const absl::Span<const EdgeUse> uses = UsesOf(low, high);
+      const absl::Span<const EdgeUse> uses = UsesOfEdge(uses_, low, high);
       if (std::any_of(uses.begin(), uses.end(), [this](const EdgeUse& use) { return remove_[use.triangle]; })) continue;
       for (const EdgeUse& use : uses) is_neighbour[use.triangle] = true;
       remove_[t] = true;
@@ -187,7 +180,7 @@ class JunctionCloser {
       size_t end = begin;
       const uint32_t low = insertions_[begin].low, high = insertions_[begin].high;
       while (end < insertions_.size() && insertions_[end].low == low && insertions_[end].high == high) ++end;
-      for (const EdgeUse& use : UsesOf(low, high)) {
+      for (const EdgeUse& use : UsesOfEdge(uses_, low, high)) {
         sides.push_back({use.triangle, use.side, use.is_forward,
                          absl::MakeConstSpan(insertions_).subspan(begin, end - begin)});
       }

@@ -4,6 +4,8 @@
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <array>
+#include <cmath>
+#include <iterator>
 #include <numeric>
 #include <utility>
 #include <vector>
@@ -32,11 +34,11 @@ constexpr double kSamePlaneCosine = 0.99;
 using Polygon2d = std::vector<Eigen::Vector2d>;
 using Triangle2d = std::array<Eigen::Vector2d, 3>;
 
-double Cross(const Eigen::Vector2d& a, const Eigen::Vector2d& b) { return a.x() * b.y() - a.y() * b.x(); }
+double Cross2d(const Eigen::Vector2d& a, const Eigen::Vector2d& b) { return a.x() * b.y() - a.y() * b.x(); }
 
 // Distance of a point to the left of the line from `a` to `b`.
 double DistanceToLeft(const Eigen::Vector2d& a, const Eigen::Vector2d& b, const Eigen::Vector2d& point) {
-  return Cross(b - a, point - a) / (b - a).norm();
+  return Cross2d(b - a, point - a) / (b - a).norm();
 }
 
 // Whether a side of the first triangle, which is counter-clockwise, separates it from the second, up to the tolerance.
@@ -50,9 +52,9 @@ bool SeparatesBySide(const Triangle2d& triangle, const Triangle2d& other, double
   return false;
 }
 
-double Area(const Polygon2d& polygon) {
+double PolygonArea(const Polygon2d& polygon) {
   double twice = 0.0;
-  for (size_t i = 2; i < polygon.size(); ++i) twice += Cross(polygon[i - 1] - polygon[0], polygon[i] - polygon[0]);
+  for (size_t i = 2; i < polygon.size(); ++i) twice += Cross2d(polygon[i - 1] - polygon[0], polygon[i] - polygon[0]);
   return 0.5 * twice;
 }
 
@@ -60,7 +62,7 @@ double Area(const Polygon2d& polygon) {
 Polygon2d ClipPolygon(const Polygon2d& polygon, const Eigen::Vector2d& a, const Eigen::Vector2d& b, bool keep_left) {
   Polygon2d kept;
   const auto height = [&](const Eigen::Vector2d& point) {
-    return (keep_left ? 1.0 : -1.0) * Cross(b - a, point - a);
+    return (keep_left ? 1.0 : -1.0) * Cross2d(b - a, point - a);
   };
   for (size_t i = 0; i < polygon.size(); ++i) {
     const Eigen::Vector2d &from = polygon[i], &to = polygon[(i + 1) % polygon.size()];
@@ -80,7 +82,7 @@ bool AreCovering(const std::vector<Triangle2d>& covers, const Triangle2d& triang
   double perimeter = 0.0;
   for (size_t i = 0; i < 3; ++i) perimeter += (triangle[(i + 1) % 3] - triangle[i]).norm();
   std::vector<Polygon2d> pieces(1, Polygon2d(triangle.begin(), triangle.end())), rest;
-  const double total = Area(pieces[0]), negligible = std::min(tolerance_m * perimeter, 0.01 * total);
+  const double total = PolygonArea(pieces[0]), negligible = std::min(tolerance_m * perimeter, 0.01 * total);
   for (const Triangle2d& cover : covers) {
     if (budget < pieces.size()) return false;
     budget -= pieces.size();
@@ -88,21 +90,21 @@ bool AreCovering(const std::vector<Triangle2d>& covers, const Triangle2d& triang
     for (Polygon2d& piece : pieces) {
       for (size_t i = 0; i < 3; ++i) {
         Polygon2d outside = ClipPolygon(piece, cover[i], cover[(i + 1) % 3], /*keep_left=*/false);
-        if (Area(outside) > 1e-3 * negligible) rest.push_back(std::move(outside));
+        if (PolygonArea(outside) > 1e-3 * negligible) rest.push_back(std::move(outside));
         piece = ClipPolygon(piece, cover[i], cover[(i + 1) % 3], /*keep_left=*/true);
       }
     }
     pieces.swap(rest);
   }
   double remaining = 0.0;
-  for (const Polygon2d& piece : pieces) remaining += Area(piece);
+  for (const Polygon2d& piece : pieces) remaining += PolygonArea(piece);
   return remaining <= negligible;
 }
 
-// Sets of numbers, joined in pairs.
-class DisjointSets {
+// Sets of triangles, joined in pairs.
+class TriangleSets {
  public:
-  explicit DisjointSets(size_t count) : parent_(count) { std::iota(parent_.begin(), parent_.end(), 0u); }
+  explicit TriangleSets(size_t count) : parent_(count) { std::iota(parent_.begin(), parent_.end(), 0u); }
   uint32_t Find(uint32_t i) {
     for (; parent_[i] != i; i = parent_[i]) parent_[i] = parent_[parent_[i]];
     return i;
@@ -138,6 +140,7 @@ class OverlapRemover {
     // A copy with the other winding. An odd number of faces is the end of a sheet, or a wall within a body.
     AddPatches(is_second_, [](size_t faces) { return faces % 2 == 0; }, remove);
     report_.removed_triangles = RemoveTriangles(remove, mesh_);
+    if (report_.removed_triangles == 0) FindCoveredEdges();
     return report_;
   }
 
@@ -255,7 +258,7 @@ class OverlapRemover {
   // rejects.
   template <typename MayLeave>  // bool(size_t faces)
   void AddPatches(const std::vector<bool>& marked, const MayLeave& may_leave, std::vector<bool>& remove) const {
-    DisjointSets patches(marked.size());
+    TriangleSets patches(marked.size());
     std::vector<uint32_t> beside;  // marked triangles at an edge that has to keep them
     ForEachEdge(uses_, [&](absl::Span<const EdgeUse> uses) {
       size_t rest = 0;
@@ -282,7 +285,7 @@ class OverlapRemover {
   // Adds the walls of connected bodies that are closed without them. A sheet with two sides consists of such walls
   // only, or ends in an edge that no other triangle has.
   void AddRemovableWalls(std::vector<bool>& remove) const {
-    DisjointSets bodies(mesh_.triangles.size());
+    TriangleSets bodies(mesh_.triangles.size());
     std::vector<uint32_t> open;
     ForEachEdge(uses_, [&](absl::Span<const EdgeUse> uses) {
       const EdgeUse* first = nullptr;
@@ -303,6 +306,52 @@ class OverlapRemover {
     for (uint32_t t = 0; t < remove.size(); ++t) {
       if (is_wall_[t] && !must_stay[bodies.Find(t)]) remove[t] = true;
     }
+  }
+
+  void FindCoveredEdges() {
+    std::vector<Triangle2d> same;
+    for (size_t begin = 0; begin < pairs_.size();) {
+      const uint32_t t = pairs_[begin].first;
+      same.clear();
+      for (; begin < pairs_.size() && pairs_[begin].first == t; ++begin) {
+        const uint32_t other = pairs_[begin].second;
+        if (normals_[t].dot(normals_[other]) > 0.0) same.push_back(Project(other, t));
+      }
+      for (size_t side = 0; side < 3; ++side) {
+        const uint32_t from = mesh_.triangles[t][side], to = mesh_.triangles[t][(side + 1) % 3];
+        if (!ContinuesAcross(t, side, same) || HasFaceAbove(t, from, to)) continue;
+        report_.covered_edges.push_back({std::min(from, to), std::max(from, to)});
+      }
+    }
+    std::vector<std::array<uint32_t, 2>>& edges = report_.covered_edges;
+    std::sort(edges.begin(), edges.end());
+    edges.erase(std::unique(edges.begin(), edges.end()), edges.end());
+  }
+
+  // Whether triangles contain points just beyond a side of another, in its plane.
+  bool ContinuesAcross(uint32_t t, size_t side, const std::vector<Triangle2d>& others) const {
+    constexpr double kSamples[] = {0.02, 0.3, 0.5, 0.7, 0.98};  // shares of the side
+    constexpr double kOffset = 4.0;                             // tolerances
+    const Triangle2d triangle = Project(t, t);
+    const Eigen::Vector2d &a = triangle[side], &b = triangle[(side + 1) % 3];
+    const Eigen::Vector2d outward = Eigen::Vector2d((b - a).y(), (a - b).x()).normalized();
+    return std::all_of(std::begin(kSamples), std::end(kSamples), [&](double sample) {
+      const Eigen::Vector2d point = a + sample * (b - a) + kOffset * tolerance_m_ * outward;
+      return std::any_of(others.begin(), others.end(), [&](const Triangle2d& other) {
+        return DistanceToLeft(other[0], other[1], point) >= -tolerance_m_ &&
+               DistanceToLeft(other[1], other[2], point) >= -tolerance_m_ &&
+               DistanceToLeft(other[2], other[0], point) >= -tolerance_m_;
+      });
+    });
+  }
+
+  // Whether a face at an edge of a triangle extends to its outer side, as the side of a body that stands on it.
+  bool HasFaceAbove(uint32_t t, uint32_t from, uint32_t to) const {
+    const absl::Span<const EdgeUse> uses = UsesOfEdge(uses_, std::min(from, to), std::max(from, to));
+    return std::any_of(uses.begin(), uses.end(), [&](const EdgeUse& use) {
+      const uint32_t opposite = mesh_.triangles[use.triangle][(use.side + 2) % 3];
+      return normals_[t].dot(mesh_.points[opposite] - mesh_.points[from]) > tolerance_m_;
+    });
   }
 
   // Whether triangles of one plane extend from their common edge to the same side, as at the end of a sheet.

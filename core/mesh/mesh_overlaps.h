@@ -3,8 +3,10 @@
 // Removes triangles that lie within other triangles of the same plane (core/mesh/README.md, section 6).
 #pragma once
 
+#include <array>
 #include <cstddef>
 #include <cstdint>
+#include <vector>
 
 #include "absl/types/span.h"
 #include "core/mesh/types/raw_mesh.h"
@@ -13,6 +15,8 @@ namespace evpose {
 
 struct OverlapReport {
   size_t removed_triangles = 0;
+  // RawMesh::covered_edges, if no triangle was removed.
+  std::vector<std::array<uint32_t, 2>> covered_edges;
   bool is_complete = true;  // false: the limits on the work were reached, overlaps may remain
 };
 

@@ -12,6 +12,7 @@
 namespace evpose {
 namespace {
 
+using ::testing::ElementsAre;
 using ::testing::SizeIs;
 using Eigen::Vector3d;
 
@@ -117,8 +118,28 @@ TEST(RemoveOverlapsTest, BoxesThatStandOnOrReachIntoAnotherStayClosed) {
   AddBox(Vector3d::Zero(), {4, 4, 1}, mesh);
   AddBox({1, 1, 1}, {1, 1, 1}, mesh);
   AddBox({2.5, 2.5, 0}, {1, 1, 3}, mesh);
-  EXPECT_EQ(MergeAndRemoveOverlaps(mesh).removed_triangles, 0u);
+  const OverlapReport report = MergeAndRemoveOverlaps(mesh);
+  EXPECT_EQ(report.removed_triangles, 0u);
   EXPECT_TRUE(OrientTriangles(mesh).is_closed);
+  // The outline of the base of the second is within the face of the plate, and its diagonal, too.
+  EXPECT_THAT(report.covered_edges, SizeIs(5));
+  for (const auto& [low, high] : report.covered_edges) {
+    for (const uint32_t vertex : {low, high}) {
+      EXPECT_EQ(mesh.points[vertex].z(), 0.0);
+      EXPECT_GE(mesh.points[vertex].head<2>().minCoeff(), 2.5);
+      EXPECT_LE(mesh.points[vertex].head<2>().maxCoeff(), 3.5);
+    }
+  }
+}
+
+TEST(RemoveOverlapsTest, OutlinesOfPlatesThatOverlapInPartAreCoveredWhereTheOtherContinues) {
+  RawMesh mesh;
+  AddPlate(Vector3d::Zero(), {4, 0, 0}, {0, 4, 0}, mesh);
+  AddPlate({1, 1, 0}, {2, 0, 0}, {0, 5, 0}, mesh);
+  const OverlapReport report = MergeAndRemoveOverlaps(mesh);
+  EXPECT_EQ(report.removed_triangles, 0u);
+  // The lower side of the second; its other sides and its diagonal extend beyond the first.
+  EXPECT_THAT(report.covered_edges, ElementsAre(std::array<uint32_t, 2>{4, 5}));
 }
 
 TEST(RemoveOverlapsTest, WorkOnManyPlatesInOnePlaceIsBounded) {

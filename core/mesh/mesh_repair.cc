@@ -77,16 +77,19 @@ RepairReport RepairMesh(RawMesh& mesh) {
   report.empty_lines = RemoveEmptyLines(mesh);
   report.duplicate_lines = RemoveDuplicateLines(mesh);
   AddJunctions(CloseJunctions(tolerance_m, mesh), report);
-  const Orientation orientation = OrientTriangles(mesh);
+  Orientation orientation = OrientTriangles(mesh);
   AddOrientation(orientation, report);
-  if (orientation.shells > 1) {
-    const OverlapReport overlaps = RemoveOverlaps(tolerance_m, orientation.shell_of, mesh);
-    report.overlapping_triangles = overlaps.removed_triangles;
+  // The first pass removes what is to be removed; the surface around it may then have junctions.
+  constexpr int kMaxPasses = 3;
+  for (int pass = 0; pass < kMaxPasses && orientation.shells > 1; ++pass) {
+    OverlapReport overlaps = RemoveOverlaps(tolerance_m, orientation.shell_of, mesh);
+    report.overlapping_triangles += overlaps.removed_triangles;
     report.is_complete &= overlaps.is_complete;
-    if (overlaps.removed_triangles > 0) {
-      AddJunctions(CloseJunctions(tolerance_m, mesh), report);
-      AddOrientation(OrientTriangles(mesh), report);
-    }
+    mesh.covered_edges = std::move(overlaps.covered_edges);
+    if (overlaps.removed_triangles == 0) break;
+    AddJunctions(CloseJunctions(tolerance_m, mesh), report);
+    orientation = OrientTriangles(mesh);
+    AddOrientation(orientation, report);
   }
   AlignCornerNormals(mesh);
   return report;

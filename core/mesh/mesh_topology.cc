@@ -4,6 +4,7 @@
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
+#include <tuple>
 #include <unordered_map>
 #include <utility>
 
@@ -245,6 +246,13 @@ std::vector<EdgeUse> SortedEdgeUses(absl::Span<const std::array<uint32_t, 3>> tr
     return std::tie(a.low, a.high, a.triangle, a.side) < std::tie(b.low, b.high, b.triangle, b.side);
   });
   return uses;
+}
+
+absl::Span<const EdgeUse> UsesOfEdge(const std::vector<EdgeUse>& uses, uint32_t low, uint32_t high) {
+  const auto [begin, end] = std::equal_range(
+      uses.begin(), uses.end(), EdgeUse{low, high, 0, 0, false},
+      [](const EdgeUse& a, const EdgeUse& b) { return std::tie(a.low, a.high) < std::tie(b.low, b.high); });
+  return absl::MakeConstSpan(uses).subspan(begin - uses.begin(), end - begin);
 }
 
 double BoundingBoxDiagonal(const RawMesh& model) {

@@ -4,6 +4,9 @@
 // 5). All functions keep `corner_normals` and `exact_surface` in step with the triangles.
 #pragma once
 
+#include <array>
+#include <cstddef>
+#include <cstdint>
 #include <string>
 #include <vector>
 

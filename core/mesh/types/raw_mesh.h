@@ -25,6 +25,9 @@ struct RawMesh {
   std::vector<std::array<Eigen::Vector3f, 3>> corner_normals;
   // The faces of the CAD model of which the mesh was made: exact normals and shapes. Empty if they are unknown.
   SmoothSurface exact_surface;
+  // Sides of triangles across which other triangles continue the plane, in the face of another body: no edges. Lower
+  // index first, sorted. RepairMesh() finds them.
+  std::vector<std::array<uint32_t, 2>> covered_edges;
 };
 
 struct MeshLimits {
