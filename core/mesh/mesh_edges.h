@@ -23,6 +23,9 @@ struct EdgeUse {
 // All sides of all triangles, sorted by edge: the uses of an edge are consecutive.
 std::vector<EdgeUse> SortedEdgeUses(absl::Span<const std::array<uint32_t, 3>> triangles);
 
+// The uses of one edge, of all sorted ones.
+absl::Span<const EdgeUse> UsesOfEdge(const std::vector<EdgeUse>& uses, uint32_t low, uint32_t high);
+
 // Calls `function` once for each edge, with its uses.
 template <typename Function>  // void(absl::Span<const EdgeUse>)
 void ForEachEdge(const std::vector<EdgeUse>& uses, const Function& function) {

@@ -4,8 +4,9 @@
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
-#include <numeric>
+#include <tuple>
 #include <unordered_map>
+#include <utility>
 
 #include "absl/strings/str_cat.h"
 #include "absl/types/span.h"
@@ -76,25 +77,19 @@ class PointGrid {
   std::vector<uint32_t> next_in_cell_;
 };
 
-bool HasArea(const RawMesh& model, const std::array<uint32_t, 3>& triangle, double min_height_m) {
-  const auto& [i, j, k] = triangle;
-  if (i == j || j == k || k == i) return false;
-  const Eigen::Vector3d ab = model.points[j] - model.points[i], ac = model.points[k] - model.points[i];
-  const double longest2 = std::max({ab.squaredNorm(), ac.squaredNorm(), (ac - ab).squaredNorm()});
-  return ab.cross(ac).squaredNorm() > min_height_m * min_height_m * longest2;
+// Marks the elements whose key an earlier element has.
+template <typename Key>
+std::vector<bool> MarkRepeated(std::vector<std::pair<Key, uint32_t>> keys) {
+  std::sort(keys.begin(), keys.end());
+  std::vector<bool> repeated(keys.size(), false);
+  for (size_t i = 1; i < keys.size(); ++i) repeated[keys[i].second] = keys[i].first == keys[i - 1].first;
+  return repeated;
 }
 
-// Removes all but the first of the items with equal keys and keeps the order. Returns the number of removed items.
-template <typename Item, typename Key>
-size_t RemoveDuplicates(std::vector<Item>& items, const Key& key) {
-  std::vector<uint32_t> order(items.size());
-  std::iota(order.begin(), order.end(), 0u);
-  std::sort(order.begin(), order.end(), [&](uint32_t a, uint32_t b) {
-    const Item key_a = key(items[a]), key_b = key(items[b]);
-    return key_a != key_b ? key_a < key_b : a < b;
-  });
-  std::vector<bool> remove(items.size());
-  for (size_t i = 1; i < order.size(); ++i) remove[order[i]] = key(items[order[i]]) == key(items[order[i - 1]]);
+// Returns the number of removed elements. An empty vector, of an attribute that the mesh lacks, stays empty.
+template <typename T>
+size_t RemoveMarked(const std::vector<bool>& remove, std::vector<T>& items) {
+  if (items.empty()) return 0;
   size_t kept = 0;
   for (size_t i = 0; i < items.size(); ++i) {
     if (!remove[i]) items[kept++] = items[i];
@@ -110,83 +105,114 @@ void AddNotice(size_t count, const char* what, std::vector<std::string>& notices
 
 // --- Orientation
 
-constexpr uint32_t kNoNeighbour = ~0u;
-
+// What is beyond a side of a triangle: one other triangle, or an edge of another number of triangles.
 struct Neighbour {
-  uint32_t triangle = kNoNeighbour;
-  bool has_same_winding = true;
+  enum class Link : uint8_t { kSameWinding, kOtherWinding, kEdge };
+  uint32_t index = 0;  // of the triangle or of the edge
+  Link link = Link::kEdge;
+  bool is_forward = false;  // of an edge: the triangle goes from its lower to its higher vertex
 };
 
 class Orienter {
  public:
   explicit Orienter(RawMesh& model) : model_(model), neighbours_(model.triangles.size()) {
-    ForEachEdge(SortedEdgeUses(model.triangles), [this](absl::Span<const EdgeUse> uses) {
-      if (uses.size() != 2) return;
-      const bool same = uses[0].is_forward != uses[1].is_forward;
-      neighbours_[uses[0].triangle][uses[0].side] = {uses[1].triangle, same};
-      neighbours_[uses[1].triangle][uses[1].side] = {uses[0].triangle, same};
+    uint32_t edges = 0;
+    ForEachEdge(SortedEdgeUses(model.triangles), [&](absl::Span<const EdgeUse> uses) {
+      if (uses.size() == 2) {
+        using Link = Neighbour::Link;
+        const Link link = uses[0].is_forward != uses[1].is_forward ? Link::kSameWinding : Link::kOtherWinding;
+        neighbours_[uses[0].triangle][uses[0].side] = {uses[1].triangle, link};
+        neighbours_[uses[1].triangle][uses[1].side] = {uses[0].triangle, link};
+        return;
+      }
+      for (const EdgeUse& use : uses) {
+        neighbours_[use.triangle][use.side] = {edges, Neighbour::Link::kEdge, use.is_forward};
+      }
+      ++edges;
     });
   }
 
-  // Returns the number of triangles whose winding was reversed.
-  size_t Orient() {
+  Orientation Orient() {
     state_.assign(model_.triangles.size(), State::kUnseen);
-    size_t turned = 0;
+    result_.shell_of.resize(model_.triangles.size());
     for (uint32_t seed = 0; seed < model_.triangles.size(); ++seed) {
-      if (state_[seed] == State::kUnseen) turned += OrientSurface(seed);
+      if (state_[seed] == State::kUnseen) OrientSurface(seed);
     }
-    return turned;
+    return std::move(result_);
   }
 
  private:
   enum class State : uint8_t { kUnseen, kAsIs, kTurn };
 
-  size_t OrientSurface(uint32_t seed) {
-    std::vector<uint32_t> surface = {seed};
+  void OrientSurface(uint32_t seed) {
+    surface_.assign(1, seed);
+    edge_uses_.clear();
     state_[seed] = State::kAsIs;
-    bool is_closed = true, is_orientable = true;
-    for (size_t i = 0; i < surface.size(); ++i) {
-      const State state = state_[surface[i]];
-      for (const Neighbour& neighbour : neighbours_[surface[i]]) {
-        if (neighbour.triangle == kNoNeighbour) {
-          is_closed = false;
+    bool is_orientable = true;
+    for (size_t i = 0; i < surface_.size(); ++i) {
+      const State state = state_[surface_[i]];
+      result_.shell_of[surface_[i]] = static_cast<uint32_t>(result_.shells);
+      for (const Neighbour& neighbour : neighbours_[surface_[i]]) {
+        if (neighbour.link == Neighbour::Link::kEdge) {
+          edge_uses_.push_back({neighbour.index, neighbour.is_forward == (state == State::kAsIs) ? 1 : -1});
           continue;
         }
-        const bool turn = (state == State::kTurn) == neighbour.has_same_winding;
+        const bool turn = (state == State::kTurn) == (neighbour.link == Neighbour::Link::kSameWinding);
         const State wanted = turn ? State::kTurn : State::kAsIs;
-        if (state_[neighbour.triangle] == State::kUnseen) {
-          state_[neighbour.triangle] = wanted;
-          surface.push_back(neighbour.triangle);
+        if (state_[neighbour.index] == State::kUnseen) {
+          state_[neighbour.index] = wanted;
+          surface_.push_back(neighbour.index);
         }
-        is_orientable &= state_[neighbour.triangle] == wanted;
+        is_orientable &= state_[neighbour.index] == wanted;
       }
     }
-    if (!is_orientable) return 0;
-    return Turn(surface, is_closed);
+    ++result_.shells;
+    const bool is_closed = is_orientable && HasNoBoundary();
+    result_.is_closed &= is_closed;
+    result_.is_oriented &= is_orientable;
+    if (is_orientable) Turn(is_closed);
   }
 
-  size_t Turn(const std::vector<uint32_t>& surface, bool is_closed) {
+  // Whether the surface passes each of its edges as often in one direction as in the other. Surfaces that touch in an
+  // edge, such as those of two boxes, are closed each.
+  bool HasNoBoundary() {
+    std::sort(edge_uses_.begin(), edge_uses_.end());
+    for (size_t i = 0; i < edge_uses_.size();) {
+      const uint32_t edge = edge_uses_[i].first;
+      int sum = 0;
+      for (; i < edge_uses_.size() && edge_uses_[i].first == edge; ++i) sum += edge_uses_[i].second;
+      if (sum != 0) return false;
+    }
+    return true;
+  }
+
+  void Turn(bool is_closed) {
     const size_t marked =
-        std::count_if(surface.begin(), surface.end(), [this](uint32_t t) { return state_[t] == State::kTurn; });
-    State to_turn = 2 * marked > surface.size() ? State::kAsIs : State::kTurn;
+        std::count_if(surface_.begin(), surface_.end(), [this](uint32_t t) { return state_[t] == State::kTurn; });
+    State to_turn = 2 * marked > surface_.size() ? State::kAsIs : State::kTurn;
     // Volume of the surface with the triangles marked kTurn reversed.
-    const double volume = is_closed ? Volume(surface) : 0.0;
+    const double volume = is_closed ? Volume() : 0.0;
     if (volume > 0.0) to_turn = State::kTurn;
     if (volume < 0.0) to_turn = State::kAsIs;
-    size_t turned = 0;
-    for (const uint32_t t : surface) {
+    for (const uint32_t t : surface_) {
       if (state_[t] != to_turn) continue;
-      std::swap(model_.triangles[t][1], model_.triangles[t][2]);
-      ++turned;
+      TurnTriangle(t);
+      ++result_.turned;
     }
-    return turned;
+  }
+
+  void TurnTriangle(uint32_t t) {
+    std::swap(model_.triangles[t][1], model_.triangles[t][2]);
+    for (auto* normals : {&model_.corner_normals, &model_.exact_surface.normals}) {
+      if (!normals->empty()) std::swap((*normals)[t][1], (*normals)[t][2]);
+    }
   }
 
   // Returns 0 if the volume is within rounding errors, as that of a sheet with two sides.
-  double Volume(const std::vector<uint32_t>& surface) const {
-    const Eigen::Vector3d origin = model_.points[model_.triangles[surface[0]][0]];
+  double Volume() const {
+    const Eigen::Vector3d origin = model_.points[model_.triangles[surface_[0]][0]];
     double volume = 0.0, magnitude = 0.0;
-    for (const uint32_t t : surface) {
+    for (const uint32_t t : surface_) {
       const auto& [i, j, k] = model_.triangles[t];
       const double part =
           (model_.points[i] - origin).dot((model_.points[j] - origin).cross(model_.points[k] - origin)) / 6.0;
@@ -200,6 +226,9 @@ class Orienter {
   RawMesh& model_;
   std::vector<std::array<Neighbour, 3>> neighbours_;
   std::vector<State> state_;
+  std::vector<uint32_t> surface_;                    // the triangles of the present surface
+  std::vector<std::pair<uint32_t, int>> edge_uses_;  // its edges without a single neighbour, with the direction
+  Orientation result_;
 };
 
 }  // namespace
@@ -219,17 +248,28 @@ std::vector<EdgeUse> SortedEdgeUses(absl::Span<const std::array<uint32_t, 3>> tr
   return uses;
 }
 
+absl::Span<const EdgeUse> UsesOfEdge(const std::vector<EdgeUse>& uses, uint32_t low, uint32_t high) {
+  const auto [begin, end] = std::equal_range(
+      uses.begin(), uses.end(), EdgeUse{low, high, 0, 0, false},
+      [](const EdgeUse& a, const EdgeUse& b) { return std::tie(a.low, a.high) < std::tie(b.low, b.high); });
+  return absl::MakeConstSpan(uses).subspan(begin - uses.begin(), end - begin);
+}
+
 double BoundingBoxDiagonal(const RawMesh& model) {
   Eigen::AlignedBox3d box;
   for (const Eigen::Vector3d& point : model.points) box.extend(point);
   return box.isEmpty() ? 0.0 : box.diagonal().norm();
 }
 
-void Weld(double tolerance_m, RawMesh& model, std::vector<std::string>& notices) {
+size_t MergePoints(double tolerance_m, RawMesh& model) {
   PointGrid grid(tolerance_m);
   std::vector<Eigen::Vector3d> kept;
   std::vector<uint32_t> index(model.points.size());
-  for (size_t i = 0; i < model.points.size(); ++i) index[i] = grid.FindOrAdd(model.points[i], kept);
+  size_t moved = 0;
+  for (size_t i = 0; i < model.points.size(); ++i) {
+    index[i] = grid.FindOrAdd(model.points[i], kept);
+    moved += kept[index[i]] != model.points[i];
+  }
   model.points = std::move(kept);
   for (auto& triangle : model.triangles) {
     for (uint32_t& vertex : triangle) vertex = index[vertex];
@@ -237,28 +277,70 @@ void Weld(double tolerance_m, RawMesh& model, std::vector<std::string>& notices)
   for (auto& line : model.lines) {
     for (uint32_t& vertex : line) vertex = index[vertex];
   }
-
-  AddNotice(std::erase_if(model.triangles, [&](const auto& t) { return !HasArea(model, t, tolerance_m); }),
-            "triangles without area dropped", notices);
-  // Duplicates have the same corners in the same cyclic order; the other side of a sheet has the reverse order.
-  AddNotice(RemoveDuplicates(model.triangles,
-                             [](std::array<uint32_t, 3> t) {
-                               std::rotate(t.begin(), std::min_element(t.begin(), t.end()), t.end());
-                               return t;
-                             }),
-            "duplicate triangles dropped", notices);
-  AddNotice(std::erase_if(model.lines, [](const auto& line) { return line[0] == line[1]; }),
-            "lines of length zero dropped", notices);
-  AddNotice(RemoveDuplicates(model.lines,
-                             [](std::array<uint32_t, 2> line) {
-                               std::sort(line.begin(), line.end());
-                               return line;
-                             }),
-            "duplicate lines dropped", notices);
+  return moved;
 }
 
+bool HasArea(const RawMesh& model, const std::array<uint32_t, 3>& triangle, double min_height_m) {
+  const auto& [i, j, k] = triangle;
+  if (i == j || j == k || k == i) return false;
+  const Eigen::Vector3d ab = model.points[j] - model.points[i], ac = model.points[k] - model.points[i];
+  const double longest2 = std::max({ab.squaredNorm(), ac.squaredNorm(), (ac - ab).squaredNorm()});
+  return ab.cross(ac).squaredNorm() > min_height_m * min_height_m * longest2;
+}
+
+size_t RemoveTriangles(const std::vector<bool>& remove, RawMesh& model) {
+  RemoveMarked(remove, model.corner_normals);
+  RemoveMarked(remove, model.exact_surface.region_of);
+  RemoveMarked(remove, model.exact_surface.normals);
+  return RemoveMarked(remove, model.triangles);
+}
+
+size_t RemoveCollapsedTriangles(RawMesh& model) {
+  std::vector<bool> is_collapsed;
+  for (const auto& [i, j, k] : model.triangles) is_collapsed.push_back(i == j || j == k || k == i);
+  return RemoveTriangles(is_collapsed, model);
+}
+
+size_t RemoveFlatTriangles(double min_height_m, RawMesh& model) {
+  std::vector<bool> is_flat(model.triangles.size());
+  for (size_t t = 0; t < is_flat.size(); ++t) is_flat[t] = !HasArea(model, model.triangles[t], min_height_m);
+  return RemoveTriangles(is_flat, model);
+}
+
+size_t RemoveDuplicateTriangles(RawMesh& model) {
+  std::vector<std::pair<std::array<uint32_t, 3>, uint32_t>> keys;
+  keys.reserve(model.triangles.size());
+  for (std::array<uint32_t, 3> triangle : model.triangles) {
+    std::rotate(triangle.begin(), std::min_element(triangle.begin(), triangle.end()), triangle.end());
+    keys.push_back({triangle, static_cast<uint32_t>(keys.size())});
+  }
+  return RemoveTriangles(MarkRepeated(std::move(keys)), model);
+}
+
+size_t RemoveEmptyLines(RawMesh& model) {
+  return std::erase_if(model.lines, [](const auto& line) { return line[0] == line[1]; });
+}
+
+size_t RemoveDuplicateLines(RawMesh& model) {
+  std::vector<std::pair<std::array<uint32_t, 2>, uint32_t>> keys;
+  for (const auto& [a, b] : model.lines) {
+    keys.push_back({{std::min(a, b), std::max(a, b)}, static_cast<uint32_t>(keys.size())});
+  }
+  return RemoveMarked(MarkRepeated(std::move(keys)), model.lines);
+}
+
+void Weld(double tolerance_m, RawMesh& model, std::vector<std::string>& notices) {
+  MergePoints(tolerance_m, model);
+  AddNotice(RemoveFlatTriangles(tolerance_m, model), "triangles without area dropped", notices);
+  AddNotice(RemoveDuplicateTriangles(model), "duplicate triangles dropped", notices);
+  AddNotice(RemoveEmptyLines(model), "lines of length zero dropped", notices);
+  AddNotice(RemoveDuplicateLines(model), "duplicate lines dropped", notices);
+}
+
+Orientation OrientTriangles(RawMesh& model) { return Orienter(model).Orient(); }
+
 void OrientTriangles(RawMesh& model, std::vector<std::string>& notices) {
-  AddNotice(Orienter(model).Orient(),
+  AddNotice(OrientTriangles(model).turned,
             "triangles turned: their winding differed from that of their neighbours or was inward", notices);
 }
 

@@ -1,8 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// Turns the triangles of a file into a mesh with shared vertices and one winding (core/models/README.md, section 3).
+// Turns the triangles of a file into a mesh with shared vertices and one winding (core/mesh/README.md, sections 3 and
+// 5). All functions keep `corner_normals` and `exact_surface` in step with the triangles.
 #pragma once
 
+#include <array>
+#include <cstddef>
+#include <cstdint>
 #include <string>
 #include <vector>
 
@@ -13,13 +17,38 @@ namespace evpose {
 // Diagonal of the bounding box, metres; 0 without points.
 double BoundingBoxDiagonal(const RawMesh& model);
 
-// Replaces points that are at most `tolerance_m` apart by the first of them (STL has no shared vertices). Drops
-// triangles that are less high than the tolerance, lines of length zero and duplicates; `notices` say how many.
+// Replaces points that are at most `tolerance_m` apart by the first of them (STL has no shared vertices). The
+// remaining points are farther apart from each other. Returns the number of points that moved, which leaves out equal
+// ones.
+size_t MergePoints(double tolerance_m, RawMesh& model);
+
+// Whether the triangle has three corners and is higher than the limit over its longest side.
+bool HasArea(const RawMesh& model, const std::array<uint32_t, 3>& triangle, double min_height_m);
+
+// Each removes elements and returns their number. A collapsed triangle has a vertex twice. Duplicate triangles have the
+// same corners in the same cyclic order; the other side of a sheet has the reverse order.
+size_t RemoveTriangles(const std::vector<bool>& remove, RawMesh& model);
+size_t RemoveCollapsedTriangles(RawMesh& model);
+size_t RemoveFlatTriangles(double min_height_m, RawMesh& model);
+size_t RemoveDuplicateTriangles(RawMesh& model);
+size_t RemoveEmptyLines(RawMesh& model);
+size_t RemoveDuplicateLines(RawMesh& model);
+
+// MergePoints(), then removes triangles that are less high than the tolerance, lines of length zero and duplicates;
+// `notices` say how many.
 void Weld(double tolerance_m, RawMesh& model, std::vector<std::string>& notices);
 
-// Gives neighbouring triangles the same winding. The normals of closed surfaces point outward; an open surface gets the
-// winding that most of its triangles have. Surfaces that cannot be oriented (a Moebius strip) stay as they are.
-// Vertices must be shared.
+struct Orientation {
+  size_t turned = 0;               // triangles whose winding was reversed
+  std::vector<uint32_t> shell_of;  // for each triangle, the surface that it belongs to
+  size_t shells = 0;
+  bool is_closed = true;    // every surface encloses a volume
+  bool is_oriented = true;  // every surface has two sides, unlike a Moebius strip
+};
+// Gives neighbouring triangles, which are those on both sides of an edge of exactly two triangles, the same winding.
+// Neighbours form a surface. The normals of closed surfaces point outward; an open surface gets the winding that most
+// of its triangles have. Surfaces that cannot be oriented stay as they are. Vertices must be shared.
+Orientation OrientTriangles(RawMesh& model);
 void OrientTriangles(RawMesh& model, std::vector<std::string>& notices);
 
 }  // namespace evpose

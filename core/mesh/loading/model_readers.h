@@ -13,13 +13,15 @@
 
 namespace evpose {
 
-// Wavefront OBJ: the statements `v` (its first three numbers), `f` and `l`. All other statements are skipped; groups
-// and objects become one mesh. The mesh has the vertices that a face or line uses, in the order of first use.
+// Wavefront OBJ: the statements `v` (its first three numbers), `vn`, `f` and `l`. All other statements are skipped;
+// groups and objects become one mesh. The mesh has the vertices that a face or line uses, in the order of first use. A
+// normal that is not three finite numbers or that does not exist counts as none.
 absl::StatusOr<RawMesh> ReadObj(absl::Span<const uint8_t> bytes, const MeshLimits& limits);
 
 // PLY: ASCII with one line per instance, or binary of either byte order. An element `vertex` with x, y and z, then at
-// most one element `face` with a list vertex_indices (or vertex_index) of integers; no other element. Other properties
-// of the two are skipped. The mesh has all vertices of the file, in their order.
+// most one element `face` with a list vertex_indices (or vertex_index) of integers; no other element. The vertices may
+// have normals nx, ny, nz; other properties of the two are skipped. The mesh has all vertices of the file, in their
+// order.
 absl::StatusOr<RawMesh> ReadPly(absl::Span<const uint8_t> bytes, const MeshLimits& limits);
 
 // STL: binary when the size is the one that the facet count demands, else ASCII. Each facet has three points of its

@@ -55,6 +55,46 @@ TEST(ReadersTest, CoordinatesAreCorrectlyRounded) {
   }
 }
 
+const Eigen::Vector3f kNoNormal = Eigen::Vector3f::Zero();
+
+TEST(ObjReaderTest, NormalsBelongToCorners) {
+  // With and without a texture coordinate, relative, of a later statement; a quadrilateral from its corner 4.
+  const RawMesh mesh = MustRead(ReadObj,
+                                "v 0 0 0\nv 4 1 0\nv 0 2 0\nv 1 1 0\nvn 0 0 2\nvn 3 0 4\nf 1 2 3\n"
+                                "f 1//1 2/7/2 3//-1 4//3\nl 1 2\nvn 0 -5 0\nf 1//1 2 3//2\n");
+  const Eigen::Vector3f z(0, 0, 1), slanted(0.6f, 0, 0.8f), y(0, -1, 0);
+  ASSERT_THAT(mesh.triangles, SizeIs(4));
+  EXPECT_THAT(mesh.triangles[1], Triangle({3, 0, 1}));
+  EXPECT_THAT(mesh.corner_normals,
+              ElementsAre(ElementsAre(kNoNormal, kNoNormal, kNoNormal), ElementsAre(y, z, slanted),
+                          ElementsAre(y, slanted, slanted), ElementsAre(z, kNoNormal, slanted)));
+}
+
+TEST(ObjReaderTest, UnusableNormalsAreNone) {
+  const RawMesh mesh = MustRead(ReadObj,
+                                "v 0 0 0\nv 4 1 0\nv 0 2 0\nvn 0 0 0\nvn -nan(ind) 0 1\nvn 1 0\nvn 1e300 1e300 1\n"
+                                "f 1//1 2//2 3//3\nf 1//4 2//9 3//-9\n");
+  for (const auto& normals : mesh.corner_normals) {
+    EXPECT_THAT(normals, ElementsAre(kNoNormal, kNoNormal, kNoNormal));
+  }
+  EXPECT_THAT(MustRead(ReadObj, "v 0 0 0\nv 4 1 0\nv 0 2 0\nvn 0 0 1\nf 1 2 3\n").corner_normals, SizeIs(0));
+  EXPECT_THAT(MustRead(ReadObj, "v 0 0 0\nv 4 1 0\nv 0 2 0\nf 1//1 2//1 3//1\n").corner_normals, SizeIs(0));
+}
+
+TEST(PlyReaderTest, NormalsOfVerticesAreThoseOfTheirCorners) {
+  const auto ply = [](const char* third) {
+    return absl::StrCat("ply\nformat ascii 1.0\nelement vertex 3\nproperty float nx\nproperty float x\n",
+                        "property double ny\nproperty float y\nproperty float z\nproperty float ", third,
+                        "\nelement face 2\nproperty list uchar int vertex_indices\nend_header\n",
+                        "0 0 0 0 0 2\n3 1 0 0 0 4\nnan 0 0 1 0 1\n3 0 1 2\n3 2 1 0\n");
+  };
+  const RawMesh mesh = MustRead(ReadPly, ply("nz"));
+  const Eigen::Vector3f z(0, 0, 1), slanted(0.6f, 0, 0.8f);
+  EXPECT_THAT(mesh.points, ElementsAre(Eigen::Vector3d(0, 0, 0), Eigen::Vector3d(1, 0, 0), Eigen::Vector3d(0, 1, 0)));
+  EXPECT_THAT(mesh.corner_normals, ElementsAre(ElementsAre(z, slanted, kNoNormal), ElementsAre(kNoNormal, slanted, z)));
+  EXPECT_THAT(MustRead(ReadPly, ply("red")).corner_normals, SizeIs(0));
+}
+
 RawMesh Polygon(const std::vector<Eigen::Vector2d>& outline) {
   RawMesh mesh;
   std::vector<uint32_t> corners;

@@ -1,4 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
+#include <algorithm>
 #include <optional>
 #include <string>
 #include <vector>
@@ -59,6 +60,7 @@ class ObjReader {
     SplitWords(line, words_);
     if (words_.empty()) return absl::OkStatus();
     if (words_[0] == "v") return ReadVertex();
+    if (words_[0] == "vn") return ReadNormal();
     const bool is_face = words_[0] == "f";
     if (!is_face && words_[0] != "l") return absl::OkStatus();
     if (!is_face && words_.size() < 3) return LineError(line_number_, "a line element (l) needs 2 points");
@@ -76,6 +78,29 @@ class ObjReader {
       EVPOSE_ASSIGN_OR_RETURN(vertex[i], ReadCoordinate(words_[i + 1], line_number_));
     }
     return absl::OkStatus();
+  }
+
+  // Exporters write words such as "-nan(ind)" for the normals of faces without area: they count as no normal.
+  absl::Status ReadNormal() {
+    Eigen::Vector3d normal = Eigen::Vector3d::Zero();
+    for (size_t i = 0; i < 3; ++i) {
+      if (i + 1 >= words_.size() || !absl::SimpleAtod(words_[i + 1], &normal[static_cast<Eigen::Index>(i)])) {
+        normal.setZero();
+        break;
+      }
+    }
+    normals_.push_back(StatedNormal(normal));
+    return absl::OkStatus();
+  }
+
+  // The index of the normal in a word such as 1//3 or 1/2/3, counted from 1; 0 without one. It may be that of a later
+  // normal or of none at all, which MakeMesh() finds.
+  int64_t NormalIndex(absl::string_view word) const {
+    const size_t first = word.find('/');
+    const size_t second = first == absl::string_view::npos ? first : word.find('/', first + 1);
+    int64_t index;
+    if (second == absl::string_view::npos || !absl::SimpleAtoi(word.substr(second + 1), &index)) return 0;
+    return index >= 0 ? index : std::max<int64_t>(0, static_cast<int64_t>(normals_.size()) + 1 + index);
   }
 
   absl::Status ReadIndices(bool is_face) {
@@ -96,9 +121,22 @@ class ObjReader {
         largest_index_line_ = line_number_;
       }
       indices_.push_back(absolute);
+      const int64_t normal = NormalIndex(words_[i]);
+      // The list begins with the first normal that a corner refers to: most files have none.
+      if (normal > 0) normal_indices_.resize(indices_.size() - 1);
+      if (normal > 0 || !normal_indices_.empty()) normal_indices_.push_back(normal);
     }
     elements_.push_back({is_face, indices_.size()});
     return absl::OkStatus();
+  }
+
+  bool HasNormals() const { return !normal_indices_.empty() && !normals_.empty(); }
+
+  // Zero for a corner without a normal, or with an index that no normal has.
+  Eigen::Vector3f NormalOfCorner(size_t corner) const {
+    const int64_t index = corner < normal_indices_.size() ? normal_indices_[corner] : 0;
+    const bool is_known = index > 0 && index <= static_cast<int64_t>(normals_.size());
+    return is_known ? normals_[static_cast<size_t>(index - 1)] : Eigen::Vector3f(Eigen::Vector3f::Zero());
   }
 
   RawMesh MakeMesh() const {
@@ -106,10 +144,13 @@ class ObjReader {
     std::vector<uint32_t> point_of_vertex(vertices_.size(), kUnused);
     RawMesh mesh;
     std::vector<uint32_t> points;
+    std::vector<Eigen::Vector3f> normals;
     size_t begin = 0;
     for (const Element& element : elements_) {
       points.clear();
+      normals.clear();
       for (; begin < element.end; ++begin) {
+        if (HasNormals()) normals.push_back(NormalOfCorner(begin));
         const size_t vertex = static_cast<size_t>(indices_[begin] - 1);
         uint32_t& point = point_of_vertex[vertex];
         if (point == kUnused) {
@@ -119,7 +160,7 @@ class ObjReader {
         points.push_back(point);
       }
       if (element.is_face) {
-        AppendPolygon(points, mesh);
+        AppendPolygon(points, mesh, normals);
         continue;
       }
       for (size_t i = 1; i < points.size(); ++i) mesh.lines.push_back({points[i - 1], points[i]});
@@ -132,7 +173,9 @@ class ObjReader {
   std::vector<absl::string_view> words_;
   int64_t line_number_ = 0;
   std::vector<Eigen::Vector3d> vertices_;
+  std::vector<Eigen::Vector3f> normals_;
   std::vector<int64_t> indices_;  // from 1, of all elements; compared with the number of vertices at the end only
+  std::vector<int64_t> normal_indices_;  // for each index of `indices_`: from 1, 0 for none; empty if no corner has one
   std::vector<Element> elements_;
   int64_t largest_index_ = 0;
   int64_t largest_index_line_ = 0;

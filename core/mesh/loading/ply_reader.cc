@@ -2,6 +2,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstring>
+#include <iterator>
 #include <optional>
 #include <string>
 #include <utility>
@@ -101,6 +102,8 @@ absl::Status ReadPlyStatement(const std::vector<absl::string_view>& words, int64
   }
   return LineError(line_number, absl::StrCat("PLY header: ", Quoted(words[0]), " is not understood here"));
 }
+
+constexpr absl::string_view kPlyNormal[] = {"nx", "ny", "nz"};
 
 absl::Status PlyElementError(absl::string_view element, absl::string_view what) {
   return absl::InvalidArgumentError(
@@ -233,22 +236,36 @@ class PlyBody {
   size_t offset_ = 0;
 };
 
-// The properties of one vertex.
-absl::StatusOr<Eigen::Vector3d> ReadPlyVertex(const std::vector<PlyProperty>& properties, PlyBody& body) {
+bool HasNormals(const std::vector<PlyProperty>& properties) {
+  return std::all_of(std::begin(kPlyNormal), std::end(kPlyNormal), [&](absl::string_view name) {
+    return std::any_of(properties.begin(), properties.end(), [&](const PlyProperty& p) { return p.name == name; });
+  });
+}
+
+// The place and the normal of one vertex. The normal is zero if the file has none.
+struct PlyVertex {
   Eigen::Vector3d point = Eigen::Vector3d::Zero();
+  Eigen::Vector3d normal = Eigen::Vector3d::Zero();
+};
+
+absl::StatusOr<PlyVertex> ReadPlyVertex(const std::vector<PlyProperty>& properties, PlyBody& body) {
+  PlyVertex vertex;
   for (const PlyProperty& property : properties) {
     EVPOSE_ASSIGN_OR_RETURN(const double value, body.Next(*property.type));
+    const auto normal = std::find(std::begin(kPlyNormal), std::end(kPlyNormal), property.name);
+    if (normal != std::end(kPlyNormal)) vertex.normal[normal - std::begin(kPlyNormal)] = value;
     if (property.name != "x" && property.name != "y" && property.name != "z") continue;
     const float coordinate = static_cast<float>(value);
     if (!std::isfinite(coordinate)) return body.Error(property.name + " is not a finite coordinate");
-    point[property.name[0] - 'x'] = coordinate;
+    vertex.point[property.name[0] - 'x'] = coordinate;
   }
-  return point;
+  return vertex;
 }
 
-// The properties of one face, which becomes triangles of the mesh. `corners` is a buffer.
-absl::Status ReadPlyFace(const std::vector<PlyProperty>& properties, PlyBody& body, ElementCounter& counter,
-                         std::vector<uint32_t>& corners, RawMesh& mesh) {
+// The properties of one face, which becomes triangles of the mesh. `normals` are those of the vertices, or empty;
+// `corners` is a buffer.
+absl::Status ReadPlyFace(const std::vector<PlyProperty>& properties, absl::Span<const Eigen::Vector3f> normals,
+                         PlyBody& body, ElementCounter& counter, std::vector<uint32_t>& corners, RawMesh& mesh) {
   const double vertices = static_cast<double>(mesh.points.size());
   for (const PlyProperty& property : properties) {
     double count = 1;
@@ -271,7 +288,11 @@ absl::Status ReadPlyFace(const std::vector<PlyProperty>& properties, PlyBody& bo
       corners.push_back(static_cast<uint32_t>(value));
     }
   }
-  AppendPolygon(corners, mesh);
+  std::vector<Eigen::Vector3f> corner_normals;
+  if (!normals.empty()) {
+    for (const uint32_t corner : corners) corner_normals.push_back(normals[corner]);
+  }
+  AppendPolygon(corners, mesh, corner_normals);
   return absl::OkStatus();
 }
 
@@ -282,14 +303,18 @@ absl::StatusOr<RawMesh> ReadPly(absl::Span<const uint8_t> bytes, const MeshLimit
   PlyBody body(header, AsText(bytes).substr(header.size_bytes));
   ElementCounter counter(limits);
   RawMesh mesh;
+  std::vector<Eigen::Vector3f> normals;
   std::vector<uint32_t> corners;
   for (const PlyElement& element : header.elements) {
+    const bool has_normals = HasNormals(element.properties);
     for (int64_t i = 0; i < element.count; ++i) {
       EVPOSE_RETURN_IF_ERROR(body.BeginInstance());
       if (element.name == "vertex") {
-        EVPOSE_ASSIGN_OR_RETURN(mesh.points.emplace_back(), ReadPlyVertex(element.properties, body));
+        EVPOSE_ASSIGN_OR_RETURN(const PlyVertex vertex, ReadPlyVertex(element.properties, body));
+        mesh.points.push_back(vertex.point);
+        if (has_normals) normals.push_back(StatedNormal(vertex.normal));
       } else {
-        EVPOSE_RETURN_IF_ERROR(ReadPlyFace(element.properties, body, counter, corners, mesh));
+        EVPOSE_RETURN_IF_ERROR(ReadPlyFace(element.properties, normals, body, counter, corners, mesh));
       }
       EVPOSE_RETURN_IF_ERROR(body.EndInstance());
     }

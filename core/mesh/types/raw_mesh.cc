@@ -2,6 +2,7 @@
 #include "core/mesh/types/raw_mesh.h"
 
 #include <Eigen/Geometry>
+#include <cmath>
 #include <numeric>
 #include <utility>
 
@@ -82,9 +83,16 @@ absl::Status ElementCounter::AddLines(size_t count) {
   return absl::InvalidArgumentError(absl::StrFormat("more than %d lines; leave out the small ones", limits_.max_lines));
 }
 
-void AppendPolygon(absl::Span<const uint32_t> corners, RawMesh& mesh) {
+Eigen::Vector3f StatedNormal(const Eigen::Vector3d& vector) {
+  const double length = vector.norm();
+  if (!std::isnormal(length)) return Eigen::Vector3f::Zero();
+  return (vector / length).cast<float>();
+}
+
+void AppendPolygon(absl::Span<const uint32_t> corners, RawMesh& mesh, absl::Span<const Eigen::Vector3f> normals) {
   const auto append = [&](size_t i, size_t j, size_t k) {
     mesh.triangles.push_back({corners[i], corners[j], corners[k]});
+    if (!normals.empty()) mesh.corner_normals.push_back({normals[i], normals[j], normals[k]});
   };
   if (corners.size() == 3) return append(0, 1, 2);
   if (corners.size() == 4) {

@@ -25,6 +25,9 @@ struct RawMesh {
   std::vector<std::array<Eigen::Vector3f, 3>> corner_normals;
   // The faces of the CAD model of which the mesh was made: exact normals and shapes. Empty if they are unknown.
   SmoothSurface exact_surface;
+  // Sides of triangles across which other triangles continue the plane, in the face of another body: no edges. Lower
+  // index first, sorted. RepairMesh() finds them.
+  std::vector<std::array<uint32_t, 2>> covered_edges;
 };
 
 struct MeshLimits {
@@ -49,8 +52,13 @@ class ElementCounter {
 };
 
 // Cuts a polygon of at least 3 corners, which are indices of `mesh.points`, into triangles with the winding of the
-// polygon and appends them (core/models/README.md, section 2). The polygon may be concave and should be nearly flat.
-// Parts of a polygon that crosses itself may be omitted.
-void AppendPolygon(absl::Span<const uint32_t> corners, RawMesh& mesh);
+// polygon and appends them (core/mesh/README.md, section 2). The polygon may be concave and should be nearly flat.
+// Parts of a polygon that crosses itself may be omitted. `normals` has the unit normal of each corner and is appended
+// to `mesh.corner_normals`; it is empty for all polygons of a mesh or for none.
+void AppendPolygon(absl::Span<const uint32_t> corners, RawMesh& mesh, absl::Span<const Eigen::Vector3f> normals = {});
+
+// The normal that a file states, as a unit vector; zero, which means none, unless its length is positive and finite:
+// exporters write NaN or zeros for faces without area.
+Eigen::Vector3f StatedNormal(const Eigen::Vector3d& vector);
 
 }  // namespace evpose

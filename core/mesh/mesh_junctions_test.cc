@@ -1,0 +1,142 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "core/mesh/mesh_junctions.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+
+#include "core/mesh/mesh_topology.h"
+#include "core/mesh/meshes_testing.h"
+
+namespace evpose {
+namespace {
+
+using ::testing::ElementsAre;
+using ::testing::SizeIs;
+using Eigen::Vector3d;
+using Corners = std::array<uint32_t, 3>;
+
+constexpr double kToleranceM = 1e-5;
+
+// A box whose top has more parts than its walls.
+RawMesh BoxWithFineTop(int parts) {
+  RawMesh mesh;
+  AddBox(Vector3d::Zero(), Vector3d::Ones(), mesh);
+  mesh.triangles.resize(10);
+  AddPlate(Vector3d::UnitZ(), Vector3d::UnitX(), Vector3d::UnitY(), mesh, parts, parts);
+  MergePoints(kToleranceM, mesh);
+  return mesh;
+}
+
+TEST(CloseJunctionsTest, MeshWithoutJunctionsStaysAsItIs) {
+  RawMesh mesh = BoxWithFineTop(1);
+  const RawMesh before = mesh;
+  const JunctionReport report = CloseJunctions(kToleranceM, mesh);
+  EXPECT_EQ(mesh.triangles, before.triangles);
+  EXPECT_EQ(mesh.points, before.points);
+  EXPECT_EQ(report.split_edges + report.degenerate_triangles + report.duplicate_triangles, 0u);
+  EXPECT_TRUE(report.is_complete);
+}
+
+TEST(CloseJunctionsTest, WallsAreSplitAtTheVerticesOfTheTop) {
+  for (const int parts : {2, 3, 7}) {
+    RawMesh mesh = BoxWithFineTop(parts);
+    ASSERT_GT(IrregularEdges(mesh), 0u);
+    const JunctionReport report = CloseJunctions(kToleranceM, mesh);
+    EXPECT_EQ(report.split_edges, 4u);
+    EXPECT_TRUE(report.is_complete);
+    EXPECT_EQ(IrregularEdges(mesh), 0u);
+    EXPECT_THAT(mesh.triangles, SizeIs(10 + 2 * parts * parts + 4 * (parts - 1)));
+    EXPECT_NEAR(EnclosedVolume(mesh), 1.0, 1e-12);
+    EXPECT_NEAR(SurfaceArea(mesh), 6.0, 1e-12);
+  }
+}
+
+TEST(CloseJunctionsTest, AllSidesOfOneTriangleAreSplit) {
+  // A triangle inside three others that have one or two vertices on each of its sides.
+  RawMesh mesh;
+  const Vector3d a(0, 0, 0), b(3, 0, 0), c(0, 3, 0);
+  AddTriangle(a, b, c, mesh);
+  AddTriangle(a, {1, -1, 0}, {1, 0, 0}, mesh);
+  AddTriangle({1, 0, 0}, {2, -1, 0}, {2, 0, 0}, mesh);
+  AddTriangle({2, 0, 0}, {3, -1, 0}, b, mesh);
+  AddTriangle({1.5, 1.5, 0}, {3, 3, 0}, c, mesh);
+  AddTriangle({0, 1, 0}, {-1, 1, 0}, a, mesh);
+  MergePoints(kToleranceM, mesh);
+  const double area = SurfaceArea(mesh);
+  const JunctionReport report = CloseJunctions(kToleranceM, mesh);
+  EXPECT_EQ(report.split_edges, 3u);
+  EXPECT_THAT(mesh.triangles, SizeIs(5 + 1 + 4));
+  EXPECT_NEAR(SurfaceArea(mesh), area, 1e-12);
+  for (const auto& triangle : mesh.triangles) EXPECT_GT(AreaVector(mesh, triangle).z(), 0.0);
+}
+
+TEST(CloseJunctionsTest, FlatTriangleLeavesNoHole) {
+  // A tetrahedron in whose edge 0-1 a flat triangle with the vertex 4 fills the gap between one face and two.
+  for (const double height_m : {0.0, 0.5 * kToleranceM, -0.9 * kToleranceM}) {
+    RawMesh mesh;
+    mesh.points = {{0, 0, 0}, {1, 0, 0}, {0, 1, 0}, {0, 0, 1}, {0.3, height_m, 0}};
+    mesh.triangles = {{0, 4, 1}, {0, 2, 4}, {4, 2, 1}, {0, 1, 3}, {0, 3, 2}, {1, 2, 3}};
+    ASSERT_EQ(IrregularEdges(mesh), 0u);
+    const JunctionReport report = CloseJunctions(kToleranceM, mesh);
+    EXPECT_EQ(report.degenerate_triangles, 1u);
+    EXPECT_THAT(mesh.triangles, ElementsAre(Corners{0, 2, 4}, Corners{4, 2, 1}, Corners{0, 4, 3}, Corners{4, 1, 3},
+                                            Corners{0, 3, 2}, Corners{1, 2, 3}));
+    EXPECT_EQ(IrregularEdges(mesh), 0u);
+  }
+}
+
+TEST(CloseJunctionsTest, FlatTrianglesThatShareLongSidesLeaveNoHole) {
+  // Between the triangle below and the strip above are flat triangles, each on a side of the one before.
+  RawMesh mesh;
+  const double h = 0.1 * kToleranceM;
+  mesh.points = {{0, 0, 0}, {8, 0, 0}, {4, h, 0}, {2, 2 * h, 0}, {6, 2 * h, 0}, {4, -4, 0}, {4, 4, 0}};
+  mesh.triangles = {{5, 1, 0}, {0, 1, 2}, {0, 2, 3}, {2, 1, 4}, {0, 3, 6}, {3, 2, 6}, {2, 4, 6}, {4, 1, 6}};
+  ASSERT_EQ(IrregularEdges(mesh), 4u);  // the outline
+  const JunctionReport report = CloseJunctions(kToleranceM, mesh);
+  EXPECT_EQ(report.degenerate_triangles, 3u);
+  EXPECT_TRUE(report.is_complete);
+  EXPECT_EQ(IrregularEdges(mesh), 4u);
+  EXPECT_THAT(mesh.triangles, SizeIs(8));
+  EXPECT_NEAR(SurfaceArea(mesh), 32.0, 1e-3);
+}
+
+TEST(CloseJunctionsTest, NormalsAndRegionsOfPartsAreThoseOfTheTriangle) {
+  RawMesh mesh;
+  AddTriangle({0, 0, 0}, {4, 0, 0}, {0, 4, 0}, mesh);
+  AddTriangle({0, 0, 0}, {0, -4, 0}, {1, 0, 0}, mesh);
+  MergePoints(kToleranceM, mesh);
+  const Eigen::Vector3f along_x(1, 0, 0), along_y(0, 1, 0), along_z(0, 0, 1);
+  mesh.corner_normals = {{along_x, along_y, along_z}, {along_z, along_z, along_z}};
+  mesh.exact_surface.regions.resize(2);
+  mesh.exact_surface.region_of = {1, 0};
+  mesh.exact_surface.normals = {{along_z, Eigen::Vector3f::Zero(), along_y}, {along_z, along_z, along_z}};
+  CloseJunctions(kToleranceM, mesh);
+  ASSERT_THAT(mesh.triangles, ElementsAre(Corners{0, 4, 2}, Corners{4, 1, 2}, Corners{0, 3, 4}));
+  EXPECT_THAT(mesh.exact_surface.region_of, ElementsAre(1, 1, 0));
+  ASSERT_THAT(mesh.corner_normals, SizeIs(3));
+  ASSERT_THAT(mesh.exact_surface.normals, SizeIs(3));
+  // A quarter of the way from x to y.
+  const Eigen::Vector3f between = Eigen::Vector3f(3, 1, 0).normalized();
+  EXPECT_TRUE(mesh.corner_normals[0][0] == along_x && mesh.corner_normals[0][2] == along_z);
+  EXPECT_TRUE(mesh.corner_normals[0][1].isApprox(between) && mesh.corner_normals[1][0].isApprox(between));
+  EXPECT_TRUE(mesh.corner_normals[1][1] == along_y && mesh.corner_normals[1][2] == along_z);
+  EXPECT_TRUE(mesh.exact_surface.normals[0][1].isZero());  // the normal at one of the ends is missing
+}
+
+TEST(CloseJunctionsTest, WorkOnCoincidingEdgesIsBounded) {
+  // Triangles whose sides lie on one line and end in different places: each side contains the ends of most others.
+  RawMesh mesh;
+  constexpr int kTriangles = 2000;
+  for (int i = 0; i < kTriangles; ++i) {
+    AddTriangle({-1.0 - i, 0, 0}, {1.0 + i, 0, 0}, {0, std::sin(i), std::cos(i)}, mesh);
+  }
+  const JunctionReport report = CloseJunctions(kToleranceM, mesh);
+  EXPECT_FALSE(report.is_complete);
+  EXPECT_LE(mesh.triangles.size(), 5u * kTriangles);
+}
+
+}  // namespace
+}  // namespace evpose

@@ -1,0 +1,150 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "core/mesh/mesh_repair.h"
+
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <iterator>
+#include <limits>
+#include <utility>
+
+#include "absl/strings/str_cat.h"
+#include "absl/strings/str_format.h"
+#include "core/mesh/mesh_junctions.h"
+#include "core/mesh/mesh_overlaps.h"
+#include "core/mesh/mesh_topology.h"
+
+namespace evpose {
+namespace {
+
+// Of the diagonal: 0.003 px at an object size of 300 px, and ten times the differences between programs that write the
+// same corner twice.
+constexpr double kRelativeTolerance = 1e-5;
+// Roundings to single precision of the largest coordinate: files far from their origin lose digits.
+constexpr double kRoundings = 4.0;
+// Diagonals, in metres, of objects that an event camera sees as a whole at usual distances.
+constexpr double kMinUsualSizeM = 0.005;
+constexpr double kMaxUsualSizeM = 5.0;
+
+double RepairTolerance(const RawMesh& mesh) {
+  double largest_m = 0.0;
+  for (const Eigen::Vector3d& point : mesh.points) largest_m = std::max(largest_m, point.cwiseAbs().maxCoeff());
+  return std::max(kRelativeTolerance * BoundingBoxDiagonal(mesh),
+                  kRoundings * std::numeric_limits<float>::epsilon() * largest_m);
+}
+
+void AddJunctions(const JunctionReport& junctions, RepairReport& report) {
+  report.split_edges += junctions.split_edges;
+  report.degenerate_triangles += junctions.degenerate_triangles;
+  report.duplicate_triangles += junctions.duplicate_triangles;
+  report.is_complete &= junctions.is_complete;
+}
+
+void AddOrientation(const Orientation& orientation, RepairReport& report) {
+  report.turned_triangles += orientation.turned;
+  report.shells = orientation.shells;
+  report.is_closed = orientation.is_closed;
+  report.is_oriented = orientation.is_oriented;
+}
+
+// Turns stated normals to the outer side of their triangles. Those far from the triangle's normal are removed: they are
+// means over creases, because the file has one normal for each vertex, and say nothing about the surface.
+void AlignCornerNormals(RawMesh& mesh) {
+  constexpr float kMinCosine = 0.7071f;  // 45 degrees, half the turn of a crease between perpendicular faces
+  for (size_t t = 0; t < mesh.corner_normals.size(); ++t) {
+    const auto& [i, j, k] = mesh.triangles[t];
+    const Eigen::Vector3f normal =
+        (mesh.points[j] - mesh.points[i]).cross(mesh.points[k] - mesh.points[i]).normalized().cast<float>();
+    for (Eigen::Vector3f& stated : mesh.corner_normals[t]) {
+      if (stated.dot(normal) < 0.0f) stated = -stated;
+      if (stated.dot(normal) < kMinCosine) stated.setZero();
+    }
+  }
+}
+
+void AddNoticeOf(size_t count, absl::string_view what, std::vector<std::string>& notices) {
+  if (count > 0) notices.push_back(absl::StrCat(count, " ", what));
+}
+
+}  // namespace
+
+RepairReport RepairMesh(RawMesh& mesh) {
+  RepairReport report;
+  const double tolerance_m = RepairTolerance(mesh);
+  if (!(tolerance_m > 0.0)) return report;
+  report.merged_points = MergePoints(tolerance_m, mesh);
+  report.degenerate_triangles = RemoveCollapsedTriangles(mesh);
+  report.duplicate_triangles = RemoveDuplicateTriangles(mesh);
+  report.empty_lines = RemoveEmptyLines(mesh);
+  report.duplicate_lines = RemoveDuplicateLines(mesh);
+  AddJunctions(CloseJunctions(tolerance_m, mesh), report);
+  Orientation orientation = OrientTriangles(mesh);
+  AddOrientation(orientation, report);
+  // The first pass removes what is to be removed; the surface around it may then have junctions.
+  constexpr int kMaxPasses = 3;
+  for (int pass = 0; pass < kMaxPasses && orientation.shells > 1; ++pass) {
+    OverlapReport overlaps = RemoveOverlaps(tolerance_m, orientation.shell_of, mesh);
+    report.overlapping_triangles += overlaps.removed_triangles;
+    report.is_complete &= overlaps.is_complete;
+    mesh.covered_edges = std::move(overlaps.covered_edges);
+    if (overlaps.removed_triangles == 0) break;
+    AddJunctions(CloseJunctions(tolerance_m, mesh), report);
+    orientation = OrientTriangles(mesh);
+    AddOrientation(orientation, report);
+  }
+  AlignCornerNormals(mesh);
+  return report;
+}
+
+void DescribeRepair(const RepairReport& report, std::vector<std::string>& notices) {
+  AddNoticeOf(report.merged_points, "points merged with others within the tolerance of welding", notices);
+  AddNoticeOf(report.degenerate_triangles, "triangles without area dropped", notices);
+  AddNoticeOf(report.duplicate_triangles, "duplicate triangles dropped", notices);
+  AddNoticeOf(report.empty_lines, "lines of length zero dropped", notices);
+  AddNoticeOf(report.duplicate_lines, "duplicate lines dropped", notices);
+  AddNoticeOf(report.split_edges, "edges split at vertices of other triangles that lie on them", notices);
+  AddNoticeOf(report.overlapping_triangles,
+              "overlapping triangles dropped: others in the same plane cover them, or they separate two bodies",
+              notices);
+  AddNoticeOf(report.turned_triangles,
+              "triangles turned: their winding differed from that of their neighbours or was inward", notices);
+  if (!report.is_oriented) {
+    notices.push_back("a surface with one side, such as a Moebius strip: its winding stays as it is");
+  }
+  if (!report.is_complete) {
+    notices.push_back("the mesh has more faults than are repaired; check it, and export it again");
+  }
+}
+
+void NoteImplausibleSize(const RawMesh& in_metres, double metres_per_unit, std::vector<std::string>& notices) {
+  const auto is_usual = [](double size_m) { return size_m >= kMinUsualSizeM && size_m <= kMaxUsualSizeM; };
+  const double diagonal_m = BoundingBoxDiagonal(in_metres);
+  if (!(diagonal_m > 0.0) || is_usual(diagonal_m)) return;
+  struct Unit {
+    const char* name;
+    double metres;
+  };
+  constexpr Unit kUnits[] = {  // the more frequent ones first
+      {"millimetres", 0.001}, {"metres", 1.0}, {"inches", 0.0254}, {"centimetres", 0.01}, {"micrometres", 1e-6}};
+  const auto taken_as = std::find_if(std::begin(kUnits), std::end(kUnits),
+                                     [&](const Unit& unit) { return unit.metres == metres_per_unit; });
+  const auto probable = std::find_if(std::begin(kUnits), std::end(kUnits), [&](const Unit& unit) {
+    return is_usual(diagonal_m / metres_per_unit * unit.metres);
+  });
+  Eigen::AlignedBox3d box;
+  for (const Eigen::Vector3d& point : in_metres.points) box.extend(point);
+  std::string notice = absl::StrFormat("largest side %.5g units: taken as ", box.sizes().maxCoeff() / metres_per_unit);
+  if (taken_as != std::end(kUnits)) {
+    absl::StrAppend(&notice, taken_as->name);
+  } else {
+    absl::StrAppendFormat(&notice, "%.5g m", box.sizes().maxCoeff());
+  }
+  if (probable != std::end(kUnits)) {
+    absl::StrAppendFormat(&notice, "; if these are %s pass --scale %g", probable->name, probable->metres);
+  } else {
+    absl::StrAppend(&notice, diagonal_m > kMaxUsualSizeM ? ", which is unusually large" : ", which is unusually small",
+                    "; check the unit of the file, and pass its metres as --scale");
+  }
+  notices.push_back(std::move(notice));
+}
+
+}  // namespace evpose
