@@ -22,8 +22,8 @@ constexpr double kPlaneFlatness = 5e-6;
 // Relative to the diameter: 6 px at an object size of 300 px. Narrower parts do not matter.
 constexpr double kMinPlaneWidth = 0.02;
 // Area of a part relative to that of the triangles beside it across smooth edges. A facet of an evenly tessellated
-// cylinder is a plane and a strip around a vase is a cone; both have 1.
-constexpr double kMinAreaRatio = 3.0;
+// cylinder is a plane and a ring of a vase is a cone; both have 1, or 2 at the end of the surface.
+constexpr double kMinAreaRatio = 4.0;
 // The plane of one small triangle is inaccurate far from it; each further round uses the plane of the part found.
 constexpr int kPlaneRounds = 3, kCurvedRounds = 3;
 // Bounds the time when many seeds reach the same triangles; regular meshes need 3 for each of 3 rounds.

@@ -58,7 +58,7 @@ SurfacePatch RoundedProfile(const std::vector<double>& lengths, double radius_m,
   }
   if (is_closed) profile.pop_back();
   const uint32_t cells = static_cast<uint32_t>(profile.size()) - (is_closed ? 0 : 1);
-  return GridPatch({.u = cells, .v = 2, .wraps_u = is_closed}, [&](double u, double v) -> Eigen::Vector3d {
+  return GridPatch({.u = cells, .v = 4, .wraps_u = is_closed}, [&](double u, double v) -> Eigen::Vector3d {
     return profile[std::lround(u * cells)] + v * Eigen::Vector3d::UnitZ();
   });
 }

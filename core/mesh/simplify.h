@@ -18,9 +18,9 @@ struct Simplification {
 
 // Removes vertices inside the regions of `surface`, which are the regions of `mesh`, until at most `max_triangles` are
 // left or no vertex can be removed within `max_error_m`, which is positive. The edges between regions, the boundaries
-// and the creases that end inside a region stay, and so do the points of the mesh, of which some are then unused.
-// `region_of` and `normals` are kept; `corner_normals` and `exact_surface` of the mesh, which refer to the triangles of
-// the file, are cleared if triangles were removed.
+// and the creases that end inside a region stay in place, and so do the points of the mesh, of which some are then
+// unused. `region_of` and `normals` are kept; `corner_normals` and `exact_surface` of the mesh, which refer to the
+// triangles of the file, are cleared if triangles were removed.
 Simplification SimplifyMesh(size_t max_triangles, double max_error_m, RawMesh& mesh, SmoothSurface& surface);
 
 }  // namespace evpose
