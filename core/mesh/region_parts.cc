@@ -72,14 +72,15 @@ class PartFinder {
   }
 
   std::vector<RegionPart> Find() {
-    FindPlanes();
+    const std::vector<uint32_t> seeds = Seeds();
+    FindPlanes(seeds);
     ResetSeeds();
     // A fillet between two faces.
     for (uint32_t t = 0; t < triangles_.size(); ++t) {
       if (state_[t] == State::kUnseen) TakeRest(t, /*only_shapes=*/true);
     }
     ResetSeeds();
-    FindCurved();
+    FindCurved(seeds);
     for (uint32_t t = 0; t < triangles_.size(); ++t) {
       if (state_[t] != State::kTaken) TakeRest(t, /*only_shapes=*/false);
     }
@@ -146,7 +147,8 @@ class PartFinder {
   // Takes all triangles that are connected with this one, as one shape or, unless `only_shapes`, without a shape.
   void TakeRest(uint32_t seed, bool only_shapes) {
     std::vector<uint32_t> part = Grow(seed, triangles_.size(), [](uint32_t, int, uint32_t) { return true; });
-    const std::optional<SurfaceRegion> region = Fit(part);
+    std::optional<SurfaceRegion> region;
+    if (!parts_.empty()) region = Fit(part);  // else it is the whole region, which has no shape
     const bool is_shape = region.has_value() && JoinsSmoothly(part, *region);
     if (is_shape || !only_shapes) {
       TakePart(std::move(part), is_shape ? *region : SurfaceRegion());
@@ -171,8 +173,8 @@ class PartFinder {
 
   // --- Planes
 
-  void FindPlanes() {
-    for (const uint32_t seed : Seeds()) {
+  void FindPlanes(const std::vector<uint32_t>& seeds) {
+    for (const uint32_t seed : seeds) {
       if (IsBudgetSpent()) break;
       if (!IsSeed(seed)) continue;
       const std::vector<uint32_t> part = GrowPlane(seed);
@@ -240,9 +242,9 @@ class PartFinder {
 
   // --- Curved shapes
 
-  void FindCurved() {
+  void FindCurved(const std::vector<uint32_t>& seeds) {
     size_t tried = 0;
-    for (const uint32_t seed : Seeds()) {
+    for (const uint32_t seed : seeds) {
       if (IsBudgetSpent() || tried > kMaxCurvedSeeds || tried * kCoreTriangles > triangles_.size()) break;
       if (!IsSeed(seed)) continue;
       ++tried;

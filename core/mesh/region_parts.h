@@ -17,8 +17,8 @@ struct RegionPart {
   SurfaceRegion region;
 };
 
-// The parts of a connected set of triangles, each connected: first the planes, then curved shapes, then those without a
-// shape (kFree). The borders between them are smooth edges.
+// The parts of a connected set of triangles to which no single shape fits (FitShape). Each is connected; those without
+// a shape (kFree) are the last. The borders between them are smooth edges.
 std::vector<RegionPart> FindRegionParts(const RawMesh& mesh, absl::Span<const uint32_t> triangles, double diameter_m);
 
 }  // namespace evpose
