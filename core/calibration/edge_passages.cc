@@ -8,7 +8,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "core/association/association.h"
-#include "core/association/visible_lines.h"
+#include "core/association/visible_edges.h"
 #include "core/base/status_macros.h"
 #include "core/numerics/robust.h"
 #include "core/windows/pixel_history.h"
@@ -73,7 +73,7 @@ class Collector : public EdgePassageCollector {
         undistortion_(std::move(undistortion)),
         truth_(std::move(truth)),
         visibility_(*model_, {.grazing_cosine = 0.0}),
-        visible_lines_(*model_, camera_, visibility_),
+        visible_edges_(*model_, camera_, visibility_),
         history_({camera.width_px, camera.height_px}),
         grid_(camera_),
         open_(model_->lines.size()),
@@ -111,7 +111,7 @@ class Collector : public EdgePassageCollector {
   const Trajectory truth_;
   const VisibilityTester visibility_;
   const ExpTable table_;
-  VisibleLines visible_lines_;
+  VisibleEdges visible_edges_;
   PixelHistory history_;
   TileGrid grid_;
   std::vector<OpenPassage> open_;  // indexed by model line
@@ -144,7 +144,7 @@ void Collector::CloseSlot() {
   const std::optional<MotionState> truth = slot_.empty() ? std::nullopt : TruthOfSlot();
   if (truth) {
     num_events_with_truth_ += slot_.size();
-    const absl::Span<const TrackedLine> tracked = visible_lines_.At(truth->camera_from_object);
+    const absl::Span<const TrackedLine> tracked = visible_edges_.At(truth->camera_from_object);
     ProjectLines(camera_, *truth, tracked, lines_);
     grid_.Build(lines_, kAlonePx + kGridMarginPx);
     AddSweeps(tracked);

@@ -34,7 +34,7 @@ bool IsBetter(const WindowFit& second, const WindowFit& first, absl::Span<const 
 
 PoseTrack::PoseTrack(const TrackContext& context, const MotionState& start)
     : context_(context),
-      visible_lines_(*context.model, context.camera, context.visibility),
+      visible_edges_(*context.model, context.camera, context.visibility),
       associator_(context.camera, *context.tables),
       estimator_(context.options.MakeEstimator(context.camera)),
       health_(context.options.health, context.options.mixture.min_events_per_px2,
@@ -101,7 +101,7 @@ void PoseTrack::OnGap(int64_t gap_us) {
 
 std::optional<PoseEstimate> PoseTrack::Hold(const EventWindow& window) {
   motion_ = Predict(motion_, window.t_mid_us(), context_.options.motion);
-  ProjectLines(context_.camera, motion_, visible_lines_.At(motion_.camera_from_object), image_lines_);
+  ProjectLines(context_.camera, motion_, visible_edges_.At(motion_.camera_from_object), image_lines_);
   const double spread_px = PredictedSpreadPx(context_.camera, motion_, image_lines_);
   image_lines_.clear();
   associator_.ClearLines();
@@ -215,7 +215,7 @@ WindowInput PoseTrack::Gather(const EventWindow& window, const Competitors* othe
                               double gate_factor) {
   WindowInput input;
   input.is_confirmed = phase_ != TrackPhase::kTentative && is_fully_tested_;
-  input.lines = estimator_->UsesVisibility() ? visible_lines_.At(predicted.camera_from_object) : all_lines_;
+  input.lines = estimator_->UsesVisibility() ? visible_edges_.At(predicted.camera_from_object) : all_lines_;
   is_occluded_ = is_partly_occluded_ = false;
   if (others != nullptr && estimator_->UsesVisibility() && !input.lines.empty()) {
     unoccluded_lines_.assign(input.lines.begin(), input.lines.end());
@@ -298,13 +298,13 @@ Matrix6d PoseTrack::PublishedCovariance(const MotionState& state) const {
 }
 
 void PoseTrack::VisitState(auto& archive, auto& self) {
-  auto& [context, visible_lines, all_lines, associator, estimator, health, phase, motion, usual_explained_ratio,
+  auto& [context, visible_edges, all_lines, associator, estimator, health, phase, motion, usual_explained_ratio,
          recent_signal, recent_background, deficit_counts, num_contradictions, followed_since_us, is_fully_tested,
          supported_at_us, unsupported_since_us, lines, unoccluded_lines, is_occluded, is_partly_occluded, image_lines,
          rates, past_deficit_counts, fit, second_fit] = self;
   constexpr int64_t kMax_us = kMaxStateTime_us;
   constexpr int kMaxContradictions = 1 << 20;  // more than any track collects before it is rejected
-  archive(visible_lines, associator.background(), *estimator, health, AtMost(phase, TrackPhase::kLost), motion,
+  archive(visible_edges, associator.background(), *estimator, health, AtMost(phase, TrackPhase::kLost), motion,
           Finite(usual_explained_ratio), Finite(recent_signal), Finite(recent_background),
           AtMost(num_contradictions, kMaxContradictions), InRange(followed_since_us, -kMax_us, kMax_us),
           is_fully_tested, InRange(supported_at_us, -kMax_us, kMax_us),

@@ -11,7 +11,7 @@
 #include "core/association/association.h"
 #include "core/association/camera_tables.h"
 #include "core/association/competitors.h"
-#include "core/association/visible_lines.h"
+#include "core/association/visible_edges.h"
 #include "core/association/window_associator.h"
 #include "core/estimation/estimator.h"
 #include "core/geometry/camera.h"
@@ -98,7 +98,7 @@ class PoseTrack {
   PoseEstimate MakeEstimate(const WindowFit& fit, const WindowInput& input) const;
 
   const TrackContext& context_;
-  VisibleLines visible_lines_;
+  VisibleEdges visible_edges_;
   std::vector<TrackedLine> all_lines_;
   WindowAssociator associator_;
   std::unique_ptr<WindowEstimator> estimator_;

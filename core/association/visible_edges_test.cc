@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "core/association/visible_lines.h"
+#include "core/association/visible_edges.h"
 
 #include <gtest/gtest.h>
 
@@ -16,9 +16,9 @@ using testing::MakeCamera;
 using testing::MakeCube;
 using testing::MakePose;
 
-class VisibleLinesTest : public ::testing::Test {
+class VisibleEdgesTest : public ::testing::Test {
  protected:
-  VisibleLinesTest() : tester_(*cube_, TrackerOptions().visibility), lines_(*cube_, camera_, tester_) {}
+  VisibleEdgesTest() : tester_(*cube_, TrackerOptions().visibility), lines_(*cube_, camera_, tester_) {}
 
   // A pose turned about the image's horizontal axis by this angle from the pose in which the lower face is seen
   // edge-on.
@@ -36,10 +36,10 @@ class VisibleLinesTest : public ::testing::Test {
   const std::shared_ptr<const ObjectModel> cube_ = MakeCube(2.0 * kHalfEdgeM);
   const CameraModel camera_ = MakeCamera(1280, 720, kFocalPx);
   const VisibilityTester tester_;
-  VisibleLines lines_;
+  VisibleEdges lines_;
 };
 
-TEST_F(VisibleLinesTest, TheWidthOfAFaceFollowsItsAngle) {
+TEST_F(VisibleEdgesTest, TheWidthOfAFaceFollowsItsAngle) {
   for (const double angle_rad : {0.003, 0.01, -0.003, -0.01}) {
     // The bound: the camera's height above the face, divided by the squared distance of the lines (0.9 to 1.1 m), for a
     // face as wide as the cube's diagonal.
@@ -50,20 +50,20 @@ TEST_F(VisibleLinesTest, TheWidthOfAFaceFollowsItsAngle) {
   }
 }
 
-TEST_F(VisibleLinesTest, TheWidthOfAFaceIsUpdatedWithoutANewRayCast) {
+TEST_F(VisibleEdgesTest, TheWidthOfAFaceIsUpdatedWithoutANewRayCast) {
   constexpr double kStepRad = 0.0005;  // below the rotation that causes a new ray cast
   const double before_px = NarrowestPx(lines_.At(TurnedFromEdgeOn(0.002)));
   const double after_px = NarrowestPx(lines_.At(TurnedFromEdgeOn(0.002 + kStepRad)));
   EXPECT_NEAR(after_px / before_px, 1.25, 0.01);
 }
 
-TEST_F(VisibleLinesTest, ALineWithoutFacesHasNoNarrowOne) {
+TEST_F(VisibleEdgesTest, ALineWithoutFacesHasNoNarrowOne) {
   ObjectModel wires = *cube_;
   wires.vertices.clear();
   wires.triangles.clear();
   for (ModelLine& line : wires.lines) line.face_normals.clear();
   const VisibilityTester tester(wires, TrackerOptions().visibility);
-  VisibleLines lines(wires, camera_, tester);
+  VisibleEdges lines(wires, camera_, tester);
   const absl::Span<const TrackedLine> seen = lines.At(TurnedFromEdgeOn(0.0));
   ASSERT_EQ(seen.size(), wires.lines.size());
   for (const TrackedLine& line : seen) EXPECT_TRUE(std::isinf(line.narrowest_face_px));

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "core/association/visible_lines.h"
+#include "core/association/visible_edges.h"
 
 #include <algorithm>
 #include <cmath>
@@ -16,10 +16,10 @@ constexpr double kChangeRad = 0.005;
 
 }  // namespace
 
-VisibleLines::VisibleLines(const ObjectModel& model, const CameraModel& camera, const VisibilityTester& tester)
+VisibleEdges::VisibleEdges(const ObjectModel& model, const CameraModel& camera, const VisibilityTester& tester)
     : model_(model), camera_(camera), tester_(tester) {}
 
-bool VisibleLines::ViewChanged(const RigidTransform& camera_from_object) const {
+bool VisibleEdges::ViewChanged(const RigidTransform& camera_from_object) const {
   if (!computed_at_) return true;
   const Vector6d change = Difference(camera_from_object, *computed_at_);
   const double depth_m = camera_from_object.translation_m.norm();
@@ -27,14 +27,14 @@ bool VisibleLines::ViewChanged(const RigidTransform& camera_from_object) const {
   return change.head<3>().norm() * focal_px > kChangePx * depth_m || change.tail<3>().norm() > kChangeRad;
 }
 
-void VisibleLines::FacingFaces(const Eigen::Vector3d& eye, std::vector<bool>& facing) const {
+void VisibleEdges::FacingFaces(const Eigen::Vector3d& eye, std::vector<bool>& facing) const {
   facing.clear();
   for (const ModelLine& line : model_.lines) {
     for (const Eigen::Vector3d& normal : line.face_normals) facing.push_back(normal.dot(eye - line.p1) > 0.0);
   }
 }
 
-absl::Span<const TrackedLine> VisibleLines::At(const RigidTransform& camera_from_object) {
+absl::Span<const TrackedLine> VisibleEdges::At(const RigidTransform& camera_from_object) {
   const Eigen::Vector3d eye = camera_from_object.Inverse().translation_m;
   FacingFaces(eye, facing_now_);
   if (facing_now_ != facing_ || ViewChanged(camera_from_object)) {
@@ -45,7 +45,7 @@ absl::Span<const TrackedLine> VisibleLines::At(const RigidTransform& camera_from
   return lines_;
 }
 
-void VisibleLines::MeasureFaces(const Eigen::Vector3d& eye) {
+void VisibleEdges::MeasureFaces(const Eigen::Vector3d& eye) {
   const double focal_px = camera_.MaxFocalPx();
   for (TrackedLine& line : lines_) {
     const Eigen::Vector3d to_eye = eye - 0.5 * (line.p1 + line.p2);
@@ -57,7 +57,7 @@ void VisibleLines::MeasureFaces(const Eigen::Vector3d& eye) {
   }
 }
 
-void VisibleLines::ComputeAt(const RigidTransform& camera_from_object) {
+void VisibleEdges::ComputeAt(const RigidTransform& camera_from_object) {
   computed_at_ = camera_from_object;
   lines_.clear();
   tester_.FindVisibleSegments(camera_, camera_from_object, segments_);
@@ -68,9 +68,9 @@ void VisibleLines::ComputeAt(const RigidTransform& camera_from_object) {
   }
 }
 
-void VisibleLines::SaveState(StateWriter& writer) const { writer(computed_at_); }
+void VisibleEdges::SaveState(StateWriter& writer) const { writer(computed_at_); }
 
-void VisibleLines::LoadState(StateReader& reader) {
+void VisibleEdges::LoadState(StateReader& reader) {
   facing_.clear();
   lines_.clear();
   reader(computed_at_);

@@ -13,10 +13,10 @@
 
 namespace evpose {
 
-class VisibleLines {
+class VisibleEdges {
  public:
   // `tester` must be that of `model`; both must outlive the object.
-  VisibleLines(const ObjectModel& model, const CameraModel& camera, const VisibilityTester& tester);
+  VisibleEdges(const ObjectModel& model, const CameraModel& camera, const VisibilityTester& tester);
 
   // Returns the visible parts of the lines, object frame, metres. Valid until the next call.
   absl::Span<const TrackedLine> At(const RigidTransform& camera_from_object);
