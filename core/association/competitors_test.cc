@@ -117,8 +117,8 @@ TEST_F(CompetitorsTest, CutsALineWhereItIsHidden) {
   EXPECT_NEAR(kCamera.Project(pose * lines[1].p1).x(), kCamera.cx_px + edge_px, 1.0);
   EXPECT_EQ(lines[0].p1.x(), -0.44);
   EXPECT_EQ(lines[1].p2.x(), 0.44);
-  EXPECT_EQ(lines[0].model_line, 7);
-  EXPECT_EQ(lines[1].model_line, 7);
+  EXPECT_EQ(lines[0].curve, 7);
+  EXPECT_EQ(lines[1].curve, 7);
 }
 
 TEST_F(CompetitorsTest, ADistantObjectHidesNothing) {

@@ -18,7 +18,7 @@ using testing::MakePose;
 
 class VisibleEdgesTest : public ::testing::Test {
  protected:
-  VisibleEdgesTest() : tester_(*cube_, TrackerOptions().visibility), lines_(*cube_, camera_, tester_) {}
+  VisibleEdgesTest() : edges_(*cube_, TrackerOptions().visibility, {}), lines_(camera_, edges_) {}
 
   // A pose turned about the image's horizontal axis by this angle from the pose in which the lower face is seen
   // edge-on.
@@ -35,7 +35,7 @@ class VisibleEdgesTest : public ::testing::Test {
   static constexpr double kFocalPx = 1000.0;
   const std::shared_ptr<const ObjectModel> cube_ = MakeCube(2.0 * kHalfEdgeM);
   const CameraModel camera_ = MakeCamera(1280, 720, kFocalPx);
-  const VisibilityTester tester_;
+  const ModelEdges edges_;
   VisibleEdges lines_;
 };
 
@@ -62,8 +62,8 @@ TEST_F(VisibleEdgesTest, ALineWithoutFacesHasNoNarrowOne) {
   wires.vertices.clear();
   wires.triangles.clear();
   for (ModelLine& line : wires.lines) line.face_normals.clear();
-  const VisibilityTester tester(wires, TrackerOptions().visibility);
-  VisibleEdges lines(wires, camera_, tester);
+  const ModelEdges edges(wires, TrackerOptions().visibility, {});
+  VisibleEdges lines(camera_, edges);
   const absl::Span<const TrackedLine> seen = lines.At(TurnedFromEdgeOn(0.0));
   ASSERT_EQ(seen.size(), wires.lines.size());
   for (const TrackedLine& line : seen) EXPECT_TRUE(std::isinf(line.narrowest_face_px));

@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <limits>
+#include <numeric>
 
 #include "core/base/check_range.h"
 #include "core/base/status_macros.h"
@@ -158,7 +159,10 @@ VisibilityTester::VisibilityTester(const ObjectModel& model, const VisibilityOpt
     : model_(&model),
       options_(options),
       faces_(model.vertices, model.triangles),
-      tolerance_m_(options.surface_tolerance * model.diameter_m) {}
+      tolerance_m_(options.surface_tolerance * model.diameter_m),
+      all_lines_(model.lines.size()) {
+  std::iota(all_lines_.begin(), all_lines_.end(), 0);
+}
 
 std::vector<VisibleSegment> VisibilityTester::VisibleSegments(const CameraModel& camera,
                                                               const RigidTransform& camera_from_object) const {
@@ -170,6 +174,11 @@ std::vector<VisibleSegment> VisibilityTester::VisibleSegments(const CameraModel&
 
 void VisibilityTester::FindVisibleSegments(const CameraModel& camera, const RigidTransform& camera_from_object,
                                            std::vector<VisibleSegment>& segments) const {
+  FindVisibleSegments(camera, camera_from_object, all_lines_, segments);
+}
+
+void VisibilityTester::FindVisibleSegments(const CameraModel& camera, const RigidTransform& camera_from_object,
+                                           absl::Span<const int> lines, std::vector<VisibleSegment>& segments) const {
   const View view{camera,
                   camera_from_object,
                   faces_,
@@ -179,7 +188,7 @@ void VisibilityTester::FindVisibleSegments(const CameraModel& camera, const Rigi
                   camera.HasDistortion()};
   const double margin_px = view.has_distortion ? kDistortionMargin * std::max(camera.width_px, camera.height_px) : 0.0;
   segments.clear();
-  for (size_t i = 0; i < model_->lines.size(); ++i) {
+  for (const int i : lines) {
     const ModelLine& line = model_->lines[i];
     const Interval interval =
         ClipToImage(camera, camera_from_object * line.p1, camera_from_object * line.p2, margin_px);
@@ -187,7 +196,7 @@ void VisibilityTester::FindVisibleSegments(const CameraModel& camera, const Rigi
     Eigen::Vector3d origin;
     const Eigen::Vector3d middle = line.p1 + 0.5 * (interval.begin + interval.end) * (line.p2 - line.p1);
     if (!FindOrigin(view, line, middle, origin)) continue;
-    AppendVisibleParts(view, static_cast<int>(i), line, interval, origin, segments);
+    AppendVisibleParts(view, i, line, interval, origin, segments);
   }
 }
 

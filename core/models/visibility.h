@@ -6,6 +6,7 @@
 
 #include <vector>
 
+#include "absl/types/span.h"
 #include "core/geometry/camera.h"
 #include "core/geometry/rigid_transform.h"
 #include "core/models/object_model.h"
@@ -48,14 +49,20 @@ class VisibilityTester {
   // The same; replaces the content of `segments` and reuses its memory.
   void FindVisibleSegments(const CameraModel& camera, const RigidTransform& camera_from_object,
                            std::vector<VisibleSegment>& segments) const;
+  // The same for a part of the lines, indices into ObjectModel::lines in increasing order.
+  void FindVisibleSegments(const CameraModel& camera, const RigidTransform& camera_from_object,
+                           absl::Span<const int> lines, std::vector<VisibleSegment>& segments) const;
   // Whether the segment from `origin_object` to `point_object` meets no face before the point.
   bool IsPointVisible(const Eigen::Vector3d& origin_object, const Eigen::Vector3d& point_object) const;
+  // The search tree of the model's triangles.
+  const TriangleBvh& faces() const { return faces_; }
 
  private:
   const ObjectModel* model_;
   VisibilityOptions options_;
   TriangleBvh faces_;
   double tolerance_m_;
+  std::vector<int> all_lines_;
 };
 
 }  // namespace evpose
