@@ -28,8 +28,8 @@ void Restrict(double offset, double slope, double lower, double upper, double& l
   high = std::min(high, last);
 }
 
-// Returns the slope of the border between an element and its neighbour, README, equation (8); nullopt if the image turns
-// by more than 90 degrees between them, as at the ends of a circle that is seen edge-on.
+// Returns the slope of the border between an element and its neighbour, README, equation (9); nullopt if the image
+// turns by more than 90 degrees between them, as at the ends of a circle that is seen edge-on.
 std::optional<double> BorderSlope(const ImageLine& line, const ImageLine& neighbour) {
   const double cosine = line.direction.dot(neighbour.direction);
   if (!neighbour.in_view() || cosine <= 0.0) return std::nullopt;

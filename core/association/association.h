@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 
 // Association of events with lines (core/association/README.md, section 2): moving image lines, a grid of image tiles
-// with the lines near each tile, and the lines nearest to an event. A line is a straight line of the model, or one of the
-// elements that approximate a curve or a contour (section 5).
+// with the lines near each tile, and the lines nearest to an event. A line is a straight line of the model, or one of
+// the elements that approximate a curve or a contour (section 5).
 #pragma once
 
 #include <Eigen/Core>
@@ -84,7 +84,7 @@ struct ImageLine {
   float prior_contrast = 1.0f;
   double along_dot_px_per_s = 0.0;  // velocity of the element along itself
   // For p1 and p2: whether another element continues there, and the slope of the border between the two, README,
-  // equation (8).
+  // equation (9).
   std::array<bool, 2> is_joined = {false, false};
   std::array<double, 2> border = {0.0, 0.0};
 
@@ -104,6 +104,23 @@ struct ImageLine {
            end_px <= length_px + (is_joined[1] ? joined_margin_px : margin_px);
   }
 };
+
+// Calls `visit(first, end)` for each straight line, and for each arc: successive elements of a curve whose images turn
+// by at most 45 degrees in total. A longer arc restricts a pose more than one line does. `lines` are the images of
+// `tracked`.
+template <typename Visit>
+void ForEachArc(absl::Span<const TrackedLine> tracked, absl::Span<const ImageLine> lines, const Visit& visit) {
+  constexpr double kLeastCosine = 0.7071;
+  ForEachCurve(tracked, [&](size_t first, size_t end) {
+    size_t begin = first;
+    for (size_t k = first + 1; k < end; ++k) {
+      if (lines[k].direction.dot(lines[begin].direction) >= kLeastCosine) continue;
+      visit(begin, k);
+      begin = k;
+    }
+    visit(begin, end);
+  });
+}
 
 // Computes one image line per tracked line, in the same order, without a_dot_jacobian. Lines behind the camera have
 // length 0. TrackedLine::previous and next must be valid.

@@ -59,8 +59,8 @@ class Competitors {
   // Returns whether the event lies so near to a line of another object that this line is a more likely cause than
   // clutter.
   bool Explains(const Observation& event) const;
-  // Replaces the lines of an object at this pose by the parts that no other object hides; an element stays as a whole or
-  // is removed. Returns whether any part is hidden.
+  // Replaces the lines of an object at this pose by the parts that no other object hides; an element stays as a whole
+  // or is removed. Returns whether any part is hidden.
   bool RemoveHidden(const RigidTransform& camera_from_object, std::vector<TrackedLine>& lines) const;
 
  private:

@@ -56,9 +56,7 @@ class GroupLine {
   Lanes DistancePx(const EventLanes& event) const {
     return At(a_, event.bx, event.by) + event.tau_s * At(a_dot_, event.bx, event.by);
   }
-  Lanes AlongPx(const EventLanes& event) const {
-    return At(along_, event.u_px, event.v_px) - event.tau_s * along_dot_;
-  }
+  Lanes AlongPx(const EventLanes& event) const { return At(along_, event.u_px, event.v_px) - event.tau_s * along_dot_; }
   Lanes length_px() const { return length_px_; }
   // Returns the mask of the used lanes with |distance| <= gate_px and a position between the line's ends, as
   // ImageLine::Spans() without margins.

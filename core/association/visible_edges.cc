@@ -63,8 +63,8 @@ ModelEdges::ModelEdges(const ObjectModel& model, const VisibilityOptions& visibi
       visibility_(model, WithFewSamples(visibility, has_many_lines())),
       elements_(model, visibility_.faces(), elements),
       lines_(LongestLines(model, kMaxPool)),
-      num_curves_(static_cast<int>(std::min<uint64_t>(
-          kMaxCurves, std::max<uint64_t>(elements_.num_curves(), model.lines.size())))),
+      num_curves_(static_cast<int>(
+          std::min<uint64_t>(kMaxCurves, std::max<uint64_t>(elements_.num_curves(), model.lines.size())))),
       centre_(BoundingSphereOf(model).centre) {
   for (const EdgeCurve& curve : model.curves) flat_faces_.push_back(FlatFacesOf(curve));
 }
@@ -79,9 +79,8 @@ ModelEdges::FlatFaces ModelEdges::FlatFacesOf(const EdgeCurve& curve) {
   }
   for (int side = 0; side < 2 && !curve.face_normals.empty(); ++side) {
     const Eigen::Vector3d& first = curve.face_normals.front()[side];
-    const bool is_flat = std::all_of(curve.face_normals.begin(), curve.face_normals.end(), [&](const auto& normals) {
-      return (normals[side] - first).norm() < kSameNormal;
-    });
+    const bool is_flat = std::all_of(curve.face_normals.begin(), curve.face_normals.end(),
+                                     [&](const auto& normals) { return (normals[side] - first).norm() < kSameNormal; });
     if (is_flat) faces.normals[side] = first;
   }
   return faces;

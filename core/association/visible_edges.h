@@ -110,9 +110,9 @@ class VisibleEdges {
   std::vector<bool> facing_;
   std::vector<bool> facing_now_;
   std::vector<VisibleSegment> segments_;
-  std::vector<EdgeElement> elements_;    // as extracted, by TrackedLine::curve
-  std::vector<TrackedLine> joined_;      // of elements_; previous and next are indices into joined_
-  std::vector<TrackedLine> lines_;       // the visible parts of segments_, then the elements
+  std::vector<EdgeElement> elements_;  // as extracted, by TrackedLine::curve
+  std::vector<TrackedLine> joined_;    // of elements_; previous and next are indices into joined_
+  std::vector<TrackedLine> lines_;     // the visible parts of segments_, then the elements
 };
 
 }  // namespace evpose

@@ -75,8 +75,8 @@ class LineEquations {
   Eigen::Vector3d d0_, d1_;
 };
 
-// A displacement that the elements of an arc share (core/estimation/README.md, section 7). The equations of each element
-// are added to the normal equations without a displacement of its own; Marginalise() then corrects these.
+// A displacement that the elements of an arc share (core/estimation/README.md, section 7). The equations of each
+// element are added to the normal equations without a displacement of its own; Marginalise() then corrects these.
 class SharedDisplacement {
  public:
   // `basis` maps the displacement of the arc to the bearing, as LineDisplacement::basis does for a line.

@@ -33,22 +33,6 @@ Eigen::Matrix<double, 3, 2> AlongLine(const CameraModel& camera, const ImageLine
   return basis;
 }
 
-// Calls `visit(first, end)` for each straight line, and for each arc: successive elements of a curve whose images turn by
-// at most 45 degrees in total. The constraints of a longer arc on the position would not be those of one line.
-template <typename Visit>
-void ForEachArc(absl::Span<const TrackedLine> tracked, absl::Span<const ImageLine> lines, const Visit& visit) {
-  constexpr double kLeastCosine = 0.7071;
-  ForEachCurve(tracked, [&](size_t first, size_t end) {
-    size_t begin = first;
-    for (size_t k = first + 1; k < end; ++k) {
-      if (lines[k].direction.dot(lines[begin].direction) >= kLeastCosine) continue;
-      visit(begin, k);
-      begin = k;
-    }
-    visit(begin, end);
-  });
-}
-
 // Solves column by column: for the whole identity matrix Eigen would use the blocked algorithm for large matrices,
 // which is slower here.
 Matrix12d SymmetricInverse(const Matrix12d& matrix) {

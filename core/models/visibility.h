@@ -9,8 +9,8 @@
 #include "absl/types/span.h"
 #include "core/geometry/camera.h"
 #include "core/geometry/rigid_transform.h"
-#include "core/models/object_model.h"
 #include "core/mesh/triangle_bvh.h"
+#include "core/models/object_model.h"
 
 namespace evpose {
 

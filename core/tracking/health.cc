@@ -17,18 +17,12 @@ namespace {
 // Events of a line: fewer cannot reach the significance, even if all of them are near.
 constexpr double kTestableEvents = 20.0;
 
-// LineStatistics::lines of the successive elements of a curve, of a total length in pixels.
-int NumLines(absl::Span<const ImageLine> elements, double length_px) {
-  constexpr double kLeastCosine = 0.7071;  // of 45 degrees
+// LineStatistics::lines of the elements of a curve, of a total length in pixels.
+int NumLines(absl::Span<const TrackedLine> elements, absl::Span<const ImageLine> lines, double length_px) {
   // Pixels. A shorter arc has too few events to determine a direction, and could fit clutter.
   constexpr double kMinArcPx = 30.0;
-  int arcs = 1;
-  Eigen::Vector2d begin = elements[0].direction;
-  for (const ImageLine& element : elements) {
-    if (element.direction.dot(begin) >= kLeastCosine) continue;
-    ++arcs;
-    begin = element.direction;
-  }
+  int arcs = 0;
+  ForEachArc(elements, lines, [&](size_t, size_t) { ++arcs; });
   const int long_enough = static_cast<int>(std::min(length_px / kMinArcPx, LineStatistics::kMaxLines + 0.0));
   return std::max(1, std::min(arcs, long_enough));
 }
@@ -94,7 +88,8 @@ void TrackHealth::EnterLines(const WindowInput& input, absl::Span<const ImageLin
       length_px += lines[k].length_px;
     }
     if (input.lines[first].is_element) {
-      evidence.lines = std::max(evidence.lines, NumLines(lines.subspan(first, end - first), length_px));
+      evidence.lines = std::max(evidence.lines, NumLines(input.lines.subspan(first, end - first),
+                                                         lines.subspan(first, end - first), length_px));
     }
     window_lines_.push_back({&evidence, static_cast<double>(evidence.along.size()) / length_px, {}, {}});
   });

@@ -94,8 +94,8 @@ struct LineStatistics {
   // Most lines of a large model have no counts; one flag is stored for each of these.
   static void VisitState(auto& archive, auto& self) {
     auto& [gated, excess, variance, noise, expected, along, length_px, lines] = self;
-    bool is_empty = gated == 0 && excess == 0 && variance == 0 && noise == 0 && expected == 0 && length_px == 0 &&
-                    lines == 1;
+    bool is_empty =
+        gated == 0 && excess == 0 && variance == 0 && noise == 0 && expected == 0 && length_px == 0 && lines == 1;
     archive(is_empty);
     if (is_empty) return;
     archive(Finite(gated), Finite(excess), Finite(variance), Finite(noise), Finite(expected), Finite(along),
@@ -149,8 +149,8 @@ class TrackHealth {
   HealthResult Test(double min_support_ratio, double sure_support_ratio, int min_supported_lines, int64_t patience_us);
 
   static void VisitState(auto& archive, auto& self) {
-    auto& [options, min_events_per_px2, evidence, memory, span_s, gated, gate_px2_s, was_quiet, window_lines,
-           places, distance_px, is_nearest] = self;
+    auto& [options, min_events_per_px2, evidence, memory, span_s, gated, gate_px2_s, was_quiet, window_lines, places,
+           distance_px, is_nearest] = self;
     for (auto& line : evidence) archive(line);
     for (auto& line : memory) archive(line);
     archive(Finite(span_s), Finite(gated), Finite(gate_px2_s), was_quiet);
@@ -185,7 +185,7 @@ class TrackHealth {
   double gated_ = 0.0;
   double gate_px2_s_ = 0.0;  // area of the gates times time
   bool was_quiet_ = false;   // the last test result was kFewEvents
-  struct WindowLine {  // a straight line or a curve
+  struct WindowLine {        // a straight line or a curve
     LineStatistics* evidence;
     double places_per_px;                               // of LineStatistics::along
     std::array<double, 2> gated_of = {}, near_of = {};  // events in the gate and near the line, by polarity

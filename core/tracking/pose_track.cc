@@ -45,8 +45,7 @@ PoseTrack::PoseTrack(const TrackContext& context, const MotionState& start)
       visible_edges_(context.camera, *context.edges),
       associator_(context.camera, *context.tables),
       estimator_(context.options.MakeEstimator(context.camera)),
-      health_(context.options.health, context.options.mixture.min_events_per_px2,
-              context.edges->num_curves()),
+      health_(context.options.health, context.options.mixture.min_events_per_px2, context.edges->num_curves()),
       activity_(context.edges->num_curves(), context.options.mixture.min_events_per_px2),
       motion_(start),
       deficit_counts_(static_cast<size_t>(context.edges->num_curves())) {
@@ -351,9 +350,9 @@ Matrix6d PoseTrack::PublishedCovariance(const MotionState& state) const {
 
 void PoseTrack::VisitState(auto& archive, auto& self) {
   auto& [context, visible_edges, all_lines, associator, estimator, health, activity, phase, motion,
-         usual_explained_ratio, recent_signal, recent_background, deficit_counts, num_contradictions, followed_since_us, is_fully_tested,
-         supported_at_us, unsupported_since_us, lines, unoccluded_lines, is_occluded, is_partly_occluded, image_lines,
-         rates, past_deficit_counts, expectations, fit, second_fit] = self;
+         usual_explained_ratio, recent_signal, recent_background, deficit_counts, num_contradictions, followed_since_us,
+         is_fully_tested, supported_at_us, unsupported_since_us, lines, unoccluded_lines, is_occluded,
+         is_partly_occluded, image_lines, rates, past_deficit_counts, expectations, fit, second_fit] = self;
   constexpr int64_t kMax_us = kMaxStateTime_us;
   constexpr int kMaxContradictions = 1 << 20;  // more than any track collects before it is rejected
   archive(visible_edges, associator.background(), *estimator, health, AtMost(phase, TrackPhase::kLost), motion,

@@ -110,9 +110,8 @@ std::string_view TrackStateName(TrackState state) {
 }
 
 std::string_view InitializationStatusName(InitializationStatus status) {
-  static constexpr std::array<std::string_view, static_cast<size_t>(InitializationStatus::kNotSearchable) + 1> kNames = {
-      "NOT_NEEDED", "WAITING_FOR_EVENTS", "TOO_FEW_LINES", "NO_POSE_FITS",
-      "VERIFYING",  "AMBIGUOUS",          "NOT_SEARCHABLE"};
+  static constexpr std::array<std::string_view, static_cast<size_t>(InitializationStatus::kNotSearchable) + 1> kNames =
+      {"NOT_NEEDED", "WAITING_FOR_EVENTS", "TOO_FEW_LINES", "NO_POSE_FITS", "VERIFYING", "AMBIGUOUS", "NOT_SEARCHABLE"};
   return kNames[static_cast<size_t>(status)];
 }
 

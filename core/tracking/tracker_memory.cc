@@ -64,8 +64,8 @@ uint64_t ObjectBytes(const ObjectModel& model, uint64_t num_cells, bool has_othe
   const uint64_t num_lines = VisibleLinesOf(model, options);
   uint64_t bytes = kSearchBytes + kTreeTriangleBytes * model.triangles.size();
   bytes += static_cast<uint64_t>(options.initialization.max_events) * sizeof(WindowEvent);
-  bytes += num_tracks * (kTrackBytes + kTrackLineBytes * num_lines + kTrackCurveBytes * CurvesOf(model) +
-                         kCellBytes * num_cells);
+  bytes += num_tracks *
+           (kTrackBytes + kTrackLineBytes * num_lines + kTrackCurveBytes * CurvesOf(model) + kCellBytes * num_cells);
   if (!model.surface.empty()) bytes += kElementTriangleBytes * model.triangles.size();
   bytes += 2 * kPageBytes * num_cells;
   if (has_others) bytes += kPastLineBytes * num_lines + (kCellBytes + kPageBytes) * num_cells;  // Competitors
@@ -76,7 +76,8 @@ uint64_t ModelBytes(const ObjectModel& model) {
   uint64_t bytes = model.surface.empty() ? 0 : kSurfaceTriangleBytes * model.triangles.size();
   for (const EdgeCurve& curve : model.curves) bytes += kCurvePointBytes * curve.points.size();
   // The second tree is that of the SearchModel.
-  return bytes + kModelLineBytes * model.lines.size() + kModelTriangleBytes * (model.triangles.size() + model.vertices.size()) +
+  return bytes + kModelLineBytes * model.lines.size() +
+         kModelTriangleBytes * (model.triangles.size() + model.vertices.size()) +
          kTreeTriangleBytes * model.triangles.size() + sizeof(RigidTransform) * model.symmetries.size();
 }
 

@@ -15,10 +15,9 @@ namespace {
 absl::StatusOr<std::unique_ptr<const TrackContext>> MakeContext(const SpeedRecording& recording) {
   EVPOSE_ASSIGN_OR_RETURN(auto tables, MakeCameraTables(recording.camera));
   const TrackerOptions options;
-  return std::make_unique<const TrackContext>(TrackContext{recording.model, recording.camera, std::move(tables),
-                                                           options,
-                                                           std::make_shared<const ModelEdges>(
-                                                               *recording.model, options.visibility, options.elements)});
+  return std::make_unique<const TrackContext>(
+      TrackContext{recording.model, recording.camera, std::move(tables), options,
+                   std::make_shared<const ModelEdges>(*recording.model, options.visibility, options.elements)});
 }
 
 // Tracks the object and stores the predicted state of each window.
