@@ -13,9 +13,9 @@ Expectation CurveActivity::Of(const TrackedLine& line) const {
   constexpr double kProvenFactor = 2.0;
   // Swept area without the expected events after which a curve is taken as silent: at the least rate it had 60 events.
   constexpr double kSilentPx2 = 400.0;
-  // Prior contrast of creases, boundaries and painted lines from which on they count as straight lines do: that of a
-  // crease of 30 degrees relative to an outline.
-  constexpr float kHighContrast = 0.5f;
+  // Prior contrast of creases, boundaries and painted lines from which on they count as straight lines do: between that
+  // of a crease of 40 degrees, which most light shows, and that of a lesser one (core/contours/README.md, section 4).
+  constexpr float kHighContrast = 0.7f;
   if (!line.is_element) return Expectation::kEvents;
   const Counts& counts = counts_[static_cast<size_t>(line.curve)];
   const double least = min_events_per_px2_ * counts.swept_px2;
