@@ -66,8 +66,8 @@ RoundErrors ErrorsOf(const std::vector<PoseEstimate>& estimates, const Motion& m
   for (const PoseEstimate& estimate : estimates) {
     const RigidTransform truth = motion(estimate.t_us * 1e-6);
     const RigidTransform& pose = estimate.camera_from_object;
-    errors.position_of_depth = std::max(errors.position_of_depth, (pose.translation_m - truth.translation_m).norm() /
-                                                                      truth.translation_m.norm());
+    errors.position_of_depth = std::max(errors.position_of_depth,
+                                        (pose.translation_m - truth.translation_m).norm() / truth.translation_m.norm());
     errors.axis_rad = std::max(
         errors.axis_rad, Eigen::Vector3d(pose.rotation.col(2)).cross(Eigen::Vector3d(truth.rotation.col(2))).norm());
   }
@@ -118,7 +118,9 @@ TEST(TrackerCurves, AContourWithoutEventsDoesNotBrakeTheObject) {
 TEST(TrackerCurves, AnObjectThatStopsIsHeld) {
   const auto model = ModelOf(Shape::kCylinder);
   const auto path = [](double t) { return std::min(t, 0.08); };
-  const Motion motion = [path](double t) { return Perturb(kRoundStart, path(t) * Twist(0.25, 0.1, 0.0, 0.5, 0.3, 0.0)); };
+  const Motion motion = [path](double t) {
+    return Perturb(kRoundStart, path(t) * Twist(0.25, 0.1, 0.0, 0.5, 0.3, 0.0));
+  };
   IdealEventOptions options;
   options.duration_us = 250'000;
   const RoundRun run = Follow(model, MakeIdealEvents(*model, kCamera, motion, options), kRoundStart);
@@ -163,8 +165,7 @@ TEST(TrackerCurves, TheCostDependsOnTheImageAndNotOnTheMesh) {
   for (const int count : {48, 384}) {
     const auto model = std::make_shared<const ObjectModel>(TorusModel(0.06, 0.025, count, count / 2));
     const TrackerOptions tracker_options = IdealSensor();
-    const auto edges =
-        std::make_shared<const ModelEdges>(*model, tracker_options.visibility, tracker_options.elements);
+    const auto edges = std::make_shared<const ModelEdges>(*model, tracker_options.visibility, tracker_options.elements);
     const TrackContext context{model, kCamera, MakeCameraTables(kCamera).value(), tracker_options, edges};
     PoseTrack track(context, InitialMotionState(kRoundStart, 0, kCamera.fx_px, tracker_options.initial));
     EventWindower windower(tracker_options.windows, {kCamera.width_px, kCamera.height_px});
